@@ -1,0 +1,75 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "recon/geometry/geodesy.hpp"
+#include "recon/geometry/image_view.hpp"
+#include "recon/geometry/se3.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+
+namespace fathom::io {
+
+// What mission.toml says, in SI units and radians.
+struct MissionConfig {
+  std::string vehicle_name = "sirius";
+  std::uint8_t vehicle_id = 1;  // on the acoustic link
+  std::uint16_t dive_id = 1;    // on the acoustic link; another dive's frames never enter this map
+  std::string software_version;
+  std::string configuration;    // text of the configuration used, verbatim
+  Geodetic origin;              // of nav
+  std::int64_t start_utc_ns = 0;
+  double magnetic_declination = 0;  // [rad], east positive: true = magnetic + declination
+  std::string tide_model = "none";
+
+  struct Water {
+    double sound_speed = 1500.0;      // mean true sound speed at the DVL, used without CTD samples [m/s]
+    std::string refractive_port = "calibrated-in-water";
+  } water;
+
+  struct Cameras {
+    std::string left_serial, right_serial;
+    PixelFormat left_format = PixelFormat::kBayerRggb;
+    PixelFormat right_format = PixelFormat::kMono;
+    int bits = 12;
+    double rate_hz = 2.0;
+  } cameras;
+
+  // Poses of the sensors in body (forward-starboard-down).
+  SE3 T_body_cam, T_body_dvl, T_body_usbl, T_body_depth, T_body_compass;
+
+  // Added to a sensor's time stamp to get UTC [s].
+  struct TimeOffsets {
+    double left_camera = 0, right_camera = 0, dvl = 0, compass = 0, depth = 0;
+  } time_offsets;
+
+  struct Waypoint {
+    double north = 0, east = 0;  // [m]
+  };
+  std::vector<Waypoint> plan;
+};
+
+// Reads / writes <folder>/mission.toml. Throws InputError naming file, key (and line) and mend: an absent file, a
+// key unknown or missing, a value of the wrong type or out of range.
+[[nodiscard]] MissionConfig readMissionConfig(const std::filesystem::path& folder);
+void writeMissionConfig(const std::filesystem::path& folder, const MissionConfig& config);
+
+// Paths inside a mission folder.
+struct MissionPaths {
+  explicit MissionPaths(std::filesystem::path folder) : root(std::move(folder)) {}
+  std::filesystem::path root;
+  [[nodiscard]] std::filesystem::path calib() const { return root / "stereo.calib"; }
+  [[nodiscard]] std::filesystem::path log() const { return root / "sensors.lcmlog"; }
+  [[nodiscard]] std::filesystem::path images() const { return root / "img"; }
+  [[nodiscard]] std::filesystem::path truth() const { return root / "truth"; }
+  [[nodiscard]] std::filesystem::path onboard() const { return root / "onboard"; }
+  [[nodiscard]] std::filesystem::path monitor() const { return root / "monitor"; }
+  [[nodiscard]] std::filesystem::path topside() const { return root / "topside"; }
+  // The single *.RAW.auv in the folder, if any.
+  [[nodiscard]] std::optional<std::filesystem::path> rawAuv() const;
+};
+
+}  // namespace fathom::io

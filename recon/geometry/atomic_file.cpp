@@ -1,0 +1,27 @@
+#include "recon/geometry/atomic_file.hpp"
+
+#include <stdexcept>
+#include <utility>
+
+namespace fathom {
+
+AtomicFile::AtomicFile(std::filesystem::path path)
+    : path_(std::move(path)), temporary_(path_.string() + ".tmp"), stream_(temporary_, std::ios::binary) {
+  if (!stream_) throw std::runtime_error("cannot write " + temporary_.string());
+}
+
+AtomicFile::~AtomicFile() {
+  if (committed_) return;
+  stream_.close();
+  std::error_code ignored;
+  std::filesystem::remove(temporary_, ignored);
+}
+
+void AtomicFile::commit() {
+  stream_.close();
+  if (stream_.fail()) throw std::runtime_error("cannot write " + temporary_.string() + " (disk full?)");
+  std::filesystem::rename(temporary_, path_);
+  committed_ = true;
+}
+
+}  // namespace fathom

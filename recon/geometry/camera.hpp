@@ -1,0 +1,28 @@
+#pragma once
+
+#include <Eigen/Core>
+
+namespace fathom {
+
+// Pinhole camera with Brown distortion (radial k1 k2 k3, tangential p1 p2), as OpenCV and the ACFR files use it.
+// Pixel (0, 0) is the centre of the top left pixel; camera frame: x right, y down, z along the principal ray.
+struct Camera {
+  int width = 0;                         // [px]
+  int height = 0;                        // [px]
+  double fx = 0, fy = 0, cx = 0, cy = 0;  // [px]
+  double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
+
+  // Distorted pixel of a point in the camera frame [m]; z must be positive.
+  [[nodiscard]] Eigen::Vector2d project(const Eigen::Vector3d& point) const;
+  // Applies distortion to normalised image coordinates (x/z, y/z).
+  [[nodiscard]] Eigen::Vector2d distort(const Eigen::Vector2d& normalised) const;
+  // Normalised, undistorted coordinates (x/z, y/z) of a distorted pixel: Newton iteration, to about 1e-10.
+  [[nodiscard]] Eigen::Vector2d undistort(const Eigen::Vector2d& pixel) const;
+  // Ray (x/z, y/z, 1) through a distorted pixel; not of unit length.
+  [[nodiscard]] Eigen::Vector3d ray(const Eigen::Vector2d& pixel) const;
+  [[nodiscard]] bool contains(const Eigen::Vector2d& pixel, double margin = 0.0) const;
+  // The same camera with images resized by `factor` (0.5: half the width), rounded to whole pixels.
+  [[nodiscard]] Camera scaled(double factor) const;
+};
+
+}  // namespace fathom

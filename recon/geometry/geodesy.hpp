@@ -1,0 +1,30 @@
+#pragma once
+
+#include <Eigen/Core>
+
+namespace fathom {
+
+struct Geodetic {
+  double latitude = 0;   // [rad], WGS84
+  double longitude = 0;  // [rad], WGS84
+};
+
+// Local transverse Mercator on WGS84 centred on an origin, scale 1: the nav frame's north and east [m].
+// PROJ sets it up and answers exactly (setup, tools); north-east near the origin comes from Krueger's series
+// (third flattening to the fourth order, well below a millimetre within 100 km), which needs no library and
+// allocates nothing. The constructor checks one against the other and throws std::runtime_error if they differ.
+class LocalTransverseMercator {
+ public:
+  explicit LocalTransverseMercator(const Geodetic& origin);
+
+  // (north, east) [m] of a position.
+  [[nodiscard]] Eigen::Vector2d toLocal(const Geodetic& position) const;
+  [[nodiscard]] Geodetic toGeodetic(const Eigen::Vector2d& north_east) const;
+  [[nodiscard]] const Geodetic& origin() const { return origin_; }
+
+ private:
+  Geodetic origin_;
+  double origin_northing_ = 0;  // of the origin's latitude, before centring [m]
+};
+
+}  // namespace fathom

@@ -1,0 +1,70 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "recon/geometry/image_view.hpp"
+#include "recon/geometry/mesh.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+
+namespace fathom::stereo {
+
+struct SparseStereoConfig {
+  int max_features = 800;             // wanted Harris corners, spread over the image (up to 5000)
+  int window = 15;                    // Lucas-Kanade window edge [px], odd
+  double max_epipolar_distance = 1.0; // [px]
+  double max_left_right_distance = 0.5;  // left-right check [px]
+  double sigma_disparity = 0.1;       // of a match [px], for sigma_z
+  double max_edge = 0.5;              // longest triangle edge [m]
+  double min_range = 0.5, max_range = 12.0;  // accepted z [m]
+};
+
+// The seafloor as a plane in the left camera frame, from DVL altitude and attitude: normal . p = distance.
+struct SeedPlane {
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
+  double distance = 2.0;  // [m]
+};
+
+struct StereoPoint {
+  Eigen::Vector2f left;     // distorted pixel
+  Eigen::Vector2f right;
+  Eigen::Vector3f point;    // left camera frame [m]
+  float sigma_z = 0;        // z^2 sigma_d / (f b) [m]
+};
+
+struct StereoResult {
+  std::vector<StereoPoint> points;
+  std::vector<std::array<std::uint32_t, 3>> triangles;  // of points; normals towards the camera
+  struct Rejected {
+    std::uint32_t no_track = 0, left_right = 0, epipolar = 0, range = 0, outlier = 0;
+  } rejected;
+  std::uint32_t corners = 0;
+};
+
+// Sparse stereo for a small-baseline down-looking rig, on distorted images: Harris corners, seeds where the epipolar
+// line meets the seed plane, Lucas-Kanade, left-right and epipolar checks, midpoint triangulation, Delaunay in the
+// image plane with long-edge removal. After Johnson-Roberson et al. 2010, section 4.2.
+class SparseStereo {
+ public:
+  // Throws std::invalid_argument for a configuration out of range.
+  SparseStereo(const StereoRig& rig, const SparseStereoConfig& config);
+  ~SparseStereo();
+
+  // `left`, `right`: 8-bit mono, the rig's size. `max_features` <= 0: as configured; lower: this frame's quota.
+  // The result is reused by the next call. Empty or wrongly sized images give an empty result.
+  const StereoResult& process(const ImageView& left, const ImageView& right, const SeedPlane& plane,
+                              int max_features = 0);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// The local mesh of a stereo result in the left camera frame, with sigma and colours sampled from `left_rgb`
+// (8-bit RGB or mono, same size as the left image; empty: no colours).
+[[nodiscard]] Mesh toMesh(const StereoResult& result, const ImageView& left_rgb);
+
+}  // namespace fathom::stereo
