@@ -7,19 +7,20 @@
 namespace fathom {
 
 // Sends and receives whole frames of an acoustic modem. Frames may be lost, repeated, reordered or damaged on
-// the way; a port never splits or joins them. Drivers (serial, UDP) live in firmware_if, the simulated acoustic
-// channel in sim; telemetry speaks the protocol over any of them.
+// the way; a port never splits or joins them. Drivers (serial, UDP) live in firmware_if, the simulated
+// acoustic channel in sim; telemetry speaks the protocol over any of them.
 class FramePort {
  public:
   static constexpr std::size_t kMaxFrameBytes = 256;
 
   virtual ~FramePort() = default;
 
-  // Hands one frame (1 to kMaxFrameBytes) over for sending. Never blocks; false when the device would not take it.
+  // Hands one frame (1 to kMaxFrameBytes) over for sending. Never blocks; false when the device would not
+  // take it.
   [[nodiscard]] virtual bool send(std::span<const std::uint8_t> frame) noexcept = 0;
 
-  // Copies the next received frame into `buffer` (at least kMaxFrameBytes) and returns its size; 0 when none is
-  // waiting. Never blocks. Longer or broken frames are dropped and counted.
+  // Copies the next received frame into `buffer` (at least kMaxFrameBytes) and returns its size; 0 when none
+  // is waiting. Never blocks. Longer or broken frames are dropped and counted.
   [[nodiscard]] virtual std::size_t receive(std::span<std::uint8_t> buffer) noexcept = 0;
 
   // Frames dropped on reception because they were too long or broken in the line protocol.

@@ -4,11 +4,12 @@
 
 namespace fathom {
 
-// Pinhole camera with Brown distortion (radial k1 k2 k3, tangential p1 p2), as OpenCV and the ACFR files use it.
-// Pixel (0, 0) is the centre of the top left pixel; camera frame: x right, y down, z along the principal ray.
+// Pinhole camera with Brown distortion (radial k1 k2 k3, tangential p1 p2), as OpenCV and the ACFR files use
+// it. Pixel (0, 0) is the centre of the top left pixel; camera frame: x right, y down, z along the principal
+// ray.
 struct Camera {
-  int width = 0;                         // [px]
-  int height = 0;                        // [px]
+  int width = 0;                          // [px]
+  int height = 0;                         // [px]
   double fx = 0, fy = 0, cx = 0, cy = 0;  // [px]
   double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
 

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <complex>
+#include <cstdio>
 #include <memory>
 #include <numbers>
 #include <stdexcept>
@@ -12,10 +13,10 @@
 namespace fathom {
 namespace {
 
-// Krueger's series as given by Karney, "Transverse Mercator with an accuracy of a few nanometers", J. Geodesy 2011,
-// equations 7 to 36, to the fourth order in the third flattening n.
-constexpr double kSemiMajor = 6378137.0;                // WGS84 [m]
-constexpr double kFlattening = 1.0 / 298.257223563;     // WGS84
+// Krueger's series as given by Karney, "Transverse Mercator with an accuracy of a few nanometers", J. Geodesy
+// 2011, equations 7 to 36, to the fourth order in the third flattening n.
+constexpr double kSemiMajor = 6378137.0;             // WGS84 [m]
+constexpr double kFlattening = 1.0 / 298.257223563;  // WGS84
 constexpr double kN = kFlattening / (2.0 - kFlattening);
 constexpr double kN2 = kN * kN, kN3 = kN2 * kN, kN4 = kN3 * kN;
 constexpr double kRectifying = kSemiMajor / (1.0 + kN) * (1.0 + kN2 / 4.0 + kN4 / 64.0);  // [m]
@@ -26,7 +27,9 @@ constexpr double kBeta[4] = {kN / 2 - 2 * kN2 / 3 + 37 * kN3 / 96 - kN4 / 360,
                              kN2 / 48 + kN3 / 15 - 437 * kN4 / 1440, 17 * kN3 / 480 - 37 * kN4 / 840,
                              4397 * kN4 / 161280};
 
-double eccentricity() { return std::sqrt(kFlattening * (2.0 - kFlattening)); }
+double eccentricity() {
+  return std::sqrt(kFlattening * (2.0 - kFlattening));
+}
 
 // Conformal latitude's tangent from the latitude's (Karney eq. 7-9).
 double conformalTangent(double tau) {
@@ -38,9 +41,8 @@ double conformalTangent(double tau) {
 // (xi, eta): northing and easting over the rectifying radius; longitude relative to the central meridian.
 std::complex<double> forward(double latitude, double longitude) {
   const double tau = conformalTangent(std::tan(latitude));
-  const std::complex<double> zeta(
-      std::atan2(tau, std::cos(longitude)),
-      std::asinh(std::sin(longitude) / std::hypot(tau, std::cos(longitude))));
+  const std::complex<double> zeta(std::atan2(tau, std::cos(longitude)),
+                                  std::asinh(std::sin(longitude) / std::hypot(tau, std::cos(longitude))));
   std::complex<double> sum = zeta;
   for (int j = 0; j < 4; ++j) sum += kAlpha[j] * std::sin(2.0 * (j + 1) * zeta);
   return sum;
@@ -52,11 +54,12 @@ using ProjPtr = std::unique_ptr<PJ, decltype(&proj_destroy)>;
 Eigen::Vector2d projToLocal(const Geodetic& origin, const Geodetic& position) {
   constexpr double kDegree = 180.0 / std::numbers::pi;
   const ContextPtr context(proj_context_create(), &proj_context_destroy);
-  const std::string definition = "+proj=tmerc +ellps=WGS84 +k=1 +x_0=0 +y_0=0 +lat_0=" +
-                                 std::to_string(origin.latitude * kDegree) +
-                                 " +lon_0=" + std::to_string(origin.longitude * kDegree);
-  const ProjPtr pj(proj_create(context.get(), definition.c_str()), &proj_destroy);
-  if (!pj) throw std::runtime_error("PROJ refuses " + definition);
+  char definition[160];
+  std::snprintf(definition, sizeof definition,
+                "+proj=tmerc +ellps=WGS84 +k=1 +x_0=0 +y_0=0 +lat_0=%.15g +lon_0=%.15g",
+                origin.latitude * kDegree, origin.longitude * kDegree);
+  const ProjPtr pj(proj_create(context.get(), definition), &proj_destroy);
+  if (!pj) throw std::runtime_error(std::string("PROJ refuses ") + definition);
   const PJ_COORD xy = proj_trans(pj.get(), PJ_FWD, proj_coord(position.longitude, position.latitude, 0, 0));
   return {xy.xy.y, xy.xy.x};
 }
@@ -64,17 +67,18 @@ Eigen::Vector2d projToLocal(const Geodetic& origin, const Geodetic& position) {
 }  // namespace
 
 LocalTransverseMercator::LocalTransverseMercator(const Geodetic& origin) : origin_(origin) {
-  if (!(std::abs(origin.latitude) < std::numbers::pi / 2) || !(std::abs(origin.longitude) <= std::numbers::pi))
+  if (!(std::abs(origin.latitude) < std::numbers::pi / 2) ||
+      !(std::abs(origin.longitude) <= std::numbers::pi))
     throw std::runtime_error("origin latitude or longitude out of range");
   origin_northing_ = kRectifying * forward(origin.latitude, 0.0).real();
-  constexpr double kProbe = 0.005;      // [rad], about 30 km
-  // std::to_string gives the definition six decimals of a degree: about 0.06 m.
-  constexpr double kTolerance = 0.2;    // [m]
+  constexpr double kProbe = 0.005;     // [rad], about 30 km
+  constexpr double kTolerance = 1e-3;  // [m]
   const double toward_equator = origin.latitude > 0 ? -kProbe : kProbe;
   const Geodetic probe{origin.latitude + toward_equator, origin.longitude + kProbe};
   const double difference = (projToLocal(origin, probe) - toLocal(probe)).norm();
   if (!(difference < kTolerance))
-    throw std::runtime_error("local transverse Mercator series and PROJ differ by " + std::to_string(difference) + " m");
+    throw std::runtime_error("local transverse Mercator series and PROJ differ by " +
+                             std::to_string(difference) + " m");
 }
 
 Eigen::Vector2d LocalTransverseMercator::toLocal(const Geodetic& position) const {
@@ -84,7 +88,8 @@ Eigen::Vector2d LocalTransverseMercator::toLocal(const Geodetic& position) const
 }
 
 Geodetic LocalTransverseMercator::toGeodetic(const Eigen::Vector2d& north_east) const {
-  const std::complex<double> zeta((north_east.x() + origin_northing_) / kRectifying, north_east.y() / kRectifying);
+  const std::complex<double> zeta((north_east.x() + origin_northing_) / kRectifying,
+                                  north_east.y() / kRectifying);
   std::complex<double> z = zeta;
   for (int j = 0; j < 4; ++j) z -= kBeta[j] * std::sin(2.0 * (j + 1) * zeta);
   const double sinh_eta = std::sinh(z.imag());

@@ -12,7 +12,8 @@ struct Geodetic {
 // Local transverse Mercator on WGS84 centred on an origin, scale 1: the nav frame's north and east [m].
 // PROJ sets it up and answers exactly (setup, tools); north-east near the origin comes from Krueger's series
 // (third flattening to the fourth order, well below a millimetre within 100 km), which needs no library and
-// allocates nothing. The constructor checks one against the other and throws std::runtime_error if they differ.
+// allocates nothing. The constructor checks one against the other and throws std::runtime_error if they
+// differ.
 class LocalTransverseMercator {
  public:
   explicit LocalTransverseMercator(const Geodetic& origin);

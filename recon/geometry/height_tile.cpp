@@ -10,7 +10,8 @@ void appendTile(Mesh& mesh, const HeightTile& tile) {
     for (int j = 0; j < HeightTile::kSide; ++j) {
       const HeightTile::Node& node = tile.at(i, j);
       if (node.coverage <= 0) continue;
-      index[static_cast<std::size_t>(i * HeightTile::kSide + j)] = static_cast<std::uint32_t>(mesh.vertices.size());
+      index[static_cast<std::size_t>(i * HeightTile::kSide + j)] =
+          static_cast<std::uint32_t>(mesh.vertices.size());
       mesh.vertices.emplace_back(static_cast<float>(tile.north0() + i * tile.spacing()),
                                  static_cast<float>(tile.east0() + j * tile.spacing()), node.depth);
       mesh.colours.push_back(node.colour);

@@ -10,11 +10,11 @@
 namespace fathom {
 
 // A square of seafloor as heights on a regular lattice in nav: what the map gives and the map codec takes.
-// Node (i, j) stands at north = north0() + i * spacing(), east = east0() + j * spacing(); the last row and column
-// repeat the first of the neighbouring tiles, so that tiles of one level join without gaps.
+// Node (i, j) stands at north = north0() + i * spacing(), east = east0() + j * spacing(); the last row and
+// column repeat the first of the neighbouring tiles, so that tiles of one level join without gaps.
 struct HeightTile {
-  static constexpr int kCells = 16;           // per side
-  static constexpr int kSide = kCells + 1;    // nodes per side
+  static constexpr int kCells = 16;         // per side
+  static constexpr int kSide = kCells + 1;  // nodes per side
   static constexpr int kNodes = kSide * kSide;
 
   struct Node {
@@ -26,9 +26,9 @@ struct HeightTile {
 
   std::int32_t north_index = 0;  // tile number northwards: the tile begins at north_index * size
   std::int32_t east_index = 0;
-  std::int16_t level = 0;        // each level halves the size of the one before
-  double size = 0;               // edge of the tile [m]
-  std::uint32_t revision = 0;    // grows when the content changes
+  std::int16_t level = 0;      // each level halves the size of the one before
+  double size = 0;             // edge of the tile [m]
+  std::uint32_t revision = 0;  // grows when the content changes
   std::array<Node, kNodes> nodes{};
 
   [[nodiscard]] double spacing() const { return size / kCells; }

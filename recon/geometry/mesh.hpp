@@ -11,14 +11,15 @@ namespace fathom {
 
 using Rgb = std::array<std::uint8_t, 3>;
 
-// Indexed triangle mesh. Attribute vectors are empty or as long as `vertices`. Triangles are counter-clockwise
-// seen from the side that the surface normal points to (for a seafloor in nav: upwards, negative z).
+// Indexed triangle mesh. Attribute vectors are empty or as long as `vertices`. Triangles are
+// counter-clockwise seen from the side that the surface normal points to (for a seafloor in nav: upwards,
+// negative z).
 struct Mesh {
-  std::vector<Eigen::Vector3f> vertices;              // [m]
-  std::vector<Eigen::Vector3f> normals;               // unit length
-  std::vector<Rgb> colours;                           // sRGB
-  std::vector<Eigen::Vector2f> texture_coordinates;   // (s, t), t upwards: row = (1 - t) * image height
-  std::vector<float> sigma;                           // standard deviation along the normal or the ray [m]
+  std::vector<Eigen::Vector3f> vertices;             // [m]
+  std::vector<Eigen::Vector3f> normals;              // unit length
+  std::vector<Rgb> colours;                          // sRGB
+  std::vector<Eigen::Vector2f> texture_coordinates;  // (s, t), t upwards: row = (1 - t) * image height
+  std::vector<float> sigma;                          // standard deviation along the normal or the ray [m]
   std::vector<std::array<std::uint32_t, 3>> triangles;
 
   [[nodiscard]] bool empty() const { return triangles.empty(); }

@@ -17,7 +17,8 @@ class SE3 {
   SE3(const Eigen::Matrix3d& rotation, const Eigen::Vector3d& translation)
       : SE3(Eigen::Quaterniond(rotation), translation) {}
 
-  // R = Rz(yaw) Ry(pitch) Rx(roll), angles in rad: the Euler angles of the ACFR pose files and of mission.toml.
+  // R = Rz(yaw) Ry(pitch) Rx(roll), angles in rad: the Euler angles of the ACFR pose files and of
+  // mission.toml.
   static SE3 fromEuler(double roll, double pitch, double yaw, const Eigen::Vector3d& translation);
   // (roll, pitch, yaw) in rad; pitch in [-pi/2, pi/2].
   [[nodiscard]] Eigen::Vector3d euler() const;

@@ -9,8 +9,9 @@
 
 namespace fathom {
 
-// Plain samples that sensors give, shared by devices, simulator and navigation. Time: ns since the Unix epoch,
-// UTC, at which the quantity was true (not when it arrived). Absent values are std::nullopt, never a number.
+// Plain samples that sensors give, shared by devices, simulator and navigation. Time: ns since the Unix
+// epoch, UTC, at which the quantity was true (not when it arrived). Absent values are std::nullopt, never a
+// number.
 
 // One bottom-track ensemble.
 struct DvlSample {
@@ -26,9 +27,9 @@ struct DvlSample {
 // Tilt-compensated compass or gyro compass: attitude of the compass frame.
 struct AttitudeSample {
   std::int64_t utc_ns = 0;
-  double roll = 0;              // [rad]
-  double pitch = 0;             // [rad]
-  double heading = 0;           // [rad], from magnetic north if `magnetic`, else true north
+  double roll = 0;     // [rad]
+  double pitch = 0;    // [rad]
+  double heading = 0;  // [rad], from magnetic north if `magnetic`, else true north
   bool magnetic = true;
 };
 
@@ -49,8 +50,8 @@ struct UsblFix {
 
 struct GpsFix {
   std::int64_t utc_ns = 0;
-  double latitude = 0;   // [rad]
-  double longitude = 0;  // [rad]
+  double latitude = 0;          // [rad]
+  double longitude = 0;         // [rad]
   double sigma_horizontal = 0;  // [m]
 };
 
@@ -70,7 +71,7 @@ enum class CameraSide : std::uint8_t { kLeft = 0, kRight = 1 };
 struct ImageEvent {
   std::int64_t utc_ns = 0;  // of the exposure by the camera's clock, offset corrected as far as known
   CameraSide side = CameraSide::kLeft;
-  std::string file_name;    // within img/
+  std::string file_name;  // within img/
   double exposure_s = 0;
 };
 

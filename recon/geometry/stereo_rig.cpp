@@ -13,9 +13,9 @@
 namespace fathom {
 namespace {
 
-constexpr double kMaxImageSize = 65535;       // [px]
-constexpr double kRotationTolerance = 1e-3;   // of R^T R - I; real files carry six decimals
-constexpr double kMaxBaseline = 100.0;        // [m]
+constexpr double kMaxImageSize = 65535;      // [px]
+constexpr double kRotationTolerance = 1e-3;  // of R^T R - I; real files carry six decimals
+constexpr double kMaxBaseline = 100.0;       // [m]
 
 std::vector<double> readNumbers(const std::filesystem::path& path) {
   std::ifstream in(path);
@@ -83,8 +83,8 @@ Camera readCamera(Cursor& in, bool with_k3, SE3& T_cam_left) {
 }
 
 void writeCamera(std::ostream& out, const Camera& c, const SE3& T_cam_left, bool with_k3) {
-  out << c.width << ' ' << c.height << ' ' << c.fx << " 0 " << c.cx << " 0 " << c.fy << ' ' << c.cy << " 0 0 1 "
-      << c.k1 << ' ' << c.k2 << ' ' << c.p1 << ' ' << c.p2;
+  out << c.width << ' ' << c.height << ' ' << c.fx << " 0 " << c.cx << " 0 " << c.fy << ' ' << c.cy
+      << " 0 0 1 " << c.k1 << ' ' << c.k2 << ' ' << c.p1 << ' ' << c.p2;
   if (with_k3) out << ' ' << c.k3;
   const Eigen::Matrix3d r = T_cam_left.matrix3();
   for (int i = 0; i < 9; ++i) out << ' ' << r(i / 3, i % 3);
@@ -122,8 +122,8 @@ void writeStereoCalib(const std::filesystem::path& path, const StereoRig& rig) {
   file.commit();
 }
 
-bool triangulateMidpoint(const StereoRig& rig, const Eigen::Vector3d& left_ray, const Eigen::Vector3d& right_ray,
-                         Eigen::Vector3d& point, double& gap) {
+bool triangulateMidpoint(const StereoRig& rig, const Eigen::Vector3d& left_ray,
+                         const Eigen::Vector3d& right_ray, Eigen::Vector3d& point, double& gap) {
   const SE3 T_left_right = rig.T_right_left.inverse();
   const Eigen::Vector3d& b = T_left_right.translation();
   const Eigen::Vector3d u = left_ray.normalized();

@@ -19,15 +19,16 @@ struct StereoRig {
   }
 };
 
-// Reads an ACFR stereo.calib (55, 57 or 100 numbers; see "stereo.calib" of the mission folder). Throws InputError
-// naming the count, or the number that cannot be: focal length, size, a rotation that is none, a zero baseline.
+// Reads an ACFR stereo.calib (55, 57 or 100 numbers; see "stereo.calib" of the mission folder). Throws
+// InputError naming the count, or the number that cannot be: focal length, size, a rotation that is none, a
+// zero baseline.
 [[nodiscard]] StereoRig readStereoCalib(const std::filesystem::path& path);
 
 // Writes 55 numbers, or 57 when a k3 is not zero; to a temporary name first, then renamed.
 void writeStereoCalib(const std::filesystem::path& path, const StereoRig& rig);
 
-// Midpoint of the shortest segment between the rays from the two camera centres, in the left camera frame [m].
-// `left_ray`, `right_ray`: in their own camera's frame, any length. `gap`: length of that segment [m].
+// Midpoint of the shortest segment between the rays from the two camera centres, in the left camera frame
+// [m]. `left_ray`, `right_ray`: in their own camera's frame, any length. `gap`: length of that segment [m].
 // Returns false (and leaves the outputs) when the rays are parallel or meet behind a camera.
 [[nodiscard]] bool triangulateMidpoint(const StereoRig& rig, const Eigen::Vector3d& left_ray,
                                        const Eigen::Vector3d& right_ray, Eigen::Vector3d& point, double& gap);

@@ -8,7 +8,8 @@
 
 namespace fathom::test {
 
-// A file of the real captures. Begin a test with FATHOM_REQUIRE_DATA so that it skips, saying so, without them.
+// A file of the real captures. Begin a test with FATHOM_REQUIRE_DATA so that it skips, saying so, without
+// them.
 inline std::filesystem::path dataFile(const std::string& relative) {
   return std::filesystem::path(FATHOM_DATA_DIR) / relative;
 }
@@ -36,7 +37,7 @@ class TemporaryFolder {
 
 }  // namespace fathom::test
 
-#define FATHOM_REQUIRE_DATA(relative)                                                         \
-  if (!std::filesystem::exists(fathom::test::dataFile(relative)))                             \
+#define FATHOM_REQUIRE_DATA(relative)                                                        \
+  if (!std::filesystem::exists(fathom::test::dataFile(relative)))                            \
   GTEST_SKIP() << "no real captures: " << fathom::test::dataFile(relative) << " is absent; " \
                << "set FATHOM_DATA_DIR"
