@@ -1,0 +1,55 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <vector>
+
+#include "recon/geometry/image_view.hpp"
+
+namespace fathom::sim {
+
+// Per channel red, green, blue; a mono camera sees the mean of the three, weighted by `quantum_efficiency`.
+using Channels = std::array<double, 3>;
+
+struct StrobeConfig {
+  Eigen::Vector3d position_body{0, 0, 0};   // [m]
+  Eigen::Vector3d direction_body{0, 0, 1};  // axis of the beam, any length
+  double intensity = 1.0;                   // on the axis, relative to the other strobe
+  double half_angle_rad = 0.70;             // off the axis, at which the intensity is one half
+};
+
+// Sea water (typical of clear coastal water, Jerlov II) along every path of light.
+struct WaterConfig {
+  Channels absorption_per_m{0.34, 0.065, 0.045};
+  Channels scattering_per_m{0.06, 0.07, 0.08};
+  double backscatter_fraction = 0.02;  // of the scattered light that turns back
+};
+
+struct SensorConfig {
+  PixelFormat left_format = PixelFormat::kBayerRggb;  // kMono or kBayerRggb
+  PixelFormat right_format = PixelFormat::kMono;
+  int bits = 12;  // 8 or 12
+  Channels quantum_efficiency{0.75, 1.0, 0.85};
+  double full_well_electrons = 12000;
+  double read_noise_electrons = 14;  // standard deviation
+  double black_level = 0.005;        // of full scale
+  double vignetting_power = 3.0;     // relative illumination is cos^power of the angle off the axis
+  double blur_sigma_px = 0.55;       // lens and pixel aperture; 0: none
+  // Exposure: a level, white (albedo 1), mono seafloor at the reference distance under the camera gives this
+  // fraction of full scale in the image's centre.
+  double exposure = 1.3;
+  double exposure_distance_m = 2.0;
+};
+
+struct OpticsConfig {
+  std::vector<StrobeConfig> strobes{{{0.75, 0.0, 0.0}, {-0.18, 0.0, 1.0}, 1.0, 0.70},
+                                    {{-0.75, 0.0, 0.0}, {0.18, 0.0, 1.0}, 1.0, 0.70}};
+  WaterConfig water;
+  SensorConfig sensor;
+  int edge_samples = 4;  // rays for a pixel on an edge of a thing or of a shadow; 1, 4 or 9
+};
+
+// Throws std::invalid_argument that names the member and its range.
+void validate(const OpticsConfig& config);
+
+}  // namespace fathom::sim

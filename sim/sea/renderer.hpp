@@ -1,0 +1,48 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+
+#include "recon/geometry/image_view.hpp"
+#include "recon/geometry/se3.hpp"
+#include "recon/geometry/sensor_samples.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+#include "sim/sea/optics.hpp"
+#include "sim/sea/terrain.hpp"
+
+namespace fathom::sim {
+
+// Photographs of a terrain by a stereo rig and its strobes.
+// For a surface point with albedo A, at distance r from the camera, strobes s at distance d_s:
+//   L = A / pi * sum_s V_s I_s(theta_s) cos(i_s) / d_s^2 * exp(-c (d_s + r)) + backscatter,  c = absorption +
+//   scattering
+// (single scattering, after McGlamery 1980 and Jaffe 1990, without forward scatter); V_s is a shadow ray. The
+// sensor turns L, vignetting and blur into electrons with shot (Poisson) and read noise, then into whole
+// numbers.
+class Renderer {
+ public:
+  // `terrain` must outlive the renderer. Throws std::invalid_argument for optics out of range.
+  Renderer(const Terrain& terrain, const OpticsConfig& optics, const StereoRig& rig, const SE3& T_body_cam);
+  ~Renderer();
+
+  // Renders width * height samples of the side's camera into `out` (top row first, `bits` low bits, Bayer
+  // mosaic or mono). `time_s`: where moving things are. `noise_seed`: one for each image. Thread-safe;
+  // spreads over the oneTBB threads of the caller's arena; the bytes depend on the arguments only.
+  void render(const SE3& T_nav_body, double time_s, CameraSide side, std::uint64_t noise_seed,
+              std::uint16_t* out) const;
+
+  // Expected electrons of each pixel, before noise and quantisation (for tests of the noise and of
+  // radiometry).
+  void renderElectrons(const SE3& T_nav_body, double time_s, CameraSide side, float* out) const;
+
+  [[nodiscard]] int width(CameraSide side) const;
+  [[nodiscard]] int height(CameraSide side) const;
+  [[nodiscard]] PixelFormat format(CameraSide side) const;
+  [[nodiscard]] int bits() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace fathom::sim
