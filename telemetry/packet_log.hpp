@@ -1,0 +1,38 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <optional>
+#include <span>
+#include <vector>
+
+namespace fathom::telemetry {
+
+// packets.bin: every frame that crossed (or was given to) the link, in order. For each frame:
+//   u32 length [B], 1 to 256; i64 UTC [ns]; the bytes. Little-endian, no header, so that files join by
+//   concatenation.
+struct Packet {
+  std::int64_t utc_ns = 0;
+  std::vector<std::uint8_t> bytes;
+};
+
+// Appends packets to a stream that the caller opened (an AtomicFile's, for instance); false when the stream
+// fails.
+[[nodiscard]] bool writePacket(std::ostream& stream, std::int64_t utc_ns,
+                               std::span<const std::uint8_t> frame);
+
+class PacketLogReader {
+ public:
+  explicit PacketLogReader(const std::filesystem::path& path);  // throws InputError if it cannot be read
+  // The next packet; nullopt at the end. Throws InputError (file, byte, mend) for a length out of bounds or a
+  // truncated packet: what came before it has been returned.
+  std::optional<Packet> next();
+
+ private:
+  std::filesystem::path path_;
+  std::ifstream stream_;
+  std::uint64_t offset_ = 0;
+};
+
+}  // namespace fathom::telemetry
