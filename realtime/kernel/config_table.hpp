@@ -1,0 +1,67 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <limits>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace fathom {
+
+// One table of a TOML file, read key by key with bounds. Every failure is an InputError that names the file,
+// the key with its line, and the mend. finish() refuses keys that nobody asked for, in this table and its
+// sub-tables, so that a misspelt key never passes silently.
+class ConfigTable {
+ public:
+  // Reads a file; an absent, empty-handed or malformed one is an InputError. An empty file is an empty table.
+  [[nodiscard]] static ConfigTable load(const std::filesystem::path& path);
+  // The same from text; `name` stands for the file in error lines.
+  [[nodiscard]] static ConfigTable parse(std::string_view text, const std::string& name);
+
+  ConfigTable(ConfigTable&&) noexcept;
+  ConfigTable& operator=(ConfigTable&&) noexcept;
+  ~ConfigTable();
+
+  [[nodiscard]] bool has(std::string_view key) const;
+
+  // Values with a default; integers are accepted where a number is asked. Bounds are inclusive; not finite is
+  // refused.
+  [[nodiscard]] double number(std::string_view key, double fallback, double min, double max) const;
+  [[nodiscard]] std::int64_t integer(std::string_view key, std::int64_t fallback, std::int64_t min,
+                                     std::int64_t max) const;
+  [[nodiscard]] bool boolean(std::string_view key, bool fallback) const;
+  [[nodiscard]] std::string text(std::string_view key, std::string_view fallback) const;
+  // One of a list of words.
+  [[nodiscard]] std::string choice(std::string_view key, std::string_view fallback,
+                                   const std::vector<std::string>& allowed) const;
+  // An array of exactly `count` numbers (0: any count), each within the bounds.
+  [[nodiscard]] std::vector<double> numbers(std::string_view key, const std::vector<double>& fallback,
+                                            std::size_t count, double min, double max) const;
+
+  // The same for keys that must be there.
+  [[nodiscard]] double requiredNumber(std::string_view key, double min, double max) const;
+  [[nodiscard]] std::int64_t requiredInteger(std::string_view key, std::int64_t min, std::int64_t max) const;
+  [[nodiscard]] std::string requiredText(std::string_view key) const;
+  [[nodiscard]] std::vector<double> requiredNumbers(std::string_view key, std::size_t count, double min,
+                                                    double max) const;
+
+  // A sub-table; an absent one is empty (its keys take their defaults).
+  [[nodiscard]] ConfigTable table(std::string_view key) const;
+  // An array of tables, in order; absent: none.
+  [[nodiscard]] std::vector<ConfigTable> tables(std::string_view key) const;
+
+  // Throws for the first key (in file order) of this table or below it that was never asked for.
+  void finish() const;
+
+  // InputError for a key of this table: for checks that this class does not know.
+  [[noreturn]] void fail(std::string_view key, const std::string& mend) const;
+
+ private:
+  struct Impl;
+  explicit ConfigTable(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace fathom

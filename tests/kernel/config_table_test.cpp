@@ -1,0 +1,68 @@
+#include "realtime/kernel/config_table.hpp"
+
+#include <gtest/gtest.h>
+
+#include "realtime/kernel/input_error.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom {
+namespace {
+
+template <typename Body>
+std::string refusal(Body body) {
+  try {
+    body();
+  } catch (const InputError& e) {
+    return e.what();
+  }
+  return "";
+}
+
+TEST(ConfigTable, GivesValuesOfTheFileAndDefaultsForWhatItLacks) {
+  const ConfigTable t =
+      ConfigTable::parse("a = 2\nb = 1.5\nc = 'x'\nd = true\ne = [1, 2.5]\n[sub]\nk = 7\n", "f.toml");
+  EXPECT_EQ(t.number("a", 0, 0, 10), 2.0);
+  EXPECT_EQ(t.number("b", 0, 0, 10), 1.5);
+  EXPECT_EQ(t.text("c", ""), "x");
+  EXPECT_TRUE(t.boolean("d", false));
+  EXPECT_EQ(t.requiredNumbers("e", 2, 0, 3), (std::vector<double>{1, 2.5}));
+  EXPECT_EQ(t.table("sub").integer("k", 0, 0, 9), 7);
+  EXPECT_EQ(t.table("none").integer("k", 3, 0, 9), 3);
+  EXPECT_EQ(t.integer("absent", 4, 0, 9), 4);
+  t.finish();
+}
+
+TEST(ConfigTable, RefusalsNameFileLineKeyAndRange) {
+  const ConfigTable t = ConfigTable::parse("\na = 20\nb = 'x'\nn = nan\n[s]\nz = 1\n", "f.toml");
+  EXPECT_EQ(refusal([&] { (void)t.number("a", 0, 0, 10); }),
+            "f.toml: line 2, key 'a': 20 is out of range; give 0 to 10");
+  EXPECT_NE(refusal([&] { (void)t.integer("b", 0, 0, 1); }).find("whole number"), std::string::npos);
+  EXPECT_NE(refusal([&] { (void)t.number("n", 0, 0, 1); }).find("out of range"), std::string::npos);
+  EXPECT_NE(refusal([&] { (void)t.requiredText("q"); }).find("'q': is missing"), std::string::npos);
+  EXPECT_NE(refusal([&] { (void)t.table("s").requiredNumber("y", 0, 1); }).find("'s.y'"), std::string::npos);
+  EXPECT_NE(refusal([&] { (void)t.choice("b", "", {"p", "q"}); }).find("none of: p, q"), std::string::npos);
+}
+
+TEST(ConfigTable, AKeyThatNobodyAskedForIsRefusedWhereverItStands) {
+  const ConfigTable t =
+      ConfigTable::parse("a = 1\n[s]\nk = 1\nmisspelt = 2\n[[p]]\nx = 1\nq = 2\n", "f.toml");
+  (void)t.number("a", 0, 0, 1);
+  (void)t.table("s").number("k", 0, 0, 1);
+  EXPECT_NE(refusal([&] { t.finish(); }).find("line 4, key 's.misspelt': is unknown"), std::string::npos);
+  (void)t.table("s").number("misspelt", 0, 0, 2);
+  for (const ConfigTable& p : t.tables("p")) (void)p.number("x", 0, 0, 1);
+  EXPECT_NE(refusal([&] { t.finish(); }).find("line 7, key 'p.q'"), std::string::npos);
+}
+
+TEST(ConfigTable, AnAbsentOrBrokenFileIsRefused) {
+  const test::TemporaryFolder folder;
+  EXPECT_NE(refusal([&] { (void)ConfigTable::load(folder.path() / "no.toml"); }).find("cannot be read"),
+            std::string::npos);
+  EXPECT_NE(refusal([&] { (void)ConfigTable::load(folder.path()); }).find("cannot be read"),
+            std::string::npos);
+  EXPECT_NE(refusal([&] { (void)ConfigTable::parse("a = = 3", "f.toml"); }).find("line 1"),
+            std::string::npos);
+}
+
+}  // namespace
+}  // namespace fathom
