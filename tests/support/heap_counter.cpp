@@ -32,7 +32,11 @@ ThreadCost threadCost() noexcept {
 
 #ifdef FATHOM_SANITIZED
 
-#include <sanitizer/allocator_interface.h>
+// The sanitizers' public interface (sanitizer/allocator_interface.h), which GCC 12 implements without its
+// header.
+extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*malloc_hook)(const volatile void*,
+                                                                             std::size_t),
+                                                         void (*free_hook)(const volatile void*));
 
 namespace {
 const int installed =
