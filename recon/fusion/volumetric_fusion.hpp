@@ -9,14 +9,14 @@
 namespace fathom::fusion {
 
 struct VolumetricConfig {
-  double voxel = 0.033;        // edge [m]
-  double truncation = 0.10;    // band of signed distance on either side of the surface [m]
-  int min_observations = 1;    // meshes that must have seen a voxel
+  double voxel = 0.033;      // edge [m]
+  double truncation = 0.10;  // band of signed distance on either side of the surface [m]
+  int min_observations = 1;  // meshes that must have seen a voxel
 };
 
-// Volumetric fusion of range meshes: cumulative weighted signed distance along the lines of sight in a hashed grid of
-// 8^3 blocks, surface by marching cubes. After Curless & Levoy, SIGGRAPH 1996, equations 1 and 2; weights from
-// each vertex's sigma and falling towards the mesh's edge.
+// Volumetric fusion of range meshes: cumulative weighted signed distance along the lines of sight in a hashed
+// grid of 8^3 blocks, surface by marching cubes. After Curless & Levoy, SIGGRAPH 1996, equations 1 and 2;
+// weights from each vertex's sigma and falling towards the mesh's edge.
 class VolumetricFusion {
  public:
   explicit VolumetricFusion(const VolumetricConfig& config);  // throws std::invalid_argument

@@ -1,0 +1,50 @@
+#pragma once
+
+#include <cmath>
+#include <functional>
+#include <random>
+
+#include "recon/geometry/mesh.hpp"
+
+namespace fathom::test {
+
+// A range mesh as sparse stereo gives it: points on a jittered grid over a height field z(north, east), seen
+// from above, with Gaussian noise along z.
+struct Footprint {
+  double north = 0, east = 0;    // centre [m]
+  double length = 2, width = 2;  // [m]
+  double spacing = 0.06;         // between points [m]
+  double sigma = 0.01;           // of the noise [m]; the mesh states it
+  Rgb colour = {90, 120, 60};
+};
+
+inline Mesh rangeMesh(const Footprint& f, const std::function<double(double, double)>& depth, unsigned seed) {
+  std::mt19937 random(seed);
+  std::normal_distribution<double> noise(0.0, 1.0);
+  std::uniform_real_distribution<double> jitter(-0.3, 0.3);
+  const int rows = std::max(2, static_cast<int>(f.length / f.spacing) + 1);
+  const int columns = std::max(2, static_cast<int>(f.width / f.spacing) + 1);
+  Mesh mesh;
+  for (int i = 0; i < rows; ++i) {
+    for (int j = 0; j < columns; ++j) {
+      const bool inside = i > 0 && i < rows - 1 && j > 0 && j < columns - 1;
+      const double n =
+          f.north - f.length / 2 + f.length * i / (rows - 1) + (inside ? jitter(random) * f.spacing : 0);
+      const double e =
+          f.east - f.width / 2 + f.width * j / (columns - 1) + (inside ? jitter(random) * f.spacing : 0);
+      mesh.vertices.emplace_back(n, e, depth(n, e) + f.sigma * noise(random));
+      mesh.sigma.push_back(static_cast<float>(f.sigma));
+      mesh.colours.push_back(f.colour);
+    }
+  }
+  for (int i = 0; i + 1 < rows; ++i) {
+    for (int j = 0; j + 1 < columns; ++j) {
+      const auto at = [&](int di, int dj) { return static_cast<std::uint32_t>((i + di) * columns + j + dj); };
+      mesh.triangles.push_back({at(0, 0), at(0, 1), at(1, 1)});  // normals up (negative z)
+      mesh.triangles.push_back({at(0, 0), at(1, 1), at(1, 0)});
+    }
+  }
+  return mesh;
+}
+
+}  // namespace fathom::test
