@@ -26,10 +26,10 @@ struct ImageFile {
   ImageView view;  // into `bytes`
 };
 
-// Reads a single-channel 8 or 16 bit TIFF (or PNG); `format` and `bits` as mission.toml says. Throws InputError on
-// an absent, truncated or foreign file, or one whose size is not width x height (0: any).
-[[nodiscard]] ImageFile readImage(const std::filesystem::path& path, PixelFormat format, int bits, int width = 0,
-                                  int height = 0);
+// Reads a single-channel 8 or 16 bit TIFF (or PNG); `format` and `bits` as mission.toml says. Throws
+// InputError on an absent, truncated or foreign file, or one whose size is not width x height (0: any).
+[[nodiscard]] ImageFile readImage(const std::filesystem::path& path, PixelFormat format, int bits,
+                                  int width = 0, int height = 0);
 // Writes TIFF (lossless, deflate) under a temporary name, then renames.
 void writeImage(const std::filesystem::path& path, const ImageView& image);
 

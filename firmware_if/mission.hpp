@@ -19,14 +19,14 @@ struct MissionConfig {
   std::uint8_t vehicle_id = 1;  // on the acoustic link
   std::uint16_t dive_id = 1;    // on the acoustic link; another dive's frames never enter this map
   std::string software_version;
-  std::string configuration;    // text of the configuration used, verbatim
-  Geodetic origin;              // of nav
+  std::string configuration;  // text of the configuration used, verbatim
+  Geodetic origin;            // of nav
   std::int64_t start_utc_ns = 0;
   double magnetic_declination = 0;  // [rad], east positive: true = magnetic + declination
   std::string tide_model = "none";
 
   struct Water {
-    double sound_speed = 1500.0;      // mean true sound speed at the DVL, used without CTD samples [m/s]
+    double sound_speed = 1500.0;  // mean true sound speed at the DVL, used without CTD samples [m/s]
     std::string refractive_port = "calibrated-in-water";
   } water;
 
@@ -52,8 +52,8 @@ struct MissionConfig {
   std::vector<Waypoint> plan;
 };
 
-// Reads / writes <folder>/mission.toml. Throws InputError naming file, key (and line) and mend: an absent file, a
-// key unknown or missing, a value of the wrong type or out of range.
+// Reads / writes <folder>/mission.toml. Throws InputError naming file, key (and line) and mend: an absent
+// file, a key unknown or missing, a value of the wrong type or out of range.
 [[nodiscard]] MissionConfig readMissionConfig(const std::filesystem::path& folder);
 void writeMissionConfig(const std::filesystem::path& folder, const MissionConfig& config);
 

@@ -12,8 +12,8 @@ namespace fathom::io {
 // UDP stand-in for the modem: one datagram is one frame.
 class UdpFramePort final : public FramePort {
  public:
-  // Binds `bind_port` (0: any) on `bind_address`; frames go to `peer_address:peer_port` (port 0: receive only).
-  // Throws InputError for an address that cannot be used.
+  // Binds `bind_port` (0: any) on `bind_address`; frames go to `peer_address:peer_port` (port 0: receive
+  // only). Throws InputError for an address that cannot be used.
   UdpFramePort(const std::string& bind_address, std::uint16_t bind_port, const std::string& peer_address,
                std::uint16_t peer_port);
   ~UdpFramePort() override;
@@ -29,8 +29,8 @@ class UdpFramePort final : public FramePort {
   std::uint64_t dropped_ = 0;
 };
 
-// A transparent serial port to the modem (LinkQuest style). Frames are delimited and escaped on the line (SLIP,
-// RFC 1055) so that a lost byte damages one frame only; never blocks.
+// A transparent serial port to the modem (LinkQuest style). Frames are delimited and escaped on the line
+// (SLIP, RFC 1055) so that a lost byte damages one frame only; never blocks.
 class SerialFramePort final : public FramePort {
  public:
   // Opens `device` raw, 8N1 at `baud`. Throws InputError for a device or rate that cannot be used.

@@ -36,8 +36,8 @@ struct VehiclePoseFile {
   std::vector<VehiclePose> poses;
 };
 
-// Readers throw InputError (file, line, mend); version 1 is refused with the reason. Writers write to a temporary
-// name, then rename; latitude and longitude are derived from north and east.
+// Readers throw InputError (file, line, mend); version 1 is refused with the reason. Writers write to a
+// temporary name, then rename; latitude and longitude are derived from north and east.
 [[nodiscard]] StereoPoseFile readStereoPoses(const std::filesystem::path& path);
 void writeStereoPoses(const std::filesystem::path& path, const StereoPoseFile& file);
 [[nodiscard]] VehiclePoseFile readVehiclePoses(const std::filesystem::path& path);

@@ -17,8 +17,8 @@ struct LoggedSample {
   SensorSample sample;
 };
 
-// Appends to sensors.lcmlog (LCM event log of the lcm types in firmware_if/lcm/). Crash safe: each entry is handed to
-// the system whole, and a log cut anywhere reads up to its last whole entry.
+// Appends to sensors.lcmlog (LCM event log of the lcm types in firmware_if/lcm/). Crash safe: each entry is
+// handed to the system whole, and a log cut anywhere reads up to its last whole entry.
 class SensorLogWriter {
  public:
   explicit SensorLogWriter(const std::filesystem::path& path);
@@ -37,8 +37,8 @@ class SensorLogWriter {
 };
 
 // Reads the samples of a mission in recorded order: from sensors.lcmlog, or, where there is no log, from the
-// RAW.auv. Damaged entries are skipped and counted. Throws InputError if the file is absent, empty, or holds no
-// sample at all.
+// RAW.auv. Damaged entries are skipped and counted. Throws InputError if the file is absent, empty, or holds
+// no sample at all.
 class SensorLogReader {
  public:
   explicit SensorLogReader(const std::filesystem::path& mission_folder);
