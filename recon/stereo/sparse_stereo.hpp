@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -13,13 +14,18 @@
 namespace fathom::stereo {
 
 struct SparseStereoConfig {
-  int max_features = 800;             // wanted Harris corners, spread over the image (up to 5000)
-  int window = 15;                    // Lucas-Kanade window edge [px], odd
-  double max_epipolar_distance = 1.0; // [px]
-  double max_left_right_distance = 0.5;  // left-right check [px]
-  double sigma_disparity = 0.1;       // of a match [px], for sigma_z
-  double max_edge = 0.5;              // longest triangle edge [m]
+  int max_features = 800;                    // wanted Harris corners, spread over the image (up to 5000)
+  int window = 15;                           // Lucas-Kanade window edge [px], odd
+  double max_epipolar_distance = 1.0;        // [px]
+  double max_left_right_distance = 0.5;      // left-right check [px]
+  double sigma_disparity = 0.1;              // of a match [px], for sigma_z
+  double max_edge = 0.5;                     // longest triangle edge [m]
   double min_range = 0.5, max_range = 12.0;  // accepted z [m]
+  double search_radius = 32.0;   // reach of the search along the epipolar line about the seed [px]
+  double min_correlation = 0.6;  // zero-mean normalised, of the two windows
+  double max_slope = 1.396;  // between a triangle's normal and the line of sight [rad]: 80 deg; seen flatter,
+                             // a triangle spans a gap between surfaces
+  int min_patch_points = 6;  // smaller groups of points that float free of the rest (fish) are dropped
 };
 
 // The seafloor as a plane in the left camera frame, from DVL altitude and attitude: normal . p = distance.
@@ -29,10 +35,10 @@ struct SeedPlane {
 };
 
 struct StereoPoint {
-  Eigen::Vector2f left;     // distorted pixel
+  Eigen::Vector2f left;  // distorted pixel
   Eigen::Vector2f right;
-  Eigen::Vector3f point;    // left camera frame [m]
-  float sigma_z = 0;        // z^2 sigma_d / (f b) [m]
+  Eigen::Vector3f point;  // left camera frame [m]
+  float sigma_z = 0;      // z^2 sigma_d / (f b) [m]
 };
 
 struct StereoResult {
@@ -44,19 +50,23 @@ struct StereoResult {
   std::uint32_t corners = 0;
 };
 
-// Sparse stereo for a small-baseline down-looking rig, on distorted images: Harris corners, seeds where the epipolar
-// line meets the seed plane, Lucas-Kanade, left-right and epipolar checks, midpoint triangulation, Delaunay in the
-// image plane with long-edge removal. After Johnson-Roberson et al. 2010, section 4.2.
+// Sparse stereo for a small-baseline down-looking rig, on distorted images: Harris corners, seeds where the
+// epipolar line meets the seed plane, Lucas-Kanade, left-right and epipolar checks, midpoint triangulation,
+// Delaunay in the image plane with long-edge removal. After Johnson-Roberson et al. 2010, section 4.2.
 class SparseStereo {
  public:
   // Throws std::invalid_argument for a configuration out of range.
   SparseStereo(const StereoRig& rig, const SparseStereoConfig& config);
   ~SparseStereo();
 
-  // `left`, `right`: 8-bit mono, the rig's size. `max_features` <= 0: as configured; lower: this frame's quota.
-  // The result is reused by the next call. Empty or wrongly sized images give an empty result.
+  // `left`, `right`: 8-bit mono, the rig's size. `max_features` <= 0: as configured; lower: this frame's
+  // quota. The result is reused by the next call. Empty or wrongly sized images give an empty result.
   const StereoResult& process(const ImageView& left, const ImageView& right, const SeedPlane& plane,
                               int max_features = 0);
+
+  // Called with the stage's name at the end of each stage of process(): "pyramids", "corners", "tracking",
+  // "outliers", "triangles". For a caller that has a clock; empty: none.
+  void setStageObserver(std::function<void(const char* stage)> observer);
 
  private:
   struct Impl;

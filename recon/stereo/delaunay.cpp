@@ -1,0 +1,153 @@
+#include "recon/stereo/delaunay.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <numeric>
+
+namespace fathom::stereo {
+namespace {
+
+__extension__ using Wide = __int128;
+
+std::size_t index(std::int32_t i) {
+  return static_cast<std::size_t>(i);
+}
+
+// Twice the signed area of a, b, c: positive when they turn from the first axis towards the second.
+std::int64_t orientation(const Delaunay::Point& a, const Delaunay::Point& b, const Delaunay::Point& c) {
+  const std::int64_t abx = b[0] - a[0], aby = b[1] - a[1];
+  const std::int64_t acx = c[0] - a[0], acy = c[1] - a[1];
+  return abx * acy - aby * acx;
+}
+
+}  // namespace
+
+bool Delaunay::circleContains(const Face& face, const Point& p) const {
+  std::int64_t x[3], y[3], square[3];
+  for (std::size_t i = 0; i < 3; ++i) {
+    const Point& v = points_[index(face.vertex[i])];
+    x[i] = v[0] - p[0];
+    y[i] = v[1] - p[1];
+    square[i] = x[i] * x[i] + y[i] * y[i];
+  }
+  const Wide determinant = Wide(square[0]) * (x[1] * y[2] - x[2] * y[1]) +
+                           Wide(square[1]) * (x[2] * y[0] - x[0] * y[2]) +
+                           Wide(square[2]) * (x[0] * y[1] - x[1] * y[0]);
+  return determinant > 0;
+}
+
+std::int32_t Delaunay::locate(const Point& p) const {
+  std::int32_t face = last_;
+  for (;;) {
+    const Face& f = faces_[index(face)];
+    std::int32_t next = kNone;
+    for (std::size_t i = 0; i < 3 && next == kNone; ++i) {
+      const Point& a = points_[index(f.vertex[(i + 1) % 3])];
+      const Point& b = points_[index(f.vertex[(i + 2) % 3])];
+      if (orientation(a, b, p) < 0) next = f.neighbour[i];
+    }
+    if (next == kNone) return face;
+    face = next;
+  }
+}
+
+void Delaunay::insert(std::int32_t vertex) {
+  const Point p = points_[index(vertex)];
+  const std::int32_t home = locate(p);
+  for (const std::int32_t v : faces_[index(home)].vertex)
+    if (points_[index(v)] == p) return;
+
+  // The cavity: all faces whose circumcircle holds the point; it is connected and seen whole from the point.
+  ++insertion_;
+  cavity_.assign(1, home);
+  visited_[index(home)] = insertion_;
+  boundary_.clear();
+  for (std::size_t c = 0; c < cavity_.size(); ++c) {
+    const Face face = faces_[index(cavity_[c])];
+    for (std::size_t i = 0; i < 3; ++i) {
+      const std::int32_t next = face.neighbour[i];
+      if (next != kNone && visited_[index(next)] == insertion_) continue;
+      if (next != kNone && circleContains(faces_[index(next)], p)) {
+        visited_[index(next)] = insertion_;
+        cavity_.push_back(next);
+        continue;
+      }
+      boundary_.push_back({face.vertex[(i + 1) % 3], face.vertex[(i + 2) % 3], next});
+    }
+  }
+
+  // A fan from the point to the boundary, which has two edges more than the cavity had faces.
+  for (std::size_t e = 0; e < boundary_.size(); ++e) {
+    const Edge& edge = boundary_[e];
+    std::int32_t face = static_cast<std::int32_t>(faces_.size());
+    if (e < cavity_.size()) {
+      face = cavity_[e];
+    } else {
+      faces_.emplace_back();
+      visited_.push_back(0);
+    }
+    faces_[index(face)] = {{edge.from, edge.to, vertex}, {kNone, kNone, edge.outside}};
+    face_from_[index(edge.from)] = face;
+    if (edge.outside == kNone) continue;
+    Face& outside = faces_[index(edge.outside)];
+    for (std::size_t i = 0; i < 3; ++i)
+      if (outside.vertex[(i + 1) % 3] == edge.to && outside.vertex[(i + 2) % 3] == edge.from)
+        outside.neighbour[i] = face;
+  }
+  for (const Edge& edge : boundary_) {
+    const std::int32_t face = face_from_[index(edge.from)], next = face_from_[index(edge.to)];
+    faces_[index(face)].neighbour[0] = next;  // shares the edge from `to` to the point
+    faces_[index(next)].neighbour[1] = face;
+    last_ = face;
+  }
+}
+
+// Rows of square buckets, run through to and fro: each point lies near the one before, and the search for its
+// face is short.
+void Delaunay::order(std::span<const Point> points) {
+  sequence_.resize(points.size());
+  std::iota(sequence_.begin(), sequence_.end(), 0U);
+  std::int32_t width = 0, height = 0;
+  for (const Point& p : points) {
+    width = std::max(width, p[0] + 1);
+    height = std::max(height, p[1] + 1);
+  }
+  const double area = static_cast<double>(width) * height;
+  const auto edge =
+      std::max(1, static_cast<std::int32_t>(std::sqrt(area / static_cast<double>(points.size()))));
+  const auto key = [&](std::uint32_t i) {
+    const std::int32_t row = points[i][1] / edge, column = points[i][0] / edge;
+    return std::array<std::int32_t, 2>{row, row % 2 == 0 ? column : -column};
+  };
+  std::stable_sort(sequence_.begin(), sequence_.end(),
+                   [&](std::uint32_t a, std::uint32_t b) { return key(a) < key(b); });
+}
+
+const std::vector<Delaunay::Triangle>& Delaunay::triangulate(std::span<const Point> points) {
+  triangles_.clear();
+  if (points.size() < 3) return triangles_;
+  const auto n = static_cast<std::int32_t>(points.size());
+  points_.assign(points.begin(), points.end());
+  // So far away that the enclosing triangle's corners hide no edge of the hull but the flattest.
+  constexpr std::int32_t kFar = 1 << 28;
+  points_.push_back({-kFar, -kFar});
+  points_.push_back({kFar, -kFar});
+  points_.push_back({0, kFar});
+  faces_.assign(1, {{n, n + 1, n + 2}, {kNone, kNone, kNone}});
+  visited_.assign(1, 0);
+  insertion_ = 0;
+  last_ = 0;
+  face_from_.assign(points_.size(), kNone);
+  order(points);
+  for (const std::uint32_t i : sequence_) insert(static_cast<std::int32_t>(i));
+
+  for (const Face& f : faces_) {
+    if (f.vertex[0] >= n || f.vertex[1] >= n || f.vertex[2] >= n) continue;
+    triangles_.push_back({static_cast<std::uint32_t>(f.vertex[0]), static_cast<std::uint32_t>(f.vertex[1]),
+                          static_cast<std::uint32_t>(f.vertex[2])});
+  }
+  return triangles_;
+}
+
+}  // namespace fathom::stereo

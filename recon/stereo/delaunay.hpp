@@ -1,0 +1,51 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace fathom::stereo {
+
+// Delaunay triangulation of points on the pixel lattice, by incremental insertion (Bowyer 1981, Watson 1981)
+// with exact integer predicates: cocircular and collinear points, usual on a lattice, cannot upset it, and
+// the same points give the same triangles everywhere.
+class Delaunay {
+ public:
+  using Point = std::array<std::int32_t, 2>;
+  using Triangle = std::array<std::uint32_t, 3>;
+  static constexpr std::int32_t kMaxCoordinate = 1 << 20;
+
+  // Triangles of indices into `points`, each turning from the first axis towards the second (clockwise on a
+  // screen whose y points down). Coordinates from 0 to kMaxCoordinate; of equal points only the first is
+  // used. Fewer than three points, or all on a line, give none. The result is reused by the next call.
+  const std::vector<Triangle>& triangulate(std::span<const Point> points);
+
+ private:
+  static constexpr std::int32_t kNone = -1;
+  struct Face {
+    std::array<std::int32_t, 3> vertex;
+    std::array<std::int32_t, 3> neighbour;  // opposite to the vertex of the same number
+  };
+  struct Edge {
+    std::int32_t from, to, outside;  // a side of the cavity, and the face beyond it
+  };
+
+  void insert(std::int32_t vertex);
+  [[nodiscard]] std::int32_t locate(const Point& p) const;
+  [[nodiscard]] bool circleContains(const Face& face, const Point& p) const;
+  void order(std::span<const Point> points);
+
+  std::vector<Point> points_;  // the given ones and three far ones that enclose them
+  std::vector<std::uint32_t> sequence_;
+  std::vector<Face> faces_;
+  std::vector<std::uint32_t> visited_;  // per face: the last insertion whose cavity it joined
+  std::uint32_t insertion_ = 0;
+  std::int32_t last_ = 0;  // face where the next search begins
+  std::vector<std::int32_t> cavity_;
+  std::vector<Edge> boundary_;
+  std::vector<std::int32_t> face_from_;  // per vertex: the new face whose boundary edge begins there
+  std::vector<Triangle> triangles_;
+};
+
+}  // namespace fathom::stereo

@@ -1,0 +1,58 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "recon/geometry/image_view.hpp"
+
+namespace fathom::stereo {
+
+// One 8-bit grey image with a border of repeated edge pixels, so that windows near the edge need no special
+// case.
+class GrayLevel {
+ public:
+  static constexpr int kBorder =
+      20;  // [px]; a window of up to 31 px about any pixel of the image, with its gradients
+
+  void resize(int width, int height);
+  [[nodiscard]] int width() const { return width_; }
+  [[nodiscard]] int height() const { return height_; }
+  [[nodiscard]] int stride() const { return stride_; }
+  // Pixel (0, y) of the image; columns from -kBorder to width + kBorder - 1 may be read, rows likewise.
+  [[nodiscard]] const std::uint8_t* row(int y) const { return pixels_.data() + offset(y); }
+  [[nodiscard]] std::uint8_t* row(int y) { return pixels_.data() + offset(y); }
+  // Repeats the edge pixels into the border.
+  void extendBorder();
+
+ private:
+  [[nodiscard]] std::size_t offset(int y) const {
+    return static_cast<std::size_t>(y + kBorder) * static_cast<std::size_t>(stride_) + kBorder;
+  }
+
+  int width_ = 0, height_ = 0, stride_ = 0;
+  std::vector<std::uint8_t> pixels_;
+};
+
+// Grey images at 1, 1/2, 1/4... of the size, each smoothed by the binomial kernel (1 4 6 4 1)/16 (Burt &
+// Adelson 1983) before every second pixel is taken: position p of level 0 is position p / 2^l of level l.
+class GrayPyramid {
+ public:
+  static constexpr int kMinSide = 16;  // a level is not made smaller [px]
+
+  // Reserves the memory of images of this size; `levels` >= 1 is the wish, fewer for small images.
+  GrayPyramid(int width, int height, int levels);
+
+  // `image`: 8-bit mono of the size above.
+  void build(const ImageView& image);
+  [[nodiscard]] int levels() const { return static_cast<int>(levels_.size()); }
+  [[nodiscard]] const GrayLevel& level(int l) const { return levels_[static_cast<std::size_t>(l)]; }
+
+ private:
+  void halve(const GrayLevel& fine, GrayLevel& coarse);
+
+  std::vector<GrayLevel> levels_;
+  std::vector<std::uint16_t> rows_;  // vertical sums of one coarse row
+};
+
+}  // namespace fathom::stereo

@@ -1,0 +1,167 @@
+#include "recon/stereo/patch_tracker.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+
+namespace fathom::stereo {
+namespace {
+
+constexpr int kFineIterations = 12;  // at the full resolution; 3 to 5 are usual
+constexpr int kCoarseIterations = 5;
+constexpr double kFineTolerance = 0.01;   // last step [px], a tenth of a good match's error
+constexpr double kCoarseTolerance = 0.1;  // last step [px of the level]
+constexpr double kMaxStep = 2.0;          // one update [px of the level]: the linearisation holds no farther
+constexpr double kMaxDrift = 6.0;         // from where a level began [px of the level]
+constexpr double kMinEnergy = 0.25;       // variance of a window worth tracking [grey levels squared]
+constexpr double kMinHessian =
+    1e-3;  // smaller eigenvalue, mean squared gradient [grey levels a pixel, squared]
+
+}  // namespace
+
+PatchTracker::PatchTracker(int window) : window_(window), half_(window / 2) {
+  weight_.fill(1.0F / static_cast<float>(window * window));
+}
+
+bool PatchTracker::inside(const GrayLevel& level, const Eigen::Vector2d& at) const {
+  return at.x() >= 0 && at.y() >= 0 && at.x() <= level.width() - 1 && at.y() <= level.height() - 1;
+}
+
+void PatchTracker::sample(const GrayLevel& level, const Eigen::Vector2d& at, int edge, float* out) const {
+  const double left = at.x() - edge / 2, top = at.y() - edge / 2;
+  const int x0 = static_cast<int>(std::floor(left)), y0 = static_cast<int>(std::floor(top));
+  const auto fx = static_cast<float>(left - x0), fy = static_cast<float>(top - y0);
+  const float w00 = (1 - fx) * (1 - fy), w01 = fx * (1 - fy), w10 = (1 - fx) * fy, w11 = fx * fy;
+  for (int j = 0; j < edge; ++j) {
+    const std::uint8_t* a = level.row(y0 + j) + x0;
+    const std::uint8_t* b = a + level.stride();
+    for (int i = 0; i < edge; ++i)
+      out[i] = w00 * static_cast<float>(a[i]) + w01 * static_cast<float>(a[i + 1]) +
+               w10 * static_cast<float>(b[i]) + w11 * static_cast<float>(b[i + 1]);
+    out += edge;
+  }
+}
+
+bool PatchTracker::makeTemplate(const GrayLevel& level, const Eigen::Vector2d& at) {
+  const int padded = window_ + 2, n = window_ * window_;
+  sample(level, at, padded, patch_.data());
+  Template& t = template_;
+  float mean = 0, mean_x = 0, mean_y = 0;
+  for (int j = 0; j < window_; ++j) {
+    const float* middle = patch_.data() + (j + 1) * padded + 1;
+    for (int i = 0; i < window_; ++i) {
+      const int k = j * window_ + i;
+      const float w = weight_[k];
+      t.value[k] = middle[i];
+      t.sx[k] = 0.5F * (middle[i + 1] - middle[i - 1]);
+      t.sy[k] = 0.5F * (middle[i + padded] - middle[i - padded]);
+      mean += w * t.value[k];
+      mean_x += w * t.sx[k];
+      mean_y += w * t.sy[k];
+    }
+  }
+  double energy = 0, along_x = 0, along_y = 0;
+  for (int k = 0; k < n; ++k) {
+    const float centred = t.value[k] - mean;
+    energy += weight_[k] * centred * centred;
+    along_x += weight_[k] * centred * t.sx[k];
+    along_y += weight_[k] * centred * t.sy[k];
+  }
+  if (energy < kMinEnergy) return false;
+  const auto per_x = static_cast<float>(along_x / energy), per_y = static_cast<float>(along_y / energy);
+  double xx = 0, xy = 0, yy = 0;
+  for (int k = 0; k < n; ++k) {
+    const float centred = t.value[k] - mean;
+    const float gx = t.sx[k] - mean_x - per_x * centred, gy = t.sy[k] - mean_y - per_y * centred;
+    const float w = weight_[k];
+    xx += w * gx * gx;
+    xy += w * gx * gy;
+    yy += w * gy * gy;
+    t.value[k] = w * centred;
+    t.sx[k] = w * gx;
+    t.sy[k] = w * gy;
+  }
+  const double determinant = xx * yy - xy * xy;
+  if (determinant < kMinHessian * (xx + yy)) return false;
+  Eigen::Matrix2d hessian;
+  hessian << xx, xy, xy, yy;
+  t.inverse_hessian = hessian.inverse();
+  t.energy = energy;
+  return true;
+}
+
+double PatchTracker::correlate(const GrayLevel& level, const Eigen::Vector2d& at) {
+  sample(level, at, window_, patch_.data());
+  double mean = 0, square = 0, common = 0;
+  for (int k = 0; k < window_ * window_; ++k) {
+    const float v = patch_[k];
+    mean += weight_[k] * v;
+    square += weight_[k] * v * v;
+    common += template_.value[k] * v;
+  }
+  const double energy = square - mean * mean;
+  return energy < kMinEnergy ? 0.0 : common / std::sqrt(energy * template_.energy);
+}
+
+bool PatchTracker::refine(const GrayLevel& level, Eigen::Vector2d& at, int iterations, double tolerance,
+                          double& correlation) {
+  const Eigen::Vector2d start = at;
+  for (int k = 0; k < iterations; ++k) {
+    sample(level, at, window_, patch_.data());
+    float common = 0, bx = 0, by = 0;
+    for (int i = 0; i < window_ * window_; ++i) {
+      const float v = patch_[i];
+      common += template_.value[i] * v;
+      bx += template_.sx[i] * v;
+      by += template_.sy[i] * v;
+    }
+    const double gain = common / template_.energy;
+    constexpr double kMinGain = 0.05;  // right over left brightness; less is no likeness
+    if (gain < kMinGain) return false;
+    Eigen::Vector2d step = template_.inverse_hessian * Eigen::Vector2d(bx, by) / -gain;
+    const double length = step.norm();
+    if (length > kMaxStep) step *= kMaxStep / length;
+    at += step;
+    if (!inside(level, at) || (at - start).norm() > kMaxDrift) return false;
+    if (length < tolerance) break;
+  }
+  correlation = correlate(level, at);
+  return true;
+}
+
+PatchMatch PatchTracker::track(const GrayPyramid& source, const Eigen::Vector2d& at,
+                               const GrayPyramid& target, std::span<const Eigen::Vector2d> candidates) {
+  PatchMatch match;
+  const int top = source.levels() - 1;
+  double scale = 1.0 / (1 << top);
+  if (candidates.empty() || !makeTemplate(source.level(top), at * scale)) return match;
+  Eigen::Vector2d position = Eigen::Vector2d::Zero();
+  double best = 0;
+  for (const Eigen::Vector2d& candidate : candidates) {
+    const Eigen::Vector2d p = candidate * scale;
+    if (!inside(target.level(top), p)) continue;
+    const double correlation = correlate(target.level(top), p);
+    if (correlation > best) {
+      best = correlation;
+      position = p;
+    }
+  }
+  if (best <= 0) return match;
+  for (int l = top; l >= 0; --l) {
+    if (l < top) {
+      position *= 2.0;
+      scale *= 2.0;
+      if (!makeTemplate(source.level(l), at * scale)) return match;
+    }
+    const bool fine = l == 0;
+    if (!refine(target.level(l), position, fine ? kFineIterations : kCoarseIterations,
+                fine ? kFineTolerance : kCoarseTolerance, match.correlation))
+      return match;
+  }
+  match.position = position;
+  match.found = true;
+  return match;
+}
+
+}  // namespace fathom::stereo

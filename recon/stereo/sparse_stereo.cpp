@@ -1,0 +1,243 @@
+#include "recon/stereo/sparse_stereo.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+#include "recon/stereo/delaunay.hpp"
+#include "recon/stereo/depth_consistency.hpp"
+#include "recon/stereo/epipolar_search.hpp"
+#include "recon/stereo/gray_pyramid.hpp"
+#include "recon/stereo/harris_corners.hpp"
+#include "recon/stereo/patch_tracker.hpp"
+
+namespace fathom::stereo {
+namespace {
+
+constexpr int kLevels = 3;                        // of the pyramids: the coarsest is a quarter of the size
+constexpr double kTopPixel = 1 << (kLevels - 1);  // [px]
+constexpr int kMaxFeatures = 5000;
+constexpr double kHalfPi = 1.5707963267948966;
+
+void require(bool holds, const char* what) {
+  if (!holds) throw std::invalid_argument(std::string("sparse stereo: ") + what);
+}
+
+void validate(const StereoRig& rig, const SparseStereoConfig& c) {
+  for (const Camera* camera : {&rig.left, &rig.right}) {
+    require(camera->width >= 1 && camera->height >= 1, "the rig has no image size");
+    require(camera->width <= Delaunay::kMaxCoordinate && camera->height <= Delaunay::kMaxCoordinate,
+            "the images are too large");
+    require(camera->fx > 0 && camera->fy > 0, "the rig has no focal length");
+  }
+  require(rig.baseline() > 0, "the rig has no baseline");
+  require(c.max_features >= 1 && c.max_features <= kMaxFeatures, "max_features must be 1 to 5000");
+  require(c.window >= PatchTracker::kMinWindow && c.window <= PatchTracker::kMaxWindow && c.window % 2 == 1,
+          "window must be odd, 7 to 31 px");
+  require(c.max_epipolar_distance > 0, "max_epipolar_distance must be positive");
+  require(c.max_left_right_distance > 0, "max_left_right_distance must be positive");
+  require(c.sigma_disparity > 0, "sigma_disparity must be positive");
+  require(c.max_edge > 0, "max_edge must be positive");
+  require(c.min_range > 0 && c.max_range > c.min_range, "ranges must be 0 < min_range < max_range");
+  require(c.search_radius >= 0 && c.search_radius <= 256, "search_radius must be 0 to 256 px");
+  require(c.min_correlation >= 0 && c.min_correlation < 1, "min_correlation must be 0 to below 1");
+  require(c.max_slope > 0 && c.max_slope < kHalfPi, "max_slope must lie between 0 and pi/2");
+  require(c.min_patch_points >= 1, "min_patch_points must be at least 1");
+}
+
+bool fits(const ImageView& image, const Camera& camera) {
+  return !image.empty() && image.format == PixelFormat::kMono && image.bits == 8 &&
+         image.width == camera.width && image.height == camera.height &&
+         image.stride >= static_cast<std::size_t>(image.width);
+}
+
+bool usable(const SeedPlane& plane) {
+  return plane.normal.allFinite() && std::isfinite(plane.distance) && plane.distance > 0 &&
+         plane.normal.norm() > 0.5;
+}
+
+}  // namespace
+
+struct SparseStereo::Impl {
+  Impl(const StereoRig& r, const SparseStereoConfig& c)
+      : rig(r),
+        config(c),
+        epipolar(r),
+        to_right(r.right, r.T_right_left, kTopPixel, c.search_radius, c.min_range, c.max_range),
+        to_left(r.left, r.T_right_left.inverse(), kTopPixel, c.search_radius, c.min_range, c.max_range),
+        left_pyramid(r.left.width, r.left.height, levels(r)),
+        right_pyramid(r.right.width, r.right.height, levels(r)),
+        tracker(c.window) {
+    focal_baseline = 0.5 * (r.left.fx + r.left.fy) * r.baseline();
+  }
+
+  // Both pyramids need the same number.
+  static int levels(const StereoRig& r) {
+    return std::min(GrayPyramid(r.left.width, r.left.height, kLevels).levels(),
+                    GrayPyramid(r.right.width, r.right.height, kLevels).levels());
+  }
+
+  void ended(const char* stage) const {
+    if (observer) observer(stage);
+  }
+  [[nodiscard]] PixelBox sharedView(const ViewPlane& left_plane) const;
+  void match(const Corner& corner, const ViewPlane& left_plane, const ViewPlane& right_plane);
+  void dropOutliers();
+  void triangulate();
+  [[nodiscard]] bool isSurface(const Delaunay::Triangle& t) const;
+
+  StereoRig rig;
+  SparseStereoConfig config;
+  double focal_baseline = 0;  // disparity times depth [px m]
+  EpipolarDistance epipolar;
+  EpipolarSearch to_right, to_left;
+  GrayPyramid left_pyramid, right_pyramid;
+  HarrisCorners harris;
+  PatchTracker tracker;
+  Delaunay delaunay;
+  DepthConsistency consistency;
+  std::vector<Delaunay::Point> pixels;  // of the result's points in the left image
+  std::vector<Eigen::Vector3d> positions;
+  std::vector<std::uint8_t> keep;
+  StereoResult result;
+  std::function<void(const char* stage)> observer;
+};
+
+// The part of the left image whose seeds the right camera sees: a box about the visible nodes of a coarse
+// lattice.
+PixelBox SparseStereo::Impl::sharedView(const ViewPlane& left_plane) const {
+  constexpr int kNodes = 24;  // a side
+  const int half = config.window / 2;
+  const double dx = (rig.left.width - 1.0) / (kNodes - 1), dy = (rig.left.height - 1.0) / (kNodes - 1);
+  PixelBox box{rig.left.width, rig.left.height, 0, 0};
+  for (int j = 0; j < kNodes; ++j) {
+    for (int i = 0; i < kNodes; ++i) {
+      Eigen::Vector2d seen;
+      const Eigen::Vector2d pixel(i * dx, j * dy);
+      if (!to_right.seed(rig.left.ray(pixel), left_plane, half, seen)) continue;
+      box.x0 = std::min(box.x0, static_cast<int>(pixel.x() - dx));
+      box.y0 = std::min(box.y0, static_cast<int>(pixel.y() - dy));
+      box.x1 = std::max(box.x1, static_cast<int>(pixel.x() + dx) + 1);
+      box.y1 = std::max(box.y1, static_cast<int>(pixel.y() + dy) + 1);
+    }
+  }
+  return box;
+}
+
+void SparseStereo::Impl::match(const Corner& corner, const ViewPlane& left_plane,
+                               const ViewPlane& right_plane) {
+  const int half = config.window / 2;
+  const Eigen::Vector2d left(corner.x, corner.y);
+  const Eigen::Vector3d left_ray = rig.left.ray(left);
+  const PatchMatch there =
+      tracker.track(left_pyramid, left, right_pyramid, to_right.candidates(left_ray, left_plane));
+  if (!there.found || there.correlation < config.min_correlation ||
+      !rig.right.contains(there.position, half)) {
+    ++result.rejected.no_track;
+    return;
+  }
+  const Eigen::Vector3d right_ray = rig.right.ray(there.position);
+  if (epipolar(left_ray, right_ray) > config.max_epipolar_distance) {
+    ++result.rejected.epipolar;
+    return;
+  }
+  const PatchMatch back =
+      tracker.track(right_pyramid, there.position, left_pyramid, to_left.candidates(right_ray, right_plane));
+  if (!back.found || (back.position - left).norm() > config.max_left_right_distance) {
+    ++result.rejected.left_right;
+    return;
+  }
+  Eigen::Vector3d point;
+  double gap = 0;
+  if (!triangulateMidpoint(rig, left_ray, right_ray, point, gap) || !(point.z() >= config.min_range) ||
+      !(point.z() <= config.max_range)) {
+    ++result.rejected.range;
+    return;
+  }
+  const double sigma_z = point.z() * point.z() * config.sigma_disparity / focal_baseline;
+  result.points.push_back(
+      {left.cast<float>(), there.position.cast<float>(), point.cast<float>(), static_cast<float>(sigma_z)});
+  pixels.push_back({corner.x, corner.y});
+  positions.push_back(point);
+}
+
+void SparseStereo::Impl::dropOutliers() {
+  const DepthConsistencyConfig limits{rig.baseline(), focal_baseline / rig.baseline(), config.sigma_disparity,
+                                      config.max_slope, config.min_patch_points};
+  consistency.check(limits, positions, delaunay.triangulate(pixels), keep);
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < keep.size(); ++i) {
+    if (keep[i] == 0) continue;
+    result.points[kept] = result.points[i];
+    pixels[kept] = pixels[i];
+    positions[kept] = positions[i];
+    ++kept;
+  }
+  result.rejected.outlier = static_cast<std::uint32_t>(keep.size() - kept);
+  result.points.resize(kept);
+  pixels.resize(kept);
+  positions.resize(kept);
+}
+
+bool SparseStereo::Impl::isSurface(const Delaunay::Triangle& t) const {
+  const Eigen::Vector3d &a = positions[t[0]], &b = positions[t[1]], &c = positions[t[2]];
+  const double longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
+  if (longest > config.max_edge * config.max_edge) return false;
+  const Eigen::Vector3d normal = (b - a).cross(c - a), sight = a + b + c;
+  return std::abs(normal.dot(sight)) > std::cos(config.max_slope) * normal.norm() * sight.norm();
+}
+
+void SparseStereo::Impl::triangulate() {
+  for (const Delaunay::Triangle& t : delaunay.triangulate(pixels))
+    // Turned over: counter-clockwise for the camera, whose image has y down.
+    if (isSurface(t)) result.triangles.push_back({t[0], t[2], t[1]});
+}
+
+SparseStereo::SparseStereo(const StereoRig& rig, const SparseStereoConfig& config) {
+  validate(rig, config);
+  impl_ = std::make_unique<Impl>(rig, config);
+}
+
+SparseStereo::~SparseStereo() = default;
+
+void SparseStereo::setStageObserver(std::function<void(const char* stage)> observer) {
+  impl_->observer = std::move(observer);
+}
+
+const StereoResult& SparseStereo::process(const ImageView& left, const ImageView& right,
+                                          const SeedPlane& plane, int max_features) {
+  Impl& m = *impl_;
+  m.result.points.clear();
+  m.result.triangles.clear();
+  m.result.rejected = {};
+  m.result.corners = 0;
+  m.pixels.clear();
+  m.positions.clear();
+  if (!fits(left, m.rig.left) || !fits(right, m.rig.right) || !usable(plane)) return m.result;
+
+  m.left_pyramid.build(left);
+  m.right_pyramid.build(right);
+  m.ended("pyramids");
+
+  const SE3& T = m.rig.T_right_left;
+  const ViewPlane left_plane{plane.normal, plane.distance};
+  const Eigen::Vector3d right_normal = T.rotation() * plane.normal;
+  const ViewPlane right_plane{right_normal, plane.distance + right_normal.dot(T.translation())};
+  const int quota = max_features > 0 ? std::min(max_features, m.config.max_features) : m.config.max_features;
+  const auto& corners =
+      m.harris.find(m.left_pyramid.level(0), m.sharedView(left_plane), m.config.window / 2, quota);
+  m.result.corners = static_cast<std::uint32_t>(corners.size());
+  m.ended("corners");
+
+  for (const Corner& corner : corners) m.match(corner, left_plane, right_plane);
+  m.ended("tracking");
+  m.dropOutliers();
+  m.ended("outliers");
+  m.triangulate();
+  m.ended("triangles");
+  return m.result;
+}
+
+}  // namespace fathom::stereo
