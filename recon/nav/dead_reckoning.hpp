@@ -4,23 +4,39 @@
 #include <cstdint>
 #include <optional>
 
+#include "realtime/kernel/fixed_queue.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/sensor_samples.hpp"
+#include "recon/nav/sensor_history.hpp"
 
 namespace fathom::nav {
 
 struct DeadReckoningConfig {
   SE3 T_body_dvl, T_body_depth, T_body_compass;
-  double magnetic_declination = 0;    // [rad], east positive
-  double sound_speed = 1500.0;        // at the DVL until a water sample says better [m/s]
-  double max_dvl_gap = 2.0;           // without bottom track longer than this the velocity decays to zero [s]
-  double max_speed = 3.0;             // faster bottom-track velocities are rejected [m/s]
+  double magnetic_declination = 0;  // [rad], east positive
+  double sound_speed = 1500.0;      // at the DVL until a water sample says better [m/s]
+  double max_dvl_gap = 2.0;         // without bottom track longer than this the velocity decays to zero [s]
+  double max_speed = 3.0;           // faster bottom-track velocities are rejected [m/s]
 };
 
-// Odometry from DVL, attitude and depth: T_odom_body. odom is North-East-Down with its origin above (on the surface)
-// the point where dead reckoning began; depth is absolute. Smooth, never jumps; allocates nothing after construction.
+// Odometry from DVL, attitude and depth: T_odom_body. odom is North-East-Down with its origin above (on the
+// surface) the point where dead reckoning began; depth is absolute. Smooth, never jumps; allocates nothing
+// after construction.
+//
+// The position of the DVL, not of the body, is integrated, so that the lever arm r (DVL in body) needs no
+// rate of turn:  d p_dvl / dt = R_odom_body R_body_dvl v c_true / c_assumed,   p_body = p_dvl - R_odom_body
+// r, with v linear in time between ensembles, R from the compass (slerp between samples), trapezoids at every
+// attitude and depth sample in between. The factor corrects the sound speed that the instrument assumed:
+// velocities and ranges are proportional to it (RD Instruments, "ADCP Principles of Operation", 1996, "Sound
+// speed corrections"). Depth is the pressure sensor's, less its lever arm.
+//
+// An ensemble is used once attitude and depth reach its time, so poses up to newestUtcNs() are final. A
+// sensor silent for longer than a second is not waited for: attitude is held, depth follows the DVL's
+// vertical velocity and, when the sensor is back, closes the difference slowly.
 class DeadReckoning {
  public:
+  // The numbers of the config must be finite, the speeds and the gap positive (the mission's reader sees to
+  // it).
   explicit DeadReckoning(const DeadReckoningConfig& config);
 
   void add(const DvlSample& sample) noexcept;
@@ -29,21 +45,84 @@ class DeadReckoning {
   void add(const WaterSample& sample) noexcept;
 
   // Needs attitude, depth and one bottom-track velocity.
-  [[nodiscard]] bool initialised() const noexcept;
-  // Pose at a time within the kept history (some seconds), interpolated; a little beyond the newest: extrapolated.
+  [[nodiscard]] bool initialised() const noexcept { return !nodes_.empty(); }
+  // Pose at a time within the kept history (20 s), interpolated; up to a second beyond the newest:
+  // extrapolated.
   [[nodiscard]] std::optional<SE3> poseAt(std::int64_t utc_ns) const noexcept;
-  [[nodiscard]] std::int64_t newestUtcNs() const noexcept;
+  // Up to here poses are final; and where the kept history begins. 0 before initialised().
+  [[nodiscard]] std::int64_t newestUtcNs() const noexcept {
+    return nodes_.empty() ? 0 : nodes_.back().utc_ns;
+  }
+  [[nodiscard]] std::int64_t oldestUtcNs() const noexcept {
+    return nodes_.empty() ? 0 : nodes_.front().utc_ns;
+  }
   // Altitude of the DVL above the bottom [m] at the newest valid ensemble not older than max_dvl_gap.
   [[nodiscard]] std::optional<double> altitude() const noexcept;
   [[nodiscard]] Eigen::Vector3d velocityBody() const noexcept;  // over ground [m/s]
 
   struct Counters {
-    std::uint64_t dvl_used = 0, dvl_without_bottom = 0, dvl_rejected = 0, out_of_order = 0;
+    std::uint64_t dvl_used = 0;            // velocities that entered the track
+    std::uint64_t dvl_without_bottom = 0;  // ensembles without a bottom-track velocity
+    std::uint64_t dvl_rejected = 0;        // faster than max_speed, or not a number
+    std::uint64_t out_of_order = 0;        // any sensor: not later than its last; or too late for the track
+    std::uint64_t time_leaps = 0;          // any sensor: stamp far ahead of its last, and alone
+    std::uint64_t attitude_rejected = 0, depth_rejected = 0, water_rejected = 0;  // impossible values
+    std::uint64_t sound_speed_absent =
+        0;                               // ensembles that stated no possible sound speed: taken as corrected
+    std::uint64_t dvl_before_start = 0;  // velocities before the first attitude and depth
+    std::uint64_t dvl_queue_full = 0;    // velocities lost because too many waited for attitude and depth
+    std::uint64_t coasted = 0;           // times that bottom track stayed away longer than max_dvl_gap
+    std::uint64_t attitude_held = 0, depth_held = 0;  // velocities used without waiting for a silent sensor
   };
-  [[nodiscard]] const Counters& counters() const noexcept;
+  [[nodiscard]] const Counters& counters() const noexcept { return counters_; }
 
  private:
-  // State, history ring of fixed capacity, latest attitude and depth: see dead_reckoning.cpp.
+  // The track at one moment; position of the DVL, depth of the body.
+  struct Node {
+    std::int64_t utc_ns = 0;
+    Eigen::Quaterniond R_odom_body = Eigen::Quaterniond::Identity();
+    Eigen::Vector3d p_dvl = Eigen::Vector3d::Zero();  // in odom [m]; z drifts: for differences only
+    Eigen::Vector3d v_dvl = Eigen::Vector3d::Zero();  // of the DVL over ground, in odom [m/s]
+    double depth = 0;                                 // of the body [m]
+  };
+  struct Velocity {
+    std::int64_t utc_ns = 0;
+    Eigen::Vector3d value = Eigen::Vector3d::Zero();  // of the DVL over ground, in body axes [m/s]
+  };
+
+  static constexpr std::size_t kNodes = 1024;  // 20 s at the closest spacing of nodes
+  static constexpr std::size_t kWaiting = 64;  // ensembles: 9 s at 7 Hz, far beyond the silence allowed
+
+  [[nodiscard]] bool checkTime(TimeGate& gate, std::int64_t utc_ns) noexcept;
+  void advance() noexcept;
+  [[nodiscard]] bool reached(const TimeGate& gate, std::int64_t utc_ns) const noexcept;
+  void use(const Velocity& velocity) noexcept;
+  void coast() noexcept;
+  template <typename VelocityAt>
+  void trackTo(std::int64_t utc_ns, const VelocityAt& velocity_at) noexcept;
+  [[nodiscard]] Eigen::Vector3d rateOfTurn(std::int64_t utc_ns) const noexcept;
+  void appendNode(std::int64_t utc_ns, const Eigen::Vector3d& velocity_body) noexcept;
+  [[nodiscard]] double depthOfBody(const Node& node, const Node* before) noexcept;
+  [[nodiscard]] double soundSpeedFactor(double assumed) noexcept;
+
+  DeadReckoningConfig config_;
+  Eigen::Quaterniond R_body_compass_inverse_;
+  TimeGate dvl_times_, attitude_times_, depth_times_;
+  std::int64_t now_ = 0;       // newest time of any sensor
+  RotationHistory attitudes_;  // R_odom_body
+  NumberHistory depths_;       // of the pressure sensor [m]
+  rt::FixedQueue<Velocity, kWaiting> waiting_;
+  rt::FixedQueue<Node, kNodes> nodes_;
+  Velocity last_velocity_;                                    // newest that entered the track
+  Eigen::Vector3d coast_velocity_ = Eigen::Vector3d::Zero();  // of the body when bottom track went [m/s]
+  bool coasting_ = false;
+  bool depth_bridged_ = false;  // the newest node's depth came from the DVL
+  double depth_offset_ = 0;     // left over from the last bridge, decaying [m]
+  std::int64_t depth_offset_utc_ns_ = 0;
+  double sound_speed_;  // true, newest known [m/s]
+  std::int64_t water_utc_ns_ = 0;
+  std::optional<TimedNumber> altitude_;
+  Counters counters_;
 };
 
 }  // namespace fathom::nav

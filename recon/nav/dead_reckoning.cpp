@@ -1,0 +1,281 @@
+#include "recon/nav/dead_reckoning.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace fathom::nav {
+namespace {
+
+constexpr double kSecond = 1e9;                        // [ns]
+constexpr std::int64_t kMaxSilenceNs = 1'000'000'000;  // of attitude or depth before it is not waited for
+constexpr std::int64_t kMaxExtrapolationNs = 1'000'000'000;  // of poseAt beyond the newest node
+constexpr std::int64_t kMinNodeSpacingNs = 20'000'000;       // with kNodes: at least 20 s of history
+constexpr std::int64_t kRateHalfWindowNs =
+    200'000'000;                       // each side, of the rate of turn: two compass samples
+constexpr double kDepthCatchUp = 5.0;  // e-folding of the step after a depth outage [s]
+constexpr double kMinSoundSpeed = 1350.0, kMaxSoundSpeed = 1650.0;  // any sea or lake, with margin [m/s]
+constexpr double kMinDepth = -5.0, kMaxDepth = 11500.0;  // above the surface in a swell; deepest trench [m]
+constexpr double kMaxAltitude = 500.0;                   // beyond any bottom track of a survey DVL [m]
+
+double seconds(std::int64_t ns) {
+  return static_cast<double>(ns) / kSecond;
+}
+
+bool possibleSoundSpeed(double c) {
+  return c >= kMinSoundSpeed && c <= kMaxSoundSpeed;
+}
+
+std::optional<double> measuredAltitude(const DvlSample& sample) {
+  if (sample.altitude) return sample.altitude;
+  // All four beams together cancel the slope of the bottom and the tilt; fewer do not.
+  double sum = 0;
+  for (const std::optional<double>& range : sample.range) {
+    if (!range) return std::nullopt;
+    sum += *range / static_cast<double>(sample.range.size());
+  }
+  return sum;
+}
+
+}  // namespace
+
+DeadReckoning::DeadReckoning(const DeadReckoningConfig& config)
+    : config_(config),
+      R_body_compass_inverse_(config.T_body_compass.rotation().conjugate()),
+      sound_speed_(config.sound_speed) {}
+
+bool DeadReckoning::checkTime(TimeGate& gate, std::int64_t utc_ns) noexcept {
+  const TimeCheck result = gate.check(utc_ns);
+  if (result == TimeCheck::kOutOfOrder) ++counters_.out_of_order;
+  if (result == TimeCheck::kLeap) ++counters_.time_leaps;
+  if (result != TimeCheck::kGood) return false;
+  now_ = std::max(now_, utc_ns);
+  return true;
+}
+
+double DeadReckoning::soundSpeedFactor(double assumed) noexcept {
+  if (possibleSoundSpeed(assumed)) return sound_speed_ / assumed;
+  ++counters_.sound_speed_absent;
+  return 1.0;
+}
+
+void DeadReckoning::add(const DvlSample& sample) noexcept {
+  if (!checkTime(dvl_times_, sample.utc_ns)) return;
+  const double factor = soundSpeedFactor(sample.sound_speed);
+  if (const auto altitude = measuredAltitude(sample); altitude && *altitude > 0 && *altitude < kMaxAltitude)
+    altitude_ = {sample.utc_ns, *altitude * factor};
+  if (!sample.velocity) {
+    ++counters_.dvl_without_bottom;
+  } else if (!(sample.velocity->norm() * factor <= config_.max_speed)) {  // also what is not a number
+    ++counters_.dvl_rejected;
+  } else {
+    const Velocity velocity{sample.utc_ns, config_.T_body_dvl.rotation() * (*sample.velocity * factor)};
+    if (waiting_.pushDroppingOldest(velocity)) ++counters_.dvl_queue_full;
+  }
+  advance();
+}
+
+void DeadReckoning::add(const AttitudeSample& sample) noexcept {
+  const bool possible = std::isfinite(sample.heading) && std::abs(sample.heading) <= 4 * std::numbers::pi &&
+                        std::abs(sample.roll) <= std::numbers::pi &&
+                        std::abs(sample.pitch) <= std::numbers::pi / 2;
+  if (!possible) {
+    ++counters_.attitude_rejected;
+    return;
+  }
+  if (!checkTime(attitude_times_, sample.utc_ns)) return;
+  const double heading = sample.heading + (sample.magnetic ? config_.magnetic_declination : 0.0);
+  const SE3 R_odom_compass = SE3::fromEuler(sample.roll, sample.pitch, heading, Eigen::Vector3d::Zero());
+  attitudes_.pushDroppingOldest({sample.utc_ns, R_odom_compass.rotation() * R_body_compass_inverse_});
+  advance();
+}
+
+void DeadReckoning::add(const DepthSample& sample) noexcept {
+  if (!(sample.depth >= kMinDepth && sample.depth <= kMaxDepth)) {
+    ++counters_.depth_rejected;
+    return;
+  }
+  if (!checkTime(depth_times_, sample.utc_ns)) return;
+  depths_.pushDroppingOldest({sample.utc_ns, sample.depth});
+  advance();
+}
+
+void DeadReckoning::add(const WaterSample& sample) noexcept {
+  if (!sample.sound_speed) return;
+  if (!possibleSoundSpeed(*sample.sound_speed)) {
+    ++counters_.water_rejected;
+  } else if (water_utc_ns_ != 0 && sample.utc_ns <= water_utc_ns_) {
+    ++counters_.out_of_order;
+  } else {
+    sound_speed_ = *sample.sound_speed;
+    water_utc_ns_ = sample.utc_ns;
+  }
+}
+
+// True when a sensor's samples reach a time, or have stopped and are no longer waited for.
+bool DeadReckoning::reached(const TimeGate& gate, std::int64_t utc_ns) const noexcept {
+  return gate.newestUtcNs() >= utc_ns || now_ - gate.newestUtcNs() > kMaxSilenceNs;
+}
+
+void DeadReckoning::advance() noexcept {
+  if (attitudes_.empty() || depths_.empty()) return;
+  while (!waiting_.empty()) {
+    const Velocity next = waiting_.front();
+    if (!reached(attitude_times_, next.utc_ns) || !reached(depth_times_, next.utc_ns)) return;
+    waiting_.popFront();
+    use(next);
+  }
+  coast();
+}
+
+void DeadReckoning::use(const Velocity& velocity) noexcept {
+  if (nodes_.empty()) {
+    // Without attitude and depth at its own time the first pose would be a guess.
+    if (velocity.utc_ns < attitudes_.front().utc_ns || velocity.utc_ns < depths_.front().utc_ns) {
+      ++counters_.dvl_before_start;
+      return;
+    }
+    last_velocity_ = velocity;
+    appendNode(velocity.utc_ns, velocity.value);
+    ++counters_.dvl_used;
+    return;
+  }
+  if (velocity.utc_ns <= nodes_.back().utc_ns) {  // the track had to coast past it
+    ++counters_.out_of_order;
+    return;
+  }
+  if (attitude_times_.newestUtcNs() < velocity.utc_ns) ++counters_.attitude_held;
+  if (depth_times_.newestUtcNs() < velocity.utc_ns) ++counters_.depth_held;
+
+  const Node& from = nodes_.back();
+  const std::int64_t begin = from.utc_ns;
+  const Eigen::Vector3d first = from.R_odom_body.conjugate() * from.v_dvl;
+  const double span = static_cast<double>(velocity.utc_ns - begin);
+  trackTo(velocity.utc_ns, [&](std::int64_t t) -> Eigen::Vector3d {
+    return first + (velocity.value - first) * (static_cast<double>(t - begin) / span);
+  });
+  last_velocity_ = velocity;
+  coasting_ = false;
+  ++counters_.dvl_used;
+}
+
+// Goes on without bottom track once it has been away for longer than max_dvl_gap: the body's last velocity
+// along its own axes, held for the gap, then decaying with the gap as time constant.
+void DeadReckoning::coast() noexcept {
+  if (nodes_.empty()) return;
+  const bool depth_silent = now_ - depth_times_.newestUtcNs() > kMaxSilenceNs;
+  const std::int64_t until = depth_silent
+                                 ? attitude_times_.newestUtcNs()
+                                 : std::min(attitude_times_.newestUtcNs(), depth_times_.newestUtcNs());
+  const auto gap_ns = static_cast<std::int64_t>(config_.max_dvl_gap * kSecond);
+  if (until - last_velocity_.utc_ns <= gap_ns || until <= nodes_.back().utc_ns) return;
+  const Eigen::Vector3d& r = config_.T_body_dvl.translation();
+  if (!coasting_) {
+    ++counters_.coasted;
+    coasting_ = true;
+    coast_velocity_ = last_velocity_.value - rateOfTurn(last_velocity_.utc_ns).cross(r);
+  }
+  trackTo(until, [&](std::int64_t t) -> Eigen::Vector3d {
+    const double over = seconds(t - last_velocity_.utc_ns - gap_ns);
+    const double left = over <= 0 ? 1.0 : std::exp(-over / config_.max_dvl_gap);
+    return left * coast_velocity_ + rateOfTurn(t).cross(r);
+  });
+}
+
+// In body axes [rad/s], from attitudes on both sides of a time as far as there are any.
+Eigen::Vector3d DeadReckoning::rateOfTurn(std::int64_t utc_ns) const noexcept {
+  const std::int64_t begin = std::max(utc_ns - kRateHalfWindowNs, attitudes_.front().utc_ns);
+  const std::int64_t end = std::min(utc_ns + kRateHalfWindowNs, attitudes_.back().utc_ns);
+  if (end <= begin) return Eigen::Vector3d::Zero();
+  const Eigen::AngleAxisd turn(rotationAt(attitudes_, begin).conjugate() * rotationAt(attitudes_, end));
+  return turn.axis() * (turn.angle() / seconds(end - begin));
+}
+
+// Appends nodes up to `utc_ns`: at each attitude and depth sample on the way, where they are not too close,
+// and there.
+template <typename VelocityAt>
+void DeadReckoning::trackTo(std::int64_t utc_ns, const VelocityAt& velocity_at) noexcept {
+  for (;;) {
+    const std::int64_t earliest = nodes_.back().utc_ns + kMinNodeSpacingNs - 1;
+    std::int64_t next = utc_ns;
+    if (const std::size_t i = firstAfter(attitudes_, earliest); i < attitudes_.size())
+      next = std::min(next, attitudes_[i].utc_ns);
+    if (const std::size_t i = firstAfter(depths_, earliest); i < depths_.size())
+      next = std::min(next, depths_[i].utc_ns);
+    appendNode(next, velocity_at(next));
+    if (next == utc_ns) return;
+  }
+}
+
+void DeadReckoning::appendNode(std::int64_t utc_ns, const Eigen::Vector3d& velocity_body) noexcept {
+  Node node;
+  node.utc_ns = utc_ns;
+  node.R_odom_body = rotationAt(attitudes_, utc_ns);
+  node.v_dvl = node.R_odom_body * velocity_body;
+  if (nodes_.empty()) {
+    node.p_dvl = node.R_odom_body * config_.T_body_dvl.translation();
+    node.depth = depthOfBody(node, nullptr);
+  } else {
+    const Node& before = nodes_.back();
+    node.p_dvl = before.p_dvl + 0.5 * (before.v_dvl + node.v_dvl) * seconds(utc_ns - before.utc_ns);
+    node.depth = depthOfBody(node, &before);
+  }
+  nodes_.pushDroppingOldest(node);
+}
+
+double DeadReckoning::depthOfBody(const Node& node, const Node* before) noexcept {
+  const double lever = (node.R_odom_body * config_.T_body_depth.translation()).z();
+  const double measured = numberAt(depths_, node.utc_ns) - lever;
+  if (before == nullptr) return measured;
+
+  const Eigen::Vector3d& r = config_.T_body_dvl.translation();
+  const double predicted =
+      before->depth + (node.p_dvl - node.R_odom_body * r).z() - (before->p_dvl - before->R_odom_body * r).z();
+  if (depth_times_.newestUtcNs() < node.utc_ns) {  // the sensor is silent: reached() would have waited
+    depth_bridged_ = true;
+    return predicted;
+  }
+  if (depth_bridged_) {
+    depth_bridged_ = false;
+    depth_offset_ = predicted - measured;
+    depth_offset_utc_ns_ = node.utc_ns;
+  }
+  const double age = seconds(node.utc_ns - depth_offset_utc_ns_);
+  return measured + (depth_offset_ == 0 ? 0.0 : depth_offset_ * std::exp(-age / kDepthCatchUp));
+}
+
+std::optional<SE3> DeadReckoning::poseAt(std::int64_t utc_ns) const noexcept {
+  if (nodes_.empty() || utc_ns < nodes_.front().utc_ns) return std::nullopt;
+  const Eigen::Vector3d& r = config_.T_body_dvl.translation();
+  const std::size_t after = firstAfter(nodes_, utc_ns);
+  const Node& a = nodes_[after - 1];
+  const double s = seconds(utc_ns - a.utc_ns);
+  if (after == nodes_.size()) {
+    if (utc_ns - a.utc_ns > kMaxExtrapolationNs) return std::nullopt;
+    const Eigen::Quaterniond R = s == 0 ? a.R_odom_body : rotationAt(attitudes_, utc_ns);
+    Eigen::Vector3d p = a.p_dvl + a.v_dvl * s - R * r;
+    p.z() = a.depth + a.v_dvl.z() * s;
+    return SE3(R, p);
+  }
+  // Velocity is linear between nodes, as in the trapezoids: the track has no corner.
+  const Node& b = nodes_[after];
+  const double span = seconds(b.utc_ns - a.utc_ns);
+  const Eigen::Quaterniond R = a.R_odom_body.slerp(s / span, b.R_odom_body);
+  Eigen::Vector3d p = a.p_dvl + a.v_dvl * s + (b.v_dvl - a.v_dvl) * (0.5 * s * s / span) - R * r;
+  p.z() = a.depth + (b.depth - a.depth) * (s / span);
+  return SE3(R, p);
+}
+
+std::optional<double> DeadReckoning::altitude() const noexcept {
+  if (!altitude_ || seconds(now_ - altitude_->utc_ns) > config_.max_dvl_gap) return std::nullopt;
+  return altitude_->value;
+}
+
+Eigen::Vector3d DeadReckoning::velocityBody() const noexcept {
+  if (nodes_.empty()) return Eigen::Vector3d::Zero();
+  const Node& newest = nodes_.back();
+  const Eigen::Vector3d v_dvl = newest.R_odom_body.conjugate() * newest.v_dvl;
+  return v_dvl - rateOfTurn(newest.utc_ns).cross(config_.T_body_dvl.translation());
+}
+
+}  // namespace fathom::nav

@@ -1,0 +1,56 @@
+#include "recon/nav/sensor_history.hpp"
+
+#include <cstdlib>
+
+namespace fathom::nav {
+namespace {
+
+// Longest silence after which the next stamp is taken at once. Every sensor here speaks at 1 Hz or faster.
+constexpr std::int64_t kMaxLeapNs = 5'000'000'000;
+
+// How far `utc_ns` lies from a's time to b's, 0 to 1.
+template <typename Timed>
+double fraction(const Timed& a, const Timed& b, std::int64_t utc_ns) noexcept {
+  return static_cast<double>(utc_ns - a.utc_ns) / static_cast<double>(b.utc_ns - a.utc_ns);
+}
+
+// Far-apart stamps (one of them damaged) must not overflow.
+bool leaps(std::int64_t from, std::int64_t to) noexcept {
+  std::int64_t difference = 0;
+  return __builtin_sub_overflow(to, from, &difference) || difference > kMaxLeapNs;
+}
+
+}  // namespace
+
+TimeCheck TimeGate::check(std::int64_t utc_ns) noexcept {
+  if (any_ && utc_ns <= newest_) return TimeCheck::kOutOfOrder;
+  if (any_ && leaps(newest_, utc_ns)) {
+    const bool confirmed = leap_ && utc_ns > *leap_ && !leaps(*leap_, utc_ns);
+    leap_ = utc_ns;
+    if (!confirmed) return TimeCheck::kLeap;
+  }
+  leap_.reset();
+  newest_ = utc_ns;
+  any_ = true;
+  return TimeCheck::kGood;
+}
+
+Eigen::Quaterniond rotationAt(const RotationHistory& history, std::int64_t utc_ns) noexcept {
+  const std::size_t after = firstAfter(history, utc_ns);
+  if (after == 0) return history.front().value;
+  if (after == history.size()) return history.back().value;
+  const TimedRotation& a = history[after - 1];
+  const TimedRotation& b = history[after];
+  return a.value.slerp(fraction(a, b, utc_ns), b.value);
+}
+
+double numberAt(const NumberHistory& history, std::int64_t utc_ns) noexcept {
+  const std::size_t after = firstAfter(history, utc_ns);
+  if (after == 0) return history.front().value;
+  if (after == history.size()) return history.back().value;
+  const TimedNumber& a = history[after - 1];
+  const TimedNumber& b = history[after];
+  return a.value + (b.value - a.value) * fraction(a, b, utc_ns);
+}
+
+}  // namespace fathom::nav

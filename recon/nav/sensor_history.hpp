@@ -1,0 +1,60 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+
+#include "realtime/kernel/fixed_queue.hpp"
+
+namespace fathom::nav {
+
+enum class TimeCheck : std::uint8_t { kGood, kOutOfOrder, kLeap };
+
+// Watches the time stamps of one sensor. Times must grow. A leap ahead is believed only when the next stamp
+// agrees with it: one damaged stamp is dropped, a real gap costs one sample.
+class TimeGate {
+ public:
+  [[nodiscard]] TimeCheck check(std::int64_t utc_ns) noexcept;
+  [[nodiscard]] bool any() const noexcept { return any_; }
+  [[nodiscard]] std::int64_t newestUtcNs() const noexcept { return newest_; }
+
+ private:
+  std::int64_t newest_ = 0;
+  std::optional<std::int64_t> leap_;  // a stamp far ahead that waits for its successor
+  bool any_ = false;
+};
+
+struct TimedRotation {
+  std::int64_t utc_ns = 0;
+  Eigen::Quaterniond value = Eigen::Quaterniond::Identity();
+};
+struct TimedNumber {
+  std::int64_t utc_ns = 0;
+  double value = 0;
+};
+
+inline constexpr std::size_t kSensorHistory = 1024;  // samples: 20 s at 50 Hz
+using RotationHistory = rt::FixedQueue<TimedRotation, kSensorHistory>;
+using NumberHistory = rt::FixedQueue<TimedNumber, kSensorHistory>;
+
+// Value at a time: slerp or linear between the neighbours; before the oldest and after the newest, that one.
+// The history must not be empty.
+[[nodiscard]] Eigen::Quaterniond rotationAt(const RotationHistory& history, std::int64_t utc_ns) noexcept;
+[[nodiscard]] double numberAt(const NumberHistory& history, std::int64_t utc_ns) noexcept;
+
+// Position of the first element later than `utc_ns` in a queue ordered by time; its size when there is none.
+template <typename Queue>
+[[nodiscard]] std::size_t firstAfter(const Queue& queue, std::int64_t utc_ns) noexcept {
+  std::size_t low = 0, high = queue.size();
+  while (low < high) {
+    const std::size_t middle = (low + high) / 2;
+    if (queue[middle].utc_ns > utc_ns)
+      high = middle;
+    else
+      low = middle + 1;
+  }
+  return low;
+}
+
+}  // namespace fathom::nav

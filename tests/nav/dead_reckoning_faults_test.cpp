@@ -1,0 +1,200 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <limits>
+
+#include "recon/nav/dead_reckoning.hpp"
+#include "tests/nav/analytic_dive.hpp"
+
+namespace fathom::nav {
+namespace {
+
+using namespace fathom::nav::test;
+
+// Longest move between poses 10 ms apart over the kept history [m].
+double longestStep(const DeadReckoning& nav) {
+  double longest = 0;
+  std::optional<SE3> before;
+  for (std::int64_t t = nav.oldestUtcNs(); t <= nav.newestUtcNs(); t += 10'000'000) {
+    const auto pose = nav.poseAt(t);
+    if (before && pose) longest = std::max(longest, (pose->translation() - before->translation()).norm());
+    before = pose;
+  }
+  return longest;
+}
+
+template <typename Kind>
+std::vector<Sample> without(const std::vector<Sample>& samples, double begin, double end) {
+  std::vector<Sample> left;
+  for (const Sample& sample : samples)
+    if (!std::holds_alternative<Kind>(sample) || timeOf(sample) < at(begin) || timeOf(sample) >= at(end))
+      left.push_back(sample);
+  return left;
+}
+
+TEST(DeadReckoningFaults, GarbageBetweenGoodSamplesIsCountedAndChangesNothing) {
+  const DeadReckoningConfig config = mountedConfig();
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  DeadReckoning clean(config), dirty(config);
+  int rounds = 0;
+  for (const Sample& sample : samplesOf(circle, config, 20)) {
+    feed(clean, sample);
+    feed(dirty, sample);
+    feed(dirty, sample);  // repeated
+    const std::int64_t t = timeOf(sample);
+    if (t < at(1)) continue;
+    ++rounds;
+    DvlSample late = dvlAt(circle, config, 0.5);
+    dirty.add(late);  // out of order
+    AttitudeSample attitude{t + 1, nan, 0, 0, true};
+    dirty.add(attitude);
+    dirty.add(AttitudeSample{t + 1, 0, 2.0, 0, true});    // pitched beyond the vertical
+    dirty.add(AttitudeSample{t + 1, 0, 0, 1e300, true});  // no heading
+    dirty.add(DepthSample{t + 1, nan});
+    dirty.add(DepthSample{t + 1, 1e6});
+    dirty.add(DepthSample{t + 3'600'000'000'000LL * rounds, 20});  // an hour ahead, alone
+    dirty.add(DepthSample{std::numeric_limits<std::int64_t>::max() - rounds % 2, 20});  // and the end of time
+    WaterSample water;
+    water.utc_ns = t;
+    water.sound_speed = nan;
+    dirty.add(water);
+    water.sound_speed = 300;
+    dirty.add(water);
+  }
+  const std::int64_t newest = clean.newestUtcNs();
+  ASSERT_EQ(dirty.newestUtcNs(), newest);
+  EXPECT_EQ(dirty.poseAt(newest)->translation(), clean.poseAt(newest)->translation());
+  EXPECT_EQ(dirty.poseAt(newest)->rotation().coeffs(), clean.poseAt(newest)->rotation().coeffs());
+  const auto n = static_cast<std::uint64_t>(rounds);
+  EXPECT_EQ(dirty.counters().attitude_rejected, 3 * n);
+  EXPECT_EQ(dirty.counters().depth_rejected, 2 * n);
+  EXPECT_EQ(dirty.counters().water_rejected, 2 * n);
+  EXPECT_EQ(dirty.counters().time_leaps, 2 * n);
+  EXPECT_GE(dirty.counters().out_of_order, 2 * n);
+  EXPECT_EQ(clean.counters().out_of_order, 0u);
+}
+
+TEST(DeadReckoningFaults, VelocitiesThatCannotBeAreRejected) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  std::uint64_t absurd = 0;
+  auto samples = samplesOf(circle, config, 20, {7, 10, 5});
+  for (Sample& sample : samples) {
+    auto* ensemble = std::get_if<DvlSample>(&sample);
+    if (ensemble != nullptr && timeOf(sample) > at(1) && ++absurd % 3 == 0)
+      ensemble->velocity = absurd % 2 == 0 ? Eigen::Vector3d(0, 30, 0) : Eigen::Vector3d(NAN, 0, 0);
+    feed(nav, sample);
+  }
+  EXPECT_EQ(nav.counters().dvl_rejected, absurd / 3);
+  EXPECT_LT(positionError(*nav.poseAt(at(19)), circle, 19), 0.02);
+}
+
+TEST(DeadReckoningFaults, AShortLossOfBottomTrackIsBridgedAlongTheTurn) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  auto samples = samplesOf(circle, config, 20);
+  for (Sample& sample : samples) {
+    auto* ensemble = std::get_if<DvlSample>(&sample);
+    if (ensemble != nullptr && timeOf(sample) > at(10) && timeOf(sample) < at(11.5))
+      ensemble->velocity.reset();
+    feed(nav, sample);
+  }
+  EXPECT_EQ(nav.counters().dvl_without_bottom, 8u);
+  EXPECT_EQ(nav.counters().coasted, 0u);
+  EXPECT_LT(positionError(*nav.poseAt(at(19)), circle, 19), 0.1);
+  EXPECT_LT(longestStep(nav), 0.012);
+}
+
+TEST(DeadReckoningFaults, ALongLossOfBottomTrackStopsSmoothlyAndGoesOn) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  const auto samples = samplesOf(circle, config, 45);
+  const double begin = 5, end = 35;
+  bool checked = false;
+  for (const Sample& sample : without<DvlSample>(samples, begin, end)) {
+    feed(nav, sample);
+    if (!checked && timeOf(sample) > at(30)) {
+      checked = true;
+      EXPECT_GT(nav.newestUtcNs(), at(29));  // the track goes on without the DVL
+      EXPECT_LT(nav.velocityBody().norm(), 0.01);
+      EXPECT_FALSE(nav.altitude());
+      const double moved =
+          (nav.poseAt(at(28))->translation() - nav.poseAt(at(begin))->translation()).head<2>().norm();
+      // Held for 2 s, then decaying with 2 s: about 4 m at 1 m/s, a little less in the turn.
+      EXPECT_GT(moved, 3.0);
+      EXPECT_LT(moved, 4.3);
+    }
+  }
+  EXPECT_TRUE(checked);
+  EXPECT_EQ(nav.counters().coasted, 1u);
+  EXPECT_LT(longestStep(nav), 0.012);
+  EXPECT_NEAR(nav.velocityBody().x(), 1.0, 0.1);
+}
+
+TEST(DeadReckoningFaults, WithoutDepthTheDvlCarriesItAndItsReturnIsNoJump) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  feed(nav, without<DepthSample>(samplesOf(circle, config, 20), 5, 15));
+  EXPECT_GT(nav.counters().depth_held, 0u);
+  EXPECT_GT(nav.newestUtcNs(), at(19));
+  EXPECT_LT(positionError(*nav.poseAt(at(14)), circle, 14), 0.02);
+  EXPECT_LT(positionError(*nav.poseAt(at(19)), circle, 19), 0.02);
+  EXPECT_LT(longestStep(nav), 0.012);
+}
+
+TEST(DeadReckoningFaults, ADepthSensorThatReturnsWithAnotherValueClosesTheDifferenceSlowly) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  auto samples = without<DepthSample>(samplesOf(circle, config, 60), 5, 15);
+  for (Sample& sample : samples) {
+    auto* depth = std::get_if<DepthSample>(&sample);
+    if (depth != nullptr && timeOf(sample) >= at(15)) depth->depth += 1.0;
+    feed(nav, sample);
+  }
+  EXPECT_LT(longestStep(nav), 0.013);
+  EXPECT_NEAR(nav.poseAt(at(58))->translation().z(), circle(58).translation().z() + 1.0, 0.01);
+}
+
+TEST(DeadReckoningFaults, ASilentCompassIsNotWaitedForForEver) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  feed(nav, without<AttitudeSample>(samplesOf(circle, config, 20), 10, 100));
+  EXPECT_GT(nav.newestUtcNs(), at(18));
+  EXPECT_GT(nav.counters().attitude_held, 0u);
+  EXPECT_LT(longestStep(nav), 0.02);
+}
+
+TEST(DeadReckoningFaults, VelocitiesWaitForALateAttitudeAndLoseNothing) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning prompt(config), delayed(config);
+  auto samples = samplesOf(circle, config, 20);
+  feed(prompt, samples);
+  // The compass arrives 0.3 s after its time of validity.
+  std::stable_sort(samples.begin(), samples.end(), [](const Sample& a, const Sample& b) {
+    const auto arrival = [](const Sample& s) {
+      return timeOf(s) + (std::holds_alternative<AttitudeSample>(s) ? 300'000'000 : 0);
+    };
+    return arrival(a) < arrival(b);
+  });
+  feed(delayed, samples);
+  EXPECT_EQ(delayed.counters().dvl_used, prompt.counters().dvl_used);
+  EXPECT_EQ(delayed.poseAt(at(19))->translation(), prompt.poseAt(at(19))->translation());
+}
+
+TEST(DeadReckoningFaults, AnEnsembleWithoutASoundSpeedCountsAsCorrected) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  auto samples = samplesOf(circle, config, 10);
+  for (Sample& sample : samples) {
+    if (auto* ensemble = std::get_if<DvlSample>(&sample)) {
+      ensemble->velocity = *ensemble->velocity * (config.sound_speed / ensemble->sound_speed);
+      ensemble->sound_speed = 0;
+    }
+    feed(nav, sample);
+  }
+  EXPECT_GT(nav.counters().sound_speed_absent, 40u);
+  EXPECT_LT(positionError(*nav.poseAt(at(9)), circle, 9), 0.005);
+}
+
+}  // namespace
+}  // namespace fathom::nav

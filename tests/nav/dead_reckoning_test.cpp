@@ -1,0 +1,192 @@
+#include "recon/nav/dead_reckoning.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "tests/nav/analytic_dive.hpp"
+#include "tests/support/heap_counter.hpp"
+
+namespace fathom::nav {
+namespace {
+
+using namespace fathom::nav::test;
+
+double worstErrorOver(const DeadReckoning& nav, const Path& path, double begin, double end) {
+  double worst = 0;
+  for (double t = begin; t < end; t += 0.05) {
+    const auto pose = nav.poseAt(at(t));
+    if (!pose) return INFINITY;
+    worst = std::max(worst, positionError(*pose, path, t));
+  }
+  return worst;
+}
+
+TEST(DeadReckoning, FollowsACircleDespiteLeverArmsMountingDeclinationAndSoundSpeed) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  double worst = 0, checked = 0.1;
+  for (const Sample& sample : samplesOf(circle, config, 180)) {
+    feed(nav, sample);
+    for (; nav.initialised() && at(checked) <= nav.newestUtcNs(); checked += 0.11) {
+      const auto pose = nav.poseAt(at(checked));
+      ASSERT_TRUE(pose);
+      worst = std::max(worst, positionError(*pose, circle, checked));
+      const double angle = pose->rotation().angularDistance(circle(checked).rotation());
+      EXPECT_LT(angle, 0.02 * kDegree);
+    }
+  }
+  EXPECT_GT(checked, 179);
+  EXPECT_LT(worst, 0.005);  // over 180 m travelled
+}
+
+TEST(DeadReckoning, StaysWithinCentimetresWhenEnsemblesComeOnlyTwiceASecond) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  feed(nav, samplesOf(circle, config, 100, {2, 10, 5}));
+  EXPECT_LT(worstErrorOver(nav, circle, 85, 99), 0.02);
+}
+
+TEST(DeadReckoning, TurningOnTheSpotDoesNotMoveTheBodyWhateverTheLeverArm) {
+  const Path turn = [](double t) { return SE3::fromEuler(0, 0, 0.3 * std::sin(0.8 * t), {0, 0, 15}); };
+  DeadReckoningConfig config = mountedConfig();
+  config.T_body_dvl = SE3::fromEuler(0, 0, 0, {-2, 0, 0});
+  DeadReckoning nav(config);
+  feed(nav, samplesOf(turn, config, 60));
+  EXPECT_LT(worstErrorOver(nav, turn, 45, 59), 0.005);
+  EXPECT_LT(nav.velocityBody().norm(), 0.03);
+}
+
+TEST(DeadReckoning, AWaterSampleCorrectsTheScaleOfTheTrack) {
+  const Path straight = [](double t) {
+    return SE3::fromEuler(0, 0, 0.3, {std::cos(0.3) * t, std::sin(0.3) * t, 5});
+  };
+  const DeadReckoningConfig truth = mountedConfig();  // 1530 m/s
+  DeadReckoningConfig wrong = truth;
+  wrong.sound_speed = 1500;
+  DeadReckoning without(wrong), with(wrong);
+  WaterSample water;
+  water.utc_ns = kStart - 1;
+  water.sound_speed = 1530;
+  with.add(water);
+  const auto samples = samplesOf(straight, truth, 15);
+  feed(without, samples);
+  feed(with, samples);
+  EXPECT_NEAR(positionError(*without.poseAt(at(14)), straight, 14), 14.0 * 30 / 1530, 0.01);
+  EXPECT_LT(positionError(*with.poseAt(at(14)), straight, 14), 0.001);
+  EXPECT_NEAR(*with.altitude(), 2.0 * 1530 / 1500, 1e-12);  // ranges scale as velocities do
+}
+
+TEST(DeadReckoning, TrueHeadingsTakeNoDeclination) {
+  DeadReckoningConfig config;
+  config.magnetic_declination = 0.2;
+  DeadReckoning nav(config);
+  const Path still = [](double) { return SE3::fromEuler(0, 0, 0.5, {0, 0, 3}); };
+  auto samples = samplesOf(still, DeadReckoningConfig{}, 2);
+  for (Sample& sample : samples) {
+    if (auto* attitude = std::get_if<AttitudeSample>(&sample)) attitude->magnetic = false;
+    feed(nav, sample);
+  }
+  EXPECT_NEAR(nav.poseAt(at(1))->euler().z(), 0.5, 1e-9);
+}
+
+TEST(DeadReckoning, VelocityOfTheBodyIsThatOfItsOriginNotOfTheDvl) {
+  const DeadReckoningConfig config = mountedConfig();
+  const Path flat = [](double t) {
+    return SE3::fromEuler(0, 0, 0.1 * t + std::numbers::pi / 2,
+                          {10 * std::cos(0.1 * t), 10 * std::sin(0.1 * t), 20});
+  };
+  DeadReckoning nav(config);
+  feed(nav, samplesOf(flat, config, 20));
+  EXPECT_LT((nav.velocityBody() - Eigen::Vector3d(1, 0, 0)).norm(), 1e-3);
+}
+
+TEST(DeadReckoning, BeginsAboveItsFirstPoseAndNeedsAllThreeSensors) {
+  const DeadReckoningConfig config = mountedConfig();
+  const auto samples = samplesOf(circle, config, 3);
+  DeadReckoning no_dvl(config), no_depth(config), no_attitude(config), all(config);
+  for (const Sample& sample : samples) {
+    if (!std::holds_alternative<DvlSample>(sample)) feed(no_dvl, sample);
+    if (!std::holds_alternative<DepthSample>(sample)) feed(no_depth, sample);
+    if (!std::holds_alternative<AttitudeSample>(sample)) feed(no_attitude, sample);
+    feed(all, sample);
+  }
+  EXPECT_FALSE(no_dvl.initialised());
+  EXPECT_FALSE(no_depth.initialised());
+  EXPECT_FALSE(no_attitude.initialised());
+  EXPECT_FALSE(no_dvl.poseAt(at(1)));
+  EXPECT_EQ(no_dvl.newestUtcNs(), 0);
+  EXPECT_EQ(no_dvl.velocityBody(), Eigen::Vector3d::Zero());
+  ASSERT_TRUE(all.initialised());
+  const Eigen::Vector3d first = all.poseAt(all.oldestUtcNs())->translation();
+  EXPECT_NEAR(first.head<2>().norm(), 0, 1e-12);
+  EXPECT_NEAR(first.z(), circle(0.037).translation().z(), 0.01);
+}
+
+TEST(DeadReckoning, PosesThatWereFinalNeverChangeAfterwards) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  std::int64_t asked = 0;
+  SE3 then;
+  for (const Sample& sample : samplesOf(circle, config, 10)) {
+    feed(nav, sample);
+    if (asked != 0) {
+      const SE3 now = *nav.poseAt(asked);
+      ASSERT_EQ(now.translation(), then.translation());
+      ASSERT_EQ(now.rotation().coeffs(), then.rotation().coeffs());
+    }
+    if (nav.initialised()) {
+      asked = nav.newestUtcNs() - 1'000'000;
+      if (asked < nav.oldestUtcNs()) asked = nav.oldestUtcNs();
+      then = *nav.poseAt(asked);
+    }
+  }
+  EXPECT_NE(asked, 0);
+}
+
+TEST(DeadReckoning, KeepsTwentySecondsAndExtrapolatesOne) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  feed(nav, samplesOf(circle, config, 120, {7, 50, 10}));
+  const std::int64_t newest = nav.newestUtcNs();
+  EXPECT_TRUE(nav.poseAt(newest - 15'000'000'000));
+  EXPECT_FALSE(nav.poseAt(newest - 110'000'000'000));
+  EXPECT_FALSE(nav.poseAt(newest + 1'000'000'001));
+  const auto beyond = nav.poseAt(newest + 200'000'000);
+  ASSERT_TRUE(beyond);
+  EXPECT_LT(positionError(*beyond, circle, static_cast<double>(newest + 200'000'000 - kStart) * 1e-9), 0.05);
+}
+
+TEST(DeadReckoning, AltitudeIsGivenOnlyWhileItIsFresh) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  EXPECT_FALSE(nav.altitude());
+  DvlSample ensemble;
+  ensemble.utc_ns = at(0);
+  ensemble.sound_speed = 1530;
+  ensemble.range = {2.0, 2.2, 1.9, 2.1};
+  nav.add(ensemble);
+  EXPECT_NEAR(*nav.altitude(), 2.05, 1e-12);
+  nav.add(depthAt(circle, config, 1.9));
+  EXPECT_TRUE(nav.altitude());
+  nav.add(depthAt(circle, config, 2.1));
+  EXPECT_FALSE(nav.altitude());
+}
+
+TEST(DeadReckoning, AllocatesNothingAfterConstruction) {
+  const DeadReckoningConfig config = mountedConfig();
+  const auto samples = samplesOf(circle, config, 60);
+  DeadReckoning nav(config);
+  const fathom::test::ThreadCost before = fathom::test::threadCost();
+  for (const Sample& sample : samples) {
+    feed(nav, sample);
+    static_cast<void>(nav.poseAt(nav.newestUtcNs()));
+    static_cast<void>(nav.velocityBody());
+  }
+  const fathom::test::ThreadCost cost = fathom::test::threadCost() - before;
+  EXPECT_TRUE(nav.initialised());
+  EXPECT_EQ(cost.heap_calls, 0u);
+}
+
+}  // namespace
+}  // namespace fathom::nav

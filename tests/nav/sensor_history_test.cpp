@@ -1,0 +1,76 @@
+#include "recon/nav/sensor_history.hpp"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+namespace fathom::nav {
+namespace {
+
+constexpr std::int64_t kSecond = 1'000'000'000;
+
+TEST(TimeGate, TakesGrowingTimesOnly) {
+  TimeGate gate;
+  EXPECT_EQ(gate.check(10 * kSecond), TimeCheck::kGood);
+  EXPECT_EQ(gate.check(10 * kSecond), TimeCheck::kOutOfOrder);
+  EXPECT_EQ(gate.check(9 * kSecond), TimeCheck::kOutOfOrder);
+  EXPECT_EQ(gate.check(11 * kSecond), TimeCheck::kGood);
+  EXPECT_EQ(gate.newestUtcNs(), 11 * kSecond);
+}
+
+TEST(TimeGate, DropsALoneStampFarAheadAndGoesOn) {
+  TimeGate gate;
+  EXPECT_EQ(gate.check(10 * kSecond), TimeCheck::kGood);
+  EXPECT_EQ(gate.check(1000 * kSecond), TimeCheck::kLeap);
+  EXPECT_EQ(gate.check(11 * kSecond), TimeCheck::kGood);
+  EXPECT_EQ(gate.check(1001 * kSecond), TimeCheck::kLeap);
+}
+
+TEST(TimeGate, BelievesARealGapFromItsSecondSample) {
+  TimeGate gate;
+  EXPECT_EQ(gate.check(10 * kSecond), TimeCheck::kGood);
+  EXPECT_EQ(gate.check(1000 * kSecond), TimeCheck::kLeap);
+  EXPECT_EQ(gate.check(1001 * kSecond), TimeCheck::kGood);
+  EXPECT_EQ(gate.check(1002 * kSecond), TimeCheck::kGood);
+}
+
+TEST(TimeGate, SurvivesTheEndsOfTime) {
+  TimeGate gate;
+  EXPECT_EQ(gate.check(std::numeric_limits<std::int64_t>::min()), TimeCheck::kGood);
+  EXPECT_EQ(gate.check(std::numeric_limits<std::int64_t>::max()), TimeCheck::kLeap);
+}
+
+TEST(SensorHistory, InterpolatesBetweenAndHoldsBeyondItsEnds) {
+  NumberHistory history;
+  history.pushDroppingOldest({10, 1.0});
+  EXPECT_EQ(numberAt(history, 5), 1.0);
+  EXPECT_EQ(numberAt(history, 15), 1.0);
+  history.pushDroppingOldest({20, 3.0});
+  EXPECT_DOUBLE_EQ(numberAt(history, 15), 2.0);
+  EXPECT_EQ(numberAt(history, 10), 1.0);
+  EXPECT_EQ(numberAt(history, 25), 3.0);
+}
+
+TEST(SensorHistory, RotationsTakeTheShortWay) {
+  RotationHistory history;
+  const Eigen::Quaterniond a(Eigen::AngleAxisd(3.0, Eigen::Vector3d::UnitZ()));
+  Eigen::Quaterniond b(Eigen::AngleAxisd(3.4, Eigen::Vector3d::UnitZ()));
+  b.coeffs() = -b.coeffs();  // the same rotation
+  history.pushDroppingOldest({0, a});
+  history.pushDroppingOldest({10, b});
+  const Eigen::Quaterniond middle(Eigen::AngleAxisd(3.2, Eigen::Vector3d::UnitZ()));
+  EXPECT_LT(rotationAt(history, 5).angularDistance(middle), 1e-9);
+}
+
+TEST(SensorHistory, FindsTheFirstElementAfterATime) {
+  NumberHistory history;
+  EXPECT_EQ(firstAfter(history, 0), 0u);
+  for (int i = 1; i <= 5; ++i) history.pushDroppingOldest({10 * i, 0.0});
+  EXPECT_EQ(firstAfter(history, 0), 0u);
+  EXPECT_EQ(firstAfter(history, 10), 1u);
+  EXPECT_EQ(firstAfter(history, 34), 3u);
+  EXPECT_EQ(firstAfter(history, 50), 5u);
+}
+
+}  // namespace
+}  // namespace fathom::nav
