@@ -1,0 +1,29 @@
+#pragma once
+
+#include <optional>
+
+#include "firmware_if/dvl/pd0_ensemble.hpp"
+#include "recon/geometry/sensor_samples.hpp"
+
+namespace fathom::io {
+
+// The ensemble as navigation wants it: the instrument's own velocity over the ground (PD0 sends the bottom's)
+// in the DVL frame, forward (beam 3), starboard (beam 2), down. std::nullopt without a valid time or
+// bottom-track block, or for an instrument that looks up. Velocity and ranges inside may be absent one by
+// one.
+//
+// Frames, from "ADCP Coordinate Transformation" (TRDI P/N 951-6079-00):
+//   beam        X = (b1 - b2) / (2 sin a), Y = (b4 - b3) / (2 sin a), Z = (b1 + b2 + b3 + b4) / (4 cos a);
+//   all four
+//               beams must be there;
+//   instrument  X starboard, Y forward, Z up, without the heading alignment EA (T_body_dvl holds it);
+//   ship        starboard, forward, mast: fixed to the vehicle. Tilts do not level them: on a real AUV dive
+//   with the
+//               tilt bit set, only the mast-frame reading agrees with the rate of change of altitude;
+//   earth       east, north, up, turned back by the ensemble's heading, pitch and roll.
+// Altitude: over a flat bottom the reciprocals of opposite beams' ranges add up to 2 cos(tilt) / altitude, so
+// it is their harmonic mean times the cosine of the tilt, averaged over the pairs (1, 2) and (3, 4) that are
+// whole.
+[[nodiscard]] std::optional<DvlSample> toDvlSample(const Pd0Ensemble& ensemble);
+
+}  // namespace fathom::io

@@ -1,0 +1,38 @@
+#include <benchmark/benchmark.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <vector>
+
+#include "firmware_if/dvl/pd0_decoder.hpp"
+
+namespace {
+
+// A real capture, or an empty vector where it is absent.
+std::vector<std::uint8_t> capture(const char* relative) {
+  std::ifstream in(std::filesystem::path(FATHOM_DATA_DIR) / relative, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+// PD0 of a real AUV dive, fed in pieces of the given size [bytes]: 16 is a serial line, 65536 a file.
+void pd0Decode(benchmark::State& state) {
+  const std::vector<std::uint8_t> bytes = capture("dvl/adcp.adc");
+  if (bytes.empty()) return state.SkipWithError("no real captures in FATHOM_DATA_DIR");
+  const auto piece = static_cast<std::size_t>(state.range(0));
+  std::uint64_t ensembles = 0;
+  for (auto _ : state) {
+    fathom::io::Pd0Decoder decoder;
+    for (std::size_t at = 0; at < bytes.size(); at += piece) {
+      decoder.feed(std::span(bytes).subspan(at, std::min(piece, bytes.size() - at)),
+                   [&](const fathom::io::Pd0Ensemble& ensemble) { benchmark::DoNotOptimize(&ensemble); });
+    }
+    ensembles += decoder.counts().good;
+  }
+  state.SetBytesProcessed(static_cast<std::int64_t>(state.iterations()) * static_cast<std::int64_t>(bytes.size()));
+  state.counters["ensembles/s"] =
+      benchmark::Counter(static_cast<double>(ensembles), benchmark::Counter::kIsRate);
+}
+BENCHMARK(pd0Decode)->Arg(16)->Arg(65536)->Unit(benchmark::kMillisecond);
+
+}  // namespace
