@@ -56,6 +56,7 @@ class Summary {
     if (ensembles_++ == 0) first_ = ensemble;
     last_ = ensemble;
     if (ensemble.hasBottomTrackVelocity()) ++with_velocity_;
+    if (ensemble.up_looking) ++up_looking_;
     const auto sample = toDvlSample(ensemble);
     if (!sample) return;
     if (sample->altitude) altitude_.add(*sample->altitude);
@@ -73,8 +74,9 @@ class Summary {
     }
     std::fprintf(out, "frame                %s%s\n", frameName(first_.frame),
                  first_.tilts_used ? " (tilts used)" : "");
-    std::fprintf(out, "firmware, beams      %d.%d, %d beams, %s-looking\n", first_.firmware_version,
-                 first_.firmware_revision, first_.beams, first_.up_looking ? "up" : "down");
+    std::fprintf(out, "firmware, beams      %d.%d, %d beams\n", first_.firmware_version,
+                 first_.firmware_revision, first_.beams);
+    std::fprintf(out, "profile looks up     %" PRIu64 "\n", up_looking_);
     altitude_.print(out, "altitude [m]        ");
     speed_.print(out, "speed [m/s]         ");
   }
@@ -93,6 +95,7 @@ class Summary {
   };
   std::uint64_t ensembles_ = 0;
   std::uint64_t with_velocity_ = 0;
+  std::uint64_t up_looking_ = 0;
   Pd0Ensemble first_;
   Pd0Ensemble last_;
   Extent altitude_;

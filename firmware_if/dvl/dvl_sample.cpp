@@ -27,6 +27,8 @@ std::optional<Eigen::Matrix3d> attitude(const Pd0Ensemble& ensemble) {
 std::optional<Eigen::Vector3d> starboardForwardUp(const Pd0Ensemble& ensemble, const Pd0BottomTrack& track) {
   const auto& v = track.velocity;
   if (!v[0] || !v[1] || !v[2]) return std::nullopt;
+  const bool fixed_to_head = ensemble.frame == Pd0Frame::kBeam || ensemble.frame == Pd0Frame::kInstrument;
+  if (fixed_to_head && ensemble.up_looking) return std::nullopt;
   switch (ensemble.frame) {
     case Pd0Frame::kBeam: {
       if (!v[3] || ensemble.beam_angle <= 0) return std::nullopt;
@@ -71,7 +73,7 @@ std::optional<double> altitude(const Pd0Ensemble& ensemble, const Pd0BottomTrack
 }  // namespace
 
 std::optional<DvlSample> toDvlSample(const Pd0Ensemble& ensemble) {
-  if (!ensemble.utc_ns || !ensemble.bottom_track || ensemble.up_looking) return std::nullopt;
+  if (!ensemble.utc_ns || !ensemble.bottom_track) return std::nullopt;
   DvlSample sample;
   sample.utc_ns = *ensemble.utc_ns;
   if (const auto bottom = starboardForwardUp(ensemble, *ensemble.bottom_track)) {

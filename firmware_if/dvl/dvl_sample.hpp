@@ -21,9 +21,11 @@ namespace fathom::io {
 //   with the
 //               tilt bit set, only the mast-frame reading agrees with the rate of change of altitude;
 //   earth       east, north, up, turned back by the ensemble's heading, pitch and roll.
-// Altitude: over a flat bottom the reciprocals of opposite beams' ranges add up to 2 cos(tilt) / altitude, so
-// it is their harmonic mean times the cosine of the tilt, averaged over the pairs (1, 2) and (3, 4) that are
-// whole.
+// The orientation bit is of the water profile: a vehicle with an upper and a lower head alternates it while
+// both kinds of ensemble carry the lower head's bottom track (seen on a REMUS). Where it would change the
+// meaning of the axes, in beam and instrument frame, velocity of an up-looking ensemble is absent. Altitude:
+// over a flat bottom the reciprocals of opposite beams' ranges add up to 2 cos(tilt) / altitude, so it is
+// their harmonic mean times the cosine of the tilt, averaged over the pairs (1, 2) and (3, 4) that are whole.
 [[nodiscard]] std::optional<DvlSample> toDvlSample(const Pd0Ensemble& ensemble);
 
 }  // namespace fathom::io

@@ -36,7 +36,7 @@ struct Pd0Ensemble {
   std::uint8_t firmware_version = 0;
   std::uint8_t firmware_revision = 0;
   std::uint16_t system_configuration = 0;
-  bool up_looking = false;
+  bool up_looking = false;  // of the water profile's head
   bool tilts_used = false;  // bit 2 of the transform byte
   Pd0Frame frame = Pd0Frame::kBeam;
   double beam_angle = 0;         // from the instrument's axis [rad]; 0 when the ensemble does not say

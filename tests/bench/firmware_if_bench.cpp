@@ -29,7 +29,8 @@ void pd0Decode(benchmark::State& state) {
     }
     ensembles += decoder.counts().good;
   }
-  state.SetBytesProcessed(static_cast<std::int64_t>(state.iterations()) * static_cast<std::int64_t>(bytes.size()));
+  state.SetBytesProcessed(static_cast<std::int64_t>(state.iterations()) *
+                          static_cast<std::int64_t>(bytes.size()));
   state.counters["ensembles/s"] =
       benchmark::Counter(static_cast<double>(ensembles), benchmark::Counter::kIsRate);
 }

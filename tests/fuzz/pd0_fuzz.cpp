@@ -23,7 +23,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
 
   const Pd0Decoder::Counts& a = whole.counts();
   const Pd0Decoder::Counts& b = cut.counts();
-  if (a.good != b.good || a.bad_checksum != b.bad_checksum || a.skipped_bytes != b.skipped_bytes) std::abort();
+  if (a.good != b.good || a.bad_checksum != b.bad_checksum || a.skipped_bytes != b.skipped_bytes)
+    std::abort();
   if (a.skipped_bytes > size) std::abort();
   return 0;
 }
