@@ -1,0 +1,313 @@
+#include "recon/lighting/lighting_model.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <random>
+#include <stdexcept>
+#include <vector>
+
+namespace fathom::lighting {
+namespace {
+
+constexpr int kWidth = 160, kHeight = 120;  // [px]
+// A real camera's image is eight times as wide: the lattice is finer by as much as the images are smaller.
+constexpr LightingConfig kConfig{.grid = 2};
+
+// Strobe falling off from the upper left, strongly: 1 there, about 0.15 in the far corner.
+double strobe(int x, int y) {
+  const double dx = (x - 0.3 * kWidth) / kWidth, dy = (y - 0.3 * kHeight) / kHeight;
+  return 1.0 / (1.0 + 6.0 * (dx * dx + dy * dy));
+}
+
+// Light of the three colours that comes back through the water.
+constexpr std::array<double, 3> kWater = {0.12, 0.5, 0.7};
+
+int colourAt(int x, int y) {
+  return y % 2 == 0 ? (x % 2 == 0 ? 0 : 1) : (x % 2 == 0 ? 1 : 2);
+}
+
+struct Picture {
+  PixelFormat format = PixelFormat::kMono;
+  int bits = 12;
+  std::vector<std::uint8_t> bytes;
+  std::vector<std::uint16_t> words;
+  [[nodiscard]] ImageView view() const {
+    const std::size_t samples = kWidth * (format == PixelFormat::kRgb ? 3U : 1U);
+    if (bits == 8) return {bytes.data(), kWidth, kHeight, samples, format, bits};
+    return {words.data(), kWidth, kHeight, samples * 2, format, bits};
+  }
+};
+
+// Pictures of a floor of random patches (sigma 30 % of the mean) moved past the camera.
+class Dive {
+ public:
+  Dive(PixelFormat format, int bits) : format_(format), bits_(bits) {}
+
+  Picture next() {
+    constexpr int kPatch = 5;  // [px]
+    std::normal_distribution<double> reflectance(1.0, 0.3), noise(0.0, 0.003);
+    std::vector<double> floor((kWidth / kPatch + 2) * (kHeight / kPatch + 2));
+    for (double& r : floor) r = std::max(reflectance(random_), 0.0);
+    const int shift = static_cast<int>(random_() % kPatch);
+    Picture picture{format_, bits_, {}, {}};
+    const int channels = format_ == PixelFormat::kRgb ? 3 : 1;
+    const double full = (1 << bits_) - 1;
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x)
+        for (int c = 0; c < channels; ++c) {
+          const double r = floor[static_cast<std::size_t>((y + shift) / kPatch * (kWidth / kPatch + 2) +
+                                                          (x + shift) / kPatch)];
+          const int colour = format_ == PixelFormat::kBayerRggb ? colourAt(x, y) : c;
+          const double water = format_ == PixelFormat::kMono ? 0.5 : kWater[static_cast<std::size_t>(colour)];
+          double value = water * strobe(x, y) * r + noise(random_);
+          if (hot_ && x >= 70 && x < 90 && y >= 50 && y < 70 && random_() % 3 == 0) value = 1.0;
+          const auto sample = std::lround(std::clamp(value, 0.0, 1.0) * full);
+          if (bits_ == 8)
+            picture.bytes.push_back(static_cast<std::uint8_t>(sample));
+          else
+            picture.words.push_back(static_cast<std::uint16_t>(sample));
+        }
+    return picture;
+  }
+  void setHot(bool hot) { hot_ = hot; }
+
+ private:
+  PixelFormat format_;
+  int bits_;
+  bool hot_ = false;  // one third of the samples of a central square are saturated
+  std::mt19937 random_{5};
+};
+
+struct Box {
+  int x0, y0, x1, y1;
+};
+
+// Mean and standard deviation, in parts of full scale, of corrected samples in a box for which `wanted(x,
+// y)`.
+template <typename Wanted>
+std::array<double, 2> statistics(const std::vector<std::vector<std::uint8_t>>& images, const Box& box,
+                                 Wanted wanted, int channels = 1, int channel = 0) {
+  double n = 0, sum = 0, squares = 0;
+  for (const auto& image : images)
+    for (int y = box.y0; y < box.y1; ++y)
+      for (int x = box.x0; x < box.x1; ++x) {
+        if (!wanted(x, y)) continue;
+        const double v = image[static_cast<std::size_t>((y * kWidth + x) * channels + channel)] / 255.0;
+        n += 1, sum += v, squares += v * v;
+      }
+  return {sum / n, std::sqrt(squares / n - sum * sum / n / n)};
+}
+
+constexpr auto kAll = [](int, int) { return true; };
+constexpr std::array<Box, 5> kBoxes = {
+    {{0, 0, 30, 30}, {130, 0, 160, 30}, {0, 90, 30, 120}, {130, 90, 160, 120}, {65, 45, 95, 75}}};
+
+// Learns `learnt` pictures and corrects `corrected` others.
+std::vector<std::vector<std::uint8_t>> correctDive(Dive& dive, PixelFormat format, int bits, int learnt,
+                                                   int corrected) {
+  LightingModel model(kWidth, kHeight, format, bits, kConfig);
+  for (int i = 0; i < learnt; ++i) model.add(dive.next().view());
+  std::vector<std::vector<std::uint8_t>> images;
+  for (int i = 0; i < corrected; ++i) {
+    images.emplace_back(kWidth * kHeight * (format == PixelFormat::kRgb ? 3 : 1));
+    model.correct(dive.next().view(), images.back().data());
+  }
+  return images;
+}
+
+class LightingModelOfBits : public testing::TestWithParam<int> {};
+
+TEST_P(LightingModelOfBits, VignettedImagesBecomeFlatWithTheTargetMeanAndSpread) {
+  Dive dive(PixelFormat::kMono, GetParam());
+  const auto images = correctDive(dive, PixelFormat::kMono, GetParam(), 60, 60);
+  for (const Box& box : kBoxes) {
+    const auto [mean, sigma] = statistics(images, box, kAll);
+    EXPECT_NEAR(mean, 0.42, 0.015) << box.x0 << ' ' << box.y0;
+    EXPECT_NEAR(sigma, 0.13, 0.015) << box.x0 << ' ' << box.y0;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(EightTenTwelveSixteen, LightingModelOfBits, testing::Values(8, 10, 12, 16));
+
+TEST(LightingModel, ColoursOfABayerMosaicAreBalancedEverywhere) {
+  Dive dive(PixelFormat::kBayerRggb, 12);
+  const auto images = correctDive(dive, PixelFormat::kBayerRggb, 12, 60, 60);
+  for (const Box& box : kBoxes)
+    for (int colour = 0; colour < 3; ++colour) {
+      const auto [mean, sigma] =
+          statistics(images, box, [&](int x, int y) { return colourAt(x, y) == colour; });
+      EXPECT_NEAR(mean, 0.42, 0.02) << colour;
+      EXPECT_NEAR(sigma, 0.13, 0.02) << colour;
+    }
+}
+
+TEST(LightingModel, ColoursOfAnRgbImageAreBalanced) {
+  Dive dive(PixelFormat::kRgb, 8);
+  const auto images = correctDive(dive, PixelFormat::kRgb, 8, 60, 60);
+  for (int colour = 0; colour < 3; ++colour) {
+    const auto [mean, sigma] = statistics(images, {100, 80, 160, 120}, kAll, 3, colour);
+    EXPECT_NEAR(mean, 0.42, 0.02) << colour;
+    EXPECT_NEAR(sigma, 0.13, 0.02) << colour;
+  }
+}
+
+TEST(LightingModel, FewImagesAlreadyRemoveTheStrobesPattern) {
+  Dive dive(PixelFormat::kMono, 12);
+  const auto images = correctDive(dive, PixelFormat::kMono, 12, 8, 60);
+  for (const Box& box : kBoxes) EXPECT_NEAR(statistics(images, box, kAll)[0], 0.42, 0.04);
+}
+
+TEST(LightingModel, SaturatedSamplesDoNotEnterTheStatistics) {
+  Dive dive(PixelFormat::kMono, 12);
+  dive.setHot(true);
+  LightingModel model(kWidth, kHeight, PixelFormat::kMono, 12, kConfig);
+  for (int i = 0; i < 60; ++i) model.add(dive.next().view());
+  dive.setHot(false);
+  std::vector<std::vector<std::uint8_t>> images;
+  for (int i = 0; i < 60; ++i) {
+    images.emplace_back(kWidth * kHeight);
+    model.correct(dive.next().view(), images.back().data());
+  }
+  const auto [mean, sigma] = statistics(images, {70, 50, 90, 70}, kAll);
+  EXPECT_NEAR(mean, 0.42, 0.02);
+  EXPECT_NEAR(sigma, 0.13, 0.02);
+}
+
+TEST(LightingModel, BeforeEnoughImagesTheWholeImageSharesOneCorrection) {
+  Dive dive(PixelFormat::kMono, 12);
+  const auto images = correctDive(dive, PixelFormat::kMono, 12, 3, 40);
+  EXPECT_NEAR(statistics(images, {0, 0, kWidth, kHeight}, kAll)[0], 0.42, 0.03);
+  // The strobe's pattern stays, for the pattern is not known yet.
+  EXPECT_GT(statistics(images, {30, 20, 60, 50}, kAll)[0], 0.45);
+  EXPECT_LT(statistics(images, {130, 90, 160, 120}, kAll)[0], 0.38);
+}
+
+TEST(LightingModel, BeforeTheFirstImageFullScaleBecomes255) {
+  const LightingModel model(4, 2, PixelFormat::kMono, 12, {});
+  const std::vector<std::uint16_t> samples = {0, 16, 2048, 4095, 4095, 1024, 8, 0};
+  std::vector<std::uint8_t> out(8);
+  model.correct({samples.data(), 4, 2, 8, PixelFormat::kMono, 12}, out.data());
+  EXPECT_EQ(out, (std::vector<std::uint8_t>{0, 1, 128, 255, 255, 64, 0, 0}));
+}
+
+TEST(LightingModel, WronglyShapedImagesAreIgnoredCountedAndCorrectedToBlack) {
+  LightingModel model(kWidth, kHeight, PixelFormat::kMono, 12, {});
+  const Picture picture = Dive(PixelFormat::kMono, 12).next();
+  ImageView view = picture.view();
+  model.add(view);
+  model.add({});
+  view.bits = 16;
+  model.add(view);
+  view = picture.view();
+  view.format = PixelFormat::kBayerRggb;
+  model.add(view);
+  view = picture.view();
+  view.stride = kWidth;
+  model.add(view);
+  EXPECT_EQ(model.images(), 1);
+  EXPECT_EQ(model.ignoredImages(), 4U);
+  std::vector<std::uint8_t> out(kWidth * kHeight, 7);
+  model.correct({}, out.data());
+  EXPECT_EQ(std::count(out.begin(), out.end(), 0), kWidth * kHeight);
+}
+
+TEST(LightingModel, ImagesOfOneValueOrOddSizeAreCorrectedWithoutHarm) {
+  for (const PixelFormat format : {PixelFormat::kMono, PixelFormat::kBayerRggb}) {
+    LightingModel model(7, 5, format, 8, {});
+    const std::vector<std::uint8_t> black(35, 0), white(35, 255);
+    std::vector<std::uint8_t> out(35);
+    for (int i = 0; i < 20; ++i) model.add({black.data(), 7, 5, 7, format, 8});
+    model.correct({black.data(), 7, 5, 7, format, 8}, out.data());
+    EXPECT_EQ(std::count(out.begin(), out.end(), 107), 35);
+    LightingModel bright(7, 5, format, 8, {});
+    for (int i = 0; i < 20; ++i) bright.add({white.data(), 7, 5, 7, format, 8});
+    bright.correct({white.data(), 7, 5, 7, format, 8}, out.data());
+    EXPECT_EQ(std::count(out.begin(), out.end(), 255), 35);
+  }
+}
+
+TEST(LightingModel, ImpossibleShapesAndConfigurationsAreRefused) {
+  const auto make = [](int width, int height, PixelFormat format, int bits,
+                       const LightingConfig& config = {}) {
+    LightingModel model(width, height, format, bits, config);
+  };
+  EXPECT_THROW(make(0, 5, PixelFormat::kMono, 8), std::invalid_argument);
+  EXPECT_THROW(make(1, 1, PixelFormat::kBayerRggb, 8), std::invalid_argument);
+  EXPECT_THROW(make(5, 5, PixelFormat::kMono, 9), std::invalid_argument);
+  LightingConfig config;
+  config.grid = 0;
+  EXPECT_THROW(make(5, 5, PixelFormat::kMono, 8, config), std::invalid_argument);
+  config = {};
+  config.target_sigma = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW(make(5, 5, PixelFormat::kMono, 8, config), std::invalid_argument);
+}
+
+std::vector<std::uint8_t> mosaicOf(int width, int height, const std::array<std::uint8_t, 3>& rgb) {
+  std::vector<std::uint8_t> mosaic;
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) mosaic.push_back(rgb[static_cast<std::size_t>(colourAt(x, y))]);
+  return mosaic;
+}
+
+TEST(Demosaic, RedStaysRedAndBlueStaysBlueUpToTheEdges) {
+  const auto mosaic = mosaicOf(8, 6, {200, 90, 30});
+  std::vector<std::uint8_t> rgb(8 * 6 * 3), mono(8 * 6);
+  const ImageView view{mosaic.data(), 8, 6, 8, PixelFormat::kBayerRggb, 8};
+  demosaicRgb(view, rgb.data());
+  demosaicMono(view, mono.data());
+  for (std::size_t i = 0; i < rgb.size(); i += 3) {
+    EXPECT_EQ(rgb[i], 200) << i;
+    EXPECT_EQ(rgb[i + 1], 90) << i;
+    EXPECT_EQ(rgb[i + 2], 30) << i;
+  }
+  const double luminance = 0.299 * 200 + 0.587 * 90 + 0.114 * 30;
+  for (const std::uint8_t v : mono) EXPECT_NEAR(v, luminance, 1.0);
+}
+
+TEST(Demosaic, ASpotStaysWhereItIs) {
+  std::vector<std::uint8_t> mosaic = mosaicOf(16, 16, {50, 50, 50});
+  mosaic[6 * 16 + 8] = 250;  // a red sample
+  std::vector<std::uint8_t> rgb(16 * 16 * 3);
+  demosaicRgb({mosaic.data(), 16, 16, 16, PixelFormat::kBayerRggb, 8}, rgb.data());
+  EXPECT_EQ(rgb[(6 * 16 + 8) * 3], 250);
+  EXPECT_EQ(rgb[(6 * 16 + 8) * 3 + 1], 50);
+  EXPECT_EQ(rgb[(6 * 16 + 9) * 3], 150);
+  EXPECT_EQ(rgb[(6 * 16 + 7) * 3], 150);
+  EXPECT_EQ(rgb[(5 * 16 + 7) * 3], 100);
+}
+
+TEST(Demosaic, MonoIsCopiedAndOtherDepthsLeaveTheOutputAlone) {
+  const std::vector<std::uint8_t> gray = {1, 2, 3, 4, 5, 6};
+  std::vector<std::uint8_t> mono(6), rgb(18);
+  const ImageView view{gray.data(), 3, 2, 3, PixelFormat::kMono, 8};
+  demosaicMono(view, mono.data());
+  demosaicRgb(view, rgb.data());
+  EXPECT_EQ(mono, gray);
+  EXPECT_EQ(rgb, (std::vector<std::uint8_t>{1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4, 5, 5, 5, 6, 6, 6}));
+  std::vector<std::uint8_t> untouched(6, 9);
+  ImageView deep = view;
+  deep.bits = 12;
+  demosaicMono(deep, untouched.data());
+  demosaicMono({}, untouched.data());
+  EXPECT_EQ(untouched, std::vector<std::uint8_t>(6, 9));
+}
+
+TEST(Demosaic, TheSmallestMosaicsGiveAnImage) {
+  for (int side = 2; side <= 4; ++side) {
+    const auto mosaic = mosaicOf(side, side, {200, 90, 30});
+    std::vector<std::uint8_t> rgb(static_cast<std::size_t>(side * side * 3), 1);
+    demosaicRgb({mosaic.data(), side, side, static_cast<std::size_t>(side), PixelFormat::kBayerRggb, 8},
+                rgb.data());
+    if (side > 2) {
+      EXPECT_EQ(rgb[0], 200) << side;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace fathom::lighting
