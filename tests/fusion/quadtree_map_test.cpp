@@ -9,6 +9,7 @@
 #include <tuple>
 
 #include "tests/fusion/scene.hpp"
+#include "tests/support/heap_counter.hpp"
 
 namespace fathom::fusion {
 namespace {
@@ -314,6 +315,26 @@ TEST(QuadtreeMap, AConfigurationOutOfRangeIsRefused) {
   config = {};
   config.max_level = 40;
   EXPECT_THROW(QuadtreeMap{config}, std::invalid_argument);
+}
+
+TEST(QuadtreeMap, FusingAllocatesNothingEvenWhenTheMapSplitsCoarsensAndIsFull) {
+  QuadtreeMap map(reefConfig(48));
+  std::vector<Mesh> meshes;
+  for (unsigned k = 0; k < 25; ++k)
+    meshes.push_back(rangeMesh({.north = 0.9 * k, .spacing = k % 4 == 0 ? 0.25 : 0.07}, ripples, k));
+  HeightTile tile;
+  int seen = 0;
+  const std::function<void(const TileKey&, std::uint32_t)> visit = [&](const TileKey& key, std::uint32_t) {
+    seen += map.extract(key, tile) ? 1 : 0;
+  };
+  const test::ThreadCost before = test::threadCost();
+  for (const Mesh& mesh : meshes) {
+    (void)map.fuse(mesh);
+    map.forEachLeaf(visit);
+  }
+  EXPECT_EQ((test::threadCost() - before).heap_calls, 0u);
+  EXPECT_GT(map.counters().coarsened, 0u);
+  EXPECT_GT(seen, 100);
 }
 
 TEST(QuadtreeMap, MemoryIsFixedByTheConfiguration) {
