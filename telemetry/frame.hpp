@@ -101,7 +101,8 @@ class FrameReceiver {
   std::optional<LinkIdentity> identity_;
   bool started_ = false;
   std::uint16_t newest_ = 0;
-  std::array<bool, kWindow> seen_{};  // by sequence % kWindow, for (newest - kWindow, newest]
+  enum class Slot : std::uint8_t { kBeforeStart, kMissing, kSeen };
+  std::array<Slot, kWindow> slots_{};  // by sequence % kWindow, for (newest - kWindow, newest]
   Counters counters_;
 };
 

@@ -29,7 +29,8 @@ struct LinkSchedulerConfig {
   int coarse_stride = 2;        // first sight of a tile: every 2nd node (1, 2, 4, 8)
   int fine_stride = 1;          // then refined to this; equal to coarse_stride: no refinement
   double update_depth = 0.05;   // a node's change that makes a sent tile worth sending again [m]
-  int max_tiles = 1024;         // pool of tile copies, 4.7 kB each
+  double settle_s = 8;   // a tile still growing in the camera's view waits this long after its last change
+  int max_tiles = 1024;  // pool of tile copies, 4.7 kB each
   TileCodecConfig codec;
 
   void validate() const;  // throws std::invalid_argument naming the value
@@ -40,9 +41,10 @@ struct LinkSchedulerConfig {
 // rate * W / 8 + 2 * frame_bytes bytes leave. Order of importance:
 //   1 status, mission info and track when due (within their share of the rate);
 //   2 tiles never sent, coarse, newest first;
-//   3 tiles that changed since they were sent, the greatest change first;
+//   3 tiles that changed since they were sent, the most changed nodes first;
 //   4 repeats of coarse tiles until the delivery goal is reached (there are no acknowledgements);
-//   5 refinement of tiles at the fine stride, newest first, then its repeats.
+//   5 refinement of tiles at the fine stride, newest first, then its repeats;
+//   6 tiles that have not settled, the fullest first: the link is never idle while something is unsent.
 // Tiles are copied into a fixed pool; when it is full the tile needed least gives way (delivered longest ago,
 // else offered longest ago) and is counted. Nothing is allocated after construction except inside Draco.
 class LinkScheduler {
@@ -79,6 +81,9 @@ class LinkScheduler {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+// Capacity of the scheduler's token bucket: two frames or one second at the rate, whichever is more [bit].
+[[nodiscard]] std::size_t linkBucketBits(const LinkSchedulerConfig& config);
 
 // How often a tile of `fragments` frames must be sent so that all of them arrive with probability >= goal
 // when each frame is lost with probability `loss`: the least n with (1 - loss^n)^fragments >= goal.

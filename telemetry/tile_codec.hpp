@@ -12,9 +12,14 @@ struct TileCodecConfig {
   double depth_resolution = 0.02;  // step of the sent depths, 0.001 to 1 [m]
   int colour_bits = 3;             // per channel, 0 (no colour) to 6
   double min_coverage = 0.05;      // nodes seen less than this are not sent
+
+  void validate() const;  // throws std::invalid_argument naming the value
 };
 
 inline constexpr std::size_t kMaxTileBytes = 4096;  // an encoded tile is never longer
+
+inline constexpr int kMaxColourBits = 6;
+inline constexpr double kMaxTileSize_mm = 1048575;
 
 // A tile as it arrives. Nodes that were not sent have coverage 0; sent ones 1, and the tile's median sigma.
 struct DecodedTile {
@@ -24,9 +29,9 @@ struct DecodedTile {
   int colour_bits = 0;          // 0: the colours mean nothing
 };
 
-// Encodes every stride-th node (1, 2, 4, 8, 16) of a tile. Lossless in the lattice (which nodes), depth
+// Encodes every stride-th node (1, 2, 4 or 8) of a tile. Lossless in the lattice (which nodes), depth
 // rounded to the resolution, colour to the bits. Returns the size, 0 if the tile cannot be sent: no node
-// seen, size not a whole number of millimetres up to kMaxSize_mm, depths too far apart, `out` too small.
+// seen, size not a whole number of millimetres up to kMaxTileSize_mm, depths too far apart, `out` too small.
 [[nodiscard]] std::size_t encodeTile(const HeightTile& tile, int stride, const TileCodecConfig& config,
                                      std::span<std::uint8_t> out);
 

@@ -1,0 +1,241 @@
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <random>
+
+#include "telemetry/mission_info.hpp"
+#include "telemetry/status.hpp"
+#include "telemetry/track.hpp"
+
+namespace fathom::telemetry {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+constexpr std::int64_t kSecond_ns = 1'000'000'000;
+constexpr std::int64_t kStart_ns = 1'790'000'000 * kSecond_ns;
+using Buffer = std::array<std::uint8_t, kMaxFrameBytes>;
+
+Status someStatus() {
+  Status s;
+  s.utc_ns = kStart_ns + 12'345'600'000;
+  s.north = -1234.56;
+  s.east = 789.04;
+  s.depth = 43.21;
+  s.roll = -0.03;
+  s.pitch = 0.08;
+  s.heading = 4.5;
+  s.altitude = 2.13;
+  s.speed = 0.52;
+  s.position_sigma = 1.26;
+  s.pairs_seen = 36000;
+  s.pairs_used = 35012;
+  s.pairs_dropped = 988;
+  s.map_tiles = 1024;
+  s.map_area = 5321.4;
+  s.mission_progress = 0.42;
+  s.health = kHealthNoFix | kHealthStereoPoor;
+  s.slipped_cycles = 3;
+  s.shed_work = 17;
+  s.pool_refusals = 1023;
+  return s;
+}
+
+void expectSame(const Status& a, const Status& b) {
+  EXPECT_NEAR(static_cast<double>(a.utc_ns - b.utc_ns), 0, 0.05e9 + 1);
+  EXPECT_NEAR(a.north, b.north, 0.051);
+  EXPECT_NEAR(a.east, b.east, 0.051);
+  EXPECT_NEAR(a.depth, b.depth, 0.026);
+  EXPECT_NEAR(a.roll, b.roll, 0.51 * kDegree);
+  EXPECT_NEAR(a.pitch, b.pitch, 0.51 * kDegree);
+  EXPECT_NEAR(std::remainder(a.heading - b.heading, 2 * std::numbers::pi), 0, 0.26 * kDegree);
+  EXPECT_NEAR(a.altitude, b.altitude, 0.051);
+  EXPECT_NEAR(a.speed, b.speed, 0.026);
+  EXPECT_NEAR(a.position_sigma, b.position_sigma, 0.051);
+  EXPECT_EQ(a.pairs_seen, b.pairs_seen);
+  EXPECT_EQ(a.pairs_used, b.pairs_used);
+  EXPECT_EQ(a.pairs_dropped, b.pairs_dropped);
+  EXPECT_EQ(a.map_tiles, b.map_tiles);
+  EXPECT_NEAR(a.map_area, b.map_area, 0.51);
+  EXPECT_NEAR(a.mission_progress, b.mission_progress, 0.0051);
+  EXPECT_EQ(a.health, b.health);
+  EXPECT_EQ(a.slipped_cycles, b.slipped_cycles);
+  EXPECT_EQ(a.shed_work, b.shed_work);
+  EXPECT_EQ(a.pool_refusals, b.pool_refusals);
+}
+
+TEST(Status, RoundTripsWithinItsResolution) {
+  Buffer buffer{};
+  const Status sent = someStatus();
+  ASSERT_TRUE(validate(sent));
+  const std::size_t size = encodeStatus(sent, StatusPart::kWhole, buffer);
+  ASSERT_EQ(size, statusBytes(StatusPart::kWhole));
+  Status got;
+  ASSERT_TRUE(decodeStatus(std::span(buffer).first(size), StatusPart::kWhole, got));
+  expectSame(got, sent);
+}
+
+TEST(Status, ItsHalvesFitTheSmallestFrameAndMakeTheWhole) {
+  Buffer buffer{};
+  const Status sent = someStatus();
+  Status got;
+  for (const StatusPart part : {StatusPart::kNavigation, StatusPart::kHealth}) {
+    const std::size_t size = encodeStatus(sent, part, buffer);
+    ASSERT_GT(size, 0U);
+    EXPECT_LE(size + kFrameOverhead, kMinFrameBytes);
+    ASSERT_TRUE(decodeStatus(std::span(buffer).first(size), part, got));
+  }
+  expectSame(got, sent);
+}
+
+TEST(Status, AbsentStaysAbsentAndHeadingWrapsToNorth) {
+  Buffer buffer{};
+  Status sent = someStatus();
+  sent.altitude = sent.position_sigma = sent.mission_progress = kAbsent;
+  sent.heading = -0.0001;
+  const std::size_t size = encodeStatus(sent, StatusPart::kWhole, buffer);
+  Status got;
+  ASSERT_TRUE(decodeStatus(std::span(buffer).first(size), StatusPart::kWhole, got));
+  EXPECT_TRUE(std::isnan(got.altitude) && std::isnan(got.position_sigma) && std::isnan(got.mission_progress));
+  EXPECT_EQ(got.heading, 0);
+}
+
+TEST(Status, OutOfBoundsSaturatesAndIsSeenByValidate) {
+  Buffer buffer{};
+  Status sent = someStatus();
+  sent.north = 1e9;
+  sent.pool_refusals = 4'000'000;
+  sent.heading = NAN;
+  EXPECT_FALSE(validate(sent));
+  const std::size_t size = encodeStatus(sent, StatusPart::kWhole, buffer);
+  Status got;
+  ASSERT_TRUE(decodeStatus(std::span(buffer).first(size), StatusPart::kWhole, got));
+  EXPECT_NEAR(got.north, schema::kHorizontal.max, 1e-6);
+  EXPECT_EQ(got.pool_refusals, 1023U);
+}
+
+TEST(Status, TruncatedAtAnyByteOrTooLongLeavesTheOldStatus) {
+  Buffer buffer{};
+  const std::size_t size = encodeStatus(someStatus(), StatusPart::kWhole, buffer);
+  for (std::size_t n = 0; n <= size + 3; ++n) {
+    Status got;
+    EXPECT_EQ(decodeStatus(std::span(buffer).first(n), StatusPart::kWhole, got), n == size);
+    if (n != size) {
+      EXPECT_EQ(got.pairs_seen, 0U);
+    }
+  }
+  EXPECT_EQ(encodeStatus(someStatus(), StatusPart::kWhole, std::span(buffer).first(size - 1)), 0U);
+}
+
+std::vector<TrackPoint> someTrack(int count, double step_m, unsigned seed = 4) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> u(-step_m, step_m);
+  std::vector<TrackPoint> points;
+  TrackPoint p{kStart_ns, 100, -200, 30};
+  for (int i = 0; i < count; ++i) {
+    points.push_back(p);
+    p = {p.utc_ns + 5 * kSecond_ns, p.north + u(random), p.east + u(random), p.depth + u(random) / 10};
+  }
+  return points;
+}
+
+TEST(Track, RoundTripsTheNewestPointsThatFit) {
+  Buffer buffer{};
+  const auto points = someTrack(80, 3);
+  for (const std::size_t room : {13U, 22U, 40U, 100U, 246U}) {
+    const std::size_t size = encodeTrack(points, std::span(buffer).first(room));
+    ASSERT_GT(size, 0U);
+    ASSERT_LE(size, room);
+    std::array<TrackPoint, kMaxTrackPoints> got;
+    const std::size_t count = decodeTrack(std::span(buffer).first(size), got);
+    ASSERT_GT(count, 0U);
+    if (room == 246) {
+      EXPECT_EQ(count, kMaxTrackPoints);
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+      const TrackPoint& want = points[points.size() - count + i];
+      EXPECT_EQ(got[i].utc_ns, want.utc_ns);
+      EXPECT_NEAR(got[i].north, want.north, 0.051);
+      EXPECT_NEAR(got[i].east, want.east, 0.051);
+      EXPECT_NEAR(got[i].depth, want.depth, 0.026);
+    }
+  }
+}
+
+TEST(Track, APointDecodesTheSameFromEveryMessage) {
+  Buffer buffer{};
+  const auto points = someTrack(30, 3);
+  std::array<TrackPoint, kMaxTrackPoints> a, b;
+  const auto decode = [&](std::size_t count, std::span<TrackPoint> out) {
+    const std::size_t size = encodeTrack(std::span(points).first(count), buffer);
+    return decodeTrack(std::span(buffer).first(size), out);
+  };
+  ASSERT_EQ(decode(20, a), 20U);
+  ASSERT_EQ(decode(30, b), 30U);
+  for (std::size_t i = 0; i < 20; ++i) {
+    EXPECT_EQ(a[i].utc_ns, b[i].utc_ns);
+    EXPECT_EQ(a[i].north, b[i].north);
+    EXPECT_EQ(a[i].depth, b[i].depth);
+  }
+}
+
+TEST(Track, AJumpOfThePositionIsCarried) {
+  Buffer buffer{};
+  auto points = someTrack(4, 1);
+  points[3].north = -40000;
+  const std::size_t size = encodeTrack(points, buffer);
+  std::array<TrackPoint, kMaxTrackPoints> got;
+  ASSERT_EQ(decodeTrack(std::span(buffer).first(size), got), 4U);
+  EXPECT_NEAR(got[2].north, points[2].north, 0.051);
+  EXPECT_NEAR(got[3].north, -40000, 0.051);
+}
+
+TEST(Track, StopsAtAHoleInTimeThatItsFieldCannotSpan) {
+  Buffer buffer{};
+  auto points = someTrack(10, 1);
+  for (std::size_t i = 6; i < 10; ++i) points[i].utc_ns += 600 * kSecond_ns;
+  std::array<TrackPoint, kMaxTrackPoints> got;
+  const std::size_t size = encodeTrack(points, buffer);
+  EXPECT_EQ(decodeTrack(std::span(buffer).first(size), got), 4U);
+}
+
+TEST(Track, TruncatedAtAnyByteIsRejected) {
+  Buffer buffer{};
+  const auto points = someTrack(20, 3);
+  const std::size_t size = encodeTrack(points, buffer);
+  std::array<TrackPoint, kMaxTrackPoints> got;
+  for (std::size_t n = 0; n < size; ++n) EXPECT_EQ(decodeTrack(std::span(buffer).first(n), got), 0U) << n;
+  EXPECT_EQ(encodeTrack({}, buffer), 0U);
+}
+
+TEST(MissionInfo, RoundTripsToACentimetreOnTheGround) {
+  Buffer buffer{};
+  const MissionInfo sent{"sirius", {-23.456789 * kDegree, 151.987654 * kDegree}, kStart_ns, 0};
+  const std::size_t size = encodeMissionInfo(sent, buffer);
+  MissionInfo got;
+  ASSERT_TRUE(decodeMissionInfo(std::span(buffer).first(size), got));
+  EXPECT_EQ(got.vehicle_name, "sirius");
+  EXPECT_NEAR(got.origin.latitude, sent.origin.latitude, 0.51e-7 * kDegree);
+  EXPECT_NEAR(got.origin.longitude, sent.origin.longitude, 0.51e-7 * kDegree);
+  EXPECT_EQ(got.start_utc_ns, kStart_ns);
+  EXPECT_EQ(got.schema_hash, schemaHash());
+  for (std::size_t n = 0; n < size; ++n)
+    EXPECT_FALSE(decodeMissionInfo(std::span(buffer).first(n), got)) << n;
+}
+
+TEST(MissionInfo, CutsALongNameToTheFrameAndSendsNoControlCharacters) {
+  Buffer buffer{};
+  const MissionInfo sent{"a vehicle\nwith a name much longer than any frame", {}, kStart_ns, 0};
+  MissionInfo got;
+  std::size_t size = encodeMissionInfo(sent, std::span(buffer).first(kMinFrameBytes - kFrameOverhead));
+  ASSERT_TRUE(decodeMissionInfo(std::span(buffer).first(size), got));
+  EXPECT_EQ(got.vehicle_name, sent.vehicle_name.substr(0, got.vehicle_name.size()));
+  EXPECT_GE(got.vehicle_name.size(), 6U);
+  size = encodeMissionInfo(sent, buffer);
+  ASSERT_TRUE(decodeMissionInfo(std::span(buffer).first(size), got));
+  EXPECT_EQ(got.vehicle_name, "a vehicle?with a name much long");
+}
+
+}  // namespace
+}  // namespace fathom::telemetry
