@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -39,10 +40,19 @@ SE3 readPose(const TomlTable& table, const char* key) {
   return SE3::fromEuler(euler.x(), euler.y(), euler.z(), translation);
 }
 
+bool usableVehicleName(const std::string& name) {
+  constexpr std::size_t kMaxBytes = 32;
+  return !name.empty() && name.size() <= kMaxBytes &&
+         std::all_of(name.begin(), name.end(), [](unsigned char c) {
+           return c < 0x80 && (std::isalnum(c) != 0 || c == '-' || c == '_');
+         });
+}
+
 MissionConfig configFrom(const TomlTable& top) {
   MissionConfig c;
   c.vehicle_name = top.text("vehicle_name");
-  if (c.vehicle_name.empty()) top.fail("vehicle_name", "is empty; name the vehicle");
+  if (!usableVehicleName(c.vehicle_name))
+    top.fail("vehicle_name", "is not 1 to 32 letters, digits, '-' or '_'; it names files and LCM channels");
   c.vehicle_id = static_cast<std::uint8_t>(top.integer("vehicle_id", 0, 255));
   c.dive_id = static_cast<std::uint16_t>(top.integer("dive_id", 0, 65535));
   c.software_version = top.text("software_version", "");

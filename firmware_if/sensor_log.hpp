@@ -21,7 +21,10 @@ struct LoggedSample {
 // handed to the system whole, and a log cut anywhere reads up to its last whole entry.
 class SensorLogWriter {
  public:
-  explicit SensorLogWriter(const std::filesystem::path& path);
+  // An existing log is continued behind its last whole entry. With a `vehicle_name`, samples for which ACFR
+  // vehicles have a channel are written there too (log/log_messages.hpp), for other people's tools. Throws
+  // InputError for a path that cannot be written.
+  explicit SensorLogWriter(const std::filesystem::path& path, std::string vehicle_name = "");
   ~SensorLogWriter();
   SensorLogWriter(const SensorLogWriter&) = delete;
   SensorLogWriter& operator=(const SensorLogWriter&) = delete;
@@ -29,6 +32,7 @@ class SensorLogWriter {
   void write(std::int64_t arrival_utc_ns, const SensorSample& sample);
   // Bytes as they came off a device, beside the decoded ones: `source` is "RAW_DVL", "RAW_CAN", "RAW_MODEM".
   void writeRaw(std::int64_t arrival_utc_ns, const std::string& source, std::span<const std::uint8_t> bytes);
+  // Waits until the disk has it; until then a loss of power may cost the last entries.
   void flush();
 
  private:

@@ -1,0 +1,82 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace fathom::io {
+
+// The framing of an LCM event log, as liblcm writes it: for each event the sync word 0xEDA1DA01, event number
+// (8 bytes), time stamp in microseconds (8), length of the channel name (4), length of the data (4), all big
+// endian; then name and data. liblcm's own reader trusts these lengths; a log from a vehicle that lost power
+// must not be trusted, so reading is done here.
+struct LogEvent {
+  std::int64_t number = 0;
+  std::int64_t timestamp_us = 0;       // arrival, since the Unix epoch, UTC
+  std::string_view channel;            // valid until the next call of next()
+  std::span<const std::uint8_t> data;  // valid until the next call of next()
+};
+
+constexpr std::size_t kMaxChannelBytes = 63;  // LCM_MAX_CHANNEL_NAME_LENGTH
+constexpr std::size_t kMaxEventDataBytes = std::size_t{1} << 24;
+
+// Walks the events of a log of any size with a bounded buffer. Damage is skipped up to the next sync word
+// that begins a believable event; each stretch skipped counts once, a cut last event too.
+class LogEventReader {
+ public:
+  // Throws InputError for an absent, unreadable or empty file.
+  explicit LogEventReader(const std::filesystem::path& path);
+  ~LogEventReader();
+  LogEventReader(const LogEventReader&) = delete;
+  LogEventReader& operator=(const LogEventReader&) = delete;
+
+  [[nodiscard]] bool next(LogEvent& event);
+  // Begins again at the first event, with the counts at zero.
+  void rewind();
+  [[nodiscard]] std::uint64_t damagedStretches() const { return damaged_; }
+  // Offset in the file just behind the last event that was returned [bytes].
+  [[nodiscard]] std::uint64_t endOfLastEvent() const { return end_of_last_event_; }
+
+ private:
+  bool fill(std::size_t bytes);
+  [[nodiscard]] bool believableHeader(std::size_t offset) const;
+  [[nodiscard]] std::size_t findHeader(std::size_t from, std::size_t to) const;
+
+  int fd_ = -1;
+  std::vector<std::uint8_t> buffer_;
+  std::size_t begin_ = 0, end_ = 0;       // unread bytes in buffer_
+  std::uint64_t buffer_file_offset_ = 0;  // in the file, of buffer_[0]
+  bool at_end_of_file_ = false;
+  std::uint64_t damaged_ = 0;
+  std::uint64_t end_of_last_event_ = 0;
+};
+
+// Appends events, each with one write to the system: a program that dies leaves whole events, a machine that
+// loses power a cut last one. An existing log is continued behind its last whole event.
+class LogEventWriter {
+ public:
+  // Throws InputError for a path that cannot be written.
+  explicit LogEventWriter(const std::filesystem::path& path);
+  ~LogEventWriter();
+  LogEventWriter(const LogEventWriter&) = delete;
+  LogEventWriter& operator=(const LogEventWriter&) = delete;
+
+  // Throws std::runtime_error when the disk refuses; the log then ends behind the event before.
+  void write(std::int64_t timestamp_us, std::string_view channel, std::span<const std::uint8_t> data);
+  // Waits until the disk holds every event written.
+  void sync();
+
+ private:
+  std::string path_;
+  int fd_ = -1;
+  std::int64_t next_number_ = 0;
+  std::uint64_t size_ = 0;  // of the file, whole events [bytes]
+  std::vector<std::uint8_t> frame_;
+};
+
+}  // namespace fathom::io
