@@ -47,7 +47,7 @@ DeadReckoning::DeadReckoning(const DeadReckoningConfig& config)
 bool DeadReckoning::checkTime(TimeGate& gate, std::int64_t utc_ns) noexcept {
   const TimeCheck result = gate.check(utc_ns);
   if (result == TimeCheck::kOutOfOrder) ++counters_.out_of_order;
-  if (result == TimeCheck::kLeap) ++counters_.time_leaps;
+  if (result == TimeCheck::kLeap || result == TimeCheck::kImpossible) ++counters_.time_leaps;
   if (result != TimeCheck::kGood) return false;
   now_ = std::max(now_, utc_ns);
   return true;
@@ -102,14 +102,11 @@ void DeadReckoning::add(const DepthSample& sample) noexcept {
 
 void DeadReckoning::add(const WaterSample& sample) noexcept {
   if (!sample.sound_speed) return;
-  if (!possibleSoundSpeed(*sample.sound_speed)) {
-    ++counters_.water_rejected;
-  } else if (water_utc_ns_ != 0 && sample.utc_ns <= water_utc_ns_) {
-    ++counters_.out_of_order;
-  } else {
+  // Sound speed changes over minutes: the newest to arrive serves, whatever its stamp.
+  if (possibleSoundSpeed(*sample.sound_speed))
     sound_speed_ = *sample.sound_speed;
-    water_utc_ns_ = sample.utc_ns;
-  }
+  else
+    ++counters_.water_rejected;
 }
 
 // True when a sensor's samples reach a time, or have stopped and are no longer waited for.

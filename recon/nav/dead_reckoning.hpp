@@ -65,13 +65,12 @@ class DeadReckoning {
     std::uint64_t dvl_without_bottom = 0;  // ensembles without a bottom-track velocity
     std::uint64_t dvl_rejected = 0;        // faster than max_speed, or not a number
     std::uint64_t out_of_order = 0;        // any sensor: not later than its last; or too late for the track
-    std::uint64_t time_leaps = 0;          // any sensor: stamp far ahead of its last, and alone
+    std::uint64_t time_leaps = 0;  // any sensor: stamp far ahead of its last and alone, or no time at all
     std::uint64_t attitude_rejected = 0, depth_rejected = 0, water_rejected = 0;  // impossible values
-    std::uint64_t sound_speed_absent =
-        0;                               // ensembles that stated no possible sound speed: taken as corrected
-    std::uint64_t dvl_before_start = 0;  // velocities before the first attitude and depth
-    std::uint64_t dvl_queue_full = 0;    // velocities lost because too many waited for attitude and depth
-    std::uint64_t coasted = 0;           // times that bottom track stayed away longer than max_dvl_gap
+    std::uint64_t sound_speed_absent = 0;  // ensembles without a possible one: taken as corrected
+    std::uint64_t dvl_before_start = 0;    // velocities before the first attitude and depth
+    std::uint64_t dvl_queue_full = 0;      // velocities lost because too many waited for attitude and depth
+    std::uint64_t coasted = 0;             // times that bottom track stayed away longer than max_dvl_gap
     std::uint64_t attitude_held = 0, depth_held = 0;  // velocities used without waiting for a silent sensor
   };
   [[nodiscard]] const Counters& counters() const noexcept { return counters_; }
@@ -120,7 +119,6 @@ class DeadReckoning {
   double depth_offset_ = 0;     // left over from the last bridge, decaying [m]
   std::int64_t depth_offset_utc_ns_ = 0;
   double sound_speed_;  // true, newest known [m/s]
-  std::int64_t water_utc_ns_ = 0;
   std::optional<TimedNumber> altitude_;
   Counters counters_;
 };

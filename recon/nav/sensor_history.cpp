@@ -1,12 +1,13 @@
 #include "recon/nav/sensor_history.hpp"
 
-#include <cstdlib>
-
 namespace fathom::nav {
 namespace {
 
 // Longest silence after which the next stamp is taken at once. Every sensor here speaks at 1 Hz or faster.
 constexpr std::int64_t kMaxLeapNs = 5'000'000'000;
+
+// Stamps are between 1970 and 2116; others are damaged, and would overflow differences.
+constexpr std::int64_t kLatestUtcNs = std::int64_t{1} << 62;
 
 // How far `utc_ns` lies from a's time to b's, 0 to 1.
 template <typename Timed>
@@ -14,15 +15,14 @@ double fraction(const Timed& a, const Timed& b, std::int64_t utc_ns) noexcept {
   return static_cast<double>(utc_ns - a.utc_ns) / static_cast<double>(b.utc_ns - a.utc_ns);
 }
 
-// Far-apart stamps (one of them damaged) must not overflow.
 bool leaps(std::int64_t from, std::int64_t to) noexcept {
-  std::int64_t difference = 0;
-  return __builtin_sub_overflow(to, from, &difference) || difference > kMaxLeapNs;
+  return to - from > kMaxLeapNs;
 }
 
 }  // namespace
 
 TimeCheck TimeGate::check(std::int64_t utc_ns) noexcept {
+  if (utc_ns <= 0 || utc_ns > kLatestUtcNs) return TimeCheck::kImpossible;
   if (any_ && utc_ns <= newest_) return TimeCheck::kOutOfOrder;
   if (any_ && leaps(newest_, utc_ns)) {
     const bool confirmed = leap_ && utc_ns > *leap_ && !leaps(*leap_, utc_ns);

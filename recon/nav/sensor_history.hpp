@@ -9,7 +9,7 @@
 
 namespace fathom::nav {
 
-enum class TimeCheck : std::uint8_t { kGood, kOutOfOrder, kLeap };
+enum class TimeCheck : std::uint8_t { kGood, kOutOfOrder, kLeap, kImpossible };
 
 // Watches the time stamps of one sensor. Times must grow. A leap ahead is believed only when the next stamp
 // agrees with it: one damaged stamp is dropped, a real gap costs one sample.

@@ -34,10 +34,13 @@ TEST(TimeGate, BelievesARealGapFromItsSecondSample) {
   EXPECT_EQ(gate.check(1002 * kSecond), TimeCheck::kGood);
 }
 
-TEST(TimeGate, SurvivesTheEndsOfTime) {
+TEST(TimeGate, RefusesTimesThatAreNone) {
   TimeGate gate;
-  EXPECT_EQ(gate.check(std::numeric_limits<std::int64_t>::min()), TimeCheck::kGood);
-  EXPECT_EQ(gate.check(std::numeric_limits<std::int64_t>::max()), TimeCheck::kLeap);
+  EXPECT_EQ(gate.check(std::numeric_limits<std::int64_t>::min()), TimeCheck::kImpossible);
+  EXPECT_EQ(gate.check(std::numeric_limits<std::int64_t>::max()), TimeCheck::kImpossible);
+  EXPECT_EQ(gate.check(0), TimeCheck::kImpossible);
+  EXPECT_FALSE(gate.any());
+  EXPECT_EQ(gate.check(10 * kSecond), TimeCheck::kGood);
 }
 
 TEST(SensorHistory, InterpolatesBetweenAndHoldsBeyondItsEnds) {

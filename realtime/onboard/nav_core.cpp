@@ -1,0 +1,161 @@
+#include "realtime/onboard/nav_core.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fathom::onboard {
+namespace {
+
+constexpr double kSecond = 1e9;  // [ns]
+
+std::int64_t nanoseconds(double seconds) {
+  return std::llround(seconds * kSecond);
+}
+
+// A damaged stamp at the end of time must not overflow; odometry and pairing then refuse it.
+std::int64_t shifted(std::int64_t utc_ns, std::int64_t offset_ns) noexcept {
+  std::int64_t sum = 0;
+  return __builtin_add_overflow(utc_ns, offset_ns, &sum) ? utc_ns : sum;
+}
+
+}  // namespace
+
+NavCore::NavCore(const NavCoreConfig& config)
+    : odometry_(config.odometry),
+      pairing_(nanoseconds(config.pairing_tolerance)),
+      left_offset_ns_(nanoseconds(config.time_offsets.left_camera)),
+      right_offset_ns_(nanoseconds(config.time_offsets.right_camera)),
+      dvl_offset_ns_(nanoseconds(config.time_offsets.dvl)),
+      compass_offset_ns_(nanoseconds(config.time_offsets.compass)),
+      depth_offset_ns_(nanoseconds(config.time_offsets.depth)) {}
+
+void NavCore::step(const NavInput& input) noexcept {
+  ++counters_.inputs;
+  switch (input.kind) {
+    case NavInput::Kind::kDvl: {
+      DvlSample sample = dvlSample(input);
+      sample.utc_ns = shifted(sample.utc_ns, dvl_offset_ns_);
+      dvl_ = {sample.utc_ns, true};
+      odometry_.add(sample);
+      break;
+    }
+    case NavInput::Kind::kAttitude: {
+      AttitudeSample sample = attitudeSample(input);
+      sample.utc_ns = shifted(sample.utc_ns, compass_offset_ns_);
+      attitude_ = {sample.utc_ns, true};
+      odometry_.add(sample);
+      break;
+    }
+    case NavInput::Kind::kDepth: {
+      DepthSample sample = depthSample(input);
+      sample.utc_ns = shifted(sample.utc_ns, depth_offset_ns_);
+      depth_ = {sample.utc_ns, true};
+      odometry_.add(sample);
+      break;
+    }
+    case NavInput::Kind::kWater:
+      water_ = {input.utc_ns, true};
+      odometry_.add(waterSample(input));
+      break;
+    case NavInput::Kind::kFrame:
+      addFrame(input);
+      break;
+    case NavInput::Kind::kHealthTick:
+      takeHealth(input.utc_ns);
+      break;
+  }
+  dispatch();
+}
+
+void NavCore::addFrame(const NavInput& input) noexcept {
+  const bool left = input.side == CameraSide::kLeft;
+  const std::int64_t utc_ns = shifted(input.utc_ns, left ? left_offset_ns_ : right_offset_ns_);
+  (left ? left_ : right_) = {utc_ns, true};
+  const auto pair = pairing_.add(input.side, {utc_ns, input.frame_id});
+  if (!pair) return;
+  const auto index = static_cast<std::uint32_t>(counters_.pairs++);
+  if (waiting_.pushDroppingOldest({index, *pair})) ++counters_.pairs_uncovered;
+}
+
+// Sends off the pairs that the odometry has reached.
+void NavCore::dispatch() noexcept {
+  while (odometry_.initialised() && !waiting_.empty()) {
+    const WaitingPair pair = waiting_.front();
+    if (pair.frames.left.utc_ns > odometry_.newestUtcNs()) return;
+    waiting_.popFront();
+    const auto pose = odometry_.poseAt(pair.frames.left.utc_ns);
+    if (!pose) {  // before the odometry began, or too old for its history
+      ++counters_.pairs_uncovered;
+      continue;
+    }
+    StereoTrigger trigger;
+    trigger.pair_index = pair.index;
+    trigger.utc_ns = pair.frames.left.utc_ns;
+    trigger.left_frame_id = pair.frames.left.frame_id;
+    trigger.right_frame_id = pair.frames.right.frame_id;
+    trigger.T_odom_body = *pose;
+    if (const auto altitude = odometry_.altitude()) {
+      trigger.altitude = *altitude;
+      trigger.altitude_valid = true;
+    }
+    ++counters_.triggers;
+    if (triggers_.pushDroppingOldest(trigger)) ++counters_.triggers_dropped;
+  }
+}
+
+std::optional<StereoTrigger> NavCore::pollTrigger() noexcept {
+  if (triggers_.empty()) return std::nullopt;
+  const StereoTrigger trigger = triggers_.front();
+  triggers_.popFront();
+  return trigger;
+}
+
+void NavCore::takeHealth(std::int64_t utc_ns) noexcept {
+  // In floating point, because a damaged stamp may lie anywhere; never negative: a sample may be stamped
+  // after the tick that it arrived before.
+  const auto age = [utc_ns](const LastSeen& seen) {
+    if (!seen.any) return -1.0;
+    return std::max(0.0, (static_cast<double>(utc_ns) - static_cast<double>(seen.utc_ns)) / kSecond);
+  };
+  health_.utc_ns = utc_ns;
+  health_.dvl_age = age(dvl_);
+  health_.attitude_age = age(attitude_);
+  health_.depth_age = age(depth_);
+  health_.water_age = age(water_);
+  health_.left_age = age(left_);
+  health_.right_age = age(right_);
+  health_.initialised = odometry_.initialised();
+  health_.odometry_age = age({odometry_.newestUtcNs(), odometry_.initialised()});
+  health_.altitude = odometry_.altitude();
+  health_.speed = odometry_.velocityBody().norm();
+  if (const auto pose = odometry_.poseAt(odometry_.newestUtcNs())) health_.depth = pose->translation().z();
+  health_.waiting_pairs = waiting_.size();
+
+  const nav::DeadReckoning::Counters& track = odometry_.counters();
+  health_.counters = {{
+      {"inputs", counters_.inputs},
+      {"pairs", counters_.pairs},
+      {"pairs_uncovered", counters_.pairs_uncovered},
+      {"triggers", counters_.triggers},
+      {"triggers_dropped", counters_.triggers_dropped},
+      {"left_unpaired", pairing_.unpaired(CameraSide::kLeft)},
+      {"right_unpaired", pairing_.unpaired(CameraSide::kRight)},
+      {"frames_refused", pairing_.refused()},
+      {"dvl_used", track.dvl_used},
+      {"dvl_without_bottom", track.dvl_without_bottom},
+      {"dvl_rejected", track.dvl_rejected},
+      {"dvl_before_start", track.dvl_before_start},
+      {"dvl_queue_full", track.dvl_queue_full},
+      {"dvl_coasted", track.coasted},
+      {"sound_speed_absent", track.sound_speed_absent},
+      {"attitude_rejected", track.attitude_rejected},
+      {"attitude_held", track.attitude_held},
+      {"depth_rejected", track.depth_rejected},
+      {"depth_held", track.depth_held},
+      {"water_rejected", track.water_rejected},
+      {"out_of_order", track.out_of_order},
+      {"time_leaps", track.time_leaps},
+  }};
+}
+
+}  // namespace fathom::onboard

@@ -1,0 +1,106 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string_view>
+
+#include "realtime/kernel/fixed_queue.hpp"
+#include "realtime/onboard/nav_input.hpp"
+#include "realtime/onboard/stereo_pairing.hpp"
+#include "recon/nav/dead_reckoning.hpp"
+
+namespace fathom::onboard {
+
+struct NavCoreConfig {
+  nav::DeadReckoningConfig odometry;
+  double pairing_tolerance = 0.020;  // largest difference of the exposures of a stereo pair [s]
+  // Added to the time stamps of a sensor to get UTC [s]; zero where the stamps are corrected already.
+  struct TimeOffsets {
+    double left_camera = 0, right_camera = 0, dvl = 0, compass = 0, depth = 0;
+  } time_offsets;
+};
+
+// A stereo pair whose time the odometry covers: what starts MapCore on it.
+struct StereoTrigger {
+  std::uint32_t pair_index = 0;  // counts pairs from 0; a gap is a pair that was dropped
+  std::int64_t utc_ns = 0;       // of the left exposure, offset corrected
+  std::uint32_t left_frame_id = 0, right_frame_id = 0;
+  SE3 T_odom_body;      // at utc_ns; final
+  double altitude = 0;  // of the DVL above the bottom [m], newest valid ensemble
+  bool altitude_valid = false;
+};
+
+// State of navigation at a health tick. Ages are of the newest sample of a sensor; -1: none so far.
+struct NavHealth {
+  struct Counter {
+    std::string_view name;
+    std::uint64_t value = 0;
+  };
+  static constexpr std::size_t kCounters = 22;
+
+  std::int64_t utc_ns = 0;  // of the tick
+  double dvl_age = -1, attitude_age = -1, depth_age = -1, water_age = -1, left_age = -1,
+         right_age = -1;                    // [s]
+  bool initialised = false;                 // odometry runs
+  double odometry_age = -1;                 // of the newest final pose [s]
+  std::optional<double> altitude;           // [m]
+  double depth = 0;                         // of the body at the newest final pose [m]
+  double speed = 0;                         // over ground [m/s]
+  std::size_t waiting_pairs = 0;            // that the odometry has not reached
+  std::array<Counter, kCounters> counters;  // everything counted so far, under its name
+};
+
+// The hard tier's core: dead-reckoned odometry, stereo pairing, health. A plain state machine: no threads,
+// files, devices or clocks; the same inputs give the same outputs, bit for bit. Allocates nothing after
+// construction.
+//
+//   for each input:  core.step(input);  while (auto trigger = core.pollTrigger()) hand it to MapCore;
+//
+// Pairs wait until every navigation sensor has reached their time. When too many wait, the oldest is dropped
+// and counted; so is the oldest trigger when nobody polls.
+class NavCore {
+ public:
+  // The config's numbers are finite and its tolerance positive (the mission's reader sees to it).
+  explicit NavCore(const NavCoreConfig& config);
+
+  void step(const NavInput& input) noexcept;
+
+  // The oldest trigger not yet taken.
+  [[nodiscard]] std::optional<StereoTrigger> pollTrigger() noexcept;
+
+  // As of the newest health tick; utc_ns is 0 before the first.
+  [[nodiscard]] const NavHealth& health() const noexcept { return health_; }
+  [[nodiscard]] const nav::DeadReckoning& odometry() const noexcept { return odometry_; }
+
+ private:
+  static constexpr std::size_t kWaitingPairs = 32;  // 16 s at 2 Hz: longer than any wait that ends well
+  static constexpr std::size_t kTriggers = 32;
+  struct WaitingPair {
+    std::uint32_t index = 0;
+    StereoPairing::Pair frames;
+  };
+  struct LastSeen {
+    std::int64_t utc_ns = 0;
+    bool any = false;
+  };
+  struct Counters {
+    std::uint64_t inputs = 0, pairs = 0, pairs_uncovered = 0, triggers = 0, triggers_dropped = 0;
+  };
+
+  void addFrame(const NavInput& input) noexcept;
+  void dispatch() noexcept;
+  void takeHealth(std::int64_t utc_ns) noexcept;
+
+  nav::DeadReckoning odometry_;
+  StereoPairing pairing_;
+  std::int64_t left_offset_ns_, right_offset_ns_, dvl_offset_ns_, compass_offset_ns_, depth_offset_ns_;
+  rt::FixedQueue<WaitingPair, kWaitingPairs> waiting_;
+  rt::FixedQueue<StereoTrigger, kTriggers> triggers_;
+  LastSeen dvl_, attitude_, depth_, water_, left_, right_;
+  Counters counters_;
+  NavHealth health_;
+};
+
+}  // namespace fathom::onboard

@@ -1,0 +1,42 @@
+#include "realtime/onboard/stereo_pairing.hpp"
+
+#include <cstdlib>
+
+namespace fathom::onboard {
+
+std::optional<StereoPairing::Pair> StereoPairing::add(CameraSide side, const Frame& frame) noexcept {
+  Stream& own = streams_[static_cast<std::size_t>(side)];
+  Stream& other = streams_[1 - static_cast<std::size_t>(side)];
+  if (own.times.check(frame.utc_ns) != nav::TimeCheck::kGood) {
+    ++refused_;
+    return std::nullopt;
+  }
+
+  // What lies before this frame by more than the tolerance can match no later one either.
+  while (!other.waiting.empty() && other.waiting.front().utc_ns < frame.utc_ns - tolerance_ns_) {
+    other.waiting.popFront();
+    ++other.unpaired;
+  }
+  std::size_t nearest = other.waiting.size();
+  std::int64_t nearest_ns = tolerance_ns_;
+  for (std::size_t i = 0; i < other.waiting.size(); ++i) {
+    const std::int64_t difference = std::abs(other.waiting[i].utc_ns - frame.utc_ns);
+    if (difference > nearest_ns) continue;
+    nearest = i;
+    nearest_ns = difference;
+  }
+  if (nearest == other.waiting.size()) {
+    if (own.waiting.pushDroppingOldest(frame)) ++own.unpaired;
+    return std::nullopt;
+  }
+
+  const Frame partner = other.waiting[nearest];
+  for (std::size_t i = 0; i < nearest; ++i) {
+    other.waiting.popFront();
+    ++other.unpaired;
+  }
+  other.waiting.popFront();
+  return side == CameraSide::kLeft ? Pair{frame, partner} : Pair{partner, frame};
+}
+
+}  // namespace fathom::onboard

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+
+#include "realtime/kernel/fixed_queue.hpp"
+#include "recon/geometry/sensor_samples.hpp"
+#include "recon/nav/sensor_history.hpp"
+
+namespace fathom::onboard {
+
+// Finds, for each exposure of one camera, the nearest of the other within a tolerance. The two streams may
+// arrive in any order relative to each other; each is in the order of its times. Fixed memory.
+class StereoPairing {
+ public:
+  struct Frame {
+    std::int64_t utc_ns = 0;
+    std::uint32_t frame_id = 0;
+  };
+  struct Pair {
+    Frame left, right;
+  };
+
+  // `tolerance_ns`: largest difference of exposure times of a pair; below half the time between frames.
+  explicit StereoPairing(std::int64_t tolerance_ns) noexcept : tolerance_ns_(tolerance_ns) {}
+
+  // The pair that this frame completes, if it does.
+  [[nodiscard]] std::optional<Pair> add(CameraSide side, const Frame& frame) noexcept;
+
+  // Frames given up without a partner; and frames refused because their time did not grow or leapt far ahead.
+  [[nodiscard]] std::uint64_t unpaired(CameraSide side) const noexcept { return of(side).unpaired; }
+  [[nodiscard]] std::uint64_t refused() const noexcept { return refused_; }
+
+ private:
+  // Enough for one camera 16 frames behind the other; then the oldest is given up.
+  static constexpr std::size_t kWaiting = 16;
+  struct Stream {
+    nav::TimeGate times;
+    rt::FixedQueue<Frame, kWaiting> waiting;
+    std::uint64_t unpaired = 0;
+  };
+  [[nodiscard]] const Stream& of(CameraSide side) const noexcept {
+    return streams_[static_cast<std::size_t>(side)];
+  }
+
+  std::int64_t tolerance_ns_;
+  std::array<Stream, 2> streams_;
+  std::uint64_t refused_ = 0;
+};
+
+}  // namespace fathom::onboard

@@ -1,0 +1,241 @@
+#include "realtime/onboard/nav_core.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "tests/nav/analytic_dive.hpp"
+#include "tests/support/heap_counter.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+using namespace fathom::nav::test;
+
+NavCoreConfig coreConfig() {
+  NavCoreConfig config;
+  config.odometry = mountedConfig();
+  return config;
+}
+
+// Navigation samples, stereo exposures at 2 Hz (the right camera 4 ms later) and health ticks at 1 Hz, by
+// time. Pair i is exposed at pairTime(i) and has the handles 2 i and 2 i + 1.
+double pairTime(std::uint32_t i) {
+  return 0.25 + 0.5 * i;
+}
+std::vector<NavInput> diveInputs(double duration) {
+  std::vector<NavInput> inputs;
+  for (const Sample& sample : samplesOf(circle, mountedConfig(), duration))
+    inputs.push_back(std::visit([](const auto& s) { return navInput(s); }, sample));
+  for (std::uint32_t i = 0; pairTime(i) + 0.01 < duration; ++i) {
+    inputs.push_back(frameInput(at(pairTime(i)), CameraSide::kLeft, 2 * i));
+    inputs.push_back(frameInput(at(pairTime(i) + 0.004), CameraSide::kRight, 2 * i + 1));
+  }
+  for (int i = 1; i < duration; ++i) inputs.push_back(healthTickInput(at(i)));
+  std::stable_sort(inputs.begin(), inputs.end(),
+                   [](const NavInput& a, const NavInput& b) { return a.utc_ns < b.utc_ns; });
+  return inputs;
+}
+
+std::vector<StereoTrigger> run(NavCore& core, const std::vector<NavInput>& inputs) {
+  std::vector<StereoTrigger> triggers;
+  for (const NavInput& input : inputs) {
+    core.step(input);
+    while (const auto trigger = core.pollTrigger()) triggers.push_back(*trigger);
+  }
+  return triggers;
+}
+
+std::uint64_t counter(const NavCore& core, std::string_view name) {
+  for (const NavHealth::Counter& c : core.health().counters)
+    if (c.name == name) return c.value;
+  ADD_FAILURE() << "no counter " << name;
+  return 0;
+}
+
+TEST(NavCore, GivesEveryPairItsPoseAndAltitude) {
+  NavCore core(coreConfig());
+  const auto triggers = run(core, diveInputs(60));
+  ASSERT_GE(triggers.size(), 118u);
+  for (std::uint32_t i = 0; i < triggers.size(); ++i) {
+    const StereoTrigger& trigger = triggers[i];
+    EXPECT_EQ(trigger.pair_index, i);
+    EXPECT_EQ(trigger.utc_ns, at(pairTime(i)));
+    EXPECT_EQ(trigger.left_frame_id, 2 * i);
+    EXPECT_EQ(trigger.right_frame_id, 2 * i + 1);
+    EXPECT_LT(positionError(trigger.T_odom_body, circle, pairTime(i)), 0.005);
+    EXPECT_TRUE(trigger.altitude_valid);
+    EXPECT_NEAR(trigger.altitude, 2.0 * 1530 / 1500, 1e-9);
+  }
+}
+
+TEST(NavCore, GivesATriggerOnlyOnceTheOdometryCoversItsTime) {
+  NavCore core(coreConfig());
+  for (const NavInput& input : diveInputs(20)) {
+    core.step(input);
+    while (const auto trigger = core.pollTrigger()) EXPECT_LE(trigger->utc_ns, core.odometry().newestUtcNs());
+  }
+}
+
+TEST(NavCore, TwoRunsOfTheSameInputsAgreeBitForBit) {
+  NavCore a(coreConfig()), b(coreConfig());
+  const auto inputs = diveInputs(30);
+  const auto first = run(a, inputs), second = run(b, inputs);
+  ASSERT_EQ(first.size(), second.size());
+  for (std::size_t i = 0; i < first.size(); ++i) {
+    EXPECT_EQ(first[i].T_odom_body.translation(), second[i].T_odom_body.translation());
+    EXPECT_EQ(first[i].T_odom_body.rotation().coeffs(), second[i].T_odom_body.rotation().coeffs());
+    EXPECT_EQ(first[i].altitude, second[i].altitude);
+  }
+}
+
+TEST(NavCore, StepsWithoutHeapCallsOrPageFaults) {
+  const auto inputs = diveInputs(120);
+  NavCore core(coreConfig());
+  // The first seconds touch the code and the stack once.
+  const std::size_t warm = inputs.size() / 10;
+  std::uint64_t triggers = 0;
+  const fathom::test::ThreadCost armed = fathom::test::threadCost();
+  for (std::size_t i = 0; i < warm; ++i) {
+    core.step(inputs[i]);
+    while (core.pollTrigger()) ++triggers;
+  }
+  const fathom::test::ThreadCost steady = fathom::test::threadCost();
+  for (std::size_t i = warm; i < inputs.size(); ++i) {
+    core.step(inputs[i]);
+    while (core.pollTrigger()) ++triggers;
+  }
+  const fathom::test::ThreadCost end = fathom::test::threadCost();
+  EXPECT_GT(triggers, 200u);
+  EXPECT_EQ((end - armed).heap_calls, 0u);
+  if (!fathom::test::sanitized()) {
+    EXPECT_EQ((end - steady).minor_faults + (end - steady).major_faults, 0u);
+  }
+}
+
+TEST(NavCore, WithoutNavigationDropsTheOldestPairsAndCountsThem) {
+  NavCore core(coreConfig());
+  std::vector<NavInput> inputs;
+  for (const NavInput& input : diveInputs(60))
+    if (input.kind != NavInput::Kind::kDvl) inputs.push_back(input);
+  EXPECT_TRUE(run(core, inputs).empty());
+  const NavHealth& health = core.health();
+  EXPECT_FALSE(health.initialised);
+  EXPECT_EQ(health.odometry_age, -1);
+  EXPECT_EQ(health.dvl_age, -1);
+  EXPECT_EQ(health.waiting_pairs, 32u);
+  EXPECT_EQ(counter(core, "pairs_uncovered") + 32, counter(core, "pairs"));
+}
+
+TEST(NavCore, PairsFromBeforeTheOdometryAreDroppedAndLaterOnesKeepTheirNumbers) {
+  NavCore core(coreConfig());
+  std::vector<NavInput> inputs;
+  for (const NavInput& input : diveInputs(20))
+    if (input.kind != NavInput::Kind::kDvl || input.utc_ns > at(5)) inputs.push_back(input);
+  const auto triggers = run(core, inputs);
+  ASSERT_FALSE(triggers.empty());
+  EXPECT_EQ(triggers.front().pair_index, 10u);
+  EXPECT_EQ(triggers.front().utc_ns, at(pairTime(10)));
+  EXPECT_EQ(counter(core, "pairs_uncovered"), 10u);
+}
+
+TEST(NavCore, ALongLossOfBottomTrackDoesNotStopTheTriggers) {
+  NavCore core(coreConfig());
+  std::vector<NavInput> inputs;
+  for (const NavInput& input : diveInputs(60))
+    if (input.kind != NavInput::Kind::kDvl || input.utc_ns < at(10) || input.utc_ns > at(40))
+      inputs.push_back(input);
+  const auto triggers = run(core, inputs);
+  EXPECT_GE(triggers.size(), 118u);
+  bool without_altitude = false;
+  for (const StereoTrigger& trigger : triggers)
+    if (trigger.utc_ns > at(15) && trigger.utc_ns < at(35)) {
+      EXPECT_FALSE(trigger.altitude_valid);
+      without_altitude = true;
+    }
+  EXPECT_TRUE(without_altitude);
+  EXPECT_EQ(counter(core, "dvl_coasted"), 1u);
+}
+
+TEST(NavCore, TriggersThatNobodyTakesAreDroppedOldestFirst) {
+  NavCore core(coreConfig());
+  for (const NavInput& input : diveInputs(60)) core.step(input);
+  core.step(healthTickInput(at(60)));
+  const auto oldest = core.pollTrigger();
+  ASSERT_TRUE(oldest);
+  EXPECT_EQ(oldest->pair_index + 32, counter(core, "triggers"));
+  EXPECT_EQ(counter(core, "triggers_dropped") + 32, counter(core, "triggers"));
+}
+
+TEST(NavCore, AppliesTheSensorsTimeOffsets) {
+  NavCoreConfig late = coreConfig();
+  late.time_offsets = {0.1, -0.2, 0.3, -0.4, 0.5};
+  NavCore shifted(late), plain(coreConfig());
+  const auto offset = [](const NavInput& input) {
+    switch (input.kind) {
+      case NavInput::Kind::kFrame:
+        return input.side == CameraSide::kLeft ? 0.1 : -0.2;
+      case NavInput::Kind::kDvl:
+        return 0.3;
+      case NavInput::Kind::kAttitude:
+        return -0.4;
+      case NavInput::Kind::kDepth:
+        return 0.5;
+      default:
+        return 0.0;
+    }
+  };
+  auto inputs = diveInputs(20);
+  const auto expected = run(plain, inputs);
+  for (NavInput& input : inputs) input.utc_ns -= std::llround(offset(input) * 1e9);
+  const auto got = run(shifted, inputs);
+  ASSERT_EQ(got.size(), expected.size());
+  for (std::size_t i = 0; i < got.size(); ++i) {
+    EXPECT_EQ(got[i].utc_ns, expected[i].utc_ns);
+    EXPECT_EQ(got[i].T_odom_body.translation(), expected[i].T_odom_body.translation());
+  }
+}
+
+TEST(NavCore, HealthTellsAgesSpeedAndWhatWasCounted) {
+  NavCore core(coreConfig());
+  EXPECT_EQ(core.health().utc_ns, 0);
+  run(core, diveInputs(30));
+  core.step(healthTickInput(at(32)));
+  const NavHealth& health = core.health();
+  EXPECT_EQ(health.utc_ns, at(32));
+  EXPECT_TRUE(health.initialised);
+  EXPECT_NEAR(health.attitude_age, 2.1, 1e-6);
+  EXPECT_NEAR(health.dvl_age, 2.163, 1e-6);
+  EXPECT_NEAR(health.depth_age, 2.187, 1e-6);
+  EXPECT_NEAR(health.left_age, 2.25, 1e-6);
+  EXPECT_NEAR(health.right_age, 2.246, 1e-6);
+  EXPECT_EQ(health.water_age, -1);
+  // The last ensemble (29.837 s) waits for a depth sample after the last one (29.813 s), and pair 59 for it.
+  EXPECT_NEAR(health.odometry_age, 2.363, 1e-6);
+  EXPECT_EQ(health.waiting_pairs, 1u);
+  EXPECT_NEAR(health.speed, 1.0, 0.05);
+  EXPECT_NEAR(health.depth, circle(29.637).translation().z(), 0.005);
+  EXPECT_EQ(counter(core, "pairs"), 60u);
+  EXPECT_EQ(counter(core, "triggers"), 59u);
+  EXPECT_EQ(counter(core, "left_unpaired"), 0u);
+  EXPECT_EQ(counter(core, "dvl_used"), 149u);
+  for (const NavHealth::Counter& c : health.counters) EXPECT_FALSE(c.name.empty());
+}
+
+TEST(NavCore, HealthTicksAtAnyTimeNeverMakeAnAgeNegative) {
+  NavCore core(coreConfig());
+  run(core, diveInputs(3));
+  core.step(healthTickInput(std::numeric_limits<std::int64_t>::min()));
+  EXPECT_EQ(core.health().dvl_age, 0);
+  core.step(healthTickInput(std::numeric_limits<std::int64_t>::max()));
+  EXPECT_GT(core.health().dvl_age, 0);
+}
+
+}  // namespace
+}  // namespace fathom::onboard
