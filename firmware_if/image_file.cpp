@@ -126,6 +126,11 @@ std::optional<ImageName> parseImageFileName(const std::string& name) {
   return result;
 }
 
+bool plainFileName(const std::string& name) {
+  return !name.empty() && name != "." && name != ".." && name.find('/') == std::string::npos &&
+         name.find('\0') == std::string::npos;
+}
+
 ImageFile readImage(const std::filesystem::path& path, PixelFormat format, int bits, int width, int height) {
   const std::vector<std::uint8_t> bytes = readFileBytes(path, kMaxFileBytes, "an image");
   TiffPixels pixels;

@@ -20,6 +20,10 @@ struct ImageName {
 };
 [[nodiscard]] std::optional<ImageName> parseImageFileName(const std::string& name);
 
+// Whether `name`, from a log or pose file, can only be a file inside its folder: not empty, no slash, not
+// "..".
+[[nodiscard]] bool plainFileName(const std::string& name);
+
 // An image read from a file, owning its pixels.
 struct ImageFile {
   std::vector<std::uint8_t> bytes;

@@ -270,11 +270,6 @@ std::optional<SensorSample> acfrSample(std::string_view channel, std::span<const
 
 }  // namespace
 
-bool plainFileName(const std::string& name) {
-  return !name.empty() && name != "." && name != ".." && name.find('/') == std::string::npos &&
-         name.find('\0') == std::string::npos;
-}
-
 LogMessage encodeSample(std::int64_t arrival_utc_ns, const SensorSample& sample) {
   return std::visit(Encoder{arrival_utc_ns}, sample);
 }

@@ -60,7 +60,4 @@ struct RawBytes {
 };
 [[nodiscard]] std::optional<RawBytes> decodeRaw(std::span<const std::uint8_t> data);
 
-// Whether `name` can only be a file inside its folder.
-[[nodiscard]] bool plainFileName(const std::string& name);
-
 }  // namespace fathom::io
