@@ -46,7 +46,7 @@ struct OpticsConfig {
                                     {{-0.75, 0.0, 0.0}, {0.18, 0.0, 1.0}, 1.0, 0.70}};
   WaterConfig water;
   SensorConfig sensor;
-  int edge_samples = 4;  // rays for a pixel on an edge of a thing or of a shadow; 1, 4 or 9
+  int edge_samples = 4;  // rays for a pixel on an edge of a thing or of a shadow; 1, 4 or 8
 };
 
 // Throws std::invalid_argument that names the member and its range.

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "recon/geometry/image_view.hpp"
+#include "sim/sea/optics.hpp"
+
+namespace fathom::sim {
+
+// A normal deviate (mean 0, variance 1) that is a function of a hash.
+class NormalTable {
+ public:
+  NormalTable();
+  [[nodiscard]] float operator()(std::uint64_t hash) const;
+
+ private:
+  std::vector<float> quantiles_;
+};
+
+// Gaussian blur of a float image of `channels` interleaved channels, in place; edges repeat.
+void blur(std::vector<float>& image, int width, int height, int channels, double sigma_px);
+
+// Channel of a Bayer RGGB pixel: 0 red, 1 green, 2 blue.
+[[nodiscard]] constexpr int bayerChannel(int x, int y) {
+  return (x & 1) + (y & 1);
+}
+
+// Electrons to whole numbers: value = (electrons + noise) / full well * (2^bits - 1) + black level, noise of
+// variance electrons (shot, Poisson's normal limit) + read noise squared; rounded, held in the sensor's
+// range.
+class ImageSensor {
+ public:
+  explicit ImageSensor(const SensorConfig& config);
+  void expose(const float* electrons, int width, int height, std::uint64_t noise_seed,
+              std::uint16_t* out) const;
+
+ private:
+  SensorConfig config_;
+  NormalTable normal_;
+};
+
+}  // namespace fathom::sim

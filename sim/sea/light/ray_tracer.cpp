@@ -1,0 +1,144 @@
+#include "sim/sea/light/ray_tracer.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+namespace fathom::sim {
+namespace {
+
+constexpr int kSize = RayBundle::kSize;
+constexpr float kLift = 3e-4F;       // [m], of shadow rays' starts off the surface
+constexpr float kMinCosine = 0.25F;  // limits how far a footprint stretches on a slope
+
+struct Points {
+  bool hit[kSize];
+  float range[kSize];
+  Eigen::Vector3f position[kSize];
+  Eigen::Vector3f geometric_normal[kSize];  // unit, towards the camera
+  SurfacePoint surface[kSize];
+};
+
+// First hits of the bundle in one scene, nearer than what `packet` already holds.
+void intersect(RTCScene scene, const int* valid, RTCRayHit8& packet) {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  rtcIntersect8(valid, scene, &context, &packet);
+}
+
+void findPoints(const Shot& shot, const RayBundle& rays, Points& points) {
+  alignas(32) RTCRayHit8 packet;
+  alignas(32) int valid[kSize];
+  Eigen::Vector3f directions[kSize];
+  for (int i = 0; i < kSize; ++i) {
+    valid[i] = i < rays.count ? -1 : 0;
+    const Eigen::Vector2f n = rays.normalised[std::min(i, rays.count - 1)];
+    directions[i] = (shot.R_local_cam * Eigen::Vector3f(n.x(), n.y(), 1.0F)).normalized();
+    packet.ray.org_x[i] = shot.camera.x(), packet.ray.org_y[i] = shot.camera.y(),
+    packet.ray.org_z[i] = shot.camera.z();
+    packet.ray.dir_x[i] = directions[i].x(), packet.ray.dir_y[i] = directions[i].y();
+    packet.ray.dir_z[i] = directions[i].z();
+    packet.ray.tnear[i] = 0, packet.ray.tfar[i] = std::numeric_limits<float>::infinity();
+    packet.ray.time[i] = 0, packet.ray.mask[i] = 0xFFFFFFFF, packet.ray.flags[i] = 0;
+    packet.ray.id[i] = static_cast<unsigned>(i);
+    packet.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
+    packet.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+  }
+  intersect(shot.bed.scene(), valid, packet);
+  float bed_range[kSize];
+  std::copy_n(packet.ray.tfar, kSize, bed_range);
+  if (shot.moving != nullptr) intersect(shot.moving->scene(), valid, packet);
+  for (int i = 0; i < rays.count; ++i) {
+    points.hit[i] = packet.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
+    if (!points.hit[i]) continue;
+    const float range = packet.ray.tfar[i];
+    points.range[i] = range;
+    points.position[i] = shot.camera + range * directions[i];
+    Eigen::Vector3f normal(packet.hit.Ng_x[i], packet.hit.Ng_y[i], packet.hit.Ng_z[i]);
+    normal.normalize();
+    if (normal.dot(directions[i]) > 0) normal = -normal;
+    points.geometric_normal[i] = normal;
+    const float cosine = std::max(kMinCosine, -normal.dot(directions[i]));
+    const float footprint = range / (shot.focal_px * std::sqrt(cosine));
+    const bool moving = range < bed_range[i];
+    SurfacePoint& surface = points.surface[i];
+    surface =
+        (moving ? *shot.moving : shot.bed)
+            .look(packet.hit.geomID[i], packet.hit.primID[i], packet.hit.u[i], packet.hit.v[i], footprint);
+    if (surface.normal.dot(normal) < 0) surface.normal = -surface.normal;
+    if (!moving) shot.detail.apply(points.position[i], footprint, surface);
+  }
+}
+
+// Adds the light of one strobe to the irradiances.
+void illuminate(const Shot& shot, std::size_t strobe, const Points& points, RayBundle& rays) {
+  alignas(32) RTCRay8 packet;
+  alignas(32) int valid[kSize];
+  float strength[kSize], distance[kSize];
+  bool any = false;
+  for (int i = 0; i < kSize; ++i) {
+    valid[i] = 0;
+    packet.tfar[i] = -1;
+    if (i >= rays.count || !points.hit[i]) continue;
+    const Eigen::Vector3f start = points.position[i] + kLift * points.geometric_normal[i];
+    const Eigen::Vector3f to = shot.strobe_positions[strobe] - start;
+    distance[i] = to.norm();
+    const Eigen::Vector3f direction = to / distance[i];
+    const float cosine = points.surface[i].normal.dot(direction);
+    if (cosine <= 0 || points.geometric_normal[i].dot(direction) <= 0) continue;
+    strength[i] = shot.beams[strobe](-direction.dot(shot.strobe_directions[strobe])) * cosine /
+                  (distance[i] * distance[i]);
+    if (strength[i] <= 0) continue;
+    valid[i] = -1;
+    any = true;
+    packet.org_x[i] = start.x(), packet.org_y[i] = start.y(), packet.org_z[i] = start.z();
+    packet.dir_x[i] = direction.x(), packet.dir_y[i] = direction.y(), packet.dir_z[i] = direction.z();
+    packet.tnear[i] = 0, packet.tfar[i] = distance[i];
+    packet.time[i] = 0, packet.mask[i] = 0xFFFFFFFF, packet.flags[i] = 0,
+    packet.id[i] = static_cast<unsigned>(i);
+  }
+  if (!any) return;
+  const auto shadow = [&](RTCScene scene) {
+    RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+    rtcOccluded8(valid, scene, &context, &packet);
+    for (int i = 0; i < kSize; ++i)
+      if (packet.tfar[i] < 0) valid[i] = 0;
+  };
+  shadow(shot.bed.scene());
+  if (shot.moving != nullptr) shadow(shot.moving->scene());
+  for (int i = 0; i < rays.count; ++i) {
+    if (valid[i] == 0) continue;
+    rays.lit[i] |= 1U << strobe;
+    const Radiance left = shot.attenuation(distance[i] + points.range[i]);
+    for (std::size_t c = 0; c < 3; ++c) rays.radiance[i][c] += strength[i] * left[c];
+  }
+}
+
+}  // namespace
+
+void trace(const Shot& shot, RayBundle& rays) {
+  Points points;
+  findPoints(shot, rays, points);
+  for (int i = 0; i < rays.count; ++i) {
+    rays.radiance[i] = {0, 0, 0};
+    rays.lit[i] = 0;
+    rays.inverse_range[i] = points.hit[i] ? 1.0F / points.range[i] : 0.0F;
+  }
+  for (std::size_t s = 0; s < shot.strobe_positions.size(); ++s) illuminate(shot, s, points, rays);
+  for (int i = 0; i < rays.count; ++i) {
+    constexpr float kEndless = 1e6F;  // [m]: the table's last entry
+    const Radiance haze =
+        shot.backscatter.at(rays.x_px[i], rays.y_px[i], points.hit[i] ? points.range[i] : kEndless);
+    for (std::size_t c = 0; c < 3; ++c) {
+      const float albedo = points.hit[i] ? points.surface[i].albedo[c] : 0.0F;
+      rays.radiance[i][c] = albedo / static_cast<float>(std::numbers::pi) * rays.radiance[i][c] + haze[c];
+    }
+  }
+}
+
+}  // namespace fathom::sim

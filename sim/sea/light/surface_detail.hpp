@@ -1,0 +1,26 @@
+#pragma once
+
+#include <cstdint>
+
+#include "sim/sea/ground/noise.hpp"
+#include "sim/sea/ground/surface_scene.hpp"
+
+namespace fathom::sim {
+
+// The fine texture of sand grains, shell grit, turf and pores: noise that is a function of the place on the
+// surface alone, so that every camera and every pass sees the same. Octaves finer than a pixel are left out,
+// so pictures do not alias; octaves coarser than what the surface's own colour resolves are left out too.
+class SurfaceDetail {
+ public:
+  // `contrast`: standard deviation relative to the albedo.
+  SurfaceDetail(std::uint64_t seed, double contrast);
+  // Changes albedo and normal of `point`, seen at `position` (local frame) by a pixel of `footprint_m`.
+  void apply(const Eigen::Vector3f& position, float footprint_m, SurfacePoint& point) const;
+
+ private:
+  NoiseVolume volume_;
+  Eigen::Matrix3f lattice_from_local_;  // turns the lattice out of the seafloor's plane
+  float contrast_;
+};
+
+}  // namespace fathom::sim

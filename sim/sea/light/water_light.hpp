@@ -1,0 +1,52 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <vector>
+
+#include "recon/geometry/camera.hpp"
+#include "recon/geometry/se3.hpp"
+#include "sim/sea/optics.hpp"
+
+namespace fathom::sim {
+
+using Radiance = std::array<float, 3>;
+
+// Share of light that is left after a path through water, per channel, from a table.
+class Attenuation {
+ public:
+  explicit Attenuation(const WaterConfig& water);
+  [[nodiscard]] Radiance operator()(float path_m) const;
+
+ private:
+  std::vector<Radiance> table_;
+};
+
+// A strobe's intensity off its axis: cos^n, one half at the half angle.
+class Beam {
+ public:
+  explicit Beam(const StrobeConfig& strobe);
+  [[nodiscard]] float operator()(float cos_off_axis) const;
+
+ private:
+  std::vector<float> table_;
+};
+
+// Light that the water itself throws back along the view rays of one camera, without shadows in the water.
+// Strobes and camera are fixed to each other, so it is a table over the image and the length of the view ray:
+//   B(r) = integral over t in 0..r of sum_s I_s(theta_s) / d_s^2 * exp(-c (d_s + t)) * beta dt,
+//   beta = scattering * backscatter_fraction / (2 pi)
+class Backscatter {
+ public:
+  Backscatter(const OpticsConfig& optics, const Attenuation& attenuation, const std::vector<Beam>& beams,
+              const Camera& camera, const SE3& T_body_cam);
+  [[nodiscard]] Radiance at(float x_px, float y_px, float range_m) const;
+
+ private:
+  [[nodiscard]] const Radiance& entry(int column, int row, int step) const;
+
+  float cells_per_px_x_, cells_per_px_y_;
+  std::vector<Radiance> table_;
+};
+
+}  // namespace fathom::sim

@@ -1,0 +1,268 @@
+#include "sim/sea/renderer.hpp"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+#include <vector>
+
+#include "sim/sea/ground/moving_things.hpp"
+#include "sim/sea/ground/random.hpp"
+#include "sim/sea/light/camera_rays.hpp"
+#include "sim/sea/light/image_sensor.hpp"
+#include "sim/sea/light/ray_tracer.hpp"
+#include "sim/sea/light/surface_detail.hpp"
+#include "sim/sea/light/water_light.hpp"
+
+namespace fathom::sim {
+namespace {
+
+// Moving things farther than this from the camera are left out of its picture [m].
+constexpr float kMovingRadius = 9.0F;
+
+// An edge: the inverse range bends by more than this part of itself from pixel to pixel (on a plane it does
+// not bend).
+constexpr float kEdgeBend = 0.004F;
+
+// Where the rays of an edge pixel go, in pixels off its centre: rotated grids of 4 and of 8.
+constexpr float kSamples4[4][2] = {
+    {-0.125F, -0.375F}, {0.375F, -0.125F}, {0.125F, 0.375F}, {-0.375F, 0.125F}};
+constexpr float kSamples8[8][2] = {{0.0625F, -0.1875F},  {-0.0625F, 0.1875F}, {0.3125F, 0.0625F},
+                                   {-0.1875F, -0.3125F}, {-0.3125F, 0.3125F}, {-0.4375F, -0.0625F},
+                                   {0.1875F, 0.4375F},   {0.4375F, -0.4375F}};
+
+struct View {
+  Camera camera;
+  SE3 T_body_cam;
+  PixelFormat format;
+  CameraRays rays;
+  Backscatter backscatter;
+};
+
+// Tiles of fixed places, so that the same rays always travel in the same bundle: Embree's results may differ
+// in the last bit from bundle to bundle.
+constexpr int kTileRows = 16, kTileColumns = 64;
+
+// Calls work(y, x_begin, x_end) for each row of each tile, tiles in parallel.
+template <typename Work>
+void forTiles(int width, int height, const Work& work) {
+  const int across = (width + kTileColumns - 1) / kTileColumns, down = (height + kTileRows - 1) / kTileRows;
+  oneapi::tbb::parallel_for(0, across * down, [&](int tile) {
+    const int x_begin = tile % across * kTileColumns, y_begin = tile / across * kTileRows;
+    for (int y = y_begin; y < std::min(height, y_begin + kTileRows); ++y)
+      work(y, x_begin, std::min(width, x_begin + kTileColumns));
+  });
+}
+
+}  // namespace
+
+struct Renderer::Impl {
+  const Terrain& terrain;
+  OpticsConfig optics;
+  SurfaceDetail detail;
+  MovingThings moving;
+  Attenuation attenuation;
+  std::vector<Beam> beams;
+  ImageSensor sensor;
+  View views[2];
+  float electrons_per_radiance = 0;
+
+  Impl(const Terrain& t, const OpticsConfig& o, const StereoRig& rig, const SE3& T_body_cam)
+      : terrain(t),
+        optics(o),
+        detail(hash64(t.config().seed, 500), t.config().detail_contrast),
+        moving(t.config(), t.surface()),
+        attenuation(o.water),
+        beams(o.strobes.begin(), o.strobes.end()),
+        sensor(o.sensor),
+        views{makeView(rig.left, T_body_cam, o.sensor.left_format),
+              makeView(rig.right, T_body_cam * rig.T_right_left.inverse(), o.sensor.right_format)} {
+    electrons_per_radiance = exposureOf(views[0]);
+  }
+
+  View makeView(const Camera& camera, const SE3& T_body_cam, PixelFormat format) const {
+    return {camera, T_body_cam, format, CameraRays(camera),
+            Backscatter(optics, attenuation, beams, camera, T_body_cam)};
+  }
+
+  // What a mono camera makes of the channels.
+  [[nodiscard]] float mono(const Radiance& radiance) const {
+    const Channels& q = optics.sensor.quantum_efficiency;
+    return static_cast<float>((q[0] * radiance[0] + q[1] * radiance[1] + q[2] * radiance[2]) /
+                              (q[0] + q[1] + q[2]));
+  }
+
+  // Electrons per unit of radiance for the exposure that the configuration names.
+  [[nodiscard]] float exposureOf(const View& view) const {
+    const Eigen::Vector3d axis = view.T_body_cam.rotation() * Eigen::Vector3d::UnitZ();
+    const Eigen::Vector3d point = view.T_body_cam.translation() + optics.sensor.exposure_distance_m * axis;
+    Radiance radiance{};
+    for (std::size_t s = 0; s < beams.size(); ++s) {
+      const Eigen::Vector3d from = point - optics.strobes[s].position_body;
+      const double d = from.norm();
+      const float beam =
+          beams[s](static_cast<float>(from.dot(optics.strobes[s].direction_body.normalized()) / d));
+      const Radiance left = attenuation(static_cast<float>(d + optics.sensor.exposure_distance_m));
+      const double cosine = std::max(0.0, from.dot(axis) / d);
+      for (std::size_t c = 0; c < 3; ++c)
+        radiance[c] += static_cast<float>(beam * cosine / (d * d) / std::numbers::pi) * left[c];
+    }
+    const float reference = mono(radiance);
+    if (!(reference > 0))
+      throw std::invalid_argument(
+          "optics: no strobe lights the point at sensor.exposure_distance_m under the camera");
+    return static_cast<float>(optics.sensor.exposure * optics.sensor.full_well_electrons) / reference;
+  }
+
+  void electrons(const SE3& T_nav_body, double time_s, const View& view, std::vector<float>& out) const;
+};
+
+void Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const View& view,
+                               std::vector<float>& out) const {
+  const SurfaceScene& bed = terrain.surface();
+  const SE3 T_local_body(T_nav_body.rotation(), T_nav_body.translation() - bed.origin());
+  const SE3 T_local_cam = T_local_body * view.T_body_cam;
+  const Eigen::Vector3f eye = T_local_cam.translation().cast<float>();
+  const std::unique_ptr<SurfaceScene> things = moving.near(eye, kMovingRadius, time_s);
+  Shot shot{bed,
+            things.get(),
+            detail,
+            attenuation,
+            view.backscatter,
+            beams,
+            {},
+            {},
+            eye,
+            T_local_cam.matrix3().cast<float>(),
+            static_cast<float>(0.5 * (view.camera.fx + view.camera.fy))};
+  for (const StrobeConfig& strobe : optics.strobes) {
+    shot.strobe_positions.push_back((T_local_body * strobe.position_body).cast<float>());
+    shot.strobe_directions.push_back(
+        (T_local_body.rotation() * strobe.direction_body.normalized()).cast<float>());
+  }
+
+  const int width = view.camera.width, height = view.camera.height;
+  const std::size_t channels = view.format == PixelFormat::kMono ? 1 : 3;
+  const auto at = [&](int x, int y) {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
+  };
+  const std::size_t pixels = at(0, height);
+  std::vector<float> radiance(pixels * channels), inverse_range(pixels);
+  std::vector<std::uint8_t> lit(pixels);
+  const auto put = [&](std::size_t pixel, const Radiance& value) {
+    if (channels == 1) {
+      radiance[pixel] = mono(value);
+    } else {
+      std::copy_n(value.begin(), 3, &radiance[3 * pixel]);
+    }
+  };
+
+  // A ray through the centre of each pixel.
+  forTiles(width, height, [&](int y, int x_begin, int x_end) {
+    RayBundle rays;
+    for (int x = x_begin; x < x_end; x += RayBundle::kSize) {
+      rays.count = std::min(RayBundle::kSize, x_end - x);
+      for (int i = 0; i < rays.count; ++i) {
+        rays.x_px[i] = static_cast<float>(x + i), rays.y_px[i] = static_cast<float>(y);
+        rays.normalised[i] = view.rays.at(x + i, y);
+      }
+      trace(shot, rays);
+      for (int i = 0; i < rays.count; ++i) {
+        const std::size_t pixel = at(x + i, y);
+        put(pixel, rays.radiance[i]);
+        inverse_range[pixel] = rays.inverse_range[i];
+        lit[pixel] = static_cast<std::uint8_t>(rays.lit[i]);
+      }
+    }
+  });
+
+  // More rays where a thing or a shadow ends.
+  if (optics.edge_samples > 1) {
+    const auto* samples = optics.edge_samples == 4 ? kSamples4 : kSamples8;
+    const auto bends = [&](int x0, int y0, int x, int y, int x1, int y1) {
+      const float middle = inverse_range[at(x, y)];
+      return std::abs(inverse_range[at(x0, y0)] - 2 * middle + inverse_range[at(x1, y1)]) >
+                 kEdgeBend * middle ||
+             lit[at(x0, y0)] != lit[at(x, y)] || lit[at(x1, y1)] != lit[at(x, y)];
+    };
+    forTiles(width, height, [&](int y, int x_begin, int x_end) {
+      const int above = std::max(0, y - 1), below = std::min(height - 1, y + 1);
+      RayBundle rays;
+      for (int x = x_begin; x < x_end; ++x) {
+        const int before = std::max(0, x - 1), after = std::min(width - 1, x + 1);
+        if (!bends(before, y, x, y, after, y) && !bends(x, above, x, y, x, below)) continue;
+        rays.count = optics.edge_samples;
+        for (int i = 0; i < rays.count; ++i) {
+          rays.x_px[i] = static_cast<float>(x) + samples[i][0],
+          rays.y_px[i] = static_cast<float>(y) + samples[i][1];
+          rays.normalised[i] = view.rays.near(x, y, samples[i][0], samples[i][1]);
+        }
+        trace(shot, rays);
+        Radiance mean{};
+        for (int i = 0; i < rays.count; ++i)
+          for (std::size_t c = 0; c < 3; ++c) mean[c] += rays.radiance[i][c] / static_cast<float>(rays.count);
+        put(at(x, y), mean);
+      }
+    });
+  }
+
+  blur(radiance, width, height, static_cast<int>(channels), optics.sensor.blur_sigma_px);
+  const Channels& q = optics.sensor.quantum_efficiency;
+  const double best = std::max({q[0], q[1], q[2]});
+  out.resize(pixels);
+  forTiles(width, height, [&](int y, int x_begin, int x_end) {
+    for (int x = x_begin; x < x_end; ++x) {
+      const Eigen::Vector2f& n = view.rays.at(x, y);
+      const float cosine = 1.0F / std::sqrt(1.0F + n.squaredNorm());
+      const float vignetting = std::pow(cosine, static_cast<float>(optics.sensor.vignetting_power));
+      float value = 0;
+      if (channels == 1) {
+        value = radiance[at(x, y)];
+      } else {
+        const auto c = static_cast<std::size_t>(bayerChannel(x, y));
+        value = static_cast<float>(q[c] / best) * radiance[3 * at(x, y) + c];
+      }
+      out[at(x, y)] = electrons_per_radiance * vignetting * value;
+    }
+  });
+}
+
+Renderer::Renderer(const Terrain& terrain, const OpticsConfig& optics, const StereoRig& rig,
+                   const SE3& T_body_cam) {
+  validate(optics);
+  impl_ = std::make_unique<Impl>(terrain, optics, rig, T_body_cam);
+}
+
+Renderer::~Renderer() = default;
+
+void Renderer::render(const SE3& T_nav_body, double time_s, CameraSide side, std::uint64_t noise_seed,
+                      std::uint16_t* out) const {
+  const View& view = impl_->views[static_cast<std::size_t>(side)];
+  std::vector<float> electrons;
+  impl_->electrons(T_nav_body, time_s, view, electrons);
+  impl_->sensor.expose(electrons.data(), view.camera.width, view.camera.height, noise_seed, out);
+}
+
+void Renderer::renderElectrons(const SE3& T_nav_body, double time_s, CameraSide side, float* out) const {
+  std::vector<float> electrons;
+  impl_->electrons(T_nav_body, time_s, impl_->views[static_cast<std::size_t>(side)], electrons);
+  std::copy(electrons.begin(), electrons.end(), out);
+}
+
+int Renderer::width(CameraSide side) const {
+  return impl_->views[static_cast<std::size_t>(side)].camera.width;
+}
+int Renderer::height(CameraSide side) const {
+  return impl_->views[static_cast<std::size_t>(side)].camera.height;
+}
+PixelFormat Renderer::format(CameraSide side) const {
+  return impl_->views[static_cast<std::size_t>(side)].format;
+}
+int Renderer::bits() const {
+  return impl_->optics.sensor.bits;
+}
+
+}  // namespace fathom::sim
