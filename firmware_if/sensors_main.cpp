@@ -2,6 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 
+#include "firmware_if/can/can_command.hpp"
 #include "firmware_if/dvl/dvl_command.hpp"
 #include "realtime/kernel/input_error.hpp"
 
@@ -19,6 +20,13 @@ int main(int argc, char** argv) {
                     "A row per ensemble instead of a summary; absent values are empty fields");
   dvl_app->footer("Example: fathom-sensors dvl dive.pd0 --csv > dive.csv\n");
 
+  io::CanCommand can;
+  CLI::App* can_app = app.add_subcommand("can", "NMEA 2000 messages of a CAN capture in candump's text form");
+  can_app->add_option("FILE", can.file, "candump capture")->required();
+  can_app->add_flag("--json", can.json,
+                    "One JSON object a message instead of a summary; absent values are left out");
+  can_app->footer("Example: fathom-sensors can candump.log --json > can.jsonl\n");
+
   try {
     app.parse(argc, argv);
   } catch (const CLI::CallForHelp& help) {
@@ -27,5 +35,8 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "fathom-sensors: %s (see --help)\n", error.what());
     return kExitBadInput;
   }
-  return runTool("fathom-sensors", [&] { return io::runDvlCommand(dvl, stdout, stderr); });
+  return runTool("fathom-sensors", [&] {
+    if (dvl_app->parsed()) return io::runDvlCommand(dvl, stdout, stderr);
+    return io::runCanCommand(can, stdout, stderr);
+  });
 }

@@ -5,6 +5,8 @@
 #include <iterator>
 #include <vector>
 
+#include "firmware_if/can/candump.hpp"
+#include "firmware_if/can/n2k_decoder.hpp"
 #include "firmware_if/dvl/pd0_decoder.hpp"
 
 namespace {
@@ -35,5 +37,38 @@ void pd0Decode(benchmark::State& state) {
       benchmark::Counter(static_cast<double>(ensembles), benchmark::Counter::kIsRate);
 }
 BENCHMARK(pd0Decode)->Arg(16)->Arg(65536)->Unit(benchmark::kMillisecond);
+
+// Text of a real NMEA 2000 bus to frames.
+void candumpRead(benchmark::State& state) {
+  const std::vector<std::uint8_t> text = capture("can/candumpSample3.txt");
+  if (text.empty()) return state.SkipWithError("no real captures in FATHOM_DATA_DIR");
+  for (auto _ : state) {
+    fathom::io::CandumpReader reader;
+    reader.feed(text, [](const fathom::io::CanFrame& frame) { benchmark::DoNotOptimize(&frame); });
+  }
+  state.SetBytesProcessed(static_cast<std::int64_t>(state.iterations()) *
+                          static_cast<std::int64_t>(text.size()));
+}
+BENCHMARK(candumpRead)->Unit(benchmark::kMillisecond);
+
+// Its frames to decoded messages; bytes are those of the frames' data.
+void n2kDecode(benchmark::State& state) {
+  const std::vector<std::uint8_t> text = capture("can/candumpSample3.txt");
+  if (text.empty()) return state.SkipWithError("no real captures in FATHOM_DATA_DIR");
+  std::vector<fathom::io::CanFrame> frames;
+  std::int64_t bytes = 0;
+  fathom::io::CandumpReader reader;
+  reader.feed(text, [&](const fathom::io::CanFrame& frame) {
+    frames.push_back(frame);
+    bytes += frame.size;
+  });
+  fathom::io::N2kDecoder decoder;
+  for (auto _ : state) {
+    for (const auto& frame : frames) benchmark::DoNotOptimize(decoder.add(frame));
+  }
+  state.SetBytesProcessed(static_cast<std::int64_t>(state.iterations()) * bytes);
+  state.SetItemsProcessed(static_cast<std::int64_t>(state.iterations() * frames.size()));
+}
+BENCHMARK(n2kDecode)->Unit(benchmark::kMicrosecond);
 
 }  // namespace

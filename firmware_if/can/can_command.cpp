@@ -1,0 +1,102 @@
+#include "firmware_if/can/can_command.hpp"
+
+#include <array>
+#include <charconv>
+#include <cinttypes>
+#include <map>
+#include <stdexcept>
+#include <vector>
+
+#include "firmware_if/byte_file.hpp"
+#include "firmware_if/can/candump.hpp"
+#include "firmware_if/can/n2k_definitions.hpp"
+#include "realtime/kernel/input_error.hpp"
+
+namespace fathom::io {
+namespace {
+
+constexpr std::size_t kReadBytes = 64 * 1024;
+
+void appendNumber(std::string& out, double value) {
+  std::array<char, 32> digits{};
+  const auto result = std::to_chars(digits.data(), digits.data() + digits.size(), value);
+  out.append(digits.data(), result.ptr);
+}
+
+// Microseconds, the resolution of candump; nanoseconds where there are some.
+void appendSeconds(std::string& out, std::int64_t utc_ns) {
+  std::array<char, 32> text{};
+  const std::int64_t fraction = utc_ns % 1'000'000'000;
+  const bool micro = fraction % 1000 == 0;
+  const int size = std::snprintf(text.data(), text.size(), "%" PRId64 ".%0*" PRId64, utc_ns / 1'000'000'000,
+                                 micro ? 6 : 9, micro ? fraction / 1000 : fraction);
+  out.append(text.data(), static_cast<std::size_t>(size));
+}
+
+void printSummary(std::FILE* out, const std::map<std::uint32_t, std::uint64_t>& messages) {
+  std::fprintf(out, "%8s %9s  what\n", "pgn", "messages");
+  for (const auto& [pgn, count] : messages) {
+    std::fprintf(out, "%8" PRIu32 " %9" PRIu64 "  %s\n", pgn, count, findN2kPgn(pgn)->description);
+  }
+}
+
+}  // namespace
+
+std::string toJson(const N2kMessage& message) {
+  std::string out = "{";
+  if (message.utc_ns) {
+    out += "\"time_s\":";
+    appendSeconds(out, *message.utc_ns);
+    out += ",";
+  }
+  out += "\"pgn\":" + std::to_string(message.id.pgn) + ",\"source\":" + std::to_string(message.id.source) +
+         ",\"fields\":{";
+  const char* comma = "";
+  for (const N2kField& field : message.present()) {
+    out.append(comma).append("\"").append(field.name).append("\":");
+    if (field.text != nullptr) {
+      out.append("\"").append(field.text).append("\"");
+    } else {
+      appendNumber(out, field.value);
+    }
+    comma = ",";
+  }
+  return out + "}}";
+}
+
+int runCanCommand(const CanCommand& command, std::FILE* out, std::FILE* report) {
+  ByteFile file(command.file);
+  CandumpReader reader;
+  N2kDecoder decoder;
+  std::map<std::uint32_t, std::uint64_t> messages;
+  const auto take = [&](const CanFrame& frame) {
+    const N2kMessage* message = decoder.add(frame);
+    if (message == nullptr) return;
+    ++messages[message->id.pgn];
+    if (command.json) std::fprintf(out, "%s\n", toJson(*message).c_str());
+  };
+
+  std::vector<std::uint8_t> buffer(kReadBytes);
+  while (const std::size_t got = file.read(buffer)) reader.feed({buffer.data(), got}, take);
+  reader.drain(take);
+  decoder.finish();
+
+  if (reader.counts().frames == 0) {
+    throw InputError(command.file.string(), "",
+                     "holds no CAN frame with a 29-bit identifier; give a capture in candump's text form");
+  }
+  if (!command.json) printSummary(out, messages);
+  if (std::fflush(out) != 0 || std::ferror(out) != 0)
+    throw std::runtime_error("the output could not be written");
+  const FastPacketAssembler::Counts& fast = decoder.fastPacketCounts();
+  std::fprintf(report,
+               "frames %" PRIu64 ", messages %" PRIu64 ", frames without decoder %" PRIu64
+               ", other frames %" PRIu64 ", broken lines %" PRIu64 ", fast packets: complete %" PRIu64
+               ", incomplete %" PRIu64 ", orphan frames %" PRIu64 ", broken frames %" PRIu64 "\n",
+               reader.counts().frames, decoder.counts().messages, decoder.counts().without_decoder,
+               reader.counts().other, reader.counts().broken, fast.complete, fast.incomplete, fast.orphans,
+               fast.broken);
+  return kExitSuccess;
+}
+
+}  // namespace fathom::io
