@@ -37,14 +37,14 @@ TEST(DeadReckoning, FollowsACircleDespiteLeverArmsMountingDeclinationAndSoundSpe
     }
   }
   EXPECT_GT(checked, 179);
-  EXPECT_LT(worst, 0.005);  // over 180 m travelled
+  EXPECT_LT(worst, 0.002);  // over 180 m travelled
 }
 
-TEST(DeadReckoning, StaysWithinCentimetresWhenEnsemblesComeOnlyTwiceASecond) {
+TEST(DeadReckoning, StaysWithinMillimetresWhenEnsemblesComeOnlyTwiceASecond) {
   const DeadReckoningConfig config = mountedConfig();
   DeadReckoning nav(config);
   feed(nav, samplesOf(circle, config, 100, {2, 10, 5}));
-  EXPECT_LT(worstErrorOver(nav, circle, 85, 99), 0.02);
+  EXPECT_LT(worstErrorOver(nav, circle, 85, 99), 0.003);
 }
 
 TEST(DeadReckoning, TurningOnTheSpotDoesNotMoveTheBodyWhateverTheLeverArm) {
