@@ -1,9 +1,10 @@
 #include "firmware_if/dvl/pd0_ensemble.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cstddef>
 #include <numbers>
+
+#include "firmware_if/civil_time.hpp"
 
 namespace fathom::io {
 namespace {
@@ -35,19 +36,18 @@ class Block {
   std::span<const std::uint8_t> bytes_;
 };
 
+// Month to hundredths of a second, as both clocks have them behind the year.
 std::optional<std::int64_t> clockToUtc(int year, const Block& block, std::size_t month_offset) {
-  const unsigned month = block.u8(month_offset);
-  const unsigned day = block.u8(month_offset + 1);
-  const int hour = block.u8(month_offset + 2);
-  const int minute = block.u8(month_offset + 3);
-  const int second = block.u8(month_offset + 4);
+  constexpr int kNanosecondsPerHundredth = 10'000'000;
   const int hundredths = block.u8(month_offset + 5);
-  const std::chrono::year_month_day date{std::chrono::year{year}, std::chrono::month{month},
-                                         std::chrono::day{day}};
-  if (!date.ok() || hour > 23 || minute > 59 || second > 59 || hundredths > 99) return std::nullopt;
-  const std::int64_t days = std::chrono::sys_days{date}.time_since_epoch().count();
-  const std::int64_t seconds = days * 86400 + hour * 3600 + minute * 60 + second;
-  return seconds * 1'000'000'000 + hundredths * 10'000'000;
+  if (hundredths > 99) return std::nullopt;
+  return utcFromCivil({.year = year,
+                       .month = block.u8(month_offset),
+                       .day = block.u8(month_offset + 1),
+                       .hour = block.u8(month_offset + 2),
+                       .minute = block.u8(month_offset + 3),
+                       .second = block.u8(month_offset + 4),
+                       .nanosecond = hundredths * kNanosecondsPerHundredth});
 }
 
 // The clock with a century (offset 57) where the block is long enough and it holds a date, else the older one
