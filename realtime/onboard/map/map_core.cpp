@@ -1,0 +1,122 @@
+#include "realtime/onboard/map/map_core.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fathom::onboard {
+namespace {
+
+constexpr double kNominalRange = 2.0;  // survey altitude of the vehicle class [m]
+
+bool shaped(const ImageView& image, const Camera& camera) {
+  return !image.empty() && image.width == camera.width && image.height == camera.height;
+}
+
+std::size_t pixels(const Camera& camera) {
+  return static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+}
+
+ImageView eightBit(const std::vector<std::uint8_t>& data, const Camera& camera, PixelFormat format) {
+  const std::size_t samples = format == PixelFormat::kRgb ? 3 : 1;
+  return {
+      data.data(), camera.width, camera.height, static_cast<std::size_t>(camera.width) * samples, format, 8};
+}
+
+void measureFootprint(const Mesh& mesh, MapOutput& out) {
+  if (mesh.vertices.empty()) return;
+  Eigen::AlignedBox2f box;
+  for (const Eigen::Vector3f& v : mesh.vertices) box.extend(Eigen::Vector2f(v.head<2>()));
+  out.min_north_east = box.min().cast<double>();
+  out.max_north_east = box.max().cast<double>();
+  for (const Eigen::Vector3f& v : mesh.vertices)
+    out.footprint_radius =
+        std::max(out.footprint_radius, static_cast<double>((v.head<2>() - box.center()).norm()));
+}
+
+double medianRange(const stereo::StereoResult& result) {
+  if (result.points.empty()) return 0;
+  std::vector<float> z;
+  z.reserve(result.points.size());
+  for (const stereo::StereoPoint& p : result.points) z.push_back(p.point.z());
+  const auto middle = z.begin() + static_cast<std::ptrdiff_t>(z.size() / 2);
+  std::nth_element(z.begin(), middle, z.end());
+  return *middle;
+}
+
+}  // namespace
+
+MapCore::MapCore(const MapCoreConfig& config)
+    : config_(config),
+      left_light_(config.rig.left.width, config.rig.left.height, config.left_format, config.bits,
+                  config.lighting),
+      right_light_(config.rig.right.width, config.rig.right.height, config.right_format, config.bits,
+                   config.lighting),
+      stereo_(config.rig, config.stereo),
+      map_(config.map),
+      last_range_(kNominalRange),
+      left_mosaic_(pixels(config.rig.left)),
+      left_mono_(pixels(config.rig.left)),
+      left_rgb_(3 * pixels(config.rig.left)),
+      right_mono_(pixels(config.rig.right)) {}
+
+void MapCore::addFix(const PositionFix& fix) noexcept {
+  anchor_.add(fix);
+  if (frame_fixed_) return;
+  if (const auto shift = anchor_.estimate()) {
+    T_nav_odom_ = *shift;
+    anchored_ = true;
+  }
+}
+
+stereo::SeedPlane MapCore::seedPlane(const MapInput& input) const {
+  const SE3 T_odom_cam = input.T_odom_body * config_.T_body_cam;
+  const Eigen::Vector3d down_cam = T_odom_cam.rotation().conjugate() * Eigen::Vector3d::UnitZ();
+  if (!input.altitude) return {Eigen::Vector3d::UnitZ(), last_range_};
+  const double dvl_depth = (input.T_odom_body * config_.T_body_dvl.translation()).z();
+  return {down_cam, dvl_depth + *input.altitude - T_odom_cam.translation().z()};
+}
+
+MapOutput MapCore::process(const MapInput& input) {
+  frame_fixed_ = true;
+  MapOutput out;
+  out.pair_index = input.pair_index;
+  out.utc_ns = input.utc_ns;
+  out.T_nav_cam = T_nav_odom_ * input.T_odom_body * config_.T_body_cam;
+  ++counters_.pairs;
+  if (!shaped(input.left, config_.rig.left) || !shaped(input.right, config_.rig.right)) {
+    ++counters_.bad_images;
+    return out;
+  }
+  left_light_.add(input.left);
+  right_light_.add(input.right);
+  left_light_.correct(input.left, left_mosaic_.data());
+  right_light_.correct(input.right, right_mono_.data());
+  const ImageView mosaic = eightBit(left_mosaic_, config_.rig.left, config_.left_format);
+  lighting::demosaicMono(mosaic, left_mono_.data());
+  lighting::demosaicRgb(mosaic, left_rgb_.data());
+
+  const stereo::StereoResult& result = stereo_.process(
+      eightBit(left_mono_, config_.rig.left, PixelFormat::kMono),
+      eightBit(right_mono_, config_.rig.right, PixelFormat::kMono), seedPlane(input), input.max_features);
+  counters_.points += result.points.size();
+  counters_.rejected.no_track += result.rejected.no_track;
+  counters_.rejected.left_right += result.rejected.left_right;
+  counters_.rejected.epipolar += result.rejected.epipolar;
+  counters_.rejected.range += result.rejected.range;
+  counters_.rejected.outlier += result.rejected.outlier;
+  out.points = result.points.size();
+  out.triangles = result.triangles.size();
+  out.median_range = medianRange(result);
+  if (result.triangles.empty()) {
+    ++counters_.pairs_without_points;
+    return out;
+  }
+  last_range_ = out.median_range;
+  Mesh mesh = stereo::toMesh(result, eightBit(left_rgb_, config_.rig.left, PixelFormat::kRgb));
+  transform(mesh, out.T_nav_cam);
+  measureFootprint(mesh, out);
+  out.nodes_updated = map_.fuse(mesh);
+  return out;
+}
+
+}  // namespace fathom::onboard

@@ -1,0 +1,114 @@
+#include "realtime/onboard/onboard_config.hpp"
+
+#include <fstream>
+#include <iterator>
+#include <stdexcept>
+
+#include "realtime/kernel/config_table.hpp"
+#include "realtime/kernel/input_error.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+int whole(const ConfigTable& t, const char* key, int fallback, int min, int max) {
+  return static_cast<int>(t.integer(key, fallback, min, max));
+}
+
+void read(const ConfigTable& t, stereo::SparseStereoConfig& c) {
+  c.max_features = whole(t, "max_features", c.max_features, 50, 5000);
+  c.window = whole(t, "window_px", c.window, 5, 41);
+  if (c.window % 2 == 0) t.fail("window_px", "must be odd");
+  c.max_epipolar_distance = t.number("max_epipolar_distance_px", c.max_epipolar_distance, 0.1, 10);
+  c.max_left_right_distance = t.number("max_left_right_distance_px", c.max_left_right_distance, 0.05, 10);
+  c.sigma_disparity = t.number("sigma_disparity_px", c.sigma_disparity, 0.01, 5);
+  c.max_edge = t.number("max_edge_m", c.max_edge, 0.01, 10);
+  c.min_range = t.number("min_range_m", c.min_range, 0.05, 50);
+  c.max_range = t.number("max_range_m", c.max_range, 0.1, 100);
+  if (c.max_range <= c.min_range) t.fail("max_range_m", "must be more than min_range_m");
+}
+
+void read(const ConfigTable& t, lighting::LightingConfig& c) {
+  c.target_mean = t.number("target_mean", c.target_mean, 0.05, 0.95);
+  c.target_sigma = t.number("target_sigma", c.target_sigma, 0.01, 0.5);
+  c.min_images = whole(t, "min_images", c.min_images, 1, 1000);
+  c.grid = whole(t, "grid_px", c.grid, 1, 64);
+  c.saturated = t.number("saturated", c.saturated, 0.5, 1.0);
+}
+
+void read(const ConfigTable& t, fusion::QuadtreeConfig& c) {
+  c.root_size = t.number("root_size_m", c.root_size, 1, 1024);
+  c.max_level = whole(t, "max_level", c.max_level, 0, 12);
+  c.max_tiles = whole(t, "max_tiles", c.max_tiles, 16, 1 << 20);
+  c.min_sigma = t.number("min_sigma_m", c.min_sigma, 1e-4, 1);
+}
+
+void read(const ConfigTable& t, LinkCoreConfig& c) {
+  telemetry::LinkSchedulerConfig& s = c.scheduler;
+  s.rate_bps = t.number("rate_bps", s.rate_bps, 80, 5400);
+  s.frame_bytes = whole(t, "frame_bytes", s.frame_bytes, 32, 256);
+  s.loss_rate = t.number("loss_rate", s.loss_rate, 0, 0.9);
+  s.delivery_goal = t.number("delivery_goal", s.delivery_goal, 0.5, 0.99999);
+  s.housekeeping_share = t.number("housekeeping_share", s.housekeeping_share, 0.05, 0.95);
+  s.status_period_s = t.number("status_period_s", s.status_period_s, 1, 3600);
+  s.mission_info_period_s = t.number("mission_info_period_s", s.mission_info_period_s, 10, 3600);
+  s.track_interval_s = t.number("track_interval_s", s.track_interval_s, 0.5, 600);
+  s.codec.depth_resolution = t.number("depth_resolution_m", s.codec.depth_resolution, 0.001, 1);
+  s.codec.colour_bits = whole(t, "colour_bits", s.codec.colour_bits, 0, 6);
+  s.max_tiles = whole(t, "max_tiles", s.max_tiles, 16, 65536);
+  c.tile_level = whole(t, "tile_level", c.tile_level, 0, 12);
+  c.settle_s = t.number("settle_s", c.settle_s, 0, 3600);
+  c.max_wait_s = t.number("max_wait_s", c.max_wait_s, c.settle_s, 3600);
+}
+
+}  // namespace
+
+OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path) {
+  OnboardConfig config;
+  // Tiles of 1 m with nodes every 6.25 cm; squares of 4 m with nodes every 25 cm go over the link.
+  config.map.max_level = 5;
+  config.map.max_tiles = 8192;
+  config.link.tile_level = 3;
+  if (!path) return config;
+
+  const ConfigTable root = ConfigTable::load(*path);
+  read(root.table("stereo"), config.stereo);
+  read(root.table("lighting"), config.lighting);
+  read(root.table("map"), config.map);
+  read(root.table("link"), config.link);
+  const ConfigTable nav = root.table("nav");
+  config.drift_share = nav.number("drift_share", config.drift_share, 0, 1);
+  config.max_pair_skew = nav.number("max_pair_skew_s", config.max_pair_skew, 1e-4, 0.5);
+  const ConfigTable output = root.table("output");
+  config.odometry_interval = output.number("odometry_interval_s", config.odometry_interval, 0.01, 60);
+  config.health_interval = output.number("health_interval_s", config.health_interval, 0.1, 60);
+  root.finish();
+  try {
+    config.link.validate();
+  } catch (const std::invalid_argument& e) {
+    throw InputError(path->string(), "[link]", e.what());
+  }
+  std::ifstream in(*path);
+  config.text.assign(std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>());
+  return config;
+}
+
+MapCoreConfig mapCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission,
+                            const StereoRig& rig) {
+  return {rig,
+          mission.T_body_cam,
+          mission.T_body_dvl,
+          mission.cameras.left_format,
+          mission.cameras.right_format,
+          mission.cameras.bits,
+          config.stereo,
+          config.lighting,
+          config.map};
+}
+
+LinkCoreConfig linkCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission) {
+  LinkCoreConfig link = config.link;
+  link.scheduler.identity = {mission.vehicle_id, mission.dive_id};
+  return link;
+}
+
+}  // namespace fathom::onboard

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "firmware_if/mission.hpp"
+#include "realtime/onboard/link/link_core.hpp"
+#include "realtime/onboard/map/map_core.hpp"
+
+namespace fathom::onboard {
+
+// Everything that fathom-onboard's configuration file can set; README.md of this folder lists every key with
+// its unit, range and default.
+struct OnboardConfig {
+  stereo::SparseStereoConfig stereo;
+  lighting::LightingConfig lighting;
+  fusion::QuadtreeConfig map;
+  LinkCoreConfig link;
+  double drift_share = 0.01;       // of the distance travelled: growth of the position's standard deviation
+  double max_pair_skew = 0.02;     // between the exposures of a stereo pair [s]
+  double odometry_interval = 0.1;  // between rows of odometry.csv [s]
+  double health_interval = 1.0;    // between rows of health.csv [s]
+  std::string text;                // of the file, verbatim
+};
+
+// Without a path: the defaults. Throws InputError for an unknown key or a value out of range.
+[[nodiscard]] OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path);
+
+// The cores' own configurations for one mission.
+[[nodiscard]] MapCoreConfig mapCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission,
+                                          const StereoRig& rig);
+[[nodiscard]] LinkCoreConfig linkCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission);
+
+}  // namespace fathom::onboard

@@ -1,0 +1,84 @@
+#include "realtime/onboard/onboard_output.hpp"
+
+#include <iomanip>
+#include <stdexcept>
+#include <utility>
+
+#include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/mesh_io.hpp"
+#include "telemetry/packet_log.hpp"
+
+namespace fathom::onboard {
+
+OnboardOutput::OnboardOutput(std::filesystem::path folder, const Geodetic& origin)
+    : folder_(std::move(folder)), temporary_(folder_.string() + ".tmp") {
+  std::filesystem::remove_all(temporary_);
+  std::filesystem::create_directories(temporary_);
+  poses_.origin = origin;
+  packets_.open(temporary_ / "packets.bin", std::ios::binary);
+  health_.open(temporary_ / "health.csv");
+  if (!packets_ || !health_) throw std::runtime_error("cannot write into " + temporary_.string());
+}
+
+OnboardOutput::~OnboardOutput() {
+  if (committed_) return;
+  packets_.close();
+  health_.close();
+  std::error_code ignored;
+  std::filesystem::remove_all(temporary_, ignored);
+}
+
+void OnboardOutput::addStereoPose(const MapOutput& output, const std::string& left, const std::string& right,
+                                  double altitude) {
+  constexpr double kNanoseconds = 1e9;  // in a second
+  io::StereoPose pose;
+  pose.id = static_cast<int>(output.pair_index);
+  pose.utc_s = static_cast<double>(output.utc_ns) / kNanoseconds;
+  pose.T_nav_cam = output.T_nav_cam;
+  pose.left_image = left;
+  pose.right_image = right;
+  pose.altitude = altitude;
+  pose.footprint_radius = output.footprint_radius;
+  poses_.poses.push_back(std::move(pose));
+}
+
+void OnboardOutput::addPacket(std::int64_t utc_ns, std::span<const std::uint8_t> frame) {
+  if (!telemetry::writePacket(packets_, utc_ns, frame))
+    throw std::runtime_error("cannot write packets.bin in " + temporary_.string());
+}
+
+void OnboardOutput::addHealth(const std::vector<std::pair<std::string, double>>& row) {
+  if (!health_header_) {
+    for (std::size_t i = 0; i < row.size(); ++i) health_ << (i ? "," : "") << row[i].first;
+    health_ << '\n';
+    health_header_ = true;
+  }
+  constexpr int kDigits = 15;  // a counter of 1e15 still prints whole
+  health_ << std::setprecision(kDigits);
+  for (std::size_t i = 0; i < row.size(); ++i) health_ << (i ? "," : "") << row[i].second;
+  health_ << '\n';
+}
+
+void OnboardOutput::writeMap(const Mesh& map_in_nav) {
+  writePly(temporary_ / "map.ply", map_in_nav, {"frame nav: x north, y east, z down [m]"});
+}
+
+void OnboardOutput::writeText(const std::string& name, const std::string& text) {
+  AtomicFile file(temporary_ / name);
+  file.stream() << text;
+  file.commit();
+}
+
+void OnboardOutput::commit() {
+  io::writeTrajectory(temporary_ / "odometry.csv", odometry_);
+  io::writeStereoPoses(temporary_ / "stereo_pose_est.data", poses_);
+  packets_.close();
+  health_.close();
+  if (packets_.fail() || health_.fail())
+    throw std::runtime_error("cannot write into " + temporary_.string() + " (disk full?)");
+  std::filesystem::remove_all(folder_);
+  std::filesystem::rename(temporary_, folder_);
+  committed_ = true;
+}
+
+}  // namespace fathom::onboard

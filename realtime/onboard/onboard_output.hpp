@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "firmware_if/pose_files.hpp"
+#include "realtime/onboard/map/map_core.hpp"
+
+namespace fathom::onboard {
+
+// The folder onboard/ of a mission: everything is written to "<folder>.tmp", which takes the place of the old
+// folder in commit(). Without commit() nothing of it stays.
+class OnboardOutput {
+ public:
+  OnboardOutput(std::filesystem::path folder, const Geodetic& origin);
+  ~OnboardOutput();
+  OnboardOutput(const OnboardOutput&) = delete;
+  OnboardOutput& operator=(const OnboardOutput&) = delete;
+
+  void addOdometry(std::int64_t utc_ns, const SE3& T_odom_body) {
+    odometry_.push_back({utc_ns, T_odom_body});
+  }
+  void addStereoPose(const MapOutput& output, const std::string& left, const std::string& right,
+                     double altitude);
+  void addPacket(std::int64_t utc_ns, std::span<const std::uint8_t> frame);
+  // The first row's names become health.csv's header; every row has the same columns.
+  void addHealth(const std::vector<std::pair<std::string, double>>& row);
+  void writeMap(const Mesh& map_in_nav);
+  void writeText(const std::string& name, const std::string& text);
+
+  void commit();
+
+ private:
+  std::filesystem::path folder_, temporary_;
+  std::vector<io::TrajectoryPoint> odometry_;
+  io::StereoPoseFile poses_;
+  std::ofstream packets_, health_;
+  bool health_header_ = false;
+  bool committed_ = false;
+};
+
+}  // namespace fathom::onboard

@@ -1,0 +1,234 @@
+#include "realtime/onboard/onboard_system.hpp"
+
+#include <cmath>
+#include <type_traits>
+
+namespace fathom::onboard {
+namespace {
+
+constexpr double kNanoseconds = 1e9;  // in a second
+constexpr double kLostAfter = 3.0;    // a sensor silent for longer is reported as lost [s]
+constexpr double kNoPairsAfter =
+    10.0;                            // without a stereo pair for longer the cameras are reported as lost [s]
+constexpr double kPoorPoints = 0.1;  // fewer than this share of the wanted points a pair is poor stereo
+
+NavCoreConfig navCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission) {
+  NavCoreConfig nav;
+  nav.odometry.T_body_dvl = mission.T_body_dvl;
+  nav.odometry.T_body_depth = mission.T_body_depth;
+  nav.odometry.T_body_compass = mission.T_body_compass;
+  nav.odometry.magnetic_declination = mission.magnetic_declination;
+  nav.odometry.sound_speed = mission.water.sound_speed;
+  nav.pairing_tolerance = config.max_pair_skew;
+  const io::MissionConfig::TimeOffsets& t = mission.time_offsets;
+  nav.time_offsets = {t.left_camera, t.right_camera, t.dvl, t.compass, t.depth};
+  return nav;
+}
+
+std::vector<Eigen::Vector2d> planOf(const io::MissionConfig& mission) {
+  std::vector<Eigen::Vector2d> plan;
+  for (const io::MissionConfig::Waypoint& w : mission.plan) plan.emplace_back(w.north, w.east);
+  return plan;
+}
+
+}  // namespace
+
+OnboardSystem::OnboardSystem(const OnboardConfig& config, const io::MissionConfig& mission,
+                             const StereoRig& rig, ImageSource images)
+    : config_(config),
+      mission_(mission),
+      local_(mission.origin),
+      images_(std::move(images)),
+      nav_(navCoreConfig(config, mission)),
+      map_(mapCoreConfig(config, mission, rig)),
+      link_(linkCoreConfig(config, mission)),
+      progress_(planOf(mission)) {
+  telemetry::MissionInfo info;
+  info.vehicle_name = mission.vehicle_name;
+  info.origin = mission.origin;
+  info.start_utc_ns = mission.start_utc_ns;
+  link_.setMissionInfo(info);
+}
+
+void OnboardSystem::consume(std::int64_t arrival_utc_ns, const SensorSample& sample,
+                            const std::function<void(const MappedPair&)>& on_pair) {
+  std::visit(
+      [&](const auto& s) {
+        using T = std::decay_t<decltype(s)>;
+        if constexpr (std::is_same_v<T, GpsFix>)
+          addFix(FixKind::kGps, s.utc_ns, s.latitude, s.longitude, s.sigma_horizontal);
+        else if constexpr (std::is_same_v<T, UsblFix>)
+          addFix(FixKind::kUsbl, s.utc_ns, s.latitude, s.longitude, s.sigma_horizontal);
+        else if constexpr (std::is_same_v<T, ImageEvent>)
+          addImage(s);
+        else
+          nav_.step(navInput(s));
+      },
+      sample);
+  mapPairs(on_pair);
+  updateTrack(arrival_utc_ns);
+  link_.offerTiles(map_.map(), arrival_utc_ns);
+}
+
+void OnboardSystem::addFix(FixKind kind, std::int64_t utc_ns, double latitude, double longitude,
+                           double sigma) {
+  const auto T_odom_body = nav_.odometry().poseAt(utc_ns);
+  if (!T_odom_body) {
+    ++fixes_without_odometry_;
+    return;
+  }
+  PositionFix fix;
+  fix.kind = kind;
+  fix.utc_ns = utc_ns;
+  fix.north_east = local_.toLocal({latitude, longitude});
+  fix.sigma = sigma;
+  // The GPS antenna is taken at the body's origin: its lever arm is far below a fix's error.
+  fix.T_odom_sensor = kind == FixKind::kUsbl ? *T_odom_body * mission_.T_body_usbl : *T_odom_body;
+  map_.addFix(fix);
+}
+
+void OnboardSystem::addImage(const ImageEvent& event) {
+  const auto frame_id = static_cast<std::uint32_t>(image_names_.size());
+  image_names_.push_back(event.file_name);
+  nav_.step(frameInput(event.utc_ns, event.side, frame_id));
+}
+
+void OnboardSystem::mapPairs(const std::function<void(const MappedPair&)>& on_pair) {
+  while (const auto trigger = nav_.pollTrigger()) {
+    MappedPair pair;
+    pair.left_image = image_names_[trigger->left_frame_id];
+    pair.right_image = image_names_[trigger->right_frame_id];
+    const auto left = images_(pair.left_image, CameraSide::kLeft);
+    const auto right = images_(pair.right_image, CameraSide::kRight);
+    if (!left || !right) {
+      ++unreadable_images_;
+      continue;
+    }
+    MapInput input;
+    input.pair_index = trigger->pair_index;
+    input.utc_ns = trigger->utc_ns;
+    input.T_odom_body = trigger->T_odom_body;
+    if (trigger->altitude_valid) pair.altitude = input.altitude = trigger->altitude;
+    input.left = *left;
+    input.right = *right;
+    pair.output = map_.process(input);
+    link_.noteMapped(pair.output, config_.map.root_size);
+    last_pair_ns_ = trigger->utc_ns;
+    last_points_ = pair.output.points;
+    on_pair(pair);
+  }
+}
+
+void OnboardSystem::updateTrack(std::int64_t now_ns) {
+  if (now_ns - last_tick_ns_ < kTickInterval_ns) return;
+  last_tick_ns_ = now_ns;
+  nav_.step(healthTickInput(now_ns));
+  const auto pose = nav_.odometry().poseAt(nav_.odometry().newestUtcNs());
+  if (!pose) return;
+  if (last_pose_) distance_ += (pose->translation() - last_pose_->translation()).head<2>().norm();
+  last_pose_ = pose;
+  progress_.update((map_.T_nav_odom() * *pose).translation().head<2>());
+  link_.setStatus(status(now_ns));
+}
+
+telemetry::Status OnboardSystem::status(std::int64_t now_ns) const {
+  telemetry::Status status;
+  const nav::DeadReckoning& odometry = nav_.odometry();
+  status.utc_ns = odometry.newestUtcNs();
+  if (const auto T_odom_body = odometry.poseAt(status.utc_ns)) {
+    const SE3 T_nav_body = map_.T_nav_odom() * *T_odom_body;
+    status.north = T_nav_body.translation().x();
+    status.east = T_nav_body.translation().y();
+    status.depth = T_nav_body.translation().z();
+    const Eigen::Vector3d rpy = T_nav_body.euler();
+    status.roll = rpy.x();
+    status.pitch = rpy.y();
+    status.heading = rpy.z();
+  }
+  status.altitude = odometry.altitude().value_or(telemetry::kAbsent);
+  status.speed = odometry.velocityBody().norm();
+  if (map_.anchored())
+    status.position_sigma = std::hypot(map_.anchor().sigma(), config_.drift_share * distance_);
+  const MapCore::Counters& counters = map_.counters();
+  status.pairs_seen = static_cast<std::uint32_t>(counters.pairs + unreadable_images_);
+  status.pairs_used =
+      static_cast<std::uint32_t>(counters.pairs - counters.pairs_without_points - counters.bad_images);
+  status.pairs_dropped = static_cast<std::uint32_t>(unreadable_images_ + counters.bad_images);
+  status.mission_progress = progress_.fraction().value_or(telemetry::kAbsent);
+  const fusion::QuadtreeMap::Counters tiles = map_.map().counters();
+  status.pool_refusals = static_cast<std::uint32_t>(tiles.refused + tiles.coarsened);
+  status.health = healthFlags(now_ns, tiles);
+  return status;
+}
+
+std::uint16_t OnboardSystem::healthFlags(std::int64_t now_ns,
+                                         const fusion::QuadtreeMap::Counters& tiles) const {
+  const NavHealth& nav = nav_.health();
+  const auto lost = [](double age) { return age < 0 || age > kLostAfter; };
+  unsigned flags = telemetry::kHealthSoftRealTime;  // a replay has no real-time privileges
+  if (lost(nav.dvl_age) || !nav.altitude) flags |= telemetry::kHealthDvlLost;
+  if (lost(nav.attitude_age)) flags |= telemetry::kHealthCompassLost;
+  if (lost(nav.depth_age)) flags |= telemetry::kHealthDepthLost;
+  const double since_pair = static_cast<double>(now_ns - last_pair_ns_) / kNanoseconds;
+  if (last_pair_ns_ == 0 || since_pair > kNoPairsAfter) flags |= telemetry::kHealthCameraLost;
+  if (!map_.anchored()) flags |= telemetry::kHealthNoFix;
+  if (tiles.refused > 0) flags |= telemetry::kHealthPoolFull;
+  if (tiles.coarsened > 0) flags |= telemetry::kHealthMapCoarsened;
+  const double wanted = kPoorPoints * config_.stereo.max_features;
+  if (last_pair_ns_ != 0 && static_cast<double>(last_points_) < wanted) flags |= telemetry::kHealthStereoPoor;
+  return static_cast<std::uint16_t>(flags);
+}
+
+std::size_t OnboardSystem::nextFrame(std::int64_t now_ns, bool survey_over, std::span<std::uint8_t> out) {
+  if (survey_over) link_.offerTiles(map_.map(), now_ns, true);
+  return link_.nextFrame(now_ns, out);
+}
+
+std::vector<std::pair<std::string, double>> OnboardSystem::health(std::int64_t now_ns) const {
+  std::vector<std::pair<std::string, double>> row;
+  const auto add = [&](std::string name, auto value) {
+    row.emplace_back(std::move(name), static_cast<double>(value));
+  };
+  const NavHealth& nav = nav_.health();
+  add("utc_ns", now_ns);
+  add("dvl_age_s", nav.dvl_age);
+  add("attitude_age_s", nav.attitude_age);
+  add("depth_age_s", nav.depth_age);
+  add("odometry_age_s", nav.odometry_age);
+  for (const NavHealth::Counter& counter : nav.counters)
+    add("nav_" + std::string(counter.name), counter.value);
+  const PositionAnchor::Counters& fixes = map_.anchor().counters();
+  add("gps_fixes", fixes.gps);
+  add("usbl_fixes", fixes.usbl);
+  add("fixes_refused", fixes.refused);
+  add("fixes_without_odometry", fixes_without_odometry_);
+  const MapCore::Counters& m = map_.counters();
+  add("pairs", m.pairs);
+  add("pairs_without_points", m.pairs_without_points);
+  add("pairs_unreadable", unreadable_images_);
+  add("bad_images", m.bad_images);
+  add("points", m.points);
+  add("rejected_no_track", m.rejected.no_track);
+  add("rejected_left_right", m.rejected.left_right);
+  add("rejected_epipolar", m.rejected.epipolar);
+  add("rejected_range", m.rejected.range);
+  add("rejected_outlier", m.rejected.outlier);
+  const fusion::QuadtreeMap::Counters q = map_.map().counters();
+  add("map_tiles", q.tiles_used);
+  add("map_tiles_high_water", q.tiles_high_water);
+  add("map_memory_bytes", q.memory_bytes);
+  add("map_observations", q.observations);
+  add("map_outvoted", q.outvoted);
+  add("map_coarsened", q.coarsened);
+  add("map_refused", q.refused);
+  const telemetry::LinkScheduler::Counters l = link_.counters();
+  add("link_frames", l.frames);
+  add("link_bytes", l.bytes);
+  add("link_tiles_sent", l.tiles_sent);
+  add("link_tiles_waiting", l.tiles_waiting);
+  add("link_tiles_evicted", l.tiles_evicted);
+  add("link_periods_stretched", l.periods_stretched);
+  return row;
+}
+
+}  // namespace fathom::onboard

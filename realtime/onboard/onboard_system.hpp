@@ -1,0 +1,80 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "firmware_if/mission.hpp"
+#include "realtime/onboard/link/link_core.hpp"
+#include "realtime/onboard/link/mission_progress.hpp"
+#include "realtime/onboard/map/map_core.hpp"
+#include "realtime/onboard/nav_core.hpp"
+#include "realtime/onboard/onboard_config.hpp"
+#include "recon/geometry/sensor_samples.hpp"
+
+namespace fathom::onboard {
+
+// The three cores wired together for one mission: samples in, poses, map and modem frames out. No threads,
+// files, sockets or clocks; time is that of the samples.
+class OnboardSystem {
+ public:
+  // Gives the pixels of an exposure, valid until the next call for the same side; std::nullopt: unreadable.
+  using ImageSource = std::function<std::optional<ImageView>(const std::string& file_name, CameraSide side)>;
+
+  // What a stereo pair led to, with the names of its images.
+  struct MappedPair {
+    MapOutput output;
+    std::string left_image, right_image;
+    std::optional<double> altitude;  // [m]
+  };
+
+  OnboardSystem(const OnboardConfig& config, const io::MissionConfig& mission, const StereoRig& rig,
+                ImageSource images);
+
+  // Consumes one sample that arrived at `arrival_utc_ns`; calls `on_pair` for every pair that it completes.
+  void consume(std::int64_t arrival_utc_ns, const SensorSample& sample,
+               const std::function<void(const MappedPair&)>& on_pair);
+
+  // Link time passes; the next frame to send or 0. Call until 0. `survey_over`: nothing more will be mapped.
+  [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, bool survey_over, std::span<std::uint8_t> out);
+
+  // Names and values of every counter, for health.csv.
+  [[nodiscard]] std::vector<std::pair<std::string, double>> health(std::int64_t now_ns) const;
+  [[nodiscard]] telemetry::Status status(std::int64_t now_ns) const;
+
+  [[nodiscard]] const MapCore& map() const { return map_; }
+  [[nodiscard]] const LinkCore& link() const { return link_; }
+  [[nodiscard]] std::uint64_t unreadableImages() const { return unreadable_images_; }
+  [[nodiscard]] const NavCore& nav() const { return nav_; }
+
+ private:
+  void addFix(FixKind kind, std::int64_t utc_ns, double latitude, double longitude, double sigma);
+  void addImage(const ImageEvent& event);
+  void mapPairs(const std::function<void(const MappedPair&)>& on_pair);
+  void updateTrack(std::int64_t now_ns);
+  [[nodiscard]] std::uint16_t healthFlags(std::int64_t now_ns,
+                                          const fusion::QuadtreeMap::Counters& tiles) const;
+
+  static constexpr std::int64_t kTickInterval_ns = 500'000'000;  // between health ticks and status updates
+
+  OnboardConfig config_;
+  io::MissionConfig mission_;
+  LocalTransverseMercator local_;
+  ImageSource images_;
+  NavCore nav_;
+  MapCore map_;
+  LinkCore link_;
+  MissionProgress progress_;
+  std::vector<std::string> image_names_;  // by frame id
+  std::optional<SE3> last_pose_;          // T_odom_body, for the distance travelled
+  double distance_ = 0;                   // since dead reckoning began [m]
+  std::uint64_t unreadable_images_ = 0;
+  std::uint64_t fixes_without_odometry_ = 0;
+  std::int64_t last_pair_ns_ = 0, last_tick_ns_ = 0;
+  std::size_t last_points_ = 0;  // of the newest pair
+};
+
+}  // namespace fathom::onboard

@@ -1,0 +1,227 @@
+#include "realtime/onboard/replay.hpp"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "firmware_if/image_file.hpp"
+#include "firmware_if/sensor_log.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/onboard/onboard_output.hpp"
+#include "realtime/onboard/onboard_system.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+constexpr double kNanoseconds = 1e9;  // in a second
+using Clock = std::chrono::steady_clock;
+
+double secondsSince(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+// Images of a recorded mission; holds one a side.
+class RecordedImages {
+ public:
+  RecordedImages(std::filesystem::path folder, const io::MissionConfig& mission, const StereoRig& rig)
+      : folder_(std::move(folder)), cameras_(mission.cameras), rig_(rig) {}
+
+  std::optional<ImageView> read(const std::string& name, CameraSide side) {
+    const bool left = side == CameraSide::kLeft;
+    const Camera& camera = left ? rig_.left : rig_.right;
+    io::ImageFile& slot = left ? left_ : right_;
+    const auto start = Clock::now();
+    try {
+      slot = io::readImage(folder_ / name, left ? cameras_.left_format : cameras_.right_format, cameras_.bits,
+                           camera.width, camera.height);
+    } catch (const InputError& e) {
+      if (unreadable_++ < kMaxWarnings)
+        std::fprintf(stderr, "fathom-onboard: %s; the pair is dropped\n", e.what());
+      seconds_ += secondsSince(start);
+      return std::nullopt;
+    }
+    seconds_ += secondsSince(start);
+    return slot.view;
+  }
+  [[nodiscard]] double seconds() const { return seconds_; }
+
+ private:
+  static constexpr int kMaxWarnings = 5;  // the rest is in the counters
+  std::filesystem::path folder_;
+  io::MissionConfig::Cameras cameras_;
+  StereoRig rig_;
+  io::ImageFile left_, right_;
+  int unreadable_ = 0;
+  double seconds_ = 0;
+};
+
+// A bar on a terminal; elsewhere a line every tenth of the way.
+class Progress {
+ public:
+  explicit Progress(double total_s) : total_s_(total_s), terminal_(::isatty(STDERR_FILENO) == 1) {}
+  void show(double done_s, std::uint64_t pairs, std::uint64_t frames) {
+    const int percent = total_s_ > 0 ? static_cast<int>(100 * std::min(done_s / total_s_, 1.0)) : 100;
+    const int step = terminal_ ? 1 : 10;
+    if (percent / step == shown_) return;
+    shown_ = percent / step;
+    std::fprintf(stderr, "%sreplay %3d %%: %llu pairs mapped, %llu frames sent%s", terminal_ ? "\r" : "",
+                 percent, static_cast<unsigned long long>(pairs), static_cast<unsigned long long>(frames),
+                 terminal_ ? "" : "\n");
+  }
+  ~Progress() {
+    if (terminal_ && shown_ >= 0) std::fputc('\n', stderr);
+  }
+
+ private:
+  double total_s_;
+  bool terminal_;
+  int shown_ = -1;
+};
+
+std::vector<io::LoggedSample> readSamples(const std::filesystem::path& mission, std::uint64_t& damaged) {
+  io::SensorLogReader reader(mission);
+  std::vector<io::LoggedSample> samples;
+  while (auto sample = reader.next()) samples.push_back(std::move(*sample));
+  damaged = reader.damagedEntries();
+  return samples;
+}
+
+nlohmann::ordered_json reportOf(const ReplaySummary& summary, const OnboardSystem& system,
+                                const io::MissionConfig& mission, std::int64_t end_ns) {
+  nlohmann::ordered_json report;
+  report["vehicle"] = mission.vehicle_name;
+  report["dive_id"] = mission.dive_id;
+  report["mission_s"] = summary.mission_s;
+  report["samples"] = summary.samples;
+  report["damaged_entries"] = summary.damaged_entries;
+  report["pairs"] = summary.pairs;
+  report["pairs_used"] = summary.pairs_used;
+  report["mapped_area_m2"] = summary.mapped_area;
+  report["frames"] = summary.frames;
+  report["frame_bytes"] = summary.frame_bytes;
+  report["anchored"] = system.map().anchored();
+  report["T_nav_odom_m"] = {system.map().T_nav_odom().translation().x(),
+                            system.map().T_nav_odom().translation().y(),
+                            system.map().T_nav_odom().translation().z()};
+  for (const auto& [name, value] : system.health(end_ns)) report["health"][name] = value;
+  return report;
+}
+
+// Frames leave through here: into packets.bin, and to the modem at the replay's pace.
+class FrameSender {
+ public:
+  FrameSender(OnboardOutput& output, const ReplayOptions& options, std::int64_t first_ns)
+      : output_(output), options_(options), first_ns_(first_ns), start_(Clock::now()) {}
+
+  void sendAll(OnboardSystem& system, std::int64_t now_ns, bool survey_over, ReplaySummary& summary) {
+    while (const std::size_t size = system.nextFrame(now_ns, survey_over, buffer_)) {
+      const std::span<const std::uint8_t> frame(buffer_.data(), size);
+      output_.addPacket(now_ns, frame);
+      ++summary.frames;
+      summary.frame_bytes += size;
+      if (!options_.modem) continue;
+      pace(now_ns);
+      if (!options_.modem->send(frame)) ++refused_;
+    }
+  }
+  void pace(std::int64_t now_ns) const {
+    if (options_.speed <= 0) return;
+    const double due = static_cast<double>(now_ns - first_ns_) / kNanoseconds / options_.speed;
+    std::this_thread::sleep_until(
+        start_ + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(due)));
+  }
+  [[nodiscard]] std::uint64_t refused() const { return refused_; }
+
+ private:
+  OnboardOutput& output_;
+  const ReplayOptions& options_;
+  std::int64_t first_ns_;
+  Clock::time_point start_;
+  std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer_{};
+  std::uint64_t refused_ = 0;
+};
+
+}  // namespace
+
+ReplaySummary replay(const ReplayOptions& options) {
+  const io::MissionPaths paths(options.mission);
+  const OnboardConfig config = readOnboardConfig(options.config);
+  const io::MissionConfig mission = io::readMissionConfig(options.mission);
+  const StereoRig rig = readStereoCalib(paths.calib());
+
+  ReplaySummary summary;
+  const std::vector<io::LoggedSample> samples = readSamples(options.mission, summary.damaged_entries);
+  const std::int64_t first_ns = samples.front().arrival_utc_ns, last_ns = samples.back().arrival_utc_ns;
+  summary.mission_s = static_cast<double>(last_ns - first_ns) / kNanoseconds;
+
+  const auto start = Clock::now();
+  RecordedImages images(paths.images(), mission, rig);
+  OnboardSystem system(config, mission, rig,
+                       [&](const std::string& name, CameraSide side) { return images.read(name, side); });
+  OnboardOutput output(options.out.value_or(paths.onboard()), mission.origin);
+  FrameSender sender(output, options, first_ns);
+  Progress progress(summary.mission_s);
+
+  std::int64_t next_odometry_ns = first_ns, next_health_ns = first_ns, last_odometry_ns = 0;
+  for (const io::LoggedSample& logged : samples) {
+    const auto before = Clock::now();
+    const double image_seconds_before = images.seconds();
+    system.consume(logged.arrival_utc_ns, logged.sample, [&](const OnboardSystem::MappedPair& pair) {
+      output.addStereoPose(pair.output, pair.left_image, pair.right_image, pair.altitude.value_or(0.0));
+      if (pair.output.points > 0) ++summary.pairs_used;
+      ++summary.pairs;
+    });
+    summary.stereo_and_map_s += secondsSince(before) - (images.seconds() - image_seconds_before);
+    ++summary.samples;
+    const std::int64_t now = logged.arrival_utc_ns;
+    if (now >= next_odometry_ns) {
+      const nav::DeadReckoning& odometry = system.nav().odometry();
+      const std::int64_t newest = odometry.newestUtcNs();
+      const auto pose = newest > last_odometry_ns ? odometry.poseAt(newest) : std::nullopt;
+      if (pose) output.addOdometry(newest, *pose);
+      last_odometry_ns = std::max(last_odometry_ns, newest);
+      next_odometry_ns = now + static_cast<std::int64_t>(config.odometry_interval * kNanoseconds);
+    }
+    if (now >= next_health_ns) {
+      output.addHealth(system.health(now));
+      next_health_ns = now + static_cast<std::int64_t>(config.health_interval * kNanoseconds);
+    }
+    sender.sendAll(system, now, false, summary);
+    progress.show(static_cast<double>(now - first_ns) / kNanoseconds, summary.pairs, summary.frames);
+  }
+
+  constexpr std::int64_t kDrainStep = 100'000'000;  // [ns]
+  const std::int64_t drain_end = last_ns + static_cast<std::int64_t>(options.drain_s * kNanoseconds);
+  for (std::int64_t now = last_ns; now <= drain_end; now += kDrainStep) {
+    sender.sendAll(system, now, true, summary);
+    if (system.link().drained()) break;
+  }
+
+  summary.wall_s = secondsSince(start);
+  summary.mapped_area = system.link().mappedArea();
+  const Mesh map = fusion::toMesh(system.map().map());
+  if (map.empty())
+    throw InputError(options.mission.string(), "img/",
+                     "no stereo pair gave a map; see onboard counters: " + std::to_string(summary.pairs) +
+                         " pairs, " + std::to_string(system.unreadableImages()) + " unreadable images");
+  output.writeMap(map);
+  output.writeText("report.json", reportOf(summary, system, mission, last_ns).dump(2) + "\n");
+  nlohmann::ordered_json timing;
+  timing["wall_s"] = summary.wall_s;
+  timing["image_reading_s"] = images.seconds();
+  timing["cores_s"] = summary.stereo_and_map_s;
+  timing["cores_ms_per_pair"] =
+      summary.pairs ? 1e3 * summary.stereo_and_map_s / static_cast<double>(summary.pairs) : 0.0;
+  timing["modem_refused_frames"] = sender.refused();
+  output.writeText("timing.json", timing.dump(2) + "\n");
+  output.commit();
+  summary.unreadable_images = system.unreadableImages();
+  return summary;
+}
+
+}  // namespace fathom::onboard

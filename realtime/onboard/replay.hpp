@@ -1,0 +1,36 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+
+#include "realtime/kernel/frame_port.hpp"
+#include "realtime/onboard/onboard_config.hpp"
+
+namespace fathom::onboard {
+
+struct ReplayOptions {
+  std::filesystem::path mission;
+  std::optional<std::filesystem::path> config;  // TOML; absent: defaults
+  std::optional<std::filesystem::path> out;     // absent: <mission>/onboard
+  FramePort* modem = nullptr;  // frames also go here, at the mission's own pace times `speed`
+  double speed = 0;            // mission seconds a second; 0: as fast as the machine goes
+  double drain_s =
+      0;  // after the last sample the vehicle goes on sending until all has left, at most so long [s]
+};
+
+struct ReplaySummary {
+  std::uint64_t samples = 0, damaged_entries = 0, pairs = 0, pairs_used = 0, unreadable_images = 0;
+  std::uint64_t frames = 0, frame_bytes = 0;
+  double mapped_area = 0;       // [m2]
+  double mission_s = 0;         // from first to last sample
+  double wall_s = 0;            // of the replay
+  double stereo_and_map_s = 0;  // of it in MapCore, images read apart
+};
+
+// Feeds a recorded (or simulated) mission to the three cores in logged order and writes onboard/. Everything
+// but timing.json depends on the mission and the configuration alone: two replays give identical bytes.
+// Throws InputError for a mission that cannot be used; an unreadable image is counted and its pair dropped.
+ReplaySummary replay(const ReplayOptions& options);
+
+}  // namespace fathom::onboard
