@@ -4,6 +4,8 @@
 
 #include <array>
 
+#include "realtime/kernel/frame_port.hpp"
+
 namespace fathom::onboard {
 namespace {
 
