@@ -14,14 +14,25 @@ constexpr double kFineTolerance = 0.01;   // last step [px], a tenth of a good m
 constexpr double kCoarseTolerance = 0.1;  // last step [px of the level]
 constexpr double kMaxStep = 2.0;          // one update [px of the level]: the linearisation holds no farther
 constexpr double kMaxDrift = 6.0;         // from where a level began [px of the level]
-constexpr double kMinEnergy = 0.25;       // variance of a window worth tracking [grey levels squared]
+// Of the Gaussian weights, in window edges: less noise than a narrower one, fewer errors beside a step in
+// depth than equal weights (a quarter fewer beyond 1 px on the Middlebury pair, for a fifth more noise on a
+// plane).
+constexpr double kWindowSigma = 0.25;
+constexpr double kMinEnergy = 0.25;  // variance of a window worth tracking [grey levels squared]
 constexpr double kMinHessian =
     1e-3;  // smaller eigenvalue, mean squared gradient [grey levels a pixel, squared]
 
 }  // namespace
 
 PatchTracker::PatchTracker(int window) : window_(window), half_(window / 2) {
-  weight_.fill(1.0F / static_cast<float>(window * window));
+  const double sigma = kWindowSigma * window;
+  double sum = 0;
+  for (int j = -half_; j <= half_; ++j)
+    for (int i = -half_; i <= half_; ++i) sum += std::exp(-(i * i + j * j) / (2 * sigma * sigma));
+  float* weight = weight_.data();
+  for (int j = -half_; j <= half_; ++j)
+    for (int i = -half_; i <= half_; ++i)
+      *weight++ = static_cast<float>(std::exp(-(i * i + j * j) / (2 * sigma * sigma)) / sum);
 }
 
 bool PatchTracker::inside(const GrayLevel& level, const Eigen::Vector2d& at) const {

@@ -52,7 +52,7 @@ class PatchTracker {
   [[nodiscard]] bool inside(const GrayLevel& level, const Eigen::Vector2d& at) const;
 
   int window_, half_;
-  std::array<float, kMaxSamples> weight_;  // sum 1
+  std::array<float, kMaxSamples> weight_;  // Gaussian, sum 1
   Template template_;
   std::array<float, (kMaxWindow + 2) * (kMaxWindow + 2)> patch_;
 };
