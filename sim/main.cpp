@@ -1,0 +1,45 @@
+// fathom-sim: makes missions with ground truth, and scores what was estimated from them. This file parses;
+// each command's file does the work.
+#include <CLI/CLI.hpp>
+
+#include "realtime/kernel/input_error.hpp"
+#include "sim/render_command.hpp"
+
+namespace {
+
+using namespace fathom;
+
+int run(int argc, char** argv) {
+  CLI::App app("Makes missions of a survey AUV with ground truth, and scores what was estimated from them");
+  app.require_subcommand(1);
+
+  sim::RenderOptions render;
+  CLI::App* render_command = app.add_subcommand("render", "make a mission folder from a scenario");
+  render_command->add_option("scenario", render.scenario, "TOML file, or the name of a shipped scenario")
+      ->required();
+  render_command->add_option("--out", render.out, "mission folder to make")->required();
+  render_command->add_option("--seed", render.seed, "instead of the scenario's own");
+  render_command->add_option("--duration", render.duration_s, "cut the survey after this [s]");
+  render_command->add_option("--scale", render.scale, "of the images' sides, 0.05 to 1");
+  render_command->add_option("--threads", render.threads, "0: all")->check(CLI::Range(0, 1024));
+  render_command->add_flag("--force", render.force, "replace a folder that is not empty");
+
+  std::string keys_of;
+  CLI::App* keys_command =
+      app.add_subcommand("keys", "print every key of a scenario with unit, range, default and meaning");
+  keys_command->add_option("scenario", keys_of, "its values (default: the defaults)");
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    return app.exit(e) == 0 ? kExitSuccess : kExitBadInput;
+  }
+  if (*render_command) return sim::runRender(render);
+  return sim::runKeys(keys_of);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return fathom::runTool("fathom-sim", [&] { return run(argc, argv); });
+}

@@ -1,0 +1,248 @@
+#include "sim/mission/mission_maker.hpp"
+
+#include <tbb/global_control.h>
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cstdio>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "firmware_if/image_file.hpp"
+#include "firmware_if/mission.hpp"
+#include "firmware_if/pose_files.hpp"
+#include "firmware_if/sensor_log.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/mesh_io.hpp"
+#include "sim/mission/wide_seafloor.hpp"
+#include "sim/scenario/random.hpp"
+#include "sim/scenario/scenario_file.hpp"
+#include "sim/sea/renderer.hpp"
+#include "sim/sea/terrain.hpp"
+#include "sim/sensors/water_properties.hpp"
+
+namespace fathom::sim {
+namespace {
+
+constexpr double kTruthRate = 50.0;  // of truth/trajectory.csv [1/s]
+
+// A folder that is being written; removed again unless it is whole.
+class PartialFolder {
+ public:
+  PartialFolder(std::filesystem::path out, bool force) : out_(std::move(out)), force_(force) {
+    if (!out_.has_filename()) out_ = out_.parent_path();  // a trailing slash
+    if (std::filesystem::exists(out_) && !std::filesystem::is_directory(out_))
+      throw InputError(out_.string(), "", "is a file; name a folder for the mission");
+    if (std::filesystem::exists(out_) && !std::filesystem::is_empty(out_) && !force_)
+      throw InputError(out_.string(), "", "is not empty; name another folder, or replace it with --force");
+    partial_ = out_.string() + ".partial";
+    std::filesystem::remove_all(partial_);
+    std::filesystem::create_directories(partial_);
+  }
+  ~PartialFolder() {
+    std::error_code ignored;
+    if (!committed_) std::filesystem::remove_all(partial_, ignored);
+  }
+  PartialFolder(const PartialFolder&) = delete;
+  PartialFolder& operator=(const PartialFolder&) = delete;
+  [[nodiscard]] const std::filesystem::path& path() const { return partial_; }
+  void commit() {
+    std::filesystem::remove_all(out_);
+    std::filesystem::rename(partial_, out_);
+    committed_ = true;
+  }
+
+ private:
+  std::filesystem::path out_, partial_;
+  bool force_;
+  bool committed_ = false;
+};
+
+io::MissionConfig missionConfig(const Scenario& s, const StereoRig& rig) {
+  io::MissionConfig m;
+  m.vehicle_name = s.vehicle_name;
+  m.vehicle_id = static_cast<std::uint8_t>(s.vehicle_id);
+  m.dive_id = static_cast<std::uint16_t>(s.dive_id);
+  m.software_version = "fathom-sim " FATHOM_VERSION;
+  m.configuration = scenarioToml(s);
+  m.origin = s.origin;
+  m.start_utc_ns = s.start_utc_ns;
+  m.magnetic_declination = s.magnetic_declination;
+  if (s.sensors.tide.amplitude_m > 0) {
+    char text[160];
+    std::snprintf(text, sizeof text, "sinusoid amplitude_m=%.17g period_s=%.17g phase_rad=%.17g",
+                  s.sensors.tide.amplitude_m, s.sensors.tide.period_s, s.sensors.tide.phase);
+    m.tide_model = text;
+  }
+  m.water.sound_speed =
+      soundSpeed(s.sensors.water.temperature_c, s.sensors.water.salinity_psu, s.terrain.base_depth_m);
+  m.cameras.left_serial = "SIM-" + std::to_string(rig.left.width) + "L";
+  m.cameras.right_serial = "SIM-" + std::to_string(rig.right.width) + "R";
+  m.cameras.left_format = s.optics.sensor.left_format;
+  m.cameras.right_format = s.optics.sensor.right_format;
+  m.cameras.bits = s.optics.sensor.bits;
+  m.cameras.rate_hz = s.sensors.cameras.rate_hz;
+  m.T_body_cam = s.T_body_cam();
+  m.T_body_dvl = s.T_body_dvl;
+  m.T_body_usbl = s.T_body_usbl;
+  m.T_body_depth = s.T_body_depth;
+  m.T_body_compass = s.T_body_compass;
+  // The clocks' offsets as measured before the dive; their drift is not known.
+  const CameraClockConfig& clocks = s.sensors.cameras;
+  Random random(static_cast<std::uint64_t>(s.seed), "camera-clocks");
+  m.time_offsets.left_camera = -clocks.left_offset_s + random.uniform(-clocks.known_to_s, clocks.known_to_s);
+  m.time_offsets.right_camera =
+      -clocks.right_offset_s + random.uniform(-clocks.known_to_s, clocks.known_to_s);
+  for (const SurveyLine& line : surveyLines(s.plan)) {
+    m.plan.push_back({line.from.x(), line.from.y()});
+    m.plan.push_back({line.to.x(), line.to.y()});
+  }
+  return m;
+}
+
+void writeTruth(const std::filesystem::path& folder, const Scenario& scenario, const SensorWorld& world,
+                const Terrain& terrain, const std::vector<Exposure>& exposures) {
+  std::filesystem::create_directories(folder);
+  std::vector<io::TrajectoryPoint> points;
+  for (std::int64_t i = 0; static_cast<double>(i) / kTruthRate <= world.trajectory.duration(); ++i) {
+    const double time = static_cast<double>(i) / kTruthRate;
+    points.push_back({world.utcNs(time), world.trajectory.poseAt(time)});
+  }
+  io::writeTrajectory(folder / "trajectory.csv", points);
+
+  AtomicFile images(folder / "images.csv");
+  images.stream() << "utc_ns,left_image,right_image\n";
+  for (const Exposure& e : exposures) {
+    images.stream() << world.utcNs(e.time_s) << ',' << io::imageFileName(e.left_stamp_ns, CameraSide::kLeft)
+                    << ',' << io::imageFileName(e.right_stamp_ns, CameraSide::kRight) << '\n';
+  }
+  images.commit();
+
+  AtomicFile toml(folder / "scenario.toml");
+  toml.stream() << scenarioToml(scenario);
+  toml.commit();
+  writePly(folder / "terrain.ply", terrain.mesh(), {"true seafloor in nav: north, east, down [m]"});
+}
+
+// Renders and writes one image; the noise is its own.
+void photograph(const Renderer& renderer, const Scenario& scenario, const SE3& T_nav_body, double time_s,
+                std::size_t index, CameraSide side, const std::filesystem::path& file) {
+  const bool left = side == CameraSide::kLeft;
+  const std::uint64_t seed = streamSeed(static_cast<std::uint64_t>(scenario.seed),
+                                        (left ? "left-image-" : "right-image-") + std::to_string(index));
+  const int width = renderer.width(side), height = renderer.height(side);
+  std::vector<std::uint16_t> pixels(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  renderer.render(T_nav_body, time_s, side, seed, pixels.data());
+  ImageView view{
+      pixels.data(),         width,          height, static_cast<std::size_t>(width) * sizeof(std::uint16_t),
+      renderer.format(side), renderer.bits()};
+  std::vector<std::uint8_t> bytes;
+  if (renderer.bits() == 8) {
+    bytes.assign(pixels.begin(), pixels.end());
+    view.data = bytes.data();
+    view.stride = static_cast<std::size_t>(width);
+  }
+  io::writeImage(file, view);
+}
+
+void renderAll(const Renderer& renderer, const Scenario& scenario, const SensorWorld& world,
+               const std::vector<Exposure>& exposures, const std::filesystem::path& folder,
+               const MissionMakerOptions& options) {
+  std::filesystem::create_directories(folder);
+  std::mutex mutex;
+  std::size_t done = 0;
+  tbb::parallel_for(std::size_t{0}, exposures.size(), [&](std::size_t i) {
+    // Isolated, so that a thread that waits inside one image does not begin another.
+    tbb::this_task_arena::isolate([&] {
+      const Exposure& e = exposures[i];
+      const SE3 pose = world.trajectory.poseAt(e.time_s);
+      photograph(renderer, scenario, pose, e.time_s, i, CameraSide::kLeft,
+                 folder / io::imageFileName(e.left_stamp_ns, CameraSide::kLeft));
+      photograph(renderer, scenario, pose, e.time_s, i, CameraSide::kRight,
+                 folder / io::imageFileName(e.right_stamp_ns, CameraSide::kRight));
+    });
+    const std::lock_guard lock(mutex);
+    ++done;
+    if (options.progress) options.progress(done, exposures.size());
+  });
+}
+
+MissionMakerReport describe(const SensorWorld& world, const WideSeafloor& seafloor,
+                            const std::vector<Exposure>& exposures, std::size_t samples) {
+  MissionMakerReport report;
+  report.pairs = exposures.size();
+  report.samples = samples;
+  if (exposures.empty()) return report;
+  report.survey_s = exposures.back().time_s - exposures.front().time_s;
+  report.lowest_m = 1e9;
+  Eigen::Vector3d previous = world.trajectory.poseAt(exposures.front().time_s).translation();
+  for (const Exposure& e : exposures) {
+    const Eigen::Vector3d place = world.trajectory.poseAt(e.time_s).translation();
+    const double altitude = seafloor.depthAt(place.x(), place.y()) - place.z();
+    report.lowest_m = std::min(report.lowest_m, altitude);
+    report.highest_m = std::max(report.highest_m, altitude);
+    report.track_m += (place - previous).head<2>().norm();
+    previous = place;
+  }
+  return report;
+}
+
+MissionMakerReport make(const Scenario& scenario, const MissionMakerOptions& options) {
+  PartialFolder folder(options.out, options.force);
+  const io::MissionPaths paths(folder.path());
+  const StereoRig rig = scenario.scale == 1.0 ? scenario.rig : scenario.rig.scaled(scenario.scale);
+
+  const Terrain terrain(resolvedTerrain(scenario));
+  const WideSeafloor seafloor(terrain);
+  const auto seed = static_cast<std::uint64_t>(scenario.seed);
+  const Trajectory trajectory = simulateVehicle(
+      scenario.plan, scenario.vehicle,
+      [&](double north, double east) { return seafloor.depthAt(north, east); }, seed,
+      scenario.longest_survey_s);
+  const SensorWorld world{
+      trajectory,
+      [&](const Eigen::Vector3d& from, const Eigen::Vector3d& to) { return seafloor.castRay(from, to); },
+      scenario.origin,
+      scenario.start_utc_ns,
+      scenario.magnetic_declination,
+      scenario.T_body_dvl,
+      scenario.T_body_usbl,
+      scenario.T_body_depth,
+      scenario.T_body_compass,
+      seed};
+  const std::vector<Exposure> exposures = simulateExposures(world, scenario.sensors.cameras);
+  const LoggedSamples samples = simulateSensors(world, scenario.sensors, exposures);
+
+  io::writeMissionConfig(paths.root, missionConfig(scenario, rig));
+  writeStereoCalib(paths.calib(), rig);
+  {
+    io::SensorLogWriter log(paths.log());
+    for (const io::LoggedSample& s : samples) log.write(s.arrival_utc_ns, s.sample);
+    log.flush();
+  }
+  writeTruth(paths.truth(), scenario, world, terrain, exposures);
+  const Renderer renderer(terrain, scenario.optics, rig, scenario.T_body_cam());
+  renderAll(renderer, scenario, world, exposures, paths.images(), options);
+  folder.commit();
+  return describe(world, seafloor, exposures, samples.size());
+}
+
+}  // namespace
+
+MissionMakerReport makeMission(const Scenario& scenario, const MissionMakerOptions& options) {
+  const int threads = options.threads > 0
+                          ? options.threads
+                          : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
+                                  static_cast<std::size_t>(threads));
+  tbb::task_arena arena(threads);
+  MissionMakerReport report;
+  arena.execute([&] { report = make(scenario, options); });
+  return report;
+}
+
+}  // namespace fathom::sim

@@ -1,0 +1,67 @@
+#include "sim/render_command.hpp"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+
+#include "realtime/kernel/input_error.hpp"
+#include "sim/mission/mission_maker.hpp"
+#include "sim/scenario/scenario_file.hpp"
+
+namespace fathom::sim {
+namespace {
+
+// A bar that redraws itself on a terminal, a line every tenth elsewhere.
+void showProgress(std::size_t done, std::size_t total) {
+  if (::isatty(STDERR_FILENO) != 0) {
+    constexpr std::size_t kWidth = 40;  // of the bar [characters]
+    const std::size_t full = done * kWidth / total;
+    std::fprintf(stderr, "\r[%s%s] %zu/%zu pairs%s", std::string(full, '#').c_str(),
+                 std::string(kWidth - full, '.').c_str(), done, total, done == total ? "\n" : "");
+  } else if (done * 10 / total != (done - 1) * 10 / total) {
+    std::fprintf(stderr, "%zu of %zu pairs\n", done, total);
+  }
+}
+
+void requireRange(const char* option, double value, double low, double high) {
+  if (value >= low && value <= high) return;
+  char range[80];
+  std::snprintf(range, sizeof range, "is out of range; give a number from %g to %g", low, high);
+  throw InputError(option, "", range);
+}
+
+}  // namespace
+
+int runRender(const RenderOptions& options) {
+  Scenario scenario = loadScenario(options.scenario);
+  if (options.seed) {
+    requireRange("--seed", static_cast<double>(*options.seed), 0, 9007199254740992.0);
+    scenario.seed = *options.seed;
+  }
+  if (options.duration_s) {
+    requireRange("--duration", *options.duration_s, 1, 7200);
+    scenario.longest_survey_s = std::min(scenario.longest_survey_s, *options.duration_s);
+  }
+  if (options.scale) {
+    requireRange("--scale", *options.scale, 0.05, 1);
+    scenario.scale = *options.scale;
+  }
+  MissionMakerOptions maker;
+  maker.out = options.out;
+  maker.force = options.force;
+  maker.threads = options.threads;
+  maker.progress = showProgress;
+  const MissionMakerReport report = makeMission(scenario, maker);
+  std::printf("%s: %zu pairs in %.0f s over %.1f m, altitude %.1f to %.1f m, %zu log entries\n",
+              options.out.c_str(), report.pairs, report.survey_s, report.track_m, report.lowest_m,
+              report.highest_m, report.samples);
+  return kExitSuccess;
+}
+
+int runKeys(const std::string& scenario) {
+  std::fputs(scenarioToml(scenario.empty() ? Scenario() : loadScenario(scenario)).c_str(), stdout);
+  return kExitSuccess;
+}
+
+}  // namespace fathom::sim

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+
+#include "recon/geometry/geodesy.hpp"
+#include "recon/geometry/se3.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+#include "sim/scenario/keys.hpp"
+#include "sim/sea/optics.hpp"
+#include "sim/sea/terrain_config.hpp"
+#include "sim/sensors/sensors.hpp"
+#include "sim/vehicle/vehicle.hpp"
+
+namespace fathom::sim {
+
+// A mission to simulate: everything that decides its bytes.
+struct Scenario {
+  std::filesystem::path file;  // it was read from
+  std::string name = "default";
+  std::string description = "Every key with its default";
+  std::int64_t seed = 1;
+  std::int64_t start_utc_ns = 1772330400000000000;  // 2026-03-01T02:00:00Z
+  Geodetic origin{-0.4089, 2.6519};                 // Heron Reef, Great Barrier Reef
+  double magnetic_declination = 0.1815;             // [rad]
+  std::string vehicle_name = "sirius";
+  int vehicle_id = 1, dive_id = 1;
+  double scale = 1.0;              // of the images' sides
+  double longest_survey_s = 7200;  // the survey is cut after this [s]
+
+  TerrainConfig terrain;
+  OpticsConfig optics;
+  StereoRig rig;                                          // at full size
+  Eigen::Vector3d camera_position{0.42, -0.03, 0.28};     // of the left camera in body [m]
+  Eigen::Vector3d camera_euler{0.0105, -0.0157, 1.5847};  // of T_body_cam [rad]
+  SurveyPlan plan;
+  VehicleConfig vehicle;
+  SensorsConfig sensors;
+  SE3 T_body_dvl = SE3::fromEuler(0.004, -0.006, 0.012, {-0.35, 0.0, 0.22});
+  SE3 T_body_usbl = SE3::fromEuler(0, 0, 0, {0.1, 0.0, -0.45});
+  SE3 T_body_depth = SE3::fromEuler(0, 0, 0, {0.2, 0.1, -0.1});
+  SE3 T_body_compass = SE3::fromEuler(0.003, 0.005, -0.009, {0.6, 0.05, -0.2});
+
+  Scenario();
+  [[nodiscard]] SE3 T_body_cam() const {
+    return SE3::fromEuler(camera_euler.x(), camera_euler.y(), camera_euler.z(), camera_position);
+  }
+};
+
+// Every key of a scenario, in the file's order.
+void visitScenario(KeyVisitor& keys, Scenario& scenario);
+
+// The parts that visitScenario walks through.
+void visitTerrain(KeyVisitor& keys, TerrainConfig& terrain);
+void visitOptics(KeyVisitor& keys, OpticsConfig& optics);
+void visitRig(KeyVisitor& keys, StereoRig& rig);
+void visitSurvey(KeyVisitor& keys, SurveyPlan& plan, VehicleConfig& vehicle);
+void visitSensors(KeyVisitor& keys, SensorsConfig& sensors);
+void visitPose(KeyVisitor& keys, const char* table, SE3& pose, const char* meaning);
+
+}  // namespace fathom::sim

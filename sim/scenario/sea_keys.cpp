@@ -1,0 +1,148 @@
+#include "sim/scenario/scenario.hpp"
+
+namespace fathom::sim {
+namespace {
+
+constexpr const char* kTerrainKinds[] = {"procedural", "mesh"};
+constexpr const char* kFormats[] = {"mono", "bayer_rggb"};
+
+void visitPath(KeyVisitor& keys, const char* key, std::filesystem::path& path, const char* meaning) {
+  std::string text = path.string();
+  keys.text(key, text, meaning);
+  path = text;
+}
+
+void visitGround(KeyVisitor& keys, TerrainConfig& t) {
+  keys.enter("ripples", "sand waves (procedural)");
+  keys.number("wavelength_m", t.ripples.wavelength_m, "m", 0.05, 10, "crest to crest");
+  keys.number("height_m", t.ripples.height_m, "m", 0, 1, "trough to crest; 0: none");
+  keys.angle("direction_deg", t.ripples.direction_rad, -360, 360, "of the current that made them");
+  keys.leave();
+  keys.enter("rubble", "loose stones in patches (procedural)");
+  keys.number("density_per_m2", t.rubble.density_per_m2, "1/m2", 0, 100, "mean; 0: none");
+  keys.number("min_size_m", t.rubble.min_size_m, "m", 0.005, 2, "longest diameter");
+  keys.number("max_size_m", t.rubble.max_size_m, "m", 0.005, 2, "longest diameter");
+  keys.number("patchiness", t.rubble.patchiness, "1", 0, 1, "0 even, 1 only in patches");
+  keys.leave();
+  keys.enter("boulders", "(procedural)");
+  keys.number("density_per_m2", t.boulders.density_per_m2, "1/m2", 0, 10, "0: none");
+  keys.number("min_size_m", t.boulders.min_size_m, "m", 0.02, 10, "longest diameter");
+  keys.number("max_size_m", t.boulders.max_size_m, "m", 0.02, 10, "longest diameter");
+  keys.leave();
+  keys.enter("corals", "heads whose caps overhang (procedural)");
+  keys.number("density_per_m2", t.corals.density_per_m2, "1/m2", 0, 10, "0: none");
+  keys.number("min_size_m", t.corals.min_size_m, "m", 0.02, 10, "diameter of the cap");
+  keys.number("max_size_m", t.corals.max_size_m, "m", 0.02, 10, "diameter of the cap");
+  keys.number("overhang", t.corals.overhang, "1", 0, 0.8, "foot is thinner than the cap by this fraction");
+  keys.leave();
+  constexpr std::size_t kMaxLedges = 20;
+  std::size_t count = keys.beginList("ledges", t.ledges.size(), "drop-offs (procedural)");
+  count = std::min(count, kMaxLedges);
+  t.ledges.resize(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    LedgeConfig& ledge = t.ledges[i];
+    keys.enterItem(i);
+    keys.number("north_m", ledge.north_m, "m", -5000, 5000, "a point on its line");
+    keys.number("east_m", ledge.east_m, "m", -5000, 5000, "a point on its line");
+    keys.angle("heading_deg", ledge.heading_rad, -360, 360, "of descent");
+    keys.number("drop_m", ledge.drop_m, "m", 0, 50, "height");
+    keys.number("width_m", ledge.width_m, "m", 0.05, 50, "horizontal distance over which it falls");
+    keys.number("undercut_m", ledge.undercut_m, "m", 0, 5, "by which the lip overhangs the wall");
+    keys.leaveItem();
+  }
+  keys.endList();
+}
+
+}  // namespace
+
+void visitTerrain(KeyVisitor& keys, TerrainConfig& t) {
+  keys.enter("terrain", "the seafloor");
+  keys.choiceOf("kind", t.kind, kTerrainKinds, "procedural: grown from the seed; mesh: read from a file");
+  auto seed = static_cast<std::int64_t>(t.seed);
+  keys.integer("seed", seed, 0, 9007199254740992, "of the seafloor's shape and colour");
+  t.seed = static_cast<std::uint64_t>(seed);
+  keys.number("centre_north_m", t.centre_north_m, "m", -5000, 5000, "in nav");
+  keys.number("centre_east_m", t.centre_east_m, "m", -5000, 5000, "in nav");
+  keys.number("base_depth_m", t.base_depth_m, "m", 3, 5000,
+              "mean depth before ledges; mesh: of its mean vertex");
+  visitPath(keys, "mesh_file", t.mesh_file,
+            "PLY in north, east, down; beside the scenario or under FATHOM_DATA_DIR");
+  visitPath(keys, "texture_file", t.texture_file, "image for the mesh's s, t; may be empty");
+  keys.number("size_north_m", t.size_north_m, "m", 2, 500, "(procedural)");
+  keys.number("size_east_m", t.size_east_m, "m", 2, 500, "(procedural)");
+  keys.number("grid_spacing_m", t.grid_spacing_m, "m", 0.005, 1, "of the sand's vertices (procedural)");
+  keys.number("undulation_m", t.undulation_m, "m", 0, 10,
+              "standard deviation of the broad relief (procedural)");
+  keys.number("undulation_wavelength_m", t.undulation_wavelength_m, "m", 0.5, 200, "(procedural)");
+  keys.number("roughness_m", t.roughness_m, "m", 0, 0.2, "standard deviation below 0.5 m (procedural)");
+  keys.number("detail_contrast", t.detail_contrast, "1", 0, 0.6,
+              "of the fine texture, relative to the albedo");
+  keys.integer("fish", t.fish, 0, 500, "swimming over the terrain; in pictures, not in the truth");
+  keys.number("swaying_density_per_m2", t.swaying_density_per_m2, "1/m2", 0, 100,
+              "blades of sea grass; in pictures, not in the truth");
+  visitGround(keys, t);
+  keys.leave();
+}
+
+void visitOptics(KeyVisitor& keys, OpticsConfig& o) {
+  keys.enter("optics", "strobes, water and image sensors");
+  keys.integer("edge_samples", o.edge_samples, 1, 9, "rays for a pixel on an edge: 1, 4 or 9");
+  keys.enter("water", "light's way; red, green, blue");
+  keys.vector3("absorption_per_m", o.water.absorption_per_m, "1/m", 0, 10, "");
+  keys.vector3("scattering_per_m", o.water.scattering_per_m, "1/m", 0, 10, "");
+  keys.number("backscatter_fraction", o.water.backscatter_fraction, "1", 0, 1, "of the scattered light");
+  keys.leave();
+  keys.enter("sensor", "the cameras' chips");
+  keys.choiceOf("left_format", o.sensor.left_format, kFormats, "");
+  keys.choiceOf("right_format", o.sensor.right_format, kFormats, "");
+  keys.integer("bits", o.sensor.bits, 8, 12, "8 or 12");
+  keys.vector3("quantum_efficiency", o.sensor.quantum_efficiency, "1", 0, 1, "red, green, blue");
+  keys.number("full_well_electrons", o.sensor.full_well_electrons, "e", 100, 1e6, "at full scale");
+  keys.number("read_noise_electrons", o.sensor.read_noise_electrons, "e", 0, 1e4, "standard deviation");
+  keys.number("black_level", o.sensor.black_level, "1", 0, 0.5, "of full scale");
+  keys.number("vignetting_power", o.sensor.vignetting_power, "1", 0, 10, "of the cosine off the axis");
+  keys.number("blur_sigma_px", o.sensor.blur_sigma_px, "px", 0, 5, "lens and pixel aperture");
+  keys.number("exposure", o.sensor.exposure, "1", 0.01, 100,
+              "a white level seafloor at exposure_distance_m gives this fraction of full scale");
+  keys.number("exposure_distance_m", o.sensor.exposure_distance_m, "m", 0.3, 50, "");
+  keys.leave();
+  constexpr std::size_t kMaxStrobes = 8;
+  std::size_t count = keys.beginList("strobes", o.strobes.size(), "");
+  count = std::min(count, kMaxStrobes);
+  o.strobes.resize(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    StrobeConfig& strobe = o.strobes[i];
+    keys.enterItem(i);
+    keys.vector3("position_m", strobe.position_body, "m", -10, 10, "in body");
+    keys.vector3("direction", strobe.direction_body, "1", -1, 1, "axis of the beam in body");
+    keys.number("intensity", strobe.intensity, "1", 0, 100, "on the axis, relative to the other strobes");
+    keys.angle("half_angle_deg", strobe.half_angle_rad, 5, 89, "at which the intensity is one half");
+    keys.leaveItem();
+  }
+  keys.endList();
+  keys.leave();
+}
+
+void visitRig(KeyVisitor& keys, StereoRig& rig) {
+  const auto camera = [&keys](const char* table, Camera& c, const char* meaning) {
+    keys.enter(table, meaning);
+    keys.integer("width", c.width, 64, 8192, "[px]");
+    keys.integer("height", c.height, 64, 8192, "[px]");
+    keys.number("fx", c.fx, "px", 20, 50000, "focal length");
+    keys.number("fy", c.fy, "px", 20, 50000, "focal length");
+    keys.number("cx", c.cx, "px", 0, 8192, "principal point");
+    keys.number("cy", c.cy, "px", 0, 8192, "principal point");
+    keys.number("k1", c.k1, "1", -2, 2, "radial distortion");
+    keys.number("k2", c.k2, "1", -5, 5, "radial distortion");
+    keys.number("p1", c.p1, "1", -0.1, 0.1, "tangential distortion");
+    keys.number("p2", c.p2, "1", -0.1, 0.1, "tangential distortion");
+    keys.number("k3", c.k3, "1", -5, 5, "radial distortion");
+    keys.leave();
+  };
+  camera("left", rig.left, "left camera: the stereo frame");
+  camera("right", rig.right, "right camera");
+  visitPose(keys, "right_from_left", rig.T_right_left,
+            "maps points of the left camera frame into the right's");
+}
+
+}  // namespace fathom::sim

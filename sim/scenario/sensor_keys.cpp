@@ -1,0 +1,109 @@
+#include "sim/scenario/scenario.hpp"
+
+namespace fathom::sim {
+namespace {
+
+constexpr double kMaxRate = 100;    // [1/s]
+constexpr double kMaxLatency = 10;  // [s]
+
+void visitDvl(KeyVisitor& keys, DvlConfig& c) {
+  keys.enter("dvl", "Doppler velocity log with four Janus beams");
+  keys.number("rate_hz", c.rate_hz, "1/s", 0.1, kMaxRate, "ensembles");
+  keys.number("velocity_sigma_mps", c.velocity_sigma_mps, "m/s", 0, 1, "white noise of each axis");
+  keys.number("scale_error", c.scale_error, "1", 0, 0.1, "largest; drawn once a dive");
+  keys.number("range_sigma_m", c.range_sigma_m, "m", 0, 5, "white noise of each beam's range");
+  keys.number("dropout_probability", c.dropout_probability, "1", 0, 1, "that an ensemble begins a dropout");
+  keys.number("dropout_length", c.dropout_length, "ensembles", 1, 1000, "mean length of a dropout");
+  keys.angle("beam_angle_deg", c.beam_angle, 5, 60, "of the beams off the axis");
+  keys.number("min_range_m", c.min_range_m, "m", 0, 10, "of bottom lock");
+  keys.number("max_range_m", c.max_range_m, "m", 1, 1000, "of bottom lock");
+  keys.number("assumed_sound_speed_mps", c.assumed_sound_speed_mps, "m/s", 1350, 1650,
+              "that the instrument computes with; the water has its own");
+  keys.number("latency_s", c.latency_s, "s", 0, kMaxLatency, "from measurement to arrival");
+  keys.leave();
+}
+
+void visitCompass(KeyVisitor& keys, CompassConfig& c) {
+  keys.enter("compass", "magnetic heading, roll and pitch");
+  keys.number("rate_hz", c.rate_hz, "1/s", 0.1, kMaxRate, "samples");
+  keys.angle("deviation_deg", c.deviation, 0, 30, "amplitude of the deviation over the heading");
+  keys.angle("drift_sigma_deg", c.drift_sigma, 0, 30, "slow change of the deviation");
+  keys.angle("heading_sigma_deg", c.heading_sigma, 0, 30, "white noise of heading");
+  keys.angle("tilt_bias_sigma_deg", c.tilt_bias_sigma, 0, 10, "of roll and pitch, drawn once a dive");
+  keys.angle("tilt_sigma_deg", c.tilt_sigma, 0, 10, "white noise of roll and pitch");
+  keys.number("latency_s", c.latency_s, "s", 0, kMaxLatency, "from measurement to arrival");
+  keys.leave();
+}
+
+void visitPositioning(KeyVisitor& keys, UsblConfig& u, GpsConfig& g) {
+  keys.enter("usbl", "the ship's acoustic positioning, told to the vehicle over the modem");
+  keys.number("period_s", u.period_s, "s", 0.5, 600, "between pings");
+  keys.number("range_sigma_m", u.range_sigma_m, "m", 0, 50, "noise of the range");
+  keys.angle("angle_sigma_deg", u.angle_sigma, 0, 20, "noise of bearing and elevation");
+  keys.number("ship_north_m", u.ship_north_m, "m", -5000, 5000, "transceiver in nav");
+  keys.number("ship_east_m", u.ship_east_m, "m", -5000, 5000, "transceiver in nav");
+  keys.number("ship_depth_m", u.ship_depth_m, "m", 0, 50, "transceiver in nav");
+  keys.number("delay_s", u.delay_s, "s", 0, 60, "mean, from ping to arrival on board");
+  keys.number("outlier_probability", u.outlier_probability, "1", 0, 1, "of a fix");
+  keys.number("outlier_m", u.outlier_m, "m", 0, 1000, "mean size of an outlier");
+  keys.leave();
+  keys.enter("gps", "at the surface before and after the dive");
+  keys.number("rate_hz", g.rate_hz, "1/s", 0.01, kMaxRate, "fixes");
+  keys.number("drift_sigma_m", g.drift_sigma_m, "m", 0, 100, "slow error, north and east each");
+  keys.number("sigma_m", g.sigma_m, "m", 0, 100, "white error, north and east each");
+  keys.number("latency_s", g.latency_s, "s", 0, kMaxLatency, "from measurement to arrival");
+  keys.leave();
+}
+
+void visitWater(KeyVisitor& keys, WaterSensorConfig& c) {
+  keys.enter("water", "conductivity, temperature and optical sensors, and the water itself");
+  keys.number("rate_hz", c.rate_hz, "1/s", 0.01, kMaxRate, "samples");
+  keys.number("temperature_c", c.temperature_c, "deg C", 2, 30, "of the water");
+  keys.number("salinity_psu", c.salinity_psu, "psu", 25, 40, "of the water");
+  keys.number("temperature_sigma_c", c.temperature_sigma_c, "deg C", 0, 5, "white noise");
+  keys.number("conductivity_sigma", c.conductivity_sigma, "S/m", 0, 1, "white noise");
+  keys.number("chlorophyll_ug_l", c.chlorophyll_ug_l, "ug/l", 0, 100, "mean");
+  keys.number("cdom_ppb", c.cdom_ppb, "ppb", 0, 500, "mean, coloured dissolved organic matter");
+  keys.number("turbidity", c.turbidity, "1/m/sr", 0, 1, "mean optical backscatter");
+  keys.number("optics_relative_sigma", c.optics_relative_sigma, "1", 0, 1, "white noise of the last three");
+  keys.number("latency_s", c.latency_s, "s", 0, kMaxLatency, "from measurement to arrival");
+  keys.leave();
+}
+
+void visitCameraClocks(KeyVisitor& keys, CameraClockConfig& c) {
+  keys.enter("cameras", "trigger and clocks; both cameras expose at the same instant");
+  keys.number("rate_hz", c.rate_hz, "1/s", 0.1, 30, "pairs");
+  keys.number("exposure_s", c.exposure_s, "s", 1e-5, 0.1, "of the strobes' flash, as the log tells it");
+  keys.number("left_offset_s", c.left_offset_s, "s", -10, 10, "left clock minus UTC at the start");
+  keys.number("right_offset_s", c.right_offset_s, "s", -10, 10, "right clock minus UTC at the start");
+  keys.number("left_drift", c.left_drift, "s/s", -1e-3, 1e-3, "of the left clock (50 ppm: 5e-5)");
+  keys.number("right_drift", c.right_drift, "s/s", -1e-3, 1e-3, "of the right clock");
+  keys.number("known_to_s", c.known_to_s, "s", 0, 1, "largest error of the offsets in mission.toml");
+  keys.number("latency_s", c.latency_s, "s", 0, kMaxLatency, "from exposure to arrival");
+  keys.leave();
+}
+
+}  // namespace
+
+void visitSensors(KeyVisitor& keys, SensorsConfig& s) {
+  keys.enter("sensors", "rates and errors; the defaults are those of the AUV Sirius");
+  visitDvl(keys, s.dvl);
+  visitCompass(keys, s.compass);
+  keys.enter("depth", "pressure sensor");
+  keys.number("rate_hz", s.depth.rate_hz, "1/s", 0.1, kMaxRate, "samples");
+  keys.number("scale_error", s.depth.scale_error, "1", 0, 0.1, "standard deviation; drawn once a dive");
+  keys.number("sigma_m", s.depth.sigma_m, "m", 0, 5, "white noise");
+  keys.number("latency_s", s.depth.latency_s, "s", 0, kMaxLatency, "from measurement to arrival");
+  keys.leave();
+  visitPositioning(keys, s.usbl, s.gps);
+  visitWater(keys, s.water);
+  visitCameraClocks(keys, s.cameras);
+  keys.enter("tide", "height of the sea over nav's zero, in the pressure sensor's depth");
+  keys.number("amplitude_m", s.tide.amplitude_m, "m", 0, 10, "0: no tide");
+  keys.number("period_s", s.tide.period_s, "s", 60, 200000, "of the sinusoid");
+  keys.angle("phase_deg", s.tide.phase, -360, 360, "at the mission's start");
+  keys.leave();
+  keys.leave();
+}
+
+}  // namespace fathom::sim

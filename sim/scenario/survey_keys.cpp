@@ -1,0 +1,49 @@
+#include "sim/scenario/scenario.hpp"
+
+namespace fathom::sim {
+
+void visitSurvey(KeyVisitor& keys, SurveyPlan& p, VehicleConfig& v) {
+  keys.enter("plan", "parallel lines over a rectangle, then cross lines");
+  keys.number("north_m", p.north, "m", -5000, 5000, "centre of the rectangle in nav");
+  keys.number("east_m", p.east, "m", -5000, 5000, "centre of the rectangle in nav");
+  keys.angle("heading_deg", p.heading, -360, 360, "of the first line");
+  keys.integer("lines", p.lines, 1, 500, "parallel lines");
+  keys.number("line_length_m", p.line_length, "m", 1, 2000, "of a parallel line");
+  keys.number("line_spacing_m", p.line_spacing, "m", 0.2, 100, "between parallel lines");
+  keys.integer("cross_lines", p.cross_lines, 0, 100, "at right angles over the whole width");
+  keys.number("overrun_m", p.overrun, "m", 0, 50, "of a cross line beyond the outermost lines");
+  keys.leave();
+
+  keys.enter("vehicle", "guidance and motion of the hull");
+  keys.number("speed_mps", v.speed_mps, "m/s", 0.05, 2, "over ground on the lines");
+  keys.number("acceleration_mps2", v.acceleration_mps2, "m/s2", 0.01, 2, "along track");
+  keys.number("turn_radius_m", v.turn_radius_m, "m", 0.2, 50, "between lines");
+  keys.angle("turn_rate_degps", v.turn_rate, 1, 90,
+             "fastest turn a second; slows the vehicle in tight turns");
+  keys.number("heading_lag_s", v.heading_lag_s, "s", 0.05, 10, "of the hull behind the track's direction");
+  keys.number("altitude_m", v.follower.altitude_m, "m", 0.5, 50, "that the bottom follower keeps");
+  keys.number("descent_rate_mps", v.follower.descent_rate_mps, "m/s", 0.01, 2, "fastest way down");
+  keys.number("climb_rate_mps", v.follower.climb_rate_mps, "m/s", 0.01, 2, "fastest way up");
+  keys.number("descent_lag_s", v.follower.descent_lag_s, "s", 0.05, 120,
+              "of the follower when the seafloor falls away");
+  keys.number("climb_lag_s", v.follower.climb_lag_s, "s", 0.05, 120,
+              "of the follower when the seafloor rises");
+  keys.number("depth_gain", v.follower.gain_per_s, "1/s", 0.01, 5, "depth error to vertical speed");
+  keys.number("vertical_acceleration_mps2", v.follower.acceleration_mps2, "m/s2", 0.01, 2, "largest");
+  keys.number("look_ahead_m", v.look_ahead_m, "m", 0, 50, "of the forward altimeter");
+  keys.number("min_altitude_m", v.min_altitude_m, "m", 0.2, 40,
+              "the vehicle stops to climb where less lies ahead; below altitude_m");
+  keys.angle("roll_sigma_deg", v.roll_sigma, 0, 20, "oscillation, standard deviation");
+  keys.angle("pitch_sigma_deg", v.pitch_sigma, 0, 20, "oscillation, standard deviation");
+  keys.number("shortest_roll_period_s", v.shortest_roll_period_s, "s", 0.5, 60, "of roll and pitch");
+  keys.number("longest_roll_period_s", v.longest_roll_period_s, "s", 0.5, 120, "of roll and pitch");
+  keys.angle("heading_sigma_deg", v.heading_sigma, 0, 20, "wander about the track's direction");
+  keys.angle("crab_deg", v.crab, -45, 45, "mean angle from track to hull, for a current from the side");
+  keys.number("cross_track_sigma_m", v.cross_track_sigma_m, "m", 0, 5, "slow wander about the planned line");
+  keys.number("float_s", v.float_s, "s", 1, 3600, "at the surface before and after, with GPS");
+  keys.number("float_depth_m", v.float_depth_m, "m", 0, 2, "of body's origin when it floats");
+  keys.number("dive_rate_mps", v.dive_rate_mps, "m/s", 0.05, 3, "down to the survey and up again");
+  keys.leave();
+}
+
+}  // namespace fathom::sim

@@ -1,0 +1,177 @@
+#include "sim/score/score.hpp"
+
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "firmware_if/mission.hpp"
+#include "firmware_if/pose_files.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/mesh_io.hpp"
+#include "sim/score/surface_score.hpp"
+#include "sim/score/trajectory_score.hpp"
+
+namespace fathom::sim {
+namespace {
+
+// One program's estimates: its trajectory, its surface, and where the surface's alignment begins.
+class Scorer {
+ public:
+  Scorer(const std::filesystem::path& mission, ScoreReport& report)
+      : paths_(mission), config_(io::readMissionConfig(mission)), truth_(paths_.truth()), report_(report) {}
+
+  void scoreDeadReckoning() {
+    const auto file = paths_.onboard() / "odometry.csv";
+    if (!there(file)) return;
+    report_.dead_reckoning = scoreOdometry(io::readTrajectory(file), truth_);
+    if (!report_.dead_reckoning) note(file, "shares no time with the truth");
+  }
+
+  void scoreProgram(const std::filesystem::path& folder, const char* mesh_name,
+                    std::optional<TrajectoryScore>& trajectory, std::optional<SurfaceScore>& surface) {
+    SE3 start;
+    const auto poses = folder / "stereo_pose_est.data";
+    if (there(poses)) {
+      const CameraTracks tracks = pairTracks(io::readStereoPoses(poses), truth_, config_);
+      if (tracks.truth.empty()) {
+        note(poses, "shares no time with the truth");
+      } else {
+        trajectory = scoreTrack(tracks);
+        start = alignLevel(tracks.estimate, tracks.truth);
+      }
+    }
+    const auto file = folder / mesh_name;
+    if (!there(file)) return;
+    const Mesh mesh = readPly(file);
+    if (sampleSurface(mesh, 1).empty()) {
+      note(file, "has no surface");
+      return;
+    }
+    prepareSurface();
+    surface = scoreSurface(mesh, *surface_, seen_, start);
+  }
+
+ private:
+  bool there(const std::filesystem::path& file) {
+    if (std::filesystem::exists(file)) return true;
+    note(file, "is absent: not scored");
+    return false;
+  }
+  void note(const std::filesystem::path& file, const char* what) {
+    report_.notes.push_back(file.lexically_relative(paths_.root).string() + " " + what);
+  }
+
+  // The true surface is large: it is read when the first estimate asks for it.
+  void prepareSurface() {
+    if (surface_) return;
+    const auto file = paths_.truth() / "terrain.ply";
+    Mesh mesh = readPly(file);
+    if (mesh.empty()) throw InputError(file.string(), "", "has no triangles; make the mission again");
+    surface_ = std::make_unique<TruthSurface>(std::move(mesh));
+    const StereoRig rig = readStereoCalib(paths_.calib());
+    std::vector<SE3> poses;
+    for (const std::int64_t utc_ns : truth_.exposures()) {
+      if (const auto pose = truth_.poseAt(utc_ns)) poses.push_back(*pose * config_.T_body_cam);
+    }
+    if (poses.empty()) note(paths_.truth() / "images.csv", "lists no exposures: coverage is 0");
+    seen_ = seenCells(*surface_, rig.left, poses);
+  }
+
+  io::MissionPaths paths_;
+  io::MissionConfig config_;
+  TruthTrack truth_;
+  ScoreReport& report_;
+  std::unique_ptr<TruthSurface> surface_;
+  PlanCells seen_;
+};
+
+nlohmann::ordered_json orNull(const std::optional<double>& value) {
+  return value ? nlohmann::ordered_json(*value) : nlohmann::ordered_json(nullptr);
+}
+
+nlohmann::ordered_json toJson(const std::optional<TrajectoryScore>& score, bool rms_only) {
+  if (!score) return nullptr;
+  nlohmann::ordered_json json;
+  json["rms_m"] = score->rms_m;
+  if (rms_only) return json;
+  json["aligned_rms_m"] = orNull(score->aligned_rms_m);
+  json["crossover_rms_m"] = orNull(score->crossover_rms_m);
+  return json;
+}
+
+nlohmann::ordered_json toJson(const std::optional<SurfaceScore>& score) {
+  if (!score) return nullptr;
+  nlohmann::ordered_json json;
+  json["rms_m"] = score->rms_m;
+  json["aligned_rms_m"] = score->aligned_rms_m;
+  json["p50_m"] = score->p50_m;
+  json["p95_m"] = score->p95_m;
+  json["p99_m"] = score->p99_m;
+  json["bias_m"] = score->bias_m;
+  json["coverage"] = score->coverage;
+  return json;
+}
+
+std::string metres(const std::optional<double>& value) {
+  if (!value) return "-";
+  char text[32];
+  std::snprintf(text, sizeof text, "%.4f", *value);
+  return text;
+}
+
+void trajectoryRow(std::string& out, const char* name, const std::optional<TrajectoryScore>& s) {
+  char line[160];
+  if (s) {
+    std::snprintf(line, sizeof line, "  %-16s %10s %12s %14s %8zu\n", name, metres(s->rms_m).c_str(),
+                  metres(s->aligned_rms_m).c_str(), metres(s->crossover_rms_m).c_str(), s->poses);
+  } else {
+    std::snprintf(line, sizeof line, "  %-16s %10s %12s %14s %8s\n", name, "-", "-", "-", "-");
+  }
+  out += line;
+}
+
+void surfaceRow(std::string& out, const char* name, const std::optional<SurfaceScore>& s) {
+  char line[200];
+  if (s) {
+    std::snprintf(line, sizeof line, "  %-10s %9.4f %12.4f %9.4f %9.4f %9.4f %9.4f %9.1f%%\n", name, s->rms_m,
+                  s->aligned_rms_m, s->p50_m, s->p95_m, s->p99_m, s->bias_m, 100.0 * s->coverage);
+  } else {
+    std::snprintf(line, sizeof line, "  %-10s %9s %12s %9s %9s %9s %9s %10s\n", name, "-", "-", "-", "-", "-",
+                  "-", "-");
+  }
+  out += line;
+}
+
+}  // namespace
+
+ScoreReport scoreMission(const std::filesystem::path& mission) {
+  ScoreReport report;
+  Scorer scorer(mission, report);
+  const io::MissionPaths paths(mission);
+  scorer.scoreDeadReckoning();
+  scorer.scoreProgram(paths.onboard(), "map.ply", report.onboard, report.onboard_surface);
+  scorer.scoreProgram(paths.topside(), "mesh.ply", report.topside, report.topside_surface);
+  return report;
+}
+
+std::string scoreJson(const ScoreReport& report) {
+  nlohmann::ordered_json json;
+  json["trajectory"]["dead_reckoning"] = toJson(report.dead_reckoning, true);
+  json["trajectory"]["onboard"] = toJson(report.onboard, false);
+  json["trajectory"]["topside"] = toJson(report.topside, false);
+  json["surface"]["onboard"] = toJson(report.onboard_surface);
+  json["surface"]["topside"] = toJson(report.topside_surface);
+  return json.dump();
+}
+
+std::string scoreTable(const ScoreReport& report) {
+  std::string out = "trajectory [m]          rms      aligned      crossover    poses\n";
+  trajectoryRow(out, "dead reckoning", report.dead_reckoning);
+  trajectoryRow(out, "onboard", report.onboard);
+  trajectoryRow(out, "topside", report.topside);
+  out += "surface [m]        rms      aligned       p50       p95       p99      bias   coverage\n";
+  surfaceRow(out, "onboard", report.onboard_surface);
+  surfaceRow(out, "topside", report.topside_surface);
+  return out;
+}
+
+}  // namespace fathom::sim

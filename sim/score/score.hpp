@@ -1,0 +1,42 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace fathom::sim {
+
+// Errors of estimated camera positions against the truth, over the images of the survey.
+struct TrajectoryScore {
+  double rms_m = 0;                       // in nav, three-dimensional
+  std::optional<double> aligned_rms_m;    // after the best rigid motion of the whole (Umeyama 1991, no scale)
+  std::optional<double> crossover_rms_m;  // of relative positions between passes; absent without crossovers
+  std::size_t poses = 0;
+};
+
+// Errors of an estimated surface: distances from points spread evenly over its area to the true surface.
+struct SurfaceScore {
+  double rms_m = 0, p50_m = 0, p95_m = 0, p99_m = 0;  // in nav
+  double bias_m = 0;         // mean signed distance: positive where the estimate lies above the truth
+  double aligned_rms_m = 0;  // after the best rigid motion of the whole (point-to-plane ICP)
+  double coverage = 0;       // part of the seafloor that the cameras saw, in plan, with an aligned estimate
+};
+
+struct ScoreReport {
+  std::optional<TrajectoryScore> dead_reckoning, onboard, topside;
+  std::optional<SurfaceScore> onboard_surface, topside_surface;
+  std::vector<std::string> notes;  // what is missing, and why
+};
+
+// Compares <mission>/onboard and <mission>/topside with <mission>/truth. What a program did not write is
+// noted and left out. Same files, same numbers. Throws InputError for a mission without truth and for damaged
+// files.
+[[nodiscard]] ScoreReport scoreMission(const std::filesystem::path& mission);
+
+// {"trajectory":{"dead_reckoning":{"rms_m":...},"onboard":{...},"topside":{...}},"surface":{...}}; parts that
+// are missing are null.
+[[nodiscard]] std::string scoreJson(const ScoreReport& report);
+[[nodiscard]] std::string scoreTable(const ScoreReport& report);
+
+}  // namespace fathom::sim

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "firmware_if/mission.hpp"
+#include "firmware_if/pose_files.hpp"
+#include "sim/score/alignment.hpp"
+#include "sim/score/score.hpp"
+
+namespace fathom::sim {
+
+// truth/trajectory.csv and truth/images.csv of a mission.
+class TruthTrack {
+ public:
+  // Throws InputError for a folder without truth.
+  explicit TruthTrack(const std::filesystem::path& truth_folder);
+
+  // Pose of body in nav; std::nullopt outside the recorded time.
+  [[nodiscard]] std::optional<SE3> poseAt(std::int64_t utc_ns) const;
+  // True time of the exposure that gave a left image, if it is listed.
+  [[nodiscard]] std::optional<std::int64_t> exposureOf(const std::string& left_image) const;
+  // True exposure times of all pairs, in order; empty when they are not listed.
+  [[nodiscard]] const std::vector<std::int64_t>& exposures() const { return exposures_; }
+  [[nodiscard]] std::int64_t beginUtcNs() const { return points_.front().utc_ns; }
+
+ private:
+  std::vector<io::TrajectoryPoint> points_;
+  std::map<std::string, std::int64_t> image_times_;
+  std::vector<std::int64_t> exposures_;
+};
+
+// Estimated and true camera positions of the same exposures.
+struct CameraTracks {
+  Points estimate, truth;  // nav [m]
+  std::vector<double> time_s;
+};
+// Pairs each estimated pose with the truth by its left image, else by its time. `file` in another origin's
+// frame is brought into the mission's.
+[[nodiscard]] CameraTracks pairTracks(const io::StereoPoseFile& file, const TruthTrack& truth,
+                                      const io::MissionConfig& mission);
+
+[[nodiscard]] TrajectoryScore scoreTrack(const CameraTracks& tracks);
+
+// Odometry, shifted horizontally so that it begins at the truth, over the time of the survey's exposures (all
+// of its time when they are not listed). std::nullopt when it shares no time with the truth.
+[[nodiscard]] std::optional<TrajectoryScore> scoreOdometry(const std::vector<io::TrajectoryPoint>& odometry,
+                                                           const TruthTrack& truth);
+
+}  // namespace fathom::sim

@@ -1,0 +1,81 @@
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "sim/scenario/random.hpp"
+#include "sim/sensors/sensors.hpp"
+#include "sim/sensors/water_properties.hpp"
+
+namespace fathom::sim {
+namespace {
+
+constexpr int kFewestBeams = 3;  // for a velocity
+
+}  // namespace
+
+std::array<Eigen::Vector3d, 4> dvlBeams(double beam_angle) {
+  std::array<Eigen::Vector3d, 4> beams;
+  for (std::size_t i = 0; i < beams.size(); ++i) {
+    const double azimuth = std::numbers::pi / 4.0 + static_cast<double>(i) * std::numbers::pi / 2.0;
+    beams[i] = {std::sin(beam_angle) * std::cos(azimuth), std::sin(beam_angle) * std::sin(azimuth),
+                std::cos(beam_angle)};
+  }
+  return beams;
+}
+
+void simulateDvl(const SensorWorld& world, const SensorsConfig& sensors, LoggedSamples& samples) {
+  const DvlConfig& config = sensors.dvl;
+  Random random(world.seed, "dvl");
+  const double scale = 1.0 + random.uniform(-config.scale_error, config.scale_error);
+  const auto beams = dvlBeams(config.beam_angle);
+  int dropped = 0;  // ensembles left of a dropout
+
+  for (std::int64_t i = 0; static_cast<double>(i) / config.rate_hz <= world.trajectory.duration(); ++i) {
+    const double time = static_cast<double>(i) / config.rate_hz;
+    const Trajectory::State state = world.trajectory.at(time);
+    const SE3 T_nav_dvl = state.T_nav_body * world.T_body_dvl;
+    const double true_speed =
+        soundSpeed(sensors.water.temperature_c, sensors.water.salinity_psu, T_nav_dvl.translation().z());
+    // Doppler shift and travel time both turn into metres with the assumed speed of sound.
+    const double sound_ratio = config.assumed_sound_speed_mps / true_speed;
+
+    DvlSample sample;
+    sample.utc_ns = world.utcNs(time);
+    sample.sound_speed = config.assumed_sound_speed_mps;
+    // Every ensemble draws the same count of numbers, so that one dropout does not change the noise of the
+    // others.
+    const Eigen::Vector3d noise(random.gauss(), random.gauss(), random.gauss());
+    const Eigen::Vector4d range_noise(random.gauss(), random.gauss(), random.gauss(), random.gauss());
+    const bool begins = random.uniform() < config.dropout_probability;
+    const double length = -std::log(1.0 - random.uniform()) * config.dropout_length;
+    if (dropped == 0 && begins) dropped = std::max(1, static_cast<int>(std::ceil(length)));
+    const bool lost = dropped > 0;
+    if (lost) {
+      --dropped;
+    } else {
+      int locked = 0;
+      double altitude = 0;
+      for (std::size_t b = 0; b < beams.size(); ++b) {
+        const Eigen::Vector3d direction = T_nav_dvl.rotation() * beams[b];
+        const auto range = world.cast_ray(T_nav_dvl.translation(), direction);
+        if (!range || *range < config.min_range_m || *range > config.max_range_m) continue;
+        const double measured =
+            *range * sound_ratio + config.range_sigma_m * range_noise[static_cast<Eigen::Index>(b)];
+        sample.range[b] = measured * std::cos(config.beam_angle);
+        altitude += measured * direction.z();
+        ++locked;
+      }
+      if (locked >= kFewestBeams) {
+        const Eigen::Vector3d velocity_body = state.T_nav_body.rotation().conjugate() * state.velocity_nav;
+        const Eigen::Vector3d velocity_dvl =
+            world.T_body_dvl.rotation().conjugate() *
+            (velocity_body + state.rates_body.cross(world.T_body_dvl.translation()));
+        sample.velocity = velocity_dvl * sound_ratio * scale + config.velocity_sigma_mps * noise;
+        sample.altitude = altitude / locked;
+      }
+    }
+    samples.push_back({world.utcNs(time + config.latency_s), sample});
+  }
+}
+
+}  // namespace fathom::sim

@@ -1,0 +1,51 @@
+#include "sim/sensors/sensors.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "firmware_if/image_file.hpp"
+
+namespace fathom::sim {
+
+std::int64_t SensorWorld::utcNs(double time_s) const {
+  return start_utc_ns + static_cast<std::int64_t>(std::llround(time_s * 1e9));
+}
+
+std::vector<Exposure> simulateExposures(const SensorWorld& world, const CameraClockConfig& config) {
+  std::vector<Exposure> exposures;
+  constexpr double kRounding = 1e-6;  // [s]
+  const double begin = world.trajectory.surveyBegin();
+  for (int i = 0; begin + i / config.rate_hz < world.trajectory.surveyEnd() - kRounding; ++i) {
+    const double time = begin + i / config.rate_hz;
+    exposures.push_back({time, world.utcNs(time + config.left_offset_s + config.left_drift * time),
+                         world.utcNs(time + config.right_offset_s + config.right_drift * time)});
+  }
+  return exposures;
+}
+
+LoggedSamples simulateSensors(const SensorWorld& world, const SensorsConfig& config,
+                              const std::vector<Exposure>& exposures) {
+  LoggedSamples samples;
+  simulateGps(world, config.gps, samples);
+  simulateUsbl(world, config.usbl, samples);
+  simulateWater(world, config.water, samples);
+  simulateDepth(world, config, samples);
+  simulateCompass(world, config.compass, samples);
+  simulateDvl(world, config, samples);
+  for (const Exposure& exposure : exposures) {
+    for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
+      ImageEvent event;
+      event.utc_ns = side == CameraSide::kLeft ? exposure.left_stamp_ns : exposure.right_stamp_ns;
+      event.side = side;
+      event.file_name = io::imageFileName(event.utc_ns, side);
+      event.exposure_s = config.cameras.exposure_s;
+      samples.push_back({world.utcNs(exposure.time_s + config.cameras.latency_s), event});
+    }
+  }
+  std::stable_sort(samples.begin(), samples.end(), [](const io::LoggedSample& a, const io::LoggedSample& b) {
+    return a.arrival_utc_ns < b.arrival_utc_ns;
+  });
+  return samples;
+}
+
+}  // namespace fathom::sim

@@ -1,0 +1,151 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "firmware_if/sensor_log.hpp"
+#include "recon/geometry/geodesy.hpp"
+#include "recon/geometry/se3.hpp"
+#include "recon/geometry/sensor_samples.hpp"
+#include "sim/vehicle/trajectory.hpp"
+
+namespace fathom::sim {
+
+// Errors and rates of the sensors, as the table of the AUV Sirius gives them (Johnson-Roberson et al. 2010,
+// table 1).
+
+struct DvlConfig {
+  double rate_hz = 5.0;
+  double velocity_sigma_mps = 0.002;             // white, each axis
+  double scale_error = 0.002;                    // largest; drawn once a dive from +- this
+  double range_sigma_m = 0.01;                   // each beam
+  double dropout_probability = 0.005;            // that an ensemble begins a dropout
+  double dropout_length = 3.0;                   // mean, in ensembles
+  double beam_angle = 0.5235987755982988;        // off the axis: 30 degrees [rad]
+  double min_range_m = 0.3, max_range_m = 30.0;  // of bottom lock, along a beam
+  double assumed_sound_speed_mps = 1500.0;       // what the instrument computes with
+  double latency_s = 0.12;
+};
+
+struct CompassConfig {
+  double rate_hz = 10.0;
+  double deviation = 0.020;         // amplitude of the hard-iron deviation over the heading [rad]
+  double drift_sigma = 0.005;       // slow change of the deviation [rad]
+  double heading_sigma = 0.005;     // white [rad]
+  double tilt_bias_sigma = 0.0030;  // of roll and pitch, drawn once a dive [rad]
+  double tilt_sigma = 0.0017;       // white [rad]
+  double latency_s = 0.03;
+};
+
+struct DepthSensorConfig {
+  double rate_hz = 5.0;
+  double scale_error = 1e-4;  // of the depth, standard deviation, drawn once a dive (0.01 %)
+  double sigma_m = 0.003;     // white: resolution and swell
+  double latency_s = 0.05;
+};
+
+struct UsblConfig {
+  double period_s = 10.0;
+  double range_sigma_m = 0.2;
+  double angle_sigma = 0.004363323129985824;        // bearing and elevation: 0.25 degrees [rad]
+  double ship_north_m = 25.0, ship_east_m = -15.0;  // transceiver in nav
+  double ship_depth_m = 2.0;
+  double delay_s = 3.0;  // mean, from ping to arrival on board
+  double outlier_probability = 0.04;
+  double outlier_m = 12.0;  // size of an outlier (reflections)
+};
+
+struct GpsConfig {
+  double rate_hz = 1.0;
+  double drift_sigma_m = 0.8;  // slow, north and east each
+  double sigma_m = 0.4;        // white, north and east each
+  double latency_s = 0.2;
+};
+
+struct WaterSensorConfig {
+  double rate_hz = 1.0;
+  double temperature_c = 24.0;
+  double salinity_psu = 35.4;
+  double temperature_sigma_c = 0.003;
+  double conductivity_sigma = 0.0003;  // [S/m]
+  double chlorophyll_ug_l = 0.35;
+  double cdom_ppb = 0.9;
+  double turbidity = 0.0012;            // optical backscatter [1/m/sr]
+  double optics_relative_sigma = 0.05;  // of the three
+  double latency_s = 0.3;
+};
+
+struct CameraClockConfig {
+  double rate_hz = 2.0;
+  double exposure_s = 0.004;
+  double left_offset_s = 0.012, right_offset_s = 0.009;  // clock minus UTC at the mission's start
+  double left_drift = 50e-6, right_drift = -50e-6;       // [s/s]
+  double known_to_s = 0.0005;  // largest error of the offsets that mission.toml tells
+  double latency_s = 0.15;
+};
+
+struct TideConfig {
+  double amplitude_m = 0.0;    // 0: none
+  double period_s = 44714.16;  // the principal lunar tide, M2
+  double phase = 0.0;          // [rad]
+};
+// Height of the sea over nav's zero [m].
+[[nodiscard]] double tideHeight(const TideConfig& tide, double time_s);
+
+struct SensorsConfig {
+  DvlConfig dvl;
+  CompassConfig compass;
+  DepthSensorConfig depth;
+  UsblConfig usbl;
+  GpsConfig gps;
+  WaterSensorConfig water;
+  CameraClockConfig cameras;
+  TideConfig tide;
+};
+
+// What the sensors are exposed to.
+struct SensorWorld {
+  const Trajectory& trajectory;
+  // Distance [m] from a point along a unit direction to the seafloor; std::nullopt if the ray meets none.
+  std::function<std::optional<double>(const Eigen::Vector3d&, const Eigen::Vector3d&)> cast_ray;
+  Geodetic origin;
+  std::int64_t start_utc_ns = 0;
+  double magnetic_declination = 0;  // [rad]
+  SE3 T_body_dvl, T_body_usbl, T_body_depth, T_body_compass;
+  std::uint64_t seed = 1;
+
+  [[nodiscard]] std::int64_t utcNs(double time_s) const;
+};
+
+// One exposure of the pair.
+struct Exposure {
+  double time_s = 0;                                   // true time since the mission's start
+  std::int64_t left_stamp_ns = 0, right_stamp_ns = 0;  // by each camera's own clock
+};
+
+// Unit vectors of the four Janus beams in the DVL frame: 45 degrees to starboard of forward, then clockwise
+// seen from above.
+[[nodiscard]] std::array<Eigen::Vector3d, 4> dvlBeams(double beam_angle);
+
+// Each appends its samples over the whole trajectory, in the order of their own time.
+using LoggedSamples = std::vector<io::LoggedSample>;
+void simulateDvl(const SensorWorld& world, const SensorsConfig& config, LoggedSamples& samples);
+void simulateCompass(const SensorWorld& world, const CompassConfig& config, LoggedSamples& samples);
+void simulateDepth(const SensorWorld& world, const SensorsConfig& config, LoggedSamples& samples);
+void simulateUsbl(const SensorWorld& world, const UsblConfig& config, LoggedSamples& samples);
+void simulateGps(const SensorWorld& world, const GpsConfig& config, LoggedSamples& samples);
+void simulateWater(const SensorWorld& world, const WaterSensorConfig& config, LoggedSamples& samples);
+
+// Exposures from the survey's begin to its end; both cameras are triggered at the same instant.
+[[nodiscard]] std::vector<Exposure> simulateExposures(const SensorWorld& world,
+                                                      const CameraClockConfig& config);
+
+// Everything, image events included, in the order of arrival.
+[[nodiscard]] LoggedSamples simulateSensors(const SensorWorld& world, const SensorsConfig& config,
+                                            const std::vector<Exposure>& exposures);
+
+}  // namespace fathom::sim

@@ -1,0 +1,180 @@
+#include "sim/vehicle/vehicle.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include "recon/geometry/se3.hpp"
+#include "sim/scenario/random.hpp"
+
+namespace fathom::sim {
+namespace {
+
+constexpr double kStep = 0.1;             // of the guidance and between the spline's knots [s]
+constexpr double kAtDepth = 0.15;         // the dive or ascent is over this near to the wanted depth [m]
+constexpr double kAtRest = 0.01;          // [m/s]
+constexpr double kLongestPhase = 7200.0;  // a dive, a survey or an ascent that takes longer is a mistake [s]
+
+enum class Phase { kFloatBefore, kDive, kSurvey, kAscend, kFloatAfter, kOver };
+
+// The hull's angles and its wander about the planned line.
+struct Motion {
+  Motion(const VehicleConfig& c, std::uint64_t seed) {
+    Random random(seed, "motion");
+    roll = SmoothNoise(random, c.roll_sigma, c.shortest_roll_period_s, c.longest_roll_period_s);
+    pitch = SmoothNoise(random, c.pitch_sigma, c.shortest_roll_period_s, c.longest_roll_period_s);
+    heading = SmoothNoise(random, c.heading_sigma, 8.0, 40.0);
+    north = SmoothNoise(random, c.cross_track_sigma_m, 25.0, 90.0);
+    east = SmoothNoise(random, c.cross_track_sigma_m, 25.0, 90.0);
+  }
+  SmoothNoise roll, pitch, heading, north, east;
+};
+
+class Guidance {
+ public:
+  Guidance(const SurveyPlan& plan, const VehicleConfig& config, const SeafloorDepth& seafloor,
+           std::uint64_t seed, double longest_survey_s)
+      : config_(config),
+        seafloor_(seafloor),
+        longest_survey_(longest_survey_s),
+        path_(surveyLines(plan), config.turn_radius_m),
+        motion_(config, seed),
+        follower_(config.follower, config.float_depth_m, shallowestAhead()),
+        hull_heading_(path_.at(0).heading) {}
+
+  Trajectory run() {
+    while (phase_ != Phase::kOver) {
+      knots_.push_back(knot());
+      step();
+      time_ += kStep;
+      phase_time_ += kStep;
+      if (phase_time_ > kLongestPhase) throw std::runtime_error("the vehicle's plan does not come to an end");
+    }
+    // The spline begins and ends two knots inside: repeat the ends.
+    knots_.insert(knots_.begin(), knots_.front());
+    knots_.push_back(knots_.back());
+    knots_.push_back(knots_.back());
+    return {kStep, std::move(knots_), survey_begin_, survey_end_, dive_begin_, surfaced_};
+  }
+
+ private:
+  double shallowestAhead() const {
+    constexpr double kLookStep = 0.25;  // between the forward altimeter's soundings [m]
+    const SurveyPath::Point p = path_.at(arc_);
+    const Eigen::Vector2d ahead(std::cos(p.heading), std::sin(p.heading));
+    double shallowest = seafloor_(p.position.x(), p.position.y());
+    for (double d = kLookStep; d <= config_.look_ahead_m; d += kLookStep) {
+      const Eigen::Vector2d place =
+          path_.at(arc_ + d).turning ? path_.at(arc_ + d).position : Eigen::Vector2d(p.position + d * ahead);
+      shallowest = std::min(shallowest, seafloor_(place.x(), place.y()));
+    }
+    return shallowest;
+  }
+
+  Trajectory::Knot knot() const {
+    const SurveyPath::Point p = path_.at(arc_);
+    Trajectory::Knot k;
+    k << p.position.x() + motion_.north.at(time_), p.position.y() + motion_.east.at(time_), follower_.depth(),
+        motion_.roll.at(time_), motion_.pitch.at(time_),
+        hull_heading_ + motion_.heading.at(time_) + config_.crab;
+    return k;
+  }
+
+  void enter(Phase phase) {
+    phase_ = phase;
+    phase_time_ = 0;
+  }
+
+  void step() {
+    switch (phase_) {
+      case Phase::kFloatBefore:
+        if (phase_time_ >= config_.float_s) {
+          dive_begin_ = time_;
+          enter(Phase::kDive);
+        }
+        break;
+      case Phase::kDive:
+        follower_.stepTowards(kStep, follower_.wantedDepth(), config_.dive_rate_mps);
+        if (std::abs(follower_.wantedDepth() - follower_.depth()) < kAtDepth) {
+          survey_begin_ = time_ + kStep;
+          enter(Phase::kSurvey);
+        }
+        break;
+      case Phase::kSurvey:
+        stepSurvey();
+        break;
+      case Phase::kAscend:
+        speed_ = std::max(0.0, speed_ - config_.acceleration_mps2 * kStep);
+        advance();
+        follower_.stepTowards(kStep, config_.float_depth_m, config_.dive_rate_mps);
+        if (std::abs(follower_.depth() - config_.float_depth_m) < kAtDepth) {
+          surfaced_ = time_ + kStep;
+          enter(Phase::kFloatAfter);
+        }
+        break;
+      case Phase::kFloatAfter:
+        follower_.stepTowards(kStep, config_.float_depth_m, config_.dive_rate_mps);
+        if (phase_time_ >= config_.float_s) enter(Phase::kOver);
+        break;
+      case Phase::kOver:
+        break;
+    }
+  }
+
+  void stepSurvey() {
+    const double seafloor = shallowestAhead();
+    follower_.step(kStep, seafloor);
+    const double clearance = seafloor - follower_.depth();
+    const double step = config_.acceleration_mps2 * kStep;
+    speed_ += std::clamp(wantedSpeed(clearance) - speed_, -step, step);
+    advance();
+    const bool done = arc_ >= path_.length() - kAtRest || phase_time_ >= longest_survey_ - 0.5 * kStep;
+    if (done) {
+      survey_end_ = time_ + kStep;
+      enter(Phase::kAscend);
+    }
+  }
+
+  void advance() {
+    arc_ = std::min(arc_ + speed_ * kStep, path_.length());
+    hull_heading_ +=
+        (path_.at(arc_).heading - hull_heading_) * (1.0 - std::exp(-kStep / config_.heading_lag_s));
+  }
+
+  // Cruise, less what the next turn, the end of the plan and the seafloor ahead ask for.
+  double wantedSpeed(double clearance) const {
+    const double a = config_.acceleration_mps2;
+    const double turn_speed = std::min(config_.speed_mps, config_.turn_rate * config_.turn_radius_m);
+    double wanted = std::min(config_.speed_mps,
+                             std::sqrt(turn_speed * turn_speed + 2.0 * a * path_.distanceToTurn(arc_)));
+    // It passes the end at a creep, so that the end is reached in finite time.
+    constexpr double kCreep = 0.1;  // [m/s]
+    wanted = std::min(wanted, std::sqrt(kCreep * kCreep + 2.0 * a * std::max(0.0, path_.length() - arc_)));
+    const double slow_from = 0.5 * (config_.min_altitude_m + config_.follower.altitude_m);
+    const double margin = (clearance - config_.min_altitude_m) / (slow_from - config_.min_altitude_m);
+    return wanted * std::clamp(margin, 0.0, 1.0);
+  }
+
+  const VehicleConfig& config_;
+  const SeafloorDepth& seafloor_;
+  double longest_survey_;
+  SurveyPath path_;
+  Motion motion_;
+  double arc_ = 0;    // along the path [m]
+  double speed_ = 0;  // [m/s]
+  BottomFollower follower_;
+  double hull_heading_;
+  Phase phase_ = Phase::kFloatBefore;
+  double time_ = 0, phase_time_ = 0;
+  double dive_begin_ = 0, survey_begin_ = 0, survey_end_ = 0, surfaced_ = 0;
+  std::vector<Trajectory::Knot> knots_;
+};
+
+}  // namespace
+
+Trajectory simulateVehicle(const SurveyPlan& plan, const VehicleConfig& config, const SeafloorDepth& seafloor,
+                           std::uint64_t seed, double longest_survey_s) {
+  return Guidance(plan, config, seafloor, seed, longest_survey_s).run();
+}
+
+}  // namespace fathom::sim

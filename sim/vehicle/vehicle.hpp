@@ -1,0 +1,42 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <limits>
+
+#include "sim/vehicle/bottom_follower.hpp"
+#include "sim/vehicle/survey_path.hpp"
+#include "sim/vehicle/trajectory.hpp"
+
+namespace fathom::sim {
+
+struct VehicleConfig {
+  double speed_mps = 0.5;           // over ground on the lines
+  double acceleration_mps2 = 0.15;  // along track
+  double turn_radius_m = 0.8;
+  double turn_rate = 0.40;      // fastest turn; slows the vehicle where the radius asks for more [rad/s]
+  double heading_lag_s = 0.6;   // the hull follows the track's direction with this lag
+  double look_ahead_m = 2.5;    // of the forward altimeter
+  double min_altitude_m = 1.0;  // the vehicle stops to climb where less is ahead
+  BottomFollowerConfig follower;
+  double roll_sigma = 0.025;                                          // oscillation [rad]
+  double pitch_sigma = 0.020;                                         // [rad]
+  double shortest_roll_period_s = 4.0, longest_roll_period_s = 11.0;  // of roll and pitch
+  double heading_sigma = 0.030;       // wander about the track's direction [rad]
+  double crab = 0.05;                 // mean angle between hull and track (side current) [rad]
+  double cross_track_sigma_m = 0.08;  // slow wander about the planned line, north and east each
+  double float_s = 20.0;              // at the surface before and after
+  double float_depth_m = 0.3;         // of body's origin when it floats
+  double dive_rate_mps = 0.35;        // down to the survey and up again
+};
+
+// Depth of the seafloor under a point (north, east) of nav [m].
+using SeafloorDepth = std::function<double(double, double)>;
+
+// Simulates guidance and hull: floats, dives on the spot, flies the plan at the follower's altitude, ascends,
+// floats. The survey ends after `longest_survey_s` at the latest. Same arguments, same trajectory.
+[[nodiscard]] Trajectory simulateVehicle(const SurveyPlan& plan, const VehicleConfig& config,
+                                         const SeafloorDepth& seafloor, std::uint64_t seed,
+                                         double longest_survey_s = std::numeric_limits<double>::infinity());
+
+}  // namespace fathom::sim
