@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -11,7 +12,8 @@
 #include <stdexcept>
 
 #include "firmware_if/civil_time.hpp"
-#include "firmware_if/toml_table.hpp"
+#include "firmware_if/file_bytes.hpp"
+#include "realtime/kernel/config_table.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
 
@@ -23,21 +25,26 @@ constexpr double kMaxLatitude = 89.9;       // [deg]; the local projection has n
 constexpr double kMaxLever = 100.0;         // [m], of a sensor on the vehicle
 constexpr double kMaxEuler = 6.3;           // [rad], a turn either way
 constexpr double kMaxTimeOffset = 86400.0;  // [s], a day: a clock set to another zone
-constexpr double kMaxWaypoint = 1e6;        // [m] from the origin
-constexpr double kMinSoundSpeed = 1350.0;   // [m/s], cold fresh water
-constexpr double kMaxSoundSpeed = 1650.0;   // [m/s], hot brine
+constexpr double kMinRate = 0.001, kMaxRate = 1000.0;  // [Hz], of image pairs
+constexpr std::size_t kMaxFileBytes = std::size_t{1} << 22;
+constexpr double kMaxWaypoint = 1e6;       // [m] from the origin
+constexpr double kMinSoundSpeed = 1350.0;  // [m/s], cold fresh water
+constexpr double kMaxSoundSpeed = 1650.0;  // [m/s], hot brine
 constexpr std::array<int, 4> kBits = {8, 10, 12, 16};
 constexpr std::array<const char*, 3> kFormats = {"mono", "bayer-rggb", "rgb"};  // in the order of PixelFormat
 
-PixelFormat readFormat(const TomlTable& table, const char* key) {
-  return static_cast<PixelFormat>(table.choice(key, {kFormats[0], kFormats[1], kFormats[2]}));
+PixelFormat readFormat(const ConfigTable& table, const char* key) {
+  static_cast<void>(table.requiredText(key));
+  const std::string name = table.choice(key, "", {kFormats.begin(), kFormats.end()});
+  const auto found = std::find(kFormats.begin(), kFormats.end(), name);
+  return static_cast<PixelFormat>(found - kFormats.begin());
 }
 
-SE3 readPose(const TomlTable& table, const char* key) {
-  const TomlTable pose = table.table(key);
-  const Eigen::Vector3d translation = pose.vector3("translation_m", -kMaxLever, kMaxLever);
-  const Eigen::Vector3d euler = pose.vector3("euler_rad", -kMaxEuler, kMaxEuler);
-  return SE3::fromEuler(euler.x(), euler.y(), euler.z(), translation);
+SE3 readPose(const ConfigTable& table, const char* key) {
+  const ConfigTable pose = table.table(key);
+  const std::vector<double> t = pose.requiredNumbers("translation_m", 3, -kMaxLever, kMaxLever);
+  const std::vector<double> euler = pose.requiredNumbers("euler_rad", 3, -kMaxEuler, kMaxEuler);
+  return SE3::fromEuler(euler[0], euler[1], euler[2], {t[0], t[1], t[2]});
 }
 
 bool usableVehicleName(const std::string& name) {
@@ -48,54 +55,86 @@ bool usableVehicleName(const std::string& name) {
          });
 }
 
-MissionConfig configFrom(const TomlTable& top) {
+MissionConfig configFrom(const ConfigTable& top) {
   MissionConfig c;
-  c.vehicle_name = top.text("vehicle_name");
+  c.vehicle_name = top.requiredText("vehicle_name");
   if (!usableVehicleName(c.vehicle_name))
-    top.fail("vehicle_name", "is not 1 to 32 letters, digits, '-' or '_'; it names files and LCM channels");
-  c.vehicle_id = static_cast<std::uint8_t>(top.integer("vehicle_id", 0, 255));
-  c.dive_id = static_cast<std::uint16_t>(top.integer("dive_id", 0, 65535));
+    top.fail("vehicle_name", "must be 1 to 32 letters, digits, '-' or '_': it names files and LCM channels");
+  c.vehicle_id = static_cast<std::uint8_t>(top.requiredInteger("vehicle_id", 0, 255));
+  c.dive_id = static_cast<std::uint16_t>(top.requiredInteger("dive_id", 0, 65535));
   c.software_version = top.text("software_version", "");
   c.configuration = top.text("configuration", "");
-  c.origin.latitude = top.number("origin_latitude", -kMaxLatitude, kMaxLatitude) * kRadiansPerDegree;
-  c.origin.longitude = top.number("origin_longitude", -180, 180) * kRadiansPerDegree;
-  c.start_utc_ns = top.utc("start_time");
-  c.magnetic_declination = top.number("magnetic_declination_deg", -180, 180) * kRadiansPerDegree;
+  c.origin.latitude = top.requiredNumber("origin_latitude", -kMaxLatitude, kMaxLatitude) * kRadiansPerDegree;
+  c.origin.longitude = top.requiredNumber("origin_longitude", -180, 180) * kRadiansPerDegree;
+  c.start_utc_ns = top.requiredUtc("start_time");
+  c.magnetic_declination = top.requiredNumber("magnetic_declination_deg", -180, 180) * kRadiansPerDegree;
   c.tide_model = top.text("tide_model", c.tide_model);
 
-  const TomlTable water = top.tableOr("water");
-  c.water.sound_speed = water.number("sound_speed_mps", kMinSoundSpeed, kMaxSoundSpeed, c.water.sound_speed);
+  const ConfigTable water = top.table("water");
+  c.water.sound_speed = water.number("sound_speed_mps", c.water.sound_speed, kMinSoundSpeed, kMaxSoundSpeed);
   c.water.refractive_port = water.text("refractive_port", c.water.refractive_port);
 
-  const TomlTable cameras = top.table("cameras");
+  const ConfigTable cameras = top.table("cameras");
   c.cameras.left_serial = cameras.text("left_serial", "");
   c.cameras.right_serial = cameras.text("right_serial", "");
   c.cameras.left_format = readFormat(cameras, "left_format");
   c.cameras.right_format = readFormat(cameras, "right_format");
-  c.cameras.bits = static_cast<int>(cameras.integer("bits", kBits.front(), kBits.back()));
+  c.cameras.bits = static_cast<int>(cameras.requiredInteger("bits", kBits.front(), kBits.back()));
   if (std::find(kBits.begin(), kBits.end(), c.cameras.bits) == kBits.end())
     cameras.fail("bits", std::to_string(c.cameras.bits) + " is unknown; give 8, 10, 12 or 16");
-  c.cameras.rate_hz = cameras.number("rate_hz", 0.001, 1000.0);
+  c.cameras.rate_hz = cameras.requiredNumber("rate_hz", kMinRate, kMaxRate);
 
-  const TomlTable extrinsics = top.table("extrinsics");
+  const ConfigTable extrinsics = top.table("extrinsics");
   c.T_body_cam = readPose(extrinsics, "T_body_cam");
   c.T_body_dvl = readPose(extrinsics, "T_body_dvl");
   c.T_body_usbl = readPose(extrinsics, "T_body_usbl");
   c.T_body_depth = readPose(extrinsics, "T_body_depth");
   c.T_body_compass = readPose(extrinsics, "T_body_compass");
 
-  const TomlTable offsets = top.tableOr("time_offsets");
+  const ConfigTable offsets = top.table("time_offsets");
   const auto offset = [&](const char* key) {
-    return offsets.number(key, -kMaxTimeOffset, kMaxTimeOffset, 0.0);
+    return offsets.number(key, 0, -kMaxTimeOffset, kMaxTimeOffset);
   };
   c.time_offsets = {offset("left_camera_s"), offset("right_camera_s"), offset("dvl_s"), offset("compass_s"),
                     offset("depth_s")};
 
-  for (const TomlTable& waypoint : top.tables("plan"))
-    c.plan.push_back({waypoint.number("north_m", -kMaxWaypoint, kMaxWaypoint),
-                      waypoint.number("east_m", -kMaxWaypoint, kMaxWaypoint)});
+  for (const ConfigTable& waypoint : top.tables("plan"))
+    c.plan.push_back({waypoint.requiredNumber("north_m", -kMaxWaypoint, kMaxWaypoint),
+                      waypoint.requiredNumber("east_m", -kMaxWaypoint, kMaxWaypoint)});
   top.finish();
   return c;
+}
+
+// The shortest decimal that reads back to the same bits.
+std::string tomlNumber(double value) {
+  std::array<char, 40> buffer;
+  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), value).ptr;
+  std::string text(buffer.data(), end);
+  // TOML tells numbers from integers by the point or the exponent.
+  if (text.find_first_of(".en") == std::string::npos) text += ".0";
+  return text;
+}
+
+// A basic string with its quotes, every character that TOML would misread escaped.
+std::string tomlString(const std::string& text) {
+  std::string quoted = "\"";
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    constexpr unsigned char kFirstPrintable = 0x20, kDelete = 0x7f;
+    if (c == '"' || c == '\\') {
+      quoted += '\\';
+      quoted += c;
+    } else if (c == '\n') {
+      quoted += "\\n";
+    } else if (byte < kFirstPrintable || byte == kDelete) {
+      char escape[8];
+      std::snprintf(escape, sizeof escape, "\\u%04X", byte);
+      quoted += escape;
+    } else {
+      quoted += c;
+    }
+  }
+  return quoted + "\"";
 }
 
 // Degrees whose product with kRadiansPerDegree gives these radians back to the bit, where such degrees exist
@@ -170,14 +209,18 @@ std::string render(const MissionConfig& c) {
 }  // namespace
 
 MissionConfig readMissionConfig(const std::filesystem::path& folder) {
-  return configFrom(TomlTable::read(folder / "mission.toml", "the mission.toml of a mission folder"));
+  const std::filesystem::path path = folder / "mission.toml";
+  const std::vector<std::uint8_t> bytes =
+      readFileBytes(path, kMaxFileBytes, "the mission.toml of a mission folder");
+  return configFrom(
+      ConfigTable::parse({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path.string()));
 }
 
 void writeMissionConfig(const std::filesystem::path& folder, const MissionConfig& config) {
   const std::filesystem::path path = folder / "mission.toml";
   const std::string text = render(config);
   // Read back before anything is written: a mission that no program would open is refused here.
-  static_cast<void>(configFrom(TomlTable::parse(path, text)));
+  static_cast<void>(configFrom(ConfigTable::parse(text, path.string())));
   AtomicFile file(path);
   file.stream() << text;
   file.commit();

@@ -1,6 +1,7 @@
 #include "realtime/kernel/config_table.hpp"
 
 #include <toml++/toml.h>
+#include <chrono>
 #include <cmath>
 #include <fstream>
 #include <iterator>
@@ -204,6 +205,24 @@ std::string ConfigTable::requiredText(std::string_view key) const {
 std::vector<double> ConfigTable::requiredNumbers(std::string_view key, std::size_t count, double min,
                                                  double max) const {
   return impl_->asNumbers(key, impl_->require(key), count, min, max);
+}
+
+std::int64_t ConfigTable::requiredUtc(std::string_view key) const {
+  static const char* const kForm = "must be a date and time in UTC, as 2026-03-01T02:03:04.5Z";
+  constexpr int kFirstYear = 1678, kLastYear = 2261;  // what int64 nanoseconds hold
+  const toml::node& node = impl_->require(key);
+  const auto* value = node.as_date_time();
+  if (!value || !value->get().offset || value->get().offset->minutes != 0) impl_->fail(key, &node, kForm);
+  const auto& [date, time, offset] = value->get();
+  const std::chrono::year_month_day day{std::chrono::year(date.year), std::chrono::month(date.month),
+                                        std::chrono::day(date.day)};
+  if (!day.ok() || date.year < kFirstYear || date.year > kLastYear)
+    impl_->fail(key, &node, "does not exist or lies outside the years 1678 to 2261");
+  const std::chrono::nanoseconds since_epoch =
+      std::chrono::sys_days(day).time_since_epoch() + std::chrono::hours(time.hour) +
+      std::chrono::minutes(time.minute) + std::chrono::seconds(time.second) +
+      std::chrono::nanoseconds(time.nanosecond);
+  return since_epoch.count();
 }
 
 ConfigTable ConfigTable::table(std::string_view key) const {

@@ -46,6 +46,8 @@ class ConfigTable {
   [[nodiscard]] std::string requiredText(std::string_view key) const;
   [[nodiscard]] std::vector<double> requiredNumbers(std::string_view key, std::size_t count, double min,
                                                     double max) const;
+  // A TOML date and time in UTC ("2026-03-01T02:03:04.5Z"), as ns since the Unix epoch.
+  [[nodiscard]] std::int64_t requiredUtc(std::string_view key) const;
 
   // A sub-table; an absent one is empty (its keys take their defaults).
   [[nodiscard]] ConfigTable table(std::string_view key) const;

@@ -1,6 +1,5 @@
 #include "recon/geometry/se3.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -36,7 +35,11 @@ SE3 SE3::fromEuler(double roll, double pitch, double yaw, const Eigen::Vector3d&
 
 Eigen::Vector3d SE3::euler() const {
   const Eigen::Matrix3d r = matrix3();
-  const double pitch = std::asin(std::clamp(-r(2, 0), -1.0, 1.0));
+  const double cos_pitch = std::hypot(r(0, 0), r(1, 0));
+  const double pitch = std::atan2(-r(2, 0), cos_pitch);
+  // At a pitch of a quarter turn only yaw minus (plus) roll is known: all of it is given to yaw.
+  constexpr double kSingular = 1e-9;
+  if (cos_pitch < kSingular) return {0.0, pitch, std::atan2(-r(0, 1), r(1, 1))};
   return {std::atan2(r(2, 1), r(2, 2)), pitch, std::atan2(r(1, 0), r(0, 0))};
 }
 

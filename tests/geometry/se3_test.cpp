@@ -26,6 +26,17 @@ TEST(SE3, LogInvertsExpFromTinyAnglesToAlmostHalfATurn) {
   }
 }
 
+TEST(SE3, EulerAnglesGiveTheRotationBackAtAndNearAPitchOfAQuarterTurn) {
+  for (const double sign : {1.0, -1.0}) {
+    for (const double off : {0.0, 1e-12, 1e-10, 1e-8, 1e-3}) {
+      const SE3 pose = SE3::fromEuler(0.3, sign * (std::numbers::pi / 2 - off), 0.8, Eigen::Vector3d::Zero());
+      const Eigen::Vector3d e = pose.euler();
+      const SE3 again = SE3::fromEuler(e.x(), e.y(), e.z(), Eigen::Vector3d::Zero());
+      EXPECT_LT((again.inverse() * pose).log().norm(), 1e-7) << sign << " " << off;
+    }
+  }
+}
+
 TEST(SE3, ExpMatchesTheMatrixSeries) {
   std::mt19937 random(2);
   const Vector6d twist = randomTwist(random, 0.7);

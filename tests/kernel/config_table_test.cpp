@@ -54,6 +54,18 @@ TEST(ConfigTable, AKeyThatNobodyAskedForIsRefusedWhereverItStands) {
   EXPECT_NE(refusal([&] { t.finish(); }).find("line 7, key 'p.q'"), std::string::npos);
 }
 
+TEST(ConfigTable, ATimeIsReadToTheNanosecondAndOnlyInUtc) {
+  const ConfigTable t = ConfigTable::parse(
+      "a = 2023-11-14T22:13:20.123456789Z\nb = 2023-11-14T22:13:20+10:00\nc = 2023-11-14T22:13:20\nd = "
+      "'2023'\n"
+      "e = 1600-01-01T00:00:00Z\n",
+      "f.toml");
+  EXPECT_EQ(t.requiredUtc("a"), 1700000000123456789);
+  for (const char* key : {"b", "c", "d"})
+    EXPECT_NE(refusal([&] { (void)t.requiredUtc(key); }).find("in UTC"), std::string::npos) << key;
+  EXPECT_NE(refusal([&] { (void)t.requiredUtc("e"); }).find("outside the years"), std::string::npos);
+}
+
 TEST(ConfigTable, AnAbsentOrBrokenFileIsRefused) {
   const test::TemporaryFolder folder;
   EXPECT_NE(refusal([&] { (void)ConfigTable::load(folder.path() / "no.toml"); }).find("cannot be read"),

@@ -1,0 +1,278 @@
+#include "firmware_if/modem_ports.hpp"
+
+#include <gmock/gmock.h>
+#include <netinet/in.h>
+#include <pty.h>
+#include <sys/select.h>
+#include <sys/socket.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <random>
+
+#include "tests/firmware_if/text_files.hpp"
+
+namespace fathom::io {
+namespace {
+
+using test::refusal;
+using ::testing::HasSubstr;
+
+using Bytes = std::vector<std::uint8_t>;
+
+// Frames that need every kind of escape, of the smallest and the largest size.
+std::vector<Bytes> awkwardFrames() {
+  Bytes all(256);
+  for (std::size_t i = 0; i < all.size(); ++i) all[i] = static_cast<std::uint8_t>(i);
+  return {{0xC0}, {0xDB}, {0xC0, 0xDB, 0xDC, 0xDD, 0xC0}, all, Bytes(256, 0xC0), Bytes(256, 0xDB), {0}};
+}
+
+Bytes encoded(const Bytes& frame) {
+  Bytes line(kMaxSlipBytes);
+  line.resize(slipEncode(frame, line));
+  return line;
+}
+
+std::vector<Bytes> decoded(SlipDecoder& decoder, const Bytes& line) {
+  std::vector<Bytes> frames;
+  for (const std::uint8_t byte : line)
+    if (decoder.push(byte)) frames.emplace_back(decoder.frame().begin(), decoder.frame().end());
+  return frames;
+}
+
+TEST(Slip, AwkwardFramesComeBack) {
+  SlipDecoder decoder;
+  for (const Bytes& frame : awkwardFrames())
+    EXPECT_THAT(decoded(decoder, encoded(frame)), testing::ElementsAre(frame));
+  EXPECT_EQ(decoder.dropped(), 0u);
+}
+
+TEST(Slip, EmptyAndTooLongFramesAreNotSent) {
+  Bytes line(kMaxSlipBytes);
+  EXPECT_EQ(slipEncode({}, line), 0u);
+  EXPECT_EQ(slipEncode(Bytes(257), line), 0u);
+  EXPECT_EQ(slipEncode(Bytes(1), std::span(line).first(10)), 0u);
+}
+
+TEST(Slip, ALostByteDamagesOneFrameOnly) {
+  const Bytes first = {1, 2, 3, 0xC0, 4}, second = {5, 0xDB, 6}, third = {7};
+  Bytes line;
+  for (const Bytes& frame : {first, second, third}) {
+    const Bytes part = encoded(frame);
+    line.insert(line.end(), part.begin(), part.end());
+  }
+  for (std::size_t lost = 0; lost < line.size(); ++lost) {
+    Bytes rest = line;
+    rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(lost));
+    SlipDecoder decoder;
+    const auto frames = decoded(decoder, rest);
+    int whole = 0;
+    for (const Bytes& frame : frames) whole += frame == first || frame == second || frame == third ? 1 : 0;
+    EXPECT_GE(whole, 2) << "byte " << lost;
+  }
+}
+
+TEST(Slip, TooLongFramesAndFalseEscapesAreDroppedAndCounted) {
+  SlipDecoder decoder;
+  Bytes line(300, 1);
+  line.push_back(0xC0);
+  EXPECT_TRUE(decoded(decoder, line).empty());
+  EXPECT_EQ(decoder.dropped(), 1u);
+  EXPECT_TRUE(decoded(decoder, {5, 0xDB, 7, 0xC0}).empty());
+  EXPECT_TRUE(decoded(decoder, {5, 0xDB, 0xC0}).empty());
+  EXPECT_EQ(decoder.dropped(), 3u);
+  EXPECT_THAT(decoded(decoder, {9, 0xC0}), testing::ElementsAre(Bytes{9}));
+}
+
+Bytes receiveOne(FramePort& port) {
+  Bytes buffer(FramePort::kMaxFrameBytes);
+  // Local delivery may take a moment.
+  for (int i = 0; i < 1000; ++i) {
+    const std::size_t n = port.receive(buffer);
+    if (n > 0) {
+      buffer.resize(n);
+      return buffer;
+    }
+    ::usleep(1000);
+  }
+  return {};
+}
+
+TEST(UdpFramePort, FramesArriveWholeAndNothingElse) {
+  UdpFramePort receiver("127.0.0.1", 0, "", 0);
+  UdpFramePort sender("127.0.0.1", 0, "127.0.0.1", receiver.boundPort());
+  for (const Bytes& frame : awkwardFrames()) {
+    ASSERT_TRUE(sender.send(frame));
+    EXPECT_EQ(receiveOne(receiver), frame);
+  }
+  Bytes buffer(FramePort::kMaxFrameBytes);
+  EXPECT_EQ(receiver.receive(buffer), 0u);
+  EXPECT_FALSE(sender.send({}));
+  EXPECT_FALSE(sender.send(Bytes(257)));
+  EXPECT_FALSE(receiver.send(Bytes(1))) << "a port without a peer sends nothing";
+  EXPECT_EQ(receiver.droppedFrames(), 0u);
+}
+
+TEST(UdpFramePort, DatagramsThatAreNoFramesAreDroppedAndCounted) {
+  UdpFramePort receiver("127.0.0.1", 0, "", 0);
+  UdpFramePort sender("127.0.0.1", 0, "127.0.0.1", receiver.boundPort());
+  const int stranger = ::socket(AF_INET, SOCK_DGRAM, 0);
+  sockaddr_in to = {};
+  to.sin_family = AF_INET;
+  to.sin_port = htons(receiver.boundPort());
+  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  for (const std::size_t size : {std::size_t{257}, std::size_t{0}, std::size_t{9000}}) {
+    const Bytes datagram(size, 7);
+    ASSERT_EQ(::sendto(stranger, datagram.data(), size, 0, reinterpret_cast<sockaddr*>(&to), sizeof to),
+              static_cast<ssize_t>(size));
+  }
+  ::close(stranger);
+  ASSERT_TRUE(sender.send(Bytes{1, 2}));
+  EXPECT_EQ(receiveOne(receiver), (Bytes{1, 2}));
+  EXPECT_EQ(receiver.droppedFrames(), 3u);
+}
+
+TEST(UdpFramePort, AddressesThatCannotBeUsedAreRefused) {
+  EXPECT_THAT(refusal([] { UdpFramePort port("nonsense", 0, "", 0); }), HasSubstr("nonsense: is no IPv4"));
+  EXPECT_THAT(refusal([] { UdpFramePort port("127.0.0.1", 0, "", 9); }), HasSubstr("is no IPv4"));
+  EXPECT_THAT(refusal([] { UdpFramePort port("192.0.2.1", 0, "", 0); }),
+              HasSubstr("192.0.2.1:0: cannot be bound"));
+  UdpFramePort first("127.0.0.1", 0, "", 0);
+  EXPECT_THAT(refusal([&] { UdpFramePort port("127.0.0.1", first.boundPort(), "", 0); }),
+              HasSubstr("cannot be bound"));
+}
+
+// A pseudo-terminal: the port opens its one end, the test holds the other, as the modem would.
+class SerialFramePortTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    char name[256];
+    ASSERT_EQ(::openpty(&modem_, &line_, name, nullptr, nullptr), 0);
+    device_ = name;
+    termios raw = {};
+    ::tcgetattr(modem_, &raw);
+    ::cfmakeraw(&raw);
+    ::tcsetattr(modem_, TCSANOW, &raw);
+  }
+  void TearDown() override {
+    ::close(modem_);
+    ::close(line_);
+  }
+  void write(const Bytes& bytes) const {
+    ASSERT_EQ(::write(modem_, bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size()));
+  }
+  int modem_ = -1, line_ = -1;
+  std::string device_;
+};
+
+TEST_F(SerialFramePortTest, TheLineIsRawAtItsRate) {
+  const SerialFramePort port(device_, 9600);
+  termios settings = {};
+  ASSERT_EQ(::tcgetattr(line_, &settings), 0);
+  EXPECT_EQ(::cfgetospeed(&settings), static_cast<speed_t>(B9600));
+  EXPECT_EQ(::cfgetispeed(&settings), static_cast<speed_t>(B9600));
+  EXPECT_EQ(settings.c_cflag & CSIZE, static_cast<tcflag_t>(CS8));
+  EXPECT_EQ(settings.c_cflag & (PARENB | CSTOPB), 0u);
+  EXPECT_EQ(settings.c_lflag & (ICANON | ECHO | ISIG), 0u);
+  EXPECT_EQ(settings.c_iflag & (IXON | ICRNL), 0u);
+}
+
+TEST_F(SerialFramePortTest, FramesGoOutEscapedAndComeBack) {
+  SerialFramePort port(device_, 9600);
+  for (const Bytes& frame : awkwardFrames()) {
+    ASSERT_TRUE(port.send(frame));
+    Bytes line(kMaxSlipBytes);
+    std::size_t size = 0;
+    const Bytes expected = encoded(frame);
+    while (size < expected.size()) {
+      const ssize_t n = ::read(modem_, line.data() + size, line.size() - size);
+      ASSERT_GT(n, 0);
+      size += static_cast<std::size_t>(n);
+    }
+    line.resize(size);
+    EXPECT_EQ(line, expected);
+    write(line);
+    EXPECT_EQ(receiveOne(port), frame);
+  }
+}
+
+TEST_F(SerialFramePortTest, FramesInPiecesAmongNoiseAreFound) {
+  SerialFramePort port(device_, 9600);
+  Bytes buffer(FramePort::kMaxFrameBytes);
+  const Bytes frame = {1, 0xC0, 2};
+  Bytes line = {0x55, 0xDB, 0x11};  // noise; the END before the frame ends it
+  const Bytes part = encoded(frame);
+  line.insert(line.end(), part.begin(), part.end());
+  for (std::size_t i = 0; i + 1 < line.size(); ++i) {
+    write({line[i]});
+    EXPECT_EQ(port.receive(buffer), 0u);
+  }
+  write({line.back()});
+  EXPECT_EQ(receiveOne(port), frame);
+  EXPECT_EQ(port.droppedFrames(), 1u);
+  write(Bytes(2000, 0x55));
+  write(encoded({3}));
+  EXPECT_EQ(receiveOne(port), Bytes{3});
+  EXPECT_EQ(port.droppedFrames(), 2u);
+}
+
+TEST_F(SerialFramePortTest, TwoFramesInOneReadAreTwoFrames) {
+  SerialFramePort port(device_, 9600);
+  Bytes line = encoded({1, 2});
+  const Bytes second = encoded({3});
+  line.insert(line.end(), second.begin(), second.end());
+  write(line);
+  EXPECT_EQ(receiveOne(port), (Bytes{1, 2}));
+  EXPECT_EQ(receiveOne(port), Bytes{3});
+}
+
+TEST_F(SerialFramePortTest, AFullDeviceRefusesFramesAndCutsNone) {
+  SerialFramePort port(device_, 9600);
+  std::size_t sent = 0;
+  const Bytes frame(256, 0xC0);
+  while (sent < 10'000 && port.send(frame)) ++sent;
+  ASSERT_GT(sent, 0u);
+  ASSERT_LT(sent, 10'000u) << "the device took everything";
+  SlipDecoder decoder;
+  std::size_t received = 0;
+  Bytes bytes(4096), buffer(FramePort::kMaxFrameBytes);
+  for (int i = 0; i < 1000 && received < sent; ++i) {
+    (void)port.receive(buffer);  // drives the rest of the last frame out, too
+    fd_set readable;
+    FD_ZERO(&readable);
+    FD_SET(modem_, &readable);
+    timeval wait = {0, 1000};
+    if (::select(modem_ + 1, &readable, nullptr, nullptr, &wait) != 1) continue;
+    const ssize_t n = ::read(modem_, bytes.data(), bytes.size());
+    ASSERT_GT(n, 0);
+    for (ssize_t k = 0; k < n; ++k) {
+      if (!decoder.push(bytes[static_cast<std::size_t>(k)])) continue;
+      EXPECT_EQ(Bytes(decoder.frame().begin(), decoder.frame().end()), frame);
+      ++received;
+    }
+  }
+  EXPECT_EQ(received, sent);
+  EXPECT_EQ(decoder.dropped(), 0u);
+  EXPECT_TRUE(port.send({frame.data(), 1}));
+}
+
+TEST_F(SerialFramePortTest, DevicesAndRatesThatCannotBeUsedAreRefused) {
+  EXPECT_THAT(refusal([&] { SerialFramePort port(device_, 9601); }),
+              HasSubstr("9601 baud is not one of 300"));
+  EXPECT_THAT(refusal([] { SerialFramePort port("/nowhere/ttyS0", 9600); }), HasSubstr("cannot be opened"));
+  EXPECT_THAT(refusal([] { SerialFramePort port("/dev/null", 9600); }), HasSubstr("is no serial device"));
+}
+
+TEST_F(SerialFramePortTest, AModemThatGoesAwayIsSilence) {
+  SerialFramePort port(device_, 9600);
+  ::close(line_);
+  ::close(modem_);
+  Bytes buffer(FramePort::kMaxFrameBytes);
+  EXPECT_EQ(port.receive(buffer), 0u);
+  (void)port.send(Bytes{1});
+  EXPECT_FALSE(port.send(Bytes{1}));
+  line_ = modem_ = ::dup(0);
+}
+
+}  // namespace
+}  // namespace fathom::io
