@@ -26,7 +26,7 @@ struct LinkSchedulerConfig {
   double mission_info_period_s = 120;
   double track_interval_s = 5;  // between points of the track
   int track_points = 24;        // a track message carries this many of the last points
-  int coarse_stride = 2;        // first sight of a tile: every 2nd node (1, 2, 4, 8)
+  int coarse_stride = 4;        // first sight of a tile: every 4th node (1, 2, 4, 8)
   int fine_stride = 1;          // then refined to this; equal to coarse_stride: no refinement
   double update_depth = 0.05;   // a node's change that makes a sent tile worth sending again [m]
   double settle_s = 8;   // a tile still growing in the camera's view waits this long after its last change

@@ -279,7 +279,7 @@ TEST(LinkScheduler, RefusesAConfigurationThatMakesNoSense) {
   refuses([](auto& c) { c.frame_bytes = 257; });
   refuses([](auto& c) { c.loss_rate = 1; });
   refuses([](auto& c) { c.coarse_stride = 3; });
-  refuses([](auto& c) { c.fine_stride = 4; });
+  refuses([](auto& c) { c.fine_stride = 8; });
   refuses([](auto& c) { c.codec.depth_resolution = 0; });
   refuses([](auto& c) { c.max_tiles = 0; });
 }

@@ -1,0 +1,45 @@
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <csignal>
+
+#include "realtime/kernel/input_error.hpp"
+#include "telemetry/monitor/monitor_program.hpp"
+
+namespace {
+std::atomic<bool> g_stop{false};
+static_assert(std::atomic<bool>::is_always_lock_free, "set from a signal handler");
+void onSignal(int) {
+  g_stop = true;
+}
+}  // namespace
+
+int main(int argc, char** argv) {
+  fathom::monitor::MonitorOptions options;
+  CLI::App app(
+      "Watches a dive over the acoustic link: rebuilds its map and track and serves them as a web page.");
+  app.add_option("--udp", options.udp_port, "receive frames on this UDP port (stand-in for the modem)");
+  app.add_option("--bind", options.bind_address, "address of the UDP port")->capture_default_str();
+  app.add_option("--serial", options.serial_device, "receive frames from a modem on this serial device");
+  app.add_option("--baud", options.baud, "rate of the serial line [bit/s]")->capture_default_str();
+  app.add_option("--packets", options.packets, "read recorded frames (onboard/packets.bin) instead");
+  app.add_option("--speed", options.speed, "play them so many times as fast as they were sent; 0: at once")
+      ->capture_default_str();
+  app.add_option("--vehicle", options.vehicle,
+                 "vehicle id to admit, with --dive (default: the first one heard)");
+  app.add_option("--dive", options.dive, "dive id to admit");
+  app.add_option("--http", options.http_port, "port of the web page; 0: any free one")->capture_default_str();
+  app.add_option("--http-bind", options.http_address, "address of the web page")->capture_default_str();
+  app.add_option("--page", options.page,
+                 "folder of the page (default: ../share/fathom/monitor from the program)");
+  app.add_option("--out", options.out, "save map.ply, track.geojson and frames.log in this folder");
+  app.add_option("--exit-after-idle", options.exit_after_idle_s,
+                 "exit when no frame has come for so long [s]");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? fathom::kExitSuccess : fathom::kExitBadInput;
+  }
+  std::signal(SIGINT, onSignal);
+  std::signal(SIGTERM, onSignal);
+  return fathom::runTool("fathom-monitor", [&] { return fathom::monitor::runMonitor(options, g_stop); });
+}
