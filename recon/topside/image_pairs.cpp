@@ -1,0 +1,92 @@
+#include "recon/topside/image_pairs.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <variant>
+
+#include "firmware_if/image_file.hpp"
+#include "firmware_if/sensor_log.hpp"
+#include "realtime/kernel/input_error.hpp"
+
+namespace fathom::topside {
+namespace {
+
+struct TimedName {
+  std::int64_t utc_ns;
+  std::string name;
+  auto operator<=>(const TimedName&) const = default;
+};
+
+struct Images {
+  std::vector<TimedName> left, right;
+
+  void add(CameraSide side, std::int64_t utc_ns, const std::string& name) {
+    (side == CameraSide::kLeft ? left : right).push_back({utc_ns, name});
+  }
+};
+
+Images fromLog(const io::MissionPaths& paths) {
+  Images images;
+  io::SensorLogReader reader(paths.root);
+  while (const auto entry = reader.next())
+    if (const auto* event = std::get_if<ImageEvent>(&entry->sample))
+      images.add(event->side, event->utc_ns, event->file_name);
+  return images;
+}
+
+Images fromFileNames(const io::MissionPaths& paths) {
+  Images images;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator(paths.images(), error)) {
+    const std::string name = entry.path().filename().string();
+    if (const auto parsed = io::parseImageFileName(name)) images.add(parsed->side, parsed->utc_ns, name);
+  }
+  return images;
+}
+
+void prepare(std::vector<TimedName>& images, double offset_s) {
+  for (TimedName& image : images) image.utc_ns += std::llround(offset_s * 1e9);
+  std::sort(images.begin(), images.end());
+  // One image is one event, however often the log says it.
+  images.erase(std::unique(images.begin(), images.end(),
+                           [](const TimedName& a, const TimedName& b) { return a.name == b.name; }),
+               images.end());
+}
+
+}  // namespace
+
+PairList listPairs(const io::MissionPaths& paths, const io::MissionConfig& mission, double tolerance) {
+  PairList list;
+  Images images = fromLog(paths);
+  if (images.left.empty() && images.right.empty()) {
+    images = fromFileNames(paths);
+    list.from_file_names = true;
+  }
+  prepare(images.left, mission.time_offsets.left_camera);
+  prepare(images.right, mission.time_offsets.right_camera);
+
+  // Both lists by time: the nearest right image of each left one, each used once.
+  const std::int64_t limit = std::llround(tolerance * 1e9);
+  std::size_t r = 0, paired = 0;
+  for (const TimedName& left : images.left) {
+    const auto apart = [&](std::size_t k) { return std::abs(images.right[k].utc_ns - left.utc_ns); };
+    while (r + 1 < images.right.size() && apart(r + 1) <= apart(r)) ++r;
+    if (r < images.right.size() && apart(r) <= limit) {
+      list.pairs.push_back({left.utc_ns, left.name, images.right[r].name});
+      ++r;
+      ++paired;
+    } else {
+      ++list.left_alone;
+    }
+  }
+  list.right_alone = images.right.size() - paired;
+  if (list.pairs.empty())
+    throw InputError(paths.root.string(), "img",
+                     "no stereo pair: " + std::to_string(images.left.size()) + " left and " +
+                         std::to_string(images.right.size()) +
+                         " right images; check the cameras' names and clocks");
+  return list;
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "firmware_if/mission.hpp"
+
+namespace fathom::topside {
+
+struct ImagePair {
+  std::int64_t utc_ns = 0;  // of the left exposure, by the vehicle's clock
+  std::string left, right;  // file names within img/
+};
+
+struct PairList {
+  std::vector<ImagePair> pairs;                   // by time
+  std::uint64_t left_alone = 0, right_alone = 0;  // images without their partner
+  bool from_file_names = false;  // the log has no image events: times from the names, to the millisecond
+};
+
+// The mission's stereo pairs: of the image events in its log, or, where there are none, of the files in img/.
+// Times get mission.toml's offsets; a pair is a left and a right image no more than `tolerance` [s] apart.
+// Throws InputError when there is not one pair.
+[[nodiscard]] PairList listPairs(const io::MissionPaths& paths, const io::MissionConfig& mission,
+                                 double tolerance);
+
+}  // namespace fathom::topside

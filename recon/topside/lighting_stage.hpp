@@ -1,0 +1,27 @@
+#pragma once
+
+#include <vector>
+
+#include "firmware_if/mission.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+#include "recon/lighting/lighting_model.hpp"
+#include "recon/topside/image_pairs.hpp"
+#include "recon/topside/progress.hpp"
+
+namespace fathom::topside {
+
+// One model a camera.
+struct LightingModels {
+  LightingModels(const io::MissionConfig& mission, const StereoRig& rig,
+                 const lighting::LightingConfig& config);
+  lighting::LightingModel left, right;
+  std::uint64_t unreadable = 0;  // images passed over
+};
+
+// Learns from `count` pairs spread evenly over the mission. Reads in parallel, learns in the pairs' order, so
+// that the result does not depend on the number of threads.
+void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
+                   const std::vector<ImagePair>& pairs, std::size_t count, LightingModels& models,
+                   Progress& progress);
+
+}  // namespace fathom::topside

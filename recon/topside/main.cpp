@@ -1,0 +1,39 @@
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <optional>
+
+#include "realtime/kernel/input_error.hpp"
+#include "recon/topside/pipeline.hpp"
+
+int main(int argc, char** argv) {
+  CLI::App app{"fathom-topside: from a recorded mission to a map"};
+  app.set_version_flag("--version", FATHOM_VERSION);
+  app.require_subcommand(1);
+  CLI::App* run = app.add_subcommand("run", "lighting, stereo, navigation and fusion of a whole mission");
+  std::filesystem::path mission, out, config_file;
+  std::optional<double> voxel;
+  std::optional<int> features, threads;
+  run->add_option("mission", mission, "mission folder")->required();
+  run->add_option("--out", out, "folder for the results (MISSION/topside)");
+  run->add_option("--config", config_file, "TOML file; keys are in recon/topside/README.md");
+  run->add_option("--voxel", voxel, "edge of a voxel [m] (0.033)")->check(CLI::Range(0.002, 2.0));
+  run->add_option("--features", features, "corners wanted in an image (800)")->check(CLI::Range(20, 5000));
+  run->add_option("--threads", threads, "threads (all cores); the result does not depend on them")
+      ->check(CLI::Range(1, 256));
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? fathom::kExitSuccess : fathom::kExitBadInput;
+  }
+  return fathom::runTool("fathom-topside", [&]() -> int {
+    using namespace fathom::topside;
+    TopsideConfig config = config_file.empty() ? TopsideConfig{} : readTopsideConfig(config_file);
+    if (voxel) setVoxel(config, *voxel);
+    if (features) config.stereo.max_features = *features;
+    if (threads) config.threads = *threads;
+    const Summary done = runTopside(mission, out.empty() ? mission / "topside" : out, config);
+    std::printf("%zu of %zu pairs in the map (%zu unreadable): %.1f m2, %zu triangles, %.1f s\n", done.used,
+                done.pairs, done.unreadable, done.area, done.triangles, done.seconds);
+    return fathom::kExitSuccess;
+  });
+}

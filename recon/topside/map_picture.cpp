@@ -1,0 +1,140 @@
+#include "recon/topside/map_picture.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <stdexcept>
+
+namespace fathom::topside {
+namespace {
+
+constexpr std::uint8_t kBackground = 255;
+// Light from the north-west, 45 degrees up (the cartographers' convention), and how dark shade is.
+const Eigen::Vector3f kToLight = Eigen::Vector3f(0.5F, -0.5F, -0.7071F);
+constexpr float kAmbient = 0.35F;
+
+struct Seen {
+  float depth = INFINITY;
+  float shade = 0;
+  std::array<float, 3> colour{};
+};
+
+// Uppermost surface at each pixel's middle.
+std::vector<Seen> rasterise(const Mesh& mesh, const MapPicture& frame) {
+  std::vector<Seen> seen(static_cast<std::size_t>(frame.width) * static_cast<std::size_t>(frame.height));
+  for (const auto& t : mesh.triangles) {
+    std::array<Eigen::Vector2d, 3> p;  // (column, row)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Eigen::Vector3d v = mesh.vertices[t[k]].cast<double>();
+      p[k] = {(v.y() - frame.west) / frame.metres_per_pixel - 0.5,
+              (frame.north - v.x()) / frame.metres_per_pixel - 0.5};
+    }
+    const auto cross = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+      return a.x() * b.y() - a.y() * b.x();
+    };
+    const double area2 = cross(p[1] - p[0], p[2] - p[0]);
+    if (area2 == 0) continue;
+    const Eigen::Vector2d low = p[0].cwiseMin(p[1]).cwiseMin(p[2]), high = p[0].cwiseMax(p[1]).cwiseMax(p[2]);
+    const int x1 = std::min(frame.width - 1, static_cast<int>(std::floor(high.x())));
+    const int y1 = std::min(frame.height - 1, static_cast<int>(std::floor(high.y())));
+    for (int y = std::max(0, static_cast<int>(std::ceil(low.y()))); y <= y1; ++y) {
+      for (int x = std::max(0, static_cast<int>(std::ceil(low.x()))); x <= x1; ++x) {
+        std::array<float, 3> w;
+        bool inside = true;
+        for (std::size_t k = 0; k < 3 && inside; ++k) {
+          const Eigen::Vector2d at(x, y);
+          const double share = cross(p[(k + 1) % 3] - at, p[(k + 2) % 3] - at) / area2;
+          inside = share >= -1e-9;
+          w[k] = static_cast<float>(share);
+        }
+        if (!inside) continue;
+        float depth = 0;
+        Eigen::Vector3f normal = Eigen::Vector3f::Zero();
+        std::array<float, 3> colour{};
+        for (std::size_t k = 0; k < 3; ++k) {
+          depth += w[k] * mesh.vertices[t[k]].z();
+          normal += w[k] * mesh.normals[t[k]];
+          if (!mesh.colours.empty())
+            for (std::size_t c = 0; c < 3; ++c) colour[c] += w[k] * static_cast<float>(mesh.colours[t[k]][c]);
+        }
+        Seen& pixel = seen[static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.width) +
+                           static_cast<std::size_t>(x)];
+        if (depth >= pixel.depth) continue;
+        const float lambert = std::max(0.0F, normal.normalized().dot(kToLight));
+        pixel = {depth, kAmbient + (1 - kAmbient) * lambert / -kToLight.z(), colour};
+      }
+    }
+  }
+  return seen;
+}
+
+}  // namespace
+
+MapPicture drawFromAbove(const Mesh& mesh, int max_pixels, double min_metres) {
+  MapPicture picture;
+  if (mesh.empty()) return picture;
+  Mesh with_normals;
+  if (mesh.normals.size() != mesh.vertices.size()) {
+    with_normals = mesh;
+    computeNormals(with_normals);
+  }
+  const Mesh& drawn = with_normals.empty() ? mesh : with_normals;
+  Eigen::Vector2d low = drawn.vertices[0].head<2>().cast<double>(), high = low;
+  std::vector<float> depths;
+  for (const auto& v : drawn.vertices) {
+    low = low.cwiseMin(v.head<2>().cast<double>());
+    high = high.cwiseMax(v.head<2>().cast<double>());
+    depths.push_back(v.z());
+  }
+  const auto percentile = [&](std::size_t percent) {
+    const auto at = depths.begin() + static_cast<std::ptrdiff_t>((depths.size() - 1) * percent / 100);
+    std::nth_element(depths.begin(), at, depths.end());
+    return static_cast<double>(*at);
+  };
+  picture.shallowest = percentile(1);
+  picture.deepest = percentile(99);
+  picture.metres_per_pixel = std::max(min_metres, (high - low).maxCoeff() / max_pixels);
+  picture.north = high.x();
+  picture.west = low.y();
+  const auto pixels = [&](double metres) {
+    return std::clamp(static_cast<int>(std::ceil(metres / picture.metres_per_pixel)), 1, max_pixels);
+  };
+  picture.width = pixels(high.y() - low.y());
+  picture.height = pixels(high.x() - low.x());
+
+  const std::vector<Seen> seen = rasterise(drawn, picture);
+  cv::Mat scale(1, 256, CV_8UC1), colours;
+  for (int k = 0; k < 256; ++k)
+    scale.at<std::uint8_t>(0, k) = static_cast<std::uint8_t>(255 - k);  // deep is dark
+  cv::applyColorMap(scale, colours, cv::COLORMAP_VIRIDIS);
+  picture.rgb.assign(seen.size() * 3, kBackground);
+  picture.rgb_texture.assign(seen.size() * 3, kBackground);
+  const double span = std::max(picture.deepest - picture.shallowest, 1e-3);
+  for (std::size_t k = 0; k < seen.size(); ++k) {
+    if (!std::isfinite(seen[k].depth)) continue;
+    const double s = (static_cast<double>(seen[k].depth) - picture.shallowest) / span;
+    const auto& bgr = colours.at<cv::Vec3b>(0, static_cast<int>(std::clamp(s, 0.0, 1.0) * 255));
+    for (std::size_t c = 0; c < 3; ++c) {
+      const auto shaded = [&](float value) {
+        return static_cast<std::uint8_t>(std::min(255.0F, value * seen[k].shade));
+      };
+      picture.rgb[k * 3 + c] = shaded(static_cast<float>(bgr[static_cast<int>(2 - c)]));
+      picture.rgb_texture[k * 3 + c] = shaded(seen[k].colour[c]);
+    }
+  }
+  return picture;
+}
+
+std::string toPng(const std::vector<std::uint8_t>& rgb, int width, int height) {
+  cv::Mat bgr(height, width, CV_8UC3);
+  for (std::size_t k = 0; k < rgb.size(); k += 3)
+    bgr.at<cv::Vec3b>(static_cast<int>(k / 3) / width, static_cast<int>(k / 3) % width) = {
+        rgb[k + 2], rgb[k + 1], rgb[k]};
+  std::vector<std::uint8_t> bytes;
+  if (rgb.empty() || !cv::imencode(".png", bgr, bytes))
+    throw std::runtime_error("a picture cannot be encoded as PNG");
+  return {bytes.begin(), bytes.end()};
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,205 @@
+#include "recon/topside/navigation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <variant>
+
+#include "firmware_if/sensor_log.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/geodesy.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr std::int64_t kSecond = 1'000'000'000;
+// Fixes that state no error of their own [m].
+constexpr double kDefaultFixSigma = 5.0;
+
+std::int64_t shifted(std::int64_t utc_ns, double offset_s) {
+  return utc_ns + std::llround(offset_s * 1e9);
+}
+
+// Reads the track out at ascending times while it is being reckoned: the history behind it is short.
+class Reader {
+ public:
+  explicit Reader(std::vector<NavigatedPose>& wanted) : wanted_(wanted) {}
+
+  void readOut(const nav::DeadReckoning& track, bool end) {
+    if (!track.initialised()) return;
+    while (next_ < wanted_.size() && (end || wanted_[next_].utc_ns <= track.newestUtcNs())) {
+      wanted_[next_].T_nav_body = track.poseAt(wanted_[next_].utc_ns);  // still in odom
+      wanted_[next_].altitude = track.altitude();
+      ++next_;
+    }
+  }
+
+ private:
+  std::vector<NavigatedPose>& wanted_;
+  std::size_t next_ = 0;
+};
+
+struct Fix {
+  std::int64_t utc_ns = 0;
+  double north = 0, east = 0, sigma = 0;
+};
+
+template <typename Sample>
+Fix toFix(const Sample& sample, const LocalTransverseMercator& projection) {
+  const Eigen::Vector2d p = projection.toLocal({sample.latitude, sample.longitude});
+  return {sample.utc_ns, p.x(), p.y(),
+          sample.sigma_horizontal > 0 ? sample.sigma_horizontal : kDefaultFixSigma};
+}
+
+struct Fixes {
+  std::vector<Fix> gps, usbl;
+  std::int64_t first_utc_ns = 0, last_utc_ns = 0;  // of the sensors that navigate
+};
+
+Fixes readFixes(const io::MissionPaths& paths, const io::MissionConfig& mission) {
+  const LocalTransverseMercator projection(mission.origin);
+  Fixes fixes;
+  io::SensorLogReader reader(paths.root);
+  while (const auto entry = reader.next()) {
+    if (const auto* gps = std::get_if<GpsFix>(&entry->sample)) fixes.gps.push_back(toFix(*gps, projection));
+    if (const auto* usbl = std::get_if<UsblFix>(&entry->sample))
+      fixes.usbl.push_back(toFix(*usbl, projection));
+    if (const auto* dvl = std::get_if<DvlSample>(&entry->sample)) {
+      if (fixes.first_utc_ns == 0) fixes.first_utc_ns = dvl->utc_ns;
+      fixes.last_utc_ns = std::max(fixes.last_utc_ns, dvl->utc_ns);
+    }
+  }
+  const auto by_time = [](const Fix& a, const Fix& b) { return a.utc_ns < b.utc_ns; };
+  std::stable_sort(fixes.gps.begin(), fixes.gps.end(), by_time);
+  std::stable_sort(fixes.usbl.begin(), fixes.usbl.end(), by_time);
+  return fixes;
+}
+
+std::vector<NavigatedPose> wantedAt(const std::vector<Fix>& fixes) {
+  std::vector<NavigatedPose> out;
+  for (const Fix& fix : fixes) out.push_back({fix.utc_ns, {}, {}});
+  return out;
+}
+
+// What each fix says of odom's origin. Before bottom track the vehicle is taken to be where dead reckoning
+// began. `lever`: of the receiver in body.
+std::vector<OffsetFix> offsets(const std::vector<Fix>& fixes, const std::vector<NavigatedPose>& poses,
+                               const SE3& first, std::int64_t first_utc_ns, const Eigen::Vector3d& lever) {
+  std::vector<OffsetFix> out;
+  for (std::size_t k = 0; k < fixes.size(); ++k) {
+    std::optional<SE3> pose = poses[k].T_nav_body;
+    if (!pose && fixes[k].utc_ns < first_utc_ns) pose = first;
+    if (!pose) continue;
+    const Eigen::Vector3d receiver = *pose * lever;
+    out.push_back({fixes[k].north - receiver.x(), fixes[k].east - receiver.y(), fixes[k].sigma});
+  }
+  return out;
+}
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+}  // namespace
+
+Anchor robustMean(const std::vector<OffsetFix>& fixes, const std::string& source) {
+  Anchor anchor;
+  if (fixes.empty()) return anchor;
+  std::vector<double> values;
+  for (const OffsetFix& f : fixes) values.push_back(f.north);
+  const double north = median(values);
+  values.clear();
+  for (const OffsetFix& f : fixes) values.push_back(f.east);
+  const double east = median(values);
+  values.clear();
+  for (const OffsetFix& f : fixes) values.push_back(std::hypot(f.north - north, f.east - east));
+  // Of distances in the plane the median is 1.18 standard deviations of either axis.
+  constexpr double kMedianOfRayleigh = 1.1774, kGate = 3.5, kLeastSigma = 0.1;
+  const double scale = std::max(kLeastSigma, median(values) / kMedianOfRayleigh);
+  double weight = 0;
+  for (std::size_t k = 0; k < fixes.size(); ++k) {
+    if (values[k] > kGate * scale) {
+      ++anchor.fixes_rejected;
+      continue;
+    }
+    const double w = 1 / (fixes[k].sigma * fixes[k].sigma);
+    weight += w;
+    anchor.north += w * fixes[k].north;
+    anchor.east += w * fixes[k].east;
+    ++anchor.fixes_used;
+  }
+  anchor.north /= weight;
+  anchor.east /= weight;
+  anchor.sigma = 1 / std::sqrt(weight);
+  anchor.source = source;
+  return anchor;
+}
+
+Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& mission,
+                    const TopsideConfig& config, const std::vector<std::int64_t>& times) {
+  Navigation out;
+  Fixes fixes = readFixes(paths, mission);
+  if (!times.empty()) {
+    const auto before_dive = [&](const Fix& fix) { return fix.utc_ns >= times.front(); };
+    fixes.gps.erase(std::remove_if(fixes.gps.begin(), fixes.gps.end(), before_dive), fixes.gps.end());
+  }
+  for (const std::int64_t t : times) out.poses.push_back({t, {}, {}});
+  for (std::int64_t t = fixes.first_utc_ns; t <= fixes.last_utc_ns && fixes.first_utc_ns > 0; t += kSecond)
+    out.track.push_back({t, {}, {}});
+  std::vector<NavigatedPose> at_gps = wantedAt(fixes.gps), at_usbl = wantedAt(fixes.usbl);
+
+  nav::DeadReckoningConfig reckoning;
+  reckoning.T_body_dvl = mission.T_body_dvl;
+  reckoning.T_body_depth = mission.T_body_depth;
+  reckoning.T_body_compass = mission.T_body_compass;
+  reckoning.magnetic_declination = mission.magnetic_declination;
+  reckoning.sound_speed = mission.water.sound_speed;
+  reckoning.max_dvl_gap = config.max_dvl_gap;
+  reckoning.max_speed = config.max_speed;
+  nav::DeadReckoning track(reckoning);
+
+  Reader readers[] = {Reader(out.poses), Reader(out.track), Reader(at_gps), Reader(at_usbl)};
+  std::optional<SE3> first;
+  std::int64_t first_utc_ns = 0;
+  io::SensorLogReader log(paths.root);
+  while (auto entry = log.next()) {
+    if (auto* dvl = std::get_if<DvlSample>(&entry->sample)) {
+      dvl->utc_ns = shifted(dvl->utc_ns, mission.time_offsets.dvl);
+      track.add(*dvl);
+    } else if (auto* attitude = std::get_if<AttitudeSample>(&entry->sample)) {
+      attitude->utc_ns = shifted(attitude->utc_ns, mission.time_offsets.compass);
+      track.add(*attitude);
+    } else if (auto* depth = std::get_if<DepthSample>(&entry->sample)) {
+      depth->utc_ns = shifted(depth->utc_ns, mission.time_offsets.depth);
+      track.add(*depth);
+    } else if (const auto* water = std::get_if<WaterSample>(&entry->sample)) {
+      track.add(*water);
+    }
+    if (!first && track.initialised()) {
+      first_utc_ns = track.oldestUtcNs();
+      first = track.poseAt(first_utc_ns);
+    }
+    for (Reader& reader : readers) reader.readOut(track, false);
+  }
+  for (Reader& reader : readers) reader.readOut(track, true);
+  out.counters = track.counters();
+  out.skipped_entries = log.skippedEntries();
+  out.damaged_entries = log.damagedEntries();
+  if (!first)
+    throw InputError(
+        paths.root.string(), "sensor log",
+        "no navigation: attitude, depth and bottom-track velocity are all needed; check the recording");
+
+  out.anchor = robustMean(offsets(fixes.gps, at_gps, *first, first_utc_ns, Eigen::Vector3d::Zero()), "gps");
+  if (out.anchor.fixes_used == 0)
+    out.anchor = robustMean(
+        offsets(fixes.usbl, at_usbl, *first, first_utc_ns, mission.T_body_usbl.translation()), "usbl");
+  const SE3 T_nav_odom(Eigen::Quaterniond::Identity(), {out.anchor.north, out.anchor.east, 0});
+  for (auto* poses : {&out.poses, &out.track})
+    for (NavigatedPose& pose : *poses)
+      if (pose.T_nav_body) pose.T_nav_body = T_nav_odom * *pose.T_nav_body;
+  return out;
+}
+
+}  // namespace fathom::topside

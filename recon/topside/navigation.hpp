@@ -1,0 +1,50 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "firmware_if/mission.hpp"
+#include "recon/geometry/se3.hpp"
+#include "recon/nav/dead_reckoning.hpp"
+#include "recon/topside/topside_config.hpp"
+
+namespace fathom::topside {
+
+// Where odom's origin is in nav (north, east), and who said so. Rotation and depth are absolute already.
+struct Anchor {
+  std::string source = "none";  // "gps", "usbl", or "none": odom's origin is taken for nav's
+  double north = 0, east = 0;   // [m]
+  double sigma = 0;             // standard error of the mean, of either [m]
+  int fixes_used = 0, fixes_rejected = 0;
+};
+
+struct NavigatedPose {
+  std::int64_t utc_ns = 0;
+  std::optional<SE3> T_nav_body;   // none: outside the recorded navigation
+  std::optional<double> altitude;  // of the DVL, vertical [m]
+};
+
+struct Navigation {
+  std::vector<NavigatedPose> poses;  // as asked for
+  std::vector<NavigatedPose> track;  // whole dive, one a second
+  Anchor anchor;
+  nav::DeadReckoning::Counters counters;
+  std::uint64_t skipped_entries = 0, damaged_entries = 0;  // of the log
+};
+
+// Dead reckoning over the recorded sensors (time offsets and lever arms as mission.toml says), read out at
+// the given times (ascending), and anchored in nav: by the robust mean of the GPS fixes before the first of
+// `times`, else of the USBL fixes. Throws InputError when the log holds no navigation.
+[[nodiscard]] Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& mission,
+                                  const TopsideConfig& config, const std::vector<std::int64_t>& times);
+
+// Mean of offsets, weighted by 1 / sigma^2, of those within 3.5 robust standard deviations of the median
+// (Rousseeuw & Leroy 1987); exposed for its test.
+struct OffsetFix {
+  double north = 0, east = 0, sigma = 1;
+};
+[[nodiscard]] Anchor robustMean(const std::vector<OffsetFix>& fixes, const std::string& source);
+
+}  // namespace fathom::topside

@@ -1,0 +1,145 @@
+#include "recon/topside/pipeline.hpp"
+
+#include <oneapi/tbb/global_control.h>
+#include <oneapi/tbb/info.h>
+
+#include <Eigen/Geometry>
+
+#include "firmware_if/mission.hpp"
+#include "firmware_if/pose_files.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/mesh_io.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+#include "recon/topside/crossovers.hpp"
+#include "recon/topside/fuse_stage.hpp"
+#include "recon/topside/lighting_stage.hpp"
+#include "recon/topside/map_picture.hpp"
+#include "recon/topside/mesh_pieces.hpp"
+#include "recon/topside/navigation.hpp"
+#include "recon/topside/output_folder.hpp"
+#include "recon/topside/report.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr int kPicturePixels = 1400;  // longer side of the report's pictures
+
+double areaOf(const Mesh& mesh) {
+  double area = 0;
+  for (const auto& [a, b, c] : mesh.triangles)
+    area +=
+        0.5 * static_cast<double>(
+                  (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]).norm());
+  return area;
+}
+
+void writePoses(const std::filesystem::path& folder, const Geodetic& origin,
+                const std::vector<FusedPair>& pairs) {
+  const std::vector<bool> crossover = likelyCrossovers(pairs);
+  io::StereoPoseFile stereo{origin, {}};
+  io::VehiclePoseFile vehicle{origin, {}};
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    const FusedPair& p = pairs[k];
+    const int id = static_cast<int>(k);
+    const double utc_s = static_cast<double>(p.pair.utc_ns) * 1e-9;
+    stereo.poses.push_back(
+        {id, utc_s, p.T_nav_cam, p.pair.left, p.pair.right, p.altitude, p.footprint_radius, crossover[k]});
+    vehicle.poses.push_back({id, utc_s, p.T_nav_body, p.altitude});
+  }
+  io::writeStereoPoses(folder / "stereo_pose_est.data", stereo);
+  io::writeVehiclePoses(folder / "vehicle_pose_est.data", vehicle);
+}
+
+void writeBytes(const std::filesystem::path& path, const std::string& bytes) {
+  AtomicFile file(path);
+  file.stream().write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  file.commit();
+}
+
+[[noreturn]] void refuse(const io::MissionPaths& paths, const FuseCounts& counts, std::size_t listed) {
+  std::string why = "no usable stereo pair of " + std::to_string(listed) + ": " +
+                    std::to_string(counts.unreadable) + " unreadable, " +
+                    std::to_string(counts.without_pose) + " outside the navigation, " +
+                    std::to_string(counts.too_few_points) + " with too few points";
+  if (!counts.unreadable_lines.empty()) why += "; the first: " + counts.unreadable_lines.front();
+  throw InputError(paths.root.string(), "img", why);
+}
+
+}  // namespace
+
+Summary runTopside(const std::filesystem::path& mission_folder, const std::filesystem::path& out_folder,
+                   const TopsideConfig& config) {
+  namespace tbb = oneapi::tbb;
+  const int threads = config.threads > 0 ? config.threads : tbb::info::default_concurrency();
+  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
+                                  static_cast<std::size_t>(threads));
+  Stopwatch total, stage;
+  RunRecord record;
+  const auto lap = [&](const char* name) { record.stage_seconds.emplace_back(name, stage.lap()); };
+
+  const io::MissionPaths paths(mission_folder);
+  const io::MissionConfig mission = io::readMissionConfig(mission_folder);
+  const StereoRig rig = readStereoCalib(paths.calib());
+  OutputFolder out(out_folder);
+  const PairList list = listPairs(paths, mission, config.pairing_tolerance);
+  std::vector<std::int64_t> times;
+  for (const ImagePair& pair : list.pairs) times.push_back(pair.utc_ns);
+  const Navigation navigation = navigate(paths, mission, config, times);
+  lap("navigation");
+
+  LightingModels lighting(mission, rig, config.lighting);
+  {
+    const std::size_t count = std::min(list.pairs.size(), static_cast<std::size_t>(config.lighting_images));
+    Progress progress("lighting", count);
+    learnLighting(paths, mission, rig, list.pairs, count, lighting, progress);
+  }
+  lap("lighting model");
+
+  fusion::VolumetricFusion fusion(config.fusion);
+  const FuseResult fused = [&] {
+    Progress progress("stereo", list.pairs.size());
+    return fusePairs(
+        list.pairs, navigation.poses,
+        [&] { return std::make_unique<StereoStage>(paths, mission, rig, config, lighting); },
+        config.default_altitude, fusion, progress);
+  }();
+  lap("stereo and fusion");
+
+  Mesh mesh = fusion.extract();
+  record.pieces_dropped = dropSmallPieces(mesh, config.min_component);
+  if (mesh.empty()) refuse(paths, fused.counts, list.pairs.size());
+  lap("surface");
+
+  writePly(out.path() / "mesh.ply", mesh,
+           {"fathom-topside " FATHOM_VERSION, "nav: north, east, down [m] from the mission's origin"});
+  writePoses(out.path(), mission.origin, fused.pairs);
+  const MapPicture picture = drawFromAbove(mesh, kPicturePixels, config.fusion.voxel / 2);
+  writeBytes(out.path() / "mesh.png", toPng(picture.rgb, picture.width, picture.height));
+  lap("output");
+
+  record.mission = mission_folder.string();
+  record.vehicle = mission.vehicle_name;
+  record.dive_id = mission.dive_id;
+  record.software_version = FATHOM_VERSION;
+  record.threads = threads;
+  record.config = &config;
+  record.list = &list;
+  record.navigation = &navigation;
+  record.fused = &fused;
+  record.fusion = fusion.counters();
+  record.fusion_bytes = fusion.memoryBytes();
+  record.lighting_images = lighting.left.images();
+  record.lighting_unreadable = lighting.unreadable;
+  record.vertices = mesh.vertices.size();
+  record.triangles = mesh.triangles.size();
+  record.area = areaOf(mesh);
+  record.total_seconds = total.lap();
+  writeReportJson(out.path() / "report.json", record);
+  writeReportHtml(out.path() / "report.html", record, picture);
+  out.commit();
+  return {list.pairs.size(), fused.counts.used, fused.counts.unreadable,
+          record.triangles,  record.area,       record.total_seconds};
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,159 @@
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <sstream>
+
+#include "recon/geometry/atomic_file.hpp"
+#include "recon/topside/report.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr const char* kStyle =
+    R"(body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:70rem;padding:0 1rem;color:#1b2733}
+h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}img,svg{max-width:100%;height:auto;border:1px solid #cfd8e0}
+table{border-collapse:collapse}td,th{border:1px solid #cfd8e0;padding:.2rem .7rem;text-align:left}td.n{text-align:right})";
+
+std::string escaped(const std::string& text) {
+  std::string out;
+  for (const char c : text) {
+    if (c == '<')
+      out += "&lt;";
+    else if (c == '>')
+      out += "&gt;";
+    else if (c == '&')
+      out += "&amp;";
+    else if (c == '"')
+      out += "&quot;";
+    else
+      out += c;
+  }
+  return out;
+}
+
+std::string base64(const std::string& bytes) {
+  constexpr const char* kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string out;
+  for (std::size_t k = 0; k < bytes.size(); k += 3) {
+    std::uint32_t group = 0;
+    for (std::size_t b = 0; b < 3; ++b)
+      group = group << 8 | (k + b < bytes.size() ? static_cast<std::uint8_t>(bytes[k + b]) : 0U);
+    for (std::size_t d = 0; d < 4; ++d)
+      out += k + d <= bytes.size() ? kDigits[group >> (18 - 6 * d) & 63] : '=';
+  }
+  return out;
+}
+
+std::string fixed(double value, int digits) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%.*f", digits, value);
+  return text;
+}
+
+std::string row(const std::string& name, const std::string& value) {
+  return "<tr><td>" + escaped(name) + "</td><td class=n>" + escaped(value) + "</td></tr>\n";
+}
+template <typename Integer>
+std::string row(const std::string& name, Integer value) {
+  return row(name, std::to_string(value));
+}
+
+void image(std::ostream& out, const std::vector<std::uint8_t>& rgb, const MapPicture& picture,
+           const std::string& what) {
+  if (rgb.empty()) return;
+  out << "<figure><img alt=\"" << what << "\" src=\"data:image/png;base64,"
+      << base64(toPng(rgb, picture.width, picture.height)) << "\"><figcaption>" << what
+      << "</figcaption></figure>\n";
+}
+
+// The dive's track (line) and the pairs' places (dots; crossed out of the map: red), north up.
+void trackPlot(std::ostream& out, const RunRecord& r) {
+  Eigen::Vector2d low(INFINITY, INFINITY), high(-INFINITY, -INFINITY);
+  const auto extend = [&](const SE3& pose) {
+    low = low.cwiseMin(pose.translation().head<2>());
+    high = high.cwiseMax(pose.translation().head<2>());
+  };
+  for (const NavigatedPose& p : r.navigation->track)
+    if (p.T_nav_body) extend(*p.T_nav_body);
+  for (const FusedPair& p : r.fused->pairs) extend(p.T_nav_body);
+  if (!(high.x() >= low.x())) return;
+  constexpr double kWidth = 800, kMargin = 20;  // [px]
+  const double scale = (kWidth - 2 * kMargin) / std::max({high.x() - low.x(), high.y() - low.y(), 1.0});
+  const auto x = [&](const SE3& p) { return kMargin + (p.translation().y() - low.y()) * scale; };
+  const auto y = [&](const SE3& p) { return kMargin + (high.x() - p.translation().x()) * scale; };
+  const double width = 2 * kMargin + (high.y() - low.y()) * scale,
+               height = 2 * kMargin + (high.x() - low.x()) * scale;
+  out << "<svg viewBox=\"0 0 " << fixed(width, 0) << " " << fixed(height, 0) << "\" width=\""
+      << fixed(width, 0) << "\"><polyline fill=none stroke=\"#7fa7c9\" points=\"";
+  for (const NavigatedPose& p : r.navigation->track)
+    if (p.T_nav_body) out << fixed(x(*p.T_nav_body), 1) << "," << fixed(y(*p.T_nav_body), 1) << " ";
+  out << "\"/>\n";
+  for (const FusedPair& p : r.fused->pairs)
+    out << "<circle r=2 fill=\"" << (p.used ? "#1f6f43" : "#c0392b") << "\" cx=\""
+        << fixed(x(p.T_nav_body), 1) << "\" cy=\"" << fixed(y(p.T_nav_body), 1) << "\"/>";
+  out << "</svg><p>Track of the dive (north up, " << fixed((kWidth - 2 * kMargin) / scale, 1)
+      << " m across the longer side); green: pairs in the map, red: pairs with too few points.</p>\n";
+}
+
+}  // namespace
+
+void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, const MapPicture& picture) {
+  const FuseCounts& counts = r.fused->counts;
+  const std::size_t worked = std::max<std::size_t>(1, counts.used + counts.too_few_points);
+  std::ostringstream out;
+  out << "<!doctype html><html lang=en><meta charset=utf-8><title>Fathom: " << escaped(r.vehicle) << " dive "
+      << r.dive_id << "</title><style>" << kStyle << "</style>\n<h1>" << escaped(r.vehicle) << ", dive "
+      << r.dive_id << "</h1><p>" << escaped(r.mission) << ". fathom-topside " << escaped(r.software_version)
+      << ", " << counts.used << " of " << r.list->pairs.size() << " stereo pairs, " << fixed(r.area, 1)
+      << " m&sup2; in " << fixed(r.total_seconds, 1) << " s on " << r.threads
+      << " threads.</p>\n<h2>Map</h2>\n";
+  image(out, picture.rgb, picture,
+        "Depth from " + fixed(picture.shallowest, 2) + " m (light) to " + fixed(picture.deepest, 2) +
+            " m (dark), north up, " + fixed(picture.width * picture.metres_per_pixel, 1) +
+            " m wide, light from the north-west");
+  image(out, picture.rgb_texture, picture, "Colours of the seafloor after lighting correction");
+  out << "<h2>Track</h2>\n";
+  trackPlot(out, r);
+
+  out << "<h2>Times</h2><table><tr><th>stage</th><th>seconds</th></tr>\n";
+  for (const auto& [name, seconds] : r.stage_seconds) out << row(name, fixed(seconds, 2));
+  out << row("total", fixed(r.total_seconds, 2)) << "</table>\n<p>Of one pair, in one thread:</p><table>"
+      << "<tr><th>stage</th><th>milliseconds</th></tr>\n";
+  double sum = 0;
+  for (std::size_t k = 0; k < kPairStages; ++k) {
+    const double ms = 1e3 * counts.times.seconds[k] / static_cast<double>(worked);
+    sum += ms;
+    out << row(kPairStageNames[k], fixed(ms, 2));
+  }
+  out << row("sum", fixed(sum, 2)) << "</table>\n";
+
+  const Anchor& anchor = r.navigation->anchor;
+  out << "<h2>Counts</h2><table>\n"
+      << row("pairs listed", r.list->pairs.size()) << row("pairs in the map", counts.used)
+      << row("pairs outside the navigation", counts.without_pose)
+      << row("pairs unreadable", counts.unreadable) << row("pairs with too few points", counts.too_few_points)
+      << row("left images without a right one", r.list->left_alone)
+      << row("right images without a left one", r.list->right_alone) << row("corners", counts.corners)
+      << row("stereo points", counts.points) << row("rejected: no match", counts.rejected.no_track)
+      << row("rejected: left-right check", counts.rejected.left_right)
+      << row("rejected: off the epipolar line", counts.rejected.epipolar)
+      << row("rejected: range", counts.rejected.range) << row("rejected: outlier", counts.rejected.outlier)
+      << row("bottom-track ensembles used", r.navigation->counters.dvl_used)
+      << row("bottom-track ensembles rejected", r.navigation->counters.dvl_rejected)
+      << row("anchored by", anchor.source + " (" + std::to_string(anchor.fixes_used) + " fixes, " +
+                                std::to_string(anchor.fixes_rejected) + " rejected)")
+      << row("mesh vertices", r.vertices) << row("mesh triangles", r.triangles)
+      << row("pieces dropped", r.pieces_dropped)
+      << row("voxel memory", fixed(static_cast<double>(r.fusion_bytes) / 1e6, 1) + " MB") << "</table>\n";
+  if (!counts.unreadable_lines.empty()) {
+    out << "<h2>Unreadable</h2><ul>";
+    for (const std::string& line : counts.unreadable_lines) out << "<li>" << escaped(line) << "</li>";
+    out << "</ul>";
+  }
+  out << "</html>\n";
+  AtomicFile file(path);
+  file.stream() << out.str();
+  file.commit();
+}
+
+}  // namespace fathom::topside

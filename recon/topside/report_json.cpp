@@ -1,0 +1,120 @@
+#include <nlohmann/json.hpp>
+
+#include "recon/geometry/atomic_file.hpp"
+#include "recon/topside/report.hpp"
+
+namespace fathom::topside {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json configJson(const TopsideConfig& c) {
+  return {{"lighting",
+           {{"images", c.lighting_images},
+            {"target_mean", c.lighting.target_mean},
+            {"target_sigma", c.lighting.target_sigma},
+            {"grid_px", c.lighting.grid},
+            {"saturated", c.lighting.saturated}}},
+          {"stereo",
+           {{"max_features", c.stereo.max_features},
+            {"window_px", c.stereo.window},
+            {"max_epipolar_px", c.stereo.max_epipolar_distance},
+            {"max_left_right_px", c.stereo.max_left_right_distance},
+            {"sigma_disparity_px", c.stereo.sigma_disparity},
+            {"max_edge_m", c.stereo.max_edge},
+            {"min_range_m", c.stereo.min_range},
+            {"max_range_m", c.stereo.max_range},
+            {"search_radius_px", c.stereo.search_radius},
+            {"min_points", c.min_points}}},
+          {"fusion",
+           {{"voxel_m", c.fusion.voxel},
+            {"truncation_m", c.fusion.truncation},
+            {"border_m", c.fusion.border},
+            {"min_observations", c.fusion.min_observations},
+            {"carve", c.fusion.carve},
+            {"min_component_m2", c.min_component}}},
+          {"navigation",
+           {{"max_dvl_gap_s", c.max_dvl_gap},
+            {"max_speed_mps", c.max_speed},
+            {"default_altitude_m", c.default_altitude}}},
+          {"run", {{"pairing_tolerance_s", c.pairing_tolerance}}}};
+}
+
+Json navigationJson(const Navigation& n) {
+  const auto& k = n.counters;
+  return {{"anchor",
+           {{"source", n.anchor.source},
+            {"north_m", n.anchor.north},
+            {"east_m", n.anchor.east},
+            {"sigma_m", n.anchor.sigma},
+            {"fixes_used", n.anchor.fixes_used},
+            {"fixes_rejected", n.anchor.fixes_rejected}}},
+          {"dvl_used", k.dvl_used},
+          {"dvl_without_bottom", k.dvl_without_bottom},
+          {"dvl_rejected", k.dvl_rejected},
+          {"out_of_order", k.out_of_order},
+          {"time_leaps", k.time_leaps},
+          {"attitude_rejected", k.attitude_rejected},
+          {"depth_rejected", k.depth_rejected},
+          {"water_rejected", k.water_rejected},
+          {"log_entries_skipped", n.skipped_entries},
+          {"log_entries_damaged", n.damaged_entries}};
+}
+
+}  // namespace
+
+void writeReportJson(const std::filesystem::path& path, const RunRecord& r) {
+  const FuseCounts& counts = r.fused->counts;
+  Json stages = Json::object();
+  for (const auto& [name, seconds] : r.stage_seconds) stages[name] = seconds;
+  const std::size_t worked = counts.used + counts.too_few_points;
+  Json per_pair = Json::object();
+  for (std::size_t k = 0; k < kPairStages; ++k)
+    per_pair[kPairStageNames[k]] = worked == 0 ? 0.0 : counts.times.seconds[k] / static_cast<double>(worked);
+  const Json report = {
+      {"software_version", r.software_version},
+      {"mission", r.mission},
+      {"vehicle", r.vehicle},
+      {"dive_id", r.dive_id},
+      {"threads", r.threads},
+      {"pairs",
+       {{"listed", r.list->pairs.size()},
+        {"used", counts.used},
+        {"without_pose", counts.without_pose},
+        {"unreadable", counts.unreadable},
+        {"too_few_points", counts.too_few_points},
+        {"left_images_alone", r.list->left_alone},
+        {"right_images_alone", r.list->right_alone},
+        {"times_from_file_names", r.list->from_file_names},
+        {"unreadable_images", counts.unreadable_lines}}},
+      {"lighting", {{"images_learned", r.lighting_images}, {"unreadable", r.lighting_unreadable}}},
+      {"stereo",
+       {{"corners", counts.corners},
+        {"points", counts.points},
+        {"rejected",
+         {{"no_track", counts.rejected.no_track},
+          {"left_right", counts.rejected.left_right},
+          {"epipolar", counts.rejected.epipolar},
+          {"range", counts.rejected.range},
+          {"outlier", counts.rejected.outlier}}}}},
+      {"navigation", navigationJson(*r.navigation)},
+      {"fusion",
+       {{"triangles", r.fusion.triangles},
+        {"triangles_skipped", r.fusion.skipped_triangles},
+        {"voxel_updates", r.fusion.voxel_updates},
+        {"voxels_carved", r.fusion.carved_voxels},
+        {"blocks", r.fusion.blocks},
+        {"memory_bytes", r.fusion_bytes}}},
+      {"mesh",
+       {{"vertices", r.vertices},
+        {"triangles", r.triangles},
+        {"area_m2", r.area},
+        {"pieces_dropped", r.pieces_dropped}}},
+      {"times", {{"stages_s", stages}, {"per_pair_s", per_pair}, {"total_s", r.total_seconds}}},
+      {"config", configJson(*r.config)}};
+  AtomicFile file(path);
+  file.stream() << report.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
+  file.commit();
+}
+
+}  // namespace fathom::topside

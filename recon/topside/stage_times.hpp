@@ -1,0 +1,38 @@
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <cstddef>
+
+namespace fathom::topside {
+
+// What a pair costs, by stage; seconds of one thread.
+enum class PairStage : std::size_t { kRead, kLighting, kStereo, kMesh, kFusion };
+inline constexpr std::size_t kPairStages = 5;
+inline constexpr std::array<const char*, kPairStages> kPairStageNames = {"read", "lighting", "stereo", "mesh",
+                                                                         "fusion"};
+
+struct PairTimes {
+  std::array<double, kPairStages> seconds{};
+  double& operator[](PairStage stage) { return seconds[static_cast<std::size_t>(stage)]; }
+  PairTimes& operator+=(const PairTimes& other) {
+    for (std::size_t k = 0; k < kPairStages; ++k) seconds[k] += other.seconds[k];
+    return *this;
+  }
+};
+
+class Stopwatch {
+ public:
+  // Seconds since construction or the last lap.
+  double lap() {
+    const auto now = std::chrono::steady_clock::now();
+    const double seconds = std::chrono::duration<double>(now - begun_).count();
+    begun_ = now;
+    return seconds;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point begun_ = std::chrono::steady_clock::now();
+};
+
+}  // namespace fathom::topside

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "firmware_if/mission.hpp"
+#include "recon/geometry/mesh.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+#include "recon/stereo/sparse_stereo.hpp"
+#include "recon/topside/image_pairs.hpp"
+#include "recon/topside/lighting_stage.hpp"
+#include "recon/topside/stage_times.hpp"
+#include "recon/topside/topside_config.hpp"
+
+namespace fathom::topside {
+
+// What became of one pair.
+struct PairResult {
+  std::string unreadable;  // the error's line, if an image could not be read
+  Mesh mesh;               // in nav; empty if there were too few points
+  SE3 T_nav_cam;
+  std::size_t points = 0;
+  std::uint32_t corners = 0;
+  stereo::StereoResult::Rejected rejected;
+  double footprint_radius = 0;  // of the mesh about its middle, in plan [m]
+  PairTimes times;
+};
+
+// Reads, corrects, matches and triangulates one pair. One object a thread; the result depends on the pair
+// alone.
+class StereoStage {
+ public:
+  StereoStage(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
+              const TopsideConfig& config, const LightingModels& models);
+
+  // `T_nav_body` at the exposure; `altitude` of the DVL above the bottom [m].
+  [[nodiscard]] PairResult process(const ImagePair& pair, const SE3& T_nav_body, double altitude);
+
+ private:
+  const io::MissionPaths& paths_;
+  const io::MissionConfig& mission_;
+  const StereoRig& rig_;
+  const TopsideConfig& config_;
+  const LightingModels& models_;
+  stereo::SparseStereo stereo_;
+  std::vector<std::uint8_t> left_, right_, left_mono_, right_mono_, left_rgb_;
+};
+
+// A level seafloor `altitude` below the DVL, in the camera frame.
+[[nodiscard]] stereo::SeedPlane seedPlane(const io::MissionConfig& mission, const SE3& T_nav_body,
+                                          double altitude);
+
+}  // namespace fathom::topside

@@ -1,0 +1,70 @@
+#include "recon/topside/topside_config.hpp"
+
+#include "realtime/kernel/config_table.hpp"
+
+namespace fathom::topside {
+namespace {
+
+// Noise of sparse stereo from 2 m is about a voxel of the default grid: the band holds three, the blend five.
+constexpr double kBandVoxels = 3.0, kBorderVoxels = 5.0;
+
+void readLighting(const ConfigTable& table, TopsideConfig& config) {
+  config.lighting_images = static_cast<int>(table.integer("images", config.lighting_images, 1, 100000));
+  config.lighting.target_mean = table.number("target_mean", config.lighting.target_mean, 0.05, 0.95);
+  config.lighting.target_sigma = table.number("target_sigma", config.lighting.target_sigma, 0.01, 0.5);
+  config.lighting.grid = static_cast<int>(table.integer("grid_px", config.lighting.grid, 1, 64));
+  config.lighting.saturated = table.number("saturated", config.lighting.saturated, 0.5, 1.0);
+}
+
+void readStereo(const ConfigTable& table, TopsideConfig& config) {
+  stereo::SparseStereoConfig& s = config.stereo;
+  s.max_features = static_cast<int>(table.integer("max_features", s.max_features, 20, 5000));
+  s.window = static_cast<int>(table.integer("window_px", s.window, 5, 63));
+  if (s.window % 2 == 0) table.fail("window_px", "must be odd");
+  s.max_epipolar_distance = table.number("max_epipolar_px", s.max_epipolar_distance, 0.1, 10);
+  s.max_left_right_distance = table.number("max_left_right_px", s.max_left_right_distance, 0.05, 10);
+  s.sigma_disparity = table.number("sigma_disparity_px", s.sigma_disparity, 0.01, 2);
+  s.max_edge = table.number("max_edge_m", s.max_edge, 0.01, 10);
+  s.min_range = table.number("min_range_m", s.min_range, 0.05, 50);
+  s.max_range = table.number("max_range_m", s.max_range, 0.1, 100);
+  if (s.max_range <= s.min_range) table.fail("max_range_m", "must be greater than min_range_m");
+  s.search_radius = table.number("search_radius_px", s.search_radius, 1, 512);
+  config.min_points = static_cast<int>(table.integer("min_points", config.min_points, 3, 5000));
+}
+
+void readFusion(const ConfigTable& table, TopsideConfig& config) {
+  setVoxel(config, table.number("voxel_m", config.fusion.voxel, 0.002, 2));
+  fusion::VolumetricConfig& f = config.fusion;
+  f.truncation = table.number("truncation_m", f.truncation, f.voxel, 32 * f.voxel);
+  f.border = table.number("border_m", f.border, 0.001, 10);
+  f.min_observations = static_cast<int>(table.integer("min_observations", f.min_observations, 1, 1000));
+  f.carve = table.boolean("carve", f.carve);
+  config.min_component = table.number("min_component_m2", config.min_component, 0, 1000);
+}
+
+}  // namespace
+
+void setVoxel(TopsideConfig& config, double voxel) {
+  config.fusion.voxel = voxel;
+  config.fusion.truncation = kBandVoxels * voxel;
+  config.fusion.border = kBorderVoxels * voxel;
+}
+
+TopsideConfig readTopsideConfig(const std::filesystem::path& path) {
+  TopsideConfig config;
+  const ConfigTable root = ConfigTable::load(path);
+  readLighting(root.table("lighting"), config);
+  readStereo(root.table("stereo"), config);
+  readFusion(root.table("fusion"), config);
+  const ConfigTable navigation = root.table("navigation");
+  config.max_dvl_gap = navigation.number("max_dvl_gap_s", config.max_dvl_gap, 0.1, 60);
+  config.max_speed = navigation.number("max_speed_mps", config.max_speed, 0.1, 20);
+  config.default_altitude = navigation.number("default_altitude_m", config.default_altitude, 0.5, 20);
+  const ConfigTable run = root.table("run");
+  config.pairing_tolerance = run.number("pairing_tolerance_s", config.pairing_tolerance, 0.001, 1);
+  config.threads = static_cast<int>(run.integer("threads", config.threads, 0, 256));
+  root.finish();
+  return config;
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,127 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <random>
+
+#include "realtime/kernel/input_error.hpp"
+#include "recon/topside/crossovers.hpp"
+#include "recon/topside/map_picture.hpp"
+#include "recon/topside/mesh_pieces.hpp"
+#include "recon/topside/navigation.hpp"
+#include "recon/topside/topside_config.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::topside {
+namespace {
+
+Mesh square(float north, float east, float size, float depth) {
+  Mesh mesh;
+  for (const float n : {north, north + size})
+    for (const float e : {east, east + size}) mesh.vertices.emplace_back(n, e, depth);
+  mesh.triangles = {{0, 1, 3}, {0, 3, 2}};
+  mesh.colours.assign(4, Rgb{200, 100, 50});
+  computeNormals(mesh);
+  return mesh;
+}
+
+void append(Mesh& to, const Mesh& from) {
+  const auto offset = static_cast<std::uint32_t>(to.vertices.size());
+  to.vertices.insert(to.vertices.end(), from.vertices.begin(), from.vertices.end());
+  to.normals.insert(to.normals.end(), from.normals.begin(), from.normals.end());
+  to.colours.insert(to.colours.end(), from.colours.begin(), from.colours.end());
+  for (const auto& [a, b, c] : from.triangles) to.triangles.push_back({a + offset, b + offset, c + offset});
+}
+
+std::string configError(const std::string& text) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder.path() / "run.toml") << text;
+  try {
+    (void)readTopsideConfig(folder.path() / "run.toml");
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+TEST(TopsideConfig, AnUnknownKeyOrAValueOutOfRangeIsNamed) {
+  EXPECT_THAT(configError("[fusion]\nvoxels_m = 0.02\n"), ::testing::HasSubstr("voxels_m"));
+  EXPECT_THAT(configError("[fusion]\nvoxel_m = -1\n"), ::testing::HasSubstr("voxel_m"));
+  EXPECT_THAT(configError("[stereo]\nwindow_px = 14\n"), ::testing::HasSubstr("odd"));
+  EXPECT_THAT(configError("[stereo]\nmin_range_m = 5\nmax_range_m = 2\n"),
+              ::testing::HasSubstr("max_range_m"));
+  EXPECT_EQ(configError("[fusion]\nvoxel_m = 0.05\n[stereo]\nmax_features = 1000\n"), "no error");
+}
+
+TEST(TopsideConfig, TheBandFollowsTheVoxelUnlessItIsSet) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder.path() / "run.toml") << "[fusion]\nvoxel_m = 0.1\n";
+  EXPECT_DOUBLE_EQ(readTopsideConfig(folder.path() / "run.toml").fusion.truncation, 0.3);
+  std::ofstream(folder.path() / "run.toml") << "[fusion]\nvoxel_m = 0.1\ntruncation_m = 0.15\n";
+  EXPECT_DOUBLE_EQ(readTopsideConfig(folder.path() / "run.toml").fusion.truncation, 0.15);
+}
+
+TEST(RobustMean, OutliersDoNotMoveTheAnchor) {
+  std::mt19937 random(1);
+  std::normal_distribution<double> noise(0, 2);
+  std::vector<OffsetFix> fixes;
+  for (int k = 0; k < 60; ++k) fixes.push_back({10 + noise(random), -5 + noise(random), 2});
+  for (int k = 0; k < 15; ++k) fixes.push_back({200.0 + k, 90, 2});
+  const Anchor anchor = robustMean(fixes, "gps");
+  EXPECT_NEAR(anchor.north, 10, 0.8);
+  EXPECT_NEAR(anchor.east, -5, 0.8);
+  EXPECT_EQ(anchor.fixes_rejected, 15);
+  EXPECT_EQ(anchor.source, "gps");
+}
+
+TEST(RobustMean, OneFixIsTakenAndNoneIsNone) {
+  EXPECT_DOUBLE_EQ(robustMean({{3, 4, 1}}, "usbl").north, 3);
+  EXPECT_EQ(robustMean({}, "gps").source, "none");
+}
+
+TEST(MeshPieces, SmallPiecesGoAndTheRestKeepsItsAttributes) {
+  Mesh mesh = square(0, 0, 0.1F, 5);
+  append(mesh, square(1, 1, 1, 6));
+  append(mesh, square(3, 3, 0.2F, 7));
+  EXPECT_EQ(dropSmallPieces(mesh, 0.05), 2u);
+  ASSERT_EQ(mesh.vertices.size(), 4u);
+  EXPECT_EQ(mesh.triangles.size(), 2u);
+  EXPECT_EQ(mesh.colours.size(), 4u);
+  EXPECT_EQ(mesh.normals.size(), 4u);
+  for (const auto& v : mesh.vertices) EXPECT_FLOAT_EQ(v.z(), 6);
+}
+
+TEST(MapPicture, NorthIsUpEastIsRightAndTheUpperSurfaceIsSeen) {
+  Mesh mesh = square(0, 0, 1, 10);   // south-west
+  append(mesh, square(1, 1, 1, 5));  // north-east, shallower
+  append(mesh, square(1, 1, 1, 9));  // hidden below it
+  const MapPicture picture = drawFromAbove(mesh, 100, 0.001);
+  ASSERT_EQ(picture.width, 100);
+  ASSERT_EQ(picture.height, 100);
+  const auto at = [&](int row, int column) {
+    return &picture.rgb[static_cast<std::size_t>(row * 100 + column) * 3];
+  };
+  EXPECT_EQ(at(25, 25)[0], 255);  // nothing there: background
+  EXPECT_EQ(at(75, 75)[0], 255);
+  const auto brightness = [&](const std::uint8_t* p) { return p[0] + p[1] + p[2]; };
+  EXPECT_GT(brightness(at(25, 75)), brightness(at(75, 25)) + 100);  // shallow is light
+  EXPECT_NEAR(picture.rgb_texture[(25 * 100 + 75) * 3], 200, 3);
+  EXPECT_EQ(toPng(picture.rgb, picture.width, picture.height).substr(1, 3), "PNG");
+  EXPECT_TRUE(drawFromAbove(Mesh{}, 100, 0.01).rgb.empty());
+}
+
+TEST(Crossovers, OnlyComingBackLaterIsACrossover) {
+  std::vector<FusedPair> pairs(4);
+  const std::array<double, 4> seconds = {0, 10, 100, 200}, north = {0, 0.5, 0.2, 50};
+  for (std::size_t k = 0; k < 4; ++k) {
+    pairs[k].pair.utc_ns = static_cast<std::int64_t>(seconds[k] * 1e9);
+    pairs[k].T_nav_cam = SE3(Eigen::Quaterniond::Identity(), {north[k], 0, 0});
+    pairs[k].footprint_radius = 0.7;
+  }
+  EXPECT_EQ(likelyCrossovers(pairs), (std::vector<bool>{true, true, true, false}));
+  pairs.erase(pairs.begin() + 2);
+  EXPECT_EQ(likelyCrossovers(pairs), (std::vector<bool>{false, false, false}));
+}
+
+}  // namespace
+}  // namespace fathom::topside

@@ -1,0 +1,181 @@
+#include "recon/topside/pipeline.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "firmware_if/pose_files.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/mesh_io.hpp"
+#include "tests/support/test_data.hpp"
+#include "tests/topside/tiny_mission.hpp"
+
+namespace fathom::topside {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+std::string contents(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream out;
+  out << in.rdbuf();
+  return out.str();
+}
+
+std::vector<fs::path> imagesOf(const fs::path& mission) {
+  std::vector<fs::path> paths;
+  for (const auto& entry : fs::directory_iterator(mission / "img")) paths.push_back(entry.path());
+  std::sort(paths.begin(), paths.end());
+  return paths;
+}
+
+void cut(const fs::path& path) {
+  fs::resize_file(path, fs::file_size(path) / 3);
+}
+
+std::string errorOf(const fs::path& mission, const TopsideConfig& config = {}) {
+  try {
+    (void)runTopside(mission, mission / "topside", config);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+class TopsidePipeline : public ::testing::Test {
+ protected:
+  void SetUp() override { scene_.write(mission()); }
+  [[nodiscard]] const fs::path& mission() const { return folder_.path(); }
+  [[nodiscard]] fs::path result(const std::string& name) const { return mission() / "topside" / name; }
+
+  test::TinyMission scene_;
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(TopsidePipeline, TheMapLiesOnTheTrueSeafloor) {
+  const Summary done = runTopside(mission(), mission() / "topside", {});
+  EXPECT_EQ(done.used, 8u);
+  const Mesh mesh = readPly(result("mesh.ply"));
+  ASSERT_GT(mesh.vertices.size(), 1000u);
+  double sum = 0, bias = 0;
+  for (const auto& v : mesh.vertices) {
+    const double error = static_cast<double>(v.z()) - scene_.seafloor(v.x());
+    sum += error * error;
+    bias += error / static_cast<double>(mesh.vertices.size());
+  }
+  // At this small image scale one sigma of a single point is 2 cm.
+  EXPECT_LT(std::sqrt(sum / static_cast<double>(mesh.vertices.size())), 0.02);
+  EXPECT_LT(std::abs(bias), 0.01);
+  for (const auto& n : mesh.normals) EXPECT_LT(n.z(), 0.0F);
+  // 1.75 m of track and a footprint of about 1.2 x 1.6 m.
+  EXPECT_GT(done.area, 4.0);
+  EXPECT_LT(done.area, 5.0);
+}
+
+TEST_F(TopsidePipeline, PosesAreTheTrueOnesAnchoredByGps) {
+  (void)runTopside(mission(), mission() / "topside", {});
+  const io::StereoPoseFile stereo = io::readStereoPoses(result("stereo_pose_est.data"));
+  const io::VehiclePoseFile vehicle = io::readVehiclePoses(result("vehicle_pose_est.data"));
+  ASSERT_EQ(stereo.poses.size(), 8u);
+  ASSERT_EQ(vehicle.poses.size(), 8u);
+  for (std::size_t k = 0; k < 8; ++k) {
+    const Eigen::Vector3d truth(scene_.first_north + 0.25 * static_cast<double>(k), scene_.east,
+                                scene_.body_depth);
+    EXPECT_LT((vehicle.poses[k].T_nav_body.translation() - truth).norm(), 0.01) << k;
+    const Eigen::Vector3d camera = truth + Eigen::Vector3d(0.2, -0.035, 0.1);
+    EXPECT_LT((stereo.poses[k].T_nav_cam.translation() - camera).norm(), 0.01) << k;
+    EXPECT_FALSE(stereo.poses[k].left_image.empty());
+    EXPECT_GT(stereo.poses[k].footprint_radius, 0.4);
+    EXPECT_NEAR(stereo.poses[k].altitude, scene_.seafloor(truth.x() - 0.3) - 10.1, 0.05);
+  }
+}
+
+TEST_F(TopsidePipeline, TheReportTellsTimesCountsAndVersionAndIsOnePage) {
+  (void)runTopside(mission(), mission() / "topside", {});
+  const auto report = nlohmann::json::parse(contents(result("report.json")));
+  EXPECT_EQ(report["pairs"]["listed"], 8);
+  EXPECT_EQ(report["pairs"]["used"], 8);
+  EXPECT_EQ(report["software_version"], FATHOM_VERSION);
+  EXPECT_EQ(report["navigation"]["anchor"]["source"], "gps");
+  EXPECT_EQ(report["navigation"]["anchor"]["fixes_used"], 10);
+  for (const char* stage : {"read", "lighting", "stereo", "mesh", "fusion"})
+    EXPECT_GT(report["times"]["per_pair_s"][stage].get<double>(), 0.0) << stage;
+  EXPECT_GT(report["times"]["total_s"].get<double>(), 0.0);
+  const std::string html = contents(result("report.html"));
+  EXPECT_THAT(html, HasSubstr("data:image/png;base64,iVBORw0KGgo"));
+  EXPECT_THAT(html, HasSubstr("<svg"));
+  EXPECT_THAT(html, ::testing::Not(HasSubstr("http")));
+}
+
+TEST_F(TopsidePipeline, TheResultDoesNotDependOnTheNumberOfThreads) {
+  TopsideConfig config;
+  config.threads = 1;
+  (void)runTopside(mission(), mission() / "topside", config);
+  const std::string mesh = contents(result("mesh.ply")), poses = contents(result("stereo_pose_est.data"));
+  config.threads = 4;
+  (void)runTopside(mission(), mission() / "topside", config);
+  EXPECT_TRUE(mesh == contents(result("mesh.ply")));
+  EXPECT_TRUE(poses == contents(result("stereo_pose_est.data")));
+}
+
+TEST_F(TopsidePipeline, AnUnreadableImageIsSkippedAndReported) {
+  const auto images = imagesOf(mission());
+  cut(images[6]);
+  fs::remove(images[9]);
+  const Summary done = runTopside(mission(), mission() / "topside", {});
+  EXPECT_EQ(done.unreadable, 2u);
+  EXPECT_EQ(done.used, 6u);
+  const auto report = nlohmann::json::parse(contents(result("report.json")));
+  EXPECT_EQ(report["pairs"]["unreadable"], 2);
+  EXPECT_THAT(report["pairs"]["unreadable_images"][0].get<std::string>(),
+              HasSubstr(images[6].filename().string()));
+}
+
+TEST_F(TopsidePipeline, AMissionWithoutAUsablePairIsBadInputAndLeavesTheOldResultsAlone) {
+  (void)runTopside(mission(), mission() / "topside", {});
+  const std::string before = contents(result("report.json"));
+  for (const fs::path& image : imagesOf(mission())) cut(image);
+  EXPECT_THAT(errorOf(mission()), HasSubstr("no usable stereo pair of 8: 8 unreadable"));
+  EXPECT_EQ(contents(result("report.json")), before);
+  EXPECT_FALSE(fs::exists(mission() / "topside.tmp"));
+}
+
+TEST_F(TopsidePipeline, ForeignFilesInTheOutputFolderAreNeverLost) {
+  fs::create_directories(mission() / "topside");
+  std::ofstream(result("thesis.tex")) << "years of work";
+  EXPECT_THAT(errorOf(mission()), HasSubstr("thesis.tex"));
+  EXPECT_EQ(contents(result("thesis.tex")), "years of work");
+}
+
+TEST_F(TopsidePipeline, AnAbsentOrBrokenFileIsNamedInOneLine) {
+  EXPECT_THAT(errorOf("/nowhere/at/all"), HasSubstr("/nowhere/at/all"));
+  std::ofstream(mission() / "stereo.calib") << "2 340 256";
+  EXPECT_THAT(errorOf(mission()), HasSubstr("stereo.calib"));
+  fs::remove(mission() / "sensors.lcmlog");
+  scene_.write(mission());
+  std::ofstream(mission() / "sensors.lcmlog", std::ios::trunc).close();
+  const std::string error = errorOf(mission());
+  EXPECT_THAT(error, HasSubstr(mission().string()));
+  EXPECT_EQ(error.find('\n'), std::string::npos);
+}
+
+TEST_F(TopsidePipeline, WithoutGpsOrUsblTheMapIsAtTheOriginAndTheReportSaysSo) {
+  test::TinyMission scene;
+  scene.gps = false;
+  const test::TemporaryFolder folder;
+  scene.write(folder.path());
+  (void)runTopside(folder.path(), folder.path() / "topside", {});
+  const auto report = nlohmann::json::parse(contents(folder.path() / "topside" / "report.json"));
+  EXPECT_EQ(report["navigation"]["anchor"]["source"], "none");
+  const auto poses = io::readVehiclePoses(folder.path() / "topside" / "vehicle_pose_est.data");
+  // odom begins where dead reckoning does, 10 m before the first pair.
+  EXPECT_NEAR(poses.poses[0].T_nav_body.translation().x(), 10.0, 0.05);
+  EXPECT_NEAR(poses.poses[0].T_nav_body.translation().y(), 0.0, 0.01);
+}
+
+}  // namespace
+}  // namespace fathom::topside
