@@ -18,7 +18,7 @@ constexpr double kMaxDrift = 6.0;         // from where a level began [px of the
 // depth than equal weights (a quarter fewer beyond 1 px on the Middlebury pair, for a fifth more noise on a
 // plane).
 constexpr double kWindowSigma = 0.25;
-constexpr double kMinEnergy = 0.25;  // variance of a window worth tracking [grey levels squared]
+constexpr float kMinEnergy = 0.25;  // variance of a window worth tracking [grey levels squared]
 constexpr double kMinHessian =
     1e-3;  // smaller eigenvalue, mean squared gradient [grey levels a pixel, squared]
 
@@ -47,6 +47,7 @@ void PatchTracker::sample(const GrayLevel& level, const Eigen::Vector2d& at, int
   for (int j = 0; j < edge; ++j) {
     const std::uint8_t* a = level.row(y0 + j) + x0;
     const std::uint8_t* b = a + level.stride();
+#pragma omp simd
     for (int i = 0; i < edge; ++i)
       out[i] = w00 * static_cast<float>(a[i]) + w01 * static_cast<float>(a[i + 1]) +
                w10 * static_cast<float>(b[i]) + w11 * static_cast<float>(b[i + 1]);
@@ -61,6 +62,7 @@ bool PatchTracker::makeTemplate(const GrayLevel& level, const Eigen::Vector2d& a
   float mean = 0, mean_x = 0, mean_y = 0;
   for (int j = 0; j < window_; ++j) {
     const float* middle = patch_.data() + (j + 1) * padded + 1;
+#pragma omp simd reduction(+ : mean, mean_x, mean_y)
     for (int i = 0; i < window_; ++i) {
       const int k = j * window_ + i;
       const float w = weight_[k];
@@ -72,7 +74,8 @@ bool PatchTracker::makeTemplate(const GrayLevel& level, const Eigen::Vector2d& a
       mean_y += w * t.sy[k];
     }
   }
-  double energy = 0, along_x = 0, along_y = 0;
+  float energy = 0, along_x = 0, along_y = 0;
+#pragma omp simd reduction(+ : energy, along_x, along_y)
   for (int k = 0; k < n; ++k) {
     const float centred = t.value[k] - mean;
     energy += weight_[k] * centred * centred;
@@ -80,8 +83,9 @@ bool PatchTracker::makeTemplate(const GrayLevel& level, const Eigen::Vector2d& a
     along_y += weight_[k] * centred * t.sy[k];
   }
   if (energy < kMinEnergy) return false;
-  const auto per_x = static_cast<float>(along_x / energy), per_y = static_cast<float>(along_y / energy);
-  double xx = 0, xy = 0, yy = 0;
+  const float per_x = along_x / energy, per_y = along_y / energy;
+  float xx = 0, xy = 0, yy = 0;
+#pragma omp simd reduction(+ : xx, xy, yy)
   for (int k = 0; k < n; ++k) {
     const float centred = t.value[k] - mean;
     const float gx = t.sx[k] - mean_x - per_x * centred, gy = t.sy[k] - mean_y - per_y * centred;
@@ -93,7 +97,7 @@ bool PatchTracker::makeTemplate(const GrayLevel& level, const Eigen::Vector2d& a
     t.sx[k] = w * gx;
     t.sy[k] = w * gy;
   }
-  const double determinant = xx * yy - xy * xy;
+  const double determinant = static_cast<double>(xx) * yy - static_cast<double>(xy) * xy;
   if (determinant < kMinHessian * (xx + yy)) return false;
   Eigen::Matrix2d hessian;
   hessian << xx, xy, xy, yy;
@@ -102,25 +106,49 @@ bool PatchTracker::makeTemplate(const GrayLevel& level, const Eigen::Vector2d& a
   return true;
 }
 
-double PatchTracker::correlate(const GrayLevel& level, const Eigen::Vector2d& at) {
-  sample(level, at, window_, patch_.data());
-  double mean = 0, square = 0, common = 0;
+double PatchTracker::correlation(const float* values) const {
+  float mean = 0, square = 0, common = 0;
+#pragma omp simd reduction(+ : mean, square, common)
   for (int k = 0; k < window_ * window_; ++k) {
-    const float v = patch_[k];
-    mean += weight_[k] * v;
-    square += weight_[k] * v * v;
-    common += template_.value[k] * v;
+    mean += weight_[k] * values[k];
+    square += weight_[k] * values[k] * values[k];
+    common += template_.value[k] * values[k];
   }
-  const double energy = square - mean * mean;
+  const double energy = static_cast<double>(square) - static_cast<double>(mean) * mean;
   return energy < kMinEnergy ? 0.0 : common / std::sqrt(energy * template_.energy);
 }
 
+Eigen::Vector2d PatchTracker::search(const GrayLevel& level, double scale,
+                                     std::span<const Eigen::Vector2d> candidates, double& best) {
+  Eigen::Vector2d found = Eigen::Vector2d::Zero();
+  best = 0;
+  for (const Eigen::Vector2d& candidate : candidates) {
+    // Whole pixels are near enough to start from, and need no interpolation.
+    const Eigen::Vector2d p = (candidate * scale).array().round();
+    if (!inside(level, p)) continue;
+    float* out = patch_.data();
+    for (int j = -half_; j <= half_; ++j) {
+      const std::uint8_t* in = level.row(static_cast<int>(p.y()) + j) + static_cast<int>(p.x()) - half_;
+#pragma omp simd
+      for (int i = 0; i < window_; ++i) out[i] = static_cast<float>(in[i]);
+      out += window_;
+    }
+    const double likeness = correlation(patch_.data());
+    if (likeness > best) {
+      best = likeness;
+      found = p;
+    }
+  }
+  return found;
+}
+
 bool PatchTracker::refine(const GrayLevel& level, Eigen::Vector2d& at, int iterations, double tolerance,
-                          double& correlation) {
+                          double& likeness) {
   const Eigen::Vector2d start = at;
   for (int k = 0; k < iterations; ++k) {
     sample(level, at, window_, patch_.data());
     float common = 0, bx = 0, by = 0;
+#pragma omp simd reduction(+ : common, bx, by)
     for (int i = 0; i < window_ * window_; ++i) {
       const float v = patch_[i];
       common += template_.value[i] * v;
@@ -137,7 +165,8 @@ bool PatchTracker::refine(const GrayLevel& level, Eigen::Vector2d& at, int itera
     if (!inside(level, at) || (at - start).norm() > kMaxDrift) return false;
     if (length < tolerance) break;
   }
-  correlation = correlate(level, at);
+  sample(level, at, window_, patch_.data());
+  likeness = correlation(patch_.data());
   return true;
 }
 
@@ -147,17 +176,8 @@ PatchMatch PatchTracker::track(const GrayPyramid& source, const Eigen::Vector2d&
   const int top = source.levels() - 1;
   double scale = 1.0 / (1 << top);
   if (candidates.empty() || !makeTemplate(source.level(top), at * scale)) return match;
-  Eigen::Vector2d position = Eigen::Vector2d::Zero();
   double best = 0;
-  for (const Eigen::Vector2d& candidate : candidates) {
-    const Eigen::Vector2d p = candidate * scale;
-    if (!inside(target.level(top), p)) continue;
-    const double correlation = correlate(target.level(top), p);
-    if (correlation > best) {
-      best = correlation;
-      position = p;
-    }
-  }
+  Eigen::Vector2d position = search(target.level(top), scale, candidates, best);
   if (best <= 0) return match;
   for (int l = top; l >= 0; --l) {
     if (l < top) {

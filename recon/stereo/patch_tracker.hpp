@@ -46,9 +46,12 @@ class PatchTracker {
 
   [[nodiscard]] bool makeTemplate(const GrayLevel& level, const Eigen::Vector2d& at);
   void sample(const GrayLevel& level, const Eigen::Vector2d& at, int edge, float* out) const;
-  [[nodiscard]] double correlate(const GrayLevel& level, const Eigen::Vector2d& at);
+  // Zero-mean normalised correlation of a sampled window with the template.
+  [[nodiscard]] double correlation(const float* values) const;
+  [[nodiscard]] Eigen::Vector2d search(const GrayLevel& level, double scale,
+                                       std::span<const Eigen::Vector2d> candidates, double& best);
   [[nodiscard]] bool refine(const GrayLevel& level, Eigen::Vector2d& at, int iterations, double tolerance,
-                            double& correlation);
+                            double& likeness);
   [[nodiscard]] bool inside(const GrayLevel& level, const Eigen::Vector2d& at) const;
 
   int window_, half_;

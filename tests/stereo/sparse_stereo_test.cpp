@@ -247,7 +247,8 @@ TEST(SparseStereo, NoiseAloneGivesNextToNoPoints) {
   const StereoRig rig = croppedRig(kWidth, kHeight);
   SyntheticScene scene(rig, {level(2.0)});
   const auto [left, right] = scene.render({0.0, 60.0, 6.0}, {0.0, 60.0, 6.0});
-  const StereoResult& result = SparseStereo(rig, {}).process(left.view(), right.view(), {});
+  SparseStereo stereo(rig, {});
+  const StereoResult& result = stereo.process(left.view(), right.view(), {});
   EXPECT_LE(result.points.size(), 8U);
 }
 
