@@ -4,6 +4,7 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "sim/render_command.hpp"
+#include "sim/score_command.hpp"
 
 namespace {
 
@@ -29,12 +30,19 @@ int run(int argc, char** argv) {
       app.add_subcommand("keys", "print every key of a scenario with unit, range, default and meaning");
   keys_command->add_option("scenario", keys_of, "its values (default: the defaults)");
 
+  std::filesystem::path mission;
+  bool json = false;
+  CLI::App* score_command = app.add_subcommand("score", "compare what was estimated with the truth");
+  score_command->add_option("mission", mission, "mission folder")->required();
+  score_command->add_flag("--json", json, "one JSON object instead of a table");
+
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? kExitSuccess : kExitBadInput;
   }
   if (*render_command) return sim::runRender(render);
+  if (*score_command) return sim::runScore(mission, json);
   return sim::runKeys(keys_of);
 }
 

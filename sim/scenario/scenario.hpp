@@ -7,6 +7,7 @@
 #include "recon/geometry/geodesy.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/stereo_rig.hpp"
+#include "sim/scenario/degrees.hpp"
 #include "sim/scenario/keys.hpp"
 #include "sim/sea/optics.hpp"
 #include "sim/sea/terrain_config.hpp"
@@ -21,9 +22,9 @@ struct Scenario {
   std::string name = "default";
   std::string description = "Every key with its default";
   std::int64_t seed = 1;
-  std::int64_t start_utc_ns = 1772330400000000000;  // 2026-03-01T02:00:00Z
-  Geodetic origin{-0.4089, 2.6519};                 // Heron Reef, Great Barrier Reef
-  double magnetic_declination = 0.1815;             // [rad]
+  std::int64_t start_utc_ns = 1772330400000000000;    // 2026-03-01T02:00:00Z
+  Geodetic origin{degrees(-23.44), degrees(151.91)};  // Heron Reef, Great Barrier Reef
+  double magnetic_declination = degrees(10.4);        // [rad]
   std::string vehicle_name = "sirius";
   int vehicle_id = 1, dive_id = 1;
   double scale = 1.0;              // of the images' sides

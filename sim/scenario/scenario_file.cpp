@@ -1,25 +1,24 @@
 #include "sim/scenario/scenario_file.hpp"
 
+#include <algorithm>
 #include <cstdlib>
-#include <numbers>
-#include <optional>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
-#include "firmware_if/toml_table.hpp"
+#include "realtime/kernel/config_table.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom::sim {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180.0;  // [rad]
-
 // Replaces the defaults by what the file says.
 class Reader final : public KeyVisitor {
  public:
-  explicit Reader(io::TomlTable top) { tables_.push_back(std::move(top)); }
+  explicit Reader(ConfigTable top) { tables_.push_back(std::move(top)); }
+  void finish() const { tables_.front().finish(); }
 
-  void enter(const char* table, const char*) override { tables_.push_back(top().tableOr(table)); }
+  void enter(const char* table, const char*) override { tables_.push_back(top().table(table)); }
   void leave() override { tables_.pop_back(); }
   std::size_t beginList(const char* key, std::size_t count, const char*) override {
     lists_.emplace_back();
@@ -34,9 +33,9 @@ class Reader final : public KeyVisitor {
   void enterItem(std::size_t index) override {
     // Items that the file does not list keep their defaults: an empty table.
     if (given_.back()) {
-      tables_.push_back(lists_.back().at(index));
+      tables_.push_back(std::move(lists_.back().at(index)));
     } else {
-      tables_.push_back(io::TomlTable::parse("", ""));
+      tables_.push_back(ConfigTable::parse("", ""));
     }
   }
   void leaveItem() override { tables_.pop_back(); }
@@ -46,42 +45,35 @@ class Reader final : public KeyVisitor {
   }
 
   void number(const char* key, double& value, const char*, double low, double high, const char*) override {
-    value = top().number(key, low, high, value);
+    value = top().number(key, value, low, high);
   }
   void angle(const char* key, double& value, double low_deg, double high_deg, const char*) override {
-    if (top().has(key)) value = top().number(key, low_deg, high_deg) * kDegree;
+    if (top().has(key)) value = degrees(top().requiredNumber(key, low_deg, high_deg));
   }
   void integer(const char* key, std::int64_t& value, std::int64_t low, std::int64_t high,
                const char*) override {
-    value = top().integer(key, low, high, value);
+    value = top().integer(key, value, low, high);
   }
   void utc(const char* key, std::int64_t& value, const char*) override {
-    if (top().has(key)) value = top().utc(key);
+    if (top().has(key)) value = top().requiredUtc(key);
   }
   void text(const char* key, std::string& value, const char*) override { value = top().text(key, value); }
   void choice(const char* key, std::size_t& value, std::span<const char* const> names, const char*) override {
-    if (!top().has(key)) return;
-    const std::string given = top().text(key);
-    std::string list;
-    for (std::size_t i = 0; i < names.size(); ++i) {
-      if (given == names[i]) {
-        value = i;
-        return;
-      }
-      list += (i == 0 ? "" : ", ") + io::tomlString(names[i]);
-    }
-    top().fail(key, io::tomlString(given) + " is unknown; give one of " + list);
+    const std::vector<std::string> allowed(names.begin(), names.end());
+    const std::string given = top().choice(key, allowed[value], allowed);
+    value = static_cast<std::size_t>(std::find(allowed.begin(), allowed.end(), given) - allowed.begin());
   }
   void vector3(const char* key, Eigen::Vector3d& value, const char*, double low, double high,
                const char*) override {
-    if (top().has(key)) value = top().vector3(key, low, high);
+    const std::vector<double> v = top().numbers(key, {value.x(), value.y(), value.z()}, 3, low, high);
+    value = {v[0], v[1], v[2]};
   }
 
  private:
-  [[nodiscard]] const io::TomlTable& top() const { return tables_.back(); }
+  [[nodiscard]] const ConfigTable& top() const { return tables_.back(); }
 
-  std::vector<io::TomlTable> tables_;
-  std::vector<std::vector<io::TomlTable>> lists_;
+  std::vector<ConfigTable> tables_;
+  std::vector<std::vector<ConfigTable>> lists_;
   std::vector<bool> given_;
 };
 
@@ -124,10 +116,11 @@ Scenario loadScenario(const std::string& name_or_path) {
   }
   Scenario scenario;
   scenario.file = is_name ? shipped : std::filesystem::path(name_or_path);
-  const io::TomlTable top = io::TomlTable::read(scenario.file, "a scenario");
-  Reader reader(top);
+  ConfigTable top = ConfigTable::load(scenario.file);
+  static_cast<void>(top.requiredText("name"));
+  Reader reader(std::move(top));
   visitScenario(reader, scenario);
-  top.finish();
+  reader.finish();
 
   const std::string file = scenario.file.string();
   const auto check = [&file](const char* table, const auto& config) {

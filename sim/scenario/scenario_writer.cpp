@@ -6,21 +6,33 @@
 #include <vector>
 
 #include "firmware_if/civil_time.hpp"
-#include "firmware_if/toml_table.hpp"
 #include "sim/scenario/scenario_file.hpp"
 
 namespace fathom::sim {
 namespace {
 
-// Degrees to twelve digits: reads back to the same angle within 1e-11 degrees, and stays readable.
-std::string degrees(double radians) {
+// A TOML number to twelve digits, so that what went through a rotation or a change of unit stays readable.
+std::string tidy(double value) {
   char text[32];
-  std::snprintf(text, sizeof text, "%.12g", radians * 180.0 / std::numbers::pi);
-  return io::tomlNumber(std::strtod(text, nullptr));
+  std::snprintf(text, sizeof text, "%.12g", value + 0.0);  // + 0: no negative zero
+  const std::string number(text);
+  return number.find_first_of(".e") == std::string::npos ? number + ".0" : number;
+}
+
+// A TOML string, escaped.
+std::string tomlText(const std::string& text) {
+  std::string out = "\"";
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    char escaped[8];
+    std::snprintf(escaped, sizeof escaped, c == '"' || c == '\\' ? "\\%c" : "\\u%04X", byte);
+    out += c == '"' || c == '\\' || byte < ' ' ? std::string(escaped) : std::string(1, c);
+  }
+  return out + "\"";
 }
 
 std::string range(const char* unit, double low, double high) {
-  return std::string("[") + unit + "] " + io::tomlNumber(low) + " to " + io::tomlNumber(high);
+  return std::string("[") + unit + "] " + tidy(low) + " to " + tidy(high);
 }
 
 // Writes each key as a line; with `defaults`, each line also tells the default.
@@ -50,10 +62,10 @@ class Writer final : public KeyVisitor {
 
   void number(const char* key, double& value, const char* unit, double low, double high,
               const char* meaning) override {
-    line(key, io::tomlNumber(value), range(unit, low, high), meaning);
+    line(key, tidy(value), range(unit, low, high), meaning);
   }
   void angle(const char* key, double& value, double low_deg, double high_deg, const char* meaning) override {
-    line(key, degrees(value), range("deg", low_deg, high_deg), meaning);
+    line(key, tidy(value * 180.0 / std::numbers::pi), range("deg", low_deg, high_deg), meaning);
   }
   void integer(const char* key, std::int64_t& value, std::int64_t low, std::int64_t high,
                const char* meaning) override {
@@ -67,19 +79,17 @@ class Writer final : public KeyVisitor {
     line(key, text, "ISO 8601 in UTC", meaning);
   }
   void text(const char* key, std::string& value, const char* meaning) override {
-    line(key, io::tomlString(value), "text", meaning);
+    line(key, tomlText(value), "text", meaning);
   }
   void choice(const char* key, std::size_t& value, std::span<const char* const> names,
               const char* meaning) override {
     std::string list;
     for (const char* n : names) list += (list.empty() ? "" : " or ") + std::string(n);
-    line(key, io::tomlString(names[value]), list, meaning);
+    line(key, tomlText(names[value]), list, meaning);
   }
   void vector3(const char* key, Eigen::Vector3d& value, const char* unit, double low, double high,
                const char* meaning) override {
-    line(key,
-         "[" + io::tomlNumber(value.x()) + ", " + io::tomlNumber(value.y()) + ", " +
-             io::tomlNumber(value.z()) + "]",
+    line(key, "[" + tidy(value.x()) + ", " + tidy(value.y()) + ", " + tidy(value.z()) + "]",
          range(unit, low, high), meaning);
   }
 

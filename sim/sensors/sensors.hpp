@@ -11,6 +11,7 @@
 #include "recon/geometry/geodesy.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/sensor_samples.hpp"
+#include "sim/scenario/degrees.hpp"
 #include "sim/vehicle/trajectory.hpp"
 
 namespace fathom::sim {
@@ -25,7 +26,7 @@ struct DvlConfig {
   double range_sigma_m = 0.01;                   // each beam
   double dropout_probability = 0.005;            // that an ensemble begins a dropout
   double dropout_length = 3.0;                   // mean, in ensembles
-  double beam_angle = 0.5235987755982988;        // off the axis: 30 degrees [rad]
+  double beam_angle = degrees(30);               // off the axis [rad]
   double min_range_m = 0.3, max_range_m = 30.0;  // of bottom lock, along a beam
   double assumed_sound_speed_mps = 1500.0;       // what the instrument computes with
   double latency_s = 0.12;
@@ -33,11 +34,11 @@ struct DvlConfig {
 
 struct CompassConfig {
   double rate_hz = 10.0;
-  double deviation = 0.020;         // amplitude of the hard-iron deviation over the heading [rad]
-  double drift_sigma = 0.005;       // slow change of the deviation [rad]
-  double heading_sigma = 0.005;     // white [rad]
-  double tilt_bias_sigma = 0.0030;  // of roll and pitch, drawn once a dive [rad]
-  double tilt_sigma = 0.0017;       // white [rad]
+  double deviation = degrees(1.2);         // amplitude of the hard-iron deviation over the heading [rad]
+  double drift_sigma = degrees(0.3);       // slow change of the deviation [rad]
+  double heading_sigma = degrees(0.3);     // white [rad]
+  double tilt_bias_sigma = degrees(0.17);  // of roll and pitch, drawn once a dive [rad]
+  double tilt_sigma = degrees(0.1);        // white [rad]
   double latency_s = 0.03;
 };
 
@@ -51,7 +52,7 @@ struct DepthSensorConfig {
 struct UsblConfig {
   double period_s = 10.0;
   double range_sigma_m = 0.2;
-  double angle_sigma = 0.004363323129985824;        // bearing and elevation: 0.25 degrees [rad]
+  double angle_sigma = degrees(0.25);               // bearing and elevation [rad]
   double ship_north_m = 25.0, ship_east_m = -15.0;  // transceiver in nav
   double ship_depth_m = 2.0;
   double delay_s = 3.0;  // mean, from ping to arrival on board

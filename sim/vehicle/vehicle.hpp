@@ -4,6 +4,7 @@
 #include <functional>
 #include <limits>
 
+#include "sim/scenario/degrees.hpp"
 #include "sim/vehicle/bottom_follower.hpp"
 #include "sim/vehicle/survey_path.hpp"
 #include "sim/vehicle/trajectory.hpp"
@@ -14,20 +15,20 @@ struct VehicleConfig {
   double speed_mps = 0.5;           // over ground on the lines
   double acceleration_mps2 = 0.15;  // along track
   double turn_radius_m = 0.8;
-  double turn_rate = 0.40;      // fastest turn; slows the vehicle where the radius asks for more [rad/s]
-  double heading_lag_s = 0.6;   // the hull follows the track's direction with this lag
-  double look_ahead_m = 2.5;    // of the forward altimeter
-  double min_altitude_m = 1.0;  // the vehicle stops to climb where less is ahead
+  double turn_rate = degrees(23);  // fastest turn; slows the vehicle where the radius asks for more [rad/s]
+  double heading_lag_s = 0.6;      // the hull follows the track's direction with this lag
+  double look_ahead_m = 2.5;       // of the forward altimeter
+  double min_altitude_m = 1.0;     // the vehicle stops to climb where less is ahead
   BottomFollowerConfig follower;
-  double roll_sigma = 0.025;                                          // oscillation [rad]
-  double pitch_sigma = 0.020;                                         // [rad]
+  double roll_sigma = degrees(1.5);                                   // oscillation [rad]
+  double pitch_sigma = degrees(1.2);                                  // [rad]
   double shortest_roll_period_s = 4.0, longest_roll_period_s = 11.0;  // of roll and pitch
-  double heading_sigma = 0.030;       // wander about the track's direction [rad]
-  double crab = 0.05;                 // mean angle between hull and track (side current) [rad]
-  double cross_track_sigma_m = 0.08;  // slow wander about the planned line, north and east each
-  double float_s = 20.0;              // at the surface before and after
-  double float_depth_m = 0.3;         // of body's origin when it floats
-  double dive_rate_mps = 0.35;        // down to the survey and up again
+  double heading_sigma = degrees(1.7);  // wander about the track's direction [rad]
+  double crab = degrees(3);             // mean angle between hull and track (side current) [rad]
+  double cross_track_sigma_m = 0.08;    // slow wander about the planned line, north and east each
+  double float_s = 20.0;                // at the surface before and after
+  double float_depth_m = 0.3;           // of body's origin when it floats
+  double dive_rate_mps = 0.35;          // down to the survey and up again
 };
 
 // Depth of the seafloor under a point (north, east) of nav [m].
