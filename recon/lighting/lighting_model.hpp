@@ -21,7 +21,7 @@ struct LightingConfig {
 // al. 2010, section 4.1.
 //
 // The pattern is smooth and the seafloor is not, so while images are few the statistics of neighbouring nodes
-// are pooled, over as many as it takes to average the seafloor out; with a thousand images each node stands
+// are pooled, over as many as it takes to average the seafloor out; after some thousand each node stands
 // alone.
 class LightingModel {
  public:

@@ -7,9 +7,10 @@
 namespace fathom::lighting {
 namespace {
 
-// Samples that a node's mean shall rest on: a seafloor whose brightness varies by 30 % is then averaged to
-// about 1 % even if only one sample in five is independent of its neighbours.
-constexpr double kWantedSamples = 4000;
+// Samples that a node's statistics shall rest on. Neighbouring samples, and those of overlapping images, show
+// the same stone: perhaps one in fifty is independent, and a seafloor whose brightness varies by 30 % is then
+// averaged to 1 %.
+constexpr double kWantedSamples = 40000;
 constexpr int kSmooth =
     14;  // the strobes' pattern is straight within this part of an image's side, to each side
 constexpr double kMinSigma =
