@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -13,6 +12,7 @@
 
 #include "firmware_if/civil_time.hpp"
 #include "firmware_if/file_bytes.hpp"
+#include "firmware_if/toml_table.hpp"
 #include "realtime/kernel/config_table.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
@@ -103,38 +103,6 @@ MissionConfig configFrom(const ConfigTable& top) {
                       waypoint.requiredNumber("east_m", -kMaxWaypoint, kMaxWaypoint)});
   top.finish();
   return c;
-}
-
-// The shortest decimal that reads back to the same bits.
-std::string tomlNumber(double value) {
-  std::array<char, 40> buffer;
-  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), value).ptr;
-  std::string text(buffer.data(), end);
-  // TOML tells numbers from integers by the point or the exponent.
-  if (text.find_first_of(".en") == std::string::npos) text += ".0";
-  return text;
-}
-
-// A basic string with its quotes, every character that TOML would misread escaped.
-std::string tomlString(const std::string& text) {
-  std::string quoted = "\"";
-  for (const char c : text) {
-    const auto byte = static_cast<unsigned char>(c);
-    constexpr unsigned char kFirstPrintable = 0x20, kDelete = 0x7f;
-    if (c == '"' || c == '\\') {
-      quoted += '\\';
-      quoted += c;
-    } else if (c == '\n') {
-      quoted += "\\n";
-    } else if (byte < kFirstPrintable || byte == kDelete) {
-      char escape[8];
-      std::snprintf(escape, sizeof escape, "\\u%04X", byte);
-      quoted += escape;
-    } else {
-      quoted += c;
-    }
-  }
-  return quoted + "\"";
 }
 
 // Degrees whose product with kRadiansPerDegree gives these radians back to the bit, where such degrees exist

@@ -16,7 +16,8 @@ namespace {
 
 constexpr std::uint32_t kSyncWord = 0xEDA1DA01;
 constexpr std::size_t kHeaderBytes = 28;
-constexpr std::size_t kReadAhead = std::size_t{1} << 20;
+// Grows with what is unread, so that a log full of false lengths is not moved about in small steps.
+constexpr std::size_t kLeastReadAhead = std::size_t{1} << 16, kMostReadAhead = std::size_t{1} << 20;
 
 std::uint32_t bigEndian32(const std::uint8_t* p) {
   return std::uint32_t{p[0]} << 24 | std::uint32_t{p[1]} << 16 | std::uint32_t{p[2]} << 8 |
@@ -70,7 +71,8 @@ bool LogEventReader::fill(std::size_t bytes) {
   }
   while (end_ < bytes && !at_end_of_file_) {
     // Grown with what the file gives, never to what a damaged length claims.
-    if (buffer_.size() < end_ + kReadAhead) buffer_.resize(end_ + kReadAhead);
+    const std::size_t ahead = std::clamp(end_, kLeastReadAhead, kMostReadAhead);
+    if (buffer_.size() < end_ + ahead) buffer_.resize(end_ + ahead);
     const ssize_t n = ::read(fd_, buffer_.data() + end_, buffer_.size() - end_);
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0)

@@ -4,6 +4,21 @@
 #include <exception>
 
 namespace fathom {
+namespace {
+
+std::string oneLine(std::string text) {
+  constexpr unsigned char kFirstPrintable = 0x20, kDelete = 0x7f;
+  for (char& c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (byte < kFirstPrintable || byte == kDelete) c = '?';
+  }
+  return text;
+}
+
+}  // namespace
+
+InputError::InputError(const std::string& file, const std::string& place, const std::string& mend)
+    : std::runtime_error(oneLine(file + ": " + (place.empty() ? "" : place + ": ") + mend)) {}
 
 int runTool(const char* program, const std::function<int()>& body) noexcept {
   try {

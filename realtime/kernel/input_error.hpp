@@ -12,8 +12,9 @@ class InputError : public std::runtime_error {
  public:
   // `file`: path as the user gave it. `place`: line, byte, key or field ("" = the whole file).
   // `mend`: what is wrong and what to do about it.
-  InputError(const std::string& file, const std::string& place, const std::string& mend)
-      : std::runtime_error(file + ": " + (place.empty() ? "" : place + ": ") + mend) {}
+  // Line ends and other control characters in them, as a damaged file has them, become '?': it stays one
+  // line.
+  InputError(const std::string& file, const std::string& place, const std::string& mend);
 };
 
 enum ExitCode : int {

@@ -54,6 +54,12 @@ TEST(ConfigTable, AKeyThatNobodyAskedForIsRefusedWhereverItStands) {
   EXPECT_NE(refusal([&] { t.finish(); }).find("line 7, key 'p.q'"), std::string::npos);
 }
 
+TEST(ConfigTable, ARefusalStaysOneLineWhateverTheFileHolds) {
+  const std::string line = refusal([] { (void)ConfigTable::parse("a = t\n0", "f.toml"); });
+  EXPECT_NE(line.find("f.toml: line"), std::string::npos);
+  EXPECT_EQ(line.find('\n'), std::string::npos);
+}
+
 TEST(ConfigTable, ATimeIsReadToTheNanosecondAndOnlyInUtc) {
   const ConfigTable t = ConfigTable::parse(
       "a = 2023-11-14T22:13:20.123456789Z\nb = 2023-11-14T22:13:20+10:00\nc = 2023-11-14T22:13:20\nd = "

@@ -1,0 +1,31 @@
+#include "firmware_if/sensor_log.hpp"
+
+#include "firmware_if/log/log_events.hpp"
+#include "firmware_if/log/log_messages.hpp"
+#include "tests/fuzz/scratch_file.hpp"
+
+using namespace fathom;
+
+// Any bytes as sensors.lcmlog, through the reader; and each message of the framing through every decoder, so
+// that the decoders are reached without a right CRC in the way.
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  static const fuzz::ScratchFile file("sensors.lcmlog");
+  file.write(data, size);
+  fuzz::readsOrRefuses([] {
+    io::SensorLogReader reader(file.folder());
+    while (reader.next()) continue;
+  });
+  fuzz::readsOrRefuses([size] {
+    io::LogEventReader events(file.path());
+    io::LogEvent event;
+    std::size_t bytes = 0;
+    while (events.next(event)) {
+      bytes += event.data.size() + event.channel.size();
+      if (bytes > size || events.endOfLastEvent() > size) __builtin_trap();
+      static_cast<void>(io::decodeSample(event.channel, event.data));
+      static_cast<void>(io::decodeAcfr(event.channel, event.timestamp_us, event.data));
+      static_cast<void>(io::decodeRaw(event.data));
+    }
+  });
+  return 0;
+}
