@@ -40,6 +40,7 @@ struct View {
   PixelFormat format;
   CameraRays rays;
   Backscatter backscatter;
+  std::vector<float> vignetting;  // of each pixel
 };
 
 // Tiles of fixed places, so that the same rays always travel in the same bundle: Embree's results may differ
@@ -84,8 +85,17 @@ struct Renderer::Impl {
   }
 
   View makeView(const Camera& camera, const SE3& T_body_cam, PixelFormat format) const {
-    return {camera, T_body_cam, format, CameraRays(camera),
-            Backscatter(optics, attenuation, beams, camera, T_body_cam)};
+    View view{camera,
+              T_body_cam,
+              format,
+              CameraRays(camera),
+              Backscatter(optics, attenuation, beams, camera, T_body_cam),
+              {}};
+    for (int y = 0; y < camera.height; ++y)
+      for (int x = 0; x < camera.width; ++x)
+        view.vignetting.push_back(static_cast<float>(std::pow(
+            1.0 + view.rays.at(x, y).cast<double>().squaredNorm(), -0.5 * optics.sensor.vignetting_power)));
+    return view;
   }
 
   // What a mono camera makes of the channels.
@@ -215,9 +225,6 @@ void Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const View&
   out.resize(pixels);
   forTiles(width, height, [&](int y, int x_begin, int x_end) {
     for (int x = x_begin; x < x_end; ++x) {
-      const Eigen::Vector2f& n = view.rays.at(x, y);
-      const float cosine = 1.0F / std::sqrt(1.0F + n.squaredNorm());
-      const float vignetting = std::pow(cosine, static_cast<float>(optics.sensor.vignetting_power));
       float value = 0;
       if (channels == 1) {
         value = radiance[at(x, y)];
@@ -225,7 +232,7 @@ void Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const View&
         const auto c = static_cast<std::size_t>(bayerChannel(x, y));
         value = static_cast<float>(q[c] / best) * radiance[3 * at(x, y) + c];
       }
-      out[at(x, y)] = electrons_per_radiance * vignetting * value;
+      out[at(x, y)] = electrons_per_radiance * view.vignetting[at(x, y)] * value;
     }
   });
 }

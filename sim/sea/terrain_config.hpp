@@ -17,7 +17,7 @@ struct RippleConfig {
 
 // Loose stones and coral pieces, partly buried, in patches.
 struct RubbleConfig {
-  double density_per_m2 = 3.0;  // mean over the whole terrain; 0: none
+  double density_per_m2 = 8.0;  // mean over the whole terrain; 0: none
   double min_size_m = 0.03;     // longest diameter
   double max_size_m = 0.15;
   double patchiness = 0.7;  // 0 even, 1 only in patches

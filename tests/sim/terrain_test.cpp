@@ -44,6 +44,14 @@ TEST(Terrain, RaysMeetAFlatSeafloorAtTheAnalyticDistance) {
   EXPECT_FALSE(terrain.depthAt(10.0, 0.0).has_value());
 }
 
+TEST(Terrain, NoRaySlipsThroughVerticesOrEdges) {
+  const Terrain terrain(flatConfig());
+  for (int i = -50; i <= 50; ++i)
+    for (int j = -50; j <= 50; ++j)
+      ASSERT_NEAR(terrain.castRay({0, 0, 18}, {i * 0.05, j * 0.05, 2}).value_or(-1),
+                  Eigen::Vector3d(i * 0.05, j * 0.05, 2).norm(), 1e-4);
+}
+
 TEST(Terrain, RipplesHaveTheirHeightAndWavelength) {
   TerrainConfig config = flatConfig();
   config.grid_spacing_m = 0.01;
@@ -105,7 +113,7 @@ TEST(Terrain, ItsMeshIsTheSurfaceThatRaysHit) {
     facing_up += on_top && normal.z() < 0;
   }
   ASSERT_GT(seen, 3000);
-  EXPECT_GT(agree, 0.9 * seen);  // the rest lies behind a neighbour
+  EXPECT_GT(agree, 0.85 * seen);  // the rest lies behind a neighbour, in the corals' grooves
   ASSERT_GT(from_above, 3000);
   EXPECT_EQ(facing_up, from_above);
 }

@@ -16,7 +16,8 @@
 namespace fathom::sim {
 namespace {
 
-constexpr double kStoneEdge = 0.013;    // [m], of the triangles of stones and corals
+constexpr double kStoneEdge = 0.012;    // [m], of the triangles of stones
+constexpr double kCoralEdge = 0.008;    // [m], of those of coral heads, whose outlines are knobbly
 constexpr float kCastHeight = 1000.0F;  // [m] above everything
 
 // One kind of thing that lies scattered on the bed.
@@ -88,7 +89,7 @@ void buildSeafloor(const TerrainConfig& config, SurfaceScene& scene) {
   scene.commit();
   const auto stone = [](std::uint64_t seed, double size) { return makeStone(seed, size, kStoneEdge); };
   const auto coral = [&](std::uint64_t seed, double size) {
-    return makeCoralHead(seed, size, config.corals.overhang, kStoneEdge);
+    return makeCoralHead(seed, size, config.corals.overhang, kCoralEdge);
   };
   const RubbleConfig& rubble = config.rubble;
   const BoulderConfig& boulders = config.boulders;

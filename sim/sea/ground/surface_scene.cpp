@@ -177,14 +177,16 @@ SurfacePoint SurfaceScene::look(unsigned geometry, unsigned primitive, float u, 
 
 std::optional<float> SurfaceScene::castRay(const Eigen::Vector3f& origin,
                                            const Eigen::Vector3f& unit_direction, float limit_m) const {
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  RTCRayHit hit{};
-  hit.ray = makeRay(origin, unit_direction, limit_m);
-  hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-  rtcIntersect1(scene_, &context, &hit);
-  if (hit.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
-  return hit.ray.tfar;
+  for (const Eigen::Vector3f& direction : {unit_direction, Eigen::Vector3f(unit_direction + kNudge)}) {
+    RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    RTCRayHit hit{};
+    hit.ray = makeRay(origin, direction, limit_m);
+    hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+    rtcIntersect1(scene_, &context, &hit);
+    if (hit.hit.geomID != RTC_INVALID_GEOMETRY_ID) return hit.ray.tfar;
+  }
+  return std::nullopt;
 }
 
 bool SurfaceScene::occluded(const Eigen::Vector3f& origin, const Eigen::Vector3f& unit_direction,

@@ -48,6 +48,10 @@ struct SurfacePoint {
   float resolved_m = 0;           // size of the finest detail that the albedo holds
 };
 
+// Embree 3.13 lets rays through that meet a grid exactly in a vertex. What met nothing is cast once more this
+// much (a part of the direction's length, micrometres on the surface) to the side.
+inline const Eigen::Vector3f kNudge(1.1e-6F, 0.7e-6F, -0.4e-6F);
+
 // Surfaces under one Embree scene, in a local frame: nav less `origin`, so that floats resolve micrometres.
 class SurfaceScene {
  public:

@@ -48,6 +48,15 @@ void findPoints(const Shot& shot, const RayBundle& rays, Points& points) {
     packet.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
   }
   intersect(shot.bed.scene(), valid, packet);
+  bool missed = false;
+  for (int i = 0; i < kSize; ++i) {
+    valid[i] = i < rays.count && packet.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID ? -1 : 0;
+    if (valid[i] == 0) continue;
+    missed = true;
+    packet.ray.dir_x[i] += kNudge.x(), packet.ray.dir_y[i] += kNudge.y(), packet.ray.dir_z[i] += kNudge.z();
+  }
+  if (missed) intersect(shot.bed.scene(), valid, packet);
+  for (int i = 0; i < rays.count; ++i) valid[i] = -1;
   float bed_range[kSize];
   std::copy_n(packet.ray.tfar, kSize, bed_range);
   if (shot.moving != nullptr) intersect(shot.moving->scene(), valid, packet);
@@ -87,11 +96,14 @@ void illuminate(const Shot& shot, std::size_t strobe, const Points& points, RayB
     const Eigen::Vector3f to = shot.strobe_positions[strobe] - start;
     distance[i] = to.norm();
     const Eigen::Vector3f direction = to / distance[i];
+    if (points.geometric_normal[i].dot(direction) <= 0) continue;
     const float cosine = points.surface[i].normal.dot(direction);
-    if (cosine <= 0 || points.geometric_normal[i].dot(direction) <= 0) continue;
-    strength[i] = shot.beams[strobe](-direction.dot(shot.strobe_directions[strobe])) * cosine /
-                  (distance[i] * distance[i]);
-    if (strength[i] <= 0) continue;
+    strength[i] = shot.beams[strobe](-direction.dot(shot.strobe_directions[strobe])) *
+                  std::max(0.0F, cosine) / (distance[i] * distance[i]);
+    if (strength[i] <= 0) {  // grains turned away from the light are no shadow's edge
+      rays.lit[i] |= 1U << strobe;
+      continue;
+    }
     valid[i] = -1;
     any = true;
     packet.org_x[i] = start.x(), packet.org_y[i] = start.y(), packet.org_z[i] = start.z();
