@@ -41,21 +41,28 @@ struct Lattice {
   }
 };
 
-// Luma and chroma differences of a colour in steps of 2^(8 - bits), all made positive: luma costs most,
-// chroma hardly changes from node to node and so costs little.
+// Luma in 2^bits steps, and two chroma differences (YCoCg) in steps half as large, all made positive.
+// Underwater chroma is small, so its steps must be finer to keep any hue; it hardly changes from node to node
+// and costs little.
+constexpr int kChromaFiner = 2;
+
 std::array<std::int16_t, 3> toLuma(const Rgb& colour, int bits) {
   const int range = (1 << bits) - 1;
-  const auto quantise = [&](double v) { return static_cast<int>(std::lround(v * range / 255.0)); };
+  const auto quantise = [&](double v, int finer) {
+    return static_cast<std::int16_t>(std::lround(v * range * finer / 255.0));
+  };
+  const auto offset = static_cast<std::int16_t>(range * kChromaFiner);
   const double r = colour[0], g = colour[1], b = colour[2];
-  return {static_cast<std::int16_t>(quantise((r + 2 * g + b) / 4)),
-          static_cast<std::int16_t>(quantise((r - b) / 2) + range),
-          static_cast<std::int16_t>(quantise((2 * g - r - b) / 4) + range)};
+  return {quantise((r + 2 * g + b) / 4, 1),
+          static_cast<std::int16_t>(quantise((r - b) / 2, kChromaFiner) + offset),
+          static_cast<std::int16_t>(quantise((2 * g - r - b) / 4, kChromaFiner) + offset)};
 }
 
 Rgb fromLuma(const std::int16_t* code, int bits) {
   const int range = (1 << bits) - 1;
-  const double scale = 255.0 / range;
-  const double y = code[0] * scale, co = (code[1] - range) * scale, cg = (code[2] - range) * scale;
+  const double scale = 255.0 / range, chroma = scale / kChromaFiner;
+  const int offset = range * kChromaFiner;
+  const double y = code[0] * scale, co = (code[1] - offset) * chroma, cg = (code[2] - offset) * chroma;
   const auto channel = [](double v) {
     return static_cast<std::uint8_t>(std::lround(std::clamp(v, 0.0, 255.0)));
   };
@@ -186,7 +193,8 @@ bool decodeTile(std::span<const std::uint8_t> bytes, DecodedTile& out) {
     node.sigma = sigma;
     node.coverage = 1;
     if (components == 4) {
-      if (value[1] > range || value[2] > 2 * range || value[3] > 2 * range) return false;
+      const int chroma = 2 * range * kChromaFiner;
+      if (value[1] > range || value[2] > chroma || value[3] > chroma) return false;
       node.colour = fromLuma(value + 1, decoded.colour_bits);
     }
     value += components;

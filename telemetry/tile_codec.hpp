@@ -10,7 +10,7 @@ namespace fathom::telemetry {
 
 struct TileCodecConfig {
   double depth_resolution = 0.02;  // step of the sent depths, 0.001 to 1 [m]
-  int colour_bits = 2;             // per channel, 0 (no colour) to 6
+  int colour_bits = 3;             // of brightness, one more of each chroma, 0 (no colour) to 6
   double min_coverage = 0.05;      // nodes seen less than this are not sent
 
   void validate() const;  // throws std::invalid_argument naming the value

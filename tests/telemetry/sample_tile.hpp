@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -30,8 +31,13 @@ inline HeightTile sampleTile(std::int32_t north, std::int32_t east, double size 
       node.sigma = 0.012F;
       node.coverage = 1;
       const double shade = 110 + 60 * std::sin(3 * x) * std::cos(2 * y) + 300 * noise(random);
-      node.colour = {static_cast<std::uint8_t>(shade * 0.7), static_cast<std::uint8_t>(shade),
-                     static_cast<std::uint8_t>(shade * 0.9)};
+      // Green-grey sand with patches of brown and of violet growth.
+      const double brown = std::max(0.0, std::sin(1.1 * x + 0.7) * std::sin(0.9 * y));
+      const double violet = std::max(0.0, -std::sin(0.8 * x) * std::sin(1.2 * y + 2));
+      const auto channel = [](double v) { return static_cast<std::uint8_t>(std::clamp(v, 0.0, 255.0)); };
+      node.colour = {channel(shade * (0.75 + 0.45 * brown + 0.3 * violet)),
+                     channel(shade * (1 - 0.3 * violet)),
+                     channel(shade * (0.85 - 0.5 * brown + 0.4 * violet))};
     }
   }
   return tile;

@@ -30,9 +30,9 @@ void expectSame(const HeightTile& sent, const DecodedTile& got, int stride, cons
       if (b.coverage <= 0) continue;
       ASSERT_NEAR(a.depth, b.depth, config.depth_resolution / 2 + 1e-4);
       if (config.colour_bits == 0) continue;
-      // Luma within one step; each channel within its share of three rounded terms.
+      // Half a step of luma and a quarter of each of two chromas.
       const double step = 255.0 / ((1 << config.colour_bits) - 1);
-      for (std::size_t c = 0; c < 3; ++c) ASSERT_NEAR(a.colour[c], b.colour[c], 1.5 * step + 1);
+      for (std::size_t c = 0; c < 3; ++c) ASSERT_NEAR(a.colour[c], b.colour[c], step + 1);
     }
   }
 }
