@@ -1,5 +1,7 @@
 #include "sim/score/alignment.hpp"
 
+#include <tbb/parallel_for.h>
+
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
@@ -59,10 +61,10 @@ SE3 alignSurface(const Points& estimate, const TruthSurface& truth, const SE3& s
   std::vector<TruthSurface::Nearest> nearest(estimate.size());
   std::vector<double> distances(estimate.size());
   for (int iteration = 0; iteration < kIterations; ++iteration) {
-    for (std::size_t i = 0; i < estimate.size(); ++i) {
+    tbb::parallel_for(std::size_t{0}, estimate.size(), [&](std::size_t i) {
       nearest[i] = truth.nearest(motion * estimate[i]);
       distances[i] = nearest[i].distance;
-    }
+    });
     auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
     std::nth_element(distances.begin(), middle, distances.end());
     const double limit = std::max(kOutlier * *middle, 1e-9);

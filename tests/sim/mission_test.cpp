@@ -1,0 +1,170 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <fstream>
+#include <map>
+
+#include "firmware_if/image_file.hpp"
+#include "firmware_if/mission.hpp"
+#include "firmware_if/pose_files.hpp"
+#include "firmware_if/sensor_log.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/mesh_io.hpp"
+#include "sim/mission/mission_maker.hpp"
+#include "sim/mission/wide_seafloor.hpp"
+#include "sim/scenario/scenario_file.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::sim {
+namespace {
+
+// A few small pairs over a small seafloor.
+Scenario tinyScenario() {
+  Scenario s;
+  s.name = "tiny";
+  s.scale = 0.1;
+  s.longest_survey_s = 2.0;
+  s.terrain.size_north_m = s.terrain.size_east_m = 5.0;
+  s.terrain.grid_spacing_m = 0.05;
+  s.terrain.base_depth_m = 5.0;
+  s.plan.line_length = 2.0;
+  s.vehicle.float_s = 3.0;
+  s.sensors.usbl.period_s = 2.0;
+  return s;
+}
+
+MissionMakerReport make(const Scenario& scenario, const std::filesystem::path& out, int threads = 0,
+                        bool force = false) {
+  MissionMakerOptions options;
+  options.out = out;
+  options.threads = threads;
+  options.force = force;
+  return makeMission(scenario, options);
+}
+
+// Every file's bytes by its relative name.
+std::map<std::string, std::string> contents(const std::filesystem::path& folder) {
+  std::map<std::string, std::string> files;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
+    if (!entry.is_regular_file()) continue;
+    std::ifstream stream(entry.path(), std::ios::binary);
+    files[entry.path().lexically_relative(folder).string()] =
+        std::string((std::istreambuf_iterator<char>(stream)), {});
+  }
+  return files;
+}
+
+TEST(MissionMaker, TheSameSeedGivesTheSameBytesForOneAndTwoThreadsAndAnotherSeedDoesNot) {
+  test::TemporaryFolder folder;
+  make(tinyScenario(), folder.path() / "one", 1);
+  make(tinyScenario(), folder.path() / "two", 2);
+  const auto one = contents(folder.path() / "one"), two = contents(folder.path() / "two");
+  ASSERT_EQ(one.size(), two.size());
+  for (const auto& [name, bytes] : one) EXPECT_TRUE(bytes == two.at(name)) << name;
+
+  Scenario other = tinyScenario();
+  other.seed = 99;
+  make(other, folder.path() / "other");
+  const auto third = contents(folder.path() / "other");
+  EXPECT_FALSE(third.at("sensors.lcmlog") == one.at("sensors.lcmlog"));
+  EXPECT_FALSE(third.at("truth/trajectory.csv") == one.at("truth/trajectory.csv"));
+}
+
+TEST(MissionMaker, WritesAMissionThatItsReadersAccept) {
+  test::TemporaryFolder folder;
+  const io::MissionPaths paths(folder.path() / "m");
+  const Scenario scenario = tinyScenario();
+  const MissionMakerReport report = make(scenario, paths.root);
+  EXPECT_EQ(report.pairs, 4u);
+
+  const io::MissionConfig config = io::readMissionConfig(paths.root);
+  EXPECT_EQ(config.start_utc_ns, scenario.start_utc_ns);
+  EXPECT_LT((config.T_body_cam.inverse() * scenario.T_body_cam()).log().norm(), 1e-9);
+  EXPECT_NEAR(config.time_offsets.left_camera, -0.012, 0.0005 + 1e-12);
+  EXPECT_EQ(config.plan.size(), 2u * (3u + 1u));
+  const StereoRig rig = readStereoCalib(paths.calib());
+  EXPECT_EQ(rig.left.width, 136);
+  EXPECT_FALSE(readPly(paths.truth() / "terrain.ply").empty());
+
+  io::SensorLogReader log(paths.root);
+  std::size_t samples = 0, images = 0;
+  std::int64_t last = 0;
+  while (const auto entry = log.next()) {
+    EXPECT_GE(entry->arrival_utc_ns, last);
+    last = entry->arrival_utc_ns;
+    ++samples;
+    const auto* image = std::get_if<ImageEvent>(&entry->sample);
+    if (image == nullptr) continue;
+    ++images;
+    const bool left = image->side == CameraSide::kLeft;
+    const auto file = io::readImage(paths.images() / image->file_name,
+                                    left ? config.cameras.left_format : config.cameras.right_format,
+                                    config.cameras.bits, rig.left.width, rig.left.height);
+    EXPECT_FALSE(file.view.empty());
+  }
+  EXPECT_EQ(samples, report.samples);
+  EXPECT_EQ(images, 2 * report.pairs);
+}
+
+TEST(MissionMaker, TheTruthHoldsTheScenarioThatMakesTheSameMissionAgain) {
+  test::TemporaryFolder folder;
+  Scenario scenario = tinyScenario();
+  scenario.longest_survey_s = 1.0;
+  make(scenario, folder.path() / "first");
+  make(loadScenario((folder.path() / "first/truth/scenario.toml").string()), folder.path() / "again");
+  EXPECT_TRUE(contents(folder.path() / "first").at("sensors.lcmlog") ==
+              contents(folder.path() / "again").at("sensors.lcmlog"));
+}
+
+TEST(MissionMaker, EightBitCamerasWriteEightBitImages) {
+  test::TemporaryFolder folder;
+  Scenario scenario = tinyScenario();
+  scenario.longest_survey_s = 1.0;
+  scenario.optics.sensor.bits = 8;
+  make(scenario, folder.path() / "m");
+  for (const auto& entry : std::filesystem::directory_iterator(folder.path() / "m/img"))
+    EXPECT_EQ(io::readImage(entry.path(), PixelFormat::kMono, 8).view.bits, 8);
+}
+
+TEST(MissionMaker, DoesNotOverwriteAFolderInUseUnlessForced) {
+  test::TemporaryFolder folder;
+  const auto out = folder.path() / "m";
+  std::filesystem::create_directories(out);
+  std::ofstream(out / "mine.txt") << "keep";
+  Scenario scenario = tinyScenario();
+  scenario.longest_survey_s = 1.0;
+  EXPECT_THROW(make(scenario, out), InputError);
+  EXPECT_TRUE(std::filesystem::exists(out / "mine.txt"));
+  make(scenario, out, 0, true);
+  EXPECT_FALSE(std::filesystem::exists(out / "mine.txt"));
+  EXPECT_TRUE(std::filesystem::exists(out / "mission.toml"));
+  std::ofstream(folder.path() / "file") << "x";
+  EXPECT_THROW(make(scenario, folder.path() / "file", 0, true), InputError);
+}
+
+TEST(MissionMaker, AFailureLeavesNothingBehind) {
+  test::TemporaryFolder folder;
+  Scenario scenario = tinyScenario();
+  scenario.terrain.kind = TerrainKind::kMesh;
+  scenario.terrain.mesh_file = folder.path() / "broken.ply";
+  std::ofstream(scenario.terrain.mesh_file) << "no mesh";
+  EXPECT_THROW(make(scenario, folder.path() / "m"), InputError);
+  EXPECT_FALSE(std::filesystem::exists(folder.path() / "m"));
+  EXPECT_FALSE(std::filesystem::exists(folder.path() / "m.partial"));
+}
+
+TEST(WideSeafloor, CarriesOnFlatBeyondTheTerrain) {
+  const Scenario scenario = tinyScenario();
+  const Terrain terrain(scenario.terrain);
+  const WideSeafloor wide(terrain);
+  EXPECT_EQ(wide.depthAt(0.5, 0.5), *terrain.depthAt(0.5, 0.5));
+  EXPECT_NEAR(wide.depthAt(30, 0), 5.0, 1.5);
+  const Eigen::Vector3d slanted = Eigen::Vector3d(1, 0, 1).normalized();
+  const auto distance = wide.castRay({10, 0, 1}, slanted);
+  ASSERT_TRUE(distance);
+  EXPECT_NEAR(1 + *distance * slanted.z(), wide.depthAt(30, 0), 0.5);
+  EXPECT_FALSE(wide.castRay({10, 0, 1}, Eigen::Vector3d(0, 0, -1)));
+}
+
+}  // namespace
+}  // namespace fathom::sim
