@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 
 #include "realtime/kernel/input_error.hpp"
+#include "sim/channel_command.hpp"
 #include "sim/render_command.hpp"
 #include "sim/score_command.hpp"
 
@@ -36,12 +37,16 @@ int run(int argc, char** argv) {
   score_command->add_option("mission", mission, "mission folder")->required();
   score_command->add_flag("--json", json, "one JSON object instead of a table");
 
+  CLI::App* channel_command = nullptr;
+  const std::function<int()> run_channel = sim::addChannelCommand(app, channel_command);
+
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? kExitSuccess : kExitBadInput;
   }
   if (*render_command) return sim::runRender(render);
+  if (*channel_command) return run_channel();
   if (*score_command) return sim::runScore(mission, json);
   return sim::runKeys(keys_of);
 }

@@ -1,0 +1,161 @@
+#include "sim/link/channel.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+namespace fathom::sim {
+namespace {
+
+constexpr double kBitsPerByte = 8.0;
+// A frame that is overtaken, and a duplicate (an echo off the surface), come this much of the delay later.
+constexpr double kLateShare = 1.5;
+// Without any delay, later by this [s].
+constexpr double kLeastLate = 0.05;
+constexpr std::uint64_t kDownlinkStream = 0x9E3779B97F4A7C15ULL;
+
+void require(bool good, const char* what) {
+  if (!good) throw std::invalid_argument(std::string("channel: ") + what);
+}
+
+// A number in [0, 1) that depends on the generator's bits alone, unlike the standard library's distributions.
+double uniform(std::mt19937_64& random) {
+  return static_cast<double>(random() >> 11) * 0x1p-53;
+}
+
+}  // namespace
+
+void validate(const ChannelConfig& config) {
+  for (double p : {config.loss, config.duplicate, config.reorder, config.corrupt})
+    require(p >= 0 && p <= 1, "loss, duplicate, reorder and corrupt are probabilities, 0 to 1");
+  require(config.delay_s >= 0 && config.delay_s <= 3600, "delay_s must be 0 to 3600");
+  require(config.rate_bps >= 0 && config.rate_bps <= 1e9, "rate_bps must be 0 (no limit) to 1e9");
+  require(config.queue_frames >= 1 && config.queue_frames <= 100000, "queue_frames must be 1 to 100000");
+}
+
+AcousticChannel::AcousticChannel(const ChannelConfig& config) : config_(config), random_(config.seed) {
+  validate(config);
+}
+
+bool AcousticChannel::send(double now_s, std::span<const std::uint8_t> frame) {
+  ++counters_.offered;
+  std::erase_if(departures_, [&](double end_s) { return end_s <= now_s; });
+  if (frame.empty() || frame.size() > FramePort::kMaxFrameBytes ||
+      departures_.size() >= config_.queue_frames) {
+    ++counters_.refused;
+    return false;
+  }
+  double sent_s = now_s;
+  if (config_.rate_bps > 0) {
+    busy_until_s_ =
+        std::max(busy_until_s_, now_s) + kBitsPerByte * static_cast<double>(frame.size()) / config_.rate_bps;
+    sent_s = busy_until_s_;
+    departures_.push_back(sent_s);
+  }
+  // Every frame draws as many numbers, so one frame's fate does not change with another's.
+  const double lost = uniform(random_), duplicated = uniform(random_), reordered = uniform(random_),
+               corrupted = uniform(random_);
+  const std::uint64_t damage = random_();
+  if (lost < config_.loss) {
+    ++counters_.lost;
+    return true;
+  }
+  std::vector<std::uint8_t> bytes(frame.begin(), frame.end());
+  if (corrupted < config_.corrupt) {
+    ++counters_.corrupted;
+    // A burst: up to four neighbouring bytes, the first for certain changed.
+    const std::size_t first = damage % bytes.size();
+    bytes[first] ^= static_cast<std::uint8_t>(1 + (damage >> 32) % 255);
+    for (std::size_t i = first + 1; i < std::min(bytes.size(), first + 4); ++i)
+      bytes[i] ^= static_cast<std::uint8_t>(damage >> (40 + 8 * (i - first - 1)));
+  }
+  const double late_s = std::max(kLeastLate, kLateShare * config_.delay_s);
+  double arrival_s = sent_s + config_.delay_s;
+  if (duplicated < config_.duplicate) {
+    ++counters_.duplicated;
+    launch(arrival_s + late_s, bytes);
+  }
+  if (reordered < config_.reorder) {
+    ++counters_.reordered;
+    arrival_s += late_s;
+  }
+  launch(arrival_s, std::move(bytes));
+  return true;
+}
+
+void AcousticChannel::launch(double arrival_s, std::vector<std::uint8_t> bytes) {
+  flying_.push_back({arrival_s, next_order_++, std::move(bytes)});
+}
+
+std::size_t AcousticChannel::receive(double now_s, std::span<std::uint8_t> buffer) {
+  const auto first = std::min_element(flying_.begin(), flying_.end(), [](const Flying& a, const Flying& b) {
+    return a.arrival_s != b.arrival_s ? a.arrival_s < b.arrival_s : a.order < b.order;
+  });
+  if (first == flying_.end() || first->arrival_s > now_s || first->bytes.size() > buffer.size()) return 0;
+  std::copy(first->bytes.begin(), first->bytes.end(), buffer.begin());
+  const std::size_t size = first->bytes.size();
+  flying_.erase(first);
+  ++counters_.delivered;
+  return size;
+}
+
+double AcousticChannel::nextArrival() const {
+  double next = -1;
+  for (const Flying& frame : flying_)
+    if (next < 0 || frame.arrival_s < next) next = frame.arrival_s;
+  return next;
+}
+
+struct ChannelPair::Impl {
+  // One end: sends into one channel, receives from the other.
+  class End final : public FramePort {
+   public:
+    End(Impl& pair, AcousticChannel& out, AcousticChannel& in) : pair_(pair), out_(out), in_(in) {}
+    bool send(std::span<const std::uint8_t> frame) noexcept override { return out_.send(pair_.now_s, frame); }
+    std::size_t receive(std::span<std::uint8_t> buffer) noexcept override {
+      return in_.receive(pair_.now_s, buffer);
+    }
+    std::uint64_t droppedFrames() const noexcept override { return 0; }
+
+   private:
+    Impl& pair_;
+    AcousticChannel& out_;
+    AcousticChannel& in_;
+  };
+
+  static ChannelConfig ownSeed(const ChannelConfig& up, ChannelConfig down) {
+    if (down.seed == up.seed) down.seed ^= kDownlinkStream;
+    return down;
+  }
+  Impl(const ChannelConfig& up_config, const ChannelConfig& down_config)
+      : up(up_config),
+        down(ownSeed(up_config, down_config)),
+        vehicle(*this, up, down),
+        ship(*this, down, up) {}
+
+  double now_s = 0;
+  AcousticChannel up, down;
+  End vehicle, ship;
+};
+
+ChannelPair::ChannelPair(const ChannelConfig& up, const ChannelConfig& down)
+    : impl_(std::make_unique<Impl>(up, down)) {}
+ChannelPair::~ChannelPair() = default;
+FramePort& ChannelPair::vehicle() {
+  return impl_->vehicle;
+}
+FramePort& ChannelPair::ship() {
+  return impl_->ship;
+}
+void ChannelPair::advance(double now_s) {
+  impl_->now_s = std::max(impl_->now_s, now_s);
+}
+const AcousticChannel& ChannelPair::uplink() const {
+  return impl_->up;
+}
+const AcousticChannel& ChannelPair::downlink() const {
+  return impl_->down;
+}
+
+}  // namespace fathom::sim
