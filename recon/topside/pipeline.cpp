@@ -23,7 +23,8 @@
 namespace fathom::topside {
 namespace {
 
-constexpr int kPicturePixels = 1400;  // longer side of the report's pictures
+constexpr int kPicturePixels = 1400;   // longer side of the report's pictures
+constexpr double kPixelsPerVoxel = 6;  // at most: a small map is drawn large enough to look at
 
 double areaOf(const Mesh& mesh) {
   double area = 0;
@@ -114,7 +115,7 @@ Summary runTopside(const std::filesystem::path& mission_folder, const std::files
   writePly(out.path() / "mesh.ply", mesh,
            {"fathom-topside " FATHOM_VERSION, "nav: north, east, down [m] from the mission's origin"});
   writePoses(out.path(), mission.origin, fused.pairs);
-  const MapPicture picture = drawFromAbove(mesh, kPicturePixels, config.fusion.voxel / 2);
+  const MapPicture picture = drawFromAbove(mesh, kPicturePixels, config.fusion.voxel / kPixelsPerVoxel);
   writeBytes(out.path() / "mesh.png", toPng(picture.rgb, picture.width, picture.height));
   lap("output");
 

@@ -12,7 +12,7 @@ namespace fathom::topside {
 // Everything that can be set about a run; README.md lists the keys with units, ranges and defaults.
 struct TopsideConfig {
   lighting::LightingConfig lighting;
-  int lighting_images = 200;  // pairs that the lighting model learns from, spread over the mission
+  int lighting_images = 100;  // pairs that the lighting model learns from, spread over the mission
 
   stereo::SparseStereoConfig stereo;
   int min_points = 20;  // a pair with fewer stereo points is left out
