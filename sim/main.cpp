@@ -4,6 +4,7 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "sim/channel_command.hpp"
+#include "sim/picture_command.hpp"
 #include "sim/render_command.hpp"
 #include "sim/score_command.hpp"
 
@@ -40,6 +41,9 @@ int run(int argc, char** argv) {
   CLI::App* channel_command = nullptr;
   const std::function<int()> run_channel = sim::addChannelCommand(app, channel_command);
 
+  CLI::App* picture_command = nullptr;
+  const std::function<int()> run_picture = sim::addPictureCommand(app, picture_command);
+
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
@@ -47,6 +51,7 @@ int run(int argc, char** argv) {
   }
   if (*render_command) return sim::runRender(render);
   if (*channel_command) return run_channel();
+  if (*picture_command) return run_picture();
   if (*score_command) return sim::runScore(mission, json);
   return sim::runKeys(keys_of);
 }

@@ -175,8 +175,8 @@ SurfacePoint SurfaceScene::look(unsigned geometry, unsigned primitive, float u, 
   return point;
 }
 
-std::optional<float> SurfaceScene::castRay(const Eigen::Vector3f& origin,
-                                           const Eigen::Vector3f& unit_direction, float limit_m) const {
+std::optional<SurfaceHit> SurfaceScene::firstHit(const Eigen::Vector3f& origin,
+                                                 const Eigen::Vector3f& unit_direction, float limit_m) const {
   for (const Eigen::Vector3f& direction : {unit_direction, Eigen::Vector3f(unit_direction + kNudge)}) {
     RTCIntersectContext context;
     rtcInitIntersectContext(&context);
@@ -184,9 +184,19 @@ std::optional<float> SurfaceScene::castRay(const Eigen::Vector3f& origin,
     hit.ray = makeRay(origin, direction, limit_m);
     hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     rtcIntersect1(scene_, &context, &hit);
-    if (hit.hit.geomID != RTC_INVALID_GEOMETRY_ID) return hit.ray.tfar;
+    if (hit.hit.geomID == RTC_INVALID_GEOMETRY_ID) continue;
+    return SurfaceHit{hit.ray.tfar,   Eigen::Vector3f(hit.hit.Ng_x, hit.hit.Ng_y, hit.hit.Ng_z).normalized(),
+                      hit.hit.geomID, hit.hit.primID,
+                      hit.hit.u,      hit.hit.v};
   }
   return std::nullopt;
+}
+
+std::optional<float> SurfaceScene::castRay(const Eigen::Vector3f& origin,
+                                           const Eigen::Vector3f& unit_direction, float limit_m) const {
+  const std::optional<SurfaceHit> hit = firstHit(origin, unit_direction, limit_m);
+  if (!hit) return std::nullopt;
+  return hit->distance_m;
 }
 
 bool SurfaceScene::occluded(const Eigen::Vector3f& origin, const Eigen::Vector3f& unit_direction,

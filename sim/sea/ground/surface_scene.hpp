@@ -48,6 +48,13 @@ struct SurfacePoint {
   float resolved_m = 0;           // size of the finest detail that the albedo holds
 };
 
+struct SurfaceHit {
+  float distance_m = 0;
+  Eigen::Vector3f normal;  // of the triangle, unit, either side
+  unsigned geometry = 0, primitive = 0;
+  float u = 0, v = 0;
+};
+
 // Embree 3.13 lets rays through that meet a grid exactly in a vertex. What met nothing is cast once more this
 // much (a part of the direction's length, micrometres on the surface) to the side.
 inline const Eigen::Vector3f kNudge(1.1e-6F, 0.7e-6F, -0.4e-6F);
@@ -73,6 +80,9 @@ class SurfaceScene {
   // `footprint_m`: size of the pixel on the surface.
   [[nodiscard]] SurfacePoint look(unsigned geometry, unsigned primitive, float u, float v,
                                   float footprint_m) const;
+  [[nodiscard]] std::optional<SurfaceHit> firstHit(const Eigen::Vector3f& origin,
+                                                   const Eigen::Vector3f& unit_direction,
+                                                   float limit_m) const;
   [[nodiscard]] std::optional<float> castRay(const Eigen::Vector3f& origin,
                                              const Eigen::Vector3f& unit_direction, float limit_m) const;
   [[nodiscard]] bool occluded(const Eigen::Vector3f& origin, const Eigen::Vector3f& unit_direction,

@@ -7,12 +7,13 @@ namespace fathom::sim {
 struct PictureOptions {
   enum class View { kTop, kOblique };
   View view = View::kOblique;
-  int width = 1280;  // [px]
-  int height = 960;  // [px]
+  int width = 1280;  // [px], 64 to 16384
+  int height = 960;  // [px], likewise
 };
 
 // Draws a PLY mesh (nav frame, z down) with its colours, or else coloured by depth with a legend; lit by a
-// sun, a sky and ambient occlusion; with a scale bar. Writes a PNG. Throws InputError for a mesh that cannot
+// sun and by a sky that corners see less of; parallel projection with a scale bar. Top: north is up. Oblique:
+// from the south, 42 degrees over the horizon. Writes a PNG. Throws InputError for a mesh or size that cannot
 // be used.
 void drawPicture(const std::filesystem::path& mesh, const std::filesystem::path& png,
                  const PictureOptions& options);
