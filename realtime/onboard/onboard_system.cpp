@@ -56,9 +56,9 @@ void OnboardSystem::consume(std::int64_t arrival_utc_ns, const SensorSample& sam
       [&](const auto& s) {
         using T = std::decay_t<decltype(s)>;
         if constexpr (std::is_same_v<T, GpsFix>)
-          addFix(FixKind::kGps, s.utc_ns, s.latitude, s.longitude, s.sigma_horizontal);
+          addFix(nav::FixKind::kGps, s.utc_ns, s.latitude, s.longitude, s.sigma_horizontal);
         else if constexpr (std::is_same_v<T, UsblFix>)
-          addFix(FixKind::kUsbl, s.utc_ns, s.latitude, s.longitude, s.sigma_horizontal);
+          addFix(nav::FixKind::kUsbl, s.utc_ns, s.latitude, s.longitude, s.sigma_horizontal);
         else if constexpr (std::is_same_v<T, ImageEvent>)
           addImage(s);
         else
@@ -70,21 +70,17 @@ void OnboardSystem::consume(std::int64_t arrival_utc_ns, const SensorSample& sam
   link_.offerTiles(map_.map(), arrival_utc_ns);
 }
 
-void OnboardSystem::addFix(FixKind kind, std::int64_t utc_ns, double latitude, double longitude,
+void OnboardSystem::addFix(nav::FixKind kind, std::int64_t utc_ns, double latitude, double longitude,
                            double sigma) {
   const auto T_odom_body = nav_.odometry().poseAt(utc_ns);
   if (!T_odom_body) {
     ++fixes_without_odometry_;
     return;
   }
-  PositionFix fix;
-  fix.kind = kind;
-  fix.utc_ns = utc_ns;
-  fix.north_east = local_.toLocal({latitude, longitude});
-  fix.sigma = sigma;
   // The GPS antenna is taken at the body's origin: its lever arm is far below a fix's error.
-  fix.T_odom_sensor = kind == FixKind::kUsbl ? *T_odom_body * mission_.T_body_usbl : *T_odom_body;
-  map_.addFix(fix);
+  const SE3 T_odom_sensor = kind == nav::FixKind::kUsbl ? *T_odom_body * mission_.T_body_usbl : *T_odom_body;
+  const Eigen::Vector2d north_east = local_.toLocal({latitude, longitude});
+  map_.addFix(kind, north_east - T_odom_sensor.translation().head<2>(), sigma);
 }
 
 void OnboardSystem::addImage(const ImageEvent& event) {
@@ -148,7 +144,7 @@ telemetry::Status OnboardSystem::status(std::int64_t now_ns) const {
   status.altitude = odometry.altitude().value_or(telemetry::kAbsent);
   status.speed = odometry.velocityBody().norm();
   if (map_.anchored())
-    status.position_sigma = std::hypot(map_.anchor().sigma(), config_.drift_share * distance_);
+    status.position_sigma = std::hypot(map_.anchorSigma(), config_.drift_share * distance_);
   const MapCore::Counters& counters = map_.counters();
   status.pairs_seen = static_cast<std::uint32_t>(counters.pairs + unreadable_images_);
   status.pairs_used =
@@ -197,7 +193,7 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health(std::int64_t n
   add("odometry_age_s", nav.odometry_age);
   for (const NavHealth::Counter& counter : nav.counters)
     add("nav_" + std::string(counter.name), counter.value);
-  const PositionAnchor::Counters& fixes = map_.anchor().counters();
+  const nav::PositionAnchor::Counters& fixes = map_.anchor().counters();
   add("gps_fixes", fixes.gps);
   add("usbl_fixes", fixes.usbl);
   add("fixes_refused", fixes.refused);

@@ -51,7 +51,7 @@ class OnboardSystem {
   [[nodiscard]] const NavCore& nav() const { return nav_; }
 
  private:
-  void addFix(FixKind kind, std::int64_t utc_ns, double latitude, double longitude, double sigma);
+  void addFix(nav::FixKind kind, std::int64_t utc_ns, double latitude, double longitude, double sigma);
   void addImage(const ImageEvent& event);
   void mapPairs(const std::function<void(const MappedPair&)>& on_pair);
   void updateTrack(std::int64_t now_ns);

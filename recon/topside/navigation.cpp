@@ -7,6 +7,7 @@
 #include "firmware_if/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/geodesy.hpp"
+#include "recon/nav/position_anchor.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -82,59 +83,32 @@ std::vector<NavigatedPose> wantedAt(const std::vector<Fix>& fixes) {
 
 // What each fix says of odom's origin. Before bottom track the vehicle is taken to be where dead reckoning
 // began. `lever`: of the receiver in body.
-std::vector<OffsetFix> offsets(const std::vector<Fix>& fixes, const std::vector<NavigatedPose>& poses,
-                               const SE3& first, std::int64_t first_utc_ns, const Eigen::Vector3d& lever) {
-  std::vector<OffsetFix> out;
+void addFixes(nav::PositionAnchor& anchor, nav::FixKind kind, const std::vector<Fix>& fixes,
+              const std::vector<NavigatedPose>& poses, const SE3& first, std::int64_t first_utc_ns,
+              const Eigen::Vector3d& lever) {
   for (std::size_t k = 0; k < fixes.size(); ++k) {
     std::optional<SE3> pose = poses[k].T_nav_body;
     if (!pose && fixes[k].utc_ns < first_utc_ns) pose = first;
     if (!pose) continue;
     const Eigen::Vector3d receiver = *pose * lever;
-    out.push_back({fixes[k].north - receiver.x(), fixes[k].east - receiver.y(), fixes[k].sigma});
+    anchor.add(kind, {fixes[k].north - receiver.x(), fixes[k].east - receiver.y()}, fixes[k].sigma);
   }
-  return out;
 }
 
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+Anchor anchorOf(const nav::PositionAnchor& fixes) {
+  Anchor anchor;
+  const auto estimate = fixes.estimate();
+  if (!estimate) return anchor;
+  anchor.source = estimate->usbl_used == 0 ? "gps" : estimate->gps_used == 0 ? "usbl" : "gps and usbl";
+  anchor.north = estimate->shift.x();
+  anchor.east = estimate->shift.y();
+  anchor.sigma = estimate->sigma;
+  anchor.fixes_used = estimate->gps_used + estimate->usbl_used;
+  anchor.fixes_rejected = estimate->outliers + static_cast<int>(fixes.counters().refused);
+  return anchor;
 }
 
 }  // namespace
-
-Anchor robustMean(const std::vector<OffsetFix>& fixes, const std::string& source) {
-  Anchor anchor;
-  if (fixes.empty()) return anchor;
-  std::vector<double> values;
-  for (const OffsetFix& f : fixes) values.push_back(f.north);
-  const double north = median(values);
-  values.clear();
-  for (const OffsetFix& f : fixes) values.push_back(f.east);
-  const double east = median(values);
-  values.clear();
-  for (const OffsetFix& f : fixes) values.push_back(std::hypot(f.north - north, f.east - east));
-  // Of distances in the plane the median is 1.18 standard deviations of either axis.
-  constexpr double kMedianOfRayleigh = 1.1774, kGate = 3.5, kLeastSigma = 0.1;
-  const double scale = std::max(kLeastSigma, median(values) / kMedianOfRayleigh);
-  double weight = 0;
-  for (std::size_t k = 0; k < fixes.size(); ++k) {
-    if (values[k] > kGate * scale) {
-      ++anchor.fixes_rejected;
-      continue;
-    }
-    const double w = 1 / (fixes[k].sigma * fixes[k].sigma);
-    weight += w;
-    anchor.north += w * fixes[k].north;
-    anchor.east += w * fixes[k].east;
-    ++anchor.fixes_used;
-  }
-  anchor.north /= weight;
-  anchor.east /= weight;
-  anchor.sigma = 1 / std::sqrt(weight);
-  anchor.source = source;
-  return anchor;
-}
 
 Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& mission,
                     const TopsideConfig& config, const std::vector<std::int64_t>& times) {
@@ -191,10 +165,11 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
         paths.root.string(), "sensor log",
         "no navigation: attitude, depth and bottom-track velocity are all needed; check the recording");
 
-  out.anchor = robustMean(offsets(fixes.gps, at_gps, *first, first_utc_ns, Eigen::Vector3d::Zero()), "gps");
-  if (out.anchor.fixes_used == 0)
-    out.anchor = robustMean(
-        offsets(fixes.usbl, at_usbl, *first, first_utc_ns, mission.T_body_usbl.translation()), "usbl");
+  nav::PositionAnchor anchor;
+  addFixes(anchor, nav::FixKind::kGps, fixes.gps, at_gps, *first, first_utc_ns, Eigen::Vector3d::Zero());
+  addFixes(anchor, nav::FixKind::kUsbl, fixes.usbl, at_usbl, *first, first_utc_ns,
+           mission.T_body_usbl.translation());
+  out.anchor = anchorOf(anchor);
   const SE3 T_nav_odom(Eigen::Quaterniond::Identity(), {out.anchor.north, out.anchor.east, 0});
   for (auto* poses : {&out.poses, &out.track})
     for (NavigatedPose& pose : *poses)

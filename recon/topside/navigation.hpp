@@ -14,9 +14,9 @@ namespace fathom::topside {
 
 // Where odom's origin is in nav (north, east), and who said so. Rotation and depth are absolute already.
 struct Anchor {
-  std::string source = "none";  // "gps", "usbl", or "none": odom's origin is taken for nav's
+  std::string source = "none";  // "gps", "usbl", "gps and usbl", or "none": odom's origin is taken for nav's
   double north = 0, east = 0;   // [m]
-  double sigma = 0;             // standard error of the mean, of either [m]
+  double sigma = 0;             // standard deviation of either [m]
   int fixes_used = 0, fixes_rejected = 0;
 };
 
@@ -35,16 +35,9 @@ struct Navigation {
 };
 
 // Dead reckoning over the recorded sensors (time offsets and lever arms as mission.toml says), read out at
-// the given times (ascending), and anchored in nav: by the robust mean of the GPS fixes before the first of
-// `times`, else of the USBL fixes. Throws InputError when the log holds no navigation.
+// the given times (ascending), and anchored in nav by the GPS fixes before the first of `times` and all USBL
+// fixes (nav::PositionAnchor). Throws InputError when the log holds no navigation.
 [[nodiscard]] Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& mission,
                                   const TopsideConfig& config, const std::vector<std::int64_t>& times);
-
-// Mean of offsets, weighted by 1 / sigma^2, of those within 3.5 robust standard deviations of the median
-// (Rousseeuw & Leroy 1987); exposed for its test.
-struct OffsetFix {
-  double north = 0, east = 0, sigma = 1;
-};
-[[nodiscard]] Anchor robustMean(const std::vector<OffsetFix>& fixes, const std::string& source);
 
 }  // namespace fathom::topside

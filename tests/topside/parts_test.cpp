@@ -2,7 +2,6 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
-#include <random>
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/crossovers.hpp"
@@ -59,24 +58,6 @@ TEST(TopsideConfig, TheBandFollowsTheVoxelUnlessItIsSet) {
   EXPECT_DOUBLE_EQ(readTopsideConfig(folder.path() / "run.toml").fusion.truncation, 0.3);
   std::ofstream(folder.path() / "run.toml") << "[fusion]\nvoxel_m = 0.1\ntruncation_m = 0.15\n";
   EXPECT_DOUBLE_EQ(readTopsideConfig(folder.path() / "run.toml").fusion.truncation, 0.15);
-}
-
-TEST(RobustMean, OutliersDoNotMoveTheAnchor) {
-  std::mt19937 random(1);
-  std::normal_distribution<double> noise(0, 2);
-  std::vector<OffsetFix> fixes;
-  for (int k = 0; k < 60; ++k) fixes.push_back({10 + noise(random), -5 + noise(random), 2});
-  for (int k = 0; k < 15; ++k) fixes.push_back({200.0 + k, 90, 2});
-  const Anchor anchor = robustMean(fixes, "gps");
-  EXPECT_NEAR(anchor.north, 10, 0.8);
-  EXPECT_NEAR(anchor.east, -5, 0.8);
-  EXPECT_EQ(anchor.fixes_rejected, 15);
-  EXPECT_EQ(anchor.source, "gps");
-}
-
-TEST(RobustMean, OneFixIsTakenAndNoneIsNone) {
-  EXPECT_DOUBLE_EQ(robustMean({{3, 4, 1}}, "usbl").north, 3);
-  EXPECT_EQ(robustMean({}, "gps").source, "none");
 }
 
 TEST(MeshPieces, SmallPiecesGoAndTheRestKeepsItsAttributes) {

@@ -59,11 +59,12 @@ MapCore::MapCore(const MapCoreConfig& config)
       left_rgb_(3 * pixels(config.rig.left)),
       right_mono_(pixels(config.rig.right)) {}
 
-void MapCore::addFix(const PositionFix& fix) noexcept {
-  anchor_.add(fix);
+void MapCore::addFix(nav::FixKind kind, const Eigen::Vector2d& difference, double sigma) noexcept {
+  anchor_.add(kind, difference, sigma);
   if (frame_fixed_) return;
-  if (const auto shift = anchor_.estimate()) {
-    T_nav_odom_ = *shift;
+  if (const auto estimate = anchor_.estimate()) {
+    T_nav_odom_ = SE3(Eigen::Quaterniond::Identity(), {estimate->shift.x(), estimate->shift.y(), 0.0});
+    anchor_sigma_ = estimate->sigma;
     anchored_ = true;
   }
 }

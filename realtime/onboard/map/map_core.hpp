@@ -4,12 +4,12 @@
 #include <memory>
 #include <optional>
 
-#include "realtime/onboard/map/position_anchor.hpp"
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/geometry/image_view.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/lighting_model.hpp"
+#include "recon/nav/position_anchor.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 
 namespace fathom::onboard {
@@ -54,12 +54,14 @@ class MapCore {
  public:
   explicit MapCore(const MapCoreConfig& config);
 
-  void addFix(const PositionFix& fix) noexcept;
+  // A fix as nav::PositionAnchor takes it: `difference` is nav - odom of the antenna or transponder [m].
+  void addFix(nav::FixKind kind, const Eigen::Vector2d& difference, double sigma) noexcept;
   MapOutput process(const MapInput& input);
 
   [[nodiscard]] const SE3& T_nav_odom() const { return T_nav_odom_; }
   [[nodiscard]] bool anchored() const { return anchored_; }
-  [[nodiscard]] const PositionAnchor& anchor() const { return anchor_; }
+  [[nodiscard]] double anchorSigma() const { return anchor_sigma_; }  // of T_nav_odom, horizontal [m]
+  [[nodiscard]] const nav::PositionAnchor& anchor() const { return anchor_; }
   [[nodiscard]] const fusion::QuadtreeMap& map() const { return map_; }
 
   struct Counters {
@@ -76,11 +78,12 @@ class MapCore {
   lighting::LightingModel left_light_, right_light_;
   stereo::SparseStereo stereo_;
   fusion::QuadtreeMap map_;
-  PositionAnchor anchor_;
+  nav::PositionAnchor anchor_;
   SE3 T_nav_odom_;
   bool frame_fixed_ = false;
   bool anchored_ = false;
-  double last_range_;  // seed where the DVL has no altitude [m]
+  double anchor_sigma_ = 0;  // of T_nav_odom, horizontal [m]
+  double last_range_;        // seed where the DVL has no altitude [m]
   std::vector<std::uint8_t> left_mosaic_, left_mono_, left_rgb_, right_mono_;
   Counters counters_;
 };

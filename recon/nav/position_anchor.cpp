@@ -1,0 +1,101 @@
+#include "recon/nav/position_anchor.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fathom::nav {
+namespace {
+
+constexpr double kMinSigma = 0.1;     // [m] no fix is trusted better
+constexpr double kMaxSigma = 1000.0;  // [m] a fix worse than this is no fix
+constexpr double kGate = 3.0;         // standard deviations
+// Scale of the median absolute deviation to a standard deviation of a normal distribution.
+constexpr double kMadToSigma = 1.4826;
+
+double median(std::array<double, PositionAnchor::kCapacity>& values, int size) {
+  const auto middle = values.begin() + size / 2;
+  std::nth_element(values.begin(), middle, values.begin() + size);
+  return *middle;
+}
+
+}  // namespace
+
+void PositionAnchor::Series::add(const Difference& difference) noexcept {
+  if (seen++ % stride != 0) return;
+  if (size == kCapacity) {
+    for (int i = 0; i < kCapacity / 2; ++i)
+      items[static_cast<std::size_t>(i)] = items[static_cast<std::size_t>(2 * i)];
+    size = kCapacity / 2;
+    stride *= 2;
+    if ((seen - 1) % stride != 0) return;
+  }
+  items[static_cast<std::size_t>(size++)] = difference;
+}
+
+void PositionAnchor::add(FixKind kind, const Eigen::Vector2d& difference, double sigma) noexcept {
+  ++(kind == FixKind::kGps ? counters_.gps : counters_.usbl);
+  if (!difference.allFinite() || !(sigma >= 0 && sigma < kMaxSigma)) {
+    ++counters_.refused;
+    return;
+  }
+  (kind == FixKind::kGps ? gps_ : usbl_).add({difference, std::max(sigma, kMinSigma)});
+}
+
+std::optional<PositionAnchor::Mean> PositionAnchor::meanOf(const Series& series) noexcept {
+  if (series.size == 0) return std::nullopt;
+  Eigen::Vector2d centre, spread;
+  std::array<double, kCapacity> values;
+  for (int axis = 0; axis < 2; ++axis) {
+    for (int i = 0; i < series.size; ++i)
+      values[static_cast<std::size_t>(i)] = series.items[static_cast<std::size_t>(i)].north_east(axis);
+    centre(axis) = median(values, series.size);
+    for (int i = 0; i < series.size; ++i)
+      values[static_cast<std::size_t>(i)] =
+          std::abs(series.items[static_cast<std::size_t>(i)].north_east(axis) - centre(axis));
+    spread(axis) = kMadToSigma * median(values, series.size);
+  }
+  Mean mean;
+  mean.best_sigma = kMaxSigma;
+  for (int i = 0; i < series.size; ++i) {
+    const Difference& d = series.items[static_cast<std::size_t>(i)];
+    const Eigen::Array2d gate = kGate * spread.array().max(d.sigma);
+    if (((d.north_east - centre).array().abs() > gate).any()) {
+      ++mean.outliers;
+      continue;
+    }
+    const double weight = 1.0 / (d.sigma * d.sigma);
+    mean.north_east += weight * d.north_east;
+    mean.weight += weight;
+    mean.best_sigma = std::min(mean.best_sigma, d.sigma);
+    ++mean.used;
+  }
+  // The median may lie in no difference's gate when the two axes' medians come from different fixes.
+  if (mean.used == 0) return Mean{centre, 1.0 / spread.squaredNorm(), spread.norm(), series.size, 0};
+  mean.north_east /= mean.weight;
+  return mean;
+}
+
+std::optional<PositionAnchor::Estimate> PositionAnchor::estimate() const noexcept {
+  const auto gps = meanOf(gps_), usbl = meanOf(usbl_);
+  if (!gps && !usbl) return std::nullopt;
+  Estimate estimate;
+  double weight = 0;
+  if (gps) {
+    const double w = 1.0 / (gps->best_sigma * gps->best_sigma);
+    estimate.shift += w * gps->north_east;
+    weight += w;
+    estimate.gps_used = gps->used;
+    estimate.outliers += gps->outliers;
+  }
+  if (usbl) {
+    estimate.shift += usbl->weight * usbl->north_east;
+    weight += usbl->weight;
+    estimate.usbl_used = usbl->used;
+    estimate.outliers += usbl->outliers;
+  }
+  estimate.shift /= weight;
+  estimate.sigma = 1.0 / std::sqrt(weight);
+  return estimate;
+}
+
+}  // namespace fathom::nav

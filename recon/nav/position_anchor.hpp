@@ -1,0 +1,68 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <optional>
+
+namespace fathom::nav {
+
+enum class FixKind : std::uint8_t { kGps, kUsbl };
+
+// Where odom's origin is in nav, from position fixes: odom is North-East-Down with absolute depth, so what is
+// missing is a horizontal shift. Each fix gives one difference: its position in nav less the odometry's
+// position of the antenna or transponder at the fix's time.
+//
+// Differences further than three robust standard deviations from the component-wise median of their kind do
+// not enter (Rousseeuw & Leroy 1987). Those of a kind are averaged with weights 1 / sigma^2. USBL errors are
+// independent from ping to ping, so n fixes are worth n; GPS errors last for minutes, so all fixes of a float
+// are worth one. The two means are then combined with weights 1 / sigma^2.
+//
+// Fixed memory: of a kind, kCapacity differences are kept, spread evenly over all that came (every second is
+// dropped when there is no more room, then only every second, fourth, ... is taken). Allocates nothing.
+class PositionAnchor {
+ public:
+  static constexpr int kCapacity = 256;  // differences kept a kind
+
+  // `difference`: nav - odom, (north, east) [m]; `sigma`: of the fix, horizontal [m]. Not finite, negative or
+  // kilometre-wide sigmas are refused and counted.
+  void add(FixKind kind, const Eigen::Vector2d& difference, double sigma) noexcept;
+
+  struct Estimate {
+    Eigen::Vector2d shift = Eigen::Vector2d::Zero();  // nav - odom [m]
+    double sigma = 0;                                 // standard deviation of either component [m]
+    int gps_used = 0, usbl_used = 0, outliers = 0;    // differences
+  };
+  // std::nullopt before the first fix.
+  [[nodiscard]] std::optional<Estimate> estimate() const noexcept;
+
+  struct Counters {
+    std::uint64_t gps = 0, usbl = 0, refused = 0;
+  };
+  [[nodiscard]] const Counters& counters() const noexcept { return counters_; }
+
+ private:
+  struct Difference {
+    Eigen::Vector2d north_east = Eigen::Vector2d::Zero();
+    double sigma = 1;  // [m]
+  };
+  struct Series {
+    std::array<Difference, kCapacity> items{};
+    int size = 0;
+    std::uint64_t seen = 0;    // sane differences offered
+    std::uint64_t stride = 1;  // every stride-th is kept
+    void add(const Difference& difference) noexcept;
+  };
+  struct Mean {
+    Eigen::Vector2d north_east = Eigen::Vector2d::Zero();
+    double weight = 0;      // sum of 1 / sigma^2 [1/m2]
+    double best_sigma = 0;  // smallest sigma that entered [m]
+    int used = 0, outliers = 0;
+  };
+  [[nodiscard]] static std::optional<Mean> meanOf(const Series& series) noexcept;
+
+  Series gps_, usbl_;
+  Counters counters_;
+};
+
+}  // namespace fathom::nav

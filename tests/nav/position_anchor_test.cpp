@@ -1,0 +1,83 @@
+#include "recon/nav/position_anchor.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "tests/support/heap_counter.hpp"
+
+namespace fathom::nav {
+namespace {
+
+const Eigen::Vector2d kShift(12.0, -7.0);  // truth: nav - odom [m]
+
+TEST(PositionAnchor, KnowsNothingBeforeTheFirstFix) {
+  EXPECT_FALSE(PositionAnchor().estimate().has_value());
+}
+
+TEST(PositionAnchor, UsblFixesAverageOut) {
+  PositionAnchor anchor;
+  std::mt19937 random(1);
+  std::normal_distribution<double> noise(0, 0.5);
+  for (int i = 0; i < 100; ++i)
+    anchor.add(FixKind::kUsbl, kShift + Eigen::Vector2d(noise(random), noise(random)), 0.5);
+  const auto estimate = anchor.estimate();
+  ASSERT_TRUE(estimate);
+  EXPECT_LT((estimate->shift - kShift).norm(), 0.2);
+  EXPECT_NEAR(estimate->sigma, 0.05, 0.005);
+}
+
+TEST(PositionAnchor, ManyGpsFixesOfOneFloatAreWorthOne) {
+  PositionAnchor anchor;
+  for (int i = 0; i < 60; ++i) anchor.add(FixKind::kGps, kShift, 1.5);
+  EXPECT_NEAR(anchor.estimate()->sigma, 1.5, 1e-9);
+}
+
+TEST(PositionAnchor, PreciseUsblOutweighsABiasedFloatOfGps) {
+  PositionAnchor anchor;
+  for (int i = 0; i < 60; ++i) anchor.add(FixKind::kGps, kShift + Eigen::Vector2d(1.5, 1.0), 1.5);
+  for (int i = 0; i < 8; ++i) anchor.add(FixKind::kUsbl, kShift, 0.3);
+  EXPECT_LT((anchor.estimate()->shift - kShift).norm(), 0.05);
+}
+
+TEST(PositionAnchor, GpsAloneServesUntilUsblSpeaks) {
+  PositionAnchor anchor;
+  anchor.add(FixKind::kGps, kShift, 2.0);
+  EXPECT_LT((anchor.estimate()->shift - kShift).norm(), 1e-9);
+  EXPECT_EQ(anchor.estimate()->usbl_used, 0);
+}
+
+TEST(PositionAnchor, WildFixesDoNotMoveIt) {
+  PositionAnchor anchor;
+  for (int i = 0; i < 20; ++i)
+    anchor.add(FixKind::kUsbl, kShift + Eigen::Vector2d(0.1 * (i % 3 - 1), 0), 0.3);
+  for (int i = 0; i < 5; ++i) anchor.add(FixKind::kUsbl, kShift + Eigen::Vector2d(80, -200), 0.3);
+  EXPECT_LT((anchor.estimate()->shift - kShift).norm(), 0.1);
+  EXPECT_EQ(anchor.estimate()->outliers, 5);
+}
+
+TEST(PositionAnchor, RefusesNonsenseAndCountsIt) {
+  PositionAnchor anchor;
+  anchor.add(FixKind::kGps, {std::nan(""), 0}, 1);
+  anchor.add(FixKind::kGps, {0, 0}, -1);
+  anchor.add(FixKind::kUsbl, {0, 0}, 1e6);
+  EXPECT_FALSE(anchor.estimate().has_value());
+  EXPECT_EQ(anchor.counters().refused, 3u);
+}
+
+TEST(PositionAnchor, ALongMissionStaysInItsMemoryAndIsSampledEvenly) {
+  PositionAnchor anchor;
+  constexpr int kFixes = 10 * PositionAnchor::kCapacity;
+  const auto before = test::threadCost();
+  // The difference drifts by 5 m over the mission: an even sample averages to the middle of it.
+  for (int i = 0; i < kFixes; ++i)
+    anchor.add(FixKind::kUsbl, kShift + Eigen::Vector2d(5.0 * i / kFixes, 0), 0.3);
+  const auto estimate = anchor.estimate();
+  EXPECT_EQ((test::threadCost() - before).heap_calls, 0u);
+  EXPECT_NEAR(estimate->shift.x() - kShift.x(), 2.5, 0.1);
+  EXPECT_LE(estimate->usbl_used, PositionAnchor::kCapacity);
+}
+
+}  // namespace
+}  // namespace fathom::nav
