@@ -12,15 +12,18 @@ std::optional<StereoPairing::Pair> StereoPairing::add(CameraSide side, const Fra
     return std::nullopt;
   }
 
-  // What lies before this frame by more than the tolerance can match no later one either.
-  while (!other.waiting.empty() && other.waiting.front().utc_ns < frame.utc_ns - tolerance_ns_) {
+  // The frame's time by the other camera's clock.
+  const std::int64_t expected_ns =
+      side == CameraSide::kLeft ? frame.utc_ns + skew_ns_ : frame.utc_ns - skew_ns_;
+  // What lies before it by more than the tolerance can match no later one either.
+  while (!other.waiting.empty() && other.waiting.front().utc_ns < expected_ns - tolerance_ns_) {
     other.waiting.popFront();
     ++other.unpaired;
   }
   std::size_t nearest = other.waiting.size();
   std::int64_t nearest_ns = tolerance_ns_;
   for (std::size_t i = 0; i < other.waiting.size(); ++i) {
-    const std::int64_t difference = std::abs(other.waiting[i].utc_ns - frame.utc_ns);
+    const std::int64_t difference = std::abs(other.waiting[i].utc_ns - expected_ns);
     if (difference > nearest_ns) continue;
     nearest = i;
     nearest_ns = difference;
@@ -36,7 +39,9 @@ std::optional<StereoPairing::Pair> StereoPairing::add(CameraSide side, const Fra
     ++other.unpaired;
   }
   other.waiting.popFront();
-  return side == CameraSide::kLeft ? Pair{frame, partner} : Pair{partner, frame};
+  const Pair pair = side == CameraSide::kLeft ? Pair{frame, partner} : Pair{partner, frame};
+  skew_ns_ += (pair.right.utc_ns - pair.left.utc_ns - skew_ns_) / kSkewFollow;
+  return pair;
 }
 
 }  // namespace fathom::onboard

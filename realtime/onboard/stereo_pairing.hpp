@@ -13,6 +13,9 @@ namespace fathom::onboard {
 
 // Finds, for each exposure of one camera, the nearest of the other within a tolerance. The two streams may
 // arrive in any order relative to each other; each is in the order of its times. Fixed memory.
+//
+// The cameras' clocks drift apart (50 ppm each way is 0.36 s an hour), so the tolerance holds about a skew,
+// right less left, that follows the pairs found: each moves it by an eighth of what it is off.
 class StereoPairing {
  public:
   struct Frame {
@@ -32,6 +35,7 @@ class StereoPairing {
   // Frames given up without a partner; and frames refused because their time did not grow or leapt far ahead.
   [[nodiscard]] std::uint64_t unpaired(CameraSide side) const noexcept { return of(side).unpaired; }
   [[nodiscard]] std::uint64_t refused() const noexcept { return refused_; }
+  [[nodiscard]] std::int64_t skewNs() const noexcept { return skew_ns_; }  // right less left, followed
 
  private:
   // Enough for one camera 16 frames behind the other; then the oldest is given up.
@@ -45,7 +49,9 @@ class StereoPairing {
     return streams_[static_cast<std::size_t>(side)];
   }
 
+  static constexpr std::int64_t kSkewFollow = 8;  // pairs over which the skew follows
   std::int64_t tolerance_ns_;
+  std::int64_t skew_ns_ = 0;
   std::array<Stream, 2> streams_;
   std::uint64_t refused_ = 0;
 };

@@ -66,14 +66,20 @@ PairList listPairs(const io::MissionPaths& paths, const io::MissionConfig& missi
   prepare(images.left, mission.time_offsets.left_camera);
   prepare(images.right, mission.time_offsets.right_camera);
 
-  // Both lists by time: the nearest right image of each left one, each used once.
+  // Both lists by time: the nearest right image of each left one, each used once. The cameras' clocks drift
+  // apart, so nearest is about a skew, right less left, that follows the pairs found.
+  constexpr std::int64_t kSkewFollow = 8;  // pairs
+  std::int64_t skew_ns = 0;
   const std::int64_t limit = std::llround(tolerance * 1e9);
   std::size_t r = 0, paired = 0;
   for (const TimedName& left : images.left) {
-    const auto apart = [&](std::size_t k) { return std::abs(images.right[k].utc_ns - left.utc_ns); };
+    const auto apart = [&](std::size_t k) {
+      return std::abs(images.right[k].utc_ns - skew_ns - left.utc_ns);
+    };
     while (r + 1 < images.right.size() && apart(r + 1) <= apart(r)) ++r;
     if (r < images.right.size() && apart(r) <= limit) {
       list.pairs.push_back({left.utc_ns, left.name, images.right[r].name});
+      skew_ns += (images.right[r].utc_ns - left.utc_ns - skew_ns) / kSkewFollow;
       ++r;
       ++paired;
     } else {

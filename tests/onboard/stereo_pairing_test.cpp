@@ -59,6 +59,24 @@ TEST(StereoPairing, TakesTheNearestOfSeveral) {
   EXPECT_EQ(pairing.unpaired(kRight), 1u);
 }
 
+TEST(StereoPairing, FollowsCamerasWhoseClocksDriftApartByHundredsOfMilliseconds) {
+  StereoPairing pairing(20 * kMs);
+  int pairs = 0;
+  constexpr int kFrames = 7200;  // an hour at 2 Hz
+  for (int i = 0; i < kFrames; ++i) {
+    const std::int64_t t = kT + i * 500 * kMs;
+    const std::int64_t drift = (t - kT) / 10'000;  // 100 ppm: 360 ms in the hour
+    const auto id = static_cast<std::uint32_t>(i);
+    EXPECT_FALSE(pairing.add(kLeft, {t, id}));
+    const auto pair = pairing.add(kRight, {t + drift, id});
+    if (!pair) continue;
+    EXPECT_EQ(pair->left.frame_id, pair->right.frame_id);
+    ++pairs;
+  }
+  EXPECT_EQ(pairs, kFrames);
+  EXPECT_NEAR(static_cast<double>(pairing.skewNs()), 360.0 * kMs, 2.0 * kMs);
+}
+
 TEST(StereoPairing, OneDeadCameraOverflowsTheWaitAndIsCounted) {
   StereoPairing pairing(20 * kMs);
   for (std::uint32_t i = 0; i < 100; ++i) EXPECT_FALSE(pairing.add(kLeft, {kT + i * 500 * kMs, i}));
