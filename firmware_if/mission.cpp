@@ -12,7 +12,7 @@
 
 #include "firmware_if/civil_time.hpp"
 #include "firmware_if/file_bytes.hpp"
-#include "firmware_if/toml_table.hpp"
+#include "firmware_if/toml_text.hpp"
 #include "realtime/kernel/config_table.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
