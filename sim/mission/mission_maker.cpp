@@ -13,6 +13,7 @@
 
 #include "firmware_if/image_file.hpp"
 #include "firmware_if/mission.hpp"
+#include "firmware_if/mission_recorder.hpp"
 #include "firmware_if/pose_files.hpp"
 #include "firmware_if/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
@@ -221,10 +222,11 @@ MissionMakerReport make(const Scenario& scenario, const MissionMakerOptions& opt
   io::writeMissionConfig(paths.root, missionConfig(scenario, rig));
   writeStereoCalib(paths.calib(), rig);
   {
-    io::SensorLogWriter log(paths.log());
+    io::SensorLogWriter log(paths.log(), scenario.vehicle_name);
     for (const io::LoggedSample& s : samples) log.write(s.arrival_utc_ns, s.sample);
     log.flush();
   }
+  io::deriveRawAuv(paths.root);
   writeTruth(paths.truth(), scenario, world, terrain, exposures);
   const Renderer renderer(terrain, scenario.optics, rig, scenario.T_body_cam());
   renderAll(renderer, scenario, world, exposures, paths.images(), options);

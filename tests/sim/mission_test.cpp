@@ -106,6 +106,46 @@ TEST(MissionMaker, WritesAMissionThatItsReadersAccept) {
   EXPECT_EQ(images, 2 * report.pairs);
 }
 
+TEST(MissionMaker, OtherPeoplesToolsFindTheSameDepthsAndImagesAsRawAuvText) {
+  test::TemporaryFolder folder;
+  const io::MissionPaths paths(folder.path() / "m");
+  const Scenario scenario = tinyScenario();
+  make(scenario, paths.root);
+  const auto raw_auv = paths.rawAuv();
+  ASSERT_TRUE(raw_auv);
+  EXPECT_EQ(raw_auv->filename().string().rfind(scenario.vehicle_name + "_", 0), 0u) << *raw_auv;
+  const auto read = [&] {
+    io::SensorLogReader log(paths.root);
+    std::pair<std::vector<double>, std::vector<std::string>> depths_and_images;
+    while (const auto entry = log.next()) {
+      if (const auto* depth = std::get_if<DepthSample>(&entry->sample))
+        depths_and_images.first.push_back(depth->depth);
+      if (const auto* image = std::get_if<ImageEvent>(&entry->sample))
+        depths_and_images.second.push_back(image->file_name);
+    }
+    EXPECT_EQ(log.damagedEntries(), 0u);
+    return depths_and_images;
+  };
+  const auto from_log = read();
+  std::filesystem::remove(paths.log());
+  const auto from_text = read();
+  EXPECT_EQ(from_text.second, from_log.second);
+  ASSERT_EQ(from_text.first.size(), from_log.first.size());
+  ASSERT_FALSE(from_log.first.empty());
+  for (std::size_t i = 0; i < from_log.first.size(); ++i)
+    EXPECT_NEAR(from_text.first[i], from_log.first[i], 1e-3);
+}
+
+TEST(MissionMaker, TheLogHoldsTheChannelsOfAcfrVehicles) {
+  test::TemporaryFolder folder;
+  const Scenario scenario = tinyScenario();
+  make(scenario, folder.path() / "m");
+  const std::string log = contents(folder.path() / "m").at("sensors.lcmlog");
+  for (const std::string& channel :
+       {std::string("PAROSCI"), std::string("ACFR_AUV_VIS_RAWLOG"), "USBL_FIX." + scenario.vehicle_name})
+    EXPECT_NE(log.find(channel), std::string::npos) << channel;
+}
+
 TEST(MissionMaker, TheTruthHoldsTheScenarioThatMakesTheSameMissionAgain) {
   test::TemporaryFolder folder;
   Scenario scenario = tinyScenario();
