@@ -11,7 +11,7 @@
 #include "realtime/onboard/link/link_core.hpp"
 #include "realtime/onboard/link/mission_progress.hpp"
 #include "realtime/onboard/map/map_core.hpp"
-#include "realtime/onboard/nav_core.hpp"
+#include "realtime/onboard/nav/nav_core.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 #include "recon/geometry/sensor_samples.hpp"
 

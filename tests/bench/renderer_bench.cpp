@@ -1,5 +1,6 @@
-// A full 1360 x 1024 photograph on one thread, from 2 m over a reef: the renderer, and beside it Embree alone with
-// single rays, one view ray and two shadow rays a pixel without any shading. The renderer traces bundles of eight.
+// A full 1360 x 1024 photograph on one thread, from 2 m over a reef: the renderer, and beside it Embree alone
+// with single rays, one view ray and two shadow rays a pixel without any shading. The renderer traces bundles
+// of eight.
 #include <benchmark/benchmark.h>
 #include <oneapi/tbb/task_arena.h>
 

@@ -1,4 +1,4 @@
-#include "realtime/onboard/nav_input.hpp"
+#include "realtime/onboard/nav/nav_input.hpp"
 
 #include <gtest/gtest.h>
 

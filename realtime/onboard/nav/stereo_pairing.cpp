@@ -1,4 +1,4 @@
-#include "realtime/onboard/stereo_pairing.hpp"
+#include "realtime/onboard/nav/stereo_pairing.hpp"
 
 #include <cstdlib>
 

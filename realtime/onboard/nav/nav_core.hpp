@@ -7,8 +7,8 @@
 #include <string_view>
 
 #include "realtime/kernel/fixed_queue.hpp"
-#include "realtime/onboard/nav_input.hpp"
-#include "realtime/onboard/stereo_pairing.hpp"
+#include "realtime/onboard/nav/nav_input.hpp"
+#include "realtime/onboard/nav/stereo_pairing.hpp"
 #include "recon/nav/dead_reckoning.hpp"
 
 namespace fathom::onboard {

@@ -1,4 +1,4 @@
-#include "realtime/onboard/nav_core.hpp"
+#include "realtime/onboard/nav/nav_core.hpp"
 
 #include <algorithm>
 #include <cmath>
