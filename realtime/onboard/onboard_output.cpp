@@ -47,15 +47,16 @@ void OnboardOutput::addPacket(std::int64_t utc_ns, std::span<const std::uint8_t>
     throw std::runtime_error("cannot write packets.bin in " + temporary_.string());
 }
 
-void OnboardOutput::addHealth(const std::vector<std::pair<std::string, double>>& row) {
+void OnboardOutput::addHealth(std::int64_t utc_ns, const std::vector<std::pair<std::string, double>>& row) {
   if (!health_header_) {
-    for (std::size_t i = 0; i < row.size(); ++i) health_ << (i ? "," : "") << row[i].first;
+    health_ << "utc_ns";
+    for (const auto& [name, value] : row) health_ << ',' << name;
     health_ << '\n';
     health_header_ = true;
   }
   constexpr int kDigits = 15;  // a counter of 1e15 still prints whole
-  health_ << std::setprecision(kDigits);
-  for (std::size_t i = 0; i < row.size(); ++i) health_ << (i ? "," : "") << row[i].second;
+  health_ << utc_ns << std::setprecision(kDigits);
+  for (const auto& [name, value] : row) health_ << ',' << value;
   health_ << '\n';
 }
 

@@ -28,7 +28,7 @@ class OnboardOutput {
                      double altitude);
   void addPacket(std::int64_t utc_ns, std::span<const std::uint8_t> frame);
   // The first row's names become health.csv's header; every row has the same columns.
-  void addHealth(const std::vector<std::pair<std::string, double>>& row);
+  void addHealth(std::int64_t utc_ns, const std::vector<std::pair<std::string, double>>& row);
   void writeMap(const Mesh& map_in_nav);
   void writeText(const std::string& name, const std::string& text);
 

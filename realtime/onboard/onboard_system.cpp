@@ -180,13 +180,12 @@ std::size_t OnboardSystem::nextFrame(std::int64_t now_ns, bool survey_over, std:
   return link_.nextFrame(now_ns, out);
 }
 
-std::vector<std::pair<std::string, double>> OnboardSystem::health(std::int64_t now_ns) const {
+std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   std::vector<std::pair<std::string, double>> row;
   const auto add = [&](std::string name, auto value) {
     row.emplace_back(std::move(name), static_cast<double>(value));
   };
   const NavHealth& nav = nav_.health();
-  add("utc_ns", now_ns);
   add("dvl_age_s", nav.dvl_age);
   add("attitude_age_s", nav.attitude_age);
   add("depth_age_s", nav.depth_age);

@@ -42,7 +42,7 @@ class OnboardSystem {
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, bool survey_over, std::span<std::uint8_t> out);
 
   // Names and values of every counter, for health.csv.
-  [[nodiscard]] std::vector<std::pair<std::string, double>> health(std::int64_t now_ns) const;
+  [[nodiscard]] std::vector<std::pair<std::string, double>> health() const;
   [[nodiscard]] telemetry::Status status(std::int64_t now_ns) const;
 
   [[nodiscard]] const MapCore& map() const { return map_; }

@@ -92,7 +92,7 @@ std::vector<io::LoggedSample> readSamples(const std::filesystem::path& mission, 
 }
 
 nlohmann::ordered_json reportOf(const ReplaySummary& summary, const OnboardSystem& system,
-                                const io::MissionConfig& mission, std::int64_t end_ns) {
+                                const io::MissionConfig& mission) {
   nlohmann::ordered_json report;
   report["vehicle"] = mission.vehicle_name;
   report["dive_id"] = mission.dive_id;
@@ -108,7 +108,7 @@ nlohmann::ordered_json reportOf(const ReplaySummary& summary, const OnboardSyste
   report["T_nav_odom_m"] = {system.map().T_nav_odom().translation().x(),
                             system.map().T_nav_odom().translation().y(),
                             system.map().T_nav_odom().translation().z()};
-  for (const auto& [name, value] : system.health(end_ns)) report["health"][name] = value;
+  for (const auto& [name, value] : system.health()) report["health"][name] = value;
   return report;
 }
 
@@ -188,7 +188,7 @@ ReplaySummary replay(const ReplayOptions& options) {
       next_odometry_ns = now + static_cast<std::int64_t>(config.odometry_interval * kNanoseconds);
     }
     if (now >= next_health_ns) {
-      output.addHealth(system.health(now));
+      output.addHealth(now, system.health());
       next_health_ns = now + static_cast<std::int64_t>(config.health_interval * kNanoseconds);
     }
     sender.sendAll(system, now, false, summary);
@@ -210,7 +210,7 @@ ReplaySummary replay(const ReplayOptions& options) {
                      "no stereo pair gave a map; see onboard counters: " + std::to_string(summary.pairs) +
                          " pairs, " + std::to_string(system.unreadableImages()) + " unreadable images");
   output.writeMap(map);
-  output.writeText("report.json", reportOf(summary, system, mission, last_ns).dump(2) + "\n");
+  output.writeText("report.json", reportOf(summary, system, mission).dump(2) + "\n");
   nlohmann::ordered_json timing;
   timing["wall_s"] = summary.wall_s;
   timing["image_reading_s"] = images.seconds();
