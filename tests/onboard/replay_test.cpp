@@ -1,0 +1,146 @@
+#include "realtime/onboard/replay.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <fstream>
+#include <iterator>
+#include <map>
+
+#include "firmware_if/pose_files.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/mesh_io.hpp"
+#include "telemetry/frame.hpp"
+#include "telemetry/packet_log.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+// A simulated dive of 30 pairs with truth/, rendered by the build before this test runs.
+const std::filesystem::path kMission = FATHOM_REEF_MISSION;
+
+std::string bytesOf(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}
+
+ReplayOptions into(const std::filesystem::path& out) {
+  ReplayOptions options;
+  options.mission = kMission;
+  options.out = out;
+  options.drain_s = 300;
+  return options;
+}
+
+TEST(Replay, TwoReplaysGiveTheSameBytesInEveryFileButTheTimes) {
+  const test::TemporaryFolder folder;
+  replay(into(folder.path() / "a"));
+  replay(into(folder.path() / "b"));
+  int files = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(folder.path() / "a")) {
+    const auto name = entry.path().filename();
+    if (name == "timing.json") continue;
+    EXPECT_EQ(bytesOf(entry.path()), bytesOf(folder.path() / "b" / name)) << name;
+    ++files;
+  }
+  EXPECT_EQ(files, 6);
+  EXPECT_FALSE(std::filesystem::exists(folder.path() / "a.tmp"));
+}
+
+TEST(Replay, MapsEveryPairWithinCentimetresOfTheTrueSeafloorUnderTheVehicle) {
+  const test::TemporaryFolder folder;
+  const ReplaySummary summary = replay(into(folder.path() / "out"));
+  EXPECT_GE(summary.pairs_used, 29u);
+  EXPECT_EQ(summary.pairs_used, summary.pairs);
+
+  // Relative motion against truth: dead reckoning over this short dive drifts by centimetres.
+  const auto truth = io::readTrajectory(kMission / "truth" / "trajectory.csv");
+  const auto odometry = io::readTrajectory(folder.path() / "out" / "odometry.csv");
+  ASSERT_GT(odometry.size(), 100u);
+  const auto truth_at = [&](std::int64_t utc_ns) {
+    const auto after =
+        std::lower_bound(truth.begin(), truth.end(), utc_ns,
+                         [](const io::TrajectoryPoint& p, std::int64_t t) { return p.utc_ns < t; });
+    return after == truth.end() ? truth.back().pose : after->pose;
+  };
+  const io::TrajectoryPoint &first = odometry[odometry.size() / 4], &last = odometry[3 * odometry.size() / 4];
+  const Eigen::Vector3d moved = last.pose.translation() - first.pose.translation();
+  const Eigen::Vector3d moved_truly =
+      truth_at(last.utc_ns).translation() - truth_at(first.utc_ns).translation();
+  EXPECT_LT((moved - moved_truly).norm(), 0.25);
+
+  // The map stands at the depth of the true seafloor.
+  const Mesh map = readPly(folder.path() / "out" / "map.ply"),
+             terrain = readPly(kMission / "truth" / "terrain.ply");
+  const auto mean_depth = [](const Mesh& mesh, const Eigen::AlignedBox2f& box) {
+    double sum = 0;
+    int n = 0;
+    for (const Eigen::Vector3f& v : mesh.vertices) {
+      if (!box.contains(Eigen::Vector2f(v.head<2>()))) continue;
+      sum += static_cast<double>(v.z());
+      ++n;
+    }
+    return sum / n;
+  };
+  Eigen::AlignedBox2f box;
+  for (const Eigen::Vector3f& v : map.vertices) box.extend(Eigen::Vector2f(v.head<2>()));
+  EXPECT_NEAR(mean_depth(map, box), mean_depth(terrain, box), 0.15);
+}
+
+TEST(Replay, EveryFrameOnTheLinkIsValidAndTheRateHolds) {
+  const test::TemporaryFolder folder;
+  replay(into(folder.path() / "out"));
+  telemetry::PacketLogReader packets(folder.path() / "out" / "packets.bin");
+  telemetry::FrameReceiver receiver(telemetry::LinkIdentity{1, 1});
+  std::map<telemetry::MessageType, int> types;
+  std::size_t bytes = 0;
+  std::int64_t first_ns = 0, last_ns = 0;
+  while (const auto packet = packets.next()) {
+    const telemetry::DecodedFrame frame = receiver.accept(packet->bytes);
+    ASSERT_EQ(frame.verdict, telemetry::FrameVerdict::kAccepted);
+    ++types[frame.header.type];
+    bytes += packet->bytes.size();
+    if (first_ns == 0) first_ns = packet->utc_ns;
+    last_ns = packet->utc_ns;
+  }
+  EXPECT_GT(types[telemetry::MessageType::kStatus], 3);
+  EXPECT_GT(types[telemetry::MessageType::kTrack], 0);
+  EXPECT_GT(types[telemetry::MessageType::kMissionInfo], 0);
+  EXPECT_GT(types[telemetry::MessageType::kTileFragment], 1);
+  constexpr double kRate = 300.0 / 8;  // [B/s]
+  EXPECT_LE(static_cast<double>(bytes), kRate * static_cast<double>(last_ns - first_ns) / 1e9 + 3 * 128);
+}
+
+TEST(Replay, ADamagedMissionIsRefusedAndTheOldResultsStay) {
+  const test::TemporaryFolder folder;
+  const auto mission = folder.path() / "mission";
+  std::filesystem::create_directories(mission / "onboard");
+  std::ofstream(mission / "onboard" / "keep.txt") << "old";
+  std::filesystem::copy(kMission / "mission.toml", mission / "mission.toml");
+  std::ofstream(mission / "stereo.calib") << "2 1360 1024 nonsense";
+  ReplayOptions options;
+  options.mission = mission;
+  EXPECT_THROW(replay(options), InputError);
+  EXPECT_TRUE(std::filesystem::exists(mission / "onboard" / "keep.txt"));
+  EXPECT_FALSE(std::filesystem::exists(mission / "onboard.tmp"));
+}
+
+TEST(Replay, AnUnreadableImageCostsItsPairOnly) {
+  const test::TemporaryFolder folder;
+  const auto mission = folder.path() / "mission";
+  std::filesystem::copy(kMission, mission, std::filesystem::copy_options::recursive);
+  std::vector<std::filesystem::path> images;
+  for (const auto& entry : std::filesystem::directory_iterator(mission / "img"))
+    images.push_back(entry.path());
+  std::sort(images.begin(), images.end());
+  std::filesystem::resize_file(images[images.size() / 2], 100);
+  ReplayOptions options;
+  options.mission = mission;
+  const ReplaySummary summary = replay(options);
+  EXPECT_EQ(summary.unreadable_images, 1u);
+  EXPECT_GE(summary.pairs_used, 28u);
+}
+
+}  // namespace
+}  // namespace fathom::onboard
