@@ -4,6 +4,7 @@
 
 #include "firmware_if/can/can_command.hpp"
 #include "firmware_if/dvl/dvl_command.hpp"
+#include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 int main(int argc, char** argv) {
@@ -27,14 +28,7 @@ int main(int argc, char** argv) {
                     "One JSON object a message instead of a summary; absent values are left out");
   can_app->footer("Example: fathom-sensors can candump.log --json > can.jsonl\n");
 
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::CallForHelp& help) {
-    return app.exit(help);
-  } catch (const CLI::ParseError& error) {
-    std::fprintf(stderr, "fathom-sensors: %s (see --help)\n", error.what());
-    return kExitBadInput;
-  }
+  if (const auto code = parseCommandLine("fathom-sensors", app, argc, argv)) return *code;
   return runTool("fathom-sensors", [&] {
     if (dvl_app->parsed()) return io::runDvlCommand(dvl, stdout, stderr);
     return io::runCanCommand(can, stdout, stderr);

@@ -2,6 +2,7 @@
 // each command's file does the work.
 #include <CLI/CLI.hpp>
 
+#include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "sim/channel_command.hpp"
 #include "sim/picture_command.hpp"
@@ -44,11 +45,7 @@ int run(int argc, char** argv) {
   CLI::App* picture_command = nullptr;
   const std::function<int()> run_picture = sim::addPictureCommand(app, picture_command);
 
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& e) {
-    return app.exit(e) == 0 ? kExitSuccess : kExitBadInput;
-  }
+  if (const auto code = parseCommandLine("fathom-sim", app, argc, argv)) return *code;
   if (*render_command) return sim::runRender(render);
   if (*channel_command) return run_channel();
   if (*picture_command) return run_picture();

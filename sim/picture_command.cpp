@@ -8,6 +8,19 @@
 #include "sim/picture/picture.hpp"
 
 namespace fathom::sim {
+namespace {
+
+// Said before the work, not after it.
+void requireWritable(const std::filesystem::path& png) {
+  std::error_code error;
+  if (std::filesystem::is_directory(png, error))
+    throw InputError("--out", png.string(), "is a folder; name a PNG file");
+  if (png.has_parent_path() && !std::filesystem::is_directory(png.parent_path(), error))
+    throw InputError("--out", png.string(),
+                     "lies in no folder; make " + png.parent_path().string() + " first");
+}
+
+}  // namespace
 
 std::function<int()> addPictureCommand(CLI::App& app, CLI::App*& command) {
   struct State {
@@ -29,6 +42,7 @@ std::function<int()> addPictureCommand(CLI::App& app, CLI::App*& command) {
     if (std::sscanf(state->size.c_str(), "%5dx%5d%n", &options.width, &options.height, &used) != 2 ||
         static_cast<std::size_t>(used) != state->size.size())
       throw InputError("--size", state->size, "is not WxH, such as 1280x960");
+    requireWritable(state->png);
     drawPicture(state->mesh, state->png, options);
     return static_cast<int>(kExitSuccess);
   };

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "firmware_if/modem_ports.hpp"
+#include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/onboard/replay.hpp"
 
@@ -45,11 +46,7 @@ int main(int argc, char** argv) {
   app.add_option("--drain", options.drain_s,
                  "Go on sending after the last sample, at most so many mission seconds")
       ->check(CLI::Range(0.0, 1e6));
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& e) {
-    return app.exit(e) == 0 ? fathom::kExitSuccess : fathom::kExitBadInput;
-  }
+  if (const auto code = fathom::parseCommandLine("fathom-onboard", app, argc, argv)) return *code;
   return fathom::runTool("fathom-onboard", [&] {
     options.mission = mission;
     if (!config.empty()) options.config = config;

@@ -1,7 +1,9 @@
 #include "realtime/onboard/onboard_output.hpp"
 
+#include <array>
 #include <iomanip>
 #include <stdexcept>
+#include <string_view>
 #include <utility>
 
 #include "recon/geometry/atomic_file.hpp"
@@ -10,22 +12,21 @@
 
 namespace fathom::onboard {
 
-OnboardOutput::OnboardOutput(std::filesystem::path folder, const Geodetic& origin)
-    : folder_(std::move(folder)), temporary_(folder_.string() + ".tmp") {
-  std::filesystem::remove_all(temporary_);
-  std::filesystem::create_directories(temporary_);
-  poses_.origin = origin;
-  packets_.open(temporary_ / "packets.bin", std::ios::binary);
-  health_.open(temporary_ / "health.csv");
-  if (!packets_ || !health_) throw std::runtime_error("cannot write into " + temporary_.string());
-}
+namespace {
 
-OnboardOutput::~OnboardOutput() {
-  if (committed_) return;
-  packets_.close();
-  health_.close();
-  std::error_code ignored;
-  std::filesystem::remove_all(temporary_, ignored);
+// What onboard/ of a mission folder may hold.
+constexpr std::array<std::string_view, 7> kOurs = {"packets.bin",  "health.csv",           "map.ply",
+                                                   "odometry.csv", "stereo_pose_est.data", "report.json",
+                                                   "timing.json"};
+
+}  // namespace
+
+OnboardOutput::OnboardOutput(const std::filesystem::path& folder, const Geodetic& origin)
+    : folder_(folder, kOurs) {
+  poses_.origin = origin;
+  packets_.open(folder_.path() / "packets.bin", std::ios::binary);
+  health_.open(folder_.path() / "health.csv");
+  if (!packets_ || !health_) throw std::runtime_error("cannot write into " + folder_.path().string());
 }
 
 void OnboardOutput::addStereoPose(const MapOutput& output, const std::string& left, const std::string& right,
@@ -44,7 +45,7 @@ void OnboardOutput::addStereoPose(const MapOutput& output, const std::string& le
 
 void OnboardOutput::addPacket(std::int64_t utc_ns, std::span<const std::uint8_t> frame) {
   if (!telemetry::writePacket(packets_, utc_ns, frame))
-    throw std::runtime_error("cannot write packets.bin in " + temporary_.string());
+    throw std::runtime_error("cannot write packets.bin in " + folder_.path().string());
 }
 
 void OnboardOutput::addHealth(std::int64_t utc_ns, const std::vector<std::pair<std::string, double>>& row) {
@@ -61,25 +62,23 @@ void OnboardOutput::addHealth(std::int64_t utc_ns, const std::vector<std::pair<s
 }
 
 void OnboardOutput::writeMap(const Mesh& map_in_nav) {
-  writePly(temporary_ / "map.ply", map_in_nav, {"frame nav: x north, y east, z down [m]"});
+  writePly(folder_.path() / "map.ply", map_in_nav, {"frame nav: x north, y east, z down [m]"});
 }
 
 void OnboardOutput::writeText(const std::string& name, const std::string& text) {
-  AtomicFile file(temporary_ / name);
+  AtomicFile file(folder_.path() / name);
   file.stream() << text;
   file.commit();
 }
 
 void OnboardOutput::commit() {
-  io::writeTrajectory(temporary_ / "odometry.csv", odometry_);
-  io::writeStereoPoses(temporary_ / "stereo_pose_est.data", poses_);
+  io::writeTrajectory(folder_.path() / "odometry.csv", odometry_);
+  io::writeStereoPoses(folder_.path() / "stereo_pose_est.data", poses_);
   packets_.close();
   health_.close();
   if (packets_.fail() || health_.fail())
-    throw std::runtime_error("cannot write into " + temporary_.string() + " (disk full?)");
-  std::filesystem::remove_all(folder_);
-  std::filesystem::rename(temporary_, folder_);
-  committed_ = true;
+    throw std::runtime_error("cannot write into " + folder_.path().string() + " (disk full?)");
+  folder_.commit();
 }
 
 }  // namespace fathom::onboard

@@ -9,15 +9,15 @@
 
 #include "firmware_if/pose_files.hpp"
 #include "realtime/onboard/map/map_core.hpp"
+#include "recon/geometry/output_folder.hpp"
 
 namespace fathom::onboard {
 
-// The folder onboard/ of a mission: everything is written to "<folder>.tmp", which takes the place of the old
-// folder in commit(). Without commit() nothing of it stays.
+// The folder onboard/ of a mission: it appears whole in commit(). Without commit() nothing of it stays.
 class OnboardOutput {
  public:
-  OnboardOutput(std::filesystem::path folder, const Geodetic& origin);
-  ~OnboardOutput();
+  // Throws InputError for a folder that holds anything but an earlier replay.
+  OnboardOutput(const std::filesystem::path& folder, const Geodetic& origin);
   OnboardOutput(const OnboardOutput&) = delete;
   OnboardOutput& operator=(const OnboardOutput&) = delete;
 
@@ -35,12 +35,11 @@ class OnboardOutput {
   void commit();
 
  private:
-  std::filesystem::path folder_, temporary_;
+  OutputFolder folder_;
   std::vector<io::TrajectoryPoint> odometry_;
   io::StereoPoseFile poses_;
   std::ofstream packets_, health_;
   bool health_header_ = false;
-  bool committed_ = false;
 };
 
 }  // namespace fathom::onboard

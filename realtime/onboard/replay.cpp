@@ -40,6 +40,7 @@ class RecordedImages {
       slot = io::readImage(folder_ / name, left ? cameras_.left_format : cameras_.right_format, cameras_.bits,
                            camera.width, camera.height);
     } catch (const InputError& e) {
+      if (unreadable_ == 0) first_refusal_ = e.what();
       if (unreadable_++ < kMaxWarnings)
         std::fprintf(stderr, "fathom-onboard: %s; the pair is dropped\n", e.what());
       seconds_ += secondsSince(start);
@@ -49,6 +50,8 @@ class RecordedImages {
     return slot.view;
   }
   [[nodiscard]] double seconds() const { return seconds_; }
+  // Why the first unreadable image was refused; "" if all were read.
+  [[nodiscard]] const std::string& firstRefusal() const { return first_refusal_; }
 
  private:
   static constexpr int kMaxWarnings = 5;  // the rest is in the counters
@@ -57,6 +60,7 @@ class RecordedImages {
   StereoRig rig_;
   io::ImageFile left_, right_;
   int unreadable_ = 0;
+  std::string first_refusal_;
   double seconds_ = 0;
 };
 
@@ -208,7 +212,8 @@ ReplaySummary replay(const ReplayOptions& options) {
   if (map.empty())
     throw InputError(options.mission.string(), "img/",
                      "no stereo pair gave a map; see onboard counters: " + std::to_string(summary.pairs) +
-                         " pairs, " + std::to_string(system.unreadableImages()) + " unreadable images");
+                         " pairs, " + std::to_string(system.unreadableImages()) + " unreadable images" +
+                         (images.firstRefusal().empty() ? "" : "; the first: " + images.firstRefusal()));
   output.writeMap(map);
   output.writeText("report.json", reportOf(summary, system, mission).dump(2) + "\n");
   nlohmann::ordered_json timing;

@@ -19,7 +19,9 @@ constexpr double kMaxBaseline = 100.0;       // [m]
 
 std::vector<double> readNumbers(const std::filesystem::path& path) {
   std::ifstream in(path);
-  if (!in) throw InputError(path, "", "cannot be read; give a stereo.calib");
+  std::error_code error;
+  if (!in || std::filesystem::is_directory(path, error))
+    throw InputError(path, "", "cannot be read; give a stereo.calib");
   std::vector<double> numbers;
   std::string token;
   while (in >> token) {

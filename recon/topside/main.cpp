@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <optional>
 
+#include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/pipeline.hpp"
 
@@ -20,11 +21,7 @@ int main(int argc, char** argv) {
   run->add_option("--features", features, "corners wanted in an image (800)")->check(CLI::Range(20, 5000));
   run->add_option("--threads", threads, "threads (all cores); the result does not depend on them")
       ->check(CLI::Range(1, 256));
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? fathom::kExitSuccess : fathom::kExitBadInput;
-  }
+  if (const auto code = fathom::parseCommandLine("fathom-topside", app, argc, argv)) return *code;
   return fathom::runTool("fathom-topside", [&]() -> int {
     using namespace fathom::topside;
     TopsideConfig config = config_file.empty() ? TopsideConfig{} : readTopsideConfig(config_file);

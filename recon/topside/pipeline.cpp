@@ -4,12 +4,15 @@
 #include <oneapi/tbb/info.h>
 
 #include <Eigen/Geometry>
+#include <array>
+#include <string_view>
 
 #include "firmware_if/mission.hpp"
 #include "firmware_if/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
+#include "recon/geometry/output_folder.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/topside/crossovers.hpp"
 #include "recon/topside/fuse_stage.hpp"
@@ -17,7 +20,6 @@
 #include "recon/topside/map_picture.hpp"
 #include "recon/topside/mesh_pieces.hpp"
 #include "recon/topside/navigation.hpp"
-#include "recon/topside/output_folder.hpp"
 #include "recon/topside/report.hpp"
 
 namespace fathom::topside {
@@ -25,6 +27,17 @@ namespace {
 
 constexpr int kPicturePixels = 1400;   // longer side of the report's pictures
 constexpr double kPixelsPerVoxel = 6;  // at most: a small map is drawn large enough to look at
+
+// What topside/ of a mission folder may hold.
+constexpr std::array<std::string_view, 9> kOurs = {"stereo_pose_est.data",
+                                                   "vehicle_pose_est.data",
+                                                   "closures.csv",
+                                                   "mesh.ply",
+                                                   "mesh.png",
+                                                   "tiles",
+                                                   "layers",
+                                                   "report.json",
+                                                   "report.html"};
 
 double areaOf(const Mesh& mesh) {
   double area = 0;
@@ -82,7 +95,7 @@ Summary runTopside(const std::filesystem::path& mission_folder, const std::files
   const io::MissionPaths paths(mission_folder);
   const io::MissionConfig mission = io::readMissionConfig(mission_folder);
   const StereoRig rig = readStereoCalib(paths.calib());
-  OutputFolder out(out_folder);
+  OutputFolder out(out_folder, kOurs);
   const PairList list = listPairs(paths, mission, config.pairing_tolerance);
   std::vector<std::int64_t> times;
   for (const ImagePair& pair : list.pairs) times.push_back(pair.utc_ns);

@@ -41,8 +41,12 @@ class PartialFolder {
     if (std::filesystem::exists(out_) && !std::filesystem::is_empty(out_) && !force_)
       throw InputError(out_.string(), "", "is not empty; name another folder, or replace it with --force");
     partial_ = out_.string() + ".partial";
-    std::filesystem::remove_all(partial_);
-    std::filesystem::create_directories(partial_);
+    std::error_code error;
+    std::filesystem::remove_all(partial_, error);
+    if (!error) std::filesystem::create_directories(partial_, error);
+    if (error)
+      throw InputError(partial_.string(), "",
+                       "cannot be made (" + error.message() + "); name another folder");
   }
   ~PartialFolder() {
     std::error_code ignored;

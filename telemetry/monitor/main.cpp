@@ -2,6 +2,7 @@
 #include <atomic>
 #include <csignal>
 
+#include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "telemetry/monitor/monitor_program.hpp"
 
@@ -34,11 +35,7 @@ int main(int argc, char** argv) {
   app.add_option("--out", options.out, "save map.ply, track.geojson and frames.log in this folder");
   app.add_option("--exit-after-idle", options.exit_after_idle_s,
                  "exit when no frame has come for so long [s]");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? fathom::kExitSuccess : fathom::kExitBadInput;
-  }
+  if (const auto code = fathom::parseCommandLine("fathom-monitor", app, argc, argv)) return *code;
   std::signal(SIGINT, onSignal);
   std::signal(SIGTERM, onSignal);
   return fathom::runTool("fathom-monitor", [&] { return fathom::monitor::runMonitor(options, g_stop); });

@@ -37,10 +37,14 @@ std::optional<telemetry::LinkIdentity> identityOf(const MonitorOptions& options)
 
 std::unique_ptr<FrameFeed> openFeed(const MonitorOptions& options) {
   const bool live = options.udp_port || !options.serial_device.empty();
-  require(live != !options.packets.empty(), "fathom-monitor",
+  require(live != !options.packets.empty(), "the source of frames",
           "give --udp and/or --serial, or else --packets");
   if (!live) {
     require(options.speed >= 0, "--speed", "is negative");
+    std::error_code error;
+    if (std::filesystem::is_regular_file(options.packets, error) &&
+        std::filesystem::file_size(options.packets, error) == 0)
+      throw InputError(options.packets.string(), "", "is empty: give a packets.bin that holds frames");
     return std::make_unique<RecordedFeed>(options.packets, options.speed);
   }
   std::vector<std::unique_ptr<FramePort>> ports;

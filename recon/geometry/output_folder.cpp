@@ -1,30 +1,18 @@
-#include "recon/topside/output_folder.hpp"
+#include "recon/geometry/output_folder.hpp"
 
 #include <fcntl.h>
 #include <stdio.h>
 
 #include <algorithm>
-#include <array>
-#include <string_view>
+#include <string>
 #include <system_error>
 
 #include "realtime/kernel/input_error.hpp"
 
-namespace fathom::topside {
+namespace fathom {
 namespace {
 
 namespace fs = std::filesystem;
-
-// What topside/ of a mission folder may hold.
-constexpr std::array<std::string_view, 9> kOurs = {"stereo_pose_est.data",
-                                                   "vehicle_pose_est.data",
-                                                   "closures.csv",
-                                                   "mesh.ply",
-                                                   "mesh.png",
-                                                   "tiles",
-                                                   "layers",
-                                                   "report.json",
-                                                   "report.html"};
 
 fs::path withoutTrailingSlash(const fs::path& path) {
   return path.has_filename() ? path : path.parent_path();
@@ -32,7 +20,8 @@ fs::path withoutTrailingSlash(const fs::path& path) {
 
 }  // namespace
 
-OutputFolder::OutputFolder(fs::path folder) : folder_(withoutTrailingSlash(folder.lexically_normal())) {
+OutputFolder::OutputFolder(const fs::path& folder, std::span<const std::string_view> ours)
+    : folder_(withoutTrailingSlash(folder.lexically_normal())) {
   temporary_ = folder_;
   temporary_ += ".tmp";
   std::error_code error;
@@ -41,7 +30,7 @@ OutputFolder::OutputFolder(fs::path folder) : folder_(withoutTrailingSlash(folde
       throw InputError(folder_.string(), "", "is not a folder; choose another --out");
     for (const auto& entry : fs::directory_iterator(folder_)) {
       const std::string name = entry.path().filename().string();
-      if (std::find(kOurs.begin(), kOurs.end(), name) == kOurs.end())
+      if (std::find(ours.begin(), ours.end(), name) == ours.end())
         throw InputError(folder_.string(), name,
                          "is not of an earlier run and would be lost; choose another --out");
     }
@@ -67,4 +56,4 @@ void OutputFolder::commit() {
   fs::rename(temporary_, folder_);
 }
 
-}  // namespace fathom::topside
+}  // namespace fathom

@@ -1,15 +1,18 @@
 #pragma once
 
 #include <filesystem>
+#include <span>
+#include <string_view>
 
-namespace fathom::topside {
+namespace fathom {
 
 // A folder that appears whole or not at all: work in path() ("<folder>.tmp"), then commit() puts it in the
 // place of the old one. Without commit() it is removed and the old one stays.
 class OutputFolder {
  public:
-  // Throws InputError when the place holds something that no run of this program made (it would be lost).
-  explicit OutputFolder(std::filesystem::path folder);
+  // `ours`: the names that earlier runs may have left there. Throws InputError when the place is no folder,
+  // holds anything else (it would be lost), or cannot be made.
+  OutputFolder(const std::filesystem::path& folder, std::span<const std::string_view> ours);
   ~OutputFolder();
   OutputFolder(const OutputFolder&) = delete;
   OutputFolder& operator=(const OutputFolder&) = delete;
@@ -21,4 +24,4 @@ class OutputFolder {
   std::filesystem::path folder_, temporary_;
 };
 
-}  // namespace fathom::topside
+}  // namespace fathom
