@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <vector>
 
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/geometry/image_view.hpp"
@@ -72,7 +73,6 @@ class MapCore {
 
  private:
   [[nodiscard]] stereo::SeedPlane seedPlane(const MapInput& input) const;
-  void fixFrame();
 
   MapCoreConfig config_;
   lighting::LightingModel left_light_, right_light_;
