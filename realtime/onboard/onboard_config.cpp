@@ -6,25 +6,13 @@
 
 #include "realtime/kernel/config_table.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "recon/stereo/stereo_config.hpp"
 
 namespace fathom::onboard {
 namespace {
 
 int whole(const ConfigTable& t, const char* key, int fallback, int min, int max) {
   return static_cast<int>(t.integer(key, fallback, min, max));
-}
-
-void read(const ConfigTable& t, stereo::SparseStereoConfig& c) {
-  c.max_features = whole(t, "max_features", c.max_features, 50, 5000);
-  c.window = whole(t, "window_px", c.window, 5, 41);
-  if (c.window % 2 == 0) t.fail("window_px", "must be odd");
-  c.max_epipolar_distance = t.number("max_epipolar_distance_px", c.max_epipolar_distance, 0.1, 10);
-  c.max_left_right_distance = t.number("max_left_right_distance_px", c.max_left_right_distance, 0.05, 10);
-  c.sigma_disparity = t.number("sigma_disparity_px", c.sigma_disparity, 0.01, 5);
-  c.max_edge = t.number("max_edge_m", c.max_edge, 0.01, 10);
-  c.min_range = t.number("min_range_m", c.min_range, 0.05, 50);
-  c.max_range = t.number("max_range_m", c.max_range, 0.1, 100);
-  if (c.max_range <= c.min_range) t.fail("max_range_m", "must be more than min_range_m");
 }
 
 void read(const ConfigTable& t, lighting::LightingConfig& c) {
@@ -71,7 +59,7 @@ OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path
   if (!path) return config;
 
   const ConfigTable root = ConfigTable::load(*path);
-  read(root.table("stereo"), config.stereo);
+  config.stereo = stereo::readSparseStereoConfig(root.table("stereo"), config.stereo);
   read(root.table("lighting"), config.lighting);
   read(root.table("map"), config.map);
   read(root.table("link"), config.link);

@@ -1,6 +1,7 @@
 #include "recon/topside/topside_config.hpp"
 
 #include "realtime/kernel/config_table.hpp"
+#include "recon/stereo/stereo_config.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -17,18 +18,7 @@ void readLighting(const ConfigTable& table, TopsideConfig& config) {
 }
 
 void readStereo(const ConfigTable& table, TopsideConfig& config) {
-  stereo::SparseStereoConfig& s = config.stereo;
-  s.max_features = static_cast<int>(table.integer("max_features", s.max_features, 20, 5000));
-  s.window = static_cast<int>(table.integer("window_px", s.window, 5, 63));
-  if (s.window % 2 == 0) table.fail("window_px", "must be odd");
-  s.max_epipolar_distance = table.number("max_epipolar_px", s.max_epipolar_distance, 0.1, 10);
-  s.max_left_right_distance = table.number("max_left_right_px", s.max_left_right_distance, 0.05, 10);
-  s.sigma_disparity = table.number("sigma_disparity_px", s.sigma_disparity, 0.01, 2);
-  s.max_edge = table.number("max_edge_m", s.max_edge, 0.01, 10);
-  s.min_range = table.number("min_range_m", s.min_range, 0.05, 50);
-  s.max_range = table.number("max_range_m", s.max_range, 0.1, 100);
-  if (s.max_range <= s.min_range) table.fail("max_range_m", "must be greater than min_range_m");
-  s.search_radius = table.number("search_radius_px", s.search_radius, 1, 512);
+  config.stereo = stereo::readSparseStereoConfig(table, config.stereo);
   config.min_points = static_cast<int>(table.integer("min_points", config.min_points, 3, 5000));
 }
 
