@@ -38,24 +38,10 @@ bool isPng(const std::vector<std::uint8_t>& bytes) {
   return bytes.size() >= sizeof kPngSignature && std::equal(kPngSignature, kPngSignature + 8, bytes.begin());
 }
 
-// PNG through OpenCV. Its header is checked first, so that a damaged one never makes OpenCV ask for much
-// memory.
-bool decodePng(const std::vector<std::uint8_t>& bytes, TiffPixels& pixels, std::string& error) {
-  constexpr std::size_t kHeaderBytes = 33;  // signature and the IHDR chunk
-  constexpr std::size_t kWidthOffset = 16, kHeightOffset = 20;
-  const auto bigEndian = [&](std::size_t at) {
-    return std::size_t{bytes[at]} << 24 | std::size_t{bytes[at + 1]} << 16 | std::size_t{bytes[at + 2]} << 8 |
-           std::size_t{bytes[at + 3]};
-  };
-  if (bytes.size() < kHeaderBytes) {
-    error = "a PNG without its header";
-    return false;
-  }
-  const std::size_t width = bigEndian(kWidthOffset), height = bigEndian(kHeightOffset);
-  if (width == 0 || height == 0 || width > kMaxTiffPixels || height > kMaxTiffPixels / width) {
-    error = "size " + std::to_string(width) + " x " + std::to_string(height) + " cannot be";
-    return false;
-  }
+// The pixels of an image whose header has been checked. A photograph's note on how it was held is not
+// followed: rows and columns are the sensor's.
+bool decodeByOpenCv(const std::vector<std::uint8_t>& bytes, const char* kind, TiffPixels& pixels,
+                    std::string& error) {
   cv::Mat image;
   try {
     image = cv::imdecode(bytes, cv::IMREAD_UNCHANGED);
@@ -63,7 +49,7 @@ bool decodePng(const std::vector<std::uint8_t>& bytes, TiffPixels& pixels, std::
     image.release();
   }
   if (image.empty()) {
-    error = "a damaged PNG";
+    error = std::string("a damaged ") + kind;
     return false;
   }
   if ((image.depth() != CV_8U && image.depth() != CV_16U) ||
@@ -84,6 +70,66 @@ bool decodePng(const std::vector<std::uint8_t>& bytes, TiffPixels& pixels, std::
   return true;
 }
 
+// PNG through OpenCV. Its header is checked first, so that a damaged one never makes OpenCV ask for much
+// memory.
+bool decodePng(const std::vector<std::uint8_t>& bytes, TiffPixels& pixels, std::string& error) {
+  constexpr std::size_t kHeaderBytes = 33;  // signature and the IHDR chunk
+  constexpr std::size_t kWidthOffset = 16, kHeightOffset = 20;
+  const auto bigEndian = [&](std::size_t at) {
+    return std::size_t{bytes[at]} << 24 | std::size_t{bytes[at + 1]} << 16 | std::size_t{bytes[at + 2]} << 8 |
+           std::size_t{bytes[at + 3]};
+  };
+  if (bytes.size() < kHeaderBytes) {
+    error = "a PNG without its header";
+    return false;
+  }
+  const std::size_t width = bigEndian(kWidthOffset), height = bigEndian(kHeightOffset);
+  if (width == 0 || height == 0 || width > kMaxTiffPixels || height > kMaxTiffPixels / width) {
+    error = "size " + std::to_string(width) + " x " + std::to_string(height) + " cannot be";
+    return false;
+  }
+  return decodeByOpenCv(bytes, "PNG", pixels, error);
+}
+
+// Size in the frame header of a JPEG (ITU-T T.81, B.2.2); false where there is none, or no end of image after
+// it: OpenCV would fill what is missing with grey.
+bool jpegSize(const std::vector<std::uint8_t>& bytes, std::size_t& width, std::size_t& height) {
+  constexpr std::size_t kFrameHeaderBytes = 9;  // marker, length, precision, height, width
+  const auto word = [&](std::size_t i) { return std::size_t{bytes[i]} << 8 | std::size_t{bytes[i + 1]}; };
+  std::size_t at = 2;  // past the start of image
+  while (at + kFrameHeaderBytes <= bytes.size() && bytes[at] == 0xff) {
+    const std::uint8_t marker = bytes[at + 1];
+    const bool frame = marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;
+    if (frame) {
+      height = word(at + 5);
+      width = word(at + 7);
+      constexpr std::uint8_t kEndOfImage[2] = {0xff, 0xd9};
+      return std::search(bytes.begin() + static_cast<std::ptrdiff_t>(at), bytes.end(), kEndOfImage,
+                         kEndOfImage + 2) != bytes.end();
+    }
+    at += 2 + std::max<std::size_t>(word(at + 2), 2);
+  }
+  return false;
+}
+
+bool isJpeg(const std::vector<std::uint8_t>& bytes) {
+  return bytes.size() >= 4 && bytes[0] == 0xff && bytes[1] == 0xd8 && bytes[2] == 0xff;
+}
+
+bool decodeJpeg(const std::vector<std::uint8_t>& bytes, TiffPixels& pixels, std::string& error) {
+  std::size_t width = 0, height = 0;
+  if (!jpegSize(bytes, width, height) || width == 0 || height == 0 || width > kMaxTiffPixels / height) {
+    error = "a JPEG without a usable size, or cut short";
+    return false;
+  }
+  return decodeByOpenCv(bytes, "JPEG", pixels, error);
+}
+
+bool decodeImage(const std::vector<std::uint8_t>& bytes, TiffPixels& pixels, std::string& error) {
+  if (isPng(bytes)) return decodePng(bytes, pixels, error);
+  return decodeTiff(bytes, pixels, error);
+}
+
 std::uint16_t largestSample(const TiffPixels& pixels) {
   std::uint16_t largest = 0;
   for (std::size_t i = 0; i + 1 < pixels.bytes.size(); i += 2) {
@@ -92,6 +138,19 @@ std::uint16_t largestSample(const TiffPixels& pixels) {
     largest = std::max(largest, sample);
   }
   return largest;
+}
+
+ImageFile fileOf(TiffPixels&& pixels, PixelFormat format, int bits) {
+  ImageFile image;
+  image.bytes = std::move(pixels.bytes);
+  image.view.data = image.bytes.data();
+  image.view.width = pixels.width;
+  image.view.height = pixels.height;
+  image.view.stride = static_cast<std::size_t>(pixels.width) * static_cast<std::size_t>(pixels.channels) *
+                      static_cast<std::size_t>(bits == 8 ? 1 : 2);
+  image.view.format = format;
+  image.view.bits = bits;
+  return image;
 }
 
 }  // namespace
@@ -135,7 +194,7 @@ ImageFile readImage(const std::filesystem::path& path, PixelFormat format, int b
   const std::vector<std::uint8_t> bytes = readFileBytes(path, kMaxFileBytes, "an image");
   TiffPixels pixels;
   std::string error;
-  if (!(isPng(bytes) ? decodePng(bytes, pixels, error) : decodeTiff(bytes, pixels, error)))
+  if (!decodeImage(bytes, pixels, error))
     throw InputError(path, "",
                      "is damaged or of another kind (" + error + "); give a whole TIFF or leave it out");
   if (pixels.channels != channelsOf(format))
@@ -156,16 +215,21 @@ ImageFile readImage(const std::filesystem::path& path, PixelFormat format, int b
     throw InputError(path, "",
                      "has a sample of " + std::to_string(largestSample(pixels)) + ", more than " +
                          std::to_string(bits) + " bits; correct cameras.bits of mission.toml");
-  ImageFile image;
-  image.bytes = std::move(pixels.bytes);
-  image.view.data = image.bytes.data();
-  image.view.width = pixels.width;
-  image.view.height = pixels.height;
-  image.view.stride = static_cast<std::size_t>(pixels.width) * static_cast<std::size_t>(pixels.channels) *
-                      static_cast<std::size_t>(sample_bits / 8);
-  image.view.format = format;
-  image.view.bits = bits;
-  return image;
+  return fileOf(std::move(pixels), format, bits);
+}
+
+ImageFile readAnyImage(const std::filesystem::path& path) {
+  const std::vector<std::uint8_t> bytes = readFileBytes(path, kMaxFileBytes, "an image");
+  TiffPixels pixels;
+  std::string error;
+  if (!(isJpeg(bytes) ? decodeJpeg(bytes, pixels, error) : decodeImage(bytes, pixels, error)))
+    throw InputError(path, "", "is no image that can be read (" + error + "); give a TIFF, PNG or JPEG");
+  int bits = pixels.bits;
+  if (bits == 16)
+    for (const int fewer : {12, 10})
+      if (largestSample(pixels) >> fewer == 0) bits = fewer;
+  const PixelFormat format = pixels.channels == 3 ? PixelFormat::kRgb : PixelFormat::kMono;
+  return fileOf(std::move(pixels), format, bits);
 }
 
 void writeImage(const std::filesystem::path& path, const ImageView& image) {

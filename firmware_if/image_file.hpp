@@ -34,6 +34,10 @@ struct ImageFile {
 // InputError on an absent, truncated or foreign file, or one whose size is not width x height (0: any).
 [[nodiscard]] ImageFile readImage(const std::filesystem::path& path, PixelFormat format, int bits,
                                   int width = 0, int height = 0);
+// Reads a grey or RGB TIFF, PNG or JPEG of 8 or 16 bit as it is, for tools that are given single images:
+// format kMono or kRgb (a Bayer mosaic is stored as grey), and bits 8, or the fewest of 10, 12 and 16 that
+// hold its brightest sample. Throws InputError on an absent, truncated or foreign file.
+[[nodiscard]] ImageFile readAnyImage(const std::filesystem::path& path);
 // Writes TIFF (lossless, deflate) under a temporary name, then renames.
 void writeImage(const std::filesystem::path& path, const ImageView& image);
 

@@ -155,6 +155,38 @@ TEST_F(ImageFileTest, TruncatedEmptyAndForeignFilesAreRefusedInSilence) {
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
 }
 
+TEST_F(ImageFileTest, AnyImageIsReadAsItIs) {
+  cv::Mat colour(40, 50, CV_8UC3, cv::Scalar(10, 20, 200));  // blue, green, red
+  for (const char* name : {"a.png", "a.jpg"}) {
+    ASSERT_TRUE(cv::imwrite((folder_.path() / name).string(), colour));
+    const ImageFile image = readAnyImage(folder_.path() / name);
+    EXPECT_EQ(image.view.width, 50) << name;
+    EXPECT_EQ(image.view.height, 40) << name;
+    EXPECT_EQ(image.view.format, PixelFormat::kRgb) << name;
+    EXPECT_NEAR(image.bytes[0], 200, 3) << name;
+    EXPECT_NEAR(image.bytes[2], 10, 3) << name;
+  }
+  std::vector<std::uint16_t> storage;
+  const ImageView view = noise(storage, 50, 40, 1, 12, PixelFormat::kMono);
+  writeImage(path_, view);
+  const ImageFile image = readAnyImage(path_);
+  EXPECT_EQ(image.view.bits, 12);
+  EXPECT_TRUE(samePixels(view, image.view, 50 * 2));
+}
+
+TEST_F(ImageFileTest, AJpegCutShortIsRefusedInSilence) {
+  cv::Mat grey(64, 64, CV_8UC1);
+  cv::randu(grey, 0, 255);
+  ASSERT_TRUE(cv::imwrite((folder_.path() / "a.jpg").string(), grey));
+  const std::string whole = readText(folder_.path() / "a.jpg");
+  testing::internal::CaptureStderr();
+  for (std::size_t size = 0; size + 1 < whole.size(); size += whole.size() / 40) {
+    writeText(path_, whole.substr(0, size));
+    EXPECT_THAT(refusal([&] { (void)readAnyImage(path_); }), HasSubstr("image.tif: ")) << size;
+  }
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+}
+
 TEST_F(ImageFileTest, DamagedBytesNeverCrashTheReader) {
   std::vector<std::uint16_t> storage;
   writeImage(path_, noise(storage, 40, 30, 1, 12, PixelFormat::kMono));

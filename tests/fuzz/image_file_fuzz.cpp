@@ -18,5 +18,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       __builtin_trap();
   });
   fuzz::readsOrRefuses([] { static_cast<void>(io::readImage(file.path(), PixelFormat::kRgb, 8)); });
+  fuzz::readsOrRefuses([] { static_cast<void>(io::readAnyImage(file.path())); });
   return 0;
 }
