@@ -5,6 +5,7 @@
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/pipeline.hpp"
+#include "recon/topside/stereo_command.hpp"
 
 int main(int argc, char** argv) {
   CLI::App app{"fathom-topside: from a recorded mission to a map"};
@@ -21,9 +22,12 @@ int main(int argc, char** argv) {
   run->add_option("--features", features, "corners wanted in an image (800)")->check(CLI::Range(20, 5000));
   run->add_option("--threads", threads, "threads (all cores); the result does not depend on them")
       ->check(CLI::Range(1, 256));
+  CLI::App* stereo = nullptr;
+  const std::function<int()> run_stereo = fathom::topside::addStereoCommand(app, stereo);
   if (const auto code = fathom::parseCommandLine("fathom-topside", app, argc, argv)) return *code;
   return fathom::runTool("fathom-topside", [&]() -> int {
     using namespace fathom::topside;
+    if (*stereo) return run_stereo();
     TopsideConfig config = config_file.empty() ? TopsideConfig{} : readTopsideConfig(config_file);
     if (voxel) setVoxel(config, *voxel);
     if (features) config.stereo.max_features = *features;

@@ -1,0 +1,67 @@
+#include "recon/stereo/seed_plane.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace fathom::stereo {
+namespace {
+
+constexpr double kMaxRadius = 256;      // [px]
+constexpr std::size_t kMinPoints = 12;  // four for each parameter
+constexpr int kIterations = 20;         // Cauchy's weights settle within ten
+constexpr double kMadToSigma = 1.4826;  // of a normal distribution
+constexpr double kCauchy = 2.385;   // residual in sigmas at which half the weight is left: 95 % efficiency
+constexpr double kMinSigma = 1e-6;  // [1/m]: far below what a pixel resolves
+
+double medianOf(std::vector<double>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+}  // namespace
+
+WideSearch wideSearch(const StereoRig& rig, double min_range, double max_range) {
+  const double focal_baseline =
+      0.5 * (rig.left.fx + rig.left.fy) * rig.baseline();  // disparity times depth [px m]
+  const double nearest = focal_baseline / min_range, farthest = focal_baseline / max_range;  // [px]
+  WideSearch search;
+  search.search_radius = std::clamp(0.5 * (nearest - farthest), 1.0, kMaxRadius);
+  // Where the radius cannot reach both ends, it starts at the far one: surveys fly high over their least
+  // depth.
+  search.plane.distance = focal_baseline / (farthest + search.search_radius);
+  return search;
+}
+
+std::optional<SeedPlane> fitSeedPlane(std::span<const StereoPoint> points) {
+  if (points.size() < kMinPoints) return std::nullopt;
+  const auto n = static_cast<Eigen::Index>(points.size());
+  Eigen::MatrixX3d rays(n, 3);
+  Eigen::VectorXd inverse_depth(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Eigen::Vector3d p = points[static_cast<std::size_t>(i)].point.cast<double>();
+    rays.row(i) = (p / p.z()).transpose();
+    inverse_depth(i) = 1.0 / p.z();
+  }
+  // From the median: a least-squares start would follow gross errors.
+  std::vector<double> values(inverse_depth.begin(), inverse_depth.end());
+  Eigen::Vector3d plane(0, 0, medianOf(values));
+  for (int k = 0; k < kIterations; ++k) {
+    const Eigen::VectorXd residual = inverse_depth - rays * plane;
+    values.assign(residual.begin(), residual.end());
+    for (double& v : values) v = std::abs(v);
+    const double scale = kCauchy * std::max(kMadToSigma * medianOf(values), kMinSigma);
+    const Eigen::VectorXd weight = (1.0 + (residual.array() / scale).square()).inverse();
+    const Eigen::Matrix3d normal_matrix = rays.transpose() * weight.asDiagonal() * rays;
+    const Eigen::LDLT<Eigen::Matrix3d> factor(normal_matrix);
+    if (factor.info() != Eigen::Success || factor.rcond() < 1e-12) return std::nullopt;
+    plane = factor.solve(rays.transpose() * (weight.asDiagonal() * inverse_depth));
+  }
+  const double length = plane.norm();
+  if (!(plane.z() > 0) || !std::isfinite(length)) return std::nullopt;
+  return SeedPlane{plane / length, 1.0 / length};
+}
+
+}  // namespace fathom::stereo

@@ -1,0 +1,113 @@
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "recon/geometry/mesh_io.hpp"
+#include "tests/programs/program_run.hpp"
+
+namespace fathom::test {
+namespace {
+
+using ::testing::HasSubstr;
+
+// The fifth pair of the simulated dive, its images a quarter of the full size, 2 m over the seafloor.
+class StereoProgram : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    std::vector<std::filesystem::path> left, right;
+    for (const auto& entry : std::filesystem::directory_iterator(mission_ / "img"))
+      (entry.path().string().find("_LC16") != std::string::npos ? left : right).push_back(entry.path());
+    ASSERT_GT(left.size(), 5U);
+    std::sort(left.begin(), left.end());
+    std::sort(right.begin(), right.end());
+    left_ = left[5];
+    right_ = right[5];
+  }
+  [[nodiscard]] std::string command(const std::string& options) const {
+    return "fathom-topside stereo --calib " + (mission_ / "stereo.calib").string() + " " + left_.string() +
+           " " + right_.string() + " " + options;
+  }
+
+  std::filesystem::path mission_ = FATHOM_REEF_MISSION, left_, right_;
+  TemporaryFolder folder_;
+};
+
+TEST_F(StereoProgram, APairBecomesMeshPointsPictureAndJson) {
+  const auto place = [&](const char* name) { return (folder_.path() / name).string(); };
+  const Outcome run = runProgram(command("--altitude 2 --features 500 --json --out " + place("m.ply") +
+                                         " --points " + place("p.csv") + " --picture " + place("d.png")));
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const auto json = nlohmann::json::parse(run.out);
+  const auto points = json.at("points").get<std::size_t>();
+  EXPECT_GT(points, 250U);
+  std::size_t rejected = 0;
+  for (const auto& [cause, count] : json.at("rejected").items()) rejected += count.get<std::size_t>();
+  EXPECT_EQ(points + rejected, json.at("corners").get<std::size_t>());
+  for (const char* stage : {"read", "pyramids", "corners", "tracking", "total"})
+    EXPECT_GE(json.at("ms").at(stage).get<double>(), 0) << stage;
+
+  std::istringstream csv(readText(place("p.csv")));
+  std::string line;
+  std::getline(csv, line);
+  EXPECT_EQ(line, "u_left,v_left,u_right,v_right,x_m,y_m,z_m,sigma_z_m");
+  std::size_t rows = 0;
+  while (std::getline(csv, line)) {
+    double v[8];
+    ASSERT_EQ(std::sscanf(line.c_str(), "%lf,%lf,%lf,%lf,%lf,%lf,%lf,%lf", v, v + 1, v + 2, v + 3, v + 4,
+                          v + 5, v + 6, v + 7),
+              8)
+        << line;
+    EXPECT_GT(v[6], 0.5);
+    EXPECT_LT(v[6], 4.0);
+    EXPECT_GT(v[7], 0.0);
+    ++rows;
+  }
+  EXPECT_EQ(rows, points);
+  EXPECT_EQ(readPly(place("m.ply")).vertices.size(), points);
+  EXPECT_EQ(readText(place("d.png")).substr(1, 3), "PNG");
+}
+
+TEST_F(StereoProgram, WithoutAnAltitudeTheSeafloorIsFound) {
+  const Outcome given = runProgram(command("--altitude 2 --json"));
+  const Outcome found = runProgram(command("--json"));
+  ASSERT_EQ(found.exit_code, 0) << found.err;
+  const auto a = nlohmann::json::parse(given.out), b = nlohmann::json::parse(found.out);
+  EXPECT_EQ(b.at("seed_plane").at("from"), "wide search");
+  EXPECT_NEAR(b.at("median_depth_m"), a.at("median_depth_m").get<double>(), 0.02);
+  EXPECT_GE(b.at("points").get<double>(), 0.95 * a.at("points").get<double>());
+}
+
+TEST_F(StereoProgram, WhatCannotBeUsedIsRefusedInOneLineAndLeavesNothing) {
+  const std::string calib = (mission_ / "stereo.calib").string(), out = (folder_.path() / "m.ply").string();
+  expectRefused("fathom-topside stereo " + left_.string() + " " + right_.string(), "--calib");
+  expectRefused("fathom-topside stereo --calib " + calib + " /absent.tif " + right_.string(), "/absent.tif");
+  expectRefused(command("--out " + folder_.path().string()), "--out");
+  expectRefused(command("--out /no/such/folder/m.ply"), "/no/such/folder");
+  expectRefused(command("--altitude 0"), "--altitude");
+  expectRefused(
+      "fathom-topside stereo --calib " + left_.string() + " " + left_.string() + " " + right_.string(),
+      left_.string());
+  for (const Damage kind : kEveryDamage) {
+    const std::filesystem::path bad = folder_.path() / "bad.tif";
+    std::filesystem::remove_all(bad);
+    std::filesystem::copy(left_, bad);
+    damage(bad, kind);
+    expectRefused("fathom-topside stereo --calib " + calib + " " + bad.string() + " " + right_.string() +
+                      " --out " + out,
+                  bad.string());
+  }
+  EXPECT_FALSE(std::filesystem::exists(out));
+}
+
+TEST_F(StereoProgram, ImagesWithoutAParallaxGiveNoMeshAndSaySo) {
+  const std::string out = (folder_.path() / "m.ply").string();
+  const Outcome run = runProgram("fathom-topside stereo --calib " + (mission_ / "stereo.calib").string() +
+                                 " " + left_.string() + " " + left_.string() + " --out " + out);
+  EXPECT_EQ(run.exit_code, 1);
+  ASSERT_EQ(run.errorLines().size(), 1U) << run.err;
+  EXPECT_THAT(run.err, HasSubstr("no surface found"));
+  EXPECT_FALSE(std::filesystem::exists(out));
+}
+
+}  // namespace
+}  // namespace fathom::test
