@@ -12,7 +12,9 @@ constexpr double kMaxRadius = 256;      // [px]
 constexpr std::size_t kMinPoints = 12;  // four for each parameter
 constexpr int kIterations = 20;         // Cauchy's weights settle within ten
 constexpr double kMadToSigma = 1.4826;  // of a normal distribution
-constexpr double kCauchy = 2.385;   // residual in sigmas at which half the weight is left: 95 % efficiency
+constexpr double kCauchy = 2.385;  // residual in sigmas at which half the weight is left: 95 % efficiency
+constexpr double kMinSpread =
+    1e-6;  // of the rays, smallest eigenvalue to largest: a field of view of 0.1 degrees
 constexpr double kMinSigma = 1e-6;  // [1/m]: far below what a pixel resolves
 
 double medianOf(std::vector<double>& values) {
@@ -55,9 +57,9 @@ std::optional<SeedPlane> fitSeedPlane(std::span<const StereoPoint> points) {
     const double scale = kCauchy * std::max(kMadToSigma * medianOf(values), kMinSigma);
     const Eigen::VectorXd weight = (1.0 + (residual.array() / scale).square()).inverse();
     const Eigen::Matrix3d normal_matrix = rays.transpose() * weight.asDiagonal() * rays;
-    const Eigen::LDLT<Eigen::Matrix3d> factor(normal_matrix);
-    if (factor.info() != Eigen::Success || factor.rcond() < 1e-12) return std::nullopt;
-    plane = factor.solve(rays.transpose() * (weight.asDiagonal() * inverse_depth));
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> spread(normal_matrix, Eigen::EigenvaluesOnly);
+    if (!(spread.eigenvalues()(0) > kMinSpread * spread.eigenvalues()(2))) return std::nullopt;
+    plane = normal_matrix.ldlt().solve(rays.transpose() * (weight.asDiagonal() * inverse_depth));
   }
   const double length = plane.norm();
   if (!(plane.z() > 0) || !std::isfinite(length)) return std::nullopt;
