@@ -3,6 +3,11 @@
 #include <cstring>
 
 namespace fathom::stereo {
+namespace {
+
+constexpr int kRowSlack = 80;  // elements before and after a row of sums, which whole vectors may reach
+
+}  // namespace
 
 void GrayLevel::resize(int width, int height) {
   width_ = width;
@@ -24,9 +29,19 @@ void GrayLevel::extendBorder() {
   }
 }
 
-GrayPyramid::GrayPyramid(int width, int height, int levels) {
-  rows_.resize(static_cast<std::size_t>(width + 2 * GrayLevel::kBorder));
-  for (int l = 0; l < levels && (l == 0 || (width >= kMinSide && height >= kMinSide)); ++l) {
+int GrayPyramid::levels(int width, int height, int wanted) {
+  int count = 1;
+  for (width = (width + 1) / 2, height = (height + 1) / 2;
+       count < wanted && width >= kMinSide && height >= kMinSide; ++count) {
+    width = (width + 1) / 2;
+    height = (height + 1) / 2;
+  }
+  return count;
+}
+
+GrayPyramid::GrayPyramid(int width, int height, int levels, const Kernels& kernels) : kernels_(&kernels) {
+  rows_.assign(static_cast<std::size_t>(width + 2 * kRowSlack), 0);
+  for (int l = GrayPyramid::levels(width, height, levels); l > 0; --l) {
     levels_.emplace_back();
     levels_.back().resize(width, height);
     width = (width + 1) / 2;
@@ -46,21 +61,12 @@ void GrayPyramid::build(const ImageView& image) {
 
 void GrayPyramid::halve(const GrayLevel& fine, GrayLevel& coarse) {
   constexpr int kReach = 2;  // of the five taps
-  std::uint16_t* sums = rows_.data() + GrayLevel::kBorder;
+  std::uint16_t* sums = rows_.data() + kRowSlack;
   for (int y = 0; y < coarse.height(); ++y) {
-    const std::uint8_t* r0 = fine.row(2 * y - 2);
-    const std::uint8_t* r1 = fine.row(2 * y - 1);
-    const std::uint8_t* r2 = fine.row(2 * y);
-    const std::uint8_t* r3 = fine.row(2 * y + 1);
-    const std::uint8_t* r4 = fine.row(2 * y + 2);
-    for (int x = -kReach; x < fine.width() + kReach; ++x)
-      sums[x] = static_cast<std::uint16_t>(r0[x] + r4[x] + 4 * (r1[x] + r3[x]) + 6 * r2[x]);
-    std::uint8_t* out = coarse.row(y);
-    for (int x = 0; x < coarse.width(); ++x) {
-      const std::uint16_t* s = sums + 2 * x;
-      const int sum = s[-2] + s[2] + 4 * (s[-1] + s[1]) + 6 * s[0];
-      out[x] = static_cast<std::uint8_t>((sum + 128) >> 8);
-    }
+    const std::uint8_t* rows[5];
+    for (int i = 0; i < 5; ++i) rows[i] = fine.row(2 * y - kReach + i) - kReach;
+    kernels_->smoothRows(rows, fine.width() + 2 * kReach, sums - kReach);
+    kernels_->halveRow(sums, coarse.width(), coarse.row(y));
   }
   coarse.extendBorder();
 }

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "recon/geometry/image_view.hpp"
+#include "recon/stereo/kernels/kernels.hpp"
 
 namespace fathom::stereo {
 
@@ -40,8 +41,10 @@ class GrayPyramid {
  public:
   static constexpr int kMinSide = 16;  // a level is not made smaller [px]
 
+  // How many levels of the wanted number an image of this size has.
+  [[nodiscard]] static int levels(int width, int height, int wanted);
   // Reserves the memory of images of this size; `levels` >= 1 is the wish, fewer for small images.
-  GrayPyramid(int width, int height, int levels);
+  GrayPyramid(int width, int height, int levels, const Kernels& kernels);
 
   // `image`: 8-bit mono of the size above.
   void build(const ImageView& image);
@@ -51,6 +54,7 @@ class GrayPyramid {
  private:
   void halve(const GrayLevel& fine, GrayLevel& coarse);
 
+  const Kernels* kernels_;
   std::vector<GrayLevel> levels_;
   std::vector<std::uint16_t> rows_;  // vertical sums of one coarse row
 };

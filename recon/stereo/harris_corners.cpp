@@ -22,109 +22,98 @@ std::size_t index(int i) {
   return static_cast<std::size_t>(i);
 }
 
-// Products of the Sobel gradients of one row: xx, xy, yy, each `n` long, for pixels x0 .. x0 + n - 1.
-void gradientProducts(const GrayLevel& image, int y, int x0, int n, std::int32_t* xx, std::int32_t* xy,
-                      std::int32_t* yy) {
-  const std::uint8_t* a = image.row(y - 1) + x0;
-  const std::uint8_t* b = image.row(y) + x0;
-  const std::uint8_t* c = image.row(y + 1) + x0;
-  for (int i = 0; i < n; ++i) {
-    const int gx = (a[i + 1] - a[i - 1]) + 2 * (b[i + 1] - b[i - 1]) + (c[i + 1] - c[i - 1]);
-    const int gy = (c[i - 1] + 2 * c[i] + c[i + 1]) - (a[i - 1] + 2 * a[i] + a[i + 1]);
-    xx[i] = gx * gx;
-    xy[i] = gx * gy;
-    yy[i] = gy * gy;
-  }
-}
-
-// The Harris measure of one row from the vertical sums; zero where the weaker gradient drowns in noise.
-void harrisRow(const std::int32_t* xx, const std::int32_t* xy, const std::int32_t* yy, int n, float* out) {
-  constexpr float kFloor = kMinGradient * kMinGradient * kSobelGain * kSobelGain * kBlock * kBlock;
-  for (int i = 0; i < n; ++i) {
-    const auto a = static_cast<float>(xx[i] + xx[i + 1] + xx[i + 2] + xx[i + 3] + xx[i + 4]);
-    const auto b = static_cast<float>(xy[i] + xy[i + 1] + xy[i + 2] + xy[i + 3] + xy[i + 4]);
-    const auto c = static_cast<float>(yy[i] + yy[i + 1] + yy[i + 2] + yy[i + 3] + yy[i + 4]);
-    const float trace = a + c, determinant = a * c - b * b;
-    const float response = determinant - kHarrisK * trace * trace;
-    // determinant / trace lies between half of the smaller eigenvalue and that eigenvalue.
-    out[i] = determinant > kFloor * trace ? std::max(response, 0.0F) : 0.0F;
-  }
-}
+constexpr int kRing = kBlock + 1;  // rows of gradients: a window's and the one that leaves it
+constexpr int kRowSlack = 32;      // elements beyond a row, which whole vectors may reach
 
 }  // namespace
+
+HarrisCorners::HarrisCorners(int width, int max_corners, const Kernels& kernels)
+    : kernels_(&kernels), width_(width), max_corners_(std::max(max_corners, 1)) {
+  const std::size_t row = index(width + 2 * kHalf + 2 + kRowSlack), cells = index(max_corners_);
+  gradients_.assign(2 * kRing * row, 0);
+  sums_.assign(3 * row, 0);
+  responses_.assign(3 * row, 0.0F);
+  maxima_.assign(row, 0);
+  cell_column_.assign(row, 0);
+  ranked_.resize(cells * kRanks);
+  counts_.reserve(cells);
+  chosen_.reserve(cells);
+  turn_.reserve(cells);
+  corners_.reserve(cells);
+}
 
 const std::vector<Corner>& HarrisCorners::find(const GrayLevel& image, const PixelBox& box, int margin,
                                                int max_corners) {
   corners_.clear();
   const int inside = std::max(margin, 1);
   const PixelBox b{std::max(box.x0, inside), std::max(box.y0, inside),
-                   std::min(box.x1, image.width() - inside), std::min(box.y1, image.height() - inside)};
+                   std::min({box.x1, image.width() - inside, box.x0 + width_}),
+                   std::min(box.y1, image.height() - inside)};
   const int width = b.x1 - b.x0, height = b.y1 - b.y0;
-  if (width < 1 || height < 1 || max_corners < 1) return corners_;
+  const int wanted = std::min(max_corners, max_corners_);
+  if (width < 1 || height < 1 || wanted < 1) return corners_;
 
   Cells cells;
-  const double edge = std::sqrt(kCornersPerCell * width * height / max_corners);  // [px]
-  cells.columns = std::clamp(static_cast<int>(std::lround(width / edge)), 1, width);
-  cells.rows = std::clamp(static_cast<int>(std::lround(height / edge)), 1, height);
+  const double edge = std::sqrt(kCornersPerCell * width * height / wanted);  // [px]
+  cells.columns = std::clamp(static_cast<int>(std::lround(width / edge)), 1, std::min(width, max_corners_));
+  cells.rows = std::clamp(static_cast<int>(std::lround(height / edge)), 1,
+                          std::min(height, max_corners_ / cells.columns));
   cells.width = static_cast<double>(width) / cells.columns;
   cells.height = static_cast<double>(height) / cells.rows;
   const std::size_t n = index(cells.columns) * index(cells.rows);
-  ranked_.resize(n * kRanks);
   counts_.assign(n, 0);
   chosen_.assign(n, 0);
+  for (int i = 0; i < width; ++i)
+    cell_column_[index(i)] = std::min(static_cast<int>(i / cells.width), cells.columns - 1);
   scan(image, b, cells);
-  select(cells, b, max_corners);
+  select(cells, b, wanted);
   return corners_;
+}
+
+void HarrisCorners::rank(int cell, const Corner& corner) {
+  Corner* best = &ranked_[index(cell) * kRanks];
+  int place = counts_[index(cell)];
+  if (place == kRanks) {
+    if (corner.response <= best[kRanks - 1].response) return;
+    place = kRanks - 1;
+  } else {
+    counts_[index(cell)] = static_cast<std::uint8_t>(place + 1);
+  }
+  for (; place > 0 && best[place - 1].response < corner.response; --place) best[place] = best[place - 1];
+  best[place] = corner;
 }
 
 void HarrisCorners::scan(const GrayLevel& image, const PixelBox& box, const Cells& cells) {
   // Responses one pixel around the box, gradients kHalf pixels around those.
-  const int n = box.x1 - box.x0 + 2, m = n + 2 * kHalf;
-  products_.resize(index(3 * kBlock * m));
-  sums_.assign(index(3 * m), 0);
-  responses_.resize(index(3 * n));
-  const auto productRow = [&](int y) { return products_.data() + index(((y + kBlock) % kBlock) * 3 * m); };
-  const auto responseRow = [&](int y) { return responses_.data() + index(((y + 3) % 3) * n); };
-  const auto addRow = [&](int y, int sign) {
-    const std::int32_t* p = productRow(y);
-    for (int i = 0; i < 3 * m; ++i) sums_[index(i)] += sign * p[i];
-  };
-  const auto makeRow = [&](int y) {
-    std::int32_t* p = productRow(y);
-    gradientProducts(image, y, box.x0 - 1 - kHalf, m, p, p + m, p + 2 * m);
-    addRow(y, 1);
+  constexpr float kFloor = kMinGradient * kMinGradient * kSobelGain * kSobelGain * kBlock * kBlock;
+  const int width = box.x1 - box.x0, n = width + 2, m = n + 2 * kHalf;
+  const int row = m + kRowSlack;
+  const auto gradients = [&](int y) { return gradients_.data() + index((y + kRing) % kRing * 2 * row); };
+  const auto responses = [&](int y) { return responses_.data() + index((y + 3) % 3 * row); };
+  std::int32_t *xx = sums_.data(), *xy = xx + row, *yy = xy + row;
+  std::fill_n(xx, 3 * row, 0);
+  std::fill_n(gradients_.data(), 2 * kRing * row, std::int16_t{0});
+  const auto enter = [&](int y) {
+    std::int16_t *in = gradients(y), *out = gradients(y - kBlock);
+    const int x = box.x0 - 1 - kHalf;
+    kernels_->gradientRow(image.row(y - 1) + x, image.row(y) + x, image.row(y + 1) + x, m, in, in + row);
+    kernels_->tensorRow(in, in + row, out, out + row, m, xx, xy, yy);
   };
 
-  for (int y = box.y0 - 1 - kHalf; y < box.y0 - 1 + kHalf; ++y) makeRow(y);
+  for (int y = box.y0 - 1 - kHalf; y < box.y0 - 1 + kHalf; ++y) enter(y);
   for (int y = box.y0 - 1; y <= box.y1; ++y) {
-    makeRow(y + kHalf);
-    harrisRow(sums_.data(), sums_.data() + m, sums_.data() + 2 * m, n, responseRow(y));
-    addRow(y - kHalf, -1);
+    enter(y + kHalf);
+    kernels_->harrisRow(xx, xy, yy, n, kHarrisK, kFloor, responses(y));
     const int middle = y - 1;
     if (middle < box.y0) continue;
-    const float* above = responseRow(middle - 1);
-    const float* at = responseRow(middle);
-    const float* below = responseRow(middle + 1);
-    const std::size_t cell_row =
-        index(std::min(static_cast<int>((middle - box.y0) / cells.height), cells.rows - 1)) *
-        index(cells.columns);
-    for (int i = 1; i < n - 1; ++i) {
-      const float r = at[i];
-      // Of equal neighbours the first in reading order wins.
-      if (!(r > 0.0F) || r <= at[i - 1] || r < at[i + 1] || r <= above[i - 1] || r <= above[i] ||
-          r <= above[i + 1] || r < below[i - 1] || r < below[i] || r < below[i + 1])
-        continue;
-      const std::size_t cell =
-          cell_row + index(std::min(static_cast<int>((i - 1) / cells.width), cells.columns - 1));
-      Corner* best = &ranked_[cell * kRanks];
-      int rank = counts_[cell];
-      if (rank == kRanks && r <= best[kRanks - 1].response) continue;
-      if (rank < kRanks)
-        counts_[cell] = static_cast<std::uint8_t>(rank + 1);
-      else
-        rank = kRanks - 1;
-      for (; rank > 0 && best[rank - 1].response < r; --rank) best[rank] = best[rank - 1];
-      best[rank] = {box.x0 + i - 1, middle, r};
+    const float* at = responses(middle) + 1;
+    const int count = kernels_->localMaxima(responses(middle - 1) + 1, at, responses(middle + 1) + 1, width,
+                                            maxima_.data());
+    const int first =
+        std::min(static_cast<int>((middle - box.y0) / cells.height), cells.rows - 1) * cells.columns;
+    for (int k = 0; k < count; ++k) {
+      const int i = maxima_[index(k)];
+      rank(first + cell_column_[index(i)], {box.x0 + i, middle, at[i]});
     }
   }
 }
@@ -157,8 +146,10 @@ void HarrisCorners::select(const Cells& cells, const PixelBox& box, int max_corn
     const auto response = [&](std::uint32_t cell) { return ranked_[cell * kRanks + index(rank)].response; };
     // The last turn may not reach every cell: the strongest come first.
     if (corners_.size() + turn_.size() > index(max_corners))
-      std::stable_sort(turn_.begin(), turn_.end(),
-                       [&](std::uint32_t a, std::uint32_t b) { return response(a) > response(b); });
+      std::sort(turn_.begin(), turn_.end(), [&](std::uint32_t a, std::uint32_t b) {
+        const float ra = response(a), rb = response(b);
+        return ra > rb || (ra == rb && a < b);
+      });
     for (const std::uint32_t cell : turn_) {
       const Corner& corner = ranked_[cell * kRanks + index(rank)];
       if (!clearOfChosen(corner, box, cells, distance)) continue;

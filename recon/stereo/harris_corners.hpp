@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "recon/stereo/gray_pyramid.hpp"
+#include "recon/stereo/kernels/kernels.hpp"
 
 namespace fathom::stereo {
 
@@ -23,9 +24,12 @@ struct PixelBox {
 // starve the rest.
 class HarrisCorners {
  public:
-  // At most `max_corners` local maxima inside `box` and `margin` pixels away from the image's edge, ordered
-  // by rank within the cell. No two lie closer than a third of the mean spacing. The result is reused by the
-  // next call.
+  // Reserves the memory for images of up to `width` and as many as `max_corners` corners.
+  HarrisCorners(int width, int max_corners, const Kernels& kernels);
+
+  // At most `max_corners` (and no more than reserved) local maxima inside `box` and `margin` pixels away from
+  // the image's edge, ordered by rank within the cell. No two lie closer than a third of the mean spacing.
+  // The result is reused by the next call.
   const std::vector<Corner>& find(const GrayLevel& image, const PixelBox& box, int margin, int max_corners);
 
  private:
@@ -34,17 +38,22 @@ class HarrisCorners {
     double width = 1, height = 1;  // [px]
   };
   void scan(const GrayLevel& image, const PixelBox& box, const Cells& cells);
+  void rank(int cell, const Corner& corner);
   void select(const Cells& cells, const PixelBox& box, int max_corners);
   [[nodiscard]] bool clearOfChosen(const Corner& corner, const PixelBox& box, const Cells& cells,
                                    double distance) const;
 
-  std::vector<std::int32_t> products_;  // ring of rows of gradient products
-  std::vector<std::int32_t> sums_;
-  std::vector<float> responses_;       // ring of three rows
-  std::vector<Corner> ranked_;         // kRanks a cell, best first
-  std::vector<std::uint8_t> counts_;   // ranked corners in a cell
-  std::vector<std::uint16_t> chosen_;  // bit r: the cell's corner of rank r is chosen
-  std::vector<std::uint32_t> turn_;    // cells that may give a corner of the present rank
+  const Kernels* kernels_;
+  int width_, max_corners_;
+  std::vector<std::int16_t> gradients_;    // ring of rows: x, y
+  std::vector<std::int32_t> sums_;         // of gradient products over the ring's rows: xx, xy, yy
+  std::vector<float> responses_;           // ring of three rows
+  std::vector<std::int32_t> maxima_;       // columns of one row
+  std::vector<std::int32_t> cell_column_;  // per column of the box
+  std::vector<Corner> ranked_;             // kRanks a cell, best first
+  std::vector<std::uint8_t> counts_;       // ranked corners in a cell
+  std::vector<std::uint16_t> chosen_;      // bit r: the cell's corner of rank r is chosen
+  std::vector<std::uint32_t> turn_;        // cells that may give a corner of the present rank
   std::vector<Corner> corners_;
 };
 

@@ -8,9 +8,7 @@
 namespace fathom::stereo {
 namespace {
 
-constexpr int kFineIterations = 12;  // at the full resolution; 3 to 5 are usual
-constexpr int kCoarseIterations = 5;
-constexpr double kFineTolerance = 0.01;   // last step [px], a tenth of a good match's error
+constexpr double kFineTolerance = 0.01;   // last step [px], a fifth of a good match's error
 constexpr double kCoarseTolerance = 0.1;  // last step [px of the level]
 constexpr double kMaxStep = 2.0;          // one update [px of the level]: the linearisation holds no farther
 constexpr double kMaxDrift = 6.0;         // from where a level began [px of the level]
@@ -18,104 +16,126 @@ constexpr double kMaxDrift = 6.0;         // from where a level began [px of the
 // depth than equal weights (a quarter fewer beyond 1 px on the Middlebury pair, for a fifth more noise on a
 // plane).
 constexpr double kWindowSigma = 0.25;
-constexpr float kMinEnergy = 0.25;  // variance of a window worth tracking [grey levels squared]
-constexpr double kMinHessian =
-    1e-3;  // smaller eigenvalue, mean squared gradient [grey levels a pixel, squared]
+constexpr double kMinEnergy = 0.25;  // variance of a window worth tracking [grey levels squared]
+// Smaller eigenvalue of the Hessian [grey levels a pixel, squared].
+constexpr double kMinHessian = 1e-3;
+constexpr double kMinGain = 0.05;  // right over left brightness; less is no likeness
+
+constexpr double kSubpixels = 1 << kPositionBits;
+constexpr double kGain2 = static_cast<double>(kSampleGain) * kSampleGain;
+constexpr double kGradientStep = 2.0;  // a central difference spans two pixels
+// The sum of a form's magnitudes times half a sample's largest value (255 grey levels) fits 32 bits.
+constexpr double kMaxFormSum = 1 << 18;
+constexpr double kMaxForm = 32000.0;  // fits 16 bits with what is added to make the sum zero
 
 }  // namespace
 
-PatchTracker::PatchTracker(int window) : window_(window), half_(window / 2) {
+struct PatchTracker::Place {
+  const std::uint8_t* origin;
+  std::ptrdiff_t stride;
+  int fx, fy;
+  Eigen::Vector2d position;  // rounded to the lattice [px]
+};
+
+PatchTracker::PatchTracker(int window, const Kernels& kernels) : kernels_(&kernels), half_(window / 2) {
+  constexpr int kLanes = 16;
+  const int pitch = (window + kLanes - 1) / kLanes * kLanes;
+  shape_ = {window, pitch, weight_.data(), search_weight_.data()};
+  weight_.fill(0.0F);
+  search_weight_.fill(0);
+  padded_.fill(0);
   const double sigma = kWindowSigma * window;
+  const auto gauss = [&](int x, int y) { return std::exp(-(x * x + y * y) / (2 * sigma * sigma)); };
   double sum = 0;
   for (int j = -half_; j <= half_; ++j)
-    for (int i = -half_; i <= half_; ++i) sum += std::exp(-(i * i + j * j) / (2 * sigma * sigma));
-  float* weight = weight_.data();
-  for (int j = -half_; j <= half_; ++j)
-    for (int i = -half_; i <= half_; ++i)
-      *weight++ = static_cast<float>(std::exp(-(i * i + j * j) / (2 * sigma * sigma)) / sum);
+    for (int i = -half_; i <= half_; ++i) sum += gauss(i, j);
+  for (int j = -half_; j <= half_; ++j) {
+    for (int i = -half_; i <= half_; ++i) {
+      const auto k = static_cast<std::size_t>((j + half_) * pitch + i + half_);
+      weight_[k] = static_cast<float>(gauss(i, j) / sum);
+      search_weight_[k] = static_cast<std::int16_t>(std::lround(kSearchWeight * gauss(i, j)));
+      search_weight_sum_ += search_weight_[k];
+    }
+  }
+  // A form is w f, with sum(w f^2) = 1 before scaling: sum |w f| <= 1, and |w f| <= sqrt(largest w).
+  form_scale_ = std::min(kMaxFormSum, kMaxForm * std::sqrt(sum));
 }
 
 bool PatchTracker::inside(const GrayLevel& level, const Eigen::Vector2d& at) const {
   return at.x() >= 0 && at.y() >= 0 && at.x() <= level.width() - 1 && at.y() <= level.height() - 1;
 }
 
-void PatchTracker::sample(const GrayLevel& level, const Eigen::Vector2d& at, int edge, float* out) const {
-  const double left = at.x() - edge / 2, top = at.y() - edge / 2;
-  const int x0 = static_cast<int>(std::floor(left)), y0 = static_cast<int>(std::floor(top));
-  const auto fx = static_cast<float>(left - x0), fy = static_cast<float>(top - y0);
-  const float w00 = (1 - fx) * (1 - fy), w01 = fx * (1 - fy), w10 = (1 - fx) * fy, w11 = fx * fy;
-  for (int j = 0; j < edge; ++j) {
-    const std::uint8_t* a = level.row(y0 + j) + x0;
-    const std::uint8_t* b = a + level.stride();
-#pragma omp simd
-    for (int i = 0; i < edge; ++i)
-      out[i] = w00 * static_cast<float>(a[i]) + w01 * static_cast<float>(a[i + 1]) +
-               w10 * static_cast<float>(b[i]) + w11 * static_cast<float>(b[i + 1]);
-    out += edge;
-  }
+PatchTracker::Place PatchTracker::placeOf(const GrayLevel& level, const Eigen::Vector2d& at) const {
+  const int x = static_cast<int>(std::floor(at.x() * kSubpixels + 0.5));
+  const int y = static_cast<int>(std::floor(at.y() * kSubpixels + 0.5));
+  constexpr int kMask = (1 << kPositionBits) - 1;
+  return {level.row((y >> kPositionBits) - half_) + (x >> kPositionBits) - half_,
+          level.stride(),
+          x & kMask,
+          y & kMask,
+          {x / kSubpixels, y / kSubpixels}};
 }
 
 bool PatchTracker::makeTemplate(const GrayLevel& level, const Eigen::Vector2d& at) {
-  const int padded = window_ + 2, n = window_ * window_;
-  sample(level, at, padded, patch_.data());
+  const Place place = placeOf(level, at);
+  kernels_->samplePatch(shape_, place.origin, place.stride, place.fx, place.fy, padded_.data());
   Template& t = template_;
-  float mean = 0, mean_x = 0, mean_y = 0;
-  for (int j = 0; j < window_; ++j) {
-    const float* middle = patch_.data() + (j + 1) * padded + 1;
-#pragma omp simd reduction(+ : mean, mean_x, mean_y)
-    for (int i = 0; i < window_; ++i) {
-      const int k = j * window_ + i;
-      const float w = weight_[k];
-      t.value[k] = middle[i];
-      t.sx[k] = 0.5F * (middle[i + 1] - middle[i - 1]);
-      t.sy[k] = 0.5F * (middle[i + padded] - middle[i - padded]);
-      mean += w * t.value[k];
-      mean_x += w * t.sx[k];
-      mean_y += w * t.sy[k];
-    }
-  }
-  float energy = 0, along_x = 0, along_y = 0;
-#pragma omp simd reduction(+ : energy, along_x, along_y)
-  for (int k = 0; k < n; ++k) {
-    const float centred = t.value[k] - mean;
-    energy += weight_[k] * centred * centred;
-    along_x += weight_[k] * centred * t.sx[k];
-    along_y += weight_[k] * centred * t.sy[k];
-  }
-  if (energy < kMinEnergy) return false;
-  const float per_x = along_x / energy, per_y = along_y / energy;
-  float xx = 0, xy = 0, yy = 0;
-#pragma omp simd reduction(+ : xx, xy, yy)
-  for (int k = 0; k < n; ++k) {
-    const float centred = t.value[k] - mean;
-    const float gx = t.sx[k] - mean_x - per_x * centred, gy = t.sy[k] - mean_y - per_y * centred;
-    const float w = weight_[k];
-    xx += w * gx * gx;
-    xy += w * gx * gy;
-    yy += w * gy * gy;
-    t.value[k] = w * centred;
-    t.sx[k] = w * gx;
-    t.sy[k] = w * gy;
-  }
-  const double determinant = static_cast<double>(xx) * yy - static_cast<double>(xy) * xy;
-  if (determinant < kMinHessian * (xx + yy)) return false;
-  Eigen::Matrix2d hessian;
-  hessian << xx, xy, xy, yy;
-  t.inverse_hessian = hessian.inverse();
-  t.energy = energy;
-  return true;
+  t.centre = padded_[static_cast<std::size_t>((half_ + 1) * (kPaddedPitch + 1))];
+  PatchMoments m;
+  kernels_->patchMoments(shape_, padded_.data(), t.centre, m);
+
+  const double mean = m.v, mean_x = m.gx, mean_y = m.gy;
+  t.energy = m.vv - mean * mean;
+  if (!(t.energy >= kMinEnergy * kGain2)) return false;
+  const double per_x = (m.vgx - mean * mean_x) / t.energy, per_y = (m.vgy - mean * mean_y) / t.energy;
+  const double xx = m.gxgx - mean_x * mean_x - per_x * per_x * t.energy;
+  const double xy = m.gxgy - mean_x * mean_y - per_x * per_y * t.energy;
+  const double yy = m.gygy - mean_y * mean_y - per_y * per_y * t.energy;
+  constexpr double kLeast = kMinHessian * kGain2 * kGradientStep * kGradientStep;
+  const double determinant = xx * yy - xy * xy;
+  if (!(xx > kLeast && yy > kLeast && determinant >= kLeast * (xx + yy))) return false;
+  t.inverse_hessian << yy, -xy, -xy, xx;
+  t.inverse_hessian *= kGradientStep * kGradientStep / determinant;
+
+  t.scale_v = form_scale_ / std::sqrt(t.energy);
+  t.scale_x = form_scale_ / std::sqrt(xx);
+  t.scale_y = form_scale_ / std::sqrt(yy);
+  const TemplateScaling scaling{t.centre,
+                                m.v,
+                                m.gx,
+                                m.gy,
+                                static_cast<float>(per_x),
+                                static_cast<float>(per_y),
+                                static_cast<float>(t.scale_v),
+                                static_cast<float>(t.scale_x),
+                                static_cast<float>(t.scale_y)};
+  TemplateSums sums;
+  kernels_->makeTemplate(shape_, padded_.data(), scaling, t.value.data(), t.sx.data(), t.sy.data(), sums);
+  t.spread << sums.sxsx, sums.sxsy, sums.sxsy, sums.sysy;
+  t.spread /= kGradientStep * kGradientStep;
+
+  // Rounding left the forms a little off: the middle takes what their sums lack to zero, and their likeness
+  // to the template is taken out of every update.
+  const auto middle = static_cast<std::size_t>(half_ * shape_.pitch + half_);
+  const auto balance = [&](Forms& form, std::int32_t sum, std::int32_t with_sample) {
+    form[middle] = static_cast<std::int16_t>(form[middle] - sum);
+    return static_cast<double>(with_sample) - static_cast<double>(sum) * t.centre;
+  };
+  t.value_energy = balance(t.value, sums.value, sums.value_sample);
+  t.along_x = balance(t.sx, sums.sx, sums.sx_sample) / t.value_energy;
+  t.along_y = balance(t.sy, sums.sy, sums.sy_sample) / t.value_energy;
+  return t.value_energy > 0;
 }
 
-double PatchTracker::correlation(const float* values) const {
-  float mean = 0, square = 0, common = 0;
-#pragma omp simd reduction(+ : mean, square, common)
-  for (int k = 0; k < window_ * window_; ++k) {
-    mean += weight_[k] * values[k];
-    square += weight_[k] * values[k] * values[k];
-    common += template_.value[k] * values[k];
-  }
-  const double energy = static_cast<double>(square) - static_cast<double>(mean) * mean;
-  return energy < kMinEnergy ? 0.0 : common / std::sqrt(energy * template_.energy);
+double PatchTracker::correlation(const GrayLevel& level, const Eigen::Vector2d& at) const {
+  const Place place = placeOf(level, at);
+  Likeness likeness;
+  kernels_->likeness(shape_, place.origin, place.stride, place.fx, place.fy, template_.centre,
+                     template_.value.data(), likeness);
+  const double energy = static_cast<double>(likeness.square) -
+                        static_cast<double>(likeness.mean) * static_cast<double>(likeness.mean);
+  if (energy < kMinEnergy * kGain2) return 0.0;
+  return likeness.common / template_.scale_v / std::sqrt(energy * template_.energy);
 }
 
 Eigen::Vector2d PatchTracker::search(const GrayLevel& level, double scale,
@@ -124,16 +144,15 @@ Eigen::Vector2d PatchTracker::search(const GrayLevel& level, double scale,
   best = 0;
   for (const Eigen::Vector2d& candidate : candidates) {
     // Whole pixels are near enough to start from, and need no interpolation.
-    const Eigen::Vector2d p = (candidate * scale).array().round();
+    const Eigen::Vector2d p = (candidate * scale + Eigen::Vector2d::Constant(0.5)).array().floor();
     if (!inside(level, p)) continue;
-    float* out = patch_.data();
-    for (int j = -half_; j <= half_; ++j) {
-      const std::uint8_t* in = level.row(static_cast<int>(p.y()) + j) + static_cast<int>(p.x()) - half_;
-#pragma omp simd
-      for (int i = 0; i < window_; ++i) out[i] = static_cast<float>(in[i]);
-      out += window_;
-    }
-    const double likeness = correlation(patch_.data());
+    std::int32_t sums[3];
+    kernels_->searchSums(shape_, level.row(static_cast<int>(p.y()) - half_) + static_cast<int>(p.x()) - half_,
+                         level.stride(), template_.value.data(), sums);
+    const double mean = sums[0], square = sums[1];
+    const double energy = square - mean * mean / search_weight_sum_;
+    if (sums[2] <= 0 || energy < kMinEnergy * search_weight_sum_) continue;
+    const double likeness = static_cast<double>(sums[2]) * sums[2] / energy;
     if (likeness > best) {
       best = likeness;
       found = p;
@@ -142,31 +161,26 @@ Eigen::Vector2d PatchTracker::search(const GrayLevel& level, double scale,
   return found;
 }
 
-bool PatchTracker::refine(const GrayLevel& level, Eigen::Vector2d& at, int iterations, double tolerance,
-                          double& likeness) {
+bool PatchTracker::refine(const GrayLevel& level, Eigen::Vector2d& at, int iterations,
+                          double tolerance) const {
+  const Template& t = template_;
   const Eigen::Vector2d start = at;
   for (int k = 0; k < iterations; ++k) {
-    sample(level, at, window_, patch_.data());
-    float common = 0, bx = 0, by = 0;
-#pragma omp simd reduction(+ : common, bx, by)
-    for (int i = 0; i < window_ * window_; ++i) {
-      const float v = patch_[i];
-      common += template_.value[i] * v;
-      bx += template_.sx[i] * v;
-      by += template_.sy[i] * v;
-    }
-    const double gain = common / template_.energy;
-    constexpr double kMinGain = 0.05;  // right over left brightness; less is no likeness
+    const Place place = placeOf(level, at);
+    std::int32_t sums[3];
+    kernels_->projectPatch(shape_, place.origin, place.stride, place.fx, place.fy, t.value.data(),
+                           t.sx.data(), t.sy.data(), sums);
+    const double common = sums[0], gain = common / t.value_energy;
     if (gain < kMinGain) return false;
-    Eigen::Vector2d step = template_.inverse_hessian * Eigen::Vector2d(bx, by) / -gain;
+    const Eigen::Vector2d b((sums[1] - t.along_x * common) / (kGradientStep * t.scale_x),
+                            (sums[2] - t.along_y * common) / (kGradientStep * t.scale_y));
+    Eigen::Vector2d step = t.inverse_hessian * b / -gain;
     const double length = step.norm();
     if (length > kMaxStep) step *= kMaxStep / length;
-    at += step;
+    at = place.position + step;
     if (!inside(level, at) || (at - start).norm() > kMaxDrift) return false;
     if (length < tolerance) break;
   }
-  sample(level, at, window_, patch_.data());
-  likeness = correlation(patch_.data());
   return true;
 }
 
@@ -187,10 +201,15 @@ PatchMatch PatchTracker::track(const GrayPyramid& source, const Eigen::Vector2d&
     }
     const bool fine = l == 0;
     if (!refine(target.level(l), position, fine ? kFineIterations : kCoarseIterations,
-                fine ? kFineTolerance : kCoarseTolerance, match.correlation))
+                fine ? kFineTolerance : kCoarseTolerance))
       return match;
   }
+  const double c = correlation(target.level(0), position);
+  if (!(c > 0)) return match;
   match.position = position;
+  match.correlation = c;
+  const double noise = template_.energy * std::max(1.0 - c * c, 0.0) / (c * c);
+  match.covariance = noise * template_.inverse_hessian * template_.spread * template_.inverse_hessian;
   match.found = true;
   return match;
 }

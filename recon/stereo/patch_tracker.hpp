@@ -2,15 +2,19 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cstdint>
 #include <span>
 
 #include "recon/stereo/gray_pyramid.hpp"
+#include "recon/stereo/kernels/kernels.hpp"
 
 namespace fathom::stereo {
 
 struct PatchMatch {
   Eigen::Vector2d position = Eigen::Vector2d::Zero();  // in the target image [px]
-  double correlation = 0;  // zero-mean normalised, of the windows at the full resolution, -1 to 1
+  Eigen::Matrix2d covariance =
+      Eigen::Matrix2d::Zero();  // of the position, from the windows' difference [px^2]
+  double correlation = 0;       // zero-mean normalised, of the windows at the full resolution, -1 to 1
   bool found = false;
 };
 
@@ -22,13 +26,22 @@ struct PatchMatch {
 // orthogonal to every a T + b, the update is d = -H^-1 sum(s I(x + p)) / a with H = sum(s grad T) and a =
 // sum(T I) / sum(T T): linear in the target, so that interpolation, which lowers the noise between pixels,
 // draws no match towards half pixels. On the way down a pyramid; at the top the start is the best of the
-// given candidates by correlation.
+// given candidates by correlation. The window's forms are kept in 16-bit whole numbers, the sums are exact.
+//
+// Covariance: the update is linear in the difference r of the windows, which holds the noise of both images.
+// With independent noise of variance v / a^2 (in the template's brightness), d has the covariance
+// H^-1 M H^-1 v / a^2, M = sum(s s^T); v is the weighted mean square of r, v / a^2 = E (1 - c^2) / c^2 for
+// the template's energy E and the correlation c.
 class PatchTracker {
  public:
   static constexpr int kMinWindow = 7, kMaxWindow = 31;  // [px]
+  static constexpr int kFineIterations = 12;             // at the full resolution at most; 3 to 5 are usual
+  static constexpr int kCoarseIterations = 5;            // at each other level at most
 
   // `window`: edge [px], odd, kMinWindow to kMaxWindow.
-  explicit PatchTracker(int window);
+  PatchTracker(int window, const Kernels& kernels);
+  PatchTracker(const PatchTracker&) = delete;
+  PatchTracker& operator=(const PatchTracker&) = delete;
 
   // `at`: in level 0 of `source`; `candidates`: in level 0 of `target`, in the order along a curve, about one
   // top level pixel apart. Both pyramids have the same number of levels.
@@ -36,28 +49,39 @@ class PatchTracker {
                                  const GrayPyramid& target, std::span<const Eigen::Vector2d> candidates);
 
  private:
-  static constexpr int kMaxSamples = kMaxWindow * kMaxWindow;
-  // The window of the source at one level, its statistics and steepest descent images.
+  static constexpr int kMaxPitch = 32;
+  using Forms = std::array<std::int16_t, kMaxWindow * kMaxPitch>;
+  // The window of the source at one level: linear forms of the samples, and what they were made of.
   struct Template {
-    std::array<float, kMaxSamples> value, sx, sy;  // value: weighted, minus its weighted mean
-    Eigen::Matrix2d inverse_hessian;
-    double energy = 0;  // weighted sum of squares about the mean
+    alignas(64) Forms value, sx, sy;
+    Eigen::Matrix2d inverse_hessian;               // of samples [px^2 / sample^2]
+    Eigen::Matrix2d spread;                        // M [sample^2 / px^2]
+    double energy = 0;                             // weighted mean square about the mean [sample^2]
+    double scale_v = 0, scale_x = 0, scale_y = 0;  // of the rounded forms
+    double value_energy = 0;                       // sum of value times sample
+    double along_x = 0, along_y = 0;  // sums of sx, sy times sample, over value_energy: what rounding left
+    int centre = 0;                   // about the mean sample
   };
+  struct Place;  // a window's position on the lattice of samples
 
   [[nodiscard]] bool makeTemplate(const GrayLevel& level, const Eigen::Vector2d& at);
-  void sample(const GrayLevel& level, const Eigen::Vector2d& at, int edge, float* out) const;
-  // Zero-mean normalised correlation of a sampled window with the template.
-  [[nodiscard]] double correlation(const float* values) const;
+  [[nodiscard]] Place placeOf(const GrayLevel& level, const Eigen::Vector2d& at) const;
+  [[nodiscard]] double correlation(const GrayLevel& level, const Eigen::Vector2d& at) const;
   [[nodiscard]] Eigen::Vector2d search(const GrayLevel& level, double scale,
                                        std::span<const Eigen::Vector2d> candidates, double& best);
-  [[nodiscard]] bool refine(const GrayLevel& level, Eigen::Vector2d& at, int iterations, double tolerance,
-                            double& likeness);
+  [[nodiscard]] bool refine(const GrayLevel& level, Eigen::Vector2d& at, int iterations,
+                            double tolerance) const;
   [[nodiscard]] bool inside(const GrayLevel& level, const Eigen::Vector2d& at) const;
 
-  int window_, half_;
-  std::array<float, kMaxSamples> weight_;  // Gaussian, sum 1
+  const Kernels* kernels_;
+  int half_;
+  PatchShape shape_;
+  double form_scale_;  // largest scale of a form whose unscaled norm is 1
+  alignas(64) std::array<float, kMaxWindow * kMaxPitch> weight_;  // Gaussian, sum 1
+  alignas(64) Forms search_weight_;
+  double search_weight_sum_ = 0;
   Template template_;
-  std::array<float, (kMaxWindow + 2) * (kMaxWindow + 2)> patch_;
+  alignas(64) std::array<std::int16_t, (kMaxWindow + 2) * kPaddedPitch + 32> padded_;
 };
 
 }  // namespace fathom::stereo

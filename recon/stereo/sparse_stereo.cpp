@@ -61,22 +61,23 @@ bool usable(const SeedPlane& plane) {
 }  // namespace
 
 struct SparseStereo::Impl {
-  Impl(const StereoRig& r, const SparseStereoConfig& c)
+  Impl(const StereoRig& r, const SparseStereoConfig& c, const Kernels& kernels)
       : rig(r),
         config(c),
         epipolar(r),
         to_right(r.right, r.T_right_left, kTopPixel, c.search_radius, c.min_range, c.max_range),
         to_left(r.left, r.T_right_left.inverse(), kTopPixel, c.search_radius, c.min_range, c.max_range),
-        left_pyramid(r.left.width, r.left.height, levels(r)),
-        right_pyramid(r.right.width, r.right.height, levels(r)),
-        tracker(c.window) {
+        left_pyramid(r.left.width, r.left.height, levels(r), kernels),
+        right_pyramid(r.right.width, r.right.height, levels(r), kernels),
+        harris(r.left.width, c.max_features, kernels),
+        tracker(c.window, kernels) {
     focal_baseline = 0.5 * (r.left.fx + r.left.fy) * r.baseline();
   }
 
   // Both pyramids need the same number.
   static int levels(const StereoRig& r) {
-    return std::min(GrayPyramid(r.left.width, r.left.height, kLevels).levels(),
-                    GrayPyramid(r.right.width, r.right.height, kLevels).levels());
+    return std::min(GrayPyramid::levels(r.left.width, r.left.height, kLevels),
+                    GrayPyramid::levels(r.right.width, r.right.height, kLevels));
   }
 
   void ended(const char* stage) const {
@@ -195,9 +196,9 @@ void SparseStereo::Impl::triangulate() {
     if (isSurface(t)) result.triangles.push_back({t[0], t[2], t[1]});
 }
 
-SparseStereo::SparseStereo(const StereoRig& rig, const SparseStereoConfig& config) {
+SparseStereo::SparseStereo(const StereoRig& rig, const SparseStereoConfig& config, const Kernels* kernels) {
   validate(rig, config);
-  impl_ = std::make_unique<Impl>(rig, config);
+  impl_ = std::make_unique<Impl>(rig, config, kernels != nullptr ? *kernels : fastestKernels());
 }
 
 SparseStereo::~SparseStereo() = default;

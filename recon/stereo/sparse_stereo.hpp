@@ -13,6 +13,8 @@
 
 namespace fathom::stereo {
 
+struct Kernels;
+
 struct SparseStereoConfig {
   int max_features = 800;                    // wanted Harris corners, spread over the image (up to 5000)
   int window = 15;                           // Lucas-Kanade window edge [px], odd
@@ -55,8 +57,9 @@ struct StereoResult {
 // Delaunay in the image plane with long-edge removal. After Johnson-Roberson et al. 2010, section 4.2.
 class SparseStereo {
  public:
-  // Throws std::invalid_argument for a configuration out of range.
-  SparseStereo(const StereoRig& rig, const SparseStereoConfig& config);
+  // Throws std::invalid_argument for a configuration out of range. `kernels`: the instruction set to use,
+  // null for the fastest of this processor; the result is the same in every one.
+  SparseStereo(const StereoRig& rig, const SparseStereoConfig& config, const Kernels* kernels = nullptr);
   ~SparseStereo();
 
   // `left`, `right`: 8-bit mono, the rig's size. `max_features` <= 0: as configured; lower: this frame's

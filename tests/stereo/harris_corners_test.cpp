@@ -25,7 +25,7 @@ int chessboard(int x, int y) {
 
 TEST(HarrisCorners, CornersOfAChessboardAreFoundWhereItsSquaresMeet) {
   const GrayLevel level = levelOf(96, 80, chessboard);
-  HarrisCorners harris;
+  HarrisCorners harris(96, 200, fastestKernels());
   const auto& corners = harris.find(level, {0, 0, 96, 80}, 4, 200);
   EXPECT_EQ(corners.size(), 11U * 9U);
   // Squares meet half way between the pixels 7 and 8. Windows whose centre is up to 1.5 px away hold the same
@@ -37,7 +37,7 @@ TEST(HarrisCorners, CornersOfAChessboardAreFoundWhereItsSquaresMeet) {
 }
 
 TEST(HarrisCorners, EdgesAndFlatGroundAndRampsAreNoCorners) {
-  HarrisCorners harris;
+  HarrisCorners harris(96, 200, fastestKernels());
   for (const GrayLevel& level : {levelOf(64, 64, [](int x, int) { return x < 32 ? 20 : 220; }),
                                  levelOf(64, 64, [](int, int) { return 90; }),
                                  levelOf(64, 64, [](int x, int y) { return x + 2 * y; })})
@@ -46,7 +46,7 @@ TEST(HarrisCorners, EdgesAndFlatGroundAndRampsAreNoCorners) {
 
 TEST(HarrisCorners, BoxMarginAndNumberAreKept) {
   const GrayLevel level = levelOf(96, 80, chessboard);
-  HarrisCorners harris;
+  HarrisCorners harris(96, 200, fastestKernels());
   for (const Corner& c : harris.find(level, {20, 10, 60, 50}, 4, 200)) {
     EXPECT_TRUE(c.x >= 20 && c.x < 60 && c.y >= 10 && c.y < 50);
   }
