@@ -1,9 +1,11 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
+#include <functional>
 #include <optional>
 
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "recon/topside/calibrate_command.hpp"
 #include "recon/topside/pipeline.hpp"
 #include "recon/topside/stereo_command.hpp"
 
@@ -22,12 +24,14 @@ int main(int argc, char** argv) {
   run->add_option("--features", features, "corners wanted in an image (800)")->check(CLI::Range(20, 5000));
   run->add_option("--threads", threads, "threads (all cores); the result does not depend on them")
       ->check(CLI::Range(1, 256));
-  CLI::App* stereo = nullptr;
+  CLI::App *stereo = nullptr, *calibrate = nullptr;
   const std::function<int()> run_stereo = fathom::topside::addStereoCommand(app, stereo);
+  const std::function<int()> run_calibrate = fathom::topside::addCalibrateCommand(app, calibrate);
   if (const auto code = fathom::parseCommandLine("fathom-topside", app, argc, argv)) return *code;
   return fathom::runTool("fathom-topside", [&]() -> int {
     using namespace fathom::topside;
     if (*stereo) return run_stereo();
+    if (*calibrate) return run_calibrate();
     TopsideConfig config = config_file.empty() ? TopsideConfig{} : readTopsideConfig(config_file);
     if (voxel) setVoxel(config, *voxel);
     if (features) config.stereo.max_features = *features;

@@ -1,0 +1,109 @@
+#include "recon/calibration/chessboard.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/imgproc.hpp>
+
+namespace fathom::calibration {
+namespace {
+
+// Green of a Bayer mosaic (red at the even columns of the even rows): the mean of the four neighbours where
+// it is absent. Symmetric, so that no corner moves.
+cv::Mat greenOf(const cv::Mat& mosaic) {
+  cv::Mat padded, green(mosaic.size(), CV_32F);
+  cv::copyMakeBorder(mosaic, padded, 1, 1, 1, 1, cv::BORDER_REFLECT_101);
+  for (int y = 0; y < mosaic.rows; ++y) {
+    const float* above = padded.ptr<float>(y) + 1;
+    const float* here = padded.ptr<float>(y + 1) + 1;
+    const float* below = padded.ptr<float>(y + 2) + 1;
+    auto* out = green.ptr<float>(y);
+    for (int x = 0; x < mosaic.cols; ++x) {
+      const bool is_green = ((x ^ y) & 1) != 0;
+      out[x] = is_green ? here[x] : 0.25F * (above[x] + below[x] + here[x - 1] + here[x + 1]);
+    }
+  }
+  return green;
+}
+
+cv::Mat greyOf(const ImageView& image) {
+  const int depth = image.bits == 8 ? CV_8U : CV_16U;
+  const int channels = image.format == PixelFormat::kRgb ? 3 : 1;
+  const cv::Mat pixels(image.height, image.width, CV_MAKETYPE(depth, channels), const_cast<void*>(image.data),
+                       image.stride);
+  cv::Mat grey;
+  pixels.convertTo(grey, CV_32F);
+  if (channels == 3) cv::cvtColor(grey, grey, cv::COLOR_RGB2GRAY);
+  if (image.format == PixelFormat::kBayerRggb) grey = greenOf(grey);
+  return grey;
+}
+
+// To 8 bits for the search: the darkest and the brightest part of the pixels are cut off.
+cv::Mat stretched(const cv::Mat& grey) {
+  constexpr std::size_t kCutOff = 200;  // one pixel of so many, at either end
+  std::vector<float> sorted(grey.begin<float>(), grey.end<float>());
+  const auto at = [&](std::size_t rank) {
+    std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(rank), sorted.end());
+    return static_cast<double>(sorted[rank]);
+  };
+  const double low = at(sorted.size() / kCutOff), high = at(sorted.size() - 1 - sorted.size() / kCutOff);
+  const double gain = 255.0 / std::max(high - low, 1.0);
+  cv::Mat out;
+  grey.convertTo(out, CV_8U, gain, -gain * low);
+  return out;
+}
+
+// Least distance between neighbours along rows and columns [px].
+double leastSpacing(const std::vector<cv::Point2f>& corners, const Chessboard& board) {
+  double least = INFINITY;
+  const auto columns = static_cast<std::size_t>(board.columns);
+  for (std::size_t k = 0; k < corners.size(); ++k) {
+    if ((k + 1) % columns != 0) least = std::min(least, cv::norm(corners[k + 1] - corners[k]));
+    if (k + columns < corners.size()) least = std::min(least, cv::norm(corners[k + columns] - corners[k]));
+  }
+  return least;
+}
+
+}  // namespace
+
+std::vector<Eigen::Vector3d> boardPoints(const Chessboard& board) {
+  std::vector<Eigen::Vector3d> points;
+  for (int y = 0; y < board.rows; ++y)
+    for (int x = 0; x < board.columns; ++x) points.emplace_back(x * board.square, y * board.square, 0.0);
+  return points;
+}
+
+std::optional<Corners> findChessboard(const ImageView& image, const Chessboard& board) {
+  // Smaller, four squares never show a corner (and OpenCV's search would read beyond the image).
+  constexpr int kSmallest = 32;  // [px]
+  if (image.empty() || image.width < kSmallest || image.height < kSmallest) return std::nullopt;
+  const cv::Mat grey = greyOf(image), bytes = stretched(grey);
+  const cv::Size size(board.columns, board.rows);
+  std::vector<cv::Point2f> found;
+  if (!cv::findChessboardCorners(
+          bytes, size, found,
+          cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_FAST_CHECK)) {
+    found.clear();
+    // Slower, but finds boards in uneven light and noise.
+    if (!cv::findChessboardCornersSB(bytes, size, found,
+                                     cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_EXHAUSTIVE))
+      return std::nullopt;
+  }
+  // The window must not reach the neighbouring corners; a larger one averages more noise.
+  constexpr double kWindow = 0.35;                         // half edge, of the spacing
+  constexpr int kSmallestWindow = 2, kLargestWindow = 11;  // [px]
+  const int half =
+      std::clamp(static_cast<int>(kWindow * leastSpacing(found, board)), kSmallestWindow, kLargestWindow);
+  constexpr int kIterations = 60;
+  constexpr double kStep = 1e-3;  // [px]
+  cv::cornerSubPix(grey, found, {half, half}, {-1, -1},
+                   {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, kIterations, kStep});
+  Corners corners;
+  for (const cv::Point2f& p : found) {
+    if (!std::isfinite(p.x) || !std::isfinite(p.y)) return std::nullopt;
+    corners.emplace_back(p.x, p.y);
+  }
+  return corners;
+}
+
+}  // namespace fathom::calibration

@@ -1,0 +1,262 @@
+#include "recon/calibration/rig_calibration.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <opencv2/calib3d.hpp>
+
+#include "realtime/kernel/input_error.hpp"
+#include "recon/calibration/opencv_bridge.hpp"
+
+namespace fathom::calibration {
+namespace {
+
+using Points2 = std::vector<std::vector<cv::Point2f>>;
+using Points3 = std::vector<std::vector<cv::Point3f>>;
+
+const cv::TermCriteria kConverged(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 200, 1e-9);
+
+struct OneCamera {
+  Camera camera;
+  double rms = 0;
+  std::vector<double> view_rms;
+};
+
+Points2 cornersOf(const std::vector<BoardView>& views, Corners BoardView::*side) {
+  Points2 out;
+  for (const BoardView& view : views) out.push_back(toCv(view.*side));
+  return out;
+}
+
+int flagsOf(const RigCalibrationConfig& config) {
+  return config.k3 ? 0 : cv::CALIB_FIX_K3;
+}
+
+OneCamera calibrateOne(const Points2& corners, const Chessboard& board, ImageSize size,
+                       const RigCalibrationConfig& config) {
+  const Points3 points(corners.size(), toCv(boardPoints(board)));
+  cv::Mat matrix = cv::Mat::eye(3, 3, CV_64F), distortion = cv::Mat::zeros(1, 5, CV_64F), errors;
+  OneCamera out;
+  out.rms =
+      cv::calibrateCamera(points, corners, {size.width, size.height}, matrix, distortion, cv::noArray(),
+                          cv::noArray(), cv::noArray(), cv::noArray(), errors, flagsOf(config), kConverged);
+  out.camera = toCamera(matrix, distortion, size.width, size.height);
+  for (int v = 0; v < static_cast<int>(errors.total()); ++v) out.view_rms.push_back(errors.at<double>(v));
+  return out;
+}
+
+double rms(const std::vector<Eigen::Vector2d>& residuals) {
+  double sum = 0;
+  for (const auto& r : residuals) sum += r.squaredNorm();
+  return residuals.empty() ? 0 : std::sqrt(sum / static_cast<double>(residuals.size()));
+}
+
+void project(const StereoRig& rig, const std::vector<Eigen::Vector3d>& points, CalibratedView& view) {
+  view.left_residuals.clear();
+  view.right_residuals.clear();
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    const Eigen::Vector3d in_left = view.T_left_board * points[k];
+    view.left_residuals.push_back(view.left[k] - rig.left.project(in_left));
+    view.right_residuals.push_back(view.right[k] - rig.right.project(rig.T_right_left * in_left));
+  }
+  view.left_rms = rms(view.left_residuals);
+  view.right_rms = rms(view.right_residuals);
+  view.stereo_rms = std::sqrt(0.5 * (view.left_rms * view.left_rms + view.right_rms * view.right_rms));
+}
+
+Eigen::VectorXd stacked(const CalibratedView& view) {
+  const std::size_t n = view.left_residuals.size();
+  Eigen::VectorXd out(static_cast<Eigen::Index>(4 * n));
+  for (std::size_t k = 0; k < n; ++k) {
+    out.segment<2>(static_cast<Eigen::Index>(4 * k)) = view.left_residuals[k];
+    out.segment<2>(static_cast<Eigen::Index>(4 * k + 2)) = view.right_residuals[k];
+  }
+  return out;
+}
+
+// The board's pose from both images: Gauss-Newton from the left image's own pose.
+void poseOf(const StereoRig& rig, const std::vector<Eigen::Vector3d>& points, CalibratedView& view) {
+  cv::Mat rotation, translation, matrix;
+  cv::solvePnP(toCv(points), toCv(view.left), matrixOf(rig.left), distortionOf(rig.left), rotation,
+               translation, false, cv::SOLVEPNP_IPPE);
+  cv::solvePnPRefineLM(toCv(points), toCv(view.left), matrixOf(rig.left), distortionOf(rig.left), rotation,
+                       translation);
+  cv::Rodrigues(rotation, matrix);
+  Eigen::Matrix3d r;
+  for (int i = 0; i < 9; ++i) r(i / 3, i % 3) = matrix.at<double>(i / 3, i % 3);
+  view.T_left_board =
+      SE3(r, {translation.at<double>(0), translation.at<double>(1), translation.at<double>(2)});
+  constexpr int kIterations = 10;
+  constexpr double kStep = 1e-6, kEnough = 1e-10;  // of the twist [m, rad]
+  for (int i = 0; i < kIterations; ++i) {
+    project(rig, points, view);
+    const Eigen::VectorXd residual = stacked(view);
+    Eigen::MatrixXd jacobian(residual.size(), 6);
+    const SE3 pose = view.T_left_board;
+    for (int p = 0; p < 6; ++p) {
+      Vector6d twist = Vector6d::Zero();
+      twist(p) = kStep;
+      view.T_left_board = SE3::exp(twist) * pose;
+      project(rig, points, view);
+      jacobian.col(p) = (stacked(view) - residual) / kStep;
+    }
+    const Vector6d step = (jacobian.transpose() * jacobian).ldlt().solve(-jacobian.transpose() * residual);
+    view.T_left_board = SE3::exp(step) * pose;
+    if (step.norm() < kEnough) break;
+  }
+  project(rig, points, view);
+}
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// The view whose error is gross, the worst one; values.size() when there is none.
+std::size_t worst(const std::vector<double>& values, const RigCalibrationConfig& config) {
+  const auto largest = std::max_element(values.begin(), values.end());
+  const double limit = std::max(config.gross * median(values), config.gross_px);
+  return *largest > limit ? static_cast<std::size_t>(largest - values.begin()) : values.size();
+}
+
+std::string grossReason(const char* what, double rms_px, const std::vector<double>& all) {
+  char text[120];
+  std::snprintf(text, sizeof text, "%s RMS %.2f px, the median view's is %.2f px", what, rms_px, median(all));
+  return text;
+}
+
+class Calibrator {
+ public:
+  Calibrator(std::vector<BoardView> views, const Chessboard& board, ImageSize left, ImageSize right,
+             const RigCalibrationConfig& config, const std::string& source)
+      : views_(std::move(views)),
+        board_(board),
+        left_(left),
+        right_(right),
+        config_(config),
+        source_(source) {}
+
+  RigCalibration run() {
+    const OneCamera left = calibrateSide("left", &BoardView::left, left_);
+    const OneCamera right = calibrateSide("right", &BoardView::right, right_);
+    const std::vector<bool> agrees = alignBoards(left.camera, right.camera, board_, views_);
+    for (std::size_t v = views_.size(); v-- > 0;)
+      if (!agrees[v])
+        drop(v, "left and right disagree about where the board is: not taken at the same moment");
+    while (true) {
+      requireViews();
+      solveRig();
+      std::vector<double> errors;
+      for (const CalibratedView& view : out_.views) errors.push_back(view.stereo_rms);
+      const std::size_t bad = worst(errors, config_);
+      if (bad == errors.size()) break;
+      drop(bad, grossReason("stereo", errors[bad], errors));
+    }
+    out_.sigma = rigUncertainty(out_.rig, out_.views, board_, config_.k3);
+    requireDetermined(out_.rig.left.fx, out_.sigma.left.fx, "left");
+    requireDetermined(out_.rig.right.fx, out_.sigma.right.fx, "right");
+    return out_;
+  }
+
+ private:
+  void requireViews() const {
+    if (static_cast<int>(views_.size()) >= config_.min_views) return;
+    std::string why = std::to_string(views_.size()) + " usable pairs of the board, at least " +
+                      std::to_string(config_.min_views) +
+                      " are needed; take more, tilted and all over the image";
+    if (!out_.dropped.empty())
+      why += " (first dropped: " + out_.dropped[0].name + ": " + out_.dropped[0].reason + ")";
+    throw InputError(source_, "", why);
+  }
+
+  void drop(std::size_t index, std::string reason) {
+    out_.dropped.push_back({views_[index].name, std::move(reason)});
+    views_.erase(views_.begin() + static_cast<std::ptrdiff_t>(index));
+  }
+
+  OneCamera calibrateSide(const char* side, Corners BoardView::*corners, ImageSize size) {
+    while (true) {
+      requireViews();
+      OneCamera one;
+      try {
+        one = calibrateOne(cornersOf(views_, corners), board_, size, config_);
+      } catch (const cv::Exception&) {
+        throw InputError(source_, side,
+                         "the views do not determine the camera; tilt the board about both its axes");
+      }
+      const std::size_t bad = worst(one.view_rms, config_);
+      if (bad == views_.size()) return one;
+      drop(bad, grossReason(side, one.view_rms[bad], one.view_rms));
+    }
+  }
+
+  void solveRig() {
+    const Points2 left = cornersOf(views_, &BoardView::left), right = cornersOf(views_, &BoardView::right);
+    const OneCamera one = calibrateOne(left, board_, left_, config_);
+    const OneCamera two = calibrateOne(right, board_, right_, config_);
+    out_.left_alone_rms = one.rms;
+    out_.right_alone_rms = two.rms;
+    cv::Mat k1 = matrixOf(one.camera), d1 = distortionOf(one.camera), k2 = matrixOf(two.camera),
+            d2 = distortionOf(two.camera), r, t, e, f;
+    const Points3 points(views_.size(), toCv(boardPoints(board_)));
+    cv::stereoCalibrate(points, left, right, k1, d1, k2, d2, {left_.width, left_.height}, r, t, e, f,
+                        cv::CALIB_USE_INTRINSIC_GUESS | flagsOf(config_), kConverged);
+    Eigen::Matrix3d rotation;
+    for (int i = 0; i < 9; ++i) rotation(i / 3, i % 3) = r.at<double>(i / 3, i % 3);
+    out_.rig = {toCamera(k1, d1, left_.width, left_.height), toCamera(k2, d2, right_.width, right_.height),
+                SE3(rotation, {t.at<double>(0), t.at<double>(1), t.at<double>(2)})};
+    requirePossible(out_.rig.left, "left");
+    requirePossible(out_.rig.right, "right");
+    out_.views.clear();
+    double sum_left = 0, sum_right = 0;
+    for (const BoardView& view : views_) {
+      CalibratedView done;
+      done.name = view.name;
+      done.left = view.left;
+      done.right = view.right;
+      poseOf(out_.rig, boardPoints(board_), done);
+      sum_left += done.left_rms * done.left_rms;
+      sum_right += done.right_rms * done.right_rms;
+      out_.views.push_back(std::move(done));
+    }
+    const auto n = static_cast<double>(views_.size());
+    out_.left_rms = std::sqrt(sum_left / n);
+    out_.right_rms = std::sqrt(sum_right / n);
+    out_.stereo_rms = std::sqrt(0.5 * (sum_left + sum_right) / n);
+  }
+
+  void requirePossible(const Camera& c, const char* side) const {
+    const double longer = std::max(c.width, c.height);
+    constexpr double kShortest = 0.1, kLongest = 100;  // focal length, of the image's longer side
+    for (const double f : {c.fx, c.fy})
+      if (!(f > kShortest * longer && f < kLongest * longer))
+        throw InputError(source_, side,
+                         "the views do not determine the camera (focal length " + std::to_string(f) +
+                             " px); tilt the board about both its axes");
+  }
+
+  void requireDetermined(double focal, double sigma, const char* side) const {
+    constexpr double kWorst = 0.02;  // of the focal length; ranges would be no better
+    if (!(sigma < kWorst * focal))
+      throw InputError(
+          source_, side,
+          "the views leave the focal length open; tilt the board about both its axes, up to 40 deg");
+  }
+
+  std::vector<BoardView> views_;
+  Chessboard board_;
+  ImageSize left_, right_;
+  RigCalibrationConfig config_;
+  std::string source_;
+  RigCalibration out_;
+};
+
+}  // namespace
+
+RigCalibration calibrateRig(std::vector<BoardView> views, const Chessboard& board, ImageSize left,
+                            ImageSize right, const RigCalibrationConfig& config, const std::string& source) {
+  return Calibrator(std::move(views), board, left, right, config, source).run();
+}
+
+}  // namespace fathom::calibration

@@ -1,0 +1,69 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "recon/calibration/board_pairing.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+
+namespace fathom::calibration {
+
+struct ImageSize {
+  int width = 0, height = 0;  // [px]
+};
+
+struct RigCalibrationConfig {
+  bool k3 = false;        // estimate the third radial coefficient too; else it is zero
+  int min_views = 4;      // fewer cannot tell focal length from distance [views]
+  double gross = 3.0;     // a view is dropped whose RMS is this many times the median view's ...
+  double gross_px = 0.3;  // ... and at least this [px]: good corners scatter less
+};
+
+// Standard deviations, from the residuals' scatter and the normal equations of all parameters together.
+struct CameraSigma {
+  double fx = 0, fy = 0, cx = 0, cy = 0;          // [px]
+  double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;  // k3: 0 when it was not estimated
+};
+struct RigSigma {
+  CameraSigma left, right;
+  Eigen::Vector3d rotation = Eigen::Vector3d::Zero();     // of T_right_left about x, y, z [rad]
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();  // [m]
+  double baseline = 0;                                    // [m]
+};
+
+// A view that took part. RMS values are those of the distance between a corner seen and projected [px], as
+// OpenCV and most papers give them.
+struct CalibratedView {
+  std::string name;
+  SE3 T_left_board;
+  Corners left, right;                                           // as seen
+  std::vector<Eigen::Vector2d> left_residuals, right_residuals;  // seen less projected [px]
+  double left_rms = 0, right_rms = 0, stereo_rms = 0;            // [px]
+};
+
+struct DroppedView {
+  std::string name, reason;
+};
+
+struct RigCalibration {
+  StereoRig rig;
+  RigSigma sigma;
+  double left_alone_rms = 0, right_alone_rms = 0;      // of each camera's own calibration [px]
+  double left_rms = 0, right_rms = 0, stereo_rms = 0;  // of the rig, over all views [px]
+  std::vector<CalibratedView> views;
+  std::vector<DroppedView> dropped;
+};
+
+// Intrinsics of each camera, then intrinsics and relative pose together (cv::calibrateCamera,
+// cv::stereoCalibrate: Zhang 2000, Levenberg-Marquardt on all corners). Views whose errors are gross are
+// dropped, the worst first, and named. Throws InputError (`source`: file or folder to name) when fewer than
+// config.min_views are left or the views do not determine the cameras.
+[[nodiscard]] RigCalibration calibrateRig(std::vector<BoardView> views, const Chessboard& board,
+                                          ImageSize left, ImageSize right, const RigCalibrationConfig& config,
+                                          const std::string& source);
+
+// Fills sigma for a rig and views at their least-squares solution (residuals in `views`).
+[[nodiscard]] RigSigma rigUncertainty(const StereoRig& rig, const std::vector<CalibratedView>& views,
+                                      const Chessboard& board, bool k3);
+
+}  // namespace fathom::calibration

@@ -1,0 +1,19 @@
+#pragma once
+
+#include <filesystem>
+
+#include "recon/calibration/rig_calibration.hpp"
+
+namespace fathom::topside {
+
+// <calib>.json and <calib>.html: RMS of every view, parameters with their standard deviations, coverage of
+// the images by corners, residuals.
+void writeCalibrationReport(const std::filesystem::path& calib, const calibration::RigCalibration& done,
+                            const calibration::Chessboard& board);
+
+// Part of the image's cells (8 x 6) that hold a corner of any view.
+[[nodiscard]] double coverage(const std::vector<calibration::CalibratedView>& views,
+                              calibration::Corners calibration::CalibratedView::*corners,
+                              const Camera& camera);
+
+}  // namespace fathom::topside

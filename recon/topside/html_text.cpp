@@ -1,0 +1,52 @@
+#include "recon/topside/html_text.hpp"
+
+#include <cmath>
+#include <cstdio>
+
+namespace fathom::topside {
+namespace {
+
+constexpr const char* kStyle =
+    R"(body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:72rem;padding:0 1rem;color:#1b2733}
+h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}figure{margin:1rem 0;display:inline-block;vertical-align:top}
+figcaption{max-width:34rem;color:#4a5a68}svg{max-width:100%;height:auto}
+table{border-collapse:collapse;margin:.5rem 0}td,th{border:1px solid #cfd8e0;padding:.2rem .7rem;text-align:left}td.n{text-align:right}
+.good{color:#1f6f43}.bad{color:#b3261e;font-weight:600})";
+
+}  // namespace
+
+std::string htmlEscaped(const std::string& text) {
+  std::string out;
+  for (const char c : text) {
+    if (c == '<')
+      out += "&lt;";
+    else if (c == '>')
+      out += "&gt;";
+    else if (c == '&')
+      out += "&amp;";
+    else if (c == '"')
+      out += "&quot;";
+    else
+      out += c;
+  }
+  return out;
+}
+
+std::string fixedDigits(double value, int digits) {
+  if (!std::isfinite(value)) return "-";
+  char text[64];
+  std::snprintf(text, sizeof text, "%.*f", digits, value);
+  return text;
+}
+
+std::string htmlHead(const std::string& title) {
+  const std::string safe = htmlEscaped(title);
+  return "<!doctype html><html lang=en><meta charset=utf-8><title>" + safe + "</title><style>" + kStyle +
+         "</style>\n<h1>" + safe + "</h1>\n";
+}
+
+std::string htmlRow(const std::string& name, const std::string& value) {
+  return "<tr><td>" + htmlEscaped(name) + "</td><td class=n>" + htmlEscaped(value) + "</td></tr>\n";
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,124 @@
+#include "recon/topside/calibrate_command.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "realtime/kernel/input_error.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::topside {
+namespace {
+
+using testing::HasSubstr;
+
+CalibrateOptions optionsFor(const std::filesystem::path& images, const std::filesystem::path& out) {
+  CalibrateOptions options;
+  options.board = {"9x6", 0.024, {}};
+  options.board.images.images = {images};
+  options.out = out;
+  return options;
+}
+
+std::string errorOf(const CalibrateOptions& options) {
+  try {
+    (void)runCalibrate(options);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+TEST(Calibrate, RealChessboardsGiveThePublishedRig) {
+  FATHOM_REQUIRE_DATA("calibration/left01.jpg");
+  const test::TemporaryFolder folder;
+  const auto out = folder.path() / "stereo.calib";
+  const auto done = runCalibrate(optionsFor(test::dataFile("calibration"), out));
+  std::printf("%zu views, stereo RMS %.4f px, baseline %.3f mm\n", done.views.size(), done.stereo_rms,
+              1e3 * done.rig.baseline());
+  EXPECT_GE(done.views.size(), 24u);
+  EXPECT_LE(done.stereo_rms, 0.17);                   // published: 0.164 px
+  EXPECT_NEAR(done.rig.baseline(), 0.09205, 0.0003);  // published: 92.05 mm
+  EXPECT_LT(done.sigma.baseline, 0.0003);
+
+  const StereoRig read = readStereoCalib(out);
+  EXPECT_NEAR(read.baseline(), done.rig.baseline(), 1e-12);
+  EXPECT_EQ(read.left.width, 640);
+  std::ifstream json_file(out.string() + ".json");
+  const auto json = nlohmann::json::parse(json_file);
+  EXPECT_EQ(json["views"].size(), done.views.size());
+  EXPECT_NEAR(json["rms_px"]["stereo"].get<double>(), done.stereo_rms, 1e-12);
+  EXPECT_GT(json["left"]["fx"]["sigma"].get<double>(), 0.0);
+  EXPECT_TRUE(std::filesystem::exists(out.string() + ".html"));
+}
+
+TEST(Calibrate, AWrongBoardSizeIsOneClearLineAndWritesNothing) {
+  FATHOM_REQUIRE_DATA("calibration/left01.jpg");
+  const test::TemporaryFolder folder;
+  auto options = optionsFor(test::dataFile("calibration/left01.jpg"), folder.path() / "stereo.calib");
+  options.board.images.images.push_back(test::dataFile("calibration/right01.jpg"));
+  options.board.size = "8x5";
+  EXPECT_THAT(errorOf(options), HasSubstr("no whole board of 8 x 5 inner corners"));
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+  options.board.size = "9by6";
+  EXPECT_THAT(errorOf(options), HasSubstr("such as 9x6"));
+}
+
+TEST(Calibrate, OnePairIsTooFew) {
+  FATHOM_REQUIRE_DATA("calibration/left01.jpg");
+  const test::TemporaryFolder folder;
+  auto options = optionsFor(test::dataFile("calibration/left01.jpg"), folder.path() / "stereo.calib");
+  EXPECT_THAT(errorOf(options), HasSubstr("no right image belongs to it"));
+  options.board.images.images.push_back(test::dataFile("calibration/right01.jpg"));
+  EXPECT_THAT(errorOf(options), HasSubstr("at least 4 are needed"));
+}
+
+TEST(Calibrate, AnAbsentFileAndOneThatIsNoImageAreNamed) {
+  const test::TemporaryFolder folder;
+  EXPECT_THAT(errorOf(optionsFor(folder.path() / "nowhere", folder.path() / "a.calib")),
+              HasSubstr("nowhere: is not there"));
+  EXPECT_THAT(errorOf(optionsFor(folder.path(), folder.path() / "a.calib")), HasSubstr("no pair"));
+  for (const char* name : {"left1.png", "right1.png"}) std::ofstream(folder.path() / name) << "no picture";
+  EXPECT_THAT(errorOf(optionsFor(folder.path(), folder.path() / "a.calib")), HasSubstr("left1.png"));
+}
+
+TEST(BoardImages, NamesPairLeftWithRight) {
+  const test::TemporaryFolder folder;
+  std::filesystem::create_directories(folder.path() / "left");
+  std::filesystem::create_directories(folder.path() / "right");
+  for (const char* name : {"left01.png", "right01.png", "left02.png", "cam_right_7.tif", "cam_left_7.tif",
+                           "notes.txt", "PR_20260301_020041_206_RM16.tif", "PR_20260301_020041_214_LC16.tif",
+                           "PR_20260301_020049_214_LC16.tif", "left/0001.png", "right/0001.png"})
+    std::ofstream(folder.path() / name) << "x";
+  BoardImageOptions options;
+  options.images = {folder.path()};
+  std::vector<calibration::DroppedView> alone;
+  const auto pairs = listBoardImages(options, alone);
+  std::vector<std::string> names;
+  for (const auto& p : pairs) names.push_back(p.left.filename().string() + " " + p.right.filename().string());
+  EXPECT_THAT(names, testing::UnorderedElementsAre(
+                         "left01.png right01.png", "cam_left_7.tif cam_right_7.tif", "0001.png 0001.png",
+                         "PR_20260301_020041_214_LC16.tif PR_20260301_020041_206_RM16.tif"));
+  ASSERT_EQ(alone.size(), 2u);
+  EXPECT_EQ(alone[0].name, "left02.png");
+  EXPECT_EQ(alone[1].name, "PR_20260301_020049_214_LC16.tif");
+}
+
+TEST(BoardImages, PatternsMustMatchEquallyManyImages) {
+  const test::TemporaryFolder folder;
+  for (const char* name : {"a1.png", "a2.png", "b1.png"}) std::ofstream(folder.path() / name) << "x";
+  BoardImageOptions options;
+  options.left_pattern = (folder.path() / "a*.png").string();
+  options.right_pattern = (folder.path() / "b*.png").string();
+  std::vector<calibration::DroppedView> alone;
+  EXPECT_THROW((void)listBoardImages(options, alone), InputError);
+  options.right_pattern = (folder.path() / "a*.png").string();
+  EXPECT_EQ(listBoardImages(options, alone).size(), 2u);
+  options.right_pattern.clear();
+  EXPECT_THROW((void)listBoardImages(options, alone), InputError);
+}
+
+}  // namespace
+}  // namespace fathom::topside
