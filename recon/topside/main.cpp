@@ -21,7 +21,10 @@ int main(int argc, char** argv) {
   run->add_option("--out", out, "folder for the results (MISSION/topside)");
   run->add_option("--config", config_file, "TOML file; keys are in recon/topside/README.md");
   run->add_option("--voxel", voxel, "edge of a voxel [m] (0.033)")->check(CLI::Range(0.002, 2.0));
-  run->add_option("--features", features, "corners wanted in an image (800)")->check(CLI::Range(20, 5000));
+  run->add_option("--features", features, "corners or dense points wanted in an image (800)")
+      ->check(CLI::Range(20, 5000));
+  bool dense = false;
+  run->add_flag("--dense", dense, "semi-global matching instead of corners");
   run->add_option("--threads", threads, "threads (all cores); the result does not depend on them")
       ->check(CLI::Range(1, 256));
   CLI::App *stereo = nullptr, *calibrate = nullptr;
@@ -34,6 +37,7 @@ int main(int argc, char** argv) {
     if (*calibrate) return run_calibrate();
     TopsideConfig config = config_file.empty() ? TopsideConfig{} : readTopsideConfig(config_file);
     if (voxel) setVoxel(config, *voxel);
+    if (dense) config.dense_stereo = true;
     if (features) config.stereo.max_features = *features;
     if (threads) config.threads = *threads;
     const Summary done = runTopside(mission, out.empty() ? mission / "topside" : out, config);

@@ -18,6 +18,7 @@ Json configJson(const TopsideConfig& c) {
           {"stereo",
            {{"max_features", c.stereo.max_features},
             {"window_px", c.stereo.window},
+            {"method", c.dense_stereo ? "dense" : "sparse"},
             {"max_epipolar_px", c.stereo.max_epipolar_distance},
             {"max_left_right_px", c.stereo.max_left_right_distance},
             {"sigma_disparity_px", c.stereo.sigma_disparity},

@@ -9,6 +9,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
+#include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/seed_plane.hpp"
 #include "recon/topside/loose_pair.hpp"
 #include "recon/topside/stage_times.hpp"
@@ -25,7 +26,7 @@ struct Options {
   std::optional<double> altitude;
   std::optional<int> features;
   std::string left_format = "auto", right_format = "auto";
-  bool json = false;
+  bool json = false, dense = false;
 };
 
 std::optional<PixelFormat> formatOf(const std::string& word) {
@@ -69,6 +70,7 @@ int runStereo(const Options& options) {
   requireFolder("--picture", options.picture);
   TopsideConfig config = options.config.empty() ? TopsideConfig{} : readTopsideConfig(options.config);
   if (options.features) config.stereo.max_features = *options.features;
+  if (options.dense) config.dense_stereo = true;
   const StereoRig rig = readStereoCalib(options.calib);
 
   PairReport report;
@@ -86,10 +88,19 @@ int runStereo(const Options& options) {
     lap("plane");
   }
 
-  stereo::SparseStereo stereo(rig, config.stereo);
-  lap("set-up");
-  stereo.setStageObserver(lap);
-  const stereo::StereoResult& result = stereo.process(left.monoView(), right.monoView(), report.plane);
+  const stereo::StereoResult result = [&] {
+    if (config.dense_stereo) {
+      report.method = "dense";
+      stereo::DenseStereo stereo(rig, config.stereo, config.dense);
+      lap("set-up");
+      stereo.setStageObserver(lap);
+      return stereo.process(left.monoView(), right.monoView(), report.plane);
+    }
+    stereo::SparseStereo stereo(rig, config.stereo);
+    lap("set-up");
+    stereo.setStageObserver(lap);
+    return stereo.process(left.monoView(), right.monoView(), report.plane);
+  }();
   const Mesh mesh = stereo::toMesh(result, left.rgbView());
   lap("mesh");
 
@@ -122,7 +133,9 @@ std::function<int()> addStereoCommand(CLI::App& app, CLI::App*& command) {
       ->add_option("--altitude", options->altitude,
                    "of the left camera over the seafloor [m]; without it, it is searched for")
       ->check(CLI::Range(0.1, 100.0));
-  command->add_option("--features", options->features, "corners wanted (800)")->check(CLI::Range(20, 5000));
+  command->add_flag("--dense", options->dense, "semi-global matching instead of corners");
+  command->add_option("--features", options->features, "corners or dense points wanted (800)")
+      ->check(CLI::Range(20, 5000));
   command->add_option("--out", options->out, "mesh to write: PLY in the left camera frame [m]");
   command->add_option("--points", options->points, "points to write: CSV with pixels, metres, sigma_z");
   command->add_option("--picture", options->picture, "PNG to write: depth over the left image");

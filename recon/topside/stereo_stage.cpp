@@ -48,12 +48,14 @@ StereoStage::StereoStage(const io::MissionPaths& paths, const io::MissionConfig&
       rig_(rig),
       config_(config),
       models_(models),
-      stereo_(rig, config.stereo),
+      sparse_(rig, config.stereo),
       left_(pixels(rig.left)),
       right_(pixels(rig.right)),
       left_mono_(pixels(rig.left)),
       right_mono_(pixels(rig.right)),
-      left_rgb_(pixels(rig.left) * 3) {}
+      left_rgb_(pixels(rig.left) * 3) {
+  if (config.dense_stereo) dense_.emplace(rig, config.stereo, config.dense);
+}
 
 PairResult StereoStage::process(const ImagePair& pair, const SE3& T_nav_body, double altitude) {
   PairResult result;
@@ -81,9 +83,11 @@ PairResult StereoStage::process(const ImagePair& pair, const SE3& T_nav_body, do
   lighting::demosaicRgb(left_mosaic, left_rgb_.data());
   result.times[PairStage::kLighting] = watch.lap();
 
-  const stereo::StereoResult& found = stereo_.process(view8(left_mono_, rig_.left, PixelFormat::kMono),
-                                                      view8(right_mono_, rig_.right, PixelFormat::kMono),
-                                                      seedPlane(mission_, T_nav_body, altitude));
+  const ImageView left_view = view8(left_mono_, rig_.left, PixelFormat::kMono);
+  const ImageView right_view = view8(right_mono_, rig_.right, PixelFormat::kMono);
+  const stereo::SeedPlane plane = seedPlane(mission_, T_nav_body, altitude);
+  const stereo::StereoResult& found =
+      dense_ ? dense_->process(left_view, right_view, plane) : sparse_.process(left_view, right_view, plane);
   result.points = found.points.size();
   result.corners = found.corners;
   result.rejected = found.rejected;

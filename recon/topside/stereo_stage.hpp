@@ -6,6 +6,7 @@
 #include "firmware_if/mission.hpp"
 #include "recon/geometry/mesh.hpp"
 #include "recon/geometry/stereo_rig.hpp"
+#include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "recon/topside/image_pairs.hpp"
 #include "recon/topside/lighting_stage.hpp"
@@ -42,7 +43,8 @@ class StereoStage {
   const StereoRig& rig_;
   const TopsideConfig& config_;
   const LightingModels& models_;
-  stereo::SparseStereo stereo_;
+  stereo::SparseStereo sparse_;
+  std::optional<stereo::DenseStereo> dense_;  // if configured, instead
   std::vector<std::uint8_t> left_, right_, left_mono_, right_mono_, left_rgb_;
 };
 

@@ -19,6 +19,11 @@ void readLighting(const ConfigTable& table, TopsideConfig& config) {
 
 void readStereo(const ConfigTable& table, TopsideConfig& config) {
   config.stereo = stereo::readSparseStereoConfig(table, config.stereo);
+  config.dense_stereo =
+      table.choice("method", config.dense_stereo ? "dense" : "sparse", {"sparse", "dense"}) == "dense";
+  config.dense.scale = table.number("dense_scale", config.dense.scale, 0.1, 1);
+  config.dense.block = static_cast<int>(table.integer("dense_block_px", config.dense.block, 1, 21));
+  if (config.dense.block % 2 == 0) table.fail("dense_block_px", "must be odd");
   config.min_points = static_cast<int>(table.integer("min_points", config.min_points, 3, 5000));
 }
 

@@ -5,6 +5,7 @@
 
 #include "recon/fusion/volumetric_fusion.hpp"
 #include "recon/lighting/lighting_model.hpp"
+#include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 
 namespace fathom::topside {
@@ -15,6 +16,8 @@ struct TopsideConfig {
   int lighting_images = 100;  // pairs that the lighting model learns from, spread over the mission
 
   stereo::SparseStereoConfig stereo;
+  bool dense_stereo = false;  // semi-global matching instead of corners
+  stereo::DenseStereoConfig dense;
   int min_points = 20;  // a pair with fewer stereo points is left out
 
   fusion::VolumetricConfig fusion;

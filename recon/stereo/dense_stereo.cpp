@@ -1,0 +1,304 @@
+#include "recon/stereo/dense_stereo.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/core/eigen.hpp>
+#include <opencv2/imgproc.hpp>
+#include <stdexcept>
+#include <string>
+
+#include "recon/stereo/delaunay.hpp"
+#include "recon/stereo/depth_consistency.hpp"
+#include "recon/stereo/disparity_cells.hpp"
+#include "recon/stereo/epipolar_search.hpp"
+#include "recon/stereo/gray_pyramid.hpp"
+#include "recon/stereo/kernels/kernels.hpp"
+#include "recon/stereo/patch_tracker.hpp"
+
+namespace fathom::stereo {
+namespace {
+
+constexpr double kDisparityUnit = 1.0 / 16;  // of StereoSGBM's whole numbers [px]
+constexpr int kDisparityStep = 16;           // StereoSGBM searches a multiple of it [px]
+constexpr int kMaxDisparities = 512;         // [px of the scaled image]
+constexpr double kMinShare = 0.3;            // of a cell's pixels that must have a disparity
+constexpr double kMaxRms = 1.0;              // of a cell about its plane [px]: more is a break in depth
+// Semi-global matching's sub-pixel interpolation draws towards whole pixels, over areas larger than a cell
+// [px of the scaled image].
+constexpr double kLockingSigma = 0.25;
+constexpr int kLevels = 2;  // of the pyramids: Lucas-Kanade starts within a pixel of the scaled image
+
+void require(bool holds, const char* what) {
+  if (!holds) throw std::invalid_argument(std::string("dense stereo: ") + what);
+}
+
+cv::Mat cameraMatrix(const Camera& c) {
+  return (cv::Mat_<double>(3, 3) << c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1);
+}
+
+cv::Mat distortion(const Camera& c) {
+  return (cv::Mat_<double>(1, 5) << c.k1, c.k2, c.p1, c.p2, c.k3);
+}
+
+bool fits(const ImageView& image, const Camera& camera) {
+  return !image.empty() && image.format == PixelFormat::kMono && image.bits == 8 &&
+         image.width == camera.width && image.height == camera.height;
+}
+
+}  // namespace
+
+struct DenseStereo::Impl {
+  Impl(const StereoRig& r, const SparseStereoConfig& l, const DenseStereoConfig& c);
+
+  void ended(const char* stage) const {
+    if (observer) observer(stage);
+  }
+  cv::Mat rectified(const ImageView& image, const cv::Mat& map1, const cv::Mat& map2) const;
+  void match(const cv::Mat& left, const cv::Mat& right, const SeedPlane& plane);
+  void addPoint(const DisparityCell& cell);
+  void sharpen(StereoPoint& p, const Delaunay::Point& pixel);
+  void dropOutliers();
+  [[nodiscard]] bool isSurface(const Delaunay::Triangle& t) const;
+
+  StereoRig rig;
+  SparseStereoConfig limits;
+  DenseStereoConfig config;
+  cv::Size size;  // of the rectified images [px]
+  cv::Mat left_map1, left_map2, right_map1, right_map2;
+  Eigen::Matrix3d left_from_rectified;  // rotation
+  double focal = 0, cx = 0, cy = 0;     // of the rectified left camera [px]
+  double shift = 0;                     // of the principal points, left minus right [px]
+  double focal_baseline = 0;            // (disparity - shift) times depth [px m]
+  cv::Ptr<cv::StereoSGBM> matcher;
+  std::vector<float> disparity;  // [px], NaN: none
+  DisparityCells cells;
+  EpipolarDistance epipolar;
+  GrayPyramid left_pyramid, right_pyramid;
+  PatchTracker tracker;
+  Delaunay delaunay;
+  DepthConsistency consistency;
+  std::vector<Delaunay::Point> pixels;
+  std::vector<Eigen::Vector3d> positions;
+  std::vector<std::uint8_t> keep;
+  StereoResult result;
+  std::function<void(const char* stage)> observer;
+};
+
+DenseStereo::Impl::Impl(const StereoRig& r, const SparseStereoConfig& l, const DenseStereoConfig& c)
+    : rig(r),
+      limits(l),
+      config(c),
+      epipolar(r),
+      left_pyramid(r.left.width, r.left.height, kLevels, fastestKernels()),
+      right_pyramid(r.right.width, r.right.height, kLevels, fastestKernels()),
+      tracker(l.window, fastestKernels()) {
+  const StereoRig scaled = rig.scaled(config.scale);
+  size = {scaled.left.width, scaled.left.height};
+  cv::Mat rotation, translation, r1, r2, p1, p2, q;
+  cv::eigen2cv(Eigen::Matrix3d(rig.T_right_left.matrix3()), rotation);
+  cv::eigen2cv(Eigen::Vector3d(rig.T_right_left.translation()), translation);
+  cv::stereoRectify(cameraMatrix(scaled.left), distortion(scaled.left), cameraMatrix(scaled.right),
+                    distortion(scaled.right), size, rotation, translation, r1, r2, p1, p2, q,
+                    cv::CALIB_ZERO_DISPARITY, -1, size);
+  focal_baseline = -p2.at<double>(0, 3);
+  require(std::abs(p2.at<double>(1, 3)) < 1e-9 && focal_baseline > 0,
+          "the right camera must be to the right of the left one");
+  cv::initUndistortRectifyMap(cameraMatrix(scaled.left), distortion(scaled.left), r1, p1, size, CV_16SC2,
+                              left_map1, left_map2);
+  cv::initUndistortRectifyMap(cameraMatrix(scaled.right), distortion(scaled.right), r2, p2, size, CV_16SC2,
+                              right_map1, right_map2);
+  Eigen::Matrix3d rectified_from_left;
+  cv::cv2eigen(r1, rectified_from_left);
+  left_from_rectified = rectified_from_left.transpose();
+  focal = p1.at<double>(0, 0);
+  cx = p1.at<double>(0, 2);
+  cy = p1.at<double>(1, 2);
+  shift = cx - p2.at<double>(0, 2);
+  const int area = config.block * config.block;
+  // Penalties as the authors of the implementation advise: 8 and 32 times the window's area.
+  matcher = cv::StereoSGBM::create(0, kDisparityStep, config.block, 8 * area, 32 * area, 1, 31, 5, 200, 2,
+                                   cv::StereoSGBM::MODE_SGBM);
+}
+
+cv::Mat DenseStereo::Impl::rectified(const ImageView& image, const cv::Mat& map1, const cv::Mat& map2) const {
+  const cv::Mat full(image.height, image.width, CV_8UC1, const_cast<void*>(image.data), image.stride);
+  cv::Mat scaled, out;
+  cv::resize(full, scaled, size, 0, 0, cv::INTER_AREA);
+  cv::remap(scaled, out, map1, map2, cv::INTER_LINEAR, cv::BORDER_CONSTANT);
+  return out;
+}
+
+void DenseStereo::Impl::match(const cv::Mat& left, const cv::Mat& right, const SeedPlane& plane) {
+  // The disparities of the seed plane over the image, and the search radius to each side.
+  constexpr int kNodes = 9;  // a side
+  double least = INFINITY, most = -INFINITY;
+  const double nearest = focal_baseline / limits.min_range, farthest = focal_baseline / limits.max_range;
+  for (int j = 0; j < kNodes; ++j) {
+    for (int i = 0; i < kNodes; ++i) {
+      const Eigen::Vector3d ray((i * (size.width - 1.0) / (kNodes - 1) - cx) / focal,
+                                (j * (size.height - 1.0) / (kNodes - 1) - cy) / focal, 1);
+      const double inverse_depth = plane.normal.dot(left_from_rectified * ray) / plane.distance;
+      const double d = std::clamp(focal_baseline * inverse_depth, farthest, nearest) + shift;
+      least = std::min(least, d);
+      most = std::max(most, d);
+    }
+  }
+  const double radius = limits.search_radius * config.scale;
+  const int first = static_cast<int>(std::floor(std::max(least - radius, farthest + shift)));
+  const double span = std::min(most + radius, nearest + shift) - first;
+  const int count = std::clamp(static_cast<int>(std::ceil(span / kDisparityStep)) * kDisparityStep,
+                               kDisparityStep, kMaxDisparities);
+  matcher->setMinDisparity(first);
+  matcher->setNumDisparities(count);
+  cv::Mat found;
+  matcher->compute(left, right, found);
+  disparity.assign(static_cast<std::size_t>(size.area()), NAN);
+  for (int y = 0; y < size.height; ++y) {
+    const auto* row = found.ptr<std::int16_t>(y);
+    float* out = disparity.data() + static_cast<std::ptrdiff_t>(y) * size.width;
+    for (int x = 0; x < size.width; ++x) {
+      const double d = row[x] * kDisparityUnit;
+      if (d >= first) out[x] = static_cast<float>(d);
+    }
+  }
+}
+
+void DenseStereo::Impl::addPoint(const DisparityCell& cell) {
+  if (cell.valid < kMinShare * cell.width * cell.height) {
+    ++result.rejected.no_track;
+    return;
+  }
+  if (cell.rms > kMaxRms) {
+    ++result.rejected.outlier;
+    return;
+  }
+  const double depth = focal_baseline / (cell.mean - shift);  // along the rectified axis [m]
+  const Eigen::Vector3d point =
+      left_from_rectified *
+      Eigen::Vector3d((cell.centre.x() - cx) / focal, (cell.centre.y() - cy) / focal, 1) * depth;
+  if (!(cell.mean > shift) || !(point.z() >= limits.min_range) || !(point.z() <= limits.max_range)) {
+    ++result.rejected.range;
+    return;
+  }
+  const Eigen::Vector2d left = rig.left.project(point), right = rig.right.project(rig.T_right_left * point);
+  if (!rig.left.contains(left) || !rig.right.contains(right)) {
+    ++result.rejected.no_track;
+    return;
+  }
+  // Neighbouring disparities share their windows: one in block^2 is independent.
+  const double independent = std::max(1.0, static_cast<double>(cell.valid) / (config.block * config.block));
+  const double sigma =
+      std::hypot(cell.rms / std::sqrt(independent), kLockingSigma);  // [px of the scaled image]
+  StereoPoint p{left.cast<float>(), right.cast<float>(), point.cast<float>(),
+                static_cast<float>(point.z() * point.z() * sigma / focal_baseline)};
+  Delaunay::Point pixel{static_cast<std::int32_t>(std::lround(left.x())),
+                        static_cast<std::int32_t>(std::lround(left.y()))};
+  sharpen(p, pixel);
+  result.points.push_back(p);
+  pixels.push_back(pixel);
+  positions.emplace_back(p.point.cast<double>());
+}
+
+// Lucas-Kanade at the full resolution from where semi-global matching leads, as SparseStereo does at corners;
+// false, and nothing changed, where the ground has no texture for it or it leads elsewhere.
+void DenseStereo::Impl::sharpen(StereoPoint& p, const Delaunay::Point& pixel) {
+  const Eigen::Vector2d left(pixel[0], pixel[1]);
+  if (!rig.left.contains(left)) return;
+  const Eigen::Vector3d left_ray = rig.left.ray(left);
+  const Eigen::Vector2d predicted =
+      rig.right.project(rig.T_right_left * (left_ray * static_cast<double>(p.point.z())));
+  const PatchMatch match = tracker.track(left_pyramid, left, right_pyramid, std::span(&predicted, 1));
+  if (!match.found || match.correlation < limits.min_correlation ||
+      (match.position - predicted).norm() > 1.0 / config.scale)
+    return;
+  const Eigen::Vector3d right_ray = rig.right.ray(match.position);
+  Eigen::Vector3d point;
+  double gap = 0;
+  if (epipolar(left_ray, right_ray) > limits.max_epipolar_distance ||
+      !triangulateMidpoint(rig, left_ray, right_ray, point, gap))
+    return;
+  const double full_focal_baseline = focal_baseline / config.scale;
+  p = {left.cast<float>(), match.position.cast<float>(), point.cast<float>(),
+       static_cast<float>(point.z() * point.z() * limits.sigma_disparity / full_focal_baseline)};
+}
+
+void DenseStereo::Impl::dropOutliers() {
+  const DepthConsistencyConfig rules{rig.baseline(), focal_baseline / config.scale / rig.baseline(),
+                                     kLockingSigma / config.scale, limits.max_slope, limits.min_patch_points};
+  consistency.check(rules, positions, delaunay.triangulate(pixels), keep);
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < keep.size(); ++i) {
+    if (keep[i] == 0) continue;
+    result.points[kept] = result.points[i];
+    pixels[kept] = pixels[i];
+    positions[kept] = positions[i];
+    ++kept;
+  }
+  result.rejected.outlier += static_cast<std::uint32_t>(keep.size() - kept);
+  result.points.resize(kept);
+  pixels.resize(kept);
+  positions.resize(kept);
+}
+
+bool DenseStereo::Impl::isSurface(const Delaunay::Triangle& t) const {
+  const Eigen::Vector3d &a = positions[t[0]], &b = positions[t[1]], &c = positions[t[2]];
+  const double longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
+  if (longest > limits.max_edge * limits.max_edge) return false;
+  const Eigen::Vector3d normal = (b - a).cross(c - a), sight = a + b + c;
+  return std::abs(normal.dot(sight)) > std::cos(limits.max_slope) * normal.norm() * sight.norm();
+}
+
+DenseStereo::DenseStereo(const StereoRig& rig, const SparseStereoConfig& limits,
+                         const DenseStereoConfig& config) {
+  require(config.scale >= 0.1 && config.scale <= 1, "scale must be 0.1 to 1");
+  require(config.block >= 1 && config.block <= 21 && config.block % 2 == 1, "block must be odd, 1 to 21 px");
+  require(rig.left.width == rig.right.width && rig.left.height == rig.right.height,
+          "both images must be of the same size");
+  require(rig.left.width * config.scale >= 2 * DisparityCells::kMinEdge, "the images are too small");
+  require(rig.left.fx > 0 && rig.right.fx > 0 && rig.baseline() > 0,
+          "the rig has no focal length or no baseline");
+  require(limits.window >= PatchTracker::kMinWindow && limits.window <= PatchTracker::kMaxWindow &&
+              limits.window % 2 == 1,
+          "window must be odd, 7 to 31 px");
+  require(limits.max_features >= 1, "max_features must be at least 1");
+  impl_ = std::make_unique<Impl>(rig, limits, config);
+}
+
+DenseStereo::~DenseStereo() = default;
+
+void DenseStereo::setStageObserver(std::function<void(const char* stage)> observer) {
+  impl_->observer = std::move(observer);
+}
+
+const StereoResult& DenseStereo::process(const ImageView& left, const ImageView& right,
+                                         const SeedPlane& plane) {
+  Impl& m = *impl_;
+  m.result.points.clear();
+  m.result.triangles.clear();
+  m.result.rejected = {};
+  m.result.corners = 0;
+  m.pixels.clear();
+  m.positions.clear();
+  if (!fits(left, m.rig.left) || !fits(right, m.rig.right) || !(plane.distance > 0)) return m.result;
+  const cv::Mat left_image = m.rectified(left, m.left_map1, m.left_map2);
+  const cv::Mat right_image = m.rectified(right, m.right_map1, m.right_map2);
+  m.left_pyramid.build(left);
+  m.right_pyramid.build(right);
+  m.ended("rectify");
+  m.match(left_image, right_image, plane);
+  m.ended("matching");
+  const auto& cells = m.cells.simplify(m.disparity, m.size.width, m.size.height, m.limits.max_features);
+  m.result.corners = static_cast<std::uint32_t>(cells.size());
+  for (const DisparityCell& cell : cells) m.addPoint(cell);
+  m.ended("cells");
+  m.dropOutliers();
+  m.ended("outliers");
+  for (const Delaunay::Triangle& t : m.delaunay.triangulate(m.pixels))
+    if (m.isSurface(t)) m.result.triangles.push_back({t[0], t[2], t[1]});
+  m.ended("triangles");
+  return m.result;
+}
+
+}  // namespace fathom::stereo
