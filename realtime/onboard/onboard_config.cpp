@@ -15,14 +15,6 @@ int whole(const ConfigTable& t, const char* key, int fallback, int min, int max)
   return static_cast<int>(t.integer(key, fallback, min, max));
 }
 
-void read(const ConfigTable& t, lighting::LightingConfig& c) {
-  c.target_mean = t.number("target_mean", c.target_mean, 0.05, 0.95);
-  c.target_sigma = t.number("target_sigma", c.target_sigma, 0.01, 0.5);
-  c.min_images = whole(t, "min_images", c.min_images, 1, 1000);
-  c.grid = whole(t, "grid_px", c.grid, 1, 64);
-  c.saturated = t.number("saturated", c.saturated, 0.5, 1.0);
-}
-
 void read(const ConfigTable& t, fusion::QuadtreeConfig& c) {
   c.root_size = t.number("root_size_m", c.root_size, 1, 1024);
   c.max_level = whole(t, "max_level", c.max_level, 0, 12);
@@ -60,7 +52,7 @@ OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path
 
   const ConfigTable root = ConfigTable::load(*path);
   config.stereo = stereo::readSparseStereoConfig(root.table("stereo"), config.stereo);
-  read(root.table("lighting"), config.lighting);
+  config.lighting = lighting::readLightingConfig(root.table("lighting"), config.lighting);
   read(root.table("map"), config.map);
   read(root.table("link"), config.link);
   const ConfigTable nav = root.table("nav");

@@ -208,6 +208,10 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   add("rejected_epipolar", m.rejected.epipolar);
   add("rejected_range", m.rejected.range);
   add("rejected_outlier", m.rejected.outlier);
+  const lighting::LightingModel::Report light = map_.leftLight().report();
+  add("lighting_model", static_cast<int>(light.used));
+  add("lighting_images", light.images);
+  add("lighting_outlier_share", light.outlier_share);
   const fusion::QuadtreeMap::Counters q = map_.map().counters();
   add("map_tiles", q.tiles_used);
   add("map_tiles_high_water", q.tiles_high_water);

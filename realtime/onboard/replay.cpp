@@ -112,6 +112,8 @@ nlohmann::ordered_json reportOf(const ReplaySummary& summary, const OnboardSyste
   report["T_nav_odom_m"] = {system.map().T_nav_odom().translation().x(),
                             system.map().T_nav_odom().translation().y(),
                             system.map().T_nav_odom().translation().z()};
+  report["lighting"] = {{"left", lighting::nameOf(system.map().leftLight().used())},
+                        {"right", lighting::nameOf(system.map().rightLight().used())}};
   for (const auto& [name, value] : system.health()) report["health"][name] = value;
   return report;
 }

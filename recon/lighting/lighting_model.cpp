@@ -1,13 +1,16 @@
 #include "recon/lighting/lighting_model.hpp"
 
 #include <algorithm>
-#include <cstddef>
+#include <cmath>
 #include <cstring>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
-#include "recon/lighting/pixel_statistics.hpp"
+#include "recon/lighting/channel_model.hpp"
+#include "recon/lighting/correct_rows.hpp"
+#include "recon/lighting/model_choice.hpp"
+#include "recon/lighting/node_lattice.hpp"
 
 namespace fathom::lighting {
 namespace {
@@ -16,39 +19,24 @@ constexpr int kMaxSide = 65535;     // [px]
 constexpr int kMaxGrid = 256;       // [px]
 constexpr int kSolveAlways = 64;    // images up to which every image is followed by a solution
 constexpr int kSolveFraction = 32;  // later, one in this share of the images so far
+constexpr double kMinSigma =
+    0.002;  // of full scale: half a level of 8 bits; less is quantisation, not texture
+constexpr double kMinContrast = 0.04;  // sigma of mean: in thicker haze, gain would show noise alone
+constexpr std::size_t kMaxChannels = 4;
 
 void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("lighting model: ") + what);
 }
 
-std::vector<Channel> channelsOf(int width, int height, PixelFormat format) {
-  switch (format) {
-    case PixelFormat::kMono:
-      return {{0, 0, 1, 1, width, height}};
-    case PixelFormat::kRgb:
-      return {{0, 0, 3, 1, width, height}, {1, 0, 3, 1, width, height}, {2, 0, 3, 1, width, height}};
-    case PixelFormat::kBayerRggb:
-      break;
-  }
-  std::vector<Channel> channels;
-  for (int row = 0; row < 2; ++row)
-    for (int column = 0; column < 2; ++column)
-      channels.push_back({column, row, 2, 2, (width + 1 - column) / 2, (height + 1 - row) / 2});
-  return channels;
-}
-
-// out = clamp(255 (gain * sample / full_scale + offset)), rounded.
-template <typename T>
-void correctSamples(const T* in, const float* gain, const float* offset, float scale, int n,
-                    std::uint8_t* out) {
-  constexpr float kFull = 255.0F, kRound = 0.5F;
-  for (int i = 0; i < n; ++i) {
-    const float v = static_cast<float>(in[i]) * scale * gain[i] + kFull * offset[i];
-    out[i] = static_cast<std::uint8_t>(std::min(std::max(v, 0.0F), kFull) + kRound);
-  }
-}
+// A row of nodes' corrections, by channel.
+using NodeRow = std::array<std::array<Correction, NodeLattice::kMaxSide>, kMaxChannels>;
 
 }  // namespace
+
+const char* nameOf(LightingKind kind) {
+  constexpr std::array<const char*, 4> kNames = {"none", "whole image", "plain", "range-dependent"};
+  return kNames[static_cast<std::size_t>(kind)];
+}
 
 struct LightingModel::Impl {
   int width, height;
@@ -56,10 +44,12 @@ struct LightingModel::Impl {
   int bits;
   LightingConfig config;
   int samples_per_pixel;
-  float full_scale;
-  std::vector<PixelStatistics> channels;
+  NodeLattice lattice;
+  std::vector<ChannelModel> channels;
+  std::vector<float> ranges, means;  // of an image being learnt, by node
+  ModelChoice choice;
   int images = 0, solved_images = 0;
-  std::uint64_t ignored = 0;
+  std::uint64_t ignored = 0, samples = 0;
 
   [[nodiscard]] bool fits(const ImageView& image) const {
     const std::size_t row_bytes =
@@ -67,49 +57,167 @@ struct LightingModel::Impl {
     return !image.empty() && image.width == width && image.height == height && image.format == format &&
            image.bits == bits && image.stride >= row_bytes && (bits == 8 || image.stride % 2 == 0);
   }
-
+  [[nodiscard]] LightingKind used() const;
+  void add(const ImageView& image, const RangeLattice* range);
   template <typename T>
-  void learn(const ImageView& image) {
-    for (PixelStatistics& channel : channels)
-      channel.add(static_cast<const T*>(image.data), image.stride / sizeof(T), full_scale,
-                  static_cast<float>(config.saturated));
-  }
-
-  void solve() {
-    const Target target{config.target_mean, config.target_sigma};
-    for (PixelStatistics& channel : channels) {
-      if (images < config.min_images)
-        channel.solveWhole(target);
-      else
-        channel.solve(target, images);
-    }
-    solved_images = images;
-  }
-
+  void learn(const ImageView& image);
+  struct Errors {
+    double sums[3] = {}, count[3] = {};  // whole, plain, range
+  };
+  void foretell(const ChannelModel& channel, Errors& errors) const;
+  [[nodiscard]] Correction correction(const Level& level) const;
+  void nodeRow(LightingKind kind, const RangeLattice* range, int j, NodeRow& row) const;
   template <typename T>
-  void correctImage(const ImageView& image, std::uint8_t* out) const;
+  void correctImage(const ImageView& image, const RangeLattice* range, std::uint8_t* out) const;
+  void correct(const ImageView& image, const RangeLattice* range, std::uint8_t* out) const;
 };
 
-template <typename T>
-void LightingModel::Impl::correctImage(const ImageView& image, std::uint8_t* out) const {
-  constexpr int kBlock = 1536;  // samples worked on at a time: a multiple of 2 and 3
-  float gain[kBlock], offset[kBlock];
-  const int samples = width * samples_per_pixel;
-  for (int y = 0; y < height; ++y) {
-    const T* in =
-        static_cast<const T*>(image.data) + static_cast<std::size_t>(y) * (image.stride / sizeof(T));
-    std::uint8_t* line = out + static_cast<std::size_t>(y) * static_cast<std::size_t>(samples);
-    for (int begin = 0; begin < samples; begin += kBlock) {
-      const int n = std::min(kBlock, samples - begin);
-      for (const PixelStatistics& statistics : channels) {
-        const Channel& c = statistics.channel();
-        if (y % c.row_step != c.row || n <= c.column) continue;
-        statistics.corrections(y / c.row_step, begin / c.column_step, (n - c.column - 1) / c.column_step + 1,
-                               gain + c.column, offset + c.column, c.column_step);
+LightingKind LightingModel::Impl::used() const {
+  const auto known = [](const ChannelModel& c) { return c.known(); };
+  if (std::none_of(channels.begin(), channels.end(), known)) return LightingKind::kNone;
+  if (solved_images < config.min_images) return LightingKind::kWholeImage;
+  LightingKind kind = choice.best();
+  if (config.choice != LightingChoice::kAuto) kind = static_cast<LightingKind>(config.choice);
+  const auto ranged = [](const ChannelModel& c) { return c.knowsRange(); };
+  if (kind == LightingKind::kRangeDependent && !std::all_of(channels.begin(), channels.end(), ranged))
+    return LightingKind::kPlain;
+  return kind;
+}
+
+void LightingModel::Impl::foretell(const ChannelModel& channel, Errors& errors) const {
+  constexpr int kPatch = 4;       // nodes a side: what is smaller is taken for the seafloor's
+  constexpr double kWorst = 1.0;  // an error counts no more: a fish fills a patch, too
+  for (int pj = 0; pj < lattice.rows; pj += kPatch)
+    for (int pi = 0; pi < lattice.columns; pi += kPatch) {
+      double sums[3] = {}, count = 0, count_range = 0;
+      for (int j = pj; j < std::min(pj + kPatch, lattice.rows); ++j)
+        for (int i = pi; i < std::min(pi + kPatch, lattice.columns); ++i) {
+          const auto n = static_cast<std::size_t>(j * lattice.columns + i);
+          if (means[n] <= 0) continue;
+          const double seen = std::log(static_cast<double>(means[n]));
+          count += 1;
+          sums[0] += seen - static_cast<double>(channel.whole().log_mean);
+          sums[1] += seen - static_cast<double>(channel.plain(n).log_mean);
+          if (!(ranges[n] > 0) || !channel.knowsRange()) continue;
+          count_range += 1;
+          sums[2] += seen - static_cast<double>(channel.atRange(n, RangeBins::position(ranges[n])).log_mean);
+        }
+      for (std::size_t k = 0; k < 3; ++k) {
+        const double in = k == 2 ? count_range : count;
+        if (in == 0) continue;
+        errors.sums[k] += std::min(std::abs(sums[k]) / in, kWorst);
+        errors.count[k] += 1;
       }
-      correctSamples(in + begin, gain, offset, 255.0F / full_scale, n, line + begin);
+    }
+}
+
+template <typename T>
+void LightingModel::Impl::learn(const ImageView& image) {
+  Errors errors;
+  for (ChannelModel& channel : channels) {
+    channel.statistics().add(static_cast<const T*>(image.data), image.stride / sizeof(T), bits,
+                             static_cast<float>(config.saturated), ranges, means);
+    if (solved_images >= config.min_images && channel.known()) foretell(channel, errors);
+  }
+  const auto mean = [&](int k) { return errors.count[k] > 0 ? errors.sums[k] / errors.count[k] : -1.0; };
+  choice.score(mean(0), mean(1), mean(2));
+}
+
+void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range) {
+  if (!fits(image)) {
+    ++ignored;
+    return;
+  }
+  for (int j = 0; j < lattice.rows; ++j)
+    for (int i = 0; i < lattice.columns; ++i)
+      ranges[static_cast<std::size_t>(j * lattice.columns + i)] =
+          range == nullptr ? 0.0F : range->at(lattice.u(i), lattice.v(j));
+  if (bits == 8)
+    learn<std::uint8_t>(image);
+  else
+    learn<std::uint16_t>(image);
+  ++images;
+  samples += lattice.size() * channels.size() * NodeStatistics::kSamplesPerImage;
+  if (images > kSolveAlways && images - solved_images < images / kSolveFraction) return;
+  for (ChannelModel& channel : channels) channel.solve(images, config.outlier);
+  solved_images = images;
+}
+
+Correction LightingModel::Impl::correction(const Level& level) const {
+  const double mean = std::exp(static_cast<double>(level.log_mean));
+  const double spread = std::max(std::exp(static_cast<double>(level.log_spread)), kMinContrast);
+  const double gain = config.target_sigma / std::max(spread * mean, kMinSigma);
+  const double full = (1 << bits) - 1, grey = 255;
+  return {static_cast<float>(grey * gain / full),
+          static_cast<float>(grey * (config.target_mean - gain * mean))};
+}
+
+void LightingModel::Impl::nodeRow(LightingKind kind, const RangeLattice* range, int j, NodeRow& row) const {
+  for (int i = 0; i < lattice.columns; ++i) {
+    const auto n = static_cast<std::size_t>(j * lattice.columns + i);
+    float path = 0;
+    if (kind == LightingKind::kRangeDependent && range != nullptr)
+      path = range->at(lattice.u(i), lattice.v(j));
+    const float position = path > 0 ? RangeBins::position(path) : 0;
+    for (std::size_t c = 0; c < channels.size(); ++c) {
+      const ChannelModel& channel = channels[c];
+      Correction& out = row[c][static_cast<std::size_t>(i)];
+      if (!channel.known())
+        out = {255.0F / static_cast<float>((1 << bits) - 1), 0.0F};
+      else if (path > 0)
+        out = correction(channel.atRange(n, position));
+      else
+        out = correction(kind == LightingKind::kWholeImage ? channel.whole() : channel.plain(n));
     }
   }
+}
+
+template <typename T>
+void LightingModel::Impl::correctImage(const ImageView& image, const RangeLattice* range,
+                                       std::uint8_t* out) const {
+  const LightingKind kind = used();
+  NodeRow above, below, here;
+  int loaded = -1;
+  for (int y = 0; y < height; ++y) {
+    const float t =
+        (static_cast<float>(y) + 0.5F) * static_cast<float>(lattice.rows) / static_cast<float>(height) - 0.5F;
+    const int j = std::clamp(static_cast<int>(std::floor(t)), 0, std::max(lattice.rows - 2, 0));
+    if (j != loaded) {
+      if (loaded >= 0 && j == loaded + 1)
+        above = below;
+      else
+        nodeRow(kind, range, j, above);
+      nodeRow(kind, range, std::min(j + 1, lattice.rows - 1), below);
+      loaded = j;
+    }
+    const float down = t - static_cast<float>(j);
+    const std::size_t first = format == PixelFormat::kBayerRggb ? static_cast<std::size_t>(y % 2) * 2 : 0;
+    const std::size_t in_row = format == PixelFormat::kBayerRggb ? 2 : channels.size();
+    for (std::size_t c = first; c < first + in_row; ++c)
+      for (std::size_t i = 0; i < static_cast<std::size_t>(lattice.columns); ++i) {
+        const Correction a = above[c][i], b = below[c][i];
+        here[c][i] = {a.gain + down * (b.gain - a.gain), a.offset + down * (b.offset - a.offset)};
+      }
+    const T* in =
+        static_cast<const T*>(image.data) + static_cast<std::size_t>(y) * (image.stride / sizeof(T));
+    std::uint8_t* line =
+        out + static_cast<std::size_t>(y) * static_cast<std::size_t>(width * samples_per_pixel);
+    if (format == PixelFormat::kRgb)
+      correctRgbRow(in, width, {here[0].data(), here[1].data(), here[2].data()}, lattice.columns, line);
+    else
+      correctRow(in, width, here[first].data(), here[first + in_row - 1].data(), lattice.columns, line);
+  }
+}
+
+void LightingModel::Impl::correct(const ImageView& image, const RangeLattice* range,
+                                  std::uint8_t* out) const {
+  if (!fits(image))
+    std::memset(out, 0,
+                static_cast<std::size_t>(width) * static_cast<std::size_t>(height * samples_per_pixel));
+  else if (bits == 8)
+    correctImage<std::uint8_t>(image, range, out);
+  else
+    correctImage<std::uint16_t>(image, range, out);
 }
 
 LightingModel::LightingModel(int width, int height, PixelFormat format, int bits,
@@ -124,16 +232,20 @@ LightingModel::LightingModel(int width, int height, PixelFormat format, int bits
   require(config.min_images >= 1, "min_images must be at least 1");
   require(config.grid >= 1 && config.grid <= kMaxGrid, "grid must be 1 to 256 px");
   require(config.saturated > 0 && config.saturated <= 1, "saturated must lie between 0 and 1");
-  impl_ = std::make_unique<Impl>(Impl{width,
-                                      height,
-                                      format,
-                                      bits,
-                                      config,
-                                      format == PixelFormat::kRgb ? 3 : 1,
-                                      static_cast<float>((1 << bits) - 1),
-                                      {}});
+  require(config.outlier >= 1, "outlier must be at least 1");
+  const NodeLattice lattice(width, height, config.grid, format == PixelFormat::kBayerRggb ? 2 : 1);
+  impl_ = std::make_unique<Impl>();
+  impl_->width = width;
+  impl_->height = height;
+  impl_->format = format;
+  impl_->bits = bits;
+  impl_->config = config;
+  impl_->samples_per_pixel = format == PixelFormat::kRgb ? 3 : 1;
+  impl_->lattice = lattice;
+  impl_->ranges.resize(lattice.size());
+  impl_->means.resize(lattice.size());
   for (const Channel& channel : channelsOf(width, height, format))
-    impl_->channels.emplace_back(channel, config.grid);
+    impl_->channels.emplace_back(channel, lattice);
 }
 
 LightingModel::~LightingModel() = default;
@@ -146,31 +258,49 @@ std::uint64_t LightingModel::ignoredImages() const {
   return impl_->ignored;
 }
 
+void LightingModel::add(const ImageView& image, const RangeLattice& range) {
+  impl_->add(image, &range);
+}
+
 void LightingModel::add(const ImageView& image) {
-  Impl& m = *impl_;
-  if (!m.fits(image)) {
-    ++m.ignored;
-    return;
-  }
-  if (m.bits == 8)
-    m.learn<std::uint8_t>(image);
-  else
-    m.learn<std::uint16_t>(image);
-  ++m.images;
-  if (m.images <= kSolveAlways || m.images - m.solved_images >= m.images / kSolveFraction) m.solve();
+  impl_->add(image, nullptr);
+}
+
+void LightingModel::correct(const ImageView& image, const RangeLattice& range, std::uint8_t* out) const {
+  impl_->correct(image, &range, out);
 }
 
 void LightingModel::correct(const ImageView& image, std::uint8_t* out) const {
+  impl_->correct(image, nullptr, out);
+}
+
+LightingKind LightingModel::used() const {
+  return impl_->used();
+}
+
+LightingModel::Report LightingModel::report() const {
   const Impl& m = *impl_;
-  if (!m.fits(image)) {
-    std::memset(out, 0,
-                static_cast<std::size_t>(m.width) * static_cast<std::size_t>(m.height * m.samples_per_pixel));
-    return;
+  Report report;
+  report.used = m.used();
+  report.images = m.images;
+  report.error_whole = m.choice.error(LightingKind::kWholeImage);
+  report.error_plain = m.choice.error(LightingKind::kPlain);
+  report.error_range = m.choice.error(LightingKind::kRangeDependent);
+  report.memory_bytes = sizeof(Impl) + (m.ranges.capacity() + m.means.capacity()) * sizeof(float);
+  std::uint64_t saturated = 0;
+  for (const ChannelModel& channel : m.channels) {
+    report.outlier_share += channel.statistics().outlierShare() / static_cast<double>(m.channels.size());
+    saturated += channel.statistics().saturatedSamples();
+    report.memory_bytes += channel.memoryBytes();
   }
-  if (m.bits == 8)
-    m.correctImage<std::uint8_t>(image, out);
-  else
-    m.correctImage<std::uint16_t>(image, out);
+  if (m.samples > 0) report.saturated_share = static_cast<double>(saturated) / static_cast<double>(m.samples);
+  // A Bayer image's blue is its last channel; of its two greens the first speaks.
+  const std::size_t last = m.channels.size() - 1;
+  for (std::size_t colour = 0; colour < 3; ++colour) {
+    const ChannelModel& channel = m.channels[colour == 2 ? last : std::min(colour, last)];
+    if (channel.knowsRange()) report.attenuation[colour] = {channel.law().power, channel.law().per_metre};
+  }
+  return report;
 }
 
 }  // namespace fathom::lighting

@@ -1,44 +1,83 @@
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 
 #include "recon/geometry/image_view.hpp"
+#include "recon/lighting/lighting_config.hpp"
+#include "recon/lighting/range_lattice.hpp"
 
 namespace fathom::lighting {
 
-struct LightingConfig {
-  double target_mean = 0.42;   // of full scale, after correction
-  double target_sigma = 0.13;  // of full scale
-  int min_images = 8;          // before that, one mean and variance for the whole image and channel
-  int grid = 8;             // statistics are kept at one of grid x grid pixels of a channel and interpolated
-  double saturated = 0.98;  // of full scale: such samples do not enter the statistics
+// What corrects images. kNone: nothing learnt yet.
+enum class LightingKind : std::uint8_t { kNone, kWholeImage, kPlain, kRangeDependent };
+
+// "none", "whole image", "plain" or "range-dependent".
+[[nodiscard]] const char* nameOf(LightingKind kind);
+
+// How a colour's light falls off with range r [m]: in proportion to r^power exp(-per_metre r).
+struct Attenuation {
+  double power = 0, per_metre = 0;
 };
 
-// Per-pixel, per-channel mean and variance of many images (Welford), turned into gain and offset that map
-// each pixel to a target mean and variance: removes the strobes' pattern and vignetting and balances colour
-// (grey world), alike over the whole mission. Works on the mosaic of a Bayer image. After Johnson-Roberson et
-// al. 2010, section 4.1.
+// Per-pixel, per-channel mean m and standard deviation s of many images, turned into gain and offset that
+// bring each pixel to a target mean and deviation:
+//   out = target_mean + target_sigma (in - m) / s
+// Removes the strobes' pattern, vignetting and the water's colour (grey world), alike over the whole mission:
+// no image is normalised by itself. Works on the mosaic of a Bayer image. After Johnson-Roberson et al. 2010,
+// section 4.1.
 //
-// The pattern is smooth and the seafloor is not, so while images are few the statistics of neighbouring nodes
-// are pooled, over as many as it takes to average the seafloor out; after some thousand each node stands
-// alone.
+// m and s come from one of three models:
+//   whole image      one for all pixels
+//   plain            by pixel
+//   range-dependent  by pixel and range r, log m = a(pixel) + T(r) + q(pixel, r): see ChannelModel. T follows
+//                    r^p exp(-c r) by channel (as Bryson et al. 2016, "True color correction of autonomous
+//                    underwater vehicle imagery", fit attenuation to stereo range), and what the images say
+//                    beyond that; s takes the veil of backscattered light out with m.
+// Each image is foretold by all three before it is learnt; the one whose brightness, smoothed, was least
+// wrong over about the last 100 images corrects (mean absolute error in logarithms), and another takes over
+// when it is 5 % better. It begins with the whole image, and with the plain one after `min_images` images.
+//
+// Fish, shadows and glints: see NodeStatistics. All memory is allocated by the constructor; add() and
+// correct() allocate nothing.
 class LightingModel {
  public:
   // The shape of all images. Throws std::invalid_argument for a shape or configuration that cannot be.
   LightingModel(int width, int height, PixelFormat format, int bits, const LightingConfig& config);
   ~LightingModel();
 
-  // Learns. Gain and offset follow at every image up to the 64th, from then on when 1/32 more have been
-  // seen. Wrongly shaped images are ignored and counted.
+  // Learns. The models follow at every image up to the 64th, from then on when 1/32 more have been seen.
+  // Wrongly shaped images are ignored and counted. Without ranges (or where they are unknown) an image
+  // teaches the first two models alone.
+  void add(const ImageView& image, const RangeLattice& range);
   void add(const ImageView& image);
   [[nodiscard]] int images() const;
   [[nodiscard]] std::uint64_t ignoredImages() const;
 
   // Corrects into 8 bits of the same mosaic, mono or RGB; `out` has width * height (RGB: times 3) bytes, row
-  // after row. Before the first image full scale becomes 255; a wrongly shaped image becomes black. Several
-  // threads may correct at once while none adds.
+  // after row. Before the first image full scale becomes 255; a wrongly shaped image becomes black. Without
+  // ranges, or where they are unknown, the plain model stands in for the range-dependent one. Several threads
+  // may correct at once while none adds.
+  void correct(const ImageView& image, const RangeLattice& range, std::uint8_t* out) const;
   void correct(const ImageView& image, std::uint8_t* out) const;
+
+  // Which model correct() uses.
+  [[nodiscard]] LightingKind used() const;
+
+  struct Report {
+    LightingKind used = LightingKind::kNone;
+    int images = 0;
+    double outlier_share = 0;  // of samples that were left out: fish, shadows, glints
+    double saturated_share = 0;
+    // Mean absolute error with which each model foretold images, in natural logarithms; negative: never
+    // tried.
+    double error_whole = -1, error_plain = -1, error_range = -1;
+    std::array<Attenuation, 3> attenuation;  // red, green, blue; a mono image: all alike; 0 without ranges
+    std::size_t memory_bytes = 0;
+  };
+  [[nodiscard]] Report report() const;
 
  private:
   struct Impl;

@@ -70,7 +70,7 @@ FuseResult fusePairs(const std::vector<ImagePair>& pairs, const std::vector<Navi
   };
 
   std::size_t next = 0;
-  double altitude = default_altitude;  // the last one known, where the DVL has none
+  const std::vector<double> altitudes = seedAltitudes(poses, default_altitude);
   tbb::parallel_pipeline(
       static_cast<std::size_t>(2 * tbb::info::default_concurrency()),
       tbb::make_filter<void, std::shared_ptr<Job>>(tbb::filter_mode::serial_in_order,
@@ -80,11 +80,10 @@ FuseResult fusePairs(const std::vector<ImagePair>& pairs, const std::vector<Navi
                                                        return nullptr;
                                                      }
                                                      const NavigatedPose& pose = poses[next];
-                                                     if (pose.altitude) altitude = *pose.altitude;
                                                      auto job = std::make_shared<Job>();
-                                                     job->index = next++;
                                                      job->has_pose = pose.T_nav_body.has_value();
-                                                     job->altitude = altitude;
+                                                     job->altitude = altitudes[next];
+                                                     job->index = next++;
                                                      return job;
                                                    }) &
           tbb::make_filter<std::shared_ptr<Job>, std::shared_ptr<Job>>(tbb::filter_mode::parallel, match) &

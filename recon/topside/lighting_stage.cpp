@@ -9,12 +9,15 @@
 
 #include "firmware_if/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "recon/lighting/rig_ranges.hpp"
+#include "recon/topside/seed_plane.hpp"
 
 namespace fathom::topside {
 namespace {
 
 struct Images {
   std::optional<io::ImageFile> left, right;
+  lighting::RangeLattice left_range, right_range;  // unknown without a pose
 };
 
 std::optional<io::ImageFile> readOrPass(const std::filesystem::path& path, PixelFormat format, int bits,
@@ -34,9 +37,10 @@ LightingModels::LightingModels(const io::MissionConfig& mission, const StereoRig
       right(rig.right.width, rig.right.height, mission.cameras.right_format, mission.cameras.bits, config) {}
 
 void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
-                   const std::vector<ImagePair>& pairs, std::size_t count, LightingModels& models,
-                   Progress& progress) {
+                   const std::vector<ImagePair>& pairs, const std::vector<NavigatedPose>& poses,
+                   double default_altitude, std::size_t count, LightingModels& models, Progress& progress) {
   const auto& cameras = mission.cameras;
+  const std::vector<double> altitudes = seedAltitudes(poses, default_altitude);
   std::size_t next = 0;
   namespace tbb = oneapi::tbb;
   tbb::parallel_pipeline(
@@ -53,6 +57,13 @@ void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& missi
               tbb::filter_mode::parallel,
               [&](std::size_t index) {
                 auto images = std::make_shared<Images>();
+                if (const auto& T_nav_body = poses[index].T_nav_body) {
+                  const stereo::SeedPlane plane = seedPlane(mission, *T_nav_body, altitudes[index]);
+                  lighting::RigRanges ranges(rig);
+                  ranges.fromPlane(plane.normal, plane.distance);
+                  images->left_range = ranges.left();
+                  images->right_range = ranges.right();
+                }
                 images->left = readOrPass(paths.images() / pairs[index].left, cameras.left_format,
                                           cameras.bits, rig.left);
                 images->right = readOrPass(paths.images() / pairs[index].right, cameras.right_format,
@@ -61,8 +72,8 @@ void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& missi
               }) &
           tbb::make_filter<std::shared_ptr<Images>, void>(
               tbb::filter_mode::serial_in_order, [&](const std::shared_ptr<Images>& images) {
-                if (images->left) models.left.add(images->left->view);
-                if (images->right) models.right.add(images->right->view);
+                if (images->left) models.left.add(images->left->view, images->left_range);
+                if (images->right) models.right.add(images->right->view, images->right_range);
                 models.unreadable += (images->left ? 0U : 1U) + (images->right ? 0U : 1U);
                 progress.step();
               }));

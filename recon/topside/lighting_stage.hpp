@@ -6,6 +6,7 @@
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/lighting_model.hpp"
 #include "recon/topside/image_pairs.hpp"
+#include "recon/topside/navigation.hpp"
 #include "recon/topside/progress.hpp"
 
 namespace fathom::topside {
@@ -18,10 +19,11 @@ struct LightingModels {
   std::uint64_t unreadable = 0;  // images passed over
 };
 
-// Learns from `count` pairs spread evenly over the mission. Reads in parallel, learns in the pairs' order, so
+// Learns from `count` pairs spread evenly over the mission, by their ranges to a level seafloor (`poses`: one
+// a pair). Reads in parallel, learns in the pairs' order, so
 // that the result does not depend on the number of threads.
 void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
-                   const std::vector<ImagePair>& pairs, std::size_t count, LightingModels& models,
-                   Progress& progress);
+                   const std::vector<ImagePair>& pairs, const std::vector<NavigatedPose>& poses,
+                   double default_altitude, std::size_t count, LightingModels& models, Progress& progress);
 
 }  // namespace fathom::topside

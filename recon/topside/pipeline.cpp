@@ -106,7 +106,8 @@ Summary runTopside(const std::filesystem::path& mission_folder, const std::files
   {
     const std::size_t count = std::min(list.pairs.size(), static_cast<std::size_t>(config.lighting_images));
     Progress progress("lighting", count);
-    learnLighting(paths, mission, rig, list.pairs, count, lighting, progress);
+    learnLighting(paths, mission, rig, list.pairs, navigation.poses, config.default_altitude, count, lighting,
+                  progress);
   }
   lap("lighting model");
 
@@ -143,7 +144,8 @@ Summary runTopside(const std::filesystem::path& mission_folder, const std::files
   record.fused = &fused;
   record.fusion = fusion.counters();
   record.fusion_bytes = fusion.memoryBytes();
-  record.lighting_images = lighting.left.images();
+  record.left_lighting = lighting.left.report();
+  record.right_lighting = lighting.right.report();
   record.lighting_unreadable = lighting.unreadable;
   record.vertices = mesh.vertices.size();
   record.triangles = mesh.triangles.size();

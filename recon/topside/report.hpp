@@ -28,7 +28,7 @@ struct RunRecord {
   fusion::VolumetricFusion::Counters fusion;
   std::size_t fusion_bytes = 0;
   std::uint64_t lighting_unreadable = 0;
-  int lighting_images = 0;
+  lighting::LightingModel::Report left_lighting, right_lighting;
   std::size_t vertices = 0, triangles = 0, pieces_dropped = 0;
   double area = 0;                                            // of the mesh [m^2]
   std::vector<std::pair<std::string, double>> stage_seconds;  // wall clock, in order

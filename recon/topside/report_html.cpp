@@ -95,6 +95,19 @@ void trackPlot(std::ostream& out, const RunRecord& r) {
       << " m across the longer side); green: pairs in the map, red: pairs with too few points.</p>\n";
 }
 
+void lightingTable(std::ostringstream& out, const RunRecord& r) {
+  const auto error = [](double value) { return value < 0 ? std::string("-") : fixed(100 * value, 1) + " %"; };
+  out << "<h2>Lighting</h2><p>The model that foretold images best, before it learnt them, "
+         "corrects.</p><table>"
+      << "<tr><th>camera</th><th>model used</th><th>error: whole image</th><th>plain</th>"
+      << "<th>range-dependent</th><th>samples left out</th></tr>\n";
+  for (const auto& [name, l] : {std::pair("left", &r.left_lighting), std::pair("right", &r.right_lighting)})
+    out << "<tr><td>" << name << "</td><td>" << lighting::nameOf(l->used) << "</td><td>"
+        << error(l->error_whole) << "</td><td>" << error(l->error_plain) << "</td><td>"
+        << error(l->error_range) << "</td><td>" << fixed(100 * l->outlier_share, 2) << " %</td></tr>\n";
+  out << "</table>\n";
+}
+
 }  // namespace
 
 void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, const MapPicture& picture) {
@@ -126,6 +139,8 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
     out << row(kPairStageNames[k], fixed(ms, 2));
   }
   out << row("sum", fixed(sum, 2)) << "</table>\n";
+
+  lightingTable(out, r);
 
   const Anchor& anchor = r.navigation->anchor;
   out << "<h2>Counts</h2><table>\n"

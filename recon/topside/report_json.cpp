@@ -1,3 +1,4 @@
+#include <array>
 #include <nlohmann/json.hpp>
 
 #include "recon/geometry/atomic_file.hpp"
@@ -13,8 +14,11 @@ Json configJson(const TopsideConfig& c) {
            {{"images", c.lighting_images},
             {"target_mean", c.lighting.target_mean},
             {"target_sigma", c.lighting.target_sigma},
+            {"min_images", c.lighting.min_images},
             {"grid_px", c.lighting.grid},
-            {"saturated", c.lighting.saturated}}},
+            {"saturated", c.lighting.saturated},
+            {"outlier_sigma", c.lighting.outlier},
+            {"model", lighting::nameOf(c.lighting.choice)}}},
           {"stereo",
            {{"max_features", c.stereo.max_features},
             {"window_px", c.stereo.window},
@@ -39,6 +43,24 @@ Json configJson(const TopsideConfig& c) {
             {"max_speed_mps", c.max_speed},
             {"default_altitude_m", c.default_altitude}}},
           {"run", {{"pairing_tolerance_s", c.pairing_tolerance}}}};
+}
+
+Json lightingJson(const lighting::LightingModel::Report& l) {
+  const auto error = [](double value) { return value < 0 ? Json() : Json(value); };  // null: never tried
+  Json attenuation = Json::object();
+  constexpr std::array<const char*, 3> kColours = {"red", "green", "blue"};
+  for (std::size_t k = 0; k < kColours.size(); ++k)
+    attenuation[kColours[k]] = {{"range_power", l.attenuation[k].power},
+                                {"per_metre", l.attenuation[k].per_metre}};
+  return {{"model", lighting::nameOf(l.used)},
+          {"foretelling_error",
+           {{"whole_image", error(l.error_whole)},
+            {"plain", error(l.error_plain)},
+            {"range_dependent", error(l.error_range)}}},
+          {"outlier_share", l.outlier_share},
+          {"saturated_share", l.saturated_share},
+          {"attenuation", attenuation},
+          {"memory_bytes", l.memory_bytes}};
 }
 
 Json navigationJson(const Navigation& n) {
@@ -88,7 +110,11 @@ void writeReportJson(const std::filesystem::path& path, const RunRecord& r) {
         {"right_images_alone", r.list->right_alone},
         {"times_from_file_names", r.list->from_file_names},
         {"unreadable_images", counts.unreadable_lines}}},
-      {"lighting", {{"images_learned", r.lighting_images}, {"unreadable", r.lighting_unreadable}}},
+      {"lighting",
+       {{"images_learned", r.left_lighting.images},
+        {"unreadable", r.lighting_unreadable},
+        {"left", lightingJson(r.left_lighting)},
+        {"right", lightingJson(r.right_lighting)}}},
       {"stereo",
        {{"corners", counts.corners},
         {"points", counts.points},

@@ -8,10 +8,13 @@
 namespace fathom::topside {
 namespace {
 
+std::size_t samplesPerPixel(PixelFormat format) {
+  return format == PixelFormat::kRgb ? 3 : 1;
+}
+
 ImageView view8(const std::vector<std::uint8_t>& pixels, const Camera& camera, PixelFormat format) {
-  const std::size_t channels = format == PixelFormat::kRgb ? 3 : 1;
   return {pixels.data(), camera.width,
-          camera.height, static_cast<std::size_t>(camera.width) * channels,
+          camera.height, static_cast<std::size_t>(camera.width) * samplesPerPixel(format),
           format,        8};
 }
 
@@ -32,15 +35,6 @@ double footprintRadius(const Mesh& mesh) {
 
 }  // namespace
 
-stereo::SeedPlane seedPlane(const io::MissionConfig& mission, const SE3& T_nav_body, double altitude) {
-  const SE3 T_nav_cam = T_nav_body * mission.T_body_cam;
-  const double bottom = (T_nav_body * mission.T_body_dvl.translation()).z() + altitude;
-  stereo::SeedPlane plane;
-  plane.normal = T_nav_cam.rotation().conjugate() * Eigen::Vector3d::UnitZ();
-  plane.distance = bottom - T_nav_cam.translation().z();
-  return plane;
-}
-
 StereoStage::StereoStage(const io::MissionPaths& paths, const io::MissionConfig& mission,
                          const StereoRig& rig, const TopsideConfig& config, const LightingModels& models)
     : paths_(paths),
@@ -49,12 +43,21 @@ StereoStage::StereoStage(const io::MissionPaths& paths, const io::MissionConfig&
       config_(config),
       models_(models),
       sparse_(rig, config.stereo),
-      left_(pixels(rig.left)),
-      right_(pixels(rig.right)),
+      ranges_(rig),
+      left_(pixels(rig.left) * samplesPerPixel(mission.cameras.left_format)),
+      right_(pixels(rig.right) * samplesPerPixel(mission.cameras.right_format)),
       left_mono_(pixels(rig.left)),
       right_mono_(pixels(rig.right)),
       left_rgb_(pixels(rig.left) * 3) {
   if (config.dense_stereo) dense_.emplace(rig, config.stereo, config.dense);
+}
+
+void StereoStage::correctColours(const ImageView& left, const stereo::StereoResult& found) {
+  std::vector<Eigen::Vector3f> points, right_points(found.points.size());
+  for (const stereo::StereoPoint& p : found.points) points.push_back(p.point);
+  ranges_.bendTo(points, right_points);
+  models_.left.correct(left, ranges_.left(), left_.data());
+  lighting::demosaicRgb(view8(left_, rig_.left, mission_.cameras.left_format), left_rgb_.data());
 }
 
 PairResult StereoStage::process(const ImagePair& pair, const SE3& T_nav_body, double altitude) {
@@ -74,18 +77,18 @@ PairResult StereoStage::process(const ImagePair& pair, const SE3& T_nav_body, do
   }
   result.times[PairStage::kRead] = watch.lap();
 
-  models_.left.correct(left.view, left_.data());
-  models_.right.correct(right.view, right_.data());
+  const stereo::SeedPlane plane = seedPlane(mission_, T_nav_body, altitude);
+  ranges_.fromPlane(plane.normal, plane.distance);
+  models_.left.correct(left.view, ranges_.left(), left_.data());
+  models_.right.correct(right.view, ranges_.right(), right_.data());
   const ImageView left_mosaic = view8(left_, rig_.left, mission_.cameras.left_format);
   const ImageView right_mosaic = view8(right_, rig_.right, mission_.cameras.right_format);
   lighting::demosaicMono(left_mosaic, left_mono_.data());
   lighting::demosaicMono(right_mosaic, right_mono_.data());
-  lighting::demosaicRgb(left_mosaic, left_rgb_.data());
   result.times[PairStage::kLighting] = watch.lap();
 
   const ImageView left_view = view8(left_mono_, rig_.left, PixelFormat::kMono);
   const ImageView right_view = view8(right_mono_, rig_.right, PixelFormat::kMono);
-  const stereo::SeedPlane plane = seedPlane(mission_, T_nav_body, altitude);
   const stereo::StereoResult& found =
       dense_ ? dense_->process(left_view, right_view, plane) : sparse_.process(left_view, right_view, plane);
   result.points = found.points.size();
@@ -94,6 +97,7 @@ PairResult StereoStage::process(const ImagePair& pair, const SE3& T_nav_body, do
   result.times[PairStage::kStereo] = watch.lap();
 
   if (found.points.size() >= static_cast<std::size_t>(config_.min_points) && !found.triangles.empty()) {
+    correctColours(left.view, found);
     result.mesh = stereo::toMesh(found, view8(left_rgb_, rig_.left, PixelFormat::kRgb));
     transform(result.mesh, result.T_nav_cam);
     result.footprint_radius = footprintRadius(result.mesh);

@@ -6,10 +6,12 @@
 #include "firmware_if/mission.hpp"
 #include "recon/geometry/mesh.hpp"
 #include "recon/geometry/stereo_rig.hpp"
+#include "recon/lighting/rig_ranges.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "recon/topside/image_pairs.hpp"
 #include "recon/topside/lighting_stage.hpp"
+#include "recon/topside/seed_plane.hpp"
 #include "recon/topside/stage_times.hpp"
 #include "recon/topside/topside_config.hpp"
 
@@ -38,6 +40,9 @@ class StereoStage {
   [[nodiscard]] PairResult process(const ImagePair& pair, const SE3& T_nav_body, double altitude);
 
  private:
+  // The left image in colour, by ranges bent to stereo's points.
+  void correctColours(const ImageView& left, const stereo::StereoResult& found);
+
   const io::MissionPaths& paths_;
   const io::MissionConfig& mission_;
   const StereoRig& rig_;
@@ -45,11 +50,8 @@ class StereoStage {
   const LightingModels& models_;
   stereo::SparseStereo sparse_;
   std::optional<stereo::DenseStereo> dense_;  // if configured, instead
+  lighting::RigRanges ranges_;
   std::vector<std::uint8_t> left_, right_, left_mono_, right_mono_, left_rgb_;
 };
-
-// A level seafloor `altitude` below the DVL, in the camera frame.
-[[nodiscard]] stereo::SeedPlane seedPlane(const io::MissionConfig& mission, const SE3& T_nav_body,
-                                          double altitude);
 
 }  // namespace fathom::topside

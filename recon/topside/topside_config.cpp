@@ -11,10 +11,7 @@ constexpr double kBandVoxels = 3.0, kBorderVoxels = 5.0;
 
 void readLighting(const ConfigTable& table, TopsideConfig& config) {
   config.lighting_images = static_cast<int>(table.integer("images", config.lighting_images, 1, 100000));
-  config.lighting.target_mean = table.number("target_mean", config.lighting.target_mean, 0.05, 0.95);
-  config.lighting.target_sigma = table.number("target_sigma", config.lighting.target_sigma, 0.01, 0.5);
-  config.lighting.grid = static_cast<int>(table.integer("grid_px", config.lighting.grid, 1, 64));
-  config.lighting.saturated = table.number("saturated", config.lighting.saturated, 0.5, 1.0);
+  config.lighting = lighting::readLightingConfig(table, config.lighting);
 }
 
 void readStereo(const ConfigTable& table, TopsideConfig& config) {

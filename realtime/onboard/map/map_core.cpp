@@ -16,10 +16,14 @@ std::size_t pixels(const Camera& camera) {
   return static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
 }
 
+std::size_t samplesPerPixel(PixelFormat format) {
+  return format == PixelFormat::kRgb ? 3 : 1;
+}
+
 ImageView eightBit(const std::vector<std::uint8_t>& data, const Camera& camera, PixelFormat format) {
-  const std::size_t samples = format == PixelFormat::kRgb ? 3 : 1;
-  return {
-      data.data(), camera.width, camera.height, static_cast<std::size_t>(camera.width) * samples, format, 8};
+  return {data.data(),   camera.width,
+          camera.height, static_cast<std::size_t>(camera.width) * samplesPerPixel(format),
+          format,        8};
 }
 
 void measureFootprint(const Mesh& mesh, MapOutput& out) {
@@ -51,13 +55,18 @@ MapCore::MapCore(const MapCoreConfig& config)
                   config.lighting),
       right_light_(config.rig.right.width, config.rig.right.height, config.right_format, config.bits,
                    config.lighting),
+      ranges_(config.rig),
       stereo_(config.rig, config.stereo),
       map_(config.map),
       last_range_(kNominalRange),
-      left_mosaic_(pixels(config.rig.left)),
+      left_mosaic_(pixels(config.rig.left) * samplesPerPixel(config.left_format)),
       left_mono_(pixels(config.rig.left)),
       left_rgb_(3 * pixels(config.rig.left)),
-      right_mono_(pixels(config.rig.right)) {}
+      right_mosaic_(pixels(config.rig.right) * samplesPerPixel(config.right_format)),
+      right_mono_(pixels(config.rig.right)) {
+  points_.reserve(static_cast<std::size_t>(config.stereo.max_features));
+  right_points_.resize(static_cast<std::size_t>(config.stereo.max_features));
+}
 
 void MapCore::addFix(nav::FixKind kind, const Eigen::Vector2d& difference, double sigma) noexcept {
   anchor_.add(kind, difference, sigma);
@@ -77,6 +86,27 @@ stereo::SeedPlane MapCore::seedPlane(const MapInput& input) const {
   return {down_cam, dvl_depth + *input.altitude - T_odom_cam.translation().z()};
 }
 
+void MapCore::correctPair(const MapInput& input) {
+  if (left_light_.images() == 0) left_light_.add(input.left, ranges_.left());
+  if (right_light_.images() == 0) right_light_.add(input.right, ranges_.right());
+  left_light_.correct(input.left, ranges_.left(), left_mosaic_.data());
+  right_light_.correct(input.right, ranges_.right(), right_mosaic_.data());
+  lighting::demosaicMono(eightBit(left_mosaic_, config_.rig.left, config_.left_format), left_mono_.data());
+  lighting::demosaicMono(eightBit(right_mosaic_, config_.rig.right, config_.right_format),
+                         right_mono_.data());
+}
+
+void MapCore::learnLight(const MapInput& input, const stereo::StereoResult& result) {
+  points_.clear();
+  for (const stereo::StereoPoint& p : result.points) points_.push_back(p.point);
+  if (right_points_.size() < points_.size()) right_points_.resize(points_.size());
+  ranges_.bendTo(points_, right_points_);
+  left_light_.add(input.left, ranges_.left());
+  right_light_.add(input.right, ranges_.right());
+  left_light_.correct(input.left, ranges_.left(), left_mosaic_.data());
+  lighting::demosaicRgb(eightBit(left_mosaic_, config_.rig.left, config_.left_format), left_rgb_.data());
+}
+
 MapOutput MapCore::process(const MapInput& input) {
   frame_fixed_ = true;
   MapOutput out;
@@ -88,17 +118,14 @@ MapOutput MapCore::process(const MapInput& input) {
     ++counters_.bad_images;
     return out;
   }
-  left_light_.add(input.left);
-  right_light_.add(input.right);
-  left_light_.correct(input.left, left_mosaic_.data());
-  right_light_.correct(input.right, right_mono_.data());
-  const ImageView mosaic = eightBit(left_mosaic_, config_.rig.left, config_.left_format);
-  lighting::demosaicMono(mosaic, left_mono_.data());
-  lighting::demosaicRgb(mosaic, left_rgb_.data());
+  const stereo::SeedPlane plane = seedPlane(input);
+  ranges_.fromPlane(plane.normal, plane.distance);
+  correctPair(input);
 
   const stereo::StereoResult& result = stereo_.process(
       eightBit(left_mono_, config_.rig.left, PixelFormat::kMono),
-      eightBit(right_mono_, config_.rig.right, PixelFormat::kMono), seedPlane(input), input.max_features);
+      eightBit(right_mono_, config_.rig.right, PixelFormat::kMono), plane, input.max_features);
+  learnLight(input, result);
   counters_.points += result.points.size();
   counters_.rejected.no_track += result.rejected.no_track;
   counters_.rejected.left_right += result.rejected.left_right;

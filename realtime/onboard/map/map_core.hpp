@@ -10,6 +10,7 @@
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/lighting_model.hpp"
+#include "recon/lighting/rig_ranges.hpp"
 #include "recon/nav/position_anchor.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 
@@ -70,12 +71,19 @@ class MapCore {
     stereo::StereoResult::Rejected rejected;
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
+  [[nodiscard]] const lighting::LightingModel& leftLight() const { return left_light_; }
+  [[nodiscard]] const lighting::LightingModel& rightLight() const { return right_light_; }
 
  private:
   [[nodiscard]] stereo::SeedPlane seedPlane(const MapInput& input) const;
+  // Corrects a pair for stereo.
+  void correctPair(const MapInput& input);
+  // Bends the ranges to stereo's points, learns the pair by them and corrects the left image's colours anew.
+  void learnLight(const MapInput& input, const stereo::StereoResult& result);
 
   MapCoreConfig config_;
   lighting::LightingModel left_light_, right_light_;
+  lighting::RigRanges ranges_;
   stereo::SparseStereo stereo_;
   fusion::QuadtreeMap map_;
   nav::PositionAnchor anchor_;
@@ -84,7 +92,8 @@ class MapCore {
   bool anchored_ = false;
   double anchor_sigma_ = 0;  // of T_nav_odom, horizontal [m]
   double last_range_;        // seed where the DVL has no altitude [m]
-  std::vector<std::uint8_t> left_mosaic_, left_mono_, left_rgb_, right_mono_;
+  std::vector<std::uint8_t> left_mosaic_, left_mono_, left_rgb_, right_mosaic_, right_mono_;
+  std::vector<Eigen::Vector3f> points_, right_points_;  // of a pair, for the ranges
   Counters counters_;
 };
 

@@ -1,0 +1,84 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
+#include <vector>
+
+#include "recon/lighting/node_statistics.hpp"
+
+namespace fathom::lighting {
+
+// What a model expects of samples: the logarithm of their mean (parts of full scale), and of their standard
+// deviation over that mean.
+struct Level {
+  float log_mean = 0, log_spread = 0;
+};
+
+// How one channel's light falls off with range r [m]: log mean = log_at_1m + power log r - per_metre r.
+struct RangeLaw {
+  double log_at_1m = 0, power = 0, per_metre = 0;
+  [[nodiscard]] double at(double range) const;
+  [[nodiscard]] double slope(double range) const { return power - per_metre * range; }  // d / d log r
+};
+
+// One channel's three models, fitted to its statistics (n: node, r: range):
+//   whole   log m = m0
+//   plain   log m = a(n)
+//   range   log m = a(n) + T(r) + q(n, r)
+// a: the pattern, averaged over as many neighbours as the number of images asks for; T: the law of range, and
+// as far as a class of range has images, what it departs from the law; q: how the pattern changes with range
+// (strobes beside the camera), drawn towards 0 where few images say so. Gaps between classes are
+// interpolated, beyond the outermost ones the law and their q go on.
+class ChannelModel {
+ public:
+  ChannelModel(const Channel& channel, const NodeLattice& lattice);
+
+  [[nodiscard]] NodeStatistics& statistics() { return statistics_; }
+  [[nodiscard]] const NodeStatistics& statistics() const { return statistics_; }
+
+  // Fits all three to what `images` images have shown; outliers as NodeStatistics::findOutliers has it.
+  void solve(int images, double outlier);
+
+  [[nodiscard]] bool known() const { return known_; }             // there is a sample
+  [[nodiscard]] bool knowsRange() const { return knows_range_; }  // there is one of known range
+  [[nodiscard]] const Level& whole() const { return whole_; }
+  [[nodiscard]] const Level& plain(std::size_t node) const { return plain_[node]; }
+  // `position`: of the range, by RangeBins.
+  [[nodiscard]] Level atRange(std::size_t node, float position) const;
+  [[nodiscard]] const RangeLaw& law() const { return law_; }
+  [[nodiscard]] std::size_t memoryBytes() const;
+
+ private:
+  using Bins = std::array<double, RangeBins::kKnown>;
+  struct Cell {
+    float weight = 0;                  // in images
+    float log_mean = 0, variance = 0;  // relative to the mean, squared
+    float x = 0, x_variance = 0;       // logarithm of the range, less the bin's middle
+  };
+  [[nodiscard]] Cell& cell(std::size_t node, int bin);
+  void gather();
+  void fitPlain(int images, int radius);
+  void fitLaw(const Bins& images, const Bins& trend);
+  void fitRange(int radius);
+  void fitPatternChange(int bin, int radius);
+  void carryPatternChange();
+  void fitSpread(const Bins& images, int radius);
+  // Averages `value_` by `weight_` over 2 radius + 1 nodes either way; alike on both sides, so that a slope
+  // of the pattern moves no mean. Sums go to `value_`, `weight_`.
+  void pool(int radius);
+
+  NodeStatistics statistics_;
+  int columns_, rows_;
+  bool known_ = false, knows_range_ = false;
+  Level whole_;
+  RangeLaw law_;
+  std::vector<Level> plain_;                                           // by node
+  std::vector<Level> range_;                                           // by node, then bin
+  std::vector<Cell> cells_;                                            // by node, then bin
+  std::vector<float> pattern_;                                         // a, by node
+  std::vector<float> evidence_;                                        // of q, by node, then bin
+  std::vector<double> value_, weight_, across_value_, across_weight_;  // of pool(), by node
+};
+
+}  // namespace fathom::lighting

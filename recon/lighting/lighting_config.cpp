@@ -1,0 +1,31 @@
+#include "recon/lighting/lighting_config.hpp"
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+namespace fathom::lighting {
+namespace {
+
+const std::vector<std::string> kChoices = {"auto", "whole", "plain", "range"};
+
+}  // namespace
+
+LightingConfig readLightingConfig(const ConfigTable& table, LightingConfig c) {
+  c.target_mean = table.number("target_mean", c.target_mean, 0.05, 0.95);
+  c.target_sigma = table.number("target_sigma", c.target_sigma, 0.01, 0.5);
+  c.min_images = static_cast<int>(table.integer("min_images", c.min_images, 1, 1000));
+  c.grid = static_cast<int>(table.integer("grid_px", c.grid, 1, 64));
+  c.saturated = table.number("saturated", c.saturated, 0.5, 1.0);
+  c.outlier = table.number("outlier_sigma", c.outlier, 1.0, 10.0);
+  const std::string choice = table.choice("model", nameOf(c.choice), kChoices);
+  for (std::size_t k = 0; k < kChoices.size(); ++k)
+    if (choice == kChoices[k]) c.choice = static_cast<LightingChoice>(k);
+  return c;
+}
+
+const char* nameOf(LightingChoice choice) {
+  return kChoices[static_cast<std::size_t>(choice)].c_str();
+}
+
+}  // namespace fathom::lighting

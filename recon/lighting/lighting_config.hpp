@@ -1,0 +1,26 @@
+#pragma once
+
+#include "realtime/kernel/config_table.hpp"
+
+namespace fathom::lighting {
+
+// Which model corrects. kAuto: the one that foretells images best before it learns them.
+enum class LightingChoice { kAuto, kWholeImage, kPlain, kRangeDependent };
+
+struct LightingConfig {
+  double target_mean = 0.42;   // of full scale, after correction
+  double target_sigma = 0.13;  // of full scale
+  int min_images = 8;          // before that, one mean and variance for the whole image and channel
+  int grid = 24;               // spacing of the statistics' nodes, in samples of a channel
+  double saturated = 0.98;     // of full scale: such samples do not enter the statistics
+  double outlier = 3.0;        // robust standard deviations, in logarithms, beyond which a sample is left out
+  LightingChoice choice = LightingChoice::kAuto;
+};
+
+// Reads the keys of a [lighting] table over `defaults`; README.md lists them. Throws InputError.
+[[nodiscard]] LightingConfig readLightingConfig(const ConfigTable& table, LightingConfig defaults = {});
+
+// "auto", "whole", "plain" or "range", as in the file.
+[[nodiscard]] const char* nameOf(LightingChoice choice);
+
+}  // namespace fathom::lighting

@@ -1,0 +1,197 @@
+#include "recon/lighting/node_statistics.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fathom::lighting {
+namespace {
+
+constexpr int kBlock = 4;  // nodes across and down that share an interval
+// Samples of a block before outliers are told: those of its 16 nodes in four images.
+constexpr double kEnough = 1000;
+constexpr double kClassesPerOctave = 4;
+constexpr float kQuantile = 0.16F;  // and 1 - it: one standard deviation off a normal's median
+
+std::size_t index(int i) {
+  return static_cast<std::size_t>(i);
+}
+
+// Where a cumulative share of a histogram is reached, in classes; interpolated within the class.
+template <typename Histogram>
+double quantile(const Histogram& histogram, double total, double share) {
+  double below = 0;
+  for (std::size_t k = 0; k < histogram.size(); ++k) {
+    const double here = histogram[k];
+    if (below + here >= share * total && here > 0)
+      return static_cast<double>(k) - 0.5 + (share * total - below) / here;
+    below += here;
+  }
+  return static_cast<double>(histogram.size()) - 1;
+}
+
+}  // namespace
+
+float RangeBins::position(float range) {
+  return std::clamp(std::log2(range / kNearest) * kPerOctave, 0.0F, static_cast<float>(kKnown - 1));
+}
+
+double RangeBins::middle(int bin) {
+  return kNearest * std::exp2(bin / kPerOctave);
+}
+
+NodeStatistics::NodeStatistics(const Channel& channel, const NodeLattice& lattice)
+    : channel_(channel),
+      lattice_(lattice),
+      block_columns_((lattice.columns + kBlock - 1) / kBlock),
+      block_rows_((lattice.rows + kBlock - 1) / kBlock),
+      cells_(lattice.size() * RangeBins::kAll),
+      intervals_(index(block_columns_ * block_rows_) * RangeBins::kAll) {
+  for (std::size_t v = 0; v < class_of_.size(); ++v)
+    class_of_[v] =
+        static_cast<std::uint8_t>(std::lround(kClassesPerOctave * std::log2(static_cast<double>(v) + 1)));
+}
+
+std::size_t NodeStatistics::memoryBytes() const {
+  return cells_.capacity() * sizeof(Cell) + intervals_.capacity() * sizeof(Interval) + sizeof(*this);
+}
+
+std::size_t NodeStatistics::block(std::size_t node) const {
+  const auto columns = static_cast<std::size_t>(lattice_.columns);
+  return node / columns / kBlock * static_cast<std::size_t>(block_columns_) + node % columns / kBlock;
+}
+
+template <typename T>
+void NodeStatistics::add(const T* samples, std::size_t stride, int bits, float saturated,
+                         std::span<const float> ranges, std::span<float> means) {
+  constexpr int kTableBits = 12;
+  const float scale = 1.0F / static_cast<float>((1 << bits) - 1);
+  const auto table_index = [bits](T v) {
+    const unsigned wide = bits > kTableBits ? static_cast<unsigned>(v) >> (bits - kTableBits)
+                                            : static_cast<unsigned>(v) << (kTableBits - bits);
+    return std::min(wide, (1U << kTableBits) - 1);
+  };
+  // The k-th of kSide samples of the node-th of `nodes` cells along a side of `length` samples.
+  const auto place = [](int node, int nodes, int k, int length) {
+    const int slots = 2 * kSide * nodes;
+    return static_cast<int>(static_cast<std::int64_t>(length) * (2 * (node * kSide + k) + 1) / slots);
+  };
+  std::array<int, NodeLattice::kMaxSide * kSide> columns;
+  for (int i = 0; i < lattice_.columns; ++i)
+    for (int k = 0; k < kSide; ++k)
+      columns[index(i * kSide + k)] =
+          channel_.column + place(i, lattice_.columns, k, channel_.width) * channel_.column_step;
+
+  for (int j = 0; j < lattice_.rows; ++j) {
+    std::array<const T*, kSide> lines;
+    for (int k = 0; k < kSide; ++k)
+      lines[index(k)] =
+          samples +
+          index(channel_.row + place(j, lattice_.rows, k, channel_.height) * channel_.row_step) * stride;
+    for (int i = 0; i < lattice_.columns; ++i) {
+      const std::size_t node = index(j * lattice_.columns + i);
+      const float range = ranges[node];
+      const bool known = std::isfinite(range) && range > 0;
+      const int bin = known ? static_cast<int>(std::lround(RangeBins::position(range))) : RangeBins::kUnknown;
+      Cell& cell = cells_[node * RangeBins::kAll + index(bin)];
+      float n = 0, sum = 0, squares = 0;
+      for (const T* line : lines) {
+        for (int k = 0; k < kSide; ++k) {
+          const T sample = line[columns[index(i * kSide + k)]];
+          const float value = scale * static_cast<float>(sample);
+          if (value >= saturated) {
+            ++saturated_;
+            continue;
+          }
+          n += 1, sum += value, squares += value * value;
+          const std::uint8_t c = class_of_[table_index(sample)];
+          cell.sum[c] += value;
+          if (++cell.number[c] == UINT16_MAX)  // older samples count half from here on
+            for (std::size_t h = 0; h < kClasses; ++h) cell.number[h] /= 2, cell.sum[h] /= 2;
+        }
+      }
+      means[node] = n > 0 ? sum / n : -1.0F;
+      if (n == 0) continue;
+      // Chan, Golub & LeVeque 1979: the image's samples join as one group.
+      const double mean = static_cast<double>(sum) / n, total = cell.count + n, share = n / total;
+      const double delta = mean - cell.mean;
+      cell.squares +=
+          std::max(0.0, static_cast<double>(squares) - mean * sum) + delta * delta * cell.count * share;
+      cell.mean += delta * share;
+      if (known) {
+        const double x = std::log(static_cast<double>(range)), x_delta = x - cell.x_mean;
+        cell.x_squares += x_delta * x_delta * cell.count * share;
+        cell.x_mean += x_delta * share;
+      }
+      cell.count = total;
+    }
+  }
+}
+
+template void NodeStatistics::add(const std::uint8_t*, std::size_t, int, float, std::span<const float>,
+                                  std::span<float>);
+template void NodeStatistics::add(const std::uint16_t*, std::size_t, int, float, std::span<const float>,
+                                  std::span<float>);
+
+void NodeStatistics::findOutliers(double outlier) {
+  double all = 0, outside = 0;
+  for (int bj = 0; bj < block_rows_; ++bj)
+    for (int bi = 0; bi < block_columns_; ++bi)
+      for (int bin = 0; bin < RangeBins::kAll; ++bin) {
+        std::array<double, kClasses> histogram{};
+        double total = 0;
+        for (int j = bj * kBlock; j < std::min((bj + 1) * kBlock, lattice_.rows); ++j)
+          for (int i = bi * kBlock; i < std::min((bi + 1) * kBlock, lattice_.columns); ++i) {
+            const Cell& cell = cells_[index((j * lattice_.columns + i) * RangeBins::kAll + bin)];
+            if (cell.count == 0) continue;
+            for (std::size_t k = 0; k < kClasses; ++k) {
+              histogram[k] += cell.number[k];
+              total += cell.number[k];
+            }
+          }
+        if (total == 0) continue;
+        Interval& interval = intervals_[index((bj * block_columns_ + bi) * RangeBins::kAll + bin)];
+        interval = {};
+        if (total >= kEnough) {
+          const double low = quantile(histogram, total, static_cast<double>(kQuantile));
+          const double middle = quantile(histogram, total, 0.5);
+          const double high = quantile(histogram, total, 1 - static_cast<double>(kQuantile));
+          const double first = middle - outlier * std::max(middle - low, 1.0) + 0.5;
+          const double last = middle + outlier * std::max(high - middle, 1.0) - 0.5;
+          interval.first = static_cast<std::uint8_t>(std::clamp(std::floor(first), 0.0, kClasses - 1.0));
+          interval.last = static_cast<std::uint8_t>(std::clamp(std::ceil(last), 0.0, kClasses - 1.0));
+        }
+        all += total;
+        for (std::size_t k = 0; k < kClasses; ++k)
+          if (k < interval.first || k > interval.last) outside += histogram[k];
+      }
+  outlier_share_ = all > 0 ? outside / all : 0;
+}
+
+Moments NodeStatistics::moments(std::size_t node, int bin) const {
+  const Cell& cell = cells_[node * RangeBins::kAll + index(bin)];
+  if (cell.count == 0) return {};
+  const Interval interval = intervals_[block(node) * RangeBins::kAll + index(bin)];
+  double number = 0, all = 0, sum = 0;
+  for (std::size_t k = 0; k < kClasses; ++k) {
+    all += cell.number[k];
+    if (k < interval.first || k > interval.last) continue;
+    number += cell.number[k];
+    sum += static_cast<double>(cell.sum[k]);
+  }
+  Moments m{cell.count, cell.mean, cell.squares / cell.count, cell.x_mean, cell.x_squares / cell.count};
+  if (number == all || all == 0) return m;
+  if (number == 0) return {};
+  m.count *= number / all;
+  m.mean = sum / number;
+  m.variance = 0;
+  for (std::size_t k = interval.first; k <= interval.last; ++k) {
+    if (cell.number[k] == 0) continue;
+    // Samples are taken to lie evenly within their class: a quarter of an octave.
+    constexpr double kWithin = 0.1733 * 0.1733 / 12;
+    const double n = cell.number[k], mean = static_cast<double>(cell.sum[k]) / n, d = mean - m.mean;
+    m.variance += n / number * (d * d + kWithin * mean * mean);
+  }
+  return m;
+}
+
+}  // namespace fathom::lighting

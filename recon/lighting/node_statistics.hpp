@@ -1,0 +1,84 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "recon/lighting/node_lattice.hpp"
+
+namespace fathom::lighting {
+
+// Classes of range, equal in log r: a third of an octave wide from 0.5 to 16 m, and one more for samples of
+// unknown range.
+struct RangeBins {
+  static constexpr int kKnown = 15, kUnknown = 15, kAll = 16;
+  static constexpr float kNearest = 0.5F;  // [m]
+  static constexpr float kPerOctave = 3.0F;
+
+  // Where log2 of a range lies, in bins: bin k's middle is k. Clamped to the known bins.
+  [[nodiscard]] static float position(float range);
+  [[nodiscard]] static double middle(int bin);  // [m]
+};
+
+// Moments of samples in parts of full scale, without the outliers.
+struct Moments {
+  double count = 0, mean = 0, variance = 0;
+  double x_mean = 0, x_variance = 0;  // of the natural logarithm of the range
+};
+
+// What one channel's samples were like: for every node and class of range a histogram of brightness (in
+// logarithms) with the sum in each class, and Welford's mean and variance. From the histogram, an interval of
+// brightness is found that fish, shadows and glints fall out of; the moments are those of the samples
+// within. Memory is fixed.
+class NodeStatistics {
+ public:
+  NodeStatistics(const Channel& channel, const NodeLattice& lattice);
+
+  // Takes up to 16 samples spread over each node's cell, those below `saturated` (of `full_scale`; `bits`:
+  // 8 to 16). `T`: uint8_t or uint16_t; `stride` in samples; `ranges`: a node's path length [m], not
+  // positive: unknown. `means` receives each node's mean in this image, or -1 if all its samples were
+  // saturated.
+  template <typename T>
+  void add(const T* samples, std::size_t stride, int bits, float saturated, std::span<const float> ranges,
+           std::span<float> means);
+
+  // Finds the intervals anew, `outlier` robust standard deviations about the median.
+  void findOutliers(double outlier);
+  // Of the samples within the interval, since the last findOutliers().
+  [[nodiscard]] Moments moments(std::size_t node, int bin) const;
+  // Saturated and outlying samples, of all.
+  [[nodiscard]] std::uint64_t saturatedSamples() const { return saturated_; }
+  [[nodiscard]] double outlierShare() const { return outlier_share_; }
+
+  [[nodiscard]] const NodeLattice& lattice() const { return lattice_; }
+  [[nodiscard]] std::size_t memoryBytes() const;
+
+  static constexpr int kSide = 4;  // samples of a cell, across and down
+  static constexpr int kSamplesPerImage = kSide * kSide;
+
+ private:
+  static constexpr int kClasses = 49;  // of brightness: four an octave, over 12 bits
+  struct Cell {
+    double count = 0, mean = 0, squares = 0;  // squares: sum of squared differences from the mean
+    double x_mean = 0, x_squares = 0;
+    std::array<std::uint16_t, kClasses> number{};
+    std::array<float, kClasses> sum{};
+  };
+  struct Interval {
+    std::uint8_t first = 0, last = kClasses - 1;  // classes
+  };
+  [[nodiscard]] std::size_t block(std::size_t node) const;
+
+  Channel channel_;
+  NodeLattice lattice_;
+  int block_columns_, block_rows_;
+  std::array<std::uint8_t, 4096> class_of_;
+  std::vector<Cell> cells_;          // by node, then bin
+  std::vector<Interval> intervals_;  // by block of nodes, then bin
+  std::uint64_t saturated_ = 0;
+  double outlier_share_ = 0;
+};
+
+}  // namespace fathom::lighting

@@ -1,0 +1,72 @@
+#include "recon/lighting/range_lattice.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+
+namespace fathom::lighting {
+namespace {
+
+constexpr float kMaxRange = 50.0F;  // [m]: no strobe reaches there
+constexpr int kColumns = RangeLattice::kColumns, kRows = RangeLattice::kRows;
+
+bool known(float range) {
+  return std::isfinite(range) && range > 0;
+}
+
+}  // namespace
+
+float RangeLattice::at(float u, float v) const {
+  const float x = std::clamp(u, 0.0F, 1.0F) * (kColumns - 1), y = std::clamp(v, 0.0F, 1.0F) * (kRows - 1);
+  const int i = std::min(static_cast<int>(x), kColumns - 2), j = std::min(static_cast<int>(y), kRows - 2);
+  const float s = x - static_cast<float>(i), t = y - static_cast<float>(j);
+  const float* p = path.data() + j * kColumns + i;
+  if (!known(p[0]) || !known(p[1]) || !known(p[kColumns]) || !known(p[kColumns + 1])) return 0;
+  return (1 - t) * ((1 - s) * p[0] + s * p[1]) + t * ((1 - s) * p[kColumns] + s * p[kColumns + 1]);
+}
+
+RangeMaker::RangeMaker(const Camera& camera) : camera_(camera) {
+  for (int j = 0; j < kRows; ++j)
+    for (int i = 0; i < kColumns; ++i) {
+      const Eigen::Vector2d pixel(i * (camera.width - 1.0) / (kColumns - 1),
+                                  j * (camera.height - 1.0) / (kRows - 1));
+      rays_[static_cast<std::size_t>(j * kColumns + i)] = camera.ray(pixel).normalized().cast<float>();
+    }
+}
+
+void RangeMaker::fromPlane(const Eigen::Vector3d& normal, double distance, RangeLattice& out) const {
+  const Eigen::Vector3f n = normal.normalized().cast<float>();
+  for (std::size_t k = 0; k < rays_.size(); ++k) {
+    const float range = static_cast<float>(distance) / n.dot(rays_[k]);
+    out.path[k] = known(range) && range <= kMaxRange ? range : 0.0F;
+  }
+}
+
+void RangeMaker::bendTo(std::span<const Eigen::Vector3f> points, RangeLattice& lattice) const {
+  constexpr float kStay = 0.5F;  // points' worth of belief in the lattice as it was
+  constexpr int kReach = 2;      // nodes about a point that it speaks for
+  std::array<float, kColumns * kRows> sums{}, weights{};
+  for (const Eigen::Vector3f& point : points) {
+    if (!point.allFinite() || !(point.z() > 0)) continue;
+    const Eigen::Vector2d pixel = camera_.project(point.cast<double>());
+    const double u = pixel.x() / (camera_.width - 1.0), v = pixel.y() / (camera_.height - 1.0);
+    if (!(u >= 0 && u <= 1 && v >= 0 && v <= 1)) continue;
+    const float expected = lattice.at(static_cast<float>(u), static_cast<float>(v));
+    if (!known(expected)) continue;
+    const float ratio = std::log(point.norm() / expected);
+    const float x = static_cast<float>(u) * (kColumns - 1), y = static_cast<float>(v) * (kRows - 1);
+    const int i0 = static_cast<int>(std::lround(x)), j0 = static_cast<int>(std::lround(y));
+    for (int j = std::max(j0 - kReach, 0); j <= std::min(j0 + kReach, kRows - 1); ++j)
+      for (int i = std::max(i0 - kReach, 0); i <= std::min(i0 + kReach, kColumns - 1); ++i) {
+        const float dx = static_cast<float>(i) - x, dy = static_cast<float>(j) - y;
+        const float weight = std::exp(-(dx * dx + dy * dy));
+        const auto k = static_cast<std::size_t>(j * kColumns + i);
+        sums[k] += weight * ratio;
+        weights[k] += weight;
+      }
+  }
+  for (std::size_t k = 0; k < sums.size(); ++k)
+    if (known(lattice.path[k])) lattice.path[k] *= std::exp(sums[k] / (weights[k] + kStay));
+}
+
+}  // namespace fathom::lighting

@@ -1,0 +1,40 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <span>
+
+#include "recon/geometry/camera.hpp"
+
+namespace fathom::lighting {
+
+// Range over an image: the path length [m] from the camera's centre along the pixel's ray to the seafloor
+// (not the depth z), on a lattice from corner to corner. Not positive or not finite: unknown.
+struct RangeLattice {
+  static constexpr int kColumns = 17, kRows = 13;
+  std::array<float, kColumns * kRows> path{};
+
+  // Bilinear, `u` and `v` in parts of the image's width and height (0 to 1). 0 where a neighbour is unknown.
+  [[nodiscard]] float at(float u, float v) const;
+};
+
+// Makes the ranges of one camera's images. Allocates nothing.
+class RangeMaker {
+ public:
+  explicit RangeMaker(const Camera& camera);
+
+  // Of a plane in the camera frame: `normal` points away from the camera (to larger z), `distance` along it
+  // from the camera's centre [m]. Rays that do not meet it within 50 m are unknown.
+  void fromPlane(const Eigen::Vector3d& normal, double distance, RangeLattice& out) const;
+
+  // Bends the lattice to points measured in the camera frame [m] (stereo's): each node's range is multiplied
+  // by the mean, in logarithms and weighted by nearness, of what the points about it say; nodes far from any
+  // point stay.
+  void bendTo(std::span<const Eigen::Vector3f> points, RangeLattice& lattice) const;
+
+ private:
+  Camera camera_;
+  std::array<Eigen::Vector3f, RangeLattice::kColumns * RangeLattice::kRows> rays_;  // unit
+};
+
+}  // namespace fathom::lighting
