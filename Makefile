@@ -1,5 +1,5 @@
 # Forwards only: CMake builds, CTest tests, .ci/demo runs the demo.
-.PHONY: build test demo bench sanitize fuzz clean install
+.PHONY: build test demo bench report sanitize fuzz clean install
 
 build: install
 	cmake --preset release
@@ -16,6 +16,9 @@ demo: build
 
 bench: build
 	.ci/bench
+
+report: build
+	.ci/report
 
 sanitize: install
 	cmake --preset sanitize

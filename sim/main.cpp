@@ -25,6 +25,7 @@ int run(int argc, char** argv) {
   render_command->add_option("--seed", render.seed, "instead of the scenario's own");
   render_command->add_option("--duration", render.duration_s, "cut the survey after this [s]");
   render_command->add_option("--scale", render.scale, "of the images' sides, 0.05 to 1");
+  render_command->add_option("--rate", render.rate_hz, "pairs a second, 0.1 to 30");
   render_command->add_option("--threads", render.threads, "0: all")->check(CLI::Range(0, 1024));
   render_command->add_flag("--force", render.force, "replace a folder that is not empty");
 

@@ -43,6 +43,10 @@ int runRender(const RenderOptions& options) {
     requireRange("--duration", *options.duration_s, 1, 7200);
     scenario.longest_survey_s = std::min(scenario.longest_survey_s, *options.duration_s);
   }
+  if (options.rate_hz) {
+    requireRange("--rate", *options.rate_hz, 0.1, 30);
+    scenario.sensors.cameras.rate_hz = *options.rate_hz;
+  }
   if (options.scale) {
     requireRange("--scale", *options.scale, 0.05, 1);
     scenario.scale = *options.scale;

@@ -13,6 +13,7 @@ struct RenderOptions {
   std::optional<std::int64_t> seed;  // these replace the scenario's own
   std::optional<double> duration_s;  // longest survey
   std::optional<double> scale;       // of the images' sides
+  std::optional<double> rate_hz;     // of pairs
   int threads = 0;                   // 0: all
   bool force = false;
 };

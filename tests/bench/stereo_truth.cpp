@@ -1,0 +1,75 @@
+#include "tests/bench/stereo_truth.hpp"
+
+#include <fstream>
+#include <sstream>
+
+#include "firmware_if/image_file.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "sim/scenario/scenario_file.hpp"
+
+namespace fathom::stereo {
+
+TrueMission::TrueMission(const std::filesystem::path& mission)
+    : paths_(mission),
+      config_(io::readMissionConfig(mission)),
+      rig_(readStereoCalib(paths_.calib())),
+      scenario_(sim::loadScenario((paths_.truth() / "scenario.toml").string())),
+      terrain_(sim::resolvedTerrain(scenario_)),
+      left_light_(rig_.left.width, rig_.left.height, config_.cameras.left_format, config_.cameras.bits, {}),
+      right_light_(rig_.right.width, rig_.right.height, config_.cameras.right_format, config_.cameras.bits,
+                   {}) {
+  const sim::TruthTrack track(paths_.truth());
+  std::ifstream list(paths_.truth() / "images.csv");
+  std::string line;
+  std::getline(list, line);
+  while (std::getline(list, line)) {
+    std::istringstream fields(line);
+    std::string utc;
+    Names names;
+    std::getline(fields, utc, ',');
+    std::getline(fields, names.left, ',');
+    std::getline(fields, names.right);
+    const auto pose = track.poseAt(std::stoll(utc));
+    if (!pose) continue;
+    names.T_nav_cam = *pose * scenario_.T_body_cam();
+    names_.push_back(names);
+  }
+  if (names_.empty()) throw InputError(paths_.truth().string(), "images.csv", "lists no pair of the survey");
+  for (const Names& n : names_) {
+    left_light_.add(
+        io::readImage(paths_.images() / n.left, config_.cameras.left_format, config_.cameras.bits).view);
+    right_light_.add(
+        io::readImage(paths_.images() / n.right, config_.cameras.right_format, config_.cameras.bits).view);
+  }
+}
+
+cv::Mat TrueMission::corrected(const Names& names, bool left) const {
+  const Camera& camera = left ? rig_.left : rig_.right;
+  const PixelFormat format = left ? config_.cameras.left_format : config_.cameras.right_format;
+  const io::ImageFile file = io::readImage(paths_.images() / (left ? names.left : names.right), format,
+                                           config_.cameras.bits, camera.width, camera.height);
+  cv::Mat mosaic(camera.height, camera.width, CV_8UC1), mono(camera.height, camera.width, CV_8UC1);
+  (left ? left_light_ : right_light_).correct(file.view, mosaic.data);
+  lighting::demosaicMono({mosaic.data, mosaic.cols, mosaic.rows, mosaic.step, format, 8}, mono.data);
+  return mono;
+}
+
+TruePair TrueMission::pair(std::size_t index) const {
+  const Names& names = names_.at(index);
+  TruePair pair{names.left, corrected(names, true), corrected(names, false), names.T_nav_cam, {}};
+  const Eigen::Vector3d at = names.T_nav_cam.translation();
+  const double depth = terrain_.depthAt(at.x(), at.y()).value_or(at.z() + pair.plane.distance);
+  pair.plane.normal = names.T_nav_cam.rotation().conjugate() * Eigen::Vector3d::UnitZ();
+  pair.plane.distance = std::max(depth - at.z(), 0.5);
+  return pair;
+}
+
+std::optional<Eigen::Vector3d> TrueMission::pointAt(const TruePair& pair,
+                                                    const Eigen::Vector2d& left_pixel) const {
+  const Eigen::Vector3d ray = rig_.left.ray(left_pixel);
+  const auto distance = terrain_.castRay(pair.T_nav_cam.translation(), pair.T_nav_cam.rotation() * ray);
+  if (!distance) return std::nullopt;
+  return ray.normalized() * *distance;
+}
+
+}  // namespace fathom::stereo
