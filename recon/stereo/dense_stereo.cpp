@@ -25,9 +25,9 @@ constexpr int kDisparityStep = 16;           // StereoSGBM searches a multiple o
 constexpr int kMaxDisparities = 512;         // [px of the scaled image]
 constexpr double kMinShare = 0.3;            // of a cell's pixels that must have a disparity
 constexpr double kMaxRms = 1.0;              // of a cell about its plane [px]: more is a break in depth
-// Semi-global matching's sub-pixel interpolation draws towards whole pixels, over areas larger than a cell
-// [px of the scaled image].
-constexpr double kLockingSigma = 0.25;
+// Semi-global matching's sub-pixel interpolation draws towards whole pixels by up to a quarter; Lucas-Kanade
+// that goes farther has found something else [px of the scaled image].
+constexpr double kMaxDrift = 1.0;
 constexpr int kLevels = 2;  // of the pyramids: Lucas-Kanade starts within a pixel of the scaled image
 
 void require(bool holds, const char* what) {
@@ -58,7 +58,7 @@ struct DenseStereo::Impl {
   cv::Mat rectified(const ImageView& image, const cv::Mat& map1, const cv::Mat& map2) const;
   void match(const cv::Mat& left, const cv::Mat& right, const SeedPlane& plane);
   void addPoint(const DisparityCell& cell);
-  void sharpen(StereoPoint& p, const Delaunay::Point& pixel);
+  void confirm(const Eigen::Vector3d& guess);
   void dropOutliers();
   [[nodiscard]] bool isSurface(const Delaunay::Triangle& t) const;
 
@@ -182,51 +182,48 @@ void DenseStereo::Impl::addPoint(const DisparityCell& cell) {
     ++result.rejected.range;
     return;
   }
-  const Eigen::Vector2d left = rig.left.project(point), right = rig.right.project(rig.T_right_left * point);
-  if (!rig.left.contains(left) || !rig.right.contains(right)) {
+  confirm(point);
+}
+
+// Lucas-Kanade at the full resolution from where semi-global matching leads, as SparseStereo does at corners.
+// Without its word there is no point: where the ground has no texture, semi-global matching carries on the
+// nearest surface.
+void DenseStereo::Impl::confirm(const Eigen::Vector3d& guess) {
+  const Eigen::Vector2d left = rig.left.project(guess).array().round();
+  if (!rig.left.contains(left)) {
     ++result.rejected.no_track;
     return;
   }
-  // Neighbouring disparities share their windows: one in block^2 is independent.
-  const double independent = std::max(1.0, static_cast<double>(cell.valid) / (config.block * config.block));
-  const double sigma =
-      std::hypot(cell.rms / std::sqrt(independent), kLockingSigma);  // [px of the scaled image]
-  StereoPoint p{left.cast<float>(), right.cast<float>(), point.cast<float>(),
-                static_cast<float>(point.z() * point.z() * sigma / focal_baseline)};
-  Delaunay::Point pixel{static_cast<std::int32_t>(std::lround(left.x())),
-                        static_cast<std::int32_t>(std::lround(left.y()))};
-  sharpen(p, pixel);
-  result.points.push_back(p);
-  pixels.push_back(pixel);
-  positions.emplace_back(p.point.cast<double>());
-}
-
-// Lucas-Kanade at the full resolution from where semi-global matching leads, as SparseStereo does at corners;
-// false, and nothing changed, where the ground has no texture for it or it leads elsewhere.
-void DenseStereo::Impl::sharpen(StereoPoint& p, const Delaunay::Point& pixel) {
-  const Eigen::Vector2d left(pixel[0], pixel[1]);
-  if (!rig.left.contains(left)) return;
   const Eigen::Vector3d left_ray = rig.left.ray(left);
-  const Eigen::Vector2d predicted =
-      rig.right.project(rig.T_right_left * (left_ray * static_cast<double>(p.point.z())));
+  const Eigen::Vector2d predicted = rig.right.project(rig.T_right_left * (left_ray * guess.z()));
   const PatchMatch match = tracker.track(left_pyramid, left, right_pyramid, std::span(&predicted, 1));
   if (!match.found || match.correlation < limits.min_correlation ||
-      (match.position - predicted).norm() > 1.0 / config.scale)
+      (match.position - predicted).norm() > kMaxDrift / config.scale) {
+    ++result.rejected.no_track;
     return;
+  }
   const Eigen::Vector3d right_ray = rig.right.ray(match.position);
+  if (epipolar(left_ray, right_ray) > limits.max_epipolar_distance) {
+    ++result.rejected.epipolar;
+    return;
+  }
   Eigen::Vector3d point;
   double gap = 0;
-  if (epipolar(left_ray, right_ray) > limits.max_epipolar_distance ||
-      !triangulateMidpoint(rig, left_ray, right_ray, point, gap))
+  if (!triangulateMidpoint(rig, left_ray, right_ray, point, gap) || !(point.z() >= limits.min_range) ||
+      !(point.z() <= limits.max_range)) {
+    ++result.rejected.range;
     return;
-  const double full_focal_baseline = focal_baseline / config.scale;
-  p = {left.cast<float>(), match.position.cast<float>(), point.cast<float>(),
-       static_cast<float>(point.z() * point.z() * limits.sigma_disparity / full_focal_baseline)};
+  }
+  const double sigma_z = point.z() * point.z() * limits.sigma_disparity * config.scale / focal_baseline;
+  result.points.push_back(
+      {left.cast<float>(), match.position.cast<float>(), point.cast<float>(), static_cast<float>(sigma_z)});
+  pixels.push_back({static_cast<std::int32_t>(left.x()), static_cast<std::int32_t>(left.y())});
+  positions.push_back(point);
 }
 
 void DenseStereo::Impl::dropOutliers() {
   const DepthConsistencyConfig rules{rig.baseline(), focal_baseline / config.scale / rig.baseline(),
-                                     kLockingSigma / config.scale, limits.max_slope, limits.min_patch_points};
+                                     limits.sigma_disparity, limits.max_slope, limits.min_patch_points};
   consistency.check(rules, positions, delaunay.triangulate(pixels), keep);
   std::size_t kept = 0;
   for (std::size_t i = 0; i < keep.size(); ++i) {

@@ -14,9 +14,9 @@ struct DenseStereoConfig {
 
 // The topside's other way from a pair to a mesh: semi-global matching (Hirschmueller 2008, as OpenCV's
 // StereoSGBM) of rectified, scaled images, simplified to the wanted number of points (DisparityCells), small
-// cells where the surface bends, and each point sharpened by Lucas-Kanade at the full resolution where the
-// ground has texture. Covers plain ground that has no corners. The result is of the same type and in the same
-// frame and pixels as SparseStereo's.
+// cells where the surface bends, and each point confirmed and sharpened by Lucas-Kanade at the full
+// resolution. Spreads points evenly over ground whose corners stand in clusters. The result is of the same
+// type and in the same frame and pixels as SparseStereo's.
 class DenseStereo {
  public:
   // `limits.max_features` is the wanted number of points; search radius, ranges, edges, slope and patch size
@@ -25,8 +25,9 @@ class DenseStereo {
   DenseStereo(const StereoRig& rig, const SparseStereoConfig& limits, const DenseStereoConfig& config);
   ~DenseStereo();
 
-  // As SparseStereo::process. `corners` of the result counts cells; cells with too few disparities are
-  // `no_track`, cells across a break that could be cut no smaller `outlier`.
+  // As SparseStereo::process. `corners` of the result counts cells; cells with too few disparities, or
+  // that Lucas-Kanade does not confirm, are `no_track`, cells across a break that could be cut no smaller
+  // `outlier`.
   const StereoResult& process(const ImageView& left, const ImageView& right, const SeedPlane& plane);
 
   // Stages: "rectify", "matching", "cells", "outliers", "triangles".
