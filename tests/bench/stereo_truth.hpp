@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "firmware_if/image_file.hpp"
 #include "firmware_if/mission.hpp"
 #include "recon/lighting/lighting_model.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
@@ -41,6 +42,9 @@ class TrueMission {
     std::string left, right;
     SE3 T_nav_cam;
   };
+  [[nodiscard]] SeedPlane planeOf(const SE3& T_nav_cam) const;
+  [[nodiscard]] lighting::RangeLattice rangesOf(const SE3& T_nav_cam, bool left) const;
+  [[nodiscard]] io::ImageFile read(const Names& names, bool left) const;
   [[nodiscard]] cv::Mat corrected(const Names& names, bool left) const;
 
   io::MissionPaths paths_;
@@ -49,6 +53,7 @@ class TrueMission {
   sim::Scenario scenario_;
   sim::Terrain terrain_;
   std::vector<Names> names_;
+  lighting::RangeMaker left_ranges_, right_ranges_;
   lighting::LightingModel left_light_, right_light_;
 };
 
