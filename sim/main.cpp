@@ -4,6 +4,7 @@
 
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "sim/boards_command.hpp"
 #include "sim/channel_command.hpp"
 #include "sim/picture_command.hpp"
 #include "sim/render_command.hpp"
@@ -46,10 +47,14 @@ int run(int argc, char** argv) {
   CLI::App* picture_command = nullptr;
   const std::function<int()> run_picture = sim::addPictureCommand(app, picture_command);
 
+  CLI::App* boards_command = nullptr;
+  const std::function<int()> run_boards = sim::addBoardsCommand(app, boards_command);
+
   if (const auto code = parseCommandLine("fathom-sim", app, argc, argv)) return *code;
   if (*render_command) return sim::runRender(render);
   if (*channel_command) return run_channel();
   if (*picture_command) return run_picture();
+  if (*boards_command) return run_boards();
   if (*score_command) return sim::runScore(mission, json);
   return sim::runKeys(keys_of);
 }

@@ -1,28 +1,15 @@
 #include "sim/render_command.hpp"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cstdio>
 
 #include "realtime/kernel/input_error.hpp"
 #include "sim/mission/mission_maker.hpp"
+#include "sim/progress_bar.hpp"
 #include "sim/scenario/scenario_file.hpp"
 
 namespace fathom::sim {
 namespace {
-
-// A bar that redraws itself on a terminal, a line every tenth elsewhere.
-void showProgress(std::size_t done, std::size_t total) {
-  if (::isatty(STDERR_FILENO) != 0) {
-    constexpr std::size_t kWidth = 40;  // of the bar [characters]
-    const std::size_t full = done * kWidth / total;
-    std::fprintf(stderr, "\r[%s%s] %zu/%zu pairs%s", std::string(full, '#').c_str(),
-                 std::string(kWidth - full, '.').c_str(), done, total, done == total ? "\n" : "");
-  } else if (done * 10 / total != (done - 1) * 10 / total) {
-    std::fprintf(stderr, "%zu of %zu pairs\n", done, total);
-  }
-}
 
 void requireRange(const char* option, double value, double low, double high) {
   if (value >= low && value <= high) return;

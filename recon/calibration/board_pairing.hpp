@@ -15,6 +15,11 @@ struct BoardView {
   Corners left, right;
 };
 
+// A pair that is not used, and why.
+struct DroppedView {
+  std::string name, reason;
+};
+
 // A chessboard turned by half a turn (a square one also by quarter turns) shows the same corners, so that the
 // two cameras may count them from opposite ends. The rig is rigid: the relative pose of the cameras is the
 // same in every view. Finds the relative rotation on which most views agree, by any count of their corners,

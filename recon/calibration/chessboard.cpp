@@ -53,14 +53,15 @@ cv::Mat stretched(const cv::Mat& grey) {
   return out;
 }
 
-// Least distance between neighbours along rows and columns [px].
-double leastSpacing(const std::vector<cv::Point2f>& corners, const Chessboard& board) {
+// Distance from corner k to the nearest of its neighbours along row and column [px].
+double spacingAt(const std::vector<cv::Point2f>& corners, std::size_t k, const Chessboard& board) {
   double least = INFINITY;
   const auto columns = static_cast<std::size_t>(board.columns);
-  for (std::size_t k = 0; k < corners.size(); ++k) {
-    if ((k + 1) % columns != 0) least = std::min(least, cv::norm(corners[k + 1] - corners[k]));
-    if (k + columns < corners.size()) least = std::min(least, cv::norm(corners[k + columns] - corners[k]));
-  }
+  const auto to = [&](std::size_t other) { least = std::min(least, cv::norm(corners[k] - corners[other])); };
+  if (k % columns > 0) to(k - 1);
+  if (k % columns + 1 < columns) to(k + 1);
+  if (k >= columns) to(k - columns);
+  if (k + columns < corners.size()) to(k + columns);
   return least;
 }
 
@@ -77,7 +78,12 @@ std::optional<Corners> findChessboard(const ImageView& image, const Chessboard& 
   // Smaller, four squares never show a corner (and OpenCV's search would read beyond the image).
   constexpr int kSmallest = 32;  // [px]
   if (image.empty() || image.width < kSmallest || image.height < kSmallest) return std::nullopt;
-  const cv::Mat grey = greyOf(image), bytes = stretched(grey);
+  // Noise clutters the search with contours, and its gradients pull a corner towards the window's middle.
+  // Smoothing leaves a corner where it is: it is symmetric about its point.
+  constexpr double kSmoothing = 1.0;  // [px]
+  cv::Mat grey = greyOf(image);
+  cv::GaussianBlur(grey, grey, {0, 0}, kSmoothing);
+  const cv::Mat bytes = stretched(grey);
   const cv::Size size(board.columns, board.rows);
   std::vector<cv::Point2f> found;
   if (!cv::findChessboardCorners(
@@ -90,14 +96,19 @@ std::optional<Corners> findChessboard(const ImageView& image, const Chessboard& 
       return std::nullopt;
   }
   // The window must not reach the neighbouring corners; a larger one averages more noise.
-  constexpr double kWindow = 0.35;                         // half edge, of the spacing
+  constexpr double kWindow = 0.4;                          // half edge, of the spacing
   constexpr int kSmallestWindow = 2, kLargestWindow = 11;  // [px]
-  const int half =
-      std::clamp(static_cast<int>(kWindow * leastSpacing(found, board)), kSmallestWindow, kLargestWindow);
   constexpr int kIterations = 60;
   constexpr double kStep = 1e-3;  // [px]
-  cv::cornerSubPix(grey, found, {half, half}, {-1, -1},
-                   {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, kIterations, kStep});
+  const std::vector<cv::Point2f> rough = found;
+  for (std::size_t k = 0; k < found.size(); ++k) {
+    const int half =
+        std::clamp(static_cast<int>(kWindow * spacingAt(rough, k, board)), kSmallestWindow, kLargestWindow);
+    std::vector<cv::Point2f> one{rough[k]};
+    cv::cornerSubPix(grey, one, {half, half}, {-1, -1},
+                     {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, kIterations, kStep});
+    found[k] = one[0];
+  }
   Corners corners;
   for (const cv::Point2f& p : found) {
     if (!std::isfinite(p.x) || !std::isfinite(p.y)) return std::nullopt;

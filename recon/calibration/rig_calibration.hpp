@@ -41,10 +41,6 @@ struct CalibratedView {
   double left_rms = 0, right_rms = 0, stereo_rms = 0;            // [px]
 };
 
-struct DroppedView {
-  std::string name, reason;
-};
-
 struct RigCalibration {
   StereoRig rig;
   RigSigma sigma;

@@ -6,6 +6,7 @@
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/calibrate_command.hpp"
+#include "recon/topside/check_calibration_command.hpp"
 #include "recon/topside/pipeline.hpp"
 #include "recon/topside/stereo_command.hpp"
 
@@ -27,14 +28,16 @@ int main(int argc, char** argv) {
   run->add_flag("--dense", dense, "semi-global matching instead of corners");
   run->add_option("--threads", threads, "threads (all cores); the result does not depend on them")
       ->check(CLI::Range(1, 256));
-  CLI::App *stereo = nullptr, *calibrate = nullptr;
+  CLI::App *stereo = nullptr, *calibrate = nullptr, *check = nullptr;
   const std::function<int()> run_stereo = fathom::topside::addStereoCommand(app, stereo);
   const std::function<int()> run_calibrate = fathom::topside::addCalibrateCommand(app, calibrate);
+  const std::function<int()> run_check = fathom::topside::addCheckCalibrationCommand(app, check);
   if (const auto code = fathom::parseCommandLine("fathom-topside", app, argc, argv)) return *code;
   return fathom::runTool("fathom-topside", [&]() -> int {
     using namespace fathom::topside;
     if (*stereo) return run_stereo();
     if (*calibrate) return run_calibrate();
+    if (*check) return run_check();
     TopsideConfig config = config_file.empty() ? TopsideConfig{} : readTopsideConfig(config_file);
     if (voxel) setVoxel(config, *voxel);
     if (dense) config.dense_stereo = true;

@@ -5,6 +5,8 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
+#include <cstring>
 #include <numbers>
 
 #include "recon/topside/html_text.hpp"
@@ -168,6 +170,25 @@ std::string histogramSvg(const std::vector<double>& values, double low, double h
     plot.rectangle({low + b * step, 0}, {low + (b + 0.92) * step, counts[static_cast<std::size_t>(b)]},
                    "#4f86b5");
   return plot.svg();
+}
+
+std::string besideEachOther(std::span<const std::string> plots, std::size_t in_a_row) {
+  const auto sizeOf = [](const std::string& plot, const char* name) {
+    const auto at = plot.find(name);
+    return at == std::string::npos ? 0.0 : std::strtod(plot.c_str() + at + std::strlen(name), nullptr);
+  };
+  std::string body;
+  double width = 0, top = 0, row_height = 0, left = 0;
+  for (std::size_t k = 0; k < plots.size(); ++k) {
+    if (k % in_a_row == 0) top += row_height, row_height = left = 0;
+    body += "<g transform=\"translate(" + px(left) + " " + px(top) + ")\">\n" + plots[k] + "</g>\n";
+    left += sizeOf(plots[k], "width=\"");
+    width = std::max(width, left);
+    row_height = std::max(row_height, sizeOf(plots[k], "height=\""));
+  }
+  return "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"" + px(width) + "\" height=\"" +
+         px(top + row_height) + "\">\n<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n" + body +
+         "</svg>\n";
 }
 
 std::string divergingColour(double value) {

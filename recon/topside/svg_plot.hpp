@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -45,6 +46,9 @@ class SvgPlot {
 // lies beyond.
 [[nodiscard]] std::string histogramSvg(const std::vector<double>& values, double low, double high, int bins,
                                        const std::string& x_label, const std::string& title);
+
+// Several drawings as one SVG, so many in a row.
+[[nodiscard]] std::string besideEachOther(std::span<const std::string> plots, std::size_t in_a_row);
 
 // Colour of a value from blue (-1) over white to red (+1), as #rrggbb.
 [[nodiscard]] std::string divergingColour(double value);

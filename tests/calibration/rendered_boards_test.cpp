@@ -1,0 +1,179 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <sstream>
+
+#include "realtime/kernel/input_error.hpp"
+#include "recon/calibration/board_check.hpp"
+#include "recon/topside/board_check_report.hpp"
+#include "recon/topside/calibrate_command.hpp"
+#include "sim/boards/board_maker.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom {
+namespace {
+
+const calibration::Chessboard kBoard{9, 6, 0.08};
+
+// Boards under water at half the images' size.
+void renderBoards(const std::filesystem::path& out, int views, std::uint64_t seed) {
+  sim::Scenario scenario;
+  scenario.scale = 0.5;
+  sim::BoardMakerOptions options;
+  options.board = kBoard;
+  options.poses.views = views;
+  options.poses.seed = seed;
+  options.out = out;
+  sim::makeBoards(scenario, options);
+}
+
+topside::BoardImages boardsIn(const std::filesystem::path& folder) {
+  topside::BoardImageOptions options;
+  options.images = {folder / "img"};
+  return topside::findBoards(options, kBoard);
+}
+
+// Distance in the right image from the line on which the true rig says that the corner must lie, had the
+// estimated rig been used [px].
+double epipolarError(const StereoRig& rig, const Eigen::Vector2d& left, const Eigen::Vector2d& right) {
+  const Eigen::Vector3d t = rig.T_right_left.translation();
+  const Eigen::Vector3d line = t.cross(rig.T_right_left.rotation() * rig.left.ray(left));
+  return rig.right.fx * std::abs(line.dot(rig.right.ray(right))) / line.head<2>().norm();
+}
+
+class RenderedBoards : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new test::TemporaryFolder;
+    renderBoards(folder_->path() / "one", 16, 1);
+    renderBoards(folder_->path() / "other", 6, 2);
+    topside::CalibrateOptions options;
+    options.board = {"9x6", kBoard.square, {}};
+    options.board.images.images = {folder_->path() / "one" / "img"};
+    options.out = folder_->path() / "stereo.calib";
+    done_ = new calibration::RigCalibration(topside::runCalibrate(options));
+    truth_ = readStereoCalib(folder_->path() / "one" / "truth" / "stereo.calib");
+  }
+  static void TearDownTestSuite() {
+    delete done_;
+    delete folder_;
+  }
+  static test::TemporaryFolder* folder_;
+  static calibration::RigCalibration* done_;
+  static StereoRig truth_;
+};
+test::TemporaryFolder* RenderedBoards::folder_ = nullptr;
+calibration::RigCalibration* RenderedBoards::done_ = nullptr;
+StereoRig RenderedBoards::truth_;
+
+TEST_F(RenderedBoards, CornersAreFoundWhereTheTruthHasThem) {
+  const topside::BoardImages found = boardsIn(folder_->path() / "other");
+  ASSERT_EQ(found.views.size(), 6u);
+  std::ifstream file(folder_->path() / "other" / "truth" / "corners.csv");
+  std::string line;
+  std::getline(file, line);
+  double squares = 0, worst = 0;
+  for (const auto& view : found.views) {
+    std::vector<Eigen::Vector2d> truth;
+    for (std::size_t k = 0; k < kBoard.corners() && std::getline(file, line); ++k) {
+      std::replace(line.begin(), line.end(), ',', ' ');
+      std::istringstream numbers(line);
+      double number, corner, u, v;
+      numbers >> number >> corner >> u >> v;
+      truth.emplace_back(u, v);
+    }
+    ASSERT_EQ(truth.size(), kBoard.corners());
+    if ((truth.front() - view.left.front()).norm() > (truth.back() - view.left.front()).norm())
+      std::reverse(truth.begin(), truth.end());
+    for (std::size_t k = 0; k < truth.size(); ++k) {
+      squares += (truth[k] - view.left[k]).squaredNorm();
+      worst = std::max(worst, (truth[k] - view.left[k]).norm());
+    }
+  }
+  const double rms = std::sqrt(squares / (6.0 * static_cast<double>(kBoard.corners())));
+  std::printf("corners: RMS %.3f px, worst %.3f px\n", rms, worst);
+  EXPECT_LT(rms, 0.08);
+  EXPECT_LT(worst, 0.3);
+}
+
+TEST_F(RenderedBoards, CalibrationRecoversTheTrueRig) {
+  std::printf("stereo RMS %.3f px; baseline %.3f +- %.3f mm (true %.3f); fx %.2f +- %.2f px (true %.2f)\n",
+              done_->stereo_rms, 1e3 * done_->rig.baseline(), 1e3 * done_->sigma.baseline,
+              1e3 * truth_.baseline(), done_->rig.left.fx, done_->sigma.left.fx, truth_.left.fx);
+  EXPECT_TRUE(done_->dropped.empty());
+  EXPECT_LT(done_->stereo_rms, 0.1);
+  EXPECT_NEAR(done_->rig.baseline(), truth_.baseline(), 0.0002);
+  for (const auto& [estimate, truth] :
+       {std::pair(done_->rig.left, truth_.left), std::pair(done_->rig.right, truth_.right)}) {
+    EXPECT_NEAR(estimate.fx / truth.fx, 1.0, 0.001);
+    EXPECT_NEAR(estimate.fy / truth.fy, 1.0, 0.001);
+  }
+  // True corners must lie on the estimated rig's epipolar lines.
+  double worst = 0;
+  for (const auto& view : done_->views)
+    for (const Eigen::Vector3d& point : calibration::boardPoints(kBoard)) {
+      const Eigen::Vector3d in_left = view.T_left_board * point;
+      worst = std::max(worst, epipolarError(done_->rig, truth_.left.project(in_left),
+                                            truth_.right.project(truth_.T_right_left * in_left)));
+    }
+  std::printf("worst epipolar error of true corners %.3f px\n", worst);
+  EXPECT_LT(worst, 0.1);
+}
+
+TEST_F(RenderedBoards, OtherBoardsTriangulateToTwoCentimetresAtTwoMetres) {
+  topside::BoardImages images = boardsIn(folder_->path() / "other");
+  (void)calibration::alignBoards(done_->rig.left, done_->rig.right, kBoard, images.views);
+  const calibration::BoardCheck check = calibration::checkBoards(done_->rig, kBoard, images.views);
+  ASSERT_EQ(check.boards.size(), 6u);
+  for (const calibration::BoardError& board : check.boards) {
+    constexpr double kAllowed = 0.02, kAt = 2.0;  // [m]: the reference's
+    EXPECT_LT(board.max_z, kAllowed * std::pow(board.range / kAt, 2)) << board.name << " at " << board.range;
+  }
+  EXPECT_NEAR(check.scale, 1.0, 0.002);
+  const topside::BoardVerdict verdict = topside::judge(check);
+  EXPECT_TRUE(verdict.good);
+  const auto out = folder_->path() / "check";
+  std::filesystem::create_directories(out);
+  topside::writeBoardCheck(out, check, verdict, images.dropped);
+  for (const char* name : {"board-check.html", "board-check.json", "errors.svg"})
+    EXPECT_GT(std::filesystem::file_size(out / name), 1000u) << name;
+}
+
+TEST_F(RenderedBoards, ARightCameraBumpedByATenthOfADegreeIsNoticed) {
+  topside::BoardImages images = boardsIn(folder_->path() / "other");
+  StereoRig bumped = done_->rig;
+  bumped.T_right_left = SE3::fromEuler(0, 0.1 * M_PI / 180, 0, {0, 0, 0}) * bumped.T_right_left;
+  (void)calibration::alignBoards(bumped.left, bumped.right, kBoard, images.views);
+  const topside::BoardVerdict verdict =
+      topside::judge(calibration::checkBoards(bumped, kBoard, images.views));
+  EXPECT_FALSE(verdict.good);
+}
+
+TEST(BoardMaker, TheSameSeedGivesTheSameBytes) {
+  const test::TemporaryFolder folder;
+  renderBoards(folder.path() / "a", 1, 3);
+  renderBoards(folder.path() / "b", 1, 3);
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder.path() / "a")) {
+    if (!entry.is_regular_file()) continue;
+    const auto other = folder.path() / "b" / entry.path().lexically_relative(folder.path() / "a");
+    const auto bytes = [](const std::filesystem::path& path) {
+      std::ifstream file(path, std::ios::binary);
+      return std::string(std::istreambuf_iterator<char>(file), {});
+    };
+    EXPECT_EQ(bytes(entry.path()), bytes(other)) << other;
+  }
+}
+
+TEST(BoardMaker, ABoardThatDoesNotFitIsRefused) {
+  const test::TemporaryFolder folder;
+  sim::BoardMakerOptions options;
+  options.board = {9, 6, 0.3};
+  options.out = folder.path() / "out";
+  EXPECT_THROW(sim::makeBoards(sim::Scenario(), options), InputError);
+  EXPECT_FALSE(std::filesystem::exists(options.out));
+}
+
+}  // namespace
+}  // namespace fathom
