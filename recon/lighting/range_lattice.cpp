@@ -43,9 +43,11 @@ void RangeMaker::fromPlane(const Eigen::Vector3d& normal, double distance, Range
 }
 
 void RangeMaker::bendTo(std::span<const Eigen::Vector3f> points, RangeLattice& lattice) const {
-  constexpr float kStay = 0.5F;  // points' worth of belief in the lattice as it was
-  constexpr int kReach = 2;      // nodes about a point that it speaks for
-  std::array<float, kColumns * kRows> sums{}, weights{};
+  constexpr int kReach = 2;        // nodes about a point that it speaks for
+  constexpr float kSpread = 0.2F;  // weight of a node's neighbours beside its own points
+  constexpr int kSweeps = 40;      // Gauss-Seidel, there and back: news crosses the lattice in one
+  std::array<float, kColumns * kRows> sums{}, weights{}, bends{};
+  float sum = 0, count = 0;
   for (const Eigen::Vector3f& point : points) {
     if (!point.allFinite() || !(point.z() > 0)) continue;
     const Eigen::Vector2d pixel = camera_.project(point.cast<double>());
@@ -54,19 +56,40 @@ void RangeMaker::bendTo(std::span<const Eigen::Vector3f> points, RangeLattice& l
     const float expected = lattice.at(static_cast<float>(u), static_cast<float>(v));
     if (!known(expected)) continue;
     const float ratio = std::log(point.norm() / expected);
+    sum += ratio;
+    count += 1;
     const float x = static_cast<float>(u) * (kColumns - 1), y = static_cast<float>(v) * (kRows - 1);
     const int i0 = static_cast<int>(std::lround(x)), j0 = static_cast<int>(std::lround(y));
     for (int j = std::max(j0 - kReach, 0); j <= std::min(j0 + kReach, kRows - 1); ++j)
       for (int i = std::max(i0 - kReach, 0); i <= std::min(i0 + kReach, kColumns - 1); ++i) {
         const float dx = static_cast<float>(i) - x, dy = static_cast<float>(j) - y;
-        const float weight = std::exp(-(dx * dx + dy * dy));
+        const float weight = std::exp(-2 * (dx * dx + dy * dy));
         const auto k = static_cast<std::size_t>(j * kColumns + i);
         sums[k] += weight * ratio;
         weights[k] += weight;
       }
   }
-  for (std::size_t k = 0; k < sums.size(); ++k)
-    if (known(lattice.path[k])) lattice.path[k] *= std::exp(sums[k] / (weights[k] + kStay));
+  if (count == 0) return;
+  bends.fill(sum / count);
+  const auto relax = [&](int i, int j) {
+    const auto k = static_cast<std::size_t>(j * kColumns + i);
+    float around = 0, neighbours = 0;
+    const auto hear = [&](bool there, std::size_t n) {
+      if (there) around += bends[n], neighbours += 1;
+    };
+    hear(i > 0, k - 1);
+    hear(i + 1 < kColumns, k + 1);
+    hear(j > 0, k - kColumns);
+    hear(j + 1 < kRows, k + kColumns);
+    bends[k] = (sums[k] + kSpread * around / neighbours) / (weights[k] + kSpread);
+  };
+  for (int sweep = 0; sweep < kSweeps; ++sweep)
+    for (int k = 0; k < kColumns * kRows; ++k) {
+      const int n = sweep % 2 == 0 ? k : kColumns * kRows - 1 - k;
+      relax(n % kColumns, n / kColumns);
+    }
+  for (std::size_t k = 0; k < bends.size(); ++k)
+    if (known(lattice.path[k])) lattice.path[k] *= std::exp(bends[k]);
 }
 
 }  // namespace fathom::lighting

@@ -28,8 +28,8 @@ class RangeMaker {
   void fromPlane(const Eigen::Vector3d& normal, double distance, RangeLattice& out) const;
 
   // Bends the lattice to points measured in the camera frame [m] (stereo's): each node's range is multiplied
-  // by the mean, in logarithms and weighted by nearness, of what the points about it say; nodes far from any
-  // point stay.
+  // by what the points about it say, in the mean of logarithms and weighted by nearness; where there are no
+  // points, by what the nodes around say. Without any point it stays.
   void bendTo(std::span<const Eigen::Vector3f> points, RangeLattice& lattice) const;
 
  private:

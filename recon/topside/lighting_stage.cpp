@@ -1,10 +1,12 @@
 #include "recon/topside/lighting_stage.hpp"
 
+#include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/info.h>
 #include <oneapi/tbb/parallel_pipeline.h>
 
 #include <algorithm>
 #include <memory>
+#include <opencv2/core.hpp>
 #include <optional>
 
 #include "firmware_if/image_file.hpp"
@@ -14,6 +16,8 @@
 
 namespace fathom::topside {
 namespace {
+
+constexpr int kRangePoints = 300;  // corners that show an image's ranges well enough
 
 struct Images {
   std::optional<io::ImageFile> left, right;
@@ -29,6 +33,52 @@ std::optional<io::ImageFile> readOrPass(const std::filesystem::path& path, Pixel
   }
 }
 
+// Contrast enough for stereo before there is a model: an image's mean becomes a third of full scale.
+std::vector<std::uint8_t> stretchedGrey(const ImageView& image) {
+  const std::size_t channels = image.format == PixelFormat::kRgb ? 3 : 1;
+  const cv::Mat in(image.height, image.width * static_cast<int>(channels), image.bits == 8 ? CV_8U : CV_16U,
+                   const_cast<void*>(image.data), image.stride);
+  constexpr double kMean = 85;
+  cv::Mat eight_bit;
+  in.convertTo(eight_bit, CV_8U, kMean / std::max(cv::mean(in)[0], 1.0));
+  std::vector<std::uint8_t> grey(static_cast<std::size_t>(image.width) *
+                                 static_cast<std::size_t>(image.height));
+  lighting::demosaicMono({eight_bit.data, image.width, image.height, eight_bit.step[0], image.format, 8},
+                         grey.data());
+  return grey;
+}
+
+// Ranges of a pair's images: the seed plane, bent to what stereo finds.
+class RangeFinder {
+ public:
+  RangeFinder(const StereoRig& rig, const stereo::SparseStereoConfig& config)
+      : ranges_(rig), stereo_(rig, config) {}
+
+  void find(const stereo::SeedPlane& plane, Images& images) {
+    ranges_.fromPlane(plane.normal, plane.distance);
+    if (images.left && images.right) {
+      const std::vector<std::uint8_t> left = stretchedGrey(images.left->view);
+      const std::vector<std::uint8_t> right = stretchedGrey(images.right->view);
+      const auto view = [](const std::vector<std::uint8_t>& grey, const ImageView& of) {
+        return ImageView{grey.data(),        of.width, of.height, static_cast<std::size_t>(of.width),
+                         PixelFormat::kMono, 8};
+      };
+      std::vector<Eigen::Vector3f> points;
+      for (const stereo::StereoPoint& p :
+           stereo_.process(view(left, images.left->view), view(right, images.right->view), plane).points)
+        points.push_back(p.point);
+      std::vector<Eigen::Vector3f> right_points(points.size());
+      ranges_.bendTo(points, right_points);
+    }
+    images.left_range = ranges_.left();
+    images.right_range = ranges_.right();
+  }
+
+ private:
+  lighting::RigRanges ranges_;
+  stereo::SparseStereo stereo_;
+};
+
 }  // namespace
 
 LightingModels::LightingModels(const io::MissionConfig& mission, const StereoRig& rig,
@@ -38,11 +88,15 @@ LightingModels::LightingModels(const io::MissionConfig& mission, const StereoRig
 
 void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
                    const std::vector<ImagePair>& pairs, const std::vector<NavigatedPose>& poses,
-                   double default_altitude, std::size_t count, LightingModels& models, Progress& progress) {
+                   const TopsideConfig& config, std::size_t count, LightingModels& models,
+                   Progress& progress) {
   const auto& cameras = mission.cameras;
-  const std::vector<double> altitudes = seedAltitudes(poses, default_altitude);
+  const std::vector<double> altitudes = seedAltitudes(poses, config.default_altitude);
   std::size_t next = 0;
   namespace tbb = oneapi::tbb;
+  stereo::SparseStereoConfig stereo = config.stereo;
+  stereo.max_features = std::min(stereo.max_features, kRangePoints);
+  tbb::enumerable_thread_specific<std::unique_ptr<RangeFinder>> finders;
   tbb::parallel_pipeline(
       static_cast<std::size_t>(2 * tbb::info::default_concurrency()),
       tbb::make_filter<void, std::size_t>(tbb::filter_mode::serial_in_order,
@@ -57,17 +111,15 @@ void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& missi
               tbb::filter_mode::parallel,
               [&](std::size_t index) {
                 auto images = std::make_shared<Images>();
-                if (const auto& T_nav_body = poses[index].T_nav_body) {
-                  const stereo::SeedPlane plane = seedPlane(mission, *T_nav_body, altitudes[index]);
-                  lighting::RigRanges ranges(rig);
-                  ranges.fromPlane(plane.normal, plane.distance);
-                  images->left_range = ranges.left();
-                  images->right_range = ranges.right();
-                }
                 images->left = readOrPass(paths.images() / pairs[index].left, cameras.left_format,
                                           cameras.bits, rig.left);
                 images->right = readOrPass(paths.images() / pairs[index].right, cameras.right_format,
                                            cameras.bits, rig.right);
+                if (const auto& T_nav_body = poses[index].T_nav_body) {
+                  std::unique_ptr<RangeFinder>& finder = finders.local();
+                  if (!finder) finder = std::make_unique<RangeFinder>(rig, stereo);
+                  finder->find(seedPlane(mission, *T_nav_body, altitudes[index]), *images);
+                }
                 return images;
               }) &
           tbb::make_filter<std::shared_ptr<Images>, void>(

@@ -8,6 +8,7 @@
 #include "recon/topside/image_pairs.hpp"
 #include "recon/topside/navigation.hpp"
 #include "recon/topside/progress.hpp"
+#include "recon/topside/topside_config.hpp"
 
 namespace fathom::topside {
 
@@ -19,11 +20,12 @@ struct LightingModels {
   std::uint64_t unreadable = 0;  // images passed over
 };
 
-// Learns from `count` pairs spread evenly over the mission, by their ranges to a level seafloor (`poses`: one
-// a pair). Reads in parallel, learns in the pairs' order, so
-// that the result does not depend on the number of threads.
+// Learns from `count` pairs spread evenly over the mission, by their ranges (bent to stereo's points;
+// `poses`: one a pair). Reads in parallel, learns in the pairs' order, so that the result does not depend on
+// the number of threads.
 void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
                    const std::vector<ImagePair>& pairs, const std::vector<NavigatedPose>& poses,
-                   double default_altitude, std::size_t count, LightingModels& models, Progress& progress);
+                   const TopsideConfig& config, std::size_t count, LightingModels& models,
+                   Progress& progress);
 
 }  // namespace fathom::topside

@@ -106,8 +106,7 @@ Summary runTopside(const std::filesystem::path& mission_folder, const std::files
   {
     const std::size_t count = std::min(list.pairs.size(), static_cast<std::size_t>(config.lighting_images));
     Progress progress("lighting", count);
-    learnLighting(paths, mission, rig, list.pairs, navigation.poses, config.default_altitude, count, lighting,
-                  progress);
+    learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, count, lighting, progress);
   }
   lap("lighting model");
 

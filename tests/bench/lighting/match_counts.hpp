@@ -1,0 +1,38 @@
+#pragma once
+
+#include <array>
+
+#include "tests/bench/lighting/corrections.hpp"
+
+namespace fathom::bench {
+
+// Stereo matches under each correction, over the same pairs. Outer: pixels farther from the image's centre
+// than two thirds of half its diagonal. Correct: disparity within 1 px of the true seafloor's.
+class MatchCounts {
+ public:
+  MatchCounts(const ReportMission& mission, int features)
+      : mission_(mission), stereo_(mission.rig(), configured(features)) {}
+
+  struct Count {
+    std::size_t all = 0, outer = 0, correct_outer = 0;
+  };
+  void measure(std::size_t image, const CorrectedPair& pair);
+  [[nodiscard]] const Count& count(int correction) const {
+    return counts_[static_cast<std::size_t>(correction)];
+  }
+  [[nodiscard]] std::size_t pairs() const { return pairs_; }
+
+ private:
+  static stereo::SparseStereoConfig configured(int features) {
+    stereo::SparseStereoConfig config;
+    config.max_features = features;
+    return config;
+  }
+
+  const ReportMission& mission_;
+  stereo::SparseStereo stereo_;
+  std::array<Count, Corrections::kCount> counts_{};
+  std::size_t pairs_ = 0;
+};
+
+}  // namespace fathom::bench
