@@ -115,5 +115,5 @@ int main(int argc, char** argv) {
   app.add_option("--frames", o.frames, "frames of the strip")->capture_default_str();
   app.add_option("--first", o.first, "first frame of the strip; 0: where the altitude changes most");
   CLI11_PARSE(app, argc, argv);
-  return fathom::runTool("bench_lighting_report", [&] { return fathom::bench::run(o); });
+  return fathom::runTool("report_lighting", [&] { return fathom::bench::run(o); });
 }
