@@ -208,6 +208,7 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   add("rejected_epipolar", m.rejected.epipolar);
   add("rejected_range", m.rejected.range);
   add("rejected_outlier", m.rejected.outlier);
+  add("rejected_fish", m.rejected.fish);
   const lighting::LightingModel::Report light = map_.leftLight().report();
   add("lighting_model", static_cast<int>(light.used));
   add("lighting_images", light.images);

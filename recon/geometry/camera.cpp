@@ -18,22 +18,27 @@ Eigen::Vector2d Camera::project(const Eigen::Vector3d& point) const {
   return {fx * d.x() + cx, fy * d.y() + cy};
 }
 
+Eigen::Matrix2d Camera::pixelJacobian(const Eigen::Vector2d& n) const {
+  const double x = n.x(), y = n.y();
+  const double r2 = x * x + y * y;
+  const double radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+  const double slope = k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3);  // d radial / d r2
+  const double mixed = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y;
+  Eigen::Matrix2d jacobian;
+  jacobian << fx * (radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x), fx * mixed, fy * mixed,
+      fy * (radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x);
+  return jacobian;
+}
+
 Eigen::Vector2d Camera::undistort(const Eigen::Vector2d& pixel) const {
   constexpr int kMaxIterations = 20;
   constexpr double kTolerance = 1e-11;  // normalised coordinates
   const Eigen::Vector2d target((pixel.x() - cx) / fx, (pixel.y() - cy) / fy);
   Eigen::Vector2d n = target;
   for (int i = 0; i < kMaxIterations; ++i) {
-    const double x = n.x(), y = n.y();
-    const double r2 = x * x + y * y;
-    const double radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
-    const double slope = k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3);  // d radial / d r2
-    Eigen::Matrix2d jacobian;
-    jacobian(0, 0) = radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x;
-    jacobian(0, 1) = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y;
-    jacobian(1, 0) = jacobian(0, 1);
-    jacobian(1, 1) = radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x;
-    const Eigen::Vector2d step = jacobian.inverse() * (target - distort(n));
+    const Eigen::Vector2d d = distort(n);
+    const Eigen::Vector2d step =
+        pixelJacobian(n).inverse() * Eigen::Vector2d((target.x() - d.x()) * fx, (target.y() - d.y()) * fy);
     if (!step.allFinite()) break;
     n += step;
     if (step.squaredNorm() < kTolerance * kTolerance) break;

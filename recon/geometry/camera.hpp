@@ -17,6 +17,8 @@ struct Camera {
   [[nodiscard]] Eigen::Vector2d project(const Eigen::Vector3d& point) const;
   // Applies distortion to normalised image coordinates (x/z, y/z).
   [[nodiscard]] Eigen::Vector2d distort(const Eigen::Vector2d& normalised) const;
+  // Derivative of the distorted pixel by normalised coordinates (x/z, y/z).
+  [[nodiscard]] Eigen::Matrix2d pixelJacobian(const Eigen::Vector2d& normalised) const;
   // Normalised, undistorted coordinates (x/z, y/z) of a distorted pixel: Newton iteration, to about 1e-10.
   [[nodiscard]] Eigen::Vector2d undistort(const Eigen::Vector2d& pixel) const;
   // Ray (x/z, y/z, 1) through a distorted pixel; not of unit length.

@@ -10,6 +10,10 @@ namespace {
 
 __extension__ using Wide = __int128;
 
+constexpr int kFarPoints = 3;                // that enclose the given ones
+constexpr std::int32_t kSmall = 1 << 14;     // below it 64 bits hold the circle test: 2 (14 + 14) + 1 + 2
+constexpr std::size_t kBucketsPerPoint = 2;  // at most
+
 std::size_t index(std::int32_t i) {
   return static_cast<std::size_t>(i);
 }
@@ -23,6 +27,19 @@ std::int64_t orientation(const Delaunay::Point& a, const Delaunay::Point& b, con
 
 }  // namespace
 
+Delaunay::Delaunay(std::size_t max_points) {
+  const std::size_t n = max_points + 3, faces = 2 * n;
+  points_.reserve(n);
+  sequence_.reserve(n);
+  buckets_.reserve(kBucketsPerPoint * n + 1);
+  faces_.reserve(faces);
+  visited_.reserve(faces);
+  cavity_.reserve(faces);
+  boundary_.reserve(faces + 2);
+  face_from_.reserve(n);
+  triangles_.reserve(faces);
+}
+
 bool Delaunay::circleContains(const Face& face, const Point& p) const {
   std::int64_t x[3], y[3], square[3];
   for (std::size_t i = 0; i < 3; ++i) {
@@ -31,6 +48,11 @@ bool Delaunay::circleContains(const Face& face, const Point& p) const {
     y[i] = v[1] - p[1];
     square[i] = x[i] * x[i] + y[i] * y[i];
   }
+  if (small_ && std::max({face.vertex[0], face.vertex[1], face.vertex[2]}) <
+                    static_cast<std::int32_t>(points_.size()) - kFarPoints)
+    return square[0] * (x[1] * y[2] - x[2] * y[1]) + square[1] * (x[2] * y[0] - x[0] * y[2]) +
+               square[2] * (x[0] * y[1] - x[1] * y[0]) >
+           0;
   const Wide determinant = Wide(square[0]) * (x[1] * y[2] - x[2] * y[1]) +
                            Wide(square[1]) * (x[2] * y[0] - x[0] * y[2]) +
                            Wide(square[2]) * (x[0] * y[1] - x[1] * y[0]);
@@ -103,25 +125,30 @@ void Delaunay::insert(std::int32_t vertex) {
   }
 }
 
-// Rows of square buckets, run through to and fro: each point lies near the one before, and the search for its
-// face is short.
+// Rows of square buckets, about one a point, run through to and fro: each point lies near the one before, and
+// the search for its face is short.
 void Delaunay::order(std::span<const Point> points) {
-  sequence_.resize(points.size());
-  std::iota(sequence_.begin(), sequence_.end(), 0U);
-  std::int32_t width = 0, height = 0;
+  std::int32_t width = 1, height = 1;
   for (const Point& p : points) {
     width = std::max(width, p[0] + 1);
     height = std::max(height, p[1] + 1);
   }
+  small_ = width <= kSmall && height <= kSmall;
   const double area = static_cast<double>(width) * height;
-  const auto edge =
-      std::max(1, static_cast<std::int32_t>(std::sqrt(area / static_cast<double>(points.size()))));
-  const auto key = [&](std::uint32_t i) {
-    const std::int32_t row = points[i][1] / edge, column = points[i][0] / edge;
-    return std::array<std::int32_t, 2>{row, row % 2 == 0 ? column : -column};
+  const std::size_t most = kBucketsPerPoint * (points.size() + 3);
+  auto edge = std::max(1, static_cast<std::int32_t>(std::sqrt(area / static_cast<double>(points.size()))));
+  const auto across = [&](std::int32_t side) { return (side + edge - 1) / edge; };
+  while (index(across(width)) * index(across(height)) > most) edge *= 2;
+  const std::int32_t columns = across(width), rows = across(height);
+  const auto bucket = [&](const Point& p) {
+    const std::int32_t row = p[1] / edge, column = p[0] / edge;
+    return index(row * columns + (row % 2 == 0 ? column : columns - 1 - column));
   };
-  std::stable_sort(sequence_.begin(), sequence_.end(),
-                   [&](std::uint32_t a, std::uint32_t b) { return key(a) < key(b); });
+  buckets_.assign(index(columns) * index(rows) + 1, 0);
+  for (const Point& p : points) ++buckets_[bucket(p) + 1];
+  std::partial_sum(buckets_.begin(), buckets_.end(), buckets_.begin());
+  sequence_.resize(points.size());
+  for (std::uint32_t i = 0; i < points.size(); ++i) sequence_[buckets_[bucket(points[i])]++] = i;
 }
 
 const std::vector<Delaunay::Triangle>& Delaunay::triangulate(std::span<const Point> points) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -15,6 +16,9 @@ class Delaunay {
   using Point = std::array<std::int32_t, 2>;
   using Triangle = std::array<std::uint32_t, 3>;
   static constexpr std::int32_t kMaxCoordinate = 1 << 20;
+
+  // Reserves the memory for this many points; more are taken all the same, and allocate.
+  explicit Delaunay(std::size_t max_points = 0);
 
   // Triangles of indices into `points`, each turning from the first axis towards the second (clockwise on a
   // screen whose y points down). Coordinates from 0 to kMaxCoordinate; of equal points only the first is
@@ -38,6 +42,8 @@ class Delaunay {
 
   std::vector<Point> points_;  // the given ones and three far ones that enclose them
   std::vector<std::uint32_t> sequence_;
+  std::vector<std::uint32_t> buckets_;  // where each bucket's points begin in the sequence
+  bool small_ = false;                  // 64 bits hold the circle test of the given points
   std::vector<Face> faces_;
   std::vector<std::uint32_t> visited_;  // per face: the last insertion whose cavity it joined
   std::uint32_t insertion_ = 0;

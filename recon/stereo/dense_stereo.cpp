@@ -9,12 +9,13 @@
 #include <stdexcept>
 #include <string>
 
-#include "recon/stereo/delaunay.hpp"
-#include "recon/stereo/depth_consistency.hpp"
 #include "recon/stereo/disparity_cells.hpp"
 #include "recon/stereo/epipolar_search.hpp"
 #include "recon/stereo/gray_pyramid.hpp"
 #include "recon/stereo/kernels/kernels.hpp"
+#include "recon/stereo/local_mesh.hpp"
+#include "recon/stereo/match_noise.hpp"
+#include "recon/stereo/midpoint_triangulation.hpp"
 #include "recon/stereo/patch_tracker.hpp"
 
 namespace fathom::stereo {
@@ -59,8 +60,6 @@ struct DenseStereo::Impl {
   void match(const cv::Mat& left, const cv::Mat& right, const SeedPlane& plane);
   void addPoint(const DisparityCell& cell);
   void confirm(const Eigen::Vector3d& guess);
-  void dropOutliers();
-  [[nodiscard]] bool isSurface(const Delaunay::Triangle& t) const;
 
   StereoRig rig;
   SparseStereoConfig limits;
@@ -77,11 +76,9 @@ struct DenseStereo::Impl {
   EpipolarDistance epipolar;
   GrayPyramid left_pyramid, right_pyramid;
   PatchTracker tracker;
-  Delaunay delaunay;
-  DepthConsistency consistency;
-  std::vector<Delaunay::Point> pixels;
-  std::vector<Eigen::Vector3d> positions;
-  std::vector<std::uint8_t> keep;
+  MidpointTriangulation triangulation;
+  MatchNoise noise;
+  LocalMesh mesh;
   StereoResult result;
   std::function<void(const char* stage)> observer;
 };
@@ -93,7 +90,10 @@ DenseStereo::Impl::Impl(const StereoRig& r, const SparseStereoConfig& l, const D
       epipolar(r),
       left_pyramid(r.left.width, r.left.height, kLevels, fastestKernels()),
       right_pyramid(r.right.width, r.right.height, kLevels, fastestKernels()),
-      tracker(l.window, fastestKernels()) {
+      tracker(l.window, fastestKernels()),
+      triangulation(r),
+      noise(static_cast<std::size_t>(l.max_features)),
+      mesh(static_cast<std::size_t>(l.max_features)) {
   const StereoRig scaled = rig.scaled(config.scale);
   size = {scaled.left.width, scaled.left.height};
   cv::Mat rotation, translation, r1, r2, p1, p2, q;
@@ -203,48 +203,20 @@ void DenseStereo::Impl::confirm(const Eigen::Vector3d& guess) {
     return;
   }
   const Eigen::Vector3d right_ray = rig.right.ray(match.position);
-  if (epipolar(left_ray, right_ray) > limits.max_epipolar_distance) {
+  const EpipolarDistance::Offset offset = epipolar.offset(left_ray, right_ray);
+  if (std::abs(offset.distance) > limits.max_epipolar_distance) {
     ++result.rejected.epipolar;
     return;
   }
   Eigen::Vector3d point;
-  double gap = 0;
-  if (!triangulateMidpoint(rig, left_ray, right_ray, point, gap) || !(point.z() >= limits.min_range) ||
+  if (!triangulation.point(left_ray, right_ray, point) || !(point.z() >= limits.min_range) ||
       !(point.z() <= limits.max_range)) {
     ++result.rejected.range;
     return;
   }
-  const double sigma_z = point.z() * point.z() * limits.sigma_disparity * config.scale / focal_baseline;
-  result.points.push_back(
-      {left.cast<float>(), match.position.cast<float>(), point.cast<float>(), static_cast<float>(sigma_z)});
-  pixels.push_back({static_cast<std::int32_t>(left.x()), static_cast<std::int32_t>(left.y())});
-  positions.push_back(point);
-}
-
-void DenseStereo::Impl::dropOutliers() {
-  const DepthConsistencyConfig rules{rig.baseline(), focal_baseline / config.scale / rig.baseline(),
-                                     limits.sigma_disparity, limits.max_slope, limits.min_patch_points};
-  consistency.check(rules, positions, delaunay.triangulate(pixels), keep);
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < keep.size(); ++i) {
-    if (keep[i] == 0) continue;
-    result.points[kept] = result.points[i];
-    pixels[kept] = pixels[i];
-    positions[kept] = positions[i];
-    ++kept;
-  }
-  result.rejected.outlier += static_cast<std::uint32_t>(keep.size() - kept);
-  result.points.resize(kept);
-  pixels.resize(kept);
-  positions.resize(kept);
-}
-
-bool DenseStereo::Impl::isSurface(const Delaunay::Triangle& t) const {
-  const Eigen::Vector3d &a = positions[t[0]], &b = positions[t[1]], &c = positions[t[2]];
-  const double longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
-  if (longest > limits.max_edge * limits.max_edge) return false;
-  const Eigen::Vector3d normal = (b - a).cross(c - a), sight = a + b + c;
-  return std::abs(normal.dot(sight)) > std::cos(limits.max_slope) * normal.norm() * sight.norm();
+  result.points.push_back(pointOf(triangulation, left, match.position, left_ray, right_ray, point,
+                                  match.covariance, limits.sigma_scale));
+  noise.add(offset, match.covariance);
 }
 
 DenseStereo::DenseStereo(const StereoRig& rig, const SparseStereoConfig& limits,
@@ -276,8 +248,7 @@ const StereoResult& DenseStereo::process(const ImageView& left, const ImageView&
   m.result.triangles.clear();
   m.result.rejected = {};
   m.result.corners = 0;
-  m.pixels.clear();
-  m.positions.clear();
+  m.noise.clear();
   if (!fits(left, m.rig.left) || !fits(right, m.rig.right) || !(plane.distance > 0)) return m.result;
   const cv::Mat left_image = m.rectified(left, m.left_map1, m.left_map2);
   const cv::Mat right_image = m.rectified(right, m.right_map1, m.right_map2);
@@ -290,10 +261,10 @@ const StereoResult& DenseStereo::process(const ImageView& left, const ImageView&
   m.result.corners = static_cast<std::uint32_t>(cells.size());
   for (const DisparityCell& cell : cells) m.addPoint(cell);
   m.ended("cells");
-  m.dropOutliers();
+  m.noise.widen(m.result);
+  m.mesh.dropOutliers(m.limits, m.result);
   m.ended("outliers");
-  for (const Delaunay::Triangle& t : m.delaunay.triangulate(m.pixels))
-    if (m.isSurface(t)) m.result.triangles.push_back({t[0], t[2], t[1]});
+  m.mesh.triangulate(m.limits, m.result);
   m.ended("triangles");
   return m.result;
 }

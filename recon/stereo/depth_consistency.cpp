@@ -1,6 +1,5 @@
 #include "recon/stereo/depth_consistency.hpp"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -12,6 +11,17 @@ constexpr double kSigmas = 3.0;         // width of a gate
 constexpr double kMadToSigma = 1.4826;  // of a normal distribution
 constexpr int kAgreeing = 2;            // neighbours that vouch for a point
 constexpr double kAgreeingSlope = 1.0;  // tangent of the slope up to which a neighbour vouches: 45 degrees
+constexpr int kTriangleLinks = 6;       // entries in the lists of neighbours for each triangle
+
+// Fish. Sloping flanks of boulders stay joined; a fish 0.3 m above the floor does not join it across the
+// usual 5 to 10 cm between corners.
+constexpr double kFishSlope = 2.0;             // tangent
+constexpr double kFishGap = 0.15;              // least step down [m]
+constexpr double kFishGapPerWidth = 1.0;       // least step down, of the group's width
+constexpr double kShallowShare = 0.1;          // of the leaving edges may step down less
+constexpr std::uint32_t kMinFishPoints = 3;    // fewer have no shape
+constexpr std::uint32_t kFishPartOfFrame = 4;  // a fish has no more than one in so many points
+constexpr double kEdgePerSigma = 4.0;          // full width of an ellipse, evenly filled, over its sigma
 
 double median(std::vector<double>& values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -19,92 +29,161 @@ double median(std::vector<double>& values) {
   return *middle;
 }
 
-// Whether an edge between two points could lie on a surface seen under less than the slope whose tangent is
-// given; sigma_a and sigma_b are their standard deviations along the line of sight [m].
-bool onSurface(const Eigen::Vector3d& a, const Eigen::Vector3d& b, double sigma_a, double sigma_b,
-               double tangent) {
-  const Eigen::Vector3d edge = b - a;
-  const double along = std::abs(edge.dot((a + b).normalized()));
-  const double across = std::sqrt(std::max(edge.squaredNorm() - along * along, 0.0));
-  return along - kSigmas * std::hypot(sigma_a, sigma_b) <= tangent * across;
-}
-
 }  // namespace
 
-void DepthConsistency::check(const DepthConsistencyConfig& config, std::span<const Eigen::Vector3d> points,
-                             std::span<const std::array<std::uint32_t, 3>> triangles,
-                             std::vector<std::uint8_t>& keep) {
-  keep.assign(points.size(), 1);
-  linkNeighbours(points.size(), triangles);
-  dropMismatches(config, points, keep);
-  dropPatches(config, points, keep);
+DepthConsistency::DepthConsistency(std::size_t max_points) {
+  nodes_.reserve(max_points);
+  first_.reserve(max_points + 1);
+  last_.reserve(max_points);
+  neighbours_.reserve(2 * kTriangleLinks * max_points);
+  values_.reserve(max_points);
+  deviations_.reserve(max_points);
+  group_.reserve(max_points);
+  groups_.reserve(max_points);
 }
 
-void DepthConsistency::linkNeighbours(std::size_t points,
-                                      std::span<const std::array<std::uint32_t, 3>> triangles) {
-  edges_.clear();
+void DepthConsistency::check(const DepthConsistencyConfig& config, std::span<const StereoPoint> points,
+                             std::span<const std::array<std::uint32_t, 3>> triangles,
+                             std::vector<Verdict>& verdicts) {
+  verdicts.assign(points.size(), Verdict::kKeep);
+  nodes_.clear();
+  for (const StereoPoint& p : points) {
+    const Eigen::Vector3d position = p.point.cast<double>();
+    const double range = position.norm(), sigma = static_cast<double>(p.sigma_z) * range / position.z();
+    nodes_.push_back({position, position / range, range, 1.0 / position.z(), sigma * sigma, false});
+  }
+  linkNeighbours(triangles);
+  dropMismatches(verdicts);
+  if (config.max_fish_length > 0) dropFish(config, verdicts);
+  dropPatches(config, verdicts);
+}
+
+void DepthConsistency::linkNeighbours(std::span<const std::array<std::uint32_t, 3>> triangles) {
+  const std::size_t n = nodes_.size();
+  first_.assign(n + 1, 0);
+  for (const auto& t : triangles)
+    for (const std::uint32_t v : t) first_[v + 1] += kTriangleLinks / 3;
+  std::partial_sum(first_.begin(), first_.end(), first_.begin());
+  last_.assign(first_.begin(), first_.end() - 1);
+  neighbours_.resize(triangles.size() * kTriangleLinks);
   for (const auto& t : triangles) {
     for (std::size_t i = 0; i < 3; ++i) {
-      edges_.push_back({t[i], t[(i + 1) % 3]});
-      edges_.push_back({t[(i + 1) % 3], t[i]});
+      neighbours_[last_[t[i]]++] = t[(i + 1) % 3];
+      neighbours_[last_[t[i]]++] = t[(i + 2) % 3];
     }
   }
-  std::sort(edges_.begin(), edges_.end());
-  edges_.erase(std::unique(edges_.begin(), edges_.end()), edges_.end());
-  first_.assign(points + 1, 0);
-  neighbours_.clear();
-  for (const auto& [from, to] : edges_) {
-    ++first_[from + 1];
-    neighbours_.push_back(to);
+  // Each neighbour stands there twice, once for each triangle at their edge; on the outline once.
+  for (std::size_t i = 0; i < n; ++i) {
+    const auto begin = neighbours_.begin() + first_[i], end = neighbours_.begin() + last_[i];
+    std::sort(begin, end);
+    const auto unique_end = std::unique(begin, end);
+    nodes_[i].outline = 2 * (unique_end - begin) != end - begin || begin == end;
+    last_[i] = static_cast<std::uint32_t>(unique_end - neighbours_.begin());
   }
-  std::partial_sum(first_.begin(), first_.end(), first_.begin());
 }
 
-void DepthConsistency::dropMismatches(const DepthConsistencyConfig& config,
-                                      std::span<const Eigen::Vector3d> points,
-                                      std::vector<std::uint8_t>& keep) {
-  const double scale = config.baseline * config.focal;                    // disparity times depth [px m]
-  const double gate = kSigmas * config.sigma_disparity * std::sqrt(2.0);  // of a difference [px]
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const double own = scale / points[i].z();
-    const double sigma = config.sigma_disparity / scale * points[i].z() * points[i].z();  // [m]
+// Whether an edge between two points could lie on a surface no steeper than the slope whose tangent is given.
+bool DepthConsistency::onSurface(const Node& a, const Node& b, double tangent) const {
+  const Eigen::Vector3d edge = b.position - a.position;
+  const double along = 0.5 * std::abs(edge.dot(a.sight + b.sight));
+  const double across = std::sqrt(std::max(edge.squaredNorm() - along * along, 0.0));
+  return along - kSigmas * std::sqrt(a.variance + b.variance) <= tangent * across;
+}
+
+void DepthConsistency::dropMismatches(std::vector<Verdict>& verdicts) {
+  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    const Node& own = nodes_[i];
     values_.clear();
     int agreeing = 0;
-    for (std::uint32_t k = first_[i]; k < first_[i + 1]; ++k) {
-      const Eigen::Vector3d& other = points[neighbours_[k]];
-      values_.push_back(scale / other.z());
-      agreeing += onSurface(points[i], other, sigma, sigma, kAgreeingSlope) ? 1 : 0;
+    double variance = 0;
+    for (const std::uint32_t k : neighbours(i)) {
+      values_.push_back(nodes_[k].inverse_depth);
+      variance += nodes_[k].variance;
+      agreeing += onSurface(own, nodes_[k], kAgreeingSlope) ? 1 : 0;
     }
     if (values_.empty() || agreeing >= kAgreeing) continue;
+    const double sigma = std::sqrt(own.variance + variance / static_cast<double>(values_.size())) *
+                         own.inverse_depth * own.inverse_depth;
     const double middle = median(values_);
     deviations_.clear();
     for (const double v : values_) deviations_.push_back(std::abs(v - middle));
-    if (std::abs(own - middle) > gate + kSigmas * kMadToSigma * median(deviations_)) keep[i] = 0;
+    if (std::abs(own.inverse_depth - middle) > kSigmas * (sigma + kMadToSigma * median(deviations_)))
+      verdicts[i] = Verdict::kMismatch;
   }
 }
 
-void DepthConsistency::dropPatches(const DepthConsistencyConfig& config,
-                                   std::span<const Eigen::Vector3d> points, std::vector<std::uint8_t>& keep) {
-  const double tangent = std::tan(config.max_slope);
-  const double per_square = config.sigma_disparity / (config.baseline * config.focal);  // sigma_z / z^2 [1/m]
-  group_.resize(points.size());
+void DepthConsistency::join(double tangent, const std::vector<Verdict>& verdicts) {
+  group_.resize(nodes_.size());
   std::iota(group_.begin(), group_.end(), 0U);
   const auto root = [&](std::uint32_t i) {
     while (group_[i] != i) i = group_[i] = group_[group_[i]];
     return i;
   };
-  for (const auto& [a, b] : edges_) {
-    if (a > b || keep[a] == 0 || keep[b] == 0) continue;
-    const double za = points[a].z(), zb = points[b].z();
-    if (!onSurface(points[a], points[b], per_square * za * za, per_square * zb * zb, tangent)) continue;
-    const std::uint32_t ra = root(a), rb = root(b);
-    group_[std::max(ra, rb)] = std::min(ra, rb);
+  for (std::uint32_t a = 0; a < nodes_.size(); ++a) {
+    if (verdicts[a] != Verdict::kKeep) continue;
+    for (const std::uint32_t b : neighbours(a)) {
+      if (b < a || verdicts[b] != Verdict::kKeep || !onSurface(nodes_[a], nodes_[b], tangent)) continue;
+      const std::uint32_t ra = root(a), rb = root(b);
+      group_[std::max(ra, rb)] = std::min(ra, rb);
+    }
   }
-  size_.assign(points.size(), 0);
-  for (std::uint32_t i = 0; i < points.size(); ++i)
-    if (keep[i] != 0) ++size_[root(i)];
-  for (std::uint32_t i = 0; i < points.size(); ++i)
-    if (size_[root(i)] < static_cast<std::uint32_t>(config.min_patch_points)) keep[i] = 0;
+  for (std::uint32_t i = 0; i < nodes_.size(); ++i) group_[i] = root(i);
+}
+
+void DepthConsistency::dropFish(const DepthConsistencyConfig& config, std::vector<Verdict>& verdicts) {
+  join(kFishSlope, verdicts);
+  groups_.assign(nodes_.size(), Group{});
+  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    if (verdicts[i] != Verdict::kKeep) continue;
+    const Node& node = nodes_[i];
+    Group& g = groups_[group_[i]];
+    const double x = node.position.x() / node.position.z(), y = node.position.y() / node.position.z();
+    ++g.points;
+    g.outline |= node.outline;
+    g.x += x;
+    g.y += y;
+    g.xx += x * x;
+    g.xy += x * y;
+    g.yy += y * y;
+    g.depth += node.position.z();
+  }
+  for (Group& g : groups_) {
+    if (g.outline || g.points < kMinFishPoints || g.points * kFishPartOfFrame > nodes_.size()) continue;
+    const double n = g.points, depth = g.depth / n;
+    const double xx = g.xx / n - g.x * g.x / (n * n), yy = g.yy / n - g.y * g.y / (n * n);
+    const double xy = g.xy / n - g.x * g.y / (n * n);
+    const double middle = 0.5 * (xx + yy), spread = std::hypot(0.5 * (xx - yy), xy);
+    const double length = kEdgePerSigma * depth * std::sqrt(middle + spread);
+    const double width = kEdgePerSigma * depth * std::sqrt(std::max(middle - spread, 0.0));
+    if (length <= config.max_fish_length) g.needed = std::max(kFishGap, kFishGapPerWidth * width);
+  }
+  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    if (verdicts[i] != Verdict::kKeep) continue;
+    Group& g = groups_[group_[i]];
+    if (g.needed == 0) continue;
+    for (const std::uint32_t k : neighbours(i)) {
+      if (verdicts[k] != Verdict::kKeep || group_[k] == group_[i]) continue;
+      ++g.leaving;
+      g.shallow += nodes_[k].range - nodes_[i].range < g.needed ? 1 : 0;
+    }
+  }
+  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    const Group& g = groups_[group_[i]];
+    if (verdicts[i] == Verdict::kKeep && g.needed > 0 && g.leaving > 0 &&
+        g.shallow <= kShallowShare * g.leaving)
+      verdicts[i] = Verdict::kFish;
+  }
+}
+
+void DepthConsistency::dropPatches(const DepthConsistencyConfig& config, std::vector<Verdict>& verdicts) {
+  join(std::tan(config.max_slope), verdicts);
+  groups_.assign(nodes_.size(), Group{});
+  for (std::size_t i = 0; i < nodes_.size(); ++i)
+    if (verdicts[i] == Verdict::kKeep) ++groups_[group_[i]].points;
+  for (std::size_t i = 0; i < nodes_.size(); ++i)
+    if (verdicts[i] == Verdict::kKeep &&
+        groups_[group_[i]].points < static_cast<std::uint32_t>(config.min_patch_points))
+      verdicts[i] = Verdict::kMismatch;
 }
 
 }  // namespace fathom::stereo

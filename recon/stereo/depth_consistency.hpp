@@ -2,49 +2,83 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
 
+#include "recon/stereo/sparse_stereo.hpp"
+
 namespace fathom::stereo {
 
 struct DepthConsistencyConfig {
-  double baseline = 0.07;        // [m]
-  double focal = 1700;           // [px]
-  double sigma_disparity = 0.1;  // [px]
-  double max_slope = 1.4;        // steepest surface, angle between its normal and the line of sight [rad]
-  int min_patch_points =
-      6;  // a patch of fewer points that no surface joins to its surroundings is not seafloor
+  double max_slope = 1.4;    // steepest surface, angle between its normal and the line of sight [rad]
+  int min_patch_points = 6;  // a patch of fewer points that no surface joins to its surroundings is dropped
+  double max_fish_length =
+      0.6;  // longest group of points that is taken for a thing in mid-water [m]; 0: none
 };
 
 // Finds the points of a stereo frame whose depth contradicts their neighbours in the triangulated image.
-// 1. Mismatches: the disparity differs from the median of the neighbours' by more than three standard
-// deviations
-//    and three times their median absolute deviation, and fewer than two neighbours agree with it: at the
-//    edge of a coral head the points on either side have neighbours of their own kind.
-// 2. Floating patches: points are joined where the edge between them, allowing for three standard deviations,
-// is no
-//    steeper than the steepest surface that a camera sees; a group that has too few points is a fish or a
-//    cluster of mismatches.
+// Every comparison allows for three standard deviations of the points.
+// 1. Mismatches: the inverse depth differs from the median of the neighbours' by more than three standard
+//    deviations and three times their median absolute deviation, and fewer than two neighbours agree with it:
+//    at the edge of a coral head the points on either side have neighbours of their own kind.
+// 2. Fish: points are joined where the edge between them is less steep than 63 degrees. A group is a thing in
+//    mid-water when the image shows water all round it: no point of it on the outline of the triangulation,
+//    and nine in ten of the edges that leave it step down, by at least 0.15 m and by the group's own width. A
+//    boulder or coral head is as wide as it is high, or slopes or leans on something on one side; the edge of
+//    a drop-off runs out of the image. No more than a quarter of the points, and no longer than
+//    max_fish_length.
+// 3. Patches: points are joined where the edge between them is no steeper than max_slope; a group of fewer
+// than
+//    min_patch_points is a cluster of mismatches, or a fish that carries few corners.
+// Cost: linear in the number of points.
 class DepthConsistency {
  public:
-  // `keep[i]` becomes 0 for a point that is found out. `points`: in the left camera frame [m]; `triangles`:
-  // of the points.
-  void check(const DepthConsistencyConfig& config, std::span<const Eigen::Vector3d> points,
-             std::span<const std::array<std::uint32_t, 3>> triangles, std::vector<std::uint8_t>& keep);
+  enum class Verdict : std::uint8_t { kKeep, kMismatch, kFish };
+
+  // Reserves the memory for this many points.
+  explicit DepthConsistency(std::size_t max_points);
+
+  // `triangles`: of the points, in the image plane. `verdicts` gets one for each point.
+  void check(const DepthConsistencyConfig& config, std::span<const StereoPoint> points,
+             std::span<const std::array<std::uint32_t, 3>> triangles, std::vector<Verdict>& verdicts);
 
  private:
-  void linkNeighbours(std::size_t points, std::span<const std::array<std::uint32_t, 3>> triangles);
-  void dropMismatches(const DepthConsistencyConfig& config, std::span<const Eigen::Vector3d> points,
-                      std::vector<std::uint8_t>& keep);
-  void dropPatches(const DepthConsistencyConfig& config, std::span<const Eigen::Vector3d> points,
-                   std::vector<std::uint8_t>& keep);
+  struct Node {
+    Eigen::Vector3d position;  // [m]
+    Eigen::Vector3d sight;     // unit
+    double range;              // [m]
+    double inverse_depth;      // [1/m]
+    double variance;           // along the line of sight [m^2]
+    bool outline;              // has a neighbour on one side only
+  };
+  struct Group {
+    std::uint32_t points, leaving,
+        shallow;                     // points; edges that leave it; those of them that step down too little
+    bool outline;                    // reaches the outline of the triangulation
+    double x, y, xx, xy, yy, depth;  // sums of x/z, y/z, their products, and of z
+    double needed;                   // step down all round that makes it a fish [m]; 0: it is none
+  };
 
-  std::vector<std::uint32_t> first_;  // of each point's neighbours, and one past the last
+  void linkNeighbours(std::span<const std::array<std::uint32_t, 3>> triangles);
+  void dropMismatches(std::vector<Verdict>& verdicts);
+  void dropFish(const DepthConsistencyConfig& config, std::vector<Verdict>& verdicts);
+  void dropPatches(const DepthConsistencyConfig& config, std::vector<Verdict>& verdicts);
+  // Groups of kept points along edges no steeper than the slope whose tangent is given; group_[i]: the
+  // group's first point.
+  void join(double tangent, const std::vector<Verdict>& verdicts);
+  [[nodiscard]] bool onSurface(const Node& a, const Node& b, double tangent) const;
+  [[nodiscard]] std::span<const std::uint32_t> neighbours(std::size_t i) const {
+    return {neighbours_.data() + first_[i], last_[i] - first_[i]};
+  }
+
+  std::vector<Node> nodes_;
+  std::vector<std::uint32_t> first_, last_;  // of each point's neighbours, and one past them
   std::vector<std::uint32_t> neighbours_;
-  std::vector<std::array<std::uint32_t, 2>> edges_;  // both directions, sorted
   std::vector<double> values_, deviations_;
-  std::vector<std::uint32_t> group_, size_;
+  std::vector<std::uint32_t> group_;
+  std::vector<Group> groups_;
 };
 
 }  // namespace fathom::stereo

@@ -66,9 +66,15 @@ EpipolarDistance::EpipolarDistance(const StereoRig& rig) : focal_(0.5 * (rig.rig
   essential_ = cross * rig.T_right_left.matrix3();
 }
 
-double EpipolarDistance::operator()(const Eigen::Vector3d& left_ray, const Eigen::Vector3d& right_ray) const {
+EpipolarDistance::Offset EpipolarDistance::offset(const Eigen::Vector3d& left_ray,
+                                                  const Eigen::Vector3d& right_ray) const {
   const Eigen::Vector3d line = essential_ * left_ray;
-  return std::abs(line.dot(right_ray)) / line.head<2>().norm() * focal_;
+  const double norm = line.head<2>().norm();
+  return {line.dot(right_ray) / norm * focal_, line.head<2>() / norm};
+}
+
+double EpipolarDistance::operator()(const Eigen::Vector3d& left_ray, const Eigen::Vector3d& right_ray) const {
+  return std::abs(offset(left_ray, right_ray).distance);
 }
 
 }  // namespace fathom::stereo

@@ -44,12 +44,18 @@ class EpipolarSearch {
   std::vector<Eigen::Vector2d> candidates_;
 };
 
-// Distance of an undistorted right ray (x, y, 1) from the epipolar line of a left ray, in right pixels: both
+// Where an undistorted right ray (x, y, 1) lies beside the epipolar line of a left ray, in right pixels: both
 // cameras' distortion is already out.
 class EpipolarDistance {
  public:
   explicit EpipolarDistance(const StereoRig& rig);
+  // Unsigned [px].
   [[nodiscard]] double operator()(const Eigen::Vector3d& left_ray, const Eigen::Vector3d& right_ray) const;
+  struct Offset {
+    double distance;         // signed, along the normal [px]
+    Eigen::Vector2d normal;  // of the line, unit
+  };
+  [[nodiscard]] Offset offset(const Eigen::Vector3d& left_ray, const Eigen::Vector3d& right_ray) const;
 
  private:
   Eigen::Matrix3d essential_;  // [t]x R

@@ -6,11 +6,12 @@
 #include <stdexcept>
 #include <string>
 
-#include "recon/stereo/delaunay.hpp"
-#include "recon/stereo/depth_consistency.hpp"
 #include "recon/stereo/epipolar_search.hpp"
 #include "recon/stereo/gray_pyramid.hpp"
 #include "recon/stereo/harris_corners.hpp"
+#include "recon/stereo/local_mesh.hpp"
+#include "recon/stereo/match_noise.hpp"
+#include "recon/stereo/midpoint_triangulation.hpp"
 #include "recon/stereo/patch_tracker.hpp"
 
 namespace fathom::stereo {
@@ -20,6 +21,7 @@ constexpr int kLevels = 3;                        // of the pyramids: the coarse
 constexpr double kTopPixel = 1 << (kLevels - 1);  // [px]
 constexpr int kMaxFeatures = 5000;
 constexpr double kHalfPi = 1.5707963267948966;
+constexpr int kViewNodes = 24;  // a side, of the lattice that finds what both cameras see
 
 void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("sparse stereo: ") + what);
@@ -38,13 +40,14 @@ void validate(const StereoRig& rig, const SparseStereoConfig& c) {
           "window must be odd, 7 to 31 px");
   require(c.max_epipolar_distance > 0, "max_epipolar_distance must be positive");
   require(c.max_left_right_distance > 0, "max_left_right_distance must be positive");
-  require(c.sigma_disparity > 0, "sigma_disparity must be positive");
+  require(c.sigma_scale > 0, "sigma_scale must be positive");
   require(c.max_edge > 0, "max_edge must be positive");
   require(c.min_range > 0 && c.max_range > c.min_range, "ranges must be 0 < min_range < max_range");
   require(c.search_radius >= 0 && c.search_radius <= 256, "search_radius must be 0 to 256 px");
   require(c.min_correlation >= 0 && c.min_correlation < 1, "min_correlation must be 0 to below 1");
   require(c.max_slope > 0 && c.max_slope < kHalfPi, "max_slope must lie between 0 and pi/2");
   require(c.min_patch_points >= 1, "min_patch_points must be at least 1");
+  require(c.max_fish_length >= 0, "max_fish_length must not be negative");
 }
 
 bool fits(const ImageView& image, const Camera& camera) {
@@ -70,8 +73,14 @@ struct SparseStereo::Impl {
         left_pyramid(r.left.width, r.left.height, levels(r), kernels),
         right_pyramid(r.right.width, r.right.height, levels(r), kernels),
         harris(r.left.width, c.max_features, kernels),
-        tracker(c.window, kernels) {
-    focal_baseline = 0.5 * (r.left.fx + r.left.fy) * r.baseline();
+        tracker(c.window, kernels),
+        triangulation(r),
+        noise(static_cast<std::size_t>(c.max_features)),
+        mesh(static_cast<std::size_t>(c.max_features)) {
+    result.points.reserve(static_cast<std::size_t>(c.max_features));
+    result.triangles.reserve(2 * static_cast<std::size_t>(c.max_features));
+    for (int j = 0; j < kViewNodes; ++j)
+      for (int i = 0; i < kViewNodes; ++i) view_rays.push_back(rig.left.ray(viewNode(i, j)));
   }
 
   // Both pyramids need the same number.
@@ -83,25 +92,23 @@ struct SparseStereo::Impl {
   void ended(const char* stage) const {
     if (observer) observer(stage);
   }
+  [[nodiscard]] Eigen::Vector2d viewNode(int i, int j) const {
+    return {i * (rig.left.width - 1.0) / (kViewNodes - 1), j * (rig.left.height - 1.0) / (kViewNodes - 1)};
+  }
   [[nodiscard]] PixelBox sharedView(const ViewPlane& left_plane) const;
   void match(const Corner& corner, const ViewPlane& left_plane, const ViewPlane& right_plane);
-  void dropOutliers();
-  void triangulate();
-  [[nodiscard]] bool isSurface(const Delaunay::Triangle& t) const;
 
   StereoRig rig;
   SparseStereoConfig config;
-  double focal_baseline = 0;  // disparity times depth [px m]
   EpipolarDistance epipolar;
   EpipolarSearch to_right, to_left;
   GrayPyramid left_pyramid, right_pyramid;
   HarrisCorners harris;
   PatchTracker tracker;
-  Delaunay delaunay;
-  DepthConsistency consistency;
-  std::vector<Delaunay::Point> pixels;  // of the result's points in the left image
-  std::vector<Eigen::Vector3d> positions;
-  std::vector<std::uint8_t> keep;
+  MidpointTriangulation triangulation;
+  MatchNoise noise;
+  LocalMesh mesh;
+  std::vector<Eigen::Vector3d> view_rays;  // of the lattice's nodes, row by row
   StereoResult result;
   std::function<void(const char* stage)> observer;
 };
@@ -109,19 +116,19 @@ struct SparseStereo::Impl {
 // The part of the left image whose seeds the right camera sees: a box about the visible nodes of a coarse
 // lattice.
 PixelBox SparseStereo::Impl::sharedView(const ViewPlane& left_plane) const {
-  constexpr int kNodes = 24;  // a side
   const int half = config.window / 2;
-  const double dx = (rig.left.width - 1.0) / (kNodes - 1), dy = (rig.left.height - 1.0) / (kNodes - 1);
+  const Eigen::Vector2d spacing = viewNode(1, 1);
   PixelBox box{rig.left.width, rig.left.height, 0, 0};
-  for (int j = 0; j < kNodes; ++j) {
-    for (int i = 0; i < kNodes; ++i) {
+  for (int j = 0; j < kViewNodes; ++j) {
+    for (int i = 0; i < kViewNodes; ++i) {
       Eigen::Vector2d seen;
-      const Eigen::Vector2d pixel(i * dx, j * dy);
-      if (!to_right.seed(rig.left.ray(pixel), left_plane, half, seen)) continue;
-      box.x0 = std::min(box.x0, static_cast<int>(pixel.x() - dx));
-      box.y0 = std::min(box.y0, static_cast<int>(pixel.y() - dy));
-      box.x1 = std::max(box.x1, static_cast<int>(pixel.x() + dx) + 1);
-      box.y1 = std::max(box.y1, static_cast<int>(pixel.y() + dy) + 1);
+      const Eigen::Vector3d& ray = view_rays[static_cast<std::size_t>(j * kViewNodes + i)];
+      if (!to_right.seed(ray, left_plane, half, seen)) continue;
+      const Eigen::Vector2d low = viewNode(i, j) - spacing, high = viewNode(i, j) + spacing;
+      box.x0 = std::min(box.x0, static_cast<int>(low.x()));
+      box.y0 = std::min(box.y0, static_cast<int>(low.y()));
+      box.x1 = std::max(box.x1, static_cast<int>(high.x()) + 1);
+      box.y1 = std::max(box.y1, static_cast<int>(high.y()) + 1);
     }
   }
   return box;
@@ -140,7 +147,8 @@ void SparseStereo::Impl::match(const Corner& corner, const ViewPlane& left_plane
     return;
   }
   const Eigen::Vector3d right_ray = rig.right.ray(there.position);
-  if (epipolar(left_ray, right_ray) > config.max_epipolar_distance) {
+  const EpipolarDistance::Offset offset = epipolar.offset(left_ray, right_ray);
+  if (std::abs(offset.distance) > config.max_epipolar_distance) {
     ++result.rejected.epipolar;
     return;
   }
@@ -151,49 +159,14 @@ void SparseStereo::Impl::match(const Corner& corner, const ViewPlane& left_plane
     return;
   }
   Eigen::Vector3d point;
-  double gap = 0;
-  if (!triangulateMidpoint(rig, left_ray, right_ray, point, gap) || !(point.z() >= config.min_range) ||
+  if (!triangulation.point(left_ray, right_ray, point) || !(point.z() >= config.min_range) ||
       !(point.z() <= config.max_range)) {
     ++result.rejected.range;
     return;
   }
-  const double sigma_z = point.z() * point.z() * config.sigma_disparity / focal_baseline;
-  result.points.push_back(
-      {left.cast<float>(), there.position.cast<float>(), point.cast<float>(), static_cast<float>(sigma_z)});
-  pixels.push_back({corner.x, corner.y});
-  positions.push_back(point);
-}
-
-void SparseStereo::Impl::dropOutliers() {
-  const DepthConsistencyConfig limits{rig.baseline(), focal_baseline / rig.baseline(), config.sigma_disparity,
-                                      config.max_slope, config.min_patch_points};
-  consistency.check(limits, positions, delaunay.triangulate(pixels), keep);
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < keep.size(); ++i) {
-    if (keep[i] == 0) continue;
-    result.points[kept] = result.points[i];
-    pixels[kept] = pixels[i];
-    positions[kept] = positions[i];
-    ++kept;
-  }
-  result.rejected.outlier = static_cast<std::uint32_t>(keep.size() - kept);
-  result.points.resize(kept);
-  pixels.resize(kept);
-  positions.resize(kept);
-}
-
-bool SparseStereo::Impl::isSurface(const Delaunay::Triangle& t) const {
-  const Eigen::Vector3d &a = positions[t[0]], &b = positions[t[1]], &c = positions[t[2]];
-  const double longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
-  if (longest > config.max_edge * config.max_edge) return false;
-  const Eigen::Vector3d normal = (b - a).cross(c - a), sight = a + b + c;
-  return std::abs(normal.dot(sight)) > std::cos(config.max_slope) * normal.norm() * sight.norm();
-}
-
-void SparseStereo::Impl::triangulate() {
-  for (const Delaunay::Triangle& t : delaunay.triangulate(pixels))
-    // Turned over: counter-clockwise for the camera, whose image has y down.
-    if (isSurface(t)) result.triangles.push_back({t[0], t[2], t[1]});
+  result.points.push_back(pointOf(triangulation, left, there.position, left_ray, right_ray, point,
+                                  there.covariance, config.sigma_scale));
+  noise.add(offset, there.covariance);
 }
 
 SparseStereo::SparseStereo(const StereoRig& rig, const SparseStereoConfig& config, const Kernels* kernels) {
@@ -214,8 +187,7 @@ const StereoResult& SparseStereo::process(const ImageView& left, const ImageView
   m.result.triangles.clear();
   m.result.rejected = {};
   m.result.corners = 0;
-  m.pixels.clear();
-  m.positions.clear();
+  m.noise.clear();
   if (!fits(left, m.rig.left) || !fits(right, m.rig.right) || !usable(plane)) return m.result;
 
   m.left_pyramid.build(left);
@@ -233,10 +205,11 @@ const StereoResult& SparseStereo::process(const ImageView& left, const ImageView
   m.ended("corners");
 
   for (const Corner& corner : corners) m.match(corner, left_plane, right_plane);
+  m.noise.widen(m.result);
   m.ended("tracking");
-  m.dropOutliers();
+  m.mesh.dropOutliers(m.config, m.result);
   m.ended("outliers");
-  m.triangulate();
+  m.mesh.triangulate(m.config, m.result);
   m.ended("triangles");
   return m.result;
 }

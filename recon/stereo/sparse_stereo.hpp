@@ -20,14 +20,15 @@ struct SparseStereoConfig {
   int window = 15;                           // Lucas-Kanade window edge [px], odd
   double max_epipolar_distance = 1.0;        // [px]
   double max_left_right_distance = 0.5;      // left-right check [px]
-  double sigma_disparity = 0.1;              // of a match [px], for sigma_z
+  double sigma_scale = 1.0;                  // of all standard deviations; 1 is calibrated
   double max_edge = 0.5;                     // longest triangle edge [m]
   double min_range = 0.5, max_range = 12.0;  // accepted z [m]
   double search_radius = 32.0;   // reach of the search along the epipolar line about the seed [px]
   double min_correlation = 0.6;  // zero-mean normalised, of the two windows
   double max_slope = 1.396;  // between a triangle's normal and the line of sight [rad]: 80 deg; seen flatter,
                              // a triangle spans a gap between surfaces
-  int min_patch_points = 6;  // smaller groups of points that float free of the rest (fish) are dropped
+  int min_patch_points = 6;  // smaller groups of points that nothing joins to the rest are dropped
+  double max_fish_length = 0.6;  // longest thing in mid-water that is dropped as a fish [m]; 0: none
 };
 
 // The seafloor as a plane in the left camera frame, from DVL altitude and attitude: normal . p = distance.
@@ -39,17 +40,22 @@ struct SeedPlane {
 struct StereoPoint {
   Eigen::Vector2f left;  // distorted pixel
   Eigen::Vector2f right;
-  Eigen::Vector3f point;  // left camera frame [m]
-  float sigma_z = 0;      // z^2 sigma_d / (f b) [m]
+  Eigen::Vector3f point;                 // left camera frame [m]
+  float sigma_z = 0;                     // standard deviation of z [m]
+  std::array<float, 6> covariance = {};  // of the point: xx, xy, xz, yy, yz, zz [m^2]; zz = sigma_z^2
 };
 
 struct StereoResult {
   std::vector<StereoPoint> points;
   std::vector<std::array<std::uint32_t, 3>> triangles;  // of points; normals towards the camera
   struct Rejected {
-    std::uint32_t no_track = 0, left_right = 0, epipolar = 0, range = 0, outlier = 0;
+    std::uint32_t no_track = 0, left_right = 0, epipolar = 0, range = 0;
+    std::uint32_t outlier = 0;  // depth contradicts the neighbours'
+    std::uint32_t fish = 0;     // on something in mid-water
   } rejected;
   std::uint32_t corners = 0;
+  float sigma_scale =
+      1;  // by which the matches' own covariances were widened (MatchNoise), of standard deviations
 };
 
 // Sparse stereo for a small-baseline down-looking rig, on distorted images: Harris corners, seeds where the
@@ -79,5 +85,7 @@ class SparseStereo {
 // The local mesh of a stereo result in the left camera frame, with sigma and colours sampled from `left_rgb`
 // (8-bit RGB or mono, same size as the left image; empty: no colours).
 [[nodiscard]] Mesh toMesh(const StereoResult& result, const ImageView& left_rgb);
+// The same into a mesh whose memory is used again.
+void toMesh(const StereoResult& result, const ImageView& left_rgb, Mesh& mesh);
 
 }  // namespace fathom::stereo

@@ -33,18 +33,24 @@ Rgb colourAt(const ImageView& image, const Eigen::Vector2f& pixel) {
 
 }  // namespace
 
-Mesh toMesh(const StereoResult& result, const ImageView& left_rgb) {
-  Mesh mesh;
+void toMesh(const StereoResult& result, const ImageView& left_rgb, Mesh& mesh) {
   const bool coloured = !left_rgb.empty() && left_rgb.bits == 8 && left_rgb.format != PixelFormat::kBayerRggb;
-  mesh.vertices.reserve(result.points.size());
-  mesh.sigma.reserve(result.points.size());
+  mesh.vertices.clear();
+  mesh.colours.clear();
+  mesh.texture_coordinates.clear();
+  mesh.sigma.clear();
   for (const StereoPoint& p : result.points) {
     mesh.vertices.push_back(p.point);
     mesh.sigma.push_back(p.sigma_z);
     if (coloured) mesh.colours.push_back(colourAt(left_rgb, p.left));
   }
-  mesh.triangles = result.triangles;
+  mesh.triangles.assign(result.triangles.begin(), result.triangles.end());
   computeNormals(mesh);
+}
+
+Mesh toMesh(const StereoResult& result, const ImageView& left_rgb) {
+  Mesh mesh;
+  toMesh(result, left_rgb, mesh);
   return mesh;
 }
 

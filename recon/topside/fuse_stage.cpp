@@ -24,6 +24,7 @@ void add(stereo::StereoResult::Rejected& sum, const stereo::StereoResult::Reject
   sum.epipolar += one.epipolar;
   sum.range += one.range;
   sum.outlier += one.outlier;
+  sum.fish += one.fish;
 }
 
 }  // namespace

@@ -153,6 +153,7 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
       << row("rejected: left-right check", counts.rejected.left_right)
       << row("rejected: off the epipolar line", counts.rejected.epipolar)
       << row("rejected: range", counts.rejected.range) << row("rejected: outlier", counts.rejected.outlier)
+      << row("rejected: fish", counts.rejected.fish)
       << row("bottom-track ensembles used", r.navigation->counters.dvl_used)
       << row("bottom-track ensembles rejected", r.navigation->counters.dvl_rejected)
       << row("anchored by", anchor.source + " (" + std::to_string(anchor.fixes_used) + " fixes, " +

@@ -20,7 +20,8 @@ std::vector<std::pair<const char*, std::uint32_t>> causes(const stereo::StereoRe
           {"left_right", r.left_right},
           {"epipolar", r.epipolar},
           {"range", r.range},
-          {"outlier", r.outlier}};
+          {"outlier", r.outlier},
+          {"fish", r.fish}};
 }
 
 double medianDepth(const stereo::StereoResult& result) {

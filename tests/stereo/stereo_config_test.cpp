@@ -36,14 +36,14 @@ TEST(StereoConfig, AnAbsentTableGivesTheDefaults) {
 TEST(StereoConfig, EveryKeyReachesItsMember) {
   const SparseStereoConfig c = read(
       "[stereo]\nmax_features = 21\nwindow_px = 9\nmax_epipolar_px = 0.2\nmax_left_right_px = 0.3\n"
-      "min_correlation = 0.4\nsigma_disparity_px = 0.5\nsearch_radius_px = 60\nmin_range_m = 0.7\n"
+      "min_correlation = 0.4\nsigma_scale = 0.5\nsearch_radius_px = 60\nmin_range_m = 0.7\n"
       "max_range_m = 8\nmax_edge_m = 0.9\nmin_patch_points = 10\n");
   EXPECT_EQ(c.max_features, 21);
   EXPECT_EQ(c.window, 9);
   EXPECT_EQ(c.max_epipolar_distance, 0.2);
   EXPECT_EQ(c.max_left_right_distance, 0.3);
   EXPECT_EQ(c.min_correlation, 0.4);
-  EXPECT_EQ(c.sigma_disparity, 0.5);
+  EXPECT_EQ(c.sigma_scale, 0.5);
   EXPECT_EQ(c.search_radius, 60);
   EXPECT_EQ(c.min_range, 0.7);
   EXPECT_EQ(c.max_range, 8);

@@ -132,6 +132,7 @@ MapOutput MapCore::process(const MapInput& input) {
   counters_.rejected.epipolar += result.rejected.epipolar;
   counters_.rejected.range += result.rejected.range;
   counters_.rejected.outlier += result.rejected.outlier;
+  counters_.rejected.fish += result.rejected.fish;
   out.points = result.points.size();
   out.triangles = result.triangles.size();
   out.median_range = medianRange(result);

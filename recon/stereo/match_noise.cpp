@@ -1,0 +1,45 @@
+#include "recon/stereo/match_noise.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "recon/stereo/midpoint_triangulation.hpp"
+
+namespace fathom::stereo {
+
+MatchNoise::MatchNoise(std::size_t max_matches) {
+  matches_.reserve(max_matches);
+  ratios_.reserve(max_matches);
+}
+
+void MatchNoise::clear() {
+  matches_.clear();
+}
+
+void MatchNoise::add(const EpipolarDistance::Offset& offset, const Eigen::Matrix2d& covariance) {
+  const double variance = offset.normal.dot(covariance * offset.normal) + kPixelFloor * kPixelFloor;
+  matches_.push_back({offset.distance, std::sqrt(variance)});
+}
+
+double MatchNoise::scale() {
+  if (matches_.size() < kMinMatches) return kUsual;
+  ratios_.clear();
+  for (std::size_t i = 1; i < matches_.size(); ++i) {
+    const Match &a = matches_[i - 1], &b = matches_[i];
+    ratios_.push_back(std::abs(a.distance - b.distance) / std::hypot(a.sigma, b.sigma));
+  }
+  const auto middle = ratios_.begin() + static_cast<std::ptrdiff_t>(ratios_.size() / 2);
+  std::nth_element(ratios_.begin(), middle, ratios_.end());
+  constexpr double kMedianToSigma = 1.4826;  // of the magnitude of a normal variable
+  return std::max(1.0, kMedianToSigma * *middle);
+}
+
+void MatchNoise::widen(StereoResult& result) {
+  result.sigma_scale = static_cast<float>(scale());
+  for (StereoPoint& p : result.points) {
+    p.sigma_z *= result.sigma_scale;
+    for (float& c : p.covariance) c *= result.sigma_scale * result.sigma_scale;
+  }
+}
+
+}  // namespace fathom::stereo
