@@ -1,0 +1,222 @@
+#include "recon/slam/batch_solver.hpp"
+
+#include <Eigen/SVD>
+#include <cmath>
+#include <numeric>
+#include <optional>
+#include <stdexcept>
+#include <string>
+
+#include "recon/slam/block_cholesky.hpp"
+
+namespace fathom::slam {
+namespace {
+
+constexpr int kSize = 6;                // numbers a pose is solved for
+constexpr double kFirstDamping = 1e-6;  // share added to the diagonal
+constexpr double kMostDamping = 1e6;
+constexpr double kEasing = 0.1;  // of the damping after a step that helped
+// In a long, curved valley (a garage of 1,661 poses) a whole step leads up its side, and the next one far
+// down. So many steps may rise, up to this factor, before the best poses are taken up again (the watchdog of
+// Chamberlain, Powell, Lemarechal & Pedersen 1982).
+constexpr int kUphill = 2;
+constexpr double kSteepest = 4;
+
+std::size_t index(int i) {
+  return static_cast<std::size_t>(i);
+}
+
+// Poses that are solved for, and edges between two of them; the first pose of each connected part is held.
+struct Unknowns {
+  std::vector<int> of_pose;  // -1: held
+  int count = 0;
+  std::vector<BlockCholesky::Pair> pairs;  // from, to
+  std::vector<int> pair_of_edge;           // -1: an end is held
+};
+
+Unknowns unknownsOf(const PoseGraph& graph) {
+  std::vector<int> part(graph.poses.size());
+  std::iota(part.begin(), part.end(), 0);
+  const auto root = [&](int i) {
+    while (part[index(i)] != i) i = part[index(i)] = part[index(part[index(i)])];
+    return i;
+  };
+  for (const RelativePose& e : graph.edges) {
+    const int a = root(e.from), b = root(e.to);
+    part[index(std::max(a, b))] = std::min(a, b);
+  }
+  Unknowns u;
+  for (int i = 0; i < static_cast<int>(graph.poses.size()); ++i)
+    u.of_pose.push_back(root(i) == i ? -1 : u.count++);
+  for (const RelativePose& e : graph.edges) {
+    const int a = u.of_pose[index(e.from)], b = u.of_pose[index(e.to)];
+    u.pair_of_edge.push_back(a < 0 || b < 0 ? -1 : static_cast<int>(u.pairs.size()));
+    if (a >= 0 && b >= 0) u.pairs.push_back({a, b});
+  }
+  return u;
+}
+
+void validate(const PoseGraph& graph) {
+  const int poses = static_cast<int>(graph.poses.size());
+  for (std::size_t k = 0; k < graph.edges.size(); ++k) {
+    const RelativePose& e = graph.edges[k];
+    const auto refuse = [&](const char* what) {
+      throw std::invalid_argument("pose graph: edge " + std::to_string(k) + " " + what);
+    };
+    if (e.from < 0 || e.to < 0 || e.from >= poses || e.to >= poses) refuse("names a pose that is not there");
+    if (e.from == e.to) refuse("joins a pose to itself");
+    if (!e.information.allFinite() ||
+        (e.information - e.information.transpose()).norm() > 1e-9 * e.information.norm() ||
+        !(e.information.diagonal().minCoeff() >= 0))
+      refuse("has an information matrix that is none");
+  }
+}
+
+// Sum over edges of weight ||x_to - M^T x_from - c||^2 for columns x of `size` rows, where held poses have
+// the values that `held` gives; the least squares solution for the others, one column for each right side.
+template <typename Weight, typename Turn, typename Constant, typename Held>
+Eigen::MatrixXd linearLeastSquares(const PoseGraph& graph, const Unknowns& u, int size, Weight weight,
+                                   Turn turn, Constant constant, Held held) {
+  BlockCholesky system(u.count, size, u.pairs);
+  Eigen::MatrixXd right = Eigen::MatrixXd::Zero(u.count * size, 3);
+  for (std::size_t k = 0; k < graph.edges.size(); ++k) {
+    const RelativePose& e = graph.edges[k];
+    const double w = weight(e);
+    const Eigen::MatrixXd m = turn(e), c = constant(e);
+    const int from = u.of_pose[index(e.from)], to = u.of_pose[index(e.to)];
+    if (to >= 0) {
+      system.addDiagonal(to, w * Eigen::MatrixXd::Identity(size, size));
+      right.middleRows(to * size, size) += w * c;
+      if (from < 0) right.middleRows(to * size, size) += w * m.transpose() * held(e.from);
+    }
+    if (from >= 0) {
+      system.addDiagonal(from, w * m * m.transpose());
+      right.middleRows(from * size, size) -= w * m * c;
+      if (to < 0) right.middleRows(from * size, size) += w * m * held(e.to);
+    }
+    if (u.pair_of_edge[k] >= 0) system.addPair(index(u.pair_of_edge[k]), -w * m);
+  }
+  if (!system.factorize()) throw std::runtime_error("pose graph: the chordal system is singular");
+  return system.solve(right);
+}
+
+Eigen::Matrix3d nearestRotation(const Eigen::Matrix3d& m) {
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(m, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Eigen::Matrix3d sign = Eigen::Matrix3d::Identity();
+  if ((svd.matrixU() * svd.matrixV().transpose()).determinant() < 0) sign(2, 2) = -1;
+  return svd.matrixU() * sign * svd.matrixV().transpose();
+}
+
+// Fills the normal equations at the graph's poses; returns the gradient.
+Eigen::VectorXd assemble(const PoseGraph& graph, const Unknowns& u, BlockCholesky& system) {
+  system.setZero();
+  Eigen::VectorXd gradient = Eigen::VectorXd::Zero(u.count * kSize);
+  for (std::size_t k = 0; k < graph.edges.size(); ++k) {
+    const RelativePose& e = graph.edges[k];
+    const RelativePoseLinear l = linearize(e, graph.poses[index(e.from)], graph.poses[index(e.to)]);
+    const int from = u.of_pose[index(e.from)], to = u.of_pose[index(e.to)];
+    const Matrix6d weighted_from = l.by_from.transpose() * e.information;
+    const Matrix6d weighted_to = l.by_to.transpose() * e.information;
+    if (from >= 0) {
+      system.addDiagonal(from, weighted_from * l.by_from);
+      gradient.segment<kSize>(from * kSize) += weighted_from * l.error;
+    }
+    if (to >= 0) {
+      system.addDiagonal(to, weighted_to * l.by_to);
+      gradient.segment<kSize>(to * kSize) += weighted_to * l.error;
+    }
+    if (u.pair_of_edge[k] >= 0) system.addPair(index(u.pair_of_edge[k]), weighted_from * l.by_to);
+  }
+  return gradient;
+}
+
+}  // namespace
+
+std::vector<SE3> chordalPoses(const PoseGraph& graph) {
+  validate(graph);
+  const Unknowns u = unknownsOf(graph);
+  std::vector<SE3> poses = graph.poses;
+  if (u.count == 0) return poses;
+  // R_to = R_from R_from_to; the rows of R, as columns x, follow x_to = R_from_to^T x_from.
+  const Eigen::MatrixXd rows = linearLeastSquares(
+      graph, u, 3, [](const RelativePose& e) { return e.information.diagonal().tail<3>().mean(); },
+      [](const RelativePose& e) -> Eigen::MatrixXd { return e.T_from_to.matrix3(); },
+      [](const RelativePose&) -> Eigen::MatrixXd { return Eigen::MatrixXd::Zero(3, 3); },
+      [&](int pose) -> Eigen::MatrixXd { return graph.poses[index(pose)].matrix3().transpose(); });
+  for (std::size_t i = 0; i < poses.size(); ++i)
+    if (u.of_pose[i] >= 0)
+      poses[i] =
+          SE3(nearestRotation(rows.middleRows<3>(u.of_pose[i] * 3).transpose()), poses[i].translation());
+  const Eigen::MatrixXd places = linearLeastSquares(
+      graph, u, 1, [](const RelativePose& e) { return e.information.diagonal().head<3>().mean(); },
+      [](const RelativePose&) -> Eigen::MatrixXd { return Eigen::MatrixXd::Identity(1, 1); },
+      [&](const RelativePose& e) -> Eigen::MatrixXd {
+        return (poses[index(e.from)].rotation() * e.T_from_to.translation()).transpose();
+      },
+      [&](int pose) -> Eigen::MatrixXd { return graph.poses[index(pose)].translation().transpose(); });
+  for (std::size_t i = 0; i < poses.size(); ++i)
+    if (u.of_pose[i] >= 0) poses[i] = SE3(poses[i].rotation(), places.row(u.of_pose[i]).transpose());
+  return poses;
+}
+
+BatchResult optimize(PoseGraph& graph, const BatchOptions& options,
+                     const std::function<void(int iteration, double chi2)>& progress) {
+  validate(graph);
+  BatchResult result;
+  result.chi2_given = result.chi2_start = chiSquare(graph);
+  const Unknowns u = unknownsOf(graph);
+  if (u.count > 0) {
+    PoseGraph other = graph;
+    other.poses = chordalPoses(graph);
+    const double chordal = chiSquare(other);
+    if (chordal < result.chi2_start || !std::isfinite(result.chi2_start)) {
+      graph.poses = std::move(other.poses);
+      result.chi2_start = chordal;
+      result.chordal = true;
+    }
+  }
+  result.chi2 = result.chi2_start;
+  result.converged = u.count == 0;
+  if (u.count == 0) return result;
+
+  BlockCholesky system(u.count, kSize, u.pairs);
+  PoseGraph best = graph;
+  double damping = 0, chi2 = result.chi2_start;
+  int uphill = 0;  // steps since the best poses
+  while (!result.converged && result.iterations < options.max_iterations) {
+    const Eigen::VectorXd gradient = assemble(graph, u, system);
+    ++result.iterations;
+    PoseGraph next = graph;
+    chi2 = NAN;
+    if (system.factorize(damping)) {
+      const Eigen::VectorXd step = system.solve(-gradient);
+      for (std::size_t i = 0; i < graph.poses.size(); ++i)
+        if (u.of_pose[i] >= 0)
+          next.poses[i] = perturbed(graph.poses[i], step.segment<kSize>(u.of_pose[i] * kSize));
+      chi2 = chiSquare(next);
+    }
+    if (chi2 <= result.chi2) {
+      result.converged = result.chi2 - chi2 <= options.min_decrease * chi2;
+      result.chi2 = chi2;
+      graph.poses.swap(next.poses);
+      best.poses = graph.poses;
+      damping = damping > kFirstDamping ? kEasing * damping : 0;
+      uphill = 0;
+    } else if (damping == 0 && uphill < kUphill && chi2 < kSteepest * result.chi2) {
+      graph.poses.swap(next.poses);
+      ++uphill;
+    } else {
+      graph.poses = best.poses;
+      uphill = kUphill;
+      damping = std::max(damping / kEasing, kFirstDamping);
+      result.converged = damping > kMostDamping;  // no way down from here, to rounding
+    }
+    if (progress) progress(result.iterations, result.chi2);
+  }
+  graph.poses = best.poses;
+  result.factor_entries = system.factorEntries();
+  result.memory_bytes = system.memoryBytes();
+  return result;
+}
+
+}  // namespace fathom::slam

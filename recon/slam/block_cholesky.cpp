@@ -1,0 +1,206 @@
+#include "recon/slam/block_cholesky.hpp"
+
+#include <suitesparse/cholmod.h>
+
+#include <algorithm>
+#include <stdexcept>
+#include <vector>
+
+namespace fathom::slam {
+namespace {
+
+std::size_t index(int i) {
+  return static_cast<std::size_t>(i);
+}
+
+// A pattern of one number a block, lower part, columns sorted.
+struct Pattern {
+  std::vector<int> start, row;
+};
+
+Pattern patternOf(int blocks, std::span<const BlockCholesky::Pair> pairs) {
+  std::vector<std::array<int, 2>> entries;  // column, row
+  for (int i = 0; i < blocks; ++i) entries.push_back({i, i});
+  for (const auto& [a, b] : pairs) entries.push_back({std::min(a, b), std::max(a, b)});
+  std::sort(entries.begin(), entries.end());
+  entries.erase(std::unique(entries.begin(), entries.end()), entries.end());
+  Pattern p;
+  p.start.assign(index(blocks) + 1, 0);
+  for (const auto& [column, row] : entries) {
+    ++p.start[index(column) + 1];
+    p.row.push_back(row);
+  }
+  for (int i = 0; i < blocks; ++i) p.start[index(i) + 1] += p.start[index(i)];
+  return p;
+}
+
+}  // namespace
+
+struct BlockCholesky::Impl {
+  int blocks, size;
+  cholmod_common common{};
+  Pattern pattern;
+  std::vector<int> start, row;  // of the numbers
+  std::vector<double> value;
+  std::vector<int> slot;  // of each pair: which block of its column
+  std::vector<Pair> pairs;
+  cholmod_sparse matrix{};
+  cholmod_factor* factor = nullptr;
+
+  [[nodiscard]] double* at(int column_block, int block_in_column) {
+    return &value[index(start[index(column_block * size)] + block_in_column * size)];
+  }
+  [[nodiscard]] int columnStride(int column_block) const {
+    return (pattern.start[index(column_block) + 1] - pattern.start[index(column_block)]) * size;
+  }
+  std::vector<int> order();
+  void add(int column_block, int block_in_column, const Eigen::Ref<const Eigen::MatrixXd>& m,
+           bool transposed);
+};
+
+// Elimination order of the blocks, the better of AMD and METIS as CHOLMOD counts their factors.
+std::vector<int> BlockCholesky::Impl::order() {
+  cholmod_sparse graph{};
+  graph.nrow = graph.ncol = index(blocks);
+  graph.nzmax = pattern.row.size();
+  graph.p = pattern.start.data();
+  graph.i = pattern.row.data();
+  graph.stype = -1;
+  graph.itype = CHOLMOD_INT;
+  graph.xtype = CHOLMOD_PATTERN;
+  graph.dtype = CHOLMOD_DOUBLE;
+  graph.sorted = 1;
+  graph.packed = 1;
+  common.nmethods = 2;
+  common.method[0].ordering = CHOLMOD_AMD;
+  common.method[1].ordering = CHOLMOD_METIS;
+  cholmod_factor* analysis = cholmod_analyze(&graph, &common);
+  if (analysis == nullptr) throw std::runtime_error("CHOLMOD cannot analyse the pattern: out of memory");
+  const int* permutation = static_cast<const int*>(analysis->Perm);
+  std::vector<int> result(permutation, permutation + blocks);
+  cholmod_free_factor(&analysis, &common);
+  return result;
+}
+
+BlockCholesky::BlockCholesky(int blocks, int size, std::span<const Pair> pairs)
+    : impl_(std::make_unique<Impl>()) {
+  Impl& m = *impl_;
+  m.blocks = blocks;
+  m.size = size;
+  m.pattern = patternOf(blocks, pairs);
+  m.pairs.assign(pairs.begin(), pairs.end());
+  cholmod_start(&m.common);
+  m.common.print = 0;
+  m.common.supernodal = CHOLMOD_SUPERNODAL;
+
+  for (const auto& [a, b] : pairs) {
+    const auto first = m.pattern.row.begin() + m.pattern.start[index(std::min(a, b))];
+    const auto last = m.pattern.row.begin() + m.pattern.start[index(std::min(a, b)) + 1];
+    m.slot.push_back(static_cast<int>(std::lower_bound(first, last, std::max(a, b)) - first));
+  }
+  m.start.reserve(index(blocks * size) + 1);
+  m.start.push_back(0);
+  for (int j = 0; j < blocks; ++j) {
+    for (int c = 0; c < size; ++c) {
+      for (int k = m.pattern.start[index(j)]; k < m.pattern.start[index(j) + 1]; ++k)
+        for (int r = 0; r < size; ++r) m.row.push_back(m.pattern.row[index(k)] * size + r);
+      m.start.push_back(static_cast<int>(m.row.size()));
+    }
+  }
+  m.value.assign(m.row.size(), 0.0);
+  m.matrix.nrow = m.matrix.ncol = index(blocks * size);
+  m.matrix.nzmax = m.row.size();
+  m.matrix.p = m.start.data();
+  m.matrix.i = m.row.data();
+  m.matrix.x = m.value.data();
+  m.matrix.stype = -1;  // of diagonal blocks only the lower part is read
+  m.matrix.itype = CHOLMOD_INT;
+  m.matrix.xtype = CHOLMOD_REAL;
+  m.matrix.dtype = CHOLMOD_DOUBLE;
+  m.matrix.sorted = 1;
+  m.matrix.packed = 1;
+
+  std::vector<int> permutation;
+  for (const int block : m.order())
+    for (int r = 0; r < size; ++r) permutation.push_back(block * size + r);
+  m.common.nmethods = 1;
+  m.common.method[0].ordering = CHOLMOD_GIVEN;
+  m.factor = cholmod_analyze_p(&m.matrix, permutation.data(), nullptr, 0, &m.common);
+  if (m.factor == nullptr) throw std::runtime_error("CHOLMOD cannot analyse the matrix: out of memory");
+}
+
+BlockCholesky::~BlockCholesky() {
+  cholmod_free_factor(&impl_->factor, &impl_->common);
+  cholmod_finish(&impl_->common);
+}
+
+void BlockCholesky::setZero() {
+  std::fill(impl_->value.begin(), impl_->value.end(), 0.0);
+}
+
+void BlockCholesky::Impl::add(int column_block, int block_in_column,
+                              const Eigen::Ref<const Eigen::MatrixXd>& m, bool transposed) {
+  Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>> block(
+      at(column_block, block_in_column), size, size, Eigen::OuterStride<>(columnStride(column_block)));
+  if (transposed)
+    block += m.transpose();
+  else
+    block += m;
+}
+
+void BlockCholesky::addDiagonal(int block, const Eigen::Ref<const Eigen::MatrixXd>& values) {
+  impl_->add(block, 0, values, false);
+}
+
+void BlockCholesky::addPair(std::size_t k, const Eigen::Ref<const Eigen::MatrixXd>& values) {
+  const auto& [row, column] = impl_->pairs[k];
+  impl_->add(std::min(row, column), impl_->slot[k], values, row < column);
+}
+
+bool BlockCholesky::factorize(double damping) {
+  Impl& m = *impl_;
+  std::vector<double> diagonal;
+  const auto entry = [&](int i) -> double& {
+    return m.at(i / m.size, 0)[i % m.size * (m.columnStride(i / m.size) + 1)];
+  };
+  for (int i = 0; i < dimension(); ++i) {
+    diagonal.push_back(entry(i));
+    entry(i) *= 1 + damping;
+  }
+  const int done = cholmod_factorize(&m.matrix, m.factor, &m.common);
+  for (int i = 0; i < dimension(); ++i) entry(i) = diagonal[index(i)];
+  return done != 0 && m.common.status == CHOLMOD_OK;
+}
+
+Eigen::MatrixXd BlockCholesky::solve(const Eigen::Ref<const Eigen::MatrixXd>& right) const {
+  Impl& m = *impl_;
+  Eigen::MatrixXd copy = right;
+  cholmod_dense b{};
+  b.nrow = static_cast<std::size_t>(copy.rows());
+  b.ncol = static_cast<std::size_t>(copy.cols());
+  b.nzmax = b.nrow * b.ncol;
+  b.d = b.nrow;
+  b.x = copy.data();
+  b.xtype = CHOLMOD_REAL;
+  b.dtype = CHOLMOD_DOUBLE;
+  cholmod_dense* x = cholmod_solve(CHOLMOD_A, m.factor, &b, &m.common);
+  if (x == nullptr) throw std::runtime_error("CHOLMOD cannot solve: out of memory");
+  const Eigen::MatrixXd result =
+      Eigen::Map<const Eigen::MatrixXd>(static_cast<const double*>(x->x), copy.rows(), copy.cols());
+  cholmod_free_dense(&x, &m.common);
+  return result;
+}
+
+int BlockCholesky::dimension() const {
+  return impl_->blocks * impl_->size;
+}
+
+double BlockCholesky::factorEntries() const {
+  return impl_->common.lnz;
+}
+
+std::size_t BlockCholesky::memoryBytes() const {
+  return impl_->common.memory_usage;
+}
+
+}  // namespace fathom::slam

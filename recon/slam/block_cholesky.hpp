@@ -1,0 +1,45 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <memory>
+#include <span>
+
+namespace fathom::slam {
+
+// Symmetric positive definite matrix of square blocks, and its sparse Cholesky factor (CHOLMOD, supernodal;
+// Chen, Davis, Hager & Rajamanickam 2008). The pattern is given once and analysed on the graph of blocks,
+// where approximate minimum degree and nested dissection are tried and the sparser factor is kept; values may
+// change as often as wanted.
+class BlockCholesky {
+ public:
+  using Pair = std::array<int, 2>;
+
+  // `blocks` diagonal blocks of `size` x `size`, and a block for each pair of different indices. A pair may
+  // be given more than once, either way round. Throws std::runtime_error when CHOLMOD runs out of memory.
+  BlockCholesky(int blocks, int size, std::span<const Pair> pairs);
+  ~BlockCholesky();
+  BlockCholesky(const BlockCholesky&) = delete;
+  BlockCholesky& operator=(const BlockCholesky&) = delete;
+
+  void setZero();
+  void addDiagonal(int block, const Eigen::Ref<const Eigen::MatrixXd>& values);
+  // Values of the block in row pairs[k][0] and column pairs[k][1]; its transpose follows.
+  void addPair(std::size_t k, const Eigen::Ref<const Eigen::MatrixXd>& values);
+
+  // Factorises the matrix with its diagonal multiplied by 1 + `damping` (Marquardt 1963); false when that is
+  // not positive definite.
+  [[nodiscard]] bool factorize(double damping = 0);
+  // Solves for one or more right sides, blocks * size long each; needs a factor.
+  [[nodiscard]] Eigen::MatrixXd solve(const Eigen::Ref<const Eigen::MatrixXd>& right) const;
+
+  [[nodiscard]] int dimension() const;
+  [[nodiscard]] double factorEntries() const;     // numbers in the factor
+  [[nodiscard]] std::size_t memoryBytes() const;  // CHOLMOD's peak use
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace fathom::slam

@@ -1,0 +1,65 @@
+#include "recon/slam/pose_graph.hpp"
+
+#include <Eigen/Geometry>
+#include <cmath>
+
+namespace fathom::slam {
+namespace {
+
+Eigen::Matrix3d cross(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d m;
+  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return m;
+}
+
+// The representative with w >= 0 of the two that mean the same rotation.
+Eigen::Quaterniond positive(const Eigen::Quaterniond& q) {
+  return q.w() < 0 ? Eigen::Quaterniond(-q.w(), -q.x(), -q.y(), -q.z()) : q;
+}
+
+}  // namespace
+
+Vector6d relativePoseError(const RelativePose& edge, const SE3& T_w_from, const SE3& T_w_to) {
+  const SE3 difference = edge.T_from_to.inverse() * (T_w_from.inverse() * T_w_to);
+  Vector6d error;
+  error << difference.translation(), positive(difference.rotation()).vec();
+  return error;
+}
+
+RelativePoseLinear linearize(const RelativePose& edge, const SE3& T_w_from, const SE3& T_w_to) {
+  const SE3 between = T_w_from.inverse() * T_w_to;
+  const SE3 difference = edge.T_from_to.inverse() * between;
+  const Eigen::Quaterniond q = positive(difference.rotation());
+  const Eigen::Matrix3d measured = edge.T_from_to.matrix3().transpose();
+  RelativePoseLinear l;
+  l.error << difference.translation(), q.vec();
+  l.by_to.setZero();
+  l.by_to.topLeftCorner<3, 3>() = difference.matrix3();
+  l.by_to.bottomRightCorner<3, 3>() = 0.5 * (q.w() * Eigen::Matrix3d::Identity() + cross(q.vec()));
+  l.by_from.setZero();
+  l.by_from.topLeftCorner<3, 3>() = -measured;
+  l.by_from.topRightCorner<3, 3>() = measured * cross(between.translation());
+  l.by_from.bottomRightCorner<3, 3>() =
+      -0.5 * (q.w() * Eigen::Matrix3d::Identity() - cross(q.vec())) * measured;
+  return l;
+}
+
+SE3 perturbed(const SE3& pose, const Vector6d& step) {
+  const Eigen::Vector3d phi = step.tail<3>();
+  const double angle = phi.norm();
+  const Eigen::Quaterniond turn =
+      angle > 0 ? Eigen::Quaterniond(Eigen::AngleAxisd(angle, phi / angle)) : Eigen::Quaterniond::Identity();
+  return pose * SE3(turn, step.head<3>());
+}
+
+double chiSquare(const PoseGraph& graph) {
+  double sum = 0;
+  for (const RelativePose& edge : graph.edges) {
+    const Vector6d e = relativePoseError(edge, graph.poses[static_cast<std::size_t>(edge.from)],
+                                         graph.poses[static_cast<std::size_t>(edge.to)]);
+    sum += e.dot(edge.information * e);
+  }
+  return sum;
+}
+
+}  // namespace fathom::slam

@@ -1,0 +1,66 @@
+#include "recon/slam/g2o_file.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "realtime/kernel/input_error.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::slam {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+const std::string kTwo =
+    "# two poses\nVERTEX_SE3:QUAT 4 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 2 1 2 3 0 0 1 0\nFIX 4\n";
+const std::string kInformation = " 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 4 .1 .2 4 .3 4";
+const std::string kEdge = "EDGE_SE3:QUAT 4 2 1 0 0 0 0 0 2" + kInformation + "\n";
+
+std::string errorOf(const std::string& text) {
+  try {
+    (void)parseG2o(text, "graph.g2o");
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+TEST(G2oFile, PosesComeByIdAndEdgesByIndex) {
+  const PoseGraph graph = parseG2o(kTwo + kEdge, "graph.g2o");
+  EXPECT_THAT(graph.ids, ::testing::ElementsAre(2, 4));
+  EXPECT_EQ(graph.poses[0].translation(), Eigen::Vector3d(1, 2, 3));
+  ASSERT_EQ(graph.edges.size(), 1U);
+  EXPECT_EQ(graph.edges[0].from, 1);
+  EXPECT_EQ(graph.edges[0].to, 0);
+  EXPECT_NEAR(graph.edges[0].T_from_to.rotation().w(), 1, 1e-15);  // made unit
+  EXPECT_EQ(graph.edges[0].information(3, 5), 0.2);
+  EXPECT_EQ(graph.edges[0].information(5, 3), 0.2);
+}
+
+TEST(G2oFile, WhatIsWrittenIsReadBack) {
+  const test::TemporaryFolder folder;
+  const PoseGraph graph = parseG2o(kTwo + kEdge, "graph.g2o");
+  writeG2o(folder.path() / "a.g2o", graph);
+  const PoseGraph again = readG2o(folder.path() / "a.g2o");
+  EXPECT_EQ(again.ids, graph.ids);
+  EXPECT_NEAR(chiSquare(again), chiSquare(graph), 1e-9 * chiSquare(graph));
+}
+
+TEST(G2oFile, BadLinesAreRefusedByFileAndLine) {
+  EXPECT_THAT(errorOf(kTwo + "EDGE_SE3:QUAT 4 3 1 0 0 0 0 0 1" + kInformation),
+              AllOf(HasSubstr("graph.g2o"), HasSubstr("line 5"), HasSubstr("pose 3")));
+  EXPECT_THAT(errorOf(kTwo + "EDGE_SE3:QUAT 4 4 1 0 0 0 0 0 1" + kInformation), HasSubstr("itself"));
+  EXPECT_THAT(errorOf(kTwo + "VERTEX_SE3:QUAT 4 0 0 0 0 0 0 1"), HasSubstr("second time"));
+  EXPECT_THAT(errorOf("VERTEX_SE3:QUAT 1 0 0 0 0 0 0 0"), HasSubstr("length zero"));
+  EXPECT_THAT(errorOf("VERTEX_SE3:QUAT 1 0 0 nan 0 0 0 1"), HasSubstr("nan"));
+  EXPECT_THAT(errorOf("VERTEX_SE3:QUAT 1 0 0 0 0 0 1"), HasSubstr("ends too soon"));
+  EXPECT_THAT(errorOf("VERTEX_SE3:QUAT 1 0 0 0 0 0 0 1 9"), HasSubstr("more numbers"));
+  EXPECT_THAT(errorOf("VERTEX_SE2 1 0 0 0"), HasSubstr("VERTEX_SE2"));
+  EXPECT_THAT(errorOf(""), HasSubstr("no VERTEX_SE3:QUAT"));
+  EXPECT_THROW((void)readG2o("/absent.g2o"), InputError);
+  EXPECT_THROW((void)readG2o("/tmp"), InputError);
+}
+
+}  // namespace
+}  // namespace fathom::slam
