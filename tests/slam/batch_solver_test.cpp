@@ -47,8 +47,8 @@ INSTANTIATE_TEST_SUITE_P(RealGraphs, BatchSolverOn,
                          ::testing::Values(Known{"tinyGrid3D.g2o", 6.727881},
                                            Known{"parking-garage.g2o", 1.238684},
                                            Known{"sphere2500.g2o", 727.149412}),
-                         [](const auto& info) {
-                           const std::string name = info.param.file;
+                         [](const auto& graph) {
+                           const std::string name = graph.param.file;
                            return name[0] == 't' ? "TinyGrid" : name[0] == 'p' ? "Garage" : "Sphere";
                          });
 
