@@ -140,6 +140,7 @@ void DepthConsistency::dropFish(const DepthConsistencyConfig& config, std::vecto
     const double x = node.position.x() / node.position.z(), y = node.position.y() / node.position.z();
     ++g.points;
     g.outline |= node.outline;
+    for (const std::uint32_t k : neighbours(i)) g.outline |= nodes_[k].outline;
     g.x += x;
     g.y += y;
     g.xx += x * x;

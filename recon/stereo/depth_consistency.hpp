@@ -24,11 +24,11 @@ struct DepthConsistencyConfig {
 //    deviations and three times their median absolute deviation, and fewer than two neighbours agree with it:
 //    at the edge of a coral head the points on either side have neighbours of their own kind.
 // 2. Fish: points are joined where the edge between them is less steep than 63 degrees. A group is a thing in
-//    mid-water when the image shows water all round it: no point of it on the outline of the triangulation,
-//    and nine in ten of the edges that leave it step down, by at least 0.15 m and by the group's own width. A
-//    boulder or coral head is as wide as it is high, or slopes or leans on something on one side; the edge of
-//    a drop-off runs out of the image. No more than a quarter of the points, and no longer than
-//    max_fish_length.
+//    mid-water when the image shows water all round it: no point of it on or beside the outline of the
+//    triangulation, and nine in ten of the edges that leave it step down, by at least 0.15 m and by the
+//    group's own width. A boulder or coral head is as wide as it is high, or slopes or leans on something on
+//    one side; the edge of a drop-off runs out of the image. No more than a quarter of the points, and no
+//    longer than max_fish_length.
 // 3. Patches: points are joined where the edge between them is no steeper than max_slope; a group of fewer
 // than
 //    min_patch_points is a cluster of mismatches, or a fish that carries few corners.
@@ -56,7 +56,7 @@ class DepthConsistency {
   struct Group {
     std::uint32_t points, leaving,
         shallow;                     // points; edges that leave it; those of them that step down too little
-    bool outline;                    // reaches the outline of the triangulation
+    bool outline;                    // has a point on or beside the outline of the triangulation
     double x, y, xx, xy, yy, depth;  // sums of x/z, y/z, their products, and of z
     double needed;                   // step down all round that makes it a fish [m]; 0: it is none
   };
