@@ -17,7 +17,7 @@ constexpr int kSmooth = 14;
 constexpr double kMinMean = 1e-5;      // of full scale: a fraction of a level of 16 bits
 constexpr double kMinVariance = 1e-4;  // relative: 1 %; no sensor shows less texture
 constexpr double kMaxVariance = 4;
-constexpr int kRounds = 8;  // of fitting pattern and trend in turn: the change is then below 0.1 %
+constexpr int kRounds = 5;  // of fitting pattern and trend in turn: the change is then below 0.1 %
 
 // Mean brightness of images of one range differs by as much as the seafloor does from image to image.
 constexpr double kSceneSigma = 0.15;
@@ -35,6 +35,20 @@ constexpr float kNeighbourBin = 0.25F;
 
 std::size_t index(int i) {
   return static_cast<std::size_t>(i);
+}
+
+void merge(Moments& into, const Moments& other) {
+  if (other.count == 0) return;
+  const double count = into.count + other.count;
+  const double share = other.count / count, delta = other.mean - into.mean;
+  into.variance += share * (other.variance - into.variance) + share * (1 - share) * delta * delta;
+  into.mean += share * delta;
+  into.count = count;
+}
+
+double relativeVariance(const Moments& m) {
+  const double mean = std::max(m.mean, kMinMean);
+  return std::clamp(m.variance / (mean * mean), kMinVariance, kMaxVariance);
 }
 
 // Values at bins of no evidence from the nearest ones that have some: interpolated between, constant outside.
@@ -69,17 +83,18 @@ ChannelModel::ChannelModel(const Channel& channel, const NodeLattice& lattice)
       evidence_(lattice.size() * RangeBins::kKnown),
       value_(lattice.size()),
       weight_(lattice.size()),
+      counts_(lattice.size()),
       across_value_(lattice.size()),
       across_weight_(lattice.size()) {}
 
 std::size_t ChannelModel::memoryBytes() const {
   return statistics_.memoryBytes() + plain_.capacity() * sizeof(Level) + range_.capacity() * sizeof(Level) +
          cells_.capacity() * sizeof(Cell) + (pattern_.capacity() + evidence_.capacity()) * sizeof(float) +
-         4 * value_.capacity() * sizeof(double);
+         5 * value_.capacity() * sizeof(double);
 }
 
 ChannelModel::Cell& ChannelModel::cell(std::size_t node, int bin) {
-  return cells_[node * RangeBins::kKnown + index(bin)];
+  return cells_[index(bin) * plain_.size() + node];
 }
 
 Level ChannelModel::atRange(std::size_t node, float position) const {
@@ -123,9 +138,9 @@ void ChannelModel::solve(int images, double outlier) {
       kWantedSamples / (static_cast<double>(images) * NodeStatistics::kSamplesPerImage);
   const int radius =
       std::clamp(static_cast<int>(0.5 * std::sqrt(nodes_wanted)), 0, std::max(columns_, rows_) / kSmooth);
+  knows_range_ = false;
+  used_.fill(false);
   fitPlain(images, radius);
-  if (!known_) return;
-  gather();
   if (knows_range_) fitRange(radius);
 }
 
@@ -133,43 +148,24 @@ void ChannelModel::fitPlain(int images, int radius) {
   // A node's samples of one image are much alike: each image gives one degree of freedom, and the mean took
   // one.
   const double freedom = images > 1 ? static_cast<double>(images) / (images - 1) : 1.0;
-  const auto merge = [](Moments& into, const Moments& other) {
-    const double count = into.count + other.count;
-    if (other.count == 0) return;
-    const double share = other.count / count, delta = other.mean - into.mean;
-    into.variance += share * (other.variance - into.variance) + share * (1 - share) * delta * delta;
-    into.mean += share * delta;
-    into.count = count;
-  };
-  const auto relative = [](const Moments& m) {
-    const double mean = std::max(m.mean, kMinMean);
-    return std::clamp(m.variance / (mean * mean), kMinVariance, kMaxVariance);
-  };
   Moments all;
   for (std::size_t n = 0; n < plain_.size(); ++n) {
-    Moments node;
-    for (int b = 0; b < RangeBins::kAll; ++b) merge(node, statistics_.moments(n, b));
+    const Moments node = gather(n);
     merge(all, node);
-    pattern_[n] = static_cast<float>(relative(node));
-    weight_[n] = node.count;
+    pattern_[n] = static_cast<float>(relativeVariance(node));
+    counts_[n] = node.count;
     value_[n] = std::log(std::max(node.mean, kMinMean));
   }
   known_ = all.count > 0;
   whole_ = {static_cast<float>(std::log(std::max(all.mean, kMinMean))),
-            static_cast<float>(0.5 * std::log(relative(all)))};
+            static_cast<float>(0.5 * std::log(relativeVariance(all)))};
   std::fill(plain_.begin(), plain_.end(), whole_);
   if (images < 2) return;
-  const auto counts = [&] {
-    for (std::size_t n = 0; n < plain_.size(); ++n) {
-      double count = 0;
-      for (int b = 0; b < RangeBins::kAll; ++b) count += statistics_.moments(n, b).count;
-      weight_[n] = count;
-    }
-  };
+  weight_ = counts_;
   pool(radius);
   for (std::size_t n = 0; n < plain_.size(); ++n)
     if (weight_[n] > 0) plain_[n].log_mean = static_cast<float>(value_[n] / weight_[n]);
-  counts();
+  weight_ = counts_;
   std::copy(pattern_.begin(), pattern_.end(), value_.begin());
   pool(radius);
   for (std::size_t n = 0; n < plain_.size(); ++n)
@@ -177,22 +173,26 @@ void ChannelModel::fitPlain(int images, int radius) {
       plain_[n].log_spread = static_cast<float>(0.5 * std::log(freedom * value_[n] / weight_[n]));
 }
 
-void ChannelModel::gather() {
-  knows_range_ = false;
-  for (std::size_t n = 0; n < plain_.size(); ++n)
-    for (int b = 0; b < RangeBins::kKnown; ++b) {
-      const Moments m = statistics_.moments(n, b);
-      Cell& c = cell(n, b);
-      c = {};
-      if (m.count == 0) continue;
-      knows_range_ = true;
-      const double mean = std::max(m.mean, kMinMean);
-      c.weight = static_cast<float>(m.count / NodeStatistics::kSamplesPerImage);
-      c.log_mean = static_cast<float>(std::log(mean));
-      c.variance = static_cast<float>(std::clamp(m.variance / (mean * mean), kMinVariance, kMaxVariance));
-      c.x = static_cast<float>(m.x_mean - std::log(RangeBins::middle(b)));
-      c.x_variance = static_cast<float>(m.x_variance);
-    }
+Moments ChannelModel::gather(std::size_t node) {
+  Moments sum;
+  const unsigned bins = statistics_.binsOf(node);
+  for (int b = 0; b < RangeBins::kAll; ++b) {
+    if (b < RangeBins::kKnown) cell(node, b) = {};
+    if ((bins >> b & 1U) == 0) continue;
+    const Moments m = statistics_.moments(node, b);
+    if (m.count == 0) continue;
+    merge(sum, m);
+    if (b == RangeBins::kUnknown) continue;
+    used_[index(b)] = true;
+    knows_range_ = true;
+    Cell& c = cell(node, b);
+    c.weight = static_cast<float>(m.count / NodeStatistics::kSamplesPerImage);
+    c.log_mean = static_cast<float>(std::log(std::max(m.mean, kMinMean)));
+    c.variance = static_cast<float>(relativeVariance(m));
+    c.x = static_cast<float>(m.x_mean - std::log(RangeBins::middle(b)));
+    c.x_variance = static_cast<float>(m.x_variance);
+  }
+  return sum;
 }
 
 void ChannelModel::fitLaw(const Bins& images, const Bins& trend) {
@@ -221,6 +221,7 @@ void ChannelModel::fitRange(int radius) {
   std::array<float, RangeBins::kKnown> slope{};
   for (int round = 0; round < kRounds; ++round) {
     for (int b = 0; b < RangeBins::kKnown; ++b) {
+      if (!used_[index(b)]) continue;
       slope[index(b)] = static_cast<float>(law_.slope(RangeBins::middle(b)));
       double sum = 0, weight = 0;
       for (std::size_t n = 0; n < plain_.size(); ++n) {
@@ -236,6 +237,7 @@ void ChannelModel::fitRange(int radius) {
     for (std::size_t n = 0; n < plain_.size(); ++n) {
       value_[n] = 0, weight_[n] = 0;
       for (int b = 0; b < RangeBins::kKnown; ++b) {
+        if (!used_[index(b)]) continue;
         const Cell& c = cell(n, b);
         const float rest = c.log_mean - static_cast<float>(trend[index(b)]) - slope[index(b)] * c.x;
         value_[n] += static_cast<double>(c.weight * rest);
@@ -262,11 +264,12 @@ void ChannelModel::fitRange(int radius) {
   for (int b = 0; b < RangeBins::kKnown; ++b) {
     const auto level = static_cast<float>(law_.at(RangeBins::middle(b)) + departure[index(b)]);
     for (std::size_t n = 0; n < plain_.size(); ++n) {
+      range_[n * RangeBins::kKnown + index(b)].log_mean = level + pattern_[n];
+      if (!used_[index(b)]) continue;
       Cell& c = cell(n, b);
       c.log_mean -= pattern_[n] + level + slope[index(b)] * c.x;  // the rest, for q
       c.variance -= slope[index(b)] * slope[index(b)] * c.x_variance;
       c.variance = std::max(c.variance, static_cast<float>(kMinVariance));
-      range_[n * RangeBins::kKnown + index(b)].log_mean = level + pattern_[n];
     }
   }
   for (int b = 0; b < RangeBins::kKnown; ++b) fitPatternChange(b, std::max(radius, 1));
@@ -275,9 +278,17 @@ void ChannelModel::fitRange(int radius) {
 }
 
 void ChannelModel::fitPatternChange(int bin, int radius) {
+  const int first = std::max(bin - 1, 0), last = std::min(bin + 1, RangeBins::kKnown - 1);
+  if (std::none_of(used_.begin() + first, used_.begin() + last + 1, [](bool used) { return used; })) {
+    for (std::size_t n = 0; n < plain_.size(); ++n) {
+      evidence_[n * RangeBins::kKnown + index(bin)] = 0;
+      range_[n * RangeBins::kKnown + index(bin)].log_spread = 0;
+    }
+    return;
+  }
   for (std::size_t n = 0; n < plain_.size(); ++n) {
     value_[n] = 0, weight_[n] = 0;
-    for (int b = std::max(bin - 1, 0); b <= std::min(bin + 1, RangeBins::kKnown - 1); ++b) {
+    for (int b = first; b <= last; ++b) {
       const Cell& c = cell(n, b);
       const float weight = b == bin ? c.weight : kNeighbourBin * std::min(c.weight, kPatternImages);
       value_[n] += static_cast<double>(weight * c.log_mean);
@@ -307,6 +318,7 @@ void ChannelModel::fitSpread(const Bins& images, int radius) {
   Bins by_bin{};
   double sum_all = 0, images_all = 0;
   for (int b = 0; b < RangeBins::kKnown; ++b) {
+    if (!used_[index(b)]) continue;
     double sum = 0, freedom = 0, once = 0, once_weight = 0;
     for (std::size_t n = 0; n < plain_.size(); ++n) {
       const Cell& c = cell(n, b);
@@ -327,12 +339,15 @@ void ChannelModel::fitSpread(const Bins& images, int radius) {
       by_bin[index(b)] = (images[index(b)] * std::log(by_bin[index(b)]) + kTrendImages * std::log(all)) /
                          (images[index(b)] + kTrendImages);
   bridge([&](int b) { return images[index(b)] > 0; }, [&](int b) -> double& { return by_bin[index(b)]; });
+  Bins per_bin{};
+  for (int b = 0; b < RangeBins::kKnown; ++b) per_bin[index(b)] = std::exp(-by_bin[index(b)]);
 
   for (std::size_t n = 0; n < plain_.size(); ++n) {
     value_[n] = 0, weight_[n] = 0;
     for (int b = 0; b < RangeBins::kKnown; ++b) {
+      if (!used_[index(b)]) continue;
       const Cell& c = cell(n, b);
-      value_[n] += static_cast<double>(c.weight * c.variance) / std::exp(by_bin[index(b)]);
+      value_[n] += static_cast<double>(c.weight * c.variance) * per_bin[index(b)];
       weight_[n] += static_cast<double>(c.weight);
     }
     if (weight_[n] > 0) value_[n] /= weight_[n];
@@ -342,9 +357,10 @@ void ChannelModel::fitSpread(const Bins& images, int radius) {
   const double weight = std::accumulate(weight_.begin(), weight_.end(), 0.0);
   for (std::size_t n = 0; n < plain_.size(); ++n) {
     const double relative = weight_[n] > 0 ? value_[n] / weight_[n] / (value / weight) : 1;
+    const double log_relative = std::log(std::max(relative, kMinVariance));
     for (int b = 0; b < RangeBins::kKnown; ++b)
       range_[n * RangeBins::kKnown + index(b)].log_spread =
-          static_cast<float>(0.5 * (by_bin[index(b)] + std::log(std::max(relative, kMinVariance))));
+          static_cast<float>(0.5 * (by_bin[index(b)] + log_relative));
   }
 }
 

@@ -57,7 +57,8 @@ class ChannelModel {
     float x = 0, x_variance = 0;       // logarithm of the range, less the bin's middle
   };
   [[nodiscard]] Cell& cell(std::size_t node, int bin);
-  void gather();
+  // Takes a node's moments into its cells; returns those of all ranges together.
+  Moments gather(std::size_t node);
   void fitPlain(int images, int radius);
   void fitLaw(const Bins& images, const Bins& trend);
   void fitRange(int radius);
@@ -73,12 +74,13 @@ class ChannelModel {
   bool known_ = false, knows_range_ = false;
   Level whole_;
   RangeLaw law_;
-  std::vector<Level> plain_;                                           // by node
-  std::vector<Level> range_;                                           // by node, then bin
-  std::vector<Cell> cells_;                                            // by node, then bin
-  std::vector<float> pattern_;                                         // a, by node
-  std::vector<float> evidence_;                                        // of q, by node, then bin
-  std::vector<double> value_, weight_, across_value_, across_weight_;  // of pool(), by node
+  std::vector<Level> plain_;                                                    // by node
+  std::vector<Level> range_;                                                    // by node, then bin
+  std::vector<Cell> cells_;                                                     // by bin, then node
+  std::array<bool, RangeBins::kKnown> used_{};                                  // bins that have cells
+  std::vector<float> pattern_;                                                  // a, by node
+  std::vector<float> evidence_;                                                 // of q, by node, then bin
+  std::vector<double> value_, weight_, counts_, across_value_, across_weight_;  // of pool(), by node
 };
 
 }  // namespace fathom::lighting

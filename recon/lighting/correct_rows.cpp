@@ -14,20 +14,11 @@ struct Ramp {
   float gain, gain_slope, offset, offset_slope;
 };
 
-Ramp rampBetween(const Correction* nodes, int i, int count, int width) {
-  const Correction a = nodes[i], b = nodes[std::min(i + 1, count - 1)];
-  const float per_pixel = static_cast<float>(count) / static_cast<float>(width);
-  const float x = (static_cast<float>(i) + 0.5F) / per_pixel - 0.5F;  // of node i
-  const float gain_slope = (b.gain - a.gain) * per_pixel, offset_slope = (b.offset - a.offset) * per_pixel;
-  return {a.gain - x * gain_slope, gain_slope, a.offset - x * offset_slope, offset_slope};
-}
-
-// Where the stretch after node i ends; a whole step, so that only the row's end is left over. Half a step
-// beyond its end a ramp is as good as the next one.
-int endOfStretch(int i, int count, int width) {
-  if (i >= count - 2) return width;
-  const double x = (i + 1.5) * width / count;
-  return std::min(static_cast<int>(std::lround(x / kStep)) * kStep, width);
+Ramp rampAfter(const RowPlan& plan, const Correction* nodes, std::size_t i) {
+  const Correction a = nodes[i], b = nodes[std::min(i + 1, static_cast<std::size_t>(plan.nodes) - 1)];
+  const float gain_slope = (b.gain - a.gain) * plan.per_pixel;
+  const float offset_slope = (b.offset - a.offset) * plan.per_pixel;
+  return {a.gain - plan.x[i] * gain_slope, gain_slope, a.offset - plan.x[i] * offset_slope, offset_slope};
 }
 
 std::uint8_t correctOne(float sample, const Ramp& r, float x) {
@@ -44,14 +35,27 @@ cv::v_uint16x8 load(const std::uint16_t* in) {
 
 }  // namespace
 
+// A stretch is a whole number of steps, so that only the row's end is left over: half a step beyond its end a
+// ramp is as good as the next one.
+RowPlan::RowPlan(int row_width, int node_count)
+    : width(row_width),
+      nodes(node_count),
+      per_pixel(static_cast<float>(node_count) / static_cast<float>(row_width)) {
+  for (int i = 0; i < nodes; ++i) {
+    const double next = (i + 1.5) * width / nodes;
+    x[static_cast<std::size_t>(i)] = static_cast<float>((i + 0.5) * width / nodes - 0.5);
+    end[static_cast<std::size_t>(i)] =
+        i >= nodes - 2 ? width : std::min(static_cast<int>(std::lround(next / kStep)) * kStep, width);
+  }
+}
+
 template <typename T>
-void correctRow(const T* in, int width, const Correction* even, const Correction* odd, int nodes,
+void correctRow(const RowPlan& plan, const T* in, const Correction* even, const Correction* odd,
                 std::uint8_t* out) {
   int x = 0;
-  for (int i = 0; x < width; ++i) {
-    const Ramp e = rampBetween(even, std::min(i, nodes - 1), nodes, width);
-    const Ramp o = rampBetween(odd, std::min(i, nodes - 1), nodes, width);
-    const int end = endOfStretch(i, nodes, width);
+  for (std::size_t i = 0; x < plan.width; ++i) {
+    const Ramp e = rampAfter(plan, even, i), o = rampAfter(plan, odd, i);
+    const int end = plan.end[i];
     const auto lanes = [&](float Ramp::*value, float Ramp::*slope, float from) {
       return cv::v_float32x4(e.*value + from * e.*slope, o.*value + (from + 1) * o.*slope,
                              e.*value + (from + 2) * e.*slope, o.*value + (from + 3) * o.*slope);
@@ -84,23 +88,25 @@ void correctRow(const T* in, int width, const Correction* even, const Correction
 }
 
 template <typename T>
-void correctRgbRow(const T* in, int width, const Correction* const (&channels)[3], int nodes,
+void correctRgbRow(const RowPlan& plan, const T* in, const Correction* const (&channels)[3],
                    std::uint8_t* out) {
   int x = 0;
-  for (int i = 0; x < width; ++i) {
-    const int node = std::min(i, nodes - 1), end = endOfStretch(i, nodes, width);
-    const Ramp ramps[3] = {rampBetween(channels[0], node, nodes, width),
-                           rampBetween(channels[1], node, nodes, width),
-                           rampBetween(channels[2], node, nodes, width)};
-    for (; x < end; ++x)
+  for (std::size_t i = 0; x < plan.width; ++i) {
+    const Ramp ramps[3] = {rampAfter(plan, channels[0], i), rampAfter(plan, channels[1], i),
+                           rampAfter(plan, channels[2], i)};
+    for (; x < plan.end[i]; ++x)
       for (int c = 0; c < 3; ++c)
         out[3 * x + c] = correctOne(static_cast<float>(in[3 * x + c]), ramps[c], static_cast<float>(x));
   }
 }
 
-template void correctRow(const std::uint8_t*, int, const Correction*, const Correction*, int, std::uint8_t*);
-template void correctRow(const std::uint16_t*, int, const Correction*, const Correction*, int, std::uint8_t*);
-template void correctRgbRow(const std::uint8_t*, int, const Correction* const (&)[3], int, std::uint8_t*);
-template void correctRgbRow(const std::uint16_t*, int, const Correction* const (&)[3], int, std::uint8_t*);
+template void correctRow(const RowPlan&, const std::uint8_t*, const Correction*, const Correction*,
+                         std::uint8_t*);
+template void correctRow(const RowPlan&, const std::uint16_t*, const Correction*, const Correction*,
+                         std::uint8_t*);
+template void correctRgbRow(const RowPlan&, const std::uint8_t*, const Correction* const (&)[3],
+                            std::uint8_t*);
+template void correctRgbRow(const RowPlan&, const std::uint16_t*, const Correction* const (&)[3],
+                            std::uint8_t*);
 
 }  // namespace fathom::lighting

@@ -1,6 +1,9 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
+
+#include "recon/lighting/node_lattice.hpp"
 
 namespace fathom::lighting {
 
@@ -10,16 +13,28 @@ struct Correction {
   float offset = 0.0F;
 };
 
+// Where the nodes of a row lie, in the middles of as many equal cells, and which stretch of pixels belongs
+// between which two.
+struct RowPlan {
+  RowPlan() = default;
+  RowPlan(int row_width, int node_count);
+
+  int width = 0, nodes = 0;                      // pixels, nodes
+  float per_pixel = 0;                           // nodes
+  std::array<float, NodeLattice::kMaxSide> x{};  // of a node [px]
+  std::array<int, NodeLattice::kMaxSide> end{};  // of the stretch after a node [px]
+};
+
 // One row of an image: out = gain * sample + offset, rounded and clamped to 0 to 255. `even` and `odd` are
-// the corrections of the pixels in even and odd columns (a mono image: the same) at `nodes` nodes in the
-// middles of as many equal cells; linear between them, and on to the row's ends.
+// the corrections of the pixels in even and odd columns (a mono image: the same) at the nodes; linear between
+// them, and on to the row's ends.
 template <typename T>
-void correctRow(const T* in, int width, const Correction* even, const Correction* odd, int nodes,
+void correctRow(const RowPlan& plan, const T* in, const Correction* even, const Correction* odd,
                 std::uint8_t* out);
 
 // The same for rows of pixels of three interleaved samples.
 template <typename T>
-void correctRgbRow(const T* in, int width, const Correction* const (&channels)[3], int nodes,
+void correctRgbRow(const RowPlan& plan, const T* in, const Correction* const (&channels)[3],
                    std::uint8_t* out);
 
 }  // namespace fathom::lighting

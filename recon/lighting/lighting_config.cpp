@@ -15,7 +15,7 @@ LightingConfig readLightingConfig(const ConfigTable& table, LightingConfig c) {
   c.target_mean = table.number("target_mean", c.target_mean, 0.05, 0.95);
   c.target_sigma = table.number("target_sigma", c.target_sigma, 0.01, 0.5);
   c.min_images = static_cast<int>(table.integer("min_images", c.min_images, 1, 1000));
-  c.grid = static_cast<int>(table.integer("grid_px", c.grid, 1, 64));
+  c.grid = static_cast<int>(table.integer("grid_px", c.grid, 4, 256));
   c.saturated = table.number("saturated", c.saturated, 0.5, 1.0);
   c.outlier = table.number("outlier_sigma", c.outlier, 1.0, 10.0);
   const std::string choice = table.choice("model", nameOf(c.choice), kChoices);

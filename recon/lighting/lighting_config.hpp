@@ -11,7 +11,7 @@ struct LightingConfig {
   double target_mean = 0.42;   // of full scale, after correction
   double target_sigma = 0.13;  // of full scale
   int min_images = 8;          // before that, one mean and variance for the whole image and channel
-  int grid = 24;               // spacing of the statistics' nodes, in samples of a channel
+  int grid = 48;               // spacing of the statistics' nodes [px]
   double saturated = 0.98;     // of full scale: such samples do not enter the statistics
   double outlier = 3.0;        // robust standard deviations, in logarithms, beyond which a sample is left out
   LightingChoice choice = LightingChoice::kAuto;

@@ -15,13 +15,12 @@
 namespace fathom::lighting {
 namespace {
 
-constexpr int kMaxSide = 65535;     // [px]
-constexpr int kMaxGrid = 256;       // [px]
-constexpr int kSolveAlways = 64;    // images up to which every image is followed by a solution
-constexpr int kSolveFraction = 32;  // later, one in this share of the images so far
-constexpr double kMinSigma =
-    0.002;  // of full scale: half a level of 8 bits; less is quantisation, not texture
-constexpr double kMinContrast = 0.04;  // sigma of mean: in thicker haze, gain would show noise alone
+constexpr int kMaxSide = 65535;        // [px]
+constexpr int kMaxGrid = 256;          // [px]
+constexpr int kSolveAlways = 32;       // images up to which every image is followed by a solution
+constexpr int kSolveFraction = 16;     // later, one in this share of the images so far
+constexpr float kMinSigma = 0.002F;    // of full scale: half a level of 8 bits; less is quantisation
+constexpr float kMinContrast = 0.04F;  // sigma of mean: in thicker haze, gain would show noise alone
 constexpr std::size_t kMaxChannels = 4;
 
 void require(bool holds, const char* what) {
@@ -45,6 +44,7 @@ struct LightingModel::Impl {
   LightingConfig config;
   int samples_per_pixel;
   NodeLattice lattice;
+  RowPlan plan;
   std::vector<ChannelModel> channels;
   std::vector<float> ranges, means;  // of an image being learnt, by node
   ModelChoice choice;
@@ -144,12 +144,11 @@ void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range)
 }
 
 Correction LightingModel::Impl::correction(const Level& level) const {
-  const double mean = std::exp(static_cast<double>(level.log_mean));
-  const double spread = std::max(std::exp(static_cast<double>(level.log_spread)), kMinContrast);
-  const double gain = config.target_sigma / std::max(spread * mean, kMinSigma);
-  const double full = (1 << bits) - 1, grey = 255;
-  return {static_cast<float>(grey * gain / full),
-          static_cast<float>(grey * (config.target_mean - gain * mean))};
+  const float mean = std::exp(level.log_mean);
+  const float spread = std::max(std::exp(level.log_spread), kMinContrast);
+  const float gain = static_cast<float>(config.target_sigma) / std::max(spread * mean, kMinSigma);
+  const float full = static_cast<float>((1 << bits) - 1), grey = 255;
+  return {grey * gain / full, grey * (static_cast<float>(config.target_mean) - gain * mean)};
 }
 
 void LightingModel::Impl::nodeRow(LightingKind kind, const RangeLattice* range, int j, NodeRow& row) const {
@@ -203,9 +202,9 @@ void LightingModel::Impl::correctImage(const ImageView& image, const RangeLattic
     std::uint8_t* line =
         out + static_cast<std::size_t>(y) * static_cast<std::size_t>(width * samples_per_pixel);
     if (format == PixelFormat::kRgb)
-      correctRgbRow(in, width, {here[0].data(), here[1].data(), here[2].data()}, lattice.columns, line);
+      correctRgbRow(plan, in, {here[0].data(), here[1].data(), here[2].data()}, line);
     else
-      correctRow(in, width, here[first].data(), here[first + in_row - 1].data(), lattice.columns, line);
+      correctRow(plan, in, here[first].data(), here[first + in_row - 1].data(), line);
   }
 }
 
@@ -233,7 +232,7 @@ LightingModel::LightingModel(int width, int height, PixelFormat format, int bits
   require(config.grid >= 1 && config.grid <= kMaxGrid, "grid must be 1 to 256 px");
   require(config.saturated > 0 && config.saturated <= 1, "saturated must lie between 0 and 1");
   require(config.outlier >= 1, "outlier must be at least 1");
-  const NodeLattice lattice(width, height, config.grid, format == PixelFormat::kBayerRggb ? 2 : 1);
+  const NodeLattice lattice(width, height, config.grid);
   impl_ = std::make_unique<Impl>();
   impl_->width = width;
   impl_->height = height;
@@ -242,6 +241,7 @@ LightingModel::LightingModel(int width, int height, PixelFormat format, int bits
   impl_->config = config;
   impl_->samples_per_pixel = format == PixelFormat::kRgb ? 3 : 1;
   impl_->lattice = lattice;
+  impl_->plan = RowPlan(width, lattice.columns);
   impl_->ranges.resize(lattice.size());
   impl_->means.resize(lattice.size());
   for (const Channel& channel : channelsOf(width, height, format))

@@ -48,7 +48,7 @@ class LightingModel {
   LightingModel(int width, int height, PixelFormat format, int bits, const LightingConfig& config);
   ~LightingModel();
 
-  // Learns. The models follow at every image up to the 64th, from then on when 1/32 more have been seen.
+  // Learns. The models follow at every image up to the 32nd, from then on when 1/16 more have been seen.
   // Wrongly shaped images are ignored and counted. Without ranges (or where they are unknown) an image
   // teaches the first two models alone.
   void add(const ImageView& image, const RangeLattice& range);

@@ -40,10 +40,10 @@ struct NodeLattice {
   int width = 0, height = 0;  // of the image [px]
 
   NodeLattice() = default;
-  // Cells about `grid` samples of a channel wide; `step` pixels from sample to sample.
-  NodeLattice(int image_width, int image_height, int grid, int step)
-      : columns(cells(image_width, grid * step)),
-        rows(cells(image_height, grid * step)),
+  // Cells about `grid` pixels wide.
+  NodeLattice(int image_width, int image_height, int grid)
+      : columns(cells(image_width, grid)),
+        rows(cells(image_height, grid)),
         width(image_width),
         height(image_height) {}
 

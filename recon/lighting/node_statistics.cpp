@@ -45,6 +45,7 @@ NodeStatistics::NodeStatistics(const Channel& channel, const NodeLattice& lattic
       block_columns_((lattice.columns + kBlock - 1) / kBlock),
       block_rows_((lattice.rows + kBlock - 1) / kBlock),
       cells_(lattice.size() * RangeBins::kAll),
+      bins_(lattice.size()),
       intervals_(index(block_columns_ * block_rows_) * RangeBins::kAll) {
   for (std::size_t v = 0; v < class_of_.size(); ++v)
     class_of_[v] =
@@ -52,7 +53,8 @@ NodeStatistics::NodeStatistics(const Channel& channel, const NodeLattice& lattic
 }
 
 std::size_t NodeStatistics::memoryBytes() const {
-  return cells_.capacity() * sizeof(Cell) + intervals_.capacity() * sizeof(Interval) + sizeof(*this);
+  return cells_.capacity() * sizeof(Cell) + bins_.capacity() * sizeof(std::uint16_t) +
+         intervals_.capacity() * sizeof(Interval) + sizeof(*this);
 }
 
 std::size_t NodeStatistics::block(std::size_t node) const {
@@ -111,6 +113,7 @@ void NodeStatistics::add(const T* samples, std::size_t stride, int bits, float s
       }
       means[node] = n > 0 ? sum / n : -1.0F;
       if (n == 0) continue;
+      bins_[node] = static_cast<std::uint16_t>(bins_[node] | 1U << bin);
       // Chan, Golub & LeVeque 1979: the image's samples join as one group.
       const double mean = static_cast<double>(sum) / n, total = cell.count + n, share = n / total;
       const double delta = mean - cell.mean;
@@ -141,8 +144,9 @@ void NodeStatistics::findOutliers(double outlier) {
         double total = 0;
         for (int j = bj * kBlock; j < std::min((bj + 1) * kBlock, lattice_.rows); ++j)
           for (int i = bi * kBlock; i < std::min((bi + 1) * kBlock, lattice_.columns); ++i) {
-            const Cell& cell = cells_[index((j * lattice_.columns + i) * RangeBins::kAll + bin)];
-            if (cell.count == 0) continue;
+            const std::size_t node = index(j * lattice_.columns + i);
+            if ((bins_[node] >> bin & 1U) == 0) continue;
+            const Cell& cell = cells_[node * RangeBins::kAll + index(bin)];
             for (std::size_t k = 0; k < kClasses; ++k) {
               histogram[k] += cell.number[k];
               total += cell.number[k];

@@ -48,6 +48,8 @@ class NodeStatistics {
   void findOutliers(double outlier);
   // Of the samples within the interval, since the last findOutliers().
   [[nodiscard]] Moments moments(std::size_t node, int bin) const;
+  // Whether there are any: bit `bin`.
+  [[nodiscard]] unsigned binsOf(std::size_t node) const { return bins_[node]; }
   // Saturated and outlying samples, of all.
   [[nodiscard]] std::uint64_t saturatedSamples() const { return saturated_; }
   [[nodiscard]] double outlierShare() const { return outlier_share_; }
@@ -76,6 +78,7 @@ class NodeStatistics {
   int block_columns_, block_rows_;
   std::array<std::uint8_t, 4096> class_of_;
   std::vector<Cell> cells_;          // by node, then bin
+  std::vector<std::uint16_t> bins_;  // by node
   std::vector<Interval> intervals_;  // by block of nodes, then bin
   std::uint64_t saturated_ = 0;
   double outlier_share_ = 0;

@@ -16,7 +16,7 @@ namespace {
 
 constexpr int kWidth = 160, kHeight = 120;  // [px]
 // A real camera's image is eight times as wide: the lattice is finer by as much as the images are smaller.
-constexpr LightingConfig kConfig{.grid = 2};
+constexpr LightingConfig kConfig{.grid = 4};
 
 // Strobe falling off from the upper left, strongly: 1 there, about 0.15 in the far corner.
 double strobe(int x, int y) {
