@@ -8,6 +8,7 @@
 #include "recon/topside/calibrate_command.hpp"
 #include "recon/topside/check_calibration_command.hpp"
 #include "recon/topside/pipeline.hpp"
+#include "recon/topside/posegraph_command.hpp"
 #include "recon/topside/stereo_command.hpp"
 
 int main(int argc, char** argv) {
@@ -28,16 +29,18 @@ int main(int argc, char** argv) {
   run->add_flag("--dense", dense, "semi-global matching instead of corners");
   run->add_option("--threads", threads, "threads (all cores); the result does not depend on them")
       ->check(CLI::Range(1, 256));
-  CLI::App *stereo = nullptr, *calibrate = nullptr, *check = nullptr;
+  CLI::App *stereo = nullptr, *calibrate = nullptr, *check = nullptr, *posegraph = nullptr;
   const std::function<int()> run_stereo = fathom::topside::addStereoCommand(app, stereo);
   const std::function<int()> run_calibrate = fathom::topside::addCalibrateCommand(app, calibrate);
   const std::function<int()> run_check = fathom::topside::addCheckCalibrationCommand(app, check);
+  const std::function<int()> run_posegraph = fathom::topside::addPosegraphCommand(app, posegraph);
   if (const auto code = fathom::parseCommandLine("fathom-topside", app, argc, argv)) return *code;
   return fathom::runTool("fathom-topside", [&]() -> int {
     using namespace fathom::topside;
     if (*stereo) return run_stereo();
     if (*calibrate) return run_calibrate();
     if (*check) return run_check();
+    if (*posegraph) return run_posegraph();
     TopsideConfig config = config_file.empty() ? TopsideConfig{} : readTopsideConfig(config_file);
     if (voxel) setVoxel(config, *voxel);
     if (dense) config.dense_stereo = true;

@@ -1,0 +1,141 @@
+#include "recon/topside/posegraph_command.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <sstream>
+#include <string>
+
+#include "realtime/kernel/input_error.hpp"
+#include "recon/slam/batch_solver.hpp"
+#include "recon/slam/g2o_file.hpp"
+#include "recon/topside/stage_times.hpp"
+
+namespace fathom::topside {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct Options {
+  std::filesystem::path file, out, truth;
+  bool json = false;
+};
+
+// True places of the poses from a chain of TORO lines, EDGE3 i i+1 x y z roll pitch yaw ..., which is how the
+// truth of the sphere is published; lines between other poses are passed over.
+std::vector<Eigen::Vector3d> readTruth(const std::filesystem::path& path, std::size_t poses) {
+  std::ifstream in(path);
+  if (!in || std::filesystem::is_directory(path))
+    throw InputError(path.string(), "", "is absent or cannot be read; give the true poses");
+  std::vector<std::optional<SE3>> chain(poses);
+  std::string line, kind;
+  for (std::size_t number = 1; std::getline(in, line); ++number) {
+    std::istringstream fields(line);
+    std::size_t from = 0, to = 0;
+    double x = 0, y = 0, z = 0, roll = 0, pitch = 0, yaw = 0;
+    if (!(fields >> kind) || kind != "EDGE3") continue;
+    if (!(fields >> from >> to >> x >> y >> z >> roll >> pitch >> yaw))
+      throw InputError(path.string(), "line " + std::to_string(number), "is no whole EDGE3");
+    if (to == from + 1 && to < poses) chain[to] = SE3::fromEuler(roll, pitch, yaw, {x, y, z});
+  }
+  std::vector<Eigen::Vector3d> places{Eigen::Vector3d::Zero()};
+  SE3 pose;
+  for (std::size_t i = 1; i < poses; ++i) {
+    if (!chain[i])
+      throw InputError(path.string(), "EDGE3",
+                       "says nothing of the way from pose " + std::to_string(i - 1) + " to the next");
+    pose = pose * *chain[i];
+    places.push_back(pose.translation());
+  }
+  return places;
+}
+
+// Root mean square distance after the best rigid alignment [m].
+double alignedError(const std::vector<SE3>& poses, const std::vector<Eigen::Vector3d>& truth) {
+  const auto n = static_cast<Eigen::Index>(poses.size());
+  Eigen::Matrix3Xd a(3, n), b(3, n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    a.col(i) = poses[static_cast<std::size_t>(i)].translation();
+    b.col(i) = truth[static_cast<std::size_t>(i)];
+  }
+  const Eigen::Matrix4d T = Eigen::umeyama(a, b, false);
+  const Eigen::Matrix3Xd moved =
+      (T.topLeftCorner<3, 3>() * a).colwise() + Eigen::Vector3d(T.topRightCorner<3, 1>());
+  return std::sqrt((moved - b).colwise().squaredNorm().mean());
+}
+
+Json timesOf(std::vector<double> ms) {
+  std::sort(ms.begin(), ms.end());
+  double sum = 0;
+  for (const double v : ms) sum += v;
+  const auto at = [&](double q) {
+    return ms.empty() ? 0.0 : ms[static_cast<std::size_t>(std::ceil(q * static_cast<double>(ms.size() - 1)))];
+  };
+  return {{"mean", ms.empty() ? 0.0 : sum / static_cast<double>(ms.size())},
+          {"p50", at(0.5)},
+          {"p99", at(0.99)},
+          {"max", at(1)}};
+}
+
+int runPosegraph(const Options& options) {
+  slam::PoseGraph graph = slam::readG2o(options.file);
+  const auto truth =
+      options.truth.empty() ? std::vector<Eigen::Vector3d>{} : readTruth(options.truth, graph.poses.size());
+  Stopwatch total, lap;
+  std::vector<double> step_ms;
+  const slam::BatchResult result = slam::optimize(graph, {}, [&](int iteration, double chi2) {
+    step_ms.push_back(1e3 * lap.lap());
+    if (!options.json) std::fprintf(stderr, "iteration %d: chi2 %.6f\n", iteration, chi2);
+  });
+  const double seconds = total.lap();
+  if (!options.out.empty()) slam::writeG2o(options.out, graph);
+  if (options.json) {
+    Json json{{"chi2", result.chi2},
+              {"chi2_given", result.chi2_given},
+              {"chi2_start", result.chi2_start},
+              {"start", result.chordal ? "chordal" : "given"},
+              {"converged", result.converged},
+              {"poses", graph.poses.size()},
+              {"edges", graph.edges.size()},
+              {"steps", result.iterations},
+              {"step_ms", timesOf(step_ms)},
+              {"factor_entries", result.factor_entries},
+              {"memory_bytes", result.memory_bytes},
+              {"total_s", seconds}};
+    if (!truth.empty()) json["rms_error_m"] = alignedError(graph.poses, truth);
+    std::printf("%s\n", json.dump(2).c_str());
+  } else {
+    std::printf("%zu poses, %zu edges: chi2 %.6f after %d iterations from %.6f (%s), %.3f s\n",
+                graph.poses.size(), graph.edges.size(), result.chi2, result.iterations, result.chi2_start,
+                result.chordal ? "chordal start" : "the file's poses", seconds);
+    if (!truth.empty())
+      std::printf("root mean square distance from the truth, aligned: %.4f m\n",
+                  alignedError(graph.poses, truth));
+  }
+  if (!result.converged) {
+    std::fprintf(stderr, "fathom-topside: not converged; chi2 may still fall\n");
+    return kExitFailedWork;
+  }
+  return kExitSuccess;
+}
+
+}  // namespace
+
+std::function<int()> addPosegraphCommand(CLI::App& app, CLI::App*& command) {
+  const auto options = std::make_shared<Options>();
+  command = app.add_subcommand("posegraph", "optimise a graph of 3D poses in g2o's form");
+  command->add_option("file", options->file, "g2o file: VERTEX_SE3:QUAT, EDGE_SE3:QUAT")->required();
+  command->add_option("--out", options->out, "g2o file to write");
+  command->add_option("--truth", options->truth,
+                      "EDGE3 chain of true relative poses, to compare places with");
+  command->add_flag("--json", options->json, "print one JSON object");
+  return [options] { return runPosegraph(*options); };
+}
+
+}  // namespace fathom::topside
