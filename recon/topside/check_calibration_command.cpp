@@ -6,6 +6,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/board_check_report.hpp"
 #include "recon/topside/calibrate_command.hpp"
+#include "recon/topside/mission_check.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -13,6 +14,7 @@ namespace {
 struct CheckOptions {
   BoardOptions board;
   std::filesystem::path calib, out;
+  std::size_t pairs = 200;
 };
 
 void makeFolder(const std::filesystem::path& folder) {
@@ -60,6 +62,25 @@ int checkOnBoards(const CheckOptions& options) {
   return verdict.good ? kExitSuccess : kExitFailedWork;
 }
 
+int checkOnMission(const CheckOptions& options) {
+  const auto& named = options.board.images.images;
+  if (named.size() != 1)
+    throw InputError(
+        "check-calibration", "",
+        "wants one mission folder, or --board, --square and --calib with images of a chessboard");
+  if (!options.out.empty()) makeFolder(options.out);
+  const MissionCheck check = checkMission({named[0], options.calib, options.pairs});
+  const MissionVerdict verdict = judge(check);
+  std::printf("%zu pairs, %zu matches, %zu places under the DVL, %zu steps\n", check.pairs, check.matches,
+              check.range_samples.size(), check.mount.steps);
+  for (const auto& line : verdict.lines) std::printf("%s: %s\n", nameOf(line.kind), line.text.c_str());
+  if (!options.out.empty()) {
+    writeMissionCheck(options.out, check, verdict);
+    std::printf("report: %s\n", (options.out / "mission-check.html").c_str());
+  }
+  return verdict.good ? kExitSuccess : kExitFailedWork;
+}
+
 }  // namespace
 
 std::function<int()> addCheckCalibrationCommand(CLI::App& app, CLI::App*& command) {
@@ -72,7 +93,11 @@ std::function<int()> addCheckCalibrationCommand(CLI::App& app, CLI::App*& comman
   addBoardOptions(*command, options->board);
   command->add_option("--calib", options->calib, "stereo.calib to check (a mission: its own)");
   command->add_option("--out", options->out, "folder for the report: HTML, JSON, pictures");
-  return [options] { return checkOnBoards(*options); };
+  command->add_option("--pairs", options->pairs, "of a mission that are looked at, in runs spread over it")
+      ->check(CLI::Range(1, 1000000))
+      ->capture_default_str();
+  return
+      [options] { return options->board.size.empty() ? checkOnMission(*options) : checkOnBoards(*options); };
 }
 
 }  // namespace fathom::topside

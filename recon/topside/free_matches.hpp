@@ -1,0 +1,41 @@
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "recon/calibration/epipolar_check.hpp"
+#include "recon/calibration/mount_alignment.hpp"
+#include "recon/geometry/image_view.hpp"
+#include "recon/stereo/sparse_stereo.hpp"
+
+namespace fathom::topside {
+
+// Matches for judging a rig. The stereo stage looks along epipolar lines, so what it finds lies on them
+// whatever the calibration; here Lucas-Kanade (cv::calcOpticalFlowPyrLK) goes wherever the image leads it,
+// from where the seafloor's plane says, forth and back. Images: 8 bit mono, of the rig's size.
+[[nodiscard]] std::vector<calibration::RigMatch> matchFreely(const StereoRig& rig, const ImageView& left,
+                                                             const ImageView& right,
+                                                             const stereo::SeedPlane& plane);
+
+// Points seen by stereo, in the left camera frame [m].
+struct SeenPoint {
+  Eigen::Vector2d left;
+  Eigen::Vector3d point;
+};
+// Triangulates the matches that lie near the median epipolar error of the pair and within the ranges.
+[[nodiscard]] std::vector<SeenPoint> triangulate(const StereoRig& rig,
+                                                 const std::vector<calibration::RigMatch>& matches,
+                                                 double min_range, double max_range);
+
+// The camera's motion from one left image to the next, from points tracked into it (perspective pose with
+// RANSAC); starts from `T_c1_c0`. std::nullopt when too few points agree.
+struct SeenMotion {
+  Eigen::Quaterniond R_c1_c0;
+  Eigen::Vector3d middle0, middle1;
+  std::size_t points = 0;
+};
+[[nodiscard]] std::optional<SeenMotion> trackMotion(const Camera& camera, const ImageView& first,
+                                                    const ImageView& next,
+                                                    const std::vector<SeenPoint>& points, const SE3& T_c1_c0);
+
+}  // namespace fathom::topside

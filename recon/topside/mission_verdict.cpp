@@ -1,0 +1,132 @@
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "recon/topside/html_text.hpp"
+#include "recon/topside/mission_check.hpp"
+
+namespace fathom::topside {
+namespace {
+
+using Kind = MissionVerdict::Line::Kind;
+
+constexpr double kDegrees = 180.0 / std::numbers::pi;
+constexpr double kCertain = 3;  // standard deviations
+// Stereo drops matches 1 px off their epipolar line: half of that leaves room for its own noise.
+constexpr double kMaxMedian = 0.5;            // of all matches [px]
+constexpr double kMaxCell = 0.75;             // of a part of the image [px]
+constexpr double kMaxRange = 0.03;            // of the ranges; sound speed and tilt account for about 1 %
+constexpr double kTooUncertain = 0.06;        // three standard deviations of the ranges' ratio
+constexpr double kMaxSpeed = 0.02;            // of the distance travelled; a DVL is good to 0.5 %
+constexpr double kMaxMount = 1.0 / kDegrees;  // [rad]: moves the seafloor's map by 3.5 cm at 2 m
+const char* const kAxes[3] = {"roll (about forward)", "pitch (about starboard)", "yaw (about down)"};
+
+std::string pm(double value, double sigma, int digits) {
+  return fixedDigits(value, digits) + " +- " + fixedDigits(sigma, digits);
+}
+
+bool rigHasMoved(const MissionCheck& check) {
+  return std::abs(check.epipolar.median) > kMaxMedian || std::abs(check.epipolar.worst_cell) > kMaxCell;
+}
+
+void judgeEpipolar(const MissionCheck& check, MissionVerdict& out) {
+  const auto& e = check.epipolar;
+  const bool bad = rigHasMoved(check);
+  std::string text = "epipolar error median " + fixedDigits(e.median, 2) +
+                     " px (allowed 0.5), worst part of the image " + fixedDigits(e.worst_cell, 2) +
+                     " px (allowed 0.75) at column " + std::to_string(e.worst_column + 1) + " of 8, row " +
+                     std::to_string(e.worst_row + 1) + " of 6";
+  if (bad) {
+    text += ": the rig has moved; calibrate again. A right camera turned by";
+    const char* const names[3] = {" pitch ", ", yaw ", ", roll "};
+    for (int i = 0; i < 3; ++i)
+      text += names[i] + pm(kDegrees * e.rotation(i), kDegrees * e.rotation_sigma(i), 3);
+    text += " deg would explain it, but for " + fixedDigits(e.sigma_after, 2) + " px a match";
+  }
+  out.lines.push_back({bad ? Kind::kBad : Kind::kGood, text});
+}
+
+void judgeRange(const MissionCheck& check, MissionVerdict& out) {
+  const auto& r = check.range;
+  if (r.ratio_sigma <= 0) {
+    out.lines.push_back({Kind::kOpen, "stereo range against DVL altitude: " + std::to_string(r.samples) +
+                                          " places seen by both, at least 8 are needed"});
+    return;
+  }
+  const double off = std::abs(r.ratio - 1);
+  const bool bad = off > kMaxRange && off > kCertain * r.ratio_sigma;
+  const bool open = !bad && kCertain * r.ratio_sigma > kTooUncertain;
+  std::string text = "stereo range is " + pm(r.ratio, r.ratio_sigma, 4) +
+                     " of the DVL's (allowed 1 +- 0.03) over " + fixedDigits(r.shortest, 2) + " to " +
+                     fixedDigits(r.longest, 2) + " m";
+  if (r.line_known)
+    text += "; scale " + pm(r.scale, r.scale_sigma, 4) + ", offset " + pm(r.offset, r.offset_sigma, 3) + " m";
+  else
+    text += "; scale and offset cannot be told apart at one altitude";
+  constexpr double kRefraction = 1.33, kNear = 0.06;  // index of sea water
+  if (bad && (std::abs(r.ratio * kRefraction - 1) < kNear || std::abs(r.ratio / kRefraction - 1) < kNear))
+    text += ": as of a flat port whose refraction one side leaves out (mission.toml says " + check.port +
+            "); calibrate in water";
+  else if (bad)
+    text += ": focal length, baseline or toe-in are wrong; calibrate again";
+  if (open) text += ": too uncertain to tell; fly longer, or over itself";
+  out.lines.push_back({bad ? Kind::kBad : open ? Kind::kOpen : Kind::kGood, text});
+}
+
+void judgeSpeed(const MissionCheck& check, MissionVerdict& out) {
+  const auto& m = check.mount;
+  if (!m.both.known || m.speed_ratio_sigma <= 0) return;
+  const double off = std::abs(m.speed_ratio - 1);
+  const bool bad = off > kMaxSpeed && off > kCertain * m.speed_ratio_sigma;
+  std::string text =
+      "distance seen is " + pm(m.speed_ratio, m.speed_ratio_sigma, 4) + " of the DVL's (allowed 1 +- 0.02)";
+  if (rigHasMoved(check)) {
+    out.lines.push_back({Kind::kOpen, text + ": not to be trusted while the rig has moved"});
+    return;
+  }
+  if (bad) text += ": the baseline's length or the speed of sound is wrong";
+  out.lines.push_back({bad ? Kind::kBad : Kind::kGood, text});
+}
+
+void judgeMount(const MissionCheck& check, MissionVerdict& out) {
+  const auto& m = check.mount;
+  if (!m.both.known) {
+    out.lines.push_back({Kind::kOpen, "camera's mounting: " + std::to_string(m.steps) +
+                                          " steps between images could be followed, at least 8 are needed"});
+    return;
+  }
+  for (int i = 0; i < 3; ++i) {
+    const double angle = m.both.rotation(i), sigma = m.both.sigma(i);
+    if (!std::isfinite(sigma) || kCertain * sigma > 3 * kMaxMount) {
+      out.lines.push_back(
+          {Kind::kOpen,
+           std::string("camera's ") + kAxes[i] + " is not observable from this mission: " +
+               (i == 0 ? "turns, or rolling, would show it" : "a straight line with way on would show it")});
+      continue;
+    }
+    const bool bad = std::abs(angle) > kMaxMount && std::abs(angle) > kCertain * sigma;
+    std::string text = std::string("camera's ") + kAxes[i] + " against DVL and compass is " +
+                       pm(kDegrees * angle, kDegrees * sigma, 2) + " deg off mission.toml's (allowed 1)";
+    if (bad) text += ": correct extrinsics.T_body_cam";
+    out.lines.push_back({bad ? Kind::kBad : Kind::kGood, text});
+  }
+}
+
+}  // namespace
+
+const char* nameOf(Kind kind) {
+  return kind == Kind::kGood ? "good" : kind == Kind::kBad ? "BAD" : "open";
+}
+
+MissionVerdict judge(const MissionCheck& check) {
+  MissionVerdict out;
+  judgeEpipolar(check, out);
+  judgeRange(check, out);
+  judgeSpeed(check, out);
+  judgeMount(check, out);
+  out.good =
+      std::none_of(out.lines.begin(), out.lines.end(), [](const auto& l) { return l.kind == Kind::kBad; });
+  return out;
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,164 @@
+#include "recon/topside/mission_check.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "firmware_if/mission.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+using Kind = MissionVerdict::Line::Kind;
+
+// A simulated dive at a quarter of the image scale, rendered once by the fixture of tests/topside; its rig is
+// the true one.
+const std::filesystem::path kMission = FATHOM_REEF_MISSION;
+
+// The same dive, whose calibration or mission.toml says something else.
+class Altered {
+ public:
+  Altered() {
+    for (const char* name : {"img", "sensors.lcmlog"})
+      std::filesystem::create_symlink(kMission / name, path() / name);
+    std::filesystem::copy(kMission / "mission.toml", path());
+    std::filesystem::copy(kMission / "stereo.calib", path());
+  }
+  template <typename Change>
+  void rig(const Change& change) {
+    StereoRig rig = readStereoCalib(path() / "stereo.calib");
+    change(rig);
+    writeStereoCalib(path() / "stereo.calib", rig);
+  }
+  template <typename Change>
+  void config(const Change& change) {
+    io::MissionConfig config = io::readMissionConfig(path());
+    change(config);
+    io::writeMissionConfig(path(), config);
+  }
+  [[nodiscard]] const std::filesystem::path& path() const { return folder_.path(); }
+
+ private:
+  test::TemporaryFolder folder_;
+};
+
+bool isBad(const MissionVerdict& verdict, const std::string& about) {
+  for (const auto& line : verdict.lines)
+    if (line.kind == Kind::kBad && line.text.find(about) != std::string::npos) return true;
+  return false;
+}
+
+std::string textOf(const MissionVerdict& verdict) {
+  std::string text;
+  for (const auto& line : verdict.lines) text += std::string(nameOf(line.kind)) + ": " + line.text + "\n";
+  return text;
+}
+
+TEST(MissionCheck, TheRigAsItIsPasses) {
+  ASSERT_TRUE(std::filesystem::exists(kMission / "mission.toml")) << "the mission was not rendered";
+  const MissionCheck check = checkMission({kMission, {}, 200});
+  const MissionVerdict verdict = judge(check);
+  std::printf("%s", textOf(verdict).c_str());
+  EXPECT_TRUE(verdict.good);
+  EXPECT_EQ(check.pairs, 30u);
+  EXPECT_LT(std::abs(check.epipolar.median), 0.1);
+  EXPECT_NEAR(check.range.ratio, 1.0, 0.03);
+  for (int i = 0; i < 3; ++i)
+    EXPECT_LT(std::abs(check.mount.both.rotation(i)), 0.3 * kDegree + 3 * check.mount.both.sigma(i)) << i;
+
+  const test::TemporaryFolder out;
+  writeMissionCheck(out.path(), check, verdict);
+  std::ifstream file(out.path() / "mission-check.json");
+  const auto json = nlohmann::json::parse(file);
+  EXPECT_TRUE(json["good"].get<bool>());
+  EXPECT_EQ(json["pairs"].get<int>(), 30);
+  EXPECT_EQ(json["epipolar"]["cells"].size(), 48u);
+  EXPECT_GT(std::filesystem::file_size(out.path() / "mission-check.html"), 10000u);
+}
+
+TEST(MissionCheck, TheSameMissionGivesTheSameNumbers) {
+  const MissionCheck one = checkMission({kMission, {}, 24}), two = checkMission({kMission, {}, 24});
+  EXPECT_EQ(one.matches, two.matches);
+  EXPECT_EQ(one.epipolar.median, two.epipolar.median);
+  EXPECT_EQ(one.range.ratio, two.range.ratio);
+  EXPECT_EQ(one.mount.both.rotation, two.mount.both.rotation);
+}
+
+TEST(MissionCheck, ARightCameraPitchedByThreeTenthsOfADegreeIsNoticedAndMeasured) {
+  Altered mission;
+  mission.rig([](StereoRig& rig) {
+    rig.T_right_left = SE3::fromEuler(0.3 * kDegree, 0, 0, {0, 0, 0}) * rig.T_right_left;
+  });
+  const MissionCheck check = checkMission({mission.path(), {}, 200});
+  const MissionVerdict verdict = judge(check);
+  EXPECT_FALSE(verdict.good);
+  EXPECT_TRUE(isBad(verdict, "the rig has moved")) << textOf(verdict);
+  EXPECT_NEAR(check.epipolar.rotation.x() / kDegree, -0.3, 0.02);  // back to where it truly stands
+  EXPECT_NEAR(check.epipolar.rotation.z() / kDegree, 0, 0.05);
+}
+
+TEST(MissionCheck, AFocalLengthFivePerCentTooLongIsNoticedAndMeasured) {
+  Altered mission;
+  mission.rig([](StereoRig& rig) {
+    for (Camera* camera : {&rig.left, &rig.right}) camera->fx *= 1.05, camera->fy *= 1.05;
+  });
+  const MissionCheck check = checkMission({mission.path(), {}, 200});
+  const MissionVerdict verdict = judge(check);
+  EXPECT_FALSE(verdict.good);
+  EXPECT_TRUE(isBad(verdict, "stereo range")) << textOf(verdict);
+  EXPECT_NEAR(check.range.ratio, 1.05, 0.025);
+}
+
+TEST(MissionCheck, ACalibrationInAirBehindAFlatPortIsNamed) {
+  Altered mission;
+  mission.rig([](StereoRig& rig) {
+    for (Camera* camera : {&rig.left, &rig.right}) camera->fx /= 1.33, camera->fy /= 1.33;
+  });
+  const MissionCheck check = checkMission({mission.path(), {}, 200});
+  const MissionVerdict verdict = judge(check);
+  EXPECT_TRUE(isBad(verdict, "flat port")) << textOf(verdict);
+  EXPECT_NEAR(check.range.ratio, 1 / 1.33, 0.04);
+}
+
+TEST(MissionCheck, ACameraMountedThreeDegreesOffIsNoticedAboutEachAxis) {
+  for (int axis = 0; axis < 3; ++axis) {
+    Altered mission;
+    Vector6d twist = Vector6d::Zero();
+    twist(3 + axis) = 3 * kDegree;
+    mission.config([&](io::MissionConfig& config) {
+      config.T_body_cam =
+          SE3(SE3::exp(twist).rotation() * config.T_body_cam.rotation(), config.T_body_cam.translation());
+    });
+    const MissionCheck check = checkMission({mission.path(), {}, 200});
+    const MissionVerdict verdict = judge(check);
+    EXPECT_TRUE(isBad(verdict, axis == 0   ? "camera's roll"
+                               : axis == 1 ? "camera's pitch"
+                                           : "camera's yaw"))
+        << textOf(verdict);
+    for (int i = 0; i < 3; ++i)
+      EXPECT_NEAR(check.mount.both.rotation(i) / kDegree, i == axis ? -3 : 0, 1.0)
+          << "mounted off about " << axis;
+  }
+}
+
+TEST(MissionCheck, AnotherMissionsCalibrationCanBeTried) {
+  Altered mission;
+  mission.rig([](StereoRig& rig) {
+    rig.T_right_left = SE3::fromEuler(0.3 * kDegree, 0, 0, {0, 0, 0}) * rig.T_right_left;
+  });
+  EXPECT_FALSE(judge(checkMission({kMission, mission.path() / "stereo.calib", 12})).good);
+}
+
+TEST(MissionCheck, AFolderThatIsNoMissionIsRefused) {
+  const test::TemporaryFolder folder;
+  EXPECT_THROW((void)checkMission({folder.path(), {}, 200}), InputError);
+}
+
+}  // namespace
+}  // namespace fathom::topside

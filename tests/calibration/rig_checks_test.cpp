@@ -1,0 +1,169 @@
+// The mathematics of check-calibration on made matches, ranges and motions.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "recon/calibration/epipolar_check.hpp"
+#include "recon/calibration/mount_alignment.hpp"
+#include "recon/calibration/range_check.hpp"
+#include "tests/calibration/made_boards.hpp"
+
+namespace fathom::calibration {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+
+// Matches of a rough seafloor about 2 m away, with noise, a fifth of them wrong.
+std::vector<RigMatch> madeMatches(const StereoRig& rig, std::size_t count, double noise_px) {
+  std::mt19937 random(1);
+  std::normal_distribution<double> noise(0, noise_px);
+  std::uniform_real_distribution<double> evenly(0, 1);
+  std::vector<RigMatch> matches;
+  while (matches.size() < count) {
+    const Eigen::Vector2d left(evenly(random) * rig.left.width, evenly(random) * rig.left.height);
+    const Eigen::Vector3d point = (1.8 + 0.4 * evenly(random)) * rig.left.ray(left);
+    Eigen::Vector2d right = rig.right.project(rig.T_right_left * point);
+    if (!rig.right.contains(right)) continue;
+    right += Eigen::Vector2d(noise(random), noise(random));
+    if (matches.size() % 5 == 4) right.y() += 40 * evenly(random) - 20;
+    matches.push_back({left, right});
+  }
+  return matches;
+}
+
+StereoRig bumped(const StereoRig& rig, const Eigen::Vector3d& degrees) {
+  StereoRig out = rig;
+  Vector6d twist = Vector6d::Zero();
+  twist.tail<3>() = kDegree * degrees;
+  out.T_right_left = SE3::exp(twist) * rig.T_right_left;
+  return out;
+}
+
+TEST(EpipolarCheck, OfTheTrueRigIsTheMatchesNoise) {
+  const StereoRig rig = test::madeRig();
+  const EpipolarCheck check = checkEpipolar(rig, madeMatches(rig, 4000, 0.1));
+  EXPECT_NEAR(check.median, 0, 0.01);
+  EXPECT_NEAR(check.sigma, 0.1, 0.04);  // a fifth of wrong matches widens it
+  EXPECT_LT(std::abs(check.worst_cell), 0.08);
+  EXPECT_LT(check.rotation.norm(), 0.05 * kDegree);
+}
+
+TEST(EpipolarCheck, ErrorsArePositiveWhereTheMatchLiesBelowItsLine) {
+  const StereoRig rig = test::madeRig();
+  RigMatch match = madeMatches(rig, 1, 0)[0];
+  EXPECT_NEAR(epipolarError(rig, match), 0, 1e-9);
+  match.right.y() += 2;
+  EXPECT_NEAR(epipolarError(rig, match), 2, 0.2);  // the lens stretches a little
+}
+
+TEST(EpipolarCheck, ATurnedCameraIsMeasuredAboutEachAxis) {
+  const StereoRig truth = test::madeRig();
+  const auto matches = madeMatches(truth, 6000, 0.1);
+  for (const Eigen::Vector3d& turn :
+       {Eigen::Vector3d(0.3, 0, 0), Eigen::Vector3d(-0.1, 0, 0.4), Eigen::Vector3d(0, 0.8, 0)}) {
+    // The rig was calibrated turned: the camera now stands the other way.
+    const EpipolarCheck check = checkEpipolar(bumped(truth, turn), matches);
+    for (int i = 0; i < 3; ++i)
+      EXPECT_NEAR(check.rotation(i) / kDegree, -turn(i), 0.01 + 4 * check.rotation_sigma(i) / kDegree)
+          << turn.transpose();
+    EXPECT_LT(check.sigma_after, 0.2);
+  }
+}
+
+TEST(EpipolarCheck, NoMatchesGiveZeros) {
+  const EpipolarCheck check = checkEpipolar(test::madeRig(), {});
+  EXPECT_EQ(check.median, 0);
+  EXPECT_EQ(check.cells.size(), 48u);
+}
+
+std::vector<RangeSample> madeRanges(double scale, double offset, double shortest, double longest) {
+  std::mt19937 random(2);
+  std::normal_distribution<double> noise(0, 0.03);
+  std::vector<RangeSample> samples;
+  for (int k = 0; k < 300; ++k) {
+    const double dvl = shortest + (longest - shortest) * (0.5 + 0.5 * std::sin(0.07 * k));
+    samples.push_back({scale * dvl + offset + noise(random) + (k % 10 == 0 ? 0.8 : 0.0), dvl});
+  }
+  return samples;
+}
+
+TEST(RangeCheck, AScaleIsMeasuredInSpiteOfOutliers) {
+  const RangeCheck check = checkRanges(madeRanges(1.05, 0, 1.9, 2.2));
+  EXPECT_NEAR(check.ratio, 1.05, 3 * check.ratio_sigma + 0.003);
+  EXPECT_LT(check.ratio_sigma, 0.01);
+  EXPECT_FALSE(check.line_known);  // one altitude
+}
+
+TEST(RangeCheck, ScaleAndOffsetAreToldApartOverManyAltitudes) {
+  const RangeCheck check = checkRanges(madeRanges(0.97, 0.15, 1.5, 5));
+  ASSERT_TRUE(check.line_known);
+  EXPECT_NEAR(check.scale, 0.97, 0.01);
+  EXPECT_NEAR(check.offset, 0.15, 0.03);
+  EXPECT_GT(check.scale_sigma, 0);
+  EXPECT_NEAR(check.scale, 0.97, 4 * check.scale_sigma + 1e-3);
+}
+
+TEST(RangeCheck, TooFewSamplesAreOnlyCounted) {
+  const RangeCheck check = checkRanges({{2, 2}, {2, 2}});
+  EXPECT_EQ(check.samples, 2u);
+  EXPECT_EQ(check.ratio_sigma, 0);
+}
+
+// Steps of half a metre a second with rolling and, if asked for, turns; by a camera mounted as `truth`.
+std::vector<MotionStep> madeSteps(const SE3& truth, std::size_t count, bool turns, double noise) {
+  std::mt19937 random(3);
+  std::normal_distribution<double> gauss(0, 1);
+  std::vector<MotionStep> steps;
+  for (std::size_t k = 0; k < count; ++k) {
+    const double t = static_cast<double>(k);
+    const SE3 T_b0_b1 = SE3::fromEuler(turns ? 0.02 * std::sin(t) : 0, turns ? 0.02 * std::cos(1.7 * t) : 0,
+                                       turns && k % 12 > 7 ? 0.4 : 0, {0.25, 0, 0});
+    const SE3 T_b1_b0 = T_b0_b1.inverse();
+    const SE3 T_c1_c0 = truth.inverse() * T_b1_b0 * truth;
+    Vector6d shake = Vector6d::Zero();
+    shake.tail<3>() = 0.3 * noise * Eigen::Vector3d(gauss(random), gauss(random), gauss(random));
+    const Eigen::Vector3d middle(0.05 * gauss(random), 0.05 * gauss(random), 1.9);
+    steps.push_back(
+        {T_b1_b0, (SE3::exp(shake) * T_c1_c0).rotation(), middle,
+         T_c1_c0 * middle + noise * Eigen::Vector3d(gauss(random), gauss(random), gauss(random))});
+  }
+  if (count > 10) steps[10].middle1 += Eigen::Vector3d(0.5, 0, 0);  // followed the wrong thing
+  return steps;
+}
+
+const SE3 kAssumed = SE3::fromEuler(0.0105, -0.0157, 1.5847, {0.42, -0.03, 0.28});
+
+SE3 turnedMount(const Eigen::Vector3d& degrees) {
+  Vector6d twist = Vector6d::Zero();
+  twist.tail<3>() = kDegree * degrees;
+  return {SE3::exp(twist).rotation() * kAssumed.rotation(), kAssumed.translation()};
+}
+
+TEST(MountAlignment, AMissionWithTurnsGivesAllThreeAngles) {
+  const Eigen::Vector3d off(2.0, -3.0, 1.0);  // roll, pitch, yaw [deg]
+  const MountAlignment done = alignMount(madeSteps(turnedMount(off), 120, true, 0.005), kAssumed);
+  ASSERT_TRUE(done.both.known);
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_NEAR(done.both.rotation(i) / kDegree, off(i), 0.1 + 4 * done.both.sigma(i) / kDegree);
+    EXPECT_LT(done.both.sigma(i), 0.3 * kDegree);
+  }
+  EXPECT_NEAR(done.speed_ratio, 1.0, 0.01);
+}
+
+TEST(MountAlignment, AStraightLineLeavesTheAngleAboutItsDirectionOpen) {
+  const MountAlignment done = alignMount(madeSteps(turnedMount({0, 2, -1}), 60, false, 0.005), kAssumed);
+  EXPECT_TRUE(std::isinf(done.dvl.sigma(0)) || done.dvl.sigma(0) > 2 * kDegree);
+  EXPECT_NEAR(done.dvl.rotation(1) / kDegree, 2, 0.5);
+  EXPECT_NEAR(done.dvl.rotation(2) / kDegree, -1, 0.5);
+  EXPECT_TRUE(std::isinf(done.compass.sigma(0)));
+}
+
+TEST(MountAlignment, TooFewStepsAreOnlyCounted) {
+  const MountAlignment done = alignMount(madeSteps(kAssumed, 5, true, 0), kAssumed);
+  EXPECT_EQ(done.steps, 5u);
+  EXPECT_FALSE(done.both.known);
+}
+
+}  // namespace
+}  // namespace fathom::calibration
