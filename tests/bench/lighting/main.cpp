@@ -85,16 +85,25 @@ int run(Options o) {
           {"patches", s.patches}};
     }
   }
-  std::printf("\n%-20s %9s %9s %9s %9s   (%zu pairs)\n", "stereo matches", "all", "outer", "correct",
-              "times raw", matches.pairs());
+  std::printf("\n%-20s %9s %9s %9s %9s | %9s %9s %9s   (%zu pairs)\n", "stereo matches", "all", "outer",
+              "correct", "times raw", "peer: all", "correct", "times raw", matches.pairs());
+  const MatchCounts::Count& raw = matches.count(Corrections::kRaw);
+  const auto ratio = [](std::size_t a, std::size_t b) {
+    return static_cast<double>(a) / static_cast<double>(std::max<std::size_t>(1, b));
+  };
   for (int k = 0; k < Corrections::kCount; ++k) {
     const MatchCounts::Count& c = matches.count(k);
-    const double times = static_cast<double>(c.outer) / static_cast<double>(std::max<std::size_t>(
-                                                            1, matches.count(Corrections::kRaw).outer));
-    std::printf("  %-18s %9zu %9zu %9zu %9.2f\n", Corrections::name(k), c.all, c.outer, c.correct_outer,
-                times);
-    json["matches"][Corrections::name(k)] = {
-        {"all", c.all}, {"outer", c.outer}, {"correct_outer", c.correct_outer}, {"times_raw", times}};
+    const double times = ratio(c.correct_outer, raw.correct_outer);
+    const double peer_times = ratio(c.peer_correct_outer, raw.peer_correct_outer);
+    std::printf("  %-18s %9zu %9zu %9zu %9.2f | %9zu %9zu %9.2f\n", Corrections::name(k), c.all, c.outer,
+                c.correct_outer, times, c.peer_all, c.peer_correct_outer, peer_times);
+    json["matches"][Corrections::name(k)] = {{"all", c.all},
+                                             {"outer", c.outer},
+                                             {"correct_outer", c.correct_outer},
+                                             {"times_raw", times},
+                                             {"peer_all", c.peer_all},
+                                             {"peer_correct_outer", c.peer_correct_outer},
+                                             {"peer_times_raw", peer_times}};
   }
   std::ofstream(o.out / "lighting.json") << json.dump(2) << "\n";
   return kExitSuccess;

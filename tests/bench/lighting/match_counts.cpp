@@ -4,33 +4,48 @@
 
 namespace fathom::bench {
 
+bool MatchCounts::isOuter(const Eigen::Vector2d& pixel) const {
+  const Camera& camera = mission_.rig().left;
+  const Eigen::Vector2d centre(0.5 * camera.width, 0.5 * camera.height);
+  return (pixel - centre).norm() > 2.0 / 3.0 * centre.norm();
+}
+
+bool MatchCounts::isCorrect(std::size_t image, const Eigen::Vector2d& pixel, double z) const {
+  const auto seafloor = mission_.seafloorAt(image, pixel);
+  if (!seafloor) return false;
+  const double true_z = (mission_.pairs()[image].T_nav_cam.inverse() * *seafloor).z();
+  const StereoRig& rig = mission_.rig();
+  return rig.left.fx * rig.baseline() * std::abs(1 / true_z - 1 / z) < 1;
+}
+
 void MatchCounts::measure(std::size_t image, const CorrectedPair& pair) {
   const StereoRig& rig = mission_.rig();
   const auto& cameras = mission_.config().cameras;
-  const ReportMission::Pair& truth = mission_.pairs()[image];
-  const Eigen::Vector2d centre(0.5 * rig.left.width, 0.5 * rig.left.height);
+  const stereo::SeedPlane& plane = mission_.pairs()[image].plane;
   ++pairs_;
   for (std::size_t k = 0; k < Corrections::kCount; ++k) {
-    const auto left = grey(pair.left[k], rig.left, cameras.left_format);
-    const auto right = grey(pair.right[k], rig.right, cameras.right_format);
+    auto left = grey(pair.left[k], rig.left, cameras.left_format);
+    auto right = grey(pair.right[k], rig.right, cameras.right_format);
     const auto view = [](const std::vector<std::uint8_t>& data, const Camera& camera) {
       return ImageView{data.data(),        camera.width,
                        camera.height,      static_cast<std::size_t>(camera.width),
                        PixelFormat::kMono, 8};
     };
-    const stereo::StereoResult& found =
-        stereo_.process(view(left, rig.left), view(right, rig.right), truth.plane);
-    for (const stereo::StereoPoint& point : found.points) {
-      ++counts_[k].all;
+    Count& count = counts_[k];
+    for (const stereo::StereoPoint& point :
+         stereo_.process(view(left, rig.left), view(right, rig.right), plane).points) {
+      ++count.all;
       const Eigen::Vector2d pixel = point.left.cast<double>();
-      if ((pixel - centre).norm() < 2.0 / 3.0 * centre.norm()) continue;
-      ++counts_[k].outer;
-      const auto seafloor = mission_.seafloorAt(image, pixel);
-      if (!seafloor) continue;
-      const double z = (truth.T_nav_cam.inverse() * *seafloor).z();
-      const double disparity =
-          rig.left.fx * rig.baseline() * std::abs(1 / z - 1 / static_cast<double>(point.point.z()));
-      if (disparity < 1) ++counts_[k].correct_outer;
+      if (!isOuter(pixel)) continue;
+      ++count.outer;
+      if (isCorrect(image, pixel, static_cast<double>(point.point.z()))) ++count.correct_outer;
+    }
+    peer_.process(cv::Mat(rig.left.height, rig.left.width, CV_8U, left.data()),
+                  cv::Mat(rig.right.height, rig.right.width, CV_8U, right.data()), plane, features_);
+    for (std::size_t p = 0; p < peer_.points.size(); ++p) {
+      ++count.peer_all;
+      const Eigen::Vector2d pixel(static_cast<double>(peer_.left[p].x), static_cast<double>(peer_.left[p].y));
+      if (isOuter(pixel) && isCorrect(image, pixel, peer_.points[p].z())) ++count.peer_correct_outer;
     }
   }
 }
