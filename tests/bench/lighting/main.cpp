@@ -9,6 +9,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "tests/bench/lighting/brightness_steps.hpp"
 #include "tests/bench/lighting/match_counts.hpp"
+#include "tests/bench/lighting/one_image.hpp"
 #include "tests/bench/lighting/strip.hpp"
 
 namespace fathom::bench {
@@ -36,6 +37,11 @@ std::size_t steepest(const ReportMission& mission, std::size_t frames) {
 }
 
 int run(Options o) {
+  if (std::filesystem::is_regular_file(o.mission)) {
+    std::filesystem::create_directories(o.out);
+    correctOneImage(o.mission, o.out / "one_image.png");
+    return kExitSuccess;
+  }
   const ReportMission mission(o.mission);
   const std::size_t all = mission.pairs().size();
   std::filesystem::create_directories(o.out);
@@ -115,7 +121,7 @@ int run(Options o) {
 int main(int argc, char** argv) {
   CLI::App app{"what lighting correction does to a simulated mission"};
   fathom::bench::Options o;
-  app.add_option("mission", o.mission, "mission folder with truth")->required();
+  app.add_option("mission", o.mission, "mission folder with truth, or a single image")->required();
   app.add_option("--out", o.out, "folder for the pictures and lighting.json")->required();
   app.add_option("--learn", o.learn, "pairs to learn from")->capture_default_str();
   app.add_option("--images", o.images, "images whose patches are compared")->capture_default_str();
