@@ -4,7 +4,7 @@
 #include <memory>
 
 #include "realtime/kernel/input_error.hpp"
-#include "recon/topside/calibration_report.hpp"
+#include "recon/topside/calibration/calibration_report.hpp"
 
 namespace fathom::topside {
 

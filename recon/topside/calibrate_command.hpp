@@ -5,7 +5,7 @@
 #include <functional>
 
 #include "recon/calibration/rig_calibration.hpp"
-#include "recon/topside/board_images.hpp"
+#include "recon/topside/calibration/board_images.hpp"
 
 namespace fathom::topside {
 

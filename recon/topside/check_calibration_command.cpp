@@ -4,9 +4,9 @@
 #include <memory>
 
 #include "realtime/kernel/input_error.hpp"
-#include "recon/topside/board_check_report.hpp"
 #include "recon/topside/calibrate_command.hpp"
-#include "recon/topside/mission_check.hpp"
+#include "recon/topside/calibration/board_check_report.hpp"
+#include "recon/topside/calibration/mission_check.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -26,8 +26,6 @@ void makeFolder(const std::filesystem::path& folder) {
 
 int checkOnBoards(const CheckOptions& options) {
   if (options.calib.empty()) throw InputError("--calib", "", "is missing; name the stereo.calib to check");
-  if (options.board.square <= 0)
-    throw InputError("--square", "", "is missing; give the edge of a square in metres");
   const StereoRig rig = readStereoCalib(options.calib);
   const calibration::Chessboard board = parseBoard(options.board.size, options.board.square);
   if (!options.out.empty()) makeFolder(options.out);

@@ -1,4 +1,4 @@
-#include "recon/topside/mission_check.hpp"
+#include "recon/topside/calibration/mission_check.hpp"
 
 #include <gtest/gtest.h>
 

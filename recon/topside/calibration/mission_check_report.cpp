@@ -4,8 +4,8 @@
 #include <numbers>
 
 #include "recon/geometry/atomic_file.hpp"
+#include "recon/topside/calibration/mission_check.hpp"
 #include "recon/topside/html_text.hpp"
-#include "recon/topside/mission_check.hpp"
 #include "recon/topside/svg_plot.hpp"
 
 namespace fathom::topside {

@@ -2,8 +2,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "recon/topside/calibration/mission_check.hpp"
 #include "recon/topside/html_text.hpp"
-#include "recon/topside/mission_check.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -1,4 +1,4 @@
-#include "recon/topside/free_matches.hpp"
+#include "recon/topside/calibration/free_matches.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "recon/topside/range_map.hpp"
+#include "recon/topside/calibration/range_map.hpp"
 
 #include <cmath>
 

@@ -1,4 +1,4 @@
-#include "recon/topside/mission_check.hpp"
+#include "recon/topside/calibration/mission_check.hpp"
 
 #include <oneapi/tbb/parallel_for.h>
 
@@ -14,11 +14,11 @@
 #include "firmware_if/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/lighting/rig_ranges.hpp"
-#include "recon/topside/free_matches.hpp"
+#include "recon/topside/calibration/free_matches.hpp"
+#include "recon/topside/calibration/range_map.hpp"
 #include "recon/topside/image_pairs.hpp"
 #include "recon/topside/lighting_stage.hpp"
 #include "recon/topside/navigation.hpp"
-#include "recon/topside/range_map.hpp"
 #include "recon/topside/seed_plane.hpp"
 
 namespace fathom::topside {
@@ -66,7 +66,7 @@ std::vector<std::uint8_t> look(const Mission& m, const std::string& file, PixelF
 }
 
 std::optional<Seen> lookAt(const Mission& m, const LightingModels& lighting, std::size_t pair,
-                           const stereo::SeedPlane& plane) {
+                           const stereo::SeedPlane& plane, std::string& trouble) {
   lighting::RigRanges ranges(m.rig);
   ranges.fromPlane(plane.normal, plane.distance);
   const auto& cameras = m.config.cameras;
@@ -74,7 +74,8 @@ std::optional<Seen> lookAt(const Mission& m, const LightingModels& lighting, std
     return Seen{
         look(m, m.list.pairs[pair].left, cameras.left_format, m.rig.left, lighting.left, ranges.left()),
         look(m, m.list.pairs[pair].right, cameras.right_format, m.rig.right, lighting.right, ranges.right())};
-  } catch (const InputError&) {
+  } catch (const InputError& error) {
+    if (trouble.empty()) trouble = error.what();
     return std::nullopt;
   }
 }
@@ -85,6 +86,7 @@ struct RunResult {
   std::vector<std::pair<SE3, std::vector<SeenPoint>>> points;  // with T_nav_cam
   std::vector<calibration::MotionStep> steps;
   std::size_t pairs = 0, unreadable = 0;
+  std::string trouble;  // of the first unreadable one
 };
 
 RunResult lookAtRun(const Mission& m, const LightingModels& lighting, std::size_t begin, std::size_t end) {
@@ -100,7 +102,7 @@ RunResult lookAtRun(const Mission& m, const LightingModels& lighting, std::size_
     }
     const SE3& T_nav_body = *pose.T_nav_body;
     const stereo::SeedPlane plane = seedPlane(m.config, T_nav_body, m.altitudes[k]);
-    std::optional<Seen> now = lookAt(m, lighting, k, plane);
+    std::optional<Seen> now = lookAt(m, lighting, k, plane, out.trouble);
     if (!now) {
       ++out.unreadable;
       before.reset();
@@ -263,11 +265,14 @@ MissionCheck checkMission(const MissionCheckOptions& options) {
   }
   out.matches = matches.size();
   constexpr std::size_t kFewest = 100;  // matches in all
-  if (matches.size() < kFewest)
-    throw InputError(options.mission.string(), "img",
-                     std::to_string(matches.size()) + " matches between left and right in " +
-                         std::to_string(out.pairs) + " pairs (" + std::to_string(out.unreadable) +
-                         " unreadable): too few to judge the rig; are these images of one scene?");
+  if (matches.size() < kFewest) {
+    std::string why = std::to_string(matches.size()) + " matches between left and right in " +
+                      std::to_string(out.pairs) + " pairs are too few to judge the rig";
+    for (const RunResult& r : results)
+      if (!r.trouble.empty())
+        throw InputError(options.mission.string(), "img", why + "; unreadable: " + r.trouble);
+    throw InputError(options.mission.string(), "img", why + "; are these images of one scene?");
+  }
   out.epipolar = checkEpipolar(m.rig, matches);
   compareRanges(m, map, out);
   out.mount = alignMount(steps, m.config.T_body_cam);

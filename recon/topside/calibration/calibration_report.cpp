@@ -1,4 +1,4 @@
-#include "recon/topside/calibration_report.hpp"
+#include "recon/topside/calibration/calibration_report.hpp"
 
 #include <algorithm>
 #include <cmath>

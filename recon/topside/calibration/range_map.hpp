@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "recon/geometry/se3.hpp"
-#include "recon/topside/free_matches.hpp"
+#include "recon/topside/calibration/free_matches.hpp"
 
 namespace fathom::topside {
 

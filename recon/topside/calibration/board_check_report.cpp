@@ -1,4 +1,4 @@
-#include "recon/topside/board_check_report.hpp"
+#include "recon/topside/calibration/board_check_report.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,4 +1,4 @@
-#include "recon/topside/board_images.hpp"
+#include "recon/topside/calibration/board_images.hpp"
 
 #include <glob.h>
 #include <oneapi/tbb/parallel_for.h>
@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <map>
@@ -276,6 +277,9 @@ calibration::Chessboard parseBoard(const std::string& size, double square_m) {
       std::max(board.columns, board.rows) > kMost)
     throw InputError("--board", size,
                      "is not COLUMNSxROWS of inner corners, from 3 to 100 each, such as 9x6");
+  if (!(std::isfinite(square_m) && square_m > 0))
+    throw InputError("--square", std::to_string(square_m),
+                     "is no length; give the edge of a square in metres");
   board.square = square_m;
   return board;
 }
