@@ -31,14 +31,14 @@ double MatchNoise::scale() {
   const auto middle = ratios_.begin() + static_cast<std::ptrdiff_t>(ratios_.size() / 2);
   std::nth_element(ratios_.begin(), middle, ratios_.end());
   constexpr double kMedianToSigma = 1.4826;  // of the magnitude of a normal variable
-  return std::max(1.0, kMedianToSigma * *middle);
+  return std::max(kLeast, kMedianToSigma * *middle);
 }
 
 void MatchNoise::widen(StereoResult& result) {
-  result.sigma_scale = static_cast<float>(scale());
+  result.noise_scale = static_cast<float>(scale());
   for (StereoPoint& p : result.points) {
-    p.sigma_z *= result.sigma_scale;
-    for (float& c : p.covariance) c *= result.sigma_scale * result.sigma_scale;
+    p.sigma_z *= result.noise_scale;
+    for (float& c : p.covariance) c *= result.noise_scale * result.noise_scale;
   }
 }
 

@@ -29,13 +29,15 @@ class MatchNoise {
   // Where a match lies beside its epipolar line, and its covariance [px^2]. Matches added one after the other
   // should be near each other.
   void add(const EpipolarDistance::Offset& offset, const Eigen::Matrix2d& covariance);
-  // Of the standard deviations, at least 1; kUsual from fewer than kMinMatches matches.
+  // Of the standard deviations, at least kLeast; kUsual from fewer than kMinMatches matches.
   [[nodiscard]] double scale();
   // Widens all covariances of a result by the scale, and notes it there.
   void widen(StereoResult& result);
 
   static constexpr std::size_t kMinMatches = 30;
   static constexpr double kUsual = 1.5;  // in simulated surveys, 12-bit Bayer left and mono right
+  static constexpr double kLeast =
+      0.3;  // no images are so free of noise that the floor alone misleads by more
 
  private:
   struct Match {

@@ -9,7 +9,7 @@ namespace fathom::stereo {
 
 // Least standard deviation of a match [px]: interpolation and the lens model leave errors that no difference
 // of the windows shows.
-constexpr double kPixelFloor = 0.01;
+constexpr double kPixelFloor = 0.02;
 
 // Points from matched pixels, with their first-order covariance.
 //

@@ -204,13 +204,26 @@ PatchMatch PatchTracker::track(const GrayPyramid& source, const Eigen::Vector2d&
                 fine ? kFineTolerance : kCoarseTolerance))
       return match;
   }
-  const double c = correlation(target.level(0), position);
-  if (!(c > 0)) return match;
+  finish(target.level(0), position, match);
+  return match;
+}
+
+void PatchTracker::finish(const GrayLevel& target, const Eigen::Vector2d& position, PatchMatch& match) const {
+  const double c = correlation(target, position);
+  if (!(c > 0)) return;
   match.position = position;
   match.correlation = c;
   const double noise = template_.energy * std::max(1.0 - c * c, 0.0) / (c * c);
   match.covariance = noise * template_.inverse_hessian * template_.spread * template_.inverse_hessian;
   match.found = true;
+}
+
+PatchMatch PatchTracker::polish(const GrayLevel& source, const Eigen::Vector2d& at, const GrayLevel& target,
+                                const Eigen::Vector2d& start) {
+  PatchMatch match;
+  Eigen::Vector2d position = start;
+  if (makeTemplate(source, at) && refine(target, position, kFineIterations, kFineTolerance))
+    finish(target, position, match);
   return match;
 }
 

@@ -48,6 +48,10 @@ class PatchTracker {
   [[nodiscard]] PatchMatch track(const GrayPyramid& source, const Eigen::Vector2d& at,
                                  const GrayPyramid& target, std::span<const Eigen::Vector2d> candidates);
 
+  // The same at the full resolution alone, from a start within about a pixel.
+  [[nodiscard]] PatchMatch polish(const GrayLevel& source, const Eigen::Vector2d& at, const GrayLevel& target,
+                                  const Eigen::Vector2d& start);
+
  private:
   static constexpr int kMaxPitch = 32;
   using Forms = std::array<std::int16_t, kMaxWindow * kMaxPitch>;
@@ -71,6 +75,7 @@ class PatchTracker {
                                        std::span<const Eigen::Vector2d> candidates, double& best);
   [[nodiscard]] bool refine(const GrayLevel& level, Eigen::Vector2d& at, int iterations,
                             double tolerance) const;
+  void finish(const GrayLevel& target, const Eigen::Vector2d& position, PatchMatch& match) const;
   [[nodiscard]] bool inside(const GrayLevel& level, const Eigen::Vector2d& at) const;
 
   const Kernels* kernels_;

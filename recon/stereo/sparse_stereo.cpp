@@ -23,6 +23,11 @@ constexpr int kMaxFeatures = 5000;
 constexpr double kHalfPi = 1.5707963267948966;
 constexpr int kViewNodes = 24;  // a side, of the lattice that finds what both cameras see
 
+// Of the window's middle, which must lead to the same place.
+int coreWindow(int window) {
+  return std::max(PatchTracker::kMinWindow, window / 4 * 2 + 1);
+}
+
 void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("sparse stereo: ") + what);
 }
@@ -41,6 +46,7 @@ void validate(const StereoRig& rig, const SparseStereoConfig& c) {
   require(c.max_epipolar_distance > 0, "max_epipolar_distance must be positive");
   require(c.max_left_right_distance > 0, "max_left_right_distance must be positive");
   require(c.sigma_scale > 0, "sigma_scale must be positive");
+  require(c.max_core_distance > 0, "max_core_distance must be positive");
   require(c.max_edge > 0, "max_edge must be positive");
   require(c.min_range > 0 && c.max_range > c.min_range, "ranges must be 0 < min_range < max_range");
   require(c.search_radius >= 0 && c.search_radius <= 256, "search_radius must be 0 to 256 px");
@@ -74,6 +80,7 @@ struct SparseStereo::Impl {
         right_pyramid(r.right.width, r.right.height, levels(r), kernels),
         harris(r.left.width, c.max_features, kernels),
         tracker(c.window, kernels),
+        core(coreWindow(c.window), kernels),
         triangulation(r),
         noise(static_cast<std::size_t>(c.max_features)),
         mesh(static_cast<std::size_t>(c.max_features)) {
@@ -104,7 +111,7 @@ struct SparseStereo::Impl {
   EpipolarSearch to_right, to_left;
   GrayPyramid left_pyramid, right_pyramid;
   HarrisCorners harris;
-  PatchTracker tracker;
+  PatchTracker tracker, core;
   MidpointTriangulation triangulation;
   MatchNoise noise;
   LocalMesh mesh;
@@ -143,6 +150,11 @@ void SparseStereo::Impl::match(const Corner& corner, const ViewPlane& left_plane
       tracker.track(left_pyramid, left, right_pyramid, to_right.candidates(left_ray, left_plane));
   if (!there.found || there.correlation < config.min_correlation ||
       !rig.right.contains(there.position, half)) {
+    ++result.rejected.no_track;
+    return;
+  }
+  const PatchMatch middle = core.polish(left_pyramid.level(0), left, right_pyramid.level(0), there.position);
+  if (!middle.found || (middle.position - there.position).norm() > config.max_core_distance) {
     ++result.rejected.no_track;
     return;
   }

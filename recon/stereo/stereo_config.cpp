@@ -14,6 +14,7 @@ SparseStereoConfig readSparseStereoConfig(const ConfigTable& table, const Sparse
   if (c.window % 2 == 0) table.fail("window_px", "must be odd");
   c.max_epipolar_distance = table.number("max_epipolar_px", c.max_epipolar_distance, 0.1, 10);
   c.max_left_right_distance = table.number("max_left_right_px", c.max_left_right_distance, 0.05, 10);
+  c.max_core_distance = table.number("max_core_px", c.max_core_distance, 0.05, 10);
   c.min_correlation = table.number("min_correlation", c.min_correlation, 0, 0.99);
   c.sigma_scale = table.number("sigma_scale", c.sigma_scale, 0.1, 10);
   c.search_radius = table.number("search_radius_px", c.search_radius, 1, 256);

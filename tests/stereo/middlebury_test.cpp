@@ -35,11 +35,7 @@ TEST(Middlebury, MotorcycleDisparitiesAgreeWithTheTruth) {
   rig.right.cx += kDoffs;
   rig.T_right_left = SE3(Eigen::Matrix3d(Eigen::Matrix3d::Identity()), {-kBaseline, 0, 0});
   SparseStereoConfig config;
-  config.max_features = 5000;
-  // The pair is a quarter of its full size and full of thin things: a smaller window, and no noise to allow
-  // for.
-  config.window = 9;
-  config.max_epipolar_distance = 0.5;
+  config.max_features = 5000;  // all else as on the seafloor
   SparseStereo stereo(rig, config);
   // A workshop, not a seafloor: all that is known is that most of it lies about three metres away.
   const StereoResult& result = stereo.process(viewOf(left), viewOf(right), {Eigen::Vector3d::UnitZ(), 2.9});
@@ -58,8 +54,8 @@ TEST(Middlebury, MotorcycleDisparitiesAgreeWithTheTruth) {
       static_cast<double>(errors.size());
   std::printf("%zu points with truth, median %.3f px, beyond 1 px %.2f %%\n", errors.size(), median,
               100 * bad);
-  EXPECT_LE(median, 0.12);
-  EXPECT_LE(bad, 0.035);
+  EXPECT_LE(median, 0.15);
+  EXPECT_LE(bad, 0.03);
 }
 
 }  // namespace

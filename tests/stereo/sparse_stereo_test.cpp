@@ -29,6 +29,7 @@ Sheet level(double z) {
 
 struct Errors {
   std::vector<double> disparity;  // absolute, ascending [px]
+  double outliers = 0;            // share of points whose depth is off by more than 3 sigma_z + 1 cm
   double mean = 0;                // signed, of errors below one pixel [px]
   [[nodiscard]] double quantile(double q) const {
     return disparity.at(static_cast<std::size_t>(q * static_cast<double>(disparity.size() - 1)));
@@ -47,6 +48,8 @@ Errors compare(const SyntheticScene& scene, const StereoResult& result) {
     EXPECT_TRUE(scene.pointAt(p.left.cast<double>(), truth));
     const double e = static_cast<double>(p.right.x()) - scene.rightPixel(truth).x();
     errors.disparity.push_back(std::abs(e));
+    const double off = std::abs(static_cast<double>(p.point.z()) - truth.z());
+    errors.outliers += off > 3 * static_cast<double>(p.sigma_z) + 0.01 ? 1 : 0;
     if (std::abs(e) < 1.0) {
       errors.mean += e;
       ++fine;
@@ -54,6 +57,7 @@ Errors compare(const SyntheticScene& scene, const StereoResult& result) {
   }
   std::sort(errors.disparity.begin(), errors.disparity.end());
   errors.mean /= static_cast<double>(std::max<std::size_t>(fine, 1));
+  errors.outliers /= static_cast<double>(std::max<std::size_t>(result.points.size(), 1));
   return errors;
 }
 
@@ -78,6 +82,7 @@ TEST_P(SparseStereoOn, DisparityIsAccurateWithoutBiasWhenNoiseAndBrightnessDiffe
   EXPECT_LE(errors.quantile(0.5), 0.06);
   EXPECT_LE(errors.quantile(0.99), 0.35);
   EXPECT_EQ(errors.fractionAbove(1.0), 0.0);
+  EXPECT_LE(errors.outliers, 0.005);
   EXPECT_LE(std::abs(errors.mean), 0.01);
 }
 
@@ -149,7 +154,8 @@ TEST(SparseStereo, StepAtTheEdgeOfACoralHeadIsKeptAndNoTriangleSpansIt) {
   EXPECT_LE(compare(scene, result).fractionAbove(1.0), 0.005);
   std::size_t on_head = 0, wanted = 0;
   for (const StereoPoint& p : result.points) on_head += p.point.z() < 1.8F ? 1 : 0;
-  // The head fills this share of the image: as many of the points must be on it.
+  // The head fills this share of the image: nearly as many of the points must be on it, some are lost to its
+  // edge.
   for (int y = 10; y < kHeight; y += 20)
     for (int x = 10; x < kWidth; x += 20) {
       Eigen::Vector3d point;
@@ -157,12 +163,26 @@ TEST(SparseStereo, StepAtTheEdgeOfACoralHeadIsKeptAndNoTriangleSpansIt) {
       wanted += point.z() < 1.8 ? 1 : 0;
     }
   const double share = static_cast<double>(wanted) / (kWidth / 20 * kHeight / 20);
-  EXPECT_GE(static_cast<double>(on_head), 0.85 * share * static_cast<double>(result.points.size()));
+  EXPECT_GE(static_cast<double>(on_head), 0.8 * share * static_cast<double>(result.points.size()));
   for (const auto& t : result.triangles) {
     const auto [low, high] = std::minmax(
         {result.points[t[0]].point.z(), result.points[t[1]].point.z(), result.points[t[2]].point.z()});
     EXPECT_LT(high - low, 0.3F);
   }
+}
+
+TEST(SparseStereo, WindowsAcrossAStepThatFollowTheWrongSideAreFoundByTheirMiddle) {
+  // Narrow stripes of two depths: most windows hold both.
+  const Sheet stripes{[](double, double) { return 1.8; },
+                      [](double x, double) { return std::fmod(x + 1.0, 0.06) < 0.02; }};
+  const SyntheticScene scene(croppedRig(kWidth, kHeight), {level(2.0), stripes});
+  SparseStereoConfig config;
+  const Errors with = compare(scene, run(scene, {}, config));
+  config.max_core_distance = 10;
+  const Errors without = compare(scene, run(scene, {}, config));
+  EXPECT_GE(without.fractionAbove(1.0), 0.02);
+  EXPECT_LE(with.fractionAbove(1.0), 0.5 * without.fractionAbove(1.0));
+  EXPECT_GE(with.disparity.size(), 0.7 * static_cast<double>(without.disparity.size()));
 }
 
 TEST(SparseStereo, TrianglesFaceTheCameraAndKeepToTheLongestEdge) {
