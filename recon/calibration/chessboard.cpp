@@ -53,6 +53,20 @@ cv::Mat stretched(const cv::Mat& grey) {
   return out;
 }
 
+// Corners to about a pixel; none when no search finds them all. The smoother image hides noise, the sharper
+// one shows small squares; the last search is slower, but bears uneven light.
+std::vector<cv::Point2f> searchBoard(const cv::Mat& smooth, const cv::Mat& sharp, cv::Size size) {
+  constexpr int kFlags =
+      cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_FAST_CHECK;
+  std::vector<cv::Point2f> found;
+  for (const cv::Mat& image : {smooth, sharp})
+    if (cv::findChessboardCorners(stretched(image), size, found, kFlags)) return found;
+  if (!cv::findChessboardCornersSB(stretched(smooth), size, found,
+                                   cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_EXHAUSTIVE))
+    found.clear();
+  return found;
+}
+
 // Distance from corner k to the nearest of its neighbours along row and column [px].
 double spacingAt(const std::vector<cv::Point2f>& corners, std::size_t k, const Chessboard& board) {
   double least = INFINITY;
@@ -80,27 +94,19 @@ std::optional<Corners> findChessboard(const ImageView& image, const Chessboard& 
   if (image.empty() || image.width < kSmallest || image.height < kSmallest) return std::nullopt;
   // Noise clutters the search with contours, and its gradients pull a corner towards the window's middle.
   // Smoothing leaves a corner where it is: it is symmetric about its point.
-  constexpr double kSmoothing = 1.0;  // [px]
-  cv::Mat grey = greyOf(image);
-  cv::GaussianBlur(grey, grey, {0, 0}, kSmoothing);
-  const cv::Mat bytes = stretched(grey);
-  const cv::Size size(board.columns, board.rows);
-  std::vector<cv::Point2f> found;
-  if (!cv::findChessboardCorners(
-          bytes, size, found,
-          cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_FAST_CHECK)) {
-    found.clear();
-    // Slower, but finds boards in uneven light and noise.
-    if (!cv::findChessboardCornersSB(bytes, size, found,
-                                     cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_EXHAUSTIVE))
-      return std::nullopt;
-  }
+  constexpr double kSearchSmoothing = 1.0, kCornerSmoothing = 0.7;  // [px]
+  const cv::Mat raw = greyOf(image);
+  cv::Mat grey, smooth;
+  cv::GaussianBlur(raw, grey, {0, 0}, kCornerSmoothing);
+  cv::GaussianBlur(raw, smooth, {0, 0}, kSearchSmoothing);
+  const std::vector<cv::Point2f> rough = searchBoard(smooth, grey, {board.columns, board.rows});
+  if (rough.empty()) return std::nullopt;
   // The window must not reach the neighbouring corners; a larger one averages more noise.
   constexpr double kWindow = 0.4;                          // half edge, of the spacing
   constexpr int kSmallestWindow = 2, kLargestWindow = 11;  // [px]
   constexpr int kIterations = 60;
   constexpr double kStep = 1e-3;  // [px]
-  const std::vector<cv::Point2f> rough = found;
+  std::vector<cv::Point2f> found = rough;
   for (std::size_t k = 0; k < found.size(); ++k) {
     const int half =
         std::clamp(static_cast<int>(kWindow * spacingAt(rough, k, board)), kSmallestWindow, kLargestWindow);

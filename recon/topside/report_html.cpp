@@ -1,9 +1,9 @@
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <sstream>
 
 #include "recon/geometry/atomic_file.hpp"
+#include "recon/topside/html_text.hpp"
 #include "recon/topside/report.hpp"
 
 namespace fathom::topside {
@@ -13,23 +13,6 @@ constexpr const char* kStyle =
     R"(body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:70rem;padding:0 1rem;color:#1b2733}
 h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}img,svg{max-width:100%;height:auto;border:1px solid #cfd8e0}
 table{border-collapse:collapse}td,th{border:1px solid #cfd8e0;padding:.2rem .7rem;text-align:left}td.n{text-align:right})";
-
-std::string escaped(const std::string& text) {
-  std::string out;
-  for (const char c : text) {
-    if (c == '<')
-      out += "&lt;";
-    else if (c == '>')
-      out += "&gt;";
-    else if (c == '&')
-      out += "&amp;";
-    else if (c == '"')
-      out += "&quot;";
-    else
-      out += c;
-  }
-  return out;
-}
 
 std::string base64(const std::string& bytes) {
   constexpr const char* kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
@@ -44,18 +27,12 @@ std::string base64(const std::string& bytes) {
   return out;
 }
 
-std::string fixed(double value, int digits) {
-  char text[64];
-  std::snprintf(text, sizeof text, "%.*f", digits, value);
-  return text;
-}
-
 std::string row(const std::string& name, const std::string& value) {
-  return "<tr><td>" + escaped(name) + "</td><td class=n>" + escaped(value) + "</td></tr>\n";
+  return htmlRow(name, value);
 }
 template <typename Integer>
 std::string row(const std::string& name, Integer value) {
-  return row(name, std::to_string(value));
+  return htmlRow(name, std::to_string(value));
 }
 
 void image(std::ostream& out, const std::vector<std::uint8_t>& rgb, const MapPicture& picture,
@@ -83,20 +60,23 @@ void trackPlot(std::ostream& out, const RunRecord& r) {
   const auto y = [&](const SE3& p) { return kMargin + (high.x() - p.translation().x()) * scale; };
   const double width = 2 * kMargin + (high.y() - low.y()) * scale,
                height = 2 * kMargin + (high.x() - low.x()) * scale;
-  out << "<svg viewBox=\"0 0 " << fixed(width, 0) << " " << fixed(height, 0) << "\" width=\""
-      << fixed(width, 0) << "\"><polyline fill=none stroke=\"#7fa7c9\" points=\"";
+  out << "<svg viewBox=\"0 0 " << fixedDigits(width, 0) << " " << fixedDigits(height, 0) << "\" width=\""
+      << fixedDigits(width, 0) << "\"><polyline fill=none stroke=\"#7fa7c9\" points=\"";
   for (const NavigatedPose& p : r.navigation->track)
-    if (p.T_nav_body) out << fixed(x(*p.T_nav_body), 1) << "," << fixed(y(*p.T_nav_body), 1) << " ";
+    if (p.T_nav_body)
+      out << fixedDigits(x(*p.T_nav_body), 1) << "," << fixedDigits(y(*p.T_nav_body), 1) << " ";
   out << "\"/>\n";
   for (const FusedPair& p : r.fused->pairs)
     out << "<circle r=2 fill=\"" << (p.used ? "#1f6f43" : "#c0392b") << "\" cx=\""
-        << fixed(x(p.T_nav_body), 1) << "\" cy=\"" << fixed(y(p.T_nav_body), 1) << "\"/>";
-  out << "</svg><p>Track of the dive (north up, " << fixed((kWidth - 2 * kMargin) / scale, 1)
+        << fixedDigits(x(p.T_nav_body), 1) << "\" cy=\"" << fixedDigits(y(p.T_nav_body), 1) << "\"/>";
+  out << "</svg><p>Track of the dive (north up, " << fixedDigits((kWidth - 2 * kMargin) / scale, 1)
       << " m across the longer side); green: pairs in the map, red: pairs with too few points.</p>\n";
 }
 
 void lightingTable(std::ostringstream& out, const RunRecord& r) {
-  const auto error = [](double value) { return value < 0 ? std::string("-") : fixed(100 * value, 1) + " %"; };
+  const auto error = [](double value) {
+    return value < 0 ? std::string("-") : fixedDigits(100 * value, 1) + " %";
+  };
   out << "<h2>Lighting</h2><p>The model that foretold images best, before it learnt them, "
          "corrects.</p><table>"
       << "<tr><th>camera</th><th>model used</th><th>error: whole image</th><th>plain</th>"
@@ -104,7 +84,7 @@ void lightingTable(std::ostringstream& out, const RunRecord& r) {
   for (const auto& [name, l] : {std::pair("left", &r.left_lighting), std::pair("right", &r.right_lighting)})
     out << "<tr><td>" << name << "</td><td>" << lighting::nameOf(l->used) << "</td><td>"
         << error(l->error_whole) << "</td><td>" << error(l->error_plain) << "</td><td>"
-        << error(l->error_range) << "</td><td>" << fixed(100 * l->outlier_share, 2) << " %</td></tr>\n";
+        << error(l->error_range) << "</td><td>" << fixedDigits(100 * l->outlier_share, 2) << " %</td></tr>\n";
   out << "</table>\n";
 }
 
@@ -114,31 +94,32 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
   const FuseCounts& counts = r.fused->counts;
   const std::size_t worked = std::max<std::size_t>(1, counts.used + counts.too_few_points);
   std::ostringstream out;
-  out << "<!doctype html><html lang=en><meta charset=utf-8><title>Fathom: " << escaped(r.vehicle) << " dive "
-      << r.dive_id << "</title><style>" << kStyle << "</style>\n<h1>" << escaped(r.vehicle) << ", dive "
-      << r.dive_id << "</h1><p>" << escaped(r.mission) << ". fathom-topside " << escaped(r.software_version)
-      << ", " << counts.used << " of " << r.list->pairs.size() << " stereo pairs, " << fixed(r.area, 1)
-      << " m&sup2; in " << fixed(r.total_seconds, 1) << " s on " << r.threads
-      << " threads.</p>\n<h2>Map</h2>\n";
+  out << "<!doctype html><html lang=en><meta charset=utf-8><title>Fathom: " << htmlEscaped(r.vehicle)
+      << " dive " << r.dive_id << "</title><style>" << kStyle << "</style>\n<h1>" << htmlEscaped(r.vehicle)
+      << ", dive " << r.dive_id << "</h1><p>" << htmlEscaped(r.mission) << ". fathom-topside "
+      << htmlEscaped(r.software_version) << ", " << counts.used << " of " << r.list->pairs.size()
+      << " stereo pairs, " << fixedDigits(r.area, 1) << " m&sup2; in " << fixedDigits(r.total_seconds, 1)
+      << " s on " << r.threads << " threads.</p>\n<h2>Map</h2>\n";
   image(out, picture.rgb, picture,
-        "Depth from " + fixed(picture.shallowest, 2) + " m (light) to " + fixed(picture.deepest, 2) +
-            " m (dark), north up, " + fixed(picture.width * picture.metres_per_pixel, 1) +
-            " m wide, light from the north-west");
+        "Depth from " + fixedDigits(picture.shallowest, 2) + " m (light) to " +
+            fixedDigits(picture.deepest, 2) + " m (dark), north up, " +
+            fixedDigits(picture.width * picture.metres_per_pixel, 1) + " m wide, light from the north-west");
   image(out, picture.rgb_texture, picture, "Colours of the seafloor after lighting correction");
   out << "<h2>Track</h2>\n";
   trackPlot(out, r);
 
   out << "<h2>Times</h2><table><tr><th>stage</th><th>seconds</th></tr>\n";
-  for (const auto& [name, seconds] : r.stage_seconds) out << row(name, fixed(seconds, 2));
-  out << row("total", fixed(r.total_seconds, 2)) << "</table>\n<p>Of one pair, in one thread:</p><table>"
+  for (const auto& [name, seconds] : r.stage_seconds) out << row(name, fixedDigits(seconds, 2));
+  out << row("total", fixedDigits(r.total_seconds, 2))
+      << "</table>\n<p>Of one pair, in one thread:</p><table>"
       << "<tr><th>stage</th><th>milliseconds</th></tr>\n";
   double sum = 0;
   for (std::size_t k = 0; k < kPairStages; ++k) {
     const double ms = 1e3 * counts.times.seconds[k] / static_cast<double>(worked);
     sum += ms;
-    out << row(kPairStageNames[k], fixed(ms, 2));
+    out << row(kPairStageNames[k], fixedDigits(ms, 2));
   }
-  out << row("sum", fixed(sum, 2)) << "</table>\n";
+  out << row("sum", fixedDigits(sum, 2)) << "</table>\n";
 
   lightingTable(out, r);
 
@@ -160,10 +141,11 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
                                 std::to_string(anchor.fixes_rejected) + " rejected)")
       << row("mesh vertices", r.vertices) << row("mesh triangles", r.triangles)
       << row("pieces dropped", r.pieces_dropped)
-      << row("voxel memory", fixed(static_cast<double>(r.fusion_bytes) / 1e6, 1) + " MB") << "</table>\n";
+      << row("voxel memory", fixedDigits(static_cast<double>(r.fusion_bytes) / 1e6, 1) + " MB")
+      << "</table>\n";
   if (!counts.unreadable_lines.empty()) {
     out << "<h2>Unreadable</h2><ul>";
-    for (const std::string& line : counts.unreadable_lines) out << "<li>" << escaped(line) << "</li>";
+    for (const std::string& line : counts.unreadable_lines) out << "<li>" << htmlEscaped(line) << "</li>";
     out << "</ul>";
   }
   out << "</html>\n";

@@ -54,6 +54,19 @@ TEST(Calibrate, RealChessboardsGiveThePublishedRig) {
   EXPECT_TRUE(std::filesystem::exists(out.string() + ".html"));
 }
 
+TEST(Calibrate, TheThirdRadialCoefficientIsEstimatedOnlyWhenAskedFor) {
+  FATHOM_REQUIRE_DATA("calibration/left01.jpg");
+  const test::TemporaryFolder folder;
+  auto options = optionsFor(test::dataFile("calibration"), folder.path() / "stereo.calib");
+  const auto without = runCalibrate(options);
+  EXPECT_EQ(readStereoCalib(options.out).left.k3, 0.0);
+  options.config.k3 = true;
+  const auto with = runCalibrate(options);
+  EXPECT_NE(readStereoCalib(options.out).left.k3, 0.0);
+  EXPECT_GT(with.sigma.left.k3, 0.0);
+  EXPECT_LE(with.stereo_rms, without.stereo_rms + 1e-6);
+}
+
 TEST(Calibrate, AWrongBoardSizeIsOneClearLineAndWritesNothing) {
   FATHOM_REQUIRE_DATA("calibration/left01.jpg");
   const test::TemporaryFolder folder;

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -9,6 +10,7 @@
 
 #include "firmware_if/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "recon/topside/check_calibration_command.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::topside {
@@ -144,6 +146,40 @@ TEST(MissionCheck, ACameraMountedThreeDegreesOffIsNoticedAboutEachAxis) {
     for (int i = 0; i < 3; ++i)
       EXPECT_NEAR(check.mount.both.rotation(i) / kDegree, i == axis ? -3 : 0, 1.0)
           << "mounted off about " << axis;
+  }
+}
+
+// What a shell script sees.
+int exitCodeOf(std::vector<std::string> arguments) {
+  CLI::App app;
+  CLI::App* command = nullptr;
+  const std::function<int()> run = addCheckCalibrationCommand(app, command);
+  arguments.insert(arguments.begin(), "check-calibration");
+  std::reverse(arguments.begin(), arguments.end());  // as CLI11 takes them
+  app.parse(arguments);
+  return run();
+}
+
+TEST(MissionCheck, TheCommandExitsWithZeroForAGoodRigAndWithOneForABadOne) {
+  Altered mission;
+  mission.rig([](StereoRig& rig) {
+    rig.T_right_left = SE3::fromEuler(0.3 * kDegree, 0, 0, {0, 0, 0}) * rig.T_right_left;
+  });
+  const test::TemporaryFolder out;
+  EXPECT_EQ(exitCodeOf({kMission.string(), "--out", (out.path() / "good").string()}), 0);
+  EXPECT_EQ(exitCodeOf({mission.path().string(), "--pairs", "12"}), 1);
+  EXPECT_TRUE(std::filesystem::exists(out.path() / "good" / "mission-check.html"));
+}
+
+TEST(MissionCheck, ACalibrationOfAnotherImageSizeIsRefusedWithBothSizes) {
+  Altered mission;
+  mission.rig([](StereoRig& rig) { rig = rig.scaled(2); });
+  try {
+    (void)checkMission({mission.path(), {}, 12});
+    FAIL() << "accepted";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("where the calibration says"), std::string::npos)
+        << error.what();
   }
 }
 

@@ -222,12 +222,12 @@ std::string toHtml(const MissionCheck& c, const MissionVerdict& verdict) {
   out += "<h2>Epipolar error</h2>\n<figure>" + cellPlot(c) + "</figure><figure>" + epipolarHistogram(c) +
          "</figure>\n<p>Positive: the match lies below its epipolar line in the right image. "
          "A right camera turned by pitch " +
-         fixedDigits(kDegrees * e.rotation(0), 3) + " &plusmn; " +
-         fixedDigits(kDegrees * e.rotation_sigma(0), 3) + ", yaw " +
-         fixedDigits(kDegrees * e.rotation(1), 3) + " &plusmn; " +
-         fixedDigits(kDegrees * e.rotation_sigma(1), 3) + ", roll " +
-         fixedDigits(kDegrees * e.rotation(2), 3) + " &plusmn; " +
-         fixedDigits(kDegrees * e.rotation_sigma(2), 3) +
+         fixedDigits(kDegrees * e.rotation(0), 4) + " &plusmn; " +
+         fixedDigits(kDegrees * e.rotation_sigma(0), 4) + ", yaw " +
+         fixedDigits(kDegrees * e.rotation(1), 4) + " &plusmn; " +
+         fixedDigits(kDegrees * e.rotation_sigma(1), 4) + ", roll " +
+         fixedDigits(kDegrees * e.rotation(2), 4) + " &plusmn; " +
+         fixedDigits(kDegrees * e.rotation_sigma(2), 4) +
          " deg (about its x, y, z) explains the pattern best and leaves " + fixedDigits(e.sigma_after, 3) +
          " px a match.</p>\n";
   out += "<h2>Stereo range against DVL</h2>\n";

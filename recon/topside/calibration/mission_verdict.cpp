@@ -40,7 +40,7 @@ void judgeEpipolar(const MissionCheck& check, MissionVerdict& out) {
     text += ": the rig has moved; calibrate again. A right camera turned by";
     const char* const names[3] = {" pitch ", ", yaw ", ", roll "};
     for (int i = 0; i < 3; ++i)
-      text += names[i] + pm(kDegrees * e.rotation(i), kDegrees * e.rotation_sigma(i), 3);
+      text += names[i] + pm(kDegrees * e.rotation(i), kDegrees * e.rotation_sigma(i), 4);
     text += " deg would explain it, but for " + fixedDigits(e.sigma_after, 2) + " px a match";
   }
   out.lines.push_back({bad ? Kind::kBad : Kind::kGood, text});
