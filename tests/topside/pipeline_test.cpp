@@ -101,6 +101,12 @@ TEST_F(TopsidePipeline, TheReportTellsTimesCountsAndVersionAndIsOnePage) {
   EXPECT_EQ(report["pairs"]["used"], 8);
   EXPECT_EQ(report["software_version"], FATHOM_VERSION);
   EXPECT_EQ(report["navigation"]["anchor"]["source"], "gps");
+  for (const char* camera : {"left", "right"}) {
+    const auto& light = report["lighting"][camera];
+    EXPECT_THAT(light["model"].get<std::string>(), ::testing::AnyOf("plain", "range-dependent")) << camera;
+    EXPECT_LT(light["outlier_share"].get<double>(), 0.2) << camera;
+    EXPECT_GT(light["memory_bytes"].get<std::size_t>(), 10000U) << camera;
+  }
   EXPECT_EQ(report["navigation"]["anchor"]["fixes_used"], 10);
   for (const char* stage : {"read", "lighting", "stereo", "mesh", "fusion"})
     EXPECT_GT(report["times"]["per_pair_s"][stage].get<double>(), 0.0) << stage;
@@ -108,6 +114,7 @@ TEST_F(TopsidePipeline, TheReportTellsTimesCountsAndVersionAndIsOnePage) {
   const std::string html = contents(result("report.html"));
   EXPECT_THAT(html, HasSubstr("data:image/png;base64,iVBORw0KGgo"));
   EXPECT_THAT(html, HasSubstr("<svg"));
+  EXPECT_THAT(html, HasSubstr("<h2>Lighting</h2>"));
   EXPECT_THAT(html, ::testing::Not(HasSubstr("http")));
 }
 

@@ -16,7 +16,6 @@ namespace fathom::bench {
 namespace {
 
 constexpr int kColumns = 24, kRows = 20;  // cells
-constexpr double kTargetMean = 0.42;
 using Surface = Eigen::Matrix<double, 6, 1>;
 
 Surface terms(double u, double v) {
@@ -122,11 +121,22 @@ void correctOneImage(const std::filesystem::path& image, const std::filesystem::
     std::printf("%-6s cells differ by %.3f (rms, in logarithms), by %.3f after the smooth surface\n",
                 kNames[c], std::sqrt(before / (kColumns * kRows)), std::sqrt(after / (kColumns * kRows)));
   }
-  each([&](int x, int y, int c, std::size_t at) {
+  const auto reflected = [&](int x, int y, int c) {  // in parts of the surface: its mean is about 1
     const Surface& surface = surfaces[static_cast<std::size_t>(colourAt(x, y, c))];
-    const double light = std::exp(terms((x + 0.5) / width - 0.5, (y + 0.5) / height - 0.5).dot(surface));
-    smooth[at] =
-        static_cast<std::uint8_t>(std::lround(255 * std::min(kTargetMean * sample(x, y, c) / light, 1.0)));
+    return sample(x, y, c) / std::exp(terms((x + 0.5) / width - 0.5, (y + 0.5) / height - 0.5).dot(surface));
+  };
+  std::array<double, 3> n{}, squares{};
+  each([&](int x, int y, int c, std::size_t) {
+    const auto k = static_cast<std::size_t>(colourAt(x, y, c));
+    n[k] += 1;
+    squares[k] += std::pow(reflected(x, y, c) - 1, 2);
+  });
+  const lighting::LightingConfig config;
+  each([&](int x, int y, int c, std::size_t at) {
+    const auto k = static_cast<std::size_t>(colourAt(x, y, c));
+    const double gain = config.target_sigma / std::sqrt(squares[k] / n[k]);
+    const double value = config.target_mean + gain * (reflected(x, y, c) - 1);
+    smooth[at] = static_cast<std::uint8_t>(std::lround(255 * std::clamp(value, 0.0, 1.0)));
   });
   lighting::LightingModel model(width, height, format, file.view.bits, {});
   model.add(file.view);
@@ -137,10 +147,9 @@ void correctOneImage(const std::filesystem::path& image, const std::filesystem::
               row);
   cv::imwrite(png.string(), row);
   std::printf(
-      "One image cannot tell the light's pattern from the scene: left as it is, middle the whole image's "
-      "mean\n"
-      "and deviation, right divided by a smooth surface, which takes broad slopes of the seafloor with "
-      "it.\n");
+      "One image cannot tell the light's pattern from the scene. Left: as it is; middle: the whole image's\n"
+      "mean and deviation; right: the same after dividing by a smooth surface, which takes broad slopes of\n"
+      "the seafloor's own brightness with it.\n");
 }
 
 }  // namespace fathom::bench
