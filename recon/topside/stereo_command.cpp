@@ -31,7 +31,7 @@ struct Options {
 
 std::optional<PixelFormat> formatOf(const std::string& word) {
   if (word == "mono") return PixelFormat::kMono;
-  if (word == "bayer_rggb") return PixelFormat::kBayerRggb;
+  if (word == "bayer-rggb") return PixelFormat::kBayerRggb;
   return std::nullopt;
 }
 
@@ -141,10 +141,10 @@ std::function<int()> addStereoCommand(CLI::App& app, CLI::App*& command) {
   command->add_option("--picture", options->picture, "PNG to write: depth over the left image");
   command->add_flag("--json", options->json, "print one JSON object: points, rejected by cause, ms by stage");
   command->add_option("--config", options->config, "TOML file; its [stereo] keys are used");
-  const CLI::IsMember formats({"auto", "mono", "bayer_rggb"});
+  const CLI::IsMember formats({"auto", "mono", "bayer-rggb"});
   command
       ->add_option("--left-format", options->left_format,
-                   "of a grey file: mono, bayer_rggb, or auto: by an ACFR name")
+                   "of a grey file: mono, bayer-rggb, or auto: by an ACFR name")
       ->check(formats)
       ->capture_default_str();
   command->add_option("--right-format", options->right_format, "likewise")
