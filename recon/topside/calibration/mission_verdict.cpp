@@ -25,6 +25,12 @@ std::string pm(double value, double sigma, int digits) {
   return fixedDigits(value, digits) + " +- " + fixedDigits(sigma, digits);
 }
 
+// Bad only where it is certain; beyond what is allowed but not certainly so, it stays open.
+Kind kindOf(double off, double sigma, double allowed) {
+  if (std::abs(off) <= allowed) return Kind::kGood;
+  return std::abs(off) > kCertain * sigma ? Kind::kBad : Kind::kOpen;
+}
+
 bool rigHasMoved(const MissionCheck& check) {
   return std::abs(check.epipolar.median) > kMaxMedian || std::abs(check.epipolar.worst_cell) > kMaxCell;
 }
@@ -53,9 +59,9 @@ void judgeRange(const MissionCheck& check, MissionVerdict& out) {
                                           " places seen by both, at least 8 are needed"});
     return;
   }
-  const double off = std::abs(r.ratio - 1);
-  const bool bad = off > kMaxRange && off > kCertain * r.ratio_sigma;
-  const bool open = !bad && kCertain * r.ratio_sigma > kTooUncertain;
+  Kind kind = kindOf(r.ratio - 1, r.ratio_sigma, kMaxRange);
+  if (kind == Kind::kGood && kCertain * r.ratio_sigma > kTooUncertain) kind = Kind::kOpen;
+  const bool bad = kind == Kind::kBad;
   std::string text = "stereo range is " + pm(r.ratio, r.ratio_sigma, 4) +
                      " of the DVL's (allowed 1 +- 0.03) over " + fixedDigits(r.shortest, 2) + " to " +
                      fixedDigits(r.longest, 2) + " m";
@@ -69,23 +75,22 @@ void judgeRange(const MissionCheck& check, MissionVerdict& out) {
             "); calibrate in water";
   else if (bad)
     text += ": focal length, baseline or toe-in are wrong; calibrate again";
-  if (open) text += ": too uncertain to tell; fly longer, or over itself";
-  out.lines.push_back({bad ? Kind::kBad : open ? Kind::kOpen : Kind::kGood, text});
+  if (kind == Kind::kOpen) text += ": too uncertain to tell; fly longer, or over itself";
+  out.lines.push_back({kind, text});
 }
 
 void judgeSpeed(const MissionCheck& check, MissionVerdict& out) {
   const auto& m = check.mount;
   if (!m.both.known || m.speed_ratio_sigma <= 0) return;
-  const double off = std::abs(m.speed_ratio - 1);
-  const bool bad = off > kMaxSpeed && off > kCertain * m.speed_ratio_sigma;
+  const Kind kind = kindOf(m.speed_ratio - 1, m.speed_ratio_sigma, kMaxSpeed);
   std::string text =
       "distance seen is " + pm(m.speed_ratio, m.speed_ratio_sigma, 4) + " of the DVL's (allowed 1 +- 0.02)";
   if (rigHasMoved(check)) {
     out.lines.push_back({Kind::kOpen, text + ": not to be trusted while the rig has moved"});
     return;
   }
-  if (bad) text += ": the baseline's length or the speed of sound is wrong";
-  out.lines.push_back({bad ? Kind::kBad : Kind::kGood, text});
+  if (kind == Kind::kBad) text += ": the baseline's length or the speed of sound is wrong";
+  out.lines.push_back({kind, text});
 }
 
 void judgeMount(const MissionCheck& check, MissionVerdict& out) {
@@ -104,11 +109,12 @@ void judgeMount(const MissionCheck& check, MissionVerdict& out) {
                (i == 0 ? "turns, or rolling, would show it" : "a straight line with way on would show it")});
       continue;
     }
-    const bool bad = std::abs(angle) > kMaxMount && std::abs(angle) > kCertain * sigma;
+    const Kind kind = kindOf(angle, sigma, kMaxMount);
     std::string text = std::string("camera's ") + kAxes[i] + " against DVL and compass is " +
                        pm(kDegrees * angle, kDegrees * sigma, 2) + " deg off mission.toml's (allowed 1)";
-    if (bad) text += ": correct extrinsics.T_body_cam";
-    out.lines.push_back({bad ? Kind::kBad : Kind::kGood, text});
+    if (kind == Kind::kBad) text += ": correct extrinsics.T_body_cam";
+    if (kind == Kind::kOpen) text += ": too uncertain to tell; fly longer, with turns";
+    out.lines.push_back({kind, text});
   }
 }
 
