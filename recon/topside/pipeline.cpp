@@ -14,13 +14,13 @@
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/geometry/output_folder.hpp"
 #include "recon/geometry/stereo_rig.hpp"
-#include "recon/topside/crossovers.hpp"
-#include "recon/topside/fuse_stage.hpp"
-#include "recon/topside/lighting_stage.hpp"
-#include "recon/topside/map_picture.hpp"
-#include "recon/topside/mesh_pieces.hpp"
-#include "recon/topside/navigation.hpp"
-#include "recon/topside/report.hpp"
+#include "recon/topside/report/map_picture.hpp"
+#include "recon/topside/report/report.hpp"
+#include "recon/topside/stages/crossovers.hpp"
+#include "recon/topside/stages/fuse_stage.hpp"
+#include "recon/topside/stages/lighting_stage.hpp"
+#include "recon/topside/stages/mesh_pieces.hpp"
+#include "recon/topside/stages/navigation.hpp"
 
 namespace fathom::topside {
 namespace {

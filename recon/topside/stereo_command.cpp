@@ -11,9 +11,9 @@
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/seed_plane.hpp"
-#include "recon/topside/loose_pair.hpp"
+#include "recon/topside/report/stereo_output.hpp"
 #include "recon/topside/stage_times.hpp"
-#include "recon/topside/stereo_output.hpp"
+#include "recon/topside/stages/loose_pair.hpp"
 #include "recon/topside/topside_config.hpp"
 
 namespace fathom::topside {

@@ -12,8 +12,8 @@
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/stereo/delaunay.hpp"
 #include "recon/stereo/dense_stereo.hpp"
-#include "recon/topside/html_text.hpp"
-#include "recon/topside/svg_plot.hpp"
+#include "recon/topside/report/html_text.hpp"
+#include "recon/topside/report/svg_plot.hpp"
 #include "tests/bench/opencv_stereo.hpp"
 #include "tests/bench/stereo_accuracy.hpp"
 

@@ -4,10 +4,10 @@
 #include <fstream>
 
 #include "realtime/kernel/input_error.hpp"
-#include "recon/topside/crossovers.hpp"
-#include "recon/topside/map_picture.hpp"
-#include "recon/topside/mesh_pieces.hpp"
-#include "recon/topside/navigation.hpp"
+#include "recon/topside/report/map_picture.hpp"
+#include "recon/topside/stages/crossovers.hpp"
+#include "recon/topside/stages/mesh_pieces.hpp"
+#include "recon/topside/stages/navigation.hpp"
 #include "recon/topside/topside_config.hpp"
 #include "tests/support/test_data.hpp"
 

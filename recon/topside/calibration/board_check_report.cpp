@@ -6,8 +6,8 @@
 #include <nlohmann/json.hpp>
 
 #include "recon/geometry/atomic_file.hpp"
-#include "recon/topside/html_text.hpp"
-#include "recon/topside/svg_plot.hpp"
+#include "recon/topside/report/html_text.hpp"
+#include "recon/topside/report/svg_plot.hpp"
 
 namespace fathom::topside {
 namespace {

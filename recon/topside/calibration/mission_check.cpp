@@ -16,10 +16,10 @@
 #include "recon/lighting/rig_ranges.hpp"
 #include "recon/topside/calibration/free_matches.hpp"
 #include "recon/topside/calibration/range_map.hpp"
-#include "recon/topside/image_pairs.hpp"
-#include "recon/topside/lighting_stage.hpp"
-#include "recon/topside/navigation.hpp"
-#include "recon/topside/seed_plane.hpp"
+#include "recon/topside/stages/image_pairs.hpp"
+#include "recon/topside/stages/lighting_stage.hpp"
+#include "recon/topside/stages/navigation.hpp"
+#include "recon/topside/stages/seed_plane.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -3,7 +3,7 @@
 #include <numbers>
 
 #include "recon/topside/calibration/mission_check.hpp"
-#include "recon/topside/html_text.hpp"
+#include "recon/topside/report/html_text.hpp"
 
 namespace fathom::topside {
 namespace {

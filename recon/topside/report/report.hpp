@@ -6,10 +6,10 @@
 #include <vector>
 
 #include "recon/geometry/mesh.hpp"
-#include "recon/topside/fuse_stage.hpp"
-#include "recon/topside/image_pairs.hpp"
-#include "recon/topside/map_picture.hpp"
-#include "recon/topside/navigation.hpp"
+#include "recon/topside/report/map_picture.hpp"
+#include "recon/topside/stages/fuse_stage.hpp"
+#include "recon/topside/stages/image_pairs.hpp"
+#include "recon/topside/stages/navigation.hpp"
 #include "recon/topside/topside_config.hpp"
 
 namespace fathom::topside {

@@ -1,4 +1,4 @@
-#include "recon/topside/stereo_output.hpp"
+#include "recon/topside/report/stereo_output.hpp"
 
 #include <algorithm>
 #include <array>
@@ -16,12 +16,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 std::vector<std::pair<const char*, std::uint32_t>> causes(const stereo::StereoResult::Rejected& r) {
-  return {{"no_track", r.no_track},
-          {"left_right", r.left_right},
-          {"epipolar", r.epipolar},
-          {"range", r.range},
-          {"outlier", r.outlier},
-          {"fish", r.fish}};
+  return {{"no_track", r.no_track}, {"left_right", r.left_right}, {"epipolar", r.epipolar},
+          {"range", r.range},       {"outlier", r.outlier},       {"fish", r.fish}};
 }
 
 double medianDepth(const stereo::StereoResult& result) {

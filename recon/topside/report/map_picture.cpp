@@ -1,4 +1,4 @@
-#include "recon/topside/map_picture.hpp"
+#include "recon/topside/report/map_picture.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "recon/topside/fuse_stage.hpp"
+#include "recon/topside/stages/fuse_stage.hpp"
 
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/info.h>

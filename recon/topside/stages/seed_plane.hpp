@@ -5,7 +5,7 @@
 #include "firmware_if/mission.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
-#include "recon/topside/navigation.hpp"
+#include "recon/topside/stages/navigation.hpp"
 
 namespace fathom::topside {
 

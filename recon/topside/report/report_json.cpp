@@ -2,7 +2,7 @@
 #include <nlohmann/json.hpp>
 
 #include "recon/geometry/atomic_file.hpp"
-#include "recon/topside/report.hpp"
+#include "recon/topside/report/report.hpp"
 
 namespace fathom::topside {
 namespace {

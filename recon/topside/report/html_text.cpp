@@ -1,4 +1,4 @@
-#include "recon/topside/html_text.hpp"
+#include "recon/topside/report/html_text.hpp"
 
 #include <cmath>
 #include <cstdio>

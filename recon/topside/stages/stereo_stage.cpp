@@ -1,4 +1,4 @@
-#include "recon/topside/stereo_stage.hpp"
+#include "recon/topside/stages/stereo_stage.hpp"
 
 #include <algorithm>
 

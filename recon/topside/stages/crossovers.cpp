@@ -1,4 +1,4 @@
-#include "recon/topside/crossovers.hpp"
+#include "recon/topside/stages/crossovers.hpp"
 
 #include <algorithm>
 #include <cmath>

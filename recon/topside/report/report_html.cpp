@@ -3,8 +3,8 @@
 #include <sstream>
 
 #include "recon/geometry/atomic_file.hpp"
-#include "recon/topside/html_text.hpp"
-#include "recon/topside/report.hpp"
+#include "recon/topside/report/html_text.hpp"
+#include "recon/topside/report/report.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -1,4 +1,4 @@
-#include "recon/topside/navigation.hpp"
+#include "recon/topside/stages/navigation.hpp"
 
 #include <algorithm>
 #include <cmath>

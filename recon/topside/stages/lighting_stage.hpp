@@ -5,9 +5,9 @@
 #include "firmware_if/mission.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/lighting_model.hpp"
-#include "recon/topside/image_pairs.hpp"
-#include "recon/topside/navigation.hpp"
 #include "recon/topside/progress.hpp"
+#include "recon/topside/stages/image_pairs.hpp"
+#include "recon/topside/stages/navigation.hpp"
 #include "recon/topside/topside_config.hpp"
 
 namespace fathom::topside {

@@ -9,10 +9,10 @@
 #include "recon/lighting/rig_ranges.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
-#include "recon/topside/image_pairs.hpp"
-#include "recon/topside/lighting_stage.hpp"
-#include "recon/topside/seed_plane.hpp"
 #include "recon/topside/stage_times.hpp"
+#include "recon/topside/stages/image_pairs.hpp"
+#include "recon/topside/stages/lighting_stage.hpp"
+#include "recon/topside/stages/seed_plane.hpp"
 #include "recon/topside/topside_config.hpp"
 
 namespace fathom::topside {

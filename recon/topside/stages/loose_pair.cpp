@@ -1,4 +1,4 @@
-#include "recon/topside/loose_pair.hpp"
+#include "recon/topside/stages/loose_pair.hpp"
 
 #include <string>
 

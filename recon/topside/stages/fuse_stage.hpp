@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "recon/fusion/volumetric_fusion.hpp"
-#include "recon/topside/navigation.hpp"
-#include "recon/topside/stereo_stage.hpp"
+#include "recon/topside/stages/navigation.hpp"
+#include "recon/topside/stages/stereo_stage.hpp"
 
 namespace fathom::topside {
 

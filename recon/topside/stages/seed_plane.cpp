@@ -1,4 +1,4 @@
-#include "recon/topside/seed_plane.hpp"
+#include "recon/topside/stages/seed_plane.hpp"
 
 namespace fathom::topside {
 

@@ -1,4 +1,4 @@
-#include "recon/topside/svg_plot.hpp"
+#include "recon/topside/report/svg_plot.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -9,7 +9,7 @@
 #include <cstring>
 #include <numbers>
 
-#include "recon/topside/html_text.hpp"
+#include "recon/topside/report/html_text.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -1,4 +1,4 @@
-#include "recon/topside/mesh_pieces.hpp"
+#include "recon/topside/stages/mesh_pieces.hpp"
 
 #include <Eigen/Geometry>
 #include <numeric>

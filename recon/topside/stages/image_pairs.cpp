@@ -1,4 +1,4 @@
-#include "recon/topside/image_pairs.hpp"
+#include "recon/topside/stages/image_pairs.hpp"
 
 #include <algorithm>
 #include <cmath>

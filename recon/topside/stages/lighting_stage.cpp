@@ -1,4 +1,4 @@
-#include "recon/topside/lighting_stage.hpp"
+#include "recon/topside/stages/lighting_stage.hpp"
 
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/info.h>
@@ -12,7 +12,7 @@
 #include "firmware_if/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/lighting/rig_ranges.hpp"
-#include "recon/topside/seed_plane.hpp"
+#include "recon/topside/stages/seed_plane.hpp"
 
 namespace fathom::topside {
 namespace {
