@@ -1,0 +1,130 @@
+#include "recon/closure/candidates.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <tuple>
+
+namespace fathom::closure {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+
+// Nodes and weights of Gauss-Legendre on [-1, 1], the positive half of 16.
+constexpr double kNodes[8] = {0.0950125098376374, 0.2816035507792589, 0.4580167776572274, 0.6178762444026438,
+                              0.7554044083550030, 0.8656312023878318, 0.9445750230732326, 0.9894009349916499};
+constexpr double kWeights[8] = {0.1894506104550685, 0.1826034150449236, 0.1691565193950025,
+                                0.1495959888165767, 0.1246289712555339, 0.0951585116824928,
+                                0.0622535239386479, 0.0271524594117541};
+
+double normalCdf(double x) {
+  return 0.5 * std::erfc(-x / std::sqrt(2.0));
+}
+
+bool less(const Candidate& a, const Candidate& b) {
+  return std::make_tuple(a.value(), a.newer, a.older) < std::make_tuple(b.value(), b.newer, b.older);
+}
+
+}  // namespace
+
+Footprint footprintOf(const SE3& T_nav_cam, double altitude, const Camera& camera) {
+  constexpr double kMinDown = 0.2;  // cosine from the vertical; flatter, the seafloor is out of reach
+  const Eigen::Vector3d axis = T_nav_cam.rotation() * Eigen::Vector3d::UnitZ();
+  const double range = altitude / std::max(axis.z(), kMinDown);
+  const Eigen::Vector3d hit = T_nav_cam.translation() + range * axis;
+  return {hit.head<2>(), range * std::sqrt(static_cast<double>(camera.width) * camera.height /
+                                           (kPi * camera.fx * camera.fy))};
+}
+
+double separationOfOverlap(double share) {
+  double low = 0, high = 2;
+  constexpr int kHalvings = 50;
+  for (int i = 0; i < kHalvings; ++i) {
+    const double d = 0.5 * (low + high);
+    const double lens = 2 * std::acos(d / 2) - d / 2 * std::sqrt(4 - d * d);
+    (lens > share * kPi ? low : high) = d;
+  }
+  return low;
+}
+
+double overlapProbability(const Eigen::Vector2d& mean, const Eigen::Matrix2d& covariance, double reach) {
+  constexpr double kTail = 8;      // standard deviations
+  constexpr double kLeast = 1e-6;  // standard deviation of a certain separation [m]
+  constexpr int kPanels = 8;
+  if (!(reach > 0) || !mean.allFinite() || !covariance.allFinite()) return 0;
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(covariance);
+  const Eigen::Vector2d m = axes.eigenvectors().transpose() * mean;
+  const double sy = std::sqrt(std::max(axes.eigenvalues()(0), kLeast * kLeast));  // narrow
+  const double sx = std::sqrt(std::max(axes.eigenvalues()(1), kLeast * kLeast));
+  const double from = std::max(-reach, m.y() - kTail * sx), to = std::min(reach, m.y() + kTail * sx);
+  if (from >= to) return 0;
+  const auto density = [&](double x) {
+    const double half = std::sqrt(std::max(reach * reach - x * x, 0.0)), u = (x - m.y()) / sx;
+    return std::exp(-0.5 * u * u) / (sx * std::sqrt(2 * kPi)) *
+           (normalCdf((half - m.x()) / sy) - normalCdf((-half - m.x()) / sy));
+  };
+  double sum = 0;
+  const double width = (to - from) / kPanels;
+  for (int panel = 0; panel < kPanels; ++panel) {
+    const double middle = from + (panel + 0.5) * width;
+    for (int k = 0; k < 8; ++k)
+      sum += kWeights[k] * 0.5 * width *
+             (density(middle - kNodes[k] * 0.5 * width) + density(middle + kNodes[k] * 0.5 * width));
+  }
+  return std::clamp(sum, 0.0, 1.0);
+}
+
+double expectedInformation(const Eigen::Matrix2d& covariance, double sigma) {
+  return 0.5 * std::log((Eigen::Matrix2d::Identity() + covariance / (sigma * sigma)).determinant());
+}
+
+CandidateQueue::CandidateQueue(const CandidateConfig& config)
+    : config_(config), reach_(separationOfOverlap(config.min_overlap)) {
+  if (!(config.min_overlap > 0 && config.min_overlap < 1) || !(config.sigma_measured > 0) ||
+      config.capacity == 0)
+    throw std::invalid_argument(
+        "closure candidates: 0 < min_overlap < 1, sigma_measured and capacity above 0");
+  waiting_.reserve(config.capacity);
+}
+
+void CandidateQueue::propose(std::span<const Footprint> footprints, std::uint32_t newer, std::uint32_t skip,
+                             double max_sigma, const RelativeCovariance& covariance) {
+  if (newer >= footprints.size()) return;
+  const Footprint& here = footprints[newer];
+  const std::uint32_t gap = std::max(skip, 1U);
+  for (std::uint32_t older = 0; older + gap <= newer; ++older) {
+    const Footprint& there = footprints[older];
+    const Eigen::Vector2d separation = here.centre - there.centre;
+    // Discs of different size: that of their mean radius decides.
+    const double reach = reach_ * 0.5 * (here.radius + there.radius);
+    const double farthest = reach + 4 * max_sigma;
+    if (!(separation.squaredNorm() < farthest * farthest)) continue;
+    const Eigen::Matrix2d spread = covariance(older, newer);
+    const Candidate candidate{older, newer, overlapProbability(separation, spread, reach),
+                              expectedInformation(spread, config_.sigma_measured)};
+    if (candidate.probability >= config_.min_probability && candidate.information >= config_.min_information)
+      push(candidate);
+  }
+}
+
+void CandidateQueue::push(const Candidate& candidate) {
+  const auto place = std::lower_bound(waiting_.begin(), waiting_.end(), candidate, less);
+  if (waiting_.size() < config_.capacity) {
+    waiting_.insert(place, candidate);
+    return;
+  }
+  ++dropped_;
+  if (place == waiting_.begin()) return;
+  std::move(waiting_.begin() + 1, place, waiting_.begin());
+  *(place - 1) = candidate;
+}
+
+bool CandidateQueue::pop(Candidate& candidate) {
+  if (waiting_.empty()) return false;
+  candidate = waiting_.back();
+  waiting_.pop_back();
+  return true;
+}
+
+}  // namespace fathom::closure

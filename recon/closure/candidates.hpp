@@ -1,0 +1,84 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "recon/geometry/camera.hpp"
+#include "recon/geometry/se3.hpp"
+
+namespace fathom::closure {
+
+// What a frame sees of a level seafloor: a disc about the place where the principal ray meets it.
+struct Footprint {
+  Eigen::Vector2d centre = Eigen::Vector2d::Zero();  // north, east [m]
+  double radius = 0;                                 // [m]
+};
+
+// `altitude`: of the camera over the seafloor [m]. The radius is that of the disc whose area the image covers
+// at that range: range sqrt(w h / (pi fx fy)).
+[[nodiscard]] Footprint footprintOf(const SE3& T_nav_cam, double altitude, const Camera& camera);
+
+// Separation of two equal discs of radius 1 that share the given part of their area, 0 to 1.
+[[nodiscard]] double separationOfOverlap(double share);
+
+// Probability that the separation d ~ N(mean, covariance) [m, m^2] is at most `reach` [m]:
+//   P = int_{|d| <= reach} N(d; mean, covariance) dd,
+// along the principal axes of the covariance: Gauss-Legendre over the wider one, the error function over the
+// narrower (Mahon et al. 2008: loop-closure hypotheses under the uncertainty of the relative position).
+[[nodiscard]] double overlapProbability(const Eigen::Vector2d& mean, const Eigen::Matrix2d& covariance,
+                                        double reach);
+
+// What measuring the separation with the standard deviation `sigma` [m] would tell [nat]:
+//   I = 1/2 log det (1 + covariance / sigma^2),
+// the mutual information of measurement and state (Eustice et al. 2006; Ila et al. 2010).
+[[nodiscard]] double expectedInformation(const Eigen::Matrix2d& covariance, double sigma);
+
+struct CandidateConfig {
+  double min_overlap = 0.3;       // share of the smaller footprint
+  double min_probability = 0.05;  // of that overlap
+  double sigma_measured = 0.02;   // of a registration, horizontal [m]
+  double min_information = 0.7;   // [nat]; 0.7: the pair's uncertainty is that of the registration
+  std::size_t capacity = 1000;    // pairs that wait
+};
+
+struct Candidate {
+  std::uint32_t older = 0, newer = 0;  // indices of frames
+  double probability = 0;              // of the overlap
+  double information = 0;              // [nat]
+  [[nodiscard]] double value() const { return probability * information; }
+};
+
+// Pairs of frames worth registering, the most valuable first: expected information, probability times what a
+// registration would tell. Bounded: when full, the least valuable is dropped and counted.
+class CandidateQueue {
+ public:
+  explicit CandidateQueue(const CandidateConfig& config);
+
+  // 2x2 covariance of the horizontal separation of two frames [m^2].
+  using RelativeCovariance = std::function<Eigen::Matrix2d(std::uint32_t older, std::uint32_t newer)>;
+
+  // Pairs `newer` with each of footprints[0 .. newer - skip]. Frames farther apart than footprints and
+  // 4 `max_sigma` reach are passed over without asking for their covariance. `skip`: latest frames that are
+  // linked by odometry anyway, at least 1.
+  void propose(std::span<const Footprint> footprints, std::uint32_t newer, std::uint32_t skip,
+               double max_sigma, const RelativeCovariance& covariance);
+  void push(const Candidate& candidate);
+
+  // The most valuable, taken out; of equals the newest. False when empty.
+  [[nodiscard]] bool pop(Candidate& candidate);
+  void clear() { waiting_.clear(); }
+
+  [[nodiscard]] std::size_t size() const { return waiting_.size(); }
+  [[nodiscard]] std::uint64_t dropped() const { return dropped_; }  // for want of room
+
+ private:
+  CandidateConfig config_;
+  double reach_;                    // of two discs of radius 1
+  std::vector<Candidate> waiting_;  // by value, the best last
+  std::uint64_t dropped_ = 0;
+};
+
+}  // namespace fathom::closure

@@ -1,0 +1,111 @@
+#include "recon/closure/descriptor_matching.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <limits>
+
+namespace fathom::closure {
+namespace {
+
+constexpr float kSamePlace = 4.0F;  // features so near are one place [px]
+constexpr float kNone = std::numeric_limits<float>::max();
+
+using Bytes = Eigen::Map<const Eigen::Matrix<std::uint8_t, Eigen::Dynamic, Eigen::Dynamic>>;
+
+void euclidean(const FrameFeatures& a, const FrameFeatures& b, Eigen::MatrixXf& distances) {
+  const auto bytes = static_cast<Eigen::Index>(descriptorBytes(a.kind));
+  const auto n = static_cast<Eigen::Index>(a.size()), m = static_cast<Eigen::Index>(b.size());
+  const Eigen::MatrixXf x = Bytes(a.descriptors.data(), bytes, n).cast<float>();
+  const Eigen::MatrixXf y = Bytes(b.descriptors.data(), bytes, m).cast<float>();
+  distances.noalias() = -2 * x.transpose() * y;
+  distances.colwise() += x.colwise().squaredNorm().transpose();
+  distances.rowwise() += y.colwise().squaredNorm();
+}
+
+void hamming(const FrameFeatures& a, const FrameFeatures& b, Eigen::MatrixXf& distances) {
+  constexpr std::size_t kWords = 8;  // the longest has 64 bytes
+  const std::size_t bytes = descriptorBytes(a.kind), words = (bytes + 7) / 8;
+  const auto load = [&](const FrameFeatures& f, std::size_t i, std::uint64_t(&to)[kWords]) {
+    std::fill(std::begin(to), std::end(to), 0U);
+    std::memcpy(to, f.descriptor(i), bytes);
+  };
+  for (std::size_t j = 0; j < b.size(); ++j) {
+    std::uint64_t y[kWords], x[kWords];
+    load(b, j, y);
+    for (std::size_t i = 0; i < a.size(); ++i) {
+      load(a, i, x);
+      int bits = 0;
+      for (std::size_t w = 0; w < words; ++w) bits += std::popcount(x[w] ^ y[w]);
+      distances(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) =
+          static_cast<float>(bits) * static_cast<float>(bits);
+    }
+  }
+}
+
+// Best partner of one feature and the best one elsewhere.
+struct Ranking {
+  int best = -1;
+  float first = kNone, second = kNone;
+
+  void offer(int candidate, float distance, const FrameFeatures& of) {
+    if (distance >= second) return;
+    const bool same = best >= 0 && (of.features[static_cast<std::size_t>(candidate)].left -
+                                    of.features[static_cast<std::size_t>(best)].left)
+                                           .squaredNorm() < kSamePlace * kSamePlace;
+    if (distance < first) {
+      if (!same) second = first;
+      first = distance;
+      best = candidate;
+    } else if (!same) {
+      second = distance;
+    }
+  }
+};
+
+}  // namespace
+
+void descriptorDistances(const FrameFeatures& a, const FrameFeatures& b, Eigen::MatrixXf& distances) {
+  distances.resize(static_cast<Eigen::Index>(a.size()), static_cast<Eigen::Index>(b.size()));
+  if (distances.size() == 0) return;
+  if (a.kind == DescriptorKind::kRootSift)
+    euclidean(a, b, distances);
+  else
+    hamming(a, b, distances);
+}
+
+void matchDescriptors(const FrameFeatures& a, const FrameFeatures& b, const Eigen::MatrixXf& distances,
+                      const Eigen::Array<bool, Eigen::Dynamic, Eigen::Dynamic>* allowed,
+                      const MatchConfig& config, Matches& matches) {
+  matches.best.clear();
+  matches.alike.clear();
+  const int n = static_cast<int>(a.size()), m = static_cast<int>(b.size());
+  std::vector<Ranking> of_a(a.size()), of_b(b.size());
+  for (int j = 0; j < m; ++j) {
+    for (int i = 0; i < n; ++i) {
+      if (allowed != nullptr && !(*allowed)(i, j)) continue;
+      of_a[static_cast<std::size_t>(i)].offer(j, distances(i, j), b);
+      of_b[static_cast<std::size_t>(j)].offer(i, distances(i, j), a);
+    }
+  }
+  const auto squared = static_cast<float>(config.max_ratio * config.max_ratio);
+  const auto loose = static_cast<float>(1 / (config.near_tie_ratio * config.near_tie_ratio));
+  std::vector<std::pair<float, int>> ties;
+  for (int i = 0; i < n; ++i) {
+    const Ranking& r = of_a[static_cast<std::size_t>(i)];
+    if (r.best < 0) continue;
+    const Ranking& back = of_b[static_cast<std::size_t>(r.best)];
+    if (back.best == i && r.first < squared * r.second && back.first < squared * back.second)
+      matches.best.push_back({i, r.best});
+    ties.clear();
+    for (int j = 0; j < m; ++j) {
+      if ((allowed == nullptr || (*allowed)(i, j)) && distances(i, j) <= loose * r.first)
+        ties.emplace_back(distances(i, j), j);
+    }
+    std::sort(ties.begin(), ties.end());
+    for (std::size_t k = 0; k < ties.size() && k < static_cast<std::size_t>(config.max_alike); ++k)
+      matches.alike.push_back({i, ties[k].second});
+  }
+}
+
+}  // namespace fathom::closure

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+
+#include "recon/closure/frame_features.hpp"
+#include "recon/closure/stereo_match.hpp"
+#include "recon/geometry/image_view.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+
+namespace fathom::closure {
+
+struct FeatureConfig {
+  DescriptorKind kind = DescriptorKind::kRootSift;
+  int max_features = 600;     // of a frame, spread over the image (up to kMaxSlotFeatures)
+  int max_width = 700;        // features are sought in the left image halved until it is at most so wide [px]
+  double place_sigma = 0.25;  // of a feature's place in the left image from view to view [px as sought]
+  double place_sigma_per_size = 0.03;  // more of it for large features [px per px of their diameter]
+  DepthRange depths;
+  StereoMatchConfig stereo;
+};
+
+// Features of stereo frames: detected, described and thinned in the left image by OpenCV, found in the right
+// one by StereoMatcher. Describing the right image too would cost as much again and lose the features that
+// the detector finds in one image only.
+class FeatureExtractor {
+ public:
+  // Throws std::invalid_argument for a configuration out of range.
+  FeatureExtractor(const StereoRig& rig, const FeatureConfig& config);
+  ~FeatureExtractor();
+
+  // `left`, `right`: 8-bit mono, lighting corrected, the rig's size. Empty or wrongly sized images give no
+  // features. `depths`: narrows the configured range, where the altitude is known. The result is reused by
+  // the next call.
+  const FrameFeatures& process(const ImageView& left, const ImageView& right);
+  const FrameFeatures& process(const ImageView& left, const ImageView& right, const DepthRange& depths);
+
+  // Called with the stage's name at the end of each stage of process(): "detect", "describe", "stereo". For a
+  // caller that has a clock; empty: none.
+  void setStageObserver(std::function<void(const char* stage)> observer);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace fathom::closure

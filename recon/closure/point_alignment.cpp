@@ -1,0 +1,186 @@
+#include "recon/closure/point_alignment.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+namespace fathom::closure {
+namespace {
+
+constexpr double kInlierGate = 7.815;  // 95 % of chi-square with 3 degrees of freedom
+// Mean of chi-square with 3 degrees of freedom below that gate: 3 F5(7.815) / F3(7.815).
+constexpr double kInlierMean = 2.631;
+
+Eigen::Matrix3d cross(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d m;
+  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return m;
+}
+
+struct NormalEquations {
+  Matrix6d h = Matrix6d::Zero();
+  Vector6d b = Vector6d::Zero();
+
+  void add(const PointPair& p, const SE3& T, const Eigen::Matrix3d& rotation, double weight) {
+    const Eigen::Vector3d e = p.a - T * p.b;
+    const Eigen::Matrix3d information =
+        weight * (p.covariance_a + rotation * p.covariance_b * rotation.transpose()).inverse();
+    Eigen::Matrix<double, 3, 6> j;
+    j << -rotation, rotation * cross(p.b);
+    h += j.transpose() * information * j;
+    b -= j.transpose() * information * e;
+  }
+  [[nodiscard]] bool solve(Vector6d& step) const {
+    const Eigen::LDLT<Matrix6d> factor(h);
+    if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > 0)) return false;
+    step = factor.solve(b);
+    return step.allFinite();
+  }
+};
+
+// Whether the sides between pairs i and j have equal lengths, within four standard deviations.
+bool sameSide(const PointPair& i, const PointPair& j) {
+  const Eigen::Vector3d a = i.a - j.a, b = i.b - j.b;
+  const double la = a.norm(), lb = b.norm();
+  constexpr double kMinSide = 0.02;  // shorter sides give no direction [m]
+  if (la < kMinSide || lb < kMinSide) return false;
+  const double variance = (a.dot((i.covariance_a + j.covariance_a) * a)) / (la * la) +
+                          (b.dot((i.covariance_b + j.covariance_b) * b)) / (lb * lb);
+  return (la - lb) * (la - lb) < 16 * variance;
+}
+
+}  // namespace
+
+SE3 rightPerturbed(const SE3& pose, const Vector6d& step) {
+  const double angle = step.tail<3>().norm();
+  const Eigen::Quaterniond turn =
+      angle > 0 ? Eigen::Quaterniond(Eigen::AngleAxisd(angle, Eigen::Vector3d(step.tail<3>() / angle)))
+                : Eigen::Quaterniond::Identity();
+  return pose * SE3(turn, step.head<3>());
+}
+
+std::optional<SE3> absoluteOrientation(const std::vector<PointPair>& pairs, const std::vector<int>& chosen) {
+  if (chosen.size() < 3) return std::nullopt;
+  Eigen::Vector3d mean_a = Eigen::Vector3d::Zero(), mean_b = mean_a;
+  for (const int k : chosen) {
+    mean_a += pairs[static_cast<std::size_t>(k)].a / static_cast<double>(chosen.size());
+    mean_b += pairs[static_cast<std::size_t>(k)].b / static_cast<double>(chosen.size());
+  }
+  Eigen::Matrix3d s = Eigen::Matrix3d::Zero(), spread = s;
+  for (const int k : chosen) {
+    const PointPair& p = pairs[static_cast<std::size_t>(k)];
+    s += (p.b - mean_b) * (p.a - mean_a).transpose();
+    spread += (p.b - mean_b) * (p.b - mean_b).transpose();
+  }
+  const Eigen::Vector3d axes =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(spread, Eigen::EigenvaluesOnly).eigenvalues();
+  constexpr double kOnALine = 1e-3;  // square of width over length
+  if (!(axes(1) > kOnALine * axes(2))) return std::nullopt;
+  Eigen::Matrix4d n;
+  n << s.trace(), s(1, 2) - s(2, 1), s(2, 0) - s(0, 2), s(0, 1) - s(1, 0),  //
+      s(1, 2) - s(2, 1), s(0, 0) - s(1, 1) - s(2, 2), s(0, 1) + s(1, 0), s(2, 0) + s(0, 2), s(2, 0) - s(0, 2),
+      s(0, 1) + s(1, 0), s(1, 1) - s(0, 0) - s(2, 2), s(1, 2) + s(2, 1), s(0, 1) - s(1, 0), s(2, 0) + s(0, 2),
+      s(1, 2) + s(2, 1), s(2, 2) - s(0, 0) - s(1, 1);
+  const Eigen::Vector4d q = Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(n).eigenvectors().col(3);
+  const Eigen::Quaterniond rotation(q(0), q(1), q(2), q(3));
+  return SE3(rotation, mean_a - rotation * mean_b);
+}
+
+double squaredDistance(const PointPair& pair, const SE3& T_a_b, const Eigen::Matrix3d& rotation) {
+  const Eigen::Vector3d e = pair.a - (rotation * pair.b + T_a_b.translation());
+  const Eigen::Matrix3d c = pair.covariance_a + rotation * pair.covariance_b * rotation.transpose();
+  return e.dot(c.inverse() * e);
+}
+
+std::optional<Hypothesis> sampleConsensus(const std::vector<PointPair>& pairs, const SampleConfig& config,
+                                          PoseTest plausible, const void* context) {
+  if (pairs.size() < 4) return std::nullopt;
+  std::mt19937 random(config.seed);
+  const auto n = static_cast<std::uint32_t>(pairs.size());
+  Hypothesis best;
+  best.cost = config.gate * static_cast<double>(n);
+  int hypotheses = 0;
+  double needed = config.max_samples;
+  std::vector<int> chosen(3), inliers;
+  for (int sample = 0; sample < needed && hypotheses < config.max_hypotheses; ++sample) {
+    for (int& k : chosen) k = static_cast<int>(random() % n);
+    const PointPair &p = pairs[static_cast<std::size_t>(chosen[0])],
+                    &q = pairs[static_cast<std::size_t>(chosen[1])],
+                    &r = pairs[static_cast<std::size_t>(chosen[2])];
+    if (!sameSide(p, q) || !sameSide(q, r) || !sameSide(r, p)) continue;
+    const auto pose = absoluteOrientation(pairs, chosen);
+    if (!pose || (plausible != nullptr && !plausible(context, *pose))) continue;
+    ++hypotheses;
+    const Eigen::Matrix3d rotation = pose->matrix3();
+    inliers.clear();
+    double cost = 0;
+    for (std::uint32_t k = 0; k < n && cost < best.cost; ++k) {
+      const double d = squaredDistance(pairs[k], *pose, rotation);
+      cost += std::min(d, config.gate);
+      if (d < config.gate) inliers.push_back(static_cast<int>(k));
+    }
+    if (cost >= best.cost || inliers.size() < 4) continue;
+    best = {*pose, inliers, cost};
+    const double share = static_cast<double>(inliers.size()) / n;
+    // A clean set's pose is noisy: not every one finds all inliers.
+    constexpr double kLuck = 0.3;
+    const double hit = kLuck * share * share * share;
+    if (hit < 1)
+      needed = std::min<double>(config.max_samples, std::log(1 - config.confidence) / std::log1p(-hit));
+  }
+  if (best.inliers.empty()) return std::nullopt;
+  return best;
+}
+
+SE3 refineCauchy(const std::vector<PointPair>& pairs, const SE3& start) {
+  constexpr int kIterations = 10;
+  constexpr double kScale = 2;         // c, standard deviations
+  constexpr double kConverged = 1e-6;  // [m, rad]
+  SE3 pose = start;
+  for (int i = 0; i < kIterations; ++i) {
+    NormalEquations equations;
+    const Eigen::Matrix3d rotation = pose.matrix3();
+    for (const PointPair& p : pairs)
+      equations.add(p, pose, rotation, 1 / (1 + squaredDistance(p, pose, rotation) / (kScale * kScale)));
+    Vector6d step;
+    if (!equations.solve(step)) return start;
+    pose = rightPerturbed(pose, step);
+    if (step.norm() < kConverged) break;
+  }
+  return pose;
+}
+
+std::optional<Alignment> alignPoints(const std::vector<PointPair>& pairs, const SE3& start) {
+  constexpr int kIterations = 15;
+  constexpr double kConverged = 1e-7;  // [m, rad]
+  Alignment result;
+  result.T_a_b = start;
+  for (int i = 0; i < kIterations; ++i) {
+    const Eigen::Matrix3d rotation = result.T_a_b.matrix3();
+    const double gate = kInlierGate * result.noise * result.noise;
+    NormalEquations equations;
+    std::vector<int> inliers;
+    double sum = 0;
+    for (std::size_t k = 0; k < pairs.size(); ++k) {
+      const double d = squaredDistance(pairs[k], result.T_a_b, rotation);
+      if (!(d < gate)) continue;
+      inliers.push_back(static_cast<int>(k));
+      equations.add(pairs[k], result.T_a_b, rotation, 1);
+      sum += d;
+    }
+    Vector6d step;
+    if (inliers.size() < 4 || !equations.solve(step)) return std::nullopt;
+    const bool same = inliers == result.inliers;
+    const auto count = static_cast<double>(inliers.size());
+    // The pose takes six of the 3 n degrees of freedom.
+    result.noise = std::clamp(std::sqrt(sum / (kInlierMean * (count - 2))), 1.0, kMaxNoise);
+    result.inliers = std::move(inliers);
+    result.covariance = result.noise * result.noise * equations.h.inverse();
+    result.T_a_b = rightPerturbed(result.T_a_b, step);
+    if (same && step.norm() < kConverged) break;
+  }
+  return result;
+}
+
+}  // namespace fathom::closure

@@ -1,0 +1,70 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "recon/geometry/se3.hpp"
+
+namespace fathom::closure {
+
+// The same place measured in the left camera frames of two stereo frames.
+struct PointPair {
+  Eigen::Vector3d a, b;                        // [m]
+  Eigen::Matrix3d covariance_a, covariance_b;  // [m^2]
+};
+
+// A pose by right perturbation, T * (R = exp(phi), t = rho); the vector is (rho, phi) [m, rad].
+[[nodiscard]] SE3 rightPerturbed(const SE3& pose, const Vector6d& step);
+
+// T_a_b of least squares, rotation by Horn's quaternion (1987), weights not used. Nothing for fewer than
+// three points or points on one line.
+[[nodiscard]] std::optional<SE3> absoluteOrientation(const std::vector<PointPair>& pairs,
+                                                     const std::vector<int>& chosen);
+
+// Squared Mahalanobis distance of e = a - T b with the covariance C = A + R B R^T.
+[[nodiscard]] double squaredDistance(const PointPair& pair, const SE3& T_a_b,
+                                     const Eigen::Matrix3d& rotation);
+
+struct Hypothesis {
+  SE3 T_a_b;
+  std::vector<int> inliers;  // indices of pairs
+  double cost = 0;           // sum over all pairs of min(squared distance, gate)
+};
+
+struct SampleConfig {
+  int max_samples = 20000;   // minimal sets drawn; most fail at once, their triangles being of different size
+  int max_hypotheses = 400;  // poses computed and scored
+  double gate = 11.34;       // squared distance of an inlier: 99 % of chi-square with 3 degrees of freedom
+  double confidence = 0.9999;  // of having drawn one clean set; ends the sampling early
+  std::uint32_t seed = 1;
+};
+
+// Random minimal sets of three (Fischler & Bolles 1981), those whose triangles have different sides dropped,
+// scored as MSAC (Torr & Zisserman 2000). `plausible`: false for poses that are known to be wrong; may be
+// empty. Nothing when no set has another inlier than its own three.
+using PoseTest = bool (*)(const void* context, const SE3& T_a_b);
+[[nodiscard]] std::optional<Hypothesis> sampleConsensus(const std::vector<PointPair>& pairs,
+                                                        const SampleConfig& config, PoseTest plausible,
+                                                        const void* context);
+
+// Gauss-Newton over all pairs with the Cauchy kernel, rho(s) = c^2 log(1 + s / c^2) of the squared distance
+// s, c = 2: pairs count less the worse they fit.
+[[nodiscard]] SE3 refineCauchy(const std::vector<PointPair>& pairs, const SE3& start);
+
+struct Alignment {
+  SE3 T_a_b;
+  Matrix6d covariance;  // of the right perturbation (rho, phi) [m, rad]
+  double noise = 1;     // standard deviations of the residuals, in those that the points claim
+  std::vector<int> inliers;
+};
+
+// Maximum likelihood: minimises sum e^T C^-1 e over the pairs within 95 % of chi-square (7.815) of `start`,
+// chosen again after each solution until they stay. J = [-R, R [b]x] by (rho, phi), covariance
+// noise^2 (sum J^T C^-1 J)^-1. `noise` comes from the inliers themselves, corrected for the cut-off tail, and
+// is at least 1 and at most kMaxNoise. Nothing for fewer than 4 inliers or a singular problem.
+constexpr double kMaxNoise = 3;
+[[nodiscard]] std::optional<Alignment> alignPoints(const std::vector<PointPair>& pairs, const SE3& start);
+
+}  // namespace fathom::closure

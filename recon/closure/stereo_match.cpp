@@ -1,0 +1,225 @@
+#include "recon/closure/stereo_match.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+namespace fathom::closure {
+namespace {
+
+constexpr int kMaxWindow = 31;
+constexpr int kMaxSteps = 1024;       // along one epipolar line
+constexpr int kPeakRadius = 3;        // steps about the best that are the same peak
+constexpr double kFlat = 4.0;         // variance of a window without texture [grey levels^2]
+constexpr double kMatchFloor = 0.03;  // least standard deviation of a match [px]: interpolation, lens model
+
+const std::uint8_t* rowOf(const ImageView& image, int y) {
+  return static_cast<const std::uint8_t*>(image.data) + static_cast<std::size_t>(y) * image.stride;
+}
+
+bool holds(const ImageView& image, double x, double y, int half) {
+  return x >= half + 1 && y >= half + 1 && x < image.width - half - 2 && y < image.height - half - 2;
+}
+
+// Zero-mean window of whole pixels.
+struct Window {
+  std::array<float, kMaxWindow * kMaxWindow> values;
+  double norm = 0;
+};
+
+bool takeTemplate(const ImageView& image, int x, int y, int half, Window& window) {
+  double sum = 0, squares = 0;
+  std::size_t n = 0;
+  for (int j = -half; j <= half; ++j) {
+    const std::uint8_t* row = rowOf(image, y + j) + x;
+    for (int i = -half; i <= half; ++i) {
+      window.values[n++] = row[i];
+      sum += row[i];
+      squares += row[i] * row[i];
+    }
+  }
+  const double mean = sum / static_cast<double>(n), power = squares - sum * mean;
+  for (std::size_t k = 0; k < n; ++k) window.values[k] -= static_cast<float>(mean);
+  window.norm = std::sqrt(std::max(power, 0.0));
+  return power > kFlat * static_cast<double>(n);
+}
+
+double correlation(const Window& window, const ImageView& image, int x, int y, int half) {
+  float cross = 0;
+  int sum = 0, squares = 0;
+  const float* value = window.values.data();
+  for (int j = -half; j <= half; ++j) {
+    const std::uint8_t* row = rowOf(image, y + j) + x;
+    for (int i = -half; i <= half; ++i) {
+      const int v = row[i];
+      cross += *value++ * static_cast<float>(v);
+      sum += v;
+      squares += v * v;
+    }
+  }
+  const int n = (2 * half + 1) * (2 * half + 1);
+  const double power = squares - static_cast<double>(sum) * sum / n;
+  if (power <= kFlat * n) return 0;
+  return static_cast<double>(cross) / (window.norm * std::sqrt(power));
+}
+
+double sample(const ImageView& image, double x, double y) {
+  const int ix = static_cast<int>(x), iy = static_cast<int>(y);
+  const double u = x - ix, v = y - iy;
+  const std::uint8_t *a = rowOf(image, iy) + ix, *b = rowOf(image, iy + 1) + ix;
+  return (1 - v) * ((1 - u) * a[0] + u * a[1]) + v * ((1 - u) * b[0] + u * b[1]);
+}
+
+}  // namespace
+
+bool StereoMatcher::search(const ImageView& left, const ImageView& right, const Eigen::Vector2d& left_pixel,
+                           const DepthRange& depths, Eigen::Vector2d& right_pixel) const {
+  const int half = config_.search_window / 2;
+  if (!holds(left, left_pixel.x(), left_pixel.y(), half)) return false;
+  Window window;
+  if (!takeTemplate(left, static_cast<int>(std::lround(left_pixel.x())),
+                    static_cast<int>(std::lround(left_pixel.y())), half, window))
+    return false;
+  const Eigen::Vector3d ray = rig_.T_right_left.rotation() * rig_.left.ray(left_pixel);
+  const Eigen::Vector3d& t = rig_.T_right_left.translation();
+  const double near = 1 / depths.nearest, far = 1 / depths.farthest;
+  const Eigen::Vector3d first = ray + near * t, last = ray + far * t;
+  if (first.z() <= 0 || last.z() <= 0) return false;
+  const double length = (rig_.right.project(first) - rig_.right.project(last)).norm();
+  const int steps = std::clamp(static_cast<int>(std::ceil(length)), 1, kMaxSteps);
+  std::vector<double> scores(static_cast<std::size_t>(steps) + 1, 0.0);
+  int best = -1;
+  for (int k = 0; k <= steps; ++k) {
+    const Eigen::Vector2d p = rig_.right.project(ray + (far + (near - far) * k / steps) * t);
+    if (!holds(right, p.x(), p.y(), half)) continue;
+    const auto at = static_cast<std::size_t>(k);
+    scores[at] = correlation(window, right, static_cast<int>(std::lround(p.x())),
+                             static_cast<int>(std::lround(p.y())), half);
+    if (best < 0 || scores[at] > scores[static_cast<std::size_t>(best)]) {
+      best = k;
+      right_pixel = p;
+    }
+  }
+  if (best < 0 || scores[static_cast<std::size_t>(best)] < config_.min_correlation) return false;
+  for (int k = 0; k <= steps; ++k) {
+    if (std::abs(k - best) > kPeakRadius &&
+        scores[static_cast<std::size_t>(k)] >
+            config_.max_second_peak * scores[static_cast<std::size_t>(best)])
+      return false;
+  }
+  return true;
+}
+
+// Template T about the left pixel, with gradients g by central differences; means and the gain are projected
+// out of both windows, so that H = sum g g^T and the step is H^-1 sum g (gain^-1 R - T).
+bool StereoMatcher::refine(const ImageView& left, const ImageView& right, const Eigen::Vector2d& left_pixel,
+                           StereoMatch& found) const {
+  constexpr int kMaxIterations = 12;
+  constexpr double kConverged = 0.005;  // [px]
+  constexpr double kMaxShift = 2.5;     // from where the search ended [px]
+  const int half = config_.refine_window / 2, side = 2 * half + 1, n = side * side;
+  if (!holds(left, left_pixel.x(), left_pixel.y(), half)) return false;
+  std::array<double, kMaxWindow * kMaxWindow> model{}, seen{};
+  std::array<Eigen::Vector2d, kMaxWindow * kMaxWindow> gradient;
+  double mean = 0;
+  Eigen::Vector2d gradient_mean = Eigen::Vector2d::Zero();
+  for (int k = 0; k < n; ++k) {
+    const auto at = static_cast<std::size_t>(k);
+    const double x = left_pixel.x() + k % side - half, y = left_pixel.y() + k / side - half;
+    model[at] = sample(left, x, y);
+    gradient[at] = 0.5 * Eigen::Vector2d(sample(left, x + 1, y) - sample(left, x - 1, y),
+                                         sample(left, x, y + 1) - sample(left, x, y - 1));
+    mean += model[at] / n;
+    gradient_mean += gradient[at] / n;
+  }
+  double power = 0;
+  Eigen::Vector2d along = Eigen::Vector2d::Zero();
+  for (int k = 0; k < n; ++k) {
+    const auto at = static_cast<std::size_t>(k);
+    model[at] -= mean;
+    gradient[at] -= gradient_mean;
+    power += model[at] * model[at];
+    along += model[at] * gradient[at];
+  }
+  if (power <= kFlat * n) return false;
+  Eigen::Matrix2d h = Eigen::Matrix2d::Zero();
+  for (int k = 0; k < n; ++k) {
+    const auto at = static_cast<std::size_t>(k);
+    gradient[at] -= along / power * model[at];
+    h += gradient[at] * gradient[at].transpose();
+  }
+  if (h.determinant() < 1e-3 * h.trace() * h.trace()) return false;  // an edge: no place along it
+  const Eigen::Matrix2d inverse = h.inverse();
+
+  const Eigen::Vector2d start = found.right;
+  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+    if (!holds(right, found.right.x(), found.right.y(), half)) return false;
+    double seen_mean = 0;
+    for (int k = 0; k < n; ++k) {
+      const auto at = static_cast<std::size_t>(k);
+      seen[at] = sample(right, found.right.x() + k % side - half, found.right.y() + k / side - half);
+      seen_mean += seen[at] / n;
+    }
+    double gain = 0;
+    for (int k = 0; k < n; ++k)
+      gain += (seen[static_cast<std::size_t>(k)] - seen_mean) * model[static_cast<std::size_t>(k)] / power;
+    if (gain < 0.2) return false;  // inverted or without texture: not the same place
+    Eigen::Vector2d b = Eigen::Vector2d::Zero();
+    double residual = 0;
+    for (int k = 0; k < n; ++k) {
+      const auto at = static_cast<std::size_t>(k);
+      const double e = (seen[at] - seen_mean) / gain - model[at];
+      b += e * gradient[at];
+      residual += e * e;
+    }
+    const Eigen::Vector2d step = inverse * b;
+    found.right -= step;
+    if (!((found.right - start).norm() < kMaxShift)) return false;
+    if (step.norm() < kConverged) {
+      found.covariance =
+          residual / (n - 4) * inverse + kMatchFloor * kMatchFloor * Eigen::Matrix2d::Identity();
+      return true;
+    }
+  }
+  return false;
+}
+
+bool StereoMatcher::match(const ImageView& left, const ImageView& right, const Eigen::Vector2d& left_pixel,
+                          const DepthRange& depths, StereoMatch& found) const {
+  if (!search(left, right, left_pixel, depths, found.right) || !refine(left, right, left_pixel, found))
+    return false;
+  double gap = 0;
+  if (!triangulateMidpoint(rig_, rig_.left.ray(left_pixel), rig_.right.ray(found.right), found.point, gap))
+    return false;
+  if (found.point.z() < depths.nearest || found.point.z() > depths.farthest) return false;
+  return gap * rig_.left.fx / found.point.z() <= config_.max_epipolar_distance;
+}
+
+Eigen::Matrix3d StereoMatcher::pointCovariance(const Eigen::Vector2d& left_pixel, const StereoMatch& match,
+                                               double sigma_place) const {
+  constexpr double kStep = 1e-5;  // of a normalised image coordinate: a hundredth of a pixel
+  const Eigen::Vector3d rays[2] = {rig_.left.ray(left_pixel), rig_.right.ray(match.right)};
+  Eigen::Matrix<double, 3, 4> by_rays;
+  for (int k = 0; k < 4; ++k) {
+    Eigen::Vector3d point[2];
+    for (int s = 0; s < 2; ++s) {
+      Eigen::Vector3d moved[2] = {rays[0], rays[1]};
+      moved[k / 2](k % 2) += s == 0 ? kStep : -kStep;
+      double gap = 0;
+      if (!triangulateMidpoint(rig_, moved[0], moved[1], point[s], gap)) return Eigen::Matrix3d::Zero();
+    }
+    by_rays.col(k) = (point[0] - point[1]) / (2 * kStep);
+  }
+  const Eigen::Matrix<double, 3, 2> by_left =
+      by_rays.leftCols<2>() * rig_.left.pixelJacobian(rays[0].head<2>()).inverse();
+  const Eigen::Matrix<double, 3, 2> by_right =
+      by_rays.rightCols<2>() * rig_.right.pixelJacobian(rays[1].head<2>()).inverse();
+  const Eigen::Matrix<double, 3, 2> by_both = by_left + by_right;
+  // The floor keeps the covariance of full rank where a feature's place is certain.
+  const double place = sigma_place * sigma_place + kMatchFloor * kMatchFloor;
+  return place * by_both * by_both.transpose() + by_right * match.covariance * by_right.transpose();
+}
+
+}  // namespace fathom::closure

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <Eigen/Core>
+
+#include "recon/geometry/image_view.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+
+namespace fathom::closure {
+
+// The depths in which a point may lie [m].
+struct DepthRange {
+  double nearest = 0.5, farthest = 12.0;
+};
+
+struct StereoMatchConfig {
+  int search_window = 11;              // edge of the correlation window [px], odd
+  int refine_window = 15;              // edge of the window of the sub-pixel position [px], odd
+  double min_correlation = 0.75;       // zero-mean normalised
+  double max_second_peak = 0.95;       // of the best correlation, elsewhere on the line
+  double max_epipolar_distance = 1.0;  // [px]
+};
+
+struct StereoMatch {
+  Eigen::Vector2d right;       // distorted pixel
+  Eigen::Matrix2d covariance;  // of it [px^2]
+  Eigen::Vector3d point;       // left camera frame [m]
+};
+
+// Finds in the right image what a left pixel sees: correlation of windows along the epipolar line through
+// both lenses, the step being one pixel, then Gauss-Newton on both coordinates with unknown gain and offset
+// (Lucas & Kanade 1981; Baker & Matthews 2004, inverse compositional). The covariance is s^2 H^-1 of that
+// least-squares problem.
+class StereoMatcher {
+ public:
+  StereoMatcher(const StereoRig& rig, const StereoMatchConfig& config) : rig_(rig), config_(config) {}
+
+  // `left`, `right`: 8-bit mono, the rig's size.
+  [[nodiscard]] bool match(const ImageView& left, const ImageView& right, const Eigen::Vector2d& left_pixel,
+                           const DepthRange& depths, StereoMatch& found) const;
+
+  // Covariance of the point of a match [m^2], first order (Hartley & Zisserman 2004, 5.2.1): the place of the
+  // feature in the left image has the standard deviation `sigma_place` [px], which moves both pixels alike;
+  // the match moves the right one.
+  [[nodiscard]] Eigen::Matrix3d pointCovariance(const Eigen::Vector2d& left_pixel, const StereoMatch& match,
+                                                double sigma_place) const;
+
+ private:
+  [[nodiscard]] bool search(const ImageView& left, const ImageView& right, const Eigen::Vector2d& left_pixel,
+                            const DepthRange& depths, Eigen::Vector2d& right_pixel) const;
+  [[nodiscard]] bool refine(const ImageView& left, const ImageView& right, const Eigen::Vector2d& left_pixel,
+                            StereoMatch& found) const;
+
+  StereoRig rig_;
+  StereoMatchConfig config_;
+};
+
+}  // namespace fathom::closure

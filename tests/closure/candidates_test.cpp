@@ -1,0 +1,104 @@
+#include "recon/closure/candidates.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <random>
+#include <vector>
+
+namespace fathom::closure {
+namespace {
+
+TEST(OverlapProbability, AgreesWithCounting) {
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+  struct Case {
+    Eigen::Vector2d mean, sigma;
+    double turn, reach;
+  };
+  for (const Case& c : {Case{{1, 0}, {0.5, 2}, 0.7, 1.2}, Case{{0, 0}, {3, 0.2}, 0.2, 0.8},
+                        Case{{4, 3}, {2, 2}, 0, 1}, Case{{0.4, 0.3}, {0.01, 0.02}, 1, 0.6}}) {
+    const Eigen::Matrix2d axes = Eigen::Rotation2Dd(c.turn).toRotationMatrix();
+    const Eigen::Matrix2d covariance = axes * c.sigma.cwiseAbs2().asDiagonal() * axes.transpose();
+    constexpr int kDraws = 200000;
+    int inside = 0;
+    for (int k = 0; k < kDraws; ++k) {
+      const Eigen::Vector2d unit(normal(random), normal(random));
+      inside += (c.mean + axes * c.sigma.cwiseProduct(unit)).norm() <= c.reach ? 1 : 0;
+    }
+    EXPECT_NEAR(overlapProbability(c.mean, covariance, c.reach), static_cast<double>(inside) / kDraws, 0.004);
+  }
+}
+
+TEST(OverlapProbability, IsCertainWhereTheSeparationIs) {
+  const Eigen::Matrix2d none = Eigen::Matrix2d::Zero();
+  EXPECT_NEAR(overlapProbability({0.3, 0.4}, none, 0.6), 1.0, 1e-6);
+  EXPECT_NEAR(overlapProbability({0.3, 0.4}, none, 0.4), 0.0, 1e-6);
+  EXPECT_EQ(overlapProbability({0, 0}, none, 0), 0);
+  EXPECT_EQ(overlapProbability({std::nan(""), 0}, Eigen::Matrix2d::Identity(), 1), 0);
+}
+
+TEST(Footprint, IsTheDiscOfTheImagesAreaWhereThePrincipalRayMeetsTheSeafloor) {
+  Camera camera{680, 512, 860, 860, 340, 256};
+  const Footprint f = footprintOf(SE3::fromEuler(0, 0.1, 0, {5, 7, 10}), 2.0, camera);
+  EXPECT_NEAR(f.centre.x(), 5 + 2 * std::tan(0.1), 1e-9);
+  EXPECT_NEAR(f.centre.y(), 7, 1e-9);
+  const double range = 2 / std::cos(0.1);
+  EXPECT_NEAR(f.radius, range * std::sqrt(680 * 512 / (M_PI * 860 * 860)), 1e-9);
+}
+
+TEST(SeparationOfOverlap, SharesThatPartOfTheDisc) {
+  EXPECT_NEAR(separationOfOverlap(0.391), 1.0, 0.001);  // two discs through each other's centre
+  EXPECT_LT(separationOfOverlap(0.999), 0.01);
+  EXPECT_GT(separationOfOverlap(0.001), 1.95);
+}
+
+TEST(CandidateQueue, GivesTheMostInformativePairsFirst) {
+  CandidateQueue queue({});
+  const std::vector<Footprint> footprints{{{0.1, 0}, 0.8}, {{0.2, 0}, 0.8}, {{50, 0}, 0.8}, {{0, 0}, 0.8}};
+  const auto covariance = [](std::uint32_t older, std::uint32_t) -> Eigen::Matrix2d {
+    return (older == 0 ? 0.25 : 0.01) * Eigen::Matrix2d::Identity();
+  };
+  queue.propose(footprints, 3, 1, 0.5, covariance);
+  Candidate first, second, third;
+  ASSERT_TRUE(queue.pop(first));
+  ASSERT_TRUE(queue.pop(second));
+  EXPECT_FALSE(queue.pop(third));
+  EXPECT_EQ(first.older, 0U);
+  EXPECT_EQ(second.older, 1U);
+  EXPECT_GT(first.value(), second.value());
+}
+
+TEST(CandidateQueue, PassesOverNeighboursInTimeAndPairsThatTellNothing) {
+  CandidateQueue queue({});
+  const std::vector<Footprint> footprints(5, Footprint{{0, 0}, 0.8});
+  const auto certain = [](std::uint32_t, std::uint32_t) -> Eigen::Matrix2d {
+    return 1e-6 * Eigen::Matrix2d::Identity();
+  };
+  queue.propose(footprints, 4, 1, 0.5, certain);
+  EXPECT_EQ(queue.size(), 0U);
+  int asked = 0;
+  queue.propose(footprints, 4, 3, 0.5, [&](std::uint32_t older, std::uint32_t) -> Eigen::Matrix2d {
+    ++asked;
+    EXPECT_LE(older, 1U);
+    return Eigen::Matrix2d::Identity();
+  });
+  EXPECT_EQ(asked, 2);
+}
+
+TEST(CandidateQueue, DropsTheLeastValuableWhenFullAndCountsIt) {
+  CandidateConfig config;
+  config.capacity = 3;
+  CandidateQueue queue(config);
+  for (std::uint32_t k = 0; k < 5; ++k) queue.push({k, 10, 0.5, 1.0 + ((k * 2) % 5)});
+  EXPECT_EQ(queue.size(), 3U);
+  EXPECT_EQ(queue.dropped(), 2U);
+  Candidate c;
+  std::vector<double> information;
+  while (queue.pop(c)) information.push_back(c.information);
+  EXPECT_EQ(information, (std::vector<double>{5, 4, 3}));
+}
+
+}  // namespace
+}  // namespace fathom::closure

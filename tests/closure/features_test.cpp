@@ -1,0 +1,124 @@
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "recon/closure/feature_extractor.hpp"
+#include "recon/closure/feature_slot.hpp"
+#include "tests/closure/seafloor.hpp"
+
+namespace fathom::closure {
+namespace {
+
+using test::lookingDown;
+using test::Seafloor;
+using test::smallRig;
+
+Seafloor slope() {
+  return {[](double n, double e) { return 2.0 + 0.15 * n - 0.1 * e; }, test::randomTexture(0.006, 9)};
+}
+
+FrameFeatures sample(const FeatureConfig& config = {}) {
+  const auto images = test::shoot(slope(), smallRig(), lookingDown(0, 0, 0, 0), 1);
+  FeatureExtractor extractor(smallRig(), config);
+  return extractor.process(images.leftView(), images.rightView());
+}
+
+TEST(Features, LieOnTheTrueSurfaceAsFarAsTheirCovarianceTells) {
+  const FrameFeatures frame = sample();
+  ASSERT_GT(frame.size(), 200U);
+  double sum = 0;
+  for (const Feature& f : frame.features) {
+    // Camera and nav frames are the same here: z = 2 + 0.15 x - 0.1 y along the left pixel's ray.
+    const Eigen::Vector3d ray = smallRig().left.ray(f.left.cast<double>());
+    const double z = 2.0 / (1 - 0.15 * ray.x() + 0.1 * ray.y());
+    const double error = static_cast<double>(f.point.z()) - z;
+    sum += error * error / static_cast<double>(f.covariance[5]);
+  }
+  const double ratio = std::sqrt(sum / static_cast<double>(frame.size()));
+  EXPECT_GT(ratio, 0.4);
+  EXPECT_LT(ratio, 1.5);
+}
+
+TEST(Features, AreSpreadOverTheImageAndNotMoreThanWanted) {
+  FeatureConfig config;
+  config.max_features = 120;
+  const FrameFeatures frame = sample(config);
+  ASSERT_LE(frame.size(), 120U);
+  ASSERT_GT(frame.size(), 80U);
+  int quadrant[4] = {};
+  for (const Feature& f : frame.features) ++quadrant[(f.left.x() > 240 ? 1 : 0) + (f.left.y() > 192 ? 2 : 0)];
+  for (const int count : quadrant) EXPECT_GT(count, 12);
+}
+
+TEST(Features, AreNoneForEmptyWrongOrFlatImages) {
+  FeatureExtractor extractor(smallRig(), {});
+  EXPECT_EQ(extractor.process({}, {}).size(), 0U);
+  const std::vector<std::uint8_t> grey(480 * 384, 100);
+  const ImageView flat{grey.data(), 480, 384, 480, PixelFormat::kMono, 8};
+  EXPECT_EQ(extractor.process(flat, flat).size(), 0U);
+  const ImageView small{grey.data(), 240, 384, 240, PixelFormat::kMono, 8};
+  EXPECT_EQ(extractor.process(flat, small).size(), 0U);
+  const auto images = test::shoot(slope(), smallRig(), lookingDown(0, 0, 0, 0), 1);
+  EXPECT_EQ(extractor.process(images.leftView(), images.rightView(), {3.0, 2.0}).size(), 0U);
+  EXPECT_EQ(extractor.process(images.leftView(), images.rightView(), {8.0, 12.0}).size(), 0U);
+}
+
+TEST(Features, RefuseAConfigurationOutOfRange) {
+  FeatureConfig config;
+  config.max_features = 0;
+  EXPECT_THROW(FeatureExtractor(smallRig(), config), std::invalid_argument);
+  config = {};
+  config.depths = {2.0, 1.0};
+  EXPECT_THROW(FeatureExtractor(smallRig(), config), std::invalid_argument);
+  EXPECT_THROW(FeatureExtractor(StereoRig{}, {}), std::invalid_argument);
+}
+
+TEST(FeatureSlot, GivesBackWhatWasWritten) {
+  const FrameFeatures frame = sample();
+  std::vector<std::uint8_t> slot(slotBytes(frame.kind, 700), 0xAB);
+  ASSERT_TRUE(writeSlot(frame, slot));
+  FrameFeatures back;
+  ASSERT_TRUE(readSlot(slot, back));
+  ASSERT_EQ(back.size(), frame.size());
+  EXPECT_EQ(back.descriptors, frame.descriptors);
+  for (std::size_t i = 0; i < frame.size(); ++i) {
+    EXPECT_EQ(back.features[i].point, frame.features[i].point);
+    EXPECT_EQ(back.features[i].covariance, frame.features[i].covariance);
+    EXPECT_EQ(back.features[i].right, frame.features[i].right);
+  }
+}
+
+TEST(FeatureSlot, RefusesASlotThatIsTooSmallAndBytesThatAreNone) {
+  FrameFeatures frame = sample(), back;
+  std::vector<std::uint8_t> small(slotBytes(frame.kind, frame.size()) - 1);
+  EXPECT_FALSE(writeSlot(frame, small));
+
+  std::vector<std::uint8_t> slot(slotBytes(frame.kind, frame.size()));
+  ASSERT_TRUE(writeSlot(frame, slot));
+  EXPECT_FALSE(readSlot({}, back));
+  EXPECT_FALSE(readSlot(std::span(slot).first(slot.size() - 1), back));
+  for (const std::size_t byte : {0U, 4U, 5U}) {  // magic, kind, zero
+    std::vector<std::uint8_t> bad = slot;
+    bad[byte] = 0xEE;
+    EXPECT_FALSE(readSlot(bad, back)) << byte;
+  }
+  frame.features[3].point.x() = std::numeric_limits<float>::quiet_NaN();
+  ASSERT_TRUE(writeSlot(frame, slot));
+  EXPECT_FALSE(readSlot(slot, back));
+  EXPECT_EQ(back.size(), 0U);
+}
+
+TEST(FeatureSlot, HoldsAnEmptyFrame) {
+  std::vector<std::uint8_t> slot(slotBytes(DescriptorKind::kOrb, 0));
+  FrameFeatures none, back;
+  none.kind = DescriptorKind::kOrb;
+  ASSERT_TRUE(writeSlot(none, slot));
+  EXPECT_TRUE(readSlot(slot, back));
+  EXPECT_EQ(back.size(), 0U);
+}
+
+}  // namespace
+}  // namespace fathom::closure
