@@ -63,7 +63,12 @@ TEST(Features, AreNoneForEmptyWrongOrFlatImages) {
   EXPECT_EQ(extractor.process(flat, small).size(), 0U);
   const auto images = test::shoot(slope(), smallRig(), lookingDown(0, 0, 0, 0), 1);
   EXPECT_EQ(extractor.process(images.leftView(), images.rightView(), {3.0, 2.0}).size(), 0U);
-  EXPECT_EQ(extractor.process(images.leftView(), images.rightView(), {8.0, 12.0}).size(), 0U);
+}
+
+TEST(Features, AreHardlyFoundWhereTheSeafloorIsNot) {
+  const auto images = test::shoot(slope(), smallRig(), lookingDown(0, 0, 0, 0), 1);
+  FeatureExtractor extractor(smallRig(), {});
+  EXPECT_LT(extractor.process(images.leftView(), images.rightView(), {8.0, 12.0}).size(), 5U);
 }
 
 TEST(Features, RefuseAConfigurationOutOfRange) {
