@@ -16,8 +16,7 @@ OpenCvStereo::OpenCvStereo(const StereoRig& rig) : rig_(rig) {
 void OpenCvStereo::process(const cv::Mat& left_image, const cv::Mat& right_image, const SeedPlane& plane,
                            int features) {
   constexpr double kQuality = 1e-4, kHarrisK = 0.04;
-  constexpr double kSpacing =
-      0.36;  // least distance of corners, of their mean spacing: 15 px for 800 at full size
+  constexpr double kSpacing = 1.0 / 3;  // least distance of corners, of their mean spacing, as Fathom keeps
   constexpr int kBlock = 5, kTopLevel = 2, kIterations = 20;
   const cv::Size window(15, 15);
   const cv::TermCriteria stop(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, kIterations, 0.01);

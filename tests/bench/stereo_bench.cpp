@@ -5,13 +5,12 @@
 #include <cstdio>
 #include <ctime>
 #include <map>
-#include <opencv2/imgproc.hpp>
-#include <opencv2/video/tracking.hpp>
 #include <string>
 #include <vector>
 
 #include "recon/stereo/kernels/kernels.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
+#include "tests/bench/opencv_stereo.hpp"
 #include "tests/stereo/synthetic_scene.hpp"
 
 namespace fathom::stereo {
@@ -88,78 +87,14 @@ void runFathom(benchmark::State& state, const Kernels& kernels, const Pair& p) {
     state.counters[stage] = benchmark::Counter(ms, benchmark::Counter::kAvgIterations);
 }
 
-// What one writes with OpenCV: Harris corners, pyramidal Lucas-Kanade there and back from the plane's seeds,
-// the same filters and triangulation. No triangles and no outlier check.
-struct OpenCvStereo {
-  OpenCvStereo(const StereoRig& r, int corners_wanted) : rig(r), wanted(corners_wanted) {
-    const Eigen::Vector3d& t = rig.T_right_left.translation();
-    Eigen::Matrix3d cross;
-    cross << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
-    essential = cross * rig.T_right_left.matrix3();
-  }
-
-  void process(const cv::Mat& left_image, const cv::Mat& right_image, const SeedPlane& plane) {
-    constexpr double kQuality = 1e-4, kHarrisK = 0.04;
-    constexpr int kBlock = 5, kTopLevel = 2, kIterations = 20;
-    const cv::Size window(15, 15);
-    // A third of the mean spacing, as Fathom keeps.
-    const double min_distance = std::sqrt(static_cast<double>(left_image.total()) / wanted) / 3;
-    const cv::TermCriteria stop(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, kIterations, 0.01);
-    const SparseStereoConfig limits;
-    left.clear(), right.clear(), points.clear();
-    Pixels corners;
-    cv::goodFeaturesToTrack(left_image, corners, wanted, kQuality, min_distance, cv::noArray(), kBlock, true,
-                            kHarrisK);
-    Pixels there;
-    for (const cv::Point2f& c : corners) {
-      const Eigen::Vector3d ray = rig.left.ray({c.x, c.y});
-      const Eigen::Vector2d seed =
-          rig.right.project(rig.T_right_left * (ray * (plane.distance / plane.normal.dot(ray))));
-      there.emplace_back(static_cast<float>(seed.x()), static_cast<float>(seed.y()));
-    }
-    std::vector<cv::Mat> left_pyramid, right_pyramid;
-    cv::buildOpticalFlowPyramid(left_image, left_pyramid, window, kTopLevel);
-    cv::buildOpticalFlowPyramid(right_image, right_pyramid, window, kTopLevel);
-    std::vector<std::uint8_t> found, found_back;
-    cv::calcOpticalFlowPyrLK(left_pyramid, right_pyramid, corners, there, found, cv::noArray(), window,
-                             kTopLevel, stop, cv::OPTFLOW_USE_INITIAL_FLOW);
-    Pixels back = corners;
-    cv::calcOpticalFlowPyrLK(right_pyramid, left_pyramid, there, back, found_back, cv::noArray(), window,
-                             kTopLevel, stop, cv::OPTFLOW_USE_INITIAL_FLOW);
-    for (std::size_t i = 0; i < corners.size(); ++i) {
-      if (found[i] == 0 || found_back[i] == 0) continue;
-      if (std::hypot(back[i].x - corners[i].x, back[i].y - corners[i].y) > limits.max_left_right_distance)
-        continue;
-      const Eigen::Vector3d left_ray = rig.left.ray({corners[i].x, corners[i].y});
-      const Eigen::Vector3d right_ray = rig.right.ray({there[i].x, there[i].y});
-      const Eigen::Vector3d line = essential * left_ray;
-      if (std::abs(line.dot(right_ray)) / line.head<2>().norm() * rig.right.fx > limits.max_epipolar_distance)
-        continue;
-      Eigen::Vector3d point;
-      double gap = 0;
-      if (!triangulateMidpoint(rig, left_ray, right_ray, point, gap)) continue;
-      if (point.z() < limits.min_range || point.z() > limits.max_range) continue;
-      left.push_back(corners[i]);
-      right.push_back(there[i]);
-      points.push_back(point);
-    }
-  }
-
-  StereoRig rig;
-  int wanted;
-  Eigen::Matrix3d essential;
-  Pixels left, right;
-  std::vector<Eigen::Vector3d> points;
-};
-
 void runPeer(benchmark::State& state, const Pair& p) {
   cv::setNumThreads(0);
   const auto mat = [](const test::GrayImage& image) {
     return cv::Mat(image.height, image.width, CV_8UC1, const_cast<std::uint8_t*>(image.pixels.data()));
   };
-  OpenCvStereo peer(p.scene.rig(), static_cast<int>(state.range(0)));
+  OpenCvStereo peer(p.scene.rig());
   for (auto _ : state) {
-    peer.process(mat(p.left), mat(p.right), {});
+    peer.process(mat(p.left), mat(p.right), {}, static_cast<int>(state.range(0)));
     benchmark::DoNotOptimize(peer.points.data());
   }
   state.counters["points"] = static_cast<double>(peer.left.size());
