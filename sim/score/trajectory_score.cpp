@@ -81,7 +81,8 @@ TruthTrack::TruthTrack(const std::filesystem::path& truth_folder) {
       throw InputError(images.string(), "line " + std::to_string(number),
                        "is not utc_ns,left_image,right_image; make the mission again");
     }
-    image_times_[line.substr(comma + 1, second - comma - 1)] = utc_ns;
+    pairs_.push_back({utc_ns, line.substr(comma + 1, second - comma - 1), line.substr(second + 1)});
+    image_times_[pairs_.back().left] = utc_ns;
     exposures_.push_back(utc_ns);
   }
   std::sort(exposures_.begin(), exposures_.end());

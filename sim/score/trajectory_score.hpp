@@ -24,6 +24,12 @@ class TruthTrack {
   [[nodiscard]] std::optional<SE3> poseAt(std::int64_t utc_ns) const;
   // True time of the exposure that gave a left image, if it is listed.
   [[nodiscard]] std::optional<std::int64_t> exposureOf(const std::string& left_image) const;
+  struct Pair {
+    std::int64_t utc_ns = 0;  // true time of the exposure
+    std::string left, right;  // file names within img/
+  };
+  // All pairs, as listed; empty when they are not.
+  [[nodiscard]] const std::vector<Pair>& pairs() const { return pairs_; }
   // True exposure times of all pairs, in order; empty when they are not listed.
   [[nodiscard]] const std::vector<std::int64_t>& exposures() const { return exposures_; }
   [[nodiscard]] std::int64_t beginUtcNs() const { return points_.front().utc_ns; }
@@ -31,6 +37,7 @@ class TruthTrack {
  private:
   std::vector<io::TrajectoryPoint> points_;
   std::map<std::string, std::int64_t> image_times_;
+  std::vector<Pair> pairs_;
   std::vector<std::int64_t> exposures_;
 };
 

@@ -1,8 +1,5 @@
 #include "tests/bench/stereo_truth.hpp"
 
-#include <fstream>
-#include <sstream>
-
 #include "realtime/kernel/input_error.hpp"
 #include "sim/scenario/scenario_file.hpp"
 
@@ -20,21 +17,9 @@ TrueMission::TrueMission(const std::filesystem::path& mission)
       right_light_(rig_.right.width, rig_.right.height, config_.cameras.right_format, config_.cameras.bits,
                    {}) {
   const sim::TruthTrack track(paths_.truth());
-  std::ifstream list(paths_.truth() / "images.csv");
-  std::string line;
-  std::getline(list, line);
-  while (std::getline(list, line)) {
-    std::istringstream fields(line);
-    std::string utc;
-    Names names;
-    std::getline(fields, utc, ',');
-    std::getline(fields, names.left, ',');
-    std::getline(fields, names.right);
-    const auto pose = track.poseAt(std::stoll(utc));
-    if (!pose) continue;
-    names.T_nav_cam = *pose * scenario_.T_body_cam();
-    names_.push_back(names);
-  }
+  for (const sim::TruthTrack::Pair& pair : track.pairs())
+    if (const auto pose = track.poseAt(pair.utc_ns))
+      names_.push_back({pair.left, pair.right, *pose * scenario_.T_body_cam()});
   if (names_.empty()) throw InputError(paths_.truth().string(), "images.csv", "lists no pair of the survey");
   for (const Names& n : names_) {
     left_light_.add(read(n, true).view, rangesOf(n.T_nav_cam, true));

@@ -1,8 +1,6 @@
 #include "tests/bench/lighting/report_mission.hpp"
 
 #include <cmath>
-#include <fstream>
-#include <sstream>
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/mesh_io.hpp"
@@ -22,15 +20,8 @@ ReportMission::ReportMission(const std::filesystem::path& folder)
       rig_(readStereoCalib(paths_.calib())),
       surface_(readPly(paths_.truth() / "terrain.ply")) {
   const sim::TruthTrack track(paths_.truth());
-  std::ifstream list(paths_.truth() / "images.csv");
-  std::string line;
-  std::getline(list, line);
-  while (std::getline(list, line)) {
-    std::istringstream fields(line);
-    std::string utc, left, right;
-    if (!std::getline(fields, utc, ',') || !std::getline(fields, left, ',') || !std::getline(fields, right))
-      continue;
-    const auto T_nav_body = track.poseAt(std::stoll(utc));
+  for (const sim::TruthTrack::Pair& listed : track.pairs()) {
+    const auto T_nav_body = track.poseAt(listed.utc_ns);
     if (!T_nav_body) continue;
     double sum = 0;
     int beams = 0;
@@ -45,7 +36,7 @@ ReportMission::ReportMission(const std::filesystem::path& folder)
       ++beams;
     }
     if (beams == 0) continue;
-    Pair pair{left, right, *T_nav_body * config_.T_body_cam, {}};
+    Pair pair{listed.left, listed.right, *T_nav_body * config_.T_body_cam, {}};
     const double bottom = (*T_nav_body * config_.T_body_dvl.translation()).z() + sum / beams;
     pair.plane = {pair.T_nav_cam.rotation().conjugate() * Eigen::Vector3d::UnitZ(),
                   bottom - pair.T_nav_cam.translation().z()};
