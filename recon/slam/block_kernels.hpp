@@ -1,0 +1,47 @@
+#pragma once
+
+#include <cstddef>
+
+namespace fathom::slam {
+
+inline constexpr int kBlockSize = 6;  // numbers a pose is solved for
+
+// 6 x 6 numbers, column by column.
+struct alignas(32) Block {
+  double v[kBlockSize * kBlockSize];
+
+  double& operator()(int row, int column) { return v[column * kBlockSize + row]; }
+  double operator()(int row, int column) const { return v[column * kBlockSize + row]; }
+};
+
+// Six Householder reflections that take [L W] to [L' 0], where L L^T + W W^T = L' L'^T and the diagonal of
+// the lower triangular L' is positive: reflection i mixes column i of L with all columns of W. Hyperbolic
+// ones (Rader & Steinhardt 1986) do it for L L^T - W W^T = L' L'^T.
+struct Reflections {
+  double v[kBlockSize][kBlockSize];  // its vector is (1, v)
+  double tau[kBlockSize];            // negative: hyperbolic
+};
+
+// c += scale a.
+void addBlock(Block& c, const Block& a, double scale);
+// c -= a b^T.
+void subtractProduct(Block& c, const Block& a, const Block& b);
+// c += a^T b.
+void addTransposedProduct(Block& c, const Block& a, const Block& b);
+// a = L L^T, in place, upper part zero. A pivot below `least` is replaced by it; returns how many were.
+int factorizeBlock(Block& a, double least);
+// c <- c L^-T, L lower triangular.
+void solveFromRight(Block& c, const Block& l);
+// x <- L^-1 x and x <- L^-T x.
+void solveLower(const Block& l, double* x);
+void solveLowerTransposed(const Block& l, double* x);
+// y -= a x and y -= a^T x.
+void subtractTimes(double* y, const Block& a, const double* x);
+void subtractTransposedTimes(double* y, const Block& a, const double* x);
+// Reflections for L and W of the diagonal; L becomes L'. `sign` 1 adds W W^T, -1 takes it away; where that
+// would leave less than a thousandth of a pivot's square, it is left as it is.
+void reflect(Block& l, Block& w, double sign, Reflections& reflections);
+// [l w] <- [l w] times the reflections.
+void applyReflections(Block& l, Block& w, const Reflections& reflections);
+
+}  // namespace fathom::slam

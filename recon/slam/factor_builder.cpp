@@ -1,0 +1,191 @@
+#include "recon/slam/factor_builder.hpp"
+
+#include <suitesparse/camd.h>
+
+#include <algorithm>
+#include <cstring>
+
+namespace fathom::slam {
+namespace {
+
+constexpr std::int64_t kLinearizeWork = 8;  // of one measurement, in block operations
+constexpr std::int64_t kOrderWork = 12;     // of a pose or measurement that is ordered
+
+}  // namespace
+
+FactorBuilder::FactorBuilder(const Size& size, rt::Arena& arena) : size_(size) {
+  const auto poses = at(size.poses), edges = at(size.measurements);
+  at_poses_ = arenaArray<SE3>(arena, poses);
+  weight_ = arenaArray<double>(arena, edges);
+  held_ = arenaArray<std::uint8_t>(arena, poses);
+  order_ = arenaArray<int>(arena, poses);
+  ordering_ = arenaArray<int>(arena, 12 * (poses + 1) + 3 * edges);
+  for (std::span<int>* s : {&head_, &link_, &cursor_, &first_child_, &next_sibling_, &place_, &pattern_})
+    *s = arenaArray<int>(arena, poses);
+  std::fill(place_.begin(), place_.end(), -1);
+}
+
+std::size_t FactorBuilder::bytes(const Size& size) {
+  constexpr std::size_t kArrays = 12, kAlignment = alignof(Block);
+  const auto poses = at(size.poses), edges = at(size.measurements);
+  return poses * (sizeof(SE3) + sizeof(std::uint8_t)) + edges * sizeof(double) +
+         sizeof(int) * (12 * (poses + 1) + 3 * edges + 8 * poses) + kArrays * kAlignment;
+}
+
+void FactorBuilder::order(std::span<const std::uint8_t> held, const Measurements& all) {
+  const auto n = at(poses_);
+  int* next = ordering_.data();
+  const auto take = [&](std::size_t count) {
+    int* array = next;
+    next += count;
+    return array;
+  };
+  int* start = take(n + 1);
+  int* length = take(n + 1);
+  int* nv = take(n + 1);
+  int* forward = take(n + 1);
+  int* head = take(n + 1);
+  int* element = take(n + 1);
+  int* degree = take(n + 1);
+  int* w = take(n + 1);
+  int* constraint = take(n + 1);
+  int* bucket = take(n + 1);
+  int* entries = next;
+  const int room = static_cast<int>(ordering_.data() + ordering_.size() - next);
+
+  int used = 0;
+  for (int i = 0; i < poses_; ++i) {
+    start[i] = used;
+    for (int k = all.first(i); k >= 0; k = all.next(k, i)) {
+      const Measurement& m = all[k];
+      const int other = m.from == i ? m.to : m.from;
+      if (k >= measurements_ || m.from == kWorld || other >= poses_ || weight_[at(k)] == 0 || held[at(i)] ||
+          held[at(other)] || place_[at(other)] == i)
+        continue;
+      place_[at(other)] = i;
+      entries[used++] = other;
+    }
+    length[i] = used - start[i];
+    constraint[i] = i < poses_ - size_.kept_last ? 0 : 1;
+  }
+  if (poses_ <= size_.kept_last) std::fill(constraint, constraint + n, 0);
+  std::fill(place_.begin(), place_.end(), -1);
+  double control[CAMD_CONTROL], info[CAMD_INFO];
+  camd_defaults(control);
+  camd_2(poses_, start, entries, length, room, used, nv, forward, order_.data(), head, element, degree, w,
+         control, info, constraint, bucket);
+}
+
+std::int64_t FactorBuilder::begin(std::span<const SE3> poses, std::span<const std::uint8_t> held,
+                                  const Measurements& measurements, GrowingFactor& factor) {
+  poses_ = static_cast<int>(poses.size());
+  measurements_ = measurements.size();
+  next_ = 0;
+  failed_ = false;
+  std::copy(poses.begin(), poses.end(), at_poses_.begin());
+  std::copy(held.begin(), held.end(), held_.begin());
+  for (int k = 0; k < measurements_; ++k) weight_[at(k)] = measurements[k].weight;
+  order(held, measurements);
+  factor.startColumns(order_.subspan(0, at(poses_)));
+  for (int j = 0; j < poses_; ++j)
+    head_[at(j)] = link_[at(j)] = first_child_[at(j)] = next_sibling_[at(j)] = -1;
+  return kOrderWork * (poses_ + measurements_);
+}
+
+std::int64_t FactorBuilder::column(int j, const Measurements& all, GrowingFactor& factor,
+                                   std::span<InFactor> then) {
+  const int pose = factor.poseAt(j);
+  int count = 0;
+  const auto add = [&](int row) {
+    if (place_[at(row)] >= 0) return;
+    place_[at(row)] = 1;
+    pattern_[at(count++)] = row;
+  };
+  const auto counts = [&](int k) { return k < measurements_ && weight_[at(k)] > 0; };
+  const auto otherEnd = [&](int k) { return all[k].from == pose ? all[k].to : all[k].from; };
+  if (!held_[at(pose)]) {
+    for (int k = all.first(pose); k >= 0; k = all.next(k, pose)) {
+      const int other = otherEnd(k);
+      if (counts(k) && other != kWorld && !held_[at(other)] && factor.positionOf(other) > j)
+        add(factor.positionOf(other));
+    }
+  }
+  for (int c = first_child_[at(j)]; c >= 0; c = next_sibling_[at(c)]) {
+    const int* rows = factor.columnRows(c);
+    for (int k = 0; k < factor.columnCount(c); ++k)
+      if (rows[k] != j) add(rows[k]);
+  }
+  std::sort(pattern_.begin(), pattern_.begin() + count);
+  if (!factor.makeColumn(j, pattern_.subspan(0, at(count)), size_.spare_rows)) {
+    for (int k = 0; k < count; ++k) place_[at(pattern_[at(k)])] = -1;
+    failed_ = true;
+    return 0;
+  }
+  for (int k = 0; k < count; ++k) place_[at(pattern_[at(k)])] = k;
+
+  std::int64_t work = count + 1;
+  Block& diagonal = factor.diagonal(j);
+  Block* blocks = factor.columnBlocks(j);
+  for (int i = 0; i < kBlockSize; ++i)
+    diagonal(i, i) += held_[at(pose)] ? 1 : GrowingFactor::kLeastInformation;
+  for (int k = all.first(pose); k >= 0 && !held_[at(pose)]; k = all.next(k, pose)) {
+    if (!counts(k)) continue;
+    const int other = otherEnd(k);
+    const bool free_end = other != kWorld && !held_[at(other)];
+    if (free_end && factor.positionOf(other) < j) continue;  // added with that column
+    const Measurement& m = all[k];
+    then[at(k)] = {m.from == kWorld ? SE3() : at_poses_[at(m.from)], at_poses_[at(m.to)], weight_[at(k)]};
+    const Block b = worldDerivative(m, then[at(k)]);
+    Block square{};
+    addTransposedProduct(square, b, b);
+    addBlock(diagonal, square, 1);
+    if (free_end) {
+      const int position = factor.positionOf(other);
+      addBlock(factor.diagonal(position), square, 1);
+      addBlock(blocks[place_[at(position)]], square, -1);
+    }
+    work += kLinearizeWork;
+  }
+
+  for (int d = head_[at(j)]; d >= 0;) {
+    const int next = link_[at(d)];
+    const int* rows = factor.columnRows(d);
+    const Block* from = factor.columnBlocks(d);
+    const int size = factor.columnCount(d);
+    int k = cursor_[at(d)];
+    const Block& mine = from[k];
+    subtractProduct(diagonal, mine, mine);
+    work += size - k;
+    cursor_[at(d)] = ++k;
+    if (k < size) {
+      link_[at(d)] = head_[at(rows[k])];
+      head_[at(rows[k])] = d;
+    }
+    for (; k < size; ++k) subtractProduct(blocks[place_[at(rows[k])]], from[k], mine);
+    d = next;
+  }
+
+  factorizeBlock(diagonal, GrowingFactor::kLeastInformation);
+  for (int k = 0; k < count; ++k) {
+    solveFromRight(blocks[k], diagonal);
+    place_[at(pattern_[at(k)])] = -1;
+  }
+  if (count > 0) {
+    const int parent = pattern_[0];
+    cursor_[at(j)] = 0;
+    link_[at(j)] = head_[at(parent)];
+    head_[at(parent)] = j;
+    next_sibling_[at(j)] = first_child_[at(parent)];
+    first_child_[at(parent)] = j;
+  }
+  return work;
+}
+
+std::int64_t FactorBuilder::run(std::int64_t quota, const Measurements& measurements, GrowingFactor& factor,
+                                std::span<InFactor> in_factor) {
+  std::int64_t work = 0;
+  while (running() && work < quota && !failed_) work += column(next_++, measurements, factor, in_factor);
+  return work;
+}
+
+}  // namespace fathom::slam

@@ -1,0 +1,256 @@
+#include "recon/slam/growing_factor.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+namespace fathom::slam {
+namespace {
+
+constexpr int kN = kBlockSize;
+constexpr int kLeastGrowth = 8;  // rows that a column which moves has spare, at least
+
+double square(const double* x) {
+  double sum = 0;
+  for (int i = 0; i < kN; ++i) sum += x[i] * x[i];
+  return sum;
+}
+
+}  // namespace
+
+GrowingFactor::GrowingFactor(const Size& size, rt::Arena& arena) {
+  const auto poses = at(size.poses);
+  blocks_ = arenaArray<Block>(arena, at(size.blocks));
+  rows_ = arenaArray<int>(arena, at(size.blocks));
+  diagonal_ = arenaArray<Block>(arena, poses);
+  first_ = arenaArray<std::int64_t>(arena, poses);
+  count_ = arenaArray<int>(arena, poses);
+  capacity_ = arenaArray<int>(arena, poses);
+  position_of_ = arenaArray<int>(arena, poses);
+  pose_at_ = arenaArray<int>(arena, poses);
+  work_ = arenaArray<Block>(arena, 2 * poses);
+  pattern_ = arenaArray<int>(arena, poses);
+  mark_ = arenaArray<int>(arena, poses);
+  vector_ = arenaArray<double>(arena, kN * poses);
+  reached_ = arenaArray<std::uint8_t>(arena, poses);
+  std::fill(mark_.begin(), mark_.end(), -1);
+}
+
+std::size_t GrowingFactor::bytes(const Size& size) {
+  constexpr std::size_t kArrays = 13, kAlignment = alignof(Block);
+  return at(size.blocks) * (sizeof(Block) + sizeof(int)) +
+         at(size.poses) * (3 * sizeof(Block) + sizeof(std::int64_t) + 6 * sizeof(int) + kN * sizeof(double) +
+                           sizeof(std::uint8_t)) +
+         kArrays * kAlignment;
+}
+
+void GrowingFactor::clear() {
+  size_ = 0;
+  used_ = in_use_ = dropped_ = 0;
+}
+
+bool GrowingFactor::append(int pose) {
+  if (at(size_) >= diagonal_.size()) return false;
+  const int position = size_++;
+  position_of_[at(pose)] = position;
+  pose_at_[at(position)] = pose;
+  first_[at(position)] = used_;
+  count_[at(position)] = capacity_[at(position)] = 0;
+  Block& d = diagonal_[at(position)];
+  std::memset(d.v, 0, sizeof d.v);
+  for (int i = 0; i < kN; ++i) d(i, i) = std::sqrt(kLeastInformation);
+  return true;
+}
+
+// Room for one more row in a column; null when the store is full.
+Block* GrowingFactor::place(int position, int row) {
+  std::int64_t& first = first_[at(position)];
+  int& count = count_[at(position)];
+  int& capacity = capacity_[at(position)];
+  const std::int64_t store = static_cast<std::int64_t>(blocks_.size());
+  if (count == capacity) {
+    const int wanted = count + std::max(kLeastGrowth, count / 4);
+    if (first + capacity == used_ && first + wanted <= store) {
+      used_ = first + wanted;  // the last column grows where it is
+    } else if (used_ + wanted <= store) {
+      std::memcpy(&blocks_[at(used_)], &blocks_[at(first)], at(count) * sizeof(Block));
+      std::memcpy(&rows_[at(used_)], &rows_[at(first)], at(count) * sizeof(int));
+      first = used_;
+      used_ += wanted;
+    } else {
+      ++dropped_;
+      return nullptr;
+    }
+    capacity = wanted;
+  }
+  rows_[at(first + count)] = row;
+  Block* block = &blocks_[at(first + count)];
+  std::memset(block->v, 0, sizeof block->v);
+  ++count;
+  ++in_use_;
+  return block;
+}
+
+std::int64_t GrowingFactor::update(double sign, const Block& b, int pose_a, int pose_b) {
+  int reached = 0;
+  const auto reach = [&](int position) {
+    pattern_[at(reached++)] = position;
+    mark_[at(position)] = 1;
+  };
+  const auto start = [&](int pose, double factor) {
+    const int position = positionOf(pose);
+    Block& w = work_[at(position)];
+    for (int c = 0; c < kN; ++c)
+      for (int r = 0; r < kN; ++r) w(r, c) = factor * b(c, r);
+    reach(position);
+  };
+  start(pose_a, 1);
+  if (pose_b >= 0) start(pose_b, -1);
+
+  std::int64_t work = 0;
+  Reflections reflections;
+  while (reached > 0) {
+    int least = 0;
+    for (int i = 1; i < reached; ++i)
+      if (pattern_[at(i)] < pattern_[at(least)]) least = i;
+    const int column = pattern_[at(least)];
+    pattern_[at(least)] = pattern_[at(--reached)];
+    mark_[at(column)] = -1;
+    reflect(diagonal_[at(column)], work_[at(column)], sign, reflections);
+    std::memset(work_[at(column)].v, 0, sizeof(Block));
+
+    const int had = count_[at(column)];
+    for (int k = 0; k < had; ++k) {
+      const int row = rows_[at(first_[at(column)] + k)];
+      if (mark_[at(row)] < 0) reach(row);
+      mark_[at(row)] = 2;  // in this column
+      applyReflections(blocks_[at(first_[at(column)] + k)], work_[at(row)], reflections);
+    }
+    for (int i = 0; i < reached; ++i) {
+      const int row = pattern_[at(i)];
+      if (mark_[at(row)] == 1) {
+        Block lost{};
+        Block* fill = place(column, row);
+        applyReflections(fill != nullptr ? *fill : lost, work_[at(row)], reflections);
+      }
+      mark_[at(row)] = 1;
+    }
+    work += reached + 1;
+  }
+  return work;
+}
+
+std::int64_t GrowingFactor::solve(const double* right, double* x, double least) {
+  std::int64_t work = 0;
+  double* y = vector_.data();
+  for (int j = 0; j < size_; ++j) std::memcpy(y + kN * j, right + kN * pose_at_[at(j)], kN * sizeof(double));
+  for (int j = 0; j < size_; ++j) {
+    double* yj = y + kN * j;
+    if (square(yj) == 0) continue;
+    solveLower(diagonal_[at(j)], yj);
+    if (square(yj) <= least) {
+      std::memset(yj, 0, kN * sizeof(double));
+      continue;
+    }
+    const Block* block = columnBlocks(j);
+    const int* row = columnRows(j);
+    const int count = count_[at(j)];
+    for (int k = 0; k < count; ++k) subtractTimes(y + kN * row[k], block[k], yj);
+    work += count + 1;
+  }
+  for (int j = size_ - 1; j >= 0; --j) {
+    double* yj = y + kN * j;
+    const Block* block = columnBlocks(j);
+    const int* row = columnRows(j);
+    const int count = count_[at(j)];
+    bool moved = square(yj) > 0;
+    for (int k = 0; k < count && !moved; ++k) moved = reached_[at(row[k])] != 0;
+    if (moved) {
+      for (int k = 0; k < count; ++k)
+        if (reached_[at(row[k])]) subtractTransposedTimes(yj, block[k], y + kN * row[k]);
+      work += count + 1;
+      moved = square(yj) > least;
+    }
+    reached_[at(j)] = moved;
+    if (moved)
+      solveLowerTransposed(diagonal_[at(j)], yj);
+    else
+      std::memset(yj, 0, kN * sizeof(double));
+    std::memcpy(x + kN * pose_at_[at(j)], yj, kN * sizeof(double));
+  }
+  return work;
+}
+
+// Z = L^-1 E of one pose, on its path to the root; `z` is zero before. Leaves mark_ of the path at 1.
+int GrowingFactor::forwardPath(int pose, std::span<Block> z) {
+  int last = positionOf(pose);
+  Block& start = z[at(last)];
+  for (int i = 0; i < kN; ++i) start(i, i) = 1;
+  mark_[at(last)] = 1;
+  for (int j = last; j < size_; ++j) {
+    if (mark_[at(j)] < 0) continue;
+    for (int c = 0; c < kN; ++c) solveLower(diagonal_[at(j)], z[at(j)].v + kN * c);
+    const Block* block = columnBlocks(j);
+    const int* row = columnRows(j);
+    for (int k = 0; k < count_[at(j)]; ++k) {
+      mark_[at(row[k])] = 1;
+      for (int c = 0; c < kN; ++c) subtractTimes(z[at(row[k])].v + kN * c, block[k], z[at(j)].v + kN * c);
+    }
+    last = j;
+  }
+  return last;
+}
+
+void GrowingFactor::covariance(int pose_a, int pose_b, double* result) {
+  const std::size_t poses = diagonal_.size();
+  const std::span<Block> za = work_.subspan(0, poses), zb = work_.subspan(poses, poses);
+  forwardPath(pose_a, za);
+  if (pose_b >= 0) forwardPath(pose_b, zb);
+  const int n = pose_b >= 0 ? 2 * kN : kN;
+  Block aa{}, ab{}, bb{};
+  for (int j = 0; j < size_; ++j) {
+    if (mark_[at(j)] < 0) continue;
+    addTransposedProduct(aa, za[at(j)], za[at(j)]);
+    if (pose_b >= 0) {
+      addTransposedProduct(ab, za[at(j)], zb[at(j)]);
+      addTransposedProduct(bb, zb[at(j)], zb[at(j)]);
+    }
+    za[at(j)] = zb[at(j)] = Block{};
+    mark_[at(j)] = -1;
+  }
+  for (int c = 0; c < kN; ++c) {
+    for (int r = 0; r < kN; ++r) {
+      result[c * n + r] = aa(r, c);
+      if (pose_b < 0) continue;
+      result[(c + kN) * n + r] = ab(r, c);
+      result[c * n + r + kN] = ab(c, r);
+      result[(c + kN) * n + r + kN] = bb(r, c);
+    }
+  }
+}
+
+void GrowingFactor::startColumns(std::span<const int> poses) {
+  clear();
+  for (const int pose : poses) {
+    append(pose);
+    std::memset(diagonal_[at(size_ - 1)].v, 0, sizeof(Block));
+  }
+}
+
+bool GrowingFactor::makeColumn(int position, std::span<const int> rows, int spare) {
+  const std::int64_t free = static_cast<std::int64_t>(blocks_.size()) - used_;
+  const int count = static_cast<int>(rows.size());
+  if (count > free) return false;
+  first_[at(position)] = used_;
+  count_[at(position)] = count;
+  capacity_[at(position)] = static_cast<int>(std::min<std::int64_t>(count + spare, free));
+  if (count > 0) {
+    std::copy(rows.begin(), rows.end(), rows_.data() + used_);
+    std::memset(static_cast<void*>(blocks_.data() + used_), 0, at(count) * sizeof(Block));
+  }
+  used_ += capacity_[at(position)];
+  in_use_ += count;
+  return true;
+}
+
+}  // namespace fathom::slam

@@ -1,0 +1,81 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "recon/slam/arena_array.hpp"
+#include "recon/slam/block_kernels.hpp"
+
+namespace fathom::slam {
+
+// Cholesky factor L of a sparse symmetric matrix of 6 x 6 blocks, one block row for each pose, that grows in
+// fixed memory: a pose is appended at the end of the elimination order, and a measurement between two poses
+// is added as an update of rank 6 along the path from its ends to the root of the elimination tree (Davis &
+// Hager 2001, here with Householder reflections). A column that outgrows its place moves to the end of the
+// store. When the store is full, fill is dropped and counted: the factor is then still one of a positive
+// definite matrix near the true one.
+//
+// `position` is a place in the elimination order, `pose` a pose's index.
+class GrowingFactor {
+ public:
+  struct Size {
+    int poses = 0;
+    std::int64_t blocks = 0;  // below the diagonal
+  };
+  // Information given to every unknown [1/m^2, 1/rad^2], so that a pose without measurements has a factor:
+  // a standard deviation of 30 km.
+  static constexpr double kLeastInformation = 1e-9;
+
+  // Takes its memory from `arena`, which must hold at least bytes(size) and live longer.
+  GrowingFactor(const Size& size, rt::Arena& arena);
+  static std::size_t bytes(const Size& size);
+
+  void clear();
+  // Appends a pose that nothing has measured. False when full.
+  bool append(int pose);
+  // Adds (`sign` 1) or takes away (-1) [b -b]^T [b -b] at rows and columns of two poses; with pose_b < 0, b^T
+  // b of one. What is taken away must have been added. Returns the work, in blocks touched.
+  std::int64_t update(double sign, const Block& b, int pose_a, int pose_b);
+  // L L^T x = right, both by pose, six numbers each. Parts whose share of right^T x stays below `least` are
+  // left out (0: none), and are exactly zero in x. Returns the work.
+  std::int64_t solve(const double* right, double* x, double least);
+  // Columns of the inverse: with Z = L^-1 [E_a E_b], the 12 x 12 Z^T Z, column by column (pose_b < 0: 6 x 6).
+  void covariance(int pose_a, int pose_b, double* result);
+
+  // For whoever fills a cleared factor column by column, in rising position.
+  void startColumns(std::span<const int> poses);  // all poses, in order of elimination; diagonals zero
+  Block& diagonal(int position) { return diagonal_[at(position)]; }
+  // Gives the column its rows (rising), blocks zero, and room for `spare` more. False when full.
+  bool makeColumn(int position, std::span<const int> rows, int spare);
+  Block* columnBlocks(int position) { return blocks_.data() + first_[at(position)]; }
+  const int* columnRows(int position) const { return rows_.data() + first_[at(position)]; }
+  int columnCount(int position) const { return count_[at(position)]; }
+
+  int size() const { return size_; }  // poses
+  int positionOf(int pose) const { return position_of_[at(pose)]; }
+  int poseAt(int position) const { return pose_at_[at(position)]; }
+  std::int64_t blocksInUse() const { return in_use_; }
+  std::int64_t storeUsed() const { return used_; }  // blocks, with what moved columns left behind
+  std::int64_t dropped() const { return dropped_; }
+
+ private:
+  static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
+  Block* place(int position, int row);
+  int forwardPath(int pose, std::span<Block> z);
+
+  std::span<Block> blocks_;        // all columns
+  std::span<int> rows_;            // their positions
+  std::span<Block> diagonal_;      // by position
+  std::span<std::int64_t> first_;  // of a column's blocks
+  std::span<int> count_, capacity_;
+  std::span<int> position_of_, pose_at_;
+  std::span<Block> work_;   // by position; zero between calls
+  std::span<int> pattern_;  // positions that an update has reached
+  std::span<int> mark_;     // by position: place in the column or in the pattern
+  std::span<double> vector_;
+  std::span<std::uint8_t> reached_;
+  int size_ = 0;
+  std::int64_t used_ = 0, in_use_ = 0, dropped_ = 0;
+};
+
+}  // namespace fathom::slam

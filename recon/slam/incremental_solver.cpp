@@ -1,0 +1,382 @@
+#include "recon/slam/incremental_solver.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <stdexcept>
+
+namespace fathom::slam {
+namespace {
+
+constexpr int kN = kBlockSize;
+// Change of a measurement's error [half angle, shift over lever] from which its derivative is taken anew.
+constexpr double kRelinearize = 1e-3;
+constexpr double kRefactor = 0.1;
+constexpr double kReweighted = 1e9;  // staleness of a measurement with another weight
+constexpr int kHalvings = 2;         // of a step that would raise chi2
+// The best length along a direction that the factor gives is 1 if the factor is right; a shorter one, or a
+// longer one than its inverse, makes the next factor urgent.
+constexpr double kShortest = 0.5;
+
+std::size_t arraysOf(const IncrementalConfig& c) {
+  const auto poses = static_cast<std::size_t>(c.max_poses),
+             edges = static_cast<std::size_t>(c.max_measurements);
+  constexpr std::size_t kArrays = 19, kAlignment = alignof(Block);
+  return poses * (2 * sizeof(SE3) + 3 * sizeof(std::uint8_t) + 4 * kN * sizeof(double) + 3 * sizeof(int)) +
+         edges * (sizeof(WhitenedLinear) + sizeof(Vector6d) + 2 * sizeof(InFactor) + 2 * sizeof(double) +
+                  sizeof(int)) +
+         kArrays * kAlignment;
+}
+
+GrowingFactor::Size factorSize(const IncrementalConfig& c) {
+  return {c.max_poses, c.max_factor_blocks};
+}
+
+FactorBuilder::Size builderSize(const IncrementalConfig& c) {
+  return {c.max_poses, c.max_measurements, c.kept_last, 0};
+}
+
+}  // namespace
+
+void IncrementalConfig::validate() const {
+  if (max_poses < 1 || max_measurements < 1 || max_factor_blocks < 1)
+    throw std::invalid_argument("incremental solver: it needs room for a pose, a measurement and a block");
+  if (iterations < 1 || update_quota < 1 || build_quota < 1 || rebuild_after < 1 || kept_last < 0)
+    throw std::invalid_argument("incremental solver: a quota of a step is not positive");
+  if (!(least_decrease > 0) || !(least_effect >= 0))
+    throw std::invalid_argument("incremental solver: a threshold is not positive");
+}
+
+std::size_t IncrementalSolver::bytesNeeded(const IncrementalConfig& c) {
+  return arraysOf(c) + Measurements::bytes(c.max_poses, c.max_measurements) +
+         2 * GrowingFactor::bytes(factorSize(c)) + FactorBuilder::bytes(builderSize(c));
+}
+
+IncrementalSolver::IncrementalSolver(const IncrementalConfig& config)
+    : config_((config.validate(), config)),
+      arena_(bytesNeeded(config)),
+      measurements_(config.max_poses, config.max_measurements, arena_),
+      factors_{Factor{GrowingFactor(factorSize(config), arena_), {}},
+               Factor{GrowingFactor(factorSize(config), arena_), {}}},
+      builder_(builderSize(config), arena_) {
+  const auto poses = at(config.max_poses), edges = at(config.max_measurements);
+  poses_ = arenaArray<SE3>(arena_, poses);
+  saved_ = arenaArray<SE3>(arena_, poses);
+  held_ = arenaArray<std::uint8_t>(arena_, poses);
+  is_dirty_ = arenaArray<std::uint8_t>(arena_, poses);
+  is_changed_ = arenaArray<std::uint8_t>(arena_, poses);
+  linear_ = arenaArray<WhitenedLinear>(arena_, edges);
+  error_then_ = arenaArray<Vector6d>(arena_, edges);
+  for (Factor& f : factors_) f.in_factor = arenaArray<InFactor>(arena_, edges);
+  stale_ = arenaArray<double>(arena_, edges);
+  chi2_of_ = arenaArray<double>(arena_, edges);
+  stamp_ = arenaArray<int>(arena_, edges);
+  for (std::span<double>* s : {&gradient_, &gradient_before_, &solved_, &direction_})
+    *s = arenaArray<double>(arena_, kN * poses);
+  for (std::span<int>* s : {&moved_, &changed_, &dirty_}) *s = arenaArray<int>(arena_, poses);
+  if (arena_.refused() != 0) throw std::logic_error("incremental solver: its arena is too small");
+}
+
+AddStatus IncrementalSolver::addPose(const SE3& T_world_pose) {
+  if (poses_count_ == config_.max_poses) return AddStatus::kFull;
+  if (!T_world_pose.translation().allFinite() || !T_world_pose.rotation().coeffs().allFinite())
+    return AddStatus::kBadMeasurement;
+  held_[at(poses_count_)] = poses_count_ == 0;
+  poses_[at(poses_count_++)] = T_world_pose;
+  return AddStatus::kOk;
+}
+
+AddStatus IncrementalSolver::addMeasurement(const RelativePose& measurement) {
+  return measurements_.add(measurement, poses_count_);
+}
+
+double IncrementalSolver::chi2Of(int measurement) const {
+  return measurement < evaluated_ ? chi2_of_[at(measurement)] : 0;
+}
+
+bool IncrementalSolver::setWeight(int k, double weight) {
+  if (k < 0 || k >= measurements_.size() || !(weight >= 0) || !std::isfinite(weight)) return false;
+  const double before = measurements_[k].weight;
+  measurements_.setWeight(k, weight);
+  if (k >= evaluated_ || weight == before) return true;
+  linearize(k);
+  refreshGradient();
+  restart_ = true;
+  stale_[at(k)] = kReweighted;
+  return true;
+}
+
+// Adds or takes away a measurement as `in_factor` says.
+std::int64_t IncrementalSolver::update(Factor& f, double sign, int k) {
+  const Measurement& m = measurements_[k];
+  const InFactor& then = f.in_factor[at(k)];
+  const bool from = m.from != kWorld && !held_[at(m.from)], to = !held_[at(m.to)];
+  if (then.weight == 0 || (!from && !to)) return 0;
+  return f.factor.update(sign, worldDerivative(m, then), to ? m.to : m.from, from && to ? m.from : -1);
+}
+
+// Brings a factor up to the present poses and measurements, within a quota of work.
+std::int64_t IncrementalSolver::extend(Factor& f, std::int64_t quota) {
+  for (; f.poses < poses_count_; ++f.poses) f.factor.append(f.poses);
+  std::int64_t work = 0;
+  for (; f.measurements < evaluated_ && work < quota; ++f.measurements) {
+    const Measurement& m = measurements_[f.measurements];
+    f.in_factor[at(f.measurements)] = {fromPose(m), poses_[at(m.to)], m.weight};
+    work += update(f, 1, f.measurements);
+  }
+  return work;
+}
+
+// How far a measurement's derivative in the active factor is from the present one: turns of its poses [rad],
+// and shifts over the lever.
+double IncrementalSolver::staleness(int k) const {
+  const Measurement& m = measurements_[k];
+  const InFactor& then = active().in_factor[at(k)];
+  if (m.weight != then.weight) return kReweighted;
+  if (m.weight == 0) return 0;
+  const SE3& to = poses_[at(m.to)];
+  const auto turn = [](const SE3& a, const SE3& b) {
+    return 2 * (a.rotation().conjugate() * b.rotation()).vec().norm();
+  };
+  return (to.translation() - then.T_w_to.translation()).norm() / m.lever + turn(to, then.T_w_to) +
+         (m.from == kWorld ? 0
+                           : turn(then.T_w_to.inverse() * then.T_w_from, to.inverse() * poses_[at(m.from)]));
+}
+
+void IncrementalSolver::markDirty(int pose) {
+  if (pose == kWorld || held_[at(pose)] || is_dirty_[at(pose)]) return;
+  is_dirty_[at(pose)] = 1;
+  dirty_[at(dirty_count_++)] = pose;
+}
+
+void IncrementalSolver::linearize(int k) {
+  const Measurement& m = measurements_[k];
+  error_then_[at(k)] =
+      linearizeWhitened(m, fromPose(m).inverse() * poses_[at(m.to)], m.weight, linear_[at(k)]);
+  chi2_of_[at(k)] = linear_[at(k)].error.squaredNorm();
+  markDirty(m.from);
+  markDirty(m.to);
+}
+
+void IncrementalSolver::evaluate(int k) {
+  const Measurement& m = measurements_[k];
+  const Vector6d error = relativePoseError({m.from, m.to, m.T_from_to, {}}, fromPose(m), poses_[at(m.to)]);
+  if (k < active().measurements) stale_[at(k)] = staleness(k);
+  const Vector6d change = error - error_then_[at(k)];
+  if (change.tail<3>().norm() + change.head<3>().norm() / m.lever > kRelinearize) {
+    linearize(k);
+    return;
+  }
+  linear_[at(k)].error = std::sqrt(m.weight) * (m.root * error);
+  chi2_of_[at(k)] = linear_[at(k)].error.squaredNorm();
+  markDirty(m.from);
+  markDirty(m.to);
+}
+
+// Errors and gradient after some poses have moved.
+void IncrementalSolver::reevaluate(std::span<const int> poses) {
+  ++evaluation_;
+  for (const int pose : poses) {
+    for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
+      if (k >= evaluated_ || stamp_[at(k)] == evaluation_) continue;
+      stamp_[at(k)] = evaluation_;
+      evaluate(k);
+    }
+  }
+  refreshGradient();
+}
+
+void IncrementalSolver::refreshGradient() {
+  for (int i = 0; i < dirty_count_; ++i) {
+    const int pose = dirty_[at(i)];
+    is_dirty_[at(pose)] = 0;
+    Eigen::Map<Vector6d> g(&gradient_[at(kN * pose)]);
+    g.setZero();
+    for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
+      if (k >= evaluated_) continue;
+      const WhitenedLinear& l = linear_[at(k)];
+      const Measurement& m = measurements_[k];
+      const Perturbation pull = fromOwnFrame(poses_[at(m.to)], l.by_to.transpose() * l.error);
+      g += m.to == pose ? pull : -pull;
+    }
+  }
+  dirty_count_ = 0;
+  chi2_ = 0;
+  for (int k = 0; k < evaluated_; ++k) chi2_ += chi2_of_[at(k)];
+}
+
+// p^T H p of the direction p.
+double IncrementalSolver::curvature() const {
+  double sum = 0;
+  for (int k = 0; k < evaluated_; ++k) {
+    const Measurement& m = measurements_[k];
+    const Eigen::Map<const Perturbation> to(&direction_[at(kN * m.to)]);
+    Perturbation difference = to;
+    if (m.from != kWorld) difference -= Eigen::Map<const Perturbation>(&direction_[at(kN * m.from)]);
+    if (difference.isZero(0)) continue;
+    sum += (linear_[at(k)].by_to * toOwnFrame(poses_[at(m.to)], difference)).squaredNorm();
+  }
+  return sum;
+}
+
+// One iteration of preconditioned conjugate gradients; false when there is no more to gain.
+bool IncrementalSolver::iterate(StepReport& report) {
+  const int n = kN * active().poses;
+  report.solve_work += active().factor.solve(gradient_.data(), solved_.data(), config_.least_effect);
+  double product = 0, change = 0;
+  for (int i = 0; i < n; ++i) {
+    product += gradient_[at(i)] * solved_[at(i)];
+    change += gradient_before_[at(i)] * solved_[at(i)];
+  }
+  report.decrease_expected = product;
+  if (!(product > config_.least_decrease)) return false;
+  double beta = restart_ ? 0 : std::max(0.0, (product - change) / product_before_);
+  if (beta > 0.5) beta = 0;
+  double slope = 0;
+  for (int i = 0; i < n; ++i) {
+    direction_[at(i)] = (beta > 0 ? beta * direction_[at(i)] : 0) - solved_[at(i)];
+    slope += gradient_[at(i)] * direction_[at(i)];
+  }
+  if (slope >= 0) {
+    for (int i = 0; i < n; ++i) direction_[at(i)] = -solved_[at(i)];
+    slope = -product;
+  }
+  for (int i = 0; i < n; ++i) gradient_before_[at(i)] = gradient_[at(i)];
+  product_before_ = product;
+  restart_ = false;
+
+  double length = -slope / curvature();
+  moved_count_ = 0;
+  for (int i = 0; i < active().poses; ++i) {
+    if (held_[at(i)] || Eigen::Map<const Perturbation>(&direction_[at(kN * i)]).isZero(0)) continue;
+    moved_[at(moved_count_++)] = i;
+    saved_[at(i)] = poses_[at(i)];
+    if (!is_changed_[at(i)]) {
+      is_changed_[at(i)] = 1;
+      changed_[at(changed_count_++)] = i;
+    }
+  }
+  const std::span<const int> moving(moved_.data(), at(moved_count_));
+  const double before = chi2_;
+  const auto moveBy = [&](double share) {
+    for (const int i : moving)
+      poses_[at(i)] =
+          perturbedInWorld(saved_[at(i)], share * Eigen::Map<const Perturbation>(&direction_[at(kN * i)]));
+    reevaluate(moving);
+  };
+  moveBy(length);
+  for (int halving = 0; !(chi2_ <= before) && halving < kHalvings; ++halving) {
+    length /= 2;
+    moveBy(length);
+    restart_ = true;
+  }
+  // A direction in which chi2 does not fall at once is one of a factor that is out of date.
+  const bool fell = chi2_ <= before;
+  if (!fell) moveBy(0);
+  if (!fell || length < kShortest || length > 1 / kShortest) urgent_ = restart_ = true;
+  if (!fell) return false;
+  ++report.iterations;
+  return true;
+}
+
+// Measurements that have become stale in the active factor: few are taken anew there, the most changed first;
+// many make the next factor urgent.
+void IncrementalSolver::refresh(StepReport& report) {
+  const int held = active().measurements;
+  const auto stale =
+      std::count_if(stale_.begin(), stale_.begin() + held, [](double s) { return s > kRefactor; });
+  urgent_ = urgent_ || 2 * stale * work_of_update_ > work_of_build_;
+  while (!urgent_ && report.update_work < config_.update_quota) {
+    const auto worst = std::max_element(stale_.begin(), stale_.begin() + held);
+    if (worst == stale_.begin() + held || *worst < kRefactor) break;
+    const int k = static_cast<int>(worst - stale_.begin());
+    const Measurement& m = measurements_[k];
+    InFactor& in_factor = active().in_factor[at(k)];
+    const InFactor then = in_factor, now = {fromPose(m), poses_[at(m.to)], m.weight};
+    in_factor = now;
+    report.update_work += update(active(), 1, k);
+    in_factor = then;
+    report.update_work += update(active(), -1, k);
+    in_factor = now;
+    *worst = 0;
+    restart_ = true;
+  }
+}
+
+// Works on the next factor, and takes it up when it has all poses and measurements.
+void IncrementalSolver::build(StepReport& report) {
+  Factor& next = factors_[at(1 - active_)];
+  const std::int64_t quota = urgent_ ? config_.urgent_quota : config_.build_quota;
+  std::int64_t work = 0;
+  if (!building_) {
+    if (!urgent_ && poses_count_ < builder_.poses() + config_.rebuild_after) return;
+    building_ = true;
+    work += builder_.begin(poses_.subspan(0, at(poses_count_)), held_.subspan(0, at(poses_count_)),
+                           measurements_, next.factor);
+    next.poses = builder_.poses();
+    next.measurements = builder_.measurements();
+    build_work_ = 0;
+  }
+  work += builder_.run(quota - work, measurements_, next.factor, next.in_factor);
+  if (!builder_.running() && work < quota) work += extend(next, quota - work);
+  report.build_work += work;
+  build_work_ += work;
+  if (builder_.failed()) {
+    building_ = false;
+    return;
+  }
+  if (builder_.running() || next.poses < poses_count_ || next.measurements < evaluated_) return;
+  work_of_build_ = build_work_;
+  active_ = 1 - active_;
+  building_ = urgent_ = false;
+  restart_ = report.factor_replaced = true;
+  for (int k = 0; k < evaluated_; ++k) stale_[at(k)] = staleness(k);
+}
+
+StepReport IncrementalSolver::step() {
+  StepReport report;
+  for (int i = 0; i < changed_count_; ++i) is_changed_[at(changed_[at(i)])] = 0;
+  changed_count_ = 0;
+  if (evaluated_ < measurements_.size()) {
+    restart_ = true;
+    while (evaluated_ < measurements_.size()) linearize(evaluated_++);
+    refreshGradient();
+  }
+  const int before = active().measurements;
+  report.update_work = extend(active(), config_.update_quota);
+  if (active().measurements > before)
+    work_of_update_ = report.update_work / (active().measurements - before) + 1;
+  refresh(report);
+  build(report);
+  while (report.iterations < config_.iterations && iterate(report)) {
+  }
+  report.chi2 = chi2_;
+  report.poses_moved = changed_count_;
+  report.measurements_waiting = evaluated_ - active().measurements;
+  return report;
+}
+
+Matrix6d IncrementalSolver::covariance(int i) {
+  if (held_[at(i)] || i >= active().poses) return Matrix6d::Zero();
+  Matrix6d world;
+  active().factor.covariance(i, -1, world.data());
+  const Matrix6d own = ownFrame(pose(i));
+  return own * world * own.transpose();
+}
+
+Matrix6d IncrementalSolver::relativeCovariance(int a, int b) {
+  Matrix6d world = Matrix6d::Zero();  // of the difference of their perturbations
+  if (a == b) return world;
+  if (held_[at(a)] || held_[at(b)]) {
+    active().factor.covariance(held_[at(a)] ? b : a, -1, world.data());
+  } else {
+    Eigen::Matrix<double, 12, 12> both;
+    active().factor.covariance(a, b, both.data());
+    world = both.topLeftCorner<6, 6>() + both.bottomRightCorner<6, 6>() - both.topRightCorner<6, 6>() -
+            both.bottomLeftCorner<6, 6>();
+  }
+  const Matrix6d own = ownFrame(pose(b));
+  return own * world * own.transpose();
+}
+
+}  // namespace fathom::slam

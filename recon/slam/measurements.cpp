@@ -1,0 +1,99 @@
+#include "recon/slam/measurements.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <cmath>
+
+namespace fathom::slam {
+
+Measurements::Measurements(int poses, int capacity, rt::Arena& arena)
+    : all_(arenaArray<Measurement>(arena, static_cast<std::size_t>(capacity))),
+      first_(arenaArray<int>(arena, static_cast<std::size_t>(poses))) {
+  for (int& k : first_) k = -1;
+}
+
+std::size_t Measurements::bytes(int poses, int capacity) {
+  return static_cast<std::size_t>(capacity) * sizeof(Measurement) +
+         static_cast<std::size_t>(poses) * sizeof(int) + 2 * alignof(Measurement);
+}
+
+AddStatus Measurements::add(const RelativePose& edge, int poses) {
+  if (edge.from < kWorld || edge.to < 0 || edge.from >= poses || edge.to >= poses)
+    return AddStatus::kNoSuchPose;
+  if (edge.from == edge.to || !edge.information.allFinite() || !edge.T_from_to.translation().allFinite() ||
+      !edge.T_from_to.rotation().coeffs().allFinite() ||
+      (edge.information - edge.information.transpose()).norm() > 1e-9 * edge.information.norm())
+    return AddStatus::kBadMeasurement;
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(edge.information);
+  if (eigen.info() != Eigen::Success || eigen.eigenvalues()(0) < -1e-9 * eigen.eigenvalues()(5))
+    return AddStatus::kBadMeasurement;
+  if (static_cast<std::size_t>(size_) >= all_.size()) return AddStatus::kFull;
+  Measurement& m = all_[static_cast<std::size_t>(size_)];
+  m.from = edge.from;
+  m.to = edge.to;
+  m.T_from_to = edge.T_from_to;
+  m.root = eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal() * eigen.eigenvectors().transpose();
+  m.weight = 1;
+  // Of the translation that was measured, and of the information: for a measurement between poses at one
+  // place.
+  const double turn = edge.information.diagonal().tail<3>().sum(),
+               shift = edge.information.diagonal().head<3>().sum();
+  m.lever = std::hypot(edge.T_from_to.translation().norm(), shift > 0 ? std::sqrt(turn / shift) : 1);
+  const auto chain = [&](int pose, int end) {
+    m.next[end] = first_[static_cast<std::size_t>(pose)];
+    first_[static_cast<std::size_t>(pose)] = size_;
+  };
+  if (m.from != kWorld) chain(m.from, 0);
+  chain(m.to, 1);
+  ++size_;
+  return AddStatus::kOk;
+}
+
+Vector6d toOwnFrame(const SE3& pose, const Perturbation& x) {
+  const Eigen::Matrix3d back = pose.matrix3().transpose();
+  Vector6d y;
+  y.head<3>() = back * (x.head<3>() + x.tail<3>().cross(pose.translation()));
+  y.tail<3>() = back * x.tail<3>();
+  return y;
+}
+
+Perturbation fromOwnFrame(const SE3& pose, const Vector6d& force) {
+  const Eigen::Matrix3d r = pose.matrix3();
+  Perturbation x;
+  x.head<3>() = r * force.head<3>();
+  x.tail<3>() = r * force.tail<3>() + pose.translation().cross(x.head<3>());
+  return x;
+}
+
+Matrix6d ownFrame(const SE3& pose) {
+  const Eigen::Matrix3d back = pose.matrix3().transpose();
+  const Eigen::Vector3d t = pose.translation();
+  Eigen::Matrix3d cross;
+  cross << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
+  Matrix6d a = Matrix6d::Zero();
+  a.topLeftCorner<3, 3>() = a.bottomRightCorner<3, 3>() = back;
+  a.topRightCorner<3, 3>() = -back * cross;
+  return a;
+}
+
+SE3 perturbedInWorld(const SE3& pose, const Perturbation& x) {
+  return perturbed(SE3(), x) * pose;
+}
+
+Vector6d linearizeWhitened(const Measurement& m, const SE3& T_from_to, double weight,
+                           WhitenedLinear& result) {
+  const RelativePoseLinear l = linearize({m.from, m.to, m.T_from_to, {}}, SE3(), T_from_to);
+  const double scale = std::sqrt(weight);
+  result.by_to = scale * (m.root * l.by_to);
+  result.error = scale * (m.root * l.error);
+  return l.error;
+}
+
+Block worldDerivative(const Measurement& m, const InFactor& then) {
+  WhitenedLinear l;
+  linearizeWhitened(m, then.T_w_from.inverse() * then.T_w_to, then.weight, l);
+  Block b;
+  Eigen::Map<Matrix6d>(b.v).noalias() = l.by_to * ownFrame(then.T_w_to);
+  return b;
+}
+
+}  // namespace fathom::slam

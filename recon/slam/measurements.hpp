@@ -1,0 +1,78 @@
+#pragma once
+
+#include <span>
+
+#include "recon/slam/arena_array.hpp"
+#include "recon/slam/block_kernels.hpp"
+#include "recon/slam/pose_graph.hpp"
+
+namespace fathom::slam {
+
+inline constexpr int kWorld = -1;  // `from` of a measurement of a pose itself
+
+// What was measured, with a square root of its information; kWorld stands for the origin of the world.
+struct Measurement {
+  int from = kWorld, to = 0;
+  SE3 T_from_to;
+  Matrix6d root;           // root^T root = information
+  double weight = 1;       // of chi2; 0: taken out
+  double lever = 1;        // length over which a turn counts as much as a shift [m]
+  int next[2] = {-1, -1};  // further measurement of `from` and of `to`; see Measurements::next
+};
+
+// Poses are solved for by perturbations (v, w) in the world: T <- (exp(w), v) T. To move or turn a whole
+// group of poses is then the same perturbation for all of them, no error inside the group changes, at any
+// size of the step, and derivatives that were taken elsewhere still say so. (With perturbations in each
+// pose's own frame they do not: then a factor that is slightly old is useless along the long, soft valleys of
+// a graph.) What moves an error is the difference of its poses' perturbations:
+//   d error = B (x_to - x_from),   B = by_to A(T_w_to),   A x = (R^T (v + w x t), R^T w)
+using Perturbation = Vector6d;
+[[nodiscard]] Vector6d toOwnFrame(const SE3& T_w_pose, const Perturbation& x);        // A x
+[[nodiscard]] Perturbation fromOwnFrame(const SE3& T_w_pose, const Vector6d& force);  // A^T f
+[[nodiscard]] Matrix6d ownFrame(const SE3& T_w_pose);                                 // A
+[[nodiscard]] SE3 perturbedInWorld(const SE3& T_w_pose, const Perturbation& x);
+
+// Error of a measurement and its derivative by the perturbation of `to` in its own frame, times the root of
+// information and weight.
+struct WhitenedLinear {
+  Matrix6d by_to;
+  Vector6d error;
+};
+
+enum class AddStatus { kOk, kFull, kNoSuchPose, kBadMeasurement };
+
+// Measurements of a graph in fixed memory, and for each pose a list of those that name it.
+class Measurements {
+ public:
+  Measurements(int poses, int capacity, rt::Arena& arena);
+  static std::size_t bytes(int poses, int capacity);
+
+  // kBadMeasurement: not finite, from a pose to itself, or an information matrix that is not symmetric and
+  // positive semidefinite. kNoSuchPose: an end is not among the first `poses`.
+  AddStatus add(const RelativePose& edge, int poses);
+  int size() const { return size_; }
+  const Measurement& operator[](int k) const { return all_[static_cast<std::size_t>(k)]; }
+  void setWeight(int k, double weight) { all_[static_cast<std::size_t>(k)].weight = weight; }
+
+  // Measurements of a pose, newest first: for (k = first(pose); k >= 0; k = next(k, pose)).
+  int first(int pose) const { return first_[static_cast<std::size_t>(pose)]; }
+  int next(int k, int pose) const { return (*this)[k].next[(*this)[k].to == pose ? 1 : 0]; }
+
+ private:
+  std::span<Measurement> all_;
+  std::span<int> first_;
+  int size_ = 0;
+};
+
+// Returns the plain error. All depends on the relative pose alone.
+Vector6d linearizeWhitened(const Measurement& m, const SE3& T_from_to, double weight, WhitenedLinear& result);
+
+// What a measurement is in a factor.
+struct InFactor {
+  SE3 T_w_from, T_w_to;  // where it was linearised
+  double weight = 0;
+};
+// The B above, from the poses and weight in `then`.
+Block worldDerivative(const Measurement& m, const InFactor& then);
+
+}  // namespace fathom::slam

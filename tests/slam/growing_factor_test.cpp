@@ -1,0 +1,129 @@
+#include "recon/slam/growing_factor.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <random>
+#include <vector>
+
+namespace fathom::slam {
+namespace {
+
+constexpr int kN = kBlockSize;
+
+Block randomBlock(std::mt19937& random) {
+  std::normal_distribution<double> normal;
+  Block b;
+  for (double& v : b.v) v = normal(random);
+  return b;
+}
+
+// A factor and the dense matrix that it should be the factor of.
+class GrowingFactorTest : public ::testing::Test {
+ protected:
+  static constexpr int kPoses = 12;
+
+  explicit GrowingFactorTest(std::int64_t blocks = 200)
+      : arena_(GrowingFactor::bytes({kPoses, blocks})), factor_({kPoses, blocks}, arena_) {
+    for (int i = 0; i < kPoses; ++i) {
+      EXPECT_TRUE(factor_.append(i));
+      change(1, randomBlock(random_), i, -1);
+    }
+  }
+
+  void change(double sign, const Block& b, int pose_a, int pose_b) {
+    Eigen::Matrix<double, kN, kN* kPoses> row = Eigen::Matrix<double, kN, kN * kPoses>::Zero();
+    const Eigen::Map<const Eigen::Matrix<double, kN, kN>> m(b.v);
+    row.middleCols<kN>(kN * pose_a) = m;
+    if (pose_b >= 0) row.middleCols<kN>(kN * pose_b) = -m;
+    dense_ += sign * row.transpose() * row;
+    factor_.update(sign, b, pose_a, pose_b);
+  }
+
+  void expectSolves() {
+    const Eigen::VectorXd right = Eigen::VectorXd::Random(kN * kPoses);
+    Eigen::VectorXd x(kN * kPoses);
+    factor_.solve(right.data(), x.data(), 0);
+    EXPECT_LT((dense_ * x - right).norm(), 1e-8 * right.norm());
+  }
+
+  std::mt19937 random_{7};
+  rt::Arena arena_;
+  GrowingFactor factor_;
+  Eigen::MatrixXd dense_ =
+      GrowingFactor::kLeastInformation * Eigen::MatrixXd::Identity(kN * kPoses, kN* kPoses);
+};
+
+TEST_F(GrowingFactorTest, SolvesWhatWasAddedAndAgainAfterSomeIsTakenAway) {
+  std::vector<Block> blocks;
+  const std::vector<std::array<int, 2>> ends = {{0, 1},  {4, 1}, {11, 0}, {3, 7},
+                                                {7, 11}, {2, 9}, {5, 6},  {6, 2}};
+  for (const auto& [a, b] : ends) {
+    blocks.push_back(randomBlock(random_));
+    change(1, blocks.back(), a, b);
+    expectSolves();
+  }
+  EXPECT_EQ(factor_.dropped(), 0);
+  for (std::size_t k = 0; k < ends.size(); k += 2) {
+    change(-1, blocks[k], ends[k][0], ends[k][1]);
+    expectSolves();
+  }
+}
+
+TEST_F(GrowingFactorTest, ItsCovariancesAreThoseOfTheDenseInverse) {
+  for (int i = 1; i < kPoses; ++i) change(1, randomBlock(random_), i, i - 1);
+  change(1, randomBlock(random_), 2, 10);
+  const Eigen::MatrixXd inverse = dense_.inverse();
+  for (const auto& [a, b] : std::vector<std::array<int, 2>>{{3, 8}, {11, 0}, {2, 10}}) {
+    Eigen::Matrix<double, 12, 12> both, expected;
+    factor_.covariance(a, b, both.data());
+    expected << inverse.block<kN, kN>(kN * a, kN * a), inverse.block<kN, kN>(kN * a, kN * b),
+        inverse.block<kN, kN>(kN * b, kN * a), inverse.block<kN, kN>(kN * b, kN * b);
+    EXPECT_LT((both - expected).norm(), 1e-9 * expected.norm());
+    Eigen::Matrix<double, kN, kN> one;
+    factor_.covariance(a, -1, one.data());
+    EXPECT_LT((one - expected.topLeftCorner<kN, kN>()).norm(), 1e-9 * expected.norm());
+  }
+  expectSolves();  // nothing is left behind
+}
+
+TEST_F(GrowingFactorTest, PartsThatTheRightSideDoesNotReachStayExactlyZero) {
+  change(1, randomBlock(random_), 0, 1);
+  change(1, randomBlock(random_), 2, 3);
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(kN * kPoses), x(kN * kPoses);
+  right(kN * 2) = 1;
+  factor_.solve(right.data(), x.data(), 1e-30);
+  for (int i = 0; i < kPoses; ++i) EXPECT_EQ(x.segment<kN>(kN * i).isZero(0), i != 2 && i != 3) << i;
+}
+
+TEST_F(GrowingFactorTest, AMeasurementThatWasNotThereIsNotTakenBelowPositive) {
+  Block huge{};
+  for (int i = 0; i < kN; ++i) huge(i, i) = 1e3;
+  factor_.update(-1, huge, 4, -1);
+  const Eigen::VectorXd right = Eigen::VectorXd::Random(kN * kPoses);
+  Eigen::VectorXd x(kN * kPoses);
+  factor_.solve(right.data(), x.data(), 0);
+  EXPECT_TRUE(x.allFinite());
+  EXPECT_GT(right.dot(x), 0);
+}
+
+class SmallStore : public GrowingFactorTest {
+ protected:
+  SmallStore() : GrowingFactorTest(10) {}
+};
+
+TEST_F(SmallStore, WhenFullFillIsDroppedAndCountedAndTheFactorStaysPositive) {
+  for (int i = 1; i < kPoses; ++i)
+    for (int k = 0; k < i; k += 3) factor_.update(1, randomBlock(random_), i, k);
+  EXPECT_GT(factor_.dropped(), 0);
+  EXPECT_LE(factor_.storeUsed(), 10);
+  EXPECT_FALSE(factor_.append(kPoses));
+  const Eigen::VectorXd right = Eigen::VectorXd::Random(kN * kPoses);
+  Eigen::VectorXd x(kN * kPoses);
+  factor_.solve(right.data(), x.data(), 0);
+  EXPECT_TRUE(x.allFinite());
+  EXPECT_GT(right.dot(x), 0);
+}
+
+}  // namespace
+}  // namespace fathom::slam
