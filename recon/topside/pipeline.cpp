@@ -21,6 +21,7 @@
 #include "recon/topside/stages/lighting_stage.hpp"
 #include "recon/topside/stages/mesh_pieces.hpp"
 #include "recon/topside/stages/navigation.hpp"
+#include "recon/topside/stages/slam_stage.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -110,11 +111,16 @@ Summary runTopside(const std::filesystem::path& mission_folder, const std::files
   }
   lap("lighting model");
 
+  SlamResult slam;
+  if (config.slam) slam = localise(paths, mission, rig, config, lighting, list.pairs, navigation);
+  const std::vector<NavigatedPose>& poses = config.slam ? slam.poses : navigation.poses;
+  if (config.slam) lap("localisation");
+
   fusion::VolumetricFusion fusion(config.fusion);
   const FuseResult fused = [&] {
     Progress progress("stereo", list.pairs.size());
     return fusePairs(
-        list.pairs, navigation.poses,
+        list.pairs, poses,
         [&] { return std::make_unique<StereoStage>(paths, mission, rig, config, lighting); },
         config.default_altitude, fusion, progress);
   }();

@@ -52,6 +52,11 @@ TopsideConfig readTopsideConfig(const std::filesystem::path& path) {
   config.max_dvl_gap = navigation.number("max_dvl_gap_s", config.max_dvl_gap, 0.1, 60);
   config.max_speed = navigation.number("max_speed_mps", config.max_speed, 0.1, 20);
   config.default_altitude = navigation.number("default_altitude_m", config.default_altitude, 0.5, 20);
+  const ConfigTable slam = root.table("slam");
+  config.slam = slam.boolean("enabled", config.slam);
+  config.slam_features = static_cast<int>(slam.integer("features", config.slam_features, 50, 5000));
+  config.slam_candidates =
+      static_cast<int>(slam.integer("candidates_per_pair", config.slam_candidates, 1, 100));
   const ConfigTable run = root.table("run");
   config.pairing_tolerance = run.number("pairing_tolerance_s", config.pairing_tolerance, 0.001, 1);
   config.threads = static_cast<int>(run.integer("threads", config.threads, 0, 256));

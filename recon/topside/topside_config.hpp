@@ -20,6 +20,10 @@ struct TopsideConfig {
   stereo::DenseStereoConfig dense;
   int min_points = 20;  // a pair with fewer stereo points is left out
 
+  bool slam = true;         // loop closures and visual odometry; false: dead reckoning
+  int slam_features = 400;  // of a pair, for these
+  int slam_candidates = 6;  // closures tried, for each pair at the mean
+
   fusion::VolumetricConfig fusion;
   double min_component = 0.05;  // smaller pieces of the final mesh that touch nothing are dropped [m^2]
 

@@ -6,6 +6,8 @@
 
 #include <memory>
 
+#include "recon/topside/stages/seed_plane.hpp"
+
 namespace fathom::topside {
 namespace {
 

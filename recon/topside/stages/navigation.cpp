@@ -85,13 +85,14 @@ std::vector<NavigatedPose> wantedAt(const std::vector<Fix>& fixes) {
 // began. `lever`: of the receiver in body.
 void addFixes(nav::PositionAnchor& anchor, nav::FixKind kind, const std::vector<Fix>& fixes,
               const std::vector<NavigatedPose>& poses, const SE3& first, std::int64_t first_utc_ns,
-              const Eigen::Vector3d& lever) {
+              const Eigen::Vector3d& lever, std::vector<FixSeen>& seen) {
   for (std::size_t k = 0; k < fixes.size(); ++k) {
     std::optional<SE3> pose = poses[k].T_nav_body;
     if (!pose && fixes[k].utc_ns < first_utc_ns) pose = first;
     if (!pose) continue;
     const Eigen::Vector3d receiver = *pose * lever;
     anchor.add(kind, {fixes[k].north - receiver.x(), fixes[k].east - receiver.y()}, fixes[k].sigma);
+    seen.push_back({kind, fixes[k].utc_ns, {fixes[k].north, fixes[k].east}, fixes[k].sigma, receiver});
   }
 }
 
@@ -166,11 +167,13 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
         "no navigation: attitude, depth and bottom-track velocity are all needed; check the recording");
 
   nav::PositionAnchor anchor;
-  addFixes(anchor, nav::FixKind::kGps, fixes.gps, at_gps, *first, first_utc_ns, Eigen::Vector3d::Zero());
+  addFixes(anchor, nav::FixKind::kGps, fixes.gps, at_gps, *first, first_utc_ns, Eigen::Vector3d::Zero(),
+           out.fixes);
   addFixes(anchor, nav::FixKind::kUsbl, fixes.usbl, at_usbl, *first, first_utc_ns,
-           mission.T_body_usbl.translation());
+           mission.T_body_usbl.translation(), out.fixes);
   out.anchor = anchorOf(anchor);
   const SE3 T_nav_odom(Eigen::Quaterniond::Identity(), {out.anchor.north, out.anchor.east, 0});
+  for (FixSeen& fix : out.fixes) fix.receiver = T_nav_odom * fix.receiver;
   for (auto* poses : {&out.poses, &out.track})
     for (NavigatedPose& pose : *poses)
       if (pose.T_nav_body) pose.T_nav_body = T_nav_odom * *pose.T_nav_body;

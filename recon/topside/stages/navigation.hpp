@@ -8,6 +8,7 @@
 #include "firmware_if/mission.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/nav/dead_reckoning.hpp"
+#include "recon/nav/position_anchor.hpp"
 #include "recon/topside/topside_config.hpp"
 
 namespace fathom::topside {
@@ -26,10 +27,20 @@ struct NavigatedPose {
   std::optional<double> altitude;  // of the DVL, vertical [m]
 };
 
+// A position fix and where dead reckoning, anchored, has the receiver.
+struct FixSeen {
+  nav::FixKind kind = nav::FixKind::kGps;
+  std::int64_t utc_ns = 0;
+  Eigen::Vector2d north_east = Eigen::Vector2d::Zero();  // in nav [m]
+  double sigma = 0;                                      // horizontal [m]
+  Eigen::Vector3d receiver = Eigen::Vector3d::Zero();    // in nav [m]
+};
+
 struct Navigation {
   std::vector<NavigatedPose> poses;  // as asked for
   std::vector<NavigatedPose> track;  // whole dive, one a second
   Anchor anchor;
+  std::vector<FixSeen> fixes;  // that the anchor rests on
   nav::DeadReckoning::Counters counters;
   std::uint64_t skipped_entries = 0, damaged_entries = 0;  // of the log
 };

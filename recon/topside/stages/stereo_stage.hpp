@@ -6,13 +6,12 @@
 #include "firmware_if/mission.hpp"
 #include "recon/geometry/mesh.hpp"
 #include "recon/geometry/stereo_rig.hpp"
-#include "recon/lighting/rig_ranges.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "recon/topside/stage_times.hpp"
 #include "recon/topside/stages/image_pairs.hpp"
 #include "recon/topside/stages/lighting_stage.hpp"
-#include "recon/topside/stages/seed_plane.hpp"
+#include "recon/topside/stages/pair_images.hpp"
 #include "recon/topside/topside_config.hpp"
 
 namespace fathom::topside {
@@ -40,18 +39,11 @@ class StereoStage {
   [[nodiscard]] PairResult process(const ImagePair& pair, const SE3& T_nav_body, double altitude);
 
  private:
-  // The left image in colour, by ranges bent to stereo's points.
-  void correctColours(const ImageView& left, const stereo::StereoResult& found);
-
-  const io::MissionPaths& paths_;
   const io::MissionConfig& mission_;
-  const StereoRig& rig_;
   const TopsideConfig& config_;
-  const LightingModels& models_;
+  PairImages images_;
   stereo::SparseStereo sparse_;
   std::optional<stereo::DenseStereo> dense_;  // if configured, instead
-  lighting::RigRanges ranges_;
-  std::vector<std::uint8_t> left_, right_, left_mono_, right_mono_, left_rgb_;
 };
 
 }  // namespace fathom::topside
