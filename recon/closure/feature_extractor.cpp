@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kCellsAcross = 8, kCellsDown = 6;  // each gets its share of the features first
 constexpr float kOrbScale = 1.2F;                // from one image size of ORB to the next
-constexpr double kSurplus = 1.5;  // features described for one kept: not all are found in stereo
+constexpr double kSurplus = 1.5;  // features detected for one kept: not all are found in stereo
 
 void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("closure features: ") + what);
@@ -126,7 +126,8 @@ struct FeatureExtractor::Impl {
   StereoMatcher matcher;
   cv::Ptr<cv::Feature2D> detector;
   int shrink = 1;
-  std::vector<cv::KeyPoint> points;
+  std::vector<cv::KeyPoint> points, seen;  // found by the detector; and found in the right image too
+  std::vector<Feature> places;             // of `seen`
   cv::Mat small, descriptors;
   FrameFeatures result;
   std::function<void(const char* stage)> observer;
@@ -166,14 +167,13 @@ const FrameFeatures& FeatureExtractor::process(const ImageView& left, const Imag
   m.detector->detect(m.small, m.points);
   thin(m.points, m.small.size(), static_cast<std::size_t>(kSurplus * m.config.max_features));
   m.ended("detect");
-  if (!m.points.empty()) m.detector->compute(m.small, m.points, m.descriptors);
-  m.ended("describe");
 
-  const std::size_t bytes = descriptorBytes(m.config.kind);
-  for (std::size_t i = 0; i < m.points.size() && m.result.size() < wanted; ++i) {
-    const cv::KeyPoint& p = m.points[i];
-    // Centres of pixels: (x + 1/2) of the small image is shrink (x + 1/2) of the whole.
-    const Eigen::Vector2d half(0.5, 0.5);
+  // Only what both cameras see is worth describing.
+  m.seen.clear();
+  m.places.clear();
+  const Eigen::Vector2d half(0.5, 0.5);  // centres of pixels: x + 1/2 of the small image is shrink (x + 1/2)
+  for (const cv::KeyPoint& p : m.points) {
+    if (m.seen.size() == wanted) break;
     const Eigen::Vector2d pixel = m.shrink * (placeOf(p, m.config.kind) + half) - half;
     StereoMatch found;
     if (!m.matcher.match(left, right, pixel, range, found)) continue;
@@ -181,19 +181,32 @@ const FrameFeatures& FeatureExtractor::process(const ImageView& left, const Imag
     const double sigma = m.shrink * (m.config.place_sigma + m.config.place_sigma_per_size * size);
     const Eigen::Matrix3f c = m.matcher.pointCovariance(pixel, found, sigma).cast<float>();
     if (!(c.determinant() > 0)) continue;
-    m.result.features.push_back({pixel.cast<float>(),
-                                 found.right.cast<float>(),
-                                 found.point.cast<float>(),
-                                 {c(0, 0), c(0, 1), c(0, 2), c(1, 1), c(1, 2), c(2, 2)},
-                                 static_cast<float>(m.shrink * size)});
+    m.places.push_back({pixel.cast<float>(),
+                        found.right.cast<float>(),
+                        found.point.cast<float>(),
+                        {c(0, 0), c(0, 1), c(0, 2), c(1, 1), c(1, 2), c(2, 2)},
+                        static_cast<float>(m.shrink * size)});
+    m.seen.push_back(p);
+    if (m.config.kind != DescriptorKind::kAkaze) m.seen.back().class_id = static_cast<int>(m.seen.size()) - 1;
+  }
+  m.ended("stereo");
+
+  if (!m.seen.empty()) m.detector->compute(m.small, m.seen, m.descriptors);
+  const std::size_t bytes = descriptorBytes(m.config.kind);
+  for (std::size_t i = 0; i < m.seen.size(); ++i) {
+    // Kinds that drop points near the border or change their order keep the number; AKAZE, which keeps the
+    // level in it, does neither.
+    const std::size_t place =
+        m.config.kind == DescriptorKind::kAkaze ? i : static_cast<std::size_t>(m.seen[i].class_id);
+    m.result.features.push_back(m.places[place]);
     m.result.descriptors.resize(m.result.size() * bytes);
-    std::uint8_t* out = m.result.descriptors.data() + (m.result.size() - 1) * bytes;
+    std::uint8_t* out = m.result.descriptors.data() + i * bytes;
     if (m.config.kind == DescriptorKind::kRootSift)
       rootSift(m.descriptors.ptr<float>(static_cast<int>(i)), out);
     else
       std::copy_n(m.descriptors.ptr(static_cast<int>(i)), bytes, out);
   }
-  m.ended("stereo");
+  m.ended("describe");
   return m.result;
 }
 

@@ -14,15 +14,15 @@ struct FeatureConfig {
   DescriptorKind kind = DescriptorKind::kRootSift;
   int max_features = 600;     // of a frame, spread over the image (up to kMaxSlotFeatures)
   int max_width = 700;        // features are sought in the left image halved until it is at most so wide [px]
-  double place_sigma = 0.25;  // of a feature's place in the left image from view to view [px as sought]
-  double place_sigma_per_size = 0.03;  // more of it for large features [px per px of their diameter]
+  double place_sigma = 0.12;  // of a feature's place in the left image from view to view [px as sought]
+  double place_sigma_per_size = 0.02;  // more of it for large features [px per px of their diameter]
   DepthRange depths;
   StereoMatchConfig stereo;
 };
 
-// Features of stereo frames: detected, described and thinned in the left image by OpenCV, found in the right
-// one by StereoMatcher. Describing the right image too would cost as much again and lose the features that
-// the detector finds in one image only.
+// Features of stereo frames: detected and thinned in the left image by OpenCV, found in the right one by
+// StereoMatcher, and then described. Describing the right image too would cost as much again and lose the
+// features that the detector finds in one image only.
 class FeatureExtractor {
  public:
   // Throws std::invalid_argument for a configuration out of range.
@@ -35,7 +35,7 @@ class FeatureExtractor {
   const FrameFeatures& process(const ImageView& left, const ImageView& right);
   const FrameFeatures& process(const ImageView& left, const ImageView& right, const DepthRange& depths);
 
-  // Called with the stage's name at the end of each stage of process(): "detect", "describe", "stereo". For a
+  // Called with the stage's name at the end of each stage of process(): "detect", "stereo", "describe". For a
   // caller that has a clock; empty: none.
   void setStageObserver(std::function<void(const char* stage)> observer);
 

@@ -18,26 +18,35 @@ Eigen::Matrix3d cross(const Eigen::Vector3d& v) {
   return m;
 }
 
+template <int kSize>
 struct NormalEquations {
-  Matrix6d h = Matrix6d::Zero();
-  Vector6d b = Vector6d::Zero();
+  using Vector = Eigen::Matrix<double, kSize, 1>;
+  using Matrix = Eigen::Matrix<double, kSize, kSize>;
+  Matrix h = Matrix::Zero();
+  Vector b = Vector::Zero();
 
-  void add(const PointPair& p, const SE3& T, const Eigen::Matrix3d& rotation, double weight) {
-    const Eigen::Vector3d e = p.a - T * p.b;
-    const Eigen::Matrix3d information =
-        weight * (p.covariance_a + rotation * p.covariance_b * rotation.transpose()).inverse();
-    Eigen::Matrix<double, 3, 6> j;
-    j << -rotation, rotation * cross(p.b);
+  void add(const Eigen::Matrix<double, 3, kSize>& j, const Eigen::Vector3d& e,
+           const Eigen::Matrix3d& information) {
     h += j.transpose() * information * j;
     b -= j.transpose() * information * e;
   }
-  [[nodiscard]] bool solve(Vector6d& step) const {
-    const Eigen::LDLT<Matrix6d> factor(h);
+  [[nodiscard]] bool solve(Vector& step) const {
+    const Eigen::LDLT<Matrix> factor(h);
     if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > 0)) return false;
     step = factor.solve(b);
     return step.allFinite();
   }
 };
+
+Eigen::Matrix3d informationOf(const PointPair& p, const Eigen::Matrix3d& rotation) {
+  return (p.covariance_a + rotation * p.covariance_b * rotation.transpose()).inverse();
+}
+
+Eigen::Matrix<double, 3, 6> byPose(const PointPair& p, const Eigen::Matrix3d& rotation) {
+  Eigen::Matrix<double, 3, 6> j;
+  j << -rotation, rotation * cross(p.b);
+  return j;
+}
 
 // Whether the sides between pairs i and j have equal lengths, within four standard deviations.
 bool sameSide(const PointPair& i, const PointPair& j) {
@@ -51,6 +60,21 @@ bool sameSide(const PointPair& i, const PointPair& j) {
 }
 
 }  // namespace
+
+SharedJacobian sharedJacobian(const SharedErrors& errors, double focal_length_px, double baseline,
+                              const Eigen::Vector3d& point) {
+  const double z = point.z(), x = point.x() / z, y = point.y() / z;
+  // A disparity error d moves a point along its ray, by z d / (f b) of its distance.
+  const Eigen::Vector3d by_disparity = -z / (focal_length_px * baseline) * point;
+  SharedJacobian j;
+  j.col(0) = Eigen::Vector3d(errors.place * z, 0, 0);
+  j.col(1) = Eigen::Vector3d(0, errors.place * z, 0);
+  j.col(2) = errors.place_slope * z * Eigen::Vector3d(x, y, 0);
+  j.col(3) = errors.disparity * by_disparity;
+  j.col(4) = errors.disparity_slope * x * by_disparity;
+  j.col(5) = errors.disparity_slope * y * by_disparity;
+  return j;
+}
 
 SE3 rightPerturbed(const SE3& pose, const Vector6d& step) {
   const double angle = step.tail<3>().norm();
@@ -139,10 +163,13 @@ SE3 refineCauchy(const std::vector<PointPair>& pairs, const SE3& start) {
   constexpr double kConverged = 1e-6;  // [m, rad]
   SE3 pose = start;
   for (int i = 0; i < kIterations; ++i) {
-    NormalEquations equations;
+    NormalEquations<6> equations;
     const Eigen::Matrix3d rotation = pose.matrix3();
-    for (const PointPair& p : pairs)
-      equations.add(p, pose, rotation, 1 / (1 + squaredDistance(p, pose, rotation) / (kScale * kScale)));
+    for (const PointPair& p : pairs) {
+      const Eigen::Vector3d e = p.a - pose * p.b;
+      const Eigen::Matrix3d information = informationOf(p, rotation);
+      equations.add(byPose(p, rotation), e, information / (1 + e.dot(information * e) / (kScale * kScale)));
+    }
     Vector6d step;
     if (!equations.solve(step)) return start;
     pose = rightPerturbed(pose, step);
@@ -153,31 +180,47 @@ SE3 refineCauchy(const std::vector<PointPair>& pairs, const SE3& start) {
 
 std::optional<Alignment> alignPoints(const std::vector<PointPair>& pairs, const SE3& start) {
   constexpr int kIterations = 15;
-  constexpr double kConverged = 1e-7;  // [m, rad]
+  constexpr double kConverged = 1e-6;  // [m, rad, standard deviations of the shared errors]
+  constexpr int kUnknowns = 6 + kSharedErrors;
+  using Shared = Eigen::Matrix<double, kSharedErrors, 1>;
   Alignment result;
   result.T_a_b = start;
+  Shared shared = Shared::Zero();
   for (int i = 0; i < kIterations; ++i) {
     const Eigen::Matrix3d rotation = result.T_a_b.matrix3();
     const double gate = kInlierGate * result.noise * result.noise;
-    NormalEquations equations;
+    NormalEquations<kUnknowns> equations;
     std::vector<int> inliers;
     double sum = 0;
     for (std::size_t k = 0; k < pairs.size(); ++k) {
-      const double d = squaredDistance(pairs[k], result.T_a_b, rotation);
+      const PointPair& p = pairs[k];
+      const SharedJacobian by_shared = rotation * p.shared_b - p.shared_a;
+      const Eigen::Vector3d e = p.a - result.T_a_b * p.b + by_shared * shared;
+      const Eigen::Matrix3d information = informationOf(p, rotation);
+      const double d = e.dot(information * e);
       if (!(d < gate)) continue;
       inliers.push_back(static_cast<int>(k));
-      equations.add(pairs[k], result.T_a_b, rotation, 1);
+      Eigen::Matrix<double, 3, kUnknowns> j;
+      j << byPose(p, rotation), by_shared;
+      equations.add(j, e, information);
       sum += d;
     }
-    Vector6d step;
-    if (inliers.size() < 4 || !equations.solve(step)) return std::nullopt;
-    const bool same = inliers == result.inliers;
     const auto count = static_cast<double>(inliers.size());
+    if (inliers.size() < 4) return std::nullopt;
     // The pose takes six of the 3 n degrees of freedom.
-    result.noise = std::clamp(std::sqrt(sum / (kInlierMean * (count - 2))), 1.0, kMaxNoise);
+    result.noise = std::clamp(std::sqrt(sum / (kInlierMean * (count - 2))), kMinNoise, kMaxNoise);
+    const double variance = result.noise * result.noise;
+    equations.h.bottomRightCorner<kSharedErrors, kSharedErrors>().diagonal().array() += variance;
+    equations.b.tail<kSharedErrors>() -= variance * shared;
+    Eigen::Matrix<double, kUnknowns, 1> step;
+    if (!equations.solve(step)) return std::nullopt;
+    const bool same = inliers == result.inliers;
     result.inliers = std::move(inliers);
-    result.covariance = result.noise * result.noise * equations.h.inverse();
-    result.T_a_b = rightPerturbed(result.T_a_b, step);
+    result.covariance =
+        variance * equations.h.ldlt().solve(decltype(equations)::Matrix::Identity()).topLeftCorner<6, 6>();
+    result.covariance = 0.5 * (result.covariance + result.covariance.transpose()).eval();
+    result.T_a_b = rightPerturbed(result.T_a_b, step.head<6>());
+    shared += step.tail<kSharedErrors>();
     if (same && step.norm() < kConverged) break;
   }
   return result;

@@ -9,10 +9,28 @@
 
 namespace fathom::closure {
 
+// Errors that all points of a frame share, the same in both frames as long as rig and lamps are: what a
+// calibration leaves in the disparity, and shading, which draws features towards or away from lamps that move
+// with the vehicle. Each is a constant and a slope over the image, zero-mean with these standard deviations.
+// Slopes are by the tangent of the angle from the principal ray, along x and y (disparity) or radial (place).
+struct SharedErrors {
+  double place = 3e-4;            // of a feature, along x and y of the image [tangent]
+  double place_slope = 8e-4;      // [tangent by tangent]
+  double disparity = 0.03;        // [px]
+  double disparity_slope = 0.08;  // [px by tangent]
+};
+constexpr int kSharedErrors = 6;
+using SharedJacobian = Eigen::Matrix<double, 3, kSharedErrors>;
+
+// How a point in the left camera frame moves with the shared errors, each in its standard deviation [m].
+[[nodiscard]] SharedJacobian sharedJacobian(const SharedErrors& errors, double focal_length_px,
+                                            double baseline, const Eigen::Vector3d& point);
+
 // The same place measured in the left camera frames of two stereo frames.
 struct PointPair {
   Eigen::Vector3d a, b;                        // [m]
-  Eigen::Matrix3d covariance_a, covariance_b;  // [m^2]
+  Eigen::Matrix3d covariance_a, covariance_b;  // of each by itself [m^2]
+  SharedJacobian shared_a = SharedJacobian::Zero(), shared_b = SharedJacobian::Zero();
 };
 
 // A pose by right perturbation, T * (R = exp(phi), t = rho); the vector is (rho, phi) [m, rad].
@@ -60,10 +78,13 @@ struct Alignment {
   std::vector<int> inliers;
 };
 
-// Maximum likelihood: minimises sum e^T C^-1 e over the pairs within 95 % of chi-square (7.815) of `start`,
-// chosen again after each solution until they stay. J = [-R, R [b]x] by (rho, phi), covariance
-// noise^2 (sum J^T C^-1 J)^-1. `noise` comes from the inliers themselves, corrected for the cut-off tail, and
-// is at least 1 and at most kMaxNoise. Nothing for fewer than 4 inliers or a singular problem.
+// Maximum likelihood of the pose and the shared errors u ~ N(0, 1), with e = a - T b - (S_a - R S_b) u:
+// minimises sum e^T C^-1 e + u^T u over the pairs within 95 % of chi-square (7.815), from `start`, chosen
+// again after each solution until they stay. J = [-R, R [b]x, R S_b - S_a] by (rho, phi, u); the covariance
+// is the pose's block of noise^2 (sum J^T C^-1 J + noise^2 [0, 1])^-1. `noise` comes from the inliers
+// themselves, corrected for the cut-off tail, within kMinNoise and kMaxNoise. Nothing for fewer than 4
+// inliers or a singular problem.
+constexpr double kMinNoise = 0.7;
 constexpr double kMaxNoise = 3;
 [[nodiscard]] std::optional<Alignment> alignPoints(const std::vector<PointPair>& pairs, const SE3& start);
 

@@ -81,7 +81,7 @@ Refusal Registrar::Impl::estimate(const FrameFeatures& a, const FrameFeatures& b
   ended("match");
   if (matches.best.size() < enough) return Refusal::kFewMatches;
 
-  const std::vector<PointPair> pairs = pointPairs(a, b, matches.best);
+  const std::vector<PointPair> pairs = pointPairs(rig, config.shared, a, b, matches.best);
   const auto hypothesis =
       sampleConsensus(pairs, config.sample, prior != nullptr ? nearPrior : nullptr, prior);
   ended("sample");
@@ -118,8 +118,8 @@ Refusal Registrar::Impl::check(const FrameFeatures& a, const FrameFeatures& b, c
   if (sigma.head<3>().maxCoeff() > config.max_sigma_position ||
       sigma.tail<3>().maxCoeff() > config.max_sigma_angle)
     return Refusal::kVague;
-  result.rival_share =
-      rivalShare(pointPairs(a, b, matches.alike), matches.alike, result.T_a_b, gate, config.sample);
+  result.rival_share = rivalShare(pointPairs(rig, config.shared, a, b, matches.alike), matches.alike,
+                                  result.T_a_b, gate, config.sample);
   return result.rival_share > config.max_rival_share ? Refusal::kAmbiguous : Refusal::kNone;
 }
 

@@ -39,12 +39,13 @@ constexpr std::size_t kRefusals = 11;
 struct RegistrationConfig {
   MatchConfig match;
   SampleConfig sample;
+  SharedErrors shared;
   int min_inliers = 15;
-  double min_inlier_share = 0.08;     // of the features that lie in the overlap (of the frame with fewer)
-  double min_coverage = 0.5;          // of the overlap's cells that hold features, those that hold inliers
-  double min_significance = 10;       // -log10 of the expected number of such poses among random matches
+  double min_inlier_share = 0.12;     // of the features that lie in the overlap (of the frame with fewer)
+  double min_coverage = 0.6;          // of the overlap's cells that hold features, those that hold inliers
+  double min_significance = 20;       // -log10 of the expected number of such poses among random matches
   double max_prior_distance = 22.46;  // squared Mahalanobis: 99.9 % of chi-square with 6 degrees of freedom
-  double max_rival_share = 0.5;       // inliers of another pose among look-alikes, by those of this one
+  double max_rival_share = 0.3;       // inliers of another pose among look-alikes, by those of this one
   double max_sigma_position = 0.10;   // [m]
   double max_sigma_angle = 0.05;      // [rad]
 };

@@ -44,15 +44,19 @@ std::set<int> featuresThatFit(const std::vector<PointPair>& pairs, const std::ve
 
 }  // namespace
 
-std::vector<PointPair> pointPairs(const FrameFeatures& a, const FrameFeatures& b,
-                                  const std::vector<Match>& matches) {
+std::vector<PointPair> pointPairs(const StereoRig& rig, const SharedErrors& shared, const FrameFeatures& a,
+                                  const FrameFeatures& b, const std::vector<Match>& matches) {
+  const double baseline = rig.baseline();
+  const auto sharedOf = [&](const Feature& f) {
+    return sharedJacobian(shared, rig.left.fx, baseline, f.point.cast<double>());
+  };
   std::vector<PointPair> pairs;
   pairs.reserve(matches.size());
   for (const Match& m : matches) {
     const Feature &fa = a.features[static_cast<std::size_t>(m.a)],
                   &fb = b.features[static_cast<std::size_t>(m.b)];
-    pairs.push_back(
-        {fa.point.cast<double>(), fb.point.cast<double>(), fa.covarianceMatrix(), fb.covarianceMatrix()});
+    pairs.push_back({fa.point.cast<double>(), fb.point.cast<double>(), fa.covarianceMatrix(),
+                     fb.covarianceMatrix(), sharedOf(fa), sharedOf(fb)});
   }
   return pairs;
 }

@@ -13,7 +13,8 @@ namespace fathom::closure {
 using PairMask = Eigen::Array<bool, Eigen::Dynamic, Eigen::Dynamic>;  // a's features x b's
 
 // Points of both frames for each match.
-[[nodiscard]] std::vector<PointPair> pointPairs(const FrameFeatures& a, const FrameFeatures& b,
+[[nodiscard]] std::vector<PointPair> pointPairs(const StereoRig& rig, const SharedErrors& shared,
+                                                const FrameFeatures& a, const FrameFeatures& b,
                                                 const std::vector<Match>& matches);
 
 // Squared Mahalanobis distance of T_a_b from a prior, of the right perturbation (rho, phi) from the prior to

@@ -159,7 +159,8 @@ Vector6d differenceOf(const SE3& estimate, const SE3& truth) {
   return v;
 }
 
-// What navigation would know: the truth with errors of these standard deviations, in frame b's camera.
+// What navigation would know: the truth with errors of these standard deviations, in frame b's camera. For
+// frames that share nothing it claims the worst: that one lies over the other.
 RelativePrior priorOf(const SE3& truth, Class overlap, std::mt19937& random) {
   Vector6d sigma;
   if (overlap == kConsecutive)
@@ -169,7 +170,12 @@ RelativePrior priorOf(const SE3& truth, Class overlap, std::mt19937& random) {
   std::normal_distribution<double> normal;
   Vector6d error;
   for (int k = 0; k < 6; ++k) error(k) = sigma(k) * normal(random);
-  return {rightPerturbed(truth, error), Matrix6d(sigma.cwiseAbs2().asDiagonal())};
+  SE3 claimed = truth;
+  if (overlap == kNear || overlap == kFar) {
+    const Eigen::Vector3d& t = truth.translation();
+    claimed = SE3(truth.rotation(), Eigen::Vector3d(0, 0, t.z()));
+  }
+  return {rightPerturbed(claimed, error), Matrix6d(sigma.cwiseAbs2().asDiagonal())};
 }
 
 struct ClassResult {
