@@ -27,6 +27,8 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(20, 5000));
   bool dense = false;
   run->add_flag("--dense", dense, "semi-global matching instead of corners");
+  bool no_slam = false;
+  run->add_flag("--no-slam", no_slam, "dead-reckoned poses: no visual odometry, no loop closures");
   run->add_option("--threads", threads, "threads (all cores); the result does not depend on them")
       ->check(CLI::Range(1, 256));
   CLI::App *stereo = nullptr, *calibrate = nullptr, *check = nullptr, *posegraph = nullptr;
@@ -43,6 +45,7 @@ int main(int argc, char** argv) {
     if (*posegraph) return run_posegraph();
     TopsideConfig config = config_file.empty() ? TopsideConfig{} : readTopsideConfig(config_file);
     if (voxel) setVoxel(config, *voxel);
+    if (no_slam) config.slam = false;
     if (dense) config.dense_stereo = true;
     if (features) config.stereo.max_features = *features;
     if (threads) config.threads = *threads;

@@ -5,6 +5,8 @@
 
 #include <Eigen/Geometry>
 #include <array>
+#include <cmath>
+#include <cstdio>
 #include <string_view>
 
 #include "firmware_if/mission.hpp"
@@ -64,6 +66,26 @@ void writePoses(const std::filesystem::path& folder, const Geodetic& origin,
   }
   io::writeStereoPoses(folder / "stereo_pose_est.data", stereo);
   io::writeVehiclePoses(folder / "vehicle_pose_est.data", vehicle);
+}
+
+// Every closure: which pairs, their relative pose (right perturbation's deviations), and whether it was kept.
+void writeClosures(const std::filesystem::path& path, const std::vector<ImagePair>& pairs,
+                   const std::vector<CameraLink>& closures) {
+  AtomicFile file(path);
+  file.stream()
+      << "left_a,left_b,x_m,y_m,z_m,qw,qx,qy,qz,sigma_position_m,sigma_rotation_rad,inliers,chi2,kept\n";
+  std::array<char, 400> line{};
+  for (const CameraLink& c : closures) {
+    const Eigen::Vector3d& t = c.T_a_b.translation();
+    const Eigen::Quaterniond& q = c.T_a_b.rotation();
+    std::snprintf(line.data(), line.size(), "%s,%s,%.5f,%.5f,%.5f,%.8f,%.8f,%.8f,%.8f,%.5f,%.6f,%d,%.3f,%d\n",
+                  pairs[c.a].left.c_str(), pairs[c.b].left.c_str(), t.x(), t.y(), t.z(), q.w(), q.x(), q.y(),
+                  q.z(), std::sqrt(c.covariance.topLeftCorner<3, 3>().trace() / 3),
+                  std::sqrt(c.covariance.bottomRightCorner<3, 3>().trace() / 3), c.inliers, c.chi2,
+                  c.kept ? 1 : 0);
+    file.stream() << line.data();
+  }
+  file.commit();
 }
 
 void writeBytes(const std::filesystem::path& path, const std::string& bytes) {
@@ -134,6 +156,7 @@ Summary runTopside(const std::filesystem::path& mission_folder, const std::files
   writePly(out.path() / "mesh.ply", mesh,
            {"fathom-topside " FATHOM_VERSION, "nav: north, east, down [m] from the mission's origin"});
   writePoses(out.path(), mission.origin, fused.pairs);
+  if (config.slam) writeClosures(out.path() / "closures.csv", list.pairs, slam.closures);
   const MapPicture picture = drawFromAbove(mesh, kPicturePixels, config.fusion.voxel / kPixelsPerVoxel);
   writeBytes(out.path() / "mesh.png", toPng(picture.rgb, picture.width, picture.height));
   lap("output");
@@ -147,6 +170,7 @@ Summary runTopside(const std::filesystem::path& mission_folder, const std::files
   record.list = &list;
   record.navigation = &navigation;
   record.fused = &fused;
+  record.slam = config.slam ? &slam : nullptr;
   record.fusion = fusion.counters();
   record.fusion_bytes = fusion.memoryBytes();
   record.left_lighting = lighting.left.report();

@@ -10,6 +10,7 @@
 #include "recon/topside/stages/fuse_stage.hpp"
 #include "recon/topside/stages/image_pairs.hpp"
 #include "recon/topside/stages/navigation.hpp"
+#include "recon/topside/stages/slam_stage.hpp"
 #include "recon/topside/topside_config.hpp"
 
 namespace fathom::topside {
@@ -25,6 +26,7 @@ struct RunRecord {
   const PairList* list = nullptr;
   const Navigation* navigation = nullptr;
   const FuseResult* fused = nullptr;
+  const SlamResult* slam = nullptr;  // null: dead reckoning
   fusion::VolumetricFusion::Counters fusion;
   std::size_t fusion_bytes = 0;
   std::uint64_t lighting_unreadable = 0;

@@ -35,6 +35,15 @@ std::string row(const std::string& name, Integer value) {
   return htmlRow(name, std::to_string(value));
 }
 
+std::string localisationRows(const SlamResult* slam) {
+  if (slam == nullptr) return row("poses", std::string("dead reckoning"));
+  std::size_t removed = 0;
+  for (const CameraLink& link : slam->closures) removed += link.kept ? 0 : 1;
+  return row("visual odometry links", slam->odometry.size()) + row("closures tried", slam->tried) +
+         row("closures", slam->closures.size() - removed) + row("closures taken out again", removed) +
+         row("moved from dead reckoning", fixedDigits(slam->moved_rms, 3) + " m rms");
+}
+
 void image(std::ostream& out, const std::vector<std::uint8_t>& rgb, const MapPicture& picture,
            const std::string& what) {
   if (rgb.empty()) return;
@@ -139,7 +148,7 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
       << row("bottom-track ensembles rejected", r.navigation->counters.dvl_rejected)
       << row("anchored by", anchor.source + " (" + std::to_string(anchor.fixes_used) + " fixes, " +
                                 std::to_string(anchor.fixes_rejected) + " rejected)")
-      << row("mesh vertices", r.vertices) << row("mesh triangles", r.triangles)
+      << localisationRows(r.slam) << row("mesh vertices", r.vertices) << row("mesh triangles", r.triangles)
       << row("pieces dropped", r.pieces_dropped)
       << row("voxel memory", fixedDigits(static_cast<double>(r.fusion_bytes) / 1e6, 1) + " MB")
       << "</table>\n";

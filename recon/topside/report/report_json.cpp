@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <array>
 #include <nlohmann/json.hpp>
 
@@ -38,6 +39,8 @@ Json configJson(const TopsideConfig& c) {
             {"min_observations", c.fusion.min_observations},
             {"carve", c.fusion.carve},
             {"min_component_m2", c.min_component}}},
+          {"slam",
+           {{"enabled", c.slam}, {"features", c.slam_features}, {"candidates_per_pair", c.slam_candidates}}},
           {"navigation",
            {{"max_dvl_gap_s", c.max_dvl_gap},
             {"max_speed_mps", c.max_speed},
@@ -84,6 +87,28 @@ Json navigationJson(const Navigation& n) {
           {"log_entries_damaged", n.damaged_entries}};
 }
 
+Json localisationJson(const SlamResult& s) {
+  const auto removed = [](const std::vector<CameraLink>& links) {
+    return std::count_if(links.begin(), links.end(), [](const CameraLink& l) { return !l.kept; });
+  };
+  Json refused = Json::object(), stages = Json::object();
+  for (std::size_t k = 1; k < s.refused.size(); ++k)
+    refused[std::string(closure::nameOf(static_cast<closure::Refusal>(k)))] = s.refused[k];
+  for (const auto& [name, seconds] : s.stage_seconds) {
+    if (!stages.contains(name)) stages[name] = 0.0;
+    stages[name] = stages[name].get<double>() + seconds;
+  }
+  return {{"frames", s.frames},
+          {"odometry_links", s.odometry.size()},
+          {"odometry_links_removed", removed(s.odometry)},
+          {"closures_tried", s.tried},
+          {"closures", s.closures.size()},
+          {"closures_removed", removed(s.closures)},
+          {"refused", refused},
+          {"moved_rms_m", s.moved_rms},
+          {"stage_s", stages}};
+}
+
 }  // namespace
 
 void writeReportJson(const std::filesystem::path& path, const RunRecord& r) {
@@ -126,6 +151,7 @@ void writeReportJson(const std::filesystem::path& path, const RunRecord& r) {
           {"outlier", counts.rejected.outlier},
           {"fish", counts.rejected.fish}}}}},
       {"navigation", navigationJson(*r.navigation)},
+      {"localisation", r.slam == nullptr ? Json() : localisationJson(*r.slam)},
       {"fusion",
        {{"triangles", r.fusion.triangles},
         {"triangles_skipped", r.fusion.skipped_triangles},

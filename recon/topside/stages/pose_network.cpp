@@ -10,8 +10,8 @@ namespace fathom::topside {
 namespace {
 
 constexpr int kReweightings = 4;       // Cauchy's weights settle within three
-constexpr int kRemovals = 5;           // rounds in which links are taken out
-constexpr double kRemovalShare = 0.5;  // of the worst link's chi2: one bad link makes its neighbours look bad
+constexpr int kRounds = 8;             // in which links are taken out and come back
+constexpr double kRemovalShare = 0.5;  // of the worst link's chi2: those worse go first
 constexpr double kCauchy2 = 6.0;       // chi2 at which a link keeps half its weight: what a good one has
 constexpr double kNothing = 1e-12;     // information of what is not measured
 constexpr int kWorld = 0;              // index of nav's origin in the graph; it is held
@@ -56,6 +56,17 @@ slam::RelativePose step(int node, const SE3& from, const SE3& to, const NetworkC
                                 {c.step_tilt, c.step_tilt, c.step_heading + c.step_heading_share * turn}))};
 }
 
+slam::RelativePose edgeOf(const CameraLink& link) {
+  return {static_cast<int>(link.a) + 1, static_cast<int>(link.b) + 1, link.T_a_b,
+          ofResidual(link.covariance.inverse())};
+}
+
+double chiSquareOf(const CameraLink& link, const std::vector<SE3>& nodes) {
+  const slam::RelativePose edge = edgeOf(link);
+  const Vector6d error = slam::relativePoseError(edge, nodes[link.a + 1], nodes[link.b + 1]);
+  return error.dot(edge.information * error);
+}
+
 }  // namespace
 
 std::vector<SE3> solveNetwork(const std::vector<SE3>& reckoned, std::vector<CameraLink>& links,
@@ -77,31 +88,36 @@ std::vector<SE3> solveNetwork(const std::vector<SE3>& reckoned, std::vector<Came
     link_of_edge.clear();
     for (std::size_t i = 0; i < links.size(); ++i) {
       if (!links[i].kept) continue;
-      graph.edges.push_back({static_cast<int>(links[i].a) + 1, static_cast<int>(links[i].b) + 1,
-                             links[i].T_a_b, ofResidual(links[i].covariance.inverse())});
+      graph.edges.push_back(edgeOf(links[i]));
       link_of_edge.push_back(i);
     }
   };
 
-  for (int removal = 0; removal <= kRemovals; ++removal) {
+  for (int round = 0; round <= kRounds; ++round) {
     rebuild();
     const std::vector<slam::RelativePose> full = graph.edges;
     for (int k = 0; k < kReweightings; ++k) {
       (void)slam::optimize(graph, {});
       for (std::size_t e = 0; e < link_of_edge.size(); ++e) {
-        const slam::RelativePose& edge = full[first_link + e];
-        const Vector6d error = slam::relativePoseError(edge, graph.poses[static_cast<std::size_t>(edge.from)],
-                                                       graph.poses[static_cast<std::size_t>(edge.to)]);
-        CameraLink& link = links[link_of_edge[e]];
-        link.chi2 = error.dot(edge.information * error);
-        graph.edges[first_link + e].information = edge.information / (1 + link.chi2 / kCauchy2);
+        const double chi2 = chiSquareOf(links[link_of_edge[e]], graph.poses);
+        graph.edges[first_link + e].information = full[first_link + e].information / (1 + chi2 / kCauchy2);
       }
     }
     double worst = 0;
-    for (const std::size_t i : link_of_edge) worst = std::max(worst, links[i].chi2);
-    if (worst <= config.max_chi2 || removal == kRemovals) break;
-    for (const std::size_t i : link_of_edge)
-      links[i].kept = links[i].chi2 <= std::max(config.max_chi2, kRemovalShare * worst);
+    for (CameraLink& link : links) {
+      link.chi2 = chiSquareOf(link, graph.poses);
+      if (link.kept) worst = std::max(worst, link.chi2);
+    }
+    if (round == kRounds) break;
+    // What was taken out comes back when it fits now: beside a bad link good ones look bad.
+    bool changed = false;
+    const double limit = std::max(config.max_chi2, kRemovalShare * worst);
+    for (CameraLink& link : links) {
+      const bool fits = link.chi2 <= (link.kept ? limit : config.max_chi2);
+      changed = changed || fits != link.kept;
+      link.kept = fits;
+    }
+    if (!changed) break;
   }
   return {graph.poses.begin() + 1, graph.poses.end()};
 }

@@ -35,7 +35,8 @@ struct NetworkConfig {
 //   depth, attitude  each pose, against the reckoned one, in nav axes; heading weakly, north and east not at
 //   all links            as measured; weight by Cauchy's kernel, found again until it stays
 // The first pose keeps its place. Links further than max_chi2 from the solution are taken out, the worst
-// first, and the rest solved again. `chi2` and `kept` of the links are set.
+// first, come back if they fit the next solution, and the rest is solved again. `chi2` and `kept` of the
+// links are set.
 [[nodiscard]] std::vector<SE3> solveNetwork(const std::vector<SE3>& reckoned, std::vector<CameraLink>& links,
                                             const NetworkConfig& config);
 
