@@ -2,36 +2,34 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 
 namespace fathom::slam {
+
+namespace baseline {
+const ColumnKernels& table();
+}
+#ifdef FATHOM_HAVE_AVX2
+namespace avx2 {
+const ColumnKernels& table();
+}
+#endif
+
+const ColumnKernels& baselineColumnKernels() {
+  return baseline::table();
+}
+
+const ColumnKernels& fastestColumnKernels() {
+#ifdef FATHOM_HAVE_AVX2
+  if (__builtin_cpu_supports("avx2")) return avx2::table();
+#endif
+  return baseline::table();
+}
+
 namespace {
 
 constexpr int kN = kBlockSize;
 constexpr double kRounding = 1e-32;   // of a square
 constexpr double kLeastPivot = 1e-3;  // share of a pivot's square that may be left
-
-// One column of a block, in vectors of two numbers that every processor has.
-using Two = double __attribute__((vector_size(16)));
-struct Column {
-  Two a, b, c;
-};
-
-Column load(const double* p) {
-  Column x;
-  std::memcpy(&x, p, sizeof x);
-  return x;
-}
-
-void store(double* p, const Column& x) {
-  std::memcpy(p, &x, sizeof x);
-}
-
-void addTimes(Column& y, const Column& x, double s) {
-  y.a += x.a * s;
-  y.b += x.b * s;
-  y.c += x.c * s;
-}
 
 }  // namespace
 
@@ -40,23 +38,18 @@ void addBlock(Block& c, const Block& a, double scale) {
 }
 
 void subtractProduct(Block& c, const Block& a, const Block& b) {
-  Column x[kN];
-  for (int k = 0; k < kN; ++k) x[k] = load(a.v + k * kN);
-  for (int j = 0; j < kN; ++j) {
-    Column y = load(c.v + j * kN);
-    for (int k = 0; k < kN; ++k) addTimes(y, x[k], -b.v[k * kN + j]);
-    store(c.v + j * kN, y);
-  }
+  for (int j = 0; j < kN; ++j)
+    for (int k = 0; k < kN; ++k)
+      for (int i = 0; i < kN; ++i) c.v[j * kN + i] -= a.v[k * kN + i] * b.v[j * kN + k];
 }
 
 void addTransposedProduct(Block& c, const Block& a, const Block& b) {
-  Block t;
-  for (int k = 0; k < kN; ++k)
-    for (int i = 0; i < kN; ++i) t.v[k * kN + i] = a.v[i * kN + k];
   for (int j = 0; j < kN; ++j) {
-    Column y = load(c.v + j * kN);
-    for (int k = 0; k < kN; ++k) addTimes(y, load(t.v + k * kN), b.v[j * kN + k]);
-    store(c.v + j * kN, y);
+    for (int i = 0; i < kN; ++i) {
+      double sum = 0;
+      for (int k = 0; k < kN; ++k) sum += a.v[i * kN + k] * b.v[j * kN + k];
+      c.v[j * kN + i] += sum;
+    }
   }
 }
 
@@ -81,19 +74,6 @@ int factorizeBlock(Block& a, double least) {
   return replaced;
 }
 
-void solveFromRight(Block& c, const Block& l) {
-  Column x[kN];
-  for (int j = 0; j < kN; ++j) {
-    x[j] = load(c.v + j * kN);
-    for (int k = 0; k < j; ++k) addTimes(x[j], x[k], -l(j, k));
-    const double inverse = 1 / l(j, j);
-    x[j].a *= inverse;
-    x[j].b *= inverse;
-    x[j].c *= inverse;
-    store(c.v + j * kN, x[j]);
-  }
-}
-
 void solveLower(const Block& l, double* x) {
   for (int j = 0; j < kN; ++j) {
     x[j] /= l(j, j);
@@ -105,21 +85,6 @@ void solveLowerTransposed(const Block& l, double* x) {
   for (int j = kN - 1; j >= 0; --j) {
     for (int i = j + 1; i < kN; ++i) x[j] -= l(i, j) * x[i];
     x[j] /= l(j, j);
-  }
-}
-
-void subtractTimes(double* y, const Block& a, const double* x) {
-  Column sum = load(y);
-  for (int k = 0; k < kN; ++k) addTimes(sum, load(a.v + k * kN), -x[k]);
-  store(y, sum);
-}
-
-void subtractTransposedTimes(double* y, const Block& a, const double* x) {
-  const Column right = load(x);
-  for (int j = 0; j < kN; ++j) {
-    const Column left = load(a.v + j * kN);
-    const Two sum = left.a * right.a + left.b * right.b + left.c * right.c;
-    y[j] -= sum[0] + sum[1];
   }
 }
 
@@ -147,24 +112,6 @@ void reflect(Block& l, Block& w, double sign, Reflections& r) {
     }
     l(i, i) = norm;
   }
-}
-
-void applyReflections(Block& l, Block& w, const Reflections& r) {
-  Column x[kN];
-  for (int c = 0; c < kN; ++c) x[c] = load(w.v + c * kN);
-  for (int i = 0; i < kN; ++i) {
-    const double sign = r.tau[i] < 0 ? -1 : 1;
-    Column y = load(l.v + i * kN);
-    Column sum = y;
-    for (int c = 0; c < kN; ++c) addTimes(sum, x[c], sign * r.v[i][c]);
-    sum.a *= r.tau[i];
-    sum.b *= r.tau[i];
-    sum.c *= r.tau[i];
-    addTimes(y, sum, -1);
-    store(l.v + i * kN, y);
-    for (int c = 0; c < kN; ++c) addTimes(x[c], sum, -r.v[i][c]);
-  }
-  for (int c = 0; c < kN; ++c) store(w.v + c * kN, x[c]);
 }
 
 }  // namespace fathom::slam

@@ -24,24 +24,37 @@ struct Reflections {
 
 // c += scale a.
 void addBlock(Block& c, const Block& a, double scale);
-// c -= a b^T.
+// c -= a b.
 void subtractProduct(Block& c, const Block& a, const Block& b);
 // c += a^T b.
 void addTransposedProduct(Block& c, const Block& a, const Block& b);
 // a = L L^T, in place, upper part zero. A pivot below `least` is replaced by it; returns how many were.
 int factorizeBlock(Block& a, double least);
-// c <- c L^-T, L lower triangular.
-void solveFromRight(Block& c, const Block& l);
 // x <- L^-1 x and x <- L^-T x.
 void solveLower(const Block& l, double* x);
 void solveLowerTransposed(const Block& l, double* x);
-// y -= a x and y -= a^T x.
-void subtractTimes(double* y, const Block& a, const double* x);
-void subtractTransposedTimes(double* y, const Block& a, const double* x);
 // Reflections for L and W of the diagonal; L becomes L'. `sign` 1 adds W W^T, -1 takes it away; where that
 // would leave less than a thousandth of a pivot's square, it is left as it is.
 void reflect(Block& l, Block& w, double sign, Reflections& reflections);
-// [l w] <- [l w] times the reflections.
-void applyReflections(Block& l, Block& w, const Reflections& reflections);
+
+// Loops over the blocks of a factor's column, compiled for the baseline processor and for AVX2; both give the
+// same bits.
+struct ColumnKernels {
+  const char* name;
+  // y[row] -= block x, for all blocks; vectors of six numbers, x apart from them.
+  void (*forward)(const Block* blocks, const int* rows, int count, const double* x, double* y);
+  // x -= sum block^T y[row].
+  void (*backward)(const Block* blocks, const int* rows, int count, const double* y, double* x);
+  // to[place[row]] -= block b^T.
+  void (*subtractProducts)(const Block* blocks, const int* rows, int count, const Block& b, const int* place,
+                           Block* to);
+  // block <- block L^-T, L lower triangular.
+  void (*solveFromRight)(Block* blocks, int count, const Block& l);
+  // [block w[row]] <- [block w[row]] times the reflections.
+  void (*applyReflections)(Block* blocks, const int* rows, int count, const Reflections& reflections,
+                           Block* w);
+};
+const ColumnKernels& baselineColumnKernels();
+const ColumnKernels& fastestColumnKernels();  // of those that this processor runs
 
 }  // namespace fathom::slam

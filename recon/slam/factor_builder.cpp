@@ -13,7 +13,7 @@ constexpr std::int64_t kOrderWork = 12;     // of a pose or measurement that is 
 
 }  // namespace
 
-FactorBuilder::FactorBuilder(const Size& size, rt::Arena& arena) : size_(size) {
+FactorBuilder::FactorBuilder(const Size& size, rt::Arena& arena) {
   const auto poses = at(size.poses), edges = at(size.measurements);
   at_poses_ = arenaArray<SE3>(arena, poses);
   weight_ = arenaArray<double>(arena, edges);
@@ -32,7 +32,7 @@ std::size_t FactorBuilder::bytes(const Size& size) {
          sizeof(int) * (12 * (poses + 1) + 3 * edges + 8 * poses) + kArrays * kAlignment;
 }
 
-void FactorBuilder::order(std::span<const std::uint8_t> held, const Measurements& all) {
+void FactorBuilder::order(std::span<const std::uint8_t> held, const Measurements& all, int kept_last) {
   const auto n = at(poses_);
   int* next = ordering_.data();
   const auto take = [&](std::size_t count) {
@@ -66,9 +66,9 @@ void FactorBuilder::order(std::span<const std::uint8_t> held, const Measurements
       entries[used++] = other;
     }
     length[i] = used - start[i];
-    constraint[i] = i < poses_ - size_.kept_last ? 0 : 1;
+    constraint[i] = i < poses_ - kept_last ? 0 : 1;
   }
-  if (poses_ <= size_.kept_last) std::fill(constraint, constraint + n, 0);
+  if (poses_ <= kept_last) std::fill(constraint, constraint + n, 0);
   std::fill(place_.begin(), place_.end(), -1);
   double control[CAMD_CONTROL], info[CAMD_INFO];
   camd_defaults(control);
@@ -77,7 +77,7 @@ void FactorBuilder::order(std::span<const std::uint8_t> held, const Measurements
 }
 
 std::int64_t FactorBuilder::begin(std::span<const SE3> poses, std::span<const std::uint8_t> held,
-                                  const Measurements& measurements, GrowingFactor& factor) {
+                                  const Measurements& measurements, int kept_last, GrowingFactor& factor) {
   poses_ = static_cast<int>(poses.size());
   measurements_ = measurements.size();
   next_ = 0;
@@ -85,7 +85,7 @@ std::int64_t FactorBuilder::begin(std::span<const SE3> poses, std::span<const st
   std::copy(poses.begin(), poses.end(), at_poses_.begin());
   std::copy(held.begin(), held.end(), held_.begin());
   for (int k = 0; k < measurements_; ++k) weight_[at(k)] = measurements[k].weight;
-  order(held, measurements);
+  order(held, measurements, kept_last);
   factor.startColumns(order_.subspan(0, at(poses_)));
   for (int j = 0; j < poses_; ++j)
     head_[at(j)] = link_[at(j)] = first_child_[at(j)] = next_sibling_[at(j)] = -1;
@@ -116,7 +116,7 @@ std::int64_t FactorBuilder::column(int j, const Measurements& all, GrowingFactor
       if (rows[k] != j) add(rows[k]);
   }
   std::sort(pattern_.begin(), pattern_.begin() + count);
-  if (!factor.makeColumn(j, pattern_.subspan(0, at(count)), size_.spare_rows)) {
+  if (!factor.makeColumn(j, pattern_.subspan(0, at(count)))) {
     for (int k = 0; k < count; ++k) place_[at(pattern_[at(k)])] = -1;
     failed_ = true;
     return 0;
@@ -154,22 +154,21 @@ std::int64_t FactorBuilder::column(int j, const Measurements& all, GrowingFactor
     const int size = factor.columnCount(d);
     int k = cursor_[at(d)];
     const Block& mine = from[k];
-    subtractProduct(diagonal, mine, mine);
+    constexpr int kFirst = 0;
+    kernels_->subtractProducts(&mine, &kFirst, 1, mine, &kFirst, &diagonal);
     work += size - k;
     cursor_[at(d)] = ++k;
     if (k < size) {
       link_[at(d)] = head_[at(rows[k])];
       head_[at(rows[k])] = d;
     }
-    for (; k < size; ++k) subtractProduct(blocks[place_[at(rows[k])]], from[k], mine);
+    kernels_->subtractProducts(from + k, rows + k, size - k, mine, place_.data(), blocks);
     d = next;
   }
 
   factorizeBlock(diagonal, GrowingFactor::kLeastInformation);
-  for (int k = 0; k < count; ++k) {
-    solveFromRight(blocks[k], diagonal);
-    place_[at(pattern_[at(k)])] = -1;
-  }
+  kernels_->solveFromRight(blocks, count, diagonal);
+  for (int k = 0; k < count; ++k) place_[at(pattern_[at(k)])] = -1;
   if (count > 0) {
     const int parent = pattern_[0];
     cursor_[at(j)] = 0;

@@ -17,15 +17,14 @@ class FactorBuilder {
   struct Size {
     int poses = 0;
     int measurements = 0;
-    int kept_last = 0;   // newest poses that the order keeps for the end
-    int spare_rows = 0;  // of each column, for fill to come
   };
   FactorBuilder(const Size& size, rt::Arena& arena);
   static std::size_t bytes(const Size& size);
 
-  // Takes the first `poses` and all measurements so far. Returns the work of ordering.
+  // Takes the given poses and all measurements so far; the order keeps the newest `kept_last` poses for the
+  // end. Returns the work of ordering.
   std::int64_t begin(std::span<const SE3> poses, std::span<const std::uint8_t> held,
-                     const Measurements& measurements, GrowingFactor& factor);
+                     const Measurements& measurements, int kept_last, GrowingFactor& factor);
   // Goes on until `quota` is used up or all columns are done; returns the work done. Notes for each
   // measurement where it was linearised.
   std::int64_t run(std::int64_t quota, const Measurements& measurements, GrowingFactor& factor,
@@ -38,10 +37,10 @@ class FactorBuilder {
 
  private:
   static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
-  void order(std::span<const std::uint8_t> held, const Measurements& all);
+  void order(std::span<const std::uint8_t> held, const Measurements& all, int kept_last);
   std::int64_t column(int j, const Measurements& all, GrowingFactor& factor, std::span<InFactor> then);
 
-  Size size_;
+  const ColumnKernels* kernels_ = &fastestColumnKernels();
   std::span<SE3> at_poses_;
   std::span<double> weight_;
   std::span<std::uint8_t> held_;

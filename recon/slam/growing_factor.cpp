@@ -8,6 +8,8 @@ namespace fathom::slam {
 namespace {
 
 constexpr int kN = kBlockSize;
+// Work of a column apart from its blocks, and blocks of a solution that cost as much as a product.
+constexpr int kColumnWork = 8, kSolvedPerWork = 2;
 constexpr int kLeastGrowth = 8;  // rows that a column which moves has spare, at least
 
 double square(const double* x) {
@@ -120,28 +122,28 @@ std::int64_t GrowingFactor::update(double sign, const Block& b, int pose_a, int 
     std::memset(work_[at(column)].v, 0, sizeof(Block));
 
     const int had = count_[at(column)];
+    const auto rowAt = [&](int k) { return rows_[at(first_[at(column)] + k)]; };
     for (int k = 0; k < had; ++k) {
-      const int row = rows_[at(first_[at(column)] + k)];
-      if (mark_[at(row)] < 0) reach(row);
-      mark_[at(row)] = 2;  // in this column
-      applyReflections(blocks_[at(first_[at(column)] + k)], work_[at(row)], reflections);
+      if (mark_[at(rowAt(k))] < 0) reach(rowAt(k));
+      mark_[at(rowAt(k))] = 2;  // in this column
     }
     for (int i = 0; i < reached; ++i) {
       const int row = pattern_[at(i)];
-      if (mark_[at(row)] == 1) {
+      if (mark_[at(row)] == 1 && place(column, row) == nullptr) {
         Block lost{};
-        Block* fill = place(column, row);
-        applyReflections(fill != nullptr ? *fill : lost, work_[at(row)], reflections);
+        kernels_->applyReflections(&lost, &row, 1, reflections, work_.data());
       }
       mark_[at(row)] = 1;
     }
-    work += reached + 1;
+    kernels_->applyReflections(columnBlocks(column), columnRows(column), count_[at(column)], reflections,
+                               work_.data());
+    work += reached + kColumnWork;
   }
   return work;
 }
 
 std::int64_t GrowingFactor::solve(const double* right, double* x, double least) {
-  std::int64_t work = 0;
+  std::int64_t touched = 0;
   double* y = vector_.data();
   for (int j = 0; j < size_; ++j) std::memcpy(y + kN * j, right + kN * pose_at_[at(j)], kN * sizeof(double));
   for (int j = 0; j < size_; ++j) {
@@ -152,23 +154,18 @@ std::int64_t GrowingFactor::solve(const double* right, double* x, double least) 
       std::memset(yj, 0, kN * sizeof(double));
       continue;
     }
-    const Block* block = columnBlocks(j);
-    const int* row = columnRows(j);
-    const int count = count_[at(j)];
-    for (int k = 0; k < count; ++k) subtractTimes(y + kN * row[k], block[k], yj);
-    work += count + 1;
+    kernels_->forward(columnBlocks(j), columnRows(j), count_[at(j)], yj, y);
+    touched += count_[at(j)];
   }
   for (int j = size_ - 1; j >= 0; --j) {
     double* yj = y + kN * j;
-    const Block* block = columnBlocks(j);
     const int* row = columnRows(j);
     const int count = count_[at(j)];
     bool moved = square(yj) > 0;
     for (int k = 0; k < count && !moved; ++k) moved = reached_[at(row[k])] != 0;
     if (moved) {
-      for (int k = 0; k < count; ++k)
-        if (reached_[at(row[k])]) subtractTransposedTimes(yj, block[k], y + kN * row[k]);
-      work += count + 1;
+      kernels_->backward(columnBlocks(j), row, count, y, yj);
+      touched += count;
       moved = square(yj) > least;
     }
     reached_[at(j)] = moved;
@@ -178,7 +175,7 @@ std::int64_t GrowingFactor::solve(const double* right, double* x, double least) 
       std::memset(yj, 0, kN * sizeof(double));
     std::memcpy(x + kN * pose_at_[at(j)], yj, kN * sizeof(double));
   }
-  return work;
+  return touched / kSolvedPerWork + size_;
 }
 
 // Z = L^-1 E of one pose, on its path to the root; `z` is zero before. Leaves mark_ of the path at 1.
@@ -190,12 +187,9 @@ int GrowingFactor::forwardPath(int pose, std::span<Block> z) {
   for (int j = last; j < size_; ++j) {
     if (mark_[at(j)] < 0) continue;
     for (int c = 0; c < kN; ++c) solveLower(diagonal_[at(j)], z[at(j)].v + kN * c);
-    const Block* block = columnBlocks(j);
     const int* row = columnRows(j);
-    for (int k = 0; k < count_[at(j)]; ++k) {
-      mark_[at(row[k])] = 1;
-      for (int c = 0; c < kN; ++c) subtractTimes(z[at(row[k])].v + kN * c, block[k], z[at(j)].v + kN * c);
-    }
+    for (int k = 0; k < count_[at(j)]; ++k) mark_[at(row[k])] = 1;
+    for (int k = 0; k < count_[at(j)]; ++k) subtractProduct(z[at(row[k])], columnBlocks(j)[k], z[at(j)]);
     last = j;
   }
   return last;
@@ -237,13 +231,13 @@ void GrowingFactor::startColumns(std::span<const int> poses) {
   }
 }
 
-bool GrowingFactor::makeColumn(int position, std::span<const int> rows, int spare) {
+bool GrowingFactor::makeColumn(int position, std::span<const int> rows) {
   const std::int64_t free = static_cast<std::int64_t>(blocks_.size()) - used_;
   const int count = static_cast<int>(rows.size());
   if (count > free) return false;
   first_[at(position)] = used_;
   count_[at(position)] = count;
-  capacity_[at(position)] = static_cast<int>(std::min<std::int64_t>(count + spare, free));
+  capacity_[at(position)] = count;
   if (count > 0) {
     std::copy(rows.begin(), rows.end(), rows_.data() + used_);
     std::memset(static_cast<void*>(blocks_.data() + used_), 0, at(count) * sizeof(Block));

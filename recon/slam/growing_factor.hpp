@@ -45,8 +45,8 @@ class GrowingFactor {
   // For whoever fills a cleared factor column by column, in rising position.
   void startColumns(std::span<const int> poses);  // all poses, in order of elimination; diagonals zero
   Block& diagonal(int position) { return diagonal_[at(position)]; }
-  // Gives the column its rows (rising), blocks zero, and room for `spare` more. False when full.
-  bool makeColumn(int position, std::span<const int> rows, int spare);
+  // Gives the column its rows (rising), blocks zero. False when full.
+  bool makeColumn(int position, std::span<const int> rows);
   Block* columnBlocks(int position) { return blocks_.data() + first_[at(position)]; }
   const int* columnRows(int position) const { return rows_.data() + first_[at(position)]; }
   int columnCount(int position) const { return count_[at(position)]; }
@@ -63,6 +63,7 @@ class GrowingFactor {
   Block* place(int position, int row);
   int forwardPath(int pose, std::span<Block> z);
 
+  const ColumnKernels* kernels_ = &fastestColumnKernels();
   std::span<Block> blocks_;        // all columns
   std::span<int> rows_;            // their positions
   std::span<Block> diagonal_;      // by position

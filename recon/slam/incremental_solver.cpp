@@ -12,8 +12,13 @@ constexpr int kN = kBlockSize;
 // Change of a measurement's error [half angle, shift over lever] from which its derivative is taken anew.
 constexpr double kRelinearize = 1e-3;
 constexpr double kRefactor = 0.1;
-constexpr double kReweighted = 1e9;  // staleness of a measurement with another weight
-constexpr int kHalvings = 2;         // of a step that would raise chi2
+constexpr double kReweighted = 1e9;      // staleness of a measurement with another weight
+constexpr int kRounds = 8;               // factors of a step
+constexpr double kClosureMemory = 0.02;  // weight of the newest closure in the share that reaches back little
+constexpr int kHalvings = 4;             // of a step that would raise chi2
+// With a factor that is right, so many steps may raise chi2, by this factor (batch_solver.cpp).
+constexpr int kRises = 2;
+constexpr double kSteepest = 4, kRightLength = 0.8;
 // The best length along a direction that the factor gives is 1 if the factor is right; a shorter one, or a
 // longer one than its inverse, makes the next factor urgent.
 constexpr double kShortest = 0.5;
@@ -21,10 +26,10 @@ constexpr double kShortest = 0.5;
 std::size_t arraysOf(const IncrementalConfig& c) {
   const auto poses = static_cast<std::size_t>(c.max_poses),
              edges = static_cast<std::size_t>(c.max_measurements);
-  constexpr std::size_t kArrays = 19, kAlignment = alignof(Block);
+  constexpr std::size_t kArrays = 22, kAlignment = alignof(Block);
   return poses * (2 * sizeof(SE3) + 3 * sizeof(std::uint8_t) + 4 * kN * sizeof(double) + 3 * sizeof(int)) +
-         edges * (sizeof(WhitenedLinear) + sizeof(Vector6d) + 2 * sizeof(InFactor) + 2 * sizeof(double) +
-                  sizeof(int)) +
+         edges * (sizeof(WhitenedLinear) + sizeof(std::uint8_t) + 2 * sizeof(Vector6d) +
+                  2 * sizeof(InFactor) + 2 * sizeof(double) + sizeof(int)) +
          kArrays * kAlignment;
 }
 
@@ -33,7 +38,7 @@ GrowingFactor::Size factorSize(const IncrementalConfig& c) {
 }
 
 FactorBuilder::Size builderSize(const IncrementalConfig& c) {
-  return {c.max_poses, c.max_measurements, c.kept_last, 0};
+  return {c.max_poses, c.max_measurements};
 }
 
 }  // namespace
@@ -68,6 +73,8 @@ IncrementalSolver::IncrementalSolver(const IncrementalConfig& config)
   linear_ = arenaArray<WhitenedLinear>(arena_, edges);
   error_then_ = arenaArray<Vector6d>(arena_, edges);
   for (Factor& f : factors_) f.in_factor = arenaArray<InFactor>(arena_, edges);
+  pull_ = arenaArray<Perturbation>(arena_, edges);
+  is_moved_ = arenaArray<std::uint8_t>(arena_, edges);
   stale_ = arenaArray<double>(arena_, edges);
   chi2_of_ = arenaArray<double>(arena_, edges);
   stamp_ = arenaArray<int>(arena_, edges);
@@ -87,7 +94,11 @@ AddStatus IncrementalSolver::addPose(const SE3& T_world_pose) {
 }
 
 AddStatus IncrementalSolver::addMeasurement(const RelativePose& measurement) {
-  return measurements_.add(measurement, poses_count_);
+  const AddStatus status = measurements_.add(measurement, poses_count_);
+  const int apart = std::abs(measurement.to - measurement.from);
+  if (status == AddStatus::kOk && measurement.from != kWorld && apart > 1)
+    closes_late_ += kClosureMemory * ((apart <= config_.kept_last ? 1.0 : 0.0) - closes_late_);
+  return status;
 }
 
 double IncrementalSolver::chi2Of(int measurement) const {
@@ -153,24 +164,30 @@ void IncrementalSolver::linearize(int k) {
   const Measurement& m = measurements_[k];
   error_then_[at(k)] =
       linearizeWhitened(m, fromPose(m).inverse() * poses_[at(m.to)], m.weight, linear_[at(k)]);
-  chi2_of_[at(k)] = linear_[at(k)].error.squaredNorm();
+  noteError(k);
+}
+
+// What follows from a measurement's error.
+void IncrementalSolver::noteError(int k) {
+  const Measurement& m = measurements_[k];
+  const WhitenedLinear& l = linear_[at(k)];
+  chi2_of_[at(k)] = l.error.squaredNorm();
+  pull_[at(k)] = fromOwnFrame(poses_[at(m.to)], l.by_to.transpose() * l.error);
   markDirty(m.from);
   markDirty(m.to);
 }
 
 void IncrementalSolver::evaluate(int k) {
   const Measurement& m = measurements_[k];
-  const Vector6d error = relativePoseError({m.from, m.to, m.T_from_to, {}}, fromPose(m), poses_[at(m.to)]);
-  if (k < active().measurements) stale_[at(k)] = staleness(k);
+  const Vector6d error = plainError(m, fromPose(m), poses_[at(m.to)]);
+  is_moved_[at(k)] = 1;
   const Vector6d change = error - error_then_[at(k)];
   if (change.tail<3>().norm() + change.head<3>().norm() / m.lever > kRelinearize) {
     linearize(k);
     return;
   }
   linear_[at(k)].error = std::sqrt(m.weight) * (m.root * error);
-  chi2_of_[at(k)] = linear_[at(k)].error.squaredNorm();
-  markDirty(m.from);
-  markDirty(m.to);
+  noteError(k);
 }
 
 // Errors and gradient after some poses have moved.
@@ -194,10 +211,10 @@ void IncrementalSolver::refreshGradient() {
     g.setZero();
     for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
       if (k >= evaluated_) continue;
-      const WhitenedLinear& l = linear_[at(k)];
-      const Measurement& m = measurements_[k];
-      const Perturbation pull = fromOwnFrame(poses_[at(m.to)], l.by_to.transpose() * l.error);
-      g += m.to == pose ? pull : -pull;
+      if (measurements_[k].to == pose)
+        g += pull_[at(k)];
+      else
+        g -= pull_[at(k)];
     }
   }
   dirty_count_ = 0;
@@ -222,14 +239,15 @@ double IncrementalSolver::curvature() const {
 // One iteration of preconditioned conjugate gradients; false when there is no more to gain.
 bool IncrementalSolver::iterate(StepReport& report) {
   const int n = kN * active().poses;
-  report.solve_work += active().factor.solve(gradient_.data(), solved_.data(), config_.least_effect);
+  report.solve_work += active().factor.solve(
+      gradient_.data(), solved_.data(), config_.least_effect * config_.least_decrease * chi2_ / poses_count_);
   double product = 0, change = 0;
   for (int i = 0; i < n; ++i) {
     product += gradient_[at(i)] * solved_[at(i)];
     change += gradient_before_[at(i)] * solved_[at(i)];
   }
   report.decrease_expected = product;
-  if (!(product > config_.least_decrease)) return false;
+  if (!(product > config_.least_decrease * chi2_)) return false;
   double beta = restart_ ? 0 : std::max(0.0, (product - change) / product_before_);
   if (beta > 0.5) beta = 0;
   double slope = 0;
@@ -264,16 +282,20 @@ bool IncrementalSolver::iterate(StepReport& report) {
           perturbedInWorld(saved_[at(i)], share * Eigen::Map<const Perturbation>(&direction_[at(kN * i)]));
     reevaluate(moving);
   };
+  // The floor of a long, curved valley lies behind its side.
+  const bool right = length > kRightLength && length < 1 / kRightLength;
+  const double most = right && rises_ < kRises ? kSteepest * before : before;
   moveBy(length);
-  for (int halving = 0; !(chi2_ <= before) && halving < kHalvings; ++halving) {
+  for (int halving = 0; !(chi2_ <= most) && halving < kHalvings; ++halving) {
     length /= 2;
     moveBy(length);
     restart_ = true;
   }
   // A direction in which chi2 does not fall at once is one of a factor that is out of date.
-  const bool fell = chi2_ <= before;
+  const bool fell = chi2_ <= most;
+  rises_ = chi2_ <= before ? 0 : rises_ + 1;
   if (!fell) moveBy(0);
-  if (!fell || length < kShortest || length > 1 / kShortest) urgent_ = restart_ = true;
+  if (!fell || chi2_ > before || length < kShortest || length > 1 / kShortest) urgent_ = restart_ = true;
   if (!fell) return false;
   ++report.iterations;
   return true;
@@ -283,6 +305,11 @@ bool IncrementalSolver::iterate(StepReport& report) {
 // many make the next factor urgent.
 void IncrementalSolver::refresh(StepReport& report) {
   const int held = active().measurements;
+  for (int k = 0; k < held; ++k) {
+    if (!is_moved_[at(k)]) continue;
+    is_moved_[at(k)] = 0;
+    stale_[at(k)] = staleness(k);
+  }
   const auto stale =
       std::count_if(stale_.begin(), stale_.begin() + held, [](double s) { return s > kRefactor; });
   urgent_ = urgent_ || 2 * stale * work_of_update_ > work_of_build_;
@@ -311,8 +338,9 @@ void IncrementalSolver::build(StepReport& report) {
   if (!building_) {
     if (!urgent_ && poses_count_ < builder_.poses() + config_.rebuild_after) return;
     building_ = true;
-    work += builder_.begin(poses_.subspan(0, at(poses_count_)), held_.subspan(0, at(poses_count_)),
-                           measurements_, next.factor);
+    work +=
+        builder_.begin(poses_.subspan(0, at(poses_count_)), held_.subspan(0, at(poses_count_)), measurements_,
+                       closes_late_ > 0.5 ? config_.kept_last : config_.kept_last / 4, next.factor);
     next.poses = builder_.poses();
     next.measurements = builder_.measurements();
     build_work_ = 0;
@@ -329,7 +357,8 @@ void IncrementalSolver::build(StepReport& report) {
   work_of_build_ = build_work_;
   active_ = 1 - active_;
   building_ = urgent_ = false;
-  restart_ = report.factor_replaced = true;
+  restart_ = true;
+  ++report.factors_replaced;
   for (int k = 0; k < evaluated_; ++k) stale_[at(k)] = staleness(k);
 }
 
@@ -346,10 +375,17 @@ StepReport IncrementalSolver::step() {
   report.update_work = extend(active(), config_.update_quota);
   if (active().measurements > before)
     work_of_update_ = report.update_work / (active().measurements - before) + 1;
-  refresh(report);
-  build(report);
-  while (report.iterations < config_.iterations && iterate(report)) {
-  }
+  // With a factor that is out of date, poses would move to no purpose and make the next one old as well. A
+  // small graph takes several factors in one step.
+  int iterations = 0, rounds = 0;
+  do {
+    refresh(report);
+    build(report);
+    report.waits_for_factor = urgent_ && building_;
+    iterations = 0;
+    while (!report.waits_for_factor && iterations < config_.iterations && iterate(report)) ++iterations;
+  } while (urgent_ && iterations > 0 && ++rounds < kRounds &&
+           report.solve_work + report.update_work + report.build_work + work_of_build_ < config_.build_quota);
   report.chi2 = chi2_;
   report.poses_moved = changed_count_;
   report.measurements_waiting = evaluated_ - active().measurements;

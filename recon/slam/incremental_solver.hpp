@@ -16,16 +16,18 @@ struct IncrementalConfig {
   int max_poses = 20000;
   int max_measurements = 30000;
   std::int64_t max_factor_blocks = 200000;  // below the diagonal, of each of two factors; 292 bytes each
-  int iterations = 3;                       // of a step, at most
+  int iterations = 3;                       // of a step with one factor, at most
   std::int64_t update_quota = 60000;        // of a step, to take measurements into the factor
   std::int64_t build_quota = 40000;         // of a step, for the next factor
-  std::int64_t urgent_quota = 250000;       // the same, when most of the present factor is out of date
+  std::int64_t urgent_quota = 150000;       // the same, when most of the present factor is out of date
   int rebuild_after = 16;                   // poses that come after a factor was begun, before the next
-  // Of chi2, expected from one more iteration: with less, a step ends.
-  double least_decrease = 1e-7;
-  // Of chi2, by one pose: smaller corrections wait until they have grown.
-  double least_effect = 1e-14;
-  int kept_last = 64;  // newest poses that a new factor's order keeps for the end
+  // Share of chi2 that one more iteration must promise: with less, a step ends.
+  double least_decrease = 1e-6;
+  // Share of that, all poses together: smaller corrections wait until they have grown.
+  double least_effect = 1e-4;
+  // Newest poses that a new factor's order keeps for the end, where most closures join; a quarter of them
+  // where most closures reach further back.
+  int kept_last = 64;
 
   void validate() const;  // throws std::invalid_argument
 };
@@ -37,7 +39,8 @@ struct StepReport {
   int poses_moved = 0;
   std::int64_t solve_work = 0, update_work = 0, build_work = 0;
   int measurements_waiting = 0;  // not yet in the factor
-  bool factor_replaced = false;
+  int factors_replaced = 0;
+  bool waits_for_factor = false;  // poses stay until the next factor is there
 };
 
 // Maximum likelihood poses of a graph that grows, in fixed memory and with bounded work a step.
@@ -97,6 +100,7 @@ class IncrementalSolver {
   std::int64_t extend(Factor& f, std::int64_t quota);
   void refresh(StepReport& report);
   void linearize(int k);
+  void noteError(int k);
   void evaluate(int k);
   void reevaluate(std::span<const int> poses);
   void refreshGradient();
@@ -116,6 +120,8 @@ class IncrementalSolver {
   std::span<std::uint8_t> held_;
   std::span<WhitenedLinear> linear_;  // at present errors; derivatives may be slightly older
   std::span<Vector6d> error_then_;    // plain errors where the derivatives were taken
+  std::span<Perturbation> pull_;      // gradient of each, by the perturbation of `to`
+  std::span<std::uint8_t> is_moved_;  // since its staleness was found
   std::span<double> chi2_of_;
   std::span<double> stale_;  // of measurements: staleness in the active factor
   std::span<int> stamp_;     // of measurements: the last evaluation
@@ -123,8 +129,9 @@ class IncrementalSolver {
   std::span<int> moved_, changed_, dirty_;
   std::span<std::uint8_t> is_dirty_, is_changed_;
   int poses_count_ = 0, evaluated_ = 0, moved_count_ = 0, changed_count_ = 0, dirty_count_ = 0;
-  int evaluation_ = 0;
+  int evaluation_ = 0, rises_ = 0;
   double chi2_ = 0, product_before_ = 0;
+  double closes_late_ = 1;  // share of closures, newest weigh most, with one of the `kept_last` newest poses
   std::int64_t work_of_update_ = 1, work_of_build_ = 0, build_work_ = 0;
   bool restart_ = true, building_ = false, urgent_ = false;
 };

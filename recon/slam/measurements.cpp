@@ -79,6 +79,17 @@ SE3 perturbedInWorld(const SE3& pose, const Perturbation& x) {
   return perturbed(SE3(), x) * pose;
 }
 
+Vector6d plainError(const Measurement& m, const SE3& T_w_from, const SE3& T_w_to) {
+  const Eigen::Quaterniond back = T_w_from.rotation().conjugate(),
+                           measured = m.T_from_to.rotation().conjugate();
+  const Eigen::Quaterniond q = measured * (back * T_w_to.rotation());
+  Vector6d error;
+  error.head<3>() = measured._transformVector(
+      back._transformVector(T_w_to.translation() - T_w_from.translation()) - m.T_from_to.translation());
+  error.tail<3>() = (q.w() < 0 ? -1.0 : 1.0) * q.vec();
+  return error;
+}
+
 Vector6d linearizeWhitened(const Measurement& m, const SE3& T_from_to, double weight,
                            WhitenedLinear& result) {
   const RelativePoseLinear l = linearize({m.from, m.to, m.T_from_to, {}}, SE3(), T_from_to);

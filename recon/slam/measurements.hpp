@@ -64,6 +64,8 @@ class Measurements {
   int size_ = 0;
 };
 
+// The plain error.
+Vector6d plainError(const Measurement& m, const SE3& T_w_from, const SE3& T_w_to);
 // Returns the plain error. All depends on the relative pose alone.
 Vector6d linearizeWhitened(const Measurement& m, const SE3& T_from_to, double weight, WhitenedLinear& result);
 

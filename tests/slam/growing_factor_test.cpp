@@ -125,5 +125,34 @@ TEST_F(SmallStore, WhenFullFillIsDroppedAndCountedAndTheFactorStaysPositive) {
   EXPECT_GT(right.dot(x), 0);
 }
 
+TEST(ColumnKernels, EveryInstructionSetGivesTheSameBits) {
+  const ColumnKernels& a = baselineColumnKernels();
+  const ColumnKernels& b = fastestColumnKernels();
+  std::mt19937 random(3);
+  std::vector<Block> column(5), other(9);
+  for (Block& block : column) block = randomBlock(random);
+  for (Block& block : other) block = randomBlock(random);
+  const int rows[5] = {8, 0, 3, 7, 5}, place[9] = {1, 2, 3, 4, 5, 6, 7, 8, 0};
+  Block diagonal = randomBlock(random), w = randomBlock(random);
+  for (int i = 0; i < kN; ++i) diagonal(i, i) = 10 + i;
+  Reflections reflections;
+  Block rotated = diagonal, rest = w;
+  reflect(rotated, rest, 1, reflections);
+  const auto run = [&](const ColumnKernels& kernels) {
+    std::vector<Block> blocks = column, to = other;
+    kernels.subtractProducts(blocks.data(), rows, 5, w, place, to.data());
+    kernels.solveFromRight(blocks.data(), 5, diagonal);
+    kernels.applyReflections(blocks.data(), rows, 5, reflections, to.data());
+    std::vector<double> x(kN, 0.7), y(9 * kN, 0.3);
+    kernels.forward(blocks.data(), rows, 5, x.data(), y.data());
+    kernels.backward(blocks.data(), rows, 5, y.data(), x.data());
+    x.insert(x.end(), y.begin(), y.end());
+    for (const Block& block : blocks) x.insert(x.end(), block.v, block.v + kN * kN);
+    for (const Block& block : to) x.insert(x.end(), block.v, block.v + kN * kN);
+    return x;
+  };
+  EXPECT_EQ(run(a), run(b)) << a.name << " and " << b.name;
+}
+
 }  // namespace
 }  // namespace fathom::slam

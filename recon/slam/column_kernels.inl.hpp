@@ -1,0 +1,132 @@
+// Included once for each instruction set, with FATHOM_KERNELS its namespace. Uses nothing inline from
+// elsewhere, so that the linker cannot take another file's function from the AVX2 build.
+#include "recon/slam/block_kernels.hpp"
+
+namespace fathom::slam::FATHOM_KERNELS {
+const ColumnKernels& table();
+
+namespace {
+
+constexpr int kN = kBlockSize;
+
+// One column of a block. On a processor without vectors of four numbers the compiler takes two of two.
+using Four = double __attribute__((vector_size(32)));
+using Two = double __attribute__((vector_size(16)));
+struct Column {
+  Four a;
+  Two b;
+};
+
+#define FATHOM_INLINE static inline __attribute__((always_inline))
+
+FATHOM_INLINE void load(Column& x, const double* p) {
+  __builtin_memcpy(&x.a, p, sizeof x.a);
+  __builtin_memcpy(&x.b, p + 4, sizeof x.b);
+}
+
+FATHOM_INLINE void store(double* p, const Column& x) {
+  __builtin_memcpy(p, &x.a, sizeof x.a);
+  __builtin_memcpy(p + 4, &x.b, sizeof x.b);
+}
+
+FATHOM_INLINE void addTimes(Column& y, const Column& x, double s) {
+  y.a += x.a * s;
+  y.b += x.b * s;
+}
+
+void forward(const Block* blocks, const int* rows, int count, const double* x, double* y) {
+  for (int k = 0; k < count; ++k) {
+    const double* block = blocks[k].v;
+    double* to = y + kN * rows[k];
+    Column sum, column;
+    load(sum, to);
+    for (int j = 0; j < kN; ++j) {
+      load(column, block + kN * j);
+      addTimes(sum, column, -x[j]);
+    }
+    store(to, sum);
+  }
+}
+
+void backward(const Block* blocks, const int* rows, int count, const double* y, double* x) {
+  Column sum[kN] = {};
+  for (int k = 0; k < count; ++k) {
+    const double* block = blocks[k].v;
+    Column right, column;
+    load(right, y + kN * rows[k]);
+    for (int j = 0; j < kN; ++j) {
+      load(column, block + kN * j);
+      sum[j].a += column.a * right.a;
+      sum[j].b += column.b * right.b;
+    }
+  }
+  for (int j = 0; j < kN; ++j)
+    x[j] -= ((sum[j].a[0] + sum[j].a[1]) + (sum[j].a[2] + sum[j].a[3])) + (sum[j].b[0] + sum[j].b[1]);
+}
+
+void subtractProducts(const Block* blocks, const int* rows, int count, const Block& b, const int* place,
+                      Block* to) {
+  for (int k = 0; k < count; ++k) {
+    const double* block = blocks[k].v;
+    double* out = to[place[rows[k]]].v;
+    Column x[kN];
+    for (int j = 0; j < kN; ++j) load(x[j], block + kN * j);
+    for (int c = 0; c < kN; ++c) {
+      Column sum;
+      load(sum, out + kN * c);
+      for (int j = 0; j < kN; ++j) addTimes(sum, x[j], -b.v[kN * j + c]);
+      store(out + kN * c, sum);
+    }
+  }
+}
+
+void solveFromRight(Block* blocks, int count, const Block& l) {
+  double inverse[kN];
+  for (int j = 0; j < kN; ++j) inverse[j] = 1 / l.v[kN * j + j];
+  for (int k = 0; k < count; ++k) {
+    double* block = blocks[k].v;
+    Column x[kN];
+    for (int j = 0; j < kN; ++j) {
+      load(x[j], block + kN * j);
+      for (int i = 0; i < j; ++i) addTimes(x[j], x[i], -l.v[kN * i + j]);
+      x[j].a *= inverse[j];
+      x[j].b *= inverse[j];
+      store(block + kN * j, x[j]);
+    }
+  }
+}
+
+void applyReflections(Block* blocks, const int* rows, int count, const Reflections& r, Block* w) {
+  double dot[kN][kN];
+  for (int i = 0; i < kN; ++i)
+    for (int c = 0; c < kN; ++c) dot[i][c] = r.tau[i] < 0 ? -r.v[i][c] : r.v[i][c];
+  for (int k = 0; k < count; ++k) {
+    double* block = blocks[k].v;
+    double* other = w[rows[k]].v;
+    Column x[kN];
+    for (int c = 0; c < kN; ++c) load(x[c], other + kN * c);
+    for (int i = 0; i < kN; ++i) {
+      Column y, sum;
+      load(y, block + kN * i);
+      sum = y;
+      for (int c = 0; c < kN; ++c) addTimes(sum, x[c], dot[i][c]);
+      sum.a *= r.tau[i];
+      sum.b *= r.tau[i];
+      y.a -= sum.a;
+      y.b -= sum.b;
+      store(block + kN * i, y);
+      for (int c = 0; c < kN; ++c) addTimes(x[c], sum, -r.v[i][c]);
+    }
+    for (int c = 0; c < kN; ++c) store(other + kN * c, x[c]);
+  }
+}
+
+}  // namespace
+
+const ColumnKernels& table() {
+  static constexpr ColumnKernels kTable = {FATHOM_KERNELS_NAME, forward,        backward,
+                                           subtractProducts,    solveFromRight, applyReflections};
+  return kTable;
+}
+
+}  // namespace fathom::slam::FATHOM_KERNELS
