@@ -14,8 +14,8 @@ namespace fathom::closure {
 // with the vehicle. Each is a constant and a slope over the image, zero-mean with these standard deviations.
 // Slopes are by the tangent of the angle from the principal ray, along x and y (disparity) or radial (place).
 struct SharedErrors {
-  double place = 3e-4;            // of a feature, along x and y of the image [tangent]
-  double place_slope = 8e-4;      // [tangent by tangent]
+  double place = 4e-4;            // of a feature, along x and y of the image [tangent]
+  double place_slope = 1e-3;      // [tangent by tangent]
   double disparity = 0.03;        // [px]
   double disparity_slope = 0.08;  // [px by tangent]
 };

@@ -23,6 +23,7 @@ void validate(const RegistrationConfig& c) {
   require(c.sample.gate > 0 && c.sample.confidence > 0 && c.sample.confidence < 1,
           "gate must be positive, confidence between 0 and 1");
   require(c.min_inliers >= 4, "min_inliers must be at least 4");
+  require(c.covariance_scale > 0, "covariance_scale must be positive");
   require(c.max_sigma_position > 0 && c.max_sigma_angle > 0, "greatest sigmas must be positive");
 }
 
@@ -90,7 +91,7 @@ Refusal Registrar::Impl::estimate(const FrameFeatures& a, const FrameFeatures& b
   ended("align");
   if (!alignment) return Refusal::kNoPose;
   result.T_a_b = alignment->T_a_b;
-  result.covariance = alignment->covariance;
+  result.covariance = config.covariance_scale * alignment->covariance;
   result.noise = alignment->noise;
   for (const int k : alignment->inliers) result.inliers.push_back(matches.best[static_cast<std::size_t>(k)]);
   return Refusal::kNone;

@@ -46,8 +46,11 @@ struct RegistrationConfig {
   double min_significance = 20;       // -log10 of the expected number of such poses among random matches
   double max_prior_distance = 22.46;  // squared Mahalanobis: 99.9 % of chi-square with 6 degrees of freedom
   double max_rival_share = 0.3;       // inliers of another pose among look-alikes, by those of this one
-  double max_sigma_position = 0.10;   // [m]
-  double max_sigma_angle = 0.05;      // [rad]
+  // Neighbouring features share pixels and shading, so that they tell less than their number: variances are
+  // widened by this, as rendered surveys under moving lamps ask for.
+  double covariance_scale = 1.4;
+  double max_sigma_position = 0.10;  // [m]
+  double max_sigma_angle = 0.05;     // [rad]
 };
 
 struct Registration {

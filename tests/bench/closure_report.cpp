@@ -206,35 +206,46 @@ Json jsonOf(const Stages& stages) {
   return json;
 }
 
-// `verbose`: one line a pair.
-Json report(const stereo::TrueMission& mission, const Frames& frames, const std::vector<FramePair>& pairs,
-            const Kind& kind, bool with_prior, int max_features, bool verbose) {
-  constexpr double kWrong[2] = {0.10, 0.05};  // an accepted pose that is off by more is false [m, rad]
-  FeatureConfig features;
-  features.kind = kind.kind;
-  features.max_features = max_features;
-  FeatureExtractor extractor(mission.rig(), features);
-  StageClock extraction, matching;
-  extractor.setStageObserver([&](const char* stage) { extraction.ended(stage); });
-  std::vector<FrameFeatures> of_frame;
-  double found = 0;
+struct Extracted {
+  std::vector<FrameFeatures> frames;
+  double mean_features = 0;
+  Stages ms;  // a frame
+};
+
+Extracted extract(const stereo::TrueMission& mission, const Frames& frames, const FeatureConfig& config) {
+  constexpr double kDepths[2] = {0.4, 2.0};  // by the altitude
+  FeatureExtractor extractor(mission.rig(), config);
+  StageClock clock;
+  extractor.setStageObserver([&](const char* stage) { clock.ended(stage); });
+  Extracted result;
+  const auto count = static_cast<double>(frames.images.size());
   for (const stereo::TruePair& images : frames.images) {
     const double d = images.plane.distance;
-    extraction.start();
-    of_frame.push_back(extractor.process(viewOf(images.left), viewOf(images.right), {0.4 * d, 2.0 * d}));
-    found += static_cast<double>(of_frame.back().size());
+    clock.start();
+    result.frames.push_back(
+        extractor.process(viewOf(images.left), viewOf(images.right), {kDepths[0] * d, kDepths[1] * d}));
+    result.mean_features += static_cast<double>(result.frames.back().size()) / count;
   }
+  result.ms = clock.means(count);
+  return result;
+}
+
+// `verbose`: one line a pair.
+Json report(const stereo::TrueMission& mission, const Frames& frames, const std::vector<FramePair>& pairs,
+            const Extracted& extracted, const FeatureConfig& features, const char* name, bool with_prior,
+            bool verbose) {
+  constexpr double kWrong[2] = {0.10, 0.05};  // an accepted pose that is off by more is false [m, rad]
+  StageClock matching;
   Registrar registrar(mission.rig(), {});
   registrar.setStageObserver([&](const char* stage) { matching.ended(stage); });
   std::array<ClassResult, kClasses> results;
   std::mt19937 random(11);
-  std::vector<double> all_nees;
   for (const FramePair& pair : pairs) {
     const SE3 truth = frames.truth[pair.a].T_nav_cam.inverse() * frames.truth[pair.b].T_nav_cam;
     std::optional<RelativePrior> prior;
     if (with_prior) prior = priorOf(truth, pair.overlap, random);
     matching.start();
-    const Registration& r = registrar.process(of_frame[pair.a], of_frame[pair.b], prior);
+    const Registration& r = registrar.process(extracted.frames[pair.a], extracted.frames[pair.b], prior);
     ClassResult& c = results[pair.overlap];
     ++c.pairs;
     const Vector6d e = differenceOf(r.T_a_b, truth);
@@ -260,15 +271,16 @@ Json report(const stereo::TrueMission& mission, const Frames& frames, const std:
     c.nees.push_back(e.dot(r.covariance.ldlt().solve(e)));
     c.inliers.push_back(static_cast<double>(r.inliers.size()));
   }
-  Json json{{"descriptor", kind.name},
+  Json json{{"descriptor", name},
+            {"width", features.max_width},
             {"prior", with_prior},
-            {"features_per_frame", found / static_cast<double>(frames.images.size())},
-            {"slot_bytes", slotBytes(kind.kind, static_cast<std::size_t>(max_features))},
-            {"extraction_ms", jsonOf(extraction.means(static_cast<double>(frames.images.size())))},
+            {"features_per_frame", extracted.mean_features},
+            {"slot_bytes", slotBytes(features.kind, static_cast<std::size_t>(features.max_features))},
+            {"extraction_ms", jsonOf(extracted.ms)},
             {"registration_ms", jsonOf(matching.means(static_cast<double>(pairs.size())))}};
-  std::printf("\n%s, %s prior: %.0f features a frame; ms a frame %s; ms a pair %s\n", kind.name,
-              with_prior ? "with" : "without", found / static_cast<double>(frames.images.size()),
-              json["extraction_ms"].dump().c_str(), json["registration_ms"].dump().c_str());
+  std::printf("\n%s, %s prior: %.0f features a frame; ms a frame %s; ms a pair %s\n", name,
+              with_prior ? "with" : "without", extracted.mean_features, json["extraction_ms"].dump().c_str(),
+              json["registration_ms"].dump().c_str());
   std::printf("%-12s %5s %8s %5s %7s | %7s %7s %7s | %7s %7s | %5s\n", "class", "pairs", "accepted", "false",
               "inliers", "mm rms", "mm p50", "mm p95", "deg rms", "deg p95", "NEES");
   for (std::size_t k = 0; k < kClasses; ++k) {
@@ -279,9 +291,9 @@ Json report(const stereo::TrueMission& mission, const Frames& frames, const std:
                 1e3 * quantile(c.position, 0.5), 1e3 * quantile(c.position, 0.95), kDegrees * rmsOf(c.angle),
                 kDegrees * quantile(c.angle, 0.95), meanOf(c.nees));
     Json refusals;
-    for (const auto& [name, count] : c.refusals) {
-      std::printf(" %s %d", name.c_str(), count);
-      refusals[name] = count;
+    for (const auto& [reason, count] : c.refusals) {
+      std::printf(" %s %d", reason.c_str(), count);
+      refusals[reason] = count;
     }
     std::printf("\n");
     json["classes"].push_back({{"class", kClassNames[k]},
@@ -304,17 +316,19 @@ int run(int argc, char** argv) {
   std::vector<std::filesystem::path> missions;
   std::filesystem::path out = "closures.json";
   std::size_t every = 4, of_each = 50;
-  int max_features = 600;
+  FeatureConfig features;
   bool verbose = false;
   std::vector<std::string> names;
   app.add_option("mission", missions, "mission folders with full truth")->required();
   app.add_option("--out", out, "report to write");
   app.add_option("--every", every, "take every so many-th pair of images")->check(CLI::Range(2, 1000));
   app.add_option("--pairs", of_each, "pairs of frames of each class");
-  app.add_option("--features", max_features, "features of a frame")->check(CLI::Range(20, 5000));
+  app.add_option("--features", features.max_features, "features of a frame")->check(CLI::Range(20, 5000));
+  app.add_option("--width", features.max_width, "features are sought in images at most so wide [px]")
+      ->check(CLI::Range(64, 8192));
   app.add_option("--descriptor", names, "sift, orb, akaze, brisk; default: all");
   app.add_flag("--verbose", verbose, "one line a pair");
-  CLI11_PARSE(app, argc, argv);
+  if (const auto code = parseCommandLine("report_closure", app, argc, argv)) return *code;
   cv::setNumThreads(1);
   Json json = Json::array();
   for (const auto& folder : missions) {
@@ -325,8 +339,10 @@ int run(int argc, char** argv) {
                 pairs.size());
     for (const Kind& kind : kKinds) {
       if (!names.empty() && std::find(names.begin(), names.end(), kind.name) == names.end()) continue;
+      features.kind = kind.kind;
+      const Extracted extracted = extract(mission, frames, features);
       for (const bool with_prior : {false, true}) {
-        Json part = report(mission, frames, pairs, kind, with_prior, max_features, verbose);
+        Json part = report(mission, frames, pairs, extracted, features, kind.name, with_prior, verbose);
         part["mission"] = folder.filename().string();
         json.push_back(std::move(part));
       }

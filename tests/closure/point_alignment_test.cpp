@@ -1,0 +1,141 @@
+#include "recon/closure/point_alignment.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <random>
+#include <vector>
+
+namespace fathom::closure {
+namespace {
+
+constexpr double kFocal = 860, kBaseline = 0.07;  // [px], [m]
+
+// Points as stereo measures them: 0.2 px aside, 0.08 px in disparity.
+Eigen::Matrix3d stereoCovariance(const Eigen::Vector3d& p) {
+  const double aside = 0.2 * p.z() / kFocal, along = 0.08 * p.z() / (kFocal * kBaseline);
+  Eigen::Matrix3d c = aside * aside * Eigen::Matrix3d::Identity();
+  c += along * along * p * p.transpose();
+  return c;
+}
+
+class Sea {
+ public:
+  explicit Sea(std::uint32_t seed) : random_(seed) {}
+
+  Vector6d twist(double position, double angle) {
+    Vector6d v;
+    for (int k = 0; k < 6; ++k) v(k) = (k < 3 ? position : angle) * normal_(random_);
+    return v;
+  }
+
+  // Pairs under `truth` with the noise that their covariances tell and one draw of shared errors.
+  std::vector<PointPair> pairs(const SE3& truth, int count, const SharedErrors& errors) {
+    Eigen::Matrix<double, kSharedErrors, 1> shared;
+    for (double& u : shared) u = normal_(random_);
+    std::uniform_real_distribution<double> tangent(-0.35, 0.35), depth(1.7, 2.3);
+    std::vector<PointPair> result;
+    for (int k = 0; k < count; ++k) {
+      const double z = depth(random_);
+      const Eigen::Vector3d b(z * tangent(random_), z * tangent(random_), z), a = truth * b;
+      PointPair p{a,
+                  b,
+                  stereoCovariance(a),
+                  stereoCovariance(b),
+                  sharedJacobian(errors, kFocal, kBaseline, a),
+                  sharedJacobian(errors, kFocal, kBaseline, b)};
+      p.a += noise(p.covariance_a) + p.shared_a * shared;
+      p.b += noise(p.covariance_b) + p.shared_b * shared;
+      result.push_back(p);
+    }
+    return result;
+  }
+
+ private:
+  Eigen::Vector3d noise(const Eigen::Matrix3d& covariance) {
+    const Eigen::Vector3d unit(normal_(random_), normal_(random_), normal_(random_));
+    return covariance.llt().matrixL() * unit;
+  }
+  std::mt19937 random_;
+  std::normal_distribution<double> normal_;
+};
+
+Vector6d errorOf(const SE3& estimate, const SE3& truth) {
+  const SE3 d = estimate.inverse() * truth;
+  const Eigen::AngleAxisd turn(d.rotation());
+  Vector6d e;
+  e << d.translation(), wrapAngle(turn.angle()) * turn.axis();
+  return e;
+}
+
+SE3 turned(double yaw) {
+  return SE3::fromEuler(0.04, -0.03, yaw, {0.3, -0.2, 0.1});
+}
+
+TEST(AlignPoints, CovarianceIsHonestOverManyDrawsOfNoiseAndSharedErrors) {
+  Sea sea(3);
+  double nees = 0;
+  constexpr int kTrials = 300;
+  for (int k = 0; k < kTrials; ++k) {
+    const SE3 truth = turned(0.02 * k);
+    const auto pairs = sea.pairs(truth, 80, {});
+    const SE3 start = rightPerturbed(truth, sea.twist(0.005, 0.003));
+    const auto found = alignPoints(pairs, refineCauchy(pairs, start));
+    ASSERT_TRUE(found);
+    const Vector6d e = errorOf(found->T_a_b, truth);
+    nees += e.dot(found->covariance.ldlt().solve(e)) / kTrials;
+  }
+  // 6 within 95 % of 300 draws is 5.6 to 6.4; the inlier test and linearisation take their part.
+  EXPECT_GT(nees, 5.0);
+  EXPECT_LT(nees, 7.0);
+}
+
+TEST(AlignPoints, AcceptsNineteenOfTwentyInliers) {
+  Sea sea(4);
+  const SE3 truth = turned(1.0);
+  const auto found = alignPoints(sea.pairs(truth, 4000, {}), truth);
+  ASSERT_TRUE(found);
+  EXPECT_NEAR(static_cast<double>(found->inliers.size()) / 4000, 0.95, 0.015);
+  EXPECT_NEAR(found->noise, 1.0, 0.05);
+}
+
+TEST(AlignPoints, GivesNothingForTooFewPointsOrPointsThatAreOne) {
+  Sea sea(5);
+  const SE3 truth = turned(0.3);
+  EXPECT_FALSE(alignPoints({}, truth));
+  EXPECT_FALSE(alignPoints(sea.pairs(truth, 3, {}), truth));
+}
+
+TEST(SampleConsensus, FindsThePoseAmongFourTimesAsManyWrongMatches) {
+  Sea sea(6);
+  const SE3 truth = turned(2.0);
+  auto pairs = sea.pairs(truth, 150, {});
+  for (std::size_t k = 30; k < pairs.size(); ++k) std::swap(pairs[k].a, pairs[(k * 7 + 11) % 120 + 30].a);
+  const auto found = sampleConsensus(pairs, {}, nullptr, nullptr);
+  ASSERT_TRUE(found);
+  EXPECT_GE(found->inliers.size(), 24U);
+  const auto aligned = alignPoints(pairs, refineCauchy(pairs, found->T_a_b));
+  ASSERT_TRUE(aligned);
+  EXPECT_LT(errorOf(aligned->T_a_b, truth).head<3>().norm(), 0.02);
+}
+
+TEST(SampleConsensus, GivesNothingWithoutPairs) {
+  EXPECT_FALSE(sampleConsensus({}, {}, nullptr, nullptr));
+}
+
+TEST(AbsoluteOrientation, IsExactForExactPointsAndRefusesALine) {
+  const SE3 truth = turned(-2.5);
+  std::vector<PointPair> pairs;
+  for (const Eigen::Vector3d& b : {Eigen::Vector3d(0.5, 0, 2), Eigen::Vector3d(-0.3, 0.4, 2.1),
+                                   Eigen::Vector3d(0, -0.4, 1.8), Eigen::Vector3d(0.1, 0.8, 2.4)})
+    pairs.push_back({truth * b, b, stereoCovariance(b), stereoCovariance(b)});
+  const auto pose = absoluteOrientation(pairs, {0, 1, 2, 3});
+  ASSERT_TRUE(pose);
+  EXPECT_LT(errorOf(*pose, truth).norm(), 1e-9);
+  EXPECT_FALSE(absoluteOrientation(pairs, {0, 1}));
+  EXPECT_FALSE(absoluteOrientation(pairs, {0, 0, 1}));
+}
+
+}  // namespace
+}  // namespace fathom::closure
