@@ -9,6 +9,7 @@
 #include "recon/topside/check_calibration_command.hpp"
 #include "recon/topside/pipeline.hpp"
 #include "recon/topside/posegraph_command.hpp"
+#include "recon/topside/slam_command.hpp"
 #include "recon/topside/stereo_command.hpp"
 
 int main(int argc, char** argv) {
@@ -31,11 +32,12 @@ int main(int argc, char** argv) {
   run->add_flag("--no-slam", no_slam, "dead-reckoned poses: no visual odometry, no loop closures");
   run->add_option("--threads", threads, "threads (all cores); the result does not depend on them")
       ->check(CLI::Range(1, 256));
-  CLI::App *stereo = nullptr, *calibrate = nullptr, *check = nullptr, *posegraph = nullptr;
+  CLI::App *stereo = nullptr, *calibrate = nullptr, *check = nullptr, *posegraph = nullptr, *slam = nullptr;
   const std::function<int()> run_stereo = fathom::topside::addStereoCommand(app, stereo);
   const std::function<int()> run_calibrate = fathom::topside::addCalibrateCommand(app, calibrate);
   const std::function<int()> run_check = fathom::topside::addCheckCalibrationCommand(app, check);
   const std::function<int()> run_posegraph = fathom::topside::addPosegraphCommand(app, posegraph);
+  const std::function<int()> run_slam = fathom::topside::addSlamCommand(app, slam);
   if (const auto code = fathom::parseCommandLine("fathom-topside", app, argc, argv)) return *code;
   return fathom::runTool("fathom-topside", [&]() -> int {
     using namespace fathom::topside;
@@ -43,6 +45,7 @@ int main(int argc, char** argv) {
     if (*calibrate) return run_calibrate();
     if (*check) return run_check();
     if (*posegraph) return run_posegraph();
+    if (*slam) return run_slam();
     TopsideConfig config = config_file.empty() ? TopsideConfig{} : readTopsideConfig(config_file);
     if (voxel) setVoxel(config, *voxel);
     if (no_slam) config.slam = false;

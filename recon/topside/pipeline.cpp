@@ -5,20 +5,17 @@
 
 #include <Eigen/Geometry>
 #include <array>
-#include <cmath>
-#include <cstdio>
 #include <string_view>
 
 #include "firmware_if/mission.hpp"
-#include "firmware_if/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/geometry/output_folder.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/topside/report/map_picture.hpp"
+#include "recon/topside/report/pose_output.hpp"
 #include "recon/topside/report/report.hpp"
-#include "recon/topside/stages/crossovers.hpp"
 #include "recon/topside/stages/fuse_stage.hpp"
 #include "recon/topside/stages/lighting_stage.hpp"
 #include "recon/topside/stages/mesh_pieces.hpp"
@@ -49,43 +46,6 @@ double areaOf(const Mesh& mesh) {
         0.5 * static_cast<double>(
                   (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]).norm());
   return area;
-}
-
-void writePoses(const std::filesystem::path& folder, const Geodetic& origin,
-                const std::vector<FusedPair>& pairs) {
-  const std::vector<bool> crossover = likelyCrossovers(pairs);
-  io::StereoPoseFile stereo{origin, {}};
-  io::VehiclePoseFile vehicle{origin, {}};
-  for (std::size_t k = 0; k < pairs.size(); ++k) {
-    const FusedPair& p = pairs[k];
-    const int id = static_cast<int>(k);
-    const double utc_s = static_cast<double>(p.pair.utc_ns) * 1e-9;
-    stereo.poses.push_back(
-        {id, utc_s, p.T_nav_cam, p.pair.left, p.pair.right, p.altitude, p.footprint_radius, crossover[k]});
-    vehicle.poses.push_back({id, utc_s, p.T_nav_body, p.altitude});
-  }
-  io::writeStereoPoses(folder / "stereo_pose_est.data", stereo);
-  io::writeVehiclePoses(folder / "vehicle_pose_est.data", vehicle);
-}
-
-// Every closure: which pairs, their relative pose (right perturbation's deviations), and whether it was kept.
-void writeClosures(const std::filesystem::path& path, const std::vector<ImagePair>& pairs,
-                   const std::vector<CameraLink>& closures) {
-  AtomicFile file(path);
-  file.stream()
-      << "left_a,left_b,x_m,y_m,z_m,qw,qx,qy,qz,sigma_position_m,sigma_rotation_rad,inliers,chi2,kept\n";
-  std::array<char, 400> line{};
-  for (const CameraLink& c : closures) {
-    const Eigen::Vector3d& t = c.T_a_b.translation();
-    const Eigen::Quaterniond& q = c.T_a_b.rotation();
-    std::snprintf(line.data(), line.size(), "%s,%s,%.5f,%.5f,%.5f,%.8f,%.8f,%.8f,%.8f,%.5f,%.6f,%d,%.3f,%d\n",
-                  pairs[c.a].left.c_str(), pairs[c.b].left.c_str(), t.x(), t.y(), t.z(), q.w(), q.x(), q.y(),
-                  q.z(), std::sqrt(c.covariance.topLeftCorner<3, 3>().trace() / 3),
-                  std::sqrt(c.covariance.bottomRightCorner<3, 3>().trace() / 3), c.inliers, c.chi2,
-                  c.kept ? 1 : 0);
-    file.stream() << line.data();
-  }
-  file.commit();
 }
 
 void writeBytes(const std::filesystem::path& path, const std::string& bytes) {

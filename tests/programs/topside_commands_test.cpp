@@ -109,5 +109,39 @@ TEST_F(StereoProgram, ImagesWithoutAParallaxGiveNoMeshAndSaySo) {
   EXPECT_FALSE(std::filesystem::exists(out));
 }
 
+TEST(SlamProgram, ADiveGetsPosesClosuresAndAPage) {
+  const TemporaryFolder folder;
+  const std::filesystem::path out = folder.path() / "slam";
+  const Outcome run = runProgram("fathom-topside slam " FATHOM_REEF_MISSION " --out " + out.string());
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_THAT(run.out, HasSubstr("odometry links"));
+  for (const char* name :
+       {"stereo_pose_est.data", "vehicle_pose_est.data", "closures.csv", "slam.html", "tracks.svg"})
+    EXPECT_GT(readText(out / name).size(), 50U) << name;
+  expectRefused("fathom-topside slam /absent", "/absent");
+  expectRefused("fathom-topside slam " FATHOM_REEF_MISSION " --out /dev/null", "/dev/null");
+}
+
+TEST(PosegraphProgram, AGraphIsSolvedAndNonsenseRefused) {
+  const TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "a.g2o";
+  const std::string information = " 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 4 0 0 4 0 4\n";
+  writeText(file,
+            "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 1 5 0 0 0 0 0 1\n"
+            "EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1" +
+                information + "EDGE_SE3:QUAT 0 1 2 0 0 0 0 0 1" + information);
+  const Outcome run = runProgram("fathom-topside posegraph " + file.string() + " --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const auto json = nlohmann::json::parse(run.out);
+  EXPECT_NEAR(json.at("chi2").get<double>(), 0.5, 1e-6);  // both a half metre off
+  EXPECT_EQ(json.at("poses"), 2);
+  for (const Damage kind : {Damage::kAbsent, Damage::kEmpty, Damage::kFolder, Damage::kNonsense}) {
+    std::filesystem::remove_all(file);
+    writeText(file, "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n");
+    damage(file, kind);
+    expectRefused("fathom-topside posegraph " + file.string(), file.string());
+  }
+}
+
 }  // namespace
 }  // namespace fathom::test

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "recon/geometry/geodesy.hpp"
+#include "recon/topside/stages/fuse_stage.hpp"
+#include "recon/topside/stages/slam_stage.hpp"
+
+namespace fathom::topside {
+
+// stereo_pose_est.data and vehicle_pose_est.data.
+void writePoses(const std::filesystem::path& folder, const Geodetic& origin,
+                const std::vector<FusedPair>& pairs);
+
+// closures.csv: which pairs, their relative pose (deviations of its right perturbation), and whether it was
+// kept.
+void writeClosures(const std::filesystem::path& path, const std::vector<ImagePair>& pairs,
+                   const std::vector<CameraLink>& closures);
+
+// How far closures disagree with poses: distance between where a closure has the second camera, seen from the
+// first, and where the poses have it [m]; one number a kept closure.
+[[nodiscard]] std::vector<double> closureErrors(const std::vector<CameraLink>& closures,
+                                                const std::vector<NavigatedPose>& poses,
+                                                const SE3& T_body_cam);
+
+// SVG drawings: both tracks from above with the closures (dead reckoning grey, localised blue, closures
+// green, those taken out red; after figure 9 of Johnson-Roberson et al. 2010), and how far closures disagree
+// with dead reckoning and with the solved poses (their figure 10).
+[[nodiscard]] std::string tracksSvg(const std::vector<NavigatedPose>& reckoned, const SlamResult& slam);
+[[nodiscard]] std::string closureErrorsSvg(const std::vector<double>& reckoned,
+                                           const std::vector<double>& solved);
+
+}  // namespace fathom::topside

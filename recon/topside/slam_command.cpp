@@ -1,0 +1,111 @@
+#include "recon/topside/slam_command.hpp"
+
+#include <array>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <string_view>
+
+#include "firmware_if/mission.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/closure/candidates.hpp"
+#include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/output_folder.hpp"
+#include "recon/topside/report/html_text.hpp"
+#include "recon/topside/report/pose_output.hpp"
+#include "recon/topside/stages/seed_plane.hpp"
+#include "recon/topside/stages/slam_stage.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr std::array<std::string_view, 5> kOurs = {"stereo_pose_est.data", "vehicle_pose_est.data",
+                                                   "closures.csv", "slam.html", "tracks.svg"};
+
+struct Options {
+  std::filesystem::path mission, out, config;
+};
+
+std::string pageOf(const SlamResult& slam, const Navigation& navigation, const SE3& T_body_cam) {
+  const std::vector<double> before = closureErrors(slam.closures, navigation.poses, T_body_cam);
+  const std::vector<double> after = closureErrors(slam.closures, slam.poses, T_body_cam);
+  std::string html = htmlHead("Localisation");
+  html += "<p>Grey: dead reckoning. Blue: localised. Green: closures. Red: closures taken out again.</p>\n" +
+          tracksSvg(navigation.poses, slam) + "<h2>Misregistration where the vehicle came back</h2>\n" +
+          closureErrorsSvg(before, after) + "<h2>Counts</h2>\n<table>\n";
+  const auto row = [&](const std::string& name, std::size_t value) {
+    html += htmlRow(name, std::to_string(value));
+  };
+  row("pairs with features", slam.frames);
+  row("visual odometry links", slam.odometry.size());
+  row("closures tried", slam.tried);
+  row("closures accepted", slam.closures.size());
+  row("closures kept", after.size());
+  for (std::size_t k = 1; k < slam.refused.size(); ++k)
+    row("refused: " + std::string(closure::nameOf(static_cast<closure::Refusal>(k))), slam.refused[k]);
+  html += "</table>\n<h2>Seconds</h2>\n<table>\n";
+  for (const auto& [stage, seconds] : slam.stage_seconds) html += htmlRow(stage, fixedDigits(seconds, 2));
+  return html + "</table>\n</body></html>\n";
+}
+
+void write(const std::filesystem::path& path, const std::string& text) {
+  AtomicFile file(path);
+  file.stream() << text;
+  file.commit();
+}
+
+int runSlam(const Options& options) {
+  const TopsideConfig config = options.config.empty() ? TopsideConfig{} : readTopsideConfig(options.config);
+  const io::MissionPaths paths(options.mission);
+  const io::MissionConfig mission = io::readMissionConfig(options.mission);
+  const StereoRig rig = readStereoCalib(paths.calib());
+  OutputFolder out(options.out.empty() ? options.mission / "slam" : options.out, kOurs);
+  const PairList list = listPairs(paths, mission, config.pairing_tolerance);
+  std::vector<std::int64_t> times;
+  for (const ImagePair& pair : list.pairs) times.push_back(pair.utc_ns);
+  const Navigation navigation = navigate(paths, mission, config, times);
+  LightingModels lighting(mission, rig, config.lighting);
+  {
+    const std::size_t count = std::min(list.pairs.size(), static_cast<std::size_t>(config.lighting_images));
+    Progress progress("lighting", count);
+    learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, count, lighting, progress);
+  }
+  const SlamResult slam = localise(paths, mission, rig, config, lighting, list.pairs, navigation);
+
+  const std::vector<double> altitudes = seedAltitudes(slam.poses, config.default_altitude);
+  std::vector<FusedPair> posed;
+  for (std::size_t k = 0; k < list.pairs.size(); ++k) {
+    const auto& pose = slam.poses[k].T_nav_body;
+    if (!pose) continue;
+    const SE3 T_nav_cam = *pose * mission.T_body_cam;
+    const double range = seedPlane(mission, *pose, altitudes[k]).distance;
+    posed.push_back({list.pairs[k], *pose, T_nav_cam, slam.poses[k].altitude.value_or(0),
+                     closure::footprintOf(T_nav_cam, range, rig.left).radius, 0, false});
+  }
+  if (posed.empty()) throw InputError(options.mission.string(), "img", "no pair has a pose");
+  writePoses(out.path(), mission.origin, posed);
+  writeClosures(out.path() / "closures.csv", list.pairs, slam.closures);
+  write(out.path() / "tracks.svg", tracksSvg(navigation.poses, slam));
+  write(out.path() / "slam.html", pageOf(slam, navigation, mission.T_body_cam));
+  out.commit();
+  std::size_t kept = 0;
+  for (const CameraLink& link : slam.closures) kept += link.kept ? 1 : 0;
+  std::printf(
+      "%zu poses, %zu odometry links, %zu closures of %zu tried (%zu taken out again); moved %.3f m rms\n",
+      posed.size(), slam.odometry.size(), kept, slam.tried, slam.closures.size() - kept, slam.moved_rms);
+  return kExitSuccess;
+}
+
+}  // namespace
+
+std::function<int()> addSlamCommand(CLI::App& app, CLI::App*& command) {
+  const auto options = std::make_shared<Options>();
+  command =
+      app.add_subcommand("slam", "visual odometry and loop closures of a mission: poses, without a map");
+  command->add_option("mission", options->mission, "mission folder")->required();
+  command->add_option("--out", options->out, "folder for the results (MISSION/slam)");
+  command->add_option("--config", options->config, "TOML file; keys are in recon/topside/README.md");
+  return [options] { return runSlam(*options); };
+}
+
+}  // namespace fathom::topside
