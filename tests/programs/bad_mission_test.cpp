@@ -29,7 +29,7 @@ class BadMission : public ::testing::Test {
 
   [[nodiscard]] std::string onboard() const { return "fathom-onboard --replay " + mission_.string(); }
   [[nodiscard]] std::string topside() const {
-    return "fathom-topside run " + mission_.string() + " --features 100";
+    return "fathom-topside run " + mission_.string() + " --features 100 --no-slam";
   }
   void expectNothingWritten() const {
     for (const char* name : {"onboard", "onboard.tmp", "topside", "topside.tmp"})
