@@ -13,7 +13,7 @@ namespace fathom::closure {
 struct FeatureConfig {
   DescriptorKind kind = DescriptorKind::kRootSift;
   int max_features = 600;     // of a frame, spread over the image (up to kMaxSlotFeatures)
-  int max_width = 700;        // features are sought in the left image halved until it is at most so wide [px]
+  int max_width = 400;        // features are sought in the left image halved until it is at most so wide [px]
   double place_sigma = 0.12;  // of a feature's place in the left image from view to view [px as sought]
   double place_sigma_per_size = 0.02;  // more of it for large features [px per px of their diameter]
   DepthRange depths;
