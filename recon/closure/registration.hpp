@@ -48,9 +48,9 @@ struct RegistrationConfig {
   double max_rival_share = 0.3;       // inliers of another pose among look-alikes, by those of this one
   // Neighbouring features share pixels and shading, so that they tell less than their number: variances are
   // widened by this, as rendered surveys under moving lamps ask for.
-  double covariance_scale = 1.4;
-  double max_sigma_position = 0.10;  // [m]
-  double max_sigma_angle = 0.05;     // [rad]
+  double covariance_scale = 1.7;
+  double max_sigma_position = 0.05;  // [m]
+  double max_sigma_angle = 0.025;    // [rad]
 };
 
 struct Registration {
