@@ -28,8 +28,13 @@ constexpr double kStepSigma = 0.05, kStepAngle = 0.03;  // [m], [rad]
 // Growth of the horizontal uncertainty between two pairs with the way between them, before any closure
 // (compass deviation) and after a round of closures; never less than the least.
 constexpr std::array<double, 3> kDrift = {0.04, 0.01, 0.005};
-constexpr double kLeastSigma = 0.05;       // [m]
-constexpr double kPriorAngle = 0.1;        // of two poses' difference, compass deviation both ways [rad]
+constexpr double kLeastSigma = 0.05;  // [m]
+constexpr double kPriorAngle = 0.1;   // of two poses' difference, compass deviation both ways [rad]
+constexpr double kNearest = 0.4,
+                 kFarthest = 2.5;  // of a feature, in altitudes: relief of a reef and its edge
+// Between consecutive pairs dead reckoning vouches for the pose, and a ledge may fill most of the shared
+// view.
+constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
 constexpr std::uint32_t kSkip = 4;         // latest frames that odometry links well enough
 constexpr std::size_t kCapacity = 200000;  // candidates that wait
 
@@ -77,8 +82,10 @@ Frames extract(const io::MissionPaths& paths, const io::MissionConfig& mission, 
     progress.step();
     const auto& pose = navigation.poses[k].T_nav_body;
     if (!pose || !w.images->read(pairs[k])) return;
-    w.images->correct(seedPlane(mission, *pose, altitudes[k]));
-    features[k] = w.extractor->process(w.images->left(), w.images->right());
+    const stereo::SeedPlane plane = seedPlane(mission, *pose, altitudes[k]);
+    w.images->correct(plane);
+    const closure::DepthRange depths{kNearest * plane.distance, kFarthest * plane.distance};
+    features[k] = w.extractor->process(w.images->left(), w.images->right(), depths);
   });
   Frames frames;
   for (std::size_t k = 0; k < pairs.size(); ++k) {
@@ -108,13 +115,13 @@ struct Attempt {
   closure::Registration result;
 };
 
-void registerAll(const StereoRig& rig, const Frames& frames, std::vector<Attempt>& attempts,
-                 const char* stage) {
+void registerAll(const StereoRig& rig, const Frames& frames, const closure::RegistrationConfig& config,
+                 std::vector<Attempt>& attempts, const char* stage) {
   tbb::enumerable_thread_specific<std::unique_ptr<closure::Registrar>> registrars;
   SharedProgress progress(stage, attempts.size());
   tbb::parallel_for(std::size_t{0}, attempts.size(), [&](std::size_t k) {
     auto& registrar = registrars.local();
-    if (!registrar) registrar = std::make_unique<closure::Registrar>(rig, closure::RegistrationConfig{});
+    if (!registrar) registrar = std::make_unique<closure::Registrar>(rig, config);
     Attempt& t = attempts[k];
     t.result = registrar->process(frames.features[t.a], frames.features[t.b], t.prior);
     progress.step();
@@ -200,7 +207,10 @@ SlamResult localise(const io::MissionPaths& paths, const io::MissionConfig& miss
     t.prior = {frames.reckoned[k].inverse() * frames.reckoned[k + 1], covarianceOf(kStepSigma, kStepAngle)};
     steps.push_back(t);
   }
-  registerAll(rig, frames, steps, "odometry");
+  closure::RegistrationConfig close_by;
+  close_by.min_coverage = kStepCoverage;
+  close_by.min_inlier_share = kStepShare;
+  registerAll(rig, frames, close_by, steps, "odometry");
   std::vector<CameraLink> links;
   keep(steps, links);
   const std::size_t odometry = links.size();
@@ -214,7 +224,7 @@ SlamResult localise(const io::MissionPaths& paths, const io::MissionConfig& miss
   for (const double drift : kDrift) {
     std::vector<Attempt> attempts = candidatesOf(rig, frames, solved, drift, most, tried);
     lap("candidates");
-    registerAll(rig, frames, attempts, "closures");
+    registerAll(rig, frames, {}, attempts, "closures");
     out.tried += attempts.size();
     for (const Attempt& t : attempts) ++out.refused[static_cast<std::size_t>(t.result.refusal)];
     keep(attempts, links);
