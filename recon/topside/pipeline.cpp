@@ -86,11 +86,7 @@ Summary runTopside(const std::filesystem::path& mission_folder, const std::files
   lap("navigation");
 
   LightingModels lighting(mission, rig, config.lighting);
-  {
-    const std::size_t count = std::min(list.pairs.size(), static_cast<std::size_t>(config.lighting_images));
-    Progress progress("lighting", count);
-    learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, count, lighting, progress);
-  }
+  learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, lighting);
   lap("lighting model");
 
   SlamResult slam;

@@ -65,11 +65,7 @@ int runSlam(const Options& options) {
   for (const ImagePair& pair : list.pairs) times.push_back(pair.utc_ns);
   const Navigation navigation = navigate(paths, mission, config, times);
   LightingModels lighting(mission, rig, config.lighting);
-  {
-    const std::size_t count = std::min(list.pairs.size(), static_cast<std::size_t>(config.lighting_images));
-    Progress progress("lighting", count);
-    learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, count, lighting, progress);
-  }
+  learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, lighting);
   const SlamResult slam = localise(paths, mission, rig, config, lighting, list.pairs, navigation);
 
   const std::vector<double> altitudes = seedAltitudes(slam.poses, config.default_altitude);

@@ -16,6 +16,7 @@
 #include "recon/lighting/rig_ranges.hpp"
 #include "recon/topside/calibration/free_matches.hpp"
 #include "recon/topside/calibration/range_map.hpp"
+#include "recon/topside/progress.hpp"
 #include "recon/topside/stages/image_pairs.hpp"
 #include "recon/topside/stages/lighting_stage.hpp"
 #include "recon/topside/stages/navigation.hpp"
@@ -230,12 +231,7 @@ MissionCheck checkMission(const MissionCheckOptions& options) {
       m.navigation.poses.begin(),
       m.navigation.poses.begin() + static_cast<std::ptrdiff_t>(m.list.pairs.size()));
   LightingModels lighting(m.config, m.rig, m.topside.lighting);
-  {
-    const std::size_t count =
-        std::min(m.list.pairs.size(), static_cast<std::size_t>(m.topside.lighting_images));
-    Progress progress("lighting", count);
-    learnLighting(m.paths, m.config, m.rig, m.list.pairs, pair_poses, m.topside, count, lighting, progress);
-  }
+  learnLighting(m.paths, m.config, m.rig, m.list.pairs, pair_poses, m.topside, lighting);
   const auto runs = runsOf(m.list.pairs.size(), options.pairs);
   std::vector<RunResult> results(runs.size());
   {

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "recon/fusion/volumetric_fusion.hpp"
+#include "recon/topside/progress.hpp"
 #include "recon/topside/stages/navigation.hpp"
 #include "recon/topside/stages/stereo_stage.hpp"
 

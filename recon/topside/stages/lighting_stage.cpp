@@ -12,6 +12,7 @@
 #include "firmware_if/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/lighting/rig_ranges.hpp"
+#include "recon/topside/progress.hpp"
 #include "recon/topside/stages/seed_plane.hpp"
 
 namespace fathom::topside {
@@ -88,8 +89,9 @@ LightingModels::LightingModels(const io::MissionConfig& mission, const StereoRig
 
 void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
                    const std::vector<ImagePair>& pairs, const std::vector<NavigatedPose>& poses,
-                   const TopsideConfig& config, std::size_t count, LightingModels& models,
-                   Progress& progress) {
+                   const TopsideConfig& config, LightingModels& models) {
+  const std::size_t count = std::min(pairs.size(), static_cast<std::size_t>(config.lighting_images));
+  Progress progress("lighting", count);
   const auto& cameras = mission.cameras;
   const std::vector<double> altitudes = seedAltitudes(poses, config.default_altitude);
   std::size_t next = 0;

@@ -5,7 +5,6 @@
 #include "firmware_if/mission.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/lighting_model.hpp"
-#include "recon/topside/progress.hpp"
 #include "recon/topside/stages/image_pairs.hpp"
 #include "recon/topside/stages/navigation.hpp"
 #include "recon/topside/topside_config.hpp"
@@ -20,12 +19,11 @@ struct LightingModels {
   std::uint64_t unreadable = 0;  // images passed over
 };
 
-// Learns from `count` pairs spread evenly over the mission, by their ranges (bent to stereo's points;
-// `poses`: one a pair). Reads in parallel, learns in the pairs' order, so that the result does not depend on
-// the number of threads.
+// Learns from config.lighting_images pairs spread evenly over the mission, by their ranges (bent to stereo's
+// points; `poses`: one a pair), and shows its progress. Reads in parallel, learns in the pairs' order, so
+// that the result does not depend on the number of threads.
 void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
                    const std::vector<ImagePair>& pairs, const std::vector<NavigatedPose>& poses,
-                   const TopsideConfig& config, std::size_t count, LightingModels& models,
-                   Progress& progress);
+                   const TopsideConfig& config, LightingModels& models);
 
 }  // namespace fathom::topside
