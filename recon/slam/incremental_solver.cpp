@@ -9,8 +9,6 @@ namespace fathom::slam {
 namespace {
 
 constexpr int kN = kBlockSize;
-// Change of a measurement's error [half angle, shift over lever] from which its derivative is taken anew.
-constexpr double kRelinearize = 1e-3;
 constexpr double kRefactor = 0.1;
 constexpr double kReweighted = 1e9;      // staleness of a measurement with another weight
 constexpr int kRounds = 8;               // factors of a step
@@ -26,11 +24,9 @@ constexpr double kShortest = 0.5;
 std::size_t arraysOf(const IncrementalConfig& c) {
   const auto poses = static_cast<std::size_t>(c.max_poses),
              edges = static_cast<std::size_t>(c.max_measurements);
-  constexpr std::size_t kArrays = 22, kAlignment = alignof(Block);
-  return poses * (2 * sizeof(SE3) + 3 * sizeof(std::uint8_t) + 4 * kN * sizeof(double) + 3 * sizeof(int)) +
-         edges * (sizeof(WhitenedLinear) + sizeof(std::uint8_t) + 2 * sizeof(Vector6d) +
-                  2 * sizeof(InFactor) + 2 * sizeof(double) + sizeof(int)) +
-         kArrays * kAlignment;
+  constexpr std::size_t kArrays = 11, kAlignment = alignof(Block);
+  return poses * (2 * sizeof(SE3) + 2 * sizeof(std::uint8_t) + 3 * kN * sizeof(double) + 2 * sizeof(int)) +
+         edges * (2 * sizeof(InFactor) + sizeof(double)) + kArrays * kAlignment;
 }
 
 GrowingFactor::Size factorSize(const IncrementalConfig& c) {
@@ -53,34 +49,29 @@ void IncrementalConfig::validate() const {
 }
 
 std::size_t IncrementalSolver::bytesNeeded(const IncrementalConfig& c) {
-  return arraysOf(c) + Measurements::bytes(c.max_poses, c.max_measurements) +
-         2 * GrowingFactor::bytes(factorSize(c)) + FactorBuilder::bytes(builderSize(c));
+  return arraysOf(c) + PresentErrors::bytes(c.max_poses, c.max_measurements) +
+         Measurements::bytes(c.max_poses, c.max_measurements) + 2 * GrowingFactor::bytes(factorSize(c)) +
+         FactorBuilder::bytes(builderSize(c));
 }
 
 IncrementalSolver::IncrementalSolver(const IncrementalConfig& config)
     : config_((config.validate(), config)),
       arena_(bytesNeeded(config)),
       measurements_(config.max_poses, config.max_measurements, arena_),
+      poses_(arenaArray<SE3>(arena_, at(config.max_poses))),
+      held_(arenaArray<std::uint8_t>(arena_, at(config.max_poses))),
+      errors_(measurements_, poses_, held_, config.max_measurements, arena_),
       factors_{Factor{GrowingFactor(factorSize(config), arena_), {}},
                Factor{GrowingFactor(factorSize(config), arena_), {}}},
       builder_(builderSize(config), arena_) {
   const auto poses = at(config.max_poses), edges = at(config.max_measurements);
-  poses_ = arenaArray<SE3>(arena_, poses);
   saved_ = arenaArray<SE3>(arena_, poses);
-  held_ = arenaArray<std::uint8_t>(arena_, poses);
-  is_dirty_ = arenaArray<std::uint8_t>(arena_, poses);
   is_changed_ = arenaArray<std::uint8_t>(arena_, poses);
-  linear_ = arenaArray<WhitenedLinear>(arena_, edges);
-  error_then_ = arenaArray<Vector6d>(arena_, edges);
   for (Factor& f : factors_) f.in_factor = arenaArray<InFactor>(arena_, edges);
-  pull_ = arenaArray<Perturbation>(arena_, edges);
-  is_moved_ = arenaArray<std::uint8_t>(arena_, edges);
   stale_ = arenaArray<double>(arena_, edges);
-  chi2_of_ = arenaArray<double>(arena_, edges);
-  stamp_ = arenaArray<int>(arena_, edges);
-  for (std::span<double>* s : {&gradient_, &gradient_before_, &solved_, &direction_})
+  for (std::span<double>* s : {&gradient_before_, &solved_, &direction_})
     *s = arenaArray<double>(arena_, kN * poses);
-  for (std::span<int>* s : {&moved_, &changed_, &dirty_}) *s = arenaArray<int>(arena_, poses);
+  for (std::span<int>* s : {&moved_, &changed_}) *s = arenaArray<int>(arena_, poses);
   if (arena_.refused() != 0) throw std::logic_error("incremental solver: its arena is too small");
 }
 
@@ -101,17 +92,12 @@ AddStatus IncrementalSolver::addMeasurement(const RelativePose& measurement) {
   return status;
 }
 
-double IncrementalSolver::chi2Of(int measurement) const {
-  return measurement < evaluated_ ? chi2_of_[at(measurement)] : 0;
-}
-
 bool IncrementalSolver::setWeight(int k, double weight) {
   if (k < 0 || k >= measurements_.size() || !(weight >= 0) || !std::isfinite(weight)) return false;
   const double before = measurements_[k].weight;
   measurements_.setWeight(k, weight);
-  if (k >= evaluated_ || weight == before) return true;
-  linearize(k);
-  refreshGradient();
+  if (k >= errors_.size() || weight == before) return true;
+  errors_.renew(k);
   restart_ = true;
   stale_[at(k)] = kReweighted;
   return true;
@@ -130,9 +116,9 @@ std::int64_t IncrementalSolver::update(Factor& f, double sign, int k) {
 std::int64_t IncrementalSolver::extend(Factor& f, std::int64_t quota) {
   for (; f.poses < poses_count_; ++f.poses) f.factor.append(f.poses);
   std::int64_t work = 0;
-  for (; f.measurements < evaluated_ && work < quota; ++f.measurements) {
+  for (; f.measurements < errors_.size() && work < quota; ++f.measurements) {
     const Measurement& m = measurements_[f.measurements];
-    f.in_factor[at(f.measurements)] = {fromPose(m), poses_[at(m.to)], m.weight};
+    f.in_factor[at(f.measurements)] = {errors_.fromPose(m), poses_[at(m.to)], m.weight};
     work += update(f, 1, f.measurements);
   }
   return work;
@@ -154,116 +140,36 @@ double IncrementalSolver::staleness(int k) const {
                            : turn(then.T_w_to.inverse() * then.T_w_from, to.inverse() * poses_[at(m.from)]));
 }
 
-void IncrementalSolver::markDirty(int pose) {
-  if (pose == kWorld || held_[at(pose)] || is_dirty_[at(pose)]) return;
-  is_dirty_[at(pose)] = 1;
-  dirty_[at(dirty_count_++)] = pose;
-}
-
-void IncrementalSolver::linearize(int k) {
-  const Measurement& m = measurements_[k];
-  error_then_[at(k)] =
-      linearizeWhitened(m, fromPose(m).inverse() * poses_[at(m.to)], m.weight, linear_[at(k)]);
-  noteError(k);
-}
-
-// What follows from a measurement's error.
-void IncrementalSolver::noteError(int k) {
-  const Measurement& m = measurements_[k];
-  const WhitenedLinear& l = linear_[at(k)];
-  chi2_of_[at(k)] = l.error.squaredNorm();
-  pull_[at(k)] = fromOwnFrame(poses_[at(m.to)], l.by_to.transpose() * l.error);
-  markDirty(m.from);
-  markDirty(m.to);
-}
-
-void IncrementalSolver::evaluate(int k) {
-  const Measurement& m = measurements_[k];
-  const Vector6d error = plainError(m, fromPose(m), poses_[at(m.to)]);
-  is_moved_[at(k)] = 1;
-  const Vector6d change = error - error_then_[at(k)];
-  if (change.tail<3>().norm() + change.head<3>().norm() / m.lever > kRelinearize) {
-    linearize(k);
-    return;
-  }
-  linear_[at(k)].error = std::sqrt(m.weight) * (m.root * error);
-  noteError(k);
-}
-
-// Errors and gradient after some poses have moved.
-void IncrementalSolver::reevaluate(std::span<const int> poses) {
-  ++evaluation_;
-  for (const int pose : poses) {
-    for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
-      if (k >= evaluated_ || stamp_[at(k)] == evaluation_) continue;
-      stamp_[at(k)] = evaluation_;
-      evaluate(k);
-    }
-  }
-  refreshGradient();
-}
-
-void IncrementalSolver::refreshGradient() {
-  for (int i = 0; i < dirty_count_; ++i) {
-    const int pose = dirty_[at(i)];
-    is_dirty_[at(pose)] = 0;
-    Eigen::Map<Vector6d> g(&gradient_[at(kN * pose)]);
-    g.setZero();
-    for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
-      if (k >= evaluated_) continue;
-      if (measurements_[k].to == pose)
-        g += pull_[at(k)];
-      else
-        g -= pull_[at(k)];
-    }
-  }
-  dirty_count_ = 0;
-  chi2_ = 0;
-  for (int k = 0; k < evaluated_; ++k) chi2_ += chi2_of_[at(k)];
-}
-
-// p^T H p of the direction p.
-double IncrementalSolver::curvature() const {
-  double sum = 0;
-  for (int k = 0; k < evaluated_; ++k) {
-    const Measurement& m = measurements_[k];
-    const Eigen::Map<const Perturbation> to(&direction_[at(kN * m.to)]);
-    Perturbation difference = to;
-    if (m.from != kWorld) difference -= Eigen::Map<const Perturbation>(&direction_[at(kN * m.from)]);
-    if (difference.isZero(0)) continue;
-    sum += (linear_[at(k)].by_to * toOwnFrame(poses_[at(m.to)], difference)).squaredNorm();
-  }
-  return sum;
-}
-
 // One iteration of preconditioned conjugate gradients; false when there is no more to gain.
 bool IncrementalSolver::iterate(StepReport& report) {
   const int n = kN * active().poses;
-  report.solve_work += active().factor.solve(
-      gradient_.data(), solved_.data(), config_.least_effect * config_.least_decrease * chi2_ / poses_count_);
+  const std::span<const double> gradient = errors_.gradient();
+  report.solve_work +=
+      active().factor.solve(gradient.data(), solved_.data(),
+                            config_.least_effect * config_.least_decrease * errors_.chi2() / poses_count_);
   double product = 0, change = 0;
   for (int i = 0; i < n; ++i) {
-    product += gradient_[at(i)] * solved_[at(i)];
+    product += gradient[at(i)] * solved_[at(i)];
     change += gradient_before_[at(i)] * solved_[at(i)];
   }
   report.decrease_expected = product;
-  if (!(product > config_.least_decrease * chi2_)) return false;
+  if (!(product > config_.least_decrease * errors_.chi2())) return false;
   double beta = restart_ ? 0 : std::max(0.0, (product - change) / product_before_);
   if (beta > 0.5) beta = 0;
   double slope = 0;
   for (int i = 0; i < n; ++i) {
     direction_[at(i)] = (beta > 0 ? beta * direction_[at(i)] : 0) - solved_[at(i)];
-    slope += gradient_[at(i)] * direction_[at(i)];
+    slope += gradient[at(i)] * direction_[at(i)];
   }
   if (slope >= 0) {
     for (int i = 0; i < n; ++i) direction_[at(i)] = -solved_[at(i)];
     slope = -product;
   }
-  for (int i = 0; i < n; ++i) gradient_before_[at(i)] = gradient_[at(i)];
+  for (int i = 0; i < n; ++i) gradient_before_[at(i)] = gradient[at(i)];
   product_before_ = product;
   restart_ = false;
 
-  double length = -slope / curvature();
+  double length = -slope / errors_.curvature(direction_);
   moved_count_ = 0;
   for (int i = 0; i < active().poses; ++i) {
     if (held_[at(i)] || Eigen::Map<const Perturbation>(&direction_[at(kN * i)]).isZero(0)) continue;
@@ -275,27 +181,28 @@ bool IncrementalSolver::iterate(StepReport& report) {
     }
   }
   const std::span<const int> moving(moved_.data(), at(moved_count_));
-  const double before = chi2_;
+  const double before = errors_.chi2();
   const auto moveBy = [&](double share) {
     for (const int i : moving)
       poses_[at(i)] =
           perturbedInWorld(saved_[at(i)], share * Eigen::Map<const Perturbation>(&direction_[at(kN * i)]));
-    reevaluate(moving);
+    errors_.follow(moving);
   };
   // The floor of a long, curved valley lies behind its side.
   const bool right = length > kRightLength && length < 1 / kRightLength;
   const double most = right && rises_ < kRises ? kSteepest * before : before;
   moveBy(length);
-  for (int halving = 0; !(chi2_ <= most) && halving < kHalvings; ++halving) {
+  for (int halving = 0; !(errors_.chi2() <= most) && halving < kHalvings; ++halving) {
     length /= 2;
     moveBy(length);
     restart_ = true;
   }
   // A direction in which chi2 does not fall at once is one of a factor that is out of date.
-  const bool fell = chi2_ <= most;
-  rises_ = chi2_ <= before ? 0 : rises_ + 1;
+  const bool fell = errors_.chi2() <= most;
+  rises_ = errors_.chi2() <= before ? 0 : rises_ + 1;
   if (!fell) moveBy(0);
-  if (!fell || chi2_ > before || length < kShortest || length > 1 / kShortest) urgent_ = restart_ = true;
+  if (!fell || errors_.chi2() > before || length < kShortest || length > 1 / kShortest)
+    urgent_ = restart_ = true;
   if (!fell) return false;
   ++report.iterations;
   return true;
@@ -306,9 +213,7 @@ bool IncrementalSolver::iterate(StepReport& report) {
 void IncrementalSolver::refresh(StepReport& report) {
   const int held = active().measurements;
   for (int k = 0; k < held; ++k) {
-    if (!is_moved_[at(k)]) continue;
-    is_moved_[at(k)] = 0;
-    stale_[at(k)] = staleness(k);
+    if (errors_.takeMoved(k)) stale_[at(k)] = staleness(k);
   }
   const auto stale =
       std::count_if(stale_.begin(), stale_.begin() + held, [](double s) { return s > kRefactor; });
@@ -319,7 +224,7 @@ void IncrementalSolver::refresh(StepReport& report) {
     const int k = static_cast<int>(worst - stale_.begin());
     const Measurement& m = measurements_[k];
     InFactor& in_factor = active().in_factor[at(k)];
-    const InFactor then = in_factor, now = {fromPose(m), poses_[at(m.to)], m.weight};
+    const InFactor then = in_factor, now = {errors_.fromPose(m), poses_[at(m.to)], m.weight};
     in_factor = now;
     report.update_work += update(active(), 1, k);
     in_factor = then;
@@ -353,24 +258,20 @@ void IncrementalSolver::build(StepReport& report) {
     building_ = false;
     return;
   }
-  if (builder_.running() || next.poses < poses_count_ || next.measurements < evaluated_) return;
+  if (builder_.running() || next.poses < poses_count_ || next.measurements < errors_.size()) return;
   work_of_build_ = build_work_;
   active_ = 1 - active_;
   building_ = urgent_ = false;
   restart_ = true;
   ++report.factors_replaced;
-  for (int k = 0; k < evaluated_; ++k) stale_[at(k)] = staleness(k);
+  for (int k = 0; k < errors_.size(); ++k) stale_[at(k)] = staleness(k);
 }
 
 StepReport IncrementalSolver::step() {
   StepReport report;
   for (int i = 0; i < changed_count_; ++i) is_changed_[at(changed_[at(i)])] = 0;
   changed_count_ = 0;
-  if (evaluated_ < measurements_.size()) {
-    restart_ = true;
-    while (evaluated_ < measurements_.size()) linearize(evaluated_++);
-    refreshGradient();
-  }
+  if (errors_.extend()) restart_ = true;
   const int before = active().measurements;
   report.update_work = extend(active(), config_.update_quota);
   if (active().measurements > before)
@@ -386,9 +287,9 @@ StepReport IncrementalSolver::step() {
     while (!report.waits_for_factor && iterations < config_.iterations && iterate(report)) ++iterations;
   } while (urgent_ && iterations > 0 && ++rounds < kRounds &&
            report.solve_work + report.update_work + report.build_work + work_of_build_ < config_.build_quota);
-  report.chi2 = chi2_;
+  report.chi2 = errors_.chi2();
   report.poses_moved = changed_count_;
-  report.measurements_waiting = evaluated_ - active().measurements;
+  report.measurements_waiting = errors_.size() - active().measurements;
   return report;
 }
 

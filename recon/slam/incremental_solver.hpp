@@ -8,6 +8,7 @@
 #include "recon/slam/factor_builder.hpp"
 #include "recon/slam/growing_factor.hpp"
 #include "recon/slam/measurements.hpp"
+#include "recon/slam/present_errors.hpp"
 
 namespace fathom::slam {
 
@@ -70,9 +71,9 @@ class IncrementalSolver {
   const SE3& pose(int i) const { return poses_[at(i)]; }
   // Poses that the last step moved.
   std::span<const int> moved() const { return {changed_.data(), at(changed_count_)}; }
-  double chi2() const { return chi2_; }  // after the last step
+  double chi2() const { return errors_.chi2(); }  // after the last step
   // Chi2 of one measurement, at the last step.
-  double chi2Of(int measurement) const;
+  double chi2Of(int measurement) const { return errors_.chi2Of(measurement); }
 
   // Covariance of a pose's perturbation in its own frame (pose_graph.hpp: perturbed), by the factor; zero for
   // a pose that is held. And of the relative pose T_a_b, perturbed in the same way.
@@ -92,45 +93,32 @@ class IncrementalSolver {
   static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
   Factor& active() { return factors_[at(active_)]; }
   const Factor& active() const { return factors_[at(active_)]; }
-  SE3 fromPose(const Measurement& m) const { return m.from == kWorld ? SE3() : poses_[at(m.from)]; }
   double staleness(int k) const;
 
   std::int64_t update(Factor& f, double sign, int k);
 
   std::int64_t extend(Factor& f, std::int64_t quota);
   void refresh(StepReport& report);
-  void linearize(int k);
-  void noteError(int k);
-  void evaluate(int k);
-  void reevaluate(std::span<const int> poses);
-  void refreshGradient();
-  void markDirty(int pose);
   bool iterate(StepReport& report);
-  double curvature() const;
   void build(StepReport& report);
 
   IncrementalConfig config_;
   rt::Arena arena_;
   Measurements measurements_;
+  std::span<SE3> poses_;
+  std::span<std::uint8_t> held_;
+  PresentErrors errors_;
   std::array<Factor, 2> factors_;
   FactorBuilder builder_;
   int active_ = 0;
 
-  std::span<SE3> poses_, saved_;
-  std::span<std::uint8_t> held_;
-  std::span<WhitenedLinear> linear_;  // at present errors; derivatives may be slightly older
-  std::span<Vector6d> error_then_;    // plain errors where the derivatives were taken
-  std::span<Perturbation> pull_;      // gradient of each, by the perturbation of `to`
-  std::span<std::uint8_t> is_moved_;  // since its staleness was found
-  std::span<double> chi2_of_;
+  std::span<SE3> saved_;
   std::span<double> stale_;  // of measurements: staleness in the active factor
-  std::span<int> stamp_;     // of measurements: the last evaluation
-  std::span<double> gradient_, gradient_before_, solved_, direction_;
-  std::span<int> moved_, changed_, dirty_;
-  std::span<std::uint8_t> is_dirty_, is_changed_;
-  int poses_count_ = 0, evaluated_ = 0, moved_count_ = 0, changed_count_ = 0, dirty_count_ = 0;
-  int evaluation_ = 0, rises_ = 0;
-  double chi2_ = 0, product_before_ = 0;
+  std::span<double> gradient_before_, solved_, direction_;
+  std::span<int> moved_, changed_;
+  std::span<std::uint8_t> is_changed_;
+  int poses_count_ = 0, moved_count_ = 0, changed_count_ = 0, rises_ = 0;
+  double product_before_ = 0;
   double closes_late_ = 1;  // share of closures, newest weigh most, with one of the `kept_last` newest poses
   std::int64_t work_of_update_ = 1, work_of_build_ = 0, build_work_ = 0;
   bool restart_ = true, building_ = false, urgent_ = false;

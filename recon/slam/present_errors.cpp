@@ -1,0 +1,139 @@
+#include "recon/slam/present_errors.hpp"
+
+#include <cmath>
+
+namespace fathom::slam {
+namespace {
+
+constexpr int kN = kBlockSize;
+// Change of a measurement's error [half angle, shift over lever] from which its derivative is taken anew.
+constexpr double kRelinearize = 1e-3;
+
+}  // namespace
+
+PresentErrors::PresentErrors(const Measurements& measurements, std::span<const SE3> poses,
+                             std::span<const std::uint8_t> held, int max_measurements, rt::Arena& arena)
+    : measurements_(measurements), poses_(poses), held_(held) {
+  const std::size_t edges = at(max_measurements);
+  linear_ = arenaArray<WhitenedLinear>(arena, edges);
+  error_then_ = arenaArray<Vector6d>(arena, edges);
+  pull_ = arenaArray<Perturbation>(arena, edges);
+  is_moved_ = arenaArray<std::uint8_t>(arena, edges);
+  chi2_of_ = arenaArray<double>(arena, edges);
+  stamp_ = arenaArray<int>(arena, edges);
+  gradient_ = arenaArray<double>(arena, kN * poses.size());
+  dirty_ = arenaArray<int>(arena, poses.size());
+  is_dirty_ = arenaArray<std::uint8_t>(arena, poses.size());
+}
+
+std::size_t PresentErrors::bytes(int max_poses, int max_measurements) {
+  constexpr std::size_t kArrays = 9, kAlignment = alignof(Block);
+  return at(max_poses) * (kN * sizeof(double) + sizeof(int) + sizeof(std::uint8_t)) +
+         at(max_measurements) * (sizeof(WhitenedLinear) + 2 * sizeof(Vector6d) + sizeof(std::uint8_t) +
+                                 sizeof(double) + sizeof(int)) +
+         kArrays * kAlignment;
+}
+
+double PresentErrors::chi2Of(int measurement) const {
+  return measurement < size_ ? chi2_of_[at(measurement)] : 0;
+}
+
+bool PresentErrors::takeMoved(int measurement) {
+  const bool moved = is_moved_[at(measurement)] != 0;
+  is_moved_[at(measurement)] = 0;
+  return moved;
+}
+
+bool PresentErrors::extend() {
+  if (size_ == measurements_.size()) return false;
+  while (size_ < measurements_.size()) linearize(size_++);
+  refreshGradient();
+  return true;
+}
+
+void PresentErrors::renew(int measurement) {
+  linearize(measurement);
+  refreshGradient();
+}
+
+void PresentErrors::markDirty(int pose) {
+  if (pose == kWorld || held_[at(pose)] || is_dirty_[at(pose)]) return;
+  is_dirty_[at(pose)] = 1;
+  dirty_[at(dirty_count_++)] = pose;
+}
+
+void PresentErrors::linearize(int k) {
+  const Measurement& m = measurements_[k];
+  error_then_[at(k)] =
+      linearizeWhitened(m, fromPose(m).inverse() * poses_[at(m.to)], m.weight, linear_[at(k)]);
+  noteError(k);
+}
+
+// What follows from a measurement's error.
+void PresentErrors::noteError(int k) {
+  const Measurement& m = measurements_[k];
+  const WhitenedLinear& l = linear_[at(k)];
+  chi2_of_[at(k)] = l.error.squaredNorm();
+  pull_[at(k)] = fromOwnFrame(poses_[at(m.to)], l.by_to.transpose() * l.error);
+  markDirty(m.from);
+  markDirty(m.to);
+}
+
+void PresentErrors::evaluate(int k) {
+  const Measurement& m = measurements_[k];
+  const Vector6d error = plainError(m, fromPose(m), poses_[at(m.to)]);
+  is_moved_[at(k)] = 1;
+  const Vector6d change = error - error_then_[at(k)];
+  if (change.tail<3>().norm() + change.head<3>().norm() / m.lever > kRelinearize) {
+    linearize(k);
+    return;
+  }
+  linear_[at(k)].error = std::sqrt(m.weight) * (m.root * error);
+  noteError(k);
+}
+
+void PresentErrors::follow(std::span<const int> moved) {
+  ++evaluation_;
+  for (const int pose : moved) {
+    for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
+      if (k >= size_ || stamp_[at(k)] == evaluation_) continue;
+      stamp_[at(k)] = evaluation_;
+      evaluate(k);
+    }
+  }
+  refreshGradient();
+}
+
+void PresentErrors::refreshGradient() {
+  for (int i = 0; i < dirty_count_; ++i) {
+    const int pose = dirty_[at(i)];
+    is_dirty_[at(pose)] = 0;
+    Eigen::Map<Vector6d> g(&gradient_[at(kN * pose)]);
+    g.setZero();
+    for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
+      if (k >= size_) continue;
+      if (measurements_[k].to == pose)
+        g += pull_[at(k)];
+      else
+        g -= pull_[at(k)];
+    }
+  }
+  dirty_count_ = 0;
+  chi2_ = 0;
+  for (int k = 0; k < size_; ++k) chi2_ += chi2_of_[at(k)];
+}
+
+double PresentErrors::curvature(std::span<const double> direction) const {
+  double sum = 0;
+  for (int k = 0; k < size_; ++k) {
+    const Measurement& m = measurements_[k];
+    const Eigen::Map<const Perturbation> to(&direction[at(kN * m.to)]);
+    Perturbation difference = to;
+    if (m.from != kWorld) difference -= Eigen::Map<const Perturbation>(&direction[at(kN * m.from)]);
+    if (difference.isZero(0)) continue;
+    sum += (linear_[at(k)].by_to * toOwnFrame(poses_[at(m.to)], difference)).squaredNorm();
+  }
+  return sum;
+}
+
+}  // namespace fathom::slam

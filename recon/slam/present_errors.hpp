@@ -1,0 +1,65 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "recon/slam/arena_array.hpp"
+#include "recon/slam/measurements.hpp"
+
+namespace fathom::slam {
+
+// The errors of measurements at the present poses, and what follows from them: chi2, its gradient, its
+// curvature along a direction. Only what touches poses that moved is worked out anew; derivatives may be
+// slightly older than errors. No memory is taken after construction.
+class PresentErrors {
+ public:
+  // All must outlive this; `held[i]` is not 0 for a pose whose place is fixed.
+  PresentErrors(const Measurements& measurements, std::span<const SE3> poses,
+                std::span<const std::uint8_t> held, int max_measurements, rt::Arena& arena);
+  [[nodiscard]] static std::size_t bytes(int max_poses, int max_measurements);
+
+  // Takes in all new measurements; false when there are none.
+  bool extend();
+  // Takes one anew: its weight has changed.
+  void renew(int measurement);
+  // After some poses have moved.
+  void follow(std::span<const int> moved);
+
+  [[nodiscard]] int size() const { return size_; }  // measurements taken in
+  [[nodiscard]] double chi2() const { return chi2_; }
+  [[nodiscard]] double chi2Of(int measurement) const;
+  // By perturbations in the world frame, six numbers a pose.
+  [[nodiscard]] std::span<const double> gradient() const { return gradient_; }
+  // p^T H p of the direction p.
+  [[nodiscard]] double curvature(std::span<const double> direction) const;
+  // Whether a pose of the measurement has moved since this was last asked.
+  [[nodiscard]] bool takeMoved(int measurement);
+  [[nodiscard]] SE3 fromPose(const Measurement& m) const {
+    return m.from == kWorld ? SE3() : poses_[at(m.from)];
+  }
+
+ private:
+  static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
+  void linearize(int k);
+  void noteError(int k);
+  void evaluate(int k);
+  void markDirty(int pose);
+  void refreshGradient();
+
+  const Measurements& measurements_;
+  std::span<const SE3> poses_;
+  std::span<const std::uint8_t> held_;
+  std::span<WhitenedLinear> linear_;  // at present errors; derivatives may be slightly older
+  std::span<Vector6d> error_then_;    // plain errors where the derivatives were taken
+  std::span<Perturbation> pull_;      // gradient of each, by the perturbation of `to`
+  std::span<std::uint8_t> is_moved_;
+  std::span<double> chi2_of_;
+  std::span<int> stamp_;  // of measurements: the last evaluation
+  std::span<double> gradient_;
+  std::span<int> dirty_;
+  std::span<std::uint8_t> is_dirty_;
+  int size_ = 0, dirty_count_ = 0, evaluation_ = 0;
+  double chi2_ = 0;
+};
+
+}  // namespace fathom::slam
