@@ -10,12 +10,10 @@
 #include <string>
 
 #include "recon/stereo/disparity_cells.hpp"
-#include "recon/stereo/epipolar_search.hpp"
 #include "recon/stereo/gray_pyramid.hpp"
 #include "recon/stereo/kernels/kernels.hpp"
 #include "recon/stereo/local_mesh.hpp"
-#include "recon/stereo/match_noise.hpp"
-#include "recon/stereo/midpoint_triangulation.hpp"
+#include "recon/stereo/match_points.hpp"
 #include "recon/stereo/patch_tracker.hpp"
 
 namespace fathom::stereo {
@@ -43,11 +41,6 @@ cv::Mat distortion(const Camera& c) {
   return (cv::Mat_<double>(1, 5) << c.k1, c.k2, c.p1, c.p2, c.k3);
 }
 
-bool fits(const ImageView& image, const Camera& camera) {
-  return !image.empty() && image.format == PixelFormat::kMono && image.bits == 8 &&
-         image.width == camera.width && image.height == camera.height;
-}
-
 }  // namespace
 
 struct DenseStereo::Impl {
@@ -73,11 +66,9 @@ struct DenseStereo::Impl {
   cv::Ptr<cv::StereoSGBM> matcher;
   std::vector<float> disparity;  // [px], NaN: none
   DisparityCells cells;
-  EpipolarDistance epipolar;
   GrayPyramid left_pyramid, right_pyramid;
   PatchTracker tracker;
-  MidpointTriangulation triangulation;
-  MatchNoise noise;
+  MatchPoints found;
   LocalMesh mesh;
   StereoResult result;
   std::function<void(const char* stage)> observer;
@@ -87,12 +78,10 @@ DenseStereo::Impl::Impl(const StereoRig& r, const SparseStereoConfig& l, const D
     : rig(r),
       limits(l),
       config(c),
-      epipolar(r),
       left_pyramid(r.left.width, r.left.height, kLevels, fastestKernels()),
       right_pyramid(r.right.width, r.right.height, kLevels, fastestKernels()),
       tracker(l.window, fastestKernels()),
-      triangulation(r),
-      noise(static_cast<std::size_t>(l.max_features)),
+      found(r, static_cast<std::size_t>(l.max_features)),
       mesh(static_cast<std::size_t>(l.max_features)) {
   const StereoRig scaled = rig.scaled(config.scale);
   size = {scaled.left.width, scaled.left.height};
@@ -152,11 +141,11 @@ void DenseStereo::Impl::match(const cv::Mat& left, const cv::Mat& right, const S
                                kDisparityStep, kMaxDisparities);
   matcher->setMinDisparity(first);
   matcher->setNumDisparities(count);
-  cv::Mat found;
-  matcher->compute(left, right, found);
+  cv::Mat sixteenths;
+  matcher->compute(left, right, sixteenths);
   disparity.assign(static_cast<std::size_t>(size.area()), NAN);
   for (int y = 0; y < size.height; ++y) {
-    const auto* row = found.ptr<std::int16_t>(y);
+    const auto* row = sixteenths.ptr<std::int16_t>(y);
     float* out = disparity.data() + static_cast<std::ptrdiff_t>(y) * size.width;
     for (int x = 0; x < size.width; ++x) {
       const double d = row[x] * kDisparityUnit;
@@ -202,21 +191,9 @@ void DenseStereo::Impl::confirm(const Eigen::Vector3d& guess) {
     ++result.rejected.no_track;
     return;
   }
-  const Eigen::Vector3d right_ray = rig.right.ray(match.position);
-  const EpipolarDistance::Offset offset = epipolar.offset(left_ray, right_ray);
-  if (std::abs(offset.distance) > limits.max_epipolar_distance) {
-    ++result.rejected.epipolar;
-    return;
-  }
-  Eigen::Vector3d point;
-  if (!triangulation.point(left_ray, right_ray, point) || !(point.z() >= limits.min_range) ||
-      !(point.z() <= limits.max_range)) {
-    ++result.rejected.range;
-    return;
-  }
-  result.points.push_back(pointOf(triangulation, left, match.position, left_ray, right_ray, point,
-                                  match.covariance, limits.sigma_scale));
-  noise.add(offset, match.covariance);
+  MatchPoints::Rays rays;
+  if (found.nearEpipolarLine(limits, left_ray, match.position, rays, result))
+    found.add(limits, left, match.position, rays, match.covariance, result);
 }
 
 DenseStereo::DenseStereo(const StereoRig& rig, const SparseStereoConfig& limits,
@@ -244,12 +221,7 @@ void DenseStereo::setStageObserver(std::function<void(const char* stage)> observ
 const StereoResult& DenseStereo::process(const ImageView& left, const ImageView& right,
                                          const SeedPlane& plane) {
   Impl& m = *impl_;
-  m.result.points.clear();
-  m.result.triangles.clear();
-  m.result.rejected = {};
-  m.result.corners = 0;
-  m.noise.clear();
-  if (!fits(left, m.rig.left) || !fits(right, m.rig.right) || !(plane.distance > 0)) return m.result;
+  if (!m.found.begin(left, right, plane, m.result)) return m.result;
   const cv::Mat left_image = m.rectified(left, m.left_map1, m.left_map2);
   const cv::Mat right_image = m.rectified(right, m.right_map1, m.right_map2);
   m.left_pyramid.build(left);
@@ -261,7 +233,7 @@ const StereoResult& DenseStereo::process(const ImageView& left, const ImageView&
   m.result.corners = static_cast<std::uint32_t>(cells.size());
   for (const DisparityCell& cell : cells) m.addPoint(cell);
   m.ended("cells");
-  m.noise.widen(m.result);
+  m.found.widen(m.result);
   m.mesh.dropOutliers(m.limits, m.result);
   m.ended("outliers");
   m.mesh.triangulate(m.limits, m.result);

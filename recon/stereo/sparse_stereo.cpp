@@ -10,8 +10,7 @@
 #include "recon/stereo/gray_pyramid.hpp"
 #include "recon/stereo/harris_corners.hpp"
 #include "recon/stereo/local_mesh.hpp"
-#include "recon/stereo/match_noise.hpp"
-#include "recon/stereo/midpoint_triangulation.hpp"
+#include "recon/stereo/match_points.hpp"
 #include "recon/stereo/patch_tracker.hpp"
 
 namespace fathom::stereo {
@@ -56,24 +55,12 @@ void validate(const StereoRig& rig, const SparseStereoConfig& c) {
   require(c.max_fish_length >= 0, "max_fish_length must not be negative");
 }
 
-bool fits(const ImageView& image, const Camera& camera) {
-  return !image.empty() && image.format == PixelFormat::kMono && image.bits == 8 &&
-         image.width == camera.width && image.height == camera.height &&
-         image.stride >= static_cast<std::size_t>(image.width);
-}
-
-bool usable(const SeedPlane& plane) {
-  return plane.normal.allFinite() && std::isfinite(plane.distance) && plane.distance > 0 &&
-         plane.normal.norm() > 0.5;
-}
-
 }  // namespace
 
 struct SparseStereo::Impl {
   Impl(const StereoRig& r, const SparseStereoConfig& c, const Kernels& kernels)
       : rig(r),
         config(c),
-        epipolar(r),
         to_right(r.right, r.T_right_left, kTopPixel, c.search_radius, c.min_range, c.max_range),
         to_left(r.left, r.T_right_left.inverse(), kTopPixel, c.search_radius, c.min_range, c.max_range),
         left_pyramid(r.left.width, r.left.height, levels(r), kernels),
@@ -81,8 +68,7 @@ struct SparseStereo::Impl {
         harris(r.left.width, c.max_features, kernels),
         tracker(c.window, kernels),
         core(coreWindow(c.window), kernels),
-        triangulation(r),
-        noise(static_cast<std::size_t>(c.max_features)),
+        found(r, static_cast<std::size_t>(c.max_features)),
         mesh(static_cast<std::size_t>(c.max_features)) {
     result.points.reserve(static_cast<std::size_t>(c.max_features));
     result.triangles.reserve(2 * static_cast<std::size_t>(c.max_features));
@@ -107,13 +93,11 @@ struct SparseStereo::Impl {
 
   StereoRig rig;
   SparseStereoConfig config;
-  EpipolarDistance epipolar;
   EpipolarSearch to_right, to_left;
   GrayPyramid left_pyramid, right_pyramid;
   HarrisCorners harris;
   PatchTracker tracker, core;
-  MidpointTriangulation triangulation;
-  MatchNoise noise;
+  MatchPoints found;
   LocalMesh mesh;
   std::vector<Eigen::Vector3d> view_rays;  // of the lattice's nodes, row by row
   StereoResult result;
@@ -158,27 +142,15 @@ void SparseStereo::Impl::match(const Corner& corner, const ViewPlane& left_plane
     ++result.rejected.no_track;
     return;
   }
-  const Eigen::Vector3d right_ray = rig.right.ray(there.position);
-  const EpipolarDistance::Offset offset = epipolar.offset(left_ray, right_ray);
-  if (std::abs(offset.distance) > config.max_epipolar_distance) {
-    ++result.rejected.epipolar;
-    return;
-  }
+  MatchPoints::Rays rays;
+  if (!found.nearEpipolarLine(config, left_ray, there.position, rays, result)) return;
   const PatchMatch back =
-      tracker.track(right_pyramid, there.position, left_pyramid, to_left.candidates(right_ray, right_plane));
+      tracker.track(right_pyramid, there.position, left_pyramid, to_left.candidates(rays.right, right_plane));
   if (!back.found || (back.position - left).norm() > config.max_left_right_distance) {
     ++result.rejected.left_right;
     return;
   }
-  Eigen::Vector3d point;
-  if (!triangulation.point(left_ray, right_ray, point) || !(point.z() >= config.min_range) ||
-      !(point.z() <= config.max_range)) {
-    ++result.rejected.range;
-    return;
-  }
-  result.points.push_back(pointOf(triangulation, left, there.position, left_ray, right_ray, point,
-                                  there.covariance, config.sigma_scale));
-  noise.add(offset, there.covariance);
+  found.add(config, left, there.position, rays, there.covariance, result);
 }
 
 SparseStereo::SparseStereo(const StereoRig& rig, const SparseStereoConfig& config, const Kernels* kernels) {
@@ -195,12 +167,7 @@ void SparseStereo::setStageObserver(std::function<void(const char* stage)> obser
 const StereoResult& SparseStereo::process(const ImageView& left, const ImageView& right,
                                           const SeedPlane& plane, int max_features) {
   Impl& m = *impl_;
-  m.result.points.clear();
-  m.result.triangles.clear();
-  m.result.rejected = {};
-  m.result.corners = 0;
-  m.noise.clear();
-  if (!fits(left, m.rig.left) || !fits(right, m.rig.right) || !usable(plane)) return m.result;
+  if (!m.found.begin(left, right, plane, m.result)) return m.result;
 
   m.left_pyramid.build(left);
   m.right_pyramid.build(right);
@@ -217,7 +184,7 @@ const StereoResult& SparseStereo::process(const ImageView& left, const ImageView
   m.ended("corners");
 
   for (const Corner& corner : corners) m.match(corner, left_plane, right_plane);
-  m.noise.widen(m.result);
+  m.found.widen(m.result);
   m.ended("tracking");
   m.mesh.dropOutliers(m.config, m.result);
   m.ended("outliers");

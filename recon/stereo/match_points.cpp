@@ -1,0 +1,60 @@
+#include "recon/stereo/match_points.hpp"
+
+#include <cmath>
+
+namespace fathom::stereo {
+namespace {
+
+bool fits(const ImageView& image, const Camera& camera) {
+  return !image.empty() && image.format == PixelFormat::kMono && image.bits == 8 &&
+         image.width == camera.width && image.height == camera.height &&
+         image.stride >= static_cast<std::size_t>(image.width);
+}
+
+bool usable(const SeedPlane& plane) {
+  return plane.normal.allFinite() && std::isfinite(plane.distance) && plane.distance > 0 &&
+         plane.normal.norm() > 0.5;
+}
+
+}  // namespace
+
+MatchPoints::MatchPoints(const StereoRig& rig, std::size_t max_points)
+    : left_(rig.left), right_(rig.right), epipolar_(rig), triangulation_(rig), noise_(max_points) {}
+
+bool MatchPoints::begin(const ImageView& left, const ImageView& right, const SeedPlane& plane,
+                        StereoResult& result) {
+  result.points.clear();
+  result.triangles.clear();
+  result.rejected = {};
+  result.corners = 0;
+  noise_.clear();
+  return fits(left, left_) && fits(right, right_) && usable(plane);
+}
+
+bool MatchPoints::nearEpipolarLine(const SparseStereoConfig& limits, const Eigen::Vector3d& left_ray,
+                                   const Eigen::Vector2d& right, Rays& rays, StereoResult& result) const {
+  rays.left = left_ray;
+  rays.right = right_.ray(right);
+  rays.offset = epipolar_.offset(rays.left, rays.right);
+  if (std::abs(rays.offset.distance) > limits.max_epipolar_distance) {
+    ++result.rejected.epipolar;
+    return false;
+  }
+  return true;
+}
+
+void MatchPoints::add(const SparseStereoConfig& limits, const Eigen::Vector2d& left,
+                      const Eigen::Vector2d& right, const Rays& rays, const Eigen::Matrix2d& covariance,
+                      StereoResult& result) {
+  Eigen::Vector3d point;
+  if (!triangulation_.point(rays.left, rays.right, point) || !(point.z() >= limits.min_range) ||
+      !(point.z() <= limits.max_range)) {
+    ++result.rejected.range;
+    return;
+  }
+  result.points.push_back(
+      pointOf(triangulation_, left, right, rays.left, rays.right, point, covariance, limits.sigma_scale));
+  noise_.add(rays.offset, covariance);
+}
+
+}  // namespace fathom::stereo

@@ -1,0 +1,45 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+
+#include "recon/stereo/epipolar_search.hpp"
+#include "recon/stereo/match_noise.hpp"
+#include "recon/stereo/midpoint_triangulation.hpp"
+#include "recon/stereo/sparse_stereo.hpp"
+
+namespace fathom::stereo {
+
+// From matched pixels to the points of a result, with the checks and counts that sparse and dense stereo
+// share.
+class MatchPoints {
+ public:
+  // Reserves the memory for this many points.
+  MatchPoints(const StereoRig& rig, std::size_t max_points);
+
+  // Empties `result` for a new frame; false when the images are not 8-bit mono of the rig's size, or the
+  // plane is none.
+  [[nodiscard]] bool begin(const ImageView& left, const ImageView& right, const SeedPlane& plane,
+                           StereoResult& result);
+
+  struct Rays {
+    Eigen::Vector3d left, right;  // (x, y, 1), each in its own camera's frame
+    EpipolarDistance::Offset offset;
+  };
+  // False, and counted, when a match lies too far off its epipolar line.
+  [[nodiscard]] bool nearEpipolarLine(const SparseStereoConfig& limits, const Eigen::Vector3d& left_ray,
+                                      const Eigen::Vector2d& right, Rays& rays, StereoResult& result) const;
+  // Triangulates and appends; a point out of range is counted instead. `covariance`: of the match [px^2].
+  void add(const SparseStereoConfig& limits, const Eigen::Vector2d& left, const Eigen::Vector2d& right,
+           const Rays& rays, const Eigen::Matrix2d& covariance, StereoResult& result);
+  // Widens the points' covariances by the frame's own noise, once all are in.
+  void widen(StereoResult& result) { noise_.widen(result); }
+
+ private:
+  Camera left_, right_;
+  EpipolarDistance epipolar_;
+  MidpointTriangulation triangulation_;
+  MatchNoise noise_;
+};
+
+}  // namespace fathom::stereo
