@@ -17,7 +17,7 @@
 #include "recon/geometry/output_folder.hpp"
 #include "sim/boards/board_scene.hpp"
 #include "sim/scenario/random.hpp"
-#include "sim/sea/renderer.hpp"
+#include "sim/sea/photograph.hpp"
 #include "sim/sea/terrain.hpp"
 
 namespace fathom::sim {
@@ -62,23 +62,6 @@ void writeTruth(const std::filesystem::path& folder, const Scenario& scenario, c
   corner_file.commit();
 }
 
-void photograph(const Renderer& renderer, const SE3& T_nav_body, CameraSide side, std::uint64_t seed,
-                const std::filesystem::path& file) {
-  const int width = renderer.width(side), height = renderer.height(side);
-  std::vector<std::uint16_t> pixels(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-  renderer.render(T_nav_body, 0.0, side, seed, pixels.data());
-  ImageView view{
-      pixels.data(),         width,          height, static_cast<std::size_t>(width) * sizeof(std::uint16_t),
-      renderer.format(side), renderer.bits()};
-  std::vector<std::uint8_t> bytes;
-  if (renderer.bits() == 8) {
-    bytes.assign(pixels.begin(), pixels.end());
-    view.data = bytes.data();
-    view.stride = static_cast<std::size_t>(width);
-  }
-  io::writeImage(file, view);
-}
-
 void make(const Scenario& scenario, const BoardMakerOptions& options) {
   const StereoRig rig = scenario.scale == 1.0 ? scenario.rig : scenario.rig.scaled(scenario.scale);
   const std::vector<SE3> poses = boardPoses(rig, options.board, options.poses);
@@ -101,7 +84,7 @@ void make(const Scenario& scenario, const BoardMakerOptions& options) {
       const SE3 T_nav_body = T_nav_board * poses[v].inverse() * T_body_cam.inverse();
       for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
         const std::string name = imageName(scenario, v, side);
-        photograph(renderer, T_nav_body, side, streamSeed(options.poses.seed, name),
+        photograph(renderer, T_nav_body, 0.0, side, streamSeed(options.poses.seed, name),
                    folder.path() / "img" / name);
       }
     });

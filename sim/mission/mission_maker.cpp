@@ -22,7 +22,7 @@
 #include "sim/mission/wide_seafloor.hpp"
 #include "sim/scenario/random.hpp"
 #include "sim/scenario/scenario_file.hpp"
-#include "sim/sea/renderer.hpp"
+#include "sim/sea/photograph.hpp"
 #include "sim/sea/terrain.hpp"
 #include "sim/sensors/water_properties.hpp"
 
@@ -134,25 +134,10 @@ void writeTruth(const std::filesystem::path& folder, const Scenario& scenario, c
   writePly(folder / "terrain.ply", terrain.mesh(), {"true seafloor in nav: north, east, down [m]"});
 }
 
-// Renders and writes one image; the noise is its own.
-void photograph(const Renderer& renderer, const Scenario& scenario, const SE3& T_nav_body, double time_s,
-                std::size_t index, CameraSide side, const std::filesystem::path& file) {
-  const bool left = side == CameraSide::kLeft;
-  const std::uint64_t seed = streamSeed(static_cast<std::uint64_t>(scenario.seed),
-                                        (left ? "left-image-" : "right-image-") + std::to_string(index));
-  const int width = renderer.width(side), height = renderer.height(side);
-  std::vector<std::uint16_t> pixels(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-  renderer.render(T_nav_body, time_s, side, seed, pixels.data());
-  ImageView view{
-      pixels.data(),         width,          height, static_cast<std::size_t>(width) * sizeof(std::uint16_t),
-      renderer.format(side), renderer.bits()};
-  std::vector<std::uint8_t> bytes;
-  if (renderer.bits() == 8) {
-    bytes.assign(pixels.begin(), pixels.end());
-    view.data = bytes.data();
-    view.stride = static_cast<std::size_t>(width);
-  }
-  io::writeImage(file, view);
+// The noise of an image is its own.
+std::uint64_t noiseSeed(const Scenario& scenario, CameraSide side, std::size_t index) {
+  return streamSeed(static_cast<std::uint64_t>(scenario.seed),
+                    (side == CameraSide::kLeft ? "left-image-" : "right-image-") + std::to_string(index));
 }
 
 void renderAll(const Renderer& renderer, const Scenario& scenario, const SensorWorld& world,
@@ -166,9 +151,9 @@ void renderAll(const Renderer& renderer, const Scenario& scenario, const SensorW
     tbb::this_task_arena::isolate([&] {
       const Exposure& e = exposures[i];
       const SE3 pose = world.trajectory.poseAt(e.time_s);
-      photograph(renderer, scenario, pose, e.time_s, i, CameraSide::kLeft,
+      photograph(renderer, pose, e.time_s, CameraSide::kLeft, noiseSeed(scenario, CameraSide::kLeft, i),
                  folder / io::imageFileName(e.left_stamp_ns, CameraSide::kLeft));
-      photograph(renderer, scenario, pose, e.time_s, i, CameraSide::kRight,
+      photograph(renderer, pose, e.time_s, CameraSide::kRight, noiseSeed(scenario, CameraSide::kRight, i),
                  folder / io::imageFileName(e.right_stamp_ns, CameraSide::kRight));
     });
     const std::lock_guard lock(mutex);
