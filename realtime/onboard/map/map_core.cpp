@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/geometry/eight_bit_view.hpp"
+
 namespace fathom::onboard {
 namespace {
 
@@ -10,20 +12,6 @@ constexpr double kNominalRange = 2.0;  // survey altitude of the vehicle class [
 
 bool shaped(const ImageView& image, const Camera& camera) {
   return !image.empty() && image.width == camera.width && image.height == camera.height;
-}
-
-std::size_t pixels(const Camera& camera) {
-  return static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
-}
-
-std::size_t samplesPerPixel(PixelFormat format) {
-  return format == PixelFormat::kRgb ? 3 : 1;
-}
-
-ImageView eightBit(const std::vector<std::uint8_t>& data, const Camera& camera, PixelFormat format) {
-  return {data.data(),   camera.width,
-          camera.height, static_cast<std::size_t>(camera.width) * samplesPerPixel(format),
-          format,        8};
 }
 
 void measureFootprint(const Mesh& mesh, MapOutput& out) {
@@ -59,11 +47,11 @@ MapCore::MapCore(const MapCoreConfig& config)
       stereo_(config.rig, config.stereo),
       map_(config.map),
       last_range_(kNominalRange),
-      left_mosaic_(pixels(config.rig.left) * samplesPerPixel(config.left_format)),
-      left_mono_(pixels(config.rig.left)),
-      left_rgb_(3 * pixels(config.rig.left)),
-      right_mosaic_(pixels(config.rig.right) * samplesPerPixel(config.right_format)),
-      right_mono_(pixels(config.rig.right)) {
+      left_mosaic_(pixelsOf(config.rig.left) * samplesPerPixel(config.left_format)),
+      left_mono_(pixelsOf(config.rig.left)),
+      left_rgb_(3 * pixelsOf(config.rig.left)),
+      right_mosaic_(pixelsOf(config.rig.right) * samplesPerPixel(config.right_format)),
+      right_mono_(pixelsOf(config.rig.right)) {
   points_.reserve(static_cast<std::size_t>(config.stereo.max_features));
   right_points_.resize(static_cast<std::size_t>(config.stereo.max_features));
 }
@@ -91,8 +79,9 @@ void MapCore::correctPair(const MapInput& input) {
   if (right_light_.images() == 0) right_light_.add(input.right, ranges_.right());
   left_light_.correct(input.left, ranges_.left(), left_mosaic_.data());
   right_light_.correct(input.right, ranges_.right(), right_mosaic_.data());
-  lighting::demosaicMono(eightBit(left_mosaic_, config_.rig.left, config_.left_format), left_mono_.data());
-  lighting::demosaicMono(eightBit(right_mosaic_, config_.rig.right, config_.right_format),
+  lighting::demosaicMono(eightBitView(left_mosaic_, config_.rig.left, config_.left_format),
+                         left_mono_.data());
+  lighting::demosaicMono(eightBitView(right_mosaic_, config_.rig.right, config_.right_format),
                          right_mono_.data());
 }
 
@@ -104,7 +93,7 @@ void MapCore::learnLight(const MapInput& input, const stereo::StereoResult& resu
   left_light_.add(input.left, ranges_.left());
   right_light_.add(input.right, ranges_.right());
   left_light_.correct(input.left, ranges_.left(), left_mosaic_.data());
-  lighting::demosaicRgb(eightBit(left_mosaic_, config_.rig.left, config_.left_format), left_rgb_.data());
+  lighting::demosaicRgb(eightBitView(left_mosaic_, config_.rig.left, config_.left_format), left_rgb_.data());
 }
 
 MapOutput MapCore::process(const MapInput& input) {
@@ -123,8 +112,8 @@ MapOutput MapCore::process(const MapInput& input) {
   correctPair(input);
 
   const stereo::StereoResult& result = stereo_.process(
-      eightBit(left_mono_, config_.rig.left, PixelFormat::kMono),
-      eightBit(right_mono_, config_.rig.right, PixelFormat::kMono), plane, input.max_features);
+      eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono),
+      eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono), plane, input.max_features);
   learnLight(input, result);
   counters_.points += result.points.size();
   counters_.rejected.no_track += result.rejected.no_track;
@@ -141,7 +130,7 @@ MapOutput MapCore::process(const MapInput& input) {
     return out;
   }
   last_range_ = out.median_range;
-  Mesh mesh = stereo::toMesh(result, eightBit(left_rgb_, config_.rig.left, PixelFormat::kRgb));
+  Mesh mesh = stereo::toMesh(result, eightBitView(left_rgb_, config_.rig.left, PixelFormat::kRgb));
   transform(mesh, out.T_nav_cam);
   measureFootprint(mesh, out);
   out.nodes_updated = map_.fuse(mesh);

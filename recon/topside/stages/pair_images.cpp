@@ -1,25 +1,9 @@
 #include "recon/topside/stages/pair_images.hpp"
 
 #include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/eight_bit_view.hpp"
 
 namespace fathom::topside {
-namespace {
-
-std::size_t samplesPerPixel(PixelFormat format) {
-  return format == PixelFormat::kRgb ? 3 : 1;
-}
-
-ImageView view8(const std::vector<std::uint8_t>& pixels, const Camera& camera, PixelFormat format) {
-  return {pixels.data(), camera.width,
-          camera.height, static_cast<std::size_t>(camera.width) * samplesPerPixel(format),
-          format,        8};
-}
-
-std::size_t pixels(const Camera& camera) {
-  return static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
-}
-
-}  // namespace
 
 PairImages::PairImages(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
                        const LightingModels& models)
@@ -28,11 +12,11 @@ PairImages::PairImages(const io::MissionPaths& paths, const io::MissionConfig& m
       rig_(rig),
       models_(models),
       ranges_(rig),
-      left_(pixels(rig.left) * samplesPerPixel(mission.cameras.left_format)),
-      right_(pixels(rig.right) * samplesPerPixel(mission.cameras.right_format)),
-      left_mono_(pixels(rig.left)),
-      right_mono_(pixels(rig.right)),
-      left_rgb_(pixels(rig.left) * 3) {}
+      left_(pixelsOf(rig.left) * samplesPerPixel(mission.cameras.left_format)),
+      right_(pixelsOf(rig.right) * samplesPerPixel(mission.cameras.right_format)),
+      left_mono_(pixelsOf(rig.left)),
+      right_mono_(pixelsOf(rig.right)),
+      left_rgb_(pixelsOf(rig.left) * 3) {}
 
 bool PairImages::read(const ImagePair& pair) {
   const auto& cameras = mission_.cameras;
@@ -52,16 +36,16 @@ void PairImages::correct(const stereo::SeedPlane& plane) {
   ranges_.fromPlane(plane.normal, plane.distance);
   models_.left.correct(left_file_.view, ranges_.left(), left_.data());
   models_.right.correct(right_file_.view, ranges_.right(), right_.data());
-  lighting::demosaicMono(view8(left_, rig_.left, mission_.cameras.left_format), left_mono_.data());
-  lighting::demosaicMono(view8(right_, rig_.right, mission_.cameras.right_format), right_mono_.data());
+  lighting::demosaicMono(eightBitView(left_, rig_.left, mission_.cameras.left_format), left_mono_.data());
+  lighting::demosaicMono(eightBitView(right_, rig_.right, mission_.cameras.right_format), right_mono_.data());
 }
 
 ImageView PairImages::left() const {
-  return view8(left_mono_, rig_.left, PixelFormat::kMono);
+  return eightBitView(left_mono_, rig_.left, PixelFormat::kMono);
 }
 
 ImageView PairImages::right() const {
-  return view8(right_mono_, rig_.right, PixelFormat::kMono);
+  return eightBitView(right_mono_, rig_.right, PixelFormat::kMono);
 }
 
 ImageView PairImages::colours(const std::vector<stereo::StereoPoint>& points) {
@@ -69,8 +53,8 @@ ImageView PairImages::colours(const std::vector<stereo::StereoPoint>& points) {
   for (const stereo::StereoPoint& p : points) places.push_back(p.point);
   ranges_.bendTo(places, right_places);
   models_.left.correct(left_file_.view, ranges_.left(), left_.data());
-  lighting::demosaicRgb(view8(left_, rig_.left, mission_.cameras.left_format), left_rgb_.data());
-  return view8(left_rgb_, rig_.left, PixelFormat::kRgb);
+  lighting::demosaicRgb(eightBitView(left_, rig_.left, mission_.cameras.left_format), left_rgb_.data());
+  return eightBitView(left_rgb_, rig_.left, PixelFormat::kRgb);
 }
 
 }  // namespace fathom::topside
