@@ -1,0 +1,66 @@
+#include "recon/slam/dvl_calibration.hpp"
+
+#include <Eigen/Dense>
+#include <cmath>
+
+namespace fathom::slam {
+namespace {
+
+constexpr double kGate = 13.8;     // chi-square with 2 degrees of freedom, 99.9 %
+constexpr double kLeastWay = 0.1;  // shorter steps tell nothing of scale and heading [m]
+constexpr double kWalk = 2e-6;     // of either state over a step, squared it is far below what a step tells
+
+Eigen::Vector2d turnedLeft(const Eigen::Vector2d& d) {
+  return {-d.y(), d.x()};
+}
+
+}  // namespace
+
+DvlCalibration::DvlCalibration(const SensorNoise& noise) : noise_(noise) {
+  covariance_ = Eigen::Vector2d(noise.dvl_scale, noise.dvl_heading).cwiseAbs2().asDiagonal();
+}
+
+bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b,
+                         const Matrix6d& covariance, double seconds) {
+  const Eigen::Vector2d reckoned = (T_odom_b.translation() - T_odom_a.translation()).head<2>();
+  if (reckoned.norm() < kLeastWay) return true;
+  const Eigen::Matrix3d R_a = T_odom_a.matrix3();
+  const Eigen::Vector2d visual = (R_a * T_a_b.translation()).head<2>();
+  const Eigen::Matrix3d R_b = R_a * T_a_b.matrix3();
+  Eigen::Matrix2d noise = (R_b * covariance.topLeftCorner<3, 3>() * R_b.transpose()).topLeftCorner<2, 2>();
+  const double white =
+      noise_.dvl_velocity * std::sqrt(std::max(seconds, 1 / noise_.dvl_rate) / noise_.dvl_rate);
+  noise.diagonal().array() += white * white;
+  // The compass noise of pose a turns what the camera saw.
+  const Eigen::Vector2d across = turnedLeft(reckoned);
+  noise += noise_.heading * noise_.heading * across * across.transpose();
+
+  covariance_.diagonal().array() += kWalk * kWalk;
+  Eigen::Matrix2d H;
+  H << reckoned, across;
+  const Eigen::Vector2d innovation = visual - reckoned - H * state_;
+  const Eigen::Matrix2d S = H * covariance_ * H.transpose() + noise;
+  if (!(innovation.dot(S.inverse() * innovation) <= kGate)) {
+    ++gated_;
+    return false;
+  }
+  const Eigen::Matrix2d gain = covariance_ * H.transpose() * S.inverse();
+  state_ += gain * innovation;
+  const Eigen::Matrix2d left = Eigen::Matrix2d::Identity() - gain * H;
+  covariance_ = left * covariance_ * left.transpose() + gain * noise * gain.transpose();
+  ++used_;
+  return true;
+}
+
+SE3 DvlCalibration::corrected(const SE3& T_odom_a, const SE3& T_odom_b) const {
+  const Eigen::Vector3d way = T_odom_b.translation() - T_odom_a.translation();
+  const Eigen::Vector2d level =
+      (1 + state_(0)) * (Eigen::Rotation2Dd(state_(1)) * Eigen::Vector2d(way.head<2>()));
+  return {T_odom_b.rotation(), T_odom_a.translation() + Eigen::Vector3d(level.x(), level.y(), way.z())};
+}
+
+double DvlCalibration::remainingShare() const {
+  return std::sqrt(covariance_.diagonal().maxCoeff());
+}
+
+}  // namespace fathom::slam

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+
+#include "recon/geometry/se3.hpp"
+#include "recon/slam/sensor_factors.hpp"
+
+namespace fathom::slam {
+
+// Scale and heading misalignment of the DVL against the camera, which dead reckoning carries into every step
+// in the same way, estimated from steps that visual odometry measured too: a Kalman filter on
+//   d_visual = (1 + s) Rz(psi) d_reckoned,   d level [m],   linear: d_visual - d = s d + psi (down x d),
+// x = (s, psi), constant but for a slow walk. Steps that disagree by more than the gate are left out.
+class DvlCalibration {
+ public:
+  explicit DvlCalibration(const SensorNoise& noise);
+
+  // One step as dead reckoning and as visual odometry have it, T_a_b of the cameras; the covariance is that
+  // of the visual one's right perturbation. False when it was outside the gate.
+  bool add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b, const Matrix6d& covariance,
+           double seconds);
+
+  // T_odom_b with the way from a scaled and turned as estimated.
+  [[nodiscard]] SE3 corrected(const SE3& T_odom_a, const SE3& T_odom_b) const;
+
+  [[nodiscard]] double scale() const { return state_(0); }    // s
+  [[nodiscard]] double heading() const { return state_(1); }  // psi [rad]
+  [[nodiscard]] const Eigen::Matrix2d& covariance() const { return covariance_; }
+  // What is left of both, as a share of the way.
+  [[nodiscard]] double remainingShare() const;
+  [[nodiscard]] std::uint64_t used() const { return used_; }
+  [[nodiscard]] std::uint64_t gated() const { return gated_; }
+
+ private:
+  SensorNoise noise_;
+  Eigen::Vector2d state_ = Eigen::Vector2d::Zero();
+  Eigen::Matrix2d covariance_;
+  std::uint64_t used_ = 0, gated_ = 0;
+};
+
+}  // namespace fathom::slam

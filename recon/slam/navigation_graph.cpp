@@ -1,0 +1,370 @@
+#include "recon/slam/navigation_graph.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace fathom::slam {
+namespace {
+
+constexpr double kAnywhere = 1000;         // standard deviation of a place that nothing tells [m]
+constexpr double kLinkFree = 12.59;        // chi-square with 6 degrees of freedom, 95 %: below it weight is 1
+constexpr double kFixFree = 5.99;          // with 2 degrees
+constexpr double kOffAt = 4, kOnAt = 2;    // times that: a factor is switched off and on again
+constexpr double kNewWeight = 0.15;        // relative change of a weight that is worth the solver's work
+constexpr double kAlike = 3;               // standard deviations between two wild fixes that agree
+constexpr double kDepthReference_s = 600;  // a reference of depth serves so long: tides are slow
+constexpr double kNanoseconds = 1e9;
+constexpr int kBlocksPerPose = 8, kSpareBlocks = 40000;  // of the factor: a survey's fill is 3 to 5
+
+double seconds(std::int64_t ns) {
+  return static_cast<double>(ns) / kNanoseconds;
+}
+
+double headingOf(const SE3& T_odom_cam) {
+  const Eigen::Vector3d ahead = T_odom_cam.rotation() * Eigen::Vector3d::UnitY();
+  return std::atan2(ahead.y(), ahead.x());
+}
+
+int maxReferences(int keyframes) {
+  return keyframes / 4 + 200;
+}
+
+IncrementalConfig solverConfig(const NavigationConfig& config) {
+  config.validate();
+  IncrementalConfig solver = config.solver;
+  const int references = maxReferences(config.max_keyframes);
+  solver.max_poses = 1 + config.max_keyframes + references;
+  solver.max_measurements = 3 * config.max_keyframes + references + config.max_links + config.max_fixes + 1;
+  solver.max_factor_blocks = std::int64_t{kBlocksPerPose} * solver.max_poses + kSpareBlocks;
+  return solver;
+}
+
+double cauchyWeight(double chi2, double free) {
+  return chi2 <= free ? 1 : free / chi2;
+}
+
+// Error of a factor as a right perturbation (rho, phi).
+Vector6d perturbationOf(const RelativePose& factor, const SE3& T_from, const SE3& T_to) {
+  Vector6d e = relativePoseError(factor, T_from, T_to);
+  e.tail<3>() *= 2;
+  return e;
+}
+
+}  // namespace
+
+void NavigationConfig::validate() const {
+  noise.validate();
+  const bool counts =
+      max_keyframes > 1 && max_links >= 0 && max_fixes >= 0 && lying_after > 0 && reweighted >= 0;
+  const bool numbers = reference_s > 0 && reference_turn > 0 && jump_heading > 0 && gate > 0 &&
+                       fix_gate > 0 && change_m > 0 && change_rad > 0;
+  if (!counts || !numbers) throw std::invalid_argument("navigation graph: configuration out of range");
+}
+
+NavigationGraph::NavigationGraph(const NavigationConfig& config)
+    : config_(config), solver_(solverConfig(config)), dvl_(config.noise), shift_sigma_(kAnywhere) {
+  const IncrementalConfig sizes = solverConfig(config);
+  frames_.reserve(at(config.max_keyframes));
+  changed_.reserve(at(config.max_keyframes));
+  frame_of_node_.reserve(at(sizes.max_poses));
+  robust_.reserve(at(config.max_links + config.max_fixes));
+  // The solver holds its first pose: nav's origin.
+  (void)addNode(SE3());
+}
+
+std::size_t NavigationGraph::memoryBytes() const {
+  return solver_.memoryBytes() + frames_.capacity() * sizeof(Frame) + robust_.capacity() * sizeof(Robust) +
+         (changed_.capacity() + frame_of_node_.capacity()) * sizeof(int);
+}
+
+void NavigationGraph::setAnchor(const Eigen::Vector2d& shift, double sigma) {
+  shift_ = shift;
+  shift_sigma_ = sigma;
+}
+
+int NavigationGraph::addNode(const SE3& pose) {
+  if (solver_.addPose(pose) != AddStatus::kOk) return -1;
+  frame_of_node_.push_back(-1);
+  return solver_.size() - 1;
+}
+
+int NavigationGraph::addFactor(const RelativePose& factor) {
+  return solver_.addMeasurement(factor) == AddStatus::kOk ? solver_.measurements() - 1 : -1;
+}
+
+std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
+  if (keyframes() == config_.max_keyframes) {
+    ++counters_.keyframes_refused;
+    return std::nullopt;
+  }
+  Frame frame;
+  frame.utc_ns = input.utc_ns;
+  frame.T_odom_cam = input.T_odom_cam;
+  const bool first = frames_.empty();
+  StepQuality quality;
+  SE3 reckoned;  // T_odom_cam with the way from the last keyframe corrected
+  SE3 T_nav_cam(input.T_odom_cam.rotation(),
+                input.T_odom_cam.translation() + Eigen::Vector3d(shift_.x(), shift_.y(), 0));
+  if (!first) {
+    const Frame& last = frames_.back();
+    frame.seconds = seconds(input.utc_ns - last.utc_ns);
+    quality = {frame.seconds, input.unlocked_s, input.untilted_s, dvl_.remainingShare()};
+    if (counters_.dvl_lies) quality.seconds_unlocked = frame.seconds;
+    if (input.unlocked_s > 0) ++counters_.dvl_absent;
+    reckoned = dvl_.corrected(last.T_odom_cam, input.T_odom_cam);
+    T_nav_cam = solver_.pose(last.node) * (last.T_odom_cam.inverse() * reckoned);
+  }
+  frame.node = addNode(T_nav_cam);
+  if (frame.node < 0) {
+    ++counters_.keyframes_refused;
+    return std::nullopt;
+  }
+  frame_of_node_.back() = keyframes();
+  frame.known = T_nav_cam;
+  if (first)
+    (void)addFactor(fixFactor(kWorld, frame.node, T_nav_cam, input.T_odom_cam, input.T_odom_cam.translation(),
+                              T_nav_cam.translation().head<2>(), shift_sigma_));
+  else
+    frame.step = addFactor(stepFactor(frames_.back().node, frame.node, frames_.back().T_odom_cam, reckoned,
+                                      quality, config_.noise));
+  jump_waits_ = jump_waits_ || input.compass_jumped;
+  if (input.compass_jumped) ++counters_.compass_jumps;
+  refer(input, frame.node, frame.seconds);
+  referDepth(input, frame.node);
+  frames_.push_back(frame);
+  ++counters_.keyframes;
+  return keyframes() - 1;
+}
+
+// The factor of attitude, and a new reference when the present one has served.
+void NavigationGraph::refer(const KeyframeInput& input, int node, double since_last) {
+  if (input.attitude_held) {
+    ++counters_.attitude_absent;
+    return;
+  }
+  const double heading = headingOf(input.T_odom_cam);
+  const double age = attitude_.node < 0 ? 0 : seconds(input.utc_ns - attitude_.utc_ns);
+  const double turn = attitude_.node < 0 ? 0 : std::abs(wrapAngle(heading - attitude_.heading));
+  if (attitude_.node < 0 || age > config_.reference_s || turn > config_.reference_turn || jump_waits_) {
+    const SE3 start = attitude_.node < 0 ? SE3() : solver_.pose(attitude_.node);
+    const int reference = addNode(start);
+    if (reference >= 0) {
+      const double extra = jump_waits_ ? config_.jump_heading : 0;
+      (void)addFactor(attitude_.node < 0 ? firstAttitudeReference(kWorld, reference, config_.noise)
+                                         : attitudeDrift(attitude_.node, reference, std::max(age, since_last),
+                                                         turn, extra, config_.noise));
+      attitude_ = {reference, input.utc_ns, heading};
+      jump_waits_ = false;
+      ++counters_.references;
+    }
+  }
+  if (attitude_.node >= 0)
+    (void)addFactor(attitudeFactor(attitude_.node, node, input.T_odom_cam, config_.noise));
+}
+
+void NavigationGraph::referDepth(const KeyframeInput& input, int node) {
+  if (input.depth_held) {
+    ++counters_.depth_absent;
+    return;
+  }
+  const SensorNoise& noise = config_.noise;
+  if (noise.depth_offset > 0 || noise.depth_drift > 0) {
+    const double age = depth_.node < 0 ? 0 : seconds(input.utc_ns - depth_.utc_ns);
+    if (depth_.node < 0 || age > kDepthReference_s) {
+      const int reference = addNode(depth_.node < 0 ? SE3() : solver_.pose(depth_.node));
+      if (reference >= 0) {
+        (void)addFactor(depth_.node < 0 ? firstDepthReference(kWorld, reference, noise)
+                                        : depthDrift(depth_.node, reference, age, noise));
+        depth_ = {reference, input.utc_ns, 0};
+        ++counters_.references;
+      }
+    }
+  }
+  (void)addFactor(depthFactor(depth_.node < 0 ? kWorld : depth_.node, node, input.T_odom_cam, noise));
+}
+
+NavigationGraph::Prediction NavigationGraph::predict(int a, int b) {
+  const int from = frames_[at(a)].node, to = frames_[at(b)].node;
+  return {solver_.pose(from).inverse() * solver_.pose(to), solver_.relativeCovariance(from, to)};
+}
+
+double NavigationGraph::distance2(const RelativePose& factor, const Matrix6d& covariance) const {
+  const Vector6d e = perturbationOf(factor, solver_.pose(factor.from), solver_.pose(factor.to));
+  return e.dot(covariance.ldlt().solve(e));
+}
+
+Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance) {
+  if (a < 0 || b < 0 || a >= keyframes() || b >= keyframes() || a == b || !covariance.allFinite()) {
+    ++counters_.links_refused;
+    return Taken::kBad;
+  }
+  Frame& to = frames_[at(b)];
+  const Frame& from = frames_[at(a)];
+  const RelativePose factor = linkFactor(from.node, to.node, T_a_b, covariance);
+  if (robust_.size() == robust_.capacity() || !factor.information.allFinite()) {
+    ++counters_.links_refused;
+    return Taken::kFull;
+  }
+  if (kind == LinkKind::kOdometry && b == a + 1 && to.step >= 0) {
+    // Against dead reckoning: a step's own noise, with the compass's and depth sensor's of both ends.
+    const SensorNoise& noise = config_.noise;
+    const double way = (to.T_odom_cam.translation() - from.T_odom_cam.translation()).norm();
+    const double share = std::hypot(dvl_.remainingShare(), noise.heading);
+    const double place = std::hypot(noise.dvl_velocity * std::sqrt(std::max(to.seconds, 0.2)), share * way);
+    Vector6d sigma;
+    sigma << place, place, std::hypot(place, 2 * noise.depth), 2 * noise.tilt, 2 * noise.tilt,
+        2 * noise.heading + noise.deviation_turn;
+    // The camera looks down: its z is near the vertical, to which heading belongs.
+    const Matrix6d step = sigma.cwiseAbs2().asDiagonal();
+    const RelativePose reckoned{from.node, to.node, T_a_b, Matrix6d::Identity()};
+    const SE3 T_odom_to = dvl_.corrected(from.T_odom_cam, to.T_odom_cam);
+    const Vector6d e = perturbationOf(reckoned, from.T_odom_cam, T_odom_to);
+    const bool agrees = e.dot((step + covariance).ldlt().solve(e)) <= config_.gate;
+    if (agrees) {
+      contradictions_ = 0;
+      if (++agreements_ >= config_.lying_after) counters_.dvl_lies = false;
+      (void)dvl_.add(from.T_odom_cam, to.T_odom_cam, T_a_b, covariance, to.seconds);
+    } else {
+      agreements_ = 0;
+      ++counters_.steps_contradicted;
+      if (++contradictions_ >= config_.lying_after) counters_.dvl_lies = true;
+      if (solver_.setWeight(to.step, 0)) ++counters_.steps_left_out;
+      jump_waits_ = jump_waits_ || std::abs(e(5)) > 3 * sigma(5);
+    }
+  } else {
+    const Prediction known = predict(a, b);
+    if (distance2(factor, known.covariance + covariance) > config_.gate) {
+      ++counters_.links_contradicting;
+      return Taken::kContradicts;
+    }
+  }
+  const int measurement = addFactor(factor);
+  if (measurement < 0) {
+    ++counters_.links_refused;
+    return Taken::kFull;
+  }
+  robust_.push_back({factor, measurement, kLinkFree, 1, false, false});
+  ++(kind == LinkKind::kOdometry ? counters_.odometry_links : counters_.closures);
+  return Taken::kYes;
+}
+
+Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_odom,
+                              const Eigen::Vector2d& north_east, double sigma) {
+  if (keyframe < 0 || keyframe >= keyframes() || !antenna_in_odom.allFinite() || !north_east.allFinite() ||
+      !(sigma > 0) || !std::isfinite(sigma)) {
+    ++counters_.fixes_refused;
+    return Taken::kBad;
+  }
+  const Frame& frame = frames_[at(keyframe)];
+  if (robust_.size() == robust_.capacity()) {
+    ++counters_.fixes_refused;
+    return Taken::kFull;
+  }
+  const SE3& T_nav_cam = solver_.pose(frame.node);
+  const RelativePose factor =
+      fixFactor(kWorld, frame.node, T_nav_cam, frame.T_odom_cam, antenna_in_odom, north_east, sigma);
+  const Eigen::Matrix3d R = T_nav_cam.matrix3();
+  const Eigen::Matrix2d spread =
+      (R * solver_.covariance(frame.node).topLeftCorner<3, 3>() * R.transpose()).topLeftCorner<2, 2>() +
+      sigma * sigma * Eigen::Matrix2d::Identity();
+  const Eigen::Vector2d innovation = (factor.T_from_to.translation() - T_nav_cam.translation()).head<2>();
+  if (innovation.dot(spread.inverse() * innovation) > config_.fix_gate) {
+    // Wild fixes differ from each other; fixes that agree that the vehicle is elsewhere are believed.
+    const bool alike = fixes_alike_ > 0 && (innovation - gated_innovation_).norm() < kAlike * sigma;
+    fixes_alike_ = alike ? fixes_alike_ + 1 : 1;
+    gated_innovation_ = innovation;
+    ++counters_.fixes_gated;
+    if (fixes_alike_ < config_.lying_after) return Taken::kContradicts;
+  }
+  const int measurement = addFactor(factor);
+  if (measurement < 0) {
+    ++counters_.fixes_refused;
+    return Taken::kFull;
+  }
+  robust_.push_back({factor, measurement, kFixFree, 1, true, false});
+  ++counters_.fixes;
+  return Taken::kYes;
+}
+
+// Robust weights of the newest factors and of some older ones in turn.
+void NavigationGraph::reweight() {
+  if (robust_.empty()) return;
+  const auto look = [&](Robust& r) {
+    const SE3 from = r.factor.from == kWorld ? SE3() : solver_.pose(r.factor.from);
+    const Vector6d e = relativePoseError(r.factor, from, solver_.pose(r.factor.to));
+    const double chi2 = e.dot(r.factor.information * e);
+    const double limit = (r.off ? kOnAt : kOffAt) * r.free_chi2;
+    const bool off = !(chi2 <= limit);
+    std::uint64_t& offs = r.fix ? counters_.fixes_off : counters_.links_off;
+    offs += (off ? 1U : 0U) - (r.off ? 1U : 0U);
+    const double wanted = off ? 0 : cauchyWeight(chi2, r.free_chi2);
+    if (off != r.off || std::abs(wanted - r.weight) > kNewWeight * r.weight) {
+      (void)solver_.setWeight(r.measurement, wanted);
+      r.weight = wanted;
+    }
+    r.off = off;
+  };
+  int left = config_.reweighted;
+  for (; newest_robust_ < robust_.size() && left > 0; ++newest_robust_, --left) look(robust_[newest_robust_]);
+  for (; left > 0; --left) {
+    look(robust_[next_robust_]);
+    next_robust_ = (next_robust_ + 1) % robust_.size();
+  }
+}
+
+StepReport NavigationGraph::step() {
+  const StepReport report = solver_.step();
+  reweight();
+  noteChanges();
+  return report;
+}
+
+void NavigationGraph::noteChanges() {
+  for (const int node : solver_.moved()) {
+    const int k = frame_of_node_[at(node)];
+    if (k < 0 || frames_[at(k)].waiting) continue;
+    Frame& frame = frames_[at(k)];
+    const SE3 moved = frame.known.inverse() * solver_.pose(node);
+    if (moved.translation().norm() <= config_.change_m &&
+        2 * moved.rotation().vec().norm() <= config_.change_rad)
+      continue;
+    frame.waiting = true;
+    changed_.push_back(k);
+  }
+}
+
+std::optional<int> NavigationGraph::takeChange() {
+  if (changed_.empty()) return std::nullopt;
+  const auto moved = [&](int k) {
+    const Frame& frame = frames_[at(k)];
+    const SE3 by = frame.known.inverse() * solver_.pose(frame.node);
+    return by.translation().norm() / config_.change_m + 2 * by.rotation().vec().norm() / config_.change_rad;
+  };
+  std::size_t best = 0;
+  double most = moved(changed_[0]);
+  for (std::size_t i = 1; i < changed_.size(); ++i)
+    if (const double m = moved(changed_[i]); m > most || (m == most && changed_[i] > changed_[best])) {
+      most = m;
+      best = i;
+    }
+  const int k = changed_[best];
+  changed_[best] = changed_.back();
+  changed_.pop_back();
+  Frame& frame = frames_[at(k)];
+  frame.waiting = false;
+  frame.known = solver_.pose(frame.node);
+  return k;
+}
+
+SE3 NavigationGraph::T_nav_odom() const {
+  if (frames_.empty()) return {Eigen::Quaterniond::Identity(), Eigen::Vector3d(shift_.x(), shift_.y(), 0)};
+  return solver_.pose(frames_.back().node) * frames_.back().T_odom_cam.inverse();
+}
+
+double NavigationGraph::deviation() const {
+  return attitude_.node < 0 ? 0 : -solver_.pose(attitude_.node).euler().z();
+}
+
+}  // namespace fathom::slam

@@ -1,0 +1,120 @@
+#include "recon/slam/sensor_factors.hpp"
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <stdexcept>
+
+namespace fathom::slam {
+namespace {
+
+constexpr double kUnknown = 1e6;        // standard deviation of what is not measured [m], [rad]
+constexpr double kHeld = 1e-3;          // of what is fixed by definition [m], [rad]
+constexpr double kLooseVertical = 1.0;  // of a step [m]: many times any relief between two poses
+constexpr double kLooseTurn = 0.5;      // of a step [rad]
+
+// Standard deviations along the axes of `from`, for a residual in the axes of the measured pose.
+RelativePose measured(int from, int to, const SE3& T_from_to, const Eigen::Vector3d& position,
+                      const Eigen::Vector3d& rotation) {
+  const Eigen::Matrix3d R = T_from_to.matrix3();
+  Matrix6d information = Matrix6d::Zero();
+  information.topLeftCorner<3, 3>() = R.transpose() * position.cwiseAbs2().cwiseInverse().asDiagonal() * R;
+  information.bottomRightCorner<3, 3>() =
+      R.transpose() * rotation.cwiseAbs2().cwiseInverse().asDiagonal() * R;
+  return {from, to, T_from_to, informationOfResidual(information)};
+}
+
+Eigen::Vector3d all(double sigma) {
+  return Eigen::Vector3d::Constant(sigma);
+}
+
+}  // namespace
+
+void SensorNoise::validate() const {
+  const double positive[] = {dvl_velocity,     dvl_rate,     dvl_scale, dvl_heading,
+                             unknown_velocity, heading,      tilt,      deviation,
+                             tilt_bias,        unknown_turn, depth};
+  const double not_negative[] = {deviation_drift, deviation_turn, tilt_turn, depth_offset, depth_drift};
+  for (const double value : positive)
+    if (!(value > 0) || !std::isfinite(value))
+      throw std::invalid_argument("sensor noise: a standard deviation or rate must be above zero");
+  for (const double value : not_negative)
+    if (!(value >= 0) || !std::isfinite(value))
+      throw std::invalid_argument("sensor noise: a drift must not be negative");
+}
+
+Matrix6d informationOfResidual(const Matrix6d& information_of_perturbation) {
+  Matrix6d scaled = information_of_perturbation;
+  scaled.topRightCorner<3, 3>() *= 2;
+  scaled.bottomLeftCorner<3, 3>() *= 2;
+  scaled.bottomRightCorner<3, 3>() *= 4;
+  return 0.5 * (scaled + scaled.transpose());
+}
+
+RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b, const StepQuality& quality,
+                        const SensorNoise& noise) {
+  const SE3 between = T_odom_a.inverse() * T_odom_b;
+  const double way = between.translation().norm();
+  const double white =
+      noise.dvl_velocity * std::sqrt(std::max(quality.seconds, 1 / noise.dvl_rate) / noise.dvl_rate);
+  const double along = std::hypot(white, quality.calibration_share * way);
+  const double across = std::hypot(along, noise.heading * way);
+  const double unlocked = noise.unknown_velocity * quality.seconds_unlocked;
+  const double turned = noise.unknown_turn * quality.seconds_untilted;
+  const double horizontal = std::hypot(across, std::hypot(unlocked, 0.5 * turned * way));
+  // In nav's axes first: horizontal and vertical.
+  const Eigen::Matrix3d R = T_odom_b.matrix3();
+  const Eigen::Vector3d position(horizontal, horizontal, kLooseVertical);
+  Matrix6d information = Matrix6d::Zero();
+  information.topLeftCorner<3, 3>() = R.transpose() * position.cwiseAbs2().cwiseInverse().asDiagonal() * R;
+  const double turn = std::hypot(kLooseTurn, turned);
+  information.bottomRightCorner<3, 3>() = Eigen::Matrix3d::Identity() / (turn * turn);
+  return {a, b, between, informationOfResidual(information)};
+}
+
+RelativePose attitudeFactor(int reference, int camera, const SE3& T_odom_cam, const SensorNoise& noise) {
+  return measured(reference, camera, SE3(T_odom_cam.rotation(), Eigen::Vector3d::Zero()), all(kUnknown),
+                  {noise.tilt, noise.tilt, noise.heading});
+}
+
+RelativePose firstAttitudeReference(int origin, int reference, const SensorNoise& noise) {
+  return measured(origin, reference, SE3(), all(kHeld), {noise.tilt_bias, noise.tilt_bias, noise.deviation});
+}
+
+RelativePose attitudeDrift(int before, int after, double seconds, double turn, double extra,
+                           const SensorNoise& noise) {
+  const double walk = noise.deviation_drift * std::sqrt(std::max(seconds, 0.0));
+  const double heading =
+      std::sqrt(kHeld * kHeld + walk * walk + std::pow(noise.deviation_turn * turn, 2) + extra * extra);
+  const double tilt = std::hypot(kHeld, noise.tilt_turn * turn);
+  return measured(before, after, SE3(), all(kHeld), {tilt, tilt, heading});
+}
+
+RelativePose depthFactor(int reference, int camera, const SE3& T_odom_cam, const SensorNoise& noise) {
+  return measured(reference, camera, T_odom_cam, {kUnknown, kUnknown, noise.depth}, all(kUnknown));
+}
+
+RelativePose firstDepthReference(int origin, int reference, const SensorNoise& noise) {
+  return measured(origin, reference, SE3(), {kHeld, kHeld, std::hypot(kHeld, noise.depth_offset)},
+                  all(kHeld));
+}
+
+RelativePose depthDrift(int before, int after, double seconds, const SensorNoise& noise) {
+  const double walk = std::hypot(kHeld, noise.depth_drift * std::sqrt(std::max(seconds, 0.0)));
+  return measured(before, after, SE3(), {kHeld, kHeld, walk}, all(kHeld));
+}
+
+RelativePose fixFactor(int origin, int camera, const SE3& T_nav_cam, const SE3& T_odom_cam,
+                       const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& fix, double sigma) {
+  const Eigen::Vector3d to_antenna =
+      T_odom_cam.rotation().conjugate() * (antenna_in_odom - T_odom_cam.translation());
+  Eigen::Vector3d place = -(T_nav_cam.rotation() * to_antenna);
+  place.head<2>() += fix;
+  place.z() = T_nav_cam.translation().z();
+  return measured(origin, camera, SE3(T_nav_cam.rotation(), place), {sigma, sigma, kUnknown}, all(kUnknown));
+}
+
+RelativePose linkFactor(int a, int b, const SE3& T_a_b, const Matrix6d& covariance) {
+  return {a, b, T_a_b, informationOfResidual(covariance.inverse())};
+}
+
+}  // namespace fathom::slam

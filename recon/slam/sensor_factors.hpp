@@ -1,0 +1,91 @@
+#pragma once
+
+#include <Eigen/Core>
+
+#include "recon/geometry/se3.hpp"
+#include "recon/slam/pose_graph.hpp"
+
+namespace fathom::slam {
+
+// Errors of a vehicle's navigation sensors, as standard deviations. The defaults are those of a Sirius-class
+// vehicle (Johnson-Roberson et al. 2010, table 1) with a magnetic compass.
+struct SensorNoise {
+  // Doppler velocity log, as dead reckoning between two poses uses it.
+  double dvl_velocity = 0.003;    // white, of each ensemble [m/s]
+  double dvl_rate = 5.0;          // ensembles [1/s]
+  double dvl_scale = 0.002;       // of the velocity, constant [1]
+  double dvl_heading = 0.006;     // of its forward axis against the camera, constant [rad]
+  double unknown_velocity = 0.3;  // while bottom track is away [m/s]
+  // Attitude: white noise, and the slowly varying error of its reference.
+  double heading = 0.006, tilt = 0.0025;  // of one reading [rad]
+  double deviation = 0.035;               // of the compass at first [rad]
+  double deviation_drift = 7e-4;          // its random walk [rad/s^(1/2)]
+  double deviation_turn = 0.02;           // its change with the heading [rad/rad]
+  double tilt_bias = 0.004;               // of roll and pitch at first [rad]
+  double tilt_turn = 0.003;               // its change with the heading: the bias is the body's [rad/rad]
+  double unknown_turn = 0.1;              // rate of turn while attitude is away [rad/s]
+  // Depth.
+  double depth = 0.004;       // of one reading [m]
+  double depth_offset = 0.0;  // of the sea's height over nav's zero at first; with depth_drift 0: known [m]
+  double depth_drift = 0.0;   // its random walk: tide 0.002, none 0 [m/s^(1/2)]
+
+  void validate() const;  // throws std::invalid_argument
+};
+
+// Every factor is a measured relative pose with pose_graph.hpp's residual e(T_from_to; T_w_from, T_w_to) and
+// derivatives; what a sensor does not tell has next to no information (a standard deviation of 1000 km).
+// Poses of the graph: cameras T_nav_cam, references T_nav_ref, and the origin of nav itself, however a graph
+// names it (`origin`: measurements.hpp's kWorld, or a pose that is held). nav is North-East-Down.
+
+// Information of a residual from the covariance or information of the right perturbation (rho, phi) of T: the
+// residual's last three numbers are half of phi.
+[[nodiscard]] Matrix6d informationOfResidual(const Matrix6d& information_of_perturbation);
+
+// What dead reckoning went through between two poses.
+struct StepQuality {
+  double seconds = 0;            // between them
+  double seconds_unlocked = 0;   // of that, without bottom track
+  double seconds_untilted = 0;   // of that, without attitude
+  double calibration_share = 0;  // standard deviation of DVL scale and heading that is left [1], [rad]
+};
+
+// DVL, integrated by dead reckoning (nav::DeadReckoning: lever arm, mounting, sound speed):
+//   e_xyz = R_m^T (R_a^T (t_b - t_a) - t_m),   T_m = T_odom_a^-1 T_odom_b,
+// in the axes of b. Horizontal: white noise of the velocity over the time, calibration and heading noise over
+// the way. Vertical: loose, as odometry's depth is the pressure sensor's, which depthFactor uses. Rotation:
+// loose, as it is the compass's, which attitudeFactor uses.
+[[nodiscard]] RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b,
+                                      const StepQuality& quality, const SensorNoise& noise);
+
+// Attitude of a camera against a reference, whose rotation R_nav_ref is the slowly varying error of the
+// sensor: deviation about z, bias of roll and pitch about x and y:
+//   e_phi = vec(R_odom_cam^T R_nav_ref^T R_nav_cam).
+[[nodiscard]] RelativePose attitudeFactor(int reference, int camera, const SE3& T_odom_cam,
+                                          const SensorNoise& noise);
+
+// The first reference: R_nav_ref is about identity, with the deviation and bias that are usual.
+[[nodiscard]] RelativePose firstAttitudeReference(int origin, int reference, const SensorNoise& noise);
+// The next one, `seconds` later and after turning by `turn` [rad]: a random walk of the error,
+//   e_phi = vec(R_nav_before^T R_nav_after). `extra`: further standard deviation of heading [rad].
+[[nodiscard]] RelativePose attitudeDrift(int before, int after, double seconds, double turn, double extra,
+                                         const SensorNoise& noise);
+
+// Depth of a camera below a reference T_nav_ref, whose z is the height of the sea under nav's zero (the
+// origin: known to be 0):  e_z = n . R_m (R_m^T (T_nav_ref^-1 t_nav_cam - t_odom_cam)), n down.
+[[nodiscard]] RelativePose depthFactor(int reference, int camera, const SE3& T_odom_cam,
+                                       const SensorNoise& noise);
+[[nodiscard]] RelativePose firstDepthReference(int origin, int reference, const SensorNoise& noise);
+[[nodiscard]] RelativePose depthDrift(int before, int after, double seconds, const SensorNoise& noise);
+
+// A position fix (USBL, GPS) of an antenna that odometry has at `antenna_in_odom`, perhaps at another time:
+// the camera is where the fix is, less the way between them as odometry has it, turned by what is now known:
+//   t_m = fix - R_nav_cam R_odom_cam^T (antenna - t_odom_cam),   e = R_m^T (t_nav_cam - t_m), horizontal.
+// `sigma`: of either component [m]. Relinearised by calling it again.
+[[nodiscard]] RelativePose fixFactor(int origin, int camera, const SE3& T_nav_cam, const SE3& T_odom_cam,
+                                     const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& fix,
+                                     double sigma);
+
+// Visual odometry or a loop closure: T_a_b with the covariance of its right perturbation (rho, phi).
+[[nodiscard]] RelativePose linkFactor(int a, int b, const SE3& T_a_b, const Matrix6d& covariance);
+
+}  // namespace fathom::slam
