@@ -1,3 +1,4 @@
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
@@ -135,6 +136,18 @@ TEST(PosegraphProgram, AGraphIsSolvedAndNonsenseRefused) {
   const auto json = nlohmann::json::parse(run.out);
   EXPECT_NEAR(json.at("chi2").get<double>(), 0.5, 1e-6);  // both a half metre off
   EXPECT_EQ(json.at("poses"), 2);
+  const Outcome stepwise = runProgram("fathom-topside posegraph " + file.string() + " --incremental --json");
+  ASSERT_EQ(stepwise.exit_code, 0) << stepwise.err;
+  const auto by_step = nlohmann::json::parse(stepwise.out);
+  EXPECT_NEAR(by_step.at("chi2").get<double>(), 0.5, 1e-6);
+  EXPECT_EQ(by_step.at("steps"), 2);
+  EXPECT_EQ(by_step.at("heap_calls_per_step"), 0) << "pose by pose it is what runs on board";
+  for (const auto* one : {&json, &by_step}) {
+    std::vector<std::string> keys;
+    for (const auto& [key, value] : one->items()) keys.push_back(key);
+    EXPECT_THAT(keys, ::testing::UnorderedElementsAre("chi2", "poses", "steps", "step_ms",
+                                                      "heap_calls_per_step", "memory_bytes", "total_s"));
+  }
   for (const Damage kind : {Damage::kAbsent, Damage::kEmpty, Damage::kFolder, Damage::kNonsense}) {
     std::filesystem::remove_all(file);
     writeText(file, "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n");

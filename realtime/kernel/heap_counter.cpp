@@ -1,4 +1,4 @@
-#include "tests/support/heap_counter.hpp"
+#include "realtime/kernel/heap_counter.hpp"
 
 #include <sys/resource.h>
 
@@ -19,7 +19,7 @@ namespace {
 thread_local std::uint64_t heap_calls = 0;
 }  // namespace
 
-namespace fathom::test {
+namespace fathom::rt {
 
 ThreadCost threadCost() noexcept {
   rusage usage{};
@@ -28,7 +28,7 @@ ThreadCost threadCost() noexcept {
           static_cast<std::uint64_t>(usage.ru_majflt)};
 }
 
-}  // namespace fathom::test
+}  // namespace fathom::rt
 
 #ifdef FATHOM_SANITIZED
 
@@ -46,13 +46,13 @@ const int installed =
                                               });
 }  // namespace
 
-bool fathom::test::sanitized() noexcept {
+bool fathom::rt::sanitized() noexcept {
   return installed != 0;
 }
 
 #else
 
-bool fathom::test::sanitized() noexcept {
+bool fathom::rt::sanitized() noexcept {
   return false;
 }
 

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <cstdint>
+
+namespace fathom::rt {
+
+// What a thread has cost so far. A program that links fathom_heap_counter and asks for threadCost has its
+// heap calls counted: malloc, calloc, realloc, free and the aligned forms, and with them operator new and
+// delete, in every library of the process. Under a sanitizer, its own allocator hooks count (allocations and
+// frees).
+struct ThreadCost {
+  std::uint64_t heap_calls = 0;    // allocations and frees (a free of nullptr is none)
+  std::uint64_t minor_faults = 0;  // page faults without input or output
+  std::uint64_t major_faults = 0;  // page faults that read a device
+
+  ThreadCost operator-(const ThreadCost& before) const {
+    return {heap_calls - before.heap_calls, minor_faults - before.minor_faults,
+            major_faults - before.major_faults};
+  }
+};
+
+// Totals of the calling thread since it began; take the difference of two. Allocates nothing itself.
+[[nodiscard]] ThreadCost threadCost() noexcept;
+
+// True when a sanitizer runs in this process: its shadow memory faults, so that page faults say nothing.
+[[nodiscard]] bool sanitized() noexcept;
+
+}  // namespace fathom::rt
