@@ -11,8 +11,10 @@ namespace {
 constexpr double kAnywhere = 1000;         // standard deviation of a place that nothing tells [m]
 constexpr double kLinkFree = 12.59;        // chi-square with 6 degrees of freedom, 95 %: below it weight is 1
 constexpr double kFixFree = 5.99;          // with 2 degrees
-constexpr double kOffAt = 4, kOnAt = 2;    // times that: a factor is switched off and on again
+constexpr double kOffAt = 2;               // times that: a factor is switched off
+constexpr double kSettled = 0.01;          // share of chi2 that poses at rest may still lose
 constexpr double kNewWeight = 0.15;        // relative change of a weight that is worth the solver's work
+constexpr double kTurnedSigmas = 4;        // by which a compass differs from the camera that it has jumped
 constexpr double kAlike = 3;               // standard deviations between two wild fixes that agree
 constexpr double kDepthReference_s = 600;  // a reference of depth serves so long: tides are slow
 constexpr double kNanoseconds = 1e9;
@@ -131,7 +133,8 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
                                       quality, config_.noise));
   jump_waits_ = jump_waits_ || input.compass_jumped;
   if (input.compass_jumped) ++counters_.compass_jumps;
-  refer(input, frame.node, frame.seconds);
+  frame.unlocked_s = input.unlocked_s;
+  frame.attitude = refer(input, frame.node, frame.seconds);
   referDepth(input, frame.node);
   frames_.push_back(frame);
   ++counters_.keyframes;
@@ -139,10 +142,10 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
 }
 
 // The factor of attitude, and a new reference when the present one has served.
-void NavigationGraph::refer(const KeyframeInput& input, int node, double since_last) {
+int NavigationGraph::refer(const KeyframeInput& input, int node, double since_last) {
   if (input.attitude_held) {
     ++counters_.attitude_absent;
-    return;
+    return -1;
   }
   const double heading = headingOf(input.T_odom_cam);
   const double age = attitude_.node < 0 ? 0 : seconds(input.utc_ns - attitude_.utc_ns);
@@ -160,8 +163,8 @@ void NavigationGraph::refer(const KeyframeInput& input, int node, double since_l
       ++counters_.references;
     }
   }
-  if (attitude_.node >= 0)
-    (void)addFactor(attitudeFactor(attitude_.node, node, input.T_odom_cam, config_.noise));
+  if (attitude_.node < 0) return -1;
+  return addFactor(attitudeFactor(attitude_.node, node, input.T_odom_cam, config_.noise));
 }
 
 void NavigationGraph::referDepth(const KeyframeInput& input, int node) {
@@ -195,6 +198,41 @@ double NavigationGraph::distance2(const RelativePose& factor, const Matrix6d& co
   return e.dot(covariance.ldlt().solve(e));
 }
 
+// Visual odometry against dead reckoning's step: its own noise, with the compass's and depth sensor's of both
+// ends. A camera that looks down has heading about its z axis.
+void NavigationGraph::compareStep(Frame& from, Frame& to, const SE3& T_a_b, const Matrix6d& covariance) {
+  const SensorNoise& noise = config_.noise;
+  const SE3 T_odom_to = dvl_.corrected(from.T_odom_cam, to.T_odom_cam);
+  const double way = T_a_b.translation().norm();
+  const double white =
+      noise.dvl_velocity * std::sqrt(std::max(to.seconds, 1 / noise.dvl_rate) / noise.dvl_rate);
+  const double place = std::hypot(std::hypot(white, noise.unknown_velocity * to.unlocked_s),
+                                  std::hypot(dvl_.remainingShare(), noise.heading) * way);
+  const double turn = std::abs(2 * T_a_b.rotation().vec().norm());
+  Vector6d sigma;
+  sigma << place, place, std::hypot(place, 2 * noise.depth), 2 * noise.tilt, 2 * noise.tilt,
+      std::hypot(2 * noise.heading, noise.deviation_turn * turn);
+  const Matrix6d step = sigma.cwiseAbs2().asDiagonal();
+  const Vector6d e = perturbationOf({0, 1, T_a_b, Matrix6d::Identity()}, from.T_odom_cam, T_odom_to);
+  if (e.dot((step + covariance).ldlt().solve(e)) <= config_.gate) {
+    contradictions_ = 0;
+    if (++agreements_ >= config_.lying_after) counters_.dvl_lies = false;
+    if (to.unlocked_s == 0) (void)dvl_.add(from.T_odom_cam, to.T_odom_cam, T_a_b, covariance, to.seconds);
+    return;
+  }
+  ++counters_.steps_contradicted;
+  if (to.step >= 0 && solver_.setWeight(to.step, 0)) ++counters_.steps_left_out;
+  // A turn that the camera did not see is the compass's: what it says from here on has another reference.
+  if (std::abs(e(5)) > kTurnedSigmas * sigma(5)) {
+    if (to.attitude >= 0) (void)solver_.setWeight(to.attitude, 0);
+    jump_waits_ = true;
+    ++counters_.compass_jumps;
+    return;
+  }
+  agreements_ = 0;
+  if (++contradictions_ >= config_.lying_after) counters_.dvl_lies = true;
+}
+
 Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance) {
   if (a < 0 || b < 0 || a >= keyframes() || b >= keyframes() || a == b || !covariance.allFinite()) {
     ++counters_.links_refused;
@@ -208,44 +246,21 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
     return Taken::kFull;
   }
   if (kind == LinkKind::kOdometry && b == a + 1 && to.step >= 0) {
-    // Against dead reckoning: a step's own noise, with the compass's and depth sensor's of both ends.
-    const SensorNoise& noise = config_.noise;
-    const double way = (to.T_odom_cam.translation() - from.T_odom_cam.translation()).norm();
-    const double share = std::hypot(dvl_.remainingShare(), noise.heading);
-    const double place = std::hypot(noise.dvl_velocity * std::sqrt(std::max(to.seconds, 0.2)), share * way);
-    Vector6d sigma;
-    sigma << place, place, std::hypot(place, 2 * noise.depth), 2 * noise.tilt, 2 * noise.tilt,
-        2 * noise.heading + noise.deviation_turn;
-    // The camera looks down: its z is near the vertical, to which heading belongs.
-    const Matrix6d step = sigma.cwiseAbs2().asDiagonal();
-    const RelativePose reckoned{from.node, to.node, T_a_b, Matrix6d::Identity()};
-    const SE3 T_odom_to = dvl_.corrected(from.T_odom_cam, to.T_odom_cam);
-    const Vector6d e = perturbationOf(reckoned, from.T_odom_cam, T_odom_to);
-    const bool agrees = e.dot((step + covariance).ldlt().solve(e)) <= config_.gate;
-    if (agrees) {
-      contradictions_ = 0;
-      if (++agreements_ >= config_.lying_after) counters_.dvl_lies = false;
-      (void)dvl_.add(from.T_odom_cam, to.T_odom_cam, T_a_b, covariance, to.seconds);
-    } else {
-      agreements_ = 0;
-      ++counters_.steps_contradicted;
-      if (++contradictions_ >= config_.lying_after) counters_.dvl_lies = true;
-      if (solver_.setWeight(to.step, 0)) ++counters_.steps_left_out;
-      jump_waits_ = jump_waits_ || std::abs(e(5)) > 3 * sigma(5);
-    }
+    compareStep(frames_[at(a)], to, T_a_b, covariance);
   } else {
     const Prediction known = predict(a, b);
-    if (distance2(factor, known.covariance + covariance) > config_.gate) {
-      ++counters_.links_contradicting;
-      return Taken::kContradicts;
-    }
+    const bool fits = distance2(factor, known.covariance + covariance) <= config_.gate;
+    closures_refused_ = fits ? 0 : closures_refused_ + 1;
+    if (!fits) ++counters_.links_contradicting;
+    // Where closures are contradicted one after the other, an earlier one is wrong: the weights decide.
+    if (!fits && closures_refused_ < config_.lying_after) return Taken::kContradicts;
   }
   const int measurement = addFactor(factor);
   if (measurement < 0) {
     ++counters_.links_refused;
     return Taken::kFull;
   }
-  robust_.push_back({factor, measurement, kLinkFree, 1, false, false});
+  robust_.push_back({factor, covariance, measurement, kLinkFree, 1, false, false});
   ++(kind == LinkKind::kOdometry ? counters_.odometry_links : counters_.closures);
   return Taken::kYes;
 }
@@ -283,22 +298,23 @@ Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_od
     ++counters_.fixes_refused;
     return Taken::kFull;
   }
-  robust_.push_back({factor, measurement, kFixFree, 1, true, false});
+  robust_.push_back({factor, Matrix6d::Zero(), measurement, kFixFree, 1, true, false});
   ++counters_.fixes;
   return Taken::kYes;
 }
 
-// Robust weights of the newest factors and of some older ones in turn.
-void NavigationGraph::reweight() {
+// Robust weights of the newest factors and of some older ones in turn. A factor is switched off only by poses
+// that have come to rest, and on again when it is as likely as a new one must be.
+void NavigationGraph::reweight(bool settled) {
   if (robust_.empty()) return;
   const auto look = [&](Robust& r) {
     const SE3 from = r.factor.from == kWorld ? SE3() : solver_.pose(r.factor.from);
     const Vector6d e = relativePoseError(r.factor, from, solver_.pose(r.factor.to));
     const double chi2 = e.dot(r.factor.information * e);
-    const double limit = (r.off ? kOnAt : kOffAt) * r.free_chi2;
-    const bool off = !(chi2 <= limit);
+    const bool off = r.off ? !(fits(r) && settled) : settled && !(chi2 <= kOffAt * r.free_chi2);
     std::uint64_t& offs = r.fix ? counters_.fixes_off : counters_.links_off;
-    offs += (off ? 1U : 0U) - (r.off ? 1U : 0U);
+    if (off && !r.off) ++offs;
+    if (!off && r.off) --offs;
     const double wanted = off ? 0 : cauchyWeight(chi2, r.free_chi2);
     if (off != r.off || std::abs(wanted - r.weight) > kNewWeight * r.weight) {
       (void)solver_.setWeight(r.measurement, wanted);
@@ -314,9 +330,20 @@ void NavigationGraph::reweight() {
   }
 }
 
+// Whether a factor that is switched off agrees with what the rest says.
+bool NavigationGraph::fits(const Robust& r) {
+  if (r.fix) {
+    const SE3& pose = solver_.pose(r.factor.to);
+    const Vector6d e = relativePoseError(r.factor, SE3(), pose);
+    return e.dot(r.factor.information * e) <= r.free_chi2;
+  }
+  const Matrix6d known = solver_.relativeCovariance(r.factor.from, r.factor.to);
+  return distance2(r.factor, known + r.covariance) <= config_.gate;
+}
+
 StepReport NavigationGraph::step() {
   const StepReport report = solver_.step();
-  reweight();
+  reweight(report.decrease_expected <= kSettled * (1 + report.chi2) && !report.waits_for_factor);
   noteChanges();
   return report;
 }

@@ -118,15 +118,18 @@ class NavigationGraph {
   struct Frame {
     std::int64_t utc_ns = 0;
     SE3 T_odom_cam;
-    SE3 known;             // pose that takeChange() last gave
-    int node = 0;          // in the solver
-    int step = -1;         // measurement of the step from the keyframe before
-    double seconds = 0;    // of that step
-    bool waiting = false;  // in changed_
+    SE3 known;              // pose that takeChange() last gave
+    int node = 0;           // in the solver
+    int step = -1;          // measurement of the step from the keyframe before
+    int attitude = -1;      // and of attitude
+    double unlocked_s = 0;  // of that step
+    double seconds = 0;     // of that step
+    bool waiting = false;   // in changed_
   };
   // A factor with a robust weight.
   struct Robust {
     RelativePose factor;
+    Matrix6d covariance = Matrix6d::Zero();  // of a link
     int measurement = 0;
     double free_chi2 = 0;  // up to there its weight is 1
     double weight = 1;
@@ -135,9 +138,11 @@ class NavigationGraph {
   static std::size_t at(int i) { return static_cast<std::size_t>(i); }
   [[nodiscard]] int addNode(const SE3& pose);
   [[nodiscard]] int addFactor(const RelativePose& factor);  // -1 when refused
-  void refer(const KeyframeInput& input, int node, double seconds);
+  [[nodiscard]] int refer(const KeyframeInput& input, int node, double seconds);
+  void compareStep(Frame& from, Frame& to, const SE3& T_a_b, const Matrix6d& covariance);
   void referDepth(const KeyframeInput& input, int node);
-  void reweight();
+  void reweight(bool settled);
+  [[nodiscard]] bool fits(const Robust& r);
   void noteChanges();
   [[nodiscard]] double distance2(const RelativePose& factor, const Matrix6d& covariance) const;
 
@@ -158,7 +163,7 @@ class NavigationGraph {
   };
   Reference attitude_, depth_;
   bool jump_waits_ = false;
-  int contradictions_ = 0, agreements_ = 0, fixes_alike_ = 0;
+  int contradictions_ = 0, agreements_ = 0, fixes_alike_ = 0, closures_refused_ = 0;
   Eigen::Vector2d gated_innovation_ = Eigen::Vector2d::Zero();  // of the last fix outside the gate [m]
   Counters counters_;
 };

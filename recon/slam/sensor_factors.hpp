@@ -11,21 +11,21 @@ namespace fathom::slam {
 // vehicle (Johnson-Roberson et al. 2010, table 1) with a magnetic compass.
 struct SensorNoise {
   // Doppler velocity log, as dead reckoning between two poses uses it.
-  double dvl_velocity = 0.003;    // white, of each ensemble [m/s]
+  double dvl_velocity = 0.002;    // white, of each ensemble [m/s]
   double dvl_rate = 5.0;          // ensembles [1/s]
   double dvl_scale = 0.002;       // of the velocity, constant [1]
   double dvl_heading = 0.006;     // of its forward axis against the camera, constant [rad]
   double unknown_velocity = 0.3;  // while bottom track is away [m/s]
   // Attitude: white noise, and the slowly varying error of its reference.
-  double heading = 0.006, tilt = 0.0025;  // of one reading [rad]
-  double deviation = 0.035;               // of the compass at first [rad]
+  double heading = 0.006, tilt = 0.002;  // of one reading [rad]
+  double deviation = 0.016;               // of the compass at first [rad]
   double deviation_drift = 7e-4;          // its random walk [rad/s^(1/2)]
   double deviation_turn = 0.02;           // its change with the heading [rad/rad]
-  double tilt_bias = 0.004;               // of roll and pitch at first [rad]
+  double tilt_bias = 0.003;               // of roll and pitch at first [rad]
   double tilt_turn = 0.003;               // its change with the heading: the bias is the body's [rad/rad]
   double unknown_turn = 0.1;              // rate of turn while attitude is away [rad/s]
   // Depth.
-  double depth = 0.004;       // of one reading [m]
+  double depth = 0.003;       // of one reading [m]
   double depth_offset = 0.0;  // of the sea's height over nav's zero at first; with depth_drift 0: known [m]
   double depth_drift = 0.0;   // its random walk: tide 0.002, none 0 [m/s^(1/2)]
 

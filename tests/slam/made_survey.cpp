@@ -1,0 +1,179 @@
+#include "tests/slam/made_survey.hpp"
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <numbers>
+
+namespace fathom::slam::testing {
+namespace {
+
+constexpr double kSubstep = 0.2;      // DVL ensembles [s]
+constexpr double kDeviation = 0.021;  // amplitude over the heading [rad]
+
+std::size_t at(int k) {
+  return static_cast<std::size_t>(k);
+}
+
+struct Waypoints {
+  std::vector<Eigen::Vector2d> at;  // every substep
+};
+
+Waypoints fly(const MadeSurveyOptions& o) {
+  Waypoints way;
+  const double step = o.speed * kSubstep;
+  Eigen::Vector2d p(0, 0);
+  const auto go = [&](const Eigen::Vector2d& to) {
+    const double length = (to - p).norm();
+    const int n = static_cast<int>(std::round(length / step));
+    for (int i = 0; i < n; ++i) way.at.push_back(p + (to - p) * (i / static_cast<double>(n)));
+    p = to;
+  };
+  for (int line = 0; line < o.lines; ++line) {
+    const double east = line * o.line_spacing;
+    const bool north = line % 2 == 0;
+    go({north ? o.line_length : 0.0, east});
+    go({north ? o.line_length : 0.0, east + o.line_spacing});
+  }
+  go({o.line_length / 2, p.y()});
+  go({o.line_length / 2, -1.0});
+  return way;
+}
+
+}  // namespace
+
+MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
+  MadeSurvey s;
+  s.random.seed(o.seed * 7919 + 13);
+  std::normal_distribution<double> normal;
+  std::uniform_real_distribution<double> uniform;
+  const auto gauss = [&](double sigma) { return sigma * normal(s.random); };
+  const SensorNoise noise;
+
+  Vector6d sigma;
+  sigma << 0.002, 0.002, 0.003, 0.0015, 0.0015, 0.0015;
+  s.link_covariance = sigma.cwiseAbs2().asDiagonal();
+  s.dvl_scale = gauss(noise.dvl_scale);
+  s.dvl_heading = gauss(noise.dvl_heading);
+  const double iron = 2 * std::numbers::pi * uniform(s.random);
+  const double roll_bias = gauss(noise.tilt_bias), pitch_bias = gauss(noise.tilt_bias);
+  double drift = 0;
+  const auto measured = [&](const SE3& T_a_b) {
+    Vector6d e;
+    for (int i = 0; i < 6; ++i) e(i) = gauss(sigma(i));
+    return perturbed(T_a_b, e);
+  };
+
+  const Waypoints way = fly(o);
+  const int every = static_cast<int>(std::round(o.interval / kSubstep));
+  Eigen::Vector2d odom(0, 0);
+  const Eigen::Vector2d start = way.at[0];
+  double heading_before = 0, unlocked = 0, next_fix = o.usbl_period;
+  bool jumped = false;
+  for (std::size_t i = 0; i + 1 < way.at.size(); ++i) {
+    const double t = static_cast<double>(i) * kSubstep;
+    const Eigen::Vector2d d = way.at[i + 1] - way.at[i];
+    // The hull follows the track with some lag.
+    const double track = std::atan2(d.y(), d.x());
+    const double heading = i == 0 ? track : heading_before + 0.35 * wrapAngle(track - heading_before);
+    heading_before = heading;
+    drift += gauss(noise.deviation_drift * std::sqrt(kSubstep));
+    const double deviation = kDeviation * std::sin(heading + iron) + drift;
+    const double jump = t >= o.jump_at && !o.jump_told ? o.jump : 0;
+    const double compass = heading + deviation + jump + gauss(noise.heading);
+    const double roll = 0.03 * std::sin(0.9 * t), pitch = 0.02 * std::sin(0.7 * t + 1);
+    const double depth = 10 + 0.3 * std::sin(0.05 * t);
+    const SE3 truth = SE3::fromEuler(roll, pitch, heading, {way.at[i].x(), way.at[i].y(), depth});
+    if (i % static_cast<std::size_t>(every) == 0) {
+      const int k = static_cast<int>(s.truth.size());
+      KeyframeInput input;
+      input.utc_ns = static_cast<std::int64_t>(t * 1e9);
+      const double measured_depth = depth + gauss(noise.depth);
+      input.T_odom_cam =
+          SE3::fromEuler(roll + roll_bias + gauss(noise.tilt), pitch + pitch_bias + gauss(noise.tilt),
+                         compass, {odom.x(), odom.y(), measured_depth});
+      input.unlocked_s = unlocked;
+      input.compass_jumped = !jumped && o.jump_told && t >= o.jump_at;
+      jumped = jumped || t >= o.jump_at;
+      unlocked = 0;
+      s.truth.push_back(truth);
+      s.inputs.push_back(input);
+      if (k > 0 && uniform(s.random) < o.visual_share)
+        s.visual.push_back({k - 1, k, measured(s.truth[at(k - 1)].inverse() * truth)});
+      for (int a = 0; a + 8 < k; ++a)
+        if ((s.truth[at(a)].translation() - truth.translation()).head<2>().norm() < o.reach &&
+            uniform(s.random) < o.closure_share)
+          s.closures.push_back({a, k, measured(s.truth[at(a)].inverse() * truth)});
+      if (t >= next_fix) {
+        next_fix += o.usbl_period;
+        const Eigen::Vector3d lever(-0.4, 0.1, -0.6);
+        Eigen::Vector2d fix = (truth * lever).head<2>();
+        for (int j = 0; j < 2; ++j) fix(j) += gauss(o.usbl_sigma);
+        const double wild = uniform(s.random), direction = 2 * std::numbers::pi * uniform(s.random);
+        if (wild < o.wild_fixes) fix += 12.0 * Eigen::Vector2d(std::cos(direction), std::sin(direction));
+        s.fixes.push_back({k, input.T_odom_cam * lever, fix});
+      }
+    }
+    const bool dead = t >= o.dvl_dead_from && t < o.dvl_dead_to;
+    if (dead) {
+      unlocked += kSubstep;
+      continue;
+    }
+    Eigen::Vector2d velocity = Eigen::Rotation2Dd(-heading) * d / kSubstep;
+    velocity = (1 + s.dvl_scale) * (Eigen::Rotation2Dd(-s.dvl_heading) * velocity);
+    if (t >= o.lie_from && t < o.lie_to) velocity.y() += o.lie;
+    for (int j = 0; j < 2; ++j) velocity(j) += gauss(noise.dvl_velocity);
+    odom += Eigen::Rotation2Dd(compass) * velocity * kSubstep;
+  }
+  s.anchor = start;
+  for (int j = 0; j < 2; ++j) s.anchor(j) += gauss(o.anchor_sigma);
+  return s;
+}
+
+void drive(NavigationGraph& graph, const MadeSurvey& s, const MadeSurveyOptions& o) {
+  graph.setAnchor(s.anchor, o.anchor_sigma);
+  std::size_t visual = 0, closure = 0, fix = 0;
+  for (int k = 0; k < static_cast<int>(s.inputs.size()); ++k) {
+    if (!graph.addKeyframe(s.inputs[at(k)])) return;
+    for (; visual < s.visual.size() && s.visual[visual].b == k; ++visual)
+      (void)graph.addLink(LinkKind::kOdometry, k - 1, k, s.visual[visual].T_a_b, s.link_covariance);
+    (void)graph.step();
+    for (; fix < s.fixes.size() && s.fixes[fix].keyframe <= k; ++fix)
+      (void)graph.addFix(s.fixes[fix].keyframe, s.fixes[fix].antenna_in_odom, s.fixes[fix].north_east,
+                         o.usbl_sigma);
+    for (; closure < s.closures.size() && s.closures[closure].b == k; ++closure)
+      (void)graph.addLink(LinkKind::kClosure, s.closures[closure].a, k, s.closures[closure].T_a_b,
+                          s.link_covariance);
+  }
+  // The last measurements settle.
+  for (int i = 0; i < 30; ++i) (void)graph.step();
+}
+
+Errors errorsOf(const std::vector<SE3>& poses, const std::vector<SE3>& truth) {
+  const double n = static_cast<double>(poses.size());
+  Eigen::Vector2d from(0, 0), to(0, 0);
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    from += poses[k].translation().head<2>() / n;
+    to += truth[k].translation().head<2>() / n;
+  }
+  // The turn that fits best (Kabsch, in the plane).
+  double dot = 0, cross = 0;
+  const auto pair = [&](std::size_t k) {
+    return std::pair<Eigen::Vector2d, Eigen::Vector2d>(poses[k].translation().head<2>() - from,
+                                                       truth[k].translation().head<2>() - to);
+  };
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    const auto [p, q] = pair(k);
+    dot += p.dot(q);
+    cross += p.x() * q.y() - p.y() * q.x();
+  }
+  const Eigen::Rotation2Dd turn(std::atan2(cross, dot));
+  double absolute = 0, aligned = 0;
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    const auto [p, q] = pair(k);
+    absolute += (poses[k].translation() - truth[k].translation()).head<2>().squaredNorm();
+    aligned += (turn * p - q).squaredNorm();
+  }
+  return {std::sqrt(absolute / n), std::sqrt(aligned / n)};
+}
+
+}  // namespace fathom::slam::testing

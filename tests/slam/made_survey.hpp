@@ -1,0 +1,63 @@
+#pragma once
+
+#include <cstdint>
+#include <random>
+#include <vector>
+
+#include "recon/slam/navigation_graph.hpp"
+
+namespace fathom::slam::testing {
+
+struct MadeSurveyOptions {
+  std::uint64_t seed = 1;
+  int lines = 4;
+  double line_length = 15, line_spacing = 1.2;    // [m]
+  double speed = 0.5, interval = 1.0;             // [m/s], between keyframes [s]
+  double reach = 0.7;                             // keyframes nearer than this get a closure [m]
+  double closure_share = 0.3;                     // of such pairs that are measured
+  double visual_share = 1.0;                      // of steps with visual odometry
+  double usbl_sigma = 0.5, usbl_period = 10;      // [m], [s]
+  double wild_fixes = 0.0;                        // share
+  double anchor_sigma = 0.5;                      // [m]
+  double dvl_dead_from = 1e9, dvl_dead_to = 1e9;  // [s]; dead reckoning stands still meanwhile
+  double jump_at = 1e9, jump = 0;                 // of the compass [s], [rad]
+  bool jump_told = true;  // as a leap of the compass; else only visual odometry shows it
+  double lie_from = 1e9, lie_to = 1e9, lie = 0;  // velocity that the DVL adds to starboard [s], [m/s]
+};
+
+// A lawn-mower survey and what a vehicle's sensors make of it, with the errors that SensorNoise's defaults
+// describe: compass with a deviation over heading and time, biased tilt, DVL with scale and misalignment.
+struct MadeSurvey {
+  struct Link {
+    int a = 0, b = 0;
+    SE3 T_a_b;
+  };
+  struct Fix {
+    int keyframe = 0;  // nearest
+    Eigen::Vector3d antenna_in_odom;
+    Eigen::Vector2d north_east;
+  };
+  std::vector<SE3> truth;  // T_nav_cam of keyframes
+  std::vector<KeyframeInput> inputs;
+  std::vector<Link> visual;    // of consecutive keyframes
+  std::vector<Link> closures;  // by their newer keyframe
+  std::vector<Fix> fixes;      // by keyframe
+  Matrix6d link_covariance;
+  Eigen::Vector2d anchor;  // nav - odom as known at the start [m]
+  double dvl_scale = 0, dvl_heading = 0;
+  std::mt19937_64 random;
+};
+
+[[nodiscard]] MadeSurvey makeSurvey(const MadeSurveyOptions& options);
+
+// The survey through a graph, as a vehicle would: keyframe, visual odometry, fixes, closures, step.
+void drive(NavigationGraph& graph, const MadeSurvey& survey, const MadeSurveyOptions& options);
+
+// RMS of the horizontal error of dead reckoning or of the graph over all keyframes [m], as it is and after
+// the best shift and turn.
+struct Errors {
+  double absolute = 0, aligned = 0;
+};
+[[nodiscard]] Errors errorsOf(const std::vector<SE3>& poses, const std::vector<SE3>& truth);
+
+}  // namespace fathom::slam::testing

@@ -1,0 +1,135 @@
+#include "recon/slam/sensor_factors.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <functional>
+#include <stdexcept>
+
+namespace fathom::slam {
+namespace {
+
+constexpr int kOrigin = 0, kA = 1, kB = 2;
+
+// A camera that looks down, with some tilt.
+SE3 camera(double north, double east, double depth, double heading, double tilt = 0.05) {
+  return SE3::fromEuler(tilt, -0.5 * tilt, heading, {north, east, depth});
+}
+
+// The derivatives that the solvers use, against differences of the residual.
+void expectDerivatives(const RelativePose& factor, const SE3& from, const SE3& to) {
+  const RelativePoseLinear linear = linearize(factor, from, to);
+  constexpr double kStep = 1e-6;
+  for (int i = 0; i < 6; ++i) {
+    Vector6d step = Vector6d::Zero();
+    step(i) = kStep;
+    const Vector6d by_from = (relativePoseError(factor, perturbed(from, step), to) -
+                              relativePoseError(factor, perturbed(from, -step), to)) /
+                             (2 * kStep);
+    const Vector6d by_to = (relativePoseError(factor, from, perturbed(to, step)) -
+                            relativePoseError(factor, from, perturbed(to, -step))) /
+                           (2 * kStep);
+    EXPECT_LT((by_from - linear.by_from.col(i)).norm(), 1e-7 * (1 + by_from.norm())) << "from, " << i;
+    EXPECT_LT((by_to - linear.by_to.col(i)).norm(), 1e-7 * (1 + by_to.norm())) << "to, " << i;
+  }
+}
+
+double chi2(const RelativePose& factor, const SE3& from, const SE3& to) {
+  const Vector6d e = relativePoseError(factor, from, to);
+  return e.dot(factor.information * e);
+}
+
+const SensorNoise kNoise;
+
+TEST(SensorFactors, DerivativesAreThoseOfTheResidual) {
+  const SE3 a = camera(3, -2, 10, 0.7), b = camera(3.4, -1.7, 10.1, 0.9, -0.04);
+  const SE3 reference = SE3::fromEuler(0.003, -0.002, 0.03, Eigen::Vector3d::Zero());
+  const SE3 next = SE3::fromEuler(0.002, -0.001, 0.05, Eigen::Vector3d::Zero());
+  const StepQuality quality{1.0, 0, 0, 0.003};
+  expectDerivatives(stepFactor(kA, kB, camera(3, -2, 10, 0.72), camera(3.5, -1.7, 10, 0.93), quality, kNoise),
+                    a, b);
+  expectDerivatives(attitudeFactor(kA, kB, camera(0, 0, 9, 0.95), kNoise), reference, b);
+  expectDerivatives(firstAttitudeReference(kOrigin, kA, kNoise), SE3(), reference);
+  expectDerivatives(attitudeDrift(kA, kB, 20, 0.2, 0, kNoise), reference, next);
+  expectDerivatives(depthFactor(kOrigin, kB, camera(1, 1, 10.2, 0.9), kNoise), SE3(), b);
+  const SE3 tide(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, -0.4));
+  expectDerivatives(firstDepthReference(kOrigin, kA, kNoise), SE3(), tide);
+  expectDerivatives(depthDrift(kA, kB, 600, kNoise), tide, SE3());
+  expectDerivatives(fixFactor(kOrigin, kB, b, camera(0, 0, 10, 0.9), {1, 2, 9}, {4, 0}, 0.4), SE3(), b);
+  Matrix6d covariance = Matrix6d::Identity() * 1e-4;
+  covariance(0, 4) = covariance(4, 0) = 3e-5;
+  expectDerivatives(linkFactor(kA, kB, a.inverse() * b, covariance), a, b);
+}
+
+TEST(SensorFactors, AStepErrsByOneStandardDeviationAlongTheWayForOneUnitOfChiSquare) {
+  const SE3 a = camera(0, 0, 10, 0.4, 0), b = camera(0.5 * std::cos(0.4), 0.5 * std::sin(0.4), 10, 0.4, 0);
+  const StepQuality quality{1.0, 0, 0, 0.004};
+  const RelativePose factor = stepFactor(kA, kB, a, b, quality, kNoise);
+  EXPECT_NEAR(chi2(factor, a, b), 0, 1e-18);
+  const double white = kNoise.dvl_velocity * std::sqrt(1.0 / kNoise.dvl_rate);
+  const double sigma =
+      std::sqrt(white * white + std::pow(0.004 * 0.5, 2) + std::pow(kNoise.heading * 0.5, 2));
+  const SE3 off(b.rotation(), b.translation() + sigma * Eigen::Vector3d(std::cos(0.4), std::sin(0.4), 0));
+  EXPECT_NEAR(chi2(factor, a, off), 1, 1e-6);
+}
+
+TEST(SensorFactors, AStepWithoutBottomTrackSaysNextToNothing) {
+  const SE3 a = camera(0, 0, 10, 0), b = camera(0.5, 0, 10, 0), metre_off = camera(1.5, 0, 10, 0);
+  const StepQuality locked{10.0, 0, 0, 0.003}, unlocked{10.0, 10.0, 0, 0.003};
+  EXPECT_GT(chi2(stepFactor(kA, kB, a, b, locked, kNoise), a, metre_off), 1000);
+  EXPECT_LT(chi2(stepFactor(kA, kB, a, b, unlocked, kNoise), a, metre_off), 0.2);
+}
+
+TEST(SensorFactors, AttitudeTellsHeadingUpToTheDeviationOfItsReference) {
+  const double deviation = 0.04;
+  const SE3 reference = SE3::fromEuler(0, 0, -deviation, Eigen::Vector3d::Zero());
+  // The compass reads 0.9 + deviation where the heading is 0.9.
+  const RelativePose factor = attitudeFactor(kA, kB, camera(5, 5, 8, 0.9 + deviation, 0), kNoise);
+  EXPECT_NEAR(chi2(factor, reference, camera(-70, 20, 3, 0.9, 0)), 0, 1e-6);
+  EXPECT_NEAR(chi2(factor, reference, camera(-70, 20, 3, 0.9 + kNoise.heading, 0)), 1, 1e-3);
+}
+
+TEST(SensorFactors, DepthTellsDepthAloneWhateverTheAttitude) {
+  const RelativePose factor = depthFactor(kOrigin, kB, camera(1, 2, 10, 0.3, 0.2), kNoise);
+  EXPECT_NEAR(chi2(factor, SE3(), camera(-400, 250, 10, 2.0, -0.1)), 0, 1e-6);
+  EXPECT_NEAR(chi2(factor, SE3(), camera(-400, 250, 10 + kNoise.depth, 2.0, -0.1)), 1, 1e-6);
+  const SE3 high_tide(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, -1.2));
+  EXPECT_NEAR(chi2(factor, high_tide, camera(0, 0, 8.8, 0.3)), 0, 1e-6);
+}
+
+TEST(SensorFactors, AFixOfAnAntennaBehindPlacesTheCameraAhead) {
+  const SE3 T_nav_cam = camera(100, 50, 10, 0.3, 0), T_odom_cam = camera(7, 5, 10, 0.3, 0);
+  // Two metres behind the camera when the ping came, three seconds before.
+  const Eigen::Vector3d antenna =
+      T_odom_cam.translation() - 2.0 * Eigen::Vector3d(std::cos(0.3), std::sin(0.3), 0.1);
+  const Eigen::Vector2d fix =
+      (T_nav_cam.translation() - 2.0 * Eigen::Vector3d(std::cos(0.3), std::sin(0.3), 0)).head<2>();
+  const RelativePose factor = fixFactor(kOrigin, kB, T_nav_cam, T_odom_cam, antenna, fix, 0.5);
+  EXPECT_NEAR(chi2(factor, SE3(), T_nav_cam), 0, 1e-9);
+  EXPECT_NEAR(chi2(factor, SE3(), camera(100.5, 50, 12, 0.3, 0)), 1, 1e-6);
+}
+
+TEST(SensorFactors, ALinkWeighsItsErrorByItsCovariance) {
+  const SE3 a = camera(0, 0, 10, 0), b = camera(0.4, 0.1, 10, 0.1);
+  Vector6d sigma;
+  sigma << 0.002, 0.003, 0.004, 0.001, 0.002, 0.003;
+  const RelativePose factor = linkFactor(kA, kB, a.inverse() * b, sigma.cwiseAbs2().asDiagonal());
+  for (int i = 0; i < 6; ++i) {
+    Vector6d step = Vector6d::Zero();
+    step(i) = sigma(i);
+    EXPECT_NEAR(chi2(factor, a, perturbed(b, step)), 1, 1e-4) << i;
+  }
+}
+
+TEST(SensorFactors, NoiseOutOfRangeIsRefused) {
+  SensorNoise noise;
+  noise.heading = 0;
+  EXPECT_THROW(noise.validate(), std::invalid_argument);
+  noise = {};
+  noise.deviation_drift = std::nan("");
+  EXPECT_THROW(noise.validate(), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace fathom::slam
