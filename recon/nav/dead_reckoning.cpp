@@ -13,6 +13,7 @@ constexpr std::int64_t kMaxExtrapolationNs = 1'000'000'000;  // of poseAt beyond
 constexpr std::int64_t kMinNodeSpacingNs = 20'000'000;       // with kNodes: at least 20 s of history
 constexpr std::int64_t kRateHalfWindowNs =
     200'000'000;                       // each side, of the rate of turn: two compass samples
+constexpr double kHeadingNoise = 0.1;  // no leap [rad]: ten times a compass's noise and more
 constexpr double kDepthCatchUp = 5.0;  // e-folding of the step after a depth outage [s]
 constexpr double kMinSoundSpeed = 1350.0, kMaxSoundSpeed = 1650.0;  // any sea or lake, with margin [m/s]
 constexpr double kMinDepth = -5.0, kMaxDepth = 11500.0;  // above the surface in a swell; deepest trench [m]
@@ -84,10 +85,27 @@ void DeadReckoning::add(const AttitudeSample& sample) noexcept {
     return;
   }
   if (!checkTime(attitude_times_, sample.utc_ns)) return;
-  const double heading = sample.heading + (sample.magnetic ? config_.magnetic_declination : 0.0);
+  const double heading =
+      withoutLeap(sample.heading + (sample.magnetic ? config_.magnetic_declination : 0.0), sample.utc_ns);
   const SE3 R_odom_compass = SE3::fromEuler(sample.roll, sample.pitch, heading, Eigen::Vector3d::Zero());
   attitudes_.pushDroppingOldest({sample.utc_ns, R_odom_compass.rotation() * R_body_compass_inverse_});
   advance();
+}
+
+// The heading less all leaps; a new one is known by a turn that no vehicle makes. After a silence a turn and
+// a leap look alike: it is taken for a turn.
+double DeadReckoning::withoutLeap(double heading, std::int64_t utc_ns) noexcept {
+  double smooth = heading - heading_taken_out_;
+  if (!attitudes_.empty()) {
+    const double turn = wrapAngle(smooth - last_heading_);
+    if (std::abs(turn) > kHeadingNoise + config_.max_turn_rate * seconds(utc_ns - attitudes_.back().utc_ns)) {
+      heading_taken_out_ = wrapAngle(heading_taken_out_ + turn);
+      smooth -= turn;
+      ++counters_.heading_leaps;
+    }
+  }
+  last_heading_ = smooth;
+  return smooth;
 }
 
 void DeadReckoning::add(const DepthSample& sample) noexcept {

@@ -17,6 +17,7 @@ struct DeadReckoningConfig {
   double sound_speed = 1500.0;      // at the DVL until a water sample says better [m/s]
   double max_dvl_gap = 2.0;         // without bottom track longer than this the velocity decays to zero [s]
   double max_speed = 3.0;           // faster bottom-track velocities are rejected [m/s]
+  double max_turn_rate = 1.0;  // a heading that turns faster has leapt: twice any survey vehicle's [rad/s]
 };
 
 // Odometry from DVL, attitude and depth: T_odom_body. odom is North-East-Down with its origin above (on the
@@ -33,6 +34,10 @@ struct DeadReckoningConfig {
 // An ensemble is used once attitude and depth reach its time, so poses up to newestUtcNs() are final. A
 // sensor silent for longer than a second is not waited for: attitude is held, depth follows the DVL's
 // vertical velocity and, when the sensor is back, closes the difference slowly.
+//
+// A compass that leaps (current in a cable, steel nearby) must not bend the track: the leap is taken out of
+// all later headings, so that odometry goes on smoothly and its heading is wrong by no more than before. Who
+// knows the heading better (SLAM) hears of it by headingLeaps().
 class DeadReckoning {
  public:
   // The numbers of the config must be finite, the speeds and the gap positive (the mission's reader sees to
@@ -59,6 +64,9 @@ class DeadReckoning {
   // Altitude of the DVL above the bottom [m] at the newest valid ensemble not older than max_dvl_gap.
   [[nodiscard]] std::optional<double> altitude() const noexcept;
   [[nodiscard]] Eigen::Vector3d velocityBody() const noexcept;  // over ground [m/s]
+  // Leaps of the compass that were taken out, and their sum [rad].
+  [[nodiscard]] std::uint64_t headingLeaps() const noexcept { return counters_.heading_leaps; }
+  [[nodiscard]] double headingTakenOut() const noexcept { return heading_taken_out_; }
 
   struct Counters {
     std::uint64_t dvl_used = 0;            // velocities that entered the track
@@ -72,6 +80,7 @@ class DeadReckoning {
     std::uint64_t dvl_queue_full = 0;      // velocities lost because too many waited for attitude and depth
     std::uint64_t coasted = 0;             // times that bottom track stayed away longer than max_dvl_gap
     std::uint64_t attitude_held = 0, depth_held = 0;  // velocities used without waiting for a silent sensor
+    std::uint64_t heading_leaps = 0;                  // of the compass, taken out
   };
   [[nodiscard]] const Counters& counters() const noexcept { return counters_; }
 
@@ -101,15 +110,17 @@ class DeadReckoning {
   void trackTo(std::int64_t utc_ns, const VelocityAt& velocity_at) noexcept;
   [[nodiscard]] Eigen::Vector3d rateOfTurn(std::int64_t utc_ns) const noexcept;
   void appendNode(std::int64_t utc_ns, const Eigen::Vector3d& velocity_body) noexcept;
+  [[nodiscard]] double withoutLeap(double heading, std::int64_t utc_ns) noexcept;
   [[nodiscard]] double depthOfBody(const Node& node, const Node* before) noexcept;
   [[nodiscard]] double soundSpeedFactor(double assumed) noexcept;
 
   DeadReckoningConfig config_;
   Eigen::Quaterniond R_body_compass_inverse_;
   TimeGate dvl_times_, attitude_times_, depth_times_;
-  std::int64_t now_ = 0;       // newest time of any sensor
-  RotationHistory attitudes_;  // R_odom_body
-  NumberHistory depths_;       // of the pressure sensor [m]
+  std::int64_t now_ = 0;                             // newest time of any sensor
+  RotationHistory attitudes_;                        // R_odom_body
+  double last_heading_ = 0, heading_taken_out_ = 0;  // of the compass, in odom; sum of leaps [rad]
+  NumberHistory depths_;                             // of the pressure sensor [m]
   rt::FixedQueue<Velocity, kWaiting> waiting_;
   rt::FixedQueue<Node, kNodes> nodes_;
   Velocity last_velocity_;                                    // newest that entered the track

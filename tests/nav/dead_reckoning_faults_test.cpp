@@ -196,5 +196,26 @@ TEST(DeadReckoningFaults, AnEnsembleWithoutASoundSpeedCountsAsCorrected) {
   EXPECT_LT(positionError(*nav.poseAt(at(9)), circle, 9), 0.005);
 }
 
+TEST(DeadReckoningFaults, ACompassThatLeapsDoesNotBendTheTrack) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning clean(config), leapt(config);
+  for (Sample sample : samplesOf(circle, config, 30)) {
+    feed(clean, sample);
+    // Twenty degrees off from the tenth second on, and one wild heading before.
+    if (auto* attitude = std::get_if<AttitudeSample>(&sample)) {
+      if (attitude->utc_ns >= at(10)) attitude->heading += 20 * kDegree;
+      if (attitude->utc_ns == at(5)) attitude->heading += 90 * kDegree;
+    }
+    feed(leapt, sample);
+  }
+  EXPECT_EQ(clean.headingLeaps(), 0U);
+  EXPECT_EQ(leapt.headingLeaps(), 3U);  // the wild one there and back
+  const SE3 a = *clean.poseAt(clean.newestUtcNs()), b = *leapt.poseAt(clean.newestUtcNs());
+  // What the vehicle turned by between the samples of each leap is all that is lost: 0.6 degrees each.
+  EXPECT_LT((a.translation() - b.translation()).norm(), 0.03 * 25);
+  EXPECT_LT(a.rotation().angularDistance(b.rotation()), 2 * kDegree);
+  EXPECT_NEAR(std::abs(leapt.headingTakenOut()), 20 * kDegree, 2 * kDegree);
+}
+
 }  // namespace
 }  // namespace fathom::nav

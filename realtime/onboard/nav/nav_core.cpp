@@ -150,6 +150,7 @@ void NavCore::takeHealth(std::int64_t utc_ns) noexcept {
       {"sound_speed_absent", track.sound_speed_absent},
       {"attitude_rejected", track.attitude_rejected},
       {"attitude_held", track.attitude_held},
+      {"heading_leaps", track.heading_leaps},
       {"depth_rejected", track.depth_rejected},
       {"depth_held", track.depth_held},
       {"water_rejected", track.water_rejected},

@@ -38,7 +38,7 @@ struct NavHealth {
     std::string_view name;
     std::uint64_t value = 0;
   };
-  static constexpr std::size_t kCounters = 22;
+  static constexpr std::size_t kCounters = 23;
 
   std::int64_t utc_ns = 0;  // of the tick
   double dvl_age = -1, attitude_age = -1, depth_age = -1, water_age = -1, left_age = -1,
