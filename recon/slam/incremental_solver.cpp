@@ -39,6 +39,11 @@ FactorBuilder::Size builderSize(const IncrementalConfig& c) {
 
 }  // namespace
 
+std::int64_t IncrementalConfig::blocksFor(int poses, int closures) {
+  constexpr std::int64_t kOfPose = 3, kOfClosure = 40, kLeast = 1000;
+  return kLeast + kOfPose * poses + kOfClosure * closures;
+}
+
 void IncrementalConfig::validate() const {
   if (max_poses < 1 || max_measurements < 1 || max_factor_blocks < 1)
     throw std::invalid_argument("incremental solver: it needs room for a pose, a measurement and a block");

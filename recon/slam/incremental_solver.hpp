@@ -30,6 +30,12 @@ struct IncrementalConfig {
   // where most closures reach further back.
   int kept_last = 64;
 
+  // Blocks of a factor for so many poses, and measurements beyond the one that joins each pose to the last:
+  // closures between neighbouring and crossing lines fill 30 each (20,000 poses with 2,000;
+  // tests/bench/slam), and columns that move leave a third behind. Closures that join any two poses fill far
+  // more.
+  [[nodiscard]] static std::int64_t blocksFor(int poses, int closures);
+
   void validate() const;  // throws std::invalid_argument
 };
 
@@ -82,6 +88,10 @@ class IncrementalSolver {
 
   std::size_t memoryBytes() const { return arena_.capacity(); }
   std::int64_t factorBlocks() const { return active().factor.blocksInUse(); }
+  // Blocks of the store that the factor occupies, with what columns that moved have left behind; and its
+  // size.
+  std::int64_t factorStoreUsed() const { return active().factor.storeUsed(); }
+  std::int64_t factorStore() const { return config_.max_factor_blocks; }
   std::int64_t fillDropped() const { return active().factor.dropped(); }
 
  private:

@@ -16,7 +16,7 @@ std::size_t index(int i) {
 PoseReplay::PoseReplay(const PoseGraph& graph) : graph_(graph), first_(graph.poses.size() + 1, 0) {
   const int poses = static_cast<int>(graph.poses.size());
   for (const RelativePose& e : graph.edges) {
-    if (e.from < 0 || e.to < 0 || e.from >= poses || e.to >= poses)
+    if (e.from < kWorld || e.to < 0 || e.from >= poses || e.to >= poses)
       throw std::invalid_argument("pose graph: a measurement names a pose that is not there");
     ++first_[index(std::max(e.from, e.to)) + 1];
   }
@@ -35,7 +35,7 @@ StepReport PoseReplay::step(IncrementalSolver& solver) {
   for (const int k : mine) {
     const RelativePose& e = graph_.edges[index(k)];
     const int other = std::min(e.from, e.to);
-    if (other <= latest) continue;
+    if (e.from == kWorld || other <= latest) continue;
     latest = other;
     start = solver.pose(other) * (e.from == other ? e.T_from_to : e.T_from_to.inverse());
   }

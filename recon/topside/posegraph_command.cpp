@@ -106,17 +106,14 @@ double threadMilliseconds() {
   return 1e3 * static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_nsec);
 }
 
-// Blocks of a factor that the incremental solver has room for, by pose and by measurement: two to three times
-// what a survey's graph fills.
-constexpr std::int64_t kBlocksPerPose = 40, kBlocksPerEdge = 8;
-
 // Pose by pose, as they would have come on board; the file's poses are not used, but for the first.
 int runIncremental(const Options& options, slam::PoseGraph& graph,
                    const std::vector<Eigen::Vector3d>& truth) {
   slam::IncrementalConfig config;
   config.max_poses = std::max(1, static_cast<int>(graph.poses.size()));
   config.max_measurements = std::max(1, static_cast<int>(graph.edges.size()));
-  config.max_factor_blocks = kBlocksPerPose * config.max_poses + kBlocksPerEdge * config.max_measurements;
+  config.max_factor_blocks = slam::IncrementalConfig::blocksFor(
+      config.max_poses, std::max(0, config.max_measurements - config.max_poses));
   slam::IncrementalSolver solver(config);
   slam::PoseReplay replay(graph);
   slam::StepReport last;

@@ -1,0 +1,58 @@
+// Report on the incremental solver: pose graphs given pose by pose, each step timed.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+#include "recon/slam/batch_solver.hpp"
+#include "recon/slam/g2o_file.hpp"
+#include "recon/slam/incremental_solver.hpp"
+#include "tests/bench/slam/step_times.hpp"
+#include "tests/bench/slam/survey_graph.hpp"
+
+namespace {
+
+using namespace fathom;
+
+void report(const std::string& name, slam::PoseGraph graph, std::int64_t blocks) {
+  const auto closures =
+      static_cast<int>(std::count_if(graph.edges.begin(), graph.edges.end(), [](const slam::RelativePose& e) {
+        return e.from != slam::kWorld && std::abs(e.to - e.from) > 1;
+      }));
+  slam::IncrementalConfig config;
+  config.max_poses = static_cast<int>(graph.poses.size());
+  config.max_measurements = static_cast<int>(graph.edges.size());
+  config.max_factor_blocks =
+      blocks > 0 ? blocks : slam::IncrementalConfig::blocksFor(config.max_poses, closures);
+  slam::IncrementalSolver solver(config);
+  bench::print(name, bench::timeSteps(graph, solver), solver);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("Report on the incremental solver");
+  std::vector<std::string> files;
+  bench::SurveyPlan plan;
+  bool survey = false, anywhere = false;
+  std::int64_t blocks = 0;
+  app.add_option("graphs", files, "g2o files; without any, the three graphs that the tests use");
+  app.add_flag("--survey", survey, "a made-up survey instead");
+  app.add_option("--keyframes", plan.keyframes, "of the survey");
+  app.add_option("--closures", plan.closures, "of the survey");
+  app.add_flag("--anywhere", anywhere, "closures join any two keyframes");
+  app.add_flag("--sensors", plan.attitude_and_depth, "attitude and depth of every keyframe");
+  app.add_option("--blocks", blocks, "room of a factor; without it by IncrementalConfig::blocksFor");
+  CLI11_PARSE(app, argc, argv);
+  if (survey) {
+    if (anywhere) plan.where = bench::Closures::kAnywhere;
+    report("survey", bench::makeSurvey(plan).graph, blocks);
+    return 0;
+  }
+  if (files.empty())
+    for (const char* name : {"tinyGrid3D", "parking-garage", "sphere2500"})
+      files.push_back(std::string(FATHOM_DATA_DIR "/posegraph/") + name + ".g2o");
+  for (const std::string& file : files) report(file.substr(file.rfind('/') + 1), slam::readG2o(file), blocks);
+}
