@@ -64,6 +64,7 @@ struct MissionPaths {
   [[nodiscard]] std::filesystem::path calib() const { return root / "stereo.calib"; }
   [[nodiscard]] std::filesystem::path log() const { return root / "sensors.lcmlog"; }
   [[nodiscard]] std::filesystem::path images() const { return root / "img"; }
+  [[nodiscard]] std::filesystem::path features() const { return root / "features"; }  // instead of img/
   [[nodiscard]] std::filesystem::path truth() const { return root / "truth"; }
   [[nodiscard]] std::filesystem::path onboard() const { return root / "onboard"; }
   [[nodiscard]] std::filesystem::path monitor() const { return root / "monitor"; }

@@ -28,6 +28,8 @@ int run(int argc, char** argv) {
   render_command->add_option("--scale", render.scale, "of the images' sides, 0.05 to 1");
   render_command->add_option("--rate", render.rate_hz, "pairs a second, 0.1 to 30");
   render_command->add_option("--threads", render.threads, "0: all")->check(CLI::Range(0, 1024));
+  render_command->add_flag("--features", render.features,
+                           "write what stereo would match instead of pictures: missions of hours in minutes");
   render_command->add_flag("--force", render.force, "replace a folder that is not empty");
 
   std::string keys_of;

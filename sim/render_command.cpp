@@ -27,7 +27,7 @@ int runRender(const RenderOptions& options) {
     scenario.seed = *options.seed;
   }
   if (options.duration_s) {
-    requireRange("--duration", *options.duration_s, 1, 7200);
+    requireRange("--duration", *options.duration_s, 1, kLongestSurvey);
     scenario.longest_survey_s = std::min(scenario.longest_survey_s, *options.duration_s);
   }
   if (options.rate_hz) {
@@ -42,6 +42,7 @@ int runRender(const RenderOptions& options) {
   maker.out = options.out;
   maker.force = options.force;
   maker.threads = options.threads;
+  maker.features = options.features;
   maker.progress = showProgress;
   const MissionMakerReport report = makeMission(scenario, maker);
   std::printf("%s: %zu pairs in %.0f s over %.1f m, altitude %.1f to %.1f m, %zu log entries\n",

@@ -15,6 +15,7 @@ struct RenderOptions {
   std::optional<double> scale;       // of the images' sides
   std::optional<double> rate_hz;     // of pairs
   int threads = 0;                   // 0: all
+  bool features = false;             // features instead of pictures
   bool force = false;
 };
 

@@ -21,13 +21,17 @@ bool usable(const SeedPlane& plane) {
 MatchPoints::MatchPoints(const StereoRig& rig, std::size_t max_points)
     : left_(rig.left), right_(rig.right), epipolar_(rig), triangulation_(rig), noise_(max_points) {}
 
-bool MatchPoints::begin(const ImageView& left, const ImageView& right, const SeedPlane& plane,
-                        StereoResult& result) {
+void MatchPoints::begin(StereoResult& result) {
   result.points.clear();
   result.triangles.clear();
   result.rejected = {};
   result.corners = 0;
   noise_.clear();
+}
+
+bool MatchPoints::begin(const ImageView& left, const ImageView& right, const SeedPlane& plane,
+                        StereoResult& result) {
+  begin(result);
   return fits(left, left_) && fits(right, right_) && usable(plane);
 }
 

@@ -21,6 +21,8 @@ class MatchPoints {
   // plane is none.
   [[nodiscard]] bool begin(const ImageView& left, const ImageView& right, const SeedPlane& plane,
                            StereoResult& result);
+  // The same where there are no images.
+  void begin(StereoResult& result);
 
   struct Rays {
     Eigen::Vector3d left, right;  // (x, y, 1), each in its own camera's frame

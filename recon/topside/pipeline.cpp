@@ -17,10 +17,12 @@
 #include "recon/topside/report/pose_output.hpp"
 #include "recon/topside/report/report.hpp"
 #include "recon/topside/stages/fuse_stage.hpp"
+#include "recon/topside/stages/given_pair_stage.hpp"
 #include "recon/topside/stages/lighting_stage.hpp"
 #include "recon/topside/stages/mesh_pieces.hpp"
 #include "recon/topside/stages/navigation.hpp"
 #include "recon/topside/stages/slam_stage.hpp"
+#include "recon/topside/stages/stereo_stage.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -86,11 +88,11 @@ Summary runTopside(const std::filesystem::path& mission_folder, const std::files
   lap("navigation");
 
   LightingModels lighting(mission, rig, config.lighting);
-  learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, lighting);
+  if (!list.features_only) learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, lighting);
   lap("lighting model");
 
   SlamResult slam;
-  if (config.slam) slam = localise(paths, mission, rig, config, lighting, list.pairs, navigation);
+  if (config.slam) slam = localise(paths, mission, rig, config, lighting, list, navigation);
   const std::vector<NavigatedPose>& poses = config.slam ? slam.poses : navigation.poses;
   if (config.slam) lap("localisation");
 
@@ -99,7 +101,10 @@ Summary runTopside(const std::filesystem::path& mission_folder, const std::files
     Progress progress("stereo", list.pairs.size());
     return fusePairs(
         list.pairs, poses,
-        [&] { return std::make_unique<StereoStage>(paths, mission, rig, config, lighting); },
+        [&]() -> std::unique_ptr<PairMesher> {
+          if (list.features_only) return std::make_unique<GivenPairStage>(paths, mission, rig, config);
+          return std::make_unique<StereoStage>(paths, mission, rig, config, lighting);
+        },
         config.default_altitude, fusion, progress);
   }();
   lap("stereo and fusion");

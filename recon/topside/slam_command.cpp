@@ -26,10 +26,12 @@ struct Options {
   std::filesystem::path mission, out, config;
 };
 
-std::string pageOf(const SlamResult& slam, const Navigation& navigation, const SE3& T_body_cam) {
+std::string pageOf(const SlamResult& slam, const Navigation& navigation, const SE3& T_body_cam,
+                   bool features_only) {
   const std::vector<double> before = closureErrors(slam.closures, navigation.poses, T_body_cam);
   const std::vector<double> after = closureErrors(slam.closures, slam.poses, T_body_cam);
   std::string html = htmlHead("Localisation");
+  if (features_only) html += "<p>A mission without images: features that were matched before.</p>\n";
   html += "<p>Grey: dead reckoning. Blue: localised. Green: closures. Red: closures taken out again.</p>\n" +
           tracksSvg(navigation.poses, slam) + "<h2>Misregistration where the vehicle came back</h2>\n" +
           closureErrorsSvg(before, after) + "<h2>Counts</h2>\n<table>\n";
@@ -65,8 +67,8 @@ int runSlam(const Options& options) {
   for (const ImagePair& pair : list.pairs) times.push_back(pair.utc_ns);
   const Navigation navigation = navigate(paths, mission, config, times);
   LightingModels lighting(mission, rig, config.lighting);
-  learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, lighting);
-  const SlamResult slam = localise(paths, mission, rig, config, lighting, list.pairs, navigation);
+  if (!list.features_only) learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, lighting);
+  const SlamResult slam = localise(paths, mission, rig, config, lighting, list, navigation);
 
   const std::vector<double> altitudes = seedAltitudes(slam.poses, config.default_altitude);
   std::vector<FusedPair> posed;
@@ -82,7 +84,7 @@ int runSlam(const Options& options) {
   writePoses(out.path(), mission.origin, posed);
   writeClosures(out.path() / "closures.csv", list.pairs, slam.closures);
   write(out.path() / "tracks.svg", tracksSvg(navigation.poses, slam));
-  write(out.path() / "slam.html", pageOf(slam, navigation, mission.T_body_cam));
+  write(out.path() / "slam.html", pageOf(slam, navigation, mission.T_body_cam, list.features_only));
   out.commit();
   std::size_t kept = 0;
   for (const CameraLink& link : slam.closures) kept += link.kept ? 1 : 0;

@@ -11,6 +11,7 @@
 #include <thread>
 #include <vector>
 
+#include "firmware_if/feature_file.hpp"
 #include "firmware_if/image_file.hpp"
 #include "firmware_if/mission.hpp"
 #include "firmware_if/mission_recorder.hpp"
@@ -19,6 +20,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
+#include "sim/features/feature_camera.hpp"
 #include "sim/mission/wide_seafloor.hpp"
 #include "sim/scenario/random.hpp"
 #include "sim/scenario/scenario_file.hpp"
@@ -140,25 +142,47 @@ std::uint64_t noiseSeed(const Scenario& scenario, CameraSide side, std::size_t i
                     (side == CameraSide::kLeft ? "left-image-" : "right-image-") + std::to_string(index));
 }
 
-void renderAll(const Renderer& renderer, const Scenario& scenario, const SensorWorld& world,
-               const std::vector<Exposure>& exposures, const std::filesystem::path& folder,
-               const MissionMakerOptions& options) {
-  std::filesystem::create_directories(folder);
+// Calls make(i) for every exposure, in parallel; each writes its own files.
+void makeAll(std::size_t count, const MissionMakerOptions& options,
+             const std::function<void(std::size_t)>& make) {
   std::mutex mutex;
   std::size_t done = 0;
-  tbb::parallel_for(std::size_t{0}, exposures.size(), [&](std::size_t i) {
+  tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
     // Isolated, so that a thread that waits inside one image does not begin another.
-    tbb::this_task_arena::isolate([&] {
-      const Exposure& e = exposures[i];
-      const SE3 pose = world.trajectory.poseAt(e.time_s);
-      photograph(renderer, pose, e.time_s, CameraSide::kLeft, noiseSeed(scenario, CameraSide::kLeft, i),
-                 folder / io::imageFileName(e.left_stamp_ns, CameraSide::kLeft));
-      photograph(renderer, pose, e.time_s, CameraSide::kRight, noiseSeed(scenario, CameraSide::kRight, i),
-                 folder / io::imageFileName(e.right_stamp_ns, CameraSide::kRight));
-    });
+    tbb::this_task_arena::isolate([&] { make(i); });
     const std::lock_guard lock(mutex);
     ++done;
-    if (options.progress) options.progress(done, exposures.size());
+    if (options.progress) options.progress(done, count);
+  });
+}
+
+void renderAll(const Terrain& terrain, const Scenario& scenario, const StereoRig& rig,
+               const SensorWorld& world, const std::vector<Exposure>& exposures,
+               const std::filesystem::path& folder, const MissionMakerOptions& options) {
+  std::filesystem::create_directories(folder);
+  const Renderer renderer(terrain, scenario.optics, rig, scenario.T_body_cam());
+  makeAll(exposures.size(), options, [&](std::size_t i) {
+    const Exposure& e = exposures[i];
+    const SE3 pose = world.trajectory.poseAt(e.time_s);
+    photograph(renderer, pose, e.time_s, CameraSide::kLeft, noiseSeed(scenario, CameraSide::kLeft, i),
+               folder / io::imageFileName(e.left_stamp_ns, CameraSide::kLeft));
+    photograph(renderer, pose, e.time_s, CameraSide::kRight, noiseSeed(scenario, CameraSide::kRight, i),
+               folder / io::imageFileName(e.right_stamp_ns, CameraSide::kRight));
+  });
+}
+
+void observeAll(const Terrain& terrain, const Scenario& scenario, const StereoRig& rig,
+                const SensorWorld& world, const std::vector<Exposure>& exposures,
+                const std::filesystem::path& folder, const MissionMakerOptions& options) {
+  std::filesystem::create_directories(folder);
+  const auto seed = static_cast<std::uint64_t>(scenario.seed);
+  const FeatureCamera camera(terrain, scenario.features, scenario.optics, rig, scenario.T_body_cam(), seed);
+  makeAll(exposures.size(), options, [&](std::size_t i) {
+    const Exposure& e = exposures[i];
+    const std::string name = io::imageFileName(e.left_stamp_ns, CameraSide::kLeft);
+    const auto seen =
+        camera.observe(world.trajectory.poseAt(e.time_s), streamSeed(seed, "features-" + std::to_string(i)));
+    io::writeFeatureFile(folder / io::featureFileName(name), seen.frame);
   });
 }
 
@@ -217,8 +241,10 @@ MissionMakerReport make(const Scenario& scenario, const MissionMakerOptions& opt
   }
   io::deriveRawAuv(paths.root);
   writeTruth(paths.truth(), scenario, world, terrain, exposures);
-  const Renderer renderer(terrain, scenario.optics, rig, scenario.T_body_cam());
-  renderAll(renderer, scenario, world, exposures, paths.images(), options);
+  if (options.features)
+    observeAll(terrain, scenario, rig, world, exposures, paths.features(), options);
+  else
+    renderAll(terrain, scenario, rig, world, exposures, paths.images(), options);
   folder.commit();
   return describe(world, seafloor, exposures, samples.size());
 }

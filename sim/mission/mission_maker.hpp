@@ -10,8 +10,9 @@ namespace fathom::sim {
 
 struct MissionMakerOptions {
   std::filesystem::path out;
-  bool force = false;  // replaces a folder that is not empty
-  int threads = 0;     // 0: as many as the machine has
+  bool force = false;     // replaces a folder that is not empty
+  int threads = 0;        // 0: as many as the machine has
+  bool features = false;  // features/ instead of img/: what stereo would match, and no pictures
   // Called after each pair, one call at a time.
   std::function<void(std::size_t done, std::size_t total)> progress;
 };

@@ -40,10 +40,11 @@ void visitScenario(KeyVisitor& keys, Scenario& s) {
   keys.integer("vehicle_id", s.vehicle_id, 0, 255, "on the acoustic link");
   keys.integer("dive_id", s.dive_id, 0, 65535, "on the acoustic link");
   keys.number("scale", s.scale, "1", 0.05, 1, "of the images' sides");
-  keys.number("longest_survey_s", s.longest_survey_s, "s", 1, 7200, "the survey is cut after this");
+  keys.number("longest_survey_s", s.longest_survey_s, "s", 1, kLongestSurvey, "the survey is cut after this");
   visitSurvey(keys, s.plan, s.vehicle);
   visitTerrain(keys, s.terrain);
   visitOptics(keys, s.optics);
+  visitFeatures(keys, s.features);
   keys.enter("rig", "the stereo cameras at full size; the right one sits to starboard");
   keys.vector3("body_position_m", s.camera_position, "m", -5, 5, "of the left camera in body");
   keys.vector3("body_euler_rad", s.camera_euler, "rad", -3.2, 3.2,

@@ -7,6 +7,7 @@
 #include "recon/geometry/geodesy.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/stereo_rig.hpp"
+#include "sim/features/feature_config.hpp"
 #include "sim/scenario/degrees.hpp"
 #include "sim/scenario/keys.hpp"
 #include "sim/sea/optics.hpp"
@@ -17,6 +18,7 @@
 namespace fathom::sim {
 
 // A mission to simulate: everything that decides its bytes.
+constexpr double kLongestSurvey = 36000;  // that a scenario may ask for [s]
 struct Scenario {
   std::filesystem::path file;  // it was read from
   std::string name = "default";
@@ -32,6 +34,7 @@ struct Scenario {
 
   TerrainConfig terrain;
   OpticsConfig optics;
+  FeatureConfig features;                                 // for missions without pictures
   StereoRig rig;                                          // at full size
   Eigen::Vector3d camera_position{0.42, -0.03, 0.28};     // of the left camera in body [m]
   Eigen::Vector3d camera_euler{0.0105, -0.0157, 1.5847};  // of T_body_cam [rad]
@@ -55,6 +58,7 @@ void visitScenario(KeyVisitor& keys, Scenario& scenario);
 // The parts that visitScenario walks through.
 void visitTerrain(KeyVisitor& keys, TerrainConfig& terrain);
 void visitOptics(KeyVisitor& keys, OpticsConfig& optics);
+void visitFeatures(KeyVisitor& keys, FeatureConfig& features);
 void visitRig(KeyVisitor& keys, StereoRig& rig);
 void visitSurvey(KeyVisitor& keys, SurveyPlan& plan, VehicleConfig& vehicle);
 void visitSensors(KeyVisitor& keys, SensorsConfig& sensors);

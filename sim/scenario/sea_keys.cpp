@@ -12,11 +12,35 @@ void visitPath(KeyVisitor& keys, const char* key, std::filesystem::path& path, c
   path = text;
 }
 
+void visitPlaced(KeyVisitor& keys, TerrainConfig& t) {
+  constexpr std::size_t kMaxPlaced = 100;
+  constexpr const char* kShapes[] = {"stone", "coral"};
+  const std::size_t count =
+      std::min(keys.beginList("placed", t.placed.size(), "things at chosen places (procedural)"), kMaxPlaced);
+  t.placed.resize(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    PlacedConfig& thing = t.placed[i];
+    keys.enterItem(i);
+    keys.choiceOf("shape", thing.coral, kShapes, "");
+    auto seed = static_cast<std::int64_t>(thing.seed);
+    keys.integer("seed", seed, 0, 9007199254740992, "things of one seed and size are twins");
+    thing.seed = static_cast<std::uint64_t>(seed);
+    keys.number("north_m", thing.north_m, "m", -5000, 5000, "in nav");
+    keys.number("east_m", thing.east_m, "m", -5000, 5000, "in nav");
+    keys.angle("heading_deg", thing.heading_rad, -360, 360, "clockwise from above");
+    keys.number("size_m", thing.size_m, "m", 0.02, 10, "longest diameter");
+    keys.leaveItem();
+  }
+  keys.endList();
+}
+
 void visitGround(KeyVisitor& keys, TerrainConfig& t) {
   keys.enter("ripples", "sand waves (procedural)");
   keys.number("wavelength_m", t.ripples.wavelength_m, "m", 0.05, 10, "crest to crest");
   keys.number("height_m", t.ripples.height_m, "m", 0, 1, "trough to crest; 0: none");
   keys.angle("direction_deg", t.ripples.direction_rad, -360, 360, "of the current that made them");
+  keys.number("meander", t.ripples.meander, "1", 0, 1,
+              "1: crests meander and fade out; 0: straight, the same everywhere");
   keys.leave();
   keys.enter("rubble", "loose stones in patches (procedural)");
   keys.number("density_per_m2", t.rubble.density_per_m2, "1/m2", 0, 100, "mean; 0: none");
@@ -51,6 +75,7 @@ void visitGround(KeyVisitor& keys, TerrainConfig& t) {
     keys.leaveItem();
   }
   keys.endList();
+  visitPlaced(keys, t);
 }
 
 }  // namespace

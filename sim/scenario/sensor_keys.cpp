@@ -1,10 +1,26 @@
+#include <algorithm>
+
 #include "sim/scenario/scenario.hpp"
 
 namespace fathom::sim {
 namespace {
 
-constexpr double kMaxRate = 100;    // [1/s]
-constexpr double kMaxLatency = 10;  // [s]
+constexpr double kMaxRate = 100;          // [1/s]
+constexpr double kMaxLatency = 10;        // [s]
+constexpr double kLastFault = 100000;     // [s]
+constexpr std::size_t kMaxFaults = 1000;  // of one kind
+
+void visitSpells(KeyVisitor& keys, const char* key, std::vector<Spell>& spells, const char* meaning) {
+  const std::size_t count = std::min(keys.beginList(key, spells.size(), meaning), kMaxFaults);
+  spells.resize(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    keys.enterItem(i);
+    keys.number("from_s", spells[i].from_s, "s", 0, kLastFault, "since the mission's start");
+    keys.number("to_s", spells[i].to_s, "s", 0, kLastFault, "since the mission's start");
+    keys.leaveItem();
+  }
+  keys.endList();
+}
 
 void visitDvl(KeyVisitor& keys, DvlConfig& c) {
   keys.enter("dvl", "Doppler velocity log with four Janus beams");
@@ -20,6 +36,8 @@ void visitDvl(KeyVisitor& keys, DvlConfig& c) {
   keys.number("assumed_sound_speed_mps", c.assumed_sound_speed_mps, "m/s", 1350, 1650,
               "that the instrument computes with; the water has its own");
   keys.number("latency_s", c.latency_s, "s", 0, kMaxLatency, "from measurement to arrival");
+  visitSpells(keys, "outages", c.outages, "silence");
+  visitSpells(keys, "stuck", c.stuck, "the last good ensemble over and over");
   keys.leave();
 }
 
@@ -32,6 +50,16 @@ void visitCompass(KeyVisitor& keys, CompassConfig& c) {
   keys.angle("tilt_bias_sigma_deg", c.tilt_bias_sigma, 0, 10, "of roll and pitch, drawn once a dive");
   keys.angle("tilt_sigma_deg", c.tilt_sigma, 0, 10, "white noise of roll and pitch");
   keys.number("latency_s", c.latency_s, "s", 0, kMaxLatency, "from measurement to arrival");
+  const std::size_t count = std::min(
+      keys.beginList("jumps", c.jumps.size(), "sudden errors of the heading, which stay"), kMaxFaults);
+  c.jumps.resize(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    keys.enterItem(i);
+    keys.number("at_s", c.jumps[i].at_s, "s", 0, kLastFault, "since the mission's start");
+    keys.angle("deg", c.jumps[i].turn, -360, 360, "added to the heading from then on");
+    keys.leaveItem();
+  }
+  keys.endList();
   keys.leave();
 }
 

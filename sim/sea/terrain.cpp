@@ -109,6 +109,12 @@ void validate(const TerrainConfig& c) {
   requireSizes(c.corals.density_per_m2, c.corals.min_size_m, c.corals.max_size_m,
                "corals need a density of 0 to 200 per m2 and 0 < min_size_m <= max_size_m <= 20");
   require(c.corals.overhang >= 0 && c.corals.overhang <= 0.8, "corals.overhang must be 0 to 0.8");
+  require(c.ripples.meander >= 0 && c.ripples.meander <= 1, "ripples.meander must be 0 to 1");
+  for (const PlacedConfig& thing : c.placed) {
+    require(std::isfinite(thing.north_m) && std::isfinite(thing.east_m) && std::isfinite(thing.heading_rad),
+            "placed things' north_m, east_m and heading_rad must be finite");
+    require(thing.size_m > 0 && thing.size_m <= 20, "placed things need 0 < size_m <= 20");
+  }
   for (const LedgeConfig& ledge : c.ledges) {
     require(std::isfinite(ledge.north_m) && std::isfinite(ledge.east_m) && std::isfinite(ledge.heading_rad),
             "ledges' north_m, east_m and heading_rad must be finite");

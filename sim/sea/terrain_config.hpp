@@ -13,6 +13,7 @@ struct RippleConfig {
   double wavelength_m = 0.22;
   double height_m = 0.025;     // trough to crest
   double direction_rad = 0.4;  // of the current that made them, clockwise from north
+  double meander = 1;          // 1: crests meander and fade out; 0: straight, the same everywhere
 };
 
 // Loose stones and coral pieces, partly buried, in patches.
@@ -47,6 +48,15 @@ struct LedgeConfig {
   double undercut_m = 0.25;  // by which the lip overhangs the wall
 };
 
+// A stone or coral head at a chosen place. Those of one seed and size have the same shape.
+struct PlacedConfig {
+  bool coral = false;
+  std::uint64_t seed = 1;
+  double north_m = 0, east_m = 0;
+  double heading_rad = 0;  // clockwise from above
+  double size_m = 0.8;     // longest diameter
+};
+
 struct TerrainConfig {
   TerrainKind kind = TerrainKind::kProcedural;
   std::uint64_t seed = 1;
@@ -66,6 +76,7 @@ struct TerrainConfig {
   BoulderConfig boulders;
   CoralConfig corals;
   std::vector<LedgeConfig> ledges;
+  std::vector<PlacedConfig> placed;
 
   // kMesh: PLY in north, east, down [m]; moved so that its centre lies at (centre_north_m, centre_east_m) and
   // its mean depth at base_depth_m. `texture_file` may be empty (vertex colours, else grey).

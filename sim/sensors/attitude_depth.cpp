@@ -26,8 +26,10 @@ void simulateCompass(const SensorWorld& world, const CompassConfig& config, Logg
     sample.roll = euler.x() + roll_bias + random.gauss(config.tilt_sigma);
     sample.pitch = euler.y() + pitch_bias + random.gauss(config.tilt_sigma);
     const double deviation = config.deviation * std::sin(euler.z() + iron_phase) + drift.at(time);
+    double jumped = 0;
+    for (const CompassJump& jump : config.jumps) jumped += time >= jump.at_s ? jump.turn : 0;
     const double heading =
-        euler.z() - world.magnetic_declination + deviation + random.gauss(config.heading_sigma);
+        jumped + euler.z() - world.magnetic_declination + deviation + random.gauss(config.heading_sigma);
     sample.heading = heading - 2.0 * std::numbers::pi * std::floor(heading / (2.0 * std::numbers::pi));
     sample.magnetic = true;
     samples.push_back({world.utcNs(time + config.latency_s), sample});

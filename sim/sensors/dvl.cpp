@@ -11,6 +11,11 @@ namespace {
 
 constexpr int kFewestBeams = 3;  // for a velocity
 
+bool within(const std::vector<Spell>& spells, double time_s) {
+  return std::any_of(spells.begin(), spells.end(),
+                     [time_s](const Spell& s) { return time_s >= s.from_s && time_s < s.to_s; });
+}
+
 }  // namespace
 
 std::array<Eigen::Vector3d, 4> dvlBeams(double beam_angle) {
@@ -29,6 +34,7 @@ void simulateDvl(const SensorWorld& world, const SensorsConfig& sensors, LoggedS
   const double scale = 1.0 + random.uniform(-config.scale_error, config.scale_error);
   const auto beams = dvlBeams(config.beam_angle);
   int dropped = 0;  // ensembles left of a dropout
+  DvlSample last;   // that was free of faults
 
   for (std::int64_t i = 0; static_cast<double>(i) / config.rate_hz <= world.trajectory.duration(); ++i) {
     const double time = static_cast<double>(i) / config.rate_hz;
@@ -73,6 +79,15 @@ void simulateDvl(const SensorWorld& world, const SensorsConfig& sensors, LoggedS
         sample.velocity = velocity_dvl * sound_ratio * scale + config.velocity_sigma_mps * noise;
         sample.altitude = altitude / locked;
       }
+    }
+    // Faults take what was measured away; the random numbers stay as they are.
+    if (within(config.outages, time)) continue;
+    if (within(config.stuck, time)) {
+      const std::int64_t stamp = sample.utc_ns;
+      sample = last;
+      sample.utc_ns = stamp;
+    } else if (sample.velocity) {
+      last = sample;
     }
     samples.push_back({world.utcNs(time + config.latency_s), sample});
   }

@@ -19,6 +19,11 @@ namespace fathom::sim {
 // Errors and rates of the sensors, as the table of the AUV Sirius gives them (Johnson-Roberson et al. 2010,
 // table 1).
 
+// From and to a time since the mission's start [s].
+struct Spell {
+  double from_s = 0, to_s = 0;
+};
+
 struct DvlConfig {
   double rate_hz = 5.0;
   double velocity_sigma_mps = 0.002;             // white, each axis
@@ -30,6 +35,13 @@ struct DvlConfig {
   double min_range_m = 0.3, max_range_m = 30.0;  // of bottom lock, along a beam
   double assumed_sound_speed_mps = 1500.0;       // what the instrument computes with
   double latency_s = 0.12;
+  std::vector<Spell> outages;  // silent: no ensembles at all
+  std::vector<Spell> stuck;    // the last good ensemble over and over
+};
+
+struct CompassJump {
+  double at_s = 0;            // since the mission's start
+  double turn = degrees(20);  // of the heading from then on [rad]
 };
 
 struct CompassConfig {
@@ -40,6 +52,7 @@ struct CompassConfig {
   double tilt_bias_sigma = degrees(0.17);  // of roll and pitch, drawn once a dive [rad]
   double tilt_sigma = degrees(0.1);        // white [rad]
   double latency_s = 0.03;
+  std::vector<CompassJump> jumps;  // something magnetic came near: it adds up
 };
 
 struct DepthSensorConfig {

@@ -108,12 +108,17 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
       << ", dive " << r.dive_id << "</h1><p>" << htmlEscaped(r.mission) << ". fathom-topside "
       << htmlEscaped(r.software_version) << ", " << counts.used << " of " << r.list->pairs.size()
       << " stereo pairs, " << fixedDigits(r.area, 1) << " m&sup2; in " << fixedDigits(r.total_seconds, 1)
-      << " s on " << r.threads << " threads.</p>\n<h2>Map</h2>\n";
+      << " s on " << r.threads << " threads.</p>\n";
+  if (r.list->features_only)
+    out << "<p>A mission without images: made from features that were matched before.</p>\n";
+  out << "<h2>Map</h2>\n";
   image(out, picture.rgb, picture,
         "Depth from " + fixedDigits(picture.shallowest, 2) + " m (light) to " +
             fixedDigits(picture.deepest, 2) + " m (dark), north up, " +
             fixedDigits(picture.width * picture.metres_per_pixel, 1) + " m wide, light from the north-west");
-  image(out, picture.rgb_texture, picture, "Colours of the seafloor after lighting correction");
+  image(out, picture.rgb_texture, picture,
+        r.list->features_only ? "Colours of the features"
+                              : "Colours of the seafloor after lighting correction");
   out << "<h2>Track</h2>\n";
   trackPlot(out, r);
 
@@ -130,7 +135,7 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
   }
   out << row("sum", fixedDigits(sum, 2)) << "</table>\n";
 
-  lightingTable(out, r);
+  if (!r.list->features_only) lightingTable(out, r);
 
   const Anchor& anchor = r.navigation->anchor;
   out << "<h2>Counts</h2><table>\n"

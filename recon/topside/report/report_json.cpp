@@ -66,6 +66,13 @@ Json lightingJson(const lighting::LightingModel::Report& l) {
           {"memory_bytes", l.memory_bytes}};
 }
 
+Json lightingJson(const RunRecord& r) {
+  return {{"images_learned", r.left_lighting.images},
+          {"unreadable", r.lighting_unreadable},
+          {"left", lightingJson(r.left_lighting)},
+          {"right", lightingJson(r.right_lighting)}};
+}
+
 Json navigationJson(const Navigation& n) {
   const auto& k = n.counters;
   return {{"anchor",
@@ -125,6 +132,7 @@ void writeReportJson(const std::filesystem::path& path, const RunRecord& r) {
       {"vehicle", r.vehicle},
       {"dive_id", r.dive_id},
       {"threads", r.threads},
+      {"source", r.list->features_only ? "features" : "images"},
       {"pairs",
        {{"listed", r.list->pairs.size()},
         {"used", counts.used},
@@ -135,11 +143,7 @@ void writeReportJson(const std::filesystem::path& path, const RunRecord& r) {
         {"right_images_alone", r.list->right_alone},
         {"times_from_file_names", r.list->from_file_names},
         {"unreadable_images", counts.unreadable_lines}}},
-      {"lighting",
-       {{"images_learned", r.left_lighting.images},
-        {"unreadable", r.lighting_unreadable},
-        {"left", lightingJson(r.left_lighting)},
-        {"right", lightingJson(r.right_lighting)}}},
+      {"lighting", r.list->features_only ? Json() : lightingJson(r)},
       {"stereo",
        {{"corners", counts.corners},
         {"points", counts.points},

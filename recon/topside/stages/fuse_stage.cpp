@@ -32,15 +32,15 @@ void add(stereo::StereoResult::Rejected& sum, const stereo::StereoResult::Reject
 }  // namespace
 
 FuseResult fusePairs(const std::vector<ImagePair>& pairs, const std::vector<NavigatedPose>& poses,
-                     const std::function<std::unique_ptr<StereoStage>()>& make_stage, double default_altitude,
+                     const std::function<std::unique_ptr<PairMesher>()>& make_stage, double default_altitude,
                      fusion::VolumetricFusion& fusion, Progress& progress) {
   namespace tbb = oneapi::tbb;
   FuseResult out;
-  tbb::enumerable_thread_specific<std::unique_ptr<StereoStage>> stages;
+  tbb::enumerable_thread_specific<std::unique_ptr<PairMesher>> stages;
 
   const auto match = [&](const std::shared_ptr<Job>& job) {
     if (!job->has_pose) return job;
-    std::unique_ptr<StereoStage>& stage = stages.local();
+    std::unique_ptr<PairMesher>& stage = stages.local();
     if (!stage) stage = make_stage();
     job->result = stage->process(pairs[job->index], *poses[job->index].T_nav_body, job->altitude);
     return job;

@@ -7,7 +7,7 @@
 #include "recon/fusion/volumetric_fusion.hpp"
 #include "recon/topside/progress.hpp"
 #include "recon/topside/stages/navigation.hpp"
-#include "recon/topside/stages/stereo_stage.hpp"
+#include "recon/topside/stages/pair_mesher.hpp"
 
 namespace fathom::topside {
 
@@ -39,7 +39,7 @@ struct FuseResult {
 // threads. No more pairs than twice the threads are in memory at once.
 [[nodiscard]] FuseResult fusePairs(const std::vector<ImagePair>& pairs,
                                    const std::vector<NavigatedPose>& poses,
-                                   const std::function<std::unique_ptr<StereoStage>()>& make_stage,
+                                   const std::function<std::unique_ptr<PairMesher>()>& make_stage,
                                    double default_altitude, fusion::VolumetricFusion& fusion,
                                    Progress& progress);
 

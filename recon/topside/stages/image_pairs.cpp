@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <variant>
 
+#include "firmware_if/feature_file.hpp"
 #include "firmware_if/image_file.hpp"
 #include "firmware_if/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
@@ -35,9 +36,21 @@ Images fromLog(const io::MissionPaths& paths) {
   return images;
 }
 
-Images fromFileNames(const io::MissionPaths& paths) {
+Images fromFileNames(const io::MissionPaths& paths, bool features_only) {
   Images images;
   std::error_code error;
+  if (features_only) {
+    // One file a pair, named after its left image.
+    for (const auto& entry : std::filesystem::directory_iterator(paths.features(), error)) {
+      if (entry.path().extension() != ".feat") continue;
+      const std::string left = entry.path().stem().string() + ".tif";
+      const auto parsed = io::parseImageFileName(left);
+      if (!parsed || parsed->side != CameraSide::kLeft) continue;
+      images.add(CameraSide::kLeft, parsed->utc_ns, left);
+      images.add(CameraSide::kRight, parsed->utc_ns, io::imageFileName(parsed->utc_ns, CameraSide::kRight));
+    }
+    return images;
+  }
   for (const auto& entry : std::filesystem::directory_iterator(paths.images(), error)) {
     const std::string name = entry.path().filename().string();
     if (const auto parsed = io::parseImageFileName(name)) images.add(parsed->side, parsed->utc_ns, name);
@@ -58,9 +71,10 @@ void prepare(std::vector<TimedName>& images, double offset_s) {
 
 PairList listPairs(const io::MissionPaths& paths, const io::MissionConfig& mission, double tolerance) {
   PairList list;
+  list.features_only = io::isFeatureMission(paths);
   Images images = fromLog(paths);
   if (images.left.empty() && images.right.empty()) {
-    images = fromFileNames(paths);
+    images = fromFileNames(paths, list.features_only);
     list.from_file_names = true;
   }
   prepare(images.left, mission.time_offsets.left_camera);
@@ -88,7 +102,7 @@ PairList listPairs(const io::MissionPaths& paths, const io::MissionConfig& missi
   }
   list.right_alone = images.right.size() - paired;
   if (list.pairs.empty())
-    throw InputError(paths.root.string(), "img",
+    throw InputError(paths.root.string(), list.features_only ? "features" : "img",
                      "no stereo pair: " + std::to_string(images.left.size()) + " left and " +
                          std::to_string(images.right.size()) +
                          " right images; check the cameras' names and clocks");

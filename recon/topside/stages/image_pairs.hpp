@@ -17,9 +17,11 @@ struct PairList {
   std::vector<ImagePair> pairs;                   // by time
   std::uint64_t left_alone = 0, right_alone = 0;  // images without their partner
   bool from_file_names = false;  // the log has no image events: times from the names, to the millisecond
+  bool features_only = false;    // the mission has features/ and no img/
 };
 
-// The mission's stereo pairs: of the image events in its log, or, where there are none, of the files in img/.
+// The mission's stereo pairs: of the image events in its log, or, where there are none, of the files in img/
+// or features/.
 // Times get mission.toml's offsets; a pair is a left and a right image no more than `tolerance` [s] apart.
 // Throws InputError when there is not one pair.
 [[nodiscard]] PairList listPairs(const io::MissionPaths& paths, const io::MissionConfig& mission,

@@ -4,19 +4,14 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <memory>
-#include <mutex>
 #include <set>
 
 #include "recon/closure/candidates.hpp"
-#include "recon/closure/feature_extractor.hpp"
 #include "recon/nav/position_anchor.hpp"
-#include "recon/topside/progress.hpp"
 #include "recon/topside/stage_times.hpp"
-#include "recon/topside/stages/pair_images.hpp"
-#include "recon/topside/stages/seed_plane.hpp"
+#include "recon/topside/stages/feature_stage.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -30,78 +25,11 @@ constexpr double kStepSigma = 0.05, kStepAngle = 0.03;  // [m], [rad]
 constexpr std::array<double, 3> kDrift = {0.04, 0.01, 0.005};
 constexpr double kLeastSigma = 0.05;  // [m]
 constexpr double kPriorAngle = 0.1;   // of two poses' difference, compass deviation both ways [rad]
-constexpr double kNearest = 0.4,
-                 kFarthest = 2.5;  // of a feature, in altitudes: relief of a reef and its edge
 // Between consecutive pairs dead reckoning vouches for the pose, and a ledge may fill most of the shared
 // view.
 constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
 constexpr std::uint32_t kSkip = 4;         // latest frames that odometry links well enough
 constexpr std::size_t kCapacity = 200000;  // candidates that wait
-
-// A progress bar that several threads advance.
-class SharedProgress {
- public:
-  SharedProgress(const char* stage, std::size_t steps) : progress_(stage, steps) {}
-  void step() {
-    const std::lock_guard lock(mutex_);
-    progress_.step();
-  }
-
- private:
-  std::mutex mutex_;
-  Progress progress_;
-};
-
-struct Frames {
-  std::vector<std::uint32_t> pair;  // index of the mission's pair
-  std::vector<closure::FrameFeatures> features;
-  std::vector<SE3> reckoned;     // T_nav_cam
-  std::vector<double> altitude;  // of the camera over the seafloor [m]
-  std::vector<double> way;       // flown up to it [m]
-};
-
-Frames extract(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
-               const TopsideConfig& config, const LightingModels& lighting,
-               const std::vector<ImagePair>& pairs, const Navigation& navigation) {
-  const std::vector<double> altitudes = seedAltitudes(navigation.poses, config.default_altitude);
-  std::vector<closure::FrameFeatures> features(pairs.size());
-  struct Worker {
-    std::unique_ptr<PairImages> images;
-    std::unique_ptr<closure::FeatureExtractor> extractor;
-  };
-  tbb::enumerable_thread_specific<Worker> workers;
-  closure::FeatureConfig wanted;
-  wanted.max_features = config.slam_features;
-  SharedProgress progress("features", pairs.size());
-  tbb::parallel_for(std::size_t{0}, pairs.size(), [&](std::size_t k) {
-    Worker& w = workers.local();
-    if (!w.images) {
-      w.images = std::make_unique<PairImages>(paths, mission, rig, lighting);
-      w.extractor = std::make_unique<closure::FeatureExtractor>(rig, wanted);
-    }
-    progress.step();
-    const auto& pose = navigation.poses[k].T_nav_body;
-    if (!pose || !w.images->read(pairs[k])) return;
-    const stereo::SeedPlane plane = seedPlane(mission, *pose, altitudes[k]);
-    w.images->correct(plane);
-    const closure::DepthRange depths{kNearest * plane.distance, kFarthest * plane.distance};
-    features[k] = w.extractor->process(w.images->left(), w.images->right(), depths);
-  });
-  Frames frames;
-  for (std::size_t k = 0; k < pairs.size(); ++k) {
-    const auto& pose = navigation.poses[k].T_nav_body;
-    if (!pose || features[k].size() == 0) continue;
-    frames.pair.push_back(static_cast<std::uint32_t>(k));
-    frames.features.push_back(std::move(features[k]));
-    const SE3 T_nav_cam = *pose * mission.T_body_cam;
-    const double step =
-        frames.reckoned.empty() ? 0 : (T_nav_cam.translation() - frames.reckoned.back().translation()).norm();
-    frames.way.push_back(frames.way.empty() ? 0 : frames.way.back() + step);
-    frames.reckoned.push_back(T_nav_cam);
-    frames.altitude.push_back(seedPlane(mission, *pose, altitudes[k]).distance);
-  }
-  return frames;
-}
 
 Matrix6d covarianceOf(double position, double angle) {
   Vector6d variance;
@@ -188,13 +116,13 @@ Eigen::Vector2d shiftToFixes(const Navigation& navigation, const Frames& frames,
 }  // namespace
 
 SlamResult localise(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
-                    const TopsideConfig& config, const LightingModels& lighting,
-                    const std::vector<ImagePair>& pairs, const Navigation& navigation) {
+                    const TopsideConfig& config, const LightingModels& lighting, const PairList& list,
+                    const Navigation& navigation) {
   SlamResult out;
   out.poses = navigation.poses;
   Stopwatch watch;
   const auto lap = [&](const char* stage) { out.stage_seconds.emplace_back(stage, watch.lap()); };
-  const Frames frames = extract(paths, mission, rig, config, lighting, pairs, navigation);
+  const Frames frames = extractFeatures(paths, mission, rig, config, lighting, list, navigation);
   out.frames = frames.pair.size();
   lap("features");
   if (frames.pair.size() < 2) return out;

@@ -33,7 +33,7 @@ struct SlamResult {
 // places dead reckoning. The result does not depend on the number of threads.
 [[nodiscard]] SlamResult localise(const io::MissionPaths& paths, const io::MissionConfig& mission,
                                   const StereoRig& rig, const TopsideConfig& config,
-                                  const LightingModels& lighting, const std::vector<ImagePair>& pairs,
+                                  const LightingModels& lighting, const PairList& list,
                                   const Navigation& navigation);
 
 }  // namespace fathom::topside

@@ -1,25 +1,8 @@
 #include "recon/topside/stages/stereo_stage.hpp"
 
-#include <algorithm>
-
 #include "recon/topside/stages/seed_plane.hpp"
 
 namespace fathom::topside {
-namespace {
-
-// Radius of a circle around the middle of the mesh's box, in plan.
-double footprintRadius(const Mesh& mesh) {
-  if (mesh.vertices.empty()) return 0;
-  Eigen::Vector2f low = mesh.vertices[0].head<2>(), high = low;
-  for (const auto& v : mesh.vertices) {
-    low = low.cwiseMin(v.head<2>());
-    high = high.cwiseMax(v.head<2>());
-  }
-  return 0.5 * static_cast<double>((high - low).norm());
-}
-
-}  // namespace
-
 StereoStage::StereoStage(const io::MissionPaths& paths, const io::MissionConfig& mission,
                          const StereoRig& rig, const TopsideConfig& config, const LightingModels& models)
     : mission_(mission), config_(config), images_(paths, mission, rig, models), sparse_(rig, config.stereo) {

@@ -49,8 +49,9 @@ class BedShape {
     const RippleConfig& r = config_.ripples;
     if (r.height_m > 0) {
       const double along = north * std::cos(r.direction_rad) + east * std::sin(r.direction_rad);
-      const double phase = 2 * std::numbers::pi * along / r.wavelength_m + 1.9 * meander_(north, east);
-      const double strength = smoothstep(-1.2, 0.4, ripple_field_(north, east));
+      const double phase =
+          2 * std::numbers::pi * along / r.wavelength_m + 1.9 * r.meander * meander_(north, east);
+      const double strength = 1 - r.meander * (1 - smoothstep(-1.2, 0.4, ripple_field_(north, east)));
       const double wave = std::sin(phase) + 0.22 * std::sin(2 * phase + 0.9);  // steeper on the lee side
       bed.position.z() -= 0.45 * r.height_m * strength * wave;
       bed.ripple = 0.5 + 0.45 * strength * wave;

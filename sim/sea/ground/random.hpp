@@ -2,19 +2,9 @@
 
 #include <cstdint>
 
-namespace fathom::sim {
+#include "recon/geometry/hash64.hpp"
 
-// Finaliser of SplitMix64 (Steele, Lea and Flood 2014): a bijective hash, so that random numbers are a
-// function of what they belong to (seed, thing, pixel) and never of the order in which threads ask for them.
-[[nodiscard]] constexpr std::uint64_t hash64(std::uint64_t x) {
-  x += 0x9E3779B97F4A7C15ULL;
-  x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9ULL;
-  x = (x ^ (x >> 27)) * 0x94D049BB133111EBULL;
-  return x ^ (x >> 31);
-}
-[[nodiscard]] constexpr std::uint64_t hash64(std::uint64_t a, std::uint64_t b) {
-  return hash64(hash64(a) ^ b);
-}
+namespace fathom::sim {
 
 // A short stream of random numbers that belongs to one thing.
 class ThingRandom {

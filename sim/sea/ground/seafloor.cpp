@@ -18,6 +18,7 @@ namespace {
 
 constexpr double kStoneEdge = 0.012;    // [m], of the triangles of stones
 constexpr double kCoralEdge = 0.008;    // [m], of those of coral heads, whose outlines are knobbly
+constexpr double kEdgeOfGrid = 0.4;     // least edge of both, by the bed's grid spacing: wide terrains fit
 constexpr float kCastHeight = 1000.0F;  // [m] above everything
 
 // One kind of thing that lies scattered on the bed.
@@ -45,6 +46,15 @@ void dropBuried(TriangleSurface& thing, const SurfaceScene& bed, float depth_m) 
   std::erase_if(thing.triangles, [&](const auto& t) { return buried[t[0]] && buried[t[1]] && buried[t[2]]; });
 }
 
+// Where a thing that sinks in by `sink_m` stands on the bed; nothing beyond its edge.
+std::optional<Eigen::Vector3f> footOn(const SurfaceScene& bed, double north, double east, double sink_m) {
+  Eigen::Vector3f above = (Eigen::Vector3d(north, east, 0) - bed.origin()).cast<float>();
+  above.z() = -kCastHeight;
+  const std::optional<float> fall = bed.castRay(above, Eigen::Vector3f(0, 0, 1), 2 * kCastHeight);
+  if (!fall) return std::nullopt;
+  return Eigen::Vector3f(above.x(), above.y(), above.z() + *fall + static_cast<float>(sink_m));
+}
+
 TriangleSurface scatter(const TerrainConfig& config, const Scatter& kind, const SurfaceScene& bed) {
   const double area = config.size_north_m * config.size_east_m;
   const auto count = static_cast<std::size_t>(std::lround(kind.density_per_m2 * area));
@@ -62,23 +72,36 @@ TriangleSurface scatter(const TerrainConfig& config, const Scatter& kind, const 
       if (random.uniform() < 1.0 - kind.patchiness + kind.patchiness * level * level * level) break;
     }
     const double size = powerLaw(random.uniform(), kind.min_size_m, kind.max_size_m, kind.size_exponent);
-    Eigen::Vector3f above = (Eigen::Vector3d(north, east, 0) - bed.origin()).cast<float>();
-    above.z() = -kCastHeight;
-    const std::optional<float> fall = bed.castRay(above, Eigen::Vector3f(0, 0, 1), 2 * kCastHeight);
-    if (!fall) return;
     const double sink = size * random.uniform(kind.sink_min, kind.sink_max);
-    const Eigen::Vector3f foot(above.x(), above.y(), above.z() + *fall + static_cast<float>(sink));
+    const auto foot = footOn(bed, north, east, sink);
+    if (!foot) return;
     const double turn = random.uniform(0, 2 * std::numbers::pi), lean = random.uniform(0, kind.tilt_rad),
                  lean_to = random.uniform(0, 2 * std::numbers::pi);
     const Eigen::Vector3d lean_axis(std::cos(lean_to), std::sin(lean_to), 0);
     const Eigen::Matrix3d rotation = Eigen::AngleAxisd(lean, lean_axis).toRotationMatrix() *
                                      Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ()).toRotationMatrix();
     things[i] = kind.make(random.bits(), size);
-    place(things[i], rotation.cast<float>(), foot);
+    place(things[i], rotation.cast<float>(), *foot);
     dropBuried(things[i], bed, static_cast<float>(size));
   });
   TriangleSurface all;
   for (const TriangleSurface& thing : things) all.append(thing);
+  return all;
+}
+
+TriangleSurface placed(const TerrainConfig& config, const SurfaceScene& bed) {
+  TriangleSurface all;
+  for (const PlacedConfig& p : config.placed) {
+    const auto foot = footOn(bed, p.north_m, p.east_m, 0);
+    if (!foot) continue;
+    TriangleSurface thing = p.coral ? makeCoralHead(p.seed, p.size_m, config.corals.overhang, kCoralEdge)
+                                    : makeStone(p.seed, p.size_m, kStoneEdge);
+    place(thing,
+          Eigen::AngleAxisf(static_cast<float>(p.heading_rad), Eigen::Vector3f::UnitZ()).toRotationMatrix(),
+          *foot);
+    dropBuried(thing, bed, static_cast<float>(p.size_m));
+    all.append(thing);
+  }
   return all;
 }
 
@@ -87,9 +110,12 @@ TriangleSurface scatter(const TerrainConfig& config, const Scatter& kind, const 
 void buildSeafloor(const TerrainConfig& config, SurfaceScene& scene) {
   scene.add(makeBed(config, scene.origin()));
   scene.commit();
-  const auto stone = [](std::uint64_t seed, double size) { return makeStone(seed, size, kStoneEdge); };
+  const double coarse = kEdgeOfGrid * config.grid_spacing_m;
+  const auto stone = [&](std::uint64_t seed, double size) {
+    return makeStone(seed, size, std::max(kStoneEdge, coarse));
+  };
   const auto coral = [&](std::uint64_t seed, double size) {
-    return makeCoralHead(seed, size, config.corals.overhang, kCoralEdge);
+    return makeCoralHead(seed, size, config.corals.overhang, std::max(kCoralEdge, coarse));
   };
   const RubbleConfig& rubble = config.rubble;
   const BoulderConfig& boulders = config.boulders;
@@ -104,6 +130,7 @@ void buildSeafloor(const TerrainConfig& config, SurfaceScene& scene) {
   // All kinds lie on the bed alone, so none rests in the air on another; they may run into each other.
   std::vector<TriangleSurface> things;
   for (const Scatter& kind : kinds) things.push_back(scatter(config, kind, scene));
+  things.push_back(placed(config, scene));
   for (TriangleSurface& thing : things) scene.add(std::move(thing));
   scene.commit();
 }

@@ -1,0 +1,34 @@
+#pragma once
+
+#include "recon/geometry/mesh.hpp"
+#include "recon/geometry/stereo_feature_frame.hpp"
+#include "recon/stereo/local_mesh.hpp"
+#include "recon/stereo/match_points.hpp"
+#include "recon/stereo/sparse_stereo.hpp"
+
+namespace fathom::stereo {
+
+// What SparseStereo makes of images, made of features that were matched before: steps 4 and 5 of its list,
+// with the covariance that each feature states for its match. No call of the heap after construction, but by
+// a frame of more features than any before.
+class GivenStereo {
+ public:
+  // Throws std::invalid_argument for a rig without baseline or size. Of a frame, the first
+  // `config.max_features` are used.
+  GivenStereo(const StereoRig& rig, const SparseStereoConfig& config);
+
+  // The result is reused by the next call. A frame of another size than the rig's left image gives none.
+  const StereoResult& process(const StereoFeatureFrame& frame);
+
+ private:
+  StereoRig rig_;
+  SparseStereoConfig config_;
+  MatchPoints found_;
+  LocalMesh mesh_;
+  StereoResult result_;
+};
+
+// The local mesh of such a result in the left camera frame, with the features' own colours.
+void toMesh(const StereoResult& result, const StereoFeatureFrame& frame, Mesh& mesh);
+
+}  // namespace fathom::stereo

@@ -1,0 +1,283 @@
+#include "sim/features/feature_camera.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <optional>
+
+#include "recon/closure/point_alignment.hpp"
+#include "sim/features/feature_light.hpp"
+#include "sim/features/landmarks.hpp"
+#include "sim/scenario/random.hpp"
+#include "sim/sea/ground/random.hpp"
+#include "sim/sea/ground/surface_scene.hpp"
+
+namespace fathom::sim {
+namespace {
+
+constexpr double kLargestSize = 4;        // of a feature, by the smallest
+constexpr double kMargin = 8;             // windows at the border find no match [px]
+constexpr double kNearest = 0.1;          // of a point before a camera [m]
+constexpr float kFarthest = 100.0F;       // of a ray [m]
+constexpr float kStart = 100.0F;          // above the terrain, of a ray that falls [m]
+constexpr double kHidden = 0.01;          // a landmark this much behind what is seen is hidden [m]
+constexpr int kProbes = 7;                // a side, of the rays that find the area seen
+constexpr int kFieldCells = 8;            // across the image, of the smooth part of the place noise
+constexpr double kDescriptorTail = 0.35;  // of the logarithm of the descriptor's noise, standard deviation
+constexpr double kMaxDescriptorNoise = 1.9;
+
+// Normal numbers that belong to a thing.
+class Normals {
+ public:
+  Normals(std::uint64_t seed, std::uint64_t thing) : random_(seed, thing) {}
+  double operator()() {
+    const double radius = std::sqrt(-2 * std::log(1 - random_.uniform()));
+    return radius * std::cos(2 * std::numbers::pi * random_.uniform());
+  }
+  Eigen::Vector2d both() {
+    const double x = (*this)();
+    return {x, (*this)()};
+  }
+  double uniform() { return random_.uniform(); }
+
+ private:
+  ThingRandom random_;
+};
+
+// Errors of unit variance that neighbours share: normal numbers on a lattice, mixed bilinearly with weights
+// whose squares sum to one.
+Eigen::Vector2d smoothField(std::uint64_t seed, const Eigen::Vector2d& pixel, double cell_px) {
+  const double x = pixel.x() / cell_px + 1, y = pixel.y() / cell_px + 1;
+  const double i = std::floor(x), j = std::floor(y), u = x - i, v = y - j;
+  Eigen::Vector2d sum = Eigen::Vector2d::Zero();
+  double squares = 0;
+  for (int k = 0; k < 4; ++k) {
+    const int di = k % 2, dj = k / 2;
+    const double weight = (di == 1 ? u : 1 - u) * (dj == 1 ? v : 1 - v);
+    Normals normals(seed, static_cast<std::uint64_t>((j + dj) * 4096 + i + di));
+    sum += weight * normals.both();
+    squares += weight * weight;
+  }
+  return sum / std::sqrt(squares);
+}
+
+struct Area {
+  std::vector<Eigen::Vector2d> seen;                // places on the ground [m]
+  double nearest = 0, farthest = 0;                 // their z in the left camera [m]
+  Eigen::Vector3d plane = Eigen::Vector3d::Zero();  // depth = plane . (north, east, 1), by least squares
+};
+
+}  // namespace
+
+struct FeatureCamera::Impl {
+  Impl(const Terrain& t, const FeatureConfig& c, const OpticsConfig& optics, const StereoRig& r,
+       const SE3& body_cam, std::uint64_t seed)
+      : terrain(t),
+        config(c),
+        rig(r),
+        T_body_cam(body_cam),
+        light(optics, body_cam, t.config().detail_contrast),
+        smallest_px(c.smallest_size * r.left.width),
+        landmarks(t.config(), c, static_cast<double>(r.left.width) * r.left.height, smallest_px) {
+    Random random(seed, "shared-feature-errors");
+    for (double& u : shared) u = random.gauss();
+    for (int k = 0; k < kProbes * kProbes; ++k)
+      probes.push_back(rig.left.ray({(k % kProbes) * (rig.left.width - 1.0) / (kProbes - 1),
+                                     (k / kProbes) * (rig.left.height - 1.0) / (kProbes - 1)}));
+    for (const Eigen::Vector3d& ray : probes) widest = std::max(widest, ray.head<2>().norm());
+  }
+
+  [[nodiscard]] std::optional<Area> areaSeen(const SE3& T_nav_cam) const;
+  [[nodiscard]] bool mayShow(const Area& area, const SE3& T_cam_nav, const Eigen::Vector2d& place) const;
+  void look(const Landmark& landmark, const SE3& T_nav_body, const SE3& T_nav_cam, const SE3& T_cam_nav,
+            std::uint64_t view_seed, Observation& out, std::vector<double>& strength) const;
+  // Null for a pixel beyond the image or behind the camera; distorted.
+  [[nodiscard]] std::optional<Eigen::Vector2d> pixelOf(const Camera& camera,
+                                                       const Eigen::Vector3d& point) const;
+
+  const Terrain& terrain;
+  FeatureConfig config;
+  StereoRig rig;
+  SE3 T_body_cam;
+  FeatureLight light;
+  double smallest_px;
+  Landmarks landmarks;
+  double shared[closure::kSharedErrors];  // in their standard deviations
+  std::vector<Eigen::Vector3d> probes;
+  double widest = 0;  // tangent of the left camera's widest angle
+};
+
+std::optional<Eigen::Vector2d> FeatureCamera::Impl::pixelOf(const Camera& camera,
+                                                            const Eigen::Vector3d& point) const {
+  constexpr double kBeyond = 1.2;  // of the widest angle: farther out the lens model may fold back
+  if (point.z() < kNearest || point.head<2>().norm() > kBeyond * widest * point.z()) return std::nullopt;
+  const Eigen::Vector2d pixel = camera.project(point);
+  if (!camera.contains(pixel, kMargin)) return std::nullopt;
+  return pixel;
+}
+
+std::optional<Area> FeatureCamera::Impl::areaSeen(const SE3& T_nav_cam) const {
+  Area area;
+  area.nearest = std::numeric_limits<double>::infinity();
+  Eigen::Matrix3d h = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d b = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& ray : probes) {
+    const Eigen::Vector3d direction = (T_nav_cam.rotation() * ray).normalized();
+    const auto distance = terrain.castRay(T_nav_cam.translation(), direction);
+    if (!distance || *distance > static_cast<double>(kFarthest)) continue;
+    const Eigen::Vector3d hit = T_nav_cam.translation() + *distance * direction;
+    const double z = *distance / ray.norm();
+    area.seen.emplace_back(hit.head<2>());
+    area.nearest = std::min(area.nearest, z);
+    area.farthest = std::max(area.farthest, z);
+    const Eigen::Vector3d place(hit.x() - T_nav_cam.translation().x(), hit.y() - T_nav_cam.translation().y(),
+                                1);
+    h += place * place.transpose();
+    b += hit.z() * place;
+  }
+  if (area.seen.size() < 4) return std::nullopt;
+  area.plane = h.ldlt().solve(b);
+  area.plane.z() -= area.plane.head<2>().dot(T_nav_cam.translation().head<2>());
+  return area;
+}
+
+// By the plane about what is seen; the relief moves places in the image, and no more than this.
+bool FeatureCamera::Impl::mayShow(const Area& area, const SE3& T_cam_nav,
+                                  const Eigen::Vector2d& place) const {
+  constexpr double kRelief = 0.25;  // of the image's width
+  const Eigen::Vector3d point =
+      T_cam_nav * Eigen::Vector3d(place.x(), place.y(), area.plane.dot(place.homogeneous()));
+  if (point.z() < kNearest || point.head<2>().norm() > 2 * widest * point.z()) return false;
+  const Eigen::Vector2d n = point.head<2>() / point.z();
+  const Eigen::Vector2d pixel(rig.left.fx * n.x() + rig.left.cx, rig.left.fy * n.y() + rig.left.cy);
+  return rig.left.contains(pixel, -kRelief * rig.left.width);
+}
+
+void FeatureCamera::Impl::look(const Landmark& landmark, const SE3& T_nav_body, const SE3& T_nav_cam,
+                               const SE3& T_cam_nav, std::uint64_t view_seed, Observation& out,
+                               std::vector<double>& strength) const {
+  Normals random(hash64(view_seed, 1), landmark.key);
+  const double luck = random.uniform();
+  if (luck >= landmark.detection) return;
+  const SurfaceScene& scene = terrain.surface();
+  const Eigen::Vector3d& origin = scene.origin();
+  const auto local = [&](const Eigen::Vector3d& nav) {
+    return Eigen::Vector3f((nav - origin).cast<float>());
+  };
+
+  Eigen::Vector3f above = local({landmark.north_east.x(), landmark.north_east.y(), terrain.lower().z()});
+  above.z() -= kStart;
+  const auto fall = scene.castRay(above, Eigen::Vector3f(0, 0, 1), std::numeric_limits<float>::max());
+  if (!fall) return;
+  const Eigen::Vector3d point =
+      origin + Eigen::Vector3d(static_cast<double>(above.x()), static_cast<double>(above.y()),
+                               static_cast<double>(above.z()) + static_cast<double>(*fall));
+
+  const Eigen::Vector3d in_left = T_cam_nav * point, in_right = rig.T_right_left * in_left;
+  const auto left = pixelOf(rig.left, in_left), right = pixelOf(rig.right, in_right);
+  if (!left || !right) return;
+  const double size_px = rig.left.fx * landmark.size / in_left.z();
+  if (size_px < smallest_px || size_px >= kLargestSize * smallest_px) return;
+
+  const Eigen::Vector3d sight = point - T_nav_cam.translation();
+  const Eigen::Vector3f direction = sight.normalized().cast<float>();
+  const auto hit = scene.firstHit(local(T_nav_cam.translation()), direction, kFarthest);
+  if (!hit || static_cast<double>(hit->distance_m) < sight.norm() - kHidden) return;
+  const Eigen::Vector3d right_eye = T_nav_cam * rig.T_right_left.inverse().translation();
+  const Eigen::Vector3d right_sight = point - right_eye;
+  if (scene.occluded(local(right_eye), right_sight.normalized().cast<float>(),
+                     static_cast<float>(right_sight.norm() - kHidden)))
+    return;
+
+  const SurfacePoint surface =
+      scene.look(hit->geometry, hit->primitive, hit->u, hit->v, static_cast<float>(landmark.size));
+  Eigen::Vector3d normal = surface.normal.cast<double>();
+  if (normal.dot(sight) > 0) normal = -normal;
+  const double albedo = static_cast<double>(surface.albedo[0] + surface.albedo[1] + surface.albedo[2]) / 3;
+  const SE3 T_body_nav = T_nav_body.inverse();
+  const double contrast = light.contrastOverNoise(T_body_nav * point, T_body_nav.rotation() * normal, albedo);
+  const double visible =
+      contrast * contrast / (contrast * contrast + config.half_contrast * config.half_contrast);
+  if (luck >= landmark.detection * visible) return;
+  const double wider = 1 / std::sqrt(visible);
+
+  // What moves both pixels alike, in tangents; closure::SharedErrors gives the equations.
+  const Eigen::Vector2d n = in_left.head<2>() / in_left.z();
+  const double place_sigma = config.place_sigma * rig.left.width + config.place_sigma_per_size * size_px;
+  const double cell_px = static_cast<double>(rig.left.width) / kFieldCells;
+  const Eigen::Vector2d own = random.both();
+  const Eigen::Vector2d place =
+      place_sigma * wider *
+      (std::sqrt(1 - config.place_shared_variance) * own +
+       std::sqrt(config.place_shared_variance) * smoothField(hash64(view_seed, 2), *left, cell_px));
+  const Eigen::Vector2d drawn =
+      config.shared_place * Eigen::Vector2d(shared[0], shared[1]) + config.shared_place_slope * shared[2] * n;
+  const double disparity = config.shared_disparity_px * shared[3] +
+                           config.shared_disparity_slope_px * (shared[4] * n.x() + shared[5] * n.y());
+  const double match_sigma = config.match_sigma_px * wider;
+  Eigen::Vector2d match = match_sigma * random.both();
+  if (random.uniform() < config.gross_probability) match.x() += config.gross_px * (2 * random.uniform() - 1);
+  const Eigen::Vector2d left_px = *left + place + rig.left.pixelJacobian(n) * drawn;
+  const Eigen::Vector2d right_px = *right + place +
+                                   rig.right.pixelJacobian(in_right.head<2>() / in_right.z()) * drawn +
+                                   match - Eigen::Vector2d(disparity, 0);
+  if (!rig.left.contains(left_px) || !rig.right.contains(right_px)) return;
+
+  StereoFeature f;
+  f.left = left_px.cast<float>();
+  f.right = right_px.cast<float>();
+  f.size = static_cast<float>(size_px);
+  f.place_sigma = static_cast<float>(place_sigma * wider);
+  f.match_sigma = static_cast<float>(match_sigma);
+  for (std::size_t k = 0; k < 3; ++k) f.colour[k] = srgbFromLinear(surface.albedo[k]);
+  f.simulated_appearance = landmark.appearance;
+  f.simulated_noise = static_cast<float>(
+      std::min(kMaxDescriptorNoise, config.descriptor_noise * wider * std::exp(kDescriptorTail * random())));
+  out.frame.features.push_back(f);
+  out.points.push_back(point);
+  out.keys.push_back(landmark.key);
+  strength.push_back(landmark.detection * visible);
+}
+
+FeatureCamera::FeatureCamera(const Terrain& terrain, const FeatureConfig& config, const OpticsConfig& optics,
+                             const StereoRig& rig, const SE3& T_body_cam, std::uint64_t seed)
+    : impl_(std::make_unique<Impl>(terrain, config, optics, rig, T_body_cam, seed)) {}
+
+FeatureCamera::~FeatureCamera() = default;
+
+FeatureCamera::Observation FeatureCamera::observe(const SE3& T_nav_body, std::uint64_t view_seed) const {
+  const Impl& m = *impl_;
+  Observation found;
+  found.frame.width = m.rig.left.width;
+  found.frame.height = m.rig.left.height;
+  found.frame.simulated_view_seed = hash64(view_seed, 3);
+  const SE3 T_nav_cam = T_nav_body * m.T_body_cam, T_cam_nav = T_nav_cam.inverse();
+  const auto area = m.areaSeen(T_nav_cam);
+  if (!area) return found;
+  std::vector<double> strength;
+  constexpr double kRelief = 1.3;  // depths between the probes differ by less than this factor
+  m.landmarks.visit(area->seen, m.smallest_px * area->nearest / m.rig.left.fx / kRelief,
+                    kLargestSize * m.smallest_px * area->farthest / m.rig.left.fx * kRelief,
+                    [&](const Landmark& landmark) {
+                      if (m.mayShow(*area, T_cam_nav, landmark.north_east))
+                        m.look(landmark, T_nav_body, T_nav_cam, T_cam_nav, view_seed, found, strength);
+                    });
+
+  std::vector<std::size_t> order(strength.size());
+  for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
+  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    return strength[a] != strength[b] ? strength[a] > strength[b] : found.keys[a] < found.keys[b];
+  });
+  Observation sorted;
+  sorted.frame = {found.frame.width, found.frame.height, found.frame.simulated_view_seed, {}};
+  for (const std::size_t i : order) {
+    sorted.frame.features.push_back(found.frame.features[i]);
+    sorted.points.push_back(found.points[i]);
+    sorted.keys.push_back(found.keys[i]);
+  }
+  return sorted;
+}
+
+}  // namespace fathom::sim
