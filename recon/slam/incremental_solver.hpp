@@ -74,6 +74,7 @@ class IncrementalSolver {
 
   int size() const { return poses_count_; }
   int measurements() const { return measurements_.size(); }
+  const Measurement& measurement(int k) const { return measurements_[k]; }
   const SE3& pose(int i) const { return poses_[at(i)]; }
   // Poses that the last step moved.
   std::span<const int> moved() const { return {changed_.data(), at(changed_count_)}; }

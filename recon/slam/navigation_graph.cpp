@@ -9,9 +9,7 @@ namespace fathom::slam {
 namespace {
 
 constexpr double kAnywhere = 1000;         // standard deviation of a place that nothing tells [m]
-constexpr double kLinkFree = 12.59;        // chi-square with 6 degrees of freedom, 95 %: below it weight is 1
-constexpr double kFixFree = 5.99;          // with 2 degrees
-constexpr double kOffAt = 2;               // times that: a factor is switched off
+constexpr double kOffAt = 2;               // times what chance explains: a factor is switched off
 constexpr double kSettled = 0.01;          // share of chi2 that poses at rest may still lose
 constexpr double kNewWeight = 0.15;        // relative change of a weight that is worth the solver's work
 constexpr double kTurnedSigmas = 4;        // by which a compass differs from the camera that it has jumped
@@ -41,10 +39,6 @@ IncrementalConfig solverConfig(const NavigationConfig& config) {
   solver.max_measurements = 3 * config.max_keyframes + references + config.max_links + config.max_fixes + 1;
   solver.max_factor_blocks = std::int64_t{kBlocksPerPose} * solver.max_poses + kSpareBlocks;
   return solver;
-}
-
-double cauchyWeight(double chi2, double free) {
-  return chi2 <= free ? 1 : free / chi2;
 }
 
 // Error of a factor as a right perturbation (rho, phi).
@@ -211,7 +205,7 @@ void NavigationGraph::compareStep(Frame& from, Frame& to, const SE3& T_a_b, cons
   const double turn = std::abs(2 * T_a_b.rotation().vec().norm());
   Vector6d sigma;
   sigma << place, place, std::hypot(place, 2 * noise.depth), 2 * noise.tilt, 2 * noise.tilt,
-      std::hypot(2 * noise.heading, noise.deviation_turn * turn);
+      std::hypot(2 * noise.heading, noise.deviation_turn * std::sqrt(turn));
   const Matrix6d step = sigma.cwiseAbs2().asDiagonal();
   const Vector6d e = perturbationOf({0, 1, T_a_b, Matrix6d::Identity()}, from.T_odom_cam, T_odom_to);
   if (e.dot((step + covariance).ldlt().solve(e)) <= config_.gate) {
@@ -388,6 +382,25 @@ std::optional<int> NavigationGraph::takeChange() {
 SE3 NavigationGraph::T_nav_odom() const {
   if (frames_.empty()) return {Eigen::Quaterniond::Identity(), Eigen::Vector3d(shift_.x(), shift_.y(), 0)};
   return solver_.pose(frames_.back().node) * frames_.back().T_odom_cam.inverse();
+}
+
+PoseGraph NavigationGraph::sensorGraph() const {
+  PoseGraph graph;
+  for (int node = 0; node < solver_.size(); ++node) {
+    graph.ids.push_back(node);
+    graph.poses.push_back(solver_.pose(node));
+  }
+  std::size_t robust = 0;  // robust_ is in the order of measurements
+  for (int k = 0; k < solver_.measurements(); ++k) {
+    if (robust < robust_.size() && robust_[robust].measurement == k) {
+      ++robust;
+      continue;
+    }
+    const Measurement& m = solver_.measurement(k);
+    if (m.weight == 0) continue;
+    graph.edges.push_back({std::max(m.from, 0), m.to, m.T_from_to, m.weight * m.root.transpose() * m.root});
+  }
+  return graph;
 }
 
 double NavigationGraph::deviation() const {

@@ -110,6 +110,11 @@ class NavigationGraph {
     bool dvl_lies = false;
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
+
+  // Poses and what the sensors alone say of them, as a batch solver takes it: all factors that are in force
+  // but links and fixes. Pose 0 is nav's origin.
+  [[nodiscard]] PoseGraph sensorGraph() const;
+  [[nodiscard]] int node(int keyframe) const { return frames_[at(keyframe)].node; }
   [[nodiscard]] const DvlCalibration& dvl() const { return dvl_; }
   [[nodiscard]] const IncrementalSolver& solver() const { return solver_; }
   [[nodiscard]] std::size_t memoryBytes() const;

@@ -83,9 +83,9 @@ RelativePose firstAttitudeReference(int origin, int reference, const SensorNoise
 RelativePose attitudeDrift(int before, int after, double seconds, double turn, double extra,
                            const SensorNoise& noise) {
   const double walk = noise.deviation_drift * std::sqrt(std::max(seconds, 0.0));
-  const double heading =
-      std::sqrt(kHeld * kHeld + walk * walk + std::pow(noise.deviation_turn * turn, 2) + extra * extra);
-  const double tilt = std::hypot(kHeld, noise.tilt_turn * turn);
+  const double heading = std::sqrt(kHeld * kHeld + walk * walk +
+                                   noise.deviation_turn * noise.deviation_turn * turn + extra * extra);
+  const double tilt = std::hypot(kHeld, noise.tilt_turn * std::sqrt(turn));
   return measured(before, after, SE3(), all(kHeld), {tilt, tilt, heading});
 }
 

@@ -18,12 +18,12 @@ struct SensorNoise {
   double unknown_velocity = 0.3;  // while bottom track is away [m/s]
   // Attitude: white noise, and the slowly varying error of its reference.
   double heading = 0.006, tilt = 0.002;  // of one reading [rad]
-  double deviation = 0.016;               // of the compass at first [rad]
-  double deviation_drift = 7e-4;          // its random walk [rad/s^(1/2)]
-  double deviation_turn = 0.02;           // its change with the heading [rad/rad]
-  double tilt_bias = 0.003;               // of roll and pitch at first [rad]
-  double tilt_turn = 0.003;               // its change with the heading: the bias is the body's [rad/rad]
-  double unknown_turn = 0.1;              // rate of turn while attitude is away [rad/s]
+  double deviation = 0.015;              // of the compass at first [rad]
+  double deviation_drift = 7e-4;         // its random walk [rad/s^(1/2)]
+  double deviation_turn = 0.017;  // its change with the heading: amplitude of 1.2 degrees [rad/rad^(1/2)]
+  double tilt_bias = 0.003;       // of roll and pitch at first [rad]
+  double tilt_turn = 0.003;      // its change with the heading: the bias is the body's [rad/rad^(1/2)]
+  double unknown_turn = 0.1;      // rate of turn while attitude is away [rad/s]
   // Depth.
   double depth = 0.003;       // of one reading [m]
   double depth_offset = 0.0;  // of the sea's height over nav's zero at first; with depth_drift 0: known [m]
@@ -87,5 +87,12 @@ struct StepQuality {
 
 // Visual odometry or a loop closure: T_a_b with the covariance of its right perturbation (rho, phi).
 [[nodiscard]] RelativePose linkFactor(int a, int b, const SE3& T_a_b, const Matrix6d& covariance);
+
+// Weight of what may be wrong: 1 up to what chance explains, beyond as Cauchy's kernel does, so that its pull
+// ends. And where chance ends, 95 %: chi-square with 6 (links) and 2 (fixes) degrees of freedom.
+inline constexpr double kLinkFree = 12.59, kFixFree = 5.99;
+[[nodiscard]] inline double cauchyWeight(double chi2, double free) {
+  return chi2 <= free ? 1 : free / chi2;
+}
 
 }  // namespace fathom::slam

@@ -148,6 +148,13 @@ void drive(NavigationGraph& graph, const MadeSurvey& s, const MadeSurveyOptions&
   for (int i = 0; i < 30; ++i) (void)graph.step();
 }
 
+double squaredError(const SE3& estimate, const SE3& truth, const Matrix6d& covariance) {
+  const SE3 off = estimate.inverse() * truth;
+  Vector6d e;
+  e << off.translation(), (off.rotation().w() < 0 ? -2 : 2) * off.rotation().vec();
+  return e.dot(covariance.ldlt().solve(e));
+}
+
 Errors errorsOf(const std::vector<SE3>& poses, const std::vector<SE3>& truth) {
   const double n = static_cast<double>(poses.size());
   Eigen::Vector2d from(0, 0), to(0, 0);

@@ -53,6 +53,9 @@ struct MadeSurvey {
 // The survey through a graph, as a vehicle would: keyframe, visual odometry, fixes, closures, step.
 void drive(NavigationGraph& graph, const MadeSurvey& survey, const MadeSurveyOptions& options);
 
+// Squared error of a pose over the covariance of its right perturbation: chi-square, 6 degrees of freedom.
+[[nodiscard]] double squaredError(const SE3& estimate, const SE3& truth, const Matrix6d& covariance);
+
 // RMS of the horizontal error of dead reckoning or of the graph over all keyframes [m], as it is and after
 // the best shift and turn.
 struct Errors {

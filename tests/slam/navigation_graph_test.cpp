@@ -37,12 +37,8 @@ std::vector<SE3> reckonedOf(const MadeSurvey& survey) {
   return poses;
 }
 
-// Squared error of a pose over its covariance, 6 degrees of freedom.
 double nees(NavigationGraph& graph, const MadeSurvey& survey, int k) {
-  const SE3 off = graph.pose(k).inverse() * survey.truth[static_cast<std::size_t>(k)];
-  Vector6d e;
-  e << off.translation(), 2 * off.rotation().vec() * (off.rotation().w() < 0 ? -1 : 1);
-  return e.dot(graph.covariance(k).ldlt().solve(e));
+  return testing::squaredError(graph.pose(k), survey.truth[static_cast<std::size_t>(k)], graph.covariance(k));
 }
 
 TEST(NavigationGraph, ClosuresTakeOutTheDriftOfDeadReckoning) {
@@ -75,11 +71,10 @@ TEST(NavigationGraph, ItsCovarianceIsHonestOverManySurveys) {
     newest += nees(graph, survey, last);
     middle += nees(graph, survey, last / 2);
     const NavigationGraph::Prediction seen = graph.predict(last / 3, last);
-    const SE3 off = seen.T_a_b.inverse() * survey.truth[static_cast<std::size_t>(last / 3)].inverse() *
-                    survey.truth[static_cast<std::size_t>(last)];
-    Vector6d e;
-    e << off.translation(), 2 * off.rotation().vec();
-    relative += e.dot(seen.covariance.ldlt().solve(e));
+    relative += testing::squaredError(seen.T_a_b,
+                                      survey.truth[static_cast<std::size_t>(last / 3)].inverse() *
+                                          survey.truth[static_cast<std::size_t>(last)],
+                                      seen.covariance);
   }
   // 95 % of chi-square with 240 degrees of freedom, over 40.
   constexpr double kLow = 4.97, kHigh = 7.12;

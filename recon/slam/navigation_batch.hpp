@@ -1,0 +1,62 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "recon/slam/navigation_graph.hpp"
+
+namespace fathom::slam {
+
+// A measured relative pose of two cameras of a mission.
+struct NavigationLink {
+  std::uint32_t a = 0, b = 0;                  // indices of frames
+  SE3 T_a_b;                                   // of the left cameras
+  Matrix6d covariance = Matrix6d::Identity();  // of its right perturbation (translation, rotation) [m, rad]
+  int inliers = 0;                             // features that it rests on
+  double chi2 = 0;                             // of its residual at the solution, 6 degrees of freedom
+  bool kept = true;                            // false: taken out because it contradicts the others
+};
+
+// A position fix, as NavigationGraph::addFix takes it.
+struct NavigationFix {
+  int frame = 0;
+  Eigen::Vector3d antenna_in_odom = Eigen::Vector3d::Zero();
+  Eigen::Vector2d north_east = Eigen::Vector2d::Zero();
+  double sigma = 1;  // of either component [m]
+  double chi2 = 0;   // at the solution, 2 degrees of freedom
+  bool kept = true;
+};
+
+struct NavigationSolution {
+  std::vector<SE3> poses;  // T_nav_cam of the frames
+  PoseGraph graph;         // all that was measured, weights in the information, at the solution
+  std::vector<int> nodes;  // of the frames in it
+  NavigationGraph::Counters sensors;
+  double dvl_scale = 0, dvl_heading = 0;  // as DvlCalibration found them
+};
+
+// Maximum likelihood poses of a whole mission: the sensors' factors are those of NavigationGraph, links and
+// fixes are weighed by Cauchy's kernel beyond what chance explains, found again until it stays; those beyond
+// the gates are taken out, the worst first, and come back if they fit the next solution. `shift`, `sigma`:
+// where odom's origin is in nav, as NavigationGraph::setAnchor. Sizes in `config` are set from the input.
+// `chi2` and `kept` of links and fixes are set. Links of consecutive frames are visual odometry.
+[[nodiscard]] NavigationSolution solveNavigation(NavigationConfig config,
+                                                 const std::vector<KeyframeInput>& frames,
+                                                 const Eigen::Vector2d& shift, double sigma,
+                                                 std::vector<NavigationLink>& links,
+                                                 std::vector<NavigationFix>& fixes);
+
+// Marginal covariances of a solved graph, by one factorisation.
+class GraphCovariance {
+ public:
+  explicit GraphCovariance(const PoseGraph& graph);
+  // Of the pose's right perturbation (rho, phi); and of T_a_b's.
+  [[nodiscard]] Matrix6d of(int pose);
+  [[nodiscard]] Matrix6d between(int a, int b);
+
+ private:
+  std::unique_ptr<IncrementalSolver> solver_;
+};
+
+}  // namespace fathom::slam

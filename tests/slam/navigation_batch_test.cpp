@@ -1,0 +1,193 @@
+#include "recon/slam/navigation_batch.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <stdexcept>
+
+#include "tests/slam/made_survey.hpp"
+
+namespace fathom::slam {
+namespace {
+
+using testing::errorsOf;
+using testing::MadeSurvey;
+using testing::MadeSurveyOptions;
+using testing::makeSurvey;
+using testing::squaredError;
+
+struct Measured {
+  std::vector<NavigationLink> links;
+  std::vector<NavigationFix> fixes;
+};
+
+Measured measuredOf(const MadeSurvey& survey, double fix_sigma) {
+  Measured out;
+  for (const auto* list : {&survey.visual, &survey.closures})
+    for (const MadeSurvey::Link& l : *list) {
+      NavigationLink link;
+      link.a = static_cast<std::uint32_t>(l.a);
+      link.b = static_cast<std::uint32_t>(l.b);
+      link.T_a_b = l.T_a_b;
+      link.covariance = survey.link_covariance;
+      out.links.push_back(link);
+    }
+  for (const MadeSurvey::Fix& f : survey.fixes)
+    out.fixes.push_back({f.keyframe, f.antenna_in_odom, f.north_east, fix_sigma});
+  return out;
+}
+
+NavigationSolution solve(const MadeSurvey& survey, const MadeSurveyOptions& options, Measured& measured) {
+  return solveNavigation({}, survey.inputs, survey.anchor, options.anchor_sigma, measured.links,
+                         measured.fixes);
+}
+
+// The inverse of all normal equations at once, by perturbations of poses in their own frames; pose 0 is held.
+Eigen::MatrixXd denseCovariance(const PoseGraph& graph) {
+  const auto n = static_cast<Eigen::Index>(graph.poses.size());
+  Eigen::MatrixXd H = Eigen::MatrixXd::Zero(6 * n, 6 * n);
+  H.topLeftCorner<6, 6>() = Matrix6d::Identity();
+  for (const RelativePose& edge : graph.edges) {
+    const RelativePoseLinear l = linearize(edge, graph.poses[static_cast<std::size_t>(edge.from)],
+                                           graph.poses[static_cast<std::size_t>(edge.to)]);
+    const Eigen::Index i = 6 * edge.from, j = 6 * edge.to;
+    if (i > 0) {
+      H.block<6, 6>(i, i) += l.by_from.transpose() * edge.information * l.by_from;
+      H.block<6, 6>(i, j) += l.by_from.transpose() * edge.information * l.by_to;
+      H.block<6, 6>(j, i) += l.by_to.transpose() * edge.information * l.by_from;
+    }
+    H.block<6, 6>(j, j) += l.by_to.transpose() * edge.information * l.by_to;
+  }
+  return H.ldlt().solve(Eigen::MatrixXd::Identity(6 * n, 6 * n));
+}
+
+TEST(NavigationBatch, IsAsGoodAsTheTrueClosuresAllow) {
+  const MadeSurveyOptions options;
+  const MadeSurvey survey = makeSurvey(options);
+  Measured measured = measuredOf(survey, options.usbl_sigma);
+  const NavigationSolution solved = solve(survey, options, measured);
+  ASSERT_EQ(solved.poses.size(), survey.truth.size());
+  std::vector<SE3> reckoned;
+  for (const KeyframeInput& input : survey.inputs) reckoned.push_back(input.T_odom_cam);
+  EXPECT_LT(errorsOf(solved.poses, survey.truth).aligned, 0.1 * errorsOf(reckoned, survey.truth).aligned);
+  std::size_t lost = 0;
+  for (const NavigationLink& link : measured.links) lost += link.kept ? 0 : 1;
+  EXPECT_LE(lost, 2U);  // 99.9 % stay
+}
+
+TEST(NavigationBatch, ItsCovarianceIsHonestOverManySurveys) {
+  MadeSurveyOptions options;
+  options.lines = 3;
+  options.line_length = 10;
+  constexpr int kSurveys = 40;
+  double newest = 0, between = 0;
+  for (int seed = 1; seed <= kSurveys; ++seed) {
+    options.seed = static_cast<std::uint64_t>(100 + seed);
+    const MadeSurvey survey = makeSurvey(options);
+    Measured measured = measuredOf(survey, options.usbl_sigma);
+    const NavigationSolution solved = solve(survey, options, measured);
+    GraphCovariance covariance(solved.graph);
+    const std::size_t last = solved.poses.size() - 1, first = last / 3;
+    newest += squaredError(solved.poses[last], survey.truth[last], covariance.of(solved.nodes[last]));
+    between += squaredError(solved.poses[first].inverse() * solved.poses[last],
+                            survey.truth[first].inverse() * survey.truth[last],
+                            covariance.between(solved.nodes[first], solved.nodes[last]));
+  }
+  // 95 % of chi-square with 240 degrees of freedom, over 40.
+  for (const double sum : {newest, between}) {
+    EXPECT_GT(sum / kSurveys, 4.97);
+    EXPECT_LT(sum / kSurveys, 7.12);
+  }
+}
+
+TEST(NavigationBatch, MarginalCovariancesAreThoseOfTheWholeInverse) {
+  MadeSurveyOptions options;
+  options.lines = 2;
+  options.line_length = 8;
+  const MadeSurvey survey = makeSurvey(options);
+  Measured measured = measuredOf(survey, options.usbl_sigma);
+  const NavigationSolution solved = solve(survey, options, measured);
+  const Eigen::MatrixXd dense = denseCovariance(solved.graph);
+  GraphCovariance covariance(solved.graph);
+  const int a = solved.nodes[solved.nodes.size() / 3], b = solved.nodes.back();
+  const Matrix6d own = dense.block<6, 6>(6 * b, 6 * b);
+  EXPECT_LT((covariance.of(b) - own).norm(), 1e-4 * own.norm());
+  // T_a_b = T_a^-1 T_b: its right perturbation is that of b less that of a, seen from b.
+  const SE3 T_b_a = solved.graph.poses[static_cast<std::size_t>(b)].inverse() *
+                    solved.graph.poses[static_cast<std::size_t>(a)];
+  Eigen::Matrix3d cross;
+  const Eigen::Vector3d t = T_b_a.translation();
+  cross << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
+  Eigen::Matrix<double, 6, 12> J = Eigen::Matrix<double, 6, 12>::Zero();
+  J.block<3, 3>(0, 0) = -T_b_a.matrix3();
+  J.block<3, 3>(0, 3) = -cross * T_b_a.matrix3();
+  J.block<3, 3>(3, 3) = -T_b_a.matrix3();
+  J.rightCols<6>().setIdentity();
+  Eigen::Matrix<double, 12, 12> both;
+  both << dense.block<6, 6>(6 * a, 6 * a), dense.block<6, 6>(6 * a, 6 * b), dense.block<6, 6>(6 * b, 6 * a),
+      own;
+  const Matrix6d between = J * both * J.transpose();
+  EXPECT_LT((covariance.between(a, b) - between).norm(), 1e-3 * between.norm());
+}
+
+TEST(NavigationBatch, TakesOutFalseClosuresAndWildFixesAndKeepsTheTrueOnes) {
+  MadeSurveyOptions options;
+  options.usbl_period = 4;
+  const MadeSurvey survey = makeSurvey(options);
+  Measured clean = measuredOf(survey, options.usbl_sigma), dirty = clean;
+  const std::vector<SE3> right = solve(survey, options, clean).poses;
+  const std::size_t honest = dirty.links.size(), good_fixes = dirty.fixes.size();
+  for (std::uint32_t k = 0; k < 4; ++k) {
+    NavigationLink wrong = dirty.links.back();
+    wrong.a = 5 + k;
+    wrong.b = 60 + 9 * k;
+    wrong.T_a_b = survey.truth[wrong.a].inverse() * survey.truth[wrong.b] *
+                  SE3::fromEuler(0, 0, 0.1, {0.4, -0.3, 0.05});
+    dirty.links.push_back(wrong);
+    NavigationFix wild = dirty.fixes[k];
+    wild.north_east += Eigen::Vector2d(9, -6);
+    dirty.fixes.push_back(wild);
+  }
+  const std::vector<SE3> solved = solve(survey, options, dirty).poses;
+  for (std::size_t i = honest; i < dirty.links.size(); ++i) EXPECT_FALSE(dirty.links[i].kept) << i;
+  for (std::size_t i = good_fixes; i < dirty.fixes.size(); ++i) EXPECT_FALSE(dirty.fixes[i].kept) << i;
+  EXPECT_LT(errorsOf(solved, right).absolute, 0.005);
+}
+
+TEST(NavigationBatch, BridgesADeadDvlAndALeapOfTheCompass) {
+  MadeSurveyOptions options;
+  options.dvl_dead_from = 40;
+  options.dvl_dead_to = 100;
+  options.jump_at = 70;
+  options.jump = 0.35;
+  options.jump_told = false;
+  const MadeSurvey survey = makeSurvey(options);
+  Measured measured = measuredOf(survey, options.usbl_sigma);
+  const NavigationSolution solved = solve(survey, options, measured);
+  EXPECT_LT(errorsOf(solved.poses, survey.truth).aligned, 0.02);
+  EXPECT_EQ(solved.sensors.compass_jumps, 1U);
+}
+
+TEST(NavigationBatch, WithoutLinksDeadReckoningStays) {
+  MadeSurveyOptions options;
+  options.visual_share = options.closure_share = 0;
+  options.usbl_period = 1e9;
+  const MadeSurvey survey = makeSurvey(options);
+  Measured none;
+  const NavigationSolution solved = solve(survey, options, none);
+  std::vector<SE3> reckoned;
+  for (const KeyframeInput& input : survey.inputs)
+    reckoned.emplace_back(
+        input.T_odom_cam.rotation(),
+        input.T_odom_cam.translation() + Eigen::Vector3d(survey.anchor.x(), survey.anchor.y(), 0));
+  // Only the noise of single headings is smoothed.
+  EXPECT_LT(errorsOf(solved.poses, reckoned).absolute, 0.1);
+  EXPECT_TRUE(solveNavigation({}, {}, {0, 0}, 1, none.links, none.fixes).poses.empty());
+  none.links.resize(1);
+  none.links[0].b = 100000;
+  EXPECT_THROW((void)solve(survey, options, none), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace fathom::slam
