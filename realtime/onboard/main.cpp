@@ -46,6 +46,7 @@ int main(int argc, char** argv) {
   app.add_option("--drain", options.drain_s,
                  "Go on sending after the last sample, at most so many mission seconds")
       ->check(CLI::Range(0.0, 1e6));
+  app.add_flag("--no-slam", options.no_slam, "Dead reckoning only: no visual odometry, no loop closures");
   if (const auto code = fathom::parseCommandLine("fathom-onboard", app, argc, argv)) return *code;
   return fathom::runTool("fathom-onboard", [&] {
     options.mission = mission;

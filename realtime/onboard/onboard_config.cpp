@@ -40,6 +40,25 @@ void read(const ConfigTable& t, LinkCoreConfig& c) {
   c.max_wait_s = t.number("max_wait_s", c.max_wait_s, c.settle_s, 3600);
 }
 
+void read(const ConfigTable& t, OnboardConfig& config) {
+  LocalisationConfig& c = config.localisation;
+  c.enabled = t.boolean("enabled", c.enabled);
+  c.max_keyframes = whole(t, "max_keyframes", c.max_keyframes, 2, 100000);
+  c.keyframe_overlap = t.number("keyframe_overlap", c.keyframe_overlap, 0.05, 0.99);
+  c.keyframe_turn = t.number("keyframe_turn_rad", c.keyframe_turn, 0.01, 3.2);
+  c.keyframe_s = t.number("keyframe_s", c.keyframe_s, 0.1, 3600);
+  c.features = whole(t, "features", c.features, 50, 5000);
+  c.closures_per_keyframe = whole(t, "closures_per_keyframe", c.closures_per_keyframe, 0, 1000);
+  c.predictions_per_keyframe = whole(t, "predictions_per_keyframe", c.predictions_per_keyframe, 1, 10000);
+  c.closures_waiting = static_cast<std::size_t>(
+      t.integer("closures_waiting", static_cast<std::int64_t>(c.closures_waiting), 1, 100000));
+  c.graph.max_links = whole(t, "max_links", c.graph.max_links, 1, 200000);
+  c.graph.max_fixes = whole(t, "max_fixes", c.graph.max_fixes, 0, 100000);
+  config.max_pairs = whole(t, "max_pairs", config.max_pairs, 1, 1000000);
+  config.rebuild_meshes = whole(t, "rebuild_meshes", config.rebuild_meshes, 1, 10000);
+  config.slot_folder = t.text("slot_folder", config.slot_folder.string());
+}
+
 }  // namespace
 
 OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path) {
@@ -55,6 +74,7 @@ OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path
   config.lighting = lighting::readLightingConfig(root.table("lighting"), config.lighting);
   read(root.table("map"), config.map);
   read(root.table("link"), config.link);
+  read(root.table("slam"), config);
   const ConfigTable nav = root.table("nav");
   config.drift_share = nav.number("drift_share", config.drift_share, 0, 1);
   config.max_pair_skew = nav.number("max_pair_skew_s", config.max_pair_skew, 1e-4, 0.5);
@@ -82,7 +102,9 @@ MapCoreConfig mapCoreConfig(const OnboardConfig& config, const io::MissionConfig
           mission.cameras.bits,
           config.stereo,
           config.lighting,
-          config.map};
+          config.map,
+          config.rebuild_meshes,
+          config.localisation};
 }
 
 LinkCoreConfig linkCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission) {

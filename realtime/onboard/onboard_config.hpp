@@ -17,6 +17,10 @@ struct OnboardConfig {
   lighting::LightingConfig lighting;
   fusion::QuadtreeConfig map;
   LinkCoreConfig link;
+  LocalisationConfig localisation;
+  int max_pairs = 36000;              // stereo pairs whose meshes are kept: five hours at 2 Hz
+  int rebuild_meshes = 6;             // fused anew a pair when keyframes have moved
+  std::filesystem::path slot_folder;  // of the slot files; empty: beside the output
   double drift_share = 0.01;       // of the distance travelled: growth of the position's standard deviation
   double max_pair_skew = 0.02;     // between the exposures of a stereo pair [s]
   double odometry_interval = 0.1;  // between rows of odometry.csv [s]

@@ -1,6 +1,9 @@
 #include "realtime/onboard/onboard_output.hpp"
 
+#include <Eigen/Dense>
 #include <array>
+#include <cmath>
+#include <cstdio>
 #include <iomanip>
 #include <stdexcept>
 #include <string_view>
@@ -15,9 +18,9 @@ namespace fathom::onboard {
 namespace {
 
 // What onboard/ of a mission folder may hold.
-constexpr std::array<std::string_view, 7> kOurs = {"packets.bin",  "health.csv",           "map.ply",
-                                                   "odometry.csv", "stereo_pose_est.data", "report.json",
-                                                   "timing.json"};
+constexpr std::array<std::string_view, 8> kOurs = {"packets.bin", "closures.csv", "health.csv",
+                                                   "map.ply",     "odometry.csv", "stereo_pose_est.data",
+                                                   "report.json", "timing.json"};
 
 }  // namespace
 
@@ -41,6 +44,38 @@ void OnboardOutput::addStereoPose(const MapOutput& output, const std::string& le
   pose.altitude = altitude;
   pose.footprint_radius = output.footprint_radius;
   poses_.poses.push_back(std::move(pose));
+  outputs_.push_back(output);
+}
+
+void OnboardOutput::placeStereoPoses(const std::function<SE3(const MapOutput&)>& T_nav_cam) {
+  for (std::size_t i = 0; i < outputs_.size(); ++i) poses_.poses[i].T_nav_cam = T_nav_cam(outputs_[i]);
+}
+
+void OnboardOutput::writeClosures(const LocalisationCore& localisation) {
+  // A keyframe is the first pair that hangs on it.
+  std::vector<const std::string*> image(static_cast<std::size_t>(localisation.keyframes()));
+  for (std::size_t i = outputs_.size(); i-- > 0;)
+    if (outputs_[i].keyframe >= 0)
+      image[static_cast<std::size_t>(outputs_[i].keyframe)] = &poses_.poses[i].left_image;
+  AtomicFile file(folder_.path() / "closures.csv");
+  file.stream() << "left_a,left_b,x_m,y_m,z_m,qw,qx,qy,qz,sigma_position_m,sigma_rotation_rad,inliers,chi2,"
+                   "confirmed\n";
+  std::array<char, 400> line{};
+  for (const Closure& c : localisation.closures().closures()) {
+    const std::string *a = image[static_cast<std::size_t>(c.a)], *b = image[static_cast<std::size_t>(c.b)];
+    if (a == nullptr || b == nullptr) continue;
+    const SE3 now = localisation.keyframePose(c.a).inverse() * localisation.keyframePose(c.b);
+    const Vector6d off = (c.T_a_b.inverse() * now).log();
+    const Eigen::Vector3d& t = c.T_a_b.translation();
+    const Eigen::Quaterniond& q = c.T_a_b.rotation();
+    std::snprintf(line.data(), line.size(), "%s,%s,%.5f,%.5f,%.5f,%.8f,%.8f,%.8f,%.8f,%.5f,%.6f,%d,%.3f,%d\n",
+                  a->c_str(), b->c_str(), t.x(), t.y(), t.z(), q.w(), q.x(), q.y(), q.z(),
+                  std::sqrt(c.covariance.topLeftCorner<3, 3>().trace() / 3),
+                  std::sqrt(c.covariance.bottomRightCorner<3, 3>().trace() / 3), c.inliers,
+                  off.dot(c.covariance.ldlt().solve(off)), c.confirmed ? 1 : 0);
+    file.stream() << line.data();
+  }
+  file.commit();
 }
 
 void OnboardOutput::addPacket(std::int64_t utc_ns, std::span<const std::uint8_t> frame) {

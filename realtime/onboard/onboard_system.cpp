@@ -1,5 +1,6 @@
 #include "realtime/onboard/onboard_system.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <type_traits>
 
@@ -34,13 +35,13 @@ std::vector<Eigen::Vector2d> planOf(const io::MissionConfig& mission) {
 }  // namespace
 
 OnboardSystem::OnboardSystem(const OnboardConfig& config, const io::MissionConfig& mission,
-                             const StereoRig& rig, ImageSource images)
+                             const StereoRig& rig, ImageSource images, const MapSlots& slots)
     : config_(config),
       mission_(mission),
       local_(mission.origin),
       images_(std::move(images)),
       nav_(navCoreConfig(config, mission)),
-      map_(mapCoreConfig(config, mission, rig)),
+      map_(mapCoreConfig(config, mission, rig), slots),
       link_(linkCoreConfig(config, mission)),
       progress_(planOf(mission)) {
   telemetry::MissionInfo info;
@@ -48,6 +49,12 @@ OnboardSystem::OnboardSystem(const OnboardConfig& config, const io::MissionConfi
   info.origin = mission.origin;
   info.start_utc_ns = mission.start_utc_ns;
   link_.setMissionInfo(info);
+  map_.setMovedObserver([this](const MovingMap::Box& before, const MovingMap::Box& now) {
+    for (const MovingMap::Box& box : {before, now})
+      if (!box.empty())
+        link_.noteChanged(box.low.cast<double>(), box.high.cast<double>(), last_pair_ns_,
+                          config_.map.root_size);
+  });
 }
 
 void OnboardSystem::consume(std::int64_t arrival_utc_ns, const SensorSample& sample,
@@ -80,7 +87,7 @@ void OnboardSystem::addFix(nav::FixKind kind, std::int64_t utc_ns, double latitu
   // The GPS antenna is taken at the body's origin: its lever arm is far below a fix's error.
   const SE3 T_odom_sensor = kind == nav::FixKind::kUsbl ? *T_odom_body * mission_.T_body_usbl : *T_odom_body;
   const Eigen::Vector2d north_east = local_.toLocal({latitude, longitude});
-  map_.addFix(kind, north_east - T_odom_sensor.translation().head<2>(), sigma);
+  map_.addFix(kind, utc_ns, T_odom_sensor.translation(), north_east, sigma);
 }
 
 void OnboardSystem::addImage(const ImageEvent& event) {
@@ -96,6 +103,7 @@ void OnboardSystem::mapPairs(const std::function<void(const MappedPair&)>& on_pa
     pair.right_image = image_names_[trigger->right_frame_id];
     const auto left = images_(pair.left_image, CameraSide::kLeft);
     const auto right = images_(pair.right_image, CameraSide::kRight);
+    if (observer_) observer_("images");
     if (!left || !right) {
       ++unreadable_images_;
       continue;
@@ -104,15 +112,22 @@ void OnboardSystem::mapPairs(const std::function<void(const MappedPair&)>& on_pa
     input.pair_index = trigger->pair_index;
     input.utc_ns = trigger->utc_ns;
     input.T_odom_body = trigger->T_odom_body;
+    input.quality = trigger->quality;
     if (trigger->altitude_valid) pair.altitude = input.altitude = trigger->altitude;
     input.left = *left;
     input.right = *right;
+    last_pair_ns_ = trigger->utc_ns;
     pair.output = map_.process(input);
     link_.noteMapped(pair.output, config_.map.root_size);
-    last_pair_ns_ = trigger->utc_ns;
     last_points_ = pair.output.points;
     on_pair(pair);
   }
+}
+
+void OnboardSystem::finish(std::int64_t now_ns) {
+  map_.finish();
+  link_.offerTiles(map_.map(), now_ns, true);
+  if (last_pose_) link_.setStatus(status(now_ns));
 }
 
 void OnboardSystem::updateTrack(std::int64_t now_ns) {
@@ -180,6 +195,74 @@ std::size_t OnboardSystem::nextFrame(std::int64_t now_ns, bool survey_over, std:
   return link_.nextFrame(now_ns, out);
 }
 
+void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>& row) const {
+  const LocalisationCore* localisation = map_.localisation();
+  if (localisation == nullptr) return;
+  const auto add = [&](std::string name, auto value) {
+    row.emplace_back("slam_" + std::move(name), static_cast<double>(value));
+  };
+  const LocalisationCore::Counters c = localisation->counters();
+  const slam::NavigationGraph::Counters& g = localisation->graph().counters();
+  add("keyframes", g.keyframes);
+  add("keyframes_refused", g.keyframes_refused);
+  add("references", g.references);
+  add("frames_without_features", c.frames_without_features);
+  add("odometry_links", g.odometry_links);
+  add("odometry_refused", c.odometry_refused);
+  add("odometry_second_tries", c.odometry_second_tries);
+  add("odometry_surprises", c.odometry_surprises);
+  add("steps_contradicted", g.steps_contradicted);
+  add("steps_left_out", g.steps_left_out);
+  add("dvl_lies", g.dvl_lies);
+  add("dvl_absent", g.dvl_absent);
+  add("attitude_absent", g.attitude_absent);
+  add("depth_absent", g.depth_absent);
+  add("compass_jumps", g.compass_jumps);
+  add("deviation_rad", localisation->graph().deviation());
+  add("closures", g.closures);
+  add("links_contradicting", g.links_contradicting);
+  add("links_off", g.links_off);
+  add("links_refused", g.links_refused);
+  add("fixes", g.fixes);
+  add("fixes_gated", g.fixes_gated);
+  add("fixes_off", g.fixes_off);
+  add("fixes_refused", g.fixes_refused);
+  add("fixes_dropped", c.fixes_dropped);
+  add("fixes_waiting", c.fixes_waiting);
+  const ClosureSearch::Counters s = localisation->closures().counters();
+  add("predictions", s.predictions);
+  add("candidates", s.proposed);
+  add("candidates_stale", s.stale);
+  add("candidates_dropped", s.dropped);
+  add("candidates_waiting", s.waiting);
+  add("registrations", s.registrations);
+  add("registrations_accepted", s.accepted);
+  for (std::size_t k = 1; k < closure::kRefusals; ++k) {
+    std::string name(closure::nameOf(static_cast<closure::Refusal>(k)));
+    std::replace(name.begin(), name.end(), ' ', '_');
+    add("refused_" + name, s.refused[k]);
+  }
+  add("closures_unconfirmed", s.unconfirmed_now);
+  add("closures_given_up", s.unconfirmed);
+  add("closures_confirmed", s.confirmed);
+  const KeyframeFeatures::Counters& f = localisation->features().counters();
+  add("slots_stored", f.stored);
+  add("slots_retired", f.retired);
+  add("slot_write_failures", f.write_failures);
+  add("slot_read_failures", f.read_failures);
+  const MovingMap::Counters m = map_.movingMap().counters();
+  add("changes_waiting", c.changes_waiting);
+  add("map_rebuilds", m.rebuilds);
+  add("map_meshes_fused_again", m.meshes_fused_again);
+  add("map_meshes_waiting", m.waiting);
+  add("map_meshes_lost", m.meshes_lost);
+  add("map_given_up", m.given_up);
+  add("position_sigma_m", localisation->positionSigma());
+  add("graph_bytes", localisation->graph().memoryBytes());
+  add("memory_bytes", localisation->memoryBytes());
+  add("map_bytes", map_.movingMap().memoryBytes());
+}
+
 std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   std::vector<std::pair<std::string, double>> row;
   const auto add = [&](std::string name, auto value) {
@@ -221,6 +304,7 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   add("map_outvoted", q.outvoted);
   add("map_coarsened", q.coarsened);
   add("map_refused", q.refused);
+  addLocalisation(row);
   const telemetry::LinkScheduler::Counters l = link_.counters();
   add("link_frames", l.frames);
   add("link_bytes", l.bytes);

@@ -32,11 +32,14 @@ class OnboardSystem {
   };
 
   OnboardSystem(const OnboardConfig& config, const io::MissionConfig& mission, const StereoRig& rig,
-                ImageSource images);
+                ImageSource images, const MapSlots& slots = {});
 
   // Consumes one sample that arrived at `arrival_utc_ns`; calls `on_pair` for every pair that it completes.
   void consume(std::int64_t arrival_utc_ns, const SensorSample& sample,
                const std::function<void(const MappedPair&)>& on_pair);
+
+  // The survey is over: localisation and map come to their final state.
+  void finish(std::int64_t now_ns);
 
   // Link time passes; the next frame to send or 0. Call until 0. `survey_over`: nothing more will be mapped.
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, bool survey_over, std::span<std::uint8_t> out);
@@ -46,6 +49,11 @@ class OnboardSystem {
   [[nodiscard]] telemetry::Status status(std::int64_t now_ns) const;
 
   [[nodiscard]] const MapCore& map() const { return map_; }
+  // Called with the stage's name when it ends: "images" and those of MapCore. For a caller that has a clock.
+  void setStageObserver(std::function<void(const char* stage)> observer) {
+    observer_ = observer;
+    map_.setStageObserver(std::move(observer));
+  }
   [[nodiscard]] const LinkCore& link() const { return link_; }
   [[nodiscard]] std::uint64_t unreadableImages() const { return unreadable_images_; }
   [[nodiscard]] const NavCore& nav() const { return nav_; }
@@ -54,6 +62,7 @@ class OnboardSystem {
   void addFix(nav::FixKind kind, std::int64_t utc_ns, double latitude, double longitude, double sigma);
   void addImage(const ImageEvent& event);
   void mapPairs(const std::function<void(const MappedPair&)>& on_pair);
+  void addLocalisation(std::vector<std::pair<std::string, double>>& row) const;
   void updateTrack(std::int64_t now_ns);
   [[nodiscard]] std::uint16_t healthFlags(std::int64_t now_ns,
                                           const fusion::QuadtreeMap::Counters& tiles) const;
@@ -64,6 +73,7 @@ class OnboardSystem {
   io::MissionConfig mission_;
   LocalTransverseMercator local_;
   ImageSource images_;
+  std::function<void(const char* stage)> observer_;
   NavCore nav_;
   MapCore map_;
   LinkCore link_;

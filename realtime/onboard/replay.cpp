@@ -12,8 +12,11 @@
 #include "firmware_if/image_file.hpp"
 #include "firmware_if/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/onboard/map/mesh_slot.hpp"
 #include "realtime/onboard/onboard_output.hpp"
 #include "realtime/onboard/onboard_system.hpp"
+#include "realtime/onboard/slots/slot_file.hpp"
+#include "realtime/onboard/stage_clock.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -118,6 +121,34 @@ nlohmann::ordered_json reportOf(const ReplaySummary& summary, const OnboardSyste
   return report;
 }
 
+// Pools for the mission at hand: its exposures bound the pairs, and these the keyframes.
+void fitToMission(OnboardConfig& config, const std::vector<io::LoggedSample>& samples) {
+  int exposures = 0;
+  for (const io::LoggedSample& s : samples)
+    if (const auto* image = std::get_if<ImageEvent>(&s.sample)) exposures += image->side == CameraSide::kLeft;
+  config.max_pairs = std::clamp(exposures, 1, config.max_pairs);
+  config.localisation.max_keyframes = std::clamp(exposures, 2, config.localisation.max_keyframes);
+}
+
+struct Slots {
+  std::unique_ptr<SlotFile> features, meshes;
+};
+
+Slots makeSlots(const OnboardConfig& config, const std::filesystem::path& beside) {
+  if (!config.localisation.enabled) return {};
+  const std::filesystem::path folder = config.slot_folder.empty() ? beside : config.slot_folder;
+  const auto slot_bytes = closure::slotBytes(closure::DescriptorKind::kRootSift,
+                                             static_cast<std::size_t>(config.localisation.features));
+  return {std::make_unique<SlotFile>(folder, static_cast<std::size_t>(config.localisation.max_keyframes),
+                                     slot_bytes),
+          std::make_unique<SlotFile>(folder, static_cast<std::size_t>(config.max_pairs),
+                                     meshSlotBytes(static_cast<std::size_t>(config.stereo.max_features)))};
+}
+
+double milliseconds(std::int64_t ns) {
+  return static_cast<double>(ns) * 1e-6;
+}
+
 // Frames leave through here: into packets.bin, and to the modem at the replay's pace.
 class FrameSender {
  public:
@@ -156,7 +187,8 @@ class FrameSender {
 
 ReplaySummary replay(const ReplayOptions& options) {
   const io::MissionPaths paths(options.mission);
-  const OnboardConfig config = readOnboardConfig(options.config);
+  OnboardConfig config = readOnboardConfig(options.config);
+  if (options.no_slam) config.localisation.enabled = false;
   const io::MissionConfig mission = io::readMissionConfig(options.mission);
   const StereoRig rig = readStereoCalib(paths.calib());
 
@@ -167,22 +199,30 @@ ReplaySummary replay(const ReplayOptions& options) {
 
   const auto start = Clock::now();
   RecordedImages images(paths.images(), mission, rig);
-  OnboardSystem system(config, mission, rig,
-                       [&](const std::string& name, CameraSide side) { return images.read(name, side); });
   OnboardOutput output(options.out.value_or(paths.onboard()), mission.origin);
+  fitToMission(config, samples);
+  const Slots slots = makeSlots(config, output.folder());
+  OnboardSystem system(config, mission, rig,
+                       [&](const std::string& name, CameraSide side) { return images.read(name, side); },
+                       {slots.features.get(), slots.meshes.get()});
+  StageClock stages;
+  system.setStageObserver([&](const char* stage) { stages.ended(stage); });
   FrameSender sender(output, options, first_ns);
   Progress progress(summary.mission_s);
 
   std::int64_t next_odometry_ns = first_ns, next_health_ns = first_ns, last_odometry_ns = 0;
   for (const io::LoggedSample& logged : samples) {
     const auto before = Clock::now();
+    stages.begin();
     const double image_seconds_before = images.seconds();
     system.consume(logged.arrival_utc_ns, logged.sample, [&](const OnboardSystem::MappedPair& pair) {
       output.addStereoPose(pair.output, pair.left_image, pair.right_image, pair.altitude.value_or(0.0));
       if (pair.output.points > 0) ++summary.pairs_used;
       ++summary.pairs;
     });
-    summary.stereo_and_map_s += secondsSince(before) - (images.seconds() - image_seconds_before);
+    const double core_s = secondsSince(before) - (images.seconds() - image_seconds_before);
+    summary.stereo_and_map_s += core_s;
+    stages.endSample(core_s);
     ++summary.samples;
     const std::int64_t now = logged.arrival_utc_ns;
     if (now >= next_odometry_ns) {
@@ -201,6 +241,9 @@ ReplaySummary replay(const ReplayOptions& options) {
     progress.show(static_cast<double>(now - first_ns) / kNanoseconds, summary.pairs, summary.frames);
   }
 
+  const auto before_finish = Clock::now();
+  system.finish(last_ns);
+  const double finish_s = secondsSince(before_finish);
   constexpr std::int64_t kDrainStep = 100'000'000;  // [ns]
   const std::int64_t drain_end = last_ns + static_cast<std::int64_t>(options.drain_s * kNanoseconds);
   for (std::int64_t now = last_ns; now <= drain_end; now += kDrainStep) {
@@ -217,6 +260,8 @@ ReplaySummary replay(const ReplayOptions& options) {
                          " pairs, " + std::to_string(system.unreadableImages()) + " unreadable images" +
                          (images.firstRefusal().empty() ? "" : "; the first: " + images.firstRefusal()));
   output.writeMap(map);
+  output.placeStereoPoses([&](const MapOutput& pair) { return system.map().poseOf(pair); });
+  if (const LocalisationCore* localisation = system.map().localisation()) output.writeClosures(*localisation);
   output.writeText("report.json", reportOf(summary, system, mission).dump(2) + "\n");
   nlohmann::ordered_json timing;
   timing["wall_s"] = summary.wall_s;
@@ -224,6 +269,12 @@ ReplaySummary replay(const ReplayOptions& options) {
   timing["cores_s"] = summary.stereo_and_map_s;
   timing["cores_ms_per_pair"] =
       summary.pairs ? 1e3 * summary.stereo_and_map_s / static_cast<double>(summary.pairs) : 0.0;
+  timing["finish_s"] = finish_s;
+  for (const auto& [name, times] : stages.stages())
+    timing["stages_ms"][name] = {{"frames", times.count()},
+                                 {"p50", milliseconds(times.percentile(50))},
+                                 {"p99", milliseconds(times.percentile(99))},
+                                 {"max", milliseconds(times.max())}};
   timing["modem_refused_frames"] = sender.refused();
   output.writeText("timing.json", timing.dump(2) + "\n");
   output.commit();

@@ -13,6 +13,7 @@ struct ReplayOptions {
   std::filesystem::path mission;
   std::optional<std::filesystem::path> config;  // TOML; absent: defaults
   std::optional<std::filesystem::path> out;     // absent: <mission>/onboard
+  bool no_slam = false;                         // whatever the configuration says
   FramePort* modem = nullptr;  // frames also go here, at the mission's own pace times `speed`
   double speed = 0;            // mission seconds a second; 0: as fast as the machine goes
   double drain_s =

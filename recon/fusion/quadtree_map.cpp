@@ -276,6 +276,18 @@ std::size_t QuadtreeMap::fuse(const Mesh& mesh) {
   return updated;
 }
 
+void QuadtreeMap::clear(std::uint32_t fused) {
+  Impl& map = *impl_;
+  map.store.clear();
+  map.touched.clear();
+  map.now = fused;
+  map.observations = map.outvoted = map.refused = map.skipped_triangles = 0;
+}
+
+std::uint32_t QuadtreeMap::fused() const {
+  return impl_->now;
+}
+
 QuadtreeMap::Counters QuadtreeMap::counters() const {
   const Impl& map = *impl_;
   Counters out;

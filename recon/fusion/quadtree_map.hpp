@@ -46,6 +46,11 @@ class QuadtreeMap {
   // updated.
   std::size_t fuse(const Mesh& mesh_in_nav);
 
+  // Forgets all, without calls of the heap. The next fuse() has the number `fused` + 1.
+  void clear(std::uint32_t fused = 0);
+  // How many fuse() there were.
+  [[nodiscard]] std::uint32_t fused() const;
+
   // Leaves in a fixed order: by level, north, east. `revision` is the number of the fuse() that last changed
   // what extract() gives for the leaf.
   void forEachLeaf(const std::function<void(const TileKey&, std::uint32_t revision)>& visit) const;

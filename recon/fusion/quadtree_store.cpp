@@ -36,10 +36,21 @@ QuadtreeStore::QuadtreeStore(const QuadtreeConfig& config)
       leaves_(static_cast<std::size_t>(config.max_tiles)),
       nodes_(static_cast<std::size_t>(config.max_tiles)),
       split_reserve_(std::max(4, config.max_tiles / 8)) {
-  for (std::int32_t slot = config.max_tiles - 1; slot >= 0; --slot) {
-    leaves_[static_cast<std::size_t>(slot)].next_free = first_free_;
+  clear();
+}
+
+void QuadtreeStore::clear() {
+  index_.clear();
+  first_free_ = kNone;
+  for (std::int32_t slot = config_.max_tiles - 1; slot >= 0; --slot) {
+    Leaf& free = leaf(slot);
+    free = Leaf{};
+    free.next_free = first_free_;
     first_free_ = slot;
   }
+  used_ = high_water_ = 0;
+  coarsened_ = 0;
+  ++shape_changes_;
 }
 
 std::size_t QuadtreeStore::memoryBytes() const {

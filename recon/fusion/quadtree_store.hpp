@@ -55,6 +55,9 @@ class QuadtreeStore {
 
   explicit QuadtreeStore(const QuadtreeConfig& config);
 
+  // Back to the state after construction.
+  void clear();
+
   [[nodiscard]] double tileSize(int level) const { return config_.root_size / (1 << level); }
   [[nodiscard]] double spacing(int level) const { return tileSize(level) / kCells; }
 

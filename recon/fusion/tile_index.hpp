@@ -63,6 +63,10 @@ class TileIndex {
     table_[hole].value = kAbsent;
   }
 
+  void clear() {
+    for (Entry& e : table_) e = {0, kAbsent};
+  }
+
   [[nodiscard]] std::size_t memoryBytes() const { return table_.size() * sizeof(Entry); }
 
  private:

@@ -190,6 +190,7 @@ void DeadReckoning::coast() noexcept {
     coasting_ = true;
     coast_velocity_ = last_velocity_.value - rateOfTurn(last_velocity_.utc_ns).cross(r);
   }
+  unlocked_s_ += seconds(until - nodes_.back().utc_ns);
   trackTo(until, [&](std::int64_t t) -> Eigen::Vector3d {
     const double over = seconds(t - last_velocity_.utc_ns - gap_ns);
     const double left = over <= 0 ? 1.0 : std::exp(-over / config_.max_dvl_gap);
@@ -210,6 +211,8 @@ Eigen::Vector3d DeadReckoning::rateOfTurn(std::int64_t utc_ns) const noexcept {
 // and there.
 template <typename VelocityAt>
 void DeadReckoning::trackTo(std::int64_t utc_ns, const VelocityAt& velocity_at) noexcept {
+  const std::int64_t tilt_known = std::max(attitude_times_.newestUtcNs(), nodes_.back().utc_ns);
+  untilted_s_ += std::max(0.0, seconds(utc_ns - tilt_known));
   for (;;) {
     const std::int64_t earliest = nodes_.back().utc_ns + kMinNodeSpacingNs - 1;
     std::int64_t next = utc_ns;
@@ -284,6 +287,12 @@ std::optional<SE3> DeadReckoning::poseAt(std::int64_t utc_ns) const noexcept {
 std::optional<double> DeadReckoning::altitude() const noexcept {
   if (!altitude_ || seconds(now_ - altitude_->utc_ns) > config_.max_dvl_gap) return std::nullopt;
   return altitude_->value;
+}
+
+DeadReckoning::Quality DeadReckoning::quality() const noexcept {
+  const std::int64_t newest = newestUtcNs();
+  return {unlocked_s_, untilted_s_, attitude_times_.newestUtcNs() < newest,
+          depth_times_.newestUtcNs() < newest, counters_.heading_leaps};
 }
 
 Eigen::Vector3d DeadReckoning::velocityBody() const noexcept {

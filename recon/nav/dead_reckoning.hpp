@@ -68,6 +68,17 @@ class DeadReckoning {
   [[nodiscard]] std::uint64_t headingLeaps() const noexcept { return counters_.heading_leaps; }
   [[nodiscard]] double headingTakenOut() const noexcept { return heading_taken_out_; }
 
+  // What the track rested on, up to newestUtcNs(). The seconds count from the beginning: two differ by what
+  // came between.
+  struct Quality {
+    double unlocked_s = 0;            // of the track without bottom track, after a gap of max_dvl_gap [s]
+    double untilted_s = 0;            // while attitude was held [s]
+    bool attitude_held = false;       // attitude is silent now
+    bool depth_held = false;          // depth is silent now
+    std::uint64_t heading_leaps = 0;  // of the compass, from the beginning
+  };
+  [[nodiscard]] Quality quality() const noexcept;
+
   struct Counters {
     std::uint64_t dvl_used = 0;            // velocities that entered the track
     std::uint64_t dvl_without_bottom = 0;  // ensembles without a bottom-track velocity
@@ -131,6 +142,7 @@ class DeadReckoning {
   std::int64_t depth_offset_utc_ns_ = 0;
   double sound_speed_;  // true, newest known [m/s]
   std::optional<TimedNumber> altitude_;
+  double unlocked_s_ = 0, untilted_s_ = 0;
   Counters counters_;
 };
 

@@ -379,6 +379,15 @@ std::optional<int> NavigationGraph::takeChange() {
   return k;
 }
 
+void NavigationGraph::takeAllChanges() {
+  for (const int k : changed_) {
+    Frame& frame = frames_[at(k)];
+    frame.waiting = false;
+    frame.known = solver_.pose(frame.node);
+  }
+  changed_.clear();
+}
+
 SE3 NavigationGraph::T_nav_odom() const {
   if (frames_.empty()) return {Eigen::Quaterniond::Identity(), Eigen::Vector3d(shift_.x(), shift_.y(), 0)};
   return solver_.pose(frames_.back().node) * frames_.back().T_odom_cam.inverse();

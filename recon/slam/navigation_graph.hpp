@@ -99,6 +99,8 @@ class NavigationGraph {
   // The keyframe that has moved most since its pose was last taken here; std::nullopt when none moved by more
   // than change_m or change_rad. Taking it marks it as known.
   std::optional<int> takeChange();
+  // Marks all as known.
+  void takeAllChanges();
   [[nodiscard]] std::size_t changesWaiting() const { return changed_.size(); }
 
   struct Counters {

@@ -31,6 +31,9 @@ class LinkCore {
 
   // Notes the squares that a mapped pair touched.
   void noteMapped(const MapOutput& output, double root_size);
+  // Notes the squares of a part of the map that changed [m in nav].
+  void noteChanged(const Eigen::Vector2d& min_north_east, const Eigen::Vector2d& max_north_east,
+                   std::int64_t utc_ns, double root_size);
   // Offers what has settled by `now_ns` (with `everything`: all that changed) to the scheduler.
   void offerTiles(const fusion::QuadtreeMap& map, std::int64_t now_ns, bool everything = false);
 
@@ -58,7 +61,11 @@ class LinkCore {
   LinkCoreConfig config_;
   telemetry::LinkScheduler scheduler_;
   std::map<Key, Change> changed_;
-  std::map<Key, double> area_;  // seen area of each tile offered [m2]
+  struct Offered {
+    double area = 0;             // seen [m2]
+    std::uint32_t revision = 0;  // of this tile alone: frames carry its low bits only, so it must not leap
+  };
+  std::map<Key, Offered> offered_;
   double area_total_ = 0;
 };
 

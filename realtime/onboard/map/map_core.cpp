@@ -8,6 +8,8 @@
 namespace fathom::onboard {
 namespace {
 
+// GPS errors last for minutes: of fixes close together one is worth as much as all.
+constexpr std::int64_t kGpsInterval_ns = 60'000'000'000;
 constexpr double kNominalRange = 2.0;  // survey altitude of the vehicle class [m]
 
 bool shaped(const ImageView& image, const Camera& camera) {
@@ -37,7 +39,7 @@ double medianRange(const stereo::StereoResult& result) {
 
 }  // namespace
 
-MapCore::MapCore(const MapCoreConfig& config)
+MapCore::MapCore(const MapCoreConfig& config, const MapSlots& slots)
     : config_(config),
       left_light_(config.rig.left.width, config.rig.left.height, config.left_format, config.bits,
                   config.lighting),
@@ -45,7 +47,8 @@ MapCore::MapCore(const MapCoreConfig& config)
                    config.lighting),
       ranges_(config.rig),
       stereo_(config.rig, config.stereo),
-      map_(config.map),
+      map_(config.map, config.localisation.enabled ? slots.meshes : nullptr,
+           static_cast<std::size_t>(config.stereo.max_features)),
       last_range_(kNominalRange),
       left_mosaic_(pixelsOf(config.rig.left) * samplesPerPixel(config.left_format)),
       left_mono_(pixelsOf(config.rig.left)),
@@ -54,16 +57,64 @@ MapCore::MapCore(const MapCoreConfig& config)
       right_mono_(pixelsOf(config.rig.right)) {
   points_.reserve(static_cast<std::size_t>(config.stereo.max_features));
   right_points_.resize(static_cast<std::size_t>(config.stereo.max_features));
+  if (config.localisation.enabled)
+    localisation_ = std::make_unique<LocalisationCore>(config.rig, config.localisation, slots.features);
 }
 
-void MapCore::addFix(nav::FixKind kind, const Eigen::Vector2d& difference, double sigma) noexcept {
-  anchor_.add(kind, difference, sigma);
-  if (frame_fixed_) return;
+void MapCore::setStageObserver(std::function<void(const char* stage)> observer) {
+  observer_ = std::move(observer);
+  if (localisation_) localisation_->setStageObserver(observer_);
+}
+
+void MapCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom,
+                     const Eigen::Vector2d& north_east, double sigma) {
+  anchor_.add(kind, north_east - antenna_in_odom.head<2>(), sigma);
+  if (frame_fixed_) {
+    if (!localisation_) return;
+    if (kind == nav::FixKind::kGps) {
+      if (utc_ns - last_gps_ns_ < kGpsInterval_ns) return;
+      last_gps_ns_ = utc_ns;
+    }
+    localisation_->addFix(utc_ns, antenna_in_odom, north_east, sigma);
+    anchored_ = true;
+    return;
+  }
   if (const auto estimate = anchor_.estimate()) {
     T_nav_odom_ = SE3(Eigen::Quaterniond::Identity(), {estimate->shift.x(), estimate->shift.y(), 0.0});
     anchor_sigma_ = estimate->sigma;
     anchored_ = true;
+    if (localisation_) localisation_->setAnchor(estimate->shift, estimate->sigma);
   }
+}
+
+SE3 MapCore::poseOf(int keyframe, const SE3& T_odom_cam) const {
+  return keyframe < 0 ? T_nav_odom_ * T_odom_cam : localisation_->poseOf(keyframe, T_odom_cam);
+}
+
+void MapCore::localise(const MapInput& input, double range, bool images, MapOutput& out) {
+  if (!localisation_) return;
+  LocalisationInput frame;
+  frame.utc_ns = input.utc_ns;
+  frame.T_odom_cam = out.T_odom_cam;
+  frame.quality = input.quality;
+  frame.range = range;
+  if (images) {
+    frame.left = eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono);
+    frame.right = eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono);
+  }
+  out.keyframe = localisation_->process(frame);
+  T_nav_odom_ = localisation_->T_nav_odom();
+  anchor_sigma_ = localisation_->positionSigma();
+  out.T_nav_cam = poseOf(out);
+  if (localisation_->moved() && map_.noteMoved()) localisation_->takeChanges();
+}
+
+void MapCore::finish() {
+  if (!localisation_) return;
+  localisation_->finish();
+  localisation_->takeChanges();
+  T_nav_odom_ = localisation_->T_nav_odom();
+  map_.finish([this](int k, const SE3& T) { return poseOf(k, T); }, on_moved_);
 }
 
 stereo::SeedPlane MapCore::seedPlane(const MapInput& input) const {
@@ -101,20 +152,25 @@ MapOutput MapCore::process(const MapInput& input) {
   MapOutput out;
   out.pair_index = input.pair_index;
   out.utc_ns = input.utc_ns;
-  out.T_nav_cam = T_nav_odom_ * input.T_odom_body * config_.T_body_cam;
+  out.T_odom_cam = input.T_odom_body * config_.T_body_cam;
+  out.T_nav_cam = T_nav_odom_ * out.T_odom_cam;
   ++counters_.pairs;
   if (!shaped(input.left, config_.rig.left) || !shaped(input.right, config_.rig.right)) {
     ++counters_.bad_images;
+    localise(input, last_range_, false, out);
     return out;
   }
   const stereo::SeedPlane plane = seedPlane(input);
   ranges_.fromPlane(plane.normal, plane.distance);
   correctPair(input);
+  ended("lighting");
 
   const stereo::StereoResult& result = stereo_.process(
       eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono),
       eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono), plane, input.max_features);
+  ended("stereo");
   learnLight(input, result);
+  ended("lighting learns");
   counters_.points += result.points.size();
   counters_.rejected.no_track += result.rejected.no_track;
   counters_.rejected.left_right += result.rejected.left_right;
@@ -125,15 +181,19 @@ MapOutput MapCore::process(const MapInput& input) {
   out.points = result.points.size();
   out.triangles = result.triangles.size();
   out.median_range = medianRange(result);
+  localise(input, out.median_range > 0 ? out.median_range : plane.distance, true, out);
+  map_.rebuild(
+      config_.rebuild_meshes, [this](int k, const SE3& T) { return poseOf(k, T); }, on_moved_);
+  ended("map rebuild");
   if (result.triangles.empty()) {
     ++counters_.pairs_without_points;
     return out;
   }
   last_range_ = out.median_range;
   Mesh mesh = stereo::toMesh(result, eightBitView(left_rgb_, config_.rig.left, PixelFormat::kRgb));
-  transform(mesh, out.T_nav_cam);
+  out.nodes_updated = map_.add(mesh, out.keyframe, out.T_odom_cam, out.T_nav_cam);
   measureFootprint(mesh, out);
-  out.nodes_updated = map_.fuse(mesh);
+  ended("map");
   return out;
 }
 

@@ -5,6 +5,8 @@
 #include <optional>
 #include <vector>
 
+#include "realtime/onboard/localisation/localisation_core.hpp"
+#include "realtime/onboard/map/moving_map.hpp"
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/geometry/image_view.hpp"
 #include "recon/geometry/se3.hpp"
@@ -25,6 +27,14 @@ struct MapCoreConfig {
   stereo::SparseStereoConfig stereo;
   lighting::LightingConfig lighting;
   fusion::QuadtreeConfig map;
+  int rebuild_meshes = 6;  // fused anew a pair, when keyframes have moved
+  LocalisationConfig localisation;
+};
+
+// Where MapCore keeps what it rarely reads; absent ones are done without.
+struct MapSlots {
+  SlotStore* features = nullptr;  // of keyframes: blocks of closure::slotBytes()
+  SlotStore* meshes = nullptr;    // of pairs: blocks of meshSlotBytes()
 };
 
 // One stereo pair with the odometry of its exposure.
@@ -32,16 +42,19 @@ struct MapInput {
   std::uint32_t pair_index = 0;
   std::int64_t utc_ns = 0;
   SE3 T_odom_body;
-  std::optional<double> altitude;  // of the DVL above the seafloor [m]
-  ImageView left, right;           // raw, as the cameras gave them
-  int max_features = 0;            // this frame's work quota; <= 0: as configured
+  nav::DeadReckoning::Quality quality;  // of the odometry up to here
+  std::optional<double> altitude;       // of the DVL above the seafloor [m]
+  ImageView left, right;                // raw, as the cameras gave them
+  int max_features = 0;                 // this frame's work quota; <= 0: as configured
 };
 
 // What one pair gave.
 struct MapOutput {
   std::uint32_t pair_index = 0;
   std::int64_t utc_ns = 0;
-  SE3 T_nav_cam;
+  SE3 T_odom_cam;
+  int keyframe = -1;            // that the pair hangs on; -1: on T_nav_odom
+  SE3 T_nav_cam;                // as known when it came; MapCore::poseOf() gives the present one
   double median_range = 0;      // of the stereo points along z of the camera; 0 without points [m]
   double footprint_radius = 0;  // of the local mesh about its centre, in plan [m]
   Eigen::Vector2d min_north_east = Eigen::Vector2d::Zero();  // of the local mesh [m]
@@ -49,22 +62,36 @@ struct MapOutput {
   std::size_t points = 0, triangles = 0, nodes_updated = 0;
 };
 
-// Soft real-time core without threads, files or clocks: lighting, stereo and fusion of each pair into the
-// onboard map. Owns the position fixes and T_nav_odom: the shift is held fixed from the first mapped pair on,
-// so that the map never tears; before, and without any fix, nav and odom coincide and anchored() is false.
+// Soft real-time core without threads, files or clocks: lighting, stereo, localisation and fusion of each
+// pair into the onboard map. Owns the position fixes, every keyframe's pose and T_nav_odom. Until the first
+// keyframe, and without localisation for good, T_nav_odom is the shift of the fixes that came before the
+// first mapped pair; without any fix nav and odom coincide and anchored() is false.
 class MapCore {
  public:
-  explicit MapCore(const MapCoreConfig& config);
+  explicit MapCore(const MapCoreConfig& config, const MapSlots& slots = {});
 
-  // A fix as nav::PositionAnchor takes it: `difference` is nav - odom of the antenna or transponder [m].
-  void addFix(nav::FixKind kind, const Eigen::Vector2d& difference, double sigma) noexcept;
+  // A fix of an antenna or transponder that odometry has at `antenna_in_odom` at the fix's own time.
+  void addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom,
+              const Eigen::Vector2d& north_east, double sigma);
   MapOutput process(const MapInput& input);
+  // The survey is over: localisation works off what waits and the map is fused anew at the final poses.
+  void finish();
+
+  // Of a pair, as known now.
+  [[nodiscard]] SE3 poseOf(const MapOutput& pair) const { return poseOf(pair.keyframe, pair.T_odom_cam); }
+  // Called where meshes in the map have moved, with the squares before and after.
+  void setMovedObserver(MovingMap::OnMoved observer) { on_moved_ = std::move(observer); }
+  // Called with the stage's name when it ends, for a caller that has a clock.
+  void setStageObserver(std::function<void(const char* stage)> observer);
 
   [[nodiscard]] const SE3& T_nav_odom() const { return T_nav_odom_; }
   [[nodiscard]] bool anchored() const { return anchored_; }
   [[nodiscard]] double anchorSigma() const { return anchor_sigma_; }  // of T_nav_odom, horizontal [m]
   [[nodiscard]] const nav::PositionAnchor& anchor() const { return anchor_; }
-  [[nodiscard]] const fusion::QuadtreeMap& map() const { return map_; }
+  [[nodiscard]] const fusion::QuadtreeMap& map() const { return map_.map(); }
+  [[nodiscard]] const MovingMap& movingMap() const { return map_; }
+  // Null when it is switched off.
+  [[nodiscard]] const LocalisationCore* localisation() const { return localisation_.get(); }
 
   struct Counters {
     std::uint64_t pairs = 0, pairs_without_points = 0, bad_images = 0, points = 0;
@@ -76,6 +103,11 @@ class MapCore {
 
  private:
   [[nodiscard]] stereo::SeedPlane seedPlane(const MapInput& input) const;
+  [[nodiscard]] SE3 poseOf(int keyframe, const SE3& T_odom_cam) const;
+  void localise(const MapInput& input, double range, bool images, MapOutput& out);
+  void ended(const char* stage) const {
+    if (observer_) observer_(stage);
+  }
   // Corrects a pair for stereo.
   void correctPair(const MapInput& input);
   // Bends the ranges to stereo's points, learns the pair by them and corrects the left image's colours anew.
@@ -85,10 +117,14 @@ class MapCore {
   lighting::LightingModel left_light_, right_light_;
   lighting::RigRanges ranges_;
   stereo::SparseStereo stereo_;
-  fusion::QuadtreeMap map_;
+  MovingMap map_;
+  std::unique_ptr<LocalisationCore> localisation_;
+  MovingMap::OnMoved on_moved_;
+  std::function<void(const char* stage)> observer_;
+  std::int64_t last_gps_ns_ = 0;
   nav::PositionAnchor anchor_;
   SE3 T_nav_odom_;
-  bool frame_fixed_ = false;
+  bool frame_fixed_ = false;  // pairs have been mapped
   bool anchored_ = false;
   double anchor_sigma_ = 0;  // of T_nav_odom, horizontal [m]
   double last_range_;        // seed where the DVL has no altitude [m]

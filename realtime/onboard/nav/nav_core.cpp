@@ -98,6 +98,7 @@ void NavCore::dispatch() noexcept {
       trigger.altitude = *altitude;
       trigger.altitude_valid = true;
     }
+    trigger.quality = odometry_.quality();
     ++counters_.triggers;
     if (triggers_.pushDroppingOldest(trigger)) ++counters_.triggers_dropped;
   }

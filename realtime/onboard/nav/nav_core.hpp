@@ -30,6 +30,7 @@ struct StereoTrigger {
   SE3 T_odom_body;      // at utc_ns; final
   double altitude = 0;  // of the DVL above the bottom [m], newest valid ensemble
   bool altitude_valid = false;
+  nav::DeadReckoning::Quality quality;  // of the track up to here
 };
 
 // State of navigation at a health tick. Ages are of the newest sample of a sensor; -1: none so far.

@@ -1,0 +1,89 @@
+#include "realtime/onboard/localisation/keyframe_features.hpp"
+
+#include <limits>
+
+namespace fathom::onboard {
+namespace {
+
+void reserve(closure::FrameFeatures& frame, std::size_t features) {
+  frame.features.reserve(features);
+  frame.descriptors.reserve(features * closure::descriptorBytes(closure::DescriptorKind::kRootSift));
+}
+
+}  // namespace
+
+KeyframeFeatures::KeyframeFeatures(SlotStore* slots, int max_keyframes, int max_features)
+    : slots_(slots),
+      block_(closure::slotBytes(closure::DescriptorKind::kRootSift, static_cast<std::size_t>(max_features))) {
+  entries_.reserve(static_cast<std::size_t>(max_keyframes));
+  for (Kept& k : newest_) reserve(k.features, static_cast<std::size_t>(max_features));
+  for (Kept& k : read_) reserve(k.features, static_cast<std::size_t>(max_features));
+}
+
+std::size_t KeyframeFeatures::memoryBytes() const {
+  const std::size_t frame = block_.size();
+  return entries_.capacity() * sizeof(Entry) + (newest_.size() + read_.size() + 1) * frame;
+}
+
+// A slot that is free, or that of the keyframe that is missed least. -1: none at all.
+std::int32_t KeyframeFeatures::freeSlot() {
+  if (slots_ == nullptr || slots_->slots() == 0 || slots_->slotBytes() < block_.size()) return -1;
+  if (used_ < slots_->slots()) return static_cast<std::int32_t>(used_++);
+  Entry *before = nullptr, *middle = nullptr, *least = nullptr;
+  float smallest = std::numeric_limits<float>::max();
+  for (Entry& e : entries_) {
+    if (e.slot < 0) continue;
+    if (before != nullptr) {
+      const float gap = (e.place - before->place).squaredNorm();
+      if (gap < smallest) {
+        smallest = gap;
+        least = middle;
+      }
+    }
+    before = middle;
+    middle = &e;
+  }
+  if (least == nullptr) least = middle;  // one or two slots: the newest gives way
+  ++counters_.retired;
+  const std::int32_t slot = least->slot;
+  least->slot = -1;
+  return slot;
+}
+
+void KeyframeFeatures::add(const closure::FrameFeatures& features, const Eigen::Vector3d& place) {
+  const auto keyframe = static_cast<int>(entries_.size());
+  entries_.push_back({-1, place.cast<float>()});
+  Kept& kept = newest_[entries_.size() % kNewest];
+  kept.keyframe = keyframe;
+  kept.features = features;
+  if (features.size() == 0 || !closure::writeSlot(features, block_)) return;
+  const std::int32_t slot = freeSlot();
+  if (slot < 0) return;
+  if (slots_->write(static_cast<std::size_t>(slot), block_)) {
+    entries_.back().slot = slot;
+    ++counters_.stored;
+  } else {
+    ++counters_.write_failures;
+  }
+}
+
+const closure::FrameFeatures* KeyframeFeatures::find(int keyframe) {
+  if (keyframe < 0 || keyframe >= static_cast<int>(entries_.size())) return nullptr;
+  for (const Kept& k : newest_)
+    if (k.keyframe == keyframe) return &k.features;
+  for (const Kept& k : read_)
+    if (k.keyframe == keyframe) return &k.features;
+  const Entry& e = entries_[static_cast<std::size_t>(keyframe)];
+  if (e.slot < 0) return nullptr;
+  Kept& into = read_[next_read_];
+  next_read_ = (next_read_ + 1) % read_.size();
+  into.keyframe = -1;
+  if (!slots_->read(static_cast<std::size_t>(e.slot), block_) || !closure::readSlot(block_, into.features)) {
+    ++counters_.read_failures;
+    return nullptr;
+  }
+  into.keyframe = keyframe;
+  return &into.features;
+}
+
+}  // namespace fathom::onboard

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "realtime/onboard/slots/slot_store.hpp"
+#include "recon/closure/feature_slot.hpp"
+
+namespace fathom::onboard {
+
+// The features of keyframes: the newest in memory, all in slots on disk. When the slots are full, the
+// keyframe gives way whose neighbours in time are nearest to each other: there the least ground is lost.
+class KeyframeFeatures {
+ public:
+  static constexpr std::size_t kNewest = 16;  // kept in memory
+
+  // `slots`: absent keeps the newest only. Its blocks hold slotBytes() of `max_features`.
+  KeyframeFeatures(SlotStore* slots, int max_keyframes, int max_features);
+
+  // Of the next keyframe, counting from 0; `place`: where it is, for the rule above [m].
+  void add(const closure::FrameFeatures& features, const Eigen::Vector3d& place);
+
+  // Null when there are none (given way, bad disk). Valid until add() or the third find() after.
+  [[nodiscard]] const closure::FrameFeatures* find(int keyframe);
+
+  struct Counters {
+    std::uint64_t stored = 0, retired = 0, write_failures = 0, read_failures = 0;
+  };
+  [[nodiscard]] const Counters& counters() const { return counters_; }
+  [[nodiscard]] std::size_t memoryBytes() const;
+
+ private:
+  struct Entry {
+    std::int32_t slot = -1;
+    Eigen::Vector3f place;
+  };
+  struct Kept {
+    int keyframe = -1;
+    closure::FrameFeatures features;
+  };
+  [[nodiscard]] std::int32_t freeSlot();
+
+  SlotStore* slots_;
+  std::vector<Entry> entries_;        // by keyframe
+  std::array<Kept, kNewest> newest_;  // keyframe modulo kNewest
+  std::array<Kept, 4> read_;          // from the disk, used in turn
+  std::size_t next_read_ = 0;
+  std::vector<std::uint8_t> block_;
+  std::size_t used_ = 0;
+  Counters counters_;
+};
+
+}  // namespace fathom::onboard

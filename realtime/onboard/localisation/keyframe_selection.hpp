@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "realtime/onboard/localisation/localisation_config.hpp"
+#include "recon/closure/candidates.hpp"
+
+namespace fathom::onboard {
+
+// Which stereo frames become keyframes: those that share less than a given part of their footprint with the
+// last one, turned, or come late. The share falls to a third of itself while the last quarter of the
+// keyframes is used up, so that a long mission thins its keyframes out before it runs out of them.
+class KeyframeSelection {
+ public:
+  explicit KeyframeSelection(const LocalisationConfig& config) : config_(config) {}
+
+  // Whether the frame at `T_odom_cam` becomes one; it then is the last. `seen`: its footprint in odom.
+  bool take(std::int64_t utc_ns, const SE3& T_odom_cam, const closure::Footprint& seen);
+
+  // Share of the footprint below which the next one is taken.
+  [[nodiscard]] double overlap() const;
+
+ private:
+  struct Last {
+    std::int64_t utc_ns = 0;
+    SE3 T_odom_cam;
+    closure::Footprint seen;
+  };
+  LocalisationConfig config_;
+  std::optional<Last> last_;
+  int taken_ = 0;
+};
+
+}  // namespace fathom::onboard

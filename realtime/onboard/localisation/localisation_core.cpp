@@ -1,0 +1,215 @@
+#include "realtime/onboard/localisation/localisation_core.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+
+namespace fathom::onboard {
+namespace {
+
+// Of dead reckoning between two keyframes, as a prior that visual odometry must agree with: at best, and
+// growing while a sensor is silent.
+constexpr double kStepSigma = 0.05, kStepAngle = 0.03;       // [m], [rad]
+constexpr double kUnlockedSpeed = 0.3, kUntiltedRate = 0.1;  // [m/s], [rad/s]
+constexpr double kJumpAngle = 0.3;                           // after a jump of the compass [rad]
+// Where that prior fails: the two frames still overlap, so that they cannot be farther apart than this.
+constexpr double kAnySigma = 1.0, kAnyAngle = 0.5;  // [m], [rad]
+// Between consecutive keyframes dead reckoning vouches for the pose, and a ledge may fill most of the shared
+// view. Against dead reckoning much more is asked for.
+constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
+// What is left of the rig's calibration makes all steps too long or too short by some tenths of a percent
+// (0.24 % on a rendered reef). As independent errors of every step they must be larger to say the same of a
+// survey line.
+constexpr double kScale = 0.01;  // [1]
+constexpr int kStrictInliers = 40;
+constexpr double kStrictShare = 0.2, kStrictSignificance = 40;
+constexpr double kNearest = 0.4, kFarthest = 2.5;  // of a feature, in ranges: relief of a reef and its edge
+constexpr int kLastSteps = 50;                     // of the graph, after the survey
+constexpr int kLastRounds = 20000;                 // registrations after the survey, at most
+
+closure::FeatureConfig featureConfig(const LocalisationConfig& config) {
+  closure::FeatureConfig features;
+  features.max_features = config.features;
+  return features;
+}
+
+closure::RegistrationConfig nearConfig() {
+  closure::RegistrationConfig config;
+  config.min_coverage = kStepCoverage;
+  config.min_inlier_share = kStepShare;
+  return config;
+}
+
+closure::RegistrationConfig farConfig() {
+  closure::RegistrationConfig config;
+  config.min_inliers = kStrictInliers;
+  config.min_inlier_share = kStrictShare;
+  config.min_significance = kStrictSignificance;
+  return config;
+}
+
+slam::NavigationConfig graphConfig(const LocalisationConfig& config) {
+  slam::NavigationConfig graph = config.graph;
+  graph.max_keyframes = config.max_keyframes;
+  return graph;
+}
+
+Matrix6d covarianceOf(double position, double angle) {
+  Vector6d variance;
+  variance << Eigen::Vector3d::Constant(position * position), Eigen::Vector3d::Constant(angle * angle);
+  return variance.asDiagonal();
+}
+
+}  // namespace
+
+LocalisationCore::LocalisationCore(const StereoRig& rig, const LocalisationConfig& config,
+                                   SlotStore* feature_slots)
+    : config_(config),
+      camera_(rig.left),
+      selection_(config),
+      extractor_(rig, featureConfig(config)),
+      near_(rig, nearConfig()),
+      far_(rig, farConfig()),
+      features_(feature_slots, config.max_keyframes, config.features),
+      graph_(graphConfig(config)),
+      search_(rig, config, graph_, features_) {}
+
+void LocalisationCore::setAnchor(const Eigen::Vector2d& shift, double sigma) {
+  graph_.setAnchor(shift, sigma);
+}
+
+void LocalisationCore::addFix(std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom,
+                              const Eigen::Vector2d& north_east, double sigma) {
+  if (fixes_.pushDroppingOldest({utc_ns, antenna_in_odom, north_east, sigma})) ++counters_.fixes_dropped;
+}
+
+int LocalisationCore::process(const LocalisationInput& input) {
+  ++counters_.frames;
+  const closure::Footprint seen = closure::footprintOf(input.T_odom_cam, input.range, camera_);
+  if (selection_.take(input.utc_ns, input.T_odom_cam, seen)) {
+    addKeyframe(input);
+  } else {
+    (void)graph_.step();
+    ended("graph");
+  }
+  return graph_.keyframes() - 1;
+}
+
+void LocalisationCore::addKeyframe(const LocalisationInput& input) {
+  const closure::DepthRange depths{kNearest * input.range, kFarthest * input.range};
+  const closure::FrameFeatures& found = extractor_.process(input.left, input.right, depths);
+  if (found.size() == 0) ++counters_.frames_without_features;
+  ended("features");
+
+  slam::KeyframeInput keyframe;
+  keyframe.utc_ns = input.utc_ns;
+  keyframe.T_odom_cam = input.T_odom_cam;
+  keyframe.unlocked_s = input.quality.unlocked_s - last_quality_.unlocked_s;
+  keyframe.untilted_s = input.quality.untilted_s - last_quality_.untilted_s;
+  keyframe.attitude_held = input.quality.attitude_held;
+  keyframe.depth_held = input.quality.depth_held;
+  keyframe.compass_jumped = input.quality.heading_leaps > last_quality_.heading_leaps;
+  const auto number = graph_.addKeyframe(keyframe);
+  if (!number) return;
+  last_quality_ = input.quality;
+  features_.add(found, input.T_odom_cam.translation());
+  search_.addKeyframe(input.range);
+  if (*number > 0) linkToLast(keyframe);
+  ended("visual odometry");
+  (void)graph_.step();
+  applyFixes(false);
+  ended("graph");
+  search_.propose(*number);
+  search_.proposeMoved();
+  ended("candidates");
+  search_.work(config_.closures_per_keyframe);
+  ended("closures");
+  const Eigen::Matrix3d R = graph_.pose(*number).matrix3();
+  const Eigen::Matrix3d spread = R * graph_.covariance(*number).topLeftCorner<3, 3>() * R.transpose();
+  position_sigma_ = std::sqrt(std::max({spread(0, 0), spread(1, 1), 0.0}));
+}
+
+// Visual odometry to the newest keyframe. Dead reckoning is the prior; where that finds nothing, it may be
+// wrong itself (a compass that jumps, a DVL that lies), and the images decide if they are clear enough.
+void LocalisationCore::linkToLast(const slam::KeyframeInput& input) {
+  const int b = graph_.keyframes() - 1, a = b - 1;
+  const closure::FrameFeatures *before = features_.find(a), *now = features_.find(b);
+  if (before == nullptr || now == nullptr) return;
+  const SE3 T_a_b = graph_.odometry(a).inverse() * graph_.odometry(b);
+  const double position = kStepSigma + kUnlockedSpeed * input.unlocked_s;
+  const double angle =
+      kStepAngle + kUntiltedRate * input.untilted_s + (input.compass_jumped ? kJumpAngle : 0.0);
+  const closure::Registration* found =
+      &near_.process(*before, *now, closure::RelativePrior{T_a_b, covarianceOf(position, angle)});
+  if (!found->accepted() && found->refusal != closure::Refusal::kNoFeatures) {
+    ++counters_.odometry_second_tries;
+    found = &far_.process(*before, *now, closure::RelativePrior{T_a_b, covarianceOf(kAnySigma, kAnyAngle)});
+    if (found->accepted()) ++counters_.odometry_surprises;
+  }
+  if (!found->accepted()) {
+    ++counters_.odometry_refused;
+    return;
+  }
+  ++counters_.odometry_found;
+  Matrix6d covariance = found->covariance;
+  covariance.diagonal().head<3>().array() += kScale * kScale * found->T_a_b.translation().squaredNorm();
+  (void)graph_.addLink(slam::LinkKind::kOdometry, a, b, found->T_a_b, covariance);
+}
+
+// Fixes up to the newest keyframe's time; `all`: the later ones too.
+void LocalisationCore::applyFixes(bool all) {
+  const int newest = graph_.keyframes() - 1;
+  if (newest < 0) return;
+  for (std::size_t i = 0; i < fixes_.size();) {
+    const Fix fix = fixes_[i];
+    if (!all && fix.utc_ns > graph_.utcNs(newest)) {
+      ++i;
+      continue;
+    }
+    fixes_.erase(i);
+    (void)graph_.addFix(nearestKeyframe(fix.utc_ns), fix.antenna, fix.north_east, fix.sigma);
+  }
+}
+
+int LocalisationCore::nearestKeyframe(std::int64_t utc_ns) const {
+  int low = 0, high = graph_.keyframes();  // the first at or after the time
+  while (low < high) {
+    const int middle = (low + high) / 2;
+    if (graph_.utcNs(middle) < utc_ns)
+      low = middle + 1;
+    else
+      high = middle;
+  }
+  if (low == graph_.keyframes()) return low - 1;
+  if (low > 0 && utc_ns - graph_.utcNs(low - 1) < graph_.utcNs(low) - utc_ns) return low - 1;
+  return low;
+}
+
+void LocalisationCore::finish() {
+  applyFixes(true);
+  const auto settle = [&] {
+    for (int i = 0; i < kLastSteps; ++i) {
+      const slam::StepReport report = graph_.step();
+      if (report.poses_moved == 0 && !report.waits_for_factor && report.measurements_waiting == 0) return;
+    }
+  };
+  settle();
+  for (int round = 0; round < kLastRounds && search_.counters().waiting > 0; ++round) {
+    search_.work(config_.closures_per_keyframe);
+    (void)graph_.step();
+  }
+  settle();
+}
+
+LocalisationCore::Counters LocalisationCore::counters() const {
+  Counters out = counters_;
+  out.fixes_waiting = fixes_.size();
+  out.changes_waiting = graph_.changesWaiting();
+  return out;
+}
+
+std::size_t LocalisationCore::memoryBytes() const {
+  return graph_.memoryBytes() + features_.memoryBytes() + search_.memoryBytes();
+}
+
+}  // namespace fathom::onboard

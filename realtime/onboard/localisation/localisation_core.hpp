@@ -1,0 +1,108 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "realtime/kernel/fixed_queue.hpp"
+#include "realtime/onboard/localisation/closure_search.hpp"
+#include "realtime/onboard/localisation/keyframe_features.hpp"
+#include "realtime/onboard/localisation/keyframe_selection.hpp"
+#include "realtime/onboard/localisation/localisation_config.hpp"
+#include "recon/closure/feature_extractor.hpp"
+#include "recon/nav/dead_reckoning.hpp"
+
+namespace fathom::onboard {
+
+// One stereo frame as localisation sees it.
+struct LocalisationInput {
+  std::int64_t utc_ns = 0;
+  SE3 T_odom_cam;
+  nav::DeadReckoning::Quality quality;  // of dead reckoning up to here
+  double range = 2;                     // to the seafloor along the camera's axis [m]
+  ImageView left, right;                // 8-bit mono, lighting corrected; empty: none
+};
+
+// Simultaneous localisation and mapping on board, without threads, files or clocks: chooses keyframes, links
+// each to the one before by visual odometry and to older ones by loop closures, gives them to the navigation
+// graph with dead reckoning and position fixes, and says where every keyframe is. Work is bounded a frame.
+class LocalisationCore {
+ public:
+  // `feature_slots`: may be null; closures then reach the newest keyframes only.
+  LocalisationCore(const StereoRig& rig, const LocalisationConfig& config, SlotStore* feature_slots);
+  LocalisationCore(const LocalisationCore&) = delete;
+  LocalisationCore& operator=(const LocalisationCore&) = delete;
+
+  // Where odom's origin is as long as there is no keyframe (nav - odom).
+  void setAnchor(const Eigen::Vector2d& shift, double sigma);
+  // A fix of an antenna at `antenna_in_odom` at its own time. It waits for the keyframe after it.
+  void addFix(std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& north_east,
+              double sigma);
+
+  // The keyframe that the frame hangs on: itself or the one before. -1: none yet.
+  int process(const LocalisationInput& input);
+  // The survey is over: what waits is worked off, in bounded time.
+  void finish();
+
+  [[nodiscard]] int keyframes() const { return graph_.keyframes(); }
+  // Of a camera that hangs on a keyframe by odometry.
+  [[nodiscard]] SE3 poseOf(int keyframe, const SE3& T_odom_cam) const {
+    return graph_.pose(keyframe) * (graph_.odometry(keyframe).inverse() * T_odom_cam);
+  }
+  [[nodiscard]] const SE3& keyframePose(int keyframe) const { return graph_.pose(keyframe); }
+  [[nodiscard]] SE3 T_nav_odom() const { return graph_.T_nav_odom(); }
+  // Of the newest keyframe, horizontal, the larger axis [m].
+  [[nodiscard]] double positionSigma() const { return position_sigma_; }
+  // Whether keyframes have moved since the last call of takeChanges().
+  [[nodiscard]] bool moved() const { return graph_.changesWaiting() > 0; }
+  void takeChanges() { graph_.takeAllChanges(); }
+
+  struct Counters {
+    std::uint64_t frames = 0, frames_without_features = 0;
+    std::uint64_t odometry_found = 0, odometry_refused = 0, odometry_second_tries = 0, odometry_surprises = 0;
+    std::uint64_t fixes_dropped = 0;  // for want of room
+    std::size_t fixes_waiting = 0, changes_waiting = 0;
+  };
+  [[nodiscard]] Counters counters() const;
+  [[nodiscard]] const slam::NavigationGraph& graph() const { return graph_; }
+  [[nodiscard]] const ClosureSearch& closures() const { return search_; }
+  [[nodiscard]] const KeyframeFeatures& features() const { return features_; }
+  [[nodiscard]] std::size_t memoryBytes() const;
+
+  // Called with the stage's name when it ends: "features", "visual odometry", "graph", "candidates",
+  // "closures". For a caller that has a clock.
+  void setStageObserver(std::function<void(const char* stage)> observer) { observer_ = std::move(observer); }
+
+ private:
+  struct Fix {
+    std::int64_t utc_ns = 0;
+    Eigen::Vector3d antenna = Eigen::Vector3d::Zero();
+    Eigen::Vector2d north_east = Eigen::Vector2d::Zero();
+    double sigma = 1;
+  };
+  void ended(const char* stage) const {
+    if (observer_) observer_(stage);
+  }
+  void addKeyframe(const LocalisationInput& input);
+  void linkToLast(const slam::KeyframeInput& input);
+  void applyFixes(bool all);
+  [[nodiscard]] int nearestKeyframe(std::int64_t utc_ns) const;
+
+  static constexpr std::size_t kFixes = 64;
+  LocalisationConfig config_;
+  Camera camera_;
+  KeyframeSelection selection_;
+  closure::FeatureExtractor extractor_;
+  closure::Registrar near_, far_;  // for visual odometry: with dead reckoning as prior, and against it
+  KeyframeFeatures features_;
+  slam::NavigationGraph graph_;
+  ClosureSearch search_;
+  rt::FixedQueue<Fix, kFixes> fixes_;
+  nav::DeadReckoning::Quality last_quality_;  // at the last keyframe
+  double position_sigma_ = 0;
+  Counters counters_;
+  std::function<void(const char* stage)> observer_;
+};
+
+}  // namespace fathom::onboard
