@@ -22,7 +22,7 @@ struct SensorNoise {
   double deviation_drift = 7e-4;         // its random walk [rad/s^(1/2)]
   double deviation_turn = 0.017;  // its change with the heading: amplitude of 1.2 degrees [rad/rad^(1/2)]
   double tilt_bias = 0.003;       // of roll and pitch at first [rad]
-  double tilt_turn = 0.003;      // its change with the heading: the bias is the body's [rad/rad^(1/2)]
+  double tilt_turn = 0.003;       // its change with the heading: the bias is the body's [rad/rad^(1/2)]
   double unknown_turn = 0.1;      // rate of turn while attitude is away [rad/s]
   // Depth.
   double depth = 0.003;       // of one reading [m]

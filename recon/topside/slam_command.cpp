@@ -87,7 +87,7 @@ int runSlam(const Options& options) {
   write(out.path() / "slam.html", pageOf(slam, navigation, mission.T_body_cam, list.features_only));
   out.commit();
   std::size_t kept = 0;
-  for (const CameraLink& link : slam.closures) kept += link.kept ? 1 : 0;
+  for (const slam::NavigationLink& link : slam.closures) kept += link.kept ? 1 : 0;
   std::printf(
       "%zu poses, %zu odometry links, %zu closures of %zu tried (%zu taken out again); moved %.3f m rms\n",
       posed.size(), slam.odometry.size(), kept, slam.tried, slam.closures.size() - kept, slam.moved_rms);

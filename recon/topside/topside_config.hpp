@@ -5,6 +5,7 @@
 
 #include "recon/fusion/volumetric_fusion.hpp"
 #include "recon/lighting/lighting_model.hpp"
+#include "recon/slam/navigation_graph.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 
@@ -20,9 +21,10 @@ struct TopsideConfig {
   stereo::DenseStereoConfig dense;
   int min_points = 20;  // a pair with fewer stereo points is left out
 
-  bool slam = true;         // loop closures and visual odometry; false: dead reckoning
-  int slam_features = 400;  // of a pair, for these
-  int slam_candidates = 6;  // closures tried, for each pair at the mean
+  bool slam = true;                   // loop closures and visual odometry; false: dead reckoning
+  int slam_features = 400;            // of a pair, for these
+  int slam_candidates = 6;            // closures tried, for each pair at the mean
+  slam::NavigationConfig navigation;  // what the navigation sensors are worth
 
   fusion::VolumetricConfig fusion;
   double min_component = 0.05;  // smaller pieces of the final mesh that touch nothing are dropped [m^2]

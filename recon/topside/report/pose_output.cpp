@@ -50,12 +50,12 @@ void writePoses(const std::filesystem::path& folder, const Geodetic& origin,
 }
 
 void writeClosures(const std::filesystem::path& path, const std::vector<ImagePair>& pairs,
-                   const std::vector<CameraLink>& closures) {
+                   const std::vector<slam::NavigationLink>& closures) {
   AtomicFile file(path);
   file.stream()
       << "left_a,left_b,x_m,y_m,z_m,qw,qx,qy,qz,sigma_position_m,sigma_rotation_rad,inliers,chi2,kept\n";
   std::array<char, 400> line{};
-  for (const CameraLink& c : closures) {
+  for (const slam::NavigationLink& c : closures) {
     const Eigen::Vector3d& t = c.T_a_b.translation();
     const Eigen::Quaterniond& q = c.T_a_b.rotation();
     std::snprintf(line.data(), line.size(), "%s,%s,%.5f,%.5f,%.5f,%.8f,%.8f,%.8f,%.8f,%.5f,%.6f,%d,%.3f,%d\n",
@@ -68,10 +68,10 @@ void writeClosures(const std::filesystem::path& path, const std::vector<ImagePai
   file.commit();
 }
 
-std::vector<double> closureErrors(const std::vector<CameraLink>& closures,
+std::vector<double> closureErrors(const std::vector<slam::NavigationLink>& closures,
                                   const std::vector<NavigatedPose>& poses, const SE3& T_body_cam) {
   std::vector<double> errors;
-  for (const CameraLink& c : closures) {
+  for (const slam::NavigationLink& c : closures) {
     const auto &a = poses[c.a].T_nav_body, &b = poses[c.b].T_nav_body;
     if (!c.kept || !a || !b) continue;
     const SE3 between = (*a * T_body_cam).inverse() * (*b * T_body_cam);
@@ -105,7 +105,7 @@ std::string tracksSvg(const std::vector<NavigatedPose>& reckoned, const SlamResu
   axes.title = "tracks from above";
   SvgPlot plot(axes);
   plot.line(before, "#9aa5b1", 1.2, true);
-  for (const CameraLink& c : slam.closures) {
+  for (const slam::NavigationLink& c : slam.closures) {
     const auto &a = slam.poses[c.a].T_nav_body, &b = slam.poses[c.b].T_nav_body;
     if (!a || !b) continue;
     plot.segment({a->translation().y(), a->translation().x()}, {b->translation().y(), b->translation().x()},

@@ -17,11 +17,11 @@ void writePoses(const std::filesystem::path& folder, const Geodetic& origin,
 // closures.csv: which pairs, their relative pose (deviations of its right perturbation), and whether it was
 // kept.
 void writeClosures(const std::filesystem::path& path, const std::vector<ImagePair>& pairs,
-                   const std::vector<CameraLink>& closures);
+                   const std::vector<slam::NavigationLink>& closures);
 
 // How far closures disagree with poses: distance between where a closure has the second camera, seen from the
 // first, and where the poses have it [m]; one number a kept closure.
-[[nodiscard]] std::vector<double> closureErrors(const std::vector<CameraLink>& closures,
+[[nodiscard]] std::vector<double> closureErrors(const std::vector<slam::NavigationLink>& closures,
                                                 const std::vector<NavigatedPose>& poses,
                                                 const SE3& T_body_cam);
 

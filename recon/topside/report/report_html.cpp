@@ -38,7 +38,7 @@ std::string row(const std::string& name, Integer value) {
 std::string localisationRows(const SlamResult* slam) {
   if (slam == nullptr) return row("poses", std::string("dead reckoning"));
   std::size_t removed = 0;
-  for (const CameraLink& link : slam->closures) removed += link.kept ? 0 : 1;
+  for (const slam::NavigationLink& link : slam->closures) removed += link.kept ? 0 : 1;
   return row("visual odometry links", slam->odometry.size()) + row("closures tried", slam->tried) +
          row("closures", slam->closures.size() - removed) + row("closures taken out again", removed) +
          row("moved from dead reckoning", fixedDigits(slam->moved_rms, 3) + " m rms");

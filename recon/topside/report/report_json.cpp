@@ -95,8 +95,8 @@ Json navigationJson(const Navigation& n) {
 }
 
 Json localisationJson(const SlamResult& s) {
-  const auto removed = [](const std::vector<CameraLink>& links) {
-    return std::count_if(links.begin(), links.end(), [](const CameraLink& l) { return !l.kept; });
+  const auto removed = [](const std::vector<slam::NavigationLink>& links) {
+    return std::count_if(links.begin(), links.end(), [](const slam::NavigationLink& l) { return !l.kept; });
   };
   Json refused = Json::object(), stages = Json::object();
   for (std::size_t k = 1; k < s.refused.size(); ++k)

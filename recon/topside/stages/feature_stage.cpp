@@ -101,7 +101,8 @@ Frames extractFeatures(const io::MissionPaths& paths, const io::MissionConfig& m
   Frames frames;
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     const auto& pose = navigation.poses[k].T_nav_body;
-    if (!pose || features[k].size() == 0) continue;
+    if (!pose) continue;
+    frames.with_features += features[k].size() > 0 ? 1U : 0U;
     frames.pair.push_back(static_cast<std::uint32_t>(k));
     frames.features.push_back(std::move(features[k]));
     const SE3 T_nav_cam = *pose * mission.T_body_cam;

@@ -28,8 +28,9 @@ class SharedProgress {
   Progress progress_;
 };
 
-// The pairs that have a pose and features, by time.
+// The pairs that have a pose, by time; of some that cannot be read or show nothing, features are empty.
 struct Frames {
+  std::size_t with_features = 0;
   std::vector<std::uint32_t> pair;  // index of the mission's pair
   std::vector<closure::FrameFeatures> features;
   std::vector<SE3> reckoned;     // T_nav_cam

@@ -15,6 +15,8 @@ namespace {
 constexpr std::int64_t kSecond = 1'000'000'000;
 // Fixes that state no error of their own [m].
 constexpr double kDefaultFixSigma = 5.0;
+constexpr double kSilence_s = 1.0;      // of a sensor: up to there dead reckoning bridges as if it had spoken
+constexpr double kDescentDrift = 0.05;  // of a vehicle without bottom track [m/s]
 
 std::int64_t shifted(std::int64_t utc_ns, double offset_s) {
   return utc_ns + std::llround(offset_s * 1e9);
@@ -37,6 +39,38 @@ class Reader {
  private:
   std::vector<NavigatedPose>& wanted_;
   std::size_t next_ = 0;
+};
+
+// Times at which a sensor spoke, in their order.
+class Heard {
+ public:
+  void add(std::int64_t utc_ns) {
+    if (times_.empty() || utc_ns > times_.back()) times_.push_back(utc_ns);
+  }
+  // Seconds between two times that lie in silences longer than kSilence_s.
+  [[nodiscard]] double silent(std::int64_t from, std::int64_t to) const {
+    double sum = 0;
+    auto next = std::lower_bound(times_.begin(), times_.end(), from);
+    std::int64_t before = next == times_.begin() ? from : *(next - 1);
+    for (; before < to; before = *next++) {
+      const std::int64_t after = next == times_.end() ? to : *next;
+      if (after - before > std::llround(kSilence_s * 1e9))
+        sum += static_cast<double>(std::min(after, to) - std::max(before, from)) * 1e-9;
+      if (next == times_.end()) break;
+    }
+    return sum;
+  }
+  [[nodiscard]] bool any(std::int64_t from, std::int64_t to) const {
+    const auto next = std::upper_bound(times_.begin(), times_.end(), from);
+    return next != times_.end() && *next <= to;
+  }
+  [[nodiscard]] bool silentAt(std::int64_t utc_ns) const {
+    const auto half = std::llround(kSilence_s * 1e9);
+    return !any(utc_ns - half, utc_ns + half);
+  }
+
+ private:
+  std::vector<std::int64_t> times_;
 };
 
 struct Fix {
@@ -137,17 +171,23 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
   Reader readers[] = {Reader(out.poses), Reader(out.track), Reader(at_gps), Reader(at_usbl)};
   std::optional<SE3> first;
   std::int64_t first_utc_ns = 0;
+  Heard bottom, attitudes, depths, leaps;
   io::SensorLogReader log(paths.root);
   while (auto entry = log.next()) {
     if (auto* dvl = std::get_if<DvlSample>(&entry->sample)) {
       dvl->utc_ns = shifted(dvl->utc_ns, mission.time_offsets.dvl);
       track.add(*dvl);
+      if (dvl->velocity) bottom.add(dvl->utc_ns);
     } else if (auto* attitude = std::get_if<AttitudeSample>(&entry->sample)) {
       attitude->utc_ns = shifted(attitude->utc_ns, mission.time_offsets.compass);
+      const std::uint64_t before = track.headingLeaps();
       track.add(*attitude);
+      attitudes.add(attitude->utc_ns);
+      if (track.headingLeaps() != before) leaps.add(attitude->utc_ns);
     } else if (auto* depth = std::get_if<DepthSample>(&entry->sample)) {
       depth->utc_ns = shifted(depth->utc_ns, mission.time_offsets.depth);
       track.add(*depth);
+      depths.add(depth->utc_ns);
     } else if (const auto* water = std::get_if<WaterSample>(&entry->sample)) {
       track.add(*water);
     }
@@ -166,13 +206,30 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
         paths.root.string(), "sensor log",
         "no navigation: attitude, depth and bottom-track velocity are all needed; check the recording");
 
+  for (std::size_t k = 0; k < out.poses.size(); ++k) {
+    NavigatedPose& pose = out.poses[k];
+    const std::int64_t before = k == 0 ? pose.utc_ns : out.poses[k - 1].utc_ns;
+    pose.unlocked_s = bottom.silent(before, pose.utc_ns);
+    pose.untilted_s = attitudes.silent(before, pose.utc_ns);
+    pose.attitude_held = attitudes.silentAt(pose.utc_ns);
+    pose.depth_held = depths.silentAt(pose.utc_ns);
+    pose.compass_leapt = leaps.any(before, pose.utc_ns);
+  }
+
   nav::PositionAnchor anchor;
   addFixes(anchor, nav::FixKind::kGps, fixes.gps, at_gps, *first, first_utc_ns, Eigen::Vector3d::Zero(),
            out.fixes);
+  const auto by_gps = anchor.estimate();
   addFixes(anchor, nav::FixKind::kUsbl, fixes.usbl, at_usbl, *first, first_utc_ns,
            mission.T_body_usbl.translation(), out.fixes);
   out.anchor = anchorOf(anchor);
   const SE3 T_nav_odom(Eigen::Quaterniond::Identity(), {out.anchor.north, out.anchor.east, 0});
+  if (by_gps) {
+    const double gap =
+        static_cast<double>(std::max<std::int64_t>(first_utc_ns - fixes.gps.back().utc_ns, 0)) * 1e-9;
+    out.gps_shift = by_gps->shift - Eigen::Vector2d(out.anchor.north, out.anchor.east);
+    out.gps_sigma = std::hypot(by_gps->sigma, kDescentDrift * gap);
+  }
   for (FixSeen& fix : out.fixes) fix.receiver = T_nav_odom * fix.receiver;
   for (auto* poses : {&out.poses, &out.track})
     for (NavigatedPose& pose : *poses)

@@ -25,6 +25,10 @@ struct NavigatedPose {
   std::int64_t utc_ns = 0;
   std::optional<SE3> T_nav_body;   // none: outside the recorded navigation
   std::optional<double> altitude;  // of the DVL, vertical [m]
+  // What dead reckoning went through since the pose before, and whether its sensors spoke at this time.
+  double unlocked_s = 0, untilted_s = 0;  // without bottom track, without attitude [s]
+  bool attitude_held = false, depth_held = false;
+  bool compass_leapt = false;
 };
 
 // A position fix and where dead reckoning, anchored, has the receiver.
@@ -41,6 +45,10 @@ struct Navigation {
   std::vector<NavigatedPose> track;  // whole dive, one a second
   Anchor anchor;
   std::vector<FixSeen> fixes;  // that the anchor rests on
+  // Shift to nav by GPS alone, against the anchored poses, and its standard deviation with what the vehicle
+  // may have drifted between the last fix and bottom track; none without GPS [m].
+  std::optional<Eigen::Vector2d> gps_shift;
+  double gps_sigma = 0;
   nav::DeadReckoning::Counters counters;
   std::uint64_t skipped_entries = 0, damaged_entries = 0;  // of the log
 };

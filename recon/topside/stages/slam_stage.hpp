@@ -7,30 +7,40 @@
 #include "firmware_if/mission.hpp"
 #include "recon/closure/registration.hpp"
 #include "recon/geometry/stereo_rig.hpp"
+#include "recon/slam/navigation_batch.hpp"
 #include "recon/topside/stages/image_pairs.hpp"
 #include "recon/topside/stages/lighting_stage.hpp"
 #include "recon/topside/stages/navigation.hpp"
-#include "recon/topside/stages/pose_network.hpp"
 #include "recon/topside/topside_config.hpp"
 
 namespace fathom::topside {
 
 // What simultaneous localisation and mapping made of a mission.
 struct SlamResult {
-  std::vector<NavigatedPose> poses;  // as navigation gave them, where they could be: improved
-  std::vector<CameraLink> odometry;  // between consecutive pairs
-  std::vector<CameraLink> closures;  // others, by pair
-  std::size_t frames = 0;            // pairs with features
-  std::size_t tried = 0;             // candidates for closures
+  std::vector<NavigatedPose> poses;            // as navigation gave them, where they could be: improved
+  std::vector<slam::NavigationLink> odometry;  // between consecutive pairs
+  std::vector<slam::NavigationLink> closures;  // others, by pair
+  std::size_t frames = 0;                      // pairs with features
+  std::size_t tried = 0;                       // candidates for closures
   std::array<std::size_t, closure::kRefusals> refused{};  // of these, by cause
   std::vector<std::pair<std::string, double>> stage_seconds;
+  // Of the pairs in the network: T_nav_cam and the covariance of its right perturbation (rho, phi).
+  struct Uncertain {
+    std::uint32_t pair = 0;
+    SE3 T_nav_cam;
+    Matrix6d covariance;
+  };
+  std::vector<Uncertain> uncertain;
+  slam::NavigationGraph::Counters sensors;  // what was noticed of the sensors
+  double dvl_scale = 0, dvl_heading = 0;    // of the DVL against the camera, estimated [1], [rad]
+  std::size_t fixes_kept = 0, fixes_removed = 0;
   double moved_rms = 0;  // horizontal, of the poses against dead reckoning [m]
 };
 
 // Visual odometry between consecutive pairs, then loop closures: candidates by the probability that
 // footprints overlap, most valuable first, registered by features, in rounds: each round's poses say where
-// the next one looks. The shape that solveNetwork gives is then placed by the position fixes, as navigation
-// places dead reckoning. The result does not depend on the number of threads.
+// the next one looks. Poses: slam::solveNavigation, in which dead reckoning, attitude, depth and fixes have
+// their part. The result does not depend on the number of threads.
 [[nodiscard]] SlamResult localise(const io::MissionPaths& paths, const io::MissionConfig& mission,
                                   const StereoRig& rig, const TopsideConfig& config,
                                   const LightingModels& lighting, const PairList& list,

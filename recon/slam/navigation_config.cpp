@@ -1,0 +1,37 @@
+#include "recon/slam/navigation_config.hpp"
+
+#include <numbers>
+
+namespace fathom::slam {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;  // [rad]
+
+}  // namespace
+
+SensorNoise readSensorNoise(const ConfigTable& table, const SensorNoise& defaults) {
+  SensorNoise n = defaults;
+  const auto degrees = [&](const char* key, double fallback, double min, double max) {
+    return kDegree * table.number(key, fallback / kDegree, min, max);
+  };
+  n.dvl_velocity = table.number("dvl_velocity_mps", n.dvl_velocity, 1e-4, 1);
+  n.dvl_rate = table.number("dvl_rate_hz", n.dvl_rate, 0.1, 100);
+  n.dvl_scale = table.number("dvl_scale", n.dvl_scale, 1e-5, 0.2);
+  n.dvl_heading = degrees("dvl_heading_deg", n.dvl_heading, 0.001, 20);
+  n.unknown_velocity = table.number("unknown_velocity_mps", n.unknown_velocity, 0.01, 5);
+  n.heading = degrees("heading_deg", n.heading, 0.001, 20);
+  n.tilt = degrees("tilt_deg", n.tilt, 0.001, 10);
+  n.deviation = degrees("deviation_deg", n.deviation, 0.001, 45);
+  n.deviation_drift = degrees("deviation_drift_deg", n.deviation_drift, 0, 5);
+  n.deviation_turn = degrees("deviation_turn_deg", n.deviation_turn, 0, 45);
+  n.tilt_bias = degrees("tilt_bias_deg", n.tilt_bias, 0.001, 10);
+  n.tilt_turn = degrees("tilt_turn_deg", n.tilt_turn, 0, 10);
+  n.unknown_turn = degrees("unknown_turn_degps", n.unknown_turn, 0.1, 90);
+  n.depth = table.number("depth_m", n.depth, 1e-4, 10);
+  n.depth_offset = table.number("depth_offset_m", n.depth_offset, 0, 20);
+  n.depth_drift = table.number("depth_drift", n.depth_drift, 0, 1);
+  n.validate();
+  return n;
+}
+
+}  // namespace fathom::slam

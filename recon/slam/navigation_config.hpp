@@ -1,0 +1,13 @@
+#pragma once
+
+#include "realtime/kernel/config_table.hpp"
+#include "recon/slam/navigation_graph.hpp"
+
+namespace fathom::slam {
+
+// Reads the keys of a [sensors] table, the errors of the navigation sensors (README.md lists them with units
+// and ranges), over `defaults`. The same on board and topside. Throws InputError; keys that it does not know
+// are left for the caller's finish().
+[[nodiscard]] SensorNoise readSensorNoise(const ConfigTable& table, const SensorNoise& defaults);
+
+}  // namespace fathom::slam

@@ -1,0 +1,35 @@
+#include "recon/slam/navigation_config.hpp"
+
+#include <gtest/gtest.h>
+
+#include "realtime/kernel/input_error.hpp"
+
+namespace fathom::slam {
+namespace {
+
+SensorNoise read(const char* toml) {
+  const ConfigTable root = ConfigTable::parse(toml, "test.toml");
+  const SensorNoise noise = readSensorNoise(root.table("sensors"), {});
+  root.finish();
+  return noise;
+}
+
+TEST(NavigationConfig, AnAbsentTableGivesTheDefaults) {
+  EXPECT_EQ(read("").heading, SensorNoise{}.heading);
+  EXPECT_EQ(read("").depth_drift, SensorNoise{}.depth_drift);
+}
+
+TEST(NavigationConfig, AnglesAreDegreesInTheFileAndRadiansInside) {
+  const SensorNoise noise = read("[sensors]\nheading_deg = 2.0\ndvl_scale = 0.01\ndepth_drift = 0.002\n");
+  EXPECT_NEAR(noise.heading, 0.0349066, 1e-6);
+  EXPECT_EQ(noise.dvl_scale, 0.01);
+  EXPECT_EQ(noise.depth_drift, 0.002);
+}
+
+TEST(NavigationConfig, OutOfRangeAndUnknownKeysAreErrors) {
+  EXPECT_THROW(read("[sensors]\nheading_deg = 0\n"), InputError);
+  EXPECT_THROW(read("[sensors]\ngyro = 1\n"), InputError);
+}
+
+}  // namespace
+}  // namespace fathom::slam
