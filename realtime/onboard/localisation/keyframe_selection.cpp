@@ -11,15 +11,20 @@ constexpr double kThinnest = 1.0 / 3;   // of the configured share, with none le
 
 }  // namespace
 
-double KeyframeSelection::overlap() const {
+double KeyframeSelection::room() const {
   const double left = 1 - static_cast<double>(taken_) / config_.max_keyframes;
-  const double room = std::clamp(left / kThinningFrom, 0.0, 1.0);
-  return config_.keyframe_overlap * (kThinnest + (1 - kThinnest) * room);
+  return std::clamp(left / kThinningFrom, 0.0, 1.0);
 }
 
-bool KeyframeSelection::take(std::int64_t utc_ns, const SE3& T_odom_cam, const closure::Footprint& seen) {
+double KeyframeSelection::overlap() const {
+  return config_.keyframe_overlap * (kThinnest + (1 - kThinnest) * room());
+}
+
+bool KeyframeSelection::take(std::int64_t utc_ns, const SE3& T_odom_cam, const closure::Footprint& seen,
+                             bool trusted) {
   if (taken_ >= config_.max_keyframes) return false;
-  if (last_) {
+  const bool forced = !trusted && room() >= 1;
+  if (last_ && !forced) {
     const double apart = (seen.centre - last_->seen.centre).norm();
     const double reach = closure::separationOfOverlap(overlap()) * 0.5 * (seen.radius + last_->seen.radius);
     const double turn = T_odom_cam.rotation().angularDistance(last_->T_odom_cam.rotation());

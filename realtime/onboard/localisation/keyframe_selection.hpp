@@ -16,7 +16,9 @@ class KeyframeSelection {
   explicit KeyframeSelection(const LocalisationConfig& config) : config_(config) {}
 
   // Whether the frame at `T_odom_cam` becomes one; it then is the last. `seen`: its footprint in odom.
-  bool take(std::int64_t utc_ns, const SE3& T_odom_cam, const closure::Footprint& seen);
+  // `trusted`: odometry can tell how far the vehicle went; if not (no bottom track, a DVL that lies), every
+  // frame is taken while there is room, so that the images can tell.
+  bool take(std::int64_t utc_ns, const SE3& T_odom_cam, const closure::Footprint& seen, bool trusted = true);
 
   // Share of the footprint below which the next one is taken.
   [[nodiscard]] double overlap() const;
@@ -27,6 +29,7 @@ class KeyframeSelection {
     SE3 T_odom_cam;
     closure::Footprint seen;
   };
+  [[nodiscard]] double room() const;  // 1: plenty, 0: none
   LocalisationConfig config_;
   std::optional<Last> last_;
   int taken_ = 0;

@@ -86,7 +86,10 @@ void LocalisationCore::addFix(std::int64_t utc_ns, const Eigen::Vector3d& antenn
 int LocalisationCore::process(const LocalisationInput& input) {
   ++counters_.frames;
   const closure::Footprint seen = closure::footprintOf(input.T_odom_cam, input.range, camera_);
-  if (selection_.take(input.utc_ns, input.T_odom_cam, seen)) {
+  const bool trusted = !graph_.counters().dvl_lies && input.quality.unlocked_s <= last_unlocked_s_ &&
+                       input.quality.heading_leaps == last_quality_.heading_leaps;
+  last_unlocked_s_ = input.quality.unlocked_s;
+  if (selection_.take(input.utc_ns, input.T_odom_cam, seen, trusted)) {
     addKeyframe(input);
   } else {
     (void)graph_.step();
@@ -97,7 +100,8 @@ int LocalisationCore::process(const LocalisationInput& input) {
 
 void LocalisationCore::addKeyframe(const LocalisationInput& input) {
   const closure::DepthRange depths{kNearest * input.range, kFarthest * input.range};
-  const closure::FrameFeatures& found = extractor_.process(input.left, input.right, depths);
+  const closure::FrameFeatures& found =
+      input.features != nullptr ? *input.features : extractor_.process(input.left, input.right, depths);
   if (found.size() == 0) ++counters_.frames_without_features;
   ended("features");
 

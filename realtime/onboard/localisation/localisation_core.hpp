@@ -22,6 +22,7 @@ struct LocalisationInput {
   nav::DeadReckoning::Quality quality;  // of dead reckoning up to here
   double range = 2;                     // to the seafloor along the camera's axis [m]
   ImageView left, right;                // 8-bit mono, lighting corrected; empty: none
+  const closure::FrameFeatures* features = nullptr;  // found already, instead of images
 };
 
 // Simultaneous localisation and mapping on board, without threads, files or clocks: chooses keyframes, links
@@ -100,6 +101,7 @@ class LocalisationCore {
   ClosureSearch search_;
   rt::FixedQueue<Fix, kFixes> fixes_;
   nav::DeadReckoning::Quality last_quality_;  // at the last keyframe
+  double last_unlocked_s_ = 0;                // at the last frame
   double position_sigma_ = 0;
   Counters counters_;
   std::function<void(const char* stage)> observer_;

@@ -43,6 +43,7 @@ std::size_t MovingMap::memoryBytes() const {
 
 std::size_t MovingMap::add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, const SE3& T_nav_cam) {
   Entry entry;
+  ++counters_.meshes;
   if (second_) {
     const std::size_t bytes = writeMeshSlot(mesh, block_);
     entry.stored = entries_.size() < entries_.capacity() && bytes > 0 &&
@@ -73,12 +74,15 @@ bool MovingMap::noteMoved() {
   return true;
 }
 
+bool MovingMap::tooManyLost() {
+  counters_.given_up =
+      static_cast<double>(counters_.meshes_lost) > kMostLost * static_cast<double>(counters_.meshes);
+  return counters_.given_up;
+}
+
 void MovingMap::rebuild(int meshes, const PoseOf& pose_of, const OnMoved& on_moved) {
   if (!second_) return;
-  const auto lost = static_cast<double>(counters_.meshes_lost);
-  counters_.given_up = lost > kMostLost * (static_cast<double>(entries_.size()) + lost);
-  if (counters_.given_up) return;
-  if (!building_) return;
+  if (!building_ || tooManyLost()) return;
   for (; meshes > 0 && next_ < entries_.size(); ++next_) {
     Entry& e = entries_[next_];
     e.next = pose_of(e.keyframe, e.T_odom_cam);
@@ -94,7 +98,7 @@ void MovingMap::rebuild(int meshes, const PoseOf& pose_of, const OnMoved& on_mov
     (void)second_->fuse(mesh_);
     ++counters_.meshes_fused_again;
   }
-  if (next_ == entries_.size()) swap(on_moved);
+  if (next_ == entries_.size() && !tooManyLost()) swap(on_moved);
 }
 
 void MovingMap::swap(const OnMoved& on_moved) {

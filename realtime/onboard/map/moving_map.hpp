@@ -45,7 +45,7 @@ class MovingMap {
   [[nodiscard]] const fusion::QuadtreeMap& map() const { return *shown_; }
 
   struct Counters {
-    std::uint64_t rebuilds = 0, meshes_fused_again = 0, meshes_lost = 0;
+    std::uint64_t meshes = 0, rebuilds = 0, meshes_fused_again = 0, meshes_lost = 0;
     std::size_t waiting = 0;  // meshes that the second map still has to take in
     bool given_up = false;    // too many meshes were lost: the map stays as it is
   };
@@ -62,6 +62,7 @@ class MovingMap {
     bool stored = false;
   };
   void begin();
+  [[nodiscard]] bool tooManyLost();
   void swap(const OnMoved& on_moved);
 
   std::unique_ptr<fusion::QuadtreeMap> shown_, second_;

@@ -1,0 +1,131 @@
+#include <gtest/gtest.h>
+
+#include "realtime/onboard/localisation/keyframe_features.hpp"
+#include "realtime/onboard/localisation/keyframe_selection.hpp"
+#include "realtime/onboard/localisation/tried_pairs.hpp"
+#include "tests/onboard/made_dive.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+using testing::MemorySlots;
+
+constexpr std::int64_t kSecond = 1'000'000'000;
+
+LocalisationConfig configOf(int max_keyframes) {
+  LocalisationConfig config;
+  config.max_keyframes = max_keyframes;
+  return config;
+}
+
+bool takeAt(KeyframeSelection& selection, double north, std::int64_t utc_ns, double yaw = 0) {
+  const SE3 pose = SE3::fromEuler(0, 0, yaw, {north, 0, 10});
+  return selection.take(utc_ns, pose, {{north, 0}, 0.8});
+}
+
+TEST(KeyframeSelection, TakesTheFirstThenThoseThatShareTooLittleTurnedOrComeLate) {
+  KeyframeSelection selection(configOf(1000));
+  EXPECT_TRUE(takeAt(selection, 0, kSecond));
+  EXPECT_FALSE(takeAt(selection, 0.1, kSecond + 1));
+  // Discs of 0.8 m that share 70 % of their area are 0.48 of their radius apart.
+  EXPECT_FALSE(takeAt(selection, 0.37, kSecond + 2));
+  EXPECT_TRUE(takeAt(selection, 0.40, kSecond + 3));
+  EXPECT_FALSE(takeAt(selection, 0.40, kSecond + 4, 0.3));
+  EXPECT_TRUE(takeAt(selection, 0.40, kSecond + 5, 0.4));
+  EXPECT_FALSE(takeAt(selection, 0.40, 4 * kSecond, 0.4));
+  EXPECT_TRUE(takeAt(selection, 0.40, 6 * kSecond, 0.4));
+}
+
+TEST(KeyframeSelection, ThinsOutAsKeyframesRunOutAndNeverExceedsThem) {
+  LocalisationConfig config = configOf(100);
+  config.keyframe_s = 1e6;
+  KeyframeSelection selection(config);
+  EXPECT_DOUBLE_EQ(selection.overlap(), config.keyframe_overlap);
+  int taken = 0;
+  double first_gap = 0, last_gap = 0, last = 0;
+  for (int i = 0; i < 20000; ++i) {
+    const double north = 0.01 * i;
+    if (!takeAt(selection, north, kSecond + i)) continue;
+    ++taken;
+    if (taken == 2) first_gap = north - last;
+    last_gap = north - last;
+    last = north;
+  }
+  EXPECT_EQ(taken, 100);
+  EXPECT_GT(last_gap, 1.5 * first_gap);
+}
+
+closure::FrameFeatures featuresOf(int number) {
+  closure::FrameFeatures f;
+  closure::Feature feature{};
+  feature.left = {1, 2};
+  feature.right = {3, 4};
+  feature.point = {0.1F, 0.2F, 2.0F + 0.01F * static_cast<float>(number)};
+  feature.covariance = {1e-6F, 0, 0, 1e-6F, 0, 1e-5F};
+  feature.size = 5;
+  f.features.assign(20, feature);
+  f.descriptors.assign(20 * 128, static_cast<std::uint8_t>(number));
+  return f;
+}
+
+MemorySlots slotsFor(std::size_t slots) {
+  return {slots, closure::slotBytes(closure::DescriptorKind::kRootSift, 20)};
+}
+
+TEST(KeyframeFeatures, OldOnesComeBackFromTheirSlotsAsTheyWere) {
+  MemorySlots slots = slotsFor(100);
+  KeyframeFeatures store(&slots, 100, 20);
+  for (int k = 0; k < 60; ++k) store.add(featuresOf(k), {0.5 * k, 0, 0});
+  for (const int k : {0, 30, 59}) {
+    const auto* found = store.find(k);
+    ASSERT_NE(found, nullptr) << k;
+    EXPECT_EQ(found->descriptors, featuresOf(k).descriptors);
+    EXPECT_EQ(found->features[3].point, featuresOf(k).features[3].point);
+  }
+  EXPECT_EQ(store.find(60), nullptr);
+  EXPECT_EQ(store.find(-1), nullptr);
+  EXPECT_EQ(store.counters().retired, 0u);
+}
+
+TEST(KeyframeFeatures, FullOfSlotsTheKeyframeAmongTheClosestNeighboursGivesWay) {
+  MemorySlots slots = slotsFor(20);
+  KeyframeFeatures store(&slots, 100, 20);
+  for (int k = 0; k < 20; ++k) store.add(featuresOf(k), {k == 8 ? 7.6 : k == 9 ? 8.0 : 1.0 * k, 0, 0});
+  for (int k = 20; k < 21; ++k) store.add(featuresOf(k), {1.0 * k, 0, 0});
+  EXPECT_EQ(store.counters().retired, 1u);
+  for (int k = 21; k < 40; ++k) store.add(featuresOf(k), {1.0 * k, 0, 0});
+  // Number 8 lay between neighbours 1 m apart, the others 2 m.
+  EXPECT_EQ(store.find(8), nullptr);
+  EXPECT_EQ(store.counters().retired, 20u);
+  int left = 0;
+  for (int k = 0; k < 40; ++k) left += store.find(k) != nullptr;
+  EXPECT_GE(left, 20);
+}
+
+TEST(KeyframeFeatures, ABadDiskIsCountedAndTheNewestStayInMemory) {
+  MemorySlots slots = slotsFor(100);
+  KeyframeFeatures store(&slots, 100, 20);
+  for (int k = 0; k < 30; ++k) store.add(featuresOf(k), {0.5 * k, 0, 0});
+  slots.fails = true;
+  EXPECT_EQ(store.find(2), nullptr);
+  EXPECT_EQ(store.counters().read_failures, 1u);
+  store.add(featuresOf(30), {15, 0, 0});
+  EXPECT_EQ(store.counters().write_failures, 1u);
+  EXPECT_NE(store.find(30), nullptr);
+}
+
+TEST(TriedPairs, RemembersPairsAndForgetsAllRatherThanGrow) {
+  TriedPairs tried(100);
+  const std::size_t bytes = tried.memoryBytes();
+  EXPECT_TRUE(tried.insert(0, 0));
+  EXPECT_TRUE(tried.insert(3, 4));
+  EXPECT_FALSE(tried.insert(3, 4));
+  EXPECT_TRUE(tried.contains(3, 4));
+  EXPECT_FALSE(tried.contains(4, 3));
+  for (int k = 0; k < 1000; ++k) (void)tried.insert(k, k + 5);
+  EXPECT_EQ(tried.memoryBytes(), bytes);
+  EXPECT_TRUE(tried.contains(999, 1004));
+}
+
+}  // namespace
+}  // namespace fathom::onboard

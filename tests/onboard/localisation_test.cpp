@@ -1,0 +1,109 @@
+#include <gtest/gtest.h>
+
+#include "tests/onboard/made_dive.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+using testing::DiveFaults;
+using testing::localised;
+using testing::MadeDive;
+using testing::makeDive;
+using testing::MemorySlots;
+using testing::planError;
+using testing::smallLocalisation;
+
+MemorySlots featureSlots(std::size_t slots) {
+  return {slots, closure::slotBytes(closure::DescriptorKind::kRootSift,
+                                    static_cast<std::size_t>(smallLocalisation().features))};
+}
+
+std::vector<SE3> reckoned(const MadeDive& dive) {
+  std::vector<SE3> poses;
+  for (const MadeDive::Frame& f : dive.frames) poses.push_back(f.input.T_odom_cam);
+  return poses;
+}
+
+TEST(LocalisationCore, ClosuresTakeMostOfDeadReckoningsErrorOutOfADive) {
+  const MadeDive dive = makeDive();
+  MemorySlots slots = featureSlots(300);
+  LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+  const std::vector<SE3> poses = localised(core, dive);
+  const double before = planError(dive, reckoned(dive)).rms;
+  EXPECT_GT(before, 0.1);
+  EXPECT_LT(planError(dive, poses).rms, before / 10);
+  EXPECT_LT(planError(dive, poses).absolute, 0.4);
+  EXPECT_GT(core.graph().counters().closures, 1u);
+  EXPECT_EQ(core.closures().counters().waiting, 0u);
+  EXPECT_LT(core.keyframes(), static_cast<int>(dive.frames.size()));
+}
+
+TEST(LocalisationCore, TheSameDiveGivesTheSamePosesBitForBit) {
+  const MadeDive dive = makeDive();
+  std::vector<std::vector<SE3>> runs;
+  for (int run = 0; run < 2; ++run) {
+    MemorySlots slots = featureSlots(300);
+    LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+    runs.push_back(localised(core, dive));
+  }
+  for (std::size_t k = 0; k < runs[0].size(); ++k) {
+    EXPECT_EQ(runs[0][k].translation(), runs[1][k].translation());
+    EXPECT_EQ(runs[0][k].rotation().coeffs(), runs[1][k].rotation().coeffs());
+  }
+}
+
+TEST(LocalisationCore, SurvivesADvlThatDiesACompassThatJumpsAndWildFixes) {
+  DiveFaults faults;
+  faults.dvl_dead_from = 15;
+  faults.dvl_dead_to = 30;
+  faults.compass_jumps_at = 40;
+  faults.wild_share = 0.1;
+  const MadeDive dive = makeDive(faults);
+  MemorySlots slots = featureSlots(300);
+  LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+  const std::vector<SE3> poses = localised(core, dive);
+  EXPECT_GT(planError(dive, reckoned(dive)).rms, 1.0);
+  EXPECT_LT(planError(dive, poses).rms, 0.1);
+  EXPECT_LT(planError(dive, poses).absolute, 0.6);
+  EXPECT_GE(core.graph().counters().compass_jumps, 1u);
+  EXPECT_GT(core.graph().counters().dvl_absent, 5u);
+}
+
+TEST(LocalisationCore, ADvlThatLiesIsContradictedByTheImagesAndNoticed) {
+  DiveFaults faults;
+  faults.dvl_lies_from = 15;
+  faults.dvl_lies_to = 25;
+  const MadeDive dive = makeDive(faults);
+  MemorySlots slots = featureSlots(300);
+  LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+  const std::vector<SE3> poses = localised(core, dive);
+  EXPECT_GT(planError(dive, reckoned(dive)).rms, 0.5);
+  EXPECT_LT(planError(dive, poses).rms, 0.1);
+  EXPECT_GT(core.graph().counters().steps_contradicted, 5u);
+  EXPECT_GT(core.counters().odometry_surprises, 0u);
+}
+
+TEST(LocalisationCore, ABadDiskCostsClosuresOnly) {
+  const MadeDive dive = makeDive();
+  MemorySlots slots = featureSlots(300);
+  slots.fails = true;
+  LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+  const std::vector<SE3> poses = localised(core, dive);
+  EXPECT_EQ(core.features().counters().stored, 0u);
+  EXPECT_EQ(core.features().counters().write_failures, static_cast<std::uint64_t>(core.keyframes()));
+  EXPECT_LT(planError(dive, poses).rms, planError(dive, reckoned(dive)).rms);
+}
+
+TEST(LocalisationCore, WithoutRoomForKeyframesLaterFramesHangOnTheLast) {
+  const MadeDive dive = makeDive();
+  LocalisationConfig config = smallLocalisation();
+  config.max_keyframes = 12;
+  MemorySlots slots = featureSlots(12);
+  LocalisationCore core(dive.rig, config, &slots);
+  const std::vector<SE3> poses = localised(core, dive);
+  EXPECT_LE(core.keyframes(), 12);
+  for (const SE3& pose : poses) EXPECT_TRUE(pose.translation().allFinite());
+}
+
+}  // namespace
+}  // namespace fathom::onboard
