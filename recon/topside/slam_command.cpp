@@ -11,23 +11,25 @@
 #include "recon/closure/candidates.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/output_folder.hpp"
+#include "recon/topside/report/consistency.hpp"
 #include "recon/topside/report/html_text.hpp"
 #include "recon/topside/report/pose_output.hpp"
+#include "recon/topside/report/slam_json.hpp"
 #include "recon/topside/stages/seed_plane.hpp"
 #include "recon/topside/stages/slam_stage.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr std::array<std::string_view, 5> kOurs = {"stereo_pose_est.data", "vehicle_pose_est.data",
-                                                   "closures.csv", "slam.html", "tracks.svg"};
+constexpr std::array<std::string_view, 6> kOurs = {
+    "stereo_pose_est.data", "vehicle_pose_est.data", "closures.csv", "slam.html", "slam.json", "tracks.svg"};
 
 struct Options {
   std::filesystem::path mission, out, config;
 };
 
 std::string pageOf(const SlamResult& slam, const Navigation& navigation, const SE3& T_body_cam,
-                   bool features_only) {
+                   bool features_only, const Consistency& truth) {
   const std::vector<double> before = closureErrors(slam.closures, navigation.poses, T_body_cam);
   const std::vector<double> after = closureErrors(slam.closures, slam.poses, T_body_cam);
   std::string html = htmlHead("Localisation");
@@ -40,12 +42,32 @@ std::string pageOf(const SlamResult& slam, const Navigation& navigation, const S
   };
   row("pairs with features", slam.frames);
   row("visual odometry links", slam.odometry.size());
-  row("closures tried", slam.tried);
+  row("closures tried", slam.tried.size());
   row("closures accepted", slam.closures.size());
   row("closures kept", after.size());
   for (std::size_t k = 1; k < slam.refused.size(); ++k)
     row("refused: " + std::string(closure::nameOf(static_cast<closure::Refusal>(k))), slam.refused[k]);
-  html += "</table>\n<h2>Seconds</h2>\n<table>\n";
+  row("USBL fixes kept", slam.fixes_kept);
+  row("USBL fixes taken out", slam.fixes_removed);
+  row("steps where visual odometry contradicts dead reckoning", slam.sensors.steps_contradicted);
+  row("steps without bottom track", slam.sensors.dvl_absent);
+  row("leaps of the compass", slam.sensors.compass_jumps);
+  html += htmlRow("DVL scale against the cameras", fixedDigits(1 + slam.dvl_scale, 5));
+  html += "</table>\n";
+  if (!truth.moments.empty())
+    html +=
+        "<h2>Against the truth</h2>\n<p>Blue: error. Grey: two standard deviations as claimed. Red: 95 % of "
+        "chi-square with 6 degrees of freedom.</p>\n" +
+        consistencySvg(truth) + "<table>\n" +
+        htmlRow("mean squared error over covariance (6 expected), in nav",
+                fixedDigits(truth.mean_squared, 2)) +
+        htmlRow("from the first pair", fixedDigits(truth.mean_since_first, 2)) +
+        htmlRow("false closures", std::to_string(truth.false_closures)) +
+        htmlRow("pairs that overlap by more than 30 %: there, tried, accepted",
+                std::to_string(truth.overlapping) + ", " + std::to_string(truth.overlapping_tried) + ", " +
+                    std::to_string(truth.overlapping_accepted)) +
+        "</table>\n";
+  html += "<h2>Seconds</h2>\n<table>\n";
   for (const auto& [stage, seconds] : slam.stage_seconds) html += htmlRow(stage, fixedDigits(seconds, 2));
   return html + "</table>\n</body></html>\n";
 }
@@ -84,13 +106,18 @@ int runSlam(const Options& options) {
   writePoses(out.path(), mission.origin, posed);
   writeClosures(out.path() / "closures.csv", list.pairs, slam.closures);
   write(out.path() / "tracks.svg", tracksSvg(navigation.poses, slam));
-  write(out.path() / "slam.html", pageOf(slam, navigation, mission.T_body_cam, list.features_only));
+  const Consistency truth = compareWithTruth(options.mission, mission.T_body_cam, rig.left, slam);
+  write(out.path() / "slam.html", pageOf(slam, navigation, mission.T_body_cam, list.features_only, truth));
+  nlohmann::ordered_json json = slamJson(slam);
+  json["truth"] = truthJson(truth);
+  write(out.path() / "slam.json", json.dump(2) + "\n");
   out.commit();
   std::size_t kept = 0;
   for (const slam::NavigationLink& link : slam.closures) kept += link.kept ? 1 : 0;
   std::printf(
       "%zu poses, %zu odometry links, %zu closures of %zu tried (%zu taken out again); moved %.3f m rms\n",
-      posed.size(), slam.odometry.size(), kept, slam.tried, slam.closures.size() - kept, slam.moved_rms);
+      posed.size(), slam.odometry.size(), kept, slam.tried.size(), slam.closures.size() - kept,
+      slam.moved_rms);
   return kExitSuccess;
 }
 

@@ -39,7 +39,7 @@ std::string localisationRows(const SlamResult* slam) {
   if (slam == nullptr) return row("poses", std::string("dead reckoning"));
   std::size_t removed = 0;
   for (const slam::NavigationLink& link : slam->closures) removed += link.kept ? 0 : 1;
-  return row("visual odometry links", slam->odometry.size()) + row("closures tried", slam->tried) +
+  return row("visual odometry links", slam->odometry.size()) + row("closures tried", slam->tried.size()) +
          row("closures", slam->closures.size() - removed) + row("closures taken out again", removed) +
          row("moved from dead reckoning", fixedDigits(slam->moved_rms, 3) + " m rms");
 }

@@ -4,6 +4,7 @@
 
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/topside/report/report.hpp"
+#include "recon/topside/report/slam_json.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -94,28 +95,6 @@ Json navigationJson(const Navigation& n) {
           {"log_entries_damaged", n.damaged_entries}};
 }
 
-Json localisationJson(const SlamResult& s) {
-  const auto removed = [](const std::vector<slam::NavigationLink>& links) {
-    return std::count_if(links.begin(), links.end(), [](const slam::NavigationLink& l) { return !l.kept; });
-  };
-  Json refused = Json::object(), stages = Json::object();
-  for (std::size_t k = 1; k < s.refused.size(); ++k)
-    refused[std::string(closure::nameOf(static_cast<closure::Refusal>(k)))] = s.refused[k];
-  for (const auto& [name, seconds] : s.stage_seconds) {
-    if (!stages.contains(name)) stages[name] = 0.0;
-    stages[name] = stages[name].get<double>() + seconds;
-  }
-  return {{"frames", s.frames},
-          {"odometry_links", s.odometry.size()},
-          {"odometry_links_removed", removed(s.odometry)},
-          {"closures_tried", s.tried},
-          {"closures", s.closures.size()},
-          {"closures_removed", removed(s.closures)},
-          {"refused", refused},
-          {"moved_rms_m", s.moved_rms},
-          {"stage_s", stages}};
-}
-
 }  // namespace
 
 void writeReportJson(const std::filesystem::path& path, const RunRecord& r) {
@@ -155,7 +134,7 @@ void writeReportJson(const std::filesystem::path& path, const RunRecord& r) {
           {"outlier", counts.rejected.outlier},
           {"fish", counts.rejected.fish}}}}},
       {"navigation", navigationJson(*r.navigation)},
-      {"localisation", r.slam == nullptr ? Json() : localisationJson(*r.slam)},
+      {"localisation", r.slam == nullptr ? Json() : slamJson(*r.slam)},
       {"fusion",
        {{"triangles", r.fusion.triangles},
         {"triangles_skipped", r.fusion.skipped_triangles},

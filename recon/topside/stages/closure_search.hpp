@@ -37,7 +37,6 @@ class ClosureSearch {
   // Registers them all. Accepted ones as links.
   std::vector<slam::NavigationLink> attempt(std::vector<Attempt>& attempts);
 
-  [[nodiscard]] std::size_t tried() const { return tried_.size(); }
   [[nodiscard]] const std::array<std::size_t, closure::kRefusals>& refused() const { return refused_; }
 
  private:

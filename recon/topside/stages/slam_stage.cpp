@@ -94,12 +94,13 @@ SlamResult localise(const io::MissionPaths& paths, const io::MissionConfig& miss
     std::vector<Attempt> attempts = search.candidates(solved, drift, most);
     lap("candidates");
     const std::vector<slam::NavigationLink> found = search.attempt(attempts);
+    for (const Attempt& t : attempts)
+      out.tried.push_back({frames.pair[t.a], frames.pair[t.b], t.result.accepted()});
     links.insert(links.end(), found.begin(), found.end());
     lap("closures");
     solved = solve();
     lap("network");
   }
-  out.tried = search.tried();
   out.refused = search.refused();
   out.sensors = solved.sensors;
   out.dvl_scale = solved.dvl_scale;
@@ -112,7 +113,8 @@ SlamResult localise(const io::MissionPaths& paths, const io::MissionConfig& miss
     const SE3& pose = solved.poses[k];
     squares += (pose.translation() - frames.reckoned[k].translation()).head<2>().squaredNorm();
     out.poses[frames.pair[k]].T_nav_body = pose * mission.T_body_cam.inverse();
-    out.uncertain.push_back({frames.pair[k], pose, known.of(solved.nodes[k])});
+    out.uncertain.push_back({frames.pair[k], pose, known.of(solved.nodes[k]),
+                             known.between(solved.nodes.front(), solved.nodes[k])});
   }
   out.moved_rms = std::sqrt(squares / static_cast<double>(solved.poses.size()));
   lap("covariance");

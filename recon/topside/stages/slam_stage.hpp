@@ -21,7 +21,11 @@ struct SlamResult {
   std::vector<slam::NavigationLink> odometry;  // between consecutive pairs
   std::vector<slam::NavigationLink> closures;  // others, by pair
   std::size_t frames = 0;                      // pairs with features
-  std::size_t tried = 0;                       // candidates for closures
+  struct Tried {
+    std::uint32_t a = 0, b = 0;  // pairs
+    bool accepted = false;
+  };
+  std::vector<Tried> tried;                               // candidates for closures
   std::array<std::size_t, closure::kRefusals> refused{};  // of these, by cause
   std::vector<std::pair<std::string, double>> stage_seconds;
   // Of the pairs in the network: T_nav_cam and the covariance of its right perturbation (rho, phi).
@@ -29,6 +33,7 @@ struct SlamResult {
     std::uint32_t pair = 0;
     SE3 T_nav_cam;
     Matrix6d covariance;
+    Matrix6d since_first;  // of the pose seen from the first of them; zero for that
   };
   std::vector<Uncertain> uncertain;
   slam::NavigationGraph::Counters sensors;  // what was noticed of the sensors

@@ -1,0 +1,199 @@
+#include "recon/topside/report/consistency.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <optional>
+
+#include "firmware_if/pose_files.hpp"
+#include "recon/closure/candidates.hpp"
+#include "recon/topside/report/svg_plot.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr double kHigh95 = 12.59;                   // chi-square, 6 degrees of freedom
+constexpr double kLow2 = 1.24, kHigh2 = 14.45;      // 2.5 % and 97.5 %
+constexpr double kDegree = std::numbers::pi / 180;  // [rad]
+constexpr std::size_t kInARow = 2;
+constexpr std::size_t kLinkedByOdometry = 3;  // pairs between two that odometry links
+
+std::optional<SE3> truthAt(const std::vector<io::TrajectoryPoint>& truth, std::int64_t utc_ns) {
+  const auto after =
+      std::lower_bound(truth.begin(), truth.end(), utc_ns,
+                       [](const io::TrajectoryPoint& p, std::int64_t t) { return p.utc_ns < t; });
+  if (after == truth.end() || (after == truth.begin() && after->utc_ns != utc_ns)) return std::nullopt;
+  if (after->utc_ns == utc_ns) return after->pose;
+  const auto before = after - 1;
+  return interpolate(
+      before->pose, after->pose,
+      static_cast<double>(utc_ns - before->utc_ns) / static_cast<double>(after->utc_ns - before->utc_ns));
+}
+
+// Right perturbation (rho, phi) from one pose to another.
+Vector6d apart(const SE3& from, const SE3& to) {
+  const SE3 off = from.inverse() * to;
+  Vector6d e;
+  e << off.translation(), (off.rotation().w() < 0 ? -2 : 2) * off.rotation().vec();
+  return e;
+}
+
+Matrix6d inNavAxes(const SE3& pose) {
+  Matrix6d turn = Matrix6d::Zero();
+  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = pose.matrix3();
+  return turn;
+}
+
+using Value = std::function<double(const Consistency::Moment&)>;
+
+std::string errorPlot(const Consistency& c, const Value& error, const Value& sigma,
+                      const std::string& title) {
+  std::vector<Eigen::Vector2d> line, upper, lower;
+  double most = 0;
+  for (const Consistency::Moment& m : c.moments) {
+    line.emplace_back(m.time_s, error(m));
+    upper.emplace_back(m.time_s, 2 * sigma(m));
+    lower.emplace_back(m.time_s, -2 * sigma(m));
+    most = std::max({most, std::abs(error(m)), 2 * sigma(m)});
+  }
+  PlotAxes axes;
+  axes.height = 160;
+  axes.right = std::max(c.moments.back().time_s, 1.0);
+  axes.bottom = -1.05 * most;
+  axes.top = 1.05 * most;
+  axes.x_label = "s";
+  axes.title = title;
+  SvgPlot plot(axes);
+  plot.line(upper, "#9aa5b1", 1.0, true);
+  plot.line(lower, "#9aa5b1", 1.0, true);
+  plot.line(line, "#1f77b4", 1.2);
+  return plot.svg();
+}
+
+std::string squaredPlot(const Consistency& c, const Value& value, const std::string& title) {
+  std::vector<Eigen::Vector2d> dots;
+  double most = kHigh2;
+  for (const Consistency::Moment& m : c.moments) {
+    dots.emplace_back(m.time_s, value(m));
+    most = std::max(most, value(m));
+  }
+  PlotAxes axes;
+  axes.height = 160;
+  axes.right = std::max(c.moments.back().time_s, 1.0);
+  axes.top = 1.05 * most;
+  axes.x_label = "s";
+  axes.title = title;
+  SvgPlot plot(axes);
+  plot.dots(dots, 1.2, "#1f77b4");
+  for (const double bound : {kLow2, kHigh2})
+    plot.line({{0, bound}, {axes.right, bound}}, "#d62728", 1.0, true);
+  return plot.svg();
+}
+
+// Closures against the truth: how many are false, and how many of the true overlaps were found.
+void judgeClosures(const std::vector<io::TrajectoryPoint>& truth, const SE3& T_body_cam, const Camera& camera,
+                   const SlamResult& slam, Consistency& out) {
+  std::vector<std::optional<SE3>> cameras(slam.poses.size());
+  for (const SlamResult::Uncertain& u : slam.uncertain)
+    if (const auto body = truthAt(truth, slam.poses[u.pair].utc_ns)) cameras[u.pair] = *body * T_body_cam;
+  for (const slam::NavigationLink& c : slam.closures) {
+    if (!cameras[c.a] || !cameras[c.b]) continue;
+    const Vector6d e = apart(cameras[c.a]->inverse() * *cameras[c.b], c.T_a_b);
+    const bool wrong =
+        e.head<3>().norm() > Consistency::kFalsePosition || e.tail<3>().norm() > Consistency::kFalseTurn;
+    out.false_closures += wrong ? 1U : 0U;
+    out.false_closures_kept += wrong && c.kept ? 1U : 0U;
+  }
+  const double apart_at = closure::separationOfOverlap(Consistency::kOverlap);
+  std::vector<std::optional<closure::Footprint>> seen(cameras.size());
+  for (std::size_t k = 0; k < cameras.size(); ++k)
+    if (cameras[k] && slam.poses[k].altitude)
+      seen[k] = closure::footprintOf(*cameras[k], *slam.poses[k].altitude, camera);
+  const auto overlap = [&](std::size_t a, std::size_t b) {
+    return seen[a] && seen[b] &&
+           (seen[a]->centre - seen[b]->centre).norm() < apart_at * std::min(seen[a]->radius, seen[b]->radius);
+  };
+  for (std::size_t b = 0; b < seen.size(); ++b)
+    for (std::size_t a = 0; a + kLinkedByOdometry < b; ++a) out.overlapping += overlap(a, b) ? 1U : 0U;
+  for (const SlamResult::Tried& t : slam.tried) {
+    if (!overlap(t.a, t.b)) continue;
+    ++out.overlapping_tried;
+    out.overlapping_accepted += t.accepted ? 1U : 0U;
+  }
+}
+
+}  // namespace
+
+Consistency compareWithTruth(const std::filesystem::path& mission, const SE3& T_body_cam,
+                             const Camera& camera, const SlamResult& slam) {
+  Consistency out;
+  const std::filesystem::path file = mission / "truth" / "trajectory.csv";
+  if (!std::filesystem::exists(file)) return out;
+  const std::vector<io::TrajectoryPoint> truth = io::readTrajectory(file);
+  std::optional<SE3> first_truth;
+  SE3 first;
+  std::int64_t first_ns = 0;
+  std::size_t inside = 0, later = 0;
+  for (const SlamResult::Uncertain& u : slam.uncertain) {
+    const std::int64_t utc_ns = slam.poses[u.pair].utc_ns;
+    const auto body = truthAt(truth, utc_ns);
+    if (!body) continue;
+    const SE3 T_nav_cam = *body * T_body_cam;
+    if (!first_truth) {
+      first_truth = T_nav_cam;
+      first = u.T_nav_cam;
+      first_ns = utc_ns;
+    }
+    Consistency::Moment m;
+    m.time_s = static_cast<double>(utc_ns - first_ns) * 1e-9;
+    const Vector6d e = apart(T_nav_cam, u.T_nav_cam);
+    const Matrix6d turn = inNavAxes(u.T_nav_cam);
+    const Vector6d in_nav = turn * e;
+    const Matrix6d covariance = turn * u.covariance * turn.transpose();
+    m.position = in_nav.head<3>();
+    m.turn = in_nav.tail<3>();
+    m.sigma_position = covariance.diagonal().head<3>().cwiseSqrt();
+    m.sigma_turn = covariance.diagonal().tail<3>().cwiseSqrt();
+    m.squared = e.dot(u.covariance.ldlt().solve(e));
+    if (!out.moments.empty()) {
+      const Vector6d relative = apart(first_truth->inverse() * T_nav_cam, first.inverse() * u.T_nav_cam);
+      m.since_first = relative.dot(u.since_first.ldlt().solve(relative));
+      out.mean_since_first += m.since_first;
+      ++later;
+    }
+    inside += m.squared <= kHigh95 ? 1U : 0U;
+    out.mean_squared += m.squared;
+    out.moments.push_back(m);
+  }
+  if (out.moments.empty()) return out;
+  judgeClosures(truth, T_body_cam, camera, slam, out);
+  const auto n = static_cast<double>(out.moments.size());
+  out.mean_squared /= n;
+  out.mean_since_first /= std::max(static_cast<double>(later), 1.0);
+  out.share_inside = static_cast<double>(inside) / n;
+  return out;
+}
+
+std::string consistencySvg(const Consistency& c) {
+  if (c.moments.empty()) return {};
+  const char* const place[] = {"north [m]", "east [m]", "down [m]"};
+  const char* const turn[] = {"tilt about north [deg]", "tilt about east [deg]", "heading [deg]"};
+  std::vector<std::string> plots;
+  for (int i = 0; i < 3; ++i) {
+    plots.push_back(errorPlot(
+        c, [i](const auto& m) { return m.position(i); }, [i](const auto& m) { return m.sigma_position(i); },
+        std::string("error ") + place[i]));
+    plots.push_back(errorPlot(
+        c, [i](const auto& m) { return m.turn(i) / kDegree; },
+        [i](const auto& m) { return m.sigma_turn(i) / kDegree; }, std::string("error ") + turn[i]));
+  }
+  plots.push_back(squaredPlot(
+      c, [](const auto& m) { return m.squared; }, "squared error over covariance, in nav"));
+  plots.push_back(squaredPlot(
+      c, [](const auto& m) { return m.since_first; }, "squared error over covariance, from the first pair"));
+  return besideEachOther(plots, kInARow);
+}
+
+}  // namespace fathom::topside

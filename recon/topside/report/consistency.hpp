@@ -1,0 +1,40 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "recon/geometry/camera.hpp"
+#include "recon/topside/stages/slam_stage.hpp"
+
+namespace fathom::topside {
+
+// How poses with covariances compare with a simulated mission's truth.
+struct Consistency {
+  struct Moment {
+    double time_s = 0;                           // since the first pair
+    Eigen::Vector3d position, turn;              // estimate less truth in nav axes [m], [rad]
+    Eigen::Vector3d sigma_position, sigma_turn;  // as claimed
+    double squared = 0;      // error over covariance, 6 degrees of freedom (NEES); of the place in nav
+    double since_first = 0;  // the same of the pose as seen from the first pair's
+  };
+  std::vector<Moment> moments;
+  double mean_squared = 0, mean_since_first = 0;
+  double share_inside = 0;  // of moments below chi-square's 95 %
+  // Closures that are off by more than kFalsePosition or kFalseTurn; and how many pairs whose footprints
+  // share more than kOverlap of their area, not linked by odometry anyway, there are, were tried and were
+  // accepted.
+  static constexpr double kFalsePosition = 0.1, kFalseTurn = 0.05;  // [m], [rad]
+  static constexpr double kOverlap = 0.3;
+  std::size_t false_closures = 0, false_closures_kept = 0;
+  std::size_t overlapping = 0, overlapping_tried = 0, overlapping_accepted = 0;
+};
+
+// Empty when the mission has no truth/trajectory.csv.
+[[nodiscard]] Consistency compareWithTruth(const std::filesystem::path& mission, const SE3& T_body_cam,
+                                           const Camera& camera, const SlamResult& slam);
+
+// Errors over time with two standard deviations, and the squared errors with chi-square's bounds.
+[[nodiscard]] std::string consistencySvg(const Consistency& consistency);
+
+}  // namespace fathom::topside

@@ -1,0 +1,59 @@
+#include "recon/topside/report/slam_json.hpp"
+
+#include <algorithm>
+
+namespace fathom::topside {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+}  // namespace
+
+Json slamJson(const SlamResult& s) {
+  const auto removed = [](const std::vector<slam::NavigationLink>& links) {
+    return std::count_if(links.begin(), links.end(), [](const slam::NavigationLink& l) { return !l.kept; });
+  };
+  Json refused = Json::object(), stages = Json::object();
+  for (std::size_t k = 1; k < s.refused.size(); ++k)
+    refused[std::string(closure::nameOf(static_cast<closure::Refusal>(k)))] = s.refused[k];
+  for (const auto& [name, seconds] : s.stage_seconds) {
+    if (!stages.contains(name)) stages[name] = 0.0;
+    stages[name] = stages[name].get<double>() + seconds;
+  }
+  return {{"frames", s.frames},
+          {"odometry_links", s.odometry.size()},
+          {"odometry_links_removed", removed(s.odometry)},
+          {"closures_tried", s.tried.size()},
+          {"closures", s.closures.size()},
+          {"closures_removed", removed(s.closures)},
+          {"refused", refused},
+          {"fixes_kept", s.fixes_kept},
+          {"fixes_removed", s.fixes_removed},
+          {"steps_contradicted", s.sensors.steps_contradicted},
+          {"steps_without_bottom_track", s.sensors.dvl_absent},
+          {"compass_jumps", s.sensors.compass_jumps},
+          {"attitude_absent", s.sensors.attitude_absent},
+          {"depth_absent", s.sensors.depth_absent},
+          {"dvl_scale", s.dvl_scale},
+          {"dvl_heading_rad", s.dvl_heading},
+          {"moved_rms_m", s.moved_rms},
+          {"stage_s", stages}};
+}
+
+Json truthJson(const Consistency& c) {
+  if (c.moments.empty()) return nullptr;
+  return {{"pairs", c.moments.size()},
+          {"mean_squared_error_over_covariance", c.mean_squared},
+          {"mean_squared_error_over_covariance_since_first", c.mean_since_first},
+          {"last_squared_error_over_covariance", c.moments.back().squared},
+          {"last_squared_error_over_covariance_since_first", c.moments.back().since_first},
+          {"middle_squared_error_over_covariance", c.moments[c.moments.size() / 2].squared},
+          {"share_below_95_percent", c.share_inside},
+          {"false_closures", c.false_closures},
+          {"false_closures_kept", c.false_closures_kept},
+          {"pairs_overlapping", c.overlapping},
+          {"pairs_overlapping_tried", c.overlapping_tried},
+          {"pairs_overlapping_accepted", c.overlapping_accepted}};
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,14 @@
+#pragma once
+
+#include <nlohmann/json.hpp>
+
+#include "recon/topside/report/consistency.hpp"
+#include "recon/topside/stages/slam_stage.hpp"
+
+namespace fathom::topside {
+
+// The counts of localisation, as report.json and slam.json hold them; and how it compares with a truth.
+[[nodiscard]] nlohmann::ordered_json slamJson(const SlamResult& slam);
+[[nodiscard]] nlohmann::ordered_json truthJson(const Consistency& consistency);
+
+}  // namespace fathom::topside
