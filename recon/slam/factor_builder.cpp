@@ -13,10 +13,10 @@ constexpr std::int64_t kOrderWork = 12;     // of a pose or measurement that is 
 
 }  // namespace
 
-FactorBuilder::FactorBuilder(const Size& size, rt::Arena& arena) {
+FactorBuilder::FactorBuilder(const Size& size, rt::Arena& arena)
+    : measurements_(size.poses, size.measurements, arena) {
   const auto poses = at(size.poses), edges = at(size.measurements);
   at_poses_ = arenaArray<SE3>(arena, poses);
-  weight_ = arenaArray<double>(arena, edges);
   held_ = arenaArray<std::uint8_t>(arena, poses);
   order_ = arenaArray<int>(arena, poses);
   ordering_ = arenaArray<int>(arena, 12 * (poses + 1) + 3 * edges);
@@ -26,13 +26,14 @@ FactorBuilder::FactorBuilder(const Size& size, rt::Arena& arena) {
 }
 
 std::size_t FactorBuilder::bytes(const Size& size) {
-  constexpr std::size_t kArrays = 12, kAlignment = alignof(Block);
+  constexpr std::size_t kArrays = 11, kAlignment = alignof(Block);
   const auto poses = at(size.poses), edges = at(size.measurements);
-  return poses * (sizeof(SE3) + sizeof(std::uint8_t)) + edges * sizeof(double) +
+  return Measurements::bytes(size.poses, size.measurements) + poses * (sizeof(SE3) + sizeof(std::uint8_t)) +
          sizeof(int) * (12 * (poses + 1) + 3 * edges + 8 * poses) + kArrays * kAlignment;
 }
 
-void FactorBuilder::order(std::span<const std::uint8_t> held, const Measurements& all, int kept_last) {
+void FactorBuilder::order(std::span<const std::uint8_t> newest) {
+  const Measurements& all = measurements_;
   const auto n = at(poses_);
   int* next = ordering_.data();
   const auto take = [&](std::size_t count) {
@@ -59,16 +60,14 @@ void FactorBuilder::order(std::span<const std::uint8_t> held, const Measurements
     for (int k = all.first(i); k >= 0; k = all.next(k, i)) {
       const Measurement& m = all[k];
       const int other = m.from == i ? m.to : m.from;
-      if (k >= measurements_ || m.from == kWorld || other >= poses_ || weight_[at(k)] == 0 || held[at(i)] ||
-          held[at(other)] || place_[at(other)] == i)
+      if (m.from == kWorld || m.weight == 0 || held_[at(i)] || held_[at(other)] || place_[at(other)] == i)
         continue;
       place_[at(other)] = i;
       entries[used++] = other;
     }
     length[i] = used - start[i];
-    constraint[i] = i < poses_ - kept_last ? 0 : 1;
+    constraint[i] = newest[at(i)];
   }
-  if (poses_ <= kept_last) std::fill(constraint, constraint + n, 0);
   std::fill(place_.begin(), place_.end(), -1);
   double control[CAMD_CONTROL], info[CAMD_INFO];
   camd_defaults(control);
@@ -77,23 +76,23 @@ void FactorBuilder::order(std::span<const std::uint8_t> held, const Measurements
 }
 
 std::int64_t FactorBuilder::begin(std::span<const SE3> poses, std::span<const std::uint8_t> held,
-                                  const Measurements& measurements, int kept_last, GrowingFactor& factor) {
+                                  std::span<const std::uint8_t> newest, const Measurements& measurements,
+                                  GrowingFactor& factor) {
   poses_ = static_cast<int>(poses.size());
-  measurements_ = measurements.size();
+  measurements_.copyFrom(measurements);
   next_ = 0;
   failed_ = false;
   std::copy(poses.begin(), poses.end(), at_poses_.begin());
   std::copy(held.begin(), held.end(), held_.begin());
-  for (int k = 0; k < measurements_; ++k) weight_[at(k)] = measurements[k].weight;
-  order(held, measurements, kept_last);
+  order(newest);
   factor.startColumns(order_.subspan(0, at(poses_)));
   for (int j = 0; j < poses_; ++j)
     head_[at(j)] = link_[at(j)] = first_child_[at(j)] = next_sibling_[at(j)] = -1;
-  return kOrderWork * (poses_ + measurements_);
+  return kOrderWork * (poses_ + measurements_.count());
 }
 
-std::int64_t FactorBuilder::column(int j, const Measurements& all, GrowingFactor& factor,
-                                   std::span<InFactor> then) {
+std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFactor> then) {
+  const Measurements& all = measurements_;
   const int pose = factor.poseAt(j);
   int count = 0;
   const auto add = [&](int row) {
@@ -101,7 +100,7 @@ std::int64_t FactorBuilder::column(int j, const Measurements& all, GrowingFactor
     place_[at(row)] = 1;
     pattern_[at(count++)] = row;
   };
-  const auto counts = [&](int k) { return k < measurements_ && weight_[at(k)] > 0; };
+  const auto counts = [&](int k) { return all[k].weight > 0; };
   const auto otherEnd = [&](int k) { return all[k].from == pose ? all[k].to : all[k].from; };
   if (!held_[at(pose)]) {
     for (int k = all.first(pose); k >= 0; k = all.next(k, pose)) {
@@ -129,12 +128,15 @@ std::int64_t FactorBuilder::column(int j, const Measurements& all, GrowingFactor
   for (int i = 0; i < kBlockSize; ++i)
     diagonal(i, i) += held_[at(pose)] ? 1 : GrowingFactor::kLeastInformation;
   for (int k = all.first(pose); k >= 0 && !held_[at(pose)]; k = all.next(k, pose)) {
-    if (!counts(k)) continue;
+    if (!counts(k)) {
+      then[at(k)].weight = 0;
+      continue;
+    }
     const int other = otherEnd(k);
     const bool free_end = other != kWorld && !held_[at(other)];
     if (free_end && factor.positionOf(other) < j) continue;  // added with that column
     const Measurement& m = all[k];
-    then[at(k)] = {m.from == kWorld ? SE3() : at_poses_[at(m.from)], at_poses_[at(m.to)], weight_[at(k)]};
+    then[at(k)] = {m.from == kWorld ? SE3() : at_poses_[at(m.from)], at_poses_[at(m.to)], m.weight};
     const Block b = worldDerivative(m, then[at(k)]);
     Block square{};
     addTransposedProduct(square, b, b);
@@ -180,10 +182,9 @@ std::int64_t FactorBuilder::column(int j, const Measurements& all, GrowingFactor
   return work;
 }
 
-std::int64_t FactorBuilder::run(std::int64_t quota, const Measurements& measurements, GrowingFactor& factor,
-                                std::span<InFactor> in_factor) {
+std::int64_t FactorBuilder::run(std::int64_t quota, GrowingFactor& factor, std::span<InFactor> in_factor) {
   std::int64_t work = 0;
-  while (running() && work < quota && !failed_) work += column(next_++, measurements, factor, in_factor);
+  while (running() && work < quota && !failed_) work += column(next_++, factor, in_factor);
   return work;
 }
 

@@ -10,8 +10,8 @@ namespace fathom::slam {
 
 // Builds the factor of a graph's normal equations from nothing, a slice at a time: approximate minimum degree
 // with the newest poses kept for the end (CAMD; Chen, Davis, Hager & Rajamanickam 2008), where loop closures
-// to come will mostly join, then column after column by left-looking Cholesky. The poses at which
-// measurements are linearised are copied at the start, so that all slices see one linear system.
+// to come will mostly join, then column after column by left-looking Cholesky. Poses and measurements are
+// copied at the start, so that all slices see one linear system.
 class FactorBuilder {
  public:
   struct Size {
@@ -21,28 +21,27 @@ class FactorBuilder {
   FactorBuilder(const Size& size, rt::Arena& arena);
   static std::size_t bytes(const Size& size);
 
-  // Takes the given poses and all measurements so far; the order keeps the newest `kept_last` poses for the
-  // end. Returns the work of ordering.
+  // Takes the given poses and all measurements so far; the order keeps for the end those that are `newest`.
+  // Returns the work of ordering.
   std::int64_t begin(std::span<const SE3> poses, std::span<const std::uint8_t> held,
-                     const Measurements& measurements, int kept_last, GrowingFactor& factor);
+                     std::span<const std::uint8_t> newest, const Measurements& measurements,
+                     GrowingFactor& factor);
   // Goes on until `quota` is used up or all columns are done; returns the work done. Notes for each
   // measurement where it was linearised.
-  std::int64_t run(std::int64_t quota, const Measurements& measurements, GrowingFactor& factor,
-                   std::span<InFactor> in_factor);
+  std::int64_t run(std::int64_t quota, GrowingFactor& factor, std::span<InFactor> in_factor);
 
+  double weightOf(int measurement) const { return measurements_[measurement].weight; }  // that it takes
   bool running() const { return next_ < poses_; }
   bool failed() const { return failed_; }  // the factor's store is too small
-  int poses() const { return poses_; }     // that the factor holds
-  int measurements() const { return measurements_; }
 
  private:
   static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
-  void order(std::span<const std::uint8_t> held, const Measurements& all, int kept_last);
-  std::int64_t column(int j, const Measurements& all, GrowingFactor& factor, std::span<InFactor> then);
+  void order(std::span<const std::uint8_t> newest);
+  std::int64_t column(int j, GrowingFactor& factor, std::span<InFactor> then);
 
   const ColumnKernels* kernels_ = &fastestColumnKernels();
   std::span<SE3> at_poses_;
-  std::span<double> weight_;
+  Measurements measurements_;
   std::span<std::uint8_t> held_;
   std::span<int> order_;
   std::span<int> ordering_;              // CAMD's memory
@@ -50,7 +49,7 @@ class FactorBuilder {
   std::span<int> first_child_, next_sibling_;
   std::span<int> place_;  // by position: block in the current column, or -1
   std::span<int> pattern_;
-  int poses_ = 0, measurements_ = 0, next_ = 0;
+  int poses_ = 0, next_ = 0;
   bool failed_ = false;
 };
 

@@ -21,14 +21,14 @@ double square(const double* x) {
 }  // namespace
 
 GrowingFactor::GrowingFactor(const Size& size, rt::Arena& arena) {
-  const auto poses = at(size.poses);
+  const auto poses = at(size.positions);
   blocks_ = arenaArray<Block>(arena, at(size.blocks));
   rows_ = arenaArray<int>(arena, at(size.blocks));
   diagonal_ = arenaArray<Block>(arena, poses);
   first_ = arenaArray<std::int64_t>(arena, poses);
   count_ = arenaArray<int>(arena, poses);
   capacity_ = arenaArray<int>(arena, poses);
-  position_of_ = arenaArray<int>(arena, poses);
+  position_of_ = arenaArray<int>(arena, at(size.poses));
   pose_at_ = arenaArray<int>(arena, poses);
   work_ = arenaArray<Block>(arena, 2 * poses);
   pattern_ = arenaArray<int>(arena, poses);
@@ -36,17 +36,19 @@ GrowingFactor::GrowingFactor(const Size& size, rt::Arena& arena) {
   vector_ = arenaArray<double>(arena, kN * poses);
   reached_ = arenaArray<std::uint8_t>(arena, poses);
   std::fill(mark_.begin(), mark_.end(), -1);
+  clear();
 }
 
 std::size_t GrowingFactor::bytes(const Size& size) {
   constexpr std::size_t kArrays = 13, kAlignment = alignof(Block);
   return at(size.blocks) * (sizeof(Block) + sizeof(int)) +
-         at(size.poses) * (3 * sizeof(Block) + sizeof(std::int64_t) + 6 * sizeof(int) + kN * sizeof(double) +
-                           sizeof(std::uint8_t)) +
-         kArrays * kAlignment;
+         at(size.positions) * (3 * sizeof(Block) + sizeof(std::int64_t) + 5 * sizeof(int) +
+                               kN * sizeof(double) + sizeof(std::uint8_t)) +
+         at(size.poses) * sizeof(int) + kArrays * kAlignment;
 }
 
 void GrowingFactor::clear() {
+  std::fill(position_of_.begin(), position_of_.end(), -1);
   size_ = 0;
   used_ = in_use_ = dropped_ = 0;
 }
@@ -62,6 +64,12 @@ bool GrowingFactor::append(int pose) {
   std::memset(d.v, 0, sizeof d.v);
   for (int i = 0; i < kN; ++i) d(i, i) = std::sqrt(kLeastInformation);
   return true;
+}
+
+void GrowingFactor::bury(int position) {
+  const int pose = pose_at_[at(position)];
+  if (pose >= 0 && position_of_[at(pose)] == position) position_of_[at(pose)] = -1;
+  pose_at_[at(position)] = -1;
 }
 
 // Room for one more row in a column; null when the store is full.
@@ -145,7 +153,13 @@ std::int64_t GrowingFactor::update(double sign, const Block& b, int pose_a, int 
 std::int64_t GrowingFactor::solve(const double* right, double* x, double least) {
   std::int64_t touched = 0;
   double* y = vector_.data();
-  for (int j = 0; j < size_; ++j) std::memcpy(y + kN * j, right + kN * pose_at_[at(j)], kN * sizeof(double));
+  for (int j = 0; j < size_; ++j) {
+    if (pose_at_[at(j)] < 0)
+      std::memset(y + kN * j, 0, kN * sizeof(double));
+    else
+      std::memcpy(y + kN * j, right + kN * pose_at_[at(j)], kN * sizeof(double));
+  }
+  std::memset(x, 0, position_of_.size() * kN * sizeof(double));
   for (int j = 0; j < size_; ++j) {
     double* yj = y + kN * j;
     if (square(yj) == 0) continue;
@@ -173,7 +187,7 @@ std::int64_t GrowingFactor::solve(const double* right, double* x, double least) 
       solveLowerTransposed(diagonal_[at(j)], yj);
     else
       std::memset(yj, 0, kN * sizeof(double));
-    std::memcpy(x + kN * pose_at_[at(j)], yj, kN * sizeof(double));
+    if (pose_at_[at(j)] >= 0) std::memcpy(x + kN * pose_at_[at(j)], yj, kN * sizeof(double));
   }
   return touched / kSolvedPerWork + size_;
 }

@@ -20,6 +20,7 @@ class GrowingFactor {
  public:
   struct Size {
     int poses = 0;
+    int positions = 0;        // at least as many: a pose that was removed leaves its own behind
     std::int64_t blocks = 0;  // below the diagonal
   };
   // Information given to every unknown [1/m^2, 1/rad^2], so that a pose without measurements has a factor:
@@ -33,11 +34,15 @@ class GrowingFactor {
   void clear();
   // Appends a pose that nothing has measured. False when full.
   bool append(int pose);
+  // Takes the name off a position: its unknowns stay, with nothing on the right side of an equation, so that
+  // the others are solved for as if they had been marginalised.
+  void bury(int position);
   // Adds (`sign` 1) or takes away (-1) [b -b]^T [b -b] at rows and columns of two poses; with pose_b < 0, b^T
   // b of one. What is taken away must have been added. Returns the work, in blocks touched.
   std::int64_t update(double sign, const Block& b, int pose_a, int pose_b);
   // L L^T x = right, both by pose, six numbers each. Parts whose share of right^T x stays below `least` are
-  // left out (0: none), and are exactly zero in x. Returns the work.
+  // left out (0: none), and are exactly zero in x, as are poses that the factor does not have. Returns the
+  // work.
   std::int64_t solve(const double* right, double* x, double least);
   // Columns of the inverse: with Z = L^-1 [E_a E_b], the 12 x 12 Z^T Z, column by column (pose_b < 0: 6 x 6).
   void covariance(int pose_a, int pose_b, double* result);
@@ -51,9 +56,10 @@ class GrowingFactor {
   const int* columnRows(int position) const { return rows_.data() + first_[at(position)]; }
   int columnCount(int position) const { return count_[at(position)]; }
 
-  int size() const { return size_; }  // poses
-  int positionOf(int pose) const { return position_of_[at(pose)]; }
-  int poseAt(int position) const { return pose_at_[at(position)]; }
+  int size() const { return size_; }  // positions in use
+  bool has(int pose) const { return positionOf(pose) >= 0; }
+  int positionOf(int pose) const { return position_of_[at(pose)]; }  // -1: none
+  int poseAt(int position) const { return pose_at_[at(position)]; }  // -1: buried
   std::int64_t blocksInUse() const { return in_use_; }
   std::int64_t storeUsed() const { return used_; }  // blocks, with what moved columns left behind
   std::int64_t dropped() const { return dropped_; }

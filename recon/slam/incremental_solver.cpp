@@ -13,7 +13,8 @@ constexpr double kRefactor = 0.1;
 constexpr double kReweighted = 1e9;      // staleness of a measurement with another weight
 constexpr int kRounds = 8;               // factors of a step
 constexpr double kClosureMemory = 0.02;  // weight of the newest closure in the share that reaches back little
-constexpr int kHalvings = 4;             // of a step that would raise chi2
+constexpr double kUnknown = 1 / GrowingFactor::kLeastInformation;  // variance of what is not yet known
+constexpr int kHalvings = 4;                                       // of a step that would raise chi2
 // With a factor that is right, so many steps may raise chi2, by this factor (batch_solver.cpp).
 constexpr int kRises = 2;
 constexpr double kSteepest = 4, kRightLength = 0.8;
@@ -24,13 +25,19 @@ constexpr double kShortest = 0.5;
 std::size_t arraysOf(const IncrementalConfig& c) {
   const auto poses = static_cast<std::size_t>(c.max_poses),
              edges = static_cast<std::size_t>(c.max_measurements);
-  constexpr std::size_t kArrays = 11, kAlignment = alignof(Block);
-  return poses * (2 * sizeof(SE3) + 2 * sizeof(std::uint8_t) + 3 * kN * sizeof(double) + 2 * sizeof(int)) +
-         edges * (2 * sizeof(InFactor) + sizeof(double)) + kArrays * kAlignment;
+  constexpr std::size_t kArrays = 21, kAlignment = alignof(Block);
+  return poses * (2 * sizeof(SE3) + 3 * sizeof(std::uint8_t) + 3 * kN * sizeof(double) + 5 * sizeof(int) +
+                  sizeof(std::int64_t)) +
+         edges *
+             (2 * (sizeof(InFactor) + sizeof(std::uint8_t) + sizeof(int)) + sizeof(double) + sizeof(int)) +
+         kArrays * kAlignment;
 }
 
+// Positions beyond one for each pose: poses that take the place of retired ones while two factors are built.
 GrowingFactor::Size factorSize(const IncrementalConfig& c) {
-  return {c.max_poses, c.max_factor_blocks};
+  constexpr int kLeastSpare = 64, kPosesPerSpare = 8;
+  return {c.max_poses, c.max_poses + std::max(kLeastSpare, c.max_poses / kPosesPerSpare),
+          c.max_factor_blocks};
 }
 
 FactorBuilder::Size builderSize(const IncrementalConfig& c) {
@@ -65,14 +72,23 @@ IncrementalSolver::IncrementalSolver(const IncrementalConfig& config)
       measurements_(config.max_poses, config.max_measurements, arena_),
       poses_(arenaArray<SE3>(arena_, at(config.max_poses))),
       held_(arenaArray<std::uint8_t>(arena_, at(config.max_poses))),
+      born_(arenaArray<std::int64_t>(arena_, at(config.max_poses))),
+      free_(arenaArray<int>(arena_, at(config.max_poses))),
       errors_(measurements_, poses_, held_, config.max_measurements, arena_),
-      factors_{Factor{GrowingFactor(factorSize(config), arena_), {}},
-               Factor{GrowingFactor(factorSize(config), arena_), {}}},
+      factors_{Factor{GrowingFactor(factorSize(config), arena_), {}, {}, {}, {}},
+               Factor{GrowingFactor(factorSize(config), arena_), {}, {}, {}, {}}},
       builder_(builderSize(config), arena_) {
   const auto poses = at(config.max_poses), edges = at(config.max_measurements);
   saved_ = arenaArray<SE3>(arena_, poses);
   is_changed_ = arenaArray<std::uint8_t>(arena_, poses);
-  for (Factor& f : factors_) f.in_factor = arenaArray<InFactor>(arena_, edges);
+  is_newest_ = arenaArray<std::uint8_t>(arena_, poses);
+  fresh_ = arenaArray<int>(arena_, edges);
+  for (Factor& f : factors_) {
+    f.in_factor = arenaArray<InFactor>(arena_, edges);
+    f.part = arenaArray<Part>(arena_, edges);
+    f.poses_to_come = IndexQueue(arenaArray<int>(arena_, poses));
+    f.to_come = IndexQueue(arenaArray<int>(arena_, edges));
+  }
   stale_ = arenaArray<double>(arena_, edges);
   for (std::span<double>* s : {&gradient_before_, &solved_, &direction_})
     *s = arenaArray<double>(arena_, kN * poses);
@@ -80,31 +96,45 @@ IncrementalSolver::IncrementalSolver(const IncrementalConfig& config)
   if (arena_.refused() != 0) throw std::logic_error("incremental solver: its arena is too small");
 }
 
-AddStatus IncrementalSolver::addPose(const SE3& T_world_pose) {
-  if (poses_count_ == config_.max_poses) return AddStatus::kFull;
+AddStatus IncrementalSolver::addPose(const SE3& T_world_pose, int* index) {
+  if (free_count_ == 0 && poses_count_ == config_.max_poses) return AddStatus::kFull;
   if (!T_world_pose.translation().allFinite() || !T_world_pose.rotation().coeffs().allFinite())
     return AddStatus::kBadMeasurement;
-  held_[at(poses_count_)] = poses_count_ == 0;
-  poses_[at(poses_count_++)] = T_world_pose;
+  const int pose = free_count_ > 0 ? free_[at(--free_count_)] : poses_count_++;
+  held_[at(pose)] = births_ == 0;
+  born_[at(pose)] = births_++;
+  poses_[at(pose)] = T_world_pose;
+  active().poses_to_come.push(pose);
+  if (building_) factors_[at(1 - active_)].poses_to_come.push(pose);
+  if (index != nullptr) *index = pose;
   return AddStatus::kOk;
 }
 
-AddStatus IncrementalSolver::addMeasurement(const RelativePose& measurement) {
-  const AddStatus status = measurements_.add(measurement, poses_count_);
-  const int apart = std::abs(measurement.to - measurement.from);
-  if (status == AddStatus::kOk && measurement.from != kWorld && apart > 1)
-    closes_late_ += kClosureMemory * ((apart <= config_.kept_last ? 1.0 : 0.0) - closes_late_);
+AddStatus IncrementalSolver::addMeasurement(const RelativePose& measurement, int* index) {
+  for (const int end : {measurement.from, measurement.to})
+    if (end >= 0 && end < poses_count_ && isRetired(end)) return AddStatus::kNoSuchPose;
+  int k = -1;
+  const AddStatus status = measurements_.add(measurement, poses_count_, &k);
+  if (status != AddStatus::kOk) return status;
+  fresh_[at(fresh_count_++)] = k;
+  if (index != nullptr) *index = k;
+  if (measurement.from == kWorld) return status;
+  const std::int64_t apart = std::abs(born_[at(measurement.to)] - born_[at(measurement.from)]);
+  if (apart > 1) closes_late_ += kClosureMemory * ((apart <= config_.kept_last ? 1.0 : 0.0) - closes_late_);
   return status;
 }
 
 bool IncrementalSolver::setWeight(int k, double weight) {
-  if (k < 0 || k >= measurements_.size() || !(weight >= 0) || !std::isfinite(weight)) return false;
+  if (k < 0 || k >= measurements_.size() || !measurements_[k].in_use || !(weight >= 0) ||
+      !std::isfinite(weight))
+    return false;
   const double before = measurements_[k].weight;
   measurements_.setWeight(k, weight);
-  if (k >= errors_.size() || weight == before) return true;
+  if (!errors_.has(k) || weight == before) return true;
   errors_.renew(k);
   restart_ = true;
-  stale_[at(k)] = kReweighted;
+  if (active().part[at(k)] == Part::kItself) stale_[at(k)] = kReweighted;
+  if (active().part[at(k)] == Part::kByOthers) urgent_ = true;
   return true;
 }
 
@@ -117,14 +147,34 @@ std::int64_t IncrementalSolver::update(Factor& f, double sign, int k) {
   return f.factor.update(sign, worldDerivative(m, then), to ? m.to : m.from, from && to ? m.from : -1);
 }
 
+// New measurements enter errors now, and factors as they can; false when there are none.
+bool IncrementalSolver::takeNew() {
+  if (fresh_count_ == 0) return false;
+  for (const int k : fresh_.subspan(0, at(fresh_count_))) {
+    errors_.take(k);
+    stale_[at(k)] = 0;
+    for (Factor& f : factors_) {
+      f.part[at(k)] = Part::kNone;
+      if (&f == &active() || building_) f.to_come.push(k);
+    }
+  }
+  fresh_count_ = 0;
+  errors_.refresh();
+  return true;
+}
+
 // Brings a factor up to the present poses and measurements, within a quota of work.
 std::int64_t IncrementalSolver::extend(Factor& f, std::int64_t quota) {
-  for (; f.poses < poses_count_; ++f.poses) f.factor.append(f.poses);
+  while (!f.poses_to_come.empty() && f.factor.append(f.poses_to_come.front())) f.poses_to_come.pop();
   std::int64_t work = 0;
-  for (; f.measurements < errors_.size() && work < quota; ++f.measurements) {
-    const Measurement& m = measurements_[f.measurements];
-    f.in_factor[at(f.measurements)] = {errors_.fromPose(m), poses_[at(m.to)], m.weight};
-    work += update(f, 1, f.measurements);
+  for (; !f.to_come.empty() && work < quota; f.to_come.pop()) {
+    const int k = f.to_come.front();
+    const Measurement& m = measurements_[k];
+    // Without a position, a pose waits for the next factor, and what measures it.
+    if (!f.factor.has(m.to) || (m.from != kWorld && !f.factor.has(m.from))) break;
+    f.in_factor[at(k)] = {errors_.fromPose(m), poses_[at(m.to)], m.weight};
+    f.part[at(k)] = Part::kItself;
+    work += update(f, 1, k);
   }
   return work;
 }
@@ -147,11 +197,11 @@ double IncrementalSolver::staleness(int k) const {
 
 // One iteration of preconditioned conjugate gradients; false when there is no more to gain.
 bool IncrementalSolver::iterate(StepReport& report) {
-  const int n = kN * active().poses;
+  const int n = kN * poses_count_;
   const std::span<const double> gradient = errors_.gradient();
   report.solve_work +=
       active().factor.solve(gradient.data(), solved_.data(),
-                            config_.least_effect * config_.least_decrease * errors_.chi2() / poses_count_);
+                            config_.least_effect * config_.least_decrease * errors_.chi2() / living());
   double product = 0, change = 0;
   for (int i = 0; i < n; ++i) {
     product += gradient[at(i)] * solved_[at(i)];
@@ -176,7 +226,7 @@ bool IncrementalSolver::iterate(StepReport& report) {
 
   double length = -slope / errors_.curvature(direction_);
   moved_count_ = 0;
-  for (int i = 0; i < active().poses; ++i) {
+  for (int i = 0; i < poses_count_; ++i) {
     if (held_[at(i)] || Eigen::Map<const Perturbation>(&direction_[at(kN * i)]).isZero(0)) continue;
     moved_[at(moved_count_++)] = i;
     saved_[at(i)] = poses_[at(i)];
@@ -216,12 +266,11 @@ bool IncrementalSolver::iterate(StepReport& report) {
 // Measurements that have become stale in the active factor: few are taken anew there, the most changed first;
 // many make the next factor urgent.
 void IncrementalSolver::refresh(StepReport& report) {
-  const int held = active().measurements;
-  for (int k = 0; k < held; ++k) {
-    if (errors_.takeMoved(k)) stale_[at(k)] = staleness(k);
-  }
+  const int held = measurements_.size();
+  for (int k = 0; k < held; ++k)
+    if (active().part[at(k)] == Part::kItself && errors_.takeMoved(k)) stale_[at(k)] = staleness(k);
   const auto stale =
-      std::count_if(stale_.begin(), stale_.begin() + held, [](double s) { return s > kRefactor; });
+      std::count_if(stale_.begin(), stale_.begin() + held, [](double v) { return v > kRefactor; });
   urgent_ = urgent_ || 2 * stale * work_of_update_ > work_of_build_;
   while (!urgent_ && report.update_work < config_.update_quota) {
     const auto worst = std::max_element(stale_.begin(), stale_.begin() + held);
@@ -240,47 +289,88 @@ void IncrementalSolver::refresh(StepReport& report) {
   }
 }
 
+void IncrementalSolver::beginBuild() {
+  Factor& next = factors_[at(1 - active_)];
+  const int kept = closes_late_ > 0.5 ? config_.kept_last : config_.kept_last / 4;
+  for (int i = 0; i < poses_count_; ++i)
+    is_newest_[at(i)] = births_ > kept && born_[at(i)] >= births_ - kept ? 1 : 0;
+  building_ = true;
+  is_built_ = false;
+  next.poses_to_come.clear();
+  next.to_come.clear();
+  poses_at_build_ = births_;
+  measurements_at_build_ = measurements_.births();
+  build_work_ = builder_.begin(poses_.subspan(0, at(poses_count_)), held_.subspan(0, at(poses_count_)),
+                               is_newest_.subspan(0, at(poses_count_)), measurements_, next.factor);
+}
+
+// A factor has been built of what was there at the start; poses and measurements may have gone since, and
+// others have their places.
+void IncrementalSolver::settle(Factor& f) {
+  for (int j = 0; j < f.factor.size(); ++j) {
+    const std::int64_t born = born_[at(f.factor.poseAt(j))];
+    if (born < 0 || born >= poses_at_build_) f.factor.bury(j);
+  }
+  for (int k = 0; k < measurements_.size(); ++k) {
+    const Measurement& m = measurements_[k];
+    Part& part = f.part[at(k)];
+    part = Part::kNone;
+    if (!m.in_use) continue;
+    if (m.born < measurements_at_build_) {
+      part = Part::kItself;
+    } else if (m.composed) {
+      part = Part::kByOthers;
+      f.in_factor[at(k)].weight = 1;
+    }
+  }
+  is_built_ = true;
+}
+
 // Works on the next factor, and takes it up when it has all poses and measurements.
 void IncrementalSolver::build(StepReport& report) {
   Factor& next = factors_[at(1 - active_)];
   const std::int64_t quota = urgent_ ? config_.urgent_quota : config_.build_quota;
   std::int64_t work = 0;
   if (!building_) {
-    if (!urgent_ && poses_count_ < builder_.poses() + config_.rebuild_after) return;
-    building_ = true;
-    work +=
-        builder_.begin(poses_.subspan(0, at(poses_count_)), held_.subspan(0, at(poses_count_)), measurements_,
-                       closes_late_ > 0.5 ? config_.kept_last : config_.kept_last / 4, next.factor);
-    next.poses = builder_.poses();
-    next.measurements = builder_.measurements();
+    if (!urgent_ && births_ < poses_at_build_ + config_.rebuild_after) return;
+    beginBuild();
+    work = build_work_;
     build_work_ = 0;
   }
-  work += builder_.run(quota - work, measurements_, next.factor, next.in_factor);
-  if (!builder_.running() && work < quota) work += extend(next, quota - work);
+  work += builder_.run(quota - work, next.factor, next.in_factor);
+  if (!builder_.running() && !builder_.failed()) {
+    if (!is_built_) settle(next);
+    if (work < quota) work += extend(next, quota - work);
+  }
   report.build_work += work;
   build_work_ += work;
   if (builder_.failed()) {
     building_ = false;
     return;
   }
-  if (builder_.running() || next.poses < poses_count_ || next.measurements < errors_.size()) return;
+  const bool complete = next.poses_to_come.empty() && next.to_come.empty();
+  if (builder_.running() || (!complete && work >= quota)) return;
   work_of_build_ = build_work_;
   active_ = 1 - active_;
   building_ = urgent_ = false;
   restart_ = true;
   ++report.factors_replaced;
-  for (int k = 0; k < errors_.size(); ++k) stale_[at(k)] = staleness(k);
+  for (int k = 0; k < measurements_.size(); ++k) {
+    const Part part = active().part[at(k)];
+    stale_[at(k)] = part == Part::kItself ? staleness(k) : 0;
+    urgent_ = urgent_ || (part == Part::kByOthers && measurements_[k].weight != 1);
+  }
 }
 
 StepReport IncrementalSolver::step() {
   StepReport report;
   for (int i = 0; i < changed_count_; ++i) is_changed_[at(changed_[at(i)])] = 0;
   changed_count_ = 0;
-  if (errors_.extend()) restart_ = true;
-  const int before = active().measurements;
+  if (takeNew()) restart_ = true;
+  const int before = active().to_come.size();
   report.update_work = extend(active(), config_.update_quota);
-  if (active().measurements > before)
-    work_of_update_ = report.update_work / (active().measurements - before) + 1;
+  if (const int taken = before - active().to_come.size(); taken > 0)
+    work_of_update_ = report.update_work / taken + 1;
   // With a factor that is out of date, poses would move to no purpose and make the next one old as well. A
   // small graph takes several factors in one step.
   int iterations = 0, rounds = 0;
@@ -294,12 +384,13 @@ StepReport IncrementalSolver::step() {
            report.solve_work + report.update_work + report.build_work + work_of_build_ < config_.build_quota);
   report.chi2 = errors_.chi2();
   report.poses_moved = changed_count_;
-  report.measurements_waiting = errors_.size() - active().measurements;
+  report.measurements_waiting = active().to_come.size();
   return report;
 }
 
 Matrix6d IncrementalSolver::covariance(int i) {
-  if (held_[at(i)] || i >= active().poses) return Matrix6d::Zero();
+  if (held_[at(i)]) return Matrix6d::Zero();
+  if (!active().factor.has(i)) return kUnknown * Matrix6d::Identity();
   Matrix6d world;
   active().factor.covariance(i, -1, world.data());
   const Matrix6d own = ownFrame(pose(i));
@@ -309,6 +400,7 @@ Matrix6d IncrementalSolver::covariance(int i) {
 Matrix6d IncrementalSolver::relativeCovariance(int a, int b) {
   Matrix6d world = Matrix6d::Zero();  // of the difference of their perturbations
   if (a == b) return world;
+  if (!active().factor.has(a) || !active().factor.has(b)) return kUnknown * Matrix6d::Identity();
   if (held_[at(a)] || held_[at(b)]) {
     active().factor.covariance(held_[at(a)] ? b : a, -1, world.data());
   } else {

@@ -7,6 +7,7 @@
 #include "recon/slam/arena_array.hpp"
 #include "recon/slam/factor_builder.hpp"
 #include "recon/slam/growing_factor.hpp"
+#include "recon/slam/index_queue.hpp"
 #include "recon/slam/measurements.hpp"
 #include "recon/slam/present_errors.hpp"
 
@@ -50,6 +51,14 @@ struct StepReport {
   bool waits_for_factor = false;  // poses stay until the next factor is there
 };
 
+enum class RetireStatus {
+  kOk,
+  kNoSuchPose,
+  kHeld,          // the first pose stays
+  kNotSettled,    // one of its measurements is not yet in the factors: ask again some steps later
+  kTooManyLinks,  // kMostLinks
+};
+
 // Maximum likelihood poses of a graph that grows, in fixed memory and with bounded work a step.
 //
 // The gradient of chi2 is always that of the present poses. A factor of the normal equations, whose
@@ -58,22 +67,40 @@ struct StepReport {
 // their path in the elimination tree; meanwhile a new factor, of better order and fresh linearisation, is
 // built in slices and replaces it (sources in growing_factor.hpp and factor_builder.hpp).
 //
+// A pose that is no longer wanted is retired: what its measurements say about its neighbours goes on as
+// measurements between these (retirement.hpp), and its index is free for a later pose. A mission of any
+// length then goes on in the memory of a part of it.
+//
 // The first pose is held. Same calls, same bytes. No memory is taken after construction.
 class IncrementalSolver {
  public:
   explicit IncrementalSolver(const IncrementalConfig& config);
   static std::size_t bytesNeeded(const IncrementalConfig& config);
 
-  // kFull: the number of poses that the solver was made for is reached.
-  AddStatus addPose(const SE3& T_world_pose);
-  // See Measurements::add. `from` = kWorld measures the pose `to` itself.
-  AddStatus addMeasurement(const RelativePose& measurement);
+  // kFull: the number of poses that the solver was made for is reached; retire one. `index`, if given, is
+  // told which it is: size() - 1, unless it has the index of one that was retired.
+  AddStatus addPose(const SE3& T_world_pose, int* index = nullptr);
+  // See Measurements::add. `from` = kWorld measures the pose `to` itself. `index`: measurements() - 1, or
+  // that of one that went with a pose.
+  AddStatus addMeasurement(const RelativePose& measurement, int* index = nullptr);
   // Scales the information of a measurement; 0 takes it out. False when there is no such one.
   bool setWeight(int measurement, double weight);
   StepReport step();
 
-  int size() const { return poses_count_; }
-  int measurements() const { return measurements_.size(); }
+  // Retires a pose with all its measurements. What they say about its neighbours is kept without loss if
+  // there are two, and else in part, never more than was known. Switched-off measurements are forgotten.
+  RetireStatus retire(int pose);
+  // Which pose the map would miss least, of those that may be retired now: few neighbours, and those near;
+  // not of the newest `keep`. Looks at a bounded number of poses, and goes on from there the next time; -1:
+  // none.
+  int leastNeeded(int keep);
+  bool isRetired(int i) const { return born_[at(i)] < 0; }
+  std::int64_t retired() const { return retired_; }  // so far
+
+  int size() const { return poses_count_; }  // indices are below; without poses retired, their number
+  int living() const { return poses_count_ - free_count_; }
+  int measurements() const { return measurements_.size(); }  // the same of measurements
+  // As it is now, composed ones too; not `in_use` where a retired pose left a place free.
   const Measurement& measurement(int k) const { return measurements_[k]; }
   const SE3& pose(int i) const { return poses_[at(i)]; }
   // Poses that the last step moved.
@@ -83,7 +110,8 @@ class IncrementalSolver {
   double chi2Of(int measurement) const { return errors_.chi2Of(measurement); }
 
   // Covariance of a pose's perturbation in its own frame (pose_graph.hpp: perturbed), by the factor; zero for
-  // a pose that is held. And of the relative pose T_a_b, perturbed in the same way.
+  // a pose that is held, next to infinite for one that is not yet in the factor. And of the relative pose
+  // T_a_b, perturbed in the same way. Not to be relied on after fillDropped().
   Matrix6d covariance(int pose);
   Matrix6d relativeCovariance(int a, int b);
 
@@ -96,10 +124,16 @@ class IncrementalSolver {
   std::int64_t fillDropped() const { return active().factor.dropped(); }
 
  private:
+  enum class Part : std::uint8_t {
+    kNone,      // not in the factor
+    kItself,    // as in_factor says
+    kByOthers,  // composed of measurements that are still in the factor
+  };
   struct Factor {
     GrowingFactor factor;
     std::span<InFactor> in_factor;
-    int poses = 0, measurements = 0;  // that it holds
+    std::span<Part> part;               // of each measurement
+    IndexQueue poses_to_come, to_come;  // poses and measurements that it does not have yet
   };
   static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
   Factor& active() { return factors_[at(active_)]; }
@@ -109,6 +143,12 @@ class IncrementalSolver {
   std::int64_t update(Factor& f, double sign, int k);
 
   std::int64_t extend(Factor& f, std::int64_t quota);
+  bool takeNew();
+  void beginBuild();
+  void settle(Factor& f);
+  bool isSettled(int pose) const;
+  void removeMeasurement(int k);
+  void addComposed(RelativePose composed);
   void refresh(StepReport& report);
   bool iterate(StepReport& report);
   void build(StepReport& report);
@@ -118,6 +158,8 @@ class IncrementalSolver {
   Measurements measurements_;
   std::span<SE3> poses_;
   std::span<std::uint8_t> held_;
+  std::span<std::int64_t> born_;  // number of poses that came before; -1: retired
+  std::span<int> free_;           // indices of retired poses
   PresentErrors errors_;
   std::array<Factor, 2> factors_;
   FactorBuilder builder_;
@@ -126,13 +168,16 @@ class IncrementalSolver {
   std::span<SE3> saved_;
   std::span<double> stale_;  // of measurements: staleness in the active factor
   std::span<double> gradient_before_, solved_, direction_;
-  std::span<int> moved_, changed_;
-  std::span<std::uint8_t> is_changed_;
-  int poses_count_ = 0, moved_count_ = 0, changed_count_ = 0, rises_ = 0;
+  std::span<int> moved_, changed_, fresh_;  // fresh: measurements that no step has seen
+  std::span<std::uint8_t> is_changed_, is_newest_;
+  int poses_count_ = 0, free_count_ = 0, fresh_count_ = 0, scanned_ = 0, moved_count_ = 0, changed_count_ = 0,
+      rises_ = 0;
   double product_before_ = 0;
   double closes_late_ = 1;  // share of closures, newest weigh most, with one of the `kept_last` newest poses
   std::int64_t work_of_update_ = 1, work_of_build_ = 0, build_work_ = 0;
-  bool restart_ = true, building_ = false, urgent_ = false;
+  std::int64_t births_ = 0, retired_ = 0;                        // of poses
+  std::int64_t poses_at_build_ = 0, measurements_at_build_ = 0;  // births, when the next factor was begun
+  bool restart_ = true, building_ = false, is_built_ = false, urgent_ = false;
 };
 
 }  // namespace fathom::slam

@@ -1,22 +1,24 @@
 #include "recon/slam/measurements.hpp"
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <cmath>
 
 namespace fathom::slam {
 
 Measurements::Measurements(int poses, int capacity, rt::Arena& arena)
     : all_(arenaArray<Measurement>(arena, static_cast<std::size_t>(capacity))),
-      first_(arenaArray<int>(arena, static_cast<std::size_t>(poses))) {
+      first_(arenaArray<int>(arena, static_cast<std::size_t>(poses))),
+      free_(arenaArray<int>(arena, static_cast<std::size_t>(capacity))) {
   for (int& k : first_) k = -1;
 }
 
 std::size_t Measurements::bytes(int poses, int capacity) {
-  return static_cast<std::size_t>(capacity) * sizeof(Measurement) +
-         static_cast<std::size_t>(poses) * sizeof(int) + 2 * alignof(Measurement);
+  return static_cast<std::size_t>(capacity) * (sizeof(Measurement) + sizeof(int)) +
+         static_cast<std::size_t>(poses) * sizeof(int) + 3 * alignof(Measurement);
 }
 
-AddStatus Measurements::add(const RelativePose& edge, int poses) {
+AddStatus Measurements::add(const RelativePose& edge, int poses, int* index, bool composed) {
   if (edge.from < kWorld || edge.to < 0 || edge.from >= poses || edge.to >= poses)
     return AddStatus::kNoSuchPose;
   if (edge.from == edge.to || !edge.information.allFinite() || !edge.T_from_to.translation().allFinite() ||
@@ -26,8 +28,12 @@ AddStatus Measurements::add(const RelativePose& edge, int poses) {
   const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(edge.information);
   if (eigen.info() != Eigen::Success || eigen.eigenvalues()(0) < -1e-9 * eigen.eigenvalues()(5))
     return AddStatus::kBadMeasurement;
-  if (static_cast<std::size_t>(size_) >= all_.size()) return AddStatus::kFull;
-  Measurement& m = all_[static_cast<std::size_t>(size_)];
+  if (free_count_ == 0 && static_cast<std::size_t>(size_) >= all_.size()) return AddStatus::kFull;
+  const int k = free_count_ > 0 ? free_[static_cast<std::size_t>(--free_count_)] : size_++;
+  Measurement& m = all_[static_cast<std::size_t>(k)];
+  m.in_use = true;
+  m.composed = composed;
+  m.born = births_++;
   m.from = edge.from;
   m.to = edge.to;
   m.T_from_to = edge.T_from_to;
@@ -40,12 +46,38 @@ AddStatus Measurements::add(const RelativePose& edge, int poses) {
   m.lever = std::hypot(edge.T_from_to.translation().norm(), shift > 0 ? std::sqrt(turn / shift) : 1);
   const auto chain = [&](int pose, int end) {
     m.next[end] = first_[static_cast<std::size_t>(pose)];
-    first_[static_cast<std::size_t>(pose)] = size_;
+    first_[static_cast<std::size_t>(pose)] = k;
   };
   if (m.from != kWorld) chain(m.from, 0);
   chain(m.to, 1);
-  ++size_;
+  if (index != nullptr) *index = k;
   return AddStatus::kOk;
+}
+
+void Measurements::unlink(int pose, int k) {
+  int* link = &first_[static_cast<std::size_t>(pose)];
+  while (*link != k) {
+    Measurement& m = all_[static_cast<std::size_t>(*link)];
+    link = &m.next[m.to == pose ? 1 : 0];
+  }
+  *link = next(k, pose);
+}
+
+void Measurements::remove(int k) {
+  Measurement& m = all_[static_cast<std::size_t>(k)];
+  if (m.from != kWorld) unlink(m.from, k);
+  unlink(m.to, k);
+  m.in_use = false;
+  free_[static_cast<std::size_t>(free_count_++)] = k;
+}
+
+void Measurements::copyFrom(const Measurements& other) {
+  std::copy(other.all_.begin(), other.all_.begin() + other.size_, all_.begin());
+  std::copy(other.first_.begin(), other.first_.end(), first_.begin());
+  std::copy(other.free_.begin(), other.free_.begin() + other.free_count_, free_.begin());
+  size_ = other.size_;
+  free_count_ = other.free_count_;
+  births_ = other.births_;
 }
 
 Vector6d toOwnFrame(const SE3& pose, const Perturbation& x) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <span>
 
 #include "recon/slam/arena_array.hpp"
@@ -18,6 +19,9 @@ struct Measurement {
   double weight = 1;       // of chi2; 0: taken out
   double lever = 1;        // length over which a turn counts as much as a shift [m]
   int next[2] = {-1, -1};  // further measurement of `from` and of `to`; see Measurements::next
+  bool in_use = false;
+  bool composed = false;  // of others, when the pose between them was retired
+  std::int64_t born = 0;  // number of measurements that came before it
 };
 
 // Poses are solved for by perturbations (v, w) in the world: T <- (exp(w), v) T. To move or turn a whole
@@ -48,9 +52,15 @@ class Measurements {
   static std::size_t bytes(int poses, int capacity);
 
   // kBadMeasurement: not finite, from a pose to itself, or an information matrix that is not symmetric and
-  // positive semidefinite. kNoSuchPose: an end is not among the first `poses`.
-  AddStatus add(const RelativePose& edge, int poses);
-  int size() const { return size_; }
+  // positive semidefinite. kNoSuchPose: an end is not among the first `poses`. `index`, if given, is told
+  // where it went: to a new place, or to one that a measurement left.
+  AddStatus add(const RelativePose& edge, int poses, int* index = nullptr, bool composed = false);
+  void remove(int k);
+  // Takes everything over from another of the same size or less.
+  void copyFrom(const Measurements& other);
+  int size() const { return size_; }                 // places that have been in use: indices are below
+  int count() const { return size_ - free_count_; }  // in use
+  std::int64_t births() const { return births_; }    // ever added
   const Measurement& operator[](int k) const { return all_[static_cast<std::size_t>(k)]; }
   void setWeight(int k, double weight) { all_[static_cast<std::size_t>(k)].weight = weight; }
 
@@ -59,9 +69,13 @@ class Measurements {
   int next(int k, int pose) const { return (*this)[k].next[(*this)[k].to == pose ? 1 : 0]; }
 
  private:
+  void unlink(int pose, int k);
+
   std::span<Measurement> all_;
   std::span<int> first_;
-  int size_ = 0;
+  std::span<int> free_;
+  int size_ = 0, free_count_ = 0;
+  std::int64_t births_ = 0;
 };
 
 // The plain error.

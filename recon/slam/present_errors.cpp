@@ -1,5 +1,6 @@
 #include "recon/slam/present_errors.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace fathom::slam {
@@ -18,6 +19,7 @@ PresentErrors::PresentErrors(const Measurements& measurements, std::span<const S
   linear_ = arenaArray<WhitenedLinear>(arena, edges);
   error_then_ = arenaArray<Vector6d>(arena, edges);
   pull_ = arenaArray<Perturbation>(arena, edges);
+  is_taken_ = arenaArray<std::uint8_t>(arena, edges);
   is_moved_ = arenaArray<std::uint8_t>(arena, edges);
   chi2_of_ = arenaArray<double>(arena, edges);
   stamp_ = arenaArray<int>(arena, edges);
@@ -27,15 +29,15 @@ PresentErrors::PresentErrors(const Measurements& measurements, std::span<const S
 }
 
 std::size_t PresentErrors::bytes(int max_poses, int max_measurements) {
-  constexpr std::size_t kArrays = 9, kAlignment = alignof(Block);
+  constexpr std::size_t kArrays = 10, kAlignment = alignof(Block);
   return at(max_poses) * (kN * sizeof(double) + sizeof(int) + sizeof(std::uint8_t)) +
-         at(max_measurements) * (sizeof(WhitenedLinear) + 2 * sizeof(Vector6d) + sizeof(std::uint8_t) +
+         at(max_measurements) * (sizeof(WhitenedLinear) + 2 * sizeof(Vector6d) + 2 * sizeof(std::uint8_t) +
                                  sizeof(double) + sizeof(int)) +
          kArrays * kAlignment;
 }
 
 double PresentErrors::chi2Of(int measurement) const {
-  return measurement < size_ ? chi2_of_[at(measurement)] : 0;
+  return chi2_of_[at(measurement)];
 }
 
 bool PresentErrors::takeMoved(int measurement) {
@@ -44,11 +46,17 @@ bool PresentErrors::takeMoved(int measurement) {
   return moved;
 }
 
-bool PresentErrors::extend() {
-  if (size_ == measurements_.size()) return false;
-  while (size_ < measurements_.size()) linearize(size_++);
-  refreshGradient();
-  return true;
+void PresentErrors::take(int measurement) {
+  is_taken_[at(measurement)] = 1;
+  linearize(measurement);
+}
+
+void PresentErrors::drop(int measurement) {
+  const Measurement& m = measurements_[measurement];
+  is_taken_[at(measurement)] = is_moved_[at(measurement)] = 0;
+  chi2_of_[at(measurement)] = 0;
+  markDirty(m.from);
+  markDirty(m.to);
 }
 
 void PresentErrors::renew(int measurement) {
@@ -66,15 +74,22 @@ void PresentErrors::linearize(int k) {
   const Measurement& m = measurements_[k];
   error_then_[at(k)] =
       linearizeWhitened(m, fromPose(m).inverse() * poses_[at(m.to)], m.weight, linear_[at(k)]);
-  noteError(k);
+  noteError(k, error_then_[at(k)]);
 }
 
-// What follows from a measurement's error.
-void PresentErrors::noteError(int k) {
+// What follows from a measurement's error: chi2, and by_to^T of this moment times the weighted error, where
+// by_to (pose_graph.hpp) is made of the rotation that the error is of.
+void PresentErrors::noteError(int k, const Vector6d& plain) {
   const Measurement& m = measurements_[k];
   const WhitenedLinear& l = linear_[at(k)];
   chi2_of_[at(k)] = l.error.squaredNorm();
-  pull_[at(k)] = fromOwnFrame(poses_[at(m.to)], l.by_to.transpose() * l.error);
+  const Vector6d force = std::sqrt(m.weight) * (m.root.transpose() * l.error);
+  const Eigen::Vector3d v = plain.tail<3>();
+  const double w = std::sqrt(std::max(0.0, 1 - v.squaredNorm()));
+  Vector6d own;
+  own.head<3>() = Eigen::Quaterniond(w, v.x(), v.y(), v.z()).conjugate()._transformVector(force.head<3>());
+  own.tail<3>() = 0.5 * (w * force.tail<3>() - v.cross(force.tail<3>()));
+  pull_[at(k)] = fromOwnFrame(poses_[at(m.to)], own);
   markDirty(m.from);
   markDirty(m.to);
 }
@@ -89,14 +104,14 @@ void PresentErrors::evaluate(int k) {
     return;
   }
   linear_[at(k)].error = std::sqrt(m.weight) * (m.root * error);
-  noteError(k);
+  noteError(k, error);
 }
 
 void PresentErrors::follow(std::span<const int> moved) {
   ++evaluation_;
   for (const int pose : moved) {
     for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
-      if (k >= size_ || stamp_[at(k)] == evaluation_) continue;
+      if (!has(k) || stamp_[at(k)] == evaluation_) continue;
       stamp_[at(k)] = evaluation_;
       evaluate(k);
     }
@@ -111,7 +126,7 @@ void PresentErrors::refreshGradient() {
     Eigen::Map<Vector6d> g(&gradient_[at(kN * pose)]);
     g.setZero();
     for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
-      if (k >= size_) continue;
+      if (!has(k)) continue;
       if (measurements_[k].to == pose)
         g += pull_[at(k)];
       else
@@ -120,12 +135,13 @@ void PresentErrors::refreshGradient() {
   }
   dirty_count_ = 0;
   chi2_ = 0;
-  for (int k = 0; k < size_; ++k) chi2_ += chi2_of_[at(k)];
+  for (int k = 0; k < measurements_.size(); ++k) chi2_ += chi2_of_[at(k)];
 }
 
 double PresentErrors::curvature(std::span<const double> direction) const {
   double sum = 0;
-  for (int k = 0; k < size_; ++k) {
+  for (int k = 0; k < measurements_.size(); ++k) {
+    if (!has(k)) continue;
     const Measurement& m = measurements_[k];
     const Eigen::Map<const Perturbation> to(&direction[at(kN * m.to)]);
     Perturbation difference = to;

@@ -9,8 +9,10 @@
 namespace fathom::slam {
 
 // The errors of measurements at the present poses, and what follows from them: chi2, its gradient, its
-// curvature along a direction. Only what touches poses that moved is worked out anew; derivatives may be
-// slightly older than errors. No memory is taken after construction.
+// curvature along a direction. Only what touches poses that moved is worked out anew. The gradient is exact:
+// in the soft directions of a long chain, one from derivatives that are a thousandth old would leave poses
+// many standard deviations away. Curvature may use slightly older ones. No memory is taken after
+// construction.
 class PresentErrors {
  public:
   // All must outlive this; `held[i]` is not 0 for a pose whose place is fixed.
@@ -18,14 +20,17 @@ class PresentErrors {
                 std::span<const std::uint8_t> held, int max_measurements, rt::Arena& arena);
   [[nodiscard]] static std::size_t bytes(int max_poses, int max_measurements);
 
-  // Takes in all new measurements; false when there are none.
-  bool extend();
+  // Takes in one measurement, or lets go of one; refresh() when all are done, and when those that were let go
+  // of have been removed.
+  void take(int measurement);
+  void drop(int measurement);
+  void refresh() { refreshGradient(); }
   // Takes one anew: its weight has changed.
   void renew(int measurement);
   // After some poses have moved.
   void follow(std::span<const int> moved);
 
-  [[nodiscard]] int size() const { return size_; }  // measurements taken in
+  [[nodiscard]] bool has(int measurement) const { return is_taken_[at(measurement)] != 0; }
   [[nodiscard]] double chi2() const { return chi2_; }
   [[nodiscard]] double chi2Of(int measurement) const;
   // By perturbations in the world frame, six numbers a pose.
@@ -41,7 +46,7 @@ class PresentErrors {
  private:
   static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
   void linearize(int k);
-  void noteError(int k);
+  void noteError(int k, const Vector6d& plain);
   void evaluate(int k);
   void markDirty(int pose);
   void refreshGradient();
@@ -52,13 +57,13 @@ class PresentErrors {
   std::span<WhitenedLinear> linear_;  // at present errors; derivatives may be slightly older
   std::span<Vector6d> error_then_;    // plain errors where the derivatives were taken
   std::span<Perturbation> pull_;      // gradient of each, by the perturbation of `to`
-  std::span<std::uint8_t> is_moved_;
+  std::span<std::uint8_t> is_taken_, is_moved_;
   std::span<double> chi2_of_;
   std::span<int> stamp_;  // of measurements: the last evaluation
   std::span<double> gradient_;
   std::span<int> dirty_;
   std::span<std::uint8_t> is_dirty_;
-  int size_ = 0, dirty_count_ = 0, evaluation_ = 0;
+  int dirty_count_ = 0, evaluation_ = 0;
   double chi2_ = 0;
 };
 

@@ -24,7 +24,7 @@ class GrowingFactorTest : public ::testing::Test {
   static constexpr int kPoses = 12;
 
   explicit GrowingFactorTest(std::int64_t blocks = 200)
-      : arena_(GrowingFactor::bytes({kPoses, blocks})), factor_({kPoses, blocks}, arena_) {
+      : arena_(GrowingFactor::bytes({kPoses, kPoses, blocks})), factor_({kPoses, kPoses, blocks}, arena_) {
     for (int i = 0; i < kPoses; ++i) {
       EXPECT_TRUE(factor_.append(i));
       change(1, randomBlock(random_), i, -1);

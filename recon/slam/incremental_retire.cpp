@@ -1,0 +1,147 @@
+// Retirement of poses by the incremental solver.
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <utility>
+
+#include "recon/slam/incremental_solver.hpp"
+#include "recon/slam/retirement.hpp"
+
+namespace fathom::slam {
+namespace {
+
+constexpr int kMostMeasurements = 2 * kMostLinks;  // of a pose that can be retired
+constexpr int kScan = 1024;                        // indices that one call of leastNeeded looks at
+constexpr int kChainLinks = 2;                     // neighbours of a pose on the way from one to the next
+// A neighbour more is worth as much as so long a gap in the map [m]: about a line of a survey.
+constexpr double kLinkWorth_m = 10;
+
+}  // namespace
+
+// What a pose says must already be in the factors, so that what is composed of it is in them as well.
+bool IncrementalSolver::isSettled(int pose) const {
+  if (!active().factor.has(pose) || (building_ && born_[at(pose)] >= poses_at_build_)) return false;
+  for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
+    const Measurement& m = measurements_[k];
+    const Part part = active().part[at(k)];
+    if (!errors_.has(k) || part == Part::kNone) return false;
+    if (m.weight != (part == Part::kItself ? active().in_factor[at(k)].weight : 1)) return false;
+    if (!building_) continue;
+    const bool in_next = m.born < measurements_at_build_;
+    if (in_next ? m.weight != builder_.weightOf(k) : !m.composed) return false;
+  }
+  return true;
+}
+
+void IncrementalSolver::removeMeasurement(int k) {
+  errors_.drop(k);
+  measurements_.remove(k);
+  stale_[at(k)] = 0;
+  for (Factor& f : factors_) f.part[at(k)] = Part::kNone;
+}
+
+// Adds what was composed of measurements that the factors have; with what an earlier pose between the same
+// two has left it makes one.
+void IncrementalSolver::addComposed(RelativePose made) {
+  int k = -1;
+  if (measurements_.add(made, poses_count_, &k, true) != AddStatus::kOk) return;
+  const auto partner = [&](int other) {
+    const Measurement& m = measurements_[other];
+    return other != k && m.composed && std::minmax(m.from, m.to) == std::minmax(made.from, made.to);
+  };
+  for (int other = measurements_.first(made.to); other >= 0; other = measurements_.next(other, made.to)) {
+    if (!partner(other)) continue;
+    const std::array<const Measurement*, 2> both{&measurements_[k], &measurements_[other]};
+    const SE3 from = made.from == kWorld ? SE3() : poses_[at(made.from)];
+    const StarLink link = starLink(both, made.to, from.inverse() * poses_[at(made.to)]);
+    made.T_from_to = link.T_neighbour_pose;
+    made.information = residualInformation(link.information);
+    removeMeasurement(other);
+    measurements_.remove(k);
+    if (measurements_.add(made, poses_count_, &k, true) != AddStatus::kOk) return;
+    break;
+  }
+  active().part[at(k)] = Part::kByOthers;
+  active().in_factor[at(k)].weight = 1;
+  stale_[at(k)] = 0;
+  errors_.take(k);
+}
+
+RetireStatus IncrementalSolver::retire(int pose) {
+  if (pose < 0 || pose >= poses_count_ || isRetired(pose)) return RetireStatus::kNoSuchPose;
+  if (held_[at(pose)]) return RetireStatus::kHeld;
+  if (!isSettled(pose)) return RetireStatus::kNotSettled;
+  std::array<std::pair<int, int>, kMostMeasurements> star;  // neighbour, measurement
+  std::size_t count = 0;
+  for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
+    if (count == star.size()) return RetireStatus::kTooManyLinks;
+    const Measurement& m = measurements_[k];
+    star[count++] = {m.from == pose ? m.to : m.from, k};
+  }
+  std::sort(star.begin(), star.begin() + static_cast<std::ptrdiff_t>(count));
+  std::array<StarLink, kMostLinks> links;
+  std::size_t link_count = 0;
+  for (std::size_t i = 0; i < count;) {
+    const int neighbour = star[i].first;
+    std::array<const Measurement*, kMostMeasurements> group;
+    std::size_t in_group = 0;
+    for (; i < count && star[i].first == neighbour; ++i)
+      if (measurements_[star[i].second].weight > 0) group[in_group++] = &measurements_[star[i].second];
+    if (in_group == 0) continue;
+    if (link_count == links.size()) return RetireStatus::kTooManyLinks;
+    const SE3 from = neighbour == kWorld ? SE3() : poses_[at(neighbour)];
+    links[link_count] = starLink({group.data(), in_group}, pose, from.inverse() * poses_[at(pose)]);
+    links[link_count++].neighbour = neighbour;
+  }
+  std::array<RelativePose, kMostLinks> left;
+  const int left_count = retireStar({links.data(), link_count}, left);
+
+  for (std::size_t i = 0; i < count; ++i) removeMeasurement(star[i].second);
+  for (int i = 0; i < left_count; ++i) addComposed(left[at(i)]);
+  errors_.refresh();
+  active().factor.bury(active().factor.positionOf(pose));
+  born_[at(pose)] = -1;
+  free_[at(free_count_++)] = pose;
+  ++retired_;
+  restart_ = true;
+  return RetireStatus::kOk;
+}
+
+int IncrementalSolver::leastNeeded(int keep) {
+  int best = -1;
+  double least = std::numeric_limits<double>::infinity();
+  for (int seen = 0; seen < std::min(kScan, poses_count_); ++seen) {
+    scanned_ = (scanned_ + 1) % poses_count_;
+    const int pose = scanned_;
+    if (isRetired(pose) || held_[at(pose)] || born_[at(pose)] >= births_ - keep) continue;
+    std::array<int, kMostLinks> neighbours;
+    int links = 0, measured = 0;
+    double nearest[kChainLinks] = {};
+    bool fits = true;
+    for (int k = measurements_.first(pose); k >= 0 && fits; k = measurements_.next(k, pose)) {
+      const Measurement& m = measurements_[k];
+      const int other = m.from == pose ? m.to : m.from;
+      fits = ++measured <= kMostMeasurements;
+      if (other == kWorld || m.weight == 0 ||
+          std::find(neighbours.begin(), neighbours.begin() + links, other) != neighbours.begin() + links)
+        continue;
+      fits = fits && links + 1 < kMostLinks;
+      if (!fits) break;
+      neighbours[at(links)] = other;
+      const double apart = (poses_[at(pose)].translation() - poses_[at(other)].translation()).norm();
+      if (links < kChainLinks) {
+        nearest[links] = apart;
+      } else if (double& farther = nearest[0] > nearest[1] ? nearest[0] : nearest[1]; apart < farther) {
+        farther = apart;
+      }
+      ++links;
+    }
+    const double worth = kLinkWorth_m * std::max(0, links - kChainLinks) + nearest[0] + nearest[1];
+    if (!fits || worth >= least || !isSettled(pose)) continue;
+    least = worth;
+    best = pose;
+  }
+  return best;
+}
+
+}  // namespace fathom::slam
