@@ -43,6 +43,10 @@ void hamming(const FrameFeatures& a, const FrameFeatures& b, Eigen::MatrixXf& di
   }
 }
 
+bool samePlace(const Feature& a, const Feature& b) {
+  return (a.left - b.left).squaredNorm() < kSamePlace * kSamePlace;
+}
+
 // Best partner of one feature and the best one elsewhere.
 struct Ranking {
   int best = -1;
@@ -50,9 +54,8 @@ struct Ranking {
 
   void offer(int candidate, float distance, const FrameFeatures& of) {
     if (distance >= second) return;
-    const bool same = best >= 0 && (of.features[static_cast<std::size_t>(candidate)].left -
-                                    of.features[static_cast<std::size_t>(best)].left)
-                                           .squaredNorm() < kSamePlace * kSamePlace;
+    const bool same = best >= 0 && samePlace(of.features[static_cast<std::size_t>(candidate)],
+                                             of.features[static_cast<std::size_t>(best)]);
     if (distance < first) {
       if (!same) second = first;
       first = distance;
@@ -72,6 +75,18 @@ void descriptorDistances(const FrameFeatures& a, const FrameFeatures& b, Eigen::
     euclidean(a, b, distances);
   else
     hamming(a, b, distances);
+}
+
+std::vector<float> nearestElsewhere(const FrameFeatures& frame) {
+  Eigen::MatrixXf distances;
+  descriptorDistances(frame, frame, distances);
+  std::vector<float> nearest(frame.size(), kNone);
+  for (std::size_t i = 0; i < frame.size(); ++i)
+    for (std::size_t j = 0; j < frame.size(); ++j) {
+      const float d = distances(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(i));
+      if (d < nearest[i] && !samePlace(frame.features[i], frame.features[j])) nearest[i] = d;
+    }
+  return nearest;
 }
 
 void matchDescriptors(const FrameFeatures& a, const FrameFeatures& b, const Eigen::MatrixXf& distances,

@@ -27,6 +27,9 @@ struct Matches {
 // floats, so that every processor gives the same), Hamming squared for bits. Both frames must be of one kind.
 void descriptorDistances(const FrameFeatures& a, const FrameFeatures& b, Eigen::MatrixXf& distances);
 
+// Squared distance of each feature's descriptor to the nearest one elsewhere in the same frame.
+[[nodiscard]] std::vector<float> nearestElsewhere(const FrameFeatures& frame);
+
 // `allowed`: false for pairs that what is known of the relative pose forbids; null: none is forbidden. The
 // second best of the ratio test must lie elsewhere in the image: one place often gives two features.
 void matchDescriptors(const FrameFeatures& a, const FrameFeatures& b, const Eigen::MatrixXf& distances,

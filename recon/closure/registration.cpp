@@ -101,10 +101,13 @@ Refusal Registrar::Impl::estimate(const FrameFeatures& a, const FrameFeatures& b
 // refusal.
 Refusal Registrar::Impl::check(const FrameFeatures& a, const FrameFeatures& b, const RelativePrior* prior) {
   const double gate = config.sample.gate * result.noise * result.noise;
-  const OverlapUse use = overlapUse(rig, a, b, result.inliers, result.T_a_b);
+  const Distinct distinct = distinctFeatures(a, b, distances, result.inliers, config.match.max_ratio);
+  const OverlapUse use = overlapUse(rig, a, b, result.inliers, distinct, result.T_a_b);
   result.overlap_features = use.features;
   result.share = use.share;
   result.coverage = use.coverage;
+  result.distinct_inliers = use.distinct_inliers;
+  result.distinct_coverage = use.distinct_coverage;
   result.significance = significance(a, b, masked ? &mask : nullptr, matches.best.size(),
                                      result.inliers.size(), result.T_a_b, gate);
   if (prior != nullptr)
@@ -112,13 +115,15 @@ Refusal Registrar::Impl::check(const FrameFeatures& a, const FrameFeatures& b, c
         distanceFromPrior(result.T_a_b, result.covariance, prior->T_a_b, prior->covariance);
   if (static_cast<int>(result.inliers.size()) < config.min_inliers) return Refusal::kFewInliers;
   if (result.share < config.min_inlier_share) return Refusal::kLowShare;
-  if (result.coverage < config.min_coverage) return Refusal::kNarrow;
+  if (std::min(result.coverage, result.distinct_coverage) < config.min_coverage) return Refusal::kNarrow;
   if (result.significance < config.min_significance) return Refusal::kChance;
   if (result.prior_distance > config.max_prior_distance) return Refusal::kContradiction;
   const Vector6d sigma = result.covariance.diagonal().cwiseSqrt();
   if (sigma.head<3>().maxCoeff() > config.max_sigma_position ||
       sigma.tail<3>().maxCoeff() > config.max_sigma_angle)
     return Refusal::kVague;
+  // A rival explains what repeats, wherever; distinct features have one place each.
+  if (result.distinct_inliers >= config.min_inliers) return Refusal::kNone;
   result.rival_share = rivalShare(pointPairs(rig, config.shared, a, b, matches.alike), matches.alike,
                                   result.T_a_b, gate, config.sample);
   return result.rival_share > config.max_rival_share ? Refusal::kAmbiguous : Refusal::kNone;

@@ -30,7 +30,7 @@ enum class Refusal : std::uint8_t {
   kNarrow,         // inliers fill a small part of the overlap only: one thing that looks like another
   kChance,         // as many random matches could fit
   kContradiction,  // disagrees with what was known, or that is not finite
-  kAmbiguous,      // another pose explains nearly as many look-alikes
+  kAmbiguous,      // another pose explains nearly as many look-alikes, and too little is distinct
   kVague,          // the covariance is too large to be of use
 };
 constexpr std::size_t kRefusals = 11;
@@ -61,7 +61,9 @@ struct Registration {
   double noise = 1;                            // of the residuals by what the points claim
   int matches = 0;                             // mutual best
   int overlap_features = 0;                    // that both frames should see
-  double share = 0, coverage = 0, significance = 0, prior_distance = 0, rival_share = 0;  // as tested
+  int distinct_inliers = 0;                    // that look like nothing else in their own frame
+  double share = 0, coverage = 0, distinct_coverage = 0, significance = 0, prior_distance = 0,
+         rival_share = 0;  // as tested
 
   [[nodiscard]] bool accepted() const { return refusal == Refusal::kNone; }
 };

@@ -12,6 +12,8 @@ namespace {
 constexpr int kCellsAcross = 8, kCellsDown = 6;  // of the left image
 constexpr int kHeldCell = 3;                     // features of the overlap that make a cell count
 
+using Cells = std::array<int, kCellsAcross * kCellsDown>;
+
 double logChoose(double n, double k) {
   return std::lgamma(n + 1) - std::lgamma(k + 1) - std::lgamma(n - k + 1);
 }
@@ -97,10 +99,26 @@ std::size_t maskByPrior(const FrameFeatures& a, const FrameFeatures& b, const SE
   return count;
 }
 
+Distinct distinctFeatures(const FrameFeatures& a, const FrameFeatures& b, const Eigen::MatrixXf& distances,
+                          const std::vector<Match>& inliers, double ratio) {
+  std::vector<float> typical;
+  for (const Match& m : inliers) typical.push_back(distances(m.a, m.b));
+  if (typical.empty()) return {std::vector<bool>(a.size()), std::vector<bool>(b.size())};
+  const auto middle = typical.begin() + static_cast<std::ptrdiff_t>(typical.size() / 2);
+  std::nth_element(typical.begin(), middle, typical.end());
+  const auto least = static_cast<float>(static_cast<double>(*middle) / (ratio * ratio));
+  const auto beyond = [least](const FrameFeatures& frame) {
+    std::vector<bool> distinct;
+    for (const float d : nearestElsewhere(frame)) distinct.push_back(d > least);
+    return distinct;
+  };
+  return {beyond(a), beyond(b)};
+}
+
 OverlapUse overlapUse(const StereoRig& rig, const FrameFeatures& a, const FrameFeatures& b,
-                      const std::vector<Match>& inliers, const SE3& T_a_b) {
+                      const std::vector<Match>& inliers, const Distinct& distinct, const SE3& T_a_b) {
   const SE3 T_b_a = T_a_b.inverse();
-  std::array<int, kCellsAcross * kCellsDown> held{}, used{};
+  Cells held{}, used{}, distinct_held{}, distinct_used{};
   const auto cellOf = [&](const Feature& f) {
     const auto along = [](float at, int size, int cells) {
       return std::clamp(static_cast<int>(at * static_cast<float>(cells) / static_cast<float>(size)), 0,
@@ -110,23 +128,35 @@ OverlapUse overlapUse(const StereoRig& rig, const FrameFeatures& a, const FrameF
                                     along(f.left.x(), rig.left.width, kCellsAcross));
   };
   int in_a = 0, in_b = 0;
-  for (const Feature& f : a.features) {
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const Feature& f = a.features[i];
     if (!seen(rig, T_b_a * f.point.cast<double>())) continue;
     ++in_a;
     ++held[cellOf(f)];
+    distinct_held[cellOf(f)] += distinct.a[i] ? 1 : 0;
   }
   for (const Feature& f : b.features) in_b += seen(rig, T_a_b * f.point.cast<double>()) ? 1 : 0;
-  for (const Match& m : inliers) ++used[cellOf(a.features[static_cast<std::size_t>(m.a)])];
-  int cells = 0, filled = 0;
-  for (std::size_t c = 0; c < held.size(); ++c) {
-    if (held[c] < kHeldCell) continue;
-    ++cells;
-    filled += used[c] > 0 ? 1 : 0;
-  }
   OverlapUse use;
+  for (const Match& m : inliers) {
+    const auto i = static_cast<std::size_t>(m.a), j = static_cast<std::size_t>(m.b);
+    ++used[cellOf(a.features[i])];
+    if (!distinct.a[i] || !distinct.b[j]) continue;
+    ++distinct_used[cellOf(a.features[i])];
+    ++use.distinct_inliers;
+  }
+  const auto filled = [](const Cells& of, const Cells& by) {
+    int cells = 0, full = 0;
+    for (std::size_t c = 0; c < of.size(); ++c) {
+      if (of[c] < kHeldCell) continue;
+      ++cells;
+      full += by[c] > 0 ? 1 : 0;
+    }
+    return cells > 0 ? static_cast<double>(full) / cells : 0.0;
+  };
   use.features = std::min(in_a, in_b);
   use.share = static_cast<double>(inliers.size()) / std::max(use.features, 1);
-  use.coverage = cells > 0 ? static_cast<double>(filled) / cells : 0;
+  use.coverage = filled(held, used);
+  use.distinct_coverage = filled(distinct_held, distinct_used);
   return use;
 }
 

@@ -27,15 +27,28 @@ using PairMask = Eigen::Array<bool, Eigen::Dynamic, Eigen::Dynamic>;  // a's fea
 std::size_t maskByPrior(const FrameFeatures& a, const FrameFeatures& b, const SE3& prior,
                         const Matrix6d& prior_covariance, PairMask& mask);
 
+// Features that look like nothing else in their own frame: the nearest descriptor elsewhere is farther than
+// the typical (median) distance of the inliers by 1 / ratio.
+struct Distinct {
+  std::vector<bool> a, b;
+};
+[[nodiscard]] Distinct distinctFeatures(const FrameFeatures& a, const FrameFeatures& b,
+                                        const Eigen::MatrixXf& distances, const std::vector<Match>& inliers,
+                                        double ratio);
+
 // How the inliers of a pose fill what both frames see.
 struct OverlapUse {
   int features = 0;  // that lie in the overlap, in the frame with fewer of them
   double share = 0;  // inliers by that number
   double coverage =
       0;  // of cells of the left image of a that hold features of the overlap: those with inliers
+  // The same of distinct features alone: what repeats fills an overlap wherever it is laid.
+  int distinct_inliers = 0;
+  double distinct_coverage = 0;
 };
 [[nodiscard]] OverlapUse overlapUse(const StereoRig& rig, const FrameFeatures& a, const FrameFeatures& b,
-                                    const std::vector<Match>& inliers, const SE3& T_a_b);
+                                    const std::vector<Match>& inliers, const Distinct& distinct,
+                                    const SE3& T_a_b);
 
 // -log10 of the expected number of poses that `inliers` of `matches` random matches would fit as well,
 // "number of false alarms" of an a-contrario model (Moisan & Stival 2004):

@@ -10,8 +10,8 @@
 namespace fathom {
 namespace {
 
-constexpr std::size_t kBins = 128, kLatent = 16;
-constexpr float kOwn = 0.6F;  // standard deviation of a bin's own part, by that of the common one
+constexpr std::size_t kBins = 128, kLatent = 12;
+constexpr float kOwn = 0.35F;  // standard deviation of a bin's own part, by that of the common one
 constexpr float kNorm = 512, kTop = 255;
 
 // A nearly normal number of unit variance from 16 bits: how many bits are set, and where.

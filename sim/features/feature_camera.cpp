@@ -17,15 +17,16 @@
 namespace fathom::sim {
 namespace {
 
-constexpr double kLargestSize = 4;        // of a feature, by the smallest
-constexpr double kMargin = 8;             // windows at the border find no match [px]
-constexpr double kNearest = 0.1;          // of a point before a camera [m]
-constexpr float kFarthest = 100.0F;       // of a ray [m]
-constexpr float kStart = 100.0F;          // above the terrain, of a ray that falls [m]
-constexpr double kHidden = 0.01;          // a landmark this much behind what is seen is hidden [m]
-constexpr int kProbes = 7;                // a side, of the rays that find the area seen
-constexpr int kFieldCells = 8;            // across the image, of the smooth part of the place noise
-constexpr double kDescriptorTail = 0.35;  // of the logarithm of the descriptor's noise, standard deviation
+constexpr double kLargestSize = 4;       // of a feature, by the smallest
+constexpr double kMargin = 8;            // windows at the border find no match [px]
+constexpr double kNearest = 0.1;         // of a point before a camera [m]
+constexpr float kFarthest = 100.0F;      // of a ray [m]
+constexpr float kStart = 100.0F;         // above the terrain, of a ray that falls [m]
+constexpr double kHidden = 0.01;         // a landmark this much behind what is seen is hidden [m]
+constexpr int kProbes = 7;               // a side, of the rays that find the area seen
+constexpr int kFieldCells = 8;           // across the image, of the smooth part of the place noise
+constexpr double kDescriptorTail = 0.6;  // of the logarithm of the descriptor's noise, standard deviation
+constexpr double kSlip = 5;  // of a landmark found beside its place, by the usual standard deviation
 constexpr double kMaxDescriptorNoise = 1.9;
 
 // Normal numbers that belong to a thing.
@@ -207,7 +208,8 @@ void FeatureCamera::Impl::look(const Landmark& landmark, const SE3& T_nav_body, 
   const Eigen::Vector2d n = in_left.head<2>() / in_left.z();
   const double place_sigma = config.place_sigma * rig.left.width + config.place_sigma_per_size * size_px;
   const double cell_px = static_cast<double>(rig.left.width) / kFieldCells;
-  const Eigen::Vector2d own = random.both();
+  const double slip = random.uniform() < config.slip_probability ? kSlip : 1.0;
+  const Eigen::Vector2d own = slip * random.both();
   const Eigen::Vector2d place =
       place_sigma * wider *
       (std::sqrt(1 - config.place_shared_variance) * own +

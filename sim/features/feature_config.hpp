@@ -17,7 +17,8 @@ struct FeatureConfig {
   double place_sigma = 0.00035;        // by the image's width
   double place_sigma_per_size = 0.02;  // more of it, by the size
   // Neighbours share pixels and shading: this part of the variance is one smooth field over the image.
-  double place_shared_variance = 0.3;
+  double place_shared_variance = 0.25;
+  double slip_probability = 0.06;     // of finding a landmark beside its place, five times as far off
   double match_sigma_px = 0.05;       // of the right pixel against the left one
   double gross_probability = 0.0015;  // of a match with something else on the epipolar line
   double gross_px = 20;               // largest error of such a match

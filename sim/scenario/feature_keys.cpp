@@ -17,6 +17,8 @@ void visitFeatures(KeyVisitor& keys, FeatureConfig& f) {
   keys.number("place_sigma_per_size", f.place_sigma_per_size, "1", 0, 1, "more of it, by the size");
   keys.number("place_shared_variance", f.place_shared_variance, "1", 0, 1,
               "part of that variance which neighbours in an image share");
+  keys.number("slip_probability", f.slip_probability, "1", 0, 1,
+              "of finding a landmark beside its place, five times as far off");
   keys.number("match_sigma_px", f.match_sigma_px, "px", 0.002, 0.4,
               "of the right pixel against the left one");
   keys.number("gross_probability", f.gross_probability, "1", 0, 1, "of a wrong match on the epipolar line");

@@ -13,6 +13,7 @@
 #include "realtime/kernel/command_line.hpp"
 #include "recon/closure/feature_extractor.hpp"
 #include "recon/closure/feature_slot.hpp"
+#include "recon/closure/given_features.hpp"
 #include "recon/closure/registration.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "tests/bench/stereo_truth.hpp"
@@ -102,8 +103,8 @@ Frames load(const stereo::TrueMission& mission, std::size_t every) {
     TrueFrame truth{pair.T_nav_cam, {}};
     for (int y = 0; y < kLattice; ++y)
       for (int x = 0; x < kLattice; ++x)
-        if (const auto p = mission.pointAt(
-                pair, {(x + 0.5) * pair.left.cols / kLattice, (y + 0.5) * pair.left.rows / kLattice}))
+        if (const auto p = mission.pointAt(pair, {(x + 0.5) * mission.rig().left.width / kLattice,
+                                                  (y + 0.5) * mission.rig().left.height / kLattice}))
           truth.seen.push_back(*p);
     frames.index.push_back(i);
     frames.truth.push_back(std::move(truth));
@@ -180,7 +181,7 @@ RelativePrior priorOf(const SE3& truth, Class overlap, std::mt19937& random) {
 
 struct ClassResult {
   int pairs = 0, accepted = 0, wrong = 0;
-  std::vector<double> position, angle, nees, inliers;
+  std::vector<double> position, angle, nees, inliers, matches;
   std::map<std::string, int> refusals;
 };
 
@@ -221,9 +222,11 @@ Extracted extract(const stereo::TrueMission& mission, const Frames& frames, cons
   const auto count = static_cast<double>(frames.images.size());
   for (const stereo::TruePair& images : frames.images) {
     const double d = images.plane.distance;
+    const DepthRange depths{kDepths[0] * d, kDepths[1] * d};
     clock.start();
-    result.frames.push_back(
-        extractor.process(viewOf(images.left), viewOf(images.right), {kDepths[0] * d, kDepths[1] * d}));
+    result.frames.push_back(mission.featuresOnly()
+                                ? featuresFrom(images.features, mission.rig(), {config.max_features, depths})
+                                : extractor.process(viewOf(images.left), viewOf(images.right), depths));
     result.mean_features += static_cast<double>(result.frames.back().size()) / count;
   }
   result.ms = clock.means(count);
@@ -248,15 +251,17 @@ Json report(const stereo::TrueMission& mission, const Frames& frames, const std:
     const Registration& r = registrar.process(extracted.frames[pair.a], extracted.frames[pair.b], prior);
     ClassResult& c = results[pair.overlap];
     ++c.pairs;
+    c.matches.push_back(r.matches);
     const Vector6d e = differenceOf(r.T_a_b, truth);
     const double position = e.head<3>().norm(), angle = e.tail<3>().norm();
     if (verbose)
       std::printf(
           "%4zu %4zu %-11s %-13s matches %3d inliers %3zu of %3d share %.2f coverage %.2f "
-          "significance %6.1f rival %.2f noise %.2f: %.4f m %.4f rad\n",
+          "distinct %3d %.2f significance %6.1f rival %.2f noise %.2f: %.4f m %.4f rad\n",
           frames.index[pair.a], frames.index[pair.b], kClassNames[pair.overlap],
           std::string(nameOf(r.refusal)).c_str(), r.matches, r.inliers.size(), r.overlap_features, r.share,
-          r.coverage, r.significance, r.rival_share, r.noise, position, angle);
+          r.coverage, r.distinct_inliers, r.distinct_coverage, r.significance, r.rival_share, r.noise,
+          position, angle);
     if (!r.accepted()) {
       ++c.refusals[std::string(nameOf(r.refusal))];
       continue;
@@ -281,13 +286,13 @@ Json report(const stereo::TrueMission& mission, const Frames& frames, const std:
   std::printf("\n%s, %s prior: %.0f features a frame; ms a frame %s; ms a pair %s\n", name,
               with_prior ? "with" : "without", extracted.mean_features, json["extraction_ms"].dump().c_str(),
               json["registration_ms"].dump().c_str());
-  std::printf("%-12s %5s %8s %5s %7s | %7s %7s %7s | %7s %7s | %5s\n", "class", "pairs", "accepted", "false",
-              "inliers", "mm rms", "mm p50", "mm p95", "deg rms", "deg p95", "NEES");
+  std::printf("%-12s %5s %8s %5s %7s %7s | %7s %7s %7s | %7s %7s | %5s\n", "class", "pairs", "accepted",
+              "false", "matches", "inliers", "mm rms", "mm p50", "mm p95", "deg rms", "deg p95", "NEES");
   for (std::size_t k = 0; k < kClasses; ++k) {
     const ClassResult& c = results[k];
     constexpr double kDegrees = 57.29577951308232;
-    std::printf("%-12s %5d %8d %5d %7.0f | %7.2f %7.2f %7.2f | %7.3f %7.3f | %5.2f ", kClassNames[k], c.pairs,
-                c.accepted, c.wrong, meanOf(c.inliers), 1e3 * rmsOf(c.position),
+    std::printf("%-12s %5d %8d %5d %7.0f %7.0f | %7.2f %7.2f %7.2f | %7.3f %7.3f | %5.2f ", kClassNames[k],
+                c.pairs, c.accepted, c.wrong, meanOf(c.matches), meanOf(c.inliers), 1e3 * rmsOf(c.position),
                 1e3 * quantile(c.position, 0.5), 1e3 * quantile(c.position, 0.95), kDegrees * rmsOf(c.angle),
                 kDegrees * quantile(c.angle, 0.95), meanOf(c.nees));
     Json refusals;
@@ -300,6 +305,7 @@ Json report(const stereo::TrueMission& mission, const Frames& frames, const std:
                                {"pairs", c.pairs},
                                {"accepted", c.accepted},
                                {"false", c.wrong},
+                               {"mean_matches", meanOf(c.matches)},
                                {"mean_inliers", meanOf(c.inliers)},
                                {"position_rms_m", rmsOf(c.position)},
                                {"position_p95_m", quantile(c.position, 0.95)},
@@ -338,6 +344,7 @@ int run(int argc, char** argv) {
     std::printf("%s: %zu frames, %zu pairs\n", folder.filename().string().c_str(), frames.index.size(),
                 pairs.size());
     for (const Kind& kind : kKinds) {
+      if (mission.featuresOnly() && kind.kind != DescriptorKind::kRootSift) continue;
       if (!names.empty() && std::find(names.begin(), names.end(), kind.name) == names.end()) continue;
       features.kind = kind.kind;
       const Extracted extracted = extract(mission, frames, features);

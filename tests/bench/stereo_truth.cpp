@@ -11,6 +11,7 @@ TrueMission::TrueMission(const std::filesystem::path& mission)
       rig_(readStereoCalib(paths_.calib())),
       scenario_(sim::loadScenario((paths_.truth() / "scenario.toml").string())),
       terrain_(sim::resolvedTerrain(scenario_)),
+      features_only_(io::isFeatureMission(paths_)),
       left_ranges_(rig_.left),
       right_ranges_(rig_.right),
       left_light_(rig_.left.width, rig_.left.height, config_.cameras.left_format, config_.cameras.bits, {}),
@@ -21,6 +22,7 @@ TrueMission::TrueMission(const std::filesystem::path& mission)
     if (const auto pose = track.poseAt(pair.utc_ns))
       names_.push_back({pair.left, pair.right, *pose * scenario_.T_body_cam()});
   if (names_.empty()) throw InputError(paths_.truth().string(), "images.csv", "lists no pair of the survey");
+  if (features_only_) return;
   for (const Names& n : names_) {
     left_light_.add(read(n, true).view, rangesOf(n.T_nav_cam, true));
     right_light_.add(read(n, false).view, rangesOf(n.T_nav_cam, false));
@@ -67,8 +69,17 @@ cv::Mat TrueMission::corrected(const Names& names, bool left) const {
 
 TruePair TrueMission::pair(std::size_t index) const {
   const Names& names = names_.at(index);
-  return {names.left, corrected(names, true), corrected(names, false), names.T_nav_cam,
-          planeOf(names.T_nav_cam)};
+  TruePair pair;
+  pair.name = names.left;
+  pair.T_nav_cam = names.T_nav_cam;
+  pair.plane = planeOf(names.T_nav_cam);
+  if (features_only_) {
+    io::readFeatureFile(paths_.features() / io::featureFileName(names.left), pair.features);
+  } else {
+    pair.left = corrected(names, true);
+    pair.right = corrected(names, false);
+  }
+  return pair;
 }
 
 std::optional<Eigen::Vector3d> TrueMission::pointAt(const TruePair& pair,

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "firmware_if/feature_file.hpp"
 #include "firmware_if/image_file.hpp"
 #include "firmware_if/mission.hpp"
 #include "recon/lighting/lighting_model.hpp"
@@ -18,9 +19,10 @@ namespace fathom::stereo {
 // One rendered pair with what is known of it.
 struct TruePair {
   std::string name;     // of the left image
-  cv::Mat left, right;  // 8-bit mono, lighting corrected
-  SE3 T_nav_cam;        // true
-  SeedPlane plane;      // level seafloor at the true altitude of the camera
+  cv::Mat left, right;  // 8-bit mono, lighting corrected; empty where the mission has features instead
+  StereoFeatureFrame features;
+  SE3 T_nav_cam;    // true
+  SeedPlane plane;  // level seafloor at the true altitude of the camera
 };
 
 // A simulated mission (full truth needed) as a source of such pairs. Moving things are no part of the true
@@ -36,6 +38,7 @@ class TrueMission {
   [[nodiscard]] std::optional<Eigen::Vector3d> pointAt(const TruePair& pair,
                                                        const Eigen::Vector2d& left_pixel) const;
   [[nodiscard]] const StereoRig& rig() const { return rig_; }
+  [[nodiscard]] bool featuresOnly() const { return features_only_; }
 
  private:
   struct Names {
@@ -53,6 +56,7 @@ class TrueMission {
   sim::Scenario scenario_;
   sim::Terrain terrain_;
   std::vector<Names> names_;
+  bool features_only_;
   lighting::RangeMaker left_ranges_, right_ranges_;
   lighting::LightingModel left_light_, right_light_;
 };

@@ -4,6 +4,7 @@
 #include <fstream>
 #include <map>
 
+#include "firmware_if/feature_file.hpp"
 #include "firmware_if/image_file.hpp"
 #include "firmware_if/mission.hpp"
 #include "firmware_if/pose_files.hpp"
@@ -34,8 +35,9 @@ Scenario tinyScenario() {
 }
 
 MissionMakerReport make(const Scenario& scenario, const std::filesystem::path& out, int threads = 0,
-                        bool force = false) {
+                        bool force = false, bool features = false) {
   MissionMakerOptions options;
+  options.features = features;
   options.out = out;
   options.threads = threads;
   options.force = force;
@@ -52,6 +54,34 @@ std::map<std::string, std::string> contents(const std::filesystem::path& folder)
         std::string((std::istreambuf_iterator<char>(stream)), {});
   }
   return files;
+}
+
+TEST(MissionMaker, AMissionOfFeaturesHasAFilePerPairAndNoImagesAndTheSameBytesForAnyNumberOfThreads) {
+  test::TemporaryFolder folder;
+  Scenario scenario = tinyScenario();
+  scenario.scale = 1;
+  const MissionMakerReport report = make(scenario, folder.path() / "one", 1, false, true);
+  make(scenario, folder.path() / "two", 2, false, true);
+  EXPECT_EQ(contents(folder.path() / "one"), contents(folder.path() / "two"));
+  const io::MissionPaths paths(folder.path() / "one");
+  EXPECT_TRUE(io::isFeatureMission(paths));
+  std::size_t events = 0;
+  io::SensorLogReader reader(paths.root);
+  while (const auto entry = reader.next()) {
+    const auto* event = std::get_if<ImageEvent>(&entry->sample);
+    if (event == nullptr || event->side != CameraSide::kLeft) continue;
+    ++events;
+    const StereoFeatureFrame frame =
+        io::readFeatureFile(paths.features() / io::featureFileName(event->file_name));
+    EXPECT_EQ(frame.width, scenario.rig.left.width);
+    EXPECT_GT(frame.features.size(), 100u);
+  }
+  EXPECT_EQ(events, report.pairs);
+  // All else is as with images.
+  const auto log = contents(folder.path() / "one").at("sensors.lcmlog");
+  scenario.scale = 0.1;
+  make(scenario, folder.path() / "images", 2);
+  EXPECT_EQ(contents(folder.path() / "images").at("sensors.lcmlog"), log);
 }
 
 TEST(MissionMaker, TheSameSeedGivesTheSameBytesForOneAndTwoThreadsAndAnotherSeedDoesNot) {

@@ -143,6 +143,52 @@ TEST_F(SensorTest, DvlHasNoBottomLockBeyondItsRange) {
   }
 }
 
+TEST_F(SensorTest, ASilentDvlGivesNothingAndAStuckOneItsLastGoodEnsemble) {
+  SensorsConfig config;
+  LoggedSamples healthy, faulty;
+  const SensorWorld w = world();
+  simulateDvl(w, config, healthy);
+  config.dvl.outages = {{60, 90}};
+  config.dvl.stuck = {{120, 130}};
+  simulateDvl(w, config, faulty);
+  EXPECT_EQ(healthy.size() - faulty.size(), static_cast<std::size_t>(30 * config.dvl.rate_hz));
+  std::size_t k = 0;
+  const DvlSample* before = nullptr;
+  for (const auto& s : faulty) {
+    const auto& dvl = std::get<DvlSample>(s.sample);
+    const double t = timeOf(dvl.utc_ns);
+    EXPECT_FALSE(t >= 60 && t < 90);
+    while (std::get<DvlSample>(healthy[k].sample).utc_ns < dvl.utc_ns) ++k;
+    const auto& good = std::get<DvlSample>(healthy[k].sample);
+    if (t >= 120 && t < 130) {
+      ASSERT_NE(before, nullptr);
+      EXPECT_EQ(dvl.velocity, before->velocity);
+      EXPECT_EQ(dvl.altitude, before->altitude);
+    } else {
+      // The other ensembles are as they would have been.
+      EXPECT_EQ(dvl.velocity, good.velocity);
+      if (dvl.velocity) before = &dvl;
+    }
+  }
+}
+
+TEST_F(SensorTest, ACompassJumpTurnsTheHeadingFromThenOn) {
+  CompassConfig config;
+  LoggedSamples healthy, faulty;
+  simulateCompass(world(), config, healthy);
+  config.jumps = {{100, 20 * kDegree}, {150, -5 * kDegree}};
+  simulateCompass(world(), config, faulty);
+  ASSERT_EQ(healthy.size(), faulty.size());
+  for (std::size_t k = 0; k < healthy.size(); ++k) {
+    const auto& a = std::get<AttitudeSample>(healthy[k].sample);
+    const auto& b = std::get<AttitudeSample>(faulty[k].sample);
+    const double t = timeOf(a.utc_ns), expected = t < 99.99 ? 0 : t < 149.99 ? 20 : 15;
+    if (std::abs(t - 100) < 0.05 || std::abs(t - 150) < 0.05) continue;
+    EXPECT_NEAR(wrapAngle(b.heading - a.heading) / kDegree, expected, 1e-6) << t;
+    EXPECT_EQ(a.roll, b.roll);
+  }
+}
+
 TEST_F(SensorTest, CompassStaysWithinTwoDegreesAndTiltWithinHalfADegree) {
   const CompassConfig config;
   LoggedSamples samples;

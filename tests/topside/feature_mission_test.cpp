@@ -1,0 +1,108 @@
+#include <gmock/gmock.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "firmware_if/feature_file.hpp"
+#include "firmware_if/pose_files.hpp"
+#include "recon/geometry/mesh_io.hpp"
+#include "recon/topside/pipeline.hpp"
+#include "recon/topside/stages/image_pairs.hpp"
+#include "tests/fusion/surface_distance.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::topside {
+namespace {
+
+// A simulated dive of about 60 pairs without images, made once by the fixture in CMakeLists.txt.
+const std::filesystem::path kMission = FATHOM_FEATURE_MISSION;
+
+SE3 truePoseAt(const std::vector<io::TrajectoryPoint>& truth, double utc_s) {
+  const auto utc_ns = static_cast<std::int64_t>(utc_s * 1e9);
+  const auto after =
+      std::lower_bound(truth.begin() + 1, truth.end() - 1, utc_ns,
+                       [](const io::TrajectoryPoint& p, std::int64_t t) { return p.utc_ns < t; });
+  const auto before = after - 1;
+  return interpolate(
+      before->pose, after->pose,
+      static_cast<double>(utc_ns - before->utc_ns) / static_cast<double>(after->utc_ns - before->utc_ns));
+}
+
+nlohmann::json reportOf(const std::filesystem::path& folder) {
+  std::ifstream in(folder / "report.json");
+  return nlohmann::json::parse(in);
+}
+
+TEST(FeatureMission, GivesATrajectoryAndAMapWithinCentimetresOfTheTruth) {
+  ASSERT_TRUE(std::filesystem::exists(kMission / "mission.toml")) << "the mission was not made";
+  const test::TemporaryFolder out;
+  const Summary done = runTopside(kMission, out.path() / "topside", {});
+  EXPECT_GE(done.pairs, 58u);
+  EXPECT_EQ(done.used, done.pairs);
+  EXPECT_EQ(done.unreadable, 0u);
+
+  // The dive as a whole is as far off as its fixes: that shift is taken out.
+  const auto truth = io::readTrajectory(kMission / "truth" / "trajectory.csv");
+  const auto poses = io::readVehiclePoses(out.path() / "topside" / "vehicle_pose_est.data").poses;
+  ASSERT_EQ(poses.size(), done.pairs);
+  Eigen::Vector3d shift = Eigen::Vector3d::Zero();
+  for (const auto& p : poses)
+    shift += (truePoseAt(truth, p.utc_s).translation() - p.T_nav_body.translation()) /
+             static_cast<double>(poses.size());
+  EXPECT_LT(shift.head<2>().norm(), 4.0);
+  EXPECT_LT(std::abs(shift.z()), 0.05);
+  for (const auto& p : poses)
+    EXPECT_LT((p.T_nav_body.translation() + shift - truePoseAt(truth, p.utc_s).translation()).norm(), 0.05)
+        << p.id;
+
+  Mesh mesh = readPly(out.path() / "topside" / "mesh.ply");
+  EXPECT_EQ(mesh.colours.size(), mesh.vertices.size());
+  transform(mesh, SE3(Eigen::Quaterniond::Identity(), shift));
+  const Mesh seafloor = readPly(kMission / "truth" / "terrain.ply");
+  const test::SurfaceDistance to_seafloor(seafloor, 0.25F);
+  std::vector<float> errors;
+  for (const auto& v : mesh.vertices) errors.push_back(to_seafloor(v));
+  std::sort(errors.begin(), errors.end());
+  EXPECT_LT(errors[errors.size() / 2], 0.02F);
+  EXPECT_LT(errors[errors.size() * 95 / 100], 0.06F);
+
+  const nlohmann::json report = reportOf(out.path() / "topside");
+  EXPECT_EQ(report.at("source"), "features");
+  EXPECT_TRUE(report.at("lighting").is_null());
+  EXPECT_EQ(report.at("localisation").at("frames"), done.pairs);
+}
+
+TEST(FeatureMission, ADamagedFileCostsItsPairAndIsNamed) {
+  const test::TemporaryFolder folder;
+  const auto mission = folder.path() / "mission";
+  std::filesystem::copy(kMission, mission, std::filesystem::copy_options::recursive);
+  const io::MissionPaths paths(mission);
+  const PairList list = listPairs(paths, io::readMissionConfig(mission), 0.05);
+  EXPECT_TRUE(list.features_only);
+  const std::string name = io::featureFileName(list.pairs[7].left);
+  std::ofstream(paths.features() / name, std::ios::binary) << "not features";
+  std::filesystem::remove(paths.features() / io::featureFileName(list.pairs[9].left));
+  const Summary done = runTopside(mission, folder.path() / "topside", {});
+  EXPECT_EQ(done.unreadable, 2u);
+  EXPECT_EQ(done.used, done.pairs - 2);
+  EXPECT_THAT(reportOf(folder.path() / "topside").at("pairs").at("unreadable_images").dump(),
+              ::testing::HasSubstr(name));
+}
+
+TEST(FeatureMission, WithoutALogItsFilesGiveThePairs) {
+  const test::TemporaryFolder folder;
+  std::filesystem::create_directories(folder.path() / "features");
+  for (const char* name :
+       {"PR_20260301_020051_114_LC16.feat", "PR_20260301_020051_614_LC16.feat", "notes.txt"})
+    std::ofstream(folder.path() / "features" / name) << "";
+  std::ofstream(folder.path() / "vehicle.RAW.auv") << "PAROSCI: 1772330451.0 10.0\n";
+  io::writeMissionConfig(folder.path(), {});
+  const PairList list = listPairs(io::MissionPaths(folder.path()), {}, 0.05);
+  EXPECT_TRUE(list.features_only);
+  EXPECT_TRUE(list.from_file_names);
+  ASSERT_EQ(list.pairs.size(), 2u);
+  EXPECT_EQ(io::featureFileName(list.pairs[1].left), "PR_20260301_020051_614_LC16.feat");
+}
+
+}  // namespace
+}  // namespace fathom::topside
