@@ -35,11 +35,11 @@ std::vector<Eigen::Vector2d> planOf(const io::MissionConfig& mission) {
 }  // namespace
 
 OnboardSystem::OnboardSystem(const OnboardConfig& config, const io::MissionConfig& mission,
-                             const StereoRig& rig, ImageSource images, const MapSlots& slots)
+                             const StereoRig& rig, PairSource source, const MapSlots& slots)
     : config_(config),
       mission_(mission),
       local_(mission.origin),
-      images_(std::move(images)),
+      source_(std::move(source)),
       nav_(navCoreConfig(config, mission)),
       map_(mapCoreConfig(config, mission, rig), slots),
       link_(linkCoreConfig(config, mission)),
@@ -96,26 +96,36 @@ void OnboardSystem::addImage(const ImageEvent& event) {
   nav_.step(frameInput(event.utc_ns, event.side, frame_id));
 }
 
+bool OnboardSystem::readPair(const MappedPair& pair, MapInput& input) const {
+  if (source_.features) {
+    input.features = source_.features(pair.left_image);
+    return input.features != nullptr;
+  }
+  const auto left = source_.images(pair.left_image, CameraSide::kLeft);
+  const auto right = source_.images(pair.right_image, CameraSide::kRight);
+  if (!left || !right) return false;
+  input.left = *left;
+  input.right = *right;
+  return true;
+}
+
 void OnboardSystem::mapPairs(const std::function<void(const MappedPair&)>& on_pair) {
   while (const auto trigger = nav_.pollTrigger()) {
     MappedPair pair;
     pair.left_image = image_names_[trigger->left_frame_id];
     pair.right_image = image_names_[trigger->right_frame_id];
-    const auto left = images_(pair.left_image, CameraSide::kLeft);
-    const auto right = images_(pair.right_image, CameraSide::kRight);
+    MapInput input;
+    const bool read = readPair(pair, input);
     if (observer_) observer_("images");
-    if (!left || !right) {
+    if (!read) {
       ++unreadable_images_;
       continue;
     }
-    MapInput input;
     input.pair_index = trigger->pair_index;
     input.utc_ns = trigger->utc_ns;
     input.T_odom_body = trigger->T_odom_body;
     input.quality = trigger->quality;
     if (trigger->altitude_valid) pair.altitude = input.altitude = trigger->altitude;
-    input.left = *left;
-    input.right = *right;
     last_pair_ns_ = trigger->utc_ns;
     pair.output = map_.process(input);
     link_.noteMapped(pair.output, config_.map.root_size);

@@ -23,6 +23,13 @@ class OnboardSystem {
  public:
   // Gives the pixels of an exposure, valid until the next call for the same side; std::nullopt: unreadable.
   using ImageSource = std::function<std::optional<ImageView>(const std::string& file_name, CameraSide side)>;
+  // Gives what was matched in a pair, by its left image's name, where a mission has no images; null:
+  // unreadable.
+  using FeatureSource = std::function<const StereoFeatureFrame*(const std::string& left_image)>;
+  struct PairSource {
+    ImageSource images;
+    FeatureSource features;  // set: instead of images
+  };
 
   // What a stereo pair led to, with the names of its images.
   struct MappedPair {
@@ -32,7 +39,7 @@ class OnboardSystem {
   };
 
   OnboardSystem(const OnboardConfig& config, const io::MissionConfig& mission, const StereoRig& rig,
-                ImageSource images, const MapSlots& slots = {});
+                PairSource source, const MapSlots& slots = {});
 
   // Consumes one sample that arrived at `arrival_utc_ns`; calls `on_pair` for every pair that it completes.
   void consume(std::int64_t arrival_utc_ns, const SensorSample& sample,
@@ -60,6 +67,8 @@ class OnboardSystem {
 
  private:
   void addFix(nav::FixKind kind, std::int64_t utc_ns, double latitude, double longitude, double sigma);
+  // Puts the pair's images or features into the input; false where they cannot be read.
+  [[nodiscard]] bool readPair(const MappedPair& pair, MapInput& input) const;
   void addImage(const ImageEvent& event);
   void mapPairs(const std::function<void(const MappedPair&)>& on_pair);
   void addLocalisation(std::vector<std::pair<std::string, double>>& row) const;
@@ -72,7 +81,7 @@ class OnboardSystem {
   OnboardConfig config_;
   io::MissionConfig mission_;
   LocalTransverseMercator local_;
-  ImageSource images_;
+  PairSource source_;
   std::function<void(const char* stage)> observer_;
   NavCore nav_;
   MapCore map_;

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "firmware_if/feature_file.hpp"
 #include "firmware_if/image_file.hpp"
 #include "firmware_if/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
@@ -28,11 +29,18 @@ double secondsSince(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
-// Images of a recorded mission; holds one a side.
+// Images or features of a recorded mission; holds one pair.
 class RecordedImages {
  public:
-  RecordedImages(std::filesystem::path folder, const io::MissionConfig& mission, const StereoRig& rig)
-      : folder_(std::move(folder)), cameras_(mission.cameras), rig_(rig) {}
+  RecordedImages(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig)
+      : paths_(paths), cameras_(mission.cameras), rig_(rig) {}
+
+  // Of images, or of features where the mission has these instead.
+  [[nodiscard]] OnboardSystem::PairSource source() {
+    if (io::isFeatureMission(paths_))
+      return {{}, [this](const std::string& left_image) { return readFeatures(left_image); }};
+    return {[this](const std::string& name, CameraSide side) { return read(name, side); }, {}};
+  }
 
   std::optional<ImageView> read(const std::string& name, CameraSide side) {
     const bool left = side == CameraSide::kLeft;
@@ -40,25 +48,43 @@ class RecordedImages {
     io::ImageFile& slot = left ? left_ : right_;
     const auto start = Clock::now();
     try {
-      slot = io::readImage(folder_ / name, left ? cameras_.left_format : cameras_.right_format, cameras_.bits,
-                           camera.width, camera.height);
+      slot = io::readImage(paths_.images() / name, left ? cameras_.left_format : cameras_.right_format,
+                           cameras_.bits, camera.width, camera.height);
     } catch (const InputError& e) {
-      if (unreadable_ == 0) first_refusal_ = e.what();
-      if (unreadable_++ < kMaxWarnings)
-        std::fprintf(stderr, "fathom-onboard: %s; the pair is dropped\n", e.what());
+      refuse(e);
       seconds_ += secondsSince(start);
       return std::nullopt;
     }
     seconds_ += secondsSince(start);
     return slot.view;
   }
+
+  const StereoFeatureFrame* readFeatures(const std::string& left_image) {
+    const auto start = Clock::now();
+    const StereoFeatureFrame* read = &features_;
+    try {
+      io::readFeatureFile(paths_.features() / io::featureFileName(left_image), features_);
+    } catch (const InputError& e) {
+      refuse(e);
+      read = nullptr;
+    }
+    seconds_ += secondsSince(start);
+    return read;
+  }
   [[nodiscard]] double seconds() const { return seconds_; }
   // Why the first unreadable image was refused; "" if all were read.
   [[nodiscard]] const std::string& firstRefusal() const { return first_refusal_; }
 
  private:
+  void refuse(const InputError& e) {
+    if (unreadable_ == 0) first_refusal_ = e.what();
+    if (unreadable_++ < kMaxWarnings)
+      std::fprintf(stderr, "fathom-onboard: %s; the pair is dropped\n", e.what());
+  }
+
   static constexpr int kMaxWarnings = 5;  // the rest is in the counters
-  std::filesystem::path folder_;
+  io::MissionPaths paths_;
+  StereoFeatureFrame features_;
   io::MissionConfig::Cameras cameras_;
   StereoRig rig_;
   io::ImageFile left_, right_;
@@ -198,13 +224,11 @@ ReplaySummary replay(const ReplayOptions& options) {
   summary.mission_s = static_cast<double>(last_ns - first_ns) / kNanoseconds;
 
   const auto start = Clock::now();
-  RecordedImages images(paths.images(), mission, rig);
+  RecordedImages images(paths, mission, rig);
   OnboardOutput output(options.out.value_or(paths.onboard()), mission.origin);
   fitToMission(config, samples);
   const Slots slots = makeSlots(config, output.folder());
-  OnboardSystem system(config, mission, rig,
-                       [&](const std::string& name, CameraSide side) { return images.read(name, side); },
-                       {slots.features.get(), slots.meshes.get()});
+  OnboardSystem system(config, mission, rig, images.source(), {slots.features.get(), slots.meshes.get()});
   StageClock stages;
   system.setStageObserver([&](const char* stage) { stages.ended(stage); });
   FrameSender sender(output, options, first_ns);

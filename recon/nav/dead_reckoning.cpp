@@ -157,6 +157,10 @@ void DeadReckoning::use(const Velocity& velocity) noexcept {
   }
   if (velocity.utc_ns <= nodes_.back().utc_ns) {  // the track had to coast past it
     ++counters_.out_of_order;
+    // But the bottom is there again: the track waits for the next ensembles instead of coasting past them
+    // too.
+    last_velocity_ = velocity;
+    coasting_ = false;
     return;
   }
   if (attitude_times_.newestUtcNs() < velocity.utc_ns) ++counters_.attitude_held;

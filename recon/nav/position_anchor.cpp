@@ -72,6 +72,16 @@ std::optional<PositionAnchor::Mean> PositionAnchor::meanOf(const Series& series)
   // The median may lie in no difference's gate when the two axes' medians come from different fixes.
   if (mean.used == 0) return Mean{centre, 1.0 / spread.squaredNorm(), spread.norm(), series.size, 0};
   mean.north_east /= mean.weight;
+  // Two fixes that disagree are both inside the gate of their own spread: then neither sigma is believed
+  // (Birge's ratio: the mean's variance grows by chi-square over its degrees of freedom).
+  double chi2 = 0;
+  for (int i = 0; i < series.size; ++i) {
+    const Difference& d = series.items[static_cast<std::size_t>(i)];
+    const Eigen::Array2d gate = kGate * spread.array().max(d.sigma);
+    if (((d.north_east - centre).array().abs() <= gate).all())
+      chi2 += (d.north_east - mean.north_east).squaredNorm() / (d.sigma * d.sigma);
+  }
+  if (mean.used > 1) mean.weight /= std::max(1.0, chi2 / (2.0 * (mean.used - 1)));
   return mean;
 }
 
@@ -95,6 +105,11 @@ std::optional<PositionAnchor::Estimate> PositionAnchor::estimate() const noexcep
   }
   estimate.shift /= weight;
   estimate.sigma = 1.0 / std::sqrt(weight);
+  if (gps && usbl) {  // the same between the two kinds
+    const double variance = gps->best_sigma * gps->best_sigma + 1.0 / usbl->weight;
+    const double apart2 = (gps->north_east - usbl->north_east).squaredNorm();
+    estimate.sigma *= std::sqrt(std::max(1.0, apart2 / (2 * variance)));
+  }
   return estimate;
 }
 

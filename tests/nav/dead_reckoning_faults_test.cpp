@@ -131,6 +131,24 @@ TEST(DeadReckoningFaults, ALongLossOfBottomTrackStopsSmoothlyAndGoesOn) {
   EXPECT_NEAR(nav.velocityBody().x(), 1.0, 0.1);
 }
 
+TEST(DeadReckoningFaults, ADvlThatArrivesLateIsTakenUpAgainAfterALongLoss) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  auto samples = without<DvlSample>(samplesOf(circle, config, 45), 5, 20);
+  // Ensembles reach the vehicle a quarter of a second after the others' samples of their time.
+  const auto arrival = [](const Sample& sample) {
+    return timeOf(sample) + (std::holds_alternative<DvlSample>(sample) ? 250'000'000 : 0);
+  };
+  std::stable_sort(samples.begin(), samples.end(),
+                   [&](const Sample& a, const Sample& b) { return arrival(a) < arrival(b); });
+  for (const Sample& sample : samples) feed(nav, sample);
+  EXPECT_LE(nav.counters().out_of_order, 3u);
+  EXPECT_GT(nav.counters().dvl_used, 140u);
+  EXPECT_NEAR(nav.quality().unlocked_s, 15, 0.6);
+  EXPECT_NEAR(nav.velocityBody().x(), 1.0, 0.1);
+  EXPECT_LT(longestStep(nav), 0.012);
+}
+
 TEST(DeadReckoningFaults, WithoutDepthTheDvlCarriesItAndItsReturnIsNoJump) {
   const DeadReckoningConfig config = mountedConfig();
   DeadReckoning nav(config);

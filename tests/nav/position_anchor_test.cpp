@@ -79,5 +79,23 @@ TEST(PositionAnchor, ALongMissionStaysInItsMemoryAndIsSampledEvenly) {
   EXPECT_LE(estimate->usbl_used, PositionAnchor::kCapacity);
 }
 
+TEST(PositionAnchor, TwoFixesThatDisagreeAreWorthNoMoreThanTheirDistance) {
+  PositionAnchor anchor;
+  anchor.add(FixKind::kUsbl, {-4.7, -3.9}, 0.24);
+  const double alone = anchor.estimate()->sigma;
+  anchor.add(FixKind::kUsbl, {-12.3, -3.9}, 0.24);
+  EXPECT_GT(anchor.estimate()->sigma, 2.0);
+  for (int k = 0; k < 8; ++k) anchor.add(FixKind::kUsbl, {-4.7 + 0.05 * k, -3.9 - 0.05 * k}, 0.24);
+  EXPECT_LT(anchor.estimate()->sigma, alone);
+  EXPECT_NEAR(anchor.estimate()->shift.x(), -4.5, 0.2);
+}
+
+TEST(PositionAnchor, AFixThatContradictsGpsIsNotBelievedToItsSigma) {
+  PositionAnchor anchor;
+  for (int k = 0; k < 10; ++k) anchor.add(FixKind::kGps, {-4.9, -4.2}, 0.9);
+  anchor.add(FixKind::kUsbl, {-12.3, -3.9}, 0.24);
+  EXPECT_GT(anchor.estimate()->sigma, 1.0);
+}
+
 }  // namespace
 }  // namespace fathom::nav

@@ -12,6 +12,7 @@
 #include "recon/geometry/mesh_io.hpp"
 #include "telemetry/frame.hpp"
 #include "telemetry/packet_log.hpp"
+#include "tests/onboard/track_error.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::onboard {
@@ -48,27 +49,6 @@ TEST(Replay, TwoReplaysGiveTheSameBytesInEveryFileButTheTimes) {
   EXPECT_FALSE(std::filesystem::exists(folder.path() / "a.tmp"));
 }
 
-// RMS distance in plan of the written poses from the true ones after taking out the mean shift [m].
-double shapeError(const std::filesystem::path& poses_path) {
-  const io::StereoPoseFile poses = io::readStereoPoses(poses_path);
-  const auto truth = io::readTrajectory(kMission / "truth" / "trajectory.csv");
-  const SE3 T_body_cam = io::readMissionConfig(kMission).T_body_cam;
-  std::vector<Eigen::Vector2d> off;
-  Eigen::Vector2d mean(0, 0);
-  for (const io::StereoPose& pose : poses.poses) {
-    const auto after = std::lower_bound(
-        truth.begin(), truth.end(), pose.utc_s,
-        [](const io::TrajectoryPoint& p, double t) { return static_cast<double>(p.utc_ns) * 1e-9 < t; });
-    if (after == truth.end()) continue;
-    off.push_back((pose.T_nav_cam.translation() - (after->pose * T_body_cam).translation()).head<2>());
-    mean += off.back();
-  }
-  mean /= static_cast<double>(off.size());
-  double squares = 0;
-  for (const Eigen::Vector2d& o : off) squares += (o - mean).squaredNorm();
-  return std::sqrt(squares / static_cast<double>(off.size()));
-}
-
 TEST(Replay, LocalisationKeepsTheShapeOfTheTrackAndCanBeSwitchedOff) {
   const test::TemporaryFolder folder;
   replay(into(folder.path() / "localised"));
@@ -78,8 +58,8 @@ TEST(Replay, LocalisationKeepsTheShapeOfTheTrackAndCanBeSwitchedOff) {
   EXPECT_TRUE(std::filesystem::exists(folder.path() / "localised" / "closures.csv"));
   EXPECT_FALSE(std::filesystem::exists(folder.path() / "reckoned" / "closures.csv"));
   // The dive is too short for much drift: centimetres either way.
-  const double reckoned_error = shapeError(folder.path() / "reckoned" / "stereo_pose_est.data");
-  EXPECT_LT(shapeError(folder.path() / "localised" / "stereo_pose_est.data"), std::min(0.03, reckoned_error));
+  const double reckoned_error = testing::trackError(kMission, folder.path() / "reckoned").shape;
+  EXPECT_LT(testing::trackError(kMission, folder.path() / "localised").shape, std::min(0.03, reckoned_error));
 }
 
 TEST(Replay, MapsEveryPairWithinCentimetresOfTheTrueSeafloorUnderTheVehicle) {

@@ -23,9 +23,8 @@ constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
 constexpr double kScale = 0.01;  // [1]
 constexpr int kStrictInliers = 40;
 constexpr double kStrictShare = 0.2, kStrictSignificance = 40;
-constexpr double kNearest = 0.4, kFarthest = 2.5;  // of a feature, in ranges: relief of a reef and its edge
-constexpr int kLastSteps = 50;                     // of the graph, after the survey
-constexpr int kLastRounds = 20000;                 // registrations after the survey, at most
+constexpr int kLastSteps = 50;      // of the graph, after the survey
+constexpr int kLastRounds = 20000;  // registrations after the survey, at most
 
 closure::FeatureConfig featureConfig(const LocalisationConfig& config) {
   closure::FeatureConfig features;
@@ -61,6 +60,11 @@ Matrix6d covarianceOf(double position, double angle) {
 }
 
 }  // namespace
+
+closure::DepthRange depthsAbout(double range) {
+  constexpr double kNearest = 0.4, kFarthest = 2.5;  // relief of a reef and its edge
+  return {kNearest * range, kFarthest * range};
+}
 
 LocalisationCore::LocalisationCore(const StereoRig& rig, const LocalisationConfig& config,
                                    SlotStore* feature_slots)
@@ -99,7 +103,7 @@ int LocalisationCore::process(const LocalisationInput& input) {
 }
 
 void LocalisationCore::addKeyframe(const LocalisationInput& input) {
-  const closure::DepthRange depths{kNearest * input.range, kFarthest * input.range};
+  const closure::DepthRange depths = depthsAbout(input.range);
   const closure::FrameFeatures& found =
       input.features != nullptr ? *input.features : extractor_.process(input.left, input.right, depths);
   if (found.size() == 0) ++counters_.frames_without_features;

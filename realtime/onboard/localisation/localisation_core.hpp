@@ -15,13 +15,16 @@
 
 namespace fathom::onboard {
 
+// Where features are sought when the seafloor is `range` away [m].
+[[nodiscard]] closure::DepthRange depthsAbout(double range);
+
 // One stereo frame as localisation sees it.
 struct LocalisationInput {
   std::int64_t utc_ns = 0;
   SE3 T_odom_cam;
-  nav::DeadReckoning::Quality quality;  // of dead reckoning up to here
-  double range = 2;                     // to the seafloor along the camera's axis [m]
-  ImageView left, right;                // 8-bit mono, lighting corrected; empty: none
+  nav::DeadReckoning::Quality quality;               // of dead reckoning up to here
+  double range = 2;                                  // to the seafloor along the camera's axis [m]
+  ImageView left, right;                             // 8-bit mono, lighting corrected; empty: none
   const closure::FrameFeatures* features = nullptr;  // found already, instead of images
 };
 

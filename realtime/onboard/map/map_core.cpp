@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/closure/given_features.hpp"
 #include "recon/geometry/eight_bit_view.hpp"
 
 namespace fathom::onboard {
@@ -47,6 +48,7 @@ MapCore::MapCore(const MapCoreConfig& config, const MapSlots& slots)
                    config.lighting),
       ranges_(config.rig),
       stereo_(config.rig, config.stereo),
+      given_stereo_(config.rig, config.stereo),
       map_(config.map, config.localisation.enabled ? slots.meshes : nullptr,
            static_cast<std::size_t>(config.stereo.max_features)),
       last_range_(kNominalRange),
@@ -98,7 +100,9 @@ void MapCore::localise(const MapInput& input, double range, bool images, MapOutp
   frame.T_odom_cam = out.T_odom_cam;
   frame.quality = input.quality;
   frame.range = range;
-  if (images) {
+  if (input.features != nullptr) {
+    frame.features = &given_features_;
+  } else if (images) {
     frame.left = eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono);
     frame.right = eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono);
   }
@@ -147,6 +151,45 @@ void MapCore::learnLight(const MapInput& input, const stereo::StereoResult& resu
   lighting::demosaicRgb(eightBitView(left_mosaic_, config_.rig.left, config_.left_format), left_rgb_.data());
 }
 
+const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const stereo::SeedPlane& plane) {
+  ranges_.fromPlane(plane.normal, plane.distance);
+  correctPair(input);
+  ended("lighting");
+  const stereo::StereoResult& result = stereo_.process(
+      eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono),
+      eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono), plane, input.max_features);
+  ended("stereo");
+  learnLight(input, result);
+  stereo::toMesh(result, eightBitView(left_rgb_, config_.rig.left, PixelFormat::kRgb), mesh_);
+  ended("lighting learns");
+  return result;
+}
+
+const stereo::StereoResult& MapCore::seeFeatures(const MapInput& input, const stereo::SeedPlane& plane) {
+  const stereo::StereoResult& result = given_stereo_.process(*input.features);
+  stereo::toMesh(result, *input.features, mesh_);
+  ended("stereo");
+  if (localisation_) {
+    closure::GivenFeatureLimits limits;
+    limits.max_features = config_.localisation.features;
+    limits.depths = depthsAbout(plane.distance);
+    closure::featuresFrom(*input.features, config_.rig, limits, given_features_);
+    ended("features given");
+  }
+  return result;
+}
+
+void MapCore::count(const stereo::StereoResult& result) {
+  counters_.points += result.points.size();
+  counters_.rejected.no_track += result.rejected.no_track;
+  counters_.rejected.left_right += result.rejected.left_right;
+  counters_.rejected.epipolar += result.rejected.epipolar;
+  counters_.rejected.range += result.rejected.range;
+  counters_.rejected.outlier += result.rejected.outlier;
+  counters_.rejected.fish += result.rejected.fish;
+  if (result.triangles.empty()) ++counters_.pairs_without_points;
+}
+
 MapOutput MapCore::process(const MapInput& input) {
   frame_fixed_ = true;
   MapOutput out;
@@ -155,29 +198,16 @@ MapOutput MapCore::process(const MapInput& input) {
   out.T_odom_cam = input.T_odom_body * config_.T_body_cam;
   out.T_nav_cam = T_nav_odom_ * out.T_odom_cam;
   ++counters_.pairs;
-  if (!shaped(input.left, config_.rig.left) || !shaped(input.right, config_.rig.right)) {
+  if (input.features == nullptr &&
+      (!shaped(input.left, config_.rig.left) || !shaped(input.right, config_.rig.right))) {
     ++counters_.bad_images;
     localise(input, last_range_, false, out);
     return out;
   }
   const stereo::SeedPlane plane = seedPlane(input);
-  ranges_.fromPlane(plane.normal, plane.distance);
-  correctPair(input);
-  ended("lighting");
-
-  const stereo::StereoResult& result = stereo_.process(
-      eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono),
-      eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono), plane, input.max_features);
-  ended("stereo");
-  learnLight(input, result);
-  ended("lighting learns");
-  counters_.points += result.points.size();
-  counters_.rejected.no_track += result.rejected.no_track;
-  counters_.rejected.left_right += result.rejected.left_right;
-  counters_.rejected.epipolar += result.rejected.epipolar;
-  counters_.rejected.range += result.rejected.range;
-  counters_.rejected.outlier += result.rejected.outlier;
-  counters_.rejected.fish += result.rejected.fish;
+  const stereo::StereoResult& result =
+      input.features != nullptr ? seeFeatures(input, plane) : seeImages(input, plane);
+  count(result);
   out.points = result.points.size();
   out.triangles = result.triangles.size();
   out.median_range = medianRange(result);
@@ -185,14 +215,10 @@ MapOutput MapCore::process(const MapInput& input) {
   map_.rebuild(
       config_.rebuild_meshes, [this](int k, const SE3& T) { return poseOf(k, T); }, on_moved_);
   ended("map rebuild");
-  if (result.triangles.empty()) {
-    ++counters_.pairs_without_points;
-    return out;
-  }
+  if (result.triangles.empty()) return out;
   last_range_ = out.median_range;
-  Mesh mesh = stereo::toMesh(result, eightBitView(left_rgb_, config_.rig.left, PixelFormat::kRgb));
-  out.nodes_updated = map_.add(mesh, out.keyframe, out.T_odom_cam, out.T_nav_cam);
-  measureFootprint(mesh, out);
+  out.nodes_updated = map_.add(mesh_, out.keyframe, out.T_odom_cam, out.T_nav_cam);
+  measureFootprint(mesh_, out);
   ended("map");
   return out;
 }

@@ -14,6 +14,7 @@
 #include "recon/lighting/lighting_model.hpp"
 #include "recon/lighting/rig_ranges.hpp"
 #include "recon/nav/position_anchor.hpp"
+#include "recon/stereo/given_stereo.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 
 namespace fathom::onboard {
@@ -37,15 +38,16 @@ struct MapSlots {
   SlotStore* meshes = nullptr;    // of pairs: blocks of meshSlotBytes()
 };
 
-// One stereo pair with the odometry of its exposure.
+// One stereo pair with the odometry of its exposure: two images, or what was matched in them.
 struct MapInput {
   std::uint32_t pair_index = 0;
   std::int64_t utc_ns = 0;
   SE3 T_odom_body;
-  nav::DeadReckoning::Quality quality;  // of the odometry up to here
-  std::optional<double> altitude;       // of the DVL above the seafloor [m]
-  ImageView left, right;                // raw, as the cameras gave them
-  int max_features = 0;                 // this frame's work quota; <= 0: as configured
+  nav::DeadReckoning::Quality quality;           // of the odometry up to here
+  std::optional<double> altitude;                // of the DVL above the seafloor [m]
+  ImageView left, right;                         // raw, as the cameras gave them
+  const StereoFeatureFrame* features = nullptr;  // instead of images
+  int max_features = 0;                          // this frame's work quota; <= 0: as configured
 };
 
 // What one pair gave.
@@ -108,6 +110,10 @@ class MapCore {
   void ended(const char* stage) const {
     if (observer_) observer_(stage);
   }
+  // Points and triangles of the pair, its local mesh in the camera's frame, and features for localisation.
+  const stereo::StereoResult& seeImages(const MapInput& input, const stereo::SeedPlane& plane);
+  const stereo::StereoResult& seeFeatures(const MapInput& input, const stereo::SeedPlane& plane);
+  void count(const stereo::StereoResult& result);
   // Corrects a pair for stereo.
   void correctPair(const MapInput& input);
   // Bends the ranges to stereo's points, learns the pair by them and corrects the left image's colours anew.
@@ -117,6 +123,9 @@ class MapCore {
   lighting::LightingModel left_light_, right_light_;
   lighting::RigRanges ranges_;
   stereo::SparseStereo stereo_;
+  stereo::GivenStereo given_stereo_;
+  closure::FrameFeatures given_features_;
+  Mesh mesh_;  // of the pair
   MovingMap map_;
   std::unique_ptr<LocalisationCore> localisation_;
   MovingMap::OnMoved on_moved_;

@@ -1,0 +1,48 @@
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <iterator>
+
+#include "realtime/onboard/replay.hpp"
+#include "tests/onboard/track_error.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+// Rendered before this test runs: a DVL silent for 60 s, a compass that jumps by 20 degrees, one USBL fix in
+// ten wild; stereo features instead of images.
+const std::filesystem::path kMission = FATHOM_FAULTY_MISSION;
+
+ReplaySummary run(const std::filesystem::path& out, bool no_slam) {
+  ReplayOptions options;
+  options.mission = kMission;
+  options.out = out;
+  options.no_slam = no_slam;
+  return replay(options);
+}
+
+std::string bytesOf(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}
+
+TEST(Faults, SensorsThatDieJumpAndLieCostCentimetresAndTwoReplaysAgreeInEveryByte) {
+  const test::TemporaryFolder folder;
+  const ReplaySummary summary = run(folder.path() / "a", false);
+  EXPECT_EQ(summary.unreadable_images, 0u);
+  EXPECT_EQ(summary.pairs_used, summary.pairs);
+  run(folder.path() / "b", false);
+  run(folder.path() / "reckoned", true);
+  EXPECT_GT(testing::trackError(kMission, folder.path() / "reckoned").shape, 1.0);
+  EXPECT_LT(testing::trackError(kMission, folder.path() / "a").shape, 0.05);
+  EXPECT_LT(testing::trackError(kMission, folder.path() / "a").absolute, 0.2);
+  for (const auto& entry : std::filesystem::directory_iterator(folder.path() / "a")) {
+    const auto name = entry.path().filename();
+    if (name == "timing.json") continue;
+    EXPECT_EQ(bytesOf(entry.path()), bytesOf(folder.path() / "b" / name)) << name;
+  }
+}
+
+}  // namespace
+}  // namespace fathom::onboard
