@@ -213,6 +213,9 @@ Mission readMission(const MissionCheckOptions& options) {
   // A rig that sees ranges a third too long must not lose its points.
   m.topside.stereo.max_range *= 1.5;
   m.list = listPairs(m.paths, m.config, m.topside.pairing_tolerance);
+  if (m.list.features_only)
+    throw InputError(options.mission.string(), "features",
+                     "a mission without images has none to check the calibration by; give one with img/");
   std::vector<std::int64_t> times, dvl_times;
   for (const ImagePair& pair : m.list.pairs) times.push_back(pair.utc_ns);
   m.navigation = navigate(m.paths, m.config, m.topside, times);
