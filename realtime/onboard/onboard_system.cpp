@@ -67,7 +67,7 @@ void OnboardSystem::consume(std::int64_t arrival_utc_ns, const SensorSample& sam
         else if constexpr (std::is_same_v<T, UsblFix>)
           addFix(nav::FixKind::kUsbl, s.utc_ns, s.latitude, s.longitude, s.sigma_horizontal);
         else if constexpr (std::is_same_v<T, ImageEvent>)
-          addImage(s);
+          addImage(s, arrival_utc_ns);
         else
           nav_.step(navInput(s));
       },
@@ -90,10 +90,11 @@ void OnboardSystem::addFix(nav::FixKind kind, std::int64_t utc_ns, double latitu
   map_.addFix(kind, utc_ns, T_odom_sensor.translation(), north_east, sigma);
 }
 
-void OnboardSystem::addImage(const ImageEvent& event) {
+void OnboardSystem::addImage(const ImageEvent& event, std::int64_t arrival_utc_ns) {
   const auto frame_id = static_cast<std::uint32_t>(image_names_.size());
   image_names_.push_back(event.file_name);
-  nav_.step(frameInput(event.utc_ns, event.side, frame_id));
+  nav::CameraClock& clock = event.side == CameraSide::kLeft ? left_clock_ : right_clock_;
+  nav_.step(frameInput(clock.utcNs(event.utc_ns, arrival_utc_ns), event.side, frame_id));
 }
 
 bool OnboardSystem::readPair(const MappedPair& pair, MapInput& input) const {
@@ -285,6 +286,9 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   add("odometry_age_s", nav.odometry_age);
   for (const NavHealth::Counter& counter : nav.counters)
     add("nav_" + std::string(counter.name), counter.value);
+  add("left_clock_lost_s", left_clock_.lost());
+  add("right_clock_lost_s", right_clock_.lost());
+  add("camera_clock_leaps", left_clock_.leaps() + right_clock_.leaps());
   const nav::PositionAnchor::Counters& fixes = map_.anchor().counters();
   add("gps_fixes", fixes.gps);
   add("usbl_fixes", fixes.usbl);

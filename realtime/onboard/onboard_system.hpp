@@ -14,6 +14,7 @@
 #include "realtime/onboard/nav/nav_core.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 #include "recon/geometry/sensor_samples.hpp"
+#include "recon/nav/camera_clock.hpp"
 
 namespace fathom::onboard {
 
@@ -69,7 +70,7 @@ class OnboardSystem {
   void addFix(nav::FixKind kind, std::int64_t utc_ns, double latitude, double longitude, double sigma);
   // Puts the pair's images or features into the input; false where they cannot be read.
   [[nodiscard]] bool readPair(const MappedPair& pair, MapInput& input) const;
-  void addImage(const ImageEvent& event);
+  void addImage(const ImageEvent& event, std::int64_t arrival_utc_ns);
   void mapPairs(const std::function<void(const MappedPair&)>& on_pair);
   void addLocalisation(std::vector<std::pair<std::string, double>>& row) const;
   void updateTrack(std::int64_t now_ns);
@@ -87,6 +88,7 @@ class OnboardSystem {
   MapCore map_;
   LinkCore link_;
   MissionProgress progress_;
+  nav::CameraClock left_clock_, right_clock_;
   std::vector<std::string> image_names_;  // by frame id
   std::optional<SE3> last_pose_;          // T_odom_body, for the distance travelled
   double distance_ = 0;                   // since dead reckoning began [m]

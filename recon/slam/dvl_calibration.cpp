@@ -21,17 +21,18 @@ DvlCalibration::DvlCalibration(const SensorNoise& noise) : noise_(noise) {
 }
 
 bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b,
-                         const Matrix6d& covariance, double seconds) {
+                         const Matrix6d& covariance, const StepQuality& quality) {
   const Eigen::Vector2d reckoned = (T_odom_b.translation() - T_odom_a.translation()).head<2>();
   if (reckoned.norm() < kLeastWay) return true;
   const Eigen::Matrix3d R_a = T_odom_a.matrix3();
   const Eigen::Vector2d visual = (R_a * T_a_b.translation()).head<2>();
   const Eigen::Matrix3d R_b = R_a * T_a_b.matrix3();
   Eigen::Matrix2d noise = (R_b * covariance.topLeftCorner<3, 3>() * R_b.transpose()).topLeftCorner<2, 2>();
-  const double white =
-      noise_.dvl_velocity * std::sqrt(std::max(seconds, 1 / noise_.dvl_rate) / noise_.dvl_rate);
-  noise.diagonal().array() += white * white;
-  // The compass noise of pose a turns what the camera saw.
+  // Its own noise but for what is estimated here; heading's turns what the camera saw, across the way.
+  StepQuality known = quality;
+  known.calibration_share = 0;
+  const double step = stepSigma(0, known, noise_);
+  noise.diagonal().array() += step * step;
   const Eigen::Vector2d across = turnedLeft(reckoned);
   noise += noise_.heading * noise_.heading * across * across.transpose();
 

@@ -19,7 +19,7 @@ class DvlCalibration {
   // One step as dead reckoning and as visual odometry have it, T_a_b of the cameras; the covariance is that
   // of the visual one's right perturbation. False when it was outside the gate.
   bool add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b, const Matrix6d& covariance,
-           double seconds);
+           const StepQuality& quality);
 
   // T_odom_b with the way from a scaled and turned as estimated.
   [[nodiscard]] SE3 corrected(const SE3& T_odom_a, const SE3& T_odom_b) const;

@@ -105,9 +105,10 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
                 input.T_odom_cam.translation() + Eigen::Vector3d(shift_.x(), shift_.y(), 0));
   if (!first) {
     const Frame& last = frames_.back();
-    frame.seconds = seconds(input.utc_ns - last.utc_ns);
-    quality = {frame.seconds, input.unlocked_s, input.untilted_s, dvl_.remainingShare()};
-    if (counters_.dvl_lies) quality.seconds_unlocked = frame.seconds;
+    quality = {seconds(input.utc_ns - last.utc_ns), input.unlocked_s, input.untilted_s, dvl_.remainingShare(),
+               config_.lever};
+    frame.quality = quality;
+    if (counters_.dvl_lies) quality.seconds_unlocked = quality.seconds;
     if (input.unlocked_s > 0) ++counters_.dvl_absent;
     reckoned = dvl_.corrected(last.T_odom_cam, input.T_odom_cam);
     T_nav_cam = solver_.pose(last.node) * (last.T_odom_cam.inverse() * reckoned);
@@ -127,8 +128,7 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
                                       quality, config_.noise));
   jump_waits_ = jump_waits_ || input.compass_jumped;
   if (input.compass_jumped) ++counters_.compass_jumps;
-  frame.unlocked_s = input.unlocked_s;
-  frame.attitude = refer(input, frame.node, frame.seconds);
+  frame.attitude = refer(input, frame.node, frame.quality.seconds);
   referDepth(input, frame.node);
   frames_.push_back(frame);
   ++counters_.keyframes;
@@ -197,11 +197,7 @@ double NavigationGraph::distance2(const RelativePose& factor, const Matrix6d& co
 void NavigationGraph::compareStep(Frame& from, Frame& to, const SE3& T_a_b, const Matrix6d& covariance) {
   const SensorNoise& noise = config_.noise;
   const SE3 T_odom_to = dvl_.corrected(from.T_odom_cam, to.T_odom_cam);
-  const double way = T_a_b.translation().norm();
-  const double white =
-      noise.dvl_velocity * std::sqrt(std::max(to.seconds, 1 / noise.dvl_rate) / noise.dvl_rate);
-  const double place = std::hypot(std::hypot(white, noise.unknown_velocity * to.unlocked_s),
-                                  std::hypot(dvl_.remainingShare(), noise.heading) * way);
+  const double place = stepSigma(T_a_b.translation().norm(), to.quality, noise);
   const double turn = std::abs(2 * T_a_b.rotation().vec().norm());
   Vector6d sigma;
   sigma << place, place, std::hypot(place, 2 * noise.depth), 2 * noise.tilt, 2 * noise.tilt,
@@ -211,7 +207,8 @@ void NavigationGraph::compareStep(Frame& from, Frame& to, const SE3& T_a_b, cons
   if (e.dot((step + covariance).ldlt().solve(e)) <= config_.gate) {
     contradictions_ = 0;
     if (++agreements_ >= config_.lying_after) counters_.dvl_lies = false;
-    if (to.unlocked_s == 0) (void)dvl_.add(from.T_odom_cam, to.T_odom_cam, T_a_b, covariance, to.seconds);
+    if (to.quality.seconds_unlocked == 0)
+      (void)dvl_.add(from.T_odom_cam, to.T_odom_cam, T_a_b, covariance, to.quality);
     return;
   }
   ++counters_.steps_contradicted;

@@ -24,6 +24,7 @@ struct NavigationConfig {
   int reweighted = 6;         // links and fixes a step whose robust weight is looked at again
   double change_m = 0.01;     // smallest move of a keyframe that is reported [m]
   double change_rad = 0.005;  // and turn [rad]
+  double lever = 0;           // from the DVL to the camera [m]
   SensorNoise noise;
   IncrementalConfig solver;  // its sizes are set from the above
 
@@ -125,13 +126,12 @@ class NavigationGraph {
   struct Frame {
     std::int64_t utc_ns = 0;
     SE3 T_odom_cam;
-    SE3 known;              // pose that takeChange() last gave
-    int node = 0;           // in the solver
-    int step = -1;          // measurement of the step from the keyframe before
-    int attitude = -1;      // and of attitude
-    double unlocked_s = 0;  // of that step
-    double seconds = 0;     // of that step
-    bool waiting = false;   // in changed_
+    SE3 known;             // pose that takeChange() last gave
+    int node = 0;          // in the solver
+    int step = -1;         // measurement of the step from the keyframe before
+    int attitude = -1;     // and of attitude
+    StepQuality quality;   // of that step
+    bool waiting = false;  // in changed_
   };
   // A factor with a robust weight.
   struct Robust {

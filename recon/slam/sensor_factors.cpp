@@ -50,17 +50,27 @@ Matrix6d informationOfResidual(const Matrix6d& information_of_perturbation) {
   return 0.5 * (scaled + scaled.transpose());
 }
 
+double stepSigma(double way, const StepQuality& quality, const SensorNoise& noise) {
+  const double white =
+      noise.dvl_velocity * std::sqrt(std::max(quality.seconds, 1 / noise.dvl_rate) / noise.dvl_rate);
+  const double swing = std::sqrt(2.0) * std::hypot(noise.heading, noise.tilt) * quality.lever;
+  const double turned = noise.unknown_turn * quality.seconds_untilted;
+  const double parts[] = {white,
+                          swing,
+                          quality.calibration_share * way,
+                          noise.heading * way,
+                          noise.unknown_velocity * quality.seconds_unlocked,
+                          0.5 * turned * way};
+  double sum = 0;
+  for (const double part : parts) sum += part * part;
+  return std::sqrt(sum);
+}
+
 RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b, const StepQuality& quality,
                         const SensorNoise& noise) {
   const SE3 between = T_odom_a.inverse() * T_odom_b;
-  const double way = between.translation().norm();
-  const double white =
-      noise.dvl_velocity * std::sqrt(std::max(quality.seconds, 1 / noise.dvl_rate) / noise.dvl_rate);
-  const double along = std::hypot(white, quality.calibration_share * way);
-  const double across = std::hypot(along, noise.heading * way);
-  const double unlocked = noise.unknown_velocity * quality.seconds_unlocked;
+  const double horizontal = stepSigma(between.translation().norm(), quality, noise);
   const double turned = noise.unknown_turn * quality.seconds_untilted;
-  const double horizontal = std::hypot(across, std::hypot(unlocked, 0.5 * turned * way));
   // In nav's axes first: horizontal and vertical.
   const Eigen::Matrix3d R = T_odom_b.matrix3();
   const Eigen::Vector3d position(horizontal, horizontal, kLooseVertical);

@@ -47,13 +47,16 @@ struct StepQuality {
   double seconds_unlocked = 0;   // of that, without bottom track
   double seconds_untilted = 0;   // of that, without attitude
   double calibration_share = 0;  // standard deviation of DVL scale and heading that is left [1], [rad]
+  double lever = 0;              // from the DVL to the camera [m]: noise of attitude swings it
 };
 
 // DVL, integrated by dead reckoning (nav::DeadReckoning: lever arm, mounting, sound speed):
 //   e_xyz = R_m^T (R_a^T (t_b - t_a) - t_m),   T_m = T_odom_a^-1 T_odom_b,
 // in the axes of b. Horizontal: white noise of the velocity over the time, calibration and heading noise over
-// the way. Vertical: loose, as odometry's depth is the pressure sensor's, which depthFactor uses. Rotation:
-// loose, as it is the compass's, which attitudeFactor uses.
+// the way, noise of attitude at both ends over the lever. Vertical: loose, as odometry's depth is the
+// pressure sensor's, which depthFactor uses. Rotation: loose, as it is the compass's, which attitudeFactor
+// uses. Standard deviation of a step of that way, horizontal [m].
+[[nodiscard]] double stepSigma(double way, const StepQuality& quality, const SensorNoise& noise);
 [[nodiscard]] RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b,
                                       const StepQuality& quality, const SensorNoise& noise);
 

@@ -106,7 +106,7 @@ int runSlam(const Options& options) {
   writePoses(out.path(), mission.origin, posed);
   writeClosures(out.path() / "closures.csv", list.pairs, slam.closures);
   write(out.path() / "tracks.svg", tracksSvg(navigation.poses, slam));
-  const Consistency truth = compareWithTruth(options.mission, mission.T_body_cam, rig.left, slam);
+  const Consistency truth = compareWithTruth(options.mission, mission.T_body_cam, rig.left, list, slam);
   write(out.path() / "slam.html", pageOf(slam, navigation, mission.T_body_cam, list.features_only, truth));
   nlohmann::ordered_json json = slamJson(slam);
   json["truth"] = truthJson(truth);

@@ -1,11 +1,10 @@
 #include "sim/score/trajectory_score.hpp"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
-#include <fstream>
 #include <utility>
 
+#include "firmware_if/image_times.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/geodesy.hpp"
 
@@ -66,24 +65,10 @@ TruthTrack::TruthTrack(const std::filesystem::path& truth_folder) {
   if (!std::is_sorted(points_.begin(), points_.end(), earlier))
     throw InputError(file.string(), "", "is not in the order of time; make the mission again");
 
-  const std::filesystem::path images = truth_folder / "images.csv";
-  std::ifstream stream(images);
-  if (!stream) return;
-  std::string line;
-  std::getline(stream, line);  // the header
-  for (int number = 2; std::getline(stream, line); ++number) {
-    const std::size_t comma = line.find(','),
-                      second = line.find(',', comma == std::string::npos ? 0 : comma + 1);
-    std::int64_t utc_ns = 0;
-    const auto parsed = std::from_chars(line.data(), line.data() + std::min(comma, line.size()), utc_ns);
-    if (comma == std::string::npos || second == std::string::npos || parsed.ec != std::errc() ||
-        parsed.ptr != line.data() + comma) {
-      throw InputError(images.string(), "line " + std::to_string(number),
-                       "is not utc_ns,left_image,right_image; make the mission again");
-    }
-    pairs_.push_back({utc_ns, line.substr(comma + 1, second - comma - 1), line.substr(second + 1)});
-    image_times_[pairs_.back().left] = utc_ns;
-    exposures_.push_back(utc_ns);
+  for (const io::ImageTime& image : io::readImageTimes(truth_folder / "images.csv")) {
+    pairs_.push_back({image.utc_ns, image.left, image.right});
+    image_times_[image.left] = image.utc_ns;
+    exposures_.push_back(image.utc_ns);
   }
   std::sort(exposures_.begin(), exposures_.end());
 }

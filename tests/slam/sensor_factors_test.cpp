@@ -46,7 +46,7 @@ TEST(SensorFactors, DerivativesAreThoseOfTheResidual) {
   const SE3 a = camera(3, -2, 10, 0.7), b = camera(3.4, -1.7, 10.1, 0.9, -0.04);
   const SE3 reference = SE3::fromEuler(0.003, -0.002, 0.03, Eigen::Vector3d::Zero());
   const SE3 next = SE3::fromEuler(0.002, -0.001, 0.05, Eigen::Vector3d::Zero());
-  const StepQuality quality{1.0, 0, 0, 0.003};
+  const StepQuality quality{1.0, 0, 0, 0.003, 0};
   expectDerivatives(stepFactor(kA, kB, camera(3, -2, 10, 0.72), camera(3.5, -1.7, 10, 0.93), quality, kNoise),
                     a, b);
   expectDerivatives(attitudeFactor(kA, kB, camera(0, 0, 9, 0.95), kNoise), reference, b);
@@ -64,7 +64,7 @@ TEST(SensorFactors, DerivativesAreThoseOfTheResidual) {
 
 TEST(SensorFactors, AStepErrsByOneStandardDeviationAlongTheWayForOneUnitOfChiSquare) {
   const SE3 a = camera(0, 0, 10, 0.4, 0), b = camera(0.5 * std::cos(0.4), 0.5 * std::sin(0.4), 10, 0.4, 0);
-  const StepQuality quality{1.0, 0, 0, 0.004};
+  const StepQuality quality{1.0, 0, 0, 0.004, 0};
   const RelativePose factor = stepFactor(kA, kB, a, b, quality, kNoise);
   EXPECT_NEAR(chi2(factor, a, b), 0, 1e-18);
   const double white = kNoise.dvl_velocity * std::sqrt(1.0 / kNoise.dvl_rate);
@@ -76,7 +76,7 @@ TEST(SensorFactors, AStepErrsByOneStandardDeviationAlongTheWayForOneUnitOfChiSqu
 
 TEST(SensorFactors, AStepWithoutBottomTrackSaysNextToNothing) {
   const SE3 a = camera(0, 0, 10, 0), b = camera(0.5, 0, 10, 0), metre_off = camera(1.5, 0, 10, 0);
-  const StepQuality locked{10.0, 0, 0, 0.003}, unlocked{10.0, 10.0, 0, 0.003};
+  const StepQuality locked{10.0, 0, 0, 0.003, 0}, unlocked{10.0, 10.0, 0, 0.003, 0};
   EXPECT_GT(chi2(stepFactor(kA, kB, a, b, locked, kNoise), a, metre_off), 1000);
   EXPECT_LT(chi2(stepFactor(kA, kB, a, b, unlocked, kNoise), a, metre_off), 0.2);
 }

@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <map>
 #include <numbers>
 #include <optional>
 
+#include "firmware_if/image_times.hpp"
 #include "firmware_if/pose_files.hpp"
 #include "recon/closure/candidates.hpp"
 #include "recon/topside/report/svg_plot.hpp"
@@ -92,12 +94,38 @@ std::string squaredPlot(const Consistency& c, const Value& value, const std::str
   return plot.svg();
 }
 
-// Closures against the truth: how many are false, and how many of the true overlaps were found.
-void judgeClosures(const std::vector<io::TrajectoryPoint>& truth, const SE3& T_body_cam, const Camera& camera,
-                   const SlamResult& slam, Consistency& out) {
+// T_nav_cam of every pair.
+std::vector<std::optional<SE3>> trueCameras(const std::filesystem::path& folder, const SE3& T_body_cam,
+                                            const PairList& list, const SlamResult& slam) {
+  const std::vector<io::TrajectoryPoint> truth = io::readTrajectory(folder / "trajectory.csv");
+  std::map<std::string, std::int64_t> exposed;
+  for (const io::ImageTime& image : io::readImageTimes(folder / "images.csv"))
+    exposed[image.left] = image.utc_ns;
   std::vector<std::optional<SE3>> cameras(slam.poses.size());
-  for (const SlamResult::Uncertain& u : slam.uncertain)
-    if (const auto body = truthAt(truth, slam.poses[u.pair].utc_ns)) cameras[u.pair] = *body * T_body_cam;
+  for (std::size_t k = 0; k < cameras.size(); ++k) {
+    const auto known = exposed.find(list.pairs[k].left);
+    const auto body = truthAt(truth, known == exposed.end() ? slam.poses[k].utc_ns : known->second);
+    if (body) cameras[k] = *body * T_body_cam;
+  }
+  return cameras;
+}
+
+// Closures against the truth: how many are false, and how many of the true overlaps were found.
+void judgeClosures(const std::vector<std::optional<SE3>>& cameras, const Camera& camera,
+                   const SlamResult& slam, Consistency& out) {
+  const auto squared = [&](const std::vector<slam::NavigationLink>& links) {
+    double sum = 0;
+    std::size_t n = 0;
+    for (const slam::NavigationLink& link : links) {
+      if (!cameras[link.a] || !cameras[link.b]) continue;
+      const Vector6d e = apart(cameras[link.a]->inverse() * *cameras[link.b], link.T_a_b);
+      sum += e.dot(link.covariance.ldlt().solve(e));
+      ++n;
+    }
+    return n == 0 ? 0 : sum / static_cast<double>(n);
+  };
+  out.mean_squared_odometry = squared(slam.odometry);
+  out.mean_squared_closures = squared(slam.closures);
   for (const slam::NavigationLink& c : slam.closures) {
     if (!cameras[c.a] || !cameras[c.b]) continue;
     const Vector6d e = apart(cameras[c.a]->inverse() * *cameras[c.b], c.T_a_b);
@@ -127,20 +155,19 @@ void judgeClosures(const std::vector<io::TrajectoryPoint>& truth, const SE3& T_b
 }  // namespace
 
 Consistency compareWithTruth(const std::filesystem::path& mission, const SE3& T_body_cam,
-                             const Camera& camera, const SlamResult& slam) {
+                             const Camera& camera, const PairList& list, const SlamResult& slam) {
   Consistency out;
   const std::filesystem::path file = mission / "truth" / "trajectory.csv";
   if (!std::filesystem::exists(file)) return out;
-  const std::vector<io::TrajectoryPoint> truth = io::readTrajectory(file);
+  const std::vector<std::optional<SE3>> cameras = trueCameras(mission / "truth", T_body_cam, list, slam);
   std::optional<SE3> first_truth;
   SE3 first;
   std::int64_t first_ns = 0;
   std::size_t inside = 0, later = 0;
   for (const SlamResult::Uncertain& u : slam.uncertain) {
     const std::int64_t utc_ns = slam.poses[u.pair].utc_ns;
-    const auto body = truthAt(truth, utc_ns);
-    if (!body) continue;
-    const SE3 T_nav_cam = *body * T_body_cam;
+    if (!cameras[u.pair]) continue;
+    const SE3& T_nav_cam = *cameras[u.pair];
     if (!first_truth) {
       first_truth = T_nav_cam;
       first = u.T_nav_cam;
@@ -168,7 +195,7 @@ Consistency compareWithTruth(const std::filesystem::path& mission, const SE3& T_
     out.moments.push_back(m);
   }
   if (out.moments.empty()) return out;
-  judgeClosures(truth, T_body_cam, camera, slam, out);
+  judgeClosures(cameras, camera, slam, out);
   const auto n = static_cast<double>(out.moments.size());
   out.mean_squared /= n;
   out.mean_since_first /= std::max(static_cast<double>(later), 1.0);

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "recon/geometry/camera.hpp"
+#include "recon/topside/stages/image_pairs.hpp"
 #include "recon/topside/stages/slam_stage.hpp"
 
 namespace fathom::topside {
@@ -26,13 +27,16 @@ struct Consistency {
   // accepted.
   static constexpr double kFalsePosition = 0.1, kFalseTurn = 0.05;  // [m], [rad]
   static constexpr double kOverlap = 0.3;
+  double mean_squared_odometry = 0, mean_squared_closures = 0;  // of links, against their own covariance
   std::size_t false_closures = 0, false_closures_kept = 0;
   std::size_t overlapping = 0, overlapping_tried = 0, overlapping_accepted = 0;
 };
 
-// Empty when the mission has no truth/trajectory.csv.
+// Empty when the mission has no truth/trajectory.csv. Poses are compared at the true times of exposure where
+// truth/images.csv tells them.
 [[nodiscard]] Consistency compareWithTruth(const std::filesystem::path& mission, const SE3& T_body_cam,
-                                           const Camera& camera, const SlamResult& slam);
+                                           const Camera& camera, const PairList& list,
+                                           const SlamResult& slam);
 
 // Errors over time with two standard deviations, and the squared errors with chi-square's bounds.
 [[nodiscard]] std::string consistencySvg(const Consistency& consistency);

@@ -49,6 +49,8 @@ Json truthJson(const Consistency& c) {
           {"last_squared_error_over_covariance_since_first", c.moments.back().since_first},
           {"middle_squared_error_over_covariance", c.moments[c.moments.size() / 2].squared},
           {"share_below_95_percent", c.share_inside},
+          {"mean_squared_error_over_covariance_of_odometry", c.mean_squared_odometry},
+          {"mean_squared_error_over_covariance_of_closures", c.mean_squared_closures},
           {"false_closures", c.false_closures},
           {"false_closures_kept", c.false_closures_kept},
           {"pairs_overlapping", c.overlapping},

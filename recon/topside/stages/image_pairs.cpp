@@ -9,6 +9,7 @@
 #include "firmware_if/image_file.hpp"
 #include "firmware_if/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "recon/nav/camera_clock.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -29,10 +30,13 @@ struct Images {
 
 Images fromLog(const io::MissionPaths& paths) {
   Images images;
+  nav::CameraClock left, right;
   io::SensorLogReader reader(paths.root);
   while (const auto entry = reader.next())
-    if (const auto* event = std::get_if<ImageEvent>(&entry->sample))
-      images.add(event->side, event->utc_ns, event->file_name);
+    if (const auto* event = std::get_if<ImageEvent>(&entry->sample)) {
+      nav::CameraClock& clock = event->side == CameraSide::kLeft ? left : right;
+      images.add(event->side, clock.utcNs(event->utc_ns, entry->arrival_utc_ns), event->file_name);
+    }
   return images;
 }
 

@@ -22,8 +22,8 @@ struct PairList {
 
 // The mission's stereo pairs: of the image events in its log, or, where there are none, of the files in img/
 // or features/.
-// Times get mission.toml's offsets; a pair is a left and a right image no more than `tolerance` [s] apart.
-// Throws InputError when there is not one pair.
+// Times get mission.toml's offsets, and in a log follow the cameras' drift (nav::CameraClock); a pair is a
+// left and a right image no more than `tolerance` [s] apart. Throws InputError when there is not one pair.
 [[nodiscard]] PairList listPairs(const io::MissionPaths& paths, const io::MissionConfig& mission,
                                  double tolerance);
 

@@ -80,10 +80,12 @@ SlamResult localise(const io::MissionPaths& paths, const io::MissionConfig& miss
   std::vector<slam::NavigationFix> fixes = fixesOf(frames, navigation);
   const Eigen::Vector2d shift = navigation.gps_shift.value_or(Eigen::Vector2d::Zero());
   const double sigma = navigation.gps_shift ? navigation.gps_sigma : kAnywhere;
+  slam::NavigationConfig graph = config.navigation;
+  graph.lever = (mission.T_body_cam.translation() - mission.T_body_dvl.translation()).norm();
   const auto solve = [&] {
     for (slam::NavigationLink& link : links) link.kept = true;
     for (slam::NavigationFix& fix : fixes) fix.kept = true;
-    return slam::solveNavigation(config.navigation, inputs, shift, sigma, links, fixes);
+    return slam::solveNavigation(graph, inputs, shift, sigma, links, fixes);
   };
   slam::NavigationSolution solved = solve();
   lap("network");

@@ -1,0 +1,48 @@
+#pragma once
+
+#include <cstdint>
+
+#include "realtime/kernel/fixed_queue.hpp"
+
+namespace fathom::nav {
+
+// Follows a camera's clock against the vehicle's, which is UTC, by when its images arrive. An image arrives a
+// delay after its exposure that is never less than some least one; so the least of arrival less stamp over a
+// few images tells what the camera's clock has gained or lost since the first images, whose offset is known.
+// Free-running camera clocks are up to 100 ppm off: 1.8 s in five hours, a metre of way.
+//
+// A line is fitted to the least differences of the last ten minutes. Fixed memory; same calls, same result.
+class CameraClock {
+ public:
+  // The stamp [ns] in the vehicle's time, for an image that arrived then (vehicle's clock). Images come in
+  // their order.
+  [[nodiscard]] std::int64_t utcNs(std::int64_t stamp_ns, std::int64_t arrival_utc_ns) noexcept;
+
+  // What the camera's clock has lost since the first images, as last seen [s]; and how fast [s/s].
+  [[nodiscard]] double lost() const noexcept { return lost_; }
+  [[nodiscard]] double rate() const noexcept { return rate_; }
+  // Times that it leapt: set anew, or a camera that started again.
+  [[nodiscard]] std::uint64_t leaps() const noexcept { return leaps_; }
+
+ private:
+  static constexpr int kWindow = 20;           // images that give one least difference
+  static constexpr std::size_t kWindows = 64;  // that the line is fitted to: ten minutes at 2 Hz
+  static constexpr std::size_t kFewest = 3;    // before there is a line
+  struct Least {
+    double time = 0, delay = 0;  // since the first image; arrival less stamp, less the first window's [s]
+  };
+  void close() noexcept;
+  void fit() noexcept;
+  [[nodiscard]] double lineAt(double time) const noexcept { return level_ + rate_ * (time - centre_); }
+
+  std::int64_t first_stamp_ns_ = 0, base_ns_ = 0;  // base: least arrival less stamp of the first window
+  bool any_ = false, based_ = false;
+  int in_window_ = 0;
+  Least least_;
+  rt::FixedQueue<Least, kWindows> windows_;
+  double centre_ = 0, level_ = 0, rate_ = 0, lost_ = 0;
+  double start_ = 0, leapt_ = 0;  // of the line at the first image; sum of leaps [s]
+  std::uint64_t leaps_ = 0;
+};
+
+}  // namespace fathom::nav
