@@ -1,6 +1,7 @@
 #include "recon/slam/batch_solver.hpp"
 
 #include <Eigen/SVD>
+#include <algorithm>
 #include <cmath>
 #include <numeric>
 #include <optional>
@@ -8,6 +9,7 @@
 #include <string>
 
 #include "recon/slam/block_cholesky.hpp"
+#include "recon/slam/incremental_solver.hpp"
 
 namespace fathom::slam {
 namespace {
@@ -118,16 +120,55 @@ Eigen::VectorXd assemble(const PoseGraph& graph, const Unknowns& u, BlockCholesk
     const Matrix6d weighted_from = l.by_from.transpose() * e.information;
     const Matrix6d weighted_to = l.by_to.transpose() * e.information;
     if (from >= 0) {
-      system.addDiagonal(from, weighted_from * l.by_from);
+      system.addDiagonal6(from, weighted_from * l.by_from);
       gradient.segment<kSize>(from * kSize) += weighted_from * l.error;
     }
     if (to >= 0) {
-      system.addDiagonal(to, weighted_to * l.by_to);
+      system.addDiagonal6(to, weighted_to * l.by_to);
       gradient.segment<kSize>(to * kSize) += weighted_to * l.error;
     }
-    if (u.pair_of_edge[k] >= 0) system.addPair(index(u.pair_of_edge[k]), weighted_from * l.by_to);
+    if (u.pair_of_edge[k] >= 0) system.addPair6(index(u.pair_of_edge[k]), weighted_from * l.by_to);
   }
   return gradient;
+}
+
+// The solver that runs on board, without quotas: its factor of blocks is quicker to build than CHOLMOD's, and
+// one that is slightly old goes on serving. False when it cannot hold the graph or does not converge; the
+// graph then has the best poses so far.
+bool solveByGrowingFactor(std::int64_t blocks, PoseGraph& graph, const BatchOptions& options,
+                          BatchResult& result,
+                          const std::function<void(int iteration, double chi2)>& progress) {
+  constexpr int kStalled = 3;  // steps without a move
+  constexpr std::int64_t kNoQuota = std::int64_t{1} << 40;
+  IncrementalConfig config;
+  config.max_poses = static_cast<int>(graph.poses.size());
+  config.max_measurements = static_cast<int>(graph.edges.size());
+  config.max_factor_blocks = blocks;
+  config.build_quota = config.urgent_quota = kNoQuota;
+  config.update_quota = 1;
+  config.kept_last = 0;
+  config.least_decrease = options.min_decrease;
+  config.least_effect = 0;
+  IncrementalSolver solver(config);
+  for (const SE3& pose : graph.poses)
+    if (solver.addPose(pose) != AddStatus::kOk) return false;
+  for (const RelativePose& e : graph.edges)
+    if (solver.addMeasurement(e) != AddStatus::kOk) return false;
+  for (int stalled = 0;
+       stalled < kStalled && result.iterations < options.max_iterations && !result.converged;) {
+    const StepReport step = solver.step();
+    if (step.measurements_waiting > 0) return false;  // the factor has no room
+    result.iterations += step.iterations;
+    stalled = step.iterations == 0 ? stalled + 1 : 0;
+    result.converged = !step.waits_for_factor && step.decrease_expected <= options.min_decrease * step.chi2;
+    if (progress) progress(result.iterations, step.chi2);
+  }
+  if (!(solver.chi2() <= result.chi2)) return result.converged = false;
+  for (std::size_t i = 0; i < graph.poses.size(); ++i) graph.poses[i] = solver.pose(static_cast<int>(i));
+  result.chi2 = solver.chi2();
+  result.factor_entries = static_cast<double>(kSize * kSize * solver.factorBlocks());
+  result.memory_bytes = solver.memoryBytes();
+  return result.converged;
 }
 
 }  // namespace
@@ -179,16 +220,32 @@ BatchResult optimize(PoseGraph& graph, const BatchOptions& options,
   result.converged = u.count == 0;
   if (u.count == 0) return result;
 
+  if (u.count + 1 == static_cast<int>(graph.poses.size())) {
+    // Most graphs need less than half of what is safe, and memory costs time.
+    const std::int64_t safe = IncrementalConfig::blocksFor(
+        u.count + 1, std::max(0, static_cast<int>(graph.edges.size()) - u.count));
+    for (const std::int64_t blocks : {safe / 2, safe})
+      if (solveByGrowingFactor(blocks, graph, options, result, progress)) return result;
+  }
+
   BlockCholesky system(u.count, kSize, u.pairs);
   PoseGraph best = graph;
   double damping = 0, chi2 = result.chi2_start;
   int uphill = 0;  // steps since the best poses
+  bool factored = false;
   while (!result.converged && result.iterations < options.max_iterations) {
     const Eigen::VectorXd gradient = assemble(graph, u, system);
+    // The last factor tells well enough whether another is worth its cost.
+    if (factored && uphill == 0 && damping == 0 &&
+        gradient.dot(system.solve(gradient).col(0)) <= options.min_decrease * result.chi2) {
+      result.converged = true;
+      break;
+    }
     ++result.iterations;
     PoseGraph next = graph;
     chi2 = NAN;
-    if (system.factorize(damping)) {
+    factored = system.factorize(damping);
+    if (factored) {
       const Eigen::VectorXd step = system.solve(-gradient);
       for (std::size_t i = 0; i < graph.poses.size(); ++i)
         if (u.of_pose[i] >= 0)

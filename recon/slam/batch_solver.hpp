@@ -25,10 +25,11 @@ struct BatchResult {
   int iterations = 0;
   bool converged = false;
   double factor_entries = 0;
-  std::size_t memory_bytes = 0;  // CHOLMOD's peak
+  std::size_t memory_bytes = 0;  // of the solver's arena, or CHOLMOD's peak
 };
 
-// Maximum likelihood poses of a graph: Gauss-Newton with Marquardt's damping where chi2 would rise. The first
+// Maximum likelihood poses of a graph, by the incremental solver without quotas; where that does not converge
+// or the graph is not in one piece, by Gauss-Newton with Marquardt's damping where chi2 would rise. The first
 // pose of each connected part is held. `progress`, if given, is told chi2 after each iteration. Throws
 // std::invalid_argument for an edge to a pose that is not there, from a pose to itself, or with an
 // information that is not symmetric and positive.

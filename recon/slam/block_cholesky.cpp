@@ -56,6 +56,12 @@ struct BlockCholesky::Impl {
   std::vector<int> order();
   void add(int column_block, int block_in_column, const Eigen::Ref<const Eigen::MatrixXd>& m,
            bool transposed);
+  void add6(int column_block, int block_in_column, const Eigen::Matrix<double, 6, 6>& m) {
+    double* block = at(column_block, block_in_column);
+    const int stride = columnStride(column_block);
+    for (int c = 0; c < 6; ++c)
+      for (int r = 0; r < 6; ++r) block[c * stride + r] += m(r, c);
+  }
 };
 
 // Elimination order of the blocks, the better of AMD and METIS as CHOLMOD counts their factors.
@@ -155,6 +161,18 @@ void BlockCholesky::addDiagonal(int block, const Eigen::Ref<const Eigen::MatrixX
 void BlockCholesky::addPair(std::size_t k, const Eigen::Ref<const Eigen::MatrixXd>& values) {
   const auto& [row, column] = impl_->pairs[k];
   impl_->add(std::min(row, column), impl_->slot[k], values, row < column);
+}
+
+void BlockCholesky::addDiagonal6(int block, const Eigen::Matrix<double, 6, 6>& values) {
+  impl_->add6(block, 0, values);
+}
+
+void BlockCholesky::addPair6(std::size_t k, const Eigen::Matrix<double, 6, 6>& values) {
+  const auto& [row, column] = impl_->pairs[k];
+  if (row < column)
+    impl_->add6(row, impl_->slot[k], values.transpose());
+  else
+    impl_->add6(column, impl_->slot[k], values);
 }
 
 bool BlockCholesky::factorize(double damping) {

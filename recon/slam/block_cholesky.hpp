@@ -26,6 +26,9 @@ class BlockCholesky {
   void addDiagonal(int block, const Eigen::Ref<const Eigen::MatrixXd>& values);
   // Values of the block in row pairs[k][0] and column pairs[k][1]; its transpose follows.
   void addPair(std::size_t k, const Eigen::Ref<const Eigen::MatrixXd>& values);
+  // The same for blocks of 6 x 6, without a heap call.
+  void addDiagonal6(int block, const Eigen::Matrix<double, 6, 6>& values);
+  void addPair6(std::size_t k, const Eigen::Matrix<double, 6, 6>& values);
 
   // Factorises the matrix with its diagonal multiplied by 1 + `damping` (Marquardt 1963); false when that is
   // not positive definite.

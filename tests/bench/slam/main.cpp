@@ -9,6 +9,9 @@
 #include "recon/slam/batch_solver.hpp"
 #include "recon/slam/g2o_file.hpp"
 #include "recon/slam/incremental_solver.hpp"
+#ifdef FATHOM_HAVE_CERES
+#include "tests/bench/slam/ceres_peer.hpp"
+#endif
 #include "tests/bench/slam/step_times.hpp"
 #include "tests/bench/slam/survey_graph.hpp"
 
@@ -30,6 +33,37 @@ void report(const std::string& name, slam::PoseGraph graph, std::int64_t blocks)
   bench::print(name, bench::timeSteps(graph, solver), solver);
 }
 
+#ifdef FATHOM_HAVE_CERES
+// The whole graph at once, ours and Ceres in turns on one thread, timed by its own clock; each
+// the best of some runs. From the same poses: those of
+// the file, where ours tries a chordal start as well, and the chordal ones.
+void compareWithCeres(const std::string& name, const slam::PoseGraph& graph) {
+  constexpr int kRuns = 3;
+  slam::PoseGraph chordal = graph;
+  chordal.poses = slam::chordalPoses(graph);
+  for (const slam::PoseGraph* start : {&graph, static_cast<const slam::PoseGraph*>(&chordal)}) {
+    double ours = 0, ours_chi2 = 0;
+    bench::CeresOutcome best;
+    for (int run = 0; run < kRuns; ++run) {
+      slam::PoseGraph mine = *start, theirs = *start;
+      const double begin = bench::threadMilliseconds();
+      ours_chi2 = slam::optimize(mine, {}).chi2;
+      const double seconds = 1e-3 * (bench::threadMilliseconds() - begin);
+      ours = run == 0 ? seconds : std::min(ours, seconds);
+      const bench::CeresOutcome peer = bench::solveByCeres(theirs);
+      if (run == 0 || peer.seconds < best.seconds) best = peer;
+    }
+    std::printf(
+        "%s from %s poses: ours %.3f s, chi2 %.6f; Ceres %.3f s, chi2 %.6f (%d iterations, %s), by its "
+        "default "
+        "trust region %.3f s: ours is %.2f and %.2f times faster\n",
+        name.c_str(), start == &graph ? "the file's" : "chordal", ours, ours_chi2, best.seconds, best.chi2,
+        best.iterations, best.options.c_str(), best.usual_seconds, best.seconds / ours,
+        best.usual_seconds / ours);
+  }
+}
+#endif
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -45,6 +79,10 @@ int main(int argc, char** argv) {
   app.add_flag("--anywhere", anywhere, "closures join any two keyframes");
   app.add_flag("--sensors", plan.attitude_and_depth, "attitude and depth of every keyframe");
   app.add_option("--blocks", blocks, "room of a factor; without it by IncrementalConfig::blocksFor");
+#ifdef FATHOM_HAVE_CERES
+  bool batch = false;
+  app.add_flag("--ceres", batch, "the whole graph at once instead, ours against Ceres");
+#endif
   CLI11_PARSE(app, argc, argv);
   if (survey) {
     if (anywhere) plan.where = bench::Closures::kAnywhere;
@@ -54,5 +92,14 @@ int main(int argc, char** argv) {
   if (files.empty())
     for (const char* name : {"tinyGrid3D", "parking-garage", "sphere2500"})
       files.push_back(std::string(FATHOM_DATA_DIR "/posegraph/") + name + ".g2o");
-  for (const std::string& file : files) report(file.substr(file.rfind('/') + 1), slam::readG2o(file), blocks);
+  for (const std::string& file : files) {
+    const std::string name = file.substr(file.rfind('/') + 1);
+#ifdef FATHOM_HAVE_CERES
+    if (batch) {
+      compareWithCeres(name, slam::readG2o(file));
+      continue;
+    }
+#endif
+    report(name, slam::readG2o(file), blocks);
+  }
 }

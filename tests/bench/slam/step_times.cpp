@@ -14,12 +14,6 @@
 namespace fathom::bench {
 namespace {
 
-double threadMilliseconds() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return 1e3 * static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_nsec);
-}
-
 double wallMilliseconds() {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch())
       .count();
@@ -33,6 +27,12 @@ std::int64_t residentBytes() {
 }
 
 }  // namespace
+
+double threadMilliseconds() {
+  timespec t{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+  return 1e3 * static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_nsec);
+}
 
 Quantiles quantilesOf(std::vector<double> values) {
   if (values.empty()) return {};

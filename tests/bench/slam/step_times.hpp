@@ -9,6 +9,9 @@
 
 namespace fathom::bench {
 
+// The thread's own time: other programs on the machine count little.
+[[nodiscard]] double threadMilliseconds();
+
 struct Quantiles {
   double mean = 0, p50 = 0, p99 = 0, p999 = 0, max = 0;
 };
