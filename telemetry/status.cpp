@@ -32,8 +32,9 @@ double headingDegrees(double radians) {
 
 const char* healthText(unsigned bit) {
   static constexpr const char* kTexts[kHealthBits] = {
-      "soft real time", "DVL lost",  "compass lost",  "depth lost",      "camera lost", "no position fix",
-      "overload",       "pool full", "map coarsened", "recorder failed", "disk low",    "poor stereo"};
+      "soft real time",  "DVL lost",    "compass lost",       "depth lost",    "camera lost",
+      "no position fix", "overload",    "pool full",          "map coarsened", "recorder failed",
+      "disk low",        "poor stereo", "sensor contradicted"};
   return bit < kHealthBits ? kTexts[bit] : "unknown";
 }
 

@@ -196,6 +196,14 @@ std::uint16_t OnboardSystem::healthFlags(std::int64_t now_ns,
   if (!map_.anchored()) flags |= telemetry::kHealthNoFix;
   if (tiles.refused > 0) flags |= telemetry::kHealthPoolFull;
   if (tiles.coarsened > 0) flags |= telemetry::kHealthMapCoarsened;
+  if (const LocalisationCore* localisation = map_.localisation()) {
+    const slam::NavigationGraph::Counters& graph = localisation->graph().counters();
+    // A compass that has leapt once may be off from then on.
+    if (graph.dvl_lies || graph.compass_jumps > 0) flags |= telemetry::kHealthSensorLies;
+    const bool full = graph.keyframes_refused + graph.links_refused > 0 ||
+                      map_.movingMap().counters().given_up || localisation->features().counters().retired > 0;
+    if (full) flags |= telemetry::kHealthPoolFull;
+  }
   const double wanted = kPoorPoints * config_.stereo.max_features;
   if (last_pair_ns_ != 0 && static_cast<double>(last_points_) < wanted) flags |= telemetry::kHealthStereoPoor;
   return static_cast<std::uint16_t>(flags);
