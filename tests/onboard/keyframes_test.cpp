@@ -87,6 +87,18 @@ TEST(KeyframeFeatures, OldOnesComeBackFromTheirSlotsAsTheyWere) {
   EXPECT_EQ(store.counters().retired, 0u);
 }
 
+TEST(KeyframeFeatures, TwoThatWereFoundOneAfterTheOtherStayBoth) {
+  MemorySlots slots = slotsFor(100);
+  KeyframeFeatures store(&slots, 100, 20);
+  for (int k = 0; k < 60; ++k) store.add(featuresOf(k), {0.5 * k, 0, 0});
+  for (int step = 0; step < 500; ++step) {
+    const int a = (step * 7) % 11, b = 11 + (step * 5) % 13;
+    const auto *first = store.find(a), *second = store.find(b);
+    ASSERT_EQ(first->descriptors[0], a);
+    ASSERT_EQ(second->descriptors[0], b);
+  }
+}
+
 TEST(KeyframeFeatures, FullOfSlotsTheKeyframeAmongTheClosestNeighboursGivesWay) {
   MemorySlots slots = slotsFor(20);
   KeyframeFeatures store(&slots, 100, 20);

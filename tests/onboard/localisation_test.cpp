@@ -83,6 +83,22 @@ TEST(LocalisationCore, ADvlThatLiesIsContradictedByTheImagesAndNoticed) {
   EXPECT_GT(core.counters().odometry_surprises, 0u);
 }
 
+TEST(LocalisationCore, LostForSecondsAClosureEntersOnlyWhenAnotherAgreesAndTheWayIsFoundAgain) {
+  DiveFaults faults;  // on the second line, blind and without bottom track for two metres
+  faults.dvl_dead_from = faults.blind_from = 26;
+  faults.dvl_dead_to = faults.blind_to = 30;
+  MadeDive dive = makeDive(faults);
+  dive.fixes.clear();
+  MemorySlots slots = featureSlots(300);
+  LocalisationConfig config = smallLocalisation();
+  config.predictions_per_keyframe = 200;
+  LocalisationCore core(dive.rig, config, &slots);
+  const std::vector<SE3> poses = localised(core, dive);
+  EXPECT_GT(planError(dive, reckoned(dive)).rms, 0.8);
+  EXPECT_GE(core.closures().counters().confirmed, 2u);
+  EXPECT_LT(planError(dive, poses).rms, 0.15);
+}
+
 TEST(LocalisationCore, ABadDiskCostsClosuresOnly) {
   const MadeDive dive = makeDive();
   MemorySlots slots = featureSlots(300);

@@ -161,6 +161,7 @@ MadeDive makeDive(const DiveFaults& faults, std::uint32_t seed) {
     odom += moved;
     before = poses[k].place;
     frame.features = look(ground, dive.rig, frame.truth, random);
+    if (t >= faults.blind_from && t < faults.blind_to) frame.features = {};
     frame.input.utc_ns = frame.utc_ns;
     frame.input.T_odom_cam = cameraAt(odom, poses[k].heading + error);
     frame.input.quality = quality;

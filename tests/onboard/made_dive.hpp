@@ -28,8 +28,9 @@ class MemorySlots : public SlotStore {
 struct DiveFaults {
   double dvl_dead_from = 1e9, dvl_dead_to = 1e9;  // [s]; dead reckoning stands still and says so
   double dvl_lies_from = 1e9, dvl_lies_to = 1e9;  // [s]; 0.25 m/s to starboard, and says nothing
-  double compass_jumps_at = 1e9;  // by 20 degrees, told as a leap and left in the odometry [s]
-  double wild_share = 0;          // of the fixes, 40 m off
+  double compass_jumps_at = 1e9;            // by 20 degrees, told as a leap and left in the odometry [s]
+  double blind_from = 1e9, blind_to = 1e9;  // [s]; no features
+  double wild_share = 0;                    // of the fixes, 40 m off
 };
 
 // A short lawn-mower dive at 2 m over a seafloor of points with descriptors, and what dead reckoning makes of

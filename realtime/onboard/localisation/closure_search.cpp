@@ -12,12 +12,16 @@ constexpr int kSkip = 4;  // latest keyframes that odometry links well enough
 // No separation beyond so many reaches has a probability of overlap worth trying, however wide the
 // uncertainty: along one axis it is at most 2 reach / distance x 0.242.
 constexpr double kFarthest = 10;
+// Expected information below which a pair is not worth a registration [nat]. Not a probability: lost by
+// several footprints, no pair is probable, but any closure tells more than all else.
+constexpr double kLeastValue = 0.04;
 constexpr double kWide = 1.0;         // of a prior, in radii of the footprint: several places would fit
 constexpr double kLeastSigma = 0.05;  // of a prior [m]: what the graph does not know of itself
 constexpr double kLeastAngle = 0.03;  // [rad]
 constexpr std::size_t kUnconfirmed = 64;
-constexpr int kNeighbours = 6;          // keyframes within which two closures may confirm each other
-constexpr int kSought = 2;              // pairs on either side that are tried to confirm one
+constexpr int kNeighbours = 6;  // keyframes within which two closures may confirm each other
+constexpr int kSpan = 2 * kNeighbours + 1;
+constexpr std::size_t kSought = 6;      // pairs that are tried to confirm one
 constexpr double kFirst = 1e6;          // information above any other [nat]
 constexpr double kCycle = 16.81;        // chi-square with 6 degrees of freedom, 99 %
 constexpr int kLookedAt = 64;           // keyframes that proposeMoved() looks at
@@ -44,7 +48,7 @@ ClosureSearch::ClosureSearch(const StereoRig& rig, const LocalisationConfig& con
       reach_(closure::separationOfOverlap(limits_.min_overlap)),
       tried_(kTried) {
   views_.reserve(static_cast<std::size_t>(config.max_keyframes));
-  near_.reserve(static_cast<std::size_t>(config.predictions_per_keyframe) + 1);
+  near_.reserve(static_cast<std::size_t>(std::max(config.predictions_per_keyframe, kSpan * kSpan)) + 1);
   unconfirmed_.reserve(kUnconfirmed + 1);
   closures_.reserve(static_cast<std::size_t>(config.graph.max_links));
 }
@@ -77,10 +81,11 @@ ClosureSearch::Seen ClosureSearch::look(int a, int b) {
 }
 
 bool ClosureSearch::worthIt(const closure::Candidate& candidate) const {
-  return candidate.probability >= limits_.min_probability && candidate.information >= limits_.min_information;
+  return candidate.value() >= kLeastValue && candidate.information >= limits_.min_information;
 }
 
 void ClosureSearch::propose(int keyframe) {
+  if (!features_.has(keyframe)) return;
   const closure::Footprint here = footprint(keyframe);
   views_[static_cast<std::size_t>(keyframe)].proposed_at = here.centre;
   const auto nearer = [](const Near& x, const Near& y) {
@@ -89,7 +94,7 @@ void ClosureSearch::propose(int keyframe) {
   near_.clear();
   const auto most = static_cast<std::size_t>(config_.predictions_per_keyframe);
   for (int other = 0; other < graph_.keyframes(); ++other) {
-    if (std::abs(other - keyframe) < kSkip) continue;
+    if (std::abs(other - keyframe) < kSkip || !features_.has(other)) continue;
     const closure::Footprint there = footprint(other);
     const double farthest = kFarthest * reach_ * 0.5 * (here.radius + there.radius);
     const double distance2 = (here.centre - there.centre).squaredNorm();
@@ -211,14 +216,30 @@ void ClosureSearch::confirm(const Closure& closure) {
   seekNeighbours(closure);
 }
 
-// Pairs beside a closure that waits come before all others. Passes may run alike or against each other.
+// Pairs beside a closure that waits come before all others: those that would overlap most if it is true. They
+// are registered with what the graph knows as prior, as any pair, so that they can contradict it.
 void ClosureSearch::seekNeighbours(const Closure& closure) {
-  for (int d = -kSought; d <= kSought; ++d) {
-    for (const int e : {d, -d}) {
-      const int a = closure.a + d, b = closure.b + e;
-      if (d == 0 || a < 0 || b >= graph_.keyframes() || b - a < kSkip || tried_.contains(a, b)) continue;
-      queue_.push({static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b), 1.0, kFirst - std::abs(d)});
+  near_.clear();
+  const auto number = [](int da, int db) { return (da + kNeighbours) * kSpan + db + kNeighbours; };
+  for (int da = -kNeighbours; da <= kNeighbours; ++da) {
+    for (int db = -kNeighbours; db <= kNeighbours; ++db) {
+      const int a = closure.a + da, b = closure.b + db;
+      if (da == 0 || db == 0 || a < 0 || b >= graph_.keyframes() || b - a < kSkip) continue;
+      if (tried_.contains(a, b) || !features_.has(a) || !features_.has(b)) continue;
+      const SE3 T_a_b = (graph_.pose(a).inverse() * graph_.pose(closure.a)) * closure.T_a_b *
+                        (graph_.pose(closure.b).inverse() * graph_.pose(b));
+      near_.push_back({T_a_b.translation().squaredNorm(), number(da, db)});
     }
+  }
+  std::sort(near_.begin(), near_.end(), [](const Near& x, const Near& y) {
+    return std::tie(x.distance2, x.keyframe) < std::tie(y.distance2, y.keyframe);
+  });
+  const std::size_t sought = std::min<std::size_t>(near_.size(), kSought);
+  for (std::size_t k = 0; k < sought; ++k) {
+    const int a = closure.a + near_[k].keyframe / kSpan - kNeighbours;
+    const int b = closure.b + near_[k].keyframe % kSpan - kNeighbours;
+    queue_.push({static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b), 1.0,
+                 kFirst - std::sqrt(near_[k].distance2)});
   }
 }
 

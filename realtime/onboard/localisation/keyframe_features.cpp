@@ -67,12 +67,23 @@ void KeyframeFeatures::add(const closure::FrameFeatures& features, const Eigen::
   }
 }
 
+bool KeyframeFeatures::has(int keyframe) const {
+  if (keyframe < 0 || keyframe >= static_cast<int>(entries_.size())) return false;
+  if (entries_[static_cast<std::size_t>(keyframe)].slot >= 0) return true;
+  for (const Kept& k : newest_)
+    if (k.keyframe == keyframe) return k.features.size() > 0;
+  return false;
+}
+
 const closure::FrameFeatures* KeyframeFeatures::find(int keyframe) {
   if (keyframe < 0 || keyframe >= static_cast<int>(entries_.size())) return nullptr;
   for (const Kept& k : newest_)
     if (k.keyframe == keyframe) return &k.features;
-  for (const Kept& k : read_)
-    if (k.keyframe == keyframe) return &k.features;
+  for (std::size_t i = 0; i < read_.size(); ++i) {
+    if (read_[i].keyframe != keyframe) continue;
+    if (i == next_read_) next_read_ = (next_read_ + 1) % read_.size();  // the caller may still look at it
+    return &read_[i].features;
+  }
   const Entry& e = entries_[static_cast<std::size_t>(keyframe)];
   if (e.slot < 0) return nullptr;
   Kept& into = read_[next_read_];

@@ -21,8 +21,11 @@ class KeyframeFeatures {
   // Of the next keyframe, counting from 0; `place`: where it is, for the rule above [m].
   void add(const closure::FrameFeatures& features, const Eigen::Vector3d& place);
 
-  // Null when there are none (given way, bad disk). Valid until add() or the third find() after.
+  // Null when there are none (given way, bad disk). Valid until add() or the second find() after.
   [[nodiscard]] const closure::FrameFeatures* find(int keyframe);
+
+  // Whether find() can be expected to find something.
+  [[nodiscard]] bool has(int keyframe) const;
 
   struct Counters {
     std::uint64_t stored = 0, retired = 0, write_failures = 0, read_failures = 0;
