@@ -345,5 +345,36 @@ TEST(QuadtreeMap, MemoryIsFixedByTheConfiguration) {
   EXPECT_LT(empty, 256u * 9000u);
 }
 
+TEST(QuadtreeMap, AClearedMapIsANewOneThatNumbersItsChangesOn) {
+  QuadtreeConfig config;
+  config.max_tiles = 64;
+  QuadtreeMap used(config), fresh(config);
+  Mesh mesh;
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j)
+      mesh.vertices.emplace_back(static_cast<float>(i), static_cast<float>(j),
+                                 5.0F + 0.1F * static_cast<float>(i * j));
+  for (std::uint32_t i = 0; i < 2; ++i)
+    for (std::uint32_t j = 0; j < 2; ++j) {
+      const std::uint32_t a = 3 * i + j;
+      mesh.triangles.push_back({a, a + 3, a + 1});
+      mesh.triangles.push_back({a + 3, a + 4, a + 1});
+    }
+  Mesh elsewhere = mesh;
+  transform(elsewhere, SE3(Eigen::Quaterniond::Identity(), {7, -3, 1}));
+  for (int k = 0; k < 5; ++k) (void)used.fuse(elsewhere);
+  used.clear(used.fused());
+  EXPECT_EQ(used.counters().tiles_used, 0);
+  EXPECT_EQ(used.counters().observations, 0u);
+  EXPECT_TRUE(toMesh(used).empty());
+  EXPECT_EQ(used.fuse(mesh), fresh.fuse(mesh));
+  EXPECT_EQ(used.fused(), 6u);
+  const Mesh a = toMesh(used), b = toMesh(fresh);
+  ASSERT_EQ(a.vertices.size(), b.vertices.size());
+  EXPECT_EQ(a.triangles, b.triangles);
+  for (std::size_t i = 0; i < a.vertices.size(); ++i) EXPECT_EQ(a.vertices[i], b.vertices[i]);
+  used.forEachLeaf([](const TileKey&, std::uint32_t revision) { EXPECT_EQ(revision, 6u); });
+}
+
 }  // namespace
 }  // namespace fathom::fusion
