@@ -26,6 +26,13 @@ double chiSquareOf(const RelativePose& edge, const std::vector<SE3>& poses) {
   return error.dot(edge.information * error);
 }
 
+// A covariance with that of the pose's way from a point, of which a common scale is uncertain.
+Matrix6d widened(Matrix6d covariance, const SE3& pose, const Eigen::Vector3d& from, double scale) {
+  const Eigen::Vector3d moved = scale * (pose.rotation().conjugate() * (pose.translation() - from));
+  covariance.topLeftCorner<3, 3>() += moved * moved.transpose();
+  return covariance;
+}
+
 // Links and fixes: what may be wrong.
 class Doubtful {
  public:
@@ -131,7 +138,10 @@ NavigationSolution solveNavigation(NavigationConfig config, const std::vector<Ke
   return out;
 }
 
-GraphCovariance::GraphCovariance(const PoseGraph& graph) {
+GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, const std::vector<int>& scaled)
+    : common_scale_(common_scale) {
+  for (const int pose : scaled)
+    centre_ += graph.poses[at(pose)].translation() / static_cast<double>(scaled.size());
   IncrementalConfig config;
   config.max_poses = static_cast<int>(graph.poses.size()) + kSpare;
   config.max_measurements = static_cast<int>(graph.edges.size()) + kSpare;
@@ -151,11 +161,12 @@ GraphCovariance::GraphCovariance(const PoseGraph& graph) {
 }
 
 Matrix6d GraphCovariance::of(int pose) {
-  return solver_->covariance(pose);
+  return widened(solver_->covariance(pose), solver_->pose(pose), centre_, common_scale_);
 }
 
 Matrix6d GraphCovariance::between(int a, int b) {
-  return solver_->relativeCovariance(a, b);
+  return widened(solver_->relativeCovariance(a, b), solver_->pose(b), solver_->pose(a).translation(),
+                 common_scale_);
 }
 
 }  // namespace fathom::slam

@@ -25,9 +25,13 @@ struct SensorNoise {
   double tilt_turn = 0.003;       // its change with the heading: the bias is the body's [rad/rad^(1/2)]
   double unknown_turn = 0.1;      // rate of turn while attitude is away [rad/s]
   // Depth.
-  double depth = 0.003;       // of one reading [m]
-  double depth_offset = 0.0;  // of the sea's height over nav's zero at first; with depth_drift 0: known [m]
-  double depth_drift = 0.0;   // its random walk: tide 0.002, none 0 [m/s^(1/2)]
+  double depth = 0.003;         // of one reading [m]
+  double depth_offset = 0.002;  // of the sea's height over nav's zero, or of the sensor, at first [m]
+  double depth_drift = 0.0;     // its random walk: tide 0.002, none 0 [m/s^(1/2)]
+  // What calibration and the lamps' shading leave to all visual links alike, as a common error of scale [1].
+  // It
+  // cannot be averaged away, so covariances that are given out carry it.
+  double visual_scale = 0.001;
 
   void validate() const;  // throws std::invalid_argument
 };

@@ -56,6 +56,7 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
   s.dvl_heading = gauss(noise.dvl_heading);
   const double iron = 2 * std::numbers::pi * uniform(s.random);
   const double roll_bias = gauss(noise.tilt_bias), pitch_bias = gauss(noise.tilt_bias);
+  const double depth_bias = gauss(noise.depth_offset);
   double drift = 0;
   const auto measured = [&](const SE3& T_a_b) {
     Vector6d e;
@@ -87,7 +88,7 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
       const int k = static_cast<int>(s.truth.size());
       KeyframeInput input;
       input.utc_ns = static_cast<std::int64_t>(t * 1e9);
-      const double measured_depth = depth + gauss(noise.depth);
+      const double measured_depth = depth + depth_bias + gauss(noise.depth);
       input.T_odom_cam =
           SE3::fromEuler(roll + roll_bias + gauss(noise.tilt), pitch + pitch_bias + gauss(noise.tilt),
                          compass, {odom.x(), odom.y(), measured_depth});

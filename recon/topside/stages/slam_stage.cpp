@@ -109,7 +109,7 @@ SlamResult localise(const io::MissionPaths& paths, const io::MissionConfig& miss
   out.dvl_heading = solved.dvl_heading;
   for (const slam::NavigationFix& fix : fixes) ++(fix.kept ? out.fixes_kept : out.fixes_removed);
 
-  slam::GraphCovariance known(solved.graph);
+  slam::GraphCovariance known(solved.graph, graph.noise.visual_scale, solved.nodes);
   double squares = 0;
   for (std::size_t k = 0; k < solved.poses.size(); ++k) {
     const SE3& pose = solved.poses[k];
