@@ -8,11 +8,14 @@
 namespace fathom::slam {
 namespace {
 
-constexpr double kAnywhere = 1000;         // standard deviation of a place that nothing tells [m]
-constexpr double kOffAt = 2;               // times what chance explains: a factor is switched off
-constexpr double kSettled = 0.01;          // share of chi2 that poses at rest may still lose
-constexpr double kNewWeight = 0.15;        // relative change of a weight that is worth the solver's work
-constexpr double kTurnedSigmas = 4;        // by which a compass differs from the camera that it has jumped
+constexpr double kAnywhere = 1000;   // standard deviation of a place that nothing tells [m]
+constexpr double kOffAt = 2;         // times what chance explains: a factor is switched off
+constexpr double kSettled = 0.01;    // share of chi2 that poses at rest may still lose
+constexpr double kNewWeight = 0.15;  // relative change of a weight that is worth the solver's work
+constexpr double kTurnedSigmas = 4;  // by which a compass differs from the camera that it has jumped
+// Of the graph's own covariance where a closure is judged by it: links share errors that it takes for
+// independent, and after a long way its standard deviations are half of what they should be.
+constexpr double kKnownScale = 4;
 constexpr double kAlike = 3;               // standard deviations between two wild fixes that agree
 constexpr double kDepthReference_s = 600;  // a reference of depth serves so long: tides are slow
 constexpr double kNanoseconds = 1e9;
@@ -240,7 +243,7 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
     compareStep(frames_[at(a)], to, T_a_b, covariance);
   } else {
     const Prediction known = predict(a, b);
-    const bool fits = distance2(factor, known.covariance + covariance) <= config_.gate;
+    const bool fits = distance2(factor, kKnownScale * known.covariance + covariance) <= config_.gate;
     closures_refused_ = fits ? 0 : closures_refused_ + 1;
     if (!fits) ++counters_.links_contradicting;
     // Where closures are contradicted one after the other, an earlier one is wrong: the weights decide.
@@ -329,7 +332,7 @@ bool NavigationGraph::fits(const Robust& r) {
     return e.dot(r.factor.information * e) <= r.free_chi2;
   }
   const Matrix6d known = solver_.relativeCovariance(r.factor.from, r.factor.to);
-  return distance2(r.factor, known + r.covariance) <= config_.gate;
+  return distance2(r.factor, kKnownScale * known + r.covariance) <= config_.gate;
 }
 
 StepReport NavigationGraph::step() {
