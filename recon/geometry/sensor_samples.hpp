@@ -45,14 +45,14 @@ struct UsblFix {
   double latitude = 0;              // [rad]
   double longitude = 0;             // [rad]
   double depth = 0;                 // [m]
-  double sigma_horizontal = 0;      // [m]
+  double sigma_horizontal = 0;      // of either horizontal component [m]
 };
 
 struct GpsFix {
   std::int64_t utc_ns = 0;
   double latitude = 0;          // [rad]
   double longitude = 0;         // [rad]
-  double sigma_horizontal = 0;  // [m]
+  double sigma_horizontal = 0;  // of either horizontal component [m]
 };
 
 struct WaterSample {

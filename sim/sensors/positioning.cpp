@@ -35,8 +35,9 @@ void simulateUsbl(const SensorWorld& world, const UsblConfig& config, LoggedSamp
     fix.latitude = position.latitude;
     fix.longitude = position.longitude;
     fix.depth = ship.z() + range * std::sin(elevation);
-    // What the ship believes: it knows nothing of outliers.
-    fix.sigma_horizontal = std::hypot(config.range_sigma_m, horizontal * config.angle_sigma);
+    // What the ship believes, of either component: it knows nothing of outliers.
+    fix.sigma_horizontal =
+        std::hypot(config.range_sigma_m, horizontal * config.angle_sigma) / std::numbers::sqrt2;
     samples.push_back({fix.arrival_utc_ns, fix});
   }
 }

@@ -260,6 +260,8 @@ TEST_F(SensorTest, UsblFixesAreLateAccurateAndSometimesWildlyWrong) {
   EXPECT_GT(rms, 0.18);
   EXPECT_LT(rms, 0.32);
   EXPECT_NEAR(wild / static_cast<double>(samples.size()), config.outlier_probability, 0.025);
+  // What a fix states is the error of either component.
+  EXPECT_NEAR(std::get<UsblFix>(samples.front().sample).sigma_horizontal, rms / std::numbers::sqrt2, 0.06);
 }
 
 TEST_F(SensorTest, GpsIsThereOnlyAtTheSurface) {
