@@ -13,8 +13,7 @@ constexpr double kRefactor = 0.1;
 constexpr double kReweighted = 1e9;      // staleness of a measurement with another weight
 constexpr int kRounds = 8;               // factors of a step
 constexpr double kClosureMemory = 0.02;  // weight of the newest closure in the share that reaches back little
-constexpr double kUnknown = 1 / GrowingFactor::kLeastInformation;  // variance of what is not yet known
-constexpr int kHalvings = 4;                                       // of a step that would raise chi2
+constexpr int kHalvings = 4;             // of a step that would raise chi2
 // With a factor that is right, so many steps may raise chi2, by this factor (batch_solver.cpp).
 constexpr int kRises = 2;
 constexpr double kSteepest = 4, kRightLength = 0.8;
@@ -386,31 +385,6 @@ StepReport IncrementalSolver::step() {
   report.poses_moved = changed_count_;
   report.measurements_waiting = active().to_come.size();
   return report;
-}
-
-Matrix6d IncrementalSolver::covariance(int i) {
-  if (held_[at(i)]) return Matrix6d::Zero();
-  if (!active().factor.has(i)) return kUnknown * Matrix6d::Identity();
-  Matrix6d world;
-  active().factor.covariance(i, -1, world.data());
-  const Matrix6d own = ownFrame(pose(i));
-  return own * world * own.transpose();
-}
-
-Matrix6d IncrementalSolver::relativeCovariance(int a, int b) {
-  Matrix6d world = Matrix6d::Zero();  // of the difference of their perturbations
-  if (a == b) return world;
-  if (!active().factor.has(a) || !active().factor.has(b)) return kUnknown * Matrix6d::Identity();
-  if (held_[at(a)] || held_[at(b)]) {
-    active().factor.covariance(held_[at(a)] ? b : a, -1, world.data());
-  } else {
-    Eigen::Matrix<double, 12, 12> both;
-    active().factor.covariance(a, b, both.data());
-    world = both.topLeftCorner<6, 6>() + both.bottomRightCorner<6, 6>() - both.topRightCorner<6, 6>() -
-            both.bottomLeftCorner<6, 6>();
-  }
-  const Matrix6d own = ownFrame(pose(b));
-  return own * world * own.transpose();
 }
 
 }  // namespace fathom::slam

@@ -1,0 +1,38 @@
+#include <Eigen/Core>
+
+#include "recon/slam/incremental_solver.hpp"
+
+// Covariances that the factor gives.
+namespace fathom::slam {
+namespace {
+
+constexpr double kUnknown = 1 / GrowingFactor::kLeastInformation;  // variance of what is not yet known
+
+}  // namespace
+
+Matrix6d IncrementalSolver::covariance(int i) {
+  if (held_[at(i)]) return Matrix6d::Zero();
+  if (!active().factor.has(i)) return kUnknown * Matrix6d::Identity();
+  Matrix6d world;
+  active().factor.covariance(i, -1, world.data());
+  const Matrix6d own = ownFrame(pose(i));
+  return own * world * own.transpose();
+}
+
+Matrix6d IncrementalSolver::relativeCovariance(int a, int b) {
+  Matrix6d world = Matrix6d::Zero();  // of the difference of their perturbations
+  if (a == b) return world;
+  if (!active().factor.has(a) || !active().factor.has(b)) return kUnknown * Matrix6d::Identity();
+  if (held_[at(a)] || held_[at(b)]) {
+    active().factor.covariance(held_[at(a)] ? b : a, -1, world.data());
+  } else {
+    Eigen::Matrix<double, 12, 12> both;
+    active().factor.covariance(a, b, both.data());
+    world = both.topLeftCorner<6, 6>() + both.bottomRightCorner<6, 6>() - both.topRightCorner<6, 6>() -
+            both.bottomLeftCorner<6, 6>();
+  }
+  const Matrix6d own = ownFrame(pose(b));
+  return own * world * own.transpose();
+}
+
+}  // namespace fathom::slam
