@@ -4,29 +4,18 @@
 #include <nlohmann/json.hpp>
 
 #include "firmware_if/feature_file.hpp"
-#include "firmware_if/pose_files.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/topside/pipeline.hpp"
 #include "recon/topside/stages/image_pairs.hpp"
 #include "tests/fusion/surface_distance.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/topside/true_shift.hpp"
 
 namespace fathom::topside {
 namespace {
 
 // A simulated dive of about 60 pairs without images, made once by the fixture in CMakeLists.txt.
 const std::filesystem::path kMission = FATHOM_FEATURE_MISSION;
-
-SE3 truePoseAt(const std::vector<io::TrajectoryPoint>& truth, double utc_s) {
-  const auto utc_ns = static_cast<std::int64_t>(utc_s * 1e9);
-  const auto after =
-      std::lower_bound(truth.begin() + 1, truth.end() - 1, utc_ns,
-                       [](const io::TrajectoryPoint& p, std::int64_t t) { return p.utc_ns < t; });
-  const auto before = after - 1;
-  return interpolate(
-      before->pose, after->pose,
-      static_cast<double>(utc_ns - before->utc_ns) / static_cast<double>(after->utc_ns - before->utc_ns));
-}
 
 nlohmann::json reportOf(const std::filesystem::path& folder) {
   std::ifstream in(folder / "report.json");
@@ -41,19 +30,7 @@ TEST(FeatureMission, GivesATrajectoryAndAMapWithinCentimetresOfTheTruth) {
   EXPECT_EQ(done.used, done.pairs);
   EXPECT_EQ(done.unreadable, 0u);
 
-  // The dive as a whole is as far off as its fixes: that shift is taken out.
-  const auto truth = io::readTrajectory(kMission / "truth" / "trajectory.csv");
-  const auto poses = io::readVehiclePoses(out.path() / "topside" / "vehicle_pose_est.data").poses;
-  ASSERT_EQ(poses.size(), done.pairs);
-  Eigen::Vector3d shift = Eigen::Vector3d::Zero();
-  for (const auto& p : poses)
-    shift += (truePoseAt(truth, p.utc_s).translation() - p.T_nav_body.translation()) /
-             static_cast<double>(poses.size());
-  EXPECT_LT(shift.head<2>().norm(), 4.0);
-  EXPECT_LT(std::abs(shift.z()), 0.05);
-  for (const auto& p : poses)
-    EXPECT_LT((p.T_nav_body.translation() + shift - truePoseAt(truth, p.utc_s).translation()).norm(), 0.05)
-        << p.id;
+  const Eigen::Vector3d shift = shiftToTruth(kMission, out.path() / "topside", done.pairs, 0.05);
 
   Mesh mesh = readPly(out.path() / "topside" / "mesh.ply");
   EXPECT_EQ(mesh.colours.size(), mesh.vertices.size());
