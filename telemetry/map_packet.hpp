@@ -16,6 +16,8 @@ struct MapPacketConfig {
   int colour_bits = 0;  // of brightness, 0 (no colour) to 6
 };
 
+// The number of this packet format; part of schemaHash(). Whatever changes a byte of a packet changes it.
+inline constexpr std::uint16_t kMapPacketFormat = 1;
 inline constexpr std::size_t kMaxPacketBlocks = 256;
 
 // A packet as it arrives: blocks of one lattice.
@@ -55,8 +57,9 @@ class MapPacketDecoder {
   ~MapPacketDecoder();
   [[nodiscard]] bool decode(std::span<const std::uint8_t> payload, DecodedMapPacket& out);
 
- private:
   struct Impl;
+
+ private:
   std::unique_ptr<Impl> impl_;
 };
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <numbers>
 
+#include "telemetry/map_packet.hpp"
 #include "telemetry/status.hpp"
 
 namespace fathom::telemetry {
@@ -27,7 +28,7 @@ constexpr std::uint32_t hashSchema() {
         schema::kAltitude, schema::kSpeed, schema::kPositionSigma, schema::kPairs, schema::kTiles,
         schema::kArea, schema::kProgress, schema::kHealth, schema::kCounter, kLatitude, kLongitude})
     hash = hashField(hash, field);
-  return hash;
+  return (hash ^ kMapPacketFormat) * 16777619U;  // FNV prime
 }
 
 }  // namespace

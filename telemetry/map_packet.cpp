@@ -1,0 +1,286 @@
+#include "telemetry/map_packet.hpp"
+
+#include <cmath>
+#include <limits>
+
+#include "telemetry/map_packet_codec.hpp"
+
+namespace fathom::telemetry {
+namespace {
+
+using packet::Header;
+using packet::kUnitsPerStep;
+using packet::Patch;
+
+constexpr double kLeastSigma = 0.01;  // code 0 [m]; each code doubles
+
+// One unit [m]. A height is rounded to units before it is rounded to steps: half a unit of the error bound is
+// kept for that.
+double unitOf(int error_code) {
+  return packet::errorOf(error_code) / (kUnitsPerStep / 2 + 0.5);
+}
+double sigmaOf(int code) {
+  return std::ldexp(kLeastSigma, code);
+}
+int sigmaCode(double sigma) {
+  int code = 0;
+  while (code < 7 && sigmaOf(code) < sigma) ++code;
+  return code;
+}
+// The largest error that has a code and is not above max_error; -1 if none is.
+int errorCode(double max_error) {
+  int code = -1;
+  while (code + 1 < packet::kErrorCodes && packet::errorOf(code + 1) <= max_error * (1 + 1e-9)) ++code;
+  return code;
+}
+
+constexpr int kMaxColourBits = 6;
+
+// Brightness and the two colour differences of YCoCg, as whole numbers.
+struct Luma {
+  int y = 0, co = 0, cg = 0;
+};
+Luma toLuma(const Rgb& c, int bits) {
+  const int range = (1 << bits) - 1;
+  const int r = c[0], g = c[1], b = c[2];
+  const auto scaled = [&](int v, int whole) {  // rounded v * range / whole
+    const int n = 2 * v * range + (v < 0 ? -whole : whole);
+    return n / (2 * whole);
+  };
+  return {scaled(r + 2 * g + b, 4 * 255), scaled(r - b, 255), scaled(2 * g - r - b, 2 * 255)};
+}
+Rgb fromLuma(const Luma& c, int bits) {
+  const int range = (1 << bits) - 1;
+  const int y = c.y * 255 / range, co = c.co * 255 / (2 * range), cg = c.cg * 255 / (2 * range);
+  const auto channel = [](int v) { return static_cast<std::uint8_t>(std::clamp(v, 0, 255)); };
+  return {channel(y - cg + co), channel(y + cg), channel(y - cg - co)};
+}
+
+// Colours: brightness of every seen node, the differences of every seen 2 x 2 nodes.
+template <class Coder>
+class ColourWalk {
+ public:
+  ColourWalk(Coder& coder, Patch& patch, std::array<Luma, Patch::kGrid>& colour, int bits)
+      : coder_(coder), patch_(patch), colour_(colour), range_((1 << bits) - 1) {}
+  void run() {
+    Luma last{range_ / 2, 0, 0};
+    for (int i = 0; i < patch_.rows * 4; ++i)
+      for (int j = 0; j < patch_.cols * 4; ++j) node(i, j, last);
+  }
+
+ private:
+  [[nodiscard]] bool known(int at) const {
+    return patch_.state[static_cast<std::size_t>(at)] == Patch::kKnown;
+  }
+  void node(int i, int j, Luma& last) {
+    const int at = patch_.at(i, j);
+    if (!known(at)) return;
+    Luma& here = colour_[static_cast<std::size_t>(at)];
+    Luma near = last;
+    if (known(at - patch_.pitch)) near = colour_[static_cast<std::size_t>(at - patch_.pitch)];
+    if (known(at - 1)) {
+      const Luma& west = colour_[static_cast<std::size_t>(at - 1)];
+      near.y = (near.y + west.y) / 2;
+    }
+    here.y = std::clamp(near.y + difference(here.y - near.y, 0), 0, range_);
+    // The first seen node of each 2 x 2 brings its differences, the others repeat them.
+    const int corner = at - (i % 2) * patch_.pitch - j % 2;
+    int first = at;
+    for (const int k : {corner, corner + 1, corner + patch_.pitch})
+      if (k < at && known(k)) {
+        first = k;
+        break;
+      }
+    if (first == at) {
+      here.co = std::clamp(near.co + difference(here.co - near.co, 1), -range_, range_);
+      here.cg = std::clamp(near.cg + difference(here.cg - near.cg, 2), -range_, range_);
+    } else {
+      here.co = colour_[static_cast<std::size_t>(first)].co;
+      here.cg = colour_[static_cast<std::size_t>(first)].cg;
+    }
+    last = here;
+  }
+  int difference(int q, std::size_t kind) {
+    if (!codeBit(coder_, zero_[kind], q != 0)) return 0;
+    const bool negative = codeBit(coder_, sign_[kind], q < 0);
+    const int magnitude = std::abs(q);
+    int m = 1;
+    while (m < 2 * range_ && codeBit(coder_, more_[kind], magnitude > m)) ++m;
+    return negative ? -m : m;
+  }
+  Coder& coder_;
+  Patch& patch_;
+  std::array<Luma, Patch::kGrid>& colour_;
+  int range_;
+  std::array<AdaptiveBit, 3> zero_, sign_, more_;
+};
+
+struct Content {
+  Patch patch;
+  std::array<Luma, Patch::kGrid> colour;
+};
+
+template <class Coder>
+bool codeBody(Coder& coder, const Header& header, Content& content) {
+  if (!packet::codeBlocks(coder, content.patch, kMaxPacketBlocks)) return false;
+  packet::codeSeen(coder, content.patch);
+  packet::HeightWalk<Coder>(coder, content.patch).run();
+  if (header.colour_bits > 0)
+    ColourWalk<Coder>(coder, content.patch, content.colour, header.colour_bits).run();
+  return true;
+}
+
+void takeBlock(const Content& content, const Header& h, int r, int c, MapBlock& block) {
+  const double unit = unitOf(h.error_code);
+  block = MapBlock{};
+  block.key = {h.spacing, h.north + r, h.east + c};
+  block.sigma = static_cast<float>(sigmaOf(h.sigma_code));
+  for (int n = 0; n < MapBlock::kNodes; ++n) {
+    const auto at = static_cast<std::size_t>(content.patch.at(r * 4 + n / 4, c * 4 + n % 4));
+    if (content.patch.state[at] != Patch::kKnown) continue;
+    const auto k = static_cast<std::size_t>(n);
+    block.seen = static_cast<std::uint16_t>(block.seen | 1U << n);
+    block.depth[k] = static_cast<float>(
+        static_cast<double>(std::int64_t{h.base} * kUnitsPerStep + content.patch.height[at]) * unit);
+    if (h.colour_bits > 0) block.colour[k] = fromLuma(content.colour[at], h.colour_bits);
+  }
+}
+
+}  // namespace
+
+struct MapPacketDecoder::Impl {
+  Header header;
+  Content content;
+
+  bool decode(std::span<const std::uint8_t> payload) {
+    if (payload.empty()) return false;
+    RangeDecoder coder(payload);
+    if (!packet::codeHeader(coder, header)) return false;
+    content.patch.shape(header.rows, header.cols);
+    return codeBody(coder, header, content) && coder.overrun() <= 4;
+  }
+};
+
+MapPacketDecoder::MapPacketDecoder() : impl_(std::make_unique<Impl>()) {}
+MapPacketDecoder::~MapPacketDecoder() = default;
+
+bool MapPacketDecoder::decode(std::span<const std::uint8_t> payload, DecodedMapPacket& out) {
+  if (!impl_->decode(payload)) return false;
+  const Header& h = impl_->header;
+  out.spacing = h.spacing;
+  out.max_error = packet::errorOf(h.error_code);
+  out.has_colour = h.colour_bits > 0;
+  out.blocks.clear();
+  out.blocks.reserve(kMaxPacketBlocks);
+  for (int r = 0; r < h.rows; ++r)
+    for (int c = 0; c < h.cols; ++c)
+      if (impl_->content.patch.has(r, c)) takeBlock(impl_->content, h, r, c, out.blocks.emplace_back());
+  return true;
+}
+
+struct MapPacketEncoder::Impl {
+  Content content;
+  MapPacketDecoder::Impl check;
+  std::array<std::uint8_t, 4096> scratch{};
+
+  // How many of the blocks lie in one rectangle that a packet can have.
+  static std::size_t reach(std::span<const MapBlock> blocks) {
+    std::int64_t n0 = 0, n1 = 0, e0 = 0, e1 = 0;
+    for (std::size_t k = 0; k < std::min(blocks.size(), kMaxPacketBlocks); ++k) {
+      const BlockKey& key = blocks[k].key;
+      if (key.spacing != blocks[0].key.spacing || std::abs(std::int64_t{key.north}) >= packet::kMaxKey ||
+          std::abs(std::int64_t{key.east}) >= packet::kMaxKey)
+        return k;
+      n0 = k == 0 ? key.north : std::min<std::int64_t>(n0, key.north);
+      n1 = k == 0 ? key.north : std::max<std::int64_t>(n1, key.north);
+      e0 = k == 0 ? key.east : std::min<std::int64_t>(e0, key.east);
+      e1 = k == 0 ? key.east : std::max<std::int64_t>(e1, key.east);
+      const std::int64_t rows = n1 - n0 + 1, cols = e1 - e0 + 1;
+      if (rows > packet::kMaxSide || cols > packet::kMaxSide || rows * cols > packet::kMaxRectangle) return k;
+    }
+    return std::min(blocks.size(), kMaxPacketBlocks);
+  }
+
+  // Encodes all the blocks; 0 if they do not fit or cannot be sent.
+  std::size_t encodeAll(std::span<const MapBlock> blocks, int error_code, int colour_bits,
+                        std::span<std::uint8_t> out) {
+    Header h;
+    h.spacing = blocks[0].key.spacing;
+    h.error_code = error_code;
+    h.colour_bits = colour_bits;
+    h.north = h.east = std::numeric_limits<std::int32_t>::max();
+    std::int32_t north = std::numeric_limits<std::int32_t>::min(), east = north;
+    double sigma = 0, depth = 0;
+    int seen = 0;
+    for (const MapBlock& block : blocks) {
+      h.north = std::min(h.north, block.key.north);
+      h.east = std::min(h.east, block.key.east);
+      north = std::max(north, block.key.north);
+      east = std::max(east, block.key.east);
+      sigma = std::max(sigma, static_cast<double>(block.sigma));
+      for (int n = 0; n < MapBlock::kNodes; ++n) {
+        if (!block.isSeen(n)) continue;
+        depth += static_cast<double>(block.depth[static_cast<std::size_t>(n)]);
+        ++seen;
+      }
+    }
+    if (seen == 0) return 0;
+    const double unit = unitOf(error_code);
+    const double base = std::round(depth / seen / (unit * kUnitsPerStep));
+    if (!(std::abs(base) < packet::kMaxBase)) return 0;
+    h.base = static_cast<std::int32_t>(base);
+    h.sigma_code = sigmaCode(sigma);
+    h.rows = north - h.north + 1;
+    h.cols = east - h.east + 1;
+    Patch& patch = content.patch;
+    patch.shape(h.rows, h.cols);
+    for (const MapBlock& block : blocks) {
+      const int r = block.key.north - h.north, c = block.key.east - h.east;
+      patch.included[static_cast<std::size_t>(r * h.cols + c)] = true;
+      for (int n = 0; n < MapBlock::kNodes; ++n) {
+        const auto at = static_cast<std::size_t>(patch.at(r * 4 + n / 4, c * 4 + n % 4));
+        const auto k = static_cast<std::size_t>(n);
+        patch.state[at] = block.isSeen(n) ? Patch::kSeen : Patch::kUnseen;
+        if (!block.isSeen(n)) continue;
+        const double height = static_cast<double>(block.depth[k]) / unit - base * kUnitsPerStep;
+        if (!(std::abs(height) < packet::kMaxUnits / 2)) return 0;
+        patch.target[at] = static_cast<std::int32_t>(std::lround(height));
+        if (colour_bits > 0) content.colour[at] = toLuma(block.colour[k], colour_bits);
+      }
+    }
+    RangeEncoder coder(out);
+    if (!packet::codeHeader(coder, h) || !codeBody(coder, h, content)) return 0;
+    const std::size_t size = coder.finish();
+    return coder.ok() ? std::max<std::size_t>(size, 1) : 0;
+  }
+};
+
+MapPacketEncoder::MapPacketEncoder() : impl_(std::make_unique<Impl>()) {}
+MapPacketEncoder::~MapPacketEncoder() = default;
+
+MapPacketEncoder::Result MapPacketEncoder::encode(std::span<const MapBlock> blocks,
+                                                  const MapPacketConfig& config, std::span<std::uint8_t> out,
+                                                  std::span<MapBlock> decoded) {
+  const int error_code = errorCode(config.max_error);
+  const int colour_bits = std::clamp(config.colour_bits, 0, kMaxColourBits);
+  std::size_t low = 0, high = Impl::reach(blocks) + 1;  // low fits, high does not
+  if (blocks.empty() || error_code < 0 || blocks[0].seen == 0) return {};
+  out = out.first(std::min(out.size(), impl_->scratch.size()));
+  const std::span<std::uint8_t> scratch = std::span(impl_->scratch).first(out.size());
+  while (high - low > 1) {
+    const std::size_t n =
+        low == 0 && high > 8 ? std::min<std::size_t>(high - 1, 2 + out.size() / 3) : (low + high) / 2;
+    (impl_->encodeAll(blocks.first(n), error_code, colour_bits, scratch) > 0 ? low : high) = n;
+  }
+  if (low == 0) return {};
+  const Result result{impl_->encodeAll(blocks.first(low), error_code, colour_bits, out), low};
+  if (!impl_->check.decode(out.first(result.bytes))) return {};
+  for (std::size_t k = 0; k < std::min(low, decoded.size()); ++k) {
+    const Header& h = impl_->check.header;
+    takeBlock(impl_->check.content, h, blocks[k].key.north - h.north, blocks[k].key.east - h.east,
+              decoded[k]);
+  }
+  return result;
+}
+
+}  // namespace fathom::telemetry
