@@ -15,6 +15,19 @@ double Field::decode(std::uint64_t code) const {
   return min + static_cast<double>(code) * resolution;
 }
 
+std::uint64_t LogField::encode(double value) const {
+  if (std::isnan(value)) return may_be_absent ? lastCode() + 1 : 0;
+  if (value < min / 2) return 0;
+  const double steps = static_cast<double>(lastCode() - 1) * std::log(value / min) / std::log(max / min);
+  return 1 + static_cast<std::uint64_t>(std::clamp(steps, 0.0, static_cast<double>(lastCode() - 1)) + 0.5);
+}
+
+double LogField::decode(std::uint64_t code) const {
+  if (code > lastCode()) return std::numeric_limits<double>::quiet_NaN();
+  if (code == 0) return 0;
+  return min * std::pow(max / min, static_cast<double>(code - 1) / static_cast<double>(lastCode() - 1));
+}
+
 void BitWriter::put(std::uint64_t value, unsigned bits) {
   if (bits > 64 || bits > bitsLeft()) ok_ = false;
   if (!ok_) return;

@@ -37,6 +37,28 @@ struct Field {
   [[nodiscard]] double decode(std::uint64_t code) const;
 };
 
+// A number over several decades: codes are spaced evenly in its logarithm. Code 0 is zero, the last code is
+// `max`, or absent where allowed (then the one before is `max`).
+struct LogField {
+  double min;  // of code 1
+  double max;
+  unsigned width;  // [bit]
+  bool may_be_absent = false;
+
+  [[nodiscard]] constexpr unsigned bits() const { return width; }
+  [[nodiscard]] constexpr std::uint64_t lastCode() const {
+    return (std::uint64_t{1} << width) - (may_be_absent ? 2 : 1);
+  }
+  // Nearest code in the logarithm; below min / 2 zero, above max max, NaN absent (or zero where absent is not
+  // allowed).
+  [[nodiscard]] std::uint64_t encode(double value) const;
+  [[nodiscard]] double decode(std::uint64_t code) const;
+  // Greatest relative error of a value from min to max.
+  [[nodiscard]] double relativeError() const {
+    return std::pow(max / min, 0.5 / static_cast<double>(lastCode() - 1)) - 1;
+  }
+};
+
 // Writes bits, most significant first, into a caller's buffer. Writing past the end sets ok() to false and
 // writes nothing more.
 class BitWriter {
@@ -44,6 +66,7 @@ class BitWriter {
   explicit BitWriter(std::span<std::uint8_t> out) : out_(out) {}
   void put(std::uint64_t value, unsigned bits);  // bits <= 64
   void put(const Field& field, double value) { put(field.encode(value), field.bits()); }
+  void put(const LogField& field, double value) { put(field.encode(value), field.bits()); }
   void putSigned(std::int64_t value, unsigned bits) { put(static_cast<std::uint64_t>(value), bits); }
   [[nodiscard]] bool ok() const { return ok_; }
   [[nodiscard]] std::size_t bits() const { return bit_; }
@@ -64,6 +87,7 @@ class BitReader {
   [[nodiscard]] std::uint64_t get(unsigned bits);
   [[nodiscard]] std::int64_t getSigned(unsigned bits);  // two's complement
   [[nodiscard]] double get(const Field& field);
+  [[nodiscard]] double get(const LogField& field) { return field.decode(get(field.bits())); }
   [[nodiscard]] bool ok() const { return ok_; }
   [[nodiscard]] std::size_t bytes() const { return (bit_ + 7) / 8; }
   [[nodiscard]] std::size_t bitsLeft() const { return in_.size() * 8 - bit_; }
@@ -87,6 +111,10 @@ class BitReader {
   mix(static_cast<std::uint64_t>(field.resolution * 1e9));
   mix(field.may_be_absent ? 1 : 0);
   return hash;
+}
+
+[[nodiscard]] constexpr std::uint32_t hashField(std::uint32_t hash, const LogField& field) {
+  return hashField(hash ^ field.width, Field{field.min, field.max, field.min, field.may_be_absent});
 }
 
 }  // namespace fathom::telemetry

@@ -11,10 +11,9 @@ constexpr std::size_t kHeaderBytes = 6;
 constexpr std::size_t kCrcBytes = 4;
 static_assert(kHeaderBytes + kCrcBytes == kFrameOverhead);
 
-bool known(std::uint8_t type) {
-  return type >= static_cast<std::uint8_t>(MessageType::kStatus) &&
-         type <= static_cast<std::uint8_t>(MessageType::kTileFragment);
-}
+constexpr unsigned kTurnBit = 8;
+constexpr unsigned kTypeMask = 7;
+static_assert(kMessageTypes == kTypeMask + 1);
 
 }  // namespace
 
@@ -22,16 +21,18 @@ const char* name(MessageType type) {
   switch (type) {
     case MessageType::kStatus:
       return "status";
-    case MessageType::kStatusNavigation:
-      return "status-navigation";
-    case MessageType::kStatusHealth:
-      return "status-health";
     case MessageType::kTrack:
       return "track";
     case MessageType::kMissionInfo:
       return "mission-info";
+    case MessageType::kMapPacket:
+      return "map";
+    case MessageType::kRepair:
+      return "repair";
     case MessageType::kTileFragment:
       return "tile";
+    case MessageType::kDownlink:
+      return "downlink";
   }
   return "unknown";
 }
@@ -64,7 +65,8 @@ std::size_t encodeFrame(const FrameHeader& header, std::span<const std::uint8_t>
                         std::span<std::uint8_t> out) {
   const std::size_t size = payload.size() + kFrameOverhead;
   if (size > kMaxFrameBytes || size > out.size()) return 0;
-  out[0] = static_cast<std::uint8_t>(kProtocolVersion << 4 | static_cast<unsigned>(header.type));
+  out[0] = static_cast<std::uint8_t>(kProtocolVersion << 4 | (header.turn ? kTurnBit : 0U) |
+                                     (static_cast<unsigned>(header.type) & kTypeMask));
   out[1] = header.identity.vehicle_id;
   out[2] = static_cast<std::uint8_t>(header.identity.dive_id >> 8);
   out[3] = static_cast<std::uint8_t>(header.identity.dive_id);
@@ -90,59 +92,18 @@ DecodedFrame decodeFrame(std::span<const std::uint8_t> bytes) {
     frame.verdict = FrameVerdict::kBadCrc;
   } else if (bytes[0] >> 4 != kProtocolVersion) {
     frame.verdict = FrameVerdict::kVersion;
-  } else if (!known(bytes[0] & 0xF)) {
+  } else if ((bytes[0] & kTypeMask) == 0) {
     frame.verdict = FrameVerdict::kType;
   } else {
     frame.verdict = FrameVerdict::kAccepted;
-    frame.header.type = static_cast<MessageType>(bytes[0] & 0xF);
+    frame.header.type = static_cast<MessageType>(bytes[0] & kTypeMask);
+    frame.header.turn = (bytes[0] & kTurnBit) != 0;
     frame.header.identity.vehicle_id = bytes[1];
     frame.header.identity.dive_id = static_cast<std::uint16_t>(bytes[2] << 8 | bytes[3]);
     frame.header.sequence = static_cast<std::uint16_t>(bytes[4] << 8 | bytes[5]);
     frame.payload = bytes.subspan(kHeaderBytes, bytes.size() - kFrameOverhead);
   }
   return frame;
-}
-
-bool FrameReceiver::admitSequence(std::uint16_t sequence) {
-  const auto slot = [&](int s) -> Slot& { return slots_[static_cast<std::uint16_t>(s) % kWindow]; };
-  const int ahead = static_cast<std::int16_t>(static_cast<std::uint16_t>(sequence - newest_));
-  if (!started_ || ahead > kResyncJump || ahead < -kResyncJump) {
-    if (started_) ++counters_.resyncs;
-    started_ = true;
-    newest_ = sequence;
-    slots_.fill(Slot::kBeforeStart);
-  } else if (ahead > 0) {
-    for (int i = 1; i < ahead; ++i) slot(newest_ + i) = Slot::kMissing;
-    counters_.lost += static_cast<std::uint64_t>(ahead - 1);
-    newest_ = sequence;
-  } else {
-    if (ahead <= -kWindow || slot(sequence) == Slot::kSeen) return false;
-    if (slot(sequence) == Slot::kMissing) --counters_.lost;
-    ++counters_.reordered;
-  }
-  slot(sequence) = Slot::kSeen;
-  return true;
-}
-
-DecodedFrame FrameReceiver::accept(std::span<const std::uint8_t> bytes) {
-  DecodedFrame frame = decodeFrame(bytes);
-  ++counters_.frames;
-  counters_.bytes += bytes.size();
-  if (frame.verdict == FrameVerdict::kAccepted) {
-    if (!identity_) identity_ = frame.header.identity;
-    if (frame.header.identity != *identity_) {
-      frame.verdict = FrameVerdict::kForeign;
-    } else if (!admitSequence(frame.header.sequence)) {
-      frame.verdict = FrameVerdict::kDuplicate;
-    }
-  }
-  ++counters_.verdicts[static_cast<std::size_t>(frame.verdict)];
-  return frame;
-}
-
-void FrameReceiver::rejectPayload() {
-  --counters_.verdicts[static_cast<std::size_t>(FrameVerdict::kAccepted)];
-  ++counters_.verdicts[static_cast<std::size_t>(FrameVerdict::kBadPayload)];
 }
 
 }  // namespace fathom::telemetry

@@ -100,8 +100,6 @@ struct LinkScheduler::Impl {
   std::size_t track_capacity = 0;
   std::int64_t track_interval_ns = 0;
   Timer status_timer, info_timer, track_timer;
-  bool whole_status = true;     // fits one frame
-  bool health_pending = false;  // the second half follows
 
   // The tile on its way.
   TileId tile_id;
@@ -123,11 +121,7 @@ LinkScheduler::Impl::Impl(const LinkSchedulerConfig& c)
 
 // Periods as configured, or all stretched by one factor so that housekeeping keeps to its share of the rate.
 void LinkScheduler::Impl::planHousekeeping() {
-  whole_status = statusBytes(StatusPart::kWhole) <= payloadRoom();
-  const double status_bytes =
-      static_cast<double>(whole_status ? statusBytes(StatusPart::kWhole) + kFrameOverhead
-                                       : statusBytes(StatusPart::kNavigation) +
-                                             statusBytes(StatusPart::kHealth) + 2 * kFrameOverhead);
+  constexpr double status_bytes = kStatusBytes + kFrameOverhead;
   const std::size_t room_bits = payloadRoom() * 8;
   const std::size_t fit = 1 + (room_bits - std::min<std::size_t>(room_bits, kTrackHeadBits)) / kTrackStepBits;
   const std::size_t points = std::min(fit, static_cast<std::size_t>(config.track_points));
@@ -163,18 +157,11 @@ void LinkScheduler::Impl::sampleTrack(const Status& s) {
 // Payload of the housekeeping message that is due, 0 for none.
 std::size_t LinkScheduler::Impl::housekeeping(std::int64_t now_ns) {
   const std::span<std::uint8_t> out = std::span(payload).first(payloadRoom());
-  if (health_pending) {
-    health_pending = false;
-    type = MessageType::kStatusHealth;
-    ++counters.status_frames;
-    return encodeStatus(*status, StatusPart::kHealth, out);
-  }
   if (status && status_timer.due(now_ns)) {
     status_timer.done(now_ns);
-    health_pending = !whole_status;
-    type = whole_status ? MessageType::kStatus : MessageType::kStatusNavigation;
+    type = MessageType::kStatus;
     ++counters.status_frames;
-    return encodeStatus(*status, whole_status ? StatusPart::kWhole : StatusPart::kNavigation, out);
+    return encodeStatus(*status, out);
   }
   if (info && info_timer.due(now_ns)) {
     info_timer.done(now_ns);

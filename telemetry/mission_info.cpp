@@ -23,10 +23,11 @@ constexpr bool printable(char c) {
 
 constexpr std::uint32_t hashSchema() {
   std::uint32_t hash = 2166136261U;  // FNV offset basis
-  for (const Field& field :
-       {schema::kTime, schema::kHorizontal, schema::kDepth, schema::kRoll, schema::kPitch, schema::kHeading,
-        schema::kAltitude, schema::kSpeed, schema::kPositionSigma, schema::kPairs, schema::kTiles,
-        schema::kArea, schema::kProgress, schema::kHealth, schema::kCounter, kLatitude, kLongitude})
+  using namespace schema;
+  for (const Field& field : {kTime, kHorizontal, kDepth, kStatusTime, kStatusHorizontal, kStatusDepth, kTilt,
+                             kHeading, kAltitude, kSpeed, kBattery, kProgress, kLatitude, kLongitude})
+    hash = hashField(hash, field);
+  for (const LogField& field : {kPositionSigma, kArea, kPairs, kDropped, kSlips, kShed, kRefusals})
     hash = hashField(hash, field);
   return (hash ^ kMapPacketFormat) * 16777619U;  // FNV prime
 }

@@ -10,22 +10,14 @@ namespace {
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr std::int64_t kTenth_ns = 100'000'000;
 
-unsigned navigationBits() {
-  using namespace schema;
-  return kTime.bits() + 2 * kHorizontal.bits() + kDepth.bits() + kRoll.bits() + kPitch.bits() +
-         kHeading.bits() + kAltitude.bits() + kSpeed.bits() + kPositionSigma.bits();
-}
-
-unsigned healthBits() {
-  using namespace schema;
-  return 3 * kPairs.bits() + kTiles.bits() + kArea.bits() + kProgress.bits() + kHealth.bits() +
-         3 * kCounter.bits();
-}
-
 double headingDegrees(double radians) {
   const double turned = std::fmod(radians / kDegree, 360.0);
   const double degrees = turned < 0 ? turned + 360 : turned;
-  return degrees >= 359.75 ? 0 : degrees;  // the half step below 360 rounds to north
+  return degrees >= schema::kHeading.max + schema::kHeading.resolution / 2 ? 0 : degrees;  // rounds to north
+}
+
+double secondsSinceEpoch(std::int64_t utc_ns) {
+  return static_cast<double>(utc_ns - schema::kTimeEpoch_s * 1'000'000'000) * 1e-9;
 }
 
 }  // namespace
@@ -49,74 +41,61 @@ std::int64_t timeFromLink(std::uint64_t code) {
   return schema::kTimeEpoch_s * 1'000'000'000 + static_cast<std::int64_t>(code) * kTenth_ns;
 }
 
-std::size_t statusBytes(StatusPart part) {
-  const unsigned bits = (part != StatusPart::kHealth ? navigationBits() : 0) +
-                        (part != StatusPart::kNavigation ? healthBits() : 0);
-  return (bits + 7) / 8;
-}
-
-std::size_t encodeStatus(const Status& s, StatusPart part, std::span<std::uint8_t> out) {
+std::size_t encodeStatus(const Status& s, std::span<std::uint8_t> out) {
   using namespace schema;
+  constexpr unsigned kBits = kStatusTime.bits() + 2 * kStatusHorizontal.bits() + kStatusDepth.bits() +
+                             2 * kTilt.bits() + kHeading.bits() + kAltitude.bits() + kSpeed.bits() +
+                             kPositionSigma.bits() + kBattery.bits() + kProgress.bits() + kHealthWidth +
+                             kArea.bits() + kPairs.bits() + kDropped.bits() + kSlips.bits() + kShed.bits() +
+                             kRefusals.bits();
+  static_assert((kBits + 7) / 8 == kStatusBytes && kHealthBits <= kHealthWidth);
   BitWriter w(out);
-  if (part != StatusPart::kHealth) {
-    w.put(timeToLink(s.utc_ns), kTime.bits());
-    w.put(kHorizontal, s.north);
-    w.put(kHorizontal, s.east);
-    w.put(kDepth, s.depth);
-    w.put(kRoll, s.roll / kDegree);
-    w.put(kPitch, s.pitch / kDegree);
-    w.put(kHeading, headingDegrees(s.heading));
-    w.put(kAltitude, s.altitude);
-    w.put(kSpeed, s.speed);
-    w.put(kPositionSigma, s.position_sigma);
-  }
-  if (part != StatusPart::kNavigation) {
-    w.put(kPairs, s.pairs_seen);
-    w.put(kPairs, s.pairs_used);
-    w.put(kPairs, s.pairs_dropped);
-    w.put(kTiles, s.map_tiles);
-    w.put(kArea, s.map_area);
-    w.put(kProgress, s.mission_progress);
-    w.put(s.health & ((1U << kHealthBits) - 1), kHealth.bits());
-    w.put(kCounter, s.slipped_cycles);
-    w.put(kCounter, s.shed_work);
-    w.put(kCounter, s.pool_refusals);
-  }
+  w.put(kStatusTime, secondsSinceEpoch(s.utc_ns));
+  w.put(kStatusHorizontal, s.north);
+  w.put(kStatusHorizontal, s.east);
+  w.put(kStatusDepth, s.depth);
+  w.put(kTilt, s.roll / kDegree);
+  w.put(kTilt, s.pitch / kDegree);
+  w.put(kHeading, headingDegrees(s.heading));
+  w.put(kAltitude, s.altitude);
+  w.put(kSpeed, s.speed);
+  w.put(kPositionSigma, s.position_sigma);
+  w.put(kBattery, s.battery);
+  w.put(kProgress, s.mission_progress);
+  w.put(s.health & ((1U << kHealthBits) - 1), kHealthWidth);
+  w.put(kArea, s.map_area);
+  w.put(kPairs, s.pairs_seen);
+  w.put(kDropped, s.pairs_dropped);
+  w.put(kSlips, s.slipped_cycles);
+  w.put(kShed, s.shed_work);
+  w.put(kRefusals, s.pool_refusals);
   return w.ok() ? w.bytes() : 0;
 }
 
-bool decodeStatus(std::span<const std::uint8_t> payload, StatusPart part, Status& status) {
+bool decodeStatus(std::span<const std::uint8_t> payload, Status& status) {
   using namespace schema;
-  Status s = status;
+  Status s;
   BitReader r(payload);
-  if (part != StatusPart::kHealth) {
-    s.utc_ns = timeFromLink(r.get(kTime.bits()));
-    s.north = r.get(kHorizontal);
-    s.east = r.get(kHorizontal);
-    s.depth = r.get(kDepth);
-    s.roll = r.get(kRoll) * kDegree;
-    s.pitch = r.get(kPitch) * kDegree;
-    s.heading = r.get(kHeading) * kDegree;
-    s.altitude = r.get(kAltitude);
-    s.speed = r.get(kSpeed);
-    s.position_sigma = r.get(kPositionSigma);
-  }
-  if (part != StatusPart::kNavigation) {
-    const auto count = [&](const Field& field) {
-      const double value = r.get(field);
-      return std::isnan(value) ? 0U : static_cast<std::uint32_t>(value);
-    };
-    s.pairs_seen = count(kPairs);
-    s.pairs_used = count(kPairs);
-    s.pairs_dropped = count(kPairs);
-    s.map_tiles = count(kTiles);
-    s.map_area = r.get(kArea);
-    s.mission_progress = r.get(kProgress);
-    s.health = static_cast<std::uint16_t>(count(kHealth));
-    s.slipped_cycles = count(kCounter);
-    s.shed_work = count(kCounter);
-    s.pool_refusals = count(kCounter);
-  }
+  s.utc_ns = kTimeEpoch_s * 1'000'000'000 + std::llround(r.get(kStatusTime) * 1e9);
+  s.north = r.get(kStatusHorizontal);
+  s.east = r.get(kStatusHorizontal);
+  s.depth = r.get(kStatusDepth);
+  s.roll = r.get(kTilt) * kDegree;
+  s.pitch = r.get(kTilt) * kDegree;
+  s.heading = r.get(kHeading) * kDegree;
+  s.altitude = r.get(kAltitude);
+  s.speed = r.get(kSpeed);
+  s.position_sigma = r.get(kPositionSigma);
+  s.battery = r.get(kBattery);
+  s.mission_progress = r.get(kProgress);
+  s.health = static_cast<std::uint16_t>(r.get(kHealthWidth));
+  const auto count = [&](const LogField& field) { return static_cast<std::uint32_t>(r.get(field) + 0.5); };
+  s.map_area = r.get(kArea);
+  s.pairs_seen = count(kPairs);
+  s.pairs_dropped = count(kDropped);
+  s.slipped_cycles = count(kSlips);
+  s.shed_work = count(kShed);
+  s.pool_refusals = count(kRefusals);
   if (!r.ok() || !r.finished()) return false;
   status = s;
   return true;
@@ -124,14 +103,12 @@ bool decodeStatus(std::span<const std::uint8_t> payload, StatusPart part, Status
 
 bool validate(const Status& s) {
   using namespace schema;
-  const double seconds = static_cast<double>(s.utc_ns) * 1e-9 - static_cast<double>(kTimeEpoch_s);
-  return kTime.valid(seconds) && kHorizontal.valid(s.north) && kHorizontal.valid(s.east) &&
-         kDepth.valid(s.depth) && kRoll.valid(s.roll / kDegree) && kPitch.valid(s.pitch / kDegree) &&
-         std::isfinite(s.heading) && kAltitude.valid(s.altitude) && kSpeed.valid(s.speed) &&
-         kPositionSigma.valid(s.position_sigma) && kPairs.valid(s.pairs_seen) && kPairs.valid(s.pairs_used) &&
-         kPairs.valid(s.pairs_dropped) && kTiles.valid(s.map_tiles) && kArea.valid(s.map_area) &&
-         kProgress.valid(s.mission_progress) && s.health < 1U << kHealthBits &&
-         kCounter.valid(s.slipped_cycles) && kCounter.valid(s.shed_work) && kCounter.valid(s.pool_refusals);
+  return kStatusTime.valid(secondsSinceEpoch(s.utc_ns)) && kStatusHorizontal.valid(s.north) &&
+         kStatusHorizontal.valid(s.east) && kStatusDepth.valid(s.depth) && kTilt.valid(s.roll / kDegree) &&
+         kTilt.valid(s.pitch / kDegree) && std::isfinite(s.heading) && kAltitude.valid(s.altitude) &&
+         kSpeed.valid(s.speed) && kBattery.valid(s.battery) && kProgress.valid(s.mission_progress) &&
+         !(s.position_sigma > kPositionSigma.max) && s.map_area >= 0 && s.map_area <= kArea.max &&
+         s.health < 1U << kHealthBits;
 }
 
 }  // namespace fathom::telemetry

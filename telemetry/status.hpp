@@ -1,11 +1,11 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <span>
 
 #include "telemetry/field.hpp"
-#include "telemetry/frame.hpp"
 
 namespace fathom::telemetry {
 
@@ -30,20 +30,20 @@ inline constexpr unsigned kHealthBits = 13;
 
 inline constexpr double kAbsent = std::numeric_limits<double>::quiet_NaN();
 
-// The vehicle's state. Values outside a field's bounds saturate; kAbsent where marked.
+// The vehicle's state. Values outside a field's bounds saturate; kAbsent where marked. Vehicle and dive are
+// in the frame's header.
 struct Status {
-  // navigation half
-  std::int64_t utc_ns = 0;          // of the pose, sent to 0.1 s
-  double north = 0, east = 0;       // nav [m]
-  double depth = 0;                 // nav z [m]
-  double roll = 0, pitch = 0;       // [rad]
-  double heading = 0;               // true [rad]
-  double altitude = kAbsent;        // above the seafloor [m], or absent
-  double speed = 0;                 // over ground [m/s]
-  double position_sigma = kAbsent;  // standard deviation, horizontal, one axis [m], or absent
-  // health half
-  std::uint32_t pairs_seen = 0, pairs_used = 0, pairs_dropped = 0;
-  std::uint32_t map_tiles = 0;
+  std::int64_t utc_ns = 0;            // of the pose, sent to 0.5 s
+  double north = 0, east = 0;         // nav [m]
+  double depth = 0;                   // nav z [m]
+  double roll = 0, pitch = 0;         // [rad]
+  double heading = 0;                 // true [rad]
+  double altitude = kAbsent;          // above the seafloor [m], or absent
+  double speed = 0;                   // over ground [m/s]
+  double position_sigma = kAbsent;    // standard deviation, horizontal, one axis [m], or absent
+  double battery = kAbsent;           // charge left, 0 to 1, or absent
+  std::uint32_t pairs_seen = 0;       // stereo pairs taken
+  std::uint32_t pairs_dropped = 0;    // of these, how many gave the map nothing
   double map_area = 0;                // seafloor covered [m2]
   double mission_progress = kAbsent;  // 0 to 1, or absent without a plan
   std::uint16_t health = 0;           // HealthFlag
@@ -55,32 +55,35 @@ struct Status {
 namespace schema {
 inline constexpr Field kTime{0, 429496729.5, 0.1};           // seconds since kTimeEpoch, 13 years
 inline constexpr std::int64_t kTimeEpoch_s = 1735689600;     // 2025-01-01 UTC: saves four bits against 1970
-inline constexpr Field kHorizontal{-52428.7, 52428.7, 0.1};  // [m]
-inline constexpr Field kDepth{-50, 6500, 0.05};              // [m]
-inline constexpr Field kRoll{-180, 180, 1};                  // [deg]
-inline constexpr Field kPitch{-90, 90, 1};                   // [deg]
-inline constexpr Field kHeading{0, 359.5, 0.5};              // [deg]
-inline constexpr Field kAltitude{0, 102.2, 0.1, true};       // [m]
-inline constexpr Field kSpeed{0, 6.35, 0.05};                // [m/s]
-inline constexpr Field kPositionSigma{0, 102.3, 0.1, true};  // [m]
-inline constexpr Field kPairs{0, 131071, 1};
-inline constexpr Field kTiles{0, 16383, 1};
-inline constexpr Field kArea{0, 131071, 1};  // [m2]
-inline constexpr Field kProgress{0, 1, 0.01, true};
-inline constexpr Field kHealth{0, (1 << kHealthBits) - 1, 1};
-inline constexpr Field kCounter{0, 1023, 1};  // 1023: that many or more
+inline constexpr Field kHorizontal{-52428.7, 52428.7, 0.1};  // of the track [m]
+inline constexpr Field kDepth{-50, 6500, 0.05};              // of the track [m]
+// The status: 22 bytes, so that it fits the smallest frame.
+inline constexpr Field kStatusTime{0, 536870911.5, 0.5};           // seconds since kTimeEpoch, 17 years
+inline constexpr Field kStatusHorizontal{-26214.2, 26214.2, 0.2};  // [m]
+inline constexpr Field kStatusDepth{-50, 6500, 0.1};               // [m]
+inline constexpr Field kTilt{-30, 30, 2};                          // roll and pitch [deg]
+inline constexpr Field kHeading{0, 358.5, 1.5};                    // [deg]
+inline constexpr Field kAltitude{0, 25.4, 0.1, true};              // [m]
+inline constexpr Field kSpeed{0, 3.1, 0.1};                        // [m/s]
+inline constexpr LogField kPositionSigma{0.05, 500, 6, true};      // steps of 17 % [m]
+inline constexpr Field kBattery{0, 1, 0.02, true};
+inline constexpr Field kProgress{0, 1, 0.02, true};
+inline constexpr unsigned kHealthWidth = 15;      // room for flags to come
+inline constexpr LogField kArea{1, 131072, 8};    // steps of 5 % [m2]
+inline constexpr LogField kPairs{1, 131072, 7};   // steps of 10 %
+inline constexpr LogField kDropped{1, 32768, 5};  // of pairs; steps of 42 %
+inline constexpr LogField kSlips{1, 1000, 3};     // factors of 3.2
+inline constexpr LogField kShed{1, 1000, 3};
+inline constexpr LogField kRefusals{1, 8192, 4};  // factors of 2
 }  // namespace schema
 
-// Which part of a status a message carries.
-enum class StatusPart : std::uint8_t { kWhole, kNavigation, kHealth };
+inline constexpr std::size_t kStatusBytes = 22;
 
-// Payload sizes [B]; kWhole does not fit the smallest frames, the halves do.
-[[nodiscard]] std::size_t statusBytes(StatusPart part);
 // Returns the payload's size, 0 if `out` is too small.
-[[nodiscard]] std::size_t encodeStatus(const Status& status, StatusPart part, std::span<std::uint8_t> out);
-// Fills the part of `status` that the payload carries; false (status untouched) if it is not valid.
-[[nodiscard]] bool decodeStatus(std::span<const std::uint8_t> payload, StatusPart part, Status& status);
-// Whether every value is inside its field's bounds, so that nothing would saturate.
+[[nodiscard]] std::size_t encodeStatus(const Status& status, std::span<std::uint8_t> out);
+// False (status untouched) if the payload is not valid.
+[[nodiscard]] bool decodeStatus(std::span<const std::uint8_t> payload, Status& status);
+// Whether every value is inside its field's bounds, so that nothing would saturate (counters may).
 [[nodiscard]] bool validate(const Status& status);
 
 // Time as the link carries it: 0.1 s, saturating outside the field.

@@ -173,9 +173,8 @@ telemetry::Status OnboardSystem::status(std::int64_t now_ns) const {
     status.position_sigma = std::hypot(map_.anchorSigma(), config_.drift_share * distance_);
   const MapCore::Counters& counters = map_.counters();
   status.pairs_seen = static_cast<std::uint32_t>(counters.pairs + unreadable_images_);
-  status.pairs_used =
-      static_cast<std::uint32_t>(counters.pairs - counters.pairs_without_points - counters.bad_images);
-  status.pairs_dropped = static_cast<std::uint32_t>(unreadable_images_ + counters.bad_images);
+  status.pairs_dropped =
+      static_cast<std::uint32_t>(unreadable_images_ + counters.bad_images + counters.pairs_without_points);
   status.mission_progress = progress_.fraction().value_or(telemetry::kAbsent);
   const fusion::QuadtreeMap::Counters tiles = map_.map().counters();
   status.pool_refusals = static_cast<std::uint32_t>(tiles.refused + tiles.coarsened);

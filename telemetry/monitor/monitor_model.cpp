@@ -5,14 +5,13 @@ namespace fathom::monitor {
 using telemetry::DecodedFrame;
 using telemetry::FrameVerdict;
 using telemetry::MessageType;
-using telemetry::StatusPart;
 
 namespace {
 constexpr std::int64_t kMinute_ns = 60'000'000'000;
 }
 
 std::uint64_t MonitorModel::accepted(MessageType type) const {
-  return accepted_[static_cast<std::size_t>(type)];
+  return receiver_.counters().types[static_cast<std::size_t>(type)];
 }
 
 bool MonitorModel::schemaDiffers() const {
@@ -24,53 +23,49 @@ void MonitorModel::addTrack(const telemetry::TrackPoint& point) {
   if (track_.size() > kMaxTrack) track_.erase(track_.begin());
 }
 
-bool MonitorModel::take(const DecodedFrame& frame, std::int64_t utc_ns) {
-  switch (frame.header.type) {
-    case MessageType::kStatus:
-    case MessageType::kStatusNavigation:
-    case MessageType::kStatusHealth: {
-      const StatusPart part = frame.header.type == MessageType::kStatus             ? StatusPart::kWhole
-                              : frame.header.type == MessageType::kStatusNavigation ? StatusPart::kNavigation
-                                                                                    : StatusPart::kHealth;
-      telemetry::Status status = status_.value_or(telemetry::Status{});
-      if (!telemetry::decodeStatus(frame.payload, part, status)) return false;
+bool MonitorModel::take(MessageType type, std::span<const std::uint8_t> payload, std::int64_t utc_ns) {
+  switch (type) {
+    case MessageType::kStatus: {
+      telemetry::Status status;
+      if (!telemetry::decodeStatus(payload, status)) return false;
       // A frame that comes late must not take the vehicle back; its position still belongs to the track.
-      if (part != StatusPart::kHealth) addTrack({status.utc_ns, status.north, status.east, status.depth});
-      if (!status_ || part == StatusPart::kHealth || status.utc_ns >= status_->utc_ns) status_ = status;
+      addTrack({status.utc_ns, status.north, status.east, status.depth});
+      if (!status_ || status.utc_ns >= status_->utc_ns) status_ = status;
       return true;
     }
     case MessageType::kTrack: {
       std::array<telemetry::TrackPoint, telemetry::kMaxTrackPoints> points;
-      const std::size_t count = telemetry::decodeTrack(frame.payload, points);
+      const std::size_t count = telemetry::decodeTrack(payload, points);
       for (std::size_t i = 0; i < count; ++i) addTrack(points[i]);
       return count > 0;
     }
     case MessageType::kMissionInfo: {
       telemetry::MissionInfo info;
-      if (!telemetry::decodeMissionInfo(frame.payload, info)) return false;
+      if (!telemetry::decodeMissionInfo(payload, info)) return false;
       mission_ = info;
       return true;
     }
     case MessageType::kTileFragment: {
       telemetry::DecodedTile tile;
       const auto invalid = reassembler_.counters().invalid;
-      if (reassembler_.accept(frame.payload, tile)) map_.put(tile, utc_ns);
+      if (reassembler_.accept(payload, tile)) map_.put(tile, utc_ns);
       return reassembler_.counters().invalid == invalid;
     }
+    case MessageType::kMapPacket:
+      return map_packets_.decode(payload, packet_);
+    case MessageType::kRepair:
+    case MessageType::kDownlink:
+      return false;  // the receiver keeps these to itself
   }
   return false;
 }
 
 DecodedFrame MonitorModel::accept(std::span<const std::uint8_t> bytes, std::int64_t utc_ns) {
-  DecodedFrame frame = receiver_.accept(bytes);
+  const DecodedFrame frame = receiver_.accept(
+      bytes,
+      [&](MessageType type, std::span<const std::uint8_t> payload) { return take(type, payload, utc_ns); });
   ++version_;
   if (frame.verdict != FrameVerdict::kAccepted) return frame;
-  if (!take(frame, utc_ns)) {
-    receiver_.rejectPayload();
-    frame.verdict = FrameVerdict::kBadPayload;
-    return frame;
-  }
-  ++accepted_[static_cast<std::size_t>(frame.header.type)];
   last_accepted_utc_ns_ = utc_ns;
   recent_.push_back({utc_ns, bytes.size()});
   while (recent_.size() > kMaxRecent || recent_.front().utc_ns < utc_ns - kMinute_ns) recent_.pop_front();

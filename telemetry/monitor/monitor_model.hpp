@@ -1,13 +1,13 @@
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <deque>
 #include <map>
 #include <optional>
 #include <span>
 
-#include "telemetry/frame.hpp"
+#include "telemetry/link_receiver.hpp"
+#include "telemetry/map_packet.hpp"
 #include "telemetry/mission_info.hpp"
 #include "telemetry/monitor/tile_store.hpp"
 #include "telemetry/status.hpp"
@@ -28,7 +28,7 @@ class MonitorModel {
 
   // Grows with everything that changes what is to be shown.
   [[nodiscard]] std::uint64_t version() const { return version_; }
-  [[nodiscard]] const telemetry::FrameReceiver& receiver() const { return receiver_; }
+  [[nodiscard]] const telemetry::LinkReceiver& receiver() const { return receiver_; }
   [[nodiscard]] const std::optional<telemetry::Status>& status() const { return status_; }
   [[nodiscard]] const std::optional<telemetry::MissionInfo>& mission() const { return mission_; }
   [[nodiscard]] bool schemaDiffers() const;  // the sender's fields are not ours
@@ -43,20 +43,21 @@ class MonitorModel {
   [[nodiscard]] double recentRateBps(std::int64_t now_ns) const;
 
  private:
-  [[nodiscard]] bool take(const telemetry::DecodedFrame& frame, std::int64_t utc_ns);
+  [[nodiscard]] bool take(telemetry::MessageType type, std::span<const std::uint8_t> payload,
+                          std::int64_t utc_ns);
   void addTrack(const telemetry::TrackPoint& point);
 
   static constexpr std::size_t kMaxTrack = 200'000;  // 5 h at 10 Hz; beyond, the oldest go
-  static constexpr std::size_t kMessageTypes = 16;
   static constexpr std::size_t kMaxRecent = 4096;
 
-  telemetry::FrameReceiver receiver_;
+  telemetry::LinkReceiver receiver_;
+  telemetry::MapPacketDecoder map_packets_;
+  telemetry::DecodedMapPacket packet_;
   telemetry::TileReassembler reassembler_;
   TileStore map_;
   std::optional<telemetry::Status> status_;
   std::optional<telemetry::MissionInfo> mission_;
   std::map<std::int64_t, telemetry::TrackPoint> track_;
-  std::array<std::uint64_t, kMessageTypes> accepted_{};
   std::optional<std::int64_t> last_accepted_utc_ns_;
   struct Arrival {
     std::int64_t utc_ns;

@@ -37,10 +37,9 @@ ordered_json statusJson(const telemetry::Status& s) {
           {"altitude_m", orNull(s.altitude)},
           {"speed_mps", s.speed},
           {"position_sigma_m", orNull(s.position_sigma)},
+          {"battery", orNull(s.battery)},
           {"pairs_seen", s.pairs_seen},
-          {"pairs_used", s.pairs_used},
           {"pairs_dropped", s.pairs_dropped},
-          {"map_tiles", s.map_tiles},
           {"map_area_m2", s.map_area},
           {"mission_progress", orNull(s.mission_progress)},
           {"health", health},
@@ -55,8 +54,8 @@ ordered_json linkJson(const MonitorModel& model, const FeedState& feed) {
   ordered_json rejected, types;
   for (std::size_t v = 1; v < telemetry::kFrameVerdicts; ++v)
     rejected[telemetry::name(static_cast<FrameVerdict>(v))] = c.verdicts[v];
-  for (const auto type : {MessageType::kStatus, MessageType::kStatusNavigation, MessageType::kStatusHealth,
-                          MessageType::kTrack, MessageType::kMissionInfo, MessageType::kTileFragment})
+  for (const auto type : {MessageType::kStatus, MessageType::kTrack, MessageType::kMissionInfo,
+                          MessageType::kMapPacket, MessageType::kRepair, MessageType::kTileFragment})
     types[telemetry::name(type)] = model.accepted(type);
   const auto last = model.lastAcceptedUtcNs();
   return {
@@ -64,6 +63,7 @@ ordered_json linkJson(const MonitorModel& model, const FeedState& feed) {
       {"bytes", c.bytes},
       {"accepted", c[FrameVerdict::kAccepted]},
       {"lost", c.lost},
+      {"repaired", c.repaired},
       {"reordered", c.reordered},
       {"rejected", rejected},
       {"types", types},

@@ -96,7 +96,7 @@ TEST(MonitorModel, LateStatusDoesNotTakeTheVehicleBack) {
   SampleDive dive;
   const auto send = [&](MonitorModel& model, double t, std::uint16_t sequence) {
     Frame payload(64), frame(telemetry::kMaxFrameBytes);
-    payload.resize(telemetry::encodeStatus(dive.statusAt(t), telemetry::StatusPart::kWhole, payload));
+    payload.resize(telemetry::encodeStatus(dive.statusAt(t), payload));
     frame.resize(
         telemetry::encodeFrame({dive.identity, sequence, telemetry::MessageType::kStatus}, payload, frame));
     model.accept(frame, 0);
@@ -113,11 +113,15 @@ TEST(MonitorModel, AnInvalidMessageInAWholeFrameIsCountedAndChangesNothing) {
   Frame frame(64);
   const Frame payload(11, 0xFF);
   std::uint16_t sequence = 0;
-  for (std::uint8_t type = 1; type <= 6; ++type) {
+  for (std::uint8_t type = 1; type <= 7; ++type) {
     Frame bytes(64);
     bytes.resize(telemetry::encodeFrame({{7, 42}, sequence++, static_cast<telemetry::MessageType>(type)},
                                         payload, bytes));
-    EXPECT_EQ(model.accept(bytes, 0).verdict, telemetry::FrameVerdict::kBadPayload) << unsigned{type};
+    const auto verdict = model.accept(bytes, 0).verdict;
+    if (static_cast<telemetry::MessageType>(type) == telemetry::MessageType::kDownlink)
+      EXPECT_EQ(verdict, telemetry::FrameVerdict::kType);
+    else
+      EXPECT_EQ(verdict, telemetry::FrameVerdict::kBadPayload) << unsigned{type};
   }
   EXPECT_FALSE(model.status() || model.mission());
   EXPECT_TRUE(model.track().empty() && model.map().size() == 0);

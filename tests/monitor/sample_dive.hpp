@@ -40,9 +40,7 @@ struct SampleDive {
     s.speed = kSpeed_mps;
     s.position_sigma = 0.2 + t / 1000;
     s.pairs_seen = static_cast<std::uint32_t>(2 * t);
-    s.pairs_used = s.pairs_seen - s.pairs_seen / 50;
     s.pairs_dropped = s.pairs_seen / 50;
-    s.map_tiles = static_cast<std::uint32_t>(way / 4) + 1;
     s.map_area = way * 4;
     s.mission_progress = t / duration_s;
     s.health = t > duration_s / 2 ? telemetry::kHealthNoFix : 0;

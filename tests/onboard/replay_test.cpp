@@ -10,7 +10,7 @@
 #include "firmware_if/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/mesh_io.hpp"
-#include "telemetry/frame.hpp"
+#include "telemetry/link_receiver.hpp"
 #include "telemetry/packet_log.hpp"
 #include "tests/onboard/track_error.hpp"
 #include "tests/support/test_data.hpp"
@@ -106,12 +106,13 @@ TEST(Replay, EveryFrameOnTheLinkIsValidAndTheRateHolds) {
   const test::TemporaryFolder folder;
   replay(into(folder.path() / "out"));
   telemetry::PacketLogReader packets(folder.path() / "out" / "packets.bin");
-  telemetry::FrameReceiver receiver(telemetry::LinkIdentity{1, 1});
+  telemetry::LinkReceiver receiver(telemetry::LinkIdentity{1, 1});
   std::map<telemetry::MessageType, int> types;
   std::size_t bytes = 0;
   std::int64_t first_ns = 0, last_ns = 0;
   while (const auto packet = packets.next()) {
-    const telemetry::DecodedFrame frame = receiver.accept(packet->bytes);
+    const telemetry::DecodedFrame frame = receiver.accept(
+        packet->bytes, [](telemetry::MessageType, std::span<const std::uint8_t>) { return true; });
     ASSERT_EQ(frame.verdict, telemetry::FrameVerdict::kAccepted);
     ++types[frame.header.type];
     bytes += packet->bytes.size();

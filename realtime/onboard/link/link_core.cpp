@@ -35,7 +35,6 @@ LinkCore::LinkCore(const LinkCoreConfig& config)
     : config_((config.validate(), config)), scheduler_(config.scheduler) {}
 
 void LinkCore::setStatus(telemetry::Status status) {
-  status.map_tiles = static_cast<std::uint32_t>(offered_.size());
   status.map_area = area_total_;
   scheduler_.setStatus(status);
 }
