@@ -10,11 +10,13 @@
 
 namespace fathom::io {
 
-// UDP stand-in for the modem: one datagram is one frame. Addresses are numeric IPv4.
+// UDP stand-in for the modem: one datagram is one frame. Addresses are numeric IPv4. With a peer, only its
+// datagrams are heard; without one, whoever spoke last is answered (as an acoustic modem is heard by who is
+// there).
 class UdpFramePort final : public FramePort {
  public:
-  // Binds `bind_port` (0: any) on `bind_address`; frames go to `peer_address:peer_port` (port 0: receive
-  // only). Throws InputError for an address that cannot be used.
+  // Binds `bind_port` (0: any) on `bind_address`; frames go to `peer_address:peer_port` (port 0: to whoever
+  // spoke last). Throws InputError for an address that cannot be used.
   UdpFramePort(const std::string& bind_address, std::uint16_t bind_port, const std::string& peer_address,
                std::uint16_t peer_port);
   ~UdpFramePort() override;
@@ -26,29 +28,42 @@ class UdpFramePort final : public FramePort {
  private:
   int socket_ = -1;
   std::uint16_t bound_port_ = 0;
-  bool has_peer_ = false;
+  bool peer_given_ = false;
   std::uint32_t peer_ipv4_ = 0;  // network byte order
-  std::uint16_t peer_port_ = 0;
+  std::uint16_t peer_port_ = 0;  // 0: nobody to send to yet
   std::uint64_t dropped_ = 0;
 };
 
 // A transparent serial port to the modem (LinkQuest style). Frames are delimited and escaped on the line
 // (SLIP, RFC 1055) so that a lost byte damages one frame only; never blocks. A frame that the device takes
-// only in part is continued by the next call of either kind; send() returns false until it has gone.
+// only in part is continued by the next call of either kind; send() returns false until it has gone. When the
+// device goes away (unplugged, modem restarted) the port tries to open it again, at most every
+// `reopen_interval_s`, and goes on; the frame under way is lost.
 class SerialFramePort final : public FramePort {
  public:
   // Opens `device` raw, 8N1 at `baud`. Throws InputError for a device or rate that cannot be used.
-  SerialFramePort(const std::string& device, int baud);
+  SerialFramePort(const std::string& device, int baud, double reopen_interval_s = 1.0);
   ~SerialFramePort() override;
+  SerialFramePort(const SerialFramePort&) = delete;
+  SerialFramePort& operator=(const SerialFramePort&) = delete;
   [[nodiscard]] bool send(std::span<const std::uint8_t> frame) noexcept override;
   [[nodiscard]] std::size_t receive(std::span<std::uint8_t> buffer) noexcept override;
   [[nodiscard]] std::uint64_t droppedFrames() const noexcept override {
     return dropped_ + decoder_.dropped();
   }
+  [[nodiscard]] bool isOpen() const noexcept { return fd_ >= 0; }
+  // How often the device has gone away.
+  [[nodiscard]] std::uint64_t disconnects() const noexcept { return disconnects_; }
 
  private:
   bool drain() noexcept;
+  // Whether the device is there: notices when it goes, opens it again when it is back.
+  bool ready() noexcept;
+  void close() noexcept;
 
+  std::string device_;
+  unsigned rate_code_ = 0;  // termios' code of the baud rate
+  std::int64_t reopen_interval_ns_ = 0, next_open_ns_ = 0;
   int fd_ = -1;
   std::array<std::uint8_t, kMaxSlipBytes> line_ = {};  // the frame under way to the device
   std::size_t line_size_ = 0, line_sent_ = 0;
@@ -56,6 +71,7 @@ class SerialFramePort final : public FramePort {
   std::size_t input_size_ = 0, input_at_ = 0;
   SlipDecoder decoder_;
   std::uint64_t dropped_ = 0;  // beyond those that the decoder dropped
+  std::uint64_t disconnects_ = 0;
 };
 
 }  // namespace fathom::io

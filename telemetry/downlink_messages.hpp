@@ -57,6 +57,7 @@ struct Request {
   double max_error = 0.05;  // of the heights [m]
   // kRate
   double rate_bps = 0;  // [bit/s]
+  friend bool operator==(const Request&, const Request&) = default;
 };
 inline constexpr std::size_t kRequestKinds = 5;
 [[nodiscard]] const char* name(Request::Kind kind);

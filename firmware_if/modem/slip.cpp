@@ -58,4 +58,10 @@ bool SlipDecoder::push(std::uint8_t byte) noexcept {
   return false;
 }
 
+void SlipDecoder::restart() noexcept {
+  if (size_ > 0 || escaped_ || broken_) ++dropped_;
+  size_ = finished_ = 0;
+  escaped_ = broken_ = false;
+}
+
 }  // namespace fathom::io

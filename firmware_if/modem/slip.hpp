@@ -25,6 +25,8 @@ class SlipDecoder {
   // True when `byte` ends a frame, which is then in frame() until the next call. Empty frames are passed
   // over; frames that are too long or hold a false escape are dropped and counted.
   [[nodiscard]] bool push(std::uint8_t byte) noexcept;
+  // Forgets a frame that has begun, and counts it as dropped.
+  void restart() noexcept;
   [[nodiscard]] std::span<const std::uint8_t> frame() const noexcept { return {frame_.data(), finished_}; }
   [[nodiscard]] std::uint64_t dropped() const noexcept { return dropped_; }
 

@@ -26,9 +26,9 @@ sockaddr_in parseAddress(const std::string& address, std::uint16_t port) {
 
 UdpFramePort::UdpFramePort(const std::string& bind_address, std::uint16_t bind_port,
                            const std::string& peer_address, std::uint16_t peer_port)
-    : has_peer_(peer_port != 0) {
+    : peer_given_(peer_port != 0) {
   sockaddr_in local = parseAddress(bind_address, bind_port);
-  if (has_peer_) {
+  if (peer_given_) {
     const sockaddr_in peer = parseAddress(peer_address, peer_port);
     peer_ipv4_ = peer.sin_addr.s_addr;
     peer_port_ = peer_port;
@@ -50,7 +50,7 @@ UdpFramePort::~UdpFramePort() {
 }
 
 bool UdpFramePort::send(std::span<const std::uint8_t> frame) noexcept {
-  if (!has_peer_ || frame.empty() || frame.size() > kMaxFrameBytes) return false;
+  if (peer_port_ == 0 || frame.empty() || frame.size() > kMaxFrameBytes) return false;
   sockaddr_in peer = {};
   peer.sin_family = AF_INET;
   peer.sin_port = htons(peer_port_);
@@ -67,10 +67,19 @@ std::size_t UdpFramePort::receive(std::span<std::uint8_t> buffer) noexcept {
   // call.
   constexpr int kMaxDrops = 64;
   for (int i = 0; i < kMaxDrops; ++i) {
-    const ssize_t n = ::recv(socket_, datagram.data(), datagram.size(), 0);
+    sockaddr_in from = {};
+    socklen_t from_size = sizeof from;
+    const ssize_t n = ::recvfrom(socket_, datagram.data(), datagram.size(), 0,
+                                 reinterpret_cast<sockaddr*>(&from), &from_size);
+    // Refused: an earlier datagram of ours found nobody. That is silence, and must not hide what waits.
+    if (n < 0 && (errno == ECONNREFUSED || errno == EINTR)) continue;
     if (n < 0) return 0;
     const auto size = static_cast<std::size_t>(n);
-    if (size > 0 && size <= kMaxFrameBytes && size <= buffer.size()) {
+    const std::uint16_t from_port = ntohs(from.sin_port);
+    const bool from_peer = from.sin_addr.s_addr == peer_ipv4_ && from_port == peer_port_;
+    if (size > 0 && size <= kMaxFrameBytes && size <= buffer.size() && (from_peer || !peer_given_)) {
+      peer_ipv4_ = from.sin_addr.s_addr;
+      peer_port_ = from_port;
       std::memcpy(buffer.data(), datagram.data(), size);
       return size;
     }

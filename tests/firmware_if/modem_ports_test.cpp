@@ -109,8 +109,51 @@ TEST(UdpFramePort, FramesArriveWholeAndNothingElse) {
   EXPECT_EQ(receiver.receive(buffer), 0u);
   EXPECT_FALSE(sender.send({}));
   EXPECT_FALSE(sender.send(Bytes(257)));
-  EXPECT_FALSE(receiver.send(Bytes(1))) << "a port without a peer sends nothing";
   EXPECT_EQ(receiver.droppedFrames(), 0u);
+}
+
+TEST(UdpFramePort, APortWithoutAPeerAnswersWhoSpokeLast) {
+  UdpFramePort ship("127.0.0.1", 0, "", 0);
+  EXPECT_FALSE(ship.send(Bytes(1))) << "nobody has spoken yet";
+  UdpFramePort first("127.0.0.1", 0, "127.0.0.1", ship.boundPort());
+  UdpFramePort second("127.0.0.1", 0, "127.0.0.1", ship.boundPort());
+  ASSERT_TRUE(first.send(Bytes{1}));
+  EXPECT_EQ(receiveOne(ship), Bytes{1});
+  ASSERT_TRUE(ship.send(Bytes{2}));
+  EXPECT_EQ(receiveOne(first), Bytes{2});
+  ASSERT_TRUE(second.send(Bytes{3}));
+  EXPECT_EQ(receiveOne(ship), Bytes{3});
+  ASSERT_TRUE(ship.send(Bytes{4}));
+  EXPECT_EQ(receiveOne(second), Bytes{4});
+}
+
+TEST(UdpFramePort, APortWithAPeerHearsNobodyElse) {
+  UdpFramePort peer("127.0.0.1", 0, "", 0);
+  UdpFramePort port("127.0.0.1", 0, "127.0.0.1", peer.boundPort());
+  UdpFramePort stranger("127.0.0.1", 0, "127.0.0.1", port.boundPort());
+  ASSERT_TRUE(stranger.send(Bytes{9}));
+  ASSERT_TRUE(port.send(Bytes{1}));
+  EXPECT_EQ(receiveOne(peer), Bytes{1});
+  ASSERT_TRUE(peer.send(Bytes{2}));
+  EXPECT_EQ(receiveOne(port), Bytes{2});
+  EXPECT_EQ(port.droppedFrames(), 1u);
+}
+
+TEST(UdpFramePort, APeerThatIsNotThereIsSilence) {
+  std::uint16_t closed = 0;
+  {
+    const UdpFramePort gone("127.0.0.1", 0, "", 0);
+    closed = gone.boundPort();
+  }
+  UdpFramePort port("127.0.0.1", 0, "127.0.0.1", closed);
+  Bytes buffer(FramePort::kMaxFrameBytes);
+  for (int i = 0; i < 3; ++i) {
+    (void)port.send(Bytes{1});
+    EXPECT_EQ(port.receive(buffer), 0u);
+  }
+  UdpFramePort back("127.0.0.1", closed, "", 0);
+  ASSERT_TRUE(port.send(Bytes{5}));
+  EXPECT_EQ(receiveOne(back), Bytes{5});
 }
 
 TEST(UdpFramePort, DatagramsThatAreNoFramesAreDroppedAndCounted) {
@@ -261,6 +304,60 @@ TEST_F(SerialFramePortTest, DevicesAndRatesThatCannotBeUsedAreRefused) {
               HasSubstr("9601 baud is not one of 300"));
   EXPECT_THAT(refusal([] { SerialFramePort port("/nowhere/ttyS0", 9600); }), HasSubstr("cannot be opened"));
   EXPECT_THAT(refusal([] { SerialFramePort port("/dev/null", 9600); }), HasSubstr("is no serial device"));
+}
+
+TEST_F(SerialFramePortTest, AnUnpluggedModemIsOpenedAgainWhenItIsBack) {
+  const std::string name = ::testing::TempDir() + "fathom_modem_" + std::to_string(::getpid());
+  ::unlink(name.c_str());
+  ASSERT_EQ(::symlink(device_.c_str(), name.c_str()), 0);
+  SerialFramePort port(name, 9600, 0);
+  write(encoded({1}));
+  EXPECT_EQ(receiveOne(port), Bytes{1});
+  const Bytes half = encoded({2, 3, 4});
+  write(Bytes(half.begin(), half.begin() + 3));
+  Bytes buffer(FramePort::kMaxFrameBytes);
+  EXPECT_EQ(port.receive(buffer), 0u);
+  ::close(line_);
+  ::close(modem_);
+  ::unlink(name.c_str());
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_EQ(port.receive(buffer), 0u);
+    EXPECT_FALSE(port.send(Bytes{1}));
+  }
+  EXPECT_FALSE(port.isOpen());
+  EXPECT_EQ(port.disconnects(), 1u);
+
+  SetUp();
+  ASSERT_EQ(::symlink(device_.c_str(), name.c_str()), 0);
+  EXPECT_EQ(port.receive(buffer), 0u);
+  EXPECT_TRUE(port.isOpen());
+  write(encoded({5}));
+  EXPECT_EQ(receiveOne(port), Bytes{5}) << "the half frame from before is gone";
+  EXPECT_EQ(port.droppedFrames(), 1u);
+  EXPECT_TRUE(port.send(Bytes{6}));
+  Bytes line(encoded({6}).size());
+  ASSERT_EQ(::read(modem_, line.data(), line.size()), static_cast<ssize_t>(line.size()));
+  EXPECT_EQ(line, encoded({6}));
+  termios settings = {};
+  ASSERT_EQ(::tcgetattr(line_, &settings), 0);
+  EXPECT_EQ(::cfgetospeed(&settings), static_cast<speed_t>(B9600));
+  ::unlink(name.c_str());
+}
+
+TEST_F(SerialFramePortTest, WhatCameBeforeTheUnpluggingIsStillRead) {
+  SerialFramePort port(device_, 9600, 3600);
+  Bytes line = encoded({1});
+  for (const Bytes& frame : {Bytes{2}, Bytes{3}}) {
+    const Bytes part = encoded(frame);
+    line.insert(line.end(), part.begin(), part.end());
+  }
+  write(line);
+  EXPECT_EQ(receiveOne(port), Bytes{1});
+  ::close(line_);
+  ::close(modem_);
+  EXPECT_EQ(receiveOne(port), Bytes{2});
+  EXPECT_EQ(receiveOne(port), Bytes{3});
+  line_ = modem_ = ::dup(0);
 }
 
 TEST_F(SerialFramePortTest, AModemThatGoesAwayIsSilence) {
