@@ -48,7 +48,9 @@ std::optional<std::uint8_t> DownlinkSender::request(Request request) {
   if (!validate(request)) return std::nullopt;
   std::erase_if(requests_, [&](const Waiting& w) { return makesVoid(request, w.request); });
   if (requests_.size() >= kMaxRequests) return std::nullopt;
-  requests_.push_back({request, 0});
+  const auto said =
+      std::find_if(requests_.begin(), requests_.end(), [](const Waiting& w) { return w.said > 0; });
+  requests_.insert(said, {request, 0});
   next_id_ = static_cast<std::uint8_t>((next_id_ + 1) % kMaxRequests);
   return request.id;
 }
@@ -72,9 +74,15 @@ DownlinkContent DownlinkSender::chooseContent() const {
   DownlinkContent content;
   // An acknowledgement that is due keeps its room, or has the frame for itself.
   const std::size_t kept = acknowledgement_ && acknowledgement_due_ ? kSequenceBits + kUsefulReach : 0;
-  if (!requests_.empty() && fits({{}, requests_.front().request, {}}, kept))
+  const auto addFix = [&] {
+    if (fix_ && fits({fix_, content.request, {}}, kept)) content.fix = fix_;
+  };
+  // A new request comes before a fix, a repetition after it.
+  const bool new_request = !requests_.empty() && requests_.front().said == 0;
+  if (!new_request) addFix();
+  if (!requests_.empty() && fits({content.fix, requests_.front().request, {}}, kept))
     content.request = requests_.front().request;
-  if (fix_ && fits({fix_, content.request, {}}, kept)) content.fix = fix_;
+  if (new_request) addFix();
   if (acknowledgement_ && (content.empty() || fits(content, kSequenceBits + kUsefulReach)))
     content.acknowledgement = acknowledgement_;
   return content;

@@ -62,7 +62,7 @@ class DownlinkSender {
   std::optional<Acknowledgement> acknowledgement_;
   bool acknowledgement_due_ = false;  // the frame before said none
   std::optional<UsblFixMessage> fix_;
-  std::deque<Waiting> requests_;  // the front is said next
+  std::deque<Waiting> requests_;  // the front is said next; new ones before those to repeat
   std::uint8_t next_id_ = 0;
   DownlinkCounter counter_ = 0;  // of the newest frame
   std::uint16_t sequence_ = 0;

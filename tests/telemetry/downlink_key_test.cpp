@@ -1,0 +1,141 @@
+#include "telemetry/downlink_key.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <random>
+#include <set>
+
+#include "realtime/kernel/input_error.hpp"
+
+namespace fathom::telemetry {
+namespace {
+
+constexpr LinkIdentity kIdentity{3, 17};
+
+class DownlinkKeyFile : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = std::filesystem::path(::testing::TempDir()) / ("downlink_key_" + std::to_string(::getpid()));
+    std::filesystem::create_directory(folder_);
+    file_ = folder_ / "ship.key";
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+  void write(const std::string& text) const {
+    std::ofstream(file_) << text;
+    ::chmod(file_.c_str(), S_IRUSR | S_IWUSR);
+  }
+  [[nodiscard]] std::string refusal() const {
+    std::string warning;
+    try {
+      (void)readDownlinkKey(file_, warning);
+    } catch (const InputError& e) {
+      return e.what();
+    }
+    return "";
+  }
+  std::filesystem::path folder_, file_;
+};
+
+TEST_F(DownlinkKeyFile, AMadeKeyIsReadBackAndIsForItsOwnerAlone) {
+  makeDownlinkKey(file_);
+  struct stat about {};
+  ASSERT_EQ(::stat(file_.c_str(), &about), 0);
+  EXPECT_EQ(about.st_mode & 0777U, 0600U);
+  std::string warning = "left over";
+  const DownlinkKey key = readDownlinkKey(file_, warning);
+  EXPECT_EQ(warning, "");
+  const std::array<std::uint8_t, 3> message = {1, 2, 3};
+  EXPECT_TRUE(key.verify(kIdentity, message, readDownlinkKey(file_, warning).sign(kIdentity, message)));
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_), {}), 1) << "nothing half-made stays";
+}
+
+TEST_F(DownlinkKeyFile, EveryKeyMadeIsAnother) {
+  std::set<std::string> keys;
+  for (int i = 0; i < 5; ++i) {
+    const std::filesystem::path file = folder_ / std::to_string(i);
+    makeDownlinkKey(file);
+    std::ifstream in(file);
+    keys.emplace(std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>());
+  }
+  EXPECT_EQ(keys.size(), 5U);
+}
+
+TEST_F(DownlinkKeyFile, AKeyIsNeverOverwritten) {
+  write("precious");
+  EXPECT_THROW(makeDownlinkKey(file_), InputError);
+  std::ifstream in(file_);
+  EXPECT_EQ(std::string(std::istreambuf_iterator<char>(in), {}), "precious");
+  EXPECT_THROW(makeDownlinkKey(folder_ / "nowhere" / "ship.key"), InputError);
+}
+
+TEST_F(DownlinkKeyFile, AFileThatOthersMayReadIsWarnedOf) {
+  makeDownlinkKey(file_);
+  ::chmod(file_.c_str(), 0640);
+  std::string warning;
+  (void)readDownlinkKey(file_, warning);
+  EXPECT_NE(warning.find("chmod 600"), std::string::npos) << warning;
+}
+
+TEST_F(DownlinkKeyFile, LineEndsOfEitherKindAndNoneAreRead) {
+  const std::string digits(64, 'a');
+  for (const char* end : {"", "\n", "\r\n"}) {
+    write(digits + end);
+    EXPECT_EQ(refusal(), "");
+  }
+}
+
+TEST_F(DownlinkKeyFile, AnythingButSixtyFourHexadecimalDigitsIsRefused) {
+  const std::string digits(64, 'a');
+  EXPECT_NE(refusal().find("cannot be read"), std::string::npos);
+  for (const std::string& text :
+       {std::string(), std::string("\n"), digits.substr(1), digits + "a", "g" + digits.substr(1),
+        " " + digits.substr(1), digits + "\n\n", std::string(100000, 'b')}) {
+    write(text);
+    EXPECT_NE(refusal().find("64 hexadecimal digits"), std::string::npos) << text.substr(0, 70);
+    EXPECT_EQ(refusal().find("aaaa"), std::string::npos) << "a key is not shown to anybody";
+  }
+  std::filesystem::remove(file_);
+  ASSERT_EQ(::mkfifo(file_.c_str(), 0600), 0);
+  EXPECT_NE(refusal().find("is no file"), std::string::npos);
+}
+
+TEST(DownlinkKey, ASignatureHoldsForOneMessageVehicleDiveAndKey) {
+  std::mt19937 random(4);
+  std::array<std::uint8_t, DownlinkKey::kBytes> secret{};
+  for (std::uint8_t& b : secret) b = static_cast<std::uint8_t>(random());
+  const DownlinkKey key(secret);
+  secret[31] ^= 1;
+  const DownlinkKey other(secret);
+  const std::array<std::uint8_t, 4> message = {9, 8, 7, 6};
+  const DownlinkKey::Signature good = key.sign(kIdentity, message);
+  EXPECT_TRUE(key.verify(kIdentity, message, good));
+  EXPECT_FALSE(other.verify(kIdentity, message, good));
+  EXPECT_FALSE(key.verify({4, 17}, message, good));
+  EXPECT_FALSE(key.verify({3, 18}, message, good));
+  EXPECT_FALSE(key.verify(kIdentity, std::span(message).first(3), good));
+  EXPECT_FALSE(key.verify(kIdentity, message, std::span(good).first(4)));
+  EXPECT_FALSE(key.verify(kIdentity, message, {}));
+  for (std::size_t bit = 0; bit < 8 * good.size(); ++bit) {
+    DownlinkKey::Signature bad = good;
+    bad[bit / 8] ^= static_cast<std::uint8_t>(1U << bit % 8);
+    EXPECT_FALSE(key.verify(kIdentity, message, bad)) << bit;
+  }
+}
+
+TEST(DownlinkKey, TheSignatureIsTheStartOfKeyedBlake2b) {
+  // Computed apart: hashlib.blake2b(b"Fathom downlink 2" + bytes([3, 0, 17]) + b"abc", digest_size=16,
+  // key=bytes(range(32))).
+  std::array<std::uint8_t, DownlinkKey::kBytes> secret{};
+  for (std::size_t i = 0; i < secret.size(); ++i) secret[i] = static_cast<std::uint8_t>(i);
+  const std::array<std::uint8_t, 3> message = {'a', 'b', 'c'};
+  const DownlinkKey::Signature expected = {0x59, 0x5c, 0xc6, 0x92, 0xa4};
+  EXPECT_EQ(DownlinkKey(secret).sign(kIdentity, message), expected);
+}
+
+}  // namespace
+}  // namespace fathom::telemetry

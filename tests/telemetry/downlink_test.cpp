@@ -1,0 +1,306 @@
+#include "telemetry/downlink.hpp"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <random>
+#include <vector>
+
+namespace fathom::telemetry {
+namespace {
+
+constexpr LinkIdentity kIdentity{3, 17};
+constexpr std::int64_t kSecond_ns = 1'000'000'000;
+constexpr std::int64_t kStart_ns = 1'790'000'000 * kSecond_ns;
+using Bytes = std::vector<std::uint8_t>;
+
+DownlinkKey keyOf(std::uint8_t first) {
+  std::array<std::uint8_t, DownlinkKey::kBytes> secret{};
+  secret[0] = first;
+  return DownlinkKey(secret);
+}
+
+Bytes frameOf(DownlinkSender& sender, std::int64_t utc_ns) {
+  std::array<std::uint8_t, kMaxFrameBytes> buffer{};
+  const std::size_t size = sender.nextFrame(utc_ns, buffer);
+  return {buffer.begin(), buffer.begin() + static_cast<std::ptrdiff_t>(size)};
+}
+
+Acknowledgement acknowledgementOf(std::uint16_t newest) {
+  Acknowledgement a;
+  a.valid = true;
+  a.newest = newest;
+  a.reach = Acknowledgement::kMaxReach;
+  a.before.set();
+  return a;
+}
+
+Request requestOf(Request::Kind kind) {
+  Request r;
+  r.kind = kind;
+  r.rate_bps = 300;
+  r.north_max = r.east_max = 4;
+  return r;
+}
+
+UsblFixMessage fixAt(std::int64_t utc_ns) {
+  return {utc_ns, -33.5, 151.25, 40, 2};
+}
+
+TEST(Downlink, WhatTheShipSaysArrivesInTheSmallestFrames) {
+  DownlinkSender ship(kIdentity, keyOf(1));
+  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+  ship.acknowledge(acknowledgementOf(500));
+  ASSERT_TRUE(ship.addFix(fixAt(kStart_ns + 8 * kSecond_ns)));
+  ASSERT_TRUE(ship.request(requestOf(Request::Kind::kDetail)));
+  bool acknowledged = false, fixed = false, requested = false;
+  for (int i = 1; i <= 6; ++i) {
+    const Bytes frame = frameOf(ship, kStart_ns + (10 + i) * kSecond_ns);
+    ASSERT_FALSE(frame.empty());
+    EXPECT_LE(frame.size(), kMinFrameBytes);
+    const auto result = vehicle.accept(kStart_ns + (11 + i) * kSecond_ns, frame);
+    EXPECT_EQ(result.verdict, DownlinkVerdict::kAccepted);
+    if (result.content.acknowledgement) acknowledged = result.content.acknowledgement->newest == 500;
+    if (result.content.fix) fixed = result.content.fix->utc_ns == kStart_ns + 8 * kSecond_ns;
+    if (result.content.request) {
+      EXPECT_FALSE(requested) << "a repetition is done once";
+      requested = true;
+    }
+  }
+  EXPECT_TRUE(acknowledged && fixed && requested);
+  EXPECT_EQ(vehicle.counters().fixes, 1U);
+  EXPECT_EQ(vehicle.counters().requests, 1U);
+  EXPECT_GE(vehicle.counters().repeated_requests, 1U);
+  EXPECT_EQ(vehicle.lastRequestId(), 0);
+}
+
+TEST(Downlink, AnAcknowledgementIsSaidAtLeastEverySecondTurn) {
+  DownlinkSender ship(kIdentity, keyOf(1));
+  int since = 0;
+  for (int i = 0; i < 40; ++i) {
+    ship.acknowledge(acknowledgementOf(static_cast<std::uint16_t>(i)));
+    (void)ship.addFix(fixAt(kStart_ns + i * kSecond_ns));
+    (void)ship.request(requestOf(Request::Kind::kDetail));
+    (void)frameOf(ship, kStart_ns + i * kSecond_ns);
+    since = ship.counters().acknowledgements * 2 >= ship.counters().frames - 1 ? 0 : since + 1;
+    EXPECT_EQ(since, 0) << i;
+  }
+  EXPECT_GT(ship.counters().fixes + ship.counters().requests, 15U);
+}
+
+TEST(Downlink, ALargeFrameSaysAllAtOnce) {
+  DownlinkSender ship(kIdentity, keyOf(1), 96);
+  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+  ship.acknowledge(acknowledgementOf(500));
+  (void)ship.addFix(fixAt(kStart_ns));
+  (void)ship.request(requestOf(Request::Kind::kDetail));
+  const auto result = vehicle.accept(kStart_ns, frameOf(ship, kStart_ns + kSecond_ns));
+  EXPECT_TRUE(result.content.fix && result.content.request && result.content.acknowledgement);
+  EXPECT_EQ(result.content.acknowledgement->reach, Acknowledgement::kMaxReach);
+}
+
+TEST(Downlink, WithNothingToSayThereIsNoFrame) {
+  DownlinkSender ship(kIdentity, keyOf(1));
+  EXPECT_TRUE(frameOf(ship, kStart_ns).empty());
+  ship.acknowledge({});
+  EXPECT_TRUE(frameOf(ship, kStart_ns).empty());
+}
+
+TEST(Downlink, AReplayedFrameIsRefusedHoweverLateItComes) {
+  DownlinkSender ship(kIdentity, keyOf(1));
+  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+  ship.acknowledge(acknowledgementOf(1));
+  std::vector<Bytes> recorded;
+  for (int i = 1; i <= 5; ++i) {
+    recorded.push_back(frameOf(ship, kStart_ns + i * kSecond_ns));
+    EXPECT_EQ(vehicle.accept(kStart_ns, recorded.back()).verdict, DownlinkVerdict::kAccepted);
+  }
+  for (const Bytes& frame : recorded)
+    EXPECT_EQ(vehicle.accept(kStart_ns + 3600 * kSecond_ns, frame).verdict, DownlinkVerdict::kOld);
+  EXPECT_EQ(vehicle.counters()[DownlinkVerdict::kOld], 5U);
+}
+
+TEST(Downlink, RecordingsFromBeforeTheDiveAreRefusedByAVehicleThatJustStarted) {
+  DownlinkSender ship(kIdentity, keyOf(1));
+  ship.acknowledge(acknowledgementOf(1));
+  const Bytes early = frameOf(ship, kStart_ns - kSecond_ns);
+  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+  EXPECT_EQ(vehicle.accept(kStart_ns, early).verdict, DownlinkVerdict::kOld);
+}
+
+TEST(Downlink, ARestartedShipIsHeardAtOnce) {
+  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+  for (int run = 0; run < 3; ++run) {
+    DownlinkSender ship(kIdentity, keyOf(1));
+    ship.acknowledge(acknowledgementOf(1));
+    EXPECT_EQ(vehicle.accept(kStart_ns, frameOf(ship, kStart_ns + (1 + run) * kSecond_ns)).verdict,
+              DownlinkVerdict::kAccepted);
+  }
+}
+
+TEST(Downlink, TheCounterRisesEvenWhenTheShipsClockDoesNot) {
+  DownlinkSender ship(kIdentity, keyOf(1));
+  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+  ship.acknowledge(acknowledgementOf(1));
+  for (int i = 0; i < 10; ++i)
+    EXPECT_EQ(vehicle.accept(kStart_ns, frameOf(ship, kStart_ns + kSecond_ns - i * 1000)).verdict,
+              DownlinkVerdict::kAccepted);
+}
+
+TEST(Downlink, ACounterAtItsEndStaysThereAndIsRefused) {
+  DownlinkSender ship(kIdentity, keyOf(1));
+  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+  ship.acknowledge(acknowledgementOf(1));
+  constexpr std::int64_t kFarAway_ns = 4'000'000'000 * kSecond_ns;
+  EXPECT_EQ(vehicle.accept(kStart_ns, frameOf(ship, kFarAway_ns)).verdict, DownlinkVerdict::kAccepted);
+  const Bytes frame = frameOf(ship, kFarAway_ns);
+  EXPECT_EQ(vehicle.accept(kStart_ns, frame).verdict, DownlinkVerdict::kOld);
+}
+
+TEST(Downlink, FramesOfAnotherKeyVehicleOrDiveChangeNothing) {
+  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+  const auto say = [&](const LinkIdentity& identity, const std::optional<DownlinkKey>& key) {
+    DownlinkSender ship(identity, key);
+    (void)ship.request(requestOf(Request::Kind::kPauseMap));
+    return vehicle.accept(kStart_ns, frameOf(ship, kStart_ns + kSecond_ns));
+  };
+  EXPECT_EQ(say(kIdentity, keyOf(2)).verdict, DownlinkVerdict::kBadSignature);
+  EXPECT_EQ(say(kIdentity, std::nullopt).verdict, DownlinkVerdict::kUnsigned);
+  EXPECT_EQ(say({4, 17}, keyOf(1)).verdict, DownlinkVerdict::kForeign);
+  EXPECT_EQ(say({3, 18}, keyOf(1)).verdict, DownlinkVerdict::kForeign);
+  EXPECT_EQ(vehicle.counters().refused(), 4U);
+  EXPECT_EQ(vehicle.counters().requests, 0U);
+  // None of them has moved the counter.
+  const auto good = say(kIdentity, keyOf(1));
+  EXPECT_EQ(good.verdict, DownlinkVerdict::kAccepted);
+  EXPECT_TRUE(good.content.request);
+}
+
+TEST(Downlink, AFrameSignedForAnotherDiveDoesNotPassUnderThisOnesName) {
+  DownlinkSender ship({3, 18}, keyOf(1));
+  (void)ship.request(requestOf(Request::Kind::kPauseMap));
+  const Bytes frame = frameOf(ship, kStart_ns + kSecond_ns);
+  FrameHeader header;
+  header.identity = kIdentity;
+  header.type = MessageType::kDownlink;
+  std::array<std::uint8_t, kMaxFrameBytes> buffer{};
+  const std::size_t size = encodeFrame(header, decodeFrame(frame).payload, buffer);
+  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+  EXPECT_EQ(vehicle.accept(kStart_ns, std::span(buffer).first(size)).verdict, DownlinkVerdict::kBadSignature);
+}
+
+TEST(Downlink, AChangedBitAnywhereIsNotAccepted) {
+  DownlinkSender ship(kIdentity, keyOf(1));
+  (void)ship.request(requestOf(Request::Kind::kDetail));
+  const Bytes good = frameOf(ship, kStart_ns + kSecond_ns);
+  const auto payload = decodeFrame(good).payload;
+  FrameHeader header = decodeFrame(good).header;
+  for (std::size_t bit = 0; bit < 8 * payload.size(); ++bit) {
+    Bytes changed(payload.begin(), payload.end());
+    changed[bit / 8] ^= static_cast<std::uint8_t>(1U << bit % 8);
+    std::array<std::uint8_t, kMaxFrameBytes> buffer{};
+    const std::size_t size = encodeFrame(header, changed, buffer);  // the forger makes the CRC good
+    DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+    EXPECT_NE(vehicle.accept(kStart_ns, std::span(buffer).first(size)).verdict, DownlinkVerdict::kAccepted)
+        << bit;
+  }
+}
+
+TEST(Downlink, AFloodOfForgeriesIsNotLookedAtAndTheShipIsHeardAgainAfterIt) {
+  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+  DownlinkSender forger(kIdentity, keyOf(9));
+  forger.acknowledge(acknowledgementOf(1));
+  for (int i = 0; i < 1000; ++i) (void)vehicle.accept(kStart_ns, frameOf(forger, kStart_ns + kSecond_ns));
+  EXPECT_LE(vehicle.counters()[DownlinkVerdict::kBadSignature], 32U);
+  EXPECT_GE(vehicle.counters()[DownlinkVerdict::kThrottled], 968U);
+  DownlinkSender ship(kIdentity, keyOf(1));
+  ship.acknowledge(acknowledgementOf(1));
+  EXPECT_EQ(vehicle.accept(kStart_ns + 2 * kSecond_ns, frameOf(ship, kStart_ns + 2 * kSecond_ns)).verdict,
+            DownlinkVerdict::kAccepted);
+}
+
+TEST(Downlink, WithoutAKeyOnBoardAcknowledgementsAndFixesCountButNoRequests) {
+  for (const bool is_signed : {false, true}) {
+    DownlinkReceiver vehicle(kIdentity, std::nullopt, kStart_ns);
+    DownlinkSender ship(kIdentity, is_signed ? std::optional(keyOf(1)) : std::nullopt, 96);
+    ship.acknowledge(acknowledgementOf(1));
+    (void)ship.addFix(fixAt(kStart_ns));
+    (void)ship.request(requestOf(Request::Kind::kPauseMap));
+    const Bytes frame = frameOf(ship, kStart_ns + kSecond_ns);
+    const auto result = vehicle.accept(kStart_ns, frame);
+    EXPECT_EQ(result.verdict, DownlinkVerdict::kNoKey);
+    EXPECT_FALSE(result.content.request);
+    EXPECT_TRUE(result.content.fix && result.content.acknowledgement);
+    EXPECT_EQ(vehicle.accept(kStart_ns, frame).verdict, DownlinkVerdict::kOld) << "its echo";
+  }
+}
+
+TEST(Downlink, NoiseAndUplinkFramesAreCountedAndNothingElse) {
+  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+  std::mt19937 random(7);
+  for (int i = 0; i < 2000; ++i) {
+    Bytes noise(random() % 300);
+    for (std::uint8_t& b : noise) b = static_cast<std::uint8_t>(random());
+    EXPECT_EQ(vehicle.accept(kStart_ns, noise).verdict, DownlinkVerdict::kBadFrame);
+  }
+  FrameHeader header;
+  header.identity = kIdentity;
+  header.type = MessageType::kStatus;
+  std::array<std::uint8_t, kMaxFrameBytes> buffer{};
+  const Bytes payload(22, 1);
+  EXPECT_EQ(vehicle.accept(kStart_ns, std::span(buffer).first(encodeFrame(header, payload, buffer))).verdict,
+            DownlinkVerdict::kBadFrame);
+  // Downlink frames whose payload is noise, of every length.
+  header.type = MessageType::kDownlink;
+  for (std::size_t size = 0; size <= kMaxFrameBytes - kFrameOverhead; ++size) {
+    Bytes noise(size);
+    for (std::uint8_t& b : noise) b = static_cast<std::uint8_t>(random());
+    EXPECT_NE(vehicle.accept(kStart_ns, std::span(buffer).first(encodeFrame(header, noise, buffer))).verdict,
+              DownlinkVerdict::kAccepted);
+  }
+}
+
+TEST(Downlink, ANewerWishTakesThePlaceOfTheOneItMakesVoid) {
+  DownlinkSender ship(kIdentity, keyOf(1));
+  ASSERT_TRUE(ship.request(requestOf(Request::Kind::kPauseMap)));
+  ASSERT_TRUE(ship.request(requestOf(Request::Kind::kRate)));
+  ASSERT_TRUE(ship.request(requestOf(Request::Kind::kResumeMap)));
+  ASSERT_TRUE(ship.request(requestOf(Request::Kind::kRate)));
+  EXPECT_EQ(ship.requestsWaiting(), 2U);
+  ASSERT_TRUE(ship.request(requestOf(Request::Kind::kDetail)));
+  ASSERT_TRUE(ship.request(requestOf(Request::Kind::kDetail)));
+  EXPECT_EQ(ship.requestsWaiting(), 4U);
+}
+
+TEST(Downlink, RequestsAreBoundedConfirmedAndForgottenAfterTheirRepetitions) {
+  DownlinkSender ship(kIdentity, keyOf(1));
+  for (std::size_t i = 0; i < DownlinkSender::kMaxRequests; ++i)
+    ASSERT_TRUE(ship.request(requestOf(Request::Kind::kDetail)));
+  EXPECT_FALSE(ship.request(requestOf(Request::Kind::kDetail)));
+  Request wrong = requestOf(Request::Kind::kRate);
+  wrong.rate_bps = 1e9;
+  EXPECT_FALSE(ship.request(wrong));
+  ship.confirm(0);
+  EXPECT_EQ(ship.requestsWaiting(), DownlinkSender::kMaxRequests) << "not said yet: an older one of this id";
+  (void)frameOf(ship, kStart_ns);
+  ship.confirm(0);
+  EXPECT_EQ(ship.requestsWaiting(), DownlinkSender::kMaxRequests - 1);
+  int frames = 1;
+  while (!frameOf(ship, kStart_ns).empty()) ++frames;
+  EXPECT_EQ(frames, 1 + DownlinkSender::kRepetitions * static_cast<int>(DownlinkSender::kMaxRequests - 1));
+}
+
+TEST(Downlink, AStaleFixIsDroppedAndCountedAndHoldsNothingUp) {
+  DownlinkSender ship(kIdentity, keyOf(1));
+  ship.acknowledge(acknowledgementOf(1));
+  ASSERT_TRUE(ship.addFix(fixAt(kStart_ns - 1000 * kSecond_ns)));
+  EXPECT_FALSE(frameOf(ship, kStart_ns).empty());
+  EXPECT_EQ(ship.counters().stale_fixes, 1U);
+  EXPECT_EQ(ship.counters().fixes, 0U);
+  UsblFixMessage nowhere = fixAt(kStart_ns);
+  nowhere.latitude = 91;
+  EXPECT_FALSE(ship.addFix(nowhere));
+}
+
+}  // namespace
+}  // namespace fathom::telemetry
