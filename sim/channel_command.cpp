@@ -2,6 +2,7 @@
 
 #include <charconv>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -29,6 +30,7 @@ std::function<int()> addChannelCommand(CLI::App& app, CLI::App*& command) {
   struct State {
     ChannelRelayOptions options;
     std::string target;
+    std::optional<double> down_loss, down_burst, down_rate;
   };
   const auto state = std::make_shared<State>();
   ChannelRelayOptions& o = state->options;
@@ -38,7 +40,11 @@ std::function<int()> addChannelCommand(CLI::App& app, CLI::App*& command) {
       ->required()
       ->check(CLI::Range(1, 65535));
   command->add_option("--to", state->target, "HOST:PORT that gets what arrives")->required();
-  command->add_option("--loss", o.channel.loss, "probability that a frame is lost")->capture_default_str();
+  command->add_option("--loss", o.channel.loss, "share of the frames that are lost")->capture_default_str();
+  command
+      ->add_option("--burst", o.channel.mean_burst,
+                   "mean length of runs of lost frames (Gilbert-Elliott), 0: each by itself")
+      ->capture_default_str();
   command->add_option("--duplicate", o.channel.duplicate, "that it arrives twice")->capture_default_str();
   command->add_option("--reorder", o.channel.reorder, "that later frames overtake it")->capture_default_str();
   command->add_option("--corrupt", o.channel.corrupt, "that bytes of it are damaged")->capture_default_str();
@@ -47,11 +53,20 @@ std::function<int()> addChannelCommand(CLI::App& app, CLI::App*& command) {
       ->capture_default_str();
   command->add_option("--queue", o.channel.queue_frames, "frames that wait for the modem; more are refused")
       ->capture_default_str();
+  command->add_flag("--half-duplex", o.half_duplex, "neither modem hears while it speaks (needs a --rate)");
+  command->add_option("--down-loss", state->down_loss,
+                      "like --loss, from the ship to the vehicle (default: the same)");
+  command->add_option("--down-burst", state->down_burst, "like --burst, from the ship to the vehicle");
+  command->add_option("--down-rate", state->down_rate, "like --rate, of the ship's modem");
   command->add_option("--seed", o.channel.seed, "of every random number")->capture_default_str();
   command->add_option("--idle-exit", o.idle_exit_s, "end after this long without a frame [s], 0: never")
       ->check(CLI::NonNegativeNumber);
   return [state] {
     parseTarget(state->target, state->options);
+    ChannelConfig& down = state->options.down = state->options.channel;
+    down.loss = state->down_loss.value_or(down.loss);
+    down.mean_burst = state->down_burst.value_or(down.mean_burst);
+    down.rate_bps = state->down_rate.value_or(down.rate_bps);
     try {
       return runChannelRelay(state->options);
     } catch (const std::invalid_argument& e) {

@@ -29,6 +29,12 @@ double uniform(std::mt19937_64& random) {
 void validate(const ChannelConfig& config) {
   for (double p : {config.loss, config.duplicate, config.reorder, config.corrupt})
     require(p >= 0 && p <= 1, "loss, duplicate, reorder and corrupt are probabilities, 0 to 1");
+  require(config.mean_burst == 0 || (config.mean_burst >= 1 && config.mean_burst <= 1000),
+          "mean_burst must be 0 (independent losses) or 1 to 1000");
+  // The good state lasts one frame or more.
+  require(config.mean_burst == 0 || config.loss < 1, "bursts need a loss below 1");
+  require(config.mean_burst == 0 || config.loss <= config.mean_burst * (1 - config.loss),
+          "so much loss needs longer bursts: mean_burst at least loss / (1 - loss)");
   require(config.delay_s >= 0 && config.delay_s <= 3600, "delay_s must be 0 to 3600");
   require(config.rate_bps >= 0 && config.rate_bps <= 1e9, "rate_bps must be 0 (no limit) to 1e9");
   require(config.queue_frames >= 1 && config.queue_frames <= 100000, "queue_frames must be 1 to 100000");
@@ -36,6 +42,21 @@ void validate(const ChannelConfig& config) {
 
 AcousticChannel::AcousticChannel(const ChannelConfig& config) : config_(config), random_(config.seed) {
   validate(config);
+}
+
+bool AcousticChannel::loses() {
+  const double draw = uniform(random_);
+  if (config_.mean_burst == 0) return draw < config_.loss;
+  const double leave_bad = 1 / config_.mean_burst;
+  // The chain's stationary share of the bad state is the loss.
+  const double leave_good = config_.loss / (config_.mean_burst * (1 - config_.loss));
+  bad_ = bad_ ? draw >= leave_bad : draw < leave_good;
+  return bad_;
+}
+
+bool AcousticChannel::speaking(double from_s, double to_s) const {
+  return std::any_of(transmissions_.begin(), transmissions_.end(),
+                     [&](const Transmission& t) { return t.begin_s < to_s && from_s < t.end_s; });
 }
 
 bool AcousticChannel::send(double now_s, std::span<const std::uint8_t> frame) {
@@ -46,18 +67,20 @@ bool AcousticChannel::send(double now_s, std::span<const std::uint8_t> frame) {
     ++counters_.refused;
     return false;
   }
-  double sent_s = now_s;
+  double begin_s = now_s, sent_s = now_s;
   if (config_.rate_bps > 0) {
-    busy_until_s_ =
-        std::max(busy_until_s_, now_s) + kBitsPerByte * static_cast<double>(frame.size()) / config_.rate_bps;
+    begin_s = std::max(busy_until_s_, now_s);
+    busy_until_s_ = begin_s + kBitsPerByte * static_cast<double>(frame.size()) / config_.rate_bps;
     sent_s = busy_until_s_;
     departures_.push_back(sent_s);
+    transmissions_.push_back({begin_s, sent_s});
+    if (transmissions_.size() > kTransmissions) transmissions_.pop_front();
   }
   // Every frame draws as many numbers, so one frame's fate does not change with another's.
-  const double lost = uniform(random_), duplicated = uniform(random_), reordered = uniform(random_),
-               corrupted = uniform(random_);
+  const bool lost = loses();
+  const double duplicated = uniform(random_), reordered = uniform(random_), corrupted = uniform(random_);
   const std::uint64_t damage = random_();
-  if (lost < config_.loss) {
+  if (lost) {
     ++counters_.lost;
     return true;
   }
@@ -71,33 +94,41 @@ bool AcousticChannel::send(double now_s, std::span<const std::uint8_t> frame) {
       bytes[i] ^= static_cast<std::uint8_t>(damage >> (40 + 8 * (i - first - 1)));
   }
   const double late_s = std::max(kLeastLate, kLateShare * config_.delay_s);
+  begin_s += config_.delay_s;
   double arrival_s = sent_s + config_.delay_s;
   if (duplicated < config_.duplicate) {
     ++counters_.duplicated;
-    launch(arrival_s + late_s, bytes);
+    launch(begin_s + late_s, arrival_s + late_s, bytes);
   }
   if (reordered < config_.reorder) {
     ++counters_.reordered;
+    begin_s += late_s;
     arrival_s += late_s;
   }
-  launch(arrival_s, std::move(bytes));
+  launch(begin_s, arrival_s, std::move(bytes));
   return true;
 }
 
-void AcousticChannel::launch(double arrival_s, std::vector<std::uint8_t> bytes) {
-  flying_.push_back({arrival_s, next_order_++, std::move(bytes)});
+void AcousticChannel::launch(double begin_s, double arrival_s, std::vector<std::uint8_t> bytes) {
+  flying_.push_back({begin_s, arrival_s, next_order_++, std::move(bytes)});
 }
 
 std::size_t AcousticChannel::receive(double now_s, std::span<std::uint8_t> buffer) {
-  const auto first = std::min_element(flying_.begin(), flying_.end(), [](const Flying& a, const Flying& b) {
-    return a.arrival_s != b.arrival_s ? a.arrival_s < b.arrival_s : a.order < b.order;
-  });
-  if (first == flying_.end() || first->arrival_s > now_s || first->bytes.size() > buffer.size()) return 0;
-  std::copy(first->bytes.begin(), first->bytes.end(), buffer.begin());
-  const std::size_t size = first->bytes.size();
-  flying_.erase(first);
-  ++counters_.delivered;
-  return size;
+  while (true) {
+    const auto first = std::min_element(flying_.begin(), flying_.end(), [](const Flying& a, const Flying& b) {
+      return a.arrival_s != b.arrival_s ? a.arrival_s < b.arrival_s : a.order < b.order;
+    });
+    if (first == flying_.end() || first->arrival_s > now_s || first->bytes.size() > buffer.size()) return 0;
+    const Flying frame = std::move(*first);
+    flying_.erase(first);
+    if (reverse_ != nullptr && reverse_->speaking(frame.begin_s, frame.arrival_s)) {
+      ++counters_.collided;
+      continue;
+    }
+    std::copy(frame.bytes.begin(), frame.bytes.end(), buffer.begin());
+    ++counters_.delivered;
+    return frame.bytes.size();
+  }
 }
 
 double AcousticChannel::nextArrival() const {
@@ -128,19 +159,23 @@ struct ChannelPair::Impl {
     if (down.seed == up.seed) down.seed ^= kDownlinkStream;
     return down;
   }
-  Impl(const ChannelConfig& up_config, const ChannelConfig& down_config)
+  Impl(const ChannelConfig& up_config, const ChannelConfig& down_config, bool half_duplex)
       : up(up_config),
         down(ownSeed(up_config, down_config)),
         vehicle(*this, up, down),
-        ship(*this, down, up) {}
+        ship(*this, down, up) {
+    if (!half_duplex) return;
+    up.deafWhileSpeaking(down);
+    down.deafWhileSpeaking(up);
+  }
 
   double now_s = 0;
   AcousticChannel up, down;
   End vehicle, ship;
 };
 
-ChannelPair::ChannelPair(const ChannelConfig& up, const ChannelConfig& down)
-    : impl_(std::make_unique<Impl>(up, down)) {}
+ChannelPair::ChannelPair(const ChannelConfig& up, const ChannelConfig& down, bool half_duplex)
+    : impl_(std::make_unique<Impl>(up, down, half_duplex)) {}
 ChannelPair::~ChannelPair() = default;
 FramePort& ChannelPair::vehicle() {
   return impl_->vehicle;

@@ -94,20 +94,24 @@ void report(const char* name, const AcousticChannel::Counters& c) {
   std::fprintf(
       stderr,
       "simulated acoustic channel, %s: %llu frames offered, %llu refused, %llu lost, %llu duplicated, "
-      "%llu reordered, %llu corrupted, %llu delivered\n",
+      "%llu reordered, %llu corrupted, %llu collided, %llu delivered\n",
       name, static_cast<unsigned long long>(c.offered), static_cast<unsigned long long>(c.refused),
       static_cast<unsigned long long>(c.lost), static_cast<unsigned long long>(c.duplicated),
       static_cast<unsigned long long>(c.reordered), static_cast<unsigned long long>(c.corrupted),
-      static_cast<unsigned long long>(c.delivered));
+      static_cast<unsigned long long>(c.collided), static_cast<unsigned long long>(c.delivered));
 }
 
 }  // namespace
 
 int runChannelRelay(const ChannelRelayOptions& options) {
   const sockaddr_in ship = resolve(options.to_host, options.to_port);
-  ChannelConfig down_config = options.channel;
+  ChannelConfig down_config = options.down;
   down_config.seed ^= kDownlinkStream;
   AcousticChannel up(options.channel), down(down_config);
+  if (options.half_duplex) {
+    up.deafWhileSpeaking(down);
+    down.deafWhileSpeaking(up);
+  }
   const Socket socket(options.listen_port);
   stop_requested = 0;
   struct sigaction action {};

@@ -1,9 +1,11 @@
 #include <CLI/CLI.hpp>
 #include <atomic>
 #include <csignal>
+#include <string>
 
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "telemetry/downlink_key.hpp"
 #include "telemetry/monitor/monitor_program.hpp"
 
 namespace {
@@ -35,7 +37,16 @@ int main(int argc, char** argv) {
   app.add_option("--out", options.out, "save map.ply, track.geojson and frames.log in this folder");
   app.add_option("--exit-after-idle", options.exit_after_idle_s,
                  "exit when no frame has come for so long [s]");
+  std::string key_file;
+  CLI::App* key =
+      app.add_subcommand("key", "make a key for the downlink; the vehicle gets a copy of the file");
+  key->add_option("file", key_file, "to make; one that exists is left alone")->required();
   if (const auto code = fathom::parseCommandLine("fathom-monitor", app, argc, argv)) return *code;
+  if (*key)
+    return fathom::runTool("fathom-monitor", [&] {
+      fathom::telemetry::makeDownlinkKey(key_file);
+      return static_cast<int>(fathom::kExitSuccess);
+    });
   std::signal(SIGINT, onSignal);
   std::signal(SIGTERM, onSignal);
   return fathom::runTool("fathom-monitor", [&] { return fathom::monitor::runMonitor(options, g_stop); });

@@ -115,6 +115,100 @@ TEST(Channel, LossDuplicationReorderingAndDamageComeAtTheirRates) {
   near(late, whole * (config.reorder + config.duplicate));
 }
 
+TEST(Channel, BurstsHaveTheirMeanLengthAndTheSameLoss) {
+  for (const double loss : {0.1, 0.3, 0.5})
+    for (const double burst : {2.0, 5.0, 12.0}) {
+      ChannelConfig config = clearWater();
+      config.loss = loss;
+      config.mean_burst = burst;
+      AcousticChannel channel(config);
+      constexpr int kFrames = 60000;
+      Buffer buffer;
+      int lost = 0, runs = 0;
+      bool before = false;
+      for (int i = 0; i < kFrames; ++i) {
+        ASSERT_TRUE(channel.send(i, frameOf(i)));
+        const bool now = channel.receive(i, buffer) == 0;
+        lost += now;
+        runs += now && !before;
+        before = now;
+      }
+      // Runs, not frames, are independent: 5 sigma of their number.
+      EXPECT_NEAR(static_cast<double>(lost) / runs, burst, 5 * burst / std::sqrt(runs)) << loss;
+      EXPECT_NEAR(static_cast<double>(lost) / kFrames, loss, 5 * loss / std::sqrt(runs)) << burst;
+    }
+}
+
+TEST(Channel, IndependentLossesComeInTheRunsOfChance) {
+  ChannelConfig config = clearWater();
+  config.loss = 0.5;
+  config.mean_burst = 2;  // of independent losses: 1 / (1 - 0.5)
+  AcousticChannel channel(config);
+  Buffer buffer;
+  int lost_after_lost = 0, lost = 0;
+  bool before = false;
+  for (int i = 0; i < 20000; ++i) {
+    (void)channel.send(i, frameOf(i));
+    const bool now = channel.receive(i, buffer) == 0;
+    lost += before;
+    lost_after_lost += before && now;
+    before = now;
+  }
+  EXPECT_NEAR(static_cast<double>(lost_after_lost) / lost, 0.5, 0.025);
+}
+
+TEST(Channel, BurstsThatCannotBeAreRefused) {
+  ChannelConfig config = clearWater();
+  config.mean_burst = 0.5;
+  EXPECT_THROW(AcousticChannel{config}, std::invalid_argument);
+  config.loss = 0.9;
+  config.mean_burst = 5;  // the good runs would be shorter than a frame
+  EXPECT_THROW(AcousticChannel{config}, std::invalid_argument);
+  config.mean_burst = 10;
+  EXPECT_NO_THROW(AcousticChannel{config});
+}
+
+TEST(Channel, AHalfDuplexModemHearsNothingWhileItSpeaks) {
+  ChannelConfig config = clearWater();
+  config.rate_bps = 320;  // 40 bytes a second
+  config.delay_s = 2.0;
+  ChannelPair pair(config, config, true);
+  Buffer buffer;
+  ASSERT_TRUE(pair.vehicle().send(frameOf(1)));  // at the ship from 2 s to 3 s
+  pair.advance(2.5);
+  ASSERT_TRUE(
+      pair.ship().send(frameOf(2)));  // spoken from 2.5 s to 3.5 s, at the vehicle from 4.5 s to 5.5 s
+  pair.advance(3.5);
+  EXPECT_EQ(pair.ship().receive(buffer), 0U);
+  EXPECT_EQ(pair.uplink().counters().collided, 1U);
+  pair.advance(5.5);
+  ASSERT_EQ(pair.vehicle().receive(buffer), 40U);  // the vehicle was silent
+  EXPECT_EQ(numberOf(buffer), 2);
+  // One after the other: both arrive.
+  ASSERT_TRUE(pair.vehicle().send(frameOf(3)));
+  pair.advance(8.5);
+  ASSERT_EQ(pair.ship().receive(buffer), 40U);
+  ASSERT_TRUE(pair.ship().send(frameOf(4)));
+  pair.advance(11.5);
+  ASSERT_EQ(pair.vehicle().receive(buffer), 40U);
+  EXPECT_EQ(pair.downlink().counters().collided, 0U);
+}
+
+TEST(Channel, TwoHalfDuplexModemsThatSpeakAtOnceHearNeither) {
+  ChannelConfig config = clearWater();
+  config.rate_bps = 320;
+  config.delay_s = 0.2;
+  for (const bool half_duplex : {false, true}) {
+    ChannelPair pair(config, config, half_duplex);
+    Buffer buffer;
+    ASSERT_TRUE(pair.vehicle().send(frameOf(1)));
+    ASSERT_TRUE(pair.ship().send(frameOf(2)));
+    pair.advance(5);
+    EXPECT_EQ(pair.vehicle().receive(buffer), half_duplex ? 0U : 40U);
+    EXPECT_EQ(pair.ship().receive(buffer), half_duplex ? 0U : 40U);
+  }
+}
+
 TEST(Channel, TheSameSeedGivesTheSameFate) {
   const auto fate = [](std::uint64_t seed) {
     ChannelConfig config;
@@ -164,7 +258,7 @@ TEST(Channel, TheRelayCarriesDatagramsBothWaysAndEndsWhenIdle) {
   options.to_host = "127.0.0.1";
   options.to_port = ship.boundPort();
   options.idle_exit_s = 0.5;
-  options.channel = clearWater();
+  options.channel = options.down = clearWater();
   int exit_code = -1;
   std::thread relay([&] { exit_code = runChannelRelay(options); });
   io::UdpFramePort vehicle("127.0.0.1", 0, "127.0.0.1", relay_port);

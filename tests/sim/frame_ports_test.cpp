@@ -1,0 +1,257 @@
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <pty.h>
+#include <sys/socket.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <array>
+#include <functional>
+#include <memory>
+#include <random>
+#include <vector>
+
+#include "firmware_if/modem_ports.hpp"
+#include "sim/link/channel.hpp"
+
+namespace fathom::sim {
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+// Two ports that hear each other, and the means to disturb the second.
+class Joined {
+ public:
+  virtual ~Joined() = default;
+  virtual FramePort& vehicle() = 0;
+  virtual FramePort& ship() = 0;
+  // Whatever is on its way arrives.
+  virtual void settle() = 0;
+  // Bytes that are no frame reach the ship's side as the medium carries them.
+  virtual void disturb(const Bytes& bytes) = 0;
+};
+
+// Two serial ports at 9600 baud, each on a pseudo-terminal; the pump between them is the cable. A
+// pseudo-terminal has no rate of its own: this tests the line's settings and the framing, not its pace.
+class SerialCable final : public Joined {
+ public:
+  SerialCable() : vehicle_(open(0), 9600), ship_(open(1), 9600) {}
+  ~SerialCable() override {
+    for (const int fd : master_) ::close(fd);
+    for (const int fd : slave_) ::close(fd);
+  }
+  FramePort& vehicle() override { return vehicle_; }
+  FramePort& ship() override { return ship_; }
+  void settle() override {
+    while (pump(0, 1) || pump(1, 0)) continue;
+  }
+  void disturb(const Bytes& bytes) override { write(1, bytes); }
+
+ private:
+  const char* open(std::size_t end) {
+    EXPECT_EQ(::openpty(&master_[end], &slave_[end], name_.data(), nullptr, nullptr), 0);
+    termios raw = {};
+    ::tcgetattr(master_[end], &raw);
+    ::cfmakeraw(&raw);
+    ::tcsetattr(master_[end], TCSANOW, &raw);
+    return name_.data();
+  }
+  void write(std::size_t end, const Bytes& bytes) const {
+    ASSERT_EQ(::write(master_[end], bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size()));
+  }
+  bool pump(std::size_t from, std::size_t to) {
+    pollfd waiting = {master_[from], POLLIN, 0};
+    if (::poll(&waiting, 1, 1) != 1) return false;
+    Bytes bytes(1024);
+    const ssize_t n = ::read(master_[from], bytes.data(), bytes.size());
+    if (n <= 0) return false;
+    bytes.resize(static_cast<std::size_t>(n));
+    write(to, bytes);
+    return true;
+  }
+  std::array<int, 2> master_ = {-1, -1}, slave_ = {-1, -1};
+  std::array<char, 256> name_{};
+  io::SerialFramePort vehicle_, ship_;
+};
+
+class UdpPair final : public Joined {
+ public:
+  UdpPair() : ship_("127.0.0.1", 0, "", 0), vehicle_("127.0.0.1", 0, "127.0.0.1", ship_.boundPort()) {
+    // The ship learns where the vehicle is.
+    std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer{};
+    EXPECT_TRUE(vehicle_.send(Bytes{0}));
+    settle();
+    EXPECT_EQ(ship_.receive(buffer), 1U);
+  }
+  FramePort& vehicle() override { return vehicle_; }
+  FramePort& ship() override { return ship_; }
+  // Datagrams over the loopback are there when sendto returns.
+  void settle() override {}
+  // Too long for a frame, and empty ones.
+  void disturb(const Bytes& bytes) override {
+    const int socket = ::socket(AF_INET, SOCK_DGRAM, 0);
+    sockaddr_in to = {};
+    to.sin_family = AF_INET;
+    to.sin_port = htons(ship_.boundPort());
+    to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    (void)::sendto(socket, bytes.data(), bytes.size(), 0, reinterpret_cast<sockaddr*>(&to), sizeof to);
+    ::close(socket);
+  }
+
+ private:
+  io::UdpFramePort ship_, vehicle_;
+};
+
+// The simulated channel, with nothing lost.
+class Water final : public Joined {
+ public:
+  explicit Water(bool half_duplex) : pair_(clear(), clear(), half_duplex) {}
+  FramePort& vehicle() override { return pair_.vehicle(); }
+  FramePort& ship() override { return pair_.ship(); }
+  void settle() override { pair_.advance(now_s_ += 3600); }
+  // The water carries frames only; one too long is refused where it starts.
+  void disturb(const Bytes& bytes) override { EXPECT_FALSE(pair_.vehicle().send(bytes)); }
+
+ private:
+  static ChannelConfig clear() {
+    ChannelConfig config;
+    config.loss = config.duplicate = config.reorder = config.corrupt = 0;
+    config.rate_bps = 300;
+    return config;
+  }
+  ChannelPair pair_;
+  double now_s_ = 0;
+};
+
+struct Kind {
+  const char* name;
+  std::function<std::unique_ptr<Joined>()> make;
+};
+
+class FramePorts : public ::testing::TestWithParam<Kind> {
+ protected:
+  FramePorts() : joined_(GetParam().make()) {}
+  Bytes receive(FramePort& port) {
+    joined_->settle();
+    Bytes buffer(FramePort::kMaxFrameBytes);
+    buffer.resize(port.receive(buffer));
+    return buffer;
+  }
+  FramePort& vehicle() { return joined_->vehicle(); }
+  FramePort& ship() { return joined_->ship(); }
+  std::unique_ptr<Joined> joined_;
+};
+
+Bytes numbered(int number, std::size_t size) {
+  Bytes frame(size);
+  std::mt19937 random(static_cast<unsigned>(number));
+  for (std::uint8_t& b : frame) b = static_cast<std::uint8_t>(random());
+  return frame;
+}
+
+TEST_P(FramePorts, FramesOfEverySizeArriveWholeInOrderBothWays) {
+  for (std::size_t size = 1; size <= FramePort::kMaxFrameBytes; ++size) {
+    const Bytes up = numbered(static_cast<int>(size), size), down = numbered(-static_cast<int>(size), size);
+    ASSERT_TRUE(vehicle().send(up));
+    EXPECT_EQ(receive(ship()), up) << size;
+    ASSERT_TRUE(ship().send(down));
+    EXPECT_EQ(receive(vehicle()), down) << size;
+  }
+  EXPECT_TRUE(receive(ship()).empty());
+  EXPECT_TRUE(receive(vehicle()).empty());
+  EXPECT_EQ(vehicle().droppedFrames() + ship().droppedFrames(), 0U);
+}
+
+TEST_P(FramePorts, EveryByteIsCarriedAsItIs) {
+  for (int value = 0; value < 256; ++value) {
+    const Bytes frame(7, static_cast<std::uint8_t>(value));
+    ASSERT_TRUE(vehicle().send(frame));
+    EXPECT_EQ(receive(ship()), frame) << value;
+  }
+}
+
+TEST_P(FramePorts, FramesThatWaitKeepTheirOrderAndTheirBorders) {
+  std::vector<Bytes> sent;
+  for (int i = 0; i < 10; ++i) {
+    sent.push_back(numbered(i, static_cast<std::size_t>(1 + 7 * i)));
+    ASSERT_TRUE(vehicle().send(sent.back()));
+  }
+  for (const Bytes& frame : sent) EXPECT_EQ(receive(ship()), frame);
+  EXPECT_TRUE(receive(ship()).empty());
+}
+
+TEST_P(FramePorts, NothingToReceiveIsAnAnswerNotAWait) {
+  std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer{};
+  for (int i = 0; i < 1000; ++i) EXPECT_EQ(ship().receive(buffer), 0U);
+}
+
+TEST_P(FramePorts, EmptyAndTooLongFramesAreRefused) {
+  EXPECT_FALSE(vehicle().send({}));
+  EXPECT_FALSE(vehicle().send(Bytes(FramePort::kMaxFrameBytes + 1)));
+  EXPECT_TRUE(receive(ship()).empty());
+  ASSERT_TRUE(vehicle().send(Bytes{1}));
+  EXPECT_EQ(receive(ship()), Bytes{1});
+}
+
+TEST_P(FramePorts, OverloadRefusesNewFramesAndCutsNone) {
+  constexpr int kMany = 3000;
+  int taken = 0;
+  std::vector<bool> was_taken;
+  for (int i = 0; i < kMany; ++i) {
+    Bytes frame = numbered(i, FramePort::kMaxFrameBytes);
+    frame[0] = static_cast<std::uint8_t>(i), frame[1] = static_cast<std::uint8_t>(i >> 8);
+    was_taken.push_back(vehicle().send(frame));
+    taken += was_taken.back();
+  }
+  ASSERT_GT(taken, 0);
+  int arrived = 0, last = -1;
+  std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer{};
+  for (int idle = 0; idle < 10; ++idle) {
+    joined_->settle();
+    (void)vehicle().receive(buffer);  // drives out what the line had not taken yet
+    while (const std::size_t size = ship().receive(buffer)) {
+      idle = 0;
+      ASSERT_EQ(size, FramePort::kMaxFrameBytes);
+      const int number = buffer[0] | buffer[1] << 8;
+      ASSERT_LT(number, kMany);
+      EXPECT_TRUE(was_taken[static_cast<std::size_t>(number)]) << "a refused frame was sent";
+      EXPECT_GT(number, last);
+      Bytes expected = numbered(number, FramePort::kMaxFrameBytes);
+      EXPECT_TRUE(std::equal(expected.begin() + 2, expected.end(), buffer.begin() + 2)) << number;
+      last = number;
+      ++arrived;
+    }
+  }
+  EXPECT_GT(arrived, 0);
+  EXPECT_LE(arrived, taken);
+  ASSERT_TRUE(vehicle().send(Bytes{7})) << "and it goes on afterwards";
+  EXPECT_EQ(receive(ship()), Bytes{7});
+}
+
+TEST_P(FramePorts, GarbageIsNoFrameAndTheNextFrameArrives) {
+  joined_->disturb(Bytes(FramePort::kMaxFrameBytes + 40, 0x55));
+  ASSERT_TRUE(vehicle().send(Bytes{1, 2, 3}));
+  joined_->settle();
+  EXPECT_EQ(receive(ship()), (Bytes{1, 2, 3}));
+}
+
+TEST_P(FramePorts, AFloodOfGarbageEndsAtEachCall) {
+  for (int i = 0; i < 8; ++i) joined_->disturb(Bytes(400, static_cast<std::uint8_t>(0x20 + i)));
+  std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer{};
+  for (int i = 0; i < 100; ++i) EXPECT_EQ(ship().receive(buffer), 0U);
+  ASSERT_TRUE(vehicle().send(Bytes{9}));
+  EXPECT_EQ(receive(ship()), Bytes{9});
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    All, FramePorts,
+    ::testing::Values(Kind{"Serial", [] { return std::unique_ptr<Joined>(std::make_unique<SerialCable>()); }},
+                      Kind{"Udp", [] { return std::unique_ptr<Joined>(std::make_unique<UdpPair>()); }},
+                      Kind{"Water", [] { return std::unique_ptr<Joined>(std::make_unique<Water>(false)); }},
+                      Kind{"HalfDuplexWater",
+                           [] { return std::unique_ptr<Joined>(std::make_unique<Water>(true)); }}),
+    [](const auto& kind) { return kind.param.name; });
+
+}  // namespace
+}  // namespace fathom::sim
