@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "telemetry/map_packet_codec.hpp"
 
@@ -12,7 +13,7 @@ using packet::Header;
 using packet::kUnitsPerStep;
 using packet::Patch;
 
-constexpr double kLeastSigma = 0.01;  // code 0 [m]; each code doubles
+constexpr double kLeastSigma = 0.02;  // code 0 [m]; each code doubles
 
 // One unit [m]. A height is rounded to units before it is rounded to steps: half a unit of the error bound is
 // kept for that.
@@ -24,7 +25,7 @@ double sigmaOf(int code) {
 }
 int sigmaCode(double sigma) {
   int code = 0;
-  while (code < 7 && sigmaOf(code) < sigma) ++code;
+  while (code < packet::kSigmaCodes - 1 && sigmaOf(code) < sigma) ++code;
   return code;
 }
 // The largest error that has a code and is not above max_error; -1 if none is.
@@ -118,13 +119,16 @@ class ColourWalk {
 struct Content {
   Patch patch;
   std::array<Luma, Patch::kGrid> colour;
+  std::int64_t activity = 0;  // mean over the packet
 };
 
 template <class Coder>
-bool codeBody(Coder& coder, const Header& header, Content& content) {
+bool codeBody(Coder& coder, const Header& header, Content& content, packet::KrigingTable& table) {
   if (!packet::codeBlocks(coder, content.patch, kMaxPacketBlocks)) return false;
   packet::codeSeen(coder, content.patch);
-  packet::HeightWalk<Coder>(coder, content.patch).run();
+  packet::HeightWalk<Coder> heights(coder, content.patch, table, header.roughness);
+  heights.run();
+  content.activity = heights.meanActivity();
   if (header.colour_bits > 0)
     ColourWalk<Coder>(coder, content.patch, content.colour, header.colour_bits).run();
   return true;
@@ -151,13 +155,14 @@ void takeBlock(const Content& content, const Header& h, int r, int c, MapBlock& 
 struct MapPacketDecoder::Impl {
   Header header;
   Content content;
+  packet::KrigingTable table;
 
   bool decode(std::span<const std::uint8_t> payload) {
     if (payload.empty()) return false;
     RangeDecoder coder(payload);
     if (!packet::codeHeader(coder, header)) return false;
     content.patch.shape(header.rows, header.cols);
-    return codeBody(coder, header, content) && coder.overrun() <= 4;
+    return codeBody(coder, header, content, table) && coder.overrun() <= 4;
   }
 };
 
@@ -180,8 +185,10 @@ bool MapPacketDecoder::decode(std::span<const std::uint8_t> payload, DecodedMapP
 
 struct MapPacketEncoder::Impl {
   Content content;
+  Header header;
   MapPacketDecoder::Impl check;
   std::array<std::uint8_t, 4096> scratch{};
+  std::array<double, Patch::kGrid> exact{};  // heights wanted [units]
 
   // How many of the blocks lie in one rectangle that a packet can have.
   static std::size_t reach(std::span<const MapBlock> blocks) {
@@ -201,39 +208,29 @@ struct MapPacketEncoder::Impl {
     return std::min(blocks.size(), kMaxPacketBlocks);
   }
 
-  // Encodes all the blocks; 0 if they do not fit or cannot be sent.
-  std::size_t encodeAll(std::span<const MapBlock> blocks, int error_code, int colour_bits,
-                        std::span<std::uint8_t> out) {
-    Header h;
+  // Lays the blocks out as a patch; false if they cannot be sent.
+  bool lay(std::span<const MapBlock> blocks, int error_code, int colour_bits) {
+    Header& h = header;
+    h = Header{};
     h.spacing = blocks[0].key.spacing;
     h.error_code = error_code;
     h.colour_bits = colour_bits;
     h.north = h.east = std::numeric_limits<std::int32_t>::max();
     std::int32_t north = std::numeric_limits<std::int32_t>::min(), east = north;
-    double sigma = 0, depth = 0;
-    int seen = 0;
+    double sigma = 0;
     for (const MapBlock& block : blocks) {
       h.north = std::min(h.north, block.key.north);
       h.east = std::min(h.east, block.key.east);
       north = std::max(north, block.key.north);
       east = std::max(east, block.key.east);
       sigma = std::max(sigma, static_cast<double>(block.sigma));
-      for (int n = 0; n < MapBlock::kNodes; ++n) {
-        if (!block.isSeen(n)) continue;
-        depth += static_cast<double>(block.depth[static_cast<std::size_t>(n)]);
-        ++seen;
-      }
     }
-    if (seen == 0) return 0;
-    const double unit = unitOf(error_code);
-    const double base = std::round(depth / seen / (unit * kUnitsPerStep));
-    if (!(std::abs(base) < packet::kMaxBase)) return 0;
-    h.base = static_cast<std::int32_t>(base);
     h.sigma_code = sigmaCode(sigma);
     h.rows = north - h.north + 1;
     h.cols = east - h.east + 1;
     Patch& patch = content.patch;
     patch.shape(h.rows, h.cols);
+    const double unit = unitOf(error_code);
     for (const MapBlock& block : blocks) {
       const int r = block.key.north - h.north, c = block.key.east - h.east;
       patch.included[static_cast<std::size_t>(r * h.cols + c)] = true;
@@ -242,17 +239,110 @@ struct MapPacketEncoder::Impl {
         const auto k = static_cast<std::size_t>(n);
         patch.state[at] = block.isSeen(n) ? Patch::kSeen : Patch::kUnseen;
         if (!block.isSeen(n)) continue;
-        const double height = static_cast<double>(block.depth[k]) / unit - base * kUnitsPerStep;
-        if (!(std::abs(height) < packet::kMaxUnits / 2)) return 0;
-        patch.target[at] = static_cast<std::int32_t>(std::lround(height));
+        exact[at] = static_cast<double>(block.depth[k]) / unit;
         if (colour_bits > 0) content.colour[at] = toLuma(block.colour[k], colour_bits);
       }
     }
+    // The base is the first node's depth.
+    std::optional<double> base;
+    bool good = true;
+    for (const packet::Pass& pass : packet::kPasses) {
+      patch.visit(pass, [&](int at) {
+        const auto n = static_cast<std::size_t>(at);
+        if (!base) base = std::round(exact[n] / kUnitsPerStep);
+        const double height = exact[n] - *base * kUnitsPerStep;
+        good = good && std::abs(height) < packet::kMaxUnits / 2;  // false for a depth that is not a number
+        if (good) patch.target[n] = static_cast<std::int32_t>(std::lround(height));
+      });
+    }
+    if (!good || !base || !(std::abs(*base) < packet::kMaxBase)) return false;
+    h.base = static_cast<std::int32_t>(*base);
+    return true;
+  }
+
+  // Encodes what was laid out; 0 if it does not fit.
+  std::size_t write(int roughness, std::span<std::uint8_t> out) {
+    header.roughness = roughness;
     RangeEncoder coder(out);
-    if (!packet::codeHeader(coder, h) || !codeBody(coder, h, content)) return 0;
+    if (!packet::codeHeader(coder, header) || !codeBody(coder, header, content, check.table)) return 0;
+    for (packet::Patch::State& s : std::span(content.patch.state).first(content.patch.used()))
+      if (s == Patch::kKnown) s = Patch::kSeen;
     const std::size_t size = coder.finish();
     return coder.ok() ? std::max<std::size_t>(size, 1) : 0;
   }
+  // At the roughness that gives the fewest bytes, `usual` alone if it is not negative.
+  std::size_t writeBest(int usual, std::span<std::uint8_t> out) {
+    if (usual >= 0) return write(usual, out);
+    int best = 0;
+    std::size_t least = 0;
+    for (int roughness = 0; roughness < static_cast<int>(packet::kRoughness.size()); ++roughness) {
+      const std::size_t size = write(roughness, out);
+      if (size == 0 || (least > 0 && size >= least)) continue;
+      least = size;
+      best = roughness;
+    }
+    return least == 0 ? 0 : write(best, out);
+  }
+
+  // The longest prefix that fits, encoded into `out`.
+  Result longest(std::span<const MapBlock> blocks, int error_code, int colour_bits,
+                 std::span<std::uint8_t> out) {
+    std::size_t low = 0, high = reach(blocks) + 1;  // low fits, high does not
+    int usual = 1;
+    double bytes_per_block = kFirstGuess;
+    while (high - low > 1) {
+      const auto guess = static_cast<std::size_t>(static_cast<double>(out.size()) / bytes_per_block);
+      // Narrows from the guess, then halves.
+      const std::size_t n = std::clamp(high - low > 8 ? guess : (low + high) / 2, low + 1, high - 1);
+      if (!lay(blocks.first(n), error_code, colour_bits)) {
+        high = n;
+        continue;
+      }
+      const std::size_t size = write(usual, scratch);
+      usual = nearestRoughness(content.activity);
+      const bool fits = size > 0 && size <= out.size();
+      if (size > 0)
+        bytes_per_block = static_cast<double>(size) / static_cast<double>(n) * (fits ? 0.98 : 1.02);
+      (fits ? low : high) = n;
+    }
+    Result result;
+    for (std::size_t n = std::max<std::size_t>(low, 1); n <= reach(blocks); ++n) {
+      if (!lay(blocks.first(n), error_code, colour_bits)) break;
+      const std::size_t size = writeBest(-1, out);
+      if (size == 0) break;
+      result = {size, n};
+    }
+    if (result.blocks == 0) return {};
+    (void)lay(blocks.first(result.blocks), error_code, colour_bits);
+    result.bytes = writeBest(-1, out);
+    return result;
+  }
+  static int nearestRoughness(std::int64_t activity) {
+    int best = 0;
+    for (int k = 1; k < static_cast<int>(packet::kRoughness.size()); ++k) {
+      const auto level = [](int code) { return packet::kRoughness[static_cast<std::size_t>(code)]; };
+      if (activity * activity > level(k) * level(k - 1)) best = k;
+    }
+    return best;
+  }
+  // Whether what the packet decodes to keeps the error.
+  bool held(std::span<const MapBlock> blocks, double max_error) {
+    MapBlock got;
+    for (const MapBlock& block : blocks) {
+      takeBlock(check.content, check.header, block.key.north - check.header.north,
+                block.key.east - check.header.east, got);
+      if (got.seen != block.seen) return false;
+      for (int n = 0; n < MapBlock::kNodes; ++n) {
+        const auto k = static_cast<std::size_t>(n);
+        if (block.isSeen(n) &&
+            !(std::abs(static_cast<double>(got.depth[k]) - static_cast<double>(block.depth[k])) <= max_error))
+          return false;
+      }
+    }
+    return true;
+  }
+  static constexpr double kFirstGuess = 2.5;  // bytes a block
+  static constexpr int kErrorTries = 4;
 };
 
 MapPacketEncoder::MapPacketEncoder() : impl_(std::make_unique<Impl>()) {}
@@ -261,26 +351,22 @@ MapPacketEncoder::~MapPacketEncoder() = default;
 MapPacketEncoder::Result MapPacketEncoder::encode(std::span<const MapBlock> blocks,
                                                   const MapPacketConfig& config, std::span<std::uint8_t> out,
                                                   std::span<MapBlock> decoded) {
-  const int error_code = errorCode(config.max_error);
-  const int colour_bits = std::clamp(config.colour_bits, 0, kMaxColourBits);
-  std::size_t low = 0, high = Impl::reach(blocks) + 1;  // low fits, high does not
-  if (blocks.empty() || error_code < 0 || blocks[0].seen == 0) return {};
+  if (blocks.empty() || blocks[0].seen == 0 || !(config.max_error > 0)) return {};
   out = out.first(std::min(out.size(), impl_->scratch.size()));
-  const std::span<std::uint8_t> scratch = std::span(impl_->scratch).first(out.size());
-  while (high - low > 1) {
-    const std::size_t n =
-        low == 0 && high > 8 ? std::min<std::size_t>(high - 1, 2 + out.size() / 3) : (low + high) / 2;
-    (impl_->encodeAll(blocks.first(n), error_code, colour_bits, scratch) > 0 ? low : high) = n;
-  }
-  if (low == 0) return {};
-  const Result result{impl_->encodeAll(blocks.first(low), error_code, colour_bits, out), low};
-  if (!impl_->check.decode(out.first(result.bytes))) return {};
-  for (std::size_t k = 0; k < std::min(low, decoded.size()); ++k) {
+  const int colour_bits = std::clamp(config.colour_bits, 0, kMaxColourBits);
+  const int wanted = errorCode(config.max_error);
+  // A float near the deepest depths is coarser than the finest errors: the next smaller error then holds.
+  for (int error_code = wanted; error_code >= std::max(0, wanted - Impl::kErrorTries); --error_code) {
+    const Result result = impl_->longest(blocks, error_code, colour_bits, out);
+    if (result.blocks == 0) return {};
+    const auto sent = blocks.first(result.blocks);
+    if (!impl_->check.decode(out.first(result.bytes)) || !impl_->held(sent, config.max_error)) continue;
     const Header& h = impl_->check.header;
-    takeBlock(impl_->check.content, h, blocks[k].key.north - h.north, blocks[k].key.east - h.east,
-              decoded[k]);
+    for (std::size_t k = 0; k < std::min(sent.size(), decoded.size()); ++k)
+      takeBlock(impl_->check.content, h, sent[k].key.north - h.north, sent[k].key.east - h.east, decoded[k]);
+    return result;
   }
-  return result;
+  return {};
 }
 
 }  // namespace fathom::telemetry

@@ -7,6 +7,7 @@
 #include <cstdlib>
 
 #include "telemetry/map_block.hpp"
+#include "telemetry/map_kriging.hpp"
 #include "telemetry/range_coder.hpp"
 
 // The walk over a map packet that encoder and decoder share: each function below codes one part of the packet
@@ -35,11 +36,17 @@ inline constexpr SpacingCode kFineSpacing = 5, kCoarseSpacing = 7;  // 25 cm and
   return millimetres * 1e-3;
 }
 
+// Mean size of residuals against the predictions' expected deviation, in 1 / 256: what a packet begins with.
+inline constexpr std::array<std::int64_t, 4> kRoughness{128, 192, 288, 432};
+
+inline constexpr int kSigmaCodes = 8;
+
 struct Header {
   SpacingCode spacing = 0;
   int error_code = 0;
   int colour_bits = 0;
   int sigma_code = 0;
+  int roughness = 0;
   std::int32_t north = 0, east = 0;  // of the rectangle's least block
   int rows = 0, cols = 0;            // of the rectangle [blocks]
   std::int32_t base = 0;             // depth that heights are relative to [steps]
@@ -60,11 +67,12 @@ std::uint32_t codeNumber(Coder& coder, std::uint32_t value, unsigned usual_bits,
   return 1U << (bits - 1) | codeRaw(coder, value & ((1U << (bits - 1)) - 1), bits - 1);
 }
 template <class Coder>
-std::int32_t codeSigned(Coder& coder, std::int32_t value, unsigned usual_bits, unsigned max_bits) {
+std::int32_t codeSigned(Coder& coder, std::int32_t value, unsigned usual_bits, unsigned max_bits,
+                        Chance negative = kHalf) {
   const auto magnitude = static_cast<std::int32_t>(
       codeNumber(coder, static_cast<std::uint32_t>(std::abs(value)), usual_bits, max_bits));
   if (magnitude == 0) return 0;
-  return coder.code(value < 0, kHalf) ? -magnitude : magnitude;
+  return coder.code(value < 0, negative) ? -magnitude : magnitude;
 }
 
 template <class Coder>
@@ -92,14 +100,47 @@ bool codeHeader(Coder& coder, Header& h) {
   } else {
     h.colour_bits = 0;
   }
-  h.sigma_code = static_cast<int>(codeRaw(coder, static_cast<std::uint32_t>(h.sigma_code), 3));
+  const int sigma_code = h.sigma_code;
+  for (h.sigma_code = 0; h.sigma_code < kSigmaCodes - 1 && coder.code(sigma_code > h.sigma_code, kHalf);)
+    ++h.sigma_code;
+  h.roughness = static_cast<int>(codeRaw(coder, static_cast<std::uint32_t>(h.roughness), 2));
   h.north = codeSigned(coder, h.north, 7, 26);
   h.east = codeSigned(coder, h.east, 7, 26);
-  h.base = codeSigned(coder, h.base, 8, 24);
-  h.rows = 1 + static_cast<int>(codeNumber(coder, static_cast<std::uint32_t>(h.rows - 1), 3, 6));
-  h.cols = 1 + static_cast<int>(codeNumber(coder, static_cast<std::uint32_t>(h.cols - 1), 3, 6));
+  h.base = codeSigned(coder, h.base, 8, 24, kMinChance);  // depths are seldom above the surface
+  h.rows = 1 + static_cast<int>(codeNumber(coder, static_cast<std::uint32_t>(h.rows - 1), 2, 6));
+  h.cols = 1 + static_cast<int>(codeNumber(coder, static_cast<std::uint32_t>(h.cols - 1), 2, 6));
   return h.rows <= kMaxSide && h.cols <= kMaxSide && h.rows * h.cols <= kMaxRectangle;
 }
+
+// Chance that a block is in the packet, by whether those to the west (1), north (2), north-west (4) and
+// north-east (8) are: packets are patches without many holes.
+inline constexpr std::array<Chance, 16> kBlockPrior{6000,  40000, 32000, 58000, 6000,  40000, 20000, 52000,
+                                                    20000, 50000, 52000, 62500, 16000, 46000, 48000, 62500};
+// Chance that a node was seen, by whether those to the west (1), north (2), north-west (4), north-east (8),
+// second west (16) and second north (32) were: holes and edges are smooth.
+[[nodiscard]] constexpr Chance seenPrior(std::size_t around) {
+  constexpr std::array<int, 6> kWeight{5, 6, -2, 4, 1, 1};
+  int sum = 0, all = 0;
+  for (std::size_t k = 0; k < kWeight.size(); ++k) {
+    all += kWeight[k];
+    if ((around >> k & 1U) != 0) sum += kWeight[k];
+  }
+  constexpr std::array<Chance, 16> kChance{1300,  2600,  5000,  8000,  12000, 16000, 21000, 28000,
+                                           36000, 43000, 49000, 53000, 57000, 60000, 62500, 64500};
+  return kChance[static_cast<std::size_t>(std::clamp(sum, 0, all))];
+}
+
+// The order of the nodes: block corners first, then block middles, then every second node, then the rest.
+struct Pass {
+  Shape shape;  // of the neighbourhood that predicts them
+  int stride;   // of it [nodes]
+  int nodes;    // bit i * 4 + j: node (i, j) of every block
+};
+inline constexpr std::array<Pass, 5> kPasses{{{Shape::kSquare, 4, 0x0001},
+                                              {Shape::kDiagonal, 2, 0x0400},
+                                              {Shape::kSquare, 2, 0x0104},
+                                              {Shape::kDiagonal, 1, 0xA0A0},
+                                              {Shape::kSquare, 1, 0x5A5A}}};
 
 // A packet's content on a grid of nodes with a margin.
 struct Patch {
@@ -110,20 +151,30 @@ struct Patch {
   int rows = 0, cols = 0, pitch = 0;
   std::array<bool, kMaxRectangle> included{};
   std::array<State, kGrid> state{};
-  std::array<std::int32_t, kGrid> target{};  // encoder: the heights wanted [units]
-  std::array<std::int32_t, kGrid> height{};  // as decoded [units]
-  std::array<std::uint8_t, kGrid> size{};    // of the residual
+  std::array<std::int32_t, kGrid> target{};    // encoder: the heights wanted [units]
+  std::array<std::int32_t, kGrid> height{};    // as decoded [units]
+  std::array<std::int32_t, kGrid> activity{};  // of the residual against what was expected, in 1 / 256
 
   void shape(int rows_, int cols_) {
     rows = rows_;
     cols = cols_;
     pitch = cols * MapBlock::kSide + 2 * kMargin;
-    const auto used = static_cast<std::size_t>((rows * MapBlock::kSide + 2 * kMargin) * pitch);
     std::fill_n(included.begin(), rows * cols, false);
-    std::fill_n(state.begin(), used, kAbsent);
-    std::fill_n(size.begin(), used, std::uint8_t{0});
+    std::fill_n(state.begin(), used(), kAbsent);
+  }
+  [[nodiscard]] std::size_t used() const {
+    return static_cast<std::size_t>((rows * MapBlock::kSide + 2 * kMargin) * pitch);
   }
   [[nodiscard]] int at(int i, int j) const { return (i + kMargin) * pitch + j + kMargin; }
+  // Calls f(node) for the seen nodes of a pass, row by row.
+  template <class F>
+  void visit(const Pass& pass, const F& f) const {
+    for (int i = 0; i < rows * MapBlock::kSide; ++i)
+      for (int j = 0; j < cols * MapBlock::kSide; ++j)
+        if ((pass.nodes >> (i % MapBlock::kSide * MapBlock::kSide + j % MapBlock::kSide) & 1) != 0 &&
+            state[static_cast<std::size_t>(at(i, j))] == kSeen)
+          f(at(i, j));
+  }
   [[nodiscard]] bool has(int r, int c) const {
     return r >= 0 && c >= 0 && r < rows && c < cols && included[static_cast<std::size_t>(r * cols + c)];
   }
@@ -132,15 +183,19 @@ struct Patch {
 // Which blocks of the rectangle are there; false if there are too many.
 template <class Coder>
 bool codeBlocks(Coder& coder, Patch& patch, std::size_t max_blocks) {
-  std::array<AdaptiveBit, 8> chance;
-  for (std::size_t k = 0; k < 8; ++k)
-    chance[k] = AdaptiveBit(std::popcount(k) >= 2 ? 60000U : std::popcount(k) == 1 ? kHalf : 16000U, 3);
+  if (coder.code(std::all_of(patch.included.begin(), patch.included.begin() + patch.rows * patch.cols,
+                             [](bool b) { return b; }),
+                 kHalf)) {
+    std::fill_n(patch.included.begin(), patch.rows * patch.cols, true);
+    return static_cast<std::size_t>(patch.rows * patch.cols) <= max_blocks;
+  }
+  std::array<AdaptiveBit, 16> chance;
+  for (std::size_t k = 0; k < chance.size(); ++k) chance[k] = AdaptiveBit(kBlockPrior[k], 4);
   std::size_t count = 0;
   for (int r = 0; r < patch.rows; ++r) {
     for (int c = 0; c < patch.cols; ++c) {
-      const std::size_t context = (patch.has(r - 1, c) || r == 0 ? 1U : 0U) |
-                                  (patch.has(r, c - 1) || c == 0 ? 2U : 0U) |
-                                  (patch.has(r - 1, c + 1) || r == 0 ? 4U : 0U);
+      const std::size_t context = (patch.has(r, c - 1) ? 1U : 0U) | (patch.has(r - 1, c) ? 2U : 0U) |
+                                  (patch.has(r - 1, c - 1) ? 4U : 0U) | (patch.has(r - 1, c + 1) ? 8U : 0U);
       bool& here = patch.included[static_cast<std::size_t>(r * patch.cols + c)];
       here = codeBit(coder, chance[context], here);
       if (here && ++count > max_blocks) return false;
@@ -149,7 +204,7 @@ bool codeBlocks(Coder& coder, Patch& patch, std::size_t max_blocks) {
   return count > 0;
 }
 
-// Which nodes were seen. `seen(r, c, node)` in the encoder: patch.state holds kSeen or kUnseen already.
+// Which nodes were seen: in the encoder, patch.state holds kSeen or kUnseen already.
 template <class Coder>
 void codeSeen(Coder& coder, Patch& patch) {
   using State = Patch::State;
@@ -159,128 +214,178 @@ void codeSeen(Coder& coder, Patch& patch) {
                         patch.state.begin() + (patch.rows * MapBlock::kSide + 2 * kMargin) * patch.pitch,
                         [](State s) { return s == State::kUnseen; });
   full = coder.code(full, kHalf);
-  std::array<AdaptiveBit, 16> chance;
-  for (std::size_t k = 0; k < 16; ++k)
-    chance[k] = AdaptiveBit(static_cast<Chance>(8000 + 12000 * std::popcount(k)), 3);
-  AdaptiveBit whole(50000, 3);
-  std::array<bool, kMaxSide> whole_here{};  // of the row of blocks
+  std::array<AdaptiveBit, 64> chance;
+  for (std::size_t k = 0; k < chance.size(); ++k) chance[k] = AdaptiveBit(seenPrior(k), 4);
   for (int i = 0; i < patch.rows * MapBlock::kSide; ++i) {
     for (int j = 0; j < patch.cols * MapBlock::kSide; ++j) {
-      const int r = i / MapBlock::kSide, c = j / MapBlock::kSide;
-      if (!patch.has(r, c)) continue;
-      bool& block_full = whole_here[static_cast<std::size_t>(c)];
-      if (full) block_full = true;
-      if (!full && i % MapBlock::kSide == 0 && j % MapBlock::kSide == 0) {
-        if constexpr (Coder::kEncodes) {
-          block_full = true;
-          for (int n = 0; n < MapBlock::kNodes; ++n)
-            block_full =
-                block_full &&
-                patch.state[static_cast<std::size_t>(patch.at(i + n / 4, j + n % 4))] == State::kSeen;
-        }
-        block_full = codeBit(coder, whole, block_full);
-      }
+      if (!patch.has(i / MapBlock::kSide, j / MapBlock::kSide)) continue;
       const int at = patch.at(i, j);
       State& state = patch.state[static_cast<std::size_t>(at)];
-      if (block_full) {
+      if (full) {
         state = State::kSeen;
         continue;
       }
-      const auto seen = [&](int k) { return patch.state[static_cast<std::size_t>(k)] == State::kSeen; };
-      const std::size_t context = (seen(at - 1) ? 1U : 0U) | (seen(at - patch.pitch) ? 2U : 0U) |
-                                  (seen(at - patch.pitch - 1) ? 4U : 0U) |
-                                  (seen(at - patch.pitch + 1) ? 8U : 0U);
+      // What is not in the packet counts as its neighbour does, and all as seen where nothing is known.
+      const auto seen = [&](int k, bool otherwise) {
+        const State s = patch.state[static_cast<std::size_t>(k)];
+        return s == State::kAbsent ? otherwise : s == State::kSeen;
+      };
+      const int up = at - patch.pitch;
+      const bool any_north = patch.state[static_cast<std::size_t>(up)] != State::kAbsent;
+      const bool west = seen(at - 1, any_north ? seen(up, true) : true), north = seen(up, west);
+      const std::size_t context = (west ? 1U : 0U) | (north ? 2U : 0U) | (seen(up - 1, north) ? 4U : 0U) |
+                                  (seen(up + 1, north) ? 8U : 0U) | (seen(at - 2, west) ? 16U : 0U) |
+                                  (seen(up - patch.pitch, north) ? 32U : 0U);
       state = codeBit(coder, chance[context], state == State::kSeen) ? State::kSeen : State::kUnseen;
     }
   }
 }
 
-// The heights: block corners first, then every second node, then the rest, each predicted from those around.
-template <class Coder>
-class HeightWalk {
+// log2 of x > 0 in sixteenths, straight between powers of two.
+[[nodiscard]] inline int logSixteenths(std::int64_t x) {
+  const int top = std::bit_width(static_cast<std::uint64_t>(x)) - 1;
+  const std::int64_t mantissa = top >= 4 ? x >> (top - 4) : x << (4 - top);
+  return 16 * top + static_cast<int>(mantissa) - 16;
+}
+
+// A chance that depends on a scale: learned at points half an octave apart, taken between the two nearest.
+class ScaledBit {
  public:
-  HeightWalk(Coder& coder, Patch& patch) : coder_(coder), patch_(patch) {
-    for (auto& level : zero_) level = {AdaptiveBit(20000, 3), AdaptiveBit(32768, 3), AdaptiveBit(45000, 3)};
+  static constexpr std::size_t kPoints = 17;
+  static constexpr int kLeastLog = -3 * 16;  // of the scale, in sixteenths: the first point
+  explicit ScaledBit(const std::array<Chance, kPoints>& prior) {
+    for (std::size_t k = 0; k < kPoints; ++k) point_[k] = AdaptiveBit(prior[k], kPriorWeight);
   }
-  void run() {
-    pass(4, 0, 0, 0);
-    pass(4, 2, 2, 1);
-    pass(4, 0, 2, 2);
-    pass(4, 2, 0, 2);
-    for (const auto& [i, j] : {std::pair{1, 1}, {1, 3}, {3, 1}, {3, 3}}) pass(4, i, j, 3);
-    for (int i = 0; i < 4; ++i)
-      for (int j = 0; j < 4; ++j)
-        if ((i + j) % 2 == 1) pass(4, i, j, 4);
+  template <class Coder>
+  bool code(Coder& coder, int log, bool value) {
+    const int place = std::clamp(log - kLeastLog, 0, static_cast<int>(kPoints - 1) * 8 - 1);
+    AdaptiveBit& below = point_[static_cast<std::size_t>(place / 8)];
+    AdaptiveBit& above = point_[static_cast<std::size_t>(place / 8 + 1)];
+    const auto part = static_cast<Chance>(place % 8);
+    value = coder.code(
+        value, std::clamp((below.chance() * (8 - part) + above.chance() * part) / 8, kMinChance, kMaxChance));
+    below.learn(value);
+    above.learn(value);
+    return value;
   }
 
  private:
-  struct Near {
-    std::int32_t height;
-    std::uint32_t size;  // 0 to 2: how large residuals were here
-  };
-  // Mean of what is known around at the distances in turn.
-  Near predict(int at) const {
-    static constexpr std::array<std::array<int, 2>, 24> kRings{
-        {{0, 1}, {1, 0}, {0, -1}, {-1, 0}, {1, 1}, {1, -1}, {-1, 1}, {-1, -1},
-         {0, 2}, {2, 0}, {0, -2}, {-2, 0}, {2, 2}, {2, -2}, {-2, 2}, {-2, -2},
-         {0, 4}, {4, 0}, {0, -4}, {-4, 0}, {4, 4}, {4, -4}, {-4, 4}, {-4, -4}}};
-    for (std::size_t ring = 0; ring < kRings.size(); ring += 4) {
-      std::int64_t sum = 0;
-      std::uint32_t size = 0;
-      int count = 0;
-      for (std::size_t k = ring; k < ring + 4; ++k) {
-        const auto n = static_cast<std::size_t>(at + kRings[k][0] * patch_.pitch + kRings[k][1]);
-        if (patch_.state[n] != Patch::kKnown) continue;
-        sum += patch_.height[n];
-        size += patch_.size[n];
-        ++count;
-      }
-      if (count > 0) return {static_cast<std::int32_t>(sum / count), std::min(size, 2U)};
+  static constexpr unsigned kPriorWeight = 16;  // decisions that the prior counts for
+  std::array<AdaptiveBit, kPoints> point_;
+};
+
+// Of residuals with Laplace's distribution, at scales from E / 8 to 32 E: that the height is more than E away
+// from the prediction, and that it is more than one step further than that, 2 E.
+inline constexpr std::array<Chance, ScaledBit::kPoints> kSomePrior{262,   262,   592,   2351,  6231,  12413,
+                                                                   20209, 28522, 36392, 43235, 48836, 53230,
+                                                                   56573, 59063, 60890, 62215, 63170};
+inline constexpr std::array<Chance, ScaledBit::kPoints> kMorePrior{1966,  1966,  1966,  1966,  1966,  2351,
+                                                                   6231,  12413, 20209, 28522, 36392, 43235,
+                                                                   48836, 53230, 56573, 59063, 60890};
+
+// The heights, pass after pass, each predicted from the known nodes around it. The residual is coded in whole
+// steps at the scale that the prediction's expected deviation and the residuals around it give.
+template <class Coder>
+class HeightWalk {
+ public:
+  HeightWalk(Coder& coder, Patch& patch, KrigingTable& table, int roughness)
+      : coder_(coder),
+        patch_(patch),
+        table_(table),
+        mean_sum_(kMeanWeight * kRoughness[static_cast<std::size_t>(roughness)]) {}
+  void run() {
+    for (const Pass& pass : kPasses) {
+      begin(pass);
+      patch_.visit(pass, [&](int at) { node(at, pass); });
     }
-    return {last_, 1};
   }
-  void pass(int step, int i0, int j0, std::size_t level) {
-    for (int i = i0; i < patch_.rows * 4; i += step)
-      for (int j = j0; j < patch_.cols * 4; j += step)
-        if (patch_.state[static_cast<std::size_t>(patch_.at(i, j))] == Patch::kSeen)
-          node(patch_.at(i, j), level);
+  // How large residuals were against what the predictions expected, in 1 / 256.
+  [[nodiscard]] std::int64_t meanActivity() const { return mean_sum_ / mean_count_; }
+
+ private:
+  void begin(const Pass& pass) {
+    const auto& offsets = candidates(pass.shape);
+    for (std::size_t k = 0; k < kCandidates; ++k) {
+      const Offset o{pass.stride * offsets[k].north, pass.stride * offsets[k].east};
+      around_[k] = o.north * patch_.pitch + o.east;
+      nearness_[k] = kNearWeight / (o.north * o.north + o.east * o.east);
+    }
   }
-  void node(int at, std::size_t level) {
+  void node(int at, const Pass& pass) {
     const auto n = static_cast<std::size_t>(at);
-    const Near near = predict(at);
+    std::uint32_t used = 0;
+    int count = 0;
+    for (std::size_t k = 0; k < kCandidates && count < static_cast<int>(kNeighbours); ++k) {
+      if (patch_.state[static_cast<std::size_t>(at + around_[k])] != Patch::kKnown) continue;
+      used |= 1U << k;
+      ++count;
+    }
+    std::int32_t predicted = last_;
+    std::int64_t deviation = kLostDeviation;
+    std::int64_t activity = kOwnWeight * (mean_sum_ / mean_count_), weight = kOwnWeight;
+    if (used != 0) {
+      const KrigingWeights& w = table_.weights(pass.shape, pass.stride, used);
+      const std::int32_t first = patch_.height[static_cast<std::size_t>(at + around_[w.candidate[0]])];
+      std::int64_t sum = 0;
+      for (std::size_t k = 0; k < static_cast<std::size_t>(w.count); ++k) {
+        const auto from = static_cast<std::size_t>(at + around_[w.candidate[k]]);
+        sum += std::int64_t{w.weight[k]} * (patch_.height[from] - first);
+        activity += nearness_[w.candidate[k]] * patch_.activity[from];
+        weight += nearness_[w.candidate[k]];
+      }
+      predicted = static_cast<std::int32_t>(
+          std::clamp<std::int64_t>(first + (sum >> kWeightBits), -kMaxUnits, kMaxUnits));
+      deviation = w.deviation;
+    }
     std::int32_t q = 0;
     if constexpr (Coder::kEncodes) {
-      const std::int32_t d = patch_.target[n] - near.height;
+      const std::int32_t d = patch_.target[n] - predicted;
       q = (std::abs(d) + kUnitsPerStep / 2) / kUnitsPerStep;
       if (d < 0) q = -q;
     }
-    q = residual(q, level, near.size);
-    patch_.height[n] = std::clamp(near.height + q * kUnitsPerStep, -kMaxUnits, kMaxUnits);
-    patch_.size[n] = static_cast<std::uint8_t>(std::min(std::abs(q), 2));
+    const std::int64_t scale = std::max<std::int64_t>(deviation * (activity / weight) >> 8, 1);
+    // The first node stands at the base.
+    q = mean_count_ == kMeanWeight ? 0 : residual(q, logSixteenths(scale) - 8 * 16);
+    patch_.height[n] = static_cast<std::int32_t>(
+        std::clamp<std::int64_t>(predicted + std::int64_t{q} * kUnitsPerStep, -kMaxUnits, kMaxUnits));
     patch_.state[n] = Patch::kKnown;
     last_ = patch_.height[n];
+    // In E / 256, then against what was expected.
+    const std::int64_t size = q == 0 ? kZeroSize : std::min<std::int64_t>(std::abs(q), 64) * 512;
+    patch_.activity[n] = static_cast<std::int32_t>(size * 256 / deviation);
+    if (mean_count_ == kMeanWeight) patch_.activity[n] = static_cast<std::int32_t>(mean_sum_ / mean_count_);
+    mean_sum_ += patch_.activity[n];
+    ++mean_count_;
   }
-  std::int32_t residual(std::int32_t q, std::size_t level, std::size_t size) {
-    if (!codeBit(coder_, zero_[level][size], q != 0)) return 0;
+  std::int32_t residual(std::int32_t q, int log) {
+    if (!some_.code(coder_, log, q != 0)) return 0;
     const bool negative = coder_.code(q < 0, kHalf);
     const std::int32_t magnitude = std::abs(q);
     std::int32_t m = 1;
-    while (m < kUnary &&
-           codeBit(coder_, more_[std::min<std::size_t>(static_cast<std::size_t>(m - 1), 3)], magnitude > m))
+    if (more_.code(coder_, log, magnitude > 1)) {
       ++m;
-    if (m == kUnary)
-      m += static_cast<std::int32_t>(
-          codeNumber(coder_, static_cast<std::uint32_t>(magnitude - kUnary), 3, 20));
+      while (m < kUnary && further_.code(coder_, log, magnitude > m)) ++m;
+      if (m == kUnary)
+        m += static_cast<std::int32_t>(
+            codeNumber(coder_, static_cast<std::uint32_t>(magnitude - kUnary), 3, 21));
+    }
     return negative ? -m : m;
   }
 
-  static constexpr std::int32_t kUnary = 12;
+  static constexpr std::int32_t kUnary = 20;
+  static constexpr std::int64_t kZeroSize = 115;   // 0.45 E: what a residual of no step is on average
+  static constexpr std::int64_t kOwnWeight = 192;  // of the mean over the packet, in local activity
+  static constexpr int kNearWeight = 512;          // of a neighbour's activity, over squared distance
+  static constexpr std::int64_t kMeanWeight = 8;   // nodes that the packet's roughness counts for
+  static constexpr std::int64_t kLostDeviation = 16 * 256;  // where nothing around is known
   Coder& coder_;
   Patch& patch_;
+  KrigingTable& table_;
+  std::int64_t mean_sum_, mean_count_ = kMeanWeight;
   std::int32_t last_ = 0;
-  std::array<std::array<AdaptiveBit, 3>, 5> zero_;
-  std::array<AdaptiveBit, 4> more_{AdaptiveBit(14000, 3), AdaptiveBit(18000, 3), AdaptiveBit(20000, 3),
-                                   AdaptiveBit(24000, 3)};
+  std::array<int, kCandidates> around_{};
+  std::array<int, kCandidates> nearness_{};
+  ScaledBit some_{kSomePrior}, more_{kMorePrior}, further_{kMorePrior};
 };
 
 }  // namespace fathom::telemetry::packet
