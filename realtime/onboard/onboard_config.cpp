@@ -73,7 +73,12 @@ OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path
   config.stereo = stereo::readSparseStereoConfig(root.table("stereo"), config.stereo);
   config.lighting = lighting::readLightingConfig(root.table("lighting"), config.lighting);
   read(root.table("map"), config.map);
-  read(root.table("link"), config.link);
+  const ConfigTable link = root.table("link");
+  read(link, config.link);
+  // Beside the configuration, unless it says where.
+  const std::filesystem::path key_file = link.text("key_file", "");
+  if (!key_file.empty())
+    config.downlink_key = telemetry::readDownlinkKey(path->parent_path() / key_file, config.warning);
   read(root.table("slam"), config);
   const ConfigTable nav = root.table("nav");
   config.drift_share = nav.number("drift_share", config.drift_share, 0, 1);

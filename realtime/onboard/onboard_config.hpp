@@ -7,6 +7,7 @@
 #include "firmware_if/mission.hpp"
 #include "realtime/onboard/link/link_core.hpp"
 #include "realtime/onboard/map/map_core.hpp"
+#include "telemetry/downlink_key.hpp"
 
 namespace fathom::onboard {
 
@@ -25,7 +26,9 @@ struct OnboardConfig {
   double max_pair_skew = 0.02;     // between the exposures of a stereo pair [s]
   double odometry_interval = 0.1;  // between rows of odometry.csv [s]
   double health_interval = 1.0;    // between rows of health.csv [s]
-  std::string text;                // of the file, verbatim
+  std::optional<telemetry::DownlinkKey> downlink_key;  // of link.key_file; absent: requests are refused
+  std::string warning;                                 // about the key file, or ""
+  std::string text;                                    // of the file, verbatim
 };
 
 // Without a path: the defaults. Throws InputError for an unknown key or a value out of range.

@@ -18,9 +18,9 @@ namespace fathom::onboard {
 namespace {
 
 // What onboard/ of a mission folder may hold.
-constexpr std::array<std::string_view, 8> kOurs = {"packets.bin", "closures.csv", "health.csv",
-                                                   "map.ply",     "odometry.csv", "stereo_pose_est.data",
-                                                   "report.json", "timing.json"};
+constexpr std::array<std::string_view, 9> kOurs = {"packets.bin",          "downlink.bin", "closures.csv",
+                                                   "health.csv",           "map.ply",      "odometry.csv",
+                                                   "stereo_pose_est.data", "report.json",  "timing.json"};
 
 }  // namespace
 
@@ -83,6 +83,12 @@ void OnboardOutput::addPacket(std::int64_t utc_ns, std::span<const std::uint8_t>
     throw std::runtime_error("cannot write packets.bin in " + folder_.path().string());
 }
 
+void OnboardOutput::addDownlink(std::int64_t utc_ns, std::span<const std::uint8_t> frame) {
+  if (!downlink_.is_open()) downlink_.open(folder_.path() / "downlink.bin", std::ios::binary);
+  if (!telemetry::writePacket(downlink_, utc_ns, frame))
+    throw std::runtime_error("cannot write downlink.bin in " + folder_.path().string());
+}
+
 void OnboardOutput::addHealth(std::int64_t utc_ns, const std::vector<std::pair<std::string, double>>& row) {
   if (!health_header_) {
     health_ << "utc_ns";
@@ -111,7 +117,8 @@ void OnboardOutput::commit() {
   io::writeStereoPoses(folder_.path() / "stereo_pose_est.data", poses_);
   packets_.close();
   health_.close();
-  if (packets_.fail() || health_.fail())
+  if (downlink_.is_open()) downlink_.close();
+  if (packets_.fail() || health_.fail() || downlink_.fail())
     throw std::runtime_error("cannot write into " + folder_.path().string() + " (disk full?)");
   folder_.commit();
 }

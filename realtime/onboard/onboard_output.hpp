@@ -35,6 +35,8 @@ class OnboardOutput {
   // Loop closures, named by the left images of their keyframes; chi2 against the poses now.
   void writeClosures(const LocalisationCore& localisation);
   void addPacket(std::int64_t utc_ns, std::span<const std::uint8_t> frame);
+  // A frame received; the file exists only if there was one.
+  void addDownlink(std::int64_t utc_ns, std::span<const std::uint8_t> frame);
   // The first row's names become health.csv's header; every row has the same columns.
   void addHealth(std::int64_t utc_ns, const std::vector<std::pair<std::string, double>>& row);
   void writeMap(const Mesh& map_in_nav);
@@ -47,7 +49,7 @@ class OnboardOutput {
   std::vector<io::TrajectoryPoint> odometry_;
   io::StereoPoseFile poses_;
   std::vector<MapOutput> outputs_;  // of the same pairs
-  std::ofstream packets_, health_;
+  std::ofstream packets_, downlink_, health_;
   bool health_header_ = false;
 };
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <type_traits>
 
 namespace fathom::onboard {
@@ -10,7 +11,12 @@ namespace {
 constexpr double kNanoseconds = 1e9;  // in a second
 constexpr double kLostAfter = 3.0;    // a sensor silent for longer is reported as lost [s]
 constexpr double kNoPairsAfter =
-    10.0;                            // without a stereo pair for longer the cameras are reported as lost [s]
+    10.0;  // without a stereo pair for longer the cameras are reported as lost [s]
+constexpr double kDegree = std::numbers::pi / 180;
+// Of a fix that does not say: wide for a ship's USBL in shallow water [m].
+constexpr double kUnstatedFixSigma = 5.0;
+// The clocks of ship and vehicle may differ by so much at the start of the dive.
+constexpr std::int64_t kClockSlack_ns = 600'000'000'000;
 constexpr double kPoorPoints = 0.1;  // fewer than this share of the wanted points a pair is poor stereo
 
 NavCoreConfig navCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission) {
@@ -43,6 +49,8 @@ OnboardSystem::OnboardSystem(const OnboardConfig& config, const io::MissionConfi
       nav_(navCoreConfig(config, mission)),
       map_(mapCoreConfig(config, mission, rig), slots),
       link_(linkCoreConfig(config, mission)),
+      downlink_({mission.vehicle_id, mission.dive_id}, config.downlink_key,
+                mission.start_utc_ns - kClockSlack_ns),
       progress_(planOf(mission)) {
   telemetry::MissionInfo info;
   info.vehicle_name = mission.vehicle_name;
@@ -135,7 +143,18 @@ void OnboardSystem::mapPairs(const std::function<void(const MappedPair&)>& on_pa
   }
 }
 
+void OnboardSystem::receiveFrame(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
+  const telemetry::DownlinkContent content = downlink_.accept(now_ns, frame).content;
+  // The poses are final when the survey is over.
+  if (content.fix && !survey_over_) {
+    const double sigma = std::isnan(content.fix->sigma) ? kUnstatedFixSigma : content.fix->sigma;
+    addFix(nav::FixKind::kUsbl, content.fix->utc_ns, content.fix->latitude * kDegree,
+           content.fix->longitude * kDegree, sigma);
+  }
+}
+
 void OnboardSystem::finish(std::int64_t now_ns) {
+  survey_over_ = true;
   map_.finish();
   link_.offerTiles(map_.map(), now_ns, true);
   if (last_pose_) link_.setStatus(status(now_ns));
@@ -211,6 +230,20 @@ std::uint16_t OnboardSystem::healthFlags(std::int64_t now_ns,
 std::size_t OnboardSystem::nextFrame(std::int64_t now_ns, bool survey_over, std::span<std::uint8_t> out) {
   if (survey_over) link_.offerTiles(map_.map(), now_ns, true);
   return link_.nextFrame(now_ns, out);
+}
+
+void OnboardSystem::addDownlink(std::vector<std::pair<std::string, double>>& row) const {
+  const telemetry::DownlinkReceiver::Counters& c = downlink_.counters();
+  const auto add = [&](std::string name, std::uint64_t value) {
+    std::replace(name.begin(), name.end(), '-', '_');
+    row.emplace_back("downlink_" + name, static_cast<double>(value));
+  };
+  for (std::size_t v = 0; v < telemetry::kDownlinkVerdicts; ++v)
+    add(telemetry::name(static_cast<telemetry::DownlinkVerdict>(v)), c.verdicts[v]);
+  add("acknowledgements", c.acknowledgements);
+  add("fixes", c.fixes);
+  add("requests", c.requests);
+  add("repeated_requests", c.repeated_requests);
 }
 
 void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>& row) const {
@@ -333,6 +366,7 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   add("link_tiles_waiting", l.tiles_waiting);
   add("link_tiles_evicted", l.tiles_evicted);
   add("link_periods_stretched", l.periods_stretched);
+  addDownlink(row);
   return row;
 }
 

@@ -15,6 +15,7 @@
 #include "realtime/onboard/onboard_config.hpp"
 #include "recon/geometry/sensor_samples.hpp"
 #include "recon/nav/camera_clock.hpp"
+#include "telemetry/downlink.hpp"
 
 namespace fathom::onboard {
 
@@ -52,6 +53,10 @@ class OnboardSystem {
   // Link time passes; the next frame to send or 0. Call until 0. `survey_over`: nothing more will be mapped.
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, bool survey_over, std::span<std::uint8_t> out);
 
+  // A frame that the modem received: acknowledgements and requests go to the link, position fixes to the map.
+  // Whatever else it is, is counted.
+  void receiveFrame(std::int64_t now_ns, std::span<const std::uint8_t> frame);
+
   // Names and values of every counter, for health.csv.
   [[nodiscard]] std::vector<std::pair<std::string, double>> health() const;
   [[nodiscard]] telemetry::Status status(std::int64_t now_ns) const;
@@ -72,6 +77,7 @@ class OnboardSystem {
   [[nodiscard]] bool readPair(const MappedPair& pair, MapInput& input) const;
   void addImage(const ImageEvent& event, std::int64_t arrival_utc_ns);
   void mapPairs(const std::function<void(const MappedPair&)>& on_pair);
+  void addDownlink(std::vector<std::pair<std::string, double>>& row) const;
   void addLocalisation(std::vector<std::pair<std::string, double>>& row) const;
   void updateTrack(std::int64_t now_ns);
   [[nodiscard]] std::uint16_t healthFlags(std::int64_t now_ns,
@@ -87,6 +93,7 @@ class OnboardSystem {
   NavCore nav_;
   MapCore map_;
   LinkCore link_;
+  telemetry::DownlinkReceiver downlink_;
   MissionProgress progress_;
   nav::CameraClock left_clock_, right_clock_;
   std::vector<std::string> image_names_;  // by frame id
@@ -96,6 +103,7 @@ class OnboardSystem {
   std::uint64_t fixes_without_odometry_ = 0;
   std::int64_t last_pair_ns_ = 0, last_tick_ns_ = 0;
   std::size_t last_points_ = 0;  // of the newest pair
+  bool survey_over_ = false;
 };
 
 }  // namespace fathom::onboard

@@ -3,11 +3,9 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cstdio>
 #include <nlohmann/json.hpp>
-#include <thread>
 
 #include "firmware_if/feature_file.hpp"
 #include "firmware_if/image_file.hpp"
@@ -137,6 +135,7 @@ nlohmann::ordered_json reportOf(const ReplaySummary& summary, const OnboardSyste
   report["mapped_area_m2"] = summary.mapped_area;
   report["frames"] = summary.frames;
   report["frame_bytes"] = summary.frame_bytes;
+  report["frames_received"] = summary.frames_received;
   report["anchored"] = system.map().anchored();
   report["T_nav_odom_m"] = {system.map().T_nav_odom().translation().x(),
                             system.map().T_nav_odom().translation().y(),
@@ -175,45 +174,12 @@ double milliseconds(std::int64_t ns) {
   return static_cast<double>(ns) * 1e-6;
 }
 
-// Frames leave through here: into packets.bin, and to the modem at the replay's pace.
-class FrameSender {
- public:
-  FrameSender(OnboardOutput& output, const ReplayOptions& options, std::int64_t first_ns)
-      : output_(output), options_(options), first_ns_(first_ns), start_(Clock::now()) {}
-
-  void sendAll(OnboardSystem& system, std::int64_t now_ns, bool survey_over, ReplaySummary& summary) {
-    while (const std::size_t size = system.nextFrame(now_ns, survey_over, buffer_)) {
-      const std::span<const std::uint8_t> frame(buffer_.data(), size);
-      output_.addPacket(now_ns, frame);
-      ++summary.frames;
-      summary.frame_bytes += size;
-      if (!options_.modem) continue;
-      pace(now_ns);
-      if (!options_.modem->send(frame)) ++refused_;
-    }
-  }
-  void pace(std::int64_t now_ns) const {
-    if (options_.speed <= 0) return;
-    const double due = static_cast<double>(now_ns - first_ns_) / kNanoseconds / options_.speed;
-    std::this_thread::sleep_until(
-        start_ + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(due)));
-  }
-  [[nodiscard]] std::uint64_t refused() const { return refused_; }
-
- private:
-  OnboardOutput& output_;
-  const ReplayOptions& options_;
-  std::int64_t first_ns_;
-  Clock::time_point start_;
-  std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer_{};
-  std::uint64_t refused_ = 0;
-};
-
 }  // namespace
 
 ReplaySummary replay(const ReplayOptions& options) {
   const io::MissionPaths paths(options.mission);
   OnboardConfig config = readOnboardConfig(options.config);
+  if (!config.warning.empty()) std::fprintf(stderr, "fathom-onboard: warning: %s\n", config.warning.c_str());
   if (options.no_slam) config.localisation.enabled = false;
   const io::MissionConfig mission = io::readMissionConfig(options.mission);
   const StereoRig rig = readStereoCalib(paths.calib());
@@ -231,7 +197,7 @@ ReplaySummary replay(const ReplayOptions& options) {
   OnboardSystem system(config, mission, rig, images.source(), {slots.features.get(), slots.meshes.get()});
   StageClock stages;
   system.setStageObserver([&](const char* stage) { stages.ended(stage); });
-  FrameSender sender(output, options, first_ns);
+  FrameExchange link(output, options.link, first_ns);
   Progress progress(summary.mission_s);
 
   std::int64_t next_odometry_ns = first_ns, next_health_ns = first_ns, last_odometry_ns = 0;
@@ -261,8 +227,8 @@ ReplaySummary replay(const ReplayOptions& options) {
       output.addHealth(now, system.health());
       next_health_ns = now + static_cast<std::int64_t>(config.health_interval * kNanoseconds);
     }
-    sender.sendAll(system, now, false, summary);
-    progress.show(static_cast<double>(now - first_ns) / kNanoseconds, summary.pairs, summary.frames);
+    link.exchange(system, now, false);
+    progress.show(static_cast<double>(now - first_ns) / kNanoseconds, summary.pairs, link.counters().sent);
   }
 
   const auto before_finish = Clock::now();
@@ -271,10 +237,13 @@ ReplaySummary replay(const ReplayOptions& options) {
   constexpr std::int64_t kDrainStep = 100'000'000;  // [ns]
   const std::int64_t drain_end = last_ns + static_cast<std::int64_t>(options.drain_s * kNanoseconds);
   for (std::int64_t now = last_ns; now <= drain_end; now += kDrainStep) {
-    sender.sendAll(system, now, true, summary);
+    link.exchange(system, now, true);
     if (system.link().drained()) break;
   }
 
+  summary.frames = link.counters().sent;
+  summary.frame_bytes = link.counters().sent_bytes;
+  summary.frames_received = link.counters().received;
   summary.wall_s = secondsSince(start);
   summary.mapped_area = system.link().mappedArea();
   const Mesh map = fusion::toMesh(system.map().map());
@@ -299,7 +268,7 @@ ReplaySummary replay(const ReplayOptions& options) {
                                  {"p50", milliseconds(times.percentile(50))},
                                  {"p99", milliseconds(times.percentile(99))},
                                  {"max", milliseconds(times.max())}};
-  timing["modem_refused_frames"] = sender.refused();
+  timing["modem_refused_frames"] = link.counters().refused;
   output.writeText("timing.json", timing.dump(2) + "\n");
   output.commit();
   summary.unreadable_images = system.unreadableImages();

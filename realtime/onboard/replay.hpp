@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <optional>
 
-#include "realtime/kernel/frame_port.hpp"
+#include "realtime/onboard/modem/frame_exchange.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 
 namespace fathom::onboard {
@@ -14,15 +14,15 @@ struct ReplayOptions {
   std::optional<std::filesystem::path> config;  // TOML; absent: defaults
   std::optional<std::filesystem::path> out;     // absent: <mission>/onboard
   bool no_slam = false;                         // whatever the configuration says
-  FramePort* modem = nullptr;  // frames also go here, at the mission's own pace times `speed`
-  double speed = 0;            // mission seconds a second; 0: as fast as the machine goes
+  FrameExchangeOptions link;                    // the modem, both ways
   double drain_s =
       0;  // after the last sample the vehicle goes on sending until all has left, at most so long [s]
 };
 
 struct ReplaySummary {
   std::uint64_t samples = 0, damaged_entries = 0, pairs = 0, pairs_used = 0, unreadable_images = 0;
-  std::uint64_t frames = 0, frame_bytes = 0;
+  std::uint64_t frames = 0, frame_bytes = 0;  // sent
+  std::uint64_t frames_received = 0;
   double mapped_area = 0;       // [m2]
   double mission_s = 0;         // from first to last sample
   double wall_s = 0;            // of the replay
@@ -30,7 +30,8 @@ struct ReplaySummary {
 };
 
 // Feeds a recorded (or simulated) mission to the three cores in logged order and writes onboard/. Everything
-// but timing.json depends on the mission and the configuration alone: two replays give identical bytes.
+// but timing.json depends on the mission, the configuration and the frames received (downlink.bin) alone: two
+// replays give identical bytes.
 // Throws InputError for a mission that cannot be used; an unreadable image is counted and its pair dropped.
 ReplaySummary replay(const ReplayOptions& options);
 

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "realtime/kernel/frame_port.hpp"
+#include "realtime/onboard/onboard_output.hpp"
+#include "realtime/onboard/onboard_system.hpp"
+#include "telemetry/packet_log.hpp"
+
+namespace fathom::onboard {
+
+struct FrameExchangeOptions {
+  FramePort* modem = nullptr;
+  // Tells a simulated modem the mission's time before each use; a real one needs none.
+  std::function<void(std::int64_t now_ns)> modem_clock;
+  // Frames to receive instead of the modem's, at the times at which they were received: a downlink.bin.
+  std::optional<std::filesystem::path> downlink;
+  double speed = 0;  // mission seconds a second, with a modem; 0: as fast as the machine goes
+};
+
+// Frames cross here between the onboard system and the modem, in mission time: what goes out is written into
+// packets.bin, what comes in into downlink.bin in the order in which the system consumed it. Frames are
+// received once at each time, after its first sample: the same frames at the same times replay exactly.
+class FrameExchange {
+ public:
+  // Throws InputError for a downlink file that cannot be read, is damaged or runs backwards.
+  FrameExchange(OnboardOutput& output, const FrameExchangeOptions& options, std::int64_t first_ns);
+
+  // The mission has come to `now_ns`: waits for that moment where the speed is given, receives, sends.
+  void exchange(OnboardSystem& system, std::int64_t now_ns, bool survey_over);
+
+  struct Counters {
+    std::uint64_t sent = 0, sent_bytes = 0;
+    std::uint64_t refused = 0;  // by the modem
+    std::uint64_t received = 0;
+  };
+  [[nodiscard]] const Counters& counters() const { return counters_; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  void pace(std::int64_t now_ns) const;
+  void receive(OnboardSystem& system, std::int64_t now_ns);
+  void give(OnboardSystem& system, std::int64_t now_ns, std::span<const std::uint8_t> frame);
+
+  OnboardOutput& output_;
+  FrameExchangeOptions options_;
+  std::int64_t first_ns_;
+  Clock::time_point start_;
+  std::optional<std::int64_t> received_at_ns_;
+  std::vector<telemetry::Packet> recorded_;  // of options_.downlink
+  std::size_t next_recorded_ = 0;
+  std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer_{};
+  Counters counters_;
+};
+
+}  // namespace fathom::onboard

@@ -1,0 +1,119 @@
+#include "realtime/onboard/modem/simulated_ship.hpp"
+
+#include <array>
+#include <stdexcept>
+
+#include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/atomic_file.hpp"
+#include "sim/link/channel.hpp"
+#include "telemetry/packet_log.hpp"
+#include "telemetry/ship_link.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+constexpr double kNanoseconds = 1e9;  // in a second
+
+sim::ChannelConfig waterOf(const SimulatedShipOptions& options) {
+  sim::ChannelConfig water;  // with its few echoes, overtaken and damaged frames
+  water.loss = options.loss;
+  water.mean_burst = options.mean_burst;
+  water.delay_s = options.delay_s;
+  water.rate_bps = options.rate_bps;
+  water.seed = options.seed;
+  try {
+    validate(water);
+  } catch (const std::invalid_argument& e) {
+    throw InputError("--simulated-ship", "", e.what());
+  }
+  return water;
+}
+
+}  // namespace
+
+struct SimulatedShip::Impl {
+  Impl(const std::filesystem::path& heard, const SimulatedShipOptions& o)
+      : options(o), water(waterOf(o), waterOf(o), o.half_duplex), file(heard) {
+    switchOn();
+  }
+
+  void switchOn() {
+    telemetry::ShipLinkConfig config;
+    config.frame_bytes = options.frame_bytes;
+    ship = std::make_unique<telemetry::ShipLink>(std::nullopt, options.key, config);
+  }
+  [[nodiscard]] bool off(double t) const { return t >= options.off_from_s && t < options.off_to_s; }
+
+  // What has arrived by the time `t` (in seconds of the mission) is heard and answered.
+  void listen(double t) {
+    water.advance(t);
+    const std::int64_t now_ns = first_ns + static_cast<std::int64_t>(t * kNanoseconds);
+    std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer{};
+    if (off(t) && ship) {
+      repaired += ship->receiver().counters().repaired;
+      ship.reset();
+    }
+    if (!off(t) && !ship) switchOn();
+    while (const std::size_t size = water.ship().receive(buffer)) {
+      if (!ship) continue;
+      const std::span<const std::uint8_t> frame(buffer.data(), size);
+      if (!telemetry::writePacket(file.stream(), now_ns, frame))
+        throw std::runtime_error("the ship's frames cannot be written (disk full?)");
+      ++frames_heard;
+      ship->accept(now_ns, frame, [](telemetry::MessageType, std::span<const std::uint8_t>) { return true; });
+    }
+    if (!ship) return;
+    if (const std::size_t size = ship->nextFrame(now_ns, buffer)) {
+      ++answers;
+      static_cast<void>(water.ship().send(std::span(buffer).first(size)));
+    }
+  }
+
+  SimulatedShipOptions options;
+  sim::ChannelPair water;
+  AtomicFile file;
+  std::unique_ptr<telemetry::ShipLink> ship;  // null while it is switched off
+  bool started = false;
+  std::int64_t first_ns = 0;
+  std::uint64_t frames_heard = 0, answers = 0, repaired = 0;
+};
+
+SimulatedShip::SimulatedShip(const std::filesystem::path& heard, const SimulatedShipOptions& options)
+    : impl_(std::make_unique<Impl>(heard, options)) {}
+SimulatedShip::~SimulatedShip() = default;
+
+FramePort& SimulatedShip::modem() {
+  return impl_->water.vehicle();
+}
+
+void SimulatedShip::advance(std::int64_t now_ns) {
+  Impl& i = *impl_;
+  if (!i.started) i.first_ns = now_ns;
+  i.started = true;
+  const double now = static_cast<double>(now_ns - i.first_ns) / kNanoseconds;
+  // Frame by frame, each at its own time.
+  for (double next = i.water.uplink().nextArrival(); next >= 0 && next < now;
+       next = i.water.uplink().nextArrival())
+    i.listen(next);
+  i.listen(now);
+}
+
+void SimulatedShip::finish() {
+  impl_->file.commit();
+}
+
+SimulatedShip::Summary SimulatedShip::summary() const {
+  const sim::AcousticChannel::Counters &up = impl_->water.uplink().counters(),
+                                       &down = impl_->water.downlink().counters();
+  Summary s;
+  s.sent = up.offered - up.refused;
+  s.heard = impl_->frames_heard;
+  s.collided = up.collided;
+  s.repaired = impl_->repaired + (impl_->ship ? impl_->ship->receiver().counters().repaired : 0);
+  s.answers = impl_->answers;
+  s.answers_heard = down.delivered;
+  s.loss = s.sent > 0 ? static_cast<double>(up.lost + up.collided) / static_cast<double>(s.sent) : 0;
+  return s;
+}
+
+}  // namespace fathom::onboard

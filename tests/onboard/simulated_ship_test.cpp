@@ -1,0 +1,153 @@
+#include "realtime/onboard/modem/simulated_ship.hpp"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <vector>
+
+#include "realtime/kernel/input_error.hpp"
+#include "telemetry/downlink.hpp"
+#include "telemetry/frame.hpp"
+#include "telemetry/packet_log.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+constexpr telemetry::LinkIdentity kIdentity{3, 17};
+constexpr std::int64_t kSecond_ns = 1'000'000'000;
+constexpr std::int64_t kStart_ns = 1'790'000'000 * kSecond_ns;
+using Bytes = std::vector<std::uint8_t>;
+
+Bytes uplink(int sequence, bool turn) {
+  telemetry::FrameHeader header;
+  header.identity = kIdentity;
+  header.sequence = static_cast<std::uint16_t>(sequence);
+  header.type = telemetry::MessageType::kTrack;
+  header.turn = turn;
+  Bytes frame(telemetry::kMaxFrameBytes);
+  const Bytes payload(22, 5);
+  frame.resize(telemetry::encodeFrame(header, payload, frame));
+  return frame;
+}
+
+std::vector<telemetry::Packet> heardIn(const std::filesystem::path& file) {
+  telemetry::PacketLogReader reader(file);
+  std::vector<telemetry::Packet> packets;
+  while (auto packet = reader.next()) packets.push_back(std::move(*packet));
+  return packets;
+}
+
+// A vehicle that sends a frame every two seconds and listens after every tenth.
+struct Dive {
+  std::vector<telemetry::Packet> heard;
+  std::vector<telemetry::Acknowledgement> acknowledgements;
+  SimulatedShip::Summary summary;
+};
+Dive dive(const SimulatedShipOptions& options, int frames) {
+  const test::TemporaryFolder folder;
+  Dive result;
+  SimulatedShip ship(folder.path() / "heard.bin", options);
+  telemetry::DownlinkReceiver vehicle(kIdentity, options.key, kStart_ns - kSecond_ns);
+  std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer{};
+  int sequence = 0;
+  for (int tick = 0; sequence < frames; ++tick) {
+    const std::int64_t now_ns = kStart_ns + tick * kSecond_ns;
+    ship.advance(now_ns);
+    while (const std::size_t size = ship.modem().receive(buffer))
+      if (const auto a = vehicle.accept(now_ns, std::span(buffer).first(size)).content.acknowledgement)
+        result.acknowledgements.push_back(*a);
+    constexpr int kPeriod = 30;  // [s]: ten frames, then ten seconds of silence
+    if (tick % kPeriod >= 20 || tick % 2 != 0) continue;
+    EXPECT_TRUE(ship.modem().send(uplink(sequence, tick % kPeriod == 18)));
+    ++sequence;
+  }
+  ship.advance(kStart_ns + 1'000'000 * kSecond_ns);
+  ship.finish();
+  result.heard = heardIn(folder.path() / "heard.bin");
+  result.summary = ship.summary();
+  return result;
+}
+
+SimulatedShipOptions clear() {
+  SimulatedShipOptions options;
+  options.loss = 0;
+  return options;
+}
+
+TEST(SimulatedShip, HearsAfterTransmissionAndDelayAndAnswersEveryTurn) {
+  const Dive d = dive(clear(), 100);
+  EXPECT_EQ(d.summary.sent, 100u);
+  EXPECT_GE(d.heard.size(), 97u);  // a few are damaged beyond their CRC, but heard
+  // 32 bytes at 300 bit/s, and a second on the way.
+  EXPECT_NEAR(static_cast<double>(d.heard.front().utc_ns - kStart_ns), (32 * 8 / 300.0 + 1) * 1e9, 1e6);
+  for (std::size_t i = 1; i < d.heard.size(); ++i) EXPECT_GE(d.heard[i].utc_ns, d.heard[i - 1].utc_ns);
+  EXPECT_GE(d.summary.answers, 8u);
+  EXPECT_EQ(d.summary.collided, 0u);
+  ASSERT_GE(d.acknowledgements.size(), 8u);
+  EXPECT_EQ(d.acknowledgements.front().newest, 9);
+}
+
+TEST(SimulatedShip, WhatIsAcknowledgedIsExactlyWhatWasHeard) {
+  SimulatedShipOptions options = clear();
+  options.loss = 0.3;
+  options.mean_burst = 5;
+  options.seed = 7;
+  const Dive d = dive(options, 300);
+  EXPECT_NEAR(d.summary.loss, 0.3, 0.12);
+  ASSERT_FALSE(d.acknowledgements.empty());
+  std::vector<bool> heard(300);
+  for (const telemetry::Packet& p : d.heard) {
+    const auto frame = telemetry::decodeFrame(p.bytes);
+    if (frame.verdict == telemetry::FrameVerdict::kAccepted) heard[frame.header.sequence] = true;
+  }
+  int lost = 0, told = 0;
+  const telemetry::Acknowledgement& last = d.acknowledgements.back();
+  for (int s = 0; s <= last.newest; ++s) {
+    const auto word = last.heard(static_cast<std::uint16_t>(s));
+    if (!word) continue;
+    ++told;
+    lost += !*word;
+    EXPECT_EQ(*word, heard[static_cast<std::size_t>(s)]) << s;
+  }
+  EXPECT_EQ(told, 125);  // the newest, and what an unsigned frame of 32 B holds
+  EXPECT_GT(lost, 5);
+}
+
+TEST(SimulatedShip, TheSameSeedIsTheSameDive) {
+  SimulatedShipOptions options = clear();
+  options.loss = 0.4;
+  const Dive a = dive(options, 60), b = dive(options, 60);
+  ASSERT_EQ(a.heard.size(), b.heard.size());
+  for (std::size_t i = 0; i < a.heard.size(); ++i) EXPECT_EQ(a.heard[i].bytes, b.heard[i].bytes);
+}
+
+TEST(SimulatedShip, AComputerThatIsOffHearsNothingAndIsBackAfterwards) {
+  SimulatedShipOptions options = clear();
+  options.off_from_s = 60;
+  options.off_to_s = 360;
+  const Dive d = dive(options, 200);
+  int during = 0, after = 0;
+  for (const telemetry::Packet& p : d.heard) {
+    const double t = static_cast<double>(p.utc_ns - kStart_ns) / 1e9;
+    during += t >= 60 && t < 360;
+    after += t >= 360;
+  }
+  EXPECT_EQ(during, 0);
+  EXPECT_GT(after, 70);
+  // It begins with nothing in its memory: what was sent before is not acknowledged again.
+  ASSERT_FALSE(d.acknowledgements.empty());
+  EXPECT_EQ(d.acknowledgements.back().heard(static_cast<std::uint16_t>(d.acknowledgements.back().newest - 1)),
+            true);
+}
+
+TEST(SimulatedShip, AWaterThatCannotBeIsRefused) {
+  const test::TemporaryFolder folder;
+  SimulatedShipOptions options;
+  options.loss = 1.5;
+  EXPECT_THROW(SimulatedShip(folder.path() / "heard.bin", options), InputError);
+  EXPECT_FALSE(std::filesystem::exists(folder.path() / "heard.bin"));
+}
+
+}  // namespace
+}  // namespace fathom::onboard
