@@ -1,5 +1,6 @@
 #include "realtime/onboard/onboard_config.hpp"
 
+#include <cmath>
 #include <fstream>
 #include <iterator>
 #include <stdexcept>
@@ -17,8 +18,11 @@ int whole(const ConfigTable& t, const char* key, int fallback, int min, int max)
 
 void read(const ConfigTable& t, fusion::QuadtreeConfig& c) {
   c.root_size = t.number("root_size_m", c.root_size, 1, 1024);
+  if (std::exp2(std::round(std::log2(c.root_size))) != c.root_size)
+    t.fail("root_size_m", "must be a power of two: 1, 2, 4, ... 1024");
   c.max_level = whole(t, "max_level", c.max_level, 0, 12);
   c.max_tiles = whole(t, "max_tiles", c.max_tiles, 16, 1 << 20);
+  c.layers_per_tile = whole(t, "layers_per_tile", c.layers_per_tile, 1, 4096);
   c.min_sigma = t.number("min_sigma_m", c.min_sigma, 1e-4, 1);
 }
 

@@ -1,195 +1,249 @@
 #include <algorithm>
 #include <cmath>
-#include <unordered_map>
 
+#include "recon/fusion/cell_reading.hpp"
 #include "recon/fusion/quadtree_impl.hpp"
 
 namespace fathom::fusion {
 namespace {
 
-using Node = QuadtreeStore::Node;
 constexpr int kCells = QuadtreeStore::kCells;
 constexpr int kSide = HeightTile::kSide;
+// Slopes by which heights are carried beyond what was seen: steeper ones are steps.
+constexpr double kMaxSlope = 1.5;
 
-HeightTile::Node shown(const Node& node) {
-  HeightTile::Node out;
-  if (!node.seen()) return out;
-  out.depth = node.depth;
-  out.sigma = std::sqrt(node.variance());
-  out.coverage = 1;
-  out.colour = node.rgb();
-  return out;
-}
-
-// Means of the leaves' nodes under a tent as wide as a coarse tile's spacing, each node weighted by the area
-// that it stands for: on an even slope without bias.
-class TentMean {
+// Nodes of one tile and one more around it, as means of cells under a tent as wide as the tile's spacing,
+// each cell weighted by its area.
+class NodeMeans {
  public:
-  TentMean(const QuadtreeStore& store, const TileKey& key) : store_(store), key_(key) {}
+  static constexpr int kMargin = 1;                         // nodes around the tile
+  static constexpr int kNodes = kSide + 2 * kMargin;        // a side
+  static constexpr int kRegion = kCells + 2 * kMargin + 2;  // cells a side that reach those nodes
+  static constexpr int kFirst = -kMargin - 1;               // the first of them
 
-  void add(const TileKey& below, std::uint32_t& revision) {
-    const double size = store_.tileSize(below.level), spacing = store_.spacing(key_.level);
-    const double north0 = key_.north_index * store_.tileSize(key_.level);
-    const double east0 = key_.east_index * store_.tileSize(key_.level);
-    const double north = below.north_index * size, east = below.east_index * size;
-    const double reach = store_.tileSize(key_.level) + spacing;
-    if (north >= north0 + reach || north + size <= north0 - spacing || east >= east0 + reach ||
-        east + size <= east0 - spacing)
-      return;
-    const std::int32_t found = store_.find(below);
-    if (found == TileIndex::kAbsent) return;
-    if (found == TileIndex::kInner) {
-      for (int c = 0; c < 4; ++c) add(QuadtreeStore::child(below, c / 2, c % 2), revision);
-      return;
-    }
-    if (below.level <= key_.level) return;  // coarser neighbours: see extract()
-    revision = std::max(revision, store_.leaf(found).revision);
-    const double step = store_.spacing(below.level) / spacing;
-    const QuadtreeStore::Nodes& nodes = store_.nodes(found);
-    for (int k = 0; k < kCells * kCells; ++k) {
-      const Node& node = nodes[static_cast<std::size_t>(k)];
-      if (!node.seen()) continue;
-      const double x = (north - north0) / spacing + (k / kCells) * step;
-      const double y = (east - east0) / spacing + (k % kCells) * step;
-      const int i = static_cast<int>(std::floor(x)), j = static_cast<int>(std::floor(y));
-      for (int c = 0; c < 4; ++c) {
-        const int ti = i + c / 2, tj = j + c % 2;
-        if (ti < 0 || ti >= kSide || tj < 0 || tj >= kSide) continue;
-        const double tent = (1 - std::abs(x - ti)) * (1 - std::abs(y - tj)) * step * step;
-        if (tent > 0) addTo(sums_[static_cast<std::size_t>(ti * kSide + tj)], node, tent);
+  NodeMeans(const QuadtreeStore& store, const TileKey& key) : store_(store), key_(key) {
+    for (int n = -1; n <= 1; ++n)
+      for (int e = -1; e <= 1; ++e) {
+        const TileKey near{key.north_index + n, key.east_index + e, key.level};
+        Areas areas{};
+        gather(near, areas);
+        for (int k = 0; k < kCells * kCells; ++k) {
+          const int i = n * kCells + k / kCells, j = e * kCells + k % kCells;
+          if (!inRegion(i, j)) continue;
+          float& area = covered(i, j);
+          area = areas[static_cast<std::size_t>(k)];
+        }
       }
-    }
+    for (int i = kFirst; i < kFirst + kRegion; ++i)
+      for (int j = kFirst; j < kFirst + kRegion; ++j) showCoarser(i, j);
+  }
+
+  // Whether anything was seen in the tile's own cells.
+  [[nodiscard]] bool any() const {
+    for (int i = 0; i < kCells; ++i)
+      for (int j = 0; j < kCells; ++j)
+        if (covered_[regionIndex(i, j)] > 0) return true;
+    return false;
   }
 
   [[nodiscard]] HeightTile::Node node(int i, int j) const {
-    const Sum& sum = sums_[static_cast<std::size_t>(i * kSide + j)];
+    const Sum& sum = at(i, j);
     HeightTile::Node out;
     if (sum.area <= 0) return out;
-    out.depth = static_cast<float>(sum.depth / sum.area);
+    out.depth = static_cast<float>(sum.depth / sum.area - carried(i, j));
     out.sigma = static_cast<float>(std::sqrt(sum.variance) / sum.area);
     out.coverage = static_cast<float>(std::min(1.0, sum.area));  // a whole tent has area 1
+    out.layered = sum.layered;
     for (std::size_t c = 0; c < 3; ++c)
-      out.colour[c] = static_cast<std::uint8_t>(sum.colour[c] / sum.area + 0.5);
+      out.colour[c] = static_cast<std::uint8_t>(std::min(255.0, sum.colour[c] / sum.area + 0.5));
     return out;
   }
 
  private:
+  using Areas = std::array<float, kCells * kCells>;
+  // Tent-weighted; x northwards and y eastwards of the node, in spacings.
   struct Sum {
-    double area = 0, depth = 0, variance = 0;
+    double area = 0, depth = 0, variance = 0, x = 0, y = 0;
     std::array<double, 3> colour{};
+    bool layered = false;
   };
 
-  static void addTo(Sum& sum, const Node& node, double tent) {
-    sum.area += tent;
-    sum.depth += tent * static_cast<double>(node.depth);
-    sum.variance += tent * tent * static_cast<double>(node.variance());
-    const Rgb rgb = node.rgb();
-    for (std::size_t c = 0; c < 3; ++c) sum.colour[c] += tent * rgb[c];
+  static bool inRegion(int i, int j) {
+    return i >= kFirst && i < kFirst + kRegion && j >= kFirst && j < kFirst + kRegion;
+  }
+  static std::size_t regionIndex(int i, int j) {
+    return static_cast<std::size_t>((i - kFirst) * kRegion + j - kFirst);
+  }
+  float& covered(int i, int j) { return covered_[regionIndex(i, j)]; }
+  [[nodiscard]] const Sum& at(int i, int j) const {
+    return sums_[static_cast<std::size_t>((i + kMargin) * kNodes + j + kMargin)];
+  }
+
+  // What the square and those below it show, finest first; gives the seen share of each cell's area.
+  void gather(const TileKey& key, Areas& areas) {
+    const std::int32_t found = store_.index().find(key);
+    if (found == TileIndex::kAbsent || !reaches(key)) return;
+    if (store_.index().below(key) > 0) {
+      for (int c = 0; c < 4; ++c) {
+        Areas finer{};
+        gather(TileIndex::child(key, c), finer);
+        for (int k = 0; k < kCells * kCells; ++k) {
+          const int i = (c / 2 * kCells + k / kCells) / 2, j = (c % 2 * kCells + k % kCells) / 2;
+          areas[static_cast<std::size_t>(i * kCells + j)] += 0.25F * finer[static_cast<std::size_t>(k)];
+        }
+      }
+    }
+    if (found < 0) return;
+    const double step = std::exp2(key_.level - key.level);  // size of a cell in spacings of the tile
+    const double x0 = (std::int64_t{key.north_index} - scaled(key_.north_index, key)) * kCells * step;
+    const double y0 = (std::int64_t{key.east_index} - scaled(key_.east_index, key)) * kCells * step;
+    for (int k = 0; k < kCells * kCells; ++k) {
+      float& area = areas[static_cast<std::size_t>(k)];
+      if (area >= 1) continue;
+      const CellReading cell = readCell(store_, key.level, store_.head(found, k));
+      if (!cell.seen()) continue;
+      add(cell, x0 + (k / kCells + 0.5) * step, y0 + (k % kCells + 0.5) * step,
+          static_cast<double>(1 - area) * step * step);
+      area = 1;
+    }
+  }
+  [[nodiscard]] std::int64_t scaled(std::int32_t index, const TileKey& below) const {
+    return std::int64_t{index} << (below.level - key_.level);
+  }
+  // Whether a square of this level or finer reaches the nodes.
+  [[nodiscard]] bool reaches(const TileKey& key) const {
+    const int down = key.level - key_.level;
+    const double size = kCells * std::exp2(-down);
+    const double x = static_cast<double>(key.north_index - scaled(key_.north_index, key)) * size;
+    const double y = static_cast<double>(key.east_index - scaled(key_.east_index, key)) * size;
+    constexpr double kEnd = kFirst + kRegion;
+    return x < kEnd && x + size > kFirst && y < kEnd && y + size > kFirst;
+  }
+
+  void add(const CellReading& cell, double x, double y, double area) {
+    const int i = static_cast<int>(std::floor(x)), j = static_cast<int>(std::floor(y));
+    for (int c = 0; c < 4; ++c) {
+      const int ni = i + c / 2, nj = j + c % 2;
+      if (ni < -kMargin || ni >= kSide + kMargin || nj < -kMargin || nj >= kSide + kMargin) continue;
+      const double dx = x - ni, dy = y - nj, tent = (1 - std::abs(dx)) * (1 - std::abs(dy)) * area;
+      if (tent <= 0) continue;
+      Sum& sum = sums_[static_cast<std::size_t>((ni + kMargin) * kNodes + nj + kMargin)];
+      sum.area += tent;
+      sum.depth += tent * cell.depth;
+      sum.variance += tent * tent * cell.variance;
+      sum.x += tent * dx;
+      sum.y += tent * dy;
+      for (std::size_t k = 0; k < 3; ++k) sum.colour[k] += tent * static_cast<double>(cell.colour[k]);
+      sum.layered = sum.layered || cell.layered;
+    }
+  }
+
+  // Where nothing as fine as the tile was seen: the next coarser level that saw the place.
+  void showCoarser(int i, int j) {
+    float& area = covered(i, j);
+    if (area >= 1) return;
+    const std::int64_t gi = std::int64_t{key_.north_index} * kCells + i;
+    const std::int64_t gj = std::int64_t{key_.east_index} * kCells + j;
+    for (int level = key_.level - 1; level >= 0; --level) {
+      const int down = key_.level - level;
+      const std::int64_t ci = gi >> down, cj = gj >> down;
+      CellReading cell = read(level, ci, cj);
+      if (!cell.seen()) continue;
+      // Middle of the fine cell, northwards and eastwards of the coarse cell's middle, in coarse cells.
+      const double scale = std::exp2(-down);
+      const double x = (static_cast<double>(gi - (ci << down)) + 0.5) * scale - 0.5;
+      const double y = (static_cast<double>(gj - (cj << down)) + 0.5) * scale - 0.5;
+      cell.depth = interpolate(level, ci, cj, cell, x, y);
+      add(cell, i + 0.5, j + 0.5, static_cast<double>(1 - area));
+      area = 1;
+      return;
+    }
+  }
+
+  [[nodiscard]] CellReading read(int level, std::int64_t gi, std::int64_t gj) const {
+    const std::int32_t slot =
+        store_.index().find({static_cast<std::int32_t>(gi >> 4), static_cast<std::int32_t>(gj >> 4),
+                             static_cast<std::int16_t>(level)});
+    if (slot < 0) return {};
+    return readCell(store_, level,
+                    store_.head(slot, static_cast<int>((gi & (kCells - 1)) * kCells + (gj & (kCells - 1)))));
+  }
+
+  // Bilinear between the middles of four cells; where one was not seen, along the slope of those that were.
+  [[nodiscard]] double interpolate(int level, std::int64_t ci, std::int64_t cj, const CellReading& cell,
+                                   double x, double y) const {
+    const int di = x < 0 ? -1 : 1, dj = y < 0 ? -1 : 1;
+    const CellReading a = read(level, ci + di, cj), b = read(level, ci, cj + dj),
+                      c = read(level, ci + di, cj + dj);
+    const double u = std::abs(x), v = std::abs(y);
+    if (a.seen() && b.seen() && c.seen())
+      return (1 - u) * ((1 - v) * cell.depth + v * b.depth) + u * ((1 - v) * a.depth + v * c.depth);
+    const auto slope = [&](const CellReading& ahead, int north, int east, double sign) {
+      const double limit = kMaxSlope * store_.spacing(level);
+      if (ahead.seen()) return std::clamp(sign * (ahead.depth - cell.depth), -limit, limit);
+      const CellReading back = read(level, ci - north, cj - east);
+      return back.seen() ? std::clamp(sign * (cell.depth - back.depth), -limit, limit) : 0.0;
+    };
+    return cell.depth + x * slope(a, di, 0, di) + y * slope(b, 0, dj, dj);
+  }
+
+  // How much deeper the middle of what a node's mean is made of lies than the node itself: by the plane
+  // through the means around it. Nothing where the cells lie evenly around the node.
+  [[nodiscard]] double carried(int i, int j) const {
+    const Sum& sum = at(i, j);
+    const double ox = sum.x / sum.area, oy = sum.y / sum.area;
+    if (std::abs(ox) + std::abs(oy) < 1e-9) return 0;
+    double xx = 1e-6, xy = 0, yy = 1e-6, xh = 0, yh = 0;
+    for (int k = 0; k < 9; ++k) {
+      const int ni = i + k / 3 - 1, nj = j + k % 3 - 1;
+      if (k == 4 || ni < -kMargin || ni >= kSide + kMargin || nj < -kMargin || nj >= kSide + kMargin)
+        continue;
+      const Sum& near = at(ni, nj);
+      if (near.area <= 0) continue;
+      const double dx = ni - i + near.x / near.area - ox, dy = nj - j + near.y / near.area - oy;
+      const double dh = near.depth / near.area - sum.depth / sum.area;
+      xx += dx * dx;
+      xy += dx * dy;
+      yy += dy * dy;
+      xh += dx * dh;
+      yh += dy * dh;
+    }
+    const double determinant = xx * yy - xy * xy, limit = kMaxSlope * store_.spacing(key_.level);
+    if (determinant < 1e-3) return 0;  // the means around lie on a line
+    const double a = std::clamp((yy * xh - xy * yh) / determinant, -limit, limit);
+    const double b = std::clamp((xx * yh - xy * xh) / determinant, -limit, limit);
+    return a * ox + b * oy;
   }
 
   const QuadtreeStore& store_;
   TileKey key_;
-  std::array<Sum, kSide * kSide> sums_{};
+  std::array<Sum, kNodes * kNodes> sums_{};
+  std::array<float, kRegion * kRegion> covered_{};
 };
 
 }  // namespace
 
-const std::vector<std::int32_t>& QuadtreeMap::Impl::leavesInOrder() {
-  if (order_of_shape != store.shapeChanges()) {
-    order.clear();
-    for (std::size_t slot = 0; slot < store.leaves().size(); ++slot)
-      if (store.leaves()[slot].used) order.push_back(static_cast<std::int32_t>(slot));
-    std::sort(order.begin(), order.end(), [this](std::int32_t a, std::int32_t b) {
-      return TileIndex::pack(store.leaf(a).key) < TileIndex::pack(store.leaf(b).key);
-    });
-    order_of_shape = store.shapeChanges();
-  }
-  return order;
-}
-
-void QuadtreeMap::forEachLeaf(const std::function<void(const TileKey&, std::uint32_t)>& visit) const {
-  for (const std::int32_t slot : impl_->leavesInOrder()) {
-    const QuadtreeStore::Leaf& leaf = impl_->store.leaf(slot);
-    visit(leaf.key, leaf.revision);
-  }
-}
-
 bool QuadtreeMap::extract(const TileKey& key, HeightTile& out) const {
   const QuadtreeStore& store = impl_->store;
   if (key.level < 0 || key.level > store.config().max_level) return false;
-  const std::int32_t found = store.find(key);
-  if (found == TileIndex::kAbsent) return false;
+  // Without a square there, or a coarser one over it, nothing was seen.
+  bool known = false;
+  for (TileKey up = key; !known; up = TileIndex::parent(up)) {
+    const std::int32_t found = store.index().find(up);
+    known = found >= 0 || (up.level == key.level && found != TileIndex::kAbsent);
+    if (up.level == 0) break;
+  }
+  if (!known) return false;
+  const NodeMeans means(store, key);
+  if (!means.any()) return false;
   out.north_index = key.north_index;
   out.east_index = key.east_index;
   out.level = key.level;
   out.size = store.tileSize(key.level);
-  bool any = false;
-  const std::int64_t i0 = static_cast<std::int64_t>(key.north_index) * kCells;
-  const std::int64_t j0 = static_cast<std::int64_t>(key.east_index) * kCells;
-  if (found >= 0) {
-    out.revision = store.leaf(found).revision;
-    for (int i = 0; i < kSide; ++i) {
-      for (int j = 0; j < kSide; ++j) {
-        const bool own = i < kCells && j < kCells;
-        out.at(i, j) = shown(own ? store.nodes(found)[static_cast<std::size_t>(i * kCells + j)]
-                                 : store.sample(key.level, i0 + i, j0 + j));
-        any = any || (own && out.at(i, j).coverage > 0);
-      }
-    }
-    return any;
-  }
-  TentMean mean(store, key);
-  out.revision = 0;
-  for (int n = -1; n <= 1; ++n)
-    for (int e = -1; e <= 1; ++e)
-      mean.add({key.north_index + n, key.east_index + e, key.level}, out.revision);
-  for (int i = 0; i < kSide; ++i) {
-    for (int j = 0; j < kSide; ++j) {
-      out.at(i, j) = mean.node(i, j);
-      // Beyond the tile's own nodes a neighbour may be no finer than the tile itself.
-      if ((i == kCells || j == kCells) && out.at(i, j).coverage <= 0)
-        out.at(i, j) = shown(store.sample(key.level, i0 + i, j0 + j));
-      any = any || out.at(i, j).coverage > 0;
-    }
-  }
-  return any;
-}
-
-Mesh toMesh(const QuadtreeMap& map) {
-  Mesh all;
-  Mesh tile_mesh;
-  HeightTile tile;
-  // Tiles share nodes at the same place: its lattice index in a level finer than any map has.
-  constexpr double kUnitsPerRoot = kCells << 12;
-  struct PlaceHash {
-    std::size_t operator()(const std::array<std::int64_t, 2>& p) const {
-      return static_cast<std::size_t>(p[0]) * 0x9e3779b97f4a7c15ULL + static_cast<std::size_t>(p[1]);
-    }
-  };
-  std::unordered_map<std::array<std::int64_t, 2>, std::uint32_t, PlaceHash> vertex_at;
-  std::vector<std::uint32_t> joined;
-  map.forEachLeaf([&](const TileKey& key, std::uint32_t) {
-    if (!map.extract(key, tile)) return;
-    tile_mesh = Mesh{};
-    appendTile(tile_mesh, tile);
-    joined.clear();
-    const double unit = tile.size * (1 << key.level) / kUnitsPerRoot;
-    for (std::size_t v = 0; v < tile_mesh.vertices.size(); ++v) {
-      const Eigen::Vector3f& p = tile_mesh.vertices[v];
-      const auto [at, is_new] = vertex_at.try_emplace(
-          {std::llround(static_cast<double>(p.x()) / unit), std::llround(static_cast<double>(p.y()) / unit)},
-          static_cast<std::uint32_t>(all.vertices.size()));
-      joined.push_back(at->second);
-      if (!is_new) continue;
-      all.vertices.push_back(p);
-      all.colours.push_back(tile_mesh.colours[v]);
-      all.sigma.push_back(tile_mesh.sigma[v]);
-    }
-    for (const auto& [a, b, c] : tile_mesh.triangles)
-      all.triangles.push_back({joined[a], joined[b], joined[c]});
-  });
-  computeNormals(all);
-  return all;
+  out.revision = impl_->revisionOf(key);
+  for (int i = 0; i < kSide; ++i)
+    for (int j = 0; j < kSide; ++j) out.at(i, j) = means.node(i, j);
+  return true;
 }
 
 }  // namespace fathom::fusion

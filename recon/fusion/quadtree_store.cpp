@@ -4,294 +4,305 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "recon/fusion/cell_reading.hpp"
+
 namespace fathom::fusion {
 namespace {
 
-// Height error of a straight line between known nodes, per metre between them: seafloor that is interpolated,
-// not seen (slopes change by about a tenth over one spacing; the middle is off by half of that).
-constexpr float kInterpolationError = 0.05F;
+constexpr double kMinSpacing = 1.0 / 256;  // finer than any stereo point is known [m]
 
-int localIndex(std::int64_t g) {
-  return static_cast<int>(g & (QuadtreeStore::kCells - 1));
+const QuadtreeConfig& checked(const QuadtreeConfig& c) {
+  int exponent = 0;
+  if (!(c.root_size >= 0.25 && c.root_size <= 8192) || std::frexp(c.root_size, &exponent) != 0.5)
+    throw std::invalid_argument("quadtree: root_size must be a power of two between 0.25 and 8192 m");
+  if (c.max_level < 0 || c.max_level > 12)
+    throw std::invalid_argument("quadtree: max_level must be between 0 and 12");
+  if (c.root_size / (1 << c.max_level) / QuadtreeStore::kCells < kMinSpacing)
+    throw std::invalid_argument("quadtree: the finest spacing must be at least 1/256 m");
+  if (c.max_tiles < 4 || c.max_tiles > 1 << 24)
+    throw std::invalid_argument("quadtree: max_tiles must be between 4 and 2^24");
+  if (c.layers_per_tile < 1 || c.layers_per_tile > 4096)
+    throw std::invalid_argument("quadtree: layers_per_tile must be between 1 and 4096");
+  if (!(c.min_sigma > 0)) throw std::invalid_argument("quadtree: min_sigma must be positive");
+  if (!(c.node_spacing_ratio > 0))
+    throw std::invalid_argument("quadtree: node_spacing_ratio must be positive");
+  if (!(c.gate > 0)) throw std::invalid_argument("quadtree: gate must be positive");
+  return c;
 }
+
+// Squares above tiles that lie together are a third of their number; scattered ones need more.
+std::size_t indexCapacity(const QuadtreeConfig& c) {
+  return 2 * static_cast<std::size_t>(c.max_tiles) + static_cast<std::size_t>(c.max_level) + 1;
+}
+
+constexpr int kCellCount = QuadtreeStore::kCells * QuadtreeStore::kCells;
 
 }  // namespace
 
 QuadtreeStore::QuadtreeStore(const QuadtreeConfig& config)
-    : config_(config),
-      index_([&] {
-        if (!(config.root_size > 0.1 && config.root_size < 1e4))
-          throw std::invalid_argument("quadtree: root_size must be between 0.1 and 10000 m");
-        if (config.max_level < 0 || config.max_level > 12)
-          throw std::invalid_argument("quadtree: max_level must be between 0 and 12");
-        if (config.max_tiles < 4 || config.max_tiles > 1 << 24)
-          throw std::invalid_argument("quadtree: max_tiles must be between 4 and 2^24");
-        if (!(config.min_sigma > 0)) throw std::invalid_argument("quadtree: min_sigma must be positive");
-        if (!(config.node_spacing_ratio > 0))
-          throw std::invalid_argument("quadtree: node_spacing_ratio must be positive");
-        if (!(config.gate > 0)) throw std::invalid_argument("quadtree: gate must be positive");
-        // A leaf brings at most max_level inner nodes with it.
-        return static_cast<std::size_t>(config.max_tiles) * static_cast<std::size_t>(config.max_level + 1);
-      }()),
-      leaves_(static_cast<std::size_t>(config.max_tiles)),
-      nodes_(static_cast<std::size_t>(config.max_tiles)),
-      split_reserve_(std::max(4, config.max_tiles / 8)) {
+    : config_(checked(config)),
+      index_(indexCapacity(config)),
+      tiles_(static_cast<std::size_t>(config.max_tiles)),
+      heads_(static_cast<std::size_t>(config.max_tiles)),
+      layers_(static_cast<std::size_t>(config.max_tiles) * static_cast<std::size_t>(config.layers_per_tile)) {
+  candidates_.reserve(tiles_.size());
+  for (int level = 0; level <= config.max_level; ++level)
+    bin_shift_[static_cast<std::size_t>(level)] = binShift(spacing(level));
   clear();
 }
 
 void QuadtreeStore::clear() {
   index_.clear();
-  first_free_ = kNone;
-  for (std::int32_t slot = config_.max_tiles - 1; slot >= 0; --slot) {
-    Leaf& free = leaf(slot);
-    free = Leaf{};
-    free.next_free = first_free_;
-    first_free_ = slot;
+  free_tile_ = free_layer_ = kNone;
+  for (std::size_t k = tiles_.size(); k-- > 0;) {
+    tiles_[k] = Tile{};
+    tiles_[k].next_free = free_tile_;
+    free_tile_ = static_cast<std::int32_t>(k);
   }
-  used_ = high_water_ = 0;
-  coarsened_ = 0;
+  for (std::size_t k = layers_.size(); k-- > 0;) {
+    layers_[k] = Layer{};
+    layers_[k].next = free_layer_;
+    free_layer_ = static_cast<std::int32_t>(k);
+  }
+  candidates_.clear();
+  candidates_left_ = 0;
+  counters_ = {};
   ++shape_changes_;
 }
 
 std::size_t QuadtreeStore::memoryBytes() const {
-  return sizeof(*this) + index_.memoryBytes() + leaves_.size() * sizeof(Leaf) + nodes_.size() * sizeof(Nodes);
+  return sizeof(*this) + index_.memoryBytes() + tiles_.capacity() * sizeof(Tile) +
+         heads_.capacity() * sizeof(Heads) + layers_.capacity() * sizeof(Layer) +
+         candidates_.capacity() * sizeof(Candidate);
 }
 
-std::int32_t QuadtreeStore::leafAt(int level, std::int64_t gi, std::int64_t gj) const {
-  for (int l = 0; l <= config_.max_level; ++l) {
-    // Lattice index at the level of the tile asked for; a finer tile begins at the node itself.
-    const std::int64_t i = l <= level ? gi >> (level - l) : gi << (l - level);
-    const std::int64_t j = l <= level ? gj >> (level - l) : gj << (l - level);
-    const TileKey key{static_cast<std::int32_t>(i >> 4), static_cast<std::int32_t>(j >> 4),
-                      static_cast<std::int16_t>(l)};
-    const std::int32_t found = index_.find(key);
-    if (found == TileIndex::kAbsent) return kNone;
-    if (found >= 0) return found;
-  }
-  return kNone;
-}
-
-bool QuadtreeStore::ensure(int level, std::int64_t gi, std::int64_t gj, std::uint32_t now) {
-  // Making room may coarsen the very path that is being walked; then it is walked again.
-  for (int attempt = 0; attempt < 4; ++attempt) {
-    bool walk_again = false;
-    for (int l = 0; l <= config_.max_level && !walk_again; ++l) {
-      const std::int64_t i = l <= level ? gi >> (level - l) : gi << (l - level);
-      const std::int64_t j = l <= level ? gj >> (level - l) : gj << (l - level);
-      const TileKey key{static_cast<std::int32_t>(i >> 4), static_cast<std::int32_t>(j >> 4),
-                        static_cast<std::int16_t>(l)};
-      const std::int32_t found = index_.find(key);
-      if (found >= 0) {
-        if (l >= level || config_.max_tiles - used_ < split_reserve_) {
-          leaf(found).observed = now;
-          return true;
-        }
-        split(found, now);  // then on, into the child
-      } else if (found == TileIndex::kAbsent) {
-        if (first_free_ == kNone) {
-          if (!makeRoom(now)) return false;
-          walk_again = true;
-        } else if (l < level) {
-          index_.set(key, TileIndex::kInner);
-          ++shape_changes_;
-        } else {
-          take(key, now);
-          return true;
-        }
-      }
-    }
-  }
-  return false;
-}
-
-std::int32_t QuadtreeStore::take(const TileKey& key, std::uint32_t now) {
-  const std::int32_t slot = first_free_;
-  Leaf& taken = leaf(slot);
-  first_free_ = taken.next_free;
-  taken = {key, true, false, kNone, now, now};
-  nodes(slot).fill(Node{});
+std::int32_t QuadtreeStore::takeTile(const TileKey& key, std::uint32_t now) {
+  const std::int32_t slot = free_tile_;
+  free_tile_ = at(slot).next_free;
+  at(slot) = Tile{};
+  at(slot).key = key;
+  at(slot).used = true;
+  at(slot).seen = now;
+  heads_[static_cast<std::size_t>(slot)].fill(kNone);
   index_.set(key, slot);
-  high_water_ = std::max(high_water_, ++used_);
+  counters_.tiles_high_water = std::max(counters_.tiles_high_water, ++counters_.tiles);
   ++shape_changes_;
   return slot;
 }
 
-void QuadtreeStore::release(std::int32_t slot) {
-  Leaf& freed = leaf(slot);
-  freed.used = false;
-  freed.touched = false;
-  freed.next_free = first_free_;
-  first_free_ = slot;
-  --used_;
-}
-
-bool QuadtreeStore::groupIsLeaves(const TileKey& parent, std::uint32_t& observed) const {
-  observed = 0;
-  for (int c = 0; c < 4; ++c) {
-    const std::int32_t found = index_.find(child(parent, c / 2, c % 2));
-    if (found == TileIndex::kInner) return false;
-    if (found >= 0) observed = std::max(observed, leaf(found).observed);
-  }
-  return true;
-}
-
-// Coarsens the least recently observed groups until a tile is free. A group of one tile frees none but makes
-// the next coarser group possible; levels only fall, so this ends.
-bool QuadtreeStore::makeRoom(std::uint32_t now) {
-  while (first_free_ == kNone) {
-    bool found = false;
-    TileKey best_parent;
-    std::uint32_t best_observed = 0;
-    std::uint64_t best_order = 0;
-    for (const Leaf& candidate : leaves_) {
-      if (!candidate.used || candidate.key.level == 0) continue;
-      if (found && candidate.observed > best_observed) continue;  // its group is younger still
-      const TileKey parent{candidate.key.north_index >> 1, candidate.key.east_index >> 1,
-                           static_cast<std::int16_t>(candidate.key.level - 1)};
-      std::uint32_t observed = 0;
-      if (!groupIsLeaves(parent, observed)) continue;
-      const std::uint64_t order = TileIndex::pack(parent);
-      if (found && (observed > best_observed || (observed == best_observed && order >= best_order))) continue;
-      found = true;
-      best_parent = parent;
-      best_observed = observed;
-      best_order = order;
-    }
-    if (!found) return false;
-    coarsen(best_parent, now);
-  }
-  return true;
-}
-
-// The parent's nodes are the means of the children's, under a tent as wide as the parent's spacing. Each
-// child node shares its information out by the same tent, so the information is kept; roughness below the new
-// spacing goes to the scatter.
-void QuadtreeStore::coarsen(const TileKey& parent, std::uint32_t now) {
-  Nodes& merged = scratch_[0];
-  const int child_level = parent.level + 1;
-  for (int i = 0; i < kCells; ++i) {
-    for (int j = 0; j < kCells; ++j) {
-      const std::int64_t gi = (static_cast<std::int64_t>(parent.north_index) * kCells + i) * 2;
-      const std::int64_t gj = (static_cast<std::int64_t>(parent.east_index) * kCells + j) * 2;
-      std::array<Node, 9> fine;
-      std::array<float, 9> tent{};
-      float total = 0, depth = 0, information = 0;
-      std::array<float, 3> colour{};
-      int count = 0;
-      for (int k = 0; k < 9; ++k) {
-        const int di = k / 3 - 1, dj = k % 3 - 1;
-        const std::int32_t slot = leafAt(child_level, gi + di, gj + dj);
-        if (slot == kNone || leaf(slot).key.level != child_level) continue;
-        fine[static_cast<std::size_t>(k)] =
-            nodes(slot)[static_cast<std::size_t>(localIndex(gi + di) * kCells + localIndex(gj + dj))];
-        const Node& node = fine[static_cast<std::size_t>(k)];
-        if (!node.seen()) continue;
-        const float t = (di == 0 ? 1.0F : 0.5F) * (dj == 0 ? 1.0F : 0.5F);
-        tent[static_cast<std::size_t>(k)] = t;
-        total += t;
-        depth += t * node.depth;
-        information += t * node.information;
-        for (std::size_t c = 0; c < 3; ++c) colour[c] += t * node.colour[c];
-        count = std::max(count, static_cast<int>(node.count));
-      }
-      Node& out = merged[static_cast<std::size_t>(i * kCells + j)];
-      out = Node{};
-      if (total <= 0) continue;
-      out.depth = depth / total;
-      out.information = information;
-      out.count = static_cast<std::uint8_t>(count);
-      for (std::size_t c = 0; c < 3; ++c) out.colour[c] = static_cast<std::uint16_t>(colour[c] / total);
-      for (std::size_t k = 0; k < 9; ++k) {
-        if (tent[k] <= 0) continue;
-        const float deviation = fine[k].depth - out.depth;
-        out.scatter += tent[k] * (fine[k].scatter + fine[k].information * deviation * deviation);
-      }
-    }
-  }
-  std::uint32_t observed = 0;
-  for (int c = 0; c < 4; ++c) {
-    const TileKey key = child(parent, c / 2, c % 2);
-    const std::int32_t slot = index_.find(key);
-    if (slot < 0) continue;
-    observed = std::max(observed, leaf(slot).observed);
-    release(slot);
-    index_.erase(key);
-  }
-  const std::int32_t slot = take(parent, now);
-  leaf(slot).observed = observed;
-  nodes(slot) = merged;
-  ++coarsened_;
-}
-
-// The children's nodes are interpolated from the parent's, share its information, and count as one mesh only,
-// so that the denser data that asked for the split soon outweighs or outvotes them. Children without any seen
-// node are not made. Needs three free tiles, which the reserve guarantees.
-void QuadtreeStore::split(std::int32_t slot, std::uint32_t now) {
-  const TileKey parent = leaf(slot).key;
-  const std::uint32_t observed = leaf(slot).observed;
-  const float error = kInterpolationError * static_cast<float>(spacing(parent.level));
-  std::array<bool, 4> any{};
-  for (int c = 0; c < 4; ++c) {
-    const TileKey key = child(parent, c / 2, c % 2);
-    for (int i = 0; i < kCells; ++i) {
-      for (int j = 0; j < kCells; ++j) {
-        Node node = sample(key.level, static_cast<std::int64_t>(key.north_index) * kCells + i,
-                           static_cast<std::int64_t>(key.east_index) * kCells + j);
-        if (node.seen()) {
-          const float kept = node.scatter / node.information;
-          node.information = 1.0F / (4.0F / node.information + error * error);
-          node.scatter = kept * node.information;
-          node.count = 1;
-          node.disagreements = 0;
-          any[static_cast<std::size_t>(c)] = true;
-        }
-        scratch_[static_cast<std::size_t>(c)][static_cast<std::size_t>(i * kCells + j)] = node;
-      }
-    }
-  }
-  release(slot);
-  index_.set(parent, TileIndex::kInner);
-  for (int c = 0; c < 4; ++c) {
-    if (!any[static_cast<std::size_t>(c)]) continue;
-    const std::int32_t made = take(child(parent, c / 2, c % 2), now);
-    leaf(made).observed = observed;
-    nodes(made) = scratch_[static_cast<std::size_t>(c)];
-  }
+void QuadtreeStore::releaseTile(std::int32_t slot) {
+  index_.drop(at(slot).key);
+  at(slot).used = false;
+  at(slot).next_free = free_tile_;
+  free_tile_ = slot;
+  --counters_.tiles;
   ++shape_changes_;
 }
 
-QuadtreeStore::Node QuadtreeStore::sample(int level, std::int64_t gi, std::int64_t gj) const {
-  const std::int32_t slot = leafAt(level, gi, gj);
-  if (slot == kNone) return {};
-  const int found_level = leaf(slot).key.level;
-  if (found_level >= level) {
-    const int shift = found_level - level;
-    return nodes(slot)[static_cast<std::size_t>(localIndex(gi << shift) * kCells + localIndex(gj << shift))];
+std::int32_t QuadtreeStore::takeLayer() {
+  const std::int32_t k = free_layer_;
+  free_layer_ = layerAt(k).next;
+  layerAt(k) = Layer{};
+  counters_.layers_high_water = std::max(counters_.layers_high_water, ++counters_.layers);
+  return k;
+}
+
+void QuadtreeStore::releaseLayer(std::int32_t k) {
+  layerAt(k).next = free_layer_;
+  free_layer_ = k;
+  --counters_.layers;
+}
+
+QuadtreeStore::Owner QuadtreeStore::findOwner(const TileKey& key) const {
+  for (int level = 0; level <= key.level; ++level) {
+    const int up = key.level - level;
+    const std::int32_t found =
+        index_.find({key.north_index >> up, key.east_index >> up, static_cast<std::int16_t>(level)});
+    if (found == TileIndex::kAbsent) break;
+    if (found >= 0 && (up == 0 || tile(found).closed)) return {found, up};
   }
-  const int shift = level - found_level;
-  const std::int64_t mask = (std::int64_t{1} << shift) - 1;
-  const float fi = static_cast<float>(gi & mask) / static_cast<float>(mask + 1);
-  const float fj = static_cast<float>(gj & mask) / static_cast<float>(mask + 1);
-  Node out;
-  float variance = 0, scatter = 0;
-  std::array<float, 3> colour{};
-  int count = 255;
+  return {};
+}
+
+void QuadtreeStore::noteChanged(std::int32_t slot, int cell, std::uint32_t now) {
+  Tile& t = at(slot);
+  t.changed = now;
+  t.sent = false;
+  const int i = cell / kCells, j = cell % kCells;
+  if (i < kEdgeRows) t.edge[0] = now;
+  if (i >= kCells - kEdgeRows) t.edge[1] = now;
+  if (j < kEdgeRows) t.edge[2] = now;
+  if (j >= kCells - kEdgeRows) t.edge[3] = now;
+}
+
+namespace {
+
+// Where an observation goes in an owner that is `coarser` levels above it.
+int ownerCell(const CellObservation& o, int coarser) {
+  const TileKey key = o.tile();
+  constexpr int kMask = QuadtreeStore::kCells - 1;
+  const std::int64_t gi =
+      (std::int64_t{key.north_index} * QuadtreeStore::kCells + o.cell() / QuadtreeStore::kCells);
+  const std::int64_t gj =
+      (std::int64_t{key.east_index} * QuadtreeStore::kCells + o.cell() % QuadtreeStore::kCells);
+  return static_cast<int>(((gi >> coarser) & kMask) * QuadtreeStore::kCells + ((gj >> coarser) & kMask));
+}
+
+LayerSums sumsOf(const CellObservation& o, int shift) {
+  return LayerSums::of(o.weight, static_cast<std::uint32_t>(o.height - ((o.height >> shift) << shift)),
+                       o.colour);
+}
+
+}  // namespace
+
+bool QuadtreeStore::addOne(const CellObservation& o, const Owner& owner, std::uint32_t now) {
+  const int level = tile(owner.slot).key.level, shift = binShiftOf(level);
+  const std::int32_t bin = o.height >> shift;
+  const int cell = ownerCell(o, owner.coarser);
+  std::int32_t* link = &headAt(owner.slot, cell);
+  while (*link != kNone && layerAt(*link).bin < bin) link = &layerAt(*link).next;
+  if (*link == kNone || layerAt(*link).bin != bin) {
+    if (free_layer_ == kNone) return false;
+    const std::int32_t made = takeLayer();
+    layerAt(made).bin = bin;
+    layerAt(made).next = *link;
+    *link = made;
+    ++at(owner.slot).layers;
+  }
+  layerAt(*link).sums += sumsOf(o, shift);
+  noteChanged(owner.slot, cell, now);
+  at(owner.slot).seen = now;
+  const std::int32_t first = headAt(owner.slot, cell);
+  if (layerAt(first).next != kNone) {
+    const CellReading shown = readCell(*this, level, first);
+    if (bin < shown.first_bin || bin > shown.last_bin) ++counters_.outvoted;
+  }
+  return true;
+}
+
+void QuadtreeStore::subtractOne(const CellObservation& o, const Owner& owner, std::uint32_t now) {
+  const int shift = binShiftOf(tile(owner.slot).key.level);
+  const std::int32_t bin = o.height >> shift;
+  const int cell = ownerCell(o, owner.coarser);
+  std::int32_t* link = &headAt(owner.slot, cell);
+  while (*link != kNone && layerAt(*link).bin < bin) link = &layerAt(*link).next;
+  if (*link == kNone || layerAt(*link).bin != bin) {
+    ++counters_.missing;
+    return;
+  }
+  const std::int32_t k = *link;
+  layerAt(k).sums -= sumsOf(o, shift);
+  noteChanged(owner.slot, cell, now);
+  if (layerAt(k).sums.count() > 0) return;
+  *link = layerAt(k).next;
+  releaseLayer(k);
+  if (--at(owner.slot).layers == 0) releaseTile(owner.slot);
+}
+
+bool QuadtreeStore::add(std::span<const CellObservation> observations, std::uint32_t now) {
+  Owner owner;
+  std::uint64_t owner_of = ~std::uint64_t{0}, shape = 0;
+  for (std::size_t k = 0; k < observations.size(); ++k) {
+    const CellObservation& o = observations[k];
+    for (;;) {
+      if ((o.place >> 8) != owner_of || shape != shape_changes_) {
+        owner = findOwner(o.tile());
+        if (owner.slot == kNone && hasRoom()) owner = {takeTile(o.tile(), now), 0};
+        owner_of = o.place >> 8;
+        shape = shape_changes_;
+      }
+      if (owner.slot != kNone && addOne(o, owner, now)) break;
+      if (!makeRoom(now)) {
+        subtract(observations.first(k), now);
+        return false;
+      }
+      owner_of = ~std::uint64_t{0};
+    }
+  }
+  refreshRelief();
+  return true;
+}
+
+void QuadtreeStore::subtract(std::span<const CellObservation> observations, std::uint32_t now) {
+  Owner owner;
+  std::uint64_t owner_of = ~std::uint64_t{0}, shape = 0;
+  for (const CellObservation& o : observations) {
+    if ((o.place >> 8) != owner_of || shape != shape_changes_) {
+      owner = findOwner(o.tile());
+      owner_of = o.place >> 8;
+      shape = shape_changes_;
+    }
+    if (owner.slot == kNone)
+      ++counters_.missing;
+    else
+      subtractOne(o, owner, now);
+  }
+}
+
+bool QuadtreeStore::canCoarsen(const TileKey& parent) const {
+  if (index_.below(parent) == 0) return false;
+  for (int c = 0; c < 4; ++c)
+    if (index_.below(TileIndex::child(parent, c)) > 0) return false;
+  return true;
+}
+
+// Adds a child's layer to the parent's cell; the layer itself is used or goes back to the pool.
+void QuadtreeStore::mergeInto(Heads& heads, int cell, std::int32_t k, int child_shift, int parent_shift) {
+  const std::int32_t bin =
+      static_cast<std::int32_t>((std::int64_t{layerAt(k).bin} << child_shift) >> parent_shift);
+  const std::int64_t lower =
+      (std::int64_t{layerAt(k).bin} << child_shift) - (std::int64_t{bin} << parent_shift);
+  layerAt(k).sums.rebase(static_cast<std::uint64_t>(lower));
+  layerAt(k).bin = bin;
+  std::int32_t* link = &heads[static_cast<std::size_t>(cell)];
+  while (*link != kNone && layerAt(*link).bin < bin) link = &layerAt(*link).next;
+  if (*link != kNone && layerAt(*link).bin == bin) {
+    layerAt(*link).sums += layerAt(k).sums;
+    releaseLayer(k);
+    return;
+  }
+  layerAt(k).next = *link;
+  *link = k;
+}
+
+void QuadtreeStore::coarsen(const TileKey& parent, std::uint32_t now) {
+  if (!canCoarsen(parent)) return;
+  std::int32_t slot = index_.find(parent);
+  if (slot >= 0)
+    merged_ = heads_[static_cast<std::size_t>(slot)];
+  else
+    merged_.fill(kNone);
+  const int child_shift = binShiftOf(parent.level + 1), parent_shift = binShiftOf(parent.level);
+  std::uint32_t seen = 0;
+  bool sent = true;
   for (int c = 0; c < 4; ++c) {
-    const float w = (c / 2 == 1 ? fi : 1 - fi) * (c % 2 == 1 ? fj : 1 - fj);
-    if (w <= 0) continue;
-    const Node corner = sample(found_level, (gi >> shift) + c / 2, (gj >> shift) + c % 2);
-    if (!corner.seen()) return {};
-    out.depth += w * corner.depth;
-    variance += w / corner.information;
-    scatter += w * corner.scatter / corner.information;
-    for (std::size_t k = 0; k < 3; ++k) colour[k] += w * corner.colour[k];
-    count = std::min(count, static_cast<int>(corner.count));
+    const std::int32_t child = index_.find(TileIndex::child(parent, c));
+    if (child < 0) continue;
+    seen = std::max(seen, tile(child).seen);
+    sent = sent && tile(child).sent;
+    for (int cell = 0; cell < kCellCount; ++cell) {
+      const int i = (c / 2 * kCells + cell / kCells) / 2, j = (c % 2 * kCells + cell % kCells) / 2;
+      for (std::int32_t k = headAt(child, cell); k != kNone;) {
+        const std::int32_t next = layerAt(k).next;
+        mergeInto(merged_, i * kCells + j, k, child_shift, parent_shift);
+        k = next;
+      }
+    }
+    releaseTile(child);
   }
-  out.information = 1.0F / variance;
-  out.scatter = scatter * out.information;
-  out.count = static_cast<std::uint8_t>(count);
-  for (std::size_t k = 0; k < 3; ++k) out.colour[k] = static_cast<std::uint16_t>(colour[k]);
-  return out;
+  if (slot < 0) slot = takeTile(parent, seen);
+  heads_[static_cast<std::size_t>(slot)] = merged_;
+  Tile& t = at(slot);
+  t.closed = true;
+  t.sent = sent && (t.sent || t.layers == 0);
+  t.seen = std::max(t.seen, seen);
+  t.changed = now;
+  t.edge.fill(now);
+  t.layers = 0;
+  for (const std::int32_t head : merged_)
+    for (std::int32_t k = head; k != kNone; k = layerAt(k).next) ++t.layers;
+  ++counters_.coarsened;
+  ++shape_changes_;
 }
 
 }  // namespace fathom::fusion

@@ -1,56 +1,46 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <array>
+#include <cmath>
 #include <cstdint>
+#include <span>
 #include <vector>
 
+#include "recon/fusion/mesh_observations.hpp"
 #include "recon/fusion/quadtree_map.hpp"
+#include "recon/fusion/quadtree_sums.hpp"
 #include "recon/fusion/tile_index.hpp"
 #include "recon/geometry/height_tile.hpp"
 
 namespace fathom::fusion {
 
-// The quadtree's tiles: fixed pool, index, and the changes of its shape (create, split, coarsen). Positions
-// are lattice indices: node g of a level stands at g * spacing(level); tile t owns the nodes 16 t to 16 t
-// + 15.
+// The map's sums: tiles of 16 x 16 cells in a quadtree, each cell a list of layers; two pools and an index,
+// all of fixed size. Squares of several levels may hold sums over the same ground: each observation is kept
+// at the level that it came with. Only a coarsened square takes what is finer into its own sums, then and
+// later ("closed"). So the sums are those of the meshes that are in, whatever the order of events; what lies
+// where depends on nothing but the meshes and the closed squares. Cell g of a level covers [g, g + 1)
+// spacings; tile t has the cells 16 t to 16 t + 15.
 class QuadtreeStore {
  public:
   static constexpr int kCells = HeightTile::kCells;
   static constexpr std::int32_t kNone = -1;
+  // Rows at a tile's edge that a neighbour's extracted tile depends on.
+  static constexpr int kEdgeRows = 2;
 
-  // What a node knows, and the observation that the mesh being fused has for it.
-  struct Node {
-    float depth = 0;        // weighted mean of nav z [m]
-    float information = 0;  // sum of 1 / sigma^2 [1/m^2]; 0: never seen
-    float scatter = 0;      // sum of squared deviations from the mean, each over sigma^2 (West 1979)
-    float pending_depth = 0;
-    float pending_sigma = 0;                // 0: no observation pending
-    std::array<std::uint16_t, 3> colour{};  // 1/256 of an 8-bit step
-    std::uint8_t count = 0;                 // meshes that agreed, saturating
-    std::uint8_t disagreements = 0;         // votes against, see QuadtreeMap
-    Rgb pending_colour{};
-
-    [[nodiscard]] bool seen() const { return information > 0; }
-    // Variance of the mean [m^2]: of the observations, and of their disagreement.
-    [[nodiscard]] float variance() const {
-      return (1.0F + scatter / static_cast<float>(count > 0 ? count : 1)) / information;
-    }
-    [[nodiscard]] Rgb rgb() const {
-      const auto byte = [](std::uint16_t c) {
-        return static_cast<std::uint8_t>(c >= 0xFF00 ? 255 : (c + 128) / 256);
-      };
-      return {byte(colour[0]), byte(colour[1]), byte(colour[2])};
-    }
-  };
-  using Nodes = std::array<Node, kCells * kCells>;
-
-  struct Leaf {
+  using Heads = std::array<std::int32_t, kCells * kCells>;  // first layer of each cell
+  struct Tile {
     TileKey key;
     bool used = false;
-    bool touched = false;            // has pending observations
-    std::int32_t next_free = kNone;  // list of free slots
-    std::uint32_t observed = 0;      // number of the fuse() that last saw it
-    std::uint32_t revision = 0;      // number of the fuse() that last changed it
+    bool closed = false;  // holds what is finer, too
+    bool sent = false;    // what it shows is known ashore
+    std::int32_t next_free = kNone;
+    std::uint32_t layers = 0;
+    std::uint32_t seen = 0;               // number of the last fuse() here
+    std::uint32_t changed = 0;            // of the last fuse() or remove()
+    std::array<std::uint32_t, 4> edge{};  // the same for the rows at the south, north, west, east edge
+    std::uint32_t relief_of = 0;          // `changed` for which `relief` holds; 0: unknown
+    float relief = 0;                     // mean second difference of heights [m]
   };
 
   explicit QuadtreeStore(const QuadtreeConfig& config);
@@ -60,53 +50,92 @@ class QuadtreeStore {
 
   [[nodiscard]] double tileSize(int level) const { return config_.root_size / (1 << level); }
   [[nodiscard]] double spacing(int level) const { return tileSize(level) / kCells; }
+  [[nodiscard]] int binShiftOf(int level) const { return bin_shift_[static_cast<std::size_t>(level)]; }
 
-  [[nodiscard]] std::int32_t find(const TileKey& key) const { return index_.find(key); }
-  // Slot of the leaf that owns node (gi, gj) of `level` (any level); kNone where there is none.
-  [[nodiscard]] std::int32_t leafAt(int level, std::int64_t gi, std::int64_t gj) const;
+  // Puts observations in, all or none: false when there was no room even with everything else coarsened.
+  bool add(std::span<const CellObservation> observations, std::uint32_t now);
+  // Takes out what add() put in.
+  void subtract(std::span<const CellObservation> observations, std::uint32_t now);
+  // Makes the square hold what is below it; what is below must hold sums of its own only.
+  void coarsen(const TileKey& parent, std::uint32_t now);
+  // Whether something stands below, and nothing further below that.
+  [[nodiscard]] bool canCoarsen(const TileKey& parent) const;
 
-  // Makes sure that a leaf owns node (gi, gj) of `level`, of that level where the tree allows it: splits a
-  // coarser leaf while the pool has its reserve, coarsens elsewhere when the pool is empty. False: refused.
-  bool ensure(int level, std::int64_t gi, std::int64_t gj, std::uint32_t now);
+  void noteVehicle(const Eigen::Vector2d& north_east) { vehicle_ = north_east; }
+  void noteSent(const TileKey& key);
 
-  // Value at node (gi, gj) of `level` as the leaves give it: the node itself, the same place in a finer leaf,
-  // or interpolated in a coarser one. Node::seen() is false where nothing was seen.
-  [[nodiscard]] Node sample(int level, std::int64_t gi, std::int64_t gj) const;
-
-  [[nodiscard]] Leaf& leaf(std::int32_t slot) { return leaves_[static_cast<std::size_t>(slot)]; }
-  [[nodiscard]] const Leaf& leaf(std::int32_t slot) const { return leaves_[static_cast<std::size_t>(slot)]; }
-  [[nodiscard]] Nodes& nodes(std::int32_t slot) { return nodes_[static_cast<std::size_t>(slot)]; }
-  [[nodiscard]] const Nodes& nodes(std::int32_t slot) const { return nodes_[static_cast<std::size_t>(slot)]; }
-  [[nodiscard]] const std::vector<Leaf>& leaves() const { return leaves_; }
-  [[nodiscard]] int used() const { return used_; }
-  [[nodiscard]] int highWater() const { return high_water_; }
-  [[nodiscard]] std::uint64_t coarsened() const { return coarsened_; }
-  // Counts changes of the tree's shape.
+  [[nodiscard]] const TileIndex& index() const { return index_; }
+  [[nodiscard]] const Tile& tile(std::int32_t slot) const { return tiles_[static_cast<std::size_t>(slot)]; }
+  [[nodiscard]] const std::vector<Tile>& tiles() const { return tiles_; }
+  [[nodiscard]] std::int32_t head(std::int32_t slot, int cell) const {
+    return heads_[static_cast<std::size_t>(slot)][static_cast<std::size_t>(cell)];
+  }
+  [[nodiscard]] const Layer& layer(std::int32_t at) const { return layers_[static_cast<std::size_t>(at)]; }
+  [[nodiscard]] const QuadtreeConfig& config() const { return config_; }
+  // Counts changes of which squares there are.
   [[nodiscard]] std::uint64_t shapeChanges() const { return shape_changes_; }
   [[nodiscard]] std::size_t memoryBytes() const;
-  [[nodiscard]] const QuadtreeConfig& config() const { return config_; }
 
-  static TileKey child(const TileKey& key, int i, int j) {
-    return {key.north_index * 2 + i, key.east_index * 2 + j, static_cast<std::int16_t>(key.level + 1)};
-  }
+  struct Counters {
+    int tiles = 0, tiles_high_water = 0;
+    int layers = 0, layers_high_water = 0;
+    std::uint64_t coarsened = 0;
+    std::uint64_t outvoted = 0;  // observations put into another layer than the one that is shown
+    std::uint64_t missing = 0;   // observations to take out that were not there
+  };
+  [[nodiscard]] const Counters& counters() const { return counters_; }
 
  private:
-  std::int32_t take(const TileKey& key, std::uint32_t now);
-  void release(std::int32_t slot);
+  struct Owner {
+    std::int32_t slot = kNone;
+    int coarser = 0;  // levels between the observation's and the owner's
+  };
+  struct Candidate {
+    TileKey parent;
+    std::uint32_t changed = 0;
+    double value = 0;
+  };
+
+  [[nodiscard]] Tile& at(std::int32_t slot) { return tiles_[static_cast<std::size_t>(slot)]; }
+  [[nodiscard]] std::int32_t& headAt(std::int32_t slot, int cell) {
+    return heads_[static_cast<std::size_t>(slot)][static_cast<std::size_t>(cell)];
+  }
+  [[nodiscard]] Layer& layerAt(std::int32_t k) { return layers_[static_cast<std::size_t>(k)]; }
+  [[nodiscard]] Owner findOwner(const TileKey& key) const;
+  [[nodiscard]] bool addOne(const CellObservation& o, const Owner& owner, std::uint32_t now);
+  void subtractOne(const CellObservation& o, const Owner& owner, std::uint32_t now);
+  void noteChanged(std::int32_t slot, int cell, std::uint32_t now);
+  std::int32_t takeTile(const TileKey& key, std::uint32_t now);
+  void releaseTile(std::int32_t slot);
+  std::int32_t takeLayer();
+  void releaseLayer(std::int32_t k);
+  void mergeInto(Heads& heads, int cell, std::int32_t layer, int child_shift, int parent_shift);
+  // In quadtree_value.cpp.
+  // A free tile, a free layer, and places in the index for a path.
+  [[nodiscard]] bool hasRoom() const;
+  // Coarsens what is least valuable until there is room; false: all is as coarse as it can be.
   bool makeRoom(std::uint32_t now);
-  bool groupIsLeaves(const TileKey& parent, std::uint32_t& observed) const;
-  void coarsen(const TileKey& parent, std::uint32_t now);
-  void split(std::int32_t slot, std::uint32_t now);
+  void findCandidates(std::uint32_t now);
+  [[nodiscard]] Candidate valueOf(const TileKey& parent, std::uint32_t now) const;
+  void markSent(const TileKey& key);
+  // Measures some tiles' relief anew, in turn.
+  void refreshRelief();
+  [[nodiscard]] float measureRelief(std::int32_t slot) const;
 
   QuadtreeConfig config_;
   TileIndex index_;
-  std::vector<Leaf> leaves_;
-  std::vector<Nodes> nodes_;
-  std::array<Nodes, 4> scratch_{};  // of split() and coarsen()
-  std::int32_t first_free_ = kNone;
-  int used_ = 0, high_water_ = 0;
-  int split_reserve_ = 0;  // tiles kept for new ground: no splits below it
-  std::uint64_t coarsened_ = 0, shape_changes_ = 0;
+  std::array<int, 16> bin_shift_{};
+  std::vector<Tile> tiles_;
+  std::vector<Heads> heads_;
+  std::vector<Layer> layers_;
+  std::vector<Candidate> candidates_;  // groups that may be coarsened, the least valuable last
+  std::size_t candidates_left_ = 0;    // to be used before they are looked for anew
+  std::size_t relief_next_ = 0;        // tile that refreshRelief() goes on with
+  Heads merged_{};                     // of coarsen()
+  std::int32_t free_tile_ = kNone, free_layer_ = kNone;
+  Eigen::Vector2d vehicle_ = Eigen::Vector2d::Constant(std::nan(""));
+  Counters counters_;
+  std::uint64_t shape_changes_ = 0;
 };
 
 }  // namespace fathom::fusion

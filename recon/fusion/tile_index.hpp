@@ -7,19 +7,19 @@
 
 namespace fathom::fusion {
 
-// Hash index from tile key to what stands there: nothing, an inner node of the quadtree, or a leaf's slot in
-// the pool. Open addressing in a table sized once; entries are never removed singly except by coarsening
-// (backward shift).
+// Hash index from tile key to what stands there: nothing, or a square of the quadtree with the slot of its
+// own sums (if it has any) and the number of its children that stand there too. Open addressing in a table
+// sized once; removal by backward shift.
 class TileIndex {
  public:
   static constexpr std::int32_t kAbsent = -2;
-  static constexpr std::int32_t kInner = -1;
+  static constexpr std::int32_t kInner = -1;  // stands only for what is below it
 
   // `capacity`: entries that must fit; the table is kept at most half full.
-  explicit TileIndex(std::size_t capacity) {
+  explicit TileIndex(std::size_t capacity) : capacity_(capacity) {
     std::size_t size = 16;
     while (size < 2 * capacity) size *= 2;
-    table_.assign(size, Entry{0, kAbsent});
+    table_.assign(size, Entry{});
     mask_ = size - 1;
   }
 
@@ -30,49 +30,75 @@ class TileIndex {
            (static_cast<std::uint64_t>(key.north_index + kBias) << 28) |
            static_cast<std::uint64_t>(key.east_index + kBias);
   }
-
-  [[nodiscard]] std::int32_t find(const TileKey& key) const {
-    const std::uint64_t packed = pack(key);
-    for (std::size_t at = home(packed);; at = (at + 1) & mask_) {
-      if (table_[at].value == kAbsent) return kAbsent;
-      if (table_[at].key == packed) return table_[at].value;
-    }
+  static TileKey unpack(std::uint64_t packed) {
+    constexpr std::int64_t kBias = std::int64_t{1} << 27;
+    constexpr std::uint64_t kMask = (std::uint64_t{1} << 28) - 1;
+    return {static_cast<std::int32_t>(static_cast<std::int64_t>((packed >> 28) & kMask) - kBias),
+            static_cast<std::int32_t>(static_cast<std::int64_t>(packed & kMask) - kBias),
+            static_cast<std::int16_t>(packed >> 56)};
+  }
+  static TileKey parent(const TileKey& key) {
+    return {key.north_index >> 1, key.east_index >> 1, static_cast<std::int16_t>(key.level - 1)};
+  }
+  static TileKey child(const TileKey& key, int c) {
+    return {key.north_index * 2 + c / 2, key.east_index * 2 + c % 2,
+            static_cast<std::int16_t>(key.level + 1)};
   }
 
-  // Inserts or overwrites.
+  [[nodiscard]] std::int32_t find(const TileKey& key) const { return entry(key).value; }
+  // How many of the four children stand in the index.
+  [[nodiscard]] int below(const TileKey& key) const { return entry(key).below; }
+
+  // Inserts or overwrites; a new one makes its ancestors stand too. The caller has seen to room().
   void set(const TileKey& key, std::int32_t value) {
-    const std::uint64_t packed = pack(key);
-    std::size_t at = home(packed);
-    while (table_[at].value != kAbsent && table_[at].key != packed) at = (at + 1) & mask_;
-    table_[at] = {packed, value};
+    Entry& e = place(key);
+    if (e.value != kAbsent) {
+      e.value = value;
+      return;
+    }
+    e = {pack(key), value, 0};
+    ++used_;
+    if (key.level == 0) return;
+    const TileKey up = parent(key);
+    if (find(up) == kAbsent) set(up, kInner);
+    ++place(up).below;
+  }
+  // The square loses its own sums; it goes, and so do ancestors, once there is nothing below either.
+  void drop(const TileKey& key) {
+    Entry& e = place(key);
+    if (e.value == kAbsent) return;
+    e.value = kInner;
+    if (e.below > 0) return;
+    erase(key);
+    if (key.level == 0) return;
+    const TileKey up = parent(key);
+    Entry& above = place(up);
+    --above.below;
+    if (above.below == 0 && above.value == kInner) drop(up);
   }
 
-  void erase(const TileKey& key) {
-    const std::uint64_t packed = pack(key);
-    std::size_t hole = home(packed);
-    while (table_[hole].value != kAbsent && table_[hole].key != packed) hole = (hole + 1) & mask_;
-    if (table_[hole].value == kAbsent) return;
-    for (std::size_t at = (hole + 1) & mask_; table_[at].value != kAbsent; at = (at + 1) & mask_) {
-      // An entry may move back into the hole unless its home lies between the hole and itself.
-      const std::size_t from_home = (at - home(table_[at].key)) & mask_;
-      if (from_home >= ((at - hole) & mask_)) {
-        table_[hole] = table_[at];
-        hole = at;
-      }
-    }
-    table_[hole].value = kAbsent;
+  // Entries that can still be made.
+  [[nodiscard]] std::size_t room() const { return capacity_ - used_; }
+  [[nodiscard]] std::size_t capacity() const { return capacity_; }
+  // Calls visit(key, value) for every entry, in no order that means anything.
+  template <typename Visit>
+  void forEach(Visit&& visit) const {
+    for (const Entry& e : table_)
+      if (e.value != kAbsent) visit(unpack(e.key), e.value);
   }
 
   void clear() {
-    for (Entry& e : table_) e = {0, kAbsent};
+    for (Entry& e : table_) e = Entry{};
+    used_ = 0;
   }
 
   [[nodiscard]] std::size_t memoryBytes() const { return table_.size() * sizeof(Entry); }
 
  private:
   struct Entry {
-    std::uint64_t key;
-    std::int32_t value;
+    std::uint64_t key = 0;
+    std::int32_t value = kAbsent;
+    std::int32_t below = 0;
   };
 
   [[nodiscard]] std::size_t home(std::uint64_t packed) const {
@@ -83,9 +109,31 @@ class TileIndex {
     packed ^= packed >> 31;
     return static_cast<std::size_t>(packed) & mask_;
   }
+  // Where the key is, or the empty place where it would go.
+  [[nodiscard]] std::size_t at(std::uint64_t packed) const {
+    std::size_t k = home(packed);
+    while (table_[k].value != kAbsent && table_[k].key != packed) k = (k + 1) & mask_;
+    return k;
+  }
+  [[nodiscard]] const Entry& entry(const TileKey& key) const { return table_[at(pack(key))]; }
+  [[nodiscard]] Entry& place(const TileKey& key) { return table_[at(pack(key))]; }
+
+  void erase(const TileKey& key) {
+    std::size_t hole = at(pack(key));
+    for (std::size_t k = (hole + 1) & mask_; table_[k].value != kAbsent; k = (k + 1) & mask_) {
+      // An entry may move back into the hole unless its home lies between the hole and itself.
+      const std::size_t from_home = (k - home(table_[k].key)) & mask_;
+      if (from_home >= ((k - hole) & mask_)) {
+        table_[hole] = table_[k];
+        hole = k;
+      }
+    }
+    table_[hole] = Entry{};
+    --used_;
+  }
 
   std::vector<Entry> table_;
-  std::size_t mask_ = 0;
+  std::size_t mask_ = 0, capacity_, used_ = 0;
 };
 
 }  // namespace fathom::fusion

@@ -22,6 +22,7 @@ struct HeightTile {
     float sigma = 0;     // standard deviation of depth [m]
     float coverage = 0;  // 0 (never seen: depth, sigma and colour mean nothing) to 1 (fully observed)
     Rgb colour{};
+    bool layered = false;  // a second surface was seen above or below the one shown
   };
 
   std::int32_t north_index = 0;  // tile number northwards: the tile begins at north_index * size

@@ -1,6 +1,7 @@
 #include "recon/fusion/quadtree_map.hpp"
 
 #include <gtest/gtest.h>
+#include <malloc.h>
 
 #include <cstring>
 #include <map>
@@ -83,8 +84,8 @@ TEST(QuadtreeMap, ASlopeIsReproducedExactlyAndWithoutHolesAcrossTiles) {
             3000u);
   const Mesh mesh = toMesh(map);
   const Errors errors = errorsOf(mesh, slope);
-  EXPECT_LT(errors.worst, 2e-5);
-  // 65 x 65 nodes at 6.25 cm over 4 x 4 m: each once, all cells filled.
+  EXPECT_LT(errors.worst, 1e-4);  // heights are counted in units of 0.12 mm
+  // 64 x 64 cells of 6.25 cm over 4 x 4 m: each node once, all cells filled.
   EXPECT_EQ(mesh.vertices.size(), 65u * 65u);
   EXPECT_EQ(mesh.triangles.size(), 2u * 64u * 64u);
   for (const auto& n : mesh.normals) EXPECT_LT(n.z(), -0.9F);
@@ -150,8 +151,9 @@ TEST(QuadtreeMap, OfSurfacesOverOneAnotherTheUpperOneIsKept) {
   QuadtreeMap map(reefConfig());
   (void)map.fuse(both);
   for (const auto& v : toMesh(map).vertices) {
-    const bool under_ledge = std::abs(v.x()) <= 0.5F && std::abs(v.y()) <= 0.5F;
-    EXPECT_FLOAT_EQ(v.z(), under_ledge ? 4.0F : 5.0F) << v.transpose();
+    const float from_middle = std::max(std::abs(v.x()), std::abs(v.y()));
+    if (from_middle == 0.5F) continue;  // a node on the rim lies between cells of both
+    EXPECT_NEAR(v.z(), from_middle < 0.5F ? 4.0F : 5.0F, 1e-4F) << v.transpose();
   }
 }
 
@@ -159,7 +161,8 @@ TEST(QuadtreeMap, SparsePointsMakeCoarserTilesThanDenseOnes) {
   QuadtreeMap dense(reefConfig()), sparse(reefConfig());
   (void)dense.fuse(rangeMesh({.length = 4, .width = 4, .spacing = 0.06}, ripples, 1));
   (void)sparse.fuse(rangeMesh({.length = 4, .width = 4, .spacing = 0.3}, ripples, 1));
-  EXPECT_GT(dense.counters().tiles_used, 8 * sparse.counters().tiles_used / 2);
+  EXPECT_EQ(dense.counters().tiles_used, 16);  // of 1 m
+  EXPECT_EQ(sparse.counters().tiles_used, 4);  // of 4 m
   EXPECT_EQ(leavesOf(dense).back().level, 4);
   EXPECT_LT(leavesOf(sparse).back().level, 4);
 }
@@ -310,6 +313,9 @@ TEST(QuadtreeMap, AConfigurationOutOfRangeIsRefused) {
   config.max_tiles = 0;
   EXPECT_THROW(QuadtreeMap{config}, std::invalid_argument);
   config = {};
+  config.root_size = 24;  // no power of two
+  EXPECT_THROW(QuadtreeMap{config}, std::invalid_argument);
+  config = {};
   config.root_size = -1;
   EXPECT_THROW(QuadtreeMap{config}, std::invalid_argument);
   config = {};
@@ -337,12 +343,20 @@ TEST(QuadtreeMap, FusingAllocatesNothingEvenWhenTheMapSplitsCoarsensAndIsFull) {
   EXPECT_GT(seen, 100);
 }
 
-TEST(QuadtreeMap, MemoryIsFixedByTheConfiguration) {
+TEST(QuadtreeMap, MemoryIsFixedByTheConfigurationAndStatedWhole) {
+  if (test::sanitized()) GTEST_SKIP() << "a sanitizer keeps the heap's books";
+  const auto in_use = [] {
+    const struct mallinfo2 info = mallinfo2();
+    return info.uordblks + info.hblkhd;
+  };
+  const std::size_t before = in_use();
   QuadtreeMap map(reefConfig(256));
+  const double held = static_cast<double>(in_use() - before);
   const std::size_t empty = map.counters().memory_bytes;
+  EXPECT_NEAR(static_cast<double>(empty), held, 0.01 * held);
   for (unsigned k = 0; k < 10; ++k) (void)map.fuse(rangeMesh({.north = 2.0 * k}, slope, k));
   EXPECT_EQ(map.counters().memory_bytes, empty);
-  EXPECT_LT(empty, 256u * 9000u);
+  EXPECT_NEAR(static_cast<double>(in_use() - before), held, 0.01 * held);
 }
 
 TEST(QuadtreeMap, AClearedMapIsANewOneThatNumbersItsChangesOn) {

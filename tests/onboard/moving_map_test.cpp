@@ -7,6 +7,7 @@
 
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "tests/onboard/made_dive.hpp"
+#include "tests/support/heap_counter.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -92,96 +93,179 @@ TEST(MeshSlot, RefusesWhatDoesNotFitAndWhatIsNoMesh) {
   EXPECT_TRUE(mesh.vertices.empty());
 }
 
+std::string bytesOf(const fusion::QuadtreeMap& map) {
+  return map.canonicalBytes();
+}
+
+std::unique_ptr<fusion::QuadtreeMap> fusedAfresh(int meshes, const MovingMap::PoseOf& pose_of) {
+  auto fresh = std::make_unique<fusion::QuadtreeMap>(mapConfig());
+  for (int number = 0; number < meshes; ++number) {
+    Mesh mesh = meshAt(odomAt(number), number);
+    transform(mesh, pose_of(number / 4, odomAt(number)));
+    (void)fresh->fuse(mesh);
+  }
+  return fresh;
+}
+
+void addMeshes(MovingMap& moving, int meshes, MemorySlots* failing = nullptr, int fails_from = 0) {
+  for (int number = 0; number < meshes; ++number) {
+    if (failing != nullptr) failing->fails = number >= fails_from;
+    Mesh mesh = meshAt(odomAt(number), number);
+    moving.add(mesh, number / 4, odomAt(number), odomAt(number));
+  }
+}
+
 TEST(MovingMap, AfterKeyframesMovedItIsTheMapFusedAfreshFromTheFinalPoses) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
   MovingMap moving(mapConfig(), &slots, kPoints);
   double much = 0;
   const MovingMap::PoseOf pose_of = [&](int k, const SE3& T) { return correction(k, much) * T; };
-  int moved_tiles = 0;
-  const MovingMap::OnMoved on_moved = [&](const auto&, const auto&) { ++moved_tiles; };
+  int moved_meshes = 0;
+  const MovingMap::OnMoved on_moved = [&](const auto&, const auto&) { ++moved_meshes; };
   for (int number = 0; number < 60; ++number) {
     if (number % 16 == 15) {
       much += 0.3;
-      (void)moving.noteMoved();
+      EXPECT_TRUE(moving.noteMoved());
     }
     moving.rebuild(3, pose_of, on_moved);
     const SE3 T = odomAt(number);
     Mesh mesh = meshAt(T, number);
     moving.add(mesh, number / 4, T, pose_of(number / 4, T));
   }
-  EXPECT_GE(moving.counters().rebuilds, 1u);
-  EXPECT_GT(moved_tiles, 0);
+  EXPECT_GT(moved_meshes, 0);
   moving.finish(pose_of, on_moved);
-
-  fusion::QuadtreeMap fresh(mapConfig());
-  for (int number = 0; number < 60; ++number) {
-    Mesh mesh = meshAt(odomAt(number), number);
-    transform(mesh, pose_of(number / 4, odomAt(number)));
-    (void)fresh.fuse(mesh);
-  }
-  expectEqual(fusion::toMesh(moving.map()), fusion::toMesh(fresh));
+  EXPECT_EQ(moving.counters().waiting, 0u);
+  EXPECT_EQ(moving.map().counters().missing, 0u);
+  const auto fresh = fusedAfresh(60, pose_of);
+  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(*fresh));
+  expectEqual(fusion::toMesh(moving.map()), fusion::toMesh(*fresh));
 }
 
-TEST(MovingMap, DuringARebuildTheOldMapIsShownWhole) {
+TEST(MovingMap, WhatWaitsIsWorkedOffWithinTheQuotaLargestMoveFirstAndThenNothingIsLeft) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
   MovingMap moving(mapConfig(), &slots, kPoints);
   const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
-  for (int number = 0; number < 20; ++number) {
-    Mesh mesh = meshAt(odomAt(number), number);
-    moving.add(mesh, number / 4, odomAt(number), odomAt(number));
+  addMeshes(moving, 20);
+  std::vector<double> moves;
+  const MovingMap::OnMoved on_moved = [&](const MovingMap::Box& before, const MovingMap::Box& now) {
+    moves.push_back(static_cast<double>((now.low - before.low).norm()));
+  };
+  moving.noteMoved();
+  std::size_t expected = 0;
+  for (int k = 0; k < 10; ++k) {
+    const std::uint64_t before = moving.counters().meshes_fused_again;
+    moving.rebuild(3, pose_of, on_moved);
+    EXPECT_LE(moving.counters().meshes_fused_again - before, 3u);
+    if (k == 0) expected = moving.counters().waiting;
   }
-  const Mesh before = fusion::toMesh(moving.map());
-  EXPECT_TRUE(moving.noteMoved());
-  EXPECT_FALSE(moving.noteMoved());
+  EXPECT_EQ(moves.size(), 20u);
+  EXPECT_EQ(expected, 17u);
+  EXPECT_GT(moves.front(), 2 * moves.back());
+  EXPECT_EQ(moving.counters().waiting, 0u);
+  EXPECT_EQ(moving.counters().rebuilds, 1u);
+  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(*fusedAfresh(20, pose_of)));
+}
+
+TEST(MovingMap, WhileMeshesWaitEachIsStillInTheMapOnce) {
+  MemorySlots slots(100, meshSlotBytes(kPoints));
+  MovingMap moving(mapConfig(), &slots, kPoints);
+  const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
+  addMeshes(moving, 20);
+  moving.noteMoved();
   for (int k = 0; k < 6; ++k) {
     moving.rebuild(3, pose_of, {});
-    expectEqual(fusion::toMesh(moving.map()), before);
+    const fusion::QuadtreeMap::Counters c = moving.map().counters();
+    const auto there = static_cast<double>(c.observations - c.removed);
+    fusion::QuadtreeMap whole(mapConfig());
+    for (int number = 0; number < 20; ++number) {
+      Mesh mesh = meshAt(odomAt(number), number);
+      transform(mesh, odomAt(number));
+      (void)whole.fuse(mesh);
+    }
+    // A turned mesh meets the middles of a few cells more or fewer.
+    EXPECT_NEAR(there, static_cast<double>(whole.counters().observations), 0.02 * there);
   }
-  EXPECT_EQ(moving.counters().waiting, 2u);
-  moving.rebuild(3, pose_of, {});
-  EXPECT_EQ(moving.counters().rebuilds, 1u);
-  EXPECT_GT(moving.map().fused(), 20u);
 }
 
-TEST(MovingMap, ADiskThatFailsLeavesTheMapAsItIs) {
+TEST(MovingMap, MovesTooSmallToMatterWaitUntilTheyHaveGrownOrTheSurveyEnds) {
+  MemorySlots slots(100, meshSlotBytes(kPoints));
+  MovingMap moving(mapConfig(), &slots, kPoints);
+  double shift = 0.0015;
+  const MovingMap::PoseOf pose_of = [&](int, const SE3& T) {
+    return SE3(Eigen::Quaterniond::Identity(), {shift, 0, 0}) * T;
+  };
+  addMeshes(moving, 20);
+  moving.noteMoved();
+  moving.rebuild(100, pose_of, {});
+  EXPECT_EQ(moving.counters().meshes_fused_again, 0u);
+  shift += 0.0015;
+  moving.noteMoved();
+  moving.rebuild(100, pose_of, {});
+  EXPECT_EQ(moving.counters().meshes_fused_again, 20u);
+  shift += 0.0005;
+  moving.noteMoved();
+  moving.rebuild(100, pose_of, {});
+  EXPECT_EQ(moving.counters().meshes_fused_again, 20u);
+  moving.finish(pose_of, {});
+  EXPECT_EQ(moving.counters().meshes_fused_again, 40u);
+  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(*fusedAfresh(20, pose_of)));
+}
+
+TEST(MovingMap, MeshesThatCouldNotBeStoredStayWhereTheyAre) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
   MovingMap moving(mapConfig(), &slots, kPoints);
   const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
-  for (int number = 0; number < 40; ++number) {
-    slots.fails = number > 20;
-    Mesh mesh = meshAt(odomAt(number), number);
-    moving.add(mesh, number / 4, odomAt(number), odomAt(number));
-  }
-  const Mesh before = fusion::toMesh(moving.map());
-  (void)moving.noteMoved();
+  addMeshes(moving, 40, &slots, 21);
+  slots.fails = false;
+  moving.noteMoved();
   for (int k = 0; k < 40; ++k) moving.rebuild(3, pose_of, {});
   moving.finish(pose_of, {});
   EXPECT_EQ(moving.counters().meshes_lost, 19u);
   EXPECT_TRUE(moving.counters().given_up);
-  expectEqual(fusion::toMesh(moving.map()), before);
-}
-
-TEST(MovingMap, MeshesLostDuringARebuildStopIt) {
-  MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints);
-  const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
+  fusion::QuadtreeMap mixed(mapConfig());
   for (int number = 0; number < 40; ++number) {
     Mesh mesh = meshAt(odomAt(number), number);
-    moving.add(mesh, number / 4, odomAt(number), odomAt(number));
+    transform(mesh, number < 21 ? pose_of(number / 4, odomAt(number)) : odomAt(number));
+    (void)mixed.fuse(mesh);
   }
-  const Mesh before = fusion::toMesh(moving.map());
-  (void)moving.noteMoved();
-  slots.fails = true;
-  for (int k = 0; k < 40; ++k) moving.rebuild(3, pose_of, {});
-  EXPECT_TRUE(moving.counters().given_up);
-  expectEqual(fusion::toMesh(moving.map()), before);
+  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(mixed));
 }
 
-TEST(MovingMap, WithoutSlotsItHasOneMapThatStays) {
-  MovingMap moving(mapConfig(), nullptr, kPoints);
+TEST(MovingMap, ADiskThatFailsOrGivesOtherBytesBackChangesNothing) {
+  for (const bool wrong_bytes : {false, true}) {
+    MemorySlots slots(100, meshSlotBytes(kPoints));
+    MovingMap moving(mapConfig(), &slots, kPoints);
+    const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
+    addMeshes(moving, 40);
+    const std::string before = bytesOf(moving.map());
+    if (wrong_bytes) {
+      const Mesh other = meshAt(odomAt(77), 77);
+      std::vector<std::uint8_t> block(meshSlotBytes(kPoints));
+      (void)writeMeshSlot(other, block);
+      for (std::size_t slot = 0; slot < 40; ++slot) (void)slots.write(slot, block);
+    }
+    slots.fails = !wrong_bytes;
+    moving.noteMoved();
+    for (int k = 0; k < 40; ++k) moving.rebuild(3, pose_of, {});
+    EXPECT_EQ(moving.counters().meshes_lost, 40u);
+    EXPECT_TRUE(bytesOf(moving.map()) == before);
+  }
+}
+
+TEST(MovingMap, MovingMeshesAllocatesNothing) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap with(mapConfig(), &slots, kPoints);
-  EXPECT_LT(moving.memoryBytes(), with.memoryBytes());
+  MovingMap moving(mapConfig(), &slots, kPoints);
+  addMeshes(moving, 40);
+  const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
+  const test::ThreadCost before = test::threadCost();
+  moving.noteMoved();
+  for (int k = 0; k < 20; ++k) moving.rebuild(3, pose_of, {});
+  EXPECT_EQ((test::threadCost() - before).heap_calls, 0u);
+  EXPECT_EQ(moving.counters().meshes_fused_again, 40u);
+}
+
+TEST(MovingMap, WithoutSlotsItStays) {
+  MovingMap moving(mapConfig(), nullptr, kPoints);
   Mesh mesh = meshAt(odomAt(0), 0);
   EXPECT_GT(moving.add(mesh, -1, odomAt(0), odomAt(0)), 0u);
   EXPECT_FALSE(moving.noteMoved());

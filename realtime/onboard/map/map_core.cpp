@@ -212,6 +212,7 @@ MapOutput MapCore::process(const MapInput& input) {
   out.triangles = result.triangles.size();
   out.median_range = medianRange(result);
   localise(input, out.median_range > 0 ? out.median_range : plane.distance, true, out);
+  map_.noteVehicle(out.T_nav_cam.translation().head<2>());
   map_.rebuild(
       config_.rebuild_meshes, [this](int k, const SE3& T) { return poseOf(k, T); }, on_moved_);
   ended("map rebuild");

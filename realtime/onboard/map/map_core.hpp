@@ -78,6 +78,8 @@ class MapCore {
   MapOutput process(const MapInput& input);
   // The survey is over: localisation works off what waits and the map is fused anew at the final poses.
   void finish();
+  // The ship has this square as the map shows it: when the pool is full it coarsens before others.
+  void noteSent(const fusion::TileKey& key) { map_.noteSent(key); }
 
   // Of a pair, as known now.
   [[nodiscard]] SE3 poseOf(const MapOutput& pair) const { return poseOf(pair.keyframe, pair.T_odom_cam); }

@@ -1,18 +1,24 @@
 #include "realtime/onboard/map/moving_map.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <cstring>
 #include <limits>
 
 #include "realtime/onboard/map/mesh_slot.hpp"
+#include "recon/geometry/hash64.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-// Meshes that cannot be read again would be holes in a map that is built anew; a few are covered by their
-// neighbours.
+// Meshes that cannot be read again stay where they are; a few are covered by their neighbours.
 constexpr double kMostLost = 0.02;  // of all meshes
-// Smaller moves are not worth sending a tile again.
-constexpr double kMoved = 0.01, kTurned = 0.005;  // [m], [rad]
+// Smaller moves of a mesh's middle or rim are far below what stereo sees [m].
+constexpr double kMoved = 0.002;
+// Steps of urgency to a doubling of the move.
+constexpr double kUrgencySteps = 8;
+// Meshes compared with their poses a frame, so that a move of all costs no frame much (about 0.1 us each).
+constexpr std::size_t kCompared = 2048;
 
 MovingMap::Box boxOf(const Mesh& mesh) {
   MovingMap::Box box;
@@ -26,105 +32,164 @@ MovingMap::Box boxOf(const Mesh& mesh) {
   return box;
 }
 
+std::uint64_t hashOf(std::span<const std::uint8_t> bytes) {
+  std::uint64_t hash = bytes.size();
+  for (std::size_t at = 0; at < bytes.size(); at += sizeof(std::uint64_t)) {
+    std::uint64_t word = 0;
+    std::memcpy(&word, bytes.data() + at, std::min(sizeof word, bytes.size() - at));
+    hash = hash64(hash ^ word);
+  }
+  return hash;
+}
+
+bool same(const SE3& a, const SE3& b) {
+  return a.translation() == b.translation() && a.rotation().coeffs() == b.rotation().coeffs();
+}
+
+void reserve(Mesh& mesh, std::size_t points) {
+  mesh.vertices.reserve(points);
+  mesh.sigma.reserve(points);
+  mesh.colours.reserve(points);
+  mesh.triangles.reserve(2 * points);
+}
+
+std::size_t bytesOf(const Mesh& mesh) {
+  return mesh.vertices.capacity() * sizeof(mesh.vertices[0]) + mesh.sigma.capacity() * sizeof(float) +
+         mesh.colours.capacity() * sizeof(Rgb) + mesh.triangles.capacity() * sizeof(mesh.triangles[0]);
+}
+
 }  // namespace
 
 MovingMap::MovingMap(const fusion::QuadtreeConfig& config, SlotStore* meshes, std::size_t max_points)
-    : shown_(std::make_unique<fusion::QuadtreeMap>(config)), meshes_(meshes) {
-  if (meshes_ == nullptr || meshes_->slots() == 0) return;
-  second_ = std::make_unique<fusion::QuadtreeMap>(config);
+    : map_(config), meshes_(meshes != nullptr && meshes->slots() > 0 ? meshes : nullptr) {
+  if (meshes_ == nullptr) return;
   entries_.reserve(meshes_->slots());
+  urgency_.reserve(meshes_->slots());
   block_.resize(meshSlotBytes(max_points));
+  reserve(mesh_, max_points);
+  reserve(moved_, max_points);
 }
 
 std::size_t MovingMap::memoryBytes() const {
-  return shown_->counters().memory_bytes + (second_ ? second_->counters().memory_bytes : 0) +
-         entries_.capacity() * sizeof(Entry) + block_.size();
+  return sizeof(*this) - sizeof(map_) + map_.counters().memory_bytes + entries_.capacity() * sizeof(Entry) +
+         urgency_.capacity() + block_.capacity() + bytesOf(mesh_) + bytesOf(moved_);
 }
 
 std::size_t MovingMap::add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, const SE3& T_nav_cam) {
-  Entry entry;
   ++counters_.meshes;
-  if (second_) {
-    const std::size_t bytes = writeMeshSlot(mesh, block_);
-    entry.stored = entries_.size() < entries_.capacity() && bytes > 0 &&
-                   meshes_->write(entries_.size(), {block_.data(), bytes});
-    if (!entry.stored) ++counters_.meshes_lost;
+  const bool kept = meshes_ != nullptr && entries_.size() < entries_.capacity();
+  if (meshes_ != nullptr && !kept) ++counters_.meshes_lost;
+  if (!kept) {
+    transform(mesh, T_nav_cam);
+    return map_.fuse(mesh);
   }
+  Entry entry;
+  entry.keyframe = keyframe;
+  entry.T_odom_cam = T_odom_cam;
+  entry.shown = T_nav_cam;
+  const std::size_t bytes = writeMeshSlot(mesh, block_);
+  entry.bytes = static_cast<std::uint32_t>(bytes);
+  entry.hash = hashOf({block_.data(), bytes});
+  entry.stored = bytes > 0 && meshes_->write(entries_.size(), {block_.data(), bytes});
+  if (!entry.stored) ++counters_.meshes_lost;
+  Eigen::AlignedBox3f extent;
+  for (const Eigen::Vector3f& v : mesh.vertices) extent.extend(v);
+  entry.middle = mesh.vertices.empty() ? Eigen::Vector3f::Zero() : Eigen::Vector3f(extent.center());
+  entry.radius = mesh.vertices.empty() ? 0 : extent.diagonal().norm() / 2;
   transform(mesh, T_nav_cam);
-  if (second_ && entries_.size() < entries_.capacity()) {
-    entry.keyframe = keyframe;
-    entry.T_odom_cam = T_odom_cam;
-    entry.shown = T_nav_cam;
-    entry.box = boxOf(mesh);
-    entries_.push_back(entry);
-  }
-  return shown_->fuse(mesh);
-}
-
-// The second map numbers its changes on from the first's, so that newer content has the higher number.
-void MovingMap::begin() {
-  second_->clear(shown_->fused());
-  next_ = 0;
-  building_ = true;
+  entry.box = boxOf(mesh);
+  const std::size_t cells = map_.fuse(mesh);
+  entry.fused = cells > 0;
+  entries_.push_back(entry);
+  urgency_.push_back(0);
+  return cells;
 }
 
 bool MovingMap::noteMoved() {
-  if (!second_ || building_ || entries_.empty()) return false;
-  begin();
+  if (entries_.empty()) return false;
+  if (to_compare_ == 0) cursor_ = entries_.size();
+  to_compare_ = entries_.size();
   return true;
 }
 
-bool MovingMap::tooManyLost() {
-  counters_.given_up =
-      static_cast<double>(counters_.meshes_lost) > kMostLost * static_cast<double>(counters_.meshes);
-  return counters_.given_up;
+void MovingMap::setUrgency(std::size_t k, std::uint8_t urgency) {
+  waiting_ += (urgency > 0 ? 1U : 0U);
+  waiting_ -= (urgency_[k] > 0 ? 1U : 0U);
+  urgency_[k] = urgency;
+}
+
+void MovingMap::compareSome(std::size_t most, const PoseOf& pose_of) {
+  for (; most > 0 && to_compare_ > 0; --most, --to_compare_) {
+    if (cursor_ == 0) cursor_ = entries_.size();
+    const Entry& e = entries_[--cursor_];
+    if (!e.stored) continue;
+    const SE3 now = pose_of(e.keyframe, e.T_odom_cam);
+    const Eigen::Vector3d middle = e.middle.cast<double>();
+    const double turned = now.rotation().angularDistance(e.shown.rotation());
+    const double moved = (now * middle - e.shown * middle).norm() + turned * static_cast<double>(e.radius);
+    const double steps = moved < kMoved ? 0 : 1 + kUrgencySteps * std::log2(moved / kMoved);
+    setUrgency(cursor_, static_cast<std::uint8_t>(std::min(255.0, steps)));
+  }
+}
+
+// A disk that gives back other bytes than were written would take out what never went in.
+bool MovingMap::readMesh(std::size_t k) {
+  const Entry& e = entries_[k];
+  const std::span<std::uint8_t> bytes(block_.data(), e.bytes);
+  return meshes_->read(k, bytes) && hashOf(bytes) == e.hash && readMeshSlot(bytes, mesh_);
+}
+
+bool MovingMap::move(std::size_t k, const SE3& T_nav_cam, const OnMoved& on_moved) {
+  Entry& e = entries_[k];
+  setUrgency(k, 0);
+  if (!readMesh(k)) {
+    e.stored = false;
+    ++counters_.meshes_lost;
+    return false;
+  }
+  moved_ = mesh_;
+  if (e.fused) {
+    transform(mesh_, e.shown);
+    (void)map_.remove(mesh_);
+  }
+  transform(moved_, T_nav_cam);
+  const Box before = e.box;
+  e.box = boxOf(moved_);
+  e.shown = T_nav_cam;
+  e.fused = map_.fuse(moved_) > 0;
+  ++counters_.meshes_fused_again;
+  if (on_moved) on_moved(before, e.box);
+  return true;
 }
 
 void MovingMap::rebuild(int meshes, const PoseOf& pose_of, const OnMoved& on_moved) {
-  if (!second_) return;
-  if (!building_ || tooManyLost()) return;
-  for (; meshes > 0 && next_ < entries_.size(); ++next_) {
-    Entry& e = entries_[next_];
-    e.next = pose_of(e.keyframe, e.T_odom_cam);
-    if (!e.stored) continue;
-    --meshes;
-    if (!meshes_->read(next_, block_) || !readMeshSlot(block_, mesh_)) {
-      e.stored = false;
-      ++counters_.meshes_lost;
-      continue;
-    }
-    transform(mesh_, e.next);
-    e.next_box = boxOf(mesh_);
-    (void)second_->fuse(mesh_);
-    ++counters_.meshes_fused_again;
+  if (entries_.empty()) return;
+  compareSome(kCompared, pose_of);
+  const bool waited = waiting_ > 0;
+  for (; meshes > 0 && waiting_ > 0; --meshes) {
+    std::uint8_t most = 0;
+    for (const std::uint8_t u : urgency_) most = std::max(most, u);
+    std::size_t k = urgency_.size() - 1;
+    while (urgency_[k] != most) --k;
+    (void)move(k, pose_of(entries_[k].keyframe, entries_[k].T_odom_cam), on_moved);
   }
-  if (next_ == entries_.size() && !tooManyLost()) swap(on_moved);
-}
-
-void MovingMap::swap(const OnMoved& on_moved) {
-  std::swap(shown_, second_);
-  building_ = false;
-  ++counters_.rebuilds;
-  for (Entry& e : entries_) {
-    if (e.stored) {
-      const SE3 moved = e.shown.inverse() * e.next;
-      const bool far = moved.translation().norm() > kMoved || 2 * moved.rotation().vec().norm() > kTurned;
-      if (far && on_moved) on_moved(e.box, e.next_box);
-      e.box = e.next_box;
-    }
-    e.shown = e.next;
-  }
+  if (waited && waiting_ == 0 && to_compare_ == 0) ++counters_.rebuilds;
 }
 
 void MovingMap::finish(const PoseOf& pose_of, const OnMoved& on_moved) {
-  if (!second_ || entries_.empty()) return;
-  begin();
-  rebuild(std::numeric_limits<int>::max(), pose_of, on_moved);
+  for (std::size_t k = 0; k < entries_.size(); ++k) {
+    const SE3 now = pose_of(entries_[k].keyframe, entries_[k].T_odom_cam);
+    if (entries_[k].stored && !same(now, entries_[k].shown)) (void)move(k, now, on_moved);
+    setUrgency(k, 0);
+  }
+  to_compare_ = 0;
 }
 
 MovingMap::Counters MovingMap::counters() const {
   Counters out = counters_;
-  if (building_) out.waiting = entries_.size() - next_;
+  out.waiting = waiting_;
+  out.given_up =
+      static_cast<double>(counters_.meshes_lost) > kMostLost * static_cast<double>(counters_.meshes);
   return out;
 }
 

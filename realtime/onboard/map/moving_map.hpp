@@ -2,7 +2,7 @@
 
 #include <cstdint>
 #include <functional>
-#include <memory>
+#include <span>
 #include <vector>
 
 #include "realtime/onboard/slots/slot_store.hpp"
@@ -12,11 +12,12 @@
 namespace fathom::onboard {
 
 // A map whose meshes hang on keyframes that move. Every local mesh is kept in a slot, in its camera's frame.
-// When keyframes have moved, a second map is fused from all meshes at their present poses, in their order, a
-// few a frame, while the first goes on being shown and takes in what is new; when the second has caught up,
-// the two change places. So the map shown is always one that was fused mesh by mesh, and after finish() it is
-// exactly the map that is fused afresh from the final poses. (Taking single meshes out of a tile again would
-// be less work, but a node's votes and roundings cannot be undone.)
+// When keyframes have moved, the meshes that moved most are taken out of the map at the pose they went in
+// with, and put back at their new one, a few a frame; of equal moves the newest first. Each mesh is in the
+// map once at all times. Moves below a threshold wait until they have grown; after finish() every mesh is at
+// its final pose, and the map is, bit by bit, the one fused afresh from the final poses (unless the map's
+// pool was full and coarsened: then its sums are those of the final poses in the squares that are left). A
+// mesh whose slot cannot be read, or does not give what was written, stays where it is and is counted.
 class MovingMap {
  public:
   // Pose of a mesh's camera now.
@@ -28,50 +29,62 @@ class MovingMap {
   };
   using OnMoved = std::function<void(const Box& before, const Box& now)>;
 
-  // `meshes`: null, or without slots, for a map that never moves. It then has a second map to build in.
+  // `meshes`: null, or without slots, for a map that never moves.
   MovingMap(const fusion::QuadtreeConfig& config, SlotStore* meshes, std::size_t max_points);
 
-  // Fuses a mesh (camera frame) at T_nav_cam; transforms it into nav. Returns the nodes updated.
+  // Fuses a mesh (camera frame) at T_nav_cam; transforms it into nav. Returns the cells observed.
   std::size_t add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, const SE3& T_nav_cam);
 
-  // Some keyframe has moved: what hangs on it is to be fused anew, from now on. False while an earlier
-  // rebuild is under way: say so again later.
+  // Some keyframe has moved: rebuild() looks at all meshes again. False for a map that never moves.
   bool noteMoved();
-  // At most `meshes` are fused into the second map.
+  // Moves at most so many meshes; also the most that are read from the slots.
   void rebuild(int meshes, const PoseOf& pose_of, const OnMoved& on_moved);
-  // Fuses all anew at the present poses.
+  // Moves all that are not where they belong, however little.
   void finish(const PoseOf& pose_of, const OnMoved& on_moved);
 
-  [[nodiscard]] const fusion::QuadtreeMap& map() const { return *shown_; }
+  [[nodiscard]] const fusion::QuadtreeMap& map() const { return map_; }
+  // For the worth of areas when the pool is full: see QuadtreeMap.
+  void noteVehicle(const Eigen::Vector2d& north_east) { map_.noteVehicle(north_east); }
+  void noteSent(const fusion::TileKey& key) { map_.noteSent(key); }
 
   struct Counters {
-    std::uint64_t meshes = 0, rebuilds = 0, meshes_fused_again = 0, meshes_lost = 0;
-    std::size_t waiting = 0;  // meshes that the second map still has to take in
-    bool given_up = false;    // too many meshes were lost: the map stays as it is
+    std::uint64_t meshes = 0, meshes_fused_again = 0;
+    std::uint64_t rebuilds = 0;     // times that all waiting meshes were worked off
+    std::uint64_t meshes_lost = 0;  // without a slot that can be read: they stay where they are
+    std::size_t waiting = 0;        // known to have moved
+    bool given_up = false;          // so many are lost that the map no longer follows the poses well
   };
   [[nodiscard]] Counters counters() const;
+  // All that is held in memory; the slots are the caller's.
   [[nodiscard]] std::size_t memoryBytes() const;
 
  private:
   struct Entry {
     SE3 T_odom_cam;
-    SE3 shown;  // T_nav_cam in the map that is shown
-    SE3 next;   // and in the other
-    Box box, next_box;
+    SE3 shown;               // T_nav_cam in the map
+    Eigen::Vector3f middle;  // of the mesh, in the camera's frame
+    float radius = 0;        // [m]
+    Box box;
+    std::uint64_t hash = 0;  // of the slot's content
+    std::uint32_t bytes = 0;
     int keyframe = -1;
     bool stored = false;
+    bool fused = false;  // the map had room for it
   };
-  void begin();
-  [[nodiscard]] bool tooManyLost();
-  void swap(const OnMoved& on_moved);
+  void compareSome(std::size_t entries, const PoseOf& pose_of);
+  void setUrgency(std::size_t entry, std::uint8_t urgency);
+  [[nodiscard]] bool readMesh(std::size_t entry);
+  // False when the slot could not be read.
+  bool move(std::size_t entry, const SE3& T_nav_cam, const OnMoved& on_moved);
 
-  std::unique_ptr<fusion::QuadtreeMap> shown_, second_;
+  fusion::QuadtreeMap map_;
   SlotStore* meshes_;
-  std::vector<Entry> entries_;  // by slot
+  std::vector<Entry> entries_;               // by slot
+  std::vector<std::uint8_t> urgency_;        // of each entry: logarithm of its move; 0: need not move
+  std::size_t waiting_ = 0;                  // entries with an urgency
+  std::size_t cursor_ = 0, to_compare_ = 0;  // entries before the cursor are compared next, newest first
   std::vector<std::uint8_t> block_;
-  Mesh mesh_;
-  std::size_t next_ = 0;
-  bool building_ = false;
+  Mesh mesh_, moved_;
   Counters counters_;
 };
 

@@ -1,0 +1,141 @@
+#include <algorithm>
+#include <cmath>
+
+#include "recon/fusion/cell_reading.hpp"
+#include "recon/fusion/quadtree_store.hpp"
+
+namespace fathom::fusion {
+namespace {
+
+// Relief that even flat ground counts with, in spacings: of flat areas the finest is coarsened first.
+constexpr double kFlat = 0.05;
+// What a mesh just saw is worth so many times more than what was seen long ago, half of it after so many
+// meshes (2.5 minutes at 2 Hz): the next passes meet it.
+constexpr double kFreshness = 4, kFreshMeshes = 300;
+// The same for what is near the vehicle, half of it at this distance [m]: a few survey lines.
+constexpr double kNearness = 4, kNear = 10;
+// What the ship does not have yet exists nowhere else.
+constexpr double kUnsent = 2;
+// Groups coarsened before all are compared again.
+constexpr std::size_t kBatch = 64;
+// Tiles looked at in each fuse(), to measure the relief of those that changed.
+constexpr std::size_t kReliefTiles = 16;
+// A cell's layers and list cost memory even in a group that is hardly seen [layers].
+constexpr double kGroupCost = 64;
+
+}  // namespace
+
+bool QuadtreeStore::hasRoom() const {
+  return free_tile_ != kNone && free_layer_ != kNone &&
+         index_.room() > static_cast<std::size_t>(config_.max_level);
+}
+
+float QuadtreeStore::measureRelief(std::int32_t slot) const {
+  std::array<double, kCells * kCells> depth;
+  for (int cell = 0; cell < kCells * kCells; ++cell) {
+    const CellReading r = readCell(*this, tile(slot).key.level, head(slot, cell));
+    depth[static_cast<std::size_t>(cell)] = r.seen() ? r.depth : std::nan("");
+  }
+  double sum = 0;
+  int count = 0;
+  const auto add = [&](std::size_t k, std::size_t step) {
+    const double second = std::abs(depth[k - step] - 2 * depth[k] + depth[k + step]);
+    if (!std::isfinite(second)) return;
+    sum += second;
+    ++count;
+  };
+  for (std::size_t i = 1; i + 1 < kCells; ++i) {
+    for (std::size_t j = 1; j + 1 < kCells; ++j) {
+      add(i * kCells + j, kCells);
+      add(i * kCells + j, 1);
+    }
+  }
+  return count > 0 ? static_cast<float>(sum / count) : 0.0F;
+}
+
+void QuadtreeStore::refreshRelief() {
+  for (std::size_t k = 0; k < kReliefTiles; ++k) {
+    relief_next_ = relief_next_ + 1 < tiles_.size() ? relief_next_ + 1 : 0;
+    Tile& t = tiles_[relief_next_];
+    if (!t.used || t.relief_of == t.changed) continue;
+    t.relief = measureRelief(static_cast<std::int32_t>(relief_next_));
+    t.relief_of = t.changed;
+  }
+}
+
+QuadtreeStore::Candidate QuadtreeStore::valueOf(const TileKey& parent, std::uint32_t now) const {
+  Candidate out;
+  out.parent = parent;
+  std::uint32_t seen = 0;
+  double relief = 0, layers = kGroupCost;
+  bool sent = true;
+  for (int c = 0; c < 4; ++c) {
+    const std::int32_t slot = index_.find(TileIndex::child(parent, c));
+    if (slot < 0) continue;
+    const Tile& t = tile(slot);
+    out.changed = std::max(out.changed, t.changed);
+    seen = std::max(seen, t.seen);
+    relief = std::max(relief, static_cast<double>(t.relief));
+    layers += t.layers;
+    sent = sent && t.sent;
+  }
+  const double size = tileSize(parent.level);
+  double value = relief + kFlat * spacing(parent.level + 1);
+  value *= 1 + kFreshness / (1 + (now - seen) / kFreshMeshes);
+  if (vehicle_.allFinite()) {
+    const Eigen::Vector2d middle((parent.north_index + 0.5) * size, (parent.east_index + 0.5) * size);
+    const double distances = (middle - vehicle_).norm() / kNear;
+    value *= 1 + kNearness / (1 + distances * distances);
+  }
+  if (!sent) value *= kUnsent;
+  out.value = value / layers;
+  return out;
+}
+
+void QuadtreeStore::findCandidates(std::uint32_t now) {
+  candidates_.clear();
+  for (const Tile& t : tiles_) {
+    if (!t.used || t.key.level == 0 || index_.below(t.key) > 0) continue;
+    const TileKey parent = TileIndex::parent(t.key);
+    // Each group once: at its first child that holds sums.
+    int first = 0;
+    while (index_.find(TileIndex::child(parent, first)) < 0) ++first;
+    const TileKey own = TileIndex::child(parent, first);
+    if (own.north_index != t.key.north_index || own.east_index != t.key.east_index) continue;
+    if (canCoarsen(parent)) candidates_.push_back(valueOf(parent, now));
+  }
+  std::sort(candidates_.begin(), candidates_.end(), [](const Candidate& a, const Candidate& b) {
+    return a.value != b.value ? a.value > b.value : TileIndex::pack(a.parent) > TileIndex::pack(b.parent);
+  });
+  candidates_left_ = std::min(kBatch, candidates_.size());
+}
+
+bool QuadtreeStore::makeRoom(std::uint32_t now) {
+  while (!hasRoom()) {
+    if (candidates_left_ == 0) {
+      findCandidates(now);
+      if (candidates_.empty()) return false;
+    }
+    const Candidate next = candidates_.back();
+    candidates_.pop_back();
+    --candidates_left_;
+    // Unless it has changed since all were compared.
+    if (canCoarsen(next.parent) && valueOf(next.parent, now).changed == next.changed)
+      coarsen(next.parent, now);
+  }
+  return true;
+}
+
+void QuadtreeStore::markSent(const TileKey& key) {
+  const std::int32_t found = index_.find(key);
+  if (found == TileIndex::kAbsent) return;
+  if (found >= 0) at(found).sent = true;
+  if (index_.below(key) > 0)
+    for (int c = 0; c < 4; ++c) markSent(TileIndex::child(key, c));
+}
+
+void QuadtreeStore::noteSent(const TileKey& key) {
+  markSent(key);
+}
+
+}  // namespace fathom::fusion
