@@ -321,7 +321,7 @@ Mesh readPly(const std::filesystem::path& path) {
   return mesh;
 }
 
-void writePly(const std::filesystem::path& path, const Mesh& mesh, const std::vector<std::string>& comments) {
+void writePly(std::ostream& stream, const Mesh& mesh, const std::vector<std::string>& comments) {
   const std::size_t n = mesh.vertices.size();
   const bool normals = mesh.normals.size() == n, colours = mesh.colours.size() == n;
   const bool texture = mesh.texture_coordinates.size() == n, sigma = mesh.sigma.size() == n;
@@ -336,13 +336,12 @@ void writePly(const std::filesystem::path& path, const Mesh& mesh, const std::ve
   header << "element face " << mesh.triangles.size()
          << "\nproperty list uchar int vertex_indices\nend_header\n";
 
-  AtomicFile file(path);
-  file.stream() << header.str();
+  stream << header.str();
   std::string buffer;
   constexpr std::size_t kFlushBytes = 1 << 20;
   const auto flush = [&](std::size_t limit) {
     if (buffer.size() < limit) return;
-    file.stream().write(buffer.data(), static_cast<std::streamsize>(buffer.size()));
+    stream.write(buffer.data(), static_cast<std::streamsize>(buffer.size()));
     buffer.clear();
   };
   for (std::size_t i = 0; i < n; ++i) {
@@ -362,6 +361,11 @@ void writePly(const std::filesystem::path& path, const Mesh& mesh, const std::ve
     flush(kFlushBytes);
   }
   flush(0);
+}
+
+void writePly(const std::filesystem::path& path, const Mesh& mesh, const std::vector<std::string>& comments) {
+  AtomicFile file(path);
+  writePly(file.stream(), mesh, comments);
   file.commit();
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <iosfwd>
 #include <string>
 #include <vector>
 
@@ -17,5 +18,7 @@ namespace fathom {
 // Writes little-endian binary PLY with the attributes that the mesh has; to a temporary name, then renamed.
 void writePly(const std::filesystem::path& path, const Mesh& mesh,
               const std::vector<std::string>& comments = {});
+// The same into a stream that the caller opened.
+void writePly(std::ostream& stream, const Mesh& mesh, const std::vector<std::string>& comments = {});
 
 }  // namespace fathom

@@ -14,44 +14,57 @@
 
 namespace fathom::monitor {
 
-// Where frames come from.
-class FrameFeed {
- public:
-  virtual ~FrameFeed() = default;
-  // Gives the frames that have arrived by now to `take(bytes, utc_ns)`; returns how many.
-  virtual std::size_t poll(const std::function<void(std::span<const std::uint8_t>, std::int64_t)>& take) = 0;
-  [[nodiscard]] virtual bool recorded() const = 0;
-  [[nodiscard]] virtual bool finished() const = 0;
-};
+using TakeFrame = std::function<void(std::span<const std::uint8_t>, std::int64_t utc_ns)>;
 
 // Frames from modem ports, stamped with the time at which they were read.
-class LiveFeed final : public FrameFeed {
+class LiveFeed {
  public:
   explicit LiveFeed(std::vector<std::unique_ptr<FramePort>> ports) : ports_(std::move(ports)) {}
-  std::size_t poll(const std::function<void(std::span<const std::uint8_t>, std::int64_t)>& take) override;
-  [[nodiscard]] bool recorded() const override { return false; }
-  [[nodiscard]] bool finished() const override { return false; }
+  // Gives the frames that have arrived by now; returns how many.
+  std::size_t poll(const TakeFrame& take);
+  // Hands a frame to every port; true if one took it.
+  bool send(std::span<const std::uint8_t> frame);
 
  private:
   std::vector<std::unique_ptr<FramePort>> ports_;
 };
 
-// Frames of a packets.bin, `speed` times as fast as they were sent; 0: without waiting, kBatch a poll.
-// A file that is damaged from some byte on gives what comes before it, then poll() throws InputError once.
-class RecordedFeed final : public FrameFeed {
+// A packets.bin as a recording that plays at any speed, pauses and seeks. It lies in memory whole.
+class Recording {
  public:
-  RecordedFeed(const std::filesystem::path& packets, double speed) : reader_(packets), speed_(speed) {}
-  std::size_t poll(const std::function<void(std::span<const std::uint8_t>, std::int64_t)>& take) override;
-  [[nodiscard]] bool recorded() const override { return true; }
-  [[nodiscard]] bool finished() const override { return finished_; }
+  // A file that is damaged from some byte on keeps what comes before it; damage() says so. Throws InputError
+  // if the file cannot be read or holds no frame.
+  explicit Recording(const std::filesystem::path& packets);
+
+  [[nodiscard]] std::int64_t firstUtcNs() const { return packets_.front().utc_ns; }
+  [[nodiscard]] std::int64_t lastUtcNs() const { return last_ns_; }
+  [[nodiscard]] std::int64_t atUtcNs() const { return at_ns_; }
+  [[nodiscard]] bool finished() const { return next_ == packets_.size(); }
+  [[nodiscard]] bool playing() const { return playing_; }
+  [[nodiscard]] double speed() const { return speed_; }
+  [[nodiscard]] const std::string& damage() const { return damage_; }
+
+  // So many times as fast as it was; 0: as fast as it can be taken.
+  void setSpeed(double speed, std::int64_t monotonic_ns);
+  void setPlaying(bool playing, std::int64_t monotonic_ns);
+  // The next polls give everything up to this time without waiting. True: it lies back, frames begin anew
+  // from the first, and the caller drops what it has made of them.
+  [[nodiscard]] bool seek(std::int64_t utc_ns, std::int64_t monotonic_ns);
+  // Gives the frames that are due, at most kBatch; returns how many.
+  std::size_t poll(const TakeFrame& take, std::int64_t monotonic_ns);
 
  private:
-  static constexpr std::size_t kBatch = 64;
-  telemetry::PacketLogReader reader_;
-  double speed_;
-  std::optional<telemetry::Packet> next_;
-  bool begun_ = false, finished_ = false;
-  std::int64_t first_utc_ns_ = 0, begun_monotonic_ns_ = 0;
+  void anchor(std::int64_t monotonic_ns);
+
+  static constexpr std::size_t kBatch = 128;  // so that the page is answered in between
+  std::vector<telemetry::Packet> packets_;
+  std::string damage_;
+  std::size_t next_ = 0;
+  std::int64_t last_ns_ = 0;  // the latest time of any frame
+  std::int64_t at_ns_ = 0;    // playing time reached
+  double speed_ = 0;
+  bool playing_ = true;
+  std::int64_t anchor_utc_ns_ = 0, anchor_monotonic_ns_ = 0;
 };
 
 }  // namespace fathom::monitor

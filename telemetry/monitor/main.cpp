@@ -31,10 +31,17 @@ int main(int argc, char** argv) {
                  "vehicle id to admit, with --dive (default: the first one heard)");
   app.add_option("--dive", options.dive, "dive id to admit");
   app.add_option("--http", options.http_port, "port of the web page; 0: any free one")->capture_default_str();
-  app.add_option("--http-bind", options.http_address, "address of the web page")->capture_default_str();
+  app.add_option("--http-bind", options.http_address,
+                 "address of the web page; other than loopback needs a token")
+      ->capture_default_str();
+  app.add_option("--key", options.key, "file of the key that signs requests to the vehicle");
+  app.add_option("--token", options.token,
+                 "secret that the web page asks for (default: none on loopback, else a new one is printed)");
   app.add_option("--page", options.page,
                  "folder of the page (default: ../share/fathom/monitor from the program)");
-  app.add_option("--out", options.out, "save map.ply, track.geojson and frames.log in this folder");
+  app.add_option(
+      "--out", options.out,
+      "keep received frames, frames.log and the exports in this folder; a restart goes on from there");
   app.add_option("--exit-after-idle", options.exit_after_idle_s,
                  "exit when no frame has come for so long [s]");
   std::string key_file;

@@ -1,5 +1,7 @@
 #include "telemetry/monitor/monitor_program.hpp"
 
+#include <algorithm>
+#include <cctype>
 #include <chrono>
 #include <iostream>
 #include <memory>
@@ -10,7 +12,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "telemetry/monitor/frame_feed.hpp"
 #include "telemetry/monitor/session_files.hpp"
-#include "telemetry/monitor/web_server.hpp"
+#include "telemetry/monitor/web/web_server.hpp"
 
 namespace fathom::monitor {
 namespace {
@@ -35,18 +37,7 @@ std::optional<telemetry::LinkIdentity> identityOf(const MonitorOptions& options)
                                  static_cast<std::uint16_t>(*options.dive)};
 }
 
-std::unique_ptr<FrameFeed> openFeed(const MonitorOptions& options) {
-  const bool live = options.udp_port || !options.serial_device.empty();
-  require(live != !options.packets.empty(), "the source of frames",
-          "give --udp and/or --serial, or else --packets");
-  if (!live) {
-    require(options.speed >= 0, "--speed", "is negative");
-    std::error_code error;
-    if (std::filesystem::is_regular_file(options.packets, error) &&
-        std::filesystem::file_size(options.packets, error) == 0)
-      throw InputError(options.packets.string(), "", "is empty: give a packets.bin that holds frames");
-    return std::make_unique<RecordedFeed>(options.packets, options.speed);
-  }
+LiveFeed openPorts(const MonitorOptions& options) {
   std::vector<std::unique_ptr<FramePort>> ports;
   if (options.udp_port) {
     require(*options.udp_port >= 1 && *options.udp_port <= 65535, "--udp", "is outside 1 to 65535");
@@ -55,7 +46,17 @@ std::unique_ptr<FrameFeed> openFeed(const MonitorOptions& options) {
   }
   if (!options.serial_device.empty())
     ports.push_back(std::make_unique<io::SerialFramePort>(options.serial_device, options.baud));
-  return std::make_unique<LiveFeed>(std::move(ports));
+  return LiveFeed(std::move(ports));
+}
+
+Access accessOf(const MonitorOptions& options) {
+  constexpr std::size_t kLeastToken = 8, kMostToken = 128;
+  const auto plain = [](unsigned char c) { return std::isalnum(c) != 0 || c == '-' || c == '_'; };
+  if (!options.token.empty())
+    require(options.token.size() >= kLeastToken && options.token.size() <= kMostToken &&
+                std::all_of(options.token.begin(), options.token.end(), plain),
+            "--token", "must be 8 to 128 letters, digits, - or _");
+  return Access(options.token.empty() && !isLoopback(options.http_address) ? makeToken() : options.token);
 }
 
 std::filesystem::path pageFolder(const MonitorOptions& options) {
@@ -63,74 +64,150 @@ std::filesystem::path pageFolder(const MonitorOptions& options) {
   return std::filesystem::read_symlink("/proc/self/exe").parent_path().parent_path() / "share/fathom/monitor";
 }
 
+std::optional<telemetry::DownlinkKey> keyOf(const MonitorOptions& options) {
+  if (options.key.empty()) return std::nullopt;
+  std::string warning;
+  const telemetry::DownlinkKey key = telemetry::readDownlinkKey(options.key, warning);
+  if (!warning.empty()) std::cerr << "fathom-monitor: " << warning << std::endl;
+  return key;
+}
+
 void printProgress(const MonitorModel& model) {
   const auto& c = model.receiver().counters();
-  std::cout << "frames " << c[FrameVerdict::kAccepted] << " accepted, " << c.lost << " lost, "
-            << c.frames - c[FrameVerdict::kAccepted] << " rejected; " << c.bytes << " bytes; tiles "
-            << model.map().size() << ", " << static_cast<long>(model.map().area()) << " m2; track "
-            << model.track().size() << " points" << std::endl;
+  std::cout << "frames " << c[FrameVerdict::kAccepted] << " accepted, " << c.lost << " lost, " << c.repaired
+            << " repaired, " << c.frames - c[FrameVerdict::kAccepted] << " rejected; " << c.bytes
+            << " bytes; map " << model.map().store().size() << " blocks, "
+            << static_cast<long>(model.map().surface().area()) << " m2; track " << model.track().size()
+            << " points" << std::endl;
 }
+
+// What an earlier run into the same folder has received.
+void reload(SessionFiles& files, MonitorModel& model) {
+  std::string damage;
+  const std::size_t count = files.reload(
+      [&](std::span<const std::uint8_t> bytes, std::int64_t utc_ns) { (void)model.accept(bytes, utc_ns); },
+      damage);
+  if (!damage.empty()) std::cerr << "fathom-monitor: " << damage << std::endl;
+  const auto& identity = model.receiver().identity();
+  if (count > 0 && identity)
+    std::cout << "fathom-monitor: goes on with " << count << " frames of vehicle "
+              << int{identity->vehicle_id} << ", dive " << identity->dive_id
+              << " (for another dive give another --out)" << std::endl;
+}
+
+// Moves frames from where they come to the model, and what the page wants to where it goes.
+class Reception {
+ public:
+  Reception(SharedModel& shared, const MonitorOptions& options, SessionFiles* files)
+      : shared_(shared), files_(files) {
+    if (options.packets.empty()) {
+      live_.emplace(openPorts(options));
+    } else {
+      require(options.speed >= 0, "--speed", "is negative");
+      recording_.emplace(options.packets);
+      recording_->setSpeed(options.speed, clock_.monotonicNs());
+      publish();
+    }
+  }
+
+  [[nodiscard]] std::string damage() const { return recording_ ? recording_->damage() : ""; }
+  [[nodiscard]] bool recorded() const { return recording_.has_value(); }
+  [[nodiscard]] bool mayEnd() const { return !recording_ || recording_->finished(); }
+
+  // Returns how many frames came.
+  std::size_t step() {
+    const std::lock_guard lock(shared_.mutex);
+    const auto take = [&](std::span<const std::uint8_t> bytes, std::int64_t utc_ns) {
+      const auto frame = shared_.model->accept(bytes, utc_ns);
+      if (files_ != nullptr) files_->log(frame, bytes, utc_ns, recorded());
+    };
+    if (live_) {
+      shared_.now_utc_ns = clock_.utcNs();
+      const std::size_t count = live_->poll(take);
+      std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
+      if (const std::size_t size = shared_.model->speak(clock_.utcNs(), frame); size > 0)
+        if (!live_->send(std::span<const std::uint8_t>(frame).first(size))) ++unsent_;
+      return count;
+    }
+    for (const PlaybackWish& wish : shared_.wishes) apply(wish);
+    shared_.wishes.clear();
+    const std::size_t count = recording_->poll(take, clock_.monotonicNs());
+    publish();
+    return count;
+  }
+
+ private:
+  void apply(const PlaybackWish& wish) {
+    const std::int64_t now = clock_.monotonicNs();
+    if (wish.speed) recording_->setSpeed(*wish.speed, now);
+    if (wish.playing) recording_->setPlaying(*wish.playing, now);
+    if (wish.seek_utc_ns && recording_->seek(*wish.seek_utc_ns, now)) shared_.beginAnew();
+  }
+
+  void publish() {
+    shared_.now_utc_ns = recording_->atUtcNs();
+    shared_.playback = {recording_->firstUtcNs(), recording_->lastUtcNs(), recording_->atUtcNs(),
+                        recording_->speed(),      recording_->playing(),   recording_->finished()};
+  }
+
+  SharedModel& shared_;
+  SessionFiles* files_;
+  rt::RealClock clock_;
+  std::uint64_t unsent_ = 0;  // downlink frames that no port took
+  std::optional<LiveFeed> live_;
+  std::optional<Recording> recording_;
+};
 
 }  // namespace
 
 int runMonitor(const MonitorOptions& options, const std::atomic<bool>& stop) {
-  SharedModel shared(identityOf(options));
-  const auto feed = openFeed(options);
+  const rt::RealClock clock;
+  const bool live = options.udp_port || !options.serial_device.empty();
+  require(live != !options.packets.empty(), "the source of frames",
+          "give --udp and/or --serial, or else --packets");
+  require(options.http_port >= 0 && options.http_port <= 65535, "--http", "is outside 0 to 65535");
+  const Access access = accessOf(options);
+  SharedModel shared(identityOf(options), keyOf(options), static_cast<std::uint64_t>(clock.utcNs()));
   std::optional<SessionFiles> files;
   if (!options.out.empty()) files.emplace(options.out);
-  require(options.http_port >= 0 && options.http_port <= 65535, "--http", "is outside 0 to 65535");
-  shared.feed.recorded = feed->recorded();
-  const WebServer server(shared, options.http_address, options.http_port, pageFolder(options));
-  std::cout << "fathom-monitor: http://" << options.http_address << ':' << server.port() << '/' << std::endl;
+  Reception reception(shared, options, files ? &*files : nullptr);
+  if (files && live) reload(*files, *shared.model);
+  const WebServer server(shared, access, options.http_address, options.http_port, pageFolder(options));
+  std::cout << "fathom-monitor: http://" << options.http_address << ':' << server.port() << '/'
+            << (access.token().empty() ? "" : "?token=" + access.token()) << std::endl;
+  int exit_code = kExitSuccess;
+  if (const std::string damage = reception.damage(); !damage.empty()) {  // what came before it is shown
+    std::cerr << "fathom-monitor: " << damage << std::endl;
+    exit_code = kExitBadInput;
+  }
 
-  const rt::RealClock clock;
   std::int64_t last_frame_ns = clock.monotonicNs(), last_progress_ns = last_frame_ns,
                last_save_ns = last_frame_ns;
   std::uint64_t printed_version = 0;
-  int exit_code = kExitSuccess;
-  const auto take = [&](std::span<const std::uint8_t> bytes, std::int64_t utc_ns) {
-    const std::lock_guard lock(shared.mutex);
-    const auto frame = shared.model.accept(bytes, utc_ns);
-    if (feed->recorded()) shared.feed.now_utc_ns = utc_ns;
-    if (files) files->log(frame, bytes.size(), utc_ns);
-  };
-  // Only this thread changes the model, so it may read it without the lock.
   while (!stop) {
-    std::size_t count = 0;
-    try {
-      count = feed->poll(take);
-    } catch (const InputError& error) {  // a damaged recording: what came before it stays on view
-      std::cerr << "fathom-monitor: " << error.what() << std::endl;
-      exit_code = kExitBadInput;
-    }
+    const std::size_t count = reception.step();
     const std::int64_t now = clock.monotonicNs();
-    {
+    shared.grew.notify_all();
+    if (count > 0 || !reception.mayEnd()) last_frame_ns = now;
+    if (now - last_progress_ns >= kProgressInterval_ns) {
       const std::lock_guard lock(shared.mutex);
-      if (!feed->recorded()) shared.feed.now_utc_ns = clock.utcNs();
-      shared.feed.finished = feed->finished();
-    }
-    if (count > 0) {
-      last_frame_ns = now;
-      shared.grew.notify_all();
-    }
-    const bool may_end = !feed->recorded() || feed->finished();
-    if (!may_end) last_frame_ns = now;
-    if (now - last_progress_ns >= kProgressInterval_ns && shared.model.version() != printed_version) {
-      printProgress(shared.model);
-      printed_version = shared.model.version();
+      if (shared.model->version() != printed_version) printProgress(*shared.model);
+      printed_version = shared.model->version();
       last_progress_ns = now;
     }
     if (files && now - last_save_ns >= kSaveInterval_ns) {
-      files->save(shared.model);
+      const std::lock_guard lock(shared.mutex);
+      files->save(*shared.model);
       last_save_ns = now;
     }
-    if (options.exit_after_idle_s && may_end &&
+    if (options.exit_after_idle_s && reception.mayEnd() &&
         static_cast<double>(now - last_frame_ns) >= *options.exit_after_idle_s * 1e9)
       break;
     if (count == 0) std::this_thread::sleep_for(kPollInterval);
   }
-  if (files) files->save(shared.model);
-  printProgress(shared.model);
+  const std::lock_guard lock(shared.mutex);
+  if (files) files->save(*shared.model);
+  printProgress(*shared.model);
   return exit_code;
 }
 

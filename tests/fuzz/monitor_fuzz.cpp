@@ -2,27 +2,37 @@
 // length byte before each), so that the fuzzer need not find the CRC.
 #include <array>
 
-#include "telemetry/monitor/monitor_model.hpp"
-#include "telemetry/monitor/reports.hpp"
+#include "telemetry/monitor/export/exports.hpp"
+#include "telemetry/monitor/map/chunk_stream.hpp"
+#include "telemetry/monitor/web/page_requests.hpp"
+#include "telemetry/monitor/web/reports.hpp"
 
 using namespace fathom;
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::span<const std::uint8_t> bytes(data, size);
-  monitor::MonitorModel model;
+  monitor::SharedModel shared(std::nullopt, std::nullopt, 1);
+  monitor::MonitorModel& model = *shared.model;
   std::uint16_t sequence = 0;
   for (std::size_t at = 0; at + 2 <= size;) {
-    const auto type = static_cast<telemetry::MessageType>(1 + data[at] % 6);
+    const auto type = static_cast<telemetry::MessageType>(1 + data[at] % 7);
     const std::size_t length = std::min<std::size_t>(data[at + 1], size - at - 2);
     std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
     const std::size_t frame_size =
-        telemetry::encodeFrame({{7, 42}, sequence++, type}, bytes.subspan(at + 2, length), frame);
+        telemetry::encodeFrame({{7, 42}, sequence++, type, false}, bytes.subspan(at + 2, length), frame);
     model.accept(std::span<const std::uint8_t>(frame).first(frame_size), sequence);
     at += 2 + length;
   }
-  (void)monitor::stateJson(model, {});
+  (void)monitor::stateJson(shared);
   (void)monitor::trackJson(model);
-  (void)monitor::tilesBinary(model, 0);
-  (void)model.map().mesh();
+  (void)monitor::historyJson(model);
+  (void)monitor::profileJson(model, -10, -10, 10, 10);
+  (void)monitor::coverageBinary(model.coverage(0));
+  (void)monitor::mapBinary(model.map().store(), model.map().surface(), 0, 0);
+  (void)model.map().surface().whole();
+  std::string why;
+  const std::string_view text(reinterpret_cast<const char*>(data), size);
+  (void)monitor::parseRequest(text, why);
+  (void)monitor::parsePlayback(text, why);
   return 0;
 }

@@ -3,11 +3,17 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <filesystem>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <random>
 
-#include "telemetry/monitor/reports.hpp"
+#include "telemetry/monitor/export/exports.hpp"
+#include "telemetry/monitor/map/chunk_stream.hpp"
+#include "telemetry/monitor/web/reports.hpp"
+#include "telemetry/tile_codec.hpp"
 #include "tests/monitor/sample_dive.hpp"
+#include "tests/telemetry/sample_tile.hpp"
 
 namespace fathom::monitor {
 namespace {
@@ -23,67 +29,58 @@ std::vector<std::pair<std::int64_t, Frame>> framesOf(const SampleDive& dive) {
 }
 
 // Everything that is shown of a model, as one string.
-std::string shown(const MonitorModel& model) {
-  std::string all = trackJson(model) + trackGeoJson(model);
-  for (const auto& [key, tile] : model.map().tiles())
-    for (const auto& node : tile.content.tile.nodes)
-      all += std::to_string(node.coverage > 0 ? node.depth : -1) + std::to_string(node.colour[0]);
-  const auto state = nlohmann::json::parse(stateJson(model, {}));
-  return all + state["status"].dump() + state["mission"].dump() + state["map"].dump();
+std::string shown(MonitorModel& model) {
+  return trackJson(model) + trackGeoJson(model) +
+         mapBinary(model.map().store(), model.map().surface(), 0, 0).substr(8);
 }
 
 TEST(MonitorModel, RebuildsTheMapAsItWasOnBoardFromALosslessLink) {
   SampleDive dive;
   dive.duration_s = 400;
-  dive.rate_bps = 2000;
+  dive.rate_bps = 3000;
   dive.loss = 0;
-  dive.colour_bits = 0;
   MonitorModel model;
   for (const auto& [utc_ns, bytes] : framesOf(dive)) model.accept(bytes, utc_ns);
   int compared = 0;
-  for (int index = 0; index < 40; ++index) {
-    const HeightTile tile = SampleDive::tileOf(index);
-    const auto found = model.map().tiles().find({tile.level, tile.north_index, tile.east_index});
-    ASSERT_NE(found, model.map().tiles().end()) << index;
-    const auto& got = found->second.content;
-    for (int i = 0; i < HeightTile::kSide; i += got.stride) {
-      for (int j = 0; j < HeightTile::kSide; j += got.stride) {
-        ASSERT_NEAR(got.tile.at(i, j).depth, tile.at(i, j).depth, 0.0101);
-        ++compared;
-      }
+  for (double north = 5; north < 35; north += 0.25) {
+    for (double east = 2; east < 8; east += 0.25) {
+      if (north >= 7 && north < 21) continue;  // sent again, deeper
+      const auto point = model.map().surface().sample(north, east);
+      ASSERT_TRUE(point) << north << ' ' << east;
+      ASSERT_NEAR(point->depth, SampleDive::depthAt(north, east), 0.0501) << north << ' ' << east;
+      EXPECT_TRUE(point->has_colour);
+      ++compared;
     }
   }
-  EXPECT_GT(compared, 40 * 81);
-  EXPECT_NEAR(model.map().area(), static_cast<double>(model.map().size()) * 16, 1e-6);
+  EXPECT_GT(compared, 1000);
+  EXPECT_GT(model.map().store().counters().changed, 10U);
+  EXPECT_NEAR(model.map().surface().sample(12.5, 3.5)->depth, SampleDive::depthAt(12.5, 3.5) + 0.3, 0.0501);
   EXPECT_EQ(model.mission()->vehicle_name, "sirius");
   EXPECT_EQ(model.receiver().counters().lost, 0U);
+  EXPECT_EQ(model.receiver().counters()[telemetry::FrameVerdict::kBadPayload], 0U);
 }
 
 TEST(MonitorModel, DuplicateReorderedGarbageAndForeignFramesChangeNothingThatIsShown) {
   SampleDive dive, other;
-  dive.duration_s = other.duration_s = 600;
+  dive.duration_s = other.duration_s = 300;
   other.identity.dive_id = 43;
   const auto frames = framesOf(dive);
   const auto foreign = framesOf(other);
   MonitorModel clean(dive.identity), dirty(dive.identity);
-  for (const auto& [utc_ns, bytes] : frames) clean.accept(bytes, utc_ns);
+  for (const auto& [utc_ns, bytes] : frames) clean.accept(bytes, 0);
 
   std::mt19937 random(5);
-  auto disturbed = frames;
-  for (std::size_t i = 0; i + 4 < disturbed.size(); i += 4)  // out of order within four frames
-    std::shuffle(disturbed.begin() + static_cast<std::ptrdiff_t>(i),
-                 disturbed.begin() + static_cast<std::ptrdiff_t>(i + 4), random);
-  for (std::size_t i = 0; i < disturbed.size(); ++i) {
-    const auto& [utc_ns, bytes] = disturbed[i];
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const auto& [utc_ns, bytes] = frames[i];
     Frame garbage(random() % 300);
     for (auto& byte : garbage) byte = static_cast<std::uint8_t>(random());
-    dirty.accept(garbage, utc_ns);
-    if (i < foreign.size()) dirty.accept(foreign[i].second, utc_ns);
+    dirty.accept(garbage, 0);
+    if (i < foreign.size()) dirty.accept(foreign[i].second, 0);
     Frame damaged = bytes;
     damaged[random() % damaged.size()] ^= static_cast<std::uint8_t>(1U << random() % 8);
-    dirty.accept(damaged, utc_ns);
-    dirty.accept(bytes, utc_ns);
-    dirty.accept(bytes, utc_ns);
+    dirty.accept(damaged, 0);
+    dirty.accept(bytes, 0);
+    dirty.accept(bytes, 0);
   }
   EXPECT_EQ(shown(dirty), shown(clean));
   const auto& c = dirty.receiver().counters();
@@ -92,42 +89,36 @@ TEST(MonitorModel, DuplicateReorderedGarbageAndForeignFramesChangeNothingThatIsS
   EXPECT_EQ(c[telemetry::FrameVerdict::kForeign], std::min(frames.size(), foreign.size()));
 }
 
+Frame frameOf(telemetry::MessageType type, std::uint16_t sequence, std::span<const std::uint8_t> payload) {
+  Frame frame(telemetry::kMaxFrameBytes);
+  frame.resize(telemetry::encodeFrame({{7, 42}, sequence, type, false}, payload, frame));
+  return frame;
+}
+
 TEST(MonitorModel, LateStatusDoesNotTakeTheVehicleBack) {
   SampleDive dive;
-  const auto send = [&](MonitorModel& model, double t, std::uint16_t sequence) {
-    Frame payload(64), frame(telemetry::kMaxFrameBytes);
-    payload.resize(telemetry::encodeStatus(dive.statusAt(t), payload));
-    frame.resize(
-        telemetry::encodeFrame({dive.identity, sequence, telemetry::MessageType::kStatus}, payload, frame));
-    model.accept(frame, 0);
-  };
   MonitorModel model;
-  send(model, 100, 2);
-  send(model, 50, 1);
+  for (const auto& [t, sequence] : {std::pair{100.0, 2}, std::pair{50.0, 1}}) {
+    Frame payload(64);
+    payload.resize(telemetry::encodeStatus(dive.statusAt(t), payload));
+    model.accept(frameOf(telemetry::MessageType::kStatus, static_cast<std::uint16_t>(sequence), payload), 0);
+  }
   EXPECT_EQ(model.status()->utc_ns, dive.statusAt(100).utc_ns);
   EXPECT_EQ(model.track().size(), 2U);
 }
 
 TEST(MonitorModel, AnInvalidMessageInAWholeFrameIsCountedAndChangesNothing) {
   MonitorModel model;
-  Frame frame(64);
   const Frame payload(11, 0xFF);
-  std::uint16_t sequence = 0;
-  for (std::uint8_t type = 1; type <= 7; ++type) {
-    Frame bytes(64);
-    bytes.resize(telemetry::encodeFrame({{7, 42}, sequence++, static_cast<telemetry::MessageType>(type)},
-                                        payload, bytes));
-    const auto verdict = model.accept(bytes, 0).verdict;
-    if (static_cast<telemetry::MessageType>(type) == telemetry::MessageType::kDownlink)
-      EXPECT_EQ(verdict, telemetry::FrameVerdict::kType);
-    else
-      EXPECT_EQ(verdict, telemetry::FrameVerdict::kBadPayload) << unsigned{type};
-  }
+  for (std::uint8_t type : {1, 2, 3, 4, 6})
+    EXPECT_EQ(model.accept(frameOf(static_cast<telemetry::MessageType>(type), type, payload), 0).verdict,
+              telemetry::FrameVerdict::kBadPayload)
+        << unsigned{type};
   EXPECT_FALSE(model.status() || model.mission());
-  EXPECT_TRUE(model.track().empty() && model.map().size() == 0);
+  EXPECT_TRUE(model.track().empty() && model.map().store().size() == 0);
 }
 
-telemetry::DecodedTile decoded(const HeightTile& tile, int stride) {
+telemetry::DecodedTile decodedTile(const HeightTile& tile, int stride) {
   Frame bytes(telemetry::kMaxTileBytes);
   bytes.resize(telemetry::encodeTile(tile, stride, {}, bytes));
   telemetry::DecodedTile out;
@@ -139,66 +130,98 @@ telemetry::DecodedTile decoded(const HeightTile& tile, int stride) {
   return out;
 }
 
-TEST(TileStore, TheNewerRevisionWinsAndOfOneRevisionTheFinerLattice) {
-  TileStore store;
-  const HeightTile first = telemetry::sampleTile(0, 0, 4, 1, 1, 5),
-                   second = telemetry::sampleTile(0, 0, 4, 1, 2, 6);
-  EXPECT_TRUE(store.put(decoded(first, 4), 0));
-  EXPECT_TRUE(store.put(decoded(first, 1), 0));
-  EXPECT_FALSE(store.put(decoded(first, 4), 0));
-  EXPECT_TRUE(store.put(decoded(second, 1), 0));
-  EXPECT_FALSE(store.put(decoded(first, 1), 0));
-  EXPECT_EQ(store.size(), 1U);
+TEST(ReceivedMap, TilesOfTheOtherCodecBecomeBlocksAndOldRevisionsAreLeft) {
+  ReceivedMap map;
+  const HeightTile first = telemetry::sampleTile(-1, 3, 4, 1, 1, 5),
+                   second = telemetry::sampleTile(-1, 3, 4, 1, 2, 6);
+  map.takeTile(decodedTile(second, 1), 1);
+  EXPECT_EQ(map.store().size(5), 16U);  // 4 m at 25 cm
+  map.takeTile(decodedTile(first, 1), 2);
+  EXPECT_EQ(map.staleTiles(), 1U);
+  EXPECT_NEAR(map.surface().sample(-4 + 1.25, 12 + 2.5)->depth, second.at(5, 10).depth, 0.0101);
+  map.takeTile(decodedTile(second, 8), 3);  // 2 x 2 nodes of a block of 2 m spacing
+  EXPECT_EQ(map.store().size(8), 1U);
+  EXPECT_EQ(map.store().find({8, -1, 1})->block.seen, 0b1100'1100'0000'0000);
 }
 
-TEST(TileStore, WhereAFinerTileShowsTheSeafloorTheCoarserOneGivesWay) {
-  TileStore store;
-  HeightTile parent = telemetry::sampleTile(0, 0, 8);
-  parent.level = 2;
-  store.put(decoded(parent, 1), 0);
-  EXPECT_NEAR(store.area(), 64, 1e-9);
-  const std::uint64_t before = store.version();
-  store.put(decoded(telemetry::sampleTile(1, 1, 4), 1), 0);  // a quarter of it
-  EXPECT_GT(store.tiles().begin()->second.version, before);  // the coarser one is to be shown anew
-  const HeightTile shown = store.shown(store.tiles().begin()->second);
-  EXPECT_EQ(shown.at(12, 12).coverage, 0);
-  EXPECT_GT(shown.at(4, 12).coverage, 0);
-  EXPECT_GT(shown.at(8, 12).coverage, 0);  // on the border
-  EXPECT_NEAR(store.area(), 64, 1.0);      // no more than a cell is shown twice
+TEST(Coverage, WhatTheVehiclePassedAndNobodyReceivedIsPending) {
+  Track track;
+  for (int t = 0; t <= 40; ++t)
+    track[std::int64_t{t} * 1'000'000'000] = {t * 0.5, 0.5, 18, telemetry::kAbsent};
+  track.begin()->second.altitude = 3;  // tan(21 deg) of 3 m: 1.15 m to either side
+  BlockStore store;
+  const Coverage none = coverageOf(track, store, 0);
+  EXPECT_NEAR(static_cast<double>(none.pending.size()), 20 * 3, 6);  // three columns of squares
+  EXPECT_NEAR(none.pending.front().depth, 21, 1e-5);
+  SampleDive dive;
+  for (int n = -2; n < 10; ++n)
+    for (int e = -3; e < 3; ++e) store.put(dive.blockOf({5, n, e}), true, 0.05, 0);
+  const Coverage half = coverageOf(track, store, 0);
+  EXPECT_EQ(half.received_area, 12 * 6);
+  for (const auto& square : half.pending) EXPECT_GE(square.north, 10);
+  EXPECT_LT(half.pending.size(), none.pending.size() * 2 / 3);
+  EXPECT_EQ(half.changed_area, 0);
+  store.put(dive.blockOf({5, 0, 0}, 1), true, 0.05, 5);
+  EXPECT_EQ(coverageOf(track, store, 6).changed_area, 1);
+  EXPECT_EQ(coverageOf(track, store, 3600'000'000'000).changed_area, 0);
 }
 
-TEST(TileStore, RefusesWhatItHasNoRoomForAndCountsIt) {
-  TileStore store(3);
-  for (int n = 0; n < 5; ++n) store.put(decoded(telemetry::sampleTile(n, 0), 8), 0);
-  EXPECT_EQ(store.size(), 3U);
-  EXPECT_EQ(store.refused(), 2U);
-  EXPECT_TRUE(
-      store.put(decoded(telemetry::sampleTile(0, 0), 4), 0));  // a better one of a held tile still enters
+TEST(LinkHistory, StaysBoundedAndKeepsItsSums) {
+  LinkHistory history;
+  for (int t = 0; t < 200'000; ++t)
+    history.add(1'000'000'000LL * t, 10, t % 5 != 0, static_cast<std::uint64_t>(t / 5));
+  EXPECT_LE(history.steps().size(), LinkHistory::kMaxSteps);
+  std::uint64_t accepted = 0, bytes = 0;
+  std::int64_t lost = 0;
+  for (const auto& step : history.steps()) {
+    accepted += step.accepted;
+    bytes += step.bytes;
+    lost += step.lost;
+  }
+  EXPECT_EQ(accepted, 160'000U);
+  EXPECT_EQ(bytes, 1'600'000U);
+  EXPECT_EQ(lost, 39'999);
+  const auto recent = history.recent(3600, 200'000'000'000'000);
+  EXPECT_NEAR(recent.loss, 0.2, 0.01);
+  EXPECT_NEAR(recent.rate_bps, 64, 8);
 }
 
-TEST(TileStore, ItsMeshHasEveryTriangleOnceAndFacesUp) {
-  TileStore store;
-  for (int n = 0; n < 3; ++n) store.put(decoded(telemetry::sampleTile(n, 0), 2), 0);
-  const Mesh mesh = store.mesh();
-  EXPECT_EQ(mesh.triangles.size(), 3U * 2 * 64);
-  for (const auto& normal : mesh.normals) EXPECT_LT(normal.z(), 0);
-  EXPECT_EQ(mesh.colours.size(), mesh.vertices.size());
-}
-
-TEST(Reports, StateIsJsonBeforeAnythingArrivedAndTilesComeOnlyOnce) {
-  MonitorModel model;
-  const auto empty = nlohmann::json::parse(stateJson(model, {}));
+TEST(Reports, StateIsJsonBeforeAnythingArrivedAndTheMapComesOnlyOnce) {
+  SharedModel shared(std::nullopt, std::nullopt, 1);
+  const auto empty = nlohmann::json::parse(stateJson(shared));
   EXPECT_TRUE(empty["status"].is_null() && empty["identity"].is_null() && empty["link"]["age_s"].is_null());
-  EXPECT_EQ(trackGeoJson(model), "");
+  EXPECT_FALSE(empty["downlink"]["enabled"].get<bool>());
   SampleDive dive;
   dive.duration_s = 300;
-  for (const auto& [utc_ns, bytes] : framesOf(dive)) model.accept(bytes, utc_ns);
-  EXPECT_GT(tilesBinary(model, 0).size(), 1000U);
-  EXPECT_EQ(tilesBinary(model, model.map().version()).size(), 12U);
-  const auto geo = nlohmann::json::parse(trackGeoJson(model));
-  EXPECT_EQ(geo["features"].size(), 2U);
-  EXPECT_NEAR(geo["features"][1]["geometry"]["coordinates"][0].get<double>(), 2.65 * 180 / 3.14159265358979,
-              1e-3);
+  for (const auto& [utc_ns, bytes] : framesOf(dive)) shared.model->accept(bytes, utc_ns);
+  const ReceivedMap& map = shared.model->map();
+  EXPECT_GT(mapBinary(map.store(), map.surface(), 0, 0).size(), 1000U);
+  EXPECT_EQ(mapBinary(map.store(), map.surface(), map.version(), 0).size(), 24U);
+  const auto state = nlohmann::json::parse(stateJson(shared));
+  EXPECT_GT(state["map"]["area_m2"].get<double>(), 50);
+  const auto profile = nlohmann::json::parse(profileJson(*shared.model, 0, 3, 20, 3));
+  EXPECT_EQ(profile["points"].size(), static_cast<std::size_t>(kProfilePoints) + 1);
+}
+
+TEST(Reports, ALargeMapComesInPiecesThatLoseNothing) {
+  BlockStore store;
+  Surface surface(store);
+  SampleDive dive;
+  for (int n = 0; n < 64; ++n)
+    for (int e = 0; e < 64; ++e) store.put(dive.blockOf({5, n, e}), true, 0.05, 0);
+  std::uint32_t version = 0, chunks = 0;
+  for (int pieces = 0; version != store.version(); ++pieces) {
+    ASSERT_LT(pieces, 20);
+    const std::string piece = mapBinary(store, surface, version, 0);
+    EXPECT_LT(piece.size(), 2U * kMaxStreamBytes);
+    std::uint32_t next = 0, count = 0;
+    std::memcpy(&next, piece.data() + 4, 4);
+    std::memcpy(&count, piece.data() + 8, 4);
+    ASSERT_GT(next, version);
+    version = next;
+    chunks += count;
+  }
+  EXPECT_EQ(chunks, store.chunks().size());
 }
 
 }  // namespace

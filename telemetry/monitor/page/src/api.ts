@@ -11,10 +11,9 @@ export interface VehicleStatus {
   altitude_m: number | null;
   speed_mps: number;
   position_sigma_m: number | null;
+  battery_percent: number | null;
   pairs_seen: number;
-  pairs_used: number;
   pairs_dropped: number;
-  map_tiles: number;
   map_area_m2: number;
   mission_progress: number | null;
   health: string[];
@@ -28,24 +27,62 @@ export interface LinkState {
   bytes: number;
   accepted: number;
   lost: number;
+  repaired: number;
   reordered: number;
   rejected: Record<string, number>;
   types: Record<string, number>;
   rate_bps: number;
+  recent_loss: number | null;
   last_utc_s: number | null;
   age_s: number | null;
   tiles_open: number;
-  tiles_evicted: number;
   tiles_undecodable: number;
 }
 
+export interface MapState {
+  chunks: number;
+  blocks: number;
+  levels: { spacing_m: number; blocks: number }[];
+  area_m2: number;
+  pending_m2: number;
+  changed_m2: number;
+  changed_blocks: number;
+  refused: number;
+  evicted: number;
+}
+
+export interface PlaybackState {
+  first_utc_s: number;
+  last_utc_s: number;
+  at_utc_s: number;
+  speed: number;
+  playing: boolean;
+}
+
+export interface SentRequest {
+  id: number;
+  text: string;
+  state: 'queued' | 'sent' | 'acknowledged' | 'dropped';
+  utc_s: number; // of the state
+  rectangle: [north_min: number, north_max: number, east_min: number, east_max: number] | null;
+}
+
+export interface DownlinkState {
+  enabled: boolean;
+  reason: string | null; // why not
+  frames_sent: number;
+  requests: SentRequest[]; // newest first
+}
+
 export interface MonitorState {
+  epoch: string;
   version: number;
   map_version: number;
   track_points: number;
   recorded: boolean;
   finished: boolean;
   now_utc_s: number;
+  playback: PlaybackState | null;
   identity: { vehicle_id: number; dive_id: number } | null;
   mission: {
     vehicle_name: string;
@@ -56,25 +93,54 @@ export interface MonitorState {
   } | null;
   status: VehicleStatus | null;
   link: LinkState;
-  map: { tiles: number; area_m2: number; refused: number };
+  map: MapState;
+  downlink: DownlinkState;
 }
 
 export type TrackPoint = [utc_s: number, north_m: number, east_m: number, depth_m: number];
 
+export interface History {
+  start_utc_s: number;
+  step_s: number;
+  steps: [bps: number, accepted: number, lost: number, rejected: number][];
+}
+
+export type ProfilePoint = [along_m: number, depth_m: number, sigma_m: number];
+
+export class Refused extends Error {
+  constructor(readonly status: number, message: string) {
+    super(message);
+  }
+}
+
 async function get(path: string): Promise<Response> {
   const response = await fetch(path, { cache: 'no-store' });
-  if (!response.ok) throw new Error(`${path}: ${response.status}`);
+  if (!response.ok) throw new Refused(response.status, (await response.text()).trim() || `${path}: ${response.status}`);
   return response;
 }
 
 export const fetchState = async (): Promise<MonitorState> => (await get('api/state')).json();
 export const fetchTrack = async (): Promise<TrackPoint[]> => (await (await get('api/track')).json()).points;
-export const fetchTiles = async (since: number): Promise<ArrayBuffer> =>
-  (await get(`api/tiles?since=${since}`)).arrayBuffer();
+export const fetchHistory = async (): Promise<History> => (await get('api/history')).json();
+export const fetchSquares = async (): Promise<ArrayBuffer> => (await get('api/coverage')).arrayBuffer();
+export const fetchProfile = async (n0: number, e0: number, n1: number, e1: number): Promise<(ProfilePoint | null)[]> =>
+  (await (await get(`api/profile?n0=${n0}&e0=${e0}&n1=${n1}&e1=${e1}`)).json()).points;
+
+export async function fetchMap(since: number): Promise<{ epoch: string; batch: ArrayBuffer }> {
+  const response = await get(`api/map?since=${since}`);
+  return { epoch: response.headers.get('X-Epoch') ?? '', batch: await response.arrayBuffer() };
+}
+
+// Throws Refused with the server's reason.
+export async function post(path: 'api/request' | 'api/playback', body: unknown): Promise<void> {
+  const response = await fetch(path, { method: 'POST', headers: { 'X-Fathom': 'page' }, body: JSON.stringify(body) });
+  if (!response.ok) throw new Refused(response.status, (await response.text()).trim() || `refused (${response.status})`);
+}
 
 // Calls `changed` when the server says that something grew. Where the event stream is refused or lost, the
 // caller's own slow polling carries on and the browser tries the stream again.
 export function onGrowth(changed: () => void): void {
   const events = new EventSource('api/events');
   events.onmessage = changed;
+  events.onopen = changed;
 }

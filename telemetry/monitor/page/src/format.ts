@@ -31,3 +31,17 @@ export function niceBelow(limit: number): number {
   const lead = limit / power;
   return (lead >= 5 ? 5 : lead >= 2 ? 2 : 1) * power;
 }
+
+export const spacingText = (metres: number): string =>
+  metres >= 1 ? `${metres} m` : `${Number((metres * 100).toFixed(1))} cm`;
+
+// Degrees and decimal minutes, as charts and plotters have them.
+export function position(latitude: number, longitude: number): string {
+  const one = (value: number, positive: string, negative: string, width: number): string => {
+    const thousandths = Math.round(Math.abs(value) * 60 * 10000);
+    const degrees = Math.floor(thousandths / 600000);
+    const minutes = ((thousandths % 600000) / 10000).toFixed(4).padStart(7, '0');
+    return `${String(degrees).padStart(width, '0')}° ${minutes}′ ${value < 0 ? negative : positive}`;
+  };
+  return `${one(latitude, 'N', 'S', 2)}  ${one(longitude, 'E', 'W', 3)}`;
+}

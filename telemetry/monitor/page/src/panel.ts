@@ -1,114 +1,116 @@
-import type { LinkState, MonitorState, VehicleStatus } from './api';
-import { bytes, count, duration, number, utc } from './format';
+import type { MonitorState } from './api';
+import { bytes, count, duration, number, position, utc } from './format';
+import { element, make } from './overlay';
+import { geodetic } from './place';
 
-// The side panel. Rebuilt from the state each time; every value has a data-name for tests.
+// The numbers of the side panel. Built once; afterwards only texts that differ are written, so that an update costs
+// little and never takes the focus from a field. Every value has a data-name for tests.
 
-type Row = [label: string, value: string, name?: string, warn?: boolean];
+type Row = [label: string, name: string];
 
-function section(title: string, ...content: (Node | Row)[]): HTMLElement {
-  const box = document.createElement('section');
-  const head = document.createElement('h2');
-  head.textContent = title;
-  box.append(head);
-  for (const item of content) {
-    if (item instanceof Node) {
-      box.append(item);
-      continue;
-    }
-    const [label, value, name, warn] = item;
-    const row = document.createElement('div');
-    row.className = warn ? 'row warn' : 'row';
-    const left = document.createElement('span');
-    left.textContent = label;
-    const right = document.createElement('b');
-    right.textContent = value;
-    if (name) right.dataset.name = name;
-    row.append(left, right);
+const VEHICLE: Row[] = [
+  ['Depth', 'depth'], ['Altitude', 'altitude'], ['Heading', 'heading'], ['Speed', 'speed'],
+  ['Roll / pitch', 'tilt'], ['Position 1 σ', 'sigma'], ['North', 'north'], ['East', 'east'],
+];
+const SURVEY: Row[] = [['Received here', 'area'], ['Mapped on board', 'area-onboard'], ['Seen, not received', 'pending'],
+  ['Changed, last 10 min', 'changed'], ['Stereo pairs', 'pairs'], ['Blocks held', 'blocks']];
+const LINK: Row[] = [['Rate, last minute', 'rate'], ['Lost, last 5 min', 'recent-loss'], ['Frames received', 'accepted'],
+  ['Frames lost', 'lost'], ['Repaired', 'repaired'], ['Rejected', 'rejected'], ['Bytes', 'bytes']];
+const COUNTERS: Row[] = [['Late cycles', 'slipped'], ['Work given up', 'shed'], ['Pools refused', 'refused']];
+
+function rows(list: Row[], className = 'rows'): HTMLElement {
+  const box = make('div', className);
+  for (const [label, name] of list) {
+    const row = make('div', 'row');
+    const value = make('b', '', '–');
+    value.dataset.name = name;
+    row.append(make('span', '', label), value);
     box.append(row);
   }
   return box;
 }
 
-function text(className: string, content: string): HTMLElement {
-  const div = document.createElement('div');
-  div.className = className;
-  div.textContent = content;
-  return div;
+const values = new Map<string, HTMLElement>();
+
+export function buildPanel(): void {
+  element('vehicle-rows').append(rows(VEHICLE, 'rows two'));
+  element('survey-rows').append(rows(SURVEY));
+  element('health-rows').append(rows(COUNTERS));
+  element('link-rows').append(rows(LINK, 'rows two'));
+  for (const node of document.querySelectorAll<HTMLElement>('[data-name]')) values.set(node.dataset.name!, node);
 }
 
-function bar(share: number, className: string): HTMLElement {
-  const outer = document.createElement('div');
-  outer.className = `bar ${className}`;
-  const inner = document.createElement('div');
-  inner.style.width = `${Math.min(Math.max(share, 0), 1) * 100}%`;
-  outer.append(inner);
-  return outer;
+export function write(name: string, text: string, warn = false): void {
+  const node = values.get(name);
+  if (!node) return;
+  if (node.textContent !== text) node.textContent = text;
+  node.classList.toggle('warn', warn);
 }
 
-function title(state: MonitorState): HTMLElement {
-  const head = document.createElement('header');
-  const name = text('name', state.mission?.vehicle_name || (state.identity ? `vehicle ${state.identity.vehicle_id}` : 'no vehicle yet'));
-  name.dataset.name = 'vehicle';
-  const dive = state.identity ? `dive ${state.identity.dive_id}` : 'waiting for frames';
-  const source = state.recorded ? (state.finished ? 'recording, at its end' : 'recording') : 'live';
-  head.append(name, text('dive', `${dive} · ${source}`));
-  if (state.mission?.schema_differs)
-    head.append(text('alert', 'The vehicle speaks other fields than this monitor: values may be wrong'));
-  return head;
+function bar(id: string, ...shares: number[]): void {
+  const parts = element(id).children;
+  shares.forEach((share, i) => ((parts[i] as HTMLElement).style.width = `${Math.min(Math.max(share, 0), 1) * 100}%`));
 }
 
-function vehicle(s: VehicleStatus): HTMLElement {
-  return section('Vehicle',
-    ['Time (UTC)', utc(s.utc_s), 'time'],
-    ['North', number(s.north_m, 1, 'm'), 'north'],
-    ['East', number(s.east_m, 1, 'm'), 'east'],
-    ['Position 1 σ', number(s.position_sigma_m, 1, 'm'), 'sigma'],
-    ['Depth', number(s.depth_m, 1, 'm'), 'depth'],
-    ['Altitude', number(s.altitude_m, 1, 'm'), 'altitude'],
-    ['Heading', `${number(s.heading_deg, 0)}°`, 'heading'],
-    ['Roll / pitch', `${number(s.roll_deg, 0)}° / ${number(s.pitch_deg, 0)}°`],
-    ['Speed', number(s.speed_mps, 2, 'm/s'), 'speed']);
+export type Word = 'fresh' | 'late' | 'silent' | 'none';
+
+// How long since the last word, and how bad that is: late after three periods of the usual ten seconds.
+const LATE_AFTER = 30; // [s]
+
+export function wordOf(age: number | null, silence: number): Word {
+  if (age === null) return 'none';
+  return age > silence ? 'silent' : age > LATE_AFTER ? 'late' : 'fresh';
 }
 
-function mission(state: MonitorState, s: VehicleStatus): HTMLElement {
-  const progress: (Node | Row)[] = s.mission_progress === null ? [] :
-    [['Plan done', `${Math.round(s.mission_progress * 100)} %`, 'progress'], bar(s.mission_progress, 'progress')];
-  return section('Mission', ...progress,
-    ['Stereo pairs used', `${count(s.pairs_used)} of ${count(s.pairs_seen)}`, 'pairs'],
-    ['Pairs dropped', count(s.pairs_dropped), 'dropped', s.pairs_dropped > 0],
-    ['Mapped on board', `${count(Math.round(s.map_area_m2))} m²`, 'area-onboard'],
-    ['Received here', `${count(Math.round(state.map.area_m2))} m²`, 'area'],
-    ['Tiles here / on board', `${count(state.map.tiles)} / ${count(s.map_tiles)}`, 'tiles']);
-}
-
-function health(s: VehicleStatus): HTMLElement {
-  const flags = text('flags', '');
-  flags.dataset.name = 'health';
-  for (const flag of s.health) flags.append(text('flag', flag));
-  if (s.health.length === 0) flags.append(text('fine', 'no flag set'));
-  const counter = (n: number): string => (n >= 1023 ? '≥ 1023' : String(n));
-  return section('Health', flags,
-    ['Late cycles', counter(s.slipped_cycles), 'slipped', s.slipped_cycles > 0],
-    ['Work given up', counter(s.shed_work), 'shed', s.shed_work > 0],
-    ['Refused by full pools', counter(s.pool_refusals), 'refused', s.pool_refusals > 0]);
-}
-
-function link(l: LinkState, age: number | null): HTMLElement {
-  const expected = l.accepted + l.lost;
-  const quality = expected > 0 ? l.accepted / expected : 0;
-  const rejected = Object.entries(l.rejected).filter(([, n]) => n > 0);
-  return section('Acoustic link',
-    ['Last frame', age === null ? 'none yet' : `${duration(age)} ago`, 'age'],
-    ['Frames received', count(l.accepted), 'accepted'],
-    ['Frames lost', expected > 0 ? `${count(l.lost)} (${((100 * l.lost) / expected).toFixed(1)} %)` : '0', 'lost'],
-    bar(quality, 'quality'),
-    ...rejected.map(([reason, n]): Row => [`Rejected: ${reason.replaceAll('-', ' ')}`, count(n), `rejected-${reason}`, true]),
-    ['Received', bytes(l.bytes), 'bytes'],
-    ['Rate, last minute', number(l.rate_bps, 0, 'bit/s'), 'rate'],
-    ['Tiles in parts', count(l.tiles_open), 'open']);
-}
-
-export function drawPanel(panel: HTMLElement, state: MonitorState, age: number | null): void {
+export function drawPanel(state: MonitorState, age: number | null, silence: number): void {
   const s = state.status;
-  panel.replaceChildren(title(state), ...(s ? [vehicle(s), mission(state, s), health(s)] : []), link(state.link, age));
+  write('vehicle', state.mission?.vehicle_name || (state.identity ? `vehicle ${state.identity.vehicle_id}` : 'no vehicle yet'));
+  const source = state.recorded ? 'recording' : 'live';
+  write('dive', state.identity ? `dive ${state.identity.dive_id} · ${source}` : `${source} · waiting for frames`);
+  const word = element('word');
+  word.dataset.word = state.recorded ? 'recorded' : wordOf(age, silence);
+  write('age', state.recorded ? utc(state.now_utc_s).slice(11) : age === null ? 'none yet' : duration(age));
+  write('age-label', state.recorded ? `Recording, ${utc(state.now_utc_s).slice(0, 10)} UTC` : 'Since last word');
+  write('time', s ? `${utc(s.utc_s)} UTC` : '–');
+
+  if (s) {
+    write('depth', number(s.depth_m, 1, 'm'));
+    write('altitude', number(s.altitude_m, 1, 'm'));
+    write('heading', `${number(s.heading_deg, 0)}°`);
+    write('speed', number(s.speed_mps, 1, 'm/s'));
+    write('tilt', `${number(s.roll_deg, 0)}° / ${number(s.pitch_deg, 0)}°`);
+    write('sigma', number(s.position_sigma_m, s.position_sigma_m !== null && s.position_sigma_m < 1 ? 2 : 1, 'm'));
+    write('north', number(s.north_m, 1, 'm'));
+    write('east', number(s.east_m, 1, 'm'));
+    const m = state.mission;
+    write('position', m ? position(...geodetic(m.origin_latitude_deg, m.origin_longitude_deg, s.north_m, s.east_m)) : 'origin not received yet');
+    write('battery', s.battery_percent === null ? 'not told' : `${s.battery_percent.toFixed(0)} %`);
+    bar('battery-bar', (s.battery_percent ?? 0) / 100);
+    write('progress', s.mission_progress === null ? 'no plan' : `${Math.round(s.mission_progress * 100)} %`);
+    bar('progress-bar', s.mission_progress ?? 0);
+    write('area-onboard', `${count(Math.round(s.map_area_m2))} m²`);
+    write('pairs', `${count(s.pairs_seen)}, ${count(s.pairs_dropped)} unused`);
+    const counter = (name: string, n: number): void => write(name, count(n), n > 0);
+    counter('slipped', s.slipped_cycles);
+    counter('shed', s.shed_work);
+    counter('refused', s.pool_refusals);
+  }
+  const map = state.map;
+  const whole = Math.max(map.area_m2 + map.pending_m2, s?.map_area_m2 ?? 0, 1);
+  write('area', `${count(Math.round(map.area_m2))} m²`);
+  write('pending', `about ${count(map.pending_m2)} m²`);
+  write('changed', `${count(Math.round(map.changed_m2))} m²`);
+  write('blocks', map.evicted > 0 ? `${count(map.blocks)}, ${count(map.evicted)} dropped` : count(map.blocks), map.evicted > 0);
+  bar('coverage-bar', (map.area_m2 - map.changed_m2) / whole, map.changed_m2 / whole, map.pending_m2 / whole);
+
+  const l = state.link;
+  const rejected = Object.entries(l.rejected).filter(([, n]) => n > 0);
+  write('rate', number(l.rate_bps, 0, 'bit/s'));
+  write('recent-loss', l.recent_loss === null ? '–' : `${Math.round(100 * l.recent_loss)} %`);
+  write('accepted', count(l.accepted));
+  write('lost', l.accepted + l.lost > 0 ? `${count(l.lost)} (${((100 * l.lost) / (l.accepted + l.lost)).toFixed(0)} %)` : '0');
+  write('repaired', count(l.repaired));
+  write('rejected', count(rejected.reduce((sum, [, n]) => sum + n, 0)), rejected.length > 0);
+  values.get('rejected')!.title = rejected.map(([reason, n]) => `${reason.replaceAll('-', ' ')}: ${n}`).join('\n');
+  write('bytes', bytes(l.bytes));
 }

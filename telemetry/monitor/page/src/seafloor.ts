@@ -1,10 +1,11 @@
 import * as THREE from 'three';
-import { MAGMA, VIRIDIS, ramp, robustRange, type Rgb } from './ramps';
-import { CELLS, tileKey, tileTriangles, type Tile } from './tiles';
+import { CHUNK_SIZE, positionsOf, type Chunk } from './chunks';
+import { HAS_COLOUR } from './chunks';
+import { SeafloorMaterial, type ColourMode } from './material';
+import { robustRange } from './ramps';
+import type { Origin } from './place';
 
-// The map as meshes in the scene: x east, y up, z south, relative to an origin near the first tile.
-
-export type ColourMode = 'depth' | 'photo' | 'sigma' | 'age';
+// The map as one mesh a chunk, relative to the scene's origin. Only chunks that changed are built anew.
 
 export interface Ranges {
   depth: [number, number]; // [m]
@@ -12,164 +13,131 @@ export interface Ranges {
   age: [number, number]; // [s]
 }
 
-export interface Origin {
-  north: number;
-  east: number;
-  depth: number;
-}
-
 const LEAST_DEPTH_RANGE = 1; // a flat floor must not turn centimetres of noise into a rainbow [m]
 const LEAST_SIGMA_RANGE = 0.01; // [m]
 const LEAST_AGE_RANGE = 60; // [s]
-const NO_COLOUR: Rgb = [120, 128, 134];
+const SAMPLES_PER_CHUNK = 128; // for the ranges
 
 interface Shown {
-  tile: Tile;
+  chunk: Chunk;
   mesh: THREE.Mesh;
+  depths: number[]; // samples
+  sigmas: number[];
+  oldest: number; // received [s since base]
+  hasColour: boolean;
+  finest: number; // spacing code
 }
 
 export class Seafloor {
   readonly group = new THREE.Group();
-  origin: Origin | null = null;
-  ranges: Ranges = { depth: [0, 1], sigma: [0, 1], age: [0, 1] };
+  readonly material = new SeafloorMaterial();
+  ranges: Ranges = { depth: [0, 1], sigma: [0, 0.01], age: [0, 60] };
+  baseUtc = 0; // [s]
   private shown = new Map<string, Shown>();
-  private mode: ColourMode = 'depth';
-  private now = 0;
-  private material = new THREE.MeshLambertMaterial({ vertexColors: true, side: THREE.DoubleSide });
+
+  constructor(private origin: () => Origin) {}
 
   get size(): number {
     return this.shown.size;
   }
+  get triangles(): number {
+    return this.sum((s) => s.chunk.triangles);
+  }
+  get vertices(): number {
+    return this.sum((s) => s.chunk.vertices);
+  }
   get hasColour(): boolean {
-    return [...this.shown.values()].some((s) => s.tile.colourBits > 0);
+    return [...this.shown.values()].some((s) => s.hasColour);
+  }
+  // What the page keeps for the map, on its side and on the graphics card.
+  get bytes(): number {
+    return this.sum((s) => s.chunk.vertices * (28 + 2 * (12 + 4 + 4 + 4 + 8)) + s.chunk.indices.byteLength * 2);
+  }
+  private sum(of: (shown: Shown) => number): number {
+    let total = 0;
+    for (const shown of this.shown.values()) total += of(shown);
+    return total;
   }
 
-  put(tiles: Tile[]): void {
-    const rebuild = new Set<string>();
-    for (const tile of tiles) {
-      this.origin ??= {
-        north: tile.northIndex * tile.size,
-        east: tile.eastIndex * tile.size,
-        depth: tile.depths.find((d) => !Number.isNaN(d)) ?? 0,
-      };
-      const old = this.shown.get(tile.key);
-      if (old) {
-        old.tile = tile;
-      } else {
-        const mesh = new THREE.Mesh(new THREE.BufferGeometry(), this.material);
-        this.shown.set(tile.key, { tile, mesh });
-        this.group.add(mesh);
-      }
-      // Shading at a tile's border looks across it.
-      for (const [dn, de] of [[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]] as const)
-        rebuild.add(tileKey(tile.level, tile.northIndex + dn, tile.eastIndex + de));
-    }
-    for (const key of rebuild) {
-      const entry = this.shown.get(key);
-      if (entry) this.build(entry);
-    }
-    this.recolour();
+  put(chunks: Chunk[]): void {
+    for (const chunk of chunks) this.putOne(chunk);
+    if (chunks.length > 0) this.updateRanges();
   }
 
-  setMode(mode: ColourMode, nowUtc: number): void {
-    this.mode = mode;
-    this.now = nowUtc;
-    this.recolour();
+  clear(): void {
+    for (const { mesh } of this.shown.values()) mesh.geometry.dispose();
+    this.shown.clear();
+    this.group.clear();
   }
 
   bounds(): THREE.Box3 {
-    return new THREE.Box3().setFromObject(this.group);
+    const box = new THREE.Box3();
+    for (const { mesh } of this.shown.values())
+      if (!mesh.geometry.boundingBox!.isEmpty())
+        box.union(mesh.geometry.boundingBox!.clone().translate(mesh.position));
+    return box;
   }
 
-  // Depth at a node, also beyond the tile's border where the neighbour of the same level is known.
-  private depthAt(tile: Tile, i: number, j: number): number {
-    const last = tile.side - 1;
-    const dn = i < 0 ? -1 : i > last ? 1 : 0;
-    const de = j < 0 ? -1 : j > last ? 1 : 0;
-    if (dn === 0 && de === 0) return tile.depths[i * tile.side + j]!;
-    const next = this.shown.get(tileKey(tile.level, tile.northIndex + dn, tile.eastIndex + de))?.tile;
-    if (!next) return NaN;
-    const row = ((i - dn * last) * tile.stride) / next.stride;
-    const column = ((j - de * last) * tile.stride) / next.stride;
-    return Number.isInteger(row) && Number.isInteger(column) ? next.depths[row * next.side + column]! : NaN;
+  setMode(mode: ColourMode, now: number): void {
+    this.setNow(now);
+    this.material.set('fineCode', Math.min(...[...this.shown.values()].map((s) => s.finest), 5));
+    this.material.setMode(mode, mode === 'photo' || mode === 'coverage' ? [0, 1] : this.ranges[mode]);
   }
 
-  private build({ tile, mesh }: Shown): void {
-    const origin = this.origin!;
-    const { side, stride } = tile;
-    const step = (tile.size / CELLS) * stride;
-    const positions = new Float32Array(side * side * 3);
-    const normals = new Float32Array(side * side * 3);
-    for (let i = 0; i < side; ++i) {
-      for (let j = 0; j < side; ++j) {
-        const n = i * side + j;
-        const depth = tile.depths[n]!;
-        const slope = (before: number, after: number): number => {
-          const low = Number.isNaN(before) ? depth : before;
-          const high = Number.isNaN(after) ? depth : after;
-          const spans = Number(!Number.isNaN(before)) + Number(!Number.isNaN(after));
-          return spans === 0 ? 0 : (high - low) / (spans * step);
-        };
-        const down = Number.isNaN(depth) ? origin.depth : depth;
-        positions.set(
-          [tile.eastIndex * tile.size + j * step - origin.east, origin.depth - down,
-            -(tile.northIndex * tile.size + i * step - origin.north)], n * 3);
-        const east = slope(this.depthAt(tile, i, j - 1), this.depthAt(tile, i, j + 1));
-        const north = slope(this.depthAt(tile, i - 1, j), this.depthAt(tile, i + 1, j));
-        const length = Math.hypot(east, north, 1);
-        normals.set([east / length, 1 / length, -north / length], n * 3);
+  setNow(now: number): void {
+    let oldest = Infinity;
+    for (const shown of this.shown.values()) oldest = Math.min(oldest, shown.oldest);
+    const age = now - this.baseUtc - oldest;
+    this.ranges.age = [0, Math.max(LEAST_AGE_RANGE, Number.isFinite(age) ? age : 0)];
+    this.material.set('now', now - this.baseUtc);
+  }
+
+  private putOne(chunk: Chunk): void {
+    const old = this.shown.get(chunk.key);
+    if (old) {
+      old.mesh.geometry.dispose();
+      this.group.remove(old.mesh);
+    }
+    const origin = this.origin();
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute('position', new THREE.BufferAttribute(positionsOf(chunk, origin.depth), 3));
+    geometry.setAttribute('aNormal', new THREE.BufferAttribute(chunk.normals, 4, true));
+    geometry.setAttribute('aColour', new THREE.BufferAttribute(chunk.colours, 4, true));
+    geometry.setAttribute('aBounds', new THREE.BufferAttribute(chunk.bounds, 2));
+    geometry.setAttribute('aTimes', new THREE.BufferAttribute(chunk.times, 2));
+    geometry.setIndex(new THREE.BufferAttribute(chunk.indices, 1));
+    const mesh = new THREE.Mesh(geometry, this.material);
+    mesh.position.set(chunk.east - origin.east, 0, -(chunk.north - origin.north));
+    this.material.set('originDepth', origin.depth);
+
+    const shown: Shown = { chunk, mesh, depths: [], sigmas: [], oldest: Infinity, hasColour: false, finest: 7 };
+    let [low, high] = [Infinity, -Infinity];
+    const step = Math.max(1, Math.floor(chunk.vertices / SAMPLES_PER_CHUNK));
+    for (let v = 0; v < chunk.vertices; ++v) {
+      const depth = chunk.depths[v]!;
+      low = Math.min(low, depth);
+      high = Math.max(high, depth);
+      shown.oldest = Math.min(shown.oldest, chunk.times[2 * v]!);
+      shown.finest = Math.min(shown.finest, chunk.normals[4 * v + 3]!);
+      shown.hasColour ||= (chunk.colours[4 * v + 3]! & HAS_COLOUR) !== 0;
+      if (v % step === 0) {
+        shown.depths.push(depth);
+        shown.sigmas.push(chunk.bounds[2 * v]! * 1e-3);
       }
     }
-    mesh.geometry.dispose();
-    mesh.geometry = new THREE.BufferGeometry();
-    mesh.geometry.setAttribute('position', new THREE.BufferAttribute(positions, 3));
-    mesh.geometry.setAttribute('normal', new THREE.BufferAttribute(normals, 3));
-    mesh.geometry.setAttribute('color', new THREE.BufferAttribute(new Float32Array(side * side * 3), 3));
-    mesh.geometry.setIndex(tileTriangles(tile));
+    const box = new THREE.Box3();
+    if (chunk.vertices > 0)
+      box.set(new THREE.Vector3(0, origin.depth - high, -CHUNK_SIZE), new THREE.Vector3(CHUNK_SIZE, origin.depth - low, 0));
+    geometry.boundingBox = box;
+    geometry.boundingSphere = box.getBoundingSphere(new THREE.Sphere());
+    this.shown.set(chunk.key, shown);
+    this.group.add(mesh);
   }
 
   private updateRanges(): void {
-    const depths: number[] = [];
-    const sigmas: number[] = [];
-    const ages: number[] = [];
-    for (const { tile } of this.shown.values()) {
-      for (const d of tile.depths) if (!Number.isNaN(d)) depths.push(d);
-      sigmas.push(tile.sigma);
-      ages.push(Math.max(0, this.now - tile.receivedUtc));
-    }
-    this.ranges = {
-      depth: robustRange(depths, LEAST_DEPTH_RANGE),
-      sigma: [0, Math.max(LEAST_SIGMA_RANGE, robustRange(sigmas, 0)[1])],
-      age: [0, Math.max(LEAST_AGE_RANGE, robustRange(ages, 0)[1])],
-    };
-  }
-
-  private colourOf(tile: Tile, n: number): Rgb {
-    const share = (value: number, [low, high]: [number, number]): number => (value - low) / (high - low);
-    switch (this.mode) {
-      case 'depth': // shallow bright, deep dark
-        return ramp(VIRIDIS, 1 - share(tile.depths[n]!, this.ranges.depth));
-      case 'photo':
-        if (tile.colourBits === 0) return NO_COLOUR;
-        return [tile.colours[n * 3]!, tile.colours[n * 3 + 1]!, tile.colours[n * 3 + 2]!];
-      case 'sigma':
-        return ramp(MAGMA, share(tile.sigma, this.ranges.sigma));
-      case 'age': // fresh bright, old dark
-        return ramp(MAGMA, 1 - share(this.now - tile.receivedUtc, this.ranges.age));
-    }
-  }
-
-  private recolour(): void {
-    this.updateRanges();
-    const linear = new THREE.Color();
-    for (const { tile, mesh } of this.shown.values()) {
-      const colours = mesh.geometry.getAttribute('color') as THREE.BufferAttribute;
-      for (let n = 0; n < tile.side * tile.side; ++n) {
-        const [r, g, b] = Number.isNaN(tile.depths[n]) ? NO_COLOUR : this.colourOf(tile, n);
-        linear.setRGB(r / 255, g / 255, b / 255, THREE.SRGBColorSpace);
-        colours.setXYZ(n, linear.r, linear.g, linear.b);
-      }
-      colours.needsUpdate = true;
-    }
+    const depths = [...this.shown.values()].flatMap((s) => s.depths);
+    const sigmas = [...this.shown.values()].flatMap((s) => s.sigmas);
+    this.ranges.depth = robustRange(depths, LEAST_DEPTH_RANGE);
+    this.ranges.sigma = [0, Math.max(LEAST_SIGMA_RANGE, robustRange(sigmas, 0)[1])];
   }
 }

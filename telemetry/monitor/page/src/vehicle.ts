@@ -3,17 +3,24 @@ import { Line2 } from 'three/examples/jsm/lines/Line2.js';
 import { LineGeometry } from 'three/examples/jsm/lines/LineGeometry.js';
 import { LineMaterial } from 'three/examples/jsm/lines/LineMaterial.js';
 import type { TrackPoint, VehicleStatus } from './api';
-import type { Origin } from './seafloor';
+import type { Origin, Place } from './place';
 
-// The vehicle, the line down to the seafloor below it, and its track.
+// The vehicle, the line down to the seafloor below it, how well its position is known, and its track. Everything lies in
+// the exaggerated scene; the symbol undoes the exaggeration for itself.
 
-const TRACK_COLOUR = 0xe8b36a;
-const VEHICLE_COLOUR = 0xffd9a0;
+const TRACK_COLOUR = 0xf0b95e;
+const VEHICLE_COLOUR = 0xffe0a8;
 const LENGTH = 2; // of the symbol [m]
-const LEAST_SHARE = 0.022; // of the distance to the camera: the symbol never gets too small to see
+const LEAST_SHARE = 0.024; // of the distance to the camera: the symbol never gets too small to see
+const RING_POINTS = 64;
 
-const toScene = (origin: Origin, north: number, east: number, depth: number): THREE.Vector3 =>
-  new THREE.Vector3(east - origin.east, origin.depth - depth, origin.north - north);
+export const toScene = (origin: Origin, p: Place): THREE.Vector3 =>
+  new THREE.Vector3(p.east - origin.east, origin.depth - p.depth, origin.north - p.north);
+export const fromScene = (origin: Origin, v: THREE.Vector3): Place => ({
+  north: origin.north - v.z,
+  east: origin.east + v.x,
+  depth: origin.depth - v.y,
+});
 
 // A dart along -z (north), two metres long.
 function dart(): THREE.BufferGeometry {
@@ -26,47 +33,76 @@ function dart(): THREE.BufferGeometry {
   return new THREE.ExtrudeGeometry(shape, { depth: LENGTH * 0.12, bevelEnabled: false }).rotateX(-Math.PI / 2);
 }
 
+function ring(): THREE.BufferGeometry {
+  const points = Array.from({ length: RING_POINTS + 1 }, (_, i) => {
+    const angle = (2 * Math.PI * i) / RING_POINTS;
+    return new THREE.Vector3(Math.sin(angle), 0, Math.cos(angle));
+  });
+  return new THREE.BufferGeometry().setFromPoints(points);
+}
+
 export class Vehicle {
   readonly group = new THREE.Group();
   private symbol = new THREE.Mesh(dart(), new THREE.MeshBasicMaterial({ color: VEHICLE_COLOUR }));
   private plumb = new THREE.Line(
-    new THREE.BufferGeometry(),
+    new THREE.BufferGeometry().setFromPoints([new THREE.Vector3(), new THREE.Vector3(0, -1, 0)]),
     new THREE.LineBasicMaterial({ color: VEHICLE_COLOUR, transparent: true, opacity: 0.55 }),
+  );
+  // One standard deviation about the vehicle: the link carries one number for both horizontal axes, so it is a circle.
+  private sigma = new THREE.Line(ring(), new THREE.LineBasicMaterial({ color: VEHICLE_COLOUR, transparent: true, opacity: 0.9 }));
+  private disc = new THREE.Mesh(
+    new THREE.CircleGeometry(1, RING_POINTS).rotateX(-Math.PI / 2),
+    new THREE.MeshBasicMaterial({ color: VEHICLE_COLOUR, transparent: true, opacity: 0.16, depthWrite: false, side: THREE.DoubleSide }),
   );
   private track = new Line2(
     new LineGeometry(),
     new LineMaterial({ color: TRACK_COLOUR, linewidth: 2, transparent: true, opacity: 0.9 }),
   );
-  readonly position = new THREE.Vector3();
+  readonly position = new THREE.Vector3(); // without exaggeration
 
   constructor() {
-    this.group.add(this.symbol, this.plumb, this.track);
+    this.group.add(this.symbol, this.plumb, this.sigma, this.disc, this.track);
     this.group.visible = false;
     this.track.frustumCulled = false;
+    this.track.visible = false;
   }
 
   setStatus(status: VehicleStatus, origin: Origin): void {
     this.group.visible = true;
-    this.position.copy(toScene(origin, status.north_m, status.east_m, status.depth_m));
+    this.position.copy(toScene(origin, { north: status.north_m, east: status.east_m, depth: status.depth_m }));
     this.symbol.position.copy(this.position);
     this.symbol.rotation.y = -THREE.MathUtils.degToRad(status.heading_deg);
-    const below = this.position.clone();
-    below.y -= status.altitude_m ?? 0;
-    this.plumb.geometry.dispose();
-    this.plumb.geometry = new THREE.BufferGeometry().setFromPoints([this.position, below]);
+    this.plumb.position.copy(this.position);
+    this.plumb.scale.y = status.altitude_m ?? 0;
+    for (const part of [this.sigma, this.disc]) {
+      part.visible = status.position_sigma_m !== null;
+      part.position.copy(this.position);
+      part.scale.setScalar(status.position_sigma_m ?? 1);
+    }
   }
 
   setTrack(points: TrackPoint[], origin: Origin): void {
     this.track.visible = points.length > 1;
     if (!this.track.visible) return;
+    const positions = new Float32Array(points.length * 3);
+    points.forEach(([, north, east, depth], i) => {
+      positions[3 * i] = east - origin.east;
+      positions[3 * i + 1] = origin.depth - depth;
+      positions[3 * i + 2] = origin.north - north;
+    });
     this.track.geometry.dispose();
     this.track.geometry = new LineGeometry();
-    this.track.geometry.setPositions(points.flatMap(([, n, e, d]) => toScene(origin, n, e, d).toArray()));
+    this.track.geometry.setPositions(positions);
+  }
+
+  clear(): void {
+    this.group.visible = this.track.visible = false;
   }
 
   // Before each picture.
-  scaleTo(camera: THREE.PerspectiveCamera): void {
-    const distance = camera.position.distanceTo(this.position);
-    this.symbol.scale.setScalar(Math.max(1, (distance * LEAST_SHARE) / LENGTH));
+  scaleTo(camera: THREE.PerspectiveCamera, exaggeration: number): void {
+    const distance = camera.position.distanceTo(this.group.localToWorld(this.position.clone()));
+    const size = Math.max(1, (distance * LEAST_SHARE) / LENGTH);
+    this.symbol.scale.set(size, size / exaggeration, size);
   }
 }

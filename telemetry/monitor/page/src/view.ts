@@ -1,31 +1,32 @@
 import * as THREE from 'three';
 import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js';
 
-// Camera, light and drawing on demand: nothing is drawn while nothing changes.
+// Camera and drawing on demand: nothing is drawn while nothing changes.
 
 const FIELD_OF_VIEW = 40; // [deg]
 const FILL = 0.86; // of the picture, so that the map does not lie under the buttons
 const LEAST_DISTANCE = 3; // [m]
 const OBLIQUE = new THREE.Vector3(0.35, 1.05, 0.8).normalize(); // from the south, a little east, looking down
+const SMOOTHING = 0.1; // of the time a frame takes, as shown
 
 export class View {
   readonly scene = new THREE.Scene();
+  // Everything with a depth hangs here; its vertical scale is the exaggeration.
+  readonly world = new THREE.Group();
   readonly camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW, 1, 0.1, 20000);
   readonly controls: OrbitControls;
   beforeDraw: () => void = () => undefined;
   touched = false; // the user has chosen a view; do not move it
+  frameTime = 0; // the main thread's work for a frame, smoothed [ms]
+  frames = 0;
   private renderer: THREE.WebGLRenderer;
   private queued = false;
-  private sun = new THREE.DirectionalLight(0xffffff);
-  private sky = new THREE.HemisphereLight(0xffffff, 0xb0bac2);
 
   constructor(private canvas: HTMLCanvasElement) {
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
-    this.scene.background = new THREE.Color(0x0d1419);
-    this.sun.position.set(-1, 1.1, -1); // from the north-west, as maps are shaded
-    this.scene.add(this.sun, this.sky);
-    this.setRelief(true);
+    this.scene.background = new THREE.Color(0x0b1217);
+    this.scene.add(this.world);
     this.camera.position.copy(OBLIQUE).multiplyScalar(40);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.maxPolarAngle = Math.PI * 0.495;
@@ -36,11 +37,23 @@ export class View {
     this.resize();
   }
 
-  // Strong hill shading for ramps; little for photographs, which bring their own light.
-  setRelief(strong: boolean): void {
-    this.sun.intensity = strong ? 2.4 : 0.9;
-    this.sky.intensity = strong ? 1.2 : 2.6;
+  get exaggeration(): number {
+    return this.world.scale.y;
+  }
+  set exaggeration(factor: number) {
+    // What the camera looks at stays in the middle.
+    const shift = this.controls.target.y * (factor / this.world.scale.y - 1);
+    this.world.scale.y = factor;
+    this.world.updateMatrixWorld(true);
+    this.controls.target.y += shift;
+    this.camera.position.y += shift;
+    this.controls.update();
     this.draw();
+  }
+
+  get drawn(): { triangles: number; calls: number; geometries: number } {
+    const { render, memory } = this.renderer.info;
+    return { triangles: render.triangles, calls: render.calls, geometries: memory.geometries };
   }
 
   private resize(): void {
@@ -56,14 +69,40 @@ export class View {
     this.queued = true;
     requestAnimationFrame(() => {
       this.queued = false;
+      const begun = performance.now();
       this.beforeDraw();
       this.renderer.render(this.scene, this.camera);
+      const took = performance.now() - begun;
+      this.frameTime = this.frames++ === 0 ? took : this.frameTime + SMOOTHING * (took - this.frameTime);
     });
   }
 
+  // Where the ray through a pixel of the canvas meets one of these objects.
+  pick(x: number, y: number, objects: THREE.Object3D[]): THREE.Vector3 | null {
+    const hit = this.rayAt(x, y).intersectObjects(objects, true)[0];
+    return hit ? hit.point : null;
+  }
+
+  // Where it meets the level at the height of what the camera looks at.
+  pickLevel(x: number, y: number): THREE.Vector3 | null {
+    const level = new THREE.Plane(new THREE.Vector3(0, 1, 0), -this.controls.target.y);
+    return this.rayAt(x, y).ray.intersectPlane(level, new THREE.Vector3());
+  }
+
+  private rayAt(x: number, y: number): THREE.Raycaster {
+    const { left, top, width, height } = this.canvas.getBoundingClientRect();
+    const ray = new THREE.Raycaster();
+    ray.setFromCamera(new THREE.Vector2(((x - left) / width) * 2 - 1, 1 - ((y - top) / height) * 2), this.camera);
+    return ray;
+  }
+
+  // `box` in the world group's coordinates, without exaggeration.
   fit(box: THREE.Box3, fromAbove = false): void {
     if (box.isEmpty()) return;
-    const centre = box.getCenter(new THREE.Vector3());
+    const stretched = box.clone();
+    stretched.min.y *= this.exaggeration;
+    stretched.max.y *= this.exaggeration;
+    const centre = stretched.getCenter(new THREE.Vector3());
     this.controls.target.copy(centre);
     this.camera.position.copy(centre).add(fromAbove ? new THREE.Vector3(0, 1, 0.0001) : OBLIQUE);
     this.camera.lookAt(centre);
@@ -73,7 +112,9 @@ export class View {
     let distance = LEAST_DISTANCE;
     for (let corner = 0; corner < 8; ++corner) {
       const p = new THREE.Vector3(
-        corner & 1 ? box.max.x : box.min.x, corner & 2 ? box.max.y : box.min.y, corner & 4 ? box.max.z : box.min.z,
+        corner & 1 ? stretched.max.x : stretched.min.x,
+        corner & 2 ? stretched.max.y : stretched.min.y,
+        corner & 4 ? stretched.max.z : stretched.min.z,
       ).sub(centre).applyQuaternion(turn);
       distance = Math.max(distance, p.z + Math.abs(p.x) / (vertical * this.camera.aspect), p.z + Math.abs(p.y) / vertical);
     }

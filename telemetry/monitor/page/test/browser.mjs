@@ -14,14 +14,24 @@ if (!existsSync(browserPath)) {
   process.exit(77);
 }
 
-const monitor = spawn(monitorPath, ['--packets', packets, '--http', '0', '--page', pageFolder]);
-const url = await new Promise((found, failed) => {
-  createInterface(monitor.stdout).on('line', (line) => {
-    const match = /http:\/\/\S+/.exec(line);
-    if (match) found(match[0]);
+async function start(...args) {
+  const child = spawn(monitorPath, [...args, '--page', pageFolder]);
+  const address = await new Promise((found, failed) => {
+    createInterface(child.stdout).on('line', (line) => {
+      const match = /http:\/\/\S+/.exec(line);
+      if (match) found(match[0]);
+    });
+    child.on('exit', (code) => failed(new Error(`fathom-monitor exited with ${code}`)));
   });
-  monitor.on('exit', (code) => failed(new Error(`fathom-monitor exited with ${code}`)));
-});
+  child.removeAllListeners('exit');
+  return { child, address };
+}
+function ended(child) {
+  return new Promise((done) => child.on('exit', done));
+}
+
+let { child: monitor, address: url } = await start('--packets', packets, '--http', '0');
+const port = new URL(url).port;
 
 const browser = await chromium.launch({
   executablePath: browserPath,
@@ -36,44 +46,90 @@ try {
     if (!request.url().startsWith(url) && !request.url().startsWith('data:')) problems.push(`fetches ${request.url()}`);
   });
   await page.goto(url, { waitUntil: 'domcontentloaded' });
-  await page.waitForFunction(() => document.body.dataset.finished === 'true' && Number(document.body.dataset.tiles) > 0, null, {
-    timeout: 60000,
-  });
+  const all = () =>
+    page.waitForFunction(() => document.body.dataset.finished === 'true' && Number(document.body.dataset.chunks) > 0, null, { timeout: 60000 });
+  await all();
   const state = await (await fetch(`${url}api/state`)).json();
   const shown = await page.evaluate(() => ({ ...document.body.dataset }));
-  assert.equal(Number(shown.tiles), state.map.tiles, 'every received tile is in the scene');
+  assert.equal(Number(shown.chunks), state.map.chunks, 'every received chunk is in the scene');
   assert.equal(Number(shown.track), state.track_points, 'the whole track is drawn');
-  assert.ok(state.map.tiles > 50 && state.track_points > 100);
+  assert.ok(state.map.area_m2 > 500 && state.track_points > 100);
 
   const text = (name) => page.textContent(`[data-name="${name}"]`);
   assert.equal(await text('vehicle'), 'sirius');
   assert.equal(await text('depth'), `${state.status.depth_m.toFixed(1)} m`);
   assert.equal(await text('heading'), `${state.status.heading_deg.toFixed(0)}°`);
-  assert.match(await text('time'), /^2026-09-21 14:3\d:\d\d$/);
-  assert.match(await text('health'), /no position fix/);
+  assert.match(await text('time'), /^2026-09-21 14:3\d:\d\d UTC$/);
   assert.equal(Number((await text('accepted')).replaceAll(' ', '')), state.link.accepted);
   assert.ok(state.link.lost > 0);
   assert.match(await text('lost'), new RegExp(`^${state.link.lost} \\(`));
   assert.equal(await page.isVisible('#banner'), false, 'a recording at its end is not a silent link');
 
-  // The map is really drawn: the picture holds many colours, and others in another mode.
+  // Nothing is clipped at 1000 pixels: no element of the panel reaches beyond it.
+  const beyond = await page.evaluate(() => {
+    const right = document.getElementById('panel').getBoundingClientRect().right;
+    return [...document.querySelectorAll('#panel *')].filter((e) => e.getBoundingClientRect().right > right + 0.5).map((e) => e.outerHTML.slice(0, 80));
+  });
+  assert.deepEqual(beyond, []);
+  assert.equal(await page.evaluate(() => document.getElementById('panel').scrollWidth <= document.getElementById('panel').clientWidth), true);
+
+  // Alarms are acknowledged; what a recording cannot do says why.
+  assert.match(await page.textContent('[data-alarm^="health:"]'), /no position fix/);
+  await page.click('[data-alarm^="health:"] button');
+  assert.match(await page.getAttribute('[data-alarm^="health:"]', 'class'), /acknowledged/);
+  assert.equal(await page.isDisabled('#set-rate'), true);
+  assert.match(await page.textContent('#command-reason'), /recording/);
+
+  // The map is really drawn: the picture holds many colours, and others in another mode, without a new chunk.
   const picture = async () => (await page.locator('#scene').screenshot()).toString('base64');
   const depth = await picture();
-  await page.click('#modes button[data-value=sigma]');
+  await page.click('#modes button[data-value=coverage]');
   await page.waitForTimeout(300);
-  const sigma = await picture();
+  const coverage = await picture();
   assert.ok(depth.length > 20000, 'the picture of the map is not empty');
-  assert.notEqual(depth, sigma, 'the map changes colour with the mode');
+  assert.notEqual(depth, coverage, 'the map changes colour with the mode');
 
-  // The monitor goes away: the page says so.
-  monitor.removeAllListeners('exit');
-  const ended = new Promise((done) => monitor.on('exit', done));
+  // A line over the map: its length and its profile.
+  await page.click('#tools button[data-value=measure]');
+  await page.mouse.move(280, 330);
+  await page.mouse.down();
+  await page.mouse.move(340, 340, { steps: 3 });
+  await page.mouse.up();
+  await page.waitForSelector('#profile canvas', { timeout: 10000 });
+  const [, slope, horizontal] = /^([\d.]+) m · horizontal ([\d.]+) m/.exec(await page.textContent('#measure-text'));
+  assert.ok(Number(slope) >= Number(horizontal) && Number(horizontal) > 1);
+  await page.click('#measure-close');
+
+  // Back to the middle of the recording: less map, an earlier time, and on to the end again.
+  const { first_utc_s: first, last_utc_s: last } = state.playback;
+  const seek = (utc) =>
+    page.evaluate((value) => {
+      const slider = document.getElementById('time-slider');
+      slider.value = String(value);
+      slider.dispatchEvent(new Event('input'));
+      slider.dispatchEvent(new Event('change'));
+    }, utc);
+  await seek((first + last) / 2);
+  await page.waitForFunction((epoch) => document.body.dataset.epoch !== epoch && document.body.dataset.finished === 'false', shown.epoch, { timeout: 10000 });
+  const half = await (await fetch(`${url}api/state`)).json();
+  assert.ok(half.map.area_m2 < 0.7 * state.map.area_m2 && half.now_utc_s < last - 100);
+  await seek(last);
+  await page.waitForFunction((vertices) => document.body.dataset.vertices === vertices, shown.vertices, { timeout: 10000 });
+
+  // The monitor goes away: the page says so, and takes the new one's map when it is back.
+  const over = ended(monitor);
   monitor.kill('SIGTERM');
-  assert.equal(await ended, 0, 'fathom-monitor exits cleanly on SIGTERM');
+  assert.equal(await over, 0, 'fathom-monitor exits cleanly on SIGTERM');
   await page.waitForSelector('#banner:not([hidden])', { timeout: 20000 });
   assert.match(await page.textContent('#banner'), /does not answer/);
+  const before = await page.evaluate(() => document.body.dataset.epoch);
+  ({ child: monitor } = await start('--packets', packets, '--http', port));
+  await page.waitForSelector('#banner', { state: 'hidden', timeout: 20000 });
+  await page.waitForFunction((epoch) => document.body.dataset.epoch !== epoch, before, { timeout: 20000 });
+  await all();
+  assert.equal(await page.evaluate(() => document.body.dataset.vertices), shown.vertices);
   assert.deepEqual(problems, []);
-  console.log(`browser test passed: ${shown.tiles} tiles, ${shown.track} track points`);
+  console.log(`browser test passed: ${shown.chunks} chunks, ${shown.track} track points`);
 } catch (error) {
   failure = error;
 } finally {

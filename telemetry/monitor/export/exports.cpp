@@ -1,0 +1,98 @@
+#include "telemetry/monitor/export/exports.hpp"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <sstream>
+
+#include "recon/geometry/mesh_io.hpp"
+#include "telemetry/monitor/export/geo_raster.hpp"
+
+namespace fathom::monitor {
+
+using nlohmann::ordered_json;
+
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+constexpr const char* kNoOrigin =
+    "the mission's origin has not arrived yet, so nothing can be placed on the Earth";
+
+std::string plyOf(const MonitorModel& model) {
+  std::vector<std::string> comments{"nav frame: x north, y east, z down [m]",
+                                    "as received over the acoustic link"};
+  if (const auto& mission = model.mission()) {
+    std::ostringstream origin;
+    origin.precision(10);
+    origin << "origin " << mission->origin.latitude / kDegree << ' ' << mission->origin.longitude / kDegree
+           << " deg WGS84, local transverse Mercator";
+    comments.push_back(origin.str());
+  }
+  std::ostringstream out;
+  writePly(out, model.map().surface().whole(), comments);
+  return std::move(out).str();
+}
+
+}  // namespace
+
+std::string trackGeoJson(const MonitorModel& model) {
+  if (!model.mission() || model.track().empty()) return {};
+  const LocalTransverseMercator projection(model.mission()->origin);
+  const auto position = [&](const TrackRecord& p) {
+    const Geodetic g = projection.toGeodetic({p.north, p.east});
+    return ordered_json{g.longitude / kDegree, g.latitude / kDegree, -p.depth};
+  };
+  ordered_json line = ordered_json::array(), times = ordered_json::array();
+  for (const auto& [utc_ns, p] : model.track()) {
+    line.push_back(position(p));
+    times.push_back(static_cast<double>(utc_ns) * 1e-9);
+  }
+  ordered_json features = ordered_json::array();
+  const auto identity = model.receiver().identity().value_or(telemetry::LinkIdentity{});
+  const ordered_json last_position = line.back();
+  // GeoJSON wants at least two positions in a line.
+  if (line.size() > 1)
+    features.push_back({{"type", "Feature"},
+                        {"properties", {{"name", "track"}, {"utc_s", times}}},
+                        {"geometry", {{"type", "LineString"}, {"coordinates", line}}}});
+  features.push_back({{"type", "Feature"},
+                      {"properties",
+                       {{"name", model.mission()->vehicle_name},
+                        {"vehicle_id", identity.vehicle_id},
+                        {"dive_id", identity.dive_id},
+                        {"utc_s", times.back()}}},
+                      {"geometry", {{"type", "Point"}, {"coordinates", last_position}}}});
+  return ordered_json{{"type", "FeatureCollection"}, {"features", features}}.dump(1) + "\n";
+}
+
+Export makeExport(const MonitorModel& model, std::string_view name) {
+  Export out;
+  if (name == "track.geojson") {
+    out.type = "application/geo+json";
+    out.bytes = trackGeoJson(model);
+    if (out.bytes.empty()) out.why = model.mission() ? "no position has arrived yet" : kNoOrigin;
+    return out;
+  }
+  if (model.map().store().size() == 0) {
+    out.why = "no map has arrived yet";
+    return out;
+  }
+  if (name == "map.ply") {
+    out.bytes = plyOf(model);
+    return out;
+  }
+  if (!model.mission()) {
+    out.why = kNoOrigin;
+    return out;
+  }
+  out.type = "image/tiff";
+  const auto raster = rasterOf(model.map().store(), model.map().surface(), model.mission()->origin);
+  if (!raster) {
+    out.why = "the map has no surface yet";
+    return out;
+  }
+  out.bytes = name == "elevation.tif" ? elevationTiff(*raster) : colourTiff(*raster);
+  return out;
+}
+
+}  // namespace fathom::monitor

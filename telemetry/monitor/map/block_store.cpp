@@ -1,0 +1,144 @@
+#include "telemetry/monitor/map/block_store.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fathom::monitor {
+
+using telemetry::BlockKey;
+using telemetry::MapBlock;
+
+namespace {
+
+constexpr int kBlockShift = 2;  // a block is four nodes wide
+
+int chunkShift(const BlockKey& key) {
+  return kChunkCode - kBlockShift - key.spacing;
+}
+
+bool showable(const MapBlock& block) {
+  if (block.key.spacing > kCoarsestCode || block.seen == 0) return false;
+  const double size = MapBlock::kSide * telemetry::spacingOf(block.key.spacing);
+  if (std::abs(block.key.north * size) > kMaxHorizontal_m ||
+      std::abs(block.key.east * size) > kMaxHorizontal_m)
+    return false;
+  if (!(block.sigma >= 0 && std::isfinite(block.sigma))) return false;
+  for (int n = 0; n < MapBlock::kNodes; ++n)
+    if (block.isSeen(n) && !(block.depth[static_cast<std::size_t>(n)] >= kMinDepth_m &&
+                             block.depth[static_cast<std::size_t>(n)] <= kMaxDepth_m))
+      return false;
+  return true;
+}
+
+// Whether two contents of one block differ by more than the two roundings can explain.
+bool differs(const StoredBlock& old, const MapBlock& block, double max_error) {
+  if (old.block.seen != block.seen) return true;
+  const double bound = old.max_error + max_error;
+  for (int n = 0; n < MapBlock::kNodes; ++n) {
+    const auto i = static_cast<std::size_t>(n);
+    if (block.isSeen(n) && std::abs(double{old.block.depth[i]} - block.depth[i]) > bound) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+ChunkKey BlockStore::chunkOf(const BlockKey& key) {
+  return {key.north >> chunkShift(key), key.east >> chunkShift(key)};
+}
+
+std::uint32_t BlockStore::chunkSlot(const BlockKey& key) {
+  const auto mask = (std::uint32_t{1} << chunkShift(key)) - 1;
+  return (static_cast<std::uint32_t>(key.north) & mask) << kCoarsestCode |
+         (static_cast<std::uint32_t>(key.east) & mask);
+}
+
+const BlockStore::Chunk* BlockStore::chunk(ChunkKey key) const {
+  const auto found = chunks_.find(key);
+  return found == chunks_.end() ? nullptr : &found->second;
+}
+
+const StoredBlock* BlockStore::find(const BlockKey& key) const {
+  if (key.spacing > kCoarsestCode) return nullptr;
+  const Chunk* in = chunk(chunkOf(key));
+  if (in == nullptr) return nullptr;
+  const auto& level = in->levels[key.spacing];
+  const auto found = level.find(chunkSlot(key));
+  return found == level.end() ? nullptr : &found->second;
+}
+
+bool BlockStore::put(const MapBlock& block, bool has_colour, double max_error, std::int64_t utc_ns) {
+  if (!showable(block)) {
+    ++counters_.refused;
+    return false;
+  }
+  ++counters_.taken;
+  auto& level = chunks_[chunkOf(block.key)].levels[block.key.spacing];
+  const auto [at, is_new] = level.try_emplace(chunkSlot(block.key));
+  StoredBlock& stored = at->second;
+  if (is_new) {
+    ++size_;
+    ++counts_[block.key.spacing];
+    arrivals_[block.key.spacing].push_back(block.key);
+  } else {
+    ++counters_.replaced;
+    if (differs(stored, block, max_error)) {
+      ++counters_.changed;
+      stored.changed_utc_ns = utc_ns;
+    }
+  }
+  // Colour comes dearer than depth; a block sent again without it keeps the colour that it had.
+  const bool keep_colour = !is_new && stored.has_colour && !has_colour;
+  const auto colour = keep_colour ? stored.block.colour : block.colour;
+  stored.block = block;
+  stored.block.colour = colour;
+  stored.has_colour = has_colour || keep_colour;
+  stored.max_error = static_cast<float>(max_error);
+  stored.received_utc_ns = utc_ns;
+  touch(block.key);
+  if (size_ > max_blocks_) evict();
+  return true;
+}
+
+void BlockStore::touch(const BlockKey& key) {
+  ++version_;
+  int coarsest = key.spacing;
+  for (int code = kCoarsestCode; code > coarsest; --code)
+    if (counts_[static_cast<std::size_t>(code)] > 0) coarsest = code;
+  // A neighbour's mesh looks at most one cell of the coarsest spacing across the border.
+  const ChunkKey own = chunkOf(key);
+  const Unit size = Unit{MapBlock::kSide} << key.spacing, margin = Unit{1} << coarsest;
+  const Unit north = static_cast<Unit>(key.north * size - own.north * kChunkUnits);
+  const Unit east = static_cast<Unit>(key.east * size - own.east * kChunkUnits);
+  for (std::int32_t dn = -1; dn <= 1; ++dn) {
+    for (std::int32_t de = -1; de <= 1; ++de) {
+      if ((dn < 0 && north > margin) || (dn > 0 && north + size + margin < kChunkUnits)) continue;
+      if ((de < 0 && east > margin) || (de > 0 && east + size + margin < kChunkUnits)) continue;
+      const auto found = chunks_.find({own.north + dn, own.east + de});
+      if (found != chunks_.end()) found->second.version = version_;
+    }
+  }
+}
+
+void BlockStore::evict() {
+  for (std::size_t code = 0; code < kLevels; ++code) {
+    if (arrivals_[code].empty()) continue;
+    const BlockKey key = arrivals_[code].front();
+    arrivals_[code].pop_front();
+    const auto in = chunks_.find(chunkOf(key));
+    in->second.levels[code].erase(chunkSlot(key));
+    --size_;
+    --counts_[code];
+    ++counters_.evicted;
+    touch(key);
+    const bool empty = std::all_of(in->second.levels.begin(), in->second.levels.end(),
+                                   [](const auto& level) { return level.empty(); });
+    if (empty) {
+      chunks_.erase(in);
+      ++generation_;
+    }
+    return;
+  }
+}
+
+}  // namespace fathom::monitor

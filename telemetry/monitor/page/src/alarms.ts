@@ -1,0 +1,94 @@
+import type { MonitorState } from './api';
+import { duration } from './format';
+
+// What the watch should be told of, and what it has answered. Pure: the panel draws it.
+
+export interface Thresholds {
+  silence_s: number; // no frame for so long
+  battery_percent: number; // less left
+  loss_percent: number; // more of the frames of the last minutes lost
+  sigma_m: number; // position worse known
+  altitude_m: number; // lower above the seafloor
+}
+
+export const DEFAULT_THRESHOLDS: Thresholds = {
+  silence_s: 120,
+  battery_percent: 25,
+  loss_percent: 60,
+  sigma_m: 5,
+  altitude_m: 1,
+};
+
+export const THRESHOLD_LABELS: Record<keyof Thresholds, [label: string, unit: string]> = {
+  silence_s: ['Silent for more than', 's'],
+  battery_percent: ['Battery below', '%'],
+  loss_percent: ['Frames lost above', '%'],
+  sigma_m: ['Position 1 σ above', 'm'],
+  altitude_m: ['Altitude below', 'm'],
+};
+
+export interface Alarm {
+  id: string;
+  severe: boolean;
+  text: string;
+}
+
+export function findAlarms(state: MonitorState, age: number | null, t: Thresholds): Alarm[] {
+  const alarms: Alarm[] = [];
+  const raise = (id: string, severe: boolean, text: string): void => void alarms.push({ id, severe, text });
+  if (!state.recorded && age !== null && age > t.silence_s) raise('silence', true, `No word for ${duration(age)}`);
+  const s = state.status;
+  if (s) {
+    if (s.battery_percent !== null && s.battery_percent < t.battery_percent)
+      raise('battery', true, `Battery at ${s.battery_percent.toFixed(0)} %`);
+    if (s.altitude_m !== null && s.altitude_m < t.altitude_m)
+      raise('altitude', true, `Altitude ${s.altitude_m.toFixed(1)} m`);
+    if (s.position_sigma_m !== null && s.position_sigma_m > t.sigma_m)
+      raise('sigma', false, `Position known to ${s.position_sigma_m.toFixed(1)} m only`);
+    for (const flag of s.health) raise(`health:${flag}`, false, flag);
+  }
+  if (state.link.recent_loss !== null && 100 * state.link.recent_loss > t.loss_percent)
+    raise('loss', false, `${Math.round(100 * state.link.recent_loss)} % of the frames are lost`);
+  if (state.mission?.schema_differs)
+    raise('schema', true, 'The vehicle speaks other fields than this monitor: values may be wrong');
+  return alarms;
+}
+
+// An acknowledged alarm is quiet until it has gone and come back.
+export class AlarmBook {
+  private acknowledged = new Set<string>();
+  private alarms: Alarm[] = [];
+
+  update(alarms: Alarm[]): void {
+    this.alarms = alarms;
+    const standing = new Set(alarms.map((a) => a.id));
+    for (const id of this.acknowledged) if (!standing.has(id)) this.acknowledged.delete(id);
+  }
+  acknowledge(id: string): void {
+    if (this.alarms.some((a) => a.id === id)) this.acknowledged.add(id);
+  }
+  // Those not yet acknowledged first, the severe before the others.
+  get standing(): (Alarm & { acknowledged: boolean })[] {
+    const rank = (a: Alarm & { acknowledged: boolean }): number => Number(a.acknowledged) * 2 + Number(!a.severe);
+    return this.alarms
+      .map((a) => ({ ...a, acknowledged: this.acknowledged.has(a.id) }))
+      .sort((a, b) => rank(a) - rank(b));
+  }
+  get open(): number {
+    return this.alarms.filter((a) => !this.acknowledged.has(a.id)).length;
+  }
+}
+
+export function readThresholds(text: string | null): Thresholds {
+  const thresholds = { ...DEFAULT_THRESHOLDS };
+  try {
+    const saved: unknown = JSON.parse(text ?? '{}');
+    for (const key of Object.keys(thresholds) as (keyof Thresholds)[]) {
+      const value = (saved as Record<string, unknown> | null)?.[key];
+      if (typeof value === 'number' && Number.isFinite(value) && value >= 0) thresholds[key] = value;
+    }
+  } catch {
+    // what a browser has kept may be anything
+  }
+  return thresholds;
+}

@@ -1,0 +1,210 @@
+#include "telemetry/monitor/web/reports.hpp"
+
+#include <cmath>
+#include <cstring>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+namespace fathom::monitor {
+
+using nlohmann::ordered_json;
+using telemetry::FrameVerdict;
+using telemetry::MessageType;
+
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+constexpr double kRateWindow_s = 60, kLossWindow_s = 300;
+
+double seconds(std::int64_t ns) {
+  return static_cast<double>(ns) * 1e-9;
+}
+
+ordered_json orNull(double value) {
+  return std::isfinite(value) ? ordered_json(value) : ordered_json(nullptr);
+}
+
+double rounded(double value, double step) {
+  return std::round(value / step) * step;
+}
+
+ordered_json statusJson(const telemetry::Status& s) {
+  ordered_json health = ordered_json::array();
+  for (unsigned bit = 0; bit < telemetry::kHealthBits; ++bit)
+    if ((s.health >> bit & 1U) != 0) health.push_back(telemetry::healthText(bit));
+  return {{"utc_s", seconds(s.utc_ns)},
+          {"north_m", s.north},
+          {"east_m", s.east},
+          {"depth_m", s.depth},
+          {"roll_deg", s.roll / kDegree},
+          {"pitch_deg", s.pitch / kDegree},
+          {"heading_deg", s.heading / kDegree},
+          {"altitude_m", orNull(s.altitude)},
+          {"speed_mps", s.speed},
+          {"position_sigma_m", orNull(s.position_sigma)},
+          {"battery_percent", orNull(s.battery * 100)},
+          {"pairs_seen", s.pairs_seen},
+          {"pairs_dropped", s.pairs_dropped},
+          {"map_area_m2", s.map_area},
+          {"mission_progress", orNull(s.mission_progress)},
+          {"health", health},
+          {"slipped_cycles", s.slipped_cycles},
+          {"shed_work", s.shed_work},
+          {"pool_refusals", s.pool_refusals}};
+}
+
+ordered_json linkJson(const MonitorModel& model, std::int64_t now_utc_ns) {
+  const auto& c = model.receiver().counters();
+  const auto& tiles = model.reassembler().counters();
+  ordered_json rejected, types;
+  for (std::size_t v = 1; v < telemetry::kFrameVerdicts; ++v)
+    rejected[telemetry::name(static_cast<FrameVerdict>(v))] = c.verdicts[v];
+  for (const auto type : {MessageType::kStatus, MessageType::kTrack, MessageType::kMissionInfo,
+                          MessageType::kMapPacket, MessageType::kRepair, MessageType::kTileFragment})
+    types[telemetry::name(type)] = model.accepted(type);
+  const auto last = model.lastAcceptedUtcNs();
+  return {{"frames", c.frames},
+          {"bytes", c.bytes},
+          {"accepted", c[FrameVerdict::kAccepted]},
+          {"lost", c.lost},
+          {"repaired", c.repaired},
+          {"reordered", c.reordered},
+          {"rejected", rejected},
+          {"types", types},
+          {"rate_bps", model.history().recent(kRateWindow_s, now_utc_ns).rate_bps},
+          {"recent_loss", orNull(model.history().recent(kLossWindow_s, now_utc_ns).loss)},
+          {"last_utc_s", last ? ordered_json(seconds(*last)) : ordered_json(nullptr)},
+          {"age_s", last ? ordered_json(std::max(0.0, seconds(now_utc_ns - *last))) : ordered_json(nullptr)},
+          {"tiles_open", model.reassembler().open()},
+          {"tiles_undecodable", tiles.undecodable + tiles.conflicting}};
+}
+
+ordered_json mapJson(const MonitorModel& model, std::int64_t now_utc_ns) {
+  const BlockStore& store = model.map().store();
+  const Coverage& coverage = model.coverage(now_utc_ns);
+  ordered_json levels = ordered_json::array();
+  for (telemetry::SpacingCode code = kCoarsestCode + 1; code-- > 0;)
+    if (store.size(code) > 0)
+      levels.push_back({{"spacing_m", telemetry::spacingOf(code)}, {"blocks", store.size(code)}});
+  return {{"chunks", store.chunks().size()},
+          {"blocks", store.size()},
+          {"levels", levels},
+          {"area_m2", model.map().surface().area()},
+          {"pending_m2", coverage.pending.size()},
+          {"changed_m2", coverage.changed_area},
+          {"changed_blocks", store.counters().changed},
+          {"refused", store.counters().refused},
+          {"evicted", store.counters().evicted}};
+}
+
+ordered_json downlinkJson(const SharedModel& shared) {
+  const std::string why = shared.whySilent();
+  ordered_json requests = ordered_json::array();
+  for (const auto& entry : shared.model->requests().entries()) {
+    const telemetry::Request& r = entry.request;
+    ordered_json rectangle = nullptr;
+    if (r.kind == telemetry::Request::Kind::kDetail)
+      rectangle = {r.north_min, r.north_max, r.east_min, r.east_max};
+    requests.push_back({{"id", r.id},
+                        {"text", describe(r)},
+                        {"state", name(entry.state)},
+                        {"times_sent", entry.times_sent},
+                        {"utc_s", seconds(entry.utc_ns)},
+                        {"rectangle", rectangle}});
+  }
+  const telemetry::DownlinkSender* sender = shared.model->link().sender();
+  return {{"enabled", why.empty()},
+          {"reason", why.empty() ? ordered_json(nullptr) : ordered_json(why)},
+          {"frames_sent", sender == nullptr ? 0 : sender->counters().frames},
+          {"requests", requests}};
+}
+
+template <class T>
+void append(std::string& out, T value) {
+  char bytes[sizeof(T)];
+  std::memcpy(bytes, &value, sizeof(T));  // the machines this runs on are little-endian, as is the format
+  out.append(bytes, sizeof(T));
+}
+
+}  // namespace
+
+std::string epochOf(const SharedModel& shared) {
+  return std::to_string(shared.epoch) + "." + std::to_string(shared.model->map().store().generation());
+}
+
+std::string stateJson(const SharedModel& shared) {
+  const MonitorModel& model = *shared.model;
+  ordered_json json{{"epoch", epochOf(shared)},
+                    {"version", model.version()},
+                    {"map_version", model.map().version()},
+                    {"track_points", model.track().size()},
+                    {"recorded", shared.playback.has_value()},
+                    {"finished", shared.playback && shared.playback->finished},
+                    {"now_utc_s", seconds(shared.now_utc_ns)}};
+  json["playback"] = nullptr;
+  if (const auto& p = shared.playback)
+    json["playback"] = {{"first_utc_s", seconds(p->first_utc_ns)},
+                        {"last_utc_s", seconds(p->last_utc_ns)},
+                        {"at_utc_s", seconds(p->at_utc_ns)},
+                        {"speed", p->speed},
+                        {"playing", p->playing}};
+  json["identity"] = nullptr;
+  if (const auto& id = model.receiver().identity())
+    json["identity"] = {{"vehicle_id", id->vehicle_id}, {"dive_id", id->dive_id}};
+  json["mission"] = nullptr;
+  if (const auto& m = model.mission())
+    json["mission"] = {{"vehicle_name", m->vehicle_name},
+                       {"origin_latitude_deg", m->origin.latitude / kDegree},
+                       {"origin_longitude_deg", m->origin.longitude / kDegree},
+                       {"start_utc_s", seconds(m->start_utc_ns)},
+                       {"schema_differs", model.schemaDiffers()}};
+  json["status"] = model.status() ? statusJson(*model.status()) : ordered_json(nullptr);
+  json["link"] = linkJson(model, shared.now_utc_ns);
+  json["map"] = mapJson(model, shared.now_utc_ns);
+  json["downlink"] = downlinkJson(shared);
+  return json.dump();
+}
+
+std::string trackJson(const MonitorModel& model) {
+  ordered_json points = ordered_json::array();
+  for (const auto& [utc_ns, p] : model.track()) points.push_back({seconds(utc_ns), p.north, p.east, p.depth});
+  return ordered_json{{"points", points}}.dump();
+}
+
+std::string historyJson(const MonitorModel& model) {
+  const LinkHistory& history = model.history();
+  const double step_s = seconds(history.step());
+  ordered_json steps = ordered_json::array();
+  for (const auto& step : history.steps())
+    steps.push_back({rounded(8 * static_cast<double>(step.bytes) / step_s, 0.1), step.accepted, step.lost,
+                     step.rejected});
+  return ordered_json{{"start_utc_s", seconds(history.start())}, {"step_s", step_s}, {"steps", steps}}.dump();
+}
+
+std::string profileJson(const MonitorModel& model, double north0, double east0, double north1, double east1) {
+  ordered_json points = ordered_json::array();
+  const double length = std::hypot(north1 - north0, east1 - east0);
+  for (int k = 0; k <= kProfilePoints; ++k) {
+    const double f = static_cast<double>(k) / kProfilePoints;
+    const auto point =
+        model.map().surface().sample(north0 + f * (north1 - north0), east0 + f * (east1 - east0));
+    if (point)
+      points.push_back({rounded(f * length, 1e-3), rounded(point->depth, 1e-3), rounded(point->sigma, 1e-3)});
+    else
+      points.push_back(nullptr);
+  }
+  return ordered_json{{"points", points}}.dump();
+}
+
+std::string coverageBinary(const Coverage& coverage) {
+  std::string out = "FCOV";
+  append(out, static_cast<std::uint32_t>(coverage.pending.size()));
+  for (const PendingSquare& square : coverage.pending) {
+    append(out, square.north);
+    append(out, square.east);
+    append(out, square.depth);
+  }
+  return out;
+}
+
+}  // namespace fathom::monitor

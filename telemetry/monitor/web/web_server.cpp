@@ -1,0 +1,246 @@
+#include "telemetry/monitor/web/web_server.hpp"
+
+#include <httplib.h>
+
+#include <algorithm>
+#include <atomic>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <thread>
+
+#include "realtime/kernel/input_error.hpp"
+#include "telemetry/monitor/export/exports.hpp"
+#include "telemetry/monitor/map/chunk_stream.hpp"
+#include "telemetry/monitor/web/page_requests.hpp"
+#include "telemetry/monitor/web/reports.hpp"
+
+namespace fathom::monitor {
+namespace {
+
+using namespace std::chrono_literals;
+using httplib::Request;
+using httplib::Response;
+
+constexpr std::size_t kThreads = 24;    // each event stream holds one
+constexpr int kMaxEventStreams = 16;    // a page refused a stream asks for the state instead
+constexpr auto kEventInterval = 250ms;  // a person does not see faster
+constexpr auto kHeartbeat = 5s;         // tells a closed connection from a quiet dive
+constexpr int kBadRequest = 400, kUnauthorised = 401, kForbidden = 403, kNotFound = 404, kConflict = 409,
+              kFailed = 500, kBusy = 503;
+
+std::uint64_t sinceOf(const Request& request) {
+  const std::string text = request.get_param_value("since");
+  std::uint64_t since = 0;
+  std::from_chars(text.data(), text.data() + text.size(), since);
+  return since;
+}
+
+void refuse(Response& response, int status, const std::string& why) {
+  response.status = status;
+  response.set_content(why + "\n", "text/plain");
+}
+
+const char* whyKept(AccessVerdict verdict) {
+  return verdict == AccessVerdict::kUnauthorised
+             ? "This monitor wants its token: open the address that fathom-monitor printed."
+             : "Only this monitor's own page, opened on this machine, may do that.";
+}
+
+}  // namespace
+
+struct WebServer::Impl {
+  Impl(SharedModel& s, Access a) : shared(s), access(std::move(a)) {}
+  void guard();
+  void reads();
+  void exports();
+  void posts();
+  void events(Response& response);
+
+  SharedModel& shared;
+  Access access;
+  httplib::Server server;
+  std::thread thread;
+  std::atomic<int> streams{0};
+  int port = 0;
+};
+
+void WebServer::Impl::guard() {
+  server.set_pre_routing_handler([this](const Request& request, Response& response) {
+    response.set_header("Cache-Control", "no-store");
+    response.set_header("X-Content-Type-Options", "nosniff");
+    response.set_header("X-Frame-Options", "DENY");
+    response.set_header("Referrer-Policy", "no-referrer");
+    const std::string host = request.get_header_value("Host"), cookie = request.get_header_value("Cookie"),
+                      token = request.get_header_value(kTokenHeader),
+                      query = request.get_param_value("token");
+    const AccessVerdict verdict =
+        access.judge({request.method, host, cookie, token, query, request.has_header(kPageHeader)});
+    if (verdict == AccessVerdict::kUnauthorised || verdict == AccessVerdict::kForbidden) {
+      refuse(response, verdict == AccessVerdict::kUnauthorised ? kUnauthorised : kForbidden,
+             whyKept(verdict));
+      return httplib::Server::HandlerResponse::Handled;
+    }
+    if (verdict == AccessVerdict::kEnterAndSetCookie) response.set_header("Set-Cookie", access.setCookie());
+    return httplib::Server::HandlerResponse::Unhandled;
+  });
+}
+
+void WebServer::Impl::reads() {
+  const auto json = [this](const char* path, auto make) {
+    server.Get(path, [this, make](const Request&, Response& response) {
+      const std::lock_guard lock(shared.mutex);
+      response.set_content(make(shared), "application/json");
+    });
+  };
+  json("/api/state", [](const SharedModel& s) { return stateJson(s); });
+  json("/api/track", [](const SharedModel& s) { return trackJson(*s.model); });
+  json("/api/history", [](const SharedModel& s) { return historyJson(*s.model); });
+  server.Get("/api/map", [this](const Request& request, Response& response) {
+    const std::lock_guard lock(shared.mutex);
+    const MonitorModel& model = *shared.model;
+    const std::int64_t base = model.history().start();
+    response.set_header("X-Epoch", epochOf(shared));
+    response.set_content(mapBinary(model.map().store(), model.map().surface(), sinceOf(request), base),
+                         "application/octet-stream");
+  });
+  server.Get("/api/coverage", [this](const Request&, Response& response) {
+    const std::lock_guard lock(shared.mutex);
+    response.set_content(coverageBinary(shared.model->coverage(shared.now_utc_ns)),
+                         "application/octet-stream");
+  });
+  server.Get("/api/profile", [this](const Request& request, Response& response) {
+    std::array<double, 4> line{};
+    constexpr std::array<const char*, 4> kNames{"n0", "e0", "n1", "e1"};
+    for (std::size_t i = 0; i < 4; ++i) {
+      const std::string text = request.get_param_value(kNames[i]);
+      const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), line[i]);
+      if (error != std::errc() || end != text.data() + text.size() ||
+          !(std::abs(line[i]) <= kMaxHorizontal_m))
+        return refuse(response, kBadRequest, "needs n0, e0, n1, e1: places in nav [m]");
+    }
+    const std::lock_guard lock(shared.mutex);
+    response.set_content(profileJson(*shared.model, line[0], line[1], line[2], line[3]), "application/json");
+  });
+  server.Get("/api/events", [this](const Request&, Response& response) { events(response); });
+}
+
+void WebServer::Impl::exports() {
+  for (const std::string_view name : kExportNames) {
+    server.Get("/api/export/" + std::string(name), [this, name](const Request&, Response& response) {
+      Export made;
+      try {
+        const std::lock_guard lock(shared.mutex);
+        made = makeExport(*shared.model, name);
+      } catch (const std::runtime_error& error) {
+        return refuse(response, kFailed, error.what());
+      }
+      if (made.bytes.empty()) return refuse(response, kNotFound, "Not yet: " + made.why + ".");
+      response.set_header("Content-Disposition", "attachment; filename=\"" + std::string(name) + "\"");
+      response.set_content(made.bytes, made.type);
+    });
+  }
+}
+
+void WebServer::Impl::posts() {
+  server.Post("/api/request", [this](const Request& request, Response& response) {
+    std::string why;
+    const auto wanted = parseRequest(request.body, why);
+    if (!wanted) return refuse(response, kBadRequest, why);
+    const std::lock_guard lock(shared.mutex);
+    if (why = shared.whySilent(); !why.empty()) return refuse(response, kConflict, why);
+    if (!shared.model->ask(*wanted, shared.now_utc_ns))
+      return refuse(response, kBusy, "too many requests wait for the ship's turn");
+    response.set_content("{}", "application/json");
+  });
+  server.Post("/api/playback", [this](const Request& request, Response& response) {
+    std::string why;
+    const auto wish = parsePlayback(request.body, why);
+    if (!wish) return refuse(response, kBadRequest, why);
+    const std::lock_guard lock(shared.mutex);
+    if (!shared.playback) return refuse(response, kConflict, "this is a live link, not a recording");
+    if (shared.wishes.size() >= SharedModel::kMaxWishes)
+      return refuse(response, kBusy, "too many wishes wait");
+    shared.wishes.push_back(*wish);
+    response.set_content("{}", "application/json");
+  });
+}
+
+void WebServer::Impl::events(Response& response) {
+  if (streams.fetch_add(1) >= kMaxEventStreams) {
+    --streams;
+    response.status = kBusy;
+    return;
+  }
+  auto seen = std::make_shared<std::string>();
+  response.set_chunked_content_provider(
+      "text/event-stream",
+      [this, seen](std::size_t, httplib::DataSink& sink) {
+        std::string line = ": quiet\n\n";
+        const auto now = [this] {
+          std::string text =
+              R"({"epoch":")" + epochOf(shared) + R"(","version":)" + std::to_string(shared.model->version());
+          if (shared.playback)
+            text += R"(,"at":)" + std::to_string(shared.playback->at_utc_ns / 1'000'000'000);
+          return text + "}";
+        };
+        {
+          std::unique_lock lock(shared.mutex);
+          shared.grew.wait_for(lock, kHeartbeat, [&] { return shared.closing || now() != *seen; });
+          if (shared.closing) {
+            lock.unlock();
+            sink.done();
+            return true;
+          }
+          if (std::string text = now(); text != *seen) {
+            line = "data: " + text + "\n\n";
+            *seen = std::move(text);
+          }
+        }
+        if (!sink.write(line.data(), line.size())) return false;
+        std::this_thread::sleep_for(kEventInterval);
+        return true;
+      },
+      [this](bool) { --streams; });
+}
+
+WebServer::WebServer(SharedModel& shared, Access access, const std::string& address, int port,
+                     const std::filesystem::path& page)
+    : impl_(std::make_unique<Impl>(shared, std::move(access))) {
+  if (!std::filesystem::is_regular_file(page / "index.html"))
+    throw InputError(page.string(), "",
+                     "holds no index.html: build the target fathom_monitor_page, or give --page");
+  impl_->server.new_task_queue = [] { return new httplib::ThreadPool(kThreads); };
+  impl_->server.set_payload_max_length(kMaxBodyBytes);
+  impl_->server.set_keep_alive_timeout(2);
+  impl_->guard();
+  impl_->reads();
+  impl_->exports();
+  impl_->posts();
+  impl_->server.set_mount_point("/", page.string());
+  impl_->port = port == 0                                   ? impl_->server.bind_to_any_port(address)
+                : impl_->server.bind_to_port(address, port) ? port
+                                                            : -1;
+  if (impl_->port <= 0)
+    throw InputError("--http " + std::to_string(port), address,
+                     "cannot listen there: the port is taken or the address not ours");
+  impl_->thread = std::thread([this] { impl_->server.listen_after_bind(); });
+}
+
+WebServer::~WebServer() {
+  {
+    const std::lock_guard lock(impl_->shared.mutex);
+    impl_->shared.closing = true;
+  }
+  impl_->shared.grew.notify_all();
+  // stop() only acts on a server that runs already.
+  while (!impl_->server.is_running()) std::this_thread::sleep_for(1ms);
+  impl_->server.stop();
+  impl_->thread.join();
+}
+
+int WebServer::port() const {
+  return impl_->port;
+}
+
+}  // namespace fathom::monitor

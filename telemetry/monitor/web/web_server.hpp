@@ -1,0 +1,34 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "telemetry/monitor/shared_model.hpp"
+#include "telemetry/monitor/web/access.hpp"
+
+namespace fathom::monitor {
+
+// Serves the page and the model over HTTP:
+//   /                     the page's files
+//   /api/state, /api/track, /api/history, /api/profile?n0=&e0=&n1=&e1=, /api/coverage    see reports.hpp
+//   /api/map?since=V      mapBinary
+//   /api/export/NAME      map.ply, elevation.tif, colour.tif, track.geojson
+//   /api/events           server-sent events, `data: {"epoch":E,"version":V}` after each change, at most 4 a
+//                         second
+//   POST /api/request, /api/playback     see page_requests.hpp
+// Every request passes Access first.
+class WebServer {
+ public:
+  // `port` 0: any free one. Throws InputError when it cannot listen there or `page` holds no index.html.
+  WebServer(SharedModel& shared, Access access, const std::string& address, int port,
+            const std::filesystem::path& page);
+  ~WebServer();
+  [[nodiscard]] int port() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace fathom::monitor

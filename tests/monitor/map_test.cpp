@@ -1,0 +1,189 @@
+#include <gtest/gtest.h>
+
+#include <map>
+#include <random>
+#include <tuple>
+
+#include "telemetry/monitor/map/block_store.hpp"
+#include "telemetry/monitor/map/surface.hpp"
+#include "tests/monitor/made_blocks.hpp"
+
+namespace fathom::monitor {
+namespace {
+
+using Point = std::tuple<float, float, float>;
+
+// Edges that only one triangle has, of a mesh whose vertices are told apart by place alone.
+std::vector<std::pair<Point, Point>> openEdges(const Mesh& mesh) {
+  const auto point = [&](std::uint32_t v) {
+    return Point{mesh.vertices[v].x(), mesh.vertices[v].y(), mesh.vertices[v].z()};
+  };
+  std::map<std::pair<Point, Point>, int> uses;
+  for (const auto& t : mesh.triangles)
+    for (std::size_t k = 0; k < 3; ++k) {
+      auto a = point(t[k]), b = point(t[(k + 1) % 3]);
+      if (b < a) std::swap(a, b);
+      ++uses[{a, b}];
+    }
+  std::vector<std::pair<Point, Point>> open;
+  for (const auto& [edge, count] : uses)
+    if (count == 1) open.push_back(edge);
+  return open;
+}
+
+TEST(BlockStore, KeepsTheNewestContentAndTellsARoundingFromAChange) {
+  BlockStore store;
+  EXPECT_TRUE(store.put(madeBlock(kQuarterMetre, 3, -2), true, 0.05, 10));
+  EXPECT_TRUE(store.put(madeBlock(kQuarterMetre, 3, -2, 0.08), false, 0.05, 20));
+  EXPECT_EQ(store.counters().changed, 0U);
+  EXPECT_TRUE(store.put(madeBlock(kQuarterMetre, 3, -2, 0.3), false, 0.05, 30));
+  EXPECT_EQ(store.counters().changed, 1U);
+  const StoredBlock* stored = store.find({kQuarterMetre, 3, -2});
+  ASSERT_NE(stored, nullptr);
+  EXPECT_EQ(stored->received_utc_ns, 30);
+  EXPECT_EQ(stored->changed_utc_ns, 30);
+  EXPECT_TRUE(stored->has_colour);  // kept from the first
+  EXPECT_EQ(stored->block.colour[0], (Rgb{100, 50, 40}));
+  EXPECT_EQ(store.size(), 1U);
+}
+
+TEST(BlockStore, RefusesWhatNoDiveHasAndCountsIt) {
+  BlockStore store;
+  auto odd = madeBlock(kMetre, 0, 0);
+  odd.key.spacing = telemetry::kPowerCodes + 30;
+  EXPECT_FALSE(store.put(odd, false, 0.05, 0));
+  EXPECT_FALSE(store.put(madeBlock(kCoarsestCode + 1, 0, 0), false, 0.05, 0));
+  EXPECT_FALSE(store.put(madeBlock(kMetre, 2'000'000'000, 0), false, 0.05, 0));
+  EXPECT_FALSE(store.put(madeBlock(kMetre, 0, -2'000'000'000), false, 0.05, 0));
+  auto deep = madeBlock(kMetre, 0, 0);
+  deep.depth[7] = std::nanf("");
+  EXPECT_FALSE(store.put(deep, false, 0.05, 0));
+  auto unseen = madeBlock(kMetre, 0, 0);
+  unseen.seen = 0;
+  EXPECT_FALSE(store.put(unseen, false, 0.05, 0));
+  EXPECT_EQ(store.counters().refused, 6U);
+  EXPECT_TRUE(store.chunks().empty());
+}
+
+TEST(BlockStore, WhenFullLosesTheOldestOfTheFinestBlocksAndNeverTheCoarseMap) {
+  BlockStore store(10);
+  for (int n = 0; n < 5; ++n) store.put(madeBlock(kMetre, n, 0), false, 0.05, n);
+  for (int n = 0; n < 20; ++n) store.put(madeBlock(kQuarterMetre, n, 0), false, 0.05, 100 + n);
+  EXPECT_EQ(store.size(), 10U);
+  EXPECT_EQ(store.size(kMetre), 5U);
+  EXPECT_EQ(store.counters().evicted, 15U);
+  EXPECT_EQ(store.find({kQuarterMetre, 14, 0}), nullptr);
+  EXPECT_NE(store.find({kQuarterMetre, 15, 0}), nullptr);
+}
+
+TEST(BlockStore, StaysBoundedUnderBlocksFromEverywhereAndSaysThatItBegunAnew) {
+  BlockStore store(50);
+  std::mt19937 random(3);
+  for (int n = 0; n < 5000; ++n)
+    store.put(
+        madeBlock(kMetre, static_cast<int>(random() % 20000) - 10000, static_cast<int>(random() % 20000)),
+        false, 0.05, n);
+  EXPECT_EQ(store.size(), 50U);
+  EXPECT_LE(store.chunks().size(), 50U);
+  EXPECT_GT(store.generation(), 0U);
+}
+
+TEST(Surface, ShowsEveryNodeAtItsPlaceAndTheFinerWhereBothAre) {
+  BlockStore store;
+  Surface surface(store);
+  for (int n = -2; n < 2; ++n)
+    for (int e = -2; e < 2; ++e) store.put(madeBlock(kMetre, n, e, 0.5), false, 0.05, 1);
+  EXPECT_NEAR(surface.area(), 15.0 * 15, 1e-9);
+  store.put(madeBlock(kQuarterMetre, 1, 1), false, 0.05, 2);
+  EXPECT_NEAR(surface.area(), 15.0 * 15, 1e-9);  // nothing is shown twice
+  const auto fine = surface.sample(1.25, 1.5), coarse = surface.sample(-3, 5);
+  ASSERT_TRUE(fine && coarse);
+  EXPECT_NEAR(fine->depth, madeDepth(1.25, 1.5), 1e-5);
+  EXPECT_EQ(fine->spacing, kQuarterMetre);
+  EXPECT_NEAR(coarse->depth, madeDepth(-3, 5) + 0.5, 1e-5);
+  EXPECT_FALSE(surface.sample(-9, 0) || surface.sample(1e9, 0) || surface.sample(std::nan(""), 0));
+}
+
+TEST(Surface, HasNoCracksBetweenLevelsNorBetweenChunks) {
+  BlockStore store;
+  Surface surface(store);
+  for (int n = -5; n < 5; ++n)  // 39 m square about the corner of four chunks
+    for (int e = -5; e < 5; ++e) store.put(madeBlock(kMetre, n, e), false, 0.05, 1);
+  std::mt19937 random(8);
+  for (int round = 0; round < 60; ++round) {
+    const auto code = static_cast<telemetry::SpacingCode>(2 + random() % 5);  // 3 cm to 50 cm
+    const auto index = [&] {
+      return static_cast<int>(
+          std::floor((static_cast<double>(random() % 3600) / 100 - 18) / (4 * telemetry::spacingOf(code))));
+    };
+    store.put(madeBlock(code, index(), index(), 0.2 * static_cast<double>(random() % 3)), false, 0.05, 2);
+  }
+  const Mesh mesh = surface.whole();
+  EXPECT_NEAR(surface.area(), 39.0 * 39, 1e-6);
+  const auto outside = [](float v) { return v == -20.F || v == 19.F; };
+  for (const auto& [a, b] : openEdges(mesh)) {
+    const bool on_rim = (std::get<0>(a) == std::get<0>(b) && outside(std::get<0>(a))) ||
+                        (std::get<1>(a) == std::get<1>(b) && outside(std::get<1>(a)));
+    EXPECT_TRUE(on_rim) << std::get<0>(a) << ' ' << std::get<1>(a) << " to " << std::get<0>(b) << ' '
+                        << std::get<1>(b);
+  }
+  double plan = 0;
+  for (const auto& t : mesh.triangles) {
+    const auto &a = mesh.vertices[t[0]], &b = mesh.vertices[t[1]], &c = mesh.vertices[t[2]];
+    const double twice = (b.y() - a.y()) * (c.x() - a.x()) - (c.y() - a.y()) * (b.x() - a.x());
+    EXPECT_GE(twice, 0) << "counter-clockwise with east to the right and north up";
+    plan += twice / 2;
+  }
+  EXPECT_NEAR(plan, 39.0 * 39, 1e-2);
+}
+
+TEST(Surface, OfAPartlySeenBlockShowsTrianglesOfThreeNodes) {
+  BlockStore store;
+  Surface surface(store);
+  auto block = madeBlock(kMetre, 0, 0);
+  block.seen = 0b0000'0000'0011'0001;  // nodes (0,0), (1,0), (1,1)
+  store.put(block, false, 0.05, 1);
+  EXPECT_NEAR(surface.area(), 0.5, 1e-9);
+  EXPECT_TRUE(surface.sample(0.75, 0.25));
+  EXPECT_NEAR(surface.sample(0.5, 0.5)->depth, (block.depth[0] + block.depth[5]) / 2, 1e-5);
+  EXPECT_FALSE(surface.sample(0.25, 0.75));
+}
+
+TEST(Surface, ABlockRebuildsOnlyTheChunksThatCanSeeIt) {
+  BlockStore store;
+  Surface surface(store);
+  for (int n = 0; n < 12; ++n)
+    for (int e = 0; e < 12; ++e) store.put(madeBlock(kMetre, n, e), false, 0.05, 1);
+  (void)surface.area();
+  const std::uint64_t before = store.version();
+  store.put(madeBlock(kQuarterMetre, 24, 24), false, 0.05, 2);  // the middle of the middle chunk
+  int changed = 0;
+  for (const auto& [key, chunk] : store.chunks()) changed += chunk.version > before ? 1 : 0;
+  EXPECT_EQ(changed, 1);
+  const std::uint64_t next = store.version();
+  store.put(madeBlock(kQuarterMetre, 16, 24), false, 0.05, 2);  // at the middle chunk's southern border
+  changed = 0;
+  for (const auto& [key, chunk] : store.chunks()) changed += chunk.version > next ? 1 : 0;
+  EXPECT_EQ(changed, 2);
+}
+
+TEST(Surface, IsTheSameWhateverTheOrderOfArrivalAndOfAsking) {
+  std::vector<telemetry::MapBlock> blocks;
+  for (int n = -3; n < 5; ++n)
+    for (int e = -3; e < 5; ++e) blocks.push_back(madeBlock(kMetre, n, e));
+  for (int n = 0; n < 9; ++n) blocks.push_back(madeBlock(kQuarterMetre, n, 2 * n - 7));
+  BlockStore first, second;
+  Surface one(first), other(second);
+  for (const auto& block : blocks) {
+    first.put(block, false, 0.05, 1);
+    (void)one.area();
+  }
+  for (auto block = blocks.rbegin(); block != blocks.rend(); ++block) second.put(*block, false, 0.05, 1);
+  const Mesh a = one.whole(), b = other.whole();
+  EXPECT_EQ(a.vertices, b.vertices);
+  EXPECT_EQ(a.normals, b.normals);
+  EXPECT_EQ(a.triangles, b.triangles);
+}
+
+}  // namespace
+}  // namespace fathom::monitor
