@@ -68,7 +68,9 @@ DecodedFrame LinkReceiver::accept(std::span<const std::uint8_t> bytes, const Del
   }
   if (frame.verdict == FrameVerdict::kAccepted) {
     if (type == MessageType::kRepair) {
-      if (!repair_.repair(frame.header.sequence, frame.payload)) frame.verdict = FrameVerdict::kBadPayload;
+      const RepairDecoder::Taken taken = repair_.repair(frame.header.sequence, frame.payload);
+      if (taken == RepairDecoder::Taken::kInvalid) frame.verdict = FrameVerdict::kBadPayload;
+      if (taken == RepairDecoder::Taken::kDuplicate) frame.verdict = FrameVerdict::kDuplicate;
     } else if (!admitSequence(frame.header.sequence, crcOf(bytes))) {
       frame.verdict = FrameVerdict::kDuplicate;
     } else {

@@ -3,13 +3,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <optional>
 #include <stdexcept>
 
-#include "telemetry/tile_fragments.hpp"
-#include "telemetry/tile_queue.hpp"
+#include "telemetry/map_packet.hpp"
+#include "telemetry/repair_encoder.hpp"
+#include "telemetry/sent_frames.hpp"
+#include "telemetry/tile_sender.hpp"
 #include "telemetry/token_bucket.hpp"
-#include "telemetry/track.hpp"
+#include "telemetry/turn_taking.hpp"
 
 namespace fathom::telemetry {
 namespace {
@@ -17,9 +18,15 @@ namespace {
 // A caller that asks late still gets the whole rate: the bucket holds two frames, or a second's worth.
 constexpr int kBucketFrames = 2;
 constexpr double kBucketSeconds = 1;
-constexpr unsigned kTrackStepBits =
-    40;  // of a usual older track point: 10 for time, 3 x 10 for up to 51 m of way
-constexpr unsigned kTrackHeadBits = 100;
+constexpr std::size_t kDownlinkBytes = 48;  // of a usual frame of the ship, where frames are that long
+constexpr double kTurnMargin_s = 0.5;       // for the ship to answer
+constexpr double kListenShare = 0.2;        // of the time, by rule
+constexpr int kMaxTurnFrames = static_cast<int>(Acknowledgement::kMaxReach) / 2;
+constexpr std::size_t kMaxDetails = 4;
+constexpr int kMaxMapColourBits = 6;
+constexpr double kMinRequestedRate = 80, kMaxRequestedRate = 1e5;  // [bit/s]
+// A block that does not fit a frame alone is tried without colour, then with up to 16 times the error.
+constexpr int kCoarserTries = 5;
 
 std::int64_t nanoseconds(double seconds) {
   return std::llround(seconds * 1e9);
@@ -29,25 +36,19 @@ void require(bool good, const char* what) {
   if (!good) throw std::invalid_argument(what);
 }
 
-bool isStride(int s) {
-  return s == 1 || s == 2 || s == 4 || s == 8;
+double listenSeconds(const LinkSchedulerConfig& c) {
+  if (c.listen_s > 0) return c.listen_s;
+  const auto bytes = std::min(static_cast<std::size_t>(c.frame_bytes), kDownlinkBytes);
+  return 2 * c.max_delay_s + static_cast<double>(bytes) * 8 / c.rate_bps + kTurnMargin_s;
 }
 
-// When something periodic is due.
-struct Timer {
-  std::int64_t period_ns = 0;
-  std::int64_t next_ns = 0;
-  [[nodiscard]] bool due(std::int64_t now_ns) const { return now_ns >= next_ns; }
-  void done(std::int64_t now_ns) { next_ns = now_ns + period_ns; }
-};
+double listenEvery(const LinkSchedulerConfig& c) {
+  if (!c.half_duplex) return 0;
+  if (c.listen_every_s > 0) return c.listen_every_s;
+  return listenSeconds(c) / kListenShare;
+}
 
 }  // namespace
-
-int repeatsForGoal(double loss, double goal, int fragments) {
-  if (loss <= 0) return 1;
-  const double each = std::pow(goal, 1.0 / std::max(fragments, 1));
-  return std::max(1, static_cast<int>(std::ceil(std::log1p(-each) / std::log(loss) - 1e-9)));
-}
 
 std::size_t linkBucketBits(const LinkSchedulerConfig& config) {
   return std::max(static_cast<std::size_t>(kBucketFrames * config.frame_bytes) * 8,
@@ -58,182 +59,237 @@ void LinkSchedulerConfig::validate() const {
   require(rate_bps >= 10 && rate_bps <= 1e6, "rate_bps is outside 10 to 1e6 bit/s");
   require(frame_bytes >= static_cast<int>(kMinFrameBytes) && frame_bytes <= static_cast<int>(kMaxFrameBytes),
           "frame_bytes is outside 32 to 256");
+  require(duty >= 0.05 && duty <= 1, "duty is outside 0.05 to 1");
   require(loss_rate >= 0 && loss_rate <= 0.9, "loss_rate is outside 0 to 0.9");
-  require(delivery_goal >= 0.5 && delivery_goal <= 0.99999, "delivery_goal is outside 0.5 to 0.99999");
-  require(housekeeping_share >= 0.01 && housekeeping_share <= 1, "housekeeping_share is outside 0.01 to 1");
-  require(status_period_s >= 0.1 && status_period_s <= 3600, "status_period_s is outside 0.1 to 3600 s");
-  require(mission_info_period_s >= 1 && mission_info_period_s <= 36000,
-          "mission_info_period_s is outside 1 to 36000 s");
-  require(track_interval_s >= 0.1 && track_interval_s <= 60, "track_interval_s is outside 0.1 to 60 s");
-  require(track_points >= 2 && track_points <= static_cast<int>(kMaxTrackPoints),
-          "track_points is outside 2 to 63");
-  require(isStride(coarse_stride) && isStride(fine_stride) && fine_stride <= coarse_stride,
-          "coarse_stride and fine_stride are 1, 2, 4 or 8, fine_stride not the greater");
-  require(update_depth > 0 && update_depth <= 100, "update_depth is outside 0 to 100 m");
-  require(settle_s >= 0 && settle_s <= 600, "settle_s is outside 0 to 600 s");
-  require(max_tiles >= 1 && max_tiles <= 1'000'000, "max_tiles is outside 1 to 1000000");
-  codec.validate();
+  require(listen_every_s >= 0 && listen_every_s <= 3600, "listen_every_s is outside 0 to 3600 s");
+  require(listen_every_frames >= 0 && listen_every_frames <= 256, "listen_every_frames is outside 0 to 256");
+  require(listen_s >= 0 && listen_s <= 60, "listen_s is outside 0 to 60 s");
+  require(max_delay_s >= 0 && max_delay_s <= 30, "max_delay_s is outside 0 to 30 s");
+  require(fast_rate_bps >= 0, "fast_rate_bps is negative");
+  require(colour_bits >= 0 && colour_bits <= kMaxMapColourBits, "colour_bits is outside 0 to 6");
+  housekeeping.validate();
+  blocks.validate();
 }
 
 struct LinkScheduler::Impl {
   explicit Impl(const LinkSchedulerConfig& c);
-  void sampleTrack(const Status& status);
-  void planHousekeeping();
-  std::size_t housekeeping(std::int64_t now_ns);
-  std::size_t tileFragment(std::int64_t now_ns);
-  bool startTile(std::int64_t now_ns);
+  void setRate(double rate_bps);
+  [[nodiscard]] std::size_t choose();
+  [[nodiscard]] std::size_t mapPacket();
+  [[nodiscard]] std::size_t repairFrame();
+  [[nodiscard]] std::size_t probe();
+  [[nodiscard]] bool turnAfter(std::int64_t left_ns);
+  // Repair frames are of use where acknowledgements are not.
+  [[nodiscard]] bool blind() const { return config.repair && !turns.answered(); }
   [[nodiscard]] std::size_t payloadRoom() const {
     return static_cast<std::size_t>(config.frame_bytes) - kFrameOverhead;
   }
 
   LinkSchedulerConfig config;
   TokenBucket bucket;
-  TileQueue queue;
+  BlockQueue queue;
+  SentFrames sent;
+  RepairEncoder repair;
+  Housekeeping housekeeping;
+  TurnTaking turns;
+  TileSender tiles;
+  MapPacketEncoder encoder;
   Counters counters;
   std::uint16_t sequence = 0;
-  std::int64_t now = 0;
+  std::int64_t now = 0, busy_until = 0;
+  int frames_since_turn = 0;
+  bool paused = false;
+  std::array<Detail, kMaxDetails> details{};
+  std::size_t detail_count = 0;
 
-  std::optional<Status> status;
-  std::optional<MissionInfo> info;
-  std::array<TrackPoint, kMaxTrackPoints> track{};  // oldest first
-  std::size_t track_size = 0;
-  std::size_t track_capacity = 0;
-  std::int64_t track_interval_ns = 0;
-  Timer status_timer, info_timer, track_timer;
-
-  // The tile on its way.
-  TileId tile_id;
-  std::array<std::uint8_t, kMaxTileBytes> tile_bytes{};
-  std::size_t tile_size = 0;
-  int next_fragment = 0;
-
+  // The frame being made.
   MessageType type = MessageType::kStatus;
+  std::uint16_t frame_sequence = 0;
+  std::size_t batch_sent = 0;  // blocks in it
+  BlockQueue::Batch batch;
+  std::array<MapBlock, BlockQueue::kMaxBatch> decoded;
   std::array<std::uint8_t, kMaxFrameBytes> payload{};
 };
 
 LinkScheduler::Impl::Impl(const LinkSchedulerConfig& c)
     : config((c.validate(), c)),
-      bucket(c.rate_bps, linkBucketBits(c), static_cast<std::size_t>(c.frame_bytes) * 8),
-      queue({c.max_tiles, c.coarse_stride, c.fine_stride, c.update_depth, c.settle_s, c.loss_rate,
-             c.delivery_goal}) {
-  planHousekeeping();
+      bucket(c.rate_bps * c.duty, linkBucketBits(c), static_cast<std::size_t>(c.frame_bytes) * 8),
+      queue(c.blocks),
+      sent(listenSeconds(c), c.loss_rate),
+      housekeeping(c.housekeeping, c.frame_bytes, c.loss_rate),
+      turns(listenEvery(c), listenSeconds(c)),
+      tiles(static_cast<std::size_t>(c.frame_bytes)) {
+  if (config.listen_every_frames == 0) config.listen_every_frames = kMaxTurnFrames;
+  housekeeping.plan(c.rate_bps * c.duty);
+  sent.onForgotten([this](std::span<const BlockRef> blocks) {
+    for (const BlockRef& b : blocks) turns.everAnswered() ? queue.lost(b) : queue.delivered(b);
+  });
 }
 
-// Periods as configured, or all stretched by one factor so that housekeeping keeps to its share of the rate.
-void LinkScheduler::Impl::planHousekeeping() {
-  constexpr double status_bytes = kStatusBytes + kFrameOverhead;
-  const std::size_t room_bits = payloadRoom() * 8;
-  const std::size_t fit = 1 + (room_bits - std::min<std::size_t>(room_bits, kTrackHeadBits)) / kTrackStepBits;
-  const std::size_t points = std::min(fit, static_cast<std::size_t>(config.track_points));
-  const double track_bytes = static_cast<double>(kFrameOverhead) +
-                             (kTrackHeadBits + static_cast<double>(points - 1) * kTrackStepBits) / 8;
-  const double info_bytes = std::min<double>(config.frame_bytes, kFrameOverhead + kMaxNameBytes);
-  // Every point must travel so often that it arrives; twice at least, for a loss rate that was set too low.
-  const int repeats = std::max(2, repeatsForGoal(config.loss_rate, config.delivery_goal, 1));
-  const double track_period =
-      std::max(1.0, std::floor(static_cast<double>(points) / repeats)) * config.track_interval_s;
-
-  const double bits_per_s = 8 * (status_bytes / config.status_period_s + track_bytes / track_period +
-                                 info_bytes / config.mission_info_period_s);
-  const double stretch = std::max(1.0, bits_per_s / (config.housekeeping_share * config.rate_bps));
-  counters.periods_stretched = stretch;
-  track_capacity = points;
-  track_interval_ns = nanoseconds(stretch * config.track_interval_s);
-  status_timer.period_ns = nanoseconds(stretch * config.status_period_s);
-  track_timer.period_ns = nanoseconds(stretch * track_period);
-  info_timer.period_ns = nanoseconds(stretch * config.mission_info_period_s);
+void LinkScheduler::Impl::setRate(double rate_bps) {
+  config.rate_bps = std::clamp(rate_bps, kMinRequestedRate, kMaxRequestedRate);
+  bucket = TokenBucket(config.rate_bps * config.duty, linkBucketBits(config),
+                       static_cast<std::size_t>(config.frame_bytes) * 8);
+  bucket.advance(now);
+  housekeeping.plan(config.rate_bps * config.duty);
+  turns.setIntervals(listenEvery(config), listenSeconds(config));
 }
 
-void LinkScheduler::Impl::sampleTrack(const Status& s) {
-  if (track_size > 0 && s.utc_ns < track[track_size - 1].utc_ns) track_size = 0;  // the clock was set back
-  if (track_size > 0 && s.utc_ns - track[track_size - 1].utc_ns < track_interval_ns) return;
-  if (track_size == track_capacity) {
-    std::move(track.begin() + 1, track.begin() + static_cast<std::ptrdiff_t>(track_size), track.begin());
-    --track_size;
-  }
-  track[track_size++] = {s.utc_ns, s.north, s.east, s.depth};
+std::size_t LinkScheduler::Impl::repairFrame() {
+  const std::size_t size = repair.next(std::span(payload).first(payloadRoom()), frame_sequence);
+  if (size == 0) return 0;
+  type = MessageType::kRepair;
+  ++counters.repair_frames;
+  return size;
 }
 
-// Payload of the housekeeping message that is due, 0 for none.
-std::size_t LinkScheduler::Impl::housekeeping(std::int64_t now_ns) {
-  const std::span<std::uint8_t> out = std::span(payload).first(payloadRoom());
-  if (status && status_timer.due(now_ns)) {
-    status_timer.done(now_ns);
-    type = MessageType::kStatus;
-    ++counters.status_frames;
-    return encodeStatus(*status, out);
-  }
-  if (info && info_timer.due(now_ns)) {
-    info_timer.done(now_ns);
-    type = MessageType::kMissionInfo;
-    ++counters.info_frames;
-    return encodeMissionInfo(*info, out);
-  }
-  if (track_size > 0 && track_timer.due(now_ns)) {
-    track_timer.done(now_ns);
-    type = MessageType::kTrack;
-    ++counters.track_frames;
-    return encodeTrack(std::span(track).first(track_size), out);
+std::size_t LinkScheduler::Impl::mapPacket() {
+  // Blind, a packet leaves room for the head of the frame that may repair it.
+  const std::size_t room = payloadRoom() - (blind() ? kRepairMargin : 0);
+  const auto out = std::span(payload).first(room);
+  // A block takes a byte at the very least.
+  while (queue.gather(now, room, batch)) {
+    const std::span<const MapBlock> blocks = std::span(batch.blocks).first(batch.size);
+    MapPacketEncoder::Result result;
+    double error = batch.max_error;
+    for (int k = 0; k <= kCoarserTries && result.bytes == 0; ++k) {
+      if (k > 1) error *= 2;
+      result = encoder.encode(blocks, {error, k == 0 ? config.colour_bits : 0}, out, decoded);
+      if (k > 0 && result.bytes > 0) ++counters.coarsened_packets;
+    }
+    if (result.bytes == 0) {
+      queue.unsendable(batch);
+      continue;
+    }
+    batch_sent = result.blocks;
+    queue.sent(batch, result.blocks, decoded, error > batch.max_error);
+    type = MessageType::kMapPacket;
+    ++counters.map_frames;
+    counters.map_bytes += result.bytes + kFrameOverhead;
+    return result.bytes;
   }
   return 0;
 }
 
-// Encodes the next tile into tile_bytes; false when no tile is worth sending.
-bool LinkScheduler::Impl::startTile(std::int64_t now_ns) {
-  for (;;) {
-    TileQueue::Choice choice = queue.choose(now_ns);
-    if (choice.slot < 0) return false;
-    const HeightTile& tile = queue.tile(choice.slot);
-    constexpr int kCoarsest = 8;
-    tile_size = 0;
-    int stride = choice.stride;
-    for (; stride <= kCoarsest;
-         stride *= 2) {  // coarser when the fragments would be too many for small frames
-      tile_size = makeTileId(tile, stride, tile_id) ? encodeTile(tile, stride, config.codec, tile_bytes) : 0;
-      if (tile_size > 0 &&
-          fragmentCount(tile_size, static_cast<std::size_t>(config.frame_bytes)) <= kMaxFragments)
-        break;
-      tile_size = 0;
-    }
-    if (tile_size == 0) {
-      queue.unsendable(choice);
-      continue;
-    }
-    queue.sent(choice, fragmentCount(tile_size, static_cast<std::size_t>(config.frame_bytes)));
-    next_fragment = 0;
-    return true;
-  }
+// Nothing is left but frames without word: the oldest of them goes again, to have something that can carry
+// the turn, and more likely than not the ship lacks it.
+std::size_t LinkScheduler::Impl::probe() {
+  const auto oldest = sent.oldestWithoutWord();
+  if (oldest.empty() || !turns.everAnswered() || !turns.due(busy_until, true)) return 0;
+  for (const BlockRef& b : oldest) queue.lost(b);
+  return mapPacket();
 }
 
-std::size_t LinkScheduler::Impl::tileFragment(std::int64_t now_ns) {
-  if (tile_size == 0 && !startTile(now_ns)) return 0;
-  const std::span<const std::uint8_t> bytes = std::span(tile_bytes).first(tile_size);
-  const auto frame_bytes = static_cast<std::size_t>(config.frame_bytes);
-  const std::size_t size = encodeFragment(tile_id, bytes, next_fragment, frame_bytes, payload);
-  type = MessageType::kTileFragment;
-  ++counters.tile_frames;
-  counters.tile_bytes += size + kFrameOverhead;
-  if (++next_fragment == fragmentCount(tile_size, frame_bytes)) {
-    tile_size = 0;
-    ++counters.tiles_sent;
+// The payload of the frame that should go now, 0 for none; sets type and frame_sequence.
+std::size_t LinkScheduler::Impl::choose() {
+  batch_sent = 0;
+  frame_sequence = sequence;
+  if (const std::size_t size = housekeeping.next(now, payload, type)) {
+    ++(type == MessageType::kStatus        ? counters.status_frames
+       : type == MessageType::kMissionInfo ? counters.info_frames
+                                           : counters.track_frames);
+    return size;
   }
-  return size;
+  if (!blind()) repair.clear();
+  if (repair.due())
+    if (const std::size_t size = repairFrame()) return size;
+  if (paused) return 0;
+  if (const std::size_t size = mapPacket()) return size;
+  if (const std::size_t size = tiles.next(std::span(payload).first(payloadRoom()))) {
+    type = MessageType::kTileFragment;
+    ++counters.tile_frames;
+    return size;
+  }
+  if (repair.open()) repair.close(sent.loss(), sent.burst());
+  if (const std::size_t size = repairFrame()) return size;
+  return probe();
+}
+
+// Whether the frame just made, gone at left_ns, is the last before the vehicle listens.
+bool LinkScheduler::Impl::turnAfter(std::int64_t left_ns) {
+  const bool idle = sent.withoutWord() && !repair.pending() && (paused || !queue.ready(now));
+  return turns.due(left_ns, idle) ||
+         (turns.enabled() && turns.answered() && frames_since_turn >= config.listen_every_frames);
 }
 
 LinkScheduler::LinkScheduler(const LinkSchedulerConfig& config) : impl_(std::make_unique<Impl>(config)) {}
 LinkScheduler::~LinkScheduler() = default;
 
 void LinkScheduler::setStatus(const Status& status) {
-  impl_->status = status;
-  impl_->sampleTrack(status);
+  impl_->housekeeping.setStatus(status);
 }
 
 void LinkScheduler::setMissionInfo(const MissionInfo& info) {
-  impl_->info = info;
+  impl_->housekeeping.setMissionInfo(info);
 }
 
-void LinkScheduler::offer(const HeightTile& tile) {
-  impl_->queue.offer(tile, impl_->now);
+void LinkScheduler::offer(const HeightTile& tile, std::int64_t now_ns) {
+  impl_->queue.offer(tile, impl_->config.blocks.max_error, now_ns);
+}
+
+void LinkScheduler::heard() {
+  impl_->turns.heard();
+}
+
+void LinkScheduler::acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns) {
+  Impl& s = *impl_;
+  s.sent.acknowledge(acknowledgement, now_ns, [&](std::span<const BlockRef> blocks, bool arrived) {
+    for (const BlockRef& b : blocks) arrived ? s.queue.delivered(b) : s.queue.lost(b);
+  });
+  s.turns.heard();
+}
+
+void LinkScheduler::request(const Request& r, std::int64_t now_ns) {
+  Impl& s = *impl_;
+  s.now = std::max(s.now, now_ns);
+  s.turns.heard();
+  if (!validate(r)) {
+    ++s.counters.requests_refused;
+    return;
+  }
+  ++s.counters.requests;
+  switch (r.kind) {
+    case Request::Kind::kRate:
+      s.setRate(r.rate_bps);
+      return;
+    case Request::Kind::kPauseMap:
+    case Request::Kind::kResumeMap:
+      s.paused = r.kind == Request::Kind::kPauseMap;
+      return;
+    case Request::Kind::kSendStatus:
+      s.housekeeping.sendStatusNow();
+      return;
+    case Request::Kind::kDetail:
+      if (s.detail_count == kMaxDetails) {
+        ++s.counters.requests_refused;
+        return;
+      }
+      s.details[s.detail_count++] = {r.north_min, r.north_max, r.east_min,
+                                     r.east_max,  r.spacing,   r.max_error};
+      return;
+  }
+}
+
+const LinkScheduler::Detail* LinkScheduler::detail() const {
+  return impl_->detail_count > 0 ? &impl_->details[0] : nullptr;
+}
+
+bool LinkScheduler::offerDetail(const HeightTile& tile, std::int64_t now_ns) {
+  Impl& s = *impl_;
+  if (s.detail_count == 0) return false;
+  const double max_error = s.details[0].max_error;
+  if (s.config.rate_bps * s.config.duty >= s.config.fast_rate_bps)
+    return s.tiles.offer(tile, max_error, s.config.colour_bits);
+  s.queue.offer(tile, max_error, now_ns);
+  return true;
+}
+
+void LinkScheduler::detailServed() {
+  Impl& s = *impl_;
+  if (s.detail_count == 0) return;
+  std::move(s.details.begin() + 1, s.details.begin() + static_cast<std::ptrdiff_t>(s.detail_count),
+            s.details.begin());
+  --s.detail_count;
 }
 
 std::size_t LinkScheduler::nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out) {
@@ -241,31 +297,66 @@ std::size_t LinkScheduler::nextFrame(std::int64_t now_ns, std::span<std::uint8_t
   s.now = std::max(s.now, now_ns);
   s.bucket.advance(s.now);
   const auto frame_bytes = static_cast<std::size_t>(s.config.frame_bytes);
-  if (out.size() < frame_bytes || !s.bucket.has(frame_bytes * 8)) return 0;
-  std::size_t payload_bytes = s.housekeeping(s.now);
-  if (payload_bytes == 0) payload_bytes = s.tileFragment(s.now);
+  if (out.size() < frame_bytes || s.turns.listening(s.now) || !s.bucket.has(frame_bytes * 8)) return 0;
+  // The modem holds at most one frame besides the one that it sends, so that turns come when they are due.
+  const double frame_s = static_cast<double>(frame_bytes) * 8 / s.config.rate_bps;
+  if (s.busy_until > s.now + nanoseconds(std::max(frame_s, kBucketSeconds))) return 0;
+  const std::size_t payload_bytes = s.choose();
   if (payload_bytes == 0) return 0;
-  const std::size_t size = encodeFrame({s.config.identity, s.sequence, s.type},
-                                       std::span<const std::uint8_t>(s.payload).first(payload_bytes), out);
-  ++s.sequence;
+
+  const double air_s = static_cast<double>((payload_bytes + kFrameOverhead) * 8) / s.config.rate_bps;
+  s.busy_until = std::max(s.busy_until, s.now) + nanoseconds(air_s);
+  const auto payload = std::span<const std::uint8_t>(s.payload).first(payload_bytes);
+  if (s.type != MessageType::kRepair) {
+    s.sent.add(s.sequence, s.busy_until, std::span(s.batch.refs).first(s.batch_sent));
+    if (s.blind())
+      s.repair.source(s.sequence, payload, s.type == MessageType::kMapPacket, s.sent.loss(), s.sent.burst());
+    ++s.sequence;
+  }
+  ++s.frames_since_turn;
+  const bool turn = s.turnAfter(s.busy_until);
+  if (turn) {
+    s.turns.begin(s.busy_until);
+    s.frames_since_turn = 0;
+    ++s.counters.turns;
+  }
+  const std::size_t size = encodeFrame({s.config.identity, s.frame_sequence, s.type, turn}, payload, out);
   s.bucket.take(size * 8);
   ++s.counters.frames;
   s.counters.bytes += size;
   return size;
 }
 
+bool LinkScheduler::drained() const {
+  const Impl& s = *impl_;
+  const BlockQueue::Census census = s.queue.census();
+  return census.waiting == 0 && s.tiles.empty() && s.detail_count == 0 && !s.repair.pending() &&
+         !(s.blind() && s.repair.open()) && (census.in_flight == 0 || !s.turns.answered());
+}
+
 LinkScheduler::Counters LinkScheduler::counters() const {
-  Counters c = impl_->counters;
-  c.tiles_offered = impl_->queue.counters().offered;
-  c.tiles_evicted = impl_->queue.counters().evicted;
-  c.tiles_unsendable = impl_->queue.counters().unsendable;
-  c.tiles_held = impl_->queue.held();
-  c.tiles_waiting = impl_->queue.waiting();
+  const Impl& s = *impl_;
+  Counters c = s.counters;
+  const BlockQueue::Census census = s.queue.census();
+  c.acknowledgements = s.sent.counters().acknowledgements;
+  c.acknowledgements_foreign = s.sent.counters().foreign;
+  c.frames_arrived = s.sent.counters().arrived;
+  c.frames_lost = s.sent.counters().lost;
+  c.blocks = s.queue.counters();
+  c.squares_held = census.squares;
+  c.blocks_waiting = census.waiting;
+  c.blocks_in_flight = census.in_flight;
+  c.loss = s.sent.loss();
+  c.periods_stretched = s.housekeeping.stretch();
+  c.rate_bps = s.config.rate_bps;
+  c.paused = s.paused;
   return c;
 }
 
 std::size_t LinkScheduler::memoryBytes() const {
-  return sizeof(Impl) + impl_->queue.memoryBytes();
+  const Impl& s = *impl_;
+  return sizeof(Impl) + s.queue.memoryBytes() + s.sent.memoryBytes() + s.repair.memoryBytes() +
+         s.tiles.memoryBytes();
 }
 
 }  // namespace fathom::telemetry

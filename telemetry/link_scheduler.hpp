@@ -6,47 +6,45 @@
 #include <span>
 
 #include "recon/geometry/height_tile.hpp"
+#include "telemetry/block_queue.hpp"
+#include "telemetry/downlink_messages.hpp"
 #include "telemetry/frame.hpp"
-#include "telemetry/mission_info.hpp"
-#include "telemetry/status.hpp"
-#include "telemetry/tile_codec.hpp"
+#include "telemetry/housekeeping.hpp"
 
 namespace fathom::telemetry {
 
 struct LinkSchedulerConfig {
   LinkIdentity identity;
-  double rate_bps = 300;   // 80 to 5400 on acoustic modems; 10 to 1e6 accepted [bit/s]
-  int frame_bytes = 128;   // largest frame, 32 to 256 [B]
-  double loss_rate = 0.1;  // share of frames expected to be lost, 0 to 0.9
-  double delivery_goal =
-      0.99;  // a tile is repeated until it has arrived with this probability, 0.5 to 0.99999
-  double housekeeping_share =
-      0.4;  // of the rate, for status, track and mission info; their periods stretch to keep it
-  double status_period_s = 10;  // [s]
-  double mission_info_period_s = 120;
-  double track_interval_s = 5;  // between points of the track
-  int track_points = 24;        // a track message carries this many of the last points
-  int coarse_stride = 4;        // first sight of a tile: every 4th node (1, 2, 4, 8)
-  int fine_stride = 1;          // then refined to this; equal to coarse_stride: no refinement
-  double update_depth = 0.05;   // a node's change that makes a sent tile worth sending again [m]
-  double settle_s = 8;   // a tile still growing in the camera's view waits this long after its last change
-  int max_tiles = 1024;  // pool of tile copies, 4.7 kB each
-  TileCodecConfig codec;
+  double rate_bps = 300;        // of the modem; 80 to 5400 on acoustic ones; 10 to 1e6 accepted [bit/s]
+  int frame_bytes = 128;        // largest frame, 32 to 256 [B]
+  double duty = 1;              // share of the time that the modem may send, 0.05 to 1
+  double loss_rate = 0.1;       // share of frames expected to be lost before there is word, 0 to 0.9
+  bool repair = true;           // Reed-Solomon frames while nobody acknowledges
+  bool half_duplex = true;      // takes turns with the ship; false: never listens
+  double listen_every_s = 0;    // between turns; 0: by rule, so that listening takes a fifth of the time
+  int listen_every_frames = 0;  // or after so many frames; 0: at most half of what one can acknowledge
+  double listen_s = 0;          // 0: by rule, 2 max_delay_s and the ship's frame
+  double max_delay_s = 1;       // one way, of sound and modems [s]
+  double fast_rate_bps = 2400;  // from here on requested detail goes as whole tiles (Draco)
+  HousekeepingConfig housekeeping;
+  int colour_bits = 3;  // of a map packet's brightness, 0 (no colour) to 6
+  BlockQueueConfig blocks;
 
   void validate() const;  // throws std::invalid_argument naming the value
 };
 
-// Decides what crosses the acoustic link next. Sans-I/O and deterministic: the caller gives the time and
-// sends the frames. A token bucket of two frames keeps the rate: over any window of W seconds no more than
-// rate * W / 8 + 2 * frame_bytes bytes leave. Order of importance:
+// Decides what crosses the acoustic link next. Sans-I/O and deterministic: the caller gives the time, sends
+// the frames and passes on what the ship says. Order of importance:
 //   1 status, mission info and track when due (within their share of the rate);
-//   2 tiles never sent, coarse, newest first;
-//   3 tiles that changed since they were sent, the most changed nodes first;
-//   4 repeats of coarse tiles until the delivery goal is reached (there are no acknowledgements);
-//   5 refinement of tiles at the fine stride, newest first, then its repeats;
-//   6 tiles that have not settled, the fullest first: the link is never idle while something is unsent.
-// Tiles are copied into a fixed pool; when it is full the tile needed least gives way (delivered longest ago,
-// else offered longest ago) and is counted. Nothing is allocated after construction except inside Draco.
+//   2 repair frames, while nobody acknowledges;
+//   3 map packets in BlockQueue's order;
+//   4 requested detail as whole tiles, on fast links.
+// The modem is never given more than it can send within a second or a frame; over any window of W seconds no
+// more than rate * duty * W / 8 + two frames (or a second's worth) leave. With an acknowledgement each block
+// is sent again, as it is then, until it has arrived. Without, each group of frames is followed by as many
+// repair frames as the loss asks for.
+//
+// Everything is bounded and counted; nextFrame() calls the heap only for Draco.
 class LinkScheduler {
  public:
   explicit LinkScheduler(const LinkSchedulerConfig& config);
@@ -55,26 +53,50 @@ class LinkScheduler {
   // The vehicle's latest state; also samples the track.
   void setStatus(const Status& status);
   void setMissionInfo(const MissionInfo& info);
-  // A tile's latest content. An older or equal revision than the one held is ignored.
-  void offer(const HeightTile& tile);
+  // A tile's latest content: its sixteen blocks are sent as far as the other side does not hold them.
+  void offer(const HeightTile& tile, std::int64_t now_ns);
+
+  // What the ship said. Any of them, and heard() for a frame with neither, ends listening.
+  void acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns);
+  void request(const Request& request, std::int64_t now_ns);
+  void heard();
+
+  // Detail that was requested and not served yet, the oldest first. The caller offers tiles of the request's
+  // spacing inside the rectangle with offerDetail() as long as that takes them, then calls detailServed().
+  struct Detail {
+    double north_min = 0, north_max = 0, east_min = 0, east_max = 0;  // nav [m]
+    double spacing = 0, max_error = 0;                                // [m]
+  };
+  [[nodiscard]] const Detail* detail() const;
+  bool offerDetail(const HeightTile& tile, std::int64_t now_ns);
+  void detailServed();
 
   // Writes the next frame into `out` (at least frame_bytes) and returns its size; 0 when there is nothing to
-  // say or the rate does not allow it yet. Call again until 0. `now_ns` never runs backwards.
+  // say, the rate does not allow it yet or the vehicle listens. Call again until 0. `now_ns` never runs
+  // backwards.
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out);
 
   struct Counters {
     std::uint64_t frames = 0, bytes = 0;
-    std::uint64_t status_frames = 0, track_frames = 0, info_frames = 0, tile_frames = 0;
-    std::uint64_t tiles_offered = 0;     // offers taken
-    std::uint64_t tiles_sent = 0;        // complete transmissions, repeats included
-    std::uint64_t tiles_evicted = 0;     // gave way to another in the full pool before they were delivered
-    std::uint64_t tiles_unsendable = 0;  // would not fit the codec's bounds
-    std::uint64_t tile_bytes = 0;        // of tile fragments, frame overhead included
-    int tiles_held = 0;                  // in the pool
-    int tiles_waiting = 0;               // in the pool and not yet delivered with the goal's probability
-    double periods_stretched = 1;        // factor on the housekeeping periods
+    std::uint64_t status_frames = 0, track_frames = 0, info_frames = 0;
+    std::uint64_t map_frames = 0, repair_frames = 0, tile_frames = 0;
+    std::uint64_t map_bytes = 0;  // of map frames, frame overhead included
+    std::uint64_t turns = 0;      // frames with the turn
+    std::uint64_t acknowledgements = 0, acknowledgements_foreign = 0, requests = 0, requests_refused = 0;
+    std::uint64_t frames_arrived = 0, frames_lost = 0;  // as acknowledged
+    std::uint64_t coarsened_packets = 0;  // sent with a greater error or without colour to fit a frame
+    BlockQueue::Counters blocks;
+    int squares_held = 0;          // in the pool
+    int blocks_waiting = 0;        // to be sent
+    int blocks_in_flight = 0;      // sent, without word
+    double loss = 0;               // expected now
+    double periods_stretched = 1;  // factor on the housekeeping periods
+    double rate_bps = 0;
+    bool paused = false;
   };
   [[nodiscard]] Counters counters() const;
+  // Nothing of the map waits, and of what was sent there is word, or nobody to give it.
+  [[nodiscard]] bool drained() const;
   [[nodiscard]] std::size_t memoryBytes() const;  // of the pool and the buffers
 
  private:
@@ -84,9 +106,5 @@ class LinkScheduler {
 
 // Capacity of the scheduler's token bucket: two frames or one second at the rate, whichever is more [bit].
 [[nodiscard]] std::size_t linkBucketBits(const LinkSchedulerConfig& config);
-
-// How often a tile of `fragments` frames must be sent so that all of them arrive with probability >= goal
-// when each frame is lost with probability `loss`: the least n with (1 - loss^n)^fragments >= goal.
-[[nodiscard]] int repeatsForGoal(double loss, double goal, int fragments);
 
 }  // namespace fathom::telemetry

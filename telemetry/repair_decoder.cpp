@@ -59,24 +59,26 @@ RepairDecoder::Group& RepairDecoder::groupFor(std::uint16_t first, int k, std::s
   g.k = k;
   g.rows = 0;
   g.symbol_bytes = symbol_bytes;
+  g.seen.reset();
   return g;
 }
 
-bool RepairDecoder::repair(std::uint16_t first, std::span<const std::uint8_t> payload) {
+RepairDecoder::Taken RepairDecoder::repair(std::uint16_t first, std::span<const std::uint8_t> payload) {
   if (payload.size() < kRepairHeadBytes + 2 || payload.size() > kRepairHeadBytes + kMaxSymbolBytes)
-    return false;
-  const int k = payload[0] + 1, row = payload[1];
-  if (k > kMaxGroup || row >= kMaxRepairRows) return false;
+    return Taken::kInvalid;
+  const int k = payload[0] + 1;
+  const std::size_t row = payload[1];
+  if (k > kMaxGroup || row >= kMaxRepairRows) return Taken::kInvalid;
   const auto symbol = payload.subspan(kRepairHeadBytes);
   Group& g = groupFor(first, k, symbol.size());
   g.touched = ++clock_;
-  if (g.done || g.rows == k) return true;
-  const auto held = std::span(g.row).first(static_cast<std::size_t>(g.rows));
-  if (std::any_of(held.begin(), held.end(), [&](const Row& r) { return r.row == row; })) return true;
+  if (g.seen[row]) return Taken::kDuplicate;
+  g.seen[row] = true;
+  if (g.done || g.rows == k) return Taken::kTaken;
   Row& r = g.row[static_cast<std::size_t>(g.rows++)];
   r.row = static_cast<std::uint8_t>(row);
   std::copy(symbol.begin(), symbol.end(), r.symbol.begin());
-  return true;
+  return Taken::kTaken;
 }
 
 RepairDecoder::Outcome RepairDecoder::solve(

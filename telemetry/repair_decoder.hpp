@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <bitset>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -25,8 +26,9 @@ class RepairDecoder {
   // A frame with a sequence number that arrived; `is_map`: a map packet, else its payload does not matter.
   // Newer frames push older ones out of the window.
   void source(std::uint16_t sequence, std::span<const std::uint8_t> payload, bool is_map);
-  // A repair frame's payload; false if it is not one. `first`: the sequence number in its header.
-  bool repair(std::uint16_t first, std::span<const std::uint8_t> payload);
+  enum class Taken { kTaken, kDuplicate, kInvalid };
+  // A repair frame's payload; `first`: the sequence number in its header.
+  Taken repair(std::uint16_t first, std::span<const std::uint8_t> payload);
 
   // Solves every group that can be solved now and calls `give` for every map packet that was missing.
   void solve(const std::function<void(std::uint16_t sequence, std::span<const std::uint8_t> payload)>& give);
@@ -56,6 +58,7 @@ class RepairDecoder {
     int k = 0, rows = 0;
     std::size_t symbol_bytes = 0;
     std::uint64_t touched = 0;
+    std::bitset<kMaxRepairRows> seen;
     std::array<Row, kMaxGroup> row{};
   };
   enum class Outcome { kNotYet, kSolved, kContradiction };

@@ -31,17 +31,30 @@ void read(const ConfigTable& t, LinkCoreConfig& c) {
   s.rate_bps = t.number("rate_bps", s.rate_bps, 80, 5400);
   s.frame_bytes = whole(t, "frame_bytes", s.frame_bytes, 32, 256);
   s.loss_rate = t.number("loss_rate", s.loss_rate, 0, 0.9);
-  s.delivery_goal = t.number("delivery_goal", s.delivery_goal, 0.5, 0.99999);
-  s.housekeeping_share = t.number("housekeeping_share", s.housekeeping_share, 0.05, 0.95);
-  s.status_period_s = t.number("status_period_s", s.status_period_s, 1, 3600);
-  s.mission_info_period_s = t.number("mission_info_period_s", s.mission_info_period_s, 10, 3600);
-  s.track_interval_s = t.number("track_interval_s", s.track_interval_s, 0.5, 600);
-  s.codec.depth_resolution = t.number("depth_resolution_m", s.codec.depth_resolution, 0.001, 1);
-  s.codec.colour_bits = whole(t, "colour_bits", s.codec.colour_bits, 0, 6);
-  s.max_tiles = whole(t, "max_tiles", s.max_tiles, 16, 65536);
-  c.tile_level = whole(t, "tile_level", c.tile_level, 0, 12);
-  c.settle_s = t.number("settle_s", c.settle_s, 0, 3600);
-  c.max_wait_s = t.number("max_wait_s", c.max_wait_s, c.settle_s, 3600);
+  s.duty = t.number("duty", s.duty, 0.05, 1);
+  s.repair = t.boolean("repair", s.repair);
+  s.half_duplex = t.boolean("half_duplex", s.half_duplex);
+  s.listen_every_s = t.number("listen_every_s", s.listen_every_s, 0, 3600);
+  s.listen_every_frames = whole(t, "listen_every_frames", s.listen_every_frames, 0, 256);
+  s.listen_s = t.number("listen_s", s.listen_s, 0, 60);
+  s.max_delay_s = t.number("max_delay_s", s.max_delay_s, 0, 30);
+  s.fast_rate_bps = t.number("fast_rate_bps", s.fast_rate_bps, 0, 1e6);
+  s.colour_bits = whole(t, "colour_bits", s.colour_bits, 0, 6);
+  telemetry::HousekeepingConfig& h = s.housekeeping;
+  h.share = t.number("housekeeping_share", h.share, 0.01, 1);
+  h.status_period_s = t.number("status_period_s", h.status_period_s, 1, 3600);
+  h.mission_info_period_s = t.number("mission_info_period_s", h.mission_info_period_s, 10, 3600);
+  h.track_interval_s = t.number("track_interval_s", h.track_interval_s, 0.5, 600);
+  telemetry::BlockQueueConfig& b = s.blocks;
+  b.spacing = t.number("spacing_m", b.spacing, 1.0 / 64, 16);
+  b.coarse_spacing = t.number("coarse_spacing_m", b.coarse_spacing, b.spacing, 64);
+  b.max_error = t.number("max_error_m", b.max_error, 0.005, 1);
+  b.update_error = t.number("update_error_m", 1.5 * b.max_error, b.max_error, 10);
+  b.deadline_s = t.number("deadline_s", b.deadline_s, 0, 3600);
+  b.coarse_after_s = t.number("coarse_after_s", b.coarse_after_s, 0, 3600);
+  b.settle_s = t.number("settle_s", b.settle_s, 0, 600);
+  b.max_wait_s = t.number("max_wait_s", std::max(b.max_wait_s, b.settle_s), b.settle_s, 3600);
+  b.max_squares = whole(t, "max_squares", b.max_squares, 16, 65536);
 }
 
 void read(const ConfigTable& t, OnboardConfig& config) {
@@ -67,10 +80,8 @@ void read(const ConfigTable& t, OnboardConfig& config) {
 
 OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path) {
   OnboardConfig config;
-  // Tiles of 1 m with nodes every 6.25 cm; squares of 4 m with nodes every 25 cm go over the link.
   config.map.max_level = 5;
   config.map.max_tiles = 8192;
-  config.link.tile_level = 3;
   if (!path) return config;
 
   const ConfigTable root = ConfigTable::load(*path);
@@ -83,6 +94,8 @@ OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path
   const std::filesystem::path key_file = link.text("key_file", "");
   if (!key_file.empty())
     config.downlink_key = telemetry::readDownlinkKey(path->parent_path() / key_file, config.warning);
+  config.link.root_size = config.map.root_size;
+  config.link.max_level = config.map.max_level;
   read(root.table("slam"), config);
   const ConfigTable nav = root.table("nav");
   config.drift_share = nav.number("drift_share", config.drift_share, 0, 1);
@@ -118,6 +131,8 @@ MapCoreConfig mapCoreConfig(const OnboardConfig& config, const io::MissionConfig
 
 LinkCoreConfig linkCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission) {
   LinkCoreConfig link = config.link;
+  link.root_size = config.map.root_size;
+  link.max_level = config.map.max_level;
   link.scheduler.identity = {mission.vehicle_id, mission.dive_id};
   return link;
 }

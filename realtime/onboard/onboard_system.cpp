@@ -59,9 +59,7 @@ OnboardSystem::OnboardSystem(const OnboardConfig& config, const io::MissionConfi
   link_.setMissionInfo(info);
   map_.setMovedObserver([this](const MovingMap::Box& before, const MovingMap::Box& now) {
     for (const MovingMap::Box& box : {before, now})
-      if (!box.empty())
-        link_.noteChanged(box.low.cast<double>(), box.high.cast<double>(), last_pair_ns_,
-                          config_.map.root_size);
+      if (!box.empty()) link_.noteChanged(box.low.cast<double>(), box.high.cast<double>());
   });
 }
 
@@ -137,14 +135,20 @@ void OnboardSystem::mapPairs(const std::function<void(const MappedPair&)>& on_pa
     if (trigger->altitude_valid) pair.altitude = input.altitude = trigger->altitude;
     last_pair_ns_ = trigger->utc_ns;
     pair.output = map_.process(input);
-    link_.noteMapped(pair.output, config_.map.root_size);
+    link_.noteMapped(pair.output);
     last_points_ = pair.output.points;
     on_pair(pair);
   }
 }
 
 void OnboardSystem::receiveFrame(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
-  const telemetry::DownlinkContent content = downlink_.accept(now_ns, frame).content;
+  const telemetry::DownlinkReceiver::Result heard = downlink_.accept(now_ns, frame);
+  const telemetry::DownlinkContent& content = heard.content;
+  if (heard.verdict == telemetry::DownlinkVerdict::kAccepted ||
+      heard.verdict == telemetry::DownlinkVerdict::kNoKey)
+    link_.heard();
+  if (content.acknowledgement) link_.acknowledge(*content.acknowledgement, now_ns);
+  if (content.request) link_.request(*content.request, now_ns);
   // The poses are final when the survey is over.
   if (content.fix && !survey_over_) {
     const double sigma = std::isnan(content.fix->sigma) ? kUnstatedFixSigma : content.fix->sigma;
@@ -362,9 +366,24 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   const telemetry::LinkScheduler::Counters l = link_.counters();
   add("link_frames", l.frames);
   add("link_bytes", l.bytes);
-  add("link_tiles_sent", l.tiles_sent);
-  add("link_tiles_waiting", l.tiles_waiting);
-  add("link_tiles_evicted", l.tiles_evicted);
+  add("link_map_frames", l.map_frames);
+  add("link_repair_frames", l.repair_frames);
+  add("link_tile_frames", l.tile_frames);
+  add("link_turns", l.turns);
+  add("link_acknowledgements", l.acknowledgements);
+  add("link_requests", l.requests);
+  add("link_requests_refused", l.requests_refused);
+  add("link_frames_arrived", l.frames_arrived);
+  add("link_frames_lost", l.frames_lost);
+  add("link_loss", l.loss);
+  add("link_blocks_sent", l.blocks.sent);
+  add("link_blocks_resent", l.blocks.resent);
+  add("link_blocks_updated", l.blocks.updated);
+  add("link_blocks_waiting", l.blocks_waiting);
+  add("link_blocks_in_flight", l.blocks_in_flight);
+  add("link_blocks_evicted", l.blocks.evicted);
+  add("link_blocks_unsendable", l.blocks.unsendable);
+  add("link_rate_bps", l.rate_bps);
   add("link_periods_stretched", l.periods_stretched);
   addDownlink(row);
   return row;

@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
+#include <stdexcept>
 
 #include "realtime/kernel/frame_port.hpp"
 
@@ -22,7 +24,8 @@ fusion::QuadtreeConfig mapConfig() {
 LinkCoreConfig linkConfig() {
   LinkCoreConfig config;
   config.scheduler.identity = {1, 2};
-  config.tile_level = 3;
+  config.root_size = 32;
+  config.max_level = 5;
   return config;
 }
 
@@ -51,53 +54,70 @@ MapOutput mapped(fusion::QuadtreeMap& map, std::int64_t utc_ns, float north, flo
   return output;
 }
 
-TEST(LinkCore, OffersATileOnlyWhenTheVehicleHasLeftIt) {
+TEST(LinkCore, LooksAtASquareInViewNoMoreThanOnceASecond) {
   fusion::QuadtreeMap map(mapConfig());
   LinkCore link(linkConfig());
-  link.noteMapped(mapped(map, 10 * kSecond, 0.5F, 0.5F, 2.0F), 32);
-  link.offerTiles(map, 11 * kSecond);
-  EXPECT_EQ(link.counters().tiles_offered, 0u);
-  EXPECT_FALSE(link.drained());
-  link.offerTiles(map, 15 * kSecond);
-  EXPECT_EQ(link.counters().tiles_offered, 1u);
-  EXPECT_NEAR(link.mappedArea(), 4.0, 0.8);
-}
-
-TEST(LinkCore, ATileThatNeverSettlesIsOfferedAfterTheLongestWait) {
-  fusion::QuadtreeMap map(mapConfig());
-  LinkCore link(linkConfig());
-  for (int second = 0; second <= 31; ++second) {
-    link.noteMapped(mapped(map, second * kSecond, 0.5F, 0.5F, 2.0F), 32);
-    link.offerTiles(map, second * kSecond);
+  for (int tenth = 0; tenth <= 30; ++tenth) {
+    const float reach = 1.0F + 0.1F * static_cast<float>(tenth);
+    link.noteMapped(mapped(map, tenth * kSecond / 10, 0.5F, 0.5F, reach));
+    link.offerTiles(map, tenth * kSecond / 10);
+    const double known = link.mappedArea(), now = reach * reach;
+    EXPECT_LE(known, now + 0.8);
+    const double second_ago = std::max(0.0F, reach - 1.1F) * std::max(0.0F, reach - 1.1F);
+    EXPECT_GE(known, second_ago - 0.8);
   }
-  EXPECT_EQ(link.counters().tiles_offered, 1u);
 }
 
 TEST(LinkCore, EverythingGoesOutWhenTheSurveyIsOverAndThenItIsDrained) {
   fusion::QuadtreeMap map(mapConfig());
   LinkCore link(linkConfig());
-  link.noteMapped(mapped(map, 0, 1.0F, 1.0F, 6.0F), 32);  // touches four squares of 4 m
+  link.noteMapped(mapped(map, 0, 1.0F, 1.0F, 6.0F));  // touches four squares of 4 m
+  EXPECT_FALSE(link.drained());
   link.offerTiles(map, 0, true);
-  EXPECT_EQ(link.counters().tiles_offered, 4u);
+  EXPECT_EQ(link.counters().squares_held, 5);  // and a coarse one
+  EXPECT_GT(link.counters().blocks_waiting, 35);
   std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer;
   std::size_t bytes = 0;
   std::int64_t now = 0;
   for (; now < 3600 * kSecond && !link.drained(); now += kSecond)
     while (const std::size_t size = link.nextFrame(now, buffer)) bytes += size;
   EXPECT_TRUE(link.drained());
+  EXPECT_LT(now, 120 * kSecond);
   // The rate holds: 300 bit/s, and two frames of burst.
   EXPECT_LE(static_cast<double>(bytes), 300.0 / 8 * static_cast<double>(now / kSecond) + 2 * 128 + 1);
 }
 
+TEST(LinkCore, ServesARequestForDetailAtItsSpacingAndNoFurtherThanItsCap) {
+  fusion::QuadtreeMap map(mapConfig());
+  LinkCoreConfig config = linkConfig();
+  config.max_detail_squares = 3;
+  LinkCore link(config);
+  mapped(map, 0, 1.0F, 1.0F, 6.0F);  // on the map, and not offered
+  telemetry::Request request;
+  request.kind = telemetry::Request::Kind::kDetail;
+  request.north_min = request.east_min = 2.1;
+  request.north_max = request.east_max = 4.9;
+  request.spacing = 0.125;
+  request.max_error = 0.02;
+  link.request(request, 0);
+  EXPECT_FALSE(link.drained());
+  link.offerTiles(map, 0);
+  EXPECT_EQ(link.counters().squares_held, 3);  // of the four squares of 2 m
+  EXPECT_EQ(link.detailLeftOut(), 1U);
+}
+
 TEST(LinkCore, APairThatGaveNothingChangesNothing) {
   LinkCore link(linkConfig());
-  link.noteMapped(MapOutput{}, 32);
+  link.noteMapped(MapOutput{});
   EXPECT_TRUE(link.drained());
 }
 
-TEST(LinkCore, RefusesAConfigurationThatCannotBe) {
+TEST(LinkCore, RefusesASpacingThatTheMapDoesNotHave) {
   LinkCoreConfig config = linkConfig();
-  config.max_wait_s = config.settle_s - 1;
+  config.scheduler.blocks.spacing = 0.3;
+  config.scheduler.blocks.coarse_spacing = 0.3;
+  EXPECT_THROW(LinkCore{config}, std::invalid_argument);
+  config.scheduler.blocks.spacing = config.scheduler.blocks.coarse_spacing = 1.0 / 64;  // finer than the map
   EXPECT_THROW(LinkCore{config}, std::invalid_argument);
 }
 

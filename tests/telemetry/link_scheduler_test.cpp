@@ -28,6 +28,7 @@ struct Sent {
 LinkSchedulerConfig someConfig() {
   LinkSchedulerConfig config;
   config.identity = {7, 1234};
+  config.half_duplex = false;
   return config;
 }
 
@@ -67,7 +68,7 @@ TEST(LinkScheduler, NeverExceedsItsRateOverAnyWindowAndUsesIt) {
       const auto bucket = static_cast<double>(linkBucketBits(config));
       int n = 0;
       const auto sent = run(scheduler, 300, 0.37, [&](double) {
-        for (int k = 0; k < 4; ++k) scheduler.offer(sampleTile(n++, 3));
+        for (int k = 0; k < 4; ++k) scheduler.offer(sampleTile(n++, 3), kStart_ns);
       });
       // Over every window from frame i to frame j: bits(i..j) <= rate * (t_j - t_i) + bucket. The greatest
       // excess of any window that ends here follows from the one that ends a frame earlier.
@@ -87,8 +88,10 @@ TEST(LinkScheduler, NeverExceedsItsRateOverAnyWindowAndUsesIt) {
 }
 
 TEST(LinkScheduler, SendsStatusEveryPeriodEvenWithTilesWaiting) {
-  LinkScheduler scheduler(someConfig());
-  for (int n = 0; n < 200; ++n) scheduler.offer(sampleTile(n, 0));
+  LinkSchedulerConfig config = someConfig();
+  config.housekeeping.share = 0.3;
+  LinkScheduler scheduler(config);
+  for (int n = 0; n < 200; ++n) scheduler.offer(sampleTile(n, 0), kStart_ns);
   const auto sent = run(scheduler, 600, 0.5, [](double) {});
   ASSERT_EQ(scheduler.counters().periods_stretched, 1);
   std::int64_t last = kStart_ns;
@@ -108,130 +111,30 @@ TEST(LinkScheduler, KeepsHousekeepingToItsShareOnASlowLink) {
   config.frame_bytes = 32;
   LinkScheduler scheduler(config);
   scheduler.setMissionInfo({"sirius", {}, kStart_ns, 0});
-  for (int n = 0; n < 500; ++n) scheduler.offer(sampleTile(n, 0));
-  const auto sent = run(scheduler, 3600, 0.5, [](double) {});
+  int n = 0;
+  const auto sent = run(scheduler, 3600, 0.5, [&](double t) {
+    if (n < t) scheduler.offer(sampleTile(n++, 0), kStart_ns);
+  });
   double housekeeping = 0, all = 0;
   std::set<MessageType> types;
   for (const Sent& s : sent) {
     types.insert(s.type());
     all += static_cast<double>(s.bytes.size());
-    if (s.type() != MessageType::kTileFragment) housekeeping += static_cast<double>(s.bytes.size());
+    if (s.type() == MessageType::kStatus || s.type() == MessageType::kMissionInfo)
+      housekeeping += static_cast<double>(s.bytes.size());
   }
   EXPECT_GT(scheduler.counters().periods_stretched, 1);
-  EXPECT_LT(housekeeping / all, config.housekeeping_share + 0.02);
-  EXPECT_TRUE(types.contains(MessageType::kStatus));
-}
-
-TEST(LinkScheduler, SendsEveryTileCoarseBeforeItRefinesAny) {
-  LinkSchedulerConfig config = someConfig();
-  config.coarse_stride = 4;
-  LinkScheduler scheduler(config);
-  for (int n = 0; n < 30; ++n) scheduler.offer(sampleTile(n, 0));
-  const auto sent = run(scheduler, 3600, 0.5, [](double) {});
-  std::set<int> coarse, fine;
-  std::vector<int> first_order;
-  for (const Sent& s : sent) {
-    TileFragment fragment;
-    if (s.type() != MessageType::kTileFragment || !decodeFragment(decodeFrame(s.bytes).payload, fragment))
-      continue;
-    if (fragment.id.stride == 4 && coarse.insert(fragment.id.north_index).second)
-      first_order.push_back(fragment.id.north_index);
-    if (fragment.id.stride == 1) {
-      EXPECT_EQ(coarse.size(), 30U);
-      fine.insert(fragment.id.north_index);
-    }
-  }
-  EXPECT_EQ(fine.size(), 30U);
-  EXPECT_EQ(scheduler.counters().tiles_waiting, 0);
-  // Settled tiles go newest first (the very first is chosen before any has settled: the fullest).
-  EXPECT_GT(first_order[5], first_order[6]);
-}
-
-TEST(LinkScheduler, RepeatsUntilTheGoalIsMetOverALossyLink) {
-  for (const double loss : {0.0, 0.1, 0.3, 0.5}) {
-    LinkSchedulerConfig config = someConfig();
-    config.rate_bps = 2000;
-    config.loss_rate = loss;
-    config.delivery_goal = 0.95;
-    LinkScheduler scheduler(config);
-    constexpr int kTiles = 300;
-    for (int n = 0; n < kTiles; ++n) scheduler.offer(sampleTile(n, 0));
-    const auto sent = run(scheduler, 7200, 1, [](double) {});
-    ASSERT_EQ(scheduler.counters().tiles_waiting, 0);
-    TileReassembler reassembler(kTiles);
-    std::mt19937 random(17);
-    std::set<int> got;
-    for (const Sent& s : sent) {
-      DecodedTile tile;
-      if (s.type() != MessageType::kTileFragment || random() < loss * 4294967296.0) continue;
-      if (reassembler.accept(decodeFrame(s.bytes).payload, tile) && tile.stride == 1)
-        got.insert(tile.tile.north_index);
-    }
-    // 300 tiles at 0.95: three standard deviations below the mean are 0.91.
-    EXPECT_GE(static_cast<double>(got.size()), 0.91 * kTiles) << "loss " << loss;
-    if (loss == 0) {
-      EXPECT_EQ(scheduler.counters().tiles_sent, 2U * kTiles);  // coarse and fine, once each
-    }
-  }
-}
-
-TEST(LinkScheduler, ATileThatChangesIsSentAgainTheMostChangedFirst) {
-  LinkSchedulerConfig config = someConfig();
-  config.loss_rate = 0;
-  config.settle_s = 0;
-  LinkScheduler scheduler(config);
-  for (int n = 0; n < 5; ++n) scheduler.offer(sampleTile(n, 0));
-  run(scheduler, 1200, 0.5, [](double) {});
-  ASSERT_EQ(scheduler.counters().tiles_waiting, 0);
-  HeightTile same = sampleTile(0, 0, 4, 1, 1, 2), little = sampleTile(1, 0, 4, 1, 1, 2),
-             much = sampleTile(2, 0, 4, 1, 1, 2);
-  for (auto& node : same.nodes) node.depth += 0.01F;
-  little.at(5, 5).depth += 1;
-  for (auto& node : much.nodes) node.depth += 0.2F;
-  scheduler.offer(same);
-  scheduler.offer(little);
-  scheduler.offer(much);
-  EXPECT_EQ(scheduler.counters().tiles_waiting, 2);
-  const auto sent = run(
-      scheduler, 600, 0.5, [](double) {}, kStart_ns + 1200 * kSecond_ns);
-  std::vector<int> order;
-  for (const Sent& s : sent) {
-    TileFragment fragment;
-    if (s.type() != MessageType::kTileFragment || !decodeFragment(decodeFrame(s.bytes).payload, fragment))
-      continue;
-    EXPECT_EQ(fragment.id.revision, 2);
-    EXPECT_EQ(fragment.id.stride, 1);  // an update never falls back to the coarse lattice
-    if (order.empty() || order.back() != fragment.id.north_index) order.push_back(fragment.id.north_index);
-  }
-  ASSERT_EQ(scheduler.counters().tiles_waiting, 0);
-  EXPECT_EQ(order, (std::vector<int>{2, 1}));
-}
-
-TEST(LinkScheduler, AFullPoolGivesUpTheTileNeededLeastAndCountsIt) {
-  LinkSchedulerConfig config = someConfig();
-  config.max_tiles = 10;
-  LinkScheduler scheduler(config);
-  for (int n = 0; n < 25; ++n) scheduler.offer(sampleTile(n, 0));
-  EXPECT_EQ(scheduler.counters().tiles_held, 10);
-  EXPECT_EQ(scheduler.counters().tiles_evicted, 15U);
-  const auto sent = run(scheduler, 3600, 1, [](double) {});
-  std::set<int> seen;
-  for (const Sent& s : sent) {
-    TileFragment fragment;
-    if (s.type() == MessageType::kTileFragment && decodeFragment(decodeFrame(s.bytes).payload, fragment))
-      seen.insert(fragment.id.north_index);
-  }
-  EXPECT_EQ(seen, (std::set<int>{15, 16, 17, 18, 19, 20, 21, 22, 23, 24}));
-  for (int n = 100; n < 110; ++n) scheduler.offer(sampleTile(n, 0));  // these displace delivered tiles
-  EXPECT_EQ(scheduler.counters().tiles_evicted, 15U);
+  EXPECT_LT(housekeeping / all, config.housekeeping.share + 0.02);
+  EXPECT_TRUE(types.contains(MessageType::kStatus) && types.contains(MessageType::kMissionInfo));
+  EXPECT_FALSE(types.contains(MessageType::kTrack));  // a frame holds but two points: status says as much
 }
 
 TEST(LinkScheduler, TheTrackHasNoHoleWhenAFifthOfTheFramesAreLost) {
   LinkSchedulerConfig config = someConfig();
   config.loss_rate = 0.2;
-  config.delivery_goal = 0.9999;
+  config.housekeeping.share = 0.3;
   LinkScheduler scheduler(config);
-  for (int n = 0; n < 300; ++n) scheduler.offer(sampleTile(n, 0));
+  for (int n = 0; n < 300; ++n) scheduler.offer(sampleTile(n, 0), kStart_ns);
   const auto sent = run(scheduler, 3000, 0.5, [](double) {});
   std::mt19937 random(99);
   std::set<std::int64_t> times;
@@ -245,7 +148,7 @@ TEST(LinkScheduler, TheTrackHasNoHoleWhenAFifthOfTheFramesAreLost) {
   ASSERT_GT(times.size(), 400U);
   std::int64_t last = *times.begin();
   for (const std::int64_t t : times) {
-    EXPECT_LE(t - last, 6 * kSecond_ns);
+    EXPECT_LE(t - last, 11 * kSecond_ns);  // at most one point of one in five is lost twice
     last = t;
   }
 }
@@ -257,8 +160,7 @@ TEST(LinkScheduler, SameCallsGiveTheSameBytes) {
     int n = 0;
     std::vector<std::uint8_t> all;
     for (const Sent& s : run(scheduler, 300, 0.5, [&](double) {
-           scheduler.offer(
-               sampleTile(n % 20, n / 20, 4, 0.5 + 0.5 * (n % 2), 1, static_cast<std::uint32_t>(n)));
+           scheduler.offer(sampleTile(n % 20, n / 20, 4, 0.5 + 0.5 * (n % 2)), kStart_ns);
            ++n;
          }))
       all.insert(all.end(), s.bytes.begin(), s.bytes.end());
@@ -278,24 +180,26 @@ TEST(LinkScheduler, RefusesAConfigurationThatMakesNoSense) {
   refuses([](auto& c) { c.frame_bytes = 31; });
   refuses([](auto& c) { c.frame_bytes = 257; });
   refuses([](auto& c) { c.loss_rate = 1; });
-  refuses([](auto& c) { c.coarse_stride = 3; });
-  refuses([](auto& c) { c.fine_stride = 8; });
-  refuses([](auto& c) { c.codec.depth_resolution = 0; });
-  refuses([](auto& c) { c.max_tiles = 0; });
+  refuses([](auto& c) { c.colour_bits = 7; });
+  refuses([](auto& c) { c.duty = 0; });
+  refuses([](auto& c) { c.blocks.coarse_spacing = 0.3; });
+  refuses([](auto& c) { c.blocks.spacing = c.blocks.coarse_spacing = 0.33333; });
+  refuses([](auto& c) { c.blocks.max_error = 0; });
+  refuses([](auto& c) { c.blocks.max_squares = 0; });
+  refuses([](auto& c) { c.housekeeping.share = 0; });
 }
 
 TEST(Repeats, AreTheLeastThatReachTheGoal) {
-  EXPECT_EQ(repeatsForGoal(0, 0.99, 10), 1);
-  EXPECT_EQ(repeatsForGoal(0.1, 0.99, 1), 2);
+  EXPECT_EQ(repeatsForGoal(0, 0.99), 1);
+  EXPECT_EQ(repeatsForGoal(0.1, 0.99), 2);
   for (const double loss : {0.05, 0.2, 0.5, 0.9})
-    for (const int fragments : {1, 3, 40})
-      for (const double goal : {0.6, 0.95, 0.999}) {
-        const int n = repeatsForGoal(loss, goal, fragments);
-        EXPECT_GE(std::pow(1 - std::pow(loss, n), fragments), goal - 1e-6);
-        if (n > 1) {
-          EXPECT_LT(std::pow(1 - std::pow(loss, n - 1), fragments), goal);
-        }
+    for (const double goal : {0.6, 0.95, 0.999}) {
+      const int n = repeatsForGoal(loss, goal);
+      EXPECT_GE(1 - std::pow(loss, n), goal - 1e-6);
+      if (n > 1) {
+        EXPECT_LT(1 - std::pow(loss, n - 1), goal);
       }
+    }
 }
 
 }  // namespace

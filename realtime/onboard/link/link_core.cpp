@@ -7,9 +7,10 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr double kNanoseconds = 1e9;  // in a second
 // A map that was built anew changes in many squares at once; offerTiles() is called many times a second.
 constexpr int kOffersAtOnce = 16;
+constexpr double kNanoseconds = 1e9;  // in a second
+constexpr double kCoarseLooks = 4;    // at a coarse square before it may be wanted
 
 // Seen area of a tile: a node stands for the square around it; the last row and column belong to neighbours.
 double seenArea(const HeightTile& tile) {
@@ -22,73 +23,115 @@ double seenArea(const HeightTile& tile) {
 
 }  // namespace
 
+int LinkCoreConfig::levelOf(double spacing) const {
+  const double level = std::log2(root_size / (spacing * HeightTile::kCells));
+  return level >= 0 && level <= 20 && level == std::round(level) ? static_cast<int>(level) : -1;
+}
+
 void LinkCoreConfig::validate() const {
   scheduler.validate();
-  if (tile_level < 0 || tile_level > 12) throw std::invalid_argument("link tile level must be 0 to 12");
-  if (!(settle_s >= 0 && settle_s <= 3600)) throw std::invalid_argument("settle time must be 0 to 3600 s");
-  if (!(max_wait_s >= settle_s && max_wait_s <= 3600))
-    throw std::invalid_argument("longest wait must be from the settle time to 3600 s");
-  if (max_changed < 1) throw std::invalid_argument("at least one changed tile must be remembered");
+  const int level = levelOf(scheduler.blocks.spacing);
+  if (level < 0 || level > max_level)
+    throw std::invalid_argument("spacing_m is not the map's root size / 16 over a power of two, or too fine");
+  if (levelOf(scheduler.blocks.coarse_spacing) < 0)
+    throw std::invalid_argument("coarse_spacing_m is not the map's root size / 16 over a power of two");
+  if (!(look_s >= 0 && look_s <= 3600)) throw std::invalid_argument("look time must be 0 to 3600 s");
+  if (max_changed < 1) throw std::invalid_argument("at least one changed square must be remembered");
+  if (max_detail_squares < 1) throw std::invalid_argument("a request must be served with a square at least");
 }
 
 LinkCore::LinkCore(const LinkCoreConfig& config)
-    : config_((config.validate(), config)), scheduler_(config.scheduler) {}
+    : config_((config.validate(), config)), scheduler_(config.scheduler) {
+  fine_.level = config.levelOf(config.scheduler.blocks.spacing);
+  fine_.look_s = config.look_s;
+  coarse_.level = config.levelOf(config.scheduler.blocks.coarse_spacing);
+  coarse_.look_s = std::max(config.look_s, config.scheduler.blocks.coarse_after_s / kCoarseLooks);
+}
+
+std::int32_t LinkCore::indexOf(double metres, int level) const {
+  return static_cast<std::int32_t>(std::floor(metres * std::exp2(level) / config_.root_size));
+}
 
 void LinkCore::setStatus(telemetry::Status status) {
   status.map_area = area_total_;
   scheduler_.setStatus(status);
 }
 
-void LinkCore::noteMapped(const MapOutput& output, double root_size) {
-  if (output.nodes_updated > 0)
-    noteChanged(output.min_north_east, output.max_north_east, output.utc_ns, root_size);
+void LinkCore::noteMapped(const MapOutput& output) {
+  if (output.nodes_updated > 0) noteChanged(output.min_north_east, output.max_north_east);
 }
 
-void LinkCore::noteChanged(const Eigen::Vector2d& min_north_east, const Eigen::Vector2d& max_north_east,
-                           std::int64_t utc_ns, double root_size) {
-  const double size = root_size / std::exp2(config_.tile_level);
-  const auto index = [&](double metres) { return static_cast<std::int32_t>(std::floor(metres / size)); };
-  for (std::int32_t n = index(min_north_east.x()); n <= index(max_north_east.x()); ++n) {
-    for (std::int32_t e = index(min_north_east.y()); e <= index(max_north_east.y()); ++e) {
-      auto [it, added] = changed_.try_emplace({n, e}, Change{utc_ns, utc_ns});
-      it->second.last_ns = utc_ns;
-    }
+void LinkCore::noteChanged(const Eigen::Vector2d& min_north_east, const Eigen::Vector2d& max_north_east) {
+  for (Level* level : {&fine_, &coarse_}) {
+    if (level == &coarse_ && coarse_.level == fine_.level) continue;
+    const auto index = [&](double metres) { return indexOf(metres, level->level); };
+    for (std::int32_t n = index(min_north_east.x()); n <= index(max_north_east.x()); ++n)
+      for (std::int32_t e = index(min_north_east.y()); e <= index(max_north_east.y()); ++e)
+        level->changed.insert({n, e});
   }
 }
 
-void LinkCore::offer(const fusion::QuadtreeMap& map, const Key& key) {
+void LinkCore::offer(Level& level, const fusion::QuadtreeMap& map, const Key& key, std::int64_t now_ns) {
   HeightTile tile;
-  if (!map.extract({key.north, key.east, static_cast<std::int16_t>(config_.tile_level)}, tile)) return;
-  const double area = seenArea(tile);
-  Offered& known = offered_[key];
-  area_total_ += area - known.area;
-  known.area = area;
-  tile.revision = ++known.revision;
-  scheduler_.offer(tile);
+  if (!map.extract({key.north, key.east, static_cast<std::int16_t>(level.level)}, tile)) return;
+  Level::Square& square = level.known[key];
+  square.looked_ns = now_ns;
+  if (&level == &fine_) {
+    const double area = seenArea(tile);
+    area_total_ += area - square.area;
+    square.area = area;
+  }
+  scheduler_.offer(tile, now_ns);
+}
+
+void LinkCore::offerChanged(Level& level, const fusion::QuadtreeMap& map, std::int64_t now_ns,
+                            bool everything) {
+  int offered = 0;
+  for (auto it = level.changed.begin(); it != level.changed.end();) {
+    const auto known = level.known.find(*it);
+    const bool due = everything || known == level.known.end() ||
+                     static_cast<double>(now_ns - known->second.looked_ns) >= level.look_s * kNanoseconds ||
+                     level.changed.size() > config_.max_changed;
+    if (!due || (!everything && offered == kOffersAtOnce)) {
+      ++it;
+      continue;
+    }
+    ++offered;
+    offer(level, map, *it, now_ns);
+    it = level.changed.erase(it);
+  }
 }
 
 void LinkCore::offerTiles(const fusion::QuadtreeMap& map, std::int64_t now_ns, bool everything) {
-  const auto seconds_since = [&](std::int64_t t) { return static_cast<double>(now_ns - t) / kNanoseconds; };
-  int offered = 0;
-  for (auto it = changed_.begin(); it != changed_.end();) {
-    const bool due =
-        everything || (offered < kOffersAtOnce && (seconds_since(it->second.last_ns) >= config_.settle_s ||
-                                                   seconds_since(it->second.first_ns) >= config_.max_wait_s));
-    offered += due ? 1 : 0;
-    if (due) offer(map, it->first);
-    it = due ? changed_.erase(it) : std::next(it);
+  offerChanged(fine_, map, now_ns, everything);
+  offerChanged(coarse_, map, now_ns, everything);
+  serveDetail(map, now_ns);
+}
+
+void LinkCore::serveDetail(const fusion::QuadtreeMap& map, std::int64_t now_ns) {
+  const telemetry::LinkScheduler::Detail* detail = scheduler_.detail();
+  if (detail == nullptr) return;
+  const int level = std::clamp(config_.levelOf(detail->spacing), 0, config_.max_level);
+  const std::int32_t n0 = indexOf(detail->north_min, level), n1 = indexOf(detail->north_max, level);
+  const std::int32_t e0 = indexOf(detail->east_min, level), e1 = indexOf(detail->east_max, level);
+  const std::int64_t columns = e1 - e0 + 1, all = (n1 - n0 + 1) * columns;
+  const auto served = static_cast<int>(std::min<std::int64_t>(all, config_.max_detail_squares));
+  for (int k = 0; k < kOffersAtOnce && detail_squares_ < served; ++k) {
+    HeightTile tile;
+    const fusion::TileKey key{static_cast<std::int32_t>(n0 + detail_squares_ / columns),
+                              static_cast<std::int32_t>(e0 + detail_squares_ % columns),
+                              static_cast<std::int16_t>(level)};
+    if (map.extract(key, tile) && !scheduler_.offerDetail(tile, now_ns)) return;  // no room now
+    ++detail_squares_;
   }
-  while (changed_.size() > config_.max_changed) {
-    const auto oldest = std::min_element(changed_.begin(), changed_.end(), [](const auto& a, const auto& b) {
-      return a.second.first_ns < b.second.first_ns;
-    });
-    offer(map, oldest->first);
-    changed_.erase(oldest);
-  }
+  if (detail_squares_ < served) return;
+  detail_left_out_ += static_cast<std::uint64_t>(all - served);
+  detail_squares_ = 0;
+  scheduler_.detailServed();
 }
 
 bool LinkCore::drained() const {
-  return changed_.empty() && scheduler_.counters().tiles_waiting == 0;
+  return fine_.changed.empty() && coarse_.changed.empty() && scheduler_.drained();
 }
 
 }  // namespace fathom::onboard

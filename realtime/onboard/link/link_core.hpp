@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <map>
+#include <set>
 #include <span>
 
 #include "realtime/onboard/map/map_core.hpp"
@@ -11,31 +12,42 @@ namespace fathom::onboard {
 
 struct LinkCoreConfig {
   telemetry::LinkSchedulerConfig scheduler;
-  int tile_level = 3;              // of the quadtree: the squares that are sent
-  double settle_s = 4.0;           // a tile is offered when the vehicle has not touched it for so long [s]
-  double max_wait_s = 30.0;        // or when its first unsent change is so old [s]
-  std::size_t max_changed = 1024;  // changed tiles remembered; when full the oldest is offered at once
+  double root_size = 32;           // of the map's quadtree [m]
+  int max_level = 5;               // of the map's quadtree: detail goes no further
+  double look_s = 1.0;             // a square in view is looked at again after so long [s]
+  std::size_t max_changed = 1024;  // changed squares remembered; when full the oldest is offered at once
+  int max_detail_squares = 64;     // of one request; what is beyond is left out and counted
 
   void validate() const;  // throws std::invalid_argument naming the value
+  // Level of the quadtree whose tiles have nodes at this spacing; negative if there is none.
+  [[nodiscard]] int levelOf(double spacing) const;
 };
 
-// Best-effort core without threads, files or clocks: turns what the map gains into tiles of one level, hands
-// them to the link scheduler when the vehicle has left them, and gives the frames to send.
+// Best-effort core without threads, files or clocks: looks at what the map gains and hands it, as tiles of
+// the link's two levels, to the scheduler, which decides when a block is worth sending; serves requests for
+// detail; gives the frames to send.
 class LinkCore {
  public:
   explicit LinkCore(const LinkCoreConfig& config);
 
   void setMissionInfo(const telemetry::MissionInfo& info) { scheduler_.setMissionInfo(info); }
-  // The caller fills navigation and health; map tiles and area are LinkCore's own.
+  // The caller fills navigation and health; the map's area is LinkCore's own.
   void setStatus(telemetry::Status status);
 
   // Notes the squares that a mapped pair touched.
-  void noteMapped(const MapOutput& output, double root_size);
+  void noteMapped(const MapOutput& output);
   // Notes the squares of a part of the map that changed [m in nav].
-  void noteChanged(const Eigen::Vector2d& min_north_east, const Eigen::Vector2d& max_north_east,
-                   std::int64_t utc_ns, double root_size);
-  // Offers what has settled by `now_ns` (with `everything`: all that changed) to the scheduler.
+  void noteChanged(const Eigen::Vector2d& min_north_east, const Eigen::Vector2d& max_north_east);
+  // Offers what changed (with `everything`: also what was looked at just now) and requested detail to the
+  // scheduler.
   void offerTiles(const fusion::QuadtreeMap& map, std::int64_t now_ns, bool everything = false);
+
+  // What the ship said; see LinkScheduler.
+  void acknowledge(const telemetry::Acknowledgement& a, std::int64_t now_ns) {
+    scheduler_.acknowledge(a, now_ns);
+  }
+  void request(const telemetry::Request& r, std::int64_t now_ns) { scheduler_.request(r, now_ns); }
+  void heard() { scheduler_.heard(); }
 
   // The next frame for the modem, or 0: see LinkScheduler::nextFrame.
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out) {
@@ -43,8 +55,9 @@ class LinkCore {
   }
 
   [[nodiscard]] telemetry::LinkScheduler::Counters counters() const { return scheduler_.counters(); }
-  [[nodiscard]] bool drained() const;  // every tile offered has been sent often enough
+  [[nodiscard]] bool drained() const;                              // nothing of the map waits to be sent
   [[nodiscard]] double mappedArea() const { return area_total_; }  // of the tiles offered so far [m2]
+  [[nodiscard]] std::uint64_t detailLeftOut() const { return detail_left_out_; }  // squares
   [[nodiscard]] std::size_t memoryBytes() const { return scheduler_.memoryBytes(); }
 
  private:
@@ -52,21 +65,29 @@ class LinkCore {
     std::int32_t north = 0, east = 0;
     auto operator<=>(const Key&) const = default;
   };
-  struct Change {
-    std::int64_t first_ns = 0, last_ns = 0;
-  };
 
-  void offer(const fusion::QuadtreeMap& map, const Key& key);
+  // The squares of one level of the quadtree.
+  struct Level {
+    struct Square {
+      std::int64_t looked_ns = 0;  // offered last
+      double area = 0;             // seen then [m2]
+    };
+    int level = 0;
+    double look_s = 0;  // between two looks at a square
+    std::set<Key> changed;
+    std::map<Key, Square> known;
+  };
+  void offer(Level& level, const fusion::QuadtreeMap& map, const Key& key, std::int64_t now_ns);
+  void offerChanged(Level& level, const fusion::QuadtreeMap& map, std::int64_t now_ns, bool everything);
+  void serveDetail(const fusion::QuadtreeMap& map, std::int64_t now_ns);
+  [[nodiscard]] std::int32_t indexOf(double metres, int level) const;
 
   LinkCoreConfig config_;
   telemetry::LinkScheduler scheduler_;
-  std::map<Key, Change> changed_;
-  struct Offered {
-    double area = 0;             // seen [m2]
-    std::uint32_t revision = 0;  // of this tile alone: frames carry its low bits only, so it must not leap
-  };
-  std::map<Key, Offered> offered_;
+  Level fine_, coarse_;
   double area_total_ = 0;
+  int detail_squares_ = 0;  // served of the oldest request
+  std::uint64_t detail_left_out_ = 0;
 };
 
 }  // namespace fathom::onboard
