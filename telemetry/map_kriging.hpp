@@ -19,7 +19,7 @@ struct Offset {
 };
 
 inline constexpr std::size_t kCandidates = 24;  // nodes around that may serve
-inline constexpr std::size_t kNeighbours = 12;  // that do: the nearest known ones
+inline constexpr std::size_t kNeighbours = 16;  // that do: the nearest known ones
 inline constexpr int kWeightBits = 14;          // weights are in 1 / 2^14 and sum to one
 
 struct KrigingWeights {

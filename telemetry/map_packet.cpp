@@ -188,6 +188,7 @@ struct MapPacketEncoder::Impl {
   Header header;
   MapPacketDecoder::Impl check;
   std::array<std::uint8_t, 4096> scratch{};
+  MapBlock partial;                          // the nodes sent of a block that did not fit
   std::array<double, Patch::kGrid> exact{};  // heights wanted [units]
 
   // How many of the blocks lie in one rectangle that a packet can have.
@@ -270,9 +271,8 @@ struct MapPacketEncoder::Impl {
     const std::size_t size = coder.finish();
     return coder.ok() ? std::max<std::size_t>(size, 1) : 0;
   }
-  // At the roughness that gives the fewest bytes, `usual` alone if it is not negative.
-  std::size_t writeBest(int usual, std::span<std::uint8_t> out) {
-    if (usual >= 0) return write(usual, out);
+  // At the roughness that gives the fewest bytes.
+  std::size_t writeBest(std::span<std::uint8_t> out) {
     int best = 0;
     std::size_t least = 0;
     for (int roughness = 0; roughness < static_cast<int>(packet::kRoughness.size()); ++roughness) {
@@ -308,14 +308,32 @@ struct MapPacketEncoder::Impl {
     Result result;
     for (std::size_t n = std::max<std::size_t>(low, 1); n <= reach(blocks); ++n) {
       if (!lay(blocks.first(n), error_code, colour_bits)) break;
-      const std::size_t size = writeBest(-1, out);
+      const std::size_t size = writeBest(out);
       if (size == 0) break;
       result = {size, n};
     }
     if (result.blocks == 0) return {};
     (void)lay(blocks.first(result.blocks), error_code, colour_bits);
-    result.bytes = writeBest(-1, out);
+    result.bytes = writeBest(out);
     return result;
+  }
+  // As many nodes of one block as fit, coarsest first.
+  Result part(const MapBlock& block, int error_code, int colour_bits, std::span<std::uint8_t> out) {
+    if (!lay({&block, 1}, error_code, colour_bits)) return {};  // not for want of room
+    MapBlock some = block;
+    some.seen = 0;
+    for (const packet::Pass& pass : packet::kPasses) {
+      for (int n = 0; n < MapBlock::kNodes; ++n) {
+        if ((pass.nodes >> n & 1) == 0 || !block.isSeen(n)) continue;
+        some.seen = static_cast<std::uint16_t>(some.seen | 1U << n);
+        if (!lay({&some, 1}, error_code, colour_bits) || writeBest(std::span(scratch).first(out.size())) == 0)
+          some.seen = static_cast<std::uint16_t>(some.seen & ~(1U << n));
+      }
+    }
+    if (some.seen == 0) return {};
+    (void)lay({&some, 1}, error_code, colour_bits);
+    partial = some;
+    return {writeBest(out), 1};
   }
   static int nearestRoughness(std::int64_t activity) {
     int best = 0;
@@ -357,9 +375,13 @@ MapPacketEncoder::Result MapPacketEncoder::encode(std::span<const MapBlock> bloc
   const int wanted = errorCode(config.max_error);
   // A float near the deepest depths is coarser than the finest errors: the next smaller error then holds.
   for (int error_code = wanted; error_code >= std::max(0, wanted - Impl::kErrorTries); --error_code) {
-    const Result result = impl_->longest(blocks, error_code, colour_bits, out);
-    if (result.blocks == 0) return {};
-    const auto sent = blocks.first(result.blocks);
+    Result result = impl_->longest(blocks, error_code, colour_bits, out);
+    std::span<const MapBlock> sent = blocks.first(result.blocks);
+    if (result.blocks == 0) {
+      result = impl_->part(blocks[0], error_code, colour_bits, out);
+      if (result.blocks == 0) return {};
+      sent = {&impl_->partial, 1};
+    }
     if (!impl_->check.decode(out.first(result.bytes)) || !impl_->held(sent, config.max_error)) continue;
     const Header& h = impl_->check.header;
     for (std::size_t k = 0; k < std::min(sent.size(), decoded.size()); ++k)

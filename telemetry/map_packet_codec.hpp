@@ -190,7 +190,7 @@ bool codeBlocks(Coder& coder, Patch& patch, std::size_t max_blocks) {
     return static_cast<std::size_t>(patch.rows * patch.cols) <= max_blocks;
   }
   std::array<AdaptiveBit, 16> chance;
-  for (std::size_t k = 0; k < chance.size(); ++k) chance[k] = AdaptiveBit(kBlockPrior[k], 4);
+  for (std::size_t k = 0; k < chance.size(); ++k) chance[k] = AdaptiveBit(kBlockPrior[k], 10);
   std::size_t count = 0;
   for (int r = 0; r < patch.rows; ++r) {
     for (int c = 0; c < patch.cols; ++c) {
@@ -231,8 +231,7 @@ void codeSeen(Coder& coder, Patch& patch) {
         return s == State::kAbsent ? otherwise : s == State::kSeen;
       };
       const int up = at - patch.pitch;
-      const bool any_north = patch.state[static_cast<std::size_t>(up)] != State::kAbsent;
-      const bool west = seen(at - 1, any_north ? seen(up, true) : true), north = seen(up, west);
+      const bool west = seen(at - 1, seen(up, true)), north = seen(up, west);
       const std::size_t context = (west ? 1U : 0U) | (north ? 2U : 0U) | (seen(up - 1, north) ? 4U : 0U) |
                                   (seen(up + 1, north) ? 8U : 0U) | (seen(at - 2, west) ? 16U : 0U) |
                                   (seen(up - patch.pitch, north) ? 32U : 0U);

@@ -6,6 +6,7 @@
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "telemetry/downlink_key.hpp"
+#include "telemetry/monitor/codec_program.hpp"
 #include "telemetry/monitor/monitor_program.hpp"
 
 namespace {
@@ -48,7 +49,11 @@ int main(int argc, char** argv) {
   CLI::App* key =
       app.add_subcommand("key", "make a key for the downlink; the vehicle gets a copy of the file");
   key->add_option("file", key_file, "to make; one that exists is left alone")->required();
+  fathom::monitor::CodecOptions codec_options;
+  CLI::App* codec = fathom::monitor::addCodecCommand(app, codec_options);
   if (const auto code = fathom::parseCommandLine("fathom-monitor", app, argc, argv)) return *code;
+  if (*codec)
+    return fathom::runTool("fathom-monitor", [&] { return fathom::monitor::runCodec(codec_options); });
   if (*key)
     return fathom::runTool("fathom-monitor", [&] {
       fathom::telemetry::makeDownlinkKey(key_file);
