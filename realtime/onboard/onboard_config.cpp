@@ -80,7 +80,7 @@ void read(const ConfigTable& t, OnboardConfig& config) {
 
 OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path) {
   OnboardConfig config;
-  config.map.max_level = 5;
+  config.map.max_level = 6;  // cells down to 3.1 cm where points are dense enough
   config.map.max_tiles = 8192;
   if (!path) return config;
 

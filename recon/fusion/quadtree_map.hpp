@@ -31,7 +31,7 @@ struct TileKey {
 // a mesh gives to a cell depends on the mesh alone, so remove() takes out exactly what fuse() put in, and the
 // map depends on which meshes are in it, not on the order of events.
 //
-// A mesh goes in at the level of its point spacing (finest_spacing to root_size / 16). Sums of several levels
+// A mesh goes in at the level of its point spacing. Sums of several levels
 // can stand over the same ground; the finest that saw a place is shown, and where it saw nothing the next
 // coarser one is interpolated. A cell's sums are kept apart by bins of height; when read, neighbouring bins
 // that agree within the gate are one surface, and of two surfaces the one with more observations is shown

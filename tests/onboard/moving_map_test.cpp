@@ -211,6 +211,30 @@ TEST(MovingMap, MovesTooSmallToMatterWaitUntilTheyHaveGrownOrTheSurveyEnds) {
   EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(*fusedAfresh(20, pose_of)));
 }
 
+// As when a loop closes late in a dive; the same at full size is in the report.
+TEST(MovingMap, AClosureThatMovesTheLastTenthKeepsTheQuotaAndEndsInTheMapBuiltAfresh) {
+  constexpr int kMeshes = 400, kMoved = 40, kQuota = 6;
+  MemorySlots slots(kMeshes, meshSlotBytes(kPoints));
+  MovingMap moving(mapConfig(), &slots, kPoints);
+  const MovingMap::PoseOf pose_of = [](int k, const SE3& T) {
+    return k < (kMeshes - kMoved) / 4 ? T : correction(k % 10, 1) * T;
+  };
+  addMeshes(moving, kMeshes);
+  const std::string before = bytesOf(moving.map());
+  moving.noteMoved();
+  int pairs = 0;
+  for (std::uint64_t last = 0; pairs == 0 || moving.counters().waiting > 0; ++pairs) {
+    moving.rebuild(kQuota, pose_of, {});
+    EXPECT_LE(moving.counters().meshes_fused_again - last, static_cast<std::uint64_t>(kQuota));
+    last = moving.counters().meshes_fused_again;
+  }
+  EXPECT_EQ(pairs, (kMoved + kQuota - 1) / kQuota);
+  EXPECT_EQ(moving.counters().meshes_fused_again, static_cast<std::uint64_t>(kMoved));
+  EXPECT_FALSE(bytesOf(moving.map()) == before);
+  EXPECT_EQ(moving.map().counters().coarsened, 0u);
+  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(*fusedAfresh(kMeshes, pose_of)));
+}
+
 TEST(MovingMap, MeshesThatCouldNotBeStoredStayWhereTheyAre) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
   MovingMap moving(mapConfig(), &slots, kPoints);
