@@ -87,6 +87,11 @@ bool MonitorModel::ask(const telemetry::Request& request, std::int64_t utc_ns) {
   return true;
 }
 
+bool MonitorModel::tellFix(const telemetry::UsblFixMessage& fix) {
+  telemetry::DownlinkSender* sender = link_.sender();
+  return sender != nullptr && sender->addFix(fix);
+}
+
 std::size_t MonitorModel::speak(std::int64_t utc_ns, std::span<std::uint8_t> out) {
   const std::size_t size = link_.nextFrame(utc_ns, out);
   if (size == 0) return 0;

@@ -31,6 +31,8 @@ class MonitorModel {
   // Asks the vehicle for something at the ship's next turn; false: out of bounds, too much waits, or it is
   // not known yet which vehicle to ask.
   [[nodiscard]] bool ask(const telemetry::Request& request, std::int64_t utc_ns);
+  // Tells the vehicle a position at the ship's next turn.
+  [[nodiscard]] bool tellFix(const telemetry::UsblFixMessage& fix);
   // The downlink frame to send now, 0 when there is none; see ShipLink.
   [[nodiscard]] std::size_t speak(std::int64_t utc_ns, std::span<std::uint8_t> out);
   [[nodiscard]] const RequestLedger& requests() const { return requests_; }

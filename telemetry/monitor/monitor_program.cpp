@@ -106,6 +106,7 @@ class Reception {
       require(options.speed >= 0, "--speed", "is negative");
       recording_.emplace(options.packets);
       recording_->setSpeed(options.speed, clock_.monotonicNs());
+      const std::lock_guard lock(shared.mutex);
       publish();
     }
   }
@@ -170,9 +171,12 @@ int runMonitor(const MonitorOptions& options, const std::atomic<bool>& stop) {
   SharedModel shared(identityOf(options), keyOf(options), static_cast<std::uint64_t>(clock.utcNs()));
   std::optional<SessionFiles> files;
   if (!options.out.empty()) files.emplace(options.out);
-  Reception reception(shared, options, files ? &*files : nullptr);
-  if (files && live) reload(*files, *shared.model);
   const WebServer server(shared, access, options.http_address, options.http_port, pageFolder(options));
+  Reception reception(shared, options, files ? &*files : nullptr);
+  if (files && live) {
+    const std::lock_guard lock(shared.mutex);
+    reload(*files, *shared.model);
+  }
   std::cout << "fathom-monitor: http://" << options.http_address << ':' << server.port() << '/'
             << (access.token().empty() ? "" : "?token=" + access.token()) << std::endl;
   int exit_code = kExitSuccess;

@@ -1,6 +1,8 @@
 #include "telemetry/monitor/web/page_requests.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 
 namespace fathom::monitor {
@@ -90,6 +92,32 @@ std::optional<Request> parseRequest(std::string_view body, std::string& why) {
     return std::nullopt;
   }
   return request;
+}
+
+std::optional<telemetry::UsblFixMessage> parseFix(std::string_view body, std::string& why) {
+  const json value = objectWith(body, {"utc_s", "latitude_deg", "longitude_deg", "depth_m", "sigma_m"}, why);
+  if (value.is_null()) return std::nullopt;
+  const auto utc = numberIn(value.value("utc_s", json()), 0, kMaxUtc_s),
+             latitude = numberIn(value.value("latitude_deg", json()), -90, 90),
+             longitude = numberIn(value.value("longitude_deg", json()), -180, 180);
+  telemetry::UsblFixMessage fix;
+  bool good = utc && latitude && longitude;
+  const auto optional = [&](const char* key, double& out) {
+    const json given = value.value(key, json());
+    const auto number = numberIn(given, 0, 1e5);
+    good = good && (given.is_null() || number);
+    out = number.value_or(std::numeric_limits<double>::quiet_NaN());
+  };
+  optional("depth_m", fix.depth);
+  optional("sigma_m", fix.sigma);
+  if (good) {
+    fix.utc_ns = static_cast<std::int64_t>(*utc * 1e9);
+    fix.latitude = *latitude;
+    fix.longitude = *longitude;
+    if (telemetry::validate(fix)) return fix;
+  }
+  why = "needs \"utc_s\", \"latitude_deg\", \"longitude_deg\", and may have \"depth_m\" and \"sigma_m\"";
+  return std::nullopt;
 }
 
 std::optional<PlaybackWish> parsePlayback(std::string_view body, std::string& why) {

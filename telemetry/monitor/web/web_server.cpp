@@ -153,6 +153,15 @@ void WebServer::Impl::posts() {
       return refuse(response, kBusy, "too many requests wait for the ship's turn");
     response.set_content("{}", "application/json");
   });
+  server.Post("/api/fix", [this](const Request& request, Response& response) {
+    std::string why;
+    const auto fix = parseFix(request.body, why);
+    if (!fix) return refuse(response, kBadRequest, why);
+    const std::lock_guard lock(shared.mutex);
+    if (why = shared.whySilent(); !why.empty()) return refuse(response, kConflict, why);
+    if (!shared.model->tellFix(*fix)) return refuse(response, kBadRequest, "the fix is out of bounds");
+    response.set_content("{}", "application/json");
+  });
   server.Post("/api/playback", [this](const Request& request, Response& response) {
     std::string why;
     const auto wish = parsePlayback(request.body, why);

@@ -16,7 +16,7 @@ namespace fathom::monitor {
 //   /api/export/NAME      map.ply, elevation.tif, colour.tif, track.geojson
 //   /api/events           server-sent events, `data: {"epoch":E,"version":V}` after each change, at most 4 a
 //                         second
-//   POST /api/request, /api/playback     see page_requests.hpp
+//   POST /api/request, /api/fix, /api/playback     see page_requests.hpp
 // Every request passes Access first.
 class WebServer {
  public:

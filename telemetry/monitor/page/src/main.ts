@@ -246,6 +246,10 @@ exaggeration.oninput = () => {
   element('exaggeration-value').textContent = `${view.exaggeration}×`;
 };
 element('contours').onchange = showContours;
+element('track').onchange = () => {
+  vehicle.trackShown = (element('track') as HTMLInputElement).checked;
+  view.draw();
+};
 
 showMode();
 onGrowth(() => void update());

@@ -10,12 +10,12 @@ type Row = [label: string, name: string];
 
 const VEHICLE: Row[] = [
   ['Depth', 'depth'], ['Altitude', 'altitude'], ['Heading', 'heading'], ['Speed', 'speed'],
-  ['Roll / pitch', 'tilt'], ['Position 1 σ', 'sigma'], ['North', 'north'], ['East', 'east'],
+  ['Roll, pitch', 'tilt'], ['Pos. 1 σ', 'sigma'], ['North', 'north'], ['East', 'east'],
 ];
 const SURVEY: Row[] = [['Received here', 'area'], ['Mapped on board', 'area-onboard'], ['Seen, not received', 'pending'],
   ['Changed, last 10 min', 'changed'], ['Stereo pairs', 'pairs'], ['Blocks held', 'blocks']];
-const LINK: Row[] = [['Rate, last minute', 'rate'], ['Lost, last 5 min', 'recent-loss'], ['Frames received', 'accepted'],
-  ['Frames lost', 'lost'], ['Repaired', 'repaired'], ['Rejected', 'rejected'], ['Bytes', 'bytes']];
+const LINK: Row[] = [['Last min', 'rate'], ['Last 5 min', 'recent-loss'], ['Frames', 'accepted'],
+  ['Lost', 'lost'], ['Bytes', 'bytes'], ['Repaired', 'repaired'], ['Rejected', 'rejected'], ['Said', 'said']];
 const COUNTERS: Row[] = [['Late cycles', 'slipped'], ['Work given up', 'shed'], ['Pools refused', 'refused']];
 
 function rows(list: Row[], className = 'rows'): HTMLElement {
@@ -78,7 +78,7 @@ export function drawPanel(state: MonitorState, age: number | null, silence: numb
     write('altitude', number(s.altitude_m, 1, 'm'));
     write('heading', `${number(s.heading_deg, 0)}°`);
     write('speed', number(s.speed_mps, 1, 'm/s'));
-    write('tilt', `${number(s.roll_deg, 0)}° / ${number(s.pitch_deg, 0)}°`);
+    write('tilt', `${number(s.roll_deg, 0)}°, ${number(s.pitch_deg, 0)}°`);
     write('sigma', number(s.position_sigma_m, s.position_sigma_m !== null && s.position_sigma_m < 1 ? 2 : 1, 'm'));
     write('north', number(s.north_m, 1, 'm'));
     write('east', number(s.east_m, 1, 'm'));
@@ -106,11 +106,12 @@ export function drawPanel(state: MonitorState, age: number | null, silence: numb
   const l = state.link;
   const rejected = Object.entries(l.rejected).filter(([, n]) => n > 0);
   write('rate', number(l.rate_bps, 0, 'bit/s'));
-  write('recent-loss', l.recent_loss === null ? '–' : `${Math.round(100 * l.recent_loss)} %`);
+  write('recent-loss', l.recent_loss === null ? '–' : `${Math.round(100 * l.recent_loss)} % lost`);
   write('accepted', count(l.accepted));
   write('lost', l.accepted + l.lost > 0 ? `${count(l.lost)} (${((100 * l.lost) / (l.accepted + l.lost)).toFixed(0)} %)` : '0');
   write('repaired', count(l.repaired));
   write('rejected', count(rejected.reduce((sum, [, n]) => sum + n, 0)), rejected.length > 0);
   values.get('rejected')!.title = rejected.map(([reason, n]) => `${reason.replaceAll('-', ' ')}: ${n}`).join('\n');
   write('bytes', bytes(l.bytes));
+  write('said', `${count(state.downlink.frames_sent)} frames`);
 }

@@ -56,7 +56,7 @@ export class Vehicle {
   );
   private track = new Line2(
     new LineGeometry(),
-    new LineMaterial({ color: TRACK_COLOUR, linewidth: 2, transparent: true, opacity: 0.9 }),
+    new LineMaterial({ color: TRACK_COLOUR, linewidth: 1.3, transparent: true, opacity: 0.75 }),
   );
   readonly position = new THREE.Vector3(); // without exaggeration
 
@@ -93,6 +93,10 @@ export class Vehicle {
     this.track.geometry.dispose();
     this.track.geometry = new LineGeometry();
     this.track.geometry.setPositions(positions);
+  }
+
+  set trackShown(shown: boolean) {
+    this.track.material.visible = shown;
   }
 
   clear(): void {

@@ -106,19 +106,33 @@ export class View {
     this.controls.target.copy(centre);
     this.camera.position.copy(centre).add(fromAbove ? new THREE.Vector3(0, 1, 0.0001) : OBLIQUE);
     this.camera.lookAt(centre);
+    const corners = Array.from({ length: 8 }, (_, corner) => new THREE.Vector3(
+      corner & 1 ? stretched.max.x : stretched.min.x,
+      corner & 2 ? stretched.max.y : stretched.min.y,
+      corner & 4 ? stretched.max.z : stretched.min.z,
+    ));
     // The nearest distance from which every corner of the box is inside the picture.
     const turn = this.camera.quaternion.clone().invert();
     const vertical = Math.tan(THREE.MathUtils.degToRad(FIELD_OF_VIEW / 2)) * FILL;
     let distance = LEAST_DISTANCE;
-    for (let corner = 0; corner < 8; ++corner) {
-      const p = new THREE.Vector3(
-        corner & 1 ? stretched.max.x : stretched.min.x,
-        corner & 2 ? stretched.max.y : stretched.min.y,
-        corner & 4 ? stretched.max.z : stretched.min.z,
-      ).sub(centre).applyQuaternion(turn);
+    for (const corner of corners) {
+      const p = corner.clone().sub(centre).applyQuaternion(turn);
       distance = Math.max(distance, p.z + Math.abs(p.x) / (vertical * this.camera.aspect), p.z + Math.abs(p.y) / vertical);
     }
     this.camera.position.sub(centre).multiplyScalar(distance).add(centre);
+    // The near side looks larger, so that the box is not in the middle yet: slide and come closer.
+    for (let round = 0; round < 4; ++round) {
+      this.camera.updateMatrixWorld(true);
+      const shown = new THREE.Box3().setFromPoints(corners.map((corner) => corner.clone().project(this.camera)));
+      const size = shown.getSize(new THREE.Vector3());
+      const middle = shown.getCenter(new THREE.Vector3());
+      const away = this.camera.position.distanceTo(this.controls.target);
+      const half = away * Math.tan(THREE.MathUtils.degToRad(FIELD_OF_VIEW / 2));
+      const slide = new THREE.Vector3(middle.x * half * this.camera.aspect, middle.y * half, 0).applyQuaternion(this.camera.quaternion);
+      const closer = Math.max(size.x, size.y) / (2 * FILL);
+      this.controls.target.add(slide);
+      this.camera.position.add(slide).sub(this.controls.target).multiplyScalar(Math.max(closer, LEAST_DISTANCE / away)).add(this.controls.target);
+    }
     this.controls.update();
     this.draw();
   }

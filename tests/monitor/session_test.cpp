@@ -1,0 +1,160 @@
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "realtime/kernel/input_error.hpp"
+#include "telemetry/monitor/frame_feed.hpp"
+#include "telemetry/monitor/session_files.hpp"
+#include "tests/monitor/sample_dive.hpp"
+
+namespace fathom::monitor {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Session : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = fs::path(::testing::TempDir()) /
+              (std::string("session-") + ::testing::UnitTest::GetInstance()->current_test_info()->name());
+    fs::remove_all(folder_);
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+  fs::path folder_;
+};
+
+std::vector<telemetry::Packet> packetsOf(double seconds) {
+  SampleDive dive;
+  dive.duration_s = seconds;
+  std::vector<telemetry::Packet> packets;
+  dive.run([&](std::int64_t utc_ns, std::span<const std::uint8_t> frame) {
+    packets.push_back({utc_ns, {frame.begin(), frame.end()}});
+  });
+  return packets;
+}
+
+TEST_F(Session, AComputerThatWasOffComesBackWithItsMapAndItsAcknowledgement) {
+  const auto packets = packetsOf(200);
+  MonitorModel first;
+  {
+    SessionFiles files(folder_);
+    for (const auto& packet : packets)
+      files.log(first.accept(packet.bytes, packet.utc_ns), packet.bytes, packet.utc_ns, false);
+    const std::vector<std::uint8_t> noise(40, 0xAB);
+    files.log(first.accept(noise, 5), noise, 5, false);  // noise is not kept
+  }                                                      // no orderly end: every frame is on the disk already
+  SessionFiles files(folder_);
+  MonitorModel second;
+  std::string damage;
+  EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { second.accept(bytes, utc_ns); }, damage),
+            packets.size());
+  EXPECT_EQ(damage, "");
+  EXPECT_EQ(second.map().store().size(), first.map().store().size());
+  EXPECT_EQ(second.track().size(), first.track().size());
+  EXPECT_EQ(second.receiver().acknowledgement(), first.receiver().acknowledgement());
+  std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
+  // An old turn is over; after a long silence the ship speaks unasked.
+  EXPECT_EQ(second.speak(packets.back().utc_ns + 30'000'000'000, frame), 0U);
+  EXPECT_GT(second.speak(packets.back().utc_ns + 3'600'000'000'000, frame), 0U);
+}
+
+TEST_F(Session, ADamagedEndIsCutOffAndTheNextFrameFollowsWhatIsWhole) {
+  const auto packets = packetsOf(60);
+  {
+    SessionFiles files(folder_);
+    MonitorModel model;
+    for (const auto& packet : packets)
+      files.log(model.accept(packet.bytes, packet.utc_ns), packet.bytes, packet.utc_ns, false);
+  }
+  const auto whole = fs::file_size(folder_ / "received.bin");
+  for (const std::uintmax_t cut :
+       {whole - 1, whole - packets.back().bytes.size(), whole - packets.back().bytes.size() - 3}) {
+    fs::resize_file(folder_ / "received.bin", cut);
+    SessionFiles files(folder_);
+    MonitorModel model;
+    std::string damage;
+    EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { model.accept(bytes, utc_ns); }, damage),
+              packets.size() - 1);
+    EXPECT_NE(damage.find("cut off"), std::string::npos);
+    const auto& last = packets.back();
+    files.log(model.accept(last.bytes, last.utc_ns), last.bytes, last.utc_ns, false);
+    EXPECT_EQ(fs::file_size(folder_ / "received.bin"), whole);
+  }
+}
+
+TEST_F(Session, SavesWholeExportsAndKeepsALineAFrame) {
+  MonitorModel model;
+  SessionFiles files(folder_);
+  files.save(model);
+  EXPECT_FALSE(fs::exists(folder_ / "map.ply") || fs::exists(folder_ / "track.geojson"));
+  std::size_t frames = 0;
+  for (const auto& packet : packetsOf(150)) {
+    files.log(model.accept(packet.bytes, packet.utc_ns), packet.bytes, packet.utc_ns, true);
+    ++frames;
+  }
+  files.save(model);
+  for (const char* name : {"map.ply", "elevation.tif", "colour.tif", "track.geojson"})
+    EXPECT_GT(fs::file_size(folder_ / name), 200U) << name;
+  for (const auto& entry : fs::directory_iterator(folder_)) EXPECT_NE(entry.path().extension(), ".tmp");
+  EXPECT_EQ(fs::file_size(folder_ / "received.bin"), 0U);  // a recording is on the disk already
+  std::ifstream log(folder_ / "frames.log");
+  std::size_t lines = 0;
+  for (std::string line; std::getline(log, line);) ++lines;
+  EXPECT_EQ(lines, frames + 1);
+}
+
+TEST_F(Session, ARecordingPlaysPausesSeeksAndGoesBack) {
+  fs::create_directories(folder_);
+  const auto packets = packetsOf(100);
+  {
+    std::ofstream stream(folder_ / "packets.bin", std::ios::binary);
+    for (const auto& packet : packets)
+      ASSERT_TRUE(telemetry::writePacket(stream, packet.utc_ns, packet.bytes));
+  }
+  Recording recording(folder_ / "packets.bin");
+  std::size_t given = 0;
+  const auto take = [&](std::span<const std::uint8_t>, std::int64_t) { ++given; };
+  const auto upTo = [&](double t) {
+    return static_cast<std::size_t>(std::count_if(packets.begin(), packets.end(), [&](const auto& p) {
+      return p.utc_ns <= packets.front().utc_ns + static_cast<std::int64_t>(t * 1e9);
+    }));
+  };
+  constexpr std::int64_t kSecond = 1'000'000'000;
+  recording.setSpeed(10, kSecond);
+  while (recording.poll(take, 3 * kSecond) > 0) {
+  }
+  EXPECT_EQ(given, upTo(20));
+  recording.setPlaying(false, 3 * kSecond);
+  EXPECT_EQ(recording.poll(take, 90 * kSecond), 0U);
+  EXPECT_FALSE(recording.seek(packets.front().utc_ns + 50 * kSecond, 90 * kSecond));
+  while (recording.poll(take, 90 * kSecond) > 0) {
+  }
+  EXPECT_EQ(given, upTo(50));
+  given = 0;
+  EXPECT_TRUE(recording.seek(packets.front().utc_ns + 10 * kSecond, 91 * kSecond));
+  while (recording.poll(take, 91 * kSecond) > 0) {
+  }
+  EXPECT_EQ(given, upTo(10));
+  recording.setSpeed(0, 92 * kSecond);
+  recording.setPlaying(true, 92 * kSecond);
+  while (!recording.finished()) recording.poll(take, 92 * kSecond);
+  EXPECT_EQ(given, packets.size());
+  EXPECT_EQ(recording.atUtcNs(), packets.back().utc_ns);
+}
+
+TEST_F(Session, ARecordingDamagedInTheMiddleKeepsWhatComesBefore) {
+  fs::create_directories(folder_);
+  {
+    std::ofstream stream(folder_ / "packets.bin", std::ios::binary);
+    for (const auto& packet : packetsOf(60))
+      ASSERT_TRUE(telemetry::writePacket(stream, packet.utc_ns, packet.bytes));
+  }
+  fs::resize_file(folder_ / "packets.bin", fs::file_size(folder_ / "packets.bin") - 1);
+  EXPECT_NE(Recording(folder_ / "packets.bin").damage(), "");
+  fs::resize_file(folder_ / "packets.bin", 7);
+  EXPECT_THROW(Recording(folder_ / "packets.bin"), InputError);
+}
+
+}  // namespace
+}  // namespace fathom::monitor

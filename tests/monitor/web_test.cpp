@@ -1,0 +1,196 @@
+#include <gtest/gtest.h>
+#include <httplib.h>
+// The resolver's header, which httplib brings, takes a name that Eigen uses.
+#undef _res
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "telemetry/monitor/web/access.hpp"
+#include "telemetry/monitor/web/page_requests.hpp"
+#include "telemetry/monitor/web/web_server.hpp"
+#include "tests/monitor/sample_dive.hpp"
+
+namespace fathom::monitor {
+namespace {
+
+constexpr const char* kToken = "0123456789abcdef";
+
+TEST(Access, WithATokenNothingEntersWithoutIt) {
+  const Access access(kToken);
+  const auto judge = [&](std::string_view cookie, std::string_view header, std::string_view query) {
+    return access.judge({"GET", "ship.example:8080", cookie, header, query, false});
+  };
+  EXPECT_EQ(judge("", "", ""), AccessVerdict::kUnauthorised);
+  EXPECT_EQ(judge("", "", "0123456789abcdeF"), AccessVerdict::kUnauthorised);
+  EXPECT_EQ(judge("", "", "0123456789abcdef0123456789abcdef"), AccessVerdict::kUnauthorised);
+  EXPECT_EQ(judge("fathom_token=0123456789abcde; other=1", "", ""), AccessVerdict::kUnauthorised);
+  EXPECT_EQ(judge("not_fathom_token=0123456789abcdef", "", ""), AccessVerdict::kUnauthorised);
+  EXPECT_EQ(judge("a=b; fathom_token=0123456789abcdef", "", ""), AccessVerdict::kEnter);
+  EXPECT_EQ(judge("", kToken, ""), AccessVerdict::kEnter);
+  EXPECT_EQ(judge("", "", kToken), AccessVerdict::kEnterAndSetCookie);
+}
+
+TEST(Access, WhatChangesSomethingNeedsThePagesOwnHeader) {
+  const Access with(kToken), without("");
+  EXPECT_EQ(with.judge({"POST", "h", "fathom_token=0123456789abcdef", "", "", false}),
+            AccessVerdict::kForbidden);
+  EXPECT_EQ(with.judge({"POST", "h", "fathom_token=0123456789abcdef", "", "", true}), AccessVerdict::kEnter);
+  EXPECT_EQ(without.judge({"POST", "127.0.0.1:80", "", "", "", false}), AccessVerdict::kForbidden);
+  EXPECT_EQ(without.judge({"DELETE", "127.0.0.1:80", "", "", "", false}), AccessVerdict::kForbidden);
+  EXPECT_EQ(without.judge({"POST", "127.0.0.1:80", "", "", "", true}), AccessVerdict::kEnter);
+}
+
+TEST(Access, WithoutATokenOnlyThisMachinesNamesEnter) {
+  const Access access("");
+  const auto judge = [&](std::string_view host) { return access.judge({"GET", host, "", "", "", false}); };
+  for (const char* host : {"127.0.0.1:8080", "localhost", "[::1]:8080", "127.9.9.9"})
+    EXPECT_EQ(judge(host), AccessVerdict::kEnter) << host;
+  for (const char* host : {"", "evil.example", "127.0.0.1.evil.example", "[::1", "[", "localhost.evil:80"})
+    EXPECT_EQ(judge(host), AccessVerdict::kForbidden) << host;
+  EXPECT_NE(makeToken(), makeToken());
+  EXPECT_EQ(makeToken().size(), 32U);
+}
+
+TEST(PageRequests, ReadWhatIsInBoundsAndNothingElse) {
+  std::string why;
+  const auto detail = parseRequest(
+      R"({"kind":"detail","north_m":[1,9.5],"east_m":[-4,4],"spacing_m":0.125,"max_error_m":0.05})", why);
+  ASSERT_TRUE(detail) << why;
+  EXPECT_EQ(detail->kind, telemetry::Request::Kind::kDetail);
+  EXPECT_EQ(detail->north_max, 9.5);
+  EXPECT_EQ(parseRequest(R"({"kind":"rate","rate_bps":300})", why)->rate_bps, 300);
+  EXPECT_TRUE(parseRequest(R"({"kind":"pause-map"})", why) && parseRequest(R"({"kind":"send-status"})", why));
+  for (const char* bad :
+       {"", "{", "[]", "null", "7", R"({"kind":"dive"})", R"({"kind":7})", R"({"kind":"rate"})",
+        R"({"kind":"rate","rate_bps":"300"})", R"({"kind":"rate","rate_bps":1e999})",
+        R"({"kind":"rate","rate_bps":-1})", R"({"kind":"detail"})",
+        R"({"kind":"detail","north_m":[9,1],"east_m":[0,1],"spacing_m":0.25,"max_error_m":0.05})",
+        R"({"kind":"detail","north_m":[0,1,2],"east_m":[0,1],"spacing_m":0.25,"max_error_m":0.05})",
+        R"({"kind":"detail","north_m":[0,1],"east_m":[0,1],"spacing_m":0.3,"max_error_m":0.05})",
+        R"({"kind":"detail","north_m":[0,5000],"east_m":[0,1],"spacing_m":0.25,"max_error_m":0.05})",
+        R"({"kind":"pause-map","rudder":1})"}) {
+    EXPECT_FALSE(parseRequest(bad, why)) << bad;
+    EXPECT_FALSE(why.empty());
+  }
+  EXPECT_FALSE(parseRequest(std::string(R"({"kind":"pause-map")") + std::string(2000, ' ') + "}", why));
+  EXPECT_FALSE(parseRequest(std::string(400, '['), why));
+  EXPECT_EQ(parsePlayback(R"({"seek_utc_s":1000.5})", why)->seek_utc_ns, 1'000'500'000'000);
+  EXPECT_FALSE(parsePlayback("{}", why) || parsePlayback(R"({"speed":-1})", why) ||
+               parsePlayback(R"({"playing":1})", why));
+  EXPECT_TRUE(parseFix(R"({"utc_s":1.79e9,"latitude_deg":-27.5,"longitude_deg":153.5})", why));
+  EXPECT_FALSE(parseFix(R"({"utc_s":1.79e9,"latitude_deg":-97.5,"longitude_deg":153.5})", why));
+}
+
+// A server over a live link with a key, heard from once, and a client.
+class Served : public ::testing::Test {
+ protected:
+  static telemetry::DownlinkKey key() {
+    std::array<std::uint8_t, telemetry::DownlinkKey::kBytes> secret{};
+    secret.fill(7);
+    return telemetry::DownlinkKey(secret);
+  }
+  void serve(const std::string& token) {
+    folder_ = std::filesystem::path(::testing::TempDir()) /
+              ("page" + std::to_string(::testing::UnitTest::GetInstance()->random_seed()) + token);
+    std::filesystem::create_directories(folder_);
+    std::ofstream(folder_ / "index.html") << "<html>page</html>";
+    SampleDive dive;
+    dive.duration_s = 60;
+    dive.run([&](std::int64_t utc_ns, std::span<const std::uint8_t> frame) {
+      shared_.model->accept(frame, utc_ns);
+    });
+    server_ = std::make_unique<WebServer>(shared_, Access(token), "127.0.0.1", 0, folder_);
+    client_ = std::make_unique<httplib::Client>("127.0.0.1", server_->port());
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+  int post(const std::string& path, const std::string& body, const httplib::Headers& headers) {
+    const auto result = client_->Post(path, headers, body, "application/json");
+    return result ? result->status : -1;
+  }
+
+  SharedModel shared_{telemetry::LinkIdentity{7, 42}, key(), 1};
+  std::filesystem::path folder_;
+  std::unique_ptr<WebServer> server_;
+  std::unique_ptr<httplib::Client> client_;
+};
+
+TEST_F(Served, EveryPathAsksForTheToken) {
+  serve(kToken);
+  for (const char* path : {"/", "/index.html", "/api/state", "/api/map?since=0", "/api/track", "/api/history",
+                           "/api/events", "/api/coverage", "/api/export/map.ply", "/api/nothing"}) {
+    EXPECT_EQ(client_->Get(path)->status, 401) << path;
+  }
+  EXPECT_EQ(post("/api/request", R"({"kind":"pause-map"})", {{kPageHeader, "1"}}), 401);
+  EXPECT_EQ(client_->Get("/api/state?token=wrong")->status, 401);
+  const auto first = client_->Get(std::string("/?token=") + kToken);
+  EXPECT_EQ(first->status, 200);
+  const std::string cookie = first->get_header_value("Set-Cookie");
+  EXPECT_NE(cookie.find("HttpOnly"), std::string::npos);
+  EXPECT_NE(cookie.find("SameSite=Strict"), std::string::npos);
+  EXPECT_EQ(client_->Get("/api/state", {{"Cookie", cookie.substr(0, cookie.find(';'))}})->status, 200);
+  EXPECT_EQ(client_->Get("/api/state", {{kTokenHeader, kToken}})->status, 200);
+}
+
+TEST_F(Served, HostilePostsAreRefusedAndChangeNothing) {
+  serve("");
+  const httplib::Headers page{{kPageHeader, "page"}};
+  const std::string good = R"({"kind":"rate","rate_bps":300})";
+  EXPECT_EQ(post("/api/request", good, {}), 403);  // another site's form
+  EXPECT_EQ(post("/api/request", good, {{kPageHeader, "1"}, {"Host", "evil.example"}}), 403);
+  EXPECT_EQ(post("/api/request", "{", page), 400);
+  EXPECT_EQ(post("/api/request", std::string(100'000, 'x'), page), 413);
+  EXPECT_EQ(post("/api/playback", R"({"playing":false})", page), 409);  // not a recording
+  EXPECT_EQ(client_->Get("/api/profile?n0=0&e0=0&n1=nan&e1=0")->status, 400);
+  EXPECT_EQ(client_->Get("/api/profile?n0=1e300&e0=0&n1=0&e1=0")->status, 400);
+  EXPECT_EQ(client_->Get("/../../etc/passwd")->status, 404);
+  EXPECT_TRUE(shared_.model->requests().entries().empty());
+  EXPECT_EQ(post("/api/request", good, page), 200);
+  ASSERT_EQ(shared_.model->requests().entries().size(), 1U);
+  for (int n = 0; n < 40; ++n)
+    (void)post("/api/request",
+               R"({"kind":"detail","north_m":[0,1],"east_m":[0,1],"spacing_m":0.25,"max_error_m":0.05})",
+               page);
+  EXPECT_LE(shared_.model->requests().entries().size(), RequestLedger::kMaxEntries);
+  EXPECT_LE(shared_.model->link().sender()->requestsWaiting(), telemetry::DownlinkSender::kMaxRequests);
+}
+
+TEST_F(Served, ARequestGoesFromQueuedToSentAtTheShipsTurn) {
+  serve("");
+  EXPECT_EQ(post("/api/request", R"({"kind":"rate","rate_bps":300})", {{kPageHeader, "page"}}), 200);
+  const auto state = [&] {
+    return nlohmann::json::parse(client_->Get("/api/state")->body)["downlink"]["requests"][0]["state"]
+        .get<std::string>();
+  };
+  EXPECT_EQ(state(), "queued");
+  std::array<std::uint8_t, 64> payload;
+  std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
+  const std::size_t size = telemetry::encodeStatus(SampleDive().statusAt(100), payload);
+  const std::size_t length =
+      telemetry::encodeFrame({{7, 42}, 200, telemetry::MessageType::kStatus, true},
+                             std::span<const std::uint8_t>(payload).first(size), frame);
+  const std::int64_t now = 1'790'000'100'000'000'000;
+  shared_.model->accept(std::span<const std::uint8_t>(frame).first(length), now);
+  EXPECT_GT(shared_.model->speak(now + 1000, frame), 0U);
+  EXPECT_EQ(state(), "sent");
+}
+
+TEST_F(Served, ExportsComeWithTheirNamesAndEventsTellOfGrowth) {
+  serve("");
+  for (const char* name : {"map.ply", "elevation.tif", "colour.tif", "track.geojson"}) {
+    const auto got = client_->Get(std::string("/api/export/") + name);
+    EXPECT_EQ(got->status, 200) << name << got->body;
+    EXPECT_NE(got->get_header_value("Content-Disposition").find(name), std::string::npos);
+    EXPECT_GT(got->body.size(), 200U);
+  }
+  std::string heard;
+  client_->Get("/api/events", [&](const char* data, std::size_t length) {
+    heard.append(data, length);
+    return heard.find("\n\n") == std::string::npos;
+  });
+  EXPECT_EQ(heard.rfind("data: {\"epoch\":\"1.0\",\"version\":", 0), 0U) << heard;
+}
+
+}  // namespace
+}  // namespace fathom::monitor
