@@ -8,6 +8,7 @@
 #include <cmath>
 #include <exception>
 #include <fathom/attitude_t.hpp>
+#include <fathom/battery_t.hpp>
 #include <fathom/depth_t.hpp>
 #include <fathom/dvl_t.hpp>
 #include <fathom/gps_t.hpp>
@@ -149,6 +150,17 @@ struct Encoder {
     }
     return {"FATHOM_WATER", encodeChecked(m)};
   }
+  LogMessage operator()(const BatterySample& s) const {
+    battery_t m = {};
+    m.arrival_utc_ns = arrival_utc_ns;
+    m.utc_ns = s.utc_ns;
+    const std::array<const std::optional<double>*, 3> values = {&s.voltage, &s.current, &s.charge};
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      m.has_value[i] = values[i]->has_value() ? 1 : 0;
+      m.value[i] = values[i]->value_or(0.0);
+    }
+    return {"FATHOM_BATTERY", encodeChecked(m)};
+  }
   LogMessage operator()(const ImageEvent& s) const {
     image_t m = {};
     m.arrival_utc_ns = arrival_utc_ns;
@@ -211,6 +223,17 @@ std::optional<DecodedSample> decodeWater(std::span<const std::uint8_t> data) {
   return DecodedSample{m.arrival_utc_ns, s};
 }
 
+std::optional<DecodedSample> decodeBattery(std::span<const std::uint8_t> data) {
+  battery_t m = {};
+  if (!decodeWhole(data, m)) return std::nullopt;
+  BatterySample s;
+  s.utc_ns = m.utc_ns;
+  const std::array<std::optional<double>*, 3> values = {&s.voltage, &s.current, &s.charge};
+  for (std::size_t i = 0; i < values.size(); ++i)
+    if (m.has_value[i] != 0) *values[i] = m.value[i];
+  return DecodedSample{m.arrival_utc_ns, s};
+}
+
 std::optional<DecodedSample> decodeImage(std::span<const std::uint8_t> data) {
   image_t m = {};
   if (!lengthFits(data, kImageNameAt, kImageRest) || !decodeWhole(data, m)) return std::nullopt;
@@ -223,12 +246,13 @@ struct SampleChannel {
   std::string_view name;
   std::optional<DecodedSample> (*decode)(std::span<const std::uint8_t>);
 };
-constexpr std::array<SampleChannel, 7> kSampleChannels = {{{"RDI", decodeDvl},
+constexpr std::array<SampleChannel, 8> kSampleChannels = {{{"RDI", decodeDvl},
                                                            {"FATHOM_ATTITUDE", decodeAttitude},
                                                            {"FATHOM_DEPTH", decodeDepth},
                                                            {"FATHOM_USBL", decodeUsbl},
                                                            {"FATHOM_GPS", decodeGps},
                                                            {"FATHOM_WATER", decodeWater},
+{"FATHOM_BATTERY", decodeBattery},
                                                            {"FATHOM_IMAGE", decodeImage}}};
 
 // ns of an ACFR utime; std::nullopt beyond int64.

@@ -22,6 +22,7 @@ namespace fathom::io {
 //   WaterSample FATHOM_IMAGE          fathom.image_t              ImageEvent       (beside it:
 //   ACFR_AUV_VIS_RAWLOG,
 //                                                                       acfrlcm.auv_vis_rawlog_t)
+//   FATHOM_BATTERY        fathom.battery_t            BatterySample
 //   RAW_DVL, RAW_CAN...   fathom.raw_t                bytes off a device
 //
 // The fathom types keep nanoseconds, absence and a CRC; the ACFR types beside them are for other people's

@@ -43,7 +43,7 @@ class RawAuvReader {
   std::uint64_t skipped_ = 0, damaged_ = 0;
 };
 
-// Writes such a file; samples without a line of their own (GPS, water) are left out. Appears whole with
+// Writes such a file; samples without a line of their own (GPS, water, battery) are left out. Appears whole with
 // commit().
 class RawAuvWriter {
  public:

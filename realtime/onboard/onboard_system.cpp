@@ -10,6 +10,7 @@ namespace {
 
 constexpr double kNanoseconds = 1e9;  // in a second
 constexpr double kLostAfter = 3.0;    // a sensor silent for longer is reported as lost [s]
+constexpr double kBatteryOldAfter = 120;  // a charge told longer ago is not known any more [s]
 constexpr double kNoPairsAfter =
     10.0;  // without a stereo pair for longer the cameras are reported as lost [s]
 constexpr double kDegree = std::numbers::pi / 180;
@@ -72,6 +73,8 @@ void OnboardSystem::consume(std::int64_t arrival_utc_ns, const SensorSample& sam
           addFix(nav::FixKind::kGps, s.utc_ns, s.latitude, s.longitude, s.sigma_horizontal);
         else if constexpr (std::is_same_v<T, UsblFix>)
           addFix(nav::FixKind::kUsbl, s.utc_ns, s.latitude, s.longitude, s.sigma_horizontal);
+        else if constexpr (std::is_same_v<T, BatterySample>)
+          battery_ = s;
         else if constexpr (std::is_same_v<T, ImageEvent>)
           addImage(s, arrival_utc_ns);
         else
@@ -194,6 +197,8 @@ telemetry::Status OnboardSystem::status(std::int64_t now_ns) const {
   status.speed = odometry.velocityBody().norm();
   if (map_.anchored())
     status.position_sigma = std::hypot(map_.anchorSigma(), config_.drift_share * distance_);
+  const bool battery_told = battery_ && (now_ns - battery_->utc_ns) / kNanoseconds < kBatteryOldAfter;
+  if (battery_told && battery_->charge) status.battery = *battery_->charge;
   const MapCore::Counters& counters = map_.counters();
   status.pairs_seen = static_cast<std::uint32_t>(counters.pairs + unreadable_images_);
   status.pairs_dropped =

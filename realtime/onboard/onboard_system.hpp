@@ -104,6 +104,7 @@ class OnboardSystem {
   std::int64_t last_pair_ns_ = 0, last_tick_ns_ = 0;
   std::size_t last_points_ = 0;  // of the newest pair
   bool survey_over_ = false;
+  std::optional<BatterySample> battery_;  // the newest
 };
 
 }  // namespace fathom::onboard

@@ -65,6 +65,14 @@ struct WaterSample {
   std::optional<double> turbidity;     // optical backscatter [1/m/sr]
 };
 
+// Of the vehicle's main battery, as its management system tells it.
+struct BatterySample {
+  std::int64_t utc_ns = 0;
+  std::optional<double> voltage;  // [V]
+  std::optional<double> current;  // out of the battery [A]
+  std::optional<double> charge;   // left, 0 to 1
+};
+
 enum class CameraSide : std::uint8_t { kLeft = 0, kRight = 1 };
 
 // One exposure; the pixels are in the file (or, live, in a frame pool).
@@ -76,6 +84,6 @@ struct ImageEvent {
 };
 
 using SensorSample =
-    std::variant<DvlSample, AttitudeSample, DepthSample, UsblFix, GpsFix, WaterSample, ImageEvent>;
+    std::variant<DvlSample, AttitudeSample, DepthSample, UsblFix, GpsFix, WaterSample, BatterySample, ImageEvent>;
 
 }  // namespace fathom

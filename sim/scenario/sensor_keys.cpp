@@ -98,6 +98,20 @@ void visitWater(KeyVisitor& keys, WaterSensorConfig& c) {
   keys.leave();
 }
 
+void visitBattery(KeyVisitor& keys, BatteryConfig& c) {
+  keys.enter("battery", "the vehicle's, as its management system tells it");
+  keys.number("rate_hz", c.rate_hz, "1/s", 0.01, kMaxRate, "samples");
+  keys.number("capacity_wh", c.capacity_wh, "Wh", 1, 1e6, "when full");
+  keys.number("start_charge", c.start_charge, "1", 0, 1, "share left at the mission's start");
+  keys.number("hotel_w", c.hotel_w, "W", 0, 1e5, "drawn always");
+  keys.number("thrust_w_per_m3ps3", c.thrust_w_per_m3ps3, "W/(m/s)^3", 0, 1e5, "drawn by the thrusters, by the speed's cube");
+  keys.number("full_v", c.full_v, "V", 1, 1000, "open voltage when full");
+  keys.number("empty_v", c.empty_v, "V", 1, 1000, "open voltage when empty");
+  keys.number("resistance_ohm", c.resistance_ohm, "ohm", 0, 10, "inside");
+  keys.number("latency_s", c.latency_s, "s", 0, kMaxLatency, "from measurement to arrival");
+  keys.leave();
+}
+
 void visitCameraClocks(KeyVisitor& keys, CameraClockConfig& c) {
   keys.enter("cameras", "trigger and clocks; both cameras expose at the same instant");
   keys.number("rate_hz", c.rate_hz, "1/s", 0.1, 30, "pairs");
@@ -125,6 +139,7 @@ void visitSensors(KeyVisitor& keys, SensorsConfig& s) {
   keys.leave();
   visitPositioning(keys, s.usbl, s.gps);
   visitWater(keys, s.water);
+  visitBattery(keys, s.battery);
   visitCameraClocks(keys, s.cameras);
   keys.enter("tide", "height of the sea over nav's zero, in the pressure sensor's depth");
   keys.number("amplitude_m", s.tide.amplitude_m, "m", 0, 10, "0: no tide");

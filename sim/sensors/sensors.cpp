@@ -29,6 +29,7 @@ LoggedSamples simulateSensors(const SensorWorld& world, const SensorsConfig& con
   simulateGps(world, config.gps, samples);
   simulateUsbl(world, config.usbl, samples);
   simulateWater(world, config.water, samples);
+  simulateBattery(world, config.battery, samples);
   simulateDepth(world, config, samples);
   simulateCompass(world, config.compass, samples);
   simulateDvl(world, config, samples);

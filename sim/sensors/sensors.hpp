@@ -93,6 +93,19 @@ struct WaterSensorConfig {
   double latency_s = 0.3;
 };
 
+// The main battery of Sirius (1.5 kWh of lithium cells): the electronics draw `hotel_w`, the thrusters the cube
+// of the speed through still water. The voltage falls in proportion to the charge, and with the current.
+struct BatteryConfig {
+  double rate_hz = 0.2;
+  double capacity_wh = 1500;
+  double start_charge = 0.95;
+  double hotel_w = 150;
+  double thrust_w_per_m3ps3 = 320;  // 40 W at 0.5 m/s
+  double full_v = 50.4, empty_v = 42.0;
+  double resistance_ohm = 0.08;
+  double latency_s = 0.1;
+};
+
 struct CameraClockConfig {
   double rate_hz = 2.0;
   double exposure_s = 0.004;
@@ -117,6 +130,7 @@ struct SensorsConfig {
   UsblConfig usbl;
   GpsConfig gps;
   WaterSensorConfig water;
+  BatteryConfig battery;
   CameraClockConfig cameras;
   TideConfig tide;
 };
@@ -153,6 +167,7 @@ void simulateDepth(const SensorWorld& world, const SensorsConfig& config, Logged
 void simulateUsbl(const SensorWorld& world, const UsblConfig& config, LoggedSamples& samples);
 void simulateGps(const SensorWorld& world, const GpsConfig& config, LoggedSamples& samples);
 void simulateWater(const SensorWorld& world, const WaterSensorConfig& config, LoggedSamples& samples);
+void simulateBattery(const SensorWorld& world, const BatteryConfig& config, LoggedSamples& samples);
 
 // Exposures from the survey's begin to its end; both cameras are triggered at the same instant.
 [[nodiscard]] std::vector<Exposure> simulateExposures(const SensorWorld& world,

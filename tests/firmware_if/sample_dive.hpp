@@ -24,7 +24,12 @@ inline std::vector<SensorSample> everyKindOfSample() {
   water.temperature = -1.5;
   water.turbidity = 0.0;
   WaterSample all_water{kStart + 3, 4.2, 18.5, 1515.0, 0.3, 2.0, 0.001};
-  return {whole,
+  BatterySample battery;
+  battery.utc_ns = kStart + 10;
+  battery.charge = 0.875;
+  return {battery,
+          BatterySample{kStart + 11, 48.25, 4.5, 0.0},
+          whole,
           partial,
           AttitudeSample{kStart + 4, 0.01, -0.02, 6.1, true},
           AttitudeSample{kStart + 5, -0.01, 0.02, 0.1, false},
@@ -60,6 +65,9 @@ inline bool same(const WaterSample& a, const WaterSample& b) {
   return a.utc_ns == b.utc_ns && a.conductivity == b.conductivity && a.temperature == b.temperature &&
          a.sound_speed == b.sound_speed && a.chlorophyll == b.chlorophyll && a.cdom == b.cdom &&
          a.turbidity == b.turbidity;
+}
+inline bool same(const BatterySample& a, const BatterySample& b) {
+  return a.utc_ns == b.utc_ns && a.voltage == b.voltage && a.current == b.current && a.charge == b.charge;
 }
 inline bool same(const ImageEvent& a, const ImageEvent& b) {
   return a.utc_ns == b.utc_ns && a.side == b.side && a.file_name == b.file_name &&

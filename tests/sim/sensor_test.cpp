@@ -319,6 +319,38 @@ TEST_F(SensorTest, OneSensorsRateDoesNotChangeAnothersNumbers) {
   EXPECT_NE(std::get<DepthSample>(a[3].sample).depth, std::get<DepthSample>(c[3].sample).depth);
 }
 
+TEST_F(SensorTest, ABatteryLosesTheEnergyThatItGives) {
+  SensorsConfig config;
+  config.battery.rate_hz = 1;
+  LoggedSamples samples;
+  simulateBattery(world(), config.battery, samples);
+  ASSERT_GT(samples.size(), 100U);
+  double given_wh = 0, last_charge = config.battery.start_charge;
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const auto& b = std::get<BatterySample>(samples[i].sample);
+    ASSERT_TRUE(b.voltage && b.current && b.charge);
+    EXPECT_LE(*b.charge, last_charge);
+    last_charge = *b.charge;
+    // What the cells give is what leaves the terminals and what warms the inside.
+    const double open_v = *b.voltage + *b.current * config.battery.resistance_ohm;
+    EXPECT_NEAR(open_v, 42.0 + 8.4 * *b.charge, 1e-9);
+    if (i > 0) given_wh += open_v * *b.current / 3600;
+  }
+  EXPECT_NEAR((config.battery.start_charge - last_charge) * config.battery.capacity_wh, given_wh, 1e-6);
+  // The electronics alone take most of it.
+  const double hours = trajectory.duration() / 3600;
+  EXPECT_GT(given_wh, 150 * hours * 0.99);
+  EXPECT_LT(given_wh, 300 * hours);
+}
+
+TEST_F(SensorTest, AnEmptyBatteryStaysEmpty) {
+  SensorsConfig config;
+  config.battery.capacity_wh = 1;
+  LoggedSamples samples;
+  simulateBattery(world(), config.battery, samples);
+  EXPECT_EQ(std::get<BatterySample>(samples.back().sample).charge, 0.0);
+}
+
 TEST(WaterProperties, AgreeWithThePublishedCheckValues) {
   // Mackenzie (1981): 1550.744 m/s at 25 deg C, 35 psu, 1000 m.
   EXPECT_NEAR(soundSpeed(25, 35, 1000), 1550.744, 0.001);
