@@ -252,7 +252,7 @@ constexpr std::array<SampleChannel, 8> kSampleChannels = {{{"RDI", decodeDvl},
                                                            {"FATHOM_USBL", decodeUsbl},
                                                            {"FATHOM_GPS", decodeGps},
                                                            {"FATHOM_WATER", decodeWater},
-{"FATHOM_BATTERY", decodeBattery},
+                                                           {"FATHOM_BATTERY", decodeBattery},
                                                            {"FATHOM_IMAGE", decodeImage}}};
 
 // ns of an ACFR utime; std::nullopt beyond int64.

@@ -17,12 +17,14 @@ namespace fathom::io {
 //   RDI                   fathom.dvl_t                DvlSample
 //   FATHOM_ATTITUDE       fathom.attitude_t           AttitudeSample   (beside it: TCM, senlcm.tcm_t)
 //   FATHOM_DEPTH          fathom.depth_t              DepthSample      (beside it: PAROSCI, senlcm.parosci_t)
-//   FATHOM_USBL           fathom.usbl_t               UsblFix          (beside it: USBL_FIX.<vehicle>,
-//   senlcm.usbl_fix_t) FATHOM_GPS            fathom.gps_t                GpsFix FATHOM_WATER fathom.water_t
-//   WaterSample FATHOM_IMAGE          fathom.image_t              ImageEvent       (beside it:
-//   ACFR_AUV_VIS_RAWLOG,
-//                                                                       acfrlcm.auv_vis_rawlog_t)
+//   FATHOM_USBL           fathom.usbl_t               UsblFix
+//                                                       (beside it: USBL_FIX.<vehicle>, senlcm.usbl_fix_t)
+//   FATHOM_GPS            fathom.gps_t                GpsFix
+//   FATHOM_WATER          fathom.water_t              WaterSample
 //   FATHOM_BATTERY        fathom.battery_t            BatterySample
+//   FATHOM_IMAGE          fathom.image_t              ImageEvent
+//                                                       (beside it: ACFR_AUV_VIS_RAWLOG,
+//                                                       acfrlcm.auv_vis_rawlog_t)
 //   RAW_DVL, RAW_CAN...   fathom.raw_t                bytes off a device
 //
 // The fathom types keep nanoseconds, absence and a CRC; the ACFR types beside them are for other people's

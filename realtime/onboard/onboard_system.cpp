@@ -8,8 +8,8 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr double kNanoseconds = 1e9;  // in a second
-constexpr double kLostAfter = 3.0;    // a sensor silent for longer is reported as lost [s]
+constexpr double kNanoseconds = 1e9;      // in a second
+constexpr double kLostAfter = 3.0;        // a sensor silent for longer is reported as lost [s]
 constexpr double kBatteryOldAfter = 120;  // a charge told longer ago is not known any more [s]
 constexpr double kNoPairsAfter =
     10.0;  // without a stereo pair for longer the cameras are reported as lost [s]

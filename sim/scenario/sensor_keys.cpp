@@ -104,7 +104,8 @@ void visitBattery(KeyVisitor& keys, BatteryConfig& c) {
   keys.number("capacity_wh", c.capacity_wh, "Wh", 1, 1e6, "when full");
   keys.number("start_charge", c.start_charge, "1", 0, 1, "share left at the mission's start");
   keys.number("hotel_w", c.hotel_w, "W", 0, 1e5, "drawn always");
-  keys.number("thrust_w_per_m3ps3", c.thrust_w_per_m3ps3, "W/(m/s)^3", 0, 1e5, "drawn by the thrusters, by the speed's cube");
+  keys.number("thrust_w_per_m3ps3", c.thrust_w_per_m3ps3, "W/(m/s)^3", 0, 1e5,
+              "drawn by the thrusters, by the speed's cube");
   keys.number("full_v", c.full_v, "V", 1, 1000, "open voltage when full");
   keys.number("empty_v", c.empty_v, "V", 1, 1000, "open voltage when empty");
   keys.number("resistance_ohm", c.resistance_ohm, "ohm", 0, 10, "inside");

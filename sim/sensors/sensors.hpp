@@ -93,8 +93,8 @@ struct WaterSensorConfig {
   double latency_s = 0.3;
 };
 
-// The main battery of Sirius (1.5 kWh of lithium cells): the electronics draw `hotel_w`, the thrusters the cube
-// of the speed through still water. The voltage falls in proportion to the charge, and with the current.
+// The main battery of Sirius (1.5 kWh of lithium cells): the electronics draw `hotel_w`, the thrusters the
+// cube of the speed through still water. The voltage falls in proportion to the charge, and with the current.
 struct BatteryConfig {
   double rate_hz = 0.2;
   double capacity_wh = 1500;
