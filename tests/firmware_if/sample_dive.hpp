@@ -27,9 +27,7 @@ inline std::vector<SensorSample> everyKindOfSample() {
   BatterySample battery;
   battery.utc_ns = kStart + 10;
   battery.charge = 0.875;
-  return {battery,
-          BatterySample{kStart + 11, 48.25, 4.5, 0.0},
-          whole,
+  return {whole,
           partial,
           AttitudeSample{kStart + 4, 0.01, -0.02, 6.1, true},
           AttitudeSample{kStart + 5, -0.01, 0.02, 0.1, false},
@@ -39,7 +37,9 @@ inline std::vector<SensorSample> everyKindOfSample() {
           water,
           all_water,
           ImageEvent{kStart + 8, CameraSide::kLeft, "PR_20231114_221320_123_LC16.tif", 0.002},
-          ImageEvent{kStart + 9, CameraSide::kRight, "PR_20231114_221320_123_RM16.tif", 0.0}};
+          ImageEvent{kStart + 9, CameraSide::kRight, "PR_20231114_221320_123_RM16.tif", 0.0},
+          battery,
+          BatterySample{kStart + 11, 48.25, 4.5, 0.0}};
 }
 
 inline bool same(const DvlSample& a, const DvlSample& b) {
