@@ -104,7 +104,9 @@ KrigingWeights solveKriging(Shape shape, int stride, std::uint32_t used) {
   return out;
 }
 
-KrigingTable::KrigingTable() : slots_(kSlots), keys_(kSlots, 0) {}
+KrigingTable::KrigingTable() : slots_(kSlots), keys_(kSlots, 0) {
+  (void)candidates(Shape::kSquare);  // made on first use
+}
 
 const KrigingWeights& KrigingTable::weights(Shape shape, int stride, std::uint32_t used) {
   // 24 bits of pattern, two of stride (1, 2 or 4), one of shape; never 0, as one candidate serves.

@@ -4,7 +4,7 @@
 #include <limits>
 #include <optional>
 
-#include "telemetry/map_packet_codec.hpp"
+#include "telemetry/map_packet_colour.hpp"
 
 namespace fathom::telemetry {
 namespace {
@@ -35,102 +35,26 @@ int errorCode(double max_error) {
   return code;
 }
 
-constexpr int kMaxColourBits = 6;
-
-// Brightness and the two colour differences of YCoCg, as whole numbers.
-struct Luma {
-  int y = 0, co = 0, cg = 0;
-};
-Luma toLuma(const Rgb& c, int bits) {
-  const int range = (1 << bits) - 1;
-  const int r = c[0], g = c[1], b = c[2];
-  const auto scaled = [&](int v, int whole) {  // rounded v * range / whole
-    const int n = 2 * v * range + (v < 0 ? -whole : whole);
-    return n / (2 * whole);
-  };
-  return {scaled(r + 2 * g + b, 4 * 255), scaled(r - b, 255), scaled(2 * g - r - b, 2 * 255)};
-}
-Rgb fromLuma(const Luma& c, int bits) {
-  const int range = (1 << bits) - 1;
-  const int y = c.y * 255 / range, co = c.co * 255 / (2 * range), cg = c.cg * 255 / (2 * range);
-  const auto channel = [](int v) { return static_cast<std::uint8_t>(std::clamp(v, 0, 255)); };
-  return {channel(y - cg + co), channel(y + cg), channel(y - cg - co)};
-}
-
-// Colours: brightness of every seen node, the differences of every seen 2 x 2 nodes.
-template <class Coder>
-class ColourWalk {
- public:
-  ColourWalk(Coder& coder, Patch& patch, std::array<Luma, Patch::kGrid>& colour, int bits)
-      : coder_(coder), patch_(patch), colour_(colour), range_((1 << bits) - 1) {}
-  void run() {
-    Luma last{range_ / 2, 0, 0};
-    for (int i = 0; i < patch_.rows * 4; ++i)
-      for (int j = 0; j < patch_.cols * 4; ++j) node(i, j, last);
-  }
-
- private:
-  [[nodiscard]] bool known(int at) const {
-    return patch_.state[static_cast<std::size_t>(at)] == Patch::kKnown;
-  }
-  void node(int i, int j, Luma& last) {
-    const int at = patch_.at(i, j);
-    if (!known(at)) return;
-    Luma& here = colour_[static_cast<std::size_t>(at)];
-    Luma near = last;
-    if (known(at - patch_.pitch)) near = colour_[static_cast<std::size_t>(at - patch_.pitch)];
-    if (known(at - 1)) {
-      const Luma& west = colour_[static_cast<std::size_t>(at - 1)];
-      near.y = (near.y + west.y) / 2;
-    }
-    here.y = std::clamp(near.y + difference(here.y - near.y, 0), 0, range_);
-    // The first seen node of each 2 x 2 brings its differences, the others repeat them.
-    const int corner = at - (i % 2) * patch_.pitch - j % 2;
-    int first = at;
-    for (const int k : {corner, corner + 1, corner + patch_.pitch})
-      if (k < at && known(k)) {
-        first = k;
-        break;
-      }
-    if (first == at) {
-      here.co = std::clamp(near.co + difference(here.co - near.co, 1), -range_, range_);
-      here.cg = std::clamp(near.cg + difference(here.cg - near.cg, 2), -range_, range_);
-    } else {
-      here.co = colour_[static_cast<std::size_t>(first)].co;
-      here.cg = colour_[static_cast<std::size_t>(first)].cg;
-    }
-    last = here;
-  }
-  int difference(int q, std::size_t kind) {
-    if (!codeBit(coder_, zero_[kind], q != 0)) return 0;
-    const bool negative = codeBit(coder_, sign_[kind], q < 0);
-    const int magnitude = std::abs(q);
-    int m = 1;
-    while (m < 2 * range_ && codeBit(coder_, more_[kind], magnitude > m)) ++m;
-    return negative ? -m : m;
-  }
-  Coder& coder_;
-  Patch& patch_;
-  std::array<Luma, Patch::kGrid>& colour_;
-  int range_;
-  std::array<AdaptiveBit, 3> zero_, sign_, more_;
-};
-
 struct Content {
   Patch patch;
-  std::array<Luma, Patch::kGrid> colour;
+  std::array<std::int32_t, Patch::kGrid> wanted{};  // heights, in the encoder [units above the base]
+  std::array<std::int32_t, Patch::kGrid> height{};  // as decoded
+  packet::Colours colours;
   std::int64_t activity = 0;  // mean over the packet
 };
 
 template <class Coder>
 bool codeBody(Coder& coder, const Header& header, Content& content, packet::KrigingTable& table) {
-  if (!packet::codeBlocks(coder, content.patch, kMaxPacketBlocks)) return false;
-  packet::codeSeen(coder, content.patch);
-  packet::HeightWalk<Coder> heights(coder, content.patch, table, header.roughness);
+  Patch& patch = content.patch;
+  patch.forget();
+  if (!packet::codeBlocks(coder, patch, kMaxPacketBlocks)) return false;
+  packet::codeSeen(coder, patch);
+  if (patch.first() < 0) return false;  // a packet says something
+  packet::FieldWalk<Coder> heights(coder, patch, table, header.roughness, content.wanted.data());
   heights.run();
   content.activity = heights.meanActivity();
-  if (header.colour_bits > 0)
-    ColourWalk<Coder>(coder, content.patch, content.colour, header.colour_bits).run();
+  std::copy_n(patch.value.begin(), patch.used(), content.height.begin());
+  if (header.colour_bits > 0) packet::codeColours(coder, patch, table, content.colours);
   return true;
 }
 
@@ -145,8 +69,8 @@ void takeBlock(const Content& content, const Header& h, int r, int c, MapBlock& 
     const auto k = static_cast<std::size_t>(n);
     block.seen = static_cast<std::uint16_t>(block.seen | 1U << n);
     block.depth[k] = static_cast<float>(
-        static_cast<double>(std::int64_t{h.base} * kUnitsPerStep + content.patch.height[at]) * unit);
-    if (h.colour_bits > 0) block.colour[k] = fromLuma(content.colour[at], h.colour_bits);
+        static_cast<double>(std::int64_t{h.base} * kUnitsPerStep + content.height[at]) * unit);
+    if (h.colour_bits > 0) block.colour[k] = packet::shownColour(content.colours, at, h.colour_bits);
   }
 }
 
@@ -241,7 +165,7 @@ struct MapPacketEncoder::Impl {
         patch.state[at] = block.isSeen(n) ? Patch::kSeen : Patch::kUnseen;
         if (!block.isSeen(n)) continue;
         exact[at] = static_cast<double>(block.depth[k]) / unit;
-        if (colour_bits > 0) content.colour[at] = toLuma(block.colour[k], colour_bits);
+        if (colour_bits > 0) packet::wantColour(content.colours, at, block.colour[k], colour_bits);
       }
     }
     // The base is the first node's depth.
@@ -253,7 +177,7 @@ struct MapPacketEncoder::Impl {
         if (!base) base = std::round(exact[n] / kUnitsPerStep);
         const double height = exact[n] - *base * kUnitsPerStep;
         good = good && std::abs(height) < packet::kMaxUnits / 2;  // false for a depth that is not a number
-        if (good) patch.target[n] = static_cast<std::int32_t>(std::lround(height));
+        if (good) content.wanted[n] = static_cast<std::int32_t>(std::lround(height));
       });
     }
     if (!good || !base || !(std::abs(*base) < packet::kMaxBase)) return false;
@@ -266,21 +190,21 @@ struct MapPacketEncoder::Impl {
     header.roughness = roughness;
     RangeEncoder coder(out);
     if (!packet::codeHeader(coder, header) || !codeBody(coder, header, content, check.table)) return 0;
-    for (packet::Patch::State& s : std::span(content.patch.state).first(content.patch.used()))
-      if (s == Patch::kKnown) s = Patch::kSeen;
     const std::size_t size = coder.finish();
     return coder.ok() ? std::max<std::size_t>(size, 1) : 0;
   }
-  // At the roughness that gives the fewest bytes.
-  std::size_t writeBest(std::span<std::uint8_t> out) {
+  // At the roughness near to `usual` that gives the fewest bytes, which it leaves in the header.
+  std::size_t writeBest(int usual, std::span<std::uint8_t> out) {
     int best = 0;
     std::size_t least = 0;
-    for (int roughness = 0; roughness < static_cast<int>(packet::kRoughness.size()); ++roughness) {
+    const int last = std::min(usual + 1, static_cast<int>(packet::kRoughness.size()) - 1);
+    for (int roughness = std::max(usual - 1, 0); roughness <= last; ++roughness) {
       const std::size_t size = write(roughness, out);
       if (size == 0 || (least > 0 && size >= least)) continue;
       least = size;
       best = roughness;
     }
+    header.roughness = best;
     return least == 0 ? 0 : write(best, out);
   }
 
@@ -288,7 +212,7 @@ struct MapPacketEncoder::Impl {
   Result longest(std::span<const MapBlock> blocks, int error_code, int colour_bits,
                  std::span<std::uint8_t> out) {
     std::size_t low = 0, high = reach(blocks) + 1;  // low fits, high does not
-    int usual = 1;
+    int usual = packet::kUsualRoughness;
     double bytes_per_block = kFirstGuess;
     while (high - low > 1) {
       const auto guess = static_cast<std::size_t>(static_cast<double>(out.size()) / bytes_per_block);
@@ -305,17 +229,18 @@ struct MapPacketEncoder::Impl {
         bytes_per_block = static_cast<double>(size) / static_cast<double>(n) * (fits ? 0.98 : 1.02);
       (fits ? low : high) = n;
     }
-    Result result;
-    for (std::size_t n = std::max<std::size_t>(low, 1); n <= reach(blocks); ++n) {
-      if (!lay(blocks.first(n), error_code, colour_bits)) break;
-      const std::size_t size = writeBest(out);
-      if (size == 0) break;
-      result = {size, n};
-    }
-    if (result.blocks == 0) return {};
-    (void)lay(blocks.first(result.blocks), error_code, colour_bits);
-    result.bytes = writeBest(out);
-    return result;
+    // The best roughness may make room for a block or two more.
+    std::size_t n = std::max<std::size_t>(low, 1);
+    if (!lay(blocks.first(n), error_code, colour_bits)) return {};
+    Result result{writeBest(usual, out), n};
+    if (result.bytes == 0) return {};
+    const int best = header.roughness;
+    while (n < reach(blocks) && lay(blocks.first(n + 1), error_code, colour_bits) &&
+           write(best, std::span(scratch).first(out.size())) > 0)
+      ++n;
+    if (n == result.blocks) return result;
+    (void)lay(blocks.first(n), error_code, colour_bits);
+    return {write(best, out), n};
   }
   // As many nodes of one block as fit, coarsest first.
   Result part(const MapBlock& block, int error_code, int colour_bits, std::span<std::uint8_t> out) {
@@ -326,14 +251,15 @@ struct MapPacketEncoder::Impl {
       for (int n = 0; n < MapBlock::kNodes; ++n) {
         if ((pass.nodes >> n & 1) == 0 || !block.isSeen(n)) continue;
         some.seen = static_cast<std::uint16_t>(some.seen | 1U << n);
-        if (!lay({&some, 1}, error_code, colour_bits) || writeBest(std::span(scratch).first(out.size())) == 0)
+        if (!lay({&some, 1}, error_code, colour_bits) ||
+            writeBest(packet::kUsualRoughness, std::span(scratch).first(out.size())) == 0)
           some.seen = static_cast<std::uint16_t>(some.seen & ~(1U << n));
       }
     }
     if (some.seen == 0) return {};
     (void)lay({&some, 1}, error_code, colour_bits);
     partial = some;
-    return {writeBest(out), 1};
+    return {writeBest(packet::kUsualRoughness, out), 1};
   }
   static int nearestRoughness(std::int64_t activity) {
     int best = 0;
@@ -371,7 +297,7 @@ MapPacketEncoder::Result MapPacketEncoder::encode(std::span<const MapBlock> bloc
                                                   std::span<MapBlock> decoded) {
   if (blocks.empty() || blocks[0].seen == 0 || !(config.max_error > 0)) return {};
   out = out.first(std::min(out.size(), impl_->scratch.size()));
-  const int colour_bits = std::clamp(config.colour_bits, 0, kMaxColourBits);
+  const int colour_bits = std::clamp(config.colour_bits, 0, packet::kMaxColourBits);
   const int wanted = errorCode(config.max_error);
   // A float near the deepest depths is coarser than the finest errors: the next smaller error then holds.
   for (int error_code = wanted; error_code >= std::max(0, wanted - Impl::kErrorTries); --error_code) {

@@ -5,6 +5,9 @@
 #include <cmath>
 #include <random>
 
+#include "realtime/kernel/heap_counter.hpp"
+#include "telemetry/frame.hpp"
+
 namespace fathom::telemetry {
 namespace {
 
@@ -116,6 +119,162 @@ TEST(MapPacket, RefusesWhatCannotBeSentAndSurvivesAnyBytes) {
     for (const auto& block : packet.blocks)
       for (const float depth : block.depth) EXPECT_TRUE(std::isfinite(depth));
   }
+}
+
+TEST(MapPacket, HoldsTheErrorOnStepsSpikesSlopesAndExtremeDepths) {
+  MapPacketEncoder encoder;
+  MapPacketDecoder decoder;
+  DecodedMapPacket packet;
+  const auto depth = [](int kind, int i, int j) -> double {
+    switch (kind) {
+      case 0:
+        return i < 9 ? 12 : 31.7;  // a cliff
+      case 1:
+        return (i * 7 + j * 13) % 11 == 0 ? 3 : 6;  // spikes
+      case 2:
+        return 40 + 1.9 * i - 0.7 * j;  // a steep slope
+      case 3:
+        return 10'900 + 0.1 * i;  // the deepest trench
+      default:
+        return -0.4;  // above the surface, flat
+    }
+  };
+  for (int kind = 0; kind < 5; ++kind) {
+    for (const double error : {0.02, 0.05, 0.17}) {
+      std::vector<MapBlock> blocks = rubble(5);
+      for (MapBlock& block : blocks)
+        for (int n = 0; n < MapBlock::kNodes; ++n)
+          block.depth[static_cast<std::size_t>(n)] = static_cast<float>(
+              depth(kind, block.key.north * 4 + n / 4 + 120, block.key.east * 4 + n % 4 - 208));
+      std::vector<std::uint8_t> out(2000);
+      const auto result = encoder.encode(blocks, {.max_error = error, .colour_bits = 0}, out);
+      ASSERT_EQ(result.blocks, blocks.size()) << kind;
+      ASSERT_TRUE(decoder.decode(std::span(out).first(result.bytes), packet));
+      expectHeld(blocks, packet, error);
+    }
+  }
+}
+
+TEST(MapPacket, SendsABlockTooRoughForOneFrameInPartsCoarsestNodesFirst) {
+  std::vector<MapBlock> blocks = rubble(1);
+  std::mt19937 random(5);
+  for (float& depth : blocks[0].depth) depth = static_cast<float>(20 + 40.0 * random() / random.max());
+  MapPacketEncoder encoder;
+  MapPacketDecoder decoder;
+  DecodedMapPacket packet;
+  std::vector<MapBlock> held(1);
+  std::array<std::uint8_t, kMinFrameBytes - kFrameOverhead> out;
+  std::uint16_t arrived = 0;
+  for (int frames = 0; blocks[0].seen != 0; ++frames) {
+    ASSERT_LT(frames, 4);
+    const auto result = encoder.encode(blocks, {}, out, held);
+    ASSERT_EQ(result.blocks, 1U);
+    ASSERT_TRUE(decoder.decode(std::span(out).first(result.bytes), packet));
+    ASSERT_EQ(packet.blocks.size(), 1U);
+    EXPECT_EQ(packet.blocks[0].seen, held[0].seen);
+    EXPECT_EQ(packet.blocks[0].isSeen(0), frames == 0);
+    for (int n = 0; n < MapBlock::kNodes; ++n)
+      if (packet.blocks[0].isSeen(n)) {
+        EXPECT_NEAR(packet.blocks[0].depth[static_cast<std::size_t>(n)],
+                    blocks[0].depth[static_cast<std::size_t>(n)], 0.05);
+      }
+    arrived = static_cast<std::uint16_t>(arrived | held[0].seen);
+    blocks[0].seen = static_cast<std::uint16_t>(blocks[0].seen & ~held[0].seen);
+  }
+  EXPECT_EQ(arrived, 0xFFFF);
+}
+
+TEST(MapPacket, KeepsBrightnessToItsStepAndHueNearly) {
+  auto blocks = rubble(4);
+  for (MapBlock& block : blocks)
+    for (int n = 0; n < MapBlock::kNodes; ++n) {
+      const int shade = 90 + 4 * (block.key.east * 4 + n % 4 - 208) + (n * 37 + block.key.north * 11) % 23;
+      block.colour[static_cast<std::size_t>(n)] = {static_cast<std::uint8_t>(shade - 30),
+                                                   static_cast<std::uint8_t>(shade + 10),
+                                                   static_cast<std::uint8_t>(shade)};
+    }
+  MapPacketEncoder encoder;
+  MapPacketDecoder decoder;
+  DecodedMapPacket packet;
+  std::vector<std::uint8_t> out(1500);
+  for (int bits = 1; bits <= 6; ++bits) {
+    const auto result = encoder.encode(blocks, {.max_error = 0.05, .colour_bits = bits}, out);
+    ASSERT_EQ(result.blocks, blocks.size());
+    ASSERT_TRUE(decoder.decode(std::span(out).first(result.bytes), packet));
+    ASSERT_TRUE(packet.has_colour);
+    const int step = 256 >> bits;
+    for (const MapBlock& block : blocks) {
+      const MapBlock* got = find(packet, block.key);
+      ASSERT_NE(got, nullptr);
+      for (std::size_t n = 0; n < MapBlock::kNodes; ++n) {
+        const auto luma = [](const Rgb& c) { return (c[0] + 2 * c[1] + c[2]) / 4; };
+        EXPECT_NEAR(luma(got->colour[n]), luma(block.colour[n]), step / 2 + 3) << bits;
+        EXPECT_NEAR(got->colour[n][1] - got->colour[n][0], 40, step + 4) << bits;
+      }
+    }
+  }
+}
+
+TEST(MapPacket, IsTheSameBytesWhateverWasEncodedBefore) {
+  const auto blocks = rubble(9, 0.08);
+  MapPacketEncoder fresh, used;
+  std::vector<std::uint8_t> a(246), b(246);
+  for (int k = 0; k < 20; ++k)
+    (void)used.encode(rubble(1 + k % 7, 0.02 * k), {.max_error = 0.01 * (1 + k)}, b);
+  const auto one = fresh.encode(blocks, {}, a), two = used.encode(blocks, {}, b);
+  EXPECT_EQ(one.blocks, two.blocks);
+  EXPECT_EQ(one.bytes, two.bytes);
+  EXPECT_EQ(a, b);
+}
+
+// The format's numbers in use: a change of them is a change of kMapPacketFormat.
+TEST(MapPacket, KeepsItsFormat) {
+  std::vector<MapBlock> blocks = rubble(2);
+  for (MapBlock& block : blocks)
+    for (int n = 0; n < MapBlock::kNodes; ++n)
+      block.depth[static_cast<std::size_t>(n)] =
+          20 + 0.25F * static_cast<float>((n * 5 + block.key.north + block.key.east) % 7);
+  MapPacketEncoder encoder;
+  std::vector<std::uint8_t> out(246);
+  const auto result = encoder.encode(blocks, {.max_error = 0.05, .colour_bits = 2}, out);
+  std::uint32_t hash = 2166136261U;
+  for (std::size_t k = 0; k < result.bytes; ++k) hash = (hash ^ out[k]) * 16777619U;
+  EXPECT_EQ(kMapPacketFormat, 1);
+  EXPECT_EQ(result.bytes, 49U);
+  EXPECT_EQ(hash, 2384401840U);
+}
+
+TEST(MapPacket, AnyBeginningOfAPacketDecodesToNoMoreThanItsBoundsOrIsRefused) {
+  const auto blocks = rubble(6);
+  MapPacketEncoder encoder;
+  MapPacketDecoder decoder;
+  DecodedMapPacket packet;
+  std::vector<std::uint8_t> out(246);
+  const auto result = encoder.encode(blocks, {.max_error = 0.05, .colour_bits = 3}, out);
+  ASSERT_GT(result.bytes, 0U);
+  EXPECT_NE(out[result.bytes - 1], 0);  // zeros at the end are implied
+  for (std::size_t n = 0; n < result.bytes; ++n) {
+    if (!decoder.decode(std::span(out).first(n), packet)) continue;
+    EXPECT_LE(packet.blocks.size(), kMaxPacketBlocks);
+    for (const MapBlock& block : packet.blocks)
+      for (const float depth : block.depth) EXPECT_TRUE(std::isfinite(depth));
+  }
+}
+
+TEST(MapPacket, EncodesAndDecodesWithoutTheHeap) {
+  const auto blocks = rubble(12);
+  MapPacketEncoder encoder;
+  MapPacketDecoder decoder;
+  DecodedMapPacket packet;
+  packet.blocks.reserve(kMaxPacketBlocks);
+  std::vector<std::uint8_t> out(246);
+  std::vector<MapBlock> held(blocks.size());
+  const rt::ThreadCost before = rt::threadCost();
+  const auto result = encoder.encode(blocks, {.max_error = 0.05, .colour_bits = 3}, out, held);
+  const bool good = decoder.decode(std::span(out).first(result.bytes), packet);
+  const rt::ThreadCost cost = rt::threadCost() - before;
+  EXPECT_TRUE(good);
+  EXPECT_EQ(cost.heap_calls, 0U);
 }
 
 }  // namespace
