@@ -55,21 +55,30 @@ int main(int argc, char** argv) {
   app.add_option("--drain", options.drain_s,
                  "Go on sending after the last sample, at most so many mission seconds")
       ->check(CLI::Range(0.0, 1e6));
-  app.add_option(
-         "--simulated-ship", heard,
-         "Speak with a ship in simulated water; write the frames as the ship heard them into this file")
-      ->excludes(modem_option);
+  CLI::Option* ship_option =
+      app.add_option(
+             "--simulated-ship", heard,
+             "Speak with a ship in simulated water; write the frames as the ship heard them into this file")
+          ->excludes(modem_option);
   app.add_option("--simulated-loss", water.loss, "Share of the frames lost, either way")
-      ->capture_default_str();
+      ->capture_default_str()
+      ->needs(ship_option);
   app.add_option("--simulated-burst", water.mean_burst,
                  "Mean length of runs of lost frames; 0: each by itself")
-      ->capture_default_str();
-  app.add_option("--simulated-delay", water.delay_s, "Of sound, one way [s]")->capture_default_str();
-  app.add_option("--simulated-rate", water_rate, "Of either modem [bit/s]; default: link.rate_bps");
-  app.add_option("--simulated-seed", water.seed, "Of every random number")->capture_default_str();
+      ->capture_default_str()
+      ->needs(ship_option);
+  app.add_option("--simulated-delay", water.delay_s, "Of sound, one way [s]")
+      ->capture_default_str()
+      ->needs(ship_option);
+  app.add_option("--simulated-rate", water_rate, "Of either modem [bit/s]; default: link.rate_bps")
+      ->needs(ship_option);
+  app.add_option("--simulated-seed", water.seed, "Of every random number")
+      ->capture_default_str()
+      ->needs(ship_option);
   app.add_option("--simulated-off", off,
                  "The ship's computer is off from FROM to TO, in seconds of the mission")
-      ->expected(2);
+      ->expected(2)
+      ->needs(ship_option);
   app.add_flag("--no-slam", options.no_slam, "Dead reckoning only: no visual odometry, no loop closures");
   if (const auto code = fathom::parseCommandLine("fathom-onboard", app, argc, argv)) return *code;
   return fathom::runTool("fathom-onboard", [&] {

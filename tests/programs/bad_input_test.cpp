@@ -95,6 +95,9 @@ TEST_F(BadInput, AChannelThatCannotRelayIsRefused) {
   expectRefused("fathom-sim channel --listen 14700 --to 127.0.0.1:65536", "--to");
   expectRefused("fathom-sim channel --listen 14700 --loss 2" + to, "loss");
   expectRefused("fathom-sim channel --listen 14700 --loss nan" + to, "loss");
+  expectRefused("fathom-sim channel --listen 14700 --burst 0.5" + to, "mean_burst");
+  expectRefused("fathom-sim channel --listen 14700 --loss 0.9 --burst 2" + to, "longer bursts");
+  expectRefused("fathom-sim channel --listen 14700 --down-loss 2" + to, "loss");
 }
 
 TEST_F(BadInput, BadPacketsAreNamed) {
@@ -144,6 +147,36 @@ TEST_F(BadInput, AModemThatIsNotThereIsNamed) {
     expectRefused(command, "");
   }
   EXPECT_FALSE(fs::exists(path("out")) || fs::exists(path("out.tmp")));
+}
+
+TEST_F(BadInput, ABadDownlinkKeyOrShipIsNamedBeforeAnythingIsWritten) {
+  const std::string replay = "fathom-onboard --replay " FATHOM_REEF_MISSION " --out " + path("out");
+  const std::string downlink = path("downlink.bin"), key = path("ship.key"), config = path("onboard.toml");
+  for (const Damage kind : {Damage::kAbsent, Damage::kEmpty, Damage::kFolder, Damage::kNonsense}) {
+    damage(downlink, kind);  // an empty recording is one of a silent ship
+    if (kind != Damage::kEmpty) expectRefused(replay + " --downlink " + downlink, downlink + ": ");
+    writeText(config, "[link]\nkey_file = \"ship.key\"\n");
+    damage(key, kind);
+    expectRefused(replay + " --config " + config, key + ": ");
+  }
+  const std::string ship = replay + " --simulated-ship " + path("heard.bin");
+  expectRefused(replay + " --simulated-loss 0.3", "--simulated-ship");
+  expectRefused(ship + " --modem udp:127.0.0.1:14700", "--modem");
+  expectRefused(ship + " --simulated-loss 2", "loss");
+  expectRefused(ship + " --simulated-off 20 10", "--simulated-off");
+  expectRefused(replay + " --simulated-ship " + path("nowhere/heard.bin"), path("nowhere/heard.bin"));
+  EXPECT_FALSE(fs::exists(path("out")) || fs::exists(path("out.tmp")) || fs::exists(path("heard.bin")));
+}
+
+TEST_F(BadInput, AKeyIsMadeOnceAndNowhereElse) {
+  const std::string key = path("ship.key");
+  EXPECT_EQ(runProgram("fathom-monitor key " + key).exit_code, 0);
+  const std::string made = readText(key);
+  EXPECT_EQ(made.size(), 65u);
+  expectRefused("fathom-monitor key " + key, key + ": exists already");
+  EXPECT_EQ(readText(key), made);
+  expectRefused("fathom-monitor key " + path("nowhere/ship.key"), path("nowhere/ship.key"));
+  expectRefused("fathom-monitor key", "");
 }
 
 }  // namespace

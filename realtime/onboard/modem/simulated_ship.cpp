@@ -78,8 +78,15 @@ struct SimulatedShip::Impl {
   std::uint64_t frames_heard = 0, answers = 0, repaired = 0;
 };
 
-SimulatedShip::SimulatedShip(const std::filesystem::path& heard, const SimulatedShipOptions& options)
-    : impl_(std::make_unique<Impl>(heard, options)) {}
+SimulatedShip::SimulatedShip(const std::filesystem::path& heard, const SimulatedShipOptions& options) {
+  if (!(options.off_from_s >= 0) || !(options.off_to_s >= options.off_from_s))
+    throw InputError("--simulated-off", "",
+                     "give two times of the mission [s], the first not after the second");
+  const std::filesystem::path folder = heard.has_parent_path() ? heard.parent_path() : ".";
+  if (!std::filesystem::is_directory(folder) || std::filesystem::is_directory(heard))
+    throw InputError(heard.string(), "", "cannot be written; name a file in a folder that is there");
+  impl_ = std::make_unique<Impl>(heard, options);
+}
 SimulatedShip::~SimulatedShip() = default;
 
 FramePort& SimulatedShip::modem() {
