@@ -89,4 +89,14 @@ CellReading readCell(const QuadtreeStore& store, int level, std::int32_t first) 
   return out;
 }
 
+Verdict judge(const QuadtreeStore& store, const CellReading& finer, const CellReading& coarser,
+              int coarser_level) {
+  if (!coarser.seen() || coarser.count * kLayerShare < finer.count) return Verdict::kStands;
+  const double sideways = kSidewaysError * store.spacing(coarser_level), gate = store.config().gate;
+  const double apart = finer.depth - coarser.depth;
+  if (apart * apart <= gate * gate * (finer.variance + coarser.variance + sideways * sideways))
+    return Verdict::kStands;
+  return coarser.count > finer.count ? Verdict::kOutvoted : Verdict::kLayered;
+}
+
 }  // namespace fathom::fusion

@@ -23,4 +23,15 @@ struct CellReading {
 // `first`: the cell's first layer, or QuadtreeStore::kNone.
 [[nodiscard]] CellReading readCell(const QuadtreeStore& store, int level, std::int32_t first);
 
+// What becomes of the surface that a finer cell shows, after what a coarser level says about its place: they
+// are two surfaces when they differ by more than the gate, half the coarser spacing of sideways error
+// included.
+enum class Verdict {
+  kStands,
+  kLayered,   // another surface has at least a third of the support
+  kOutvoted,  // another surface has more
+};
+[[nodiscard]] Verdict judge(const QuadtreeStore& store, const CellReading& finer, const CellReading& coarser,
+                            int coarser_level);
+
 }  // namespace fathom::fusion

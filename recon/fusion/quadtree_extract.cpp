@@ -9,6 +9,7 @@ namespace {
 
 constexpr int kCells = QuadtreeStore::kCells;
 constexpr int kSide = HeightTile::kSide;
+constexpr int kMostLevels = 16;
 // Slopes by which heights are carried beyond what was seen: steeper ones are steps.
 constexpr double kMaxSlope = 1.5;
 
@@ -94,18 +95,45 @@ class NodeMeans {
       }
     }
     if (found < 0) return;
+    const Slots coarser = slotsAbove(key);
     const double step = std::exp2(key_.level - key.level);  // size of a cell in spacings of the tile
     const double x0 = (std::int64_t{key.north_index} - scaled(key_.north_index, key)) * kCells * step;
     const double y0 = (std::int64_t{key.east_index} - scaled(key_.east_index, key)) * kCells * step;
     for (int k = 0; k < kCells * kCells; ++k) {
       float& area = areas[static_cast<std::size_t>(k)];
       if (area >= 1) continue;
-      const CellReading cell = readCell(store_, key.level, store_.head(found, k));
-      if (!cell.seen()) continue;
+      CellReading cell = readCell(store_, key.level, store_.head(found, k));
+      if (!cell.seen() || outvoted(cell, key, k, coarser)) continue;
       add(cell, x0 + (k / kCells + 0.5) * step, y0 + (k % kCells + 0.5) * step,
           static_cast<double>(1 - area) * step * step);
       area = 1;
     }
+  }
+  // Squares with sums over this one, by level.
+  using Slots = std::array<std::int32_t, kMostLevels>;
+  [[nodiscard]] Slots slotsAbove(const TileKey& key) const {
+    Slots slots;
+    slots.fill(QuadtreeStore::kNone);
+    for (TileKey up = key; up.level > 0;) {
+      up = TileIndex::parent(up);
+      slots[static_cast<std::size_t>(up.level)] = store_.index().find(up);
+    }
+    return slots;
+  }
+  // Whether more meshes saw another surface at a coarser level; marks the cell where nearly as many did.
+  bool outvoted(CellReading& cell, const TileKey& key, int k, const Slots& coarser) const {
+    for (int level = 0; level < key.level; ++level) {
+      const std::int32_t slot = coarser[static_cast<std::size_t>(level)];
+      if (slot < 0) continue;
+      const int down = key.level - level;
+      const std::int64_t gi = (std::int64_t{key.north_index} * kCells + k / kCells) >> down;
+      const std::int64_t gj = (std::int64_t{key.east_index} * kCells + k % kCells) >> down;
+      const CellReading other = readCell(store_, level, store_.head(slot, cellOf(gi, gj)));
+      const Verdict verdict = judge(store_, cell, other, level);
+      if (verdict == Verdict::kOutvoted) return true;
+      cell.layered = cell.layered || verdict == Verdict::kLayered;
+    }
+    return false;
   }
   [[nodiscard]] std::int64_t scaled(std::int32_t index, const TileKey& below) const {
     return std::int64_t{index} << (below.level - key_.level);
@@ -149,6 +177,8 @@ class NodeMeans {
       const std::int64_t ci = gi >> down, cj = gj >> down;
       CellReading cell = read(level, ci, cj);
       if (!cell.seen()) continue;
+      const TileKey key = tileOf(level, ci, cj);
+      if (outvoted(cell, key, cellOf(ci, cj), slotsAbove(key))) continue;
       // Middle of the fine cell, northwards and eastwards of the coarse cell's middle, in coarse cells.
       const double scale = std::exp2(-down);
       const double x = (static_cast<double>(gi - (ci << down)) + 0.5) * scale - 0.5;
@@ -160,13 +190,16 @@ class NodeMeans {
     }
   }
 
+  static TileKey tileOf(int level, std::int64_t gi, std::int64_t gj) {
+    return {static_cast<std::int32_t>(gi >> 4), static_cast<std::int32_t>(gj >> 4),
+            static_cast<std::int16_t>(level)};
+  }
+  static int cellOf(std::int64_t gi, std::int64_t gj) {
+    return static_cast<int>((gi & (kCells - 1)) * kCells + (gj & (kCells - 1)));
+  }
   [[nodiscard]] CellReading read(int level, std::int64_t gi, std::int64_t gj) const {
-    const std::int32_t slot =
-        store_.index().find({static_cast<std::int32_t>(gi >> 4), static_cast<std::int32_t>(gj >> 4),
-                             static_cast<std::int16_t>(level)});
-    if (slot < 0) return {};
-    return readCell(store_, level,
-                    store_.head(slot, static_cast<int>((gi & (kCells - 1)) * kCells + (gj & (kCells - 1)))));
+    const std::int32_t slot = store_.index().find(tileOf(level, gi, gj));
+    return slot < 0 ? CellReading{} : readCell(store_, level, store_.head(slot, cellOf(gi, gj)));
   }
 
   // Bilinear between the middles of four cells; where one was not seen, along the slope of those that were.

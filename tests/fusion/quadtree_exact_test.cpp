@@ -210,5 +210,22 @@ TEST(QuadtreeExactness, AFishSeenOnceIsGoneAndUnmarkedOnceItIsOutvoted) {
   }
 }
 
+TEST(QuadtreeExactness, AFishSeenFromNearOnceIsOutvotedByAFloorSeenFromAfarOften) {
+  QuadtreeMap map(config());
+  const auto floor = [](double n, double) { return 6.0 + 0.1 * n; };
+  const auto fish = [](double, double) { return 4.8; };
+  (void)map.fuse(rangeMesh({.length = 0.4, .width = 0.4, .spacing = 0.04, .sigma = 0.01}, fish, 1));
+  HeightTile tile;
+  ASSERT_TRUE(map.extract({0, 0, 5}, tile));
+  EXPECT_NEAR(tile.at(2, 2).depth, 4.8, 0.03);
+  (void)map.fuse(rangeMesh({.spacing = 0.2, .sigma = 0.01}, floor, 10));
+  ASSERT_TRUE(map.extract({0, 0, 5}, tile));
+  EXPECT_TRUE(tile.at(2, 2).layered);
+  for (unsigned k = 0; k < 3; ++k) (void)map.fuse(rangeMesh({.spacing = 0.2, .sigma = 0.01}, floor, 20 + k));
+  ASSERT_TRUE(map.extract({0, 0, 5}, tile));
+  EXPECT_NEAR(tile.at(2, 2).depth, 6.0, 0.03);
+  for (const auto& v : toMesh(map).vertices) EXPECT_GT(v.z(), 5.8F);
+}
+
 }  // namespace
 }  // namespace fathom::fusion
