@@ -95,14 +95,13 @@ QuadtreeStore::Candidate QuadtreeStore::valueOf(const TileKey& parent, std::uint
 void QuadtreeStore::findCandidates(std::uint32_t now) {
   candidates_.clear();
   for (const Tile& t : tiles_) {
-    if (!t.used || t.key.level == 0 || index_.below(t.key) > 0) continue;
+    if (!t.used || t.key.level == 0) continue;
+    // Each group once, at its first child that holds sums: most are told by one look.
     const TileKey parent = TileIndex::parent(t.key);
-    // Each group once: at its first child that holds sums.
-    int first = 0;
-    while (index_.find(TileIndex::child(parent, first)) < 0) ++first;
-    const TileKey own = TileIndex::child(parent, first);
-    if (own.north_index != t.key.north_index || own.east_index != t.key.east_index) continue;
-    if (canCoarsen(parent)) candidates_.push_back(valueOf(parent, now));
+    const int own = (t.key.north_index & 1) * 2 + (t.key.east_index & 1);
+    bool first = true;
+    for (int c = 0; first && c < own; ++c) first = index_.find(TileIndex::child(parent, c)) < 0;
+    if (first && canCoarsen(parent)) candidates_.push_back(valueOf(parent, now));
   }
   std::sort(candidates_.begin(), candidates_.end(), [](const Candidate& a, const Candidate& b) {
     return a.value != b.value ? a.value > b.value : TileIndex::pack(a.parent) > TileIndex::pack(b.parent);
