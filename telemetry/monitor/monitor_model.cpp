@@ -27,6 +27,10 @@ void MonitorModel::addTrack(std::int64_t utc_ns, const TrackRecord& record) {
   ++track_version_;
 }
 
+void MonitorModel::confirm(std::optional<std::uint8_t> request_id) {
+  if (request_id && link_.sender() != nullptr) link_.sender()->confirm(*request_id);
+}
+
 bool MonitorModel::take(MessageType type, std::span<const std::uint8_t> payload, std::int64_t utc_ns) {
   switch (type) {
     case MessageType::kStatus: {
@@ -35,6 +39,7 @@ bool MonitorModel::take(MessageType type, std::span<const std::uint8_t> payload,
       // A frame that comes late must not take the vehicle back; its position still belongs to the track.
       addTrack(status.utc_ns, {status.north, status.east, status.depth, status.altitude});
       if (!status_ || status.utc_ns >= status_->utc_ns) status_ = status;
+      confirm(requests_.noteStatus(status.utc_ns, utc_ns));
       return true;
     }
     case MessageType::kTrack: {
@@ -51,7 +56,10 @@ bool MonitorModel::take(MessageType type, std::span<const std::uint8_t> payload,
       return true;
     }
     case MessageType::kMapPacket:
-      return map_.takePacket(payload, utc_ns);
+      if (!map_.takePacket(payload, utc_ns)) return false;
+      for (const telemetry::MapBlock& block : map_.lastBlocks())
+        confirm(requests_.noteBlock(block.key, utc_ns));
+      return true;
     case MessageType::kTileFragment: {
       telemetry::DecodedTile tile;
       const auto invalid = reassembler_.counters().invalid;

@@ -58,6 +58,7 @@ class MonitorModel {
  private:
   [[nodiscard]] bool take(telemetry::MessageType type, std::span<const std::uint8_t> payload,
                           std::int64_t utc_ns);
+  void confirm(std::optional<std::uint8_t> request_id);  // it need not be said again
   void addTrack(std::int64_t utc_ns, const TrackRecord& record);
 
   static constexpr std::size_t kMaxTrack = 100'000;  // 5 h at 5 Hz; beyond, the oldest go

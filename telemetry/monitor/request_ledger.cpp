@@ -26,22 +26,40 @@ void RequestLedger::noteSent(std::span<const std::uint8_t> frame, std::int64_t u
   for (Entry& entry : entries_) {
     // Ids come again after sixteen requests: the newest is meant.
     if (entry.request.id != downlink.content.request->id) continue;
-    if (entry.state == State::kQueued) entry.state = State::kSent;
-    if (entry.state == State::kSent) entry.utc_ns = utc_ns;
+    if (entry.state == State::kQueued) {
+      entry.state = State::kSent;
+      entry.sent_utc_ns = entry.utc_ns = utc_ns;
+    }
     ++entry.times_sent;
     return;
   }
 }
 
-void RequestLedger::noteDone(std::uint8_t id, std::int64_t utc_ns) {
+std::optional<std::uint8_t> RequestLedger::noteStatus(std::int64_t pose_utc_ns, std::int64_t utc_ns) {
   for (Entry& entry : entries_) {
-    if (entry.request.id != id) continue;
-    if (entry.state == State::kSent) {
-      entry.state = State::kAcknowledged;
-      entry.utc_ns = utc_ns;
-    }
-    return;
+    if (entry.state != State::kSent || entry.request.kind != Request::Kind::kSendStatus ||
+        pose_utc_ns < entry.sent_utc_ns)
+      continue;
+    entry.state = State::kAnswered;
+    entry.utc_ns = utc_ns;
+    return entry.request.id;
   }
+  return std::nullopt;
+}
+
+std::optional<std::uint8_t> RequestLedger::noteBlock(const telemetry::BlockKey& key, std::int64_t utc_ns) {
+  const double spacing = telemetry::spacingOf(key.spacing), size = telemetry::MapBlock::kSide * spacing;
+  for (Entry& entry : entries_) {
+    const Request& r = entry.request;
+    if (entry.state != State::kSent || r.kind != Request::Kind::kDetail || spacing > r.spacing) continue;
+    if (key.north * size > r.north_max || (key.north + 1) * size < r.north_min ||
+        key.east * size > r.east_max || (key.east + 1) * size < r.east_min)
+      continue;
+    entry.state = State::kAnswered;
+    entry.utc_ns = utc_ns;
+    return r.id;
+  }
+  return std::nullopt;
 }
 
 const char* name(RequestLedger::State state) {
@@ -50,8 +68,8 @@ const char* name(RequestLedger::State state) {
       return "queued";
     case RequestLedger::State::kSent:
       return "sent";
-    case RequestLedger::State::kAcknowledged:
-      return "acknowledged";
+    case RequestLedger::State::kAnswered:
+      return "answered";
   }
   return "unknown";
 }

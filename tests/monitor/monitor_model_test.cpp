@@ -166,6 +166,34 @@ TEST(Coverage, WhatTheVehiclePassedAndNobodyReceivedIsPending) {
   EXPECT_EQ(coverageOf(track, store, 3600'000'000'000).changed_area, 0);
 }
 
+TEST(RequestLedger, DetailIsAnsweredByABlockOfItsSpacingInItsRectangle) {
+  std::array<std::uint8_t, telemetry::DownlinkKey::kBytes> secret{};
+  telemetry::DownlinkSender sender({7, 42}, telemetry::DownlinkKey(secret));
+  telemetry::Request request;
+  request.kind = telemetry::Request::Kind::kDetail;
+  request.north_min = 10;
+  request.north_max = 12;
+  request.east_min = -4;
+  request.east_max = -2;
+  request.spacing = 0.125;
+  RequestLedger ledger;
+  const auto id = sender.request(request);
+  ASSERT_TRUE(id);
+  request.id = *id;
+  ledger.add(request, 5);
+  EXPECT_FALSE(ledger.noteBlock({4, 20, -6}, 6));  // not even sent
+  std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
+  const std::int64_t now = 1'790'000'000'000'000'000;
+  ledger.noteSent(std::span<const std::uint8_t>(frame).first(sender.nextFrame(now, frame)), now);
+  EXPECT_EQ(ledger.entries().front().state, RequestLedger::State::kSent);
+  EXPECT_FALSE(ledger.noteBlock({5, 10, -3}, now));  // too coarse
+  EXPECT_FALSE(ledger.noteBlock({4, 30, -6}, now));  // elsewhere
+  EXPECT_EQ(ledger.noteBlock({4, 20, -6}, now), id);
+  EXPECT_EQ(ledger.entries().front().state, RequestLedger::State::kAnswered);
+  for (int n = 0; n < 40; ++n) ledger.add(request, 7);
+  EXPECT_EQ(ledger.entries().size(), RequestLedger::kMaxEntries);
+}
+
 TEST(LinkHistory, StaysBoundedAndKeepsItsSums) {
   LinkHistory history;
   for (int t = 0; t < 200'000; ++t)

@@ -156,9 +156,9 @@ TEST_F(Served, HostilePostsAreRefusedAndChangeNothing) {
   EXPECT_LE(shared_.model->link().sender()->requestsWaiting(), telemetry::DownlinkSender::kMaxRequests);
 }
 
-TEST_F(Served, ARequestGoesFromQueuedToSentAtTheShipsTurn) {
+TEST_F(Served, ARequestGoesFromQueuedToSentAtTheShipsTurnAndIsAnsweredByWhatItAskedFor) {
   serve("");
-  EXPECT_EQ(post("/api/request", R"({"kind":"rate","rate_bps":300})", {{kPageHeader, "page"}}), 200);
+  EXPECT_EQ(post("/api/request", R"({"kind":"send-status"})", {{kPageHeader, "page"}}), 200);
   const auto state = [&] {
     return nlohmann::json::parse(client_->Get("/api/state")->body)["downlink"]["requests"][0]["state"]
         .get<std::string>();
@@ -174,6 +174,17 @@ TEST_F(Served, ARequestGoesFromQueuedToSentAtTheShipsTurn) {
   shared_.model->accept(std::span<const std::uint8_t>(frame).first(length), now);
   EXPECT_GT(shared_.model->speak(now + 1000, frame), 0U);
   EXPECT_EQ(state(), "sent");
+  const auto hear = [&](double t, std::uint16_t sequence) {
+    const std::size_t bytes = telemetry::encodeStatus(SampleDive().statusAt(t), payload);
+    const std::size_t whole =
+        telemetry::encodeFrame({{7, 42}, sequence, telemetry::MessageType::kStatus, false},
+                               std::span<const std::uint8_t>(payload).first(bytes), frame);
+    shared_.model->accept(std::span<const std::uint8_t>(frame).first(whole), now + 5'000'000'000);
+  };
+  hear(99, 201);  // from before the request
+  EXPECT_EQ(state(), "sent");
+  hear(104, 202);
+  EXPECT_EQ(state(), "answered");
 }
 
 TEST_F(Served, ExportsComeWithTheirNamesAndEventsTellOfGrowth) {

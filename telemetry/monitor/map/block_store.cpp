@@ -30,13 +30,16 @@ bool showable(const MapBlock& block) {
   return true;
 }
 
-// Whether two contents of one block differ by more than the two roundings can explain.
+// Whether the seafloor of two contents of one block differs by more than the two roundings can explain. That
+// more of it was seen is growth, and a centimetre is the map growing better.
 bool differs(const StoredBlock& old, const MapBlock& block, double max_error) {
-  if (old.block.seen != block.seen) return true;
-  const double bound = old.max_error + max_error;
+  constexpr double kLeastChange_m = 0.05;
+  const double bound = std::max(old.max_error + max_error, kLeastChange_m);
   for (int n = 0; n < MapBlock::kNodes; ++n) {
     const auto i = static_cast<std::size_t>(n);
-    if (block.isSeen(n) && std::abs(double{old.block.depth[i]} - block.depth[i]) > bound) return true;
+    if (block.isSeen(n) && old.block.isSeen(n) &&
+        std::abs(double{old.block.depth[i]} - block.depth[i]) > bound)
+      return true;
   }
   return false;
 }

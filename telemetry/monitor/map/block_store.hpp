@@ -34,7 +34,7 @@ struct StoredBlock {
   bool has_colour = false;
   float max_error = 0;               // that the sender kept to [m]
   std::int64_t received_utc_ns = 0;  // of this content
-  std::int64_t changed_utc_ns = 0;   // when content last gave way to another; 0: never
+  std::int64_t changed_utc_ns = 0;   // when its heights last gave way to others; 0: never
 };
 
 // The map as received: the newest content of every block. Bounded: when it is full, the oldest block of the
@@ -70,7 +70,7 @@ class BlockStore {
     std::uint64_t taken = 0;
     std::uint64_t refused = 0;   // see put()
     std::uint64_t replaced = 0;  // blocks received again
-    std::uint64_t changed = 0;   // of those, with content that differs beyond both error bounds
+    std::uint64_t changed = 0;   // of those, with heights that differ beyond both error bounds and 5 cm
     std::uint64_t evicted = 0;   // dropped because the store was full
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }

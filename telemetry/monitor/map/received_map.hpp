@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <deque>
 #include <map>
+#include <span>
 
 #include "telemetry/map_packet.hpp"
 #include "telemetry/monitor/map/block_store.hpp"
@@ -21,6 +22,8 @@ class ReceivedMap {
 
   // Takes a map packet's payload; false if it is none.
   [[nodiscard]] bool takePacket(std::span<const std::uint8_t> payload, std::int64_t utc_ns);
+  // The blocks of the packet taken last.
+  [[nodiscard]] std::span<const telemetry::MapBlock> lastBlocks() const { return packet_.blocks; }
   // Puts a tile's nodes into the blocks of their spacing. A tile older than the newest of its place is left.
   void takeTile(const telemetry::DecodedTile& tile, std::int64_t utc_ns);
 

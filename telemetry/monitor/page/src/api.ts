@@ -62,7 +62,8 @@ export interface PlaybackState {
 export interface SentRequest {
   id: number;
   text: string;
-  state: 'queued' | 'sent' | 'acknowledged' | 'dropped';
+  state: 'queued' | 'sent' | 'answered';
+  times_sent: number;
   utc_s: number; // of the state
   rectangle: [north_min: number, north_max: number, east_min: number, east_max: number] | null;
 }

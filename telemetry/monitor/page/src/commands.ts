@@ -78,7 +78,7 @@ export class Commands {
       field.disabled = !downlink.enabled;
       field.title = downlink.reason ?? '';
     }
-    const rows = downlink.requests.map((r): [SentRequest, string] => [r, `${r.state} ${duration(now - r.utc_s)} ago`]);
+    const rows = downlink.requests.map((r): [SentRequest, string] => [r, `${r.state}${r.state === 'sent' && r.times_sent > 1 ? ` ${r.times_sent} times` : ''} ${duration(now - r.utc_s)} ago`]);
     const text = JSON.stringify(rows);
     if (text === this.shown) return;
     this.shown = text;

@@ -61,7 +61,7 @@ const sinceState = (): number => (state?.recorded ? 0 : (performance.now() - sta
 const now = (): number => (state?.now_utc_s ?? 0) + sinceState();
 
 function everything(): THREE.Box3 {
-  const box = seafloor.bounds();
+  const box = seafloor.bounds().union(vehicle.trackBox);
   return vehicle.group.visible ? box.expandByPoint(vehicle.position) : box;
 }
 

@@ -43,8 +43,8 @@ function swatches(key: CoverageKey): HTMLElement[] {
   const rows: [Rgb, string, string][] = [
     [COVERAGE_COLOURS.fine, `Received at ${spacingText(key.finest)}`, ''],
     [COVERAGE_COLOURS.coarse, 'Received coarser', ''],
-    [COVERAGE_COLOURS.changed, 'Changed in the last 10 min', number(key.changed, 0, 'm²')],
-    [COVERAGE_COLOURS.pending, 'Seen, not received (estimate)', number(key.pending, 0, 'm²')],
+    [COVERAGE_COLOURS.changed, 'Moved in the last 10 min', number(key.changed, 0, 'm²')],
+    [COVERAGE_COLOURS.pending, 'Seen, not received', number(key.pending, 0, 'm²')],
   ];
   return rows.map(([colour, label, value]) => {
     const row = make('div', 'swatch');

@@ -13,7 +13,7 @@ const VEHICLE: Row[] = [
   ['Roll, pitch', 'tilt'], ['Pos. 1 σ', 'sigma'], ['North', 'north'], ['East', 'east'],
 ];
 const SURVEY: Row[] = [['Received here', 'area'], ['Mapped on board', 'area-onboard'], ['Seen, not received', 'pending'],
-  ['Changed, last 10 min', 'changed'], ['Stereo pairs', 'pairs'], ['Blocks held', 'blocks']];
+  ['Moved, last 10 min', 'changed'], ['Stereo pairs', 'pairs'], ['Blocks held', 'blocks']];
 const LINK: Row[] = [['Last min', 'rate'], ['Last 5 min', 'recent-loss'], ['Frames', 'accepted'],
   ['Lost', 'lost'], ['Bytes', 'bytes'], ['Repaired', 'repaired'], ['Rejected', 'rejected'], ['Said', 'said']];
 const COUNTERS: Row[] = [['Late cycles', 'slipped'], ['Work given up', 'shed'], ['Pools refused', 'refused']];

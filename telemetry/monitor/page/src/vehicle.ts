@@ -54,6 +54,7 @@ export class Vehicle {
     new THREE.CircleGeometry(1, RING_POINTS).rotateX(-Math.PI / 2),
     new THREE.MeshBasicMaterial({ color: VEHICLE_COLOUR, transparent: true, opacity: 0.16, depthWrite: false, side: THREE.DoubleSide }),
   );
+  readonly trackBox = new THREE.Box3(); // without exaggeration
   private track = new Line2(
     new LineGeometry(),
     new LineMaterial({ color: TRACK_COLOUR, linewidth: 1.3, transparent: true, opacity: 0.75 }),
@@ -93,6 +94,7 @@ export class Vehicle {
     this.track.geometry.dispose();
     this.track.geometry = new LineGeometry();
     this.track.geometry.setPositions(positions);
+    this.trackBox.setFromArray(positions);
   }
 
   set trackShown(shown: boolean) {
@@ -101,6 +103,7 @@ export class Vehicle {
 
   clear(): void {
     this.group.visible = this.track.visible = false;
+    this.trackBox.makeEmpty();
   }
 
   // Before each picture.

@@ -91,9 +91,16 @@ try {
 
   // A line over the map: its length and its profile.
   await page.click('#tools button[data-value=measure]');
-  await page.mouse.move(280, 330);
+  const onMap = []; // pixels under which there is map: there the pointer's place is shown
+  for (let x = 200; x < 480; x += 20) {
+    await page.mouse.move(x, 330);
+    await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+    if (await page.isVisible('#hover')) onMap.push(x);
+  }
+  assert.ok(onMap.length > 4, `map under ${onMap.length} of 14 pixels`);
+  await page.mouse.move(onMap.at(0), 330);
   await page.mouse.down();
-  await page.mouse.move(340, 340, { steps: 3 });
+  await page.mouse.move(onMap.at(-1), 330, { steps: 3 });
   await page.mouse.up();
   await page.waitForSelector('#profile canvas', { timeout: 10000 });
   const [, slope, horizontal] = /^([\d.]+) m · horizontal ([\d.]+) m/.exec(await page.textContent('#measure-text'));
