@@ -6,6 +6,7 @@
 #pragma GCC diagnostic ignored "-Wnon-virtual-dtor"
 #include <OpenMesh/Core/Mesh/TriMesh_ArrayKernelT.hh>
 #include <OpenMesh/Tools/Decimater/DecimaterT.hh>
+#include <OpenMesh/Tools/Decimater/ModNormalFlippingT.hh>
 #include <OpenMesh/Tools/Decimater/ModQuadricT.hh>
 #pragma GCC diagnostic pop
 
@@ -31,6 +32,8 @@ Mesh simplify(const Mesh& mesh, std::size_t vertices) {
   work.request_vertex_status();
   work.request_edge_status();
   work.request_face_status();
+  work.request_face_normals();
+  work.update_face_normals();
   for (std::size_t k = 0; k < mesh.vertices.size(); ++k) {
     const Eigen::Vector3f& v = mesh.vertices[k];
     if ((v.x() == least.x() || v.x() == greatest.x()) && (v.y() == least.y() || v.y() == greatest.y()))
@@ -39,6 +42,9 @@ Mesh simplify(const Mesh& mesh, std::size_t vertices) {
   OpenMesh::Decimater::DecimaterT<OpenMeshMesh> decimater(work);
   OpenMesh::Decimater::ModQuadricT<OpenMeshMesh>::Handle quadric;
   decimater.add(quadric);
+  OpenMesh::Decimater::ModNormalFlippingT<OpenMeshMesh>::Handle flipping;  // no triangle turns over
+  decimater.add(flipping);
+  decimater.module(flipping).set_max_normal_deviation(60);  // [deg]
   decimater.initialize();
   decimater.decimate_to(vertices);
   work.garbage_collection();
