@@ -43,9 +43,10 @@ struct BlockRef {
 //   5 requested detail;
 //   6 fine blocks where the other side has coarse ones;
 //   7 blocks that were lost, beyond the deadline;
-// in each the newest first. When the pool is full the square needed least gives way: one with nothing to
-// send, else the one offered longest ago; lost blocks are counted. Deterministic; ties go by slot. Only the
-// construction allocates.
+//   8 blocks without word, as often as the loss asks for: what is left of a frame and of the time;
+// in each the newest first, in the last the oldest. When the pool is full the square needed least gives way:
+// one with nothing to send, else the one offered longest ago; lost blocks are counted. Deterministic; ties go
+// by slot. Only the construction allocates.
 class BlockQueue {
  public:
   explicit BlockQueue(const BlockQueueConfig& config);
@@ -62,6 +63,9 @@ class BlockQueue {
     std::array<MapBlock, kMaxBatch> blocks;
     std::array<BlockRef, kMaxBatch> refs;
   };
+  // Blocks without word are sent up to `sendings` times in all, no sooner than `after_s` one after the other;
+  // 1: once.
+  void repeat(int sendings, double after_s);
   // Fills `batch`, with at most `limit` blocks; false if nothing is worth sending now.
   bool gather(std::int64_t now_ns, std::size_t limit, Batch& batch);
   // The first `count` blocks of the batch go out now and will be held as `decoded`; fills in their stamps.
@@ -74,11 +78,14 @@ class BlockQueue {
   // What became of a sending. Nothing happens if the block was sent again since.
   void delivered(const BlockRef& ref);
   void lost(const BlockRef& ref);
+  // The blocks without word that were sent longest ago go again, as if they were lost. False: there are none.
+  bool doubt();
 
   struct Counters {
     std::uint64_t offered = 0;     // blocks that brought something to send
     std::uint64_t sent = 0;        // blocks, every sending
     std::uint64_t resent = 0;      // of these, because the one before was lost
+    std::uint64_t repeated = 0;    // of these, before there was word
     std::uint64_t updated = 0;     // of these, because the content changed
     std::uint64_t evicted = 0;     // blocks that gave way unsent
     std::uint64_t unsendable = 0;  // blocks outside the codec's bounds
@@ -91,7 +98,7 @@ class BlockQueue {
     int in_flight = 0;  // blocks sent and without word
   };
   [[nodiscard]] Census census() const;
-  // Whether a batch could be gathered now.
+  // Whether a batch could be gathered now, repeats apart.
   [[nodiscard]] bool ready(std::int64_t now_ns) const;
   [[nodiscard]] std::size_t memoryBytes() const;
 
@@ -107,6 +114,9 @@ class BlockQueue {
     bool blocked = false;  // cannot be encoded
     bool orphan = false;   // coarse, and the fine one gave way
     std::uint32_t stamp = 0;
+    std::uint8_t flying = 0;    // sendings of this content without word
+    std::uint8_t sendings = 0;  // of this content since there was word
+    std::int64_t sent_ns = 0;
     std::int64_t changed_ns = 0;  // content changed last
     std::int64_t since_ns = 0;    // became wanted
   };
@@ -118,7 +128,7 @@ class BlockQueue {
     std::uint64_t order = 0;  // of the last offer
     std::array<Block, 16> blocks{};
   };
-  enum class Urgency { kRetry, kNewCoarse, kNew, kChanged, kRequested, kRefine, kResend, kNone };
+  enum class Urgency { kRetry, kNewCoarse, kNew, kChanged, kRequested, kRefine, kResend, kRepeat, kNone };
   struct Best {
     Urgency urgency = Urgency::kNone;
     std::size_t square = 0, block = 0;
@@ -144,6 +154,8 @@ class BlockQueue {
   SquareIndex index_;
   std::uint64_t order_ = 0;
   std::uint32_t stamp_ = 0;
+  int sendings_ = 1;
+  std::int64_t repeat_after_ns_ = 0;
   std::int64_t now_ns_ = 0;
   Counters counters_;
 };

@@ -14,7 +14,7 @@
 namespace fathom::telemetry {
 
 struct HousekeepingConfig {
-  double share = 0.1;  // of the rate; the periods stretch to keep it
+  double share = 0.07; // of the rate; the periods stretch to keep it
   double status_period_s = 10;
   double mission_info_period_s = 120;
   double track_interval_s = 5;  // between points of the track

@@ -20,6 +20,8 @@ constexpr int kBucketFrames = 2;
 constexpr double kBucketSeconds = 1;
 constexpr std::size_t kDownlinkBytes = 48;  // of a usual frame of the ship, where frames are that long
 constexpr double kTurnMargin_s = 0.5;       // for the ship to answer
+constexpr double kRepeatGoal = 0.95;        // probability that a block has arrived after its repeats
+constexpr double kRepeatFrames = 2;         // between repeats: a short burst does not take both
 constexpr double kListenShare = 0.2;        // of the time, by rule
 constexpr int kMaxTurnFrames = static_cast<int>(Acknowledgement::kMaxReach) / 2;
 constexpr std::size_t kMaxDetails = 4;
@@ -61,6 +63,7 @@ void LinkSchedulerConfig::validate() const {
           "frame_bytes is outside 32 to 256");
   require(duty >= 0.05 && duty <= 1, "duty is outside 0.05 to 1");
   require(loss_rate >= 0 && loss_rate <= 0.9, "loss_rate is outside 0 to 0.9");
+  require(mean_burst >= 0 && mean_burst <= 100, "mean_burst is outside 0 to 100 frames");
   require(listen_every_s >= 0 && listen_every_s <= 3600, "listen_every_s is outside 0 to 3600 s");
   require(listen_every_frames >= 0 && listen_every_frames <= 256, "listen_every_frames is outside 0 to 256");
   require(listen_s >= 0 && listen_s <= 60, "listen_s is outside 0 to 60 s");
@@ -115,7 +118,7 @@ LinkScheduler::Impl::Impl(const LinkSchedulerConfig& c)
     : config((c.validate(), c)),
       bucket(c.rate_bps * c.duty, linkBucketBits(c), static_cast<std::size_t>(c.frame_bytes) * 8),
       queue(c.blocks),
-      sent(listenSeconds(c), c.loss_rate),
+      sent(listenSeconds(c), c.loss_rate, c.mean_burst),
       housekeeping(c.housekeeping, c.frame_bytes, c.loss_rate),
       turns(listenEvery(c), listenSeconds(c)),
       tiles(static_cast<std::size_t>(c.frame_bytes)) {
@@ -144,6 +147,10 @@ std::size_t LinkScheduler::Impl::repairFrame() {
 }
 
 std::size_t LinkScheduler::Impl::mapPacket() {
+  // Spare time and room go to what has no word yet; blind, repair frames do that better.
+  const double frame_s = static_cast<double>(config.frame_bytes) * 8 / config.rate_bps;
+  queue.repeat(blind() || !turns.enabled() ? 1 : repeatsForGoal(sent.loss(), kRepeatGoal),
+               std::max(kRepeatFrames * frame_s, 1.0));
   // Blind, a packet leaves room for the head of the frame that may repair it.
   const std::size_t room = payloadRoom() - (blind() ? kRepairMargin : 0);
   const auto out = std::span(payload).first(room);
@@ -174,9 +181,7 @@ std::size_t LinkScheduler::Impl::mapPacket() {
 // Nothing is left but frames without word: the oldest of them goes again, to have something that can carry
 // the turn, and more likely than not the ship lacks it.
 std::size_t LinkScheduler::Impl::probe() {
-  const auto oldest = sent.oldestWithoutWord();
-  if (oldest.empty() || !turns.everAnswered() || !turns.due(busy_until, true)) return 0;
-  for (const BlockRef& b : oldest) queue.lost(b);
+  if (!turns.everAnswered() || !turns.due(std::max(busy_until, now), true) || !queue.doubt()) return 0;
   return mapPacket();
 }
 
@@ -207,7 +212,7 @@ std::size_t LinkScheduler::Impl::choose() {
 
 // Whether the frame just made, gone at left_ns, is the last before the vehicle listens.
 bool LinkScheduler::Impl::turnAfter(std::int64_t left_ns) {
-  const bool idle = sent.withoutWord() && !repair.pending() && (paused || !queue.ready(now));
+  const bool idle = !repair.pending() && (paused || !queue.ready(now)) && queue.census().in_flight > 0;
   return turns.due(left_ns, idle) ||
          (turns.enabled() && turns.answered() && frames_since_turn >= config.listen_every_frames);
 }
@@ -227,8 +232,8 @@ void LinkScheduler::offer(const HeightTile& tile, std::int64_t now_ns) {
   impl_->queue.offer(tile, impl_->config.blocks.max_error, now_ns);
 }
 
-void LinkScheduler::heard() {
-  impl_->turns.heard();
+void LinkScheduler::heard(std::int64_t now_ns) {
+  impl_->turns.heard(now_ns);
 }
 
 void LinkScheduler::acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns) {
@@ -236,13 +241,13 @@ void LinkScheduler::acknowledge(const Acknowledgement& acknowledgement, std::int
   s.sent.acknowledge(acknowledgement, now_ns, [&](std::span<const BlockRef> blocks, bool arrived) {
     for (const BlockRef& b : blocks) arrived ? s.queue.delivered(b) : s.queue.lost(b);
   });
-  s.turns.heard();
+  s.turns.heard(now_ns);
 }
 
 void LinkScheduler::request(const Request& r, std::int64_t now_ns) {
   Impl& s = *impl_;
   s.now = std::max(s.now, now_ns);
-  s.turns.heard();
+  s.turns.heard(now_ns);
   if (!validate(r)) {
     ++s.counters.requests_refused;
     return;

@@ -19,6 +19,7 @@ struct LinkSchedulerConfig {
   int frame_bytes = 128;        // largest frame, 32 to 256 [B]
   double duty = 1;              // share of the time that the modem may send, 0.05 to 1
   double loss_rate = 0.1;       // share of frames expected to be lost before there is word, 0 to 0.9
+  double mean_burst = 0;        // frames lost in a row, as expected before there is word; 0: each by itself
   bool repair = true;           // Reed-Solomon frames while nobody acknowledges
   bool half_duplex = true;      // takes turns with the ship; false: never listens
   double listen_every_s = 0;    // between turns; 0: by rule, so that listening takes a fifth of the time
@@ -59,7 +60,7 @@ class LinkScheduler {
   // What the ship said. Any of them, and heard() for a frame with neither, ends listening.
   void acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns);
   void request(const Request& request, std::int64_t now_ns);
-  void heard();
+  void heard(std::int64_t now_ns);
 
   // Detail that was requested and not served yet, the oldest first. The caller offers tiles of the request's
   // spacing inside the rectangle with offerDetail() as long as that takes them, then calls detailServed().

@@ -12,11 +12,11 @@ constexpr double kBurstMemory = 30;
 
 }  // namespace
 
-SentFrames::SentFrames(double round_trip_s, double expected_loss)
+SentFrames::SentFrames(double round_trip_s, double expected_loss, double expected_burst)
     : round_trip_ns_(std::llround(round_trip_s * 1e9)),
       frames_(kFrames),
       loss_(expected_loss),
-      after_lost_(expected_loss) {}
+      after_lost_(expected_burst > 1 ? 1 - 1 / expected_burst : expected_loss) {}
 
 void SentFrames::add(std::uint16_t sequence, std::int64_t left_ns, std::span<const BlockRef> blocks) {
   Frame& f = frames_[sequence % kFrames];
@@ -64,14 +64,6 @@ bool SentFrames::acknowledge(const Acknowledgement& a, std::int64_t now_ns, cons
     word(std::span(f.block).first(f.blocks), arrived);
   }
   return true;
-}
-
-std::span<const BlockRef> SentFrames::oldestWithoutWord() const {
-  for (std::size_t i = held_; i-- > 0;) {
-    const Frame& f = frames_[static_cast<std::uint16_t>(next_ - 1 - i) % kFrames];
-    if (f.open && f.blocks > 0) return std::span(f.block).first(f.blocks);
-  }
-  return {};
 }
 
 }  // namespace fathom::telemetry

@@ -20,7 +20,8 @@ class SentFrames {
   static constexpr std::size_t kFrames = 512;
 
   // `round_trip_s`: from a frame's end to the latest arrival of an answer to it [s].
-  explicit SentFrames(double round_trip_s, double expected_loss);
+  // `expected_burst`: frames lost in a row; 0: each by itself.
+  SentFrames(double round_trip_s, double expected_loss, double expected_burst);
 
   // A frame goes out; its last bit leaves at `left_ns`. Sequence numbers follow each other.
   void add(std::uint16_t sequence, std::int64_t left_ns, std::span<const BlockRef> blocks);
@@ -30,9 +31,6 @@ class SentFrames {
   // False: not about these frames (another dive's, or a sender's before it restarted).
   bool acknowledge(const Acknowledgement& a, std::int64_t now_ns, const Word& word);
 
-  // Blocks of the oldest map frame without word; empty if there is none.
-  [[nodiscard]] std::span<const BlockRef> oldestWithoutWord() const;
-  [[nodiscard]] bool withoutWord() const { return !oldestWithoutWord().empty(); }
   // Called with the blocks of frames that are pushed out of the ring without word.
   void onForgotten(std::function<void(std::span<const BlockRef>)> forgotten) {
     forgotten_ = std::move(forgotten);

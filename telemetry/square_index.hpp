@@ -10,6 +10,13 @@
 
 namespace fathom::telemetry {
 
+inline constexpr int kBlocksASide = 4;  // of a square of 16 x 16 nodes
+
+// Which square a block lies in, or which coarse block a fine one lies under.
+[[nodiscard]] constexpr std::int32_t floorDiv(std::int32_t a, std::int32_t b) {
+  return a / b - (a % b != 0 && (a < 0) != (b < 0) ? 1 : 0);
+}
+
 // Finds a square's slot by its lattice and place: open addressing in a table sized once for `capacity`
 // entries, at most half full.
 class SquareIndex {

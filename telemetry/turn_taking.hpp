@@ -7,17 +7,16 @@
 namespace fathom::telemetry {
 
 // When the vehicle stops sending to listen, on a link that carries one voice at a time. All in the caller's
-// time. Where nobody answers it listens less and less often, up to kMaxBackOff times the interval; a word
-// from the ship sets that back.
+// time. After a turn without an answer the next comes sooner: the turn or the answer was lost. Where nobody
+// answers for long it listens less and less often, up to kMaxBackOff times the interval; a word from the ship
+// sets that back. It listens no longer than the ship has lately needed to answer.
 class TurnTaking {
  public:
-  // every_s 0: never listens.
-  TurnTaking(double every_s, double listen_s)
-      : every_ns_(std::llround(every_s * 1e9)), listen_ns_(std::llround(listen_s * 1e9)) {}
-
+  // every_s 0: never listens. `listen_s`: the longest that an answer may take.
+  TurnTaking(double every_s, double listen_s) { setIntervals(every_s, listen_s); }
   void setIntervals(double every_s, double listen_s) {
     every_ns_ = std::llround(every_s * 1e9);
-    listen_ns_ = std::llround(listen_s * 1e9);
+    listen_ns_ = longest_ns_ = std::llround(listen_s * 1e9);
   }
   [[nodiscard]] bool enabled() const { return every_ns_ > 0; }
   // Whether the frame that goes out now, gone at `left_ns`, should be the last before listening. `eager`:
@@ -25,16 +24,21 @@ class TurnTaking {
   [[nodiscard]] bool due(std::int64_t left_ns, bool eager) const {
     if (!enabled()) return false;
     const std::int64_t since = left_ns - last_ns_;
-    const std::int64_t interval = every_ns_ * backOff();
-    return since >= interval || (eager && since >= interval / kEagerShare);
+    return since >= interval() || (eager && since >= kEagerTurns * listen_ns_);
   }
   void begin(std::int64_t left_ns) {
+    // The ship's answers were missed, or it needs longer now.
+    if (unanswered_ > 0) listen_ns_ = std::min(longest_ns_, listen_ns_ + listen_ns_ / 8);
     last_ns_ = left_ns;
     until_ns_ = left_ns + listen_ns_;
     ++unanswered_;
   }
   // A frame has come from the ship: it is the vehicle's turn.
-  void heard() {
+  void heard(std::int64_t now_ns) {
+    if (listening(now_ns)) {
+      const std::int64_t needed = now_ns - last_ns_ + kMargin_ns;
+      listen_ns_ = std::min(longest_ns_, std::max(needed, listen_ns_ - listen_ns_ / 8));
+    }
     until_ns_ = 0;
     unanswered_ = 0;
     ever_ = true;
@@ -45,15 +49,17 @@ class TurnTaking {
   [[nodiscard]] bool everAnswered() const { return ever_; }
 
  private:
-  static constexpr int kPatience = 5;  // turns without an answer: half of them are lost on a bad day
+  static constexpr int kPatience = 6;  // turns without an answer: half of them are lost on a bad day
   static constexpr int kMaxBackOff = 8;
-  static constexpr int kEagerShare = 4;
-  [[nodiscard]] std::int64_t backOff() const {
-    const int over = unanswered_ - kPatience;
-    return over <= 0 ? 1 : std::min(over + 1, kMaxBackOff);
+  static constexpr int kEagerTurns = 2;  // at most a third of the time, where nothing else is to be sent
+  static constexpr std::int64_t kMargin_ns = 300'000'000;
+  [[nodiscard]] std::int64_t interval() const {
+    if (unanswered_ == 0) return every_ns_;
+    if (unanswered_ <= kPatience && ever_) return every_ns_ / 2;
+    return every_ns_ * std::clamp(unanswered_ - kPatience, 1, kMaxBackOff);
   }
 
-  std::int64_t every_ns_, listen_ns_;
+  std::int64_t every_ns_ = 0, listen_ns_ = 0, longest_ns_ = 0;
   std::int64_t last_ns_ = 0, until_ns_ = 0;
   int unanswered_ = 0;
   bool ever_ = false;

@@ -32,6 +32,7 @@ void read(const ConfigTable& t, LinkCoreConfig& c) {
   s.frame_bytes = whole(t, "frame_bytes", s.frame_bytes, 32, 256);
   s.loss_rate = t.number("loss_rate", s.loss_rate, 0, 0.9);
   s.duty = t.number("duty", s.duty, 0.05, 1);
+  s.mean_burst = t.number("mean_burst", s.mean_burst, 0, 100);
   s.repair = t.boolean("repair", s.repair);
   s.half_duplex = t.boolean("half_duplex", s.half_duplex);
   s.listen_every_s = t.number("listen_every_s", s.listen_every_s, 0, 3600);

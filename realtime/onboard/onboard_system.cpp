@@ -149,7 +149,7 @@ void OnboardSystem::receiveFrame(std::int64_t now_ns, std::span<const std::uint8
   const telemetry::DownlinkContent& content = heard.content;
   if (heard.verdict == telemetry::DownlinkVerdict::kAccepted ||
       heard.verdict == telemetry::DownlinkVerdict::kNoKey)
-    link_.heard();
+    link_.heard(now_ns);
   if (content.acknowledgement) link_.acknowledge(*content.acknowledgement, now_ns);
   if (content.request) link_.request(*content.request, now_ns);
   // The poses are final when the survey is over.

@@ -47,7 +47,7 @@ class LinkCore {
     scheduler_.acknowledge(a, now_ns);
   }
   void request(const telemetry::Request& r, std::int64_t now_ns) { scheduler_.request(r, now_ns); }
-  void heard() { scheduler_.heard(); }
+  void heard(std::int64_t now_ns) { scheduler_.heard(now_ns); }
 
   // The next frame for the modem, or 0: see LinkScheduler::nextFrame.
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out) {

@@ -178,7 +178,7 @@ class Survey {
     while (const std::size_t size = channel_.vehicle().receive(buffer)) {
       const auto heard = ear_.accept(now(), std::span(buffer).first(size));
       if (heard.verdict != telemetry::DownlinkVerdict::kAccepted) continue;
-      scheduler_.heard();
+      scheduler_.heard(now());
       if (heard.content.acknowledgement) scheduler_.acknowledge(*heard.content.acknowledgement, now());
     }
     while (const std::size_t size = scheduler_.nextFrame(now(), buffer))

@@ -1,0 +1,140 @@
+#include "tests/bench/link/reliability.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <random>
+#include <set>
+#include <vector>
+
+#include "telemetry/link_receiver.hpp"
+#include "telemetry/link_scheduler.hpp"
+#include "telemetry/map_packet.hpp"
+#include "tests/telemetry/sample_tile.hpp"
+
+namespace fathom::bench {
+namespace {
+
+using telemetry::MessageType;
+
+constexpr int kFrameBytes = 32;
+constexpr double kRate = 1000;  // [bit/s]
+constexpr int kAcknowledgeEvery = 32;
+constexpr double kComplete = 0.99;
+constexpr std::int64_t kStart_ns = 1'790'000'000'000'000'000;
+constexpr std::int64_t kStep_ns = 100'000'000;
+constexpr int kIdleSteps = 200;  // nothing for so long: the sender has stopped
+
+// Gilbert-Elliott, as in the simulated channel: every frame of the bad state is lost.
+class Losses {
+ public:
+  Losses(double loss, double mean_burst, std::uint64_t seed)
+      : loss_(loss), burst_(mean_burst), random_(seed) {
+    bad_ = uniform_(random_) < loss;
+  }
+  bool next() {
+    if (burst_ <= 1) return uniform_(random_) < loss_;
+    const double leave = 1 / burst_, enter = leave * loss_ / (1 - loss_);
+    bad_ = uniform_(random_) < (bad_ ? 1 - leave : enter);
+    return bad_;
+  }
+
+ private:
+  double loss_, burst_;
+  std::mt19937_64 random_;
+  std::uniform_real_distribution<double> uniform_{0, 1};
+  bool bad_;
+};
+
+struct Run {
+  int frames = 0;
+  bool finished = false;
+  double complete = 0;
+};
+
+Run runOnce(int tiles, double loss, double mean_burst, bool feedback, std::uint64_t seed) {
+  telemetry::LinkSchedulerConfig config;
+  config.rate_bps = kRate;
+  config.frame_bytes = kFrameBytes;
+  config.loss_rate = loss;
+  config.mean_burst = mean_burst;
+  config.half_duplex = feedback;
+  config.max_delay_s = 0;
+  config.listen_s = 0.05;
+  config.listen_every_s = kAcknowledgeEvery * kFrameBytes * 8 / kRate;
+  config.listen_every_frames = kAcknowledgeEvery;
+  config.colour_bits = 0;
+  config.blocks.coarse_spacing = config.blocks.spacing;
+  telemetry::LinkScheduler scheduler(config);
+  for (int n = 0; n < tiles; ++n) scheduler.offer(telemetry::sampleTile(n % 8, n / 8), kStart_ns);
+  const auto all = static_cast<std::size_t>(scheduler.counters().blocks_waiting);
+  telemetry::LinkReceiver receiver;
+  telemetry::MapPacketDecoder decoder;
+  telemetry::DecodedMapPacket packet;
+  std::set<telemetry::BlockKey> here;
+  const auto deliver = [&](MessageType type, std::span<const std::uint8_t> payload) {
+    if (type != MessageType::kMapPacket) return true;
+    if (!decoder.decode(payload, packet)) return false;
+    for (const telemetry::MapBlock& b : packet.blocks) here.insert(b.key);
+    return true;
+  };
+  Losses losses(loss, mean_burst, seed);
+  // The ship has been heard: the vehicle knows that somebody listens.
+  if (feedback) scheduler.heard(kStart_ns);
+  Run run;
+  std::array<std::uint8_t, telemetry::kMaxFrameBytes> buffer;
+  std::int64_t now = kStart_ns;
+  for (int idle = 0; idle < kIdleSteps; ++idle, now += kStep_ns) {
+    while (const std::size_t size = scheduler.nextFrame(now, buffer)) {
+      idle = 0;
+      ++run.frames;
+      const auto frame = std::span<const std::uint8_t>(buffer).first(size);
+      const bool turn = telemetry::decodeFrame(frame).header.turn;
+      if (!losses.next()) receiver.accept(frame, deliver);
+      if (static_cast<double>(here.size()) >= kComplete * static_cast<double>(all)) {
+        run.finished = true;
+        run.complete = 1;
+        return run;
+      }
+      if (turn) scheduler.acknowledge(receiver.acknowledgement(), now);
+    }
+  }
+  run.complete = static_cast<double>(here.size()) / static_cast<double>(all);
+  return run;
+}
+
+}  // namespace
+
+ReliabilityResult measureReliability(const ReliabilityConfig& config) {
+  // As many tiles as make 64 frames.
+  constexpr int kPackets = 64;
+  static const int tiles = [] {
+    constexpr int kGuess = 8;
+    int n = std::max(1, kGuess * kPackets / runOnce(kGuess, 0, 0, true, 1).frames - 1);
+    while (runOnce(n, 0, 0, true, 1).frames < kPackets) ++n;
+    return n;
+  }();
+  ReliabilityResult result;
+  // With what a frame may be repaired by left free, packets are a little smaller.
+  result.packets = runOnce(tiles, 0, 0, config.feedback, 1).frames;
+  result.bound = result.packets / (1 - config.loss);
+  std::vector<double> frames;
+  double sum = 0, squares = 0;
+  for (int k = 0; k < config.seeds; ++k) {
+    const Run run =
+        runOnce(tiles, config.loss, config.mean_burst, config.feedback, 1000 + static_cast<std::uint64_t>(k));
+    frames.push_back(run.frames);
+    sum += run.frames;
+    squares += static_cast<double>(run.frames) * run.frames;
+    result.finished_share += run.finished ? 1.0 / config.seeds : 0;
+    result.mean_complete += run.complete / config.seeds;
+  }
+  const double n = config.seeds;
+  result.mean_frames = sum / n;
+  result.standard_error = std::sqrt(std::max(0.0, squares / n - sum / n * (sum / n)) / n);
+  std::sort(frames.begin(), frames.end());
+  result.p95_frames = frames[static_cast<std::size_t>(0.95 * (n - 1))];
+  return result;
+}
+
+}  // namespace fathom::bench

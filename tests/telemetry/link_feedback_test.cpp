@@ -1,0 +1,301 @@
+// The scheduler with a ship that answers.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <map>
+#include <random>
+#include <vector>
+
+#include "realtime/kernel/heap_counter.hpp"
+#include "telemetry/link_receiver.hpp"
+#include "telemetry/link_scheduler.hpp"
+#include "telemetry/map_packet.hpp"
+#include "tests/telemetry/sample_tile.hpp"
+
+namespace fathom::telemetry {
+namespace {
+
+constexpr std::int64_t kSecond_ns = 1'000'000'000;
+constexpr std::int64_t kStart_ns = 1'790'000'000 * kSecond_ns;
+
+LinkSchedulerConfig someConfig() {
+  LinkSchedulerConfig config;
+  config.identity = {7, 1234};
+  config.rate_bps = 2000;
+  config.frame_bytes = 64;
+  config.max_delay_s = 0.2;
+  config.colour_bits = 0;
+  config.blocks.coarse_spacing = config.blocks.spacing;
+  config.blocks.settle_s = 0;
+  return config;
+}
+
+// The ship: what it holds of the map, and its receiver.
+struct Ship {
+  LinkReceiver receiver;
+  MapPacketDecoder decoder;
+  DecodedMapPacket packet;
+  std::map<BlockKey, MapBlock> map;
+
+  void hear(std::span<const std::uint8_t> frame) {
+    receiver.accept(frame, [&](MessageType type, std::span<const std::uint8_t> payload) {
+      if (type != MessageType::kMapPacket) return true;
+      if (!decoder.decode(payload, packet)) return false;
+      for (const MapBlock& block : packet.blocks) map[block.key] = block;
+      return true;
+    });
+  }
+  // Greatest difference to a tile's nodes; infinite where one is missing.
+  double error(const HeightTile& tile) const {
+    double worst = 0;
+    for (int i = 0; i < HeightTile::kCells; ++i)
+      for (int j = 0; j < HeightTile::kCells; ++j) {
+        if (tile.at(i, j).coverage == 0) continue;
+        const auto found = map.find(
+            {*spacingCode(tile.spacing()), tile.north_index * 4 + i / 4, tile.east_index * 4 + j / 4});
+        const auto n = static_cast<std::size_t>(i % 4 * 4 + j % 4);
+        if (found == map.end() || !found->second.isSeen(static_cast<int>(n))) return INFINITY;
+        worst = std::max(worst, std::abs(static_cast<double>(found->second.depth[n] - tile.at(i, j).depth)));
+      }
+    return worst;
+  }
+};
+
+// Sends for so long; frames are lost by chance, turns are answered at once unless the answer is lost too.
+void converse(LinkScheduler& scheduler, Ship& ship, std::int64_t& now, double seconds, double loss,
+              std::mt19937& random, bool answers = true) {
+  std::array<std::uint8_t, kMaxFrameBytes> buffer;
+  const auto lost = [&] { return random() < loss * 4294967296.0; };
+  for (const std::int64_t end = now + std::llround(seconds * 1e9); now < end; now += kSecond_ns / 5)
+    while (const std::size_t size = scheduler.nextFrame(now, buffer)) {
+      const auto frame = std::span<const std::uint8_t>(buffer).first(size);
+      if (lost()) continue;
+      ship.hear(frame);
+      if (answers && ship.receiver.turn() && !lost())
+        scheduler.acknowledge(ship.receiver.acknowledgement(), now);
+    }
+}
+
+TEST(LinkFeedback, EverythingArrivesWithinTheErrorOverALossyLinkAndThenTheLinkIsQuiet) {
+  for (const double loss : {0.0, 0.3, 0.5}) {
+    LinkScheduler scheduler(someConfig());
+    Ship ship;
+    std::mt19937 random(4);
+    std::int64_t now = kStart_ns;
+    for (int n = 0; n < 6; ++n) scheduler.offer(sampleTile(n, 0), now);
+    converse(scheduler, ship, now, 600, loss, random);
+    for (int n = 0; n < 6; ++n) EXPECT_LE(ship.error(sampleTile(n, 0)), 0.0501) << loss;
+    EXPECT_TRUE(scheduler.drained());
+    EXPECT_EQ(scheduler.counters().blocks_in_flight, 0);
+    const auto frames = scheduler.counters().frames;
+    converse(scheduler, ship, now, 60, loss, random);
+    EXPECT_EQ(scheduler.counters().frames, frames);
+  }
+}
+
+TEST(LinkFeedback, OnlyWhatChangedBeyondItsBoundIsSentAgain) {
+  LinkScheduler scheduler(someConfig());
+  Ship ship;
+  std::mt19937 random(4);
+  std::int64_t now = kStart_ns;
+  HeightTile tile = sampleTile(0, 0);
+  scheduler.offer(tile, now);
+  converse(scheduler, ship, now, 100, 0, random);
+  const auto before = scheduler.counters().blocks.sent;
+  for (auto& node : tile.nodes) node.depth += 0.01F;
+  scheduler.offer(tile, now);
+  converse(scheduler, ship, now, 100, 0, random);
+  EXPECT_EQ(scheduler.counters().blocks.sent, before);
+  for (int i = 4; i < 8; ++i) tile.at(i, 9).depth += 0.5F;  // nodes of one block
+  scheduler.offer(tile, now);
+  converse(scheduler, ship, now, 100, 0, random);
+  EXPECT_EQ(scheduler.counters().blocks.sent, before + 1);
+  EXPECT_LE(ship.error(tile), 0.0751);
+}
+
+TEST(LinkFeedback, SurvivesTheWrapOfTheSequenceNumbers) {
+  LinkSchedulerConfig config = someConfig();
+  config.rate_bps = 100000;
+  config.frame_bytes = 32;
+  config.housekeeping.share = 1;
+  config.housekeeping.status_period_s = 0.1;
+  LinkScheduler scheduler(config);
+  Ship ship;
+  std::mt19937 random(4);
+  std::int64_t now = kStart_ns;
+  Status status;
+  for (int round = 0; scheduler.counters().frames < 66000; ++round) {
+    status.utc_ns = now;
+    scheduler.setStatus(status);
+    if (round % 500 == 0) scheduler.offer(sampleTile(round / 500 % 50, round / 25000), now);
+    converse(scheduler, ship, now, 0.2, 0.2, random);
+    ASSERT_LT(round, 200000);
+  }
+  converse(scheduler, ship, now, 60, 0.2, random);
+  EXPECT_EQ(scheduler.counters().acknowledgements_foreign, 0U);
+  EXPECT_EQ(ship.receiver.counters().resyncs, 0U);
+  EXPECT_EQ(scheduler.counters().blocks_waiting, 0);
+}
+
+TEST(LinkFeedback, AShipThatIsSwitchedOnAgainKnowingNothingGetsWhatHadNoWord) {
+  LinkScheduler scheduler(someConfig());
+  Ship ship;
+  std::mt19937 random(4);
+  std::int64_t now = kStart_ns;
+  for (int n = 0; n < 4; ++n) scheduler.offer(sampleTile(n, 0), now);
+  converse(scheduler, ship, now, 120, 0.1, random);
+  for (int n = 4; n < 12; ++n) scheduler.offer(sampleTile(n, 0), now);
+  Ship nobody;
+  converse(scheduler, nobody, now, 300, 1, random, false);
+  ship.receiver = LinkReceiver();
+  converse(scheduler, ship, now, 300, 0.1, random);
+  for (int n = 0; n < 12; ++n) EXPECT_LE(ship.error(sampleTile(n, 0)), 0.0501) << n;
+}
+
+TEST(LinkFeedback, AVehicleThatRestartsIsHeardAgain) {
+  Ship ship;
+  std::mt19937 random(4);
+  std::int64_t now = kStart_ns;
+  for (int life = 0; life < 3; ++life) {
+    LinkScheduler scheduler(someConfig());
+    for (int n = 0; n < 5; ++n) scheduler.offer(sampleTile(n, life), now);
+    converse(scheduler, ship, now, 120, 0.2, random);
+    for (int n = 0; n < 5; ++n) EXPECT_LE(ship.error(sampleTile(n, life)), 0.0501) << life;
+  }
+  EXPECT_EQ(ship.receiver.counters().resyncs, 2U);
+}
+
+TEST(LinkFeedback, WithoutAnyoneWhoAnswersRepairFramesMakeUpForTheLoss) {
+  LinkSchedulerConfig config = someConfig();
+  config.half_duplex = false;
+  config.loss_rate = 0.3;
+  LinkScheduler scheduler(config);
+  Ship ship;
+  std::mt19937 random(21);
+  std::int64_t now = kStart_ns;
+  for (int n = 0; n < 30; ++n) scheduler.offer(sampleTile(n, 0), now);
+  converse(scheduler, ship, now, 600, 0.3, random, false);
+  EXPECT_GT(scheduler.counters().repair_frames, 20U);
+  EXPECT_GT(ship.receiver.counters().repaired, 20U);
+  EXPECT_GE(ship.map.size(), 30U * 16 * 99 / 100);
+  EXPECT_TRUE(scheduler.drained());
+}
+
+TEST(LinkFeedback, AcknowledgementsOfFramesNeverSentChangeNothing) {
+  LinkScheduler scheduler(someConfig());
+  std::int64_t now = kStart_ns;
+  scheduler.offer(sampleTile(0, 0), now);
+  std::array<std::uint8_t, kMaxFrameBytes> buffer;
+  int frames = 0;
+  for (; frames < 3 && now < kStart_ns + 60 * kSecond_ns; now += kSecond_ns)
+    frames += scheduler.nextFrame(now, buffer) > 0 ? 1 : 0;
+  const int in_flight = scheduler.counters().blocks_in_flight;
+  EXPECT_GT(in_flight, 0);
+  std::mt19937 random(2);
+  for (int n = 0; n < 1000; ++n) {
+    Acknowledgement a;
+    a.valid = true;
+    a.newest = static_cast<std::uint16_t>(frames + 10 + random() % 60000);
+    a.reach = random() % (Acknowledgement::kMaxReach + 1);
+    for (std::size_t i = 0; i < a.reach; ++i) a.before[i] = random() % 2 == 0;
+    scheduler.acknowledge(a, now);
+  }
+  EXPECT_EQ(scheduler.counters().blocks_in_flight, in_flight);
+  EXPECT_EQ(scheduler.counters().acknowledgements_foreign, 1000U);
+}
+
+TEST(LinkFeedback, PauseRateAndStatusRequestsChangeWhatIsSent) {
+  LinkScheduler scheduler(someConfig());
+  Ship ship;
+  std::mt19937 random(4);
+  std::int64_t now = kStart_ns;
+  Request request;
+  request.kind = Request::Kind::kPauseMap;
+  scheduler.request(request, now);
+  scheduler.offer(sampleTile(0, 0), now);
+  scheduler.setStatus({});
+  converse(scheduler, ship, now, 60, 0, random);
+  EXPECT_TRUE(ship.map.empty());
+  EXPECT_GT(scheduler.counters().status_frames, 0U);
+  request.kind = Request::Kind::kResumeMap;
+  scheduler.request(request, now);
+  converse(scheduler, ship, now, 60, 0, random);
+  EXPECT_EQ(ship.map.size(), 16U);
+  request.kind = Request::Kind::kRate;
+  request.rate_bps = 100;
+  scheduler.request(request, now);
+  EXPECT_EQ(scheduler.counters().rate_bps, 100);
+  request.rate_bps = 5;  // out of bounds
+  scheduler.request(request, now);
+  EXPECT_EQ(scheduler.counters().rate_bps, 100);
+  EXPECT_EQ(scheduler.counters().requests_refused, 1U);
+}
+
+TEST(LinkFeedback, RequestedDetailGoesFinerOnASlowLinkAndAsWholeTilesOnAFastOne) {
+  for (const double rate : {300.0, 5000.0}) {
+    LinkSchedulerConfig config = someConfig();
+    config.rate_bps = rate;
+    LinkScheduler scheduler(config);
+    Ship ship;
+    std::mt19937 random(4);
+    std::int64_t now = kStart_ns;
+    Request request;
+    request.kind = Request::Kind::kDetail;
+    request.north_max = request.east_max = 2;
+    request.spacing = 0.125;
+    request.max_error = 0.02;
+    scheduler.request(request, now);
+    ASSERT_NE(scheduler.detail(), nullptr);
+    const HeightTile tile = sampleTile(0, 0, 2);
+    ASSERT_TRUE(scheduler.offerDetail(tile, now));
+    scheduler.detailServed();
+    EXPECT_EQ(scheduler.detail(), nullptr);
+    converse(scheduler, ship, now, 300, 0, random);
+    const auto tiles = ship.receiver.counters().types[static_cast<std::size_t>(MessageType::kTileFragment)];
+    if (rate < config.fast_rate_bps) {
+      EXPECT_LE(ship.error(tile), 0.0201);
+      EXPECT_EQ(tiles, 0U);
+    } else {
+      EXPECT_GT(tiles, 0U);
+      EXPECT_TRUE(ship.map.empty());
+    }
+  }
+}
+
+TEST(LinkFeedback, SendingCallsNoHeap) {
+  LinkScheduler scheduler(someConfig());
+  Ship ship;
+  std::mt19937 random(4);
+  std::int64_t now = kStart_ns;
+  for (int n = 0; n < 20; ++n) scheduler.offer(sampleTile(n, 0), now);
+  converse(scheduler, ship, now, 10, 0.2, random);
+  scheduler.setStatus({});
+  std::array<std::uint8_t, kMaxFrameBytes> buffer;
+  const rt::ThreadCost before = rt::threadCost();
+  int frames = 0;
+  for (const std::int64_t end = now + 60 * kSecond_ns; now < end; now += kSecond_ns / 5)
+    while (scheduler.nextFrame(now, buffer) > 0) ++frames;
+  const rt::ThreadCost cost = rt::threadCost() - before;
+  EXPECT_GT(frames, 10);
+  EXPECT_EQ(cost.heap_calls, 0U);
+}
+
+TEST(LinkFeedback, AFullPoolGivesUpTheSquareNeededLeastAndCountsIt) {
+  LinkSchedulerConfig config = someConfig();
+  config.blocks.max_squares = 10;
+  LinkScheduler scheduler(config);
+  Ship ship;
+  std::mt19937 random(4);
+  std::int64_t now = kStart_ns;
+  for (int n = 0; n < 25; ++n) scheduler.offer(sampleTile(n, 0), now);
+  EXPECT_EQ(scheduler.counters().squares_held, 10);
+  EXPECT_EQ(scheduler.counters().blocks.evicted, 15U * 16);
+  converse(scheduler, ship, now, 300, 0, random);
+  for (int n = 15; n < 25; ++n) EXPECT_LE(ship.error(sampleTile(n, 0)), 0.0501);
+  for (int n = 100; n < 110; ++n) scheduler.offer(sampleTile(n, 0), now);  // these displace what has arrived
+  EXPECT_EQ(scheduler.counters().blocks.evicted, 15U * 16);
+}
+
+}  // namespace
+}  // namespace fathom::telemetry
