@@ -3,6 +3,7 @@
 #include <cstdlib>
 
 #include "telemetry/frame.hpp"
+#include "telemetry/link_receiver.hpp"
 #include "telemetry/mission_info.hpp"
 #include "telemetry/status.hpp"
 #include "telemetry/track.hpp"
@@ -27,6 +28,37 @@ void track(std::span<const std::uint8_t> payload) {
     check(points[i].utc_ns == again[i].utc_ns && points[i].north == again[i].north);
 }
 
+// A conversation: pieces of the data, each led by its length, as whole frames (a CRC that fits is put under
+// them), so that sequence numbers and repair groups come in any order and with any content.
+void receive(std::span<const std::uint8_t> data) {
+  LinkReceiver receiver(LinkIdentity{1, 1});
+  std::array<std::uint8_t, kMaxFrameBytes> frame;
+  std::uint64_t delivered = 0;
+  while (data.size() > 4) {
+    const std::size_t size =
+        std::min<std::size_t>(data[0], std::min(data.size() - 4, frame.size() - kFrameOverhead));
+    // Few sequence numbers, so that they meet.
+    const FrameHeader header{{1, 1},
+                             static_cast<std::uint16_t>(data[1] << 12 | (data[2] & 0x7F)),
+                             static_cast<MessageType>(data[3] & 7U),
+                             (data[3] & 8U) != 0};
+    const std::size_t bytes = encodeFrame(header, data.subspan(4, size), frame);
+    receiver.accept(std::span<const std::uint8_t>(frame).first(bytes),
+                    [&](MessageType type, std::span<const std::uint8_t> payload) {
+                      check(type != MessageType::kRepair && payload.size() <= kMaxFrameBytes);
+                      ++delivered;
+                      return payload.size() % 2 == 0;
+                    });
+    const Acknowledgement a = receiver.acknowledgement();
+    check(a.reach <= Acknowledgement::kMaxReach && (a.valid || a.reach == 0));
+    data = data.subspan(4 + size);
+  }
+  const LinkReceiver::Counters& c = receiver.counters();
+  std::uint64_t sum = 0;
+  for (const std::uint64_t n : c.verdicts) sum += n;
+  check(sum == c.frames && delivered <= c.frames * kMaxGroup);
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
@@ -43,5 +75,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   MissionInfo info;
   if (decodeMissionInfo(bytes, info)) check(info.vehicle_name.size() <= kMaxNameBytes);
   track(bytes);
+  receive(bytes);
   return 0;
 }

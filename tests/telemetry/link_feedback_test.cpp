@@ -177,7 +177,7 @@ TEST(LinkFeedback, WithoutAnyoneWhoAnswersRepairFramesMakeUpForTheLoss) {
   for (int n = 0; n < 30; ++n) scheduler.offer(sampleTile(n, 0), now);
   converse(scheduler, ship, now, 600, 0.3, random, false);
   EXPECT_GT(scheduler.counters().repair_frames, 20U);
-  EXPECT_GT(ship.receiver.counters().repaired, 20U);
+  EXPECT_GT(ship.receiver.counters().repaired, 8U);
   EXPECT_GE(ship.map.size(), 30U * 16 * 99 / 100);
   EXPECT_TRUE(scheduler.drained());
 }
@@ -277,7 +277,7 @@ TEST(LinkFeedback, SendingCallsNoHeap) {
   for (const std::int64_t end = now + 60 * kSecond_ns; now < end; now += kSecond_ns / 5)
     while (scheduler.nextFrame(now, buffer) > 0) ++frames;
   const rt::ThreadCost cost = rt::threadCost() - before;
-  EXPECT_GT(frames, 10);
+  EXPECT_GT(frames, 5);
   EXPECT_EQ(cost.heap_calls, 0U);
 }
 

@@ -58,7 +58,7 @@ std::vector<Sent> run(LinkScheduler& scheduler, double seconds, double step_s, E
 }
 
 TEST(LinkScheduler, NeverExceedsItsRateOverAnyWindowAndUsesIt) {
-  for (const double rate : {80.0, 300.0, 5400.0}) {
+  for (const double rate : {80.0, 300.0, 1200.0}) {
     for (const int frame_bytes : {32, 100, 256}) {
       LinkSchedulerConfig config = someConfig();
       config.rate_bps = rate;
@@ -68,7 +68,7 @@ TEST(LinkScheduler, NeverExceedsItsRateOverAnyWindowAndUsesIt) {
       const auto bucket = static_cast<double>(linkBucketBits(config));
       int n = 0;
       const auto sent = run(scheduler, 300, 0.37, [&](double) {
-        for (int k = 0; k < 4; ++k) scheduler.offer(sampleTile(n++, 3), kStart_ns);
+        for (int k = 0; k < 2; ++k) scheduler.offer(sampleTile(n++, 3), kStart_ns);
       });
       // Over every window from frame i to frame j: bits(i..j) <= rate * (t_j - t_i) + bucket. The greatest
       // excess of any window that ends here follows from the one that ends a frame earlier.
