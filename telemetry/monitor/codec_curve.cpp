@@ -9,9 +9,9 @@ namespace fathom::monitor {
 namespace {
 
 constexpr double kWidth = 760, kHeight = 480;                        // of the picture [px]
-constexpr double kLeft = 70, kRight = 190, kTop = 50, kBottom = 60;  // margins
-constexpr std::array<const char*, 6> kColours{"#0b5cad", "#c2410c", "#b45309",
-                                              "#7c2d12", "#15803d", "#65a30d"};
+constexpr double kLeft = 70, kRight = 205, kTop = 50, kBottom = 60;  // margins
+constexpr std::array<const char*, 6> kColours{"#0b5cad", "#c2410c", "#7c3aed",
+                                              "#a16207", "#15803d", "#0e9a9a"};
 
 // "1.5" for 1.5 and "2" for 2.
 std::string shortNumber(double value) {
@@ -57,7 +57,7 @@ std::string escaped(const std::string& plain) {
 }  // namespace
 
 std::string drawCurve(const std::vector<CurvePoint>& points, double area, const std::string& title) {
-  std::vector<Line> lines{{"map packets, all overhead", {}}};
+  std::vector<Line> lines{{"map packets in frames", {}}};
   for (const CurvePoint& point : points) {
     lines[0].points.emplace_back(point.max_error, point.ours);
     for (std::size_t k = 0; k < point.peers.size(); ++k) {
