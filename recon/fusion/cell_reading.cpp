@@ -8,6 +8,8 @@ namespace {
 // Sideways error of poses and points, in spacings: on a 45 degree slope it changes a cell's height by as
 // much.
 constexpr double kSidewaysError = 0.5;
+// The same between levels: a coarser cell's mean stands for ground up to a spacing away, on steep slopes too.
+constexpr double kSidewaysErrorOfLevels = 1.0;
 // A second surface with fewer observations than the best one's over this is an outlier, not a layer.
 constexpr std::uint32_t kLayerShare = 3;
 
@@ -92,7 +94,8 @@ CellReading readCell(const QuadtreeStore& store, int level, std::int32_t first) 
 Verdict judge(const QuadtreeStore& store, const CellReading& finer, const CellReading& coarser,
               int coarser_level) {
   if (!coarser.seen() || coarser.count * kLayerShare < finer.count) return Verdict::kStands;
-  const double sideways = kSidewaysError * store.spacing(coarser_level), gate = store.config().gate;
+  const double sideways = kSidewaysErrorOfLevels * store.spacing(coarser_level);
+  const double gate = store.config().gate;
   const double apart = finer.depth - coarser.depth;
   if (apart * apart <= gate * gate * (finer.variance + coarser.variance + sideways * sideways))
     return Verdict::kStands;

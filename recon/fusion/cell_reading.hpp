@@ -24,7 +24,7 @@ struct CellReading {
 [[nodiscard]] CellReading readCell(const QuadtreeStore& store, int level, std::int32_t first);
 
 // What becomes of the surface that a finer cell shows, after what a coarser level says about its place: they
-// are two surfaces when they differ by more than the gate, half the coarser spacing of sideways error
+// are two surfaces when they differ by more than the gate, a coarser spacing of sideways error
 // included.
 enum class Verdict {
   kStands,

@@ -130,10 +130,23 @@ class NodeMeans {
       const std::int64_t gj = (std::int64_t{key.east_index} * kCells + k % kCells) >> down;
       const CellReading other = readCell(store_, level, store_.head(slot, cellOf(gi, gj)));
       const Verdict verdict = judge(store_, cell, other, level);
+      if (verdict == Verdict::kStands || liesAmong(cell, level, gi, gj)) continue;
       if (verdict == Verdict::kOutvoted) return true;
       cell.layered = cell.layered || verdict == Verdict::kLayered;
     }
     return false;
+  }
+  // Whether the height is one between those of the coarse cells around: on a cliff the coarse cells, not the
+  // finer one, are what misleads.
+  [[nodiscard]] bool liesAmong(const CellReading& cell, int level, std::int64_t gi, std::int64_t gj) const {
+    bool above = false, below = false;
+    for (int k = 0; k < 9; ++k) {
+      const CellReading near = read(level, gi + k / 3 - 1, gj + k % 3 - 1);
+      if (!near.seen()) return true;  // at the border of what the coarse level saw it cannot tell
+      above = above || near.depth <= cell.depth;
+      below = below || near.depth >= cell.depth;
+    }
+    return above && below;
   }
   [[nodiscard]] std::int64_t scaled(std::int32_t index, const TileKey& below) const {
     return std::int64_t{index} << (below.level - key_.level);
