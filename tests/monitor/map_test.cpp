@@ -58,11 +58,33 @@ TEST(BlockStore, RefusesWhatNoDiveHasAndCountsIt) {
   auto deep = madeBlock(kMetre, 0, 0);
   deep.depth[7] = std::nanf("");
   EXPECT_FALSE(store.put(deep, false, 0.05, 0));
-  auto unseen = madeBlock(kMetre, 0, 0);
-  unseen.seen = 0;
-  EXPECT_FALSE(store.put(unseen, false, 0.05, 0));
-  EXPECT_EQ(store.counters().refused, 6U);
+  EXPECT_EQ(store.counters().refused, 5U);
   EXPECT_TRUE(store.chunks().empty());
+}
+
+TEST(BlockStore, ABlockOfWhichNothingIsSeenAnyMoreGoes) {
+  BlockStore store;
+  Surface surface(store);
+  for (int n = 0; n < 3; ++n) store.put(madeBlock(kQuarterMetre, n, 0), false, 0.05, 1);
+  store.put(madeBlock(kQuarterMetre, 90, 0), false, 0.05, 1);  // alone in its chunk
+  const double area = surface.area();
+  auto gone = madeBlock(kQuarterMetre, 1, 0);
+  gone.seen = 0;
+  EXPECT_TRUE(store.put(gone, false, 0.05, 2));
+  EXPECT_EQ(store.size(), 3U);
+  EXPECT_LT(surface.area(), area);
+  EXPECT_EQ(store.generation(), 0U);
+  gone.key.north = 90;
+  EXPECT_TRUE(store.put(gone, false, 0.05, 2));
+  EXPECT_EQ(store.generation(), 1U);
+  EXPECT_TRUE(store.put(gone, false, 0.05, 2));  // gone already
+  EXPECT_EQ(store.counters().withdrawn, 2U);
+  for (int n = 0; n < 1000; ++n) {
+    gone.key.north = 1;
+    store.put(madeBlock(kQuarterMetre, 1, 0), false, 0.05, 3);
+    store.put(gone, false, 0.05, 4);
+  }
+  EXPECT_EQ(store.size(), 2U);
 }
 
 TEST(BlockStore, WhenFullLosesTheOldestOfTheFinestBlocksAndNeverTheCoarseMap) {

@@ -17,7 +17,7 @@ int chunkShift(const BlockKey& key) {
 }
 
 bool showable(const MapBlock& block) {
-  if (block.key.spacing > kCoarsestCode || block.seen == 0) return false;
+  if (block.key.spacing > kCoarsestCode) return false;
   const double size = MapBlock::kSide * telemetry::spacingOf(block.key.spacing);
   if (std::abs(block.key.north * size) > kMaxHorizontal_m ||
       std::abs(block.key.east * size) > kMaxHorizontal_m)
@@ -76,6 +76,13 @@ bool BlockStore::put(const MapBlock& block, bool has_colour, double max_error, s
     return false;
   }
   ++counters_.taken;
+  if (block.seen == 0) {
+    if (find(block.key) == nullptr) return true;
+    ++counters_.withdrawn;
+    std::erase(arrivals_[block.key.spacing], block.key);
+    remove(block.key);
+    return true;
+  }
   auto& level = chunks_[chunkOf(block.key)].levels[block.key.spacing];
   const auto [at, is_new] = level.try_emplace(chunkSlot(block.key));
   StoredBlock& stored = at->second;
@@ -123,23 +130,26 @@ void BlockStore::touch(const BlockKey& key) {
   }
 }
 
+void BlockStore::remove(const BlockKey& key) {
+  const auto in = chunks_.find(chunkOf(key));
+  in->second.levels[key.spacing].erase(chunkSlot(key));
+  --size_;
+  --counts_[key.spacing];
+  touch(key);
+  const bool empty = std::all_of(in->second.levels.begin(), in->second.levels.end(),
+                                 [](const auto& level) { return level.empty(); });
+  if (!empty) return;
+  chunks_.erase(in);
+  ++generation_;
+}
+
 void BlockStore::evict() {
-  for (std::size_t code = 0; code < kLevels; ++code) {
-    if (arrivals_[code].empty()) continue;
-    const BlockKey key = arrivals_[code].front();
-    arrivals_[code].pop_front();
-    const auto in = chunks_.find(chunkOf(key));
-    in->second.levels[code].erase(chunkSlot(key));
-    --size_;
-    --counts_[code];
+  for (auto& arrivals : arrivals_) {
+    if (arrivals.empty()) continue;
+    const BlockKey key = arrivals.front();
+    arrivals.pop_front();
     ++counters_.evicted;
-    touch(key);
-    const bool empty = std::all_of(in->second.levels.begin(), in->second.levels.end(),
-                                   [](const auto& level) { return level.empty(); });
-    if (empty) {
-      chunks_.erase(in);
-      ++generation_;
-    }
+    remove(key);
     return;
   }
 }

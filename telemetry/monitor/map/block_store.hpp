@@ -44,8 +44,8 @@ class BlockStore {
   static constexpr std::size_t kDefaultBlocks = 65536;  // 10 times a 7,500 m2 dive at 25 cm
   explicit BlockStore(std::size_t max_blocks = kDefaultBlocks) : max_blocks_(max_blocks) {}
 
-  // False for what cannot be shown: another spacing than a power of two up to 4 m, a place or a depth that no
-  // dive has, nothing seen.
+  // A block of which nothing is seen says that the map has left this place: the block held goes. False for
+  // what cannot be shown: another spacing than a power of two up to 4 m, a place or a depth that no dive has.
   bool put(const telemetry::MapBlock& block, bool has_colour, double max_error, std::int64_t utc_ns);
 
   struct Chunk {
@@ -68,16 +68,18 @@ class BlockStore {
 
   struct Counters {
     std::uint64_t taken = 0;
-    std::uint64_t refused = 0;   // see put()
-    std::uint64_t replaced = 0;  // blocks received again
-    std::uint64_t changed = 0;   // of those, with heights that differ beyond both error bounds and 5 cm
-    std::uint64_t evicted = 0;   // dropped because the store was full
+    std::uint64_t refused = 0;    // see put()
+    std::uint64_t replaced = 0;   // blocks received again
+    std::uint64_t changed = 0;    // of those, with heights that differ beyond both error bounds and 5 cm
+    std::uint64_t withdrawn = 0;  // blocks that went because nothing is seen there any more
+    std::uint64_t evicted = 0;    // dropped because the store was full
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
 
  private:
   void touch(const telemetry::BlockKey& key);
   void evict();
+  void remove(const telemetry::BlockKey& key);
 
   std::size_t max_blocks_;
   std::map<ChunkKey, Chunk> chunks_;

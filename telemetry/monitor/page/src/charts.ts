@@ -15,6 +15,8 @@ const axis = (more: uPlot.Axis = {}): uPlot.Axis => ({
 
 const clock = (seconds: number): string => new Date(seconds * 1000).toISOString().slice(11, 16);
 
+const STEPS = uPlot.paths.stepped!({ align: 1 });
+
 export class LinkChart {
   private plot: uPlot;
   constructor(private box: HTMLElement) {
@@ -25,13 +27,13 @@ export class LinkChart {
         scales: { x: { time: true }, rate: { range: (_, __, max) => [0, Math.max(100, (max || 0) * 1.15)] }, loss: { range: [0, 100] } },
         axes: [
           axis({ size: 22, values: (_, ticks) => ticks.map(clock), space: 60 }),
-          axis({ scale: 'rate', space: 28 }),
+          axis({ scale: 'rate', space: 28, size: 40, values: (_, ticks) => ticks.map((t) => (t >= 1000 ? `${t / 1000}k` : String(t))) }),
           axis({ scale: 'loss', side: 1, grid: { show: false }, space: 28, size: 38, values: (_, ticks) => ticks.map((t) => `${t}%`) }),
         ],
         series: [
           {},
-          { label: 'bit/s', scale: 'rate', stroke: '#6fb7c9', fill: 'rgb(111 183 201 / 22%)', width: 1.5, points: { show: false } },
-          { label: 'lost', scale: 'loss', stroke: '#e8866a', width: 1.2, points: { show: false }, spanGaps: true },
+          { label: 'bit/s', scale: 'rate', stroke: '#6fb7c9', fill: 'rgb(111 183 201 / 22%)', width: 1.5, points: { show: false }, paths: STEPS },
+          { label: 'lost', scale: 'loss', stroke: '#e8866a', width: 1.2, points: { show: false }, paths: STEPS },
         ],
       },
       [[], [], []], box,

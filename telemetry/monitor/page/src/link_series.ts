@@ -1,11 +1,13 @@
 import type { History } from './api';
 
-// What the chart shows of a history: bit/s and the share of lost frames of every step. Loss is a difference of counts in
-// which late and repaired frames go back, so that a step may come out below zero: it counts as none.
+// What the chart shows of a history: bit/s and the share of lost frames from the beginning of every step, and once more at
+// the end of the last. Loss is a difference of counts in which late and repaired frames go back, so that a step may come out
+// below zero: it counts as none.
 export function linkSeries(history: History): [times: number[], rates: number[], losses: (number | null)[]] {
-  const times = history.steps.map((_, i) => history.start_utc_s + (i + 0.5) * history.step_s);
-  const rates = history.steps.map(([bps]) => bps);
-  const losses = history.steps.map(([, accepted, lost]) => {
+  const steps = history.steps.length > 0 ? [...history.steps, history.steps[history.steps.length - 1]!] : [];
+  const times = steps.map((_, i) => history.start_utc_s + i * history.step_s);
+  const rates = steps.map(([bps]) => bps);
+  const losses = steps.map(([, accepted, lost]) => {
     const gone = Math.max(lost, 0);
     return accepted + gone > 0 ? (100 * gone) / (accepted + gone) : null;
   });

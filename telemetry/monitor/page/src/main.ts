@@ -20,6 +20,7 @@ const POLL_INTERVAL = 5000; // where no event stream comes through [ms]
 const CLOCK_INTERVAL = 1000; // ages count on between frames [ms]
 const SLOW_INTERVAL = 5000; // least time between two looks at the link's history and the squares that are missing [ms]
 const LATE_AFTER = 30; // [s]
+const VEHICLE_NEAR = 8; // above the highest of the map [m]
 
 // The token that the first address may carry is in the cookie now; it need not stay in sight.
 if (new URLSearchParams(location.search).has('token')) history.replaceState(null, '', location.pathname);
@@ -60,9 +61,12 @@ let failure: unknown = null;
 const sinceState = (): number => (state?.recorded ? 0 : (performance.now() - stateAt) / 1000);
 const now = (): number => (state?.now_utc_s ?? 0) + sinceState();
 
+// The map, and the vehicle while it works near it: a dive's way down would make the map small.
 function everything(): THREE.Box3 {
-  const box = seafloor.bounds().union(vehicle.trackBox);
-  return vehicle.group.visible ? box.expandByPoint(vehicle.position) : box;
+  const box = seafloor.bounds();
+  if (box.isEmpty()) box.union(vehicle.trackBox);
+  const near = box.isEmpty() || vehicle.position.y < box.max.y + VEHICLE_NEAR;
+  return vehicle.group.visible && near ? box.expandByPoint(vehicle.position) : box;
 }
 
 function showMode(): void {

@@ -14,7 +14,7 @@ const VEHICLE: Row[] = [
 ];
 const SURVEY: Row[] = [['Received here', 'area'], ['Mapped on board', 'area-onboard'], ['Seen, not received', 'pending'],
   ['Moved, last 10 min', 'changed'], ['Stereo pairs', 'pairs'], ['Blocks held', 'blocks']];
-const LINK: Row[] = [['Last min', 'rate'], ['Last 5 min', 'recent-loss'], ['Frames', 'accepted'],
+const LINK: Row[] = [['Rate', 'rate'], ['Loss, 5 min', 'recent-loss'], ['Frames', 'accepted'],
   ['Lost', 'lost'], ['Bytes', 'bytes'], ['Repaired', 'repaired'], ['Rejected', 'rejected'], ['Said', 'said']];
 const COUNTERS: Row[] = [['Late cycles', 'slipped'], ['Work given up', 'shed'], ['Pools refused', 'refused']];
 
@@ -106,7 +106,7 @@ export function drawPanel(state: MonitorState, age: number | null, silence: numb
   const l = state.link;
   const rejected = Object.entries(l.rejected).filter(([, n]) => n > 0);
   write('rate', number(l.rate_bps, 0, 'bit/s'));
-  write('recent-loss', l.recent_loss === null ? '–' : `${Math.round(100 * l.recent_loss)} % lost`);
+  write('recent-loss', l.recent_loss === null ? '–' : `${Math.round(100 * l.recent_loss)} %`);
   write('accepted', count(l.accepted));
   write('lost', l.accepted + l.lost > 0 ? `${count(l.lost)} (${((100 * l.lost) / (l.accepted + l.lost)).toFixed(0)} %)` : '0');
   write('repaired', count(l.repaired));

@@ -79,9 +79,9 @@ test('latitude and longitude of a place near the origin agree with the projectio
 test('loss never goes below nothing, and thinning keeps frames', () => {
   const history = { start_utc_s: 1000, step_s: 10, steps: [[80, 3, 1, 0], [160, 5, -1, 2], [0, 0, 0, 0]] as [number, number, number, number][] };
   const [times, rates, losses] = linkSeries(history);
-  assert.deepEqual(times, [1005, 1015, 1025]);
-  assert.deepEqual(rates, [80, 160, 0]);
-  assert.deepEqual(losses, [25, 0, null]);
+  assert.deepEqual(times, [1000, 1010, 1020, 1030]);
+  assert.deepEqual(rates, [80, 160, 0, 0]);
+  assert.deepEqual(losses, [25, 0, null, null]);
   const thin = thinned(history, 2);
   assert.equal(thin.step_s, 20);
   assert.deepEqual(thin.steps, [[120, 8, 0, 2], [0, 0, 0, 0]]);
