@@ -304,6 +304,7 @@ MapPacketEncoder::Result MapPacketEncoder::encode(std::span<const MapBlock> bloc
     Result result = impl_->longest(blocks, error_code, colour_bits, out);
     std::span<const MapBlock> sent = blocks.first(result.blocks);
     if (result.blocks == 0) {
+      if (!config.in_parts) return {};
       result = impl_->part(blocks[0], error_code, colour_bits, out);
       if (result.blocks == 0) return {};
       sent = {&impl_->partial, 1};

@@ -31,7 +31,8 @@ class Journey {
       const std::span<const MapBlock> left = std::span<const MapBlock>(blocks).subspan(at);
       const auto start = std::chrono::steady_clock::now();
       const auto result = encoder_.encode(
-          left, {.max_error = settings_.max_error, .colour_bits = settings_.colour_bits}, payload_, held_);
+          left, {.max_error = settings_.max_error, .colour_bits = settings_.colour_bits, .in_parts = true},
+          payload_, held_);
       const double ms = since(start);
       if (result.blocks == 0) throw std::runtime_error("a map block could not be encoded");
       figures.encode_ms += ms;

@@ -164,10 +164,11 @@ TEST(MapPacket, SendsABlockTooRoughForOneFrameInPartsCoarsestNodesFirst) {
   DecodedMapPacket packet;
   std::vector<MapBlock> held(1);
   std::array<std::uint8_t, kMinFrameBytes - kFrameOverhead> out;
+  EXPECT_EQ(encoder.encode(blocks, {}, out, held).bytes, 0U);  // whole or not at all, unless asked
   std::uint16_t arrived = 0;
   for (int frames = 0; blocks[0].seen != 0; ++frames) {
     ASSERT_LT(frames, 4);
-    const auto result = encoder.encode(blocks, {}, out, held);
+    const auto result = encoder.encode(blocks, {.in_parts = true}, out, held);
     ASSERT_EQ(result.blocks, 1U);
     ASSERT_TRUE(decoder.decode(std::span(out).first(result.bytes), packet));
     ASSERT_EQ(packet.blocks.size(), 1U);
