@@ -1,6 +1,5 @@
 import * as THREE from 'three';
-import { CHUNK_SIZE, positionsOf, type Chunk } from './chunks';
-import { HAS_COLOUR } from './chunks';
+import { HAS_COLOUR, positionsOf, type Chunk } from './chunks';
 import { SeafloorMaterial, type ColourMode } from './material';
 import { robustRange } from './ramps';
 import type { Origin } from './place';
@@ -111,12 +110,11 @@ export class Seafloor {
     this.material.set('originDepth', origin.depth);
 
     const shown: Shown = { chunk, mesh, depths: [], sigmas: [], oldest: Infinity, hasColour: false, finest: 7 };
-    let [low, high] = [Infinity, -Infinity];
+    const box = new THREE.Box3();
+    const positions = geometry.getAttribute('position');
     const step = Math.max(1, Math.floor(chunk.vertices / SAMPLES_PER_CHUNK));
     for (let v = 0; v < chunk.vertices; ++v) {
       const depth = chunk.depths[v]!;
-      low = Math.min(low, depth);
-      high = Math.max(high, depth);
       shown.oldest = Math.min(shown.oldest, chunk.times[2 * v]!);
       shown.finest = Math.min(shown.finest, chunk.normals[4 * v + 3]!);
       shown.hasColour ||= (chunk.colours[4 * v + 3]! & HAS_COLOUR) !== 0;
@@ -125,9 +123,7 @@ export class Seafloor {
         shown.sigmas.push(chunk.bounds[2 * v]! * 1e-3);
       }
     }
-    const box = new THREE.Box3();
-    if (chunk.vertices > 0)
-      box.set(new THREE.Vector3(0, origin.depth - high, -CHUNK_SIZE), new THREE.Vector3(CHUNK_SIZE, origin.depth - low, 0));
+    if (chunk.vertices > 0) box.setFromArray(positions.array);
     geometry.boundingBox = box;
     geometry.boundingSphere = box.getBoundingSphere(new THREE.Sphere());
     this.shown.set(chunk.key, shown);
