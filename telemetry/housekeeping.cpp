@@ -89,6 +89,11 @@ std::size_t Housekeeping::status(std::int64_t now_ns, std::span<std::uint8_t> ou
   return encodeStatus(*status_, out.first(std::min(out.size(), room_)));
 }
 
+std::size_t Housekeeping::spareStatus(std::int64_t now_ns, std::span<std::uint8_t> out) {
+  const std::int64_t sent_ns = status_timer_.next_ns - status_timer_.period_ns;
+  return now_ns - sent_ns >= nanoseconds(config_.status_period_s) ? status(now_ns, out) : 0;
+}
+
 std::size_t Housekeeping::next(std::int64_t now_ns, std::span<std::uint8_t> out, MessageType& type) {
   out = out.first(std::min(out.size(), room_));
   if (status_ && status_timer_.due(now_ns)) {

@@ -14,7 +14,7 @@
 namespace fathom::telemetry {
 
 struct HousekeepingConfig {
-  double share = 0.07; // of the rate; the periods stretch to keep it
+  double share = 0.05;  // of the rate; the periods stretch to keep it
   double status_period_s = 10;
   double mission_info_period_s = 120;
   double track_interval_s = 5;  // between points of the track
@@ -37,8 +37,8 @@ class Housekeeping {
 
   // The payload of the message that is due, 0 for none.
   [[nodiscard]] std::size_t next(std::int64_t now_ns, std::span<std::uint8_t> out, MessageType& type);
-  // Of the status, whatever is due: for a frame that must carry something.
-  [[nodiscard]] std::size_t status(std::int64_t now_ns, std::span<std::uint8_t> out);
+  // While the link has nothing else to send: the status at its own period, not the stretched one; 0 for none.
+  [[nodiscard]] std::size_t spareStatus(std::int64_t now_ns, std::span<std::uint8_t> out);
 
   [[nodiscard]] double stretch() const { return stretch_; }  // factor on the periods
 
@@ -58,6 +58,8 @@ class Housekeeping {
   std::array<TrackPoint, kMaxTrackPoints> track_{};  // oldest first
   std::size_t track_size_ = 0, track_capacity_ = 0;  // capacity 0: no track messages
   std::int64_t track_interval_ns_ = 0;
+  [[nodiscard]] std::size_t status(std::int64_t now_ns, std::span<std::uint8_t> out);
+
   Timer status_timer_, info_timer_, track_timer_;
   double stretch_ = 1;
 };

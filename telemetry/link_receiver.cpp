@@ -1,7 +1,11 @@
 #include "telemetry/link_receiver.hpp"
 
+#include <algorithm>
+
 namespace fathom::telemetry {
 namespace {
+
+constexpr std::size_t kLeastReach = 16;  // frames before the oldest turn spoken of
 
 std::uint32_t crcOf(std::span<const std::uint8_t> frame) {
   std::uint32_t crc = 0;
@@ -22,6 +26,7 @@ void LinkReceiver::beginAnew(std::uint16_t sequence) {
   started_ = true;
   newest_ = sequence;
   stale_run_ = 0;
+  turn_count_ = 0;
   slots_.fill({});
   repair_.clear();
 }
@@ -82,6 +87,7 @@ DecodedFrame LinkReceiver::accept(std::span<const std::uint8_t> bytes, const Del
   if (frame.verdict != FrameVerdict::kAccepted && frame.verdict != FrameVerdict::kBadPayload) return frame;
   if (frame.verdict == FrameVerdict::kAccepted) ++counters_.types[static_cast<std::size_t>(type)];
   turn_ = frame.header.turn;
+  if (turn_) turns_[turn_count_++ % kTurnsBack] = newest_;
   repair(deliver);
   return frame;
 }
@@ -109,7 +115,12 @@ Acknowledgement LinkReceiver::acknowledgement() const {
   Acknowledgement a;
   a.valid = started_;
   a.newest = newest_;
-  for (; started_ && a.reach < Acknowledgement::kMaxReach; ++a.reach) {
+  std::size_t furthest = Acknowledgement::kMaxReach;
+  if (turn_count_ >= kTurnsBack) {
+    const auto since = static_cast<std::uint16_t>(newest_ - turns_[turn_count_ % kTurnsBack]);
+    furthest = std::min(furthest, std::size_t{since} + kLeastReach);
+  }
+  for (; started_ && a.reach < furthest; ++a.reach) {
     const std::size_t at = static_cast<std::uint16_t>(newest_ - 1 - a.reach);
     const State state = slots_[at % static_cast<std::size_t>(kWindow)].state;
     if (state == State::kBeforeStart) break;

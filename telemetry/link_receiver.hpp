@@ -31,7 +31,8 @@ class LinkReceiver {
   // The frame accepted last said "your turn": the vehicle listens now.
   [[nodiscard]] bool turn() const { return turn_; }
   // What to tell the vehicle: the newest sequence number and which of those before it arrived or were
-  // repaired, as far back as this receiver has listened. Not valid before the first frame.
+  // repaired, as far back as this receiver has listened, and no further than the last kTurnsBack turns (an
+  // answer takes the time in which the vehicle is silent). Not valid before the first frame.
   [[nodiscard]] Acknowledgement acknowledgement() const;
 
   struct Counters {
@@ -64,6 +65,7 @@ class LinkReceiver {
   static constexpr int kWindow = RepairDecoder::kWindow;
   static constexpr int kResyncJump = 4096;
   static constexpr int kStaleRun = 4;
+  static constexpr std::size_t kTurnsBack = 3;  // that all of so many answers were lost is unlikely
 
   enum class State : std::uint8_t { kBeforeStart, kMissing, kSeen, kRepaired };
   struct Slot {
@@ -76,6 +78,8 @@ class LinkReceiver {
 
   std::optional<LinkIdentity> identity_;
   bool started_ = false, turn_ = false;
+  std::array<std::uint16_t, kTurnsBack> turns_{};  // sequence numbers of the last ones, a ring
+  std::size_t turn_count_ = 0;
   std::uint16_t newest_ = 0;
   std::uint16_t last_stale_ = 0;
   int stale_run_ = 0;

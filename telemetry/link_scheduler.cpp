@@ -205,6 +205,11 @@ std::size_t LinkScheduler::Impl::choose() {
     ++counters.tile_frames;
     return size;
   }
+  if (const std::size_t size = housekeeping.spareStatus(now, payload)) {
+    type = MessageType::kStatus;
+    ++counters.status_frames;
+    return size;
+  }
   if (repair.open()) repair.close(sent.loss(), sent.burst());
   if (const std::size_t size = repairFrame()) return size;
   return probe();
