@@ -75,9 +75,13 @@ Request getRequest(BitReader& r) {
 
 void put(BitWriter& w, const Acknowledgement& a) {
   w.put(a.newest, kSequenceBits);
-  // To the end of the room, or of the byte in which the last bit falls.
-  for (std::size_t i = 0; w.bitsLeft() > 0 && i < Acknowledgement::kMaxReach; ++i)
-    w.put(i < a.reach && a.before[i] ? 1 : 0, 1);
+  // The reader takes every bit up to the end for a frame: what would end inside a byte gives up its furthest
+  // frames, and only a receiver that has heard less than a byte's worth fills up with frames not heard.
+  std::size_t reach = std::min({a.reach, Acknowledgement::kMaxReach, w.bitsLeft()});
+  const std::size_t over = (w.bits() + reach) % kByteBits;
+  if (reach < Acknowledgement::kMaxReach && reach >= over) reach -= over;
+  for (std::size_t i = 0; i < reach; ++i) w.put(a.before[i] ? 1 : 0, 1);
+  while (w.bits() % kByteBits != 0) w.put(0, 1);
 }
 
 Acknowledgement getAcknowledgement(BitReader& r) {

@@ -99,7 +99,8 @@ using DownlinkCounter = std::uint32_t;
 
 // Writes the content without its signature. Returns the bytes written, 0 if `out` is too small or something
 // cannot be sent (a fix after `counter` or too old, a request out of bounds). An acknowledgement takes what
-// is left of `out`, at most kMaxReach frames, and is left out if not even `newest` fits. The first of the
+// is left of `out`, at most its own reach (less up to seven frames, to end with a byte), and is left out if
+// not even `newest` fits. The first of the
 // bits says whether a signature follows; the caller appends it.
 [[nodiscard]] std::size_t encodeDownlink(const DownlinkContent& content, DownlinkCounter counter,
                                          bool is_signed, std::span<std::uint8_t> out);

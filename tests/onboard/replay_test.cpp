@@ -122,7 +122,7 @@ TEST(Replay, EveryFrameOnTheLinkIsValidAndTheRateHolds) {
   EXPECT_GT(types[telemetry::MessageType::kStatus], 3);
   EXPECT_GT(types[telemetry::MessageType::kTrack], 0);
   EXPECT_GT(types[telemetry::MessageType::kMissionInfo], 0);
-  EXPECT_GT(types[telemetry::MessageType::kTileFragment], 1);
+  EXPECT_GT(types[telemetry::MessageType::kMapPacket], 1);
   constexpr double kRate = 300.0 / 8;  // [B/s]
   EXPECT_LE(static_cast<double>(bytes), kRate * static_cast<double>(last_ns - first_ns) / 1e9 + 3 * 128);
 }
