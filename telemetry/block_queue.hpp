@@ -19,10 +19,10 @@ struct BlockQueueConfig {
   double max_error = 0.05;      // of a node as decoded [m]
   double update_error = 0.075;  // a node further than this from what the other side holds is sent again [m]
   double min_coverage = 0.05;   // nodes seen less than this are not sent
-  double settle_s = 3;          // a block still growing waits this long after its last change
-  double max_wait_s = 20;       // but no longer than this since it was first wanted
+  double settle_s = 2;          // a block still growing waits this long after its last change
+  double max_wait_s = 10;       // but no longer than this since it was first wanted
   double deadline_s = 60;       // what was lost is sent again before new blocks until it is so old
-  double coarse_after_s = 30;   // an area whose fine blocks have waited so long goes coarse first
+  double coarse_after_s = 120;  // an area whose fine blocks have waited so long goes coarse first
 
   void validate() const;  // throws std::invalid_argument naming the value
 };
