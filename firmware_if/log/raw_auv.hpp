@@ -43,8 +43,8 @@ class RawAuvReader {
   std::uint64_t skipped_ = 0, damaged_ = 0;
 };
 
-// Writes such a file; samples without a line of their own (GPS, water, battery) are left out. Appears whole with
-// commit().
+// Writes such a file; samples without a line of their own (GPS, water, battery) are left out. Appears whole
+// with commit().
 class RawAuvWriter {
  public:
   // `magnetic_declination` [rad] turns magnetic headings into the true ones of PHINS_COMPASS and h_true.

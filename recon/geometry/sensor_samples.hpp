@@ -83,7 +83,7 @@ struct ImageEvent {
   double exposure_s = 0;
 };
 
-using SensorSample =
-    std::variant<DvlSample, AttitudeSample, DepthSample, UsblFix, GpsFix, WaterSample, BatterySample, ImageEvent>;
+using SensorSample = std::variant<DvlSample, AttitudeSample, DepthSample, UsblFix, GpsFix, WaterSample,
+                                  BatterySample, ImageEvent>;
 
 }  // namespace fathom

@@ -33,7 +33,8 @@ void SensorNoise::validate() const {
   const double positive[] = {dvl_velocity,     dvl_rate,     dvl_scale, dvl_heading,
                              unknown_velocity, heading,      tilt,      deviation,
                              tilt_bias,        unknown_turn, depth};
-  const double not_negative[] = {deviation_drift, deviation_turn, tilt_turn, depth_offset, depth_drift, visual_scale};
+  const double not_negative[] = {deviation_drift, deviation_turn, tilt_turn,
+                                 depth_offset,    depth_drift,    visual_scale};
   for (const double value : positive)
     if (!(value > 0) || !std::isfinite(value))
       throw std::invalid_argument("sensor noise: a standard deviation or rate must be above zero");

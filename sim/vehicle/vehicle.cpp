@@ -10,9 +10,9 @@
 namespace fathom::sim {
 namespace {
 
-constexpr double kStep = 0.1;             // of the guidance and between the spline's knots [s]
-constexpr double kAtDepth = 0.15;         // the dive or ascent is over this near to the wanted depth [m]
-constexpr double kAtRest = 0.01;          // [m/s]
+constexpr double kStep = 0.1;              // of the guidance and between the spline's knots [s]
+constexpr double kAtDepth = 0.15;          // the dive or ascent is over this near to the wanted depth [m]
+constexpr double kAtRest = 0.01;           // [m/s]
 constexpr double kLongestPhase = 40000.0;  // a dive, a survey or an ascent that takes longer is a mistake [s]
 
 enum class Phase { kFloatBefore, kDive, kSurvey, kAscend, kFloatAfter, kOver };
