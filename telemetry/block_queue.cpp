@@ -193,11 +193,16 @@ void BlockQueue::unsendable(const Batch& batch) {
   ++counters_.unsendable;
 }
 
-void BlockQueue::delivered(const BlockRef& ref) {
+std::optional<BlockQueue::Whole> BlockQueue::delivered(const BlockRef& ref) {
   Block& b = at(ref);
-  if (b.stamp != ref.stamp || b.state == State::kNever) return;
+  if (b.stamp != ref.stamp || b.state == State::kNever) return std::nullopt;
   b.state = State::kDelivered;
-  b.wanted = !b.blocked && differs(squares_[ref.square], b);
+  const Square& square = squares_[ref.square];
+  b.wanted = !b.blocked && differs(square, b);
+  for (const Block& other : square.blocks)
+    if (other.content.seen != 0 && (other.state != State::kDelivered || other.wanted || other.blocked))
+      return std::nullopt;
+  return Whole{square.spacing, square.north, square.east};
 }
 
 bool BlockQueue::doubt() {

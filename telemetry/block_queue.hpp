@@ -3,6 +3,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -75,8 +76,14 @@ class BlockQueue {
   // The batch's first block cannot be encoded; it waits for newer content.
   void unsendable(const Batch& batch);
 
-  // What became of a sending. Nothing happens if the block was sent again since.
-  void delivered(const BlockRef& ref);
+  // A square that the other side holds whole, as it is now.
+  struct Whole {
+    SpacingCode spacing = 0;
+    std::int32_t north = 0, east = 0;  // in squares of 16 nodes
+  };
+  // What became of a sending. Nothing happens if the block was sent again since. `delivered` gives the square
+  // if that was the last that it lacked.
+  std::optional<Whole> delivered(const BlockRef& ref);
   void lost(const BlockRef& ref);
   // The blocks without word that were sent longest ago go again, as if they were lost. False: there are none.
   bool doubt();

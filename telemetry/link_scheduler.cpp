@@ -125,7 +125,12 @@ LinkScheduler::Impl::Impl(const LinkSchedulerConfig& c)
   if (config.listen_every_frames == 0) config.listen_every_frames = kMaxTurnFrames;
   housekeeping.plan(c.rate_bps * c.duty);
   sent.onForgotten([this](std::span<const BlockRef> blocks) {
-    for (const BlockRef& b : blocks) turns.everAnswered() ? queue.lost(b) : queue.delivered(b);
+    for (const BlockRef& b : blocks) {
+      if (turns.everAnswered())
+        queue.lost(b);
+      else
+        (void)queue.delivered(b);
+    }
   });
 }
 
@@ -241,10 +246,17 @@ void LinkScheduler::heard(std::int64_t now_ns) {
   impl_->turns.heard(now_ns);
 }
 
-void LinkScheduler::acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns) {
+void LinkScheduler::acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns,
+                                const std::function<void(const BlockQueue::Whole&)>& on_whole) {
   Impl& s = *impl_;
   s.sent.acknowledge(acknowledgement, now_ns, [&](std::span<const BlockRef> blocks, bool arrived) {
-    for (const BlockRef& b : blocks) arrived ? s.queue.delivered(b) : s.queue.lost(b);
+    for (const BlockRef& b : blocks) {
+      if (!arrived) {
+        s.queue.lost(b);
+      } else if (const auto whole = s.queue.delivered(b); whole && on_whole) {
+        on_whole(*whole);
+      }
+    }
   });
   s.turns.heard(now_ns);
 }

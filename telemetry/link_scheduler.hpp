@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 
@@ -58,7 +59,9 @@ class LinkScheduler {
   void offer(const HeightTile& tile, std::int64_t now_ns);
 
   // What the ship said. Any of them, and heard() for a frame with neither, ends listening.
-  void acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns);
+  // `on_whole`, unless empty, is called for every square that the ship now holds as it is.
+  void acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns,
+                   const std::function<void(const BlockQueue::Whole&)>& on_whole = {});
   void request(const Request& request, std::int64_t now_ns);
   void heard(std::int64_t now_ns);
 

@@ -150,7 +150,9 @@ void OnboardSystem::receiveFrame(std::int64_t now_ns, std::span<const std::uint8
   if (heard.verdict == telemetry::DownlinkVerdict::kAccepted ||
       heard.verdict == telemetry::DownlinkVerdict::kNoKey)
     link_.heard(now_ns);
-  if (content.acknowledgement) link_.acknowledge(*content.acknowledgement, now_ns);
+  if (content.acknowledgement)
+    link_.acknowledge(*content.acknowledgement, now_ns,
+                      [this](const fusion::TileKey& square) { map_.noteSent(square); });
   if (content.request) link_.request(*content.request, now_ns);
   // The poses are final when the survey is over.
   if (content.fix && !survey_over_) {

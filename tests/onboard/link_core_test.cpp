@@ -4,9 +4,11 @@
 
 #include <algorithm>
 #include <array>
+#include <set>
 #include <stdexcept>
 
 #include "realtime/kernel/frame_port.hpp"
+#include "telemetry/link_receiver.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -85,6 +87,27 @@ TEST(LinkCore, EverythingGoesOutWhenTheSurveyIsOverAndThenItIsDrained) {
   EXPECT_LT(now, 120 * kSecond);
   // The rate holds: 300 bit/s, and two frames of burst.
   EXPECT_LE(static_cast<double>(bytes), 300.0 / 8 * static_cast<double>(now / kSecond) + 2 * 128 + 1);
+}
+
+TEST(LinkCore, TellsWhichSquaresTheShipHoldsWholeOnceItSaysSo) {
+  fusion::QuadtreeMap map(mapConfig());
+  LinkCore link(linkConfig());
+  link.noteMapped(mapped(map, 0, 1.0F, 1.0F, 6.0F));
+  link.offerTiles(map, 0, true);
+  telemetry::LinkReceiver ship;
+  std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer;
+  std::set<std::pair<int, int>> whole;
+  for (std::int64_t now = 0; now < 120 * kSecond; now += kSecond) {
+    while (const std::size_t size = link.nextFrame(now, buffer))
+      ship.accept(std::span(buffer).first(size),
+                  [](telemetry::MessageType, std::span<const std::uint8_t>) { return true; });
+    if (now < 60 * kSecond) continue;  // until then nobody has said anything
+    link.acknowledge(ship.acknowledgement(), now, [&](const fusion::TileKey& key) {
+      EXPECT_EQ(key.level, 3);
+      whole.insert({key.north_index, key.east_index});
+    });
+  }
+  EXPECT_EQ(whole, (std::set<std::pair<int, int>>{{0, 0}, {0, 1}, {1, 0}, {1, 1}}));
 }
 
 TEST(LinkCore, ServesARequestForDetailAtItsSpacingAndNoFurtherThanItsCap) {

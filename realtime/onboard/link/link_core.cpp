@@ -52,6 +52,15 @@ std::int32_t LinkCore::indexOf(double metres, int level) const {
   return static_cast<std::int32_t>(std::floor(metres * std::exp2(level) / config_.root_size));
 }
 
+void LinkCore::acknowledge(const telemetry::Acknowledgement& a, std::int64_t now_ns,
+                           const std::function<void(const fusion::TileKey&)>& on_sent) {
+  const auto spacing = telemetry::spacingCode(config_.scheduler.blocks.spacing);
+  scheduler_.acknowledge(a, now_ns, [&](const telemetry::BlockQueue::Whole& square) {
+    if (on_sent && square.spacing == spacing)
+      on_sent({square.north, square.east, static_cast<std::int16_t>(fine_.level)});
+  });
+}
+
 void LinkCore::setStatus(telemetry::Status status) {
   status.map_area = area_total_;
   scheduler_.setStatus(status);

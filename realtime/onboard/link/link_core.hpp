@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <set>
 #include <span>
@@ -42,10 +43,10 @@ class LinkCore {
   // scheduler.
   void offerTiles(const fusion::QuadtreeMap& map, std::int64_t now_ns, bool everything = false);
 
-  // What the ship said; see LinkScheduler.
-  void acknowledge(const telemetry::Acknowledgement& a, std::int64_t now_ns) {
-    scheduler_.acknowledge(a, now_ns);
-  }
+  // What the ship said; see LinkScheduler. `on_sent` is called for every square at the usual spacing that the
+  // ship now holds whole.
+  void acknowledge(const telemetry::Acknowledgement& a, std::int64_t now_ns,
+                   const std::function<void(const fusion::TileKey&)>& on_sent = {});
   void request(const telemetry::Request& r, std::int64_t now_ns) { scheduler_.request(r, now_ns); }
   void heard(std::int64_t now_ns) { scheduler_.heard(now_ns); }
 
