@@ -29,7 +29,7 @@ class RepairEncoder {
   // A frame went out; every sequence number in turn. `loss`, `burst`: as expected now.
   void source(std::uint16_t sequence, std::span<const std::uint8_t> payload, bool is_map, double loss,
               double burst);
-  // No more frames for now: closes the group that is open.
+  // The frames pause: closes the group that is open.
   void close(double loss, double burst);
   // Everything is known to have arrived, or will be sent again by itself.
   void clear();

@@ -117,7 +117,6 @@ class QuadtreeStore {
   bool makeRoom(std::uint32_t now);
   void findCandidates(std::uint32_t now);
   [[nodiscard]] Candidate valueOf(const TileKey& parent, std::uint32_t now) const;
-  void markSent(const TileKey& key);
   // Measures some tiles' relief anew, in turn.
   void refreshRelief();
   [[nodiscard]] float measureRelief(std::int32_t slot) const;

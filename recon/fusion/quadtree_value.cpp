@@ -125,16 +125,12 @@ bool QuadtreeStore::makeRoom(std::uint32_t now) {
   return true;
 }
 
-void QuadtreeStore::markSent(const TileKey& key) {
+void QuadtreeStore::noteSent(const TileKey& key) {
   const std::int32_t found = index_.find(key);
   if (found == TileIndex::kAbsent) return;
   if (found >= 0) at(found).sent = true;
   if (index_.below(key) > 0)
-    for (int c = 0; c < 4; ++c) markSent(TileIndex::child(key, c));
-}
-
-void QuadtreeStore::noteSent(const TileKey& key) {
-  markSent(key);
+    for (int c = 0; c < 4; ++c) noteSent(TileIndex::child(key, c));
 }
 
 }  // namespace fathom::fusion
