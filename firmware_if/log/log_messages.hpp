@@ -22,6 +22,7 @@ namespace fathom::io {
 //   FATHOM_GPS            fathom.gps_t                GpsFix
 //   FATHOM_WATER          fathom.water_t              WaterSample
 //   FATHOM_BATTERY        fathom.battery_t            BatterySample
+//   FATHOM_PROGRESS       fathom.progress_t           MissionProgressSample
 //   FATHOM_IMAGE          fathom.image_t              ImageEvent
 //                                                       (beside it: ACFR_AUV_VIS_RAWLOG,
 //                                                       acfrlcm.auv_vis_rawlog_t)

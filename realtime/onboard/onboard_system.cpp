@@ -75,6 +75,8 @@ void OnboardSystem::consume(std::int64_t arrival_utc_ns, const SensorSample& sam
           addFix(nav::FixKind::kUsbl, s.utc_ns, s.latitude, s.longitude, s.sigma_horizontal);
         else if constexpr (std::is_same_v<T, BatterySample>)
           battery_ = s;
+        else if constexpr (std::is_same_v<T, MissionProgressSample>)
+          told_progress_ = s.fraction;
         else if constexpr (std::is_same_v<T, ImageEvent>)
           addImage(s, arrival_utc_ns);
         else
@@ -205,7 +207,9 @@ telemetry::Status OnboardSystem::status(std::int64_t now_ns) const {
   status.pairs_seen = static_cast<std::uint32_t>(counters.pairs + unreadable_images_);
   status.pairs_dropped =
       static_cast<std::uint32_t>(unreadable_images_ + counters.bad_images + counters.pairs_without_points);
-  status.mission_progress = progress_.fraction().value_or(telemetry::kAbsent);
+  // What the vehicle's own control says counts before what the plan lets guess.
+  status.mission_progress =
+      told_progress_ ? *told_progress_ : progress_.fraction().value_or(telemetry::kAbsent);
   const fusion::QuadtreeMap::Counters tiles = map_.map().counters();
   status.pool_refusals = static_cast<std::uint32_t>(tiles.refused + tiles.coarsened);
   status.health = healthFlags(now_ns, tiles);

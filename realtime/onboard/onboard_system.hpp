@@ -105,6 +105,7 @@ class OnboardSystem {
   std::size_t last_points_ = 0;  // of the newest pair
   bool survey_over_ = false;
   std::optional<BatterySample> battery_;  // the newest
+  std::optional<double> told_progress_;   // of the mission, by the vehicle's own control
 };
 
 }  // namespace fathom::onboard

@@ -73,6 +73,12 @@ struct BatterySample {
   std::optional<double> charge;   // left, 0 to 1
 };
 
+// How far the vehicle's own mission control says the mission has come.
+struct MissionProgressSample {
+  std::int64_t utc_ns = 0;
+  double fraction = 0;  // 0 to 1
+};
+
 enum class CameraSide : std::uint8_t { kLeft = 0, kRight = 1 };
 
 // One exposure; the pixels are in the file (or, live, in a frame pool).
@@ -83,7 +89,11 @@ struct ImageEvent {
   double exposure_s = 0;
 };
 
+// What a device other than a camera gives: nothing that owns memory.
+using DeviceSample = std::variant<DvlSample, AttitudeSample, DepthSample, UsblFix, GpsFix, WaterSample,
+                                  BatterySample, MissionProgressSample>;
+
 using SensorSample = std::variant<DvlSample, AttitudeSample, DepthSample, UsblFix, GpsFix, WaterSample,
-                                  BatterySample, ImageEvent>;
+                                  BatterySample, ImageEvent, MissionProgressSample>;
 
 }  // namespace fathom

@@ -39,7 +39,8 @@ inline std::vector<SensorSample> everyKindOfSample() {
           ImageEvent{kStart + 8, CameraSide::kLeft, "PR_20231114_221320_123_LC16.tif", 0.002},
           ImageEvent{kStart + 9, CameraSide::kRight, "PR_20231114_221320_123_RM16.tif", 0.0},
           battery,
-          BatterySample{kStart + 11, 48.25, 4.5, 0.0}};
+          BatterySample{kStart + 11, 48.25, 4.5, 0.0},
+          MissionProgressSample{kStart + 12, 0.375}};
 }
 
 inline bool same(const DvlSample& a, const DvlSample& b) {
@@ -68,6 +69,9 @@ inline bool same(const WaterSample& a, const WaterSample& b) {
 }
 inline bool same(const BatterySample& a, const BatterySample& b) {
   return a.utc_ns == b.utc_ns && a.voltage == b.voltage && a.current == b.current && a.charge == b.charge;
+}
+inline bool same(const MissionProgressSample& a, const MissionProgressSample& b) {
+  return a.utc_ns == b.utc_ns && a.fraction == b.fraction;
 }
 inline bool same(const ImageEvent& a, const ImageEvent& b) {
   return a.utc_ns == b.utc_ns && a.side == b.side && a.file_name == b.file_name &&

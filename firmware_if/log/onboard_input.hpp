@@ -1,0 +1,64 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <variant>
+#include <vector>
+
+#include "firmware_if/log/log_messages.hpp"
+#include "realtime/kernel/frame_port.hpp"
+#include "recon/geometry/sensor_samples.hpp"
+
+namespace fathom::io {
+
+// Everything that fathom-onboard's cores consume, in one order: the log of a live run holds exactly this
+// sequence, so that it replays to the same bytes. Channels beside those of log_messages.hpp:
+//
+//   FATHOM_MODEM_IN   fathom.raw_t       a frame that the modem received
+//   FATHOM_TICK       fathom.tick_t      time passes: health is looked at, frames are sent
+//   FATHOM_DECISION   fathom.decision_t  what a measured time or a full queue decided about a pair
+//   FATHOM_MARK       fathom.mark_t      a state was saved, the program started again, the survey ended
+
+struct ModemFrame {
+  std::uint16_t size = 0;
+  std::array<std::uint8_t, FramePort::kMaxFrameBytes> bytes{};
+  [[nodiscard]] std::span<const std::uint8_t> data() const { return {bytes.data(), size}; }
+};
+
+struct Tick {};
+
+// Of the soft tier about one stereo pair, logged when it is made; replay looks it up by the pair.
+struct Decision {
+  std::uint32_t pair_index = 0;
+  std::uint8_t level = 0;  // of degradation: 0 none (onboard/overload_rule.hpp)
+  bool dropped = false;    // the pair is not mapped
+};
+
+struct Mark {
+  enum class Kind : std::uint8_t { kCheckpoint = 0, kRestart = 1, kEnd = 2 };
+  Kind kind = Kind::kEnd;
+  // kCheckpoint: the state after all inputs before this mark was saved as `number`. kRestart: the program
+  // came back with checkpoint `number` (0: none) and consumed again what is logged behind its mark.
+  std::uint64_t number = 0;
+};
+
+struct OnboardInput {
+  std::int64_t arrival_utc_ns = 0;  // never falls within one run of the program
+  std::variant<SensorSample, ModemFrame, Tick, Decision, Mark> what;
+};
+
+[[nodiscard]] LogMessage encodeInput(const OnboardInput& input);
+// std::nullopt for a channel that carries no input, or a message whose fingerprint, length or CRC is wrong.
+[[nodiscard]] std::optional<OnboardInput> decodeInput(std::string_view channel,
+                                                      std::span<const std::uint8_t> data);
+
+// Reads a mission's inputs in recorded order; where there is no log, those of the RAW.auv. Damaged entries
+// are skipped and counted. Throws InputError if the file is absent, empty, or holds no sample at all.
+[[nodiscard]] std::vector<OnboardInput> readOnboardInputs(const std::filesystem::path& mission_folder,
+                                                          std::uint64_t& damaged);
+
+}  // namespace fathom::io

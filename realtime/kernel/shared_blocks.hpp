@@ -1,0 +1,46 @@
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "realtime/kernel/arena.hpp"
+
+namespace fathom::rt {
+
+// A fixed number of blocks of one size over pre-faulted memory, each shared by whoever holds it: camera
+// frames on their way to the map and to the recorder. One thread acquires; any thread retains and releases;
+// wait-free. When every block is held, acquire() gives kNone and counts the refusal.
+class SharedBlocks {
+ public:
+  static constexpr std::uint32_t kNone = UINT32_MAX;
+
+  // Throws std::system_error when the system refuses the memory.
+  SharedBlocks(std::size_t blocks, std::size_t block_bytes, MemoryLock lock = MemoryLock::kUnlocked);
+
+  // A block that nobody holds, held once; or kNone. One thread only.
+  [[nodiscard]] std::uint32_t acquire() noexcept;
+  // One more holder of a block that the caller holds.
+  void retain(std::uint32_t block) noexcept;
+  // One holder less; the last one frees it.
+  void release(std::uint32_t block) noexcept;
+
+  [[nodiscard]] std::span<std::byte> bytes(std::uint32_t block) noexcept;
+  [[nodiscard]] std::size_t blocks() const noexcept { return count_; }
+  [[nodiscard]] std::size_t blockBytes() const noexcept { return block_bytes_; }
+  [[nodiscard]] std::size_t held() const noexcept;  // now
+  [[nodiscard]] std::size_t highWater() const noexcept { return high_water_.load(std::memory_order_relaxed); }
+  [[nodiscard]] std::uint64_t refused() const noexcept { return refused_.load(std::memory_order_relaxed); }
+
+ private:
+  std::size_t count_, block_bytes_;
+  Arena memory_;
+  std::unique_ptr<std::atomic<std::uint32_t>[]> holders_;
+  std::size_t next_ = 0;  // where acquire() looks first
+  std::atomic<std::size_t> high_water_{0};
+  std::atomic<std::uint64_t> refused_{0};
+};
+
+}  // namespace fathom::rt
