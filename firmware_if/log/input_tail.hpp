@@ -1,0 +1,23 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+#include "firmware_if/log/onboard_input.hpp"
+
+namespace fathom::io {
+
+// The newest part of a mission's log, for a quick start again behind a checkpoint: read from the end
+// backwards, in growing pieces, until the mark is found, so that five hours of log cost no more than what
+// lies behind the mark.
+struct InputTail {
+  bool mark_found = false;
+  std::vector<OnboardInput> inputs;  // behind the newest mark kCheckpoint `number`, or all when not found
+  std::uint64_t damaged = 0;         // entries skipped
+};
+
+// `number` 0: every input of the log. Throws InputError if the log is absent or empty.
+[[nodiscard]] InputTail readInputTail(const std::filesystem::path& mission_folder, std::uint64_t number);
+
+}  // namespace fathom::io

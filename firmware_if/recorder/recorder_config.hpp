@@ -1,0 +1,45 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+
+#include "firmware_if/mission.hpp"
+#include "realtime/kernel/config_table.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+
+namespace fathom::io {
+
+struct RecorderConfig {
+  double sync_interval_s = 0.5;     // the disk is made to hold everything this often
+  double planned_hours = 5;         // of recording still to come; the log's room is taken beforehand
+  double image_reserve_mib = 2048;  // below this much free disk no more images are written
+  double log_reserve_mib = 64;      // below this much raw bytes and messages stop too; inputs never stop
+  std::size_t image_queue = 6;      // exposures of one camera waiting to be written; each holds its block
+  std::size_t raw_queue_kib = 256;  // bytes of one lane waiting to be written
+  std::size_t raw_lanes = 8;        // producers of raw bytes and messages
+  bool acfr_channels = true;        // ACFR messages beside Fathom's own, for other people's tools
+};
+
+// Table [recorder] of onboard.toml; keys as the members, ranges in this folder's README.md. Does not call
+// finish().
+[[nodiscard]] RecorderConfig readRecorderConfig(const ConfigTable& table, RecorderConfig defaults = {});
+
+// What the planned hours will take on the disk.
+struct PlannedBytes {
+  std::uint64_t images = 0, log = 0;
+  [[nodiscard]] std::uint64_t total() const { return images + log; }
+};
+[[nodiscard]] PlannedBytes plannedBytes(const RecorderConfig& config, const MissionConfig& mission,
+                                        const StereoRig& rig);
+
+// Bytes that this process may still write to the disk that holds `folder`, or would hold it; 0 when unknown.
+[[nodiscard]] std::uint64_t freeBytes(const std::filesystem::path& folder);
+
+// One line when the disk is too small for the plan, saying after how many hours images would stop; "" when
+// all is well.
+[[nodiscard]] std::string plannedRoomWarning(const RecorderConfig& config, const MissionConfig& mission,
+                                             const StereoRig& rig, const std::filesystem::path& folder);
+
+}  // namespace fathom::io
