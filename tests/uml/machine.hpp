@@ -1,0 +1,37 @@
+#pragma once
+
+#include <sys/wait.h>
+
+#include <cstdio>
+#include <filesystem>
+#include <string>
+
+#include "tests/uml/machine_files.hpp"
+
+// uml_run as a test calls it. The calling target depends on target uml_run and is made by fathom_test.
+namespace fathom::uml {
+
+// Begin a test with this, so that it skips, saying so, where there is none.
+#define FATHOM_REQUIRE_USER_MODE_LINUX()                     \
+  if (!std::filesystem::exists(fathom::uml::kKernel) ||      \
+      !std::filesystem::exists(fathom::uml::kModulesFolder)) \
+  GTEST_SKIP() << "no user-mode Linux: install the Debian package user-mode-linux"
+
+struct MachineRun {
+  int status = -1;     // of uml_run
+  std::string output;  // the command's and uml_run's, stdout and stderr
+};
+
+// `arguments` as a shell reads them: "--can -- candump vcan0".
+inline MachineRun runMachine(const std::string& arguments) {
+  MachineRun run;
+  const std::string command = std::string(FATHOM_BIN_DIR) + "/uml_run " + arguments + " 2>&1";
+  std::FILE* pipe = ::popen(command.c_str(), "r");
+  if (pipe == nullptr) return run;
+  for (int c = std::fgetc(pipe); c != EOF; c = std::fgetc(pipe)) run.output.push_back(static_cast<char>(c));
+  const int status = ::pclose(pipe);
+  if (WIFEXITED(status)) run.status = WEXITSTATUS(status);
+  return run;
+}
+
+}  // namespace fathom::uml
