@@ -21,7 +21,7 @@ namespace fathom::io {
 //   FATHOM_MODEM_IN   fathom.raw_t       a frame that the modem received
 //   FATHOM_TICK       fathom.tick_t      time passes: health is looked at, frames are sent
 //   FATHOM_DECISION   fathom.decision_t  what a measured time or a full queue decided about a pair
-//   FATHOM_MARK       fathom.mark_t      a state was saved, the program started again, the survey ended
+//   FATHOM_MARK       fathom.mark_t      a state was saved, the program started again, the survey ended, ...
 
 struct ModemFrame {
   std::uint16_t size = 0;
@@ -39,10 +39,12 @@ struct Decision {
 };
 
 struct Mark {
-  enum class Kind : std::uint8_t { kCheckpoint = 0, kRestart = 1, kEnd = 2 };
+  enum class Kind : std::uint8_t { kCheckpoint = 0, kRestart = 1, kEnd = 2, kHealth = 3 };
   Kind kind = Kind::kEnd;
   // kCheckpoint: the state after all inputs before this mark was saved as `number`. kRestart: the program
-  // came back with checkpoint `number` (0: none) and consumed again what is logged behind its mark.
+  // came back with checkpoint `number` (0: none) and consumed again what is logged behind its mark. kHealth:
+  // from now on these health flags (telemetry's bits) hold of what the cores cannot see: privileges, disk,
+  // overload.
   std::uint64_t number = 0;
 };
 

@@ -80,17 +80,21 @@ void OnboardSystem::consume(std::int64_t arrival_utc_ns, const SensorSample& sam
         else if constexpr (std::is_same_v<T, ImageEvent>)
           addImage(s, arrival_utc_ns);
         else
-          nav_.step(navInput(s));
+          nav_.add(s);
       },
       sample);
   mapPairs(on_pair);
-  updateTrack(arrival_utc_ns);
-  link_.offerTiles(map_.map(), arrival_utc_ns);
+  passTime(arrival_utc_ns);
+}
+
+void OnboardSystem::passTime(std::int64_t now_ns) {
+  updateTrack(now_ns);
+  link_.offerTiles(map_.map(), now_ns);
 }
 
 void OnboardSystem::addFix(nav::FixKind kind, std::int64_t utc_ns, double latitude, double longitude,
                            double sigma) {
-  const auto T_odom_body = nav_.odometry().poseAt(utc_ns);
+  const auto T_odom_body = nav_.core().odometry().poseAt(utc_ns);
   if (!T_odom_body) {
     ++fixes_without_odometry_;
     return;
@@ -102,10 +106,10 @@ void OnboardSystem::addFix(nav::FixKind kind, std::int64_t utc_ns, double latitu
 }
 
 void OnboardSystem::addImage(const ImageEvent& event, std::int64_t arrival_utc_ns) {
-  const auto frame_id = static_cast<std::uint32_t>(image_names_.size());
-  image_names_.push_back(event.file_name);
-  nav::CameraClock& clock = event.side == CameraSide::kLeft ? left_clock_ : right_clock_;
-  nav_.step(frameInput(clock.utcNs(event.utc_ns, arrival_utc_ns), event.side, frame_id));
+  const std::uint32_t frame = nav_.addExposure(event.utc_ns, event.side, arrival_utc_ns);
+  ImageName& name = image_names_[frame % image_names_.size()];
+  name.frame = frame;
+  name.text = event.file_name;
 }
 
 bool OnboardSystem::readPair(const MappedPair& pair, MapInput& input) const {
@@ -121,13 +125,27 @@ bool OnboardSystem::readPair(const MappedPair& pair, MapInput& input) const {
   return true;
 }
 
+bool OnboardSystem::nameImages(const StereoTrigger& trigger, MappedPair& pair) const {
+  const ImageName& left = image_names_[trigger.left_frame_id % image_names_.size()];
+  const ImageName& right = image_names_[trigger.right_frame_id % image_names_.size()];
+  if (left.frame != trigger.left_frame_id || right.frame != trigger.right_frame_id) return false;
+  pair.left_image = left.text;
+  pair.right_image = right.text;
+  return true;
+}
+
 void OnboardSystem::mapPairs(const std::function<void(const MappedPair&)>& on_pair) {
-  while (const auto trigger = nav_.pollTrigger()) {
+  while (const auto trigger = nav_.core().pollTrigger()) {
+    const PairQuota quota = policy_ ? policy_(*trigger) : PairQuota();
+    ++pairs_at_level_[std::min<std::size_t>(quota.level, pairs_at_level_.size() - 1)];
     MappedPair pair;
-    pair.left_image = image_names_[trigger->left_frame_id];
-    pair.right_image = image_names_[trigger->right_frame_id];
+    const bool named = nameImages(*trigger, pair);
+    if (quota.drop) {
+      ++shed_pairs_;
+      continue;
+    }
     MapInput input;
-    const bool read = readPair(pair, input);
+    const bool read = named && readPair(pair, input);
     if (observer_) observer_("images");
     if (!read) {
       ++unreadable_images_;
@@ -137,6 +155,11 @@ void OnboardSystem::mapPairs(const std::function<void(const MappedPair&)>& on_pa
     input.utc_ns = trigger->utc_ns;
     input.T_odom_body = trigger->T_odom_body;
     input.quality = trigger->quality;
+    input.closures = quota.closures;
+    if (quota.feature_share < 1)
+      input.max_features = static_cast<int>(quota.feature_share * config_.stereo.max_features);
+    if (quota.rebuild_share < 1)
+      input.rebuild_meshes = static_cast<int>(quota.rebuild_share * config_.rebuild_meshes);
     if (trigger->altitude_valid) pair.altitude = input.altitude = trigger->altitude;
     last_pair_ns_ = trigger->utc_ns;
     pair.output = map_.process(input);
@@ -174,8 +197,8 @@ void OnboardSystem::finish(std::int64_t now_ns) {
 void OnboardSystem::updateTrack(std::int64_t now_ns) {
   if (now_ns - last_tick_ns_ < kTickInterval_ns) return;
   last_tick_ns_ = now_ns;
-  nav_.step(healthTickInput(now_ns));
-  const auto pose = nav_.odometry().poseAt(nav_.odometry().newestUtcNs());
+  nav_.tick(now_ns);
+  const auto pose = nav_.core().odometry().poseAt(nav_.core().odometry().newestUtcNs());
   if (!pose) return;
   if (last_pose_) distance_ += (pose->translation() - last_pose_->translation()).head<2>().norm();
   last_pose_ = pose;
@@ -185,7 +208,7 @@ void OnboardSystem::updateTrack(std::int64_t now_ns) {
 
 telemetry::Status OnboardSystem::status(std::int64_t now_ns) const {
   telemetry::Status status;
-  const nav::DeadReckoning& odometry = nav_.odometry();
+  const nav::DeadReckoning& odometry = nav_.core().odometry();
   status.utc_ns = odometry.newestUtcNs();
   if (const auto T_odom_body = odometry.poseAt(status.utc_ns)) {
     const SE3 T_nav_body = map_.T_nav_odom() * *T_odom_body;
@@ -204,9 +227,9 @@ telemetry::Status OnboardSystem::status(std::int64_t now_ns) const {
   const bool battery_told = battery_ && (now_ns - battery_->utc_ns) / kNanoseconds < kBatteryOldAfter;
   if (battery_told && battery_->charge) status.battery = *battery_->charge;
   const MapCore::Counters& counters = map_.counters();
-  status.pairs_seen = static_cast<std::uint32_t>(counters.pairs + unreadable_images_);
-  status.pairs_dropped =
-      static_cast<std::uint32_t>(unreadable_images_ + counters.bad_images + counters.pairs_without_points);
+  status.pairs_seen = static_cast<std::uint32_t>(counters.pairs + unreadable_images_ + shed_pairs_);
+  status.pairs_dropped = static_cast<std::uint32_t>(unreadable_images_ + shed_pairs_ + counters.bad_images +
+                                                    counters.pairs_without_points);
   // What the vehicle's own control says counts before what the plan lets guess.
   status.mission_progress =
       told_progress_ ? *told_progress_ : progress_.fraction().value_or(telemetry::kAbsent);
@@ -218,9 +241,9 @@ telemetry::Status OnboardSystem::status(std::int64_t now_ns) const {
 
 std::uint16_t OnboardSystem::healthFlags(std::int64_t now_ns,
                                          const fusion::QuadtreeMap::Counters& tiles) const {
-  const NavHealth& nav = nav_.health();
+  const NavHealth& nav = nav_.core().health();
   const auto lost = [](double age) { return age < 0 || age > kLostAfter; };
-  unsigned flags = telemetry::kHealthSoftRealTime;  // a replay has no real-time privileges
+  unsigned flags = roof_health_;
   if (lost(nav.dvl_age) || !nav.altitude) flags |= telemetry::kHealthDvlLost;
   if (lost(nav.attitude_age)) flags |= telemetry::kHealthCompassLost;
   if (lost(nav.depth_age)) flags |= telemetry::kHealthDepthLost;
@@ -245,159 +268,6 @@ std::uint16_t OnboardSystem::healthFlags(std::int64_t now_ns,
 std::size_t OnboardSystem::nextFrame(std::int64_t now_ns, bool survey_over, std::span<std::uint8_t> out) {
   if (survey_over) link_.offerTiles(map_.map(), now_ns, true);
   return link_.nextFrame(now_ns, out);
-}
-
-void OnboardSystem::addDownlink(std::vector<std::pair<std::string, double>>& row) const {
-  const telemetry::DownlinkReceiver::Counters& c = downlink_.counters();
-  const auto add = [&](std::string name, std::uint64_t value) {
-    std::replace(name.begin(), name.end(), '-', '_');
-    row.emplace_back("downlink_" + name, static_cast<double>(value));
-  };
-  for (std::size_t v = 0; v < telemetry::kDownlinkVerdicts; ++v)
-    add(telemetry::name(static_cast<telemetry::DownlinkVerdict>(v)), c.verdicts[v]);
-  add("acknowledgements", c.acknowledgements);
-  add("fixes", c.fixes);
-  add("requests", c.requests);
-  add("repeated_requests", c.repeated_requests);
-}
-
-void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>& row) const {
-  const LocalisationCore* localisation = map_.localisation();
-  if (localisation == nullptr) return;
-  const auto add = [&](std::string name, auto value) {
-    row.emplace_back("slam_" + std::move(name), static_cast<double>(value));
-  };
-  const LocalisationCore::Counters c = localisation->counters();
-  const slam::NavigationGraph::Counters& g = localisation->graph().counters();
-  add("keyframes", g.keyframes);
-  add("keyframes_refused", g.keyframes_refused);
-  add("references", g.references);
-  add("frames_without_features", c.frames_without_features);
-  add("odometry_links", g.odometry_links);
-  add("odometry_refused", c.odometry_refused);
-  add("odometry_second_tries", c.odometry_second_tries);
-  add("odometry_surprises", c.odometry_surprises);
-  add("steps_contradicted", g.steps_contradicted);
-  add("steps_left_out", g.steps_left_out);
-  add("dvl_lies", g.dvl_lies);
-  add("dvl_absent", g.dvl_absent);
-  add("attitude_absent", g.attitude_absent);
-  add("depth_absent", g.depth_absent);
-  add("compass_jumps", g.compass_jumps);
-  add("deviation_rad", localisation->graph().deviation());
-  add("closures", g.closures);
-  add("links_contradicting", g.links_contradicting);
-  add("links_off", g.links_off);
-  add("links_refused", g.links_refused);
-  add("fixes", g.fixes);
-  add("fixes_gated", g.fixes_gated);
-  add("fixes_off", g.fixes_off);
-  add("fixes_refused", g.fixes_refused);
-  add("fixes_dropped", c.fixes_dropped);
-  add("fixes_waiting", c.fixes_waiting);
-  const ClosureSearch::Counters s = localisation->closures().counters();
-  add("predictions", s.predictions);
-  add("candidates", s.proposed);
-  add("candidates_stale", s.stale);
-  add("candidates_dropped", s.dropped);
-  add("candidates_waiting", s.waiting);
-  add("registrations", s.registrations);
-  add("registrations_accepted", s.accepted);
-  for (std::size_t k = 1; k < closure::kRefusals; ++k) {
-    std::string name(closure::nameOf(static_cast<closure::Refusal>(k)));
-    std::replace(name.begin(), name.end(), ' ', '_');
-    add("refused_" + name, s.refused[k]);
-  }
-  add("closures_unconfirmed", s.unconfirmed_now);
-  add("closures_given_up", s.unconfirmed);
-  add("closures_confirmed", s.confirmed);
-  const KeyframeFeatures::Counters& f = localisation->features().counters();
-  add("slots_stored", f.stored);
-  add("slots_retired", f.retired);
-  add("slot_write_failures", f.write_failures);
-  add("slot_read_failures", f.read_failures);
-  const MovingMap::Counters m = map_.movingMap().counters();
-  add("changes_waiting", c.changes_waiting);
-  add("map_rebuilds", m.rebuilds);
-  add("map_meshes_fused_again", m.meshes_fused_again);
-  add("map_meshes_waiting", m.waiting);
-  add("map_meshes_lost", m.meshes_lost);
-  add("map_given_up", m.given_up);
-  add("position_sigma_m", localisation->positionSigma());
-  add("graph_bytes", localisation->graph().memoryBytes());
-  add("memory_bytes", localisation->memoryBytes());
-  add("map_bytes", map_.movingMap().memoryBytes());
-}
-
-std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
-  std::vector<std::pair<std::string, double>> row;
-  const auto add = [&](std::string name, auto value) {
-    row.emplace_back(std::move(name), static_cast<double>(value));
-  };
-  const NavHealth& nav = nav_.health();
-  add("dvl_age_s", nav.dvl_age);
-  add("attitude_age_s", nav.attitude_age);
-  add("depth_age_s", nav.depth_age);
-  add("odometry_age_s", nav.odometry_age);
-  for (const NavHealth::Counter& counter : nav.counters)
-    add("nav_" + std::string(counter.name), counter.value);
-  add("left_clock_lost_s", left_clock_.lost());
-  add("right_clock_lost_s", right_clock_.lost());
-  add("camera_clock_leaps", left_clock_.leaps() + right_clock_.leaps());
-  const nav::PositionAnchor::Counters& fixes = map_.anchor().counters();
-  add("gps_fixes", fixes.gps);
-  add("usbl_fixes", fixes.usbl);
-  add("fixes_refused", fixes.refused);
-  add("fixes_without_odometry", fixes_without_odometry_);
-  const MapCore::Counters& m = map_.counters();
-  add("pairs", m.pairs);
-  add("pairs_without_points", m.pairs_without_points);
-  add("pairs_unreadable", unreadable_images_);
-  add("bad_images", m.bad_images);
-  add("points", m.points);
-  add("rejected_no_track", m.rejected.no_track);
-  add("rejected_left_right", m.rejected.left_right);
-  add("rejected_epipolar", m.rejected.epipolar);
-  add("rejected_range", m.rejected.range);
-  add("rejected_outlier", m.rejected.outlier);
-  add("rejected_fish", m.rejected.fish);
-  const lighting::LightingModel::Report light = map_.leftLight().report();
-  add("lighting_model", static_cast<int>(light.used));
-  add("lighting_images", light.images);
-  add("lighting_outlier_share", light.outlier_share);
-  const fusion::QuadtreeMap::Counters q = map_.map().counters();
-  add("map_tiles", q.tiles_used);
-  add("map_tiles_high_water", q.tiles_high_water);
-  add("map_memory_bytes", q.memory_bytes);
-  add("map_observations", q.observations);
-  add("map_outvoted", q.outvoted);
-  add("map_coarsened", q.coarsened);
-  add("map_refused", q.refused);
-  addLocalisation(row);
-  const telemetry::LinkScheduler::Counters l = link_.counters();
-  add("link_frames", l.frames);
-  add("link_bytes", l.bytes);
-  add("link_map_frames", l.map_frames);
-  add("link_repair_frames", l.repair_frames);
-  add("link_tile_frames", l.tile_frames);
-  add("link_turns", l.turns);
-  add("link_acknowledgements", l.acknowledgements);
-  add("link_requests", l.requests);
-  add("link_requests_refused", l.requests_refused);
-  add("link_frames_arrived", l.frames_arrived);
-  add("link_frames_lost", l.frames_lost);
-  add("link_loss", l.loss);
-  add("link_blocks_sent", l.blocks.sent);
-  add("link_blocks_resent", l.blocks.resent);
-  add("link_blocks_updated", l.blocks.updated);
-  add("link_blocks_waiting", l.blocks_waiting);
-  add("link_blocks_in_flight", l.blocks_in_flight);
-  add("link_blocks_evicted", l.blocks.evicted);
-  add("link_blocks_unsendable", l.blocks.unsendable);
-  add("link_rate_bps", l.rate_bps);
-  add("link_periods_stretched", l.periods_stretched);
-  addDownlink(row);
-  return row;
 }
 
 }  // namespace fathom::onboard

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -11,10 +12,9 @@
 #include "realtime/onboard/link/link_core.hpp"
 #include "realtime/onboard/link/mission_progress.hpp"
 #include "realtime/onboard/map/map_core.hpp"
-#include "realtime/onboard/nav/nav_core.hpp"
+#include "realtime/onboard/nav/nav_feed.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 #include "recon/geometry/sensor_samples.hpp"
-#include "recon/nav/camera_clock.hpp"
 #include "telemetry/downlink.hpp"
 
 namespace fathom::onboard {
@@ -33,6 +33,17 @@ class OnboardSystem {
     FeatureSource features;  // set: instead of images
   };
 
+  // How much work a pair may cost. Where a measured time decided it, the log says so (io::Decision).
+  struct PairQuota {
+    std::size_t level = 0;  // of degradation, for the counters
+    bool drop = false;      // not mapped at all
+    double feature_share =
+        1;  // of the stereo points wanted; fewer points lie further apart and make coarser cells
+    bool closures = true;      // false: candidates wait
+    double rebuild_share = 1;  // of the meshes fused anew a pair
+  };
+  static constexpr std::size_t kLevels = 5;
+
   // What a stereo pair led to, with the names of its images.
   struct MappedPair {
     MapOutput output;
@@ -46,6 +57,13 @@ class OnboardSystem {
   // Consumes one sample that arrived at `arrival_utc_ns`; calls `on_pair` for every pair that it completes.
   void consume(std::int64_t arrival_utc_ns, const SensorSample& sample,
                const std::function<void(const MappedPair&)>& on_pair);
+
+  // Time passes without a sample.
+  void passTime(std::int64_t now_ns);
+  // Asked for every pair before it is mapped; without one all work is done.
+  void setPairPolicy(std::function<PairQuota(const StereoTrigger&)> policy) { policy_ = std::move(policy); }
+  // Health flags (telemetry's) of what the cores cannot see. At first: soft real time, as a replay is.
+  void setRoofHealth(unsigned flags) { roof_health_ = flags; }
 
   // The survey is over: localisation and map come to their final state.
   void finish(std::int64_t now_ns);
@@ -69,13 +87,15 @@ class OnboardSystem {
   }
   [[nodiscard]] const LinkCore& link() const { return link_; }
   [[nodiscard]] std::uint64_t unreadableImages() const { return unreadable_images_; }
-  [[nodiscard]] const NavCore& nav() const { return nav_; }
+  [[nodiscard]] const NavCore& nav() const { return nav_.core(); }
 
  private:
   void addFix(nav::FixKind kind, std::int64_t utc_ns, double latitude, double longitude, double sigma);
   // Puts the pair's images or features into the input; false where they cannot be read.
   [[nodiscard]] bool readPair(const MappedPair& pair, MapInput& input) const;
   void addImage(const ImageEvent& event, std::int64_t arrival_utc_ns);
+  // False when so many exposures came since that the names are gone.
+  [[nodiscard]] bool nameImages(const StereoTrigger& trigger, MappedPair& pair) const;
   void mapPairs(const std::function<void(const MappedPair&)>& on_pair);
   void addDownlink(std::vector<std::pair<std::string, double>>& row) const;
   void addLocalisation(std::vector<std::pair<std::string, double>>& row) const;
@@ -90,15 +110,23 @@ class OnboardSystem {
   LocalTransverseMercator local_;
   PairSource source_;
   std::function<void(const char* stage)> observer_;
-  NavCore nav_;
+  NavFeed nav_;
   MapCore map_;
   LinkCore link_;
   telemetry::DownlinkReceiver downlink_;
   MissionProgress progress_;
-  nav::CameraClock left_clock_, right_clock_;
-  std::vector<std::string> image_names_;  // by frame id
-  std::optional<SE3> last_pose_;          // T_odom_body, for the distance travelled
-  double distance_ = 0;                   // since dead reckoning began [m]
+  struct ImageName {
+    std::uint32_t frame = UINT32_MAX;
+    std::string text;
+  };
+  static constexpr std::size_t kNames = 256;   // of the newest exposures; no pair waits for longer
+  std::array<ImageName, kNames> image_names_;  // by frame number
+  std::function<PairQuota(const StereoTrigger&)> policy_;
+  unsigned roof_health_ = telemetry::kHealthSoftRealTime;
+  std::uint64_t shed_pairs_ = 0;
+  std::array<std::uint64_t, kLevels> pairs_at_level_{};
+  std::optional<SE3> last_pose_;  // T_odom_body, for the distance travelled
+  double distance_ = 0;           // since dead reckoning began [m]
   std::uint64_t unreadable_images_ = 0;
   std::uint64_t fixes_without_odometry_ = 0;
   std::int64_t last_pair_ns_ = 0, last_tick_ns_ = 0;

@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <optional>
 
-#include "realtime/onboard/modem/frame_exchange.hpp"
+#include "realtime/onboard/mission_run.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 
 namespace fathom::onboard {
@@ -19,14 +19,9 @@ struct ReplayOptions {
       0;  // after the last sample the vehicle goes on sending until all has left, at most so long [s]
 };
 
-struct ReplaySummary {
-  std::uint64_t samples = 0, damaged_entries = 0, pairs = 0, pairs_used = 0, unreadable_images = 0;
-  std::uint64_t frames = 0, frame_bytes = 0;  // sent
-  std::uint64_t frames_received = 0;
-  double mapped_area = 0;       // [m2]
-  double mission_s = 0;         // from first to last sample
-  double wall_s = 0;            // of the replay
-  double stereo_and_map_s = 0;  // of it in MapCore, images read apart
+struct ReplaySummary : RunSummary {
+  std::uint64_t damaged_entries = 0;
+  double wall_s = 0;  // of the replay
 };
 
 // Feeds a recorded (or simulated) mission to the three cores in logged order and writes onboard/. Everything

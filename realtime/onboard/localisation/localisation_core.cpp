@@ -134,7 +134,7 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input) {
   search_.propose(*number);
   search_.proposeMoved();
   ended("candidates");
-  search_.work(config_.closures_per_keyframe);
+  if (input.closures) search_.work(config_.closures_per_keyframe);
   ended("closures");
   const Eigen::Matrix3d R = graph_.pose(*number).matrix3();
   const Eigen::Matrix3d spread = R * graph_.covariance(*number).topLeftCorner<3, 3>() * R.transpose();

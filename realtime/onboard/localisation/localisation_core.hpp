@@ -26,6 +26,7 @@ struct LocalisationInput {
   double range = 2;                                  // to the seafloor along the camera's axis [m]
   ImageView left, right;                             // 8-bit mono, lighting corrected; empty: none
   const closure::FrameFeatures* features = nullptr;  // found already, instead of images
+  bool closures = true;                              // false: candidates for closures wait
 };
 
 // Simultaneous localisation and mapping on board, without threads, files or clocks: chooses keyframes, links

@@ -100,6 +100,7 @@ void MapCore::localise(const MapInput& input, double range, bool images, MapOutp
   frame.T_odom_cam = out.T_odom_cam;
   frame.quality = input.quality;
   frame.range = range;
+  frame.closures = input.closures;
   if (input.features != nullptr) {
     frame.features = &given_features_;
   } else if (images) {
@@ -214,7 +215,8 @@ MapOutput MapCore::process(const MapInput& input) {
   localise(input, out.median_range > 0 ? out.median_range : plane.distance, true, out);
   map_.noteVehicle(out.T_nav_cam.translation().head<2>());
   map_.rebuild(
-      config_.rebuild_meshes, [this](int k, const SE3& T) { return poseOf(k, T); }, on_moved_);
+      input.rebuild_meshes < 0 ? config_.rebuild_meshes : input.rebuild_meshes,
+      [this](int k, const SE3& T) { return poseOf(k, T); }, on_moved_);
   ended("map rebuild");
   if (result.triangles.empty()) return out;
   last_range_ = out.median_range;

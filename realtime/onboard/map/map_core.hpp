@@ -47,7 +47,10 @@ struct MapInput {
   std::optional<double> altitude;                // of the DVL above the seafloor [m]
   ImageView left, right;                         // raw, as the cameras gave them
   const StereoFeatureFrame* features = nullptr;  // instead of images
-  int max_features = 0;                          // this frame's work quota; <= 0: as configured
+  // This frame's work quota:
+  int max_features = 0;     // of stereo; <= 0: as configured
+  bool closures = true;     // false: loop closures wait
+  int rebuild_meshes = -1;  // fused anew; < 0: as configured
 };
 
 // What one pair gave.

@@ -30,9 +30,8 @@ std::vector<telemetry::Packet> readRecording(const std::filesystem::path& path) 
 
 }  // namespace
 
-FrameExchange::FrameExchange(OnboardOutput& output, const FrameExchangeOptions& options,
-                             std::int64_t first_ns)
-    : output_(output), options_(options), first_ns_(first_ns), start_(Clock::now()) {
+FrameExchange::FrameExchange(OnboardOutput& output, const FrameExchangeOptions& options)
+    : output_(output), options_(options) {
   if (options_.downlink) recorded_ = readRecording(*options_.downlink);
 }
 
@@ -43,32 +42,36 @@ void FrameExchange::pace(std::int64_t now_ns) const {
       start_ + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(due)));
 }
 
-void FrameExchange::give(OnboardSystem& system, std::int64_t now_ns, std::span<const std::uint8_t> frame) {
+void FrameExchange::receive(OnboardSystem& system, std::int64_t now_ns, std::span<const std::uint8_t> frame) {
   output_.addDownlink(now_ns, frame);
   ++counters_.received;
   system.receiveFrame(now_ns, frame);
 }
 
-void FrameExchange::receive(OnboardSystem& system, std::int64_t now_ns) {
+void FrameExchange::receiveAll(OnboardSystem& system, std::int64_t now_ns) {
   if (options_.downlink) {
     for (; next_recorded_ < recorded_.size() && recorded_[next_recorded_].utc_ns <= now_ns; ++next_recorded_)
-      give(system, now_ns, recorded_[next_recorded_].bytes);
+      receive(system, now_ns, recorded_[next_recorded_].bytes);
     return;
   }
   if (options_.modem == nullptr) return;
   for (int i = 0; i < kMostReceived; ++i) {
     const std::size_t size = options_.modem->receive(buffer_);
     if (size == 0) return;
-    give(system, now_ns, std::span(buffer_).first(size));
+    receive(system, now_ns, std::span(buffer_).first(size));
   }
 }
 
 void FrameExchange::exchange(OnboardSystem& system, std::int64_t now_ns, bool survey_over) {
+  if (!received_at_ns_) {
+    first_ns_ = now_ns;
+    start_ = Clock::now();
+  }
   if (!received_at_ns_ || now_ns > *received_at_ns_) {
     received_at_ns_ = now_ns;
     pace(now_ns);
     if (options_.modem_clock) options_.modem_clock(now_ns);
-    receive(system, now_ns);
+    receiveAll(system, now_ns);
   }
   while (const std::size_t size = system.nextFrame(now_ns, survey_over, buffer_)) {
     const std::span<const std::uint8_t> frame(buffer_.data(), size);

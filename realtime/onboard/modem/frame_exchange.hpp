@@ -30,8 +30,10 @@ struct FrameExchangeOptions {
 class FrameExchange {
  public:
   // Throws InputError for a downlink file that cannot be read, is damaged or runs backwards.
-  FrameExchange(OnboardOutput& output, const FrameExchangeOptions& options, std::int64_t first_ns);
+  FrameExchange(OnboardOutput& output, const FrameExchangeOptions& options);
 
+  // A frame that the modem received earlier and that comes among the other inputs.
+  void receive(OnboardSystem& system, std::int64_t now_ns, std::span<const std::uint8_t> frame);
   // The mission has come to `now_ns`: waits for that moment where the speed is given, receives, sends.
   void exchange(OnboardSystem& system, std::int64_t now_ns, bool survey_over);
 
@@ -45,12 +47,11 @@ class FrameExchange {
  private:
   using Clock = std::chrono::steady_clock;
   void pace(std::int64_t now_ns) const;
-  void receive(OnboardSystem& system, std::int64_t now_ns);
-  void give(OnboardSystem& system, std::int64_t now_ns, std::span<const std::uint8_t> frame);
+  void receiveAll(OnboardSystem& system, std::int64_t now_ns);
 
   OnboardOutput& output_;
   FrameExchangeOptions options_;
-  std::int64_t first_ns_;
+  std::int64_t first_ns_ = 0;  // mission time at start_
   Clock::time_point start_;
   std::optional<std::int64_t> received_at_ns_;
   std::vector<telemetry::Packet> recorded_;  // of options_.downlink

@@ -1,0 +1,163 @@
+#include "realtime/onboard/mission_run.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+namespace fathom::onboard {
+namespace {
+
+constexpr double kNanoseconds = 1e9;  // in a second
+using Clock = std::chrono::steady_clock;
+
+double secondsSince(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+double milliseconds(std::int64_t ns) {
+  return static_cast<double>(ns) * 1e-6;
+}
+
+nlohmann::ordered_json reportOf(const RunSummary& summary, std::uint64_t damaged_entries,
+                                const OnboardSystem& system, const io::MissionConfig& mission) {
+  nlohmann::ordered_json report;
+  report["vehicle"] = mission.vehicle_name;
+  report["dive_id"] = mission.dive_id;
+  report["mission_s"] = summary.mission_s;
+  report["samples"] = summary.samples;
+  report["damaged_entries"] = damaged_entries;
+  report["pairs"] = summary.pairs;
+  report["pairs_used"] = summary.pairs_used;
+  report["mapped_area_m2"] = summary.mapped_area;
+  report["frames"] = summary.frames;
+  report["frame_bytes"] = summary.frame_bytes;
+  report["frames_received"] = summary.frames_received;
+  report["anchored"] = system.map().anchored();
+  report["T_nav_odom_m"] = {system.map().T_nav_odom().translation().x(),
+                            system.map().T_nav_odom().translation().y(),
+                            system.map().T_nav_odom().translation().z()};
+  report["lighting"] = {{"left", lighting::nameOf(system.map().leftLight().used())},
+                        {"right", lighting::nameOf(system.map().rightLight().used())}};
+  for (const auto& [name, value] : system.health()) report["health"][name] = value;
+  return report;
+}
+
+}  // namespace
+
+MissionRun::MissionRun(Setup setup, OnboardOutput& output)
+    : setup_(std::move(setup)),
+      output_(output),
+      system_(setup_.config, setup_.mission, setup_.rig, setup_.pairs, setup_.slots),
+      link_(output, setup_.link) {
+  system_.setStageObserver([this](const char* stage) { stages_.ended(stage); });
+}
+
+void MissionRun::begin(std::int64_t now_ns) {
+  begun_ = true;
+  first_ns_ = next_odometry_ns_ = next_health_ns_ = now_ns;
+}
+
+void MissionRun::consumeSample(std::int64_t now_ns, const SensorSample& sample) {
+  const auto before = Clock::now();
+  stages_.begin();
+  const double read_before = reading();
+  system_.consume(now_ns, sample, [this](const OnboardSystem::MappedPair& pair) {
+    output_.addStereoPose(pair.output, pair.left_image, pair.right_image, pair.altitude.value_or(0.0));
+    if (pair.output.points > 0) ++summary_.pairs_used;
+    ++summary_.pairs;
+  });
+  const double core_s = secondsSince(before) - (reading() - read_before);
+  summary_.stereo_and_map_s += core_s;
+  stages_.endSample(core_s);
+  ++summary_.samples;
+}
+
+void MissionRun::consumeMark(const io::Mark& mark) {
+  if (mark.kind == io::Mark::Kind::kEnd) ended_ = true;
+  if (mark.kind == io::Mark::Kind::kHealth) system_.setRoofHealth(static_cast<unsigned>(mark.number));
+}
+
+void MissionRun::consume(const io::OnboardInput& input) {
+  if (std::holds_alternative<io::Decision>(input.what)) return;
+  const std::int64_t now_ns = input.arrival_utc_ns;
+  if (!begun_) begin(now_ns);
+  now_ns_ = now_ns;
+  if (const auto* sample = std::get_if<SensorSample>(&input.what)) {
+    consumeSample(now_ns, *sample);
+  } else if (const auto* frame = std::get_if<io::ModemFrame>(&input.what)) {
+    link_.receive(system_, now_ns, frame->data());
+  } else if (const auto* mark = std::get_if<io::Mark>(&input.what)) {
+    consumeMark(*mark);
+    return;
+  } else {
+    system_.passTime(now_ns);
+  }
+  writeRows(now_ns);
+  link_.exchange(system_, now_ns, false);
+}
+
+void MissionRun::writeRows(std::int64_t now_ns) {
+  if (now_ns >= next_odometry_ns_) {
+    const nav::DeadReckoning& odometry = system_.nav().odometry();
+    const std::int64_t newest = odometry.newestUtcNs();
+    const auto pose = newest > last_odometry_ns_ ? odometry.poseAt(newest) : std::nullopt;
+    if (pose) output_.addOdometry(newest, *pose);
+    last_odometry_ns_ = std::max(last_odometry_ns_, newest);
+    next_odometry_ns_ = now_ns + static_cast<std::int64_t>(setup_.config.odometry_interval * kNanoseconds);
+  }
+  if (now_ns < next_health_ns_) return;
+  output_.addHealth(now_ns, system_.health());
+  next_health_ns_ = now_ns + static_cast<std::int64_t>(setup_.config.health_interval * kNanoseconds);
+}
+
+void MissionRun::finish(double drain_s) {
+  const auto before = Clock::now();
+  system_.finish(now_ns_);
+  finish_s_ = secondsSince(before);
+  constexpr std::int64_t kDrainStep = 100'000'000;  // [ns]
+  const std::int64_t drain_end = now_ns_ + static_cast<std::int64_t>(drain_s * kNanoseconds);
+  for (std::int64_t now = now_ns_; now <= drain_end; now += kDrainStep) {
+    link_.exchange(system_, now, true);
+    if (system_.link().drained()) break;
+  }
+}
+
+RunSummary MissionRun::summary() const {
+  RunSummary s = summary_;
+  s.mission_s = static_cast<double>(now_ns_ - first_ns_) / kNanoseconds;
+  s.frames = link_.counters().sent;
+  s.frame_bytes = link_.counters().sent_bytes;
+  s.frames_received = link_.counters().received;
+  s.mapped_area = system_.link().mappedArea();
+  s.unreadable_images = system_.unreadableImages();
+  return s;
+}
+
+bool MissionRun::write(std::uint64_t damaged_entries, double wall_s) {
+  const Mesh map = fusion::toMesh(system_.map().map());
+  if (map.empty()) return false;
+  output_.writeMap(map);
+  output_.placeStereoPoses([this](const MapOutput& pair) { return system_.map().poseOf(pair); });
+  if (const LocalisationCore* localisation = system_.map().localisation())
+    output_.writeClosures(*localisation);
+  const RunSummary s = summary();
+  output_.writeText("report.json", reportOf(s, damaged_entries, system_, setup_.mission).dump(2) + "\n");
+  nlohmann::ordered_json timing;
+  timing["wall_s"] = wall_s;
+  timing["image_reading_s"] = reading();
+  timing["cores_s"] = s.stereo_and_map_s;
+  timing["cores_ms_per_pair"] = s.pairs ? 1e3 * s.stereo_and_map_s / static_cast<double>(s.pairs) : 0.0;
+  timing["finish_s"] = finish_s_;
+  for (const auto& [name, times] : stages_.stages())
+    timing["stages_ms"][name] = {{"frames", times.count()},
+                                 {"p50", milliseconds(times.percentile(50))},
+                                 {"p99", milliseconds(times.percentile(99))},
+                                 {"p99_9", milliseconds(times.percentile(99.9))},
+                                 {"max", milliseconds(times.max())}};
+  timing["modem_refused_frames"] = link_.counters().refused;
+  output_.writeText("timing.json", timing.dump(2) + "\n");
+  return true;
+}
+
+}  // namespace fathom::onboard

@@ -1,0 +1,80 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <string>
+
+#include "firmware_if/log/onboard_input.hpp"
+#include "realtime/onboard/modem/frame_exchange.hpp"
+#include "realtime/onboard/onboard_output.hpp"
+#include "realtime/onboard/onboard_system.hpp"
+#include "realtime/onboard/stage_clock.hpp"
+
+namespace fathom::onboard {
+
+// What a run made, for a person.
+struct RunSummary {
+  std::uint64_t samples = 0, pairs = 0, pairs_used = 0, unreadable_images = 0;
+  std::uint64_t frames = 0, frame_bytes = 0;  // sent
+  std::uint64_t frames_received = 0;
+  double mapped_area = 0;       // [m2]
+  double mission_s = 0;         // from first to last input
+  double stereo_and_map_s = 0;  // wall clock in the cores, images read apart
+};
+
+// The soft tier's work, live and in replay alike: inputs in their order go through the system, and what comes
+// out goes into onboard/ and to the modem. What it writes depends on the inputs alone; only timing.json does
+// not.
+class MissionRun {
+ public:
+  struct Setup {
+    OnboardConfig config;
+    io::MissionConfig mission;
+    StereoRig rig;
+    OnboardSystem::PairSource pairs;
+    MapSlots slots;
+    FrameExchangeOptions link;
+    std::function<double()> reading_s;  // spent reading images so far; empty: nothing
+  };
+  MissionRun(Setup setup, OnboardOutput& output);
+  MissionRun(const MissionRun&) = delete;
+  MissionRun& operator=(const MissionRun&) = delete;
+
+  // Decisions are for the caller (setPairPolicy) and pass through without effect; marks of a checkpoint and
+  // of a restart too.
+  void consume(const io::OnboardInput& input);
+  // No more inputs: final poses and map; then the link goes on sending, at most so long.
+  void finish(double drain_s);
+  // Everything into the output, which is the caller's to commit. False when no pair gave a map.
+  [[nodiscard]] bool write(std::uint64_t damaged_entries, double wall_s);
+
+  [[nodiscard]] RunSummary summary() const;
+  [[nodiscard]] OnboardSystem& system() { return system_; }
+  [[nodiscard]] const OnboardSystem& system() const { return system_; }
+  [[nodiscard]] StageClock& stages() { return stages_; }
+  // An end mark came: this is all there was.
+  [[nodiscard]] bool ended() const { return ended_; }
+  [[nodiscard]] std::int64_t nowNs() const { return now_ns_; }
+
+ private:
+  void begin(std::int64_t now_ns);
+  void consumeSample(std::int64_t now_ns, const SensorSample& sample);
+  void consumeMark(const io::Mark& mark);
+  void writeRows(std::int64_t now_ns);
+  [[nodiscard]] double reading() const { return setup_.reading_s ? setup_.reading_s() : 0.0; }
+
+  Setup setup_;
+  OnboardOutput& output_;
+  OnboardSystem system_;
+  StageClock stages_;
+  FrameExchange link_;
+  RunSummary summary_;
+  bool begun_ = false, ended_ = false;
+  std::int64_t first_ns_ = 0, now_ns_ = 0;
+  std::int64_t next_odometry_ns_ = 0, next_health_ns_ = 0, last_odometry_ns_ = 0;
+  double finish_s_ = 0;
+};
+
+}  // namespace fathom::onboard

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <cstdint>
+
+#include "realtime/onboard/nav/nav_core.hpp"
+#include "recon/nav/camera_clock.hpp"
+
+namespace fathom::onboard {
+
+// NavCore with what stands before it: numbers the exposures and brings their stamps into the vehicle's time.
+// Same calls, same state, bit for bit: the hard tier has one for poses and health at 100 Hz, the soft tier
+// one of its own that follows the same inputs, so that it finds the pose of any moment without asking the
+// other. Allocates nothing after construction.
+class NavFeed {
+ public:
+  explicit NavFeed(const NavCoreConfig& config) : core_(config) {}
+
+  template <class Sample>
+  void add(const Sample& sample) noexcept {
+    core_.step(navInput(sample));
+  }
+  // An exposure stamped `stamp_utc_ns` that arrived then; returns its number, from 0.
+  std::uint32_t addExposure(std::int64_t stamp_utc_ns, CameraSide side,
+                            std::int64_t arrival_utc_ns) noexcept {
+    nav::CameraClock& clock = side == CameraSide::kLeft ? left_clock_ : right_clock_;
+    core_.step(frameInput(clock.utcNs(stamp_utc_ns, arrival_utc_ns), side, exposures_));
+    return exposures_++;
+  }
+  void tick(std::int64_t now_ns) noexcept { core_.step(healthTickInput(now_ns)); }
+
+  [[nodiscard]] NavCore& core() noexcept { return core_; }
+  [[nodiscard]] const NavCore& core() const noexcept { return core_; }
+  [[nodiscard]] const nav::CameraClock& leftClock() const noexcept { return left_clock_; }
+  [[nodiscard]] const nav::CameraClock& rightClock() const noexcept { return right_clock_; }
+  [[nodiscard]] std::uint32_t exposures() const noexcept { return exposures_; }
+
+ private:
+  NavCore core_;
+  nav::CameraClock left_clock_, right_clock_;
+  std::uint32_t exposures_ = 0;
+};
+
+}  // namespace fathom::onboard

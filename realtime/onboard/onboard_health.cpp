@@ -1,0 +1,163 @@
+#include <algorithm>
+
+#include "realtime/onboard/onboard_system.hpp"
+
+namespace fathom::onboard {
+
+void OnboardSystem::addDownlink(std::vector<std::pair<std::string, double>>& row) const {
+  const telemetry::DownlinkReceiver::Counters& c = downlink_.counters();
+  const auto add = [&](std::string name, std::uint64_t value) {
+    std::replace(name.begin(), name.end(), '-', '_');
+    row.emplace_back("downlink_" + name, static_cast<double>(value));
+  };
+  for (std::size_t v = 0; v < telemetry::kDownlinkVerdicts; ++v)
+    add(telemetry::name(static_cast<telemetry::DownlinkVerdict>(v)), c.verdicts[v]);
+  add("acknowledgements", c.acknowledgements);
+  add("fixes", c.fixes);
+  add("requests", c.requests);
+  add("repeated_requests", c.repeated_requests);
+}
+
+void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>& row) const {
+  const LocalisationCore* localisation = map_.localisation();
+  if (localisation == nullptr) return;
+  const auto add = [&](std::string name, auto value) {
+    row.emplace_back("slam_" + std::move(name), static_cast<double>(value));
+  };
+  const LocalisationCore::Counters c = localisation->counters();
+  const slam::NavigationGraph::Counters& g = localisation->graph().counters();
+  add("keyframes", g.keyframes);
+  add("keyframes_refused", g.keyframes_refused);
+  add("references", g.references);
+  add("frames_without_features", c.frames_without_features);
+  add("odometry_links", g.odometry_links);
+  add("odometry_refused", c.odometry_refused);
+  add("odometry_second_tries", c.odometry_second_tries);
+  add("odometry_surprises", c.odometry_surprises);
+  add("steps_contradicted", g.steps_contradicted);
+  add("steps_left_out", g.steps_left_out);
+  add("dvl_lies", g.dvl_lies);
+  add("dvl_absent", g.dvl_absent);
+  add("attitude_absent", g.attitude_absent);
+  add("depth_absent", g.depth_absent);
+  add("compass_jumps", g.compass_jumps);
+  add("deviation_rad", localisation->graph().deviation());
+  add("closures", g.closures);
+  add("links_contradicting", g.links_contradicting);
+  add("links_off", g.links_off);
+  add("links_refused", g.links_refused);
+  add("fixes", g.fixes);
+  add("fixes_gated", g.fixes_gated);
+  add("fixes_off", g.fixes_off);
+  add("fixes_refused", g.fixes_refused);
+  add("fixes_dropped", c.fixes_dropped);
+  add("fixes_waiting", c.fixes_waiting);
+  const ClosureSearch::Counters s = localisation->closures().counters();
+  add("predictions", s.predictions);
+  add("candidates", s.proposed);
+  add("candidates_stale", s.stale);
+  add("candidates_dropped", s.dropped);
+  add("candidates_waiting", s.waiting);
+  add("registrations", s.registrations);
+  add("registrations_accepted", s.accepted);
+  for (std::size_t k = 1; k < closure::kRefusals; ++k) {
+    std::string name(closure::nameOf(static_cast<closure::Refusal>(k)));
+    std::replace(name.begin(), name.end(), ' ', '_');
+    add("refused_" + name, s.refused[k]);
+  }
+  add("closures_unconfirmed", s.unconfirmed_now);
+  add("closures_given_up", s.unconfirmed);
+  add("closures_confirmed", s.confirmed);
+  const KeyframeFeatures::Counters& f = localisation->features().counters();
+  add("slots_stored", f.stored);
+  add("slots_retired", f.retired);
+  add("slot_write_failures", f.write_failures);
+  add("slot_read_failures", f.read_failures);
+  const MovingMap::Counters m = map_.movingMap().counters();
+  add("changes_waiting", c.changes_waiting);
+  add("map_rebuilds", m.rebuilds);
+  add("map_meshes_fused_again", m.meshes_fused_again);
+  add("map_meshes_waiting", m.waiting);
+  add("map_meshes_lost", m.meshes_lost);
+  add("map_given_up", m.given_up);
+  add("position_sigma_m", localisation->positionSigma());
+  add("graph_bytes", localisation->graph().memoryBytes());
+  add("memory_bytes", localisation->memoryBytes());
+  add("map_bytes", map_.movingMap().memoryBytes());
+}
+
+std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
+  std::vector<std::pair<std::string, double>> row;
+  const auto add = [&](std::string name, auto value) {
+    row.emplace_back(std::move(name), static_cast<double>(value));
+  };
+  const NavHealth& nav = nav_.core().health();
+  add("dvl_age_s", nav.dvl_age);
+  add("attitude_age_s", nav.attitude_age);
+  add("depth_age_s", nav.depth_age);
+  add("odometry_age_s", nav.odometry_age);
+  for (const NavHealth::Counter& counter : nav.counters)
+    add("nav_" + std::string(counter.name), counter.value);
+  add("left_clock_lost_s", nav_.leftClock().lost());
+  add("right_clock_lost_s", nav_.rightClock().lost());
+  add("camera_clock_leaps", nav_.leftClock().leaps() + nav_.rightClock().leaps());
+  const nav::PositionAnchor::Counters& fixes = map_.anchor().counters();
+  add("gps_fixes", fixes.gps);
+  add("usbl_fixes", fixes.usbl);
+  add("fixes_refused", fixes.refused);
+  add("fixes_without_odometry", fixes_without_odometry_);
+  const MapCore::Counters& m = map_.counters();
+  add("pairs", m.pairs);
+  add("pairs_without_points", m.pairs_without_points);
+  add("pairs_unreadable", unreadable_images_);
+  add("pairs_shed", shed_pairs_);
+  for (std::size_t level = 1; level < pairs_at_level_.size(); ++level)
+    add("pairs_at_level_" + std::to_string(level), pairs_at_level_[level]);
+  add("bad_images", m.bad_images);
+  add("points", m.points);
+  add("rejected_no_track", m.rejected.no_track);
+  add("rejected_left_right", m.rejected.left_right);
+  add("rejected_epipolar", m.rejected.epipolar);
+  add("rejected_range", m.rejected.range);
+  add("rejected_outlier", m.rejected.outlier);
+  add("rejected_fish", m.rejected.fish);
+  const lighting::LightingModel::Report light = map_.leftLight().report();
+  add("lighting_model", static_cast<int>(light.used));
+  add("lighting_images", light.images);
+  add("lighting_outlier_share", light.outlier_share);
+  const fusion::QuadtreeMap::Counters q = map_.map().counters();
+  add("map_tiles", q.tiles_used);
+  add("map_tiles_high_water", q.tiles_high_water);
+  add("map_memory_bytes", q.memory_bytes);
+  add("map_observations", q.observations);
+  add("map_outvoted", q.outvoted);
+  add("map_coarsened", q.coarsened);
+  add("map_refused", q.refused);
+  addLocalisation(row);
+  const telemetry::LinkScheduler::Counters l = link_.counters();
+  add("link_frames", l.frames);
+  add("link_bytes", l.bytes);
+  add("link_map_frames", l.map_frames);
+  add("link_repair_frames", l.repair_frames);
+  add("link_tile_frames", l.tile_frames);
+  add("link_turns", l.turns);
+  add("link_acknowledgements", l.acknowledgements);
+  add("link_requests", l.requests);
+  add("link_requests_refused", l.requests_refused);
+  add("link_frames_arrived", l.frames_arrived);
+  add("link_frames_lost", l.frames_lost);
+  add("link_loss", l.loss);
+  add("link_blocks_sent", l.blocks.sent);
+  add("link_blocks_resent", l.blocks.resent);
+  add("link_blocks_updated", l.blocks.updated);
+  add("link_blocks_waiting", l.blocks_waiting);
+  add("link_blocks_in_flight", l.blocks_in_flight);
+  add("link_blocks_evicted", l.blocks.evicted);
+  add("link_blocks_unsendable", l.blocks.unsendable);
+  add("link_rate_bps", l.rate_bps);
+  add("link_periods_stretched", l.periods_stretched);
+  addDownlink(row);
+  return row;
+}
+
+}  // namespace fathom::onboard
