@@ -36,7 +36,9 @@ class SharedBlocks {
 
  private:
   std::size_t count_, block_bytes_;
+  std::size_t stride_;  // from block to block: whole cache lines [bytes]
   Arena memory_;
+  std::byte* first_;
   std::unique_ptr<std::atomic<std::uint32_t>[]> holders_;
   std::size_t next_ = 0;  // where acquire() looks first
   std::atomic<std::size_t> high_water_{0};
