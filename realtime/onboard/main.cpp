@@ -8,8 +8,8 @@
 #include "firmware_if/modem_ports.hpp"
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
-#include "realtime/onboard/modem/simulated_ship.hpp"
 #include "realtime/onboard/replay.hpp"
+#include "sim/link/simulated_ship.hpp"
 
 namespace {
 
@@ -40,7 +40,7 @@ int main(int argc, char** argv) {
   app.footer("Example: fathom-onboard --replay missions/reef-grid --modem udp:127.0.0.1:14700 --speed 10");
   std::string mission, config, out, modem, downlink, heard;
   fathom::onboard::ReplayOptions options;
-  fathom::onboard::SimulatedShipOptions water;
+  fathom::sim::SimulatedShipOptions water;
   std::optional<double> water_rate;
   std::vector<double> off;
   app.add_option("--replay", mission, "Mission folder to feed to the onboard cores")->required();
@@ -88,7 +88,7 @@ int main(int argc, char** argv) {
     const auto port = modem.empty() ? nullptr : openModem(modem);
     options.link.modem = port.get();
     if (!downlink.empty()) options.link.downlink = downlink;
-    std::optional<fathom::onboard::SimulatedShip> ship;
+    std::optional<fathom::sim::SimulatedShip> ship;
     if (!heard.empty()) {
       const fathom::onboard::OnboardConfig onboard = fathom::onboard::readOnboardConfig(options.config);
       water.rate_bps = water_rate.value_or(onboard.link.scheduler.rate_bps);
@@ -104,7 +104,7 @@ int main(int argc, char** argv) {
     const fathom::onboard::ReplaySummary s = fathom::onboard::replay(options);
     if (ship) {
       ship->finish();
-      const fathom::onboard::SimulatedShip::Summary w = ship->summary();
+      const fathom::sim::SimulatedShip::Summary w = ship->summary();
       std::printf(
           "simulated ship: heard %llu of %llu frames (%llu collided), repaired %llu; %llu of %llu answers "
           "heard\n",

@@ -7,15 +7,17 @@
 
 #include "realtime/kernel/frame_port.hpp"
 #include "telemetry/downlink_key.hpp"
+#include "telemetry/downlink_messages.hpp"
 
-namespace fathom::onboard {
+namespace fathom::sim {
 
 struct SimulatedShipOptions {
-  double loss = 0.1;        // share of the frames, either way
-  double mean_burst = 0;    // of runs of lost frames; 0: each by itself
-  double delay_s = 1.0;     // of sound, one way
-  double rate_bps = 300;    // of either modem
-  bool half_duplex = true;  // neither modem hears while it speaks
+  double loss = 0.1;                                        // share of the frames, either way
+  double duplicate = 0.01, reorder = 0.02, corrupt = 0.01;  // as in ChannelConfig
+  double mean_burst = 0;                                    // of runs of lost frames; 0: each by itself
+  double delay_s = 1.0;                                     // of sound, one way
+  double rate_bps = 300;                                    // of either modem
+  bool half_duplex = true;                                  // neither modem hears while it speaks
   std::uint64_t seed = 1;
   std::size_t frame_bytes = 32;  // of the downlink's frames
   std::optional<telemetry::DownlinkKey> key;
@@ -35,6 +37,9 @@ class SimulatedShip {
 
   // The vehicle's modem.
   [[nodiscard]] FramePort& modem();
+  // The ship has measured where the vehicle is: said in one of its next turns, one fix a turn, oldest first.
+  // Those that wait too long to be said (163 s) are dropped by the sender.
+  void addFix(const telemetry::UsblFixMessage& fix);
   // The mission has come to `now_ns`: what the ship has heard by then it has answered.
   void advance(std::int64_t now_ns);
   // The file appears whole.
@@ -43,7 +48,8 @@ class SimulatedShip {
   struct Summary {
     std::uint64_t sent = 0, heard = 0, collided = 0, repaired = 0;  // the vehicle's frames
     std::uint64_t answers = 0, answers_heard = 0;                   // the ship's
-    double loss = 0;                                                // share of the vehicle's frames
+    std::uint64_t fixes_said = 0, fixes_waiting = 0;
+    double loss = 0;  // share of the vehicle's frames
   };
   [[nodiscard]] Summary summary() const;
 
@@ -52,4 +58,4 @@ class SimulatedShip {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace fathom::onboard
+}  // namespace fathom::sim

@@ -1,6 +1,7 @@
-#include "realtime/onboard/modem/simulated_ship.hpp"
+#include "sim/link/simulated_ship.hpp"
 
 #include <array>
+#include <deque>
 #include <stdexcept>
 
 #include "realtime/kernel/input_error.hpp"
@@ -9,14 +10,17 @@
 #include "telemetry/packet_log.hpp"
 #include "telemetry/ship_link.hpp"
 
-namespace fathom::onboard {
+namespace fathom::sim {
 namespace {
 
 constexpr double kNanoseconds = 1e9;  // in a second
 
-sim::ChannelConfig waterOf(const SimulatedShipOptions& options) {
-  sim::ChannelConfig water;  // with its few echoes, overtaken and damaged frames
+ChannelConfig waterOf(const SimulatedShipOptions& options) {
+  ChannelConfig water;
   water.loss = options.loss;
+  water.duplicate = options.duplicate;
+  water.reorder = options.reorder;
+  water.corrupt = options.corrupt;
   water.mean_burst = options.mean_burst;
   water.delay_s = options.delay_s;
   water.rate_bps = options.rate_bps;
@@ -44,6 +48,10 @@ struct SimulatedShip::Impl {
   }
   [[nodiscard]] bool off(double t) const { return t >= options.off_from_s && t < options.off_to_s; }
 
+  [[nodiscard]] std::uint64_t saidNow() const {
+    return ship && ship->sender() ? ship->sender()->counters().fixes : 0;
+  }
+
   // What has arrived by the time `t` (in seconds of the mission) is heard and answered.
   void listen(double t) {
     water.advance(t);
@@ -51,6 +59,8 @@ struct SimulatedShip::Impl {
     std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer{};
     if (off(t) && ship) {
       repaired += ship->receiver().counters().repaired;
+      fixes_said += saidNow();
+      fix_given = false;
       ship.reset();
     }
     if (!off(t) && !ship) switchOn();
@@ -63,6 +73,15 @@ struct SimulatedShip::Impl {
       ship->accept(now_ns, frame, [](telemetry::MessageType, std::span<const std::uint8_t>) { return true; });
     }
     if (!ship) return;
+    // The sender keeps one fix: the next is given when that one was said.
+    if (telemetry::DownlinkSender* sender = ship->sender(); sender != nullptr && !fixes.empty()) {
+      const std::uint64_t done = sender->counters().fixes + sender->counters().stale_fixes;
+      if (!fix_given || done != fixes_done) {
+        fixes_done = done;
+        fix_given = sender->addFix(fixes.front());
+        fixes.pop_front();
+      }
+    }
     if (const std::size_t size = ship->nextFrame(now_ns, buffer)) {
       ++answers;
       static_cast<void>(water.ship().send(std::span(buffer).first(size)));
@@ -70,9 +89,13 @@ struct SimulatedShip::Impl {
   }
 
   SimulatedShipOptions options;
-  sim::ChannelPair water;
+  ChannelPair water;
   AtomicFile file;
-  std::unique_ptr<telemetry::ShipLink> ship;  // null while it is switched off
+  std::unique_ptr<telemetry::ShipLink> ship;    // null while it is switched off
+  std::deque<telemetry::UsblFixMessage> fixes;  // not yet given to the sender
+  bool fix_given = false;                       // the sender has one, or had it
+  std::uint64_t fixes_done = 0;                 // of the sender, when it got its last
+  std::uint64_t fixes_said = 0;                 // before the ship was last switched on
   bool started = false;
   std::int64_t first_ns = 0;
   std::uint64_t frames_heard = 0, answers = 0, repaired = 0;
@@ -93,6 +116,10 @@ FramePort& SimulatedShip::modem() {
   return impl_->water.vehicle();
 }
 
+void SimulatedShip::addFix(const telemetry::UsblFixMessage& fix) {
+  impl_->fixes.push_back(fix);
+}
+
 void SimulatedShip::advance(std::int64_t now_ns) {
   Impl& i = *impl_;
   if (!i.started) i.first_ns = now_ns;
@@ -110,8 +137,8 @@ void SimulatedShip::finish() {
 }
 
 SimulatedShip::Summary SimulatedShip::summary() const {
-  const sim::AcousticChannel::Counters &up = impl_->water.uplink().counters(),
-                                       &down = impl_->water.downlink().counters();
+  const AcousticChannel::Counters &up = impl_->water.uplink().counters(),
+                                  &down = impl_->water.downlink().counters();
   Summary s;
   s.sent = up.offered - up.refused;
   s.heard = impl_->frames_heard;
@@ -119,8 +146,10 @@ SimulatedShip::Summary SimulatedShip::summary() const {
   s.repaired = impl_->repaired + (impl_->ship ? impl_->ship->receiver().counters().repaired : 0);
   s.answers = impl_->answers;
   s.answers_heard = down.delivered;
+  s.fixes_said = impl_->fixes_said + impl_->saidNow();
+  s.fixes_waiting = impl_->fixes.size();
   s.loss = s.sent > 0 ? static_cast<double>(up.lost + up.collided) / static_cast<double>(s.sent) : 0;
   return s;
 }
 
-}  // namespace fathom::onboard
+}  // namespace fathom::sim

@@ -1,4 +1,4 @@
-#include "realtime/onboard/modem/simulated_ship.hpp"
+#include "sim/link/simulated_ship.hpp"
 
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@
 #include "telemetry/packet_log.hpp"
 #include "tests/support/test_data.hpp"
 
-namespace fathom::onboard {
+namespace fathom::sim {
 namespace {
 
 constexpr telemetry::LinkIdentity kIdentity{3, 17};
@@ -42,9 +42,11 @@ std::vector<telemetry::Packet> heardIn(const std::filesystem::path& file) {
 struct Dive {
   std::vector<telemetry::Packet> heard;
   std::vector<telemetry::Acknowledgement> acknowledgements;
+  std::vector<telemetry::UsblFixMessage> fixes;  // as the vehicle got them
   SimulatedShip::Summary summary;
 };
-Dive dive(const SimulatedShipOptions& options, int frames) {
+// With `fixes`, the ship measures one every seven seconds.
+Dive dive(const SimulatedShipOptions& options, int frames, bool fixes = false) {
   const test::TemporaryFolder folder;
   Dive result;
   SimulatedShip ship(folder.path() / "heard.bin", options);
@@ -54,9 +56,13 @@ Dive dive(const SimulatedShipOptions& options, int frames) {
   for (int tick = 0; sequence < frames; ++tick) {
     const std::int64_t now_ns = kStart_ns + tick * kSecond_ns;
     ship.advance(now_ns);
-    while (const std::size_t size = ship.modem().receive(buffer))
-      if (const auto a = vehicle.accept(now_ns, std::span(buffer).first(size)).content.acknowledgement)
-        result.acknowledgements.push_back(*a);
+    if (fixes && tick % 7 == 0) ship.addFix({now_ns, -23.0 + 1e-5 * tick, 151.0, 12.0, 1.5});
+    while (const std::size_t size = ship.modem().receive(buffer)) {
+      const telemetry::DownlinkContent content =
+          vehicle.accept(now_ns, std::span(buffer).first(size)).content;
+      if (content.acknowledgement) result.acknowledgements.push_back(*content.acknowledgement);
+      if (content.fix) result.fixes.push_back(*content.fix);
+    }
     constexpr int kPeriod = 30;  // [s]: ten frames, then ten seconds of silence
     if (tick % kPeriod >= 20 || tick % 2 != 0) continue;
     EXPECT_TRUE(ship.modem().send(uplink(sequence, tick % kPeriod == 18)));
@@ -114,6 +120,19 @@ TEST(SimulatedShip, WhatIsAcknowledgedIsExactlyWhatWasHeard) {
   EXPECT_GT(lost, 0);
 }
 
+TEST(SimulatedShip, EveryFixIsSaidOnceInOrderAndReachesTheVehicleWithItsOwnTime) {
+  SimulatedShipOptions options = clear();
+  options.duplicate = options.reorder = options.corrupt = 0;
+  const Dive d = dive(options, 80, true);  // seven turns or eight of the ship
+  ASSERT_GE(d.fixes.size(), 5u);
+  EXPECT_EQ(d.fixes.size(), d.summary.fixes_said);
+  for (std::size_t i = 0; i < d.fixes.size(); ++i) {
+    const auto tick = static_cast<double>(7 * i);
+    EXPECT_NEAR(static_cast<double>(d.fixes[i].utc_ns - kStart_ns), 1e9 * tick, 1e7);
+    EXPECT_NEAR(d.fixes[i].latitude, -23.0 + 1e-5 * tick, 1e-7);
+  }
+}
+
 TEST(SimulatedShip, TheSameSeedIsTheSameDive) {
   SimulatedShipOptions options = clear();
   options.loss = 0.4;
@@ -150,4 +169,4 @@ TEST(SimulatedShip, AWaterThatCannotBeIsRefused) {
 }
 
 }  // namespace
-}  // namespace fathom::onboard
+}  // namespace fathom::sim
