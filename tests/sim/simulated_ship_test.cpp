@@ -123,6 +123,7 @@ TEST(SimulatedShip, WhatIsAcknowledgedIsExactlyWhatWasHeard) {
 TEST(SimulatedShip, EveryFixIsSaidOnceInOrderAndReachesTheVehicleWithItsOwnTime) {
   SimulatedShipOptions options = clear();
   options.duplicate = options.reorder = options.corrupt = 0;
+  options.frame_bytes = 64;  // room for an acknowledgement beside the fix
   const Dive d = dive(options, 80, true);  // seven turns or eight of the ship
   ASSERT_GE(d.fixes.size(), 5u);
   EXPECT_EQ(d.fixes.size(), d.summary.fixes_said);
