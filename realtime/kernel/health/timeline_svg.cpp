@@ -1,0 +1,329 @@
+#include "realtime/kernel/health/timeline_svg.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <utility>
+
+namespace fathom::rt {
+namespace {
+
+// Sizes of the picture [px].
+constexpr double kWidth = 1600, kMargin = 24, kGutter = 190, kBar = 20, kBarGap = 3, kRowGap = 16;
+constexpr double kTitle = 56, kAxis = 30, kPanelGap = 26, kLegendLine = 20, kLegendHead = 30;
+constexpr double kNarrowest = 1.2;  // a stage that lasts a microsecond is still seen
+constexpr double kLetter = 6.2;     // width of a letter of the labels
+constexpr double kPlotRight = kWidth - kMargin, kPlotLeft = kMargin + kGutter;
+constexpr double kNsPerMs = 1e6;
+constexpr std::int64_t kZoomNs = 60'000'000;
+
+// Twelve hues that stay apart from one another, also in grey print by their lightness.
+constexpr std::array<const char*, 12> kColours{"#4477aa", "#ee6677", "#228833", "#ccbb44",
+                                               "#66ccee", "#aa3377", "#ee8866", "#44bb99",
+                                               "#8877cc", "#99ddff", "#bbcc33", "#997700"};
+const char* const kLate = "#cc0000";
+
+template <typename... Args>
+std::string formatted(const char* format, Args... args) {
+  char text[512];
+  std::snprintf(text, sizeof text, format, args...);
+  return text;
+}
+
+std::string escaped(const std::string& text) {
+  std::string safe;
+  for (const char c : text) {
+    if (c == '&')
+      safe += "&amp;";
+    else if (c == '<')
+      safe += "&lt;";
+    else if (c == '>')
+      safe += "&gt;";
+    else if (c == '"')
+      safe += "&quot;";
+    else if (static_cast<unsigned char>(c) >= ' ')
+      safe += c;
+  }
+  return safe;
+}
+
+std::string duration(std::int64_t ns) {
+  const auto value = static_cast<double>(ns);
+  constexpr double kUs = 1e3, kMs = 1e6, kS = 1e9;
+  if (value < kMs) return formatted("%.*f us", value < 100 * kUs ? 1 : 0, value / kUs);
+  if (value < kS) return formatted("%.*f ms", value < 100 * kMs ? 1 : 0, value / kMs);
+  return formatted("%.2f s", value / kS);
+}
+
+struct Placed {
+  TimelineEvent event;
+  std::size_t depth = 0;  // stages around this one
+};
+
+// Longer stages that hold shorter ones come first, one line higher.
+std::vector<Placed> nested(std::vector<TimelineEvent> events) {
+  std::sort(events.begin(), events.end(), [](const TimelineEvent& a, const TimelineEvent& b) {
+    return a.begin_ns != b.begin_ns ? a.begin_ns < b.begin_ns : a.end_ns > b.end_ns;
+  });
+  std::vector<Placed> placed;
+  std::vector<std::int64_t> open;  // ends of the stages around
+  for (const TimelineEvent& event : events) {
+    while (!open.empty() && open.back() <= event.begin_ns) open.pop_back();
+    placed.push_back({event, open.size()});
+    open.push_back(event.end_ns);
+  }
+  return placed;
+}
+
+struct Lane {
+  const TimelineRow* row = nullptr;
+  std::vector<Placed> stages;
+  std::size_t depth = 1;
+  std::size_t first_colour = 0;
+  [[nodiscard]] double height() const {
+    return std::max(static_cast<double>(depth) * (kBar + kBarGap), 2 * (kBar - kBarGap));
+  }
+  [[nodiscard]] const char* colour(std::size_t stage) const {
+    return kColours.at((first_colour + stage) % kColours.size());
+  }
+  [[nodiscard]] std::string stageName(std::size_t stage) const {
+    return stage < row->stages.size() ? row->stages[stage].name : "stage " + std::to_string(stage);
+  }
+};
+
+std::vector<Lane> lanesOf(const TimelinePicture& picture) {
+  std::vector<Lane> lanes;
+  std::size_t colour = 0;
+  for (const TimelineRow& row : picture.rows) {
+    Lane lane;
+    lane.row = &row;
+    lane.stages = nested(row.events);
+    for (const Placed& stage : lane.stages) lane.depth = std::max(lane.depth, stage.depth + 1);
+    lane.first_colour = colour;
+    colour += row.stages.size();
+    lanes.push_back(std::move(lane));
+  }
+  return lanes;
+}
+
+double panelHeight(const std::vector<Lane>& lanes) {
+  double height = kAxis;
+  for (const Lane& lane : lanes) height += lane.height() + kRowGap;
+  return height;
+}
+
+// The first deadline at or after `from`.
+std::int64_t firstDeadline(const TimelineRow& row, std::int64_t from) {
+  const std::int64_t phase = ((row.deadline_ns - from) % row.period_ns + row.period_ns) % row.period_ns;
+  return from + phase;
+}
+
+// A step of 1, 2 or 5 times a power of ten that gives some ten marks.
+std::int64_t axisStep(std::int64_t span_ns) {
+  constexpr double kMarks = 12;
+  const double rough = static_cast<double>(span_ns) / kMarks;
+  const double decade = std::pow(10.0, std::floor(std::log10(std::max(rough, 1.0))));
+  for (const double factor : {1.0, 2.0, 5.0})
+    if (factor * decade >= rough) return std::llround(factor * decade);
+  return std::llround(10 * decade);
+}
+
+class Panel {
+ public:
+  Panel(const TimelinePicture& picture, const std::vector<Lane>& lanes, std::int64_t from, std::int64_t to,
+        double top)
+      : origin_(picture.from_ns), lanes_(lanes), from_(from), to_(to), top_(top) {}
+
+  std::string draw() const {
+    std::string svg = axis();
+    double y = top_ + kAxis;
+    for (const Lane& lane : lanes_) {
+      svg += background(lane, y) + deadlines(lane, y) + bars(lane, y);
+      y += lane.height() + kRowGap;
+    }
+    return svg;
+  }
+
+ private:
+  double x(std::int64_t ns) const {
+    const double share = static_cast<double>(ns - from_) / static_cast<double>(to_ - from_);
+    return kPlotLeft + std::clamp(share, 0.0, 1.0) * (kPlotRight - kPlotLeft);
+  }
+
+  std::string axis() const {
+    std::string svg;
+    const double bottom = top_ + panelHeight(lanes_) - kRowGap / 2;
+    const std::int64_t step = axisStep(to_ - from_);
+    const std::int64_t first = (from_ - origin_ + step - 1) / step * step;
+    for (std::int64_t t = first; t <= to_ - origin_; t += step) {
+      const double at = x(origin_ + t);
+      svg += formatted("<line class='grid' x1='%.1f' x2='%.1f' y1='%.1f' y2='%.1f'/>", at, at, top_ + 18,
+                       bottom);
+      svg += formatted("<text class='axis' x='%.1f' y='%.1f' text-anchor='middle'>%g</text>", at, top_ + 12,
+                       static_cast<double>(t) / kNsPerMs);
+    }
+    svg += formatted("<text class='axis' x='%.1f' y='%.1f'>time, ms</text>\n", kMargin, top_ + 12);
+    return svg;
+  }
+
+  std::string background(const Lane& lane, double y) const {
+    std::string svg = formatted("<rect class='lane' x='%.1f' y='%.1f' width='%.1f' height='%.1f'/>",
+                                kPlotLeft, y - 4, kPlotRight - kPlotLeft, lane.height() + 8);
+    svg += formatted("<text class='name' x='%.1f' y='%.1f'>%s</text>", kMargin, y + 13,
+                     escaped(lane.row->name).c_str());
+    svg += formatted("<text class='note' x='%.1f' y='%.1f'>%s</text>\n", kMargin, y + 29,
+                     escaped(lane.row->note).c_str());
+    return svg;
+  }
+
+  std::string deadlines(const Lane& lane, double y) const {
+    std::string svg;
+    if (lane.row->period_ns <= 0) return svg;
+    for (std::int64_t t = firstDeadline(*lane.row, from_); t <= to_; t += lane.row->period_ns)
+      svg += formatted("<line class='due' x1='%.2f' x2='%.2f' y1='%.1f' y2='%.1f'/>", x(t), x(t), y - 4,
+                       y + lane.height() + 4);
+    return svg + "\n";
+  }
+
+  std::string bars(const Lane& lane, double y) const {
+    std::string svg;
+    for (const Placed& placed : lane.stages) {
+      const TimelineEvent& e = placed.event;
+      if (e.end_ns < from_ || e.begin_ns > to_) continue;
+      const double left = x(e.begin_ns), width = std::max(x(e.end_ns) - left, kNarrowest);
+      const double top = y + static_cast<double>(placed.depth) * (kBar + kBarGap);
+      const std::string name = escaped(lane.stageName(e.stage));
+      svg += formatted("<rect x='%.2f' y='%.1f' width='%.2f' height='%.1f' rx='%.1f' fill='%s'>", left, top,
+                       width, kBar, width > 6 ? 2.0 : 0.0, lane.colour(e.stage));
+      svg += "<title>" + name + " " + duration(e.end_ns - e.begin_ns) + "</title></rect>";
+      if (static_cast<double>(name.size()) * kLetter + 8 < width)
+        svg += formatted("<text class='bar' x='%.1f' y='%.1f'>%s</text>", left + 4, top + 14, name.c_str());
+      const bool late =
+          placed.depth == 0 && lane.row->period_ns > 0 && e.end_ns > firstDeadline(*lane.row, e.begin_ns + 1);
+      if (late)
+        svg += formatted("<path d='M%.1f %.1f l-5 -7 h10 z' fill='%s'/>", left + width, top - 1, kLate);
+    }
+    return svg + "\n";
+  }
+
+  std::int64_t origin_;
+  const std::vector<Lane>& lanes_;
+  std::int64_t from_, to_;
+  double top_;
+};
+
+// Where the second panel looks: around the moment of the longest stage of the rows without a period (a frame
+// begins), or of the first periodic row.
+std::int64_t zoomCentre(const TimelinePicture& picture) {
+  for (const bool periodic : {false, true}) {
+    TimelineEvent longest;
+    for (const TimelineRow& row : picture.rows)
+      if ((row.period_ns > 0) == periodic)
+        for (const TimelineEvent& e : row.events)
+          if (e.end_ns - e.begin_ns > longest.end_ns - longest.begin_ns) longest = e;
+    if (longest.end_ns > longest.begin_ns)
+      return longest.begin_ns + std::min(longest.end_ns - longest.begin_ns, kZoomNs / 2) / 2;
+  }
+  return (picture.from_ns + picture.to_ns) / 2;
+}
+
+std::string legend(const std::vector<Lane>& lanes, double top) {
+  constexpr std::size_t kColumns = 3;
+  constexpr double kColumn = (kWidth - 2 * kMargin) / kColumns;
+  std::vector<double> heights(kColumns, 0.0);
+  std::string svg;
+  for (const Lane& lane : lanes) {
+    const auto column =
+        static_cast<std::size_t>(std::min_element(heights.begin(), heights.end()) - heights.begin());
+    const double left = kMargin + static_cast<double>(column) * kColumn;
+    double y = top + heights[column] + 14;
+    svg +=
+        formatted("<text class='name' x='%.1f' y='%.1f'>%s</text>", left, y, escaped(lane.row->name).c_str());
+    const std::array<std::pair<const char*, double>, 4> heads{
+        {{"p50", 280}, {"p99", 350}, {"max", 420}, {"late", 470}}};
+    for (const auto& [text, offset] : heads)
+      svg += formatted("<text class='axis' x='%.1f' y='%.1f' text-anchor='end'>%s</text>", left + offset, y,
+                       text);
+    for (std::size_t stage = 0; stage < lane.row->stages.size(); ++stage) {
+      const StageSummary& s = lane.row->stages[stage];
+      y += kLegendLine;
+      svg += formatted("<rect x='%.1f' y='%.1f' width='12' height='12' rx='2' fill='%s'/>", left, y - 11,
+                       lane.colour(stage));
+      svg +=
+          formatted("<text class='key' x='%.1f' y='%.1f'>%s</text>", left + 18, y, escaped(s.name).c_str());
+      const std::array<std::pair<std::string, double>, 4> values{{{duration(s.p50_ns), 280},
+                                                                  {duration(s.p99_ns), 350},
+                                                                  {duration(s.max_ns), 420},
+                                                                  {std::to_string(s.misses), 470}}};
+      for (const auto& [text, offset] : values)
+        svg += formatted("<text class='key' x='%.1f' y='%.1f' text-anchor='end'>%s</text>", left + offset, y,
+                         text.c_str());
+    }
+    svg += '\n';
+    heights[column] += kLegendHead + kLegendLine * static_cast<double>(lane.row->stages.size());
+  }
+  return svg;
+}
+
+double legendHeight(const std::vector<Lane>& lanes) {
+  // As legend() fills its three columns, whatever the order: no more than all in one.
+  constexpr std::size_t kColumns = 3;
+  std::array<double, kColumns> heights{};
+  for (const Lane& lane : lanes)
+    *std::min_element(heights.begin(), heights.end()) +=
+        kLegendHead + kLegendLine * static_cast<double>(lane.row->stages.size());
+  return *std::max_element(heights.begin(), heights.end());
+}
+
+}  // namespace
+
+std::string timelineSvg(const TimelinePicture& picture) {
+  const std::vector<Lane> lanes = lanesOf(picture);
+  const std::int64_t span = std::max<std::int64_t>(picture.to_ns - picture.from_ns, 1);
+  const bool zoomed = span > 2 * kZoomNs;
+  const std::int64_t zoom_from = std::clamp(zoomCentre(picture) - kZoomNs / 2, picture.from_ns,
+                                            picture.from_ns + span - std::min(kZoomNs, span));
+
+  const double panel = panelHeight(lanes);
+  const double second = kTitle + panel + kPanelGap;
+  const double legend_top = zoomed ? second + panel + kPanelGap : second;
+  const double height = legend_top + legendHeight(lanes) + kMargin;
+
+  std::string svg = formatted(
+      "<svg xmlns='http://www.w3.org/2000/svg' width='%.0f' height='%.0f' viewBox='0 0 %.0f %.0f'>\n", kWidth,
+      height, kWidth, height);
+  svg +=
+      "<style>text{font-family:'DejaVu Sans',sans-serif;font-size:12px;fill:#222}.title{font-size:20px;"
+      "font-weight:bold}.name{font-weight:bold;font-size:13px}.note,.axis{font-size:11px;fill:#667}"
+      ".bar{font-size:10.5px;fill:#fff}.lane{fill:#f4f6f9}.grid{stroke:#d5dae2;stroke-width:1}"
+      ".due{stroke:#223;stroke-width:.7;stroke-dasharray:2 3;opacity:.55}.zoom{fill:#4477aa;opacity:.10}"
+      "</style>\n<rect width='100%' height='100%' fill='#fff'/>\n";
+  svg +=
+      formatted("<text class='title' x='%.1f' y='34'>%s</text>\n", kMargin, escaped(picture.title).c_str());
+  svg += Panel(picture, lanes, picture.from_ns, picture.from_ns + span, kTitle).draw();
+  if (zoomed) {
+    const double scale = (kPlotRight - kPlotLeft) / static_cast<double>(span);
+    const double left = kPlotLeft + static_cast<double>(zoom_from - picture.from_ns) * scale;
+    const double right = left + static_cast<double>(kZoomNs) * scale;
+    svg += formatted("<path class='zoom' d='M%.1f %.1f V%.1f L%.1f %.1f H%.1f L%.1f %.1f V%.1f Z'/>\n", left,
+                     kTitle + 18, kTitle + panel - 4, kPlotLeft, second + 18, kPlotRight, right,
+                     kTitle + panel - 4, kTitle + 18);
+    svg += Panel(picture, lanes, zoom_from, zoom_from + kZoomNs, second).draw();
+  }
+  svg += legend(lanes, legend_top);
+  return svg + "</svg>\n";
+}
+
+TimelineRow timelineRow(std::string name, std::string note, StageTimes& times, const TimelineTrack& track,
+                        std::int64_t now_ns, std::int64_t duration_ns) {
+  TimelineRow row;
+  row.name = std::move(name);
+  row.note = std::move(note);
+  StageTimes::Snapshot snapshot;
+  if (times.read(snapshot)) row.stages.assign(snapshot.all().begin(), snapshot.all().end());
+  row.events = track.copy(now_ns - duration_ns, now_ns);
+  return row;
+}
+
+}  // namespace fathom::rt

@@ -1,0 +1,82 @@
+#include "realtime/kernel/tiers/overload_rule.hpp"
+
+#include <algorithm>
+#include <cassert>
+
+namespace fathom::rt {
+namespace {
+
+constexpr DegradationLevel above(DegradationLevel level) {
+  return static_cast<DegradationLevel>(
+      std::min<int>(static_cast<int>(level) + 1, static_cast<int>(DegradationLevel::kDropFrames)));
+}
+
+}  // namespace
+
+FrameQuota frameQuota(DegradationLevel level) noexcept {
+  switch (level) {
+    case DegradationLevel::kFull:
+      return {1.0, true, 1.0, 0};
+    case DegradationLevel::kFewerFeatures:
+      return {0.6, true, 1.0, 0};
+    case DegradationLevel::kNoClosures:
+      return {0.6, false, 0.5, 0};
+    case DegradationLevel::kCoarserFusion:
+    case DegradationLevel::kDropFrames:
+      return {0.4, false, 0.0, 1};
+  }
+  return {};
+}
+
+OverloadRule::OverloadRule(const OverloadConfig& config) noexcept
+    : config_(config), lower_after_(config.lower_after) {
+  assert(config.raise_after > 0 && config.lower_after > 0 && config.lower_at < config.raise_at);
+}
+
+void OverloadRule::raiseTo(DegradationLevel level) noexcept {
+  slow_in_a_row_ = easy_in_a_row_ = 0;
+  if (level == level_) return;
+  if (lowering_on_trial_) lower_after_ = std::min(2 * lower_after_, config_.max_lower_after);
+  lowering_on_trial_ = false;
+  level_ = level;
+  ++statistics_.raised;
+}
+
+void OverloadRule::lower() noexcept {
+  slow_in_a_row_ = easy_in_a_row_ = 0;
+  level_ = static_cast<DegradationLevel>(static_cast<int>(level_) - 1);
+  lowering_on_trial_ = true;
+  since_lowered_ = 0;
+  ++statistics_.lowered;
+}
+
+OverloadRule::Decided OverloadRule::decide(const Observation& o) noexcept {
+  const auto period = static_cast<double>(o.period_ns);
+  const auto frame = static_cast<double>(o.last_frame_ns);
+  // A pair that has waited for more than a period is late, however fast the last frame was.
+  const bool slow = frame > config_.raise_at * period || o.waiting >= config_.waiting_limit ||
+                    static_cast<double>(o.age_ns) > (1 + config_.raise_at) * period;
+  const bool easy = !slow && frame < config_.lower_at * period && o.waiting == 0;
+
+  slow_in_a_row_ = slow ? slow_in_a_row_ + 1 : 0;
+  easy_in_a_row_ = easy ? easy_in_a_row_ + 1 : 0;
+  if (lowering_on_trial_ && ++since_lowered_ >= lower_after_) {
+    lowering_on_trial_ = false;
+    if (level_ == DegradationLevel::kFull) lower_after_ = config_.lower_after;
+  }
+
+  if (o.waiting >= config_.drop_waiting) {
+    raiseTo(DegradationLevel::kDropFrames);
+  } else if (slow_in_a_row_ >= config_.raise_after) {
+    raiseTo(above(level_));
+  } else if (easy_in_a_row_ >= lower_after_ && level_ != DegradationLevel::kFull) {
+    lower();
+  }
+
+  Decided decided{level_, level_ == DegradationLevel::kDropFrames && o.waiting > 1};
+  ++statistics_.pairs[static_cast<std::size_t>(level_)];
+  if (decided.drop) ++statistics_.dropped;
+  return decided;
+}
+
+}  // namespace fathom::rt

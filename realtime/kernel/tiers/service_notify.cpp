@@ -1,0 +1,39 @@
+#include "realtime/kernel/tiers/service_notify.hpp"
+
+#include <systemd/sd-daemon.h>
+
+namespace fathom::rt {
+namespace {
+
+constexpr int kKeepEnvironment = 0;
+
+// A status is one line, and anything behind a line end would be a message of its own.
+std::string oneLine(std::string text) {
+  for (char& c : text)
+    if (static_cast<unsigned char>(c) < ' ') c = ' ';
+  return text;
+}
+
+}  // namespace
+
+void ServiceNotify::ready(const std::string& status) noexcept {
+  ::sd_notify(kKeepEnvironment, ("READY=1\nSTATUS=" + oneLine(status)).c_str());
+}
+void ServiceNotify::status(const std::string& status) noexcept {
+  ::sd_notify(kKeepEnvironment, ("STATUS=" + oneLine(status)).c_str());
+}
+void ServiceNotify::alive() noexcept {
+  ::sd_notify(kKeepEnvironment, "WATCHDOG=1");
+}
+void ServiceNotify::stopping() noexcept {
+  ::sd_notify(kKeepEnvironment, "STOPPING=1");
+}
+
+std::int64_t ServiceNotify::alivePeriodNs() noexcept {
+  constexpr std::int64_t kNsPerUs = 1000;
+  std::uint64_t limit_us = 0;
+  if (::sd_watchdog_enabled(kKeepEnvironment, &limit_us) <= 0) return 0;
+  return static_cast<std::int64_t>(limit_us) * kNsPerUs / 2;
+}
+
+}  // namespace fathom::rt

@@ -1,0 +1,23 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+namespace fathom::rt {
+
+// Speaks with the system's service manager (sd_notify). Without one, every call does nothing. Part of the
+// library fathom_service, which alone needs libsystemd.
+class ServiceNotify {
+ public:
+  // READY=1: armed.
+  static void ready(const std::string& status) noexcept;
+  // STATUS=: one line that `systemctl status` shows.
+  static void status(const std::string& status) noexcept;
+  // WATCHDOG=1: the vital tiers are alive.
+  static void alive() noexcept;
+  static void stopping() noexcept;
+  // How often alive() must come at least: half of what the unit's WatchdogSec says; 0: not asked for.
+  [[nodiscard]] static std::int64_t alivePeriodNs() noexcept;
+};
+
+}  // namespace fathom::rt
