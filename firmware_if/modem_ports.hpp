@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "firmware_if/modem/slip.hpp"
+#include "firmware_if/serial/serial_line.hpp"
 #include "realtime/kernel/frame_port.hpp"
 
 namespace fathom::io {
@@ -43,35 +44,28 @@ class SerialFramePort final : public FramePort {
  public:
   // Opens `device` raw, 8N1 at `baud`. Throws InputError for a device or rate that cannot be used.
   SerialFramePort(const std::string& device, int baud, double reopen_interval_s = 1.0);
-  ~SerialFramePort() override;
-  SerialFramePort(const SerialFramePort&) = delete;
-  SerialFramePort& operator=(const SerialFramePort&) = delete;
   [[nodiscard]] bool send(std::span<const std::uint8_t> frame) noexcept override;
   [[nodiscard]] std::size_t receive(std::span<std::uint8_t> buffer) noexcept override;
   [[nodiscard]] std::uint64_t droppedFrames() const noexcept override {
     return dropped_ + decoder_.dropped();
   }
-  [[nodiscard]] bool isOpen() const noexcept { return fd_ >= 0; }
+  [[nodiscard]] bool isOpen() const noexcept { return serial_.isOpen(); }
   // How often the device has gone away.
-  [[nodiscard]] std::uint64_t disconnects() const noexcept { return disconnects_; }
+  [[nodiscard]] std::uint64_t disconnects() const noexcept { return serial_.disconnects(); }
 
  private:
   bool drain() noexcept;
-  // Whether the device is there: notices when it goes, opens it again when it is back.
+  // Whether the device is there; forgets what was under way when it was opened again.
   bool ready() noexcept;
-  void close() noexcept;
 
-  std::string device_;
-  unsigned rate_code_ = 0;  // termios' code of the baud rate
-  std::int64_t reopen_interval_ns_ = 0, next_open_ns_ = 0;
-  int fd_ = -1;
+  SerialLine serial_;
+  std::uint64_t connection_ = 0;                       // of the line that the buffers below are of
   std::array<std::uint8_t, kMaxSlipBytes> line_ = {};  // the frame under way to the device
   std::size_t line_size_ = 0, line_sent_ = 0;
   std::array<std::uint8_t, kMaxSlipBytes> input_ = {};  // bytes read, not yet decoded
   std::size_t input_size_ = 0, input_at_ = 0;
   SlipDecoder decoder_;
   std::uint64_t dropped_ = 0;  // beyond those that the decoder dropped
-  std::uint64_t disconnects_ = 0;
 };
 
 }  // namespace fathom::io

@@ -46,6 +46,9 @@ class Pd0Decoder {
   // The bytes of the ensemble that next() gave last, header to checksum; valid until the next accept().
   [[nodiscard]] std::span<const std::uint8_t> rawEnsemble() const noexcept { return raw_; }
 
+  // Bytes accepted and not yet part of an ensemble that was given out, nor skipped.
+  [[nodiscard]] std::size_t pendingBytes() const noexcept { return end_ - begin_; }
+
   // Says that no more bytes will come: next() then also searches what waits for its end.
   void finish() noexcept { finishing_ = true; }
 

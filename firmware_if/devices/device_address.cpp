@@ -1,0 +1,86 @@
+#include "firmware_if/devices/device_address.hpp"
+
+#include <charconv>
+
+#include "firmware_if/devices/file_stream.hpp"
+#include "firmware_if/devices/udp_stream.hpp"
+#include "firmware_if/modem_ports.hpp"
+#include "firmware_if/serial/serial_line.hpp"
+#include "realtime/kernel/input_error.hpp"
+
+namespace fathom::io {
+namespace {
+
+constexpr int kLargestPort = 65535;
+
+}  // namespace
+
+std::optional<DeviceAddress> parseDeviceAddress(std::string_view text, std::string& mend) {
+  const auto refuse = [&](const char* why) {
+    mend = why;
+    return std::nullopt;
+  };
+  const std::size_t first = text.find(':');
+  if (first == std::string_view::npos) return refuse("give udp:HOST:PORT or serial:DEVICE:BAUD");
+  const std::string_view kind = text.substr(0, first);
+  if (kind == "file") {
+    if (first + 1 == text.size()) return refuse("name the file, as file:dive.pd0");
+    return DeviceAddress{DeviceAddress::Kind::kFile, std::string(text.substr(first + 1)), 0};
+  }
+  const std::size_t last = text.rfind(':');
+  if (last == first || last == first + 1) return refuse("give udp:HOST:PORT or serial:DEVICE:BAUD");
+  if (kind != "serial" && kind != "udp") return refuse("unknown kind of device; give udp: or serial:");
+  DeviceAddress address{kind == "udp" ? DeviceAddress::Kind::kUdp : DeviceAddress::Kind::kSerial,
+                        std::string(text.substr(first + 1, last - first - 1)), 0};
+  const std::string_view digits = text.substr(last + 1);
+  const auto parsed = std::from_chars(digits.data(), digits.data() + digits.size(), address.number);
+  if (digits.empty() || parsed.ec != std::errc{} || parsed.ptr != digits.data() + digits.size())
+    return refuse("the part after the last colon must be a number");
+  if (address.kind == DeviceAddress::Kind::kUdp && (address.number < 1 || address.number > kLargestPort))
+    return refuse("the UDP port must be 1 to 65535");
+  return address;
+}
+
+std::string readDeviceAddress(const ConfigTable& table, std::string_view key, std::string_view fallback,
+                              bool file_allowed) {
+  std::string text = table.text(key, fallback);
+  if (text.empty()) return text;
+  std::string mend;
+  const auto address = parseDeviceAddress(text, mend);
+  if (!address) table.fail(key, mend);
+  if (address->kind == DeviceAddress::Kind::kFile && !file_allowed)
+    table.fail(key, "give udp:HOST:PORT or serial:DEVICE:BAUD");
+  if (address->kind == DeviceAddress::Kind::kSerial && !SerialLine::knownRate(address->number))
+    table.fail(key, std::to_string(address->number) + " baud is not one of " + SerialLine::rates());
+  return text;
+}
+
+std::unique_ptr<FramePort> openFramePort(const std::string& text, const std::string& where) {
+  std::string mend;
+  const auto address = parseDeviceAddress(text, mend);
+  if (!address) throw InputError(where, "", mend);
+  switch (address->kind) {
+    case DeviceAddress::Kind::kSerial:
+      return std::make_unique<SerialFramePort>(address->name, address->number);
+    case DeviceAddress::Kind::kUdp:
+      return std::make_unique<UdpFramePort>("0.0.0.0", 0, address->name,
+                                            static_cast<std::uint16_t>(address->number));
+    case DeviceAddress::Kind::kFile:
+      break;
+  }
+  throw InputError(where, "", "a modem is no file; give udp:HOST:PORT or serial:DEVICE:BAUD");
+}
+
+std::unique_ptr<ByteStream> openByteStream(const DeviceAddress& address) {
+  switch (address.kind) {
+    case DeviceAddress::Kind::kSerial:
+      return std::make_unique<SerialLine>(address.name, address.number, SerialLine::IfAbsent::kWait);
+    case DeviceAddress::Kind::kUdp:
+      return std::make_unique<UdpStream>(address.name, static_cast<std::uint16_t>(address.number));
+    case DeviceAddress::Kind::kFile:
+      break;
+  }
+  return std::make_unique<FileStream>(address.name);
+}
+
+}  // namespace fathom::io

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "firmware_if/devices/byte_stream.hpp"
+#include "realtime/kernel/config_table.hpp"
+#include "realtime/kernel/frame_port.hpp"
+
+namespace fathom::io {
+
+// Where a device is, as configuration files and command lines say it:
+//   serial:DEVICE:BAUD   a serial line, as serial:/dev/ttyS1:115200
+//   udp:HOST:PORT        a numeric IPv4 address: of the peer for a modem, to listen on for a DVL
+//   file:PATH            a capture (DVL only)
+struct DeviceAddress {
+  enum class Kind { kSerial, kUdp, kFile };
+  Kind kind = Kind::kSerial;
+  std::string name;  // device, host or path
+  int number = 0;    // baud rate or port; 0 for a file
+};
+
+// std::nullopt for a text that is none of these; then `mend` says what is wrong with it.
+[[nodiscard]] std::optional<DeviceAddress> parseDeviceAddress(std::string_view text, std::string& mend);
+
+// A key that holds such an address, checked down to the baud rate but not opened; empty when absent or
+// empty. InputError otherwise. The readers of `[dvl]` and `[modem]` use it.
+[[nodiscard]] std::string readDeviceAddress(const ConfigTable& table, std::string_view key,
+                                            std::string_view fallback, bool file_allowed);
+
+// The modem at an address (serial or UDP). Throws InputError with `where` ("--modem udp:1") as the file's
+// name, or the device's when it cannot be opened.
+[[nodiscard]] std::unique_ptr<FramePort> openFramePort(const std::string& text, const std::string& where);
+
+// The bytes at an address. A serial line that is not there is waited for; throws InputError for an address
+// or a baud rate that can never be used, a port that is taken, a file that is absent.
+[[nodiscard]] std::unique_ptr<ByteStream> openByteStream(const DeviceAddress& address);
+
+}  // namespace fathom::io

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <gtest/gtest.h>
+#include <pty.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <cstdint>
+#include <span>
+#include <string>
+
+namespace fathom::test {
+
+// A pseudo-terminal under a name that stays: the program opens `name`, the test holds the other end, as the
+// instrument would. unplug() and plug() are a cable pulled and put back.
+class PtyLine {
+ public:
+  PtyLine()
+      : name_(::testing::TempDir() + "fathom_line_" + std::to_string(::getpid()) + "_" +
+              std::to_string(counter()++)) {
+    plug();
+  }
+  ~PtyLine() { unplug(); }
+  PtyLine(const PtyLine&) = delete;
+  PtyLine& operator=(const PtyLine&) = delete;
+
+  void plug() {
+    char device[256];
+    int line = -1;
+    ASSERT_EQ(::openpty(&instrument_, &line, device, nullptr, nullptr), 0);
+    termios raw = {};
+    ::tcgetattr(line, &raw);
+    ::cfmakeraw(&raw);
+    ::tcsetattr(line, TCSANOW, &raw);
+    // Held open, so that bytes sent before the program opens it are kept.
+    line_ = line;
+    ::unlink(name_.c_str());
+    ASSERT_EQ(::symlink(device, name_.c_str()), 0);
+  }
+  void unplug() {
+    if (instrument_ < 0) return;
+    ::close(line_);
+    ::close(instrument_);
+    instrument_ = line_ = -1;
+    ::unlink(name_.c_str());
+  }
+  void send(std::span<const std::uint8_t> bytes) const {
+    ASSERT_EQ(::write(instrument_, bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size()));
+  }
+  [[nodiscard]] const std::string& name() const { return name_; }
+  [[nodiscard]] int line() const { return line_; }
+
+ private:
+  static int& counter() {
+    static int n = 0;
+    return n;
+  }
+  std::string name_;
+  int instrument_ = -1, line_ = -1;
+};
+
+}  // namespace fathom::test
