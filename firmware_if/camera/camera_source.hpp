@@ -17,7 +17,7 @@ struct CameraFrame {
   std::uint64_t frame_id = 0;                     // the device's, unwrapped: grows by one an exposure
   std::int64_t device_ns = 0;                     // the device's own time stamp
   std::int64_t utc_ns = 0;                        // of the exposure: device_ns mapped to UTC
-  std::int64_t arrival_utc_ns = 0;                // when the last packet was here
+  std::int64_t arrival_utc_ns = 0;  // when the thread that polls had it, right after its last packet
   double exposure_s = 0;
   double gain_db = 0;
 };

@@ -1,0 +1,154 @@
+#include "firmware_if/camera/camera_clock_map.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fathom::io {
+namespace {
+
+constexpr double kSecond = 1e9;                            // [ns]
+constexpr double kDriftSigma = 50e-6;                      // of free-running crystals
+constexpr double kLeastSigma = 1e-6;                       // of a reading: nothing is latched better [s]
+constexpr double kArrivalSigma = 0.5e-3;                   // of a window's least delay [s]
+constexpr double kWindow = 10;                             // of arrivals that give one point [s]
+constexpr std::int64_t kLeapNs = 1'000'000'000;            // a clock so far off was set anew
+constexpr std::int64_t kBeforeExposureNs = 50'000'000;     // no frame comes so long before its exposure
+constexpr int kAstrayFrames = 3;                           // in a row, before it is the clock's doing
+constexpr std::int64_t kLatestNs = std::int64_t{1} << 62;  // a damaged stamp; differences must not overflow
+constexpr std::int64_t kTaiAheadNs = 37'000'000'000;       // of UTC, since 2017
+
+double seconds(std::int64_t ns) {
+  return static_cast<double>(ns) / kSecond;
+}
+
+}  // namespace
+
+void CameraClockMap::begin(std::int64_t device_ns, std::int64_t utc_ns) noexcept {
+  any_ = true;
+  has_readings_ = false;
+  device_base_ns_ = device_ns;
+  offset_base_ns_ = utc_ns - device_ns;
+  points_.clear();
+  window_open_ = false;
+  centre_ = level_ = drift_ = 0;
+  astray_ = 0;
+}
+
+void CameraClockMap::reset(std::int64_t device_ns, std::int64_t utc_ns) noexcept {
+  ++resets_;
+  begin(device_ns, utc_ns);
+}
+
+std::int64_t CameraClockMap::lineUtcNs(std::int64_t device_ns) const noexcept {
+  const double x = seconds(device_ns - device_base_ns_);
+  const double y = level_ + drift_ * (x - centre_);
+  return device_ns + offset_base_ns_ + static_cast<std::int64_t>(std::llround(y * kSecond));
+}
+
+void CameraClockMap::addReading(std::int64_t device_ns, std::int64_t utc_ns,
+                                std::int64_t uncertainty_ns) noexcept {
+  device_ns = std::clamp<std::int64_t>(device_ns, 0, kLatestNs);
+  if (!any_) {
+    begin(device_ns, utc_ns);
+  } else if ((any_device_ && device_ns < newest_device_ns_) ||
+             std::abs(lineUtcNs(device_ns) - utc_ns) > kLeapNs) {
+    any_device_ = false;  // the stamps begin anew with the clock
+    reset(device_ns, utc_ns);
+  }
+  if (!has_readings_) {
+    points_.clear();
+    has_readings_ = true;
+  }
+  points_.pushDroppingOldest({seconds(device_ns - device_base_ns_),
+                              seconds(utc_ns - device_ns - offset_base_ns_),
+                              std::max(seconds(uncertainty_ns), kLeastSigma)});
+  fit();
+}
+
+void CameraClockMap::addArrival(std::int64_t device_ns, std::int64_t utc_ns) noexcept {
+  const Point point{seconds(device_ns - device_base_ns_),
+                    seconds(utc_ns - device_ns - offset_base_ns_ - least_delay_ns_), kArrivalSigma};
+  if (!window_open_) {
+    window_open_ = true;
+    window_start_ = point.x;
+    least_ = point;
+  } else if (point.y < least_.y) {
+    least_ = point;
+  }
+  if (points_.empty()) {
+    // Before the first window is full its least so far stands for it.
+    level_ = least_.y;
+    drift_ = 0;
+  }
+  if (point.x - window_start_ < kWindow) return;
+  points_.pushDroppingOldest(least_);
+  window_open_ = false;
+  fit();
+}
+
+// Weighted least squares about the points' centre, with the drift's prior as one more equation.
+void CameraClockMap::fit() noexcept {
+  double weight = 0, x = 0, y = 0;
+  for (std::size_t i = 0; i < points_.size(); ++i) {
+    const double w = 1 / (points_[i].sigma * points_[i].sigma);
+    weight += w;
+    x += w * points_[i].x;
+    y += w * points_[i].y;
+  }
+  x /= weight;
+  y /= weight;
+  double xx = 1 / (kDriftSigma * kDriftSigma), xy = 0;
+  for (std::size_t i = 0; i < points_.size(); ++i) {
+    const double w = 1 / (points_[i].sigma * points_[i].sigma);
+    xx += w * (points_[i].x - x) * (points_[i].x - x);
+    xy += w * (points_[i].x - x) * (points_[i].y - y);
+  }
+  centre_ = x;
+  level_ = y;
+  drift_ = xy / xx;
+}
+
+bool CameraClockMap::timeOfDay(std::int64_t device_ns, std::int64_t utc_ns,
+                               std::int64_t& mapped) const noexcept {
+  for (const std::int64_t ahead : {std::int64_t{0}, kTaiAheadNs}) {
+    mapped = device_ns - ahead;
+    if (mapped - utc_ns < kBeforeExposureNs && utc_ns - mapped < kLeapNs) return true;
+  }
+  return false;
+}
+
+std::int64_t CameraClockMap::inOrder(std::int64_t utc_ns) noexcept {
+  if (any_out_ && utc_ns <= newest_utc_ns_) {
+    ++clamped_;
+    utc_ns = newest_utc_ns_ + 1;
+  }
+  any_out_ = true;
+  newest_utc_ns_ = utc_ns;
+  return utc_ns;
+}
+
+std::int64_t CameraClockMap::utcNs(std::int64_t device_ns, std::int64_t first_packet_utc_ns) noexcept {
+  device_ns = std::clamp<std::int64_t>(device_ns, 0, kLatestNs);
+  if (mode_ == Mode::kPtp) {
+    std::int64_t mapped = 0;
+    if (timeOfDay(device_ns, first_packet_utc_ns, mapped)) return inOrder(mapped);
+    ++unsynchronised_;
+  }
+  if (!any_) {
+    begin(device_ns, first_packet_utc_ns);
+  } else if (any_device_ && device_ns <= newest_device_ns_) {
+    reset(device_ns, first_packet_utc_ns);
+  } else {
+    const std::int64_t lateness = first_packet_utc_ns - lineUtcNs(device_ns);
+    const bool early = lateness < -kBeforeExposureNs;
+    astray_ = early || lateness > kLeapNs ? astray_ + 1 : 0;
+    // Without readings an early frame is the least delay there is: the line must follow it at once.
+    if ((early && !has_readings_) || astray_ == kAstrayFrames) reset(device_ns, first_packet_utc_ns);
+  }
+  any_device_ = true;
+  newest_device_ns_ = device_ns;
+  if (!has_readings_) addArrival(device_ns, first_packet_utc_ns);
+  return inOrder(lineUtcNs(device_ns));
+}
+
+}  // namespace fathom::io

@@ -1,0 +1,81 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "realtime/kernel/fixed_queue.hpp"
+
+namespace fathom::io {
+
+// A camera's own clock against the vehicle's time (UTC). With x the camera's stamp [s] since the first one,
+//
+//   utc = x + offset + drift * (x - x0)
+//
+// is fitted to the last ten minutes of points (x, utc - x) by least squares, with a prior of 0 +- 50 ppm on
+// the drift, so that a short history cannot invent one. The points are, the better first:
+//   readings  the camera's clock latched on command, half a round trip uncertain (addReading);
+//   arrivals  a frame's first packet comes a delay after its stamp that is never less than some least one, so
+//             the least of arrival less stamp over a window of frames tells the offset but for that delay.
+// Once a reading came, arrivals only watch for leaps. Fixed memory; same calls, same result.
+//
+// A camera that starts again has its clock at zero. A stamp that goes back, a reading a second off the line, or
+// three frames in a row that came a second late or before their exposure begin a new line, and are counted. A
+// single late frame is a late packet, not a leap.
+class CameraClockMap {
+ public:
+  enum class Mode : std::uint8_t {
+    kFree,  // the clock counts from power-on
+    // The stamps are time of day by IEEE 1588, UTC or TAI; taken as they are while they fit the arrival, else
+    // fitted as kFree and counted.
+    kPtp,
+  };
+
+  // `least_delay_ns`: known part of the least delay from stamp to first packet, 0 or more (arrivals only).
+  explicit CameraClockMap(Mode mode = Mode::kFree, std::int64_t least_delay_ns = 0) noexcept
+      : mode_(mode), least_delay_ns_(least_delay_ns) {}
+
+  // The camera's clock showed `device_ns` at `utc_ns`, to within `uncertainty_ns`.
+  void addReading(std::int64_t device_ns, std::int64_t utc_ns, std::int64_t uncertainty_ns) noexcept;
+  // The vehicle's time of a frame's stamp, for frames in their order; later than every one before it.
+  [[nodiscard]] std::int64_t utcNs(std::int64_t device_ns, std::int64_t first_packet_utc_ns) noexcept;
+
+  [[nodiscard]] std::uint64_t resets() const noexcept { return resets_; }
+  [[nodiscard]] std::uint64_t clamped() const noexcept {
+    return clamped_;
+  }  // times held back to stay in order
+  [[nodiscard]] std::uint64_t unsynchronised() const noexcept { return unsynchronised_; }  // kPtp only
+  [[nodiscard]] double drift() const noexcept {
+    return drift_;
+  }  // vehicle's seconds a camera's second, less 1
+  [[nodiscard]] bool hasReadings() const noexcept { return has_readings_; }
+
+ private:
+  static constexpr std::size_t kPoints = 64;
+  struct Point {
+    double x = 0, y = 0;  // stamp, and utc less stamp, both since the line's first [s]
+    double sigma = 0;     // of y [s]
+  };
+  void begin(std::int64_t device_ns, std::int64_t utc_ns) noexcept;
+  void reset(std::int64_t device_ns, std::int64_t utc_ns) noexcept;
+  void addArrival(std::int64_t device_ns, std::int64_t utc_ns) noexcept;
+  void fit() noexcept;
+  [[nodiscard]] std::int64_t lineUtcNs(std::int64_t device_ns) const noexcept;
+  [[nodiscard]] std::int64_t inOrder(std::int64_t utc_ns) noexcept;
+  [[nodiscard]] bool timeOfDay(std::int64_t device_ns, std::int64_t utc_ns,
+                               std::int64_t& mapped) const noexcept;
+
+  Mode mode_;
+  std::int64_t least_delay_ns_;
+  bool any_ = false, has_readings_ = false, any_out_ = false, any_device_ = false;
+  std::int64_t device_base_ns_ = 0, offset_base_ns_ = 0;  // of the line's first point
+  std::int64_t newest_device_ns_ = 0, newest_utc_ns_ = 0;
+  rt::FixedQueue<Point, kPoints> points_;
+  Point least_;  // of the open window of arrivals
+  double window_start_ = 0;
+  bool window_open_ = false;
+  double centre_ = 0, level_ = 0, drift_ = 0;  // the line: y = level + drift (x - centre)
+  int astray_ = 0;                             // frames in a row that came far too early or late
+  std::uint64_t resets_ = 0, clamped_ = 0, unsynchronised_ = 0;
+};
+
+}  // namespace fathom::io
