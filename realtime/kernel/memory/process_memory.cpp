@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <charconv>
+#include <cstdio>
 #include <string_view>
 
 namespace fathom::rt {
@@ -56,6 +57,23 @@ std::size_t exactResidentBytes() noexcept {
   const ssize_t bytes = ::pread(file, buffer, sizeof buffer, 0);
   ::close(file);
   return bytes <= 0 ? 0 : kilobytes({buffer, static_cast<std::size_t>(bytes)}, "Rss:");
+}
+
+std::size_t mappedFileBytes() noexcept {
+  std::FILE* maps = std::fopen("/proc/self/maps", "re");
+  if (maps == nullptr) return 0;
+  std::size_t total = 0;
+  char line[512];
+  while (std::fgets(line, sizeof line, maps) != nullptr) {
+    unsigned long begin = 0, end = 0, inode = 0;
+    char rights[5] = {};
+    // A page without any right is never resident.
+    if (std::sscanf(line, "%lx-%lx %4s %*x %*s %lu", &begin, &end, rights, &inode) == 4 && inode != 0 &&
+        rights[0] == 'r')
+      total += end - begin;
+  }
+  std::fclose(maps);
+  return total;
 }
 
 }  // namespace fathom::rt

@@ -35,4 +35,8 @@ class ProcessMemory {
 // keeps a CPU each lag behind by some tens of pages, and slow. 0 where the system does not tell.
 [[nodiscard]] std::size_t exactResidentBytes() noexcept;
 
+// What the program and its libraries take once every page of them is resident, as locked memory makes them
+// [bytes]. For the budget; 0 where the system does not tell.
+[[nodiscard]] std::size_t mappedFileBytes() noexcept;
+
 }  // namespace fathom::rt

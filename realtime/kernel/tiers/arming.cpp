@@ -53,6 +53,7 @@ bool hasCapability(int number) {
   return false;
 }
 constexpr int kCapIpcLock = 14;  // linux/capability.h
+constexpr const char* kLockedMemory = "locked memory";
 
 ArmingCheck checkPriority(const RealtimeConfig& config) {
   const int priority = highestPriority(config);
@@ -140,7 +141,7 @@ std::string lockGrant() {
 
 ArmingCheck checkLockLimit(const MemoryBudget& budget) {
   ArmingCheck check;
-  check.name = "locked memory";
+  check.name = kLockedMemory;
   const rlim_t limit = limitOf(RLIMIT_MEMLOCK).rlim_cur;
   // What mlockall counts is address space, so that a finite limit hardly ever does; the attempt tells.
   check.ok = hasCapability(kCapIpcLock) || limit == RLIM_INFINITY || limit >= budget.budgetBytes();
@@ -149,6 +150,33 @@ ArmingCheck checkLockLimit(const MemoryBudget& budget) {
     check.missing =
         "RLIMIT_MEMLOCK is " + limitText(limit) + " bytes, the budget " + mib(budget.budgetBytes());
     check.grant = lockGrant();
+  }
+  return check;
+}
+
+void lockMemory(ArmingCheck& check) {
+  if (::mlockall(MCL_CURRENT | MCL_FUTURE) == 0) {
+    check.found = "all, present and future";
+    return;
+  }
+  const int error = errno;
+  populateMappings();
+  check.ok = false;
+  check.missing = "mlockall refused (" + std::generic_category().message(error) + "), RLIMIT_MEMLOCK is " +
+                  limitText(limitOf(RLIMIT_MEMLOCK).rlim_cur) + " bytes";
+  check.grant = lockGrant();
+}
+
+// What is really resident once everything is: code that was forgotten in the plan shows here.
+ArmingCheck checkResident(const MemoryBudget& budget) {
+  ArmingCheck check;
+  check.name = "resident set";
+  const std::size_t resident = exactResidentBytes();
+  check.found = mib(resident) + " of " + mib(budget.budgetBytes());
+  check.ok = resident <= budget.budgetBytes();
+  if (!check.ok) {
+    check.missing = mib(resident) + " are resident, [memory] budget_mib allows " + mib(budget.budgetBytes());
+    check.grant = "raise budget_mib, or make pools or heap_mib smaller (--print-budget lists them)";
   }
   return check;
 }
@@ -221,26 +249,18 @@ ArmingResult arm(const RealtimeConfig& realtime, const MemoryBudget& budget, Hea
                  std::size_t heap_bytes) {
   ArmingResult result = checkArming(realtime, budget);
   if (!result.armed()) return result;
-  const auto lock = std::find_if(result.checks.begin(), result.checks.end(),
-                                 [](const ArmingCheck& c) { return c.name == "locked memory"; });
-  if (!heap.reserve(heap_bytes)) {
-    ArmingCheck check;
-    check.name = "heap reserve";
-    check.ok = false;
-    check.missing = "the system has no " + mib(heap_bytes) + " for it";
-    check.grant = "lower heap_mib, or give the machine more memory";
-    result.checks.push_back(check);
+  ArmingCheck reserve;
+  reserve.name = "heap reserve";
+  reserve.found = mib(heap_bytes) + " taken";
+  reserve.ok = heap.reserve(heap_bytes);
+  if (!reserve.ok) {
+    reserve.missing = "the system has no " + mib(heap_bytes) + " for it";
+    reserve.grant = "lower heap_mib, or give the machine more memory";
   }
-  if (::mlockall(MCL_CURRENT | MCL_FUTURE) == 0) {
-    lock->found = "locked, " + mib(exactResidentBytes()) + " resident";
-  } else {
-    const int error = errno;
-    populateMappings();
-    lock->ok = false;
-    lock->missing = "mlockall refused (" + std::generic_category().message(error) + "), RLIMIT_MEMLOCK is " +
-                    limitText(limitOf(RLIMIT_MEMLOCK).rlim_cur) + " bytes";
-    lock->grant = lockGrant();
-  }
+  lockMemory(*std::find_if(result.checks.begin(), result.checks.end(),
+                           [](const ArmingCheck& c) { return c.name == kLockedMemory; }));
+  result.checks.push_back(reserve);
+  result.checks.push_back(checkResident(budget));
   return result;
 }
 
