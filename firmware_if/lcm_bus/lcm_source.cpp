@@ -1,0 +1,196 @@
+#include "firmware_if/lcm_bus/lcm_source.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <numbers>
+#include <sstream>
+
+namespace fathom::io {
+namespace {
+
+constexpr std::size_t kKinds = std::variant_size_v<DeviceSample>;
+// In the order of DeviceSample.
+constexpr std::array<std::string_view, kKinds> kWords = {"dvl", "attitude", "depth",   "usbl",
+                                                         "gps", "water",    "battery", "progress"};
+constexpr std::array<const char*, kKinds> kChannels = {
+    "RDI",        "FATHOM_ATTITUDE", "FATHOM_DEPTH",   "FATHOM_USBL",
+    "FATHOM_GPS", "FATHOM_WATER",    "FATHOM_BATTERY", "FATHOM_PROGRESS"};
+// A ship's fix has crossed the water, and perhaps waited for its turn.
+constexpr double kMaxFixAge = 300;                  // [s]
+constexpr std::int64_t kTwinsFor = 10'000'000'000;  // after a fathom message its ACFR twins are left out [ns]
+constexpr double kDeepest = 12000, kFastest = 20;   // [m], [m/s]; nothing in the sea is beyond
+
+constexpr std::array<std::string_view, 6> kCounterNames = {"bad",     "stale",    "twins_left_out",
+                                                           "unasked", "failures", "not_published"};
+
+struct Plausible {
+  static bool angle(double a) { return std::abs(a) <= 4 * std::numbers::pi; }
+  static bool place(double latitude, double longitude) {
+    return std::abs(latitude) <= std::numbers::pi / 2 && std::abs(longitude) <= 2 * std::numbers::pi;
+  }
+  static bool within(const std::optional<double>& v, double min, double max) {
+    return !v || (*v >= min && *v <= max);
+  }
+  bool operator()(const DvlSample& s) const {
+    for (const auto& range : s.range)
+      if (!within(range, 0, kDeepest)) return false;
+    return (!s.velocity || (s.velocity->array().abs() <= kFastest).all()) &&
+           within(s.altitude, 0, kDeepest) && s.sound_speed >= 1300 && s.sound_speed <= 1700;
+  }
+  bool operator()(const AttitudeSample& s) const {
+    return angle(s.roll) && angle(s.pitch) && angle(s.heading);
+  }
+  bool operator()(const DepthSample& s) const { return std::abs(s.depth) <= kDeepest; }
+  bool operator()(const UsblFix& s) const {
+    return place(s.latitude, s.longitude) && std::abs(s.depth) <= kDeepest && s.sigma_horizontal >= 0 &&
+           s.sigma_horizontal <= kDeepest;
+  }
+  bool operator()(const GpsFix& s) const {
+    return place(s.latitude, s.longitude) && s.sigma_horizontal >= 0 && s.sigma_horizontal <= kDeepest;
+  }
+  bool operator()(const WaterSample& s) const {
+    return within(s.conductivity, 0, 10) && within(s.temperature, -5, 50) &&
+           within(s.sound_speed, 1300, 1700) && within(s.chlorophyll, -10, 1e4) &&
+           within(s.cdom, -100, 1e5) && within(s.turbidity, -10, 1e3);
+  }
+  bool operator()(const BatterySample& s) const {
+    return within(s.voltage, 0, 2000) && within(s.current, -1e4, 1e4) && within(s.charge, 0, 1);
+  }
+  bool operator()(const MissionProgressSample& s) const { return s.fraction >= 0 && s.fraction <= 1; }
+};
+
+std::int64_t stampOf(const DeviceSample& sample) {
+  return std::visit([](const auto& s) { return s.utc_ns; }, sample);
+}
+
+std::optional<DeviceSample> deviceSample(const SensorSample& sample) {
+  return std::visit(
+      [](const auto& s) -> std::optional<DeviceSample> {
+        if constexpr (std::is_same_v<std::decay_t<decltype(s)>, ImageEvent>)
+          return std::nullopt;
+        else
+          return DeviceSample(s);
+      },
+      sample);
+}
+
+}  // namespace
+
+LcmConfig readLcmConfig(const ConfigTable& table, LcmConfig defaults) {
+  LcmConfig config = defaults;
+  config.url = table.text("url", defaults.url);
+  if (table.has("accept")) {
+    config.accept.fill(false);
+    std::istringstream words(table.text("accept", ""));
+    for (std::string word; words >> word;) {
+      const auto found = std::find(kWords.begin(), kWords.end(), word);
+      if (found == kWords.end())
+        table.fail("accept", "'" + word + "' is none of dvl attitude depth usbl gps water battery progress");
+      config.accept[static_cast<std::size_t>(found - kWords.begin())] = true;
+    }
+  }
+  config.max_age_s = table.number("max_age_s", defaults.max_age_s, 0.1, 3600);
+  config.queue = static_cast<int>(table.integer("queue", defaults.queue, 1, 100'000));
+  config.publish_hz = table.number("publish_hz", defaults.publish_hz, 0, 100);
+  return config;
+}
+
+LcmSource::LcmSource(const LcmConfig& config, std::shared_ptr<LcmBus> bus, const std::string& vehicle_name,
+                     VehicleTime now)
+    : config_(config), bus_(std::move(bus)), now_(std::move(now)) {
+  std::string channels;
+  const auto listen = [&](const std::string& channel) {
+    channels += (channels.empty() ? "" : "|") + channel;
+  };
+  for (std::size_t kind = 0; kind < kKinds; ++kind)
+    if (config_.accept[kind]) listen(kChannels[kind]);
+  if (config_.accept[DeviceSample(AttitudeSample{}).index()]) listen("TCM");
+  if (config_.accept[DeviceSample(DepthSample{}).index()]) listen("PAROSCI");
+  // A vehicle's name has letters, digits, - and _ alone (mission.toml).
+  if (config_.accept[DeviceSample(UsblFix{}).index()]) listen("USBL_FIX\\." + vehicle_name);
+  if (!channels.empty()) bus_->subscribe("(" + channels + ")", config_.queue, *this);
+}
+
+bool LcmSource::poll(int timeout_ms, SampleSink& sink) noexcept {
+  sink_ = &sink;
+  const int handled = bus_->poll(timeout_ms, config_.queue);
+  sink_ = nullptr;
+  works_ = handled >= 0;
+  if (!works_) ++failures_;
+  return works_;
+}
+
+void LcmSource::message(std::string_view channel, std::span<const std::uint8_t> data) noexcept {
+  if (sink_ == nullptr) return;
+  const std::int64_t arrival_ns = now_();
+  const bool native = channelKind(channel) == ChannelKind::kSample;
+  std::optional<DeviceSample> sample;
+  try {
+    const auto decoded = native ? decodeSample(channel, data) : decodeAcfr(channel, arrival_ns / 1000, data);
+    if (decoded) sample = deviceSample(decoded->sample);
+  } catch (const std::exception&) {
+    // No memory for a message: it is lost like a damaged one.
+  }
+  if (!sample || !std::visit(Plausible{}, *sample)) {
+    ++bad_;
+    return;
+  }
+  const std::size_t kind = sample->index();
+  if (!config_.accept[kind]) {
+    ++unasked_;
+    return;
+  }
+  if (!native && last_native_ns_[kind] != 0 && arrival_ns - last_native_ns_[kind] < kTwinsFor) {
+    ++twins_;
+    return;
+  }
+  const double age_s = static_cast<double>(arrival_ns - stampOf(*sample)) / 1e9;
+  const double oldest = std::holds_alternative<UsblFix>(*sample) ? kMaxFixAge : config_.max_age_s;
+  if (age_s > oldest || age_s < -config_.max_age_s) {
+    ++stale_;
+    return;
+  }
+  // The vehicle learns a fix when it comes.
+  if (auto* fix = std::get_if<UsblFix>(&*sample)) fix->arrival_utc_ns = arrival_ns;
+  if (native) last_native_ns_[kind] = arrival_ns;
+  ++taken_[kind];
+  ++samples_;
+  last_sample_ns_ = arrival_ns;
+  sink_->sample(arrival_ns, *sample);
+}
+
+DeviceHealth LcmSource::health() const {
+  DeviceHealth health;
+  health.name = "lcm";
+  for (const std::string_view name : kCounterNames) health.counters.emplace_back(name, 0);
+  for (const std::string_view name : kWords) health.counters.emplace_back(name, 0);
+  updateHealth(health);
+  return health;
+}
+
+void LcmSource::updateHealth(DeviceHealth& health) const noexcept {
+  health.open = works_;
+  health.last_data_ns = last_sample_ns_;
+  health.samples = samples_;
+  health.disconnects = failures_;
+  const std::array<std::uint64_t, kCounterNames.size()> values = {bad_,     stale_,    twins_,
+                                                                  unasked_, failures_, bus_->refused()};
+  for (std::size_t i = 0; i < health.counters.size() && i < values.size() + kKinds; ++i)
+    health.counters[i].second = i < values.size() ? values[i] : taken_[i - values.size()];
+}
+
+void LcmPublisher::publish(const PoseReport& pose) noexcept {
+  try {
+    publish(encodePose(pose));
+    publish(encodeAcfrNav(pose, vehicle_name_));
+  } catch (const std::exception&) {
+    // Without memory for it the pose goes unsaid; the next one comes soon.
+  }
+}
+
+void LcmPublisher::publish(const LogMessage& message) noexcept {
+  if (bus_->publish(message)) ++published_;
+}
+
+}  // namespace fathom::io

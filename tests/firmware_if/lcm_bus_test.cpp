@@ -1,0 +1,316 @@
+#include <gmock/gmock.h>
+
+#include <chrono>
+#include <map>
+#include <random>
+
+#include "firmware_if/lcm_bus/health_report.hpp"
+#include "firmware_if/lcm_bus/lcm_source.hpp"
+#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/heap_counter.hpp"
+
+namespace fathom::io {
+namespace {
+
+using test::refusal;
+using ::testing::HasSubstr;
+
+constexpr std::int64_t kSecond = 1'000'000'000;
+constexpr std::int64_t kNow = 1'700'000'000 * kSecond;
+
+struct Kept final : SampleSink {
+  void sample(std::int64_t arrival_utc_ns, const DeviceSample& sample) noexcept override {
+    EXPECT_EQ(arrival_utc_ns, kNow);
+    samples.push_back(sample);
+  }
+  void raw(std::int64_t, std::string_view, std::span<const std::uint8_t>) noexcept override {}
+  std::vector<DeviceSample> samples;
+};
+
+std::uint64_t counter(const LcmSource& source, std::string_view name) {
+  for (const auto& [known, value] : source.health().counters)
+    if (known == name) return value;
+  ADD_FAILURE() << "no counter " << name;
+  return 0;
+}
+
+LcmConfig everything() {
+  LcmConfig config;
+  config.accept.fill(true);
+  return config;
+}
+
+// A bus inside one object, as liblcm's memq provider has it.
+class LcmSourceTest : public ::testing::Test {
+ protected:
+  std::shared_ptr<LcmBus> bus = std::make_shared<LcmBus>("memq://");
+  Kept kept;
+  void drain(LcmSource& source) {
+    for (int i = 0; i < 10; ++i) ASSERT_TRUE(source.poll(0, kept));
+  }
+};
+
+TEST_F(LcmSourceTest, EveryKindOfSampleComesThroughWhole) {
+  LcmSource source(everything(), bus, "sirius", [] { return kNow; });
+  DvlSample dvl;
+  dvl.utc_ns = kNow - 1;
+  dvl.velocity = Eigen::Vector3d(1, -0.5, 0.25);
+  dvl.range = {1.0, 2.0, std::nullopt, 4.0};
+  dvl.altitude = 1.75;
+  BatterySample battery;
+  battery.utc_ns = kNow - 2;
+  battery.voltage = 26.5;
+  const std::vector<SensorSample> sent = {dvl,
+                                          AttitudeSample{kNow - 3, 0.1, 0.2, 0.3, false},
+                                          DepthSample{kNow - 4, 21.5},
+                                          UsblFix{kNow - 20 * kSecond, kNow - kSecond, -0.6, 2.0, 20, 1.5},
+                                          GpsFix{kNow - 6, -0.6, 2.0, 3},
+                                          WaterSample{kNow - 7, {}, 14.5, {}, {}, {}, {}},
+                                          battery,
+                                          MissionProgressSample{kNow - 8, 0.25}};
+  for (const SensorSample& sample : sent) ASSERT_TRUE(bus->publish(encodeSample(kNow - 100, sample)));
+  drain(source);
+  ASSERT_EQ(kept.samples.size(), sent.size());
+  for (std::size_t i = 0; i < sent.size(); ++i) EXPECT_EQ(kept.samples[i].index(), i);
+  const auto& got = std::get<DvlSample>(kept.samples[0]);
+  EXPECT_EQ(got.utc_ns, dvl.utc_ns);
+  EXPECT_EQ(*got.velocity, *dvl.velocity);
+  EXPECT_EQ(got.range, dvl.range);
+  const auto& fix = std::get<UsblFix>(kept.samples[3]);
+  EXPECT_EQ(fix.utc_ns, kNow - 20 * kSecond);
+  EXPECT_EQ(fix.arrival_utc_ns, kNow) << "the vehicle learns it now";
+  EXPECT_EQ(*std::get<BatterySample>(kept.samples[6]).voltage, 26.5);
+  EXPECT_EQ(counter(source, "progress"), 1u);
+  EXPECT_EQ(source.health().samples, sent.size());
+}
+
+TEST_F(LcmSourceTest, AcfrMessagesAreTakenUntilFathomsOwnCome) {
+  LcmSource source(everything(), bus, "sirius", [] { return kNow; });
+  const AttitudeSample compass{kNow - kSecond, 0.1, 0.2, 0.3, true};
+  const DepthSample depth{kNow - kSecond, 12};
+  const UsblFix fix{kNow - 30 * kSecond, 0, 0.5, 1.0, 10, 2};
+  for (const SensorSample& sample : {SensorSample(compass), SensorSample(depth), SensorSample(fix)})
+    bus->publish(*encodeAcfrTwin(sample, "sirius"));
+  bus->publish(*encodeAcfrTwin(fix, "nereus"));
+  drain(source);
+  ASSERT_EQ(kept.samples.size(), 3u) << "another vehicle's fixes are not ours";
+  EXPECT_EQ(std::get<AttitudeSample>(kept.samples[0]).heading, 0.3);
+  EXPECT_EQ(std::get<DepthSample>(kept.samples[1]).depth, 12);
+  bus->publish(encodeSample(kNow, compass));
+  bus->publish(*encodeAcfrTwin(compass, "sirius"));
+  bus->publish(*encodeAcfrTwin(depth, "sirius"));
+  drain(source);
+  EXPECT_EQ(kept.samples.size(), 5u);
+  EXPECT_EQ(counter(source, "twins_left_out"), 1u);
+}
+
+TEST_F(LcmSourceTest, OnlyWhatIsAcceptedIsHeard) {
+  LcmConfig config;
+  config.accept[DeviceSample(DepthSample{}).index()] = true;
+  LcmSource source(config, bus, "sirius", [] { return kNow; });
+  bus->publish(encodeSample(kNow, AttitudeSample{kNow, 0, 0, 0, true}));
+  bus->publish(encodeSample(kNow, DepthSample{kNow, 3}));
+  drain(source);
+  ASSERT_EQ(kept.samples.size(), 1u);
+  EXPECT_TRUE(std::holds_alternative<DepthSample>(kept.samples[0]));
+}
+
+TEST_F(LcmSourceTest, DamagedImpossibleAndStaleMessagesAreCountedAndGoNoFurther) {
+  LcmSource source(everything(), bus, "sirius", [] { return kNow; });
+  LogMessage damaged = encodeSample(kNow, DepthSample{kNow, 3});
+  damaged.data[20] ^= 0x40;
+  bus->publish(damaged);
+  bus->publish({"TCM", {1, 2, 3}});
+  bus->publish({"FATHOM_GPS", {}});
+  bus->publish(encodeSample(kNow, DepthSample{kNow, std::numeric_limits<double>::quiet_NaN()}));
+  bus->publish(*encodeAcfrTwin(AttitudeSample{kNow, 1e9, 0, 0, true}, "sirius"));
+  bus->publish(encodeSample(kNow, DepthSample{kNow - 11 * kSecond, 3}));
+  bus->publish(encodeSample(kNow, DepthSample{kNow + 11 * kSecond, 3}));
+  drain(source);
+  EXPECT_TRUE(kept.samples.empty());
+  EXPECT_EQ(counter(source, "bad"), 5u);
+  EXPECT_EQ(counter(source, "stale"), 2u);
+}
+
+TEST_F(LcmSourceTest, AFloodIsHandledABoundedNumberAPoll) {
+  LcmConfig config = everything();
+  config.queue = 10;
+  LcmSource source(config, bus, "sirius", [] { return kNow; });
+  for (int i = 0; i < 25; ++i) bus->publish(encodeSample(kNow, DepthSample{kNow, 3}));
+  ASSERT_TRUE(source.poll(0, kept));
+  EXPECT_LE(kept.samples.size(), 10u);
+}
+
+TEST(LcmUdp, ASampleCrossesBetweenTwoConnectionsOfOneMachine) {
+  std::shared_ptr<LcmBus> in, out;
+  try {
+    in = std::make_shared<LcmBus>("udpm://239.255.76.67:7691?ttl=0");
+    out = std::make_shared<LcmBus>("udpm://239.255.76.67:7691?ttl=0");
+  } catch (const InputError& e) {
+    GTEST_SKIP() << "no multicast here: " << e.what();
+  }
+  LcmSource source(everything(), in, "sirius", [] { return kNow; });
+  LcmPublisher publisher(out, "sirius");
+  publisher.publish(PoseReport{});
+  publisher.publish(encodeSample(kNow, DepthSample{kNow, 3}));
+  Kept kept;
+  for (int i = 0; i < 50 && kept.samples.empty(); ++i) ASSERT_TRUE(source.poll(100, kept));
+  EXPECT_EQ(kept.samples.size(), 1u);
+  EXPECT_EQ(publisher.published(), 3u);
+}
+
+TEST(LcmUdp, AProviderThatCannotBeIsRefusedWithTheMend) {
+  EXPECT_THAT(refusal([] { LcmBus bus("nonsense://"); }),
+              HasSubstr("LCM nonsense://: cannot be opened; give udpm:"));
+}
+
+TEST(LcmConfig, TheListOfAcceptedSamplesIsReadWordByWord) {
+  const auto read = [](const std::string& text) {
+    const ConfigTable table = ConfigTable::parse(text, "onboard.toml");
+    const LcmConfig config = readLcmConfig(table.table("lcm"), {});
+    table.finish();
+    return config;
+  };
+  const LcmConfig config = read("[lcm]\nurl = 'memq://'\naccept = 'depth  progress'\nmax_age_s = 3\n");
+  EXPECT_EQ(config.url, "memq://");
+  EXPECT_TRUE(config.accept[DeviceSample(DepthSample{}).index()]);
+  EXPECT_TRUE(config.accept[DeviceSample(MissionProgressSample{}).index()]);
+  EXPECT_EQ(std::count(config.accept.begin(), config.accept.end(), true), 2);
+  EXPECT_THAT(refusal([&] { read("[lcm]\naccept = 'depth sonar'"); }), HasSubstr("'sonar' is none of dvl"));
+  EXPECT_TRUE(read("").url.empty());
+}
+
+HealthReport sampleHealth() {
+  HealthReport health;
+  health.utc_ns = kNow;
+  health.soft = true;
+  health.degradation = 2;
+  health.uptime_s = 3600.5;
+  health.resident_mib = 401;
+  health.temperature_c = 61.5;
+  health.stages.add({"stereo", 100, 1, 12, 11, 40, 55});
+  health.stages.add({"slam", 99, 0, 2, 1, 4, 5});
+  health.fills.add({"hard ring", 3, 17, 4096, 0});
+  health.drops.add({"pairs_full", 7});
+  health.devices.add({"dvl", true, 0.25, 1000, 1});
+  health.devices.add({"can", false, std::nullopt, 0, 0});
+  return health;
+}
+
+TEST(HealthReport, ComesBackFromItsMessage) {
+  const HealthReport health = sampleHealth();
+  const LogMessage message = encodeHealth(health);
+  EXPECT_EQ(message.channel, "FATHOM_HEALTH");
+  const auto back = decodeHealth(message.data);
+  ASSERT_TRUE(back);
+  EXPECT_EQ(encodeHealth(*back).data, message.data);
+  EXPECT_TRUE(back->soft);
+  EXPECT_EQ(back->degradation, 2);
+  EXPECT_FALSE(back->disk_free_mib);
+  EXPECT_EQ(back->temperature_c, 61.5);
+  ASSERT_EQ(back->stages.size(), 2u);
+  EXPECT_EQ(back->stages[0].name.view(), "stereo");
+  EXPECT_EQ(back->stages[0].max_ms, 55);
+  EXPECT_EQ(back->fills[0].high_water, 17);
+  EXPECT_EQ(back->drops[0].value, 7u);
+  EXPECT_FALSE(back->devices[1].silent_s);
+}
+
+TEST(HealthReport, FillingTakesNoMemoryAndStopsWhenFull) {
+  const auto before = test::threadCost();
+  HealthReport health = sampleHealth();
+  for (int i = 0; i < 200; ++i)
+    health.drops.add({"a name that is far too long for the place that it has", 1});
+  EXPECT_EQ((test::threadCost() - before).heap_calls, 0u);
+  EXPECT_EQ(health.drops.size(), health.drops.capacity());
+  EXPECT_EQ(health.drops[5].name.view().size(), ShortName::kMax);
+  EXPECT_FALSE(health.drops.add({"more", 1}));
+  const auto back = decodeHealth(encodeHealth(health).data);
+  ASSERT_TRUE(back);
+  EXPECT_EQ(back->drops.size(), health.drops.size());
+}
+
+// A message with a right CRC and lengths that lie must not reach the generated decoder.
+TEST(HealthReport, AnyDamageIsRefusedEvenUnderARightCrc) {
+  const std::vector<std::uint8_t> good = encodeHealth(sampleHealth()).data;
+  const auto reseal = [](std::vector<std::uint8_t> data) {
+    std::uint32_t crc = 0xFFFFFFFF;
+    for (std::size_t i = 0; i + 4 < data.size(); ++i) {
+      crc ^= data[i];
+      for (int bit = 0; bit < 8; ++bit) crc = (crc >> 1) ^ ((crc & 1) ? 0xEDB88320 : 0);
+    }
+    crc = ~crc;
+    for (int i = 0; i < 4; ++i)
+      data[data.size() - 4 + static_cast<std::size_t>(i)] = static_cast<std::uint8_t>(crc >> (24 - 8 * i));
+    return data;
+  };
+  ASSERT_EQ(reseal(good), good);
+  std::mt19937 random(1);
+  for (int i = 0; i < 20'000; ++i) {
+    std::vector<std::uint8_t> data = good;
+    for (int k = 0; k < 3; ++k)
+      data[random() % data.size()] = static_cast<std::uint8_t>(random() % 3 == 0 ? 255 : random());
+    if (random() % 4 == 0) data.resize(random() % data.size());
+    if (data.size() > 4 && decodeHealth(reseal(data))) continue;
+  }
+  for (std::size_t size = 0; size < good.size(); ++size) EXPECT_FALSE(decodeHealth({good.data(), size}));
+  EXPECT_FALSE(decodeMap(good));
+}
+
+TEST(PoseReport, BothMessagesSayTheSamePlace) {
+  PoseReport pose;
+  pose.utc_ns = kNow;
+  pose.latitude = -0.6;
+  pose.longitude = 2.0;
+  pose.position = {10, 20, 30};
+  pose.attitude = Eigen::AngleAxisd(4.0, Eigen::Vector3d::UnitZ()) *
+                  Eigen::AngleAxisd(0.2, Eigen::Vector3d::UnitY()) *
+                  Eigen::AngleAxisd(-0.1, Eigen::Vector3d::UnitX());
+  pose.velocity = {0.5, 0.1, -0.05};
+  pose.altitude = 2.5;
+  const auto back = decodePose(encodePose(pose).data);
+  ASSERT_TRUE(back);
+  EXPECT_TRUE(back->attitude.isApprox(pose.attitude));
+  EXPECT_EQ(back->position, pose.position);
+  EXPECT_EQ(back->altitude, pose.altitude);
+  EXPECT_FALSE(back->sigma_horizontal);
+  const LogMessage acfr = encodeAcfrNav(pose, "sirius");
+  EXPECT_EQ(acfr.channel, "sirius.ACFR_NAV");
+  // Fingerprint, utime and 16 doubles, big endian.
+  ASSERT_EQ(acfr.data.size(), 8u + 8 + 16 * 8);
+  const auto number = [&](std::size_t field) {
+    std::uint64_t bits = 0;
+    for (std::size_t i = 0; i < 8; ++i) bits = bits << 8 | acfr.data[16 + 8 * field + i];
+    double value = 0;
+    std::memcpy(&value, &bits, 8);
+    return value;
+  };
+  EXPECT_NEAR(number(0), -34.377468, 1e-6);
+  EXPECT_EQ(number(4), 30);
+  EXPECT_NEAR(number(5), -0.1, 1e-12);
+  EXPECT_NEAR(number(6), 0.2, 1e-12);
+  EXPECT_NEAR(number(7), 4.0, 1e-12);
+  EXPECT_EQ(number(14), 2.5);
+}
+
+TEST(LinkAndMapReport, ComeBackFromTheirMessages) {
+  LinkReport link;
+  link.open = true;
+  link.frames_sent = 12;
+  link.share_told = 0.5;
+  link.counts.add({"resent", 3});
+  const auto link_back = decodeLink(encodeLink(link).data);
+  ASSERT_TRUE(link_back);
+  EXPECT_EQ(encodeLink(*link_back).data, encodeLink(link).data);
+  EXPECT_FALSE(link_back->heard_ago_s);
+  MapReport map;
+  map.pairs = 100;
+  map.area_m2 = 12.5;
+  map.counts.add({"pairs_dropped", 3});
+  const auto map_back = decodeMap(encodeMap(map).data);
+  ASSERT_TRUE(map_back);
+  EXPECT_EQ(encodeMap(*map_back).data, encodeMap(map).data);
+}
+
+}  // namespace
+}  // namespace fathom::io
