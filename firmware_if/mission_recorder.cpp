@@ -1,50 +1,17 @@
 #include "firmware_if/mission_recorder.hpp"
 
 #include <cstdio>
-#include <system_error>
 
 #include "firmware_if/civil_time.hpp"
 #include "firmware_if/image_file.hpp"
 #include "firmware_if/log/raw_auv.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission_folder.hpp"
 
 namespace fathom::io {
-namespace {
-
-void makeFolder(const std::filesystem::path& folder) {
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) throw InputError(folder, "", "cannot be made (" + error.message() + "); give another folder");
-}
-
-void removeRecording(const MissionPaths& paths) {
-  std::filesystem::remove(paths.log());
-  std::filesystem::remove_all(paths.images());
-  while (const auto raw_auv = paths.rawAuv()) std::filesystem::remove(*raw_auv);
-}
-
-}  // namespace
 
 MissionRecorder::MissionRecorder(const std::filesystem::path& folder, const MissionConfig& mission,
                                  const StereoRig& rig, const Config& config)
-    : paths_(folder), mission_(mission), config_(config) {
-  makeFolder(folder);
-  const bool holds_mission = std::filesystem::exists(folder / "mission.toml");
-  // Nothing is ever removed from, or mixed into, a folder that is no mission's.
-  if (!holds_mission && !std::filesystem::is_empty(folder))
-    throw InputError(folder, "", "is not empty and holds no mission.toml; give an empty folder or a mission");
-  if (holds_mission && config.replace) removeRecording(paths_);
-  if (holds_mission && !config.replace) {
-    mission_ = readMissionConfig(folder);
-    if (mission_.vehicle_id != mission.vehicle_id || mission_.dive_id != mission.dive_id)
-      throw InputError(folder, "mission.toml",
-                       "is of vehicle " + std::to_string(mission_.vehicle_id) + ", dive " +
-                           std::to_string(mission_.dive_id) + "; give each dive its own folder");
-  } else {
-    writeMissionConfig(folder, mission);
-  }
-  if (config.replace || !std::filesystem::exists(paths_.calib())) writeStereoCalib(paths_.calib(), rig);
-  makeFolder(paths_.images());
+    : paths_(folder), mission_(prepareMissionFolder(folder, mission, rig, config.replace)), config_(config) {
   log_ = std::make_unique<SensorLogWriter>(paths_.log(), config.acfr_channels ? mission_.vehicle_name : "");
 }
 

@@ -35,7 +35,25 @@ void putBigEndian(std::vector<std::uint8_t>& out, std::uint64_t value, int bytes
 
 }  // namespace
 
-LogEventReader::LogEventReader(const std::filesystem::path& path) {
+std::size_t logEventBytes(std::string_view channel, std::span<const std::uint8_t> data) {
+  return kHeaderBytes + channel.size() + data.size();
+}
+
+void appendLogEvent(std::vector<std::uint8_t>& out, std::int64_t number, std::int64_t timestamp_us,
+                    std::string_view channel, std::span<const std::uint8_t> data) {
+  if (channel.empty() || channel.size() > kMaxChannelBytes || data.size() > kMaxEventDataBytes)
+    throw std::invalid_argument("an event of channel '" + std::string(channel) + "' and " +
+                                std::to_string(data.size()) + " bytes does not fit an LCM log");
+  putBigEndian(out, kSyncWord, 4);
+  putBigEndian(out, static_cast<std::uint64_t>(number), 8);
+  putBigEndian(out, static_cast<std::uint64_t>(timestamp_us), 8);
+  putBigEndian(out, channel.size(), 4);
+  putBigEndian(out, data.size(), 4);
+  out.insert(out.end(), channel.begin(), channel.end());
+  out.insert(out.end(), data.begin(), data.end());
+}
+
+LogEventReader::LogEventReader(const std::filesystem::path& path, std::uint64_t from) : from_(from) {
   fd_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
   struct stat status = {};
   if (fd_ < 0 || ::fstat(fd_, &status) != 0 || !S_ISREG(status.st_mode)) {
@@ -46,6 +64,7 @@ LogEventReader::LogEventReader(const std::filesystem::path& path) {
     ::close(fd_);
     throw InputError(path, "", "is empty; nothing was recorded");
   }
+  rewind();
 }
 
 LogEventReader::~LogEventReader() {
@@ -53,9 +72,10 @@ LogEventReader::~LogEventReader() {
 }
 
 void LogEventReader::rewind() {
-  ::lseek(fd_, 0, SEEK_SET);
+  ::lseek(fd_, static_cast<off_t>(from_), SEEK_SET);
   begin_ = end_ = 0;
-  buffer_file_offset_ = damaged_ = end_of_last_event_ = 0;
+  damaged_ = begin_of_last_event_ = end_of_last_event_ = 0;
+  buffer_file_offset_ = from_;
   at_end_of_file_ = false;
 }
 
@@ -104,7 +124,8 @@ std::size_t LogEventReader::findHeader(std::size_t from, std::size_t to) const {
 }
 
 bool LogEventReader::next(LogEvent& event) {
-  bool in_damage = false;
+  // Up to the first event, a reader that began inside the file only looks for one.
+  bool in_damage = from_ > 0 && end_of_last_event_ == 0;
   const auto skipTo = [&](std::size_t offset) {
     if (!in_damage) ++damaged_;
     in_damage = true;
@@ -141,9 +162,24 @@ bool LogEventReader::next(LogEvent& event) {
     event.timestamp_us = bigEndian64(p + 12);
     event.channel = {reinterpret_cast<const char*>(p + kHeaderBytes), channel_bytes};
     event.data = {p + kHeaderBytes + channel_bytes, data_bytes};
+    begin_of_last_event_ = buffer_file_offset_ + begin_;
     begin_ += event_bytes;
     end_of_last_event_ = buffer_file_offset_ + begin_;
     return true;
+  }
+}
+
+LogEnd findLogEnd(const std::filesystem::path& path) {
+  constexpr std::uint64_t kFirstPiece = std::uint64_t{1} << 18;
+  std::error_code error;
+  const std::uint64_t size = std::filesystem::file_size(path, error);
+  for (std::uint64_t piece = kFirstPiece;; piece *= 4) {
+    const std::uint64_t from = piece < size ? size - piece : 0;
+    LogEventReader events(path, from);
+    LogEvent event;
+    LogEnd end;
+    while (events.next(event)) end = {events.endOfLastEvent(), event.number + 1};
+    if (end.offset > 0 || from == 0) return end;
   }
 }
 
@@ -171,17 +207,8 @@ LogEventWriter::~LogEventWriter() {
 
 void LogEventWriter::write(std::int64_t timestamp_us, std::string_view channel,
                            std::span<const std::uint8_t> data) {
-  if (channel.empty() || channel.size() > kMaxChannelBytes || data.size() > kMaxEventDataBytes)
-    throw std::invalid_argument("an event of channel '" + std::string(channel) + "' and " +
-                                std::to_string(data.size()) + " bytes does not fit an LCM log");
   frame_.clear();
-  putBigEndian(frame_, kSyncWord, 4);
-  putBigEndian(frame_, static_cast<std::uint64_t>(next_number_), 8);
-  putBigEndian(frame_, static_cast<std::uint64_t>(timestamp_us), 8);
-  putBigEndian(frame_, channel.size(), 4);
-  putBigEndian(frame_, data.size(), 4);
-  frame_.insert(frame_.end(), channel.begin(), channel.end());
-  frame_.insert(frame_.end(), data.begin(), data.end());
+  appendLogEvent(frame_, next_number_, timestamp_us, channel, data);
   std::size_t done = 0;
   while (done < frame_.size()) {
     const ssize_t n = ::write(fd_, frame_.data() + done, frame_.size() - done);

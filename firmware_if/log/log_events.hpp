@@ -25,21 +25,30 @@ struct LogEvent {
 constexpr std::size_t kMaxChannelBytes = 63;  // LCM_MAX_CHANNEL_NAME_LENGTH
 constexpr std::size_t kMaxEventDataBytes = std::size_t{1} << 24;
 
+// Appends the bytes of an event to `out`. Throws std::invalid_argument for a channel or data that do not fit.
+void appendLogEvent(std::vector<std::uint8_t>& out, std::int64_t number, std::int64_t timestamp_us,
+                    std::string_view channel, std::span<const std::uint8_t> data);
+[[nodiscard]] std::size_t logEventBytes(std::string_view channel, std::span<const std::uint8_t> data);
+
 // Walks the events of a log of any size with a bounded buffer. Damage is skipped up to the next sync word
 // that begins a believable event; each stretch skipped counts once, a cut last event too.
 class LogEventReader {
  public:
   // Throws InputError for an absent, unreadable or empty file.
-  explicit LogEventReader(const std::filesystem::path& path);
+  explicit LogEventReader(const std::filesystem::path& path) : LogEventReader(path, 0) {}
+  // Begins at the first event behind byte `from`, which need not be where one begins; what is passed over to
+  // find it is no damage.
+  LogEventReader(const std::filesystem::path& path, std::uint64_t from);
   ~LogEventReader();
   LogEventReader(const LogEventReader&) = delete;
   LogEventReader& operator=(const LogEventReader&) = delete;
 
   [[nodiscard]] bool next(LogEvent& event);
-  // Begins again at the first event, with the counts at zero.
+  // Begins again where it began, with the counts at zero.
   void rewind();
   [[nodiscard]] std::uint64_t damagedStretches() const { return damaged_; }
-  // Offset in the file just behind the last event that was returned [bytes].
+  // Offsets in the file of the last event that was returned, and just behind it [bytes].
+  [[nodiscard]] std::uint64_t beginOfLastEvent() const { return begin_of_last_event_; }
   [[nodiscard]] std::uint64_t endOfLastEvent() const { return end_of_last_event_; }
 
  private:
@@ -48,13 +57,22 @@ class LogEventReader {
   [[nodiscard]] std::size_t findHeader(std::size_t from, std::size_t to) const;
 
   int fd_ = -1;
+  std::uint64_t from_ = 0;
   std::vector<std::uint8_t> buffer_;
   std::size_t begin_ = 0, end_ = 0;       // unread bytes in buffer_
   std::uint64_t buffer_file_offset_ = 0;  // in the file, of buffer_[0]
   bool at_end_of_file_ = false;
   std::uint64_t damaged_ = 0;
-  std::uint64_t end_of_last_event_ = 0;
+  std::uint64_t begin_of_last_event_ = 0, end_of_last_event_ = 0;
 };
+
+// Where a log ends, found from its end: five hours of it are not read for that.
+struct LogEnd {
+  std::uint64_t offset = 0;      // behind the last whole event; 0: there is none [bytes]
+  std::int64_t next_number = 0;  // of the event to be written there
+};
+// Throws InputError for an absent, unreadable or empty file.
+[[nodiscard]] LogEnd findLogEnd(const std::filesystem::path& path);
 
 // Appends events, each with one write to the system: a program that dies leaves whole events, a machine that
 // loses power a cut last one. An existing log is continued behind its last whole event.

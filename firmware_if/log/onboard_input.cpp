@@ -77,10 +77,6 @@ std::optional<OnboardInput> decodeMark(std::span<const std::uint8_t> data) {
                       Mark{static_cast<Mark::Kind>(m.kind), static_cast<std::uint64_t>(m.number)}};
 }
 
-bool carriesInput(std::string_view channel) {
-  return channel == kModemIn || channel == kTick || channel == kDecision || channel == kMark;
-}
-
 // Every input of a log that holds Fathom's own samples; empty for another log.
 std::vector<OnboardInput> readOwnInputs(const std::filesystem::path& log, std::uint64_t& damaged) {
   LogEventReader events(log);
@@ -88,8 +84,8 @@ std::vector<OnboardInput> readOwnInputs(const std::filesystem::path& log, std::u
   std::vector<OnboardInput> inputs;
   bool samples = false;
   while (events.next(event)) {
+    if (!carriesInput(event.channel)) continue;
     const bool sample = channelKind(event.channel) == ChannelKind::kSample;
-    if (!sample && !carriesInput(event.channel)) continue;
     auto input = decodeInput(event.channel, event.data);
     if (!input) {
       ++damaged;
@@ -103,6 +99,11 @@ std::vector<OnboardInput> readOwnInputs(const std::filesystem::path& log, std::u
 }
 
 }  // namespace
+
+bool carriesInput(std::string_view channel) {
+  return channel == kModemIn || channel == kTick || channel == kDecision || channel == kMark ||
+         channelKind(channel) == ChannelKind::kSample;
+}
 
 LogMessage encodeInput(const OnboardInput& input) {
   return std::visit(Encoder{input.arrival_utc_ns}, input.what);

@@ -53,6 +53,7 @@ struct OnboardInput {
   std::variant<SensorSample, ModemFrame, Tick, Decision, Mark> what;
 };
 
+[[nodiscard]] bool carriesInput(std::string_view channel);
 [[nodiscard]] LogMessage encodeInput(const OnboardInput& input);
 // std::nullopt for a channel that carries no input, or a message whose fingerprint, length or CRC is wrong.
 [[nodiscard]] std::optional<OnboardInput> decodeInput(std::string_view channel,

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <cstdint>
+
+#include "firmware_if/log/live_input.hpp"
+#include "realtime/kernel/clock.hpp"
+#include "realtime/kernel/spsc_ring.hpp"
+
+namespace fathom::io {
+
+struct InputLaneEntry {
+  std::uint64_t number = 0;     // of all that were offered
+  std::int64_t offered_ns = 0;  // monotonic
+  LiveInput input;
+};
+
+// Inputs on their way to the log, numbered when they are offered, those that find no room too: so the
+// recorder sees where some are missing.
+class InputLane {
+ public:
+  using Entry = InputLaneEntry;
+  static constexpr std::size_t kCapacity = 4096;  // half a minute of every sensor at its full rate
+
+  // Producer only; wait-free.
+  [[nodiscard]] bool offer(const LiveInput& input) noexcept {
+    offered_.number = number_++;
+    offered_.offered_ns = clock_.monotonicNs();
+    offered_.input = input;
+    return ring_.push(offered_);
+  }
+
+  // Consumer only: the oldest entry, or nullptr.
+  [[nodiscard]] const Entry* front() noexcept {
+    if (!held_) held_ = ring_.pop(front_);
+    return held_ ? &front_ : nullptr;
+  }
+  // Consumer only, after front() gave one: how many were refused just before it; and on to the next.
+  [[nodiscard]] std::uint64_t missingBeforeFront() const noexcept { return front_.number - next_; }
+  void pop() noexcept {
+    held_ = false;
+    next_ = front_.number + 1;
+  }
+
+  [[nodiscard]] std::uint64_t refused() const noexcept { return ring_.refused(); }
+  [[nodiscard]] std::size_t highWater() const noexcept { return ring_.highWater(); }
+
+ private:
+  rt::RealClock clock_;
+  rt::SpscRing<Entry, kCapacity> ring_;
+  alignas(rt::kCacheLine) Entry offered_;  // the producer's
+  std::uint64_t number_ = 0;
+  alignas(rt::kCacheLine) Entry front_;  // the consumer's
+  std::uint64_t next_ = 0;
+  bool held_ = false;
+};
+
+}  // namespace fathom::io

@@ -1,0 +1,126 @@
+#include "firmware_if/recorder/journal_file.hpp"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cassert>
+#include <cerrno>
+#include <cstring>
+
+#include "firmware_if/log/log_events.hpp"
+#include "realtime/kernel/input_error.hpp"
+
+namespace fathom::io {
+namespace {
+
+constexpr std::size_t kMemory = std::size_t{4} << 20;         // minutes of inputs while the disk refuses
+constexpr std::uint64_t kLeastRoom = std::uint64_t{4} << 20;  // less is not worth taking
+
+// Of a log that lost power before its first event was whole: its beginning, or what the disk gives for blocks
+// that were never written.
+bool beginsAsLog(int fd) {
+  std::uint8_t first[4] = {};
+  if (::pread(fd, first, sizeof first, 0) != sizeof first) return true;
+  constexpr std::uint8_t kSync[4] = {0xED, 0xA1, 0xDA, 0x01}, kNothing[4] = {0, 0, 0, 0};
+  return std::equal(first, first + 4, kSync) || std::equal(first, first + 4, kNothing);
+}
+
+}  // namespace
+
+JournalFile::JournalFile(const std::filesystem::path& path, std::uint64_t room, std::uint64_t leave_free) {
+  fd_ = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+  struct stat status = {};
+  if (fd_ < 0 || ::fstat(fd_, &status) != 0) {
+    const std::string reason = std::strerror(errno);
+    if (fd_ >= 0) ::close(fd_);
+    throw InputError(path, "", "cannot be written (" + reason + "); check the folder");
+  }
+  if (status.st_size > 0) {
+    const LogEnd end = findLogEnd(path);
+    if (end.offset == 0 && !beginsAsLog(fd_)) {
+      ::close(fd_);
+      throw InputError(path, "", "exists and is no LCM event log; move it away");
+    }
+    size_ = end.offset;
+    next_number_ = end.next_number;
+  }
+  whole_at_start_ = size_;
+  cut_at_start_ = static_cast<std::uint64_t>(status.st_size) - size_;
+  if (::ftruncate(fd_, static_cast<off_t>(size_)) != 0 || ::fsync(fd_) != 0) {
+    const std::string reason = std::strerror(errno);
+    ::close(fd_);
+    throw InputError(path, "", "cannot be continued (" + reason + "); check the disk");
+  }
+  synced_ = size_;
+  cached_from_ = size_;
+  takeRoom(room, leave_free);
+  // Touched now, so that the first events find their memory there.
+  buffer_.resize(kMemory);
+  buffer_.clear();
+}
+
+JournalFile::~JournalFile() {
+  ::close(fd_);
+}
+
+void JournalFile::takeRoom(std::uint64_t room, std::uint64_t leave_free) noexcept {
+  struct statvfs disk = {};
+  if (::fstatvfs(fd_, &disk) != 0) return;
+  const std::uint64_t free = std::uint64_t{disk.f_bavail} * disk.f_frsize;
+  room = std::min(room, free > leave_free ? free - leave_free : 0);
+  for (; room >= kLeastRoom; room /= 2) {
+    if (::fallocate(fd_, FALLOC_FL_KEEP_SIZE, static_cast<off_t>(size_), static_cast<off_t>(room)) == 0) {
+      room_taken_ = room;
+      return;
+    }
+    if (errno != ENOSPC) return;  // not every file system can
+  }
+}
+
+std::size_t JournalFile::spare() const noexcept {
+  return kMemory - buffer_.size();
+}
+
+void JournalFile::append(std::int64_t timestamp_us, std::string_view channel,
+                         std::span<const std::uint8_t> data) {
+  assert(logEventBytes(channel, data) <= spare());
+  appendLogEvent(buffer_, next_number_, timestamp_us, channel, data);
+  ++next_number_;
+}
+
+bool JournalFile::write() noexcept {
+  while (pending()) {
+    const ssize_t n =
+        ::pwrite(fd_, buffer_.data() + written_, buffer_.size() - written_, static_cast<off_t>(size_));
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return false;
+    written_ += static_cast<std::size_t>(n);
+    size_ += static_cast<std::uint64_t>(n);
+  }
+  buffer_.clear();
+  written_ = 0;
+  return true;
+}
+
+bool JournalFile::sync() noexcept {
+  if (synced_ == size_) return true;
+  if (::fdatasync(fd_) != 0) return false;
+  synced_ = size_;
+  // The last page is still written to.
+  constexpr std::uint64_t kPage = 4096;
+  const std::uint64_t whole_pages = synced_ / kPage * kPage;
+  if (whole_pages > cached_from_)
+    ::posix_fadvise(fd_, static_cast<off_t>(cached_from_), static_cast<off_t>(whole_pages - cached_from_),
+                    POSIX_FADV_DONTNEED);
+  cached_from_ = std::max(cached_from_, whole_pages);
+  return true;
+}
+
+void JournalFile::close() noexcept {
+  if (::ftruncate(fd_, static_cast<off_t>(size_)) == 0) (void)::fsync(fd_);
+}
+
+}  // namespace fathom::io
