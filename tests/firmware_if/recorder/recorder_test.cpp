@@ -1,0 +1,246 @@
+#include "firmware_if/recorder/recorder.hpp"
+
+#include <gmock/gmock.h>
+
+#include <sys/stat.h>
+
+#include <fstream>
+#include <map>
+
+#include "firmware_if/image_file.hpp"
+#include "firmware_if/log/log_events.hpp"
+#include "firmware_if/log/recording_gap.hpp"
+#include "firmware_if/sensor_log.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "tests/firmware_if/recorder/synthetic_dive.hpp"
+#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/heap_counter.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::io {
+namespace {
+
+using test::DivePlayer;
+using test::SyntheticDive;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+class RecorderTest : public ::testing::Test {
+ protected:
+  static RecorderConfig smallConfig() {
+    RecorderConfig config;
+    config.planned_hours = 0.1;
+    config.image_reserve_mib = config.log_reserve_mib = 0;
+    return config;
+  }
+  std::unique_ptr<Recorder> recorder(const RecorderConfig& config = smallConfig()) {
+    return std::make_unique<Recorder>(folder_, dive_.mission(), dive_.rig(), config, player_.viewOf(),
+                                      player_.release());
+  }
+  // Offers inputs [from, to), letting the recorder work every now and then.
+  void play(Recorder& recorder, std::uint64_t from, std::uint64_t to) {
+    for (std::uint64_t n = from; n < to; ++n) {
+      EXPECT_TRUE(player_.offer(recorder, n));
+      if (n % 10 == 9) recorder.work(20);
+    }
+  }
+  // How many events of each channel the log holds, and gaps by their text.
+  std::map<std::string, int> channels() const {
+    LogEventReader log(MissionPaths(folder_).log());
+    LogEvent event;
+    std::map<std::string, int> count;
+    while (log.next(event)) {
+      ++count[std::string(event.channel)];
+      if (event.channel != kGapChannel) continue;
+      const auto gap = decodeGap(event.data);
+      if (gap) count[gap->what.empty() ? "gap of " + std::to_string(gap->count) : gap->what] += 1;
+    }
+    EXPECT_EQ(log.damagedStretches(), 0u);
+    return count;
+  }
+
+  test::TemporaryFolder parent_;
+  std::filesystem::path folder_ = parent_.path() / "dive";
+  SyntheticDive::Config dive_config_{64, 48, 50};
+  SyntheticDive dive_{dive_config_};
+  DivePlayer player_{dive_, dive_config_, 16};
+};
+
+TEST_F(RecorderTest, TheLogHoldsEveryInputInOrderAndEveryImageThatItNames) {
+  {
+    const auto r = recorder();
+    play(*r, 0, 1000);
+    r->close();
+    EXPECT_EQ(r->counters().inputs, 1000u);
+    EXPECT_EQ(r->counters().inputs_safe, 1000u);
+    EXPECT_EQ(r->counters().images, 40u);
+    EXPECT_EQ(r->counters().images_without_input, 0u);
+    EXPECT_EQ(r->disk(), Recorder::Disk::kRoom);
+  }
+  const SyntheticDive::Found found = dive_.check(folder_);
+  EXPECT_THAT(found.wrong, IsEmpty());
+  EXPECT_EQ(found.inputs, 1000u);
+  EXPECT_EQ(found.skipped, 0u);
+  EXPECT_EQ(found.images, 40u);
+  EXPECT_EQ(player_.blocks().held(), 0u);
+  auto count = channels();
+  EXPECT_EQ(count["RAW_DVL"], 50);
+  EXPECT_EQ(count["ACFR_AUV_VIS_RAWLOG"], 40);
+  EXPECT_EQ(count["PAROSCI"], count["FATHOM_DEPTH"]);
+  EXPECT_EQ(count[std::string(kGapChannel)], 0);
+  EXPECT_TRUE(MissionPaths(folder_).rawAuv());
+  EXPECT_EQ(readGaps(folder_).images, 0u);
+}
+
+TEST_F(RecorderTest, OfferingTakesNoMemory) {
+  const auto r = recorder();
+  const LiveInput input = dive_.input(1);
+  const std::vector<std::uint8_t> bytes(500, 7);
+  const rt::ThreadCost before = test::threadCost();
+  for (int i = 0; i < 100; ++i) {
+    EXPECT_TRUE(r->offerInput(input));
+    EXPECT_TRUE(r->offerDecision({input.arrival_utc_ns, Decision{1, 2, false}}));
+    EXPECT_TRUE(r->offerRaw(1, input.arrival_utc_ns, "RAW_CAN", bytes));
+    EXPECT_TRUE(r->offerMessage(2, input.arrival_utc_ns, "FATHOM_HEALTH", bytes));
+  }
+  EXPECT_EQ((test::threadCost() - before).heap_calls, 0u);
+  while (r->work(100)) {
+  }
+  EXPECT_EQ(r->counters().decisions, 100u);
+  EXPECT_EQ(r->counters().messages, 100u);
+}
+
+TEST_F(RecorderTest, AnExposureWithoutPixelsIsNamedAsLostBeforeItsEvent) {
+  RecorderConfig config = smallConfig();
+  config.image_queue = 1;
+  const auto r = recorder(config);
+  // Two left exposures before the recorder works: the second finds the queue full.
+  for (std::uint64_t n = 0; n < 60; ++n) EXPECT_TRUE(player_.offer(*r, n));
+  EXPECT_EQ(r->counters().images_dropped_queue, 2u);
+  r->close();
+  const SyntheticDive::Found found = dive_.check(folder_);
+  EXPECT_THAT(found.wrong, IsEmpty());
+  EXPECT_EQ(found.inputs, 60u);
+  EXPECT_EQ(found.images, 2u);
+  EXPECT_EQ(found.images_lost, 2u);
+  EXPECT_EQ(readGaps(folder_).images, 2u);
+  EXPECT_EQ(player_.blocks().held(), 0u);
+}
+
+TEST_F(RecorderTest, InputsThatFindNoRoomLeaveAGapThatTellsHowMany) {
+  const auto r = recorder();
+  std::uint64_t refused = 0;
+  for (int i = 0; i < 5000; ++i) refused += r->offerInput({SyntheticDive::kStartUtcNs + i, Tick{}}) ? 0 : 1;
+  EXPECT_GT(refused, 0u);
+  while (r->work(100)) {
+  }
+  EXPECT_TRUE(r->offerInput({SyntheticDive::kStartUtcNs + 5000, Tick{}}));
+  r->close();
+  EXPECT_EQ(r->counters().inputs_dropped, refused);
+  EXPECT_EQ(channels()["gap of " + std::to_string(refused)], 1);
+  EXPECT_EQ(readGaps(folder_).inputs, refused);
+}
+
+TEST_F(RecorderTest, RawBytesThatFindNoRoomAreCountedInTheLog) {
+  RecorderConfig config = smallConfig();
+  config.raw_queue_kib = 16;
+  const auto r = recorder(config);
+  const std::vector<std::uint8_t> bytes(1000, 3);
+  int refused = 0;
+  for (int i = 0; i < 30; ++i)
+    refused += r->offerRaw(0, SyntheticDive::kStartUtcNs + i, "RAW_CAN", bytes) ? 0 : 1;
+  EXPECT_GT(refused, 10);
+  EXPECT_FALSE(r->offerRaw(99, SyntheticDive::kStartUtcNs, "RAW_CAN", bytes));
+  while (r->work(100)) {
+  }
+  EXPECT_EQ(readGaps(folder_).raw_entries, static_cast<std::uint64_t>(refused));
+  EXPECT_EQ(r->counters().raw_dropped, static_cast<std::uint64_t>(refused));
+}
+
+TEST_F(RecorderTest, AfterACrashRecordingGoesOnBehindTheLastWholeEntry) {
+  const MissionPaths paths(folder_);
+  {
+    const auto r = recorder();
+    play(*r, 0, 300);
+  }  // as by kill: nothing is closed
+  const auto whole = std::filesystem::file_size(paths.log());
+  test::writeText(paths.images() / "PR_20231114_221500_000_LC16.tif.tmp", "half");
+  std::filesystem::copy_file(
+      paths.images() / imageFileName(std::get<ImageStamp>(dive_.input(253).what).utc_ns, CameraSide::kLeft),
+      paths.images() / "PR_20231114_221500_000_LC16.tif");
+  std::ofstream(paths.log(), std::ios::binary | std::ios::app) << "\xED\xA1\xDA\x01 and no more";
+  {
+    const auto r = recorder();
+    EXPECT_EQ(r->found().log_bytes, whole);
+    EXPECT_EQ(r->found().log_bytes_cut, 16u);
+    EXPECT_EQ(r->found().half_images_removed, 1u);
+    EXPECT_EQ(r->found().images_without_event, 1u);
+    play(*r, 300, 500);
+    r->close();
+  }
+  const SyntheticDive::Found found = dive_.check(folder_);
+  EXPECT_THAT(found.wrong, IsEmpty());
+  EXPECT_EQ(found.inputs, 500u);
+  EXPECT_EQ(found.skipped, 0u);
+  EXPECT_TRUE(std::filesystem::exists(paths.images() / "PR_20231114_221500_000_LC16.tif"));
+}
+
+TEST_F(RecorderTest, RoomForThePlanIsTakenBeforehandAndGivenBack) {
+  const auto blocks = [&] {
+    struct stat status = {};
+    EXPECT_EQ(::stat(MissionPaths(folder_).log().c_str(), &status), 0);
+    return std::pair(static_cast<std::uint64_t>(status.st_size),
+                     static_cast<std::uint64_t>(status.st_blocks) * 512);
+  };
+  RecorderConfig config = smallConfig();
+  config.planned_hours = 1;
+  const std::uint64_t planned = plannedBytes(config, dive_.mission(), dive_.rig()).log;
+  const auto r = recorder(config);
+  play(*r, 0, 100);
+  if (blocks().second < planned) GTEST_SKIP() << "this file system takes no room beforehand";
+  EXPECT_LT(blocks().first, std::uint64_t{1} << 20);
+  r->close();
+  EXPECT_LT(blocks().second, std::uint64_t{1} << 20);
+  EXPECT_THAT(dive_.check(folder_).wrong, IsEmpty());
+}
+
+TEST_F(RecorderTest, AnotherDivesFolderAndAForeignLogAreRefused) {
+  recorder()->close();
+  MissionConfig other = dive_.mission();
+  other.dive_id = 13;
+  EXPECT_THAT(test::refusal([&] {
+                Recorder r(folder_, other, dive_.rig(), smallConfig(), player_.viewOf(), player_.release());
+              }),
+              HasSubstr("give each dive its own folder"));
+  test::writeText(MissionPaths(folder_).log(), std::string(100, 'x'));
+  EXPECT_THAT(test::refusal([&] { recorder(); }), HasSubstr("is no LCM event log; move it away"));
+}
+
+TEST_F(RecorderTest, ALogOfWhichNotOneEntryWasWholeIsBegunAgain) {
+  recorder()->close();
+  for (const std::string& begin : {std::string(50000, '\0'), std::string("\xED\xA1\xDA\x01\0\0", 6)}) {
+    test::writeText(MissionPaths(folder_).log(), begin);
+    const auto r = recorder();
+    EXPECT_EQ(r->found().log_bytes_cut, begin.size());
+    EXPECT_EQ(r->found().log_bytes, 0u);
+  }
+}
+
+TEST_F(RecorderTest, TwoRunsOfTheSameDiveMakeTheSameLog) {
+  {
+    const auto r = recorder();
+    play(*r, 0, 200);
+    r->close();
+  }
+  const std::string first = test::readText(MissionPaths(folder_).log());
+  folder_ = parent_.path() / "again";
+  {
+    const auto r = recorder();
+    play(*r, 0, 200);
+    r->close();
+  }
+  EXPECT_EQ(test::readText(MissionPaths(folder_).log()), first);
+}
+
+}  // namespace
+}  // namespace fathom::io

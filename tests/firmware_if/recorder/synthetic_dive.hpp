@@ -1,0 +1,72 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "firmware_if/log/live_input.hpp"
+#include "firmware_if/mission.hpp"
+#include "firmware_if/recorder/recorder.hpp"
+#include "realtime/kernel/shared_blocks.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+
+namespace fathom::test {
+
+// A dive whose every input and pixel follows from its number, so that whatever part of it is found on a disk
+// can be told right or wrong: 100 inputs a second of every kind, one exposure of each camera every
+// `inputs_per_pair` of them, raw bytes with each DVL ensemble.
+class SyntheticDive {
+ public:
+  struct Config {
+    int width = 320, height = 240;       // [px]
+    std::uint64_t inputs_per_pair = 50;  // 2 Hz
+  };
+  static constexpr std::int64_t kStartUtcNs = 1'700'000'000'000'000'000;
+  static constexpr std::int64_t kInputIntervalNs = 10'000'000;
+
+  explicit SyntheticDive(const Config& config) : config_(config) {}
+
+  [[nodiscard]] io::MissionConfig mission() const;
+  [[nodiscard]] StereoRig rig() const;
+  [[nodiscard]] io::LiveInput input(std::uint64_t number) const;
+  [[nodiscard]] std::vector<std::uint16_t> pixels(const io::ImageStamp& stamp) const;
+
+  // The inputs' numbers are counted on over restarts, as the vehicle's clock goes on. Checks that the log of
+  // `folder` holds a run of consecutive inputs from number 0 (or several runs, when a restart left inputs
+  // out), each as it was offered, that each exposure's file is there and right to the pixel unless the log
+  // says that it is lost, and that no half of an image is left when `closed`.
+  struct Found {
+    std::vector<std::string> wrong;  // what is not as it should be
+    std::uint64_t inputs = 0;        // in the log
+    std::uint64_t next = 0;          // number behind the last input
+    std::uint64_t skipped = 0;       // numbers left out between runs
+    std::uint64_t images = 0, images_lost = 0;
+  };
+  [[nodiscard]] Found check(const std::filesystem::path& folder) const;
+
+ private:
+  Config config_;
+};
+
+// The cameras' blocks, and the dive offered to a recorder input by input, as the onboard program does it.
+class DivePlayer {
+ public:
+  DivePlayer(const SyntheticDive& dive, const SyntheticDive::Config& config, std::size_t blocks);
+
+  [[nodiscard]] io::Recorder::ViewOf viewOf();
+  [[nodiscard]] io::Recorder::Release release();
+  // Offers input `number`, its image and its raw bytes first. False when the input was refused.
+  bool offer(io::Recorder& recorder, std::uint64_t number);
+
+  [[nodiscard]] const rt::SharedBlocks& blocks() const { return blocks_; }
+  [[nodiscard]] std::uint64_t withoutBlock() const { return without_block_; }
+
+ private:
+  const SyntheticDive& dive_;
+  SyntheticDive::Config config_;
+  rt::SharedBlocks blocks_;
+  std::uint64_t without_block_ = 0;  // exposures that found every block held
+};
+
+}  // namespace fathom::test
