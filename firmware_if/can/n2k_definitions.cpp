@@ -59,6 +59,7 @@ constexpr std::array kTemperature = {"sea",
 constexpr std::array kPressure = {"atmospheric",       "water",     "steam",
                                   "compressed_air",    "hydraulic", "filter",
                                   "altimeter_setting", "oil",       "fuel"};
+constexpr std::array kDcType = {"battery", "alternator", "convertor", "solar_cell", "wind_generator"};
 constexpr std::array kGnssMethod = {"none",      "gnss",      "dgnss",  "precise",  "rtk_fixed",
                                     "rtk_float", "estimated", "manual", "simulated"};
 
@@ -83,6 +84,14 @@ constexpr std::array kAttitude = {sid(), signedPer("yaw_rad", 8, 16, kAngle),
                                   signedPer("roll_rad", 40, 16, kAngle)};
 constexpr std::array kVariation = {sid(), integer("days_since_1970", 16, 16),
                                    signedPer("variation_rad", 32, 16, kAngle)};
+constexpr std::array kDirectCurrent = {sid(),
+                                       integer("instance", 8, 8),
+                                       named("dc_type", 16, 8, kDcType),
+                                       integer("state_of_charge_percent", 24, 8),
+                                       integer("state_of_health_percent", 32, 8),
+                                       unsignedTimes("time_remaining_s", 40, 16, 60),
+                                       unsignedPer("ripple_v", 56, 16, 1e3),
+                                       unsignedTimes("remaining_capacity_c", 72, 16, 3600)};
 constexpr std::array kBattery = {integer("instance", 0, 8), signedPer("voltage_v", 8, 16, 100),
                                  signedPer("current_a", 24, 16, 10), celsius("temperature_c", 40, 16, 100),
                                  sid(56)};
@@ -148,6 +157,7 @@ constexpr std::array kPgns = {
     N2kPgnSpec{127251, false, "rate of turn", kRateOfTurn},
     N2kPgnSpec{127257, false, "attitude", kAttitude},
     N2kPgnSpec{127258, false, "magnetic variation", kVariation},
+    N2kPgnSpec{127506, true, "DC detailed status", kDirectCurrent},
     N2kPgnSpec{127508, false, "battery status", kBattery},
     N2kPgnSpec{128259, false, "speed", kSpeed},
     N2kPgnSpec{128267, false, "water depth", kDepth},

@@ -1,10 +1,8 @@
 #pragma once
 
-namespace fathom::sim {
+#include "recon/geometry/sea_water.hpp"  // soundSpeed
 
-// Speed of sound in sea water [m/s] from temperature [deg C], salinity [psu] and depth [m]: Mackenzie (1981),
-// valid for 2 to 30 deg C, 25 to 40 psu, 0 to 8000 m, standard error 0.07 m/s.
-[[nodiscard]] double soundSpeed(double temperature_c, double salinity_psu, double depth_m);
+namespace fathom::sim {
 
 // Conductivity [S/m] of sea water of a practical salinity at atmospheric pressure: the practical salinity
 // scale of 1978 (UNESCO technical paper 44), solved for conductivity. The effect of pressure is below 0.05 %

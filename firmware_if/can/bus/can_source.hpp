@@ -1,0 +1,36 @@
+#pragma once
+
+#include "firmware_if/can/bus/can_config.hpp"
+#include "firmware_if/can/bus/socket_can.hpp"
+#include "firmware_if/can/n2k_decoder.hpp"
+#include "firmware_if/can/raw_can.hpp"
+#include "firmware_if/can/samples/n2k_samples.hpp"
+#include "firmware_if/devices/sample_source.hpp"
+
+namespace fathom::io {
+
+// The vehicle's NMEA 2000 bus: compass, depth, battery, GPS and water as samples, every frame raw ("RAW_CAN",
+// firmware_if/can/raw_can.hpp), errors of the bus counted. Samples carry the time of reception as both their
+// time and their arrival; what a device needs to measure and send is in mission.toml's time offsets.
+class CanSource final : public SampleSource {
+ public:
+  // `vehicle`: its utcNs() is vehicle time, which never steps; outlives this. Throws InputError for an
+  // interface name that cannot be one; an interface that is not there yet is waited for by poll().
+  CanSource(const CanConfig& config, const rt::Clock& vehicle);
+
+  bool poll(int timeout_ms, SampleSink& sink) noexcept override;
+  void updateHealth(DeviceHealth& health) const noexcept override;
+  [[nodiscard]] DeviceHealth health() const override;
+
+ private:
+  void take(const BusFrame& frame, SampleSink& sink) noexcept;
+  void flushRaw(SampleSink& sink) noexcept;
+
+  SocketCan socket_;
+  N2kDecoder decoder_;
+  N2kSamples samples_;
+  RawCanWriter raw_;
+  std::int64_t last_data_ns_ = 0;
+};
+
+}  // namespace fathom::io

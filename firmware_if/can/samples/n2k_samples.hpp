@@ -1,0 +1,108 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string_view>
+
+#include "firmware_if/can/n2k_decoder.hpp"
+#include "firmware_if/can/samples/attitude_pairing.hpp"
+#include "firmware_if/can/samples/believed_source.hpp"
+#include "recon/geometry/sensor_samples.hpp"
+
+namespace fathom::io {
+
+// Decoded NMEA 2000 messages in, device samples out. What a message does not hold stays absent; a message
+// that lacks what its sample must have gives none and is counted. Sans I/O; allocates nothing.
+//
+//   127250, 127257  AttitudeSample (AttitudePairing). Heading = reading + deviation, where that is sent; true
+//                   only if the message says so, or if `message_variation` and it sends the variation
+//   130314          DepthSample from the pressure of source "water" (recon/geometry/sea_water.hpp)
+//   128267          DepthSample from one of its fields, where the configuration says which
+//   127508, 127506  BatterySample: voltage and current (sent into the battery, given out of it); state of
+//   charge 129029, 129025  GpsFix of a receiver that has a fix: sigma = HDOP times `gps_range_sigma_m`;
+//   positions between
+//                   fixes take the newest HDOP, at most kHdopHolds_s old. Estimated, manual and simulated
+//                   positions are no fixes
+//   130312, 130316  WaterSample of source "sea"; sound speed when salinity (130321, or configured) and depth
+//   are 130321          known
+class N2kSamples {
+ public:
+  enum class DepthFrom : std::uint8_t {
+    kPressure,  // 130314
+    kDepth,     // 128267's depth field, from vehicles that put their own depth there
+    kOffset,    // 128267's offset field: the transducer below the water line, as the standard has it
+  };
+
+  struct Config {
+    // Addresses that are believed; absent: the first that is heard.
+    std::optional<std::uint8_t> heading_source, attitude_source, depth_source, battery_source, gps_source,
+        water_source;
+    double switch_after_s = 10;  // silence after which a source that was only heard first is replaced
+    double attitude_gap_s = 0.25;
+    bool message_variation = false;
+    DepthFrom depth_from = DepthFrom::kPressure;
+    double surface_pressure_pa = 101325;           // that the sensor shows in air: 0 for a gauge
+    double latitude = 0;                           // of the mission [rad], for gravity
+    std::optional<double> water_density;           // [kg/m3]; absent: the standard ocean
+    std::optional<std::uint8_t> battery_instance;  // absent: the first that is heard
+    double gps_range_sigma_m = 5;
+    std::optional<double> salinity_psu;  // where no 130321 comes
+
+    // Throws std::invalid_argument.
+    void validate() const;
+  };
+
+  struct Counts {
+    std::uint64_t samples = 0;
+    std::uint64_t other_sources = 0;  // messages of addresses that are not believed
+    std::uint64_t incomplete = 0;     // messages without what their sample must have
+    std::uint64_t unpaired_headings = 0;
+    std::uint64_t source_changes = 0;
+  };
+
+  static constexpr std::int64_t kHdopHolds_s = 3;     // 129029 comes once a second
+  static constexpr std::int64_t kChargeHolds_s = 10;  // 127506 comes every 1.5 s
+  static constexpr std::int64_t kWaterHolds_s = 60;   // depth and salinity, for the speed of sound
+
+  explicit N2kSamples(const Config& config);
+
+  // The samples that a message makes or completes, valid until the next call; none for one without a time.
+  [[nodiscard]] std::span<const DeviceSample> add(const N2kMessage& message) noexcept;
+  [[nodiscard]] Counts counts() const noexcept;
+
+ private:
+  template <class T>
+  struct Held {
+    T value{};
+    std::int64_t utc_ns = 0;
+  };
+  void give(const DeviceSample& sample) noexcept { out_[out_count_++] = sample; }
+  void addHeading(const N2kMessage& message, std::int64_t utc_ns) noexcept;
+  void addTilt(const N2kMessage& message, std::int64_t utc_ns) noexcept;
+  void addPressure(const N2kMessage& message, std::int64_t utc_ns) noexcept;
+  void addWaterDepth(const N2kMessage& message, std::int64_t utc_ns) noexcept;
+  void addDepth(double depth, std::int64_t utc_ns) noexcept;
+  void addBattery(const N2kMessage& message, std::int64_t utc_ns) noexcept;
+  void addCharge(const N2kMessage& message, std::int64_t utc_ns) noexcept;
+  void addGnss(const N2kMessage& message, std::int64_t utc_ns) noexcept;
+  void addPosition(const N2kMessage& message, std::int64_t utc_ns) noexcept;
+  void addWater(const N2kMessage& message, std::int64_t utc_ns) noexcept;
+  [[nodiscard]] bool believed(BelievedSource& source, const N2kMessage& message,
+                              std::int64_t utc_ns) noexcept;
+  [[nodiscard]] bool isOurBattery(const N2kMessage& message) noexcept;
+
+  Config config_;
+  BelievedSource heading_, tilt_, depth_, battery_, gps_, water_;
+  AttitudePairing pairing_;
+  std::optional<double> battery_instance_;
+  std::optional<Held<double>> charge_, hdop_, salinity_, last_depth_;
+  std::optional<std::int64_t> last_battery_ns_;
+  std::array<DeviceSample, AttitudePairing::kWaiting + 1> out_{};
+  std::size_t out_count_ = 0;
+  Counts counts_;
+};
+
+}  // namespace fathom::io
