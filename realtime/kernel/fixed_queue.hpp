@@ -63,6 +63,21 @@ class FixedQueue {
   [[nodiscard]] std::size_t highWater() const noexcept { return high_water_; }
   [[nodiscard]] std::uint64_t refused() const noexcept { return refused_; }
 
+  // For saved state (state_archive.hpp).
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    std::uint64_t size = self.size_, high_water = self.high_water_;
+    archive(size, high_water, self.refused_);
+    archive.require(size <= high_water && high_water <= Capacity, "a queue is longer than its room");
+    if constexpr (Archive::kLoading) {
+      if (!archive.ok()) return;
+      self.first_ = 0;
+      self.size_ = size;
+      self.high_water_ = high_water;
+    }
+    for (std::size_t i = 0; i < self.size_; ++i) archive(self[i]);
+  }
+
  private:
   static constexpr std::size_t wrap(std::size_t i) noexcept { return i < Capacity ? i : i - Capacity; }
 

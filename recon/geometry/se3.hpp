@@ -37,7 +37,16 @@ class SE3 {
   [[nodiscard]] const Eigen::Vector3d& translation() const { return translation_; }
   [[nodiscard]] Eigen::Matrix3d matrix3() const { return rotation_.toRotationMatrix(); }
 
+  // For saved state (state_values.hpp), bit by bit.
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.rotation_, self.translation_);
+    archive.require(isNear1(self.rotation_.squaredNorm()), "a rotation is none");
+  }
+
  private:
+  static bool isNear1(double squared_norm) { return squared_norm > 0.999 && squared_norm < 1.001; }
+
   Eigen::Quaterniond rotation_;
   Eigen::Vector3d translation_;
 };

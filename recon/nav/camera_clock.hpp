@@ -24,12 +24,26 @@ class CameraClock {
   // Times that it leapt: set anew, or a camera that started again.
   [[nodiscard]] std::uint64_t leaps() const noexcept { return leaps_; }
 
+  // For saved state (state_archive.hpp), bit by bit.
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.first_stamp_ns_, self.base_ns_, self.any_, self.based_, self.in_window_, self.least_,
+            self.windows_, self.centre_, self.level_, self.rate_, self.lost_, self.start_, self.leapt_,
+            self.leaps_);
+    archive.require(self.in_window_ >= 0 && self.in_window_ < kWindow, "a clock's window is too long");
+  }
+
  private:
   static constexpr int kWindow = 20;           // images that give one least difference
   static constexpr std::size_t kWindows = 64;  // that the line is fitted to: ten minutes at 2 Hz
   static constexpr std::size_t kFewest = 3;    // before there is a line
   struct Least {
     double time = 0, delay = 0;  // since the first image; arrival less stamp, less the first window's [s]
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.time, self.delay);
+    }
   };
   void close() noexcept;
   void fit() noexcept;

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "realtime/kernel/fixed_queue.hpp"
+#include "realtime/kernel/state_archive.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/sensor_samples.hpp"
 #include "recon/nav/sensor_history.hpp"
@@ -95,7 +96,13 @@ class DeadReckoning {
   };
   [[nodiscard]] const Counters& counters() const noexcept { return counters_; }
 
+  // Bit by bit, into one of the same configuration.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
   // The track at one moment; position of the DVL, depth of the body.
   struct Node {
     std::int64_t utc_ns = 0;
@@ -103,10 +110,20 @@ class DeadReckoning {
     Eigen::Vector3d p_dvl = Eigen::Vector3d::Zero();  // in odom [m]; z drifts: for differences only
     Eigen::Vector3d v_dvl = Eigen::Vector3d::Zero();  // of the DVL over ground, in odom [m/s]
     double depth = 0;                                 // of the body [m]
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.utc_ns, self.R_odom_body, self.p_dvl, self.v_dvl, self.depth);
+    }
   };
   struct Velocity {
     std::int64_t utc_ns = 0;
     Eigen::Vector3d value = Eigen::Vector3d::Zero();  // of the DVL over ground, in body axes [m/s]
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.utc_ns, self.value);
+    }
   };
 
   static constexpr std::size_t kNodes = 1024;  // 20 s at the closest spacing of nodes

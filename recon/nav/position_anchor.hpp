@@ -41,10 +41,21 @@ class PositionAnchor {
   };
   [[nodiscard]] const Counters& counters() const noexcept { return counters_; }
 
+  // For saved state (state_archive.hpp), bit by bit.
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.gps_, self.usbl_, self.counters_);
+  }
+
  private:
   struct Difference {
     Eigen::Vector2d north_east = Eigen::Vector2d::Zero();
     double sigma = 1;  // [m]
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.north_east, self.sigma);
+    }
   };
   struct Series {
     std::array<Difference, kCapacity> items{};
@@ -52,6 +63,13 @@ class PositionAnchor {
     std::uint64_t seen = 0;    // sane differences offered
     std::uint64_t stride = 1;  // every stride-th is kept
     void add(const Difference& difference) noexcept;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.size, self.seen, self.stride);
+      archive.require(self.size >= 0 && self.size <= kCapacity && self.stride > 0, "too many fixes");
+      archive(self.items);
+    }
   };
   struct Mean {
     Eigen::Vector2d north_east = Eigen::Vector2d::Zero();

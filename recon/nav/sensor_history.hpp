@@ -19,6 +19,11 @@ class TimeGate {
   [[nodiscard]] bool any() const noexcept { return any_; }
   [[nodiscard]] std::int64_t newestUtcNs() const noexcept { return newest_; }
 
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.newest_, self.leap_, self.any_);
+  }
+
  private:
   std::int64_t newest_ = 0;
   std::optional<std::int64_t> leap_;  // a stamp far ahead that waits for its successor
@@ -28,10 +33,20 @@ class TimeGate {
 struct TimedRotation {
   std::int64_t utc_ns = 0;
   Eigen::Quaterniond value = Eigen::Quaterniond::Identity();
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.utc_ns, self.value);
+  }
 };
 struct TimedNumber {
   std::int64_t utc_ns = 0;
   double value = 0;
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.utc_ns, self.value);
+  }
 };
 
 inline constexpr std::size_t kSensorHistory = 1024;  // samples: 20 s at 50 Hz

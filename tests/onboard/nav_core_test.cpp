@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <optional>
 #include <string_view>
@@ -93,6 +94,65 @@ TEST(NavCore, TwoRunsOfTheSameInputsAgreeBitForBit) {
     EXPECT_EQ(first[i].T_odom_body.rotation().coeffs(), second[i].T_odom_body.rotation().coeffs());
     EXPECT_EQ(first[i].altitude, second[i].altitude);
   }
+}
+
+std::vector<std::uint8_t> savedState(const NavCore& core) {
+  std::vector<std::uint8_t> bytes(1 << 20);
+  rt::StateWriter writer(bytes);
+  core.save(writer);
+  EXPECT_FALSE(writer.full()) << writer.needed();
+  bytes.resize(writer.size());
+  return bytes;
+}
+
+TEST(NavCore, GoesOnFromASavedStateBitForBit) {
+  const auto inputs = diveInputs(60);
+  for (const double stop : {0.0, 0.1, 3.3, 31.0, 59.0}) {
+    NavCore whole(coreConfig());
+    const auto middle = static_cast<std::ptrdiff_t>(static_cast<double>(inputs.size()) * stop / 60);
+    (void)run(whole, {inputs.begin(), inputs.begin() + middle});
+    const std::vector<std::uint8_t> state = savedState(whole);
+    NavCore loaded(coreConfig());
+    (void)run(loaded, {inputs.begin(), inputs.begin() + 500});  // what it knew before is forgotten
+    rt::StateReader reader(state);
+    ASSERT_TRUE(loaded.load(reader)) << reader.failure();
+    EXPECT_EQ(savedState(loaded), state);
+    const std::vector<NavInput> rest(inputs.begin() + middle, inputs.end());
+    EXPECT_EQ(run(whole, rest).size(), run(loaded, rest).size());
+    EXPECT_EQ(savedState(whole), savedState(loaded));
+    for (std::size_t i = 0; i < NavHealth::kCounters; ++i) {
+      EXPECT_EQ(loaded.health().counters[i].name, whole.health().counters[i].name);
+      EXPECT_EQ(loaded.health().counters[i].value, whole.health().counters[i].value);
+    }
+  }
+}
+
+TEST(NavCore, SurvivesASavedStateThatIsDamaged) {
+  const auto inputs = diveInputs(20);
+  NavCore core(coreConfig());
+  (void)run(core, inputs);
+  const std::vector<std::uint8_t> state = savedState(core);
+  const std::size_t head = sizeof(rt::StateSectionHead);
+  int refused = 0;
+  for (std::size_t at = 0; at < state.size(); at += 97) {
+    std::vector<std::uint8_t> damaged = state;
+    damaged[at] ^= 0x80;
+    NavCore other(coreConfig());
+    rt::StateReader reader(damaged);
+    EXPECT_EQ(other.load(reader), at >= head - 4 && at < head) << at;
+    if (at < head) continue;
+    // The same with the right checksum: refused, or of no harm.
+    rt::StateSectionHead good;
+    std::memcpy(&good, damaged.data(), head);
+    good.crc = rt::stateCrc(std::span(damaged).subspan(head));
+    std::memcpy(damaged.data(), &good, head);
+    rt::StateReader again(damaged);
+    if (other.load(again))
+      (void)run(other, inputs);
+    else
+      ++refused;
+  }
+  EXPECT_GT(refused, 0);
 }
 
 TEST(NavCore, StepsWithoutHeapCallsOrPageFaults) {

@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "realtime/kernel/fixed_queue.hpp"
+#include "realtime/kernel/state_archive.hpp"
 #include "realtime/onboard/nav/nav_input.hpp"
 #include "realtime/onboard/nav/stereo_pairing.hpp"
 #include "recon/nav/dead_reckoning.hpp"
@@ -75,16 +76,32 @@ class NavCore {
   [[nodiscard]] const NavHealth& health() const noexcept { return health_; }
   [[nodiscard]] const nav::DeadReckoning& odometry() const noexcept { return odometry_; }
 
+  // Bit by bit, into one of the same configuration: it goes on as this one would.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
   static constexpr std::size_t kWaitingPairs = 32;  // 16 s at 2 Hz: longer than any wait that ends well
   static constexpr std::size_t kTriggers = 32;
   struct WaitingPair {
     std::uint32_t index = 0;
     StereoPairing::Pair frames;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.index, self.frames);
+    }
   };
   struct LastSeen {
     std::int64_t utc_ns = 0;
     bool any = false;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.utc_ns, self.any);
+    }
   };
   struct Counters {
     std::uint64_t inputs = 0, pairs = 0, pairs_uncovered = 0, triggers = 0, triggers_dropped = 0;

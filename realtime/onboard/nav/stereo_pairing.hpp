@@ -21,9 +21,19 @@ class StereoPairing {
   struct Frame {
     std::int64_t utc_ns = 0;
     std::uint32_t frame_id = 0;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.utc_ns, self.frame_id);
+    }
   };
   struct Pair {
     Frame left, right;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.left, self.right);
+    }
   };
 
   // `tolerance_ns`: largest difference of exposure times of a pair; below half the time between frames.
@@ -37,6 +47,12 @@ class StereoPairing {
   [[nodiscard]] std::uint64_t refused() const noexcept { return refused_; }
   [[nodiscard]] std::int64_t skewNs() const noexcept { return skew_ns_; }  // right less left, followed
 
+  // For saved state (state_archive.hpp), bit by bit.
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.skew_ns_, self.streams_, self.refused_);
+  }
+
  private:
   // Enough for one camera 16 frames behind the other; then the oldest is given up.
   static constexpr std::size_t kWaiting = 16;
@@ -44,6 +60,11 @@ class StereoPairing {
     nav::TimeGate times;
     rt::FixedQueue<Frame, kWaiting> waiting;
     std::uint64_t unpaired = 0;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.times, self.waiting, self.unpaired);
+    }
   };
   [[nodiscard]] const Stream& of(CameraSide side) const noexcept {
     return streams_[static_cast<std::size_t>(side)];
