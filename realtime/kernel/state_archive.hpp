@@ -14,6 +14,8 @@
 #include <utility>
 #include <vector>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
+
 namespace fathom::rt {
 
 // Saved state of a program, as bytes: written by StateWriter, read back by StateReader. A class names its
@@ -29,9 +31,6 @@ namespace fathom::rt {
 // Members that are known: arithmetic types, enumerations (with a bound: see enumeration()), std::array,
 // vector, string, optional, pair, map, set; anything with exchange() or save()/load(); and what has an
 // exchangeState(archive, value) of its own namespace.
-
-class StateWriter;
-class StateReader;
 
 // Whose bytes are its value, without gaps.
 template <typename T>

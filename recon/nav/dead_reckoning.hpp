@@ -5,7 +5,7 @@
 #include <optional>
 
 #include "realtime/kernel/fixed_queue.hpp"
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/sensor_samples.hpp"
 #include "recon/nav/sensor_history.hpp"

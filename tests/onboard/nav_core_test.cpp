@@ -11,6 +11,7 @@
 #include <variant>
 #include <vector>
 
+#include "realtime/kernel/state_archive.hpp"
 #include "tests/nav/analytic_dive.hpp"
 #include "tests/support/heap_counter.hpp"
 

@@ -7,7 +7,7 @@
 #include <string_view>
 
 #include "realtime/kernel/fixed_queue.hpp"
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/nav/nav_input.hpp"
 #include "realtime/onboard/nav/stereo_pairing.hpp"
 #include "recon/nav/dead_reckoning.hpp"
