@@ -24,6 +24,7 @@ class SyntheticDive {
   };
   static constexpr std::int64_t kStartUtcNs = 1'700'000'000'000'000'000;
   static constexpr std::int64_t kInputIntervalNs = 10'000'000;
+  static constexpr std::uint64_t kAway = 100;  // inputs that pass while a recorder starts again
 
   explicit SyntheticDive(const Config& config) : config_(config) {}
 
