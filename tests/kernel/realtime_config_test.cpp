@@ -36,7 +36,8 @@ TEST(RealtimeConfig, ReadsEveryKey) {
   const RealtimeConfig config = read(
       "soft = true\nperiod_ms = 5\nhard_priority = 50\ndevice_priority = 49\ncamera_priority = 48\n"
       "soft_priority = 0\nbest_effort_nice = 7\nhard_cpus = [1]\nsoft_cpus = [0, 1]\nbest_effort_cpus = [0]\n"
-      "stack_kib = 256\nlibrary_stack_kib = 512\nstuck_after_s = 1.5\n");
+      "stack_kib = 256\nlibrary_stack_kib = 512\nstuck_after_s = 1.5\n"
+      "cpu_wake_us = -1\n");
   EXPECT_TRUE(config.soft);
   EXPECT_EQ(config.period_ns, 5'000'000);
   EXPECT_EQ(highestPriority(config), 50);
@@ -44,6 +45,8 @@ TEST(RealtimeConfig, ReadsEveryKey) {
   EXPECT_EQ(config.stack_bytes, 256u * 1024);
   EXPECT_EQ(config.library_stack_bytes, 512u * 1024);
   EXPECT_EQ(config.stuck_after_ns, 1'500'000'000);
+
+  EXPECT_EQ(config.cpu_wake_us, -1);
 
   const ThreadConfig hard = threadConfig(config, Tier::kHard, "nav");
   EXPECT_EQ(hard.fifo_priority, 50);
@@ -67,7 +70,7 @@ TEST(MemoryConfig, ReadsMebibytesAndRefusesAHeapAsLargeAsTheBudget) {
   const MemoryConfig config = readMemoryConfig(good);
   EXPECT_EQ(config.budget_bytes, std::size_t{512} << 20);
   EXPECT_EQ(config.heap_bytes, std::size_t{64} << 20);
-  EXPECT_THROW(readMemoryConfig(ConfigTable::parse("budget_mib = 64\nheap_mib = 64\n", "f.toml")),
+  EXPECT_THROW((void)readMemoryConfig(ConfigTable::parse("budget_mib = 64\nheap_mib = 64\n", "f.toml")),
                InputError);
 }
 

@@ -52,6 +52,7 @@ RealtimeConfig readRealtimeConfig(const ConfigTable& table, RealtimeConfig defau
   c.stack_bytes = kib(table, "stack_kib", c.stack_bytes);
   c.library_stack_bytes = kib(table, "library_stack_kib", c.library_stack_bytes);
   c.stuck_after_ns = std::llround(table.number("stuck_after_s", stuck_s, 0.1, 60) * kNsPerSecond);
+  c.cpu_wake_us = static_cast<int>(table.integer("cpu_wake_us", c.cpu_wake_us, -1, 1'000'000));
   if (c.soft_priority >= c.hard_priority)
     table.fail("soft_priority", "must be below hard_priority: vision would hold up navigation");
   return c;

@@ -23,6 +23,7 @@ struct RealtimeConfig {
   std::size_t stack_bytes = 1024 * 1024;          // of a tier's thread
   std::size_t library_stack_bytes = 1024 * 1024;  // of a thread that a library starts
   std::int64_t stuck_after_ns = 2'000'000'000;    // a tier without a heartbeat for so long is stuck
+  int cpu_wake_us = 10;                           // CPUs leave idle so fast at least; -1: as the machine does
 };
 
 enum class Tier : std::uint8_t { kHard, kDevice, kCamera, kSoft, kBestEffort };

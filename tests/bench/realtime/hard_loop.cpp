@@ -1,0 +1,81 @@
+#include "tests/bench/realtime/hard_loop.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+
+#include "realtime/kernel/periodic_loop.hpp"
+
+namespace fathom::bench {
+namespace {
+
+constexpr std::int64_t kNsPerUs = 1000;
+// Rates of the sensors, as every n-th of 100 samples a second.
+constexpr int kDepthEvery = 10, kDvlEvery = 20, kFrameEvery = 50;
+
+}  // namespace
+
+HardLoop::HardLoop(const rt::RealtimeConfig& config)
+    : config_(config),
+      core_(std::make_unique<onboard::NavCore>(onboard::NavCoreConfig{})),
+      device_(rt::threadConfig(config, rt::Tier::kDevice, "devices")),
+      loop_(rt::threadConfig(config, rt::Tier::kHard, "navigation")) {}
+
+void HardLoop::feed() {
+  rt::RealClock clock;
+  rt::PeriodicLoop periodic(clock, config_.period_ns);
+  std::uint32_t n = 0;
+  periodic.run([&] {
+    const std::int64_t utc = clock.utcNs();
+    const auto push = [&](const onboard::NavInput& input) { (void)ring_.push(input); };
+    push(onboard::navInput(AttitudeSample{utc, 0.01, 0.02, 1.0, false}));
+    if (n % kDepthEvery == 0) push(onboard::navInput(DepthSample{utc, 20.0}));
+    if (n % kDvlEvery == 0) {
+      DvlSample dvl;
+      dvl.utc_ns = utc;
+      dvl.velocity = Eigen::Vector3d(0.5, 0, 0);
+      dvl.altitude = 2.0;
+      push(onboard::navInput(dvl));
+    }
+    if (n % kFrameEvery == 0)
+      for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight})
+        push(onboard::frameInput(utc, side, n));
+    ++n;
+    return !stop_.load(std::memory_order_relaxed);
+  });
+}
+
+void HardLoop::loop(std::int64_t until_ns, Result& result) {
+  rt::RealClock clock;
+  rt::PeriodicLoop periodic(clock, config_.period_ns);
+  const rt::ThreadCost before = rt::threadCost();
+  periodic.run([&] {
+    const std::int64_t now = clock.monotonicNs();
+    result.latency.add((now - periodic.nextDeadlineNs()) / kNsPerUs);
+    onboard::NavInput input;
+    while (ring_.pop(input)) {
+      core_->step(input);
+      ++result.samples;
+    }
+    while (core_->pollTrigger()) {
+    }
+    return now < until_ns;
+  });
+  result.cost = rt::threadCost() - before;
+  result.cycles = periodic.statistics().cycles;
+  result.slipped = periodic.statistics().slipped_cycles;
+  result.max_body_ns = periodic.statistics().max_body_ns;
+}
+
+HardLoop::Result HardLoop::run(std::int64_t duration_ns) {
+  Result result;
+  stop_ = false;
+  if (!device_.start([this] { feed(); })) throw std::runtime_error("no thread for the devices");
+  const std::int64_t until = rt::RealClock().monotonicNs() + duration_ns;
+  if (!loop_.start([&] { loop(until, result); })) throw std::runtime_error("no thread for the loop");
+  loop_.join();
+  stop_ = true;
+  device_.join();
+  return result;
+}
+
+}  // namespace fathom::bench
