@@ -115,6 +115,7 @@ struct Recorder::Impl {
       0;                           // when the oldest entry was offered that the disk does not hold; 0: none
   std::int64_t image_time_ns = 0;  // that the last images took
   bool refuses = false;            // the disk refused the last write or sync of the log
+  bool names_image = false;        // an event that waits for the next sync names an image
   bool blocked = false;            // the next input names an exposure that is not written yet
 
   SharedWords<Counters> published;
@@ -300,6 +301,7 @@ bool Recorder::Impl::logInput(InputLane& lane, std::uint64_t& written) {
     if (state == ImageLane::State::kLost)
       image_gap = {arrival, RecordingGap::Kind::kImage, 1, imageFileName(stamp->utc_ns, stamp->side)};
     counters.images_without_input += images_of_side.forget(stamp->utc_ns);
+    names_image = names_image || state == ImageLane::State::kWritten;
   }
   const std::uint64_t missing = lane.missingBeforeFront();
   if (missing > 0) logGap({arrival, RecordingGap::Kind::kInputs, missing, ""});
@@ -399,10 +401,12 @@ void Recorder::Impl::handOver() {
 
 void Recorder::Impl::syncIfDue() {
   if (oldest_unsafe_ns == 0) return;
-  // Images go first only when the log can wait for them.
-  const std::int64_t ahead = images[0].waiting() || images[1].waiting() ? image_time_ns : 0;
-  const std::int64_t age = clock.monotonicNs() + ahead - oldest_unsafe_ns;
-  if (age >= static_cast<std::int64_t>(config.sync_interval_s * 1e9)) sync();
+  // Images go first only when the log can wait for them; once they are on the disk, so is soon what names
+  // them.
+  const bool images_wait = images[0].waiting() || images[1].waiting();
+  const std::int64_t age = clock.monotonicNs() + (images_wait ? image_time_ns : 0) - oldest_unsafe_ns;
+  const bool named = names_image && !images_wait;
+  if (named || age >= static_cast<std::int64_t>(config.sync_interval_s * 1e9)) sync();
 }
 
 void Recorder::Impl::sync() {
@@ -420,6 +424,7 @@ void Recorder::Impl::sync() {
   if (oldest_unsafe_ns != 0)
     counters.worst_unsafe_ns = std::max(counters.worst_unsafe_ns, end - oldest_unsafe_ns);
   oldest_unsafe_ns = 0;
+  names_image = false;
 }
 
 }  // namespace fathom::io
