@@ -300,7 +300,12 @@ TEST_F(SensorTest, TheLogIsInTheOrderOfArrivalAndEverySensorIsInIt) {
     }
     ++counts[samples[i].sample.index()];
   }
-  for (const int count : counts) EXPECT_GT(count, 5);
+  for (std::size_t kind = 0; kind < counts.size(); ++kind) {
+    // Progress comes from mission control, which is no sensor.
+    if (kind != SensorSample(MissionProgressSample{}).index()) {
+      EXPECT_GT(counts[kind], 5) << kind;
+    }
+  }
 }
 
 TEST_F(SensorTest, OneSensorsRateDoesNotChangeAnothersNumbers) {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <optional>
+
 #include "firmware_if/can/bus/can_config.hpp"
 #include "firmware_if/can/bus/socket_can.hpp"
 #include "firmware_if/can/n2k_decoder.hpp"
@@ -19,17 +21,24 @@ class CanSource final : public SampleSource {
   CanSource(const CanConfig& config, const rt::Clock& vehicle);
 
   bool poll(int timeout_ms, SampleSink& sink) noexcept override;
+  // What is sent from now on by poll(), where sending is enabled. On the polling thread; to be renewed at
+  // least every CanSender::kReportHolds_s.
+  void publish(const VehicleReport& report) noexcept;
   void updateHealth(DeviceHealth& health) const noexcept override;
   [[nodiscard]] DeviceHealth health() const override;
 
  private:
   void take(const BusFrame& frame, SampleSink& sink) noexcept;
   void flushRaw(SampleSink& sink) noexcept;
+  void sendWhatIsDue() noexcept;
 
+  const rt::Clock& vehicle_;
   SocketCan socket_;
   N2kDecoder decoder_;
   N2kSamples samples_;
   RawCanWriter raw_;
+  std::optional<CanSender> sender_;
+  std::optional<std::uint64_t> started_at_disconnects_;  // when the sender was last started
   std::int64_t last_data_ns_ = 0;
 };
 

@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <limits>
 
 #include "realtime/kernel/input_error.hpp"
 
@@ -21,14 +22,34 @@ namespace {
 
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
 constexpr std::int64_t kReopen_ns = kSecond_ns;
-// Bytes of receive buffer to ask for; the kernel doubles it. Each frame takes some 800 bytes of it, and a full
-// bus of 250 kbit/s brings about 1,900 a second: more than two seconds of them.
+// Bytes of receive buffer to ask for; the kernel doubles it. Each frame takes some 800 bytes of it, and a
+// full bus of 250 kbit/s brings about 1,900 a second: more than two seconds of them.
 constexpr int kReceiveBuffer = 2 * 1024 * 1024;
 
 std::int64_t systemNs() noexcept {
   timespec now = {};
   ::clock_gettime(CLOCK_REALTIME, &now);
   return now.tv_sec * kSecond_ns + now.tv_nsec;
+}
+
+struct Now {
+  std::int64_t system_ns = 0, vehicle_ns = 0;
+};
+
+// Both clocks at one moment: of up to three readings the one that was interrupted least.
+Now readClocks(const rt::Clock& vehicle) noexcept {
+  constexpr int kTries = 3;
+  constexpr std::int64_t kGood_ns = 20'000;
+  Now out;
+  std::int64_t best_ns = std::numeric_limits<std::int64_t>::max();
+  for (int i = 0; i < kTries && best_ns > kGood_ns; ++i) {
+    const std::int64_t before_ns = vehicle.utcNs(), system_ns = systemNs();
+    const std::int64_t took_ns = vehicle.utcNs() - before_ns;
+    if (took_ns >= best_ns) continue;
+    best_ns = took_ns;
+    out = {system_ns, before_ns + took_ns / 2};
+  }
+  return out;
 }
 
 bool isGone(int error) noexcept {
@@ -90,7 +111,7 @@ void SocketCan::open() noexcept {
     static_cast<void>(set(SOL_SOCKET, SO_RCVBUF, kReceiveBuffer));
   fd_ = fd;
   socket_drops_ = 0;
-  receive_time_.drained(systemNs(), vehicle_.utcNs());
+  drained();
 }
 
 void SocketCan::close() noexcept {
@@ -115,8 +136,8 @@ SocketCan::Read SocketCan::read(BusFrame& out) noexcept {
     if (isGone(errno)) close();
     return Read::kNothing;
   }
-  const std::int64_t system_ns = systemNs(), vehicle_ns = vehicle_.utcNs();
-  std::int64_t stamp_ns = system_ns;
+  const Now now = readClocks(vehicle_);
+  std::int64_t stamp_ns = now.system_ns;
   for (const cmsghdr* c = CMSG_FIRSTHDR(&message); c != nullptr;
        c = CMSG_NXTHDR(&message, const_cast<cmsghdr*>(c))) {
     if (c->cmsg_level != SOL_SOCKET) continue;
@@ -138,7 +159,7 @@ SocketCan::Read SocketCan::read(BusFrame& out) noexcept {
     return Read::kSkipped;
   }
   out.error = error;
-  out.frame.utc_ns = receive_time_.toVehicle(stamp_ns, system_ns, vehicle_ns);
+  out.frame.utc_ns = receive_time_.toVehicle(stamp_ns, now.system_ns, now.vehicle_ns);
   out.frame.id = frame.can_id & CAN_EFF_MASK;
   out.frame.size = frame.len;
   std::copy_n(frame.data, CAN_MAX_DLEN, out.frame.data.begin());
@@ -151,12 +172,17 @@ SocketCan::Read SocketCan::read(BusFrame& out) noexcept {
   return Read::kFrame;
 }
 
+void SocketCan::drained() noexcept {
+  const Now now = readClocks(vehicle_);
+  receive_time_.drained(now.system_ns, now.vehicle_ns);
+}
+
 std::span<const BusFrame> SocketCan::receive(int timeout_ms) noexcept {
   if (fd_ < 0) open();
   pollfd socket = {fd_, POLLIN, 0};
   // Without a socket there is nothing to wait for but time.
   if (::poll(&socket, fd_ < 0 ? 0 : 1, std::max(timeout_ms, 0)) <= 0 || fd_ < 0) {
-    if (fd_ >= 0) receive_time_.drained(systemNs(), vehicle_.utcNs());
+    if (fd_ >= 0) drained();
     return {};
   }
   std::size_t count = 0;
@@ -166,7 +192,7 @@ std::span<const BusFrame> SocketCan::receive(int timeout_ms) noexcept {
     if (result == Read::kNothing) break;
     if (result == Read::kFrame) ++count;
   }
-  if (count < kBatch) receive_time_.drained(systemNs(), vehicle_.utcNs());
+  if (count < kBatch) drained();
   return {batch_.data(), count};
 }
 

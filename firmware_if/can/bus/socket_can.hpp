@@ -61,6 +61,7 @@ class SocketCan {
   enum class Read { kFrame, kSkipped, kNothing };
   void open() noexcept;
   void close() noexcept;
+  void drained() noexcept;
   [[nodiscard]] Read read(BusFrame& out) noexcept;
 
   std::string interface_;
