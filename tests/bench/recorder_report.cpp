@@ -1,0 +1,202 @@
+// What recording costs: full-size pairs at 2 Hz, 100 inputs and 200 raw entries a second, in real time; CPU
+// of the recorder's thread, the longest that an offer took, how long inputs were unsafe, and what a hour of
+// log takes. Peers on the same pairs: MissionRecorder (libtiff, deflate), and the bytes alone written and
+// synced.
+
+#include <fcntl.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <thread>
+
+#include "firmware_if/mission_recorder.hpp"
+#include "firmware_if/recorder/recorder.hpp"
+#include "realtime/kernel/clock.hpp"
+#include "realtime/kernel/log_histogram.hpp"
+#include "tests/firmware_if/recorder/synthetic_dive.hpp"
+
+namespace {
+
+using namespace fathom;
+using fathom::test::SyntheticDive;
+
+constexpr std::int64_t kMillisecond = 1'000'000;  // [ns]
+constexpr double kMiB = 1024.0 * 1024.0;
+
+double threadCpuMs() {
+  timespec t = {};
+  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+  return static_cast<double>(t.tv_sec) * 1e3 + static_cast<double>(t.tv_nsec) * 1e-6;
+}
+
+// A line of /proc/meminfo [MiB].
+double memoryMib(const std::string& key) {
+  std::ifstream in("/proc/meminfo");
+  std::string name;
+  double kib = 0;
+  while (in >> name >> kib) {
+    if (name == key + ":") return kib / 1024;
+    in.ignore(256, '\n');
+  }
+  return 0;
+}
+
+struct Sizes {
+  int width = 1360, height = 1024;  // [px]
+  double seconds = 20;
+};
+
+// One exposure in a block that lives as long as the program; frames of one camera share it.
+class OneImage {
+ public:
+  OneImage(const SyntheticDive& dive, const Sizes& sizes, CameraSide side)
+      : pixels_(dive.pixels({SyntheticDive::kStartUtcNs, side, 0})) {
+    // As of a camera: 12 bits of which the lowest are noise on a slope, not noise alone.
+    for (std::size_t i = 0; i < pixels_.size(); ++i)
+      pixels_[i] =
+          static_cast<std::uint16_t>(800 + i % static_cast<std::size_t>(sizes.width) + pixels_[i] % 64);
+    view_ = {pixels_.data(),     sizes.width, sizes.height, 2 * static_cast<std::size_t>(sizes.width),
+             PixelFormat::kMono, 12};
+  }
+  [[nodiscard]] const ImageView& view() const { return view_; }
+  [[nodiscard]] std::size_t bytes() const { return 2 * pixels_.size(); }
+
+ private:
+  std::vector<std::uint16_t> pixels_;
+  ImageView view_;
+};
+
+void live(const std::filesystem::path& folder, const SyntheticDive& dive, const Sizes& sizes,
+          const OneImage& image) {
+  io::RecorderConfig config;
+  config.image_reserve_mib = 0;
+  config.log_reserve_mib = 0;
+  config.planned_hours = 1;
+  std::atomic<std::uint64_t> released{0};
+  io::Recorder recorder(
+      folder, dive.mission(), dive.rig(), config, [&](const io::CameraFrame&) { return image.view(); },
+      [&](const io::CameraFrame&) { ++released; });
+  const double cached_before = memoryMib("Cached");
+  std::atomic<bool> ended{false};
+  double cpu_ms = 0;
+  std::thread writer([&] {
+    rt::RealClock clock;
+    const double before = threadCpuMs();
+    while (!ended) {
+      recorder.work(50);
+      clock.sleepUntil(clock.monotonicNs() + 20 * kMillisecond);
+    }
+    cpu_ms = threadCpuMs() - before;
+  });
+  rt::RealClock clock;
+  rt::LogHistogram input_ns, image_ns, raw_ns;
+  const std::vector<std::uint8_t> can(24, 0x5a), pd0(650, 0x7f);
+  const std::int64_t start = clock.monotonicNs();
+  const auto timed = [&](rt::LogHistogram& histogram, const auto& offer) {
+    const std::int64_t before = clock.monotonicNs();
+    const bool good = offer();
+    histogram.add(clock.monotonicNs() - before);
+    return good;
+  };
+  std::uint64_t refused = 0;
+  const auto inputs = static_cast<std::uint64_t>(sizes.seconds * 100);
+  for (std::uint64_t n = 0; n < inputs; ++n) {
+    clock.sleepUntil(start + static_cast<std::int64_t>(n) * SyntheticDive::kInputIntervalNs);
+    const io::LiveInput input = dive.input(n);
+    if (const auto* stamp = std::get_if<io::ImageStamp>(&input.what)) {
+      io::CameraFrame frame;
+      frame.side = stamp->side;
+      frame.utc_ns = stamp->utc_ns;
+      refused += timed(image_ns, [&] { return recorder.offerImage(frame); }) ? 0 : 1;
+    }
+    refused += timed(input_ns, [&] { return recorder.offerInput(input); }) ? 0 : 1;
+    for (int i = 0; i < 2; ++i)
+      refused +=
+          timed(raw_ns, [&] { return recorder.offerRaw(0, input.arrival_utc_ns, "RAW_CAN", can); }) ? 0 : 1;
+    if (n % 20 == 2)
+      refused +=
+          timed(raw_ns, [&] { return recorder.offerRaw(1, input.arrival_utc_ns, "RAW_DVL", pd0); }) ? 0 : 1;
+  }
+  ended = true;
+  writer.join();
+  const double cached = memoryMib("Cached") - cached_before;
+  recorder.close();
+  const io::Recorder::Counters c = recorder.counters();
+  const double pairs = static_cast<double>(c.images) / 2;
+  std::printf(
+      "recorder, %.0f s: %.0f pairs of %d x %d, %llu inputs, %llu raw entries; refused or dropped %llu\n",
+      sizes.seconds, pairs, sizes.width, sizes.height, static_cast<unsigned long long>(c.inputs),
+      static_cast<unsigned long long>(c.raw_entries),
+      static_cast<unsigned long long>(refused + c.images_dropped_disk + c.images_dropped_queue));
+  std::printf("  CPU of its thread      %6.2f %% of a core, %.2f ms a pair with the inputs beside it\n",
+              cpu_ms / sizes.seconds / 10, cpu_ms / pairs);
+  for (const auto& [name, histogram] :
+       {std::pair("input", &input_ns), std::pair("image", &image_ns), std::pair("raw", &raw_ns)})
+    std::printf("  offer of %-5s          p50 %.2f us, p99.9 %.2f us, most %.2f us (%llu)\n", name,
+                static_cast<double>(histogram->percentile(50)) * 1e-3,
+                static_cast<double>(histogram->percentile(99.9)) * 1e-3,
+                static_cast<double>(histogram->max()) * 1e-3,
+                static_cast<unsigned long long>(histogram->count()));
+  std::printf("  unsafe at most         %6.1f ms; %llu syncs of the log, the longest %.1f ms\n",
+              static_cast<double>(c.worst_unsafe_ns) * 1e-6, static_cast<unsigned long long>(c.syncs),
+              static_cast<double>(c.worst_sync_ns) * 1e-6);
+  const double log_bytes = static_cast<double>(c.bytes) -
+                           static_cast<double>(c.images) * static_cast<double>(image.bytes() + 4096);
+  std::printf("  written                %6.1f MiB of images, log %.1f MiB an hour\n",
+              static_cast<double>(c.images) * static_cast<double>(image.bytes()) / kMiB,
+              log_bytes / kMiB / sizes.seconds * 3600);
+  std::printf("  page cache grew by     %6.1f MiB; most waiting: %zu inputs, %zu images of a camera\n",
+              cached, c.input_high_water, c.image_high_water);
+}
+
+void peers(const std::filesystem::path& folder, const SyntheticDive& dive, const OneImage& image) {
+  constexpr int kPairs = 10;
+  {
+    io::MissionRecorder recorder(folder / "deflate", dive.mission(), dive.rig(), {});
+    const double before = threadCpuMs();
+    for (int i = 0; i < kPairs; ++i)
+      for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight})
+        recorder.recordImage(SyntheticDive::kStartUtcNs,
+                             {SyntheticDive::kStartUtcNs + i * 500 * kMillisecond, side, "", 0},
+                             image.view());
+    std::printf("peer MissionRecorder     %6.2f ms of CPU a pair (libtiff, deflate)\n",
+                (threadCpuMs() - before) / kPairs);
+  }
+  const double before = threadCpuMs();
+  for (int i = 0; i < 2 * kPairs; ++i) {
+    const int fd =
+        ::open((folder / ("plain" + std::to_string(i))).c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
+    if (fd < 0 || ::write(fd, image.view().data, image.bytes()) != static_cast<ssize_t>(image.bytes()) ||
+        ::fdatasync(fd) != 0)
+      std::printf("the plain file cannot be written\n");
+    ::close(fd);
+  }
+  std::printf("peer write and fdatasync %6.2f ms of CPU a pair\n", (threadCpuMs() - before) / kPairs);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("what recording costs");
+  Sizes sizes;
+  std::filesystem::path folder =
+      std::filesystem::temp_directory_path() / ("fathom-recorder-" + std::to_string(::getpid()));
+  app.add_option("--seconds", sizes.seconds, "of the recording")->check(CLI::Range(1.0, 1e5));
+  app.add_option("--width", sizes.width, "of an image [px]");
+  app.add_option("--height", sizes.height, "of an image [px]");
+  app.add_option("--folder", folder, "on the disk to be measured; removed afterwards");
+  CLI11_PARSE(app, argc, argv);
+  const SyntheticDive dive({sizes.width, sizes.height, 50});
+  const OneImage image(dive, sizes, CameraSide::kLeft);
+  std::filesystem::create_directories(folder);
+  live(folder / "live", dive, sizes, image);
+  peers(folder, dive, image);
+  std::filesystem::remove_all(folder);
+  return 0;
+}
