@@ -20,6 +20,7 @@ ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std:
   constexpr mode_t kMode = 0644;
   ::posix_spawn_file_actions_addopen(&files, STDOUT_FILENO, output.empty() ? "/dev/null" : output.c_str(),
                                      O_WRONLY | O_CREAT | O_TRUNC, kMode);
+  ::posix_spawn_file_actions_adddup2(&files, STDOUT_FILENO, STDERR_FILENO);
   posix_spawnattr_t attributes;
   ::posix_spawnattr_init(&attributes);
   ::posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);

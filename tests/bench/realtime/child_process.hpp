@@ -11,8 +11,8 @@ namespace fathom::bench {
 // write-protect this process's pages, and its real-time threads would fault on each.
 class ChildProcess {
  public:
-  // Throws std::system_error when it cannot be started. `output`: its standard output goes into this file;
-  // empty: it is thrown away.
+  // Throws std::system_error when it cannot be started. `output`: what it prints goes into this file; empty:
+  // it is thrown away.
   ChildProcess(const std::vector<std::string>& arguments, const std::string& output);
   ~ChildProcess();
   ChildProcess(const ChildProcess&) = delete;

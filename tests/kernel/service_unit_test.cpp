@@ -1,0 +1,69 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <string>
+
+#include "realtime/kernel/tiers/realtime_config.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::rt {
+namespace {
+
+std::string unitText() {
+  std::ifstream file(std::string(FATHOM_SOURCE_DIR) + "/realtime/onboard/fathom-onboard.service");
+  return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+}
+
+std::string printedBy(const std::string& command) {
+  std::FILE* pipe = ::popen((command + " 2>&1").c_str(), "r");
+  std::string text;
+  std::array<char, 512> buffer{};
+  while (pipe != nullptr && std::fgets(buffer.data(), buffer.size(), pipe) != nullptr) text += buffer.data();
+  if (pipe != nullptr) ::pclose(pipe);
+  return text;
+}
+
+// What systemd-analyze has to say against the unit; "" when all is well. It wants the program itself to be
+// there, so that a copy of the unit names one that is.
+std::string complaints(std::string unit) {
+  const std::string key = "\nExecStart=";
+  const std::size_t at = unit.find(key);
+  EXPECT_NE(at, std::string::npos);
+  const std::size_t end = unit.find('\n', at + 1);
+  unit.replace(at, end - at, key + "/bin/true");
+  const test::TemporaryFolder folder;
+  const std::string path = (folder.path() / "fathom-onboard.service").string();
+  std::ofstream(path) << unit;
+  return printedBy("systemd-analyze verify --man=no " + path);
+}
+
+bool analyzerThere() {
+  return std::system("systemd-analyze --version > /dev/null 2>&1") == 0;
+}
+
+TEST(ServiceUnit, SystemdHasNothingToSayAgainstIt) {
+  if (!analyzerThere()) GTEST_SKIP() << "systemd-analyze is absent; install systemd";
+  EXPECT_EQ(complaints(unitText()), "");
+}
+
+TEST(ServiceUnit, AMisspeltKeyWouldBeSeen) {
+  if (!analyzerThere()) GTEST_SKIP() << "systemd-analyze is absent; install systemd";
+  EXPECT_THAT(complaints(unitText() + "\n[Service]\nLimitRTPRI=80\n"), testing::HasSubstr("LimitRTPRI"));
+}
+
+TEST(ServiceUnit, GrantsWhatArmingAsksForByDefault) {
+  const std::string unit = unitText();
+  EXPECT_THAT(unit, testing::HasSubstr("\nLimitRTPRIO=" + std::to_string(highestPriority({})) + "\n"));
+  EXPECT_THAT(unit, testing::HasSubstr("\nLimitMEMLOCK=infinity\n"));
+  EXPECT_THAT(unit, testing::HasSubstr("\nType=notify\n"));
+  EXPECT_THAT(unit, testing::HasSubstr("\nRestart=on-failure\n"));
+  EXPECT_THAT(unit, testing::Not(testing::HasSubstr("RestrictRealtime=yes")));
+}
+
+}  // namespace
+}  // namespace fathom::rt
