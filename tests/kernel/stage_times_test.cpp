@@ -88,7 +88,8 @@ TEST(TimelineTrack, AReaderGetsWholeEventsWhileAnotherThreadWrites) {
   EXPECT_GT(seen, 0u);
 }
 
-TimelinePicture oneSecond() {
+// A second of navigation and vision; its fiftieth cycle takes `slowest` ms.
+TimelinePicture oneSecond(int slowest = 1) {
   TimelinePicture picture;
   picture.title = "one <second> & more";
   picture.to_ns = 1000 * kMs;
@@ -97,7 +98,7 @@ TimelinePicture oneSecond() {
   nav.period_ns = 10 * kMs;
   nav.stages = {{"cycle", 100, 1, kMs, kMs, kMs, 12 * kMs}};
   for (int i = 0; i < 100; ++i)
-    nav.events.push_back({0, i * 10 * kMs, i * 10 * kMs + (i == 50 ? 12 : 1) * kMs});
+    nav.events.push_back({0, i * 10 * kMs, i * 10 * kMs + (i == 50 ? slowest : 1) * kMs});
   TimelineRow vision;
   vision.name = "vision";
   vision.stages = {{"frame", 2, 0, kMs, kMs, kMs, kMs}, {"stereo", 2, 0, kMs, kMs, kMs, kMs}};
@@ -123,7 +124,11 @@ TEST(TimelineSvg, DrawsEveryStageWithItsLengthAndTheDeadlines) {
 }
 
 TEST(TimelineSvg, MarksTheCycleThatRanPastItsNextDeadlineAndNoOther) {
-  EXPECT_EQ(count(timelineSvg(oneSecond()), "fill='#cc0000'"), 1u);
+  const char* const mark = "fill='#cc0000'";
+  EXPECT_EQ(count(timelineSvg(oneSecond()), mark), 0u);
+  EXPECT_EQ(count(timelineSvg(oneSecond(9)), mark), 0u);
+  // In the whole second, in the part enlarged, which now shows it, and as the cycle shown by itself.
+  EXPECT_EQ(count(timelineSvg(oneSecond(12)), mark), 3u);
 }
 
 TEST(TimelineSvg, AnEmptyPictureIsAPictureAllTheSame) {

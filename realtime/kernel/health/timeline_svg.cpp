@@ -16,12 +16,28 @@ constexpr double kNarrowest = 1.2;  // a stage that lasts a microsecond is still
 constexpr double kLetter = 6.2;     // width of a letter of the labels
 constexpr double kPlotRight = kWidth - kMargin, kPlotLeft = kMargin + kGutter;
 constexpr double kNsPerMs = 1e6;
-constexpr std::int64_t kZoomNs = 60'000'000;
+// The second panel: a frame with something around it, not so long that a cycle of 0.1 ms is no longer seen.
+// The third: one cycle of the loop.
+constexpr std::int64_t kShortestZoomNs = 20'000'000, kLongestZoomNs = 250'000'000;
+constexpr std::int64_t kShortestCycleNs = 200'000;
 
-// Twelve hues that stay apart from one another, also in grey print by their lightness.
-constexpr std::array<const char*, 12> kColours{"#4477aa", "#ee6677", "#228833", "#ccbb44",
-                                               "#66ccee", "#aa3377", "#ee8866", "#44bb99",
-                                               "#8877cc", "#99ddff", "#bbcc33", "#997700"};
+// Hues that stay apart from one another; dark ones carry white letters, light ones black.
+struct Colour {
+  const char* fill;
+  const char* letters;
+};
+constexpr std::array<Colour, 12> kColours{{{"#4477aa", "#fff"},
+                                           {"#ee6677", "#fff"},
+                                           {"#228833", "#fff"},
+                                           {"#ccbb44", "#222"},
+                                           {"#66ccee", "#222"},
+                                           {"#aa3377", "#fff"},
+                                           {"#ee8866", "#222"},
+                                           {"#44bb99", "#222"},
+                                           {"#7766bb", "#fff"},
+                                           {"#aaddff", "#222"},
+                                           {"#bbcc33", "#222"},
+                                           {"#886600", "#fff"}}};
 const char* const kLate = "#cc0000";
 
 template <typename... Args>
@@ -84,7 +100,7 @@ struct Lane {
   [[nodiscard]] double height() const {
     return std::max(static_cast<double>(depth) * (kBar + kBarGap), 2 * (kBar - kBarGap));
   }
-  [[nodiscard]] const char* colour(std::size_t stage) const {
+  [[nodiscard]] const Colour& colour(std::size_t stage) const {
     return kColours.at((first_colour + stage) % kColours.size());
   }
   [[nodiscard]] std::string stageName(std::size_t stage) const {
@@ -119,6 +135,11 @@ std::int64_t firstDeadline(const TimelineRow& row, std::int64_t from) {
   return from + phase;
 }
 
+// A cycle that ran past its next deadline.
+bool late(const TimelineRow& row, const TimelineEvent& e) {
+  return row.period_ns > 0 && e.end_ns > firstDeadline(row, e.begin_ns + 1);
+}
+
 // A step of 1, 2 or 5 times a power of ten that gives some ten marks.
 std::int64_t axisStep(std::int64_t span_ns) {
   constexpr double kMarks = 12;
@@ -145,12 +166,13 @@ class Panel {
     return svg;
   }
 
- private:
-  double x(std::int64_t ns) const {
+  [[nodiscard]] double x(std::int64_t ns) const {
     const double share = static_cast<double>(ns - from_) / static_cast<double>(to_ - from_);
     return kPlotLeft + std::clamp(share, 0.0, 1.0) * (kPlotRight - kPlotLeft);
   }
+  [[nodiscard]] double bottom() const { return top_ + panelHeight(lanes_); }
 
+ private:
   std::string axis() const {
     std::string svg;
     const double bottom = top_ + panelHeight(lanes_) - kRowGap / 2;
@@ -195,10 +217,11 @@ class Panel {
       const double top = y + static_cast<double>(placed.depth) * (kBar + kBarGap);
       const std::string name = escaped(lane.stageName(e.stage));
       svg += formatted("<rect x='%.2f' y='%.1f' width='%.2f' height='%.1f' rx='%.1f' fill='%s'>", left, top,
-                       width, kBar, width > 6 ? 2.0 : 0.0, lane.colour(e.stage));
+                       width, kBar, width > 6 ? 2.0 : 0.0, lane.colour(e.stage).fill);
       svg += "<title>" + name + " " + duration(e.end_ns - e.begin_ns) + "</title></rect>";
       if (static_cast<double>(name.size()) * kLetter + 8 < width)
-        svg += formatted("<text class='bar' x='%.1f' y='%.1f'>%s</text>", left + 4, top + 14, name.c_str());
+        svg += formatted("<text class='bar' x='%.1f' y='%.1f' style='fill:%s'>%s</text>", left + 4, top + 14,
+                         lane.colour(e.stage).letters, name.c_str());
       const bool late =
           placed.depth == 0 && lane.row->period_ns > 0 && e.end_ns > firstDeadline(*lane.row, e.begin_ns + 1);
       if (late)
@@ -213,19 +236,58 @@ class Panel {
   double top_;
 };
 
-// Where the second panel looks: around the moment of the longest stage of the rows without a period (a frame
-// begins), or of the first periodic row.
-std::int64_t zoomCentre(const TimelinePicture& picture) {
-  for (const bool periodic : {false, true}) {
-    TimelineEvent longest;
-    for (const TimelineRow& row : picture.rows)
-      if ((row.period_ns > 0) == periodic)
-        for (const TimelineEvent& e : row.events)
-          if (e.end_ns - e.begin_ns > longest.end_ns - longest.begin_ns) longest = e;
-    if (longest.end_ns > longest.begin_ns)
-      return longest.begin_ns + std::min(longest.end_ns - longest.begin_ns, kZoomNs / 2) / 2;
-  }
-  return (picture.from_ns + picture.to_ns) / 2;
+struct Span {
+  std::int64_t from = 0, to = 0;
+};
+
+// A span of `length` with `begin` at a tenth of it, within the picture.
+Span spanAt(const TimelinePicture& picture, std::int64_t begin, std::int64_t length) {
+  constexpr std::int64_t kLead = 10;
+  const std::int64_t from =
+      std::clamp(begin - length / kLead, picture.from_ns, std::max(picture.from_ns, picture.to_ns - length));
+  return {from, from + length};
+}
+
+// What the second panel enlarges: a cycle that ran late, else the longest stage of the rows without a period.
+Span zoomSpan(const TimelinePicture& picture) {
+  constexpr std::int64_t kThirds = 3;
+  const std::int64_t most = std::min((picture.to_ns - picture.from_ns) / kThirds, kLongestZoomNs);
+  TimelineEvent shown;
+  for (const TimelineRow& row : picture.rows)
+    for (const TimelineEvent& e : row.events)
+      if (row.period_ns == 0 && e.end_ns - e.begin_ns > shown.end_ns - shown.begin_ns) shown = e;
+  for (const TimelineRow& row : picture.rows)
+    for (const TimelineEvent& e : row.events)
+      if (late(row, e)) shown = e;
+  const std::int64_t wanted = (shown.end_ns - shown.begin_ns) * 4 / 3;
+  return spanAt(picture, std::max(shown.begin_ns, picture.from_ns),
+                std::clamp(wanted, std::min(kShortestZoomNs, most), most));
+}
+
+// The periodic row's lane for the third panel, and its first whole cycle within `zoom`; nullptr where there
+// is none.
+const Lane* cycleIn(const std::vector<Lane>& lanes, const Span& zoom, Span& cycle) {
+  for (const Lane& lane : lanes)
+    for (const Placed& placed : lane.stages)
+      if (lane.row->period_ns > 0 && placed.depth == 0 && placed.event.begin_ns > zoom.from &&
+          placed.event.end_ns < zoom.to) {
+        const std::int64_t due = firstDeadline(*lane.row, placed.event.begin_ns) - lane.row->period_ns;
+        const std::int64_t length = std::max((placed.event.end_ns - due) * 6 / 5, kShortestCycleNs);
+        cycle = {due - length / 10, due + length};
+        return &lane;
+      }
+  return nullptr;
+}
+
+// What of `above` the panel below it shows.
+std::string funnel(double left, double right, double bottom, double below) {
+  return formatted("<path class='zoom' d='M%.1f %.1f L%.1f %.1f H%.1f L%.1f %.1f Z'/>\n", left, bottom,
+                   kPlotLeft, below + 18, kPlotRight, right, bottom);
+}
+
+std::string shade(double left, double right, double top, double bottom) {
+  return formatted("<rect class='zoom' x='%.2f' y='%.1f' width='%.2f' height='%.1f'/>", left, top + 18,
+                   std::max(right - left, 1.0), bottom - top - 18);
 }
 
 std::string legend(const std::vector<Lane>& lanes, double top) {
@@ -279,16 +341,30 @@ double legendHeight(const std::vector<Lane>& lanes) {
 }  // namespace
 
 std::string timelineSvg(const TimelinePicture& picture) {
-  const std::vector<Lane> lanes = lanesOf(picture);
-  const std::int64_t span = std::max<std::int64_t>(picture.to_ns - picture.from_ns, 1);
-  const bool zoomed = span > 2 * kZoomNs;
-  const std::int64_t zoom_from = std::clamp(zoomCentre(picture) - kZoomNs / 2, picture.from_ns,
-                                            picture.from_ns + span - std::min(kZoomNs, span));
+  TimelinePicture p = picture;
+  p.to_ns = std::max(p.to_ns, p.from_ns + 1);
+  const std::vector<Lane> lanes = lanesOf(p);
 
-  const double panel = panelHeight(lanes);
-  const double second = kTitle + panel + kPanelGap;
-  const double legend_top = zoomed ? second + panel + kPanelGap : second;
-  const double height = legend_top + legendHeight(lanes) + kMargin;
+  double y = kTitle;
+  const Panel whole(p, lanes, p.from_ns, p.to_ns, y);
+  std::string body = whole.draw();
+  y = whole.bottom() + kPanelGap;
+  if (p.to_ns - p.from_ns > 2 * kShortestZoomNs) {
+    const Span zoom = zoomSpan(p);
+    const Panel second(p, lanes, zoom.from, zoom.to, y);
+    body += shade(whole.x(zoom.from), whole.x(zoom.to), kTitle, whole.bottom());
+    body += funnel(whole.x(zoom.from), whole.x(zoom.to), whole.bottom(), y) + second.draw();
+    y = second.bottom() + kPanelGap;
+    Span cycle;
+    if (const Lane* lane = cycleIn(lanes, zoom, cycle)) {
+      const std::vector<Lane> one{*lane};
+      const Panel third(p, one, cycle.from, cycle.to, y);
+      body += funnel(second.x(cycle.from), second.x(cycle.to), second.bottom(), y) + third.draw();
+      y = third.bottom() + kPanelGap;
+    }
+  }
+  body += legend(lanes, y);
+  const double height = y + legendHeight(lanes) + kMargin;
 
   std::string svg = formatted(
       "<svg xmlns='http://www.w3.org/2000/svg' width='%.0f' height='%.0f' viewBox='0 0 %.0f %.0f'>\n", kWidth,
@@ -296,23 +372,11 @@ std::string timelineSvg(const TimelinePicture& picture) {
   svg +=
       "<style>text{font-family:'DejaVu Sans',sans-serif;font-size:12px;fill:#222}.title{font-size:20px;"
       "font-weight:bold}.name{font-weight:bold;font-size:13px}.note,.axis{font-size:11px;fill:#667}"
-      ".bar{font-size:10.5px;fill:#fff}.lane{fill:#f4f6f9}.grid{stroke:#d5dae2;stroke-width:1}"
+      ".bar{font-size:10.5px}.lane{fill:#f4f6f9}.grid{stroke:#d5dae2;stroke-width:1}"
       ".due{stroke:#223;stroke-width:.7;stroke-dasharray:2 3;opacity:.55}.zoom{fill:#4477aa;opacity:.10}"
       "</style>\n<rect width='100%' height='100%' fill='#fff'/>\n";
-  svg +=
-      formatted("<text class='title' x='%.1f' y='34'>%s</text>\n", kMargin, escaped(picture.title).c_str());
-  svg += Panel(picture, lanes, picture.from_ns, picture.from_ns + span, kTitle).draw();
-  if (zoomed) {
-    const double scale = (kPlotRight - kPlotLeft) / static_cast<double>(span);
-    const double left = kPlotLeft + static_cast<double>(zoom_from - picture.from_ns) * scale;
-    const double right = left + static_cast<double>(kZoomNs) * scale;
-    svg += formatted("<path class='zoom' d='M%.1f %.1f V%.1f L%.1f %.1f H%.1f L%.1f %.1f V%.1f Z'/>\n", left,
-                     kTitle + 18, kTitle + panel - 4, kPlotLeft, second + 18, kPlotRight, right,
-                     kTitle + panel - 4, kTitle + 18);
-    svg += Panel(picture, lanes, zoom_from, zoom_from + kZoomNs, second).draw();
-  }
-  svg += legend(lanes, legend_top);
-  return svg + "</svg>\n";
+  svg += formatted("<text class='title' x='%.1f' y='34'>%s</text>\n", kMargin, escaped(p.title).c_str());
+  return svg + body + "</svg>\n";
 }
 
 TimelineRow timelineRow(std::string name, std::string note, StageTimes& times, const TimelineTrack& track,

@@ -25,9 +25,9 @@ struct TimelinePicture {
   std::int64_t from_ns = 0, to_ns = 0;  // monotonic; from < to
 };
 
-// Drawn: the whole time on one axis, below it a part of it enlarged around the busiest cycle of the first
-// periodic row, and a legend with each stage's p50, p99, maximum and misses. Cycles that ran past their next
-// deadline are marked.
+// Drawn: the whole time on one axis; below it a part enlarged, a cycle that ran late or else the longest
+// frame; below that one cycle of the first periodic row; and a legend with each stage's p50, p99, maximum and
+// misses. Cycles that ran past their next deadline are marked.
 [[nodiscard]] std::string timelineSvg(const TimelinePicture& picture);
 
 // A row from a running thread's stages and track, the last `duration_ns` before `now_ns`.
