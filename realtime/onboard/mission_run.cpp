@@ -50,7 +50,16 @@ MissionRun::MissionRun(Setup setup, OnboardOutput& output)
       output_(output),
       system_(setup_.config, setup_.mission, setup_.rig, setup_.pairs, setup_.slots),
       link_(output, setup_.link) {
-  system_.setStageObserver([this](const char* stage) { stages_.ended(stage); });
+  system_.setStageObserver([this](const char* stage) {
+    stages_.ended(stage);
+    if (on_stage_) on_stage_(stage);
+  });
+}
+
+void MissionRun::setObservers(std::function<void(const char* stage)> on_stage,
+                              std::function<void(const OnboardSystem::MappedPair&)> on_pair) {
+  on_stage_ = std::move(on_stage);
+  on_pair_ = std::move(on_pair);
 }
 
 void MissionRun::begin(std::int64_t now_ns) {
@@ -66,6 +75,7 @@ void MissionRun::consumeSample(std::int64_t now_ns, const SensorSample& sample) 
     output_.addStereoPose(pair.output, pair.left_image, pair.right_image, pair.altitude.value_or(0.0));
     if (pair.output.points > 0) ++summary_.pairs_used;
     ++summary_.pairs;
+    if (on_pair_) on_pair_(pair);
   });
   const double core_s = secondsSince(before) - (reading() - read_before);
   summary_.stereo_and_map_s += core_s;

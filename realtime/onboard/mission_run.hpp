@@ -53,7 +53,9 @@ class MissionRun {
   [[nodiscard]] RunSummary summary() const;
   [[nodiscard]] OnboardSystem& system() { return system_; }
   [[nodiscard]] const OnboardSystem& system() const { return system_; }
-  [[nodiscard]] StageClock& stages() { return stages_; }
+  // Called when a stage of a pair's work ends, with its name, and for every pair mapped.
+  void setObservers(std::function<void(const char* stage)> on_stage,
+                    std::function<void(const OnboardSystem::MappedPair&)> on_pair);
   // An end mark came: this is all there was.
   [[nodiscard]] bool ended() const { return ended_; }
   [[nodiscard]] std::int64_t nowNs() const { return now_ns_; }
@@ -69,6 +71,8 @@ class MissionRun {
   OnboardOutput& output_;
   OnboardSystem system_;
   StageClock stages_;
+  std::function<void(const char* stage)> on_stage_;
+  std::function<void(const OnboardSystem::MappedPair&)> on_pair_;
   FrameExchange link_;
   RunSummary summary_;
   bool begun_ = false, ended_ = false;

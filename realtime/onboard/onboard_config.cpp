@@ -115,6 +115,19 @@ OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path
   return config;
 }
 
+NavCoreConfig navCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission) {
+  NavCoreConfig nav;
+  nav.odometry.T_body_dvl = mission.T_body_dvl;
+  nav.odometry.T_body_depth = mission.T_body_depth;
+  nav.odometry.T_body_compass = mission.T_body_compass;
+  nav.odometry.magnetic_declination = mission.magnetic_declination;
+  nav.odometry.sound_speed = mission.water.sound_speed;
+  nav.pairing_tolerance = config.max_pair_skew;
+  const io::MissionConfig::TimeOffsets& t = mission.time_offsets;
+  nav.time_offsets = {t.left_camera, t.right_camera, t.dvl, t.compass, t.depth};
+  return nav;
+}
+
 MapCoreConfig mapCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission,
                             const StereoRig& rig) {
   return {rig,

@@ -7,6 +7,7 @@
 #include "firmware_if/mission.hpp"
 #include "realtime/onboard/link/link_core.hpp"
 #include "realtime/onboard/map/map_core.hpp"
+#include "realtime/onboard/nav/nav_core.hpp"
 #include "telemetry/downlink_key.hpp"
 
 namespace fathom::onboard {
@@ -35,6 +36,7 @@ struct OnboardConfig {
 [[nodiscard]] OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path);
 
 // The cores' own configurations for one mission.
+[[nodiscard]] NavCoreConfig navCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission);
 [[nodiscard]] MapCoreConfig mapCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission,
                                           const StereoRig& rig);
 [[nodiscard]] LinkCoreConfig linkCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission);

@@ -18,9 +18,9 @@ namespace fathom::onboard {
 namespace {
 
 // What onboard/ of a mission folder may hold.
-constexpr std::array<std::string_view, 9> kOurs = {"packets.bin",          "downlink.bin", "closures.csv",
-                                                   "health.csv",           "map.ply",      "odometry.csv",
-                                                   "stereo_pose_est.data", "report.json",  "timing.json"};
+constexpr std::array<std::string_view, 10> kOurs = {
+    "packets.bin",  "downlink.bin",         "closures.csv", "health.csv",  "map.ply",
+    "odometry.csv", "stereo_pose_est.data", "report.json",  "timing.json", "live.json"};
 
 }  // namespace
 

@@ -20,19 +20,6 @@ constexpr double kUnstatedFixSigma = 5.0;
 constexpr std::int64_t kClockSlack_ns = 600'000'000'000;
 constexpr double kPoorPoints = 0.1;  // fewer than this share of the wanted points a pair is poor stereo
 
-NavCoreConfig navCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission) {
-  NavCoreConfig nav;
-  nav.odometry.T_body_dvl = mission.T_body_dvl;
-  nav.odometry.T_body_depth = mission.T_body_depth;
-  nav.odometry.T_body_compass = mission.T_body_compass;
-  nav.odometry.magnetic_declination = mission.magnetic_declination;
-  nav.odometry.sound_speed = mission.water.sound_speed;
-  nav.pairing_tolerance = config.max_pair_skew;
-  const io::MissionConfig::TimeOffsets& t = mission.time_offsets;
-  nav.time_offsets = {t.left_camera, t.right_camera, t.dvl, t.compass, t.depth};
-  return nav;
-}
-
 std::vector<Eigen::Vector2d> planOf(const io::MissionConfig& mission) {
   std::vector<Eigen::Vector2d> plan;
   for (const io::MissionConfig::Waypoint& w : mission.plan) plan.emplace_back(w.north, w.east);
@@ -136,10 +123,10 @@ bool OnboardSystem::nameImages(const StereoTrigger& trigger, MappedPair& pair) c
 
 void OnboardSystem::mapPairs(const std::function<void(const MappedPair&)>& on_pair) {
   while (const auto trigger = nav_.core().pollTrigger()) {
-    const PairQuota quota = policy_ ? policy_(*trigger) : PairQuota();
-    ++pairs_at_level_[std::min<std::size_t>(quota.level, pairs_at_level_.size() - 1)];
     MappedPair pair;
     const bool named = nameImages(*trigger, pair);
+    const PairQuota quota = policy_ ? policy_(*trigger, pair) : PairQuota();
+    ++pairs_at_level_[std::min<std::size_t>(quota.level, pairs_at_level_.size() - 1)];
     if (quota.drop) {
       ++shed_pairs_;
       continue;

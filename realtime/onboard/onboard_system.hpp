@@ -58,10 +58,13 @@ class OnboardSystem {
   void consume(std::int64_t arrival_utc_ns, const SensorSample& sample,
                const std::function<void(const MappedPair&)>& on_pair);
 
+  // Says what a pair may cost; of `pair` only the images' names are known.
+  using PairPolicy = std::function<PairQuota(const StereoTrigger& trigger, const MappedPair& pair)>;
+
   // Time passes without a sample.
   void passTime(std::int64_t now_ns);
   // Asked for every pair before it is mapped; without one all work is done.
-  void setPairPolicy(std::function<PairQuota(const StereoTrigger&)> policy) { policy_ = std::move(policy); }
+  void setPairPolicy(PairPolicy policy) { policy_ = std::move(policy); }
   // Health flags (telemetry's) of what the cores cannot see. At first: soft real time, as a replay is.
   void setRoofHealth(unsigned flags) { roof_health_ = flags; }
 
@@ -121,7 +124,7 @@ class OnboardSystem {
   };
   static constexpr std::size_t kNames = 256;   // of the newest exposures; no pair waits for longer
   std::array<ImageName, kNames> image_names_;  // by frame number
-  std::function<PairQuota(const StereoTrigger&)> policy_;
+  PairPolicy policy_;
   unsigned roof_health_ = telemetry::kHealthSoftRealTime;
   std::uint64_t shed_pairs_ = 0;
   std::array<std::uint64_t, kLevels> pairs_at_level_{};

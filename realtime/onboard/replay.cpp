@@ -124,7 +124,7 @@ ReplaySummary replay(const ReplayOptions& options) {
                   [&] { return pairs.seconds(); }},
                  output);
   const auto decisions = decisionsOf(inputs);
-  run.system().setPairPolicy([&](const StereoTrigger& trigger) {
+  run.system().setPairPolicy([&](const StereoTrigger& trigger, const OnboardSystem::MappedPair&) {
     const auto found = decisions.find(trigger.pair_index);
     return found == decisions.end() ? OnboardSystem::PairQuota() : found->second;
   });

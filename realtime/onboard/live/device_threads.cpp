@@ -1,0 +1,92 @@
+#include "realtime/onboard/live/device_threads.hpp"
+
+#include <algorithm>
+#include <ctime>
+
+namespace fathom::onboard {
+namespace {
+
+constexpr int kPollMs = 100;                // a stop is noticed within this
+constexpr long kModemPoll_ns = 10'000'000;  // far below the time that a frame takes on the water
+
+}  // namespace
+
+SampleThread::SampleThread(io::SampleSource& source, const Links& links, const rt::Clock& clock)
+    : source_(source), links_(links), clock_(clock), health_(source.health()) {}
+
+void SampleThread::run(const std::atomic<bool>& stop) noexcept {
+  while (!stop.load(std::memory_order_acquire)) {
+    (void)source_.poll(kPollMs, *this);
+    health_.update(source_);
+    links_.heart->beat(clock_.monotonicNs());
+  }
+}
+
+void SampleThread::sample(std::int64_t arrival_utc_ns, const DeviceSample& sample) noexcept {
+  (void)links_.inputs->push({arrival_utc_ns, sample});
+}
+
+void SampleThread::raw(std::int64_t arrival_utc_ns, std::string_view source,
+                       std::span<const std::uint8_t> bytes) noexcept {
+  if (links_.recorder != nullptr)
+    (void)links_.recorder->offerRaw(links_.raw_lane, arrival_utc_ns, source, bytes);
+}
+
+CameraThread::CameraThread(io::CameraSource& camera, const Links& links, const rt::Clock& clock)
+    : camera_(camera), links_(links), clock_(clock), health_(camera.health()) {}
+
+void CameraThread::run(const std::atomic<bool>& stop) noexcept {
+  while (!stop.load(std::memory_order_acquire)) {
+    (void)camera_.poll(kPollMs, *this);
+    health_.update(camera_);
+    links_.heart->beat(clock_.monotonicNs());
+  }
+}
+
+void CameraThread::frame(const io::CameraFrame& frame) noexcept {
+  // The recorder first: it writes the event when it has the pixels.
+  if (links_.recorder != nullptr) {
+    camera_.pool().retain(frame.block);
+    (void)links_.recorder->offerImage(frame);
+  }
+  // The pixels before the stamp that speaks of them. Without room the stamp goes on alone: navigation pairs
+  // it, and the map drops the pair.
+  if (!links_.frames->push(frame)) camera_.pool().release(frame.block);
+  (void)links_.stamps->push(
+      {frame.arrival_utc_ns, io::ImageStamp{frame.utc_ns, frame.side, frame.exposure_s}});
+}
+
+ModemThread::ModemThread(FramePort& modem, const Links& links, const rt::Clock& clock)
+    : modem_(modem), links_(links), clock_(clock) {}
+
+void ModemThread::run(const std::atomic<bool>& stop) noexcept {
+  io::ModemFrame frame;
+  while (!stop.load(std::memory_order_acquire)) {
+    while (const std::size_t size = modem_.receive(frame.bytes)) {
+      frame.size = static_cast<std::uint16_t>(size);
+      const std::int64_t now = clock_.utcNs();
+      counters_.received.fetch_add(1, std::memory_order_relaxed);
+      counters_.last_received_ns.store(now, std::memory_order_relaxed);
+      if (links_.recorder != nullptr)
+        (void)links_.recorder->offerRaw(links_.raw_lane, now, "RAW_MODEM", frame.data());
+      (void)links_.inputs->push({now, frame});
+    }
+    while (links_.outgoing->pop(frame))
+      (modem_.send(frame.data()) ? counters_.sent : counters_.refused)
+          .fetch_add(1, std::memory_order_relaxed);
+    counters_.dropped.store(modem_.droppedFrames(), std::memory_order_relaxed);
+    links_.heart->beat(clock_.monotonicNs());
+    const timespec pause = {0, kModemPoll_ns};
+    ::clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, nullptr);
+  }
+}
+
+bool RingFramePort::send(std::span<const std::uint8_t> frame) noexcept {
+  io::ModemFrame out;
+  if (frame.empty() || frame.size() > out.bytes.size()) return false;
+  out.size = static_cast<std::uint16_t>(frame.size());
+  std::copy(frame.begin(), frame.end(), out.bytes.begin());
+  return ring_.push(out);
+}
+
+}  // namespace fathom::onboard

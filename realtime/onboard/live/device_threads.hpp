@@ -1,0 +1,131 @@
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "firmware_if/devices/sample_source.hpp"
+#include "firmware_if/recorder/recorder.hpp"
+#include "realtime/kernel/clock.hpp"
+#include "realtime/kernel/frame_port.hpp"
+#include "realtime/kernel/tiers/watchdog.hpp"
+#include "realtime/onboard/live/input_rings.hpp"
+
+namespace fathom::onboard {
+
+// What a device tells about itself, from the thread that polls it to the one that reports. Both are best
+// effort as far as this goes; the hard tier never comes here.
+class SharedHealth {
+ public:
+  explicit SharedHealth(io::DeviceHealth first) : own_(first), shown_(std::move(first)) {}
+  // By the polling thread, without waiting: skipped while the other side reads.
+  template <class Source>
+  void update(const Source& source) noexcept {
+    source.updateHealth(own_);
+    const std::unique_lock<std::mutex> lock(mutex_, std::try_to_lock);
+    if (lock.owns_lock()) std::swap(own_, shown_);
+  }
+  [[nodiscard]] io::DeviceHealth read() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return shown_;
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  io::DeviceHealth own_, shown_;
+};
+
+// The thread of one device that gives samples: polls it, hands samples to the hard tier and bytes to the
+// recorder.
+class SampleThread final : public io::SampleSink {
+ public:
+  struct Links {
+    InputRing* inputs = nullptr;
+    io::Recorder* recorder = nullptr;  // may be null
+    std::size_t raw_lane = 0;
+    rt::Heartbeat* heart = nullptr;
+  };
+  SampleThread(io::SampleSource& source, const Links& links, const rt::Clock& clock);
+
+  // Until `stop`.
+  void run(const std::atomic<bool>& stop) noexcept;
+  [[nodiscard]] io::DeviceHealth health() const { return health_.read(); }
+
+  void sample(std::int64_t arrival_utc_ns, const DeviceSample& sample) noexcept override;
+  void raw(std::int64_t arrival_utc_ns, std::string_view source,
+           std::span<const std::uint8_t> bytes) noexcept override;
+
+ private:
+  io::SampleSource& source_;
+  Links links_;
+  const rt::Clock& clock_;
+  SharedHealth health_;
+};
+
+// The thread of one camera: its frames go to the recorder, to the soft tier, and as stamps to the hard tier.
+class CameraThread final : public io::FrameSink {
+ public:
+  struct Links {
+    InputRing* stamps = nullptr;
+    FrameRing* frames = nullptr;
+    io::Recorder* recorder = nullptr;  // may be null
+    rt::Heartbeat* heart = nullptr;
+  };
+  CameraThread(io::CameraSource& camera, const Links& links, const rt::Clock& clock);
+
+  void run(const std::atomic<bool>& stop) noexcept;
+  [[nodiscard]] io::DeviceHealth health() const { return health_.read(); }
+  // Frames that found the soft tier's ring full: their pair will be dropped.
+  [[nodiscard]] std::uint64_t framesRefused() const { return links_.frames->refused(); }
+
+  void frame(const io::CameraFrame& frame) noexcept override;
+
+ private:
+  io::CameraSource& camera_;
+  Links links_;
+  const rt::Clock& clock_;
+  SharedHealth health_;
+};
+
+// The modem's thread: what the soft tier gives goes out, what comes in goes to the hard tier as an input.
+class ModemThread {
+ public:
+  struct Links {
+    ModemRing* outgoing = nullptr;
+    InputRing* inputs = nullptr;
+    io::Recorder* recorder = nullptr;  // may be null
+    std::size_t raw_lane = 0;
+    rt::Heartbeat* heart = nullptr;
+  };
+  struct Counters {
+    std::atomic<std::uint64_t> sent{0}, refused{0}, received{0}, dropped{0};
+    std::atomic<std::int64_t> last_received_ns{0};  // vehicle time
+  };
+  ModemThread(FramePort& modem, const Links& links, const rt::Clock& clock);
+
+  void run(const std::atomic<bool>& stop) noexcept;
+  [[nodiscard]] const Counters& counters() const { return counters_; }
+
+ private:
+  FramePort& modem_;
+  Links links_;
+  const rt::Clock& clock_;
+  Counters counters_;
+};
+
+// The soft tier's end of the modem: frames to send go into a ring. What the modem receives comes as inputs.
+class RingFramePort final : public FramePort {
+ public:
+  explicit RingFramePort(ModemRing& ring) : ring_(ring) {}
+  [[nodiscard]] bool send(std::span<const std::uint8_t> frame) noexcept override;
+  [[nodiscard]] std::size_t receive(std::span<std::uint8_t>) noexcept override { return 0; }
+  [[nodiscard]] std::uint64_t droppedFrames() const noexcept override { return 0; }
+
+ private:
+  ModemRing& ring_;
+};
+
+}  // namespace fathom::onboard

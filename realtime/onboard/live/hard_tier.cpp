@@ -1,0 +1,80 @@
+#include "realtime/onboard/live/hard_tier.hpp"
+
+#include <type_traits>
+
+namespace fathom::onboard {
+
+namespace {
+constexpr std::int64_t kHealthInterval = 500'000'000;  // [ns]
+}
+
+HardTier::HardTier(const NavCoreConfig& nav, const Links& links, rt::Clock& clock, rt::StageTimes& stages)
+    : links_(links), clock_(clock), stages_(stages), nav_(nav) {}
+
+void HardTier::cycle() noexcept {
+  if (ended_.load(std::memory_order_relaxed)) return;
+  const std::int64_t begin = clock_.monotonicNs();
+  io::LiveInput input;
+  for (int i = 0; i < kMostInputsACycle && sequencer_.next(input); ++i) give(input);
+  const std::int64_t now = clock_.utcNs();
+  if (++cycles_ >= kTickEvery) {
+    cycles_ = 0;
+    give(sequencer_.own(now, io::Tick{}));
+  }
+  io::Mark mark;
+  while (!ended_.load(std::memory_order_relaxed) && marks_.pop(mark)) {
+    give(sequencer_.own(now, mark));
+    if (mark.kind == io::Mark::Kind::kEnd) ended_.store(true, std::memory_order_release);
+  }
+  const std::int64_t given = clock_.monotonicNs();
+  stages_.add(0, begin, given);
+  publish(now);
+  stages_.add(1, given, clock_.monotonicNs());
+}
+
+void HardTier::give(const io::LiveInput& input) noexcept {
+  ++inputs_;
+  follow(input);
+  // What the log misses it says itself (RecordingGap); what the soft tier misses is counted by its ring.
+  if (links_.recorder != nullptr) (void)links_.recorder->offerInput(input);
+  (void)links_.soft->push(input);
+}
+
+void HardTier::follow(const io::LiveInput& input) noexcept {
+  if (const auto* sample = std::get_if<DeviceSample>(&input.what)) {
+    std::visit(
+        [this](const auto& s) noexcept {
+          using T = std::decay_t<decltype(s)>;
+          constexpr bool navigates = std::is_same_v<T, DvlSample> || std::is_same_v<T, AttitudeSample> ||
+                                     std::is_same_v<T, DepthSample> || std::is_same_v<T, WaterSample>;
+          if constexpr (navigates) nav_.add(s);
+        },
+        *sample);
+  } else if (const auto* stamp = std::get_if<io::ImageStamp>(&input.what)) {
+    (void)nav_.addExposure(stamp->utc_ns, stamp->side, input.arrival_utc_ns);
+  }
+  // Nobody asks this copy for its pairs; they must not fill its queue.
+  while (nav_.core().pollTrigger()) {
+  }
+  if (input.arrival_utc_ns - last_health_ns_ < kHealthInterval) return;
+  last_health_ns_ = input.arrival_utc_ns;
+  nav_.tick(input.arrival_utc_ns);
+}
+
+void HardTier::publish(std::int64_t now_ns) noexcept {
+  const nav::DeadReckoning& odometry = nav_.core().odometry();
+  NavState state;
+  state.utc_ns = now_ns;
+  state.inputs = inputs_;
+  state.health = nav_.core().health();
+  if (const auto pose = odometry.poseAt(odometry.newestUtcNs())) {
+    state.pose_utc_ns = odometry.newestUtcNs();
+    state.T_odom_body = *pose;
+    state.velocity_body = odometry.velocityBody();
+    state.altitude = odometry.altitude();
+  }
+  for_bus_.write(state);
+  for_supervisor_.write(state);
+}
+
+}  // namespace fathom::onboard

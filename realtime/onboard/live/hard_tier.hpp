@@ -1,0 +1,81 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <optional>
+
+#include "firmware_if/recorder/recorder.hpp"
+#include "realtime/kernel/clock.hpp"
+#include "realtime/kernel/health/stage_times.hpp"
+#include "realtime/kernel/latest_value.hpp"
+#include "realtime/onboard/live/input_rings.hpp"
+#include "realtime/onboard/live/input_sequencer.hpp"
+#include "realtime/onboard/nav/nav_feed.hpp"
+
+namespace fathom::onboard {
+
+// Navigation as of one cycle of the hard tier, for whoever publishes it.
+struct NavState {
+  std::int64_t utc_ns = 0;       // of the cycle
+  std::int64_t pose_utc_ns = 0;  // of the newest odometry; 0: none yet
+  SE3 T_odom_body;
+  Eigen::Vector3d velocity_body = Eigen::Vector3d::Zero();  // [m/s]
+  std::optional<double> altitude;                           // [m]
+  NavHealth health;                                         // of the newest tick
+  std::uint64_t inputs = 0;                                 // put in order so far
+  NavState() noexcept = default;
+  NavState(const NavState&) noexcept = default;
+  NavState& operator=(const NavState&) noexcept = default;
+};
+
+// The hard tier's work: puts the inputs in order, dead reckons, hands the sequence to the recorder and to the
+// soft tier. One call of cycle() every period; no heap, no lock, bounded work.
+class HardTier {
+ public:
+  struct Links {
+    io::Recorder* recorder = nullptr;  // may be null: nothing is recorded
+    SequenceRing* soft = nullptr;
+  };
+  static constexpr std::size_t kStages = 3;
+  static constexpr std::array<rt::StageSpec, kStages> kStageSpecs = {
+      {{"inputs", 0}, {"dead reckoning", 0}, {"hand over", 0}}};
+
+  HardTier(const NavCoreConfig& nav, const Links& links, rt::Clock& clock, rt::StageTimes& stages);
+
+  [[nodiscard]] InputSequencer& sequencer() noexcept { return sequencer_; }
+  [[nodiscard]] NavFeed& nav() noexcept { return nav_; }  // before it runs: a state is loaded
+
+  void cycle() noexcept;
+  // Puts a mark into the sequence with the next cycle: checkpoints, health, the end. From one other thread;
+  // false when too many wait.
+  [[nodiscard]] bool mark(const io::Mark& mark) noexcept { return marks_.push(mark); }
+
+  // By one reader each.
+  [[nodiscard]] bool readForBus(NavState& state) noexcept { return for_bus_.readNew(state); }
+  [[nodiscard]] bool readForSupervisor(NavState& state) noexcept { return for_supervisor_.read(state); }
+  // The end mark has been given to the recorder and to the soft tier; nothing follows it.
+  [[nodiscard]] bool ended() const noexcept { return ended_.load(std::memory_order_acquire); }
+  [[nodiscard]] std::uint64_t softRefused() const noexcept { return links_.soft->refused(); }
+
+ private:
+  static constexpr int kTickEvery = 10;          // cycles: 10 Hz at 100 Hz
+  static constexpr int kMostInputsACycle = 256;  // the rest waits for the next cycle
+
+  void give(const io::LiveInput& input) noexcept;
+  void follow(const io::LiveInput& input) noexcept;
+  void publish(std::int64_t now_ns) noexcept;
+
+  Links links_;
+  rt::Clock& clock_;
+  rt::StageTimes& stages_;
+  InputSequencer sequencer_;
+  NavFeed nav_;
+  rt::SpscRing<io::Mark, 32> marks_;
+  rt::LatestValue<NavState> for_bus_, for_supervisor_;
+  int cycles_ = 0;
+  std::uint64_t inputs_ = 0;
+  std::int64_t last_health_ns_ = 0;
+  std::atomic<bool> ended_{false};
+};
+
+}  // namespace fathom::onboard

@@ -1,0 +1,155 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <deque>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "firmware_if/recorder/recorder.hpp"
+#include "firmware_if/recorder/recorder_config.hpp"
+#include "realtime/kernel/health/stage_times.hpp"
+#include "realtime/kernel/heap_counter.hpp"
+#include "realtime/kernel/memory/memory_budget.hpp"
+#include "realtime/kernel/periodic_loop.hpp"
+#include "realtime/kernel/tiers/arming.hpp"
+#include "realtime/kernel/tiers/realtime_config.hpp"
+#include "realtime/kernel/tiers/rt_thread.hpp"
+#include "realtime/kernel/tiers/watchdog.hpp"
+#include "realtime/onboard/live/device_threads.hpp"
+#include "realtime/onboard/live/hard_tier.hpp"
+#include "realtime/onboard/live/soft_tier.hpp"
+#include "realtime/onboard/live/vehicle_clock.hpp"
+#include "realtime/onboard/slots/slot_file.hpp"
+
+namespace fathom::onboard {
+
+// What the vehicle has; any may be absent but the cameras.
+struct LiveDevices {
+  std::vector<std::unique_ptr<io::SampleSource>> samples;
+  std::unique_ptr<io::CameraSource> left, right;
+  std::unique_ptr<FramePort> modem;
+};
+
+struct LiveSetup {
+  std::filesystem::path folder;  // of the mission: mission.toml, stereo.calib; the recording goes there
+  OnboardConfig config;
+  rt::RealtimeConfig realtime;
+  rt::MemoryConfig memory;
+  io::RecorderConfig recorder;
+  rt::OverloadConfig overload;
+  io::MissionConfig mission;
+  StereoRig rig;
+};
+
+// The tiers wired together and run: devices, hard tier, soft tier, recorder, modem, each on its thread. What
+// it does to a mission is in the sequence of inputs alone; this class only moves it.
+class LiveSystem {
+ public:
+  // Everything that lives as long as the program is made here. Throws InputError, std::system_error.
+  LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock);
+  ~LiveSystem();
+  LiveSystem(const LiveSystem&) = delete;
+  LiveSystem& operator=(const LiveSystem&) = delete;
+
+  [[nodiscard]] const rt::MemoryBudget& budget() const { return budget_; }
+  // Starts every thread, locks memory, and lets the hard tier go if that was granted, or soft mode overrides.
+  [[nodiscard]] rt::ArmingResult arm(rt::HeapReserve& heap);
+
+  // What the supervisor does some times a second: watchdog, health flags, the system's clock. Returns a line
+  // for each thing that happened.
+  [[nodiscard]] std::vector<std::string> supervise();
+
+  // The survey ends: devices stop, what waits is worked off, poses and map become final.
+  void stop();
+  // onboard/ of the mission folder, with live.json. After stop().
+  // False when no pair gave a map: then there is no onboard/.
+  [[nodiscard]] bool write();
+
+  struct ThreadFigures {
+    std::string name;
+    double cpu_s = 0;
+  };
+  [[nodiscard]] std::vector<ThreadFigures> cpuTimes() const;
+  // After stop().
+  [[nodiscard]] const rt::PeriodicLoop::Statistics& hardLoop() const { return loop_->statistics(); }
+  // Of the hard tier since it was armed.
+  [[nodiscard]] rt::ThreadCost hardCost() const;
+  [[nodiscard]] std::vector<io::DeviceHealth> deviceHealth() const;
+  [[nodiscard]] io::Recorder& recorder() { return recorder_; }
+  [[nodiscard]] HardTier& hard() { return hard_; }
+  [[nodiscard]] SoftTier& soft() { return soft_; }
+  [[nodiscard]] MissionRun& run() { return *run_; }
+  [[nodiscard]] rt::StageTimes& hardStages() { return hard_stages_; }
+  [[nodiscard]] rt::StageTimes& softStages() { return soft_stages_; }
+  [[nodiscard]] const rt::Watchdog& watchdog() const { return watchdog_; }
+  [[nodiscard]] const rt::ArmingResult& arming() const { return arming_; }
+  // The last `seconds` of all tiers as a picture (SVG).
+  [[nodiscard]] std::string timeline(double seconds);
+  [[nodiscard]] std::uint64_t clockSteps() const { return clock_steps_; }
+
+ private:
+  struct Sample {
+    InputRing ring;
+    std::unique_ptr<SampleThread> thread;
+  };
+  struct Worker {
+    std::unique_ptr<rt::RtThread> thread;
+    std::function<void()> body;
+    std::size_t tier = 0;  // in the watchdog
+    std::string name;
+  };
+  struct Slots {
+    std::unique_ptr<SlotFile> features, meshes;
+  };
+
+  static Slots makeSlots(const LiveSetup& setup);
+  [[nodiscard]] std::size_t watch(const char* name, bool restartable, bool vital);
+  void addWorker(rt::Tier tier, const char* name, std::size_t watched, std::function<void()> body);
+  void planThreads();
+  void planMemory();
+  void runHard();
+  void runSoft();
+  void runRecorder();
+  void joinAll();
+  [[nodiscard]] unsigned roofHealth();
+
+  LiveSetup setup_;
+  LiveDevices devices_;
+  VehicleClock& clock_;
+  rt::Watchdog watchdog_;
+  rt::MemoryBudget budget_;
+  rt::ArmingResult arming_;
+  rt::TimelineTrack hard_track_, soft_track_, recorder_track_;
+  rt::StageTimes hard_stages_, soft_stages_, recorder_stages_;
+  io::Recorder recorder_;
+  SequenceRing sequence_;
+  ModemRing modem_ring_;
+  RingFramePort modem_port_;
+  std::array<InputRing, 3> own_rings_;  // left camera, right camera, modem
+  std::array<FrameRing, 2> frame_rings_;
+  std::deque<Sample> samples_;
+  std::unique_ptr<CameraThread> left_, right_;
+  std::unique_ptr<ModemThread> modem_;
+  OnboardOutput output_;
+  Slots slots_;
+  HeldFrames frames_;
+  std::unique_ptr<MissionRun> run_;
+  HardTier hard_;
+  SoftTier soft_;
+  std::optional<rt::PeriodicLoop> loop_;  // from the moment that it is let go
+  std::deque<Worker> workers_;
+  std::atomic<bool> go_{false}, stop_devices_{false}, stop_hard_{false}, stop_soft_{false},
+      stop_modem_{false}, stop_recorder_{false}, soft_done_{false};
+  std::atomic<std::uint64_t> hard_heap_calls_{0}, hard_minor_faults_{0}, hard_major_faults_{0};
+  bool stopped_ = false;
+  unsigned roof_health_ = UINT32_MAX;
+  std::uint64_t clock_steps_ = 0;
+  std::int64_t last_step_ns_ = 0;
+  std::int64_t begun_mono_ns_ = 0;
+  std::vector<ThreadFigures> final_cpu_;  // when the survey ended
+};
+
+}  // namespace fathom::onboard
