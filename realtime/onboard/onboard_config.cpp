@@ -79,7 +79,8 @@ void read(const ConfigTable& t, OnboardConfig& config) {
 
 }  // namespace
 
-OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path) {
+OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path,
+                                const io::MissionConfig& mission) {
   OnboardConfig config;
   config.map.max_level = 6;  // cells down to 3.1 cm where points are dense enough
   config.map.max_tiles = 8192;
@@ -104,6 +105,7 @@ OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path
   const ConfigTable output = root.table("output");
   config.odometry_interval = output.number("odometry_interval_s", config.odometry_interval, 0.01, 60);
   config.health_interval = output.number("health_interval_s", config.health_interval, 0.1, 60);
+  config.live = readLiveConfig(root, mission);
   root.finish();
   try {
     config.link.validate();

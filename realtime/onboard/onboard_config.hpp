@@ -6,6 +6,7 @@
 
 #include "firmware_if/mission.hpp"
 #include "realtime/onboard/link/link_core.hpp"
+#include "realtime/onboard/live/live_config.hpp"
 #include "realtime/onboard/map/map_core.hpp"
 #include "realtime/onboard/nav/nav_core.hpp"
 #include "telemetry/downlink_key.hpp"
@@ -28,12 +29,15 @@ struct OnboardConfig {
   double odometry_interval = 0.1;  // between rows of odometry.csv [s]
   double health_interval = 1.0;    // between rows of health.csv [s]
   std::optional<telemetry::DownlinkKey> downlink_key;  // of link.key_file; absent: requests are refused
+  LiveConfig live;                                     // devices, recorder, real time, memory
   std::string warning;                                 // about the key file, or ""
   std::string text;                                    // of the file, verbatim
 };
 
 // Without a path: the defaults. Throws InputError for an unknown key or a value out of range.
-[[nodiscard]] OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path);
+// `mission`: what device tables take their defaults from.
+[[nodiscard]] OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path,
+                                              const io::MissionConfig& mission = {});
 
 // The cores' own configurations for one mission.
 [[nodiscard]] NavCoreConfig navCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission);

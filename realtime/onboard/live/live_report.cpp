@@ -110,16 +110,16 @@ void LiveSystem::planMemory() {
   });
   budget_.addFixed("rings of devices", sizeof(own_rings_) + sizeof(frame_rings_) + sizeof(modem_ring_) +
                                            samples_.size() * sizeof(InputRing));
-  budget_.addFixed("recorder", setup_.recorder.raw_lanes * setup_.recorder.raw_queue_kib * 1024);
+  budget_.addFixed("recorder", setup_.config.live.recorder.raw_lanes * setup_.config.live.recorder.raw_queue_kib * 1024);
   std::size_t stacks = 0;
   for (const Worker& worker : workers_) stacks += worker.thread->stackBytes();
   budget_.addFixed("stacks", stacks);
-  budget_.addFixed("heap of libraries and reports", setup_.memory.heap_bytes);
+  budget_.addFixed("heap of libraries and reports", setup_.config.live.memory.heap_bytes);
   // What is not above and lives as long as the program: its text, its libraries', stereo's and lighting's
   // images.
   rt::ProcessMemory process;
   rt::ProcessFigures now;
-  const std::size_t planned = budget_.plannedBytes() - setup_.memory.heap_bytes;
+  const std::size_t planned = budget_.plannedBytes() - setup_.config.live.memory.heap_bytes;
   if (process.read(now) && now.resident > planned)
     budget_.addFixed("program, libraries, images under way", now.resident - planned);
 }
@@ -157,8 +157,8 @@ std::string LiveSystem::timeline(double seconds) {
   picture.from_ns = now - span;
   picture.to_ns = now;
   const auto note = [&](rt::Tier tier) {
-    const rt::ThreadConfig c = rt::threadConfig(setup_.realtime, tier, "");
-    return c.fifo_priority > 0 && !setup_.realtime.soft ? "SCHED_FIFO " + std::to_string(c.fifo_priority)
+    const rt::ThreadConfig c = rt::threadConfig(setup_.config.live.realtime, tier, "");
+    return c.fifo_priority > 0 && !setup_.config.live.realtime.soft ? "SCHED_FIFO " + std::to_string(c.fifo_priority)
                                                         : std::string("best effort");
   };
   picture.rows.push_back(
@@ -177,7 +177,7 @@ bool LiveSystem::write() {
   if (!run_->write(0, wall_s)) return false;
   nlohmann::ordered_json live;
   live["wall_s"] = wall_s;
-  live["soft"] = setup_.realtime.soft;
+  live["soft"] = setup_.config.live.realtime.soft;
   live["missing"] = arming_.missingNames();
   const rt::PeriodicLoop::Statistics& loop = loop_->statistics();
   live["hard_loop"] = {{"cycles", loop.cycles},

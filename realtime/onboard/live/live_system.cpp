@@ -50,12 +50,12 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock
     : setup_(std::move(setup)),
       devices_(std::move(devices)),
       clock_(clock),
-      budget_(setup_.memory.budget_bytes),
+      budget_(setup_.config.live.memory.budget_bytes),
       hard_stages_(HardTier::kStageSpecs, &hard_track_),
       soft_stages_(SoftTier::stageSpecs(), &soft_track_),
       recorder_stages_(kRecorderStages, &recorder_track_),
       recorder_(
-          setup_.folder, setup_.mission, setup_.rig, setup_.recorder,
+          setup_.folder, setup_.mission, setup_.rig, setup_.config.live.recorder,
           [this](const io::CameraFrame& f) {
             return (f.side == CameraSide::kLeft ? devices_.left : devices_.right)->view(f);
           },
@@ -66,8 +66,8 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock
       output_(io::MissionPaths(setup_.folder).onboard(), setup_.mission.origin),
       slots_(makeSlots(setup_)),
       frames_(frame_rings_[0], *devices_.left, frame_rings_[1], *devices_.right,
-              std::min(heldFrames(*devices_.left, setup_.recorder),
-                       heldFrames(*devices_.right, setup_.recorder))),
+              std::min(heldFrames(*devices_.left, setup_.config.live.recorder),
+                       heldFrames(*devices_.right, setup_.config.live.recorder))),
       run_(std::make_unique<MissionRun>(
           MissionRun::Setup{
               setup_.config,
@@ -79,7 +79,7 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock
               {}},
           output_)),
       hard_(navCoreConfig(setup_.config, setup_.mission), {&recorder_, &sequence_}, clock_, hard_stages_),
-      soft_(*run_, {&sequence_, &frames_, &recorder_}, setup_.overload, pairPeriod(setup_.mission), clock_,
+      soft_(*run_, {&sequence_, &frames_, &recorder_}, setup_.config.live.overload, pairPeriod(setup_.mission), clock_,
             soft_stages_) {
   for (InputRing& ring : own_rings_) hard_.sequencer().add(ring);
   planThreads();
@@ -94,11 +94,11 @@ LiveSystem::~LiveSystem() {
 }
 
 std::size_t LiveSystem::watch(const char* name, bool restartable, bool vital) {
-  return watchdog_.add({name, setup_.realtime.stuck_after_ns, restartable, vital});
+  return watchdog_.add({name, setup_.config.live.realtime.stuck_after_ns, restartable, vital});
 }
 
 void LiveSystem::addWorker(rt::Tier tier, const char* name, std::size_t watched, std::function<void()> body) {
-  workers_.push_back({std::make_unique<rt::RtThread>(rt::threadConfig(setup_.realtime, tier, name)),
+  workers_.push_back({std::make_unique<rt::RtThread>(rt::threadConfig(setup_.config.live.realtime, tier, name)),
                       std::move(body), watched, name});
 }
 
@@ -143,7 +143,7 @@ void LiveSystem::planThreads() {
 void LiveSystem::runHard() {
   rt::Heartbeat& heart = watchdog_.heartbeat(workers_.back().tier);
   while (!go_.load(std::memory_order_acquire)) restFor(kRestNs);
-  loop_.emplace(clock_, setup_.realtime.period_ns);
+  loop_.emplace(clock_, setup_.config.live.realtime.period_ns);
   // The first cycles touch what was never touched before.
   constexpr int kWarmCycles = 50;
   int cycles = 0;
@@ -190,7 +190,7 @@ void LiveSystem::runRecorder() {
 
 rt::ArmingResult LiveSystem::arm(rt::HeapReserve& heap) {
   for (Worker& worker : workers_) (void)worker.thread->start(worker.body);
-  arming_ = rt::arm(setup_.realtime, budget_, heap, setup_.memory.heap_bytes);
+  arming_ = rt::arm(setup_.config.live.realtime, budget_, heap, setup_.config.live.memory.heap_bytes);
   if (!arming_.armed()) return arming_;
   begun_mono_ns_ = clock_.monotonicNs();
   for (const Worker& worker : workers_) watchdog_.watch(worker.tier, begun_mono_ns_);

@@ -36,10 +36,6 @@ struct LiveDevices {
 struct LiveSetup {
   std::filesystem::path folder;  // of the mission: mission.toml, stereo.calib; the recording goes there
   OnboardConfig config;
-  rt::RealtimeConfig realtime;
-  rt::MemoryConfig memory;
-  io::RecorderConfig recorder;
-  rt::OverloadConfig overload;
   io::MissionConfig mission;
   StereoRig rig;
 };

@@ -1,0 +1,37 @@
+#include "realtime/onboard/live/live_config.hpp"
+
+#include "firmware_if/devices/device_address.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+rt::OverloadConfig readOverload(const ConfigTable& t) {
+  rt::OverloadConfig c;
+  const auto whole = [&](const char* key, int fallback, int min, int max) {
+    return static_cast<int>(t.integer(key, fallback, min, max));
+  };
+  c.raise_at = t.number("raise_at", c.raise_at, 0.1, 10);
+  c.lower_at = t.number("lower_at", c.lower_at, 0.01, c.raise_at);
+  c.raise_after = whole("raise_after", c.raise_after, 1, 100);
+  c.lower_after = whole("lower_after", c.lower_after, 1, 1000);
+  c.waiting_limit = whole("waiting_limit", c.waiting_limit, 1, 100);
+  c.drop_waiting = whole("drop_waiting", c.drop_waiting, c.waiting_limit, 100);
+  return c;
+}
+
+}  // namespace
+
+LiveConfig readLiveConfig(const ConfigTable& root, const io::MissionConfig& mission) {
+  LiveConfig c;
+  c.cameras = io::readCameraConfig(root.table("cameras"), mission, c.cameras);
+  c.dvl = io::readDvlConfig(root.table("dvl"), c.dvl);
+  c.modem = io::readDeviceAddress(root.table("modem"), "device", "", false);
+  c.recorder = io::readRecorderConfig(root.table("recorder"), c.recorder);
+  c.realtime = rt::readRealtimeConfig(root.table("realtime"), c.realtime);
+  c.memory = rt::readMemoryConfig(root.table("memory"), c.memory);
+  c.overload = readOverload(root.table("overload"));
+  c.checkpoint_s = root.table("restart").number("checkpoint_s", c.checkpoint_s, 1, 600);
+  return c;
+}
+
+}  // namespace fathom::onboard

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <string>
+
+#include "firmware_if/camera/camera_config.hpp"
+#include "firmware_if/dvl/dvl_source.hpp"
+#include "firmware_if/mission.hpp"
+#include "firmware_if/recorder/recorder_config.hpp"
+#include "realtime/kernel/config_table.hpp"
+#include "realtime/kernel/memory/heap_reserve.hpp"
+#include "realtime/kernel/tiers/overload_rule.hpp"
+#include "realtime/kernel/tiers/realtime_config.hpp"
+
+namespace fathom::onboard {
+
+// What only a live run needs of onboard.toml: the devices, the recorder, real time and memory. A replay reads it too,
+// so that the same file serves both, and leaves it alone.
+struct LiveConfig {
+  io::StereoCameraConfig cameras;
+  io::DvlConfig dvl;
+  std::string modem;  // serial:DEVICE:BAUD or udp:HOST:PORT; empty: none
+  io::RecorderConfig recorder;
+  rt::RealtimeConfig realtime;
+  rt::MemoryConfig memory;
+  rt::OverloadConfig overload;
+  double checkpoint_s = 10;  // between two saved states
+};
+
+// From the root table; throws InputError.
+[[nodiscard]] LiveConfig readLiveConfig(const ConfigTable& root, const io::MissionConfig& mission);
+
+}  // namespace fathom::onboard

@@ -1,0 +1,139 @@
+#include "realtime/onboard/live/live_run.hpp"
+
+#include <csignal>
+#include <cstdio>
+#include <ctime>
+
+#include "firmware_if/camera/gige_camera.hpp"
+#include "firmware_if/devices/device_address.hpp"
+#include "firmware_if/dvl/dvl_source.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/tiers/service_notify.hpp"
+#include "realtime/onboard/live/live_system.hpp"
+#include "recon/geometry/atomic_file.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+constexpr double kSupervise_s = 0.1;
+constexpr double kStatusEvery_s = 10;
+constexpr double kTimeline_s = 1;
+
+volatile std::sig_atomic_t told_to_end = 0;
+
+void onSignal(int) {
+  told_to_end = 1;
+}
+
+// The thread's own signals, set before any thread begins so that all inherit nothing surprising.
+void listenToSignals() {
+  struct sigaction action = {};
+  action.sa_handler = onSignal;
+  ::sigaction(SIGTERM, &action, nullptr);
+  ::sigaction(SIGINT, &action, nullptr);
+}
+
+void pause(double seconds) {
+  const timespec time = {static_cast<time_t>(seconds), static_cast<long>((seconds - static_cast<time_t>(seconds)) * 1e9)};
+  ::clock_nanosleep(CLOCK_MONOTONIC, 0, &time, nullptr);
+}
+
+LiveDevices openDevices(const LiveConfig& config, const VehicleClock& clock) {
+  const auto now = [&clock] { return clock.utcNs(); };
+  LiveDevices devices;
+  if (!config.dvl.device.empty()) devices.samples.push_back(std::make_unique<io::DvlSource>(config.dvl, now));
+  devices.left = std::make_unique<io::GigeCamera>(config.cameras.side[0], now);
+  devices.right = std::make_unique<io::GigeCamera>(config.cameras.side[1], now);
+  if (!config.modem.empty()) devices.modem = io::openFramePort(config.modem, "[modem] device");
+  return devices;
+}
+
+std::string statusLine(LiveSystem& live, double since_s) {
+  MapState map;
+  NavState nav;
+  (void)live.soft().readForSupervisor(map);
+  (void)live.hard().readForSupervisor(nav);
+  char text[300];
+  std::snprintf(text, sizeof text,
+                "%.0f s: %llu pairs mapped, %.0f m2, level %d, lag %.0f ms; altitude %s, DVL %.1f s ago; "
+                "%llu frames sent; recorded %.1f GB, %.0f GB free",
+                since_s, static_cast<unsigned long long>(map.pairs), map.mapped_area, static_cast<int>(map.level),
+                static_cast<double>(map.lag_ns) * 1e-6, nav.altitude ? "known" : "unknown", nav.health.dvl_age,
+                static_cast<unsigned long long>(map.link_frames),
+                static_cast<double>(live.recorder().counters().bytes) * 1e-9, live.recorder().diskFreeMib() / 1024);
+  return text;
+}
+
+void watchOver(LiveSystem& live, const LiveOptions& options, const VehicleClock& clock) {
+  const std::int64_t begin = clock.monotonicNs();
+  double next_status = kStatusEvery_s;
+  while (told_to_end == 0) {
+    pause(kSupervise_s);
+    for (const std::string& event : live.supervise()) std::fprintf(stderr, "fathom-onboard: %s\n", event.c_str());
+    if (live.watchdog().vitalAlive()) rt::ServiceNotify::alive();
+    const double since_s = static_cast<double>(clock.monotonicNs() - begin) * 1e-9;
+    if (options.for_s > 0 && since_s >= options.for_s) return;
+    if (since_s < next_status) continue;
+    next_status += kStatusEvery_s;
+    const std::string line = statusLine(live, since_s);
+    rt::ServiceNotify::status(line);
+    std::fprintf(stderr, "%s\n", line.c_str());
+  }
+}
+
+}  // namespace
+
+int runLive(const LiveOptions& options) {
+  const io::MissionConfig mission = io::readMissionConfig(options.folder);
+  const StereoRig rig = readStereoCalib(io::MissionPaths(options.folder).calib());
+  OnboardConfig config = readOnboardConfig(options.config, mission);
+  if (!config.warning.empty()) std::fprintf(stderr, "fathom-onboard: warning: %s\n", config.warning.c_str());
+  if (options.soft) config.live.realtime.soft = true;
+  if (!config.live.cameras.used())
+    throw InputError(options.config ? options.config->string() : "no --config", "[cameras]",
+                     "names no cameras; give left_id and right_id");
+  if (const std::string warning = io::plannedRoomWarning(config.live.recorder, mission, rig, options.folder);
+      !warning.empty())
+    std::fprintf(stderr, "fathom-onboard: warning: %s\n", warning.c_str());
+  (void)rt::setLibraryStackBytes(config.live.realtime.library_stack_bytes);
+  listenToSignals();
+
+  VehicleClock clock(VehicleClock::systemOffsetNs());
+  LiveSystem live({options.folder, config, mission, rig}, openDevices(config.live, clock), clock);
+  rt::HeapReserve heap;
+  std::fprintf(stderr, "%s", live.budget().table(false).c_str());
+  if (options.print_budget) return kExitSuccess;
+  const rt::ArmingResult arming = live.arm(heap);
+  if (!arming.complete()) std::fprintf(stderr, "%s", arming.message().c_str());
+  if (!arming.armed()) return kExitFailure;
+  if (arming.complete())
+    std::fprintf(stderr, "armed with SCHED_FIFO and locked memory\n");
+  else
+    std::fprintf(stderr, "armed in SOFT mode: without %s\n", arming.missingNames().c_str());
+  std::printf("armed\n");
+  std::fflush(stdout);
+  rt::ServiceNotify::ready(arming.complete() ? "armed" : "armed in soft mode");
+
+  watchOver(live, options, clock);
+  rt::ServiceNotify::stopping();
+  const std::string picture = options.timeline ? live.timeline(kTimeline_s) : "";
+  live.stop();
+  const bool mapped = live.write();
+  if (options.timeline) {
+    AtomicFile file(*options.timeline);
+    file.stream() << picture;
+    file.commit();
+  }
+  std::fprintf(stderr, "%s", live.budget().table(true).c_str());
+  const RunSummary s = live.run().summary();
+  std::printf("%.0f s live: %llu of %llu pairs mapped, %.0f m2; %llu frames, %llu bytes sent, %llu received\n", s.mission_s,
+              static_cast<unsigned long long>(s.pairs_used), static_cast<unsigned long long>(s.pairs), s.mapped_area,
+              static_cast<unsigned long long>(s.frames), static_cast<unsigned long long>(s.frame_bytes),
+              static_cast<unsigned long long>(s.frames_received));
+  if (mapped) return kExitSuccess;
+  std::fprintf(stderr, "fathom-onboard: no stereo pair gave a map; the recording in %s is whole\n",
+               options.folder.c_str());
+  return kExitFailure;
+}
+
+}  // namespace fathom::onboard
