@@ -18,14 +18,17 @@ int main(int argc, char** argv) {
   std::string folder, mission, config, timeline;
   onboard::LiveOptions live;
   onboard::ReplayCommand replay;
-  CLI::Option* live_option =
-      app.add_option("--live", folder, "Dive now: folder with mission.toml and stereo.calib; is recorded into");
+  CLI::Option* live_option = app.add_option(
+      "--live", folder, "Dive now: folder with mission.toml and stereo.calib; is recorded into");
   CLI::Option* replay_option =
-      app.add_option("--replay", mission, "Mission folder to feed to the onboard cores")->excludes(live_option);
+      app.add_option("--replay", mission, "Mission folder to feed to the onboard cores")
+          ->excludes(live_option);
   app.add_option("--config", config, "Configuration (TOML); default: built-in values");
-  app.add_flag("--soft", live.soft, "Arm without what real time needs and the machine refuses; every status says so")
+  app.add_flag("--soft", live.soft,
+               "Arm without what real time needs and the machine refuses; every status says so")
       ->needs(live_option);
-  app.add_flag("--print-budget", live.print_budget, "Show the memory of every pool and end")->needs(live_option);
+  app.add_flag("--print-budget", live.print_budget, "Show the memory of every pool and end")
+      ->needs(live_option);
   app.add_option("--for", live.for_s, "End the survey after so many seconds; default: at SIGTERM or SIGINT")
       ->check(CLI::Range(0.0, 1e6))
       ->needs(live_option);
@@ -36,7 +39,8 @@ int main(int argc, char** argv) {
   if (!folder.empty()) (void)rt::HeapReserve::takeOverAllocator();
   return runTool("fathom-onboard", [&] {
     if (folder.empty() && mission.empty())
-      throw InputError("fathom-onboard", "", "give --live FOLDER to dive or --replay MISSION; --help shows all");
+      throw InputError("fathom-onboard", "",
+                       "give --live FOLDER to dive or --replay MISSION; --help shows all");
     if (folder.empty()) return replay.run(mission, config);
     live.folder = folder;
     if (!config.empty()) live.config = config;

@@ -48,7 +48,7 @@ void ReplayCommand::addOptions(CLI::App& app, CLI::Option* replay) {
 }
 
 int ReplayCommand::run(const std::string& mission, const std::string& config) {
-    options_.mission = mission;
+  options_.mission = mission;
   if (!config.empty()) options_.config = config;
   if (!out_.empty()) options_.out = out_;
   const auto port = modem_.empty() ? nullptr : io::openFramePort(modem_, "--modem " + modem_);
@@ -72,7 +72,7 @@ int ReplayCommand::run(const std::string& mission, const std::string& config) {
     ship->finish();
     const sim::SimulatedShip::Summary w = ship->summary();
     std::printf(
-        "simulated ship: heard_ %llu of %llu frames (%llu collided), repaired %llu; %llu of %llu answers "
+        "simulated ship: heard %llu of %llu frames (%llu collided), repaired %llu; %llu of %llu answers "
         "heard\n",
         static_cast<unsigned long long>(w.heard), static_cast<unsigned long long>(w.sent),
         static_cast<unsigned long long>(w.collided), static_cast<unsigned long long>(w.repaired),

@@ -25,6 +25,9 @@ LiveConfig readLiveConfig(const ConfigTable& root, const io::MissionConfig& miss
   LiveConfig c;
   c.cameras = io::readCameraConfig(root.table("cameras"), mission, c.cameras);
   c.dvl = io::readDvlConfig(root.table("dvl"), c.dvl);
+  c.can = io::readCanConfig(root.table("can"), c.can);
+  c.can.samples.latitude = mission.origin.latitude;
+  c.lcm = io::readLcmConfig(root.table("lcm"), c.lcm);
   c.modem = io::readDeviceAddress(root.table("modem"), "device", "", false);
   c.recorder = io::readRecorderConfig(root.table("recorder"), c.recorder);
   c.realtime = rt::readRealtimeConfig(root.table("realtime"), c.realtime);

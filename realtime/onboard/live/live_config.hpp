@@ -3,7 +3,9 @@
 #include <string>
 
 #include "firmware_if/camera/camera_config.hpp"
+#include "firmware_if/can/bus/can_config.hpp"
 #include "firmware_if/dvl/dvl_source.hpp"
+#include "firmware_if/lcm_bus/lcm_source.hpp"
 #include "firmware_if/mission.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
 #include "realtime/kernel/config_table.hpp"
@@ -13,11 +15,13 @@
 
 namespace fathom::onboard {
 
-// What only a live run needs of onboard.toml: the devices, the recorder, real time and memory. A replay reads it too,
-// so that the same file serves both, and leaves it alone.
+// What only a live run needs of onboard.toml: the devices, the recorder, real time and memory. A replay reads
+// it too, so that the same file serves both, and leaves it alone.
 struct LiveConfig {
   io::StereoCameraConfig cameras;
   io::DvlConfig dvl;
+  io::CanConfig can;
+  io::LcmConfig lcm;
   std::string modem;  // serial:DEVICE:BAUD or udp:HOST:PORT; empty: none
   io::RecorderConfig recorder;
   rt::RealtimeConfig realtime;

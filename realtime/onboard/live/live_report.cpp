@@ -110,7 +110,8 @@ void LiveSystem::planMemory() {
   });
   budget_.addFixed("rings of devices", sizeof(own_rings_) + sizeof(frame_rings_) + sizeof(modem_ring_) +
                                            samples_.size() * sizeof(InputRing));
-  budget_.addFixed("recorder", setup_.config.live.recorder.raw_lanes * setup_.config.live.recorder.raw_queue_kib * 1024);
+  budget_.addFixed("recorder",
+                   setup_.config.live.recorder.raw_lanes * setup_.config.live.recorder.raw_queue_kib * 1024);
   std::size_t stacks = 0;
   for (const Worker& worker : workers_) stacks += worker.thread->stackBytes();
   budget_.addFixed("stacks", stacks);
@@ -158,8 +159,9 @@ std::string LiveSystem::timeline(double seconds) {
   picture.to_ns = now;
   const auto note = [&](rt::Tier tier) {
     const rt::ThreadConfig c = rt::threadConfig(setup_.config.live.realtime, tier, "");
-    return c.fifo_priority > 0 && !setup_.config.live.realtime.soft ? "SCHED_FIFO " + std::to_string(c.fifo_priority)
-                                                        : std::string("best effort");
+    return c.fifo_priority > 0 && !setup_.config.live.realtime.soft
+               ? "SCHED_FIFO " + std::to_string(c.fifo_priority)
+               : std::string("best effort");
   };
   picture.rows.push_back(
       rt::timelineRow("navigation", note(rt::Tier::kHard), hard_stages_, hard_track_, now, span));

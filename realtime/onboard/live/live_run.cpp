@@ -5,11 +5,14 @@
 #include <ctime>
 
 #include "firmware_if/camera/gige_camera.hpp"
+#include "firmware_if/can/bus/can_source.hpp"
 #include "firmware_if/devices/device_address.hpp"
 #include "firmware_if/dvl/dvl_source.hpp"
+#include "firmware_if/lcm_bus/lcm_source.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/tiers/service_notify.hpp"
 #include "realtime/onboard/live/live_system.hpp"
+#include "realtime/onboard/live/status_publisher.hpp"
 #include "recon/geometry/atomic_file.hpp"
 
 namespace fathom::onboard {
@@ -18,6 +21,7 @@ namespace {
 constexpr double kSupervise_s = 0.1;
 constexpr double kStatusEvery_s = 10;
 constexpr double kTimeline_s = 1;
+constexpr std::int64_t kPublisherRest_ns = 50'000'000;
 
 volatile std::sig_atomic_t told_to_end = 0;
 
@@ -34,14 +38,20 @@ void listenToSignals() {
 }
 
 void pause(double seconds) {
-  const timespec time = {static_cast<time_t>(seconds), static_cast<long>((seconds - static_cast<time_t>(seconds)) * 1e9)};
+  const timespec time = {static_cast<time_t>(seconds),
+                         static_cast<long>((seconds - static_cast<time_t>(seconds)) * 1e9)};
   ::clock_nanosleep(CLOCK_MONOTONIC, 0, &time, nullptr);
 }
 
-LiveDevices openDevices(const LiveConfig& config, const VehicleClock& clock) {
+LiveDevices openDevices(const LiveConfig& config, const io::MissionConfig& mission,
+                        const std::shared_ptr<io::LcmBus>& bus, const VehicleClock& clock) {
   const auto now = [&clock] { return clock.utcNs(); };
   LiveDevices devices;
   if (!config.dvl.device.empty()) devices.samples.push_back(std::make_unique<io::DvlSource>(config.dvl, now));
+  if (!config.can.interface.empty())
+    devices.samples.push_back(std::make_unique<io::CanSource>(config.can, clock));
+  if (bus)
+    devices.samples.push_back(std::make_unique<io::LcmSource>(config.lcm, bus, mission.vehicle_name, now));
   devices.left = std::make_unique<io::GigeCamera>(config.cameras.side[0], now);
   devices.right = std::make_unique<io::GigeCamera>(config.cameras.side[1], now);
   if (!config.modem.empty()) devices.modem = io::openFramePort(config.modem, "[modem] device");
@@ -54,13 +64,14 @@ std::string statusLine(LiveSystem& live, double since_s) {
   (void)live.soft().readForSupervisor(map);
   (void)live.hard().readForSupervisor(nav);
   char text[300];
-  std::snprintf(text, sizeof text,
-                "%.0f s: %llu pairs mapped, %.0f m2, level %d, lag %.0f ms; altitude %s, DVL %.1f s ago; "
-                "%llu frames sent; recorded %.1f GB, %.0f GB free",
-                since_s, static_cast<unsigned long long>(map.pairs), map.mapped_area, static_cast<int>(map.level),
-                static_cast<double>(map.lag_ns) * 1e-6, nav.altitude ? "known" : "unknown", nav.health.dvl_age,
-                static_cast<unsigned long long>(map.link_frames),
-                static_cast<double>(live.recorder().counters().bytes) * 1e-9, live.recorder().diskFreeMib() / 1024);
+  std::snprintf(
+      text, sizeof text,
+      "%.0f s: %llu pairs mapped, %.0f m2, level %d, lag %.0f ms; altitude %s, DVL %.1f s ago; "
+      "%llu frames sent; recorded %.1f GB, %.0f GB free",
+      since_s, static_cast<unsigned long long>(map.pairs), map.mapped_area, static_cast<int>(map.level),
+      static_cast<double>(map.lag_ns) * 1e-6, nav.altitude ? "known" : "unknown", nav.health.dvl_age,
+      static_cast<unsigned long long>(map.link_frames),
+      static_cast<double>(live.recorder().counters().bytes) * 1e-9, live.recorder().diskFreeMib() / 1024);
   return text;
 }
 
@@ -69,7 +80,8 @@ void watchOver(LiveSystem& live, const LiveOptions& options, const VehicleClock&
   double next_status = kStatusEvery_s;
   while (told_to_end == 0) {
     pause(kSupervise_s);
-    for (const std::string& event : live.supervise()) std::fprintf(stderr, "fathom-onboard: %s\n", event.c_str());
+    for (const std::string& event : live.supervise())
+      std::fprintf(stderr, "fathom-onboard: %s\n", event.c_str());
     if (live.watchdog().vitalAlive()) rt::ServiceNotify::alive();
     const double since_s = static_cast<double>(clock.monotonicNs() - begin) * 1e-9;
     if (options.for_s > 0 && since_s >= options.for_s) return;
@@ -99,13 +111,21 @@ int runLive(const LiveOptions& options) {
   listenToSignals();
 
   VehicleClock clock(VehicleClock::systemOffsetNs());
-  LiveSystem live({options.folder, config, mission, rig}, openDevices(config.live, clock), clock);
+  std::shared_ptr<io::LcmBus> bus;
+  if (!config.live.lcm.url.empty()) bus = std::make_shared<io::LcmBus>(config.live.lcm.url);
+  LiveSystem live({options.folder, config, mission, rig}, openDevices(config.live, mission, bus, clock),
+                  clock);
+  std::unique_ptr<StatusPublisher> publisher;
+  const std::size_t lane = live.addBestEffort(
+      "publisher", [&publisher] { publisher->step(); }, kPublisherRest_ns);
+  publisher = std::make_unique<StatusPublisher>(
+      live, bus, mission, options.folder, StatusPublisher::Config{config.live.lcm.publish_hz, lane}, clock);
   rt::HeapReserve heap;
   std::fprintf(stderr, "%s", live.budget().table(false).c_str());
   if (options.print_budget) return kExitSuccess;
   const rt::ArmingResult arming = live.arm(heap);
   if (!arming.complete()) std::fprintf(stderr, "%s", arming.message().c_str());
-  if (!arming.armed()) return kExitFailure;
+  if (!arming.armed()) return kExitFailedWork;
   if (arming.complete())
     std::fprintf(stderr, "armed with SCHED_FIFO and locked memory\n");
   else
@@ -126,14 +146,15 @@ int runLive(const LiveOptions& options) {
   }
   std::fprintf(stderr, "%s", live.budget().table(true).c_str());
   const RunSummary s = live.run().summary();
-  std::printf("%.0f s live: %llu of %llu pairs mapped, %.0f m2; %llu frames, %llu bytes sent, %llu received\n", s.mission_s,
-              static_cast<unsigned long long>(s.pairs_used), static_cast<unsigned long long>(s.pairs), s.mapped_area,
-              static_cast<unsigned long long>(s.frames), static_cast<unsigned long long>(s.frame_bytes),
-              static_cast<unsigned long long>(s.frames_received));
+  std::printf(
+      "%.0f s live: %llu of %llu pairs mapped, %.0f m2; %llu frames, %llu bytes sent, %llu received\n",
+      s.mission_s, static_cast<unsigned long long>(s.pairs_used), static_cast<unsigned long long>(s.pairs),
+      s.mapped_area, static_cast<unsigned long long>(s.frames),
+      static_cast<unsigned long long>(s.frame_bytes), static_cast<unsigned long long>(s.frames_received));
   if (mapped) return kExitSuccess;
   std::fprintf(stderr, "fathom-onboard: no stereo pair gave a map; the recording in %s is whole\n",
                options.folder.c_str());
-  return kExitFailure;
+  return kExitFailedWork;
 }
 
 }  // namespace fathom::onboard

@@ -79,8 +79,8 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock
               {}},
           output_)),
       hard_(navCoreConfig(setup_.config, setup_.mission), {&recorder_, &sequence_}, clock_, hard_stages_),
-      soft_(*run_, {&sequence_, &frames_, &recorder_}, setup_.config.live.overload, pairPeriod(setup_.mission), clock_,
-            soft_stages_) {
+      soft_(*run_, {&sequence_, &frames_, &recorder_}, setup_.config.live.overload,
+            pairPeriod(setup_.mission), clock_, soft_stages_) {
   for (InputRing& ring : own_rings_) hard_.sequencer().add(ring);
   planThreads();
   planMemory();
@@ -98,8 +98,9 @@ std::size_t LiveSystem::watch(const char* name, bool restartable, bool vital) {
 }
 
 void LiveSystem::addWorker(rt::Tier tier, const char* name, std::size_t watched, std::function<void()> body) {
-  workers_.push_back({std::make_unique<rt::RtThread>(rt::threadConfig(setup_.config.live.realtime, tier, name)),
-                      std::move(body), watched, name});
+  workers_.push_back(
+      {std::make_unique<rt::RtThread>(rt::threadConfig(setup_.config.live.realtime, tier, name)),
+       std::move(body), watched, name});
 }
 
 void LiveSystem::planThreads() {
@@ -107,14 +108,13 @@ void LiveSystem::planThreads() {
   addWorker(rt::Tier::kBestEffort, "recorder", recording, [this] { runRecorder(); });
   const std::size_t vision = watch("vision", false, false);
   addWorker(rt::Tier::kSoft, "vision", vision, [this] { runSoft(); });
-  std::size_t lane = 0;
   for (const auto& source : devices_.samples) {
     Sample& sample = samples_.emplace_back();
     hard_.sequencer().add(sample.ring);
     const io::DeviceHealth health = source->health();
     const std::size_t tier = watch(health.name.data(), true, false);
     sample.thread = std::make_unique<SampleThread>(
-        *source, SampleThread::Links{&sample.ring, &recorder_, lane++, &watchdog_.heartbeat(tier)}, clock_);
+        *source, SampleThread::Links{&sample.ring, &recorder_, lanes_++, &watchdog_.heartbeat(tier)}, clock_);
     addWorker(rt::Tier::kDevice, health.name.data(), tier,
               [this, &sample] { sample.thread->run(stop_devices_); });
   }
@@ -132,16 +132,29 @@ void LiveSystem::planThreads() {
     const std::size_t tier = watch("modem", true, false);
     modem_ = std::make_unique<ModemThread>(
         *devices_.modem,
-        ModemThread::Links{&modem_ring_, &own_rings_[2], &recorder_, lane++, &watchdog_.heartbeat(tier)},
+        ModemThread::Links{&modem_ring_, &own_rings_[2], &recorder_, lanes_++, &watchdog_.heartbeat(tier)},
         clock_);
     addWorker(rt::Tier::kBestEffort, "modem", tier, [this] { modem_->run(stop_modem_); });
   }
   const std::size_t navigation = watch("navigation", false, true);
-  addWorker(rt::Tier::kHard, "navigation", navigation, [this] { runHard(); });
+  addWorker(rt::Tier::kHard, "navigation", navigation,
+            [this, navigation] { runHard(watchdog_.heartbeat(navigation)); });
 }
 
-void LiveSystem::runHard() {
-  rt::Heartbeat& heart = watchdog_.heartbeat(workers_.back().tier);
+std::size_t LiveSystem::addBestEffort(const char* name, std::function<void()> step, std::int64_t rest_ns) {
+  const std::size_t tier = watch(name, true, false);
+  rt::Heartbeat& heart = watchdog_.heartbeat(tier);
+  addWorker(rt::Tier::kBestEffort, name, tier, [this, &heart, step = std::move(step), rest_ns] {
+    while (!stop_devices_.load(std::memory_order_acquire)) {
+      step();
+      heart.beat(clock_.monotonicNs());
+      restFor(rest_ns);
+    }
+  });
+  return lanes_++;
+}
+
+void LiveSystem::runHard(rt::Heartbeat& heart) {
   while (!go_.load(std::memory_order_acquire)) restFor(kRestNs);
   loop_.emplace(clock_, setup_.config.live.realtime.period_ns);
   // The first cycles touch what was never touched before.

@@ -4,7 +4,9 @@
 #include <cstdint>
 #include <deque>
 #include <filesystem>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -80,6 +82,12 @@ class LiveSystem {
   [[nodiscard]] MissionRun& run() { return *run_; }
   [[nodiscard]] rt::StageTimes& hardStages() { return hard_stages_; }
   [[nodiscard]] rt::StageTimes& softStages() { return soft_stages_; }
+  [[nodiscard]] rt::StageTimes& recorderStages() { return recorder_stages_; }
+  [[nodiscard]] const ModemThread* modem() const { return modem_.get(); }
+  [[nodiscard]] const OnboardConfig& config() const { return setup_.config; }
+  // Another best-effort thread that runs until the devices stop, watched like the others. Before arm(); its
+  // lane of the recorder.
+  std::size_t addBestEffort(const char* name, std::function<void()> step, std::int64_t rest_ns);
   [[nodiscard]] const rt::Watchdog& watchdog() const { return watchdog_; }
   [[nodiscard]] const rt::ArmingResult& arming() const { return arming_; }
   // The last `seconds` of all tiers as a picture (SVG).
@@ -106,7 +114,7 @@ class LiveSystem {
   void addWorker(rt::Tier tier, const char* name, std::size_t watched, std::function<void()> body);
   void planThreads();
   void planMemory();
-  void runHard();
+  void runHard(rt::Heartbeat& heart);
   void runSoft();
   void runRecorder();
   void joinAll();
@@ -140,6 +148,7 @@ class LiveSystem {
   std::atomic<bool> go_{false}, stop_devices_{false}, stop_hard_{false}, stop_soft_{false},
       stop_modem_{false}, stop_recorder_{false}, soft_done_{false};
   std::atomic<std::uint64_t> hard_heap_calls_{0}, hard_minor_faults_{0}, hard_major_faults_{0};
+  std::size_t lanes_ = 0;  // of the recorder, in use
   bool stopped_ = false;
   unsigned roof_health_ = UINT32_MAX;
   std::uint64_t clock_steps_ = 0;

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+
+#include "firmware_if/lcm_bus/health_report.hpp"
+#include "firmware_if/lcm_bus/lcm_source.hpp"
+#include "realtime/kernel/health/system_status.hpp"
+#include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/onboard/live/live_system.hpp"
+#include "recon/geometry/geodesy.hpp"
+
+namespace fathom::onboard {
+
+// Tells other programs and the log what the vehicle's program knows: pose, map, link, health. One best-effort
+// thread calls step(); it reads what the tiers left in their latest-value slots and keeps none of them
+// waiting.
+class StatusPublisher {
+ public:
+  struct Config {
+    double pose_hz = 1;
+    std::size_t lane = 0;  // of the recorder
+  };
+  // `bus`: null where the vehicle has none; the log has the messages all the same.
+  StatusPublisher(LiveSystem& live, std::shared_ptr<io::LcmBus> bus, const io::MissionConfig& mission,
+                  const std::filesystem::path& folder, const Config& config, const VehicleClock& clock);
+
+  void step();
+  // The newest pose in nav, for whoever else tells it; std::nullopt before dead reckoning runs.
+  [[nodiscard]] const std::optional<io::PoseReport>& pose() const { return pose_; }
+  [[nodiscard]] const MapState& map() const { return map_; }
+
+ private:
+  void publishPose();
+  void publishSlow();
+  [[nodiscard]] io::HealthReport health();
+  [[nodiscard]] io::MapReport mapReport() const;
+  [[nodiscard]] io::LinkReport linkReport() const;
+  void tell(const io::LogMessage& message);
+
+  LiveSystem& live_;
+  std::unique_ptr<io::LcmPublisher> publisher_;
+  LocalTransverseMercator local_;
+  Config config_;
+  double root_size_;
+  int max_level_;
+  const VehicleClock& clock_;
+  rt::SystemStatus system_;
+  rt::ProcessMemory process_;
+  NavState nav_;
+  MapState map_;
+  std::optional<io::PoseReport> pose_;
+  std::int64_t next_pose_ns_ = 0, next_slow_ns_ = 0, begin_ns_;
+};
+
+}  // namespace fathom::onboard
