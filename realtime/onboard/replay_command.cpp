@@ -13,7 +13,7 @@ void ReplayCommand::addOptions(CLI::App& app, CLI::Option* replay) {
   CLI::Option* modem_option =
       app.add_option("--modem", modem_, "Send and receive frames: udp:HOST:PORT or serial:DEVICE:BAUD")
           ->needs(replay);
-  app.add_option("--downlink", downlink_, "Receive these frames instead: downlink_.bin of an earlier run");
+  app.add_option("--downlink", downlink_, "Receive these frames instead: downlink.bin of an earlier run");
   app.add_option("--speed", options_.link.speed,
                  "With --modem: mission seconds a second; 0: as fast as it goes")
       ->check(CLI::Range(0.0, 1e6));
