@@ -1,4 +1,4 @@
-#include "sim/hil/pd0_encoder.hpp"
+#include "sim/hil/players/pd0_encoder.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -17,8 +17,9 @@ namespace fathom::sim {
 // What the format cannot carry is rounded: velocity to 1 mm/s, ranges to 1 cm, speed of sound to 1 m/s, the
 // time to 10 ms (so the ensemble is best sent for the nearest such moment). Velocities beyond 32.767 m/s are
 // sent as bad.
-constexpr std::size_t kPd0EncodedBytes =
-    6 + 2 * 3 + 59 + 65 + 81 + 2 + 2;  // header, offsets, blocks, reserve, checksum
+constexpr std::size_t kPd0FirstBlock = 6 + 2 * 3;  // behind header and offsets
+// Header, offsets, three blocks, reserve, checksum.
+constexpr std::size_t kPd0EncodedBytes = kPd0FirstBlock + 59 + 65 + 81 + 2 + 2;
 
 struct Pd0Attitude {
   double heading = 0;  // [rad]

@@ -1,0 +1,155 @@
+#include "sim/hil/mission_schedule.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <type_traits>
+#include <utility>
+
+#include "firmware_if/feature_file.hpp"
+#include "firmware_if/sensor_log.hpp"
+#include "realtime/kernel/input_error.hpp"
+
+namespace fathom::sim {
+namespace {
+
+constexpr double kNanoseconds = 1e9;  // in a second
+// From the ping to the ship's knowing the position.
+constexpr std::int64_t kUsblProcessingNs = 300'000'000;
+// A recorder that was late says nothing about the device.
+constexpr std::int64_t kLongestLatencyNs = 1'000'000'000;
+
+std::int64_t timeOf(const SensorSample& sample) {
+  return std::visit([](const auto& s) { return s.utc_ns; }, sample);
+}
+
+// What mission.toml says must be added to a stamp to get UTC [ns].
+std::int64_t clockOffset(const SensorSample& sample, const io::MissionConfig::TimeOffsets& offsets) {
+  double seconds = 0;
+  if (std::holds_alternative<DvlSample>(sample)) seconds = offsets.dvl;
+  if (std::holds_alternative<AttitudeSample>(sample)) seconds = offsets.compass;
+  if (std::holds_alternative<DepthSample>(sample)) seconds = offsets.depth;
+  if (const auto* image = std::get_if<ImageEvent>(&sample))
+    seconds = image->side == CameraSide::kLeft ? offsets.left_camera : offsets.right_camera;
+  return std::llround(seconds * kNanoseconds);
+}
+
+// Where the mission's part from `begin` to `end` lies in vehicle time, lap by lap.
+class Laps {
+ public:
+  Laps(const ScheduleOptions& options, std::int64_t begin_ns, std::int64_t end_ns)
+      : options_(options), begin_ns_(begin_ns), end_ns_(end_ns) {}
+
+  [[nodiscard]] bool backward(int lap) const { return lap % 2 == 1; }
+  [[nodiscard]] std::int64_t vehicleTime(std::int64_t mission_ns, int lap) const {
+    const std::int64_t length = end_ns_ - begin_ns_;
+    const std::int64_t along = lap * length + (backward(lap) ? end_ns_ - mission_ns : mission_ns - begin_ns_);
+    if (options_.rate == 1) return options_.start_utc_ns + along;
+    return options_.start_utc_ns + std::llround(static_cast<double>(along) / options_.rate);
+  }
+  // The factor of velocities.
+  [[nodiscard]] double speed(int lap) const { return backward(lap) ? -options_.rate : options_.rate; }
+
+ private:
+  ScheduleOptions options_;
+  std::int64_t begin_ns_, end_ns_;
+};
+
+// A device's sample as it is on the bench.
+DeviceSample moved(const SensorSample& sample, std::int64_t stamp_ns, double speed) {
+  return std::visit(
+      [&](auto s) -> DeviceSample {
+        using Sample = decltype(s);
+        if constexpr (std::is_same_v<Sample, ImageEvent>) {
+          return {};
+        } else {
+          s.utc_ns = stamp_ns;
+          if constexpr (std::is_same_v<Sample, DvlSample>) {
+            if (s.velocity) *s.velocity *= speed;
+          }
+          if constexpr (std::is_same_v<Sample, UsblFix>) s.arrival_utc_ns = stamp_ns + kUsblProcessingNs;
+          return s;
+        }
+      },
+      sample);
+}
+
+void addSample(const io::LoggedSample& entry, std::int64_t offset_ns, const Laps& laps, int lap,
+               MissionSchedule& out) {
+  const std::int64_t stamp_ns = timeOf(entry.sample);
+  const std::int64_t true_ns = laps.vehicleTime(stamp_ns + offset_ns, lap);
+  if (const auto* image = std::get_if<ImageEvent>(&entry.sample)) {
+    out.exposures.push_back({true_ns, image->side, image->file_name, image->exposure_s});
+    return;
+  }
+  const std::int64_t latency_ns =
+      std::holds_alternative<UsblFix>(entry.sample)
+          ? kUsblProcessingNs
+          : std::clamp<std::int64_t>(entry.arrival_utc_ns - stamp_ns, 0, kLongestLatencyNs);
+  out.samples.push_back({true_ns + latency_ns, moved(entry.sample, true_ns - offset_ns, laps.speed(lap))});
+}
+
+}  // namespace
+
+PlayedTimes MissionSchedule::playedTimes() const {
+  PlayedTimes times;
+  for (const ScheduledExposure& e : exposures)
+    (e.side == CameraSide::kLeft ? times.left_s : times.right_s).push_back(missionSeconds(e.utc_ns));
+  for (const ScheduledSample& s : samples)
+    if (std::holds_alternative<DvlSample>(s.sample)) times.dvl_s.push_back(missionSeconds(s.due_utc_ns));
+  return times;
+}
+
+MissionSchedule makeSchedule(const std::filesystem::path& mission_folder, const ScheduleOptions& options) {
+  const io::MissionPaths paths(mission_folder);
+  MissionSchedule schedule;
+  schedule.mission = io::readMissionConfig(mission_folder);
+  schedule.rig = readStereoCalib(paths.calib());
+  if (io::isFeatureMission(paths))
+    throw InputError(mission_folder.string(), "features/",
+                     "has no pictures that a camera could send; give a mission with img/");
+
+  struct Entry {
+    io::LoggedSample logged;
+    std::int64_t offset_ns = 0;
+  };
+  std::vector<Entry> entries;
+  io::SensorLogReader reader(mission_folder);
+  while (auto sample = reader.next()) {
+    const std::int64_t offset_ns = clockOffset(sample->sample, schedule.mission.time_offsets);
+    entries.push_back({std::move(*sample), offset_ns});
+  }
+  const auto true_time = [](const Entry& e) { return timeOf(e.logged.sample) + e.offset_ns; };
+  const auto [first, last] =
+      std::minmax_element(entries.begin(), entries.end(),
+                          [&](const Entry& a, const Entry& b) { return true_time(a) < true_time(b); });
+  const std::int64_t begin_ns = true_time(*first) + std::llround(options.from_s * kNanoseconds);
+  std::int64_t end_ns = true_time(*last);
+  if (options.seconds > 0)
+    end_ns = std::min<std::int64_t>(end_ns, begin_ns + std::llround(options.seconds * kNanoseconds));
+
+  const Laps laps(options, begin_ns, end_ns);
+  for (int lap = 0; lap < options.laps; ++lap)
+    for (const Entry& e : entries)
+      if (true_time(e) >= begin_ns && true_time(e) <= end_ns)
+        addSample(e.logged, e.offset_ns, laps, lap, schedule);
+  if (schedule.exposures.empty())
+    throw InputError(mission_folder.string(), "",
+                     "shows no picture in the part asked for; give another --from or --seconds");
+  std::stable_sort(schedule.samples.begin(), schedule.samples.end(),
+                   [](const auto& a, const auto& b) { return a.due_utc_ns < b.due_utc_ns; });
+  std::stable_sort(schedule.exposures.begin(), schedule.exposures.end(),
+                   [](const auto& a, const auto& b) { return a.utc_ns < b.utc_ns; });
+
+  schedule.start_utc_ns = options.start_utc_ns;
+  schedule.end_utc_ns =
+      laps.vehicleTime(laps.backward(options.laps - 1) ? begin_ns : end_ns, options.laps - 1);
+  schedule.rate = options.rate;
+  schedule.mission_begin_utc_ns = begin_ns;
+  schedule.mission.start_utc_ns = options.start_utc_ns;
+  schedule.mission.time_offsets.left_camera = schedule.mission.time_offsets.right_camera = 0;
+  schedule.mission.cameras.rate_hz *= options.rate;
+  return schedule;
+}
+
+}  // namespace fathom::sim

@@ -1,0 +1,80 @@
+#include "sim/hil/players/dvl_player.hpp"
+
+#include <algorithm>
+#include <random>
+
+#include "sim/hil/players/pd0_encoder.hpp"
+
+namespace fathom::sim {
+namespace {
+
+constexpr std::int64_t kByteNs = 10 * 1'000'000'000LL / DvlPlayer::kBaud;  // start bit, eight, stop bit
+constexpr std::size_t kChunkBytes = 32;  // written at once: what a UART's driver hands over
+constexpr std::uint8_t kHeaderByte = 0x7F;
+
+// Bytes that no ensemble begins with, so that the damage counted is the damage done.
+void appendNoise(std::vector<std::uint8_t>& out, int bytes, std::mt19937& random) {
+  for (int i = 0; i < bytes; ++i) {
+    const auto byte = static_cast<std::uint8_t>(random());
+    out.push_back(byte == kHeaderByte ? 0 : byte);
+  }
+}
+
+}  // namespace
+
+DvlPlayer::DvlPlayer(const MissionSchedule& schedule, const FaultScript& script, VehicleClock& clock,
+                     Line line)
+    : schedule_(schedule), script_(script), clock_(clock), line_(std::move(line)) {}
+
+bool DvlPlayer::send(std::span<const std::uint8_t> bytes, std::int64_t begin_ns,
+                     const std::atomic<bool>& stop) {
+  for (std::size_t at = 0; at < bytes.size(); at += kChunkBytes) {
+    const std::size_t size = std::min(kChunkBytes, bytes.size() - at);
+    // A chunk is there when its last bit is.
+    if (!clock_.sleepUntil(begin_ns + static_cast<std::int64_t>(at + size) * kByteNs, stop)) return false;
+    line_(bytes.subspan(at, size));
+  }
+  return true;
+}
+
+void DvlPlayer::run(const std::atomic<bool>& stop) {
+  std::mt19937 random(1);  // of the noise; its bytes matter to nobody
+  Pd0Attitude attitude;
+  std::uint32_t number = 0;
+  const Fault* garbage = nullptr;
+  std::int64_t in_garbage = 0;  // ensembles since it began
+  std::vector<std::uint8_t> bytes;
+  for (const ScheduledSample& scheduled : schedule_.samples) {
+    if (const auto* a = std::get_if<AttitudeSample>(&scheduled.sample)) {
+      attitude = {a->heading, a->pitch, a->roll};
+      continue;
+    }
+    const auto* sample = std::get_if<DvlSample>(&scheduled.sample);
+    if (sample == nullptr) continue;
+    ++number;
+    const double mission_s = schedule_.missionSeconds(scheduled.due_utc_ns);
+    if (script_.at(FaultKind::kDvlSilence, mission_s) != nullptr) {
+      ++counters_.withheld;
+      continue;
+    }
+    auto ensemble = encodePd0(*sample, number, attitude);
+    bytes.clear();
+    const Fault* fault = script_.at(FaultKind::kDvlGarbage, mission_s);
+    if (fault != garbage) in_garbage = 0;
+    garbage = fault;
+    if (fault != nullptr && in_garbage++ % fault->every == 0) {
+      appendNoise(bytes, fault->noise_bytes, random);
+      // A changed byte in the data; the header stays, so that the checksum is what finds it.
+      ensemble[kPd0FirstBlock + random() % (ensemble.size() - kPd0FirstBlock - 2)] ^= 0x55;
+      ++counters_.damaged;
+    }
+    bytes.insert(bytes.end(), ensemble.begin(), ensemble.end());
+    const std::int64_t begin_ns = scheduled.due_utc_ns - static_cast<std::int64_t>(bytes.size()) * kByteNs;
+    if (!clock_.sleepUntil(begin_ns, stop)) return;
+    counters_.worst_late_ns = std::max(counters_.worst_late_ns, clock_.utcNs() - begin_ns);
+    if (!send(bytes, begin_ns, stop)) return;
+    ++counters_.ensembles;
+  }
+}
+
+}  // namespace fathom::sim

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <algorithm>
+#include <atomic>
+#include <cstdint>
+
+#include "realtime/kernel/clock.hpp"
+
+namespace fathom::sim {
+
+// The bench's time: UTC as it was when the bench began, carried on by the monotonic clock, so that a step of
+// the system's clock moves no device.
+class VehicleClock {
+ public:
+  explicit VehicleClock(rt::Clock& clock) : clock_(clock), offset_ns_(clock.utcNs() - clock.monotonicNs()) {}
+
+  [[nodiscard]] std::int64_t utcNs() const { return clock_.monotonicNs() + offset_ns_; }
+  // Sleeps until then; false as soon as `stop` is seen, looked at ten times a second.
+  bool sleepUntil(std::int64_t utc_ns, const std::atomic<bool>& stop) {
+    constexpr std::int64_t kLookNs = 100'000'000;
+    while (!stop.load(std::memory_order_relaxed)) {
+      const std::int64_t now_ns = utcNs();
+      if (now_ns >= utc_ns) return true;
+      clock_.sleepUntil(std::min(utc_ns, now_ns + kLookNs) - offset_ns_);
+    }
+    return false;
+  }
+
+ private:
+  rt::Clock& clock_;
+  std::int64_t offset_ns_;
+};
+
+}  // namespace fathom::sim
