@@ -34,17 +34,24 @@ constexpr std::int64_t kMillisecond = 1'000'000;  // [ns]
 constexpr std::int64_t kNanosecondsPerMicrosecond = 1000;
 constexpr std::int64_t kDiskLookInterval = 200 * kMillisecond;
 // A disk that takes longer for one image of each camera cannot hold inputs within a second beside them.
-constexpr std::int64_t kMostImageTime = 400 * kMillisecond;
+constexpr std::int64_t kMostImageTime = 700 * kMillisecond;
 // An input with its ACFR twin and two gaps before it.
 constexpr std::size_t kMostInputBytes = 4096;
 constexpr std::size_t kMostFramingBytes = 256;  // of an event around its data
 
-// The disk must hold the mission's files before it holds its data.
-void syncFolder(const std::filesystem::path& folder) {
-  const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+void syncFile(const std::filesystem::path& path) {
+  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0) return;
-  (void)::syncfs(fd);
+  (void)::fsync(fd);
   ::close(fd);
+}
+
+// The disk must hold the mission's files, and their names, before it holds its data. Not all that waits for
+// the disk: after a crash that may be much, and has time.
+void syncMission(const MissionPaths& paths) {
+  for (const auto& path : {paths.root / "mission.toml", paths.calib(), paths.images(), paths.root,
+                           std::filesystem::absolute(paths.root).parent_path()})
+    syncFile(path);
 }
 
 std::uint64_t mebibytes(double mib) {
@@ -69,7 +76,7 @@ struct Recorder::Impl {
       raw.push_back(std::make_unique<RawLane>(config.raw_queue_kib * 1024));
     const FoundImages left = lookAtImages(paths);
     found = {journal.wholeAtStart(), journal.cutAtStart(), left.without_event, left.halves_removed};
-    syncFolder(folder);
+    syncMission(paths);
     lookAtDisk(clock.monotonicNs());
   }
 
@@ -378,7 +385,7 @@ void Recorder::Impl::writeImages() {
       continue;
     }
     ++(room && too_slow ? counters.images_dropped_queue : counters.images_dropped_disk);
-    if (room && too_slow) image_time_ns /= 2;  // tried again when some were left out
+    if (room && too_slow) image_time_ns -= image_time_ns / 4;  // tried again when some were left out
     lane.settle(frame.utc_ns, false);
   }
   if (!any) return;

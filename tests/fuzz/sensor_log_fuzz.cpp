@@ -1,7 +1,9 @@
 #include "firmware_if/sensor_log.hpp"
 
+#include "firmware_if/log/input_tail.hpp"
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/log_messages.hpp"
+#include "firmware_if/log/recording_gap.hpp"
 #include "tests/fuzz/scratch_file.hpp"
 
 using namespace fathom;
@@ -25,7 +27,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       static_cast<void>(io::decodeSample(event.channel, event.data));
       static_cast<void>(io::decodeAcfr(event.channel, event.timestamp_us, event.data));
       static_cast<void>(io::decodeRaw(event.data));
+      static_cast<void>(io::decodeInput(event.channel, event.data));
+      static_cast<void>(io::decodeGap(event.data));
     }
+    if (events.endOfLastEvent() != io::findLogEnd(file.path()).offset) __builtin_trap();
   });
+  fuzz::readsOrRefuses([] { static_cast<void>(io::readInputTail(file.folder(), 1)); });
   return 0;
 }

@@ -4,8 +4,10 @@
 
 #include <sys/stat.h>
 
+#include <chrono>
 #include <fstream>
 #include <map>
+#include <thread>
 
 #include "firmware_if/image_file.hpp"
 #include "firmware_if/log/log_events.hpp"
@@ -125,6 +127,25 @@ TEST_F(RecorderTest, AnExposureWithoutPixelsIsNamedAsLostBeforeItsEvent) {
   EXPECT_EQ(found.images_lost, 2u);
   EXPECT_EQ(readGaps(folder_).images, 2u);
   EXPECT_EQ(player_.blocks().held(), 0u);
+}
+
+TEST_F(RecorderTest, ADiskTooSlowForImagesLosesImagesAndNotInputs) {
+  // The pixels' way to the disk takes 0.5 s for the first exposure of each camera.
+  int views = 0;
+  const Recorder::ViewOf quick = player_.viewOf();
+  const auto slow = [&](const CameraFrame& frame) {
+    if (++views <= 2) std::this_thread::sleep_for(std::chrono::milliseconds(500));
+    return quick(frame);
+  };
+  Recorder r(folder_, dive_.mission(), dive_.rig(), smallConfig(), slow, player_.release());
+  play(r, 0, 400);
+  r.close();
+  EXPECT_EQ(r.counters().images_dropped_queue, 2u);  // the next pair; the one after it was quick
+  const SyntheticDive::Found found = dive_.check(folder_);
+  EXPECT_THAT(found.wrong, IsEmpty());
+  EXPECT_EQ(found.inputs, 400u);
+  EXPECT_EQ(found.images, 14u);
+  EXPECT_EQ(found.images_lost, 2u);
 }
 
 TEST_F(RecorderTest, InputsThatFindNoRoomLeaveAGapThatTellsHowMany) {
