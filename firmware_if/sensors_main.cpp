@@ -1,16 +1,60 @@
 // fathom-sensors: checks hardware before a dive and decodes captures.
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
 #include <cstdio>
+#include <cstdlib>
+#include <memory>
+#include <numbers>
 
 #include "firmware_if/can/can_command.hpp"
 #include "firmware_if/dvl/dvl_command.hpp"
+#include "firmware_if/predive/predive_command.hpp"
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "telemetry/downlink.hpp"
+#include "telemetry/status.hpp"
+
+namespace {
+
+using namespace fathom;
+
+// What the ship says to this vehicle on this dive, as fathom-onboard would admit it; and a status that gives
+// it the turn. Its sequence numbers lie before 0, where fathom-onboard begins, so that none of that program's
+// frames counts as heard already.
+io::PrediveLink makeLink(const io::MissionConfig& mission, const std::optional<telemetry::DownlinkKey>& key) {
+  const telemetry::LinkIdentity identity{mission.vehicle_id, mission.dive_id};
+  const auto receiver = std::make_shared<telemetry::DownlinkReceiver>(identity, key, 0);
+  io::PrediveLink link;
+  link.read = [receiver](std::span<const std::uint8_t> frame) {
+    constexpr double kRadiansPerDegree = std::numbers::pi / 180;
+    const auto result = receiver->accept(0, frame);
+    io::PrediveLink::Heard heard;
+    heard.ours = result.verdict == telemetry::DownlinkVerdict::kAccepted ||
+                 result.verdict == telemetry::DownlinkVerdict::kNoKey;
+    if (const auto& fix = result.content.fix)
+      heard.fix = UsblFix{
+          fix->utc_ns, fix->utc_ns, fix->latitude * kRadiansPerDegree, fix->longitude * kRadiansPerDegree,
+          fix->depth,  fix->sigma};
+    return heard;
+  };
+  link.greet = [identity, sequence = std::uint16_t{0xFF00}](std::int64_t utc_ns,
+                                                            std::span<std::uint8_t> out) mutable {
+    telemetry::Status status;
+    status.utc_ns = utc_ns;
+    status.health = telemetry::kHealthNoFix;
+    std::array<std::uint8_t, telemetry::kMinFrameBytes> payload;
+    const std::size_t size = telemetry::encodeStatus(status, payload);
+    return telemetry::encodeFrame({identity, sequence++, telemetry::MessageType::kStatus, true},
+                                  {payload.data(), size}, out);
+  };
+  return link;
+}
+
+}  // namespace
 
 int main(int argc, char** argv) {
-  using namespace fathom;
-
-  CLI::App app{"Decodes captures of a vehicle's sensors."};
+  CLI::App app{"Checks a vehicle's devices before a dive and decodes captures of its sensors."};
   app.footer("Example: fathom-sensors dvl dive.pd0 --csv > dive.csv\n");
   app.require_subcommand(1);
 
@@ -28,9 +72,33 @@ int main(int argc, char** argv) {
                     "One JSON object a message instead of a summary; absent values are left out");
   can_app->footer("Example: fathom-sensors can candump.log --json > can.jsonl\n");
 
+  io::PrediveCommand predive;
+  CLI::App* predive_app =
+      app.add_subcommand("predive", "Looks at every device before the launch: green or red");
+  predive_app->add_option("FOLDER", predive.folder, "Mission folder with mission.toml and stereo.calib")
+      ->required();
+  predive_app->add_option("--config", predive.config, "onboard.toml of the dive")->required();
+  predive_app->add_option("--seconds", predive.seconds, "That the devices are looked at")
+      ->check(CLI::Range(0.1, 3600.0))
+      ->capture_default_str();
+  predive_app->add_flag("--json", predive.json, "One JSON object instead of the table");
+  predive_app->footer(
+      "Exit status 0: every row is green. Example: fathom-sensors predive /data/dive12 --config "
+      "onboard.toml\n");
+
   if (const auto code = parseCommandLine("fathom-sensors", app, argc, argv)) return *code;
   return runTool("fathom-sensors", [&] {
     if (dvl_app->parsed()) return io::runDvlCommand(dvl, stdout, stderr);
-    return io::runCanCommand(can, stdout, stderr);
+    if (can_app->parsed()) return io::runCanCommand(can, stdout, stderr);
+    predive.colours = ::isatty(STDOUT_FILENO) == 1 && std::getenv("NO_COLOR") == nullptr;
+    const auto make_link = [&](const io::MissionConfig& mission, const ConfigTable& table) {
+      const std::filesystem::path key_file = table.text("key_file", "");
+      std::optional<telemetry::DownlinkKey> key;
+      std::string warning;
+      if (!key_file.empty())
+        key = telemetry::readDownlinkKey(predive.config.parent_path() / key_file, warning);
+      return makeLink(mission, key);
+    };
+    return io::runPrediveCommand(predive, make_link, stdout);
   });
 }

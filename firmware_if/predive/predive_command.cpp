@@ -1,0 +1,178 @@
+#include "firmware_if/predive/predive_command.hpp"
+
+#include <cerrno>
+#include <cstring>
+#include <optional>
+#include <stdexcept>
+
+#include "firmware_if/camera/gige_camera.hpp"
+#include "firmware_if/can/bus/can_config.hpp"
+#include "firmware_if/can/bus/can_source.hpp"
+#include "firmware_if/devices/device_address.hpp"
+#include "firmware_if/dvl/dvl_source.hpp"
+#include "firmware_if/lcm_bus/lcm_source.hpp"
+#include "firmware_if/predive/predive_checks.hpp"
+#include "realtime/kernel/clock.hpp"
+#include "realtime/kernel/input_error.hpp"
+
+namespace fathom::io {
+namespace {
+
+// Vehicle time for as long as the command runs: no step of the system's clock moves it.
+class VehicleClock final : public rt::Clock {
+ public:
+  VehicleClock() : offset_ns_(real_.utcNs() - real_.monotonicNs()) {}
+  [[nodiscard]] std::int64_t monotonicNs() const noexcept override { return real_.monotonicNs(); }
+  [[nodiscard]] std::int64_t utcNs() const noexcept override { return real_.monotonicNs() + offset_ns_; }
+  void sleepUntil(std::int64_t monotonic_ns) noexcept override { real_.sleepUntil(monotonic_ns); }
+
+ private:
+  rt::RealClock real_;
+  std::int64_t offset_ns_;
+};
+
+// The tables of onboard.toml that are about devices and the machine; the map's are fathom-onboard's own.
+struct Configuration {
+  PrediveConfig limits;
+  StereoCameraConfig cameras;
+  CanConfig can;
+  DvlConfig dvl;
+  LcmConfig lcm;
+  std::string modem;
+  RecorderConfig recorder;
+  rt::RealtimeConfig realtime;
+  rt::MemoryConfig memory;
+  PrediveLink link;
+};
+
+Configuration readConfiguration(const std::filesystem::path& path, const MissionConfig& mission,
+                                const MakePrediveLink& make_link) {
+  const ConfigTable root = ConfigTable::load(path);
+  Configuration config;
+  const auto read = [&](const char* name, const auto& reader) {
+    const ConfigTable table = root.table(name);
+    reader(table);
+    table.finish();
+  };
+  read("predive", [&](const ConfigTable& t) { config.limits = readPrediveConfig(t); });
+  read("cameras", [&](const ConfigTable& t) { config.cameras = readCameraConfig(t, mission); });
+  read("can", [&](const ConfigTable& t) { config.can = readCanConfig(t, {}); });
+  read("dvl", [&](const ConfigTable& t) { config.dvl = readDvlConfig(t, {}); });
+  read("lcm", [&](const ConfigTable& t) { config.lcm = readLcmConfig(t, {}); });
+  read("recorder", [&](const ConfigTable& t) { config.recorder = readRecorderConfig(t); });
+  read("realtime", [&](const ConfigTable& t) { config.realtime = rt::readRealtimeConfig(t); });
+  read("memory", [&](const ConfigTable& t) { config.memory = rt::readMemoryConfig(t); });
+  config.modem = readDeviceAddress(root.table("modem"), "device", "", false);
+  if (make_link) config.link = make_link(mission, root.table("link"));
+  config.can.samples.latitude = mission.origin.latitude;
+  return config;
+}
+
+// A file that must be readable: its row, and what it holds.
+template <class Read>
+auto readFile(const char* name, PrediveReport& report, const Read& read) -> std::optional<decltype(read())> {
+  try {
+    auto value = read();
+    report.good(name, "readable");
+    return value;
+  } catch (const std::exception& error) {
+    report.bad(name, error.what(), "correct it, and look again");
+    return std::nullopt;
+  }
+}
+
+// A device that cannot even be asked is a red row; the others go on.
+template <class Open>
+void openDevice(const char* name, PrediveReport& report, const Open& open) {
+  try {
+    open();
+  } catch (const std::exception& error) {
+    report.bad(name, error.what(), "correct its table in onboard.toml");
+  }
+}
+
+PrediveDevices openDevices(const Configuration& config, const MissionConfig& mission,
+                           const VehicleClock& clock, PrediveReport& report) {
+  PrediveDevices devices;
+  const VehicleTime now = [&clock] { return clock.utcNs(); };
+  for (std::size_t side = 0; side < devices.cameras.size(); ++side) {
+    if (config.cameras.side[side].id.empty()) continue;
+    openDevice("cameras", report, [&] {
+      auto camera = std::make_unique<GigeCamera>(config.cameras.side[side], now);
+      const GigeCamera* opened = camera.get();
+      devices.cameras[side] = {
+          std::move(camera), [opened] {
+            return PrediveIdentity{opened->serial(), opened->address(), opened->lastFailure()};
+          }};
+    });
+  }
+  if (!config.dvl.device.empty()) {
+    devices.expected[DeviceSample(DvlSample{}).index()] = true;
+    openDevice("DVL port", report,
+               [&] { devices.sources.push_back(std::make_unique<DvlSource>(config.dvl, now)); });
+  }
+  if (!config.can.interface.empty()) {
+    devices.expected[DeviceSample(AttitudeSample{}).index()] = true;
+    devices.expected[DeviceSample(DepthSample{}).index()] = true;
+    openDevice("CAN port", report,
+               [&] { devices.sources.push_back(std::make_unique<CanSource>(config.can, clock)); });
+  }
+  if (!config.lcm.url.empty()) {
+    for (std::size_t kind = 0; kind < devices.expected.size(); ++kind)
+      devices.expected[kind] = devices.expected[kind] || config.lcm.accept[kind];
+    openDevice("LCM", report, [&] {
+      devices.sources.push_back(std::make_unique<LcmSource>(
+          config.lcm, std::make_shared<LcmBus>(config.lcm.url), mission.vehicle_name, now));
+    });
+  }
+  devices.modem_used = !config.modem.empty();
+  devices.link = config.link;
+  if (devices.modem_used) {
+    try {
+      devices.modem = openFramePort(config.modem, "modem.device " + config.modem);
+    } catch (const InputError& error) {
+      devices.modem_failure = error.what();
+    }
+  }
+  return devices;
+}
+
+void checkMachine(const Configuration& config, PrediveReport& report) {
+  rt::MemoryBudget budget(config.memory.budget_bytes);
+  budget.addFixed("heap", config.memory.heap_bytes);
+  for (const CameraConfig& camera : config.cameras.side)
+    if (!camera.id.empty()) budget.addFixed("camera", GigeCamera::memoryBytes(camera));
+  checkArming(rt::checkArming(config.realtime, budget), report);
+}
+
+}  // namespace
+
+int runPrediveCommand(const PrediveCommand& command, const MakePrediveLink& make_link, std::FILE* out) {
+  const VehicleClock clock;
+  const MissionPaths paths(command.folder);
+  PrediveReport report;
+  const auto mission = readFile("mission.toml", report, [&] { return readMissionConfig(paths.root); });
+  const auto rig = readFile("stereo.calib", report, [&] { return readStereoCalib(paths.calib()); });
+  std::optional<Configuration> config;
+  if (mission)
+    config = readFile("onboard.toml", report,
+                      [&] { return readConfiguration(command.config, *mission, make_link); });
+  if (mission && rig) {
+    checkExtrinsics(*mission, *rig, config ? config->limits : PrediveConfig{}, report);
+    if (config) {
+      PrediveDevices devices = openDevices(*config, *mission, clock, report);
+      const PrediveFacts facts = watchDevices(devices, command.seconds, [&clock] { return clock.utcNs(); });
+      checkCameras(facts, config->cameras, *mission, *rig, config->limits, report);
+      checkSensors(facts, *mission, config->limits, report);
+      checkClocks(facts, readSystemClock(), config->limits, report);
+      checkDisk(config->recorder, *mission, *rig, freeBytes(command.folder), report);
+      checkMachine(*config, report);
+    }
+  }
+  const std::string text = command.json ? reportJson(report) : reportTable(report, command.colours);
+  if (std::fwrite(text.data(), 1, text.size(), out) != text.size() || std::fflush(out) != 0)
+    throw std::runtime_error(std::string("the table cannot be written: ") + std::strerror(errno));
+  return report.allGood() ? kExitSuccess : kExitFailedWork;
+}
+
+}  // namespace fathom::io

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace fathom::io {
+
+enum class Verdict { kGood, kBad, kUnused };
+
+// One line of the table: what was looked at, what was found, and for a red one what to do about it.
+struct PrediveRow {
+  std::string name;
+  Verdict verdict = Verdict::kGood;
+  std::string found;
+  std::string mend;  // of a red row
+};
+
+struct PrediveReport {
+  std::vector<PrediveRow> rows;
+  [[nodiscard]] bool allGood() const;
+  void good(std::string name, std::string found) {
+    rows.push_back({std::move(name), Verdict::kGood, std::move(found), ""});
+  }
+  void bad(std::string name, std::string found, std::string mend) {
+    rows.push_back({std::move(name), Verdict::kBad, std::move(found), std::move(mend)});
+  }
+  void unused(std::string name, std::string found) {
+    rows.push_back({std::move(name), Verdict::kUnused, std::move(found), ""});
+  }
+};
+
+// A line a row, a second one with the mend below a red row, a summary; with colours for a terminal.
+[[nodiscard]] std::string reportTable(const PrediveReport& report, bool colours);
+// {"good": false, "rows": [{"name", "verdict": "good"|"bad"|"unused", "found", "mend"}]}
+[[nodiscard]] std::string reportJson(const PrediveReport& report);
+
+}  // namespace fathom::io

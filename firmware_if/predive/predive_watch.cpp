@@ -1,0 +1,127 @@
+#include "firmware_if/predive/predive_watch.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <thread>
+
+namespace fathom::io {
+namespace {
+
+constexpr int kPollMs = 50;
+constexpr std::chrono::seconds kGreetEvery{5};  // both ways through the water and the answer's time
+constexpr std::size_t kMaxFrames = 2000;        // of one camera: minutes, even at its fastest
+
+using SampleTable = std::array<SampleFacts, std::variant_size_v<DeviceSample>>;
+
+class NoteSamples final : public SampleSink {
+ public:
+  void sample(std::int64_t arrival_utc_ns, const DeviceSample& sample) noexcept override {
+    SampleFacts& facts = table[sample.index()];
+    if (facts.count == 0) facts.first_ns = arrival_utc_ns;
+    if (facts.count > 0)
+      facts.longest_gap_s =
+          std::max(facts.longest_gap_s, static_cast<double>(arrival_utc_ns - facts.last_ns) / 1e9);
+    ++facts.count;
+    facts.last_ns = arrival_utc_ns;
+    facts.last = sample;
+    const auto* dvl = std::get_if<DvlSample>(&sample);
+    if (dvl == nullptr || dvl->velocity) ++facts.usable;
+  }
+  void raw(std::int64_t, std::string_view, std::span<const std::uint8_t>) noexcept override {}
+  SampleTable table;
+};
+
+class NoteFrames final : public FrameSink {
+ public:
+  NoteFrames(CameraSource& camera, CameraFacts& facts) : camera_(camera), facts_(facts) {
+    facts_.frames.reserve(kMaxFrames);
+  }
+  void frame(const CameraFrame& frame) noexcept override {
+    const ImageView image = camera_.view(frame);
+    if (facts_.frames.size() < kMaxFrames)
+      facts_.frames.push_back(
+          {frame.frame_id, frame.utc_ns, frame.device_ns, image.width, image.height, measureImage(image)});
+    camera_.pool().release(frame.block);
+  }
+
+ private:
+  CameraSource& camera_;
+  CameraFacts& facts_;
+};
+
+// One device's samples beside another's: a kind that two devices give counts for the one that gives more.
+void merge(const SampleTable& from, SampleTable& into) {
+  for (std::size_t kind = 0; kind < from.size(); ++kind)
+    if (from[kind].count > into[kind].count) into[kind] = from[kind];
+}
+
+}  // namespace
+
+PrediveFacts watchDevices(PrediveDevices& devices, double seconds, const VehicleTime& now) {
+  PrediveFacts facts;
+  facts.seconds = seconds;
+  facts.expected = devices.expected;
+  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+  const auto more = [end] { return std::chrono::steady_clock::now() < end; };
+
+  std::vector<NoteSamples> notes(devices.sources.size());
+  std::vector<std::thread> threads;
+  for (std::size_t i = 0; i < devices.sources.size(); ++i) {
+    threads.emplace_back([&, i] {
+      while (more()) static_cast<void>(devices.sources[i]->poll(kPollMs, notes[i]));
+    });
+  }
+  for (std::size_t side = 0; side < devices.cameras.size(); ++side) {
+    PrediveDevices::Camera& camera = devices.cameras[side];
+    CameraFacts& seen = facts.cameras[side];
+    seen.used = camera.source != nullptr;
+    if (!seen.used) continue;
+    threads.emplace_back([&] {
+      NoteFrames sink(*camera.source, seen);
+      while (more()) static_cast<void>(camera.source->poll(kPollMs, sink));
+      if (camera.identity) seen.identity = camera.identity();
+      seen.health = camera.source->health();
+    });
+  }
+  facts.modem.used = devices.modem_used;
+  facts.modem.open = devices.modem != nullptr;
+  facts.modem.failure = devices.modem_failure;
+  if (devices.modem != nullptr) {
+    threads.emplace_back([&] {
+      std::array<std::uint8_t, FramePort::kMaxFrameBytes> frame;
+      auto next_greeting = std::chrono::steady_clock::now();
+      while (more()) {
+        if (devices.link.greet && std::chrono::steady_clock::now() >= next_greeting) {
+          next_greeting += kGreetEvery;
+          static_cast<void>(devices.modem->send({frame.data(), devices.link.greet(now(), frame)}));
+        }
+        const std::size_t size = devices.modem->receive(frame);
+        if (size == 0) {
+          std::this_thread::sleep_for(std::chrono::milliseconds(kPollMs));
+          continue;
+        }
+        ++facts.modem.frames;
+        if (!devices.link.read) continue;
+        const PrediveLink::Heard heard = devices.link.read({frame.data(), size});
+        facts.modem.ours += heard.ours ? 1 : 0;
+        if (heard.fix) facts.modem.fix = heard.fix;
+      }
+      facts.modem.broken = devices.modem->droppedFrames();
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  for (std::size_t i = 0; i < devices.sources.size(); ++i) {
+    facts.sources.push_back(devices.sources[i]->health());
+    merge(notes[i].table, facts.samples);
+  }
+  // A fix that came over LCM and one of the ship's frame are the same to the vehicle.
+  SampleFacts& fixes = facts.samples[DeviceSample(UsblFix{}).index()];
+  if (fixes.count == 0 && facts.modem.fix) {
+    fixes.count = fixes.usable = 1;
+    fixes.first_ns = fixes.last_ns = now();
+    fixes.last = *facts.modem.fix;
+  }
+  return facts;
+}
+
+}  // namespace fathom::io

@@ -1,0 +1,97 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "firmware_if/camera/camera_source.hpp"
+#include "firmware_if/devices/sample_source.hpp"
+#include "firmware_if/devices/vehicle_time.hpp"
+#include "firmware_if/predive/image_quality.hpp"
+#include "realtime/kernel/frame_port.hpp"
+#include "recon/geometry/sensor_samples.hpp"
+
+namespace fathom::io {
+
+// What a camera says of itself.
+struct PrediveIdentity {
+  std::string serial, address;
+  std::string failure;  // why it could not be opened last, or ""
+};
+
+// The acoustic link's protocol, which is of another floor: the program's main gives it.
+struct PrediveLink {
+  struct Heard {
+    bool ours = false;  // of the ship, for this vehicle on this dive
+    std::optional<UsblFix> fix;
+  };
+  std::function<Heard(std::span<const std::uint8_t>)> read;
+  // Writes a frame that gives the ship the turn to speak; the bytes used.
+  std::function<std::size_t(std::int64_t utc_ns, std::span<std::uint8_t> out)> greet;
+};
+
+// The devices that are looked at: the program's own before a dive, stand-ins in tests.
+struct PrediveDevices {
+  struct Camera {
+    std::unique_ptr<CameraSource> source;       // null: none is configured
+    std::function<PrediveIdentity()> identity;  // on the thread that polled, afterwards
+  };
+  std::array<Camera, 2> cameras;  // by CameraSide
+  std::vector<std::unique_ptr<SampleSource>> sources;
+  // Kinds of samples, by the place in DeviceSample, that the configuration takes from somewhere.
+  std::array<bool, std::variant_size_v<DeviceSample>> expected{};
+  bool modem_used = false;
+  std::unique_ptr<FramePort> modem;  // null: none, or it could not be opened
+  std::string modem_failure;
+  PrediveLink link;
+};
+
+struct FrameFacts {
+  std::uint64_t frame_id = 0;
+  std::int64_t utc_ns = 0, device_ns = 0;
+  int width = 0, height = 0;  // [px]
+  ImageQuality quality;
+};
+struct CameraFacts {
+  bool used = false;
+  PrediveIdentity identity;
+  std::vector<FrameFacts> frames;
+  DeviceHealth health;
+};
+struct SampleFacts {
+  std::uint64_t count = 0;
+  std::int64_t first_ns = 0, last_ns = 0;  // arrival
+  double longest_gap_s = 0;
+  std::uint64_t usable = 0;  // DVL: with velocity; the others: all
+  DeviceSample last;
+  [[nodiscard]] double rateHz() const {
+    return count < 2 || last_ns <= first_ns
+               ? 0
+               : static_cast<double>(count - 1) * 1e9 / static_cast<double>(last_ns - first_ns);
+  }
+};
+struct ModemFacts {
+  bool used = false, open = false;
+  std::string failure;
+  std::uint64_t frames = 0, ours = 0, broken = 0;
+  std::optional<UsblFix> fix;  // the newest
+};
+struct PrediveFacts {
+  double seconds = 0;  // looked at
+  std::array<CameraFacts, 2> cameras;
+  std::array<SampleFacts, std::variant_size_v<DeviceSample>> samples;  // by the place in DeviceSample
+  std::array<bool, std::variant_size_v<DeviceSample>> expected{};
+  std::vector<DeviceHealth> sources;
+  ModemFacts modem;
+};
+
+// Polls every device from a thread of its own for so long and notes what it gives. Cameras' frames go back to
+// their pools at once.
+[[nodiscard]] PrediveFacts watchDevices(PrediveDevices& devices, double seconds, const VehicleTime& now);
+
+}  // namespace fathom::io
