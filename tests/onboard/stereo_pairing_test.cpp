@@ -2,7 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <deque>
 #include <limits>
+#include <random>
+#include <utility>
 
 namespace fathom::onboard {
 namespace {
@@ -96,6 +100,80 @@ TEST(StereoPairing, RefusesRepeatedBackwardAndImpossibleTimes) {
   const auto pair = pairing.add(kRight, {kT, 5});
   ASSERT_TRUE(pair);
   EXPECT_EQ(pair->left.frame_id, 1u);
+}
+
+TEST(StereoPairing, HoldsItsToleranceWhenACameraExposesLate) {
+  StereoPairing pairing(20 * kMs);
+  std::uint32_t id = 0;
+  std::int64_t t = kT;
+  const auto expose = [&](std::int64_t late_ns) {
+    t += 500 * kMs;
+    EXPECT_FALSE(pairing.add(kLeft, {t, ++id}));
+    return pairing.add(kRight, {t + late_ns, id}).has_value();
+  };
+  for (int i = 0; i < 20; ++i) EXPECT_TRUE(expose(0));
+  // A minute of a trigger that is late by less than the tolerance: two clocks do not drift so fast.
+  for (int i = 0; i < 20; ++i) EXPECT_TRUE(expose(15 * kMs));
+  EXPECT_LT(pairing.skewNs(), 3 * kMs);
+  for (int i = 0; i < 20; ++i) EXPECT_FALSE(expose(30 * kMs));
+}
+
+// Two cameras as they are at sea: stamps mapped to the vehicle's time with an error of a few milliseconds,
+// clocks that drift, frames lost on either side and on both, late exposures, restarts with a new error,
+// arrivals out of step. The frame's number stands for the moment of the exposure: a pair of two numbers is a
+// mismatch.
+TEST(StereoPairing, NeverPairsTwoMomentsWhateverIsLostLateOrStartedAgain) {
+  for (std::uint32_t seed = 0; seed < 20; ++seed) {
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<double> chance(0, 1);
+    std::uniform_int_distribution<std::int64_t> error(-4 * kMs, 4 * kMs), jitter(-kMs / 2, kMs / 2);
+    const std::int64_t period = seed % 2 == 0 ? 500 * kMs : 100 * kMs;
+    StereoPairing pairing(20 * kMs);
+    struct Camera {
+      std::int64_t offset = 0;
+      double ppm = 0;
+      int away = 0;  // exposures
+    } cameras[2];
+    cameras[0].ppm = 60 * chance(random);
+    cameras[1].ppm = -60 * chance(random);
+    // Frames on their way: one camera's may come some frames after the other's.
+    std::deque<std::pair<CameraSide, StereoPairing::Frame>> late_side;
+    int paired = 0, pairable = 0, mismatched = 0;
+    constexpr int kFrames = 5000;
+    for (int i = 0; i < kFrames; ++i) {
+      const std::int64_t t = kT + i * period;
+      const bool late = chance(random) < 0.02;
+      const bool both_lost = chance(random) < 0.02;
+      int came = 0;
+      for (const CameraSide side : {kLeft, kRight}) {
+        Camera& camera = cameras[static_cast<std::size_t>(side)];
+        if (camera.away > 0 && --camera.away == 0) camera.offset = error(random);  // mapped anew
+        if (camera.away == 0 && chance(random) < 0.002)
+          camera.away = 1 + static_cast<int>(40 * chance(random));
+        if (camera.away > 0 || both_lost || chance(random) < 0.05) continue;
+        const bool exposes_late = late && side == kRight;
+        const std::int64_t drift = static_cast<std::int64_t>(static_cast<double>(t - kT) * camera.ppm * 1e-6);
+        // What the map leaves of a drift: it is read every ten seconds.
+        const std::int64_t left_of_drift = drift % (2 * kMs);
+        const std::int64_t stamp =
+            t + camera.offset + left_of_drift + jitter(random) + (exposes_late ? 50 * kMs : 0);
+        late_side.push_back({side, {stamp, static_cast<std::uint32_t>(i)}});
+        came += exposes_late ? 0 : 1;
+      }
+      pairable += came == 2;
+      // A backlog of up to six frames, handed over in bursts.
+      if (chance(random) < 0.4 && late_side.size() < 12) continue;
+      std::stable_partition(late_side.begin(), late_side.end(),
+                            [&](const auto& frame) { return (frame.first == kLeft) == (i % 2 == 0); });
+      for (; !late_side.empty(); late_side.pop_front())
+        if (const auto pair = pairing.add(late_side.front().first, late_side.front().second)) {
+          ++paired;
+          mismatched += pair->left.frame_id != pair->right.frame_id;
+        }
+    }
+    EXPECT_EQ(mismatched, 0) << "seed " << seed;
+    EXPECT_GT(paired, pairable * 95 / 100) << "seed " << seed;
+  }
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 #include "realtime/onboard/nav/stereo_pairing.hpp"
 
+#include <algorithm>
 #include <cstdlib>
 
 namespace fathom::onboard {
@@ -40,8 +41,15 @@ std::optional<StereoPairing::Pair> StereoPairing::add(CameraSide side, const Fra
   }
   other.waiting.popFront();
   const Pair pair = side == CameraSide::kLeft ? Pair{frame, partner} : Pair{partner, frame};
-  skew_ns_ += (pair.right.utc_ns - pair.left.utc_ns - skew_ns_) / kSkewFollow;
+  followSkew(pair);
   return pair;
+}
+
+void StereoPairing::followSkew(const Pair& pair) noexcept {
+  const std::int64_t drift_ns = newest_pair_ns_ == 0 ? 0 : (pair.left.utc_ns - newest_pair_ns_) / kDriftShare;
+  newest_pair_ns_ = pair.left.utc_ns;
+  const std::int64_t off_ns = (pair.right.utc_ns - pair.left.utc_ns - skew_ns_) / kSkewFollow;
+  skew_ns_ += std::clamp(off_ns, -drift_ns, drift_ns);
 }
 
 }  // namespace fathom::onboard

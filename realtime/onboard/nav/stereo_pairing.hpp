@@ -15,7 +15,9 @@ namespace fathom::onboard {
 // arrive in any order relative to each other; each is in the order of its times. Fixed memory.
 //
 // The cameras' clocks drift apart (50 ppm each way is 0.36 s an hour), so the tolerance holds about a skew,
-// right less left, that follows the pairs found: each moves it by an eighth of what it is off.
+// right less left, that follows the pairs found: each moves it by an eighth of what it is off, but by no more
+// than two clocks drift apart in the time between the pairs. A camera that exposes late leaves the tolerance
+// where it was.
 class StereoPairing {
  public:
   struct Frame {
@@ -50,7 +52,7 @@ class StereoPairing {
   // For saved state (state_archive.hpp), bit by bit.
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.skew_ns_, self.streams_, self.refused_);
+    archive(self.skew_ns_, self.newest_pair_ns_, self.streams_, self.refused_);
   }
 
  private:
@@ -66,13 +68,17 @@ class StereoPairing {
       archive(self.times, self.waiting, self.unpaired);
     }
   };
+  void followSkew(const Pair& pair) noexcept;
   [[nodiscard]] const Stream& of(CameraSide side) const noexcept {
     return streams_[static_cast<std::size_t>(side)];
   }
 
   static constexpr std::int64_t kSkewFollow = 8;  // pairs over which the skew follows
+  static constexpr std::int64_t kDriftShare =
+      5000;  // of a time, that two clocks of 100 ppm drift apart in it
   std::int64_t tolerance_ns_;
   std::int64_t skew_ns_ = 0;
+  std::int64_t newest_pair_ns_ = 0;  // left exposure; 0: none yet
   std::array<Stream, 2> streams_;
   std::uint64_t refused_ = 0;
 };
