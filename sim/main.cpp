@@ -5,6 +5,7 @@
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "sim/boards_command.hpp"
+#include "sim/camera_command.hpp"
 #include "sim/channel_command.hpp"
 #include "sim/picture_command.hpp"
 #include "sim/render_command.hpp"
@@ -46,6 +47,9 @@ int run(int argc, char** argv) {
   CLI::App* channel_command = nullptr;
   const std::function<int()> run_channel = sim::addChannelCommand(app, channel_command);
 
+  CLI::App* camera_command = nullptr;
+  const std::function<int()> run_camera = sim::addCameraCommand(app, camera_command);
+
   CLI::App* picture_command = nullptr;
   const std::function<int()> run_picture = sim::addPictureCommand(app, picture_command);
 
@@ -55,6 +59,7 @@ int run(int argc, char** argv) {
   if (const auto code = parseCommandLine("fathom-sim", app, argc, argv)) return *code;
   if (*render_command) return sim::runRender(render);
   if (*channel_command) return run_channel();
+  if (*camera_command) return run_camera();
   if (*picture_command) return run_picture();
   if (*boards_command) return run_boards();
   if (*score_command) return sim::runScore(mission, json);

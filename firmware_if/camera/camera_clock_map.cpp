@@ -6,14 +6,16 @@
 namespace fathom::io {
 namespace {
 
-constexpr double kSecond = 1e9;                            // [ns]
-constexpr double kDriftSigma = 50e-6;                      // of free-running crystals
-constexpr double kLeastSigma = 1e-6;                       // of a reading: nothing is latched better [s]
-constexpr double kArrivalSigma = 0.5e-3;                   // of a window's least delay [s]
-constexpr double kWindow = 10;                             // of arrivals that give one point [s]
-constexpr std::int64_t kLeapNs = 1'000'000'000;            // a clock so far off was set anew
-constexpr std::int64_t kBeforeExposureNs = 50'000'000;     // no frame comes so long before its exposure
-constexpr int kAstrayFrames = 3;                           // in a row, before it is the clock's doing
+constexpr double kSecond = 1e9;                         // [ns]
+constexpr double kDriftSigma = 50e-6;                   // of free-running crystals
+constexpr double kLeastSigma = 1e-6;                    // of a reading: nothing is latched better [s]
+constexpr double kArrivalSigma = 0.5e-3;                // of a window's least delay [s]
+constexpr double kWindow = 10;                          // of arrivals that give one point [s]
+constexpr std::int64_t kLeapNs = 1'000'000'000;         // a clock so far off was set anew
+constexpr std::int64_t kBeforeExposureNs = 50'000'000;  // no frame comes so long before its exposure
+constexpr int kAstrayFrames = 3;                        // in a row, before it is the clock's doing
+constexpr std::int64_t kCloseReadingNs = 5'000'000;     // a quarter of a pair's usual tolerance
+constexpr int kSettlingArrivals = 5;
 constexpr std::int64_t kLatestNs = std::int64_t{1} << 62;  // a damaged stamp; differences must not overflow
 constexpr std::int64_t kTaiAheadNs = 37'000'000'000;       // of UTC, since 2017
 
@@ -25,7 +27,8 @@ double seconds(std::int64_t ns) {
 
 void CameraClockMap::begin(std::int64_t device_ns, std::int64_t utc_ns) noexcept {
   any_ = true;
-  has_readings_ = false;
+  has_readings_ = settled_ = false;
+  arrivals_ = 0;
   device_base_ns_ = device_ns;
   offset_base_ns_ = utc_ns - device_ns;
   points_.clear();
@@ -55,6 +58,7 @@ void CameraClockMap::addReading(std::int64_t device_ns, std::int64_t utc_ns,
     any_device_ = false;  // the stamps begin anew with the clock
     reset(device_ns, utc_ns);
   }
+  settled_ = settled_ || uncertainty_ns <= kCloseReadingNs;
   if (!has_readings_) {
     points_.clear();
     has_readings_ = true;
@@ -131,7 +135,10 @@ std::int64_t CameraClockMap::utcNs(std::int64_t device_ns, std::int64_t first_pa
   device_ns = std::clamp<std::int64_t>(device_ns, 0, kLatestNs);
   if (mode_ == Mode::kPtp) {
     std::int64_t mapped = 0;
-    if (timeOfDay(device_ns, first_packet_utc_ns, mapped)) return inOrder(mapped);
+    if (timeOfDay(device_ns, first_packet_utc_ns, mapped)) {
+      settled_ = true;
+      return inOrder(mapped);
+    }
     ++unsynchronised_;
   }
   if (!any_) {
@@ -140,7 +147,8 @@ std::int64_t CameraClockMap::utcNs(std::int64_t device_ns, std::int64_t first_pa
     reset(device_ns, first_packet_utc_ns);
   } else {
     const std::int64_t lateness = first_packet_utc_ns - lineUtcNs(device_ns);
-    const bool early = lateness < -kBeforeExposureNs;
+    // Until there is a line, one late frame may have set the offset, and the next shows it.
+    const bool early = lateness < (points_.empty() ? -kLeapNs : -kBeforeExposureNs);
     astray_ = early || lateness > kLeapNs ? astray_ + 1 : 0;
     // Without readings an early frame is the least delay there is: the line must follow it at once.
     if ((early && !has_readings_) || astray_ == kAstrayFrames) reset(device_ns, first_packet_utc_ns);
@@ -148,6 +156,7 @@ std::int64_t CameraClockMap::utcNs(std::int64_t device_ns, std::int64_t first_pa
   any_device_ = true;
   newest_device_ns_ = device_ns;
   if (!has_readings_) addArrival(device_ns, first_packet_utc_ns);
+  if (!has_readings_ && ++arrivals_ >= kSettlingArrivals) settled_ = true;
   return inOrder(lineUtcNs(device_ns));
 }
 

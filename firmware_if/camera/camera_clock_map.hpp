@@ -18,9 +18,9 @@ namespace fathom::io {
 //             the least of arrival less stamp over a window of frames tells the offset but for that delay.
 // Once a reading came, arrivals only watch for leaps. Fixed memory; same calls, same result.
 //
-// A camera that starts again has its clock at zero. A stamp that goes back, a reading a second off the line, or
-// three frames in a row that came a second late or before their exposure begin a new line, and are counted. A
-// single late frame is a late packet, not a leap.
+// A camera that starts again has its clock at zero. A stamp that goes back, a reading a second off the line,
+// or three frames in a row that came a second late or before their exposure begin a new line, and are
+// counted. A single late frame is a late packet, not a leap.
 class CameraClockMap {
  public:
   enum class Mode : std::uint8_t {
@@ -39,6 +39,9 @@ class CameraClockMap {
   // The vehicle's time of a frame's stamp, for frames in their order; later than every one before it.
   [[nodiscard]] std::int64_t utcNs(std::int64_t device_ns, std::int64_t first_packet_utc_ns) noexcept;
 
+  // Whether the times can be trusted for pairing: a close reading, or several arrivals of which the least
+  // late counts, since the line began. One late packet must not pass for the clock.
+  [[nodiscard]] bool settled() const noexcept { return settled_; }
   [[nodiscard]] std::uint64_t resets() const noexcept { return resets_; }
   [[nodiscard]] std::uint64_t clamped() const noexcept {
     return clamped_;
@@ -74,7 +77,9 @@ class CameraClockMap {
   double window_start_ = 0;
   bool window_open_ = false;
   double centre_ = 0, level_ = 0, drift_ = 0;  // the line: y = level + drift (x - centre)
-  int astray_ = 0;                             // frames in a row that came far too early or late
+  bool settled_ = false;
+  int arrivals_ = 0;  // since the line began, as far as they matter
+  int astray_ = 0;    // frames in a row that came far too early or late
   std::uint64_t resets_ = 0, clamped_ = 0, unsynchronised_ = 0;
 };
 

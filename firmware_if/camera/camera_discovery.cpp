@@ -5,6 +5,7 @@
 #include <netinet/in.h>
 
 #include <algorithm>
+#include <chrono>
 #include <mutex>
 
 #include "firmware_if/camera/aravis_handles.hpp"
@@ -45,11 +46,17 @@ bool isIpAddress(const std::string& text) {
 }
 
 std::vector<FoundCamera> findCameras(const std::string& interface) {
-  // The list is Aravis' own, one for the process.
+  // The list is Aravis' own, one for the process. A search that began after this call, while another thread's
+  // was awaited, serves this one too.
   static std::mutex one_at_a_time;
+  static std::chrono::steady_clock::time_point searched;
+  const auto called = std::chrono::steady_clock::now();
   const std::lock_guard lock(one_at_a_time);
   ArvInterface* gige = arv_gv_interface_get_instance();
-  arv_interface_update_device_list(gige);
+  if (searched < called) {
+    searched = std::chrono::steady_clock::now();
+    arv_interface_update_device_list(gige);
+  }
   std::vector<FoundCamera> found;
   const unsigned count = arv_interface_get_n_devices(gige);
   for (unsigned i = 0; i < count; ++i) {

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <mutex>
 #include <utility>
 
 #include "firmware_if/camera/camera_discovery.hpp"
@@ -42,6 +43,16 @@ std::string ownAddressTowards(const std::string& address) {
     ::inet_ntop(AF_INET, &own.sin_addr, name, sizeof name);
   ::close(socket);
   return name;
+}
+
+// Reads the camera's description too, with a parser of Aravis that knows nothing of threads.
+GObjectPtr<ArvCamera> openByAddress(GInetAddress* here, GInetAddress* there, AravisError& error) {
+  static std::mutex one_at_a_time;
+  const std::lock_guard lock(one_at_a_time);
+  const GObjectPtr<ArvDevice> device(arv_gv_device_new(here, there, error.out()));
+  if (error.failed() || device == nullptr) return nullptr;
+  GObjectPtr<ArvCamera> camera(arv_camera_new_with_device(device.get(), error.out()));
+  return error.failed() ? nullptr : std::move(camera);
 }
 
 // Runs settings until the first that fails; says which.
@@ -198,14 +209,9 @@ GObjectPtr<ArvCamera> openCamera(const CameraConfig& config, CameraIdentity& ide
     why = "has the address " + identity.address + ", to which there is no way";
     return nullptr;
   }
-  const GObjectPtr<ArvDevice> device(arv_gv_device_new(here.get(), there.get(), error.out()));
-  if (error.failed() || device == nullptr) {
+  GObjectPtr<ArvCamera> camera = openByAddress(here.get(), there.get(), error);
+  if (camera == nullptr) {
     why = "cannot be opened: " + error.text();
-    return nullptr;
-  }
-  GObjectPtr<ArvCamera> camera(arv_camera_new_with_device(device.get(), error.out()));
-  if (error.failed() || camera == nullptr) {
-    why = "cannot be used: " + error.text();
     return nullptr;
   }
   if (!arv_camera_is_gv_device(camera.get()) ||

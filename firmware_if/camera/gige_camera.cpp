@@ -23,12 +23,14 @@ enum class Count : std::uint8_t {
   kWrongSize,
   kWrongFormat,
   kMissed,
+  kIdJumps,
   kStale,
   kPoolFull,
   kNoBuffer,
   kResentPackets,
   kClockResets,
   kClockHeld,
+  kClockUnsettled,
   kPtpApart,
   kControlLost,
   kStalled,
@@ -38,20 +40,26 @@ enum class Count : std::uint8_t {
 };
 constexpr std::size_t kCounts = static_cast<std::size_t>(Count::kCounts);
 constexpr std::array<std::string_view, kCounts> kNames{
-    "incomplete",   "timed_out", "wrong_size",     "wrong_format",    "missed",     "stale",
-    "pool_full",    "no_buffer", "resent_packets", "clock_resets",    "clock_held", "ptp_apart",
-    "control_lost", "stalled",   "open_failed",    "priority_refused"};
+    "incomplete",      "timed_out", "wrong_size",   "wrong_format",   "missed",       "id_jumps",
+    "stale",           "pool_full", "no_buffer",    "resent_packets", "clock_resets", "clock_held",
+    "clock_unsettled", "ptp_apart", "control_lost", "stalled",        "open_failed",  "priority_refused"};
 
 constexpr std::int64_t kNsPerMs = 1'000'000, kNsPerUs = 1'000;
 constexpr std::int64_t kNsPerS = 1'000'000'000;
-constexpr std::int64_t kRetryNs = kNsPerS;                     // between attempts to open
-constexpr std::int64_t kLeastSilenceNs = 2 * kNsPerS;          // whatever the rate
-constexpr std::int64_t kOldestFrameNs = 2 * kNsPerS;           // that waits for the polling thread
+constexpr std::int64_t kRetryNs = kNsPerS;                        // between attempts to open
+constexpr std::int64_t kLeastSilenceNs = 2 * kNsPerS;             // whatever the rate
+constexpr std::int64_t kOldestFrameNs = 2 * kNsPerS;              // that waits for the polling thread
+constexpr std::uint64_t kLatestStampNs = std::uint64_t{1} << 62;  // what is later is damaged
+// Frames that can have been missed: by the rate that is set, with room for a trigger that is faster.
+constexpr double kMostMissedShare = 4;
+constexpr std::uint64_t kMostMissed = 8;
 constexpr std::size_t kMostChunkBytes = std::size_t{1} << 16;  // beside the pixels of a frame
 
 // The camera's clock is read on command at 0, 1, 3, 7... s, then every ten: the first readings come before
 // the drift is known, and between the later ones it is.
 constexpr std::int64_t kFirstReadingGapNs = kNsPerS, kLongestReadingGapNs = 10 * kNsPerS;
+constexpr int kReadingTries = 4;
+constexpr std::int64_t kCloseReadingNs = kNsPerMs / 2;
 // Bootstrap registers of the time stamp (GigE Vision 2.0, section 28).
 constexpr std::uint64_t kStampFrequencyHigh = 0x093c, kStampFrequencyLow = 0x0940, kStampControl = 0x0944,
                         kStampHigh = 0x0948, kStampLow = 0x094c;
@@ -115,8 +123,10 @@ struct GigeCamera::Impl {
   std::uint64_t ticks_per_s = 0;  // of the clock's registers; 0: it has none
   std::int64_t next_reading_ns = 0, reading_gap_ns = 0;
 
-  std::int64_t next_open_ns = 0, last_frame_ns = 0;  // vehicle's time
-  bool sent_since_open = false, opened_before = false;
+  std::int64_t next_open_ns = 0, last_frame_ns = 0, last_whole_ns = 0;  // vehicle's time
+  std::uint64_t broken_since_whole = 0;
+  std::int64_t newest_stamp_ns = 0;  // by the camera's clock, since it was opened
+  bool any_stamp = false, sent_since_open = false, opened_before = false;
   std::int64_t last_data_ns = 0;
   std::uint64_t frames = 0, disconnects = 0;
   std::uint64_t stream_underruns = 0, stream_resent = 0;  // of the open stream, already counted
@@ -172,7 +182,8 @@ void GigeCamera::Impl::open() {
     return close();
   }
   failure.clear();
-  sent_since_open = false;
+  sent_since_open = any_stamp = false;
+  broken_since_whole = 0;
   last_frame_ns = now();
 }
 
@@ -212,22 +223,31 @@ void GigeCamera::Impl::readClock() {
   reading_gap_ns = std::min(2 * reading_gap_ns, kLongestReadingGapNs);
   ArvDevice* device = arv_camera_get_device(camera.get());
   AravisError error;
-  std::uint32_t high = 0, low = 0;
-  const std::int64_t before = now();
-  if (!arv_device_write_register(device, kStampControl, kLatchStamp, error.out())) return;
-  const std::int64_t after = now();
-  if (!arv_device_read_register(device, kStampHigh, &high, error.out()) ||
-      !arv_device_read_register(device, kStampLow, &low, error.out()))
-    return;
-  const std::uint64_t ticks = std::uint64_t{high} << 32 | low;
+  std::uint64_t ticks = 0;
+  std::int64_t utc_ns = 0, uncertainty_ns = INT64_MAX;
+  // On a busy machine a round trip may take long; the shortest of a few counts.
+  for (int i = 0; i < kReadingTries && uncertainty_ns > kCloseReadingNs; ++i) {
+    std::uint32_t high = 0, low = 0;
+    const std::int64_t before = now();
+    if (!arv_device_write_register(device, kStampControl, kLatchStamp, error.out())) return;
+    const std::int64_t half = (now() - before) / 2;
+    if (!arv_device_read_register(device, kStampHigh, &high, error.out()) ||
+        !arv_device_read_register(device, kStampLow, &low, error.out()))
+      return;
+    if (half >= uncertainty_ns) continue;
+    ticks = std::uint64_t{high} << 32 | low;
+    utc_ns = before + half;
+    uncertainty_ns = half;
+  }
   // A camera without a latch leaves the registers at zero.
   if (ticks == 0) {
     ticks_per_s = 0;
     return;
   }
-  const auto device_ns = static_cast<std::int64_t>(static_cast<long double>(ticks) * 1e9L /
-                                                   static_cast<long double>(ticks_per_s));
-  clock.addReading(device_ns, before + (after - before) / 2, (after - before) / 2);
+  const long double seconds = static_cast<long double>(ticks) / static_cast<long double>(ticks_per_s);
+  clock.addReading(
+      static_cast<std::int64_t>(std::min(seconds * 1e9L, static_cast<long double>(kLatestStampNs))), utc_ns,
+      uncertainty_ns);
 }
 
 // Whether the frame is what was asked for; counts why not.
@@ -277,22 +297,40 @@ std::int64_t GigeCamera::Impl::firstPacketUtcNs(ArvBuffer* buffer, std::int64_t 
 
 void GigeCamera::Impl::take(ArvBuffer* buffer, FrameSink& sink) {
   if (arv_buffer_get_status(buffer) == ARV_BUFFER_STATUS_CLEARED) return;
-  // A frame that is not whole has used up its id too.
-  const FrameIdUnwrap::Step step = ids.add(arv_buffer_get_frame_id(buffer));
-  count(Count::kMissed, step.missed);
-  if (!step.fresh) return count(Count::kStale);
-  last_frame_ns = now();
+  const std::int64_t utc_ns = now();
+  const std::int64_t since_last_ns = utc_ns - last_whole_ns;
+  last_frame_ns = utc_ns;
   sent_since_open = true;
-  if (!whole(buffer)) return;
+  const auto device_ns =
+      static_cast<std::int64_t>(std::min<std::uint64_t>(arv_buffer_get_timestamp(buffer), kLatestStampNs));
+  // A frame that is not whole has used up its id, but which that was nobody knows: its leader may be missing,
+  // and then the buffer still has the id and the stamp of an older frame.
+  if (!whole(buffer)) {
+    ++broken_since_whole;
+    return;
+  }
+  if (any_stamp && device_ns <= newest_stamp_ns && newest_stamp_ns - device_ns < kOldestFrameNs)
+    return count(Count::kStale);
+  const auto most_missed = static_cast<std::uint64_t>(kMostMissedShare * config.rate_hz *
+                                                      static_cast<double>(since_last_ns) * 1e-9) +
+                           kMostMissed;
+  const FrameIdUnwrap::Step step = ids.add(arv_buffer_get_frame_id(buffer), most_missed);
+  count(Count::kMissed, step.missed - std::min(step.missed, broken_since_whole));
+  count(Count::kIdJumps, step.jumped ? 1 : 0);
+  broken_since_whole = 0;
+  any_stamp = true;
+  newest_stamp_ns = device_ns;
+  last_whole_ns = utc_ns;
 
   CameraFrame frame;
   frame.side = config.side;
   frame.frame_id = step.id;
-  frame.device_ns = static_cast<std::int64_t>(arv_buffer_get_timestamp(buffer));
-  frame.arrival_utc_ns = now();
+  frame.device_ns = device_ns;
+  frame.arrival_utc_ns = utc_ns;
   frame.utc_ns = clock.utcNs(frame.device_ns, firstPacketUtcNs(buffer, frame.arrival_utc_ns));
   frame.exposure_s = identity.exposure_s;
   frame.gain_db = identity.gain_db;
+  if (!clock.settled()) return count(Count::kClockUnsettled);
   frame.block = blocks.acquire();
   if (frame.block == rt::SharedBlocks::kNone) return count(Count::kPoolFull);
   std::size_t bytes = 0;

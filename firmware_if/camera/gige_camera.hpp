@@ -21,11 +21,13 @@ namespace fathom::io {
 //   wrong_size      another width, height or number of bytes
 //   wrong_format    another pixel format, or no image
 //   missed          ids that never came at all
-//   stale           an id again, or one older than the newest
+//   id_jumps        ids that do not follow from the one before
+//   stale           an exposure again, or one older than the newest
 //   pool_full       a whole frame for which no block was free: the newest is dropped
 //   no_buffer       frames for which Aravis had no buffer, the polling thread being late
 //   resent_packets  asked for again and come
 //   clock_resets    the camera's clock leapt
+//   clock_unsettled frames before the camera's clock was known well enough to pair them
 //   clock_held      mapped times held back to keep their order
 //   ptp_apart       stamps that were not the time of day though PTP is asked
 //   control_lost    the camera no longer hears us, or started again

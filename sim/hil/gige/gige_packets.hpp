@@ -1,0 +1,69 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+namespace fathom::sim {
+
+// Packets of the control protocol GVCP and the stream protocol GVSP (GigE Vision 1.2, sections 14 to 24) as a
+// camera takes and gives them.
+
+enum class GvcpCommand : std::uint16_t {
+  kDiscovery = 0x0002,
+  kPacketResend = 0x0040,
+  kReadRegisters = 0x0080,
+  kWriteRegisters = 0x0082,
+  kReadMemory = 0x0084,
+  kWriteMemory = 0x0086,
+};
+
+enum class GvcpStatus : std::uint16_t {
+  kSuccess = 0x0000,
+  kNotImplemented = 0x8001,
+  kInvalidParameter = 0x8002,
+  kInvalidAddress = 0x8003,
+  kWriteProtect = 0x8004,
+  kAccessDenied = 0x8006,
+};
+
+struct GvcpRequest {
+  std::uint16_t command = 0;
+  std::uint16_t id = 0;
+  bool wants_answer = false;
+  std::span<const std::uint8_t> payload;  // into the datagram
+};
+
+// std::nullopt for what is no request, or shorter than it says.
+[[nodiscard]] std::optional<GvcpRequest> parseGvcp(std::span<const std::uint8_t> datagram);
+[[nodiscard]] std::vector<std::uint8_t> gvcpAnswer(const GvcpRequest& request, GvcpStatus status,
+                                                   std::span<const std::uint8_t> payload);
+
+[[nodiscard]] std::uint32_t bigEndian32(std::span<const std::uint8_t> bytes, std::size_t at);
+[[nodiscard]] std::uint16_t bigEndian16(std::span<const std::uint8_t> bytes, std::size_t at);
+void putBigEndian32(std::vector<std::uint8_t>& out, std::uint32_t value);
+void putBigEndian16(std::vector<std::uint8_t>& out, std::uint16_t value);
+
+// A frame cut into packets: leader, data, trailer. The bytes of the image stay where they are.
+struct GvspFrame {
+  std::uint16_t id = 0;
+  std::uint64_t ticks = 0;  // time stamp
+  std::uint32_t pixel_format = 0;
+  std::uint32_t width = 0, height = 0;
+  std::size_t data_bytes = 0;  // of a data packet
+  std::vector<std::byte> image;
+
+  [[nodiscard]] std::uint32_t packets() const {
+    return static_cast<std::uint32_t>((image.size() + data_bytes - 1) / data_bytes) + 2;
+  }
+  // Writes packet `n` of packets() into `out`, without IP and UDP headers.
+  void packet(std::uint32_t n, std::vector<std::uint8_t>& out) const;
+};
+
+// Bytes of IP, UDP and GVSP headers, that a packet's size in the register counts.
+inline constexpr std::size_t kGvspOverhead = 20 + 8 + 8;
+inline constexpr std::size_t kUdpOverhead = 20 + 8;
+
+}  // namespace fathom::sim
