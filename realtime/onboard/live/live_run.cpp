@@ -103,7 +103,7 @@ int runLive(const LiveOptions& options) {
   if (options.soft) config.live.realtime.soft = true;
   if (!config.live.cameras.used())
     throw InputError(options.config ? options.config->string() : "no --config", "[cameras]",
-                     "names no cameras; give left_id and right_id");
+                     "names no cameras; give left and right");
   if (const std::string warning = io::plannedRoomWarning(config.live.recorder, mission, rig, options.folder);
       !warning.empty())
     std::fprintf(stderr, "fathom-onboard: warning: %s\n", warning.c_str());
