@@ -12,6 +12,7 @@ inline constexpr const char* kArgumentsFile = "arguments";      // list: the com
 inline constexpr const char* kEnvironmentFile = "environment";  // list: NAME=VALUE
 inline constexpr const char* kFolderFile = "folder";            // list of one: where the command starts
 inline constexpr const char* kCanFile = "can";                  // present: CAN interfaces are wanted
+inline constexpr const char* kLoopFile = "loop";  // list of one: the image, when its drive is a loop device
 inline constexpr const char* kOutputFile = "stdout";
 inline constexpr const char* kErrorsFile = "stderr";
 inline constexpr const char* kStartedFile = "started";  // appears when the command starts

@@ -4,7 +4,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <filesystem>
+#include <fstream>
 
 #include "tests/support/test_data.hpp"
 
@@ -46,6 +48,29 @@ TEST_F(UserModeLinux, APowerCutKeepsWhatWasSyncedAndLosesWhatWasNot) {
   ASSERT_EQ(after.status, 0) << after.output;
   EXPECT_TRUE(std::filesystem::exists(folder_.path() / "a"));
   EXPECT_FALSE(std::filesystem::exists(folder_.path() / "b"));
+}
+
+TEST_F(UserModeLinux, ACutVolatileCacheKeepsWhatWasFlushedAndTearsWhatWasNot) {
+  const std::string out = folder_.path().string();
+  // The second write is on its way without a flush: O_DIRECT hands it to the drive.
+  const MachineRun cut =
+      runMachine("--disk " + disk_ + " --format 32 --volatile-cache 7 --cut-after 3 -- bash -c '" +
+                 "cd $FATHOM_UML_DISK; " + "head -c 65536 /dev/zero > torn; echo kept > kept; sync; " +
+                 "yes written | head -c 65536 > /dev/shm/new; " +
+                 "dd if=/dev/shm/new of=torn bs=64k oflag=direct conv=notrunc status=none; " +
+                 "echo done > " + out + "/done; sleep 1000'");
+  ASSERT_EQ(cut.status, 0) << cut.output;
+  ASSERT_TRUE(std::filesystem::exists(folder_.path() / "done")) << "cut too early";
+  const MachineRun after = runMachine(
+      "--disk " + disk_ + " -- bash -c 'cp $FATHOM_UML_DISK/kept $FATHOM_UML_DISK/torn " + out + "'");
+  ASSERT_EQ(after.status, 0) << after.output;
+  std::ifstream torn(folder_.path() / "torn", std::ios::binary);
+  int new_sectors = 0, old_sectors = 0;
+  for (std::array<char, 512> sector; torn.read(sector.data(), sector.size());)
+    ++(sector[0] == 0 && sector[511] == 0 ? old_sectors : new_sectors);
+  EXPECT_EQ(old_sectors + new_sectors, 128);
+  EXPECT_GT(old_sectors, 0);
+  EXPECT_GT(new_sectors, 0);
 }
 
 TEST_F(UserModeLinux, SaysWhenThereWasNothingToCut) {

@@ -2,6 +2,8 @@
 // writes its exit status into the job folder and switches the machine off.
 
 #include <fcntl.h>
+#include <linux/loop.h>
+#include <sys/ioctl.h>
 #include <sys/mount.h>
 #include <sys/reboot.h>
 #include <sys/stat.h>
@@ -26,6 +28,8 @@
 namespace {
 
 using namespace fathom::uml;
+
+constexpr const char* kLoopDevice = "/dev/loop0";
 
 std::string job;
 
@@ -96,6 +100,24 @@ void run(std::initializer_list<const char*> command) {
   if (waitFor(child) != 0) throw std::runtime_error(arguments[0] + " failed");
 }
 
+// Through hostfs, so that the image's flushes reach the host (uml_drive.cpp).
+void attachLoop(const std::string& image) {
+  insertModule("drivers/block/loop.ko");
+  const int disk = ::open(image.c_str(), O_RDWR | O_CLOEXEC), loop = ::open(kLoopDevice, O_RDWR | O_CLOEXEC);
+  if (disk < 0 || loop < 0 || ::ioctl(loop, LOOP_SET_FD, disk) != 0) fail(kLoopDevice);
+  ::close(disk);
+  ::close(loop);
+}
+
+void mountDisk() {
+  const char* drive = "/dev/ubda";
+  if (exists(inJob(kLoopFile))) {
+    drive = kLoopDevice;
+    attachLoop(readList(inJob(kLoopFile)).at(0));
+  }
+  mountAt(drive, inJob(kDiskFolder), "ext4");
+}
+
 void setUp() {
   ::setenv("PATH", "/usr/sbin:/usr/bin:/sbin:/bin", 1);
   mountAt("proc", "/proc", "proc");
@@ -115,7 +137,7 @@ void setUp() {
       run({"ip", "link", "set", name, "up"});
     }
   }
-  if (exists(inJob(kDiskFolder))) mountAt("/dev/ubda", inJob(kDiskFolder), "ext4");
+  if (exists(inJob(kDiskFolder))) mountDisk();
 }
 
 [[noreturn]] void runCommand() {

@@ -21,6 +21,7 @@
 #include <stdexcept>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "tests/uml/machine_files.hpp"
@@ -47,6 +48,7 @@ struct Options {
   fs::path disk;
   int format_mib = 0;
   std::optional<double> cut_after_s;
+  std::optional<std::uint64_t> cache_seed;
   double limit_s = 60;
   int memory_mib = 192;
 };
@@ -65,7 +67,8 @@ void writeList(const fs::path& path, const std::vector<std::string>& list) {
 }
 
 // Forks, execs; the child gets only /dev/null and `log`.
-pid_t start(std::vector<std::string> arguments, const fs::path& log, const std::optional<fs::path>& tmp) {
+pid_t start(std::vector<std::string> arguments, const fs::path& log,
+            const std::vector<std::pair<std::string, std::string>>& variables) {
   std::vector<char*> pointers;
   for (std::string& argument : arguments) pointers.push_back(argument.data());
   pointers.push_back(nullptr);
@@ -78,7 +81,7 @@ pid_t start(std::vector<std::string> arguments, const fs::path& log, const std::
   ::dup2(in, STDIN_FILENO);
   ::dup2(out, STDOUT_FILENO);
   ::dup2(out, STDERR_FILENO);
-  if (tmp) ::setenv("TMPDIR", tmp->c_str(), 1);
+  for (const auto& [name, value] : variables) ::setenv(name.c_str(), value.c_str(), 1);
   ::execvp(pointers[0], pointers.data());
   ::_exit(127);
 }
@@ -131,8 +134,7 @@ class JobFolder {
 void formatDisk(const Options& options, const JobFolder& job) {
   std::ofstream(options.disk, std::ios::trunc).flush();
   fs::resize_file(options.disk, static_cast<std::uintmax_t>(options.format_mib) << 20);
-  const pid_t child =
-      start({"/usr/sbin/mkfs.ext4", "-q", "-F", options.disk.string()}, job / "mkfs", std::nullopt);
+  const pid_t child = start({"/usr/sbin/mkfs.ext4", "-q", "-F", options.disk.string()}, job / "mkfs", {});
   int status = 0;
   ::waitpid(child, &status, 0);
   if (status != 0)
@@ -146,7 +148,8 @@ pid_t boot(const Options& options, const JobFolder& job) {
   writeList(job / kEnvironmentFile, environment);
   writeList(job / kFolderFile, {fs::current_path().string()});
   if (options.can) writeList(job / kCanFile, {});
-  fs::create_symlink(fs::read_symlink("/proc/self/exe").parent_path() / "uml_init", job / "init");
+  const fs::path programs = fs::read_symlink("/proc/self/exe").parent_path();
+  fs::create_symlink(programs / "uml_init", job / "init");
 
   std::vector<std::string> kernel = {kKernel,
                                      "mem=" + std::to_string(options.memory_mib) + "M",
@@ -166,9 +169,21 @@ pid_t boot(const Options& options, const JobFolder& job) {
                                      std::string(kJobVariable) + "=" + job.path().string()};
   if (!options.disk.empty()) {
     fs::create_directory(job / kDiskFolder);
-    kernel.push_back("ubd0=" + fs::absolute(options.disk).string());
+    const std::string image = fs::absolute(options.disk).string();
+    if (options.cache_seed) {
+      writeList(job / kLoopFile, {image});
+    } else {
+      kernel.push_back("ubd0=" + image);
+    }
   }
-  return start(kernel, job / "console", memoryFolder(options.memory_mib, job.path()));
+  std::vector<std::pair<std::string, std::string>> variables = {
+      {"TMPDIR", memoryFolder(options.memory_mib, job.path()).string()}};
+  if (options.cache_seed) {
+    variables.emplace_back("LD_PRELOAD", (programs / "uml_drive.so").string());
+    variables.emplace_back("FATHOM_UML_DRIVE", fs::absolute(options.disk).string());
+    variables.emplace_back("FATHOM_UML_DRIVE_SEED", std::to_string(*options.cache_seed));
+  }
+  return start(kernel, job / "console", variables);
 }
 
 double since(SteadyClock::time_point begin) {
@@ -243,6 +258,10 @@ int main(int argc, char** argv) {
                      "File that is the machine's disk; its ext4 file system is mounted at $FATHOM_UML_DISK");
   app.add_option("--format", options.format_mib, "Makes the disk anew with this size [MiB]")
       ->check(CLI::Range(8, 65536))
+      ->needs(disk);
+  app.add_option("--volatile-cache", options.cache_seed,
+                 "The disk has a write cache that a power cut empties; this seed decides what of it was on "
+                 "the medium")
       ->needs(disk);
   app.add_option("--cut-after", options.cut_after_s, "Cuts the power this long after the command's start [s]")
       ->check(CLI::Range(0.0, 3600.0));
