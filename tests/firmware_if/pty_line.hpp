@@ -1,6 +1,7 @@
 #pragma once
 
 #include <gtest/gtest.h>
+#include <poll.h>
 #include <pty.h>
 #include <termios.h>
 #include <unistd.h>
@@ -47,10 +48,23 @@ class PtyLine {
   void send(std::span<const std::uint8_t> bytes) const {
     ASSERT_EQ(::write(instrument_, bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size()));
   }
+  // The same where nobody may be reading: what there is no room for is lost, as on a wire.
+  void offer(std::span<const std::uint8_t> bytes) const {
+    if (!pollFor(POLLOUT)) return;
+    [[maybe_unused]] const ssize_t written = ::write(instrument_, bytes.data(), bytes.size());
+  }
+  // What the program has sent, without waiting.
+  [[nodiscard]] ssize_t read(std::span<std::uint8_t> buffer) const {
+    return pollFor(POLLIN) ? ::read(instrument_, buffer.data(), buffer.size()) : 0;
+  }
   [[nodiscard]] const std::string& name() const { return name_; }
   [[nodiscard]] int line() const { return line_; }
 
  private:
+  [[nodiscard]] bool pollFor(short events) const {
+    pollfd line = {instrument_, events, 0};
+    return ::poll(&line, 1, 0) == 1 && (line.revents & events) != 0;
+  }
   static int& counter() {
     static int n = 0;
     return n;

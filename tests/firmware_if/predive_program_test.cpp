@@ -1,0 +1,211 @@
+// `fathom-sensors predive` as a person runs it: devices on real interfaces of a network of the test's own.
+#include <gmock/gmock.h>
+#include <sys/wait.h>
+
+#include <atomic>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "firmware_if/civil_time.hpp"
+#include "firmware_if/lcm_bus/lcm_source.hpp"
+#include "firmware_if/mission.hpp"
+#include "firmware_if/modem/slip.hpp"
+#include "realtime/kernel/clock.hpp"
+#include "telemetry/ship_link.hpp"
+#include "tests/firmware_if/pd0_builder.hpp"
+#include "tests/firmware_if/pty_line.hpp"
+#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/network_namespace.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::io {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr const char* kBus = "udpm://239.255.76.67:7667?ttl=0";
+
+struct Outcome {
+  int exit_code = -1;
+  std::string out;
+};
+Outcome predive(const std::string& arguments) {
+  Outcome run;
+  const std::string command = std::string(FATHOM_BIN_DIR) + "/fathom-sensors predive " + arguments + " 2>&1";
+  std::FILE* pipe = ::popen(command.c_str(), "r");
+  if (pipe == nullptr) return run;
+  for (int c = std::fgetc(pipe); c != EOF; c = std::fgetc(pipe)) run.out.push_back(static_cast<char>(c));
+  const int status = ::pclose(pipe);
+  if (WIFEXITED(status)) run.exit_code = WEXITSTATUS(status);
+  return run;
+}
+
+void writeMission(const std::filesystem::path& folder) {
+  MissionConfig mission;
+  mission.cameras.left_serial = "PEER1";
+  mission.cameras.right_serial = "PEER2";
+  mission.cameras.left_format = mission.cameras.right_format = PixelFormat::kMono;
+  mission.cameras.bits = 8;
+  mission.cameras.rate_hz = 4;
+  mission.origin = {-0.6, 2.0};
+  mission.start_utc_ns = 1'700'000'000'000'000'000;
+  mission.T_body_cam = SE3::fromEuler(0.02, 0, kPi / 2, {0.5, 0, 0.3});
+  writeMissionConfig(folder, mission);
+  StereoRig rig;
+  for (Camera* camera : {&rig.left, &rig.right}) {
+    camera->width = 640;
+    camera->height = 480;
+    camera->fx = camera->fy = 800;
+    camera->cx = 320;
+    camera->cy = 240;
+  }
+  rig.T_right_left = SE3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(-0.07, 0, 0));
+  writeStereoCalib(MissionPaths(folder).calib(), rig);
+}
+
+std::string onboardToml(const std::string& dvl, const std::string& modem) {
+  return "[cameras]\nleft = 'PEER1'\nright = 'PEER2'\nwidth = 640\nheight = 480\nexposure_us = "
+         "10000\ngain_db = 0\n"
+         "packet_size = 8000\n[dvl]\ndevice = 'serial:" +
+         dvl + ":115200'\n[lcm]\nurl = '" + kBus +
+         "'\naccept = 'attitude depth battery'\n[modem]\ndevice = 'serial:" + modem +
+         ":9600'\n[recorder]\nplanned_hours = 0.01\n[predive]\nsystem_clock = false\n[link]\nrate_bps = "
+         "1000\n";
+}
+
+// A vehicle's other devices and its ship, until it goes.
+class Surroundings {
+ public:
+  Surroundings() : bus_(std::make_shared<LcmBus>(kBus)), thread_([this] { run(); }) {}
+  ~Surroundings() {
+    stop_ = true;
+    thread_.join();
+  }
+  test::PtyLine dvl, modem;
+  std::atomic<bool> compass{true}, ship{true};
+
+ private:
+  void run() {
+    const rt::RealClock clock;
+    telemetry::ShipLink link(std::nullopt, std::nullopt);
+    SlipDecoder decoder;
+    std::array<std::uint8_t, 512> bytes;
+    for (int tick = 0; !stop_; ++tick) {
+      const std::int64_t now = clock.utcNs();
+      if (tick % 12 == 0) sendEnsemble(now);
+      if (tick % 10 == 0) {
+        if (compass) bus_->publish(encodeSample(now, AttitudeSample{now, 0.01, 0.02, 1.0, true}));
+        bus_->publish(encodeSample(now, DepthSample{now, 0.3}));
+        BatterySample battery;
+        battery.utc_ns = now;
+        battery.charge = 0.9;
+        bus_->publish(encodeSample(now, battery));
+      }
+      const ssize_t n = modem.read(bytes);
+      for (ssize_t i = 0; i < n; ++i)
+        if (decoder.push(bytes[static_cast<std::size_t>(i)]))
+          static_cast<void>(link.accept(now, decoder.frame(), [](auto, auto) { return true; }));
+      if (ship && link.sender() != nullptr) {
+        static_cast<void>(link.sender()->addFix({now - 2'000'000'000, -34.377, 114.59, 0, 1.5}));
+        std::array<std::uint8_t, 256> frame;
+        std::array<std::uint8_t, kMaxSlipBytes> line;
+        const std::size_t size = link.nextFrame(now, frame);
+        if (size > 0) modem.send({line.data(), slipEncode({frame.data(), size}, line)});
+      }
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+  }
+  void sendEnsemble(std::int64_t now) {
+    test::Pd0Builder builder;
+    const CivilTime civil = civilFromUtc(now);
+    builder.clock = {static_cast<std::uint8_t>(civil.year % 100),
+                     static_cast<std::uint8_t>(civil.month),
+                     static_cast<std::uint8_t>(civil.day),
+                     static_cast<std::uint8_t>(civil.hour),
+                     static_cast<std::uint8_t>(civil.minute),
+                     static_cast<std::uint8_t>(civil.second),
+                     static_cast<std::uint8_t>(civil.nanosecond / 10'000'000)};
+    dvl.offer(builder.bytes());
+  }
+  std::shared_ptr<LcmBus> bus_;
+  std::atomic<bool> stop_{false};
+  std::thread thread_;
+};
+
+std::map<std::string, std::string> verdicts(const std::string& json) {
+  std::map<std::string, std::string> out;
+  const auto report = nlohmann::json::parse(json, nullptr, false);
+  if (report.is_discarded()) {
+    ADD_FAILURE() << json;
+    return out;
+  }
+  for (const auto& row : report["rows"]) out[row["name"]] = row["verdict"];
+  return out;
+}
+
+TEST(PrediveProgram, FindsDevicesOnTheirInterfacesAndSaysWhichAreWrong) {
+  if (const std::string why = test::ownNetwork(); !why.empty()) GTEST_SKIP() << why;
+  if (!test::ip("route add 239.255.76.67/32 dev lo")) GTEST_SKIP() << "no multicast route can be made";
+  const auto camera = [](int n, const char* serial) {
+    return std::vector<std::string>{"arv-fake-gv-camera-0.8", "-i", test::NamespacedProcess::deviceAddress(n),
+                                    "-s", serial};
+  };
+  test::NamespacedProcess left(0, camera(0, "PEER1")), right(1, camera(1, "PEER2"));
+  ASSERT_TRUE(left.connected() && right.connected());
+  Surroundings around;
+  const test::TemporaryFolder folder;
+  writeMission(folder.path());
+  const std::string config = (folder.path() / "onboard.toml").string();
+  test::writeText(config, onboardToml(around.dvl.name(), around.modem.name()));
+  const std::string arguments = folder.path().string() + " --config " + config + " --json --seconds 9";
+
+  const Outcome well = predive(arguments);
+  auto rows = verdicts(well.out);
+  for (const char* name : {"mission.toml", "stereo.calib", "onboard.toml", "sensor places", "looking down",
+                           "stereo rig", "camera left", "camera right", "serial numbers", "DVL", "compass",
+                           "depth", "USBL", "battery", "modem", "disk", "memory budget"})
+    EXPECT_EQ(rows[name], "good") << name << "\n" << well.out;
+
+  // Five things wrong: a cable pulled, the other camera calibrated in its place, the compass and the ship
+  // silent, a rig in millimetres.
+  left.unplug();
+  around.compass = false;
+  around.ship = false;
+  MissionConfig mission = readMissionConfig(folder.path());
+  mission.T_body_dvl = SE3::fromEuler(0, 0, 0, {60, 0, 0});
+  writeMissionConfig(folder.path(), mission);
+  test::writeText(config,
+                  test::replaced(onboardToml(around.dvl.name(), around.modem.name()), "0.01", "1000"));
+  const Outcome wrong = predive(arguments);
+  EXPECT_EQ(wrong.exit_code, 1);
+  rows = verdicts(wrong.out);
+  for (const char* name : {"camera left", "compass", "modem", "USBL", "sensor places", "disk"})
+    EXPECT_EQ(rows[name], "bad") << name << "\n" << wrong.out;
+  for (const char* name : {"camera right", "DVL", "depth", "mission.toml"})
+    EXPECT_EQ(rows[name], "good") << name << "\n" << wrong.out;
+}
+
+TEST(PrediveProgram, FilesThatCannotBeReadAreRedRowsThatNameTheMend) {
+  const test::TemporaryFolder folder;
+  const Outcome absent = predive("/absent --config /absent.toml --seconds 0.1");
+  EXPECT_EQ(absent.exit_code, 1);
+  EXPECT_THAT(absent.out, HasSubstr("RED    mission.toml"));
+  EXPECT_THAT(absent.out, HasSubstr("RED    stereo.calib"));
+  EXPECT_THAT(absent.out, HasSubstr("-> correct it"));
+  writeMission(folder.path());
+  const std::string config = (folder.path() / "onboard.toml").string();
+  test::writeText(config, "[dvl]\nbaud = 9600\n");
+  const Outcome misspelt = predive(folder.path().string() + " --config " + config + " --seconds 0.1");
+  EXPECT_EQ(misspelt.exit_code, 1);
+  EXPECT_THAT(misspelt.out, HasSubstr("baud"));
+  EXPECT_THAT(misspelt.out, HasSubstr("green  mission.toml"));
+  EXPECT_EQ(predive("--seconds 1").exit_code, 2);
+  EXPECT_THAT(predive("--help").out, HasSubstr("Example: fathom-sensors predive"));
+}
+
+}  // namespace
+}  // namespace fathom::io
