@@ -161,7 +161,7 @@ TEST(PrediveProgram, FindsDevicesOnTheirInterfacesAndSaysWhichAreWrong) {
   writeMission(folder.path());
   const std::string config = (folder.path() / "onboard.toml").string();
   test::writeText(config, onboardToml(around.dvl.name(), around.modem.name()));
-  const std::string arguments = folder.path().string() + " --config " + config + " --json --seconds 9";
+  const std::string arguments = folder.path().string() + " --config " + config + " --json --seconds 7";
 
   const Outcome well = predive(arguments);
   auto rows = verdicts(well.out);
