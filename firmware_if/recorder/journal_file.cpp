@@ -44,22 +44,21 @@ JournalFile::JournalFile(const std::filesystem::path& path, std::uint64_t room, 
       ::close(fd_);
       throw InputError(path, "", "exists and is no LCM event log; move it away");
     }
-    size_ = end.offset;
+    synced_ = end.offset;
     next_number_ = end.next_number;
   }
-  whole_at_start_ = size_;
-  cut_at_start_ = static_cast<std::uint64_t>(status.st_size) - size_;
-  if (::ftruncate(fd_, static_cast<off_t>(size_)) != 0 || ::fsync(fd_) != 0) {
+  whole_at_start_ = synced_;
+  cut_at_start_ = static_cast<std::uint64_t>(status.st_size) - synced_;
+  if (::ftruncate(fd_, static_cast<off_t>(synced_)) != 0 || ::fsync(fd_) != 0) {
     const std::string reason = std::strerror(errno);
     ::close(fd_);
     throw InputError(path, "", "cannot be continued (" + reason + "); check the disk");
   }
-  synced_ = size_;
-  cached_from_ = size_;
+  cached_from_ = synced_;
   takeRoom(room, leave_free);
   // Touched now, so that the first events find their memory there.
-  buffer_.resize(kMemory);
-  buffer_.clear();
+  memory_.resize(kMemory);
+  memory_.clear();
 }
 
 JournalFile::~JournalFile() {
@@ -72,7 +71,7 @@ void JournalFile::takeRoom(std::uint64_t room, std::uint64_t leave_free) noexcep
   const std::uint64_t free = std::uint64_t{disk.f_bavail} * disk.f_frsize;
   room = std::min(room, free > leave_free ? free - leave_free : 0);
   for (; room >= kLeastRoom; room /= 2) {
-    if (::fallocate(fd_, FALLOC_FL_KEEP_SIZE, static_cast<off_t>(size_), static_cast<off_t>(room)) == 0) {
+    if (::fallocate(fd_, FALLOC_FL_KEEP_SIZE, static_cast<off_t>(synced_), static_cast<off_t>(room)) == 0) {
       room_taken_ = room;
       return;
     }
@@ -81,46 +80,50 @@ void JournalFile::takeRoom(std::uint64_t room, std::uint64_t leave_free) noexcep
 }
 
 std::size_t JournalFile::spare() const noexcept {
-  return kMemory - buffer_.size();
+  return kMemory - memory_.size();
 }
 
 void JournalFile::append(std::int64_t timestamp_us, std::string_view channel,
                          std::span<const std::uint8_t> data) {
   assert(logEventBytes(channel, data) <= spare());
-  appendLogEvent(buffer_, next_number_, timestamp_us, channel, data);
+  appendLogEvent(memory_, next_number_, timestamp_us, channel, data);
   ++next_number_;
 }
 
 bool JournalFile::write() noexcept {
-  while (pending()) {
-    const ssize_t n =
-        ::pwrite(fd_, buffer_.data() + written_, buffer_.size() - written_, static_cast<off_t>(size_));
+  while (written_ < memory_.size()) {
+    const ssize_t n = ::pwrite(fd_, memory_.data() + written_, memory_.size() - written_,
+                               static_cast<off_t>(synced_ + written_));
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) return false;
     written_ += static_cast<std::size_t>(n);
-    size_ += static_cast<std::uint64_t>(n);
   }
-  buffer_.clear();
-  written_ = 0;
   return true;
 }
 
 bool JournalFile::sync() noexcept {
-  if (synced_ == size_) return true;
-  if (::fdatasync(fd_) != 0) return false;
-  synced_ = size_;
-  // The last page is still written to.
-  constexpr std::uint64_t kPage = 4096;
+  if (written_ == 0) return true;
+  const bool good = ::fdatasync(fd_) == 0;
+  if (good) {
+    synced_ += written_;
+    memory_.erase(memory_.begin(), memory_.begin() + static_cast<std::ptrdiff_t>(written_));
+    dropFromCache();
+  }
+  written_ = 0;
+  return good;
+}
+
+void JournalFile::dropFromCache() noexcept {
+  constexpr std::uint64_t kPage = 4096;  // the last one is still written to
   const std::uint64_t whole_pages = synced_ / kPage * kPage;
-  if (whole_pages > cached_from_)
-    ::posix_fadvise(fd_, static_cast<off_t>(cached_from_), static_cast<off_t>(whole_pages - cached_from_),
-                    POSIX_FADV_DONTNEED);
-  cached_from_ = std::max(cached_from_, whole_pages);
-  return true;
+  if (whole_pages <= cached_from_) return;
+  ::posix_fadvise(fd_, static_cast<off_t>(cached_from_), static_cast<off_t>(whole_pages - cached_from_),
+                  POSIX_FADV_DONTNEED);
+  cached_from_ = whole_pages;
 }
 
 void JournalFile::close() noexcept {
-  if (::ftruncate(fd_, static_cast<off_t>(size_)) == 0) (void)::fsync(fd_);
+  if (::ftruncate(fd_, static_cast<off_t>(size())) == 0) (void)::fsync(fd_);
 }
 
 }  // namespace fathom::io

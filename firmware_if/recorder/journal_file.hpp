@@ -10,12 +10,13 @@
 namespace fathom::io {
 
 // sensors.lcmlog as an append-only journal. Events gather in memory of a fixed size, go to the system in
-// pieces, and are made durable by sync(). Room is taken on the disk behind the end of the file
-// (FALLOC_FL_KEEP_SIZE: the file's size stays that of its events, so that every reader of LCM logs reads it),
-// and what was taken too much is given back by close().
+// pieces, and stay in memory until sync() has made them durable. Room is taken on the disk behind the end of
+// the file (FALLOC_FL_KEEP_SIZE: the file's size stays that of its events, so that every reader of LCM logs
+// reads it), and what was taken too much is given back by close().
 //
-// When the disk refuses, the events stay in memory and are tried again by the next write(); the file then may
-// end in a part of an event, which readers pass over, until the rest follows.
+// What the disk refuses is tried again by the next write(); the file then may end in a part of an event,
+// which readers pass over, until the rest follows. After a sync that failed all is written again that was not
+// durable before it: the system may have dropped it.
 class JournalFile {
  public:
   // Goes on behind the last whole event of a log that is there; anything behind it is cut away. `room` is
@@ -34,27 +35,26 @@ class JournalFile {
   // Gives back the room behind the end. Nothing is appended after.
   void close() noexcept;
 
-  // What the memory has left; little when the disk has refused for long [bytes].
+  // What the memory has left [bytes]: little when the disk has refused for long, or when sync() is due.
   [[nodiscard]] std::size_t spare() const noexcept;
-  [[nodiscard]] bool pending() const noexcept { return written_ < buffer_.size(); }
-  // Nothing was appended since the last good sync().
-  [[nodiscard]] bool safe() const noexcept { return synced_ == size_ && !pending(); }
-  [[nodiscard]] std::uint64_t size() const noexcept { return size_; }
+  // The disk holds everything that was appended.
+  [[nodiscard]] bool safe() const noexcept { return memory_.empty(); }
+  [[nodiscard]] std::uint64_t size() const noexcept { return synced_ + written_; }
   [[nodiscard]] std::uint64_t wholeAtStart() const noexcept { return whole_at_start_; }
   [[nodiscard]] std::uint64_t cutAtStart() const noexcept { return cut_at_start_; }
   [[nodiscard]] std::uint64_t roomTaken() const noexcept { return room_taken_; }  // behind the start
 
  private:
+  void dropFromCache() noexcept;
   void takeRoom(std::uint64_t room, std::uint64_t leave_free) noexcept;
 
   int fd_ = -1;
   std::int64_t next_number_ = 0;
-  std::uint64_t size_ = 0;         // of the file
-  std::uint64_t synced_ = 0;       // of it on the disk for certain
+  std::uint64_t synced_ = 0;       // of the file on the disk for certain
   std::uint64_t cached_from_ = 0;  // the system's cache was emptied up to here
   std::uint64_t whole_at_start_ = 0, cut_at_start_ = 0, room_taken_ = 0;
-  std::vector<std::uint8_t> buffer_;
-  std::size_t written_ = 0;  // of buffer_
+  std::vector<std::uint8_t> memory_;  // what follows synced_
+  std::size_t written_ = 0;           // of memory_, handed to the system
 };
 
 }  // namespace fathom::io

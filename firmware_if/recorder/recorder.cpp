@@ -37,7 +37,8 @@ constexpr std::int64_t kDiskLookInterval = 200 * kMillisecond;
 constexpr std::int64_t kMostImageTime = 700 * kMillisecond;
 // An input with its ACFR twin and two gaps before it.
 constexpr std::size_t kMostInputBytes = 4096;
-constexpr std::size_t kMostFramingBytes = 256;  // of an event around its data
+constexpr std::size_t kSpareToSync = std::size_t{3} << 20;  // of the journal's memory
+constexpr std::size_t kMostFramingBytes = 256;              // of an event around its data
 
 void syncFile(const std::filesystem::path& path) {
   const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
@@ -413,7 +414,9 @@ void Recorder::Impl::syncIfDue() {
   const bool images_wait = images[0].waiting() || images[1].waiting();
   const std::int64_t age = clock.monotonicNs() + (images_wait ? image_time_ns : 0) - oldest_unsafe_ns;
   const bool named = names_image && !images_wait;
-  if (named || age >= static_cast<std::int64_t>(config.sync_interval_s * 1e9)) sync();
+  if (named || journal.spare() < kSpareToSync ||
+      age >= static_cast<std::int64_t>(config.sync_interval_s * 1e9))
+    sync();
 }
 
 void Recorder::Impl::sync() {

@@ -30,8 +30,8 @@ pid_t startRecorder(const std::filesystem::path& folder, const std::filesystem::
 }
 
 TEST(RecorderKilled, LosesNothingThatItHadHandedToTheSystem) {
-  constexpr int kKills = 12;
-  constexpr std::int64_t kPassMs = 300;  // one pass of the recorder's thread on a busy machine
+  constexpr int kKills = 8;
+  constexpr std::int64_t kMostLostMs = 1000;
   TemporaryFolder parent;
   const auto folder = parent.path() / "dive", status_file = parent.path() / "status";
   const SyntheticDive dive({160, 120, 50});
@@ -40,7 +40,7 @@ TEST(RecorderKilled, LosesNothingThatItHadHandedToTheSystem) {
   for (int kill = 0; kill < kKills; ++kill) {
     const pid_t child = startRecorder(folder, status_file);
     ASSERT_GT(child, 0);
-    std::this_thread::sleep_for(std::chrono::milliseconds(150 + random() % 600));
+    std::this_thread::sleep_for(std::chrono::milliseconds(150 + random() % 1500));
     ASSERT_EQ(::kill(child, SIGKILL), 0);
     int result = 0;
     ASSERT_EQ(::waitpid(child, &result, 0), child);
@@ -53,7 +53,7 @@ TEST(RecorderKilled, LosesNothingThatItHadHandedToTheSystem) {
     EXPECT_EQ(found.skipped % SyntheticDive::kAway, 0u);
     EXPECT_EQ(found.images_lost, 0u);
     EXPECT_GE(found.next, status.safe());
-    EXPECT_GE(found.next, status.offeredBefore(kPassMs));
+    EXPECT_GE(found.next, status.offeredBefore(kMostLostMs));
     EXPECT_GE(found.next, before);
     before = found.next;
   }
