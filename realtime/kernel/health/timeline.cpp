@@ -14,10 +14,9 @@ void TimelineTrack::add(std::uint16_t stage, std::int64_t begin_ns, std::int64_t
   Slot& slot = slots_[number & mask_];
   // A reader that sees any part of the new event also sees that its writing began, and leaves the slot out.
   started_.store(number + 1, std::memory_order_relaxed);
-  std::atomic_thread_fence(std::memory_order_release);
-  slot.stage.store(stage, std::memory_order_relaxed);
-  slot.begin_ns.store(begin_ns, std::memory_order_relaxed);
-  slot.end_ns.store(end_ns, std::memory_order_relaxed);
+  slot.stage.store(stage, std::memory_order_release);
+  slot.begin_ns.store(begin_ns, std::memory_order_release);
+  slot.end_ns.store(end_ns, std::memory_order_release);
   added_.store(number + 1, std::memory_order_release);
 }
 
@@ -29,12 +28,11 @@ std::vector<TimelineEvent> TimelineTrack::copy(std::int64_t from_ns, std::int64_
   all.reserve(static_cast<std::size_t>(end - begin));
   for (std::uint64_t number = begin; number < end; ++number) {
     const Slot& slot = slots_[number & mask_];
-    all.push_back({static_cast<std::uint16_t>(slot.stage.load(std::memory_order_relaxed)),
-                   slot.begin_ns.load(std::memory_order_relaxed),
-                   slot.end_ns.load(std::memory_order_relaxed)});
+    all.push_back({static_cast<std::uint16_t>(slot.stage.load(std::memory_order_acquire)),
+                   slot.begin_ns.load(std::memory_order_acquire),
+                   slot.end_ns.load(std::memory_order_acquire)});
   }
   // Whatever was being written over while it was copied is left out.
-  std::atomic_thread_fence(std::memory_order_acquire);
   const std::uint64_t started = started_.load(std::memory_order_relaxed);
   const std::uint64_t whole = started > size ? started - size : 0;
   if (whole > begin)

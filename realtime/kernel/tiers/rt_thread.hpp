@@ -13,11 +13,11 @@
 namespace fathom::rt {
 
 struct ThreadConfig {
-  std::string name;                      // shown by top and in reports; Linux keeps 15 characters
-  int fifo_priority = 0;                 // 1 to 99: SCHED_FIFO; 0: the system's fair scheduling with `nice`
-  int nice = 0;                          // -20 to 19, of fair scheduling
-  std::vector<int> cpus;                 // that it may run on; empty: those of the process
-  std::size_t stack_bytes = 512 * 1024;  // rounded up to pages; every page is touched before the body begins
+  std::string name;                       // shown by top and in reports; Linux keeps 15 characters
+  int fifo_priority = 0;                  // 1 to 99: SCHED_FIFO; 0: the system's fair scheduling with `nice`
+  int nice = 0;                           // -20 to 19, of fair scheduling
+  std::vector<int> cpus;                  // that it may run on; empty: those of the process
+  std::size_t stack_bytes = 1024 * 1024;  // rounded up to pages; every page is touched before the body begins
 };
 
 // A thread whose stack is made by the caller, touched and with a guard page below it, so that its body never
