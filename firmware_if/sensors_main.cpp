@@ -66,8 +66,8 @@ int main(int argc, char** argv) {
   dvl_app->footer("Example: fathom-sensors dvl dive.pd0 --csv > dive.csv\n");
 
   io::CanCommand can;
-  CLI::App* can_app = app.add_subcommand("can", "NMEA 2000 messages of a CAN capture in candump's text form");
-  can_app->add_option("FILE", can.file, "candump capture")->required();
+  CLI::App* can_app = app.add_subcommand("can", "NMEA 2000 messages of a CAN capture");
+  can_app->add_option("FILE", can.file, "candump text, or a mission's sensors.lcmlog")->required();
   can_app->add_flag("--json", can.json,
                     "One JSON object a message instead of a summary; absent values are left out");
   can_app->footer("Example: fathom-sensors can candump.log --json > can.jsonl\n");

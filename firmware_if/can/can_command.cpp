@@ -10,6 +10,9 @@
 #include "firmware_if/byte_file.hpp"
 #include "firmware_if/can/candump.hpp"
 #include "firmware_if/can/n2k_definitions.hpp"
+#include "firmware_if/can/raw_can.hpp"
+#include "firmware_if/log/log_events.hpp"
+#include "firmware_if/log/log_messages.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom::io {
@@ -64,9 +67,46 @@ std::string toJson(const N2kMessage& message) {
   return out + "}}";
 }
 
-int runCanCommand(const CanCommand& command, std::FILE* out, std::FILE* report) {
-  ByteFile file(command.file);
+namespace {
+
+struct CaptureCounts {
+  std::uint64_t frames = 0;
+  std::uint64_t other =
+      0;  // frames that are no 29-bit data frames: 11 bits, remote, of the controller's errors
+  std::uint64_t broken = 0;  // lines or log entries
+};
+
+template <class Take>
+CaptureCounts readCandump(const std::filesystem::path& path, Take&& take) {
+  ByteFile file(path);
   CandumpReader reader;
+  std::vector<std::uint8_t> buffer(kReadBytes);
+  while (const std::size_t got = file.read(buffer)) reader.feed({buffer.data(), got}, take);
+  reader.drain(take);
+  return {reader.counts().frames, reader.counts().other, reader.counts().broken};
+}
+
+template <class Take>
+CaptureCounts readLog(const std::filesystem::path& path, Take&& take) {
+  LogEventReader log(path);
+  CaptureCounts counts;
+  for (LogEvent event; log.next(event);) {
+    if (event.channel != "RAW_CAN") continue;
+    auto raw = decodeRaw(event.data);
+    RawCanRecord record;
+    while (raw && readRawCan(raw->bytes, raw->arrival_utc_ns, record)) {
+      ++(record.error ? counts.other : counts.frames);
+      if (!record.error) take(record.frame);
+    }
+    counts.broken += raw && raw->bytes.empty() ? 0 : 1;
+  }
+  counts.broken += log.damagedStretches();
+  return counts;
+}
+
+}  // namespace
+
+int runCanCommand(const CanCommand& command, std::FILE* out, std::FILE* report) {
   N2kDecoder decoder;
   std::map<std::uint32_t, std::uint64_t> messages;
   const auto take = [&](const CanFrame& frame) {
@@ -75,15 +115,15 @@ int runCanCommand(const CanCommand& command, std::FILE* out, std::FILE* report) 
     ++messages[message->id.pgn];
     if (command.json) std::fprintf(out, "%s\n", toJson(*message).c_str());
   };
-
-  std::vector<std::uint8_t> buffer(kReadBytes);
-  while (const std::size_t got = file.read(buffer)) reader.feed({buffer.data(), got}, take);
-  reader.drain(take);
+  const CaptureCounts counts =
+      command.file.extension() == ".lcmlog" ? readLog(command.file, take) : readCandump(command.file, take);
   decoder.finish();
 
-  if (reader.counts().frames == 0) {
-    throw InputError(command.file.string(), "",
-                     "holds no CAN frame with a 29-bit identifier; give a capture in candump's text form");
+  if (counts.frames == 0) {
+    throw InputError(
+        command.file.string(), "",
+        "holds no CAN frame with a 29-bit identifier; give a capture in candump's text form, or a "
+        "mission's sensors.lcmlog");
   }
   if (!command.json) printSummary(out, messages);
   if (std::fflush(out) != 0 || std::ferror(out) != 0)
@@ -93,9 +133,8 @@ int runCanCommand(const CanCommand& command, std::FILE* out, std::FILE* report) 
                "frames %" PRIu64 ", messages %" PRIu64 ", frames without decoder %" PRIu64
                ", other frames %" PRIu64 ", broken lines %" PRIu64 ", fast packets: complete %" PRIu64
                ", incomplete %" PRIu64 ", orphan frames %" PRIu64 ", broken frames %" PRIu64 "\n",
-               reader.counts().frames, decoder.counts().messages, decoder.counts().without_decoder,
-               reader.counts().other, reader.counts().broken, fast.complete, fast.incomplete, fast.orphans,
-               fast.broken);
+               counts.frames, decoder.counts().messages, decoder.counts().without_decoder, counts.other,
+               counts.broken, fast.complete, fast.incomplete, fast.orphans, fast.broken);
   return kExitSuccess;
 }
 
