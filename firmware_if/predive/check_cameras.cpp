@@ -38,12 +38,17 @@ bool checkOne(const PrediveFacts& facts, std::size_t side, const CameraConfig& c
   }
   const std::string who = config.id + (seen.identity.address.empty() ? "" : " at " + seen.identity.address);
   if (seen.frames.empty()) {
-    const bool there = !seen.identity.serial.empty() && seen.identity.failure.empty();
-    report.bad(name,
-               who + (there ? " answers but gives no frame" : " is not there") +
-                   (seen.identity.failure.empty() ? "" : ": " + seen.identity.failure),
-               there ? "look at the trigger and cameras.trigger, then at lost packets (MTU 9000 on the way)"
-                     : "look at power, cable and address: arv-tool-0.8 lists the cameras that answer");
+    const std::string why = seen.identity.failure.empty() ? "" : ": " + seen.identity.failure;
+    if (!seen.identity.answers)
+      report.bad(name, who + " is not there" + why,
+                 "look at power, cable and address: arv-tool-0.8 lists the cameras that answer");
+    else if (!why.empty())
+      report.bad(
+          name, who + " cannot be used" + why,
+          "end programs that use it; look whether it is the other side's, and at [cameras] in onboard.toml");
+    else
+      report.bad(name, who + " answers but gives no frame",
+                 "look at the trigger and cameras.trigger, then at lost packets (MTU 9000 on the way)");
     return false;
   }
   const FrameFacts& frame = seen.frames.back();

@@ -5,6 +5,7 @@
 #include <optional>
 #include <stdexcept>
 
+#include "firmware_if/camera/camera_discovery.hpp"
 #include "firmware_if/camera/gige_camera.hpp"
 #include "firmware_if/can/bus/can_config.hpp"
 #include "firmware_if/can/bus/can_source.hpp"
@@ -91,6 +92,19 @@ void openDevice(const char* name, PrediveReport& report, const Open& open) {
   }
 }
 
+// A camera that could not be opened may answer all the same: then it tells its serial number.
+PrediveIdentity identityOf(const GigeCamera& camera, const CameraConfig& wanted) {
+  PrediveIdentity identity{camera.serial(), camera.address(), camera.lastFailure(), !camera.serial().empty()};
+  if (identity.answers) return identity;
+  for (const FoundCamera& found : findCameras(wanted.interface)) {
+    if (!isCamera(found, wanted.id)) continue;
+    identity.serial = found.serial;
+    identity.address = found.address;
+    identity.answers = true;
+  }
+  return identity;
+}
+
 PrediveDevices openDevices(const Configuration& config, const MissionConfig& mission,
                            const VehicleClock& clock, PrediveReport& report) {
   PrediveDevices devices;
@@ -98,12 +112,10 @@ PrediveDevices openDevices(const Configuration& config, const MissionConfig& mis
   for (std::size_t side = 0; side < devices.cameras.size(); ++side) {
     if (config.cameras.side[side].id.empty()) continue;
     openDevice("cameras", report, [&] {
-      auto camera = std::make_unique<GigeCamera>(config.cameras.side[side], now);
+      const CameraConfig& wanted = config.cameras.side[side];
+      auto camera = std::make_unique<GigeCamera>(wanted, now);
       const GigeCamera* opened = camera.get();
-      devices.cameras[side] = {
-          std::move(camera), [opened] {
-            return PrediveIdentity{opened->serial(), opened->address(), opened->lastFailure()};
-          }};
+      devices.cameras[side] = {std::move(camera), [opened, wanted] { return identityOf(*opened, wanted); }};
     });
   }
   if (!config.dvl.device.empty()) {

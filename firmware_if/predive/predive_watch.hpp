@@ -21,7 +21,8 @@ namespace fathom::io {
 // What a camera says of itself.
 struct PrediveIdentity {
   std::string serial, address;
-  std::string failure;  // why it could not be opened last, or ""
+  std::string failure;   // why it could not be opened last, or ""
+  bool answers = false;  // it is there, whether it could be opened or not
 };
 
 // The acoustic link's protocol, which is of another floor: the program's main gives it.

@@ -216,8 +216,8 @@ PrediveReport look(const Vehicle& vehicle) {
   for (const std::size_t side : {0U, 1U})
     devices.cameras[side] = {std::make_unique<FakeCamera>(vehicle, side), [&vehicle, side] {
                                return vehicle.camera_there[side]
-                                          ? PrediveIdentity{vehicle.serials[side], "10.0.0.1", ""}
-                                          : PrediveIdentity{"", "", "no answer"};
+                                          ? PrediveIdentity{vehicle.serials[side], "10.0.0.1", "", true}
+                                          : PrediveIdentity{"", "", "no answer", false};
                              }};
   devices.expected[DeviceSample(DvlSample{}).index()] = true;
   devices.expected[DeviceSample(AttitudeSample{}).index()] = true;
