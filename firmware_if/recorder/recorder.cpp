@@ -4,7 +4,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <optional>
 #include <stdexcept>
@@ -17,8 +16,7 @@
 #include "firmware_if/mission_recorder.hpp"
 #include "firmware_if/recorder/disk_guard.hpp"
 #include "firmware_if/recorder/found_recording.hpp"
-#include "firmware_if/recorder/image_lane.hpp"
-#include "firmware_if/recorder/image_writer.hpp"
+#include "firmware_if/recorder/image_stage.hpp"
 #include "firmware_if/recorder/input_lane.hpp"
 #include "firmware_if/recorder/journal_file.hpp"
 #include "firmware_if/recorder/raw_lane.hpp"
@@ -33,8 +31,6 @@ constexpr double kMiB = 1024.0 * 1024.0;
 constexpr std::int64_t kMillisecond = 1'000'000;  // [ns]
 constexpr std::int64_t kNanosecondsPerMicrosecond = 1000;
 constexpr std::int64_t kDiskLookInterval = 200 * kMillisecond;
-// A disk that takes longer for one image of each camera cannot hold inputs within a second beside them.
-constexpr std::int64_t kMostImageTime = 700 * kMillisecond;
 // An input with its ACFR twin and two gaps before it.
 constexpr std::size_t kMostInputBytes = 4096;
 constexpr std::size_t kSpareToSync = std::size_t{3} << 20;  // of the journal's memory
@@ -67,12 +63,9 @@ struct Recorder::Impl {
       : paths(folder),
         config(configuration),
         mission(prepareMissionFolder(folder, given, rig, false)),
-        view_of(std::move(view)),
-        release(std::move(give_back)),
         journal(paths.log(), plannedBytes(config, mission, rig).log, mebibytes(config.log_reserve_mib)),
-        writer(paths.images()),
-        guard(config.image_reserve_mib, config.log_reserve_mib),
-        images{ImageLane(config.image_queue), ImageLane(config.image_queue)} {
+        images(paths.images(), config.image_queue, std::move(view), std::move(give_back)),
+        guard(config.image_reserve_mib, config.log_reserve_mib) {
     for (std::size_t i = 0; i < config.raw_lanes; ++i)
       raw.push_back(std::make_unique<RawLane>(config.raw_queue_kib * 1024));
     const FoundImages left = lookAtImages(paths);
@@ -83,8 +76,8 @@ struct Recorder::Impl {
 
   bool work(int budget_ms);
   void close();
-  Counters snapshot() const noexcept;
 
+  void publish();
   void lookAtDisk(std::int64_t now);
   [[nodiscard]] Disk level() const;
   void drain(std::int64_t deadline);
@@ -92,39 +85,32 @@ struct Recorder::Impl {
   [[nodiscard]] bool logRaw(RawLane& lane, const RawLane::Entry& entry);
   void logGap(const RecordingGap& gap);
   void append(std::int64_t arrival_utc_ns, const LogMessage& message, std::int64_t offered_ns);
-  void writeImages();
   void handOver();
   void syncIfDue();
   void sync();
   [[nodiscard]] bool waiting();
-  [[nodiscard]] ImageLane& laneOf(CameraSide side) { return images[static_cast<std::size_t>(side)]; }
 
   rt::RealClock clock;
   MissionPaths paths;
   RecorderConfig config;
   MissionConfig mission;
-  ViewOf view_of;
-  Release release;
   JournalFile journal;
-  ImageWriter writer;
+  ImageStage images;
   DiskGuard guard;
   Found found;
 
   InputLane inputs, decisions;
-  std::array<ImageLane, 2> images;
   std::vector<std::unique_ptr<RawLane>> raw;
-  std::atomic<std::uint64_t> raw_refused_size{0};
 
   // The recorder's thread only.
   Counters counters;
   std::uint64_t raw_refused_logged = 0, raw_dropped_by_rule = 0;
   std::int64_t next_disk_look_ns = 0;
-  std::int64_t oldest_unsafe_ns =
-      0;                           // when the oldest entry was offered that the disk does not hold; 0: none
-  std::int64_t image_time_ns = 0;  // that the last images took
-  bool refuses = false;            // the disk refused the last write or sync of the log
-  bool names_image = false;        // an event that waits for the next sync names an image
-  bool blocked = false;            // the next input names an exposure that is not written yet
+  // When the oldest entry was offered that the disk does not hold; 0: none.
+  std::int64_t oldest_unsafe_ns = 0;
+  bool refuses = false;      // the disk refused the last write or sync of the log
+  bool names_image = false;  // an event that waits for the next sync names an image
+  bool blocked = false;      // the next input names an exposure that is not written yet
 
   SharedWords<Counters> published;
   std::atomic<Disk> disk{Disk::kRoom};
@@ -146,9 +132,7 @@ bool Recorder::offerDecision(const LiveInput& input) noexcept {
 }
 
 bool Recorder::offerImage(const CameraFrame& frame) noexcept {
-  if (impl_->laneOf(frame.side).offer(frame)) return true;
-  impl_->release(frame);
-  return false;
+  return impl_->images.offer(frame);
 }
 
 bool Recorder::offerRaw(std::size_t lane, std::int64_t arrival_utc_ns, std::string_view source,
@@ -181,10 +165,8 @@ Recorder::Counters Recorder::counters() const noexcept {
   c.decisions_dropped = impl_->decisions.refused();
   c.input_high_water = impl_->inputs.highWater();
   for (const auto& lane : impl_->raw) c.raw_dropped += lane->refused();
-  for (const ImageLane& lane : impl_->images) {
-    c.images_dropped_queue += lane.refused();
-    c.image_high_water = std::max(c.image_high_water, lane.highWater());
-  }
+  c.images_dropped_queue += impl_->images.refused();
+  c.image_high_water = impl_->images.highWater();
   return c;
 }
 
@@ -205,15 +187,14 @@ bool Recorder::Impl::work(int budget_ms) {
     drain(deadline);
     handOver();
     syncIfDue();
-    const bool images_wait = images[0].waiting() || images[1].waiting();
-    writeImages();
+    const bool images_wait = images.waiting();
+    images.step(level() == Disk::kRoom);
     more = waiting();
     // While the disk refuses the log, nothing moves on by trying again at once.
     if (more && !images_wait && counters.inputs == before && refuses) break;
   } while (more && clock.monotonicNs() < deadline);
   disk.store(level(), std::memory_order_relaxed);
-  counters.bytes = journal.size() - journal.wholeAtStart() + writer.bytes();
-  published.publish(counters);
+  publish();
   return more;
 }
 
@@ -221,7 +202,7 @@ void Recorder::Impl::close() {
   while (work(1000))
     if (refuses) break;
   sync();
-  published.publish(counters);
+  publish();
   journal.close();
   if (!journal.safe()) throw std::runtime_error("the disk refuses the end of " + paths.log().string());
   try {
@@ -229,6 +210,18 @@ void Recorder::Impl::close() {
   } catch (const InputError&) {
     // A log without a sample of navigation has no RAW.auv.
   }
+}
+
+void Recorder::Impl::publish() {
+  const ImageStage::Counters& of_images = images.counters();
+  Counters all = counters;
+  all.images = of_images.written;
+  all.images_dropped_queue = of_images.dropped_slow;
+  all.images_dropped_disk = of_images.dropped_disk;
+  all.images_without_input = of_images.without_input;
+  all.write_failures += of_images.failures;
+  all.bytes = journal.size() - journal.wholeAtStart() + images.bytes();
+  published.publish(all);
 }
 
 void Recorder::Impl::lookAtDisk(std::int64_t now) {
@@ -254,8 +247,7 @@ Recorder::Disk Recorder::Impl::level() const {
 
 bool Recorder::Impl::waiting() {
   RawLane::Entry entry;
-  bool any =
-      inputs.front() != nullptr || decisions.front() != nullptr || images[0].waiting() || images[1].waiting();
+  bool any = inputs.front() != nullptr || decisions.front() != nullptr || images.waiting();
   for (const auto& lane : raw) any = any || lane->front(entry);
   return any;
 }
@@ -300,15 +292,14 @@ bool Recorder::Impl::logInput(InputLane& lane, std::uint64_t& written) {
   const auto* stamp = std::get_if<ImageStamp>(&entry.input.what);
   std::optional<RecordingGap> image_gap;
   if (stamp != nullptr) {
-    ImageLane& images_of_side = laneOf(stamp->side);
-    const ImageLane::State state = images_of_side.stateOf(stamp->utc_ns);
+    const ImageLane::State state = images.stateOf(stamp->side, stamp->utc_ns);
     if (state == ImageLane::State::kWaiting) {
       blocked = true;
       return false;
     }
     if (state == ImageLane::State::kLost)
       image_gap = {arrival, RecordingGap::Kind::kImage, 1, imageFileName(stamp->utc_ns, stamp->side)};
-    counters.images_without_input += images_of_side.forget(stamp->utc_ns);
+    images.named(stamp->side, stamp->utc_ns);
     names_image = names_image || state == ImageLane::State::kWritten;
   }
   const std::uint64_t missing = lane.missingBeforeFront();
@@ -362,45 +353,6 @@ void Recorder::Impl::append(std::int64_t arrival_utc_ns, const LogMessage& messa
   if (oldest_unsafe_ns == 0) oldest_unsafe_ns = offered_ns;
 }
 
-// At most one exposure of each camera, so that the log is never kept waiting long.
-void Recorder::Impl::writeImages() {
-  const std::int64_t start = clock.monotonicNs();
-  const bool too_slow = image_time_ns > kMostImageTime;
-  std::array<std::int64_t, 2> written = {0, 0};
-  bool any = false;
-  for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
-    CameraFrame frame;
-    ImageLane& lane = laneOf(side);
-    if (!lane.take(frame)) continue;
-    const bool room = level() == Disk::kRoom;
-    bool good = false;
-    if (room && !too_slow) {
-      const ImageView view = view_of(frame);
-      good = !view.empty() && writer.write(imageFileName(frame.utc_ns, side), view);
-      if (!good) ++counters.write_failures;
-    }
-    release(frame);
-    if (good) {
-      written[static_cast<std::size_t>(side)] = frame.utc_ns;
-      any = true;
-      continue;
-    }
-    ++(room && too_slow ? counters.images_dropped_queue : counters.images_dropped_disk);
-    if (room && too_slow) image_time_ns -= image_time_ns / 4;  // tried again when some were left out
-    lane.settle(frame.utc_ns, false);
-  }
-  if (!any) return;
-  const bool good = writer.commit();
-  if (!good) ++counters.write_failures;
-  for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
-    const std::int64_t utc_ns = written[static_cast<std::size_t>(side)];
-    if (utc_ns == 0) continue;
-    ++(good ? counters.images : counters.images_dropped_disk);
-    if (laneOf(side).settle(utc_ns, good)) ++counters.images_without_input;
-  }
-  image_time_ns = clock.monotonicNs() - start;
-}
-
 void Recorder::Impl::handOver() {
   const bool good = journal.write();
   if (!good) ++counters.write_failures;
@@ -411,8 +363,8 @@ void Recorder::Impl::syncIfDue() {
   if (oldest_unsafe_ns == 0) return;
   // Images go first only when the log can wait for them; once they are on the disk, so is soon what names
   // them.
-  const bool images_wait = images[0].waiting() || images[1].waiting();
-  const std::int64_t age = clock.monotonicNs() + (images_wait ? image_time_ns : 0) - oldest_unsafe_ns;
+  const bool images_wait = images.waiting();
+  const std::int64_t age = clock.monotonicNs() + (images_wait ? images.timeNs() : 0) - oldest_unsafe_ns;
   const bool named = names_image && !images_wait;
   if (named || journal.spare() < kSpareToSync ||
       age >= static_cast<std::int64_t>(config.sync_interval_s * 1e9))
