@@ -51,7 +51,7 @@ std::int64_t DeviceClock::vehicleNs(std::int64_t stamp_ns, std::int64_t arrival_
   } else if (late) {
     ++late_;
     if (off > config_.held_up_s) return arrival_ns - nanoseconds(config_.latency_s);
-    return stamp_ns + base_ns_ + nanoseconds(seen.delay - off - config_.latency_s);
+    return stamp_ns + base_ns_ + nanoseconds(seen.delay - off - config_.latency_s + config_.resolution_s / 2);
   }
   if (seen.time - window_begin_ >= kWindow) {
     (void)windows_.pushDroppingOldest(least_);
@@ -63,7 +63,8 @@ std::int64_t DeviceClock::vehicleNs(std::int64_t stamp_ns, std::int64_t arrival_
   }
   const double delay = windows_.empty() ? least_.delay : std::min(lineAt(seen.time), seen.delay);
   offset_ns_ = base_ns_ + nanoseconds(delay - config_.latency_s);
-  return std::min(stamp_ns + offset_ns_, arrival_ns);
+  // The least delay is that of a stamp that lost nothing by being cut.
+  return std::min(stamp_ns + offset_ns_ + nanoseconds(config_.resolution_s / 2), arrival_ns);
 }
 
 void DeviceClock::fit() noexcept {

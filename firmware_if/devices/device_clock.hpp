@@ -20,6 +20,7 @@ class DeviceClock {
  public:
   struct Config {
     double latency_s = 0;      // least time from the stamp to the arrival, as the device's manual has it
+    double resolution_s = 0;   // of the stamps, which are cut to it: half of it is added
     double leap_s = 0.25;      // off the line by more: the clock leapt, or the message was held up
     double held_up_s = 1;      // no message is held up for longer
     double max_rate = 500e-6;  // of a quartz against the vehicle's, with margin [s/s]

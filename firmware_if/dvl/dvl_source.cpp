@@ -15,6 +15,7 @@ using Format = DvlConfig::Format;
 constexpr std::array<std::string_view, 13> kCounterNames = {
     "ensembles", "no_bottom_track", "no_velocity", "no_time", "silences",        "bad_checksum", "malformed",
     "resynced",  "skipped_bytes",   "clock_leaps", "late",    "clock_offset_ms", "bytes"};
+constexpr double kStampResolution = 0.01;  // of every format [s]
 // A flood of bytes must not hold the thread: the rest waits for the next poll.
 constexpr int kMaxReads = 16;
 
@@ -52,7 +53,7 @@ DvlSource::DvlSource(const DvlConfig& config, VehicleTime now, std::unique_ptr<B
       now_(std::move(now)),
       stream_(std::move(stream)),
       format_(config.format),
-      clock_({.latency_s = config.latency_s}),
+      clock_({.latency_s = config.latency_s, .resolution_s = kStampResolution}),
       last_ensemble_ns_(now_()) {}
 
 bool DvlSource::reads(Format format) const noexcept {

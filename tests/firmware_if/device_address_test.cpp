@@ -1,0 +1,145 @@
+#include "firmware_if/devices/device_address.hpp"
+
+#include <arpa/inet.h>
+#include <gmock/gmock.h>
+#include <sys/socket.h>
+
+#include <fstream>
+
+#include "firmware_if/devices/file_stream.hpp"
+#include "firmware_if/devices/udp_stream.hpp"
+#include "firmware_if/modem_ports.hpp"
+#include "firmware_if/serial/serial_line.hpp"
+#include "tests/firmware_if/pty_line.hpp"
+#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::io {
+namespace {
+
+using test::refusal;
+using ::testing::HasSubstr;
+using Bytes = std::vector<std::uint8_t>;
+
+TEST(DeviceAddress, EachKindIsReadWhole) {
+  std::string mend;
+  const auto serial = parseDeviceAddress("serial:/dev/serial/by-id/usb-FTDI:0:115200", mend);
+  ASSERT_TRUE(serial);
+  EXPECT_EQ(serial->kind, DeviceAddress::Kind::kSerial);
+  EXPECT_EQ(serial->name, "/dev/serial/by-id/usb-FTDI:0") << "names may hold colons";
+  EXPECT_EQ(serial->number, 115200);
+  const auto udp = parseDeviceAddress("udp:127.0.0.1:14700", mend);
+  ASSERT_TRUE(udp);
+  EXPECT_EQ(udp->kind, DeviceAddress::Kind::kUdp);
+  EXPECT_EQ(udp->number, 14700);
+  const auto file = parseDeviceAddress("file:/data/a:b.pd0", mend);
+  ASSERT_TRUE(file);
+  EXPECT_EQ(file->name, "/data/a:b.pd0");
+}
+
+TEST(DeviceAddress, NonsenseIsRefusedWithTheMend) {
+  const std::vector<std::pair<std::string, std::string>> bad = {
+      {"", "give udp:HOST:PORT"},
+      {"ttyS1", "give udp:HOST:PORT"},
+      {"serial:/dev/ttyS1", "give udp:HOST:PORT"},
+      {"serial::9600", "give udp:HOST:PORT"},
+      {"usb:1:2", "unknown kind"},
+      {"serial:/dev/ttyS1:fast", "must be a number"},
+      {"serial:/dev/ttyS1:", "must be a number"},
+      {"serial:/dev/ttyS1:9600 ", "must be a number"},
+      {"udp:127.0.0.1:0", "1 to 65535"},
+      {"udp:127.0.0.1:65536", "1 to 65535"},
+      {"udp:127.0.0.1:99999999999", "must be a number"},
+      {"file:", "name the file"}};
+  for (const auto& [text, expected] : bad) {
+    std::string mend;
+    EXPECT_FALSE(parseDeviceAddress(text, mend)) << text;
+    EXPECT_THAT(mend, HasSubstr(expected)) << text;
+    EXPECT_THAT(refusal([&] { (void)openFramePort(text, "--modem " + text); }), HasSubstr("--modem " + text))
+        << text;
+  }
+  EXPECT_THAT(refusal([] { (void)openFramePort("file:/x", "--modem"); }), HasSubstr("a modem is no file"));
+}
+
+TEST(SerialLine, ASecondUserIsRefusedUntilTheFirstHasGone) {
+  const test::PtyLine line;
+  {
+    const SerialLine first(line.name(), 9600, SerialLine::IfAbsent::kRefuse);
+    EXPECT_THAT(refusal([&] { SerialLine second(line.name(), 9600, SerialLine::IfAbsent::kRefuse); }),
+                HasSubstr("is in use by another program"));
+    const SerialLine waiting(line.name(), 9600, SerialLine::IfAbsent::kWait);
+    EXPECT_FALSE(waiting.isOpen());
+  }
+  const SerialLine after(line.name(), 9600, SerialLine::IfAbsent::kRefuse);
+  EXPECT_TRUE(after.isOpen());
+}
+
+TEST(SerialLine, ALineThatIsNotThereYetIsOpenedWhenItComes) {
+  test::PtyLine line;
+  line.unplug();
+  SerialLine serial(line.name(), 115200, SerialLine::IfAbsent::kWait, 0);
+  Bytes buffer(16);
+  EXPECT_EQ(serial.read(buffer, 1), 0u);
+  EXPECT_FALSE(serial.isOpen());
+  line.plug();
+  line.send(Bytes{1, 2, 3});
+  EXPECT_EQ(serial.read(buffer, 1000), 3u);
+  EXPECT_EQ(serial.connections(), 1u);
+  EXPECT_EQ(serial.disconnects(), 0u);
+  EXPECT_EQ(serial.write(Bytes{9}), 1u);
+}
+
+TEST(SerialLine, AnAbsentLineIsTriedAtMostOnceAnInterval) {
+  test::PtyLine line;
+  SerialLine serial(line.name(), 115200, SerialLine::IfAbsent::kRefuse, 3600);
+  line.unplug();
+  Bytes buffer(16);
+  EXPECT_EQ(serial.read(buffer, 0), 0u);
+  EXPECT_EQ(serial.read(buffer, 0), 0u);
+  line.plug();
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(serial.read(buffer, 0), 0u);
+  EXPECT_FALSE(serial.isOpen());
+  EXPECT_EQ(serial.disconnects(), 1u);
+}
+
+TEST(UdpStream, DatagramsAreReadInTheirOrderPieceByPiece) {
+  UdpStream stream("127.0.0.1", 0);
+  Bytes buffer(4);
+  EXPECT_EQ(stream.read(buffer, 0), 0u);
+  const int sender = ::socket(AF_INET, SOCK_DGRAM, 0);
+  sockaddr_in to = {};
+  to.sin_family = AF_INET;
+  to.sin_port = htons(stream.port());
+  ::inet_pton(AF_INET, "127.0.0.1", &to.sin_addr);
+  for (const Bytes& datagram : {Bytes{1, 2, 3, 4, 5, 6}, Bytes{7}})
+    ASSERT_EQ(
+        ::sendto(sender, datagram.data(), datagram.size(), 0, reinterpret_cast<sockaddr*>(&to), sizeof to),
+        static_cast<ssize_t>(datagram.size()));
+  ::close(sender);
+  Bytes all;
+  for (int i = 0; i < 10 && all.size() < 7; ++i) {
+    const std::size_t n = stream.read(buffer, 100);
+    all.insert(all.end(), buffer.begin(), buffer.begin() + static_cast<std::ptrdiff_t>(n));
+  }
+  EXPECT_EQ(all, (Bytes{1, 2, 3, 4, 5, 6, 7}));
+  EXPECT_THAT(refusal([&] { UdpStream second("127.0.0.1", stream.port()); }), HasSubstr("cannot be bound"));
+  EXPECT_THAT(refusal([] { UdpStream none("dvl", 1); }), HasSubstr("is no IPv4 address"));
+}
+
+TEST(FileStream, GivesItsBytesAndIsClosedAtTheEnd) {
+  const test::TemporaryFolder folder;
+  const std::string path = (folder.path() / "capture").string();
+  test::writeText(path, "abcdef");
+  FileStream stream(path);
+  Bytes buffer(4);
+  EXPECT_EQ(stream.read(buffer, 0), 4u);
+  EXPECT_EQ(stream.read(buffer, 0), 2u);
+  EXPECT_TRUE(stream.isOpen());
+  EXPECT_EQ(stream.read(buffer, 0), 0u);
+  EXPECT_FALSE(stream.isOpen());
+  EXPECT_THAT(refusal([] { FileStream none("/absent"); }), HasSubstr("/absent: cannot be read"));
+  EXPECT_THAT(refusal([&] { FileStream none(folder.path().string()); }), HasSubstr("is no file of bytes"));
+}
+
+}  // namespace
+}  // namespace fathom::io
