@@ -13,7 +13,8 @@ constexpr double kArrivalSigma = 0.5e-3;                // of a window's least d
 constexpr double kWindow = 10;                          // of arrivals that give one point [s]
 constexpr std::int64_t kLeapNs = 1'000'000'000;         // a clock so far off was set anew
 constexpr std::int64_t kBeforeExposureNs = 50'000'000;  // no frame comes so long before its exposure
-constexpr int kAstrayFrames = 3;                        // in a row, before it is the clock's doing
+constexpr int kLateFrames = 3;                          // in a row, before it is the clock's doing
+constexpr std::int64_t kReadingMarginNs = 20'000'000;   // 200 ppm for 100 s
 constexpr std::int64_t kCloseReadingNs = 5'000'000;     // a quarter of a pair's usual tolerance
 constexpr int kSettlingArrivals = 5;
 constexpr std::int64_t kLatestNs = std::int64_t{1} << 62;  // a damaged stamp; differences must not overflow
@@ -34,7 +35,8 @@ void CameraClockMap::begin(std::int64_t device_ns, std::int64_t utc_ns) noexcept
   points_.clear();
   window_open_ = false;
   centre_ = level_ = drift_ = 0;
-  astray_ = 0;
+  late_ = 0;
+  reopened_ = false;
 }
 
 void CameraClockMap::reset(std::int64_t device_ns, std::int64_t utc_ns) noexcept {
@@ -48,13 +50,23 @@ std::int64_t CameraClockMap::lineUtcNs(std::int64_t device_ns) const noexcept {
   return device_ns + offset_base_ns_ + static_cast<std::int64_t>(std::llround(y * kSecond));
 }
 
+// How far a reading may lie from the line while the clock is the same: both are true to within their
+// uncertainties. A line from arrivals is late by an unknown delay.
+std::int64_t CameraClockMap::readingTolerance(std::int64_t uncertainty_ns) const noexcept {
+  if (!has_readings_) return kLeapNs;
+  double best = seconds(kLeapNs);
+  for (std::size_t i = 0; i < points_.size(); ++i) best = std::min(best, points_[i].sigma);
+  return kReadingMarginNs + uncertainty_ns + static_cast<std::int64_t>(best * kSecond);
+}
+
 void CameraClockMap::addReading(std::int64_t device_ns, std::int64_t utc_ns,
                                 std::int64_t uncertainty_ns) noexcept {
   device_ns = std::clamp<std::int64_t>(device_ns, 0, kLatestNs);
+  uncertainty_ns = std::clamp<std::int64_t>(uncertainty_ns, 0, kLeapNs);
   if (!any_) {
     begin(device_ns, utc_ns);
   } else if ((any_device_ && device_ns < newest_device_ns_) ||
-             std::abs(lineUtcNs(device_ns) - utc_ns) > kLeapNs) {
+             std::abs(lineUtcNs(device_ns) - utc_ns) > readingTolerance(uncertainty_ns)) {
     any_device_ = false;  // the stamps begin anew with the clock
     reset(device_ns, utc_ns);
   }
@@ -67,6 +79,13 @@ void CameraClockMap::addReading(std::int64_t device_ns, std::int64_t utc_ns,
                               seconds(utc_ns - device_ns - offset_base_ns_),
                               std::max(seconds(uncertainty_ns), kLeastSigma)});
   fit();
+}
+
+void CameraClockMap::noReadings() noexcept {
+  if (!has_readings_) return;
+  has_readings_ = settled_ = false;
+  arrivals_ = 0;
+  points_.clear();
 }
 
 void CameraClockMap::addArrival(std::int64_t device_ns, std::int64_t utc_ns) noexcept {
@@ -131,6 +150,21 @@ std::int64_t CameraClockMap::inOrder(std::int64_t utc_ns) noexcept {
   return utc_ns;
 }
 
+// What an arrival says against the line.
+void CameraClockMap::watch(std::int64_t device_ns, std::int64_t utc_ns) noexcept {
+  const std::int64_t lateness = utc_ns - lineUtcNs(device_ns);
+  if (has_readings_) {
+    // A packet may be as late as it likes, but never early: only another reading can tell now.
+    if (lateness < -kBeforeExposureNs) settled_ = false;
+    return;
+  }
+  // Until there is a line, one late frame may have set the offset, and the next shows it.
+  const bool early = lateness < (points_.empty() ? -kLeapNs : -kBeforeExposureNs);
+  late_ = reopened_ && lateness > kLeapNs ? late_ + 1 : 0;
+  if (lateness <= kLeapNs) reopened_ = false;
+  if (early || late_ == kLateFrames) reset(device_ns, utc_ns);
+}
+
 std::int64_t CameraClockMap::utcNs(std::int64_t device_ns, std::int64_t first_packet_utc_ns) noexcept {
   device_ns = std::clamp<std::int64_t>(device_ns, 0, kLatestNs);
   if (mode_ == Mode::kPtp) {
@@ -146,12 +180,7 @@ std::int64_t CameraClockMap::utcNs(std::int64_t device_ns, std::int64_t first_pa
   } else if (any_device_ && device_ns <= newest_device_ns_) {
     reset(device_ns, first_packet_utc_ns);
   } else {
-    const std::int64_t lateness = first_packet_utc_ns - lineUtcNs(device_ns);
-    // Until there is a line, one late frame may have set the offset, and the next shows it.
-    const bool early = lateness < (points_.empty() ? -kLeapNs : -kBeforeExposureNs);
-    astray_ = early || lateness > kLeapNs ? astray_ + 1 : 0;
-    // Without readings an early frame is the least delay there is: the line must follow it at once.
-    if ((early && !has_readings_) || astray_ == kAstrayFrames) reset(device_ns, first_packet_utc_ns);
+    watch(device_ns, first_packet_utc_ns);
   }
   any_device_ = true;
   newest_device_ns_ = device_ns;

@@ -18,9 +18,9 @@ namespace fathom::io {
 //             the least of arrival less stamp over a window of frames tells the offset but for that delay.
 // Once a reading came, arrivals only watch for leaps. Fixed memory; same calls, same result.
 //
-// A camera that starts again has its clock at zero. A stamp that goes back, a reading a second off the line,
-// or three frames in a row that came a second late or before their exposure begin a new line, and are
-// counted. A single late frame is a late packet, not a leap.
+// A camera that starts again has its clock at zero. A stamp that goes back or a reading off the line begin a
+// new line, and are counted; without readings so do a frame that came before its exposure, and three frames
+// in a row more than a second late after reopened(). Lateness alone is the network's or the machine's.
 class CameraClockMap {
  public:
   enum class Mode : std::uint8_t {
@@ -36,6 +36,10 @@ class CameraClockMap {
 
   // The camera's clock showed `device_ns` at `utc_ns`, to within `uncertainty_ns`.
   void addReading(std::int64_t device_ns, std::int64_t utc_ns, std::int64_t uncertainty_ns) noexcept;
+  // The camera cannot be read any more: arrivals count again.
+  void noReadings() noexcept;
+  // The camera was lost and found: meanwhile its clock may have begun anew.
+  void reopened() noexcept { reopened_ = true; }
   // The vehicle's time of a frame's stamp, for frames in their order; later than every one before it.
   [[nodiscard]] std::int64_t utcNs(std::int64_t device_ns, std::int64_t first_packet_utc_ns) noexcept;
 
@@ -61,6 +65,8 @@ class CameraClockMap {
   void begin(std::int64_t device_ns, std::int64_t utc_ns) noexcept;
   void reset(std::int64_t device_ns, std::int64_t utc_ns) noexcept;
   void addArrival(std::int64_t device_ns, std::int64_t utc_ns) noexcept;
+  void watch(std::int64_t device_ns, std::int64_t utc_ns) noexcept;
+  [[nodiscard]] std::int64_t readingTolerance(std::int64_t uncertainty_ns) const noexcept;
   void fit() noexcept;
   [[nodiscard]] std::int64_t lineUtcNs(std::int64_t device_ns) const noexcept;
   [[nodiscard]] std::int64_t inOrder(std::int64_t utc_ns) noexcept;
@@ -79,7 +85,8 @@ class CameraClockMap {
   double centre_ = 0, level_ = 0, drift_ = 0;  // the line: y = level + drift (x - centre)
   bool settled_ = false;
   int arrivals_ = 0;  // since the line began, as far as they matter
-  int astray_ = 0;    // frames in a row that came far too early or late
+  bool reopened_ = false;
+  int late_ = 0;  // frames in a row that came far too late after the camera was opened again
   std::uint64_t resets_ = 0, clamped_ = 0, unsynchronised_ = 0;
 };
 

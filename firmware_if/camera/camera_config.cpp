@@ -13,12 +13,12 @@ std::string defaultFormat(PixelFormat format, int bits) {
 }
 
 WireFormat readFormat(const ConfigTable& table, const std::string& key, const MissionConfig& mission,
-                      PixelFormat format) {
+                      PixelFormat format, bool used) {
   std::vector<std::string> names;
   for (const WireFormat& wire : wireFormats()) names.emplace_back(wire.name);
   const WireFormat wire = *wireFormat(table.choice(key, defaultFormat(format, mission.cameras.bits), names));
   // What is recorded is what the mission says, so that it is read again as what it was.
-  if (wire.format != format || wire.bits != mission.cameras.bits)
+  if (used && (wire.format != format || wire.bits != mission.cameras.bits))
     table.fail(key, std::string(wire.name) + " does not give what mission.toml says of this camera (" +
                         (format == PixelFormat::kBayerRggb ? "bayer-rggb" : "mono") + ", " +
                         std::to_string(mission.cameras.bits) + " bits); correct one of them");
@@ -36,7 +36,7 @@ StereoCameraConfig readCameraConfig(const ConfigTable& table, const MissionConfi
     const std::string side = kSides[i];
     camera.side = static_cast<CameraSide>(i);
     camera.id = table.text(side, camera.id);
-    camera.format = readFormat(table, side + "_format", mission, formats[i]);
+    camera.format = readFormat(table, side + "_format", mission, formats[i], !camera.id.empty());
     camera.width = static_cast<int>(table.integer("width", camera.width, 1, 16384));
     camera.height = static_cast<int>(table.integer("height", camera.height, 1, 16384));
     camera.exposure_us = table.number("exposure_us", camera.exposure_us, 0, 10'000'000);

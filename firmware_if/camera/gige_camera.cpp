@@ -171,7 +171,10 @@ void GigeCamera::Impl::open() {
     ticks_per_s = std::uint64_t{high} << 32 | low;
   reading_gap_ns = kFirstReadingGapNs;
   next_reading_ns = 0;
-  if (opened_before) ids.restart();
+  if (opened_before) {
+    ids.restart();
+    clock.reopened();
+  }
   opened_before = true;
   readClock();
 
@@ -242,7 +245,7 @@ void GigeCamera::Impl::readClock() {
   // A camera without a latch leaves the registers at zero.
   if (ticks == 0) {
     ticks_per_s = 0;
-    return;
+    return clock.noReadings();
   }
   const long double seconds = static_cast<long double>(ticks) / static_cast<long double>(ticks_per_s);
   clock.addReading(
@@ -375,6 +378,7 @@ bool GigeCamera::Impl::poll(int timeout_ms, FrameSink& sink) {
     arv_stream_push_buffer(stream.get(), buffer);
   }
   readStatistics();
+  if (clock.hasReadings() && !clock.settled()) next_reading_ns = 0;
   if (lost()) {
     ++disconnects;
     close();

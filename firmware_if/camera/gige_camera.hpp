@@ -24,7 +24,7 @@ namespace fathom::io {
 //   id_jumps        ids that do not follow from the one before
 //   stale           an exposure again, or one older than the newest
 //   pool_full       a whole frame for which no block was free: the newest is dropped
-//   no_buffer       frames for which Aravis had no buffer, the polling thread being late
+//   no_buffer       packets for whose frame Aravis had no buffer, the polling thread being late
 //   resent_packets  asked for again and come
 //   clock_resets    the camera's clock leapt
 //   clock_unsettled frames before the camera's clock was known well enough to pair them

@@ -205,6 +205,39 @@ TEST(CameraClockMap, IsNotSettledByOneLateArrival) {
   EXPECT_NEAR(static_cast<double>(map.utcNs(kS + 2500 * kMs, kUtc + 2501 * kMs) - kUtc), 2501e6, 1e3);
 }
 
+TEST(CameraClockMap, KeepsItsReadingsThroughFramesThatComeSecondsLate) {
+  CameraClockMap map;
+  map.addReading(kS, kUtc, 100'000);
+  for (int i = 1; i < 40; ++i) {
+    const std::int64_t t = i * kS / 2;
+    EXPECT_NEAR(static_cast<double>(map.utcNs(kS + t, kUtc + t + 3 * kS) - kUtc - t), 0, 1e3);
+  }
+  EXPECT_EQ(map.resets(), 0u);
+  EXPECT_TRUE(map.settled());
+}
+
+TEST(CameraClockMap, TrustsNoTimeAfterAnImpossibleArrivalUntilTheNextReading) {
+  CameraClockMap map;
+  map.addReading(kS, kUtc, 100'000);
+  (void)map.utcNs(kS + kS / 2, kUtc + kS / 2);
+  (void)map.utcNs(9 * kS, kUtc + kS);  // stamped seven seconds ahead
+  EXPECT_FALSE(map.settled());
+  map.addReading(9 * kS, kUtc + kS, 100'000);
+  EXPECT_TRUE(map.settled());
+  EXPECT_EQ(map.resets(), 1u);
+}
+
+TEST(CameraClockMap, NoticesARestartWhileItWasAwayEvenIfTheNewClockIsAhead) {
+  CameraClockMap map;
+  for (int i = 0; i < 10; ++i) (void)map.utcNs(i * kS / 2, kUtc + i * kS / 2);
+  map.reopened();
+  // Started 20 s ago, away for 100 s.
+  for (int i = 0; i < 10; ++i) (void)map.utcNs(20 * kS + i * kS / 2, kUtc + 100 * kS + i * kS / 2);
+  EXPECT_EQ(map.resets(), 1u);
+  EXPECT_TRUE(map.settled());
+  EXPECT_NEAR(static_cast<double>(map.utcNs(25 * kS, kUtc + 105 * kS) - kUtc), 105e9, 1e6);
+}
+
 TEST(CameraClockMap, NoticesALeapAheadOfTheClock) {
   CameraClockMap map;
   for (int i = 0; i < 20; ++i) (void)map.utcNs(i * kS / 2, kUtc + i * kS / 2);
@@ -309,7 +342,8 @@ TEST(CameraConfig, RefusesWhatCannotBeWithALineThatSaysWhy) {
   };
   EXPECT_NE(refusal("left = \"A\"\nright = \"A\"\n").find("same camera"), std::string::npos);
   EXPECT_NE(refusal("left = \"A\"\n").find("right"), std::string::npos);
-  EXPECT_NE(refusal("left_format = \"Mono8\"\n").find("mission.toml"), std::string::npos);
+  EXPECT_NE(refusal("left = \"A\"\nright = \"B\"\nleft_format = \"Mono8\"\n").find("mission.toml"),
+            std::string::npos);
   EXPECT_NE(refusal("left_format = \"YUV\"\n").find("left_format"), std::string::npos);
   EXPECT_NE(refusal("packet_size = 100\n").find("576"), std::string::npos);
   EXPECT_NE(refusal("trigger = \"magic\"\n").find("trigger"), std::string::npos);

@@ -20,8 +20,9 @@ std::string script(const BenchMission& mission, const std::string& text) {
 
 TEST(SimulatedGigeCamera, GivesEveryPixelInEveryFormat) {
   if (const std::string why = test::ownNetwork(); !why.empty()) GTEST_SKIP() << why;
-  const BenchMission mission(40, 20);
-  const std::int64_t start = test::systemUtcNs() + 6 * kSecond;
+  const BenchMission mission(400, 20);  // 20 s: six cameras are opened one after the other
+  const std::int64_t start = test::systemUtcNs() + kSecond;
+  constexpr std::size_t kEnough = 20;
   const struct {
     CameraSide side;
     const char* format;
@@ -37,13 +38,18 @@ TEST(SimulatedGigeCamera, GivesEveryPixelInEveryFormat) {
     ASSERT_TRUE(cameras.back()->process().connected());
     clients.push_back(std::make_unique<BenchClient>(n, mission, c.side, c.format, start));
   }
-  for (auto& client : clients) threads.emplace_back([&] { client->pollUntil(start + 25 * kSecond / 10); });
+  for (auto& client : clients)
+    threads.emplace_back([&] {
+      while (client->frames.size() < kEnough && test::systemUtcNs() < start + 20 * kSecond)
+        client->pollFor(0.1);
+    });
   for (std::thread& thread : threads) thread.join();
   for (int n = 0; n < 6; ++n) {
     SCOPED_TRACE(kCases[n].format);
     BenchClient& client = *clients[static_cast<std::size_t>(n)];
-    EXPECT_EQ(client.frames.size(), 40u) << client.camera().lastFailure();
+    EXPECT_GE(client.frames.size(), kEnough) << client.camera().lastFailure();
     EXPECT_EQ(client.wrong, 0);
+    EXPECT_EQ(client.count("missed"), 0u);
     EXPECT_LT(client.worst_s, kTimeTolerance);
     EXPECT_EQ(client.camera().serial(), BenchCamera::serial(n));
     EXPECT_GT(client.camera().packetSize(), 8000);  // found by test packets
@@ -53,19 +59,19 @@ TEST(SimulatedGigeCamera, GivesEveryPixelInEveryFormat) {
 
 TEST(SimulatedGigeCamera, LosesOnlyWhatIsInjectedAndCountsIt) {
   if (const std::string why = test::ownNetwork(); !why.empty()) GTEST_SKIP() << why;
-  const BenchMission mission(160, 20);  // 8 s
-  const std::int64_t start = test::systemUtcNs() + 3 * kSecond;
+  const BenchMission mission(90, 20);  // 4.5 s
+  const std::int64_t start = test::systemUtcNs() + 5 * kSecond;
   const std::string faults = script(mission, R"(
 [[fault]]
 kind = "lost_packets"
-at_s = 1
+at_s = 0.5
 for_s = 1
 camera = "left"
 every = 4
 packets = 1
 [[fault]]
 kind = "lost_packets"
-at_s = 2.5
+at_s = 1.5
 for_s = 1
 camera = "left"
 every = 4
@@ -73,28 +79,28 @@ packets = 1
 resend = true
 [[fault]]
 kind = "lost_frames"
-at_s = 4
-for_s = 1
+at_s = 2.7
+for_s = 0.5
 camera = "left"
 every = 5
 [[fault]]
 kind = "id_wrap"
-at_s = 5.5
+at_s = 3.5
 camera = "left"
 )");
   BenchCamera camera(0, mission, CameraSide::kLeft, start, {"--faults", faults, "--clock-ppm", "80"});
   ASSERT_TRUE(camera.process().connected());
   // Small packets, as a frame has many: how many may be asked for again goes by how many there are.
   BenchClient client(0, mission, CameraSide::kLeft, "BayerRG12Packed", start, 576);
-  client.pollUntil(start + 85 * kSecond / 10);
+  client.pollUntil(start + 5 * kSecond);
 
   EXPECT_EQ(client.wrong, 0);
   EXPECT_LT(client.worst_s, kTimeTolerance);
   EXPECT_EQ(client.count("incomplete") + client.count("timed_out"), 5u);
-  EXPECT_EQ(camera.count("lost"), 4);
-  EXPECT_EQ(client.count("missed"), 4u);
+  EXPECT_EQ(camera.count("lost"), 2);
+  EXPECT_EQ(client.count("missed"), 2u);
   EXPECT_EQ(client.count("id_jumps"), 0u);  // a wrap is none
-  EXPECT_EQ(client.frames.size(), 160u - 5u - 4u);
+  EXPECT_EQ(client.frames.size(), 90u - 5u - 2u);
   for (std::size_t i = 1; i < client.frames.size(); ++i)
     EXPECT_EQ(client.frames[i].frame_id - client.frames[i - 1].frame_id,
               static_cast<std::uint64_t>(client.indices[i] - client.indices[i - 1]))
@@ -138,7 +144,7 @@ camera = "right"
 
 TEST(SimulatedGigeCamera, ComesBackWhenItsCableIsPulledAndPutBack) {
   if (const std::string why = test::ownNetwork(); !why.empty()) GTEST_SKIP() << why;
-  const BenchMission mission(180, 20);  // 9 s
+  const BenchMission mission(150, 20);  // 7.5 s
   const std::int64_t start = test::systemUtcNs() + 3 * kSecond;
   BenchCamera camera(0, mission, CameraSide::kLeft, start);
   ASSERT_TRUE(camera.process().connected());
@@ -151,13 +157,13 @@ TEST(SimulatedGigeCamera, ComesBackWhenItsCableIsPulledAndPutBack) {
   EXPECT_LE(client.frames.size(), before + 2);
   EXPECT_FALSE(client.camera().health().open);
   camera.process().plug();
-  client.pollUntil(start + 95 * kSecond / 10);
+  client.pollUntil(start + 8 * kSecond);
 
   EXPECT_EQ(client.wrong, 0);
   EXPECT_LT(client.worst_s, kTimeTolerance);
   EXPECT_EQ(client.camera().health().disconnects, 1u);
   EXPECT_EQ(client.count("clock_resets"), 0u);  // its clock went on
-  EXPECT_EQ(client.indices.back(), 179);
+  EXPECT_EQ(client.indices.back(), 149);
 }
 
 TEST(SimulatedGigeCamera, LeavesOutNewFramesWhenNobodyGivesBlocksBack) {
