@@ -145,6 +145,18 @@ TEST(OverloadRule, TheQueueStaysBoundedUnderAnOverloadThatNoLevelMeets) {
   EXPECT_LT(vision.dropped, 800);  // about a third still gets through
 }
 
+TEST(OverloadRule, BoundsThatContradictOneAnotherAreMadeToFit) {
+  OverloadConfig config;
+  config.raise_at = 0.3;  // below lower_at
+  config.lower_after = 500;
+  OverloadRule rule(config);
+  for (int i = 0; i < 2; ++i) (void)rule.decide(frame(0.4));
+  EXPECT_EQ(rule.level(), DegradationLevel::kFewerFeatures);
+  for (int i = 0; i < 499; ++i) (void)rule.decide(frame(0.2));
+  EXPECT_EQ(rule.level(), DegradationLevel::kFewerFeatures);
+  EXPECT_EQ(rule.decide(frame(0.2)).level, DegradationLevel::kFull);
+}
+
 TEST(OverloadRule, TakesNoHeap) {
   OverloadRule rule;
   const test::ThreadCost before = test::threadCost();

@@ -30,7 +30,9 @@ FrameQuota frameQuota(DegradationLevel level) noexcept {
 
 OverloadRule::OverloadRule(const OverloadConfig& config) noexcept
     : config_(config), lower_after_(config.lower_after) {
-  assert(config.raise_after > 0 && config.lower_after > 0 && config.lower_at < config.raise_at);
+  assert(config.raise_after > 0 && config.lower_after > 0);
+  config_.lower_at = std::min(config.lower_at, config.raise_at);
+  config_.max_lower_after = std::max(config.max_lower_after, config.lower_after);
 }
 
 void OverloadRule::raiseTo(DegradationLevel level) noexcept {

@@ -28,7 +28,7 @@ struct FrameQuota {
 
 struct OverloadConfig {
   double raise_at = 0.9;  // frame time over period from which a frame counts as too slow
-  double lower_at = 0.5;  // below which it counts as easy
+  double lower_at = 0.5;  // below which it counts as easy; no higher than raise_at
   int raise_after = 2;    // slow frames, or frames with too many waiting, in a row: one level up
   int lower_after = 10;   // easy frames in a row: one level down
   int waiting_limit = 2;  // pairs waiting behind this one from which it counts as too slow whatever it took
@@ -50,7 +50,7 @@ class OverloadRule {
     std::int64_t period_ns = 0;      // between pairs
     std::int64_t last_frame_ns = 0;  // that the last mapped frame took; 0: none yet
     int waiting = 0;                 // pairs in the queue behind this one
-    std::int64_t age_ns = 0;         // of this pair since it was complete
+    std::int64_t age_ns = 0;         // of this pair since it could have been mapped, not since its exposure
   };
   struct Decided {
     DegradationLevel level = DegradationLevel::kFull;

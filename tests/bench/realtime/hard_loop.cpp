@@ -9,7 +9,9 @@ namespace fathom::bench {
 namespace {
 
 constexpr std::int64_t kNsPerUs = 1000;
-// Rates of the sensors, as every n-th of 100 samples a second.
+// Devices keep no step with the loop: their samples come at every phase of its cycle.
+constexpr std::int64_t kSamplePeriodNs = 9'700'000;
+// Rates of the sensors, as every n-th of some 100 samples a second.
 constexpr int kDepthEvery = 10, kDvlEvery = 20, kFrameEvery = 50;
 
 }  // namespace
@@ -22,7 +24,7 @@ HardLoop::HardLoop(const rt::RealtimeConfig& config)
 
 void HardLoop::feed() {
   rt::RealClock clock;
-  rt::PeriodicLoop periodic(clock, config_.period_ns);
+  rt::PeriodicLoop periodic(clock, kSamplePeriodNs);
   std::uint32_t n = 0;
   periodic.run([&] {
     const std::int64_t utc = clock.utcNs();

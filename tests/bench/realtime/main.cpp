@@ -29,7 +29,9 @@ namespace {
 
 constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 constexpr std::size_t kMib = std::size_t{1} << 20;
-const char* const kHog = "while :; do :; done";
+// Both end by themselves when the report is gone.
+const char* const kHog = "while kill -0 $PPID; do i=0; while [ $i -lt 100000 ]; do i=$((i+1)); done; done";
+const char* const kOverAndOver = "while kill -0 $PPID; do ";
 
 struct Options {
   int turns = 15;
@@ -122,7 +124,7 @@ int report(const Options& options) {
     load.push_back(std::make_unique<ChildProcess>(std::vector<std::string>{"/bin/sh", "-c", kHog}, ""));
   if (!options.load.empty())
     load.push_back(std::make_unique<ChildProcess>(
-        std::vector<std::string>{"/bin/sh", "-c", "while :; do " + options.load + " || sleep 1; done"},
+        std::vector<std::string>{"/bin/sh", "-c", kOverAndOver + options.load + " || sleep 1; done"},
         inOutput("load.log")));
 
   LatencySeries ours{"fathom's loop", {}}, theirs{"cyclictest", {}};
