@@ -42,7 +42,9 @@ PowerCut cutPower(const PowerCutOptions& options, const std::filesystem::path& f
   PowerCut cut;
   cut.cut_after_s = options.cut_after_s;
 
-  const MachineRun first = runMachine(options.machine + " --disk " + disk + " --format 128 --cut-after " +
+  const std::string drive =
+      options.drive_seed ? " --volatile-cache " + std::to_string(*options.drive_seed) : "";
+  const MachineRun first = runMachine("--disk " + disk + " --format 128" + drive + " --cut-after " +
                                       std::to_string(options.cut_after_s) + " -- bash -c '" + record +
                                       " --durable-status > " + status_file + "'");
   if (first.status == kSkipped) {
@@ -53,17 +55,17 @@ PowerCut cutPower(const PowerCutOptions& options, const std::filesystem::path& f
     cut.wrong.push_back("the recording machine: " + first.output);
     return cut;
   }
-  const MachineRun second =
-      runMachine(options.machine + " --disk " + disk + " -- bash -c 'cp -a $FATHOM_UML_DISK/dive " +
-                 folder.string() + "/first && " + record +
-                 " --seconds 0.5 > /dev/null && cp -a $FATHOM_UML_DISK/dive " + folder.string() + "/second'");
+  const test::RecorderStatus status(readText(status_file));
+  cut.began = !status.lines.empty();
+  if (!cut.began) return cut;
+  const MachineRun second = runMachine(
+      "--disk " + disk + " -- bash -c 'cp -a $FATHOM_UML_DISK/dive " + folder.string() + "/first && " +
+      record + " --seconds 0.5 > /dev/null && cp -a $FATHOM_UML_DISK/dive " + folder.string() + "/second'");
   if (second.status != 0) cut.wrong.push_back("the machine that reads back: " + second.output);
   if (second.status != 0) return cut;
   readFound(second.output, cut);
 
-  const test::RecorderStatus status(readText(status_file));
   const test::SyntheticDive dive({options.width, options.height, 50});
-  if (status.lines.empty()) cut.wrong.push_back("the recorder had told nothing before the cut");
   try {
     const test::SyntheticDive::Found found = dive.check(folder / "first");
     const test::SyntheticDive::Found after = dive.check(folder / "second");

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,6 +13,7 @@ namespace fathom::uml {
 struct PowerCut {
   std::vector<std::string> wrong;  // what is not as it must be; empty: nothing
   bool skipped = false;            // no user-mode Linux here
+  bool began = false;              // the recorder had told something before the cut
   double cut_after_s = 0;
   std::uint64_t offered = 0, told_safe = 0, found = 0;  // inputs, at the last line before the cut
   std::int64_t lost_ms = 0;                             // age of the oldest input that is not there
@@ -22,7 +24,8 @@ struct PowerCut {
 struct PowerCutOptions {
   double cut_after_s = 3;
   int width = 320, height = 240;  // of an image [px]
-  std::string machine;            // more arguments of uml_run
+  // Of what the drive loses that was not flushed (uml_run --volatile-cache); none: a drive that keeps all.
+  std::optional<unsigned> drive_seed;
 };
 // `folder`: an empty one to work in.
 [[nodiscard]] PowerCut cutPower(const PowerCutOptions& options, const std::filesystem::path& folder);

@@ -35,12 +35,14 @@ struct RecorderStatus {
       if (line.time_ms <= lines.back().time_ms - age_ms) offered = line.offered;
     return offered;
   }
-  // Age at the last line of the first input that is not among those before `found`; 0 when all are there
-  // [ms].
+  // Age at the last line of the oldest input behind number `found`, at most: it was offered after the line
+  // before; 0 when there is none [ms].
   [[nodiscard]] std::int64_t lostMs(std::uint64_t found) const {
+    if (offered() <= found) return 0;
+    std::int64_t there_ms = lines.front().time_ms;
     for (const Line& line : lines)
-      if (line.offered > found) return lines.back().time_ms - line.time_ms;
-    return 0;
+      if (line.offered <= found) there_ms = line.time_ms;
+    return lines.back().time_ms - there_ms;
   }
 };
 
