@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <nlohmann/json.hpp>
+#include <opencv2/core/utility.hpp>
 #include <utility>
 
 namespace fathom::onboard {
@@ -50,6 +51,8 @@ MissionRun::MissionRun(Setup setup, OnboardOutput& output)
       output_(output),
       system_(setup_.config, setup_.mission, setup_.rig, setup_.pairs, setup_.slots),
       link_(output, setup_.link) {
+  // One tier, one thread: OpenCV's own would run at no stated priority, and share sums out differently.
+  cv::setNumThreads(0);
   system_.setStageObserver([this](const char* stage) {
     stages_.ended(stage);
     if (on_stage_) on_stage_(stage);

@@ -83,7 +83,6 @@ void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>&
   add("position_sigma_m", localisation->positionSigma());
   add("graph_bytes", localisation->graph().memoryBytes());
   add("memory_bytes", localisation->memoryBytes());
-  add("map_bytes", map_.movingMap().memoryBytes());
 }
 
 std::vector<std::pair<std::string, double>> OnboardSystem::health() const {

@@ -1,0 +1,107 @@
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <iterator>
+#include <set>
+
+#include "realtime/onboard/live/live_system.hpp"
+#include "realtime/onboard/replay.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+#include "tests/onboard/live/played_devices.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string bytesOf(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+std::set<std::string> filesIn(const fs::path& folder) {
+  std::set<std::string> names;
+  for (const auto& entry : fs::directory_iterator(folder)) names.insert(entry.path().filename());
+  return names;
+}
+
+// Dives live in `folder` with the devices of a recorded mission, `rate` times as fast.
+struct Dive {
+  fs::path folder = fs::path(testing::TempDir()) / "fathom_live_dive";
+  RunSummary summary;
+  std::uint64_t input_refused = 0;
+  rt::ThreadCost hard_cost;
+  bool mapped = false;
+
+  void run(double rate, const test::PlayedOptions& played_options = {}) {
+    const fs::path mission_folder = FATHOM_REEF_MISSION;
+    fs::remove_all(folder);
+    fs::create_directories(folder);
+    // As on a vehicle: the folder lies there with its mission and calibration before the dive.
+    for (const char* name : {"mission.toml", "stereo.calib"})
+      fs::copy_file(mission_folder / name, folder / name);
+    const io::MissionConfig mission = io::readMissionConfig(folder);
+    const StereoRig rig = readStereoCalib(io::MissionPaths(folder).calib());
+    OnboardConfig config = readOnboardConfig(std::nullopt, mission);
+    config.max_pairs = 400;
+    config.localisation.max_keyframes = 400;
+    config.live.realtime.soft = true;
+    config.live.recorder.planned_hours = 0.01;
+    config.live.recorder.image_reserve_mib = 1;
+    config.live.memory.heap_bytes = std::size_t{16} << 20;
+    config.live.memory.budget_bytes = std::size_t{2048} << 20;
+    VehicleClock clock(VehicleClock::systemOffsetNs(), rate);
+    const test::PlayedMission played(mission_folder, clock, 2.0 * rate);
+    LiveSystem live({folder, config, mission, rig},
+                    test::playedDevices(played, mission_folder, mission, rig, clock, played_options), clock);
+    rt::HeapReserve heap;
+    ASSERT_TRUE(live.arm(heap).armed());
+    const std::int64_t end =
+        clock.utcNs() + static_cast<std::int64_t>((played.lengthSeconds() + 3 * rate) * 1e9);
+    while (clock.utcNs() < end) {
+      (void)live.supervise();
+      clock.sleepUntil(clock.monotonicNs() + static_cast<std::int64_t>(2e8 * rate));
+    }
+    live.stop();
+    hard_cost = live.hardCost();
+    input_refused = live.hard().softRefused() + live.recorder().counters().inputs_dropped;
+    mapped = live.write();
+    summary = live.run().summary();
+  }
+};
+
+// The promise that everything else rests on: what the vehicle did can be done again from its log.
+TEST(Live, recordingReplaysToTheSameBytes) {
+  Dive dive;
+  test::PlayedOptions options;
+  options.lost_left = 7;
+  dive.run(4, options);
+  ASSERT_TRUE(dive.mapped);
+  EXPECT_GT(dive.summary.pairs, 10U);
+  EXPECT_EQ(dive.input_refused, 0U);
+  EXPECT_EQ(dive.hard_cost.heap_calls, 0U);
+
+  // A replay must find the pools that the dive had.
+  const fs::path config = fs::path(testing::TempDir()) / "fathom_live_dive.toml";
+  std::ofstream(config) << "[slam]\nmax_pairs = 400\nmax_keyframes = 400\n";
+  ReplayOptions options_again;
+  options_again.mission = dive.folder;
+  options_again.config = config;
+  options_again.out = fs::path(testing::TempDir()) / "fathom_live_dive_again";
+  const ReplaySummary again = replay(options_again);
+  EXPECT_EQ(again.pairs, dive.summary.pairs);
+  const std::set<std::string> once = filesIn(dive.folder / "onboard");
+  for (const std::string& name : once) {
+    if (name == "timing.json" || name == "live.json") continue;
+    EXPECT_TRUE(bytesOf(dive.folder / "onboard" / name) == bytesOf(*options_again.out / name))
+        << name << " differs: " << dive.folder << ", " << *options_again.out;
+  }
+  EXPECT_TRUE(once.count("map.ply") && once.count("stereo_pose_est.data") && once.count("packets.bin"));
+  if (HasFailure()) return;  // leave them to be looked at
+  fs::remove_all(dive.folder);
+  fs::remove_all(*options_again.out);
+  fs::remove(config);
+}
+
+}  // namespace
+}  // namespace fathom::onboard

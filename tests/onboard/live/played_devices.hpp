@@ -1,0 +1,36 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <vector>
+
+#include "firmware_if/log/onboard_input.hpp"
+#include "firmware_if/mission.hpp"
+#include "realtime/onboard/live/live_system.hpp"
+
+namespace fathom::test {
+
+// A recorded mission's inputs as devices give them: each when its time has come by the vehicle's clock.
+struct PlayedMission {
+  std::vector<io::OnboardInput> inputs;
+  std::int64_t shift_ns = 0;  // added to the mission's times gives the vehicle's
+
+  // So that the first input comes `lead_s` from now.
+  PlayedMission(const std::filesystem::path& mission, const onboard::VehicleClock& clock, double lead_s);
+  [[nodiscard]] double lengthSeconds() const;
+};
+
+struct PlayedOptions {
+  std::size_t pool_frames = 12;
+  std::uint64_t lost_left = UINT64_MAX;  // this exposure of the left camera never comes
+};
+
+// Two cameras and one source of everything else. The mission must outlive them.
+[[nodiscard]] onboard::LiveDevices playedDevices(const PlayedMission& played,
+                                                 const std::filesystem::path& folder,
+                                                 const io::MissionConfig& mission, const StereoRig& rig,
+                                                 const onboard::VehicleClock& clock,
+                                                 const PlayedOptions& options = {});
+
+}  // namespace fathom::test
