@@ -113,6 +113,10 @@ class StateWriter {
   void enumeration(const E& value, E) {
     bytes(&value, sizeof value);
   }
+  template <typename... T>
+  void instants(const T&... values) {
+    (one(values), ...);
+  }
   void require(bool, const char*) noexcept {}
 
   // Runs `content` as a section; sections do not lie within others.
@@ -198,6 +202,13 @@ class StateReader {
     if (static_cast<std::uint64_t>(number) > static_cast<std::uint64_t>(last))
       fail("a kind that there is not");
     if (ok()) value = static_cast<E>(number);
+  }
+  // Times [ns] whose differences do not overflow.
+  template <typename... T>
+  void instants(T&... values) {
+    (one(values), ...);
+    constexpr std::int64_t kFarthest = std::int64_t{1} << 62;
+    require(((values > -kFarthest && values < kFarthest) && ...), "a time that cannot be");
   }
   // What must hold of what was read.
   void require(bool holds, const char* else_why) noexcept {

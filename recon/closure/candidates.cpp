@@ -6,6 +6,8 @@
 #include <stdexcept>
 #include <tuple>
 
+#include "realtime/kernel/state_archive.hpp"
+
 namespace fathom::closure {
 namespace {
 
@@ -125,6 +127,21 @@ bool CandidateQueue::pop(Candidate& candidate) {
   candidate = waiting_.back();
   waiting_.pop_back();
   return true;
+}
+
+void CandidateQueue::save(rt::StateWriter& writer) const {
+  writer.bounded(waiting_, config_.capacity);
+  writer(dropped_);
+}
+
+bool CandidateQueue::load(rt::StateReader& reader, std::size_t frames) {
+  reader.bounded(waiting_, config_.capacity);
+  reader(dropped_);
+  for (const Candidate& c : waiting_)
+    reader.require(c.older < c.newer && c.newer < frames && std::isfinite(c.value()),
+                   "a candidate that cannot be");
+  reader.require(std::is_sorted(waiting_.begin(), waiting_.end(), less), "candidates out of order");
+  return reader.ok();
 }
 
 }  // namespace fathom::closure

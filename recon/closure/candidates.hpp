@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/geometry/camera.hpp"
 #include "recon/geometry/se3.hpp"
 
@@ -49,6 +50,11 @@ struct Candidate {
   double probability = 0;              // of the overlap
   double information = 0;              // [nat]
   [[nodiscard]] double value() const { return probability * information; }
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.older, self.newer, self.probability, self.information);
+  }
 };
 
 // Pairs of frames worth registering, the most valuable first: expected information, probability times what a
@@ -73,6 +79,10 @@ class CandidateQueue {
 
   [[nodiscard]] std::size_t size() const { return waiting_.size(); }
   [[nodiscard]] std::uint64_t dropped() const { return dropped_; }  // for want of room
+
+  // Saved state (state_archive.hpp), bit by bit; of `frames` frames.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader, std::size_t frames);
 
  private:
   CandidateConfig config_;

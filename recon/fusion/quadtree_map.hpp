@@ -6,6 +6,7 @@
 #include <memory>
 #include <string>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/geometry/height_tile.hpp"
 #include "recon/geometry/mesh.hpp"
 
@@ -96,6 +97,10 @@ class QuadtreeMap {
     std::size_t memory_bytes = 0;  // all that is held: pools, index, work space
   };
   [[nodiscard]] Counters counters() const;
+
+  // Bit by bit, into a map of the same configuration; a map whose load() failed holds nothing of it.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
 
  private:
   struct Impl;

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/fusion/mesh_observations.hpp"
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/fusion/quadtree_sums.hpp"
@@ -85,7 +86,21 @@ class QuadtreeStore {
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
 
+  // In quadtree_state.cpp. A store whose load() failed is empty.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
  private:
+  template <typename Archive, typename Self>
+  static void exchangeTile(Archive& archive, Self& tile);
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
+  // What must hold of a store that was loaded.
+  [[nodiscard]] bool isNameable(const TileKey& key) const;
+  [[nodiscard]] bool loadIndex();
+  [[nodiscard]] bool tilesAreWhole() const;
+  [[nodiscard]] bool layersAreWhole() const;
+
   struct Owner {
     std::int32_t slot = kNone;
     int coarser = 0;  // levels between the observation's and the owner's

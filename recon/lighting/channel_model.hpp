@@ -13,6 +13,11 @@ namespace fathom::lighting {
 // deviation over that mean.
 struct Level {
   float log_mean = 0, log_spread = 0;
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.log_mean, self.log_spread);
+  }
 };
 
 // How one channel's light falls off with range r [m]: log mean = log_at_1m + power log r - per_metre r.
@@ -20,6 +25,11 @@ struct RangeLaw {
   double log_at_1m = 0, power = 0, per_metre = 0;
   [[nodiscard]] double at(double range) const;
   [[nodiscard]] double slope(double range) const { return power - per_metre * range; }  // d / d log r
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.log_at_1m, self.power, self.per_metre);
+  }
 };
 
 // One channel's three models, fitted to its statistics (n: node, r: range):
@@ -48,6 +58,14 @@ class ChannelModel {
   [[nodiscard]] Level atRange(std::size_t node, float position) const;
   [[nodiscard]] const RangeLaw& law() const { return law_; }
   [[nodiscard]] std::size_t memoryBytes() const;
+
+  // For saved state (state_archive.hpp), bit by bit; the rest is made anew by every solve().
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.statistics_, self.known_, self.knows_range_, self.whole_, self.law_);
+    archive.fixed(self.plain_);
+    archive.fixed(self.range_);
+  }
 
  private:
   using Bins = std::array<double, RangeBins::kKnown>;

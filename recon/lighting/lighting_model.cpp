@@ -5,8 +5,10 @@
 #include <cstring>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "realtime/kernel/state_archive.hpp"
 #include "recon/lighting/channel_model.hpp"
 #include "recon/lighting/correct_rows.hpp"
 #include "recon/lighting/model_choice.hpp"
@@ -22,6 +24,7 @@ constexpr int kSolveFraction = 16;     // later, one in this share of the images
 constexpr float kMinSigma = 0.002F;    // of full scale: half a level of 8 bits; less is quantisation
 constexpr float kMinContrast = 0.04F;  // sigma of mean: in thicker haze, gain would show noise alone
 constexpr std::size_t kMaxChannels = 4;
+constexpr std::uint32_t kTag = rt::stateTag("LITE"), kVersion = 1;
 
 void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("lighting model: ") + what);
@@ -70,6 +73,8 @@ struct LightingModel::Impl {
   template <typename T>
   void correctImage(const ImageView& image, const RangeLattice* range, std::uint8_t* out) const;
   void correct(const ImageView& image, const RangeLattice* range, std::uint8_t* out) const;
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
 };
 
 LightingKind LightingModel::Impl::used() const {
@@ -301,6 +306,21 @@ LightingModel::Report LightingModel::report() const {
     if (channel.knowsRange()) report.attenuation[colour] = {channel.law().power, channel.law().per_metre};
   }
   return report;
+}
+
+template <typename Archive, typename Self>
+void LightingModel::Impl::exchange(Archive& archive, Self& self) {
+  archive(self.images, self.solved_images, self.ignored, self.samples, self.choice);
+  for (auto& channel : self.channels) archive(channel);
+  archive.require(self.solved_images >= 0 && self.solved_images <= self.images, "more learnt than seen");
+}
+
+void LightingModel::save(rt::StateWriter& writer) const {
+  writer.section(kTag, kVersion, [&] { Impl::exchange(writer, std::as_const(*impl_)); });
+}
+
+bool LightingModel::load(rt::StateReader& reader) {
+  return reader.section(kTag, kVersion, [&] { Impl::exchange(reader, *impl_); });
 }
 
 }  // namespace fathom::lighting

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/geometry/image_view.hpp"
 #include "recon/lighting/lighting_config.hpp"
 #include "recon/lighting/range_lattice.hpp"
@@ -78,6 +79,11 @@ class LightingModel {
     std::size_t memory_bytes = 0;
   };
   [[nodiscard]] Report report() const;
+
+  // All that was learnt, bit by bit, into a model of the same shape and configuration. A model whose load()
+  // failed is of no use.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
 
  private:
   struct Impl;

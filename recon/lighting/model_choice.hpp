@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 
 #include "recon/lighting/lighting_model.hpp"
 
@@ -33,6 +34,16 @@ class ModelChoice {
   [[nodiscard]] double error(LightingKind kind) const {
     const auto k = static_cast<std::size_t>(kind) - static_cast<std::size_t>(LightingKind::kWholeImage);
     return count_[k] > 0 ? error_[k] : -1;
+  }
+
+  // For saved state (state_archive.hpp), bit by bit.
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    std::uint64_t chosen = self.chosen_;
+    archive(chosen, self.count_, self.error_);
+    archive.require(chosen < kModels, "a model that there is not");
+    if constexpr (Archive::kLoading)
+      if (archive.ok()) self.chosen_ = chosen;
   }
 
  private:

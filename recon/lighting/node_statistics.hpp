@@ -57,6 +57,20 @@ class NodeStatistics {
   [[nodiscard]] const NodeLattice& lattice() const { return lattice_; }
   [[nodiscard]] std::size_t memoryBytes() const;
 
+  // For saved state (state_archive.hpp), bit by bit: of the cells those that have seen something.
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive.fixed(self.bins_);
+    archive.fixed(self.intervals_);
+    archive(self.saturated_, self.outlier_share_);
+    for (const Interval& i : self.intervals_)
+      archive.require(i.first <= i.last && i.last < kClasses, "an interval of brightness that is none");
+    for (std::size_t k = 0; k < self.cells_.size(); ++k) {
+      if constexpr (Archive::kLoading) self.cells_[k] = Cell{};
+      if ((self.bins_[k / RangeBins::kAll] >> k % RangeBins::kAll & 1U) != 0) archive(self.cells_[k]);
+    }
+  }
+
   static constexpr int kSide = 4;  // samples of a cell, across and down
   static constexpr int kSamplesPerImage = kSide * kSide;
 
@@ -67,6 +81,11 @@ class NodeStatistics {
     double x_mean = 0, x_squares = 0;
     std::array<std::uint16_t, kClasses> number{};
     std::array<float, kClasses> sum{};
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.count, self.mean, self.squares, self.x_mean, self.x_squares, self.number, self.sum);
+    }
   };
   struct Interval {
     std::uint8_t first = 0, last = kClasses - 1;  // classes

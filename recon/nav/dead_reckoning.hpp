@@ -113,7 +113,8 @@ class DeadReckoning {
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
-      archive(self.utc_ns, self.R_odom_body, self.p_dvl, self.v_dvl, self.depth);
+      archive.instants(self.utc_ns);
+      archive(self.R_odom_body, self.p_dvl, self.v_dvl, self.depth);
     }
   };
   struct Velocity {
@@ -122,7 +123,8 @@ class DeadReckoning {
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
-      archive(self.utc_ns, self.value);
+      archive.instants(self.utc_ns);
+      archive(self.value);
     }
   };
 

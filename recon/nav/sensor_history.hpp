@@ -21,7 +21,10 @@ class TimeGate {
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.newest_, self.leap_, self.any_);
+    archive.instants(self.newest_);
+    archive(self.leap_, self.any_);
+    if (self.leap_)
+      archive.require(*self.leap_ > 0 && *self.leap_ < std::int64_t{1} << 62, "a stamp too far");
   }
 
  private:
@@ -36,7 +39,8 @@ struct TimedRotation {
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.utc_ns, self.value);
+    archive.instants(self.utc_ns);
+    archive(self.value);
   }
 };
 struct TimedNumber {
@@ -45,7 +49,8 @@ struct TimedNumber {
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.utc_ns, self.value);
+    archive.instants(self.utc_ns);
+    archive(self.value);
   }
 };
 

@@ -32,6 +32,12 @@ class DvlCalibration {
   [[nodiscard]] std::uint64_t used() const { return used_; }
   [[nodiscard]] std::uint64_t gated() const { return gated_; }
 
+  // For saved state (state_archive.hpp), bit by bit.
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.state_, self.covariance_, self.used_, self.gated_);
+  }
+
  private:
   SensorNoise noise_;
   Eigen::Vector2d state_ = Eigen::Vector2d::Zero();

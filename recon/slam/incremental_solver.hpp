@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <span>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/slam/arena_array.hpp"
 #include "recon/slam/factor_builder.hpp"
 #include "recon/slam/growing_factor.hpp"
@@ -123,6 +124,11 @@ class IncrementalSolver {
   std::int64_t factorStore() const { return config_.max_factor_blocks; }
   std::int64_t fillDropped() const { return active().factor.dropped(); }
 
+  // Into a solver of the same sizes: poses bit by bit, the factor built anew (solver_state.cpp). A solver
+  // whose load() failed is of no use.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
  private:
   enum class Part : std::uint8_t {
     kNone,      // not in the factor
@@ -139,6 +145,12 @@ class IncrementalSolver {
   Factor& active() { return factors_[at(active_)]; }
   const Factor& active() const { return factors_[at(active_)]; }
   double staleness(int k) const;
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
+  [[nodiscard]] bool posesAreWhole() const;
+  void buildAnew();
+  void growAnew();
 
   std::int64_t update(Factor& f, double sign, int k);
 

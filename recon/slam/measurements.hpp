@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <span>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/slam/arena_array.hpp"
 #include "recon/slam/block_kernels.hpp"
 #include "recon/slam/pose_graph.hpp"
@@ -68,7 +69,13 @@ class Measurements {
   int first(int pose) const { return first_[static_cast<std::size_t>(pose)]; }
   int next(int k, int pose) const { return (*this)[k].next[(*this)[k].to == pose ? 1 : 0]; }
 
+  // In solver_state.cpp; `poses`: as many as there are.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader, int poses);
+
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
   void unlink(int pose, int k);
 
   std::span<Measurement> all_;

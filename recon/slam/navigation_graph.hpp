@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/slam/dvl_calibration.hpp"
 #include "recon/slam/incremental_solver.hpp"
 #include "recon/slam/sensor_factors.hpp"
@@ -122,7 +123,20 @@ class NavigationGraph {
   [[nodiscard]] const IncrementalSolver& solver() const { return solver_; }
   [[nodiscard]] std::size_t memoryBytes() const;
 
+  // Into a graph of the same configuration: every pose bit by bit, the solver's factor anew. A graph whose
+  // load() failed is of no use.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
+  template <typename Archive, typename Self>
+  static void exchangeFrame(Archive& archive, Self& frame);
+  template <typename Archive, typename Self>
+  static void exchangeRobust(Archive& archive, Self& robust);
+  [[nodiscard]] bool isWhole() const;  // as it must be when it was loaded
+
   struct Frame {
     std::int64_t utc_ns = 0;
     SE3 T_odom_cam;
@@ -132,6 +146,11 @@ class NavigationGraph {
     int attitude = -1;     // and of attitude
     StepQuality quality;   // of that step
     bool waiting = false;  // in changed_
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      exchangeFrame(archive, self);
+    }
   };
   // A factor with a robust weight.
   struct Robust {
@@ -141,6 +160,11 @@ class NavigationGraph {
     double free_chi2 = 0;  // up to there its weight is 1
     double weight = 1;
     bool fix = false, off = false;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      exchangeRobust(archive, self);
+    }
   };
   static std::size_t at(int i) { return static_cast<std::size_t>(i); }
   [[nodiscard]] int addNode(const SE3& pose);

@@ -36,6 +36,15 @@ std::size_t PresentErrors::bytes(int max_poses, int max_measurements) {
          kArrays * kAlignment;
 }
 
+void PresentErrors::clear() {
+  for (std::span<std::uint8_t>* s : {&is_taken_, &is_moved_, &is_dirty_})
+    std::fill(s->begin(), s->end(), std::uint8_t{0});
+  for (std::span<double>* s : {&chi2_of_, &gradient_}) std::fill(s->begin(), s->end(), 0.0);
+  std::fill(stamp_.begin(), stamp_.end(), 0);
+  dirty_count_ = evaluation_ = 0;
+  chi2_ = 0;
+}
+
 double PresentErrors::chi2Of(int measurement) const {
   return chi2_of_[at(measurement)];
 }

@@ -29,6 +29,8 @@ class PresentErrors {
   void renew(int measurement);
   // After some poses have moved.
   void follow(std::span<const int> moved);
+  // Forgets all.
+  void clear();
 
   [[nodiscard]] bool has(int measurement) const { return is_taken_[at(measurement)] != 0; }
   [[nodiscard]] double chi2() const { return chi2_; }

@@ -130,21 +130,22 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
   return s;
 }
 
+void driveOn(NavigationGraph& graph, const MadeSurvey& s, const MadeSurveyOptions& o, int to) {
+  for (int k = graph.keyframes(); k < to; ++k) {
+    if (!graph.addKeyframe(s.inputs[at(k)])) return;
+    for (const MadeSurvey::Link& link : s.visual)
+      if (link.b == k) (void)graph.addLink(LinkKind::kOdometry, k - 1, k, link.T_a_b, s.link_covariance);
+    (void)graph.step();
+    for (const MadeSurvey::Fix& fix : s.fixes)
+      if (fix.keyframe == k) (void)graph.addFix(k, fix.antenna_in_odom, fix.north_east, o.usbl_sigma);
+    for (const MadeSurvey::Link& link : s.closures)
+      if (link.b == k) (void)graph.addLink(LinkKind::kClosure, link.a, k, link.T_a_b, s.link_covariance);
+  }
+}
+
 void drive(NavigationGraph& graph, const MadeSurvey& s, const MadeSurveyOptions& o) {
   graph.setAnchor(s.anchor, o.anchor_sigma);
-  std::size_t visual = 0, closure = 0, fix = 0;
-  for (int k = 0; k < static_cast<int>(s.inputs.size()); ++k) {
-    if (!graph.addKeyframe(s.inputs[at(k)])) return;
-    for (; visual < s.visual.size() && s.visual[visual].b == k; ++visual)
-      (void)graph.addLink(LinkKind::kOdometry, k - 1, k, s.visual[visual].T_a_b, s.link_covariance);
-    (void)graph.step();
-    for (; fix < s.fixes.size() && s.fixes[fix].keyframe <= k; ++fix)
-      (void)graph.addFix(s.fixes[fix].keyframe, s.fixes[fix].antenna_in_odom, s.fixes[fix].north_east,
-                         o.usbl_sigma);
-    for (; closure < s.closures.size() && s.closures[closure].b == k; ++closure)
-      (void)graph.addLink(LinkKind::kClosure, s.closures[closure].a, k, s.closures[closure].T_a_b,
-                          s.link_covariance);
-  }
+  driveOn(graph, s, o, static_cast<int>(s.inputs.size()));
   // The last measurements settle.
   for (int i = 0; i < 30; ++i) (void)graph.step();
 }

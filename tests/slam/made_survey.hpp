@@ -53,6 +53,9 @@ struct MadeSurvey {
 // The survey through a graph, as a vehicle would: keyframe, visual odometry, fixes, closures, step.
 void drive(NavigationGraph& graph, const MadeSurvey& survey, const MadeSurveyOptions& options);
 
+// From the keyframe after the graph's last up to `to`, without the last measurements' settling.
+void driveOn(NavigationGraph& graph, const MadeSurvey& survey, const MadeSurveyOptions& options, int to);
+
 // Squared error of a pose over the covariance of its right perturbation: chi-square, 6 degrees of freedom.
 [[nodiscard]] double squaredError(const SE3& estimate, const SE3& truth, const Matrix6d& covariance);
 

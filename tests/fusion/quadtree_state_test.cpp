@@ -1,0 +1,111 @@
+// A map that was saved and loaded is the same map, and goes on as the one that was saved.
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "recon/fusion/quadtree_map.hpp"
+#include "tests/fusion/scene.hpp"
+#include "tests/support/saved_state.hpp"
+
+namespace fathom::fusion {
+namespace {
+
+using test::rangeMesh;
+using test::savedState;
+
+double reef(double n, double e) {
+  return 8.0 + 0.3 * std::sin(1.7 * n) + 0.25 * std::cos(1.3 * e) + (n + e > 3 ? -0.6 : 0.0);
+}
+
+// So small that meshes coarsen it.
+QuadtreeConfig config() {
+  QuadtreeConfig c;
+  c.root_size = 16;
+  c.max_level = 5;
+  c.max_tiles = 40;
+  return c;
+}
+
+Mesh meshOf(int k) {
+  std::mt19937 random(static_cast<unsigned>(k));
+  std::uniform_real_distribution<double> place(-4, 4);
+  return rangeMesh({.north = place(random),
+                    .east = place(random),
+                    .length = 1.5,
+                    .width = 1.2,
+                    .spacing = k % 3 == 0 ? 0.2 : 0.08,
+                    .sigma = k % 4 == 0 ? 0.05 : 0.01,
+                    .colour = {static_cast<std::uint8_t>(3 * k), 120, 200}},
+                   reef, static_cast<unsigned>(k));
+}
+
+// Meshes go in, some come out, the vehicle moves, the ship hears.
+void live(QuadtreeMap& map, int from, int to) {
+  for (int k = from; k < to; ++k) {
+    map.noteVehicle({0.1 * k, -0.1 * k});
+    (void)map.fuse(meshOf(k));
+    if (k % 3 == 2) (void)map.remove(meshOf(k - 1));
+    if (k % 5 == 0) map.noteSent({0, 0, 0});
+  }
+}
+
+bool load(QuadtreeMap& map, std::span<const std::uint8_t> bytes) {
+  rt::StateReader reader(bytes);
+  return map.load(reader);
+}
+
+TEST(QuadtreeState, AMapThatWasLoadedGoesOnAsTheOneThatWasSaved) {
+  QuadtreeMap whole(config());
+  live(whole, 0, 60);
+  ASSERT_GT(whole.counters().coarsened, 0u);
+  const std::vector<std::uint8_t> state = savedState(whole);
+  QuadtreeMap loaded(config());
+  live(loaded, 100, 120);  // forgotten
+  ASSERT_TRUE(load(loaded, state));
+  EXPECT_EQ(loaded.canonicalBytes(), whole.canonicalBytes());
+  EXPECT_EQ(savedState(loaded), state);
+  for (QuadtreeMap* map : {&whole, &loaded}) live(*map, 60, 120);
+  EXPECT_EQ(loaded.canonicalBytes(), whole.canonicalBytes());
+  EXPECT_EQ(savedState(loaded), savedState(whole));
+}
+
+TEST(QuadtreeState, AnEmptyMapIsSavedAndLoaded) {
+  const QuadtreeMap empty(config());
+  QuadtreeMap loaded(config());
+  live(loaded, 0, 20);
+  ASSERT_TRUE(load(loaded, savedState(empty)));
+  EXPECT_EQ(loaded.canonicalBytes(), "");
+  live(loaded, 0, 20);
+  EXPECT_NE(loaded.canonicalBytes(), "");
+}
+
+TEST(QuadtreeState, AMapOfAnotherSizeIsRefused) {
+  QuadtreeMap whole(config());
+  live(whole, 0, 60);
+  QuadtreeConfig smaller = config();
+  smaller.max_tiles = 20;
+  QuadtreeMap loaded(smaller);
+  EXPECT_FALSE(load(loaded, savedState(whole)));
+  EXPECT_EQ(loaded.canonicalBytes(), "");
+}
+
+TEST(QuadtreeState, DamageIsRefusedOrDoesNoHarm) {
+  QuadtreeMap whole(config());
+  live(whole, 0, 30);
+  const std::vector<std::uint8_t> state = savedState(whole);
+  QuadtreeMap other(config());
+  test::eachRefused(state, 50, [&](auto bytes) { return load(other, bytes); });
+  EXPECT_EQ(other.canonicalBytes(), "");
+  int refused = 0, loads = 0;
+  test::eachDamage(state, 80, [&](auto bytes) {
+    ++loads;
+    refused += load(other, bytes) ? 0 : 1;
+    live(other, 30, 32);
+    (void)toMesh(other);
+  });
+  EXPECT_GT(refused, 0);
+  EXPECT_LT(refused, loads);
+}
+
+}  // namespace
+}  // namespace fathom::fusion
