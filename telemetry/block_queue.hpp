@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/geometry/height_tile.hpp"
 #include "telemetry/map_block.hpp"
 #include "telemetry/square_index.hpp"
@@ -108,6 +109,11 @@ class BlockQueue {
   // Whether a batch could be gathered now, repeats apart.
   [[nodiscard]] bool ready(std::int64_t now_ns) const;
   [[nodiscard]] std::size_t memoryBytes() const;
+  [[nodiscard]] std::size_t capacity() const { return squares_.size(); }  // squares
+
+  // In link_state.cpp, bit by bit.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
 
  private:
   enum class State : std::uint8_t { kNever, kInFlight, kDelivered, kLost };
@@ -141,6 +147,11 @@ class BlockQueue {
     std::size_t square = 0, block = 0;
   };
 
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
+  template <typename Archive, typename Self>
+  static void exchangeBlock(Archive& archive, Self& block);
+  [[nodiscard]] bool canStand(const Square& square) const;
   std::size_t slotFor(SpacingCode spacing, std::int32_t north, std::int32_t east);
   void giveWay(std::size_t slot);
   [[nodiscard]] bool differs(const Square& square, const Block& block) const;

@@ -7,6 +7,7 @@
 #include <optional>
 #include <span>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "telemetry/downlink_key.hpp"
 #include "telemetry/downlink_messages.hpp"
 #include "telemetry/frame.hpp"
@@ -113,7 +114,13 @@ class DownlinkReceiver {
   [[nodiscard]] bool hasKey() const { return key_.has_value(); }
   [[nodiscard]] std::optional<std::uint8_t> lastRequestId() const { return last_request_id_; }
 
+  // Bit by bit, but for the key, into one of the same dive: what was admitted stays old.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
   // Bad signatures looked at: so many at once, then one a second.
   static constexpr std::size_t kBadBurst = 32;
   static constexpr std::size_t kBadCost = 16;  // of one, in the bucket's units

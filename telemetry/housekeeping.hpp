@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "telemetry/frame.hpp"
 #include "telemetry/mission_info.hpp"
 #include "telemetry/status.hpp"
@@ -42,7 +43,13 @@ class Housekeeping {
 
   [[nodiscard]] double stretch() const { return stretch_; }  // factor on the periods
 
+  // In link_state.cpp: bit by bit, but for mission info; into one that has planned for the same rate.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
   struct Timer {
     std::int64_t period_ns = 0;
     std::int64_t next_ns = 0;

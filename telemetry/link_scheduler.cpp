@@ -5,12 +5,7 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "telemetry/map_packet.hpp"
-#include "telemetry/repair_encoder.hpp"
-#include "telemetry/sent_frames.hpp"
-#include "telemetry/tile_sender.hpp"
-#include "telemetry/token_bucket.hpp"
-#include "telemetry/turn_taking.hpp"
+#include "telemetry/link_scheduler_impl.hpp"
 
 namespace fathom::telemetry {
 namespace {
@@ -24,7 +19,6 @@ constexpr double kRepeatGoal = 0.95;        // probability that a block has arri
 constexpr double kRepeatFrames = 2;         // between repeats: a short burst does not take both
 constexpr double kListenShare = 0.2;        // of the time, by rule
 constexpr int kMaxTurnFrames = static_cast<int>(Acknowledgement::kMaxReach) / 2;
-constexpr std::size_t kMaxDetails = 4;
 constexpr int kMaxMapColourBits = 6;
 constexpr double kMinRequestedRate = 80, kMaxRequestedRate = 1e5;  // [bit/s]
 // A block that does not fit a frame alone is tried without colour, then with up to 16 times the error.
@@ -74,46 +68,6 @@ void LinkSchedulerConfig::validate() const {
   blocks.validate();
 }
 
-struct LinkScheduler::Impl {
-  explicit Impl(const LinkSchedulerConfig& c);
-  void setRate(double rate_bps);
-  [[nodiscard]] std::size_t choose();
-  [[nodiscard]] std::size_t mapPacket();
-  [[nodiscard]] std::size_t repairFrame();
-  [[nodiscard]] std::size_t probe();
-  [[nodiscard]] bool turnAfter(std::int64_t left_ns);
-  // Repair frames are of use where acknowledgements are not.
-  [[nodiscard]] bool blind() const { return config.repair && !turns.answered(); }
-  [[nodiscard]] std::size_t payloadRoom() const {
-    return static_cast<std::size_t>(config.frame_bytes) - kFrameOverhead;
-  }
-
-  LinkSchedulerConfig config;
-  TokenBucket bucket;
-  BlockQueue queue;
-  SentFrames sent;
-  RepairEncoder repair;
-  Housekeeping housekeeping;
-  TurnTaking turns;
-  TileSender tiles;
-  MapPacketEncoder encoder;
-  Counters counters;
-  std::uint16_t sequence = 0;
-  std::int64_t now = 0, busy_until = 0;
-  int frames_since_turn = 0;
-  bool paused = false;
-  std::array<Detail, kMaxDetails> details{};
-  std::size_t detail_count = 0;
-
-  // The frame being made.
-  MessageType type = MessageType::kStatus;
-  std::uint16_t frame_sequence = 0;
-  std::size_t batch_sent = 0;  // blocks in it
-  BlockQueue::Batch batch;
-  std::array<MapBlock, BlockQueue::kMaxBatch> decoded;
-  std::array<std::uint8_t, kMaxFrameBytes> payload{};
-};
-
 LinkScheduler::Impl::Impl(const LinkSchedulerConfig& c)
     : config((c.validate(), c)),
       bucket(c.rate_bps * c.duty, linkBucketBits(c), static_cast<std::size_t>(c.frame_bytes) * 8),
@@ -136,6 +90,10 @@ LinkScheduler::Impl::Impl(const LinkSchedulerConfig& c)
 
 void LinkScheduler::Impl::setRate(double rate_bps) {
   config.rate_bps = std::clamp(rate_bps, kMinRequestedRate, kMaxRequestedRate);
+  applyRate();
+}
+
+void LinkScheduler::Impl::applyRate() {
   bucket = TokenBucket(config.rate_bps * config.duty, linkBucketBits(config),
                        static_cast<std::size_t>(config.frame_bytes) * 8);
   bucket.advance(now);
@@ -282,7 +240,7 @@ void LinkScheduler::request(const Request& r, std::int64_t now_ns) {
       s.housekeeping.sendStatusNow();
       return;
     case Request::Kind::kDetail:
-      if (s.detail_count == kMaxDetails) {
+      if (s.detail_count == Impl::kMaxDetails) {
         ++s.counters.requests_refused;
         return;
       }
@@ -347,6 +305,17 @@ std::size_t LinkScheduler::nextFrame(std::int64_t now_ns, std::span<std::uint8_t
   ++s.counters.frames;
   s.counters.bytes += size;
   return size;
+}
+
+void LinkScheduler::noteRestart() {
+  Impl& s = *impl_;
+  // As many of the shortest frames as leave in the seconds that a log may lack, and a few.
+  constexpr double kLacking_s = 2, kFew = 4;
+  const double frames = kFew + kLacking_s * s.config.rate_bps * s.config.duty / (8 * kMinFrameBytes);
+  const auto passed_over = static_cast<std::uint16_t>(std::min(frames, SentFrames::kFrames / 2.0));
+  if (s.repair.open()) s.repair.close(s.sent.loss(), s.sent.burst());
+  s.sent.skip(passed_over);
+  s.sequence = static_cast<std::uint16_t>(s.sequence + passed_over);
 }
 
 bool LinkScheduler::drained() const {

@@ -6,6 +6,7 @@
 #include <memory>
 #include <span>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/geometry/height_tile.hpp"
 #include "telemetry/block_queue.hpp"
 #include "telemetry/downlink_messages.hpp"
@@ -102,6 +103,15 @@ class LinkScheduler {
   // Nothing of the map waits, and of what was sent there is word, or nobody to give it.
   [[nodiscard]] bool drained() const;
   [[nodiscard]] std::size_t memoryBytes() const;  // of the pool and the buffers
+
+  // The program has started again with what was saved, and may have sent frames since that it does not know of:
+  // their sequence numbers are not used for others, or the ship would take it for a new dive's.
+  void noteRestart();
+
+  // Into one of the same configuration: it goes on with the same frames bit by bit. Mission info is not part
+  // of it. One whose load() failed is of no use.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
 
  private:
   struct Impl;

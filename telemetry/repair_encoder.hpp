@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "telemetry/repair_symbol.hpp"
 
 namespace fathom::telemetry {
@@ -42,7 +43,13 @@ class RepairEncoder {
   [[nodiscard]] std::size_t next(std::span<std::uint8_t> out, std::uint16_t& first);
   [[nodiscard]] std::size_t memoryBytes() const;
 
+  // In link_state.cpp, bit by bit.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
   struct Group {
     std::uint16_t first = 0;
     int k = 0, rows = 0, wanted = 0;  // wanted: rows to be sent in all

@@ -30,6 +30,15 @@ void SentFrames::add(std::uint16_t sequence, std::int64_t left_ns, std::span<con
   held_ = std::min(held_ + 1, kFrames);
 }
 
+void SentFrames::skip(std::uint16_t count) {
+  for (std::uint16_t i = 0; i < count; ++i, ++next_) {
+    Frame& f = frames_[next_ % kFrames];
+    if (f.open && f.blocks > 0 && forgotten_) forgotten_(std::span(f.block).first(f.blocks));
+    f.open = false;
+    held_ = std::min(held_ + 1, kFrames);
+  }
+}
+
 void SentFrames::learn(bool arrived) {
   ++(arrived ? counters_.arrived : counters_.lost);
   const double lost = arrived ? 0 : 1;

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "telemetry/block_queue.hpp"
 #include "telemetry/downlink_messages.hpp"
 
@@ -25,6 +26,9 @@ class SentFrames {
 
   // A frame goes out; its last bit leaves at `left_ns`. Sequence numbers follow each other.
   void add(std::uint16_t sequence, std::int64_t left_ns, std::span<const BlockRef> blocks);
+
+  // So many sequence numbers are passed over: nothing is known of what had them.
+  void skip(std::uint16_t count);
 
   // Called with the blocks of a frame and whether it arrived.
   using Word = std::function<void(std::span<const BlockRef>, bool arrived)>;
@@ -47,7 +51,13 @@ class SentFrames {
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
 
+  // In link_state.cpp, bit by bit; `squares`: of the queue whose blocks they carried.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader, std::size_t squares);
+
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
   struct Frame {
     bool open = false;  // without word
     std::uint16_t sequence = 0;

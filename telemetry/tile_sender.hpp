@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/geometry/height_tile.hpp"
 #include "telemetry/tile_codec.hpp"
 #include "telemetry/tile_fragments.hpp"
@@ -34,7 +35,13 @@ class TileSender {
   [[nodiscard]] const Counters& counters() const { return counters_; }
   [[nodiscard]] std::size_t memoryBytes() const { return kTiles * sizeof(Waiting) + sizeof(*this); }
 
+  // In link_state.cpp, bit by bit.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
   struct Waiting {
     HeightTile tile;
     TileCodecConfig codec;

@@ -31,6 +31,15 @@ class TokenBucket {
   }
   void take(std::size_t bits) { credit_ -= static_cast<std::int64_t>(bits) * kUnitsPerBit; }
 
+  // For saved state (state_archive.hpp), bit by bit, into one of the same rate and capacity.
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive.instants(self.last_ns_);
+    archive(self.credit_, self.started_);
+    archive.require(self.credit_ <= self.capacity_ && self.credit_ >= -self.capacity_,
+                    "credit that cannot be");
+  }
+
  private:
   static constexpr std::int64_t kUnitsPerBit = 1'000'000'000'000;
   std::int64_t rate_;  // [millibit/s]

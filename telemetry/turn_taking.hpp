@@ -48,6 +48,15 @@ class TurnTaking {
   [[nodiscard]] bool answered() const { return ever_ && unanswered_ <= kPatience; }
   [[nodiscard]] bool everAnswered() const { return ever_; }
 
+  // For saved state (state_archive.hpp), bit by bit; the intervals are the caller's.
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive.instants(self.last_ns_, self.until_ns_);
+    archive(self.listen_ns_, self.unanswered_, self.ever_);
+    archive.require(self.listen_ns_ >= 0 && self.listen_ns_ <= self.longest_ns_ && self.unanswered_ >= 0,
+                    "turns that cannot be");
+  }
+
  private:
   static constexpr int kPatience = 6;  // turns without an answer: half of them are lost on a bad day
   static constexpr int kMaxBackOff = 8;
