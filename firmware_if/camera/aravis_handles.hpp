@@ -30,6 +30,9 @@ class AravisError {
     return &error_;
   }
   [[nodiscard]] bool failed() const { return error_ != nullptr; }
+  [[nodiscard]] bool timedOut() const {
+    return g_error_matches(error_, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_TIMEOUT) != FALSE;
+  }
   [[nodiscard]] std::string text() const { return error_ == nullptr ? "no reason given" : error_->message; }
 
  private:

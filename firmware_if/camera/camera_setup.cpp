@@ -75,6 +75,8 @@ class Setup {
     if (!good_) return;
     AravisError error;
     set(error.out());
+    // Each further try would take as long again.
+    if (error.timedOut()) fail("no longer answers");
   }
   [[nodiscard]] bool has(const char* feature) const {
     AravisError error;

@@ -85,11 +85,12 @@ struct GigeCamera::Impl {
     for (std::size_t i = 0; i < c.buffers; ++i)
       buffers.emplace_back(arv_buffer_new(bufferBytes(c), memory.allocate(bufferBytes(c), kBufferAlignment)));
   }
-  ~Impl() { close(); }
+  ~Impl() { close(!control_lost.load()); }
 
   bool poll(int timeout_ms, FrameSink& sink);
   void open();
-  void close();
+  // `answers`: the camera is there and is told to stop; one that is gone would be waited for.
+  void close(bool answers);
   bool lost();
   void take(ArvBuffer* buffer, FrameSink& sink);
   [[nodiscard]] bool whole(ArvBuffer* buffer);
@@ -155,7 +156,7 @@ void GigeCamera::Impl::open() {
   if (error.failed() || stream == nullptr) {
     failure = "gives no stream: " + error.text();
     count(Count::kOpenFailed);
-    return close();
+    return close(true);
   }
   // All of a frame may come before the receiving thread runs.
   g_object_set(stream.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
@@ -182,7 +183,7 @@ void GigeCamera::Impl::open() {
   if (error.failed()) {
     failure = "does not start: " + error.text();
     count(Count::kOpenFailed);
-    return close();
+    return close(true);
   }
   failure.clear();
   sent_since_open = any_stamp = false;
@@ -190,11 +191,10 @@ void GigeCamera::Impl::open() {
   last_frame_ns = now();
 }
 
-void GigeCamera::Impl::close() {
+void GigeCamera::Impl::close(bool answers) {
   if (stream != nullptr) {
     readStatistics();
-    // A camera that no longer answers would hold this up for seconds.
-    if (!control_lost.load()) {
+    if (answers) {
       AravisError error;
       arv_camera_stop_acquisition(camera.get(), error.out());
     }
@@ -381,7 +381,7 @@ bool GigeCamera::Impl::poll(int timeout_ms, FrameSink& sink) {
   if (clock.hasReadings() && !clock.settled()) next_reading_ns = 0;
   if (lost()) {
     ++disconnects;
-    close();
+    close(false);
     next_open_ns = now();
     return false;
   }

@@ -127,11 +127,12 @@ class BenchCamera {
 class BenchClient final : public io::FrameSink {
  public:
   BenchClient(int n, const BenchMission& mission, CameraSide side, const char* format,
-              std::int64_t start_utc_ns, int packet_size = 0)
+              std::int64_t start_utc_ns, int packet_size = 0,
+              io::CameraTrigger trigger = io::CameraTrigger::kFreeRun)
       : mission_(mission),
         side_(side),
         start_(start_utc_ns),
-        camera_(config(n, mission, side, format, packet_size), time()) {}
+        camera_(config(n, mission, side, format, packet_size, trigger), time()) {}
 
   // Polls until then (system's UTC).
   void pollUntil(std::int64_t utc_ns) {
@@ -169,7 +170,7 @@ class BenchClient final : public io::FrameSink {
 
  private:
   static io::CameraConfig config(int n, const BenchMission& mission, CameraSide side, const char* format,
-                                 int packet_size) {
+                                 int packet_size, io::CameraTrigger trigger) {
     io::CameraConfig config;
     config.side = side;
     config.id = BenchCamera::serial(n);
@@ -179,6 +180,7 @@ class BenchClient final : public io::FrameSink {
     config.rate_hz = 1 / mission.periodS();
     config.exposure_us = 2000;
     config.packet_size = packet_size;
+    config.trigger = trigger;
     config.interface = NamespacedProcess::linkName(n);
     return config;
   }

@@ -166,6 +166,27 @@ TEST(SimulatedGigeCamera, ComesBackWhenItsCableIsPulledAndPutBack) {
   EXPECT_EQ(client.indices.back(), 149);
 }
 
+TEST(SimulatedGigeCamera, IsTriggeredByALineOrSetByPtp) {
+  if (const std::string why = test::ownNetwork(); !why.empty()) GTEST_SKIP() << why;
+  const BenchMission mission(100, 20);
+  const std::int64_t start = test::systemUtcNs() + kSecond;
+  BenchCamera line(0, mission, CameraSide::kLeft, start), ptp(1, mission, CameraSide::kRight, start);
+  ASSERT_TRUE(line.process().connected() && ptp.process().connected());
+  BenchClient by_line(0, mission, CameraSide::kLeft, "BayerRG12Packed", start, 8000,
+                      io::CameraTrigger::kLine);
+  BenchClient by_ptp(1, mission, CameraSide::kRight, "Mono12Packed", start, 8000, io::CameraTrigger::kPtp);
+  std::thread other([&] { by_ptp.pollUntil(start + 52 * kSecond / 10); });
+  by_line.pollUntil(start + 52 * kSecond / 10);
+  other.join();
+  for (BenchClient* client : {&by_line, &by_ptp}) {
+    EXPECT_GT(client->frames.size(), 20u) << client->camera().lastFailure();
+    EXPECT_EQ(client->wrong, 0);
+    EXPECT_LT(client->worst_s, kTimeTolerance);
+  }
+  EXPECT_EQ(by_ptp.count("ptp_apart"), 0u);
+  EXPECT_LT(by_ptp.worst_s, 1e-3);  // no estimate of ours
+}
+
 TEST(SimulatedGigeCamera, LeavesOutNewFramesWhenNobodyGivesBlocksBack) {
   if (const std::string why = test::ownNetwork(); !why.empty()) GTEST_SKIP() << why;
   const BenchMission mission(40, 20);
