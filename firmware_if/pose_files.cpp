@@ -299,17 +299,22 @@ std::vector<TrajectoryPoint> readTrajectory(const std::filesystem::path& path) {
   return points;
 }
 
+void writeTrajectoryHead(std::ostream& out) {
+  out << kTrajectoryHeader << '\n';
+}
+
+void writeTrajectoryPoint(std::ostream& out, const TrajectoryPoint& point) {
+  const Eigen::Vector3d& t = point.pose.translation();
+  const Eigen::Quaterniond& q = point.pose.rotation();
+  out << point.utc_ns;
+  for (const double value : {t.x(), t.y(), t.z(), q.w(), q.x(), q.y(), q.z()}) out << ',' << Number(value);
+  out << '\n';
+}
+
 void writeTrajectory(const std::filesystem::path& path, const std::vector<TrajectoryPoint>& points) {
   AtomicFile file(path);
-  std::ostream& out = file.stream();
-  out << kTrajectoryHeader << '\n';
-  for (const TrajectoryPoint& point : points) {
-    const Eigen::Vector3d& t = point.pose.translation();
-    const Eigen::Quaterniond& q = point.pose.rotation();
-    out << point.utc_ns;
-    for (const double value : {t.x(), t.y(), t.z(), q.w(), q.x(), q.y(), q.z()}) out << ',' << Number(value);
-    out << '\n';
-  }
+  writeTrajectoryHead(file.stream());
+  for (const TrajectoryPoint& point : points) writeTrajectoryPoint(file.stream(), point);
   file.commit();
 }
 

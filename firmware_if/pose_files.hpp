@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <iosfwd>
 #include <string>
 #include <vector>
 
@@ -50,5 +51,8 @@ struct TrajectoryPoint {
 };
 [[nodiscard]] std::vector<TrajectoryPoint> readTrajectory(const std::filesystem::path& path);
 void writeTrajectory(const std::filesystem::path& path, const std::vector<TrajectoryPoint>& points);
+// The same line by line, into a file that grows. Throw std::runtime_error for a pose that is not finite.
+void writeTrajectoryHead(std::ostream& out);
+void writeTrajectoryPoint(std::ostream& out, const TrajectoryPoint& point);
 
 }  // namespace fathom::io

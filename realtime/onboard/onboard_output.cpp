@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <array>
+#include <cassert>
 #include <cmath>
 #include <cstdio>
 #include <iomanip>
@@ -11,6 +12,7 @@
 
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
+#include "recon/geometry/state_values.hpp"
 #include "telemetry/packet_log.hpp"
 
 namespace fathom::onboard {
@@ -22,32 +24,82 @@ constexpr std::array<std::string_view, 10> kOurs = {
     "packets.bin",  "downlink.bin",         "closures.csv", "health.csv",  "map.ply",
     "odometry.csv", "stereo_pose_est.data", "report.json",  "timing.json", "live.json"};
 
+constexpr std::uint32_t kTag = rt::stateTag("OUTP"), kVersion = 1;
+constexpr std::size_t kPairBytes = 512;  // of a pair's record, at most, without its names
+
+// A pair's record, for the time when its pose is known.
+template <typename Archive, typename Output, typename Name, typename Altitude>
+void exchangePair(Archive& archive, Output& output, Name& left, Name& right, Altitude& altitude) {
+  std::uint64_t points = output.points, triangles = output.triangles, nodes = output.nodes_updated;
+  archive(output.pair_index, output.utc_ns, output.T_odom_cam, output.keyframe, output.T_nav_cam,
+          output.median_range, output.footprint_radius, output.min_north_east, output.max_north_east, points,
+          triangles, nodes, left, right, altitude);
+  if constexpr (Archive::kLoading) {
+    output.points = points;
+    output.triangles = triangles;
+    output.nodes_updated = nodes;
+  }
+}
+
 }  // namespace
 
-OnboardOutput::OnboardOutput(const std::filesystem::path& folder, const Geodetic& origin)
-    : folder_(folder, kOurs) {
+OnboardOutput::OnboardOutput(const std::filesystem::path& folder, const Geodetic& origin,
+                             const OutputFolder::Life& life)
+    : folder_(folder, kOurs, life) {
   poses_.origin = origin;
-  packets_.open(folder_.path() / "packets.bin", std::ios::binary);
-  health_.open(folder_.path() / "health.csv");
-  if (!packets_ || !health_) throw std::runtime_error("cannot write into " + folder_.path().string());
+  for (Growing& file : files_)
+    if (file.from_the_start) open(file);
+  if (odometry_.tellp() == 0) io::writeTrajectoryHead(odometry_);
+}
+
+void OnboardOutput::open(Growing& file) {
+  file.stream.open(folder_.path() / file.name, std::ios::binary | std::ios::app | std::ios::ate);
+  if (!file.stream) throw std::runtime_error("cannot write into " + folder_.path().string());
+}
+
+void OnboardOutput::addOdometry(std::int64_t utc_ns, const SE3& T_odom_body) {
+  const bool finite = T_odom_body.translation().allFinite() && T_odom_body.rotation().coeffs().allFinite();
+  if (finite) io::writeTrajectoryPoint(odometry_, {utc_ns, T_odom_body});
 }
 
 void OnboardOutput::addStereoPose(const MapOutput& output, const std::string& left, const std::string& right,
                                   double altitude) {
+  record_.resize(kPairBytes + left.size() + right.size());
+  rt::StateWriter writer(record_);
+  exchangePair(writer, output, left, right, altitude);
+  assert(!writer.full());
+  const auto bytes = static_cast<std::uint32_t>(writer.size());
+  pairs_.write(reinterpret_cast<const char*>(&bytes), sizeof bytes);
+  pairs_.write(reinterpret_cast<const char*>(record_.data()), bytes);
+}
+
+void OnboardOutput::readPairs() {
   constexpr double kNanoseconds = 1e9;  // in a second
-  io::StereoPose pose;
-  pose.id = static_cast<int>(output.pair_index);
-  pose.utc_s = static_cast<double>(output.utc_ns) / kNanoseconds;
-  pose.T_nav_cam = output.T_nav_cam;
-  pose.left_image = left;
-  pose.right_image = right;
-  pose.altitude = altitude;
-  pose.footprint_radius = output.footprint_radius;
-  poses_.poses.push_back(std::move(pose));
-  outputs_.push_back(output);
+  pairs_.flush();
+  std::ifstream in(folder_.path() / files_[1].name, std::ios::binary);
+  std::uint32_t bytes = 0;
+  poses_.poses.clear();
+  outputs_.clear();
+  while (in.read(reinterpret_cast<char*>(&bytes), sizeof bytes)) {
+    record_.resize(bytes);
+    in.read(reinterpret_cast<char*>(record_.data()), bytes);
+    rt::StateReader reader(record_);
+    MapOutput output;
+    io::StereoPose pose;
+    exchangePair(reader, output, pose.left_image, pose.right_image, pose.altitude);
+    if (!in || !reader.ok())
+      throw std::runtime_error("cannot read " + (folder_.path() / files_[1].name).string());
+    pose.id = static_cast<int>(output.pair_index);
+    pose.utc_s = static_cast<double>(output.utc_ns) / kNanoseconds;
+    pose.T_nav_cam = output.T_nav_cam;
+    pose.footprint_radius = output.footprint_radius;
+    poses_.poses.push_back(std::move(pose));
+    outputs_.push_back(output);
+  }
 }
 
 void OnboardOutput::placeStereoPoses(const std::function<SE3(const MapOutput&)>& T_nav_cam) {
+  readPairs();
   for (std::size_t i = 0; i < outputs_.size(); ++i) poses_.poses[i].T_nav_cam = T_nav_cam(outputs_[i]);
 }
 
@@ -84,8 +136,8 @@ void OnboardOutput::addPacket(std::int64_t utc_ns, std::span<const std::uint8_t>
 }
 
 void OnboardOutput::addDownlink(std::int64_t utc_ns, std::span<const std::uint8_t> frame) {
-  if (!downlink_.is_open()) downlink_.open(folder_.path() / "downlink.bin", std::ios::binary);
-  if (!telemetry::writePacket(downlink_, utc_ns, frame))
+  if (!downlink_.stream.is_open()) open(downlink_);
+  if (!telemetry::writePacket(downlink_.stream, utc_ns, frame))
     throw std::runtime_error("cannot write downlink.bin in " + folder_.path().string());
 }
 
@@ -113,14 +165,60 @@ void OnboardOutput::writeText(const std::string& name, const std::string& text) 
 }
 
 void OnboardOutput::commit() {
-  io::writeTrajectory(folder_.path() / "odometry.csv", odometry_);
+  if (outputs_.empty()) readPairs();
   io::writeStereoPoses(folder_.path() / "stereo_pose_est.data", poses_);
-  packets_.close();
-  health_.close();
-  if (downlink_.is_open()) downlink_.close();
-  if (packets_.fail() || health_.fail() || downlink_.fail())
-    throw std::runtime_error("cannot write into " + folder_.path().string() + " (disk full?)");
+  for (Growing& file : files_) {
+    if (!file.stream.is_open()) continue;
+    file.stream.close();
+    if (file.stream.fail())
+      throw std::runtime_error("cannot write into " + folder_.path().string() + " (disk full?)");
+  }
+  std::filesystem::remove(folder_.path() / files_[1].name);
   folder_.commit();
+}
+
+template <typename Archive>
+void OnboardOutput::exchange(Archive& archive) {
+  for (Growing& file : files_) {
+    bool there = file.stream.is_open();
+    std::uint64_t bytes = there ? static_cast<std::uint64_t>(file.stream.tellp()) : 0;
+    archive(there, bytes);
+    archive.require(there || !file.from_the_start, "a file that must be there is not");
+    if constexpr (Archive::kLoading) {
+      std::error_code error;
+      const std::uint64_t now = std::filesystem::file_size(folder_.path() / file.name, error);
+      archive.require(!there || (!error && now >= bytes), "the output's files are shorter than they were");
+      if (archive.ok()) cutBack(file, there, bytes);
+    }
+  }
+  archive(health_header_);
+}
+
+void OnboardOutput::cutBack(Growing& file, bool there, std::uint64_t bytes) {
+  const std::filesystem::path path = folder_.path() / file.name;
+  if (file.stream.is_open()) file.stream.close();
+  if (!there) {
+    std::filesystem::remove(path);
+    return;
+  }
+  std::filesystem::resize_file(path, bytes);
+  open(file);
+}
+
+void OnboardOutput::save(rt::StateWriter& writer) {
+  for (Growing& file : files_)
+    if (file.stream.is_open()) file.stream.flush();
+  writer.section(kTag, kVersion, [&] { exchange(writer); });
+}
+
+bool OnboardOutput::load(rt::StateReader& reader) {
+  return reader.section(kTag, kVersion, [&] { exchange(reader); });
+}
+
+std::vector<std::filesystem::path> OnboardOutput::files() const {
+  std::vector<std::filesystem::path> paths;
+  for (const Growing& file : files_) paths.push_back(folder_.path() / file.name);
+  return paths;
 }
 
 }  // namespace fathom::onboard

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
@@ -9,30 +10,32 @@
 #include <vector>
 
 #include "firmware_if/pose_files.hpp"
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/map/map_core.hpp"
 #include "recon/geometry/output_folder.hpp"
 
 namespace fathom::onboard {
 
-// The folder onboard/ of a mission: it appears whole in commit(). Without commit() nothing of it stays.
+// The folder onboard/ of a mission: it appears whole in commit(). Without commit() nothing of it stays,
+// unless it is made to outlive its program. What comes row by row goes to files at once, so that memory does
+// not grow with the mission.
 class OnboardOutput {
  public:
   // Throws InputError for a folder that holds anything but an earlier replay.
-  OnboardOutput(const std::filesystem::path& folder, const Geodetic& origin);
+  OnboardOutput(const std::filesystem::path& folder, const Geodetic& origin,
+                const OutputFolder::Life& life = OutputFolder::Life());
   OnboardOutput(const OnboardOutput&) = delete;
   OnboardOutput& operator=(const OnboardOutput&) = delete;
 
   // Where the files grow until commit().
   [[nodiscard]] const std::filesystem::path& folder() const { return folder_.path(); }
 
-  void addOdometry(std::int64_t utc_ns, const SE3& T_odom_body) {
-    odometry_.push_back({utc_ns, T_odom_body});
-  }
+  void addOdometry(std::int64_t utc_ns, const SE3& T_odom_body);
   void addStereoPose(const MapOutput& output, const std::string& left, const std::string& right,
                      double altitude);
-  // Replaces the poses by what is known of them now.
+  // The survey is over: replaces the poses by what is known of them now.
   void placeStereoPoses(const std::function<SE3(const MapOutput&)>& T_nav_cam);
-  // Loop closures, named by the left images of their keyframes; chi2 against the poses now.
+  // After that: loop closures, named by the left images of their keyframes; chi2 against the poses now.
   void writeClosures(const LocalisationCore& localisation);
   void addPacket(std::int64_t utc_ns, std::span<const std::uint8_t> frame);
   // A frame received; the file exists only if there was one.
@@ -44,12 +47,37 @@ class OnboardOutput {
 
   void commit();
 
+  // Saved state is how long the files are (they are first brought up to date); load() cuts them back to that.
+  void save(rt::StateWriter& writer);
+  [[nodiscard]] bool load(rt::StateReader& reader);
+  // That saved state relies on: to be on the disk before it.
+  [[nodiscard]] std::vector<std::filesystem::path> files() const;
+
  private:
+  // A file that grows.
+  struct Growing {
+    const char* name;
+    bool from_the_start;  // else it is there only once something was written
+    std::ofstream stream{};
+  };
+  template <typename Archive>
+  void exchange(Archive& archive);
+  void open(Growing& file);
+  void cutBack(Growing& file, bool there, std::uint64_t bytes);
+  void readPairs();
+
   OutputFolder folder_;
-  std::vector<io::TrajectoryPoint> odometry_;
-  io::StereoPoseFile poses_;
+  std::array<Growing, 5> files_{{{"odometry.csv", true},
+                                 {"pairs.tmp", true},
+                                 {"packets.bin", true},
+                                 {"downlink.bin", false},
+                                 {"health.csv", true}}};
+  std::ofstream &odometry_ = files_[0].stream, &pairs_ = files_[1].stream, &packets_ = files_[2].stream,
+                &health_ = files_[4].stream;
+  Growing& downlink_ = files_[3];
+  io::StereoPoseFile poses_;        // once the survey is over
   std::vector<MapOutput> outputs_;  // of the same pairs
-  std::ofstream packets_, downlink_, health_;
+  std::vector<std::uint8_t> record_;
   bool health_header_ = false;
 };
 

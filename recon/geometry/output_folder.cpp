@@ -20,8 +20,8 @@ fs::path withoutTrailingSlash(const fs::path& path) {
 
 }  // namespace
 
-OutputFolder::OutputFolder(const fs::path& folder, std::span<const std::string_view> ours)
-    : folder_(withoutTrailingSlash(folder.lexically_normal())) {
+OutputFolder::OutputFolder(const fs::path& folder, std::span<const std::string_view> ours, const Life& life)
+    : folder_(withoutTrailingSlash(folder.lexically_normal())), outlives_(life.outlives) {
   temporary_ = folder_;
   temporary_ += ".tmp";
   std::error_code error;
@@ -35,7 +35,7 @@ OutputFolder::OutputFolder(const fs::path& folder, std::span<const std::string_v
                          "is not of an earlier run and would be lost; choose another --out");
     }
   }
-  fs::remove_all(temporary_, error);
+  if (!life.reopen) fs::remove_all(temporary_, error);
   fs::create_directories(temporary_, error);
   if (error)
     throw InputError(temporary_.string(), "",
@@ -43,11 +43,13 @@ OutputFolder::OutputFolder(const fs::path& folder, std::span<const std::string_v
 }
 
 OutputFolder::~OutputFolder() {
+  if (outlives_) return;
   std::error_code ignored;
   fs::remove_all(temporary_, ignored);
 }
 
 void OutputFolder::commit() {
+  outlives_ = false;
   if (fs::exists(folder_)) {
     // Exchanged in one step; what was the old folder goes with the destructor.
     if (::renameat2(AT_FDCWD, temporary_.c_str(), AT_FDCWD, folder_.c_str(), RENAME_EXCHANGE) == 0) return;

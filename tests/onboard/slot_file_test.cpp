@@ -45,5 +45,43 @@ TEST(SlotFile, ADiskWithoutRoomOrAFolderThatIsNotThereIsSaidAtOnce) {
   EXPECT_THROW(SlotFile(folder.path() / "absent", 1, 10), InputError);
 }
 
+TEST(SlotFile, ANamedOneOutlivesItsProgram) {
+  const test::TemporaryFolder folder;
+  const auto name = folder.path() / "meshes.slots";
+  const std::vector<std::uint8_t> data(100, 7);
+  std::vector<std::uint8_t> back(100);
+  {
+    SlotFile file(SlotFile::Named{name, true}, 5, 1000);
+    EXPECT_FALSE(file.kept());
+    EXPECT_TRUE(file.write(3, data));
+    EXPECT_TRUE(file.sync());
+  }
+  {
+    SlotFile file(SlotFile::Named{name, true}, 5, 1000);
+    EXPECT_TRUE(file.kept());
+    EXPECT_TRUE(file.read(3, back));
+    EXPECT_EQ(back, data);
+  }
+  SlotFile fresh(SlotFile::Named{name, false}, 5, 1000);
+  EXPECT_FALSE(fresh.kept());
+  EXPECT_TRUE(fresh.read(3, back));
+  EXPECT_EQ(back, std::vector<std::uint8_t>(100, 0));
+}
+
+TEST(SlotFile, ANamedOneOfAnotherSizeBeginsAnew) {
+  const test::TemporaryFolder folder;
+  const auto name = folder.path() / "meshes.slots";
+  std::vector<std::uint8_t> block(1000, 7);
+  {
+    SlotFile file(SlotFile::Named{name, false}, 5, 1000);
+    EXPECT_TRUE(file.write(0, block));
+  }
+  SlotFile larger(SlotFile::Named{name, true}, 6, 1000);
+  EXPECT_FALSE(larger.kept());
+  EXPECT_TRUE(larger.read(0, block));
+  EXPECT_EQ(block, std::vector<std::uint8_t>(1000, 0));
+  EXPECT_THROW(SlotFile(SlotFile::Named{folder.path(), true}, 5, 1000), InputError);
+}
+
 }  // namespace
 }  // namespace fathom::onboard

@@ -6,6 +6,7 @@
 #include <set>
 #include <span>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/map/map_core.hpp"
 #include "telemetry/link_scheduler.hpp"
 
@@ -50,6 +51,9 @@ class LinkCore {
   void request(const telemetry::Request& r, std::int64_t now_ns) { scheduler_.request(r, now_ns); }
   void heard(std::int64_t now_ns) { scheduler_.heard(now_ns); }
 
+  // See LinkScheduler: after load() and the log's tail, before the first frame.
+  void noteRestart() { scheduler_.noteRestart(); }
+
   // The next frame for the modem, or 0: see LinkScheduler::nextFrame.
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out) {
     return scheduler_.nextFrame(now_ns, out);
@@ -61,9 +65,17 @@ class LinkCore {
   [[nodiscard]] std::uint64_t detailLeftOut() const { return detail_left_out_; }  // squares
   [[nodiscard]] std::size_t memoryBytes() const { return scheduler_.memoryBytes(); }
 
+  // Into one of the same configuration: it goes on with the same frames bit by bit. Mission info is not part
+  // of it. One whose load() failed is of no use.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
   struct Key {
     std::int32_t north = 0, east = 0;
+
     auto operator<=>(const Key&) const = default;
   };
 
@@ -72,11 +84,22 @@ class LinkCore {
     struct Square {
       std::int64_t looked_ns = 0;  // offered last
       double area = 0;             // seen then [m2]
+
+      template <typename Archive, typename Self>
+      static void exchange(Archive& archive, Self& self) {
+        archive.instants(self.looked_ns);
+        archive(self.area);
+      }
     };
     int level = 0;
     double look_s = 0;  // between two looks at a square
     std::set<Key> changed;
     std::map<Key, Square> known;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.changed, self.known);
+    }
   };
   void offer(Level& level, const fusion::QuadtreeMap& map, const Key& key, std::int64_t now_ns);
   void offerChanged(Level& level, const fusion::QuadtreeMap& map, std::int64_t now_ns, bool everything);

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <vector>
 
@@ -17,6 +19,16 @@ class MissionProgress {
   void update(const Eigen::Vector2d& north_east);
   // 0 to 1; std::nullopt without a plan.
   [[nodiscard]] std::optional<double> fraction() const;
+
+  // For saved state (state_archive.hpp), bit by bit, into one with the same plan.
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    std::uint64_t leg = self.leg_;
+    archive(leg, self.travelled_);
+    archive.require(leg == 0 || leg + 1 < self.plan_.size(), "a leg that is not in the plan");
+    if constexpr (Archive::kLoading)
+      if (archive.ok()) self.leg_ = leg;
+  }
 
  private:
   std::vector<Eigen::Vector2d> plan_;

@@ -18,6 +18,11 @@ struct Closure {
   Matrix6d covariance;  // of its right perturbation
   int inliers = 0;
   bool confirmed = false;  // by another one, as its prior was wide
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.a, self.b, self.T_a_b, self.covariance, self.inliers, self.confirmed);
+  }
 };
 
 // Finds loop closures on board: pairs of keyframes by the probability that their footprints overlap and what
@@ -58,7 +63,14 @@ class ClosureSearch {
   [[nodiscard]] Counters counters() const;
   [[nodiscard]] std::size_t memoryBytes() const;
 
+  // Saved state (state_archive.hpp), bit by bit; into one whose graph has its keyframes already.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
+
   struct Near {
     double distance2;
     int keyframe;
@@ -79,6 +91,11 @@ class ClosureSearch {
   struct View {
     double range = 0;  // to the seafloor [m]
     Eigen::Vector2d proposed_at = Eigen::Vector2d::Zero();
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.range, self.proposed_at);
+    }
   };
 
   Camera camera_;

@@ -2,6 +2,8 @@
 
 #include <limits>
 
+#include "realtime/kernel/state_archive.hpp"
+
 namespace fathom::onboard {
 namespace {
 
@@ -44,6 +46,7 @@ std::int32_t KeyframeFeatures::freeSlot() {
     middle = &e;
   }
   if (least == nullptr) least = middle;  // one or two slots: the newest gives way
+  if (least == nullptr) return -1;       // none could be written
   ++counters_.retired;
   const std::int32_t slot = least->slot;
   least->slot = -1;
@@ -52,7 +55,7 @@ std::int32_t KeyframeFeatures::freeSlot() {
 
 void KeyframeFeatures::add(const closure::FrameFeatures& features, const Eigen::Vector3d& place) {
   const auto keyframe = static_cast<int>(entries_.size());
-  entries_.push_back({-1, place.cast<float>()});
+  entries_.push_back({-1, 0, place.cast<float>()});
   Kept& kept = newest_[entries_.size() % kNewest];
   kept.keyframe = keyframe;
   kept.features = features;
@@ -61,6 +64,7 @@ void KeyframeFeatures::add(const closure::FrameFeatures& features, const Eigen::
   if (slot < 0) return;
   if (slots_->write(static_cast<std::size_t>(slot), block_)) {
     entries_.back().slot = slot;
+    entries_.back().crc = rt::stateCrc(block_);
     ++counters_.stored;
   } else {
     ++counters_.write_failures;
@@ -89,7 +93,8 @@ const closure::FrameFeatures* KeyframeFeatures::find(int keyframe) {
   Kept& into = read_[next_read_];
   next_read_ = (next_read_ + 1) % read_.size();
   into.keyframe = -1;
-  if (!slots_->read(static_cast<std::size_t>(e.slot), block_) || !closure::readSlot(block_, into.features)) {
+  if (!slots_->read(static_cast<std::size_t>(e.slot), block_) || rt::stateCrc(block_) != e.crc ||
+      !closure::readSlot(block_, into.features)) {
     ++counters_.read_failures;
     return nullptr;
   }

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/slots/slot_store.hpp"
 #include "recon/closure/feature_slot.hpp"
 
@@ -21,7 +22,8 @@ class KeyframeFeatures {
   // Of the next keyframe, counting from 0; `place`: where it is, for the rule above [m].
   void add(const closure::FrameFeatures& features, const Eigen::Vector3d& place);
 
-  // Null when there are none (given way, bad disk). Valid until add() or the second find() after.
+  // Null when there are none (given way; a disk that fails, or has other bytes than were written). Valid
+  // until add() or the second find() after.
   [[nodiscard]] const closure::FrameFeatures* find(int keyframe);
 
   // Whether find() can be expected to find something.
@@ -33,9 +35,18 @@ class KeyframeFeatures {
   [[nodiscard]] const Counters& counters() const { return counters_; }
   [[nodiscard]] std::size_t memoryBytes() const;
 
+  // Saved state (state_archive.hpp), but for what lies in the slots.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+  [[nodiscard]] std::size_t keyframes() const { return entries_.size(); }
+
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
+
   struct Entry {
     std::int32_t slot = -1;
+    std::uint32_t crc = 0;  // of the slot's content
     Eigen::Vector3f place;
   };
   struct Kept {

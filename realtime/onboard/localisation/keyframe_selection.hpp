@@ -23,11 +23,23 @@ class KeyframeSelection {
   // Share of the footprint below which the next one is taken.
   [[nodiscard]] double overlap() const;
 
+  // For saved state (state_archive.hpp), bit by bit.
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.last_, self.taken_);
+    archive.require(self.taken_ >= 0, "fewer keyframes than none");
+  }
+
  private:
   struct Last {
     std::int64_t utc_ns = 0;
     SE3 T_odom_cam;
     closure::Footprint seen;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.utc_ns, self.T_odom_cam, self.seen.centre, self.seen.radius);
+    }
   };
   [[nodiscard]] double room() const;  // 1: plenty, 0: none
   LocalisationConfig config_;

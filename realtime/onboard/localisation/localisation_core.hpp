@@ -75,6 +75,11 @@ class LocalisationCore {
   [[nodiscard]] const KeyframeFeatures& features() const { return features_; }
   [[nodiscard]] std::size_t memoryBytes() const;
 
+  // Into one of the same configuration with the same slots: every keyframe's pose bit by bit. One whose
+  // load() failed is of no use.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
   // Called with the stage's name when it ends: "features", "visual odometry", "graph", "candidates",
   // "closures". For a caller that has a clock.
   void setStageObserver(std::function<void(const char* stage)> observer) { observer_ = std::move(observer); }
@@ -85,7 +90,14 @@ class LocalisationCore {
     Eigen::Vector3d antenna = Eigen::Vector3d::Zero();
     Eigen::Vector2d north_east = Eigen::Vector2d::Zero();
     double sigma = 1;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.utc_ns, self.antenna, self.north_east, self.sigma);
+    }
   };
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
   void ended(const char* stage) const {
     if (observer_) observer_(stage);
   }

@@ -32,6 +32,26 @@ class TriedPairs {
   [[nodiscard]] bool contains(int a, int b) const { return table_[find(key(a, b))] != 0; }
   [[nodiscard]] std::size_t memoryBytes() const { return table_.size() * sizeof(table_[0]); }
 
+  // For saved state (state_archive.hpp): the same pairs.
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    std::uint64_t count = self.count_;
+    archive(count);
+    archive.require(2 * count <= self.table_.size(), "more pairs than there is room for");
+    if constexpr (Archive::kLoading) {
+      self.table_.assign(self.table_.size(), 0);
+      self.count_ = 0;
+      for (std::uint64_t pair = 0; self.count_ < count && archive(pair); ++self.count_) {
+        std::uint64_t& place = self.table_[self.find(pair)];
+        archive.require(pair != 0 && place == 0, "a pair that comes twice");
+        place = pair;
+      }
+    } else {
+      for (const std::uint64_t pair : self.table_)
+        if (pair != 0) archive(pair);
+    }
+  }
+
  private:
   // Never 0, which marks an empty place.
   static std::uint64_t key(int a, int b) {

@@ -108,7 +108,14 @@ class MapCore {
   [[nodiscard]] const lighting::LightingModel& leftLight() const { return left_light_; }
   [[nodiscard]] const lighting::LightingModel& rightLight() const { return right_light_; }
 
+  // Into one of the same configuration with the same slots: map, poses, what was learnt of the light, and all
+  // counts bit by bit (map_state.cpp). One whose load() failed is of no use.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
   [[nodiscard]] stereo::SeedPlane seedPlane(const MapInput& input) const;
   [[nodiscard]] SE3 poseOf(int keyframe, const SE3& T_odom_cam) const;
   void localise(const MapInput& input, double range, bool images, MapOutput& out);

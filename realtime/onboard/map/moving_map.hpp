@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/slots/slot_store.hpp"
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/geometry/se3.hpp"
@@ -58,7 +59,14 @@ class MovingMap {
   // All that is held in memory; the slots are the caller's.
   [[nodiscard]] std::size_t memoryBytes() const;
 
+  // Bit by bit, into one of the same configuration with the same slots; `keyframes`: as many as there are.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader, int keyframes);
+
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
+
   struct Entry {
     SE3 T_odom_cam;
     SE3 shown;               // T_nav_cam in the map
@@ -70,6 +78,12 @@ class MovingMap {
     int keyframe = -1;
     bool stored = false;
     bool fused = false;  // the map had room for it
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.T_odom_cam, self.shown, self.middle, self.radius, self.box.low, self.box.high, self.hash,
+              self.bytes, self.keyframe, self.stored, self.fused);
+    }
   };
   void compareSome(std::size_t entries, const PoseOf& pose_of);
   void setUrgency(std::size_t entry, std::uint8_t urgency);

@@ -34,6 +34,10 @@ class NavFeed {
   [[nodiscard]] const nav::CameraClock& rightClock() const noexcept { return right_clock_; }
   [[nodiscard]] std::uint32_t exposures() const noexcept { return exposures_; }
 
+  // Bit by bit, into one of the same configuration (nav_state.cpp).
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
  private:
   NavCore core_;
   nav::CameraClock left_clock_, right_clock_;

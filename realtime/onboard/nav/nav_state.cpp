@@ -1,10 +1,10 @@
-#include "realtime/onboard/nav/nav_core.hpp"
+#include "realtime/onboard/nav/nav_feed.hpp"
 #include "recon/geometry/state_values.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("NAVC"), kVersion = 1;
+constexpr std::uint32_t kTag = rt::stateTag("NAVC"), kFeedTag = rt::stateTag("NAVF"), kVersion = 1;
 
 template <typename Archive, typename Quality>
 void exchangeQuality(Archive& archive, Quality& quality) {
@@ -55,6 +55,16 @@ void NavCore::save(rt::StateWriter& writer) const {
 bool NavCore::load(rt::StateReader& reader) {
   takeHealth(0);  // for the counters' names
   return reader.section(kTag, kVersion, [&] { exchange(reader, *this); });
+}
+
+void NavFeed::save(rt::StateWriter& writer) const {
+  writer(core_);
+  writer.section(kFeedTag, kVersion, [&] { writer(left_clock_, right_clock_, exposures_); });
+}
+
+bool NavFeed::load(rt::StateReader& reader) {
+  return reader(core_) &&
+         reader.section(kFeedTag, kVersion, [&] { reader(left_clock_, right_clock_, exposures_); });
 }
 
 }  // namespace fathom::onboard

@@ -1,6 +1,7 @@
 #include "realtime/onboard/slots/slot_file.hpp"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -36,14 +37,40 @@ SlotFile::SlotFile(const std::filesystem::path& folder, std::size_t slots, std::
   if (file_ < 0)
     throw InputError(folder.string(), "slot file", std::string("cannot write here: ") + std::strerror(errno));
   ::unlink(name.c_str());
-  const std::size_t bytes = slots * slot_bytes;
-  const int failed = bytes == 0 ? 0 : ::posix_fallocate(file_, 0, static_cast<off_t>(bytes));
-  if (failed != 0) {
-    ::close(file_);
-    throw InputError(folder.string(), "slot file of " + std::to_string(bytes) + " bytes",
-                     std::string(std::strerror(failed)) +
-                         "; make room, set slam.slot_folder, or lower slam.max_keyframes or slam.max_pairs");
+  allocate(folder.string());
+}
+
+SlotFile::SlotFile(const Named& named, std::size_t slots, std::size_t slot_bytes)
+    : slots_(slots), slot_bytes_(slot_bytes) {
+  constexpr int kMode = 0644;
+  file_ = ::open(named.file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kMode);
+  struct stat found {};
+  if (file_ < 0 || ::fstat(file_, &found) != 0 || !S_ISREG(found.st_mode)) {
+    const std::string why = file_ < 0 ? std::strerror(errno) : "not a plain file";
+    if (file_ >= 0) ::close(file_);
+    throw InputError(named.file.string(), "slot file", "cannot be opened: " + why);
   }
+  kept_ = named.reopen && static_cast<std::size_t>(found.st_size) == slots * slot_bytes;
+  if (!kept_ && ::ftruncate(file_, 0) != 0) {
+    ::close(file_);
+    throw InputError(named.file.string(), "slot file",
+                     std::string("cannot be emptied: ") + std::strerror(errno));
+  }
+  allocate(named.file.string());
+}
+
+void SlotFile::allocate(const std::string& where) {
+  const std::size_t bytes = slots_ * slot_bytes_;
+  const int failed = bytes == 0 ? 0 : ::posix_fallocate(file_, 0, static_cast<off_t>(bytes));
+  if (failed == 0) return;
+  ::close(file_);
+  throw InputError(where, "slot file of " + std::to_string(bytes) + " bytes",
+                   std::string(std::strerror(failed)) +
+                       "; make room, set slam.slot_folder, or lower slam.max_keyframes or slam.max_pairs");
+}
+
+bool SlotFile::sync() {
+  return ::fdatasync(file_) == 0;
 }
 
 SlotFile::~SlotFile() {
