@@ -138,7 +138,7 @@ TEST(LinkState, DamageIsRefusedOrDoesNoHarm) {
   LinkScheduler other(c);
   test::eachRefused(state, 50, [&](auto bytes) { return load(other, bytes); });
   int loads = 0, refused = 0;
-  test::eachDamage(state, 400, [&](auto bytes) {
+  test::eachDamage(state, 150, [&](auto bytes) {
     ++loads;
     if (!load(other, bytes)) {
       ++refused;
