@@ -1,6 +1,7 @@
 #include "firmware_if/recorder/recorder.hpp"
 
 #include <gmock/gmock.h>
+#include <lcm/lcm.h>
 
 #include <sys/stat.h>
 
@@ -223,6 +224,23 @@ TEST_F(RecorderTest, RoomForThePlanIsTakenBeforehandAndGivenBack) {
   r->close();
   EXPECT_LT(blocks().second, std::uint64_t{1} << 20);
   EXPECT_THAT(dive_.check(folder_).wrong, IsEmpty());
+}
+
+TEST_F(RecorderTest, LcmReadsTheLogWhileItIsRecordedWithItsRoomTaken) {
+  RecorderConfig config = smallConfig();
+  config.planned_hours = 1;
+  const auto r = recorder(config);
+  play(*r, 0, 200);
+  std::map<std::string, int> count;
+  lcm_eventlog_t* log = lcm_eventlog_create(MissionPaths(folder_).log().c_str(), "r");
+  ASSERT_NE(log, nullptr);
+  while (lcm_eventlog_event_t* event = lcm_eventlog_read_next_event(log)) {
+    ++count[std::string(event->channel, static_cast<std::size_t>(event->channellen))];
+    lcm_eventlog_free_event(event);
+  }
+  lcm_eventlog_destroy(log);
+  EXPECT_EQ(count, channels());
+  EXPECT_EQ(count["RDI"], 10);
 }
 
 TEST_F(RecorderTest, AnotherDivesFolderAndAForeignLogAreRefused) {
