@@ -1,6 +1,7 @@
 #include "realtime/onboard/live/live_config.hpp"
 
 #include "firmware_if/devices/device_address.hpp"
+#include "firmware_if/predive/predive_config.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -29,6 +30,8 @@ LiveConfig readLiveConfig(const ConfigTable& root, const io::MissionConfig& miss
   c.can.samples.latitude = mission.origin.latitude;
   c.lcm = io::readLcmConfig(root.table("lcm"), c.lcm);
   c.modem = io::readDeviceAddress(root.table("modem"), "device", "", false);
+  // What `fathom-sensors predive` reads of the same file; checked here so that it may stand in it.
+  (void)io::readPrediveConfig(root.table("predive"));
   c.recorder = io::readRecorderConfig(root.table("recorder"), c.recorder);
   c.realtime = rt::readRealtimeConfig(root.table("realtime"), c.realtime);
   c.memory = rt::readMemoryConfig(root.table("memory"), c.memory);
