@@ -210,12 +210,13 @@ void N2kSamples::addCharge(const N2kMessage& message, std::int64_t utc_ns) noexc
     ++counts_.incomplete;
     return;
   }
-  charge_ = {*percent / 100, utc_ns};
+  const double charge = *percent / 100;
+  charge_ = {charge, utc_ns};
   // Else the next 127508 carries it.
   if (!last_battery_ns_ || utc_ns - *last_battery_ns_ > kChargeHolds_s * kSecond_ns) {
     BatterySample sample;
     sample.utc_ns = utc_ns;
-    sample.charge = charge_->value;
+    sample.charge = charge;
     give(sample);
   }
 }
