@@ -1,5 +1,7 @@
 #include <cmath>
 #include <numbers>
+#include <type_traits>
+#include <variant>
 
 #include "firmware_if/predive/predive_checks.hpp"
 #include "firmware_if/predive/predive_text.hpp"
@@ -15,8 +17,17 @@ constexpr double kFarthest = 50'000;      // of a fix from the mission's origin 
 constexpr double kLowCharge = 0.2;
 constexpr double kEarthRadius = 6.371e6;  // [m]
 
+// The place of a kind of sample in DeviceSample.
+template <class Sample, std::size_t At = 0>
+consteval std::size_t kindOf() {
+  if constexpr (std::is_same_v<std::variant_alternative_t<At, DeviceSample>, Sample>) {
+    return At;
+  } else {
+    return kindOf<Sample, At + 1>();
+  }
+}
 template <class Sample>
-constexpr std::size_t kKind = DeviceSample(Sample{}).index();
+constexpr std::size_t kKind = kindOf<Sample>();
 
 const DeviceHealth* sourceNamed(const PrediveFacts& facts, std::string_view name) {
   for (const DeviceHealth& source : facts.sources)

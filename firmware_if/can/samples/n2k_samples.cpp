@@ -24,8 +24,8 @@ std::optional<std::uint8_t> sid(const N2kMessage& message) {
   return value ? std::optional(static_cast<std::uint8_t>(*value)) : std::nullopt;
 }
 
-template <class HeldValue>
-std::optional<double> fresh(const std::optional<HeldValue>& held, std::int64_t utc_ns, std::int64_t holds_s) {
+std::optional<double> fresh(const std::optional<HeldNumber>& held, std::int64_t utc_ns,
+                            std::int64_t holds_s) {
   return held && utc_ns - held->utc_ns <= holds_s * kSecond_ns ? std::optional(held->value) : std::nullopt;
 }
 

@@ -14,6 +14,12 @@
 
 namespace fathom::io {
 
+// A number that later messages need, and when it came.
+struct HeldNumber {
+  double value = 0;
+  std::int64_t utc_ns = 0;
+};
+
 // Decoded NMEA 2000 messages in, device samples out. What a message does not hold stays absent; a message
 // that lacks what its sample must have gives none and is counted. Sans I/O; allocates nothing.
 //
@@ -74,11 +80,6 @@ class N2kSamples {
   [[nodiscard]] Counts counts() const noexcept;
 
  private:
-  template <class T>
-  struct Held {
-    T value{};
-    std::int64_t utc_ns = 0;
-  };
   void give(const DeviceSample& sample) noexcept { out_[out_count_++] = sample; }
   void addHeading(const N2kMessage& message, std::int64_t utc_ns) noexcept;
   void addTilt(const N2kMessage& message, std::int64_t utc_ns) noexcept;
@@ -98,7 +99,7 @@ class N2kSamples {
   BelievedSource heading_, tilt_, depth_, battery_, gps_, water_;
   AttitudePairing pairing_;
   std::optional<double> battery_instance_;
-  std::optional<Held<double>> charge_, hdop_, salinity_, last_depth_;
+  std::optional<HeldNumber> charge_, hdop_, salinity_, last_depth_;
   std::optional<std::int64_t> last_battery_ns_;
   std::array<DeviceSample, AttitudePairing::kWaiting + 1> out_{};
   std::size_t out_count_ = 0;
