@@ -30,7 +30,7 @@ void seal(std::vector<std::uint8_t>& bytes) {
   }
 }
 
-void navigation(StateReader& reader) {
+void loadNavigation(StateReader& reader) {
   auto feed = std::make_unique<fathom::onboard::NavFeed>(fathom::onboard::NavCoreConfig());
   if (!feed->load(reader)) return;
   fathom::DepthSample depth;
@@ -40,7 +40,7 @@ void navigation(StateReader& reader) {
   while (feed->core().pollTrigger()) continue;
 }
 
-void map(StateReader& reader) {
+void loadMap(StateReader& reader) {
   fathom::fusion::QuadtreeConfig config;
   config.root_size = 16;
   config.max_tiles = 16;
@@ -53,7 +53,7 @@ void map(StateReader& reader) {
   (void)toMesh(map);
 }
 
-void graph(StateReader& reader) {
+void loadGraph(StateReader& reader) {
   fathom::slam::NavigationConfig config;
   config.max_keyframes = 20;
   config.max_links = 20;
@@ -64,7 +64,7 @@ void graph(StateReader& reader) {
   (void)graph.step();
 }
 
-void link(StateReader& reader) {
+void loadLink(StateReader& reader) {
   fathom::telemetry::LinkSchedulerConfig config;
   config.blocks.max_squares = 4;
   fathom::telemetry::LinkScheduler link(config);
@@ -73,7 +73,7 @@ void link(StateReader& reader) {
   for (int k = 0; k < 8; ++k) (void)link.nextFrame(1'800'000'000'000'000'000 + k * 10'000'000'000, frame);
 }
 
-void downlink(StateReader& reader) {
+void loadDownlink(StateReader& reader) {
   fathom::telemetry::DownlinkReceiver ear({1, 2}, std::nullopt, 0);
   if (ear.load(reader)) (void)ear.accept(1, std::array<std::uint8_t, 4>{});
 }
@@ -88,7 +88,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   (void)fathom::onboard::decodeCheckpoint(bytes, head, state);
   seal(bytes);
   StateReader reader(bytes);
-  constexpr std::array kParts{&navigation, &map, &graph, &link, &downlink};
+  constexpr std::array kParts{&loadNavigation, &loadMap, &loadGraph, &loadLink, &loadDownlink};
   kParts[data[0] % kParts.size()](reader);
   return 0;
 }
