@@ -4,16 +4,16 @@
 // synced.
 
 #include <fcntl.h>
+#include <sys/mman.h>
 #include <time.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <atomic>
 #include <cstdio>
-#include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <thread>
+#include <vector>
 
 #include "firmware_if/mission_recorder.hpp"
 #include "firmware_if/recorder/recorder.hpp"
@@ -35,16 +35,22 @@ double threadCpuMs() {
   return static_cast<double>(t.tv_sec) * 1e3 + static_cast<double>(t.tv_nsec) * 1e-6;
 }
 
-// A line of /proc/meminfo [MiB].
-double memoryMib(const std::string& key) {
-  std::ifstream in("/proc/meminfo");
-  std::string name;
-  double kib = 0;
-  while (in >> name >> kib) {
-    if (name == key + ":") return kib / 1024;
-    in.ignore(256, '\n');
+// What of the folder's files lies in the system's page cache [MiB].
+double cachedMib(const std::filesystem::path& folder) {
+  const auto page = static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
+  std::size_t pages = 0;
+  for (const auto& file : std::filesystem::directory_iterator(folder)) {
+    const int fd = ::open(file.path().c_str(), O_RDONLY);
+    const std::size_t size = std::filesystem::file_size(file.path());
+    void* memory = ::mmap(nullptr, size, PROT_READ, MAP_SHARED, fd, 0);
+    ::close(fd);
+    if (memory == MAP_FAILED) continue;
+    std::vector<unsigned char> resident((size + page - 1) / page);
+    if (::mincore(memory, size, resident.data()) == 0)
+      for (const unsigned char r : resident) pages += r & 1;
+    ::munmap(memory, size);
   }
-  return 0;
+  return static_cast<double>(pages * page) / kMiB;
 }
 
 struct Sizes {
@@ -82,7 +88,6 @@ void live(const std::filesystem::path& folder, const SyntheticDive& dive, const 
   io::Recorder recorder(
       folder, dive.mission(), dive.rig(), config, [&](const io::CameraFrame&) { return image.view(); },
       [&](const io::CameraFrame&) { ++released; });
-  const double cached_before = memoryMib("Cached");
   std::atomic<bool> ended{false};
   double cpu_ms = 0;
   std::thread writer([&] {
@@ -125,7 +130,7 @@ void live(const std::filesystem::path& folder, const SyntheticDive& dive, const 
   }
   ended = true;
   writer.join();
-  const double cached = memoryMib("Cached") - cached_before;
+  const double cached = cachedMib(folder / "img");
   recorder.close();
   const io::Recorder::Counters c = recorder.counters();
   const double pairs = static_cast<double>(c.images) / 2;
@@ -151,7 +156,7 @@ void live(const std::filesystem::path& folder, const SyntheticDive& dive, const 
   std::printf("  written                %6.1f MiB of images, log %.1f MiB an hour\n",
               static_cast<double>(c.images) * static_cast<double>(image.bytes()) / kMiB,
               log_bytes / kMiB / sizes.seconds * 3600);
-  std::printf("  page cache grew by     %6.1f MiB; most waiting: %zu inputs, %zu images of a camera\n",
+  std::printf("  images in page cache   %6.1f MiB; most waiting: %zu inputs, %zu images of a camera\n",
               cached, c.input_high_water, c.image_high_water);
 }
 
