@@ -7,6 +7,7 @@
 #include "sim/boards_command.hpp"
 #include "sim/camera_command.hpp"
 #include "sim/channel_command.hpp"
+#include "sim/hil_command.hpp"
 #include "sim/picture_command.hpp"
 #include "sim/render_command.hpp"
 #include "sim/score_command.hpp"
@@ -56,12 +57,20 @@ int run(int argc, char** argv) {
   CLI::App* boards_command = nullptr;
   const std::function<int()> run_boards = sim::addBoardsCommand(app, boards_command);
 
+  CLI::App* hil_command = nullptr;
+  const std::function<int()> run_hil = sim::addHilCommand(app, hil_command);
+
+  CLI::App* hil_compare_command = nullptr;
+  const std::function<int()> run_hil_compare = sim::addHilCompareCommand(app, hil_compare_command);
+
   if (const auto code = parseCommandLine("fathom-sim", app, argc, argv)) return *code;
   if (*render_command) return sim::runRender(render);
   if (*channel_command) return run_channel();
   if (*camera_command) return run_camera();
   if (*picture_command) return run_picture();
   if (*boards_command) return run_boards();
+  if (*hil_command) return run_hil();
+  if (*hil_compare_command) return run_hil_compare();
   if (*score_command) return sim::runScore(mission, json);
   return sim::runKeys(keys_of);
 }

@@ -14,6 +14,7 @@ namespace fathom::sim {
 namespace {
 
 constexpr double kNanoseconds = 1e9;  // in a second
+constexpr std::int64_t kSecondNs = 1'000'000'000;
 // From the ping to the ship's knowing the position.
 constexpr std::int64_t kUsblProcessingNs = 300'000'000;
 // A recorder that was late says nothing about the device.
@@ -86,7 +87,31 @@ void addSample(const io::LoggedSample& entry, std::int64_t offset_ns, const Laps
       std::holds_alternative<UsblFix>(entry.sample)
           ? kUsblProcessingNs
           : std::clamp<std::int64_t>(entry.arrival_utc_ns - stamp_ns, 0, kLongestLatencyNs);
-  out.samples.push_back({true_ns + latency_ns, moved(entry.sample, true_ns - offset_ns, laps.speed(lap))});
+  out.samples.push_back({true_ns + latency_ns, moved(entry.sample, true_ns, laps.speed(lap))});
+}
+
+// The samples of one kind, by due time, go on at the period of the first two or the last two of them.
+template <class Sample>
+void lieStill(std::vector<ScheduledSample>& samples, double before_s, double after_s) {
+  std::vector<ScheduledSample> own;
+  for (const ScheduledSample& s : samples)
+    if (std::holds_alternative<Sample>(s.sample)) own.push_back(s);
+  if (own.size() < 2) return;
+  const auto extend = [&](const ScheduledSample& from, const ScheduledSample& towards, double seconds) {
+    const std::int64_t step_ns = from.due_utc_ns - towards.due_utc_ns;
+    if (step_ns == 0) return;
+    const auto count = static_cast<std::int64_t>(seconds * kNanoseconds) / std::abs(step_ns);
+    for (std::int64_t k = 1; k <= count; ++k) {
+      ScheduledSample still = from;
+      still.due_utc_ns += k * step_ns;
+      auto& sample = std::get<Sample>(still.sample);
+      sample.utc_ns += k * step_ns;
+      if constexpr (std::is_same_v<Sample, DvlSample>) sample.velocity = Eigen::Vector3d::Zero();
+      samples.push_back(still);
+    }
+  };
+  extend(own[0], own[1], before_s);
+  extend(own[own.size() - 1], own[own.size() - 2], after_s);
 }
 
 }  // namespace
@@ -128,26 +153,38 @@ MissionSchedule makeSchedule(const std::filesystem::path& mission_folder, const 
   if (options.seconds > 0)
     end_ns = std::min<std::int64_t>(end_ns, begin_ns + std::llround(options.seconds * kNanoseconds));
 
-  const Laps laps(options, begin_ns, end_ns);
+  ScheduleOptions placed = options;
+  placed.start_utc_ns += ((begin_ns - options.start_utc_ns) % kSecondNs + kSecondNs) % kSecondNs;
+  const Laps laps(placed, begin_ns, end_ns);
   for (int lap = 0; lap < options.laps; ++lap)
-    for (const Entry& e : entries)
-      if (true_time(e) >= begin_ns && true_time(e) <= end_ns)
-        addSample(e.logged, e.offset_ns, laps, lap, schedule);
+    for (const Entry& e : entries) {
+      // What lies at a turning point belongs to the lap before it.
+      const std::int64_t turn_ns = laps.backward(lap) ? end_ns : begin_ns;
+      if (true_time(e) < begin_ns || true_time(e) > end_ns || (lap > 0 && true_time(e) == turn_ns)) continue;
+      addSample(e.logged, e.offset_ns, laps, lap, schedule);
+    }
   if (schedule.exposures.empty())
     throw InputError(mission_folder.string(), "",
                      "shows no picture in the part asked for; give another --from or --seconds");
-  std::stable_sort(schedule.samples.begin(), schedule.samples.end(),
-                   [](const auto& a, const auto& b) { return a.due_utc_ns < b.due_utc_ns; });
+  const auto sortSamples = [&] {
+    std::stable_sort(schedule.samples.begin(), schedule.samples.end(),
+                     [](const auto& a, const auto& b) { return a.due_utc_ns < b.due_utc_ns; });
+  };
+  sortSamples();
+  lieStill<DvlSample>(schedule.samples, options.lie_before_s, options.lie_after_s);
+  lieStill<AttitudeSample>(schedule.samples, options.lie_before_s, options.lie_after_s);
+  lieStill<DepthSample>(schedule.samples, options.lie_before_s, options.lie_after_s);
+  sortSamples();
   std::stable_sort(schedule.exposures.begin(), schedule.exposures.end(),
                    [](const auto& a, const auto& b) { return a.utc_ns < b.utc_ns; });
 
-  schedule.start_utc_ns = options.start_utc_ns;
+  schedule.start_utc_ns = placed.start_utc_ns;
   schedule.end_utc_ns =
       laps.vehicleTime(laps.backward(options.laps - 1) ? begin_ns : end_ns, options.laps - 1);
   schedule.rate = options.rate;
   schedule.mission_begin_utc_ns = begin_ns;
-  schedule.mission.start_utc_ns = options.start_utc_ns;
-  schedule.mission.time_offsets.left_camera = schedule.mission.time_offsets.right_camera = 0;
+  schedule.mission.start_utc_ns = placed.start_utc_ns;
+  schedule.mission.time_offsets = {};
   schedule.mission.cameras.rate_hz *= options.rate;
   return schedule;
 }

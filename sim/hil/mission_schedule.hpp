@@ -13,13 +13,18 @@
 namespace fathom::sim {
 
 struct ScheduleOptions {
-  std::int64_t start_utc_ns = 0;  // vehicle time at which it begins
-  double from_s = 0;              // begins so long after the mission's first sample [s]
-  double seconds = 0;             // of the mission; 0: to its end
-  double rate = 1;                // mission seconds a second; velocities grow with it
+  // Vehicle time before which it does not begin. It begins within a second of it, at a whole number of
+  // seconds from the mission's, so that hundredths and milliseconds of stamps stay what they were.
+  std::int64_t start_utc_ns = 0;
+  double from_s = 0;   // begins so long after the mission's first sample [s]
+  double seconds = 0;  // of the mission; 0: to its end
+  double rate = 1;     // mission seconds a second; velocities grow with it
   // The mission flown forward, then backward, then forward again: what the vehicle saw and felt on the way
   // back is the same, its velocity the opposite. A short mission lasts as long as a bench needs.
   int laps = 1;
+  // Before and after it the vehicle lies still and its instruments go on: first and last attitude and depth,
+  // no velocity over the ground [s].
+  double lie_before_s = 0, lie_after_s = 0;
 };
 
 // A sample, its times those of the vehicle's clock, and when the device says it.
@@ -35,10 +40,10 @@ struct ScheduledExposure {
 };
 
 // What every device of the vehicle does on the bench, in vehicle time: a recorded or simulated mission moved
-// to now. Times inside samples keep the offsets that mission.toml states for the devices' clocks; exposures
-// have theirs corrected, so that time_offsets of the cameras are zero in what the vehicle is given.
+// to now. What mission.toml knows of the offsets of the devices' clocks is put right, so that the vehicle is
+// given offsets of zero.
 struct MissionSchedule {
-  io::MissionConfig mission;  // as the vehicle is to read it: start and camera offsets changed
+  io::MissionConfig mission;  // as the vehicle is to read it: start, rate and clock offsets changed
   StereoRig rig;
   std::vector<ScheduledSample> samples;      // by due time; USBL fixes are due when the ship has them
   std::vector<ScheduledExposure> exposures;  // by time

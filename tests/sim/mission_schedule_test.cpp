@@ -77,7 +77,7 @@ TEST_F(MissionScheduleTest, TheWayBackIsTheWayThereFlownBackward) {
   options.seconds = 5;
   const MissionSchedule s = make(options);
   EXPECT_EQ(s.end_utc_ns - s.start_utc_ns, 10 * kSecondNs);
-  ASSERT_EQ(s.exposures.size(), 4U * 11U);
+  ASSERT_EQ(s.exposures.size(), 4U * 11U - 2U) << "the pair at the turning point once";
   const std::size_t last = s.exposures.size() - 1;
   for (std::size_t i = 0; i <= last; ++i) {
     EXPECT_EQ(s.exposures[i].utc_ns - s.start_utc_ns, s.end_utc_ns - s.exposures[last - i].utc_ns);
@@ -88,6 +88,24 @@ TEST_F(MissionScheduleTest, TheWayBackIsTheWayThereFlownBackward) {
   EXPECT_EQ(dvl.front().second.velocity->x(), 0.4);
   EXPECT_EQ(dvl.back().second.velocity->x(), -0.4);
   EXPECT_EQ(s.playedTimes().dvl_s.size(), dvl.size());
+}
+
+TEST_F(MissionScheduleTest, BeforeAndAfterTheMissionTheVehicleLiesStillAndItsInstrumentsGoOn) {
+  ScheduleOptions options;
+  options.lie_before_s = 2;
+  options.lie_after_s = 1;
+  const auto dvl = of<DvlSample>(make(options));
+  ASSERT_EQ(dvl.size(), 10U + 50U + 5U);
+  for (std::size_t i = 1; i < dvl.size(); ++i)
+    EXPECT_EQ(dvl[i].second.utc_ns - dvl[i - 1].second.utc_ns, 200 * kMillisecondNs) << i;
+  EXPECT_EQ(dvl[9].second.velocity->norm(), 0);
+  EXPECT_GT(dvl[10].second.velocity->norm(), 0.3);
+  EXPECT_EQ(dvl.back().second.velocity->norm(), 0);
+  const auto attitude = of<AttitudeSample>(make(options));
+  EXPECT_EQ(attitude.size(), 20U + 100U + 10U);
+  EXPECT_EQ(attitude.front().second.heading, 0);
+  EXPECT_EQ(attitude.back().second.heading, attitude[119].second.heading);
+  EXPECT_EQ(make(options).end_utc_ns, make({}).end_utc_ns);
 }
 
 TEST_F(MissionScheduleTest, AMissionThatShowsNothingIsRefused) {

@@ -1,6 +1,7 @@
 #include "sim/hil/players/dvl_player.hpp"
 
 #include <algorithm>
+#include <limits>
 #include <random>
 
 #include "sim/hil/players/pd0_encoder.hpp"
@@ -11,6 +12,12 @@ namespace {
 constexpr std::int64_t kByteNs = 10 * 1'000'000'000LL / DvlPlayer::kBaud;  // start bit, eight, stop bit
 constexpr std::size_t kChunkBytes = 32;  // written at once: what a UART's driver hands over
 constexpr std::uint8_t kHeaderByte = 0x7F;
+
+// When the last byte is there: no ensemble is sent before it was measured.
+std::int64_t dueTime(const ScheduledSample& scheduled) {
+  constexpr std::int64_t kLineNs = static_cast<std::int64_t>(kPd0EncodedBytes) * kByteNs;
+  return std::max(scheduled.due_utc_ns, std::get<DvlSample>(scheduled.sample).utc_ns + kLineNs);
+}
 
 // Bytes that no ensemble begins with, so that the damage counted is the damage done.
 void appendNoise(std::vector<std::uint8_t>& out, int bytes, std::mt19937& random) {
@@ -25,6 +32,17 @@ void appendNoise(std::vector<std::uint8_t>& out, int bytes, std::mt19937& random
 DvlPlayer::DvlPlayer(const MissionSchedule& schedule, const FaultScript& script, VehicleClock& clock,
                      Line line)
     : schedule_(schedule), script_(script), clock_(clock), line_(std::move(line)) {}
+
+double DvlPlayer::latency() const {
+  std::int64_t least_ns = std::numeric_limits<std::int64_t>::max();
+  for (const ScheduledSample& s : schedule_.samples)
+    if (const auto* dvl = std::get_if<DvlSample>(&s.sample))
+      least_ns = std::min(least_ns,
+                          dueTime(s) - static_cast<std::int64_t>(kPd0EncodedBytes) * kByteNs - dvl->utc_ns);
+  // The first chunk is handed over when its last byte is there.
+  least_ns += static_cast<std::int64_t>(kChunkBytes) * kByteNs;
+  return std::max(0.0, static_cast<double>(least_ns) * 1e-9);
+}
 
 bool DvlPlayer::send(std::span<const std::uint8_t> bytes, std::int64_t begin_ns,
                      const std::atomic<bool>& stop) {
@@ -69,7 +87,7 @@ void DvlPlayer::run(const std::atomic<bool>& stop) {
       ++counters_.damaged;
     }
     bytes.insert(bytes.end(), ensemble.begin(), ensemble.end());
-    const std::int64_t begin_ns = scheduled.due_utc_ns - static_cast<std::int64_t>(bytes.size()) * kByteNs;
+    const std::int64_t begin_ns = dueTime(scheduled) - static_cast<std::int64_t>(bytes.size()) * kByteNs;
     if (!clock_.sleepUntil(begin_ns, stop)) return;
     counters_.worst_late_ns = std::max(counters_.worst_late_ns, clock_.utcNs() - begin_ns);
     if (!send(bytes, begin_ns, stop)) return;

@@ -29,6 +29,9 @@ class DvlPlayer {
 
   DvlPlayer(const MissionSchedule& schedule, const FaultScript& script, VehicleClock& clock, Line line);
 
+  // The least time from an ensemble's stamp to its first byte at the receiver [s], as a manual would state
+  // it.
+  [[nodiscard]] double latency() const;
   // Until the mission's end, or until `stop`.
   void run(const std::atomic<bool>& stop);
   [[nodiscard]] const Counters& counters() const { return counters_; }  // after run()

@@ -81,6 +81,7 @@ struct ModemPlayer::Impl {
     carry(*port, ship.modem(), counters.from_vehicle);
     ship.advance(now_ns);
     carry(ship.modem(), *port, counters.to_vehicle);
+    fixes_said = counters.fixes == ship.summary().fixes_said;
   }
 
   struct DueFix {
@@ -95,6 +96,7 @@ struct ModemPlayer::Impl {
   std::uint16_t udp_port = 0;
   std::deque<DueFix> fixes;
   Counters counters;
+  std::atomic<bool> fixes_said{true};
 };
 
 ModemPlayer::ModemPlayer(const MissionSchedule& schedule, const FaultScript& script, VehicleClock& clock,
@@ -115,6 +117,10 @@ ModemPlayer::~ModemPlayer() = default;
 
 std::uint16_t ModemPlayer::udpPort() const {
   return impl_->udp_port;
+}
+
+bool ModemPlayer::fixesSaid() const {
+  return impl_->fixes_said;
 }
 
 void ModemPlayer::run(const std::atomic<bool>& stop) {

@@ -35,6 +35,8 @@ class ModemPlayer {
   ~ModemPlayer();
 
   [[nodiscard]] std::uint16_t udpPort() const;
+  // All fixes due so far have been said; from any thread.
+  [[nodiscard]] bool fixesSaid() const;
   // Until `stop`; then the file of frames heard is whole.
   void run(const std::atomic<bool>& stop);
   [[nodiscard]] Counters counters() const;  // after run()

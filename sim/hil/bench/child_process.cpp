@@ -1,0 +1,138 @@
+#include "sim/hil/bench/child_process.hpp"
+
+#include <fcntl.h>
+#include <sched.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cstdlib>
+#include <fstream>
+#include <stdexcept>
+#include <thread>
+
+namespace fathom::sim {
+namespace {
+
+constexpr int kNotStarted = 126;
+constexpr double kGraceSeconds = 5;  // between being told to end and being killed
+
+using Seconds = std::chrono::duration<double>;
+
+// A pipe on which one side tells the other to go on.
+struct Gate {
+  Gate() {
+    if (::pipe2(ends.data(), O_CLOEXEC) != 0) throw std::runtime_error("no pipe to a child process");
+  }
+  ~Gate() {
+    for (const int end : ends)
+      if (end >= 0) ::close(end);
+  }
+  Gate(const Gate&) = delete;
+  Gate& operator=(const Gate&) = delete;
+  void close(std::size_t end) {
+    ::close(ends[end]);
+    ends[end] = -1;
+  }
+  [[nodiscard]] bool open() const { return ::write(ends[1], "", 1) == 1; }
+  [[nodiscard]] bool pass() const {
+    char byte = 0;
+    return ::read(ends[0], &byte, 1) == 1;
+  }
+  std::array<int, 2> ends = {-1, -1};
+};
+
+[[noreturn]] void runProgram(const ChildProcess::Options& options) {
+  const int file = ::open(options.output.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_APPEND, 0644);
+  if (file < 0) ::_exit(kNotStarted);
+  ::dup2(file, STDOUT_FILENO);
+  ::dup2(file, STDERR_FILENO);
+  for (const std::string& variable : options.environment) {
+    const std::size_t equals = variable.find('=');
+    ::setenv(variable.substr(0, equals).c_str(), variable.c_str() + equals + 1, 1);
+  }
+  std::vector<char*> argv;
+  for (const std::string& argument : options.argv) argv.push_back(const_cast<char*>(argument.c_str()));
+  argv.push_back(nullptr);
+  // A terminal's interrupt is for the bench, which ends its children in their order.
+  ::setpgid(0, 0);
+  ::execvp(argv[0], argv.data());
+  ::_exit(kNotStarted);
+}
+
+}  // namespace
+
+ChildProcess::ChildProcess(const Options& options) : output_(options.output) {
+  Gate there, go;
+  const pid_t bench = ::getpid();
+  pid_ = ::fork();
+  if (pid_ < 0) throw std::runtime_error("no child process for " + options.argv.front());
+  if (pid_ == 0) {
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (::getppid() != bench) ::_exit(kNotStarted);
+    there.close(0);
+    go.close(1);
+    if (options.cable) {
+      if (::unshare(CLONE_NEWNET) != 0 || !there.open() || !go.pass()) ::_exit(kNotStarted);
+      if (!options.cable->connectFarEnd()) ::_exit(kNotStarted);
+    }
+    runProgram(options);
+  }
+  there.close(1);
+  go.close(0);
+  if (!options.cable) return;
+  if (there.pass() && options.cable->connectNearEnd(pid_) && go.open()) return;
+  ::kill(pid_, SIGKILL);
+  ::waitpid(pid_, nullptr, 0);
+  throw std::runtime_error("no network of its own for " + options.argv.front());
+}
+
+ChildProcess::~ChildProcess() {
+  if (!running()) return;
+  signal(SIGTERM);
+  if (wait(kGraceSeconds)) return;
+  signal(SIGKILL);
+  (void)wait(kGraceSeconds);
+}
+
+bool ChildProcess::running() {
+  return !wait(0).has_value();
+}
+
+void ChildProcess::signal(int number) {
+  if (!status_) ::kill(pid_, number);
+}
+
+std::optional<int> ChildProcess::wait(double seconds) {
+  const auto end = std::chrono::steady_clock::now() + Seconds(seconds);
+  while (!status_) {
+    int status = 0;
+    const pid_t ended = ::waitpid(pid_, &status, WNOHANG);
+    if (ended == pid_)
+      status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+    else if (ended < 0 && errno != EINTR)
+      status_ = kNotStarted;
+    if (status_ || std::chrono::steady_clock::now() >= end) break;
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  return status_;
+}
+
+bool ChildProcess::waitForLine(const std::string& text, double seconds, const std::atomic<bool>& stop) {
+  const auto end = std::chrono::steady_clock::now() + Seconds(seconds);
+  while (!stop) {
+    const bool ended = !running();  // before the file is read: its last lines count
+    std::ifstream file(output_);
+    for (std::string line; std::getline(file, line);)
+      if (!file.eof() && line.compare(0, text.size(), text) == 0) return true;
+    if (ended || std::chrono::steady_clock::now() >= end) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  }
+  return false;
+}
+
+}  // namespace fathom::sim

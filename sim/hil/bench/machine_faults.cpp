@@ -1,0 +1,89 @@
+#include "sim/hil/bench/machine_faults.hpp"
+
+#include <algorithm>
+
+namespace fathom::sim {
+
+MachineFaults::MachineFaults(const MissionSchedule& schedule, const FaultScript& script, VehicleClock& clock,
+                             RecordingDisk* disk, SteppedClock* stepped)
+    : schedule_(schedule), script_(script), clock_(clock), disk_(disk), stepped_(stepped) {}
+
+void MachineFaults::begin(const Fault& fault) {
+  std::uint64_t& count = done_[static_cast<std::size_t>(fault.kind)];
+  switch (fault.kind) {
+    case FaultKind::kDiskFull:
+      if (disk_ == nullptr) {
+        notes_.emplace_back("disk_full was not done: the recording has no disk of its own");
+      } else if (disk_->fill(fault.leave_mib)) {
+        ++count;
+      } else {
+        notes_.emplace_back("disk_full was not done: the disk could not be filled");
+      }
+      break;
+    case FaultKind::kCpuHog:
+      hog_.start(fault.threads);
+      ++count;
+      break;
+    case FaultKind::kClockStep:
+      if (stepped_ == nullptr) {
+        notes_.emplace_back("clock_step was not done: the bench has not started the program");
+      } else {
+        stepped_->step(fault.step_s);
+        ++count;
+      }
+      break;
+    default:
+      break;
+  }
+}
+
+void MachineFaults::end(const Fault& fault) {
+  switch (fault.kind) {
+    case FaultKind::kDiskFull:
+      if (disk_ != nullptr) disk_->makeRoom();
+      break;
+    case FaultKind::kCpuHog:
+      hog_.stop();
+      break;
+    case FaultKind::kClockStep:
+      if (stepped_ != nullptr && fault.for_s > 0) {
+        stepped_->step(-fault.step_s);
+        ++done_[static_cast<std::size_t>(fault.kind)];
+      }
+      break;
+    default:
+      break;
+  }
+}
+
+void MachineFaults::run(const std::atomic<bool>& stop) {
+  struct Moment {
+    double mission_s = 0;
+    const Fault* fault = nullptr;
+    bool begins = true;
+  };
+  std::vector<Moment> moments;
+  for (const Fault& f : script_.faults) {
+    if (f.kind != FaultKind::kDiskFull && f.kind != FaultKind::kCpuHog && f.kind != FaultKind::kClockStep)
+      continue;
+    if (schedule_.vehicleTime(f.at_s) > schedule_.end_utc_ns) continue;
+    moments.push_back({f.at_s, &f, true});
+    moments.push_back({f.at_s + f.for_s, &f, false});
+  }
+  std::stable_sort(moments.begin(), moments.end(),
+                   [](const Moment& a, const Moment& b) { return a.mission_s < b.mission_s; });
+  std::vector<const Fault*> open;
+  for (const Moment& m : moments) {
+    if (!clock_.sleepUntil(schedule_.vehicleTime(m.mission_s), stop)) break;
+    if (m.begins) {
+      open.push_back(m.fault);
+      begin(*m.fault);
+    } else {
+      std::erase(open, m.fault);
+      end(*m.fault);
+    }
+  }
+  for (const Fault* fault : open) end(*fault);
+}
+
+}  // namespace fathom::sim

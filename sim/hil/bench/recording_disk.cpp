@@ -1,0 +1,112 @@
+#include "sim/hil/bench/recording_disk.hpp"
+
+#include <fcntl.h>
+#include <sched.h>
+#include <sys/mount.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <stdexcept>
+#include <vector>
+
+namespace fathom::sim {
+namespace {
+
+constexpr double kMib = 1024.0 * 1024.0;
+
+bool run(const std::string& command) {
+  return std::system((command + " >/dev/null 2>&1").c_str()) == 0;
+}
+
+std::string quoted(const std::filesystem::path& path) {
+  std::string out = "'";
+  for (const char c : path.string()) out += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return out + "'";
+}
+
+std::uint64_t freeBytes(const std::filesystem::path& folder) {
+  struct statvfs figures {};
+  if (::statvfs(folder.c_str(), &figures) != 0) return 0;
+  return static_cast<std::uint64_t>(figures.f_bavail) * figures.f_frsize;
+}
+
+}  // namespace
+
+std::string RecordingDisk::open(const std::filesystem::path& folder, std::uint64_t bytes) {
+  folder_ = std::filesystem::absolute(folder);
+  image_ = folder_.string() + ".disk";
+  if (freeBytes(folder_.parent_path()) < 2 * bytes)
+    return "its folder has less than twice the " + std::to_string(bytes >> 20) +
+           " MiB that a disk of its own takes";
+  if (::unshare(CLONE_NEWNS) != 0 || ::mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0)
+    return std::string("no mounts of its own (") + std::strerror(errno) + "): run as root";
+  std::ofstream(image_).close();
+  std::error_code error;
+  std::filesystem::resize_file(image_, bytes, error);
+  // No room kept for root, who runs the bench: full is full.
+  const bool made = !error && run("mkfs.ext4 -q -F -m 0 " + quoted(image_)) &&
+                    run("mount -o loop " + quoted(image_) + " " + quoted(folder_));
+  if (!made) {
+    std::filesystem::remove(image_, error);
+    return "no file system in a file (needs mkfs.ext4 and loop devices)";
+  }
+  std::filesystem::remove(folder_ / "lost+found", error);
+  open_ = true;
+  return "";
+}
+
+bool RecordingDisk::fill(double leave_mib) {
+  const int fd = ::open(filler().c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+  if (fd < 0) return false;
+  const auto leave = static_cast<std::uint64_t>(leave_mib * kMib);
+  // The file system's own bookkeeping takes some of what it says is free, so the last of it goes in ever
+  // smaller pieces.
+  off_t size = 0;
+  for (std::uint64_t piece = 256ULL << 20; piece >= 4096; piece /= 2) {
+    while (true) {
+      const std::uint64_t free = freeBytes(folder_);
+      if (leave > 0 && free < leave + piece) break;
+      if (::posix_fallocate(fd, size, static_cast<off_t>(piece)) != 0) break;
+      size += static_cast<off_t>(piece);
+    }
+  }
+  ::close(fd);
+  constexpr std::uint64_t kNearlyNothing = 1 << 20;  // of a file system that is full [bytes]
+  return freeBytes(folder_) <= leave + kNearlyNothing;
+}
+
+void RecordingDisk::makeRoom() {
+  std::error_code ignored;
+  std::filesystem::remove(filler(), ignored);
+}
+
+void RecordingDisk::close() {
+  if (!open_) return;
+  makeRoom();
+  const std::filesystem::path copy = folder_.string() + ".kept";
+  if (!run("rm -rf " + quoted(copy)) || !run("cp -a " + quoted(folder_) + " " + quoted(copy)) ||
+      !run("umount " + quoted(folder_)))
+    throw std::runtime_error("what was recorded cannot be copied off its disk; it is in " + image_.string());
+  open_ = false;
+  std::filesystem::remove(folder_);
+  std::filesystem::rename(copy, folder_);
+  std::filesystem::remove(image_);
+}
+
+RecordingDisk::~RecordingDisk() {
+  if (!open_) return;
+  try {
+    close();
+  } catch (const std::exception&) {
+    // The image stays; whoever destroys without close() has no use for a message.
+    open_ = false;
+  }
+}
+
+}  // namespace fathom::sim

@@ -1,0 +1,121 @@
+#include "sim/hil/fault_table.hpp"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+namespace fathom::sim {
+namespace {
+
+std::uint64_t countFate(const std::vector<CameraLogRow>& log, const char* fate) {
+  return static_cast<std::uint64_t>(
+      std::count_if(log.begin(), log.end(), [&](const CameraLogRow& row) { return row.fate == fate; }));
+}
+
+}  // namespace
+
+std::uint64_t FaultTable::counter(const nlohmann::json& json, std::initializer_list<const char*> path) {
+  const nlohmann::json* at = &json;
+  for (const char* name : path) {
+    if (!at->is_object() || !at->contains(name)) return 0;
+    at = &(*at)[name];
+  }
+  return at->is_number() ? static_cast<std::uint64_t>(at->get<double>()) : 0;
+}
+
+bool FaultTable::cameWhole(CameraSide side, const CameraLogRow& row) const {
+  if (row.fate != "sent") return false;
+  if (row.packets_lost == 0) return true;
+  const Fault* fault = script_.camera(FaultKind::kLostPackets, side, row.mission_s);
+  return fault != nullptr && fault->resend;
+}
+
+bool FaultTable::Row::good() const {
+  if (counter.empty()) return true;
+  return exact ? counted == injected : (counted > 0) == (injected > 0);
+}
+
+void FaultTable::add(FaultKind kind, std::uint64_t injected, std::uint64_t counted,
+                     const std::string& counter, bool exact) {
+  const std::uint64_t asked = asked_[static_cast<std::size_t>(kind)];
+  if (asked > 0 || injected > 0) rows_.push_back({kind, asked, injected, counted, counter, exact});
+}
+
+FaultTable::FaultTable(const FaultScript& script, const nlohmann::json& run, const nlohmann::json& live,
+                       const nlohmann::json& report, const std::vector<CameraLogRow>& left,
+                       const std::vector<CameraLogRow>& right)
+    : script_(script) {
+  for (std::size_t i = 0; i < kFaultKinds; ++i)
+    asked_.push_back(counter(run, {"expected", std::string(nameOf(static_cast<FaultKind>(i))).c_str()}));
+  const auto both = [&](const char* name) {
+    return counter(live, {"devices", "camera_left", name}) + counter(live, {"devices", "camera_right", name});
+  };
+  const auto done = [&](FaultKind kind) {
+    return counter(run, {"injected", std::string(nameOf(kind)).c_str()});
+  };
+
+  std::uint64_t incomplete = 0, sent_again = 0, skewed = 0;
+  for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight})
+    for (const CameraLogRow& row : side == CameraSide::kLeft ? left : right) {
+      if (row.fate != "sent") continue;
+      if (!cameWhole(side, row))
+        ++incomplete;
+      else if (row.packets_lost > 0)
+        ++sent_again;
+      if (script_.camera(FaultKind::kSkew, side, row.mission_s) != nullptr) ++skewed;
+    }
+  add(FaultKind::kLostPackets, incomplete, both("incomplete") + both("timed_out"),
+      "cameras: incomplete + timed_out", true);
+  if (sent_again > 0)
+    add(FaultKind::kLostPackets, sent_again, both("resent_packets"), "cameras: resent_packets", false);
+  const std::uint64_t lost = countFate(left, "lost") + countFate(right, "lost");
+  add(FaultKind::kLostFrames, lost, both("missed"), "cameras: missed", true);
+  add(FaultKind::kSkew, skewed,
+      counter(report, {"health", "nav_left_unpaired"}) + counter(report, {"health", "nav_right_unpaired"}),
+      "navigation: unpaired, either side", false);
+  add(FaultKind::kIdWrap, asked_[static_cast<std::size_t>(FaultKind::kIdWrap)], 0, "", true);
+  add(FaultKind::kCameraReboot, asked_[static_cast<std::size_t>(FaultKind::kCameraReboot)],
+      both("control_lost"), "cameras: control_lost", true);
+  const std::uint64_t bus_off =
+      counter(run, {"lcm", "withheld"}) > 0 ? asked_[static_cast<std::size_t>(FaultKind::kCanBusOff)] : 0;
+  add(FaultKind::kCanBusOff, bus_off, 0, "", true);
+  add(FaultKind::kDvlGarbage, done(FaultKind::kDvlGarbage), counter(live, {"devices", "dvl", "bad_checksum"}),
+      "dvl: bad_checksum", true);
+  std::uint64_t silences = 0;
+  for (const Fault& f : script_.faults) silences += f.kind == FaultKind::kDvlSilence ? 1 : 0;
+  if (done(FaultKind::kDvlSilence) == 0) silences = 0;
+  add(FaultKind::kDvlSilence, silences, counter(live, {"devices", "dvl", "silences"}), "dvl: silences", true);
+  add(FaultKind::kModemSilence, asked_[static_cast<std::size_t>(FaultKind::kModemSilence)], 0, "", true);
+  add(FaultKind::kDiskFull, done(FaultKind::kDiskFull), counter(live, {"recorder", "images_dropped_disk"}),
+      "recorder: images_dropped_disk", false);
+  add(FaultKind::kCpuHog, done(FaultKind::kCpuHog), 0, "", true);
+  add(FaultKind::kClockStep, done(FaultKind::kClockStep), counter(live, {"clock_steps"}), "clock_steps",
+      true);
+}
+
+bool FaultTable::print(std::FILE* out) const {
+  std::fprintf(out, "%-14s %7s %9s %8s  %s\n", "fault", "asked", "injected", "counted", "by");
+  bool good = true;
+  for (const Row& r : rows_) {
+    const std::string counted = r.counter.empty() ? "-" : std::to_string(r.counted);
+    std::fprintf(out, "%-14s %7llu %9llu %8s  %s%s\n", std::string(nameOf(r.kind)).c_str(),
+                 static_cast<unsigned long long>(r.asked), static_cast<unsigned long long>(r.injected),
+                 counted.c_str(), r.counter.empty() ? "its effect only" : r.counter.c_str(),
+                 r.good() ? "" : "  BAD");
+    good = good && r.good();
+  }
+  return good;
+}
+
+nlohmann::ordered_json FaultTable::json() const {
+  nlohmann::ordered_json all = nlohmann::ordered_json::array();
+  for (const Row& r : rows_)
+    all.push_back({{"kind", std::string(nameOf(r.kind))},
+                   {"asked", r.asked},
+                   {"injected", r.injected},
+                   {"counted", r.counted},
+                   {"counter", r.counter},
+                   {"good", r.good()}});
+  return all;
+}
+
+}  // namespace fathom::sim

@@ -1,0 +1,273 @@
+#include "sim/hil/hil_compare.hpp"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
+#include <stdexcept>
+
+#include "firmware_if/image_file.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/atomic_file.hpp"
+#include "sim/hil/bench/child_process.hpp"
+#include "sim/hil/fault_table.hpp"
+#include "sim/hil/hil_folder.hpp"
+
+namespace fathom::sim {
+namespace {
+
+constexpr double kPoseTolerance_m = 0.01;   // of a camera position
+constexpr double kPairTolerance_s = 0.025;  // nav.max_pair_skew_s and what the clocks' mapping is off
+constexpr double kSamePose_s = 0.1;         // between a live pair and the direct replay's
+constexpr std::int64_t kSameExposureNs = 50'000'000;
+constexpr double kReplay_s = 7200;  // longest that a replay may take
+// What holds measured times, and so differs between a run and its replay.
+const std::set<std::string> kMeasured = {"timing.json", "live.json"};
+
+nlohmann::json readJson(const std::filesystem::path& path) {
+  std::ifstream file(path);
+  const nlohmann::json json = nlohmann::json::parse(file, nullptr, false);
+  if (!file || json.is_discarded())
+    throw InputError(path.string(), "", "cannot be read; give the folder of a whole bench run");
+  return json;
+}
+
+bool sameBytes(const std::filesystem::path& a, const std::filesystem::path& b) {
+  std::ifstream left(a, std::ios::binary), right(b, std::ios::binary);
+  std::array<char, 65536> x{}, y{};
+  while (left && right) {
+    left.read(x.data(), x.size());
+    right.read(y.data(), y.size());
+    if (left.gcount() != right.gcount() || !std::equal(x.begin(), x.begin() + left.gcount(), y.begin()))
+      return false;
+  }
+  return left.eof() && right.eof();
+}
+
+// fathom-onboard --replay, unless its output is there already.
+void replay(const HilComparison& what, const std::filesystem::path& mission, const std::filesystem::path& out,
+            const char* name) {
+  if (std::filesystem::exists(out / "report.json")) return;
+  std::fprintf(stderr, "replaying %s\n", mission.c_str());
+  ChildProcess::Options child;
+  child.argv = {what.onboard,
+                "--replay",
+                mission.string(),
+                "--out",
+                out.string(),
+                "--config",
+                HilFolder(what.run).config().string()};
+  child.output = out.string() + ".log";
+  ChildProcess program(child);
+  const auto status = program.wait(kReplay_s);
+  if (status != 0)
+    throw std::runtime_error("the replay of the " + std::string(name) + " failed; see " +
+                             child.output.string());
+}
+
+struct Recorded {
+  std::size_t sent_whole = 0;    // exposures of which every packet came, at once or again
+  std::size_t recorded = 0;      // files in img/
+  std::size_t unknown = 0;       // files that no camera exposed
+  std::size_t other_pixels = 0;  // whose pixels are not the mission's
+};
+
+// Recorded files against what one camera sent and what the mission shows.
+Recorded checkRecording(const HilComparison& what, CameraSide side, const std::vector<CameraLogRow>& log,
+                        const FaultTable& table) {
+  Recorded r;
+  for (const CameraLogRow& row : log) r.sent_whole += table.cameWhole(side, row) ? 1 : 0;
+  const io::MissionPaths live(HilFolder(what.run).mission()), played(what.mission);
+  const io::MissionConfig::Cameras cameras = io::readMissionConfig(what.mission).cameras;
+  const PixelFormat format = side == CameraSide::kLeft ? cameras.left_format : cameras.right_format;
+  if (!std::filesystem::is_directory(live.images())) return r;
+  for (const auto& entry : std::filesystem::directory_iterator(live.images())) {
+    const auto name = io::parseImageFileName(entry.path().filename().string());
+    if (!name || name->side != side) continue;
+    ++r.recorded;
+    const CameraLogRow* row = exposureAt(log, name->utc_ns);
+    if (row == nullptr) {
+      ++r.unknown;
+      continue;
+    }
+    const io::ImageFile got = io::readImage(entry.path(), format, cameras.bits);
+    const io::ImageFile sent = io::readImage(played.images() / row->file, format, cameras.bits);
+    r.other_pixels += got.bytes != sent.bytes ? 1 : 0;
+  }
+  return r;
+}
+
+}  // namespace
+
+std::vector<std::string> differingFiles(const std::filesystem::path& a, const std::filesystem::path& b) {
+  std::set<std::string> names;
+  for (const auto& folder : {a, b})
+    if (std::filesystem::is_directory(folder))
+      for (const auto& entry : std::filesystem::recursive_directory_iterator(folder))
+        if (entry.is_regular_file()) names.insert(std::filesystem::relative(entry.path(), folder).string());
+  std::vector<std::string> differing;
+  for (const std::string& name : names)
+    if (kMeasured.count(name) == 0 && !(std::filesystem::exists(a / name) &&
+                                        std::filesystem::exists(b / name) && sameBytes(a / name, b / name)))
+      differing.push_back(name);
+  return differing;
+}
+
+double TimeShift::missionUtc(double vehicle_utc_s) const {
+  const double since_s = vehicle_utc_s - static_cast<double>(start_utc_ns) * 1e-9;
+  return static_cast<double>(mission_begin_utc_ns) * 1e-9 + since_s * rate;
+}
+
+PoseDistances comparePoses(const io::StereoPoseFile& live, const io::StereoPoseFile& direct,
+                           const TimeShift& shift) {
+  std::map<double, const io::StereoPose*> by_time;
+  for (const io::StereoPose& pose : direct.poses) by_time[pose.utc_s] = &pose;
+  PoseDistances d;
+  double squares = 0;
+  for (const io::StereoPose& pose : live.poses) {
+    const double utc_s = shift.missionUtc(pose.utc_s);
+    const io::StereoPose* nearest = nullptr;
+    for (auto it = by_time.lower_bound(utc_s - kSamePose_s);
+         it != by_time.end() && it->first <= utc_s + kSamePose_s; ++it)
+      if (nearest == nullptr || std::abs(it->first - utc_s) < std::abs(nearest->utc_s - utc_s))
+        nearest = it->second;
+    if (nearest == nullptr) {
+      ++d.unmatched;
+      continue;
+    }
+    ++d.matched;
+    const SE3 between = pose.T_nav_cam.inverse() * nearest->T_nav_cam;
+    const double distance = (pose.T_nav_cam.translation() - nearest->T_nav_cam.translation()).norm();
+    d.worst_m = std::max(d.worst_m, distance);
+    squares += distance * distance;
+    d.worst_rad = std::max(d.worst_rad, Eigen::AngleAxisd(between.rotation()).angle());
+  }
+  if (d.matched > 0) d.rms_m = std::sqrt(squares / static_cast<double>(d.matched));
+  return d;
+}
+
+const CameraLogRow* exposureAt(const std::vector<CameraLogRow>& log, std::int64_t utc_ns) {
+  const CameraLogRow* nearest = nullptr;
+  const auto off = [&](const CameraLogRow& row) { return std::abs(row.exposed_utc_ns - utc_ns); };
+  // In the order of exposures, but for those that skew moved.
+  const auto from =
+      std::lower_bound(log.begin(), log.end(), utc_ns - 20 * kSameExposureNs,
+                       [](const CameraLogRow& row, std::int64_t t) { return row.exposed_utc_ns < t; });
+  for (auto it = from; it != log.end() && it->exposed_utc_ns < utc_ns + 20 * kSameExposureNs; ++it)
+    if (off(*it) <= kSameExposureNs && (nearest == nullptr || off(*it) < off(*nearest))) nearest = &*it;
+  return nearest;
+}
+
+PairCheck checkPairs(const io::StereoPoseFile& live, const std::vector<CameraLogRow>& left,
+                     const std::vector<CameraLogRow>& right, double tolerance_s) {
+  PairCheck check;
+  for (const io::StereoPose& pose : live.poses) {
+    ++check.pairs;
+    const auto left_name = io::parseImageFileName(pose.left_image);
+    const auto right_name = io::parseImageFileName(pose.right_image);
+    const CameraLogRow* l = left_name ? exposureAt(left, left_name->utc_ns) : nullptr;
+    const CameraLogRow* r = right_name ? exposureAt(right, right_name->utc_ns) : nullptr;
+    if (l == nullptr || r == nullptr)
+      ++check.unknown;
+    else if (std::abs(static_cast<double>(l->exposed_utc_ns - r->exposed_utc_ns)) > tolerance_s * 1e9)
+      ++check.mismatched;
+  }
+  return check;
+}
+
+bool compareHil(const HilComparison& what) {
+  const HilFolder folder(what.run);
+  const nlohmann::json run = readJson(folder.report());
+  if (!run.contains("start_utc_ns"))
+    throw InputError(folder.report().string(), "", "is of a run that did not come to its end");
+  const std::filesystem::path live_folder = folder.mission() / "onboard";
+  const nlohmann::json live = readJson(live_folder / "live.json"),
+                       report = readJson(live_folder / "report.json");
+  const std::vector<CameraLogRow> left = readCameraLog(folder.camera(CameraSide::kLeft, "csv"));
+  const std::vector<CameraLogRow> right = readCameraLog(folder.camera(CameraSide::kRight, "csv"));
+  const FaultScript script =
+      run.contains("faults") ? readFaultScript(run["faults"].get<std::string>()) : FaultScript{};
+
+  replay(what, folder.mission(), folder.replay(), "recording");
+  replay(what, what.mission, folder.direct(), "mission");
+
+  nlohmann::ordered_json out;
+  bool good = true;
+  const auto check = [&](const char* name, bool holds, const std::string& text) {
+    std::printf("%-8s %-4s %s\n", name, holds ? "good" : "BAD", text.c_str());
+    out["checks"][name] = {{"good", holds}, {"text", text}};
+    good = good && holds;
+  };
+  std::array<char, 300> line{};
+
+  const std::vector<std::string> differing = differingFiles(live_folder, folder.replay());
+  std::string names;
+  for (const std::string& name : differing) names += " " + name;
+  check("replay", differing.empty(),
+        differing.empty() ? "the recording replays to identical bytes"
+                          : "the replay of the recording differs in" + names);
+
+  const io::StereoPoseFile live_poses = io::readStereoPoses(live_folder / "stereo_pose_est.data");
+  const TimeShift shift = {run["start_utc_ns"], run["mission_begin_utc_ns"], run["rate"]};
+  const PoseDistances d =
+      comparePoses(live_poses, io::readStereoPoses(folder.direct() / "stereo_pose_est.data"), shift);
+  std::snprintf(
+      line.data(), line.size(),
+      "%zu camera positions against the direct replay: rms %.1f mm, worst %.1f mm, %.3f deg; %zu without "
+      "counterpart%s",
+      d.matched, 1e3 * d.rms_m, 1e3 * d.worst_m, d.worst_rad * 180 / M_PI, d.unmatched,
+      script.faults.empty() ? "" : " (the faults' effect)");
+  check("poses", d.matched > 0 && (!script.faults.empty() || d.worst_m <= kPoseTolerance_m), line.data());
+  out["poses"] = {{"matched", d.matched},
+                  {"unmatched", d.unmatched},
+                  {"rms_m", d.rms_m},
+                  {"worst_m", d.worst_m},
+                  {"worst_rad", d.worst_rad}};
+
+  FaultTable table(script, run, live, report, left, right);
+  std::size_t unknown = 0, other_pixels = 0, whole = 0, recorded = 0;
+  for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
+    const Recorded r = checkRecording(what, side, side == CameraSide::kLeft ? left : right, table);
+    unknown += r.unknown;
+    other_pixels += r.other_pixels;
+    whole += r.sent_whole;
+    recorded += r.recorded;
+  }
+  const std::uint64_t stopped = table.counter(live, {"recorder", "images_dropped_disk"});
+  std::snprintf(line.data(), line.size(),
+                "%zu exposures, %zu sent whole, %zu recorded, %llu stopped by a full disk",
+                left.size() + right.size(), whole, recorded, static_cast<unsigned long long>(stopped));
+  check("frames", recorded + stopped == whole, line.data());
+  const PairCheck pairs = checkPairs(live_poses, left, right, kPairTolerance_s);
+  std::snprintf(
+      line.data(), line.size(),
+      "%zu pairs mapped: %zu mismatched, %zu unknown; %zu recorded images unknown, %zu with other pixels",
+      pairs.pairs, pairs.mismatched, pairs.unknown, unknown, other_pixels);
+  check("pairs", pairs.pairs > 0 && pairs.mismatched + pairs.unknown + unknown + other_pixels == 0,
+        line.data());
+  out["frames"] = {{"exposures", left.size() + right.size()},
+                   {"sent_whole", whole},
+                   {"recorded", recorded},
+                   {"stopped_by_disk", stopped},
+                   {"pairs", pairs.pairs},
+                   {"mismatched", pairs.mismatched + pairs.unknown},
+                   {"other_pixels", other_pixels}};
+
+  if (!script.faults.empty()) {
+    const bool counted = table.print(stdout);
+    check("faults", counted, counted ? "every fault was counted by its counter" : "see the table");
+    out["faults"] = table.json();
+  }
+  AtomicFile file(folder.comparison());
+  file.stream() << out.dump(2) << '\n';
+  file.commit();
+  return good;
+}
+
+}  // namespace fathom::sim
