@@ -17,6 +17,14 @@ namespace fathom::uml {
       !std::filesystem::exists(fathom::uml::kModulesFolder)) \
   GTEST_SKIP() << "no user-mode Linux: install the Debian package user-mode-linux"
 
+// The same for tests that run a program of this build inside: a sanitizer's shadow memory does not fit there.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define FATHOM_REQUIRE_OWN_PROGRAMS_INSIDE() \
+  GTEST_SKIP() << "programs with a sanitizer do not start inside the user-mode Linux"
+#else
+#define FATHOM_REQUIRE_OWN_PROGRAMS_INSIDE() FATHOM_REQUIRE_USER_MODE_LINUX()
+#endif
+
 struct MachineRun {
   int status = -1;     // of uml_run
   std::string output;  // the command's and uml_run's, stdout and stderr

@@ -9,7 +9,7 @@ namespace fathom::uml {
 namespace {
 
 TEST(PowerCutWhileRecording, LosesNothingOlderThanASecondAndRecordingGoesOn) {
-  FATHOM_REQUIRE_USER_MODE_LINUX();
+  FATHOM_REQUIRE_OWN_PROGRAMS_INSIDE();
   const test::TemporaryFolder folder;
   PowerCutOptions options;
   options.cut_after_s = 5.3;
