@@ -26,7 +26,7 @@ CanSource::CanSource(const CanConfig& config, const rt::Clock& vehicle)
 }
 
 void CanSource::publish(const VehicleReport& report) noexcept {
-  if (sender_) sender_->publish(report);
+  reports_.write(report);
 }
 
 void CanSource::sendWhatIsDue() noexcept {
@@ -35,6 +35,7 @@ void CanSource::sendWhatIsDue() noexcept {
     sender_->start();
     started_at_disconnects_ = socket_.counts().disconnects;
   }
+  if (VehicleReport report; reports_.readNew(report)) sender_->publish(report);
   const std::int64_t now_ns = vehicle_.utcNs();
   while (const CanFrame* frame = sender_->next(now_ns)) {
     if (!socket_.send(*frame)) return;

@@ -8,6 +8,7 @@
 #include "firmware_if/can/raw_can.hpp"
 #include "firmware_if/can/samples/n2k_samples.hpp"
 #include "firmware_if/devices/sample_source.hpp"
+#include "realtime/kernel/latest_value.hpp"
 
 namespace fathom::io {
 
@@ -21,8 +22,8 @@ class CanSource final : public SampleSource {
   CanSource(const CanConfig& config, const rt::Clock& vehicle);
 
   bool poll(int timeout_ms, SampleSink& sink) noexcept override;
-  // What is sent from now on by poll(), where sending is enabled. On the polling thread; to be renewed at
-  // least every CanSender::kReportHolds_s.
+  // What poll() sends from now on, where sending is enabled; from one thread, any. To be renewed at least
+  // every CanSender::kReportHolds_s.
   void publish(const VehicleReport& report) noexcept;
   void updateHealth(DeviceHealth& health) const noexcept override;
   [[nodiscard]] DeviceHealth health() const override;
@@ -38,6 +39,7 @@ class CanSource final : public SampleSource {
   N2kSamples samples_;
   RawCanWriter raw_;
   std::optional<CanSender> sender_;
+  rt::LatestValue<VehicleReport> reports_;
   std::optional<std::uint64_t> started_at_disconnects_;  // when the sender was last started
   std::int64_t last_data_ns_ = 0;
 };
