@@ -25,7 +25,7 @@ void DownlinkReceiver::exchange(Archive& archive, Self& self) {
     archive(there);
     if constexpr (Archive::kLoading) {
       heard.reset();
-      if (there) heard.emplace();
+      if (there) heard = Heard{};
     }
     if (!there) continue;
     archive.instants(heard->utc_ns);
