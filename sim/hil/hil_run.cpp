@@ -29,7 +29,9 @@ constexpr double kProgramEnd_s = 120;  // until the program has written its map
 constexpr double kAfterMission_s = 3;  // what is on its way arrives
 constexpr double kLastFixes_s = 60;    // longest time until the ship had the turns to say its last fixes
 constexpr double kProgressEvery_s = 10;
-constexpr std::uint64_t kDiskBesideImages = 512ULL << 20;  // log, onboard/, the file system's own [bytes]
+// Of the recording's disk: what is written beside the images, and what the program only takes beforehand
+// (slot files for tens of thousands of pairs), which costs nothing in a sparse file [bytes].
+constexpr std::uint64_t kWrittenBesideImages = 1ULL << 30, kTakenUnwritten = 16ULL << 30;
 
 std::atomic<bool> interrupted{false};
 
@@ -78,11 +80,12 @@ class Bench {
     writeHilMission(folder_, schedule_);
     openDevices();
     startCameras();
-    const int status = startProgram() ? play() : kExitFailedWork;
+    const bool started = startProgram();
+    const int status = started ? play() : kExitFailedWork;
     cameras_.clear();
     disk_.close();
     writeReport(status);
-    if (options_.wait || options_.no_compare || interrupted) return status;
+    if (!started || options_.wait || options_.no_compare || interrupted) return status;
     const bool good = compareHil({folder_.root, options_.mission, onboardProgram()});
     return status == 0 && good ? kExitSuccess : kExitFailedWork;
   }
@@ -107,10 +110,10 @@ class Bench {
     const auto pixels = [](const Camera& c) {
       return 2ULL * static_cast<std::uint64_t>(c.width) * static_cast<std::uint64_t>(c.height);
     };
-    std::uint64_t bytes = kDiskBesideImages;
+    std::uint64_t bytes = kWrittenBesideImages;
     for (const ScheduledExposure& e : schedule_.exposures)
       bytes += pixels(e.side == CameraSide::kLeft ? schedule_.rig.left : schedule_.rig.right);
-    const std::string refusal = disk_.open(folder_.mission(), bytes);
+    const std::string refusal = disk_.open(folder_.mission(), bytes, kTakenUnwritten);
     if (!refusal.empty()) note("no disk of its own for the recording: " + refusal);
   }
 

@@ -114,7 +114,7 @@ TEST(RecordingDisk, FullIsFullAndWhatWasWrittenStays) {
   const pid_t process = ::fork();
   if (process == 0) {
     RecordingDisk disk;
-    if (!disk.open(folder.path() / "mission", 64ULL << 20).empty()) ::_exit(77);
+    if (!disk.open(folder.path() / "mission", 32ULL << 20, 32ULL << 20).empty()) ::_exit(77);
     const auto write = [&](const char* name, std::size_t bytes) {
       std::ofstream file(folder.path() / "mission" / name, std::ios::binary);
       file << std::string(bytes, 'x');

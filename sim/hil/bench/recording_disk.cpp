@@ -38,17 +38,18 @@ std::uint64_t freeBytes(const std::filesystem::path& folder) {
 
 }  // namespace
 
-std::string RecordingDisk::open(const std::filesystem::path& folder, std::uint64_t bytes) {
+std::string RecordingDisk::open(const std::filesystem::path& folder, std::uint64_t written,
+                                std::uint64_t taken_unwritten) {
   folder_ = std::filesystem::absolute(folder);
   image_ = folder_.string() + ".disk";
-  if (freeBytes(folder_.parent_path()) < 2 * bytes)
-    return "its folder has less than twice the " + std::to_string(bytes >> 20) +
+  if (freeBytes(folder_.parent_path()) < 2 * written)
+    return "its folder has less than twice the " + std::to_string(written >> 20) +
            " MiB that a disk of its own takes";
   if (::unshare(CLONE_NEWNS) != 0 || ::mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0)
     return std::string("no mounts of its own (") + std::strerror(errno) + "): run as root";
   std::ofstream(image_).close();
   std::error_code error;
-  std::filesystem::resize_file(image_, bytes, error);
+  std::filesystem::resize_file(image_, written + taken_unwritten, error);
   // No room kept for root, who runs the bench: full is full.
   const bool made = !error && run("mkfs.ext4 -q -F -m 0 " + quoted(image_)) &&
                     run("mount -o loop " + quoted(image_) + " " + quoted(folder_));

@@ -16,8 +16,10 @@ class RecordingDisk {
   RecordingDisk(const RecordingDisk&) = delete;
   RecordingDisk& operator=(const RecordingDisk&) = delete;
 
-  // Mounts `bytes` at the empty folder; empty, or why that cannot be. Before any thread is started.
-  [[nodiscard]] std::string open(const std::filesystem::path& folder, std::uint64_t bytes);
+  // Mounts a disk at the empty folder for `written` bytes and as many more as a program may take without
+  // writing them (the file system is sparse); empty, or why that cannot be. Before any thread is started.
+  [[nodiscard]] std::string open(const std::filesystem::path& folder, std::uint64_t written,
+                                 std::uint64_t taken_unwritten);
   [[nodiscard]] bool isOpen() const { return open_; }
   // Takes all of the disk but so much; false when the disk did not let it.
   bool fill(double leave_mib);
