@@ -51,7 +51,8 @@ TEST(DeviceAddress, NonsenseIsRefusedWithTheMend) {
       {"udp:127.0.0.1:65536", "1 to 65535"},
       {"udp:127.0.0.1:99999999999", "must be a number"},
       {"file:", "name the file"}};
-  for (const auto& [text, expected] : bad) {
+  for (const auto& refused : bad) {
+    const std::string text = refused.first, expected = refused.second;
     std::string mend;
     EXPECT_FALSE(parseDeviceAddress(text, mend)) << text;
     EXPECT_THAT(mend, HasSubstr(expected)) << text;
