@@ -35,7 +35,7 @@ struct CameraConfig {
   std::size_t buffers = 4;        // that the driver fills
   std::size_t pool_frames = 12;   // whole frames that map and recorder may hold
   std::string interface;          // network interface to look on; empty: all
-  bool packet_socket = true;      // receive below the UDP stack: cheaper, needs CAP_NET_RAW
+  bool packet_socket = false;     // receive below the UDP stack; only where no other camera sends
   int receive_priority = 0;       // SCHED_FIFO of the receiving thread, 0: ordinary
   double stamp_to_packet_ms = 0;  // known part of the time from stamp to first packet [ms]
 };

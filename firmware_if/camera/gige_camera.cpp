@@ -1,7 +1,9 @@
 #include "firmware_if/camera/gige_camera.hpp"
 
+#include <netinet/in.h>
 #include <pthread.h>
 #include <sched.h>
+#include <sys/socket.h>
 
 #include <algorithm>
 #include <array>
@@ -36,19 +38,22 @@ enum class Count : std::uint8_t {
   kStalled,
   kOpenFailed,
   kPriorityRefused,
+  kReceiveBufferSmall,
   kCounts
 };
 constexpr std::size_t kCounts = static_cast<std::size_t>(Count::kCounts);
 constexpr std::array<std::string_view, kCounts> kNames{
-    "incomplete",      "timed_out", "wrong_size",   "wrong_format",   "missed",       "id_jumps",
-    "stale",           "pool_full", "no_buffer",    "resent_packets", "clock_resets", "clock_held",
-    "clock_unsettled", "ptp_apart", "control_lost", "stalled",        "open_failed",  "priority_refused"};
+    "incomplete",   "timed_out",   "wrong_size",       "wrong_format",        "missed",
+    "id_jumps",     "stale",       "pool_full",        "no_buffer",           "resent_packets",
+    "clock_resets", "clock_held",  "clock_unsettled",  "ptp_apart",           "control_lost",
+    "stalled",      "open_failed", "priority_refused", "receive_buffer_small"};
 
 constexpr std::int64_t kNsPerMs = 1'000'000, kNsPerUs = 1'000;
 constexpr std::int64_t kNsPerS = 1'000'000'000;
-constexpr std::int64_t kRetryNs = kNsPerS;                        // between attempts to open
-constexpr std::int64_t kLeastSilenceNs = 2 * kNsPerS;             // whatever the rate
-constexpr std::int64_t kOldestFrameNs = 2 * kNsPerS;              // that waits for the polling thread
+constexpr std::int64_t kRetryNs = kNsPerS;             // between attempts to open
+constexpr std::int64_t kLeastSilenceNs = 2 * kNsPerS;  // whatever the rate
+constexpr std::int64_t kOldestFrameNs = 2 * kNsPerS;   // that waits for the polling thread
+constexpr int kMostDescriptors = 4096;
 constexpr std::uint64_t kLatestStampNs = std::uint64_t{1} << 62;  // what is later is damaged
 // Frames that can have been missed: by the rate that is set, with room for a trigger that is faster.
 constexpr double kMostMissedShare = 4;
@@ -70,6 +75,28 @@ std::size_t pixelsOf(const CameraConfig& config) {
 }
 std::size_t bufferBytes(const CameraConfig& config) {
   return wireBytes(config.format.packing, pixelsOf(config)) + kMostChunkBytes;
+}
+
+// Aravis' own setting stops at net.core.rmem_max, which no frame fits; CAP_NET_ADMIN goes beyond it. The
+// socket is found by its port. False when its buffer is smaller than asked.
+bool widenReceiveBuffer(std::uint16_t port, std::size_t bytes) {
+  for (int fd = 0; fd < kMostDescriptors; ++fd) {
+    sockaddr_in own{};
+    socklen_t size = sizeof own;
+    int type = 0;
+    socklen_t type_size = sizeof type;
+    if (::getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &type_size) != 0 || type != SOCK_DGRAM) continue;
+    if (::getsockname(fd, reinterpret_cast<sockaddr*>(&own), &size) != 0 || own.sin_family != AF_INET ||
+        ntohs(own.sin_port) != port)
+      continue;
+    const int wanted = static_cast<int>(bytes);
+    if (::setsockopt(fd, SOL_SOCKET, SO_RCVBUFFORCE, &wanted, sizeof wanted) != 0)
+      ::setsockopt(fd, SOL_SOCKET, SO_RCVBUF, &wanted, sizeof wanted);
+    int got = 0;
+    socklen_t got_size = sizeof got;
+    return ::getsockopt(fd, SOL_SOCKET, SO_RCVBUF, &got, &got_size) == 0 && got >= wanted;
+  }
+  return false;
 }
 
 }  // namespace
@@ -159,8 +186,8 @@ void GigeCamera::Impl::open() {
     return close(true);
   }
   // All of a frame may come before the receiving thread runs.
-  g_object_set(stream.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
-               static_cast<int>(2 * bufferBytes(config)), nullptr);
+  if (!widenReceiveBuffer(arv_gv_stream_get_port(ARV_GV_STREAM(stream.get())), 2 * bufferBytes(config)))
+    count(Count::kReceiveBufferSmall);
   for (const auto& buffer : buffers)
     arv_stream_push_buffer(stream.get(), ARV_BUFFER(g_object_ref(buffer.get())));
   stream_underruns = stream_resent = 0;

@@ -34,6 +34,7 @@ namespace fathom::io {
 //   stalled         no frame for longer than kSilentPeriods
 //   open_failed     attempts to open it that failed
 //   priority_refused  1: the receiving thread did not get its priority
+//   receive_buffer_small  times that it was opened with less room than a frame's packets need
 // A camera that is lost is closed, and looked for at most once a second; what it gives then continues the
 // ids.
 class GigeCamera final : public CameraSource {

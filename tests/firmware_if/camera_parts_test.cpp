@@ -308,7 +308,7 @@ TEST(CameraConfig, ReadsEveryKey) {
       "\"Mono12\"\nwidth = 680\nheight = 512\nexposure_us = 4000\ngain_db = 6\npacket_size = "
       "8000\npacket_delay_ns = 2000\ntrigger = \"line\"\ntrigger_line = \"Line2\"\ntrigger_activation = "
       "\"FallingEdge\"\nrate_hz = 4\nbuffers = 6\npool_frames = 9\ninterface = \"eth1\"\npacket_socket = "
-      "false\nreceive_priority = 30\nstamp_to_packet_ms = 12.5\n");
+      "true\nreceive_priority = 30\nstamp_to_packet_ms = 12.5\n");
   const CameraConfig& right = config.side[1];
   EXPECT_EQ(right.id, "Vendor-B2");
   EXPECT_EQ(right.side, CameraSide::kRight);
@@ -326,7 +326,7 @@ TEST(CameraConfig, ReadsEveryKey) {
   EXPECT_EQ(right.buffers, 6u);
   EXPECT_EQ(right.pool_frames, 9u);
   EXPECT_EQ(right.interface, "eth1");
-  EXPECT_FALSE(right.packet_socket);
+  EXPECT_TRUE(right.packet_socket);
   EXPECT_EQ(right.receive_priority, 30);
   EXPECT_EQ(right.stamp_to_packet_ms, 12.5);
 }
