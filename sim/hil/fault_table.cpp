@@ -63,8 +63,9 @@ FaultTable::FaultTable(const FaultScript& script, const nlohmann::json& run, con
         ++sent_again;
       if (script_.camera(FaultKind::kSkew, side, row.mission_s) != nullptr) ++skewed;
     }
-  add(FaultKind::kLostPackets, incomplete, both("incomplete") + both("timed_out"),
-      "cameras: incomplete + timed_out", true);
+  const std::uint64_t came_incomplete = both("incomplete") + both("timed_out");
+  if (sent_again == 0 || incomplete + came_incomplete > 0)
+    add(FaultKind::kLostPackets, incomplete, came_incomplete, "cameras: incomplete + timed_out", true);
   if (sent_again > 0)
     add(FaultKind::kLostPackets, sent_again, both("resent_packets"), "cameras: resent_packets", false);
   const std::uint64_t lost = countFate(left, "lost") + countFate(right, "lost");

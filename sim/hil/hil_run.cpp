@@ -57,6 +57,9 @@ class Bench {
  public:
   explicit Bench(const HilOptions& options)
       : options_(options), folder_(std::filesystem::absolute(options.out)), clock_(real_clock_) {}
+  ~Bench() { stopPlayers(); }
+  Bench(const Bench&) = delete;
+  Bench& operator=(const Bench&) = delete;
 
   int run() {
     if (options_.faults) script_ = readFaultScript(*options_.faults);
@@ -80,8 +83,10 @@ class Bench {
     writeHilMission(folder_, schedule_);
     openDevices();
     startCameras();
+    startPlayers();
     const bool started = startProgram();
     const int status = started ? play() : kExitFailedWork;
+    stopPlayers();
     cameras_.clear();
     disk_.close();
     writeReport(status);
@@ -221,6 +226,25 @@ class Bench {
     return false;
   }
 
+  // The devices speak before the program starts, as on a vehicle.
+  void startPlayers() {
+    std::erase_if(schedule_.samples, [now = clock_.utcNs()](const auto& s) { return s.due_utc_ns < now; });
+    players_.emplace_back([this] {
+      takeDevicePriority();
+      dvl_->run(players_end_);
+    });
+    players_.emplace_back([this] {
+      takeDevicePriority();
+      lcm_->run(players_end_);
+    });
+    players_.emplace_back([this] { modem_->run(players_end_); });
+  }
+  void stopPlayers() {
+    players_end_ = true;
+    for (std::thread& thread : players_) thread.join();
+    players_.clear();
+  }
+
   // Until the mission is over and the ship has said its fixes; false when the program ended before.
   bool waitForEnd() {
     const std::int64_t rest_ns = static_cast<std::int64_t>(kAfterMission_s * 1e9);
@@ -249,20 +273,8 @@ class Bench {
   // Everything speaks; then the program is told to end. Its exit status.
   int play() {
     MachineFaults machine(schedule_, script_, clock_, disk_.isOpen() ? &disk_ : nullptr, stepped_.get());
-    // What was due before the program listened was never said.
-    std::erase_if(schedule_.samples, [now = clock_.utcNs()](const auto& s) { return s.due_utc_ns < now; });
     std::atomic<bool> over{false};
-    std::vector<std::thread> threads;
-    threads.emplace_back([&] {
-      takeDevicePriority();
-      dvl_->run(over);
-    });
-    threads.emplace_back([&] {
-      takeDevicePriority();
-      lcm_->run(over);
-    });
-    threads.emplace_back([&] { modem_->run(over); });
-    threads.emplace_back([&] { machine.run(over); });
+    std::thread faults([&] { machine.run(over); });
     const bool alive = waitForEnd();
     if (!alive)
       note("the program ended by itself in mission second " +
@@ -277,7 +289,7 @@ class Bench {
       if (!alive && status == kExitSuccess) status = kExitFailedWork;
     }
     over = true;
-    for (std::thread& thread : threads) thread.join();
+    faults.join();
     done_ = machine.done();
     for (const std::string& text : machine.notes()) note(text);
     return status;
@@ -345,6 +357,8 @@ class Bench {
   std::unique_ptr<ModemPlayer> modem_;
   std::vector<std::unique_ptr<ChildProcess>> cameras_;
   std::unique_ptr<ChildProcess> program_;
+  std::vector<std::thread> players_;
+  std::atomic<bool> players_end_{false};
   std::array<std::uint64_t, kFaultKinds> done_{};
 };
 
