@@ -84,15 +84,14 @@ class Bench {
     openDevices();
     startCameras();
     startPlayers();
-    const bool started = startProgram();
-    const int status = started ? play() : kExitFailedWork;
+    const int status = startProgram() ? play() : kExitFailedWork;
     stopPlayers();
     cameras_.clear();
     disk_.close();
     writeReport(status);
-    if (!started || options_.wait || options_.no_compare || interrupted) return status;
+    if (status != 0 || options_.wait || options_.no_compare || interrupted) return status;
     const bool good = compareHil({folder_.root, options_.mission, onboardProgram()});
-    return status == 0 && good ? kExitSuccess : kExitFailedWork;
+    return good ? kExitSuccess : kExitFailedWork;
   }
 
  private:
@@ -285,6 +284,9 @@ class Bench {
       const auto ended = program_->wait(kProgramEnd_s);
       if (!ended) note("the program did not end when it was told to");
       status = ended.value_or(kExitFailedWork);
+      if (status != 0)
+        note("the program ended with status " + std::to_string(status) + "; see " +
+             folder_.onboardLog().string());
       program_.reset();
       if (!alive && status == kExitSuccess) status = kExitFailedWork;
     }
