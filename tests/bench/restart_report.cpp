@@ -3,6 +3,7 @@
 // then is the same.
 //
 //   report_restart MISSION [times saved along the way, default 10]
+//   report_restart                 the parts that grow, made as large as five hours make them
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -14,6 +15,7 @@
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "realtime/onboard/slots/slot_file.hpp"
 #include "recon/closure/feature_slot.hpp"
+#include "tests/bench/restart_parts.hpp"
 #include "tests/onboard/cores_run.hpp"
 #include "tests/support/saved_state.hpp"
 
@@ -66,10 +68,7 @@ void printParts(std::span<const std::uint8_t> state) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 2) {
-    std::fprintf(stderr, "usage: report_restart MISSION [times saved]\n");
-    return 2;
-  }
+  if (argc < 2) return bench::reportRestartParts();
   const int times_saved = argc > 2 ? std::max(1, std::atoi(argv[2])) : 10;
   const RecordedMission mission(argv[1]);
   const auto folder = std::filesystem::temp_directory_path();
