@@ -88,11 +88,13 @@ void MissionRun::consumeSample(std::int64_t now_ns, const SensorSample& sample) 
 
 void MissionRun::consumeMark(const io::Mark& mark) {
   if (mark.kind == io::Mark::Kind::kEnd) ended_ = true;
+  if (mark.kind == io::Mark::Kind::kRestart) system_.noteRestart();
   if (mark.kind == io::Mark::Kind::kHealth) system_.setRoofHealth(static_cast<unsigned>(mark.number));
 }
 
 void MissionRun::consume(const io::OnboardInput& input) {
   if (std::holds_alternative<io::Decision>(input.what)) return;
+  ++inputs_;
   const std::int64_t now_ns = input.arrival_utc_ns;
   if (!begun_) begin(now_ns);
   now_ns_ = now_ns;

@@ -50,6 +50,13 @@ class MissionRun {
   // Everything into the output, which is the caller's to commit. False when no pair gave a map.
   [[nodiscard]] bool write(std::uint64_t damaged_entries, double wall_s);
 
+  // Saved state, that of the output with it. Into a run of the same mission and configuration, just made; one
+  // whose load() failed is of no use.
+  void save(rt::StateWriter& writer);
+  [[nodiscard]] bool load(rt::StateReader& reader);
+  // Consumed so far, marks too.
+  [[nodiscard]] std::uint64_t inputs() const { return inputs_; }
+
   [[nodiscard]] RunSummary summary() const;
   [[nodiscard]] OnboardSystem& system() { return system_; }
   [[nodiscard]] const OnboardSystem& system() const { return system_; }
@@ -61,6 +68,8 @@ class MissionRun {
   [[nodiscard]] std::int64_t nowNs() const { return now_ns_; }
 
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
   void begin(std::int64_t now_ns);
   void consumeSample(std::int64_t now_ns, const SensorSample& sample);
   void consumeMark(const io::Mark& mark);
@@ -76,6 +85,7 @@ class MissionRun {
   FrameExchange link_;
   RunSummary summary_;
   bool begun_ = false, ended_ = false;
+  std::uint64_t inputs_ = 0;
   std::int64_t first_ns_ = 0, now_ns_ = 0;
   std::int64_t next_odometry_ns_ = 0, next_health_ns_ = 0, last_odometry_ns_ = 0;
   double finish_s_ = 0;

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "firmware_if/mission.hpp"
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/link/link_core.hpp"
 #include "realtime/onboard/link/mission_progress.hpp"
 #include "realtime/onboard/map/map_core.hpp"
@@ -78,6 +79,13 @@ class OnboardSystem {
   // Whatever else it is, is counted.
   void receiveFrame(std::int64_t now_ns, std::span<const std::uint8_t> frame);
 
+  // Saved state; a loaded system goes on as the saved one would have (see checkpoint/README.md). One whose
+  // load() failed is of no use.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+  // The program has started again: frames that it does not know of may have been sent.
+  void noteRestart() { link_.noteRestart(); }
+
   // Names and values of every counter, for health.csv.
   [[nodiscard]] std::vector<std::pair<std::string, double>> health() const;
   [[nodiscard]] telemetry::Status status(std::int64_t now_ns) const;
@@ -93,6 +101,8 @@ class OnboardSystem {
   [[nodiscard]] const NavCore& nav() const { return nav_.core(); }
 
  private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
   void addFix(nav::FixKind kind, std::int64_t utc_ns, double latitude, double longitude, double sigma);
   // Puts the pair's images or features into the input; false where they cannot be read.
   [[nodiscard]] bool readPair(const MappedPair& pair, MapInput& input) const;

@@ -14,6 +14,7 @@
 #include "realtime/onboard/onboard_system.hpp"
 #include "realtime/onboard/pair_quota.hpp"
 #include "realtime/onboard/recorded_pairs.hpp"
+#include "realtime/onboard/restarting_run.hpp"
 #include "realtime/onboard/slots/slot_file.hpp"
 
 namespace fathom::onboard {
@@ -115,26 +116,31 @@ ReplaySummary replay(const ReplayOptions& options) {
   OnboardOutput output(options.out.value_or(paths.onboard()), mission.origin);
   const SlotCounts counts = fitToMission(config, inputs);
   const Slots slots = makeSlots(config, counts, output.folder());
-  MissionRun run({config,
-                  mission,
-                  rig,
-                  pairs.source(),
-                  {slots.features.get(), slots.meshes.get()},
-                  options.link,
-                  [&] { return pairs.seconds(); }},
-                 output);
   const auto decisions = decisionsOf(inputs);
-  run.system().setPairPolicy([&](const StereoTrigger& trigger, const OnboardSystem::MappedPair&) {
-    const auto found = decisions.find(trigger.pair_index);
-    return found == decisions.end() ? OnboardSystem::PairQuota() : found->second;
-  });
+  RestartingRun replayed(
+      [&] {
+        auto run = std::make_unique<MissionRun>(MissionRun::Setup{config,
+                                                                  mission,
+                                                                  rig,
+                                                                  pairs.source(),
+                                                                  {slots.features.get(), slots.meshes.get()},
+                                                                  options.link,
+                                                                  [&] { return pairs.seconds(); }},
+                                                output);
+        run->system().setPairPolicy([&](const StereoTrigger& trigger, const OnboardSystem::MappedPair&) {
+          const auto found = decisions.find(trigger.pair_index);
+          return found == decisions.end() ? OnboardSystem::PairQuota() : found->second;
+        });
+        return run;
+      },
+      inputs);
   Progress progress(static_cast<double>(inputs.back().arrival_utc_ns - first_ns) / kNanoseconds);
-  for (const io::OnboardInput& input : inputs) {
-    run.consume(input);
-    const RunSummary so_far = run.summary();
-    progress.show(static_cast<double>(input.arrival_utc_ns - first_ns) / kNanoseconds, so_far.pairs,
+  while (replayed.step()) {
+    const RunSummary so_far = replayed.run().summary();
+    progress.show(static_cast<double>(replayed.run().nowNs() - first_ns) / kNanoseconds, so_far.pairs,
                   so_far.frames);
   }
+  MissionRun& run = replayed.run();
   // A live run sent what it sent; only where none is known the replay makes up its end.
   run.finish(run.ended() ? 0 : options.drain_s);
 

@@ -82,6 +82,7 @@ void ModemThread::run(const std::atomic<bool>& stop) noexcept {
 }
 
 bool RingFramePort::send(std::span<const std::uint8_t> frame) noexcept {
+  if (muted_) return true;
   io::ModemFrame out;
   if (frame.empty() || frame.size() > out.bytes.size()) return false;
   out.size = static_cast<std::uint16_t>(frame.size());

@@ -123,8 +123,11 @@ class RingFramePort final : public FramePort {
   [[nodiscard]] bool send(std::span<const std::uint8_t> frame) noexcept override;
   [[nodiscard]] std::size_t receive(std::span<std::uint8_t>) noexcept override { return 0; }
   [[nodiscard]] std::uint64_t droppedFrames() const noexcept override { return 0; }
+  // Frames that were sent before the program started again are not sent twice.
+  void setMuted(bool muted) noexcept { muted_ = muted; }
 
  private:
+  bool muted_ = false;
   ModemRing& ring_;
 };
 

@@ -40,25 +40,42 @@ void HardTier::give(const io::LiveInput& input) noexcept {
   (void)links_.soft->push(input);
 }
 
+namespace {
+
+template <class Sample>
+void navigate(NavFeed& nav, const Sample& sample) noexcept {
+  constexpr bool navigates = std::is_same_v<Sample, DvlSample> || std::is_same_v<Sample, AttitudeSample> ||
+                             std::is_same_v<Sample, DepthSample> || std::is_same_v<Sample, WaterSample>;
+  if constexpr (navigates) nav.add(sample);
+}
+
+}  // namespace
+
 void HardTier::follow(const io::LiveInput& input) noexcept {
-  if (const auto* sample = std::get_if<DeviceSample>(&input.what)) {
-    std::visit(
-        [this](const auto& s) noexcept {
-          using T = std::decay_t<decltype(s)>;
-          constexpr bool navigates = std::is_same_v<T, DvlSample> || std::is_same_v<T, AttitudeSample> ||
-                                     std::is_same_v<T, DepthSample> || std::is_same_v<T, WaterSample>;
-          if constexpr (navigates) nav_.add(s);
-        },
-        *sample);
-  } else if (const auto* stamp = std::get_if<io::ImageStamp>(&input.what)) {
+  if (const auto* sample = std::get_if<DeviceSample>(&input.what))
+    std::visit([this](const auto& s) noexcept { navigate(nav_, s); }, *sample);
+  else if (const auto* stamp = std::get_if<io::ImageStamp>(&input.what))
     (void)nav_.addExposure(stamp->utc_ns, stamp->side, input.arrival_utc_ns);
-  }
+  afterInput(input.arrival_utc_ns);
+}
+
+void HardTier::recall(const io::OnboardInput& input) noexcept {
+  const auto* sample = std::get_if<SensorSample>(&input.what);
+  if (sample == nullptr) return;
+  if (const auto* image = std::get_if<ImageEvent>(sample))
+    (void)nav_.addExposure(image->utc_ns, image->side, input.arrival_utc_ns);
+  else
+    std::visit([this](const auto& s) noexcept { navigate(nav_, s); }, *sample);
+  afterInput(input.arrival_utc_ns);
+}
+
+void HardTier::afterInput(std::int64_t arrival_utc_ns) noexcept {
   // Nobody asks this copy for its pairs; they must not fill its queue.
   while (nav_.core().pollTrigger()) {
   }
-  if (input.arrival_utc_ns - last_health_ns_ < kHealthInterval) return;
-  last_health_ns_ = input.arrival_utc_ns;
-  nav_.tick(input.arrival_utc_ns);
+  if (arrival_utc_ns - last_health_ns_ < kHealthInterval) return;
+  last_health_ns_ = arrival_utc_ns;
+  nav_.tick(arrival_utc_ns);
 }
 
 void HardTier::publish(std::int64_t now_ns) noexcept {

@@ -44,6 +44,8 @@ class HardTier {
 
   [[nodiscard]] InputSequencer& sequencer() noexcept { return sequencer_; }
   [[nodiscard]] NavFeed& nav() noexcept { return nav_; }  // before it runs: a state is loaded
+  // An input that was consumed before the program started again. Before it runs.
+  void recall(const io::OnboardInput& input) noexcept;
 
   void cycle() noexcept;
   // Puts a mark into the sequence with the next cycle: checkpoints, health, the end. From one other thread;
@@ -63,6 +65,7 @@ class HardTier {
 
   void give(const io::LiveInput& input) noexcept;
   void follow(const io::LiveInput& input) noexcept;
+  void afterInput(std::int64_t arrival_utc_ns) noexcept;
   void publish(std::int64_t now_ns) noexcept;
 
   Links links_;

@@ -36,7 +36,11 @@ LiveConfig readLiveConfig(const ConfigTable& root, const io::MissionConfig& miss
   c.realtime = rt::readRealtimeConfig(root.table("realtime"), c.realtime);
   c.memory = rt::readMemoryConfig(root.table("memory"), c.memory);
   c.overload = readOverload(root.table("overload"));
-  c.checkpoint_s = root.table("restart").number("checkpoint_s", c.checkpoint_s, 1, 600);
+  const ConfigTable restart = root.table("restart");
+  c.checkpoint_s = restart.number("checkpoint_s", c.checkpoint_s, 1, 600);
+  const std::int64_t mib =
+      restart.integer("buffer_mib", static_cast<std::int64_t>(c.checkpoint_bytes >> 20), 1, 4096);
+  c.checkpoint_bytes = static_cast<std::size_t>(mib) << 20;
   return c;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <string>
 
 #include "firmware_if/camera/camera_config.hpp"
@@ -27,7 +28,8 @@ struct LiveConfig {
   rt::RealtimeConfig realtime;
   rt::MemoryConfig memory;
   rt::OverloadConfig overload;
-  double checkpoint_s = 10;  // between two saved states
+  double checkpoint_s = 10;                               // between two saved states
+  std::size_t checkpoint_bytes = std::size_t{128} << 20;  // that one may take
 };
 
 // From the root table; throws InputError.

@@ -112,6 +112,10 @@ void LiveSystem::planMemory() {
                                            samples_.size() * sizeof(InputRing));
   budget_.addFixed("recorder",
                    setup_.config.live.recorder.raw_lanes * setup_.config.live.recorder.raw_queue_kib * 1024);
+  budget_.add("saved state", checkpoints_->capacity(), [this] {
+    const CheckpointWriter::Counters c = checkpoints_->counters();
+    return rt::PoolUse{static_cast<std::size_t>(c.bytes), static_cast<std::size_t>(c.bytes), c.too_large};
+  });
   std::size_t stacks = 0;
   for (const Worker& worker : workers_) stacks += worker.thread->stackBytes();
   budget_.addFixed("stacks", stacks);
@@ -196,7 +200,7 @@ bool LiveSystem::write() {
   live["stages"]["navigation"] = stagesOf(hard_stages_);
   live["stages"]["vision"] = stagesOf(soft_stages_);
   live["stages"]["recorder"] = stagesOf(recorder_stages_);
-  const rt::OverloadRule::Statistics& overload = soft_.overload().statistics();
+  const rt::OverloadRule::Statistics& overload = soft_->overload().statistics();
   live["degradation"] = {{"pairs_at_level", overload.pairs},
                          {"raised", overload.raised},
                          {"lowered", overload.lowered},
@@ -204,6 +208,14 @@ bool LiveSystem::write() {
   live["frames_given_back_unused"] = frames_.givenBackUnused();
   live["sequence_refused"] = sequence_.refused();
   live["clock_steps"] = clock_steps_;
+  live["resumed"] = resumed_;
+  live["away_s"] = awaySeconds();
+  const CheckpointWriter::Counters saved = checkpoints_->counters();
+  live["checkpoints"] = {{"written", saved.written},
+                         {"failed", saved.failed},
+                         {"late", saved.late},
+                         {"too_large", saved.too_large},
+                         {"bytes", saved.bytes}};
   live["recorder"] = recorderOf(recorder_);
   for (const io::DeviceHealth& device : deviceHealth())
     live["devices"][std::string(device.name)] = deviceOf(device);
@@ -222,8 +234,8 @@ bool LiveSystem::write() {
                                         {"restarts", tier.restarts},
                                         {"longest_silent_ms", milliseconds(tier.longest_silent_ns)}};
   }
-  output_.writeText("live.json", live.dump(2) + "\n");
-  output_.commit();
+  output_->writeText("live.json", live.dump(2) + "\n");
+  output_->commit();
   return true;
 }
 

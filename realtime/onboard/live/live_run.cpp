@@ -110,7 +110,7 @@ int runLive(const LiveOptions& options) {
   (void)rt::setLibraryStackBytes(config.live.realtime.library_stack_bytes);
   listenToSignals();
 
-  VehicleClock clock(VehicleClock::systemOffsetNs());
+  VehicleClock clock(vehicleClockOffset(options.folder / "state"));
   std::shared_ptr<io::LcmBus> bus;
   if (!config.live.lcm.url.empty()) bus = std::make_shared<io::LcmBus>(config.live.lcm.url);
   LiveSystem live({options.folder, config, mission, rig}, openDevices(config.live, mission, bus, clock),
@@ -120,6 +120,10 @@ int runLive(const LiveOptions& options) {
       "publisher", [&publisher] { publisher->step(); }, kPublisherRest_ns);
   publisher = std::make_unique<StatusPublisher>(
       live, bus, mission, options.folder, StatusPublisher::Config{config.live.lcm.publish_hz, lane}, clock);
+  for (const std::string& line : live.resumeSaid())
+    std::fprintf(stderr, "fathom-onboard: %s\n", line.c_str());
+  if (live.resumed())
+    std::fprintf(stderr, "fathom-onboard: goes on with this dive after %.2f s away\n", live.awaySeconds());
   rt::HeapReserve heap;
   std::fprintf(stderr, "%s", live.budget().table(false).c_str());
   if (options.print_budget) return kExitSuccess;

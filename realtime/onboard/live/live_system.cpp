@@ -4,6 +4,8 @@
 #include <ctime>
 #include <functional>
 
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/state_archive.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "telemetry/status.hpp"
 
@@ -12,6 +14,7 @@ namespace {
 
 constexpr std::int64_t kRestNs = 2'000'000;  // of a tier that found nothing to do
 constexpr std::int64_t kRecorderRestNs = 10'000'000;
+constexpr std::int64_t kCheckpointRestNs = 100'000'000;
 constexpr int kRecorderBudgetMs = 50;
 constexpr std::size_t kInputsAtOnce = 64;            // of the soft tier, between two heartbeats
 constexpr std::int64_t kClockStep_ns = 100'000'000;  // the system's clock was set, not steered
@@ -28,21 +31,26 @@ std::size_t heldFrames(io::CameraSource& camera, const io::RecorderConfig& recor
   return blocks > recorder.image_queue + 2 ? blocks - recorder.image_queue - 1 : 2;
 }
 
+std::filesystem::path stateFolder(const std::filesystem::path& mission) {
+  return mission / "state";
+}
+
 std::int64_t pairPeriod(const io::MissionConfig& mission) {
   return static_cast<std::int64_t>(1e9 / mission.cameras.rate_hz);
 }
 
 }  // namespace
 
-LiveSystem::Slots LiveSystem::makeSlots(const LiveSetup& setup) {
+LiveSystem::Slots LiveSystem::makeSlots(const LiveSetup& setup, bool reopen) {
   const OnboardConfig& c = setup.config;
   if (!c.localisation.enabled) return {};
-  const std::filesystem::path folder = c.slot_folder.empty() ? setup.folder : c.slot_folder;
+  const std::filesystem::path folder = c.slot_folder.empty() ? stateFolder(setup.folder) : c.slot_folder;
   const auto feature_bytes = closure::slotBytes(closure::DescriptorKind::kRootSift,
                                                 static_cast<std::size_t>(c.localisation.features));
-  return {std::make_unique<SlotFile>(folder, static_cast<std::size_t>(c.localisation.max_keyframes),
-                                     feature_bytes),
-          std::make_unique<SlotFile>(folder, static_cast<std::size_t>(c.max_pairs),
+  return {std::make_unique<SlotFile>(SlotFile::Named{folder / "features.slots", reopen},
+                                     static_cast<std::size_t>(c.localisation.max_keyframes), feature_bytes),
+          std::make_unique<SlotFile>(SlotFile::Named{folder / "meshes.slots", reopen},
+                                     static_cast<std::size_t>(c.max_pairs),
                                      meshSlotBytes(static_cast<std::size_t>(c.stereo.max_features)))};
 }
 
@@ -63,27 +71,72 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock
             (f.side == CameraSide::kLeft ? devices_.left : devices_.right)->pool().release(f.block);
           }),
       modem_port_(modem_ring_),
-      output_(io::MissionPaths(setup_.folder).onboard(), setup_.mission.origin),
-      slots_(makeSlots(setup_)),
+      checkpoint_files_(stateFolder(setup_.folder)),
+      names_(checkpointNames(setup_.folder, setup_.config, setup_.mission)),
+      resume_(readResume(setup_.folder, checkpoint_files_, names_)),
+      output_(std::make_unique<OnboardOutput>(io::MissionPaths(setup_.folder).onboard(),
+                                              setup_.mission.origin,
+                                              OutputFolder::Life{true, resume_.checkpoint.has_value()})),
+      slots_(makeSlots(setup_, resume_.checkpoint.has_value())),
+      recorded_(io::MissionPaths(setup_.folder), setup_.mission, setup_.rig),
+      recorded_source_(recorded_.source()),
       frames_(frame_rings_[0], *devices_.left, frame_rings_[1], *devices_.right,
               std::min(heldFrames(*devices_.left, setup_.config.live.recorder),
                        heldFrames(*devices_.right, setup_.config.live.recorder))),
-      run_(std::make_unique<MissionRun>(
-          MissionRun::Setup{
-              setup_.config,
-              setup_.mission,
-              setup_.rig,
-              {[this](const std::string& name, CameraSide side) { return frames_.find(name, side); }, {}},
-              {slots_.features.get(), slots_.meshes.get()},
-              {&modem_port_, {}, {}, 0},
-              {}},
-          output_)),
-      hard_(navCoreConfig(setup_.config, setup_.mission), {&recorder_, &sequence_}, clock_, hard_stages_),
-      soft_(*run_, {&sequence_, &frames_, &recorder_}, setup_.config.live.overload,
-            pairPeriod(setup_.mission), clock_, soft_stages_) {
+      run_(makeRun()),
+      hard_(navCoreConfig(setup_.config, setup_.mission), {&recorder_, &sequence_}, clock_, hard_stages_) {
+  resume();
+  checkpoints_ = std::make_unique<CheckpointWriter>(checkpoint_files_, setup_.config.live.checkpoint_bytes,
+                                                    output_->files());
+  soft_ = std::make_unique<SoftTier>(
+      *run_,
+      SoftTier::Links{&sequence_, &frames_, &recorder_, &modem_port_, checkpoints_.get(), names_,
+                      [this](const std::string& name, CameraSide side) { return hasPixels(name, side); }},
+      setup_.config.live.overload, pairPeriod(setup_.mission), clock_, soft_stages_);
+  if (resumed_) soft_->catchUpWith(std::move(resume_));
   for (InputRing& ring : own_rings_) hard_.sequencer().add(ring);
   planThreads();
   planMemory();
+}
+
+std::unique_ptr<MissionRun> LiveSystem::makeRun() {
+  MissionRun::Setup setup;
+  setup.config = setup_.config;
+  setup.mission = setup_.mission;
+  setup.rig = setup_.rig;
+  setup.pairs.images = [this](const std::string& name, CameraSide side) { return pixels(name, side); };
+  setup.slots = {slots_.features.get(), slots_.meshes.get()};
+  setup.link.modem = &modem_port_;
+  return std::make_unique<MissionRun>(std::move(setup), *output_);
+}
+
+void LiveSystem::resume() {
+  resume_said_ = resume_.said;
+  next_checkpoint_ = resume_.newest_number + 1;
+  if (!resume_.any()) return;
+  resumed_ = true;
+  away_ns_ = std::max<std::int64_t>(0, clock_.utcNs() - resume_.last_ns);
+  if (resume_.checkpoint) {
+    rt::StateReader for_run(resume_.checkpoint->state), for_hard(resume_.checkpoint->state);
+    if (!run_->load(for_run) || !for_hard(hard_.nav()))
+      // Its checksums were right, so it is of another program: then the log is all there is.
+      throw InputError(checkpoint_files_.file(resume_.number()), "",
+                       std::string("cannot be used (") + for_run.failure() +
+                           "); remove the folder state/ to begin again from the log");
+  }
+  for (const io::OnboardInput& input : resume_.tail) hard_.recall(input);
+  hard_.sequencer().startAfter(resume_.last_ns);
+  (void)hard_.mark({io::Mark::Kind::kRestart, resume_.number()});
+}
+
+std::optional<ImageView> LiveSystem::pixels(const std::string& file_name, CameraSide side) {
+  const auto held = frames_.find(file_name, side);
+  return held || !resumed_ ? held : recorded_source_.images(file_name, side);
+}
+
+bool LiveSystem::hasPixels(const std::string& file_name, CameraSide side) {
+  if (frames_.find(file_name, side)) return true;
+  return resumed_ && std::filesystem::exists(io::MissionPaths(setup_.folder).images() / file_name);
 }
 
 LiveSystem::~LiveSystem() {
@@ -137,6 +190,8 @@ void LiveSystem::planThreads() {
     addWorker(rt::Tier::kBestEffort, "modem", tier, [this] { modem_->run(stop_modem_); });
   }
   const std::size_t navigation = watch("navigation", false, true);
+  addBestEffort(
+      "checkpoints", [this] { (void)checkpoints_->work(); }, kCheckpointRestNs);
   addWorker(rt::Tier::kHard, "navigation", navigation,
             [this, navigation] { runHard(watchdog_.heartbeat(navigation)); });
 }
@@ -179,12 +234,12 @@ void LiveSystem::runHard(rt::Heartbeat& heart) {
 void LiveSystem::runSoft() {
   rt::Heartbeat& heart = watchdog_.heartbeat(workers_[1].tier);
   while (!stop_soft_.load(std::memory_order_acquire)) {
-    const std::size_t done = soft_.work(kInputsAtOnce);
+    const std::size_t done = soft_->work(kInputsAtOnce);
     heart.beat(clock_.monotonicNs());
-    if (soft_.ended()) break;
+    if (soft_->ended()) break;
     if (done == 0) restFor(kRestNs);
   }
-  if (soft_.ended()) run_->finish(0);
+  if (soft_->ended()) run_->finish(0);
   soft_done_.store(true, std::memory_order_release);
 }
 
@@ -206,6 +261,7 @@ rt::ArmingResult LiveSystem::arm(rt::HeapReserve& heap) {
   arming_ = rt::arm(setup_.config.live.realtime, budget_, heap, setup_.config.live.memory.heap_bytes);
   if (!arming_.armed()) return arming_;
   begun_mono_ns_ = clock_.monotonicNs();
+  next_checkpoint_ns_ = begun_mono_ns_ + static_cast<std::int64_t>(setup_.config.live.checkpoint_s * 1e9);
   for (const Worker& worker : workers_) watchdog_.watch(worker.tier, begun_mono_ns_);
   (void)hard_.mark({io::Mark::Kind::kHealth, roof_health_ = roofHealth()});
   go_.store(true, std::memory_order_release);
@@ -215,7 +271,7 @@ rt::ArmingResult LiveSystem::arm(rt::HeapReserve& heap) {
 unsigned LiveSystem::roofHealth() {
   unsigned flags = 0;
   if (!arming_.complete()) flags |= telemetry::kHealthSoftRealTime;
-  if (soft_.overload().level() != rt::DegradationLevel::kFull) flags |= telemetry::kHealthOverload;
+  if (soft_->overload().level() != rt::DegradationLevel::kFull) flags |= telemetry::kHealthOverload;
   const io::Recorder::Counters recorded = recorder_.counters();
   if (recorded.inputs_dropped + recorded.images_dropped_disk + recorded.images_dropped_queue > 0)
     flags |= telemetry::kHealthRecorderFailed;
@@ -251,6 +307,12 @@ std::vector<std::string> LiveSystem::supervise() {
                      " s; the vehicle's time goes on unchanged");
   }
   last_step_ns_ = step;
+  const std::int64_t now = clock_.monotonicNs();
+  if (now >= next_checkpoint_ns_ && soft_->caughtUp() &&
+      hard_.mark({io::Mark::Kind::kCheckpoint, next_checkpoint_})) {
+    ++next_checkpoint_;
+    next_checkpoint_ns_ = now + static_cast<std::int64_t>(setup_.config.live.checkpoint_s * 1e9);
+  }
   const unsigned health = roofHealth();
   if (health != roof_health_ && hard_.mark({io::Mark::Kind::kHealth, health})) roof_health_ = health;
   return events;

@@ -20,10 +20,13 @@
 #include "realtime/kernel/tiers/realtime_config.hpp"
 #include "realtime/kernel/tiers/rt_thread.hpp"
 #include "realtime/kernel/tiers/watchdog.hpp"
+#include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
 #include "realtime/onboard/live/device_threads.hpp"
 #include "realtime/onboard/live/hard_tier.hpp"
+#include "realtime/onboard/live/resume.hpp"
 #include "realtime/onboard/live/soft_tier.hpp"
 #include "realtime/onboard/live/vehicle_clock.hpp"
+#include "realtime/onboard/recorded_pairs.hpp"
 #include "realtime/onboard/slots/slot_file.hpp"
 
 namespace fathom::onboard {
@@ -78,7 +81,7 @@ class LiveSystem {
   [[nodiscard]] std::vector<io::DeviceHealth> deviceHealth() const;
   [[nodiscard]] io::Recorder& recorder() { return recorder_; }
   [[nodiscard]] HardTier& hard() { return hard_; }
-  [[nodiscard]] SoftTier& soft() { return soft_; }
+  [[nodiscard]] SoftTier& soft() { return *soft_; }
   [[nodiscard]] MissionRun& run() { return *run_; }
   [[nodiscard]] rt::StageTimes& hardStages() { return hard_stages_; }
   [[nodiscard]] rt::StageTimes& softStages() { return soft_stages_; }
@@ -93,6 +96,10 @@ class LiveSystem {
   // The last `seconds` of all tiers as a picture (SVG).
   [[nodiscard]] std::string timeline(double seconds);
   [[nodiscard]] std::uint64_t clockSteps() const { return clock_steps_; }
+  // The program went on with an earlier run's dive; how long nobody listened [s]; what was passed over.
+  [[nodiscard]] bool resumed() const { return resumed_; }
+  [[nodiscard]] double awaySeconds() const { return static_cast<double>(away_ns_) * 1e-9; }
+  [[nodiscard]] const std::vector<std::string>& resumeSaid() const { return resume_said_; }
 
  private:
   struct Sample {
@@ -109,7 +116,12 @@ class LiveSystem {
     std::unique_ptr<SlotFile> features, meshes;
   };
 
-  static Slots makeSlots(const LiveSetup& setup);
+  static Slots makeSlots(const LiveSetup& setup, bool reopen);
+  [[nodiscard]] std::unique_ptr<MissionRun> makeRun();
+  // Brings the run and the hard tier to where the program was.
+  void resume();
+  [[nodiscard]] std::optional<ImageView> pixels(const std::string& file_name, CameraSide side);
+  [[nodiscard]] bool hasPixels(const std::string& file_name, CameraSide side);
   [[nodiscard]] std::size_t watch(const char* name, bool restartable, bool vital);
   void addWorker(rt::Tier tier, const char* name, std::size_t watched, std::function<void()> body);
   void planThreads();
@@ -137,12 +149,22 @@ class LiveSystem {
   std::deque<Sample> samples_;
   std::unique_ptr<CameraThread> left_, right_;
   std::unique_ptr<ModemThread> modem_;
-  OnboardOutput output_;
+  CheckpointFiles checkpoint_files_;
+  CheckpointNames names_;
+  Resume resume_;
+  std::uint64_t next_checkpoint_ = 1;
+  std::int64_t next_checkpoint_ns_ = 0;
+  bool resumed_ = false;
+  std::int64_t away_ns_ = 0;
+  std::unique_ptr<OnboardOutput> output_;
   Slots slots_;
+  RecordedPairs recorded_;  // pixels of before the program started again
+  OnboardSystem::PairSource recorded_source_;
+  std::unique_ptr<CheckpointWriter> checkpoints_;
   HeldFrames frames_;
   std::unique_ptr<MissionRun> run_;
   HardTier hard_;
-  SoftTier soft_;
+  std::unique_ptr<SoftTier> soft_;
   std::optional<rt::PeriodicLoop> loop_;  // from the moment that it is let go
   std::deque<Worker> workers_;
   std::atomic<bool> go_{false}, stop_devices_{false}, stop_hard_{false}, stop_soft_{false},
@@ -154,6 +176,7 @@ class LiveSystem {
   std::uint64_t clock_steps_ = 0;
   std::int64_t last_step_ns_ = 0;
   std::int64_t begun_mono_ns_ = 0;
+  std::vector<std::string> resume_said_;
   std::vector<ThreadFigures> final_cpu_;  // when the survey ended
 };
 

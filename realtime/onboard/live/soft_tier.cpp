@@ -2,14 +2,16 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
+#include "realtime/kernel/state_archive.hpp"
 #include "realtime/onboard/pair_quota.hpp"
 
 namespace fathom::onboard {
 namespace {
 
 // The stages that OnboardSystem and its cores name, then whole ones of this tier.
-constexpr std::size_t kPair = 12, kArrivalToMap = 13, kLink = 14;
+constexpr std::size_t kPair = 12, kArrivalToMap = 13, kLink = 14, kCheckpoint = 15;
 constexpr std::int64_t kPublishInterval = 100'000'000;  // [ns]
 
 }  // namespace
@@ -31,7 +33,8 @@ const std::array<rt::StageSpec, SoftTier::kStages>& SoftTier::stageSpecs() {
                                                             {"map", 0},
                                                             {"pair", kPairDeadline},
                                                             {"arrival to map", 0},
-                                                            {"link and rows", 0}}};
+                                                            {"link and rows", 0},
+                                                            {"checkpoint", 0}}};
   return specs;
 }
 
@@ -52,17 +55,21 @@ OnboardSystem::PairQuota SoftTier::decide(const StereoTrigger& trigger,
   seen.last_frame_ns = last_frame_ns_;
   seen.waiting = static_cast<int>(lag_ns_ / period_ns_);
   seen.age_ns = clock_.utcNs() - trigger.utc_ns;
+  pair_begin_ns_ = stage_begin_ns_ = clock_.monotonicNs();
+  if (!caughtUp()) {
+    const auto found = resume_.decisions.find(trigger.pair_index);
+    return found == resume_.decisions.end() ? OnboardSystem::PairQuota() : pairQuota(found->second);
+  }
   const rt::OverloadRule::Decided decided = rule_.decide(seen);
   io::Decision decision;
   decision.pair_index = trigger.pair_index;
   decision.level = static_cast<std::uint8_t>(decided.level);
   // A pair whose pixels had to be given back cannot be mapped either.
-  decision.dropped = decided.drop || !links_.frames->find(pair.left_image, CameraSide::kLeft) ||
-                     !links_.frames->find(pair.right_image, CameraSide::kRight);
+  decision.dropped = decided.drop || !links_.has_pixels(pair.left_image, CameraSide::kLeft) ||
+                     !links_.has_pixels(pair.right_image, CameraSide::kRight);
   if ((decision.level > 0 || decision.dropped) && links_.recorder != nullptr)
     (void)links_.recorder->offerDecision({run_.nowNs(), decision});
   if (decision.dropped) links_.frames->release(pair.left_image, pair.right_image);
-  pair_begin_ns_ = stage_begin_ns_ = clock_.monotonicNs();
   return pairQuota(decision);
 }
 
@@ -88,9 +95,45 @@ void SoftTier::consume(const io::LiveInput& input) {
   highest_lag_ns_ = std::max(highest_lag_ns_, lag_ns_);
   if (std::holds_alternative<io::ImageStamp>(input.what)) links_.frames->refill();
   run_.consume(io::onboardInput(input));
+  if (const auto* mark = std::get_if<io::Mark>(&input.what))
+    if (mark->kind == io::Mark::Kind::kCheckpoint) saveState(mark->number);
+}
+
+void SoftTier::saveState(std::uint64_t number) {
+  if (links_.checkpoints == nullptr) return;
+  const std::span<std::uint8_t> buffer = links_.checkpoints->begin();
+  if (buffer.empty()) return;
+  const std::int64_t begin = clock_.monotonicNs();
+  rt::StateWriter writer(buffer);
+  run_.save(writer);
+  if (writer.full())
+    links_.checkpoints->giveUp();
+  else
+    links_.checkpoints->submit(
+        {links_.names.configuration, links_.names.mission, number, run_.inputs(), run_.nowNs()},
+        writer.size());
+  stages_.add(kCheckpoint, begin, clock_.monotonicNs());
+}
+
+void SoftTier::catchUpWith(Resume resume) {
+  resume_ = std::move(resume);
+  links_.modem->setMuted(true);
+  caught_up_.store(false, std::memory_order_release);
+}
+
+std::size_t SoftTier::catchUp(std::size_t most) {
+  std::size_t done = 0;
+  for (; done < most && next_of_tail_ < resume_.tail.size(); ++done)
+    run_.consume(resume_.tail[next_of_tail_++]);
+  if (next_of_tail_ < resume_.tail.size()) return done;
+  resume_ = {};
+  links_.modem->setMuted(false);
+  caught_up_.store(true, std::memory_order_release);
+  return done;
 }
 
 std::size_t SoftTier::work(std::size_t most) {
+  if (!caughtUp()) return catchUp(most);
   std::size_t done = 0;
   io::LiveInput input;
   const std::int64_t begin = clock_.monotonicNs();

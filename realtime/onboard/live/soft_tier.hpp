@@ -1,16 +1,21 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <functional>
+#include <string>
 
 #include "firmware_if/recorder/recorder.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/health/stage_times.hpp"
 #include "realtime/kernel/latest_value.hpp"
 #include "realtime/kernel/tiers/overload_rule.hpp"
+#include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
+#include "realtime/onboard/live/device_threads.hpp"
 #include "realtime/onboard/live/held_frames.hpp"
 #include "realtime/onboard/live/input_rings.hpp"
+#include "realtime/onboard/live/resume.hpp"
 #include "realtime/onboard/mission_run.hpp"
 
 namespace fathom::onboard {
@@ -42,12 +47,22 @@ class SoftTier {
     SequenceRing* sequence = nullptr;
     HeldFrames* frames = nullptr;
     io::Recorder* recorder = nullptr;  // may be null
+    RingFramePort* modem = nullptr;
+    CheckpointWriter* checkpoints = nullptr;
+    CheckpointNames names;
+    // Whether the pixels of an exposure can be had, by its file's name.
+    std::function<bool(const std::string& file_name, CameraSide side)> has_pixels;
   };
-  static constexpr std::size_t kStages = 15;
+  static constexpr std::size_t kStages = 16;
   static const std::array<rt::StageSpec, kStages>& stageSpecs();
 
   SoftTier(MissionRun& run, const Links& links, const rt::OverloadConfig& overload,
            std::int64_t pair_period_ns, rt::Clock& clock, rt::StageTimes& stages);
+
+  // What was logged behind the checkpoint that the run was loaded from: consumed first, without sending
+  // anything.
+  void catchUpWith(Resume resume);
+  [[nodiscard]] bool caughtUp() const noexcept { return caught_up_.load(std::memory_order_acquire); }
 
   // Consumes at most `most` inputs that wait; how many it was.
   std::size_t work(std::size_t most);
@@ -66,8 +81,13 @@ class SoftTier {
   void noteStage(const char* stage);
   void noteMapped(const OnboardSystem::MappedPair& pair);
   void publish(std::int64_t now_ns);
+  std::size_t catchUp(std::size_t most);
+  void saveState(std::uint64_t number);
 
   MissionRun& run_;
+  Resume resume_;
+  std::size_t next_of_tail_ = 0;
+  std::atomic<bool> caught_up_{true};
   Links links_;
   rt::OverloadRule rule_;
   std::int64_t period_ns_;

@@ -109,6 +109,7 @@ io::HealthReport StatusPublisher::health() {
   report.degradation = static_cast<std::uint8_t>(map_.level);
   report.uptime_s = static_cast<double>(clock_.monotonicNs() - begin_ns_) * 1e-9;
   report.clock_steps = live_.clockSteps();
+  report.restarts = live_.resumed() ? 1 : 0;
   report.budget_mib = static_cast<double>(live_.budget().budgetBytes()) / kMiB;
   if (rt::ProcessFigures process; process_.read(process))
     report.resident_mib = static_cast<double>(process.resident) / kMiB;

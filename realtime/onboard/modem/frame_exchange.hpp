@@ -43,6 +43,7 @@ class FrameExchange {
     std::uint64_t received = 0;
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
+  void setCounters(const Counters& counters) { counters_ = counters; }  // of saved state
 
  private:
   using Clock = std::chrono::steady_clock;

@@ -1,0 +1,83 @@
+#include "realtime/onboard/live/resume.hpp"
+
+#include <algorithm>
+#include <fstream>
+#include <iterator>
+
+#include "firmware_if/log/input_tail.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/onboard/live/vehicle_clock.hpp"
+#include "recon/geometry/atomic_file.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+std::string textOf(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+bool hasLog(const std::filesystem::path& folder) {
+  std::error_code error;
+  const auto bytes = std::filesystem::file_size(io::MissionPaths(folder).log(), error);
+  return !error && bytes > 0;
+}
+
+}  // namespace
+
+CheckpointNames checkpointNames(const std::filesystem::path& folder, const OnboardConfig& config,
+                                const io::MissionConfig& mission) {
+  CheckpointNames names;
+  names.configuration = checkpointHash(textOf(io::MissionPaths(folder).calib()), checkpointHash(config.text));
+  names.mission =
+      checkpointHash(mission.vehicle_name + " " + std::to_string(mission.vehicle_id) + " " +
+                     std::to_string(mission.dive_id) + " " + std::to_string(mission.start_utc_ns));
+  return names;
+}
+
+Resume readResume(const std::filesystem::path& folder, const CheckpointFiles& files,
+                  const CheckpointNames& names) {
+  Resume resume;
+  if (!hasLog(folder)) return resume;
+  resume.checkpoint = files.readNewest(names.configuration, names.mission, resume.said);
+  io::InputTail tail = io::readInputTail(folder, resume.number());
+  if (resume.checkpoint && !tail.mark_found) {
+    resume.said.push_back("checkpoint " + std::to_string(resume.number()) + " has no mark in the log");
+    resume.checkpoint.reset();
+  }
+  resume.tail = std::move(tail.inputs);
+  resume.newest_number = resume.number();
+  resume.last_ns = resume.checkpoint ? resume.checkpoint->head.utc_ns : 0;
+  for (const io::OnboardInput& input : resume.tail) {
+    if (const auto* decision = std::get_if<io::Decision>(&input.what)) {
+      resume.decisions[decision->pair_index] = *decision;
+      continue;
+    }
+    resume.last_ns = std::max(resume.last_ns, input.arrival_utc_ns);
+    const auto* mark = std::get_if<io::Mark>(&input.what);
+    if (mark == nullptr) continue;
+    if (mark->kind == io::Mark::Kind::kEnd)
+      throw InputError(folder, "sensors.lcmlog", "this dive has ended; give each dive a folder of its own");
+    if (mark->kind == io::Mark::Kind::kCheckpoint)
+      resume.newest_number = std::max(resume.newest_number, mark->number);
+  }
+  return resume;
+}
+
+std::int64_t vehicleClockOffset(const std::filesystem::path& state_folder) {
+  std::filesystem::create_directories(state_folder);
+  const std::filesystem::path path = state_folder / "clock.txt";
+  std::string boot = textOf("/proc/sys/kernel/random/boot_id");
+  while (!boot.empty() && boot.back() == '\n') boot.pop_back();
+  std::ifstream in(path);
+  std::string then;
+  std::int64_t offset_ns = 0;
+  if (in >> then >> offset_ns && then == boot && !boot.empty()) return offset_ns;
+  offset_ns = VehicleClock::systemOffsetNs();
+  AtomicFile file(path);
+  file.stream() << boot << ' ' << offset_ns << '\n';
+  file.commit();
+  return offset_ns;
+}
+
+}  // namespace fathom::onboard

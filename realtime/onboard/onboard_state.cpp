@@ -1,0 +1,65 @@
+#include "realtime/kernel/state_archive.hpp"
+#include "realtime/onboard/mission_run.hpp"
+#include "realtime/onboard/onboard_system.hpp"
+#include "recon/geometry/state_values.hpp"
+
+// Saved state of the system as a whole and of its run; the cores' own is theirs.
+namespace fathom::onboard {
+
+template <typename Archive, typename Self>
+void OnboardSystem::exchange(Archive& archive, Self& self) {
+  for (auto& name : self.image_names_) archive(name.frame, name.text);
+  archive(self.last_pose_, self.distance_, self.roof_health_, self.shed_pairs_, self.pairs_at_level_,
+          self.unreadable_images_, self.fixes_without_odometry_);
+  archive.instants(self.last_pair_ns_, self.last_tick_ns_);
+  archive(self.last_points_, self.survey_over_, self.told_progress_);
+  bool battery = self.battery_.has_value();
+  archive(battery);
+  if constexpr (Archive::kLoading) {
+    self.battery_.reset();
+    if (battery) self.battery_.emplace();
+  }
+  if (!self.battery_) return;
+  archive.instants(self.battery_->utc_ns);
+  archive(self.battery_->voltage, self.battery_->current, self.battery_->charge);
+}
+
+void OnboardSystem::save(rt::StateWriter& writer) const {
+  // Navigation first and by itself: the hard tier begins with it.
+  writer(nav_);
+  writer(map_, link_, downlink_, progress_);
+  writer.section(rt::stateTag("ONBD"), 1, [&] { exchange(writer, *this); });
+}
+
+bool OnboardSystem::load(rt::StateReader& reader) {
+  return reader(nav_) && reader(map_, link_, downlink_, progress_) &&
+         reader.section(rt::stateTag("ONBD"), 1, [&] { exchange(reader, *this); });
+}
+
+template <typename Archive, typename Self>
+void MissionRun::exchange(Archive& archive, Self& self) {
+  RunSummary summary = self.summary_;
+  archive(summary.samples, summary.pairs, summary.pairs_used);
+  FrameExchange::Counters link = self.link_.counters();
+  archive(link.sent, link.sent_bytes, link.received);
+  archive(self.begun_, self.inputs_);
+  archive.instants(self.first_ns_, self.now_ns_, self.next_odometry_ns_, self.next_health_ns_,
+                   self.last_odometry_ns_);
+  if constexpr (Archive::kLoading) {
+    self.summary_ = summary;
+    self.link_.setCounters(link);
+  }
+}
+
+void MissionRun::save(rt::StateWriter& writer) {
+  system_.save(writer);
+  writer.section(rt::stateTag("MRUN"), 1, [&] { exchange(writer, *this); });
+  output_.save(writer);
+}
+
+bool MissionRun::load(rt::StateReader& reader) {
+  return system_.load(reader) && reader.section(rt::stateTag("MRUN"), 1, [&] { exchange(reader, *this); }) &&
+         output_.load(reader);
+}
+
+}  // namespace fathom::onboard
