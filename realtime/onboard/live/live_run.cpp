@@ -1,11 +1,14 @@
 #include "realtime/onboard/live/live_run.hpp"
 
+#include <array>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <ctime>
 
 #include "firmware_if/camera/gige_camera.hpp"
 #include "firmware_if/can/bus/can_source.hpp"
+#include "firmware_if/can/send/vehicle_report.hpp"
 #include "firmware_if/devices/device_address.hpp"
 #include "firmware_if/dvl/dvl_source.hpp"
 #include "firmware_if/lcm_bus/lcm_source.hpp"
@@ -44,18 +47,39 @@ void pause(double seconds) {
 }
 
 LiveDevices openDevices(const LiveConfig& config, const io::MissionConfig& mission,
-                        const std::shared_ptr<io::LcmBus>& bus, const VehicleClock& clock) {
+                        const std::shared_ptr<io::LcmBus>& bus, const VehicleClock& clock,
+                        io::CanSource*& can) {
   const auto now = [&clock] { return clock.utcNs(); };
   LiveDevices devices;
   if (!config.dvl.device.empty()) devices.samples.push_back(std::make_unique<io::DvlSource>(config.dvl, now));
-  if (!config.can.interface.empty())
-    devices.samples.push_back(std::make_unique<io::CanSource>(config.can, clock));
+  if (!config.can.interface.empty()) {
+    auto source = std::make_unique<io::CanSource>(config.can, clock);
+    can = source.get();
+    devices.samples.push_back(std::move(source));
+  }
   if (bus)
     devices.samples.push_back(std::make_unique<io::LcmSource>(config.lcm, bus, mission.vehicle_name, now));
   devices.left = std::make_unique<io::GigeCamera>(config.cameras.side[0], now);
   devices.right = std::make_unique<io::GigeCamera>(config.cameras.side[1], now);
   if (!config.modem.empty()) devices.modem = io::openFramePort(config.modem, "[modem] device");
   return devices;
+}
+
+// What other equipment on the CAN bus is told.
+io::VehicleReport canReport(const io::PoseReport& pose, const MapState& map) {
+  io::VehicleReport report;
+  report.utc_ns = pose.utc_ns;
+  report.latitude = pose.latitude;
+  report.longitude = pose.longitude;
+  report.sigma_horizontal = pose.sigma_horizontal;
+  report.depth = pose.position.z();
+  report.altitude = pose.altitude;
+  report.map_area = map.mapped_area;
+  report.pairs_mapped = map.pairs;
+  report.pairs_dropped = map.status.pairs_dropped;
+  report.health = map.status.health;
+  if (!std::isnan(map.status.mission_progress)) report.mission_progress = map.status.mission_progress;
+  return report;
 }
 
 std::string statusLine(LiveSystem& live, double since_s) {
@@ -104,6 +128,12 @@ int runLive(const LiveOptions& options) {
   if (!config.live.cameras.used())
     throw InputError(options.config ? options.config->string() : "no --config", "[cameras]",
                      "names no cameras; give left and right");
+  // Images of another size than the calibration's are of no use.
+  const std::array<const Camera*, 2> calibrated = {&rig.left, &rig.right};
+  for (std::size_t i = 0; i < calibrated.size(); ++i) {
+    config.live.cameras.side[i].width = calibrated[i]->width;
+    config.live.cameras.side[i].height = calibrated[i]->height;
+  }
   if (const std::string warning = io::plannedRoomWarning(config.live.recorder, mission, rig, options.folder);
       !warning.empty())
     std::fprintf(stderr, "fathom-onboard: warning: %s\n", warning.c_str());
@@ -112,12 +142,19 @@ int runLive(const LiveOptions& options) {
 
   VehicleClock clock(vehicleClockOffset(options.folder / "state"));
   std::shared_ptr<io::LcmBus> bus;
+  io::CanSource* can = nullptr;
   if (!config.live.lcm.url.empty()) bus = std::make_shared<io::LcmBus>(config.live.lcm.url);
-  LiveSystem live({options.folder, config, mission, rig}, openDevices(config.live, mission, bus, clock),
+  LiveSystem live({options.folder, config, mission, rig}, openDevices(config.live, mission, bus, clock, can),
                   clock);
   std::unique_ptr<StatusPublisher> publisher;
   const std::size_t lane = live.addBestEffort(
-      "publisher", [&publisher] { publisher->step(); }, kPublisherRest_ns);
+      "publisher",
+      [&publisher, &can] {
+        publisher->step();
+        if (can != nullptr && publisher->pose())
+          can->publish(canReport(*publisher->pose(), publisher->map()));
+      },
+      kPublisherRest_ns);
   publisher = std::make_unique<StatusPublisher>(
       live, bus, mission, options.folder, StatusPublisher::Config{config.live.lcm.publish_hz, lane}, clock);
   for (const std::string& line : live.resumeSaid())

@@ -273,7 +273,9 @@ unsigned LiveSystem::roofHealth() {
   if (!arming_.complete()) flags |= telemetry::kHealthSoftRealTime;
   if (soft_->overload().level() != rt::DegradationLevel::kFull) flags |= telemetry::kHealthOverload;
   const io::Recorder::Counters recorded = recorder_.counters();
-  if (recorded.inputs_dropped + recorded.images_dropped_disk + recorded.images_dropped_queue > 0)
+  if (recorded.inputs_dropped + recorded.decisions_dropped + recorded.images_dropped_disk +
+          recorded.images_dropped_queue + recorded.write_failures >
+      0)
     flags |= telemetry::kHealthRecorderFailed;
   if (recorder_.disk() != io::Recorder::Disk::kRoom) flags |= telemetry::kHealthDiskLow;
   return flags;
