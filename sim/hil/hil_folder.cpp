@@ -81,10 +81,9 @@ void writeHilConfig(const HilFolder& folder, const MissionSchedule& schedule, co
       << "\npacket_socket = " << (devices.packet_socket ? "true" : "false") << "\n";
   out << "\n[dvl]\ndevice = " << text(devices.dvl)
       << "\nformat = \"pd0\"\nlatency_s = " << io::tomlNumber(devices.dvl_latency_s) << "\n";
-  if (!devices.can.empty()) out << "\n[can]\ninterface = " << text(devices.can) << "\n";
   if (!devices.lcm.empty())
-    out << "\n[lcm]\nurl = " << text(devices.lcm) << "\naccept = \""
-        << (devices.can.empty() ? "attitude depth gps water battery progress" : "progress") << "\"\n";
+    out << "\n[lcm]\nurl = " << text(devices.lcm)
+        << "\naccept = \"attitude depth gps water battery progress\"\n";
   if (!devices.modem.empty()) out << "\n[modem]\ndevice = " << text(devices.modem) << "\n";
   if (!hasTable(base, "recorder")) {
     const double hours = static_cast<double>(schedule.end_utc_ns - schedule.start_utc_ns) * 1e-9 / 3600;

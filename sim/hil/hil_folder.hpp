@@ -41,7 +41,7 @@ struct HilFolder {
 struct HilDevices {
   std::string left, right;  // camera ids
   bool packet_socket = true;
-  std::string dvl, modem, can, lcm;  // addresses; empty: none
+  std::string dvl, modem, lcm;  // addresses; empty: none
   double dvl_latency_s = 0;
 };
 

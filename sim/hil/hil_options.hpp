@@ -24,7 +24,6 @@ struct HilOptions {
   int laps = 1;
   double lead_s = 12;  // from the bench's start to the mission's: discovery of the cameras, arming
   bool udp_modem = false;
-  std::string can;                        // interface; empty: over LCM
   double left_ppm = 37, right_ppm = -52;  // drift of the cameras' clocks
   SimulatedShipOptions water;
 };
