@@ -55,7 +55,9 @@ io::PrediveLink makeLink(const io::MissionConfig& mission, const std::optional<t
 
 int main(int argc, char** argv) {
   CLI::App app{"Checks a vehicle's devices before a dive and decodes captures of its sensors."};
-  app.footer("Example: fathom-sensors dvl dive.pd0 --csv > dive.csv\n");
+  app.footer(
+      "Example: fathom-sensors predive dives/today --config onboard.toml\n"
+      "         fathom-sensors dvl dive.pd0 --csv > dive.csv\n");
   app.require_subcommand(1);
 
   io::DvlCommand dvl;
@@ -78,13 +80,12 @@ int main(int argc, char** argv) {
   predive_app->add_option("FOLDER", predive.folder, "Mission folder with mission.toml and stereo.calib")
       ->required();
   predive_app->add_option("--config", predive.config, "onboard.toml of the dive")->required();
-  predive_app->add_option("--seconds", predive.seconds, "That the devices are looked at")
+  predive_app->add_option("--seconds", predive.seconds, "So long the devices are looked at [s]")
       ->check(CLI::Range(0.1, 3600.0))
       ->capture_default_str();
   predive_app->add_flag("--json", predive.json, "One JSON object instead of the table");
   predive_app->footer(
-      "Exit status 0: every row is green. Example: fathom-sensors predive /data/dive12 --config "
-      "onboard.toml\n");
+      "Exit status 0: no row is red. Example: fathom-sensors predive dives/today --config onboard.toml\n");
 
   if (const auto code = parseCommandLine("fathom-sensors", app, argc, argv)) return *code;
   return runTool("fathom-sensors", [&] {

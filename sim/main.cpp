@@ -1,5 +1,5 @@
-// fathom-sim: makes missions with ground truth, and scores what was estimated from them. This file parses;
-// each command's file does the work.
+// fathom-sim: makes missions with ground truth, plays them to the vehicle's program, and scores what was
+// estimated from them. This file parses; each command's file does the work.
 #include <CLI/CLI.hpp>
 
 #include "realtime/kernel/command_line.hpp"
@@ -17,7 +17,9 @@ namespace {
 using namespace fathom;
 
 int run(int argc, char** argv) {
-  CLI::App app("Makes missions of a survey AUV with ground truth, and scores what was estimated from them");
+  CLI::App app(
+      "Makes missions of a survey AUV with ground truth, plays them to the vehicle's program through real "
+      "interfaces, and scores what was estimated from them");
   app.require_subcommand(1);
 
   sim::RenderOptions render;

@@ -34,7 +34,7 @@ struct Tick {};
 // Of the soft tier about one stereo pair, logged when it is made; replay looks it up by the pair.
 struct Decision {
   std::uint32_t pair_index = 0;
-  std::uint8_t level = 0;  // of degradation: 0 none (onboard/overload_rule.hpp)
+  std::uint8_t level = 0;  // of degradation: 0 none (realtime/kernel/tiers/overload_rule.hpp)
   bool dropped = false;    // the pair is not mapped
 };
 

@@ -23,7 +23,8 @@ int main(int argc, char** argv) {
   CLI::Option* replay_option =
       app.add_option("--replay", mission, "Mission folder to feed to the onboard cores")
           ->excludes(live_option);
-  app.add_option("--config", config, "Configuration (TOML); default: built-in values");
+  app.add_option("--config", config,
+                 "Configuration (TOML), with the devices of --live; default: built-in values");
   app.add_flag("--soft", live.soft,
                "Arm without what real time needs and the machine refuses; every status says so")
       ->needs(live_option);
