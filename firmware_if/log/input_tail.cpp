@@ -37,14 +37,16 @@ InputTail readFrom(const std::filesystem::path& log, std::uint64_t from, std::ui
 
 }  // namespace
 
-InputTail readInputTail(const std::filesystem::path& mission_folder, std::uint64_t number) {
+InputTail readInputTail(const std::filesystem::path& mission_folder, std::uint64_t number,
+                        std::int64_t mark_utc_ns) {
   constexpr std::uint64_t kFirstPiece = std::uint64_t{1} << 22;
   const std::filesystem::path log = MissionPaths(mission_folder).log();
   std::error_code error;
   const std::uint64_t size = std::filesystem::file_size(log, error);
   for (std::uint64_t piece = kFirstPiece; number != 0 && piece < size; piece *= 4) {
     InputTail tail = readFrom(log, size - piece, number);
-    if (tail.mark_found) return tail;
+    const bool looked_at = !tail.inputs.empty() && tail.inputs.front().arrival_utc_ns < mark_utc_ns;
+    if (tail.mark_found || looked_at) return tail;
   }
   return readFrom(log, 0, number);
 }

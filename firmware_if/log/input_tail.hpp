@@ -17,7 +17,10 @@ struct InputTail {
   std::uint64_t damaged = 0;         // entries skipped
 };
 
-// `number` 0: every input of the log. Throws InputError if the log is absent or empty.
-[[nodiscard]] InputTail readInputTail(const std::filesystem::path& mission_folder, std::uint64_t number);
+// `number` 0: every input of the log. `mark_utc_ns`: when the mark was given, if that is known; behind what
+// is older nobody looks for it, and the inputs of one that is not there are then the newest ones only. Throws
+// InputError if the log is absent or empty.
+[[nodiscard]] InputTail readInputTail(const std::filesystem::path& mission_folder, std::uint64_t number,
+                                      std::int64_t mark_utc_ns = INT64_MIN);
 
 }  // namespace fathom::io

@@ -27,12 +27,14 @@ void OnboardSystem::exchange(Archive& archive, Self& self) {
 void OnboardSystem::save(rt::StateWriter& writer) const {
   // Navigation first and by itself: the hard tier begins with it.
   writer(nav_);
-  writer(map_, link_, downlink_, progress_);
+  writer(map_, link_, downlink_);
+  writer.section(rt::stateTag("PROG"), 1, [&] { writer(progress_); });
   writer.section(rt::stateTag("ONBD"), 1, [&] { exchange(writer, *this); });
 }
 
 bool OnboardSystem::load(rt::StateReader& reader) {
-  return reader(nav_) && reader(map_, link_, downlink_, progress_) &&
+  return reader(nav_) && reader(map_, link_, downlink_) &&
+         reader.section(rt::stateTag("PROG"), 1, [&] { reader(progress_); }) &&
          reader.section(rt::stateTag("ONBD"), 1, [&] { exchange(reader, *this); });
 }
 

@@ -1,6 +1,5 @@
 #include "realtime/onboard/restarting_run.hpp"
 
-#include <algorithm>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -19,22 +18,22 @@ const io::Mark* markOf(const io::OnboardInput& input, io::Mark::Kind kind) {
 
 RestartingRun::RestartingRun(Make make, const std::vector<io::OnboardInput>& inputs)
     : make_(std::move(make)), inputs_(inputs), run_(make_()) {
-  restarts_ = std::any_of(inputs_.begin(), inputs_.end(), [](const io::OnboardInput& input) {
-    return markOf(input, io::Mark::Kind::kRestart) != nullptr;
-  });
-  if (restarts_) save(begin_, 0, 0);
+  for (std::size_t i = 0; i < inputs_.size(); ++i)
+    if (const io::Mark* mark = markOf(inputs_[i], io::Mark::Kind::kRestart))
+      saved_[mark->number].last_use = i;
+  if (saved_.count(0) > 0) save(saved_[0], 0);
 }
 
-void RestartingRun::save(Saved& to, std::uint64_t number, std::size_t next) {
-  to.number = number;
+void RestartingRun::save(Saved& to, std::size_t next) {
   to.next = next;
   constexpr std::size_t kFirst = std::size_t{16} << 20;
-  to.state.resize(std::max(to.state.capacity(), kFirst));
+  to.state.resize(kFirst);
   for (;;) {
     rt::StateWriter writer(to.state);
     run_->save(writer);
     if (!writer.full()) {
       to.state.resize(writer.size());
+      to.state.shrink_to_fit();
       return;
     }
     to.state.resize(writer.needed() + writer.needed() / 4);
@@ -42,17 +41,16 @@ void RestartingRun::save(Saved& to, std::uint64_t number, std::size_t next) {
 }
 
 void RestartingRun::restart(std::uint64_t number) {
-  const Saved* from = number == 0 ? &begin_ : nullptr;
-  for (const Saved& saved : newest_)
-    if (number != 0 && saved.number == number) from = &saved;
-  if (from == nullptr)
+  const auto from = saved_.find(number);
+  if (from == saved_.end() || from->second.state.empty())
     throw std::runtime_error("the log restarts from checkpoint " + std::to_string(number) +
                              ", whose mark it does not hold");
   run_ = make_();
-  rt::StateReader reader(from->state);
+  rt::StateReader reader(from->second.state);
   if (!run_->load(reader))
     throw std::runtime_error(std::string("a kept state does not load: ") + reader.failure());
-  for (std::size_t i = from->next; i < next_; ++i) run_->consume(inputs_[i]);
+  for (std::size_t i = from->second.next; i < next_; ++i) run_->consume(inputs_[i]);
+  if (from->second.last_use == next_) saved_.erase(from);
 }
 
 bool RestartingRun::step() {
@@ -61,8 +59,8 @@ bool RestartingRun::step() {
   if (const io::Mark* mark = markOf(input, io::Mark::Kind::kRestart)) restart(mark->number);
   run_->consume(input);
   ++next_;
-  if (const io::Mark* mark = markOf(input, io::Mark::Kind::kCheckpoint); mark != nullptr && restarts_)
-    save(newest_[mark->number % newest_.size()], mark->number, next_);
+  if (const io::Mark* mark = markOf(input, io::Mark::Kind::kCheckpoint))
+    if (const auto wanted = saved_.find(mark->number); wanted != saved_.end()) save(wanted->second, next_);
   return true;
 }
 

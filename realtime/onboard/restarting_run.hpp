@@ -1,9 +1,9 @@
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <vector>
 
@@ -11,9 +11,9 @@
 
 namespace fathom::onboard {
 
-// A replay that starts again where the program did: at a checkpoint's mark the state is kept, at a restart's
-// mark the one that the program came back with is loaded into a new run, and what was logged behind it is
-// consumed again.
+// A replay that starts again where the program did: at the mark of a checkpoint that the program once came
+// back with the state is kept, at that restart's mark it is loaded into a new run, and what was logged behind
+// it is consumed again. Many restarts may have begun with the same checkpoint.
 class RestartingRun {
  public:
   using Make = std::function<std::unique_ptr<MissionRun>()>;
@@ -26,19 +26,17 @@ class RestartingRun {
 
  private:
   struct Saved {
-    std::uint64_t number = 0;
-    std::size_t next = 0;  // input behind its mark
+    std::size_t last_use = 0;  // the last restart that needs it
+    std::size_t next = 0;      // input behind its mark
     std::vector<std::uint8_t> state;
   };
-  void save(Saved& to, std::uint64_t number, std::size_t next);
+  void save(Saved& to, std::size_t next);
   void restart(std::uint64_t number);
 
   Make make_;
   const std::vector<io::OnboardInput>& inputs_;
   std::unique_ptr<MissionRun> run_;
-  bool restarts_ = false;        // the log has a restart: states are worth keeping
-  Saved begin_;                  // before the first input
-  std::array<Saved, 2> newest_;  // a program keeps two
+  std::map<std::uint64_t, Saved> saved_;  // by number; 0: before the first input
   std::size_t next_ = 0;
 };
 

@@ -176,6 +176,11 @@ std::optional<CheckpointFiles::Found> CheckpointFiles::readNewest(std::uint64_t 
   return newest;
 }
 
+void CheckpointFiles::remove(std::uint64_t number) noexcept {
+  std::error_code ignored;
+  fs::remove(file(number), ignored);
+}
+
 void CheckpointFiles::remove() noexcept {
   std::error_code ignored;
   for (std::uint64_t k = 0; k < kFiles; ++k) fs::remove(file(k), ignored);

@@ -48,7 +48,8 @@ class CheckpointFiles {
   // was passed over, with the reason.
   [[nodiscard]] std::optional<Found> readNewest(std::uint64_t configuration, std::uint64_t mission,
                                                 std::vector<std::string>& said) const;
-  // Forgets both: a new mission begins.
+  void remove(std::uint64_t number) noexcept;
+  // Forgets both: a new mission begins, or the program cannot use them.
   void remove() noexcept;
 
   [[nodiscard]] std::filesystem::path file(std::uint64_t number) const;

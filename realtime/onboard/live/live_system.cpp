@@ -4,7 +4,6 @@
 #include <ctime>
 #include <functional>
 
-#include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/state_archive.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "telemetry/status.hpp"
@@ -54,6 +53,11 @@ LiveSystem::Slots LiveSystem::makeSlots(const LiveSetup& setup, bool reopen) {
                                      meshSlotBytes(static_cast<std::size_t>(c.stereo.max_features)))};
 }
 
+std::unique_ptr<OnboardOutput> LiveSystem::makeOutput(const LiveSetup& setup, bool reopen) {
+  return std::make_unique<OnboardOutput>(io::MissionPaths(setup.folder).onboard(), setup.mission.origin,
+                                         OutputFolder::Life{true, reopen});
+}
+
 LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock)
     : setup_(std::move(setup)),
       devices_(std::move(devices)),
@@ -74,9 +78,7 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock
       checkpoint_files_(stateFolder(setup_.folder)),
       names_(checkpointNames(setup_.folder, setup_.config, setup_.mission)),
       resume_(readResume(setup_.folder, checkpoint_files_, names_)),
-      output_(std::make_unique<OnboardOutput>(io::MissionPaths(setup_.folder).onboard(),
-                                              setup_.mission.origin,
-                                              OutputFolder::Life{true, resume_.checkpoint.has_value()})),
+      output_(makeOutput(setup_, resume_.checkpoint.has_value())),
       slots_(makeSlots(setup_, resume_.checkpoint.has_value())),
       recorded_(io::MissionPaths(setup_.folder), setup_.mission, setup_.rig),
       recorded_source_(recorded_.source()),
@@ -118,15 +120,29 @@ void LiveSystem::resume() {
   away_ns_ = std::max<std::int64_t>(0, clock_.utcNs() - resume_.last_ns);
   if (resume_.checkpoint) {
     rt::StateReader for_run(resume_.checkpoint->state), for_hard(resume_.checkpoint->state);
-    if (!run_->load(for_run) || !for_hard(hard_.nav()))
-      // Its checksums were right, so it is of another program: then the log is all there is.
-      throw InputError(checkpoint_files_.file(resume_.number()), "",
-                       std::string("cannot be used (") + for_run.failure() +
-                           "); remove the folder state/ to begin again from the log");
+    if (!run_->load(for_run) || !for_hard(hard_.nav())) beginFromTheLog(for_run.failure());
   }
   for (const io::OnboardInput& input : resume_.tail) hard_.recall(input);
   hard_.sequencer().startAfter(resume_.last_ns);
-  (void)hard_.mark({io::Mark::Kind::kRestart, resume_.number()});
+  resumed_from_ = resume_.number();
+  (void)hard_.mark({io::Mark::Kind::kRestart, resumed_from_});
+}
+
+// A checkpoint whose checksums are right, but which does not load, is of another program, or the files beside
+// it are not those that it was saved with. Then the log is all there is.
+void LiveSystem::beginFromTheLog(const std::string& why) {
+  const std::string file = checkpoint_files_.file(resume_.number()).string();
+  checkpoint_files_.remove();
+  resume_ = readResume(setup_.folder, checkpoint_files_, names_);
+  resume_said_.push_back(file + ": cannot be used (" + why + "); all is done again from the log");
+  next_checkpoint_ = resume_.newest_number + 1;
+  run_.reset();
+  output_.reset();
+  output_ = makeOutput(setup_, false);
+  slots_ = {};
+  slots_ = makeSlots(setup_, false);
+  run_ = makeRun();
+  hard_.nav() = NavFeed(navCoreConfig(setup_.config, setup_.mission));
 }
 
 std::optional<ImageView> LiveSystem::pixels(const std::string& file_name, CameraSide side) {

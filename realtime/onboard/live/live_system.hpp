@@ -100,6 +100,8 @@ class LiveSystem {
   [[nodiscard]] bool resumed() const { return resumed_; }
   [[nodiscard]] double awaySeconds() const { return static_cast<double>(away_ns_) * 1e-9; }
   [[nodiscard]] const std::vector<std::string>& resumeSaid() const { return resume_said_; }
+  // The checkpoint that it began with; 0: none, the log from its beginning.
+  [[nodiscard]] std::uint64_t resumedFrom() const { return resumed_from_; }
 
  private:
   struct Sample {
@@ -117,9 +119,11 @@ class LiveSystem {
   };
 
   static Slots makeSlots(const LiveSetup& setup, bool reopen);
+  static std::unique_ptr<OnboardOutput> makeOutput(const LiveSetup& setup, bool reopen);
   [[nodiscard]] std::unique_ptr<MissionRun> makeRun();
   // Brings the run and the hard tier to where the program was.
   void resume();
+  void beginFromTheLog(const std::string& why);
   [[nodiscard]] std::optional<ImageView> pixels(const std::string& file_name, CameraSide side);
   [[nodiscard]] bool hasPixels(const std::string& file_name, CameraSide side);
   [[nodiscard]] std::size_t watch(const char* name, bool restartable, bool vital);
@@ -155,6 +159,7 @@ class LiveSystem {
   std::uint64_t next_checkpoint_ = 1;
   std::int64_t next_checkpoint_ns_ = 0;
   bool resumed_ = false;
+  std::uint64_t resumed_from_ = 0;
   std::int64_t away_ns_ = 0;
   std::unique_ptr<OnboardOutput> output_;
   Slots slots_;

@@ -35,15 +35,19 @@ CheckpointNames checkpointNames(const std::filesystem::path& folder, const Onboa
   return names;
 }
 
-Resume readResume(const std::filesystem::path& folder, const CheckpointFiles& files,
-                  const CheckpointNames& names) {
+Resume readResume(const std::filesystem::path& folder, CheckpointFiles& files, const CheckpointNames& names) {
   Resume resume;
   if (!hasLog(folder)) return resume;
-  resume.checkpoint = files.readNewest(names.configuration, names.mission, resume.said);
-  io::InputTail tail = io::readInputTail(folder, resume.number());
-  if (resume.checkpoint && !tail.mark_found) {
-    resume.said.push_back("checkpoint " + std::to_string(resume.number()) + " has no mark in the log");
-    resume.checkpoint.reset();
+  io::InputTail tail;
+  for (;;) {
+    resume.checkpoint = files.readNewest(names.configuration, names.mission, resume.said);
+    tail = io::readInputTail(folder, resume.number(),
+                             resume.checkpoint ? resume.checkpoint->head.utc_ns : INT64_MIN);
+    if (!resume.checkpoint || tail.mark_found) break;
+    // It got to the disk before the log did. Its number will be given again, so it must not be found then.
+    resume.said.push_back("checkpoint " + std::to_string(resume.number()) +
+                          ": passed over, the log does not reach to its mark");
+    files.remove(resume.number());
   }
   resume.tail = std::move(tail.inputs);
   resume.newest_number = resume.number();

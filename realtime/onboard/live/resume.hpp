@@ -34,8 +34,9 @@ struct CheckpointNames {
 [[nodiscard]] CheckpointNames checkpointNames(const std::filesystem::path& folder,
                                               const OnboardConfig& config, const io::MissionConfig& mission);
 
-// Throws InputError for a dive that has ended, or a log that cannot be read.
-[[nodiscard]] Resume readResume(const std::filesystem::path& folder, const CheckpointFiles& files,
+// Removes a checkpoint that the log does not reach to. Throws InputError for a dive that has ended, or a log
+// that cannot be read.
+[[nodiscard]] Resume readResume(const std::filesystem::path& folder, CheckpointFiles& files,
                                 const CheckpointNames& names);
 
 // UTC less the monotonic clock: as an earlier run on this machine, since it was started, had it; else the

@@ -175,6 +175,7 @@ void SoftTier::publish(std::int64_t now_ns) {
   state.link_frames = link.frames;
   state.link_bytes = link.bytes;
   state.link_blocks_waiting = link.blocks_waiting;
+  state.link_frames_arrived = link.frames_arrived;
   state.level = rule_.level();
   state.lag_ns = lag_ns_;
   state.highest_lag_ns = highest_lag_ns_;

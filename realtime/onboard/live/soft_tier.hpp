@@ -30,7 +30,7 @@ struct MapState {
   std::uint64_t pairs = 0, pairs_shed = 0, keyframes = 0, closures = 0, map_meshes_moved = 0;
   int map_tiles = 0, map_tiles_high_water = 0, map_layers = 0, map_layers_high_water = 0;
   std::uint64_t map_coarsened = 0, map_refused = 0;
-  std::uint64_t link_frames = 0, link_bytes = 0, link_blocks_waiting = 0;
+  std::uint64_t link_frames = 0, link_bytes = 0, link_blocks_waiting = 0, link_frames_arrived = 0;
   rt::DegradationLevel level = rt::DegradationLevel::kFull;
   std::int64_t lag_ns = 0, highest_lag_ns = 0;  // behind the hard tier
   std::uint64_t frames_given_back = 0;          // that found no partner, or no time

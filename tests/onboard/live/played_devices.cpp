@@ -38,16 +38,18 @@ std::optional<DeviceSample> deviceSample(const SensorSample& sample, std::int64_
 
 class PlayedSamples final : public io::SampleSource {
  public:
-  PlayedSamples(const PlayedMission& played, const VehicleClock& clock) : played_(played), clock_(clock) {}
+  PlayedSamples(const PlayedMission& played, const VehicleClock& clock)
+      : played_(played), clock_(clock), next_(played.first) {}
 
   bool poll(int timeout_ms, io::SampleSink& sink) noexcept override {
     for (; next_ < played_.inputs.size(); ++next_) {
       const auto* sample = std::get_if<SensorSample>(&played_.inputs[next_].what);
       if (sample == nullptr || std::holds_alternative<ImageEvent>(*sample)) continue;
-      const std::int64_t due = played_.inputs[next_].arrival_utc_ns + played_.shift_ns;
-      if (!waitFor(clock_, due, timeout_ms)) return true;
+      if (!waitFor(clock_, played_.dueNs(next_), timeout_ms)) return true;
       sink.sample(clock_.utcNs(), *deviceSample(*sample, played_.shift_ns));
       ++given_;
+      ++next_;
+      return true;
     }
     (void)waitFor(clock_, INT64_MAX, timeout_ms);
     return true;
@@ -78,14 +80,15 @@ class PlayedCamera final : public io::CameraSource {
         clock_(clock),
         options_(options),
         pool_(options.pool_frames,
-              static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_) * sampleBytes()) {}
+              static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_) * sampleBytes()),
+        next_(played.first) {}
 
   bool poll(int timeout_ms, io::FrameSink& sink) noexcept override {
     for (; next_ < played_.inputs.size(); ++next_) {
       const auto* sample = std::get_if<SensorSample>(&played_.inputs[next_].what);
       const auto* event = sample != nullptr ? std::get_if<ImageEvent>(sample) : nullptr;
       if (event == nullptr || event->side != side_) continue;
-      if (!waitFor(clock_, played_.inputs[next_].arrival_utc_ns + played_.shift_ns, timeout_ms)) return true;
+      if (!waitFor(clock_, played_.dueNs(next_), timeout_ms)) return true;
       give(*event, sink);
     }
     (void)waitFor(clock_, INT64_MAX, timeout_ms);
@@ -159,6 +162,15 @@ PlayedMission::PlayedMission(const std::filesystem::path& mission, const Vehicle
   std::uint64_t damaged = 0;
   inputs = io::readOnboardInputs(mission, damaged);
   shift_ns = clock.utcNs() + static_cast<std::int64_t>(lead_s * 1e9) - inputs.front().arrival_utc_ns;
+}
+
+PlayedMission::PlayedMission(const std::filesystem::path& mission, const VehicleClock& clock,
+                             std::int64_t with_shift_ns)
+    : shift_ns(with_shift_ns) {
+  std::uint64_t damaged = 0;
+  inputs = io::readOnboardInputs(mission, damaged);
+  const std::int64_t now = clock.utcNs();
+  while (first < inputs.size() && dueNs(first) < now) ++first;
 }
 
 double PlayedMission::lengthSeconds() const {

@@ -15,10 +15,17 @@ namespace fathom::test {
 struct PlayedMission {
   std::vector<io::OnboardInput> inputs;
   std::int64_t shift_ns = 0;  // added to the mission's times gives the vehicle's
+  std::size_t first = 0;      // that is played
 
   // So that the first input comes `lead_s` from now.
   PlayedMission(const std::filesystem::path& mission, const onboard::VehicleClock& clock, double lead_s);
+  // With that shift; what was due by now has been missed.
+  PlayedMission(const std::filesystem::path& mission, const onboard::VehicleClock& clock,
+                std::int64_t with_shift_ns);
   [[nodiscard]] double lengthSeconds() const;
+  [[nodiscard]] std::int64_t dueNs(std::size_t input) const {
+    return inputs[input].arrival_utc_ns + shift_ns;
+  }
 };
 
 struct PlayedOptions {
