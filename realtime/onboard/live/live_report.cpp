@@ -120,13 +120,15 @@ void LiveSystem::planMemory() {
   for (const Worker& worker : workers_) stacks += worker.thread->stackBytes();
   budget_.addFixed("stacks", stacks);
   budget_.addFixed("heap of libraries and reports", setup_.config.live.memory.heap_bytes);
-  // What is not above and lives as long as the program: its text, its libraries', stereo's and lighting's
-  // images.
+  // What is not above and lives as long as the program: images under way in stereo, lighting and features,
+  // rows.
+  const std::size_t planned = budget_.plannedBytes() - setup_.config.live.memory.heap_bytes;
   rt::ProcessMemory process;
   rt::ProcessFigures now;
-  const std::size_t planned = budget_.plannedBytes() - setup_.config.live.memory.heap_bytes;
-  if (process.read(now) && now.resident > planned)
-    budget_.addFixed("program, libraries, images under way", now.resident - planned);
+  if (process.read(now) && now.resident_private > planned)
+    budget_.addFixed("images under way", now.resident_private - planned);
+  // Locked memory makes all of it resident.
+  budget_.addFixed("program and libraries", rt::mappedFileBytes());
 }
 
 std::vector<LiveSystem::ThreadFigures> LiveSystem::cpuTimes() const {
@@ -228,6 +230,9 @@ bool LiveSystem::write() {
   }
   for (const ThreadFigures& thread : final_cpu_) live["cpu_s"][thread.name] = thread.cpu_s;
   live["memory"] = memoryOf(budget_);
+  live["memory"]["resident_at_arming_mib"] = static_cast<double>(resident_at_arming_) / kMiB;
+  live["memory"]["heap_in_use_of_reserve_mib"] = static_cast<double>(heap_used_) / kMiB;
+  live["memory"]["heap_beyond_reserve_mib"] = static_cast<double>(heap_overflow_) / kMiB;
   for (std::size_t i = 0; i < watchdog_.tiers(); ++i) {
     const rt::Watchdog::TierState& tier = watchdog_.state(i);
     live["watchdog"][tier.spec.name] = {{"times_stuck", tier.times_stuck},

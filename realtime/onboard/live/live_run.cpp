@@ -13,6 +13,7 @@
 #include "firmware_if/dvl/dvl_source.hpp"
 #include "firmware_if/lcm_bus/lcm_source.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/tiers/cpu_wake_limit.hpp"
 #include "realtime/kernel/tiers/service_notify.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 #include "realtime/onboard/live/status_publisher.hpp"
@@ -175,6 +176,7 @@ int runLive(const LiveOptions& options) {
   std::fflush(stdout);
   rt::ServiceNotify::ready(arming.complete() ? "armed" : "armed in soft mode");
 
+  const rt::CpuWakeLimit wake(config.live.realtime.cpu_wake_us);
   watchOver(live, options, clock);
   rt::ServiceNotify::stopping();
   const std::string picture = options.timeline ? live.timeline(kTimeline_s) : "";

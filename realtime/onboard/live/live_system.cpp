@@ -4,6 +4,7 @@
 #include <ctime>
 #include <functional>
 
+#include "realtime/kernel/memory/process_memory.hpp"
 #include "realtime/kernel/state_archive.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "telemetry/status.hpp"
@@ -276,6 +277,8 @@ rt::ArmingResult LiveSystem::arm(rt::HeapReserve& heap) {
   for (Worker& worker : workers_) (void)worker.thread->start(worker.body);
   arming_ = rt::arm(setup_.config.live.realtime, budget_, heap, setup_.config.live.memory.heap_bytes);
   if (!arming_.armed()) return arming_;
+  heap_ = &heap;
+  resident_at_arming_ = rt::exactResidentBytes();
   begun_mono_ns_ = clock_.monotonicNs();
   next_checkpoint_ns_ = begun_mono_ns_ + static_cast<std::int64_t>(setup_.config.live.checkpoint_s * 1e9);
   for (const Worker& worker : workers_) watchdog_.watch(worker.tier, begun_mono_ns_);
@@ -343,6 +346,10 @@ void LiveSystem::joinAll() {
 void LiveSystem::stop() {
   if (stopped_) return;
   final_cpu_ = cpuTimes();
+  if (heap_ != nullptr) {
+    heap_used_ = heap_->usedOfReserve();
+    heap_overflow_ = heap_->overflowBytes();
+  }
   for (std::size_t i = 0; i < watchdog_.tiers(); ++i) watchdog_.unwatch(i);
   stop_devices_ = true;
   for (std::size_t i = 2; i < workers_.size(); ++i)

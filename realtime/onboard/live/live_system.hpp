@@ -179,6 +179,9 @@ class LiveSystem {
   bool stopped_ = false;
   unsigned roof_health_ = UINT32_MAX;
   std::uint64_t clock_steps_ = 0;
+  rt::HeapReserve* heap_ = nullptr;
+  std::size_t resident_at_arming_ = 0, heap_used_ = 0,
+              heap_overflow_ = 0;  // [bytes], the last two when it ended
   std::int64_t last_step_ns_ = 0;
   std::int64_t begun_mono_ns_ = 0;
   std::vector<std::string> resume_said_;

@@ -54,7 +54,8 @@ OnboardSystem::PairQuota SoftTier::decide(const StereoTrigger& trigger,
   seen.period_ns = period_ns_;
   seen.last_frame_ns = last_frame_ns_;
   seen.waiting = static_cast<int>(lag_ns_ / period_ns_);
-  seen.age_ns = clock_.utcNs() - trigger.utc_ns;
+  // Since the pair could have been mapped: a DVL that lets it wait is no overload.
+  seen.age_ns = lag_ns_;
   pair_begin_ns_ = stage_begin_ns_ = clock_.monotonicNs();
   if (!caughtUp()) {
     const auto found = resume_.decisions.find(trigger.pair_index);
