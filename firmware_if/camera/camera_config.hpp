@@ -33,7 +33,7 @@ struct CameraConfig {
   std::string trigger_activation = "RisingEdge";
   double rate_hz = 2;
   std::size_t buffers = 4;        // that the driver fills
-  std::size_t pool_frames = 10;   // whole frames that map and recorder may hold
+  std::size_t pool_frames = 9;   // whole frames that map and recorder may hold
   std::string interface;          // network interface to look on; empty: all
   bool packet_socket = false;     // receive below the UDP stack; only where no other camera sends
   int receive_priority = 0;       // SCHED_FIFO of the receiving thread, 0: ordinary

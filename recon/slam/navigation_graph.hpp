@@ -13,8 +13,8 @@
 namespace fathom::slam {
 
 struct NavigationConfig {
-  int max_keyframes = 16000;
-  int max_links = 26000;  // visual odometry and closures
+  int max_keyframes = 14000;
+  int max_links = 24000;  // visual odometry and closures
   int max_fixes = 4000;
   double reference_s = 20;       // a reference of attitude serves so long [s]
   double reference_turn = 0.17;  // and over so much turning [rad]

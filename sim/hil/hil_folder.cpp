@@ -77,8 +77,7 @@ void writeHilConfig(const HilFolder& folder, const MissionSchedule& schedule, co
   if (!base.empty()) out << base << "\n\n";
   out << "# The devices of the bench.\n[cameras]\nleft = " << text(devices.left)
       << "\nright = " << text(devices.right) << "\nwidth = " << schedule.rig.left.width
-      << "\nheight = " << schedule.rig.left.height
-      << "\npacket_socket = " << (devices.packet_socket ? "true" : "false") << "\n";
+      << "\nheight = " << schedule.rig.left.height << "\n";
   out << "\n[dvl]\ndevice = " << text(devices.dvl)
       << "\nformat = \"pd0\"\nlatency_s = " << io::tomlNumber(devices.dvl_latency_s) << "\n";
   if (!devices.lcm.empty())

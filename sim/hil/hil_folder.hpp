@@ -39,8 +39,7 @@ struct HilFolder {
 
 // Where the vehicle finds its devices on this bench.
 struct HilDevices {
-  std::string left, right;  // camera ids
-  bool packet_socket = true;
+  std::string left, right;      // camera ids
   std::string dvl, modem, lcm;  // addresses; empty: none
   double dvl_latency_s = 0;
 };

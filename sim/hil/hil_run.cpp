@@ -136,7 +136,6 @@ class Bench {
     HilDevices devices;
     devices.left = network_refusal_.empty() ? kSides[0].serial : "127.0.1.1";
     devices.right = network_refusal_.empty() ? kSides[1].serial : "127.0.1.2";
-    devices.packet_socket = network_refusal_.empty();
     devices.dvl = "serial:" + folder_.dvl().string() + ":" + std::to_string(DvlPlayer::kBaud);
     devices.dvl_latency_s = dvl_->latency();
     devices.modem = options_.udp_modem ? "udp:127.0.0.1:" + std::to_string(modem_->udpPort())

@@ -38,12 +38,15 @@ bool HeapReserve::takeOverAllocator() noexcept {
 
 bool HeapReserve::reserve(std::size_t bytes) noexcept {
   used_before_ = usedBytes();
-  if (bytes > 0) {
-    void* block = std::malloc(bytes);
+  // What is free already, in whatever pieces, is part of the reserve.
+  const std::size_t free_now = heapBytes() - used_before_;
+  const std::size_t missing = bytes > free_now ? bytes - free_now : 0;
+  if (missing > 0) {
+    void* block = std::malloc(missing);
     if (block == nullptr) return false;
     // Volatile: the compiler would otherwise make a calloc of it, which touches nothing.
     const auto page = static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
-    for (std::size_t at = 0; at < bytes; at += page) static_cast<volatile char*>(block)[at] = 0;
+    for (std::size_t at = 0; at < missing; at += page) static_cast<volatile char*>(block)[at] = 0;
     std::free(block);
   }
   reserved_ = bytes;
@@ -71,6 +74,22 @@ std::size_t HeapReserve::overflowBytes() const noexcept {
   return heap > heap_then_ ? heap - heap_then_ : 0;
 }
 
+void leaveBulkData() noexcept {
+  std::FILE* maps = std::fopen("/proc/self/maps", "re");
+  if (maps == nullptr) return;
+  char line[512];
+  while (std::fgets(line, sizeof line, maps) != nullptr) {
+    unsigned long begin = 0, end = 0, inode = 0;
+    char rights[5] = {};
+    if (std::sscanf(line, "%lx-%lx %4s %*x %*s %lu", &begin, &end, rights, &inode) != 4) continue;
+    if (inode == 0 || std::strcmp(rights, "r--p") != 0 || end - begin < kBulkDataBytes) continue;
+    void* from = reinterpret_cast<void*>(begin);  // NOLINT: an address as /proc gives it
+    (void)::munlock(from, end - begin);
+    (void)::madvise(from, end - begin, MADV_DONTNEED);
+  }
+  std::fclose(maps);
+}
+
 std::size_t populateMappings() noexcept {
   std::FILE* maps = std::fopen("/proc/self/maps", "re");
   if (maps == nullptr) return 0;
@@ -80,6 +99,7 @@ std::size_t populateMappings() noexcept {
     unsigned long begin = 0, end = 0;
     char rights[5] = {};
     if (std::sscanf(line, "%lx-%lx %4s", &begin, &end, rights) != 3 || rights[0] != 'r') continue;
+    if (std::strcmp(rights, "r--p") == 0 && end - begin >= kBulkDataBytes) continue;
     // The kernel's own pages, the growing stack of main and what is shared with others stay as they are.
     if (std::strstr(line, "[v") != nullptr || std::strstr(line, "[stack]") != nullptr || rights[3] == 's')
       continue;

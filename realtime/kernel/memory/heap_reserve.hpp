@@ -11,7 +11,7 @@ namespace fathom::rt {
 // `[memory]` of a program's configuration; README.md of the kernel lists the keys.
 struct MemoryConfig {
   std::size_t budget_bytes = std::size_t{768} << 20;  // of the whole process
-  std::size_t heap_bytes = std::size_t{96} << 20;     // for what libraries and the soft tier allocate
+  std::size_t heap_bytes = std::size_t{72} << 20;     // for what libraries and the soft tier allocate
 };
 
 // Throws InputError for a value out of range or a heap larger than the budget.
@@ -44,6 +44,13 @@ class HeapReserve {
  private:
   std::size_t reserved_ = 0, used_before_ = 0, heap_then_ = 0;
 };
+
+// Read-only data of a library of at least this size is a table (character sets, projections) of which the
+// program reads little or nothing: it is left out of what is locked, counted and made resident.
+inline constexpr std::size_t kBulkDataBytes = std::size_t{16} << 20;
+
+// Unlocks such data and gives its pages back; what is read of it comes back from the disk. After mlockall().
+void leaveBulkData() noexcept;
 
 // Makes every page that this process has mapped resident, as mlockall(MCL_CURRENT) does, where locking is
 // refused: program text and library data too, which would otherwise be read when first used. Gives the bytes

@@ -1,4 +1,5 @@
 #include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/memory/heap_reserve.hpp"
 
 #include <fcntl.h>
 #include <sys/resource.h>
@@ -6,6 +7,7 @@
 
 #include <charconv>
 #include <cstdio>
+#include <cstring>
 #include <string_view>
 
 namespace fathom::rt {
@@ -59,6 +61,22 @@ std::size_t exactResidentBytes() noexcept {
   return bytes <= 0 ? 0 : kilobytes({buffer, static_cast<std::size_t>(bytes)}, "Rss:");
 }
 
+std::size_t mappedPrivateBytes() noexcept {
+  std::FILE* maps = std::fopen("/proc/self/maps", "re");
+  if (maps == nullptr) return 0;
+  std::size_t total = 0;
+  char line[512];
+  while (std::fgets(line, sizeof line, maps) != nullptr) {
+    unsigned long begin = 0, end = 0, inode = 0;
+    char rights[5] = {};
+    if (std::sscanf(line, "%lx-%lx %4s %*x %*s %lu", &begin, &end, rights, &inode) == 4 && inode == 0 &&
+        std::strcmp(rights, "rw-p") == 0)
+      total += end - begin;
+  }
+  std::fclose(maps);
+  return total;
+}
+
 std::size_t mappedFileBytes() noexcept {
   std::FILE* maps = std::fopen("/proc/self/maps", "re");
   if (maps == nullptr) return 0;
@@ -69,7 +87,7 @@ std::size_t mappedFileBytes() noexcept {
     char rights[5] = {};
     // A page without any right is never resident.
     if (std::sscanf(line, "%lx-%lx %4s %*x %*s %lu", &begin, &end, rights, &inode) == 4 && inode != 0 &&
-        rights[0] == 'r')
+        rights[0] == 'r' && !(std::strcmp(rights, "r--p") == 0 && end - begin >= kBulkDataBytes))
       total += end - begin;
   }
   std::fclose(maps);

@@ -38,5 +38,8 @@ class ProcessMemory {
 // What the program and its libraries take once every page of them is resident, as locked memory makes them
 // [bytes]. For the budget; 0 where the system does not tell.
 [[nodiscard]] std::size_t mappedFileBytes() noexcept;
+// Of memory that is the program's own, heap and stacks: what it takes once all of it is locked, touched or
+// not.
+[[nodiscard]] std::size_t mappedPrivateBytes() noexcept;
 
 }  // namespace fathom::rt

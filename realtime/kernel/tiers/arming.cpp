@@ -156,6 +156,7 @@ ArmingCheck checkLockLimit(const MemoryBudget& budget) {
 
 void lockMemory(ArmingCheck& check) {
   if (::mlockall(MCL_CURRENT | MCL_FUTURE) == 0) {
+    leaveBulkData();
     check.found = "all, present and future";
     return;
   }

@@ -29,7 +29,7 @@ struct LiveConfig {
   rt::MemoryConfig memory;
   rt::OverloadConfig overload;
   double checkpoint_s = 10;                               // between two saved states
-  std::size_t checkpoint_bytes = std::size_t{136} << 20;  // that one may take
+  std::size_t checkpoint_bytes = std::size_t{128} << 20;  // that one may take
 };
 
 // From the root table; throws InputError.

@@ -121,12 +121,11 @@ void LiveSystem::planMemory() {
   budget_.addFixed("stacks", stacks);
   budget_.addFixed("heap of libraries and reports", setup_.config.live.memory.heap_bytes);
   // What is not above and lives as long as the program: images under way in stereo, lighting and features,
-  // rows.
-  const std::size_t planned = budget_.plannedBytes() - setup_.config.live.memory.heap_bytes;
-  rt::ProcessMemory process;
-  rt::ProcessFigures now;
-  if (process.read(now) && now.resident_private > planned)
-    budget_.addFixed("images under way", now.resident_private - planned);
+  // rows. Memory that is free again is part of the heap's reserve.
+  const std::size_t heap_free = rt::HeapReserve::heapBytes() - rt::HeapReserve::usedBytes();
+  const std::size_t planned = budget_.plannedBytes() - setup_.config.live.memory.heap_bytes + heap_free;
+  const std::size_t mapped = rt::mappedPrivateBytes();
+  if (mapped > planned) budget_.addFixed("images under way", mapped - planned);
   // Locked memory makes all of it resident.
   budget_.addFixed("program and libraries", rt::mappedFileBytes());
 }
