@@ -13,7 +13,7 @@
 namespace fathom::slam {
 
 struct NavigationConfig {
-  int max_keyframes = 14000;
+  int max_keyframes = 12000;
   int max_links = 24000;  // visual odometry and closures
   int max_fixes = 4000;
   double reference_s = 20;       // a reference of attitude serves so long [s]
