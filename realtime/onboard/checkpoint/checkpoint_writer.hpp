@@ -27,7 +27,9 @@ class CheckpointWriter {
   void submit(const CheckpointHead& head, std::size_t bytes) noexcept;
   void giveUp() noexcept { too_large_.fetch_add(1, std::memory_order_relaxed); }  // it does not fit
 
-  // Best effort. Writes the checkpoint that waits, if one does; true when it did.
+  // Best effort.
+  [[nodiscard]] bool waiting() const noexcept { return waiting_.load(std::memory_order_acquire); }
+  // Writes the checkpoint that waits, if one does; true when it did.
   bool work();
 
   struct Counters {

@@ -161,7 +161,10 @@ int runLive(const LiveOptions& options) {
   for (const std::string& line : live.resumeSaid())
     std::fprintf(stderr, "fathom-onboard: %s\n", line.c_str());
   if (live.resumed())
-    std::fprintf(stderr, "fathom-onboard: goes on with this dive after %.2f s away\n", live.awaySeconds());
+    std::fprintf(stderr, "fathom-onboard: goes on with this dive after %.2f s away, from %s\n",
+                 live.awaySeconds(),
+                 live.resumedFrom() == 0 ? "its log alone"
+                                         : ("checkpoint " + std::to_string(live.resumedFrom())).c_str());
   rt::HeapReserve heap;
   std::fprintf(stderr, "%s", live.budget().table(false).c_str());
   if (options.print_budget) return kExitSuccess;

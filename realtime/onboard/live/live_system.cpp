@@ -90,7 +90,7 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock
       hard_(navCoreConfig(setup_.config, setup_.mission), {&recorder_, &sequence_}, clock_, hard_stages_) {
   resume();
   checkpoints_ = std::make_unique<CheckpointWriter>(checkpoint_files_, setup_.config.live.checkpoint_bytes,
-                                                    output_->files());
+                                                    checkpointNeeds());
   soft_ = std::make_unique<SoftTier>(
       *run_,
       SoftTier::Links{&sequence_, &frames_, &recorder_, &modem_port_, checkpoints_.get(), names_,
@@ -127,6 +127,26 @@ void LiveSystem::resume() {
   hard_.sequencer().startAfter(resume_.last_ns);
   resumed_from_ = resume_.number();
   (void)hard_.mark({io::Mark::Kind::kRestart, resumed_from_});
+}
+
+std::vector<std::filesystem::path> LiveSystem::checkpointNeeds() const {
+  std::vector<std::filesystem::path> files = output_->files();
+  for (const SlotFile* slots : {slots_.features.get(), slots_.meshes.get()})
+    if (slots != nullptr) files.push_back(slots->path());
+  return files;
+}
+
+// A state that is ahead of the log would be of no use, and one whose decisions the log lacks would not be
+// what a replay makes of it. Whatever was offered before the state was saved is on the disk when the recorder
+// has begun a sync since then and ended it: of two, the second at the latest.
+void LiveSystem::writeCheckpoint() {
+  constexpr std::uint64_t kSyncsBetween = 2;
+  if (!checkpoints_->waiting()) return;
+  const std::uint64_t syncs = recorder_.counters().syncs;
+  if (!syncs_then_) syncs_then_ = syncs;
+  if (syncs < *syncs_then_ + kSyncsBetween) return;
+  syncs_then_.reset();
+  (void)checkpoints_->work();
 }
 
 // A checkpoint whose checksums are right, but which does not load, is of another program, or the files beside
@@ -208,7 +228,7 @@ void LiveSystem::planThreads() {
   }
   const std::size_t navigation = watch("navigation", false, true);
   addBestEffort(
-      "checkpoints", [this] { (void)checkpoints_->work(); }, kCheckpointRestNs);
+      "checkpoints", [this] { writeCheckpoint(); }, kCheckpointRestNs);
   addWorker(rt::Tier::kHard, "navigation", navigation,
             [this, navigation] { runHard(watchdog_.heartbeat(navigation)); });
 }

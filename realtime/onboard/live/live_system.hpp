@@ -123,6 +123,8 @@ class LiveSystem {
   [[nodiscard]] std::unique_ptr<MissionRun> makeRun();
   // Brings the run and the hard tier to where the program was.
   void resume();
+  void writeCheckpoint();
+  [[nodiscard]] std::vector<std::filesystem::path> checkpointNeeds() const;
   void beginFromTheLog(const std::string& why);
   [[nodiscard]] std::optional<ImageView> pixels(const std::string& file_name, CameraSide side);
   [[nodiscard]] bool hasPixels(const std::string& file_name, CameraSide side);
@@ -157,6 +159,7 @@ class LiveSystem {
   CheckpointNames names_;
   Resume resume_;
   std::uint64_t next_checkpoint_ = 1;
+  std::optional<std::uint64_t> syncs_then_;  // of the recorder, when the checkpoint that waits was first seen
   std::int64_t next_checkpoint_ns_ = 0;
   bool resumed_ = false;
   std::uint64_t resumed_from_ = 0;

@@ -41,7 +41,7 @@ SlotFile::SlotFile(const std::filesystem::path& folder, std::size_t slots, std::
 }
 
 SlotFile::SlotFile(const Named& named, std::size_t slots, std::size_t slot_bytes)
-    : slots_(slots), slot_bytes_(slot_bytes) {
+    : path_(named.file), slots_(slots), slot_bytes_(slot_bytes) {
   constexpr int kMode = 0644;
   file_ = ::open(named.file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kMode);
   struct stat found {};

@@ -34,6 +34,7 @@ class SlotFile : public SlotStore {
   [[nodiscard]] bool write(std::size_t slot, std::span<const std::uint8_t> data) override;
   [[nodiscard]] bool read(std::size_t slot, std::span<std::uint8_t> data) override;
 
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }  // empty without a name
   [[nodiscard]] bool kept() const { return kept_; }  // a named file's content of an earlier run
   // Brings all that was written to the disk; may be called while others write. False when the disk fails.
   [[nodiscard]] bool sync();
@@ -45,6 +46,7 @@ class SlotFile : public SlotStore {
   // Takes the file's blocks from the disk; closes it and throws where there is no room.
   void allocate(const std::string& where);
 
+  std::filesystem::path path_;
   std::size_t slots_, slot_bytes_;
   bool kept_ = false;
   int file_ = -1;

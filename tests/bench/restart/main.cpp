@@ -140,11 +140,12 @@ bool print(const std::vector<Row>& rows, const LoggedInputs& logged, std::int64_
     worst_lost = std::max(worst_lost, lost);
     if (next.navigates_ns > 0) worst_nav = std::max(worst_nav, seconds(next.spawned_ns, next.navigates_ns));
     if (next.caught_up_ns > 0) worst_all = std::max(worst_all, seconds(next.spawned_ns, next.caught_up_ns));
-    std::printf("%3zu %9s %6.2f %8.2f | %6s %6s %5llu %6.2f %6s | %6.2f %9s %9s %9s %11s%s\n", i + 1,
+    std::printf("%3zu %9s %6.2f %8.2f | %6s %6s %5s %6.2f %6s | %6.2f %9s %9s %9s %11s%s\n", i + 1,
                 nameOf(rows[i].kill.when), seconds(life.spawned_ns, life.ended_ns),
                 seconds(first_due_ns, life.ended_utc_ns), took(next.spawned_ns, next.navigates_ns).c_str(),
-                took(next.spawned_ns, next.caught_up_ns).c_str(), static_cast<unsigned long long>(next.from),
-                next.said_away_s, took(life.ended_ns, next.navigates_ns).c_str(), lost,
+                took(next.spawned_ns, next.caught_up_ns).c_str(),
+                next.resumed ? std::to_string(next.from).c_str() : "-", next.said_away_s,
+                took(life.ended_ns, next.navigates_ns).c_str(), lost,
                 change(was.pairs, after(&DiveState::pairs)).c_str(),
                 change(was.keyframes, after(&DiveState::keyframes)).c_str(),
                 change(was.tiles, after(&DiveState::tiles)).c_str(),

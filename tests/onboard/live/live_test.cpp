@@ -6,7 +6,6 @@
 
 #include "realtime/onboard/live/live_system.hpp"
 #include "realtime/onboard/replay.hpp"
-#include "recon/geometry/stereo_rig.hpp"
 #include "tests/onboard/live/played_devices.hpp"
 
 namespace fathom::onboard {
@@ -35,25 +34,12 @@ struct Dive {
 
   void run(double rate, const test::PlayedOptions& played_options = {}) {
     const fs::path mission_folder = FATHOM_REEF_MISSION;
-    fs::remove_all(folder);
-    fs::create_directories(folder);
-    // As on a vehicle: the folder lies there with its mission and calibration before the dive.
-    for (const char* name : {"mission.toml", "stereo.calib"})
-      fs::copy_file(mission_folder / name, folder / name);
-    const io::MissionConfig mission = io::readMissionConfig(folder);
-    const StereoRig rig = readStereoCalib(io::MissionPaths(folder).calib());
-    OnboardConfig config = readOnboardConfig(std::nullopt, mission);
-    config.max_pairs = 400;
-    config.localisation.max_keyframes = 400;
-    config.live.realtime.soft = true;
-    config.live.recorder.planned_hours = 0.01;
-    config.live.recorder.image_reserve_mib = 1;
-    config.live.memory.heap_bytes = std::size_t{16} << 20;
-    config.live.memory.budget_bytes = std::size_t{2048} << 20;
+    const LiveSetup setup = test::liveSetup(mission_folder, folder, true);
     VehicleClock clock(VehicleClock::systemOffsetNs(), rate);
     const test::PlayedMission played(mission_folder, clock, 2.0 * rate);
-    LiveSystem live({folder, config, mission, rig},
-                    test::playedDevices(played, mission_folder, mission, rig, clock, played_options), clock);
+    LiveSystem live(
+        setup, test::playedDevices(played, mission_folder, setup.mission, setup.rig, clock, played_options),
+        clock);
     rt::HeapReserve heap;
     ASSERT_TRUE(live.arm(heap).armed());
     const std::int64_t end =
@@ -81,9 +67,8 @@ TEST(Live, recordingReplaysToTheSameBytes) {
   EXPECT_EQ(dive.input_refused, 0U);
   EXPECT_EQ(dive.hard_cost.heap_calls, 0U);
 
-  // A replay must find the pools that the dive had.
   const fs::path config = fs::path(testing::TempDir()) / "fathom_live_dive.toml";
-  std::ofstream(config) << "[slam]\nmax_pairs = 400\nmax_keyframes = 400\n";
+  std::ofstream(config) << test::kLivePools;
   ReplayOptions options_again;
   options_again.mission = dive.folder;
   options_again.config = config;

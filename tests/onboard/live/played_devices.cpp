@@ -177,6 +177,25 @@ double PlayedMission::lengthSeconds() const {
   return static_cast<double>(inputs.back().arrival_utc_ns - inputs.front().arrival_utc_ns) * 1e-9;
 }
 
+onboard::LiveSetup liveSetup(const std::filesystem::path& mission_folder, const std::filesystem::path& folder,
+                             bool anew) {
+  if (anew) {
+    std::filesystem::remove_all(folder);
+    std::filesystem::create_directories(folder);
+    for (const char* name : {"mission.toml", "stereo.calib"})
+      std::filesystem::copy_file(mission_folder / name, folder / name);
+  }
+  const io::MissionConfig mission = io::readMissionConfig(folder);
+  onboard::OnboardConfig config = onboard::readOnboardConfig(std::nullopt, mission);
+  config.max_pairs = config.localisation.max_keyframes = 400;
+  config.live.realtime.soft = true;
+  config.live.recorder.planned_hours = 0.01;
+  config.live.recorder.image_reserve_mib = 1;
+  config.live.memory.heap_bytes = std::size_t{16} << 20;
+  config.live.memory.budget_bytes = std::size_t{2048} << 20;
+  return {folder, config, mission, readStereoCalib(io::MissionPaths(folder).calib())};
+}
+
 onboard::LiveDevices playedDevices(const PlayedMission& played, const std::filesystem::path& folder,
                                    const io::MissionConfig& mission, const StereoRig& rig,
                                    const VehicleClock& clock, const PlayedOptions& options) {

@@ -28,6 +28,13 @@ struct PlayedMission {
   }
 };
 
+// Of a dive in `folder` with the mission and calibration of that one, in soft mode and with pools for some
+// minutes; `anew`: what was in the folder is removed. As on a vehicle, the two lie there before the dive.
+[[nodiscard]] onboard::LiveSetup liveSetup(const std::filesystem::path& mission,
+                                           const std::filesystem::path& folder, bool anew);
+// A replay must find the pools that the dive had: this configuration.
+constexpr const char* kLivePools = "[slam]\nmax_pairs = 400\nmax_keyframes = 400\n";
+
 struct PlayedOptions {
   std::size_t pool_frames = 12;
   std::uint64_t lost_left = UINT64_MAX;  // this exposure of the left camera never comes
