@@ -24,7 +24,7 @@ namespace {
 
 constexpr double kSupervise_s = 0.1;
 constexpr double kStatusEvery_s = 10;
-constexpr double kTimeline_s = 1;
+constexpr double kTimeline_s = 1, kPictureEvery_s = 10;
 constexpr std::int64_t kPublisherRest_ns = 50'000'000;
 
 volatile std::sig_atomic_t told_to_end = 0;
@@ -100,7 +100,30 @@ std::string statusLine(LiveSystem& live, double since_s) {
   return text;
 }
 
-void watchOver(LiveSystem& live, const LiveOptions& options, const VehicleClock& clock) {
+// A second of all tiers in which a pair was mapped, the newest of its kind: at most one in ten seconds is
+// drawn.
+class PictureTaker {
+ public:
+  explicit PictureTaker(LiveSystem& live) : live_(live) {}
+  void look(double since_s) {
+    MapState map;
+    if (!live_.soft().readForSupervisor(map) || map.pairs == pairs_) return;
+    pairs_ = map.pairs;
+    if (since_s < next_s_) return;
+    next_s_ = since_s + kPictureEvery_s;
+    picture_ = live_.timeline(kTimeline_s);
+  }
+  [[nodiscard]] std::string take() { return picture_.empty() ? live_.timeline(kTimeline_s) : picture_; }
+
+ private:
+  LiveSystem& live_;
+  std::uint64_t pairs_ = 0;
+  double next_s_ = 0;
+  std::string picture_;
+};
+
+void watchOver(LiveSystem& live, const LiveOptions& options, const VehicleClock& clock,
+               PictureTaker* pictures) {
   const std::int64_t begin = clock.monotonicNs();
   double next_status = kStatusEvery_s;
   while (told_to_end == 0) {
@@ -109,6 +132,7 @@ void watchOver(LiveSystem& live, const LiveOptions& options, const VehicleClock&
       std::fprintf(stderr, "fathom-onboard: %s\n", event.c_str());
     if (live.watchdog().vitalAlive()) rt::ServiceNotify::alive();
     const double since_s = static_cast<double>(clock.monotonicNs() - begin) * 1e-9;
+    if (pictures != nullptr) pictures->look(since_s);
     if (options.for_s > 0 && since_s >= options.for_s) return;
     if (since_s < next_status) continue;
     next_status += kStatusEvery_s;
@@ -180,9 +204,10 @@ int runLive(const LiveOptions& options) {
   rt::ServiceNotify::ready(arming.complete() ? "armed" : "armed in soft mode");
 
   const rt::CpuWakeLimit wake(config.live.realtime.cpu_wake_us);
-  watchOver(live, options, clock);
+  PictureTaker pictures(live);
+  watchOver(live, options, clock, options.timeline ? &pictures : nullptr);
   rt::ServiceNotify::stopping();
-  const std::string picture = options.timeline ? live.timeline(kTimeline_s) : "";
+  const std::string picture = options.timeline ? pictures.take() : "";
   live.stop();
   const bool mapped = live.write();
   if (options.timeline) {
