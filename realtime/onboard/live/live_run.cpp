@@ -184,17 +184,17 @@ int runLive(const LiveOptions& options) {
       live, bus, mission, options.folder, StatusPublisher::Config{config.live.lcm.publish_hz, lane}, clock);
   for (const std::string& line : live.resumeSaid())
     std::fprintf(stderr, "fathom-onboard: %s\n", line.c_str());
-  if (live.resumed())
-    std::fprintf(stderr, "fathom-onboard: goes on with this dive after %.2f s away, from %s\n",
-                 live.awaySeconds(),
-                 live.resumedFrom() == 0 ? "its log alone"
-                                         : ("checkpoint " + std::to_string(live.resumedFrom())).c_str());
   rt::HeapReserve heap;
   std::fprintf(stderr, "%s", live.budget().table(false).c_str());
   if (options.print_budget) return kExitSuccess;
   const rt::ArmingResult arming = live.arm(heap);
   if (!arming.complete()) std::fprintf(stderr, "%s", arming.message().c_str());
   if (!arming.armed()) return kExitFailedWork;
+  if (live.resumed())
+    std::fprintf(stderr, "fathom-onboard: goes on with this dive after %.2f s away, from %s\n",
+                 live.awaySeconds(),
+                 live.resumedFrom() == 0 ? "its log alone"
+                                         : ("checkpoint " + std::to_string(live.resumedFrom())).c_str());
   if (arming.complete())
     std::fprintf(stderr, "armed with SCHED_FIFO and locked memory\n");
   else

@@ -118,7 +118,7 @@ void LiveSystem::resume() {
   next_checkpoint_ = resume_.newest_number + 1;
   if (!resume_.any()) return;
   resumed_ = true;
-  away_ns_ = std::max<std::int64_t>(0, clock_.utcNs() - resume_.last_ns);
+  away_since_ns_ = resume_.last_ns;
   if (resume_.checkpoint) {
     rt::StateReader for_run(resume_.checkpoint->state), for_hard(resume_.checkpoint->state);
     if (!run_->load(for_run) || !for_hard(hard_.nav())) beginFromTheLog(for_run.failure());
@@ -300,6 +300,7 @@ rt::ArmingResult LiveSystem::arm(rt::HeapReserve& heap) {
   heap_ = &heap;
   resident_at_arming_ = rt::exactResidentBytes();
   begun_mono_ns_ = clock_.monotonicNs();
+  if (resumed_) away_ns_ = std::max<std::int64_t>(0, clock_.utcNs() - away_since_ns_);
   next_checkpoint_ns_ = begun_mono_ns_ + static_cast<std::int64_t>(setup_.config.live.checkpoint_s * 1e9);
   for (const Worker& worker : workers_) watchdog_.watch(worker.tier, begun_mono_ns_);
   (void)hard_.mark({io::Mark::Kind::kHealth, roof_health_ = roofHealth()});

@@ -96,7 +96,8 @@ class LiveSystem {
   // The last `seconds` of all tiers as a picture (SVG).
   [[nodiscard]] std::string timeline(double seconds);
   [[nodiscard]] std::uint64_t clockSteps() const { return clock_steps_; }
-  // The program went on with an earlier run's dive; how long nobody listened [s]; what was passed over.
+  // The program went on with an earlier run's dive; how long nobody listened [s],
+  // known when armed; what was passed over.
   [[nodiscard]] bool resumed() const { return resumed_; }
   [[nodiscard]] double awaySeconds() const { return static_cast<double>(away_ns_) * 1e-9; }
   [[nodiscard]] const std::vector<std::string>& resumeSaid() const { return resume_said_; }
@@ -163,7 +164,7 @@ class LiveSystem {
   std::int64_t next_checkpoint_ns_ = 0;
   bool resumed_ = false;
   std::uint64_t resumed_from_ = 0;
-  std::int64_t away_ns_ = 0;
+  std::int64_t away_since_ns_ = 0, away_ns_ = 0;
   std::unique_ptr<OnboardOutput> output_;
   Slots slots_;
   RecordedPairs recorded_;  // pixels of before the program started again

@@ -60,8 +60,7 @@ std::optional<DiveState> newestStateUntil(const std::vector<DiveLife>& lives, st
 }
 
 bool holdsAllOf(const DiveState& now, const DiveState& before) {
-  return now.pairs >= before.pairs && now.keyframes >= before.keyframes && now.tiles >= before.tiles &&
-         now.arrived >= before.arrived;
+  return now.pairs >= before.pairs && now.keyframes >= before.keyframes && now.arrived >= before.arrived;
 }
 
 std::vector<std::string> differencesToReplay(const fs::path& dive, const fs::path& config,

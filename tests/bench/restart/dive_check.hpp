@@ -40,7 +40,7 @@ class LoggedInputs {
 // The newest state that any of the lives told, of what came until then; none, when none was so old.
 [[nodiscard]] std::optional<DiveState> newestStateUntil(const std::vector<DiveLife>& lives,
                                                         std::int64_t utc_ns);
-// Nothing of it is less.
+// Nothing of it is less; the map may take fewer tiles when its meshes have moved.
 [[nodiscard]] bool holdsAllOf(const DiveState& now, const DiveState& before);
 
 // Replays the dive into `again`: the files of onboard/ that are not the same bytes.

@@ -2,7 +2,7 @@
 // catches up, about the time when a state is saved, and in between; starts it again at once, and tells how
 // long it took, what was lost, and whether the recording replays to the same bytes.
 //
-//   report_kill MISSION [--kills 20] [--seed 1] [--from-s 0] [--checkpoint-s 3] [--out FOLDER]
+//   report_kill MISSION [--kills 20] [--seed 1] [--from-s 0] [--checkpoint-s 3] [--small] [--out FOLDER]
 //
 // The program is the live one in soft mode, its devices played from the mission at their real rate in the
 // vehicle's time, which goes on over the restarts; a ship answers. Exit status 1 when something older than a
@@ -36,6 +36,7 @@ struct Options {
   fs::path mission, out = fs::temp_directory_path() / "report_kill";
   int kills = 20;
   unsigned seed = 1;
+  bool small = false;
   double from_s = 0, checkpoint_s = 3, last_s = 6;
 };
 
@@ -85,10 +86,10 @@ fs::path beginDive(const Options& options, const fs::path& dive) {
   for (const char* name : {"mission.toml", "stereo.calib"})
     fs::copy_file(options.mission / name, dive / name);
   fs::path config = options.out / "onboard.toml";
-  std::ofstream(config) << "[slam]\nmax_pairs = 2000\nmax_keyframes = 2000\n"
+  std::ofstream(config) << (options.small ? "[slam]\nmax_pairs = 400\nmax_keyframes = 400\n" : "")
                         << "[restart]\ncheckpoint_s = " << options.checkpoint_s << "\n"
                         << "[recorder]\nplanned_hours = 0.2\nimage_reserve_mib = 64\n"
-                        << "[memory]\nbudget_mib = 2048\n";
+                        << "[memory]\nbudget_mib = 4096\n";
   return config;
 }
 
@@ -219,6 +220,7 @@ int main(int argc, char** argv) {
   app.add_option("--from-s", options.from_s, "the dive begins there in the mission [s]");
   app.add_option("--checkpoint-s", options.checkpoint_s, "between two saved states [s]")
       ->check(CLI::Range(1.0, 600.0));
+  app.add_flag("--small", options.small, "pools for some minutes, not for the five hours of the defaults");
   app.add_option("--last-s", options.last_s, "life of the program that is not killed [s]");
   app.add_option("--out", options.out,
                  "folder for the dive and its replay; what is there of an earlier report is removed");
