@@ -33,7 +33,8 @@ int main(int argc, char** argv) {
   app.add_option("--for", live.for_s, "End the survey after so many seconds; default: at SIGTERM or SIGINT")
       ->check(CLI::Range(0.0, 1e6))
       ->needs(live_option);
-  app.add_option("--timeline", timeline, "Write a picture (SVG) of one second of every tier's stages, with a pair in it")
+  app.add_option("--timeline", timeline,
+                 "Write a picture (SVG) of one second of every tier's stages, with a pair in it")
       ->needs(live_option);
   replay.addOptions(app, replay_option);
   if (const auto code = parseCommandLine("fathom-onboard", app, argc, argv)) return *code;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <type_traits>
 
 namespace fathom::onboard {
@@ -218,6 +219,10 @@ telemetry::Status OnboardSystem::status(std::int64_t now_ns) const {
   status.pairs_dropped = static_cast<std::uint32_t>(unreadable_images_ + shed_pairs_ + counters.bad_images +
                                                     counters.pairs_without_points);
   // What the vehicle's own control says counts before what the plan lets guess.
+  status.slipped_cycles = slipped_cycles_;
+  // Pairs that cost less than a whole one, or were dropped.
+  status.shed_work = static_cast<std::uint32_t>(
+      std::accumulate(pairs_at_level_.begin() + 1, pairs_at_level_.end(), std::uint64_t{0}));
   status.mission_progress =
       told_progress_ ? *told_progress_ : progress_.fraction().value_or(telemetry::kAbsent);
   const fusion::QuadtreeMap::Counters tiles = map_.map().counters();

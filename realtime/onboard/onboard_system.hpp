@@ -67,7 +67,11 @@ class OnboardSystem {
   // Asked for every pair before it is mapped; without one all work is done.
   void setPairPolicy(PairPolicy policy) { policy_ = std::move(policy); }
   // Health flags (telemetry's) of what the cores cannot see. At first: soft real time, as a replay is.
-  void setRoofHealth(unsigned flags) { roof_health_ = flags; }
+  // `slipped`: cycles of the hard loop that were skipped so far.
+  void setRoofHealth(unsigned flags, std::uint32_t slipped) {
+    roof_health_ = flags;
+    slipped_cycles_ = slipped;
+  }
 
   // The survey is over: localisation and map come to their final state.
   void finish(std::int64_t now_ns);
@@ -136,6 +140,7 @@ class OnboardSystem {
   std::array<ImageName, kNames> image_names_;  // by frame number
   PairPolicy policy_;
   unsigned roof_health_ = telemetry::kHealthSoftRealTime;
+  std::uint32_t slipped_cycles_ = 0;
   std::uint64_t shed_pairs_ = 0;
   std::array<std::uint64_t, kLevels> pairs_at_level_{};
   std::optional<SE3> last_pose_;  // T_odom_body, for the distance travelled

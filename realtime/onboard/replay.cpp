@@ -101,10 +101,10 @@ std::map<std::uint32_t, OnboardSystem::PairQuota> decisionsOf(const std::vector<
 
 ReplaySummary replay(const ReplayOptions& options) {
   const io::MissionPaths paths(options.mission);
-  OnboardConfig config = readOnboardConfig(options.config);
+  const io::MissionConfig mission = io::readMissionConfig(options.mission);
+  OnboardConfig config = readOnboardConfig(options.config, mission);
   if (!config.warning.empty()) std::fprintf(stderr, "fathom-onboard: warning: %s\n", config.warning.c_str());
   if (options.no_slam) config.localisation.enabled = false;
-  const io::MissionConfig mission = io::readMissionConfig(options.mission);
   const StereoRig rig = readStereoCalib(paths.calib());
 
   std::uint64_t damaged = 0;

@@ -56,7 +56,7 @@ int ReplayCommand::run(const std::string& mission, const std::string& config) {
   if (!downlink_.empty()) options_.link.downlink = downlink_;
   std::optional<sim::SimulatedShip> ship;
   if (!heard_.empty()) {
-    const OnboardConfig onboard = readOnboardConfig(options_.config);
+    const OnboardConfig onboard = readOnboardConfig(options_.config, io::readMissionConfig(mission));
     water_.rate_bps = water_rate_.value_or(onboard.link.scheduler.rate_bps);
     water_.key = onboard.downlink_key;
     if (off_.size() == 2) {

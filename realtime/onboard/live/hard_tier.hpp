@@ -36,9 +36,9 @@ class HardTier {
     io::Recorder* recorder = nullptr;  // may be null: nothing is recorded
     SequenceRing* soft = nullptr;
   };
-  static constexpr std::size_t kStages = 3;
+  static constexpr std::size_t kStages = 2;
   static constexpr std::array<rt::StageSpec, kStages> kStageSpecs = {
-      {{"inputs", 0}, {"dead reckoning", 0}, {"hand over", 0}}};
+      {{"inputs and dead reckoning", 0}, {"publish", 0}}};
 
   HardTier(const NavCoreConfig& nav, const Links& links, rt::Clock& clock, rt::StageTimes& stages);
 

@@ -15,6 +15,8 @@ namespace {
 constexpr std::int64_t kRestNs = 2'000'000;  // of a tier that found nothing to do
 constexpr std::int64_t kRecorderRestNs = 10'000'000;
 constexpr std::int64_t kCheckpointRestNs = 100'000'000;
+constexpr std::int64_t kCameraSearchNs =
+    10'000'000'000;  // that a camera's thread may be away for, looking for it
 constexpr int kRecorderBudgetMs = 50;
 constexpr std::size_t kInputsAtOnce = 64;            // of the soft tier, between two heartbeats
 constexpr std::int64_t kClockStep_ns = 100'000'000;  // the system's clock was set, not steered
@@ -183,8 +185,9 @@ LiveSystem::~LiveSystem() {
   joinAll();
 }
 
-std::size_t LiveSystem::watch(const char* name, bool restartable, bool vital) {
-  return watchdog_.add({name, setup_.config.live.realtime.stuck_after_ns, restartable, vital});
+std::size_t LiveSystem::watch(const char* name, bool restartable, bool vital, std::int64_t least_ns) {
+  return watchdog_.add(
+      {name, std::max(setup_.config.live.realtime.stuck_after_ns, least_ns), restartable, vital});
 }
 
 void LiveSystem::addWorker(rt::Tier tier, const char* name, std::size_t watched, std::function<void()> body) {
@@ -210,7 +213,7 @@ void LiveSystem::planThreads() {
   }
   const auto camera = [&](std::size_t i, const char* name, io::CameraSource& source,
                           std::unique_ptr<CameraThread>& to) {
-    const std::size_t tier = watch(name, true, false);
+    const std::size_t tier = watch(name, true, false, kCameraSearchNs);
     to = std::make_unique<CameraThread>(
         source, CameraThread::Links{&own_rings_[i], &frame_rings_[i], &recorder_, &watchdog_.heartbeat(tier)},
         clock_);
@@ -262,6 +265,7 @@ void LiveSystem::runHard(rt::Heartbeat& heart) {
       const rt::ThreadCost cost = rt::threadCost() - before;
       hard_heap_calls_.store(cost.heap_calls, std::memory_order_relaxed);
       hard_minor_faults_.store(cost.minor_faults, std::memory_order_relaxed);
+      hard_slipped_.store(loop_->statistics().slipped_cycles, std::memory_order_relaxed);
       hard_major_faults_.store(cost.major_faults, std::memory_order_relaxed);
     }
     return !stop_hard_.load(std::memory_order_acquire);
@@ -308,8 +312,8 @@ rt::ArmingResult LiveSystem::arm(rt::HeapReserve& heap) {
   return arming_;
 }
 
-unsigned LiveSystem::roofHealth() {
-  unsigned flags = 0;
+std::uint64_t LiveSystem::roofHealth() {
+  std::uint64_t flags = hard_slipped_.load(std::memory_order_relaxed) << 16U;
   if (!arming_.complete()) flags |= telemetry::kHealthSoftRealTime;
   if (soft_->overload().level() != rt::DegradationLevel::kFull) flags |= telemetry::kHealthOverload;
   const io::Recorder::Counters recorded = recorder_.counters();
@@ -355,7 +359,7 @@ std::vector<std::string> LiveSystem::supervise() {
     ++next_checkpoint_;
     next_checkpoint_ns_ = now + static_cast<std::int64_t>(setup_.config.live.checkpoint_s * 1e9);
   }
-  const unsigned health = roofHealth();
+  const std::uint64_t health = roofHealth();
   if (health != roof_health_ && hard_.mark({io::Mark::Kind::kHealth, health})) roof_health_ = health;
   return events;
 }

@@ -129,7 +129,7 @@ class LiveSystem {
   void beginFromTheLog(const std::string& why);
   [[nodiscard]] std::optional<ImageView> pixels(const std::string& file_name, CameraSide side);
   [[nodiscard]] bool hasPixels(const std::string& file_name, CameraSide side);
-  [[nodiscard]] std::size_t watch(const char* name, bool restartable, bool vital);
+  [[nodiscard]] std::size_t watch(const char* name, bool restartable, bool vital, std::int64_t least_ns = 0);
   void addWorker(rt::Tier tier, const char* name, std::size_t watched, std::function<void()> body);
   void planThreads();
   void planMemory();
@@ -137,7 +137,7 @@ class LiveSystem {
   void runSoft();
   void runRecorder();
   void joinAll();
-  [[nodiscard]] unsigned roofHealth();
+  [[nodiscard]] std::uint64_t roofHealth();
 
   LiveSetup setup_;
   LiveDevices devices_;
@@ -178,10 +178,11 @@ class LiveSystem {
   std::deque<Worker> workers_;
   std::atomic<bool> go_{false}, stop_devices_{false}, stop_hard_{false}, stop_soft_{false},
       stop_modem_{false}, stop_recorder_{false}, soft_done_{false};
-  std::atomic<std::uint64_t> hard_heap_calls_{0}, hard_minor_faults_{0}, hard_major_faults_{0};
+  std::atomic<std::uint64_t> hard_heap_calls_{0}, hard_minor_faults_{0}, hard_major_faults_{0},
+      hard_slipped_{0};
   std::size_t lanes_ = 0;  // of the recorder, in use
   bool stopped_ = false;
-  unsigned roof_health_ = UINT32_MAX;
+  std::uint64_t roof_health_ = UINT64_MAX;
   std::uint64_t clock_steps_ = 0;
   rt::HeapReserve* heap_ = nullptr;
   std::size_t resident_at_arming_ = 0, heap_used_ = 0,
