@@ -1,6 +1,7 @@
 #include "sim/hil/mission_schedule.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <optional>
 #include <type_traits>
@@ -9,6 +10,7 @@
 #include "firmware_if/feature_file.hpp"
 #include "firmware_if/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "recon/nav/camera_clock.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -139,9 +141,15 @@ MissionSchedule makeSchedule(const std::filesystem::path& mission_folder, const 
     std::int64_t offset_ns = 0;
   };
   std::vector<Entry> entries;
+  std::array<nav::CameraClock, 2> clocks;  // by CameraSide
   io::SensorLogReader reader(mission_folder);
   while (auto sample = reader.next()) {
-    const std::int64_t offset_ns = clockOffset(sample->sample, schedule.mission.time_offsets);
+    std::int64_t offset_ns = clockOffset(sample->sample, schedule.mission.time_offsets);
+    // A recorded camera's own clock drifts; the exposure was when navigation will find it to have been.
+    if (const auto* image = std::get_if<ImageEvent>(&sample->sample))
+      offset_ns +=
+          clocks[static_cast<std::size_t>(image->side)].utcNs(image->utc_ns, sample->arrival_utc_ns) -
+          image->utc_ns;
     entries.push_back({std::move(*sample), offset_ns});
   }
   const auto true_time = [](const Entry& e) { return timeOf(e.logged.sample) + e.offset_ns; };
