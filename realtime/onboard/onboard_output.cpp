@@ -1,5 +1,8 @@
 #include "realtime/onboard/onboard_output.hpp"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <Eigen/Dense>
 #include <array>
 #include <cassert>
@@ -44,8 +47,8 @@ void exchangePair(Archive& archive, Output& output, Name& left, Name& right, Alt
 }  // namespace
 
 OnboardOutput::OnboardOutput(const std::filesystem::path& folder, const Geodetic& origin,
-                             const OutputFolder::Life& life)
-    : folder_(folder, kOurs, life) {
+                             const OutputFolder::Life& life, double planned_hours)
+    : folder_(folder, kOurs, life), planned_hours_(planned_hours) {
   poses_.origin = origin;
   for (Growing& file : files_)
     if (file.from_the_start) open(file);
@@ -55,6 +58,28 @@ OnboardOutput::OnboardOutput(const std::filesystem::path& folder, const Geodetic
 void OnboardOutput::open(Growing& file) {
   file.stream.open(folder_.path() / file.name, std::ios::binary | std::ios::app | std::ios::ate);
   if (!file.stream) throw std::runtime_error("cannot write into " + folder_.path().string());
+  takeRoom(file);
+}
+
+void OnboardOutput::takeRoom(const Growing& file) {
+  if (planned_hours_ <= 0) return;
+  const std::filesystem::path path = folder_.path() / file.name;
+  const int fd = ::open(path.c_str(), O_WRONLY | O_CLOEXEC);
+  if (fd < 0) return;
+  // A file system that cannot take room beforehand is written to as it comes.
+  const auto bytes = static_cast<off_t>(planned_hours_ * file.bytes_an_hour);
+  (void)::fallocate(fd, FALLOC_FL_KEEP_SIZE, static_cast<off_t>(std::filesystem::file_size(path)), bytes);
+  ::close(fd);
+}
+
+void OnboardOutput::giveRoomBack() {
+  if (planned_hours_ <= 0) return;
+  for (const Growing& file : files_) {
+    const std::filesystem::path path = folder_.path() / file.name;
+    std::error_code error;
+    const auto bytes = std::filesystem::file_size(path, error);
+    if (!error) std::filesystem::resize_file(path, bytes, error);
+  }
 }
 
 void OnboardOutput::addOdometry(std::int64_t utc_ns, const SE3& T_odom_body) {
@@ -173,6 +198,7 @@ void OnboardOutput::commit() {
     if (file.stream.fail())
       throw std::runtime_error("cannot write into " + folder_.path().string() + " (disk full?)");
   }
+  giveRoomBack();
   std::filesystem::remove(folder_.path() / files_[1].name);
   folder_.commit();
 }

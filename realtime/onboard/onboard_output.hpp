@@ -21,9 +21,10 @@ namespace fathom::onboard {
 // not grow with the mission.
 class OnboardOutput {
  public:
-  // Throws InputError for a folder that holds anything but an earlier replay.
+  // Throws InputError for a folder that holds anything but an earlier replay. `planned_hours`: room on the
+  // disk is taken for the rows of so long, which a disk that others fill later cannot take away.
   OnboardOutput(const std::filesystem::path& folder, const Geodetic& origin,
-                const OutputFolder::Life& life = OutputFolder::Life());
+                const OutputFolder::Life& life = OutputFolder::Life(), double planned_hours = 0);
   OnboardOutput(const OnboardOutput&) = delete;
   OnboardOutput& operator=(const OnboardOutput&) = delete;
 
@@ -58,20 +59,24 @@ class OnboardOutput {
   struct Growing {
     const char* name;
     bool from_the_start;  // else it is there only once something was written
+    double bytes_an_hour;
     std::ofstream stream{};
   };
   template <typename Archive>
   void exchange(Archive& archive);
   void open(Growing& file);
+  void takeRoom(const Growing& file);
+  void giveRoomBack();
   void cutBack(Growing& file, bool there, std::uint64_t bytes);
   void readPairs();
 
   OutputFolder folder_;
-  std::array<Growing, 5> files_{{{"odometry.csv", true},
-                                 {"pairs.tmp", true},
-                                 {"packets.bin", true},
-                                 {"downlink.bin", false},
-                                 {"health.csv", true}}};
+  double planned_hours_;
+  std::array<Growing, 5> files_{{{"odometry.csv", true, 5e6},
+                                 {"pairs.tmp", true, 5e6},
+                                 {"packets.bin", true, 3e6},
+                                 {"downlink.bin", false, 1e6},
+                                 {"health.csv", true, 8e6}}};
   std::ofstream &odometry_ = files_[0].stream, &pairs_ = files_[1].stream, &packets_ = files_[2].stream,
                 &health_ = files_[4].stream;
   Growing& downlink_ = files_[3];

@@ -5,6 +5,7 @@
 #include <csignal>
 #include <cstdio>
 #include <ctime>
+#include <stdexcept>
 
 #include "firmware_if/camera/gige_camera.hpp"
 #include "firmware_if/can/bus/can_source.hpp"
@@ -142,6 +143,17 @@ void watchOver(LiveSystem& live, const LiveOptions& options, const VehicleClock&
   }
 }
 
+// What a full disk cut short can be made again: the recording is apart from it.
+bool writeOutput(LiveSystem& live, const std::filesystem::path& folder) {
+  try {
+    return live.write();
+  } catch (const std::runtime_error& e) {
+    std::fprintf(stderr, "fathom-onboard: %s; make it again from the recording: fathom-onboard --replay %s\n",
+                 e.what(), folder.c_str());
+    return false;
+  }
+}
+
 }  // namespace
 
 int runLive(const LiveOptions& options) {
@@ -209,7 +221,7 @@ int runLive(const LiveOptions& options) {
   rt::ServiceNotify::stopping();
   const std::string picture = options.timeline ? pictures.take() : "";
   live.stop();
-  const bool mapped = live.write();
+  const bool mapped = writeOutput(live, options.folder);
   if (options.timeline) {
     AtomicFile file(*options.timeline);
     file.stream() << picture;

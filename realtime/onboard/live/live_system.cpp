@@ -58,7 +58,8 @@ LiveSystem::Slots LiveSystem::makeSlots(const LiveSetup& setup, bool reopen) {
 
 std::unique_ptr<OnboardOutput> LiveSystem::makeOutput(const LiveSetup& setup, bool reopen) {
   return std::make_unique<OnboardOutput>(io::MissionPaths(setup.folder).onboard(), setup.mission.origin,
-                                         OutputFolder::Life{true, reopen});
+                                         OutputFolder::Life{true, reopen},
+                                         setup.config.live.recorder.planned_hours);
 }
 
 LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock)
