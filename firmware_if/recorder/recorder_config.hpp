@@ -16,7 +16,7 @@ struct RecorderConfig {
   double planned_hours = 5;         // of recording still to come; the log's room is taken beforehand
   double image_reserve_mib = 2048;  // below this much free disk no more images are written
   double log_reserve_mib = 64;      // below this much raw bytes and messages stop too; inputs never stop
-  std::size_t image_queue = 6;      // exposures of one camera waiting to be written; each holds its block
+  std::size_t image_queue = 4;      // exposures of one camera waiting to be written; each holds its block
   std::size_t raw_queue_kib = 256;  // bytes of one lane waiting to be written
   std::size_t raw_lanes = 8;        // producers of raw bytes and messages
   bool acfr_channels = true;        // ACFR messages beside Fathom's own, for other people's tools

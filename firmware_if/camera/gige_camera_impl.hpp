@@ -1,0 +1,127 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "firmware_if/camera/aravis_handles.hpp"
+#include "firmware_if/camera/camera_clock_map.hpp"
+#include "firmware_if/camera/camera_setup.hpp"
+#include "firmware_if/camera/frame_id_unwrap.hpp"
+#include "firmware_if/camera/gige_camera.hpp"
+
+// What a GigeCamera holds: gige_camera.cpp opens, watches and closes it, gige_frames.cpp takes its frames and
+// reads its clock.
+namespace fathom::io::gige {
+
+enum class Count : std::uint8_t {
+  kIncomplete,
+  kTimedOut,
+  kWrongSize,
+  kWrongFormat,
+  kMissed,
+  kIdJumps,
+  kStale,
+  kPoolFull,
+  kNoBuffer,
+  kResentPackets,
+  kClockResets,
+  kClockHeld,
+  kClockUnsettled,
+  kPtpApart,
+  kControlLost,
+  kStalled,
+  kOpenFailed,
+  kPriorityRefused,
+  kReceiveBufferSmall,
+  kCounts
+};
+constexpr std::size_t kCounts = static_cast<std::size_t>(Count::kCounts);
+constexpr std::int64_t kNsPerMs = 1'000'000, kNsPerUs = 1'000;
+constexpr std::int64_t kNsPerS = 1'000'000'000;
+constexpr std::int64_t kLeastSilenceNs = 2 * kNsPerS;          // whatever the rate
+constexpr std::size_t kMostChunkBytes = std::size_t{1} << 16;  // beside the pixels of a frame
+
+// The camera's clock is read on command at 0, 1, 3, 7... s, then every ten: the first readings come before
+// the drift is known, and between the later ones it is.
+constexpr std::int64_t kFirstReadingGapNs = kNsPerS, kLongestReadingGapNs = 10 * kNsPerS;
+// Bootstrap registers of the time stamp (GigE Vision 2.0, section 28).
+constexpr std::uint64_t kStampFrequencyHigh = 0x093c, kStampFrequencyLow = 0x0940, kStampControl = 0x0944,
+                        kStampHigh = 0x0948, kStampLow = 0x094c;
+
+inline std::size_t pixelsOf(const CameraConfig& config) {
+  return static_cast<std::size_t>(config.width) * static_cast<std::size_t>(config.height);
+}
+inline std::size_t bufferBytes(const CameraConfig& config) {
+  return wireBytes(config.format.packing, pixelsOf(config)) + kMostChunkBytes;
+}
+
+}  // namespace fathom::io::gige
+
+namespace fathom::io {
+
+struct GigeCamera::Impl {
+  Impl(const CameraConfig& c, VehicleTime n, rt::MemoryLock lock)
+      : config(c),
+        now(std::move(n)),
+        blocks(c.pool_frames, frameBytes(c.format.packing, gige::pixelsOf(c)), lock),
+        memory(c.buffers * (gige::bufferBytes(c) + kBufferAlignment), lock),
+        clock(c.trigger == CameraTrigger::kPtp ? CameraClockMap::Mode::kPtp : CameraClockMap::Mode::kFree,
+              static_cast<std::int64_t>(c.stamp_to_packet_ms * static_cast<double>(gige::kNsPerMs))) {
+    for (std::size_t i = 0; i < c.buffers; ++i)
+      buffers.emplace_back(
+          arv_buffer_new(gige::bufferBytes(c), memory.allocate(gige::bufferBytes(c), kBufferAlignment)));
+  }
+  ~Impl() { close(!control_lost.load()); }
+
+  bool poll(int timeout_ms, FrameSink& sink);
+  void open();
+  // `answers`: the camera is there and is told to stop; one that is gone would be waited for.
+  void close(bool answers);
+  bool lost();
+  void take(ArvBuffer* buffer, FrameSink& sink);
+  [[nodiscard]] bool whole(ArvBuffer* buffer);
+  [[nodiscard]] static std::int64_t firstPacketUtcNs(ArvBuffer* buffer, std::int64_t utc_ns);
+  void readClock();
+  void readStatistics();
+  [[nodiscard]] std::int64_t silenceNs() const {
+    return std::max(gige::kLeastSilenceNs, static_cast<std::int64_t>(kSilentPeriods / config.rate_hz * 1e9));
+  }
+  void count(gige::Count what, std::uint64_t events = 1) { counts[static_cast<std::size_t>(what)] += events; }
+
+  static void onStream(void* self, ArvStreamCallbackType type, ArvBuffer* buffer);
+  static void onControlLost(ArvGvDevice*, Impl* self) { self->control_lost.store(true); }
+
+  static constexpr std::size_t kBufferAlignment = 64;
+  CameraConfig config;
+  VehicleTime now;
+  rt::SharedBlocks blocks;
+  rt::Arena memory;
+  std::vector<GObjectPtr<ArvBuffer>> buffers;  // one reference is ours: they outlive the streams
+
+  GObjectPtr<ArvCamera> camera;
+  GObjectPtr<ArvStream> stream;
+  CameraIdentity identity;
+  std::string failure;
+  gulong control_lost_handler = 0;
+  std::atomic<bool> control_lost{false}, priority_refused{false};
+
+  CameraClockMap clock;
+  FrameIdUnwrap ids;
+  std::uint64_t ticks_per_s = 0;  // of the clock's registers; 0: it has none
+  std::int64_t next_reading_ns = 0, reading_gap_ns = 0;
+
+  std::int64_t next_open_ns = 0, last_frame_ns = 0, last_whole_ns = 0;  // vehicle's time
+  std::uint64_t broken_since_whole = 0;
+  std::int64_t newest_stamp_ns = 0;  // by the camera's clock, since it was opened
+  bool any_stamp = false, sent_since_open = false, opened_before = false;
+  std::int64_t last_data_ns = 0;
+  std::uint64_t frames = 0, disconnects = 0;
+  std::uint64_t stream_underruns = 0, stream_resent = 0;  // of the open stream, already counted
+  std::array<std::uint64_t, gige::kCounts> counts{};
+};
+
+}  // namespace fathom::io
