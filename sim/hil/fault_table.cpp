@@ -75,7 +75,7 @@ FaultTable::FaultTable(const FaultScript& script, const nlohmann::json& run, con
       "navigation: unpaired, either side", false);
   add(FaultKind::kIdWrap, asked_[static_cast<std::size_t>(FaultKind::kIdWrap)], 0, "", true);
   add(FaultKind::kCameraReboot, asked_[static_cast<std::size_t>(FaultKind::kCameraReboot)],
-      both("control_lost"), "cameras: control_lost", true);
+      both("clock_resets"), "cameras: clock_resets", true);
   const std::uint64_t bus_off =
       counter(run, {"lcm", "withheld"}) > 0 ? asked_[static_cast<std::size_t>(FaultKind::kCanBusOff)] : 0;
   add(FaultKind::kCanBusOff, bus_off, 0, "", true);
