@@ -121,6 +121,33 @@ bool readHeader(TIFF* tiff, TiffPixels& pixels, std::string& error) {
   return true;
 }
 
+// Whole strips where they are of moderate size: libtiff then inflates them in one go (libdeflate), three
+// times as fast as row by row.
+bool readStrips(TIFF* tiff, std::size_t row_bytes, TiffPixels& pixels, std::string& error,
+                const MemoryFile& file) {
+  constexpr std::size_t kMaxStrip = std::size_t{16} << 20;  // [bytes]
+  std::uint32_t strip_rows = 0;
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_ROWSPERSTRIP, &strip_rows);
+  const auto height = static_cast<std::uint32_t>(pixels.height);
+  const std::uint32_t at_once = std::clamp<std::uint32_t>(strip_rows, 1, height);
+  const bool whole = at_once * row_bytes <= kMaxStrip;
+  const std::uint32_t step = whole ? at_once : 1;
+  // Grown as rows arrive: a truncated file that claims a huge size costs no more than it holds.
+  for (std::uint32_t row = 0; row < height; row += step) {
+    const std::size_t offset = row * row_bytes, bytes = std::min(step, height - row) * row_bytes;
+    pixels.bytes.resize(offset + bytes);
+    std::uint8_t* to = pixels.bytes.data() + offset;
+    const bool read = whole ? TIFFReadEncodedStrip(tiff, row / step, to, static_cast<tmsize_t>(bytes)) ==
+                                  static_cast<tmsize_t>(bytes)
+                            : TIFFReadScanline(tiff, to, row, 0) == 1;
+    if (!read) {
+      error = "row " + std::to_string(row) + " of " + std::to_string(pixels.height) + ": " + file.error;
+      return false;
+    }
+  }
+  return true;
+}
+
 }  // namespace
 
 bool decodeTiff(std::span<const std::uint8_t> bytes, TiffPixels& pixels, std::string& error) {
@@ -142,16 +169,7 @@ bool decodeTiff(std::span<const std::uint8_t> bytes, TiffPixels& pixels, std::st
     return false;
   }
   pixels.bytes.clear();
-  for (int row = 0; row < pixels.height; ++row) {
-    // Grown as rows arrive: a truncated file that claims a huge size costs no more than it holds.
-    const std::size_t offset = static_cast<std::size_t>(row) * row_bytes;
-    pixels.bytes.resize(offset + row_bytes);
-    if (TIFFReadScanline(tiff.get(), pixels.bytes.data() + offset, static_cast<std::uint32_t>(row), 0) != 1) {
-      error = "row " + std::to_string(row) + " of " + std::to_string(pixels.height) + ": " + file.error;
-      return false;
-    }
-  }
-  return true;
+  return readStrips(tiff.get(), row_bytes, pixels, error, file);
 }
 
 std::vector<std::uint8_t> encodeTiff(const void* rows, std::size_t stride, int width, int height,
