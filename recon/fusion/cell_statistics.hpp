@@ -1,7 +1,8 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
+#include <optional>
+#include <unordered_map>
 #include <vector>
 
 #include "recon/geometry/mesh.hpp"
@@ -10,11 +11,11 @@ namespace fathom::fusion {
 
 // Where a surface is seen how often, and how well those who saw it agree (Johnson-Roberson et al. 2010,
 // figure 11): meshes and deviation of depth in square cells of nav's horizontal plane, made before fusion.
-// Cells are summed, so that groups of meshes can be counted apart and merged; the result does not depend on
-// the order but for rounding.
+// Sums are whole numbers (depths in 2^-14 m, 0.06 mm), so that groups of meshes can be counted apart and
+// merged in any order with the same bytes.
 class CellStatistics {
  public:
-  explicit CellStatistics(double cell = 0.10);  // edge [m]
+  explicit CellStatistics(double cell = 0.10);  // edge [m]; throws std::invalid_argument unless above 0
 
   struct Cell {
     std::int32_t x = 0, y = 0;  // north, east, in cells (floor)
@@ -23,24 +24,38 @@ class CellStatistics {
     double deviation = 0;  // standard deviation of these between meshes [m]; 0 for one mesh
   };
 
-  // One mesh in nav: its triangles' surface, not its vertices, decides which cells it covers.
+  // One mesh in nav: its triangles' surface, not its vertices, decides which cells it covers: those half of
+  // whose plan it covers at least (less would give the depth of a corner). Triangles that are not finite,
+  // beyond kReach of the origin, or more than kMaxSpan cells wide are left out.
   void add(const Mesh& mesh);
-  void merge(const CellStatistics& other);        // same cell size
+  void merge(const CellStatistics& other);        // throws std::invalid_argument for another cell size
   [[nodiscard]] std::vector<Cell> cells() const;  // by x, then y
+  // The cell of a place [m]; none where no mesh covers it.
+  [[nodiscard]] std::optional<Cell> at(double north, double east) const;
   [[nodiscard]] double cell() const { return cell_; }
 
-  // State, for keeping between runs.
+  // State, for keeping between runs: the same bytes for the same meshes in any order.
   [[nodiscard]] std::vector<std::uint8_t> save() const;
   [[nodiscard]] bool load(const std::vector<std::uint8_t>& bytes);  // false: not such a state, unchanged
 
+  static constexpr double kReach = 1e5;  // [m]
+  static constexpr int kMaxSpan = 1024;  // [cells]
+
  private:
+  __extension__ using Wide = unsigned __int128;
   struct Sums {
-    std::int32_t x = 0, y = 0;
     std::uint32_t meshes = 0;
-    double z = 0, zz = 0;
+    std::int64_t z = 0;  // [2^-14 m]
+    Wide zz = 0;
   };
+  struct Piece;  // of a triangle in one cell
+
+  void cut(const std::array<Eigen::Vector3d, 3>& triangle, std::vector<Piece>& pieces) const;
+  [[nodiscard]] std::vector<std::uint64_t> keys() const;  // ascending
+  [[nodiscard]] static Cell cellOf(std::uint64_t key, const Sums& sums);
+
   double cell_;
-  std::vector<Sums> sums_;  // by x, then y
+  std::unordered_map<std::uint64_t, Sums> sums_;
 };
 
 }  // namespace fathom::fusion
