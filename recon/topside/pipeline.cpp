@@ -21,6 +21,7 @@
 #include "recon/topside/stages/lighting_stage.hpp"
 #include "recon/topside/stages/mesh_pieces.hpp"
 #include "recon/topside/stages/navigation.hpp"
+#include "recon/topside/stages/prepare_stage.hpp"
 #include "recon/topside/stages/slam_stage.hpp"
 #include "recon/topside/stages/stereo_stage.hpp"
 
@@ -92,7 +93,12 @@ Summary runTopside(const std::filesystem::path& mission_folder, const std::files
   lap("lighting model");
 
   SlamResult slam;
-  if (config.slam) slam = localise(paths, mission, rig, config, lighting, list, navigation);
+  if (config.slam) {
+    const MemoryFeatureStore features =
+        prepareFeatures(paths, mission, rig, config, lighting, list, navigation);
+    lap("features");
+    slam = localise(mission, rig, config, navigation, features);
+  }
   const std::vector<NavigatedPose>& poses = config.slam ? slam.poses : navigation.poses;
   if (config.slam) lap("localisation");
 

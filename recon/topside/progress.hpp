@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <mutex>
 #include <string>
 
 namespace fathom::topside {
@@ -20,6 +21,20 @@ class Progress {
   std::string stage_;
   std::size_t steps_, done_ = 0, shown_tenth_ = 0;
   bool terminal_;
+};
+
+// One that several threads advance.
+class SharedProgress {
+ public:
+  SharedProgress(std::string stage, std::size_t steps) : progress_(std::move(stage), steps) {}
+  void step() {
+    const std::lock_guard lock(mutex_);
+    progress_.step();
+  }
+
+ private:
+  std::mutex mutex_;
+  Progress progress_;
 };
 
 }  // namespace fathom::topside

@@ -15,6 +15,7 @@
 #include "recon/topside/report/html_text.hpp"
 #include "recon/topside/report/pose_output.hpp"
 #include "recon/topside/report/slam_json.hpp"
+#include "recon/topside/stages/prepare_stage.hpp"
 #include "recon/topside/stages/seed_plane.hpp"
 #include "recon/topside/stages/slam_stage.hpp"
 
@@ -90,7 +91,9 @@ int runSlam(const Options& options) {
   const Navigation navigation = navigate(paths, mission, config, times);
   LightingModels lighting(mission, rig, config.lighting);
   if (!list.features_only) learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, lighting);
-  const SlamResult slam = localise(paths, mission, rig, config, lighting, list, navigation);
+  const MemoryFeatureStore features =
+      prepareFeatures(paths, mission, rig, config, lighting, list, navigation);
+  const SlamResult slam = localise(mission, rig, config, navigation, features);
 
   const std::vector<double> altitudes = seedAltitudes(slam.poses, config.default_altitude);
   std::vector<FusedPair> posed;

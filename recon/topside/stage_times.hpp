@@ -7,10 +7,10 @@
 namespace fathom::topside {
 
 // What a pair costs, by stage; seconds of one thread.
-enum class PairStage : std::size_t { kRead, kLighting, kStereo, kMesh, kFusion };
-inline constexpr std::size_t kPairStages = 5;
-inline constexpr std::array<const char*, kPairStages> kPairStageNames = {"read", "lighting", "stereo", "mesh",
-                                                                         "fusion"};
+enum class PairStage : std::size_t { kRead, kLighting, kFeatures, kStereo, kMesh, kFusion };
+inline constexpr std::size_t kPairStages = 6;
+inline constexpr std::array<const char*, kPairStages> kPairStageNames = {"read",   "lighting", "features",
+                                                                         "stereo", "mesh",     "fusion"};
 
 struct PairTimes {
   std::array<double, kPairStages> seconds{};

@@ -8,6 +8,7 @@
 #include <memory>
 
 #include "recon/closure/candidates.hpp"
+#include "recon/topside/progress.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -34,13 +35,19 @@ Matrix6d covarianceOf(double position, double angle) {
 
 void registerAll(const StereoRig& rig, const Frames& frames, const closure::RegistrationConfig& config,
                  std::vector<Attempt>& attempts, const char* stage) {
-  tbb::enumerable_thread_specific<std::unique_ptr<closure::Registrar>> registrars;
+  struct Worker {
+    std::unique_ptr<closure::Registrar> registrar;
+    closure::FrameFeatures a, b;
+  };
+  tbb::enumerable_thread_specific<Worker> workers;
   SharedProgress progress(stage, attempts.size());
   tbb::parallel_for(std::size_t{0}, attempts.size(), [&](std::size_t k) {
-    auto& registrar = registrars.local();
-    if (!registrar) registrar = std::make_unique<closure::Registrar>(rig, config);
+    Worker& worker = workers.local();
+    if (!worker.registrar) worker.registrar = std::make_unique<closure::Registrar>(rig, config);
     Attempt& t = attempts[k];
-    t.result = registrar->process(frames.features[t.a], frames.features[t.b], t.prior);
+    frames.load(t.a, worker.a);
+    frames.load(t.b, worker.b);
+    t.result = worker.registrar->process(worker.a, worker.b, t.prior);
     progress.step();
   });
 }
@@ -60,7 +67,7 @@ slam::NavigationLink linkOf(const Attempt& t) {
 std::vector<slam::NavigationLink> visualOdometry(const StereoRig& rig, const Frames& frames) {
   std::vector<Attempt> steps, again;
   for (std::uint32_t k = 0; k + 1 < frames.pair.size(); ++k) {
-    if (frames.features[k].size() == 0 || frames.features[k + 1].size() == 0) continue;
+    if (frames.blank(k) || frames.blank(k + 1)) continue;
     Attempt t;
     t.a = k;
     t.b = k + 1;
@@ -106,7 +113,7 @@ std::vector<Attempt> ClosureSearch::candidates(const slam::NavigationSolution& s
   for (std::uint32_t k = 0; k < solution.poses.size(); ++k) {
     footprints.push_back(closure::footprintOf(solution.poses[k], frames_.altitude[k], rig_.left));
     widest = std::max(widest, spread[k]);
-    if (frames_.features[k].size() == 0) continue;
+    if (frames_.blank(k)) continue;
     const double reach = std::min(std::hypot(widest, spread[k]), drift * frames_.way[k]);
     queue.propose(footprints, k, kSkip, std::max(kLeastSigma, reach),
                   [&](std::uint32_t a, std::uint32_t b) -> Eigen::Matrix2d {
@@ -116,7 +123,7 @@ std::vector<Attempt> ClosureSearch::candidates(const slam::NavigationSolution& s
   std::vector<Attempt> attempts;
   closure::Candidate candidate;
   while (attempts.size() < most && queue.pop(candidate)) {
-    if (frames_.features[candidate.older].size() == 0) continue;
+    if (frames_.blank(candidate.older)) continue;
     if (!tried_.emplace(candidate.older, candidate.newer).second) continue;
     Attempt t;
     t.a = candidate.older;

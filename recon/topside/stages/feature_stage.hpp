@@ -1,48 +1,29 @@
 #pragma once
 
-#include <mutex>
 #include <vector>
 
 #include "firmware_if/mission.hpp"
-#include "recon/closure/frame_features.hpp"
-#include "recon/geometry/stereo_rig.hpp"
-#include "recon/topside/progress.hpp"
+#include "recon/topside/stages/feature_store.hpp"
 #include "recon/topside/stages/image_pairs.hpp"
-#include "recon/topside/stages/lighting_stage.hpp"
 #include "recon/topside/stages/navigation.hpp"
 #include "recon/topside/topside_config.hpp"
 
 namespace fathom::topside {
 
-// A progress bar that several threads advance.
-class SharedProgress {
- public:
-  SharedProgress(const char* stage, std::size_t steps) : progress_(stage, steps) {}
-  void step() {
-    const std::lock_guard lock(mutex_);
-    progress_.step();
-  }
-
- private:
-  std::mutex mutex_;
-  Progress progress_;
-};
-
-// The pairs that have a pose, by time; of some that cannot be read or show nothing, features are empty.
+// The pairs that have a pose, by time, and where to find what they are recognised by.
 struct Frames {
-  std::size_t with_features = 0;
-  std::vector<std::uint32_t> pair;  // index of the mission's pair
-  std::vector<closure::FrameFeatures> features;
-  std::vector<SE3> reckoned;     // T_nav_cam
-  std::vector<double> altitude;  // of the camera over the seafloor [m]
-  std::vector<double> way;       // flown up to it [m]
+  const FeatureStore* features = nullptr;  // by pair, not by frame
+  std::vector<std::uint32_t> pair;         // index of the mission's pair
+  std::vector<SE3> reckoned;               // T_nav_cam
+  std::vector<double> altitude;            // of the camera over the seafloor [m]
+  std::vector<double> way;                 // flown up to it [m]
+
+  [[nodiscard]] bool blank(std::size_t frame) const { return features->count(pair[frame]) == 0; }
+  void load(std::size_t frame, closure::FrameFeatures& out) const { features->load(pair[frame], out); }
 };
 
-// Features of every pair: extracted from its images, or, of a mission without images, read. A pair that
-// cannot be read has none. The result does not depend on the number of threads.
-[[nodiscard]] Frames extractFeatures(const io::MissionPaths& paths, const io::MissionConfig& mission,
-                                     const StereoRig& rig, const TopsideConfig& config,
-                                     const LightingModels& lighting, const PairList& list,
-                                     const Navigation& navigation);
+// `features` must outlive it.
+[[nodiscard]] Frames framesOf(const io::MissionConfig& mission, const TopsideConfig& config,
+                              const Navigation& navigation, const FeatureStore& features);
 
 }  // namespace fathom::topside

@@ -59,16 +59,14 @@ std::vector<slam::NavigationFix> fixesOf(const Frames& frames, const Navigation&
 
 }  // namespace
 
-SlamResult localise(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
-                    const TopsideConfig& config, const LightingModels& lighting, const PairList& list,
-                    const Navigation& navigation) {
+SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, const TopsideConfig& config,
+                    const Navigation& navigation, const FeatureStore& features) {
   SlamResult out;
   out.poses = navigation.poses;
   Stopwatch watch;
   const auto lap = [&](const char* stage) { out.stage_seconds.emplace_back(stage, watch.lap()); };
-  const Frames frames = extractFeatures(paths, mission, rig, config, lighting, list, navigation);
-  out.frames = frames.with_features;
-  lap("features");
+  const Frames frames = framesOf(mission, config, navigation, features);
+  for (std::size_t k = 0; k < frames.pair.size(); ++k) out.frames += frames.blank(k) ? 0U : 1U;
   if (frames.pair.size() < 2) return out;
 
   std::vector<slam::NavigationLink> links = visualOdometry(rig, frames);

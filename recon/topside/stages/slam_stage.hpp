@@ -8,8 +8,7 @@
 #include "recon/closure/registration.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/slam/navigation_batch.hpp"
-#include "recon/topside/stages/image_pairs.hpp"
-#include "recon/topside/stages/lighting_stage.hpp"
+#include "recon/topside/stages/feature_store.hpp"
 #include "recon/topside/stages/navigation.hpp"
 #include "recon/topside/topside_config.hpp"
 
@@ -46,9 +45,8 @@ struct SlamResult {
 // footprints overlap, most valuable first, registered by features, in rounds: each round's poses say where
 // the next one looks. Poses: slam::solveNavigation, in which dead reckoning, attitude, depth and fixes have
 // their part. The result does not depend on the number of threads.
-[[nodiscard]] SlamResult localise(const io::MissionPaths& paths, const io::MissionConfig& mission,
-                                  const StereoRig& rig, const TopsideConfig& config,
-                                  const LightingModels& lighting, const PairList& list,
-                                  const Navigation& navigation);
+[[nodiscard]] SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig,
+                                  const TopsideConfig& config, const Navigation& navigation,
+                                  const FeatureStore& features);
 
 }  // namespace fathom::topside
