@@ -1,0 +1,74 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <OpenMesh/Core/Mesh/TriConnectivity.hh>
+#include <cstdint>
+#include <vector>
+
+#include "recon/geometry/tile_mesh.hpp"
+#include "recon/surface/manifold_parts.hpp"
+#include "recon/surface/quadric.hpp"
+#include "recon/surface/simplify.hpp"
+
+namespace fathom::surface {
+
+// Edge collapses on OpenMesh's connectivity, cheapest first. Unlike OpenMesh's own decimater, which tests
+// all edges around each changed vertex, an edge is tested for what it would break only when its turn comes.
+class Decimation {
+ public:
+  Decimation(const TileMesh& tile, SimplifyCounts& counts);
+  void run(std::size_t target_triangles);
+  [[nodiscard]] double area() const { return area_; }  // of the input [m^2]
+  [[nodiscard]] TileMesh result() const;
+
+ private:
+  using Mesh_ = OpenMesh::TriConnectivity;
+  struct Turn {
+    double cost;
+    std::uint32_t edge, stamp;
+    // The cheapest comes first out of a heap; of equals the first edge.
+    bool operator<(const Turn& o) const { return cost != o.cost ? cost > o.cost : edge > o.edge; }
+  };
+  struct Collapse {
+    Mesh_::HalfedgeHandle halfedge;  // its start goes, its end stays
+    Eigen::Vector3d place;           // where the end is then
+    double cost;
+  };
+
+  void addFaces(std::size_t vertices);
+  void addQuadrics();
+  void pushAll();
+  void push(Mesh_::EdgeHandle edge);
+  [[nodiscard]] bool plan(Mesh_::EdgeHandle edge, Collapse& collapse) const;
+  [[nodiscard]] bool allowed(const Collapse& collapse);
+  [[nodiscard]] bool staysWell(Mesh_::VertexHandle vertex, Mesh_::VertexHandle other,
+                               const Eigen::Vector3d& place) const;
+  void apply(const Collapse& collapse);
+  void blend(std::size_t from, std::size_t to, const Eigen::Vector3d& place);
+  [[nodiscard]] const Eigen::Vector3d& at(Mesh_::VertexHandle v) const {
+    return position_[static_cast<std::size_t>(v.idx())];
+  }
+  [[nodiscard]] bool fixed(Mesh_::VertexHandle v) const {
+    return fixed_[static_cast<std::size_t>(v.idx())] != 0;
+  }
+
+  const TileMesh& tile_;
+  SimplifyCounts& counts_;
+  ManifoldParts parts_;
+  Mesh_ mesh_;
+  Eigen::Vector3d origin_;     // of the positions below: on the lattice
+  Eigen::Array2d low_, high_;  // box of the vertices that are not shared
+  std::vector<Eigen::Vector3d> position_;
+  std::vector<Eigen::Vector3d> facing_;  // sum of the area vectors of all that a vertex stands for
+  std::vector<Quadric> quadric_;
+  std::vector<std::uint8_t> fixed_, sides_;
+  std::vector<float> sigma_, views_;
+  std::vector<Eigen::Vector3f> colour_;
+  std::vector<std::array<std::uint32_t, 3>> stranded_;  // of the parts' vertices
+  std::vector<std::uint32_t> stamp_;                    // an edge: of its newest turn
+  std::vector<Turn> turns_;
+  std::size_t faces_ = 0;
+  double area_ = 0;
+};
+
+}  // namespace fathom::surface
