@@ -5,22 +5,42 @@
 #include <cstring>
 #include <limits>
 
+#include "recon/closure/dot_kernels.hpp"
+
 namespace fathom::closure {
 namespace {
 
 constexpr float kSamePlace = 4.0F;  // features so near are one place [px]
 constexpr float kNone = std::numeric_limits<float>::max();
 
-using Bytes = Eigen::Map<const Eigen::Matrix<std::uint8_t, Eigen::Dynamic, Eigen::Dynamic>>;
+static_assert(kDotLength == 128, "values of a root-SIFT descriptor");
+
+std::vector<std::int16_t> widened(const FrameFeatures& frame) {
+  return {frame.descriptors.begin(), frame.descriptors.end()};
+}
+
+// Square of each vector's length.
+Eigen::VectorXf squares(const std::vector<std::int16_t>& values) {
+  const auto count = values.size() / kDotLength;
+  Eigen::VectorXf out(static_cast<Eigen::Index>(count));
+  for (std::size_t i = 0; i < count; ++i) {
+    std::int32_t sum = 0;
+    for (std::size_t k = 0; k < kDotLength; ++k) {
+      const std::int32_t v = values[i * kDotLength + k];
+      sum += v * v;
+    }
+    out(static_cast<Eigen::Index>(i)) = static_cast<float>(sum);
+  }
+  return out;
+}
 
 void euclidean(const FrameFeatures& a, const FrameFeatures& b, Eigen::MatrixXf& distances) {
-  const auto bytes = static_cast<Eigen::Index>(descriptorBytes(a.kind));
-  const auto n = static_cast<Eigen::Index>(a.size()), m = static_cast<Eigen::Index>(b.size());
-  const Eigen::MatrixXf x = Bytes(a.descriptors.data(), bytes, n).cast<float>();
-  const Eigen::MatrixXf y = Bytes(b.descriptors.data(), bytes, m).cast<float>();
-  distances.noalias() = -2 * x.transpose() * y;
-  distances.colwise() += x.colwise().squaredNorm().transpose();
-  distances.rowwise() += y.colwise().squaredNorm();
+  const std::vector<std::int16_t> x = widened(a), y = widened(b);
+  static const DotProducts products = fastestDotProducts();
+  products(x.data(), static_cast<int>(a.size()), y.data(), static_cast<int>(b.size()), distances.data());
+  const Eigen::VectorXf xx = squares(x), yy = squares(y);
+  for (Eigen::Index j = 0; j < distances.cols(); ++j)
+    distances.col(j) = (xx.array() + yy(j)) - 2 * distances.col(j).array();
 }
 
 void hamming(const FrameFeatures& a, const FrameFeatures& b, Eigen::MatrixXf& distances) {
@@ -82,9 +102,12 @@ std::vector<float> nearestElsewhere(const FrameFeatures& frame) {
   descriptorDistances(frame, frame, distances);
   std::vector<float> nearest(frame.size(), kNone);
   for (std::size_t i = 0; i < frame.size(); ++i)
-    for (std::size_t j = 0; j < frame.size(); ++j) {
+    for (std::size_t j = 0; j < i; ++j) {
       const float d = distances(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(i));
-      if (d < nearest[i] && !samePlace(frame.features[i], frame.features[j])) nearest[i] = d;
+      if (d >= nearest[i] && d >= nearest[j]) continue;
+      if (samePlace(frame.features[i], frame.features[j])) continue;
+      nearest[i] = std::min(nearest[i], d);
+      nearest[j] = std::min(nearest[j], d);
     }
   return nearest;
 }

@@ -1,0 +1,2 @@
+#define FATHOM_KERNELS avx2
+#include "recon/closure/dot_kernels.inl.hpp"
