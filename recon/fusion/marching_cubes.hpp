@@ -7,14 +7,16 @@ namespace fathom::fusion {
 
 // Triangles of the 256 sign patterns of a cell (Lorensen & Cline 1987), built by walking the surface's
 // outline over the cell's faces. A face with two opposite inside corners cuts each off by itself; as that
-// depends on the face alone, neighbouring cells agree and the surface has no cracks.
+// depends on the face alone, neighbouring cells agree and the surface has no cracks. The loops are cut into
+// triangles so that no diagonal lies in a face, where the neighbour could draw it too: every edge then has
+// at most two triangles.
 //
 // Corner c stands at (c & 1, c >> 1 & 1, c >> 2 & 1). Bit c of a pattern: corner c is inside (negative
 // distance).
 class MarchingCubesTable {
  public:
   static constexpr int kEdges = 12;
-  static constexpr int kMaxTriangles = 10;  // one loop over all edges, as a fan
+  static constexpr int kMaxTriangles = 10;  // one loop over all edges
   struct Edge {
     std::uint8_t from, to;  // corners; `from` is the lower end
     std::uint8_t axis;      // 0 x, 1 y, 2 z
@@ -27,9 +29,16 @@ class MarchingCubesTable {
   MarchingCubesTable();
   [[nodiscard]] const Pattern& pattern(unsigned signs) const { return patterns_[signs]; }
   [[nodiscard]] const Edge& edge(std::size_t index) const { return edges_[index]; }
+  // Whether the two edges lie in one face of the cell.
+  [[nodiscard]] bool shareFace(std::uint8_t a, std::uint8_t b) const { return (faces_[a] & faces_[b]) != 0; }
 
  private:
+  void makeEdges();
+  void makePattern(unsigned signs);
+
   std::array<Edge, kEdges> edges_{};
+  std::array<std::uint8_t, kEdges> faces_{};  // of an edge: bits of its two faces
+  std::array<std::array<std::uint8_t, 8>, 8> edge_between_{};
   std::array<Pattern, 256> patterns_{};
 };
 

@@ -13,7 +13,7 @@ constexpr double kLeastForward = 0.2;
 }  // namespace
 
 SightMap::SightMap(const Mesh& mesh, const Eigen::Vector3d& centre)
-    : low_(Eigen::Vector3d::Zero()), high_(Eigen::Vector3d::Zero()), cells_(kSize * kSize) {
+    : low_(INFINITY, INFINITY, 0), high_(-INFINITY, -INFINITY, 0), cells_(kSize * kSize) {
   Eigen::Vector3d forward = Eigen::Vector3d::Zero();
   for (const auto& t : mesh.triangles)
     for (const std::uint32_t v : t) forward += (mesh.vertices[v].cast<double>() - centre).normalized();

@@ -24,7 +24,7 @@ class SightMap {
   // Weight with which a point (relative to the centre) is known to be empty; 0: not known.
   [[nodiscard]] double emptyWeight(const Eigen::Vector3d& point) const;
 
-  // Box around the centre and all that is seen, relative to the centre [m].
+  // Box of all that is seen, relative to the centre, down from the centre or up to it [m].
   [[nodiscard]] const Eigen::Vector3d& low() const { return low_; }
   [[nodiscard]] const Eigen::Vector3d& high() const { return high_; }
 

@@ -11,7 +11,7 @@
 namespace fathom::fusion {
 namespace {
 
-constexpr int kEdge = VoxelGrid::kEdge;
+constexpr int kEdge = VoxelBlock::kEdge;
 constexpr Rgb kNoColour = {128, 128, 128};
 // Finest observation that is believed, in voxels: the grid cannot show more.
 constexpr double kMinSigma = 0.1;
@@ -30,16 +30,16 @@ struct Observation {
   std::array<double, 3> colour;
 };
 
-void update(Voxel& voxel, const Observation& seen) {
-  const double total = static_cast<double>(voxel.weight) + seen.weight;
+void update(VoxelBlock& block, std::size_t at, const Observation& seen) {
+  const double total = static_cast<double>(block.weight[at]) + seen.weight;
   const double share = seen.weight / total;
-  voxel.distance += static_cast<float>(share * (seen.distance - static_cast<double>(voxel.distance)));
-  voxel.weight = static_cast<float>(total);
+  block.distance[at] += static_cast<float>(share * (seen.distance - static_cast<double>(block.distance[at])));
+  block.weight[at] = static_cast<float>(total);
   for (std::size_t c = 0; c < 3; ++c) {
-    const double old = voxel.colour[c];
-    voxel.colour[c] = static_cast<std::uint16_t>(old + share * (seen.colour[c] * 256.0 - old) + 0.5);
+    const double old = block.colour[c][at];
+    block.colour[c][at] = static_cast<std::uint16_t>(old + share * (seen.colour[c] * 256.0 - old) + 0.5);
   }
-  if (voxel.observations < 0xFFFF) ++voxel.observations;
+  if (block.observations[at] < 0xFFFF) ++block.observations[at];
 }
 
 // One triangle seen from the camera centre, which is the origin here. The ray through p meets the triangle
@@ -87,19 +87,22 @@ bool usable(const Mesh& mesh, const std::array<std::uint32_t, 3>& t, double max_
   return true;
 }
 
-// Calls visit(block key, local index, voxel centre) for the voxels of a box [m, nav].
+// Calls visit(block key, local index, voxel centre) for the voxels of a box [m, nav] within limits.
 template <typename Visit>
-void voxelsOf(const Eigen::Vector3d& low, const Eigen::Vector3d& high, double voxel, Visit&& visit) {
+void voxelsOf(const Eigen::Vector3d& low, const Eigen::Vector3d& high, double voxel,
+              const BlockLimits& limits, Visit&& visit) {
   const Eigen::Vector3i lo = (low / voxel).array().ceil().cast<int>();
   const Eigen::Vector3i hi = (high / voxel).array().floor().cast<int>();
-  for (int bz = floorDiv(lo.z()); bz <= floorDiv(hi.z()); ++bz) {
-    for (int by = floorDiv(lo.y()); by <= floorDiv(hi.y()); ++by) {
-      for (int bx = floorDiv(lo.x()); bx <= floorDiv(hi.x()); ++bx) {
+  for (int bx = std::max(floorDiv(lo.x()), limits.x0); bx <= std::min(floorDiv(hi.x()), limits.x1 - 1);
+       ++bx) {
+    for (int by = std::max(floorDiv(lo.y()), limits.y0); by <= std::min(floorDiv(hi.y()), limits.y1 - 1);
+         ++by) {
+      for (int bz = floorDiv(lo.z()); bz <= floorDiv(hi.z()); ++bz) {
         const BlockKey key{bx, by, bz};
-        for (int z = std::max(lo.z(), bz * kEdge); z <= std::min(hi.z(), bz * kEdge + kEdge - 1); ++z)
+        for (int x = std::max(lo.x(), bx * kEdge); x <= std::min(hi.x(), bx * kEdge + kEdge - 1); ++x)
           for (int y = std::max(lo.y(), by * kEdge); y <= std::min(hi.y(), by * kEdge + kEdge - 1); ++y)
-            for (int x = std::max(lo.x(), bx * kEdge); x <= std::min(hi.x(), bx * kEdge + kEdge - 1); ++x)
-              visit(key, VoxelGrid::local(x & 7, y & 7, z & 7),
+            for (int z = std::max(lo.z(), bz * kEdge); z <= std::min(hi.z(), bz * kEdge + kEdge - 1); ++z)
+              visit(key, VoxelBlock::local(x & 7, y & 7, z & 7),
                     Eigen::Vector3d(x * voxel, y * voxel, z * voxel));
       }
     }
@@ -112,22 +115,33 @@ template <typename FindBlocks>
 std::uint64_t carveBlocks(const FindBlocks& blocks, const SightMap& sight, const Eigen::Vector3d& centre,
                           const VolumetricConfig& config) {
   std::uint64_t carved = 0;
-  blocks([&](const BlockKey& key, VoxelGrid::Block& block) {
-    for (int k = 0; k < VoxelGrid::kVoxels; ++k) {
-      Voxel& voxel = block[static_cast<std::size_t>(k)];
-      if (voxel.weight <= 0) continue;
-      const Eigen::Vector3d at(key.x * kEdge + k % kEdge, key.y * kEdge + k / kEdge % kEdge,
-                               key.z * kEdge + k / (kEdge * kEdge));
+  blocks([&](const BlockKey& key, VoxelBlock& block) {
+    for (std::size_t k = 0; k < VoxelBlock::kVoxels; ++k) {
+      if (block.weight[k] <= 0) continue;
+      const auto n = static_cast<int>(k);
+      const Eigen::Vector3d at(key.x * kEdge + (n >> 6), key.y * kEdge + (n >> 3 & 7),
+                               key.z * kEdge + (n & 7));
       const double weight = sight.emptyWeight(at * config.voxel - centre);
       if (weight <= 0) continue;
-      const double total = static_cast<double>(voxel.weight) + weight;
-      voxel.distance +=
-          static_cast<float>(weight / total * (config.truncation - static_cast<double>(voxel.distance)));
-      voxel.weight = static_cast<float>(total);
+      const double total = static_cast<double>(block.weight[k]) + weight;
+      block.distance[k] +=
+          static_cast<float>(weight / total * (config.truncation - static_cast<double>(block.distance[k])));
+      block.weight[k] = static_cast<float>(total);
       ++carved;
     }
   });
   return carved;
+}
+
+BlockLimits limitsOf(const FusionBounds& bounds, const VolumetricConfig& config) {
+  if (bounds.grid.voxel != config.voxel) throw std::invalid_argument("fusion: bounds of another voxel");
+  if (bounds.grid.leaf_voxels < kEdge || bounds.grid.leaf_voxels % kEdge != 0)
+    throw std::invalid_argument("fusion: tiles are to be a multiple of 8 voxels wide");
+  if (bounds.core.empty()) throw std::invalid_argument("fusion: bounds without tiles");
+  const int tile = bounds.grid.leaf_voxels / kEdge;
+  const int around = static_cast<int>(std::ceil(config.overlap / (config.voxel * kEdge)));
+  return {bounds.core.x0 * tile - around, bounds.core.y0 * tile - around, bounds.core.x1 * tile + around,
+          bounds.core.y1 * tile + around};
 }
 
 }  // namespace
@@ -140,7 +154,17 @@ VolumetricFusion::VolumetricFusion(const VolumetricConfig& config) : impl_(std::
   if (config.min_observations < 1 || config.min_observations > 1000)
     throw std::invalid_argument("fusion: min_observations must be between 1 and 1000");
   if (!(config.border > 0)) throw std::invalid_argument("fusion: border must be positive");
+  if (!(config.min_area >= 0)) throw std::invalid_argument("fusion: min_area must not be negative");
   impl_->config = config;
+  // What a mesh outside the overlap could still change lies further off than a part that may be dropped.
+  if (!(config.overlap / 2 >= reach() + 2 * config.voxel))
+    throw std::invalid_argument("fusion: overlap must be more than twice the reach of a mesh");
+  if (config.bounds) impl_->limits = limitsOf(*config.bounds, config);
+}
+
+double VolumetricFusion::reach() const {
+  // Carving looks at whole blocks.
+  return std::max(kMaxBand * impl_->config.truncation, kEdge * impl_->config.voxel);
 }
 
 VolumetricFusion::~VolumetricFusion() = default;
@@ -161,7 +185,7 @@ void VolumetricFusion::integrate(const Mesh& mesh, const Eigen::Vector3d& centre
   const std::vector<float> border = borderWeights(checked, config.border);
   SightMap sight(checked, centre);
 
-  VoxelGrid::Block* block = nullptr;
+  VoxelBlock* block = nullptr;
   BlockKey block_key{};
   for (const auto& t : checked.triangles) {
     const SightTriangle triangle(mesh, t, centre);
@@ -190,7 +214,7 @@ void VolumetricFusion::integrate(const Mesh& mesh, const Eigen::Vector3d& centre
         high = high.cwiseMax(end);
       }
     }
-    voxelsOf(low + centre, high + centre, config.voxel,
+    voxelsOf(low + centre, high + centre, config.voxel, impl_->limits,
              [&](const BlockKey& key, std::size_t local, const Eigen::Vector3d& voxel_centre) {
                const Eigen::Vector3d p = voxel_centre - centre;
                std::array<double, 3> w;
@@ -217,7 +241,7 @@ void VolumetricFusion::integrate(const Mesh& mesh, const Eigen::Vector3d& centre
                  block = &impl_->grid.make(key);
                  block_key = key;
                }
-               update((*block)[local], seen);
+               update(*block, local, seen);
                ++counters.voxel_updates;
              });
     sight.add(triangle.corner, band, 1 / (widest * widest));
@@ -246,10 +270,10 @@ void VolumetricFusion::Impl::carve(const SightMap& sight, const Eigen::Vector3d&
             if (inBox(key)) visit(key, *grid.find(key));
           return;
         }
-        for (int z = static_cast<int>(lo.z()); z <= static_cast<int>(hi.z()); ++z)
+        for (int x = static_cast<int>(lo.x()); x <= static_cast<int>(hi.x()); ++x)
           for (int y = static_cast<int>(lo.y()); y <= static_cast<int>(hi.y()); ++y)
-            for (int x = static_cast<int>(lo.x()); x <= static_cast<int>(hi.x()); ++x)
-              if (VoxelGrid::Block* block = grid.find({x, y, z})) visit(BlockKey{x, y, z}, *block);
+            for (int z = static_cast<int>(lo.z()); z <= static_cast<int>(hi.z()); ++z)
+              if (VoxelBlock* block = grid.find({x, y, z})) visit(BlockKey{x, y, z}, *block);
       },
       sight, centre, config);
 }

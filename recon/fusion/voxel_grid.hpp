@@ -3,18 +3,9 @@
 #include <array>
 #include <cstdint>
 #include <deque>
-#include <unordered_map>
 #include <vector>
 
 namespace fathom::fusion {
-
-// What one voxel centre knows (Curless & Levoy's D and W).
-struct Voxel {
-  float distance = 0;                     // weighted mean, positive on the cameras' side [m]
-  float weight = 0;                       // sum of weights [1/m^2]; 0: never seen
-  std::array<std::uint16_t, 3> colour{};  // weighted mean, 1/256 of an 8-bit step
-  std::uint16_t observations = 0;         // saturating
-};
 
 struct BlockKey {
   std::int32_t x = 0, y = 0, z = 0;
@@ -22,56 +13,88 @@ struct BlockKey {
   auto operator<=>(const BlockKey&) const = default;
 };
 
-// Sparse grid of voxels in blocks of 8^3, found by hashing. Voxel (i, j, k) has its centre at (i, j, k) *
-// edge.
-class VoxelGrid {
- public:
+// What the voxels of a block know (Curless & Levoy's D and W), each quantity by itself so that a column of
+// eight voxels along z is one load.
+struct VoxelBlock {
   static constexpr int kEdge = 8;
   static constexpr int kVoxels = kEdge * kEdge * kEdge;
-  using Block = std::array<Voxel, kVoxels>;
+  template <typename T>
+  using Values = std::array<T, kVoxels>;
 
-  static std::size_t local(int x, int y, int z) {
-    return static_cast<std::size_t>((z * kEdge + y) * kEdge + x);
-  }
+  Values<float> distance{};                       // weighted mean, positive on the cameras' side [m]
+  Values<float> weight{};                         // sum of weights [1/m^2]; 0: never seen
+  std::array<Values<std::uint16_t>, 3> colour{};  // weighted mean, 1/256 of an 8-bit step
+  Values<std::uint16_t> observations{};           // saturating
 
-  // Null where there is none.
-  [[nodiscard]] const Block* find(const BlockKey& key) const {
-    const auto found = index_.find(key);
-    return found == index_.end() ? nullptr : &blocks_[found->second];
+  static constexpr std::size_t local(int x, int y, int z) {
+    return static_cast<std::size_t>((x * kEdge + y) * kEdge + z);
   }
-  [[nodiscard]] Block* find(const BlockKey& key) {
-    return const_cast<Block*>(static_cast<const VoxelGrid*>(this)->find(key));
-  }
-  Block& make(const BlockKey& key) {
-    const auto [at, is_new] = index_.try_emplace(key, static_cast<std::uint32_t>(blocks_.size()));
-    if (is_new) {
-      blocks_.emplace_back();
-      keys_.push_back(key);
+};
+
+// Sparse grid of voxels in blocks of 8^3, found by hashing (open addressing). Voxel (i, j, k) has its centre
+// at (i, j, k) * edge. Blocks are numbered in the order in which they were made and never move.
+class VoxelGrid {
+ public:
+  static constexpr std::uint32_t kNone = 0xFFFFFFFF;
+
+  VoxelGrid() : slots_(kFirstSlots) {}
+
+  // Number of the block, kNone where there is none.
+  [[nodiscard]] std::uint32_t number(const BlockKey& key) const {
+    for (std::size_t at = hash(key) & (slots_.size() - 1);; at = (at + 1) & (slots_.size() - 1)) {
+      if (slots_[at].block == kNone || slots_[at].key == key) return slots_[at].block;
     }
-    return blocks_[at->second];
   }
+  [[nodiscard]] VoxelBlock* find(const BlockKey& key) {
+    const std::uint32_t found = number(key);
+    return found == kNone ? nullptr : &blocks_[found];
+  }
+  VoxelBlock& make(const BlockKey& key) {
+    if (VoxelBlock* found = find(key)) return *found;
+    if (2 * (keys_.size() + 1) > slots_.size()) grow();
+    insert(key, static_cast<std::uint32_t>(keys_.size()));
+    keys_.push_back(key);
+    return blocks_.emplace_back();
+  }
+  [[nodiscard]] const VoxelBlock& block(std::uint32_t number) const { return blocks_[number]; }
+  [[nodiscard]] VoxelBlock& block(std::uint32_t number) { return blocks_[number]; }
 
-  // Keys of all blocks, in the order in which they were made.
+  // Keys of all blocks, by number.
   [[nodiscard]] const std::vector<BlockKey>& keys() const { return keys_; }
 
-  // Blocks, keys, and the index (a node of two pointers' overhead an entry, and its buckets).
+  // Blocks, keys and the index.
   [[nodiscard]] std::size_t memoryBytes() const {
-    return blocks_.size() * sizeof(Block) + keys_.capacity() * sizeof(BlockKey) +
-           index_.size() * (sizeof(BlockKey) + sizeof(std::uint32_t) + 2 * sizeof(void*)) +
-           index_.bucket_count() * sizeof(void*);
+    return blocks_.size() * (sizeof(VoxelBlock) + sizeof(void*)) + keys_.capacity() * sizeof(BlockKey) +
+           slots_.size() * sizeof(Slot);
   }
 
  private:
-  struct Hash {
-    std::size_t operator()(const BlockKey& k) const {
-      // Teschner et al. 2003, "Optimized spatial hashing".
-      return static_cast<std::size_t>(k.x) * 73856093U ^ static_cast<std::size_t>(k.y) * 19349669U ^
-             static_cast<std::size_t>(k.z) * 83492791U;
-    }
+  static constexpr std::size_t kFirstSlots = 256;  // a power of two, as after every growth
+  struct Slot {
+    BlockKey key;
+    std::uint32_t block = kNone;
   };
-  std::deque<Block> blocks_;  // grows without moving what is there
+
+  static std::size_t hash(const BlockKey& k) {
+    // Teschner et al. 2003, "Optimized spatial hashing", with the high bits mixed in.
+    const std::uint64_t h = static_cast<std::uint64_t>(k.x) * 73856093U ^
+                            static_cast<std::uint64_t>(k.y) * 19349669U ^
+                            static_cast<std::uint64_t>(k.z) * 83492791U;
+    return static_cast<std::size_t>(h ^ h >> 15);
+  }
+  void insert(const BlockKey& key, std::uint32_t block) {
+    std::size_t at = hash(key) & (slots_.size() - 1);
+    while (slots_[at].block != kNone) at = (at + 1) & (slots_.size() - 1);
+    slots_[at] = {key, block};
+  }
+  void grow() {
+    slots_.assign(slots_.size() * 2, Slot{});
+    for (std::uint32_t k = 0; k < keys_.size(); ++k) insert(keys_[k], k);
+  }
+
+  std::deque<VoxelBlock> blocks_;  // grows without moving what is there
   std::vector<BlockKey> keys_;
-  std::unordered_map<BlockKey, std::uint32_t, Hash> index_;
+  std::vector<Slot> slots_;
 };
 
 }  // namespace fathom::fusion
