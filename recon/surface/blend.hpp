@@ -11,30 +11,10 @@
 #include "recon/geometry/rgb_image.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/surface/atlas.hpp"
+#include "recon/surface/band_image.hpp"
+#include "recon/surface/view_index.hpp"
 
 namespace fathom::surface {
-
-// One image that may have seen a surface.
-struct View {
-  std::uint32_t image = 0;  // the caller's number of it
-  SE3 T_nav_cam;
-  std::array<double, 4> footprint{};  // north, east low, then high, of what it saw [m]
-};
-
-// Views by their footprints: a bounding-volume hierarchy.
-class ViewIndex {
- public:
-  explicit ViewIndex(std::vector<View> views);
-  // Numbers (places in the constructor's list, ascending) of views whose footprints meet the box
-  // {north low, east low, north high, east high}.
-  [[nodiscard]] std::vector<std::uint32_t> meeting(const std::array<double, 4>& box) const;
-  [[nodiscard]] const std::vector<View>& views() const { return views_; }
-
- private:
-  struct Node;
-  std::vector<View> views_;
-  std::vector<Node> nodes_;
-};
 
 enum class BlendMode : std::uint8_t {
   kBands,      // three bands, each with its own weights
@@ -45,8 +25,11 @@ enum class BlendMode : std::uint8_t {
 struct BlendConfig {
   BlendMode mode = BlendMode::kBands;
   std::array<double, 3> sharpness = {5, 10, 50};  // k of low, middle and high band (eq. 1 and 2)
-  std::array<double, 2> band_px = {4, 16};        // widths that divide the bands [image px]
+  BandWidths bands;                               // what divides the bands
   bool vote = true;                               // leave out views that the others contradict
+  double tolerance = 0.015;  // behind the nearest surface by less than this is still seen [m]
+  // Of the views that see a place at most so many are used, the most central ones.
+  int views_of_a_place = 12;
 };
 
 struct BlendCounts {
@@ -54,22 +37,32 @@ struct BlendCounts {
   std::uint32_t views = 0;
 };
 
-// Texture of one tile from the images that saw it, after Johnson-Roberson et al. 2010 (section on
-// band-limited blending, equations 1 and 2; Burt & Adelson 1983): non-overlapping bands, weights by the
-// distance of the projected point from the image's centre. A view counts for a texel when its camera sees the
-// point: inside the image, facing, and nothing of `occluders` in between. Moving things are voted out where
-// three or more views see a place and one differs by more than their spread. One object a thread; it keeps
-// its memory.
+// Texture of one tile from the images that saw it, after Johnson-Roberson et al. 2010 (band-limited blending,
+// equations 1 and 2; Burt & Adelson 1983):
+//   texel = sum over bands b of  sum over views i of w_b(r_i) B_b,i / sum over views i of w_b(r_i),
+//   w_b(r) = exp(-k_b r),  r = distance of the projected point from the image's centre (1 in the corners),
+// with bands that do not overlap: B = G(s2), G(s1) - G(s2), I - G(s1). To that comes a factor common to all
+// bands that falls to 0 at the image's border, at the edge of what is hidden and for faces seen edge-on, so
+// that no view begins or ends with a step. A view counts for a texel when its camera sees the point: inside
+// the image, facing, and nothing of `occluders` in between. Moving things are voted out where three or more
+// views see a place and one differs by more than their spread. Texels that no view sees take their
+// neighbours' colours, and so do the gutters and the room between charts. One object a thread; it keeps its
+// memory. The result does not depend on the instruction set.
 class TextureBlender {
  public:
   TextureBlender(const Camera& camera, const BlendConfig& config);
   ~TextureBlender();
 
   // The corrected 8-bit RGB image of a view (rig's size), or null where it cannot be had. It is asked for
-  // once a view and tile, and must stay until the next call.
+  // once a view and tile, and must stay until blend() returns.
   using ImageSource = std::function<const RgbImage*(std::uint32_t image)>;
+  // The same with its bands, made by makeBands(image, config.bands) and kept by whoever uses an image for
+  // several tiles; null where it cannot be had.
+  using BandSource = std::function<std::shared_ptr<const BandImage>(std::uint32_t image)>;
 
   // Fills atlas.tile.atlas. `views`: places in `index`. `occluders`: the surface of the tile and around it.
+  BlendCounts blend(Atlas& atlas, const ViewIndex& index, const std::vector<std::uint32_t>& views,
+                    const std::vector<const Mesh*>& occluders, const BandSource& images);
   BlendCounts blend(Atlas& atlas, const ViewIndex& index, const std::vector<std::uint32_t>& views,
                     const std::vector<const Mesh*>& occluders, const ImageSource& images);
 

@@ -1,0 +1,18 @@
+#pragma once
+
+#include <memory>
+
+#include "recon/surface/band_image.hpp"
+#include "recon/surface/depth_buffer.hpp"
+#include "recon/surface/view_projection.hpp"
+
+namespace fathom::surface {
+
+// A view while its tile is being textured.
+struct ActiveView {
+  ViewProjection projection;
+  DepthBuffer depth;
+  std::shared_ptr<const BandImage> bands;
+};
+
+}  // namespace fathom::surface

@@ -1,0 +1,39 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "recon/geometry/rgb_image.hpp"
+
+namespace fathom::surface {
+
+// What divides the bands of an image: about Gaussian low passes of these widths, made as means of squares of
+// so many pixels, smoothed by (1 4 6 4 1)/16. Whole numbers, at least 2.
+struct BandWidths {
+  int fine = 4;       // s1, between the high and the middle band [px]
+  int coarse = 4;     // s2 = coarse * s1, between the middle and the low band
+  int reduction = 1;  // the image is first reduced by this factor, where texels are larger than its pixels
+};
+
+// A low pass: the mean of squares of `scale` pixels, smoothed. Four values a pixel (the fourth 0), each
+// kUnit times the grey level.
+struct LowPass {
+  static constexpr int kUnit = 64;
+  int width = 0, height = 0, scale = 0;
+  std::vector<std::uint16_t> values;  // 4 * width * height
+};
+
+// An image (reduced where asked) and its low passes.
+struct BandImage {
+  RgbImage image;
+  LowPass fine, coarse;  // G(s1), G(s2)
+
+  [[nodiscard]] std::size_t bytes() const {
+    return image.rgb.size() + 2 * (fine.values.size() + coarse.values.size());
+  }
+};
+
+// `image` must be at least as large as one coarse square (scale * scale px).
+[[nodiscard]] BandImage makeBands(RgbImage image, const BandWidths& widths);
+
+}  // namespace fathom::surface

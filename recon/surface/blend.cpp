@@ -1,0 +1,162 @@
+#include "recon/surface/blend.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <optional>
+
+#include "recon/surface/block_blender.hpp"
+#include "recon/surface/view_choice.hpp"
+
+namespace fathom::surface {
+namespace {
+
+constexpr int kStep = ChartLattice::kStep;
+constexpr double kFade = 0.08;  // of the image's height: the rise of a view's weight at its border
+
+std::array<std::uint8_t, 3> rounded(const float* value) {
+  std::array<std::uint8_t, 3> out{};
+  for (std::size_t c = 0; c < 3; ++c)
+    out[c] = static_cast<std::uint8_t>(std::clamp(value[c] + 0.5F, 0.0F, 255.0F));
+  return out;
+}
+
+// Mean of the vertices' colours, for a chart that no view sees.
+std::array<float, 4> colourOf(const Mesh& mesh) {
+  std::array<float, 4> mean{};
+  for (const Rgb& colour : mesh.colours)
+    for (std::size_t c = 0; c < 3; ++c)
+      mean[c] += static_cast<float>(colour[c]) / static_cast<float>(mesh.colours.size());
+  return mean;
+}
+
+// Everything of a chart that no view coloured: cells without a seen corner, and those without faces.
+void paintRest(const Chart& chart, const ChartLattice& lattice, const ChartLattice::Grid& grid,
+               const ColourGrid& filled, const std::vector<std::uint8_t>& seen, RgbImage& atlas) {
+  const auto place = [&](int i, int j) {
+    return static_cast<std::size_t>(j) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(i);
+  };
+  for (int j = 0; j + 1 < grid.rows; ++j) {
+    for (int i = 0; i + 1 < grid.columns; ++i) {
+      const std::size_t a = place(i, j), b = a + 1, c = place(i, j + 1), d = c + 1;
+      if (lattice.covered[grid.cell(i, j)] != 0 && (seen[a] | seen[b] | seen[c] | seen[d]) != 0) continue;
+      for (int y = 0; y < std::min(kStep, chart.height - kStep * j); ++y) {
+        for (int x = 0; x < std::min(kStep, chart.width - kStep * i); ++x) {
+          const float fx = static_cast<float>(x) / kStep, fy = static_cast<float>(y) / kStep;
+          float value[3];
+          for (std::size_t k = 0; k < 3; ++k) {
+            const auto at = [&](std::size_t node) { return filled.values[4 * node + k]; };
+            const float top = at(a) + fx * (at(b) - at(a)), bottom = at(c) + fx * (at(d) - at(c));
+            value[k] = top + fy * (bottom - top);
+          }
+          const auto texel = rounded(value);
+          std::copy(texel.begin(), texel.end(), atlas.at(chart.x + kStep * i + x, chart.y + kStep * j + y));
+        }
+      }
+    }
+  }
+}
+
+}  // namespace
+
+struct TextureBlender::Impl {
+  Impl(const Camera& image_camera, const BlendConfig& blend_config)
+      : config(blend_config),
+        camera(image_camera.scaled(1.0 / blend_config.bands.reduction)),
+        block(blend_config, blendKernels()) {}
+
+  BlendCounts blend(Atlas& atlas, const ViewIndex& index, const std::vector<std::uint32_t>& places,
+                    const std::vector<const Mesh*>& occluders, const BandSource& images);
+  void activate(const ChartLattice& lattice, const ViewIndex& index, const std::vector<std::uint32_t>& places,
+                const std::vector<const Mesh*>& occluders, const BandSource& images);
+
+  BlendConfig config;
+  Camera camera;
+  BlockBlender block;
+  std::vector<ActiveView> views;
+};
+
+void TextureBlender::Impl::activate(const ChartLattice& lattice, const ViewIndex& index,
+                                    const std::vector<std::uint32_t>& places,
+                                    const std::vector<const Mesh*>& occluders, const BandSource& images) {
+  views.clear();
+  std::vector<ViewProjection> projections;
+  projections.reserve(places.size());
+  for (const std::uint32_t place : places)
+    projections.emplace_back(camera, index.views()[place].T_nav_cam, lattice.origin);
+  const Occluders surfaces(occluders, lattice.origin);
+  for (const std::uint32_t i : chooseViews(lattice, projections, config.views_of_a_place)) {
+    auto bands = images(index.views()[places[i]].image);
+    if (bands == nullptr) continue;
+    assert(bands->image.width == camera.width && bands->image.height == camera.height);
+    views.push_back({projections[i], {}, std::move(bands)});
+    views.back().depth.draw(surfaces, projections[i]);
+  }
+}
+
+BlendCounts TextureBlender::Impl::blend(Atlas& atlas, const ViewIndex& index,
+                                        const std::vector<std::uint32_t>& places,
+                                        const std::vector<const Mesh*>& occluders, const BandSource& images) {
+  BlendCounts counts;
+  RgbImage& out = atlas.tile.atlas;
+  const std::array<float, 4> given = colourOf(atlas.tile.surface.mesh);
+  const auto background = rounded(given.data());
+  out = {atlas.width, atlas.height, {}};
+  out.rgb.resize(3 * static_cast<std::size_t>(out.width) * static_cast<std::size_t>(out.height));
+  for (std::size_t i = 0; i < out.rgb.size(); ++i) out.rgb[i] = background[i % 3];
+
+  const ChartLattice lattice(atlas);
+  activate(lattice, index, places, occluders, images);
+  counts.texels = lattice.texels;
+  counts.views = static_cast<std::uint32_t>(views.size());
+  const auto fade = static_cast<float>(kFade * camera.height),
+             tolerance = static_cast<float>(config.tolerance);
+  std::optional<ViewVote> vote;
+  if (config.vote) {
+    vote.emplace(lattice, views, fade, tolerance);
+    counts.outvoted = vote->outvoted();
+  }
+  block.begin({&lattice, &views, vote ? &*vote : nullptr, &out, fade, tolerance});
+
+  ColourGrid colours;
+  for (std::size_t c = 0; c < atlas.charts.size(); ++c) {
+    const ChartLattice::Grid& grid = lattice.grids[c];
+    colours.width = grid.columns, colours.height = grid.rows;
+    const std::size_t nodes = static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows);
+    colours.values.assign(4 * nodes, 0.0F);
+    colours.known.assign(nodes, 0);
+    for (int j = 0; j + 1 < grid.rows; j += BlockBlender::kCells)
+      for (int i = 0; i + 1 < grid.columns; i += BlockBlender::kCells)
+        block.blend(atlas.charts[c], c, i, j, colours, counts);
+    const std::vector<std::uint8_t> seen = colours.known;
+    if (!fillUnknown(colours))
+      for (std::size_t n = 0; n < colours.values.size(); ++n) colours.values[n] = given[n % 4];
+    paintRest(atlas.charts[c], lattice, grid, colours, seen, out);
+  }
+  views.clear();
+  return counts;
+}
+
+TextureBlender::TextureBlender(const Camera& camera, const BlendConfig& config)
+    : impl_(std::make_unique<Impl>(camera, config)) {}
+
+TextureBlender::~TextureBlender() = default;
+
+BlendCounts TextureBlender::blend(Atlas& atlas, const ViewIndex& index,
+                                  const std::vector<std::uint32_t>& views,
+                                  const std::vector<const Mesh*>& occluders, const BandSource& images) {
+  return impl_->blend(atlas, index, views, occluders, images);
+}
+
+BlendCounts TextureBlender::blend(Atlas& atlas, const ViewIndex& index,
+                                  const std::vector<std::uint32_t>& views,
+                                  const std::vector<const Mesh*>& occluders, const ImageSource& images) {
+  return impl_->blend(atlas, index, views, occluders,
+                      [&](std::uint32_t image) -> std::shared_ptr<const BandImage> {
+                        const RgbImage* found = images(image);
+                        if (found == nullptr) return nullptr;
+                        return std::make_shared<const BandImage>(makeBands(*found, impl_->config.bands));
+                      });
+}
+
+}  // namespace fathom::surface

@@ -1,0 +1,92 @@
+#include "recon/surface/depth_buffer.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fathom::surface {
+namespace {
+
+// What hides others is drawn larger by this all around [cells]: a pixel at its edge shows both, and poses
+// place it a few pixels off.
+constexpr float kMargin = 1.5F;
+
+}  // namespace
+
+Occluders::Occluders(const std::vector<const Mesh*>& meshes, const Eigen::Vector3d& origin) {
+  const Eigen::Vector3f base = origin.cast<float>();
+  for (const Mesh* mesh : meshes) {
+    const auto first = static_cast<std::uint32_t>(vertices.size());
+    for (const Eigen::Vector3f& v : mesh->vertices) vertices.emplace_back(v - base);
+    for (const auto& t : mesh->triangles) triangles.push_back({t[0] + first, t[1] + first, t[2] + first});
+  }
+}
+
+void DepthBuffer::draw(const Occluders& occluders, const ViewProjection& view) {
+  width_ = (static_cast<int>(view.width) + kCell - 1) / kCell;
+  height_ = (static_cast<int>(view.height) + kCell - 1) / kCell;
+  nearest_.assign(static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_), 0.0F);
+  projected_.clear();
+  constexpr float kPerPixel = 1.0F / kCell, kCentre = 0.5F * (kCell - 1);  // a cell's centre [px]
+  for (const Eigen::Vector3f& p : occluders.vertices) {
+    const auto pixel = view.project(p.x(), p.y(), p.z());
+    projected_.push_back({(pixel.u - kCentre) * kPerPixel, (pixel.v - kCentre) * kPerPixel,
+                          pixel.valid ? 1.0F / pixel.depth : 0.0F});
+  }
+  for (const auto& t : occluders.triangles)
+    drawTriangle(projected_[t[0]], projected_[t[1]], projected_[t[2]]);
+}
+
+void DepthBuffer::drawTriangle(const Vertex& a, const Vertex& b, const Vertex& c) {
+  if (a.inverse == 0 || b.inverse == 0 || c.inverse == 0) return;
+  const auto low = [](float p, float q, float r) {
+    return static_cast<int>(std::ceil(std::max(0.0F, std::min({p, q, r}) - kMargin)));
+  };
+  const auto high = [](float p, float q, float r, int cells) {
+    return static_cast<int>(
+        std::floor(std::min(static_cast<float>(cells - 1), std::max({p, q, r}) + kMargin)));
+  };
+  const int x0 = low(a.x, b.x, c.x), x1 = high(a.x, b.x, c.x, width_);
+  const int y0 = low(a.y, b.y, c.y), y1 = high(a.y, b.y, c.y, height_);
+  if (x0 > x1 || y0 > y1) return;
+  const float area = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
+  if (area == 0) return;
+  // Barycentric coordinates of b and c, and from them inverse depth: all linear over the picture.
+  const float per_area = 1.0F / area;
+  const float bx = (c.y - a.y) * per_area, by = (a.x - c.x) * per_area;
+  const float cx = (a.y - b.y) * per_area, cy = (b.x - a.x) * per_area;
+  const float gx = bx * (b.inverse - a.inverse) + cx * (c.inverse - a.inverse);
+  const float gy = by * (b.inverse - a.inverse) + cy * (c.inverse - a.inverse);
+  const float farthest = std::min({a.inverse, b.inverse, c.inverse});
+  const float back = kMargin * (std::abs(gx) + std::abs(gy));
+  const float rim_b = -kMargin * (std::abs(bx) + std::abs(by)),
+              rim_c = -kMargin * (std::abs(cx) + std::abs(cy));
+  const float rim_a = 1 + kMargin * (std::abs(bx + cx) + std::abs(by + cy));
+  for (int y = y0; y <= y1; ++y) {
+    float* row = &nearest_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_)];
+    const float dy = static_cast<float>(y) - a.y;
+    for (int x = x0; x <= x1; ++x) {
+      const float dx = static_cast<float>(x) - a.x;
+      const float wb = bx * dx + by * dy, wc = cx * dx + cy * dy;
+      if (wb < rim_b || wc < rim_c || wb + wc > rim_a) continue;
+      row[x] = std::max(row[x], std::max(farthest, a.inverse + gx * dx + gy * dy - back));
+    }
+  }
+}
+
+float DepthBuffer::visibility(float u, float v, float depth, float tolerance) const {
+  constexpr float kPerPixel = 1.0F / kCell, kCentre = 0.5F * (kCell - 1);
+  const float x = std::clamp((u - kCentre) * kPerPixel, 0.0F, static_cast<float>(width_ - 1));
+  const float y = std::clamp((v - kCentre) * kPerPixel, 0.0F, static_cast<float>(height_ - 1));
+  const int xi = std::min(static_cast<int>(x), width_ - 2), yi = std::min(static_cast<int>(y), height_ - 2);
+  const float fx = x - static_cast<float>(xi), fy = y - static_cast<float>(yi);
+  const float* row = &nearest_[static_cast<std::size_t>(yi) * static_cast<std::size_t>(width_) +
+                               static_cast<std::size_t>(xi)];
+  // Hidden where depth > 1 / nearest + tolerance.
+  const float within = depth - tolerance;
+  const auto seen = [&](std::ptrdiff_t at) { return row[at] * within <= 1.0F ? 1.0F : 0.0F; };
+  const float s00 = seen(0), s01 = seen(1), s10 = seen(width_), s11 = seen(width_ + 1);
+  const float top = s00 + fx * (s01 - s00), bottom = s10 + fx * (s11 - s10);
+  return std::clamp(2 * (top + fy * (bottom - top)) - 1, 0.0F, 1.0F);
+}
+
+}  // namespace fathom::surface

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "recon/geometry/mesh.hpp"
+#include "recon/surface/view_projection.hpp"
+
+namespace fathom::surface {
+
+// Surfaces that may hide others, in single precision relative to an origin near them.
+struct Occluders {
+  Occluders() = default;
+  Occluders(const std::vector<const Mesh*>& meshes, const Eigen::Vector3d& origin);
+  std::vector<Eigen::Vector3f> vertices;
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+};
+
+// What one view sees first, in cells of kCell x kCell pixels: the inverse depth of the nearest face within a
+// cell and a half of a cell's centre, moved back by the face's slope over that distance, so that a slope does
+// not hide itself.
+class DepthBuffer {
+ public:
+  static constexpr int kCell = 4;  // [px]
+
+  void draw(const Occluders& occluders, const ViewProjection& view);
+  // How freely a point is seen: 1 where no surface lies more than `tolerance` [m] before it, falling to 0
+  // over half a cell before the edge of what hides it.
+  [[nodiscard]] float visibility(float u, float v, float depth, float tolerance) const;
+
+ private:
+  struct Vertex {
+    float x, y, inverse;  // [cells], [1/m]; inverse 0: not projected
+  };
+  void drawTriangle(const Vertex& a, const Vertex& b, const Vertex& c);
+
+  int width_ = 0, height_ = 0;  // [cells]
+  std::vector<float> nearest_;  // [1/m]; 0: nothing
+  std::vector<Vertex> projected_;
+};
+
+}  // namespace fathom::surface

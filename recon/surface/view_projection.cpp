@@ -1,0 +1,54 @@
+#include "recon/surface/view_projection.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fathom::surface {
+namespace {
+
+// Normalised radius beyond which nothing is projected: 1.3 times the farthest corner's, cut where the radial
+// distortion stops growing.
+double farthestRadius(const Camera& camera) {
+  constexpr double kBeyond = 1.3, kSteps = 256;
+  double corner = 0;
+  for (const double u : {0.0, camera.width - 1.0})
+    for (const double v : {0.0, camera.height - 1.0})
+      corner = std::max(corner, camera.undistort({u, v}).norm());
+  double last = 0, radius = 0;
+  for (int i = 1; i <= kSteps; ++i) {
+    const double r = kBeyond * corner * i / kSteps, r2 = r * r;
+    const double image = r * (1 + r2 * (camera.k1 + r2 * (camera.k2 + r2 * camera.k3)));
+    if (image <= last) break;
+    last = image;
+    radius = r;
+  }
+  return radius;
+}
+
+}  // namespace
+
+ViewProjection::ViewProjection(const Camera& camera, const SE3& T_nav_cam, const Eigen::Vector3d& origin)
+    : fx(static_cast<float>(camera.fx)),
+      fy(static_cast<float>(camera.fy)),
+      cx(static_cast<float>(camera.cx)),
+      cy(static_cast<float>(camera.cy)),
+      k1(static_cast<float>(camera.k1)),
+      k2(static_cast<float>(camera.k2)),
+      p1(static_cast<float>(camera.p1)),
+      p2(static_cast<float>(camera.p2)),
+      k3(static_cast<float>(camera.k3)),
+      width(static_cast<float>(camera.width)),
+      height(static_cast<float>(camera.height)) {
+  const SE3 T_cam_nav = T_nav_cam.inverse();
+  const Eigen::Matrix3d r = T_cam_nav.matrix3();
+  const Eigen::Vector3d t = T_cam_nav * origin;
+  for (std::size_t i = 0; i < 3; ++i) {
+    for (std::size_t j = 0; j < 3; ++j)
+      rotation[3 * i + j] = static_cast<float>(r(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)));
+    translation[i] = static_cast<float>(t[static_cast<Eigen::Index>(i)]);
+  }
+  const double radius = farthestRadius(camera);
+  limit = static_cast<float>(radius * radius);
+}
+
+}  // namespace fathom::surface

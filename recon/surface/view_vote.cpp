@@ -1,0 +1,203 @@
+#include "recon/surface/view_vote.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "recon/surface/kernels/blend_kernels.hpp"
+
+namespace fathom::surface {
+namespace {
+
+constexpr std::size_t kVoters = 3;  // fewer cannot tell who is right
+constexpr float kLimit = 0.30F;     // of a logarithm: 35 %, beyond what lamps and their correction leave
+constexpr float kSpread = 3.0F;     // times the median difference of all views at the place
+constexpr float kFringe = 0.12F;    // of a logarithm: the low band's tail around a contradicted place
+constexpr float kDark = 12.0F;      // grey levels added before the logarithm: noise of dark places is no vote
+
+// log(v) for v >= 1, to 1e-4, the same on every processor.
+float logarithm(float v) {
+  int exponent = 0;
+  const float m = std::frexp(v, &exponent);  // 0.5 to 1
+  const float t = (m - 0.70710678F) / (m + 0.70710678F), t2 = t * t;
+  return 2 * t * (1 + t2 * (1.0F / 3 + t2 * (1.0F / 5 + t2 / 7))) +
+         0.69314718F * (static_cast<float>(exponent) - 0.5F);
+}
+
+float medianOf(std::vector<float>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  if (values.size() % 2 == 1) return *middle;
+  return 0.5F * (*middle + *std::max_element(values.begin(), middle));
+}
+
+}  // namespace
+
+ViewVote::ViewVote(const ChartLattice& lattice, const std::vector<ActiveView>& views, float fade,
+                   float tolerance)
+    : views_(views.size()) {
+  const auto count = [](int nodes) { return (nodes - 2) / kStep + 2; };
+  for (const ChartLattice::Grid& from : lattice.grids) {
+    grids_.push_back({count(from.columns), count(from.rows), nodes_});
+    nodes_ += static_cast<std::size_t>(grids_.back().columns) * static_cast<std::size_t>(grids_.back().rows);
+  }
+  if (views_ < kVoters) return;
+  sample(lattice, views, fade, tolerance);
+  takeGains();
+  judge();
+  if (outvoted_ > 0) spread();
+}
+
+void ViewVote::sample(const ChartLattice& lattice, const std::vector<ActiveView>& views, float fade,
+                      float tolerance) {
+  std::vector<float> points[6];
+  for (auto& values : points) values.resize(nodes_);
+  std::vector<std::uint8_t> known(nodes_);
+  for (std::size_t c = 0; c < grids_.size(); ++c) {
+    const Grid& grid = grids_[c];
+    const ChartLattice::Grid& from = lattice.grids[c];
+    std::size_t to = grid.first;
+    for (int b = 0; b < grid.rows; ++b) {
+      for (int a = 0; a < grid.columns; ++a, ++to) {
+        const std::size_t node =
+            from.node(std::min(a * kStep, from.columns - 1), std::min(b * kStep, from.rows - 1));
+        known[to] = lattice.known[node];
+        points[0][to] = lattice.x[node], points[1][to] = lattice.y[node], points[2][to] = lattice.z[node];
+        points[3][to] = lattice.nx[node], points[4][to] = lattice.ny[node], points[5][to] = lattice.nz[node];
+      }
+    }
+  }
+  colour_.assign(3 * views_ * nodes_, 0.0F);
+  seen_.assign(views_ * nodes_, 0);
+  out_.assign(views_ * nodes_, 0);
+  difference_.assign(views_ * nodes_, 0.0F);
+  std::vector<float> pixels[5], band(4 * nodes_), unused(4 * nodes_), one(nodes_), zero(nodes_, 0.0F);
+  for (auto& values : pixels) values.resize(nodes_);
+  const NodePoints nodes{static_cast<int>(nodes_), points[0].data(), points[1].data(), points[2].data(),
+                         points[3].data(),         points[4].data(), points[5].data()};
+  const NodePixels at{pixels[0].data(), pixels[1].data(), pixels[2].data(), pixels[3].data(),
+                      pixels[4].data()};
+  const BlendKernels& kernels = blendKernels();
+  for (std::size_t view = 0; view < views_; ++view) {
+    kernels.projectNodes(views[view].projection, nodes, fade, at);
+    for (std::size_t i = 0; i < nodes_; ++i) {
+      const bool seen = known[i] != 0 && at.freedom[i] > 0 &&
+                        views[view].depth.visibility(at.u[i], at.v[i], at.depth[i], tolerance) > 0;
+      one[i] = seen ? 1.0F : 0.0F;
+      seen_[view * nodes_ + i] = seen;
+    }
+    std::fill(band.begin(), band.end(), 0.0F);
+    kernels.gatherBands(views[view].bands->fine, views[view].bands->coarse, at.u, at.v, one.data(),
+                        zero.data(), zero.data(), nodes.count, band.data(), unused.data());
+    for (std::size_t i = 0; i < nodes_; ++i)
+      if (seen_[view * nodes_ + i] != 0)
+        for (std::size_t c = 0; c < 3; ++c)
+          colour_[3 * (view * nodes_ + i) + c] = logarithm(kDark + band[4 * i + c]);
+  }
+}
+
+void ViewVote::takeGains() {
+  std::vector<std::vector<float>> against(3 * views_);
+  std::vector<float> all;
+  for (std::size_t i = 0; i < nodes_; ++i) {
+    for (std::size_t c = 0; c < 3; ++c) {
+      all.clear();
+      for (std::size_t view = 0; view < views_; ++view)
+        if (seen_[view * nodes_ + i] != 0) all.push_back(colour_[3 * (view * nodes_ + i) + c]);
+      if (all.size() < 2) continue;
+      const float median = medianOf(all);
+      for (std::size_t view = 0; view < views_; ++view)
+        if (seen_[view * nodes_ + i] != 0)
+          against[3 * view + c].push_back(colour_[3 * (view * nodes_ + i) + c] - median);
+    }
+  }
+  for (std::size_t view = 0; view < views_; ++view) {
+    for (std::size_t c = 0; c < 3; ++c) {
+      if (against[3 * view + c].empty()) continue;
+      const float gain = medianOf(against[3 * view + c]);
+      for (std::size_t i = 0; i < nodes_; ++i) colour_[3 * (view * nodes_ + i) + c] -= gain;
+    }
+  }
+}
+
+void ViewVote::judge() {
+  std::vector<float> all;
+  std::vector<std::size_t> who;
+  for (std::size_t i = 0; i < nodes_; ++i) {
+    who.clear();
+    for (std::size_t view = 0; view < views_; ++view)
+      if (seen_[view * nodes_ + i] != 0) who.push_back(view * nodes_ + i);
+    if (who.size() < kVoters) continue;
+    for (std::size_t c = 0; c < 3; ++c) {
+      all.clear();
+      for (const std::size_t at : who) all.push_back(colour_[3 * at + c]);
+      const float median = medianOf(all);
+      for (const std::size_t at : who)
+        difference_[at] = std::max(difference_[at], std::abs(colour_[3 * at + c] - median));
+    }
+    all.clear();
+    for (const std::size_t at : who) all.push_back(difference_[at]);
+    const float limit = std::max(kLimit, kSpread * medianOf(all));
+    for (const std::size_t at : who) {
+      if (difference_[at] <= limit) continue;
+      out_[at] = 1;
+      ++outvoted_;
+    }
+  }
+}
+
+void ViewVote::spread() {
+  std::vector<std::pair<int, int>> open;
+  for (std::size_t view = 0; view < views_; ++view) {
+    for (const Grid& grid : grids_) {
+      const std::size_t base = view * nodes_ + grid.first;
+      const auto place = [&](int a, int b) {
+        return base + static_cast<std::size_t>(b) * static_cast<std::size_t>(grid.columns) +
+               static_cast<std::size_t>(a);
+      };
+      open.clear();
+      for (int b = 0; b < grid.rows; ++b)
+        for (int a = 0; a < grid.columns; ++a)
+          if (out_[place(a, b)] != 0) open.emplace_back(a, b);
+      const auto neighbours = [&](int a, int b, const auto& visit) {
+        for (int v = std::max(0, b - 1); v <= std::min(grid.rows - 1, b + 1); ++v)
+          for (int u = std::max(0, a - 1); u <= std::min(grid.columns - 1, a + 1); ++u) visit(u, v);
+      };
+      while (!open.empty()) {
+        const auto [a, b] = open.back();
+        open.pop_back();
+        neighbours(a, b, [&](int u, int v) {
+          const std::size_t at = place(u, v);
+          if (out_[at] != 0 || difference_[at] <= kFringe) return;
+          out_[at] = 1;
+          open.emplace_back(u, v);
+        });
+      }
+      std::vector<std::pair<int, int>> rim;
+      for (int b = 0; b < grid.rows; ++b)
+        for (int a = 0; a < grid.columns; ++a)
+          if (out_[place(a, b)] != 0) neighbours(a, b, [&](int u, int v) { rim.emplace_back(u, v); });
+      for (const auto& [a, b] : rim) out_[place(a, b)] = 1;
+    }
+  }
+}
+
+void ViewVote::factors(std::size_t view, std::size_t chart, int j, int i0, int i1, float* out) const {
+  const Grid& grid = grids_[chart];
+  const auto row = static_cast<std::size_t>(std::min(j / kStep, grid.rows - 1));
+  const std::size_t below = std::min(row + 1, static_cast<std::size_t>(grid.rows) - 1);
+  const float fy = static_cast<float>(j % kStep) / kStep;
+  const std::uint8_t* first = &out_[view * nodes_ + grid.first];
+  const std::uint8_t* top = first + row * static_cast<std::size_t>(grid.columns);
+  const std::uint8_t* bottom = first + below * static_cast<std::size_t>(grid.columns);
+  const auto at = [&](int a) {
+    const int inside = std::min(a, grid.columns - 1);
+    const auto t = static_cast<float>(top[inside]), b = static_cast<float>(bottom[inside]);
+    return t + fy * (b - t);
+  };
+  for (int i = i0; i < i1; ++i) {
+    const float left = at(i / kStep), right = at(i / kStep + 1);
+    out[i - i0] = 1 - (left + static_cast<float>(i % kStep) / kStep * (right - left));
+  }
+}
+
+}  // namespace fathom::surface
