@@ -28,16 +28,26 @@ struct AtlasConfig {
   int gutter = 4;         // texels around a chart that continue its faces, for filters and mipmaps
 };
 
+// A side of a face, from its corner `side` to the next, beyond which the face's chart has no other.
+struct Rim {
+  std::uint32_t face = 0, side = 0;
+};
+
 // The tile with texture coordinates and the charts of its atlas (its image still empty). Width and height are
 // multiples of 4. No two faces of a chart hide each other along its axis.
 struct Atlas {
   TexturedTile tile;
   std::vector<Chart> charts;
+  std::vector<std::uint16_t> chart_of_face;
+  std::vector<Rim> rims;
+  int gutter = 0;             // [texels]
   int width = 0, height = 0;  // [texels]
 };
 [[nodiscard]] Atlas makeAtlas(const TileMesh& surface, const AtlasConfig& config);
 
-// Which face each texel shows and where: rows [first_row, first_row + rows) of the atlas.
+// Which face each texel shows and where: rows [first_row, first_row + rows) of the atlas, `width` texels
+// each. A texel shows what its centre meets; those within the gutter around a chart's faces continue the
+// nearest of them. Rows drawn apart are the same as drawn together.
 void rasterise(const Atlas& atlas, int first_row, int rows, std::vector<Texel>& texels);
 
 // The texture of a coarser tile, drawn from its children's (each with an atlas, whole or as quarterAtlas made

@@ -1,0 +1,164 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "recon/surface/atlas.hpp"
+#include "recon/surface/chart_face.hpp"
+#include "recon/surface/fill.hpp"
+#include "recon/surface/triangle_rows.hpp"
+
+namespace fathom::surface {
+namespace {
+
+// Rows that are drawn at a time: bounds the memory beside the image to some 2 MB.
+constexpr int kBandRows = 64;
+// A child's surface shows through to a parent's texel from no farther than this: the levels' difference, seen
+// at a slant, and some texels.
+constexpr double kReachErrors = 5, kReachTexels = 16;
+constexpr int kMostSamples = 8;  // along one edge of a texel
+
+// A child's triangle over a chart of the parent, and where its texture is.
+struct Source {
+  const RgbImage* image;
+  // Place in the child's atlas [texels, centres at half steps] of column 0, row 0, and its change with both.
+  Eigen::Vector2d base, for_column, for_row;
+};
+
+std::array<float, 3> bilinear(const RgbImage& image, double column, double row) {
+  const double x = std::clamp(column - 0.5, 0.0, image.width - 1.0);
+  const double y = std::clamp(row - 0.5, 0.0, image.height - 1.0);
+  const int x0 = static_cast<int>(x), y0 = static_cast<int>(y);
+  const int x1 = std::min(x0 + 1, image.width - 1), y1 = std::min(y0 + 1, image.height - 1);
+  const auto u = static_cast<float>(x - x0), v = static_cast<float>(y - y0);
+  const std::uint8_t *a = image.at(x0, y0), *b = image.at(x1, y0), *c = image.at(x0, y1),
+                     *d = image.at(x1, y1);
+  std::array<float, 3> out;
+  for (std::size_t k = 0; k < 3; ++k)
+    out[k] = (1 - v) * ((1 - u) * static_cast<float>(a[k]) + u * static_cast<float>(b[k])) +
+             v * ((1 - u) * static_cast<float>(c[k]) + u * static_cast<float>(d[k]));
+  return out;
+}
+
+class Bake {
+ public:
+  Bake(const Atlas& parent, const std::vector<const TexturedTile*>& children)
+      : parent_(parent), children_(children) {
+    image_ = {parent.width, parent.height, {}};
+    image_.rgb.assign(3 * static_cast<std::size_t>(parent.width) * static_cast<std::size_t>(parent.height),
+                      0);
+    known_.assign(image_.rgb.size() / 3, 0);
+    reach_ = static_cast<float>(kReachErrors * parent.tile.surface.error + kReachTexels * parent.tile.texel);
+  }
+
+  RgbImage run() {
+    for (int row = 0; row < parent_.height; row += kBandRows)
+      band(row, std::min(kBandRows, parent_.height - row));
+    fillUnknown(image_, known_);
+    return std::move(image_);
+  }
+
+ private:
+  static constexpr std::uint32_t kNone = 0xFFFFFFFF;
+  struct Nearest {
+    float distance;  // along the chart's axis [m]
+    std::uint32_t source;
+  };
+
+  void band(int first, int rows) {
+    rasterise(parent_, first, rows, texels_);
+    nearest_.assign(texels_.size(), {reach_, kNone});
+    sources_.clear();
+    for (const Chart& chart : parent_.charts) {
+      if (chart.y >= first + rows || chart.y + chart.height <= first) continue;
+      for (const TexturedTile* child : children_)
+        if (!child->atlas.empty())
+          for (std::uint32_t f = 0; f < child->surface.mesh.triangles.size(); ++f)
+            draw(chart, *child, f, first, rows);
+    }
+    for (std::size_t i = 0; i < texels_.size(); ++i) {
+      if (nearest_[i].source == kNone) continue;
+      const int column = static_cast<int>(i) % parent_.width,
+                row = first + static_cast<int>(i) / parent_.width;
+      sample(sources_[nearest_[i].source], column, row);
+    }
+  }
+
+  void draw(const Chart& chart, const TexturedTile& child, std::uint32_t f, int first, int rows) {
+    const Mesh& mesh = child.surface.mesh;
+    const ChartFace face(chart, mesh, f);
+    const int top = std::max(first, chart.y), bottom = std::min(first + rows, chart.y + chart.height);
+    if (face.facing() <= 0 || face.bottom() < top || face.top() > bottom || face.right() < chart.x ||
+        face.left() > chart.x + chart.width)
+      return;
+    const auto number = static_cast<std::uint32_t>(sources_.size());
+    bool used = false;
+    forTriangleRows(face.corners(), mesh.triangles[f], top, bottom, [&](int y, int begin, int end) {
+      const std::size_t base = static_cast<std::size_t>(y - first) * static_cast<std::size_t>(parent_.width);
+      for (int x = std::max(begin, chart.x); x < std::min(end, chart.x + chart.width); ++x) {
+        const std::size_t at = base + static_cast<std::size_t>(x);
+        if (texels_[at].face < 0) continue;
+        const double wanted = (texels_[at].point.cast<double>() - chart.origin).dot(chart.along);
+        const auto distance = static_cast<float>(std::abs(face.height(x + 0.5, y + 0.5) - wanted));
+        if (distance >= nearest_[at].distance) continue;
+        nearest_[at] = {distance, number};
+        used = true;
+      }
+    });
+    if (used) sources_.push_back(sourceOf(face, child, f));
+  }
+
+  static Source sourceOf(const ChartFace& face, const TexturedTile& child, std::uint32_t f) {
+    const auto place = [&](std::size_t k) {
+      const Eigen::Vector2d st =
+          child.surface.mesh.texture_coordinates[child.surface.mesh.triangles[f][k]].cast<double>();
+      return Eigen::Vector2d(st.x() * child.atlas.width, (1 - st.y()) * child.atlas.height);
+    };
+    const auto& corner = face.corners();
+    const Eigen::Vector2d u = corner[1] - corner[0], v = corner[2] - corner[0];
+    const Eigen::Vector2d origin = place(0), du = place(1) - origin, dv = place(2) - origin;
+    const double twice_area = u.x() * v.y() - u.y() * v.x();
+    Source source{
+        &child.atlas, {}, (du * v.y() - dv * u.y()) / twice_area, (dv * u.x() - du * v.x()) / twice_area};
+    source.base = origin - source.for_column * corner[0].x() - source.for_row * corner[0].y();
+    return source;
+  }
+
+  // The mean over the texel's area: as many samples as it covers texels of the child.
+  void sample(const Source& source, int column, int row) {
+    const auto count = [](const Eigen::Vector2d& step) {
+      return std::clamp(static_cast<int>(std::lround(step.norm())), 1, kMostSamples);
+    };
+    const int columns = count(source.for_column), rows = count(source.for_row);
+    std::array<float, 3> sum{};
+    for (int v = 0; v < rows; ++v)
+      for (int u = 0; u < columns; ++u) {
+        const Eigen::Vector2d at = source.base + source.for_column * (column + (u + 0.5) / columns) +
+                                   source.for_row * (row + (v + 0.5) / rows);
+        const std::array<float, 3> rgb = bilinear(*source.image, at.x(), at.y());
+        for (std::size_t k = 0; k < 3; ++k) sum[k] += rgb[k];
+      }
+    std::uint8_t* out = image_.at(column, row);
+    for (std::size_t k = 0; k < 3; ++k)
+      out[k] = static_cast<std::uint8_t>(sum[k] / static_cast<float>(columns * rows) + 0.5F);
+    known_[static_cast<std::size_t>(row) * static_cast<std::size_t>(parent_.width) +
+           static_cast<std::size_t>(column)] = 1;
+  }
+
+  const Atlas& parent_;
+  const std::vector<const TexturedTile*>& children_;
+  RgbImage image_;
+  std::vector<std::uint8_t> known_;
+  float reach_;
+  std::vector<Texel> texels_;
+  std::vector<Nearest> nearest_;
+  std::vector<Source> sources_;
+};
+
+}  // namespace
+
+RgbImage bakeFromChildren(const Atlas& parent, const std::vector<const TexturedTile*>& children) {
+  return Bake(parent, children).run();
+}
+
+}  // namespace fathom::surface
