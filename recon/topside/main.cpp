@@ -7,6 +7,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/calibrate_command.hpp"
 #include "recon/topside/check_calibration_command.hpp"
+#include "recon/topside/compare/compare_command.hpp"
 #include "recon/topside/pipeline.hpp"
 #include "recon/topside/posegraph_command.hpp"
 #include "recon/topside/slam_command.hpp"
@@ -32,6 +33,8 @@ int main(int argc, char** argv) {
   run->add_flag("--no-slam", no_slam, "dead-reckoned poses: no visual odometry, no loop closures");
   run->add_option("--threads", threads, "threads (all cores); the result does not depend on them")
       ->check(CLI::Range(1, 256));
+  CLI::App* compare = nullptr;
+  const std::function<int()> run_compare = fathom::topside::addCompareCommand(app, compare);
   CLI::App *stereo = nullptr, *calibrate = nullptr, *check = nullptr, *posegraph = nullptr, *slam = nullptr;
   const std::function<int()> run_stereo = fathom::topside::addStereoCommand(app, stereo);
   const std::function<int()> run_calibrate = fathom::topside::addCalibrateCommand(app, calibrate);
@@ -41,6 +44,7 @@ int main(int argc, char** argv) {
   if (const auto code = fathom::parseCommandLine("fathom-topside", app, argc, argv)) return *code;
   return fathom::runTool("fathom-topside", [&]() -> int {
     using namespace fathom::topside;
+    if (*compare) return run_compare();
     if (*stereo) return run_stereo();
     if (*calibrate) return run_calibrate();
     if (*check) return run_check();

@@ -1,7 +1,9 @@
 #include "sim/score/score.hpp"
 
+#include <Eigen/Geometry>
 #include <cstdio>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "firmware_if/mission.hpp"
 #include "firmware_if/pose_files.hpp"
@@ -73,7 +75,7 @@ class Scorer {
       if (const auto pose = truth_.poseAt(utc_ns)) poses.push_back(*pose * config_.T_body_cam);
     }
     if (poses.empty()) note(paths_.truth() / "images.csv", "lists no exposures: coverage is 0");
-    seen_ = seenCells(*surface_, rig.left, poses);
+    seen_ = seenSeafloor(*surface_, rig.left, poses);
   }
 
   io::MissionPaths paths_;
@@ -81,7 +83,7 @@ class Scorer {
   TruthTrack truth_;
   ScoreReport& report_;
   std::unique_ptr<TruthSurface> surface_;
-  PlanCells seen_;
+  SeenSeafloor seen_;
 };
 
 nlohmann::ordered_json orNull(const std::optional<double>& value) {
@@ -98,6 +100,15 @@ nlohmann::ordered_json toJson(const std::optional<TrajectoryScore>& score, bool 
   return json;
 }
 
+// A small motion: how far it shifts the origin, and how far it turns about which axis.
+nlohmann::ordered_json toJson(const SE3& motion) {
+  const Eigen::AngleAxisd turn(motion.rotation());
+  const Eigen::Vector3d angles = turn.angle() * turn.axis() * 180.0 / std::numbers::pi;
+  return {{"north_m", motion.translation().x()}, {"east_m", motion.translation().y()},
+          {"down_m", motion.translation().z()},  {"about_north_deg", angles.x()},
+          {"about_east_deg", angles.y()},        {"about_down_deg", angles.z()}};
+}
+
 nlohmann::ordered_json toJson(const std::optional<SurfaceScore>& score) {
   if (!score) return nullptr;
   nlohmann::ordered_json json;
@@ -107,7 +118,11 @@ nlohmann::ordered_json toJson(const std::optional<SurfaceScore>& score) {
   json["p95_m"] = score->p95_m;
   json["p99_m"] = score->p99_m;
   json["bias_m"] = score->bias_m;
+  json["aligned_bias_m"] = score->aligned_bias_m;
+  json["aligned_p95_m"] = score->aligned_p95_m;
+  json["alignment"] = toJson(score->alignment);
   json["coverage"] = score->coverage;
+  json["completeness"] = score->completeness;
   return json;
 }
 

@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "recon/geometry/se3.hpp"
+
 namespace fathom::sim {
 
 // Errors of estimated camera positions against the truth, over the images of the survey.
@@ -18,9 +20,14 @@ struct TrajectoryScore {
 // Errors of an estimated surface: distances from points spread evenly over its area to the true surface.
 struct SurfaceScore {
   double rms_m = 0, p50_m = 0, p95_m = 0, p99_m = 0;  // in nav
-  double bias_m = 0;         // mean signed distance: positive where the estimate lies above the truth
-  double aligned_rms_m = 0;  // after the best rigid motion of the whole (point-to-plane ICP)
-  double coverage = 0;       // part of the seafloor that the cameras saw, in plan, with an aligned estimate
+  double bias_m = 0;  // mean signed distance: positive where the estimate lies above the truth
+  // After the best rigid motion of the whole (point-to-plane ICP): T_truth_estimate.
+  SE3 alignment;
+  double aligned_rms_m = 0, aligned_bias_m = 0, aligned_p95_m = 0;
+  double coverage = 0;  // part of the seafloor that the cameras saw, in plan, with an aligned estimate
+  // Part of the true points that the cameras saw with an aligned estimate no further off than kComplete.
+  double completeness = 0;
+  static constexpr double kComplete = 0.033;  // the default voxel [m]
 };
 
 struct ScoreReport {

@@ -41,6 +41,29 @@ double rootMeanSquare(const std::vector<double>& values) {
   return std::sqrt(sum / static_cast<double>(values.size()));
 }
 
+double meanOf(const std::vector<double>& values) {
+  double sum = 0;
+  for (const double v : values) sum += v;
+  return sum / static_cast<double>(values.size());
+}
+
+void sortMagnitudes(std::vector<double>& values) {
+  for (double& v : values) v = std::abs(v);
+  std::sort(values.begin(), values.end());
+}
+
+// Part of the true points that lie near the estimate after its motion.
+double completeness(const Mesh& estimate, const SE3& motion, const Points& seen) {
+  if (seen.empty()) return 0;
+  const TruthSurface surface(estimate);
+  const SE3 back = motion.inverse();
+  std::vector<std::uint8_t> near(seen.size());
+  tbb::parallel_for(std::size_t{0}, seen.size(), [&](std::size_t i) {
+    near[i] = surface.nearest(back * seen[i]).distance <= SurfaceScore::kComplete ? 1 : 0;
+  });
+  return static_cast<double>(std::count(near.begin(), near.end(), 1)) / static_cast<double>(near.size());
+}
+
 }  // namespace
 
 Points sampleSurface(const Mesh& mesh, std::size_t count) {
@@ -75,7 +98,8 @@ Points sampleSurface(const Mesh& mesh, std::size_t count) {
   return points;
 }
 
-PlanCells seenCells(const TruthSurface& truth, const Camera& camera, const std::vector<SE3>& T_nav_cam) {
+SeenSeafloor seenSeafloor(const TruthSurface& truth, const Camera& camera,
+                          const std::vector<SE3>& T_nav_cam) {
   constexpr int kAcross = 64, kDown = 48;  // rays a pose: 7 cm apart at 6 m
   std::vector<Eigen::Vector3d> rays;
   for (int row = 0; row < kDown; ++row) {
@@ -84,14 +108,19 @@ PlanCells seenCells(const TruthSurface& truth, const Camera& camera, const std::
           {(column + 0.5) / kAcross * camera.width - 0.5, (row + 0.5) / kDown * camera.height - 0.5}));
     }
   }
-  PlanCells cells;
+  // One of so many hits is kept; it shares no factor with the rays of a row or an image.
+  const std::size_t every = (T_nav_cam.size() * rays.size() / kSamples) | 1U;
+  SeenSeafloor seen;
+  std::size_t hits = 0;
   for (const SE3& pose : T_nav_cam) {
     for (const Eigen::Vector3d& ray : rays) {
-      if (const auto hit = truth.castRay(pose.translation(), pose.rotation() * ray))
-        cells.insert(cellOf(*hit));
+      const auto hit = truth.castRay(pose.translation(), pose.rotation() * ray);
+      if (!hit) continue;
+      seen.cells.insert(cellOf(*hit));
+      if (hits++ % every == 0) seen.points.push_back(*hit);
     }
   }
-  return cells;
+  return seen;
 }
 
 PlanCells meshCells(const Mesh& mesh, const SE3& motion) {
@@ -117,26 +146,31 @@ PlanCells meshCells(const Mesh& mesh, const SE3& motion) {
   return cells;
 }
 
-SurfaceScore scoreSurface(const Mesh& estimate, const TruthSurface& truth, const PlanCells& seen,
+SurfaceScore scoreSurface(const Mesh& estimate, const TruthSurface& truth, const SeenSeafloor& seen,
                           const SE3& start) {
   SurfaceScore score;
   const Points points = sampleSurface(estimate, kSamples);
   std::vector<double> distances = signedDistances(points, truth, SE3());
   score.rms_m = rootMeanSquare(distances);
-  for (const double d : distances) score.bias_m += d / static_cast<double>(distances.size());
-  for (double& d : distances) d = std::abs(d);
-  std::sort(distances.begin(), distances.end());
+  score.bias_m = meanOf(distances);
+  sortMagnitudes(distances);
   score.p50_m = percentile(distances, 0.50);
   score.p95_m = percentile(distances, 0.95);
   score.p99_m = percentile(distances, 0.99);
 
-  const SE3 motion = alignSurface(sampleSurface(estimate, kAlignmentSamples), truth, start);
-  score.aligned_rms_m = rootMeanSquare(signedDistances(points, truth, motion));
+  score.alignment = alignSurface(sampleSurface(estimate, kAlignmentSamples), truth, start);
+  distances = signedDistances(points, truth, score.alignment);
+  score.aligned_rms_m = rootMeanSquare(distances);
+  score.aligned_bias_m = meanOf(distances);
+  sortMagnitudes(distances);
+  score.aligned_p95_m = percentile(distances, 0.95);
 
-  const PlanCells covered = meshCells(estimate, motion);
+  const PlanCells covered = meshCells(estimate, score.alignment);
   std::size_t both = 0;
-  for (const auto& cell : seen) both += covered.count(cell);
-  score.coverage = seen.empty() ? 0.0 : static_cast<double>(both) / static_cast<double>(seen.size());
+  for (const auto& cell : seen.cells) both += covered.count(cell);
+  score.coverage =
+      seen.cells.empty() ? 0.0 : static_cast<double>(both) / static_cast<double>(seen.cells.size());
+  score.completeness = completeness(estimate, score.alignment, seen.points);
   return score;
 }
 

@@ -21,14 +21,18 @@ constexpr double kPlanCell = 0.10;  // edge [m]
 // `count` points spread evenly over the area of a mesh; always the same for the same mesh.
 [[nodiscard]] Points sampleSurface(const Mesh& mesh, std::size_t count);
 
-// The squares that a camera saw from its poses.
-[[nodiscard]] PlanCells seenCells(const TruthSurface& truth, const Camera& camera,
-                                  const std::vector<SE3>& T_nav_cam);
+// What a camera saw of the true surface from its poses.
+struct SeenSeafloor {
+  PlanCells cells;
+  Points points;  // of these, spread over the poses and their images
+};
+[[nodiscard]] SeenSeafloor seenSeafloor(const TruthSurface& truth, const Camera& camera,
+                                        const std::vector<SE3>& T_nav_cam);
 // The squares that hold a piece of the mesh after `motion`.
 [[nodiscard]] PlanCells meshCells(const Mesh& mesh, const SE3& motion);
 
 // `start`: where the alignment begins, from the trajectory; identity when there is none.
 [[nodiscard]] SurfaceScore scoreSurface(const Mesh& estimate, const TruthSurface& truth,
-                                        const PlanCells& seen, const SE3& start);
+                                        const SeenSeafloor& seen, const SE3& start);
 
 }  // namespace fathom::sim

@@ -131,6 +131,24 @@ TEST_F(ScoreTest, AKnownShiftIsTheAbsoluteErrorAndVanishesWhenAligned) {
   EXPECT_GT(report.topside_surface->rms_m, 0.08);
   EXPECT_LT(report.topside_surface->aligned_rms_m, 0.003) << "what remains is the coarser lattice";
   EXPECT_GT(report.topside_surface->coverage, 0.97);
+  EXPECT_GT(report.topside_surface->completeness, 0.97);
+  const Eigen::Vector3d back = report.topside_surface->alignment * Eigen::Vector3d(0.30, -0.20, 0.10);
+  EXPECT_LT(back.norm(), 0.01) << "the motion that was found takes the shift back";
+  EXPECT_LT(std::abs(report.topside_surface->aligned_bias_m), 0.002);
+}
+
+TEST_F(ScoreTest, ASurfaceWithAHoleIsIncompleteByWhatIsMissing) {
+  writePoses("topside", SE3());
+  Mesh mesh = bumpySeafloor(0.08);
+  // The southern half of what there is.
+  std::erase_if(mesh.triangles, [&](const auto& t) { return mesh.vertices[t[0]].x() < 0; });
+  std::filesystem::create_directories(root() / "topside");
+  writePly(root() / "topside" / "mesh.ply", mesh);
+  const ScoreReport report = scoreMission(root());
+  EXPECT_LT(report.topside_surface->rms_m, 0.003);
+  EXPECT_LT(report.topside_surface->completeness, 0.8);
+  EXPECT_GT(report.topside_surface->completeness, 0.2);
+  EXPECT_NEAR(report.topside_surface->completeness, report.topside_surface->coverage, 0.1);
 }
 
 TEST_F(ScoreTest, AKnownTurnVanishesWhenAligned) {
@@ -147,9 +165,11 @@ TEST_F(ScoreTest, AKnownTurnVanishesWhenAligned) {
 TEST_F(ScoreTest, ASurfaceThatLiesTooHighHasAPositiveBias) {
   const SE3 up(Eigen::Quaterniond::Identity(), {0, 0, -0.05});
   writeSurface("onboard", "map.ply", up);
-  const auto high = scoreMission(root()).onboard_surface;
-  EXPECT_NEAR(high->bias_m, 0.048, 0.003) << "distances are square to slopes, a little below 5 cm";
-  EXPECT_NEAR(high->p50_m, 0.048, 0.003);
+  const ScoreReport report = scoreMission(root());
+  ASSERT_TRUE(report.onboard_surface);
+  const SurfaceScore high = *report.onboard_surface;
+  EXPECT_NEAR(high.bias_m, 0.048, 0.003) << "distances are square to slopes, a little below 5 cm";
+  EXPECT_NEAR(high.p50_m, 0.048, 0.003);
   writeSurface("onboard", "map.ply", up.inverse());
   EXPECT_NEAR(scoreMission(root()).onboard_surface->bias_m, -0.048, 0.003);
 }
