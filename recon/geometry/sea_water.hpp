@@ -15,4 +15,10 @@ namespace fathom {
 [[nodiscard]] double soundSpeed(double temperature_c, double salinity_psu, double depth_m) noexcept;
 [[nodiscard]] bool soundSpeedIsKnown(double temperature_c, double salinity_psu, double depth_m) noexcept;
 
+// Practical salinity from conductivity [S/m], temperature [deg C, ITS-90] and the pressure of the water above
+// [Pa]: PSS-78 as in UNESCO technical papers in marine science 44 (1983), section 2. NaN outside of 2 to 42,
+// -2 to 35 deg C, where it does not hold.
+[[nodiscard]] double practicalSalinity(double conductivity, double temperature_c,
+                                       double pressure_pa) noexcept;
+
 }  // namespace fathom

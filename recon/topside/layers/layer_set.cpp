@@ -1,0 +1,241 @@
+#include "recon/topside/layers/layer_set.hpp"
+
+#include <ogr_spatialref.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numbers>
+#include <stdexcept>
+
+#include "recon/topside/layers/cog_writer.hpp"
+#include "recon/topside/layers/layer_picture.hpp"
+#include "recon/topside/layers/patch_mosaic.hpp"
+#include "recon/topside/layers/sparse_cells.hpp"
+#include "recon/topside/layers/terrain.hpp"
+#include "recon/topside/layers/track_layers.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr double kMaxMosaicCells = 4294967296.0;  // 2^32: overviews of more take hours
+constexpr double kLegendTail = 0.02;              // of the values on either side lie beyond the legend
+constexpr int kLegendPixels = 1200;               // of the reduced raster that the legend is taken from
+
+struct Layer {
+  LayerInfo info;
+  RasterSource source;
+  bool average = true;
+  bool shaded = false;
+  double fixed_max = 0;  // of the legend; 0: from the values
+  bool from_zero = false;
+};
+
+// A step to round to that is small against the range.
+double roundStep(double range) {
+  return std::pow(10.0, std::floor(std::log10(std::max(range, 1e-6))) - 1);
+}
+
+// The legend's ends; false when the raster holds no value.
+bool legend(const ReducedRaster& raster, const Layer& layer, LayerInfo& info) {
+  std::vector<float> values;
+  for (const float v : raster.values)
+    if (std::isfinite(v)) values.push_back(v);
+  if (values.empty()) return false;
+  const auto rank = [&](double share) {
+    const auto k = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+    std::nth_element(values.begin(), values.begin() + k, values.end());
+    return static_cast<double>(values[static_cast<std::size_t>(k)]);
+  };
+  info.min = layer.from_zero ? 0 : rank(kLegendTail);
+  info.max = layer.fixed_max > 0 ? layer.fixed_max : rank(1 - kLegendTail);
+  if (layer.fixed_max > 0) return true;
+  const double step = roundStep(info.max - info.min);
+  info.min = std::floor(info.min / step) * step;
+  info.max = std::max(std::ceil(info.max / step) * step, info.min + step);
+  return true;
+}
+
+// Reads the terrain with a border and hands it to a calculation.
+template <typename Use>
+RasterSource terrainSource(const std::shared_ptr<PatchMosaic>& mosaic, double cell, int radius, Use use) {
+  RasterSource source;
+  source.extent = mosaic->surfaceExtent();
+  source.cell = cell;
+  source.touches = [mosaic, cell](const CellWindow& w) { return mosaic->touches(w, cell); };
+  source.fill = [mosaic, cell, radius, use](const CellWindow& w, void* out) {
+    const CellWindow wide{w.x - radius, w.y - radius, w.rows + 2 * radius, w.columns + 2 * radius};
+    const std::vector<float> elevation = mosaic->surface(wide).elevation;
+    const std::vector<float> values = use(TerrainView{elevation.data(), w.rows, w.columns, radius, cell});
+    std::copy(values.begin(), values.end(), static_cast<float*>(out));
+  };
+  return source;
+}
+
+template <typename Pick>
+RasterSource surfaceSource(const std::shared_ptr<PatchMosaic>& mosaic, double cell, Pick pick) {
+  RasterSource source;
+  source.extent = mosaic->surfaceExtent();
+  source.cell = cell;
+  source.touches = [mosaic, cell](const CellWindow& w) { return mosaic->touches(w, cell); };
+  source.fill = [mosaic, pick](const CellWindow& w, void* out) {
+    const PatchMosaic::Surface surface = mosaic->surface(w);
+    const std::vector<float>& values = pick(surface);
+    std::copy(values.begin(), values.end(), static_cast<float*>(out));
+  };
+  return source;
+}
+
+std::int32_t floorDiv(std::int32_t a, std::int32_t b) {
+  return a >= 0 ? a / b : -((-a + b - 1) / b);
+}
+
+RasterSource mosaicSource(const std::shared_ptr<PatchMosaic>& mosaic, double cell) {
+  const CellWindow fine = mosaic->mosaicExtent();
+  int factor = 1;
+  while (static_cast<double>(fine.rows) * fine.columns / factor / factor > kMaxMosaicCells) factor *= 2;
+  RasterSource source;
+  source.colour = true;
+  source.cell = cell * factor;
+  source.extent = {floorDiv(fine.x, factor), floorDiv(fine.y, factor), 0, 0};
+  source.extent.rows = floorDiv(fine.x + fine.rows - 1, factor) + 1 - source.extent.x;
+  source.extent.columns = floorDiv(fine.y + fine.columns - 1, factor) + 1 - source.extent.y;
+  source.touches = [mosaic, cell, factor](const CellWindow& w) {
+    return mosaic->touches({w.x * factor, w.y * factor, w.rows * factor, w.columns * factor}, cell);
+  };
+  source.fill = [mosaic, factor](const CellWindow& w, void* out) {
+    mosaic->colours(w, factor, static_cast<std::uint8_t*>(out));
+  };
+  return source;
+}
+
+void addTileLayers(const LayerInputs& inputs, const LayerConfig& config, std::vector<Layer>& layers) {
+  if (inputs.tiles.empty()) return;
+  const double cell = config.cells.surface;
+  const auto mosaic = std::make_shared<PatchMosaic>(inputs.grid, config.cells, inputs.tiles, inputs.patch);
+  using Surface = PatchMosaic::Surface;
+  const TerrainWindow slope{radiusOf(config.slope_window, cell), config.min_coverage};
+  const TerrainWindow rough{radiusOf(config.rugosity_window, cell), config.min_coverage};
+
+  Layer elevation{{"elevation", "Elevation", "m", "", 0, 0, "viridis", ""}, {}};
+  elevation.source =
+      surfaceSource(mosaic, cell, [](const Surface& s) -> const std::vector<float>& { return s.elevation; });
+  elevation.shaded = true;
+  layers.push_back(elevation);
+
+  Layer colours{{"orthomosaic", "Orthomosaic", "", "", 0, 0, "", ""},
+                mosaicSource(mosaic, config.cells.mosaic)};
+  layers.push_back(colours);
+
+  Layer steep{{"slope", "Slope", "deg", "", 0, 0, "magma", ""}, {}};
+  steep.source = terrainSource(mosaic, cell, slope.radius,
+                               [slope](const TerrainView& view) { return slopeAspect(view, slope).slope; });
+  steep.from_zero = true;
+  layers.push_back(steep);
+
+  Layer aspect{{"aspect", "Aspect (the way the ground falls)", "deg", "", 0, 0, "twilight", ""}, {}};
+  aspect.source = terrainSource(mosaic, cell, slope.radius,
+                                [slope](const TerrainView& view) { return slopeAspect(view, slope).aspect; });
+  aspect.average = false;
+  aspect.from_zero = true;
+  aspect.fixed_max = 360;
+  layers.push_back(aspect);
+
+  Layer rugged{{"rugosity", "Rugosity (surface over plane of best fit)", "1", "", 0, 0, "magma", ""}, {}};
+  rugged.source = terrainSource(mosaic, cell, rough.radius,
+                                [rough](const TerrainView& view) { return rugosity(view, rough); });
+  layers.push_back(rugged);
+
+  Layer views{{"views", "Stereo pairs that saw the surface", "1", "", 0, 0, "viridis", ""}, {}};
+  views.source =
+      surfaceSource(mosaic, cell, [](const Surface& s) -> const std::vector<float>& { return s.views; });
+  views.average = false;
+  views.from_zero = true;
+  layers.push_back(views);
+
+  Layer sigma{{"uncertainty", "Height uncertainty (1 sigma)", "m", "", 0, 0, "turbo", ""}, {}};
+  sigma.source =
+      surfaceSource(mosaic, cell, [](const Surface& s) -> const std::vector<float>& { return s.sigma; });
+  sigma.from_zero = true;
+  layers.push_back(sigma);
+}
+
+void addStatistics(const fusion::CellStatistics& statistics, std::vector<Layer>& layers) {
+  const auto meshes = std::make_shared<SparseCells>(statistics.cell()),
+             deviation = std::make_shared<SparseCells>(statistics.cell());
+  for (const auto& cell : statistics.cells()) {
+    meshes->set(cell.x, cell.y, static_cast<float>(cell.meshes));
+    if (cell.meshes > 1) deviation->set(cell.x, cell.y, static_cast<float>(cell.deviation));
+  }
+  Layer count{{"meshes", "Stereo meshes before fusion", "1", "", 0, 0, "viridis", ""}, sourceOf(meshes)};
+  count.average = false;
+  count.from_zero = true;
+  layers.push_back(count);
+  Layer spread{{"deviation", "Deviation of depth between meshes before fusion", "m", "", 0, 0, "turbo", ""},
+               sourceOf(deviation)};
+  spread.from_zero = true;
+  layers.push_back(spread);
+}
+
+void addTrack(const std::vector<TrackPoint>& track, const LayerConfig& config, std::vector<Layer>& layers) {
+  for (TrackLayer& made : trackLayers(track, config.track_cell, config.track_radius))
+    layers.push_back({{made.name, made.title, made.unit, "", 0, 0, "turbo", ""}, sourceOf(made.cells)});
+}
+
+}  // namespace
+
+std::string layersWkt(const Geodetic& origin) {
+  constexpr double kDegrees = 180 / std::numbers::pi;
+  OGRSpatialReference reference;
+  reference.SetProjCS("Local transverse Mercator (dive origin)");
+  reference.SetWellKnownGeogCS("WGS84");
+  reference.SetTM(origin.latitude * kDegrees, origin.longitude * kDegrees, 1, 0, 0);
+  reference.SetLinearUnits(SRS_UL_METER, 1);
+  char* text = nullptr;
+  const bool good = reference.exportToWkt(&text) == OGRERR_NONE && text != nullptr;
+  std::string wkt = good ? text : "";
+  CPLFree(text);
+  if (!good) throw std::runtime_error("GDAL does not know WGS84: is PROJ's data (proj-data) installed?");
+  return wkt;
+}
+
+std::vector<LayerInfo> writeLayers(const std::filesystem::path& out, const LayerInputs& inputs,
+                                   const LayerConfig& config) {
+  std::vector<Layer> layers;
+  addTileLayers(inputs, config, layers);
+  if (inputs.statistics != nullptr) addStatistics(*inputs.statistics, layers);
+  if (inputs.track != nullptr) addTrack(*inputs.track, config, layers);
+  const std::string wkt = layersWkt(inputs.origin);
+  const std::filesystem::path folder = "layers";
+  std::filesystem::create_directories(out / folder);
+
+  std::vector<LayerInfo> written;
+  for (const Layer& layer : layers) {
+    if (layer.source.extent.cells() == 0) continue;
+    LayerInfo info = layer.info;
+    info.file = (folder / (info.name + ".tif")).string();
+    CogOptions options;
+    options.wkt = wkt;
+    options.description = info.title;
+    options.unit = info.unit;
+    options.average = layer.average;
+    options.quality = config.mosaic_quality;
+    options.threads = config.threads;
+    writeCog(out / info.file, layer.source, options);
+    const ReducedRaster raster =
+        readReduced(out / info.file, config.picture_pixels > 0 ? config.picture_pixels : kLegendPixels);
+    if (!layer.source.colour && !legend(raster, layer, info)) {
+      std::filesystem::remove(out / info.file);
+      continue;
+    }
+    if (config.picture_pixels > 0) {
+      info.picture = (folder / (info.name + ".png")).string();
+      drawLayer(out / info.picture, raster, {info.title, info.unit, info.min, info.max, info.ramp},
+                layer.shaded);
+    }
+    written.push_back(std::move(info));
+  }
+  return written;
+}
+
+}  // namespace fathom::topside
