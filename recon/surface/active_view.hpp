@@ -10,6 +10,7 @@ namespace fathom::surface {
 
 // A view while its tile is being textured.
 struct ActiveView {
+  std::uint32_t place = 0;  // in the index
   ViewProjection projection;
   DepthBuffer depth;
   std::shared_ptr<const BandImage> bands;

@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "recon/surface/block_blender.hpp"
+#include "recon/surface/fill.hpp"
 #include "recon/surface/view_choice.hpp"
 
 namespace fathom::surface {
@@ -14,25 +15,20 @@ namespace {
 constexpr int kStep = ChartLattice::kStep;
 constexpr double kFade = 0.08;  // of the image's height: the rise of a view's weight at its border
 
-std::array<std::uint8_t, 3> rounded(const float* value) {
-  std::array<std::uint8_t, 3> out{};
-  for (std::size_t c = 0; c < 3; ++c)
-    out[c] = static_cast<std::uint8_t>(std::clamp(value[c] + 0.5F, 0.0F, 255.0F));
-  return out;
-}
-
 // Mean of the vertices' colours, for a chart that no view sees.
-std::array<float, 4> colourOf(const Mesh& mesh) {
-  std::array<float, 4> mean{};
+Rgb colourOf(const Mesh& mesh) {
+  std::array<double, 3> sum{};
   for (const Rgb& colour : mesh.colours)
-    for (std::size_t c = 0; c < 3; ++c)
-      mean[c] += static_cast<float>(colour[c]) / static_cast<float>(mesh.colours.size());
+    for (std::size_t c = 0; c < 3; ++c) sum[c] += colour[c];
+  Rgb mean{};
+  for (std::size_t c = 0; c < 3 && !mesh.colours.empty(); ++c)
+    mean[c] = static_cast<std::uint8_t>(sum[c] / static_cast<double>(mesh.colours.size()) + 0.5);
   return mean;
 }
 
 // Everything of a chart that no view coloured: cells without a seen corner, and those without faces.
 void paintRest(const Chart& chart, const ChartLattice& lattice, const ChartLattice::Grid& grid,
-               const ColourGrid& filled, const std::vector<std::uint8_t>& seen, RgbImage& atlas) {
+               const RgbImage& filled, const std::vector<std::uint8_t>& seen, RgbImage& atlas) {
   const auto place = [&](int i, int j) {
     return static_cast<std::size_t>(j) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(i);
   };
@@ -43,14 +39,12 @@ void paintRest(const Chart& chart, const ChartLattice& lattice, const ChartLatti
       for (int y = 0; y < std::min(kStep, chart.height - kStep * j); ++y) {
         for (int x = 0; x < std::min(kStep, chart.width - kStep * i); ++x) {
           const float fx = static_cast<float>(x) / kStep, fy = static_cast<float>(y) / kStep;
-          float value[3];
+          std::uint8_t* texel = atlas.at(chart.x + kStep * i + x, chart.y + kStep * j + y);
           for (std::size_t k = 0; k < 3; ++k) {
-            const auto at = [&](std::size_t node) { return filled.values[4 * node + k]; };
+            const auto at = [&](std::size_t node) { return static_cast<float>(filled.rgb[3 * node + k]); };
             const float top = at(a) + fx * (at(b) - at(a)), bottom = at(c) + fx * (at(d) - at(c));
-            value[k] = top + fy * (bottom - top);
+            texel[k] = static_cast<std::uint8_t>(top + fy * (bottom - top) + 0.5F);
           }
-          const auto texel = rounded(value);
-          std::copy(texel.begin(), texel.end(), atlas.at(chart.x + kStep * i + x, chart.y + kStep * j + y));
         }
       }
     }
@@ -74,6 +68,7 @@ struct TextureBlender::Impl {
   Camera camera;
   BlockBlender block;
   std::vector<ActiveView> views;
+  std::vector<std::uint32_t> chosen;
 };
 
 void TextureBlender::Impl::activate(const ChartLattice& lattice, const ViewIndex& index,
@@ -89,7 +84,7 @@ void TextureBlender::Impl::activate(const ChartLattice& lattice, const ViewIndex
     auto bands = images(index.views()[places[i]].image);
     if (bands == nullptr) continue;
     assert(bands->image.width == camera.width && bands->image.height == camera.height);
-    views.push_back({projections[i], {}, std::move(bands)});
+    views.push_back({places[i], projections[i], {}, std::move(bands)});
     views.back().depth.draw(surfaces, projections[i]);
   }
 }
@@ -99,11 +94,10 @@ BlendCounts TextureBlender::Impl::blend(Atlas& atlas, const ViewIndex& index,
                                         const std::vector<const Mesh*>& occluders, const BandSource& images) {
   BlendCounts counts;
   RgbImage& out = atlas.tile.atlas;
-  const std::array<float, 4> given = colourOf(atlas.tile.surface.mesh);
-  const auto background = rounded(given.data());
+  const Rgb given = colourOf(atlas.tile.surface.mesh);
   out = {atlas.width, atlas.height, {}};
   out.rgb.resize(3 * static_cast<std::size_t>(out.width) * static_cast<std::size_t>(out.height));
-  for (std::size_t i = 0; i < out.rgb.size(); ++i) out.rgb[i] = background[i % 3];
+  for (std::size_t i = 0; i < out.rgb.size(); ++i) out.rgb[i] = given[i % 3];
 
   const ChartLattice lattice(atlas);
   activate(lattice, index, places, occluders, images);
@@ -116,22 +110,23 @@ BlendCounts TextureBlender::Impl::blend(Atlas& atlas, const ViewIndex& index,
     vote.emplace(lattice, views, fade, tolerance);
     counts.outvoted = vote->outvoted();
   }
-  block.begin({&lattice, &views, vote ? &*vote : nullptr, &out, fade, tolerance});
+  chosen.clear();
+  if (config.mode == BlendMode::kUnblended)
+    chosen.assign(static_cast<std::size_t>(out.width) * static_cast<std::size_t>(out.height), kNoView);
+  block.begin({&lattice, &views, vote ? &*vote : nullptr, &out, &chosen, fade, tolerance});
 
-  ColourGrid colours;
+  NodeColours colours;
   for (std::size_t c = 0; c < atlas.charts.size(); ++c) {
     const ChartLattice::Grid& grid = lattice.grids[c];
-    colours.width = grid.columns, colours.height = grid.rows;
     const std::size_t nodes = static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows);
-    colours.values.assign(4 * nodes, 0.0F);
+    colours.image = {grid.columns, grid.rows, std::vector<std::uint8_t>(3 * nodes)};
+    for (std::size_t i = 0; i < 3 * nodes; ++i) colours.image.rgb[i] = given[i % 3];
     colours.known.assign(nodes, 0);
     for (int j = 0; j + 1 < grid.rows; j += BlockBlender::kCells)
       for (int i = 0; i + 1 < grid.columns; i += BlockBlender::kCells)
         block.blend(atlas.charts[c], c, i, j, colours, counts);
-    const std::vector<std::uint8_t> seen = colours.known;
-    if (!fillUnknown(colours))
-      for (std::size_t n = 0; n < colours.values.size(); ++n) colours.values[n] = given[n % 4];
-    paintRest(atlas.charts[c], lattice, grid, colours, seen, out);
+    fillUnknown(colours.image, colours.known);
+    paintRest(atlas.charts[c], lattice, grid, colours.image, colours.known, out);
   }
   views.clear();
   return counts;
@@ -141,6 +136,10 @@ TextureBlender::TextureBlender(const Camera& camera, const BlendConfig& config)
     : impl_(std::make_unique<Impl>(camera, config)) {}
 
 TextureBlender::~TextureBlender() = default;
+
+const std::vector<std::uint32_t>& TextureBlender::chosen() const {
+  return impl_->chosen;
+}
 
 BlendCounts TextureBlender::blend(Atlas& atlas, const ViewIndex& index,
                                   const std::vector<std::uint32_t>& views,

@@ -32,6 +32,8 @@ struct BlendConfig {
   int views_of_a_place = 12;
 };
 
+constexpr std::uint32_t kNoView = 0xffffffff;
+
 struct BlendCounts {
   std::uint64_t texels = 0, unseen = 0, occluded = 0, outvoted = 0, samples = 0;
   std::uint32_t views = 0;
@@ -65,6 +67,10 @@ class TextureBlender {
                     const std::vector<const Mesh*>& occluders, const BandSource& images);
   BlendCounts blend(Atlas& atlas, const ViewIndex& index, const std::vector<std::uint32_t>& views,
                     const std::vector<const Mesh*>& occluders, const ImageSource& images);
+
+  // After a blend() in kUnblended: which view a texel shows (its place in the index), row by row; kNoView
+  // where none.
+  [[nodiscard]] const std::vector<std::uint32_t>& chosen() const;
 
  private:
   struct Impl;

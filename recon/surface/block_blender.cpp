@@ -182,6 +182,7 @@ void BlockBlender::writeCells(const Chart& chart, const ChartLattice::Grid& grid
         if (sum == 0) continue;
         for (std::size_t k = 0; k < 4; ++k) cell.u[k] = u_[row + corner[k]], cell.v[k] = v_[row + corner[k]];
         const RgbImage& image = (*tile_.views)[looking_[view]].bands->image;
+        cell.place = (*tile_.views)[looking_[view]].place;
         cell.pixels = image.rgb.data();
         cell.stride = static_cast<std::ptrdiff_t>(3) * image.width;
         // A pixel is read as four bytes, and with its neighbours right and below.
@@ -195,14 +196,25 @@ void BlockBlender::writeCells(const Chart& chart, const ChartLattice::Grid& grid
                               std::min(kStep, chart.height - y)};
       counts.samples += views.size() * covered;
       if (config_.mode == BlendMode::kUnblended)
-        kernels_.bestCell(views.data(), static_cast<int>(views.size()), texels);
+        writeBest(views, texels,
+                  static_cast<std::size_t>(chart.y + y) * sizeOf(atlas.width) + sizeOf(chart.x + x));
       else
         kernels_.blendCell(views.data(), static_cast<int>(views.size()), base.data(), texels);
     }
   }
 }
 
-void BlockBlender::blend(const Chart& chart, std::size_t place, int i0, int j0, ColourGrid& seen,
+void BlockBlender::writeBest(const std::vector<CellView>& views, const CellTexels& texels,
+                             std::size_t first_texel) {
+  std::array<std::uint32_t, kStep * kStep> chosen{};
+  kernels_.bestCell(views.data(), static_cast<int>(views.size()), texels, chosen.data());
+  for (int y = 0; y < texels.rows; ++y)
+    for (int x = 0; x < texels.columns; ++x)
+      (*tile_.chosen)[first_texel + sizeOf(y) * sizeOf(tile_.atlas->width) + sizeOf(x)] =
+          views[chosen[sizeOf(kStep * y + x)]].place;
+}
+
+void BlockBlender::blend(const Chart& chart, std::size_t place, int i0, int j0, NodeColours& seen,
                          BlendCounts& counts) {
   const ChartLattice::Grid& grid = tile_.lattice->grids[place];
   gatherNodes(grid, i0, j0);
@@ -215,7 +227,9 @@ void BlockBlender::blend(const Chart& chart, std::size_t place, int i0, int j0, 
       const std::size_t from = sizeOf(j * columns_ + i), to = sizeOf((j0 + j) * grid.columns + i0 + i);
       if (seen_[from] == 0) continue;
       seen.known[to] = 1;
-      std::copy_n(&colour_[4 * from], 4, &seen.values[4 * to]);
+      for (std::size_t c = 0; c < 3; ++c)
+        seen.image.rgb[3 * to + c] =
+            static_cast<std::uint8_t>(std::clamp(colour_[4 * from + c] + 0.5F, 0.0F, 255.0F));
     }
   }
 }

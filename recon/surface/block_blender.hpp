@@ -5,11 +5,16 @@
 #include "recon/surface/active_view.hpp"
 #include "recon/surface/blend.hpp"
 #include "recon/surface/chart_lattice.hpp"
-#include "recon/surface/fill_unseen.hpp"
 #include "recon/surface/kernels/blend_kernels.hpp"
 #include "recon/surface/view_vote.hpp"
 
 namespace fathom::surface {
+
+// Colours of a chart's lattice nodes, as far as views see them.
+struct NodeColours {
+  RgbImage image;                   // of the lower bands, a pixel a node
+  std::vector<std::uint8_t> known;  // a node: seen
+};
 
 // Textures one square of a chart after another. Bands, weights and image positions are worked out at the
 // lattice's nodes; only the high band is looked up texel by texel, in the few views whose weight matters
@@ -27,13 +32,14 @@ class BlockBlender {
     const std::vector<ActiveView>* views = nullptr;
     const ViewVote* vote = nullptr;  // null: none
     RgbImage* atlas = nullptr;
+    std::vector<std::uint32_t>* chosen = nullptr;  // null: not wanted
     float fade = 0, tolerance = 0;
   };
   void begin(const Tile& tile) { tile_ = tile; }
 
   // Cells [i0, i0 + kCells) x [j0, j0 + kCells) of a chart, cut at its border. `seen`: the chart's nodes;
   // those that a view sees become known with the colour of their lower bands.
-  void blend(const Chart& chart, std::size_t place, int i0, int j0, ColourGrid& seen, BlendCounts& counts);
+  void blend(const Chart& chart, std::size_t place, int i0, int j0, NodeColours& seen, BlendCounts& counts);
 
  private:
   void gatherNodes(const ChartLattice::Grid& grid, int i0, int j0);
@@ -41,6 +47,7 @@ class BlockBlender {
   void weighViews();
   void takeBands();
   void writeCells(const Chart& chart, const ChartLattice::Grid& grid, int i0, int j0, BlendCounts& counts);
+  void writeBest(const std::vector<CellView>& views, const CellTexels& texels, std::size_t first_texel);
   [[nodiscard]] bool mayMeet(const ViewProjection& view) const;
 
   BlendConfig config_;

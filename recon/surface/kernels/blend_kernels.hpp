@@ -26,6 +26,7 @@ struct NodePixels {
 // A view over one cell: image position and weight in its corners (left top, right top, left bottom, right
 // bottom).
 struct CellView {
+  std::uint32_t place = 0;  // of the view in its index
   const std::uint8_t* pixels = nullptr;
   std::ptrdiff_t stride = 0;       // bytes from row to row
   float limit_u = 0, limit_v = 0;  // positions are cut to 0 .. limit [px]
@@ -57,8 +58,8 @@ struct BlendKernels {
                       float* fine_of_high);
   // texel = base + sum of weight * image, all interpolated between the corners. `base`: four values a corner.
   void (*blendCell)(const CellView* views, int count, const float* base, const CellTexels& texels);
-  // texel = image of the view of largest weight.
-  void (*bestCell)(const CellView* views, int count, const CellTexels& texels);
+  // texel = image of the view of largest weight; `chosen`: which, row by row, kStep a row.
+  void (*bestCell)(const CellView* views, int count, const CellTexels& texels, std::uint32_t* chosen);
 };
 
 constexpr float kLeastWeight = 0.02F;  // of the largest: below this a view is left out

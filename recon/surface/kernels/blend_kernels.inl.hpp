@@ -229,7 +229,7 @@ void blendCell(const CellView* views, int count, const float* base, const CellTe
       storeTexel(texels.out + y * texels.stride + static_cast<std::ptrdiff_t>(3) * x, sum[kStep * y + x]);
 }
 
-void bestCell(const CellView* views, int count, const CellTexels& texels) {
+void bestCell(const CellView* views, int count, const CellTexels& texels, std::uint32_t* chosen) {
   for (int y = 0; y < texels.rows; ++y) {
     const float down = kPart * static_cast<float>(y);
     for (int x = 0; x < texels.columns; ++x) {
@@ -239,6 +239,7 @@ void bestCell(const CellView* views, int count, const CellTexels& texels) {
         const float weight = rowOf(views[i].weight, down)[x];
         if (weight > largest) largest = weight, best = views + i;
       }
+      chosen[kStep * y + x] = static_cast<std::uint32_t>(best - views);
       const RowPixels at = pixelsOf(*best, down);
       storeTexel(texels.out + y * texels.stride + static_cast<std::ptrdiff_t>(3) * x,
                  samplePixels(addressOf(*best, at.xi[x], at.yi[x]), best->stride, at.fx[x], at.fy[x]));

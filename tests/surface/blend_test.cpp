@@ -1,0 +1,277 @@
+#include "recon/surface/blend.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "tests/surface/seen_scene.hpp"
+
+namespace fathom::surface {
+namespace {
+
+constexpr double kTexel = 0.004;
+constexpr double kLow = -0.25, kHigh = 0.25;
+
+struct Result {
+  Atlas atlas;
+  BlendCounts counts;
+};
+
+Result textured(const SeenScene& scene, const TileMesh& tile, const BlendConfig& config,
+                const std::vector<const Mesh*>& more = {}) {
+  Result out{makeAtlas(tile, {kTexel, 4096, 4}), {}};
+  std::vector<const Mesh*> occluders{&tile.mesh};
+  occluders.insert(occluders.end(), more.begin(), more.end());
+  const ViewIndex index(scene.views);
+  TextureBlender blender(scene.camera, config);
+  out.counts =
+      blender.blend(out.atlas, index, index.meeting({kLow, kLow, kHigh, kHigh}), occluders,
+                    TextureBlender::ImageSource([&](std::uint32_t image) { return &scene.pictures[image]; }));
+  return out;
+}
+
+// Root mean square and greatest difference of texels from `truth`, over those that show a face and that
+// `where` admits.
+struct Error {
+  double rms = 0, greatest = 0;
+  int texels = 0;
+};
+template <typename Where>
+Error errorOf(const Atlas& atlas, const SeenScene::Paint& truth, const Where& where) {
+  std::vector<Texel> texels;
+  rasterise(atlas, 0, atlas.height, texels);
+  Error out;
+  for (int y = 0; y < atlas.height; ++y) {
+    for (int x = 0; x < atlas.width; ++x) {
+      const Texel& texel = texels[static_cast<std::size_t>(y * atlas.width + x)];
+      if (texel.face < 0 || !where(texel.point.x(), texel.point.y())) continue;
+      const auto expected = truth(texel.point.x(), texel.point.y());
+      for (std::size_t c = 0; c < 3; ++c) {
+        const double difference = atlas.tile.atlas.at(x, y)[c] - expected[c];
+        out.rms += difference * difference;
+        out.greatest = std::max(out.greatest, std::abs(difference));
+      }
+      ++out.texels;
+    }
+  }
+  out.rms = std::sqrt(out.rms / (3.0 * std::max(out.texels, 1)));
+  return out;
+}
+
+bool everywhere(double, double) {
+  return true;
+}
+
+SeenScene fiveViews() {
+  SeenScene scene;
+  scene.camera = sceneCamera();
+  scene.paint = seafloorPaint;
+  scene.addView(0.0, 0.0, 0.2);
+  scene.addView(0.25, 0.1, 0.1, 0.05);
+  scene.addView(-0.25, 0.05, -0.1);
+  scene.addView(0.1, -0.2, 3.1, -0.04);
+  scene.addView(-0.1, 0.2, 0.3);
+  return scene;
+}
+
+TEST(Blend, ShowsTheSeafloorAsPainted) {
+  SeenScene scene = fiveViews();
+  scene.take();
+  for (const BlendMode mode : {BlendMode::kBands, BlendMode::kAverage, BlendMode::kUnblended}) {
+    BlendConfig config;
+    config.mode = mode;
+    const Result result = textured(scene, flatTile(kLow, kHigh, scene.depth, 0.05), config);
+    EXPECT_EQ(result.counts.unseen, 0U);
+    EXPECT_EQ(result.counts.outvoted, 0U);
+    EXPECT_EQ(result.counts.views, 5U);
+    const Error error = errorOf(result.atlas, scene.paint, everywhere);
+    EXPECT_GT(error.texels, 15000);
+    // The fine waves are six pixels long, and edges are as sharp as a pixel: sampling alone costs this much.
+    EXPECT_LT(error.rms, 5) << static_cast<int>(mode);
+  }
+}
+
+TEST(Blend, GivesEverythingOfAnImageBackWhereItIsTheOnlyOne) {
+  SeenScene scene;
+  scene.camera = sceneCamera();
+  scene.paint = seafloorPaint;
+  scene.addView(0, 0, 0.4);
+  scene.take();
+  BlendConfig bands, unblended;
+  unblended.mode = BlendMode::kUnblended;
+  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
+  const Result a = textured(scene, tile, bands), b = textured(scene, tile, unblended);
+  ASSERT_EQ(a.atlas.tile.atlas.rgb.size(), b.atlas.tile.atlas.rgb.size());
+  int differing = 0;
+  for (std::size_t i = 0; i < a.atlas.tile.atlas.rgb.size(); ++i)
+    differing += std::abs(a.atlas.tile.atlas.rgb[i] - b.atlas.tile.atlas.rgb[i]) > 1;
+  EXPECT_EQ(differing, 0);
+}
+
+TEST(Blend, HidesDifferencesOfExposureWithoutLosingDetail) {
+  SeenScene scene = fiveViews();
+  scene.gains = {1.0, 1.15, 0.88, 1.1, 0.92};
+  scene.take();
+  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
+  BlendConfig config;
+  const Result blended = textured(scene, tile, config);
+  config.mode = BlendMode::kUnblended;
+  const Result unblended = textured(scene, tile, config);
+  EXPECT_EQ(blended.counts.outvoted, 0U);  // a gain is no reason to be left out
+  EXPECT_LT(errorOf(blended.atlas, scene.paint, everywhere).rms,
+            0.9 * errorOf(unblended.atlas, scene.paint, everywhere).rms);
+}
+
+TEST(Blend, DoesNotPaintWhatHidesASurfaceOntoIt) {
+  SeenScene scene = fiveViews();
+  // A ledge half a metre above the seafloor, and a rod as thin as a voxel.
+  scene.plates = {{{0.02, -0.30, 0.20, 0.02}, 1.5, {250, 20, 20}},
+                  {{-0.2, 0.10, 0.2, 0.135}, 1.6, {20, 250, 20}}};
+  scene.take();
+  const Mesh ledge = plateMesh(scene.plates[0]), rod = plateMesh(scene.plates[1]);
+  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
+  BlendConfig config;
+  config.vote = false;
+  const Result aware = textured(scene, tile, config, {&ledge, &rod}), blind = textured(scene, tile, config);
+  const auto painted = [&](const Result& result) {
+    int count = 0;
+    std::vector<Texel> texels;
+    rasterise(result.atlas, 0, result.atlas.height, texels);
+    for (int y = 0; y < result.atlas.height; ++y) {
+      for (int x = 0; x < result.atlas.width; ++x) {
+        const std::uint8_t* texel = result.atlas.tile.atlas.at(x, y);
+        const bool red = texel[0] > 200 && texel[1]<70, green = texel[1]> 180 && texel[0] < 70;
+        count += texels[static_cast<std::size_t>(y * result.atlas.width + x)].face >= 0 && (red || green);
+      }
+    }
+    return count;
+  };
+  EXPECT_GT(painted(blind), 500);
+  EXPECT_EQ(painted(aware), 0);
+  EXPECT_GT(aware.counts.occluded, 0U);
+}
+
+TEST(Blend, LeavesOutAFishThatOneOfFiveViewsSaw) {
+  SeenScene scene = fiveViews();
+  scene.take();
+  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
+  BlendConfig config;
+  const Result clean = textured(scene, tile, config);
+  SeenScene with_fish = scene;
+  // It swims 20 cm above the middle, where the first view is the most central one.
+  with_fish.plates = {{{-0.10, -0.05, 0.10, 0.05}, 1.8, {20, 25, 40}}};
+  scene.pictures[0] = with_fish.picture(0);
+  const Result voted = textured(scene, tile, config);
+  config.vote = false;
+  const Result credulous = textured(scene, tile, config);
+  const auto fishOf = [&](const Result& result) {
+    int texels = 0;
+    for (std::size_t i = 0; i + 2 < result.atlas.tile.atlas.rgb.size(); i += 3)
+      texels += result.atlas.tile.atlas.rgb[i] + 25 < clean.atlas.tile.atlas.rgb[i];
+    return texels;
+  };
+  EXPECT_GT(voted.counts.outvoted, 0U);
+  EXPECT_GT(fishOf(credulous), 800);
+  EXPECT_EQ(fishOf(voted), 0);
+  const Error error = errorOf(voted.atlas, scene.paint, everywhere);
+  EXPECT_LT(error.rms, 1.2 * errorOf(clean.atlas, scene.paint, everywhere).rms);
+}
+
+TEST(Blend, KeepsAStrongContrastThatPosesPlaceDifferently) {
+  SeenScene scene = fiveViews();
+  scene.paint = [](double north, double east) -> std::array<double, 3> {
+    const bool rock = std::fmod(std::floor(north * 8 + 100) + std::floor(east * 8 + 100), 2) == 0;
+    return rock ? std::array<double, 3>{190, 180, 160} : std::array<double, 3>{45, 50, 40};
+  };
+  scene.take();
+  // Poses that are 8 mm wrong, each another way.
+  for (std::size_t i = 0; i < scene.views.size(); ++i) {
+    const double angle = 1.3 * static_cast<double>(i);
+    scene.views[i].T_nav_cam = SE3(scene.views[i].T_nav_cam.rotation(),
+                                   scene.views[i].T_nav_cam.translation() +
+                                       0.008 * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0));
+  }
+  const Result result = textured(scene, flatTile(kLow, kHigh, scene.depth, 0.05), {});
+  EXPECT_EQ(result.counts.outvoted, 0U);
+}
+
+TEST(Blend, FillsWhatNoViewSeesFromItsNeighbours) {
+  SeenScene scene;
+  scene.camera = sceneCamera();
+  scene.paint = [](double, double) -> std::array<double, 3> { return {120, 80, 60}; };
+  // It reaches to about north -0.1 only.
+  scene.addView(0.7, 0);
+  scene.take();
+  const Result result = textured(scene, flatTile(kLow, kHigh, scene.depth, 0.05), {});
+  EXPECT_GT(result.counts.unseen, 1000U);
+  EXPECT_LT(result.counts.unseen, result.counts.texels);
+  EXPECT_LE(errorOf(result.atlas, scene.paint, everywhere).greatest, 1);
+}
+
+TEST(Blend, OfATileThatNoImageSawShowsTheVerticesColours) {
+  SeenScene scene;
+  scene.camera = sceneCamera();
+  TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
+  tile.mesh.colours.assign(tile.mesh.vertices.size(), Rgb{10, 20, 30});
+  const Result result = textured(scene, tile, {});
+  EXPECT_EQ(result.counts.views, 0U);
+  EXPECT_EQ(result.counts.unseen, result.counts.texels);
+  for (std::size_t i = 0; i < result.atlas.tile.atlas.rgb.size(); ++i)
+    ASSERT_EQ(result.atlas.tile.atlas.rgb[i], 10 * (1 + i % 3));
+}
+
+TEST(Blend, PassesOverImagesThatCannotBeHad) {
+  SeenScene scene = fiveViews();
+  scene.take();
+  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
+  Atlas atlas = makeAtlas(tile, {kTexel, 4096, 4});
+  const ViewIndex index(scene.views);
+  TextureBlender blender(scene.camera, {});
+  const auto counts = blender.blend(atlas, index, index.meeting({kLow, kLow, kHigh, kHigh}), {&tile.mesh},
+                                    TextureBlender::ImageSource([&](std::uint32_t image) -> const RgbImage* {
+                                      return image == 1 ? nullptr : &scene.pictures[image];
+                                    }));
+  EXPECT_EQ(counts.views, 4U);
+  EXPECT_LT(errorOf(atlas, scene.paint, everywhere).rms, 5);
+}
+
+TEST(Blend, TakesImagesReducedToLargerTexels) {
+  SeenScene scene = fiveViews();
+  scene.take();
+  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
+  BlendConfig config;
+  config.bands.reduction = 2;
+  const Result result = textured(scene, tile, config);
+  EXPECT_EQ(result.counts.unseen, 0U);
+  EXPECT_LT(errorOf(result.atlas, scene.paint, everywhere).rms, 12);
+}
+
+TEST(Blend, BoundsTheViewsOfAPlaceThatWasPassedManyTimes) {
+  SeenScene scene;
+  scene.camera = sceneCamera();
+  scene.paint = [](double, double) -> std::array<double, 3> { return {120, 80, 60}; };
+  for (int i = 0; i < 60; ++i) scene.addView(0.001 * i, 0.0005 * i);
+  scene.pictures.assign(60, scene.picture(0));
+  const Result result = textured(scene, flatTile(kLow, kHigh, scene.depth, 0.05), {});
+  EXPECT_LE(result.counts.views, 36U);  // twelve at each of a few places
+  EXPECT_EQ(result.counts.unseen, 0U);
+}
+
+TEST(Blend, DoesNotChangeFromOneCallToTheNext) {
+  SeenScene scene = fiveViews();
+  scene.take();
+  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
+  const ViewIndex index(scene.views);
+  TextureBlender blender(scene.camera, {});
+  const auto texture = [&] {
+    Atlas atlas = makeAtlas(tile, {kTexel, 4096, 4});
+    blender.blend(atlas, index, index.meeting({kLow, kLow, kHigh, kHigh}), {&tile.mesh},
+                  TextureBlender::ImageSource([&](std::uint32_t image) { return &scene.pictures[image]; }));
+    return atlas.tile.atlas.rgb;
+  };
+  const auto first = texture();
+  EXPECT_EQ(first, texture());
+}
+
+}  // namespace
+}  // namespace fathom::surface
