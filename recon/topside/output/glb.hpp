@@ -44,6 +44,7 @@ struct ReadTile {
   TexturedTile tile;
   TileGrid grid;
   std::vector<std::uint8_t> picture;  // the file of the atlas as it was stored; empty without
+  std::string gpu_texture;            // name of a file beside the tile; empty without
 };
 enum class ReadPicture : std::uint8_t { kDecode, kKeepFile, kSkip };
 [[nodiscard]] ReadTile readGlb(std::span<const std::uint8_t> bytes, const std::string& name,

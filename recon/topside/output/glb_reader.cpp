@@ -144,6 +144,11 @@ ReadTile readGlb(std::span<const std::uint8_t> bytes, const std::string& name, R
                        attributeId(glb, "_SIGMA"),   attributeId(glb, "_VIEWS")};
   toNav(unpackSurface(glb.view(glb.whole(std::string(kPacked) + "/bufferView", 0, 1e6)), ids, name), origin,
         glb.real("/nodes/0/scale/0", TileGrid::kLattice, 1), read.grid, surface);
+  if (const Json* beside = glb.find("/materials/0/extras/gpu_texture")) {
+    if (!beside->is_string() || beside->get<std::string>().find_first_of("/\\") != std::string::npos)
+      glb.fail("/materials/0/extras/gpu_texture", "is not the name of a file beside the tile");
+    read.gpu_texture = beside->get<std::string>();
+  }
   if (picture == ReadPicture::kSkip) return read;
   const std::span<const std::uint8_t> file = pictureOf(glb);
   if (file.empty()) return read;

@@ -1,0 +1,98 @@
+#include "recon/topside/output/border_edges.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+
+namespace fathom::topside {
+namespace {
+
+BorderEdge turned(const BorderEdge& edge) {
+  return {edge.to, edge.from};
+}
+
+std::int32_t steps(float metres) {
+  return static_cast<std::int32_t>(std::lround(static_cast<double>(metres) / TileGrid::kLattice));
+}
+
+std::vector<BorderEdge> without(const std::vector<BorderEdge>& all, const std::vector<BorderEdge>& those) {
+  std::vector<BorderEdge> rest;
+  std::set_difference(all.begin(), all.end(), those.begin(), those.end(), std::back_inserter(rest));
+  return rest;
+}
+
+// Whether two edges run beside each other: over a common stretch along the side and less than `near` steps
+// apart in depth.
+bool beside(const BorderEdge& a, const BorderEdge& b, std::int64_t near) {
+  const auto range = [](const BorderEdge& e, std::size_t axis) {
+    return std::pair<std::int64_t, std::int64_t>(std::minmax(e.from[axis], e.to[axis]));
+  };
+  const auto [a0, a1] = range(a, 0);
+  const auto [b0, b1] = range(b, 0);
+  const auto [a_top, a_bottom] = range(a, 1);
+  const auto [b_top, b_bottom] = range(b, 1);
+  if (a0 == a1 && b0 == b1) return a0 == b0 && std::max(a_top, b_top) < std::min(a_bottom, b_bottom);
+  return std::max(a0, b0) < std::min(a1, b1) && std::max(a_top, b_top) - std::min(a_bottom, b_bottom) < near;
+}
+
+}  // namespace
+
+TileBorders bordersOf(const TileMesh& tile) {
+  TileBorders borders;
+  const auto& vertices = tile.mesh.vertices;
+  for (std::size_t side = 0; side < borders.size(); ++side) {
+    const auto bit = static_cast<std::uint8_t>(1U << side);
+    const Eigen::Index along = side < 2 ? 1 : 0;
+    std::vector<BorderEdge> edges;
+    for (const auto& triangle : tile.mesh.triangles)
+      for (std::size_t c = 0; c < 3; ++c) {
+        const std::uint32_t a = triangle[c], b = triangle[(c + 1) % 3];
+        if ((tile.shared[a] & tile.shared[b] & bit) == 0) continue;
+        const BorderEdge edge{{steps(vertices[a][along]), steps(vertices[a].z())},
+                              {steps(vertices[b][along]), steps(vertices[b].z())}};
+        if (edge.from != edge.to) edges.push_back(edge);
+      }
+    std::sort(edges.begin(), edges.end());
+    // An edge that is also there the other way round has the surface on both its sides.
+    std::vector<BorderEdge> back(edges);
+    for (BorderEdge& edge : back) edge = turned(edge);
+    std::sort(back.begin(), back.end());
+    borders[side] = without(edges, back);
+  }
+  return borders;
+}
+
+BorderMatch matchNeighbours(const std::vector<BorderEdge>& here, const std::vector<BorderEdge>& there,
+                            double voxel) {
+  std::vector<BorderEdge> back(there);
+  for (BorderEdge& edge : back) edge = turned(edge);
+  std::sort(back.begin(), back.end());
+  const std::vector<BorderEdge> mine = without(here, back), yours = without(back, here);
+  BorderMatch match;
+  match.equal = here.size() - mine.size();
+  const auto near = static_cast<std::int64_t>(std::lround(voxel / TileGrid::kLattice));
+  for (const BorderEdge& edge : mine) {
+    const bool crack = std::any_of(yours.begin(), yours.end(),
+                                   [&](const BorderEdge& other) { return beside(edge, other, near); });
+    if (crack && match.cracks == 0) match.place = edge.from;
+    ++(crack ? match.cracks : match.open);
+  }
+  for (const BorderEdge& edge : yours)
+    if (std::none_of(mine.begin(), mine.end(),
+                     [&](const BorderEdge& other) { return beside(edge, other, near); }))
+      ++match.open;
+  return match;
+}
+
+BorderMatch matchLevels(const std::vector<BorderEdge>& parent, std::vector<BorderEdge> children) {
+  std::sort(children.begin(), children.end());
+  const std::vector<BorderEdge> lost = without(children, parent), invented = without(parent, children);
+  BorderMatch match;
+  match.equal = parent.size() - invented.size();
+  match.cracks = lost.size() + invented.size();
+  if (!lost.empty()) match.place = lost.front().from;
+  if (lost.empty() && !invented.empty()) match.place = invented.front().from;
+  return match;
+}
+
+}  // namespace fathom::topside
