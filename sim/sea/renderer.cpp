@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "sim/sea/ground/moving_things.hpp"
-#include "sim/sea/ground/random.hpp"
 #include "sim/sea/light/camera_rays.hpp"
 #include "sim/sea/light/image_sensor.hpp"
 #include "sim/sea/light/ray_tracer.hpp"
@@ -74,7 +73,7 @@ struct Renderer::Impl {
   Impl(const Terrain& t, const OpticsConfig& o, const StereoRig& rig, const SE3& T_body_cam)
       : terrain(t),
         optics(o),
-        detail(hash64(t.config().seed, 500), t.config().detail_contrast),
+        detail(SurfaceDetail::of(t.config())),
         moving(t.config(), t.surface()),
         attenuation(o.water),
         beams(o.strobes.begin(), o.strobes.end()),

@@ -11,6 +11,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "recon/geometry/mesh_io.hpp"
+#include "sim/sea/appearance.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::sim {
@@ -217,6 +218,43 @@ TEST(Renderer, LightFallsToAQuarterAtTwiceTheDistance) {
   optics.strobes = {{{0, 0, 0}, {0, 0, 1}, 1.0, 0.7}};
   const Renderer renderer(terrain, optics, smallRig(), cameraInBody());
   EXPECT_NEAR(centreLevel(renderer, above(1.5)) / centreLevel(renderer, above(3.0)), 4.0, 0.01);
+}
+
+TEST(Appearance, IsWhatPhotographsShowOnceTheirLightIsTakenOut) {
+  TerrainConfig config = flatSeafloor();
+  config.detail_contrast = 0.22;
+  const Terrain grainy(config);
+  config.detail_contrast = 0;
+  const Terrain smooth(config);
+  OpticsConfig optics = bareOptics();
+  optics.strobes = {{{0, 0, 0}, {0, 0, 1}, 1.0, 1.2}};
+  const StereoRig rig = smallRig();
+  const SE3 pose = above(0.3);  // near enough for grains of 1.5 mm
+  const auto with = electronsOf(Renderer(grainy, optics, rig, cameraInBody()), pose, CameraSide::kLeft);
+  const auto without = electronsOf(Renderer(smooth, optics, rig, cameraInBody()), pose, CameraSide::kLeft);
+  const Appearance look_grainy(grainy), look_smooth(smooth);
+  const auto mono = [&](const Appearance& appearance, const Eigen::Vector3d& ray) {
+    const auto seen = appearance.look(pose.translation(), ray, 0.3 / rig.left.fx).value();
+    const auto& q = optics.sensor.quantum_efficiency;
+    double sum = 0;
+    for (std::size_t c = 0; c < 3; ++c) sum += q[c] * static_cast<double>(seen.albedo[c]);
+    return sum * static_cast<double>(seen.facing);
+  };
+  double aa = 0, bb = 0, ab = 0;
+  for (int y = 20; y < 100; ++y) {
+    for (int x = 20; x < 140; ++x) {
+      const auto at = static_cast<std::size_t>(y * 160 + x);
+      const Eigen::Vector3d ray = (pose * cameraInBody()).rotation() * rig.left.ray({x, y});
+      const double shown = static_cast<double>(with[at]) / static_cast<double>(without[at]) - 1;
+      const double foretold = mono(look_grainy, ray) / mono(look_smooth, ray) - 1;
+      aa += shown * shown;
+      bb += foretold * foretold;
+      ab += shown * foretold;
+    }
+  }
+  EXPECT_GT(std::sqrt(bb / (80 * 120)), 0.05) << "grains are seen";
+  EXPECT_GT(ab / std::sqrt(aa * bb), 0.98);
+  EXPECT_NEAR(std::sqrt(aa / bb), 1.0, 0.05);
 }
 
 TEST(Renderer, AWhiteSeafloorAtTheReferenceDistanceGetsTheConfiguredExposure) {

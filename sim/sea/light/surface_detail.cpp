@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/geometry/hash64.hpp"
+
 namespace fathom::sim {
 namespace {
 
@@ -34,6 +36,11 @@ SurfaceDetail::SurfaceDetail(std::uint64_t seed, double contrast)
       lattice_from_local_(
           Eigen::AngleAxisf(0.7F, Eigen::Vector3f(0.6F, -0.4F, 0.69F).normalized()).toRotationMatrix()),
       contrast_(static_cast<float>(contrast)) {}
+
+SurfaceDetail SurfaceDetail::of(const TerrainConfig& terrain) {
+  constexpr std::uint64_t kStream = 500;  // apart from what else the terrain's seed draws
+  return {hash64(terrain.seed, kStream), terrain.detail_contrast};
+}
 
 void SurfaceDetail::apply(const Eigen::Vector3f& position, float footprint_m, SurfacePoint& point) const {
   if (contrast_ <= 0) return;

@@ -4,6 +4,7 @@
 
 #include "sim/sea/ground/noise.hpp"
 #include "sim/sea/ground/surface_scene.hpp"
+#include "sim/sea/terrain_config.hpp"
 
 namespace fathom::sim {
 
@@ -14,6 +15,8 @@ class SurfaceDetail {
  public:
   // `contrast`: standard deviation relative to the albedo.
   SurfaceDetail(std::uint64_t seed, double contrast);
+  // That of a terrain.
+  [[nodiscard]] static SurfaceDetail of(const TerrainConfig& terrain);
   // Changes albedo and normal of `point`, seen at `position` (local frame) by a pixel of `footprint_m`.
   void apply(const Eigen::Vector3f& position, float footprint_m, SurfacePoint& point) const;
 
