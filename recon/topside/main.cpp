@@ -9,6 +9,7 @@
 #include "recon/topside/check_calibration_command.hpp"
 #include "recon/topside/compare/compare_command.hpp"
 #include "recon/topside/output/check_tiles_command.hpp"
+#include "recon/topside/output/export_model_command.hpp"
 #include "recon/topside/pipeline.hpp"
 #include "recon/topside/posegraph_command.hpp"
 #include "recon/topside/slam_command.hpp"
@@ -38,6 +39,8 @@ int main(int argc, char** argv) {
   const std::function<int()> run_compare = fathom::topside::addCompareCommand(app, compare);
   CLI::App* check_tiles = nullptr;
   const std::function<int()> run_check_tiles = fathom::topside::addCheckTilesCommand(app, check_tiles);
+  CLI::App* export_model = nullptr;
+  const std::function<int()> run_export_model = fathom::topside::addExportModelCommand(app, export_model);
   CLI::App *stereo = nullptr, *calibrate = nullptr, *check = nullptr, *posegraph = nullptr, *slam = nullptr;
   const std::function<int()> run_stereo = fathom::topside::addStereoCommand(app, stereo);
   const std::function<int()> run_calibrate = fathom::topside::addCalibrateCommand(app, calibrate);
@@ -54,6 +57,7 @@ int main(int argc, char** argv) {
     if (*posegraph) return run_posegraph();
     if (*slam) return run_slam();
     if (*check_tiles) return run_check_tiles();
+    if (*export_model) return run_export_model();
     TopsideConfig config = config_file.empty() ? TopsideConfig{} : readTopsideConfig(config_file);
     if (voxel) setVoxel(config, *voxel);
     if (no_slam) config.slam = false;

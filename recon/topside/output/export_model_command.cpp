@@ -26,7 +26,8 @@ int run(const Options& options) {
                      "has no tiles; name a folder of tiles and a level that it has");
   const auto tell = [](const std::filesystem::path& path, const ModelCounts& counts) {
     std::printf("%s: %llu tiles, %llu vertices, %llu triangles\n", path.c_str(),
-                static_cast<unsigned long long>(counts.tiles), static_cast<unsigned long long>(counts.vertices),
+                static_cast<unsigned long long>(counts.tiles),
+                static_cast<unsigned long long>(counts.vertices),
                 static_cast<unsigned long long>(counts.triangles));
   };
   if (!options.ply.empty()) tell(options.ply, writeModelPly(options.ply, ids, glbSource(tiles)));
