@@ -4,45 +4,35 @@
 #include <array>
 #include <vector>
 
-#include "recon/geometry/mesh.hpp"
+#include "recon/fusion/kernels/fusion_kernels.hpp"
 
 namespace fathom::fusion {
 
 // How far a camera saw through empty water: a coarse picture, from the camera centre, of the depth along the
 // view's axis before which nothing was met. Cautious: a cell holds the least depth of all triangles near it,
-// and cells next to one without triangles hold none.
+// and cells next to one without triangles hold none. All points are relative to the camera centre. One object
+// serves one mesh after another.
 class SightMap {
  public:
-  // Lays the picture over the mesh's vertices that triangles use.
-  SightMap(const Mesh& mesh, const Eigen::Vector3d& centre);
-
-  // A triangle (corners relative to the centre) that begins `band` [m] before its surface; `weight` [1/m^2].
-  void add(const std::array<Eigen::Vector3d, 3>& corner, double band, double weight);
+  // Lays an empty picture over the points.
+  void begin(const std::vector<Eigen::Vector3f>& points);
+  // A triangle that begins `band` [m] before its surface; `weight` [1/m^2]. Its corners are three of the
+  // points, by number.
+  void add(const std::array<std::uint32_t, 3>& corners, float band, float weight);
   // Call after the last add().
   void close();
 
-  // Weight with which a point (relative to the centre) is known to be empty; 0: not known.
-  [[nodiscard]] double emptyWeight(const Eigen::Vector3d& point) const;
-
-  // Box of all that is seen, relative to the centre, down from the centre or up to it [m].
-  [[nodiscard]] const Eigen::Vector3d& low() const { return low_; }
-  [[nodiscard]] const Eigen::Vector3d& high() const { return high_; }
+  [[nodiscard]] const SightPicture& picture() const { return picture_; }
+  // Whether nothing of a ball is known to be empty (it may be that nothing is all the same).
+  [[nodiscard]] bool surelyUnknown(const Eigen::Vector3f& middle, float radius) const;
 
  private:
-  static constexpr int kSize = 64;  // cells a side: some ten points' spacing of a frame of 800 points
-  struct Cell {
-    double depth = 0, weight = 0;  // [m], [1/m^2]
-    bool seen = false;
+  static constexpr int kSize = SightPicture::kSize;
+  struct InView {
+    float column = 0, row = 0, depth = 0;  // depth 0: outside the picture
   };
-  [[nodiscard]] Eigen::Vector2d cellOf(const Eigen::Vector3d& in_view) const {
-    return (in_view.head<2>() / in_view.z() - origin_) * scale_;
-  }
-
-  Eigen::Matrix3d view_;  // rows: right, down, forward
-  Eigen::Vector2d origin_ = Eigen::Vector2d::Zero();
-  double scale_ = 0;  // cells per unit of x / z
-  Eigen::Vector3d low_, high_;
-  std::vector<Cell> cells_;
+  SightPicture picture_{};
+  std::vector<InView> in_view_;
 };
 
 }  // namespace fathom::fusion

@@ -13,6 +13,8 @@
 
 namespace fathom::fusion {
 
+class CellStatistics;
+
 // The part of the model that a fusion is for.
 struct FusionBounds {
   TileGrid grid;   // its voxel is the fusion's
@@ -30,6 +32,10 @@ struct VolumetricConfig {
   // dropped, so that every piece that sees some of it judges alike.
   double overlap = 1.5;
   std::optional<FusionBounds> bounds = std::nullopt;  // none: everything is kept
+  // How far meshes disagree, of all that is fused (not only of what these bounds see); null: not known. Must
+  // stay as long as the fusion.
+  const CellStatistics* statistics = nullptr;
+  bool baseline_kernels = false;  // not the processor's widest registers; the result is the same
 };
 
 // Volumetric fusion of range meshes: cumulative weighted signed distance along the lines of sight in a hashed
@@ -37,10 +43,11 @@ struct VolumetricConfig {
 // weights from each vertex's sigma, the cosine of incidence, and falling towards the mesh's edge and behind
 // the surface.
 //
-// The band is `truncation` wide, or three sigma where that is more (at most three times `truncation`). State:
-// 16 bytes a voxel, 8 KiB a block; a surface of A m^2 takes about A / (8 voxel)^2 * (1 + (2 truncation +
-// voxel) / (8 voxel)) blocks, at the defaults some 0.25 MB a square metre. One thread at a time; the result
-// depends on the order of the meshes only through rounding.
+// The ramp follows the data's own spread: it is `truncation` wide, or three times the sigma of the points or
+// the deviation between meshes where that is more (at most three times `truncation`). State: 16 bytes a
+// voxel, 8 KiB a block; a surface of A m^2 takes about A / (8 voxel)^2 * (1 + (2 truncation + voxel) / (8
+// voxel)) blocks, at the defaults some 0.25 MB a square metre. One thread at a time; the result depends on
+// the order of the meshes only through rounding.
 //
 // A model made in pieces: two fusions whose bounds differ, given the meshes that reach into their cores grown
 // by the overlap, in the same order, hold the same bits in the voxels that their cores share or have near.
@@ -78,6 +85,7 @@ class VolumetricFusion {
   [[nodiscard]] Counters counters() const;
 
   static constexpr double kMaxEdge = 256;  // longest triangle edge, in voxels
+  static constexpr double kMaxBand = 3;    // widest ramp, in truncations
 
  private:
   struct Impl;

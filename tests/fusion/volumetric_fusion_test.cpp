@@ -6,6 +6,7 @@
 #include <map>
 #include <stdexcept>
 
+#include "recon/fusion/cell_statistics.hpp"
 #include "tests/fusion/scene.hpp"
 
 namespace fathom::fusion {
@@ -249,6 +250,65 @@ TEST(VolumetricFusion, TheSameMeshesGiveTheSameBytes) {
   EXPECT_EQ(std::memcmp(a.vertices.data(), b.vertices.data(), a.vertices.size() * sizeof a.vertices[0]), 0);
   EXPECT_EQ(a.triangles, b.triangles);
   EXPECT_EQ(a.colours, b.colours);
+}
+
+TEST(VolumetricFusion, EveryInstructionSetGivesTheSameBytes) {
+  const auto fish = [](double n, double e) { return std::hypot(n, e) < 0.2 ? 1.3 : rolling(n, e); };
+  VolumetricFusion fastest({}), baseline({.baseline_kernels = true});
+  for (VolumetricFusion* fusion : {&fastest, &baseline}) {
+    fusion->integrate(rangeMesh({.sigma = 0.01}, fish, 1), kAbove);
+    for (unsigned k = 0; k < 4; ++k)
+      fusion->integrate(rangeMesh({.north = 0.3 * k, .sigma = 0.01}, rolling, 2 + k),
+                        Eigen::Vector3d(0.3 * k, 0.1, 0));
+  }
+  EXPECT_EQ(fastest.counters().voxel_updates, baseline.counters().voxel_updates);
+  EXPECT_EQ(fastest.counters().carved_voxels, baseline.counters().carved_voxels);
+  EXPECT_GT(fastest.counters().carved_voxels, 100U);
+  const Mesh a = fastest.extract(), b = baseline.extract();
+  ASSERT_EQ(a.vertices.size(), b.vertices.size());
+  EXPECT_EQ(std::memcmp(a.vertices.data(), b.vertices.data(), a.vertices.size() * sizeof a.vertices[0]), 0);
+  EXPECT_EQ(std::memcmp(a.sigma.data(), b.sigma.data(), a.sigma.size() * sizeof a.sigma[0]), 0);
+  EXPECT_EQ(a.colours, b.colours);
+}
+
+TEST(VolumetricFusion, EveryVoxelInReachOfAMeshIsSeenOnce) {
+  // A level seafloor under a camera far off: all rays are vertical, so the voxels' number follows from the
+  // area.
+  VolumetricConfig config;
+  config.carve = false;
+  VolumetricFusion fusion(config);
+  fusion.integrate(rangeMesh(
+                       {.sigma = 0}, [](double, double) { return 2.0165; }, 1),
+                   Eigen::Vector3d(0, 0, -5000));
+  // 2 m / 33 mm: 61 x 61 columns inside, of six voxels closer than 0.1 m.
+  EXPECT_EQ(fusion.counters().voxel_updates, 61U * 61U * 6U);
+}
+
+TEST(VolumetricFusion, TheRampWidensWhereMeshesDisagree) {
+  // Two passes 0.25 m apart in depth, each sure of itself: a ramp of 0.1 m keeps two surfaces, one as wide as
+  // their spread asks for makes one between them.
+  VolumetricConfig config;
+  config.carve = false;
+  const Mesh upper = rangeMesh(
+      {.sigma = 0.002}, [](double, double) { return 2.0; }, 1);
+  const Mesh lower = rangeMesh(
+      {.sigma = 0.002}, [](double, double) { return 2.25; }, 2);
+  CellStatistics statistics;
+  statistics.add(upper);
+  statistics.add(lower);
+  for (const bool known : {false, true}) {
+    config.statistics = known ? &statistics : nullptr;
+    VolumetricFusion fusion(config);
+    fusion.integrate(upper, kAbove);
+    fusion.integrate(lower, kAbove);
+    std::size_t between = 0, apart = 0;
+    for (const auto& v : fusion.extract().vertices) {
+      if (v.head<2>().cwiseAbs().maxCoeff() > 0.7F) continue;
+      ++(std::abs(v.z() - 2.125F) < 0.06F ? between : apart);
+    }
+    EXPECT_GT(known ? between : apart, 1000U);
+    EXPECT_EQ(known ? apart : between, 0U);
+  }
 }
 
 TEST(VolumetricFusion, MemoryGrowsWithTheAreaCoveredAndNotWithTheViews) {

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "recon/fusion/volumetric_fusion.hpp"
+#include "recon/geometry/mesh.hpp"
+
+namespace fathom::fusion {
+
+// A range mesh made ready for fusion: only triangles that can be used and the vertices that they use,
+// relative to the camera centre, with all that a vertex gives to the weights. One object serves one mesh
+// after another and keeps its memory.
+class RangeMesh {
+ public:
+  // Returns the number of triangles left out.
+  std::size_t set(const Mesh& mesh, const Eigen::Vector3d& centre, const VolumetricConfig& config);
+
+  struct Vertex {
+    Eigen::Vector3d point;  // relative to the camera centre [m]
+    float sigma = 0;        // [m]
+    float band = 0;         // half width of the ramp that the data ask for here [m]
+    float border = 0;       // factor of the weight
+    Rgb colour{};
+  };
+  std::vector<Vertex> vertices;
+  std::vector<Eigen::Vector3f> points;  // the vertices' once more
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+
+ private:
+  std::vector<std::uint32_t> number_;  // of a vertex of the given mesh
+  Mesh used_;                          // in nav, for borderWeights
+};
+
+}  // namespace fathom::fusion
