@@ -13,8 +13,8 @@ using OpenMesh::HalfedgeHandle;
 using OpenMesh::VertexHandle;
 
 // A point's weight beside the planes': enough to make flat places' best position unique and to prefer short
-// edges there, too little to pull the surface (1 mm off the plane weighs as much as 32 mm along it).
-constexpr double kPointWeight = 1e-3;
+// edges there, too little to pull the surface (1 mm off the plane weighs as much as 0.3 m along it).
+constexpr double kPointWeight = 1e-5;
 // A hole's border is held by planes through it, as heavily as by another face.
 constexpr double kBorderWeight = 1.0;
 // A face may turn by this much in a collapse [cosine], about 70 degrees.

@@ -6,203 +6,173 @@
 #include <cmath>
 #include <limits>
 
+#include "recon/surface/nearest_triangle.hpp"
+
 namespace fathom::surface {
 namespace {
 
-// Squared distance of p to the triangle abc (Ericson, Real-Time Collision Detection, 5.1.5).
-double squaredToTriangle(const Eigen::Vector3d& p, const Eigen::Vector3d& a, const Eigen::Vector3d& b,
-                         const Eigen::Vector3d& c) {
-  const Eigen::Vector3d ab = b - a, ac = c - a, ap = p - a;
-  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
-  if (d1 <= 0 && d2 <= 0) return ap.squaredNorm();
-  const Eigen::Vector3d bp = p - b;
-  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
-  if (d3 >= 0 && d4 <= d3) return bp.squaredNorm();
-  const double vc = d1 * d4 - d3 * d2;
-  if (vc <= 0 && d1 >= 0 && d3 <= 0) return (ap - ab * (d1 / (d1 - d3))).squaredNorm();
-  const Eigen::Vector3d cp = p - c;
-  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
-  if (d6 >= 0 && d5 <= d6) return cp.squaredNorm();
-  const double vb = d5 * d2 - d1 * d6;
-  if (vb <= 0 && d2 >= 0 && d6 <= 0) return (ap - ac * (d2 / (d2 - d6))).squaredNorm();
-  const double va = d3 * d6 - d5 * d4;
-  if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0)
-    return (bp - (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)))).squaredNorm();
-  const double sum = va + vb + vc;
-  if (!(sum > 0)) return ap.squaredNorm();  // no area, and none of its sides was nearer
-  return (ap - ab * (vb / sum) - ac * (vc / sum)).squaredNorm();
-}
+constexpr std::uint32_t kNone = 0xFFFFFFFF;
+
+// A convex part of a triangle.
+struct Part {
+  static constexpr std::size_t kMost =
+      12;  // corners: a cut adds one at most; a part of more is cut no further
+  std::array<Eigen::Vector3d, kMost> corner;
+  std::size_t corners = 0;
+  void add(const Eigen::Vector3d& p) { corner[corners++] = p; }
+};
+
+// A mesh's faces with their neighbours and the planes that stand on their sides, halfway between both faces.
+class FaceWalls {
+ public:
+  struct Face {
+    std::array<Eigen::Vector3d, 3> corner;
+    std::array<Eigen::Vector3d, 3> outwards;  // of the wall on the side from corner k; zero at a border
+    std::array<std::uint32_t, 3> neighbour;   // kNone at a border
+  };
+
+  explicit FaceWalls(const Mesh& mesh) : faces_(mesh.triangles.size()) {
+    const auto& triangles = mesh.triangles;
+    std::vector<std::uint32_t> first(mesh.vertices.size() + 1, 0), around(3 * triangles.size());
+    for (const auto& t : triangles)
+      for (const std::uint32_t v : t) ++first[v + 1];
+    for (std::size_t v = 1; v < first.size(); ++v) first[v] += first[v - 1];
+    std::vector<std::uint32_t> next(first.begin(), first.end() - 1);
+    for (std::uint32_t f = 0; f < triangles.size(); ++f)
+      for (const std::uint32_t v : triangles[f]) around[next[v]++] = f;
+
+    std::vector<Eigen::Vector3d> normal(triangles.size());
+    for (std::size_t f = 0; f < triangles.size(); ++f) {
+      auto& corner = faces_[f].corner;
+      for (std::size_t k = 0; k < 3; ++k) corner[k] = mesh.vertices[triangles[f][k]].cast<double>();
+      normal[f] = (corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized();
+    }
+    // Across a side lies the first other face with the same two ends; more than one is as good.
+    for (std::uint32_t f = 0; f < triangles.size(); ++f)
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::uint32_t a = triangles[f][k], b = triangles[f][(k + 1) % 3];
+        std::uint32_t other = kNone;
+        for (std::uint32_t i = first[a]; i < first[a + 1] && other == kNone; ++i) {
+          const auto& t = triangles[around[i]];
+          if (around[i] != f && (t[0] == b || t[1] == b || t[2] == b)) other = around[i];
+        }
+        Face& face = faces_[f];
+        face.neighbour[k] = other;
+        face.outwards[k].setZero();
+        if (other != kNone)
+          face.outwards[k] =
+              (face.corner[(k + 1) % 3] - face.corner[k]).cross(normal[f] + normal[other]).normalized();
+      }
+  }
+  [[nodiscard]] const Face& operator[](std::uint32_t face) const { return faces_[face]; }
+
+ private:
+  std::vector<Face> faces_;
+};
 
 class Bound {
  public:
   Bound(const Mesh& from, const Mesh& to, double tolerance)
-      : from_(from), nearest_(to), tolerance_(tolerance) {}
+      : from_(from), nearest_(to), walls_(to), tolerance_(tolerance) {}
 
   double run() {
-    std::vector<NearestTriangle::Hit> at(from_.vertices.size());
-    std::vector<std::uint8_t> used(from_.vertices.size(), 0);
-    for (const auto& t : from_.triangles)
-      for (const std::uint32_t v : t) used[v] = 1;
-    std::uint32_t last = 0;
-    for (std::size_t v = 0; v < at.size(); ++v) {
-      if (used[v] == 0) continue;
-      at[v] = nearest_(from_.vertices[v].cast<double>(), last);
-      last = at[v].triangle;
-      reached_ = std::max(reached_, at[v].squared);
-    }
-    reached_ = std::sqrt(reached_);
-    bound_ = reached_;
     for (const auto& t : from_.triangles) {
-      Corners corners;
-      for (std::size_t k = 0; k < 3; ++k) corners[k] = {from_.vertices[t[k]].cast<double>(), at[t[k]]};
-      divide(corners, 0);
+      std::array<Eigen::Vector3d, 3> corner;
+      for (std::size_t k = 0; k < 3; ++k) corner[k] = from_.vertices[t[k]].cast<double>();
+      decide(corner, 0);
     }
     return bound_;
   }
 
  private:
-  struct Corner {
-    Eigen::Vector3d point;
-    NearestTriangle::Hit nearest;
-  };
-  using Corners = std::array<Corner, 3>;
+  using Corners = std::array<Eigen::Vector3d, 3>;
+  static constexpr int kMostDivisions = 10;  // of one triangle: to a thousandth of its size
+  static constexpr int kMostSteps = 64;      // from face to face
+  static constexpr int kMostParts = 4096;    // of one triangle
 
-  [[nodiscard]] double allowed() const {
-    return std::max(bound_, reached_ + std::max(tolerance_, 0.05 * reached_));
-  }
-
-  void divide(const Corners& corners, int depth) {
-    double upper = std::numeric_limits<double>::max();
-    for (std::size_t k = 0; k < 3; ++k) {
-      const std::uint32_t face = corners[k].nearest.triangle;
-      double worst = 0;
-      for (const Corner& corner : corners)
-        worst =
-            std::max(worst, corner.nearest.triangle == face ? corner.nearest.squared
-                                                            : nearest_.squaredDistance(corner.point, face));
-      upper = std::min(upper, std::sqrt(worst));
-    }
-    // No point is farther than its corner's distance and the way there.
-    double radius = 0, farthest = 0;
-    for (std::size_t k = 0; k < 3; ++k) {
-      radius = std::max(radius, (corners[k].point - corners[(k + 1) % 3].point).norm());
-      farthest = std::max(farthest, std::sqrt(corners[k].nearest.squared));
-    }
-    upper = std::min(upper, farthest + radius / std::sqrt(3.0));
-    if (upper <= allowed() || depth == kDeepest) {
-      bound_ = std::max(bound_, upper);
+  // Raises the bound to hold for the triangle.
+  void decide(const Corners& corner, int divisions) {
+    const Eigen::Vector3d middle = (corner[0] + corner[1] + corner[2]) / 3;
+    const NearestTriangle::Hit hit = nearest_(middle, last_face_);
+    last_face_ = hit.triangle;
+    Part part;
+    for (const Eigen::Vector3d& p : corner) part.add(p);
+    worst_ = 0;
+    parts_ = 0;
+    walk(part, hit.triangle, kNone, 0);
+    // No point is farther than the middle's distance and the way there.
+    double radius = 0;
+    for (const Eigen::Vector3d& p : corner) radius = std::max(radius, (p - middle).norm());
+    const double upper = std::min(std::sqrt(worst_), std::sqrt(hit.squared) + radius);
+    if (upper <= bound_) return;
+    const double lower = std::sqrt(std::max(hit.squared, nearest_(worst_place_, last_face_).squared));
+    if (upper <= std::max(1.05 * lower, lower + tolerance_) || divisions == kMostDivisions) {
+      bound_ = upper;
       return;
     }
-    std::array<Corner, 3> middle;  // of the side between k and k + 1
-    for (std::size_t k = 0; k < 3; ++k) {
-      const Corner& a = corners[k];
-      const Corner& b = corners[(k + 1) % 3];
-      middle[k].point = (a.point + b.point) / 2;
-      middle[k].nearest = nearest_(middle[k].point, a.nearest.triangle);
-      reached_ = std::max(reached_, std::sqrt(middle[k].nearest.squared));
-    }
-    for (std::size_t k = 0; k < 3; ++k) divide({corners[k], middle[k], middle[(k + 2) % 3]}, depth + 1);
-    divide(middle, depth + 1);
+    const Corners half = {(corner[0] + corner[1]) / 2, (corner[1] + corner[2]) / 2,
+                          (corner[2] + corner[0]) / 2};
+    decide({corner[0], half[0], half[2]}, divisions + 1);
+    decide({half[0], corner[1], half[1]}, divisions + 1);
+    decide({half[2], half[1], corner[2]}, divisions + 1);
+    decide(half, divisions + 1);
   }
 
-  // 4^12 parts of a triangle are never made: parts whose corners agree are not divided further.
-  static constexpr int kDeepest = 12;
+  // What of the part lies beyond a wall of the face goes on to the neighbour there; the rest is compared with
+  // the face. Wherever a part ends up, its distance to that face is a bound.
+  void walk(Part& part, std::uint32_t number, std::uint32_t came_from, int steps) {
+    const FaceWalls::Face& face = walls_[number];
+    if (steps < kMostSteps && ++parts_ < kMostParts)
+      for (std::size_t k = 0; k < 3 && part.corners > 0; ++k) {
+        if (face.neighbour[k] == kNone || face.neighbour[k] == came_from) continue;
+        Part beyond;
+        cut(part, face.corner[k], face.outwards[k], beyond);
+        if (beyond.corners > 0) walk(beyond, face.neighbour[k], number, steps + 1);
+      }
+    for (std::size_t i = 0; i < part.corners; ++i) {
+      const double squared =
+          squaredToTriangle(part.corner[i], face.corner[0], face.corner[1], face.corner[2]);
+      if (squared <= worst_) continue;
+      worst_ = squared;
+      worst_place_ = part.corner[i];
+    }
+  }
+
+  static void cut(Part& part, const Eigen::Vector3d& on, const Eigen::Vector3d& outwards, Part& beyond) {
+    std::array<double, Part::kMost> height;
+    bool any = false;
+    for (std::size_t i = 0; i < part.corners; ++i) {
+      height[i] = (part.corner[i] - on).dot(outwards);
+      any |= height[i] > kOnWall;
+    }
+    if (!any || part.corners + 2 > Part::kMost) return;
+    Part within;
+    for (std::size_t i = 0; i < part.corners; ++i) {
+      const std::size_t j = (i + 1) % part.corners;
+      (height[i] > 0 ? beyond : within).add(part.corner[i]);
+      if ((height[i] > 0) == (height[j] > 0)) continue;
+      const Eigen::Vector3d crossing =
+          part.corner[i] + (part.corner[j] - part.corner[i]) * (height[i] / (height[i] - height[j]));
+      beyond.add(crossing);
+      within.add(crossing);
+    }
+    part = within;
+  }
+
+  static constexpr double kOnWall = 1e-9;  // [m]: beyond by rounding only
 
   const Mesh& from_;
   NearestTriangle nearest_;
+  FaceWalls walls_;
   double tolerance_;
-  double reached_ = 0, bound_ = 0;
+  double bound_ = 0;
+  std::uint32_t last_face_ = 0;
+  double worst_ = 0;  // of the triangle at hand, squared
+  Eigen::Vector3d worst_place_ = Eigen::Vector3d::Zero();
+  int parts_ = 0;
 };
 
 }  // namespace
-
-NearestTriangle::NearestTriangle(const Mesh& mesh) : mesh_(mesh) {
-  Eigen::Vector3f low = mesh.vertices[mesh.triangles[0][0]], high = low;
-  double edges = 0;
-  for (const auto& t : mesh.triangles)
-    for (std::size_t k = 0; k < 3; ++k) {
-      const Eigen::Vector3f& p = mesh.vertices[t[k]];
-      low = low.cwiseMin(p);
-      high = high.cwiseMax(p);
-      edges += static_cast<double>((p - mesh.vertices[t[(k + 1) % 3]]).norm());
-    }
-  low_ = low.cast<double>();
-  const Eigen::Vector3d extent = (high - low).cast<double>();
-  const auto count = static_cast<double>(mesh.triangles.size());
-  cell_ = std::max(edges / (3 * count), 1e-6);
-  constexpr double kCellsPerTriangle = 4;  // so that a wide and sparse mesh takes no more memory than this
-  const auto cells = [&] { return ((extent / cell_).array().floor() + 1).prod(); };
-  while (cells() > kCellsPerTriangle * count + 64) cell_ *= 1.25;
-  size_ = (extent / cell_).array().floor().cast<int>() + 1;
-
-  const auto forCells = [&](std::size_t t, const auto& visit) {
-    Eigen::Vector3f from = mesh.vertices[mesh.triangles[t][0]], to = from;
-    for (std::size_t k = 1; k < 3; ++k) {
-      from = from.cwiseMin(mesh.vertices[mesh.triangles[t][k]]);
-      to = to.cwiseMax(mesh.vertices[mesh.triangles[t][k]]);
-    }
-    const Eigen::Array3i a = cellOf(from.cast<double>()), b = cellOf(to.cast<double>());
-    for (int x = a.x(); x <= b.x(); ++x)
-      for (int y = a.y(); y <= b.y(); ++y)
-        for (int z = a.z(); z <= b.z(); ++z)
-          visit((static_cast<std::size_t>(x) * static_cast<std::size_t>(size_.y()) +
-                 static_cast<std::size_t>(y)) *
-                    static_cast<std::size_t>(size_.z()) +
-                static_cast<std::size_t>(z));
-  };
-  first_.assign(static_cast<std::size_t>(size_.cast<double>().prod()) + 1, 0);
-  for (std::size_t t = 0; t < mesh.triangles.size(); ++t)
-    forCells(t, [&](std::size_t cell) { ++first_[cell + 1]; });
-  for (std::size_t c = 1; c < first_.size(); ++c) first_[c] += first_[c - 1];
-  triangles_.resize(first_.back());
-  std::vector<std::uint32_t> next(first_.begin(), first_.end() - 1);
-  for (std::size_t t = 0; t < mesh.triangles.size(); ++t)
-    forCells(t, [&](std::size_t cell) { triangles_[next[cell]++] = static_cast<std::uint32_t>(t); });
-}
-
-Eigen::Array3i NearestTriangle::cellOf(const Eigen::Vector3d& point) const {
-  const Eigen::Array3d at = ((point - low_) / cell_).array().floor();
-  return at.max(0).min((size_ - 1).cast<double>()).cast<int>();
-}
-
-double NearestTriangle::squaredDistance(const Eigen::Vector3d& point, std::uint32_t triangle) const {
-  const auto& [a, b, c] = mesh_.triangles[triangle];
-  return squaredToTriangle(point, mesh_.vertices[a].cast<double>(), mesh_.vertices[b].cast<double>(),
-                           mesh_.vertices[c].cast<double>());
-}
-
-NearestTriangle::Hit NearestTriangle::operator()(const Eigen::Vector3d& point, std::uint32_t start) const {
-  Hit best{start, squaredDistance(point, start)};
-  const Eigen::Array3i at = cellOf(point);
-  // A point outside the grid is nearer to its cells than to the cell it is counted in.
-  const Eigen::Array3d inside =
-      (point.array()).max(low_.array()).min(low_.array() + size_.cast<double>() * cell_);
-  const int rings = size_.maxCoeff();
-  for (int ring = 0; ring <= rings; ++ring) {
-    // Cells of this ring are at least this far away.
-    const Eigen::Array3d from_low = inside - (low_.array() + (at - (ring - 1)).cast<double>() * cell_);
-    const Eigen::Array3d to_high = (low_.array() + (at + ring).cast<double>() * cell_) - inside;
-    const double gap = std::max(0.0, std::min(from_low.minCoeff(), to_high.minCoeff()));
-    if (ring > 0 && gap * gap >= best.squared) break;
-    for (int x = std::max(0, at.x() - ring); x <= std::min(size_.x() - 1, at.x() + ring); ++x)
-      for (int y = std::max(0, at.y() - ring); y <= std::min(size_.y() - 1, at.y() + ring); ++y) {
-        const bool edge = std::abs(x - at.x()) == ring || std::abs(y - at.y()) == ring;
-        for (int z = at.z() - ring; z <= at.z() + ring; z += edge || ring == 0 ? 1 : 2 * ring) {
-          if (z < 0 || z >= size_.z()) continue;
-          const std::size_t cell = (static_cast<std::size_t>(x) * static_cast<std::size_t>(size_.y()) +
-                                    static_cast<std::size_t>(y)) *
-                                       static_cast<std::size_t>(size_.z()) +
-                                   static_cast<std::size_t>(z);
-          for (std::uint32_t k = first_[cell]; k < first_[cell + 1]; ++k) {
-            const double squared = squaredDistance(point, triangles_[k]);
-            if (squared < best.squared || (squared == best.squared && triangles_[k] < best.triangle))
-              best = {triangles_[k], squared};
-          }
-        }
-      }
-  }
-  return best;
-}
 
 double distanceBound(const Mesh& from, const Mesh& to, double tolerance) {
   if (from.triangles.empty()) return 0;

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstring>
 
-#include "recon/surface/surface_error.hpp"
+#include "recon/surface/nearest_triangle.hpp"
 #include "tests/surface/made_tiles.hpp"
 #include "tests/surface/mesh_checks.hpp"
 

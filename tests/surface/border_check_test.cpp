@@ -1,0 +1,121 @@
+#include "recon/surface/border_check.hpp"
+
+#include <gtest/gtest.h>
+
+#include "recon/surface/atlas.hpp"
+#include "recon/surface/simplify.hpp"
+#include "tests/surface/made_tiles.hpp"
+
+namespace fathom::surface {
+namespace {
+
+const TileGrid kGrid{.voxel = 0.033, .leaf_voxels = 32};
+
+// Two by eight leaf tiles and the two parents that they have, of the difficult seafloor.
+const std::vector<TileMesh>& family() {
+  static const std::vector<TileMesh> tiles = [] {
+    std::vector<TileMesh> out;
+    for (int y = 0; y < 8; ++y)
+      for (int x = 0; x < 2; ++x)
+        out.push_back(simplify(test::madeTile(test::difficultTerrain(7), kGrid, {0, x, y}), 1000));
+    for (int y = 0; y < 2; ++y) {
+      std::vector<const TileMesh*> children;
+      for (std::size_t k = 0; k < 8; ++k) children.push_back(&out[8 * static_cast<std::size_t>(y) + k]);
+      out.push_back(simplify(joinTiles(children, kGrid, {1, 0, y}), 100));
+    }
+    return out;
+  }();
+  return tiles;
+}
+
+BorderReport check(const std::vector<TileMesh>& tiles) {
+  BorderCheck borders(kGrid);
+  for (const TileMesh& tile : tiles) borders.add(tile);
+  return borders.run();
+}
+
+// A vertex on the side between the leaf tiles (0, 0) and (0, 1) that is no corner.
+std::uint32_t borderVertex(const TileMesh& tile) {
+  for (std::uint32_t v = 0; v < tile.shared.size(); ++v)
+    if (tile.shared[v] == kHighEast) return v;
+  throw std::runtime_error("no vertex is shared to the east");
+}
+
+TEST(BorderCheck, TilesOfADifficultSurfaceJoinAtAllPairsOfLevels) {
+  const BorderReport report = check(family());
+  EXPECT_EQ(report.tiles, 18U);
+  // 8 + 14 pairs of leaves, 4 of a leaf and the parent beside it, 1 of parents.
+  EXPECT_EQ(report.pairs, 8U + 14U + 4U + 1U);
+  EXPECT_GT(report.segments, 1000U);
+  EXPECT_EQ(report.crack_count, 0U);
+  EXPECT_EQ(report.off_lattice, 0U);
+}
+
+TEST(BorderCheck, SeamsOfTheTextureAreNoBorders) {
+  std::vector<TileMesh> tiles;
+  for (const TileMesh& tile : family()) tiles.push_back(makeAtlas(tile, {.texel = 0.02}).tile.surface);
+  EXPECT_GT(tiles[0].mesh.vertices.size(), family()[0].mesh.vertices.size());
+  const BorderReport report = check(tiles);
+  EXPECT_EQ(report.crack_count, 0U);
+  EXPECT_EQ(report.segments, check(family()).segments);
+}
+
+TEST(BorderCheck, SeesAVertexThatMovedByOneStepOfTheLattice) {
+  std::vector<TileMesh> tiles = family();
+  tiles[0].mesh.vertices[borderVertex(tiles[0])].z() += static_cast<float>(TileGrid::kLattice);
+  const BorderReport report = check(tiles);
+  // Two segments of either tile, once between the leaves.
+  EXPECT_GE(report.crack_count, 4U);
+  ASSERT_FALSE(report.cracks.empty());
+  const double side = TileGrid::snap(kGrid.box({0, 0, 0})[3]);
+  EXPECT_NEAR(report.cracks[0].ends[0].y(), side, 1e-9);
+}
+
+TEST(BorderCheck, SeesAVertexThatLeftTheLattice) {
+  std::vector<TileMesh> tiles = family();
+  tiles[0].mesh.vertices[borderVertex(tiles[0])].z() += 0.0001F;
+  const BorderReport report = check(tiles);
+  EXPECT_EQ(report.off_lattice, 1U);
+  EXPECT_GE(report.ends + report.crack_count, 2U);
+}
+
+TEST(BorderCheck, SeesASideThatWasSimplifiedOnOneSideOnly) {
+  std::vector<TileMesh> tiles = family();
+  TileMesh loose = tiles[17];
+  std::fill(loose.shared.begin(), loose.shared.end(), std::uint8_t{0});
+  tiles[17] = simplify(loose, 50);
+  const BorderReport report = check(tiles);
+  EXPECT_GT(report.crack_count, 10U);
+}
+
+TEST(BorderCheck, SeesATriangleMissingInACoarserLevel) {
+  std::vector<TileMesh> tiles = family();
+  TileMesh& parent = tiles[16];
+  for (std::size_t t = 0; t < parent.mesh.triangles.size(); ++t) {
+    const auto& [a, b, c] = parent.mesh.triangles[t];
+    if ((parent.shared[a] & parent.shared[b] & kHighEast) == 0) continue;
+    parent.mesh.triangles.erase(parent.mesh.triangles.begin() + static_cast<std::ptrdiff_t>(t));
+    break;
+  }
+  EXPECT_GE(check(tiles).crack_count, 1U);
+}
+
+TEST(BorderCheck, TheEndOfTheDataIsNoCrack) {
+  std::vector<TileMesh> tiles = {family()[0], family()[2]};
+  ASSERT_EQ(tiles[1].tile, (TileId{0, 0, 1}));
+  tiles[1].mesh.triangles.clear();
+  const BorderReport report = check(tiles);
+  EXPECT_EQ(report.pairs, 1U);
+  EXPECT_EQ(report.crack_count, 0U);
+  EXPECT_GT(report.ends, 20U);
+}
+
+TEST(BorderCheck, OfNothingFindsNothing) {
+  const BorderReport report = check({});
+  EXPECT_EQ(report.tiles, 0U);
+  EXPECT_EQ(report.pairs, 0U);
+  EXPECT_EQ(report.crack_count, 0U);
+}
+
+}  // namespace
+}  // namespace fathom::surface
