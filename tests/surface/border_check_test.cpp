@@ -1,4 +1,4 @@
-#include "recon/surface/border_check.hpp"
+#include "tests/surface/border_check.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,6 +8,9 @@
 
 namespace fathom::surface {
 namespace {
+
+using test::BorderCheck;
+using test::BorderReport;
 
 const TileGrid kGrid{.voxel = 0.033, .leaf_voxels = 32};
 

@@ -8,7 +8,7 @@
 
 #include "recon/geometry/tile_mesh.hpp"
 
-namespace fathom::surface {
+namespace fathom::test {
 
 // A piece of one tile's border that the other tile does not have.
 struct Crack {
@@ -64,4 +64,4 @@ class BorderCheck {
   std::uint64_t off_lattice_ = 0;
 };
 
-}  // namespace fathom::surface
+}  // namespace fathom::test

@@ -1,11 +1,11 @@
-#include "recon/surface/border_check.hpp"
+#include "tests/surface/border_check.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <iterator>
 #include <tuple>
 
-namespace fathom::surface {
+namespace fathom::test {
 namespace {
 
 std::int32_t steps(double metres) {
@@ -208,4 +208,4 @@ BorderReport BorderCheck::run() const {
   return report;
 }
 
-}  // namespace fathom::surface
+}  // namespace fathom::test
