@@ -97,7 +97,8 @@ BlendCounts TextureBlender::Impl::blend(Atlas& atlas, const ViewIndex& index,
   const Rgb given = colourOf(atlas.tile.surface.mesh);
   out = {atlas.width, atlas.height, {}};
   out.rgb.resize(3 * static_cast<std::size_t>(out.width) * static_cast<std::size_t>(out.height));
-  for (std::size_t i = 0; i < out.rgb.size(); ++i) out.rgb[i] = given[i % 3];
+  for (int x = 0; x < out.width; ++x) std::copy(given.begin(), given.end(), out.at(x, 0));
+  for (int y = 1; y < out.height; ++y) std::copy_n(out.at(0, 0), 3 * out.width, out.at(0, y));
 
   const ChartLattice lattice(atlas);
   activate(lattice, index, places, occluders, images);

@@ -44,28 +44,10 @@ void BlockBlender::gatherNodes(const ChartLattice::Grid& grid, int i0, int j0) {
   radius_ = 0;
   if (first) return;
   for (std::size_t k = 0; k < 3; ++k) {
-    middle_[k] = 0.5F * (low[k] + high[k]);
+    middle_[static_cast<Eigen::Index>(k)] = 0.5F * (low[k] + high[k]);
     radius_ += 0.25F * (high[k] - low[k]) * (high[k] - low[k]);
   }
   radius_ = std::sqrt(radius_);
-}
-
-bool BlockBlender::mayMeet(const ViewProjection& view) const {
-  const auto& r = view.rotation;
-  const auto along = [&](std::size_t row) {
-    return r[3 * row] * middle_[0] + r[3 * row + 1] * middle_[1] + r[3 * row + 2] * middle_[2] +
-           view.translation[row];
-  };
-  const float x = along(0), y = along(1), z = along(2);
-  // Too near for the cone below to mean anything.
-  if (z < 2 * radius_) return z > -radius_;
-  const auto pixel = view.project(middle_[0], middle_[1], middle_[2]);
-  // A block within the projectable cone's neighbourhood: its pixels lie at most so far from its middle's.
-  const float reach = 2.0F * view.fx * radius_ / (z - radius_) * (1 + (x * x + y * y) / (z * z));
-  if (!pixel.valid)
-    return std::sqrt((x * x + y * y) / (z * z)) < std::sqrt(view.limit) + radius_ / (z - radius_);
-  return pixel.u > -reach && pixel.v > -reach && pixel.u < view.width + reach &&
-         pixel.v < view.height + reach;
 }
 
 void BlockBlender::look(std::size_t place, int i0, int j0, BlendCounts& counts) {
@@ -82,7 +64,7 @@ void BlockBlender::look(std::size_t place, int i0, int j0, BlendCounts& counts) 
                          points_[5].data()};
   for (std::uint32_t view = 0; view < tile_.views->size(); ++view) {
     const ActiveView& active = (*tile_.views)[view];
-    if (!mayMeet(active.projection)) continue;
+    if (!active.projection.mayMeet(middle_, radius_)) continue;
     const std::size_t row = looking_.size() * n;
     for (auto* values : {&u_, &v_, &low_, &middle_band_, &high_})
       if (values->size() < row + n) values->resize(row + n);
@@ -149,7 +131,7 @@ void BlockBlender::writeCells(const Chart& chart, const ChartLattice::Grid& grid
                               BlendCounts& counts) {
   const std::size_t n = sizeOf(count_);
   RgbImage& atlas = *tile_.atlas;
-  std::vector<CellView> views;
+  std::vector<CellView>& views = cell_views_;
   for (int j = 0; j + 1 < rows_; ++j) {
     for (int i = 0; i + 1 < columns_; ++i) {
       const std::uint8_t covered = tile_.lattice->covered[grid.cell(i0 + i, j0 + j)];

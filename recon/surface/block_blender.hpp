@@ -22,7 +22,7 @@ struct NodeColours {
 // nodes.
 class BlockBlender {
  public:
-  static constexpr int kCells = 32;  // of a block along one side
+  static constexpr int kCells = 16;  // of a block along one side
 
   BlockBlender(const BlendConfig& config, const BlendKernels& kernels) : config_(config), kernels_(kernels) {}
 
@@ -48,7 +48,6 @@ class BlockBlender {
   void takeBands();
   void writeCells(const Chart& chart, const ChartLattice::Grid& grid, int i0, int j0, BlendCounts& counts);
   void writeBest(const std::vector<CellView>& views, const CellTexels& texels, std::size_t first_texel);
-  [[nodiscard]] bool mayMeet(const ViewProjection& view) const;
 
   BlendConfig config_;
   const BlendKernels& kernels_;
@@ -57,12 +56,14 @@ class BlockBlender {
   int columns_ = 0, rows_ = 0, count_ = 0;  // nodes of the block
   std::vector<float> points_[6];            // x, y, z, nx, ny, nz
   std::vector<std::uint8_t> known_, seen_;
-  float middle_[3] = {0, 0, 0}, radius_ = 0;  // of the block's nodes [m]
-  std::vector<std::uint32_t> looking_;        // places of the views that see something of the block
+  Eigen::Vector3f middle_ = Eigen::Vector3f::Zero();
+  float radius_ = 0;                    // of the block's nodes around it [m]
+  std::vector<std::uint32_t> looking_;  // places of the views that see something of the block
   // A row of count_ for each of them.
   std::vector<float> u_, v_, low_, middle_band_, high_;
   std::vector<float> depth_, centrality_, freedom_, factor_, sums_;
   std::vector<float> colour_, base_;  // four values a node
+  std::vector<CellView> cell_views_;
 };
 
 }  // namespace fathom::surface

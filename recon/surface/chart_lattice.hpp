@@ -12,7 +12,7 @@ namespace fathom::surface {
 // interpolated between. A chart's node (i, j) is its texel (kStep i, kStep j), its cell (i, j) the kStep x
 // kStep texels from there on; the outermost nodes may lie outside the chart.
 struct ChartLattice {
-  static constexpr int kStep = 4;  // [texels]
+  static constexpr int kStep = 8;  // [texels]
 
   struct Grid {
     int columns = 0, rows = 0;  // nodes; cells: one less

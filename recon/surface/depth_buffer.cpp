@@ -2,22 +2,71 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 namespace fathom::surface {
 namespace {
 
 // What hides others is drawn larger by this all around [cells]: a pixel at its edge shows both, and poses
 // place it a few pixels off.
-constexpr float kMargin = 1.5F;
+constexpr float kMargin = 1.0F;
+constexpr float kPatchEdge = 0.3F;  // [m]
+
+struct Member {
+  std::int32_t x = 0, y = 0;  // of the patch [kPatchEdge]
+  std::uint32_t mesh = 0, triangle = 0;
+};
 
 }  // namespace
 
 Occluders::Occluders(const std::vector<const Mesh*>& meshes, const Eigen::Vector3d& origin) {
   const Eigen::Vector3f base = origin.cast<float>();
-  for (const Mesh* mesh : meshes) {
-    const auto first = static_cast<std::uint32_t>(vertices.size());
-    for (const Eigen::Vector3f& v : mesh->vertices) vertices.emplace_back(v - base);
-    for (const auto& t : mesh->triangles) triangles.push_back({t[0] + first, t[1] + first, t[2] + first});
+  std::vector<Member> members;
+  for (std::uint32_t m = 0; m < meshes.size(); ++m) {
+    const Mesh& mesh = *meshes[m];
+    for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+      const auto& [a, b, c] = mesh.triangles[t];
+      const Eigen::Vector3f middle = (mesh.vertices[a] + mesh.vertices[b] + mesh.vertices[c]) / 3.0F - base;
+      members.push_back({static_cast<std::int32_t>(std::floor(middle.x() / kPatchEdge)),
+                         static_cast<std::int32_t>(std::floor(middle.y() / kPatchEdge)), m, t});
+    }
+  }
+  std::sort(members.begin(), members.end(), [](const Member& a, const Member& b) {
+    return std::tie(a.x, a.y, a.mesh, a.triangle) < std::tie(b.x, b.y, b.mesh, b.triangle);
+  });
+  triangles.reserve(members.size());
+  std::vector<std::vector<std::uint32_t>> place;  // of a mesh's vertex in `vertices`, plus 1
+  for (const Mesh* mesh : meshes) place.emplace_back(mesh->vertices.size(), 0);
+  for (std::size_t i = 0; i < members.size(); ++i) {
+    if (i == 0 || members[i].x != members[i - 1].x || members[i].y != members[i - 1].y) {
+      Patch& next = patches.emplace_back();
+      next.first_vertex = static_cast<std::uint32_t>(vertices.size());
+      next.first_triangle = static_cast<std::uint32_t>(triangles.size());
+    }
+    Patch& patch = patches.back();
+    const Mesh& mesh = *meshes[members[i].mesh];
+    std::array<std::uint32_t, 3> corners{};
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t vertex = mesh.triangles[members[i].triangle][k];
+      std::uint32_t& at = place[members[i].mesh][vertex];
+      if (at <= patch.first_vertex) {
+        vertices.emplace_back(mesh.vertices[vertex] - base);
+        at = static_cast<std::uint32_t>(vertices.size());
+        ++patch.vertices;
+      }
+      corners[k] = at - 1 - patch.first_vertex;
+    }
+    triangles.push_back(corners);
+    ++patch.triangles;
+  }
+  for (Patch& patch : patches) {
+    Eigen::Vector3f low = vertices[patch.first_vertex], high = low;
+    for (std::uint32_t v = 0; v < patch.vertices; ++v) {
+      low = low.cwiseMin(vertices[patch.first_vertex + v]);
+      high = high.cwiseMax(vertices[patch.first_vertex + v]);
+    }
+    patch.middle = 0.5F * (low + high);
+    patch.radius = 0.5F * (high - low).norm();
   }
 }
 
@@ -25,15 +74,21 @@ void DepthBuffer::draw(const Occluders& occluders, const ViewProjection& view) {
   width_ = (static_cast<int>(view.width) + kCell - 1) / kCell;
   height_ = (static_cast<int>(view.height) + kCell - 1) / kCell;
   nearest_.assign(static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_), 0.0F);
-  projected_.clear();
   constexpr float kPerPixel = 1.0F / kCell, kCentre = 0.5F * (kCell - 1);  // a cell's centre [px]
-  for (const Eigen::Vector3f& p : occluders.vertices) {
-    const auto pixel = view.project(p.x(), p.y(), p.z());
-    projected_.push_back({(pixel.u - kCentre) * kPerPixel, (pixel.v - kCentre) * kPerPixel,
-                          pixel.valid ? 1.0F / pixel.depth : 0.0F});
+  for (const Occluders::Patch& patch : occluders.patches) {
+    if (!view.mayMeet(patch.middle, patch.radius)) continue;
+    projected_.clear();
+    for (std::uint32_t v = 0; v < patch.vertices; ++v) {
+      const Eigen::Vector3f& p = occluders.vertices[patch.first_vertex + v];
+      const auto pixel = view.project(p.x(), p.y(), p.z());
+      projected_.push_back({(pixel.u - kCentre) * kPerPixel, (pixel.v - kCentre) * kPerPixel,
+                            pixel.valid ? 1.0F / pixel.depth : 0.0F});
+    }
+    for (std::uint32_t t = 0; t < patch.triangles; ++t) {
+      const auto& [a, b, c] = occluders.triangles[patch.first_triangle + t];
+      drawTriangle(projected_[a], projected_[b], projected_[c]);
+    }
   }
-  for (const auto& t : occluders.triangles)
-    drawTriangle(projected_[t[0]], projected_[t[1]], projected_[t[2]]);
 }
 
 void DepthBuffer::drawTriangle(const Vertex& a, const Vertex& b, const Vertex& c) {

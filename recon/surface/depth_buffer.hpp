@@ -8,24 +8,32 @@
 
 namespace fathom::surface {
 
-// Surfaces that may hide others, in single precision relative to an origin near them.
+// Surfaces that may hide others, in single precision relative to an origin near them, in patches that a view
+// can pass over as a whole.
 struct Occluders {
+  struct Patch {
+    Eigen::Vector3f middle = Eigen::Vector3f::Zero();
+    float radius = 0;
+    std::uint32_t first_vertex = 0, vertices = 0, first_triangle = 0, triangles = 0;
+  };
   Occluders() = default;
   Occluders(const std::vector<const Mesh*>& meshes, const Eigen::Vector3d& origin);
+
+  std::vector<Patch> patches;
   std::vector<Eigen::Vector3f> vertices;
-  std::vector<std::array<std::uint32_t, 3>> triangles;
+  std::vector<std::array<std::uint32_t, 3>> triangles;  // of vertices counted from their patch's first
 };
 
 // What one view sees first, in cells of kCell x kCell pixels: the inverse depth of the nearest face within a
-// cell and a half of a cell's centre, moved back by the face's slope over that distance, so that a slope does
-// not hide itself.
+// cell of a cell's centre, moved back by the face's slope over that distance, so that a slope does not hide
+// itself.
 class DepthBuffer {
  public:
-  static constexpr int kCell = 4;  // [px]
+  static constexpr int kCell = 8;  // [px]
 
   void draw(const Occluders& occluders, const ViewProjection& view);
   // How freely a point is seen: 1 where no surface lies more than `tolerance` [m] before it, falling to 0
-  // over half a cell before the edge of what hides it.
+  // over half a cell outside the edge of what hides it, and 0 within a cell of that edge.
   [[nodiscard]] float visibility(float u, float v, float depth, float tolerance) const;
 
  private:

@@ -5,7 +5,7 @@
 namespace fathom::surface {
 namespace {
 
-constexpr int kEvery = 32;  // nodes of the lattice
+constexpr int kEvery = 16;  // nodes of the lattice
 
 }  // namespace
 

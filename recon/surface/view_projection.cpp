@@ -51,4 +51,24 @@ ViewProjection::ViewProjection(const Camera& camera, const SE3& T_nav_cam, const
   limit = static_cast<float>(radius * radius);
 }
 
+bool ViewProjection::mayMeet(const Eigen::Vector3f& middle, float radius) const {
+  const auto along = [&](std::size_t row) {
+    return rotation[3 * row] * middle.x() + rotation[3 * row + 1] * middle.y() +
+           rotation[3 * row + 2] * middle.z() + translation[row];
+  };
+  const float x = along(0), y = along(1), z = along(2);
+  if (z < -radius) return false;
+  if (z < 2 * radius + kNear) return true;  // too near for the bounds below
+  // The sphere spans at most `angle` around its middle in normalised coordinates. The distortion that grows
+  // towards the corners stretches that by no more than twice.
+  const float a = x / z, b = y / z, off2 = a * a + b * b;
+  const float angle = radius / (z - radius) * (1 + off2);
+  const float far = std::sqrt(limit) + angle;
+  if (off2 > far * far) return false;
+  const Pixel pixel = project(middle.x(), middle.y(), middle.z());
+  if (!pixel.valid) return true;
+  const float reach = 2 * std::max(fx, fy) * angle;
+  return pixel.u > -reach && pixel.v > -reach && pixel.u < width + reach && pixel.v < height + reach;
+}
+
 }  // namespace fathom::surface

@@ -39,6 +39,8 @@ struct ViewProjection {
     const float v = fy * (b * radial + p1 * (r2 + 2 * b * b) + 2 * p2 * a * b) + cy;
     return {u, v, pz, true};
   }
+  // False only where no point of a sphere is in the image.
+  [[nodiscard]] bool mayMeet(const Eigen::Vector3f& middle, float radius) const;
 };
 
 }  // namespace fathom::surface

@@ -18,7 +18,7 @@ namespace fathom::surface {
 // spreads.
 class ViewVote {
  public:
-  static constexpr int kStep = 4;  // nodes of the lattice
+  static constexpr int kStep = 2;  // nodes of the lattice
 
   ViewVote(const ChartLattice& lattice, const std::vector<ActiveView>& views, float fade, float tolerance);
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "recon/surface/chart_lattice.hpp"
 #include "recon/surface/kernels/blend_kernels.hpp"
 
 namespace fathom::surface::FATHOM_KERNELS {
@@ -169,15 +170,17 @@ inline Float4 samplePixels(const std::uint8_t* p, std::ptrdiff_t stride, float f
   return top + y * (bottom - top);
 }
 
-constexpr int kStep = 4;               // texels of a cell along one side
+constexpr int kStep = ChartLattice::kStep;
+constexpr int kHalves = kStep / 4;     // vectors of a row of a cell
 constexpr float kPart = 1.0F / kStep;  // from texel to texel of a cell
-constexpr Float4 kParts{0, kPart, 2 * kPart, 3 * kPart};
 
-// Values of a row of a cell from those in its corners.
-inline Float4 rowOf(const std::array<float, 4>& corner, float down) {
+// Values of a part of a row of a cell from those in its corners.
+inline Float4 rowOf(const std::array<float, 4>& corner, float down, int half) {
   const float left = corner[0] + down * (corner[2] - corner[0]);
   const float right = corner[1] + down * (corner[3] - corner[1]);
-  return all(left) + kParts * all(right - left);
+  const auto first = static_cast<float>(4 * half);
+  const Float4 across = (Float4{0, 1, 2, 3} + all(first)) * all(kPart);
+  return all(left) + across * all(right - left);
 }
 
 inline void storeTexel(std::uint8_t* out, Float4 value) {
@@ -193,9 +196,9 @@ struct RowPixels {
   Int4 xi, yi;
 };
 
-inline RowPixels pixelsOf(const CellView& view, float down) {
-  const Float4 u = most(least(rowOf(view.u, down), all(view.limit_u)), all(0.0F));
-  const Float4 v = most(least(rowOf(view.v, down), all(view.limit_v)), all(0.0F));
+inline RowPixels pixelsOf(const CellView& view, float down, int half) {
+  const Float4 u = most(least(rowOf(view.u, down, half), all(view.limit_u)), all(0.0F));
+  const Float4 v = most(least(rowOf(view.v, down, half), all(view.limit_v)), all(0.0F));
   const Int4 xi = __builtin_convertvector(u, Int4), yi = __builtin_convertvector(v, Int4);
   return {u - __builtin_convertvector(xi, Float4), v - __builtin_convertvector(yi, Float4), xi, yi};
 }
@@ -217,11 +220,14 @@ void blendCell(const CellView* views, int count, const float* base, const CellTe
     const CellView& view = views[i];
     for (int y = 0; y < texels.rows; ++y) {
       const float down = kPart * static_cast<float>(y);
-      const RowPixels at = pixelsOf(view, down);
-      const Float4 weight = rowOf(view.weight, down);
-      for (int x = 0; x < kStep; ++x)
-        sum[kStep * y + x] += all(weight[x]) * samplePixels(addressOf(view, at.xi[x], at.yi[x]), view.stride,
-                                                            at.fx[x], at.fy[x]);
+      for (int half = 0; half < kHalves; ++half) {
+        const RowPixels at = pixelsOf(view, down, half);
+        const Float4 weight = rowOf(view.weight, down, half);
+        Float4* to = sum + kStep * y + 4 * half;
+        for (int x = 0; x < 4; ++x)
+          to[x] += all(weight[x]) *
+                   samplePixels(addressOf(view, at.xi[x], at.yi[x]), view.stride, at.fx[x], at.fy[x]);
+      }
     }
   }
   for (int y = 0; y < texels.rows; ++y)
@@ -233,16 +239,18 @@ void bestCell(const CellView* views, int count, const CellTexels& texels, std::u
   for (int y = 0; y < texels.rows; ++y) {
     const float down = kPart * static_cast<float>(y);
     for (int x = 0; x < texels.columns; ++x) {
+      const int half = x / 4, lane = x % 4;
       const CellView* best = views;
       float largest = 0;
       for (int i = 0; i < count; ++i) {
-        const float weight = rowOf(views[i].weight, down)[x];
+        const float weight = rowOf(views[i].weight, down, half)[lane];
         if (weight > largest) largest = weight, best = views + i;
       }
       chosen[kStep * y + x] = static_cast<std::uint32_t>(best - views);
-      const RowPixels at = pixelsOf(*best, down);
-      storeTexel(texels.out + y * texels.stride + static_cast<std::ptrdiff_t>(3) * x,
-                 samplePixels(addressOf(*best, at.xi[x], at.yi[x]), best->stride, at.fx[x], at.fy[x]));
+      const RowPixels at = pixelsOf(*best, down, half);
+      storeTexel(
+          texels.out + y * texels.stride + static_cast<std::ptrdiff_t>(3) * x,
+          samplePixels(addressOf(*best, at.xi[lane], at.yi[lane]), best->stride, at.fx[lane], at.fy[lane]));
     }
   }
 }
