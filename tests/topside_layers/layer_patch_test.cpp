@@ -60,7 +60,7 @@ TEST(LayerPatch, NeighboursJoinWithoutAGap) {
     for (const float v : surface.elevation) ASSERT_TRUE(std::isfinite(v));
     const CellWindow window = mosaic.mosaicExtent();
     std::vector<std::uint8_t> rgba(4 * window.cells());
-    mosaic.colours(window, 1, rgba.data());
+    mosaic.colours(window, rgba.data());
     for (std::size_t k = 3; k < rgba.size(); k += 4) ASSERT_EQ(rgba[k], 255);
   }
 }

@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <string>
 
-#include "recon/topside/layers/cog_writer.hpp"
+#include "recon/topside/layers/raster_reading.hpp"
 
 namespace fathom::topside {
 

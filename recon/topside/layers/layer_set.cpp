@@ -1,16 +1,16 @@
 #include "recon/topside/layers/layer_set.hpp"
 
-#include <ogr_spatialref.h>
+#include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <numbers>
-#include <stdexcept>
+#include <optional>
 
 #include "recon/topside/layers/cog_writer.hpp"
 #include "recon/topside/layers/layer_picture.hpp"
 #include "recon/topside/layers/patch_mosaic.hpp"
+#include "recon/topside/layers/raster_reading.hpp"
 #include "recon/topside/layers/sparse_cells.hpp"
 #include "recon/topside/layers/terrain.hpp"
 #include "recon/topside/layers/track_layers.hpp"
@@ -18,9 +18,8 @@
 namespace fathom::topside {
 namespace {
 
-constexpr double kMaxMosaicCells = 4294967296.0;  // 2^32: overviews of more take hours
-constexpr double kLegendTail = 0.02;              // of the values on either side lie beyond the legend
-constexpr int kLegendPixels = 1200;               // of the reduced raster that the legend is taken from
+constexpr double kLegendTail = 0.02;  // of the values on either side lie beyond the legend
+constexpr int kLegendPixels = 1200;   // of the reduced raster that the legend is taken from
 
 struct Layer {
   LayerInfo info;
@@ -86,25 +85,14 @@ RasterSource surfaceSource(const std::shared_ptr<PatchMosaic>& mosaic, double ce
   return source;
 }
 
-std::int32_t floorDiv(std::int32_t a, std::int32_t b) {
-  return a >= 0 ? a / b : -((-a + b - 1) / b);
-}
-
 RasterSource mosaicSource(const std::shared_ptr<PatchMosaic>& mosaic, double cell) {
-  const CellWindow fine = mosaic->mosaicExtent();
-  int factor = 1;
-  while (static_cast<double>(fine.rows) * fine.columns / factor / factor > kMaxMosaicCells) factor *= 2;
   RasterSource source;
   source.colour = true;
-  source.cell = cell * factor;
-  source.extent = {floorDiv(fine.x, factor), floorDiv(fine.y, factor), 0, 0};
-  source.extent.rows = floorDiv(fine.x + fine.rows - 1, factor) + 1 - source.extent.x;
-  source.extent.columns = floorDiv(fine.y + fine.columns - 1, factor) + 1 - source.extent.y;
-  source.touches = [mosaic, cell, factor](const CellWindow& w) {
-    return mosaic->touches({w.x * factor, w.y * factor, w.rows * factor, w.columns * factor}, cell);
-  };
-  source.fill = [mosaic, factor](const CellWindow& w, void* out) {
-    mosaic->colours(w, factor, static_cast<std::uint8_t*>(out));
+  source.cell = cell;
+  source.extent = mosaic->mosaicExtent();
+  source.touches = [mosaic, cell](const CellWindow& w) { return mosaic->touches(w, cell); };
+  source.fill = [mosaic](const CellWindow& w, void* out) {
+    mosaic->colours(w, static_cast<std::uint8_t*>(out));
   };
   return source;
 }
@@ -112,29 +100,32 @@ RasterSource mosaicSource(const std::shared_ptr<PatchMosaic>& mosaic, double cel
 void addTileLayers(const LayerInputs& inputs, const LayerConfig& config, std::vector<Layer>& layers) {
   if (inputs.tiles.empty()) return;
   const double cell = config.cells.surface;
-  const auto mosaic = std::make_shared<PatchMosaic>(inputs.grid, config.cells, inputs.tiles, inputs.patch);
+  // One each: layers are made at the same time.
+  const auto mosaic = [&] {
+    return std::make_shared<PatchMosaic>(inputs.grid, config.cells, inputs.tiles, inputs.patch);
+  };
   using Surface = PatchMosaic::Surface;
   const TerrainWindow slope{radiusOf(config.slope_window, cell), config.min_coverage};
   const TerrainWindow rough{radiusOf(config.rugosity_window, cell), config.min_coverage};
 
   Layer elevation{{"elevation", "Elevation", "m", "", 0, 0, "viridis", ""}, {}};
-  elevation.source =
-      surfaceSource(mosaic, cell, [](const Surface& s) -> const std::vector<float>& { return s.elevation; });
+  elevation.source = surfaceSource(mosaic(), cell,
+                                   [](const Surface& s) -> const std::vector<float>& { return s.elevation; });
   elevation.shaded = true;
   layers.push_back(elevation);
 
   Layer colours{{"orthomosaic", "Orthomosaic", "", "", 0, 0, "", ""},
-                mosaicSource(mosaic, config.cells.mosaic)};
+                mosaicSource(mosaic(), config.cells.mosaic)};
   layers.push_back(colours);
 
   Layer steep{{"slope", "Slope", "deg", "", 0, 0, "magma", ""}, {}};
-  steep.source = terrainSource(mosaic, cell, slope.radius,
+  steep.source = terrainSource(mosaic(), cell, slope.radius,
                                [slope](const TerrainView& view) { return slopeAspect(view, slope).slope; });
   steep.from_zero = true;
   layers.push_back(steep);
 
   Layer aspect{{"aspect", "Aspect (the way the ground falls)", "deg", "", 0, 0, "twilight", ""}, {}};
-  aspect.source = terrainSource(mosaic, cell, slope.radius,
+  aspect.source = terrainSource(mosaic(), cell, slope.radius,
                                 [slope](const TerrainView& view) { return slopeAspect(view, slope).aspect; });
   aspect.average = false;
   aspect.from_zero = true;
@@ -142,20 +133,20 @@ void addTileLayers(const LayerInputs& inputs, const LayerConfig& config, std::ve
   layers.push_back(aspect);
 
   Layer rugged{{"rugosity", "Rugosity (surface over plane of best fit)", "1", "", 0, 0, "magma", ""}, {}};
-  rugged.source = terrainSource(mosaic, cell, rough.radius,
+  rugged.source = terrainSource(mosaic(), cell, rough.radius,
                                 [rough](const TerrainView& view) { return rugosity(view, rough); });
   layers.push_back(rugged);
 
   Layer views{{"views", "Stereo pairs that saw the surface", "1", "", 0, 0, "viridis", ""}, {}};
   views.source =
-      surfaceSource(mosaic, cell, [](const Surface& s) -> const std::vector<float>& { return s.views; });
+      surfaceSource(mosaic(), cell, [](const Surface& s) -> const std::vector<float>& { return s.views; });
   views.average = false;
   views.from_zero = true;
   layers.push_back(views);
 
   Layer sigma{{"uncertainty", "Height uncertainty (1 sigma)", "m", "", 0, 0, "turbo", ""}, {}};
   sigma.source =
-      surfaceSource(mosaic, cell, [](const Surface& s) -> const std::vector<float>& { return s.sigma; });
+      surfaceSource(mosaic(), cell, [](const Surface& s) -> const std::vector<float>& { return s.sigma; });
   sigma.from_zero = true;
   layers.push_back(sigma);
 }
@@ -182,22 +173,32 @@ void addTrack(const std::vector<TrackPoint>& track, const LayerConfig& config, s
     layers.push_back({{made.name, made.title, made.unit, "", 0, 0, "turbo", ""}, sourceOf(made.cells)});
 }
 
-}  // namespace
-
-std::string layersWkt(const Geodetic& origin) {
-  constexpr double kDegrees = 180 / std::numbers::pi;
-  OGRSpatialReference reference;
-  reference.SetProjCS("Local transverse Mercator (dive origin)");
-  reference.SetWellKnownGeogCS("WGS84");
-  reference.SetTM(origin.latitude * kDegrees, origin.longitude * kDegrees, 1, 0, 0);
-  reference.SetLinearUnits(SRS_UL_METER, 1);
-  char* text = nullptr;
-  const bool good = reference.exportToWkt(&text) == OGRERR_NONE && text != nullptr;
-  std::string wkt = good ? text : "";
-  CPLFree(text);
-  if (!good) throw std::runtime_error("GDAL does not know WGS84: is PROJ's data (proj-data) installed?");
-  return wkt;
+// Writes one layer; none when it holds no value.
+std::optional<LayerInfo> writeLayer(const std::filesystem::path& out, const Geodetic& origin,
+                                    const LayerConfig& config, const Layer& layer) {
+  const std::filesystem::path folder = "layers";
+  LayerInfo info = layer.info;
+  info.file = (folder / (info.name + ".tif")).string();
+  writeCog(out / info.file, layer.source,
+           {origin, info.title, info.unit, layer.average, config.mosaic_quality});
+  const ReducedRaster raster =
+      readReduced(out / info.file, config.picture_pixels > 0 ? config.picture_pixels : kLegendPixels);
+  const bool any = layer.source.colour
+                       ? std::any_of(raster.rgba.begin(), raster.rgba.end(), [](auto v) { return v != 0; })
+                       : legend(raster, layer, info);
+  if (!any) {
+    std::filesystem::remove(out / info.file);
+    return std::nullopt;
+  }
+  if (config.picture_pixels > 0) {
+    info.picture = (folder / (info.name + ".png")).string();
+    drawLayer(out / info.picture, raster, {info.title, info.unit, info.min, info.max, info.ramp},
+              layer.shaded);
+  }
+  return info;
 }
+
+}  // namespace
 
 std::vector<LayerInfo> writeLayers(const std::filesystem::path& out, const LayerInputs& inputs,
                                    const LayerConfig& config) {
@@ -205,36 +206,20 @@ std::vector<LayerInfo> writeLayers(const std::filesystem::path& out, const Layer
   addTileLayers(inputs, config, layers);
   if (inputs.statistics != nullptr) addStatistics(*inputs.statistics, layers);
   if (inputs.track != nullptr) addTrack(*inputs.track, config, layers);
-  const std::string wkt = layersWkt(inputs.origin);
-  const std::filesystem::path folder = "layers";
-  std::filesystem::create_directories(out / folder);
+  std::erase_if(layers, [](const Layer& layer) { return layer.source.extent.cells() == 0; });
+  std::filesystem::create_directories(out / "layers");
 
+  std::vector<std::optional<LayerInfo>> made(layers.size());
+  oneapi::tbb::parallel_for(
+      std::size_t{0}, layers.size(), std::size_t{1},
+      [&](std::size_t k) {
+        made[k] = writeLayer(out, inputs.origin, config, layers[k]);
+        layers[k].source = {};  // its patches are not needed any longer
+      },
+      oneapi::tbb::simple_partitioner());
   std::vector<LayerInfo> written;
-  for (const Layer& layer : layers) {
-    if (layer.source.extent.cells() == 0) continue;
-    LayerInfo info = layer.info;
-    info.file = (folder / (info.name + ".tif")).string();
-    CogOptions options;
-    options.wkt = wkt;
-    options.description = info.title;
-    options.unit = info.unit;
-    options.average = layer.average;
-    options.quality = config.mosaic_quality;
-    options.threads = config.threads;
-    writeCog(out / info.file, layer.source, options);
-    const ReducedRaster raster =
-        readReduced(out / info.file, config.picture_pixels > 0 ? config.picture_pixels : kLegendPixels);
-    if (!layer.source.colour && !legend(raster, layer, info)) {
-      std::filesystem::remove(out / info.file);
-      continue;
-    }
-    if (config.picture_pixels > 0) {
-      info.picture = (folder / (info.name + ".png")).string();
-      drawLayer(out / info.picture, raster, {info.title, info.unit, info.min, info.max, info.ramp},
-                layer.shaded);
-    }
-    written.push_back(std::move(info));
-  }
+  for (auto& info : made)
+    if (info) written.push_back(std::move(*info));
   return written;
 }
 

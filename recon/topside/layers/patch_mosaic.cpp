@@ -106,35 +106,19 @@ PatchMosaic::Surface PatchMosaic::surface(const CellWindow& window) {
   return out;
 }
 
-void PatchMosaic::colours(const CellWindow& window, int factor, std::uint8_t* rgba) {
-  const CellWindow fine{window.x * factor, window.y * factor, window.rows * factor, window.columns * factor};
+void PatchMosaic::colours(const CellWindow& window, std::uint8_t* rgba) {
   std::fill(rgba, rgba + 4 * window.cells(), std::uint8_t{0});
-  std::vector<std::array<std::uint32_t, 4>> sums(factor > 1 ? window.cells() : 0);
-  for (const TileId& tile : tilesIn(fine, cells_.mosaic)) {
+  for (const TileId& tile : tilesIn(window, cells_.mosaic)) {
     const auto patch = patchOf(tile, PatchPart::kMosaic);
     if (!patch) continue;
-    const CellWindow common = shared(fine, patch->mosaic);
+    const CellWindow common = shared(window, patch->mosaic);
     for (std::int32_t x = common.x; x < common.x + common.rows; ++x) {
-      const std::uint8_t* from =
-          &patch->rgba[4 * patch->mosaic.at(x - patch->mosaic.x, common.y - patch->mosaic.y)];
-      if (factor == 1) {
-        std::copy(from, from + 4 * static_cast<std::size_t>(common.columns),
-                  rgba + 4 * window.at(x - window.x, common.y - window.y));
-        continue;
-      }
-      for (std::int32_t k = 0; k < common.columns; ++k, from += 4) {
-        if (from[3] == 0) continue;
-        auto& sum = sums[window.at((x - fine.x) / factor, (common.y + k - fine.y) / factor)];
-        for (std::size_t c = 0; c < 3; ++c) sum[c] += from[c];
-        ++sum[3];
-      }
+      const auto from =
+          patch->rgba.begin() +
+          static_cast<std::ptrdiff_t>(4 * patch->mosaic.at(x - patch->mosaic.x, common.y - patch->mosaic.y));
+      std::copy(from, from + 4 * static_cast<std::ptrdiff_t>(common.columns),
+                rgba + 4 * window.at(x - window.x, common.y - window.y));
     }
-  }
-  for (std::size_t k = 0; k < sums.size(); ++k) {
-    const std::uint32_t n = sums[k][3];
-    if (n == 0) continue;
-    for (std::size_t c = 0; c < 3; ++c) rgba[4 * k + c] = static_cast<std::uint8_t>((sums[k][c] + n / 2) / n);
-    rgba[4 * k + 3] = 255;
   }
 }
 

@@ -30,10 +30,9 @@ class PatchMosaic {
   };
   // Throws std::runtime_error for a patch that is broken or has other cells.
   [[nodiscard]] Surface surface(const CellWindow& window);
-  // Colours of `window` (cells `factor` times as large as the patches'), means of what is known.
-  void colours(const CellWindow& window, int factor, std::uint8_t* rgba);
+  void colours(const CellWindow& window, std::uint8_t* rgba);
 
-  static constexpr std::size_t kKeptBytes = std::size_t{192} << 20;
+  static constexpr std::size_t kKeptBytes = std::size_t{64} << 20;
 
  private:
   struct Kept {
