@@ -45,6 +45,9 @@ int run(int argc, char** argv) {
   bool json = false;
   CLI::App* score_command = app.add_subcommand("score", "compare what was estimated with the truth");
   score_command->add_option("mission", mission, "mission folder")->required();
+  std::vector<std::filesystem::path> surfaces;
+  score_command->add_option("--surface", surfaces,
+                            "also these PLY meshes in nav, such as levels of the model");
   score_command->add_flag("--json", json, "one JSON object instead of a table");
 
   CLI::App* channel_command = nullptr;
@@ -73,7 +76,7 @@ int run(int argc, char** argv) {
   if (*boards_command) return run_boards();
   if (*hil_command) return run_hil();
   if (*hil_compare_command) return run_hil_compare();
-  if (*score_command) return sim::runScore(mission, json);
+  if (*score_command) return sim::runScore(mission, surfaces, json);
   return sim::runKeys(keys_of);
 }
 

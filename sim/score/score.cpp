@@ -30,7 +30,7 @@ class Scorer {
 
   void scoreProgram(const std::filesystem::path& folder, const char* mesh_name,
                     std::optional<TrajectoryScore>& trajectory, std::optional<SurfaceScore>& surface) {
-    SE3 start;
+    start_ = SE3();
     const auto poses = folder / "stereo_pose_est.data";
     if (there(poses)) {
       const CameraTracks tracks = pairTracks(io::readStereoPoses(poses), truth_, config_);
@@ -38,7 +38,7 @@ class Scorer {
         note(poses, "shares no time with the truth");
       } else {
         trajectory = scoreTrack(tracks);
-        start = alignLevel(tracks.estimate, tracks.truth);
+        start_ = alignLevel(tracks.estimate, tracks.truth);
       }
     }
     const auto file = folder / mesh_name;
@@ -49,7 +49,16 @@ class Scorer {
       return;
     }
     prepareSurface();
-    surface = scoreSurface(mesh, *surface_, seen_, start);
+    surface = scoreSurface(mesh, *surface_, seen_, start_);
+  }
+
+  // A mesh in the frame of the program that was scored last.
+  void scoreFile(const std::filesystem::path& file) {
+    const Mesh mesh = readPly(file);
+    if (sampleSurface(mesh, 1).empty())
+      throw InputError(file.string(), "", "has no surface to compare; give a mesh with triangles");
+    prepareSurface();
+    report_.surfaces.emplace_back(file.string(), scoreSurface(mesh, *surface_, seen_, start_));
   }
 
  private:
@@ -84,6 +93,7 @@ class Scorer {
   ScoreReport& report_;
   std::unique_ptr<TruthSurface> surface_;
   SeenSeafloor seen_;
+  SE3 start_;  // of the alignment, from the last trajectory
 };
 
 nlohmann::ordered_json orNull(const std::optional<double>& value) {
@@ -158,13 +168,15 @@ void surfaceRow(std::string& out, const char* name, const std::optional<SurfaceS
 
 }  // namespace
 
-ScoreReport scoreMission(const std::filesystem::path& mission) {
+ScoreReport scoreMission(const std::filesystem::path& mission,
+                         const std::vector<std::filesystem::path>& surfaces) {
   ScoreReport report;
   Scorer scorer(mission, report);
   const io::MissionPaths paths(mission);
   scorer.scoreDeadReckoning();
   scorer.scoreProgram(paths.onboard(), "map.ply", report.onboard, report.onboard_surface);
   scorer.scoreProgram(paths.topside(), "mesh.ply", report.topside, report.topside_surface);
+  for (const std::filesystem::path& file : surfaces) scorer.scoreFile(file);
   return report;
 }
 
@@ -175,6 +187,7 @@ std::string scoreJson(const ScoreReport& report) {
   json["trajectory"]["topside"] = toJson(report.topside, false);
   json["surface"]["onboard"] = toJson(report.onboard_surface);
   json["surface"]["topside"] = toJson(report.topside_surface);
+  for (const auto& [name, score] : report.surfaces) json["surface"]["files"][name] = toJson(score);
   return json.dump();
 }
 
@@ -186,6 +199,7 @@ std::string scoreTable(const ScoreReport& report) {
   out += "surface [m]        rms      aligned       p50       p95       p99      bias   coverage\n";
   surfaceRow(out, "onboard", report.onboard_surface);
   surfaceRow(out, "topside", report.topside_surface);
+  for (const auto& [name, score] : report.surfaces) surfaceRow(out, name.c_str(), score);
   return out;
 }
 

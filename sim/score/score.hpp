@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "recon/geometry/se3.hpp"
@@ -33,16 +34,19 @@ struct SurfaceScore {
 struct ScoreReport {
   std::optional<TrajectoryScore> dead_reckoning, onboard, topside;
   std::optional<SurfaceScore> onboard_surface, topside_surface;
-  std::vector<std::string> notes;  // what is missing, and why
+  std::vector<std::pair<std::string, SurfaceScore>> surfaces;  // of further files, by their names
+  std::vector<std::string> notes;                              // what is missing, and why
 };
 
-// Compares <mission>/onboard and <mission>/topside with <mission>/truth. What a program did not write is
-// noted and left out. Same files, same numbers. Throws InputError for a mission without truth and for damaged
-// files.
-[[nodiscard]] ScoreReport scoreMission(const std::filesystem::path& mission);
+// Compares <mission>/onboard and <mission>/topside, and `surfaces` (PLY meshes in nav, such as one level of
+// the model), with <mission>/truth. What a program did not write is noted and left out. Same files, same
+// numbers. Throws InputError for a mission without truth, for damaged files and for surfaces without
+// triangles.
+[[nodiscard]] ScoreReport scoreMission(const std::filesystem::path& mission,
+                                       const std::vector<std::filesystem::path>& surfaces = {});
 
-// {"trajectory":{"dead_reckoning":{"rms_m":...},"onboard":{...},"topside":{...}},"surface":{...}}; parts that
-// are missing are null.
+// {"trajectory":{"dead_reckoning":{"rms_m":...},"onboard":{...},"topside":{...}},
+//  "surface":{"onboard":{...},"topside":{...},"files":{"<name>":{...}}}}; parts that are missing are null.
 [[nodiscard]] std::string scoreJson(const ScoreReport& report);
 [[nodiscard]] std::string scoreTable(const ScoreReport& report);
 

@@ -162,6 +162,18 @@ TEST_F(ScoreTest, AKnownTurnVanishesWhenAligned) {
   EXPECT_LT(report.topside_surface->aligned_rms_m, 0.003);
 }
 
+TEST_F(ScoreTest, FurtherSurfacesAreScoredFromThePipelinesAlignment) {
+  const SE3 shift(Eigen::Quaterniond::Identity(), {0.30, -0.20, 0.10});
+  writePoses("topside", shift);
+  writeSurface("topside", "level_1.ply", shift);
+  const auto file = root() / "topside" / "level_1.ply";
+  const ScoreReport report = scoreMission(root(), {file});
+  ASSERT_EQ(report.surfaces.size(), 1U);
+  EXPECT_EQ(report.surfaces[0].first, file.string());
+  EXPECT_LT(report.surfaces[0].second.aligned_rms_m, 0.003);
+  EXPECT_THROW(static_cast<void>(scoreMission(root(), {root() / "absent.ply"})), InputError);
+}
+
 TEST_F(ScoreTest, ASurfaceThatLiesTooHighHasAPositiveBias) {
   const SE3 up(Eigen::Quaterniond::Identity(), {0, 0, -0.05});
   writeSurface("onboard", "map.ply", up);

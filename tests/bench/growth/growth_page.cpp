@@ -81,7 +81,7 @@ std::string curves(const Series& series, const std::string& source, const std::s
     plot.line(line, ink, 2);
     plot.dots(line, 4, ink);
     if (proportional) plot.line({{0, 0}, line.back()}, ink, 1, true);
-    plot.text({0.04 * axes.right, (0.95 - 0.06 * static_cast<double>(colour)) * axes.top},
+    plot.text({0.16 * axes.right, (0.95 - 0.06 * static_cast<double>(colour)) * axes.top},
               label(key.first, key.second), ink, 12);
     ++colour;
   }
@@ -114,14 +114,14 @@ std::string stagesPlot(const std::vector<const GrowthRun*>& list, const std::vec
                      names[k] + " " + fixedDigits(ms, 2) + " ms");
       at += ms;
     }
-    plot.text({static_cast<double>(i) + 0.3, at + 0.02 * axes.top}, std::to_string(list[i]->pairs));
+    plot.text({static_cast<double>(i) + 0.5, at + 0.02 * axes.top}, std::to_string(list[i]->pairs));
   }
   double row = 0.96;
   for (std::size_t k = 0; k < names.size(); ++k) {
     if (std::none_of(list.begin(), list.end(),
                      [&](const GrowthRun* r) { return secondsOf(*r, names[k]) > 0; }))
       continue;
-    plot.text({0.03 * axes.right, row * axes.top}, names[k], topside::distinctColour(k), 11);
+    plot.text({0.12 * axes.right, row * axes.top}, names[k], topside::distinctColour(k), 11);
     row -= 0.045;
   }
   return plot.svg();
