@@ -112,6 +112,7 @@ void Decimation::addQuadrics() {
   for (const HalfedgeHandle side : mesh_.halfedges()) {
     if (!mesh_.is_boundary(side)) continue;
     const VertexHandle from = mesh_.from_vertex_handle(side), to = mesh_.to_vertex_handle(side);
+    if (fixed(from) && fixed(to)) ++border_edges_;
     const HalfedgeHandle inner = mesh_.opposite_halfedge_handle(side);
     const VertexHandle apex = mesh_.to_vertex_handle(mesh_.next_halfedge_handle(inner));
     const Eigen::Vector3d along = at(to) - at(from);

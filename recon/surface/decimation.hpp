@@ -18,7 +18,8 @@ class Decimation {
  public:
   Decimation(const TileMesh& tile, SimplifyCounts& counts);
   void run(std::size_t target_triangles);
-  [[nodiscard]] double area() const { return area_; }  // of the input [m^2]
+  [[nodiscard]] double area() const { return area_; }                      // of the input [m^2]
+  [[nodiscard]] std::size_t borderEdges() const { return border_edges_; }  // that stay as they are
   [[nodiscard]] TileMesh result() const;
 
  private:
@@ -69,6 +70,7 @@ class Decimation {
   std::vector<Turn> turns_;
   std::size_t faces_ = 0;
   double area_ = 0;
+  std::size_t border_edges_ = 0;
 };
 
 }  // namespace fathom::surface

@@ -7,11 +7,19 @@
 #include "recon/surface/surface_error.hpp"
 
 namespace fathom::surface {
+namespace {
+
+// Of the triangles asked for, what is left to the inside of a tile whose border takes the rest or more.
+constexpr double kLeastInside = 0.5;
+
+}  // namespace
 
 TileMesh simplify(const TileMesh& tile, double triangles_per_m2, SimplifyCounts* counts) {
   SimplifyCounts own;
   Decimation decimation(tile, own);
-  const double target = std::max(0.0, triangles_per_m2 * decimation.area());
+  const double wanted = std::max(0.0, triangles_per_m2 * decimation.area());
+  const double target =
+      std::max(wanted, static_cast<double>(decimation.borderEdges()) + kLeastInside * wanted);
   decimation.run(static_cast<std::size_t>(std::ceil(target)));
   TileMesh out = decimation.result();
   if (own.collapses > 0) {

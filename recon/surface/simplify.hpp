@@ -21,11 +21,12 @@ struct SimplifyCounts {
 };
 
 // Fewer triangles by quadric error (Garland & Heckbert 1997), down to `triangles_per_m2` of the surface's
-// area. Shared vertices and the edges between them stay as they are; no face flips, none degenerates;
-// topology is kept. Positions stay on TileGrid's lattice. Normals are new, but for those of shared vertices,
-// which light the neighbour too; sigma, views and colours follow. `error` grows by a bound of the greatest
-// distance between the old surface and the new, either way. Whatever cannot be reached without breaking
-// these rules is left. Where the surface is not manifold it is kept as it is.
+// area; where the edges of the border, each with its face, would leave less than half of that to the inside,
+// the inside has half. Shared vertices and the edges between them stay as they are; no face flips, none
+// degenerates; topology is kept. Positions stay on TileGrid's lattice. Normals are new, but for those of
+// shared vertices, which light the neighbour too; sigma, views and colours follow. `error` grows by a bound
+// of the greatest distance between the old surface and the new, either way. Whatever cannot be reached
+// without breaking these rules is left. Where the surface is not manifold it is kept as it is.
 [[nodiscard]] TileMesh simplify(const TileMesh& tile, double triangles_per_m2,
                                 SimplifyCounts* counts = nullptr);
 

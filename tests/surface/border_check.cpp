@@ -20,6 +20,10 @@ constexpr std::size_t along(std::size_t side) {
   return 1 - side / 2;
 }
 
+// Where two cells of the volumetric grid meet in an edge alone, the vertex there stands twice, a step of the
+// lattice apart; if both tiles end there, their segments overlap by that much [steps].
+constexpr std::int32_t kTouching = 2;
+
 // The coordinates of a tile's sides.
 std::array<std::int32_t, 4> planesOf(const TileGrid& grid, const TileId& tile) {
   const std::array<double, 4> box = grid.box(tile);
@@ -137,14 +141,15 @@ void BorderCheck::compare(const TileId& tile, std::size_t side, const TileId& ot
   };
   const double two_voxels = 2 * grid_.voxel / TileGrid::kLattice;
   const auto beside = [&](const Segment& a, const Segment& b) {
-    const auto gap = [&](std::size_t k) {
-      return std::max(std::min(a.from[k], a.to[k]) - std::max(b.from[k], b.to[k]),
-                      std::min(b.from[k], b.to[k]) - std::max(a.from[k], a.to[k]));
+    const auto overlap = [&](std::size_t k) {
+      return std::min(std::max(a.from[k], a.to[k]), std::max(b.from[k], b.to[k])) -
+             std::max(std::min(a.from[k], a.to[k]), std::min(b.from[k], b.to[k]));
     };
-    // Two that only touch at an end lie one after the other; upright ones have no length along the side.
-    const bool upright = a.from[axis] == a.to[axis] || b.from[axis] == b.to[axis];
-    return (upright ? gap(axis) <= 0 : gap(axis) < 0) &&
-           gap(2) <= std::max({two_voxels, length(a), length(b)});
+    // Upright ones have no length along the side, and stand beside each other in depth.
+    const auto upright = [&](const Segment& s) { return std::abs(s.to[axis] - s.from[axis]) <= kTouching; };
+    if (upright(a) && upright(b)) return overlap(axis) >= 0 && overlap(2) > kTouching;
+    return (upright(a) || upright(b) ? overlap(axis) >= 0 : overlap(axis) > kTouching) &&
+           -overlap(2) <= std::max({two_voxels, length(a), length(b)});
   };
   for (std::size_t n = 0; n < 2; ++n)
     for (const Segment& segment : left[n]) {

@@ -32,9 +32,9 @@ struct BorderReport {
 // doubled vertices (at seams of the texture) do not matter; TileMesh::shared is not used.
 //
 // A segment that only one tile has is a crack where the other has a segment of its own beside it (overlapping
-// along the side, no farther in depth than two voxels or the longer one's length), and the end of the data
-// otherwise. What that leaves open is closed by the second rule: along its sides a tile has exactly the
-// segments of its children, so that it ends where the finest level does.
+// along the side by more than two steps of the lattice, no farther in depth than two voxels or the longer
+// one's length), and the end of the data otherwise. What that leaves open is closed by the second rule: along
+// its sides a tile has exactly the segments of its children, so that it ends where the finest level does.
 class BorderCheck {
  public:
   explicit BorderCheck(const TileGrid& grid) : grid_(grid) {}

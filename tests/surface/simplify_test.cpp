@@ -67,20 +67,271 @@ bool onLattice(const Mesh& mesh) {
   return true;
 }
 
-TEST(Simplify, ReachesTheDensityOfAnOpenSeafloorWithinItsStatedError) {
-  const TileMesh fine = madeTile(test::noisyTerrain(0.004, 3), TileGrid{}, {0, 2, -1});
-  const double area = areaOf(fine.mesh);
-  ASSERT_GT(static_cast<double>(fine.mesh.triangles.size()) / area, 1600);
-  const TileMesh coarse = simplify(fine, 1000);
+// The greatest distance of 15 points of each triangle to the other surface.
+double sampledDistance(const Mesh& from, const Mesh& to) {
+  constexpr int kSteps = 4;
+  const NearestTriangle nearest(to);
+  double worst = 0;
+  for (const auto& [a, b, c] : from.triangles)
+    for (int i = 0; i <= kSteps; i += 1)
+      for (int j = 0; i + j <= kSteps; j += 1) {
+        const Eigen::Vector3d p = (from.vertices[a].cast<double>() * i + from.vertices[b].cast<double>() * j +
+                                   from.vertices[c].cast<double>() * (kSteps - i - j)) /
+                                  kSteps;
+        worst = std::max(worst, nearest(p).squared);
+      }
+  return std::sqrt(worst);
+}
 
-  EXPECT_NEAR(static_cast<double>(coarse.mesh.triangles.size()) / area, 1000, 5);
-  EXPECT_GT(coarse.error, 0);
-  EXPECT_LT(coarse.error, 0.012);
-  EXPECT_TRUE(onLattice(coarse.mesh));
-  EXPECT_EQ(flipped(coarse.mesh, fine.mesh), 0U);
+double farthest(const Mesh& a, const Mesh& b) {
+  return std::max(sampledDistance(a, b), sampledDistance(b, a));
+}
+
+double densityOf(const Mesh& mesh, const Mesh& original) {
+  return static_cast<double>(mesh.triangles.size()) / areaOf(original);
+}
+
+void expectSameTopology(const Mesh& mesh, const Mesh& original) {
+  const test::Topology now = topologyOf(mesh), before = topologyOf(original);
+  EXPECT_EQ(now.euler(), before.euler());
+  EXPECT_EQ(now.components, before.components);
+  EXPECT_EQ(now.bad_edges, 0U);
+  EXPECT_EQ(before.bad_edges, 0U);
+}
+
+const TileMesh& openSeafloor() {
+  static const TileMesh tile = madeTile(test::noisyTerrain(0.004, 3), TileGrid{}, {0, 2, -1});
+  return tile;
+}
+
+const TileMesh& difficultSeafloor() {
+  static const TileMesh tile = madeTile(test::difficultTerrain(7), TileGrid{}, {0, 0, 0});
+  return tile;
+}
+
+TEST(Simplify, ReachesTheDensityOfAnOpenSeafloor) {
+  const TileMesh& fine = openSeafloor();
+  ASSERT_GT(densityOf(fine.mesh, fine.mesh), 1600);
+  for (const double density : {1000.0, 300.0, 170.0}) {
+    const TileMesh coarse = simplify(fine, density);
+    EXPECT_NEAR(densityOf(coarse.mesh, fine.mesh), density, 0.05 * density);
+    EXPECT_EQ(flipped(coarse.mesh, fine.mesh), 0U);
+    EXPECT_EQ(sharedChain(coarse), sharedChain(fine));
+    EXPECT_TRUE(onLattice(coarse.mesh));
+    expectSameTopology(coarse.mesh, fine.mesh);
+  }
+}
+
+TEST(Simplify, ReachesTheDensityOfOverhangsThinWallsHolesAndLooseParts) {
+  const TileMesh& fine = difficultSeafloor();
+  ASSERT_EQ(topologyOf(fine.mesh).components, 2U);  // with the pebble
+  ASSERT_NE(topologyOf(fine.mesh).euler(), 2);
+  for (const double density : {1000.0, 300.0, 100.0}) {
+    const TileMesh coarse = simplify(fine, density);
+    EXPECT_NEAR(densityOf(coarse.mesh, fine.mesh), density, 0.1 * density);
+    // A face at the foot of the wall may stand for both of its sides.
+    EXPECT_LE(flipped(coarse.mesh, fine.mesh), coarse.mesh.triangles.size() / 200);
+    EXPECT_EQ(sharedChain(coarse), sharedChain(fine));
+    EXPECT_TRUE(onLattice(coarse.mesh));
+    expectSameTopology(coarse.mesh, fine.mesh);
+  }
+}
+
+TEST(Simplify, StatesAnErrorThatNoPointExceeds) {
+  for (const auto& [fine, density] : {std::pair{&openSeafloor(), 1000.0}, {&difficultSeafloor(), 200.0}}) {
+    const TileMesh coarse = simplify(*fine, density);
+    const double found = farthest(fine->mesh, coarse.mesh);
+    EXPECT_LE(found, coarse.error);
+    EXPECT_LE(coarse.error, 1.25 * found + TileGrid::kLattice);
+  }
+}
+
+TEST(Simplify, LosesLessThanTheVoxelsDo) {
+  // Rolling ground with 4 mm of noise, at the density of the finest level.
+  EXPECT_LT(simplify(openSeafloor(), 1000).error, 0.003);
+  EXPECT_LT(simplify(openSeafloor(), 100).error, 0.02);
+}
+
+TEST(Simplify, KeepsWhatVerticesCarryWithinWhatTheyCarried) {
+  TileMesh fine = openSeafloor();
+  for (std::size_t v = 0; v < fine.mesh.vertices.size(); ++v) {
+    fine.mesh.sigma[v] = v % 2 == 0 ? 0.004F : 0.008F;
+    fine.views[v] = v % 3 == 0 ? 2 : 9;
+  }
+  const TileMesh coarse = simplify(fine, 500);
+  const std::size_t count = coarse.mesh.vertices.size();
+  ASSERT_EQ(coarse.mesh.normals.size(), count);
+  ASSERT_EQ(coarse.mesh.colours.size(), count);
+  ASSERT_EQ(coarse.mesh.sigma.size(), count);
+  ASSERT_EQ(coarse.views.size(), count);
+  ASSERT_EQ(coarse.shared.size(), count);
+  for (std::size_t v = 0; v < count; ++v) {
+    EXPECT_GE(coarse.mesh.sigma[v], 0.004F - 1e-7F);
+    EXPECT_LE(coarse.mesh.sigma[v], 0.008F + 1e-7F);
+    EXPECT_GE(coarse.views[v], 2);
+    EXPECT_LE(coarse.views[v], 9);
+    EXPECT_EQ(coarse.mesh.colours[v][1], 120);
+    EXPECT_NEAR(coarse.mesh.normals[v].norm(), 1, 1e-5);
+  }
+}
+
+TEST(Simplify, KeepsTheNormalsOnSidesThatTheNeighbourIsLitByToo) {
+  const TileMesh& fine = openSeafloor();
+  const TileMesh coarse = simplify(fine, 100);
+  std::map<std::array<float, 3>, Eigen::Vector3f> before;
+  for (std::size_t v = 0; v < fine.shared.size(); ++v) {
+    const Eigen::Vector3f& p = fine.mesh.vertices[v];
+    if (fine.shared[v] != 0) before[{p.x(), p.y(), p.z()}] = fine.mesh.normals[v];
+  }
+  std::size_t shared = 0;
+  for (std::size_t v = 0; v < coarse.shared.size(); ++v) {
+    if (coarse.shared[v] == 0) continue;
+    const Eigen::Vector3f& p = coarse.mesh.vertices[v];
+    EXPECT_EQ(coarse.mesh.normals[v], (before.at({p.x(), p.y(), p.z()})));
+    ++shared;
+  }
+  EXPECT_EQ(shared, before.size());
+}
+
+TEST(Simplify, GivesTheSameBytesAgain) {
+  const TileMesh a = simplify(difficultSeafloor(), 300), b = simplify(difficultSeafloor(), 300);
+  EXPECT_EQ(a.mesh.vertices, b.mesh.vertices);
+  EXPECT_EQ(a.mesh.triangles, b.mesh.triangles);
+  EXPECT_EQ(a.mesh.colours, b.mesh.colours);
+  EXPECT_EQ(a.mesh.sigma, b.mesh.sigma);
+  EXPECT_EQ(a.error, b.error);
+}
+
+TEST(Simplify, LeavesATileThatIsCoarseEnough) {
+  const TileMesh& fine = openSeafloor();
+  const TileMesh same = simplify(fine, 1e6);
+  EXPECT_EQ(same.mesh.triangles.size(), fine.mesh.triangles.size());
+  EXPECT_EQ(same.error, 0);
+  EXPECT_EQ(simplify(TileMesh{}, 100).mesh.triangles.size(), 0U);
+}
+
+TEST(Simplify, LeavesTheInsideItsShapeWhereTheBorderAloneHasMoreTrianglesThanAskedFor) {
+  const TileMesh& fine = openSeafloor();
+  const std::size_t border = sharedChain(fine).size();
+  const TileMesh coarse = simplify(fine, 50);
+  ASSERT_GT(border, static_cast<std::size_t>(50 * areaOf(fine.mesh)));
   EXPECT_EQ(sharedChain(coarse), sharedChain(fine));
-  EXPECT_EQ(coarse.mesh.colours.size(), coarse.mesh.vertices.size());
-  EXPECT_EQ(coarse.views, std::vector<std::uint16_t>(coarse.mesh.vertices.size(), 5));
+  EXPECT_GE(coarse.mesh.triangles.size(), border + static_cast<std::size_t>(25 * areaOf(fine.mesh)));
+  EXPECT_LT(coarse.error, 0.03);
+}
+
+TEST(Simplify, StopsWhereOnlySharedVerticesAreLeft) {
+  const TileMesh& fine = openSeafloor();
+  const TileMesh coarse = simplify(fine, 0);
+  EXPECT_EQ(sharedChain(coarse), sharedChain(fine));
+  EXPECT_GE(coarse.mesh.triangles.size(), sharedChain(fine).size() - 2);
+  expectSameTopology(coarse.mesh, fine.mesh);
+}
+
+// A sheet of squares in a plane, 1/16 m wide, normals up.
+Mesh sheet(int columns, int rows, const Eigen::Vector3f& origin, const Eigen::Vector3f& right,
+           const Eigen::Vector3f& down) {
+  Mesh mesh;
+  for (int j = 0; j <= rows; ++j)
+    for (int i = 0; i <= columns; ++i)
+      mesh.vertices.emplace_back(origin + right * static_cast<float>(i) / 16 +
+                                 down * static_cast<float>(j) / 16);
+  for (int j = 0; j < rows; ++j)
+    for (int i = 0; i < columns; ++i) {
+      const auto at = [&](int di, int dj) {
+        return static_cast<std::uint32_t>((j + dj) * (columns + 1) + i + di);
+      };
+      mesh.triangles.push_back({at(0, 0), at(0, 1), at(1, 1)});
+      mesh.triangles.push_back({at(0, 0), at(1, 1), at(1, 0)});
+    }
+  return mesh;
+}
+
+// Both meshes, vertices of one place made one.
+TileMesh welded(const Mesh& a, const Mesh& b) {
+  TileMesh out;
+  std::map<std::array<float, 3>, std::uint32_t> number;
+  for (const Mesh* mesh : {&a, &b})
+    for (const auto& t : mesh->triangles) {
+      std::array<std::uint32_t, 3> triangle;
+      for (std::size_t k = 0; k < 3; ++k) {
+        const Eigen::Vector3f& p = mesh->vertices[t[k]];
+        const auto [found, fresh] = number.try_emplace({p.x(), p.y(), p.z()}, out.mesh.vertices.size());
+        if (fresh) out.mesh.vertices.push_back(p);
+        triangle[k] = found->second;
+      }
+      out.mesh.triangles.push_back(triangle);
+    }
+  return out;
+}
+
+TEST(Simplify, KeepsFourSheetsAlongOneEdgeTogether) {
+  const Eigen::Vector3f east(0, 1, 0), south(-1, 0, 0), up(0, 0, -1);
+  // A wall through the middle of a floor: four faces at each edge of the line where they meet.
+  const TileMesh tile =
+      welded(sheet(16, 16, {1, 0, 2}, east, south), sheet(16, 16, {0.5F, 0, 2.5F}, east, up));
+  SimplifyCounts counts;
+  const TileMesh coarse = simplify(tile, 100, &counts);
+  EXPECT_GT(counts.pinned, 16U);
+  EXPECT_EQ(counts.stranded, 0U);
+  EXPECT_LT(coarse.mesh.triangles.size(), tile.mesh.triangles.size() / 4);
+  EXPECT_LE(farthest(tile.mesh, coarse.mesh), coarse.error);
+  EXPECT_LT(coarse.error, 0.001);
+  // All 16 edges are there yet, each with its four faces.
+  std::map<std::pair<std::uint32_t, std::uint32_t>, int> uses;
+  for (const auto& t : coarse.mesh.triangles)
+    for (std::size_t k = 0; k < 3; ++k) ++uses[std::minmax(t[k], t[(k + 1) % 3])];
+  EXPECT_EQ(std::count_if(uses.begin(), uses.end(), [](const auto& edge) { return edge.second == 4; }), 16);
+}
+
+TEST(Simplify, KeepsTwoSheetsThatTouchInAPoint) {
+  const Eigen::Vector3f east(0, 1, 0), south(-1, 0, 0);
+  const TileMesh tile =
+      welded(sheet(8, 8, {1, 0, 2}, east, south), sheet(8, 8, {0.5F, 0.5F, 2}, east, south));
+  const TileMesh coarse = simplify(tile, 10);
+  const auto touching =
+      std::count(coarse.mesh.vertices.begin(), coarse.mesh.vertices.end(), Eigen::Vector3f(0.5F, 0.5F, 2));
+  EXPECT_EQ(touching, 1);
+  EXPECT_EQ(topologyOf(coarse.mesh).components, 1U);
+  EXPECT_NEAR(areaOf(coarse.mesh), 0.5, 1e-6);
+}
+
+TEST(Simplify, KeepsFacesOnEitherSideOfASheetThatIsPaperThin) {
+  const Eigen::Vector3f east(0, 1, 0), south(-1, 0, 0);
+  Mesh front = sheet(8, 8, {1, 0, 2}, east, south), back = front;
+  for (auto& t : back.triangles) std::swap(t[1], t[2]);
+  const TileMesh tile = welded(front, back);
+  const TileMesh coarse = simplify(tile, 10);
+  EXPECT_NEAR(areaOf(coarse.mesh), 0.5, 1e-6);
+  EXPECT_LE(farthest(tile.mesh, coarse.mesh), coarse.error + 1e-9);
+}
+
+TEST(Simplify, DropsTrianglesOfFewerThanThreeCorners) {
+  TileMesh tile;
+  tile.mesh = sheet(4, 4, {1, 0, 2}, {0, 1, 0}, {-1, 0, 0});
+  tile.mesh.triangles.push_back({3, 3, 4});
+  const TileMesh coarse = simplify(tile, 1e6);
+  EXPECT_EQ(coarse.mesh.triangles.size(), 32U);
+}
+
+TEST(JoinTiles, WeldsWhatTilesShareAndKeepsTheBordersOfAllOfThem) {
+  const TileGrid grid{.voxel = 0.033, .leaf_voxels = 32};
+  std::vector<TileMesh> tiles;
+  for (int x = 0; x < 4; ++x)
+    for (int y = 0; y < 4; ++y)
+      tiles.push_back(madeTile(test::noisyTerrain(0.004, 3), grid, {0, x - 4, y}, 1.5, 2.5));
+  std::vector<const TileMesh*> pointers;
+  for (const TileMesh& tile : tiles) pointers.push_back(&tile);
+  const TileMesh joined = joinTiles(pointers, grid, {1, -1, 0});
+  const test::Topology topology = topologyOf(joined.mesh);
+  EXPECT_EQ(topology.components, 1U);
+  EXPECT_EQ(topology.euler(), 1);  // a sheet without holes
+  EXPECT_EQ(topology.bad_edges, 0U);
+  EXPECT_EQ(topology.border_edges, sharedChain(joined).size());
+  EXPECT_EQ(joined.mesh.colours.size(), joined.mesh.vertices.size());
+  for (std::size_t v = 0; v < joined.shared.size(); ++v)
+    EXPECT_EQ(joined.shared[v], sidesOf(joined.mesh.vertices[v], grid, {1, -1, 0}));
+  EXPECT_EQ(joinTiles({}, grid, {1, 0, 0}).mesh.vertices.size(), 0U);
 }
 
 }  // namespace
