@@ -16,7 +16,7 @@
 namespace fathom::topside {
 namespace {
 
-// One compressor and one decompressor a thread: making them costs more than a small picture.
+// One for each picture: a decompressor keeps the tables of what it read before, damaged ones too.
 struct TurboHandle {
   explicit TurboHandle(tjhandle opened) : handle(opened) {
     if (handle == nullptr) throw std::runtime_error("libjpeg-turbo cannot start");
@@ -28,7 +28,7 @@ struct TurboHandle {
 };
 
 std::vector<std::uint8_t> encodeJpeg(const RgbImage& image, const PictureConfig& config) {
-  thread_local const TurboHandle turbo(tjInitCompress());
+  const TurboHandle turbo(tjInitCompress());
   const int sampling = config.half_chroma ? TJSAMP_420 : TJSAMP_444;
   std::vector<std::uint8_t> out(tjBufSize(image.width, image.height, sampling));
   unsigned char* place = out.data();
@@ -41,7 +41,7 @@ std::vector<std::uint8_t> encodeJpeg(const RgbImage& image, const PictureConfig&
 }
 
 RgbImage decodeJpeg(std::span<const std::uint8_t> bytes, const std::string& name, int max_edge) {
-  thread_local const TurboHandle turbo(tjInitDecompress());
+  const TurboHandle turbo(tjInitDecompress());
   int width = 0, height = 0, sampling = 0, space = 0;
   if (tjDecompressHeader3(turbo.handle, bytes.data(), bytes.size(), &width, &height, &sampling, &space) != 0)
     throw InputError(name, "JPEG header", std::string("is damaged: ") + tjGetErrorStr2(turbo.handle));
