@@ -10,7 +10,7 @@
 namespace fathom::accuracy {
 namespace {
 
-constexpr std::size_t kWindows = 36;   // of a level, at most about
+constexpr std::size_t kWindows = 20;   // of a level, at most about
 constexpr int kPictureLongest = 1000;  // [px]
 
 }  // namespace

@@ -31,13 +31,11 @@ std::vector<int> ModelTiles::levels() const {
   return levels;
 }
 
-TexturedTile ModelTiles::read(const std::filesystem::path& file, TileGrid* grid) {
+TexturedTile ModelTiles::read(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);
   const std::vector<char> bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
-  topside::ReadTile read =
-      topside::readGlb({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, file.string());
-  if (grid != nullptr) *grid = read.grid;
-  return std::move(read.tile);
+  return topside::readGlb({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, file.string())
+      .tile;
 }
 
 Mesh ModelTiles::surfaceOf(int level) const {

@@ -19,8 +19,7 @@ class ModelTiles {
   [[nodiscard]] const std::vector<std::filesystem::path>& filesOf(int level) const {
     return files_.at(level);
   }
-  // `grid`, unless null: gets the grid that it belongs to.
-  [[nodiscard]] static TexturedTile read(const std::filesystem::path& file, TileGrid* grid = nullptr);
+  [[nodiscard]] static TexturedTile read(const std::filesystem::path& file);
   // All of a level as one mesh, vertices and triangles alone.
   [[nodiscard]] Mesh surfaceOf(int level) const;
 

@@ -9,8 +9,8 @@
 namespace fathom::accuracy {
 namespace {
 
-constexpr int kWindow = 384;         // [texels]
-constexpr double kLeastKnown = 0.8;  // of a window's pixels
+constexpr std::array<int, 3> kWindows = {384, 192, 96};  // edges, of which the largest that fits [texels]
+constexpr double kLeastKnown = 0.8;                      // of a window's pixels
 
 struct Pair {
   ViewFromAbove model, truth, truth_in_place;
@@ -33,28 +33,34 @@ cv::Mat brightness(const cv::Mat& rgb) {
   return out;
 }
 
-// Where a window lies in its tile, in windows from the middle; the middle first.
+// Where a window lies in its tile, in windows from the middle of its surface; the middle first.
 constexpr std::array<std::array<int, 2>, 9> kPlaces = {
     {{0, 0}, {1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {1, -1}, {-1, 1}, {-1, -1}}};
 
 // Nothing where too little is known.
 std::optional<Pair> windowOf(const TexturedTile& tile, const sim::Appearance& truth, const SE3& T_truth_model,
-                             const TileGrid& grid, const std::array<int, 2>& place) {
-  const auto box = grid.box(tile.surface.tile);
+                             int edge, const std::array<int, 2>& place) {
+  const Mesh& mesh = tile.surface.mesh;
+  Eigen::Vector2f low = mesh.vertices.at(0).head<2>(), high = low;
+  for (const auto& v : mesh.vertices) {
+    low = low.cwiseMin(v.head<2>());
+    high = high.cwiseMax(v.head<2>());
+  }
+  const Eigen::Vector2d middle = 0.5 * (low + high).cast<double>();
   Canvas canvas;
   canvas.pixel = tile.texel;
-  canvas.columns = canvas.rows = kWindow;
-  const double half = 0.5 * kWindow * canvas.pixel;
-  canvas.north = 0.5 * (box[0] + box[2]) + (1 + 2 * place[0]) * half;
-  canvas.west = 0.5 * (box[1] + box[3]) + (2 * place[1] - 1) * half;
+  canvas.columns = canvas.rows = edge;
+  const double half = 0.5 * edge * canvas.pixel;
+  canvas.north = middle.x() + (1 + 2 * place[0]) * half;
+  canvas.west = middle.y() + (2 * place[1] - 1) * half;
   ViewFromAbove model(canvas);
   drawTile(tile, model);
   cv::Mat known;
   cv::compare(model.depth, 1e30, known, cv::CMP_LT);
-  if (cv::countNonZero(known) < kLeastKnown * kWindow * kWindow) return std::nullopt;
+  if (cv::countNonZero(known) < kLeastKnown * edge * edge) return std::nullopt;
   ViewFromAbove in_place = drawTruth(truth, model, T_truth_model, {0, 0});
   const cv::Mat mask = bothKnown(model, in_place);
-  if (cv::countNonZero(mask) < kLeastKnown * kWindow * kWindow) return std::nullopt;
+  if (cv::countNonZero(mask) < kLeastKnown * edge * edge) return std::nullopt;
   cv::Mat a = brightness(model.colour), b = brightness(in_place.colour);
   a -= cv::mean(a, mask);
   b -= cv::mean(b, mask);
@@ -67,6 +73,22 @@ std::optional<Pair> windowOf(const TexturedTile& tile, const sim::Appearance& tr
   const Eigen::Vector2d shift(-found.y * canvas.pixel, found.x * canvas.pixel);
   ViewFromAbove shifted = drawTruth(truth, model, T_truth_model, shift);
   return Pair{std::move(model), std::move(shifted), std::move(in_place), shift.norm()};
+}
+
+// The windows of a tile: all of the largest size that fits, or the first of them.
+std::vector<Pair> windowsOf(const TexturedTile& tile, const sim::Appearance& truth, const SE3& T_truth_model,
+                            bool all) {
+  std::vector<Pair> windows;
+  for (const int edge : kWindows) {
+    for (const auto& place : kPlaces) {
+      auto window = windowOf(tile, truth, T_truth_model, edge, place);
+      if (!window) continue;
+      windows.push_back(std::move(*window));
+      if (!all) return windows;
+    }
+    if (!windows.empty()) break;
+  }
+  return windows;
 }
 
 // Least squares gain and offset that take the truth to the model.
@@ -195,18 +217,12 @@ TextureError textureErrorOf(const ModelTiles& tiles, int level, const sim::Appea
   std::vector<Pair> windows;
   std::vector<double> shifts;
   for (std::size_t i = 0; i < files.size(); i += step) {
-    TileGrid grid;
-    const TexturedTile tile = ModelTiles::read(files[i], &grid);
+    const TexturedTile tile = ModelTiles::read(files[i]);
     if (tile.atlas.empty()) continue;
-    // Of a level of few tiles every window, else the first of a tile that shows enough.
-    const bool all = files.size() * kPlaces.size() <= most;
-    for (const auto& place : kPlaces) {
-      auto window = windowOf(tile, truth, T_truth_model, grid, place);
-      if (!window) continue;
+    for (Pair& window : windowsOf(tile, truth, T_truth_model, files.size() * kPlaces.size() <= most)) {
       out.pixel = tile.texel;
-      shifts.push_back(window->shift);
-      windows.push_back(std::move(*window));
-      if (!all) break;
+      shifts.push_back(window.shift);
+      windows.push_back(std::move(window));
     }
   }
   out.windows = windows.size();
@@ -258,15 +274,12 @@ void drawWindowBesideTruth(const ModelTiles& tiles, int level, const sim::Appear
                            const SE3& T_truth_model, const std::filesystem::path& png) {
   const auto& files = tiles.filesOf(level);
   for (std::size_t k = 0; k < files.size(); ++k) {
-    TileGrid grid;
-    const TexturedTile tile = ModelTiles::read(files[(files.size() / 2 + k) % files.size()], &grid);
+    const TexturedTile tile = ModelTiles::read(files[(files.size() / 2 + k) % files.size()]);
     if (tile.atlas.empty()) continue;
-    for (const auto& place : kPlaces) {
-      const auto window = windowOf(tile, truth, T_truth_model, grid, place);
-      if (!window) continue;
-      writeTriple(window->model, window->truth, png);
-      return;
-    }
+    const std::vector<Pair> windows = windowsOf(tile, truth, T_truth_model, false);
+    if (windows.empty()) continue;
+    writeTriple(windows.front().model, windows.front().truth, png);
+    return;
   }
 }
 

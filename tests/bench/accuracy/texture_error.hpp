@@ -22,7 +22,8 @@ struct TextureError {
   double detail = 0;
 };
 
-// Windows of 384 texels in the middle of up to `most` tiles, spread over the level.
+// Windows of up to 384 texels in the middle of up to `most` tiles, spread over the level; of a level of few
+// tiles several each.
 [[nodiscard]] TextureError textureErrorOf(const ModelTiles& tiles, int level, const sim::Appearance& truth,
                                           const SE3& T_truth_model, std::size_t most);
 

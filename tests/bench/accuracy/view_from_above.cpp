@@ -97,6 +97,7 @@ void drawTile(const TexturedTile& tile, ViewFromAbove& view) {
 ViewFromAbove drawTruth(const sim::Appearance& truth, const ViewFromAbove& like, const SE3& T_truth_model,
                         const Eigen::Vector2d& shift) {
   constexpr double kAbove = 100.0;  // from where it is looked at [m]
+  constexpr int kSamples = 2;       // along each side of a pixel: a pixel is an area
   ViewFromAbove out(like.canvas);
   tbb::parallel_for(0, like.canvas.rows, [&](int row) {
     for (int column = 0; column < like.canvas.columns; ++column) {
@@ -105,13 +106,24 @@ ViewFromAbove drawTruth(const sim::Appearance& truth, const ViewFromAbove& like,
       const Eigen::Vector3d place =
           T_truth_model *
           Eigen::Vector3d(like.canvas.northOf(row), like.canvas.eastOf(column), static_cast<double>(depth));
-      const auto seen = truth.look({place.x() + shift.x(), place.y() + shift.y(), place.z() - kAbove},
-                                   Eigen::Vector3d::UnitZ(), like.canvas.pixel);
-      if (!seen) continue;
-      out.depth.at<float>(row, column) = static_cast<float>(seen->point.z());
-      for (int c = 0; c < 3; ++c)
-        out.colour.at<cv::Vec3f>(row, column)[c] =
-            255.0F * seen->albedo[static_cast<std::size_t>(c)] * seen->facing;
+      cv::Vec3f sum(0, 0, 0);
+      double down = 0;
+      bool seen_all = true;
+      for (int k = 0; k < kSamples * kSamples && seen_all; ++k) {
+        const double north = ((k / kSamples + 0.5) / kSamples - 0.5) * like.canvas.pixel;
+        const double east = ((k % kSamples + 0.5) / kSamples - 0.5) * like.canvas.pixel;
+        const auto seen =
+            truth.look({place.x() + shift.x() + north, place.y() + shift.y() + east, place.z() - kAbove},
+                       Eigen::Vector3d::UnitZ(), like.canvas.pixel / kSamples);
+        seen_all = seen.has_value();
+        if (!seen) continue;
+        down += seen->point.z() / (kSamples * kSamples);
+        for (int c = 0; c < 3; ++c)
+          sum[c] += 255.0F / (kSamples * kSamples) * seen->albedo[static_cast<std::size_t>(c)] * seen->facing;
+      }
+      if (!seen_all) continue;
+      out.depth.at<float>(row, column) = static_cast<float>(down);
+      out.colour.at<cv::Vec3f>(row, column) = sum;
     }
   });
   return out;
