@@ -6,6 +6,7 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/compare/surface_file.hpp"
+#include "recon/topside/report/html_text.hpp"
 
 namespace fathom::topside::compare {
 namespace {
@@ -81,7 +82,7 @@ Comparison compareSurfaces(const CompareOptions& options) {
   const double here = medianHeight(c.survey), there = medianHeight(c.reference);
   if (!std::isfinite(here))
     throw InputError(options.survey.string(), "",
-                     "has no height in cells of " + std::to_string(c.cell) + " m; give a smaller --cell");
+                     "has no height in cells of " + fixedDigits(c.cell, 3) + " m; give a smaller --cell");
   if (!std::isfinite(there))
     throw InputError(options.reference.string(), "", "has no height where the survey lies");
   c.reference_turned = options.reference_up == "down" ||

@@ -44,15 +44,16 @@ std::string statisticsRow(const std::string& name, const DifferenceStatistics& s
   std::string row = "<tr><td>" + htmlEscaped(name) + "</td><td class=n>" + std::to_string(s.cells) + "</td>";
   for (const double v : {s.bias, s.median, s.rms, s.mad, s.p5, s.p95, s.abs_p50, s.abs_p95})
     row += "<td class=n>" + fixedDigits(v, 4) + "</td>";
-  return row + "<td class=n>" + last + "</td></tr>\n";
+  if (!last.empty()) row += "<td class=n>" + last + "</td>";
+  return row + "</tr>\n";
 }
 
 std::string statisticsHead(const std::string& first, const std::string& last = "") {
   return "<table><tr><th>" + first +
          "</th><th>cells</th><th>bias</th><th>median</th><th>RMS</th><th>1.4826 MAD</th><th>5 %</th><th>95 "
          "%</th>"
-         "<th>50 % of |d|</th><th>95 % of |d|</th><th>" +
-         last + "</th></tr>\n";
+         "<th>50 % of |d|</th><th>95 % of |d|</th>" +
+         (last.empty() ? "" : "<th>" + last + "</th>") + "</tr>\n";
 }
 
 // Ends of the difference's colours and of its histogram: most cells are inside.
