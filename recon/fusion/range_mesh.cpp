@@ -61,6 +61,7 @@ std::size_t RangeMesh::set(const Mesh& mesh, const Eigen::Vector3d& centre, cons
     }
     triangles.push_back(numbers);
   }
+  measureRelief();
   used_.triangles = triangles;
   const std::vector<float> border = borderWeights(used_, config.border);
   for (std::size_t k = 0; k < vertices.size(); ++k) {
@@ -76,6 +77,31 @@ std::size_t RangeMesh::set(const Mesh& mesh, const Eigen::Vector3d& centre, cons
         std::clamp(kBandSigma * spread, config.truncation, VolumetricFusion::kMaxBand * config.truncation));
   }
   return mesh.triangles.size() - triangles.size();
+}
+
+// Unit normals whose mean has the length m spread about it by 1 - m^2: the square of their slopes. Noise
+// along the ray does that too: in a triangle of area A with sides l by sigma^2 sum(l^2) / (2 A)^2.
+void RangeMesh::measureRelief() {
+  normal_sum_.assign(vertices.size(), Eigen::Vector3f::Zero());
+  area_sum_.assign(vertices.size(), 0.0F);
+  noise_sum_.assign(vertices.size(), 0.0F);
+  for (const auto& [a, b, c] : triangles) {
+    const Eigen::Vector3f ab = points[b] - points[a], ac = points[c] - points[a];
+    const Eigen::Vector3f normal = ab.cross(ac);
+    const float area = normal.norm();
+    const float sides = ab.squaredNorm() + ac.squaredNorm() + (ac - ab).squaredNorm();
+    for (const std::uint32_t v : {a, b, c}) {
+      const float sigma = vertices[v].sigma;
+      normal_sum_[v] += normal;
+      area_sum_[v] += area;
+      noise_sum_[v] += std::min(area, sigma * sigma * sides / area);
+    }
+  }
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    if (!(area_sum_[v] > 0)) continue;
+    const float spread = 1 - normal_sum_[v].squaredNorm() / (area_sum_[v] * area_sum_[v]);
+    vertices[v].relief = std::max(0.0F, spread - noise_sum_[v] / area_sum_[v]);
+  }
 }
 
 }  // namespace fathom::fusion

@@ -23,6 +23,7 @@ class RangeMesh {
     float sigma = 0;        // [m]
     float band = 0;         // half width of the ramp that the data ask for here [m]
     float border = 0;       // factor of the weight
+    float relief = 0;       // variance of the slopes around, about their mean, but for the points' noise
     Rgb colour{};
   };
   std::vector<Vertex> vertices;
@@ -30,8 +31,12 @@ class RangeMesh {
   std::vector<std::array<std::uint32_t, 3>> triangles;
 
  private:
+  void measureRelief();
+
   std::vector<std::uint32_t> number_;  // of a vertex of the given mesh
   Mesh used_;                          // in nav, for borderWeights
+  std::vector<Eigen::Vector3f> normal_sum_;
+  std::vector<float> area_sum_, noise_sum_;
 };
 
 }  // namespace fathom::fusion

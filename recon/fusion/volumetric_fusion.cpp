@@ -67,6 +67,8 @@ struct Corners {
 
 SightTriangle termsOf(const Corners& corners, const std::array<std::uint32_t, 3>& t) {
   SightTriangle out;
+  const float relief =
+      (corners.vertex[0]->relief + corners.vertex[1]->relief + corners.vertex[2]->relief) / 3;
   for (std::size_t k = 0; k < 3; ++k) {
     // Computed the same way for both triangles of an edge, so that they agree to the last bit.
     const std::size_t a = (k + 1) % 3, b = (k + 2) % 3;
@@ -75,7 +77,10 @@ SightTriangle termsOf(const Corners& corners, const std::array<std::uint32_t, 3>
                                       : Eigen::Vector3d(-corners.point(a).cross(corners.point(b)));
     out.owns[k] = owns ? -1 : 0;
     const RangeMesh::Vertex& v = *corners.vertex[k];
-    out.weight[k] = static_cast<float>(corners.incidence) * v.border / (v.sigma * v.sigma);
+    out.weight[k] = static_cast<float>(corners.incidence) * v.border;
+    out.variance[k] = v.sigma * v.sigma;
+    // A random walk between its ends, with the steps that the slopes around show.
+    out.between[k] = relief * static_cast<float>((corners.point(b) - corners.point(a)).squaredNorm());
     for (std::size_t c = 0; c < 3; ++c) {
       out.side[k][c] = static_cast<float>(side[static_cast<int>(c)]);
       out.colour[k][c] = 256.0F * v.colour[c];

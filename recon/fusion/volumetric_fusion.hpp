@@ -40,8 +40,9 @@ struct VolumetricConfig {
 
 // Volumetric fusion of range meshes: cumulative weighted signed distance along the lines of sight in a hashed
 // grid of 8^3 blocks, surface by marching cubes. After Curless & Levoy, SIGGRAPH 1996, equations 1 and 2;
-// weights from each vertex's sigma, the cosine of incidence, and falling towards the mesh's edge and behind
-// the surface.
+// weights are the cosine of incidence over the variance, falling towards the mesh's edge and behind the
+// surface. The variance is that of the points, from their sigma (which grows with the range), and between
+// them that of a random walk with the slopes around: rough ground is known best where the points are.
 //
 // The ramp follows the data's own spread: it is `truncation` wide, or three times the sigma of the points or
 // the deviation between meshes where that is more (at most three times `truncation`). State: 16 bytes a

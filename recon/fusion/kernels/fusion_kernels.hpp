@@ -14,7 +14,9 @@ struct SightTriangle {
   std::int32_t owns[3];   // all bits or none: rays exactly through the edge are this triangle's
   float scale[3], plane;  // the plane is scale . p = plane
   float band;             // [m]
-  float weight[3];        // of the corners' observations [1/m^2]
+  float weight[3];        // of the corners' observations, but for the variance
+  float variance[3];      // of the corners [m^2]
+  float between[3];       // added half way along the edge opposite to the corner, times four [m^2]
   float colour[3][3];     // of the corners, by channel [1/256 of an 8-bit step]
 };
 

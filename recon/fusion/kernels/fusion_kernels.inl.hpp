@@ -71,8 +71,12 @@ int fuse(const SightTriangle& t, const BlockVoxels& voxels, VoxelBlock* block) {
       // of a thin thing is left to those who see it.
       Floats behind = 2.0F + distance * (2.0F / t.band);
       behind = behind > 1.0F ? zero + 1.0F : behind;
+      const Floats share0 = w[0] * per_sum, share1 = w[1] * per_sum, share2 = w[2] * per_sum;
+      const Floats variance = ((share0 * t.variance[0] + share1 * t.variance[1]) + share2 * t.variance[2]) +
+                              ((share1 * share2 * t.between[0] + share2 * share0 * t.between[1]) +
+                               share0 * share1 * t.between[2]);
       const Floats weight =
-          ((w[0] * t.weight[0] + w[1] * t.weight[1]) + w[2] * t.weight[2]) * per_sum * behind;
+          ((share0 * t.weight[0] + share1 * t.weight[1]) + share2 * t.weight[2]) * behind / variance;
       hit &= (distance < t.band) & (distance > -t.band) & (weight > zero);
       if (!any(hit)) continue;
       if (block == nullptr) return 1;
@@ -84,8 +88,7 @@ int fuse(const SightTriangle& t, const BlockVoxels& voxels, VoxelBlock* block) {
       store(&block->distance[at], hit ? old + share * (distance - old) : old);
       store(&block->weight[at], hit ? total : old_weight);
       for (int c = 0; c < 3; ++c) {
-        const Floats seen =
-            ((w[0] * t.colour[0][c] + w[1] * t.colour[1][c]) + w[2] * t.colour[2][c]) * per_sum;
+        const Floats seen = (share0 * t.colour[0][c] + share1 * t.colour[1][c]) + share2 * t.colour[2][c];
         blend(&block->colour[static_cast<std::size_t>(c)][at], seen, share, hit);
       }
       const Shorts count = load<Shorts>(&block->observations[at]);
