@@ -1,6 +1,8 @@
 #include <benchmark/benchmark.h>
 #include <squish.h>
 
+#include <cstdlib>
+
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -10,14 +12,16 @@
 #include "tests/topside_output/synthetic_model.hpp"
 
 // What a tile costs on its way to the disk: CPU time a megatexel, bits a texel and PSNR of every format, on a
-// real picture of the seafloor; BC1 beside libsquish on the same texels.
+// real picture of the seafloor (or on another, such as an atlas: FATHOM_BENCH_PICTURE=FILE); BC1 beside
+// libsquish on the same texels.
 namespace fathom::topside {
 namespace {
 
 const RgbImage& seafloor() {
   static const RgbImage image = [] {
-    const cv::Mat read =
-        cv::imread(FATHOM_DATA_DIR "/acfr/PR_20180811_163514_163_LC16_down_maintain_yes.png");
+    const char* named = std::getenv("FATHOM_BENCH_PICTURE");
+    const cv::Mat read = cv::imread(
+        named != nullptr ? named : FATHOM_DATA_DIR "/acfr/PR_20180811_163514_163_LC16_down_maintain_yes.png");
     RgbImage out{read.cols / 4 * 4, read.rows / 4 * 4, {}};
     for (int y = 0; y < out.height; ++y)
       for (int x = 0; x < out.width; ++x)
@@ -48,7 +52,7 @@ void picture(benchmark::State& state, PictureConfig config) {
   report(state, bytes.size(), psnr(decodePicture(bytes, "bench"), seafloor()));
 }
 BENCHMARK_CAPTURE(picture, jpeg, PictureConfig{})->DenseRange(60, 90, 10)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(picture, jpeg444, PictureConfig{.half_chroma = false})
+BENCHMARK_CAPTURE(picture, jpeg420, PictureConfig{.half_chroma = true})
     ->Arg(80)
     ->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(picture, webp0, PictureConfig{.format = PictureFormat::kWebp, .webp_effort = 0})

@@ -2,7 +2,9 @@
 // compiled for that set without contraction to fused multiply-add. Eight blocks go side by side, one a lane,
 // so that every lane does the same sums in the same order whatever the vectors' width.
 #include <algorithm>
+#include <array>
 #include <cstdint>
+#include <cstdlib>
 #include <cstring>
 
 namespace fathom::topside::FATHOM_KERNELS {
@@ -114,6 +116,54 @@ FATHOM_INLINE void principalEnds(const Group& group, Ends& ends) {
   }
 }
 
+// For each value of a channel the two ends, as expanded, whose colour a third of the way from the first to
+// the second is nearest: a flat block comes out within 1 where its rounded colour would be off by up to 4.
+struct ThirdTable {
+  std::array<std::array<std::uint8_t, 2>, 256> ends;
+};
+
+constexpr int expanded(int value, int bits) {
+  return value << (8 - bits) | value >> (2 * bits - 8);
+}
+
+constexpr ThirdTable thirds(int bits) {
+  ThirdTable table{};
+  for (int value = 0; value < 256; ++value) {
+    int least = 1 << 20;
+    for (int b = 0; b < 1 << bits; ++b) {
+      // The first end that comes nearest lies within a step of the exact one.
+      const int exact = (3 * value - expanded(b, bits)) / 2;
+      const int around = exact < 0 ? 0 : exact * ((1 << bits) - 1) / 255;
+      for (int a = std::max(0, around - 1); a <= std::min((1 << bits) - 1, around + 1); ++a) {
+        const int first = expanded(a, bits), second = expanded(b, bits);
+        const int off = 2 * first + second - 3 * value, apart = first - second;
+        // Of equal ones those that lie close together: hardware rounds the third differently.
+        const int cost = 1024 * (off < 0 ? -off : off) + (apart < 0 ? -apart : apart);
+        if (cost >= least) continue;
+        least = cost;
+        table.ends[static_cast<std::size_t>(value)] = {static_cast<std::uint8_t>(first),
+                                                       static_cast<std::uint8_t>(second)};
+      }
+    }
+  }
+  return table;
+}
+
+constexpr ThirdTable kThirds5 = thirds(5), kThirds6 = thirds(6);
+
+// Ends between which the blocks' mean colours lie.
+FATHOM_INLINE void endsOfMean(const Group& group, Ends& ends) {
+  for (int c = 0; c < 3; ++c) {
+    Lanes total{};
+    for (const auto& p : group.pixel) total += p[c];
+    const Wholes mean = __builtin_convertvector(total * (1.0F / kPixels) + 0.5F, Wholes);
+    const ThirdTable& table = kBits[c] == 6 ? kThirds6 : kThirds5;
+    for (int b = 0; b < kBlocks; ++b)
+      for (std::size_t e = 0; e < 2; ++e)
+        ends.colour[e][c][b] = table.ends[static_cast<std::size_t>(mean[b])][e];
+  }
+}
+
 // Rounds the ends to the bits of the format and gives each pixel the nearest of the four colours.
 FATHOM_INLINE void fitTo(const Group& group, const Ends& ends, Fit& fit) {
   const Lanes zero{};
@@ -216,6 +266,9 @@ void compressBlockRow(const std::uint8_t* const rows[4], int blocks, std::uint8_
       fitTo(group, ends, next);
       keepBetter(next, best);
     }
+    endsOfMean(group, ends);
+    fitTo(group, ends, next);
+    keepBetter(next, best);
     emit(best, std::min(kBlocks, blocks - first), out + 8 * first);
   }
 }
