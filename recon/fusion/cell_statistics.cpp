@@ -25,6 +25,16 @@ std::int32_t half(std::uint64_t bits) {
 
 // A triangle cut by four lines has at most seven corners.
 struct Polygon {
+  Polygon() {}  // corners are set as they come: most are never used
+  Polygon(const Polygon& other) : corners(other.corners) {
+    std::copy_n(other.corner.begin(), corners, corner.begin());
+  }
+  Polygon& operator=(const Polygon& other) {
+    corners = other.corners;
+    std::copy_n(other.corner.begin(), corners, corner.begin());
+    return *this;
+  }
+  ~Polygon() = default;
   std::array<Eigen::Vector3d, 8> corner;
   int corners = 0;
   void add(const Eigen::Vector3d& p) { corner[static_cast<std::size_t>(corners++)] = p; }
@@ -59,9 +69,14 @@ T take(const std::uint8_t*& at) {
 
 }  // namespace
 
-struct CellStatistics::Piece {
-  std::uint64_t key = 0;
+// What one mesh has in a cell.
+struct CellStatistics::Share {
   double area = 0, volume = 0;  // in plan [cell^2], and times depth
+  void add(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
+    const double part = 0.5 * std::abs((b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x()));
+    area += part;
+    volume += part * (a.z() + b.z() + c.z()) / 3;
+  }
 };
 
 CellStatistics::CellStatistics(double cell) : cell_(cell) {
@@ -69,38 +84,38 @@ CellStatistics::CellStatistics(double cell) : cell_(cell) {
 }
 
 // Triangle: north and east in cells, depth in metres.
-void CellStatistics::cut(const std::array<Eigen::Vector3d, 3>& triangle, std::vector<Piece>& pieces) const {
-  Polygon whole;
-  for (const Eigen::Vector3d& p : triangle) whole.add(p);
+void CellStatistics::cut(const std::array<Eigen::Vector3d, 3>& triangle, Shares& shares) {
   const Eigen::Vector3d low = triangle[0].cwiseMin(triangle[1]).cwiseMin(triangle[2]);
   const Eigen::Vector3d high = triangle[0].cwiseMax(triangle[1]).cwiseMax(triangle[2]);
   if ((high - low).head<2>().maxCoeff() > kMaxSpan) return;
   const auto floorOf = [](double v) { return static_cast<std::int32_t>(std::floor(v)); };
-  for (std::int32_t x = floorOf(low.x()); x <= floorOf(high.x()); ++x) {
+  const std::int32_t x0 = floorOf(low.x()), x1 = floorOf(high.x()), y0 = floorOf(low.y()),
+                     y1 = floorOf(high.y());
+  if (x0 == x1 && y0 == y1) {
+    shares[keyOf(x0, y0)].add(triangle[0], triangle[1], triangle[2]);
+    return;
+  }
+  Polygon whole;
+  for (const Eigen::Vector3d& p : triangle) whole.add(p);
+  for (std::int32_t x = x0; x <= x1; ++x) {
     Polygon row = whole;
-    if (low.x() < x) row = clip(row, 0, x, true);
-    if (high.x() > x + 1) row = clip(row, 0, x + 1, false);
-    for (std::int32_t y = floorOf(low.y()); y <= floorOf(high.y()); ++y) {
+    if (x > x0) row = clip(row, 0, x, true);
+    if (x < x1) row = clip(row, 0, x + 1, false);
+    for (std::int32_t y = y0; y <= y1 && row.corners > 2; ++y) {
       Polygon part = row;
-      if (low.y() < y) part = clip(part, 1, y, true);
-      if (high.y() > y + 1) part = clip(part, 1, y + 1, false);
-      Piece piece{keyOf(x, y), 0, 0};
-      for (int k = 2; k < part.corners; ++k) {
-        const Eigen::Vector3d &a = part.corner[0], &b = part.corner[static_cast<std::size_t>(k - 1)],
-                              &c = part.corner[static_cast<std::size_t>(k)];
-        const double area =
-            0.5 * std::abs((b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x()));
-        piece.area += area;
-        piece.volume += area * (a.z() + b.z() + c.z()) / 3;
-      }
-      if (piece.area > 0) pieces.push_back(piece);
+      if (y > y0) part = clip(part, 1, y, true);
+      if (y < y1) part = clip(part, 1, y + 1, false);
+      if (part.corners < 3) continue;
+      Share& share = shares[keyOf(x, y)];
+      for (int k = 2; k < part.corners; ++k)
+        share.add(part.corner[0], part.corner[static_cast<std::size_t>(k - 1)],
+                  part.corner[static_cast<std::size_t>(k)]);
     }
   }
 }
 
 void CellStatistics::add(const Mesh& mesh) {
-  std::vector<Piece> pieces;
-  pieces.reserve(3 * mesh.triangles.size());
+  Shares shares;
   for (const auto& t : mesh.triangles) {
     std::array<Eigen::Vector3d, 3> triangle;
     bool usable = true;
@@ -110,19 +125,12 @@ void CellStatistics::add(const Mesh& mesh) {
       triangle[k].head<2>() /= cell_;
       usable = usable && triangle[k].head<2>().cwiseAbs().maxCoeff() < 1e9;  // fits in 32 bits
     }
-    if (usable) cut(triangle, pieces);
+    if (usable) cut(triangle, shares);
   }
-  std::stable_sort(pieces.begin(), pieces.end(),
-                   [](const Piece& a, const Piece& b) { return a.key < b.key; });
-  for (std::size_t k = 0; k < pieces.size();) {
-    Piece sum{pieces[k].key, 0, 0};
-    for (; k < pieces.size() && pieces[k].key == sum.key; ++k) {
-      sum.area += pieces[k].area;
-      sum.volume += pieces[k].volume;
-    }
-    if (sum.area < kCovered) continue;
-    const auto z = static_cast<std::int64_t>(std::llround(sum.volume / sum.area / kQuantum));
-    Sums& cell = sums_[sum.key];
+  for (const auto& [key, share] : shares) {  // in any order: each cell has its own sums
+    if (share.area < kCovered) continue;
+    const auto z = static_cast<std::int64_t>(std::llround(share.volume / share.area / kQuantum));
+    Sums& cell = sums_[key];
     ++cell.meshes;
     cell.z += z;
     cell.zz += static_cast<Wide>(z * z);  // below (kReach / kQuantum)^2 < 2^63

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <unordered_map>
@@ -48,9 +49,10 @@ class CellStatistics {
     std::int64_t z = 0;  // [2^-14 m]
     Wide zz = 0;
   };
-  struct Piece;  // of a triangle in one cell
+  struct Share;
+  using Shares = std::unordered_map<std::uint64_t, Share>;  // of one mesh, by cell
 
-  void cut(const std::array<Eigen::Vector3d, 3>& triangle, std::vector<Piece>& pieces) const;
+  static void cut(const std::array<Eigen::Vector3d, 3>& triangle, Shares& shares);
   [[nodiscard]] std::vector<std::uint64_t> keys() const;  // ascending
   [[nodiscard]] static Cell cellOf(std::uint64_t key, const Sums& sums);
 

@@ -3,7 +3,9 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <optional>
 
@@ -55,32 +57,71 @@ bool legend(const ReducedRaster& raster, const Layer& layer, LayerInfo& info) {
   return true;
 }
 
-// Reads the terrain with a border and hands it to a calculation.
+// What a value is rounded to: a power of two well below what it is worth, so that it deflates well.
+constexpr float kHeightStep = 1.0F / 4096;  // [m]
+constexpr float kDegreeStep = 1.0F / 64;    // [degrees]
+constexpr float kRugosityStep = 1.0F / 8192;
+constexpr float kWholeStep = 1;
+
+float rounded(float value, float step) {
+  return std::nearbyint(value / step) * step;
+}
+
+// Calculates in parts of a block, so that a track across it costs no more than its own ground.
+constexpr std::int32_t kTerrainPart = 128;  // [cells]
 template <typename Use>
-RasterSource terrainSource(const std::shared_ptr<PatchMosaic>& mosaic, double cell, int radius, Use use) {
+void fillTerrain(PatchMosaic& mosaic, double cell, int radius, const Use& use, const CellWindow& whole,
+                 const CellWindow& part, float* out) {
+  if (part.cells() == 0 || !mosaic.touches(part, cell)) return;
+  if (part.rows > kTerrainPart || part.columns > kTerrainPart) {
+    const std::int32_t rows = part.rows / 2, columns = part.columns / 2;
+    const std::array<CellWindow, 4> quarters = {
+        {{part.x, part.y, rows, columns},
+         {part.x, part.y + columns, rows, part.columns - columns},
+         {part.x + rows, part.y, part.rows - rows, columns},
+         {part.x + rows, part.y + columns, part.rows - rows, part.columns - columns}}};
+    const bool all = std::all_of(quarters.begin(), quarters.end(),
+                                 [&](const CellWindow& q) { return mosaic.touches(q, cell); });
+    if (!all) {
+      for (const CellWindow& quarter : quarters) fillTerrain(mosaic, cell, radius, use, whole, quarter, out);
+      return;
+    }
+  }
+  const CellWindow wide{part.x - radius, part.y - radius, part.rows + 2 * radius, part.columns + 2 * radius};
+  const std::vector<float> elevation = mosaic.surface(wide).elevation;
+  const std::vector<float> values = use(TerrainView{elevation.data(), part.rows, part.columns, radius, cell});
+  for (std::int32_t row = 0; row < part.rows; ++row)
+    std::copy_n(&values[part.at(row, 0)], part.columns,
+                out + whole.at(part.x - whole.x + row, part.y - whole.y));
+}
+
+template <typename Use>
+RasterSource terrainSource(const std::shared_ptr<PatchMosaic>& mosaic, double cell, int radius, float step,
+                           Use use) {
   RasterSource source;
   source.extent = mosaic->surfaceExtent();
   source.cell = cell;
   source.touches = [mosaic, cell](const CellWindow& w) { return mosaic->touches(w, cell); };
-  source.fill = [mosaic, cell, radius, use](const CellWindow& w, void* out) {
-    const CellWindow wide{w.x - radius, w.y - radius, w.rows + 2 * radius, w.columns + 2 * radius};
-    const std::vector<float> elevation = mosaic->surface(wide).elevation;
-    const std::vector<float> values = use(TerrainView{elevation.data(), w.rows, w.columns, radius, cell});
-    std::copy(values.begin(), values.end(), static_cast<float*>(out));
+  source.fill = [mosaic, cell, radius, step, use](const CellWindow& w, void* out) {
+    auto* values = static_cast<float*>(out);
+    std::fill_n(values, w.cells(), std::numeric_limits<float>::quiet_NaN());
+    fillTerrain(*mosaic, cell, radius, use, w, w, values);
+    for (std::size_t k = 0; k < w.cells(); ++k) values[k] = rounded(values[k], step);
   };
   return source;
 }
 
 template <typename Pick>
-RasterSource surfaceSource(const std::shared_ptr<PatchMosaic>& mosaic, double cell, Pick pick) {
+RasterSource surfaceSource(const std::shared_ptr<PatchMosaic>& mosaic, double cell, float step, Pick pick) {
   RasterSource source;
   source.extent = mosaic->surfaceExtent();
   source.cell = cell;
   source.touches = [mosaic, cell](const CellWindow& w) { return mosaic->touches(w, cell); };
-  source.fill = [mosaic, pick](const CellWindow& w, void* out) {
+  source.fill = [mosaic, step, pick](const CellWindow& w, void* out) {
     const PatchMosaic::Surface surface = mosaic->surface(w);
     const std::vector<float>& values = pick(surface);
-    std::copy(values.begin(), values.end(), static_cast<float*>(out));
+    std::transform(values.begin(), values.end(), static_cast<float*>(out),
+                   [step](float v) { return rounded(v, step); });
   };
   return source;
 }
@@ -109,7 +150,7 @@ void addTileLayers(const LayerInputs& inputs, const LayerConfig& config, std::ve
   const TerrainWindow rough{radiusOf(config.rugosity_window, cell), config.min_coverage};
 
   Layer elevation{{"elevation", "Elevation", "m", "", 0, 0, "viridis", ""}, {}};
-  elevation.source = surfaceSource(mosaic(), cell,
+  elevation.source = surfaceSource(mosaic(), cell, kHeightStep,
                                    [](const Surface& s) -> const std::vector<float>& { return s.elevation; });
   elevation.shaded = true;
   layers.push_back(elevation);
@@ -119,13 +160,13 @@ void addTileLayers(const LayerInputs& inputs, const LayerConfig& config, std::ve
   layers.push_back(colours);
 
   Layer steep{{"slope", "Slope", "deg", "", 0, 0, "magma", ""}, {}};
-  steep.source = terrainSource(mosaic(), cell, slope.radius,
+  steep.source = terrainSource(mosaic(), cell, slope.radius, kDegreeStep,
                                [slope](const TerrainView& view) { return slopeAspect(view, slope).slope; });
   steep.from_zero = true;
   layers.push_back(steep);
 
   Layer aspect{{"aspect", "Aspect (the way the ground falls)", "deg", "", 0, 0, "twilight", ""}, {}};
-  aspect.source = terrainSource(mosaic(), cell, slope.radius,
+  aspect.source = terrainSource(mosaic(), cell, slope.radius, kDegreeStep,
                                 [slope](const TerrainView& view) { return slopeAspect(view, slope).aspect; });
   aspect.average = false;
   aspect.from_zero = true;
@@ -133,20 +174,20 @@ void addTileLayers(const LayerInputs& inputs, const LayerConfig& config, std::ve
   layers.push_back(aspect);
 
   Layer rugged{{"rugosity", "Rugosity (surface over plane of best fit)", "1", "", 0, 0, "magma", ""}, {}};
-  rugged.source = terrainSource(mosaic(), cell, rough.radius,
+  rugged.source = terrainSource(mosaic(), cell, rough.radius, kRugosityStep,
                                 [rough](const TerrainView& view) { return rugosity(view, rough); });
   layers.push_back(rugged);
 
   Layer views{{"views", "Stereo pairs that saw the surface", "1", "", 0, 0, "viridis", ""}, {}};
-  views.source =
-      surfaceSource(mosaic(), cell, [](const Surface& s) -> const std::vector<float>& { return s.views; });
+  views.source = surfaceSource(mosaic(), cell, kWholeStep,
+                               [](const Surface& s) -> const std::vector<float>& { return s.views; });
   views.average = false;
   views.from_zero = true;
   layers.push_back(views);
 
   Layer sigma{{"uncertainty", "Height uncertainty (1 sigma)", "m", "", 0, 0, "turbo", ""}, {}};
-  sigma.source =
-      surfaceSource(mosaic(), cell, [](const Surface& s) -> const std::vector<float>& { return s.sigma; });
+  sigma.source = surfaceSource(mosaic(), cell, kHeightStep,
+                               [](const Surface& s) -> const std::vector<float>& { return s.sigma; });
   sigma.from_zero = true;
   layers.push_back(sigma);
 }

@@ -45,8 +45,11 @@ ReducedRaster readReduced(const std::filesystem::path& path, int pixels) {
   CPLErr error = CE_None;
   if (file->GetRasterCount() == 4) {
     out.rgba.resize(4 * cells);
+    GDALRasterIOExtraArg how;
+    INIT_RASTERIO_EXTRA_ARG(how);
+    how.eResampleAlg = GRIORA_Average;
     error = file->RasterIO(GF_Read, 0, 0, width, height, out.rgba.data(), out.width, out.height, GDT_Byte, 4,
-                           nullptr, 4, 4 * static_cast<GSpacing>(out.width), 1, nullptr);
+                           nullptr, 4, 4 * static_cast<GSpacing>(out.width), 1, &how);
   } else {
     out.values.resize(cells);
     error = file->GetRasterBand(1)->RasterIO(GF_Read, 0, 0, width, height, out.values.data(), out.width,
