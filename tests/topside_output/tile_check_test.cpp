@@ -7,6 +7,7 @@
 #include <functional>
 
 #include "realtime/kernel/input_error.hpp"
+#include "recon/topside/output/border_edges.hpp"
 #include "recon/topside/output/glb.hpp"
 #include "recon/topside/output/tileset.hpp"
 #include "tests/topside_output/scratch_folder.hpp"
@@ -109,6 +110,22 @@ TEST(TileCheck, ASurfaceThatEndsAtABorderIsNoCrack) {
   const TileCheck check = checkTiles(scratch.path());
   EXPECT_EQ(check.cracks_between_tiles, 0U);
   EXPECT_GE(check.open_edges, kCells);
+}
+
+TEST(TileCheck, SurfacesThatEndOnBothSidesOfABorderAStepPastEachOtherAreNoCrack) {
+  const auto edge = [](int from, int to) { return BorderEdge{{from, 0}, {to, 10}}; };
+  const std::vector<BorderEdge> here{edge(0, 60), edge(60, 121)};
+  const auto turned = [](std::vector<BorderEdge> edges) {
+    for (BorderEdge& e : edges) std::swap(e.from, e.to);
+    std::sort(edges.begin(), edges.end());
+    return edges;
+  };
+  const BorderMatch ends = matchNeighbours(here, turned({edge(0, 60), edge(120, 200)}), 0.033);
+  EXPECT_EQ(ends.equal, 1U);
+  EXPECT_EQ(ends.cracks, 0U);
+  EXPECT_EQ(ends.open, 2U);
+  const BorderMatch torn = matchNeighbours(here, turned({edge(0, 60), edge(60, 100), edge(100, 121)}), 0.033);
+  EXPECT_EQ(torn.cracks, 1U);
 }
 
 TEST(TileCheck, FilesThatAreMissingDamagedSwappedOrUnlistedAreFaults) {

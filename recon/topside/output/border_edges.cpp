@@ -21,6 +21,10 @@ std::vector<BorderEdge> without(const std::vector<BorderEdge>& all, const std::v
   return rest;
 }
 
+// Where two cells meet along an edge only, fusion makes a vertex twice, a step apart; surfaces that end there
+// on both sides of a plane overlap by that much and do not belong together.
+constexpr std::int64_t kTouch = 2;  // [steps]
+
 // Whether two edges run beside each other: over a common stretch along the side and less than `near` steps
 // apart in depth.
 bool beside(const BorderEdge& a, const BorderEdge& b, std::int64_t near) {
@@ -31,8 +35,9 @@ bool beside(const BorderEdge& a, const BorderEdge& b, std::int64_t near) {
   const auto [b0, b1] = range(b, 0);
   const auto [a_top, a_bottom] = range(a, 1);
   const auto [b_top, b_bottom] = range(b, 1);
-  if (a0 == a1 && b0 == b1) return a0 == b0 && std::max(a_top, b_top) < std::min(a_bottom, b_bottom);
-  return std::max(a0, b0) < std::min(a1, b1) && std::max(a_top, b_top) - std::min(a_bottom, b_bottom) < near;
+  if (a0 == a1 && b0 == b1) return a0 == b0 && std::max(a_top, b_top) + kTouch < std::min(a_bottom, b_bottom);
+  return std::max(a0, b0) + kTouch < std::min(a1, b1) &&
+         std::max(a_top, b_top) - std::min(a_bottom, b_bottom) < near;
 }
 
 }  // namespace
@@ -70,7 +75,7 @@ BorderMatch matchNeighbours(const std::vector<BorderEdge>& here, const std::vect
   const std::vector<BorderEdge> mine = without(here, back), yours = without(back, here);
   BorderMatch match;
   match.equal = here.size() - mine.size();
-  const auto near = static_cast<std::int64_t>(std::lround(voxel / TileGrid::kLattice));
+  const auto near = static_cast<std::int64_t>(std::lround(2 * voxel / TileGrid::kLattice));
   for (const BorderEdge& edge : mine) {
     const bool crack = std::any_of(yours.begin(), yours.end(),
                                    [&](const BorderEdge& other) { return beside(edge, other, near); });

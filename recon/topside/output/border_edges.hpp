@@ -28,7 +28,8 @@ struct BorderMatch {
   std::array<std::int32_t, 2> place{};  // of the first crack
 };
 
-// Two tiles of a level on both sides of a plane: the edges of one, turned round, must be the other's.
+// Two tiles of a level on both sides of a plane: the edges of one, turned round, must be the other's. An edge
+// that is not there is a crack where the other tile has an edge of its own beside it, within two voxels.
 [[nodiscard]] BorderMatch matchNeighbours(const std::vector<BorderEdge>& here,
                                           const std::vector<BorderEdge>& there, double voxel);
 // A side of a tile and the same stretch of its children's sides: they must be equal, so that fine tiles fit
