@@ -30,6 +30,34 @@ RgbImage reduced(const RgbImage& in, int factor) {
   return out;
 }
 
+// (-5 74 -5)/64 down, then across; at the borders the last pixel is repeated.
+RgbImage restored(const RgbImage& in) {
+  constexpr int kMiddle = 74, kBeside = 5, kHalf = 32, kShift = 6;
+  RgbImage out{in.width, in.height, std::vector<std::uint8_t>(in.rgb.size())};
+  const auto samples = 3 * static_cast<std::size_t>(in.width);
+  std::vector<std::int16_t> down(samples + 6);  // a pixel more on either side
+  for (int y = 0; y < in.height; ++y) {
+    const std::uint8_t *above = in.at(0, std::max(y - 1, 0)), *row = in.at(0, y);
+    const std::uint8_t* below = in.at(0, std::min(y + 1, in.height - 1));
+    std::int16_t* middle = down.data() + 3;
+    for (std::size_t i = 0; i < samples; ++i)
+      middle[i] = static_cast<std::int16_t>(
+          static_cast<std::int16_t>(kMiddle * row[i] - kBeside * (above[i] + below[i]) + kHalf) >> kShift);
+    for (std::size_t c = 0; c < 3; ++c) {
+      down[c] = middle[c];
+      middle[samples + c] = middle[samples - 3 + c];
+    }
+    std::uint8_t* to = out.at(0, y);
+    for (std::size_t i = 0; i < samples; ++i) {
+      const auto value = static_cast<std::int16_t>(
+          static_cast<std::int16_t>(kMiddle * down[i + 3] - kBeside * (down[i] + down[i + 6]) + kHalf) >>
+          kShift);
+      to[i] = static_cast<std::uint8_t>(value < 0 ? 0 : (value > 255 ? 255 : value));
+    }
+  }
+  return out;
+}
+
 // Means of squares; the last square of a row or column may be cut by the image's border.
 LowPass meansOf(const RgbImage& in, int scale) {
   LowPass out{(in.width + scale - 1) / scale, (in.height + scale - 1) / scale, scale, {}};
@@ -127,6 +155,7 @@ BandImage makeBands(RgbImage image, const BandWidths& widths) {
   assert(image.width >= widths.reduction && image.height >= widths.reduction);
   BandImage out;
   out.image = widths.reduction > 1 ? reduced(image, widths.reduction) : std::move(image);
+  if (widths.restore) out.image = restored(out.image);
   out.fine = meansOf(out.image, widths.fine);
   smooth(out.fine);
   out.coarse = meansOf(out.fine, widths.coarse);

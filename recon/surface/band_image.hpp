@@ -13,6 +13,11 @@ struct BandWidths {
   int fine = 4;       // s1, between the high and the middle band [px]
   int coarse = 4;     // s2 = coarse * s1, between the middle and the low band
   int reduction = 1;  // the image is first reduced by this factor, where texels are larger than its pixels
+  // Raises fine detail by as much as interpolation between pixels will take off, so that a texture keeps the
+  // image's spectrum: (-5 74 -5)/64 along each axis. At places spread evenly between pixels interpolation
+  // leaves 1 - (1 - cos w)/3 of the power at w, which this multiplies by (1 + (1 - cos w)/6.4)^2: together
+  // 0.97 to 1 up to a sixth of the sampling frequency, 0.89 (instead of 0.67) at a quarter.
+  bool restore = true;
 };
 
 // A low pass: the mean of squares of `scale` pixels, smoothed. Four values a pixel (the fourth 0), each

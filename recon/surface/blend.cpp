@@ -6,7 +6,6 @@
 #include <optional>
 
 #include "recon/surface/block_blender.hpp"
-#include "recon/surface/fill.hpp"
 #include "recon/surface/view_choice.hpp"
 
 namespace fathom::surface {
@@ -28,7 +27,7 @@ Rgb colourOf(const Mesh& mesh) {
 
 // Everything of a chart that no view coloured: cells without a seen corner, and those without faces.
 void paintRest(const Chart& chart, const ChartLattice& lattice, const ChartLattice::Grid& grid,
-               const RgbImage& filled, const std::vector<std::uint8_t>& seen, RgbImage& atlas) {
+               const ColourGrid& filled, const std::vector<std::uint8_t>& seen, RgbImage& atlas) {
   const auto place = [&](int i, int j) {
     return static_cast<std::size_t>(j) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(i);
   };
@@ -41,9 +40,9 @@ void paintRest(const Chart& chart, const ChartLattice& lattice, const ChartLatti
           const float fx = static_cast<float>(x) / kStep, fy = static_cast<float>(y) / kStep;
           std::uint8_t* texel = atlas.at(chart.x + kStep * i + x, chart.y + kStep * j + y);
           for (std::size_t k = 0; k < 3; ++k) {
-            const auto at = [&](std::size_t node) { return static_cast<float>(filled.rgb[3 * node + k]); };
+            const auto at = [&](std::size_t node) { return filled.values[4 * node + k]; };
             const float top = at(a) + fx * (at(b) - at(a)), bottom = at(c) + fx * (at(d) - at(c));
-            texel[k] = static_cast<std::uint8_t>(top + fy * (bottom - top) + 0.5F);
+            texel[k] = static_cast<std::uint8_t>(std::clamp(top + fy * (bottom - top) + 0.5F, 0.0F, 255.0F));
           }
         }
       }
@@ -116,18 +115,18 @@ BlendCounts TextureBlender::Impl::blend(Atlas& atlas, const ViewIndex& index,
     chosen.assign(static_cast<std::size_t>(out.width) * static_cast<std::size_t>(out.height), kNoView);
   block.begin({&lattice, &views, vote ? &*vote : nullptr, &out, &chosen, fade, tolerance});
 
-  NodeColours colours;
+  ColourGrid colours;
   for (std::size_t c = 0; c < atlas.charts.size(); ++c) {
     const ChartLattice::Grid& grid = lattice.grids[c];
     const std::size_t nodes = static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows);
-    colours.image = {grid.columns, grid.rows, std::vector<std::uint8_t>(3 * nodes)};
-    for (std::size_t i = 0; i < 3 * nodes; ++i) colours.image.rgb[i] = given[i % 3];
-    colours.known.assign(nodes, 0);
+    colours = {grid.columns, grid.rows, std::vector<float>(4 * nodes), std::vector<std::uint8_t>(nodes)};
     for (int j = 0; j + 1 < grid.rows; j += BlockBlender::kCells)
       for (int i = 0; i + 1 < grid.columns; i += BlockBlender::kCells)
         block.blend(atlas.charts[c], c, i, j, colours, counts);
-    fillUnknown(colours.image, colours.known);
-    paintRest(atlas.charts[c], lattice, grid, colours.image, colours.known, out);
+    const std::vector<std::uint8_t> seen = colours.known;
+    if (!fillSmoothly(colours))
+      for (std::size_t n = 0; n < nodes; ++n) std::copy(given.begin(), given.end(), &colours.values[4 * n]);
+    paintRest(atlas.charts[c], lattice, grid, colours, seen, out);
   }
   views.clear();
   return counts;

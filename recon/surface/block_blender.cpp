@@ -196,7 +196,7 @@ void BlockBlender::writeBest(const std::vector<CellView>& views, const CellTexel
           views[chosen[sizeOf(kStep * y + x)]].place;
 }
 
-void BlockBlender::blend(const Chart& chart, std::size_t place, int i0, int j0, NodeColours& seen,
+void BlockBlender::blend(const Chart& chart, std::size_t place, int i0, int j0, ColourGrid& seen,
                          BlendCounts& counts) {
   const ChartLattice::Grid& grid = tile_.lattice->grids[place];
   gatherNodes(grid, i0, j0);
@@ -209,9 +209,7 @@ void BlockBlender::blend(const Chart& chart, std::size_t place, int i0, int j0, 
       const std::size_t from = sizeOf(j * columns_ + i), to = sizeOf((j0 + j) * grid.columns + i0 + i);
       if (seen_[from] == 0) continue;
       seen.known[to] = 1;
-      for (std::size_t c = 0; c < 3; ++c)
-        seen.image.rgb[3 * to + c] =
-            static_cast<std::uint8_t>(std::clamp(colour_[4 * from + c] + 0.5F, 0.0F, 255.0F));
+      std::copy_n(&colour_[4 * from], 4, &seen.values[4 * to]);
     }
   }
 }

@@ -5,16 +5,11 @@
 #include "recon/surface/active_view.hpp"
 #include "recon/surface/blend.hpp"
 #include "recon/surface/chart_lattice.hpp"
+#include "recon/surface/colour_grid.hpp"
 #include "recon/surface/kernels/blend_kernels.hpp"
 #include "recon/surface/view_vote.hpp"
 
 namespace fathom::surface {
-
-// Colours of a chart's lattice nodes, as far as views see them.
-struct NodeColours {
-  RgbImage image;                   // of the lower bands, a pixel a node
-  std::vector<std::uint8_t> known;  // a node: seen
-};
 
 // Textures one square of a chart after another. Bands, weights and image positions are worked out at the
 // lattice's nodes; only the high band is looked up texel by texel, in the few views whose weight matters
@@ -39,7 +34,7 @@ class BlockBlender {
 
   // Cells [i0, i0 + kCells) x [j0, j0 + kCells) of a chart, cut at its border. `seen`: the chart's nodes;
   // those that a view sees become known with the colour of their lower bands.
-  void blend(const Chart& chart, std::size_t place, int i0, int j0, NodeColours& seen, BlendCounts& counts);
+  void blend(const Chart& chart, std::size_t place, int i0, int j0, ColourGrid& seen, BlendCounts& counts);
 
  private:
   void gatherNodes(const ChartLattice::Grid& grid, int i0, int j0);

@@ -3,7 +3,7 @@
 namespace fathom::surface {
 
 const BlendKernels& blendKernels() {
-#ifdef FATHOM_HAVE_AVX2
+#ifdef FATHOM_SURFACE_AVX2
   static const bool has_avx2 = __builtin_cpu_supports("avx2") != 0;
   if (has_avx2) return avx2BlendKernels();
 #endif

@@ -65,7 +65,7 @@ struct BlendKernels {
 constexpr float kLeastWeight = 0.02F;  // of the largest: below this a view is left out
 
 [[nodiscard]] const BlendKernels& baselineBlendKernels();
-#ifdef FATHOM_HAVE_AVX2
+#ifdef FATHOM_SURFACE_AVX2
 [[nodiscard]] const BlendKernels& avx2BlendKernels();
 #endif
 // The best that this processor runs.

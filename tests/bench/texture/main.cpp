@@ -23,6 +23,7 @@ struct Options {
   std::string mission, model, out = ".";
   double texel = 0.0012, triangles_per_m2 = 1000, north = 0, east = 0, tile_edge = 2.112;
   int tiles = 1, peer_views = 12;
+  std::vector<double> sharpness;
   bool no_vote = false, peer = false;
 };
 
@@ -72,19 +73,36 @@ std::vector<std::uint64_t> regionsOf(const Atlas& atlas, const ViewIndex& index,
   return region;
 }
 
-void writePicture(const std::string& path, const RgbImage& image) {
-  cv::Mat bgr;
-  cv::cvtColor(cv::Mat(image.height, image.width, CV_8UC3, const_cast<std::uint8_t*>(image.rgb.data())), bgr,
-               cv::COLOR_RGB2BGR);
-  cv::imwrite(path, bgr);
+// The tile from above, north up: of the texels over a place the highest.
+RgbImage fromAbove(const Atlas& atlas, const RgbImage& texture, const std::array<double, 4>& box,
+                   double texel) {
+  const auto side = static_cast<int>((box[2] - box[0]) / texel);
+  RgbImage out{
+      side, side,
+      std::vector<std::uint8_t>(3 * static_cast<std::size_t>(side) * static_cast<std::size_t>(side))};
+  std::vector<float> depth(out.rgb.size() / 3, 1e9F);
+  std::vector<Texel> texels;
+  rasterise(atlas, 0, atlas.height, texels);
+  for (std::size_t i = 0; i < texels.size(); ++i) {
+    const Eigen::Vector3f& p = texels[i].point;
+    const int x = static_cast<int>((p.y() - box[1]) / texel),
+              y = side - 1 - static_cast<int>((p.x() - box[0]) / texel);
+    if (texels[i].face < 0 || x < 0 || y < 0 || x >= side || y >= side) continue;
+    const std::size_t at =
+        static_cast<std::size_t>(y) * static_cast<std::size_t>(side) + static_cast<std::size_t>(x);
+    if (p.z() >= depth[at]) continue;
+    depth[at] = p.z();
+    std::copy_n(&texture.rgb[3 * i], 3, &out.rgb[3 * at]);
+  }
+  return out;
 }
 
 // Side by side: whole tiles shrunk to one height, and below them their middles texel by texel.
-void writeComparison(const std::string& path, const std::vector<const RgbImage*>& images) {
+void writeComparison(const std::string& path, const std::vector<RgbImage>& images) {
   constexpr int kSide = 640;
   cv::Mat all(2 * kSide, static_cast<int>(images.size()) * kSide, CV_8UC3, cv::Scalar(0, 0, 0));
   for (std::size_t k = 0; k < images.size(); ++k) {
-    const RgbImage& image = *images[k];
+    const RgbImage& image = images[k];
     cv::Mat bgr, small;
     cv::cvtColor(cv::Mat(image.height, image.width, CV_8UC3, const_cast<std::uint8_t*>(image.rgb.data())),
                  bgr, cv::COLOR_RGB2BGR);
@@ -104,8 +122,10 @@ class Report {
   explicit Report(const Options& options)
       : options_(options),
         survey_(options.mission, options.model.empty() ? options.mission + "/topside" : options.model) {
+    plain_ = [this](std::uint32_t image) { return survey_.bandsOf(image, {.restore = false}); };
     source_ = [this](std::uint32_t image) { return survey_.bandsOf(image, config_.bands); };
     config_.vote = !options.no_vote;
+    if (options.sharpness.size() == 3) std::copy_n(options.sharpness.begin(), 3, config_.sharpness.begin());
   }
 
   void run() {
@@ -128,12 +148,14 @@ class Report {
     const auto places = survey_.index().meeting(box);
     for (const std::uint32_t place : places) (void)source_(survey_.index().views()[place].image);
 
-    const auto textured = [&](BlendMode mode, const std::vector<std::uint32_t>& from, double* seconds) {
+    // `single`: an image by itself, plainly interpolated.
+    const auto textured = [&](BlendMode mode, const std::vector<std::uint32_t>& from, double* seconds,
+                              bool single = false) {
       BlendConfig config = config_;
       config.mode = mode;
       TextureBlender blender(survey_.camera(), config);
       const double begun = now();
-      counts_ = blender.blend(atlas, survey_.index(), from, {&around}, source_);
+      counts_ = blender.blend(atlas, survey_.index(), from, {&around}, single ? plain_ : source_);
       if (seconds != nullptr) *seconds += now() - begun;
       chosen_ = blender.chosen();
       return atlas.tile.atlas;
@@ -162,7 +184,7 @@ class Report {
     users.erase(std::unique(users.begin(), users.end()), users.end());
     std::erase(users, kNoView);
     for (const std::uint32_t place : users) {
-      layers.push_back(textured(BlendMode::kUnblended, {place}, nullptr));
+      layers.push_back(textured(BlendMode::kUnblended, {place}, nullptr, true));
       seen.emplace_back(shown.size());
       for (std::size_t i = 0; i < shown.size(); ++i)
         seen.back()[i] = chosen_[i] != kNoView && region[i] != kNoRegion;
@@ -187,12 +209,10 @@ class Report {
       rows_[k].detail += *least * static_cast<double>(counts.texels);
       rows_[k].detail_weight += static_cast<double>(counts.texels);
     }
-    std::vector<const RgbImage*> shownImages;
-    for (const RgbImage& image : images) shownImages.push_back(&image);
-    writeComparison(options_.out + "/tile" + std::to_string(number) + ".png", shownImages);
-    const char* names[] = {"unblended", "average", "bands", "peer"};
-    for (std::size_t k = 0; k < images.size(); ++k)
-      writePicture(options_.out + "/tile" + std::to_string(number) + "_" + names[k] + ".png", images[k]);
+    std::vector<RgbImage> pictures;
+    for (const RgbImage& image : images)
+      pictures.push_back(fromAbove(atlas, image, box, 1.3 * atlas.tile.texel));
+    writeComparison(options_.out + "/tile" + std::to_string(number) + ".png", pictures);
   }
 
   void print() const {
@@ -212,7 +232,7 @@ class Report {
   Options options_;
   TexturedSurvey survey_;
   BlendConfig config_;
-  TextureBlender::BandSource source_;
+  TextureBlender::BandSource source_, plain_;
   BlendCounts counts_;
   std::vector<std::uint32_t> chosen_;
   std::array<Row, 4> rows_{
@@ -234,6 +254,7 @@ int main(int argc, char** argv) {
   app.add_option("--north", options.north, "of the first tile [m]");
   app.add_option("--east", options.east, "of the first tile [m]");
   app.add_option("--texel", options.texel, "[m]");
+  app.add_option("--sharpness", options.sharpness, "k of the low, middle and high band")->expected(3);
   app.add_flag("--no-vote", options.no_vote);
   app.add_flag("--peer", options.peer, "OpenCV's blender beside");
   if (const auto code = fathom::parseCommandLine("report_texture", app, argc, argv)) return *code;

@@ -96,9 +96,10 @@ TileMesh TexturedSurvey::tileAt(const std::array<double, 4>& box, double triangl
 }
 
 std::shared_ptr<const BandImage> TexturedSurvey::bandsOf(std::uint32_t image, const BandWidths& widths) {
-  if (const auto found = kept_.find(image); found != kept_.end()) {
-    order_.remove(image);
-    order_.push_front(image);
+  const std::pair<std::uint32_t, bool> key{image, widths.restore};
+  if (const auto found = kept_.find(key); found != kept_.end()) {
+    order_.remove(key);
+    order_.push_front(key);
     return found->second;
   }
   // The seafloor as it was fused, in the camera's frame, says how far the light went.
@@ -123,8 +124,8 @@ std::shared_ptr<const BandImage> TexturedSurvey::bandsOf(std::uint32_t image, co
   auto bands = std::make_shared<const BandImage>(makeBands(std::move(*rgb), widths));
   band_seconds_ += now() - start;
   ++made_;
-  kept_[image] = bands;
-  order_.push_front(image);
+  kept_[key] = bands;
+  order_.push_front(key);
   if (order_.size() > kKept) {
     kept_.erase(order_.back());
     order_.pop_back();

@@ -45,8 +45,8 @@ class TexturedSurvey {
   std::vector<SE3> poses_;
   Mesh mesh_;
   std::optional<ViewIndex> index_;
-  std::map<std::uint32_t, std::shared_ptr<const BandImage>> kept_;
-  std::list<std::uint32_t> order_;  // latest first
+  std::map<std::pair<std::uint32_t, bool>, std::shared_ptr<const BandImage>> kept_;  // image, restored
+  std::list<std::pair<std::uint32_t, bool>> order_;                                  // latest first
   double read_seconds_ = 0, band_seconds_ = 0;
   std::size_t made_ = 0;
 };
