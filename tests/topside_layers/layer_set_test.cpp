@@ -235,6 +235,10 @@ TEST_F(LayerSet, StatisticsAndTheTrackAreLayersToo) {
              temperature = open(folder_ / "layers/temperature.tif");
   ASSERT_TRUE(meshes && deviation && altitude && temperature);
   EXPECT_EQ(at(*meshes, 1, 1), 2);
+  EXPECT_EQ(layers[0].min, 0);
+  EXPECT_EQ(layers[0].max, 2);
+  EXPECT_NEAR(layers[2].min, 2, 0.02);  // 2 to 2.39 m, without the tails
+  EXPECT_NEAR(layers[2].max, 2.39, 0.02);
   EXPECT_NEAR(at(*deviation, 1, 1), 0.05 / std::sqrt(2), 1e-4);
   EXPECT_NEAR(at(*altitude, 20, 20.3), 2.2, 0.011);
   EXPECT_NEAR(at(*temperature, 20, 19.6), 11.5, 1e-4);

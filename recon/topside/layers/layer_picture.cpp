@@ -16,6 +16,7 @@ namespace {
 
 constexpr int kMargin = 14, kHead = 40, kFoot = 78, kLeast = 420;  // [px]
 const cv::Scalar kInk(50, 50, 50);
+constexpr double kTitle = 0.6;     // of OpenCV's font, 22 px high
 constexpr double kAmbient = 0.45;  // of shading
 
 cv::Mat rampTable(const std::string& name) {
@@ -94,8 +95,8 @@ void drawScale(cv::Mat& image, double metres_per_pixel, int top) {
 void drawLayer(const std::filesystem::path& path, const ReducedRaster& raster, const PictureText& text,
                bool shaded) {
   const int zoom = std::max(1, kLeast / std::max(raster.width, raster.height));
-  cv::Mat image(raster.height * zoom + kHead + kFoot, std::max(raster.width * zoom, kLeast) + 2 * kMargin,
-                CV_8UC3, cv::Scalar::all(255));
+  const int width = std::max({raster.width * zoom, kLeast, widthOf(text.title, kTitle)});
+  cv::Mat image(raster.height * zoom + kHead + kFoot, width + 2 * kMargin, CV_8UC3, cv::Scalar::all(255));
   const cv::Mat table = rampTable(text.ramp);
   cv::Mat map(raster.height, raster.width, CV_8UC3, cv::Scalar::all(255));
   for (int y = 0; y < raster.height; ++y) {
@@ -121,7 +122,7 @@ void drawLayer(const std::filesystem::path& path, const ReducedRaster& raster, c
   }
   cv::resize(map, map, {}, zoom, zoom, cv::INTER_NEAREST);
   map.copyTo(image(cv::Rect(kMargin, kHead, map.cols, map.rows)));
-  write(image, text.title, kMargin, 26, 0.6);
+  write(image, text.title, kMargin, 26, kTitle);
   const int foot = kHead + map.rows + 20;
   if (!text.ramp.empty()) drawLegend(image, text, table, foot);
   drawScale(image, raster.pixel / zoom, foot);

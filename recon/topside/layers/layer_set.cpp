@@ -32,9 +32,13 @@ struct Layer {
   bool from_zero = false;
 };
 
-// A step to round to that is small against the range.
-double roundStep(double range) {
-  return std::pow(10.0, std::floor(std::log10(std::max(range, 1e-6))) - 1);
+// To a power of ten that is small against the range; a decimal that prints short.
+double outwards(double value, double range, bool up) {
+  const double power = std::floor(std::log10(std::max(range, 1e-6))) - 1;
+  const double step = std::pow(10.0, std::abs(power));
+  const double steps = power < 0 ? value * step : value / step;
+  const double whole = up ? std::ceil(steps) : std::floor(steps);
+  return power < 0 ? whole / step : whole * step;
 }
 
 // The legend's ends; false when the raster holds no value.
@@ -51,9 +55,10 @@ bool legend(const ReducedRaster& raster, const Layer& layer, LayerInfo& info) {
   info.min = layer.from_zero ? 0 : rank(kLegendTail);
   info.max = layer.fixed_max > 0 ? layer.fixed_max : rank(1 - kLegendTail);
   if (layer.fixed_max > 0) return true;
-  const double step = roundStep(info.max - info.min);
-  info.min = std::floor(info.min / step) * step;
-  info.max = std::max(std::ceil(info.max / step) * step, info.min + step);
+  const double range = info.max - info.min;
+  info.min = outwards(info.min, range, false);
+  info.max = outwards(info.max, range, true);
+  if (!(info.max > info.min)) info.max = info.min + 1;  // one value everywhere
   return true;
 }
 
@@ -173,12 +178,12 @@ void addTileLayers(const LayerInputs& inputs, const LayerConfig& config, std::ve
   aspect.fixed_max = 360;
   layers.push_back(aspect);
 
-  Layer rugged{{"rugosity", "Rugosity (surface over plane of best fit)", "1", "", 0, 0, "magma", ""}, {}};
+  Layer rugged{{"rugosity", "Rugosity (surface over plane of best fit)", "", "", 0, 0, "magma", ""}, {}};
   rugged.source = terrainSource(mosaic(), cell, rough.radius, kRugosityStep,
                                 [rough](const TerrainView& view) { return rugosity(view, rough); });
   layers.push_back(rugged);
 
-  Layer views{{"views", "Stereo pairs that saw the surface", "1", "", 0, 0, "viridis", ""}, {}};
+  Layer views{{"views", "Stereo pairs that saw the surface", "", "", 0, 0, "viridis", ""}, {}};
   views.source = surfaceSource(mosaic(), cell, kWholeStep,
                                [](const Surface& s) -> const std::vector<float>& { return s.views; });
   views.average = false;
@@ -199,7 +204,7 @@ void addStatistics(const fusion::CellStatistics& statistics, std::vector<Layer>&
     meshes->set(cell.x, cell.y, static_cast<float>(cell.meshes));
     if (cell.meshes > 1) deviation->set(cell.x, cell.y, static_cast<float>(cell.deviation));
   }
-  Layer count{{"meshes", "Stereo meshes before fusion", "1", "", 0, 0, "viridis", ""}, sourceOf(meshes)};
+  Layer count{{"meshes", "Stereo meshes before fusion", "", "", 0, 0, "viridis", ""}, sourceOf(meshes)};
   count.average = false;
   count.from_zero = true;
   layers.push_back(count);
