@@ -61,9 +61,15 @@ void writeMissionConfig(const std::filesystem::path& folder, const MissionConfig
 struct MissionPaths {
   explicit MissionPaths(std::filesystem::path folder) : root(std::move(folder)) {}
   std::filesystem::path root;
-  [[nodiscard]] std::filesystem::path calib() const { return root / "stereo.calib"; }
+  // Where a folder that is no mission folder has its calibration and its images; empty: the usual places.
+  std::filesystem::path calib_elsewhere, images_elsewhere;
+  [[nodiscard]] std::filesystem::path calib() const {
+    return calib_elsewhere.empty() ? root / "stereo.calib" : calib_elsewhere;
+  }
   [[nodiscard]] std::filesystem::path log() const { return root / "sensors.lcmlog"; }
-  [[nodiscard]] std::filesystem::path images() const { return root / "img"; }
+  [[nodiscard]] std::filesystem::path images() const {
+    return images_elsewhere.empty() ? root / "img" : images_elsewhere;
+  }
   [[nodiscard]] std::filesystem::path features() const { return root / "features"; }  // instead of img/
   [[nodiscard]] std::filesystem::path truth() const { return root / "truth"; }
   [[nodiscard]] std::filesystem::path onboard() const { return root / "onboard"; }

@@ -2,28 +2,21 @@
 
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/info.h>
+#include <sys/resource.h>
 
-#include <Eigen/Geometry>
 #include <array>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <set>
 #include <string_view>
 
-#include "firmware_if/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/mesh_io.hpp"
 #include "recon/geometry/output_folder.hpp"
-#include "recon/geometry/stereo_rig.hpp"
 #include "recon/topside/report/map_picture.hpp"
-#include "recon/topside/report/pose_output.hpp"
 #include "recon/topside/report/report.hpp"
-#include "recon/topside/stages/fuse_stage.hpp"
-#include "recon/topside/stages/given_pair_stage.hpp"
-#include "recon/topside/stages/lighting_stage.hpp"
-#include "recon/topside/stages/mesh_pieces.hpp"
-#include "recon/topside/stages/navigation.hpp"
-#include "recon/topside/stages/prepare_stage.hpp"
-#include "recon/topside/stages/slam_stage.hpp"
-#include "recon/topside/stages/stereo_stage.hpp"
+#include "recon/topside/stage_times.hpp"
+#include "recon/topside/stages/assemble.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -32,24 +25,24 @@ constexpr int kPicturePixels = 1400;   // longer side of the report's pictures
 constexpr double kPixelsPerVoxel = 6;  // at most: a small map is drawn large enough to look at
 
 // What topside/ of a mission folder may hold.
-constexpr std::array<std::string_view, 9> kOurs = {"stereo_pose_est.data",
-                                                   "vehicle_pose_est.data",
-                                                   "closures.csv",
-                                                   "mesh.ply",
-                                                   "mesh.png",
-                                                   "tiles",
-                                                   "layers",
-                                                   "report.json",
-                                                   "report.html"};
-
-double areaOf(const Mesh& mesh) {
-  double area = 0;
-  for (const auto& [a, b, c] : mesh.triangles)
-    area +=
-        0.5 * static_cast<double>(
-                  (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]).norm());
-  return area;
-}
+constexpr std::array<std::string_view, 16> kOurs = {"stereo_pose_est.data",
+                                                    "vehicle_pose_est.data",
+                                                    "closures.csv",
+                                                    "mesh.ply",
+                                                    "mesh.png",
+                                                    "tiles",
+                                                    "layers",
+                                                    "report.json",
+                                                    "report.html",
+                                                    "scene.json",
+                                                    "track.json",
+                                                    "images.json",
+                                                    "images.csv",
+                                                    "images_squidle.csv",
+                                                    "images_catami.csv",
+                                                    "images_biigle.csv"};
+// Not the same twice: they tell how long the work took.
+constexpr std::array<std::string_view, 2> kTimed = {"report.json", "report.html"};
 
 void writeBytes(const std::filesystem::path& path, const std::string& bytes) {
   AtomicFile file(path);
@@ -57,101 +50,179 @@ void writeBytes(const std::filesystem::path& path, const std::string& bytes) {
   file.commit();
 }
 
-[[noreturn]] void refuse(const io::MissionPaths& paths, const FuseCounts& counts, std::size_t listed) {
+[[noreturn]] void refuse(const MissionInput& input, const FuseCounts& counts, std::size_t listed) {
   std::string why = "no usable stereo pair of " + std::to_string(listed) + ": " +
                     std::to_string(counts.unreadable) + " unreadable, " +
                     std::to_string(counts.without_pose) + " outside the navigation, " +
                     std::to_string(counts.too_few_points) + " with too few points";
   if (!counts.unreadable_lines.empty()) why += "; the first: " + counts.unreadable_lines.front();
-  throw InputError(paths.root.string(), "img", why);
+  throw InputError(input.paths.root.string(), "img", why);
+}
+
+std::size_t peakBytes() {
+  rusage usage{};
+  ::getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::size_t>(usage.ru_maxrss) * 1024;
+}
+
+int threadsOf(const TopsideConfig& config) {
+  return config.threads > 0 ? config.threads : oneapi::tbb::info::default_concurrency();
+}
+
+class ThreadLimit {
+ public:
+  explicit ThreadLimit(const TopsideConfig& config)
+      : limit_(oneapi::tbb::global_control::max_allowed_parallelism,
+               static_cast<std::size_t>(threadsOf(config))) {}
+
+ private:
+  oneapi::tbb::global_control limit_;
+};
+
+std::filesystem::path workOf(const RunPlaces& places) {
+  return places.work.empty() ? places.mission / "topside.work" : places.work;
+}
+
+// Work that turns out to be damaged while it is in use is removed and made again.
+template <typename Body>
+auto withRepair(const Body& body) {
+  constexpr int kAttempts = 3;
+  for (int attempt = 1;; ++attempt) {
+    try {
+      return body();
+    } catch (const DamagedWork& damage) {
+      if (attempt == kAttempts) throw;
+      std::fprintf(stderr, "%s; it will be made again\n", damage.what());
+      std::error_code ignored;
+      std::filesystem::remove(damage.path(), ignored);
+    }
+  }
+}
+
+void fillRecord(RunRecord& record, Dive& dive, const StageStore& store, const Assembled& model) {
+  const MissionInput& input = dive.input();
+  record.mission = input.paths.root.string();
+  record.vehicle = input.mission.vehicle_name;
+  record.dive_id = input.mission.dive_id;
+  record.software_version = FATHOM_VERSION;
+  record.threads = threadsOf(dive.config());
+  record.config = &dive.config();
+  record.list = &dive.survey().list;
+  record.navigation = &dive.survey().navigation;
+  record.slam = dive.localised();
+  record.assumed = input.assumed;
+  const LightingModels& lighting = dive.lighting();
+  record.left_lighting = lighting.left.report();
+  record.right_lighting = lighting.right.report();
+  record.lighting_unreadable = lighting.unreadable;
+  for (const WorkFile& file : dive.pieceFiles()) {
+    const PieceFacts facts = readPieceFacts(file);
+    record.fusion.triangles += facts.fusion.triangles;
+    record.fusion.skipped_triangles += facts.fusion.skipped_triangles;
+    record.fusion.voxel_updates += facts.fusion.voxel_updates;
+    record.fusion.carved_voxels += facts.fusion.carved_voxels;
+    record.fusion.blocks += facts.fusion.blocks;
+    record.meshes_fused += facts.meshes;
+    record.texels += facts.texels;
+    record.texels_unseen += facts.unseen;
+    record.texels_outvoted += facts.outvoted;
+  }
+  record.pieces = dive.pieceFiles().size();
+  record.levels = model.levels;
+  record.layers = model.layers;
+  record.vertices = model.mesh.vertices.size();
+  record.triangles = model.mesh.triangles.size();
+  record.area = model.levels.front().area;
+  for (const auto& [name, outcome] : dive.outcomes())
+    record.stages.push_back({name, outcome.there, outcome.made, outcome.seconds});
+  for (const auto& [item, costs] : store.costs("prepare"))
+    for (const auto& [step, seconds] : costs) record.prepare_costs[step] += seconds;
+  for (std::size_t level = 0; level < model.levels.size(); ++level)
+    for (const auto& [item, costs] : store.costs(level == 0 ? "piece" : "level" + std::to_string(level)))
+      for (const auto& [step, seconds] : costs) record.model_costs[step] += seconds;
+}
+
+Summary runWith(const RunPlaces& places, const TopsideConfig& config) {
+  Stopwatch total;
+  OutputFolder out(places.out.empty() ? places.mission / "topside" : places.out, kOurs);
+  StageStore store(workOf(places), StageStore::Access::kAlone);
+  RunProgress progress(1.0);
+  Dive dive(openMission(places.mission, places.input), config, store, progress, Permission());
+  (void)dive.prepared();
+  (void)dive.localised();
+  const FuseResult fused = dive.fused();
+  if (fused.counts.used == 0) refuse(dive.input(), fused.counts, dive.survey().list.pairs.size());
+  const std::vector<TilePlaces>& levels = dive.levels();
+  if (levels.front().empty()) refuse(dive.input(), fused.counts, dive.survey().list.pairs.size());
+  Stopwatch stage;
+  RunRecord record;
+  const Assembled model = assemble(dive, fused, out.path());
+  const MapPicture picture = drawFromAbove(model.mesh, kPicturePixels, config.fusion.voxel / kPixelsPerVoxel);
+  writeBytes(out.path() / "mesh.png", toPng(picture.rgb, picture.width, picture.height));
+  dive.dropOldItems();
+
+  Summary done;
+  done.pairs = dive.survey().list.pairs.size();
+  done.used = fused.counts.used;
+  done.unreadable = fused.counts.unreadable;
+  done.triangles = model.mesh.triangles.size();
+  for (const LevelSummary& level : model.levels) done.tiles += level.tiles;
+  done.area = model.levels.front().area;
+  done.content = digestOfFolder(out.path(), kTimed);
+  fillRecord(record, dive, store, model);
+  record.stages.push_back({"assemble", 0, 1, stage.lap()});
+  record.fused = &fused;
+  record.content = done.content.hex();
+  record.peak_bytes = peakBytes();
+  record.damaged = store.damaged();
+  record.total_seconds = done.seconds = total.lap();
+  writeReportJson(out.path() / "report.json", record);
+  writeReportHtml(out.path() / "report.html", record, picture);
+  out.commit();
+  return done;
 }
 
 }  // namespace
 
-Summary runTopside(const std::filesystem::path& mission_folder, const std::filesystem::path& out_folder,
+Summary runTopside(const RunPlaces& places, const TopsideConfig& config) {
+  const ThreadLimit limit(config);
+  return withRepair([&] { return runWith(places, config); });
+}
+
+Summary runTopside(const std::filesystem::path& mission, const std::filesystem::path& out,
                    const TopsideConfig& config) {
-  namespace tbb = oneapi::tbb;
-  const int threads = config.threads > 0 ? config.threads : tbb::info::default_concurrency();
-  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
-                                  static_cast<std::size_t>(threads));
-  Stopwatch total, stage;
-  RunRecord record;
-  const auto lap = [&](const char* name) { record.stage_seconds.emplace_back(name, stage.lap()); };
+  RunPlaces places;
+  places.mission = mission;
+  places.out = out;
+  places.work = out.string() + ".work";
+  return runTopside(places, config);
+}
 
-  const io::MissionPaths paths(mission_folder);
-  const io::MissionConfig mission = io::readMissionConfig(mission_folder);
-  const StereoRig rig = readStereoCalib(paths.calib());
-  OutputFolder out(out_folder, kOurs);
-  const PairList list = listPairs(paths, mission, config.pairing_tolerance);
-  std::vector<std::int64_t> times;
-  for (const ImagePair& pair : list.pairs) times.push_back(pair.utc_ns);
-  const Navigation navigation = navigate(paths, mission, config, times);
-  lap("navigation");
+void runOneStage(const RunPlaces& places, const TopsideConfig& config, Stage stage,
+                 std::optional<std::pair<std::size_t, std::size_t>> items) {
+  const ThreadLimit limit(config);
+  withRepair([&] {
+    StageStore store(workOf(places), StageStore::Access::kShared);
+    RunProgress progress(expectedShare(stage));
+    Dive dive(openMission(places.mission, places.input), config, store, progress, {stage, items});
+    dive.make(stage);
+    return 0;
+  });
+}
 
-  LightingModels lighting(mission, rig, config.lighting);
-  if (!list.features_only) learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, lighting);
-  lap("lighting model");
-
-  SlamResult slam;
-  if (config.slam) {
-    const MemoryFeatureStore features =
-        prepareFeatures(paths, mission, rig, config, lighting, list, navigation);
-    lap("features");
-    slam = localise(mission, rig, config, navigation, features);
+std::string listItems(const RunPlaces& places, const TopsideConfig& config) {
+  const ThreadLimit limit(config);
+  StageStore store(workOf(places), StageStore::Access::kShared);
+  RunProgress progress(1.0);
+  nlohmann::ordered_json list;
+  Dive dive(openMission(places.mission, places.input), config, store, progress, {Stage::kSurvey, {}});
+  list["prepare"] = dive.items(Stage::kPrepare);
+  try {
+    list["piece"] = dive.items(Stage::kPiece);
+  } catch (const InputError&) {
+    list["piece"] = nullptr;  // no plan yet
   }
-  const std::vector<NavigatedPose>& poses = config.slam ? slam.poses : navigation.poses;
-  if (config.slam) lap("localisation");
-
-  fusion::VolumetricFusion fusion(config.fusion);
-  const FuseResult fused = [&] {
-    Progress progress("stereo", list.pairs.size());
-    return fusePairs(
-        list.pairs, poses,
-        [&]() -> std::unique_ptr<PairMesher> {
-          if (list.features_only) return std::make_unique<GivenPairStage>(paths, mission, rig, config);
-          return std::make_unique<StereoStage>(paths, mission, rig, config, lighting);
-        },
-        config.default_altitude, fusion, progress);
-  }();
-  lap("stereo and fusion");
-
-  Mesh mesh = fusion.extract();
-  record.pieces_dropped = dropSmallPieces(mesh, config.min_component);
-  if (mesh.empty()) refuse(paths, fused.counts, list.pairs.size());
-  lap("surface");
-
-  writePly(out.path() / "mesh.ply", mesh,
-           {"fathom-topside " FATHOM_VERSION, "nav: north, east, down [m] from the mission's origin"});
-  writePoses(out.path(), mission.origin, fused.pairs);
-  if (config.slam) writeClosures(out.path() / "closures.csv", list.pairs, slam.closures);
-  const MapPicture picture = drawFromAbove(mesh, kPicturePixels, config.fusion.voxel / kPixelsPerVoxel);
-  writeBytes(out.path() / "mesh.png", toPng(picture.rgb, picture.width, picture.height));
-  lap("output");
-
-  record.mission = mission_folder.string();
-  record.vehicle = mission.vehicle_name;
-  record.dive_id = mission.dive_id;
-  record.software_version = FATHOM_VERSION;
-  record.threads = threads;
-  record.config = &config;
-  record.list = &list;
-  record.navigation = &navigation;
-  record.fused = &fused;
-  record.slam = config.slam ? &slam : nullptr;
-  record.fusion = fusion.counters();
-  record.fusion_bytes = fusion.memoryBytes();
-  record.left_lighting = lighting.left.report();
-  record.right_lighting = lighting.right.report();
-  record.lighting_unreadable = lighting.unreadable;
-  record.vertices = mesh.vertices.size();
-  record.triangles = mesh.triangles.size();
-  record.area = areaOf(mesh);
-  record.total_seconds = total.lap();
-  writeReportJson(out.path() / "report.json", record);
-  writeReportHtml(out.path() / "report.html", record, picture);
-  out.commit();
-  return {list.pairs.size(), fused.counts.used, fused.counts.unreadable,
-          record.triangles,  record.area,       record.total_seconds};
+  return list.dump();
 }
 
 }  // namespace fathom::topside

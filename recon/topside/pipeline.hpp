@@ -1,23 +1,43 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
+#include <utility>
 
+#include "recon/topside/stages/dive.hpp"
 #include "recon/topside/topside_config.hpp"
 
 namespace fathom::topside {
 
-struct Summary {
-  std::size_t pairs = 0, used = 0, unreadable = 0;
-  std::size_t triangles = 0;
-  double area = 0;     // [m^2]
-  double seconds = 0;  // in all
+// Where a run reads, works and writes; empty: MISSION/topside.work and MISSION/topside.
+struct RunPlaces {
+  std::filesystem::path mission, work, out;
+  InputOptions input;
 };
 
-// The whole way from a mission folder to `out`: lighting, stereo, navigation, fusion, report.
-// Everything appears in `out` at once, at the end. Throws InputError for a mission that cannot be used: a
-// file absent or broken, or no pair that gives a mesh.
-Summary runTopside(const std::filesystem::path& mission_folder, const std::filesystem::path& out,
+struct Summary {
+  std::size_t pairs = 0, used = 0, unreadable = 0;
+  std::size_t triangles = 0, tiles = 0;
+  double area = 0;     // [m^2]
+  double seconds = 0;  // in all
+  Digest content;      // of all files written but the report, which tells times
+};
+
+// The whole way from a recorded dive to `out`: localisation, stereo, fusion, tiles, layers, report. What the
+// work folder holds already is not made again. Everything appears in `out` at once, at the end. Throws
+// InputError for a dive that cannot be used: a file absent or broken, or no pair that gives a mesh.
+Summary runTopside(const RunPlaces& places, const TopsideConfig& config);
+// The same with the usual work folder, MISSION/topside.work, beside `out`.
+Summary runTopside(const std::filesystem::path& mission, const std::filesystem::path& out,
                    const TopsideConfig& config);
+
+// One stage, or some of its items, into the work folder; the stages before it must be there. Several
+// processes may do so at once.
+void runOneStage(const RunPlaces& places, const TopsideConfig& config, Stage stage,
+                 std::optional<std::pair<std::size_t, std::size_t>> items);
+
+// How many items the stages have, as JSON: {"prepare": 20, "piece": 7}; pieces once there is a plan.
+[[nodiscard]] std::string listItems(const RunPlaces& places, const TopsideConfig& config);
 
 }  // namespace fathom::topside

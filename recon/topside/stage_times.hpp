@@ -1,5 +1,7 @@
 #pragma once
 
+#include <time.h>
+
 #include <array>
 #include <chrono>
 #include <cstddef>
@@ -33,6 +35,26 @@ class Stopwatch {
 
  private:
   std::chrono::steady_clock::time_point begun_ = std::chrono::steady_clock::now();
+};
+
+// Processor seconds of the calling thread since construction or the last lap: what work costs, however many
+// others are at work.
+class ThreadStopwatch {
+ public:
+  double lap() {
+    const double now = seconds();
+    const double lap = now - begun_;
+    begun_ = now;
+    return lap;
+  }
+
+ private:
+  static double seconds() {
+    timespec now{};
+    ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+  }
+  double begun_ = seconds();
 };
 
 }  // namespace fathom::topside

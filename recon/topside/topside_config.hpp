@@ -8,6 +8,7 @@
 #include "recon/slam/navigation_graph.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
+#include "recon/topside/stages/model_settings.hpp"
 
 namespace fathom::topside {
 
@@ -28,6 +29,8 @@ struct TopsideConfig {
 
   fusion::VolumetricConfig fusion;
   double min_component = 0.05;  // smaller pieces of the final mesh that touch nothing are dropped [m^2]
+
+  ModelSettings model;
 
   double max_dvl_gap = 2.0;       // [s]
   double max_speed = 3.0;         // [m/s]

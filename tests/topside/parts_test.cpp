@@ -6,7 +6,6 @@
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/report/map_picture.hpp"
 #include "recon/topside/stages/crossovers.hpp"
-#include "recon/topside/stages/mesh_pieces.hpp"
 #include "recon/topside/stages/navigation.hpp"
 #include "recon/topside/topside_config.hpp"
 #include "tests/support/test_data.hpp"
@@ -58,18 +57,6 @@ TEST(TopsideConfig, TheBandFollowsTheVoxelUnlessItIsSet) {
   EXPECT_DOUBLE_EQ(readTopsideConfig(folder.path() / "run.toml").fusion.truncation, 0.3);
   std::ofstream(folder.path() / "run.toml") << "[fusion]\nvoxel_m = 0.1\ntruncation_m = 0.15\n";
   EXPECT_DOUBLE_EQ(readTopsideConfig(folder.path() / "run.toml").fusion.truncation, 0.15);
-}
-
-TEST(MeshPieces, SmallPiecesGoAndTheRestKeepsItsAttributes) {
-  Mesh mesh = square(0, 0, 0.1F, 5);
-  append(mesh, square(1, 1, 1, 6));
-  append(mesh, square(3, 3, 0.2F, 7));
-  EXPECT_EQ(dropSmallPieces(mesh, 0.05), 2u);
-  ASSERT_EQ(mesh.vertices.size(), 4u);
-  EXPECT_EQ(mesh.triangles.size(), 2u);
-  EXPECT_EQ(mesh.colours.size(), 4u);
-  EXPECT_EQ(mesh.normals.size(), 4u);
-  for (const auto& v : mesh.vertices) EXPECT_FLOAT_EQ(v.z(), 6);
 }
 
 TEST(MapPicture, NorthIsUpEastIsRightAndTheUpperSurfaceIsSeen) {

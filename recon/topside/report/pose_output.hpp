@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "recon/geometry/geodesy.hpp"
-#include "recon/topside/stages/fuse_stage.hpp"
+#include "recon/topside/stages/fused_pair.hpp"
 #include "recon/topside/stages/slam_stage.hpp"
 
 namespace fathom::topside {

@@ -1,5 +1,7 @@
 #include <algorithm>
 #include <cmath>
+#include <fstream>
+#include <initializer_list>
 #include <sstream>
 
 #include "recon/geometry/atomic_file.hpp"
@@ -97,11 +99,83 @@ void lightingTable(std::ostringstream& out, const RunRecord& r) {
   out << "</table>\n";
 }
 
+// Stages of a pair as table 2 of Johnson-Roberson et al. 2010 counts them.
+constexpr double kReferenceSeconds = 0.47;  // a pair: stereo, fusion, simplification, meshes with texture
+
+void timesTables(std::ostringstream& out, const RunRecord& r) {
+  out << "<h2>Times</h2><table><tr><th>stage</th><th>seconds</th><th>made</th><th>there already</th></tr>\n";
+  for (const StageLine& stage : r.stages)
+    out << "<tr><td>" << stage.name << "</td><td class=n>" << fixedDigits(stage.seconds, 2)
+        << "</td><td class=n>" << stage.made << "</td><td class=n>" << stage.there << "</td></tr>\n";
+  out << "<tr><td>total</td><td class=n>" << fixedDigits(r.total_seconds, 2)
+      << "</td><td></td><td></td></tr></table>\n";
+  const auto pairs = static_cast<double>(std::max<std::size_t>(1, r.list->pairs.size()));
+  const auto ms = [&](std::initializer_list<const char*> steps) {
+    double sum = 0;
+    for (const char* step : steps)
+      for (const auto* costs : {&r.prepare_costs, &r.model_costs})
+        if (const auto found = costs->find(step); found != costs->end()) sum += found->second;
+    return 1e3 * sum / pairs;
+  };
+  const double stereo = ms({"read", "lighting", "stereo", "mesh"}), fusion = ms({"fusion"}),
+               simplify = ms({"simplify"}), texture = ms({"atlas", "images", "texture", "encode"}),
+               others = ms({"features", "layers"});
+  const double same = stereo + fusion + simplify + texture;
+  out << "<p>Of one pair, milliseconds of one thread, as they were when the results were made:</p><table>"
+      << row("stereo (reading, light, matching, mesh)", fixedDigits(stereo, 1))
+      << row("fusion", fixedDigits(fusion, 1)) << row("simplification", fixedDigits(simplify, 1))
+      << row("texture (charts, images, blending, compression)", fixedDigits(texture, 1))
+      << row("these stages", fixedDigits(same, 1))
+      << row("these stages on " + std::to_string(r.threads) + " threads",
+             fixedDigits(same / std::max(1, r.threads), 1))
+      << row("the same stages in Johnson-Roberson et al. 2010, table 2, on their machine",
+             fixedDigits(1e3 * kReferenceSeconds, 0))
+      << row("features for localisation, layers", fixedDigits(others, 1))
+      << row("peak memory of the process",
+             fixedDigits(static_cast<double>(r.peak_bytes) / 1048576.0, 0) + " MiB")
+      << "</table>\n";
+}
+
+void modelTable(std::ostringstream& out, const RunRecord& r) {
+  out << "<h2>Model</h2><table><tr><th>level</th><th>tiles</th><th>triangles</th><th>a m&sup2;</th>"
+         "<th>texel [mm]</th><th>error at most [mm]</th><th>MB: surface</th><th>texture</th>"
+         "<th>GPU texture</th></tr>\n";
+  std::uint64_t bytes = 0;
+  for (const LevelSummary& l : r.levels) {
+    const auto megabytes = [](std::uint64_t b) { return fixedDigits(static_cast<double>(b) / 1e6, 2); };
+    out << "<tr><td class=n>" << l.level << "</td><td class=n>" << l.tiles << "</td><td class=n>"
+        << l.triangles << "</td><td class=n>"
+        << fixedDigits(l.area > 0 ? static_cast<double>(l.triangles) / l.area : 0, 0) << "</td><td class=n>"
+        << fixedDigits(1e3 * l.texel, 1) << "</td><td class=n>" << fixedDigits(1e3 * l.error, 1)
+        << "</td><td class=n>" << megabytes(l.surface_bytes) << "</td><td class=n>"
+        << megabytes(l.picture_bytes) << "</td><td class=n>" << megabytes(l.gpu_bytes) << "</td></tr>\n";
+    bytes += l.surface_bytes + l.picture_bytes + l.gpu_bytes;
+  }
+  out << "</table><p>" << r.pieces << " pieces; " << r.meshes_fused
+      << " meshes fused, counted in every piece; "
+      << fixedDigits(static_cast<double>(bytes) / 1e6 /
+                         static_cast<double>(std::max<std::size_t>(1, r.list->pairs.size())),
+                     3)
+      << " MB of tiles a pair. Digest of all files but this report: " << r.content.substr(0, 16) << ".</p>\n";
+}
+
+void layerPictures(std::ostringstream& out, const std::filesystem::path& folder, const RunRecord& r) {
+  if (r.layers.empty()) return;
+  out << "<h2>Layers</h2>\n";
+  for (const LayerInfo& layer : r.layers) {
+    if (layer.picture.empty()) continue;
+    std::ifstream in(folder / layer.picture, std::ios::binary);
+    const std::string png{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+    const std::string what = layer.title + (layer.unit.empty() ? "" : " [" + layer.unit + "]");
+    out << "<figure><img alt=\"" << htmlEscaped(what) << "\" src=\"data:image/png;base64," << base64(png)
+        << "\"><figcaption>" << htmlEscaped(what) << "</figcaption></figure>\n";
+  }
+}
+
 }  // namespace
 
 void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, const MapPicture& picture) {
   const FuseCounts& counts = r.fused->counts;
-  const std::size_t worked = std::max<std::size_t>(1, counts.used + counts.too_few_points);
   std::ostringstream out;
   out << "<!doctype html><html lang=en><meta charset=utf-8><title>Fathom: " << htmlEscaped(r.vehicle)
       << " dive " << r.dive_id << "</title><style>" << kStyle << "</style>\n<h1>" << htmlEscaped(r.vehicle)
@@ -111,6 +185,11 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
       << " s on " << r.threads << " threads.</p>\n";
   if (r.list->features_only)
     out << "<p>A mission without images: made from features that were matched before.</p>\n";
+  if (!r.assumed.empty()) {
+    out << "<h2>Assumed</h2><ul>";
+    for (const std::string& line : r.assumed) out << "<li>" << htmlEscaped(line) << "</li>";
+    out << "</ul>\n";
+  }
   out << "<h2>Map</h2>\n";
   image(out, picture.rgb, picture,
         "Depth from " + fixedDigits(picture.shallowest, 2) + " m (light) to " +
@@ -122,18 +201,9 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
   out << "<h2>Track</h2>\n";
   trackPlot(out, r);
 
-  out << "<h2>Times</h2><table><tr><th>stage</th><th>seconds</th></tr>\n";
-  for (const auto& [name, seconds] : r.stage_seconds) out << row(name, fixedDigits(seconds, 2));
-  out << row("total", fixedDigits(r.total_seconds, 2))
-      << "</table>\n<p>Of one pair, in one thread:</p><table>"
-      << "<tr><th>stage</th><th>milliseconds</th></tr>\n";
-  double sum = 0;
-  for (std::size_t k = 0; k < kPairStages; ++k) {
-    const double ms = 1e3 * counts.times.seconds[k] / static_cast<double>(worked);
-    sum += ms;
-    out << row(kPairStageNames[k], fixedDigits(ms, 2));
-  }
-  out << row("sum", fixedDigits(sum, 2)) << "</table>\n";
+  timesTables(out, r);
+  modelTable(out, r);
+  layerPictures(out, path.parent_path(), r);
 
   if (!r.list->features_only) lightingTable(out, r);
 
@@ -154,9 +224,7 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
       << row("anchored by", anchor.source + " (" + std::to_string(anchor.fixes_used) + " fixes, " +
                                 std::to_string(anchor.fixes_rejected) + " rejected)")
       << localisationRows(r.slam) << row("mesh vertices", r.vertices) << row("mesh triangles", r.triangles)
-      << row("pieces dropped", r.pieces_dropped)
-      << row("voxel memory", fixedDigits(static_cast<double>(r.fusion_bytes) / 1e6, 1) + " MB")
-      << "</table>\n";
+      << row("work files found damaged and made again", r.damaged) << "</table>\n";
   if (!counts.unreadable_lines.empty()) {
     out << "<h2>Unreadable</h2><ul>";
     for (const std::string& line : counts.unreadable_lines) out << "<li>" << htmlEscaped(line) << "</li>";

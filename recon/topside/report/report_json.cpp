@@ -11,6 +11,11 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+const char* nameOf(surface::BlendMode mode) {
+  constexpr std::array<const char*, 3> kNames = {"bands", "average", "unblended"};
+  return kNames[static_cast<std::size_t>(mode)];
+}
+
 Json configJson(const TopsideConfig& c) {
   return {{"lighting",
            {{"images", c.lighting_images},
@@ -40,6 +45,11 @@ Json configJson(const TopsideConfig& c) {
             {"min_observations", c.fusion.min_observations},
             {"carve", c.fusion.carve},
             {"min_component_m2", c.min_component}}},
+          {"model",
+           {{"texture", c.model.texture},
+            {"blend", nameOf(c.model.blend.mode)},
+            {"picture_quality", c.model.picture.quality},
+            {"overlap_m", c.model.division.overlap}}},
           {"slam",
            {{"enabled", c.slam}, {"features", c.slam_features}, {"candidates_per_pair", c.slam_candidates}}},
           {"navigation",
@@ -95,16 +105,44 @@ Json navigationJson(const Navigation& n) {
           {"log_entries_damaged", n.damaged_entries}};
 }
 
+Json stagesJson(const RunRecord& r) {
+  Json stages = Json::object();
+  for (const StageLine& stage : r.stages)
+    stages[stage.name] = {{"seconds", stage.seconds}, {"made", stage.made}, {"there", stage.there}};
+  return stages;
+}
+
+// Seconds of one thread a pair, as they were when the results were made.
+Json perPairJson(const RunRecord& r) {
+  const auto pairs = static_cast<double>(std::max<std::size_t>(1, r.list->pairs.size()));
+  Json per_pair = Json::object();
+  for (const auto* costs : {&r.prepare_costs, &r.model_costs})
+    for (const auto& [step, seconds] : *costs)
+      if (step != "wall_s") per_pair[step] = per_pair.value(step, 0.0) + seconds / pairs;
+  return per_pair;
+}
+
+Json modelJson(const RunRecord& r) {
+  Json levels = Json::array();
+  for (const LevelSummary& level : r.levels)
+    levels.push_back({{"level", level.level},
+                      {"tiles", level.tiles},
+                      {"vertices", level.vertices},
+                      {"triangles", level.triangles},
+                      {"area_m2", level.area},
+                      {"error_m", level.error},
+                      {"texel_m", level.texel},
+                      {"surface_bytes", level.surface_bytes},
+                      {"picture_bytes", level.picture_bytes},
+                      {"gpu_texture_bytes", level.gpu_bytes}});
+  return {{"pieces", r.pieces}, {"meshes_fused", r.meshes_fused},   {"levels", levels},
+          {"texels", r.texels}, {"texels_unseen", r.texels_unseen}, {"views_outvoted", r.texels_outvoted}};
+}
+
 }  // namespace
 
 void writeReportJson(const std::filesystem::path& path, const RunRecord& r) {
   const FuseCounts& counts = r.fused->counts;
-  Json stages = Json::object();
-  for (const auto& [name, seconds] : r.stage_seconds) stages[name] = seconds;
-  const std::size_t worked = counts.used + counts.too_few_points;
-  Json per_pair = Json::object();
-  for (std::size_t k = 0; k < kPairStages; ++k)
-    per_pair[kPairStageNames[k]] = worked == 0 ? 0.0 : counts.times.seconds[k] / static_cast<double>(worked);
   const Json report = {
       {"software_version", r.software_version},
       {"mission", r.mission},
@@ -140,14 +178,14 @@ void writeReportJson(const std::filesystem::path& path, const RunRecord& r) {
         {"triangles_skipped", r.fusion.skipped_triangles},
         {"voxel_updates", r.fusion.voxel_updates},
         {"voxels_carved", r.fusion.carved_voxels},
-        {"blocks", r.fusion.blocks},
-        {"memory_bytes", r.fusion_bytes}}},
-      {"mesh",
-       {{"vertices", r.vertices},
-        {"triangles", r.triangles},
-        {"area_m2", r.area},
-        {"pieces_dropped", r.pieces_dropped}}},
-      {"times", {{"stages_s", stages}, {"per_pair_s", per_pair}, {"total_s", r.total_seconds}}},
+        {"blocks", r.fusion.blocks}}},
+      {"model", modelJson(r)},
+      {"mesh", {{"vertices", r.vertices}, {"triangles", r.triangles}, {"area_m2", r.area}}},
+      {"content", r.content},
+      {"assumed", r.assumed},
+      {"memory", {{"peak_bytes", r.peak_bytes}}},
+      {"work_files_damaged", r.damaged},
+      {"times", {{"stages", stagesJson(r)}, {"per_pair_s", perPairJson(r)}, {"total_s", r.total_seconds}}},
       {"config", configJson(*r.config)}};
   AtomicFile file(path);
   file.stream() << report.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "recon/topside/stages/fuse_stage.hpp"
+#include "recon/topside/stages/fused_pair.hpp"
 
 namespace fathom::topside {
 

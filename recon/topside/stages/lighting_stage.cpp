@@ -87,10 +87,18 @@ LightingModels::LightingModels(const io::MissionConfig& mission, const StereoRig
     : left(rig.left.width, rig.left.height, mission.cameras.left_format, mission.cameras.bits, config),
       right(rig.right.width, rig.right.height, mission.cameras.right_format, mission.cameras.bits, config) {}
 
+std::vector<std::size_t> lightingPairs(std::size_t pairs, const TopsideConfig& config) {
+  const std::size_t count = std::min(pairs, static_cast<std::size_t>(config.lighting_images));
+  std::vector<std::size_t> chosen;
+  for (std::size_t k = 0; k < count; ++k) chosen.push_back(k * pairs / count);
+  return chosen;
+}
+
 void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
                    const std::vector<ImagePair>& pairs, const std::vector<NavigatedPose>& poses,
                    const TopsideConfig& config, LightingModels& models) {
-  const std::size_t count = std::min(pairs.size(), static_cast<std::size_t>(config.lighting_images));
+  const std::vector<std::size_t> chosen = lightingPairs(pairs.size(), config);
+  const std::size_t count = chosen.size();
   Progress progress("lighting", count);
   const auto& cameras = mission.cameras;
   const std::vector<double> altitudes = seedAltitudes(poses, config.default_altitude);
@@ -107,7 +115,7 @@ void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& missi
                                               flow.stop();
                                               return 0;
                                             }
-                                            return next++ * pairs.size() / count;
+                                            return chosen[next++];
                                           }) &
           tbb::make_filter<std::size_t, std::shared_ptr<Images>>(
               tbb::filter_mode::parallel,

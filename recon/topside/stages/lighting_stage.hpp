@@ -19,6 +19,9 @@ struct LightingModels {
   std::uint64_t unreadable = 0;  // images passed over
 };
 
+// The pairs that lighting is learnt from: config.lighting_images spread evenly over so many.
+[[nodiscard]] std::vector<std::size_t> lightingPairs(std::size_t pairs, const TopsideConfig& config);
+
 // Learns from config.lighting_images pairs spread evenly over the mission, by their ranges (bent to stereo's
 // points; `poses`: one a pair), and shows its progress. Reads in parallel, learns in the pairs' order, so
 // that the result does not depend on the number of threads.

@@ -51,7 +51,7 @@ class FromImages final : public PairPreparer {
 
   PreparedPair process(const ImagePair& pair, const SE3& T_nav_body, double altitude) override {
     PreparedPair out;
-    Stopwatch watch;
+    ThreadStopwatch watch;
     if (!images_.read(pair)) {
       out.unreadable = images_.error();
       return out;
@@ -96,7 +96,7 @@ class FromFeatureFiles final : public PairPreparer {
 
   PreparedPair process(const ImagePair& pair, const SE3& T_nav_body, double altitude) override {
     PreparedPair out;
-    Stopwatch watch;
+    ThreadStopwatch watch;
     try {
       io::readFeatureFile(paths_.features() / io::featureFileName(pair.left), frame_);
     } catch (const InputError& error) {

@@ -92,8 +92,13 @@ std::optional<WorkFile> StageStore::find(const std::string& stage, const std::st
   return std::nullopt;
 }
 
-WorkFile StageStore::get(const std::string& stage, const std::string& item, const Digest& key) {
-  auto file = find(stage, item, key);
+std::optional<WorkFile> StageStore::open(const std::string& stage, const std::string& item,
+                                         const Digest& key) const {
+  return WorkFile::open(pathOf(stage, item, key), key);
+}
+
+WorkFile StageStore::get(const std::string& stage, const std::string& item, const Digest& key) const {
+  auto file = open(stage, item, key);
   if (!file) throw DamagedWork(pathOf(stage, item, key));
   return std::move(*file);
 }
@@ -119,6 +124,17 @@ void StageStore::written(const std::string& stage, const std::string& item, cons
   }
   const std::lock_guard lock(mutex_);
   checked_.insert(path);
+}
+
+void StageStore::keepOnly(const std::string& stage, const std::set<std::string>& items) {
+  std::vector<fs::path> old;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(folder_ / stage, error))
+    for (const char* extension : {kExtension, kCosts}) {
+      const std::string item = itemOf(entry.path(), extension);
+      if (!item.empty() && !items.contains(item)) old.push_back(entry.path());
+    }
+  for (const fs::path& path : old) fs::remove(path, error);
 }
 
 std::map<std::string, Costs> StageStore::costs(const std::string& stage) const {

@@ -36,11 +36,16 @@ class StageStore {
   // said on stderr and removed.
   [[nodiscard]] std::optional<WorkFile> find(const std::string& stage, const std::string& item,
                                              const Digest& key);
-  // As find(), of a result that must be there: throws DamagedWork.
-  [[nodiscard]] WorkFile get(const std::string& stage, const std::string& item, const Digest& key);
+  // The same without a look at the blocks, which are checked when they are read.
+  [[nodiscard]] std::optional<WorkFile> open(const std::string& stage, const std::string& item,
+                                             const Digest& key) const;
+  // As open(), of a result that must be there: throws DamagedWork.
+  [[nodiscard]] WorkFile get(const std::string& stage, const std::string& item, const Digest& key) const;
   // Where a result is to be written; and what follows once it is.
   [[nodiscard]] WorkFileWriter writer(const std::string& stage, const std::string& item, const Digest& key);
   void written(const std::string& stage, const std::string& item, const Digest& key, const Costs& costs);
+  // Removes the results of a stage's other items.
+  void keepOnly(const std::string& stage, const std::set<std::string>& items);
   // Of the newest result of every item of a stage, by item.
   [[nodiscard]] std::map<std::string, Costs> costs(const std::string& stage) const;
 

@@ -1,0 +1,197 @@
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <csignal>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <random>
+#include <thread>
+
+#include "firmware_if/pose_files.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/topside/pipeline.hpp"
+#include "tests/support/test_data.hpp"
+#include "tests/topside/tiny_mission.hpp"
+
+namespace fathom::topside {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+// A track of some tiles' length in several pieces.
+TopsideConfig inPieces() {
+  TopsideConfig config;
+  config.model.division.target_meshes = 8;
+  config.model.division.max_meshes = 12;
+  return config;
+}
+
+nlohmann::json reportOf(const fs::path& folder) {
+  std::ifstream in(folder / "report.json");
+  return nlohmann::json::parse(in);
+}
+
+std::size_t madeIn(const nlohmann::json& report, const std::string& stage) {
+  return report.at("times").at("stages").at(stage).at("made").get<std::size_t>();
+}
+
+fs::path workFile(const fs::path& stage, std::size_t number) {
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(stage))
+    if (entry.path().extension() == ".work") files.push_back(entry.path());
+  std::sort(files.begin(), files.end());
+  return files.at(number);
+}
+
+class Resume : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    test::TinyMission scene;
+    scene.pairs = 36;
+    scene.speed = 1.0;
+    folder_ = new test::TemporaryFolder;
+    scene.write(folder_->path() / "mission");
+    done_ = new Summary(runTopside(placesFor("first"), inPieces()));
+  }
+  static void TearDownTestSuite() {
+    delete done_;
+    delete folder_;
+  }
+  static RunPlaces placesFor(const std::string& name) {
+    RunPlaces places;
+    places.mission = folder_->path() / "mission";
+    places.out = folder_->path() / name;
+    places.work = folder_->path() / (name + ".work");
+    return places;
+  }
+  static test::TemporaryFolder* folder_;
+  static Summary* done_;
+};
+test::TemporaryFolder* Resume::folder_ = nullptr;
+Summary* Resume::done_ = nullptr;
+
+TEST_F(Resume, OneThreadGivesTheBytesThatManyGive) {
+  TopsideConfig config = inPieces();
+  config.threads = 1;
+  EXPECT_EQ(runTopside(placesFor("one-thread"), config).content, done_->content);
+}
+
+TEST_F(Resume, ARunOfFinishedWorkMakesNothingAndGivesTheSameBytes) {
+  RunPlaces places = placesFor("first");
+  EXPECT_EQ(runTopside(places, inPieces()).content, done_->content);
+  const auto report = reportOf(places.out);
+  for (const auto& [stage, line] : report.at("times").at("stages").items())
+    if (stage != "assemble") EXPECT_EQ(line.at("made"), 0) << stage;
+}
+
+TEST_F(Resume, KilledAtAnyMomentTheNextRunGivesTheSameBytes) {
+  const RunPlaces places = placesFor("killed");
+  std::mt19937 random(7);  // of delays alone: whatever the moment, the bytes must be the same
+  for (int kill = 0; kill < 3; ++kill) {
+    const pid_t child = ::fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+      const int null = ::open("/dev/null", O_WRONLY);
+      ::dup2(null, 1);
+      ::dup2(null, 2);
+      const std::string program = FATHOM_BIN_DIR "/fathom-topside";
+      ::execl(program.c_str(), program.c_str(), "run", places.mission.c_str(), "--work", places.work.c_str(),
+              "--out", places.out.c_str(), nullptr);
+      ::_exit(127);
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(200 + random() % 2500));
+    ::kill(child, SIGKILL);
+    ASSERT_EQ(::waitpid(child, nullptr, 0), child);
+  }
+  RunPlaces whole = placesFor("whole");
+  EXPECT_EQ(runTopside(places, {}).content, runTopside(whole, {}).content);
+  EXPECT_FALSE(fs::exists(places.out.string() + ".tmp"));
+}
+
+TEST_F(Resume, AFlippedBitInTheWorkIsNoticedAndTheResultMadeAgain) {
+  const RunPlaces places = placesFor("flipped");
+  (void)runTopside(places, inPieces());
+  for (const char* stage : {"prepare", "piece", "level1", "localise"}) {
+    const fs::path path = workFile(places.work / stage, 0);
+    std::fstream file(path, std::ios::binary | std::ios::in | std::ios::out);
+    const auto middle = static_cast<std::streamoff>(fs::file_size(path) / 2);
+    file.seekg(middle);
+    const int byte = file.get() ^ 4;
+    file.seekp(middle);
+    file.put(static_cast<char>(byte));
+  }
+  EXPECT_EQ(runTopside(places, inPieces()).content, done_->content);
+  const auto report = reportOf(places.out);
+  EXPECT_EQ(report.at("work_files_damaged"), 4);
+  EXPECT_EQ(madeIn(report, "piece"), 1u);
+}
+
+TEST_F(Resume, AChangedPoseMakesAnewOnlyThePiecesThatItTouches) {
+  RunPlaces places = placesFor("poses");
+  places.input.poses = folder_->path() / "poses.data";
+  io::StereoPoseFile poses = io::readStereoPoses(folder_->path() / "first" / "stereo_pose_est.data");
+  io::writeStereoPoses(places.input.poses, poses);
+  (void)runTopside(places, inPieces());
+  const std::size_t pieces = madeIn(reportOf(places.out), "piece");
+  ASSERT_GE(pieces, 4u);
+
+  poses.poses.back().T_nav_cam =
+      SE3(Eigen::Quaterniond::Identity(), {0, 0, 0.004}) * poses.poses.back().T_nav_cam;
+  io::writeStereoPoses(places.input.poses, poses);
+  (void)runTopside(places, inPieces());
+  const auto report = reportOf(places.out);
+  EXPECT_GE(madeIn(report, "piece"), 1u);
+  EXPECT_LE(madeIn(report, "piece"), pieces / 2);
+  EXPECT_EQ(madeIn(report, "prepare"), 0u);
+}
+
+TEST_F(Resume, StagesAndPiecesByThemselvesGiveTheBytesOfARun) {
+  const RunPlaces places = placesFor("stages");
+  const TopsideConfig config = inPieces();
+  EXPECT_THROW(runOneStage(places, config, Stage::kPlan, {}), InputError);
+  for (const Stage stage :
+       {Stage::kSurvey, Stage::kLighting, Stage::kPrepare, Stage::kLocalise, Stage::kPlan})
+    runOneStage(places, config, stage, {});
+  const auto items = nlohmann::json::parse(listItems(places, config));
+  EXPECT_EQ(items.at("prepare"), 2);
+  const auto pieces = items.at("piece").get<std::size_t>();
+  ASSERT_GE(pieces, 4u);
+  for (std::size_t piece = pieces; piece-- > 0;)
+    runOneStage(places, config, Stage::kPiece, std::pair(piece, piece + 1));
+  EXPECT_THROW(runOneStage(places, config, Stage::kPiece, std::pair(pieces, pieces + 1)), InputError);
+  runOneStage(places, config, Stage::kLevel, {});
+  EXPECT_EQ(runTopside(places, config).content, done_->content);
+  EXPECT_EQ(madeIn(reportOf(places.out), "piece"), 0u);
+}
+
+TEST_F(Resume, ImagesWithCalibrationAndPosesAloneAreEnough) {
+  const fs::path bare = folder_->path() / "acfr";
+  fs::create_directories(bare);
+  fs::create_directory_symlink(folder_->path() / "mission" / "img", bare / "i20231114");
+  fs::copy(folder_->path() / "mission" / "stereo.calib", bare / "ng2.calib");
+  fs::copy(folder_->path() / "first" / "stereo_pose_est.data", bare);
+  RunPlaces places = placesFor("bare");
+  places.mission = bare;
+  const Summary done = runTopside(places, inPieces());
+  EXPECT_EQ(done.used, 36u);
+  EXPECT_NEAR(done.area, done_->area, 0.05 * done_->area);
+  EXPECT_THAT(reportOf(places.out).at("assumed").dump(), HasSubstr("no mission.toml"));
+  fs::remove(bare / "ng2.calib");
+  EXPECT_THROW((void)runTopside(places, inPieces()), InputError);
+}
+
+TEST_F(Resume, AFolderThatIsNoWorkFolderIsLeftAlone) {
+  RunPlaces places = placesFor("thesis");
+  fs::create_directories(places.work);
+  std::ofstream(places.work / "thesis.tex") << "years of work";
+  EXPECT_THROW((void)runTopside(places, inPieces()), InputError);
+  EXPECT_TRUE(fs::exists(places.work / "thesis.tex"));
+}
+
+}  // namespace
+}  // namespace fathom::topside
