@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <map>
+#include <random>
 #include <set>
 
 #include "realtime/kernel/input_error.hpp"
@@ -120,6 +121,32 @@ TEST(Glb, SeamsDoubleVerticesAndNotThePlacesThatConnectTheSurface) {
   const ReadTile read = readGlb(writeGlb(tile, model.grid, {}), "tile.glb");
   EXPECT_EQ(shapeOf(read.tile.surface.mesh), shapeOf(mesh));
   EXPECT_EQ(byPlace(read.tile.surface.mesh).size(), byPlace(mesh).size());
+}
+
+TEST(Glb, SurfacesThatBranchTouchAndTurnOverComeBackTriangleByTriangle) {
+  const SyntheticModel model;
+  std::mt19937 random(3);
+  for (int trial = 0; trial < 20; ++trial) {
+    TexturedTile tile;
+    Mesh& mesh = tile.surface.mesh;
+    for (int k = 0; k < 40; ++k) {  // few places for many triangles
+      const auto place = [&] {
+        return static_cast<float>(static_cast<double>(random() % 4000) * TileGrid::kLattice);
+      };
+      mesh.vertices.emplace_back(place(), place(), 20 + place());
+      mesh.normals.push_back(Eigen::Vector3f(place(), place(), -1).normalized());
+    }
+    std::set<std::array<std::uint32_t, 3>> chosen;
+    for (int t = 0; t < 150; ++t) {
+      std::array<std::uint32_t, 3> corners{};
+      for (std::uint32_t& corner : corners) corner = static_cast<std::uint32_t>(random() % 40);
+      if (corners[0] != corners[1] && corners[1] != corners[2] && corners[2] != corners[0])
+        chosen.insert(corners);
+    }
+    mesh.triangles.assign(chosen.begin(), chosen.end());
+    const ReadTile read = readGlb(writeGlb(tile, model.grid, {}), "tile.glb");
+    ASSERT_EQ(shapeOf(read.tile.surface.mesh), shapeOf(mesh)) << trial;
+  }
 }
 
 TEST(Glb, PictureIsJpegOrWebpAndCloseToTheAtlas) {
