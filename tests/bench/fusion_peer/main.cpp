@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <functional>
+#include <utility>
 
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
@@ -48,6 +49,19 @@ Errors errorsOf(const Mesh& mesh, const sim::TruthSurface& truth) {
   return out;
 }
 
+// Root mean square of error over stated sigma, and of sigma [m].
+std::pair<double, double> honestyOf(const Mesh& mesh, const sim::TruthSurface& truth) {
+  double ratio = 0, sigma = 0;
+  const auto count = static_cast<double>(mesh.vertices.size());
+  for (std::size_t k = 0; k < mesh.vertices.size(); ++k) {
+    const double s = static_cast<double>(mesh.sigma[k]);
+    const double d = truth.nearest(mesh.vertices[k].cast<double>()).distance;
+    ratio += d * d / (s * s) / count;
+    sigma += s * s / count;
+  }
+  return {std::sqrt(ratio), std::sqrt(sigma)};
+}
+
 double areaOf(const Mesh& mesh) {
   double sum = 0;
   for (const auto& [a, b, c] : mesh.triangles)
@@ -77,6 +91,8 @@ double fuseAndPrint(const std::string& name, const ScanSet& set, Mesh Scan::*whi
     best_extract = std::min(best_extract, (cpuMs() - extract) / static_cast<double>(set.scans.size()));
   }
   print(name, best, best_extract, mesh, *set.truth);
+  const auto [ratio, sigma] = honestyOf(mesh, *set.truth);
+  std::printf("  %-28s sigma %.2f mm, error / sigma %.2f\n", "", 1e3 * sigma, ratio);
   return best + best_extract;
 }
 

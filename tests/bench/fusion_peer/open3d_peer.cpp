@@ -8,6 +8,7 @@
 #include <open3d/pipelines/integration/ScalableTSDFVolume.h>
 #include <time.h>
 
+#include <cstdlib>
 #include <cstring>
 
 namespace fathom::fusion {
@@ -23,6 +24,9 @@ double cpuMs() {
 
 PeerRun fuseWithOpen3d(const std::vector<DepthImage>& images, double voxel, double truncation) {
   using namespace open3d;
+  // It counts the cores itself unless the environment says something; waiting threads would count as CPU
+  // time.
+  setenv("OMP_NUM_THREADS", "1", 1);
   omp_set_num_threads(1);
   pipelines::integration::ScalableTSDFVolume volume(voxel, truncation,
                                                     pipelines::integration::TSDFVolumeColorType::RGB8);
