@@ -14,6 +14,7 @@
 #include "recon/topside/run_command.hpp"
 #include "recon/topside/slam_command.hpp"
 #include "recon/topside/stereo_command.hpp"
+#include "recon/topside/view/view_command.hpp"
 
 int main(int argc, char** argv) {
   using namespace fathom::topside;
@@ -29,6 +30,7 @@ int main(int argc, char** argv) {
   add(addExportModelCommand);
   add(addCheckTilesCommand);
   add(addCompareCommand);
+  add(addViewCommand);
   add(addStereoCommand);
   add(addSlamCommand);
   add(addPosegraphCommand);

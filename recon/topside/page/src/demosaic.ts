@@ -1,0 +1,100 @@
+// Original images hold what the sensor counted: 12-bit samples under an RGGB mosaic (left) or grey (right), linear in
+// light. Here they become something to look at.
+
+export interface Picture {
+  width: number;
+  height: number;
+  rgba: Uint8ClampedArray;
+}
+export type Samples = { length: number; [index: number]: number };
+
+const LOW = 0.005; // share of samples that may become black, and
+const HIGH = 0.995; // from where white begins: a scattering fish must not darken the rest
+const GAMMA = 1 / 2.2;
+
+// Black and white of each channel: under water red is weak, so each is stretched by itself.
+export function stretch(samples: Samples, width: number, height: number, bayer: boolean): [low: number, high: number][] {
+  const channels: number[][] = [[], [], []];
+  const step = 2 * Math.max(1, Math.round(Math.sqrt((width * height) / 4 / 40000)));
+  for (let y = 0; y + 1 < height; y += step)
+    for (let x = 0; x + 1 < width; x += step) {
+      const i = y * width + x;
+      channels[0]!.push(samples[i]!);
+      if (!bayer) continue;
+      channels[1]!.push((samples[i + 1]! + samples[i + width]!) / 2);
+      channels[2]!.push(samples[i + width + 1]!);
+    }
+  const one = (values: number[]): [number, number] => {
+    values.sort((a, b) => a - b);
+    const low = values[Math.floor(LOW * (values.length - 1))] ?? 0;
+    return [low, Math.max(values[Math.floor(HIGH * (values.length - 1))] ?? 1, low + 1)];
+  };
+  const red = one(channels[0]!);
+  return bayer ? [red, one(channels[1]!), one(channels[2]!)] : [red, red, red];
+}
+
+function toneTable(low: number, high: number): (value: number) => number {
+  const table = new Uint8Array(1025);
+  for (let i = 0; i <= 1024; ++i) table[i] = Math.round(255 * (i / 1024) ** GAMMA);
+  return (value) => table[Math.max(0, Math.min(1024, Math.round(((value - low) / (high - low)) * 1024)))]!;
+}
+
+// `shrink` 1: all pixels, colours between their samples by the mean of the nearest; n: blocks of 2n x 2n samples are one
+// pixel (n counts the mosaic's cells).
+export function develop(samples: Samples, width: number, height: number, bayer: boolean, shrink: number): Picture {
+  const range = stretch(samples, width, height, bayer);
+  const tone = range.map(([low, high]) => toneTable(low, high));
+  if (shrink > 1) {
+    const cell = 2 * Math.floor(shrink / 2);
+    const [w, h] = [Math.floor(width / cell), Math.floor(height / cell)];
+    const rgba = new Uint8ClampedArray(w * h * 4);
+    const cells = (cell / 2) ** 2;
+    for (let y = 0; y < h; ++y)
+      for (let x = 0; x < w; ++x) {
+        let [r, g, b] = [0, 0, 0];
+        for (let cy = 0; cy < cell; cy += 2)
+          for (let cx = 0; cx < cell; cx += 2) {
+            const i = (y * cell + cy) * width + x * cell + cx;
+            r += samples[i]!;
+            g += (samples[i + 1]! + samples[i + width]!) / 2;
+            b += samples[i + width + 1]!;
+          }
+        const o = 4 * (y * w + x);
+        if (!bayer) r = g = b = (r + 2 * g + b) / 4;
+        rgba[o] = tone[0]!(r / cells);
+        rgba[o + 1] = tone[1]!(g / cells);
+        rgba[o + 2] = tone[2]!(b / cells);
+        rgba[o + 3] = 255;
+      }
+    return { width: w, height: h, rgba };
+  }
+  const rgba = new Uint8ClampedArray(width * height * 4);
+  const at = (x: number, y: number): number => {
+    // Mirrored at the border, which keeps the mosaic's phase.
+    const cx = x < 0 ? -x : x >= width ? 2 * width - 2 - x : x;
+    const cy = y < 0 ? -y : y >= height ? 2 * height - 2 - y : y;
+    return samples[cy * width + cx]!;
+  };
+  for (let y = 0; y < height; ++y)
+    for (let x = 0; x < width; ++x) {
+      const o = 4 * (y * width + x);
+      const own = at(x, y);
+      let [r, g, b] = [own, own, own];
+      if (bayer) {
+        const [evenX, evenY] = [x % 2 === 0, y % 2 === 0];
+        const cross = (): number => (at(x - 1, y) + at(x + 1, y) + at(x, y - 1) + at(x, y + 1)) / 4;
+        const corners = (): number => (at(x - 1, y - 1) + at(x + 1, y - 1) + at(x - 1, y + 1) + at(x + 1, y + 1)) / 4;
+        const beside = (at(x - 1, y) + at(x + 1, y)) / 2;
+        const above = (at(x, y - 1) + at(x, y + 1)) / 2;
+        if (evenX && evenY) [r, g, b] = [own, cross(), corners()];
+        else if (!evenX && !evenY) [r, g, b] = [corners(), cross(), own];
+        else if (evenY) [r, g, b] = [beside, own, above];
+        else [r, g, b] = [above, own, beside];
+      }
+      rgba[o] = tone[0]!(r);
+      rgba[o + 1] = tone[1]!(g);
+      rgba[o + 2] = tone[2]!(b);
+      rgba[o + 3] = 255;
+    }
+  return { width, height, rgba };
+}
