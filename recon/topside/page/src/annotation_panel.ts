@@ -20,7 +20,7 @@ export class AnnotationPanel {
     } catch {
       // none kept
     }
-    const file = (dive.scene.dive_id || 'dive').replace(/[^\w.-]+/g, '_');
+    const file = (dive.scene.name || dive.scene.dive_id || 'dive').replace(/[^\w.-]+/g, '_');
     element('export-geojson').onclick = () => save(`${file}_annotations.geojson`, toGeoJson(this.list, dive.projection, dive.scene.dive_id), 'application/geo+json');
     element('export-csv').onclick = () => save(`${file}_annotations.csv`, toCsv(this.list, dive.projection, dive.scene.dive_id), 'text/csv');
     element('import-annotations').onclick = () => input('annotations-input').click();

@@ -6,7 +6,7 @@ import { Decoder } from './decoder';
 import { openDive, type Dive } from './dive';
 import { bytes, count, dateAndClock, length, number, position } from './format';
 import { ImageViewer } from './image_viewer';
-import { Layers } from './layers';
+import { Layers, hasUnit, shortTitle } from './layers';
 import { Marks } from './marks';
 import { Model } from './model';
 import { element, input, make, mark, row, segments, trouble } from './overlay';
@@ -52,10 +52,11 @@ export class App {
     this.dive = await openDive(source, trouble, imageFolder);
     const { dive, view, look, marks } = this;
     const { scene } = dive;
-    document.title = `${scene.dive_id || scene.name || 'Dive'} · Fathom`;
-    element('dive-name').textContent = scene.dive_id || scene.name || source.name;
+    const name = scene.name || scene.dive_id || source.name;
+    document.title = `${name} · Fathom`;
+    element('dive-name').textContent = name;
     const first = dive.track?.utc[0];
-    element('dive-about').textContent = [scene.vehicle, first ? dateAndClock(first).slice(0, 16) : null, dive.images.length > 0 ? `${count(dive.images.length)} images` : null].filter(Boolean).join(' · ');
+    element('dive-about').textContent = [name.includes(scene.vehicle) ? null : scene.vehicle, first ? dateAndClock(first).slice(0, 16) : null, dive.images.length > 0 ? `${count(dive.images.length)} images` : null].filter(Boolean).join(' · ');
     element('software').textContent = scene.software ? `Made by ${scene.software}` : '';
 
     const kept = Number(localStorage.getItem('fathom limit') ?? NaN);
@@ -128,7 +129,7 @@ export class App {
       this.writeLink();
       void navigator.clipboard?.writeText(location.href).then(() => { element('link').textContent = 'Copied'; setTimeout(() => (element('link').textContent = 'Link'), 1500); });
     };
-    element('screenshot').onclick = () => void savePicture(view, `${dive.scene.dive_id || 'dive'}`, this.caption());
+    element('screenshot').onclick = () => void savePicture(view, dive.scene.name || dive.scene.dive_id || 'dive', this.caption());
     const toggle = (id: string, apply: (on: boolean) => void): void => {
       input(id).onchange = () => {
         apply(input(id).checked);
@@ -211,7 +212,7 @@ export class App {
       radio.value = name ?? '';
       radio.checked = (layers.chosen?.name ?? null) === name;
       radio.onchange = () => void layers.choose(name);
-      label.append(radio, make('span', '', title));
+      label.append(radio, make('span', '', shortTitle(title)));
       label.title = title;
       return label;
     };
@@ -267,8 +268,8 @@ export class App {
     const { scene } = this.dive;
     const layer = this.layers.chosen;
     const g = this.dive.projection?.toGeodetic(toNav(this.view.focus));
-    return [[scene.vehicle, scene.dive_id || scene.name].filter(Boolean).join(' '), ...(g ? [position(g.latitude, g.longitude)] : []),
-      ...(layer ? [`${layer.title}${layer.unit ? ` [${layer.unit}]` : ''}: ${number(this.layers.range[0], 2)} to ${number(this.layers.range[1], 2)}`] : [])];
+    return [scene.name || `${scene.vehicle} ${scene.dive_id}`, ...(g ? [position(g.latitude, g.longitude)] : []),
+      ...(layer ? [`${layer.title}${hasUnit(layer.unit) ? ` [${layer.unit}]` : ''}: ${number(this.layers.range[0], 2)} to ${number(this.layers.range[1], 2)}`] : [])];
   }
 
   private restore(link: ReturnType<typeof readPermalink>): void {

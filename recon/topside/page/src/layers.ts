@@ -75,7 +75,7 @@ export class Layers {
       if (patch.scalar) {
         this.range = layer.min !== undefined && layer.max !== undefined && layer.max > layer.min ? [layer.min, layer.max]
           : robustRange(Array.from(patch.values).filter((v) => v > NO_DATA / 2));
-        this.look.setRamp(rampOf(layer.ramp || (layer.name === 'aspect' ? 'cyclic' : 'viridis')), ...this.range);
+        this.look.setRamp(rampOf(layer.ramp), ...this.range);
       }
       this.look.setSlot('layer', patch, this.opacity);
       if (opened instanceof Raster) {
@@ -124,11 +124,11 @@ export class Layers {
   legend(): HTMLElement[] {
     const layer = this.chosen;
     if (!layer) return [];
-    const title = make('div', '', layer.unit ? `${layer.title} [${layer.unit}]` : layer.title);
+    const title = make('div', '', hasUnit(layer.unit) ? `${layer.title} [${layer.unit}]` : layer.title);
     if (!this.look.uniforms.layerKind!.value) return [title, make('div', 'fine', 'Loading')];
     if (this.look.uniforms.layerKind!.value === 2) return [title];
     const bar = make('div', 'ramp');
-    bar.style.background = cssGradient(rampOf(layer.ramp || (layer.name === 'aspect' ? 'cyclic' : 'viridis')));
+    bar.style.background = cssGradient(rampOf(layer.ramp));
     const ends = make('div', 'ends');
     const digits = this.range[1] - this.range[0] < 2 ? 3 : this.range[1] - this.range[0] < 50 ? 1 : 0;
     ends.append(make('span', '', number(this.range[0], digits)), make('span', '', number((this.range[0] + this.range[1]) / 2, digits)), make('span', '', number(this.range[1], digits)));
@@ -136,6 +136,13 @@ export class Layers {
     return [title, bar, ends, ...about];
   }
 }
+
+// A title as it fits a list: without what explains it.
+export const shortTitle = (title: string): string =>
+  title.replace(/ *\(.*\)$/, '').replace(/ along the track$/, '').replace(/ before fusion$/, '').replace(/ that saw the surface$/, '').replace(/ of depth between meshes$/, ' of depth');
+
+// Layers without a dimension bear the unit 1.
+export const hasUnit = (unit: string): boolean => unit !== '' && unit !== '1';
 
 // Libraries throw long and odd things at broken files.
 export function reason(error: unknown): string {

@@ -54,7 +54,7 @@ export class Polyline {
 
 export class Marks {
   readonly group = new THREE.Group();
-  readonly track = new Polyline(TRACK_COLOUR, 1.6, 0.9);
+  readonly track = new Polyline(TRACK_COLOUR, 1.6, 0.6);
   readonly measured = new Polyline(0xff8f6b, 2.5);
   readonly seen = new Polyline(0xffffff, 2);
   private footprints: THREE.LineSegments | null = null;

@@ -93,6 +93,7 @@ export class Model {
     tiles.setCamera(view.camera);
     tiles.lruCache.minSize = 0;
     tiles.lruCache.maxSize = 20_000;
+    tiles.lruCache.unloadPercent = 0.5;
     tiles.parseQueue.maxJobs = PARSERS;
     tiles.downloadQueue.maxJobs = DOWNLOADS;
     this.setLimit(this.bound);
@@ -217,7 +218,10 @@ export class Model {
       let used = 0;
       for (const tile of this.inner.lruCache.usedSet) used += tiles.lruCache.getMemoryUsage(tile);
       const full = tiles.lruCache.isFull() && stats.queued + stats.downloading === 0 && this.wanting();
-      if (this.budget.update({ used, limit: this.bound, calls: view.calls }, this.refused || full)) {
+      // A limit that was lowered is met at once by what is not seen, and by coarser tiles as fast as they come.
+      const over = this.bytes > this.bound;
+      if (over) tiles.lruCache.unloadUnusedContent();
+      if (this.budget.update({ used, limit: this.bound, calls: view.calls }, this.refused || full || over)) {
         tiles.errorTarget = BASE_ERROR * this.budget.factor;
         this.dirty = true;
       }

@@ -4,7 +4,7 @@ import type { Decoder } from './decoder';
 import type { Dive } from './dive';
 import { dateAndClock, length, number, position } from './format';
 import { cross, type ImageViewer } from './image_viewer';
-import { reason, type Layers } from './layers';
+import { hasUnit, reason, shortTitle, type Layers } from './layers';
 import { element, make, row } from './overlay';
 import { toScene, type Place } from './place';
 import type { Look } from './tile_material';
@@ -42,6 +42,7 @@ export class PointPanel {
     ++this.turn;
     this.place = null;
     this.sightings = [];
+    for (const id of ['image-actions', 'layers-here']) element(id).hidden = true;
     for (const id of ['point-rows', 'point-layers', 'images', 'images-head']) element(id).replaceChildren();
     element('point-empty').hidden = false;
   }
@@ -70,6 +71,7 @@ export class PointPanel {
   private async showLayers(place: Place, turn: number, sure: HTMLElement | null): Promise<void> {
     const box = element('point-layers');
     box.replaceChildren();
+    element('layers-here').hidden = this.layers.all.length === 0;
     for (const layer of this.layers.all) {
       const raster = await this.layers.raster(layer.name);
       const value = raster?.scalar ? await raster.valueAt(place.north, place.east).catch(() => NaN) : NaN;
@@ -77,7 +79,7 @@ export class PointPanel {
       if (!Number.isFinite(value)) continue;
       if (layer.name === 'uncertainty') {
         if (sure) sure.textContent = length(value);
-      } else if (layer.name !== 'elevation') box.append(row(layer.title, number(value, Math.abs(value) < 10 ? 3 : 1, layer.unit)));
+      } else if (layer.name !== 'elevation') box.append(row(shortTitle(layer.title), number(value, Math.abs(value) < 10 ? 3 : 1, hasUnit(layer.unit) ? layer.unit : '')));
     }
   }
 
@@ -104,12 +106,11 @@ export class PointPanel {
     const shown = this.sightings.slice(0, MOST_IMAGES);
     element('images-head').textContent = dive.images.length === 0 ? '' : this.sightings.length === 0 ? 'No image saw this point.'
       : `${this.sightings.length} image${this.sightings.length > 1 ? 's' : ''} saw it${shown.length < this.sightings.length ? `, the best ${shown.length} here` : ''}`;
-    const actions = make('div');
-    actions.id = 'image-actions';
-    for (const sighting of shown) box.append(this.thumb(sighting, turn, actions));
+    element('image-actions').hidden = true;
+    for (const sighting of shown) box.append(this.thumb(sighting, turn));
   }
 
-  private thumb(sighting: Sighting, turn: number, actions: HTMLElement): HTMLElement {
+  private thumb(sighting: Sighting, turn: number): HTMLElement {
     const image = this.dive.images[sighting.index]!;
     const button = make('button', 'thumb');
     const label = this.classOf(sighting.index);
@@ -119,8 +120,8 @@ export class PointPanel {
     button.onmouseleave = () => this.onImage(null);
     button.onclick = () => {
       for (const other of element('images').querySelectorAll('.thumb')) other.setAttribute('aria-pressed', String(other === button));
-      actions.replaceChildren(make('span', 'fine', image.left), ...this.actions(sighting));
-      element('images').append(actions);
+      element('image-actions').hidden = false;
+      element('image-actions').replaceChildren(make('div', 'fine', image.left), ...this.actions(sighting));
     };
     button.ondblclick = () => void this.full(sighting);
     this.decoder.decode(this.dive.imageAddress(image.left), true, THUMB_EDGE, () => turn === this.turn).then((decoded) => {

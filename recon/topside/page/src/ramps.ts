@@ -1,5 +1,6 @@
 // Colour ramps as stops from 0 to 1, sRGB. Viridis and magma (van der Walt, Smith; CC0): even steps to the eye, and
-// readable by colour-blind people. Aspect is an angle, so its ramp closes.
+// readable by colour-blind people; turbo (Mikhailov; Apache 2) where small differences matter more. Twilight (Bechtold; CC0)
+// closes, for angles.
 export type Rgb = [number, number, number];
 
 const hex = (stops: string): Rgb[] =>
@@ -8,9 +9,10 @@ const hex = (stops: string): Rgb[] =>
 export const RAMPS: Record<string, Rgb[]> = {
   viridis: hex('440154 482475 414487 355f8d 2a788e 21918c 22a884 44bf70 7ad151 bddf26 fde725'),
   magma: hex('1d1147 3b0f70 641a80 8c2981 b73779 de4968 f7705c fe9f6d fecf92 fcfdbf'),
+  turbo: hex('30123b 4662d7 36aaf9 1ae4b6 72fe5e c7ef34 faba39 f66b19 ca2a04 7a0403'),
   grey: hex('101010 f0f0f0'),
   diverging: hex('2166ac 4393c3 92c5de d1e5f0 f7f7f7 fddbc7 f4a582 d6604d b2182b'),
-  cyclic: hex('e2d9e2 9ebbc9 6785be 5e43a5 421257 6b1548 a53d4f c47f62 ceb8a6 e2d9e2'),
+  twilight: hex('e2d9e2 9ebbc9 6785be 5e43a5 421257 6b1548 a53d4f c47f62 ceb8a6 e2d9e2'),
 };
 export const rampOf = (name: string | undefined): Rgb[] => RAMPS[name ?? ''] ?? RAMPS.viridis!;
 

@@ -130,7 +130,7 @@ for (let r = 0; r < nodes; ++r)
 writeFileSync(join(out, 'layers', 'orthomosaic.tif'), writeTiff(mosaic, nodes, nodes, 4, { scale: STEP, north: EDGE, west: 0, keys: localKeys(ORIGIN.latitude, ORIGIN.longitude) }));
 
 writeFileSync(join(out, 'scene.json'), JSON.stringify({
-  format: 1, name: 'synthetic', vehicle: 'sirius', dive_id: 'synthetic-hills', software: 'make_dive', origin: ORIGIN, tileset: 'tiles/tileset.json',
+  format: 1, name: 'synthetic-hills', vehicle: 'sirius', dive_id: 'synthetic-hills', software: 'make_dive', origin: ORIGIN, tileset: 'tiles/tileset.json',
   levels: [0, 1, 2].map((level) => ({ level, tile_edge_m: 2.112 * 4 ** level, triangles_per_m2: 1000 / 10 ** level, texel_m: 0.004125 * 4 ** level, error_m: 0.033 * 4 ** level })),
   layers: [
     { name: 'orthomosaic', title: 'Orthomosaic', unit: '', file: 'layers/orthomosaic.tif' },
