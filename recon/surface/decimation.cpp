@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 namespace fathom::surface {
@@ -22,6 +23,13 @@ constexpr double kTurn = 0.35;
 // Triangles of less quality (1: equilateral) than this are made only from worse ones; at shared edges,
 // which do not grow with the inner ones, thinner ones must do.
 constexpr double kQuality = 0.12, kQualityAtBorder = 0.004;
+
+// Order of a collapse by its cost: in steps of a sixteenth of an octave. Within a step edges come as they are
+// numbered, which is by place, so that what one collapse has touched is still in the cache for the next.
+std::uint32_t rankOf(double cost) {
+  constexpr int kMantissaBits = 23, kKept = 4;
+  return std::bit_cast<std::uint32_t>(static_cast<float>(cost)) >> (kMantissaBits - kKept);
+}
 
 std::size_t index(const OpenMesh::BaseHandle& handle) {
   return static_cast<std::size_t>(handle.idx());
@@ -88,7 +96,32 @@ void Decimation::addFaces(std::size_t vertices) {
     for (const std::uint32_t vertex : t) fixed_[vertex] = 1;
   }
   counts_.stranded += stranded_.size();
+  closeSmallHoles();
   faces_ = mesh_.n_faces();
+}
+
+void Decimation::closeSmallHoles() {
+  const auto normalBeside = [&](HalfedgeHandle side) {
+    const HalfedgeHandle inner = mesh_.opposite_halfedge_handle(side);
+    const VertexHandle apex = mesh_.to_vertex_handle(mesh_.next_halfedge_handle(inner));
+    return areaVector(at(mesh_.from_vertex_handle(inner)), at(mesh_.to_vertex_handle(inner)), at(apex));
+  };
+  for (std::size_t h = 0; h < mesh_.n_halfedges(); ++h) {
+    const HalfedgeHandle a(static_cast<int>(h));
+    if (!mesh_.is_boundary(a)) continue;
+    const HalfedgeHandle b = mesh_.next_halfedge_handle(a), c = mesh_.next_halfedge_handle(b);
+    if (mesh_.next_halfedge_handle(c) != a) continue;
+    const std::array<VertexHandle, 3> v = {mesh_.to_vertex_handle(c), mesh_.to_vertex_handle(a),
+                                           mesh_.to_vertex_handle(b)};
+    const auto sides = [&](std::size_t k) { return sides_[index(v[k])]; };
+    // Nothing new on a tile's side, where the neighbour would not have it.
+    if ((sides(0) & sides(1)) != 0 || (sides(1) & sides(2)) != 0 || (sides(2) & sides(0)) != 0) continue;
+    // The outline of a loose scrap has three edges too: there the new face would look the other way.
+    const Eigen::Vector3d own = areaVector(at(v[0]), at(v[1]), at(v[2]));
+    if (own.dot(normalBeside(a)) <= 0 || own.dot(normalBeside(b)) <= 0 || own.dot(normalBeside(c)) <= 0)
+      continue;
+    if (mesh_.add_face(v.data(), 3).is_valid()) ++counts_.closed;
+  }
 }
 
 void Decimation::addQuadrics() {
@@ -131,7 +164,7 @@ void Decimation::pushAll() {
     const EdgeHandle edge(static_cast<int>(e));
     Collapse collapse;
     if (!mesh_.status(edge).deleted() && plan(edge, collapse))
-      turns_.push_back({collapse.cost, static_cast<std::uint32_t>(e), 0});
+      turns_.push_back({rankOf(collapse.cost), static_cast<std::uint32_t>(e), 0});
   }
   std::make_heap(turns_.begin(), turns_.end());
 }
@@ -140,7 +173,7 @@ void Decimation::push(EdgeHandle edge) {
   Collapse collapse;
   const std::uint32_t stamp = ++stamp_[index(edge)];
   if (!plan(edge, collapse)) return;
-  turns_.push_back({collapse.cost, static_cast<std::uint32_t>(edge.idx()), stamp});
+  turns_.push_back({rankOf(collapse.cost), static_cast<std::uint32_t>(edge.idx()), stamp});
   std::push_heap(turns_.begin(), turns_.end());
 }
 

@@ -25,10 +25,9 @@ class Decimation {
  private:
   using Mesh_ = OpenMesh::TriConnectivity;
   struct Turn {
-    double cost;
-    std::uint32_t edge, stamp;
-    // The cheapest comes first out of a heap; of equals the first edge.
-    bool operator<(const Turn& o) const { return cost != o.cost ? cost > o.cost : edge > o.edge; }
+    std::uint32_t rank, edge, stamp;
+    // The least rank comes first out of a heap; of equals the first edge.
+    bool operator<(const Turn& o) const { return rank != o.rank ? rank > o.rank : edge > o.edge; }
   };
   struct Collapse {
     Mesh_::HalfedgeHandle halfedge;  // its start goes, its end stays
@@ -37,6 +36,7 @@ class Decimation {
   };
 
   void addFaces(std::size_t vertices);
+  void closeSmallHoles();
   void addQuadrics();
   void pushAll();
   void push(Mesh_::EdgeHandle edge);

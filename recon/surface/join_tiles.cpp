@@ -13,10 +13,10 @@ std::array<std::uint32_t, 3> bitsOf(const Eigen::Vector3f& p) {
           std::bit_cast<std::uint32_t>(p.z() + 0.0F)};
 }
 
-struct SharedVertex {
+struct PlacedVertex {
   std::array<std::uint32_t, 3> place;
   std::uint32_t tile, vertex;
-  auto operator<=>(const SharedVertex&) const = default;
+  auto operator<=>(const PlacedVertex&) const = default;
 };
 
 template <typename T>
@@ -40,11 +40,11 @@ std::uint8_t sidesOf(const Eigen::Vector3f& point, const TileGrid& grid, const T
 }
 
 TileMesh joinTiles(const std::vector<const TileMesh*>& tiles, const TileGrid& grid, const TileId& into) {
-  std::vector<SharedVertex> shared;
+  std::vector<PlacedVertex> placed;
   for (std::uint32_t i = 0; i < tiles.size(); ++i)
-    for (std::uint32_t v = 0; v < tiles[i]->shared.size(); ++v)
-      if (tiles[i]->shared[v] != 0) shared.push_back({bitsOf(tiles[i]->mesh.vertices[v]), i, v});
-  std::sort(shared.begin(), shared.end());
+    for (std::uint32_t v = 0; v < tiles[i]->mesh.vertices.size(); ++v)
+      placed.push_back({bitsOf(tiles[i]->mesh.vertices[v]), i, v});
+  std::sort(placed.begin(), placed.end());
 
   // An attribute is kept when all tiles with vertices have it.
   const auto all = [&](const auto& has) {
@@ -64,17 +64,17 @@ TileMesh joinTiles(const std::vector<const TileMesh*>& tiles, const TileGrid& gr
     first_there[i].assign(tiles[i]->mesh.vertices.size(), kNone);
     number[i].assign(tiles[i]->mesh.vertices.size(), kNone);
   }
-  // The first of those that share a place stands for all of them; it is numbered before the others.
-  for (std::size_t first = 0, last = 0; first < shared.size(); first = last) {
-    while (last < shared.size() && shared[last].place == shared[first].place) ++last;
+  // The first of those at one place stands for all of them; it is numbered before the others.
+  for (std::size_t first = 0, last = 0; first < placed.size(); first = last) {
+    while (last < placed.size() && placed[last].place == placed[first].place) ++last;
     for (std::size_t k = first + 1; k < last; ++k)
-      first_there[shared[k].tile][shared[k].vertex] = static_cast<std::uint32_t>(first);
+      first_there[placed[k].tile][placed[k].vertex] = static_cast<std::uint32_t>(first);
   }
   for (std::uint32_t i = 0; i < tiles.size(); ++i) {
     const TileMesh& tile = *tiles[i];
     for (std::uint32_t v = 0; v < tile.mesh.vertices.size(); ++v) {
       if (first_there[i][v] != kNone) {
-        const SharedVertex& first = shared[first_there[i][v]];
+        const PlacedVertex& first = placed[first_there[i][v]];
         number[i][v] = number[first.tile][first.vertex];
         continue;
       }

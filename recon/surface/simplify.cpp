@@ -22,7 +22,7 @@ TileMesh simplify(const TileMesh& tile, double triangles_per_m2, SimplifyCounts*
       std::max(wanted, static_cast<double>(decimation.borderEdges()) + kLeastInside * wanted);
   decimation.run(static_cast<std::size_t>(std::ceil(target)));
   TileMesh out = decimation.result();
-  if (own.collapses > 0) {
+  if (own.collapses + own.closed > 0) {
     // A step of the lattice is the least that an error can be stated to.
     const double there = distanceBound(tile.mesh, out.mesh, TileGrid::kLattice);
     const double back = distanceBound(out.mesh, tile.mesh, TileGrid::kLattice);
@@ -31,6 +31,7 @@ TileMesh simplify(const TileMesh& tile, double triangles_per_m2, SimplifyCounts*
   if (counts != nullptr) {
     counts->collapses += own.collapses;
     counts->pinned += own.pinned;
+    counts->closed += own.closed;
     counts->stranded += own.stranded;
   }
   return out;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "recon/surface/atlas.hpp"
 #include "recon/surface/nearest_triangle.hpp"
 #include "tests/surface/made_tiles.hpp"
 #include "tests/surface/mesh_checks.hpp"
@@ -306,12 +307,37 @@ TEST(Simplify, KeepsFacesOnEitherSideOfASheetThatIsPaperThin) {
   EXPECT_LE(farthest(tile.mesh, coarse.mesh), coarse.error + 1e-9);
 }
 
+TEST(Simplify, ClosesAHoleOfOneTriangleAndLeavesALooseOne) {
+  TileMesh tile;
+  tile.mesh = sheet(8, 8, {1, 0, 2}, {0, 1, 0}, {-1, 0, 0});
+  tile.mesh.triangles.erase(tile.mesh.triangles.begin() + 54);
+  const auto corner = static_cast<std::uint32_t>(tile.mesh.vertices.size());
+  for (const float along : {0.0F, 0.1F, 0.2F}) tile.mesh.vertices.emplace_back(3, along, along * along);
+  tile.mesh.triangles.push_back({corner, corner + 1, corner + 2});
+  SimplifyCounts counts;
+  const TileMesh coarse = simplify(tile, 200, &counts);
+  EXPECT_EQ(counts.closed, 1U);
+  EXPECT_EQ(topologyOf(coarse.mesh).components, 2U);
+  EXPECT_EQ(topologyOf(coarse.mesh).euler(), 2);  // two sheets without holes
+  EXPECT_LT(coarse.mesh.triangles.size(), tile.mesh.triangles.size());
+}
+
 TEST(Simplify, DropsTrianglesOfFewerThanThreeCorners) {
   TileMesh tile;
   tile.mesh = sheet(4, 4, {1, 0, 2}, {0, 1, 0}, {-1, 0, 0});
   tile.mesh.triangles.push_back({3, 3, 4});
   const TileMesh coarse = simplify(tile, 1e6);
   EXPECT_EQ(coarse.mesh.triangles.size(), 32U);
+}
+
+TEST(JoinTiles, JoinsWhatTheSeamsOfAnAtlasDoubled) {
+  const TileGrid grid;
+  const TileMesh tile = simplify(difficultSeafloor(), 500);
+  const TileMesh doubled = makeAtlas(tile, {.texel = 0.02}).tile.surface;
+  ASSERT_GT(doubled.mesh.vertices.size(), tile.mesh.vertices.size());
+  const TileMesh joined = joinTiles({&doubled}, grid, {1, 0, 0});
+  EXPECT_EQ(joined.mesh.vertices.size(), tile.mesh.vertices.size());
+  expectSameTopology(joined.mesh, tile.mesh);
 }
 
 TEST(JoinTiles, WeldsWhatTilesShareAndKeepsTheBordersOfAllOfThem) {
