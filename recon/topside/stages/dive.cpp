@@ -295,7 +295,8 @@ const ModelPlan& Dive::plan() {
 LayerCells Dive::layerCells() {
   LayerCells cells;
   cells.surface = grid_.voxel;
-  cells.mosaic = std::max(cells.mosaic, plan().texel);
+  // Tiles reduced by four are enough to draw it.
+  cells.mosaic = std::max(cells.mosaic, TileGrid::kFanOut * plan().texel);
   return cells;
 }
 
