@@ -52,7 +52,7 @@ TileBlocks packTile(const TexturedTile& tile, const TexturedTile& reduced, const
   if (!tile.atlas.empty() && settings.gpu_texture != GpuTexture::kNone) {
     const BlockTexture blocks = compressBlocks(tile.atlas);
     const bool ktx2 = settings.gpu_texture == GpuTexture::kKtx2;
-    out.gpu_texture = ktx2 ? writeKtx2(blocks) : writeDds(blocks);
+    out.gpu_texture = ktx2 ? writeKtx2(blocks, Supercompression::kZstd) : writeDds(blocks);
     config.gpu_texture = tileName(tile.surface.tile) + (ktx2 ? ".ktx2" : ".dds");
   }
   GlbFacts facts;
