@@ -14,7 +14,7 @@ for kill in $(seq "$kills"); do
   "$program" run "$mission" --out "$folder/killed" --work "$folder/killed.work" "$@" >"$folder/log" 2>&1 &
   pid=$!
   delay_ms=$((RANDOM * 32768 + RANDOM))
-  delay_ms=$((100 + delay_ms % (whole_ms * 3 / 2 / kills)))
+  delay_ms=$((100 + delay_ms % (whole_ms / kills)))
   sleep "$(printf '%d.%03d' $((delay_ms / 1000)) $((delay_ms % 1000)))"
   kill -KILL "$pid" 2>/dev/null || true
   wait "$pid" 2>/dev/null || true
