@@ -67,6 +67,10 @@ void walk(const std::filesystem::path& path, Walk& seen) {
       return;
     }
     const Json& box = tile["boundingVolume"]["box"];
+    // What shows nothing by itself must give way to its children from wherever they can be seen.
+    if (!tile.contains("content")) {
+      EXPECT_GE(tile["geometricError"].get<double>(), 2 * box[3].get<double>());
+    }
     for (const Json& child : tile["children"]) {
       EXPECT_LT(child["geometricError"].get<double>(), tile["geometricError"].get<double>());
       const Json& inner = child["boundingVolume"]["box"];
@@ -92,6 +96,20 @@ TEST(Tileset, OneFileHoldsAllTilesOfASmallModelWithBoxesAndErrorsInOrder) {
   EXPECT_EQ(seen.files, 1U);
   EXPECT_EQ(seen.contents.size(), 1U + 16 + 256);
   EXPECT_TRUE(seen.contents.contains((scratch.path() / "1/3_2.glb").string()));
+}
+
+TEST(Tileset, TilesAboutTheOriginGetARootThatIsNeverShownInTheirPlace) {
+  const test::ScratchFolder scratch;
+  std::vector<TileEntry> entries;
+  for (const auto& [x, y] : {std::pair{-1, -1}, {-1, 0}, {0, -1}, {0, 0}})
+    entries.push_back({{1, x, y}, {8.0 * x, 8.0 * y, 10}, {8.0 * x + 8, 8.0 * y + 8, 11}, 0.05, 0.0048});
+  writeTilesets(scratch.path(), entries, {});
+  const Json root = readJson(scratch.path() / "tileset.json")["root"];
+  EXPECT_FALSE(root.contains("content"));
+  EXPECT_EQ(root["children"].size(), 4U);
+  Walk seen;
+  walk(scratch.path() / "tileset.json", seen);
+  EXPECT_EQ(seen.contents.size(), 4U);
 }
 
 TEST(Tileset, ALargeModelIsCutIntoFilesThatTogetherHoldEveryTileOnce) {

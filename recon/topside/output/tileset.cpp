@@ -62,6 +62,8 @@ TileId grow(Tree& tree, const std::vector<TileEntry>& entries, const TilesetConf
       enclose(parent, child);
       parent.children.push_back(id);
       parent.error = std::max(parent.error, child.error * kLeastFall);
+      // Without content, all that it stands for would be missing from the picture.
+      if (!parent.content) parent.error = std::max(parent.error, (parent.high - parent.low).norm());
     }
   }
 }
