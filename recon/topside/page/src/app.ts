@@ -3,7 +3,7 @@ import * as THREE from 'three';
 import { AnnotationPanel } from './annotation_panel';
 import { BesideFiles } from './beside';
 import { Decoder } from './decoder';
-import { openDive, type Dive } from './dive';
+import { openDive, readRecords, type Dive } from './dive';
 import { bytes, count, dateAndClock, length, number, position } from './format';
 import { ImageViewer } from './image_viewer';
 import { Layers, hasUnit, shortTitle } from './layers';
@@ -30,6 +30,8 @@ const LONGEST_SCALE = 140; // [px]
 const SHADE = 0.7; // share of the light on the texture when relief is on
 const CONTOURS = [0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20]; // intervals [m]
 const MOST_CONTOURS = 16;
+const TOP_HEIGHT = 70; // of the bars over the picture [px], and
+const TIMELINE_HEIGHT = 148; // of the one below, before they are there
 
 export class App {
   readonly view = new View(element('scene') as HTMLCanvasElement);
@@ -55,12 +57,32 @@ export class App {
     const name = scene.name || scene.dive_id || source.name;
     document.title = `${name} · Fathom`;
     element('dive-name').textContent = name;
-    const first = dive.track?.utc[0];
-    element('dive-about').textContent = [name.includes(scene.vehicle) ? null : scene.vehicle, first ? dateAndClock(first).slice(0, 16) : null, dive.images.length > 0 ? `${count(dive.images.length)} images` : null].filter(Boolean).join(' · ');
     element('software').textContent = scene.software ? `Made by ${scene.software}` : '';
 
     const kept = Number(localStorage.getItem('fathom limit') ?? NaN);
     this.model = new Model(view, look, dive, trouble, Number.isFinite(kept) && kept > 0 ? kept : null);
+    const records = readRecords(dive, trouble);
+    this.frames();
+    const link = readPermalink(location.hash);
+    if (scene.bounds) this.setHome(sceneBox(scene.bounds, scene.depth ?? [0, 0]));
+    else await new Promise<void>((rooted) => {
+      this.model.onRoot = (box) => {
+        this.setHome(box);
+        rooted();
+      };
+      this.model.onFailed = rooted;
+    });
+    // The bar of the timeline will stand there; the dive fits above it from the start.
+    const height = (id: string): number => (element(id).hidden ? 0 : element(id).getBoundingClientRect().height);
+    let timelineHeight = scene.track ? TIMELINE_HEIGHT : 0;
+    view.covered = () => ({ top: Math.max(height('top'), TOP_HEIGHT) + 24, bottom: Math.max(height('timeline-card'), timelineHeight) + 24 });
+    const whole = view.wholeView(false);
+    if (link.eye && link.look) view.setPose(new THREE.Vector3(...link.eye), new THREE.Vector3(...link.look));
+    else view.setPose(whole.eye, whole.look);
+    await records;
+    timelineHeight = 0;
+    const first = dive.track?.utc[0];
+    element('dive-about').textContent = [name.includes(scene.vehicle) ? null : scene.vehicle, first ? dateAndClock(first).slice(0, 16) : null, dive.images.length > 0 ? `${count(dive.images.length)} images` : null].filter(Boolean).join(' · ');
     this.layers = new Layers(dive, look, () => this.bounds(), trouble);
     this.tools = new Tools(view, marks, this.layers);
     this.point = new PointPanel(dive, view, look, this.layers, new Decoder(() => source), this.viewer, trouble);
@@ -73,31 +95,12 @@ export class App {
       view.draw();
     };
     view.scene.add(marks.group);
-    const height = (id: string): number => (element(id).hidden ? 0 : element(id).getBoundingClientRect().height);
-    view.covered = () => ({ top: height('top') + 24, bottom: height('timeline-card') + 24 });
     if (dive.track) {
       marks.setTrack(dive.track);
       this.timeline = new Timeline(dive.track, marks, view);
     }
-    if (scene.bounds) this.setHome(sceneBox(scene.bounds, scene.depth ?? [0, 0]));
-    let placed = false;
-    const link = readPermalink(location.hash);
     this.controls();
     this.restore(link);
-    const start = (): void => {
-      if (placed) return;
-      placed = true;
-      const whole = view.wholeView(false);
-      if (link.eye && link.look) view.setPose(new THREE.Vector3(...link.eye), new THREE.Vector3(...link.look));
-      else view.setPose(whole.eye, whole.look);
-    };
-    this.model.onRoot = (box) => {
-      if (!scene.bounds) this.setHome(box);
-      start();
-    };
-    this.frames();
-    // The chart of the timeline takes its height in this frame; the dive then fits above it.
-    if (scene.bounds) requestAnimationFrame(start);
   }
 
   private setHome(box: THREE.Box3): void {
@@ -296,6 +299,7 @@ export class App {
 
   private writeLink(): void {
     const { view } = this;
+    if (!this.point) return;
     const show = ['track', 'footprints', 'contours', 'shade', 'timeline'].filter((name) => input(`show-${name}`).checked);
     const place = this.point.place;
     const hash = writePermalink({
@@ -328,7 +332,7 @@ export class App {
       this.changed();
       const half = view.metresPerPixel() * Math.hypot(view.canvas.clientWidth, view.canvas.clientHeight) * 0.6;
       const { north, east } = toNav(view.focus);
-      void this.layers.refine({ north0: north - half, north1: north + half, east0: east - half, east1: east + half }, view.metresPerPixel());
+      void this.layers?.refine({ north0: north - half, north1: north + half, east0: east - half, east1: east + half }, view.metresPerPixel());
     };
     setInterval(() => this.drawHud(), HUD_INTERVAL);
   }

@@ -14,16 +14,37 @@ const FULL = 0.9; // of the limit in use
 const EASY = 0.55; // hysteresis: well below FULL over the step, or it would swing
 const STEP = 1.2;
 const MOST_FACTOR = 32;
+const HOLD = 12; // updates in a row that must be easy before the picture sharpens again
+const MOST_HOLD = 400;
 
 export class Budget {
   factor = 1;
+  private easy = 0; // updates in a row
+  private hold = HOLD;
+  private sharpened = false; // since the last coarsening
 
   // Gives whether the factor changed. `refused`: a tile was turned away since the last time because nothing more fits.
   update({ used, limit, calls }: Load, refused: boolean): boolean {
     const before = this.factor;
-    if (refused || used > FULL * limit || calls > CALLS_ALARM * MOST_CALLS) this.factor = Math.min(this.factor * STEP, MOST_FACTOR);
-    else if (used < EASY * limit && calls < CALLS_EASY * MOST_CALLS) this.factor = Math.max(this.factor / STEP, 1);
+    if (refused || used > FULL * limit || calls > CALLS_ALARM * MOST_CALLS) {
+      this.factor = Math.min(this.factor * STEP, MOST_FACTOR);
+      // Sharpening did not last: the next try waits longer, or the picture would swing for ever.
+      if (this.sharpened) this.hold = Math.min(2 * this.hold, MOST_HOLD);
+      this.sharpened = false;
+      this.easy = 0;
+    } else if (used < EASY * limit && calls < CALLS_EASY * MOST_CALLS) {
+      if (++this.easy >= this.hold && this.factor > 1) {
+        this.factor = Math.max(this.factor / STEP, 1);
+        this.sharpened = true;
+        this.easy = 0;
+      }
+    } else this.easy = 0;
     return this.factor !== before;
+  }
+
+  // Another view: what did not fit before may fit now.
+  moved(): void {
+    this.hold = HOLD;
   }
 
   get reduced(): boolean {

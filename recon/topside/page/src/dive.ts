@@ -152,7 +152,7 @@ export function parseImages(value: Json): { camera: CameraModel | null; images: 
   return { camera, images, dropped: value.images.length - images.length };
 }
 
-// Throws where there is no dive at all; everything else that fails is told to `complain`.
+// Throws where there is no dive at all. Track and images are read later, by readRecords: the first picture needs neither.
 export async function openDive(source: Source, complain: (what: string) => void, imageFolder?: string): Promise<Dive> {
   const address = (file: string): string => new URL(file, source.base).href;
   const scene = parseScene(await json(source, address('scene.json')));
@@ -162,6 +162,12 @@ export async function openDive(source: Source, complain: (what: string) => void,
     imageAddress: (name) => new URL(encodeURIComponent(name), folder ?? source.base).href,
   };
   if (!scene.origin) complain('scene.json tells no origin: positions are shown without latitude and longitude');
+  return dive;
+}
+
+// What fails is told to `complain`.
+export async function readRecords(dive: Dive, complain: (what: string) => void): Promise<void> {
+  const { source, scene, address } = dive;
   const read = async (file: string | null, take: (value: Json) => void): Promise<void> => {
     if (file === null) return;
     try {
@@ -179,5 +185,4 @@ export async function openDive(source: Source, complain: (what: string) => void,
       if (!camera) complain('images.json tells no camera: which images saw a place is unknown');
     }),
   ]);
-  return dive;
 }

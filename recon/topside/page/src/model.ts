@@ -70,6 +70,7 @@ export class Model {
   private ktx2 = new KTX2Loader();
   private bound: number;
   private said = new Set<string>();
+  onFailed: () => void = () => undefined; // there is no tileset
   onRoot: (box: THREE.Box3) => void = () => undefined;
   firstPicture: number | null = null; // when the first tile was drawn [ms since the page began]
 
@@ -176,6 +177,7 @@ export class Model {
     const why = error instanceof SyntaxError || error instanceof RangeError ? 'is broken' : error.message.replace(/^TilesRenderer: ?/, '');
     if (tile === null) {
       this.tell(`${fileName(url)}: ${why}`);
+      this.onFailed();
       return;
     }
     this.tell(`tile ${tile.content?.uri ?? ''}: ${/code 404/.test(why) ? 'is missing' : why}; shown coarser there`);
@@ -206,6 +208,7 @@ export class Model {
     const { tiles, view } = this;
     const every = ++this.frames % BUDGET_INTERVAL === 0;
     const had = this.dirty;
+    if (moved) this.budget.moved();
     if (moved || had) {
       this.dirty = false;
       tiles.setResolutionFromRenderer(view.camera, view.renderer);

@@ -225,10 +225,28 @@ test('too little room coarsens the picture step by step, and it sharpens again w
   assert.equal(budget.update({ used: 70, limit: 100, calls: 20 }, false), false, 'between the two bounds it holds');
   budget.update({ used: 10, limit: 100, calls: 290 }, false);
   assert.ok(budget.factor > 2, 'draw calls count as well');
-  for (let i = 0; i < 6; ++i) budget.update({ used: 10, limit: 100, calls: 10 }, false);
+  const easy = { used: 10, limit: 100, calls: 10 };
+  for (let i = 0; i < 200; ++i) budget.update(easy, false);
   assert.equal(budget.factor, 1);
-  budget.update({ used: 10, limit: 100, calls: 10 }, true);
+  budget.update(easy, true);
   assert.ok(budget.reduced, 'a refused tile counts as full');
+});
+
+test('where sharpening never lasts the tries become rare, until the view changes', () => {
+  const budget = new Budget();
+  const easy = { used: 10, limit: 100, calls: 10 };
+  const waits = (): number => {
+    budget.update(easy, true);
+    let n = 0;
+    while (budget.reduced) { budget.update(easy, false); ++n; }
+    return n;
+  };
+  const first = waits();
+  assert.ok(first > 5);
+  assert.ok(waits() === 2 * first && waits() === 4 * first);
+  budget.moved();
+  budget.update(easy, false);
+  assert.equal(budget.factor, 1);
 });
 
 test('the limit follows the device, within bounds', () => {
