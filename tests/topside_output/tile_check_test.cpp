@@ -113,7 +113,7 @@ TEST(TileCheck, ASurfaceThatEndsAtABorderIsNoCrack) {
 }
 
 TEST(TileCheck, SurfacesThatEndOnBothSidesOfABorderAStepPastEachOtherAreNoCrack) {
-  const auto edge = [](int from, int to) { return BorderEdge{{from, 0}, {to, 10}}; };
+  const auto edge = [](int from, int to) { return BorderEdge{{from, from / 6}, {to, to / 6}}; };
   const std::vector<BorderEdge> here{edge(0, 60), edge(60, 121)};
   const auto turned = [](std::vector<BorderEdge> edges) {
     for (BorderEdge& e : edges) std::swap(e.from, e.to);
@@ -126,6 +126,24 @@ TEST(TileCheck, SurfacesThatEndOnBothSidesOfABorderAStepPastEachOtherAreNoCrack)
   EXPECT_EQ(ends.open, 2U);
   const BorderMatch torn = matchNeighbours(here, turned({edge(0, 60), edge(60, 100), edge(100, 121)}), 0.033);
   EXPECT_EQ(torn.cracks, 1U);
+}
+
+TEST(TileCheck, SurfacesThatEndOnBothSidesOfABorderOnASteepSlopeAreNoCrack) {
+  // Down a wall: one tile's surface ends at the second place, the other's begins again at the third. Both
+  // edges stand over the same few steps of the side, an edge's length apart in depth.
+  const std::vector<BorderEdge> here{{{9632, -24263}, {9644, -24330}}, {{9652, -24195}, {9632, -24263}}};
+  const std::vector<BorderEdge> below{{{9665, -24377}, {9644, -24330}}};
+  for (const bool swapped : {false, true}) {
+    const BorderMatch ends =
+        swapped ? matchNeighbours(below, here, 0.033) : matchNeighbours(here, below, 0.033);
+    EXPECT_EQ(ends.cracks, 0U);
+    EXPECT_EQ(ends.open, 3U);
+  }
+  // A vertex of a wall that the neighbour has elsewhere.
+  const std::vector<BorderEdge> moved{{{9630, -24262}, {9652, -24195}}, {{9644, -24330}, {9630, -24262}}};
+  EXPECT_EQ(matchNeighbours(here, moved, 0.033).cracks, 2U);
+  const std::vector<BorderEdge> one{{{9644, -24330}, {9652, -24195}}};
+  EXPECT_EQ(matchNeighbours(here, one, 0.033).cracks, 2U);
 }
 
 TEST(TileCheck, FilesThatAreMissingDamagedSwappedOrUnlistedAreFaults) {

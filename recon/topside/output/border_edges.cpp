@@ -1,5 +1,6 @@
 #include "recon/topside/output/border_edges.hpp"
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -23,21 +24,28 @@ std::vector<BorderEdge> without(const std::vector<BorderEdge>& all, const std::v
 
 // Where two cells meet along an edge only, fusion makes a vertex twice, a step apart; surfaces that end there
 // on both sides of a plane overlap by that much and do not belong together.
-constexpr std::int64_t kTouch = 2;  // [steps]
+constexpr double kTouch = 2;  // [steps]
 
-// Whether two edges run beside each other: over a common stretch along the side and less than `near` steps
-// apart in depth.
+// Whether edges of tiles on both sides of a plane, one of them turned round, are meant to be one line: they
+// run over a common stretch as seen along `a`, less than `near` steps apart. Stretches are measured along the
+// edge and not along the side, for on a steep surface all of a hole's outline stands over a few steps of the
+// side.
 bool beside(const BorderEdge& a, const BorderEdge& b, std::int64_t near) {
-  const auto range = [](const BorderEdge& e, std::size_t axis) {
-    return std::pair<std::int64_t, std::int64_t>(std::minmax(e.from[axis], e.to[axis]));
+  if (a == turned(b)) return true;  // the same edge by a face that looks the other way
+  const auto from = [&](const std::array<std::int32_t, 2>& place) {
+    return Eigen::Vector2d(place[0] - a.from[0], place[1] - a.from[1]);
   };
-  const auto [a0, a1] = range(a, 0);
-  const auto [b0, b1] = range(b, 0);
-  const auto [a_top, a_bottom] = range(a, 1);
-  const auto [b_top, b_bottom] = range(b, 1);
-  if (a0 == a1 && b0 == b1) return a0 == b0 && std::max(a_top, b_top) + kTouch < std::min(a_bottom, b_bottom);
-  return std::max(a0, b0) + kTouch < std::min(a1, b1) &&
-         std::max(a_top, b_top) - std::min(a_bottom, b_bottom) < near;
+  const double length = from(a.to).norm();
+  const Eigen::Vector2d along = from(a.to) / length, across(-along.y(), along.x());
+  const Eigen::Vector2d first = from(b.from), last = from(b.to);
+  const double s0 = first.dot(along), s1 = last.dot(along);
+  const double begin = std::max(s0, 0.0), end = std::min(s1, length);
+  if (begin + kTouch >= end) return false;
+  const auto distance = [&](double s) {
+    return std::lerp(first.dot(across), last.dot(across), (s - s0) / (s1 - s0));
+  };
+  const double d0 = distance(begin), d1 = distance(end);
+  return d0 * d1 <= 0 || std::min(std::abs(d0), std::abs(d1)) < static_cast<double>(near);
 }
 
 }  // namespace

@@ -29,7 +29,7 @@ struct BorderMatch {
 };
 
 // Two tiles of a level on both sides of a plane: the edges of one, turned round, must be the other's. An edge
-// that is not there is a crack where the other tile has an edge of its own beside it, within two voxels.
+// that is not there is a crack where the other tile has an edge of its own along it, within two voxels.
 [[nodiscard]] BorderMatch matchNeighbours(const std::vector<BorderEdge>& here,
                                           const std::vector<BorderEdge>& there, double voxel);
 // A side of a tile and the same stretch of its children's sides: they must be equal, so that fine tiles fit
