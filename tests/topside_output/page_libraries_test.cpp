@@ -16,9 +16,9 @@ void writeFile(const std::filesystem::path& path, const std::vector<std::uint8_t
       .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
 }
 
-// With the page's node_modules alone: `npm ci` in recon/topside/page.
+// With the libraries that the viewer's page was built with.
 TEST(PageLibraries, KhronosValidatorThreesDracoAndItsKtxReaderTakeEveryKindOfTile) {
-  const std::filesystem::path page = FATHOM_SOURCE_DIR "/recon/topside/page";
+  const std::filesystem::path page = FATHOM_VIEWER_BUILD;
   for (const char* module : {"three", "gltf-validator"})
     if (!std::filesystem::exists(page / "node_modules" / module))
       GTEST_SKIP() << module << " is not installed";
