@@ -21,7 +21,9 @@ constexpr std::uint32_t kSurveyVersion = 1, kLightingVersion = 1, kPrepareVersio
                         kPlanVersion = 1;
 // Expected shares of a run's time, of a dive with images.
 constexpr std::array<double, kStages> kWeights = {0.01, 0.04, 0.40, 0.10, 0.01, 0.40, 0.04};
-constexpr std::size_t kImageBytes = std::size_t{384} << 20;  // of corrected images kept for texture
+// Of corrected images kept for texture, for each thread: a hundred at full size, twice what a tile is seen
+// by.
+constexpr std::size_t kImageBytes = std::size_t{896} << 20;
 
 template <typename T>
 void load(const WorkFile& file, const std::string& block, T& value) {
@@ -114,7 +116,7 @@ WorkFile Dive::single(Stage stage, const Digest& key, const std::function<void(W
                                             make(file);
                                             return Costs();
                                           }}},
-                                        progress_, weightOf(stage)));
+                                        1, progress_, weightOf(stage)));
   return store_.get(name, "all", key);
 }
 
@@ -124,6 +126,11 @@ void Dive::run(Stage stage, const std::string& name, std::vector<StageTask> task
       if (!store_.open(name, task.item, task.key)) missing(stage);
     return;
   }
+  // Tiles of a piece are made in parallel from the same images: few pieces at once keep these in memory.
+  constexpr std::size_t kThreadsOfPiece = 4;
+  const std::size_t threads = threadsAllowed();
+  const std::size_t at_once =
+      stage == Stage::kPiece ? (threads + kThreadsOfPiece - 1) / kThreadsOfPiece : threads;
   if (permission_.items) {
     const auto [first, last] = *permission_.items;
     if (first >= tasks.size())
@@ -132,7 +139,7 @@ void Dive::run(Stage stage, const std::string& name, std::vector<StageTask> task
     tasks = {tasks.begin() + static_cast<std::ptrdiff_t>(first),
              tasks.begin() + static_cast<std::ptrdiff_t>(std::min(last, tasks.size()))};
   }
-  outcomes_.emplace_back(name, runStage(store_, name, tasks, progress_, weight));
+  outcomes_.emplace_back(name, runStage(store_, name, tasks, at_once, progress_, weight));
 }
 
 const Survey& Dive::survey() {
@@ -304,7 +311,7 @@ std::vector<StageTask> Dive::pieceTasks() {
   const ModelPlan& model = plan();
   if (textured() && !images_)
     images_ = std::make_unique<ViewImages>(input_, config_, *survey_, *lighting_, *prepared_,
-                                           config_.model.blend.bands, kImageBytes);
+                                           config_.model.blend.bands, kImageBytes * threadsAllowed());
   piece_inputs_.input = &input_;
   piece_inputs_.config = &config_;
   piece_inputs_.prepared = prepared_.get();

@@ -1,7 +1,6 @@
 #include "recon/topside/stages/piece_stage.hpp"
 
 #include <oneapi/tbb/enumerable_thread_specific.h>
-#include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
 #include <mutex>
@@ -12,6 +11,7 @@
 #include "recon/topside/stage_times.hpp"
 #include "recon/topside/stages/stage_archive.hpp"
 #include "recon/topside/stages/stage_keys.hpp"
+#include "recon/topside/work/stage_runner.hpp"
 
 namespace fathom::topside {
 
@@ -177,8 +177,8 @@ Costs makePiece(const PieceInputs& in, const fusion::Piece& piece, WorkFileWrite
 
   TileMaker maker(in, piece, raw);
   std::vector<TileBlocks> tiles(core.size());
-  oneapi::tbb::parallel_for(std::size_t{0}, core.size(),
-                            [&](std::size_t k) { tiles[k] = maker.make(*core[k]); });
+  // In order, so that tiles that are made at once are neighbours, and want the same images.
+  inOrder(core.size(), threadsAllowed(), [&](std::size_t k) { tiles[k] = maker.make(*core[k]); });
   facts.texels = maker.texels;
   facts.unseen = maker.unseen;
   facts.occluded = maker.occluded;

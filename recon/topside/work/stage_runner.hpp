@@ -22,10 +22,15 @@ struct StageOutcome {
   double seconds = 0;  // wall clock
 };
 
-// Makes those results of a stage that are not in the store, in parallel over oneTBB's threads; a task's own
-// parallel work never takes up another task meanwhile, so no more tasks than threads are in memory.
+// Calls `work` with 0, 1, ... count - 1 in this order, at most `at_once` of them at a time, by oneTBB's
+// threads.
+void inOrder(std::size_t count, std::size_t at_once, const std::function<void(std::size_t)>& work);
+[[nodiscard]] std::size_t threadsAllowed();
+
+// Makes those results of a stage that are not in the store, at most `at_once` at a time. A task's own
+// parallel work never takes up another task meanwhile, so no more tasks than that are in memory.
 [[nodiscard]] StageOutcome runStage(StageStore& store, const std::string& stage,
-                                    const std::vector<StageTask>& tasks, RunProgress& progress,
-                                    double weight);
+                                    const std::vector<StageTask>& tasks, std::size_t at_once,
+                                    RunProgress& progress, double weight);
 
 }  // namespace fathom::topside
