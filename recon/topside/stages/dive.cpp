@@ -23,7 +23,7 @@ constexpr std::uint32_t kSurveyVersion = 1, kLightingVersion = 1, kPrepareVersio
 constexpr std::array<double, kStages> kWeights = {0.01, 0.04, 0.40, 0.10, 0.01, 0.40, 0.04};
 // Of corrected images kept for texture, for each thread: a hundred at full size, twice what a tile is seen
 // by.
-constexpr std::size_t kImageBytes = std::size_t{896} << 20;
+constexpr std::size_t kImageBytes = std::size_t{512} << 20;
 
 template <typename T>
 void load(const WorkFile& file, const std::string& block, T& value) {
