@@ -15,6 +15,7 @@ constexpr int kEdge = VoxelBlock::kEdge;
 // Distances of neighbouring voxels differ by one voxel over the cosine of incidence. A greater step than this
 // [voxels] is no surface but the seam between the back of one mesh's band and the front of another's.
 constexpr float kSteepest = 4.0F;
+constexpr unsigned kAllCorners = 0xFF;
 constexpr std::uint32_t kNone = VoxelGrid::kNone;
 
 // What the extraction knows of a block.
@@ -129,20 +130,26 @@ class Extraction {
     for (std::size_t x = 0; x < kEdge; ++x) {
       for (std::size_t y = 0; y < kEdge; ++y) {
         const std::array<std::size_t, 4> xs = {x, x + 1, x, x + 1}, ys = {y, y, y + 1, y + 1};
-        unsigned seen = kRow, some = 0, full = kRow;
+        unsigned unseen = 0, more_unseen = 0, some = 0, full = kRow;
         for (std::size_t c = 0; c < 4; ++c) {
-          seen &= known[xs[c]][ys[c]];
+          const unsigned column = known[xs[c]][ys[c]];
+          for (const unsigned blank : {~column, ~(column >> 1)}) {
+            more_unseen |= unseen & blank;
+            unseen |= blank;
+          }
           some |= inside[xs[c]][ys[c]];
           full &= inside[xs[c]][ys[c]];
         }
-        unsigned candidates = seen & seen >> 1 & (some | some >> 1) & ~(full & full >> 1) & 0xFFU;
+        unsigned candidates = ~more_unseen & (some | some >> 1) & ~(full & full >> 1) & 0xFFU;
         for (; candidates != 0; candidates &= candidates - 1) {
           const auto z = static_cast<unsigned>(std::countr_zero(candidates));
-          unsigned signs = 0;
+          unsigned signs = 0, seen = 0;
           for (std::size_t c = 0; c < 4; ++c) {
-            const unsigned bits = inside[xs[c]][ys[c]] >> z;
+            const unsigned bits = inside[xs[c]][ys[c]] >> z, known_bits = known[xs[c]][ys[c]] >> z;
             signs |= (bits & 1U) << c | (bits >> 1 & 1U) << (c + 4);
+            seen |= (known_bits & 1U) << c | (known_bits >> 1 & 1U) << (c + 4);
           }
+          if (seen != kAllCorners && !signOfUnseen(seen, signs)) continue;
           const auto local = static_cast<std::uint16_t>((x * kEdge + y) * kEdge + z);
           if (tooSteep(cells, local, signs)) continue;
           crossed_.push_back({local, static_cast<std::uint8_t>(signs)});
@@ -152,10 +159,25 @@ class Extraction {
     }
   }
 
+  // Of a cell with one unseen corner whose surface is the same whatever is there: that which cuts off the
+  // corner opposite, none of whose edges or faces the unseen one is on. Gives the unseen corner the others'
+  // sign; false: the surface may be another.
+  static bool signOfUnseen(unsigned seen, unsigned& signs) {
+    const unsigned unseen = kAllCorners & ~seen;
+    const unsigned opposite = 1U << (7 - std::countr_zero(unseen));
+    if (signs == opposite) return true;
+    if ((signs ^ seen) != opposite) return false;
+    signs |= unseen;
+    return true;
+  }
+
   [[nodiscard]] bool tooSteep(const BlockCells& cells, std::uint16_t local, unsigned signs) const {
     const float steepest = kSteepest * static_cast<float>(rule_.voxel);
-    std::array<float, 8> d;
-    for (int c = 0; c < 8; ++c) d[static_cast<std::size_t>(c)] = distance(cells, corner(local, c));
+    std::array<float, 8> d{};
+    for (int c = 0; c < 8; ++c) {
+      const Corner at = corner(local, c);
+      if (cells.after[neighbour(at)] != kNone) d[static_cast<std::size_t>(c)] = distance(cells, at);
+    }
     for (std::size_t e = 0; e < MarchingCubesTable::kEdges; ++e) {
       const auto& edge = table_.edge(e);
       if (((signs >> edge.from ^ signs >> edge.to) & 1U) != 0 &&

@@ -29,9 +29,10 @@ struct ExtractedSurface {
   std::vector<Part> parts;  // by key
 };
 
-// Marching cubes over all cells whose eight corners were seen. The result is a manifold with border: every
-// edge has at most two triangles, the triangles at a vertex are one fan. Where two cells meet along an edge
-// only, the vertex there is made twice.
+// Marching cubes over all cells whose eight corners were seen, or seven when the surface cuts off the corner
+// opposite to the one unseen: what stands there has no bearing on it. The result is a manifold with border:
+// every edge has at most two triangles, the triangles at a vertex are one fan. Where two cells meet along an
+// edge only, the vertex there is made twice.
 //
 // Snapped vertices stay on their voxel edge and off its ends by at least one step of the lattice, so that no
 // two are equal and no triangle is degenerate: they stand on different edges of a box. What a vertex is

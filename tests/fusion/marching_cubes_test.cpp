@@ -127,5 +127,28 @@ TEST(MarchingCubes, OnlyTheOutlineIsOpenWhereAllWasSeen) {
   }
 }
 
+TEST(MarchingCubes, AnUnseenVoxelOpensTheSurfaceOnlyWhereItHasABearingOnIt) {
+  for (const float sign : {1.0F, -1.0F}) {
+    // A voxel that stands alone: eight cells cut it off by a triangle each.
+    const auto triangles = [&](int x, int y, int z) {
+      VoxelGrid grid;
+      VoxelBlock& block = grid.make({0, 0, 0});
+      block.distance.fill(0.02F * sign);
+      block.weight.fill(1e4F);
+      block.observations.fill(1);
+      block.distance[VoxelBlock::local(3, 3, 3)] = -0.01F * sign;
+      block.weight[VoxelBlock::local(x, y, z)] = 0;
+      return extractSurface(grid, {0.033, 1, true}).mesh.triangles;
+    };
+    const auto whole = triangles(0, 0, 0);
+    ASSERT_EQ(whole.size(), 8U);
+    for (const int x : {2, 4})
+      for (const int y : {2, 4})
+        for (const int z : {2, 4}) EXPECT_EQ(triangles(x, y, z), whole);  // opposite to it in one cell
+    EXPECT_EQ(triangles(4, 4, 3).size(), 6U);
+    EXPECT_EQ(triangles(4, 3, 3).size(), 4U);
+  }
+}
+
 }  // namespace
 }  // namespace fathom::fusion
