@@ -144,10 +144,12 @@ void fillRecord(RunRecord& record, Dive& dive, const StageStore& store, const As
 
 Summary runWith(const RunPlaces& places, const TopsideConfig& config) {
   Stopwatch total;
+  // Bad input leaves no folders behind.
+  MissionInput input = openMission(places.mission, places.input);
   OutputFolder out(places.out.empty() ? places.mission / "topside" : places.out, kOurs);
   StageStore store(workOf(places), StageStore::Access::kAlone);
   RunProgress progress(1.0);
-  Dive dive(openMission(places.mission, places.input), config, store, progress, Permission());
+  Dive dive(std::move(input), config, store, progress, Permission());
   (void)dive.prepared();
   (void)dive.localised();
   const FuseResult fused = dive.fused();
@@ -202,9 +204,10 @@ void runOneStage(const RunPlaces& places, const TopsideConfig& config, Stage sta
                  std::optional<std::pair<std::size_t, std::size_t>> items) {
   const ThreadLimit limit(config);
   withRepair([&] {
+    MissionInput input = openMission(places.mission, places.input);
     StageStore store(workOf(places), StageStore::Access::kShared);
     RunProgress progress(expectedShare(stage));
-    Dive dive(openMission(places.mission, places.input), config, store, progress, {stage, items});
+    Dive dive(std::move(input), config, store, progress, {stage, items});
     dive.make(stage);
     return 0;
   });
@@ -212,10 +215,11 @@ void runOneStage(const RunPlaces& places, const TopsideConfig& config, Stage sta
 
 std::string listItems(const RunPlaces& places, const TopsideConfig& config) {
   const ThreadLimit limit(config);
+  MissionInput input = openMission(places.mission, places.input);
   StageStore store(workOf(places), StageStore::Access::kShared);
   RunProgress progress(1.0);
   nlohmann::ordered_json list;
-  Dive dive(openMission(places.mission, places.input), config, store, progress, {Stage::kSurvey, {}});
+  Dive dive(std::move(input), config, store, progress, {Stage::kSurvey, {}});
   list["prepare"] = dive.items(Stage::kPrepare);
   try {
     list["piece"] = dive.items(Stage::kPiece);

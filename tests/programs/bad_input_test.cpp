@@ -47,7 +47,7 @@ TEST_F(BadInput, UsageIsRefusedInOneLineByEveryProgram) {
     EXPECT_EQ(runProgram(std::string(program) + " --help").exit_code, 0);
   }
   expectRefused("fathom-onboard --replay x --speed abc", "--speed");
-  expectRefused("fathom-topside run x --voxel 0", "--voxel");
+  expectRefused("fathom-topside run x --resolution 0", "--resolution");
   expectRefused("fathom-monitor --udp abc", "--udp");
 }
 

@@ -123,10 +123,10 @@ MissionInput openMission(const fs::path& folder, const InputOptions& options) {
   fs::path poses = options.poses;
   if (poses.empty() && !described && fs::exists(own_poses)) poses = own_poses;
   if (!poses.empty()) in.given_poses = io::readStereoPoses(poses);
-  if (described || (poses.empty() && !in.paths.rawAuv())) {
-    // Without poses and RAW.auv the mission.toml is what is missing, and says so.
-    in.mission = io::readMissionConfig(folder);
-  }
+  // A log of this project's without its mission.toml is a damaged mission, and nothing to guess about; and
+  // without poses and RAW.auv the mission.toml is what is missing.
+  const bool foreign = !fs::exists(in.paths.log()) && (!poses.empty() || in.paths.rawAuv());
+  if (described || !foreign) in.mission = io::readMissionConfig(folder);
   in.features_only = io::isFeatureMission(in.paths);
   if (!in.features_only && !described) in.paths.images_elsewhere = imageFolder(folder);
   in.paths.calib_elsewhere = options.calib.empty() && !described ? calibIn(folder) : options.calib;

@@ -29,14 +29,14 @@ void RunProgress::begin(std::string stage, std::size_t steps, double weight) {
   steps_ = std::max<std::size_t>(steps, 1);
   done_ = 0;
   stage_weight_ = weight;
-  show(true);
+  if (terminal_) show();
 }
 
 void RunProgress::step(bool was_there) {
   const std::lock_guard lock(mutex_);
   done_ = std::min(done_ + 1, steps_);
   if (was_there) spared_ += stage_weight_ / static_cast<double>(steps_);
-  show(false);
+  show();
 }
 
 void RunProgress::end() {
@@ -63,7 +63,7 @@ std::string RunProgress::timeLeft() const {
   return text.data();
 }
 
-void RunProgress::show(bool always) {
+void RunProgress::show() {
   const double share = std::min(
       1.0, (before_ + stage_weight_ * static_cast<double>(done_) / static_cast<double>(steps_)) / total_);
   const int line = static_cast<int>(share * kLines);
@@ -74,7 +74,7 @@ void RunProgress::show(bool always) {
                  std::string(static_cast<std::size_t>(kBarWidth) - filled, ' ').c_str(), stage_.c_str(),
                  done_, steps_, timeLeft().c_str());
     std::fflush(stderr);
-  } else if (always || line > shown_) {
+  } else if (line > shown_) {
     std::fprintf(stderr, "%3.0f %% %s: %zu of %zu%s\n", 100 * share, stage_.c_str(), done_, steps_,
                  timeLeft().c_str());
   }

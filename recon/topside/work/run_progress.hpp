@@ -23,14 +23,14 @@ class RunProgress {
   void end();  // the stage's rest is done
 
  private:
-  void show(bool always);
+  void show();
   [[nodiscard]] std::string timeLeft() const;
 
   std::mutex mutex_;
   std::chrono::steady_clock::time_point begun_ = std::chrono::steady_clock::now();
   double total_ = 0, before_ = 0, stage_weight_ = 0, spared_ = 0;  // spared: of work that was there
   std::size_t steps_ = 0, done_ = 0;
-  int shown_ = -1;
+  int shown_ = 0;
   std::string stage_;
   bool terminal_;
 };
