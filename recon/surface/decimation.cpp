@@ -96,32 +96,68 @@ void Decimation::addFaces(std::size_t vertices) {
     for (const std::uint32_t vertex : t) fixed_[vertex] = 1;
   }
   counts_.stranded += stranded_.size();
-  closeSmallHoles();
+  closeHoles(3, std::numeric_limits<double>::infinity());
   faces_ = mesh_.n_faces();
 }
 
-void Decimation::closeSmallHoles() {
-  const auto normalBeside = [&](HalfedgeHandle side) {
-    const HalfedgeHandle inner = mesh_.opposite_halfedge_handle(side);
+std::size_t Decimation::closeHoles(std::size_t most_edges, double largest) {
+  std::size_t closed = 0;
+  std::vector<HalfedgeHandle> outline;
+  for (std::size_t h = 0; h < mesh_.n_halfedges(); ++h) {
+    const HalfedgeHandle first(static_cast<int>(h));
+    if (mesh_.status(mesh_.edge_handle(first)).deleted() || !mesh_.is_boundary(first)) continue;
+    outline.clear();
+    for (HalfedgeHandle side = first; outline.size() <= most_edges && (outline.empty() || side != first);
+         side = mesh_.next_halfedge_handle(side))
+      outline.push_back(side);
+    if (outline.size() < 3 || outline.size() > most_edges) continue;
+    bool done = closeHole(outline, largest);
+    if (!done && outline.size() > 3) {  // by the other diagonal
+      std::rotate(outline.begin(), outline.begin() + 1, outline.end());
+      done = closeHole(outline, largest);
+    }
+    closed += done ? 1 : 0;
+  }
+  counts_.closed += closed;
+  return closed;
+}
+
+bool Decimation::closeHole(const std::vector<HalfedgeHandle>& outline, double largest) {
+  const std::size_t edges = outline.size();
+  const auto corner = [&](std::size_t k) { return mesh_.from_vertex_handle(outline[k % edges]); };
+  const auto onOneSide = [&](VertexHandle a, VertexHandle b) {
+    return (sides_[index(a)] & sides_[index(b)]) != 0;
+  };
+  const auto normalBeside = [&](std::size_t k) {
+    const HalfedgeHandle inner = mesh_.opposite_halfedge_handle(outline[k]);
     const VertexHandle apex = mesh_.to_vertex_handle(mesh_.next_halfedge_handle(inner));
     return areaVector(at(mesh_.from_vertex_handle(inner)), at(mesh_.to_vertex_handle(inner)), at(apex));
   };
-  for (std::size_t h = 0; h < mesh_.n_halfedges(); ++h) {
-    const HalfedgeHandle a(static_cast<int>(h));
-    if (!mesh_.is_boundary(a)) continue;
-    const HalfedgeHandle b = mesh_.next_halfedge_handle(a), c = mesh_.next_halfedge_handle(b);
-    if (mesh_.next_halfedge_handle(c) != a) continue;
-    const std::array<VertexHandle, 3> v = {mesh_.to_vertex_handle(c), mesh_.to_vertex_handle(a),
-                                           mesh_.to_vertex_handle(b)};
-    const auto sides = [&](std::size_t k) { return sides_[index(v[k])]; };
-    // Nothing new on a tile's side, where the neighbour would not have it.
-    if ((sides(0) & sides(1)) != 0 || (sides(1) & sides(2)) != 0 || (sides(2) & sides(0)) != 0) continue;
-    // The outline of a loose scrap has three edges too: there the new face would look the other way.
-    const Eigen::Vector3d own = areaVector(at(v[0]), at(v[1]), at(v[2]));
-    if (own.dot(normalBeside(a)) <= 0 || own.dot(normalBeside(b)) <= 0 || own.dot(normalBeside(c)) <= 0)
-      continue;
-    if (mesh_.add_face(v.data(), 3).is_valid()) ++counts_.closed;
+  // Nothing new on a tile's side, where the neighbour would not have it.
+  for (std::size_t k = 0; k < edges; ++k)
+    if (onOneSide(corner(k), corner(k + 1))) return false;
+  double area = 0;
+  Eigen::Vector3d last = Eigen::Vector3d::Zero();
+  for (std::size_t k = 1; k + 1 < edges; ++k) {
+    const Eigen::Vector3d own = areaVector(at(corner(0)), at(corner(k)), at(corner(k + 1)));
+    // The outline of a loose scrap is a loop too: there the new face would look the other way.
+    if (own.dot(normalBeside(k)) <= 0 || (k == 1 && own.dot(normalBeside(0)) <= 0) ||
+        (k + 2 == edges && own.dot(normalBeside(edges - 1)) <= 0))
+      return false;
+    if (k > 1 && (own.dot(last) <= 0 || onOneSide(corner(0), corner(k)) ||
+                  mesh_.find_halfedge(corner(0), corner(k)).is_valid()))
+      return false;
+    last = own;
+    area += own.norm();
   }
+  if (area > largest) return false;
+  std::vector<VertexHandle> corners;
+  for (std::size_t k = 0; k < edges; ++k) corners.push_back(corner(k));
+  for (std::size_t k = 1; k + 1 < edges; ++k) {
+    if (!mesh_.add_face(corners[0], corners[k], corners[k + 1]).is_valid()) return false;
+    ++faces_;
+  }
+  return true;
 }
 
 void Decimation::addQuadrics() {
@@ -269,6 +305,15 @@ void Decimation::apply(const Collapse& collapse) {
 
 void Decimation::run(std::size_t target_triangles) {
   const std::size_t target = target_triangles - std::min(target_triangles, stranded_.size());
+  collapseTo(target);
+  // Holes have shrunk with the triangles around them. One that is smaller than a triangle is finer than what
+  // this level shows, and the vertices around it are free once it is closed.
+  constexpr std::size_t kMostEdges = 4;
+  const auto mean = [&] { return area_ / static_cast<double>(std::max<std::size_t>(faces_, 1)); };
+  while (closeHoles(kMostEdges, mean()) > 0) collapseTo(target);
+}
+
+void Decimation::collapseTo(std::size_t target) {
   // What an edge would break may be mended by collapses around it: try again while that helps.
   for (std::uint64_t before = counts_.collapses + 1; faces_ > target && before != counts_.collapses;) {
     before = counts_.collapses;

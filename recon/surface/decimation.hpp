@@ -36,7 +36,10 @@ class Decimation {
   };
 
   void addFaces(std::size_t vertices);
-  void closeSmallHoles();
+  // Closes holes of up to `most_edges` (3 or 4) and `largest` [m2]; how many.
+  std::size_t closeHoles(std::size_t most_edges, double largest);
+  bool closeHole(const std::vector<Mesh_::HalfedgeHandle>& outline, double largest);
+  void collapseTo(std::size_t faces);
   void addQuadrics();
   void pushAll();
   void push(Mesh_::EdgeHandle edge);

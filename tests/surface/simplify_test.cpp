@@ -322,6 +322,25 @@ TEST(Simplify, ClosesAHoleOfOneTriangleAndLeavesALooseOne) {
   EXPECT_LT(coarse.mesh.triangles.size(), tile.mesh.triangles.size());
 }
 
+TEST(Simplify, ClosesAHoleOnlyWhereTheLevelsTrianglesAreLarger) {
+  const auto holed = [](int cells) {  // in the middle of a square metre
+    TileMesh tile;
+    tile.mesh = sheet(16, 16, {1, 0, 2}, {0, 1, 0}, {-1, 0, 0});
+    auto& triangles = tile.mesh.triangles;
+    for (int row = 5 + cells; row-- > 5;)
+      triangles.erase(triangles.begin() + 2 * (16 * row + 5), triangles.begin() + 2 * (16 * row + 5 + cells));
+    return tile;
+  };
+  SimplifyCounts counts;
+  EXPECT_EQ(topologyOf(simplify(holed(1), 400, &counts).mesh).euler(), 0);
+  EXPECT_EQ(topologyOf(simplify(holed(6), 50, &counts).mesh).euler(), 0);
+  EXPECT_EQ(counts.closed, 0U);
+  const TileMesh coarse = simplify(holed(1), 50, &counts);
+  EXPECT_EQ(counts.closed, 1U);
+  EXPECT_EQ(topologyOf(coarse.mesh).euler(), 1);
+  EXPECT_LE(coarse.mesh.triangles.size(), 50U);
+}
+
 TEST(Simplify, DropsTrianglesOfFewerThanThreeCorners) {
   TileMesh tile;
   tile.mesh = sheet(4, 4, {1, 0, 2}, {0, 1, 0}, {-1, 0, 0});

@@ -11,7 +11,7 @@
 namespace fathom::topside {
 namespace {
 
-constexpr std::uint32_t kLevelVersion = 2;
+constexpr std::uint32_t kLevelVersion = 3;
 
 }  // namespace
 
