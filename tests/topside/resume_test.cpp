@@ -86,7 +86,9 @@ TEST_F(Resume, ARunOfFinishedWorkMakesNothingAndGivesTheSameBytes) {
   EXPECT_EQ(runTopside(places, inPieces()).content, done_->content);
   const auto report = reportOf(places.out);
   for (const auto& [stage, line] : report.at("times").at("stages").items())
-    if (stage != "assemble") EXPECT_EQ(line.at("made"), 0) << stage;
+    if (stage != "assemble") {
+      EXPECT_EQ(line.at("made"), 0) << stage;
+    }
 }
 
 TEST_F(Resume, KilledAtAnyMomentTheNextRunGivesTheSameBytes) {
