@@ -34,27 +34,27 @@ std::vector<float> borderWeights(const Mesh& mesh, double width) {
   const auto far = static_cast<float>(width);
   const Neighbours near(mesh);
   std::vector<float> distance(n, far);
-  std::vector<std::uint32_t> todo;
+  std::vector<std::uint32_t> reached;
   for (std::uint32_t v = 0; v < n; ++v) {
     // A border vertex has a neighbour that only one triangle gives it.
     const auto begin = near.vertex.begin() + near.first[v], end = near.vertex.begin() + near.first[v + 1];
     if (std::any_of(begin, end, [&](std::uint32_t u) { return std::count(begin, end, u) == 1; })) {
       distance[v] = 0;
-      todo.push_back(v);
+      reached.push_back(v);
     }
   }
   // Shortest ways along edges from the border, no further than the width: whatever became nearer passes it
   // on. The lengths are sums in the ways' order, so the result is the same in whichever order this is done.
   std::vector<bool> waits(n, false);
-  for (std::size_t k = 0; k < todo.size(); ++k) {
-    const std::uint32_t v = todo[k];
+  for (std::size_t k = 0; k < reached.size(); ++k) {
+    const std::uint32_t v = reached[k];
     waits[v] = false;
     for (std::uint32_t i = near.first[v]; i < near.first[v + 1]; ++i) {
       const std::uint32_t u = near.vertex[i];
       const float through = distance[v] + (mesh.vertices[u] - mesh.vertices[v]).norm();
       if (through >= distance[u]) continue;
       distance[u] = through;
-      if (!waits[u]) todo.push_back(u);
+      if (!waits[u]) reached.push_back(u);
       waits[u] = true;
     }
   }

@@ -25,7 +25,9 @@ constexpr std::size_t kStages = 7;
 inline constexpr std::array<const char*, kStages> kStageNames = {"survey", "lighting", "prepare", "localise",
                                                                  "plan",   "piece",    "level"};
 [[nodiscard]] std::optional<Stage> stageNamed(const std::string& name);
-// Of a whole run's time.
+[[nodiscard]] const char* nameOf(Stage stage);
+// Of a whole run's time, of a dive with images.
+[[nodiscard]] double weightOf(Stage stage);
 [[nodiscard]] double expectedShare(const std::optional<Stage>& only);
 
 // What a process may make; what else it needs must be in the store.
