@@ -25,7 +25,8 @@ constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
 constexpr double kLeastSigma = 0.05, kLeastAngle = 0.02;  // of a prior for a closure [m], [rad]
 constexpr double kPriorScale = 4;   // of a prior's covariance: the solution may rest on a wrong closure
 constexpr std::uint32_t kSkip = 4;  // latest frames that odometry links well enough
-constexpr std::size_t kCapacity = 200000;  // candidates that wait
+constexpr std::size_t kCapacity = 200000;   // candidates that wait
+constexpr std::size_t kAskedPlaces = 2000;  // whose uncertainty is computed in a round
 
 Matrix6d covarianceOf(double position, double angle) {
   Vector6d variance;
@@ -96,10 +97,20 @@ std::vector<Attempt> ClosureSearch::candidates(const slam::NavigationSolution& s
                                                std::size_t most) {
   slam::GraphCovariance known(solution.graph);
   // Of a frame's place against the first frame's: two of them bound what is between two frames.
-  std::vector<double> spread;
-  for (const int node : solution.nodes) {
-    const Matrix6d covariance = known.between(solution.nodes.front(), node);
-    spread.push_back(std::sqrt(covariance.topLeftCorner<3, 3>().trace()));
+  // Each costs a way through the factor, which grows with the dive: of a long one the widest of two that were
+  // asked for bounds those between.
+  const std::size_t count = solution.nodes.size(), step = count / kAskedPlaces + 1;
+  const auto asked = [&](std::size_t k) {
+    const Matrix6d covariance = known.between(solution.nodes.front(), solution.nodes[k]);
+    return std::sqrt(covariance.topLeftCorner<3, 3>().trace());
+  };
+  std::vector<double> spread(count);
+  double before = 0;
+  for (std::size_t first = 0; first < count; first += step) {
+    const std::size_t last = std::min(first + step, count) - 1;
+    const double here = asked(last);
+    for (std::size_t k = first; k <= last; ++k) spread[k] = k == last ? here : std::max(before, here);
+    before = here;
   }
   const auto sigma = [&](std::uint32_t a, std::uint32_t b) {
     const double by_way = drift * std::abs(frames_.way[b] - frames_.way[a]);

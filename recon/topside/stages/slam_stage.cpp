@@ -13,7 +13,8 @@ namespace {
 // Bounds of the growth of the horizontal uncertainty between two pairs with the way between them, before any
 // closure (compass deviation) and after a round of closures.
 constexpr std::array<double, 3> kDrift = {0.04, 0.01, 0.005};
-constexpr double kAnywhere = 1000;  // standard deviation of nav's place where no fix tells it [m]
+constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
+constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
 
 std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation& navigation) {
   std::vector<slam::KeyframeInput> inputs;
@@ -109,10 +110,12 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
 
   slam::GraphCovariance known(solved.graph, graph.noise.visual_scale, solved.nodes);
   double squares = 0;
+  const std::size_t told = solved.poses.size() / kToldPlaces + 1;
   for (std::size_t k = 0; k < solved.poses.size(); ++k) {
     const SE3& pose = solved.poses[k];
     squares += (pose.translation() - frames.reckoned[k].translation()).head<2>().squaredNorm();
     out.poses[frames.pair[k]].T_nav_body = pose * mission.T_body_cam.inverse();
+    if (k % told != 0) continue;
     out.uncertain.push_back({frames.pair[k], pose, known.of(solved.nodes[k]),
                              known.between(solved.nodes.front(), solved.nodes[k])});
   }

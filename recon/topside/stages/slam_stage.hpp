@@ -27,7 +27,8 @@ struct SlamResult {
   std::vector<Tried> tried;                               // candidates for closures
   std::array<std::size_t, closure::kRefusals> refused{};  // of these, by cause
   std::vector<std::pair<std::string, double>> stage_seconds;
-  // Of the pairs in the network: T_nav_cam and the covariance of its right perturbation (rho, phi).
+  // Of the pairs in the network (of a long dive some, evenly spread): T_nav_cam and the covariance of its
+  // right perturbation (rho, phi).
   struct Uncertain {
     std::uint32_t pair = 0;
     SE3 T_nav_cam;
