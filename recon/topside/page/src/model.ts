@@ -20,6 +20,8 @@ const PARSERS = 2; // tiles parsed at the same time: the main thread has to take
 const DOWNLOADS = 10;
 // Room kept free under the limit for tiles on their way, whose size is not known before they are here.
 const RESERVE = 0.08;
+// While more is held than may be, room for the coarser tiles that will take the finer ones' place.
+const COARSER_TILES = 32 * 2 ** 20;
 
 // What of the renderer is not in its types.
 interface Internals {
@@ -65,6 +67,7 @@ export class Model {
   private textures: Textures;
   private dirty = true;
   private refused = false;
+  private over = false; // more is held than may be
   private frames = 0;
   private draco = new DRACOLoader();
   private ktx2 = new KTX2Loader();
@@ -159,7 +162,9 @@ export class Model {
   private weigh(tile: Tile): void {
     const { lruCache } = this.tiles;
     this.inner.recalculateBytesUsed(tile);
-    if (this.bytes > this.bound) {
+    // Over the limit a coarser tile is let in: it is what the finer ones in use can give way to.
+    const standsIn = this.over && (tile.children?.length ?? 0) > 0;
+    if (this.bytes > this.bound && !standsIn) {
       this.refused = true;
       lruCache.remove(tile);
     }
@@ -224,6 +229,11 @@ export class Model {
       // A limit that was lowered is met at once by what is not seen, and by coarser tiles as fast as they come.
       const over = this.bytes > this.bound;
       if (over) tiles.lruCache.unloadUnusedContent();
+      if (over || this.over) {
+        tiles.lruCache.maxBytesSize = over ? this.bytes + COARSER_TILES : this.bound * (1 - RESERVE);
+        this.dirty = true;
+      }
+      this.over = over;
       if (this.budget.update({ used, limit: this.bound, calls: view.calls }, this.refused || full || over)) {
         tiles.errorTarget = BASE_ERROR * this.budget.factor;
         this.dirty = true;
