@@ -8,7 +8,11 @@ namespace {
 
 constexpr double kGate = 13.8;     // chi-square with 2 degrees of freedom, 99.9 %
 constexpr double kLeastWay = 0.1;  // shorter steps tell nothing of scale and heading [m]
-constexpr double kWalk = 2e-6;     // of either state over a step, squared it is far below what a step tells
+constexpr double kForgets = 0.97;  // what a step leaves of the sum of those before
+// Of the sum's square over its variance, 1 / (1 - kForgets^2): a chance of 1e-4 with 2 degrees of freedom.
+constexpr double kLeans = 20;
+constexpr double kChanged = 0.1;  // standard deviation of scale and heading after a change [1], [rad]
+constexpr double kWalk = 2e-6;    // of either state over a step, squared it is far below what a step tells
 
 Eigen::Vector2d turnedLeft(const Eigen::Vector2d& d) {
   return {-d.y(), d.x()};
@@ -41,7 +45,21 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
   H << reckoned, across;
   const Eigen::Vector2d innovation = visual - reckoned - H * state_;
   const Eigen::Matrix2d S = H * covariance_ * H.transpose() + noise;
-  if (!(innovation.dot(S.inverse() * innovation) <= kGate)) {
+  // In the axes of the way, so that what leans to one side does so after a turn of the vehicle too.
+  Eigen::Matrix2d to_way;
+  to_way << reckoned.transpose(), across.transpose();
+  to_way /= reckoned.norm();
+  const Eigen::Matrix2d spread = to_way * S * to_way.transpose();
+  const Eigen::Vector2d normal = spread.llt().matrixL().solve(to_way * innovation);
+  const double distance2 = normal.squaredNorm();
+  leaning_ = kForgets * leaning_ + normal * std::min(1.0, std::sqrt(kGate / std::max(distance2, kGate)));
+  if (leaning_.squaredNorm() * (1 - kForgets * kForgets) > kLeans) {
+    covariance_ = kChanged * kChanged * Eigen::Matrix2d::Identity();
+    leaning_.setZero();
+    ++restarts_;
+    return false;
+  }
+  if (!(distance2 <= kGate)) {
     ++gated_;
     return false;
   }

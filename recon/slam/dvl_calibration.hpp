@@ -11,7 +11,10 @@ namespace fathom::slam {
 // Scale and heading misalignment of the DVL against the camera, which dead reckoning carries into every step
 // in the same way, estimated from steps that visual odometry measured too: a Kalman filter on
 //   d_visual = (1 + s) Rz(psi) d_reckoned,   d level [m],   linear: d_visual - d = s d + psi (down x d),
-// x = (s, psi), constant but for a slow walk. Steps that disagree by more than the gate are left out.
+// x = (s, psi), constant but for a slow walk. Steps that disagree by more than the gate are left out. Where
+// steps go on disagreeing to the same side, by however little, the DVL has changed (another sound speed, a
+// beam that is fouled): the sum of normalised innovations with forgetting tells (a geometric moving average,
+// Roberts 1959), and scale and heading are learnt anew.
 class DvlCalibration {
  public:
   explicit DvlCalibration(const SensorNoise& noise);
@@ -31,18 +34,20 @@ class DvlCalibration {
   [[nodiscard]] double remainingShare() const;
   [[nodiscard]] std::uint64_t used() const { return used_; }
   [[nodiscard]] std::uint64_t gated() const { return gated_; }
+  [[nodiscard]] std::uint64_t restarts() const { return restarts_; }
 
   // For saved state (state_archive.hpp), bit by bit.
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.state_, self.covariance_, self.used_, self.gated_);
+    archive(self.state_, self.covariance_, self.leaning_, self.used_, self.gated_, self.restarts_);
   }
 
  private:
   SensorNoise noise_;
   Eigen::Vector2d state_ = Eigen::Vector2d::Zero();
   Eigen::Matrix2d covariance_;
-  std::uint64_t used_ = 0, gated_ = 0;
+  Eigen::Vector2d leaning_ = Eigen::Vector2d::Zero();  // sum of normalised innovations, forgetting
+  std::uint64_t used_ = 0, gated_ = 0, restarts_ = 0;
 };
 
 }  // namespace fathom::slam

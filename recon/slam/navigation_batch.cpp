@@ -1,20 +1,20 @@
 #include "recon/slam/navigation_batch.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 
 #include "recon/slam/batch_solver.hpp"
 
 namespace fathom::slam {
 namespace {
 
-constexpr int kReweightings = 4;       // Cauchy's weights settle within three
-constexpr int kRounds = 8;             // in which links are taken out and come back
-constexpr double kRemovalShare = 0.5;  // of the worst link's chi2: those worse go first
-constexpr int kOrigin = 0;             // nav's origin in the graph
-constexpr int kSpare = 16;             // room beyond what is known to come
-constexpr int kMaxSettling = 50;       // steps until a covariance's factor is there
+constexpr int kRounds = 40;       // of weights, at most: from a false closure of 10 km they take 20
+constexpr int kOrigin = 0;        // nav's origin in the graph
+constexpr int kSpare = 16;        // room beyond what is known to come
+constexpr int kMaxSettling = 50;  // steps until a covariance's factor is there
 constexpr std::int64_t kBlocksPerLink = 40, kBlocksPerPose = 16;  // of a factor in a good order
 
 std::size_t at(int i) {
@@ -33,50 +33,63 @@ Matrix6d widened(Matrix6d covariance, const SE3& pose, const Eigen::Vector3d& fr
   return covariance;
 }
 
-// Links and fixes: what may be wrong.
+// Closures and fixes: what may be wrong. Truncated least squares by graduated non-convexity (Yang, Antonante,
+// Tzoumas & Carlone 2020): the cost of a factor is min(chi2, gate), approached from the convex side, so that
+// weights do not depend on which factor happens to look worst beside a wrong one.
 class Doubtful {
  public:
   Doubtful(const NavigationConfig& config, const std::vector<KeyframeInput>& frames,
            const std::vector<int>& nodes, std::vector<NavigationLink>& links,
            std::vector<NavigationFix>& fixes)
-      : config_(config), frames_(frames), nodes_(nodes), links_(links), fixes_(fixes) {}
-
-  // Weighted factors of all that is kept, by how far they are from `poses`.
-  void append(const std::vector<SE3>& poses, bool weighted, std::vector<RelativePose>& edges) const {
-    for (const NavigationLink& link : links_)
-      if (link.kept) edges.push_back(weighed(edgeOf(link), poses, kLinkFree, weighted));
-    for (const NavigationFix& fix : fixes_)
-      if (fix.kept) edges.push_back(weighed(edgeOf(fix, poses), poses, kFixFree, weighted));
+      : config_(config), frames_(frames), nodes_(nodes), fixes_(fixes) {
+    for (NavigationLink& link : links)
+      if (link.b != link.a + 1) closures_.push_back({&link, 1});
+    fix_weights_.assign(fixes.size(), 1);
   }
 
-  // What was taken out comes back when it fits now: beside a bad link good ones look bad. True when anything
-  // changed.
-  bool judge(const std::vector<SE3>& poses, bool final) {
-    for (NavigationLink& link : links_) link.chi2 = chiSquareOf(edgeOf(link), poses);
-    for (NavigationFix& fix : fixes_) fix.chi2 = chiSquareOf(edgeOf(fix, poses), poses);
-    if (final) return false;
-    const bool changed = sift(links_, config_.gate);
-    return sift(fixes_, config_.fix_gate) || changed;
+  void append(const std::vector<SE3>& poses, std::vector<RelativePose>& edges) const {
+    const auto add = [&](RelativePose edge, double weight) {
+      if (weight == 0) return;
+      edge.information *= weight;
+      edges.push_back(edge);
+    };
+    for (const auto& [link, weight] : closures_) add(edgeOf(*link), weight);
+    for (std::size_t i = 0; i < fixes_.size(); ++i) add(edgeOf(fixes_[i], poses), fix_weights_[i]);
+  }
+
+  // Weights at `poses` for the shape that comes next; false when they have come to rest.
+  bool weigh(const std::vector<SE3>& poses) {
+    double worst = 0;
+    measure(poses);
+    for (const auto& [link, weight] : closures_) worst = std::max(worst, link->chi2 / config_.gate);
+    for (const NavigationFix& fix : fixes_) worst = std::max(worst, fix.chi2 / config_.fix_gate);
+    shape_ = shape_ > 0 ? kSteeper * shape_ : 1 / std::max(2 * worst - 1, 1.0);
+    bool changed = false;
+    const auto set = [&](double& weight, double share) {
+      const double now = share >= (shape_ + 1) / shape_   ? 0
+                         : share <= shape_ / (shape_ + 1) ? 1
+                                                          : std::sqrt(shape_ * (shape_ + 1) / share) - shape_;
+      changed = changed || std::abs(now - weight) > kSameWeight;
+      weight = now;
+    };
+    for (auto& [link, weight] : closures_) set(weight, link->chi2 / config_.gate);
+    for (std::size_t i = 0; i < fixes_.size(); ++i) set(fix_weights_[i], fixes_[i].chi2 / config_.fix_gate);
+    return changed || shape_ < kSteepest;
+  }
+
+  void judge(const std::vector<SE3>& poses) {
+    measure(poses);
+    for (const auto& [link, weight] : closures_) link->kept = weight > kKept;
+    for (std::size_t i = 0; i < fixes_.size(); ++i) fixes_[i].kept = fix_weights_[i] > kKept;
   }
 
  private:
-  template <typename Item>
-  static bool sift(std::vector<Item>& items, double gate) {
-    double worst = 0;
-    for (const Item& item : items)
-      if (item.kept) worst = std::max(worst, item.chi2);
-    const double limit = std::max(gate, kRemovalShare * worst);
-    bool changed = false;
-    for (Item& item : items) {
-      const bool fits = item.chi2 <= (item.kept ? limit : gate);
-      changed = changed || fits != item.kept;
-      item.kept = fits;
-    }
-    return changed;
-  }
-  static RelativePose weighed(RelativePose edge, const std::vector<SE3>& poses, double free, bool weighted) {
-    if (weighted) edge.information *= cauchyWeight(chiSquareOf(edge, poses), free);
-    return edge;
+  static constexpr double kSteeper = 4, kSteepest = 100;  // of the shape mu, a round; where it is truncation
+  static constexpr double kSameWeight = 0.01, kKept = 0.5;  // [1]
+
+  void measure(const std::vector<SE3>& poses) {
+    for (const auto& [link, weight] : closures_) link->chi2 = chiSquareOf(edgeOf(*link), poses);
+    for (NavigationFix& fix : fixes_) fix.chi2 = chiSquareOf(edgeOf(fix, poses), poses);
   }
   RelativePose edgeOf(const NavigationLink& link) const {
     return linkFactor(nodes_[link.a], nodes_[link.b], link.T_a_b, link.covariance);
@@ -90,8 +103,10 @@ class Doubtful {
   const NavigationConfig& config_;
   const std::vector<KeyframeInput>& frames_;
   const std::vector<int>& nodes_;
-  std::vector<NavigationLink>& links_;
   std::vector<NavigationFix>& fixes_;
+  std::vector<std::pair<NavigationLink*, double>> closures_;  // with their weights
+  std::vector<double> fix_weights_;
+  double shape_ = 0;  // mu
 };
 
 }  // namespace
@@ -118,6 +133,7 @@ NavigationSolution solveNavigation(NavigationConfig config, const std::vector<Ke
     out.nodes.push_back(sensors.node(k));
     if (const NavigationLink* link = visual[at(k)])
       (void)sensors.addLink(LinkKind::kOdometry, k - 1, k, link->T_a_b, link->covariance);
+    sensors.judge();
   }
   out.sensors = sensors.counters();
   out.dvl_scale = sensors.dvl().scale();
@@ -125,15 +141,22 @@ NavigationSolution solveNavigation(NavigationConfig config, const std::vector<Ke
   out.graph = sensors.sensorGraph();
   const std::size_t certain = out.graph.edges.size();
 
-  Doubtful doubtful(config, frames, out.nodes, links, fixes);
-  for (int round = 0; round <= kRounds; ++round) {
-    for (int k = 0; k < kReweightings; ++k) {
-      out.graph.edges.resize(certain);
-      doubtful.append(out.graph.poses, round > 0 || k > 0, out.graph.edges);
-      (void)optimize(out.graph, {});
-    }
-    if (!doubtful.judge(out.graph.poses, round == kRounds)) break;
+  for (NavigationLink& link : links) {
+    if (link.b != link.a + 1) continue;
+    link.kept = sensors.visualBelieved(static_cast<int>(link.b));
   }
+  Doubtful doubtful(config, frames, out.nodes, links, fixes);
+  for (int round = 0; round < kRounds; ++round) {
+    out.graph.edges.resize(certain);
+    doubtful.append(out.graph.poses, out.graph.edges);
+    (void)optimize(out.graph, {});
+    if (!doubtful.weigh(out.graph.poses)) break;
+  }
+  doubtful.judge(out.graph.poses);
+  for (NavigationLink& link : links)
+    if (link.b == link.a + 1)
+      link.chi2 = chiSquareOf(linkFactor(out.nodes[link.a], out.nodes[link.b], link.T_a_b, link.covariance),
+                              out.graph.poses);
   for (const int node : out.nodes) out.poses.push_back(out.graph.poses[at(node)]);
   return out;
 }

@@ -36,9 +36,9 @@ struct NavigationSolution {
   double dvl_scale = 0, dvl_heading = 0;  // as DvlCalibration found them
 };
 
-// Maximum likelihood poses of a whole mission: the sensors' factors are those of NavigationGraph, links and
-// fixes are weighed by Cauchy's kernel beyond what chance explains, found again until it stays; those beyond
-// the gates are taken out, the worst first, and come back if they fit the next solution. `shift`, `sigma`:
+// Maximum likelihood poses of a whole mission: the sensors' factors and the visual odometry of consecutive
+// frames with the weights that NavigationGraph's judgement gives them; closures and fixes by truncated least
+// squares, whose gates are the graph's, found by graduated non-convexity. `shift`, `sigma`:
 // where odom's origin is in nav, as NavigationGraph::setAnchor. Sizes in `config` are set from the input.
 // `chi2` and `kept` of links and fixes are set. Links of consecutive frames are visual odometry.
 [[nodiscard]] NavigationSolution solveNavigation(NavigationConfig config,

@@ -27,6 +27,7 @@ SensorNoise readSensorNoise(const ConfigTable& table, const SensorNoise& default
   n.tilt_bias = degrees("tilt_bias_deg", n.tilt_bias, 0.001, 10);
   n.tilt_turn = degrees("tilt_turn_deg", n.tilt_turn, 0, 10);
   n.unknown_turn = degrees("unknown_turn_degps", n.unknown_turn, 0.1, 90);
+  n.gyro_walk = degrees("gyro_walk_deg", n.gyro_walk, 1e-5, 5);
   n.depth = table.number("depth_m", n.depth, 1e-4, 10);
   n.depth_offset = table.number("depth_offset_m", n.depth_offset, 0, 20);
   n.depth_drift = table.number("depth_drift", n.depth_drift, 0, 1);

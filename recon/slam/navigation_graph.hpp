@@ -7,6 +7,7 @@
 
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/slam/dvl_calibration.hpp"
+#include "recon/slam/heading_trust.hpp"
 #include "recon/slam/incremental_solver.hpp"
 #include "recon/slam/sensor_factors.hpp"
 
@@ -41,6 +42,8 @@ struct KeyframeInput {
   bool attitude_held = false;   // at its time: attitude is not measured
   bool depth_held = false;      // depth is not measured
   bool compass_jumped = false;  // since the last keyframe (nav::DeadReckoning took the leap out)
+  double gyro_turn = 0;         // about nav's down axis since the last keyframe, by gyro [rad]
+  double ungyro_s = -1;         // of that time, while the gyro was silent [s]; negative: there is no gyro
 };
 
 enum class LinkKind : std::uint8_t { kOdometry, kClosure };
@@ -52,9 +55,13 @@ enum class Taken : std::uint8_t { kYes, kContradicts, kFull, kBad };
 // (sensor_factors.hpp). View-based (Eustice et al. 2006; Mahon et al. 2008): the vehicle's present pose is
 // the newest keyframe's and dead reckoning from there. DVL scale and misalignment: DvlCalibration.
 //
-// Every link and fix must agree with what is known, by the graph's own covariance, before it enters; after,
-// its weight is Cauchy's, which switches off what the rest contradicts and on again. Fixed memory, bounded
-// work a call; same calls, same result.
+// What may lie has a weight, and each weight one owner (navigation_trust.cpp). Along the chain of keyframes,
+// compass, gyro, DVL and visual odometry are judged against each other step by step, before any pose is
+// solved for, so that a lie cannot bend the poses that judge it (HeadingTrust; velocities by what came
+// before). Closures and fixes must agree with what is known, by the graph's own covariance, before they
+// enter; after, their weight is Cauchy's, which switches off what the rest contradicts and on again. Of the
+// horizontal links between two consecutive keyframes one always stays in force: where both lie, they are only
+// widened. Fixed memory, bounded work a call; same calls, same result.
 class NavigationGraph {
  public:
   explicit NavigationGraph(const NavigationConfig& config);
@@ -74,8 +81,8 @@ class NavigationGraph {
   [[nodiscard]] Prediction predict(int a, int b);
 
   // A relative pose T_a_b of two keyframes' cameras, with the covariance of its right perturbation. Visual
-  // odometry (of consecutive keyframes) that contradicts dead reckoning wins: the step is left out and
-  // counted, and a DVL that is contradicted again and again is not believed until it agrees again.
+  // odometry of the newest step, before step(), is judged with the step's other sensors. A closure that
+  // contradicts what is known is turned away, until so many that agree with each other say the same.
   Taken addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance);
 
   // A position fix of an antenna at `antenna_in_odom`, whenever it arrives: it holds at keyframe `at`, the
@@ -83,6 +90,8 @@ class NavigationGraph {
   Taken addFix(int at, const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& north_east,
                double sigma);
 
+  // Judges the newest step by all that has come of it; addKeyframe() and step() do so.
+  void judge();
   // A bounded part of the work that is to do.
   StepReport step();
 
@@ -111,6 +120,8 @@ class NavigationGraph {
     std::uint64_t fixes = 0, fixes_gated = 0, fixes_off = 0, fixes_refused = 0;
     std::uint64_t steps_contradicted = 0, steps_left_out = 0, compass_jumps = 0, attitude_absent = 0,
                   depth_absent = 0, dvl_absent = 0;
+    // Keyframes whose compass reading, and steps whose visual odometry, is not believed now.
+    std::uint64_t compass_distrusted = 0, visual_distrusted = 0;
     bool dvl_lies = false;
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
@@ -120,6 +131,8 @@ class NavigationGraph {
   [[nodiscard]] PoseGraph sensorGraph() const;
   [[nodiscard]] int node(int keyframe) const { return frames_[at(keyframe)].node; }
   [[nodiscard]] const DvlCalibration& dvl() const { return dvl_; }
+  // Whether the visual odometry of the step to a keyframe is believed; true where there is none.
+  [[nodiscard]] bool visualBelieved(int keyframe) const { return !frames_[at(keyframe)].visualLies(); }
   [[nodiscard]] const IncrementalSolver& solver() const { return solver_; }
   [[nodiscard]] std::size_t memoryBytes() const;
 
@@ -140,11 +153,19 @@ class NavigationGraph {
   struct Frame {
     std::int64_t utc_ns = 0;
     SE3 T_odom_cam;
-    SE3 known;             // pose that takeChange() last gave
-    int node = 0;          // in the solver
-    int step = -1;         // measurement of the step from the keyframe before
-    int attitude = -1;     // and of attitude
-    StepQuality quality;   // of that step
+    SE3 known;                            // pose that takeChange() last gave
+    int node = 0;                         // in the solver
+    int step = -1;                        // measurement of the step from the keyframe before
+    int attitude = -1;                    // and of attitude
+    int drift = -1;                       // and of the reference that begins here
+    int link = -1;                        // and of visual odometry from the keyframe before
+    double gyro_turn = 0, ungyro_s = -1;  // of the step
+    bool leapt = false;                   // the compass, on the step
+    bool mixed = false;                   // its reference began before the compass's present one
+    StepQuality quality;                  // of that step
+    HeadingTrust::Verdict heading;
+    bool dvl_lies = false, link_slips = false;  // by their velocities
+    [[nodiscard]] bool visualLies() const { return link >= 0 && (!heading.visual || link_slips); }
     bool waiting = false;  // in changed_
 
     template <typename Archive, typename Self>
@@ -160,6 +181,7 @@ class NavigationGraph {
     double free_chi2 = 0;  // up to there its weight is 1
     double weight = 1;
     bool fix = false, off = false;
+    bool insists = false;  // a fix of many that say the same for long: its weight stays 1
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
@@ -169,9 +191,14 @@ class NavigationGraph {
   static std::size_t at(int i) { return static_cast<std::size_t>(i); }
   [[nodiscard]] int addNode(const SE3& pose);
   [[nodiscard]] int addFactor(const RelativePose& factor);  // -1 when refused
-  [[nodiscard]] int refer(const KeyframeInput& input, int node, double seconds);
-  void compareStep(Frame& from, Frame& to, const SE3& T_a_b, const Matrix6d& covariance);
+  void refer(const KeyframeInput& input, Frame& frame);
   void referDepth(const KeyframeInput& input, int node);
+  [[nodiscard]] StepTurns turnsOf(const Frame& from, const Frame& to) const;
+  void judgeVelocity(Frame& from, Frame& to);
+  void weigh(int keyframe);
+  void takeVerdicts(int keyframe);
+  [[nodiscard]] bool agreesWithRefused(int a, int b, const SE3& T_a_b, const Matrix6d& covariance);
+  [[nodiscard]] bool insists(std::int64_t utc_ns, const Eigen::Vector2d& innovation, double sigma);
   void reweight(bool settled);
   [[nodiscard]] bool fits(const Robust& r);
   void noteChanges();
@@ -194,8 +221,46 @@ class NavigationGraph {
   };
   Reference attitude_, depth_;
   bool jump_waits_ = false;
-  int contradictions_ = 0, agreements_ = 0, fixes_alike_ = 0, closures_refused_ = 0;
-  Eigen::Vector2d gated_innovation_ = Eigen::Vector2d::Zero();  // of the last fix outside the gate [m]
+  HeadingTrust heading_;
+  // Visual odometry of the newest step, until it is judged.
+  struct Seen {
+    bool waits = false, linked = false;
+    SE3 T_a_b;
+    Matrix6d covariance = Matrix6d::Zero();
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.waits, self.linked, self.T_a_b, self.covariance);
+    }
+  } seen_;
+  // Of the newest step, level, ahead and to starboard, by what is believed [m/s].
+  Eigen::Vector2d velocity_ = Eigen::Vector2d::Zero();
+  int contradictions_ = 0, slips_ = 0, agreements_ = 0;  // steps in a row
+  // Fixes outside the gate that agree with each other: how many, since when, and their mean innovation [m].
+  struct Insistence {
+    int fixes = 0;
+    std::int64_t since_ns = 0;
+    Eigen::Vector2d innovation = Eigen::Vector2d::Zero();
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.fixes, self.since_ns, self.innovation);
+    }
+  } insistence_;
+  std::int64_t trouble_ns_ = 0,
+               fix_agreed_ns_ = 0;  // last time that a sensor of the chain lied; that a fix fit
+  struct Refused {                  // a closure that contradicts
+    int a = -1, b = -1;
+    SE3 T_a_b;
+    Matrix6d covariance = Matrix6d::Zero();
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.a, self.b, self.T_a_b, self.covariance);
+    }
+  };
+  std::array<Refused, 16> refused_;  // the newest, in turn
+  std::uint64_t next_refused_ = 0;
   Counters counters_;
 };
 

@@ -7,7 +7,7 @@
 namespace fathom::slam {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 1;
+constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 2;
 
 template <typename Archive, typename Quality>
 void exchangeQuality(Archive& archive, Quality& quality) {
@@ -25,7 +25,7 @@ void exchangeCounters(Archive& archive, Counters& c) {
   archive(c.keyframes, c.keyframes_refused, c.references, c.odometry_links, c.closures, c.links_contradicting,
           c.links_off, c.links_refused, c.fixes, c.fixes_gated, c.fixes_off, c.fixes_refused,
           c.steps_contradicted, c.steps_left_out, c.compass_jumps, c.attitude_absent, c.depth_absent,
-          c.dvl_absent, c.dvl_lies);
+          c.dvl_absent, c.compass_distrusted, c.visual_distrusted, c.dvl_lies);
 }
 
 bool within(int index, int first, std::size_t size) {
@@ -40,8 +40,9 @@ void NavigationGraph::exchange(Archive& archive, Self& self) {
   archive.bounded(self.frame_of_node_, self.frame_of_node_.capacity());
   archive.bounded(self.changed_, self.changed_.capacity());
   std::uint64_t next = self.next_robust_, newest = self.newest_robust_;
-  archive(next, newest, self.shift_, self.shift_sigma_, self.jump_waits_, self.contradictions_,
-          self.agreements_, self.fixes_alike_, self.closures_refused_, self.gated_innovation_);
+  archive(next, newest, self.shift_, self.shift_sigma_, self.jump_waits_, self.heading_, self.seen_,
+          self.velocity_, self.contradictions_, self.slips_, self.agreements_, self.insistence_,
+          self.trouble_ns_, self.fix_agreed_ns_, self.refused_, self.next_refused_);
   if constexpr (Archive::kLoading) {
     self.next_robust_ = next;
     self.newest_robust_ = newest;
@@ -55,7 +56,9 @@ void NavigationGraph::exchange(Archive& archive, Self& self) {
 
 template <typename Archive, typename Self>
 void NavigationGraph::exchangeFrame(Archive& archive, Self& frame) {
-  archive(frame.utc_ns, frame.T_odom_cam, frame.known, frame.node, frame.step, frame.attitude, frame.waiting);
+  archive(frame.utc_ns, frame.T_odom_cam, frame.known, frame.node, frame.step, frame.attitude, frame.drift,
+          frame.link, frame.gyro_turn, frame.ungyro_s, frame.leapt, frame.mixed, frame.heading.compass,
+          frame.heading.visual, frame.heading.restarts, frame.dvl_lies, frame.link_slips, frame.waiting);
   exchangeQuality(archive, frame.quality);
 }
 
@@ -63,7 +66,7 @@ template <typename Archive, typename Self>
 void NavigationGraph::exchangeRobust(Archive& archive, Self& robust) {
   auto& f = robust.factor;
   archive(f.from, f.to, f.T_from_to, robust.measurement, robust.free_chi2, robust.weight, robust.fix,
-          robust.off);
+          robust.off, robust.insists);
   // A link's information follows from its covariance; a fix has none.
   if (robust.fix)
     archive(f.information);
@@ -96,8 +99,8 @@ bool NavigationGraph::isWhole() const {
   for (std::size_t k = 0; k < frames_.size(); ++k) {
     const Frame& f = frames_[k];
     const bool good = within(f.node, 1, nodes) && within(f.step, -1, measurements) &&
-                      within(f.attitude, -1, measurements) &&
-                      frame_of_node_[at(f.node)] == static_cast<int>(k) &&
+                      within(f.attitude, -1, measurements) && within(f.drift, -1, measurements) &&
+                      within(f.link, -1, measurements) && frame_of_node_[at(f.node)] == static_cast<int>(k) &&
                       (k == 0 || frames_[k - 1].utc_ns <= f.utc_ns);
     if (!good) return false;
     waiting += f.waiting ? 1 : 0;

@@ -32,7 +32,7 @@ Eigen::Vector3d all(double sigma) {
 void SensorNoise::validate() const {
   const double positive[] = {dvl_velocity,     dvl_rate,     dvl_scale, dvl_heading,
                              unknown_velocity, heading,      tilt,      deviation,
-                             tilt_bias,        unknown_turn, depth};
+                             tilt_bias,        unknown_turn, depth,     gyro_walk};
   const double not_negative[] = {deviation_drift, deviation_turn, tilt_turn,
                                  depth_offset,    depth_drift,    visual_scale};
   for (const double value : positive)
@@ -98,6 +98,16 @@ RelativePose attitudeDrift(int before, int after, double seconds, double turn, d
                                    noise.deviation_turn * noise.deviation_turn * turn + extra * extra);
   const double tilt = std::hypot(kHeld, noise.tilt_turn * std::sqrt(turn));
   return measured(before, after, SE3(), all(kHeld), {tilt, tilt, heading});
+}
+
+RelativePose gyroFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b, double beyond, double sigma) {
+  const Eigen::Quaterniond turn(Eigen::AngleAxisd(beyond, Eigen::Vector3d::UnitZ()));
+  const Eigen::Quaterniond turned = turn * T_odom_b.rotation();
+  const Eigen::Vector3d down = turned.conjugate() * Eigen::Vector3d::UnitZ();
+  Matrix6d information = Matrix6d::Identity() / (kUnknown * kUnknown);
+  information.bottomRightCorner<3, 3>() += down * down.transpose() / (sigma * sigma);
+  const SE3 between(T_odom_a.rotation().conjugate() * turned, (T_odom_a.inverse() * T_odom_b).translation());
+  return {a, b, between, informationOfResidual(information)};
 }
 
 RelativePose depthFactor(int reference, int camera, const SE3& T_odom_cam, const SensorNoise& noise) {

@@ -24,6 +24,7 @@ struct SensorNoise {
   double tilt_bias = 0.003;       // of roll and pitch at first [rad]
   double tilt_turn = 0.003;       // its change with the heading: the bias is the body's [rad/rad^(1/2)]
   double unknown_turn = 0.1;      // rate of turn while attitude is away [rad/s]
+  double gyro_walk = 3e-4;        // angle random walk of a gyro, where there is one [rad/s^(1/2)]
   // Depth.
   double depth = 0.003;         // of one reading [m]
   double depth_offset = 0.002;  // of the sea's height over nav's zero, or of the sensor, at first [m]
@@ -76,6 +77,13 @@ struct StepQuality {
 //   e_phi = vec(R_nav_before^T R_nav_after). `extra`: further standard deviation of heading [rad].
 [[nodiscard]] RelativePose attitudeDrift(int before, int after, double seconds, double turn, double extra,
                                          const SensorNoise& noise);
+
+// Turn of a camera about nav's down axis by gyro, which differs from the compass's by `beyond` [rad]:
+//   e_phi along R_nav_b^T n of T_m = T_odom_a^-1 Rz(beyond) T_odom_b about the camera, n down; the rest is
+//   not
+// told. `sigma`: of the turn [rad].
+[[nodiscard]] RelativePose gyroFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b, double beyond,
+                                      double sigma);
 
 // Depth of a camera below a reference T_nav_ref, whose z is the height of the sea under nav's zero (the
 // origin: known to be 0):  e_z = n . R_m (R_m^T (T_nav_ref^-1 t_nav_cam - t_odom_cam)), n down.

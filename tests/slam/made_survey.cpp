@@ -7,8 +7,15 @@
 namespace fathom::slam::testing {
 namespace {
 
-constexpr double kSubstep = 0.2;      // DVL ensembles [s]
-constexpr double kDeviation = 0.021;  // amplitude over the heading [rad]
+constexpr double kSubstep = 0.2;  // DVL ensembles [s]
+// Truth's errors, of a Sirius-class vehicle: 1200 kHz DVL (0.2 % +- 2 mm/s), tilt-compensated compass of
+// 0.3 degrees, pressure sensor of 0.01 % of 30 m.
+constexpr double kDvlVelocity = 0.002, kDvlScale = 0.002, kDvlHeading = 0.006;  // [m/s], [1], [rad]
+constexpr double kHeading = 0.006, kTilt = 0.002, kTiltBias = 0.003;            // [rad]
+constexpr double kDeviation = 0.021;                                            // over the heading [rad]
+constexpr double kDeviationWalk = 7e-4;                                         // [rad/s^(1/2)]
+constexpr double kDepth = 0.003, kDepthBias = 0.002;                            // [m]
+constexpr double kAnomalous = 2;  // standard deviations of heading
 
 std::size_t at(int k) {
   return static_cast<std::size_t>(k);
@@ -47,16 +54,14 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> uniform;
   const auto gauss = [&](double sigma) { return sigma * normal(s.random); };
-  const SensorNoise noise;
-
   Vector6d sigma;
   sigma << 0.002, 0.002, 0.003, 0.0015, 0.0015, 0.0015;
   s.link_covariance = sigma.cwiseAbs2().asDiagonal();
-  s.dvl_scale = gauss(noise.dvl_scale);
-  s.dvl_heading = gauss(noise.dvl_heading);
+  s.dvl_scale = gauss(kDvlScale);
+  s.dvl_heading = gauss(kDvlHeading);
   const double iron = 2 * std::numbers::pi * uniform(s.random);
-  const double roll_bias = gauss(noise.tilt_bias), pitch_bias = gauss(noise.tilt_bias);
-  const double depth_bias = gauss(noise.depth_offset);
+  const double roll_bias = gauss(kTiltBias), pitch_bias = gauss(kTiltBias);
+  const double depth_bias = gauss(kDepthBias);
   double drift = 0;
   const auto measured = [&](const SE3& T_a_b) {
     Vector6d e;
@@ -69,7 +74,8 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
   Eigen::Vector2d odom(0, 0);
   const Eigen::Vector2d start = way.at[0];
   double heading_before = 0, unlocked = 0, next_fix = o.usbl_period;
-  bool jumped = false;
+  bool jumped = false, lied = false;
+  double heading_last = 0, gyro_turn = 0;
   for (std::size_t i = 0; i + 1 < way.at.size(); ++i) {
     const double t = static_cast<double>(i) * kSubstep;
     const Eigen::Vector2d d = way.at[i + 1] - way.at[i];
@@ -77,10 +83,14 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
     const double track = std::atan2(d.y(), d.x());
     const double heading = i == 0 ? track : heading_before + 0.35 * wrapAngle(track - heading_before);
     heading_before = heading;
-    drift += gauss(noise.deviation_drift * std::sqrt(kSubstep));
+    drift += gauss(kDeviationWalk * std::sqrt(kSubstep));
     const double deviation = kDeviation * std::sin(heading + iron) + drift;
     const double jump = t >= o.jump_at && !o.jump_told ? o.jump : 0;
-    const double compass = heading + deviation + jump + gauss(noise.heading);
+    const double off = (t - o.bump_at) / o.bump_sigma, bump = o.bump * std::exp(-0.5 * off * off);
+    const double compass = heading + deviation + jump + bump + gauss(kHeading);
+    if (i > 0) gyro_turn += wrapAngle(heading - heading_last) + o.gyro_bias * kSubstep;
+    if (i > 0 && o.gyro_walk > 0) gyro_turn += gauss(o.gyro_walk * std::sqrt(kSubstep));
+    heading_last = heading;
     const double roll = 0.03 * std::sin(0.9 * t), pitch = 0.02 * std::sin(0.7 * t + 1);
     const double depth = 10 + 0.3 * std::sin(0.05 * t);
     const SE3 truth = SE3::fromEuler(roll, pitch, heading, {way.at[i].x(), way.at[i].y(), depth});
@@ -88,14 +98,21 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
       const int k = static_cast<int>(s.truth.size());
       KeyframeInput input;
       input.utc_ns = static_cast<std::int64_t>(t * 1e9);
-      const double measured_depth = depth + depth_bias + gauss(noise.depth);
-      input.T_odom_cam =
-          SE3::fromEuler(roll + roll_bias + gauss(noise.tilt), pitch + pitch_bias + gauss(noise.tilt),
-                         compass, {odom.x(), odom.y(), measured_depth});
+      const double measured_depth = depth + depth_bias + gauss(kDepth);
+      input.T_odom_cam = SE3::fromEuler(roll + roll_bias + gauss(kTilt), pitch + pitch_bias + gauss(kTilt),
+                                        compass, {odom.x(), odom.y(), measured_depth});
       input.unlocked_s = unlocked;
       input.compass_jumped = !jumped && o.jump_told && t >= o.jump_at;
       jumped = jumped || t >= o.jump_at;
       unlocked = 0;
+      if (o.gyro_walk > 0) {
+        input.gyro_turn = gyro_turn;
+        input.ungyro_s = 0;
+      }
+      gyro_turn = 0;
+      s.anomalous.push_back(std::abs(bump) > kAnomalous * kHeading);
+      s.wrong_scale.push_back(lied);
+      lied = false;
       s.truth.push_back(truth);
       s.inputs.push_back(input);
       if (k > 0 && uniform(s.random) < o.visual_share)
@@ -111,6 +128,10 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
         for (int j = 0; j < 2; ++j) fix(j) += gauss(o.usbl_sigma);
         const double wild = uniform(s.random), direction = 2 * std::numbers::pi * uniform(s.random);
         if (wild < o.wild_fixes) fix += 12.0 * Eigen::Vector2d(std::cos(direction), std::sin(direction));
+        if (t >= o.bias_from && t < o.bias_to) {
+          fix += o.bias;
+          s.biased.push_back(s.fixes.size());
+        }
         s.fixes.push_back({k, input.T_odom_cam * lever, fix});
       }
     }
@@ -122,8 +143,20 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
     Eigen::Vector2d velocity = Eigen::Rotation2Dd(-heading) * d / kSubstep;
     velocity = (1 + s.dvl_scale) * (Eigen::Rotation2Dd(-s.dvl_heading) * velocity);
     if (t >= o.lie_from && t < o.lie_to) velocity.y() += o.lie;
-    for (int j = 0; j < 2; ++j) velocity(j) += gauss(noise.dvl_velocity);
+    if (t >= o.scale_at) velocity *= 1 + o.scale_step;
+    lied = lied || (t >= o.lie_from && t < o.lie_to) || t >= o.scale_at;
+    for (int j = 0; j < 2; ++j) velocity(j) += gauss(kDvlVelocity);
     odom += Eigen::Rotation2Dd(compass) * velocity * kSubstep;
+  }
+  for (int n = 0; n < o.false_links && !s.visual.empty(); ++n) {
+    const auto k = static_cast<std::size_t>(uniform(s.random) * static_cast<double>(s.visual.size()));
+    const double turn = o.false_turn_least + (o.false_turn_most - o.false_turn_least) * uniform(s.random);
+    const double side = uniform(s.random) < 0.5 ? -1 : 1, to = 2 * std::numbers::pi * uniform(s.random);
+    const SE3 wrong =
+        SE3::fromEuler(0, 0, side * turn, o.false_shift * Eigen::Vector3d(std::cos(to), std::sin(to), 0));
+    SE3& T_a_b = s.visual[k].T_a_b;
+    T_a_b = uniform(s.random) < 0.5 ? wrong * T_a_b : T_a_b * wrong;
+    s.false_visual.push_back(static_cast<int>(k));
   }
   s.anchor = start;
   for (int j = 0; j < 2; ++j) s.anchor(j) += gauss(o.anchor_sigma);

@@ -23,10 +23,22 @@ struct MadeSurveyOptions {
   double jump_at = 1e9, jump = 0;                 // of the compass [s], [rad]
   bool jump_told = true;  // as a leap of the compass; else only visual odometry shows it
   double lie_from = 1e9, lie_to = 1e9, lie = 0;  // velocity that the DVL adds to starboard [s], [m/s]
+  // A magnetic anomaly that the vehicle passes: bump exp(-((t - bump_at) / bump_sigma)^2 / 2) [s], [rad].
+  double bump_at = 1e9, bump = 0, bump_sigma = 3;
+  // Visual odometry that took another place for the next: so many links, turned by so much either way [rad]
+  // and shifted [m].
+  int false_links = 0;
+  double false_turn_least = 0.07, false_turn_most = 0.175, false_shift = 0;
+  double scale_at = 1e9, scale_step = 0;           // the DVL's scale changes by so much [s], [1]
+  double bias_from = 1e9, bias_to = 1e9;           // USBL errs by `bias` all the while [s]
+  Eigen::Vector2d bias = Eigen::Vector2d::Zero();  // [m]
+  // Gyro: angle random walk [rad/s^(1/2)], constant bias [rad/s]; none: negative.
+  double gyro_walk = -1, gyro_bias = 1e-4;
 };
 
-// A lawn-mower survey and what a vehicle's sensors make of it, with the errors that SensorNoise's defaults
-// describe: compass with a deviation over heading and time, biased tilt, DVL with scale and misalignment.
+// A lawn-mower survey and what a vehicle's sensors make of it: compass with a deviation over heading and
+// time, biased tilt, DVL with scale and misalignment. The magnitudes are a Sirius-class vehicle's by its data
+// sheets (made_survey.cpp), whatever the estimator takes them to be.
 struct MadeSurvey {
   struct Link {
     int a = 0, b = 0;
@@ -45,6 +57,10 @@ struct MadeSurvey {
   Matrix6d link_covariance;
   Eigen::Vector2d anchor;  // nav - odom as known at the start [m]
   double dvl_scale = 0, dvl_heading = 0;
+  std::vector<int> false_visual;    // indices in `visual`
+  std::vector<bool> anomalous;      // by keyframe: the compass errs by more than its noise there
+  std::vector<bool> wrong_scale;    // by keyframe: the DVL lied on the way to it
+  std::vector<std::size_t> biased;  // indices in `fixes`
   std::mt19937_64 random;
 };
 

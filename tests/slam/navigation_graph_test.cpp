@@ -79,6 +79,7 @@ TEST(NavigationGraph, ItsCovarianceIsHonestOverManySurveys) {
   // 95 % of chi-square with 240 degrees of freedom, over 40.
   constexpr double kLow = 4.97, kHigh = 7.12;
   for (const double sum : {newest, middle, relative}) {
+    SCOPED_TRACE(sum / kSurveys);
     EXPECT_GT(sum / kSurveys, kLow);
     EXPECT_LT(sum / kSurveys, kHigh);
   }
@@ -112,6 +113,7 @@ TEST(NavigationGraph, FindsScaleAndMisalignmentOfTheDvl) {
     EXPECT_NEAR(graph.dvl().scale(), -survey.dvl_scale, 4 * std::sqrt(graph.dvl().covariance()(0, 0)));
     EXPECT_NEAR(graph.dvl().heading(), survey.dvl_heading, 4 * std::sqrt(graph.dvl().covariance()(1, 1)));
     EXPECT_LT(graph.dvl().remainingShare(), 0.002);
+    EXPECT_EQ(graph.dvl().restarts(), 0U);
   }
 }
 

@@ -1,0 +1,111 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+namespace fathom::slam {
+
+// What a step between two consecutive keyframes turned about nav's down axis, by each sensor [rad].
+struct StepTurns {
+  double seconds = 0;  // of the step
+  double compass = 0;
+  bool compass_held = false;   // at the step's end: the compass is silent
+  bool compass_leapt = false;  // a leap was taken out of its readings on the way: its reference is another
+  double visual = 0, visual_sigma = 0;
+  bool has_visual = false;
+  double gyro = 0, gyro_sigma = 0;  // without that of its bias
+  bool has_gyro = false;
+};
+
+// Who lies about the heading: compass, visual odometry or gyro.
+//
+// Visual odometry (or the gyro) joined step by step gives a heading whose difference from the compass,
+//   D_k = sum of (visual turn - compass turn),
+// stays near a constant c while all are honest. A magnetic anomaly takes D away from c and back again, by
+// degrees; a false visual link takes it away in one step, by just what that step contradicts the compass, and
+// for good. So each history of the dive is a list of blamed links, and its cost is the sum of
+//   min((D_k - c)^2 / s^2, kAnomaly) a second    the compass, whose errors come in bursts with skirts,
+//   kFalseLink, kFalseLeap                       each blamed link, where the gyro does not vouch for it,
+//   kLeap, kRestart                              each new reference of the compass, found at a leap of more
+//                                                than a link can be wrong by, or because it stays elsewhere,
+// the truncated least squares of Yang et al. (2020) along a chain, whose least value the Viterbi algorithm
+// (Forney 1973) finds: of histories that have come to the same c only the cheapest is followed.
+//
+// Verdicts on the last kWindow steps may still change; those before are final. Fixed memory, work bounded.
+class HeadingTrust {
+ public:
+  static constexpr int kWindow = 256;  // steps
+
+  // The next step, from keyframe steps() to the one after it.
+  void add(const StepTurns& step);
+  [[nodiscard]] std::int64_t steps() const { return steps_; }
+
+  struct Verdict {
+    bool compass = true;    // its reading at the step's end is believed
+    bool visual = true;     // the link is believed
+    bool restarts = false;  // from the step's end on the compass has another reference
+    bool operator==(const Verdict&) const = default;
+  };
+  // Of a step, counting from 0, among the last kWindow.
+  [[nodiscard]] Verdict verdict(std::int64_t step) const { return verdicts_[slot(step)]; }
+  // The first step whose verdict the last add() gave or changed.
+  [[nodiscard]] std::int64_t firstChanged() const { return first_changed_; }
+
+  [[nodiscard]] double gyroBias() const { return gyro_bias_; }  // [rad/s]
+  // Standard deviation of what is left of a turn by gyro once the bias is taken out [rad].
+  [[nodiscard]] double gyroSigma(const StepTurns& step) const;
+
+  // For saved state (state_archive.hpp), bit by bit.
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.steps_, self.count_, self.reckoned_, self.turned_, self.first_changed_, self.gyro_bias_,
+            self.gyro_variance_, self.was_held_, self.relocks_, self.histories_, self.verdicts_);
+    archive.require(self.steps_ >= 0 && self.count_ >= 1 && self.count_ <= kHistories &&
+                        self.first_changed_ >= 0 && self.first_changed_ <= self.steps_,
+                    "histories of the heading that cannot be");
+  }
+
+ private:
+  static constexpr int kHistories = 16;
+  static constexpr int kWord = 64;
+  using Steps = std::array<std::uint64_t, kWindow / kWord>;  // bits, by step modulo kWindow
+  struct History {
+    double constant = 0;  // c [rad]
+    double cost = 0;
+    Steps leaning{}, distrusted{}, blamed{}, restarted{};
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.constant, self.cost, self.leaning, self.distrusted, self.blamed, self.restarted);
+    }
+  };
+  struct Stored : Verdict {
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.compass, self.visual, self.restarts);
+    }
+  };
+  struct Joined {          // the turn of a step, for which the compass is not asked
+    double turn = 0;       // [rad]
+    bool known = false;    // by visual odometry or gyro
+    bool may_lie = false;  // the visual link is what is known, and nothing vouches for it
+    bool blamed = false;   // the gyro contradicts the visual link
+  };
+  static std::size_t slot(std::int64_t step) { return static_cast<std::size_t>(step % kWindow); }
+  [[nodiscard]] Joined join(const StepTurns& step);
+  void follow(History history, const StepTurns& step, bool leapt);
+  void keep(const History& history);
+  void settle();
+
+  std::array<History, kHistories> histories_{}, next_{};
+  int count_ = 1, next_count_ = 0;
+  std::array<Stored, kWindow> verdicts_{};
+  std::int64_t steps_ = 0, first_changed_ = 0;
+  double reckoned_ = 0;    // D [rad]
+  double turned_ = 0;      // lately, either way [rad]
+  bool was_held_ = false;  // the compass, at the last step's end
+  bool relocks_ = false;   // nothing told how the vehicle turned while the compass was silent
+  double gyro_bias_ = 0, gyro_variance_ = 1e-6;  // [rad/s], [rad^2/s^2]
+};
+
+}  // namespace fathom::slam

@@ -1,0 +1,371 @@
+// Who is believed: the weights of all that may lie.
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+
+#include "recon/slam/navigation_graph.hpp"
+
+namespace fathom::slam {
+namespace {
+
+constexpr double kOffAt = 2;         // times what chance explains: a factor is switched off
+constexpr double kSettled = 0.01;    // share of chi2 that poses at rest may still lose
+constexpr double kNewWeight = 0.15;  // relative change of a weight that is worth the solver's work
+// Of what is not believed but must hold two parts together, or tells tilt besides heading: its standard
+// deviations are a hundred times as large, half a metre and ten degrees.
+constexpr double kWidened = 1e-4;
+constexpr double kTurnedSigmas = 4;   // by which the compass contradicts a link, for the count of such steps
+constexpr double kYawUnjudged = 1.0;  // variance of a step's yaw where HeadingTrust judges it [rad^2]
+// A velocity that differs from the one before by twice as much as the other, and this, is the one that lies.
+constexpr double kTwice = 2, kLeastChange = 0.05;  // [1], [m/s]
+constexpr double kStaleVelocity_s = 10;            // older, it tells nothing of the present one
+// Of the graph's own covariance where a closure is judged by it: links share errors that it takes for
+// independent, and after a long way its standard deviations are half of what they should be.
+constexpr double kKnownScale = 4;
+constexpr double kAlike = 3;  // standard deviations between wild fixes that agree
+// So long fixes that agree with each other are doubted: a USBL that is turned or biased by a reflection stays
+// so for minutes. Not so long where the vehicle has gone without anything to be believed since they last
+// fitted.
+constexpr double kDoubted_s = 900, kDoubtedInTrouble_s = 60;
+constexpr double kCycle = 16.81;  // chi-square with 6 degrees of freedom, 99 %
+constexpr double kNanoseconds = 1e9;
+
+double headingOf(const SE3& T_odom_cam) {
+  const Eigen::Vector3d ahead = T_odom_cam.rotation() * Eigen::Vector3d::UnitY();
+  return std::atan2(ahead.y(), ahead.x());
+}
+
+// Error of a factor as a right perturbation (rho, phi).
+Vector6d perturbationOf(const RelativePose& factor, const SE3& T_from, const SE3& T_to) {
+  Vector6d e = relativePoseError(factor, T_from, T_to);
+  e.tail<3>() *= 2;
+  return e;
+}
+
+// A right perturbation of X in X T as one of the product: Ad(T^-1).
+Matrix6d carried(const SE3& T, const Matrix6d& covariance) {
+  const SE3 back = T.inverse();
+  const Eigen::Matrix3d R = back.matrix3();
+  const Eigen::Vector3d& t = back.translation();
+  Eigen::Matrix3d hat;
+  hat << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
+  Matrix6d adjoint = Matrix6d::Zero();
+  adjoint.topLeftCorner<3, 3>() = adjoint.bottomRightCorner<3, 3>() = R;
+  adjoint.topRightCorner<3, 3>() = hat * R;
+  return adjoint * covariance * adjoint.transpose();
+}
+
+// A way in odom's axes, level, ahead and to starboard of a heading [m].
+Eigen::Vector2d level(const Eigen::Vector3d& way, double heading) {
+  return Eigen::Rotation2Dd(-heading) * Eigen::Vector2d(way.head<2>());
+}
+
+}  // namespace
+
+double NavigationGraph::distance2(const RelativePose& factor, const Matrix6d& covariance) const {
+  const Vector6d e = perturbationOf(factor, solver_.pose(factor.from), solver_.pose(factor.to));
+  return e.dot(covariance.ldlt().solve(e));
+}
+
+// The weights of a step's chain: what is believed has 1; of step and link one stays, widened at least.
+void NavigationGraph::weigh(int keyframe) {
+  const Frame& f = frames_[at(keyframe)];
+  const bool visual = f.link >= 0 && !f.visualLies(), dvl = f.step >= 0 && !f.dvl_lies;
+  const auto set = [&](int measurement, double weight) {
+    if (measurement >= 0 && solver_.measurement(measurement).weight != weight)
+      (void)solver_.setWeight(measurement, weight);
+  };
+  set(f.step, dvl ? 1 : visual ? 0 : kWidened);
+  const bool joined = dvl && f.quality.seconds_unlocked == 0;
+  set(f.link, visual ? 1 : joined ? 0 : kWidened);
+  set(f.attitude, f.heading.compass && !f.mixed ? 1 : kWidened);
+}
+
+StepTurns NavigationGraph::turnsOf(const Frame& from, const Frame& to) const {
+  StepTurns turns;
+  const double before = headingOf(from.T_odom_cam);
+  turns.seconds = to.quality.seconds;
+  turns.compass = wrapAngle(headingOf(to.T_odom_cam) - before);
+  turns.compass_held = to.attitude < 0;
+  turns.compass_leapt = to.leapt;
+  turns.has_gyro = to.ungyro_s == 0;
+  turns.gyro = to.gyro_turn;
+  turns.gyro_sigma = config_.noise.gyro_walk * std::sqrt(std::max(turns.seconds, 0.0));
+  turns.has_visual = seen_.linked;
+  if (seen_.linked) {
+    const SE3 seen = from.T_odom_cam * seen_.T_a_b;
+    turns.visual = wrapAngle(headingOf(seen) - before);
+    const Eigen::Vector3d down = seen.rotation().conjugate() * Eigen::Vector3d::UnitZ();
+    turns.visual_sigma =
+        std::sqrt(std::max(0.0, down.dot(seen_.covariance.bottomRightCorner<3, 3>() * down)));
+  }
+  return turns;
+}
+
+// Visual odometry against the DVL's step, but for yaw: its own noise, with the compass's and depth sensor's
+// of both ends. Which of two that contradict each other lies, the velocity before tells: a vehicle of a
+// hundred kilograms does not change it in a second. A liar that goes on and on is the other one after all.
+void NavigationGraph::judgeVelocity(Frame& from, Frame& to) {
+  const SensorNoise& noise = config_.noise;
+  const double elapsed = std::max(to.quality.seconds, 1e-3), heading = headingOf(from.T_odom_cam);
+  const SE3 T_odom_to = dvl_.corrected(from.T_odom_cam, to.T_odom_cam);
+  const Eigen::Vector2d reckoned =
+      level(T_odom_to.translation() - from.T_odom_cam.translation(), heading) / elapsed;
+  const bool locked = to.quality.seconds_unlocked == 0;
+  if (!seen_.linked) {
+    if (locked && !counters_.dvl_lies) velocity_ = reckoned;
+    return;
+  }
+  const Eigen::Vector2d visual =
+      level(from.T_odom_cam.rotation() * seen_.T_a_b.translation(), heading) / elapsed;
+  const auto learn = [&] {
+    if (locked && to.heading.visual)
+      (void)dvl_.add(from.T_odom_cam, to.T_odom_cam, seen_.T_a_b, seen_.covariance, to.quality);
+  };
+  const double place = stepSigma(seen_.T_a_b.translation().norm(), to.quality, noise);
+  Vector6d sigma;
+  sigma << place, place, std::hypot(place, 2 * noise.depth), 2 * noise.tilt, 2 * noise.tilt, 0;
+  Matrix6d spread = sigma.cwiseAbs2().asDiagonal();
+  spread(5, 5) = kYawUnjudged;
+  const Vector6d e = perturbationOf({0, 1, seen_.T_a_b, Matrix6d::Identity()}, from.T_odom_cam, T_odom_to);
+  if (e.dot((spread + seen_.covariance).ldlt().solve(e)) <= config_.gate) {
+    contradictions_ = slips_ = 0;
+    if (++agreements_ >= config_.lying_after) counters_.dvl_lies = false;
+    velocity_ = visual;
+    learn();
+    return;
+  }
+  ++counters_.steps_contradicted;
+  agreements_ = 0;
+  const double by_dvl = (reckoned - velocity_).norm(), by_visual = (visual - velocity_).norm();
+  const bool known = from.quality.seconds > 0 && elapsed < kStaleVelocity_s;
+  const bool slips = locked && !counters_.dvl_lies && known && slips_ < config_.lying_after &&
+                     by_visual > kTwice * by_dvl + kLeastChange;
+  if (slips) {
+    to.link_slips = true;
+    contradictions_ = 0;
+    ++slips_;
+    velocity_ = reckoned;
+    return;
+  }
+  for (int k = keyframes() - 2; slips_ > 0 && k > 0; --k, --slips_) {
+    frames_[at(k)].link_slips = false;
+    frames_[at(k)].dvl_lies = true;
+    ++contradictions_;
+    weigh(k);
+  }
+  slips_ = 0;
+  to.dvl_lies = true;
+  velocity_ = visual;
+  learn();
+  if (++contradictions_ >= config_.lying_after) counters_.dvl_lies = true;
+}
+
+void NavigationGraph::judge() {
+  if (!seen_.waits) return;
+  seen_.waits = false;
+  const int newest = keyframes() - 1;
+  Frame &from = frames_[at(newest - 1)], &to = frames_[at(newest)];
+  const StepTurns turns = turnsOf(from, to);
+  heading_.add(turns);
+  to.heading.visual = heading_.verdict(newest - 1).visual;
+  const double doubt = std::hypot(turns.visual_sigma, 2 * config_.noise.heading,
+                                  config_.noise.deviation_turn * std::sqrt(std::abs(turns.compass)));
+  if (turns.has_visual && std::abs(wrapAngle(turns.visual - turns.compass)) > kTurnedSigmas * doubt)
+    ++counters_.steps_contradicted;
+  if (turns.has_gyro) {
+    const double turn = wrapAngle(turns.gyro - heading_.gyroBias() * turns.seconds);
+    (void)addFactor(gyroFactor(from.node, to.node, from.T_odom_cam, to.T_odom_cam, turn - turns.compass,
+                               heading_.gyroSigma(turns)));
+  }
+  judgeVelocity(from, to);
+  seen_.linked = false;
+  takeVerdicts(static_cast<int>(heading_.firstChanged()) + 1);
+  counters_.compass_distrusted = counters_.visual_distrusted = counters_.steps_left_out = 0;
+  for (const Frame& frame : frames_) {
+    counters_.compass_distrusted += frame.attitude >= 0 && !frame.heading.compass ? 1 : 0;
+    counters_.visual_distrusted += frame.visualLies() ? 1 : 0;
+    counters_.steps_left_out += frame.dvl_lies ? 1 : 0;
+  }
+  const bool seen = to.link >= 0 && !to.visualLies(),
+             reckoned = !to.dvl_lies && !counters_.dvl_lies && to.quality.seconds_unlocked == 0;
+  const bool headed = seen || turns.has_gyro || (to.heading.compass && to.attitude >= 0);
+  if (!headed || !(seen || reckoned)) trouble_ns_ = to.utc_ns;
+}
+
+// Verdicts on the heading from a keyframe on. Where the compass has another reference, the drift to the first
+// one that begins there or later is loosened; readings in between, of a reference that mixes both, are not
+// believed.
+void NavigationGraph::takeVerdicts(int keyframe) {
+  bool mixed = frames_[at(keyframe - 1)].mixed;
+  for (int k = keyframe; k < keyframes(); ++k) {
+    Frame& frame = frames_[at(k)];
+    const bool had_leapt = frame.heading.restarts;
+    frame.heading = heading_.verdict(k - 1);
+    if (!frame.leapt && frame.heading.restarts && !had_leapt) ++counters_.compass_jumps;
+    if (!frame.leapt && !frame.heading.restarts && had_leapt) --counters_.compass_jumps;
+    mixed = mixed || frame.heading.restarts;
+    if (frame.drift >= 0) {
+      if (const double weight = mixed ? kWidened : 1; solver_.measurement(frame.drift).weight != weight)
+        (void)solver_.setWeight(frame.drift, weight);
+      mixed = false;
+    }
+    frame.mixed = mixed;
+    weigh(k);
+  }
+  jump_waits_ = mixed;
+}
+
+// Whether a closure that contradicts the graph agrees with so many others that did that the graph must be
+// wrong: around the cycle a - b - b' - a' two of them and what the graph knows of the short sides come back
+// to where they began.
+bool NavigationGraph::agreesWithRefused(int a, int b, const SE3& T_a_b, const Matrix6d& covariance) {
+  int agreeing = 1;
+  for (const Refused& other : refused_) {
+    if (other.a < 0) continue;
+    const Prediction side = predict(a, other.a), far_side = predict(b, other.b);
+    const SE3 by_this = T_a_b * far_side.T_a_b, by_other = side.T_a_b * other.T_a_b;
+    const Matrix6d spread = carried(far_side.T_a_b, covariance) + far_side.covariance +
+                            carried(other.T_a_b, side.covariance) + other.covariance;
+    const Vector6d off = (by_this.inverse() * by_other).log();
+    if (off.dot(spread.ldlt().solve(off)) < kCycle) ++agreeing;
+  }
+  refused_[next_refused_++ % refused_.size()] = {a, b, T_a_b, covariance};
+  return agreeing >= config_.lying_after;
+}
+
+Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance) {
+  if (a < 0 || b < 0 || a >= keyframes() || b >= keyframes() || a == b || !covariance.allFinite()) {
+    ++counters_.links_refused;
+    return Taken::kBad;
+  }
+  Frame& to = frames_[at(b)];
+  const RelativePose factor = linkFactor(frames_[at(a)].node, to.node, T_a_b, covariance);
+  const bool chain = kind == LinkKind::kOdometry && b == a + 1 && b == keyframes() - 1 && seen_.waits;
+  if ((!chain && robust_.size() == robust_.capacity()) || !factor.information.allFinite()) {
+    ++counters_.links_refused;
+    return Taken::kFull;
+  }
+  if (!chain) {
+    const Prediction known = predict(a, b);
+    const bool fits = distance2(factor, kKnownScale * known.covariance + covariance) <= config_.gate;
+    if (!fits) ++counters_.links_contradicting;
+    if (!fits && !agreesWithRefused(a, b, T_a_b, covariance)) return Taken::kContradicts;
+  }
+  const int measurement = addFactor(factor);
+  if (measurement < 0) {
+    ++counters_.links_refused;
+    return Taken::kFull;
+  }
+  ++(kind == LinkKind::kOdometry ? counters_.odometry_links : counters_.closures);
+  if (chain) {
+    to.link = measurement;
+    seen_.linked = true;
+    seen_.T_a_b = T_a_b;
+    seen_.covariance = covariance;
+  } else {
+    robust_.push_back({factor, covariance, measurement, kLinkFree, 1, false, false});
+  }
+  return Taken::kYes;
+}
+
+// Whether fixes outside the gate have agreed with each other for so long that the graph must be wrong. Wild
+// fixes differ from each other.
+bool NavigationGraph::insists(std::int64_t utc_ns, const Eigen::Vector2d& innovation, double sigma) {
+  Insistence& run = insistence_;
+  const bool alike = run.fixes > 0 && (innovation - run.innovation).norm() < kAlike * sigma;
+  if (!alike) run = {0, utc_ns, innovation};
+  ++run.fixes;
+  run.innovation += (innovation - run.innovation) / run.fixes;
+  const double doubted = trouble_ns_ > fix_agreed_ns_ ? kDoubtedInTrouble_s : kDoubted_s;
+  return run.fixes >= config_.lying_after &&
+         static_cast<double>(utc_ns - run.since_ns) >= doubted * kNanoseconds;
+}
+
+Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_odom,
+                              const Eigen::Vector2d& north_east, double sigma) {
+  if (keyframe < 0 || keyframe >= keyframes() || !antenna_in_odom.allFinite() || !north_east.allFinite() ||
+      !(sigma > 0) || !std::isfinite(sigma)) {
+    ++counters_.fixes_refused;
+    return Taken::kBad;
+  }
+  const Frame& frame = frames_[at(keyframe)];
+  if (robust_.size() == robust_.capacity()) {
+    ++counters_.fixes_refused;
+    return Taken::kFull;
+  }
+  const SE3& T_nav_cam = solver_.pose(frame.node);
+  const RelativePose factor =
+      fixFactor(kWorld, frame.node, T_nav_cam, frame.T_odom_cam, antenna_in_odom, north_east, sigma);
+  const Eigen::Matrix3d R = T_nav_cam.matrix3();
+  const Eigen::Matrix2d spread =
+      (R * solver_.covariance(frame.node).topLeftCorner<3, 3>() * R.transpose()).topLeftCorner<2, 2>() +
+      sigma * sigma * Eigen::Matrix2d::Identity();
+  const Eigen::Vector2d innovation = (factor.T_from_to.translation() - T_nav_cam.translation()).head<2>();
+  bool insisted = false;
+  if (innovation.dot(spread.inverse() * innovation) > config_.fix_gate) {
+    ++counters_.fixes_gated;
+    insisted = insists(frame.utc_ns, innovation, sigma);
+    if (!insisted) return Taken::kContradicts;
+  } else {
+    insistence_ = {};
+    fix_agreed_ns_ = frame.utc_ns;
+  }
+  const int measurement = addFactor(factor);
+  if (measurement < 0) {
+    ++counters_.fixes_refused;
+    return Taken::kFull;
+  }
+  robust_.push_back({factor, Matrix6d::Zero(), measurement, kFixFree, 1, true, false, insisted});
+  ++counters_.fixes;
+  return Taken::kYes;
+}
+
+// Robust weights of the newest factors and of some older ones in turn. A factor is switched off only by poses
+// that have come to rest, and on again when it is as likely as a new one must be.
+void NavigationGraph::reweight(bool settled) {
+  if (robust_.empty()) return;
+  const auto look = [&](Robust& r) {
+    if (r.insists) return;
+    const SE3 from = r.factor.from == kWorld ? SE3() : solver_.pose(r.factor.from);
+    const Vector6d e = relativePoseError(r.factor, from, solver_.pose(r.factor.to));
+    const double chi2 = e.dot(r.factor.information * e);
+    const bool off = r.off ? !(fits(r) && settled) : settled && !(chi2 <= kOffAt * r.free_chi2);
+    std::uint64_t& offs = r.fix ? counters_.fixes_off : counters_.links_off;
+    if (off && !r.off) ++offs;
+    if (!off && r.off) --offs;
+    const double wanted = off ? 0 : cauchyWeight(chi2, r.free_chi2);
+    if (off != r.off || std::abs(wanted - r.weight) > kNewWeight * r.weight) {
+      (void)solver_.setWeight(r.measurement, wanted);
+      r.weight = wanted;
+    }
+    r.off = off;
+  };
+  int left = config_.reweighted;
+  for (; newest_robust_ < robust_.size() && left > 0; ++newest_robust_, --left) look(robust_[newest_robust_]);
+  for (; left > 0; --left) {
+    look(robust_[next_robust_]);
+    next_robust_ = (next_robust_ + 1) % robust_.size();
+  }
+}
+
+// Whether a factor that is switched off agrees with what the rest says.
+bool NavigationGraph::fits(const Robust& r) {
+  if (r.fix) {
+    const SE3& pose = solver_.pose(r.factor.to);
+    const Vector6d e = relativePoseError(r.factor, SE3(), pose);
+    return e.dot(r.factor.information * e) <= r.free_chi2;
+  }
+  const Matrix6d known = solver_.relativeCovariance(r.factor.from, r.factor.to);
+  return distance2(r.factor, kKnownScale * known + r.covariance) <= config_.gate;
+}
+
+StepReport NavigationGraph::step() {
+  judge();
+  const StepReport report = solver_.step();
+  reweight(report.decrease_expected <= kSettled * (1 + report.chi2) && !report.waits_for_factor);
+  noteChanges();
+  return report;
+}
+
+}  // namespace fathom::slam

@@ -1,0 +1,152 @@
+#include "tests/slam/hostile_dives.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "recon/slam/navigation_batch.hpp"
+
+namespace fathom::slam::testing {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+
+NavigationConfig configFor(std::size_t keyframes) {
+  NavigationConfig config;
+  config.max_keyframes = static_cast<int>(keyframes) + 1;
+  config.max_links = 3 * config.max_keyframes;
+  config.max_fixes = config.max_keyframes;
+  return config;
+}
+
+double greatestError(const std::vector<SE3>& poses, const std::vector<SE3>& truth) {
+  double most = 0;
+  for (std::size_t k = 0; k < poses.size(); ++k)
+    most = std::max(most, (poses[k].translation() - truth[k].translation()).head<2>().norm());
+  return most;
+}
+
+// Everything that lies left out by hand, or marked as absent.
+MadeSurvey withoutLies(const MadeSurvey& survey) {
+  MadeSurvey told = survey;
+  for (std::size_t k = 0; k < told.inputs.size(); ++k) {
+    KeyframeInput& input = told.inputs[k];
+    input.attitude_held = input.attitude_held || told.anomalous[k];
+    if (told.wrong_scale[k] && k > 0)
+      input.unlocked_s = static_cast<double>(input.utc_ns - told.inputs[k - 1].utc_ns) * 1e-9;
+  }
+  std::vector<MadeSurvey::Link> visual;
+  for (std::size_t i = 0; i < told.visual.size(); ++i)
+    if (std::find(told.false_visual.begin(), told.false_visual.end(), static_cast<int>(i)) ==
+        told.false_visual.end())
+      visual.push_back(told.visual[i]);
+  std::vector<MadeSurvey::Fix> fixes;
+  for (std::size_t i = 0; i < told.fixes.size(); ++i)
+    if (std::find(told.biased.begin(), told.biased.end(), i) == told.biased.end())
+      fixes.push_back(told.fixes[i]);
+  told.visual = visual;
+  told.fixes = fixes;
+  return told;
+}
+
+std::vector<SE3> solvedTopside(const MadeSurvey& survey, const MadeSurveyOptions& o) {
+  std::vector<NavigationLink> links;
+  for (const auto* list : {&survey.visual, &survey.closures})
+    for (const MadeSurvey::Link& l : *list) {
+      NavigationLink link;
+      link.a = static_cast<std::uint32_t>(l.a);
+      link.b = static_cast<std::uint32_t>(l.b);
+      link.T_a_b = l.T_a_b;
+      link.covariance = survey.link_covariance;
+      links.push_back(link);
+    }
+  std::vector<NavigationFix> fixes;
+  for (const MadeSurvey::Fix& f : survey.fixes)
+    fixes.push_back({f.keyframe, f.antenna_in_odom, f.north_east, o.usbl_sigma});
+  return solveNavigation(configFor(survey.inputs.size()), survey.inputs, survey.anchor, o.anchor_sigma, links,
+                         fixes)
+      .poses;
+}
+
+HostileErrors errorsOn(const MadeSurvey& survey, const MadeSurveyOptions& o) {
+  HostileErrors out;
+  NavigationGraph graph(configFor(survey.inputs.size()));
+  graph.setAnchor(survey.anchor, o.anchor_sigma);
+  std::vector<SE3> poses;
+  for (int k = 1; k <= static_cast<int>(survey.inputs.size()); ++k) {
+    driveOn(graph, survey, o, k);
+    poses.push_back(graph.pose(k - 1));
+  }
+  out.live = greatestError(poses, survey.truth);
+  for (int i = 0; i < 30; ++i) (void)graph.step();
+  for (int k = 0; k < graph.keyframes(); ++k) poses[static_cast<std::size_t>(k)] = graph.pose(k);
+  out.after = greatestError(poses, survey.truth);
+  out.topside = greatestError(solvedTopside(survey, o), survey.truth);
+  return out;
+}
+
+}  // namespace
+
+std::vector<HostileDive> hostileDives() {
+  MadeSurveyOptions line;
+  line.lines = 2;
+  line.line_length = 100;  // 200 s
+  line.closure_share = 0;
+  line.usbl_period = 1e9;
+  std::vector<HostileDive> dives;
+  const auto add = [&](const std::string& name, auto&& change) {
+    for (const bool usbl : {false, true}) {
+      MadeSurveyOptions o = line;
+      change(o);
+      if (usbl) o.usbl_period = 10;
+      dives.push_back({name + (usbl ? ", USBL" : ", no USBL"), o});
+    }
+  };
+  const auto bump = [](MadeSurveyOptions& o, double degrees, double sigma) {
+    o.bump_at = 110;
+    o.bump = degrees * kDegree;
+    o.bump_sigma = sigma;
+  };
+  add("compass 10 deg, 3 s", [&](auto& o) { bump(o, 10, 3); });
+  add("compass 20 deg, 5 s", [&](auto& o) { bump(o, 20, 5); });
+  add("compass 40 deg, 12 s", [&](auto& o) { bump(o, 40, 12); });
+  add("one false link", [](auto& o) { o.false_links = 1; });
+  add("false links, compass 20 deg, 5 s", [&](auto& o) {
+    o.false_links = 3;
+    bump(o, 20, 5);
+  });
+  add("DVL scale 3 %", [](auto& o) {
+    o.scale_at = 90;
+    o.scale_step = 0.03;
+  });
+  add("DVL scale 15 %", [](auto& o) {
+    o.scale_at = 90;
+    o.scale_step = 0.15;
+  });
+  add("60 s without DVL", [](auto& o) {
+    o.dvl_dead_from = 100;
+    o.dvl_dead_to = 160;
+  });
+  add("60 s without DVL, compass 20 deg, 5 s", [&](auto& o) {
+    o.dvl_dead_from = 80;
+    o.dvl_dead_to = 140;
+    bump(o, 20, 5);
+  });
+  MadeSurveyOptions biased = line;
+  biased.lines = 6;
+  biased.usbl_period = 10;
+  biased.bias_from = 300;
+  biased.bias_to = 900;
+  biased.bias = {3, -4};
+  dives.push_back({"USBL 5 m off for ten minutes", biased});
+  return dives;
+}
+
+HostileRun runHostile(const HostileDive& dive, std::uint64_t seed) {
+  MadeSurveyOptions o = dive.options;
+  o.seed = seed;
+  const MadeSurvey survey = makeSurvey(o);
+  return {errorsOn(survey, o), errorsOn(withoutLies(survey), o)};
+}
+
+}  // namespace fathom::slam::testing
