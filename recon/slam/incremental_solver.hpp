@@ -104,6 +104,10 @@ class IncrementalSolver {
   int measurements() const { return measurements_.size(); }  // the same of measurements
   // As it is now, composed ones too; not `in_use` where a retired pose left a place free.
   const Measurement& measurement(int k) const { return measurements_[k]; }
+  int measurementsInUse() const { return measurements_.count(); }
+  // Those that name a pose: for (k = firstMeasurement(i); k >= 0; k = nextMeasurement(k, i)).
+  int firstMeasurement(int i) const { return measurements_.first(i); }
+  int nextMeasurement(int k, int i) const { return measurements_.next(k, i); }
   const SE3& pose(int i) const { return poses_[at(i)]; }
   // Poses that the last step moved.
   std::span<const int> moved() const { return {changed_.data(), at(changed_count_)}; }
