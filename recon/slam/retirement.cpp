@@ -11,8 +11,8 @@ namespace {
 
 // Information below which a direction counts as not measured [1/m^2, 1/rad^2]: a deviation of 3 km.
 constexpr double kUnmeasured = 1e-7;
-// A shift is a straight line however long, a turn for a tenth of a radian.
-constexpr double kStraight_m = 30, kStraight_rad = 0.1;
+// A shift is a straight line however long, a turn only while it is small.
+constexpr double kStraight_m = 30, kStraight_rad = 0.05;
 constexpr int kFits = 4;  // Gauss-Newton steps to where a link's measurements are satisfied; two are enough
 constexpr int kRounds = 12;  // of the fixed point for shares
 constexpr double kLeastShare = 1e-3;

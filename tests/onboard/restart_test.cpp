@@ -155,7 +155,7 @@ TEST_F(MovingMapRestart, TheMapGoesOnBitByBit) {
   MemorySlots copy = slots;
   MovingMap loaded(config, &copy, kPoints);
   rt::StateReader reader(state);
-  ASSERT_TRUE(loaded.load(reader, kKeyframes)) << reader.failure();
+  ASSERT_TRUE(loaded.load(reader, [](int keyframe) { return keyframe < kKeyframes; })) << reader.failure();
   EXPECT_EQ(loaded.map().canonicalBytes(), whole.map().canonicalBytes());
   EXPECT_EQ(savedState(loaded), state);
   for (MovingMap* map : {&whole, &loaded}) {
@@ -171,7 +171,7 @@ TEST_F(MovingMapRestart, AMeshOfAKeyframeThatThereIsNotIsRefused) {
   fly(whole, 0, 45);
   const std::vector<std::uint8_t> state = savedState(whole);
   rt::StateReader reader(state);
-  EXPECT_FALSE(loaded.load(reader, 5));
+  EXPECT_FALSE(loaded.load(reader, [](int keyframe) { return keyframe < 5; }));
 }
 
 TEST_F(MovingMapRestart, ATornSlotCostsItsMeshOnly) {
@@ -183,7 +183,7 @@ TEST_F(MovingMapRestart, ATornSlotCostsItsMeshOnly) {
   ASSERT_TRUE(torn.write(30, block));
   MovingMap loaded(config, &torn, kPoints);
   rt::StateReader reader(state);
-  ASSERT_TRUE(loaded.load(reader, kKeyframes));
+  ASSERT_TRUE(loaded.load(reader, [](int keyframe) { return keyframe < kKeyframes; }));
   loaded.finish([](int keyframe, const SE3& T) { return poseAt(keyframe, T, 9); }, {});
   EXPECT_EQ(loaded.counters().meshes_lost, 1u);
 }

@@ -48,7 +48,7 @@ MadeStar madeStar(int neighbours, unsigned seed) {
     const bool outwards = i % 2 == 0;
     const int from = outwards ? 0 : i, to = outwards ? i : 0;
     star.edges.push_back({from, to, star.poses[index(from)].inverse() * star.poses[index(to)],
-                          randomInformation(random, i == 1 ? 100 : 10)});
+                          randomInformation(random, i == 1 ? 1e6 : 1e5)});
   }
   return star;
 }
