@@ -1,6 +1,8 @@
 // What was saved and loaded goes on: map and meshes, localisation, and all cores through a whole mission.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "recon/closure/feature_slot.hpp"
 #include "tests/onboard/cores_run.hpp"
@@ -84,6 +86,35 @@ TEST_F(LocalisationRestart, KeyframesAreWhereTheyWereAndTheDiveEndsAtTheSamePlac
   EXPECT_EQ(loaded.features().counters().read_failures, 0u);
   for (int k = 0; k < whole.keyframes(); ++k)
     EXPECT_LT((loaded.keyframePose(k).translation() - whole.keyframePose(k).translation()).norm(), 0.01) << k;
+}
+
+TEST(LocalisationRestartWithFewKeyframes, AfterSomeHaveRetiredADiveGoesOnAlike) {
+  const MadeDive made = makeDive();
+  LocalisationConfig config = smallLocalisation();
+  config.max_keyframes = 40;
+  MemorySlots slots = featureSlots(config, 40);
+  LocalisationCore whole(made.rig, config, &slots);
+  whole.setAnchor({3.3, -2.2}, 0.5);
+  const std::size_t middle = 2 * made.frames.size() / 3, end = made.frames.size();
+  dive(whole, made, 0, middle);
+  ASSERT_GT(whole.graph().counters().keyframes_retired, 10u);
+  const std::vector<std::uint8_t> state = savedState(whole);
+  MemorySlots copy = slots, second = slots;
+  LocalisationCore loaded(made.rig, config, &copy), again(made.rig, config, &second);
+  ASSERT_TRUE(load(loaded, state));
+  ASSERT_TRUE(load(again, state));
+  EXPECT_EQ(savedState(loaded), state);
+  ASSERT_TRUE(std::ranges::equal(loaded.graph().living(), whole.graph().living()));
+  for (const int k : whole.graph().living())
+    EXPECT_TRUE(samePose(loaded.keyframePose(k), whole.keyframePose(k))) << k;
+  for (LocalisationCore* core : {&whole, &loaded, &again}) {
+    dive(*core, made, middle, end);
+    core->finish();
+  }
+  EXPECT_EQ(savedState(again), savedState(loaded));
+  EXPECT_EQ(loaded.keyframes(), whole.keyframes());
+  const int newest = whole.keyframes() - 1;
+  EXPECT_LT((loaded.keyframePose(newest).translation() - whole.keyframePose(newest).translation()).norm(), 0.01);
 }
 
 TEST_F(LocalisationRestart, SlotsThatAreAnotherRunsCostClosuresOnly) {

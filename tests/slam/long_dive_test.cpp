@@ -128,13 +128,12 @@ TEST(LongDive, TenTimesThePoolEndsNearTheBatchSolutionAndNoPoseJumpsWhenAKeyfram
 
   const std::vector<SE3> poses = track.poses(graph), batch = batchOf(survey, options, closures);
   const double error = errorsOf(poses, survey.truth).absolute, least = errorsOf(batch, survey.truth).absolute;
-  std::printf("error %.4f batch %.4f\n", error, least);
   double worst = 0;
   for (int from = 0; from + 60 <= all; from += 60)
     worst = std::max(worst, rmsOf(poses, survey.truth, from, from + 60) -
                                 rmsOf(batch, survey.truth, from, from + 60));
-  std::printf("worst minute %.4f above batch\n", worst);
-  EXPECT_LT(error, 1.2 * least);
+  EXPECT_LT(error, 1.12 * least);
+  EXPECT_LT(worst, 0.15) << "metres above the batch solution in some minute";
 }
 
 TEST(LongDive, YawingToAndFroTakesFewReferencesAndCirclingLeavesRoomForEveryFrame) {
@@ -153,8 +152,6 @@ TEST(LongDive, YawingToAndFroTakesFewReferencesAndCirclingLeavesRoomForEveryFram
     input.T_odom_cam = SE3::fromEuler(0, 0, around, {3 * std::cos(around), 3 * std::sin(around), 10});
     ASSERT_TRUE(circling.addKeyframe(input)) << k;
   }
-  std::printf("%llu %llu\n", (unsigned long long)yawing.counters().references,
-              (unsigned long long)circling.counters().references);
   EXPECT_LT(yawing.counters().references, 1000U);
   EXPECT_LT(circling.counters().references, 2500U);
 }
