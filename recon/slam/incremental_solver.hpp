@@ -92,9 +92,10 @@ class IncrementalSolver {
   // there are two, and else in part, never more than was known. Switched-off measurements are forgotten.
   RetireStatus retire(int pose);
   // Which pose the map would miss least, of those that may be retired now: few neighbours, and those near;
-  // not of the newest `keep`. Looks at a bounded number of poses, and goes on from there the next time; -1:
-  // none.
-  int leastNeeded(int keep);
+  // not of the newest `keep`, and none whose place in `must_stay`, if it has one, is not 0. Looks at a
+  // bounded number of poses, and goes on from there the next time; -1: none.
+  int leastNeeded(int keep, std::span<const std::uint8_t> must_stay);
+  int leastNeeded(int keep) { return leastNeeded(keep, {}); }
   bool isRetired(int i) const { return born_[at(i)] < 0; }
   std::int64_t retired() const { return retired_; }  // so far
 
