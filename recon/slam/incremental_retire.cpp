@@ -103,7 +103,7 @@ RetireStatus IncrementalSolver::retire(int pose) {
   born_[at(pose)] = -1;
   free_[at(free_count_++)] = pose;
   ++retired_;
-  restart_ = true;
+  forgetWay();
   return RetireStatus::kOk;
 }
 
