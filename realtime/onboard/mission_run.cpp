@@ -57,6 +57,8 @@ MissionRun::MissionRun(Setup setup, OnboardOutput& output)
     stages_.ended(stage);
     if (on_stage_) on_stage_(stage);
   });
+  system_.setRetiredObserver(
+      [this](const slam::NavigationGraph::Retired& gone) { output_.addRetired(gone); });
 }
 
 void MissionRun::setObservers(std::function<void(const char* stage)> on_stage,

@@ -28,7 +28,9 @@ void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>&
   const slam::NavigationGraph::Counters& g = localisation->graph().counters();
   add("keyframes", g.keyframes);
   add("keyframes_refused", g.keyframes_refused);
+  add("keyframes_retired", g.keyframes_retired);
   add("references", g.references);
+  add("references_retired", g.references_retired);
   add("frames_without_features", c.frames_without_features);
   add("odometry_links", g.odometry_links);
   add("odometry_refused", c.odometry_refused);
@@ -70,7 +72,7 @@ void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>&
   add("closures_confirmed", s.confirmed);
   const KeyframeFeatures::Counters& f = localisation->features().counters();
   add("slots_stored", f.stored);
-  add("slots_retired", f.retired);
+  add("slots_given_way", f.given_way);
   add("slot_write_failures", f.write_failures);
   add("slot_read_failures", f.read_failures);
   const MovingMap::Counters m = map_.movingMap().counters();
@@ -79,6 +81,7 @@ void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>&
   add("map_meshes_fused_again", m.meshes_fused_again);
   add("map_meshes_waiting", m.waiting);
   add("map_meshes_lost", m.meshes_lost);
+  add("map_meshes_baked_in", m.meshes_baked_in);
   add("map_given_up", m.given_up);
   add("position_sigma_m", localisation->positionSigma());
   add("graph_bytes", localisation->graph().memoryBytes());

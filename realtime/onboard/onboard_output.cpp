@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstdio>
 #include <iomanip>
+#include <iterator>
 #include <stdexcept>
 #include <string_view>
 #include <utility>
@@ -27,7 +28,7 @@ constexpr std::array<std::string_view, 10> kOurs = {
     "packets.bin",  "downlink.bin",         "closures.csv", "health.csv",  "map.ply",
     "odometry.csv", "stereo_pose_est.data", "report.json",  "timing.json", "live.json"};
 
-constexpr std::uint32_t kTag = rt::stateTag("OUTP"), kVersion = 1;
+constexpr std::uint32_t kTag = rt::stateTag("OUTP"), kVersion = 2;
 constexpr std::size_t kPairBytes = 512;  // of a pair's record, at most, without its names
 
 // A pair's record, for the time when its pose is known.
@@ -123,30 +124,66 @@ void OnboardOutput::readPairs() {
   }
 }
 
+void OnboardOutput::addRetired(const slam::NavigationGraph::Retired& gone) {
+  record_.resize(kPairBytes);
+  rt::StateWriter writer(record_);
+  writer(gone.keyframe, gone.onto, gone.T_onto);
+  retired_.write(reinterpret_cast<const char*>(record_.data()), static_cast<std::streamsize>(writer.size()));
+}
+
+std::map<int, slam::NavigationGraph::Retired> OnboardOutput::readRetired() {
+  retired_.flush();
+  std::ifstream in(folder_.path() / files_[5].name, std::ios::binary);
+  const std::vector<char> bytes{std::istreambuf_iterator<char>(in), {}};
+  rt::StateReader reader({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
+  std::vector<slam::NavigationGraph::Retired> all;
+  for (slam::NavigationGraph::Retired gone;
+       reader.left() > 0 && reader(gone.keyframe, gone.onto, gone.T_onto);)
+    all.push_back(gone);
+  // The last first: those hang on keyframes that are left.
+  std::map<int, slam::NavigationGraph::Retired> hang;
+  for (std::size_t i = all.size(); i-- > 0;) {
+    slam::NavigationGraph::Retired& gone = all[i];
+    if (const auto further = hang.find(gone.onto); further != hang.end()) {
+      gone.onto = further->second.onto;
+      gone.T_onto = further->second.T_onto * gone.T_onto;
+    }
+    hang.emplace(gone.keyframe, gone);
+  }
+  return hang;
+}
+
 void OnboardOutput::placeStereoPoses(const std::function<SE3(const MapOutput&)>& T_nav_cam) {
   readPairs();
-  for (std::size_t i = 0; i < outputs_.size(); ++i) poses_.poses[i].T_nav_cam = T_nav_cam(outputs_[i]);
+  const std::map<int, slam::NavigationGraph::Retired> retired = readRetired();
+  for (std::size_t i = 0; i < outputs_.size(); ++i) {
+    MapOutput pair = outputs_[i];
+    if (const auto gone = retired.find(pair.keyframe); gone != retired.end()) {
+      pair.keyframe = gone->second.onto;
+      pair.T_odom_cam = gone->second.T_onto * pair.T_odom_cam;
+    }
+    poses_.poses[i].T_nav_cam = T_nav_cam(pair);
+  }
 }
 
 void OnboardOutput::writeClosures(const LocalisationCore& localisation) {
-  // A keyframe is the first pair that hangs on it.
-  std::vector<const std::string*> image(static_cast<std::size_t>(localisation.keyframes()));
+  // A keyframe is the first pair that hung on it.
+  std::vector<const io::StereoPose*> pair(static_cast<std::size_t>(localisation.keyframes()));
   for (std::size_t i = outputs_.size(); i-- > 0;)
-    if (outputs_[i].keyframe >= 0)
-      image[static_cast<std::size_t>(outputs_[i].keyframe)] = &poses_.poses[i].left_image;
+    if (outputs_[i].keyframe >= 0) pair[static_cast<std::size_t>(outputs_[i].keyframe)] = &poses_.poses[i];
   AtomicFile file(folder_.path() / "closures.csv");
   file.stream() << "left_a,left_b,x_m,y_m,z_m,qw,qx,qy,qz,sigma_position_m,sigma_rotation_rad,inliers,chi2,"
                    "confirmed\n";
   std::array<char, 400> line{};
   for (const Closure& c : localisation.closures().closures()) {
-    const std::string *a = image[static_cast<std::size_t>(c.a)], *b = image[static_cast<std::size_t>(c.b)];
+    const io::StereoPose *a = pair[static_cast<std::size_t>(c.a)], *b = pair[static_cast<std::size_t>(c.b)];
     if (a == nullptr || b == nullptr) continue;
-    const SE3 now = localisation.keyframePose(c.a).inverse() * localisation.keyframePose(c.b);
+    const SE3 now = a->T_nav_cam.inverse() * b->T_nav_cam;
     const Vector6d off = (c.T_a_b.inverse() * now).log();
     const Eigen::Vector3d& t = c.T_a_b.translation();
     const Eigen::Quaterniond& q = c.T_a_b.rotation();
     std::snprintf(line.data(), line.size(), "%s,%s,%.5f,%.5f,%.5f,%.8f,%.8f,%.8f,%.8f,%.5f,%.6f,%d,%.3f,%d\n",
-                  a->c_str(), b->c_str(), t.x(), t.y(), t.z(), q.w(), q.x(), q.y(), q.z(),
+                  a->left_image.c_str(), b->left_image.c_str(), t.x(), t.y(), t.z(), q.w(), q.x(), q.y(), q.z(),
                   std::sqrt(c.covariance.topLeftCorner<3, 3>().trace() / 3),
                   std::sqrt(c.covariance.bottomRightCorner<3, 3>().trace() / 3), c.inliers,
                   off.dot(c.covariance.ldlt().solve(off)), c.confirmed ? 1 : 0);
@@ -199,7 +236,7 @@ void OnboardOutput::commit() {
       throw std::runtime_error("cannot write into " + folder_.path().string() + " (disk full?)");
   }
   giveRoomBack();
-  std::filesystem::remove(folder_.path() / files_[1].name);
+  for (const std::size_t passing : {1U, 5U}) std::filesystem::remove(folder_.path() / files_[passing].name);
   folder_.commit();
 }
 

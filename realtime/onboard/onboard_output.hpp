@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <map>
 #include <span>
 #include <string>
 #include <vector>
@@ -34,6 +35,8 @@ class OnboardOutput {
   void addOdometry(std::int64_t utc_ns, const SE3& T_odom_body);
   void addStereoPose(const MapOutput& output, const std::string& left, const std::string& right,
                      double altitude);
+  // A keyframe is gone: pairs that hang on it hang on another.
+  void addRetired(const slam::NavigationGraph::Retired& gone);
   // The survey is over: replaces the poses by what is known of them now.
   void placeStereoPoses(const std::function<SE3(const MapOutput&)>& T_nav_cam);
   // After that: loop closures, named by the left images of their keyframes; chi2 against the poses now.
@@ -69,16 +72,19 @@ class OnboardOutput {
   void giveRoomBack();
   void cutBack(Growing& file, bool there, std::uint64_t bytes);
   void readPairs();
+  // Where what hung on a keyframe that is gone hangs in the end.
+  [[nodiscard]] std::map<int, slam::NavigationGraph::Retired> readRetired();
 
   OutputFolder folder_;
   double planned_hours_;
-  std::array<Growing, 5> files_{{{"odometry.csv", true, 5e6},
+  std::array<Growing, 6> files_{{{"odometry.csv", true, 5e6},
                                  {"pairs.tmp", true, 5e6},
                                  {"packets.bin", true, 3e6},
                                  {"downlink.bin", false, 1e6},
-                                 {"health.csv", true, 8e6}}};
+                                 {"health.csv", true, 8e6},
+                                 {"retired.tmp", true, 6e5}}};
   std::ofstream &odometry_ = files_[0].stream, &pairs_ = files_[1].stream, &packets_ = files_[2].stream,
-                &health_ = files_[4].stream;
+                &health_ = files_[4].stream, &retired_ = files_[5].stream;
   Growing& downlink_ = files_[3];
   io::StereoPoseFile poses_;        // once the survey is over
   std::vector<MapOutput> outputs_;  // of the same pairs

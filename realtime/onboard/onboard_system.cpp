@@ -248,8 +248,10 @@ std::uint16_t OnboardSystem::healthFlags(std::int64_t now_ns,
     const slam::NavigationGraph::Counters& graph = localisation->graph().counters();
     // A compass that has leapt once may be off from then on.
     if (graph.dvl_lies || graph.compass_jumps > 0) flags |= telemetry::kHealthSensorLies;
-    const bool full = graph.keyframes_refused + graph.links_refused > 0 ||
-                      map_.movingMap().counters().given_up || localisation->features().counters().retired > 0;
+    const MovingMap::Counters meshes = map_.movingMap().counters();
+    const bool full = graph.keyframes_refused + graph.links_refused + graph.fixes_refused > 0 ||
+                      meshes.given_up || meshes.meshes_baked_in > 0 ||
+                      localisation->features().counters().given_way > 0;
     if (full) flags |= telemetry::kHealthPoolFull;
   }
   const double wanted = kPoorPoints * config_.stereo.max_features;

@@ -100,6 +100,10 @@ class OnboardSystem {
     observer_ = observer;
     map_.setStageObserver(std::move(observer));
   }
+  // Called when a keyframe retires, for who holds pairs that hang on it.
+  void setRetiredObserver(LocalisationCore::OnRetired observer) {
+    map_.setRetiredObserver(std::move(observer));
+  }
   [[nodiscard]] const LinkCore& link() const { return link_; }
   [[nodiscard]] std::uint64_t unreadableImages() const { return unreadable_images_; }
   [[nodiscard]] const NavCore& nav() const { return nav_.core(); }

@@ -138,7 +138,7 @@ Eigen::VectorXd assemble(const PoseGraph& graph, const Unknowns& u, BlockCholesk
 bool solveByGrowingFactor(std::int64_t blocks, PoseGraph& graph, const BatchOptions& options,
                           BatchResult& result,
                           const std::function<void(int iteration, double chi2)>& progress) {
-  constexpr int kStalled = 3;  // steps without a move
+  constexpr int kStalled = 20;  // steps without a move: while damping grows, poses wait
   constexpr std::int64_t kNoQuota = std::int64_t{1} << 40;
   IncrementalConfig config;
   config.max_poses = static_cast<int>(graph.poses.size());
@@ -150,6 +150,7 @@ bool solveByGrowingFactor(std::int64_t blocks, PoseGraph& graph, const BatchOpti
   config.least_decrease = options.min_decrease;
   config.least_effect = 0;
   IncrementalSolver solver(config);
+  result.converged = false;
   for (const SE3& pose : graph.poses)
     if (solver.addPose(pose) != AddStatus::kOk) return false;
   for (const RelativePose& e : graph.edges)
@@ -160,7 +161,8 @@ bool solveByGrowingFactor(std::int64_t blocks, PoseGraph& graph, const BatchOpti
     if (step.measurements_waiting > 0) return false;  // the factor has no room
     result.iterations += step.iterations;
     stalled = step.iterations == 0 ? stalled + 1 : 0;
-    result.converged = !step.waits_for_factor && step.decrease_expected <= options.min_decrease * step.chi2;
+    result.converged = !step.waits_for_factor && step.decrease_expected <= options.min_decrease * step.chi2 +
+                                                                               IncrementalConfig::kNothing;
     if (progress) progress(result.iterations, step.chi2);
   }
   if (!(solver.chi2() <= result.chi2)) return result.converged = false;

@@ -77,10 +77,11 @@ void FactorBuilder::order(std::span<const std::uint8_t> newest) {
 
 std::int64_t FactorBuilder::begin(std::span<const SE3> poses, std::span<const std::uint8_t> held,
                                   std::span<const std::uint8_t> newest, const Measurements& measurements,
-                                  GrowingFactor& factor) {
+                                  double damping, GrowingFactor& factor) {
   poses_ = static_cast<int>(poses.size());
   measurements_.copyFrom(measurements);
   next_ = 0;
+  damping_ = damping;
   failed_ = false;
   std::copy(poses.begin(), poses.end(), at_poses_.begin());
   std::copy(held.begin(), held.end(), held_.begin());
@@ -148,6 +149,8 @@ std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFac
     }
     work += kLinearizeWork;
   }
+  if (damping_ > 0)
+    for (double& v : diagonal.v) v *= 1 + damping_;
 
   for (int d = head_[at(j)]; d >= 0;) {
     const int next = link_[at(d)];

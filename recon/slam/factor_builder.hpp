@@ -22,9 +22,10 @@ class FactorBuilder {
   static std::size_t bytes(const Size& size);
 
   // Takes the given poses and all measurements so far; the order keeps for the end those that are `newest`.
-  // Returns the work of ordering.
+  // Diagonal blocks are multiplied by 1 + `damping` (Marquardt 1963; by whole blocks, because a diagonal
+  // alone depends on where the world's origin is). Returns the work of ordering.
   std::int64_t begin(std::span<const SE3> poses, std::span<const std::uint8_t> held,
-                     std::span<const std::uint8_t> newest, const Measurements& measurements,
+                     std::span<const std::uint8_t> newest, const Measurements& measurements, double damping,
                      GrowingFactor& factor);
   // Goes on until `quota` is used up or all columns are done; returns the work done. Notes for each
   // measurement where it was linearised.
@@ -50,6 +51,7 @@ class FactorBuilder {
   std::span<int> place_;  // by position: block in the current column, or -1
   std::span<int> pattern_;
   int poses_ = 0, next_ = 0;
+  double damping_ = 0;
   bool failed_ = false;
 };
 

@@ -106,6 +106,7 @@ void HeadingTrust::keep(const History& h) {
 // A history with what the compass says at the step's end, and with another reference from there on.
 void HeadingTrust::follow(History h, const StepTurns& step, bool leapt) {
   const std::size_t at = slot(steps_);
+  set(h.restarted, at, leapt);
   if (step.compass_held) {
     set(h.distrusted, at, true);
     set(h.leaning, at, false);
@@ -113,7 +114,6 @@ void HeadingTrust::follow(History h, const StepTurns& step, bool leapt) {
     return;
   }
   if (relocks_ || step.compass_leapt) h.constant = reckoned_;
-  set(h.restarted, at, leapt);
   const double off = wrapAngle(reckoned_ - h.constant);
   const double honest = kHonest + kHonestTurn * std::sqrt(turned_), cost = off * off / (honest * honest);
   const bool distrusted = cost > kAnomaly;
@@ -140,7 +140,8 @@ void HeadingTrust::add(const StepTurns& step) {
   const double contradiction = wrapAngle(joined.turn - step.compass);
   reckoned_ = wrapAngle(reckoned_ + contradiction);
   turned_ = kTurnForgets * turned_ + std::abs(joined.turn);
-  relocks_ = relocks_ || (!joined.known && (step.compass_held || was_held_));
+  relocks_ = relocks_ || (!joined.known && (step.compass_held || was_held_)) ||
+             (step.compass_leapt && step.compass_held);
   const bool jump =
       joined.may_lie && !step.compass_held && !step.compass_leapt &&
       std::abs(contradiction) > std::max(kLeastJump, kGate * std::hypot(step.visual_sigma, kCompassStep));

@@ -103,17 +103,18 @@ RetireStatus IncrementalSolver::retire(int pose) {
   born_[at(pose)] = -1;
   free_[at(free_count_++)] = pose;
   ++retired_;
-  restart_ = true;
+  forgetWay();
   return RetireStatus::kOk;
 }
 
-int IncrementalSolver::leastNeeded(int keep) {
+int IncrementalSolver::leastNeeded(int keep, std::span<const std::uint8_t> must_stay) {
   int best = -1;
   double least = std::numeric_limits<double>::infinity();
   for (int seen = 0; seen < std::min(kScan, poses_count_); ++seen) {
     scanned_ = (scanned_ + 1) % poses_count_;
     const int pose = scanned_;
     if (isRetired(pose) || held_[at(pose)] || born_[at(pose)] >= births_ - keep) continue;
+    if (at(pose) < must_stay.size() && must_stay[at(pose)] != 0) continue;
     std::array<int, kMostLinks> neighbours;
     int links = 0, measured = 0;
     double nearest[kChainLinks] = {};

@@ -13,19 +13,12 @@ constexpr double kRefactor = 0.1;
 constexpr double kReweighted = 1e9;      // staleness of a measurement with another weight
 constexpr int kRounds = 8;               // factors of a step
 constexpr double kClosureMemory = 0.02;  // weight of the newest closure in the share that reaches back little
-constexpr int kHalvings = 4;             // of a step that would raise chi2
-// With a factor that is right, so many steps may raise chi2, by this factor (batch_solver.cpp).
-constexpr int kRises = 2;
-constexpr double kSteepest = 4, kRightLength = 0.8;
-// The best length along a direction that the factor gives is 1 if the factor is right; a shorter one, or a
-// longer one than its inverse, makes the next factor urgent.
-constexpr double kShortest = 0.5;
 
 std::size_t arraysOf(const IncrementalConfig& c) {
   const auto poses = static_cast<std::size_t>(c.max_poses),
              edges = static_cast<std::size_t>(c.max_measurements);
-  constexpr std::size_t kArrays = 21, kAlignment = alignof(Block);
-  return poses * (2 * sizeof(SE3) + 3 * sizeof(std::uint8_t) + 3 * kN * sizeof(double) + 5 * sizeof(int) +
+  constexpr std::size_t kArrays = 22, kAlignment = alignof(Block);
+  return poses * (3 * sizeof(SE3) + 3 * sizeof(std::uint8_t) + 3 * kN * sizeof(double) + 5 * sizeof(int) +
                   sizeof(std::int64_t)) +
          edges *
              (2 * (sizeof(InFactor) + sizeof(std::uint8_t) + sizeof(int)) + sizeof(double) + sizeof(int)) +
@@ -78,7 +71,7 @@ IncrementalSolver::IncrementalSolver(const IncrementalConfig& config)
                Factor{GrowingFactor(factorSize(config), arena_), {}, {}, {}, {}}},
       builder_(builderSize(config), arena_) {
   const auto poses = at(config.max_poses), edges = at(config.max_measurements);
-  saved_ = arenaArray<SE3>(arena_, poses);
+  for (std::span<SE3>* s : {&saved_, &best_}) *s = arenaArray<SE3>(arena_, poses);
   is_changed_ = arenaArray<std::uint8_t>(arena_, poses);
   is_newest_ = arenaArray<std::uint8_t>(arena_, poses);
   fresh_ = arenaArray<int>(arena_, edges);
@@ -102,7 +95,7 @@ AddStatus IncrementalSolver::addPose(const SE3& T_world_pose, int* index) {
   const int pose = free_count_ > 0 ? free_[at(--free_count_)] : poses_count_++;
   held_[at(pose)] = births_ == 0;
   born_[at(pose)] = births_++;
-  poses_[at(pose)] = T_world_pose;
+  poses_[at(pose)] = best_[at(pose)] = T_world_pose;
   active().poses_to_come.push(pose);
   if (building_) factors_[at(1 - active_)].poses_to_come.push(pose);
   if (index != nullptr) *index = pose;
@@ -131,7 +124,7 @@ bool IncrementalSolver::setWeight(int k, double weight) {
   measurements_.setWeight(k, weight);
   if (!errors_.has(k) || weight == before) return true;
   errors_.renew(k);
-  restart_ = true;
+  forgetWay();
   if (active().part[at(k)] == Part::kItself) stale_[at(k)] = kReweighted;
   if (active().part[at(k)] == Part::kByOthers) urgent_ = true;
   return true;
@@ -146,9 +139,10 @@ std::int64_t IncrementalSolver::update(Factor& f, double sign, int k) {
   return f.factor.update(sign, worldDerivative(m, then), to ? m.to : m.from, from && to ? m.from : -1);
 }
 
-// New measurements enter errors now, and factors as they can; false when there are none.
-bool IncrementalSolver::takeNew() {
-  if (fresh_count_ == 0) return false;
+// New measurements enter errors now, and factors as they can.
+void IncrementalSolver::takeNew() {
+  if (fresh_count_ == 0) return;
+  forgetWay();
   for (const int k : fresh_.subspan(0, at(fresh_count_))) {
     errors_.take(k);
     stale_[at(k)] = 0;
@@ -159,7 +153,13 @@ bool IncrementalSolver::takeNew() {
   }
   fresh_count_ = 0;
   errors_.refresh();
-  return true;
+}
+
+// What is known of the way to the minimum, when chi2 is no longer that of the same measurements.
+void IncrementalSolver::forgetWay() {
+  restart_ = true;
+  no_way_down_ = false;
+  rises_ = 0;
 }
 
 // Brings a factor up to the present poses and measurements, within a quota of work.
@@ -192,74 +192,6 @@ double IncrementalSolver::staleness(int k) const {
   return (to.translation() - then.T_w_to.translation()).norm() / m.lever + turn(to, then.T_w_to) +
          (m.from == kWorld ? 0
                            : turn(then.T_w_to.inverse() * then.T_w_from, to.inverse() * poses_[at(m.from)]));
-}
-
-// One iteration of preconditioned conjugate gradients; false when there is no more to gain.
-bool IncrementalSolver::iterate(StepReport& report) {
-  const int n = kN * poses_count_;
-  const std::span<const double> gradient = errors_.gradient();
-  report.solve_work +=
-      active().factor.solve(gradient.data(), solved_.data(),
-                            config_.least_effect * config_.least_decrease * errors_.chi2() / living());
-  double product = 0, change = 0;
-  for (int i = 0; i < n; ++i) {
-    product += gradient[at(i)] * solved_[at(i)];
-    change += gradient_before_[at(i)] * solved_[at(i)];
-  }
-  report.decrease_expected = product;
-  if (!(product > config_.least_decrease * errors_.chi2())) return false;
-  double beta = restart_ ? 0 : std::max(0.0, (product - change) / product_before_);
-  if (beta > 0.5) beta = 0;
-  double slope = 0;
-  for (int i = 0; i < n; ++i) {
-    direction_[at(i)] = (beta > 0 ? beta * direction_[at(i)] : 0) - solved_[at(i)];
-    slope += gradient[at(i)] * direction_[at(i)];
-  }
-  if (slope >= 0) {
-    for (int i = 0; i < n; ++i) direction_[at(i)] = -solved_[at(i)];
-    slope = -product;
-  }
-  for (int i = 0; i < n; ++i) gradient_before_[at(i)] = gradient[at(i)];
-  product_before_ = product;
-  restart_ = false;
-
-  double length = -slope / errors_.curvature(direction_);
-  moved_count_ = 0;
-  for (int i = 0; i < poses_count_; ++i) {
-    if (held_[at(i)] || Eigen::Map<const Perturbation>(&direction_[at(kN * i)]).isZero(0)) continue;
-    moved_[at(moved_count_++)] = i;
-    saved_[at(i)] = poses_[at(i)];
-    if (!is_changed_[at(i)]) {
-      is_changed_[at(i)] = 1;
-      changed_[at(changed_count_++)] = i;
-    }
-  }
-  const std::span<const int> moving(moved_.data(), at(moved_count_));
-  const double before = errors_.chi2();
-  const auto moveBy = [&](double share) {
-    for (const int i : moving)
-      poses_[at(i)] =
-          perturbedInWorld(saved_[at(i)], share * Eigen::Map<const Perturbation>(&direction_[at(kN * i)]));
-    errors_.follow(moving);
-  };
-  // The floor of a long, curved valley lies behind its side.
-  const bool right = length > kRightLength && length < 1 / kRightLength;
-  const double most = right && rises_ < kRises ? kSteepest * before : before;
-  moveBy(length);
-  for (int halving = 0; !(errors_.chi2() <= most) && halving < kHalvings; ++halving) {
-    length /= 2;
-    moveBy(length);
-    restart_ = true;
-  }
-  // A direction in which chi2 does not fall at once is one of a factor that is out of date.
-  const bool fell = errors_.chi2() <= most;
-  rises_ = errors_.chi2() <= before ? 0 : rises_ + 1;
-  if (!fell) moveBy(0);
-  if (!fell || errors_.chi2() > before || length < kShortest || length > 1 / kShortest)
-    urgent_ = restart_ = true;
-  if (!fell) return false;
-  ++report.iterations;
-  return true;
 }
 
 // Measurements that have become stale in the active factor: few are taken anew there, the most changed first;
@@ -300,7 +232,9 @@ void IncrementalSolver::beginBuild() {
   poses_at_build_ = births_;
   measurements_at_build_ = measurements_.births();
   build_work_ = builder_.begin(poses_.subspan(0, at(poses_count_)), held_.subspan(0, at(poses_count_)),
-                               is_newest_.subspan(0, at(poses_count_)), measurements_, next.factor);
+                               is_newest_.subspan(0, at(poses_count_)), measurements_, damping_, next.factor);
+  next.damping = damping_;
+  next.moves = moves_;
 }
 
 // A factor has been built of what was there at the start; poses and measurements may have gone since, and
@@ -365,7 +299,7 @@ StepReport IncrementalSolver::step() {
   StepReport report;
   for (int i = 0; i < changed_count_; ++i) is_changed_[at(changed_[at(i)])] = 0;
   changed_count_ = 0;
-  if (takeNew()) restart_ = true;
+  takeNew();
   const int before = active().to_come.size();
   report.update_work = extend(active(), config_.update_quota);
   if (const int taken = before - active().to_come.size(); taken > 0)
@@ -376,11 +310,11 @@ StepReport IncrementalSolver::step() {
   do {
     refresh(report);
     build(report);
-    report.waits_for_factor = urgent_ && building_;
     iterations = 0;
-    while (!report.waits_for_factor && iterations < config_.iterations && iterate(report)) ++iterations;
+    while (!urgent_ && iterations < config_.iterations && iterate(report)) ++iterations;
   } while (urgent_ && iterations > 0 && ++rounds < kRounds &&
            report.solve_work + report.update_work + report.build_work + work_of_build_ < config_.build_quota);
+  report.waits_for_factor = urgent_;
   report.chi2 = errors_.chi2();
   report.poses_moved = changed_count_;
   report.measurements_waiting = active().to_come.size();

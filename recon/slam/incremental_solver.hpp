@@ -26,6 +26,7 @@ struct IncrementalConfig {
   int rebuild_after = 16;                   // poses that come after a factor was begun, before the next
   // Share of chi2 that one more iteration must promise: with less, a step ends.
   double least_decrease = 1e-6;
+  static constexpr double kNothing = 1e-12;  // or this of chi2: what rounding leaves of perfect measurements
   // Share of that, all poses together: smaller corrections wait until they have grown.
   double least_effect = 1e-4;
   // Newest poses that a new factor's order keeps for the end, where most closures join; a quarter of them
@@ -43,7 +44,8 @@ struct IncrementalConfig {
 
 struct StepReport {
   double chi2 = 0;
-  double decrease_expected = 0;  // of chi2 by the next iteration, as the last one saw it
+  // Of chi2 by the next iteration, as the last one saw it; all of chi2 where it was damped and cannot tell.
+  double decrease_expected = 0;
   int iterations = 0;
   int poses_moved = 0;
   std::int64_t solve_work = 0, update_work = 0, build_work = 0;
@@ -92,9 +94,10 @@ class IncrementalSolver {
   // there are two, and else in part, never more than was known. Switched-off measurements are forgotten.
   RetireStatus retire(int pose);
   // Which pose the map would miss least, of those that may be retired now: few neighbours, and those near;
-  // not of the newest `keep`. Looks at a bounded number of poses, and goes on from there the next time; -1:
-  // none.
-  int leastNeeded(int keep);
+  // not of the newest `keep`, and none whose place in `must_stay`, if it has one, is not 0. Looks at a
+  // bounded number of poses, and goes on from there the next time; -1: none.
+  int leastNeeded(int keep, std::span<const std::uint8_t> must_stay);
+  int leastNeeded(int keep) { return leastNeeded(keep, {}); }
   bool isRetired(int i) const { return born_[at(i)] < 0; }
   std::int64_t retired() const { return retired_; }  // so far
 
@@ -103,6 +106,10 @@ class IncrementalSolver {
   int measurements() const { return measurements_.size(); }  // the same of measurements
   // As it is now, composed ones too; not `in_use` where a retired pose left a place free.
   const Measurement& measurement(int k) const { return measurements_[k]; }
+  int measurementsInUse() const { return measurements_.count(); }
+  // Those that name a pose: for (k = firstMeasurement(i); k >= 0; k = nextMeasurement(k, i)).
+  int firstMeasurement(int i) const { return measurements_.first(i); }
+  int nextMeasurement(int k, int i) const { return measurements_.next(k, i); }
   const SE3& pose(int i) const { return poses_[at(i)]; }
   // Poses that the last step moved.
   std::span<const int> moved() const { return {changed_.data(), at(changed_count_)}; }
@@ -115,6 +122,8 @@ class IncrementalSolver {
   // T_a_b, perturbed in the same way. Not to be relied on after fillDropped().
   Matrix6d covariance(int pose);
   Matrix6d relativeCovariance(int a, int b);
+  // False while they may be smaller than the truth, because the factor is damped.
+  bool covarianceReliable() const { return active().damping == 0; }
 
   std::size_t memoryBytes() const { return arena_.capacity(); }
   std::int64_t factorBlocks() const { return active().factor.blocksInUse(); }
@@ -140,6 +149,8 @@ class IncrementalSolver {
     std::span<InFactor> in_factor;
     std::span<Part> part;               // of each measurement
     IndexQueue poses_to_come, to_come;  // poses and measurements that it does not have yet
+    double damping = 0;
+    std::int64_t moves = 0;  // moves_ when it was begun
   };
   static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
   Factor& active() { return factors_[at(active_)]; }
@@ -155,7 +166,8 @@ class IncrementalSolver {
   std::int64_t update(Factor& f, double sign, int k);
 
   std::int64_t extend(Factor& f, std::int64_t quota);
-  bool takeNew();
+  void takeNew();
+  void forgetWay();
   void beginBuild();
   void settle(Factor& f);
   bool isSettled(int pose) const;
@@ -163,6 +175,13 @@ class IncrementalSolver {
   void addComposed(RelativePose composed);
   void refresh(StepReport& report);
   bool iterate(StepReport& report);
+  void moveBy(double share);
+  void easeDamping();
+  bool takeUpBest(StepReport& report);
+  bool refuseDirection(StepReport& report, bool damp);
+  bool stopHere(StepReport& report);
+  bool startFromMeasurements(StepReport& report);
+  void noteChanged(std::span<const int> poses);
   void build(StepReport& report);
 
   IncrementalConfig config_;
@@ -177,19 +196,24 @@ class IncrementalSolver {
   FactorBuilder builder_;
   int active_ = 0;
 
-  std::span<SE3> saved_;
-  std::span<double> stale_;  // of measurements: staleness in the active factor
+  std::span<SE3> saved_, best_;  // poses before an iteration, and before iterations that raised chi2
+  std::span<double> stale_;      // of measurements: staleness in the active factor
   std::span<double> gradient_before_, solved_, direction_;
   std::span<int> moved_, changed_, fresh_;  // fresh: measurements that no step has seen
   std::span<std::uint8_t> is_changed_, is_newest_;
   int poses_count_ = 0, free_count_ = 0, fresh_count_ = 0, scanned_ = 0, moved_count_ = 0, changed_count_ = 0,
       rises_ = 0;
   double product_before_ = 0;
+  double best_chi2_ = 0;
+  double damping_ = 0;           // of the next factor
+  std::int64_t moves_ = 0;       // of poses by iterations
+  std::int64_t next_start_ = 0;  // births of measurements before poses may start anew
   double closes_late_ = 1;  // share of closures, newest weigh most, with one of the `kept_last` newest poses
   std::int64_t work_of_update_ = 1, work_of_build_ = 0, build_work_ = 0;
   std::int64_t births_ = 0, retired_ = 0;                        // of poses
   std::int64_t poses_at_build_ = 0, measurements_at_build_ = 0;  // births, when the next factor was begun
   bool restart_ = true, building_ = false, is_built_ = false, urgent_ = false;
+  bool no_way_down_ = false;  // not by any damping, from where the poses are
 };
 
 }  // namespace fathom::slam

@@ -22,8 +22,10 @@ double headingOf(const SE3& T_odom_cam) {
   return std::atan2(ahead.y(), ahead.x());
 }
 
+// What turning may take: a reference of attitude for every fourth keyframe, and so many more at once.
+constexpr int kKeyframesPerReference = 4, kSpareReferences = 200;
 int maxReferences(int keyframes) {
-  return keyframes / 4 + 200;
+  return keyframes / kKeyframesPerReference + kSpareReferences;
 }
 
 IncrementalConfig solverConfig(const NavigationConfig& config) {
@@ -48,19 +50,28 @@ void NavigationConfig::validate() const {
 }
 
 NavigationGraph::NavigationGraph(const NavigationConfig& config)
-    : config_(config), solver_(solverConfig(config)), dvl_(config.noise), shift_sigma_(kAnywhere) {
+    : config_(config),
+      solver_(solverConfig(config)),
+      dvl_(config.noise),
+      frames_(at(config.max_keyframes)),
+      shift_sigma_(kAnywhere),
+      reference_credit_(kKeyframesPerReference * kSpareReferences) {
   const IncrementalConfig sizes = solverConfig(config);
-  frames_.reserve(at(config.max_keyframes));
   changed_.reserve(at(config.max_keyframes));
-  frame_of_node_.reserve(at(sizes.max_poses));
+  frame_of_node_.resize(at(sizes.max_poses), -1);
+  must_stay_.resize(at(sizes.max_poses), 1);
+  robust_of_.resize(at(sizes.max_measurements), -1);
+  references_.reserve(at(maxReferences(config.max_keyframes)));
+  retired_.reserve(kRetiredAtOnce);
   robust_.reserve(at(config.max_links + config.max_fixes));
   // The solver holds its first pose: nav's origin.
   (void)addNode(SE3());
 }
 
 std::size_t NavigationGraph::memoryBytes() const {
-  return solver_.memoryBytes() + frames_.capacity() * sizeof(Frame) + robust_.capacity() * sizeof(Robust) +
-         (changed_.capacity() + frame_of_node_.capacity()) * sizeof(int);
+  return solver_.memoryBytes() + frames_.memoryBytes() + robust_.capacity() * sizeof(Robust) +
+         references_.capacity() * sizeof(Reference) + must_stay_.size() +
+         (changed_.capacity() + frame_of_node_.size() + robust_of_.size()) * sizeof(int);
 }
 
 void NavigationGraph::setAnchor(const Eigen::Vector2d& shift, double sigma) {
@@ -69,21 +80,22 @@ void NavigationGraph::setAnchor(const Eigen::Vector2d& shift, double sigma) {
 }
 
 int NavigationGraph::addNode(const SE3& pose) {
-  if (solver_.addPose(pose) != AddStatus::kOk) return -1;
-  frame_of_node_.push_back(-1);
-  return solver_.size() - 1;
+  int node = -1;
+  return solver_.addPose(pose, &node) == AddStatus::kOk ? node : -1;
 }
 
 int NavigationGraph::addFactor(const RelativePose& factor) {
-  return solver_.addMeasurement(factor) == AddStatus::kOk ? solver_.measurements() - 1 : -1;
+  int measurement = -1;
+  return solver_.addMeasurement(factor, &measurement) == AddStatus::kOk ? measurement : -1;
 }
 
 std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
-  if (keyframes() == config_.max_keyframes) {
+  judge();
+  makeRoom();
+  if (frames_.full()) {
     ++counters_.keyframes_refused;
     return std::nullopt;
   }
-  judge();
   Frame frame;
   frame.utc_ns = input.utc_ns;
   frame.T_odom_cam = input.T_odom_cam;
@@ -110,7 +122,8 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
     ++counters_.keyframes_refused;
     return std::nullopt;
   }
-  frame_of_node_.back() = keyframes();
+  frame_of_node_[at(frame.node)] = keyframes();
+  must_stay_[at(frame.node)] = 0;
   frame.known = T_nav_cam;
   if (first)
     (void)addFactor(fixFactor(kWorld, frame.node, T_nav_cam, input.T_odom_cam, input.T_odom_cam.translation(),
@@ -118,14 +131,42 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
   else
     frame.step = addFactor(stepFactor(frames_.back().node, frame.node, frames_.back().T_odom_cam, reckoned,
                                       quality, config_.noise));
+  reference_credit_ = std::min(reference_credit_ + 1, kKeyframesPerReference * kSpareReferences);
   jump_waits_ = jump_waits_ || input.compass_jumped;
   if (input.compass_jumped) ++counters_.compass_jumps;
   refer(input, frame);
   referDepth(input, frame.node);
-  frames_.push_back(frame);
   seen_.waits = !first;
   ++counters_.keyframes;
-  return keyframes() - 1;
+  return frames_.add(frame);
+}
+
+// Counted against a credit that grows with the keyframes, so that turning for ever leaves room for them.
+int NavigationGraph::newReference(const SE3& start) {
+  if (reference_credit_ < kKeyframesPerReference || references_.size() == references_.capacity()) return -1;
+  const int node = addNode(start);
+  if (node < 0) return -1;
+  reference_credit_ -= kKeyframesPerReference;
+  ++counters_.references;
+  return node;
+}
+
+// An earlier reference of attitude, still young, is of this heading: a vehicle that yaws to and fro comes
+// back to it.
+bool NavigationGraph::servesAgain(std::int64_t utc_ns, double heading) {
+  if (jump_waits_) return false;
+  double nearest = config_.reference_turn;
+  const Reference* best = nullptr;
+  for (std::size_t i = references_.size(); i-- > 0;) {
+    const Reference& r = references_[i];
+    if (r.utc_ns < jumped_ns_ || seconds(utc_ns - r.utc_ns) > config_.reference_s) break;
+    const double turn = std::abs(wrapAngle(heading - r.heading));
+    if (r.of_depth || turn > nearest) continue;
+    nearest = turn;
+    best = &r;
+  }
+  if (best != nullptr) attitude_ = *best;
+  return best != nullptr;
 }
 
 // The factor of attitude, and a new reference when the present one has served.
@@ -137,9 +178,11 @@ void NavigationGraph::refer(const KeyframeInput& input, Frame& frame) {
   const double heading = headingOf(input.T_odom_cam);
   const double age = attitude_.node < 0 ? 0 : seconds(input.utc_ns - attitude_.utc_ns);
   const double turn = attitude_.node < 0 ? 0 : std::abs(wrapAngle(heading - attitude_.heading));
-  if (attitude_.node < 0 || age > config_.reference_s || turn > config_.reference_turn || jump_waits_) {
+  const bool served =
+      attitude_.node < 0 || age > config_.reference_s || turn > config_.reference_turn || jump_waits_;
+  if (served && !servesAgain(input.utc_ns, heading)) {
     const SE3 start = attitude_.node < 0 ? SE3() : solver_.pose(attitude_.node);
-    const int reference = addNode(start);
+    const int reference = newReference(start);
     if (reference >= 0) {
       const double extra = jump_waits_ ? config_.jump_heading : 0;
       const int drift = addFactor(
@@ -147,13 +190,24 @@ void NavigationGraph::refer(const KeyframeInput& input, Frame& frame) {
                              : attitudeDrift(attitude_.node, reference, std::max(age, frame.quality.seconds),
                                              turn, extra, config_.noise));
       if (attitude_.node >= 0) frame.drift = drift;
-      attitude_ = {reference, input.utc_ns, heading};
+      if (jump_waits_) jumped_ns_ = input.utc_ns;
+      attitude_ = {reference, input.utc_ns, heading, false};
+      references_.push_back(attitude_);
       jump_waits_ = false;
-      ++counters_.references;
     }
   }
-  if (attitude_.node < 0) return;
-  frame.attitude = addFactor(attitudeFactor(attitude_.node, frame.node, input.T_odom_cam, config_.noise));
+  // After a jump nothing is known of the compass until it has a reference again.
+  if (attitude_.node < 0 || jump_waits_) {
+    ++counters_.attitude_absent;
+    return;
+  }
+  SensorNoise noise = config_.noise;
+  const double beyond = std::abs(wrapAngle(heading - attitude_.heading));
+  if (beyond > config_.reference_turn) {  // for want of a reference of its own
+    noise.heading = std::hypot(noise.heading, noise.deviation_turn * std::sqrt(beyond));
+    noise.tilt = std::hypot(noise.tilt, noise.tilt_turn * std::sqrt(beyond));
+  }
+  frame.attitude = addFactor(attitudeFactor(attitude_.node, frame.node, input.T_odom_cam, noise));
 }
 
 void NavigationGraph::referDepth(const KeyframeInput& input, int node) {
@@ -165,12 +219,12 @@ void NavigationGraph::referDepth(const KeyframeInput& input, int node) {
   if (noise.depth_offset > 0 || noise.depth_drift > 0) {
     const double age = depth_.node < 0 ? 0 : seconds(input.utc_ns - depth_.utc_ns);
     if (depth_.node < 0 || age > kDepthReference_s) {
-      const int reference = addNode(depth_.node < 0 ? SE3() : solver_.pose(depth_.node));
+      const int reference = newReference(depth_.node < 0 ? SE3() : solver_.pose(depth_.node));
       if (reference >= 0) {
         (void)addFactor(depth_.node < 0 ? firstDepthReference(kWorld, reference, noise)
                                         : depthDrift(depth_.node, reference, age, noise));
-        depth_ = {reference, input.utc_ns, 0};
-        ++counters_.references;
+        depth_ = {reference, input.utc_ns, 0, true};
+        references_.push_back(depth_);
       }
     }
   }
@@ -193,14 +247,9 @@ PoseGraph NavigationGraph::sensorGraph() const {
     graph.ids.push_back(node);
     graph.poses.push_back(solver_.pose(node));
   }
-  std::size_t robust = 0;  // robust_ is in the order of measurements
   for (int k = 0; k < solver_.measurements(); ++k) {
-    if (robust < robust_.size() && robust_[robust].measurement == k) {
-      ++robust;
-      continue;
-    }
     const Measurement& m = solver_.measurement(k);
-    if (m.weight == 0) continue;
+    if (robust_of_[at(k)] >= 0 || m.weight == 0) continue;
     graph.edges.push_back({std::max(m.from, 0), m.to, m.T_from_to, m.weight * m.root.transpose() * m.root});
   }
   return graph;

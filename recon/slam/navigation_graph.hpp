@@ -3,8 +3,10 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <vector>
 
+#include "realtime/kernel/numbered_pool.hpp"
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/slam/dvl_calibration.hpp"
 #include "recon/slam/heading_trust.hpp"
@@ -14,8 +16,8 @@
 namespace fathom::slam {
 
 struct NavigationConfig {
-  int max_keyframes = 12000;
-  int max_links = 24000;  // visual odometry and closures
+  int max_keyframes = 12000;  // at once: for another one, the least needed retires
+  int max_links = 24000;      // of these, visual odometry and closures
   int max_fixes = 4000;
   double reference_s = 20;       // a reference of attitude serves so long [s]
   double reference_turn = 0.17;  // and over so much turning [rad]
@@ -62,6 +64,11 @@ enum class Taken : std::uint8_t { kYes, kContradicts, kFull, kBad };
 // enter; after, their weight is Cauchy's, which switches off what the rest contradicts and on again. Of the
 // horizontal links between two consecutive keyframes one always stays in force: where both lie, they are only
 // widened. Fixed memory, bounded work a call; same calls, same result.
+//
+// A dive may be of any length: when keyframes, links or the solver are full, the keyframe that is missed
+// least retires into what its measurements say about its neighbours (retirement.hpp), and so do references
+// that no keyframe uses any more. What hung on it hangs on the nearest keyframe in time that is left, where
+// it was.
 class NavigationGraph {
  public:
   explicit NavigationGraph(const NavigationConfig& config);
@@ -70,8 +77,18 @@ class NavigationGraph {
   // its standard deviation; a kilometre if never said.
   void setAnchor(const Eigen::Vector2d& shift, double sigma);
 
-  // The keyframe's number, counting from 0; std::nullopt when there is no room.
+  // The keyframe's number, counting from 0 over the whole dive; std::nullopt when there is no room and none
+  // can retire.
   std::optional<int> addKeyframe(const KeyframeInput& input);
+
+  // A keyframe that is gone. What hung on it by odometry at T_odom hangs on `onto` at T_onto * T_odom: its
+  // pose is the same, T_onto = odometry(onto) pose(onto)^-1 pose(keyframe) odometry(keyframe)^-1.
+  struct Retired {
+    int keyframe = 0, onto = 0;
+    SE3 T_onto;
+  };
+  // By the last addKeyframe(), in their order: one may be `onto` of an earlier one.
+  [[nodiscard]] std::span<const Retired> retired() const { return retired_; }
 
   struct Prediction {
     SE3 T_a_b;
@@ -95,7 +112,11 @@ class NavigationGraph {
   // A bounded part of the work that is to do.
   StepReport step();
 
-  [[nodiscard]] int keyframes() const { return static_cast<int>(frames_.size()); }
+  // So far: the newest has this number less one. Of a keyframe that has retired nothing may be asked.
+  [[nodiscard]] int keyframes() const { return frames_.next(); }
+  [[nodiscard]] bool has(int keyframe) const { return frames_.has(keyframe); }
+  // Those that have not retired, rising.
+  [[nodiscard]] std::span<const int> living() const { return frames_.numbers(); }
   [[nodiscard]] const SE3& pose(int keyframe) const {
     return solver_.pose(frames_[at(keyframe)].node);
   }  // T_nav_cam
@@ -115,7 +136,8 @@ class NavigationGraph {
   [[nodiscard]] std::size_t changesWaiting() const { return changed_.size(); }
 
   struct Counters {
-    std::uint64_t keyframes = 0, keyframes_refused = 0, references = 0;
+    std::uint64_t keyframes = 0, keyframes_refused = 0, keyframes_retired = 0, references = 0,
+                  references_retired = 0;
     std::uint64_t odometry_links = 0, closures = 0, links_contradicting = 0, links_off = 0, links_refused = 0;
     std::uint64_t fixes = 0, fixes_gated = 0, fixes_off = 0, fixes_refused = 0;
     std::uint64_t steps_contradicted = 0, steps_left_out = 0, compass_jumps = 0, attitude_absent = 0,
@@ -127,7 +149,7 @@ class NavigationGraph {
   [[nodiscard]] const Counters& counters() const { return counters_; }
 
   // Poses and what the sensors alone say of them, as a batch solver takes it: all factors that are in force
-  // but links and fixes. Pose 0 is nav's origin.
+  // but links and fixes. Pose 0 is nav's origin. Of a graph of which nothing has retired.
   [[nodiscard]] PoseGraph sensorGraph() const;
   [[nodiscard]] int node(int keyframe) const { return frames_[at(keyframe)].node; }
   [[nodiscard]] const DvlCalibration& dvl() const { return dvl_; }
@@ -148,7 +170,7 @@ class NavigationGraph {
   static void exchangeFrame(Archive& archive, Self& frame);
   template <typename Archive, typename Self>
   static void exchangeRobust(Archive& archive, Self& robust);
-  [[nodiscard]] bool isWhole() const;  // as it must be when it was loaded
+  [[nodiscard]] bool connect();  // what was loaded; false when it contradicts itself
 
   struct Frame {
     std::int64_t utc_ns = 0;
@@ -165,6 +187,7 @@ class NavigationGraph {
     StepQuality quality;                  // of that step
     HeadingTrust::Verdict heading;
     bool dvl_lies = false, link_slips = false;  // by their velocities
+    std::array<bool, 3> counted{};              // as lying: compass, visual odometry, DVL
     [[nodiscard]] bool visualLies() const { return link >= 0 && (!heading.visual || link_slips); }
     bool waiting = false;  // in changed_
 
@@ -195,7 +218,7 @@ class NavigationGraph {
   void referDepth(const KeyframeInput& input, int node);
   [[nodiscard]] StepTurns turnsOf(const Frame& from, const Frame& to) const;
   void judgeVelocity(Frame& from, Frame& to);
-  void weigh(int keyframe);
+  void weigh(Frame& frame);
   void takeVerdicts(int keyframe);
   [[nodiscard]] bool agreesWithRefused(int a, int b, const SE3& T_a_b, const Matrix6d& covariance);
   [[nodiscard]] bool insists(std::int64_t utc_ns, const Eigen::Vector2d& innovation, double sigma);
@@ -207,7 +230,7 @@ class NavigationGraph {
   NavigationConfig config_;
   IncrementalSolver solver_;
   DvlCalibration dvl_;
-  std::vector<Frame> frames_;
+  rt::NumberedPool<Frame> frames_;
   std::vector<int> frame_of_node_;  // -1: a reference
   std::vector<Robust> robust_;
   std::vector<int> changed_;  // keyframes
@@ -218,7 +241,31 @@ class NavigationGraph {
     int node = -1;
     std::int64_t utc_ns = 0;
     double heading = 0;
+    bool of_depth = false;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.node, self.utc_ns, self.heading, self.of_depth);
+    }
   };
+  static constexpr std::size_t kRetiredAtOnce = 2;  // keyframes for one that comes
+  [[nodiscard]] int newReference(const SE3& start);
+  [[nodiscard]] bool servesAgain(std::int64_t utc_ns, double heading);
+  void makeRoom();
+  [[nodiscard]] bool retireKeyframe();
+  void retireReference();
+  [[nodiscard]] bool retireNode(int node);
+  void forget(int measurement, int other_end);
+  void moveRobust(std::size_t from, std::size_t to);
+  [[nodiscard]] int nearestInTime(int keyframe, std::int64_t utc_ns) const;
+
+  std::vector<int> robust_of_;           // of a measurement: its place in robust_; -1: none
+  std::vector<std::uint8_t> must_stay_;  // of a node: 1 unless it is a keyframe
+  std::vector<Retired> retired_;
+  std::vector<Reference> references_;  // oldest first
+  std::size_t next_reference_ = 0;     // to be looked at for retirement
+  int reference_credit_;               // in quarters of a reference
+  std::int64_t jumped_ns_ = 0;         // references before this do not serve again
   Reference attitude_, depth_;
   bool jump_waits_ = false;
   HeadingTrust heading_;

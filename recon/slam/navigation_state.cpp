@@ -1,5 +1,6 @@
 // The navigation graph as saved state.
 #include <algorithm>
+#include <limits>
 
 #include "recon/geometry/state_values.hpp"
 #include "recon/slam/navigation_graph.hpp"
@@ -7,7 +8,7 @@
 namespace fathom::slam {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 2;
+constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 3;
 
 template <typename Archive, typename Quality>
 void exchangeQuality(Archive& archive, Quality& quality) {
@@ -15,17 +16,13 @@ void exchangeQuality(Archive& archive, Quality& quality) {
           quality.lever);
 }
 
-template <typename Archive, typename Reference>
-void exchangeReference(Archive& archive, Reference& reference) {
-  archive(reference.node, reference.utc_ns, reference.heading);
-}
-
 template <typename Archive, typename Counters>
 void exchangeCounters(Archive& archive, Counters& c) {
-  archive(c.keyframes, c.keyframes_refused, c.references, c.odometry_links, c.closures, c.links_contradicting,
-          c.links_off, c.links_refused, c.fixes, c.fixes_gated, c.fixes_off, c.fixes_refused,
-          c.steps_contradicted, c.steps_left_out, c.compass_jumps, c.attitude_absent, c.depth_absent,
-          c.dvl_absent, c.compass_distrusted, c.visual_distrusted, c.dvl_lies);
+  archive(c.keyframes, c.keyframes_refused, c.keyframes_retired, c.references, c.references_retired,
+          c.odometry_links, c.closures, c.links_contradicting, c.links_off, c.links_refused, c.fixes,
+          c.fixes_gated, c.fixes_off, c.fixes_refused, c.steps_contradicted, c.steps_left_out,
+          c.compass_jumps, c.attitude_absent, c.depth_absent, c.dvl_absent, c.compass_distrusted,
+          c.visual_distrusted, c.dvl_lies);
 }
 
 bool within(int index, int first, std::size_t size) {
@@ -37,7 +34,6 @@ bool within(int index, int first, std::size_t size) {
 template <typename Archive, typename Self>
 void NavigationGraph::exchange(Archive& archive, Self& self) {
   archive(self.solver_, self.dvl_);
-  archive.bounded(self.frame_of_node_, self.frame_of_node_.capacity());
   archive.bounded(self.changed_, self.changed_.capacity());
   std::uint64_t next = self.next_robust_, newest = self.newest_robust_;
   archive(next, newest, self.shift_, self.shift_sigma_, self.jump_waits_, self.heading_, self.seen_,
@@ -47,10 +43,13 @@ void NavigationGraph::exchange(Archive& archive, Self& self) {
     self.next_robust_ = next;
     self.newest_robust_ = newest;
   }
-  exchangeReference(archive, self.attitude_);
-  exchangeReference(archive, self.depth_);
+  archive(self.attitude_, self.depth_);
+  archive.bounded(self.references_, self.references_.capacity());
+  std::uint64_t next_reference = self.next_reference_;
+  archive(next_reference, self.reference_credit_, self.jumped_ns_);
+  if constexpr (Archive::kLoading) self.next_reference_ = next_reference;
   exchangeCounters(archive, self.counters_);
-  archive.bounded(self.frames_, self.frames_.capacity());
+  archive(self.frames_);
   archive.bounded(self.robust_, self.robust_.capacity());
 }
 
@@ -58,7 +57,8 @@ template <typename Archive, typename Self>
 void NavigationGraph::exchangeFrame(Archive& archive, Self& frame) {
   archive(frame.utc_ns, frame.T_odom_cam, frame.known, frame.node, frame.step, frame.attitude, frame.drift,
           frame.link, frame.gyro_turn, frame.ungyro_s, frame.leapt, frame.mixed, frame.heading.compass,
-          frame.heading.visual, frame.heading.restarts, frame.dvl_lies, frame.link_slips, frame.waiting);
+          frame.heading.visual, frame.heading.restarts, frame.dvl_lies, frame.link_slips, frame.counted,
+          frame.waiting);
   exchangeQuality(archive, frame.quality);
 }
 
@@ -83,41 +83,62 @@ void NavigationGraph::save(rt::StateWriter& writer) const {
 bool NavigationGraph::load(rt::StateReader& reader) {
   return reader.section(kTag, kVersion, [&] {
     exchange(reader, *this);
-    if (reader.ok() && !isWhole()) reader.fail("the navigation graph contradicts itself");
+    if (reader.ok() && !connect()) reader.fail("the navigation graph contradicts itself");
   });
 }
 
-bool NavigationGraph::isWhole() const {
-  const auto nodes = static_cast<std::size_t>(solver_.size()),
-             measurements = static_cast<std::size_t>(solver_.measurements());
-  if (nodes == 0 || frame_of_node_.size() != nodes) return false;
-  for (int node = 0; node < solver_.size(); ++node)
-    if (solver_.isRetired(node)) return false;
-  for (const int k : frame_of_node_)
-    if (!within(k, -1, frames_.size())) return false;
+// Who is where, and whether each is somewhere once.
+bool NavigationGraph::connect() {
+  retired_.clear();
+  std::fill(frame_of_node_.begin(), frame_of_node_.end(), -1);
+  std::fill(must_stay_.begin(), must_stay_.end(), 1);
+  std::fill(robust_of_.begin(), robust_of_.end(), -1);
+  const auto isNode = [&](int node) {
+    return within(node, 0, at(solver_.size())) && !solver_.isRetired(node);
+  };
+  const auto isMeasurement = [&](int k) {
+    return within(k, 0, at(solver_.measurements())) && solver_.measurement(k).in_use;
+  };
+  if (!isNode(0)) return false;
   std::size_t waiting = 0;
-  for (std::size_t k = 0; k < frames_.size(); ++k) {
-    const Frame& f = frames_[k];
-    const bool good = within(f.node, 1, nodes) && within(f.step, -1, measurements) &&
-                      within(f.attitude, -1, measurements) && within(f.drift, -1, measurements) &&
-                      within(f.link, -1, measurements) && frame_of_node_[at(f.node)] == static_cast<int>(k) &&
-                      (k == 0 || frames_[k - 1].utc_ns <= f.utc_ns);
+  std::int64_t before_ns = std::numeric_limits<std::int64_t>::min();
+  for (const int k : living()) {
+    const Frame& f = frames_[at(k)];
+    const bool good = f.node > 0 && isNode(f.node) && frame_of_node_[at(f.node)] < 0 &&
+                      (f.step == -1 || isMeasurement(f.step)) &&
+                      (f.attitude == -1 || isMeasurement(f.attitude)) &&
+                      (f.drift == -1 || isMeasurement(f.drift)) && (f.link == -1 || isMeasurement(f.link)) &&
+                      before_ns <= f.utc_ns;
     if (!good) return false;
+    frame_of_node_[at(f.node)] = k;
+    must_stay_[at(f.node)] = 0;
+    before_ns = f.utc_ns;
     waiting += f.waiting ? 1 : 0;
   }
-  std::vector<bool> met(frames_.size());
-  for (const int k : changed_) {
-    if (!within(k, 0, frames_.size()) || !frames_[at(k)].waiting || met[at(k)]) return false;
-    met[at(k)] = true;
+  std::vector<int> changed(changed_);
+  std::sort(changed.begin(), changed.end());
+  if (std::adjacent_find(changed.begin(), changed.end()) != changed.end()) return false;
+  const auto waits = [&](int k) { return has(k) && frames_[at(k)].waiting; };
+  if (changed.size() != waiting || !std::all_of(changed.begin(), changed.end(), waits)) return false;
+  for (std::size_t i = 0; i < robust_.size(); ++i) {
+    const Robust& r = robust_[i];
+    const bool good = (r.factor.from == kWorld || isNode(r.factor.from)) && isNode(r.factor.to) &&
+                      isMeasurement(r.measurement) && robust_of_[at(r.measurement)] < 0 &&
+                      r.factor.information.allFinite() && r.covariance.allFinite();
+    if (!good) return false;
+    robust_of_[at(r.measurement)] = static_cast<int>(i);
   }
-  const auto good = [&](const Robust& r) {
-    return within(r.factor.from, kWorld, nodes) && within(r.factor.to, 0, nodes) &&
-           within(r.measurement, 0, measurements) && r.factor.information.allFinite() &&
-           r.covariance.allFinite();
+  const auto isReference = [&](const Reference& r) {
+    return r.node > 0 && isNode(r.node) && frame_of_node_[at(r.node)] < 0;
   };
-  return changed_.size() == waiting && std::all_of(robust_.begin(), robust_.end(), good) &&
-         (next_robust_ < robust_.size() || next_robust_ == 0) && newest_robust_ <= robust_.size() &&
-         within(attitude_.node, -1, nodes) && within(depth_.node, -1, nodes);
+  std::vector<int> nodes;
+  for (const Reference& r : references_) nodes.push_back(r.node);
+  std::sort(nodes.begin(), nodes.end());
+  if (std::adjacent_find(nodes.begin(), nodes.end()) != nodes.end()) return false;
+  const auto isPresent = [&](const Reference& r) { return r.node == -1 || isReference(r); };
+  return std::all_of(references_.begin(), references_.end(), isReference) && isPresent(attitude_) &&
+         isPresent(depth_) && (next_robust_ < robust_.size() || next_robust_ == 0) &&
+         newest_robust_ <= robust_.size() && next_reference_ <= references_.size() && reference_credit_ >= 0;
 }
 
 }  // namespace fathom::slam

@@ -68,9 +68,9 @@ double NavigationGraph::distance2(const RelativePose& factor, const Matrix6d& co
 }
 
 // The weights of a step's chain: what is believed has 1; of step and link one stays, widened at least.
-void NavigationGraph::weigh(int keyframe) {
-  const Frame& f = frames_[at(keyframe)];
-  const bool visual = f.link >= 0 && !f.visualLies(), dvl = f.step >= 0 && !f.dvl_lies;
+void NavigationGraph::weigh(Frame& f) {
+  const bool visual = f.link >= 0 && !f.visualLies(), dvl = f.step >= 0 && !f.dvl_lies,
+             compass = f.heading.compass && !f.mixed;
   const auto set = [&](int measurement, double weight) {
     if (measurement >= 0 && solver_.measurement(measurement).weight != weight)
       (void)solver_.setWeight(measurement, weight);
@@ -78,7 +78,15 @@ void NavigationGraph::weigh(int keyframe) {
   set(f.step, dvl ? 1 : visual ? 0 : kWidened);
   const bool joined = dvl && f.quality.seconds_unlocked == 0;
   set(f.link, visual ? 1 : joined ? 0 : kWidened);
-  set(f.attitude, f.heading.compass && !f.mixed ? 1 : kWidened);
+  set(f.attitude, compass ? 1 : kWidened);
+  const auto count = [](std::uint64_t& counter, bool& counted, bool lies) {
+    counter += lies ? 1U : 0U;
+    counter -= counted ? 1U : 0U;
+    counted = lies;
+  };
+  count(counters_.compass_distrusted, f.counted[0], f.attitude >= 0 && !compass);
+  count(counters_.visual_distrusted, f.counted[1], f.visualLies());
+  count(counters_.steps_left_out, f.counted[2], f.dvl_lies);
 }
 
 StepTurns NavigationGraph::turnsOf(const Frame& from, const Frame& to) const {
@@ -148,11 +156,11 @@ void NavigationGraph::judgeVelocity(Frame& from, Frame& to) {
     velocity_ = reckoned;
     return;
   }
-  for (int k = keyframes() - 2; slips_ > 0 && k > 0; --k, --slips_) {
+  for (int k = keyframes() - 2; slips_ > 0 && has(k); --k, --slips_) {
     frames_[at(k)].link_slips = false;
     frames_[at(k)].dvl_lies = true;
     ++contradictions_;
-    weigh(k);
+    weigh(frames_[at(k)]);
   }
   slips_ = 0;
   to.dvl_lies = true;
@@ -181,12 +189,6 @@ void NavigationGraph::judge() {
   judgeVelocity(from, to);
   seen_.linked = false;
   takeVerdicts(static_cast<int>(heading_.firstChanged()) + 1);
-  counters_.compass_distrusted = counters_.visual_distrusted = counters_.steps_left_out = 0;
-  for (const Frame& frame : frames_) {
-    counters_.compass_distrusted += frame.attitude >= 0 && !frame.heading.compass ? 1 : 0;
-    counters_.visual_distrusted += frame.visualLies() ? 1 : 0;
-    counters_.steps_left_out += frame.dvl_lies ? 1 : 0;
-  }
   const bool seen = to.link >= 0 && !to.visualLies(),
              reckoned = !to.dvl_lies && !counters_.dvl_lies && to.quality.seconds_unlocked == 0;
   const bool headed = seen || turns.has_gyro || (to.heading.compass && to.attitude >= 0);
@@ -197,21 +199,23 @@ void NavigationGraph::judge() {
 // one that begins there or later is loosened; readings in between, of a reference that mixes both, are not
 // believed.
 void NavigationGraph::takeVerdicts(int keyframe) {
-  bool mixed = frames_[at(keyframe - 1)].mixed;
+  bool mixed = has(keyframe - 1) && frames_[at(keyframe - 1)].mixed;
   for (int k = keyframe; k < keyframes(); ++k) {
+    if (!has(k)) continue;
     Frame& frame = frames_[at(k)];
     const bool had_leapt = frame.heading.restarts;
     frame.heading = heading_.verdict(k - 1);
     if (!frame.leapt && frame.heading.restarts && !had_leapt) ++counters_.compass_jumps;
     if (!frame.leapt && !frame.heading.restarts && had_leapt) --counters_.compass_jumps;
     mixed = mixed || frame.heading.restarts;
+    if (frame.heading.restarts) jumped_ns_ = std::max(jumped_ns_, frame.utc_ns);
     if (frame.drift >= 0) {
       if (const double weight = mixed ? kWidened : 1; solver_.measurement(frame.drift).weight != weight)
         (void)solver_.setWeight(frame.drift, weight);
       mixed = false;
     }
     frame.mixed = mixed;
-    weigh(k);
+    weigh(frame);
   }
   jump_waits_ = mixed;
 }
@@ -222,7 +226,7 @@ void NavigationGraph::takeVerdicts(int keyframe) {
 bool NavigationGraph::agreesWithRefused(int a, int b, const SE3& T_a_b, const Matrix6d& covariance) {
   int agreeing = 1;
   for (const Refused& other : refused_) {
-    if (other.a < 0) continue;
+    if (!has(other.a) || !has(other.b)) continue;
     const Prediction side = predict(a, other.a), far_side = predict(b, other.b);
     const SE3 by_this = T_a_b * far_side.T_a_b, by_other = side.T_a_b * other.T_a_b;
     const Matrix6d spread = carried(far_side.T_a_b, covariance) + far_side.covariance +
@@ -235,7 +239,7 @@ bool NavigationGraph::agreesWithRefused(int a, int b, const SE3& T_a_b, const Ma
 }
 
 Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance) {
-  if (a < 0 || b < 0 || a >= keyframes() || b >= keyframes() || a == b || !covariance.allFinite()) {
+  if (!has(a) || !has(b) || a == b || !covariance.allFinite()) {
     ++counters_.links_refused;
     return Taken::kBad;
   }
@@ -264,6 +268,7 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
     seen_.T_a_b = T_a_b;
     seen_.covariance = covariance;
   } else {
+    robust_of_[at(measurement)] = static_cast<int>(robust_.size());
     robust_.push_back({factor, covariance, measurement, kLinkFree, 1, false, false});
   }
   return Taken::kYes;
@@ -284,8 +289,8 @@ bool NavigationGraph::insists(std::int64_t utc_ns, const Eigen::Vector2d& innova
 
 Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_odom,
                               const Eigen::Vector2d& north_east, double sigma) {
-  if (keyframe < 0 || keyframe >= keyframes() || !antenna_in_odom.allFinite() || !north_east.allFinite() ||
-      !(sigma > 0) || !std::isfinite(sigma)) {
+  if (!has(keyframe) || !antenna_in_odom.allFinite() || !north_east.allFinite() || !(sigma > 0) ||
+      !std::isfinite(sigma)) {
     ++counters_.fixes_refused;
     return Taken::kBad;
   }
@@ -316,6 +321,7 @@ Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_od
     ++counters_.fixes_refused;
     return Taken::kFull;
   }
+  robust_of_[at(measurement)] = static_cast<int>(robust_.size());
   robust_.push_back({factor, Matrix6d::Zero(), measurement, kFixFree, 1, true, false, insisted});
   ++counters_.fixes;
   return Taken::kYes;

@@ -11,6 +11,8 @@ namespace {
 
 // Information below which a direction counts as not measured [1/m^2, 1/rad^2]: a deviation of 3 km.
 constexpr double kUnmeasured = 1e-7;
+// A shift is a straight line however long, a turn only while it is small.
+constexpr double kStraight_m = 30, kStraight_rad = 0.05;
 constexpr int kFits = 4;  // Gauss-Newton steps to where a link's measurements are satisfied; two are enough
 constexpr int kRounds = 12;  // of the fixed point for shares
 constexpr double kLeastShare = 1e-3;
@@ -71,6 +73,19 @@ Division divide(std::span<const StarLink> links, std::size_t root) {
   return d;
 }
 
+// The step to where the measurements are satisfied, in directions that they know well enough to go there in
+// a straight line. Where they know next to nothing (two depths, the tilt between them), a millimetre would
+// turn the pose by any angle; there the present pose is as good.
+Vector6d firmStep(const Matrix6d& information, const Vector6d& gradient) {
+  Vector6d unit;
+  unit << Eigen::Vector3d::Constant(kStraight_m), Eigen::Vector3d::Constant(kStraight_rad);
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> known(unit.asDiagonal() * information * unit.asDiagonal());
+  Vector6d along = known.eigenvectors().transpose() * unit.cwiseProduct(gradient);
+  for (int i = 0; i < 6; ++i)
+    along(i) = known.eigenvalues()(i) >= 1 ? along(i) / known.eigenvalues()(i) : 0;
+  return unit.cwiseProduct(known.eigenvectors() * along);
+}
+
 }  // namespace
 
 StarLink starLink(std::span<const Measurement* const> measurements, int pose, const SE3& present) {
@@ -89,8 +104,7 @@ StarLink starLink(std::span<const Measurement* const> measurements, int pose, co
       gradient += by.transpose() * l.error;
     }
     if (fit == kFits) break;
-    const Matrix6d damped = link.information + kUnmeasured * Matrix6d::Identity();
-    link.T_neighbour_pose = perturbed(link.T_neighbour_pose, -damped.ldlt().solve(gradient));
+    link.T_neighbour_pose = perturbed(link.T_neighbour_pose, -firmStep(link.information, gradient));
   }
   return link;
 }

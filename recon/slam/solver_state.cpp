@@ -151,6 +151,8 @@ void IncrementalSolver::buildAnew() {
     std::fill(f.part.begin(), f.part.end(), Part::kNone);
     std::fill(f.in_factor.begin(), f.in_factor.end(), InFactor{});
   }
+  damping_ = 0;
+  next_start_ = moves_ = 0;
   active_ = 0;
   beginBuild();
   active_ = 1;
@@ -161,7 +163,7 @@ void IncrementalSolver::buildAnew() {
     settle(active());
   work_of_build_ = build_work_;
   build_work_ = 0;
-  building_ = urgent_ = false;
+  building_ = urgent_ = no_way_down_ = false;
   restart_ = true;
 }
 

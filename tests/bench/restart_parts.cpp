@@ -111,7 +111,7 @@ int reportRestartParts() {
                 c.layers, static_cast<unsigned long long>(c.coarsened));
     MovingMap loaded(config.map, &slots, points);
     good = report("map with 36,000 meshes", map, buffer,
-                  [&](rt::StateReader& reader) { return loaded.load(reader, config.max_pairs); }) &&
+                  [&](rt::StateReader& reader) { return loaded.load(reader, [](int) { return true; }); }) &&
            good;
     good = good && loaded.map().canonicalBytes() == map.map().canonicalBytes();
   }
@@ -143,8 +143,8 @@ int reportRestartParts() {
     good = report("graph of 20,000 keyframes", *graph, buffer,
                   [&](rt::StateReader& reader) { return loaded->load(reader); }) &&
            good;
-    for (int k = 0; good && k < graph->keyframes(); ++k)
-      good = loaded->pose(k).translation() == graph->pose(k).translation();
+    for (const int k : graph->living())
+      good = good && loaded->has(k) && loaded->pose(k).translation() == graph->pose(k).translation();
   }
   std::printf("%s\n", good ? "the same map and the same poses" : "NOT THE SAME");
   return good ? 0 : 1;

@@ -110,15 +110,52 @@ TEST(LocalisationCore, ABadDiskCostsClosuresOnly) {
   EXPECT_LT(planError(dive, poses).rms, planError(dive, reckoned(dive)).rms);
 }
 
-TEST(LocalisationCore, WithoutRoomForKeyframesLaterFramesHangOnTheLast) {
+TEST(LocalisationCore, WithRoomForAThirdOfItsKeyframesADiveGoesOnToItsEnd) {
+  const MadeDive dive = makeDive();
+  MemorySlots slots = featureSlots(300);
+  LocalisationCore roomy(dive.rig, smallLocalisation(), &slots);
+  const double best = planError(dive, localised(roomy, dive)).rms;
+  LocalisationConfig config = smallLocalisation();
+  config.max_keyframes = roomy.keyframes() / 3;
+  MemorySlots few = featureSlots(static_cast<std::size_t>(config.max_keyframes));
+  LocalisationCore core(dive.rig, config, &few);
+  const std::vector<SE3> poses = localised(core, dive);
+  EXPECT_EQ(core.keyframes(), roomy.keyframes());
+  EXPECT_EQ(core.graph().counters().keyframes_refused, 0u);
+  EXPECT_GT(core.graph().counters().keyframes_retired, static_cast<std::uint64_t>(core.keyframes() / 2));
+  EXPECT_EQ(core.features().counters().given_way, 0u);
+  EXPECT_GE(core.graph().counters().closures, 1u);
+  EXPECT_LT(planError(dive, poses).rms, 1.2 * best);
+  EXPECT_LT(planError(dive, poses).absolute, 0.4);
+}
+
+TEST(LocalisationCore, WhatHungOnAKeyframeThatRetiresStaysWhereItIs) {
   const MadeDive dive = makeDive();
   LocalisationConfig config = smallLocalisation();
-  config.max_keyframes = 12;
-  MemorySlots slots = featureSlots(12);
+  config.max_keyframes = 30;
+  MemorySlots slots = featureSlots(30);
   LocalisationCore core(dive.rig, config, &slots);
-  const std::vector<SE3> poses = localised(core, dive);
-  EXPECT_LE(core.keyframes(), 12);
-  for (const SE3& pose : poses) EXPECT_TRUE(pose.translation().allFinite());
+  const SE3 camera(Eigen::Quaterniond::Identity(), {3, 1, 20});
+  int retired = 0;
+  double jump = 0;
+  std::vector<std::pair<int, SE3>> known;  // poses before the frame
+  core.setRetiredObserver([&](const slam::NavigationGraph::Retired& gone) {
+    ++retired;
+    for (const auto& [keyframe, pose] : known)
+      if (keyframe == gone.keyframe)
+        jump = std::max(jump, (core.poseOf(gone.onto, gone.T_onto * camera).translation() -
+                               pose.translation())
+                                  .norm());
+  });
+  for (const MadeDive::Frame& frame : dive.frames) {
+    known.clear();
+    for (const int k : core.graph().living()) known.emplace_back(k, core.poseOf(k, camera));
+    LocalisationInput input = frame.input;
+    input.features = &frame.features;
+    (void)core.process(input);
+  }
+  EXPECT_GT(retired, 50);
+  EXPECT_LT(jump, 1e-9);
 }
 
 }  // namespace

@@ -184,7 +184,15 @@ MadeDive makeDive(const DiveFaults& faults, std::uint32_t seed) {
 
 std::vector<SE3> localised(LocalisationCore& core, const MadeDive& dive) {
   core.setAnchor({3.3, -2.2}, 0.5);
-  std::vector<int> keyframe;
+  struct Hanging {
+    int keyframe;
+    SE3 T_odom_cam;
+  };
+  std::vector<Hanging> hanging;
+  core.setRetiredObserver([&](const slam::NavigationGraph::Retired& gone) {
+    for (Hanging& h : hanging)
+      if (h.keyframe == gone.keyframe) h = {gone.onto, gone.T_onto * h.T_odom_cam};
+  });
   std::size_t next_fix = 0;
   for (const MadeDive::Frame& frame : dive.frames) {
     for (; next_fix < dive.fixes.size() && dive.fixes[next_fix].arrival_ns <= frame.utc_ns; ++next_fix) {
@@ -193,12 +201,12 @@ std::vector<SE3> localised(LocalisationCore& core, const MadeDive& dive) {
     }
     LocalisationInput input = frame.input;
     input.features = &frame.features;
-    keyframe.push_back(core.process(input));
+    hanging.push_back({core.process(input), input.T_odom_cam});
   }
   core.finish();
+  core.setRetiredObserver({});
   std::vector<SE3> poses;
-  for (std::size_t k = 0; k < dive.frames.size(); ++k)
-    poses.push_back(core.poseOf(keyframe[k], dive.frames[k].input.T_odom_cam));
+  for (const Hanging& h : hanging) poses.push_back(core.poseOf(h.keyframe, h.T_odom_cam));
   return poses;
 }
 

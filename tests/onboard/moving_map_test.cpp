@@ -276,6 +276,58 @@ TEST(MovingMap, ADiskThatFailsOrGivesOtherBytesBackChangesNothing) {
   }
 }
 
+// Keyframe 3 retires onto 4 when the poses have moved once, and they move on.
+TEST(MovingMap, MeshesOfAKeyframeThatRetiresStayWhereTheyAreAndFollowTheOneTheyHangOnThen) {
+  MemorySlots slots(100, meshSlotBytes(kPoints));
+  MovingMap moving(mapConfig(), &slots, kPoints);
+  double much = 1;
+  const MovingMap::PoseOf before = [&](int k, const SE3& T) { return correction(k, much) * T; };
+  addMeshes(moving, 40);
+  moving.noteMoved();
+  moving.rebuild(100, before, {});
+  const std::string map = bytesOf(moving.map());
+  const std::uint64_t fused = moving.counters().meshes_fused_again;
+  const SE3 T_onto = correction(4, much).inverse() * correction(3, much);
+  moving.rehang({3, 4, T_onto});
+  moving.noteMoved();
+  moving.rebuild(100, before, {});
+  EXPECT_EQ(moving.counters().meshes_fused_again, fused);
+  EXPECT_TRUE(bytesOf(moving.map()) == map);
+  much = 2;
+  moving.finish(before, {});
+  const MovingMap::PoseOf after = [&](int k, const SE3& T) {
+    return k == 3 ? correction(4, much) * (T_onto * T) : correction(k, much) * T;
+  };
+  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(*fusedAfresh(40, after)));
+}
+
+TEST(MovingMap, FullOfMeshesThoseThatHaveLainStillForLongestAreBakedIn) {
+  MemorySlots slots(20, meshSlotBytes(kPoints));
+  MovingMap moving(mapConfig(), &slots, kPoints);
+  const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
+  addMeshes(moving, 20);
+  // The first keyframe's four meshes move: they have lain still for less long than the others from then on.
+  moving.noteMoved();
+  moving.rebuild(100, [&](int k, const SE3& T) { return k == 0 ? correction(5, 1) * T : T; }, {});
+  ASSERT_EQ(moving.counters().meshes_fused_again, 4u);
+  for (int number = 20; number < 30; ++number) {
+    Mesh mesh = meshAt(odomAt(number), number);
+    moving.add(mesh, number / 4, odomAt(number), odomAt(number));
+  }
+  EXPECT_EQ(moving.counters().meshes_baked_in, 10u);
+  EXPECT_EQ(moving.counters().meshes_lost, 0u);
+  EXPECT_FALSE(moving.counters().given_up);
+  moving.finish(pose_of, {});
+  fusion::QuadtreeMap mixed(mapConfig());
+  for (int number = 0; number < 30; ++number) {
+    const bool baked_in = number >= 4 && number < 14;
+    Mesh mesh = meshAt(odomAt(number), number);
+    transform(mesh, baked_in ? odomAt(number) : pose_of(number / 4, odomAt(number)));
+    (void)mixed.fuse(mesh);
+  }
+  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(mixed));
+}
+
 TEST(MovingMap, MovingMeshesAllocatesNothing) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
   MovingMap moving(mapConfig(), &slots, kPoints);

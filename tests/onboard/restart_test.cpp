@@ -1,6 +1,8 @@
 // What was saved and loaded goes on: map and meshes, localisation, and all cores through a whole mission.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "recon/closure/feature_slot.hpp"
 #include "tests/onboard/cores_run.hpp"
@@ -86,6 +88,35 @@ TEST_F(LocalisationRestart, KeyframesAreWhereTheyWereAndTheDiveEndsAtTheSamePlac
     EXPECT_LT((loaded.keyframePose(k).translation() - whole.keyframePose(k).translation()).norm(), 0.01) << k;
 }
 
+TEST(LocalisationRestartWithFewKeyframes, AfterSomeHaveRetiredADiveGoesOnAlike) {
+  const MadeDive made = makeDive();
+  LocalisationConfig config = smallLocalisation();
+  config.max_keyframes = 40;
+  MemorySlots slots = featureSlots(config, 40);
+  LocalisationCore whole(made.rig, config, &slots);
+  whole.setAnchor({3.3, -2.2}, 0.5);
+  const std::size_t middle = 2 * made.frames.size() / 3, end = made.frames.size();
+  dive(whole, made, 0, middle);
+  ASSERT_GT(whole.graph().counters().keyframes_retired, 10u);
+  const std::vector<std::uint8_t> state = savedState(whole);
+  MemorySlots copy = slots, second = slots;
+  LocalisationCore loaded(made.rig, config, &copy), again(made.rig, config, &second);
+  ASSERT_TRUE(load(loaded, state));
+  ASSERT_TRUE(load(again, state));
+  EXPECT_EQ(savedState(loaded), state);
+  ASSERT_TRUE(std::ranges::equal(loaded.graph().living(), whole.graph().living()));
+  for (const int k : whole.graph().living())
+    EXPECT_TRUE(samePose(loaded.keyframePose(k), whole.keyframePose(k))) << k;
+  for (LocalisationCore* core : {&whole, &loaded, &again}) {
+    dive(*core, made, middle, end);
+    core->finish();
+  }
+  EXPECT_EQ(savedState(again), savedState(loaded));
+  EXPECT_EQ(loaded.keyframes(), whole.keyframes());
+  const int newest = whole.keyframes() - 1;
+  EXPECT_LT((loaded.keyframePose(newest).translation() - whole.keyframePose(newest).translation()).norm(), 0.01);
+}
+
 TEST_F(LocalisationRestart, SlotsThatAreAnotherRunsCostClosuresOnly) {
   MemorySlots wrong = featureSlots(smallLocalisation(), 300);
   const std::vector<std::uint8_t> other(wrong.slotBytes(), 3);
@@ -155,7 +186,7 @@ TEST_F(MovingMapRestart, TheMapGoesOnBitByBit) {
   MemorySlots copy = slots;
   MovingMap loaded(config, &copy, kPoints);
   rt::StateReader reader(state);
-  ASSERT_TRUE(loaded.load(reader, kKeyframes)) << reader.failure();
+  ASSERT_TRUE(loaded.load(reader, [](int keyframe) { return keyframe < kKeyframes; })) << reader.failure();
   EXPECT_EQ(loaded.map().canonicalBytes(), whole.map().canonicalBytes());
   EXPECT_EQ(savedState(loaded), state);
   for (MovingMap* map : {&whole, &loaded}) {
@@ -171,7 +202,7 @@ TEST_F(MovingMapRestart, AMeshOfAKeyframeThatThereIsNotIsRefused) {
   fly(whole, 0, 45);
   const std::vector<std::uint8_t> state = savedState(whole);
   rt::StateReader reader(state);
-  EXPECT_FALSE(loaded.load(reader, 5));
+  EXPECT_FALSE(loaded.load(reader, [](int keyframe) { return keyframe < 5; }));
 }
 
 TEST_F(MovingMapRestart, ATornSlotCostsItsMeshOnly) {
@@ -183,7 +214,7 @@ TEST_F(MovingMapRestart, ATornSlotCostsItsMeshOnly) {
   ASSERT_TRUE(torn.write(30, block));
   MovingMap loaded(config, &torn, kPoints);
   rt::StateReader reader(state);
-  ASSERT_TRUE(loaded.load(reader, kKeyframes));
+  ASSERT_TRUE(loaded.load(reader, [](int keyframe) { return keyframe < kKeyframes; }));
   loaded.finish([](int keyframe, const SE3& T) { return poseAt(keyframe, T, 9); }, {});
   EXPECT_EQ(loaded.counters().meshes_lost, 1u);
 }

@@ -1,6 +1,7 @@
 #include "tests/slam/made_survey.hpp"
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -163,16 +164,20 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
   return s;
 }
 
+void measure(NavigationGraph& graph, const MadeSurvey& s, const MadeSurveyOptions& o, int k) {
+  for (const MadeSurvey::Link& link : std::ranges::equal_range(s.visual, k, {}, &MadeSurvey::Link::b))
+    (void)graph.addLink(LinkKind::kOdometry, k - 1, k, link.T_a_b, s.link_covariance);
+  (void)graph.step();
+  for (const MadeSurvey::Fix& fix : std::ranges::equal_range(s.fixes, k, {}, &MadeSurvey::Fix::keyframe))
+    (void)graph.addFix(k, fix.antenna_in_odom, fix.north_east, o.usbl_sigma);
+  for (const MadeSurvey::Link& link : std::ranges::equal_range(s.closures, k, {}, &MadeSurvey::Link::b))
+    if (graph.has(link.a)) (void)graph.addLink(LinkKind::kClosure, link.a, k, link.T_a_b, s.link_covariance);
+}
+
 void driveOn(NavigationGraph& graph, const MadeSurvey& s, const MadeSurveyOptions& o, int to) {
   for (int k = graph.keyframes(); k < to; ++k) {
     if (!graph.addKeyframe(s.inputs[at(k)])) return;
-    for (const MadeSurvey::Link& link : s.visual)
-      if (link.b == k) (void)graph.addLink(LinkKind::kOdometry, k - 1, k, link.T_a_b, s.link_covariance);
-    (void)graph.step();
-    for (const MadeSurvey::Fix& fix : s.fixes)
-      if (fix.keyframe == k) (void)graph.addFix(k, fix.antenna_in_odom, fix.north_east, o.usbl_sigma);
-    for (const MadeSurvey::Link& link : s.closures)
-      if (link.b == k) (void)graph.addLink(LinkKind::kClosure, link.a, k, link.T_a_b, s.link_covariance);
+    measure(graph, s, o, k);
   }
 }
 

@@ -46,15 +46,15 @@ ClosureSearch::ClosureSearch(const StereoRig& rig, const LocalisationConfig& con
       queue_(limitsOf(config)),
       limits_(limitsOf(config)),
       reach_(closure::separationOfOverlap(limits_.min_overlap)),
+      views_(static_cast<std::size_t>(config.max_keyframes)),
       tried_(kTried) {
-  views_.reserve(static_cast<std::size_t>(config.max_keyframes));
   near_.reserve(static_cast<std::size_t>(std::max(config.predictions_per_keyframe, kSpan * kSpan)) + 1);
   unconfirmed_.reserve(kUnconfirmed + 1);
   closures_.reserve(static_cast<std::size_t>(config.graph.max_links));
 }
 
 std::size_t ClosureSearch::memoryBytes() const {
-  return tried_.memoryBytes() + views_.capacity() * sizeof(View) +
+  return tried_.memoryBytes() + views_.memoryBytes() +
          (unconfirmed_.capacity() + closures_.capacity()) * sizeof(Closure) +
          config_.closures_waiting * sizeof(closure::Candidate);
 }
@@ -93,7 +93,7 @@ void ClosureSearch::propose(int keyframe) {
   };
   near_.clear();
   const auto most = static_cast<std::size_t>(config_.predictions_per_keyframe);
-  for (int other = 0; other < graph_.keyframes(); ++other) {
+  for (const int other : graph_.living()) {
     if (std::abs(other - keyframe) < kSkip || !features_.has(other)) continue;
     const closure::Footprint there = footprint(other);
     const double farthest = kFarthest * reach_ * 0.5 * (here.radius + there.radius);
@@ -117,10 +117,12 @@ void ClosureSearch::propose(int keyframe) {
 
 void ClosureSearch::proposeMoved() {
   for (int looked = 0; looked < kLookedAt && !views_.empty(); ++looked) {
-    next_moved_ = next_moved_ == 0 ? views_.size() - 1 : next_moved_ - 1;
-    const closure::Footprint now = footprint(static_cast<int>(next_moved_));
-    if ((now.centre - views_[next_moved_].proposed_at).norm() < kMoved * now.radius) continue;
-    propose(static_cast<int>(next_moved_));
+    next_moved_ = (next_moved_ == 0 ? views_.size() : std::min(next_moved_, views_.size())) - 1;
+    const int keyframe = views_.numbers()[next_moved_];
+    const closure::Footprint now = footprint(keyframe);
+    const Eigen::Vector2d& before = views_[static_cast<std::size_t>(keyframe)].proposed_at;
+    if ((now.centre - before).norm() < kMoved * now.radius) continue;
+    propose(keyframe);
     return;
   }
 }
@@ -129,6 +131,10 @@ void ClosureSearch::work(int registrations) {
   closure::Candidate candidate;
   while (registrations > 0 && queue_.pop(candidate)) {
     const int a = static_cast<int>(candidate.older), b = static_cast<int>(candidate.newer);
+    if (!graph_.has(a) || !graph_.has(b)) {
+      ++counters_.stale;
+      continue;
+    }
     if (tried_.contains(a, b)) continue;
     // What was learnt since it was queued may have made it hopeless or needless.
     const Seen seen = look(a, b);
@@ -194,6 +200,12 @@ bool ClosureSearch::agrees(const Closure& x, const Closure& y) {
   return off.dot(spread.ldlt().solve(off)) < kCycle;
 }
 
+void ClosureSearch::retire(int keyframe) {
+  views_.erase(keyframe);
+  const auto names = [&](const Closure& c) { return c.a == keyframe || c.b == keyframe; };
+  counters_.unconfirmed += std::erase_if(unconfirmed_, names);
+}
+
 void ClosureSearch::confirm(const Closure& closure) {
   ++counters_.waited;
   for (std::size_t i = unconfirmed_.size(); i-- > 0;) {
@@ -224,7 +236,7 @@ void ClosureSearch::seekNeighbours(const Closure& closure) {
   for (int da = -kNeighbours; da <= kNeighbours; ++da) {
     for (int db = -kNeighbours; db <= kNeighbours; ++db) {
       const int a = closure.a + da, b = closure.b + db;
-      if (da == 0 || db == 0 || a < 0 || b >= graph_.keyframes() || b - a < kSkip) continue;
+      if (da == 0 || db == 0 || b - a < kSkip) continue;
       if (tried_.contains(a, b) || !features_.has(a) || !features_.has(b)) continue;
       const SE3 T_a_b = (graph_.pose(a).inverse() * graph_.pose(closure.a)) * closure.T_a_b *
                         (graph_.pose(closure.b).inverse() * graph_.pose(b));

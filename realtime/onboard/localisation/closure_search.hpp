@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "realtime/kernel/numbered_pool.hpp"
 #include "realtime/onboard/localisation/keyframe_features.hpp"
 #include "realtime/onboard/localisation/localisation_config.hpp"
 #include "realtime/onboard/localisation/tried_pairs.hpp"
@@ -41,8 +42,10 @@ class ClosureSearch {
   void addKeyframe(double range) {
     View view;
     view.range = range;
-    views_.push_back(view);
+    (void)views_.add(view);
   }
+  // A keyframe is gone: what waits for it is given up.
+  void retire(int keyframe);
   // Queues the pairs of a keyframe, new or moved, with all others. The graph has taken it in.
   void propose(int keyframe);
   // The same for one keyframe, if any, that has moved by half of its footprint since.
@@ -106,8 +109,8 @@ class ClosureSearch {
   closure::CandidateQueue queue_;
   closure::CandidateConfig limits_;
   double reach_;             // of two discs of radius 1
-  std::vector<View> views_;  // by keyframe
-  std::size_t next_moved_ = 0;
+  rt::NumberedPool<View> views_;  // of keyframes
+  std::size_t next_moved_ = 0;    // position among them
   std::vector<Near> near_;
   TriedPairs tried_;
   std::vector<Closure> unconfirmed_;  // oldest first

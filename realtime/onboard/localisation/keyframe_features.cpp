@@ -16,24 +16,32 @@ void reserve(closure::FrameFeatures& frame, std::size_t features) {
 
 KeyframeFeatures::KeyframeFeatures(SlotStore* slots, int max_keyframes, int max_features)
     : slots_(slots),
+      entries_(static_cast<std::size_t>(max_keyframes)),
       block_(closure::slotBytes(closure::DescriptorKind::kRootSift, static_cast<std::size_t>(max_features))) {
-  entries_.reserve(static_cast<std::size_t>(max_keyframes));
+  free_.reserve(slots == nullptr ? 0 : slots->slots());
   for (Kept& k : newest_) reserve(k.features, static_cast<std::size_t>(max_features));
   for (Kept& k : read_) reserve(k.features, static_cast<std::size_t>(max_features));
 }
 
 std::size_t KeyframeFeatures::memoryBytes() const {
   const std::size_t frame = block_.size();
-  return entries_.capacity() * sizeof(Entry) + (newest_.size() + read_.size() + 1) * frame;
+  return entries_.memoryBytes() + free_.capacity() * sizeof(std::int32_t) +
+         (newest_.size() + read_.size() + 1) * frame;
 }
 
 // A slot that is free, or that of the keyframe that is missed least. -1: none at all.
 std::int32_t KeyframeFeatures::freeSlot() {
   if (slots_ == nullptr || slots_->slots() == 0 || slots_->slotBytes() < block_.size()) return -1;
+  if (!free_.empty()) {
+    const std::int32_t slot = free_.back();
+    free_.pop_back();
+    return slot;
+  }
   if (used_ < slots_->slots()) return static_cast<std::int32_t>(used_++);
   Entry *before = nullptr, *middle = nullptr, *least = nullptr;
   float smallest = std::numeric_limits<float>::max();
-  for (Entry& e : entries_) {
+  for (const int keyframe : entries_.numbers()) {
+    Entry& e = entries_[static_cast<std::size_t>(keyframe)];
     if (e.slot < 0) continue;
     if (before != nullptr) {
       const float gap = (e.place - before->place).squaredNorm();
@@ -47,32 +55,39 @@ std::int32_t KeyframeFeatures::freeSlot() {
   }
   if (least == nullptr) least = middle;  // one or two slots: the newest gives way
   if (least == nullptr) return -1;       // none could be written
-  ++counters_.retired;
+  ++counters_.given_way;
   const std::int32_t slot = least->slot;
   least->slot = -1;
   return slot;
 }
 
 void KeyframeFeatures::add(const closure::FrameFeatures& features, const Eigen::Vector3d& place) {
-  const auto keyframe = static_cast<int>(entries_.size());
-  entries_.push_back({-1, 0, place.cast<float>()});
-  Kept& kept = newest_[entries_.size() % kNewest];
+  const int keyframe = entries_.add({-1, 0, place.cast<float>()});
+  Kept& kept = newest_[static_cast<std::size_t>(keyframe) % kNewest];
   kept.keyframe = keyframe;
   kept.features = features;
   if (features.size() == 0 || !closure::writeSlot(features, block_)) return;
   const std::int32_t slot = freeSlot();
   if (slot < 0) return;
   if (slots_->write(static_cast<std::size_t>(slot), block_)) {
-    entries_.back().slot = slot;
-    entries_.back().crc = rt::stateCrc(block_);
+    Entry& entry = entries_[static_cast<std::size_t>(keyframe)];
+    entry.slot = slot;
+    entry.crc = rt::stateCrc(block_);
     ++counters_.stored;
   } else {
+    free_.push_back(slot);
     ++counters_.write_failures;
   }
 }
 
+void KeyframeFeatures::retire(int keyframe) {
+  const std::int32_t slot = entries_[static_cast<std::size_t>(keyframe)].slot;
+  if (slot >= 0) free_.push_back(slot);
+  entries_.erase(keyframe);
+}
+
 bool KeyframeFeatures::has(int keyframe) const {
-  if (keyframe < 0 || keyframe >= static_cast<int>(entries_.size())) return false;
+  if (!entries_.has(keyframe)) return false;
   if (entries_[static_cast<std::size_t>(keyframe)].slot >= 0) return true;
   for (const Kept& k : newest_)
     if (k.keyframe == keyframe) return k.features.size() > 0;
@@ -80,7 +95,7 @@ bool KeyframeFeatures::has(int keyframe) const {
 }
 
 const closure::FrameFeatures* KeyframeFeatures::find(int keyframe) {
-  if (keyframe < 0 || keyframe >= static_cast<int>(entries_.size())) return nullptr;
+  if (!entries_.has(keyframe)) return nullptr;
   for (const Kept& k : newest_)
     if (k.keyframe == keyframe) return &k.features;
   for (std::size_t i = 0; i < read_.size(); ++i) {

@@ -2,16 +2,19 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
+#include "realtime/kernel/numbered_pool.hpp"
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/slots/slot_store.hpp"
 #include "recon/closure/feature_slot.hpp"
 
 namespace fathom::onboard {
 
-// The features of keyframes: the newest in memory, all in slots on disk. When the slots are full, the
-// keyframe gives way whose neighbours in time are nearest to each other: there the least ground is lost.
+// The features of the graph's keyframes: the newest in memory, all in slots on disk. A keyframe that retires
+// leaves its slot to another. When slots are fewer than keyframes, the one gives way whose neighbours in time
+// are nearest to each other: there the least ground is lost.
 class KeyframeFeatures {
  public:
   static constexpr std::size_t kNewest = 16;  // kept in memory
@@ -21,6 +24,8 @@ class KeyframeFeatures {
 
   // Of the next keyframe, counting from 0; `place`: where it is, for the rule above [m].
   void add(const closure::FrameFeatures& features, const Eigen::Vector3d& place);
+  // Forgets those of a keyframe.
+  void retire(int keyframe);
 
   // Null when there are none (given way; a disk that fails, or has other bytes than were written). Valid
   // until add() or the second find() after.
@@ -30,7 +35,7 @@ class KeyframeFeatures {
   [[nodiscard]] bool has(int keyframe) const;
 
   struct Counters {
-    std::uint64_t stored = 0, retired = 0, write_failures = 0, read_failures = 0;
+    std::uint64_t stored = 0, given_way = 0, write_failures = 0, read_failures = 0;
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
   [[nodiscard]] std::size_t memoryBytes() const;
@@ -38,7 +43,7 @@ class KeyframeFeatures {
   // Saved state (state_archive.hpp), but for what lies in the slots.
   void save(rt::StateWriter& writer) const;
   [[nodiscard]] bool load(rt::StateReader& reader);
-  [[nodiscard]] std::size_t keyframes() const { return entries_.size(); }
+  [[nodiscard]] std::span<const int> keyframes() const { return entries_.numbers(); }
 
  private:
   template <typename Archive, typename Self>
@@ -48,6 +53,11 @@ class KeyframeFeatures {
     std::int32_t slot = -1;
     std::uint32_t crc = 0;  // of the slot's content
     Eigen::Vector3f place;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.slot, self.crc, self.place);
+    }
   };
   struct Kept {
     int keyframe = -1;
@@ -56,12 +66,13 @@ class KeyframeFeatures {
   [[nodiscard]] std::int32_t freeSlot();
 
   SlotStore* slots_;
-  std::vector<Entry> entries_;        // by keyframe
+  rt::NumberedPool<Entry> entries_;   // of keyframes
   std::array<Kept, kNewest> newest_;  // keyframe modulo kNewest
   std::array<Kept, 4> read_;          // from the disk, used in turn
   std::size_t next_read_ = 0;
   std::vector<std::uint8_t> block_;
-  std::size_t used_ = 0;
+  std::size_t used_ = 0;             // slots that have been in use
+  std::vector<std::int32_t> free_;  // of these, those that are not
   Counters counters_;
 };
 

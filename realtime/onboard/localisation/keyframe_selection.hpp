@@ -9,25 +9,20 @@
 namespace fathom::onboard {
 
 // Which stereo frames become keyframes: those that share less than a given part of their footprint with the
-// last one, turned, or come late. The share falls to a third of itself while the last quarter of the
-// keyframes is used up, so that a long mission thins its keyframes out before it runs out of them.
+// last one, turned, or come late.
 class KeyframeSelection {
  public:
   explicit KeyframeSelection(const LocalisationConfig& config) : config_(config) {}
 
   // Whether the frame at `T_odom_cam` becomes one; it then is the last. `seen`: its footprint in odom.
   // `trusted`: odometry can tell how far the vehicle went; if not (no bottom track, a DVL that lies), every
-  // frame is taken while there is room, so that the images can tell.
+  // frame is taken, so that the images can tell.
   bool take(std::int64_t utc_ns, const SE3& T_odom_cam, const closure::Footprint& seen, bool trusted = true);
-
-  // Share of the footprint below which the next one is taken.
-  [[nodiscard]] double overlap() const;
 
   // For saved state (state_archive.hpp), bit by bit.
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.last_, self.taken_);
-    archive.require(self.taken_ >= 0, "fewer keyframes than none");
+    archive(self.last_);
   }
 
  private:
@@ -41,10 +36,8 @@ class KeyframeSelection {
       archive(self.utc_ns, self.T_odom_cam, self.seen.centre, self.seen.radius);
     }
   };
-  [[nodiscard]] double room() const;  // 1: plenty, 0: none
   LocalisationConfig config_;
   std::optional<Last> last_;
-  int taken_ = 0;
 };
 
 }  // namespace fathom::onboard

@@ -122,6 +122,7 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input) {
   keyframe.depth_held = input.quality.depth_held;
   keyframe.compass_jumped = input.quality.heading_leaps > last_quality_.heading_leaps;
   const auto number = graph_.addKeyframe(keyframe);
+  noteRetired();
   if (!number) return;
   last_quality_ = input.quality;
   features_.add(found, input.T_odom_cam.translation());
@@ -141,10 +142,18 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input) {
   position_sigma_ = std::sqrt(std::max({spread(0, 0), spread(1, 1), 0.0}));
 }
 
+void LocalisationCore::noteRetired() {
+  for (const slam::NavigationGraph::Retired& gone : graph_.retired()) {
+    features_.retire(gone.keyframe);
+    search_.retire(gone.keyframe);
+    if (on_retired_) on_retired_(gone);
+  }
+}
+
 // Visual odometry to the newest keyframe. Dead reckoning is the prior; where that finds nothing, it may be
 // wrong itself (a compass that jumps, a DVL that lies), and the images decide if they are clear enough.
 void LocalisationCore::linkToLast(const slam::KeyframeInput& input) {
-  const int b = graph_.keyframes() - 1, a = b - 1;
+  const int b = graph_.keyframes() - 1, a = b - 1;  // the newest do not retire
   const closure::FrameFeatures *before = features_.find(a), *now = features_.find(b);
   if (before == nullptr || now == nullptr) return;
   const SE3 T_a_b = graph_.odometry(a).inverse() * graph_.odometry(b);
@@ -184,17 +193,13 @@ void LocalisationCore::applyFixes(bool all) {
 }
 
 int LocalisationCore::nearestKeyframe(std::int64_t utc_ns) const {
-  int low = 0, high = graph_.keyframes();  // the first at or after the time
-  while (low < high) {
-    const int middle = (low + high) / 2;
-    if (graph_.utcNs(middle) < utc_ns)
-      low = middle + 1;
-    else
-      high = middle;
-  }
-  if (low == graph_.keyframes()) return low - 1;
-  if (low > 0 && utc_ns - graph_.utcNs(low - 1) < graph_.utcNs(low) - utc_ns) return low - 1;
-  return low;
+  const std::span<const int> all = graph_.living();
+  const auto after =
+      std::ranges::lower_bound(all, utc_ns, {}, [&](int keyframe) { return graph_.utcNs(keyframe); });
+  if (after == all.end()) return all.back();
+  if (after == all.begin()) return *after;
+  const int before = *std::prev(after);
+  return utc_ns - graph_.utcNs(before) < graph_.utcNs(*after) - utc_ns ? before : *after;
 }
 
 void LocalisationCore::finish() {

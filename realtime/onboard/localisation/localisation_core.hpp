@@ -50,7 +50,12 @@ class LocalisationCore {
   // The survey is over: what waits is worked off, in bounded time.
   void finish();
 
-  [[nodiscard]] int keyframes() const { return graph_.keyframes(); }
+  [[nodiscard]] int keyframes() const { return graph_.keyframes(); }  // so far
+  // Of these, one that has not retired.
+  [[nodiscard]] bool has(int keyframe) const { return graph_.has(keyframe); }
+  // Called when a keyframe retires: what hangs on it must hang on another one, where it is, from now on.
+  using OnRetired = std::function<void(const slam::NavigationGraph::Retired& gone)>;
+  void setRetiredObserver(OnRetired observer) { on_retired_ = std::move(observer); }
   // Of a camera that hangs on a keyframe by odometry.
   [[nodiscard]] SE3 poseOf(int keyframe, const SE3& T_odom_cam) const {
     return graph_.pose(keyframe) * (graph_.odometry(keyframe).inverse() * T_odom_cam);
@@ -102,6 +107,7 @@ class LocalisationCore {
     if (observer_) observer_(stage);
   }
   void addKeyframe(const LocalisationInput& input);
+  void noteRetired();
   void linkToLast(const slam::KeyframeInput& input);
   void applyFixes(bool all);
   [[nodiscard]] int nearestKeyframe(std::int64_t utc_ns) const;
@@ -122,6 +128,7 @@ class LocalisationCore {
   double position_sigma_ = 0;
   Counters counters_;
   std::function<void(const char* stage)> observer_;
+  OnRetired on_retired_;
 };
 
 }  // namespace fathom::onboard

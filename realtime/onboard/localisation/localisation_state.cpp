@@ -1,4 +1,5 @@
 // Localisation as saved state.
+#include <algorithm>
 #include <vector>
 
 #include "realtime/onboard/localisation/localisation_core.hpp"
@@ -7,7 +8,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 1;
+constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 2;
 
 template <typename Archive, typename Feature>
 void exchangeFeature(Archive& archive, Feature& f) {
@@ -34,15 +35,10 @@ void exchangeFrame(Archive& archive, Frame& frame) {
 
 template <typename Archive, typename Self>
 void KeyframeFeatures::exchange(Archive& archive, Self& self) {
-  std::uint64_t used = self.used_, entries = self.entries_.size();
-  archive(used, entries, self.counters_);
-  archive.require(entries <= self.entries_.capacity(), "more keyframes than there is room for");
-  if constexpr (Archive::kLoading) {
-    if (!archive.ok()) return;
-    self.used_ = used;
-    self.entries_.resize(entries);
-  }
-  for (auto& e : self.entries_) archive(e.slot, e.crc, e.place);
+  std::uint64_t used = self.used_;
+  archive(used, self.counters_, self.entries_);
+  archive.bounded(self.free_, self.free_.capacity());
+  if constexpr (Archive::kLoading) self.used_ = used;
   for (auto& kept : self.newest_) {
     archive(kept.keyframe);
     if (kept.keyframe >= 0) exchangeFrame(archive, kept.features);
@@ -62,17 +58,17 @@ bool KeyframeFeatures::load(rt::StateReader& reader) {
   const std::size_t slots = slots_ == nullptr ? 0 : slots_->slots();
   std::vector<bool> met(slots);
   reader.require(used_ <= slots, "more slots than there are");
-  for (const Entry& e : entries_) {
-    if (e.slot == -1) continue;
-    const bool good = e.slot >= 0 && static_cast<std::size_t>(e.slot) < used_ && used_ <= slots &&
-                      !met[static_cast<std::size_t>(e.slot)];
+  const auto meet = [&](std::int32_t slot) {
+    const bool good = slot >= 0 && static_cast<std::size_t>(slot) < used_ && used_ <= slots &&
+                      !met[static_cast<std::size_t>(slot)];
     reader.require(good, "a slot that is not there, or not free");
-    if (!good) return false;
-    met[static_cast<std::size_t>(e.slot)] = true;
-  }
+    if (good) met[static_cast<std::size_t>(slot)] = true;
+  };
+  for (const std::int32_t slot : free_) meet(slot);
+  for (const int k : entries_.numbers())
+    if (const std::int32_t slot = entries_[static_cast<std::size_t>(k)].slot; slot != -1) meet(slot);
   for (const Kept& k : newest_)
-    reader.require(k.keyframe >= -1 && k.keyframe < static_cast<int>(entries_.size()),
-                   "features of no keyframe");
+    reader.require(k.keyframe >= -1 && k.keyframe < entries_.next(), "features of no keyframe");
   return reader.ok();
 }
 
@@ -80,7 +76,7 @@ template <typename Archive, typename Self>
 void ClosureSearch::exchange(Archive& archive, Self& self) {
   std::uint64_t next_moved = self.next_moved_;
   archive(next_moved);
-  archive.bounded(self.views_, self.views_.capacity());
+  archive(self.views_);
   archive.bounded(self.unconfirmed_, self.unconfirmed_.capacity());
   archive.bounded(self.closures_, self.closures_.capacity());
   archive(self.tried_, self.counters_);
@@ -99,12 +95,10 @@ bool ClosureSearch::load(rt::StateReader& reader) {
     exchange(reader, *this);
     const int keyframes = graph_.keyframes();
     if (!reader.ok() || !queue_.load(reader, static_cast<std::size_t>(keyframes))) return;
-    bool good = views_.size() == static_cast<std::size_t>(keyframes) && next_moved_ <= views_.size();
-    const auto isPair = [&](const Closure& c) {
-      return c.a >= 0 && c.a < keyframes && c.b >= 0 && c.b < keyframes && c.a != c.b;
-    };
-    for (const Closure& c : unconfirmed_) good = good && isPair(c);
-    for (const Closure& c : closures_) good = good && isPair(c);
+    bool good = std::ranges::equal(views_.numbers(), graph_.living());
+    for (const Closure& c : unconfirmed_) good = good && graph_.has(c.a) && graph_.has(c.b) && c.a != c.b;
+    for (const Closure& c : closures_)
+      good = good && c.a >= 0 && c.a < keyframes && c.b >= 0 && c.b < keyframes && c.a != c.b;
     reader.require(good, "closures of other keyframes than there are");
   });
 }
@@ -129,7 +123,7 @@ void LocalisationCore::save(rt::StateWriter& writer) const {
 bool LocalisationCore::load(rt::StateReader& reader) {
   const bool good = reader.section(kTag, kVersion, [&] { exchange(reader, *this); });
   if (!good || !reader(graph_, search_)) return false;
-  reader.require(features_.keyframes() == static_cast<std::size_t>(graph_.keyframes()),
+  reader.require(std::ranges::equal(features_.keyframes(), graph_.living()),
                  "features of other keyframes than there are");
   return reader.ok();
 }

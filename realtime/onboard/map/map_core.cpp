@@ -59,8 +59,12 @@ MapCore::MapCore(const MapCoreConfig& config, const MapSlots& slots)
       right_mono_(pixelsOf(config.rig.right)) {
   points_.reserve(static_cast<std::size_t>(config.stereo.max_features));
   right_points_.resize(static_cast<std::size_t>(config.stereo.max_features));
-  if (config.localisation.enabled)
-    localisation_ = std::make_unique<LocalisationCore>(config.rig, config.localisation, slots.features);
+  if (!config.localisation.enabled) return;
+  localisation_ = std::make_unique<LocalisationCore>(config.rig, config.localisation, slots.features);
+  localisation_->setRetiredObserver([this](const slam::NavigationGraph::Retired& gone) {
+    map_.rehang(gone);
+    if (on_retired_) on_retired_(gone);
+  });
 }
 
 void MapCore::setStageObserver(std::function<void(const char* stage)> observer) {

@@ -74,6 +74,8 @@ struct MapOutput {
 class MapCore {
  public:
   explicit MapCore(const MapCoreConfig& config, const MapSlots& slots = {});
+  MapCore(const MapCore&) = delete;
+  MapCore& operator=(const MapCore&) = delete;
 
   // A fix of an antenna or transponder that odometry has at `antenna_in_odom` at the fix's own time.
   void addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom,
@@ -86,6 +88,8 @@ class MapCore {
 
   // Of a pair, as known now.
   [[nodiscard]] SE3 poseOf(const MapOutput& pair) const { return poseOf(pair.keyframe, pair.T_odom_cam); }
+  // Called when a keyframe retires, for who holds pairs that hang on it.
+  void setRetiredObserver(LocalisationCore::OnRetired observer) { on_retired_ = std::move(observer); }
   // Called where meshes in the map have moved, with the squares before and after.
   void setMovedObserver(MovingMap::OnMoved observer) { on_moved_ = std::move(observer); }
   // Called with the stage's name when it ends, for a caller that has a clock.
@@ -141,6 +145,7 @@ class MapCore {
   MovingMap map_;
   std::unique_ptr<LocalisationCore> localisation_;
   MovingMap::OnMoved on_moved_;
+  LocalisationCore::OnRetired on_retired_;
   std::function<void(const char* stage)> observer_;
   std::int64_t last_gps_ns_ = 0;
   nav::PositionAnchor anchor_;

@@ -7,7 +7,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("MAPC"), kMovingTag = rt::stateTag("MOVE"), kVersion = 1;
+constexpr std::uint32_t kTag = rt::stateTag("MAPC"), kMovingTag = rt::stateTag("MOVE"), kVersion = 2;
 // No mesh is so large [m]; who hears of a mesh that moved looks at every square of its box.
 constexpr float kLargestBox = 1000;
 
@@ -23,8 +23,11 @@ template <typename Archive, typename Self>
 void MovingMap::exchange(Archive& archive, Self& self) {
   auto& c = self.counters_;
   std::uint64_t cursor = self.cursor_, to_compare = self.to_compare_;
-  archive(c.meshes, c.meshes_fused_again, c.rebuilds, c.meshes_lost, cursor, to_compare);
+  archive(c.meshes, c.meshes_fused_again, c.rebuilds, c.meshes_lost, c.meshes_baked_in, cursor,
+          to_compare, self.fusions_);
   archive.bounded(self.entries_, self.entries_.capacity());
+  archive.bounded(self.keyframe_, self.keyframe_.capacity());
+  archive.bounded(self.fused_, self.fused_.capacity());
   archive.bounded(self.urgency_, self.urgency_.capacity());
   if constexpr (Archive::kLoading) {
     self.cursor_ = cursor;
@@ -37,16 +40,17 @@ void MovingMap::save(rt::StateWriter& writer) const {
   writer.section(kMovingTag, kVersion, [&] { exchange(writer, *this); });
 }
 
-bool MovingMap::load(rt::StateReader& reader, int keyframes) {
+bool MovingMap::load(rt::StateReader& reader, const std::function<bool(int keyframe)>& has) {
   if (!reader(map_)) return false;
   return reader.section(kMovingTag, kVersion, [&] {
     exchange(reader, *this);
     reader.require(
-        urgency_.size() == entries_.size() && cursor_ <= entries_.size() && to_compare_ <= entries_.size(),
+        urgency_.size() == entries_.size() && keyframe_.size() == entries_.size() &&
+            fused_.size() == entries_.size() && cursor_ <= entries_.size() && to_compare_ <= entries_.size(),
         "meshes that were not compared");
-    for (const Entry& e : entries_)
-      reader.require(e.keyframe >= -1 && e.keyframe < keyframes && e.bytes <= block_.size(),
-                     "a mesh of no keyframe");
+    for (const int keyframe : keyframe_)
+      reader.require(keyframe == -1 || has(keyframe), "a mesh of no keyframe");
+    for (const Entry& e : entries_) reader.require(e.bytes <= block_.size(), "a mesh larger than its slot");
     if (!reader.ok()) return;
     for (Entry& e : entries_)
       if (!isBox(e.box)) e.box = {};
@@ -77,7 +81,7 @@ bool MapCore::load(rt::StateReader& reader) {
   const bool good = reader.section(kTag, kVersion, [&] { exchange(reader, *this); });
   if (!good || !reader(left_light_, right_light_)) return false;
   if (localisation_ && !reader(*localisation_)) return false;
-  return map_.load(reader, localisation_ ? localisation_->keyframes() : 0);
+  return map_.load(reader, [this](int keyframe) { return localisation_ && localisation_->has(keyframe); });
 }
 
 }  // namespace fathom::onboard

@@ -64,6 +64,8 @@ MovingMap::MovingMap(const fusion::QuadtreeConfig& config, SlotStore* meshes, st
     : map_(config), meshes_(meshes != nullptr && meshes->slots() > 0 ? meshes : nullptr) {
   if (meshes_ == nullptr) return;
   entries_.reserve(meshes_->slots());
+  keyframe_.reserve(meshes_->slots());
+  fused_.reserve(meshes_->slots());
   urgency_.reserve(meshes_->slots());
   block_.resize(meshSlotBytes(max_points));
   reserve(mesh_, max_points);
@@ -72,25 +74,23 @@ MovingMap::MovingMap(const fusion::QuadtreeConfig& config, SlotStore* meshes, st
 
 std::size_t MovingMap::memoryBytes() const {
   return sizeof(*this) - sizeof(map_) + map_.counters().memory_bytes + entries_.capacity() * sizeof(Entry) +
-         urgency_.capacity() + block_.capacity() + bytesOf(mesh_) + bytesOf(moved_);
+         (keyframe_.capacity() + fused_.capacity()) * sizeof(int) + urgency_.capacity() + block_.capacity() + bytesOf(mesh_) + bytesOf(moved_);
 }
 
 std::size_t MovingMap::add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, const SE3& T_nav_cam) {
   ++counters_.meshes;
-  const bool kept = meshes_ != nullptr && entries_.size() < entries_.capacity();
-  if (meshes_ != nullptr && !kept) ++counters_.meshes_lost;
-  if (!kept) {
+  if (meshes_ == nullptr) {
     transform(mesh, T_nav_cam);
     return map_.fuse(mesh);
   }
+  const std::size_t slot = slotFor();
   Entry entry;
-  entry.keyframe = keyframe;
   entry.T_odom_cam = T_odom_cam;
   entry.shown = T_nav_cam;
   const std::size_t bytes = writeMeshSlot(mesh, block_);
   entry.bytes = static_cast<std::uint32_t>(bytes);
   entry.hash = hashOf({block_.data(), bytes});
-  entry.stored = bytes > 0 && meshes_->write(entries_.size(), {block_.data(), bytes});
+  entry.stored = bytes > 0 && meshes_->write(slot, {block_.data(), bytes});
   if (!entry.stored) ++counters_.meshes_lost;
   Eigen::AlignedBox3f extent;
   for (const Eigen::Vector3f& v : mesh.vertices) extent.extend(v);
@@ -100,9 +100,38 @@ std::size_t MovingMap::add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, cons
   entry.box = boxOf(mesh);
   const std::size_t cells = map_.fuse(mesh);
   entry.fused = cells > 0;
-  entries_.push_back(entry);
-  urgency_.push_back(0);
+  entries_[slot] = entry;
+  keyframe_[slot] = keyframe;
+  fused_[slot] = ++fusions_;
   return cells;
+}
+
+// A slot that is free, or that of the mesh that has lain still for longest, of one that need not move if there
+// is any.
+std::size_t MovingMap::slotFor() {
+  if (entries_.size() < entries_.capacity()) {
+    entries_.emplace_back();
+    keyframe_.push_back(-1);
+    fused_.push_back(0);
+    urgency_.push_back(0);
+    return entries_.size() - 1;
+  }
+  std::size_t stillest = 0;
+  for (std::size_t k = 1; k < fused_.size(); ++k) {
+    const bool moves = urgency_[k] > 0, did_move = urgency_[stillest] > 0;
+    if (moves != did_move ? did_move : fused_[k] < fused_[stillest]) stillest = k;
+  }
+  setUrgency(stillest, 0);
+  ++counters_.meshes_baked_in;
+  return stillest;
+}
+
+void MovingMap::rehang(const slam::NavigationGraph::Retired& gone) {
+  for (std::size_t k = 0; k < keyframe_.size(); ++k) {
+    if (keyframe_[k] != gone.keyframe) continue;
+    keyframe_[k] = gone.onto;
+    entries_[k].T_odom_cam = gone.T_onto * entries_[k].T_odom_cam;
+  }
 }
 
 bool MovingMap::noteMoved() {
@@ -123,7 +152,7 @@ void MovingMap::compareSome(std::size_t most, const PoseOf& pose_of) {
     if (cursor_ == 0) cursor_ = entries_.size();
     const Entry& e = entries_[--cursor_];
     if (!e.stored) continue;
-    const SE3 now = pose_of(e.keyframe, e.T_odom_cam);
+    const SE3 now = pose_of(keyframe_[cursor_], e.T_odom_cam);
     const Eigen::Vector3d middle = e.middle.cast<double>();
     const double turned = now.rotation().angularDistance(e.shown.rotation());
     const double moved = (now * middle - e.shown * middle).norm() + turned * static_cast<double>(e.radius);
@@ -157,6 +186,7 @@ bool MovingMap::move(std::size_t k, const SE3& T_nav_cam, const OnMoved& on_move
   e.box = boxOf(moved_);
   e.shown = T_nav_cam;
   e.fused = map_.fuse(moved_) > 0;
+  fused_[k] = ++fusions_;
   ++counters_.meshes_fused_again;
   if (on_moved) on_moved(before, e.box);
   return true;
@@ -171,14 +201,14 @@ void MovingMap::rebuild(int meshes, const PoseOf& pose_of, const OnMoved& on_mov
     for (const std::uint8_t u : urgency_) most = std::max(most, u);
     std::size_t k = urgency_.size() - 1;
     while (urgency_[k] != most) --k;
-    (void)move(k, pose_of(entries_[k].keyframe, entries_[k].T_odom_cam), on_moved);
+    (void)move(k, pose_of(keyframe_[k], entries_[k].T_odom_cam), on_moved);
   }
   if (waited && waiting_ == 0 && to_compare_ == 0) ++counters_.rebuilds;
 }
 
 void MovingMap::finish(const PoseOf& pose_of, const OnMoved& on_moved) {
   for (std::size_t k = 0; k < entries_.size(); ++k) {
-    const SE3 now = pose_of(entries_[k].keyframe, entries_[k].T_odom_cam);
+    const SE3 now = pose_of(keyframe_[k], entries_[k].T_odom_cam);
     if (entries_[k].stored && !same(now, entries_[k].shown)) (void)move(k, now, on_moved);
     setUrgency(k, 0);
   }

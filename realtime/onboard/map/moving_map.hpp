@@ -9,10 +9,13 @@
 #include "realtime/onboard/slots/slot_store.hpp"
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/geometry/se3.hpp"
+#include "recon/slam/navigation_graph.hpp"
 
 namespace fathom::onboard {
 
-// A map whose meshes hang on keyframes that move. Every local mesh is kept in a slot, in its camera's frame.
+// A map whose meshes hang on keyframes that move. Every local mesh is kept in a slot, in its camera's frame;
+// when the slots are full, the mesh that has lain still for longest is baked in: it stays where it is, and its
+// slot is a new one's.
 // When keyframes have moved, the meshes that moved most are taken out of the map at the pose they went in
 // with, and put back at their new one, a few a frame; of equal moves the newest first. Each mesh is in the
 // map once at all times. Moves below a threshold wait until they have grown; after finish() every mesh is at
@@ -36,6 +39,8 @@ class MovingMap {
   // Fuses a mesh (camera frame) at T_nav_cam; transforms it into nav. Returns the cells observed.
   std::size_t add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, const SE3& T_nav_cam);
 
+  // What hangs on a keyframe that has retired hangs on another, where it is.
+  void rehang(const slam::NavigationGraph::Retired& gone);
   // Some keyframe has moved: rebuild() looks at all meshes again. False for a map that never moves.
   bool noteMoved();
   // Moves at most so many meshes; also the most that are read from the slots.
@@ -51,7 +56,8 @@ class MovingMap {
   struct Counters {
     std::uint64_t meshes = 0, meshes_fused_again = 0;
     std::uint64_t rebuilds = 0;     // times that all waiting meshes were worked off
-    std::uint64_t meshes_lost = 0;  // without a slot that can be read: they stay where they are
+    std::uint64_t meshes_lost = 0;      // without a slot that can be read: they stay where they are
+    std::uint64_t meshes_baked_in = 0;  // for want of slots
     std::size_t waiting = 0;        // known to have moved
     bool given_up = false;          // so many are lost that the map no longer follows the poses well
   };
@@ -59,9 +65,9 @@ class MovingMap {
   // All that is held in memory; the slots are the caller's.
   [[nodiscard]] std::size_t memoryBytes() const;
 
-  // Bit by bit, into one of the same configuration with the same slots; `keyframes`: as many as there are.
+  // Bit by bit, into one of the same configuration with the same slots; `has`: whether there is a keyframe.
   void save(rt::StateWriter& writer) const;
-  [[nodiscard]] bool load(rt::StateReader& reader, int keyframes);
+  [[nodiscard]] bool load(rt::StateReader& reader, const std::function<bool(int keyframe)>& has);
 
  private:
   template <typename Archive, typename Self>
@@ -75,16 +81,16 @@ class MovingMap {
     Box box;
     std::uint64_t hash = 0;  // of the slot's content
     std::uint32_t bytes = 0;
-    int keyframe = -1;
     bool stored = false;
     bool fused = false;  // the map had room for it
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
       archive(self.T_odom_cam, self.shown, self.middle, self.radius, self.box.low, self.box.high, self.hash,
-              self.bytes, self.keyframe, self.stored, self.fused);
+              self.bytes, self.stored, self.fused);
     }
   };
+  [[nodiscard]] std::size_t slotFor();
   void compareSome(std::size_t entries, const PoseOf& pose_of);
   void setUrgency(std::size_t entry, std::uint8_t urgency);
   [[nodiscard]] bool readMesh(std::size_t entry);
@@ -93,8 +99,11 @@ class MovingMap {
 
   fusion::QuadtreeMap map_;
   SlotStore* meshes_;
-  std::vector<Entry> entries_;               // by slot
-  std::vector<std::uint8_t> urgency_;        // of each entry: logarithm of its move; 0: need not move
+  std::vector<Entry> entries_;         // by slot
+  std::vector<int> keyframe_;          // of each entry
+  std::vector<std::uint32_t> fused_;   // of each: number of the fusion that put it where it is
+  std::vector<std::uint8_t> urgency_;  // of each: logarithm of its move; 0: need not move
+  std::uint32_t fusions_ = 0;
   std::size_t waiting_ = 0;                  // entries with an urgency
   std::size_t cursor_ = 0, to_compare_ = 0;  // entries before the cursor are compared next, newest first
   std::vector<std::uint8_t> block_;
