@@ -31,9 +31,9 @@ NavCoreConfig coreConfig() {
 double pairTime(std::uint32_t i) {
   return 0.25 + 0.5 * i;
 }
-std::vector<NavInput> diveInputs(double duration) {
+std::vector<NavInput> diveInputs(double duration, const Rates& rates = {}) {
   std::vector<NavInput> inputs;
-  for (const Sample& sample : samplesOf(circle, mountedConfig(), duration))
+  for (const Sample& sample : samplesOf(circle, mountedConfig(), duration, rates))
     inputs.push_back(std::visit([](const auto& s) { return navInput(s); }, sample));
   for (std::uint32_t i = 0; pairTime(i) + 0.01 < duration; ++i) {
     inputs.push_back(frameInput(at(pairTime(i)), CameraSide::kLeft, 2 * i));
@@ -75,6 +75,14 @@ TEST(NavCore, GivesEveryPairItsPoseAndAltitude) {
     EXPECT_TRUE(trigger.altitude_valid);
     EXPECT_NEAR(trigger.altitude, 2.0 * 1530 / 1500, 1e-9);
   }
+}
+
+TEST(NavCore, EveryPairHasItsDepthAlsoFromASensorThatSpeaksEveryTwoSeconds) {
+  NavCore core(coreConfig());
+  const auto triggers = run(core, diveInputs(60, {5, 10, 0.5}));
+  ASSERT_GE(triggers.size(), 115u);
+  for (const StereoTrigger& trigger : triggers)
+    EXPECT_FALSE(trigger.quality.depth_held) << trigger.pair_index;
 }
 
 TEST(NavCore, GivesATriggerOnlyOnceTheOdometryCoversItsTime) {
