@@ -11,15 +11,16 @@ namespace {
 
 constexpr std::size_t kKinds = std::variant_size_v<DeviceSample>;
 // In the order of DeviceSample.
-constexpr std::array<std::string_view, kKinds> kWords = {"dvl", "attitude", "depth",   "usbl",
-                                                         "gps", "water",    "battery", "progress"};
+constexpr std::array<std::string_view, kKinds> kWords = {"dvl",   "attitude", "depth",    "usbl", "gps",
+                                                         "water", "battery",  "progress", "gyro"};
 constexpr std::array<const char*, kKinds> kChannels = {
-    "RDI",        "FATHOM_ATTITUDE", "FATHOM_DEPTH",   "FATHOM_USBL",
-    "FATHOM_GPS", "FATHOM_WATER",    "FATHOM_BATTERY", "FATHOM_PROGRESS"};
+    "RDI",          "FATHOM_ATTITUDE", "FATHOM_DEPTH",    "FATHOM_USBL", "FATHOM_GPS",
+    "FATHOM_WATER", "FATHOM_BATTERY",  "FATHOM_PROGRESS", "FATHOM_GYRO"};
 // A ship's fix has crossed the water, and perhaps waited for its turn.
 constexpr double kMaxFixAge = 300;                  // [s]
 constexpr std::int64_t kTwinsFor = 10'000'000'000;  // after a fathom message its ACFR twins are left out [ns]
 constexpr double kDeepest = 12000, kFastest = 20;   // [m], [m/s]; nothing in the sea is beyond
+constexpr double kFastestTurn = 10;                 // [rad/s]
 
 constexpr std::array<std::string_view, 6> kCounterNames = {"bad",     "stale",    "twins_left_out",
                                                            "unasked", "failures", "not_published"};
@@ -40,6 +41,11 @@ struct Plausible {
   }
   bool operator()(const AttitudeSample& s) const {
     return angle(s.roll) && angle(s.pitch) && angle(s.heading);
+  }
+  bool operator()(const GyroSample& s) const {
+    return (s.body_rate || s.heading_rate) &&
+           (!s.body_rate || (s.body_rate->array().abs() <= kFastestTurn).all()) &&
+           within(s.heading_rate, -kFastestTurn, kFastestTurn);
   }
   bool operator()(const DepthSample& s) const { return std::abs(s.depth) <= kDeepest; }
   bool operator()(const UsblFix& s) const {
@@ -86,7 +92,8 @@ LcmConfig readLcmConfig(const ConfigTable& table, LcmConfig defaults) {
     for (std::string word; words >> word;) {
       const auto found = std::find(kWords.begin(), kWords.end(), word);
       if (found == kWords.end())
-        table.fail("accept", "'" + word + "' is none of dvl attitude depth usbl gps water battery progress");
+        table.fail("accept",
+                   "'" + word + "' is none of dvl attitude depth usbl gps water battery progress gyro");
       config.accept[static_cast<std::size_t>(found - kWords.begin())] = true;
     }
   }

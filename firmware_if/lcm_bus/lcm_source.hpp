@@ -23,7 +23,8 @@ struct LcmConfig {
   int queue = 200;  // messages that may wait on the bus
   double publish_hz = 1;  // of pose; health, map and link at most once a second
 };
-// `accept` is a text of words from: dvl attitude depth usbl gps water battery progress. Throws InputError.
+// `accept` is a text of words from: dvl attitude depth usbl gps water battery progress gyro. Throws
+// InputError.
 [[nodiscard]] LcmConfig readLcmConfig(const ConfigTable& table, LcmConfig defaults);
 
 // Samples that other programs of the vehicle publish: the channels of firmware_if/log/log_messages.hpp, and

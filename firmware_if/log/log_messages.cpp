@@ -10,6 +10,7 @@
 #include <fathom/depth_t.hpp>
 #include <fathom/dvl_t.hpp>
 #include <fathom/gps_t.hpp>
+#include <fathom/gyro_t.hpp>
 #include <fathom/image_t.hpp>
 #include <fathom/progress_t.hpp>
 #include <fathom/raw_t.hpp>
@@ -66,6 +67,16 @@ struct Encoder {
     m.heading = s.heading;
     m.magnetic = s.magnetic ? 1 : 0;
     return {"FATHOM_ATTITUDE", encodeChecked(m)};
+  }
+  LogMessage operator()(const GyroSample& s) const {
+    gyro_t m = {};
+    m.arrival_utc_ns = arrival_utc_ns;
+    m.utc_ns = s.utc_ns;
+    m.has_body_rate = s.body_rate ? 1 : 0;
+    for (int i = 0; i < 3; ++i) m.body_rate[i] = s.body_rate ? (*s.body_rate)(i) : 0.0;
+    m.has_heading_rate = s.heading_rate ? 1 : 0;
+    m.heading_rate = s.heading_rate.value_or(0.0);
+    return {"FATHOM_GYRO", encodeChecked(m)};
   }
   LogMessage operator()(const DepthSample& s) const {
     depth_t m = {};
@@ -155,6 +166,16 @@ std::optional<DecodedSample> decodeAttitude(std::span<const std::uint8_t> data) 
                        AttitudeSample{m.utc_ns, m.roll, m.pitch, m.heading, m.magnetic != 0}};
 }
 
+std::optional<DecodedSample> decodeGyro(std::span<const std::uint8_t> data) {
+  gyro_t m = {};
+  if (!decodeWhole(data, m)) return std::nullopt;
+  GyroSample s;
+  s.utc_ns = m.utc_ns;
+  if (m.has_body_rate != 0) s.body_rate = Eigen::Vector3d(m.body_rate[0], m.body_rate[1], m.body_rate[2]);
+  if (m.has_heading_rate != 0) s.heading_rate = m.heading_rate;
+  return DecodedSample{m.arrival_utc_ns, s};
+}
+
 std::optional<DecodedSample> decodeDepth(std::span<const std::uint8_t> data) {
   depth_t m = {};
   if (!decodeWhole(data, m)) return std::nullopt;
@@ -215,15 +236,16 @@ struct SampleChannel {
   std::string_view name;
   std::optional<DecodedSample> (*decode)(std::span<const std::uint8_t>);
 };
-constexpr std::array<SampleChannel, 9> kSampleChannels = {{{"RDI", decodeDvl},
-                                                           {"FATHOM_ATTITUDE", decodeAttitude},
-                                                           {"FATHOM_DEPTH", decodeDepth},
-                                                           {"FATHOM_USBL", decodeUsbl},
-                                                           {"FATHOM_GPS", decodeGps},
-                                                           {"FATHOM_WATER", decodeWater},
-                                                           {"FATHOM_BATTERY", decodeBattery},
-                                                           {"FATHOM_PROGRESS", decodeProgress},
-                                                           {"FATHOM_IMAGE", decodeImage}}};
+constexpr std::array<SampleChannel, 10> kSampleChannels = {{{"RDI", decodeDvl},
+                                                            {"FATHOM_ATTITUDE", decodeAttitude},
+                                                            {"FATHOM_GYRO", decodeGyro},
+                                                            {"FATHOM_DEPTH", decodeDepth},
+                                                            {"FATHOM_USBL", decodeUsbl},
+                                                            {"FATHOM_GPS", decodeGps},
+                                                            {"FATHOM_WATER", decodeWater},
+                                                            {"FATHOM_BATTERY", decodeBattery},
+                                                            {"FATHOM_PROGRESS", decodeProgress},
+                                                            {"FATHOM_IMAGE", decodeImage}}};
 
 // ns of an ACFR utime; std::nullopt beyond int64.
 std::optional<std::int64_t> nanoseconds(std::int64_t utime) {

@@ -16,6 +16,7 @@ namespace fathom::io {
 //   channel               type                        holds
 //   RDI                   fathom.dvl_t                DvlSample
 //   FATHOM_ATTITUDE       fathom.attitude_t           AttitudeSample   (beside it: TCM, senlcm.tcm_t)
+//   FATHOM_GYRO           fathom.gyro_t               GyroSample
 //   FATHOM_DEPTH          fathom.depth_t              DepthSample      (beside it: PAROSCI, senlcm.parosci_t)
 //   FATHOM_USBL           fathom.usbl_t               UsblFix
 //                                                       (beside it: USBL_FIX.<vehicle>, senlcm.usbl_fix_t)

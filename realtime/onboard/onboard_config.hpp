@@ -17,7 +17,7 @@ namespace fathom::onboard {
 // its unit, range and default.
 struct OnboardConfig {
   stereo::SparseStereoConfig stereo;
-  lighting::LightingConfig lighting;
+  lighting::LightingConfig lighting{.memory = lighting::kOnboardMemory};
   fusion::QuadtreeConfig map;
   LinkCoreConfig link;
   LocalisationConfig localisation;

@@ -98,6 +98,7 @@ void OnboardSystem::addImage(const ImageEvent& event, std::int64_t arrival_utc_n
   ImageName& name = image_names_[frame % image_names_.size()];
   name.frame = frame;
   name.text = event.file_name;
+  name.exposure_s = event.exposure_s;
 }
 
 bool OnboardSystem::readPair(const MappedPair& pair, MapInput& input) const {
@@ -110,6 +111,8 @@ bool OnboardSystem::readPair(const MappedPair& pair, MapInput& input) const {
   if (!left || !right) return false;
   input.left = *left;
   input.right = *right;
+  input.left_exposure_s = pair.left_exposure_s;
+  input.right_exposure_s = pair.right_exposure_s;
   return true;
 }
 
@@ -119,6 +122,8 @@ bool OnboardSystem::nameImages(const StereoTrigger& trigger, MappedPair& pair) c
   if (left.frame != trigger.left_frame_id || right.frame != trigger.right_frame_id) return false;
   pair.left_image = left.text;
   pair.right_image = right.text;
+  pair.left_exposure_s = left.exposure_s;
+  pair.right_exposure_s = right.exposure_s;
   return true;
 }
 

@@ -49,6 +49,7 @@ class OnboardSystem {
   struct MappedPair {
     MapOutput output;
     std::string left_image, right_image;
+    double left_exposure_s = 0, right_exposure_s = 0;
     std::optional<double> altitude;  // [m]
   };
 
@@ -139,6 +140,7 @@ class OnboardSystem {
   struct ImageName {
     std::uint32_t frame = UINT32_MAX;
     std::string text;
+    double exposure_s = 0;
   };
   static constexpr std::size_t kNames = 256;   // of the newest exposures; no pair waits for longer
   std::array<ImageName, kNames> image_names_;  // by frame number

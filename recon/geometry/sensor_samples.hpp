@@ -33,6 +33,15 @@ struct AttitudeSample {
   bool magnetic = true;
 };
 
+// Rate of turn. Of the two values one is there.
+struct GyroSample {
+  std::int64_t utc_ns = 0;
+  // About the gyro's axes (forward, starboard, down when T_body_compass is identity: gyro and compass are
+  // taken for one instrument) [rad/s].
+  std::optional<Eigen::Vector3d> body_rate;
+  std::optional<double> heading_rate;  // of an instrument that tells no more; to starboard positive [rad/s]
+};
+
 struct DepthSample {
   std::int64_t utc_ns = 0;
   double depth = 0;  // of the pressure sensor below the surface [m]
@@ -91,9 +100,9 @@ struct ImageEvent {
 
 // What a device other than a camera gives: nothing that owns memory.
 using DeviceSample = std::variant<DvlSample, AttitudeSample, DepthSample, UsblFix, GpsFix, WaterSample,
-                                  BatterySample, MissionProgressSample>;
+                                  BatterySample, MissionProgressSample, GyroSample>;
 
 using SensorSample = std::variant<DvlSample, AttitudeSample, DepthSample, UsblFix, GpsFix, WaterSample,
-                                  BatterySample, ImageEvent, MissionProgressSample>;
+                                  BatterySample, ImageEvent, MissionProgressSample, GyroSample>;
 
 }  // namespace fathom

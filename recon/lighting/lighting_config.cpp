@@ -18,6 +18,7 @@ LightingConfig readLightingConfig(const ConfigTable& table, LightingConfig c) {
   c.grid = static_cast<int>(table.integer("grid_px", c.grid, 4, 256));
   c.saturated = table.number("saturated", c.saturated, 0.5, 1.0);
   c.outlier = table.number("outlier_sigma", c.outlier, 1.0, 10.0);
+  c.memory = static_cast<int>(table.integer("memory_images", c.memory, 0, 1'000'000));
   const std::string choice = table.choice("model", nameOf(c.choice), kChoices);
   for (std::size_t k = 0; k < kChoices.size(); ++k)
     if (choice == kChoices[k]) c.choice = static_cast<LightingChoice>(k);

@@ -14,8 +14,12 @@ struct LightingConfig {
   int grid = 48;               // spacing of the statistics' nodes [px]
   double saturated = 0.98;     // of full scale: such samples do not enter the statistics
   double outlier = 3.0;        // robust standard deviations, in logarithms, beyond which a sample is left out
+  int memory = 0;              // images after which what was learnt counts half; 0: nothing is forgotten
   LightingChoice choice = LightingChoice::kAuto;
 };
+
+// On board, where light and water change over hours: about 300 m of new ground.
+inline constexpr int kOnboardMemory = 1000;
 
 // Reads the keys of a [lighting] table over `defaults`; README.md lists them. Throws InputError.
 [[nodiscard]] LightingConfig readLightingConfig(const ConfigTable& table, LightingConfig defaults = {});

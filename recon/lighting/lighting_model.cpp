@@ -24,7 +24,8 @@ constexpr int kSolveFraction = 16;     // later, one in this share of the images
 constexpr float kMinSigma = 0.002F;    // of full scale: half a level of 8 bits; less is quantisation
 constexpr float kMinContrast = 0.04F;  // sigma of mean: in thicker haze, gain would show noise alone
 constexpr std::size_t kMaxChannels = 4;
-constexpr std::uint32_t kTag = rt::stateTag("LITE"), kVersion = 1;
+constexpr std::uint32_t kTag = rt::stateTag("LITE"), kVersion = 2;
+constexpr double kMostBrighter = 64;  // than another exposure: no camera's range of exposures is wider
 
 void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("lighting model: ") + what);
@@ -52,6 +53,8 @@ struct LightingModel::Impl {
   std::vector<float> ranges, means;  // of an image being learnt, by node
   ModelChoice choice;
   int images = 0, solved_images = 0;
+  int held = 0;         // images that what was learnt weighs
+  double exposure = 0;  // that statistics are brought to [s]; 0: none known
   std::uint64_t ignored = 0, samples = 0;
 
   [[nodiscard]] bool fits(const ImageView& image) const {
@@ -61,18 +64,24 @@ struct LightingModel::Impl {
            image.bits == bits && image.stride >= row_bytes && (bits == 8 || image.stride % 2 == 0);
   }
   [[nodiscard]] LightingKind used() const;
-  void add(const ImageView& image, const RangeLattice* range);
+  // Of an image of that exposure, against what is learnt.
+  [[nodiscard]] float brightness(double exposure_s) const {
+    if (!(exposure_s > 0) || exposure == 0) return 1;
+    return static_cast<float>(std::clamp(exposure_s / exposure, 1 / kMostBrighter, kMostBrighter));
+  }
+  void add(const ImageView& image, const RangeLattice* range, double exposure_s);
   template <typename T>
-  void learn(const ImageView& image);
+  void learn(const ImageView& image, float brightness);
   struct Errors {
     double sums[3] = {}, count[3] = {};  // whole, plain, range
   };
   void foretell(const ChannelModel& channel, Errors& errors) const;
-  [[nodiscard]] Correction correction(const Level& level) const;
-  void nodeRow(LightingKind kind, const RangeLattice* range, int j, NodeRow& row) const;
+  [[nodiscard]] Correction correction(const Level& level, float brightness) const;
+  void nodeRow(LightingKind kind, const RangeLattice* range, float brightness, int j, NodeRow& row) const;
   template <typename T>
-  void correctImage(const ImageView& image, const RangeLattice* range, std::uint8_t* out) const;
-  void correct(const ImageView& image, const RangeLattice* range, std::uint8_t* out) const;
+  void correctImage(const ImageView& image, const RangeLattice* range, float brightness,
+                    std::uint8_t* out) const;
+  void correct(const ImageView& image, const RangeLattice* range, double exposure_s, std::uint8_t* out) const;
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
 };
@@ -117,18 +126,18 @@ void LightingModel::Impl::foretell(const ChannelModel& channel, Errors& errors) 
 }
 
 template <typename T>
-void LightingModel::Impl::learn(const ImageView& image) {
+void LightingModel::Impl::learn(const ImageView& image, float brightness) {
   Errors errors;
   for (ChannelModel& channel : channels) {
     channel.statistics().add(static_cast<const T*>(image.data), image.stride / sizeof(T), bits,
-                             static_cast<float>(config.saturated), ranges, means);
+                             static_cast<float>(config.saturated), brightness, ranges, means);
     if (solved_images >= config.min_images && channel.known()) foretell(channel, errors);
   }
   const auto mean = [&](int k) { return errors.count[k] > 0 ? errors.sums[k] / errors.count[k] : -1.0; };
   choice.score(mean(0), mean(1), mean(2));
 }
 
-void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range) {
+void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range, double exposure_s) {
   if (!fits(image)) {
     ++ignored;
     return;
@@ -137,26 +146,33 @@ void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range)
     for (int i = 0; i < lattice.columns; ++i)
       ranges[static_cast<std::size_t>(j * lattice.columns + i)] =
           range == nullptr ? 0.0F : range->at(lattice.u(i), lattice.v(j));
+  if (exposure == 0 && exposure_s > 0 && std::isfinite(exposure_s)) exposure = exposure_s;
   if (bits == 8)
-    learn<std::uint8_t>(image);
+    learn<std::uint8_t>(image, brightness(exposure_s));
   else
-    learn<std::uint16_t>(image);
+    learn<std::uint16_t>(image, brightness(exposure_s));
   ++images;
+  ++held;
+  if (config.memory > 0 && held >= 2 * config.memory) {
+    for (ChannelModel& channel : channels) channel.statistics().halve();
+    held /= 2;
+  }
   samples += lattice.size() * channels.size() * NodeStatistics::kSamplesPerImage;
-  if (images > kSolveAlways && images - solved_images < images / kSolveFraction) return;
-  for (ChannelModel& channel : channels) channel.solve(images, config.outlier);
+  if (held > kSolveAlways && images - solved_images < held / kSolveFraction) return;
+  for (ChannelModel& channel : channels) channel.solve(held, config.outlier);
   solved_images = images;
 }
 
-Correction LightingModel::Impl::correction(const Level& level) const {
-  const float mean = std::exp(level.log_mean);
+Correction LightingModel::Impl::correction(const Level& level, float brightness) const {
+  const float mean = brightness * std::exp(level.log_mean);
   const float spread = std::max(std::exp(level.log_spread), kMinContrast);
   const float gain = static_cast<float>(config.target_sigma) / std::max(spread * mean, kMinSigma);
   const float full = static_cast<float>((1 << bits) - 1), grey = 255;
   return {grey * gain / full, grey * (static_cast<float>(config.target_mean) - gain * mean)};
 }
 
-void LightingModel::Impl::nodeRow(LightingKind kind, const RangeLattice* range, int j, NodeRow& row) const {
+void LightingModel::Impl::nodeRow(LightingKind kind, const RangeLattice* range, float brightness, int j,
+                                  NodeRow& row) const {
   for (int i = 0; i < lattice.columns; ++i) {
     const auto n = static_cast<std::size_t>(j * lattice.columns + i);
     float path = 0;
@@ -169,15 +185,15 @@ void LightingModel::Impl::nodeRow(LightingKind kind, const RangeLattice* range, 
       if (!channel.known())
         out = {255.0F / static_cast<float>((1 << bits) - 1), 0.0F};
       else if (path > 0)
-        out = correction(channel.atRange(n, position));
+        out = correction(channel.atRange(n, position), brightness);
       else
-        out = correction(kind == LightingKind::kWholeImage ? channel.whole() : channel.plain(n));
+        out = correction(kind == LightingKind::kWholeImage ? channel.whole() : channel.plain(n), brightness);
     }
   }
 }
 
 template <typename T>
-void LightingModel::Impl::correctImage(const ImageView& image, const RangeLattice* range,
+void LightingModel::Impl::correctImage(const ImageView& image, const RangeLattice* range, float brightness,
                                        std::uint8_t* out) const {
   const LightingKind kind = used();
   NodeRow above, below, here;
@@ -190,8 +206,8 @@ void LightingModel::Impl::correctImage(const ImageView& image, const RangeLattic
       if (loaded >= 0 && j == loaded + 1)
         above = below;
       else
-        nodeRow(kind, range, j, above);
-      nodeRow(kind, range, std::min(j + 1, lattice.rows - 1), below);
+        nodeRow(kind, range, brightness, j, above);
+      nodeRow(kind, range, brightness, std::min(j + 1, lattice.rows - 1), below);
       loaded = j;
     }
     const float down = t - static_cast<float>(j);
@@ -213,15 +229,15 @@ void LightingModel::Impl::correctImage(const ImageView& image, const RangeLattic
   }
 }
 
-void LightingModel::Impl::correct(const ImageView& image, const RangeLattice* range,
+void LightingModel::Impl::correct(const ImageView& image, const RangeLattice* range, double exposure_s,
                                   std::uint8_t* out) const {
   if (!fits(image))
     std::memset(out, 0,
                 static_cast<std::size_t>(width) * static_cast<std::size_t>(height * samples_per_pixel));
   else if (bits == 8)
-    correctImage<std::uint8_t>(image, range, out);
+    correctImage<std::uint8_t>(image, range, brightness(exposure_s), out);
   else
-    correctImage<std::uint16_t>(image, range, out);
+    correctImage<std::uint16_t>(image, range, brightness(exposure_s), out);
 }
 
 LightingModel::LightingModel(int width, int height, PixelFormat format, int bits,
@@ -237,6 +253,7 @@ LightingModel::LightingModel(int width, int height, PixelFormat format, int bits
   require(config.grid >= 1 && config.grid <= kMaxGrid, "grid must be 1 to 256 px");
   require(config.saturated > 0 && config.saturated <= 1, "saturated must lie between 0 and 1");
   require(config.outlier >= 1, "outlier must be at least 1");
+  require(config.memory >= 0, "memory must not be negative");
   const NodeLattice lattice(width, height, config.grid);
   impl_ = std::make_unique<Impl>();
   impl_->width = width;
@@ -263,20 +280,21 @@ std::uint64_t LightingModel::ignoredImages() const {
   return impl_->ignored;
 }
 
-void LightingModel::add(const ImageView& image, const RangeLattice& range) {
-  impl_->add(image, &range);
+void LightingModel::add(const ImageView& image, const RangeLattice& range, double exposure_s) {
+  impl_->add(image, &range, exposure_s);
 }
 
 void LightingModel::add(const ImageView& image) {
-  impl_->add(image, nullptr);
+  impl_->add(image, nullptr, 0);
 }
 
-void LightingModel::correct(const ImageView& image, const RangeLattice& range, std::uint8_t* out) const {
-  impl_->correct(image, &range, out);
+void LightingModel::correct(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
+                            double exposure_s) const {
+  impl_->correct(image, &range, exposure_s, out);
 }
 
 void LightingModel::correct(const ImageView& image, std::uint8_t* out) const {
-  impl_->correct(image, nullptr, out);
+  impl_->correct(image, nullptr, 0, out);
 }
 
 LightingKind LightingModel::used() const {
@@ -310,9 +328,10 @@ LightingModel::Report LightingModel::report() const {
 
 template <typename Archive, typename Self>
 void LightingModel::Impl::exchange(Archive& archive, Self& self) {
-  archive(self.images, self.solved_images, self.ignored, self.samples, self.choice);
+  archive(self.images, self.solved_images, self.held, self.exposure, self.ignored, self.samples, self.choice);
   for (auto& channel : self.channels) archive(channel);
   archive.require(self.solved_images >= 0 && self.solved_images <= self.images, "more learnt than seen");
+  archive.require(self.held >= 0 && self.held <= self.images && self.exposure >= 0, "more held than learnt");
 }
 
 void LightingModel::save(rt::StateWriter& writer) const {

@@ -51,8 +51,10 @@ class LightingModel {
 
   // Learns. The models follow at every image up to the 32nd, from then on when 1/16 more have been seen.
   // Wrongly shaped images are ignored and counted. Without ranges (or where they are unknown) an image
-  // teaches the first two models alone.
-  void add(const ImageView& image, const RangeLattice& range);
+  // teaches the first two models alone. What was learnt counts half after config.memory further images.
+  // `exposure_s`: as the image is stamped; its brightness is taken to be in proportion. 0: not known, and
+  // taken to be that of the first image that tells.
+  void add(const ImageView& image, const RangeLattice& range, double exposure_s = 0);
   void add(const ImageView& image);
   [[nodiscard]] int images() const;
   [[nodiscard]] std::uint64_t ignoredImages() const;
@@ -61,7 +63,8 @@ class LightingModel {
   // after row. Before the first image full scale becomes 255; a wrongly shaped image becomes black. Without
   // ranges, or where they are unknown, the plain model stands in for the range-dependent one. Several threads
   // may correct at once while none adds.
-  void correct(const ImageView& image, const RangeLattice& range, std::uint8_t* out) const;
+  void correct(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
+               double exposure_s = 0) const;
   void correct(const ImageView& image, std::uint8_t* out) const;
 
   // Which model correct() uses.

@@ -63,10 +63,10 @@ std::size_t NodeStatistics::block(std::size_t node) const {
 }
 
 template <typename T>
-void NodeStatistics::add(const T* samples, std::size_t stride, int bits, float saturated,
+void NodeStatistics::add(const T* samples, std::size_t stride, int bits, float saturated, float brightness,
                          std::span<const float> ranges, std::span<float> means) {
   constexpr int kTableBits = 12;
-  const float scale = 1.0F / static_cast<float>((1 << bits) - 1);
+  const float full = static_cast<float>((1 << bits) - 1), scale = 1.0F / full, darker = 1.0F / brightness;
   const auto table_index = [bits](T v) {
     const unsigned wide = bits > kTableBits ? static_cast<unsigned>(v) >> (bits - kTableBits)
                                             : static_cast<unsigned>(v) << (kTableBits - bits);
@@ -99,13 +99,14 @@ void NodeStatistics::add(const T* samples, std::size_t stride, int bits, float s
       for (const T* line : lines) {
         for (int k = 0; k < kSide; ++k) {
           const T sample = line[columns[index(i * kSide + k)]];
-          const float value = scale * static_cast<float>(sample);
-          if (value >= saturated) {
+          const float raw = scale * static_cast<float>(sample), value = raw * darker;
+          if (raw >= saturated) {
             ++saturated_;
             continue;
           }
           n += 1, sum += value, squares += value * value;
-          const std::uint8_t c = class_of_[table_index(sample)];
+          const float level = std::min(static_cast<float>(sample) * darker + 0.5F, full);
+          const std::uint8_t c = class_of_[table_index(static_cast<T>(level))];
           cell.sum[c] += value;
           if (++cell.number[c] == UINT16_MAX)  // older samples count half from here on
             for (std::size_t h = 0; h < kClasses; ++h) cell.number[h] /= 2, cell.sum[h] /= 2;
@@ -130,10 +131,28 @@ void NodeStatistics::add(const T* samples, std::size_t stride, int bits, float s
   }
 }
 
-template void NodeStatistics::add(const std::uint8_t*, std::size_t, int, float, std::span<const float>,
+template void NodeStatistics::add(const std::uint8_t*, std::size_t, int, float, float, std::span<const float>,
                                   std::span<float>);
-template void NodeStatistics::add(const std::uint16_t*, std::size_t, int, float, std::span<const float>,
-                                  std::span<float>);
+template void NodeStatistics::add(const std::uint16_t*, std::size_t, int, float, float,
+                                  std::span<const float>, std::span<float>);
+
+void NodeStatistics::halve() {
+  for (std::size_t k = 0; k < cells_.size(); ++k) {
+    std::uint16_t& bins = bins_[k / RangeBins::kAll];
+    const unsigned bin = 1U << k % RangeBins::kAll;
+    if ((bins & bin) == 0) continue;
+    Cell& cell = cells_[k];
+    cell.count /= 2, cell.squares /= 2, cell.x_squares /= 2;
+    for (std::size_t h = 0; h < kClasses; ++h) {
+      const std::uint16_t left = cell.number[h] / 2;
+      if (cell.number[h] > 0) cell.sum[h] *= static_cast<float>(left) / static_cast<float>(cell.number[h]);
+      cell.number[h] = left;
+    }
+    if (cell.count >= 1) continue;
+    cell = {};
+    bins = static_cast<std::uint16_t>(bins & ~bin);
+  }
+}
 
 void NodeStatistics::findOutliers(double outlier) {
   double all = 0, outside = 0;

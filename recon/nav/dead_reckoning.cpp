@@ -7,8 +7,7 @@
 namespace fathom::nav {
 namespace {
 
-constexpr double kSecond = 1e9;                        // [ns]
-constexpr std::int64_t kMaxSilenceNs = 1'000'000'000;  // of attitude or depth before it is not waited for
+constexpr double kSecond = 1e9;                              // [ns]
 constexpr std::int64_t kMaxExtrapolationNs = 1'000'000'000;  // of poseAt beyond the newest node
 constexpr std::int64_t kMinNodeSpacingNs = 20'000'000;       // with kNodes: at least 20 s of history
 constexpr std::int64_t kRateHalfWindowNs =
@@ -102,10 +101,23 @@ double DeadReckoning::withoutLeap(double heading, std::int64_t utc_ns) noexcept 
       heading_taken_out_ = wrapAngle(heading_taken_out_ + turn);
       smooth -= turn;
       ++counters_.heading_leaps;
+      leap_times_.pushDroppingOldest(utc_ns);
     }
   }
   last_heading_ = smooth;
   return smooth;
+}
+
+void DeadReckoning::add(const GyroSample& sample) noexcept {
+  const auto rate = bodyRate(sample, config_.T_body_compass.rotation());
+  if (!rate) {
+    ++counters_.gyro_rejected;
+    return;
+  }
+  if (!checkTime(gyro_times_, sample.utc_ns)) return;
+  rates_.pushDroppingOldest(*rate);
+  ++counters_.gyro_used;
+  advance();
 }
 
 void DeadReckoning::add(const DepthSample& sample) noexcept {
@@ -129,7 +141,7 @@ void DeadReckoning::add(const WaterSample& sample) noexcept {
 
 // True when a sensor's samples reach a time, or have stopped and are no longer waited for.
 bool DeadReckoning::reached(const TimeGate& gate, std::int64_t utc_ns) const noexcept {
-  return gate.newestUtcNs() >= utc_ns || now_ - gate.newestUtcNs() > kMaxSilenceNs;
+  return gate.newestUtcNs() >= utc_ns || gate.silentAt(now_);
 }
 
 void DeadReckoning::advance() noexcept {
@@ -137,6 +149,7 @@ void DeadReckoning::advance() noexcept {
   while (!waiting_.empty()) {
     const Velocity next = waiting_.front();
     if (!reached(attitude_times_, next.utc_ns) || !reached(depth_times_, next.utc_ns)) return;
+    if (gyro_times_.any() && !reached(gyro_times_, next.utc_ns)) return;
     waiting_.popFront();
     use(next);
   }
@@ -170,11 +183,11 @@ void DeadReckoning::use(const Velocity& velocity) noexcept {
   const std::int64_t begin = from.utc_ns;
   const Eigen::Vector3d first = from.R_odom_body.conjugate() * from.v_dvl;
   const double span = static_cast<double>(velocity.utc_ns - begin);
+  coasting_ = false;
   trackTo(velocity.utc_ns, [&](std::int64_t t) -> Eigen::Vector3d {
     return first + (velocity.value - first) * (static_cast<double>(t - begin) / span);
   });
   last_velocity_ = velocity;
-  coasting_ = false;
   ++counters_.dvl_used;
 }
 
@@ -182,10 +195,9 @@ void DeadReckoning::use(const Velocity& velocity) noexcept {
 // along its own axes, held for the gap, then decaying with the gap as time constant.
 void DeadReckoning::coast() noexcept {
   if (nodes_.empty()) return;
-  const bool depth_silent = now_ - depth_times_.newestUtcNs() > kMaxSilenceNs;
-  const std::int64_t until = depth_silent
-                                 ? attitude_times_.newestUtcNs()
-                                 : std::min(attitude_times_.newestUtcNs(), depth_times_.newestUtcNs());
+  std::int64_t until = attitude_times_.newestUtcNs();
+  for (const TimeGate* gate : {&depth_times_, &gyro_times_})
+    if (gate->any() && !gate->silentAt(now_)) until = std::min(until, gate->newestUtcNs());
   const auto gap_ns = static_cast<std::int64_t>(config_.max_dvl_gap * kSecond);
   if (until - last_velocity_.utc_ns <= gap_ns || until <= nodes_.back().utc_ns) return;
   const Eigen::Vector3d& r = config_.T_body_dvl.translation();
@@ -194,7 +206,6 @@ void DeadReckoning::coast() noexcept {
     coasting_ = true;
     coast_velocity_ = last_velocity_.value - rateOfTurn(last_velocity_.utc_ns).cross(r);
   }
-  unlocked_s_ += seconds(until - nodes_.back().utc_ns);
   trackTo(until, [&](std::int64_t t) -> Eigen::Vector3d {
     const double over = seconds(t - last_velocity_.utc_ns - gap_ns);
     const double left = over <= 0 ? 1.0 : std::exp(-over / config_.max_dvl_gap);
@@ -211,19 +222,20 @@ Eigen::Vector3d DeadReckoning::rateOfTurn(std::int64_t utc_ns) const noexcept {
   return turn.axis() * (turn.angle() / seconds(end - begin));
 }
 
-// Appends nodes up to `utc_ns`: at each attitude and depth sample on the way, where they are not too close,
-// and there.
+// Appends nodes up to `utc_ns`: at each attitude, depth and gyro sample on the way, where they are not too
+// close, and there.
 template <typename VelocityAt>
 void DeadReckoning::trackTo(std::int64_t utc_ns, const VelocityAt& velocity_at) noexcept {
-  const std::int64_t tilt_known = std::max(attitude_times_.newestUtcNs(), nodes_.back().utc_ns);
-  untilted_s_ += std::max(0.0, seconds(utc_ns - tilt_known));
   for (;;) {
     const std::int64_t earliest = nodes_.back().utc_ns + kMinNodeSpacingNs - 1;
     std::int64_t next = utc_ns;
-    if (const std::size_t i = firstAfter(attitudes_, earliest); i < attitudes_.size())
-      next = std::min(next, attitudes_[i].utc_ns);
-    if (const std::size_t i = firstAfter(depths_, earliest); i < depths_.size())
-      next = std::min(next, depths_[i].utc_ns);
+    const auto stopAt = [&](const auto& history) {
+      if (const std::size_t i = firstAfter(history, earliest); i < history.size())
+        next = std::min(next, history[i].utc_ns);
+    };
+    stopAt(attitudes_);
+    stopAt(depths_);
+    stopAt(rates_);
     appendNode(next, velocity_at(next));
     if (next == utc_ns) return;
   }
@@ -241,8 +253,22 @@ void DeadReckoning::appendNode(std::int64_t utc_ns, const Eigen::Vector3d& veloc
     const Node& before = nodes_.back();
     node.p_dvl = before.p_dvl + 0.5 * (before.v_dvl + node.v_dvl) * seconds(utc_ns - before.utc_ns);
     node.depth = depthOfBody(node, &before);
+    rate(node, before);
   }
   nodes_.pushDroppingOldest(node);
+}
+
+void DeadReckoning::rate(Node& node, const Node& before) const noexcept {
+  const std::int64_t tilt_known = std::max(attitude_times_.newestUtcNs(), before.utc_ns);
+  node.quality = before.quality;
+  node.quality.unlocked_s += coasting_ ? seconds(node.utc_ns - before.utc_ns) : 0.0;
+  node.quality.untilted_s += std::max(0.0, seconds(node.utc_ns - tilt_known));
+  node.quality.attitude_held = attitude_times_.newestUtcNs() < node.utc_ns;
+  node.quality.depth_held = depth_times_.newestUtcNs() < node.utc_ns;
+  const GyroTurn turn = turnBetween(rates_, attitudes_, before.utc_ns, node.utc_ns, gyro_times_.silenceNs());
+  node.quality.gyro_turn += turn.angle;
+  node.quality.ungyro_s += turn.silent_s;
+  node.heading_rate = headingRateAt(rates_, attitudes_, node.utc_ns, gyro_times_.silenceNs());
 }
 
 double DeadReckoning::depthOfBody(const Node& node, const Node* before) noexcept {
@@ -273,7 +299,9 @@ std::optional<SE3> DeadReckoning::poseAt(std::int64_t utc_ns) const noexcept {
   const Node& a = nodes_[after - 1];
   const double s = seconds(utc_ns - a.utc_ns);
   if (after == nodes_.size()) {
-    if (utc_ns - a.utc_ns > kMaxExtrapolationNs) return std::nullopt;
+    if (utc_ns - a.utc_ns >
+        std::max({kMaxExtrapolationNs, attitude_times_.silenceNs(), depth_times_.silenceNs()}))
+      return std::nullopt;
     const Eigen::Quaterniond R = s == 0 ? a.R_odom_body : rotationAt(attitudes_, utc_ns);
     Eigen::Vector3d p = a.p_dvl + a.v_dvl * s - R * r;
     p.z() = a.depth + a.v_dvl.z() * s;
@@ -293,10 +321,29 @@ std::optional<double> DeadReckoning::altitude() const noexcept {
   return altitude_->value;
 }
 
-DeadReckoning::Quality DeadReckoning::quality() const noexcept {
-  const std::int64_t newest = newestUtcNs();
-  return {unlocked_s_, untilted_s_, attitude_times_.newestUtcNs() < newest,
-          depth_times_.newestUtcNs() < newest, counters_.heading_leaps};
+DeadReckoning::Quality DeadReckoning::qualityAt(std::int64_t utc_ns) const noexcept {
+  if (nodes_.empty()) return {};
+  const std::size_t after = std::clamp<std::size_t>(firstAfter(nodes_, utc_ns), 1, nodes_.size());
+  const Node& a = nodes_[after - 1];
+  Quality quality = a.quality;
+  if (after < nodes_.size() && utc_ns > a.utc_ns) {
+    const Node& b = nodes_[after];
+    const double s = seconds(utc_ns - a.utc_ns), span = seconds(b.utc_ns - a.utc_ns), share = s / span;
+    const auto between = [&](double Quality::*sum) {
+      return a.quality.*sum + share * (b.quality.*sum - a.quality.*sum);
+    };
+    quality = b.quality;
+    quality.unlocked_s = between(&Quality::unlocked_s);
+    quality.untilted_s = between(&Quality::untilted_s);
+    quality.ungyro_s = between(&Quality::ungyro_s);
+    // The rate is linear between nodes, and what that leaves of the turn comes evenly.
+    quality.gyro_turn =
+        between(&Quality::gyro_turn) + 0.5 * (a.heading_rate - b.heading_rate) * s * (1 - share);
+  }
+  quality.has_gyro = gyro_times_.any();
+  quality.heading_leaps = counters_.heading_leaps;
+  for (std::size_t i = leap_times_.size(); i > 0 && leap_times_[i - 1] > utc_ns; --i) --quality.heading_leaps;
+  return quality;
 }
 
 Eigen::Vector3d DeadReckoning::velocityBody() const noexcept {

@@ -8,6 +8,7 @@
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/sensor_samples.hpp"
+#include "recon/nav/gyro_history.hpp"
 #include "recon/nav/sensor_history.hpp"
 
 namespace fathom::nav {
@@ -33,12 +34,15 @@ struct DeadReckoningConfig {
 // speed corrections"). Depth is the pressure sensor's, less its lever arm.
 //
 // An ensemble is used once attitude and depth reach its time, so poses up to newestUtcNs() are final. A
-// sensor silent for longer than a second is not waited for: attitude is held, depth follows the DVL's
-// vertical velocity and, when the sensor is back, closes the difference slowly.
+// sensor silent for longer than its rate explains (TimeGate) is not waited for: attitude is held, depth
+// follows the DVL's vertical velocity and, when the sensor is back, closes the difference slowly.
 //
 // A compass that leaps (current in a cable, steel nearby) must not bend the track: the leap is taken out of
 // all later headings, so that odometry goes on smoothly and its heading is wrong by no more than before. Who
 // knows the heading better (SLAM) hears of it by headingLeaps().
+//
+// A gyro turns nothing here: its rate of heading is summed up beside the track, and told to SLAM by
+// qualityAt(), where it stands against the compass.
 class DeadReckoning {
  public:
   // The numbers of the config must be finite, the speeds and the gap positive (the mission's reader sees to
@@ -47,13 +51,14 @@ class DeadReckoning {
 
   void add(const DvlSample& sample) noexcept;
   void add(const AttitudeSample& sample) noexcept;
+  void add(const GyroSample& sample) noexcept;
   void add(const DepthSample& sample) noexcept;
   void add(const WaterSample& sample) noexcept;
 
   // Needs attitude, depth and one bottom-track velocity.
   [[nodiscard]] bool initialised() const noexcept { return !nodes_.empty(); }
-  // Pose at a time within the kept history (20 s), interpolated; up to a second beyond the newest:
-  // extrapolated.
+  // Pose at a time within the kept history (20 s), interpolated; up to a second beyond the newest, or as long
+  // as a slower sensor may be waited for: extrapolated.
   [[nodiscard]] std::optional<SE3> poseAt(std::int64_t utc_ns) const noexcept;
   // Up to here poses are final; and where the kept history begins. 0 before initialised().
   [[nodiscard]] std::int64_t newestUtcNs() const noexcept {
@@ -69,16 +74,27 @@ class DeadReckoning {
   [[nodiscard]] std::uint64_t headingLeaps() const noexcept { return counters_.heading_leaps; }
   [[nodiscard]] double headingTakenOut() const noexcept { return heading_taken_out_; }
 
-  // What the track rested on, up to newestUtcNs(). The seconds count from the beginning: two differ by what
+  // What the track rested on up to a time. The seconds and leaps count from the beginning: two differ by what
   // came between.
   struct Quality {
     double unlocked_s = 0;            // of the track without bottom track, after a gap of max_dvl_gap [s]
     double untilted_s = 0;            // while attitude was held [s]
-    bool attitude_held = false;       // attitude is silent now
-    bool depth_held = false;          // depth is silent now
-    std::uint64_t heading_leaps = 0;  // of the compass, from the beginning
+    bool attitude_held = false;       // attitude is silent then
+    bool depth_held = false;          // depth is silent then
+    std::uint64_t heading_leaps = 0;  // of the compass
+    // Turn about odom's down axis by the gyro alone, whole turns counted [rad]; while it was silent, which
+    // adds nothing [s]; and whether there is a gyro at all.
+    double gyro_turn = 0, ungyro_s = 0;
+    bool has_gyro = false;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.unlocked_s, self.untilted_s, self.attitude_held, self.depth_held, self.heading_leaps,
+              self.gyro_turn, self.ungyro_s, self.has_gyro);
+    }
   };
-  [[nodiscard]] Quality quality() const noexcept;
+  // At a time within the kept history, as poseAt(); beyond its ends: that of the end.
+  [[nodiscard]] Quality qualityAt(std::int64_t utc_ns) const noexcept;
 
   struct Counters {
     std::uint64_t dvl_used = 0;            // velocities that entered the track
@@ -86,7 +102,9 @@ class DeadReckoning {
     std::uint64_t dvl_rejected = 0;        // faster than max_speed, or not a number
     std::uint64_t out_of_order = 0;        // any sensor: not later than its last; or too late for the track
     std::uint64_t time_leaps = 0;  // any sensor: stamp far ahead of its last and alone, or no time at all
-    std::uint64_t attitude_rejected = 0, depth_rejected = 0, water_rejected = 0;  // impossible values
+    std::uint64_t attitude_rejected = 0, depth_rejected = 0, water_rejected = 0,
+                  gyro_rejected = 0;       // impossible values
+    std::uint64_t gyro_used = 0;           // rates of turn
     std::uint64_t sound_speed_absent = 0;  // ensembles without a possible one: taken as corrected
     std::uint64_t dvl_before_start = 0;    // velocities before the first attitude and depth
     std::uint64_t dvl_queue_full = 0;      // velocities lost because too many waited for attitude and depth
@@ -110,11 +128,13 @@ class DeadReckoning {
     Eigen::Vector3d p_dvl = Eigen::Vector3d::Zero();  // in odom [m]; z drifts: for differences only
     Eigen::Vector3d v_dvl = Eigen::Vector3d::Zero();  // of the DVL over ground, in odom [m/s]
     double depth = 0;                                 // of the body [m]
+    double heading_rate = 0;                          // by the gyro [rad/s]
+    Quality quality;                                  // but for the leaps of heading
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
       archive.instants(self.utc_ns);
-      archive(self.R_odom_body, self.p_dvl, self.v_dvl, self.depth);
+      archive(self.R_odom_body, self.p_dvl, self.v_dvl, self.depth, self.heading_rate, self.quality);
     }
   };
   struct Velocity {
@@ -128,8 +148,9 @@ class DeadReckoning {
     }
   };
 
-  static constexpr std::size_t kNodes = 1024;  // 20 s at the closest spacing of nodes
-  static constexpr std::size_t kWaiting = 64;  // ensembles: 9 s at 7 Hz, far beyond the silence allowed
+  static constexpr std::size_t kNodes = 1024;   // 20 s at the closest spacing of nodes
+  static constexpr std::size_t kWaiting = 128;  // ensembles: 12 s at 10 Hz, beyond the silence allowed
+  static constexpr std::size_t kLeaps = 64;     // of heading, whose times are kept
 
   [[nodiscard]] bool checkTime(TimeGate& gate, std::int64_t utc_ns) noexcept;
   void advance() noexcept;
@@ -140,17 +161,20 @@ class DeadReckoning {
   void trackTo(std::int64_t utc_ns, const VelocityAt& velocity_at) noexcept;
   [[nodiscard]] Eigen::Vector3d rateOfTurn(std::int64_t utc_ns) const noexcept;
   void appendNode(std::int64_t utc_ns, const Eigen::Vector3d& velocity_body) noexcept;
+  void rate(Node& node, const Node& before) const noexcept;
   [[nodiscard]] double withoutLeap(double heading, std::int64_t utc_ns) noexcept;
   [[nodiscard]] double depthOfBody(const Node& node, const Node* before) noexcept;
   [[nodiscard]] double soundSpeedFactor(double assumed) noexcept;
 
   DeadReckoningConfig config_;
   Eigen::Quaterniond R_body_compass_inverse_;
-  TimeGate dvl_times_, attitude_times_, depth_times_;
+  TimeGate dvl_times_, attitude_times_, depth_times_, gyro_times_;
   std::int64_t now_ = 0;                             // newest time of any sensor
   RotationHistory attitudes_;                        // R_odom_body
   double last_heading_ = 0, heading_taken_out_ = 0;  // of the compass, in odom; sum of leaps [rad]
+  rt::FixedQueue<std::int64_t, kLeaps> leap_times_;  // of headings [ns]
   NumberHistory depths_;                             // of the pressure sensor [m]
+  RateHistory rates_;
   rt::FixedQueue<Velocity, kWaiting> waiting_;
   rt::FixedQueue<Node, kNodes> nodes_;
   Velocity last_velocity_;                                    // newest that entered the track
@@ -161,7 +185,6 @@ class DeadReckoning {
   std::int64_t depth_offset_utc_ns_ = 0;
   double sound_speed_;  // true, newest known [m/s]
   std::optional<TimedNumber> altitude_;
-  double unlocked_s_ = 0, untilted_s_ = 0;
   Counters counters_;
 };
 

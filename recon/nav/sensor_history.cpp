@@ -1,10 +1,14 @@
 #include "recon/nav/sensor_history.hpp"
 
+#include <algorithm>
+
 namespace fathom::nav {
 namespace {
 
-// Longest silence after which the next stamp is taken at once. Every sensor here speaks at 1 Hz or faster.
+// Longest silence after which the next stamp is taken at once, unless the sensor is known to be slower.
 constexpr std::int64_t kMaxLeapNs = 5'000'000'000;
+constexpr std::int64_t kMinSilenceNs = 1'000'000'000;
+constexpr std::int64_t kSilentPeriods = 3;
 
 // Stamps are between 1970 and 2116; others are damaged, and would overflow differences.
 constexpr std::int64_t kLatestUtcNs = std::int64_t{1} << 62;
@@ -15,11 +19,22 @@ double fraction(const Timed& a, const Timed& b, std::int64_t utc_ns) noexcept {
   return static_cast<double>(utc_ns - a.utc_ns) / static_cast<double>(b.utc_ns - a.utc_ns);
 }
 
-bool leaps(std::int64_t from, std::int64_t to) noexcept {
-  return to - from > kMaxLeapNs;
+}  // namespace
+
+bool TimeGate::leaps(std::int64_t from, std::int64_t to) const noexcept {
+  return to - from > (intervals_.empty() ? kMaxLeapNs : std::max(kMaxLeapNs, silence_ns_));
 }
 
-}  // namespace
+void TimeGate::learnInterval(std::int64_t interval_ns) noexcept {
+  intervals_.pushDroppingOldest(interval_ns);
+  std::int64_t longest = 0, second = 0;
+  for (std::size_t i = 0; i < intervals_.size(); ++i) {
+    second = std::max(second, std::min(longest, intervals_[i]));
+    longest = std::max(longest, intervals_[i]);
+  }
+  const std::int64_t period = std::min(intervals_.size() == 1 ? longest : second, kMaxSilenceNs);
+  silence_ns_ = std::clamp(kSilentPeriods * period, kMinSilenceNs, kMaxSilenceNs);
+}
 
 TimeCheck TimeGate::check(std::int64_t utc_ns) noexcept {
   if (utc_ns <= 0 || utc_ns > kLatestUtcNs) return TimeCheck::kImpossible;
@@ -30,6 +45,7 @@ TimeCheck TimeGate::check(std::int64_t utc_ns) noexcept {
     if (!confirmed) return TimeCheck::kLeap;
   }
   leap_.reset();
+  if (any_) learnInterval(utc_ns - newest_);
   newest_ = utc_ns;
   any_ = true;
   return TimeCheck::kGood;

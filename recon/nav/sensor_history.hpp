@@ -13,16 +13,23 @@ enum class TimeCheck : std::uint8_t { kGood, kOutOfOrder, kLeap, kImpossible };
 
 // Watches the time stamps of one sensor. Times must grow. A leap ahead is believed only when the next stamp
 // agrees with it: one damaged stamp is dropped, a real gap costs one sample.
+//
+// How long a sensor may say nothing before it counts as silent is learnt from its stamps: three periods, the
+// period being the second longest of its last intervals, so that neither a lost sample nor an outage counts;
+// never less than a second nor more than ten. Before its second sample: ten.
 class TimeGate {
  public:
   [[nodiscard]] TimeCheck check(std::int64_t utc_ns) noexcept;
   [[nodiscard]] bool any() const noexcept { return any_; }
   [[nodiscard]] std::int64_t newestUtcNs() const noexcept { return newest_; }
+  [[nodiscard]] std::int64_t silenceNs() const noexcept { return silence_ns_; }
+  [[nodiscard]] bool silentAt(std::int64_t utc_ns) const noexcept { return utc_ns - newest_ > silence_ns_; }
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
     archive.instants(self.newest_);
-    archive(self.leap_, self.any_);
+    archive(self.leap_, self.any_, self.intervals_, self.silence_ns_);
+    archive.require(self.silence_ns_ > 0 && self.silence_ns_ <= kMaxSilenceNs, "a silence too long");
     if (self.leap_)
       archive.require(*self.leap_ > 0 && *self.leap_ < std::int64_t{1} << 62, "a stamp too far");
   }
@@ -31,6 +38,12 @@ class TimeGate {
   std::int64_t newest_ = 0;
   std::optional<std::int64_t> leap_;  // a stamp far ahead that waits for its successor
   bool any_ = false;
+  static constexpr std::int64_t kMaxSilenceNs = 10'000'000'000;
+  static constexpr std::size_t kIntervals = 8;
+  [[nodiscard]] bool leaps(std::int64_t from, std::int64_t to) const noexcept;
+  void learnInterval(std::int64_t interval_ns) noexcept;
+  rt::FixedQueue<std::int64_t, kIntervals> intervals_;  // the newest [ns]
+  std::int64_t silence_ns_ = kMaxSilenceNs;
 };
 
 struct TimedRotation {

@@ -44,8 +44,10 @@ struct KeyframeInput {
   bool attitude_held = false;   // at its time: attitude is not measured
   bool depth_held = false;      // depth is not measured
   bool compass_jumped = false;  // since the last keyframe (nav::DeadReckoning took the leap out)
-  double gyro_turn = 0;         // about nav's down axis since the last keyframe, by gyro [rad]
-  double ungyro_s = -1;         // of that time, while the gyro was silent [s]; negative: there is no gyro
+  // Turn of the body about nav's down axis since the last keyframe as the gyro has it, whole turns counted
+  // [rad], and for how long of that the gyro was silent, which added nothing to it [s]; negative: no gyro at
+  // all.
+  double gyro_turn = 0, ungyro_s = -1;
 };
 
 enum class LinkKind : std::uint8_t { kOdometry, kClosure };

@@ -30,7 +30,8 @@ std::int64_t timeOf(const SensorSample& sample) {
 std::int64_t clockOffset(const SensorSample& sample, const io::MissionConfig::TimeOffsets& offsets) {
   double seconds = 0;
   if (std::holds_alternative<DvlSample>(sample)) seconds = offsets.dvl;
-  if (std::holds_alternative<AttitudeSample>(sample)) seconds = offsets.compass;
+  if (std::holds_alternative<AttitudeSample>(sample) || std::holds_alternative<GyroSample>(sample))
+    seconds = offsets.compass;
   if (std::holds_alternative<DepthSample>(sample)) seconds = offsets.depth;
   if (const auto* image = std::get_if<ImageEvent>(&sample))
     seconds = image->side == CameraSide::kLeft ? offsets.left_camera : offsets.right_camera;
@@ -69,6 +70,10 @@ DeviceSample moved(const SensorSample& sample, std::int64_t stamp_ns, double spe
           s.utc_ns = stamp_ns;
           if constexpr (std::is_same_v<Sample, DvlSample>) {
             if (s.velocity) *s.velocity *= speed;
+          }
+          if constexpr (std::is_same_v<Sample, GyroSample>) {
+            if (s.body_rate) *s.body_rate *= speed;
+            if (s.heading_rate) *s.heading_rate *= speed;
           }
           if constexpr (std::is_same_v<Sample, UsblFix>) s.arrival_utc_ns = stamp_ns + kUsblProcessingNs;
           return s;
@@ -109,6 +114,10 @@ void lieStill(std::vector<ScheduledSample>& samples, double before_s, double aft
       auto& sample = std::get<Sample>(still.sample);
       sample.utc_ns += k * step_ns;
       if constexpr (std::is_same_v<Sample, DvlSample>) sample.velocity = Eigen::Vector3d::Zero();
+      if constexpr (std::is_same_v<Sample, GyroSample>) {
+        if (sample.body_rate) sample.body_rate = Eigen::Vector3d::Zero();
+        if (sample.heading_rate) sample.heading_rate = 0;
+      }
       samples.push_back(still);
     }
   };
@@ -181,6 +190,7 @@ MissionSchedule makeSchedule(const std::filesystem::path& mission_folder, const 
   sortSamples();
   lieStill<DvlSample>(schedule.samples, options.lie_before_s, options.lie_after_s);
   lieStill<AttitudeSample>(schedule.samples, options.lie_before_s, options.lie_after_s);
+  lieStill<GyroSample>(schedule.samples, options.lie_before_s, options.lie_after_s);
   lieStill<DepthSample>(schedule.samples, options.lie_before_s, options.lie_after_s);
   sortSamples();
   std::stable_sort(schedule.exposures.begin(), schedule.exposures.end(),

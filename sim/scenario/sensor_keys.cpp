@@ -60,6 +60,37 @@ void visitCompass(KeyVisitor& keys, CompassConfig& c) {
     keys.leaveItem();
   }
   keys.endList();
+  const std::size_t anomalies = std::min(
+      keys.beginList("anomalies", c.anomalies.size(), "magnetic things on the seafloor"), kMaxFaults);
+  c.anomalies.resize(anomalies);
+  for (std::size_t i = 0; i < anomalies; ++i) {
+    MagneticAnomaly& anomaly = c.anomalies[i];
+    keys.enterItem(i);
+    keys.number("north_m", anomaly.north_m, "m", -5000, 5000, "in nav");
+    keys.number("east_m", anomaly.east_m, "m", -5000, 5000, "in nav");
+    keys.number("radius_m", anomaly.radius_m, "m", 0.1, 1000, "where the error is a third of its peak");
+    keys.angle("deg", anomaly.turn, -180, 180, "added to the heading above it; a dipole's fall beyond");
+    keys.leaveItem();
+  }
+  keys.endList();
+  keys.leave();
+}
+
+// A value in rad that the file holds in degrees, of a unit with degrees in it.
+void inDegrees(KeyVisitor& keys, const char* key, double& value, const char* unit, double most,
+               const char* meaning) {
+  double in_degrees = value / degrees(1);
+  keys.number(key, in_degrees, unit, 0, most, meaning);
+  value = degrees(in_degrees);
+}
+
+void visitGyro(KeyVisitor& keys, GyroConfig& c) {
+  keys.enter("gyro", "rates of turn about the compass's axes");
+  keys.number("rate_hz", c.rate_hz, "1/s", 0, kMaxRate, "samples; 0: there is no gyro");
+  inDegrees(keys, "angle_random_walk_deg", c.angle_random_walk, "deg/s^(1/2)", 1, "white noise of the rates");
+  inDegrees(keys, "bias_sigma_deg_s", c.bias_sigma, "deg/s", 10, "of each axis, drawn once a dive");
+  inDegrees(keys, "bias_walk_deg_s", c.bias_walk, "deg/s^(3/2)", 1, "random walk of the bias");
+  keys.number("latency_s", c.latency_s, "s", 0, kMaxLatency, "from measurement to arrival");
   keys.leave();
 }
 
@@ -132,6 +163,7 @@ void visitSensors(KeyVisitor& keys, SensorsConfig& s) {
   keys.enter("sensors", "rates and errors; the defaults are those of the AUV Sirius");
   visitDvl(keys, s.dvl);
   visitCompass(keys, s.compass);
+  visitGyro(keys, s.gyro);
   keys.enter("depth", "pressure sensor");
   keys.number("rate_hz", s.depth.rate_hz, "1/s", 0.1, kMaxRate, "samples");
   keys.number("scale_error", s.depth.scale_error, "1", 0, 0.1, "standard deviation; drawn once a dive");

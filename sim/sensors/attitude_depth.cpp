@@ -5,6 +5,15 @@
 #include "sim/sensors/sensors.hpp"
 
 namespace fathom::sim {
+namespace {
+
+double turnedBy(const MagneticAnomaly& anomaly, const Eigen::Vector3d& place) {
+  const double north = place.x() - anomaly.north_m, east = place.y() - anomaly.east_m;
+  const double radii2 = (north * north + east * east) / (anomaly.radius_m * anomaly.radius_m);
+  return anomaly.turn / std::pow(1 + radii2, 1.5);
+}
+
+}  // namespace
 
 double tideHeight(const TideConfig& tide, double time_s) {
   return tide.amplitude_m * std::sin(2.0 * std::numbers::pi * time_s / tide.period_s + tide.phase);
@@ -20,7 +29,8 @@ void simulateCompass(const SensorWorld& world, const CompassConfig& config, Logg
 
   for (std::int64_t i = 0; static_cast<double>(i) / config.rate_hz <= world.trajectory.duration(); ++i) {
     const double time = static_cast<double>(i) / config.rate_hz;
-    const Eigen::Vector3d euler = (world.trajectory.poseAt(time) * world.T_body_compass).euler();
+    const SE3 T_nav_compass = world.trajectory.poseAt(time) * world.T_body_compass;
+    const Eigen::Vector3d euler = T_nav_compass.euler();
     AttitudeSample sample;
     sample.utc_ns = world.utcNs(time);
     sample.roll = euler.x() + roll_bias + random.gauss(config.tilt_sigma);
@@ -28,10 +38,37 @@ void simulateCompass(const SensorWorld& world, const CompassConfig& config, Logg
     const double deviation = config.deviation * std::sin(euler.z() + iron_phase) + drift.at(time);
     double jumped = 0;
     for (const CompassJump& jump : config.jumps) jumped += time >= jump.at_s ? jump.turn : 0;
+    for (const MagneticAnomaly& anomaly : config.anomalies)
+      jumped += turnedBy(anomaly, T_nav_compass.translation());
     const double heading =
         jumped + euler.z() - world.magnetic_declination + deviation + random.gauss(config.heading_sigma);
     sample.heading = heading - 2.0 * std::numbers::pi * std::floor(heading / (2.0 * std::numbers::pi));
     sample.magnetic = true;
+    samples.push_back({world.utcNs(time + config.latency_s), sample});
+  }
+}
+
+void simulateGyro(const SensorWorld& world, const GyroConfig& config, LoggedSamples& samples) {
+  if (config.rate_hz == 0) return;
+  Random random(world.seed, "gyro");
+  const auto draw = [&](double sigma) {
+    const double x = random.gauss(sigma), y = random.gauss(sigma), z = random.gauss(sigma);
+    return Eigen::Vector3d(x, y, z);
+  };
+  const double white = config.angle_random_walk * std::sqrt(config.rate_hz);
+  const double walk = config.bias_walk / std::sqrt(config.rate_hz);
+  constexpr double kHalf = 1e-3;  // of the difference that the true rate is [s]
+  Eigen::Vector3d bias = draw(config.bias_sigma);
+  for (std::int64_t i = 0; static_cast<double>(i) / config.rate_hz <= world.trajectory.duration(); ++i) {
+    const double time = static_cast<double>(i) / config.rate_hz;
+    const auto rotation = [&](double t) {
+      return (world.trajectory.poseAt(t) * world.T_body_compass).rotation();
+    };
+    const Eigen::AngleAxisd turn(rotation(time - kHalf).conjugate() * rotation(time + kHalf));
+    GyroSample sample;
+    sample.utc_ns = world.utcNs(time);
+    sample.body_rate = turn.axis() * (turn.angle() / (2 * kHalf)) + bias + draw(white);
+    bias += draw(walk);
     samples.push_back({world.utcNs(time + config.latency_s), sample});
   }
 }

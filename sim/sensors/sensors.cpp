@@ -32,6 +32,7 @@ LoggedSamples simulateSensors(const SensorWorld& world, const SensorsConfig& con
   simulateBattery(world, config.battery, samples);
   simulateDepth(world, config, samples);
   simulateCompass(world, config.compass, samples);
+  simulateGyro(world, config.gyro, samples);
   simulateDvl(world, config, samples);
   for (const Exposure& exposure : exposures) {
     for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {

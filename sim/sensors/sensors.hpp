@@ -44,6 +44,14 @@ struct CompassJump {
   double turn = degrees(20);  // of the heading from then on [rad]
 };
 
+// What something magnetic on the seafloor does to headings within a few of its radii: as a dipole's field
+// falls off, turn / (1 + (d / radius)^2)^(3/2) at the horizontal distance d.
+struct MagneticAnomaly {
+  double north_m = 0, east_m = 0;  // in nav
+  double radius_m = 3;
+  double turn = degrees(20);  // of the heading above it [rad]
+};
+
 struct CompassConfig {
   double rate_hz = 10.0;
   double deviation = degrees(1.2);         // amplitude of the hard-iron deviation over the heading [rad]
@@ -53,6 +61,16 @@ struct CompassConfig {
   double tilt_sigma = degrees(0.1);        // white [rad]
   double latency_s = 0.03;
   std::vector<CompassJump> jumps;  // something magnetic came near: it adds up
+  std::vector<MagneticAnomaly> anomalies;
+};
+
+// Rates about the compass's axes, as a tactical fibre-optic gyro gives them.
+struct GyroConfig {
+  double rate_hz = 0;                         // 0: there is none
+  double angle_random_walk = degrees(0.002);  // white [rad/s^(1/2)]
+  double bias_sigma = degrees(3e-4);          // of each axis, drawn once a dive: 1 deg/h [rad/s]
+  double bias_walk = degrees(5e-6);           // its random walk [rad/s^(3/2)]
+  double latency_s = 0.02;
 };
 
 struct DepthSensorConfig {
@@ -126,6 +144,7 @@ struct TideConfig {
 struct SensorsConfig {
   DvlConfig dvl;
   CompassConfig compass;
+  GyroConfig gyro;
   DepthSensorConfig depth;
   UsblConfig usbl;
   GpsConfig gps;
@@ -163,6 +182,7 @@ struct Exposure {
 using LoggedSamples = std::vector<io::LoggedSample>;
 void simulateDvl(const SensorWorld& world, const SensorsConfig& config, LoggedSamples& samples);
 void simulateCompass(const SensorWorld& world, const CompassConfig& config, LoggedSamples& samples);
+void simulateGyro(const SensorWorld& world, const GyroConfig& config, LoggedSamples& samples);
 void simulateDepth(const SensorWorld& world, const SensorsConfig& config, LoggedSamples& samples);
 void simulateUsbl(const SensorWorld& world, const UsblConfig& config, LoggedSamples& samples);
 void simulateGps(const SensorWorld& world, const GpsConfig& config, LoggedSamples& samples);

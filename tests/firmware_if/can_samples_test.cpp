@@ -114,6 +114,16 @@ TEST(CanAttitude, AnIdentifierThatNeverMovesSaysNothing) {
   EXPECT_NEAR(only<AttitudeSample>(bus.tilt(300, 0.3)).roll, 0.25, 1e-9);
 }
 
+TEST(CanGyro, TheRateOfTurnIsThatOfTheHeadingToStarboard) {
+  Bus bus;
+  const auto sample = only<GyroSample>(bus.hear(127251, 25, {{"rate_of_turn_radps", -0.125}}));
+  EXPECT_EQ(sample.utc_ns, kStart + 25 * kMilli);
+  EXPECT_EQ(sample.heading_rate, -0.125);
+  EXPECT_FALSE(sample.body_rate);
+  EXPECT_TRUE(bus.hear(127251, 50, {{"sid", 3}}).empty());
+  EXPECT_EQ(bus.samples.counts().incomplete, 1U);
+}
+
 TEST(CanAttitude, RollIsNotDrawnAcrossAGap) {
   Bus bus;
   bus.tilt(0, 0);

@@ -67,7 +67,8 @@ TEST_F(LcmSourceTest, EveryKindOfSampleComesThroughWhole) {
                                           GpsFix{kNow - 6, -0.6, 2.0, 3},
                                           WaterSample{kNow - 7, {}, 14.5, {}, {}, {}, {}},
                                           battery,
-                                          MissionProgressSample{kNow - 8, 0.25}};
+                                          MissionProgressSample{kNow - 8, 0.25},
+                                          GyroSample{kNow - 9, Eigen::Vector3d(0, 0.01, 0.2), {}}};
   for (const SensorSample& sample : sent) ASSERT_TRUE(bus->publish(encodeSample(kNow - 100, sample)));
   drain(source);
   ASSERT_EQ(kept.samples.size(), sent.size());
@@ -124,11 +125,13 @@ TEST_F(LcmSourceTest, DamagedImpossibleAndStaleMessagesAreCountedAndGoNoFurther)
   bus->publish({"FATHOM_GPS", {}});
   bus->publish(encodeSample(kNow, DepthSample{kNow, std::numeric_limits<double>::quiet_NaN()}));
   bus->publish(*encodeAcfrTwin(AttitudeSample{kNow, 1e9, 0, 0, true}, "sirius"));
+  bus->publish(encodeSample(kNow, GyroSample{kNow, Eigen::Vector3d(0, 0, 11), {}}));
+  bus->publish(encodeSample(kNow, GyroSample{kNow, {}, {}}));
   bus->publish(encodeSample(kNow, DepthSample{kNow - 11 * kSecond, 3}));
   bus->publish(encodeSample(kNow, DepthSample{kNow + 11 * kSecond, 3}));
   drain(source);
   EXPECT_TRUE(kept.samples.empty());
-  EXPECT_EQ(counter(source, "bad"), 5u);
+  EXPECT_EQ(counter(source, "bad"), 7u);
   EXPECT_EQ(counter(source, "stale"), 2u);
 }
 

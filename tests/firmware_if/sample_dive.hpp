@@ -40,7 +40,9 @@ inline std::vector<SensorSample> everyKindOfSample() {
           ImageEvent{kStart + 9, CameraSide::kRight, "PR_20231114_221320_123_RM16.tif", 0.0},
           battery,
           BatterySample{kStart + 11, 48.25, 4.5, 0.0},
-          MissionProgressSample{kStart + 12, 0.375}};
+          MissionProgressSample{kStart + 12, 0.375},
+          GyroSample{kStart + 13, Eigen::Vector3d(0.01, -0.02, 0.3), {}},
+          GyroSample{kStart + 14, {}, -0.25}};
 }
 
 inline bool same(const DvlSample& a, const DvlSample& b) {
@@ -50,6 +52,9 @@ inline bool same(const DvlSample& a, const DvlSample& b) {
 inline bool same(const AttitudeSample& a, const AttitudeSample& b) {
   return a.utc_ns == b.utc_ns && a.roll == b.roll && a.pitch == b.pitch && a.heading == b.heading &&
          a.magnetic == b.magnetic;
+}
+inline bool same(const GyroSample& a, const GyroSample& b) {
+  return a.utc_ns == b.utc_ns && a.body_rate == b.body_rate && a.heading_rate == b.heading_rate;
 }
 inline bool same(const DepthSample& a, const DepthSample& b) {
   return a.utc_ns == b.utc_ns && a.depth == b.depth;

@@ -27,6 +27,9 @@ struct Check {
   void operator()(const AttitudeSample& s) const {
     need(s.heading >= 0 && s.heading < 6.2832 && std::abs(s.roll) < 3.3 && std::abs(s.pitch) < 3.3);
   }
+  void operator()(const GyroSample& s) const {
+    need(!s.body_rate && s.heading_rate && std::abs(*s.heading_rate) < 67.2);
+  }
   void operator()(const DepthSample& s) const { need(std::isfinite(s.depth)); }
   void operator()(const GpsFix& s) const {
     need(std::abs(s.latitude) < 1.5708 && std::abs(s.longitude) < 3.1416 && s.sigma_horizontal > 0);
@@ -48,8 +51,8 @@ struct Check {
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  constexpr std::array<std::uint32_t, 13> kPgns = {59904,  60928,  127250, 127257, 127506, 127508, 128267,
-                                                   129025, 129029, 130312, 130314, 130316, 130321};
+  constexpr std::array<std::uint32_t, 14> kPgns = {59904,  60928,  127250, 127251, 127257, 127506, 127508,
+                                                   128267, 129025, 129029, 130312, 130314, 130316, 130321};
   if (size == 0) return 0;
   N2kSamples::Config config;
   config.depth_from = static_cast<N2kSamples::DepthFrom>(data[0] % 3);

@@ -19,13 +19,14 @@ LightingConfig read(const std::string& text) {
 TEST(LightingConfigFile, ReadsEveryKeyAndKeepsDefaultsForTheRest) {
   const LightingConfig config = read(
       "[lighting]\ntarget_mean = 0.5\ntarget_sigma = 0.2\nmin_images = 4\ngrid_px = 32\nsaturated = 0.9\n"
-      "outlier_sigma = 4\nmodel = \"range\"\n");
+      "outlier_sigma = 4\nmemory_images = 500\nmodel = \"range\"\n");
   EXPECT_EQ(config.target_mean, 0.5);
   EXPECT_EQ(config.target_sigma, 0.2);
   EXPECT_EQ(config.min_images, 4);
   EXPECT_EQ(config.grid, 32);
   EXPECT_EQ(config.saturated, 0.9);
   EXPECT_EQ(config.outlier, 4.0);
+  EXPECT_EQ(config.memory, 500);
   EXPECT_EQ(config.choice, LightingChoice::kRangeDependent);
   EXPECT_EQ(read("").grid, LightingConfig().grid);
   EXPECT_EQ(read("").choice, LightingChoice::kAuto);

@@ -12,7 +12,7 @@ namespace fathom::lighting {
 namespace {
 
 constexpr int kWidth = 96, kHeight = 80;  // [px]
-constexpr LightingConfig kConfig{.grid = 8};
+constexpr LightingConfig kConfig{.grid = 8, .memory = 12};
 
 struct Sight {
   std::vector<std::uint16_t> pixels;
@@ -40,14 +40,14 @@ Sight sightOf(unsigned k) {
 void learn(LightingModel& model, unsigned from, unsigned to) {
   for (unsigned k = from; k < to; ++k) {
     const Sight sight = sightOf(k);
-    model.add(sight.view(), sight.range);
+    model.add(sight.view(), sight.range, k % 5 == 0 ? 0.006 : 0.004);
   }
 }
 
 std::vector<std::uint8_t> corrected(const LightingModel& model) {
   const Sight sight = sightOf(999);
   std::vector<std::uint8_t> out(kWidth * kHeight);
-  model.correct(sight.view(), sight.range, out.data());
+  model.correct(sight.view(), sight.range, out.data(), 0.005);
   return out;
 }
 

@@ -48,8 +48,9 @@ inline DeadReckoningConfig mountedConfig() {
 // Noise-free samples of a path, in the order of their times.
 struct Rates {
   double dvl = 5, attitude = 10, depth = 5;  // [Hz]
+  double gyro = 0;                           // 0: none
 };
-using Sample = std::variant<DvlSample, AttitudeSample, DepthSample, WaterSample>;
+using Sample = std::variant<DvlSample, AttitudeSample, DepthSample, WaterSample, GyroSample>;
 
 inline DvlSample dvlAt(const Path& path, const DeadReckoningConfig& config, double t, double assumed = 1500) {
   const double h = 1e-4;  // [s] of the central difference: error about 1e-9 m/s here
@@ -70,6 +71,14 @@ inline AttitudeSample attitudeAt(const Path& path, const DeadReckoningConfig& co
   return {at(t), euler.x(), euler.y(), wrapAngle(euler.z() - config.magnetic_declination), true};
 }
 
+// Rates about the compass's axes.
+inline GyroSample gyroAt(const Path& path, const DeadReckoningConfig& config, double t) {
+  const double h = 1e-4;  // [s]
+  const auto rotation = [&](double when) { return (path(when) * config.T_body_compass).rotation(); };
+  const Eigen::AngleAxisd turn(rotation(t - h).conjugate() * rotation(t + h));
+  return {at(t), Eigen::Vector3d(turn.axis() * (turn.angle() / (2 * h))), {}};
+}
+
 inline DepthSample depthAt(const Path& path, const DeadReckoningConfig& config, double t) {
   return {at(t), (path(t) * config.T_body_depth.translation()).z()};
 }
@@ -84,6 +93,8 @@ inline std::vector<Sample> samplesOf(const Path& path, const DeadReckoningConfig
     timed.emplace_back(0.013 + i / rates.depth, depthAt(path, config, 0.013 + i / rates.depth));
   for (int i = 0; 0.037 + i / rates.dvl < duration; ++i)
     timed.emplace_back(0.037 + i / rates.dvl, dvlAt(path, config, 0.037 + i / rates.dvl));
+  for (int i = 0; rates.gyro > 0 && 0.007 + i / rates.gyro < duration; ++i)
+    timed.emplace_back(0.007 + i / rates.gyro, gyroAt(path, config, 0.007 + i / rates.gyro));
   std::stable_sort(timed.begin(), timed.end(),
                    [](const auto& a, const auto& b) { return a.first < b.first; });
   std::vector<Sample> samples;

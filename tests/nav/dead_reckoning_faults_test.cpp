@@ -144,7 +144,7 @@ TEST(DeadReckoningFaults, ADvlThatArrivesLateIsTakenUpAgainAfterALongLoss) {
   for (const Sample& sample : samples) feed(nav, sample);
   EXPECT_LE(nav.counters().out_of_order, 3u);
   EXPECT_GT(nav.counters().dvl_used, 140u);
-  EXPECT_NEAR(nav.quality().unlocked_s, 15, 0.6);
+  EXPECT_NEAR(nav.qualityAt(nav.newestUtcNs()).unlocked_s, 15, 0.6);
   EXPECT_NEAR(nav.velocityBody().x(), 1.0, 0.1);
   EXPECT_LT(longestStep(nav), 0.012);
 }
@@ -182,6 +182,51 @@ TEST(DeadReckoningFaults, ASilentCompassIsNotWaitedForForEver) {
   EXPECT_LT(longestStep(nav), 0.02);
 }
 
+// Level, around a circle, slowly sinking: what samples seconds apart still tell of.
+SE3 spiral(double t) {
+  const double phase = 0.1 * t;
+  return SE3::fromEuler(0, 0, phase + std::numbers::pi / 2,
+                        {10 * std::cos(phase), 10 * std::sin(phase), 20 + 0.1 * t});
+}
+
+TEST(DeadReckoningFaults, APressureSensorThatSpeaksEveryTwoSecondsIsNotSilent) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  std::vector<Sample> samples = without<DepthSample>(samplesOf(spiral, config, 60, {5, 10, 0.5}), 29, 31);
+  double worst = 0;
+  for (const Sample& sample : samples) {
+    feed(nav, sample);
+    if (!nav.initialised() || timeOf(sample) < at(5)) continue;
+    const double t = static_cast<double>(nav.newestUtcNs() - kStart) * 1e-9;
+    worst = std::max(worst, positionError(*nav.poseAt(nav.newestUtcNs()), spiral, t));
+  }
+  EXPECT_EQ(nav.counters().depth_held, 0u);  // one of its samples was lost
+  EXPECT_GT(nav.newestUtcNs(), at(57));
+  EXPECT_LT(worst, 0.004);
+}
+
+TEST(DeadReckoningFaults, ACompassThatSpeaksEveryTwoAndAHalfSecondsIsNotSilent) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  feed(nav, without<AttitudeSample>(samplesOf(spiral, config, 60, {5, 0.4, 5}), 29, 31));
+  EXPECT_EQ(nav.counters().attitude_held, 0u);  // one of its samples was lost
+  EXPECT_GT(nav.newestUtcNs(), at(56));
+  EXPECT_LT(positionError(*nav.poseAt(at(56)), spiral, 56), 0.004);
+}
+
+TEST(DeadReckoningFaults, ASlowSensorThatFallsSilentIsWaitedForThreeOfItsPeriods) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  double held_since = 0;
+  for (const Sample& sample : without<DepthSample>(samplesOf(spiral, config, 60, {5, 10, 0.5}), 30, 100)) {
+    feed(nav, sample);
+    if (held_since == 0 && nav.counters().depth_held > 0)
+      held_since = static_cast<double>(timeOf(sample) - kStart) * 1e-9;
+  }
+  EXPECT_NEAR(held_since, 28.013 + 6, 0.2);
+  EXPECT_GT(nav.newestUtcNs(), at(59));
+}
+
 TEST(DeadReckoningFaults, VelocitiesWaitForALateAttitudeAndLoseNothing) {
   const DeadReckoningConfig config = mountedConfig();
   DeadReckoning prompt(config), delayed(config);
@@ -212,6 +257,31 @@ TEST(DeadReckoningFaults, AnEnsembleWithoutASoundSpeedCountsAsCorrected) {
   }
   EXPECT_GT(nav.counters().sound_speed_absent, 40u);
   EXPECT_LT(positionError(*nav.poseAt(at(9)), circle, 9), 0.005);
+}
+
+TEST(DeadReckoningFaults, WhatTheTrackRestedOnIsKnownForEachMomentOfIt) {
+  const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav(config);
+  auto samples = without<AttitudeSample>(samplesOf(circle, config, 20), 8, 12);
+  for (Sample& sample : samples) {
+    if (auto* attitude = std::get_if<AttitudeSample>(&sample); attitude && attitude->utc_ns >= at(15.05))
+      attitude->heading += 40 * kDegree;
+    auto* ensemble = std::get_if<DvlSample>(&sample);
+    if (ensemble != nullptr && timeOf(sample) > at(16) && timeOf(sample) < at(19)) ensemble->velocity.reset();
+    feed(nav, sample);
+  }
+  EXPECT_FALSE(nav.qualityAt(at(7.8)).attitude_held);
+  EXPECT_TRUE(nav.qualityAt(at(10)).attitude_held);
+  EXPECT_FALSE(nav.qualityAt(at(12.5)).attitude_held);
+  const auto untilted = [&](double t) { return nav.qualityAt(at(t)).untilted_s; };
+  EXPECT_EQ(untilted(7.8), 0);
+  EXPECT_NEAR(untilted(11) - untilted(10), 1, 1e-9);
+  EXPECT_EQ(untilted(14) - untilted(12.5), 0);
+  EXPECT_EQ(nav.qualityAt(at(15)).heading_leaps, 0U);
+  EXPECT_EQ(nav.qualityAt(at(15.1)).heading_leaps, 1U);
+  EXPECT_EQ(nav.qualityAt(at(15.837)).unlocked_s, 0);  // the last ensemble with bottom track
+  EXPECT_NEAR(nav.qualityAt(at(18)).unlocked_s, 18 - 15.837, 1e-6);
+  EXPECT_EQ(nav.qualityAt(at(25)).unlocked_s, nav.qualityAt(nav.newestUtcNs()).unlocked_s);
 }
 
 TEST(DeadReckoningFaults, ACompassThatLeapsDoesNotBendTheTrack) {

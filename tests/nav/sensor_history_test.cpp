@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <limits>
+#include <vector>
 
 namespace fathom::nav {
 namespace {
@@ -41,6 +43,37 @@ TEST(TimeGate, RefusesTimesThatAreNone) {
   EXPECT_EQ(gate.check(0), TimeCheck::kImpossible);
   EXPECT_FALSE(gate.any());
   EXPECT_EQ(gate.check(10 * kSecond), TimeCheck::kGood);
+}
+
+// Of a sensor that speaks every `interval`, some of whose samples are lost.
+std::int64_t silenceAfter(std::int64_t interval, int samples, const std::vector<int>& lost) {
+  TimeGate gate;
+  for (int i = 0; i < samples; ++i)
+    if (std::find(lost.begin(), lost.end(), i) == lost.end()) {
+      EXPECT_EQ(gate.check(kSecond + i * interval), TimeCheck::kGood);
+    }
+  return gate.silenceNs();
+}
+
+TEST(TimeGate, ASensorIsSilentAfterThreeOfItsPeriodsWithinBounds) {
+  EXPECT_EQ(silenceAfter(kSecond / 10, 20, {}), kSecond);
+  EXPECT_EQ(silenceAfter(2 * kSecond, 20, {}), 6 * kSecond);
+  EXPECT_EQ(silenceAfter(4 * kSecond, 20, {}), 10 * kSecond);
+  EXPECT_EQ(silenceAfter(2 * kSecond, 2, {}), 6 * kSecond);
+  EXPECT_EQ(silenceAfter(2 * kSecond, 1, {}), 10 * kSecond);  // nothing is known of it yet
+}
+
+TEST(TimeGate, ALostSampleOrAnOutageDoesNotChangeThePeriod) {
+  EXPECT_EQ(silenceAfter(2 * kSecond, 20, {15}), 6 * kSecond);
+  EXPECT_EQ(silenceAfter(kSecond / 5, 100, {90, 91, 92, 93, 94, 95, 96}), kSecond);
+}
+
+TEST(TimeGate, TakesEverySampleOfASensorThatSpeaksEveryFourSecondsAlsoBehindALostOne) {
+  TimeGate gate;
+  for (int i = 1; i < 20; ++i)
+    if (i != 10) {
+      EXPECT_EQ(gate.check(4 * i * kSecond), TimeCheck::kGood);
+    }
 }
 
 TEST(SensorHistory, InterpolatesBetweenAndHoldsBeyondItsEnds) {

@@ -60,7 +60,8 @@ void CoresRun::consumeSample(std::int64_t now_ns, const SensorSample& sample) {
           names_.resize(frame + 1);
           names_[frame] = s.file_name;
         } else if constexpr (std::is_same_v<T, DvlSample> || std::is_same_v<T, AttitudeSample> ||
-                             std::is_same_v<T, DepthSample> || std::is_same_v<T, WaterSample>) {
+                             std::is_same_v<T, GyroSample> || std::is_same_v<T, DepthSample> ||
+                             std::is_same_v<T, WaterSample>) {
           nav_.add(s);
         }
       },

@@ -31,9 +31,9 @@ NavCoreConfig coreConfig() {
 double pairTime(std::uint32_t i) {
   return 0.25 + 0.5 * i;
 }
-std::vector<NavInput> diveInputs(double duration) {
+std::vector<NavInput> diveInputs(double duration, const Rates& rates = {}) {
   std::vector<NavInput> inputs;
-  for (const Sample& sample : samplesOf(circle, mountedConfig(), duration))
+  for (const Sample& sample : samplesOf(circle, mountedConfig(), duration, rates))
     inputs.push_back(std::visit([](const auto& s) { return navInput(s); }, sample));
   for (std::uint32_t i = 0; pairTime(i) + 0.01 < duration; ++i) {
     inputs.push_back(frameInput(at(pairTime(i)), CameraSide::kLeft, 2 * i));
@@ -77,6 +77,29 @@ TEST(NavCore, GivesEveryPairItsPoseAndAltitude) {
   }
 }
 
+TEST(NavCore, EveryPairHasItsDepthAlsoFromASensorThatSpeaksEveryTwoSeconds) {
+  NavCore core(coreConfig());
+  const auto triggers = run(core, diveInputs(60, {5, 10, 0.5}));
+  ASSERT_GE(triggers.size(), 115u);
+  for (const StereoTrigger& trigger : triggers)
+    EXPECT_FALSE(trigger.quality.depth_held) << trigger.pair_index;
+}
+
+TEST(NavCore, EveryPairHasTheGyrosTurnAtItsOwnTime) {
+  NavCore core(coreConfig());
+  const auto triggers = run(core, diveInputs(60, {1, 10, 5, 10}));
+  ASSERT_GE(triggers.size(), 115u);
+  double worst = 0;
+  for (std::size_t i = 1; i < triggers.size(); ++i) {
+    const nav::DeadReckoning::Quality &a = triggers[i - 1].quality, &b = triggers[i].quality;
+    const double seconds = static_cast<double>(triggers[i].utc_ns - triggers[i - 1].utc_ns) * 1e-9;
+    EXPECT_TRUE(b.has_gyro);
+    EXPECT_EQ(b.ungyro_s, a.ungyro_s);
+    worst = std::max(worst, std::abs(b.gyro_turn - a.gyro_turn - 0.1 * seconds));  // 0.1 rad/s of heading
+  }
+  EXPECT_LT(worst, 2e-4);
+}
+
 TEST(NavCore, GivesATriggerOnlyOnceTheOdometryCoversItsTime) {
   NavCore core(coreConfig());
   for (const NavInput& input : diveInputs(20)) {
@@ -107,7 +130,7 @@ std::vector<std::uint8_t> savedState(const NavCore& core) {
 }
 
 TEST(NavCore, GoesOnFromASavedStateBitForBit) {
-  const auto inputs = diveInputs(60);
+  const auto inputs = diveInputs(60, {5, 10, 5, 10});
   for (const double stop : {0.0, 0.1, 3.3, 31.0, 59.0}) {
     NavCore whole(coreConfig());
     const auto middle = static_cast<std::ptrdiff_t>(static_cast<double>(inputs.size()) * stop / 60);

@@ -38,6 +38,13 @@ TEST(NavInput, CarriesTheOtherSensors) {
   EXPECT_EQ(attitude.heading, 0.3);
   EXPECT_FALSE(attitude.magnetic);
   EXPECT_TRUE(attitudeSample(navInput(AttitudeSample{})).magnetic);
+  const GyroSample rates = gyroSample(navInput(GyroSample{9, Eigen::Vector3d(0.1, -0.2, 0.3), {}}));
+  EXPECT_EQ(rates.utc_ns, 9);
+  EXPECT_EQ(*rates.body_rate, Eigen::Vector3d(0.1, -0.2, 0.3));
+  EXPECT_FALSE(rates.heading_rate);
+  const GyroSample turn = gyroSample(navInput(GyroSample{9, {}, -0.4}));
+  EXPECT_EQ(turn.heading_rate, -0.4);
+  EXPECT_FALSE(turn.body_rate);
   EXPECT_EQ(depthSample(navInput(DepthSample{8, 12.5})).depth, 12.5);
   WaterSample water;
   water.sound_speed = 1490;

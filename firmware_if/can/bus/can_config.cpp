@@ -29,6 +29,7 @@ void readSources(const ConfigTable& table, N2kSamples::Config& samples) {
   };
   address("heading_address", samples.heading_source);
   address("attitude_address", samples.attitude_source);
+  address("gyro_address", samples.gyro_source);
   address("depth_address", samples.depth_source);
   address("battery_address", samples.battery_source);
   address("gps_address", samples.gps_source);

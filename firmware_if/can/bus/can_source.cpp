@@ -6,8 +6,8 @@ namespace fathom::io {
 namespace {
 
 // What the samples are made of, and what keeps an address on the bus.
-constexpr std::array<std::uint32_t, 11> kSamplePgns = {127250, 127257, 127506, 127508, 128267, 129025,
-                                                       129029, 130312, 130314, 130316, 130321};
+constexpr std::array<std::uint32_t, 12> kSamplePgns = {127250, 127251, 127257, 127506, 127508, 128267,
+                                                       129025, 129029, 130312, 130314, 130316, 130321};
 constexpr std::array<std::uint32_t, 2> kAddressPgns = {kRequestPgn, kAddressClaimPgn};
 // A flood must not hold the polling thread: what is left waits for the next poll.
 constexpr int kMaxBatches = 16;

@@ -54,6 +54,7 @@ N2kSamples::N2kSamples(const Config& config) : config_(config) {
   const std::int64_t silence = ns(config_.switch_after_s);
   heading_ = {config_.heading_source, silence};
   tilt_ = {config_.attitude_source, silence};
+  gyro_ = {config_.gyro_source, silence};
   depth_ = {config_.depth_source, silence};
   battery_ = {config_.battery_source, silence};
   gps_ = {config_.gps_source, silence};
@@ -65,8 +66,8 @@ N2kSamples::N2kSamples(const Config& config) : config_(config) {
 N2kSamples::Counts N2kSamples::counts() const noexcept {
   Counts out = counts_;
   out.unpaired_headings = pairing_.unpaired();
-  out.source_changes = heading_.changes() + tilt_.changes() + depth_.changes() + battery_.changes() +
-                       gps_.changes() + water_.changes();
+  out.source_changes = heading_.changes() + tilt_.changes() + gyro_.changes() + depth_.changes() +
+                       battery_.changes() + gps_.changes() + water_.changes();
   return out;
 }
 
@@ -86,6 +87,9 @@ std::span<const DeviceSample> N2kSamples::add(const N2kMessage& message) noexcep
       break;
     case 127257:
       addTilt(message, utc_ns);
+      break;
+    case 127251:
+      addTurn(message, utc_ns);
       break;
     case 130314:
       addPressure(message, utc_ns);
@@ -149,6 +153,16 @@ void N2kSamples::addTilt(const N2kMessage& message, std::int64_t utc_ns) noexcep
   for (const AttitudeSample& sample :
        pairing_.add(AttitudePairing::Tilt{utc_ns, message.id.source, sid(message), *roll, *pitch}))
     give(sample);
+}
+
+void N2kSamples::addTurn(const N2kMessage& message, std::int64_t utc_ns) noexcept {
+  if (!believed(gyro_, message, utc_ns)) return;
+  const auto rate = message.number("rate_of_turn_radps");
+  if (!rate) {
+    ++counts_.incomplete;
+    return;
+  }
+  give(GyroSample{utc_ns, std::nullopt, *rate});
 }
 
 void N2kSamples::addDepth(double depth, std::int64_t utc_ns) noexcept {

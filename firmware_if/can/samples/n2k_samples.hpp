@@ -25,6 +25,7 @@ struct HeldNumber {
 //
 //   127250, 127257  AttitudeSample (AttitudePairing). Heading = reading + deviation, where that is sent; true
 //                   only if the message says so, or if `message_variation` and it sends the variation
+//   127251          GyroSample: the rate of heading, to starboard positive
 //   130314          DepthSample from the pressure of source "water" (recon/geometry/sea_water.hpp)
 //   128267          DepthSample from one of its fields, where the configuration says which
 //   127508, 127506  BatterySample: voltage and current (sent into the battery, given out of it); state of
@@ -44,8 +45,8 @@ class N2kSamples {
 
   struct Config {
     // Addresses that are believed; absent: the first that is heard.
-    std::optional<std::uint8_t> heading_source, attitude_source, depth_source, battery_source, gps_source,
-        water_source;
+    std::optional<std::uint8_t> heading_source, attitude_source, gyro_source, depth_source, battery_source,
+        gps_source, water_source;
     double switch_after_s = 10;  // silence after which a source that was only heard first is replaced
     double attitude_gap_s = 0.25;
     bool message_variation = false;
@@ -83,6 +84,7 @@ class N2kSamples {
   void give(const DeviceSample& sample) noexcept { out_[out_count_++] = sample; }
   void addHeading(const N2kMessage& message, std::int64_t utc_ns) noexcept;
   void addTilt(const N2kMessage& message, std::int64_t utc_ns) noexcept;
+  void addTurn(const N2kMessage& message, std::int64_t utc_ns) noexcept;
   void addPressure(const N2kMessage& message, std::int64_t utc_ns) noexcept;
   void addWaterDepth(const N2kMessage& message, std::int64_t utc_ns) noexcept;
   void addDepth(double depth, std::int64_t utc_ns) noexcept;
@@ -96,7 +98,7 @@ class N2kSamples {
   [[nodiscard]] bool isOurBattery(const N2kMessage& message) noexcept;
 
   Config config_;
-  BelievedSource heading_, tilt_, depth_, battery_, gps_, water_;
+  BelievedSource heading_, tilt_, gyro_, depth_, battery_, gps_, water_;
   AttitudePairing pairing_;
   std::optional<double> battery_instance_;
   std::optional<HeldNumber> charge_, hdop_, salinity_, last_depth_;

@@ -45,7 +45,8 @@ namespace {
 template <class Sample>
 void navigate(NavFeed& nav, const Sample& sample) noexcept {
   constexpr bool navigates = std::is_same_v<Sample, DvlSample> || std::is_same_v<Sample, AttitudeSample> ||
-                             std::is_same_v<Sample, DepthSample> || std::is_same_v<Sample, WaterSample>;
+                             std::is_same_v<Sample, GyroSample> || std::is_same_v<Sample, DepthSample> ||
+                             std::is_same_v<Sample, WaterSample>;
   if constexpr (navigates) nav.add(sample);
 }
 

@@ -121,6 +121,8 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input) {
   keyframe.attitude_held = input.quality.attitude_held;
   keyframe.depth_held = input.quality.depth_held;
   keyframe.compass_jumped = input.quality.heading_leaps > last_quality_.heading_leaps;
+  keyframe.gyro_turn = input.quality.gyro_turn - last_quality_.gyro_turn;
+  keyframe.ungyro_s = input.quality.has_gyro ? input.quality.ungyro_s - last_quality_.ungyro_s : -1;
   const auto number = graph_.addKeyframe(keyframe);
   noteRetired();
   if (!number) return;

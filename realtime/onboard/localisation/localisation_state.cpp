@@ -105,10 +105,7 @@ bool ClosureSearch::load(rt::StateReader& reader) {
 
 template <typename Archive, typename Self>
 void LocalisationCore::exchange(Archive& archive, Self& self) {
-  archive(self.selection_, self.features_, self.fixes_);
-  auto& quality = self.last_quality_;
-  archive(quality.unlocked_s, quality.untilted_s, quality.attitude_held, quality.depth_held,
-          quality.heading_leaps);
+  archive(self.selection_, self.features_, self.fixes_, self.last_quality_);
   archive(self.last_unlocked_s_, self.loss_s_, self.position_sigma_);
   auto& c = self.counters_;
   archive(c.frames, c.frames_without_features, c.odometry_found, c.odometry_refused, c.odometry_second_tries,

@@ -135,24 +135,28 @@ stereo::SeedPlane MapCore::seedPlane(const MapInput& input) const {
 }
 
 void MapCore::correctPair(const MapInput& input) {
-  if (left_light_.images() == 0) left_light_.add(input.left, ranges_.left());
-  if (right_light_.images() == 0) right_light_.add(input.right, ranges_.right());
-  left_light_.correct(input.left, ranges_.left(), left_mosaic_.data());
-  right_light_.correct(input.right, ranges_.right(), right_mosaic_.data());
+  if (left_light_.images() == 0) left_light_.add(input.left, ranges_.left(), input.left_exposure_s);
+  if (right_light_.images() == 0) right_light_.add(input.right, ranges_.right(), input.right_exposure_s);
+  left_light_.correct(input.left, ranges_.left(), left_mosaic_.data(), input.left_exposure_s);
+  right_light_.correct(input.right, ranges_.right(), right_mosaic_.data(), input.right_exposure_s);
   lighting::demosaicMono(eightBitView(left_mosaic_, config_.rig.left, config_.left_format),
                          left_mono_.data());
   lighting::demosaicMono(eightBitView(right_mosaic_, config_.rig.right, config_.right_format),
                          right_mono_.data());
 }
 
-void MapCore::learnLight(const MapInput& input, const stereo::StereoResult& result) {
+void MapCore::learnLight(const MapInput& input, double range, const stereo::StereoResult& result) {
   points_.clear();
   for (const stereo::StereoPoint& p : result.points) points_.push_back(p.point);
   if (right_points_.size() < points_.size()) right_points_.resize(points_.size());
   ranges_.bendTo(points_, right_points_);
-  left_light_.add(input.left, ranges_.left());
-  right_light_.add(input.right, ranges_.right());
-  left_light_.correct(input.left, ranges_.left(), left_mosaic_.data());
+  const Camera& camera = config_.rig.left;
+  const double footprint = range * std::min(camera.width / camera.fx, camera.height / camera.fy);
+  if (new_ground_.take(input.T_odom_body * config_.T_body_cam.translation(), footprint)) {
+    left_light_.add(input.left, ranges_.left(), input.left_exposure_s);
+    right_light_.add(input.right, ranges_.right(), input.right_exposure_s);
+  }
+  left_light_.correct(input.left, ranges_.left(), left_mosaic_.data(), input.left_exposure_s);
   lighting::demosaicRgb(eightBitView(left_mosaic_, config_.rig.left, config_.left_format), left_rgb_.data());
 }
 
@@ -164,7 +168,7 @@ const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const ster
       eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono),
       eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono), plane, input.max_features);
   ended("stereo");
-  learnLight(input, result);
+  learnLight(input, plane.distance, result);
   stereo::toMesh(result, eightBitView(left_rgb_, config_.rig.left, PixelFormat::kRgb), mesh_);
   ended("lighting learns");
   return result;

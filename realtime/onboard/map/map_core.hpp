@@ -12,6 +12,7 @@
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/lighting_model.hpp"
+#include "recon/lighting/new_ground.hpp"
 #include "recon/lighting/rig_ranges.hpp"
 #include "recon/nav/position_anchor.hpp"
 #include "recon/stereo/given_stereo.hpp"
@@ -26,7 +27,7 @@ struct MapCoreConfig {
   PixelFormat right_format = PixelFormat::kMono;
   int bits = 12;
   stereo::SparseStereoConfig stereo;
-  lighting::LightingConfig lighting;
+  lighting::LightingConfig lighting{.memory = lighting::kOnboardMemory};
   fusion::QuadtreeConfig map;
   int rebuild_meshes = 6;  // fused anew a pair, when keyframes have moved
   LocalisationConfig localisation;
@@ -43,10 +44,11 @@ struct MapInput {
   std::uint32_t pair_index = 0;
   std::int64_t utc_ns = 0;
   SE3 T_odom_body;
-  nav::DeadReckoning::Quality quality;           // of the odometry up to here
-  std::optional<double> altitude;                // of the DVL above the seafloor [m]
-  ImageView left, right;                         // raw, as the cameras gave them
-  const StereoFeatureFrame* features = nullptr;  // instead of images
+  nav::DeadReckoning::Quality quality;               // of the odometry up to here
+  std::optional<double> altitude;                    // of the DVL above the seafloor [m]
+  ImageView left, right;                             // raw, as the cameras gave them
+  double left_exposure_s = 0, right_exposure_s = 0;  // as stamped; 0: not known
+  const StereoFeatureFrame* features = nullptr;      // instead of images
   // This frame's work quota:
   int max_features = 0;     // of stereo; <= 0: as configured
   bool closures = true;     // false: loop closures wait
@@ -132,12 +134,14 @@ class MapCore {
   void count(const stereo::StereoResult& result);
   // Corrects a pair for stereo.
   void correctPair(const MapInput& input);
-  // Bends the ranges to stereo's points, learns the pair by them and corrects the left image's colours anew.
-  void learnLight(const MapInput& input, const stereo::StereoResult& result);
+  // Bends the ranges to stereo's points, learns the pair by them if it shows new ground, and corrects the
+  // left image's colours anew.
+  void learnLight(const MapInput& input, double range, const stereo::StereoResult& result);
 
   MapCoreConfig config_;
   lighting::LightingModel left_light_, right_light_;
   lighting::RigRanges ranges_;
+  lighting::NewGround new_ground_;
   stereo::SparseStereo stereo_;
   stereo::GivenStereo given_stereo_;
   closure::FrameFeatures given_features_;

@@ -65,7 +65,7 @@ void MapCore::exchange(Archive& archive, Self& self) {
   archive(localised);
   archive.require(localised == (self.localisation_ != nullptr), "localisation was switched on or off");
   archive(self.last_gps_ns_, self.anchor_, self.T_nav_odom_, self.frame_fixed_, self.anchored_,
-          self.anchor_sigma_, self.last_range_);
+          self.anchor_sigma_, self.last_range_, self.new_ground_);
   auto& c = self.counters_;
   archive(c.pairs, c.pairs_without_points, c.bad_images, c.points, c.rejected);
 }

@@ -46,6 +46,12 @@ void NavCore::step(const NavInput& input) noexcept {
       odometry_.add(sample);
       break;
     }
+    case NavInput::Kind::kGyro: {
+      GyroSample sample = gyroSample(input);
+      sample.utc_ns = shifted(sample.utc_ns, compass_offset_ns_);
+      odometry_.add(sample);
+      break;
+    }
     case NavInput::Kind::kDepth: {
       DepthSample sample = depthSample(input);
       sample.utc_ns = shifted(sample.utc_ns, depth_offset_ns_);
@@ -98,7 +104,7 @@ void NavCore::dispatch() noexcept {
       trigger.altitude = *altitude;
       trigger.altitude_valid = true;
     }
-    trigger.quality = odometry_.quality();
+    trigger.quality = odometry_.qualityAt(trigger.utc_ns);
     ++counters_.triggers;
     if (triggers_.pushDroppingOldest(trigger)) ++counters_.triggers_dropped;
   }
@@ -152,6 +158,8 @@ void NavCore::takeHealth(std::int64_t utc_ns) noexcept {
       {"attitude_rejected", track.attitude_rejected},
       {"attitude_held", track.attitude_held},
       {"heading_leaps", track.heading_leaps},
+      {"gyro_used", track.gyro_used},
+      {"gyro_rejected", track.gyro_rejected},
       {"depth_rejected", track.depth_rejected},
       {"depth_held", track.depth_held},
       {"water_rejected", track.water_rejected},

@@ -31,7 +31,7 @@ struct StereoTrigger {
   SE3 T_odom_body;      // at utc_ns; final
   double altitude = 0;  // of the DVL above the bottom [m], newest valid ensemble
   bool altitude_valid = false;
-  nav::DeadReckoning::Quality quality;  // of the track up to here
+  nav::DeadReckoning::Quality quality;  // of the track up to then
 };
 
 // State of navigation at a health tick. Ages are of the newest sample of a sensor; -1: none so far.
@@ -40,7 +40,7 @@ struct NavHealth {
     std::string_view name;
     std::uint64_t value = 0;
   };
-  static constexpr std::size_t kCounters = 23;
+  static constexpr std::size_t kCounters = 25;
 
   std::int64_t utc_ns = 0;  // of the tick
   double dvl_age = -1, attitude_age = -1, depth_age = -1, water_age = -1, left_age = -1,

@@ -11,6 +11,8 @@ constexpr std::uint8_t kVelocityPresent = 1, kAltitudePresent = 2, kFirstRangePr
 constexpr std::size_t kFirstRange = 3, kAltitude = 7, kDvlSoundSpeed = 8;
 // Attitude: values 0 roll, 1 pitch, 2 heading.
 constexpr std::uint8_t kMagnetic = 1;
+// Gyro: values 0-2 rate about its axes, or 2 that of heading.
+constexpr std::uint8_t kBodyRatePresent = 1, kHeadingRatePresent = 2;
 // Depth: value 0. Water: value 0 sound speed.
 constexpr std::uint8_t kSoundSpeedPresent = 1;
 
@@ -70,6 +72,28 @@ NavInput navInput(const AttitudeSample& sample) noexcept {
 AttitudeSample attitudeSample(const NavInput& input) noexcept {
   assert(input.kind == NavInput::Kind::kAttitude);
   return {input.utc_ns, input.values[0], input.values[1], input.values[2], (input.present & kMagnetic) != 0};
+}
+
+NavInput navInput(const GyroSample& sample) noexcept {
+  NavInput input = make(NavInput::Kind::kGyro, sample.utc_ns);
+  if (sample.body_rate) {
+    input.present = kBodyRatePresent;
+    for (int i = 0; i < 3; ++i) input.values[static_cast<std::size_t>(i)] = (*sample.body_rate)[i];
+  } else if (sample.heading_rate) {
+    input.present = kHeadingRatePresent;
+    input.values[2] = *sample.heading_rate;
+  }
+  return input;
+}
+
+GyroSample gyroSample(const NavInput& input) noexcept {
+  assert(input.kind == NavInput::Kind::kGyro);
+  GyroSample sample;
+  sample.utc_ns = input.utc_ns;
+  if ((input.present & kBodyRatePresent) != 0)
+    sample.body_rate = Eigen::Vector3d(input.values[0], input.values[1], input.values[2]);
+  if ((input.present & kHeadingRatePresent) != 0) sample.heading_rate = input.values[2];
+  return sample;
 }
 
 NavInput navInput(const DepthSample& sample) noexcept {

@@ -12,7 +12,7 @@ namespace fathom::onboard {
 // Of fixed size and trivially copyable, so that it crosses rings and is logged as it is; made by navInput()
 // and read by NavCore only.
 struct NavInput {
-  enum class Kind : std::uint8_t { kDvl, kAttitude, kDepth, kWater, kFrame, kHealthTick };
+  enum class Kind : std::uint8_t { kDvl, kAttitude, kDepth, kWater, kFrame, kHealthTick, kGyro };
 
   Kind kind = Kind::kHealthTick;
   CameraSide side = CameraSide::kLeft;  // kFrame
@@ -26,6 +26,7 @@ static_assert(std::is_trivially_copyable_v<NavInput> && sizeof(NavInput) == 88);
 
 [[nodiscard]] NavInput navInput(const DvlSample& sample) noexcept;
 [[nodiscard]] NavInput navInput(const AttitudeSample& sample) noexcept;
+[[nodiscard]] NavInput navInput(const GyroSample& sample) noexcept;
 [[nodiscard]] NavInput navInput(const DepthSample& sample) noexcept;
 [[nodiscard]] NavInput navInput(const WaterSample& sample) noexcept;  // sound speed only
 [[nodiscard]] NavInput frameInput(std::int64_t utc_ns, CameraSide side, std::uint32_t frame_id) noexcept;
@@ -34,6 +35,7 @@ static_assert(std::is_trivially_copyable_v<NavInput> && sizeof(NavInput) == 88);
 // The samples again, from an input of that kind.
 [[nodiscard]] DvlSample dvlSample(const NavInput& input) noexcept;
 [[nodiscard]] AttitudeSample attitudeSample(const NavInput& input) noexcept;
+[[nodiscard]] GyroSample gyroSample(const NavInput& input) noexcept;
 [[nodiscard]] DepthSample depthSample(const NavInput& input) noexcept;
 [[nodiscard]] WaterSample waterSample(const NavInput& input) noexcept;
 

@@ -4,19 +4,12 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("NAVC"), kFeedTag = rt::stateTag("NAVF"), kVersion = 1;
-
-template <typename Archive, typename Quality>
-void exchangeQuality(Archive& archive, Quality& quality) {
-  archive(quality.unlocked_s, quality.untilted_s, quality.attitude_held, quality.depth_held,
-          quality.heading_leaps);
-}
+constexpr std::uint32_t kTag = rt::stateTag("NAVC"), kFeedTag = rt::stateTag("NAVF"), kVersion = 2;
 
 template <typename Archive, typename Trigger>
 void exchangeTrigger(Archive& archive, Trigger& trigger) {
   archive(trigger.pair_index, trigger.utc_ns, trigger.left_frame_id, trigger.right_frame_id,
-          trigger.T_odom_body, trigger.altitude, trigger.altitude_valid);
-  exchangeQuality(archive, trigger.quality);
+          trigger.T_odom_body, trigger.altitude, trigger.altitude_valid, trigger.quality);
 }
 
 template <typename Archive, typename Health>

@@ -15,7 +15,6 @@ namespace {
 constexpr std::int64_t kSecond = 1'000'000'000;
 // Fixes that state no error of their own [m].
 constexpr double kDefaultFixSigma = 5.0;
-constexpr double kSilence_s = 1.0;      // of a sensor: up to there dead reckoning bridges as if it had spoken
 constexpr double kDescentDrift = 0.05;  // of a vehicle without bottom track [m/s]
 
 std::int64_t shifted(std::int64_t utc_ns, double offset_s) {
@@ -32,6 +31,7 @@ class Reader {
     while (next_ < wanted_.size() && (end || wanted_[next_].utc_ns <= track.newestUtcNs())) {
       wanted_[next_].T_nav_body = track.poseAt(wanted_[next_].utc_ns);  // still in odom
       wanted_[next_].altitude = track.altitude();
+      wanted_[next_].quality = track.qualityAt(wanted_[next_].utc_ns);
       ++next_;
     }
   }
@@ -39,38 +39,6 @@ class Reader {
  private:
   std::vector<NavigatedPose>& wanted_;
   std::size_t next_ = 0;
-};
-
-// Times at which a sensor spoke, in their order.
-class Heard {
- public:
-  void add(std::int64_t utc_ns) {
-    if (times_.empty() || utc_ns > times_.back()) times_.push_back(utc_ns);
-  }
-  // Seconds between two times that lie in silences longer than kSilence_s.
-  [[nodiscard]] double silent(std::int64_t from, std::int64_t to) const {
-    double sum = 0;
-    auto next = std::lower_bound(times_.begin(), times_.end(), from);
-    std::int64_t before = next == times_.begin() ? from : *(next - 1);
-    for (; before < to; before = *next++) {
-      const std::int64_t after = next == times_.end() ? to : *next;
-      if (after - before > std::llround(kSilence_s * 1e9))
-        sum += static_cast<double>(std::min(after, to) - std::max(before, from)) * 1e-9;
-      if (next == times_.end()) break;
-    }
-    return sum;
-  }
-  [[nodiscard]] bool any(std::int64_t from, std::int64_t to) const {
-    const auto next = std::upper_bound(times_.begin(), times_.end(), from);
-    return next != times_.end() && *next <= to;
-  }
-  [[nodiscard]] bool silentAt(std::int64_t utc_ns) const {
-    const auto half = std::llround(kSilence_s * 1e9);
-    return !any(utc_ns - half, utc_ns + half);
-  }
-
- private:
-  std::vector<std::int64_t> times_;
 };
 
 struct Fix {
@@ -111,7 +79,7 @@ Fixes readFixes(const io::MissionPaths& paths, const io::MissionConfig& mission)
 
 std::vector<NavigatedPose> wantedAt(const std::vector<Fix>& fixes) {
   std::vector<NavigatedPose> out;
-  for (const Fix& fix : fixes) out.push_back({fix.utc_ns, {}, {}});
+  for (const Fix& fix : fixes) out.push_back({fix.utc_ns, {}, {}, {}});
   return out;
 }
 
@@ -153,9 +121,9 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
     const auto before_dive = [&](const Fix& fix) { return fix.utc_ns >= times.front(); };
     fixes.gps.erase(std::remove_if(fixes.gps.begin(), fixes.gps.end(), before_dive), fixes.gps.end());
   }
-  for (const std::int64_t t : times) out.poses.push_back({t, {}, {}});
+  for (const std::int64_t t : times) out.poses.push_back({t, {}, {}, {}});
   for (std::int64_t t = fixes.first_utc_ns; t <= fixes.last_utc_ns && fixes.first_utc_ns > 0; t += kSecond)
-    out.track.push_back({t, {}, {}});
+    out.track.push_back({t, {}, {}, {}});
   std::vector<NavigatedPose> at_gps = wantedAt(fixes.gps), at_usbl = wantedAt(fixes.usbl);
 
   nav::DeadReckoningConfig reckoning;
@@ -171,23 +139,20 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
   Reader readers[] = {Reader(out.poses), Reader(out.track), Reader(at_gps), Reader(at_usbl)};
   std::optional<SE3> first;
   std::int64_t first_utc_ns = 0;
-  Heard bottom, attitudes, depths, leaps;
   io::SensorLogReader log(paths.root);
   while (auto entry = log.next()) {
     if (auto* dvl = std::get_if<DvlSample>(&entry->sample)) {
       dvl->utc_ns = shifted(dvl->utc_ns, mission.time_offsets.dvl);
       track.add(*dvl);
-      if (dvl->velocity) bottom.add(dvl->utc_ns);
     } else if (auto* attitude = std::get_if<AttitudeSample>(&entry->sample)) {
       attitude->utc_ns = shifted(attitude->utc_ns, mission.time_offsets.compass);
-      const std::uint64_t before = track.headingLeaps();
       track.add(*attitude);
-      attitudes.add(attitude->utc_ns);
-      if (track.headingLeaps() != before) leaps.add(attitude->utc_ns);
+    } else if (auto* gyro = std::get_if<GyroSample>(&entry->sample)) {
+      gyro->utc_ns = shifted(gyro->utc_ns, mission.time_offsets.compass);
+      track.add(*gyro);
     } else if (auto* depth = std::get_if<DepthSample>(&entry->sample)) {
       depth->utc_ns = shifted(depth->utc_ns, mission.time_offsets.depth);
       track.add(*depth);
-      depths.add(depth->utc_ns);
     } else if (const auto* water = std::get_if<WaterSample>(&entry->sample)) {
       track.add(*water);
     }
@@ -205,16 +170,6 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
     throw InputError(
         paths.root.string(), "sensor log",
         "no navigation: attitude, depth and bottom-track velocity are all needed; check the recording");
-
-  for (std::size_t k = 0; k < out.poses.size(); ++k) {
-    NavigatedPose& pose = out.poses[k];
-    const std::int64_t before = k == 0 ? pose.utc_ns : out.poses[k - 1].utc_ns;
-    pose.unlocked_s = bottom.silent(before, pose.utc_ns);
-    pose.untilted_s = attitudes.silent(before, pose.utc_ns);
-    pose.attitude_held = attitudes.silentAt(pose.utc_ns);
-    pose.depth_held = depths.silentAt(pose.utc_ns);
-    pose.compass_leapt = leaps.any(before, pose.utc_ns);
-  }
 
   nav::PositionAnchor anchor;
   addFixes(anchor, nav::FixKind::kGps, fixes.gps, at_gps, *first, first_utc_ns, Eigen::Vector3d::Zero(),

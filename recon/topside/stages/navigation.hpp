@@ -23,12 +23,9 @@ struct Anchor {
 
 struct NavigatedPose {
   std::int64_t utc_ns = 0;
-  std::optional<SE3> T_nav_body;   // none: outside the recorded navigation
-  std::optional<double> altitude;  // of the DVL, vertical [m]
-  // What dead reckoning went through since the pose before, and whether its sensors spoke at this time.
-  double unlocked_s = 0, untilted_s = 0;  // without bottom track, without attitude [s]
-  bool attitude_held = false, depth_held = false;
-  bool compass_leapt = false;
+  std::optional<SE3> T_nav_body;        // none: outside the recorded navigation
+  std::optional<double> altitude;       // of the DVL, vertical [m]
+  nav::DeadReckoning::Quality quality;  // of dead reckoning up to there
 };
 
 // A position fix and where dead reckoning, anchored, has the receiver.

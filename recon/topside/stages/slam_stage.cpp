@@ -19,18 +19,19 @@ constexpr double kAnywhere = 1000;         // standard deviation of nav's place 
 std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation& navigation) {
   std::vector<slam::KeyframeInput> inputs;
   for (std::size_t k = 0; k < frames.pair.size(); ++k) {
-    slam::KeyframeInput input;
-    // Pairs without a pose lie between: what happened there belongs to the next one.
-    for (std::size_t i = k == 0 ? frames.pair[0] : frames.pair[k - 1] + 1; i <= frames.pair[k]; ++i) {
-      input.unlocked_s += navigation.poses[i].unlocked_s;
-      input.untilted_s += navigation.poses[i].untilted_s;
-      input.compass_jumped = input.compass_jumped || navigation.poses[i].compass_leapt;
-    }
     const NavigatedPose& pose = navigation.poses[frames.pair[k]];
+    const nav::DeadReckoning::Quality& before = navigation.poses[frames.pair[k == 0 ? 0 : k - 1]].quality;
+    const nav::DeadReckoning::Quality& now = pose.quality;
+    slam::KeyframeInput input;
     input.utc_ns = pose.utc_ns;
     input.T_odom_cam = frames.reckoned[k];
-    input.attitude_held = pose.attitude_held;
-    input.depth_held = pose.depth_held;
+    input.unlocked_s = now.unlocked_s - before.unlocked_s;
+    input.untilted_s = now.untilted_s - before.untilted_s;
+    input.attitude_held = now.attitude_held;
+    input.depth_held = now.depth_held;
+    input.compass_jumped = now.heading_leaps > before.heading_leaps;
+    input.gyro_turn = now.gyro_turn - before.gyro_turn;
+    input.ungyro_s = now.has_gyro ? now.ungyro_s - before.ungyro_s : -1;
     inputs.push_back(input);
   }
   return inputs;

@@ -45,8 +45,7 @@ void exchangeState(Archive& archive, Is<PairList> auto& list) {
 
 template <typename Archive>
 void exchangeState(Archive& archive, Is<NavigatedPose> auto& pose) {
-  archive(pose.utc_ns, pose.T_nav_body, pose.altitude, pose.unlocked_s, pose.untilted_s, pose.attitude_held,
-          pose.depth_held, pose.compass_leapt);
+  archive(pose.utc_ns, pose.T_nav_body, pose.altitude, pose.quality);
 }
 
 template <typename Archive>
