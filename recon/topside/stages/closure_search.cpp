@@ -8,6 +8,7 @@
 #include <memory>
 
 #include "recon/closure/candidates.hpp"
+#include "recon/slam/graph_covariance.hpp"
 #include "recon/topside/progress.hpp"
 
 namespace fathom::topside {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/slam/graph_covariance.hpp"
 #include "recon/topside/stage_times.hpp"
 #include "recon/topside/stages/closure_search.hpp"
 #include "recon/topside/stages/feature_stage.hpp"
