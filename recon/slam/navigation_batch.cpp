@@ -120,7 +120,7 @@ NavigationSolution solveNavigation(NavigationConfig config, const std::vector<Ke
     for (int k = 0; k < kReweightings; ++k) {
       out.graph.edges.resize(certain);
       doubtful.append(out.graph.poses, round > 0 || k > 0, out.graph.edges);
-      (void)optimize(out.graph, {});
+      out.converged = optimize(out.graph, {}).converged;
     }
     if (!doubtful.judge(out.graph.poses, round == kRounds)) break;
   }
