@@ -42,7 +42,8 @@ std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation
 std::vector<slam::NavigationFix> fixesOf(const Frames& frames, const Navigation& navigation) {
   std::vector<slam::NavigationFix> fixes;
   for (const FixSeen& seen : navigation.fixes) {
-    if (seen.kind != nav::FixKind::kUsbl) continue;
+    const bool before = seen.utc_ns < navigation.poses[frames.pair.front()].utc_ns;
+    if (seen.kind == nav::FixKind::kGps && before) continue;
     const auto later = std::lower_bound(
         frames.pair.begin(), frames.pair.end(), seen.utc_ns,
         [&](std::uint32_t pair, std::int64_t t) { return navigation.poses[pair].utc_ns < t; });
