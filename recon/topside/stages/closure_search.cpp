@@ -254,6 +254,7 @@ std::vector<slam::NavigationLink> ClosureSearch::attempt(std::vector<Attempt>& a
       still.push_back(waiting_[i]);
   }
   waiting_ = std::move(still);
+  view_.reset();
   return links;
 }
 

@@ -50,7 +50,8 @@ class ClosureSearch {
   ClosureSearch(const StereoRig& rig, const Frames& frames, double visual_scale);
   ~ClosureSearch();
 
-  // The next round looks from here; `solution` must stay until the next call.
+  // The next round looks from here; `solution` must stay until attempt() has ended, which also frees the
+  // memory that this takes.
   void look(const slam::NavigationSolution& solution);
   // What its graph knows.
   [[nodiscard]] const slam::GraphCovariance& known() const;
