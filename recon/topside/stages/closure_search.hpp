@@ -46,7 +46,7 @@ struct Crossings {
 // another one of neighbouring frames agrees with it.
 class ClosureSearch {
  public:
-  // `frames` must outlive it. `visual_scale`: SensorNoise's.
+  // `rig` and `frames` must outlive it. `visual_scale`: SensorNoise's.
   ClosureSearch(const StereoRig& rig, const Frames& frames, double visual_scale);
   ~ClosureSearch();
 
