@@ -51,14 +51,16 @@ double separationOfOverlap(double share) {
 }
 
 double overlapProbability(const Eigen::Vector2d& mean, const Eigen::Matrix2d& covariance, double reach) {
-  constexpr double kTail = 8;      // standard deviations
+  constexpr double kTail = 6;      // standard deviations
   constexpr double kLeast = 1e-6;  // standard deviation of a certain separation [m]
-  constexpr int kPanels = 8;
+  constexpr int kPanels = 2;
   if (!(reach > 0) || !mean.allFinite() || !covariance.allFinite()) return 0;
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(covariance);
   const Eigen::Vector2d m = axes.eigenvectors().transpose() * mean;
   const double sy = std::sqrt(std::max(axes.eigenvalues()(0), kLeast * kLeast));  // narrow
   const double sx = std::sqrt(std::max(axes.eigenvalues()(1), kLeast * kLeast));
+  if (m.norm() + kTail * sx < reach) return 1;
+  if (m.norm() - kTail * sx > reach) return 0;
   const double from = std::max(-reach, m.y() - kTail * sx), to = std::min(reach, m.y() + kTail * sx);
   if (from >= to) return 0;
   const auto density = [&](double x) {
@@ -81,33 +83,19 @@ double expectedInformation(const Eigen::Matrix2d& covariance, double sigma) {
   return 0.5 * std::log((Eigen::Matrix2d::Identity() + covariance / (sigma * sigma)).determinant());
 }
 
-CandidateQueue::CandidateQueue(const CandidateConfig& config)
-    : config_(config), reach_(separationOfOverlap(config.min_overlap)) {
+Candidate candidateOf(std::uint32_t older, const Footprint& there, std::uint32_t newer, const Footprint& here,
+                      const Eigen::Matrix2d& covariance, const CandidateConfig& config) {
+  const double reach = separationOfOverlap(config.min_overlap) * 0.5 * (here.radius + there.radius);
+  return {older, newer, overlapProbability(here.centre - there.centre, covariance, reach),
+          expectedInformation(covariance, config.sigma_measured)};
+}
+
+CandidateQueue::CandidateQueue(const CandidateConfig& config) : config_(config) {
   if (!(config.min_overlap > 0 && config.min_overlap < 1) || !(config.sigma_measured > 0) ||
       config.capacity == 0)
     throw std::invalid_argument(
         "closure candidates: 0 < min_overlap < 1, sigma_measured and capacity above 0");
   waiting_.reserve(config.capacity);
-}
-
-void CandidateQueue::propose(std::span<const Footprint> footprints, std::uint32_t newer, std::uint32_t skip,
-                             double max_sigma, const RelativeCovariance& covariance) {
-  if (newer >= footprints.size()) return;
-  const Footprint& here = footprints[newer];
-  const std::uint32_t gap = std::max(skip, 1U);
-  for (std::uint32_t older = 0; older + gap <= newer; ++older) {
-    const Footprint& there = footprints[older];
-    const Eigen::Vector2d separation = here.centre - there.centre;
-    // Discs of different size: that of their mean radius decides.
-    const double reach = reach_ * 0.5 * (here.radius + there.radius);
-    const double farthest = reach + 4 * max_sigma;
-    if (!(separation.squaredNorm() < farthest * farthest)) continue;
-    const Eigen::Matrix2d spread = covariance(older, newer);
-    const Candidate candidate{older, newer, overlapProbability(separation, spread, reach),
-                              expectedInformation(spread, config_.sigma_measured)};
-    if (candidate.probability >= config_.min_probability && candidate.information >= config_.min_information)
-      push(candidate);
-  }
 }
 
 void CandidateQueue::push(const Candidate& candidate) {

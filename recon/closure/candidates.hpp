@@ -2,8 +2,6 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <functional>
-#include <span>
 #include <vector>
 
 #include "realtime/kernel/state_archive_fwd.hpp"
@@ -27,8 +25,9 @@ struct Footprint {
 
 // Probability that the separation d ~ N(mean, covariance) [m, m^2] is at most `reach` [m]:
 //   P = int_{|d| <= reach} N(d; mean, covariance) dd,
-// along the principal axes of the covariance: Gauss-Legendre over the wider one, the error function over the
-// narrower (Mahon et al. 2008: loop-closure hypotheses under the uncertainty of the relative position).
+// along the principal axes of the covariance: 32 nodes of Gauss-Legendre over the wider one, the error
+// function over the narrower, to 0.01 where the disc's border is sharp (Mahon et al. 2008: loop-closure
+// hypotheses under the uncertainty of the relative position).
 [[nodiscard]] double overlapProbability(const Eigen::Vector2d& mean, const Eigen::Matrix2d& covariance,
                                         double reach);
 
@@ -38,11 +37,10 @@ struct Footprint {
 [[nodiscard]] double expectedInformation(const Eigen::Matrix2d& covariance, double sigma);
 
 struct CandidateConfig {
-  double min_overlap = 0.3;       // share of the smaller footprint
-  double min_probability = 0.05;  // of that overlap
-  double sigma_measured = 0.02;   // of a registration, horizontal [m]
-  double min_information = 0.7;   // [nat]; 0.7: the pair's uncertainty is that of the registration
-  std::size_t capacity = 1000;    // pairs that wait
+  double min_overlap = 0.3;      // share of the smaller footprint
+  double sigma_measured = 0.02;  // of a registration, horizontal [m]
+  double min_information = 0.7;  // [nat]; 0.7: the pair's uncertainty is that of the registration
+  std::size_t capacity = 1000;   // pairs that wait
 };
 
 struct Candidate {
@@ -57,20 +55,18 @@ struct Candidate {
   }
 };
 
+// The pair by what is known of the separation of its footprints: `covariance` [m^2]. Discs of different size
+// overlap as two of their mean radius.
+[[nodiscard]] Candidate candidateOf(std::uint32_t older, const Footprint& there, std::uint32_t newer,
+                                    const Footprint& here, const Eigen::Matrix2d& covariance,
+                                    const CandidateConfig& config);
+
 // Pairs of frames worth registering, the most valuable first: expected information, probability times what a
 // registration would tell. Bounded: when full, the least valuable is dropped and counted.
 class CandidateQueue {
  public:
   explicit CandidateQueue(const CandidateConfig& config);
 
-  // 2x2 covariance of the horizontal separation of two frames [m^2].
-  using RelativeCovariance = std::function<Eigen::Matrix2d(std::uint32_t older, std::uint32_t newer)>;
-
-  // Pairs `newer` with each of footprints[0 .. newer - skip]. Frames farther apart than footprints and
-  // 4 `max_sigma` reach are passed over without asking for their covariance. `skip`: latest frames that are
-  // linked by odometry anyway, at least 1.
-  void propose(std::span<const Footprint> footprints, std::uint32_t newer, std::uint32_t skip,
-               double max_sigma, const RelativeCovariance& covariance);
   void push(const Candidate& candidate);
 
   // The most valuable, taken out; of equals the newest. False when empty.
@@ -86,7 +82,6 @@ class CandidateQueue {
 
  private:
   CandidateConfig config_;
-  double reach_;                    // of two discs of radius 1
   std::vector<Candidate> waiting_;  // by value, the best last
   std::uint64_t dropped_ = 0;
 };

@@ -44,6 +44,8 @@ struct BlockCholesky::Impl {
   std::vector<double> value;
   std::vector<int> slot;  // of each pair: which block of its column
   std::vector<Pair> pairs;
+  std::vector<int> place;         // of each number in the order of elimination
+  std::vector<int> supernode_of;  // of each place
   cholmod_sparse matrix{};
   cholmod_factor* factor = nullptr;
 
@@ -133,6 +135,11 @@ BlockCholesky::BlockCholesky(int blocks, int size, std::span<const Pair> pairs)
   m.common.method[0].ordering = CHOLMOD_GIVEN;
   m.factor = cholmod_analyze_p(&m.matrix, permutation.data(), nullptr, 0, &m.common);
   if (m.factor == nullptr) throw std::runtime_error("CHOLMOD cannot analyse the matrix: out of memory");
+  const int* order = static_cast<const int*>(m.factor->Perm);
+  m.place.resize(index(dimension()));
+  for (int k = 0; k < dimension(); ++k) m.place[index(order[k])] = k;
+  const int* first = static_cast<const int*>(m.factor->super);
+  for (int s = 0; s < static_cast<int>(m.factor->nsuper); ++s) m.supernode_of.resize(index(first[s + 1]), s);
 }
 
 BlockCholesky::~BlockCholesky() {
@@ -207,6 +214,68 @@ Eigen::MatrixXd BlockCholesky::solve(const Eigen::Ref<const Eigen::MatrixXd>& ri
       Eigen::Map<const Eigen::MatrixXd>(static_cast<const double*>(x->x), copy.rows(), copy.cols());
   cholmod_free_dense(&x, &m.common);
   return result;
+}
+
+// Column by column of supernodes: solve its own rows, take their share from those above.
+BlockCholesky::Way BlockCholesky::wayOf(int block, const Eigen::Ref<const Eigen::MatrixXd>& right) const {
+  using Strided = Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>>;
+  const Impl& m = *impl_;
+  const int* first = static_cast<const int*>(m.factor->super);
+  const int* row_start = static_cast<const int*>(m.factor->pi);
+  const int* value_start = static_cast<const int*>(m.factor->px);
+  const int* rows = static_cast<const int*>(m.factor->s);
+  const double* values = static_cast<const double*>(m.factor->x);
+  const auto width = [&](int s) { return first[s + 1] - first[s]; };
+  const auto height = [&](int s) { return row_start[s + 1] - row_start[s]; };
+
+  Way way;
+  int count = 0;
+  for (int s = m.supernode_of[index(m.place[index(block * m.size)])];;) {
+    way.part.push_back(s);
+    way.row.push_back(count);
+    count += width(s);
+    if (height(s) == width(s)) break;
+    s = m.supernode_of[index(rows[row_start[s] + width(s)])];
+  }
+  way.row.push_back(count);
+  way.value = Eigen::MatrixXd::Zero(count, right.cols());
+  for (int r = 0; r < m.size; ++r)
+    way.value.row(m.place[index(block * m.size + r)] - first[way.part.front()]) = right.row(r);
+  Eigen::MatrixXd share;
+  for (std::size_t p = 0; p < way.part.size(); ++p) {
+    const int s = way.part[p], own = width(s), below = height(s) - own;
+    const Strided columns(values + value_start[s], height(s), own, Eigen::OuterStride<>(height(s)));
+    auto here = way.value.middleRows(way.row[p], own);
+    columns.topRows(own).triangularView<Eigen::Lower>().solveInPlace(here);
+    if (below == 0) continue;
+    share.noalias() = columns.bottomRows(below) * here;
+    std::size_t above = p + 1;
+    for (int k = 0; k < below; ++k) {
+      const int row = rows[row_start[s] + own + k];
+      while (row >= first[way.part[above] + 1]) ++above;
+      way.value.row(way.row[above] + row - first[way.part[above]]) -= share.row(k);
+    }
+  }
+  return way;
+}
+
+Eigen::MatrixXd BlockCholesky::squaredDifference(const Way& a, const Way& b) {
+  const Eigen::Index columns = a.part.empty() ? b.value.cols() : a.value.cols();
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(columns, columns), difference;
+  const auto part = [](const Way& way, std::size_t p) {
+    return way.value.middleRows(way.row[p], way.row[p + 1] - way.row[p]);
+  };
+  std::size_t i = 0, j = 0;
+  while (i < a.part.size() || j < b.part.size()) {
+    if (j == b.part.size() || (i < a.part.size() && a.part[i] < b.part[j]))
+      difference = part(a, i++);
+    else if (i == a.part.size() || b.part[j] < a.part[i])
+      difference = part(b, j++);
+    else
+      difference = part(b, j++) - part(a, i++);
+    sum.noalias() += difference.transpose() * difference;
+  }
+  return sum;
 }
 
 int BlockCholesky::dimension() const {

@@ -4,6 +4,7 @@
 #include <array>
 #include <memory>
 #include <span>
+#include <vector>
 
 namespace fathom::slam {
 
@@ -35,6 +36,22 @@ class BlockCholesky {
   [[nodiscard]] bool factorize(double damping = 0);
   // Solves for one or more right sides, blocks * size long each; needs a factor.
   [[nodiscard]] Eigen::MatrixXd solve(const Eigen::Ref<const Eigen::MatrixXd>& right) const;
+
+  // Z = L^-1 P B of right sides B that are zero outside one block, which is zero outside the way from that
+  // block to the root of the elimination tree: with nested dissection, of a survey of n poses, O(sqrt n)
+  // rows. Products of ways are parts of the inverse: B_a^T A^-1 B_b = Z_a^T Z_b.
+  struct Way {
+    std::vector<int> part;  // supernodes, rising
+    std::vector<int> row;   // first row of each in `value`, and one past the last
+    Eigen::MatrixXd value;
+    [[nodiscard]] std::size_t bytes() const {
+      return static_cast<std::size_t>(value.size()) * sizeof(double);
+    }
+  };
+  // `right`: `size` rows. Several threads may ask at once.
+  [[nodiscard]] Way wayOf(int block, const Eigen::Ref<const Eigen::MatrixXd>& right) const;
+  // (Z_b - Z_a)^T (Z_b - Z_a): what the two share cancels before it is squared. Either may be empty.
+  [[nodiscard]] static Eigen::MatrixXd squaredDifference(const Way& a, const Way& b);
 
   [[nodiscard]] int dimension() const;
   [[nodiscard]] double factorEntries() const;     // numbers in the factor

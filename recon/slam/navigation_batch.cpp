@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <utility>
 
@@ -11,11 +10,9 @@
 namespace fathom::slam {
 namespace {
 
-constexpr int kRounds = 40;       // of weights, at most: from a false closure of 10 km they take 20
-constexpr int kOrigin = 0;        // nav's origin in the graph
-constexpr int kSpare = 16;        // room beyond what is known to come
-constexpr int kMaxSettling = 50;  // steps until a covariance's factor is there
-constexpr std::int64_t kBlocksPerLink = 40, kBlocksPerPose = 16;  // of a factor in a good order
+constexpr int kRounds = 40;  // of weights, at most: from a false closure of 10 km they take 20
+constexpr int kOrigin = 0;   // nav's origin in the graph
+constexpr int kSpare = 16;   // room beyond what is known to come
 
 std::size_t at(int i) {
   return static_cast<std::size_t>(i);
@@ -24,13 +21,6 @@ std::size_t at(int i) {
 double chiSquareOf(const RelativePose& edge, const std::vector<SE3>& poses) {
   const Vector6d error = relativePoseError(edge, poses[at(edge.from)], poses[at(edge.to)]);
   return error.dot(edge.information * error);
-}
-
-// A covariance with that of the pose's way from a point, of which a common scale is uncertain.
-Matrix6d widened(Matrix6d covariance, const SE3& pose, const Eigen::Vector3d& from, double scale) {
-  const Eigen::Vector3d moved = scale * (pose.rotation().conjugate() * (pose.translation() - from));
-  covariance.topLeftCorner<3, 3>() += moved * moved.transpose();
-  return covariance;
 }
 
 // Closures and fixes: what may be wrong. Truncated least squares by graduated non-convexity (Yang, Antonante,
@@ -149,7 +139,7 @@ NavigationSolution solveNavigation(NavigationConfig config, const std::vector<Ke
   for (int round = 0; round < kRounds; ++round) {
     out.graph.edges.resize(certain);
     doubtful.append(out.graph.poses, out.graph.edges);
-    (void)optimize(out.graph, {});
+    out.converged = optimize(out.graph, {}).converged;
     if (!doubtful.weigh(out.graph.poses)) break;
   }
   doubtful.judge(out.graph.poses);
@@ -159,37 +149,6 @@ NavigationSolution solveNavigation(NavigationConfig config, const std::vector<Ke
                               out.graph.poses);
   for (const int node : out.nodes) out.poses.push_back(out.graph.poses[at(node)]);
   return out;
-}
-
-GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, const std::vector<int>& scaled)
-    : common_scale_(common_scale) {
-  for (const int pose : scaled)
-    centre_ += graph.poses[at(pose)].translation() / static_cast<double>(scaled.size());
-  IncrementalConfig config;
-  config.max_poses = static_cast<int>(graph.poses.size()) + kSpare;
-  config.max_measurements = static_cast<int>(graph.edges.size()) + kSpare;
-  config.max_factor_blocks = kBlocksPerPose * config.max_poses + kBlocksPerLink * config.max_measurements;
-  config.update_quota = 1;
-  config.build_quota = config.urgent_quota = std::numeric_limits<std::int64_t>::max() / 4;
-  solver_ = std::make_unique<IncrementalSolver>(config);
-  for (const SE3& pose : graph.poses) (void)solver_->addPose(pose);
-  for (const RelativePose& edge : graph.edges)
-    if (solver_->addMeasurement(edge) != AddStatus::kOk)
-      throw std::invalid_argument("covariance: a measurement of the graph is refused");
-  StepReport report;
-  for (int k = 0; k < kMaxSettling; ++k) {
-    report = solver_->step();
-    if (report.measurements_waiting == 0 && !report.waits_for_factor) return;
-  }
-}
-
-Matrix6d GraphCovariance::of(int pose) {
-  return widened(solver_->covariance(pose), solver_->pose(pose), centre_, common_scale_);
-}
-
-Matrix6d GraphCovariance::between(int a, int b) {
-  return widened(solver_->relativeCovariance(a, b), solver_->pose(b), solver_->pose(a).translation(),
-                 common_scale_);
 }
 
 }  // namespace fathom::slam

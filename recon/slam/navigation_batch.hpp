@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <vector>
 
 #include "recon/slam/navigation_graph.hpp"
@@ -34,6 +33,7 @@ struct NavigationSolution {
   std::vector<int> nodes;  // of the frames in it
   NavigationGraph::Counters sensors;
   double dvl_scale = 0, dvl_heading = 0;  // as DvlCalibration found them
+  bool converged = true;                  // the last time that the weights were found again
 };
 
 // Maximum likelihood poses of a whole mission: the sensors' factors and the visual odometry of consecutive
@@ -46,22 +46,5 @@ struct NavigationSolution {
                                                  const Eigen::Vector2d& shift, double sigma,
                                                  std::vector<NavigationLink>& links,
                                                  std::vector<NavigationFix>& fixes);
-
-// Marginal covariances of a solved graph, by one factorisation.
-class GraphCovariance {
- public:
-  // `common_scale`: standard deviation of a scale that all poses of `scaled` share
-  // (SensorNoise::visual_scale); about their mean, which fixes hold.
-  explicit GraphCovariance(const PoseGraph& graph, double common_scale = 0,
-                           const std::vector<int>& scaled = {});
-  // Of the pose's right perturbation (rho, phi); and of T_a_b's.
-  [[nodiscard]] Matrix6d of(int pose);
-  [[nodiscard]] Matrix6d between(int a, int b);
-
- private:
-  std::unique_ptr<IncrementalSolver> solver_;
-  double common_scale_ = 0;
-  Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
-};
 
 }  // namespace fathom::slam

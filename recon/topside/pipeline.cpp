@@ -1,7 +1,5 @@
 #include "recon/topside/pipeline.hpp"
 
-#include <oneapi/tbb/global_control.h>
-#include <oneapi/tbb/info.h>
 #include <sys/resource.h>
 
 #include <array>
@@ -15,8 +13,10 @@
 #include "recon/geometry/output_folder.hpp"
 #include "recon/topside/report/map_picture.hpp"
 #include "recon/topside/report/report.hpp"
+#include "recon/topside/report/slam_json.hpp"
 #include "recon/topside/stage_times.hpp"
 #include "recon/topside/stages/assemble.hpp"
+#include "recon/topside/thread_limit.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -65,20 +65,6 @@ std::size_t peakBytes() {
   return static_cast<std::size_t>(usage.ru_maxrss) * 1024;
 }
 
-int threadsOf(const TopsideConfig& config) {
-  return config.threads > 0 ? config.threads : oneapi::tbb::info::default_concurrency();
-}
-
-class ThreadLimit {
- public:
-  explicit ThreadLimit(const TopsideConfig& config)
-      : limit_(oneapi::tbb::global_control::max_allowed_parallelism,
-               static_cast<std::size_t>(threadsOf(config))) {}
-
- private:
-  oneapi::tbb::global_control limit_;
-};
-
 std::filesystem::path workOf(const RunPlaces& places) {
   return places.work.empty() ? places.mission / "topside.work" : places.work;
 }
@@ -110,6 +96,9 @@ void fillRecord(RunRecord& record, Dive& dive, const StageStore& store, const As
   record.list = &dive.survey().list;
   record.navigation = &dive.survey().navigation;
   record.slam = dive.localised();
+  if (record.slam != nullptr)
+    for (const std::string& warning : slamWarnings(*record.slam))
+      std::fprintf(stderr, "%s\n", warning.c_str());
   record.assumed = input.assumed;
   const LightingModels& lighting = dive.lighting();
   record.left_lighting = lighting.left.report();

@@ -18,6 +18,7 @@
 #include "recon/topside/stages/prepare_stage.hpp"
 #include "recon/topside/stages/seed_plane.hpp"
 #include "recon/topside/stages/slam_stage.hpp"
+#include "recon/topside/thread_limit.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -34,6 +35,8 @@ std::string pageOf(const SlamResult& slam, const Navigation& navigation, const S
   const std::vector<double> before = closureErrors(slam.closures, navigation.poses, T_body_cam);
   const std::vector<double> after = closureErrors(slam.closures, slam.poses, T_body_cam);
   std::string html = htmlHead("Localisation");
+  for (const std::string& warning : slamWarnings(slam))
+    html += "<p><b>" + htmlEscaped(warning) + "</b></p>\n";
   if (features_only) html += "<p>A mission without images: features that were matched before.</p>\n";
   html += "<p>Grey: dead reckoning. Blue: localised. Green: closures. Red: closures taken out again.</p>\n" +
           tracksSvg(navigation.poses, slam) + "<h2>Misregistration where the vehicle came back</h2>\n" +
@@ -48,11 +51,14 @@ std::string pageOf(const SlamResult& slam, const Navigation& navigation, const S
   row("closures kept", after.size());
   for (std::size_t k = 1; k < slam.refused.size(); ++k)
     row("refused: " + std::string(closure::nameOf(static_cast<closure::Refusal>(k))), slam.refused[k]);
-  row("USBL fixes kept", slam.fixes_kept);
-  row("USBL fixes taken out", slam.fixes_removed);
+  row("closures left out: nothing confirmed them", slam.unconfirmed);
+  row("fixes kept", slam.fixes_kept);
+  row("fixes taken out", slam.fixes_removed);
   row("steps where visual odometry contradicts dead reckoning", slam.sensors.steps_contradicted);
   row("steps without bottom track", slam.sensors.dvl_absent);
   row("leaps of the compass", slam.sensors.compass_jumps);
+  html += htmlRow("ground seen before, expected [m of way]", fixedDigits(slam.crossings_expected, 1));
+  html += htmlRow("of it without a closure", fixedDigits(slam.crossings_unverified, 1));
   html += htmlRow("DVL scale against the cameras", fixedDigits(1 + slam.dvl_scale, 5));
   html += "</table>\n";
   if (!truth.moments.empty())
@@ -81,6 +87,7 @@ void write(const std::filesystem::path& path, const std::string& text) {
 
 int runSlam(const Options& options) {
   const TopsideConfig config = options.config.empty() ? TopsideConfig{} : readTopsideConfig(options.config);
+  const ThreadLimit limit(config);
   const io::MissionPaths paths(options.mission);
   const io::MissionConfig mission = io::readMissionConfig(options.mission);
   const StereoRig rig = readStereoCalib(paths.calib());
@@ -121,6 +128,7 @@ int runSlam(const Options& options) {
       "%zu poses, %zu odometry links, %zu closures of %zu tried (%zu taken out again); moved %.3f m rms\n",
       posed.size(), slam.odometry.size(), kept, slam.tried.size(), slam.closures.size() - kept,
       slam.moved_rms);
+  for (const std::string& warning : slamWarnings(slam)) std::fprintf(stderr, "%s\n", warning.c_str());
   return kExitSuccess;
 }
 

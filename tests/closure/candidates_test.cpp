@@ -54,37 +54,48 @@ TEST(SeparationOfOverlap, SharesThatPartOfTheDisc) {
   EXPECT_GT(separationOfOverlap(0.001), 1.95);
 }
 
-TEST(CandidateQueue, GivesTheMostInformativePairsFirst) {
-  CandidateQueue queue({});
-  const std::vector<Footprint> footprints{{{0.1, 0}, 0.8}, {{0.2, 0}, 0.8}, {{50, 0}, 0.8}, {{0, 0}, 0.8}};
-  const auto covariance = [](std::uint32_t older, std::uint32_t) -> Eigen::Matrix2d {
-    return (older == 0 ? 0.25 : 0.01) * Eigen::Matrix2d::Identity();
-  };
-  queue.propose(footprints, 3, 1, 0.5, covariance);
-  Candidate first, second, third;
-  ASSERT_TRUE(queue.pop(first));
-  ASSERT_TRUE(queue.pop(second));
-  EXPECT_FALSE(queue.pop(third));
-  EXPECT_EQ(first.older, 0U);
-  EXPECT_EQ(second.older, 1U);
-  EXPECT_GT(first.value(), second.value());
+// The integral by two million squares.
+double byCounting(const Eigen::Vector2d& mean, const Eigen::Matrix2d& covariance, double reach) {
+  constexpr int kSide = 700;
+  const Eigen::Matrix2d information = covariance.inverse();
+  double sum = 0;
+  for (int i = 0; i < kSide; ++i) {
+    for (int j = 0; j < kSide; ++j) {
+      const Eigen::Vector2d d = reach * Eigen::Vector2d((2.0 * i + 1) / kSide - 1, (2.0 * j + 1) / kSide - 1);
+      if (d.norm() > reach) continue;
+      const Eigen::Vector2d e = d - mean;
+      sum += std::exp(-0.5 * e.dot(information * e));
+    }
+  }
+  return sum * std::pow(2 * reach / kSide, 2) / (2 * M_PI * std::sqrt(covariance.determinant()));
 }
 
-TEST(CandidateQueue, PassesOverNeighboursInTimeAndPairsThatTellNothing) {
-  CandidateQueue queue({});
-  const std::vector<Footprint> footprints(5, Footprint{{0, 0}, 0.8});
-  const auto certain = [](std::uint32_t, std::uint32_t) -> Eigen::Matrix2d {
-    return 1e-6 * Eigen::Matrix2d::Identity();
-  };
-  queue.propose(footprints, 4, 1, 0.5, certain);
-  EXPECT_EQ(queue.size(), 0U);
-  int asked = 0;
-  queue.propose(footprints, 4, 3, 0.5, [&](std::uint32_t older, std::uint32_t) -> Eigen::Matrix2d {
-    ++asked;
-    EXPECT_LE(older, 1U);
-    return Eigen::Matrix2d::Identity();
-  });
-  EXPECT_EQ(asked, 2);
+TEST(OverlapProbability, IsTheIntegralOverEveryShapeAndDistance) {
+  double worst = 0;
+  for (const double wide : {0.05, 0.3, 1.0, 4.0}) {
+    for (const double narrow : {0.1, 0.4, 1.0}) {
+      for (const double distance : {0.0, 0.5, 0.9, 1.0, 1.1, 2.0}) {
+        for (const double turn : {0.0, 0.6, 1.2}) {
+          const Eigen::Matrix2d axes = Eigen::Rotation2Dd(turn).toRotationMatrix();
+          const Eigen::Vector2d sigma(wide, std::max(wide * narrow, 0.02));
+          const Eigen::Matrix2d covariance = axes * sigma.cwiseAbs2().asDiagonal() * axes.transpose();
+          worst = std::max(worst, std::abs(overlapProbability({distance, 0}, covariance, 1) -
+                                           byCounting({distance, 0}, covariance, 1)));
+        }
+      }
+    }
+  }
+  EXPECT_LT(worst, 0.01);
+}
+
+TEST(Candidate, OfDiscsThatMustOverlapTellsByHowUncertainTheirSeparationIs) {
+  const Footprint there{{0.1, 0}, 0.8}, here{{0, 0}, 0.8};
+  const Candidate vague = candidateOf(0, there, 3, here, 0.25 * Eigen::Matrix2d::Identity(), {});
+  const Candidate known = candidateOf(1, there, 3, here, 0.01 * Eigen::Matrix2d::Identity(), {});
+  EXPECT_GT(known.probability, vague.probability);
+  EXPECT_GT(vague.value(), known.value());
+  EXPECT_EQ(vague.older, 0U);
+  EXPECT_EQ(vague.newer, 3U);
 }
 
 TEST(CandidateQueue, DropsTheLeastValuableWhenFullAndCountsIt) {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "recon/slam/graph_covariance.hpp"
 #include "tests/slam/made_survey.hpp"
 
 namespace fathom::slam {

@@ -5,6 +5,7 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/report/map_picture.hpp"
+#include "recon/topside/report/slam_json.hpp"
 #include "recon/topside/stages/crossovers.hpp"
 #include "recon/topside/stages/navigation.hpp"
 #include "recon/topside/topside_config.hpp"
@@ -89,6 +90,19 @@ TEST(Crossovers, OnlyComingBackLaterIsACrossover) {
   EXPECT_EQ(likelyCrossovers(pairs), (std::vector<bool>{true, true, true, false}));
   pairs.erase(pairs.begin() + 2);
   EXPECT_EQ(likelyCrossovers(pairs), (std::vector<bool>{false, false, false}));
+}
+
+TEST(SlamWarnings, TellThatCrossingsWereNotVerifiedAndThatTheSolverDidNotConverge) {
+  SlamResult slam;
+  slam.crossings_expected = 400;
+  slam.crossings_unverified = 30;  // what chance leaves
+  EXPECT_TRUE(slamWarnings(slam).empty());
+  slam.crossings_unverified = 380;
+  ASSERT_EQ(slamWarnings(slam).size(), 1U);
+  EXPECT_THAT(slamWarnings(slam)[0], ::testing::HasSubstr("380 m of the 400 m"));
+  slam.converged = false;
+  EXPECT_EQ(slamWarnings(slam).size(), 2U);
+  EXPECT_EQ(slamJson(slam).at("warnings").size(), 2U);
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/topside/report/html_text.hpp"
 #include "recon/topside/report/report.hpp"
+#include "recon/topside/report/slam_json.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -43,6 +44,9 @@ std::string localisationRows(const SlamResult* slam) {
   for (const slam::NavigationLink& link : slam->closures) removed += link.kept ? 0 : 1;
   return row("visual odometry links", slam->odometry.size()) + row("closures tried", slam->tried.size()) +
          row("closures", slam->closures.size() - removed) + row("closures taken out again", removed) +
+         row("closures left out: nothing confirmed them", slam->unconfirmed) +
+         row("ground seen before, expected", fixedDigits(slam->crossings_expected, 1) + " m of way") +
+         row("of it without a closure", fixedDigits(slam->crossings_unverified, 1) + " m") +
          row("moved from dead reckoning", fixedDigits(slam->moved_rms, 3) + " m rms");
 }
 
@@ -190,6 +194,9 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
     for (const std::string& line : r.assumed) out << "<li>" << htmlEscaped(line) << "</li>";
     out << "</ul>\n";
   }
+  if (r.slam != nullptr)
+    for (const std::string& warning : slamWarnings(*r.slam))
+      out << "<p><b>" << htmlEscaped(warning) << "</b></p>\n";
   out << "<h2>Map</h2>\n";
   image(out, picture.rgb, picture,
         "Depth from " + fixedDigits(picture.shallowest, 2) + " m (light) to " +

@@ -2,12 +2,29 @@
 
 #include <algorithm>
 
+#include "recon/topside/report/html_text.hpp"
+
 namespace fathom::topside {
 namespace {
 
 using Json = nlohmann::ordered_json;
 
 }  // namespace
+
+std::vector<std::string> slamWarnings(const SlamResult& s) {
+  constexpr double kUnverified = 0.2, kFew = 5;  // share of the expected way; less is chance [m]
+  std::vector<std::string> warnings;
+  if (!s.converged)
+    warnings.emplace_back(
+        "Localisation did not converge: poses are the best that were found, their standard "
+        "deviations are not to be relied on.");
+  if (s.crossings_unverified > std::max(kFew, kUnverified * s.crossings_expected))
+    warnings.push_back("Crossings expected but not verified: about " +
+                       fixedDigits(s.crossings_unverified, 0) + " m of the " +
+                       fixedDigits(s.crossings_expected, 0) +
+                       " m flown over ground seen before have no loop closure.");
+  return warnings;
+}
 
 Json slamJson(const SlamResult& s) {
   const auto removed = [](const std::vector<slam::NavigationLink>& links) {
@@ -26,6 +43,11 @@ Json slamJson(const SlamResult& s) {
           {"closures_tried", s.tried.size()},
           {"closures", s.closures.size()},
           {"closures_removed", removed(s.closures)},
+          {"closures_unconfirmed", s.unconfirmed},
+          {"crossings_expected_m", s.crossings_expected},
+          {"crossings_unverified_m", s.crossings_unverified},
+          {"converged", s.converged},
+          {"warnings", slamWarnings(s)},
           {"refused", refused},
           {"fixes_kept", s.fixes_kept},
           {"fixes_removed", s.fixes_removed},

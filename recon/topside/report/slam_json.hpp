@@ -1,6 +1,8 @@
 #pragma once
 
 #include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
 
 #include "recon/topside/report/consistency.hpp"
 #include "recon/topside/stages/slam_stage.hpp"
@@ -9,6 +11,8 @@ namespace fathom::topside {
 
 // The counts of localisation, as report.json and slam.json hold them; and how it compares with a truth.
 [[nodiscard]] nlohmann::ordered_json slamJson(const SlamResult& slam);
+// What whoever uses the poses must know, a sentence each: no convergence, crossings that were not verified.
+[[nodiscard]] std::vector<std::string> slamWarnings(const SlamResult& slam);
 [[nodiscard]] nlohmann::ordered_json truthJson(const Consistency& consistency);
 
 }  // namespace fathom::topside

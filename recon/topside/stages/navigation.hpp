@@ -28,7 +28,9 @@ struct NavigatedPose {
   nav::DeadReckoning::Quality quality;  // of dead reckoning up to there
 };
 
-// A position fix and where dead reckoning, anchored, has the receiver.
+// A position fix and where dead reckoning, anchored, has the receiver. Its standard deviation is the fix's
+// own with what the vehicle may have drifted without bottom track between it and the nearest of the times
+// asked for (SensorNoise::unknown_velocity), but for GPS before the dive: see gps_sigma.
 struct FixSeen {
   nav::FixKind kind = nav::FixKind::kGps;
   std::int64_t utc_ns = 0;
@@ -41,7 +43,7 @@ struct Navigation {
   std::vector<NavigatedPose> poses;  // as asked for
   std::vector<NavigatedPose> track;  // whole dive, one a second
   Anchor anchor;
-  std::vector<FixSeen> fixes;  // that the anchor rests on
+  std::vector<FixSeen> fixes;  // GPS, one a minute once there are images, and USBL
   // Shift to nav by GPS alone, against the anchored poses, and its standard deviation with what the vehicle
   // may have drifted between the last fix and bottom track; none without GPS [m].
   std::optional<Eigen::Vector2d> gps_shift;
@@ -51,8 +53,9 @@ struct Navigation {
 };
 
 // Dead reckoning over the recorded sensors (time offsets and lever arms as mission.toml says), read out at
-// the given times (ascending), and anchored in nav by the GPS fixes before the first of `times` and all USBL
-// fixes (nav::PositionAnchor). Throws InputError when the log holds no navigation.
+// the given times (ascending), depth less the tide that mission.toml foretells, and anchored in nav by the
+// GPS fixes before the first of `times` (where there are none, by those of a vehicle that came up later) and
+// all USBL fixes (nav::PositionAnchor). Throws InputError when the log holds no navigation.
 [[nodiscard]] Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& mission,
                                   const TopsideConfig& config, const std::vector<std::int64_t>& times);
 

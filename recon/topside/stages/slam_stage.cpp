@@ -1,18 +1,19 @@
 #include "recon/topside/stages/slam_stage.hpp"
 
+#include <oneapi/tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 
 #include "recon/topside/stage_times.hpp"
 #include "recon/topside/stages/closure_search.hpp"
 #include "recon/topside/stages/feature_stage.hpp"
+#include "recon/topside/stages/visual_odometry.hpp"
 
 namespace fathom::topside {
 namespace {
 
-// Bounds of the growth of the horizontal uncertainty between two pairs with the way between them, before any
-// closure (compass deviation) and after a round of closures.
-constexpr std::array<double, 3> kDrift = {0.04, 0.01, 0.005};
+constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
 constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
 
@@ -37,11 +38,13 @@ std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation
   return inputs;
 }
 
-// USBL fixes, each at the frame nearest to it in time.
+// USBL fixes, and GPS of a vehicle that came up during the dive, each at the frame nearest to it in time.
+// What GPS said before, the anchor has.
 std::vector<slam::NavigationFix> fixesOf(const Frames& frames, const Navigation& navigation) {
   std::vector<slam::NavigationFix> fixes;
   for (const FixSeen& seen : navigation.fixes) {
-    if (seen.kind != nav::FixKind::kUsbl) continue;
+    const bool before = seen.utc_ns < navigation.poses[frames.pair.front()].utc_ns;
+    if (seen.kind == nav::FixKind::kGps && before) continue;
     const auto later = std::lower_bound(
         frames.pair.begin(), frames.pair.end(), seen.utc_ns,
         [&](std::uint32_t pair, std::int64_t t) { return navigation.poses[pair].utc_ns < t; });
@@ -89,37 +92,51 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   };
   slam::NavigationSolution solved = solve();
   lap("network");
-  ClosureSearch search(rig, frames);
-  const std::size_t most =
-      static_cast<std::size_t>(config.slam_candidates) * frames.pair.size() / kDrift.size();
-  for (const double drift : kDrift) {
-    std::vector<Attempt> attempts = search.candidates(solved, drift, most);
+  ClosureSearch search(rig, frames, graph.noise.visual_scale);
+  const auto a_frame = static_cast<std::size_t>(config.slam_candidates);
+  const std::size_t most = a_frame * frames.pair.size() / kRounds;
+  for (std::size_t round = 0; round < kRounds; ++round) {
+    search.look(solved);
+    std::vector<Attempt> attempts = search.candidates(most, a_frame);
     lap("candidates");
     const std::vector<slam::NavigationLink> found = search.attempt(attempts);
-    for (const Attempt& t : attempts)
-      out.tried.push_back({frames.pair[t.a], frames.pair[t.b], t.result.accepted()});
-    links.insert(links.end(), found.begin(), found.end());
+    for (const Attempt& t : attempts) out.tried.push_back({frames.pair[t.a], frames.pair[t.b], t.accepted()});
     lap("closures");
+    if (found.empty()) break;
+    links.insert(links.end(), found.begin(), found.end());
     solved = solve();
     lap("network");
   }
+  search.look(solved);
+  const Crossings crossings = search.crossings(links);
+  out.crossings_expected = crossings.expected;
+  out.crossings_unverified = crossings.unverified;
+  out.unconfirmed = search.unconfirmed();
+  out.converged = solved.converged;
+  lap("crossings");
   out.refused = search.refused();
   out.sensors = solved.sensors;
   out.dvl_scale = solved.dvl_scale;
   out.dvl_heading = solved.dvl_heading;
   for (const slam::NavigationFix& fix : fixes) ++(fix.kept ? out.fixes_kept : out.fixes_removed);
 
-  slam::GraphCovariance known(solved.graph, graph.noise.visual_scale, solved.nodes);
+  const slam::GraphCovariance& known = search.known();
   double squares = 0;
   const std::size_t told = solved.poses.size() / kToldPlaces + 1;
   for (std::size_t k = 0; k < solved.poses.size(); ++k) {
     const SE3& pose = solved.poses[k];
     squares += (pose.translation() - frames.reckoned[k].translation()).head<2>().squaredNorm();
     out.poses[frames.pair[k]].T_nav_body = pose * mission.T_body_cam.inverse();
-    if (k % told != 0) continue;
-    out.uncertain.push_back({frames.pair[k], pose, known.of(solved.nodes[k]),
-                             known.between(solved.nodes.front(), solved.nodes[k])});
+    if (k % told == 0) out.uncertain.push_back({frames.pair[k], pose, Matrix6d::Zero(), Matrix6d::Zero()});
   }
+  const int first = solved.nodes.front();
+  const slam::GraphCovariance::Way from = known.wayOf(first);
+  oneapi::tbb::parallel_for(std::size_t{0}, out.uncertain.size(), [&](std::size_t i) {
+    const int node = solved.nodes[i * told];
+    const slam::GraphCovariance::Way way = known.wayOf(node);
+    out.uncertain[i].covariance = known.of(node, way);
+    out.uncertain[i].since_first = known.between(first, from, node, way);
+  });
   out.moved_rms = std::sqrt(squares / static_cast<double>(solved.poses.size()));
   lap("covariance");
   for (std::size_t i = 0; i < links.size(); ++i) {

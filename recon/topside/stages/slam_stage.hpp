@@ -26,6 +26,11 @@ struct SlamResult {
   };
   std::vector<Tried> tried;                               // candidates for closures
   std::array<std::size_t, closure::kRefusals> refused{};  // of these, by cause
+  // Way over ground that was seen before, as ClosureSearch::crossings() expects it, and what of it no closure
+  // verified [m].
+  double crossings_expected = 0, crossings_unverified = 0;
+  std::size_t unconfirmed = 0;  // closures left out: look-alikes that no other one confirmed
+  bool converged = true;        // the solver, at the end
   std::vector<std::pair<std::string, double>> stage_seconds;
   // Of the pairs in the network (of a long dive some, evenly spread): T_nav_cam and the covariance of its
   // right perturbation (rho, phi).

@@ -89,8 +89,9 @@ void exchangeState(Archive& archive, Is<SlamResult::Uncertain> auto& u) {
 // Without its stages' seconds, which are not the same twice.
 template <typename Archive>
 void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
-  archive(slam.poses, slam.odometry, slam.closures, slam.frames, slam.tried, slam.refused, slam.uncertain,
-          slam.sensors, slam.dvl_scale, slam.dvl_heading, slam.fixes_kept, slam.fixes_removed,
+  archive(slam.poses, slam.odometry, slam.closures, slam.frames, slam.tried, slam.refused,
+          slam.crossings_expected, slam.crossings_unverified, slam.unconfirmed, slam.converged,
+          slam.uncertain, slam.sensors, slam.dvl_scale, slam.dvl_heading, slam.fixes_kept, slam.fixes_removed,
           slam.moved_rms);
 }
 

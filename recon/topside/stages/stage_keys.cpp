@@ -3,7 +3,8 @@
 namespace fathom::topside {
 
 void addNavigationSettings(Hasher& hasher, const TopsideConfig& config) {
-  hasher.add(config.max_dvl_gap, config.max_speed, config.default_altitude, config.pairing_tolerance);
+  hasher.add(config.max_dvl_gap, config.max_speed, config.default_altitude, config.pairing_tolerance,
+             config.navigation.noise.unknown_velocity);
 }
 
 void addLightingSettings(Hasher& hasher, const TopsideConfig& config) {

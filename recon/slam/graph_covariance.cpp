@@ -1,0 +1,99 @@
+#include "recon/slam/graph_covariance.hpp"
+
+#include <stdexcept>
+
+#include "recon/slam/measurements.hpp"
+
+namespace fathom::slam {
+namespace {
+
+// Information given to every unknown [1/m^2, 1/rad^2], so that a direction that nothing tells has a
+// covariance: a standard deviation of 30 km.
+constexpr double kLeastInformation = 1e-9;
+
+}  // namespace
+
+SE3 GraphCovariance::aboutMiddle(const SE3& T_w_pose) const {
+  return {T_w_pose.rotation(), T_w_pose.translation() - middle_};
+}
+
+// Perturbations are those of measurements.hpp, about the middle of the graph: an edge's error moves with the
+// difference of its poses', so every edge adds one square to two diagonal blocks and takes it from those
+// beside.
+GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, const std::vector<int>& scaled)
+    : poses_(graph.poses), common_scale_(common_scale) {
+  const int poses = static_cast<int>(poses_.size());
+  for (const int pose : scaled)
+    centre_ += poses_[at(pose)].translation() / static_cast<double>(scaled.size());
+  for (const SE3& pose : poses_) middle_ += pose.translation() / static_cast<double>(poses);
+  std::vector<BlockCholesky::Pair> pairs;
+  for (const RelativePose& e : graph.edges) {
+    if (e.from < 0 || e.to < 0 || e.from >= poses || e.to >= poses || e.from == e.to)
+      throw std::invalid_argument("covariance: an edge of the graph names a pose that is not there");
+    if (e.from > 0 && e.to > 0) pairs.push_back({e.from - 1, e.to - 1});
+  }
+  if (poses < 2) return;
+  factor_ = std::make_unique<BlockCholesky>(poses - 1, 6, pairs);
+  for (int k = 0; k < poses - 1; ++k) factor_->addDiagonal6(k, kLeastInformation * Matrix6d::Identity());
+  std::size_t pair = 0;
+  for (const RelativePose& e : graph.edges) {
+    const SE3 &from = poses_[at(e.from)], &to = poses_[at(e.to)];
+    const Matrix6d by_to = linearize(e, from, to).by_to * ownFrame(aboutMiddle(to));
+    const Matrix6d square = by_to.transpose() * e.information * by_to;
+    for (const int end : {e.from, e.to})
+      if (end > 0) factor_->addDiagonal6(end - 1, square);
+    if (e.from > 0 && e.to > 0) factor_->addPair6(pair++, -square);
+  }
+  if (!factor_->factorize()) throw std::runtime_error("covariance: the graph's information is not positive");
+}
+
+GraphCovariance::Way GraphCovariance::wayOf(int pose) const {
+  return pose == 0 ? Way() : factor_->wayOf(pose - 1, Matrix6d::Identity());
+}
+
+GraphCovariance::Way GraphCovariance::placeWayOf(int pose) const {
+  if (pose == 0) return {};
+  const Matrix6d own = ownFrame(aboutMiddle(poses_[at(pose)]));
+  const Eigen::Matrix<double, 3, 6> place = poses_[at(pose)].matrix3() * own.topRows<3>();
+  return factor_->wayOf(pose - 1, place.topRows<2>().transpose());
+}
+
+Matrix6d GraphCovariance::widened(Matrix6d covariance, const SE3& pose, const Eigen::Vector3d& from) const {
+  const Eigen::Vector3d moved = common_scale_ * (pose.rotation().conjugate() * (pose.translation() - from));
+  covariance.topLeftCorner<3, 3>() += moved * moved.transpose();
+  return covariance;
+}
+
+Matrix6d GraphCovariance::of(int pose, const Way& way) const {
+  if (pose == 0) return Matrix6d::Zero();
+  return widened(between({}, way, poses_[at(pose)]), poses_[at(pose)], centre_);
+}
+
+Matrix6d GraphCovariance::between(int a, const Way& way_a, int b, const Way& way_b) const {
+  if (a == b) return Matrix6d::Zero();
+  return widened(between(way_a, way_b, poses_[at(b)]), poses_[at(b)], poses_[at(a)].translation());
+}
+
+Matrix6d GraphCovariance::between(const Way& way_a, const Way& way_b, const SE3& T_w_b) const {
+  const Matrix6d own = ownFrame(aboutMiddle(T_w_b));
+  return own * BlockCholesky::squaredDifference(way_a, way_b) * own.transpose();
+}
+
+const GraphCovariance::Way& WayCache::of(int pose) {
+  constexpr std::size_t kAtLeast = 2;  // a caller has two
+  if (const auto found = find_.find(pose); found != find_.end()) {
+    kept_.splice(kept_.begin(), kept_, found->second);
+    return kept_.front().way;
+  }
+  kept_.push_front({pose, (graph_.*make_)(pose)});
+  find_[pose] = kept_.begin();
+  used_ += kept_.front().way.bytes();
+  while (used_ > bytes_ && kept_.size() > kAtLeast) {
+    used_ -= kept_.back().way.bytes();
+    find_.erase(kept_.back().pose);
+    kept_.pop_back();
+  }
+  return kept_.front().way;
+}
+
+}  // namespace fathom::slam

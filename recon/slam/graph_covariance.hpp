@@ -1,0 +1,81 @@
+#pragma once
+
+#include <cstddef>
+#include <list>
+#include <memory>
+#include <unordered_map>
+#include <vector>
+
+#include "recon/slam/block_cholesky.hpp"
+#include "recon/slam/pose_graph.hpp"
+
+namespace fathom::slam {
+
+// Marginal covariances of a solved graph, by one factorisation of its normal equations (BlockCholesky). Pose
+// 0 is held. Any number of threads may ask at once.
+//
+// What two poses have to each other costs two ways through the factor (BlockCholesky::Way) and a product of
+// them; who asks for many pairs keeps the ways (WayCache) and pays for the products alone.
+class GraphCovariance {
+ public:
+  using Way = BlockCholesky::Way;
+
+  // `common_scale`: standard deviation of a scale that all poses of `scaled` share
+  // (SensorNoise::visual_scale); about their mean, which fixes hold. Throws std::invalid_argument for an edge
+  // to a pose that is not there, and std::runtime_error when there is no memory for the factor.
+  explicit GraphCovariance(const PoseGraph& graph, double common_scale = 0,
+                           const std::vector<int>& scaled = {});
+  // The way of a pose's perturbation in the world.
+  [[nodiscard]] Way wayOf(int pose) const;
+  // Of the pose's right perturbation (rho, phi); and of T_a_b's. With ways where the caller has them.
+  [[nodiscard]] Matrix6d of(int pose) const { return of(pose, wayOf(pose)); }
+  [[nodiscard]] Matrix6d of(int pose, const Way& way) const;
+  [[nodiscard]] Matrix6d between(int a, int b) const { return between(a, wayOf(a), b, wayOf(b)); }
+  [[nodiscard]] Matrix6d between(int a, const Way& way_a, int b, const Way& way_b) const;
+  // The latter of two frames that are fixed to the poses whose ways are given, without the common scale.
+  [[nodiscard]] Matrix6d between(const Way& way_a, const Way& way_b, const SE3& T_w_b) const;
+  // The way of a pose's place (north, east), two columns: a third of the work. And the covariance of the
+  // separation of two places [m^2].
+  [[nodiscard]] Way placeWayOf(int pose) const;
+  [[nodiscard]] static Eigen::Matrix2d separation(const Way& place_a, const Way& place_b) {
+    return BlockCholesky::squaredDifference(place_a, place_b);
+  }
+
+  [[nodiscard]] std::size_t memoryBytes() const { return factor_->memoryBytes(); }
+
+ private:
+  static std::size_t at(int i) { return static_cast<std::size_t>(i); }
+  [[nodiscard]] SE3 aboutMiddle(const SE3& T_w_pose) const;
+  // A covariance with that of the pose's way from a point, of which the common scale is uncertain.
+  [[nodiscard]] Matrix6d widened(Matrix6d covariance, const SE3& pose, const Eigen::Vector3d& from) const;
+
+  std::vector<SE3> poses_;
+  std::unique_ptr<BlockCholesky> factor_;
+  Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();  // of the graph: perturbations turn about it
+  double common_scale_ = 0;
+  Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
+};
+
+// Ways by pose, those used last, in bounded memory. For one thread.
+class WayCache {
+ public:
+  using Make = GraphCovariance::Way (GraphCovariance::*)(int) const;
+  WayCache(const GraphCovariance& graph, Make make, std::size_t bytes)
+      : graph_(graph), make_(make), bytes_(bytes) {}
+
+  // Valid until the call after the next one.
+  const GraphCovariance::Way& of(int pose);
+
+ private:
+  struct Kept {
+    int pose;
+    GraphCovariance::Way way;
+  };
+  const GraphCovariance& graph_;
+  Make make_;
+  std::size_t bytes_, used_ = 0;
+  std::list<Kept> kept_;  // used last first
+  std::unordered_map<int, std::list<Kept>::iterator> find_;
+};
+
+}  // namespace fathom::slam

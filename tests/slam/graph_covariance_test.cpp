@@ -1,0 +1,145 @@
+#include "recon/slam/graph_covariance.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <random>
+#include <stdexcept>
+
+namespace fathom::slam {
+namespace {
+
+// Lines there and back over a plane, each pose joined to the next and to the one beside it on the line
+// before; the first is joined to the held pose 0.
+PoseGraph lawnMower(int lines, int poses) {
+  PoseGraph graph;
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  Vector6d sigma;
+  sigma << 0.01, 0.01, 0.02, 0.002, 0.002, 0.004;
+  const auto join = [&](int from, int to, double scale) {
+    const auto &a = graph.poses[static_cast<std::size_t>(from)],
+               &b = graph.poses[static_cast<std::size_t>(to)];
+    RelativePose edge{from, to, a.inverse() * b, Matrix6d::Zero()};
+    edge.information.diagonal() = (scale * sigma).cwiseAbs2().cwiseInverse();
+    graph.edges.push_back(edge);
+  };
+  graph.poses.emplace_back();
+  for (int line = 0; line < lines; ++line) {
+    for (int k = 0; k < poses; ++k) {
+      const double along = 0.25 * (line % 2 == 0 ? k : poses - 1 - k), heading = line % 2 == 0 ? 0 : M_PI;
+      graph.poses.push_back(SE3::fromEuler(0.05 * normal(random), 0.05 * normal(random), heading,
+                                           {200 + along, 50 + 1.0 * line, 10 + 0.1 * normal(random)}));
+      const int here = static_cast<int>(graph.poses.size()) - 1;
+      join(here - 1, here, here == 1 ? 30 : 1);
+      if (line > 0 && k % 3 == 0) join(here - 1 - 2 * k, here, 2);
+    }
+  }
+  return graph;
+}
+
+// The inverse of all normal equations at once, by perturbations of poses in their own frames, without pose 0.
+Eigen::MatrixXd denseCovariance(const PoseGraph& graph) {
+  const auto n = static_cast<Eigen::Index>(graph.poses.size());
+  Eigen::MatrixXd H = Eigen::MatrixXd::Zero(6 * n, 6 * n);
+  H.topLeftCorner<6, 6>() = Matrix6d::Identity();
+  for (const RelativePose& edge : graph.edges) {
+    const RelativePoseLinear l = linearize(edge, graph.poses[static_cast<std::size_t>(edge.from)],
+                                           graph.poses[static_cast<std::size_t>(edge.to)]);
+    Eigen::MatrixXd J = Eigen::MatrixXd::Zero(6, 6 * n);
+    if (edge.from > 0) J.middleCols<6>(6 * edge.from) = l.by_from;
+    J.middleCols<6>(6 * edge.to) = l.by_to;
+    H += J.transpose() * edge.information * J;
+  }
+  return H.ldlt().solve(Eigen::MatrixXd::Identity(6 * n, 6 * n));
+}
+
+Eigen::MatrixXd jointOf(const Eigen::MatrixXd& dense, int a, int b) {
+  Eigen::MatrixXd both(12, 12);
+  both << dense.block<6, 6>(6 * a, 6 * a), dense.block<6, 6>(6 * a, 6 * b), dense.block<6, 6>(6 * b, 6 * a),
+      dense.block<6, 6>(6 * b, 6 * b);
+  return both;
+}
+
+TEST(GraphCovariance, IsThatOfTheWholeInverseForEveryPair) {
+  const PoseGraph graph = lawnMower(4, 12);
+  const Eigen::MatrixXd dense = denseCovariance(graph);
+  const GraphCovariance known(graph);
+  const int count = static_cast<int>(graph.poses.size());
+  for (int a = 1; a < count; a += 5) {
+    const auto own = dense.block<6, 6>(6 * a, 6 * a);
+    EXPECT_LT((known.of(a) - own).norm(), 1e-6 * own.norm()) << a;
+    for (int b = a + 1; b < count; b += 7) {
+      const SE3 &T_w_a = graph.poses[static_cast<std::size_t>(a)],
+                &T_w_b = graph.poses[static_cast<std::size_t>(b)];
+      // Derivatives of T_a_b are those of an edge that measures it.
+      const RelativePoseLinear l =
+          linearize({a, b, T_w_a.inverse() * T_w_b, Matrix6d::Identity()}, T_w_a, T_w_b);
+      Eigen::Matrix<double, 6, 12> J;
+      J << l.by_from, l.by_to;
+      J.bottomRows<3>() *= 2;  // half angles
+      const Matrix6d between = J * jointOf(dense, a, b) * J.transpose();
+      EXPECT_LT((known.between(a, b) - between).norm(), 1e-6 * between.norm()) << a << " " << b;
+      // Horizontal places in nav.
+      Eigen::Matrix<double, 2, 12> P = Eigen::Matrix<double, 2, 12>::Zero();
+      P.block<2, 3>(0, 0) = -T_w_a.matrix3().topRows<2>();
+      P.block<2, 3>(0, 6) = T_w_b.matrix3().topRows<2>();
+      const Eigen::Matrix2d places = P * jointOf(dense, a, b) * P.transpose();
+      const Eigen::Matrix2d separation =
+          GraphCovariance::separation(known.placeWayOf(a), known.placeWayOf(b));
+      EXPECT_LT((separation - places).norm(), 1e-6 * places.norm()) << a << " " << b;
+    }
+  }
+}
+
+TEST(GraphCovariance, ThePoseThatIsHeldHasNoneAndItselfNoneToItself) {
+  const GraphCovariance known(lawnMower(2, 5));
+  EXPECT_EQ(known.of(0).norm(), 0);
+  EXPECT_EQ(known.between(4, 4).norm(), 0);
+  EXPECT_LT((known.between(0, 3) - known.of(3)).norm(), 1e-9 * known.of(3).norm());
+}
+
+TEST(GraphCovariance, ACommonScaleWidensTheWayBetweenTwoPoses) {
+  const PoseGraph graph = lawnMower(2, 20);
+  const GraphCovariance plain(graph), scaled(graph, 0.01, {1, 20});
+  const double way = (graph.poses[1].translation() - graph.poses[20].translation()).norm();
+  EXPECT_NEAR((scaled.between(1, 20) - plain.between(1, 20)).trace(), std::pow(0.01 * way, 2), 1e-9);
+}
+
+TEST(GraphCovariance, RefusesAnEdgeToAPoseThatIsNotThere) {
+  PoseGraph graph = lawnMower(1, 3);
+  graph.edges.front().to = 9;
+  EXPECT_THROW(GraphCovariance{graph}, std::invalid_argument);
+}
+
+TEST(GraphCovariance, MemoryFollowsTheFactorAndWaysFollowItsSeparators) {
+  const PoseGraph small = lawnMower(16, 64), large = lawnMower(32, 128);  // four times the poses
+  const GraphCovariance of_small(small), of_large(large);
+  EXPECT_LT(of_large.memoryBytes(), 64U * 1024 * 1024);
+  EXPECT_LT(static_cast<double>(of_large.memoryBytes()), 6.5 * static_cast<double>(of_small.memoryBytes()));
+  // A way to the root has about twice the rows, not four times.
+  const auto longest = [](const GraphCovariance& known, int poses) {
+    Eigen::Index rows = 0;
+    for (int k = 1; k < poses; k += 13) rows = std::max(rows, known.wayOf(k).value.rows());
+    return static_cast<double>(rows);
+  };
+  EXPECT_LT(longest(of_large, 32 * 128), 3 * longest(of_small, 16 * 64));
+}
+
+TEST(WayCache, GivesTheSameWaysWhateverItHasRoomFor) {
+  const PoseGraph graph = lawnMower(4, 20);
+  const GraphCovariance known(graph);
+  WayCache narrow(known, &GraphCovariance::wayOf, 1),
+      wide(known, &GraphCovariance::wayOf, std::size_t{1} << 30);
+  for (const int a : {3, 40, 3, 70, 41}) {
+    for (const int b : {5, 40, 60}) {
+      const GraphCovariance::Way &a_narrow = narrow.of(a), &b_narrow = narrow.of(b);
+      const Matrix6d by_narrow = known.between(a, a_narrow, b, b_narrow);
+      EXPECT_EQ((by_narrow - known.between(a, wide.of(a), b, wide.of(b))).norm(), 0);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace fathom::slam

@@ -1,0 +1,106 @@
+#include "recon/topside/stages/closure_search.hpp"
+
+#include <gtest/gtest.h>
+
+#include <set>
+#include <utility>
+
+#include "tests/topside/tiny_mission.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr int kFrames = 60;        // of the way out, and as many back
+constexpr double kStep = 0.25;     // [m]
+constexpr double kAltitude = 2.0;  // [m]
+
+// A straight way out and back over the same ground, known by dead reckoning alone. Frames have one feature
+// each: nothing can be registered.
+struct OutAndBack {
+  std::vector<closure::FrameFeatures> blank = std::vector<closure::FrameFeatures>(2 * kFrames);
+  std::unique_ptr<MemoryFeatureStore> store;
+  Frames frames;
+  slam::NavigationSolution solution;
+
+  explicit OutAndBack(double sigma_of_a_step) {
+    for (closure::FrameFeatures& f : blank) {
+      f.features.resize(1);
+      f.descriptors.resize(closure::descriptorBytes(f.kind));
+    }
+    store = std::make_unique<MemoryFeatureStore>(blank);
+    frames.features = store.get();
+    solution.graph.poses.emplace_back();
+    for (int k = 0; k < 2 * kFrames; ++k) {
+      const double along = kStep * (k < kFrames ? k : 2 * kFrames - 1 - k);
+      // Looking down, as a camera does.
+      const SE3 pose = SE3::fromEuler(0, 0, k < kFrames ? 0 : M_PI, {along, 0, 10});
+      frames.pair.push_back(static_cast<std::uint32_t>(k));
+      frames.reckoned.push_back(pose);
+      frames.altitude.push_back(kAltitude);
+      frames.way.push_back(kStep * k);
+      solution.poses.push_back(pose);
+      solution.nodes.push_back(k + 1);
+      const SE3& before = solution.graph.poses.back();
+      Vector6d information = Vector6d::Constant(1e8);
+      if (k > 0) information.head<2>().setConstant(1 / (sigma_of_a_step * sigma_of_a_step));
+      solution.graph.edges.push_back({k, k + 1, before.inverse() * pose, Matrix6d(information.asDiagonal())});
+      solution.graph.poses.push_back(pose);
+    }
+  }
+  // The way back found to lie elsewhere.
+  void shiftBack(const Eigen::Vector3d& by) {
+    for (std::size_t k = kFrames; k < solution.poses.size(); ++k) {
+      solution.poses[k] = SE3(solution.poses[k].rotation(), solution.poses[k].translation() + by);
+      solution.graph.poses[k + 1] = solution.poses[k];
+    }
+  }
+};
+
+std::set<std::pair<std::uint32_t, std::uint32_t>> pairsOf(const std::vector<Attempt>& attempts) {
+  std::set<std::pair<std::uint32_t, std::uint32_t>> pairs;
+  for (const Attempt& t : attempts) pairs.emplace(t.a, t.b);
+  return pairs;
+}
+
+TEST(ClosureSearch, APairThatWasRefusedComesAgainOnlyOnceItsPriorHasMovedBySeveralSigmas) {
+  OutAndBack dive(0.005);
+  const StereoRig rig = test::TinyMission::rig();
+  ClosureSearch search(rig, dive.frames, 0);
+  const auto round = [&] {
+    search.look(dive.solution);
+    std::vector<Attempt> attempts = search.candidates(100000, 100);
+    EXPECT_TRUE(search.attempt(attempts).empty());
+    return attempts;
+  };
+  const auto first = pairsOf(round());
+  EXPECT_GT(first.size(), 200U);
+  dive.shiftBack({0, 0.02, 0});
+  EXPECT_TRUE(round().empty());
+  dive.shiftBack({0, 0.7, 0});
+  std::size_t again = 0;
+  for (const auto& pair : pairsOf(round())) again += first.count(pair);
+  EXPECT_GT(again, first.size() / 4);
+}
+
+TEST(ClosureSearch, LookingForWhatIsLostInEveryDirectionItSaysWhatNoClosureHasVerified) {
+  OutAndBack dive(0.5);  // 4 m in the end, several footprints
+  const StereoRig rig = test::TinyMission::rig();
+  ClosureSearch search(rig, dive.frames, 0);
+  search.look(dive.solution);
+  const std::vector<Attempt> attempts = search.candidates(100000, 6);
+  std::set<std::uint32_t> newer;
+  for (const Attempt& t : attempts) newer.insert(t.b);
+  EXPECT_GT(newer.size(), 50U);
+  const Crossings lost = search.crossings({});
+  EXPECT_NEAR(lost.expected, 1.5, 0.5);  // of 15 m, in probability
+  EXPECT_DOUBLE_EQ(lost.unverified, lost.expected);
+  std::vector<slam::NavigationLink> links(1);
+  links[0].a = 30;
+  links[0].b = 90;
+  const Crossings one = search.crossings(links);
+  EXPECT_DOUBLE_EQ(one.expected, lost.expected);
+  EXPECT_LT(one.unverified, lost.unverified);
+}
+
+}  // namespace
+}  // namespace fathom::topside

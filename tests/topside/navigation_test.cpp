@@ -1,0 +1,144 @@
+#include "recon/topside/stages/navigation.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "firmware_if/sensor_log.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/geodesy.hpp"
+#include "recon/topside/stages/tide.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr std::int64_t kStart = 1'700'000'000'000'000'000;  // [ns]
+constexpr double kDepth = 20, kSpeed = 0.5;                 // [m], northwards [m/s]
+
+std::int64_t at(double seconds) {
+  return kStart + std::llround(seconds * 1e9);
+}
+
+// A level dive northwards with bottom track in [from, to) and again from `again` on, and whatever fixes.
+struct MadeDive {
+  double end = 200, from = 0, to = 1e9, again = 1e9;
+  double tide = 0;  // amplitude [m], of half an hour's period
+  std::vector<double> usbl, gps;
+
+  [[nodiscard]] io::MissionConfig mission() const {
+    io::MissionConfig config;
+    config.vehicle_name = "made";
+    config.origin = {-0.5, 2.0};
+    config.start_utc_ns = kStart;
+    if (tide > 0)
+      config.tide_model = "sinusoid amplitude_m=" + std::to_string(tide) + " period_s=1800 phase_rad=0.5";
+    return config;
+  }
+  void write(const std::filesystem::path& folder) const {
+    io::writeMissionConfig(folder, mission());
+    io::SensorLogWriter log(io::MissionPaths(folder).log());
+    const LocalTransverseMercator projection(mission().origin);
+    for (int tick = 0; tick < static_cast<int>(end * 5); ++tick) {
+      const double t = 0.2 * tick;
+      AttitudeSample attitude;
+      attitude.utc_ns = at(t);
+      attitude.magnetic = false;
+      log.write(at(t), attitude);
+      const double sea = tide * std::sin(2 * M_PI * t / 1800 + 0.5);
+      log.write(at(t), DepthSample{at(t), kDepth + sea});
+      const Geodetic g = projection.toGeodetic({kSpeed * t, 0});
+      if (tick % 5 == 0) {
+        for (const double when : usbl)
+          if (std::abs(when - t) < 0.1) log.write(at(t), UsblFix{at(t), at(t), g.latitude, g.longitude, 0, 1.0});
+        for (const double when : gps)
+          if (std::abs(when - t) < 0.1) log.write(at(t), GpsFix{at(t), g.latitude, g.longitude, 2.0});
+      }
+      if (t < from || (t >= to && t < again)) continue;
+      DvlSample dvl;
+      dvl.utc_ns = at(t);
+      dvl.velocity = Eigen::Vector3d(kSpeed, 0, 0);
+      dvl.altitude = 2;
+      log.write(at(t), dvl);
+    }
+  }
+  [[nodiscard]] Navigation navigated(const std::vector<double>& images) const {
+    const test::TemporaryFolder folder;
+    write(folder.path());
+    std::vector<std::int64_t> times;
+    for (const double t : images) times.push_back(at(t));
+    return navigate(io::MissionPaths(folder.path()), mission(), {}, times);
+  }
+};
+
+const FixSeen* seenAt(const Navigation& navigation, double seconds) {
+  for (const FixSeen& fix : navigation.fixes)
+    if (fix.utc_ns == at(seconds)) return &fix;
+  return nullptr;
+}
+
+TEST(NavigationFixes, OfADescentAreAsWrongAsTheVehicleMayHaveDriftedUntilBottomTrack) {
+  MadeDive dive;
+  dive.from = 100;
+  dive.usbl = {10, 90, 150};
+  const Navigation navigation = dive.navigated({105, 110, 190});
+  const double drift = TopsideConfig{}.navigation.noise.unknown_velocity;
+  for (const double t : dive.usbl) ASSERT_NE(seenAt(navigation, t), nullptr) << t;
+  EXPECT_NEAR(seenAt(navigation, 10)->sigma, std::hypot(1, 90 * drift), 1e-6);
+  EXPECT_NEAR(seenAt(navigation, 90)->sigma, std::hypot(1, 10 * drift), 1e-6);
+  EXPECT_NEAR(seenAt(navigation, 150)->sigma, 1, 1e-9);
+}
+
+TEST(NavigationFixes, GpsOfAVehicleThatComesUpDuringTheDiveIsOneFixAMinuteWithTheDriftOfTheAscent) {
+  MadeDive dive;
+  dive.end = 400;
+  dive.to = 100;
+  dive.again = 300;
+  dive.gps = {5, 150, 160, 170, 215};
+  const Navigation navigation = dive.navigated({20, 90, 320, 390});
+  const double drift = TopsideConfig{}.navigation.noise.unknown_velocity;
+  ASSERT_NE(seenAt(navigation, 150), nullptr);
+  EXPECT_EQ(seenAt(navigation, 150)->kind, nav::FixKind::kGps);
+  EXPECT_NEAR(seenAt(navigation, 150)->sigma, std::hypot(2, drift * (150 - 99.8)), 1e-3);
+  EXPECT_EQ(seenAt(navigation, 160), nullptr);
+  EXPECT_NE(seenAt(navigation, 215), nullptr);
+  ASSERT_NE(seenAt(navigation, 5), nullptr);
+  EXPECT_NEAR(seenAt(navigation, 5)->sigma, 2, 1e-9);
+  EXPECT_EQ(navigation.anchor.source, "gps");
+}
+
+TEST(NavigationFixes, GpsDuringTheDiveAnchorsADiveThatHadNoneBefore) {
+  MadeDive dive;
+  dive.gps = {150};
+  EXPECT_EQ(dive.navigated({20, 90}).anchor.source, "gps");
+  dive.gps = {};
+  EXPECT_EQ(dive.navigated({20, 90}).anchor.source, "none");
+}
+
+TEST(NavigationTide, IsTakenOutOfTheDepth) {
+  MadeDive dive;
+  dive.tide = 1.5;
+  const Navigation navigation = dive.navigated({50, 120, 190});
+  for (const NavigatedPose& pose : navigation.poses) {
+    ASSERT_TRUE(pose.T_nav_body);
+    EXPECT_NEAR(pose.T_nav_body->translation().z(), kDepth, 0.005);
+  }
+}
+
+TEST(NavigationTide, AModelThatIsNotKnownIsRefusedWithTheFormThatIs) {
+  io::MissionConfig mission;
+  mission.tide_model = "harmonic";
+  try {
+    (void)readTide(io::MissionPaths("dive"), mission);
+    FAIL() << "taken";
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("tide_model"));
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("sinusoid amplitude_m=A"));
+  }
+  mission.tide_model = "none";
+  EXPECT_FALSE(readTide(io::MissionPaths("dive"), mission));
+}
+
+}  // namespace
+}  // namespace fathom::topside
