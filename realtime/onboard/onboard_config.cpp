@@ -132,17 +132,20 @@ NavCoreConfig navCoreConfig(const OnboardConfig& config, const io::MissionConfig
 
 MapCoreConfig mapCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission,
                             const StereoRig& rig) {
-  return {rig,
-          mission.T_body_cam,
-          mission.T_body_dvl,
-          mission.cameras.left_format,
-          mission.cameras.right_format,
-          mission.cameras.bits,
-          config.stereo,
-          config.lighting,
-          config.map,
-          config.rebuild_meshes,
-          config.localisation};
+  MapCoreConfig map{rig,
+                    mission.T_body_cam,
+                    mission.T_body_dvl,
+                    mission.cameras.left_format,
+                    mission.cameras.right_format,
+                    mission.cameras.bits,
+                    config.stereo,
+                    config.lighting,
+                    config.map,
+                    config.rebuild_meshes,
+                    config.localisation};
+  map.localisation.graph.lever =
+      (mission.T_body_cam.translation() - mission.T_body_dvl.translation()).norm();
+  return map;
 }
 
 LinkCoreConfig linkCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission) {
