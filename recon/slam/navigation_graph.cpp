@@ -161,8 +161,8 @@ int NavigationGraph::newReference(const SE3& start) {
   return node;
 }
 
-// An earlier reference of attitude, still young, is of this heading: a vehicle that yaws to and fro comes back
-// to it.
+// An earlier reference of attitude, still young, is of this heading: a vehicle that yaws to and fro comes
+// back to it.
 bool NavigationGraph::servesAgain(std::int64_t utc_ns, double heading) {
   if (jump_waits_) return false;
   double nearest = config_.reference_turn;
@@ -316,8 +316,8 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
 
 Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_odom,
                               const Eigen::Vector2d& north_east, double sigma) {
-  if (!has(keyframe) || !antenna_in_odom.allFinite() || !north_east.allFinite() ||
-      !(sigma > 0) || !std::isfinite(sigma)) {
+  if (!has(keyframe) || !antenna_in_odom.allFinite() || !north_east.allFinite() || !(sigma > 0) ||
+      !std::isfinite(sigma)) {
     ++counters_.fixes_refused;
     return Taken::kBad;
   }

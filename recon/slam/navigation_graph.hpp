@@ -15,8 +15,8 @@
 namespace fathom::slam {
 
 struct NavigationConfig {
-  int max_keyframes = 12000;  // at once: for another one, the least needed retires
-  int max_links = 24000;      // of these, visual odometry and closures
+  int max_keyframes = 8000;  // at once: for another one, the least needed retires
+  int max_links = 24000;     // of these, visual odometry and closures
   int max_fixes = 4000;
   double reference_s = 20;       // a reference of attitude serves so long [s]
   double reference_turn = 0.17;  // and over so much turning [rad]
@@ -58,9 +58,10 @@ enum class Taken : std::uint8_t { kYes, kContradicts, kFull, kBad };
 // its weight is Cauchy's, which switches off what the rest contradicts and on again. Fixed memory, bounded
 // work a call; same calls, same result.
 //
-// A dive may be of any length: when keyframes, links or the solver are full, the keyframe that is missed least
-// retires into what its measurements say about its neighbours (retirement.hpp), and so do references that no
-// keyframe uses any more. What hung on it hangs on the nearest keyframe in time that is left, where it was.
+// A dive may be of any length: when keyframes, links or the solver are full, the keyframe that is missed
+// least retires into what its measurements say about its neighbours (retirement.hpp), and so do references
+// that no keyframe uses any more. What hung on it hangs on the nearest keyframe in time that is left, where
+// it was.
 class NavigationGraph {
  public:
   explicit NavigationGraph(const NavigationConfig& config);

@@ -19,10 +19,9 @@ void exchangeQuality(Archive& archive, Quality& quality) {
 template <typename Archive, typename Counters>
 void exchangeCounters(Archive& archive, Counters& c) {
   archive(c.keyframes, c.keyframes_refused, c.keyframes_retired, c.references, c.references_retired,
-          c.odometry_links, c.closures, c.links_contradicting,
-          c.links_off, c.links_refused, c.fixes, c.fixes_gated, c.fixes_off, c.fixes_refused,
-          c.steps_contradicted, c.steps_left_out, c.compass_jumps, c.attitude_absent, c.depth_absent,
-          c.dvl_absent, c.dvl_lies);
+          c.odometry_links, c.closures, c.links_contradicting, c.links_off, c.links_refused, c.fixes,
+          c.fixes_gated, c.fixes_off, c.fixes_refused, c.steps_contradicted, c.steps_left_out,
+          c.compass_jumps, c.attitude_absent, c.depth_absent, c.dvl_absent, c.dvl_lies);
 }
 
 bool within(int index, int first, std::size_t size) {
