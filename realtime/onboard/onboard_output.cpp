@@ -183,8 +183,8 @@ void OnboardOutput::writeClosures(const LocalisationCore& localisation) {
     const Eigen::Vector3d& t = c.T_a_b.translation();
     const Eigen::Quaterniond& q = c.T_a_b.rotation();
     std::snprintf(line.data(), line.size(), "%s,%s,%.5f,%.5f,%.5f,%.8f,%.8f,%.8f,%.8f,%.5f,%.6f,%d,%.3f,%d\n",
-                  a->left_image.c_str(), b->left_image.c_str(), t.x(), t.y(), t.z(), q.w(), q.x(), q.y(), q.z(),
-                  std::sqrt(c.covariance.topLeftCorner<3, 3>().trace() / 3),
+                  a->left_image.c_str(), b->left_image.c_str(), t.x(), t.y(), t.z(), q.w(), q.x(), q.y(),
+                  q.z(), std::sqrt(c.covariance.topLeftCorner<3, 3>().trace() / 3),
                   std::sqrt(c.covariance.bottomRightCorner<3, 3>().trace() / 3), c.inliers,
                   off.dot(c.covariance.ldlt().solve(off)), c.confirmed ? 1 : 0);
     file.stream() << line.data();

@@ -81,8 +81,7 @@ Vector6d firmStep(const Matrix6d& information, const Vector6d& gradient) {
   unit << Eigen::Vector3d::Constant(kStraight_m), Eigen::Vector3d::Constant(kStraight_rad);
   const Eigen::SelfAdjointEigenSolver<Matrix6d> known(unit.asDiagonal() * information * unit.asDiagonal());
   Vector6d along = known.eigenvectors().transpose() * unit.cwiseProduct(gradient);
-  for (int i = 0; i < 6; ++i)
-    along(i) = known.eigenvalues()(i) >= 1 ? along(i) / known.eigenvalues()(i) : 0;
+  for (int i = 0; i < 6; ++i) along(i) = known.eigenvalues()(i) >= 1 ? along(i) / known.eigenvalues()(i) : 0;
   return unit.cwiseProduct(known.eigenvectors() * along);
 }
 

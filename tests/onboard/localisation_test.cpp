@@ -143,9 +143,8 @@ TEST(LocalisationCore, WhatHungOnAKeyframeThatRetiresStaysWhereItIs) {
     ++retired;
     for (const auto& [keyframe, pose] : known)
       if (keyframe == gone.keyframe)
-        jump = std::max(jump, (core.poseOf(gone.onto, gone.T_onto * camera).translation() -
-                               pose.translation())
-                                  .norm());
+        jump = std::max(
+            jump, (core.poseOf(gone.onto, gone.T_onto * camera).translation() - pose.translation()).norm());
   });
   for (const MadeDive::Frame& frame : dive.frames) {
     known.clear();

@@ -114,7 +114,8 @@ TEST(LocalisationRestartWithFewKeyframes, AfterSomeHaveRetiredADiveGoesOnAlike) 
   EXPECT_EQ(savedState(again), savedState(loaded));
   EXPECT_EQ(loaded.keyframes(), whole.keyframes());
   const int newest = whole.keyframes() - 1;
-  EXPECT_LT((loaded.keyframePose(newest).translation() - whole.keyframePose(newest).translation()).norm(), 0.01);
+  EXPECT_LT((loaded.keyframePose(newest).translation() - whole.keyframePose(newest).translation()).norm(),
+            0.01);
 }
 
 TEST_F(LocalisationRestart, SlotsThatAreAnotherRunsCostClosuresOnly) {

@@ -130,8 +130,8 @@ TEST(LongDive, TenTimesThePoolEndsNearTheBatchSolutionAndNoPoseJumpsWhenAKeyfram
   const double error = errorsOf(poses, survey.truth).absolute, least = errorsOf(batch, survey.truth).absolute;
   double worst = 0;
   for (int from = 0; from + 60 <= all; from += 60)
-    worst = std::max(worst, rmsOf(poses, survey.truth, from, from + 60) -
-                                rmsOf(batch, survey.truth, from, from + 60));
+    worst = std::max(
+        worst, rmsOf(poses, survey.truth, from, from + 60) - rmsOf(batch, survey.truth, from, from + 60));
   EXPECT_LT(error, 1.2 * least);
   EXPECT_LT(worst, 0.15) << "metres above the batch solution in some minute";
 }

@@ -71,7 +71,8 @@ void drive(NavigationGraph& graph, const MadeSurvey& survey, const MadeSurveyOpt
 
 // What is measured of a keyframe that the graph has just taken: visual odometry, a step, fixes, closures with
 // those that have not retired.
-void measure(NavigationGraph& graph, const MadeSurvey& survey, const MadeSurveyOptions& options, int keyframe);
+void measure(NavigationGraph& graph, const MadeSurvey& survey, const MadeSurveyOptions& options,
+             int keyframe);
 
 // From the keyframe after the graph's last up to `to`, without the last measurements' settling.
 void driveOn(NavigationGraph& graph, const MadeSurvey& survey, const MadeSurveyOptions& options, int to);

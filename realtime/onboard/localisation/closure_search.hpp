@@ -108,7 +108,7 @@ class ClosureSearch {
   closure::Registrar registrar_;
   closure::CandidateQueue queue_;
   closure::CandidateConfig limits_;
-  double reach_;             // of two discs of radius 1
+  double reach_;                  // of two discs of radius 1
   rt::NumberedPool<View> views_;  // of keyframes
   std::size_t next_moved_ = 0;    // position among them
   std::vector<Near> near_;

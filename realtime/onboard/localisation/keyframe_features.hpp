@@ -71,7 +71,7 @@ class KeyframeFeatures {
   std::array<Kept, 4> read_;          // from the disk, used in turn
   std::size_t next_read_ = 0;
   std::vector<std::uint8_t> block_;
-  std::size_t used_ = 0;             // slots that have been in use
+  std::size_t used_ = 0;            // slots that have been in use
   std::vector<std::int32_t> free_;  // of these, those that are not
   Counters counters_;
 };

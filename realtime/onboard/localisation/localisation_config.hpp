@@ -9,7 +9,7 @@ namespace fathom::onboard {
 
 struct LocalisationConfig {
   bool enabled = true;
-  int max_keyframes = 12000;          // one in 1.5 s for five hours; their memory is taken at the start
+  int max_keyframes = 8000;  // at once: the newest and the most needed; their memory is taken at the start
   double keyframe_overlap = 0.7;      // a new keyframe where the footprint shares less with the last one's
   double keyframe_turn = 0.35;        // or after so much turning [rad]
   double keyframe_s = 4;              // or after so long [s]

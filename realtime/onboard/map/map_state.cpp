@@ -23,8 +23,8 @@ template <typename Archive, typename Self>
 void MovingMap::exchange(Archive& archive, Self& self) {
   auto& c = self.counters_;
   std::uint64_t cursor = self.cursor_, to_compare = self.to_compare_;
-  archive(c.meshes, c.meshes_fused_again, c.rebuilds, c.meshes_lost, c.meshes_baked_in, cursor,
-          to_compare, self.fusions_);
+  archive(c.meshes, c.meshes_fused_again, c.rebuilds, c.meshes_lost, c.meshes_baked_in, cursor, to_compare,
+          self.fusions_);
   archive.bounded(self.entries_, self.entries_.capacity());
   archive.bounded(self.keyframe_, self.keyframe_.capacity());
   archive.bounded(self.fused_, self.fused_.capacity());
@@ -44,10 +44,10 @@ bool MovingMap::load(rt::StateReader& reader, const std::function<bool(int keyfr
   if (!reader(map_)) return false;
   return reader.section(kMovingTag, kVersion, [&] {
     exchange(reader, *this);
-    reader.require(
-        urgency_.size() == entries_.size() && keyframe_.size() == entries_.size() &&
-            fused_.size() == entries_.size() && cursor_ <= entries_.size() && to_compare_ <= entries_.size(),
-        "meshes that were not compared");
+    reader.require(urgency_.size() == entries_.size() && keyframe_.size() == entries_.size() &&
+                       fused_.size() == entries_.size() && cursor_ <= entries_.size() &&
+                       to_compare_ <= entries_.size(),
+                   "meshes that were not compared");
     for (const int keyframe : keyframe_)
       reader.require(keyframe == -1 || has(keyframe), "a mesh of no keyframe");
     for (const Entry& e : entries_) reader.require(e.bytes <= block_.size(), "a mesh larger than its slot");

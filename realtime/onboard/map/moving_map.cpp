@@ -74,7 +74,8 @@ MovingMap::MovingMap(const fusion::QuadtreeConfig& config, SlotStore* meshes, st
 
 std::size_t MovingMap::memoryBytes() const {
   return sizeof(*this) - sizeof(map_) + map_.counters().memory_bytes + entries_.capacity() * sizeof(Entry) +
-         (keyframe_.capacity() + fused_.capacity()) * sizeof(int) + urgency_.capacity() + block_.capacity() + bytesOf(mesh_) + bytesOf(moved_);
+         (keyframe_.capacity() + fused_.capacity()) * sizeof(int) + urgency_.capacity() + block_.capacity() +
+         bytesOf(mesh_) + bytesOf(moved_);
 }
 
 std::size_t MovingMap::add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, const SE3& T_nav_cam) {
@@ -106,8 +107,8 @@ std::size_t MovingMap::add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, cons
   return cells;
 }
 
-// A slot that is free, or that of the mesh that has lain still for longest, of one that need not move if there
-// is any.
+// A slot that is free, or that of the mesh that has lain still for longest, of one that need not move if
+// there is any.
 std::size_t MovingMap::slotFor() {
   if (entries_.size() < entries_.capacity()) {
     entries_.emplace_back();

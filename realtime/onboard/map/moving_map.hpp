@@ -14,14 +14,14 @@
 namespace fathom::onboard {
 
 // A map whose meshes hang on keyframes that move. Every local mesh is kept in a slot, in its camera's frame;
-// when the slots are full, the mesh that has lain still for longest is baked in: it stays where it is, and its
-// slot is a new one's.
-// When keyframes have moved, the meshes that moved most are taken out of the map at the pose they went in
-// with, and put back at their new one, a few a frame; of equal moves the newest first. Each mesh is in the
-// map once at all times. Moves below a threshold wait until they have grown; after finish() every mesh is at
-// its final pose, and the map is, bit by bit, the one fused afresh from the final poses (unless the map's
-// pool was full and coarsened: then its sums are those of the final poses in the squares that are left). A
-// mesh whose slot cannot be read, or does not give what was written, stays where it is and is counted.
+// when the slots are full, the mesh that has lain still for longest is baked in: it stays where it is, and
+// its slot is a new one's. When keyframes have moved, the meshes that moved most are taken out of the map at
+// the pose they went in with, and put back at their new one, a few a frame; of equal moves the newest first.
+// Each mesh is in the map once at all times. Moves below a threshold wait until they have grown; after
+// finish() every mesh is at its final pose, and the map is, bit by bit, the one fused afresh from the final
+// poses (unless the map's pool was full and coarsened: then its sums are those of the final poses in the
+// squares that are left). A mesh whose slot cannot be read, or does not give what was written, stays where it
+// is and is counted.
 class MovingMap {
  public:
   // Pose of a mesh's camera now.
@@ -55,11 +55,11 @@ class MovingMap {
 
   struct Counters {
     std::uint64_t meshes = 0, meshes_fused_again = 0;
-    std::uint64_t rebuilds = 0;     // times that all waiting meshes were worked off
+    std::uint64_t rebuilds = 0;         // times that all waiting meshes were worked off
     std::uint64_t meshes_lost = 0;      // without a slot that can be read: they stay where they are
     std::uint64_t meshes_baked_in = 0;  // for want of slots
-    std::size_t waiting = 0;        // known to have moved
-    bool given_up = false;          // so many are lost that the map no longer follows the poses well
+    std::size_t waiting = 0;            // known to have moved
+    bool given_up = false;              // so many are lost that the map no longer follows the poses well
   };
   [[nodiscard]] Counters counters() const;
   // All that is held in memory; the slots are the caller's.
