@@ -41,7 +41,7 @@ Agreement::Agreement() {
 bool Agreement::join(const Claim& claim, const Odometry& odometry) {
   for (const Claim& other : agreed_) {
     const int da = std::abs(other.a - claim.a), db = std::abs(other.b - claim.b);
-    if (da == 0 || db == 0 || da > kNeighbours || db > kNeighbours) return false;
+    if (da + db == 0 || da > kNeighbours || db > kNeighbours) return false;
     if (!agree(claim, other, odometry(claim.a, other.a), odometry(claim.b, other.b))) return false;
   }
   agreed_.push_back(claim);
@@ -52,17 +52,21 @@ std::span<const Claim> Agreement::add(const Claim& claim, const Odometry& odomet
   agreed_.assign(1, claim);
   for (std::size_t i = waiting_.size(); i-- > 0;) (void)join(waiting_[i], odometry);
   int wanted = 0;
+  bool many_a = false, many_b = false;
   double baseline = 0, span_a = 0, span_b = 0;
   for (const Claim& x : agreed_) {
     wanted = std::max(wanted, x.wanted);
     baseline = std::max(baseline, x.baseline);
     for (const Claim& y : agreed_) {
       if (&x == &y) break;
+      many_a = many_a || x.a != y.a;
+      many_b = many_b || x.b != y.b;
       span_a = std::max(span_a, odometry(x.a, y.a).T_a_b.translation().norm());
       span_b = std::max(span_b, odometry(x.b, y.b).T_a_b.translation().norm());
     }
   }
-  if (static_cast<int>(agreed_.size()) < wanted || std::min(span_a, span_b) < baseline) {
+  const bool spans = many_a && many_b && std::min(span_a, span_b) >= baseline;
+  if (static_cast<int>(agreed_.size()) < wanted || !spans) {
     if (waiting_.size() == kWaiting) {
       waiting_.erase(waiting_.begin());
       ++forgotten_;

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 
 namespace fathom::slam {
@@ -241,7 +242,7 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
   }
   if (kind == LinkKind::kOdometry && b == a + 1 && to.step >= 0) {
     compareStep(frames_[at(a)], to, T_a_b, covariance);
-  } else {
+  } else if (kind != LinkKind::kAgreed) {
     const Prediction known = predict(a, b);
     const bool fits = distance2(factor, kKnownScale * known.covariance + covariance) <= config_.gate;
     closures_refused_ = fits ? 0 : closures_refused_ + 1;
@@ -254,7 +255,9 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
     ++counters_.links_refused;
     return Taken::kFull;
   }
-  robust_.push_back({factor, covariance, measurement, kLinkFree, 1, false, false});
+  // What others agree with is believed however far the poses still have to go.
+  const double free = kind == LinkKind::kAgreed ? std::numeric_limits<double>::max() / kOffAt : kLinkFree;
+  robust_.push_back({factor, covariance, measurement, free, 1, false, false});
   ++(kind == LinkKind::kOdometry ? counters_.odometry_links : counters_.closures);
   return Taken::kYes;
 }

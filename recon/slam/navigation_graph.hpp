@@ -43,7 +43,8 @@ struct KeyframeInput {
   bool compass_jumped = false;  // since the last keyframe (nav::DeadReckoning took the leap out)
 };
 
-enum class LinkKind : std::uint8_t { kOdometry, kClosure };
+// kAgreed: a closure that others agree with around a cycle, whatever the graph says.
+enum class LinkKind : std::uint8_t { kOdometry, kClosure, kAgreed };
 enum class Taken : std::uint8_t { kYes, kContradicts, kFull, kBad };
 
 // The vehicle's navigation as a graph of poses in information form: one pose for each stereo keyframe, and

@@ -45,15 +45,13 @@ TEST(Agreement, ThreeClaimsAroundOneCycleComeOutTogetherAndOnce) {
 }
 
 TEST(Agreement, ClaimsOfOneFrameOrOfTheSamePairOrFarApartConfirmNothing) {
-  Agreement agreement;
-  EXPECT_TRUE(agreement.add(claimOf(20, 120), odometry).empty());
-  for (int k = 0; k < 4; ++k) {
-    EXPECT_TRUE(agreement.add(claimOf(20, 120), odometry).empty());
-    EXPECT_TRUE(agreement.add(claimOf(20, 121 + k), odometry).empty());
-    EXPECT_TRUE(agreement.add(claimOf(21 + k, 120), odometry).empty());
+  Agreement of_one, of_the_other, same, far;
+  for (int k = 0; k < 5; ++k) {
+    EXPECT_TRUE(of_one.add(claimOf(20, 120 + k), odometry).empty());
+    EXPECT_TRUE(of_the_other.add(claimOf(20 + k, 120), odometry).empty());
+    EXPECT_TRUE(same.add(claimOf(20, 120), odometry).empty());
+    EXPECT_TRUE(far.add(claimOf(10 * k, 100 + 10 * k), odometry).empty());
   }
-  Agreement other;
-  for (const int far : {0, 10, 20, 30}) EXPECT_TRUE(other.add(claimOf(far, 100 + far), odometry).empty());
 }
 
 TEST(Agreement, OneThingSeenFromPlacesTooNearEachOtherIsNotEnough) {

@@ -7,7 +7,8 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 1;
+constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 1,
+                        kSearchVersion = 2;
 
 template <typename Archive, typename Feature>
 void exchangeFeature(Archive& archive, Feature& f) {
@@ -81,32 +82,39 @@ void ClosureSearch::exchange(Archive& archive, Self& self) {
   std::uint64_t next_moved = self.next_moved_;
   archive(next_moved);
   archive.bounded(self.views_, self.views_.capacity());
-  archive.bounded(self.unconfirmed_, self.unconfirmed_.capacity());
+  archive.bounded(self.sought_, self.sought_.capacity());
   archive.bounded(self.closures_, self.closures_.capacity());
-  archive(self.tried_, self.counters_);
+  archive(self.tried_, self.recognised_, self.last_closed_, self.agreement_, self.counters_);
   if constexpr (Archive::kLoading) self.next_moved_ = next_moved;
 }
 
 void ClosureSearch::save(rt::StateWriter& writer) const {
-  writer.section(kSearchTag, kVersion, [&] {
+  writer.section(kSearchTag, kSearchVersion, [&] {
     exchange(writer, *this);
     queue_.save(writer);
   });
+  writer(places_);
 }
 
 bool ClosureSearch::load(rt::StateReader& reader) {
-  return reader.section(kSearchTag, kVersion, [&] {
+  const auto content = [&] {
     exchange(reader, *this);
     const int keyframes = graph_.keyframes();
     if (!reader.ok() || !queue_.load(reader, static_cast<std::size_t>(keyframes))) return;
-    bool good = views_.size() == static_cast<std::size_t>(keyframes) && next_moved_ <= views_.size();
-    const auto isPair = [&](const Closure& c) {
+    bool good = next_moved_ <= views_.size();
+    for (std::size_t v = 0; v < views_.size(); ++v)
+      good =
+          good && views_[v].keyframe < keyframes && (v == 0 || views_[v - 1].keyframe < views_[v].keyframe);
+    good = good && (views_.empty() || views_[0].keyframe >= 0);
+    const auto isPair = [&](const auto& c) {
       return c.a >= 0 && c.a < keyframes && c.b >= 0 && c.b < keyframes && c.a != c.b;
     };
-    for (const Closure& c : unconfirmed_) good = good && isPair(c);
+    for (const closure::Claim& c : agreement_.waiting())
+      good = good && viewOf(c.a) < views_.size() && viewOf(c.b) < views_.size();
     for (const Closure& c : closures_) good = good && isPair(c);
     reader.require(good, "closures of other keyframes than there are");
-  });
+  };
+  return reader.section(kSearchTag, kSearchVersion, content) && reader(places_);
 }
 
 template <typename Archive, typename Self>
