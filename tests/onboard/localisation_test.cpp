@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include "realtime/kernel/state_archive.hpp"
 #include "tests/onboard/made_dive.hpp"
 
 namespace fathom::onboard {
@@ -151,6 +152,32 @@ TEST(LocalisationCore, LostByTenMetresAndAHundredDegreesItIsFoundWithinTenPairsO
     for (const Closure& c : core.closures().closures()) EXPECT_GE(c.inliers, 15);
     EXPECT_LT(last.metres, 0.3) << seed;
   }
+}
+
+TEST(LocalisationCore, SavedWhileItIsLostItIsFoundAgainBitForBit) {
+  const MadeDive dive = makeDive(lost(50), 1, testing::DiveTrack::kCrossing);
+  MemorySlots slots = featureSlots(300);
+  LocalisationCore core(dive.rig, smallLocalisation(), &slots), again(dive.rig, smallLocalisation(), &slots);
+  std::vector<std::uint8_t> bytes(std::size_t{64} << 20);
+  constexpr std::size_t kSavedAt = 146;  // the first claims wait
+  for (std::size_t k = 0; k < dive.frames.size(); ++k) {
+    LocalisationInput input = dive.frames[k].input;
+    input.features = &dive.frames[k].features;
+    (void)core.process(input);
+    if (k > kSavedAt) (void)again.process(input);
+    if (k != kSavedAt) continue;
+    EXPECT_GT(core.closures().counters().unconfirmed_now, 0u);
+    rt::StateWriter writer(bytes);
+    core.save(writer);
+    ASSERT_FALSE(writer.full());
+    rt::StateReader reader(writer.written());
+    ASSERT_TRUE(again.load(reader));
+  }
+  EXPECT_GE(again.closures().counters().recognised, 3u);
+  EXPECT_EQ(again.closures().counters().places_tried, core.closures().counters().places_tried);
+  EXPECT_EQ(again.closures().closures().size(), core.closures().closures().size());
+  const std::size_t last = dive.frames.size() - 1;
+  EXPECT_LT(astray(again, dive, again.keyframes() - 1, last).metres, 0.3);
 }
 
 TEST(LocalisationCore, LostOverOtherGroundThatLooksAlikeNothingIsClosed) {

@@ -6,6 +6,7 @@
 #include "recon/topside/stage_times.hpp"
 #include "recon/topside/stages/closure_search.hpp"
 #include "recon/topside/stages/feature_stage.hpp"
+#include "recon/topside/stages/recognised_places.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -92,6 +93,12 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   const std::size_t most =
       static_cast<std::size_t>(config.slam_candidates) * frames.pair.size() / kDrift.size();
   for (const double drift : kDrift) {
+    if (drift == kDrift.back()) {
+      const std::vector<slam::NavigationLink> recognised = recognisePlaces(rig, frames, solved, links);
+      links.insert(links.end(), recognised.begin(), recognised.end());
+      if (!recognised.empty()) solved = solve();
+      lap("places");
+    }
     std::vector<Attempt> attempts = search.candidates(solved, drift, most);
     lap("candidates");
     const std::vector<slam::NavigationLink> found = search.attempt(attempts);
