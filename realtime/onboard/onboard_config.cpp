@@ -67,6 +67,7 @@ void read(const ConfigTable& t, OnboardConfig& config) {
   c.keyframe_s = t.number("keyframe_s", c.keyframe_s, 0.1, 3600);
   c.features = whole(t, "features", c.features, 50, 5000);
   c.closures_per_keyframe = whole(t, "closures_per_keyframe", c.closures_per_keyframe, 0, 1000);
+  c.place_tries = whole(t, "place_tries", c.place_tries, 0, 100);
   c.predictions_per_keyframe = whole(t, "predictions_per_keyframe", c.predictions_per_keyframe, 1, 10000);
   c.closures_waiting = static_cast<std::size_t>(
       t.integer("closures_waiting", static_cast<std::int64_t>(c.closures_waiting), 1, 100000));

@@ -50,7 +50,8 @@ struct KeyframeInput {
   double gyro_turn = 0, ungyro_s = -1;
 };
 
-enum class LinkKind : std::uint8_t { kOdometry, kClosure };
+// kAgreed: a closure that others agree with around a cycle, whatever the graph says.
+enum class LinkKind : std::uint8_t { kOdometry, kClosure, kAgreed };
 enum class Taken : std::uint8_t { kYes, kContradicts, kFull, kBad };
 
 // The vehicle's navigation as a graph of poses in information form: one pose for each stereo keyframe, and
@@ -206,7 +207,7 @@ class NavigationGraph {
     double free_chi2 = 0;  // up to there its weight is 1
     double weight = 1;
     bool fix = false, off = false;
-    bool insists = false;  // a fix of many that say the same for long: its weight stays 1
+    bool insists = false;  // of many that say the same: its weight stays 1
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {

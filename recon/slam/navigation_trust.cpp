@@ -250,7 +250,8 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
     ++counters_.links_refused;
     return Taken::kFull;
   }
-  if (!chain) {
+  const bool agreed = kind == LinkKind::kAgreed;
+  if (!chain && !agreed) {
     const Prediction known = predict(a, b);
     const bool fits = distance2(factor, kKnownScale * known.covariance + covariance) <= config_.gate;
     if (!fits) ++counters_.links_contradicting;
@@ -269,7 +270,7 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
     seen_.covariance = covariance;
   } else {
     robust_of_[at(measurement)] = static_cast<int>(robust_.size());
-    robust_.push_back({factor, covariance, measurement, kLinkFree, 1, false, false});
+    robust_.push_back({factor, covariance, measurement, kLinkFree, 1, false, false, agreed});
   }
   return Taken::kYes;
 }

@@ -130,14 +130,25 @@ TEST(KeyframeFeatures, ABadDiskIsCountedAndTheNewestStayInMemory) {
 TEST(TriedPairs, RemembersPairsAndForgetsAllRatherThanGrow) {
   TriedPairs tried(100);
   const std::size_t bytes = tried.memoryBytes();
-  EXPECT_TRUE(tried.insert(0, 0));
-  EXPECT_TRUE(tried.insert(3, 4));
-  EXPECT_FALSE(tried.insert(3, 4));
+  EXPECT_FALSE(tried.contains(3, 4));
+  tried.insert(0, 0);
+  tried.insert(3, 4);
+  EXPECT_TRUE(tried.contains(0, 0));
   EXPECT_TRUE(tried.contains(3, 4));
   EXPECT_FALSE(tried.contains(4, 3));
-  for (int k = 0; k < 1000; ++k) (void)tried.insert(k, k + 5);
+  for (int k = 0; k < 1000; ++k) tried.insert(k, k + 5);
   EXPECT_EQ(tried.memoryBytes(), bytes);
   EXPECT_TRUE(tried.contains(999, 1004));
+}
+
+TEST(TriedPairs, APairMayBeTriedAgainWhereItLiesElsewhereThanWasThought) {
+  TriedPairs tried(100);
+  tried.insert(3, 4, {2.0, 1.0}, 0.5);
+  EXPECT_TRUE(tried.contains(3, 4, {2.3, 1.3}));
+  EXPECT_FALSE(tried.contains(3, 4, {2.5, 1.3}));
+  tried.insert(3, 4, {2.5, 1.3}, 0.2);
+  EXPECT_TRUE(tried.contains(3, 4, {2.5, 1.3}));
+  EXPECT_FALSE(tried.contains(3, 4, {2.0, 1.0}));
 }
 
 }  // namespace

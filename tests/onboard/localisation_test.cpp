@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include "realtime/kernel/state_archive.hpp"
 #include "tests/onboard/made_dive.hpp"
 
 namespace fathom::onboard {
@@ -97,6 +98,96 @@ TEST(LocalisationCore, LostForSecondsAClosureEntersOnlyWhenAnotherAgreesAndTheWa
   EXPECT_GT(planError(dive, reckoned(dive)).rms, 0.8);
   EXPECT_GE(core.closures().counters().confirmed, 2u);
   EXPECT_LT(planError(dive, poses).rms, 0.15);
+}
+
+// Blind and without bottom track on the way out, until it is 10 m and 100 degrees astray.
+DiveFaults lost(double to) {
+  DiveFaults faults;
+  faults.astray_from = faults.blind_from = 22;
+  faults.astray_to = faults.blind_to = to;
+  return faults;
+}
+
+// How far the camera is from where it truly is, seen from the first frame.
+struct Astray {
+  double metres = 0, radians = 0;
+};
+Astray astray(const LocalisationCore& core, const MadeDive& dive, int keyframe, std::size_t frame) {
+  const SE3 found = core.poseOf(0, dive.frames[0].input.T_odom_cam).inverse() *
+                    core.poseOf(keyframe, dive.frames[frame].input.T_odom_cam);
+  const SE3 error = (dive.frames[0].truth.inverse() * dive.frames[frame].truth).inverse() * found;
+  return {error.translation().norm(), error.rotation().angularDistance(Eigen::Quaterniond::Identity())};
+}
+
+TEST(LocalisationCore, LostByTenMetresAndAHundredDegreesItIsFoundWithinTenPairsOfACrossing) {
+  constexpr std::size_t kFirstLine = 32;  // frames
+  const double shares = closure::separationOfOverlap(0.1);
+  for (const std::uint32_t seed : {1U, 2U, 3U}) {
+    MadeDive dive = makeDive(lost(50), seed, testing::DiveTrack::kCrossing);
+    MemorySlots slots = featureSlots(300);
+    LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+    int overlapping = 0, found_after = -1;
+    Astray worst, last;
+    for (std::size_t k = 0; k < dive.frames.size(); ++k) {
+      LocalisationInput input = dive.frames[k].input;
+      input.features = &dive.frames[k].features;
+      const int keyframe = core.process(input);
+      last = astray(core, dive, keyframe, k);
+      worst = {std::max(worst.metres, last.metres), std::max(worst.radians, last.radians)};
+      const Eigen::Vector2d here = dive.frames[k].truth.translation().head<2>();
+      const double radius = core.closures().footprint(0).radius;
+      bool overlaps = overlapping > 0;
+      for (std::size_t j = 0; j < kFirstLine && k > 3 * kFirstLine; ++j)
+        overlaps = overlaps || (dive.frames[j].truth.translation().head<2>() - here).norm() < shares * radius;
+      overlapping += overlaps ? 1 : 0;  // and those after
+      if (overlapping > 0 && found_after < 0 && last.metres < 0.3 && last.radians < 0.1)
+        found_after = overlapping;
+    }
+    EXPECT_GT(worst.metres, 10.0);
+    EXPECT_GT(worst.radians, 1.7);
+    EXPECT_GT(found_after, 0) << seed;
+    EXPECT_LE(found_after, 10) << seed;
+    EXPECT_GE(core.closures().counters().recognised, 3u);
+    core.finish();
+    for (const Closure& c : core.closures().closures()) EXPECT_GE(c.inliers, 15);
+    EXPECT_LT(last.metres, 0.3) << seed;
+  }
+}
+
+TEST(LocalisationCore, SavedWhileClaimsWaitItIsFoundAgainAfterLoading) {
+  const MadeDive dive = makeDive(lost(50), 1, testing::DiveTrack::kCrossing);
+  MemorySlots slots = featureSlots(300);
+  LocalisationCore core(dive.rig, smallLocalisation(), &slots), again(dive.rig, smallLocalisation(), &slots);
+  std::vector<std::uint8_t> bytes(std::size_t{64} << 20);
+  constexpr std::size_t kSavedAt = 145;  // the first claims wait
+  for (std::size_t k = 0; k < dive.frames.size(); ++k) {
+    LocalisationInput input = dive.frames[k].input;
+    input.features = &dive.frames[k].features;
+    (void)core.process(input);
+    if (k > kSavedAt) (void)again.process(input);
+    if (k != kSavedAt) continue;
+    EXPECT_GT(core.closures().counters().unconfirmed_now, 0u);
+    rt::StateWriter writer(bytes);
+    core.save(writer);
+    ASSERT_FALSE(writer.full());
+    rt::StateReader reader(writer.written());
+    ASSERT_TRUE(again.load(reader));
+  }
+  EXPECT_GE(again.closures().counters().recognised, 3u);
+  const std::size_t last = dive.frames.size() - 1;
+  EXPECT_LT(astray(again, dive, again.keyframes() - 1, last).metres, 0.3);
+}
+
+TEST(LocalisationCore, LostOverOtherGroundThatLooksAlikeNothingIsClosed) {
+  for (const std::uint32_t seed : {1U, 2U, 3U}) {
+    const MadeDive dive = makeDive(lost(100), seed, testing::DiveTrack::kElsewhere);
+    MemorySlots slots = featureSlots(300);
+    LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+    (void)localised(core, dive);
+    EXPECT_EQ(core.graph().counters().closures, 0u);
+    EXPECT_GT(core.closures().counters().places_tried, 40u);
+    EXPECT_EQ(core.closures().counters().places_accepted, 0u);
+  }
 }
 
 TEST(LocalisationCore, ABadDiskCostsClosuresOnly) {

@@ -19,12 +19,18 @@ struct GroundPoint {
   std::array<std::uint8_t, 128> descriptor;
 };
 
-std::vector<GroundPoint> makeGround(std::mt19937& random) {
-  constexpr int kPoints = 14000;
-  std::uniform_real_distribution<double> north(-2.5, kLine + 2.5), east(-2.5, kLines * kSpacing + 2.5);
+struct Area {
+  double north_from, north_to, east_from, east_to;
+};
+
+std::vector<GroundPoint> makeGround(const Area& area, std::mt19937& random) {
+  constexpr double kPoints = 163;  // in a square metre
+  std::uniform_real_distribution<double> north(area.north_from, area.north_to),
+      east(area.east_from, area.east_to);
   std::normal_distribution<double> relief(kDepth + kAltitude, 0.05);
   std::exponential_distribution<double> histogram(1.0);
-  std::vector<GroundPoint> ground(kPoints);
+  const double square_metres = (area.north_to - area.north_from) * (area.east_to - area.east_from);
+  std::vector<GroundPoint> ground(static_cast<std::size_t>(std::lround(kPoints * square_metres)));
   for (GroundPoint& p : ground) {
     p.place = {north(random), east(random), relief(random)};
     std::array<double, 128> h{};
@@ -34,6 +40,15 @@ std::vector<GroundPoint> makeGround(std::mt19937& random) {
       p.descriptor[i] = static_cast<std::uint8_t>(std::min(255.0, 512 * std::sqrt(h[i] / sum)));
   }
   return ground;
+}
+
+// Other ground that looks alike: points in other places, with the looks of some of the first.
+void addLikeness(std::vector<GroundPoint>& ground, const Area& area, std::mt19937& random) {
+  const std::size_t models = ground.size();
+  for (GroundPoint p : makeGround(area, random)) {
+    p.descriptor = ground[random() % models].descriptor;
+    ground.push_back(p);
+  }
 }
 
 // What the rig sees of the ground; points come in the order of their strength, so that views agree in them.
@@ -79,7 +94,7 @@ struct Pose2 {
   Eigen::Vector2d place;
   double heading;
 };
-std::vector<Pose2> track() {
+std::vector<Eigen::Vector2d> lawnMower() {
   std::vector<Eigen::Vector2d> corners;
   for (int i = 0; i < kLines; ++i) {
     const double e = i * kSpacing;
@@ -88,6 +103,10 @@ std::vector<Pose2> track() {
   }
   corners.emplace_back(kLine / 2, (kLines - 1) * kSpacing);
   corners.emplace_back(kLine / 2, 0);
+  return corners;
+}
+
+std::vector<Pose2> trackAlong(const std::vector<Eigen::Vector2d>& corners) {
   std::vector<Pose2> poses;
   const double step = kSpeed * kInterval;
   double heading = 0;
@@ -123,10 +142,23 @@ bool MemorySlots::read(std::size_t slot, std::span<std::uint8_t> data) {
   return true;
 }
 
-MadeDive makeDive(const DiveFaults& faults, std::uint32_t seed) {
-  constexpr double kJump = 0.349, kLie = 0.25;  // [rad], [m/s]
+MadeDive makeDive(const DiveFaults& faults, std::uint32_t seed, DiveTrack track) {
+  constexpr double kJump = 0.349, kLie = 0.25;           // [rad], [m/s]
+  constexpr double kAstray = 10, kTurnedAstray = 1.745;  // [m], [rad]
   std::mt19937 random(seed);
-  const std::vector<GroundPoint> ground = makeGround(random);
+  std::vector<Eigen::Vector2d> corners = lawnMower();
+  Area area{-2.5, kLine + 2.5, -2.5, kLines * kSpacing + 2.5};
+  if (track != DiveTrack::kLawnMower) {
+    corners = {{0, 0}, {8, 0}, {8, 10}, {4, 10}, {4, -3}};
+    area = {-2.5, 10.5, -5.5, 12.5};
+  }
+  std::vector<GroundPoint> ground = makeGround(area, random);
+  if (track == DiveTrack::kElsewhere) {
+    constexpr double kAway = 40;  // [m]
+    addLikeness(ground, {area.north_from + kAway, area.north_to + kAway, area.east_from, area.east_to},
+                random);
+    for (std::size_t c = 2; c < corners.size(); ++c) corners[c].x() += kAway;
+  }
   MadeDive dive;
   dive.rig.left = {680, 512, 900, 900, 340, 256, 0, 0, 0, 0, 0};
   dive.rig.right = dive.rig.left;
@@ -138,7 +170,7 @@ MadeDive makeDive(const DiveFaults& faults, std::uint32_t seed) {
   Eigen::Vector2d before(0, 0);
   double jumped = 0;
   nav::DeadReckoning::Quality quality;
-  const std::vector<Pose2> poses = track();
+  const std::vector<Pose2> poses = trackAlong(corners);
   for (std::size_t k = 0; k < poses.size(); ++k) {
     const double t = static_cast<double>(k) * kInterval;
     MadeDive::Frame frame;
@@ -149,6 +181,10 @@ MadeDive makeDive(const DiveFaults& faults, std::uint32_t seed) {
       quality.heading_leaps = 1;
       jumped = kJump;
     }
+    if (t >= faults.astray_to && quality.heading_leaps == 0) {
+      quality.heading_leaps = 1;
+      jumped = kTurnedAstray;
+    }
     const double error = deviation + jumped + 0.003 * normal(random);
     const Eigen::Rotation2Dd turned(error);
     Eigen::Vector2d moved = 1.005 * (turned * (poses[k].place - before));
@@ -158,6 +194,10 @@ MadeDive makeDive(const DiveFaults& faults, std::uint32_t seed) {
     }
     if (t >= faults.dvl_lies_from && t < faults.dvl_lies_to)
       moved += Eigen::Rotation2Dd(poses[k].heading + error) * Eigen::Vector2d(0, kLie * kInterval);
+    if (t >= faults.astray_from && t < faults.astray_to) {
+      moved.y() += kAstray * kInterval / (faults.astray_to - faults.astray_from);
+      quality.unlocked_s += kInterval;
+    }
     odom += moved;
     before = poses[k].place;
     frame.features = look(ground, dive.rig, frame.truth, random);

@@ -31,7 +31,15 @@ struct DiveFaults {
   double compass_jumps_at = 1e9;            // by 20 degrees, told as a leap and left in the odometry [s]
   double blind_from = 1e9, blind_to = 1e9;  // [s]; no features
   double wild_share = 0;                    // of the fixes, 40 m off
+  // Seconds in which dead reckoning goes astray by 10 m to the east, without bottom track, and its heading by
+  // 100 degrees in the end, told as a leap.
+  double astray_from = 1e9, astray_to = 1e9;
 };
+
+// Where a dive leads. The crossing: a line of 8 m to the north, then far out, and back across the line's
+// middle at right angles, 38 s later; elsewhere: the same with the way back over other ground, whose points
+// look like those of the line, but lie otherwise.
+enum class DiveTrack { kLawnMower, kCrossing, kElsewhere };
 
 // A short lawn-mower dive at 2 m over a seafloor of points with descriptors, and what dead reckoning makes of
 // it: a compass with a deviation, a DVL with a scale error; fixes of 0.5 m every 5 s.
@@ -52,7 +60,8 @@ struct MadeDive {
   std::vector<Fix> fixes;
 };
 
-[[nodiscard]] MadeDive makeDive(const DiveFaults& faults = {}, std::uint32_t seed = 1);
+[[nodiscard]] MadeDive makeDive(const DiveFaults& faults = {}, std::uint32_t seed = 1,
+                                DiveTrack track = DiveTrack::kLawnMower);
 
 // Drives a dive through a localisation; the final poses of the frames.
 [[nodiscard]] std::vector<SE3> localised(LocalisationCore& core, const MadeDive& dive);

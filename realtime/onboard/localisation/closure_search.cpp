@@ -5,28 +5,39 @@
 #include <cmath>
 #include <tuple>
 
+#include "recon/closure/registration_checks.hpp"
+
 namespace fathom::onboard {
 namespace {
 
 constexpr int kSkip = 4;  // latest keyframes that odometry links well enough
-// No separation beyond so many reaches has a probability of overlap worth trying, however wide the
-// uncertainty: along one axis it is at most 2 reach / distance x 0.242.
-constexpr double kFarthest = 10;
+// Standard deviations of the way between two keyframes within which they are sought.
+constexpr double kSigmas = 3;
 // Expected information below which a pair is not worth a registration [nat]. Not a probability: lost by
 // several footprints, no pair is probable, but any closure tells more than all else.
 constexpr double kLeastValue = 0.04;
 constexpr double kWide = 1.0;         // of a prior, in radii of the footprint: several places would fit
 constexpr double kLeastSigma = 0.05;  // of a prior [m]: what the graph does not know of itself
 constexpr double kLeastAngle = 0.03;  // [rad]
-constexpr std::size_t kUnconfirmed = 64;
-constexpr int kNeighbours = 6;  // keyframes within which two closures may confirm each other
+constexpr int kNeighbours = closure::Agreement::kNeighbours;
 constexpr int kSpan = 2 * kNeighbours + 1;
 constexpr std::size_t kSought = 6;      // pairs that are tried to confirm one
 constexpr double kFirst = 1e6;          // information above any other [nat]
-constexpr double kCycle = 16.81;        // chi-square with 6 degrees of freedom, 99 %
 constexpr int kLookedAt = 64;           // keyframes that proposeMoved() looks at
 constexpr double kMoved = 0.5;          // radii
 constexpr std::size_t kTried = 100000;  // pairs
+// Keyframes without a closure after which the newest are recognised; and latest ones that tell nothing new.
+constexpr int kQuiet = 10, kRecent = 20;
+constexpr std::size_t kMostSought = 32;
+constexpr int kStepsFound = 4;  // of the graph at once, when a place that was recognised moves poses far
+// Of the graph's covariance, where a pose that was found without it is said to fit: as NavigationGraph's own.
+constexpr double kKnownScale = 4;
+
+closure::PlaceIndexConfig placesOf(const LocalisationConfig& config) {
+  closure::PlaceIndexConfig places;
+  places.max_places = config.max_keyframes;
+  return places;
+}
 
 closure::CandidateConfig limitsOf(const LocalisationConfig& config) {
   closure::CandidateConfig limits;
@@ -43,39 +54,72 @@ ClosureSearch::ClosureSearch(const StereoRig& rig, const LocalisationConfig& con
       graph_(graph),
       features_(features),
       registrar_(rig, {}),
+      strict_(rig, closure::recognitionRules()),
       queue_(limitsOf(config)),
       limits_(limitsOf(config)),
       reach_(closure::separationOfOverlap(limits_.min_overlap)),
-      views_(static_cast<std::size_t>(config.max_keyframes)),
-      tried_(kTried) {
+      tried_(kTried),
+      recognised_(kTried),
+      places_(placesOf(config)),
+      odometry_([this](int x, int y) {
+        const slam::NavigationGraph::Prediction way = graph_.predict(x, y);
+        return closure::RelativePrior{way.T_a_b, way.covariance};
+      }) {
+  views_.reserve(static_cast<std::size_t>(config.max_keyframes));
   near_.reserve(static_cast<std::size_t>(std::max(config.predictions_per_keyframe, kSpan * kSpan)) + 1);
-  unconfirmed_.reserve(kUnconfirmed + 1);
+  samples_.reserve(kSamples);
+  sought_.reserve(kMostSought + kSought);
   closures_.reserve(static_cast<std::size_t>(config.graph.max_links));
 }
 
 std::size_t ClosureSearch::memoryBytes() const {
-  return tried_.memoryBytes() + views_.memoryBytes() +
-         (unconfirmed_.capacity() + closures_.capacity()) * sizeof(Closure) +
+  return tried_.memoryBytes() + recognised_.memoryBytes() + places_.memoryBytes() +
+         views_.capacity() * sizeof(View) + closures_.capacity() * sizeof(Closure) +
+         closure::Agreement::kWaiting * sizeof(closure::Claim) +
          config_.closures_waiting * sizeof(closure::Candidate);
 }
 
+void ClosureSearch::addKeyframe(int keyframe, double range) {
+  views_.push_back({keyframe, range, Eigen::Vector2d::Zero()});
+  if (const closure::FrameFeatures* here = features_.find(keyframe)) (void)places_.add(keyframe, *here);
+}
+
+void ClosureSearch::removeKeyframe(int keyframe) {
+  const std::size_t view = viewOf(keyframe);
+  if (view == views_.size()) return;
+  views_.erase(views_.begin() + static_cast<std::ptrdiff_t>(view));
+  places_.remove(keyframe);
+  agreement_.remove(keyframe);
+}
+
+std::size_t ClosureSearch::viewOf(int keyframe) const {
+  const auto at = std::lower_bound(views_.begin(), views_.end(), keyframe,
+                                   [](const View& v, int wanted) { return v.keyframe < wanted; });
+  const bool there = at != views_.end() && at->keyframe == keyframe;
+  return there ? static_cast<std::size_t>(at - views_.begin()) : views_.size();
+}
+
+closure::Footprint ClosureSearch::footprint(const View& view) const {
+  return closure::footprintOf(graph_.pose(view.keyframe), view.range, camera_);
+}
+
 closure::Footprint ClosureSearch::footprint(int keyframe) const {
-  return closure::footprintOf(graph_.pose(keyframe), views_[static_cast<std::size_t>(keyframe)].range,
-                              camera_);
+  return footprint(views_[viewOf(keyframe)]);
 }
 
 ClosureSearch::Seen ClosureSearch::look(int a, int b) {
   ++counters_.predictions;
-  Seen seen{{}, graph_.predict(a, b), 0};
+  Seen seen;
+  seen.prediction = graph_.predict(a, b);
   const Eigen::Matrix3d R = graph_.pose(b).matrix3();
-  const Eigen::Matrix2d spread =
-      (R * seen.prediction.covariance.topLeftCorner<3, 3>() * R.transpose()).topLeftCorner<2, 2>();
+  seen.spread = (R * seen.prediction.covariance.topLeftCorner<3, 3>() * R.transpose()).topLeftCorner<2, 2>();
   const closure::Footprint here = footprint(b), there = footprint(a);
-  seen.candidate = {static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b),
-                    closure::overlapProbability(here.centre - there.centre, spread,
-                                                reach_ * 0.5 * (here.radius + there.radius)),
-                    closure::expectedInformation(spread, limits_.sigma_measured)};
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(spread, Eigen::EigenvaluesOnly);
+  seen.separation = here.centre - there.centre;
+  seen.candidate = {
+      static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b),
+      closure::overlapProbability(seen.separation, seen.spread, reach_ * 0.5 * (here.radius + there.radius)),
+      closure::expectedInformation(seen.spread, limits_.sigma_measured)};
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(seen.spread, Eigen::EigenvaluesOnly);
   seen.sigma = std::sqrt(std::max(axes.eigenvalues()(1), 0.0));
   return seen;
 }
@@ -84,23 +128,53 @@ bool ClosureSearch::worthIt(const closure::Candidate& candidate) const {
   return candidate.value() >= kLeastValue && candidate.information >= limits_.min_information;
 }
 
+// Asks the graph for the way to a few keyframes, spread over the dive.
+void ClosureSearch::sample(int keyframe) {
+  samples_.clear();
+  const std::size_t count = std::min(views_.size(), kSamples);
+  for (std::size_t k = 0; k < count; ++k) {
+    const std::size_t view = count == 1 ? 0 : k * (views_.size() - 1) / (count - 1);
+    const int other = views_[view].keyframe;
+    Sample sample{view, Eigen::Matrix2d::Zero()};
+    if (other != keyframe) sample.spread = look(std::min(other, keyframe), std::max(other, keyframe)).spread;
+    samples_.push_back(sample);
+  }
+}
+
+// Between two samples the wider one serves.
+const Eigen::Matrix2d& ClosureSearch::spreadAbout(std::size_t view) const {
+  std::size_t next = 1;
+  while (next + 1 < samples_.size() && samples_[next].view < view) ++next;
+  if (samples_.size() == 1) return samples_[0].spread;
+  const Eigen::Matrix2d &before = samples_[next - 1].spread, &after = samples_[next].spread;
+  return before.trace() > after.trace() ? before : after;
+}
+
 void ClosureSearch::propose(int keyframe) {
-  if (!features_.has(keyframe)) return;
-  const closure::Footprint here = footprint(keyframe);
-  views_[static_cast<std::size_t>(keyframe)].proposed_at = here.centre;
+  const std::size_t own = viewOf(keyframe);
+  if (own == views_.size() || !features_.has(keyframe)) return;
+  const closure::Footprint here = footprint(views_[own]);
+  views_[own].proposed_at = here.centre;
+  sample(keyframe);
   const auto nearer = [](const Near& x, const Near& y) {
-    return std::tie(x.distance2, y.keyframe) < std::tie(y.distance2, x.keyframe);
+    return std::tie(x.rank, y.keyframe) < std::tie(y.rank, x.keyframe);
   };
   near_.clear();
   const auto most = static_cast<std::size_t>(config_.predictions_per_keyframe);
-  for (const int other : graph_.living()) {
+  for (std::size_t view = 0; view < views_.size(); ++view) {
+    const int other = views_[view].keyframe;
     if (std::abs(other - keyframe) < kSkip || !features_.has(other)) continue;
-    const closure::Footprint there = footprint(other);
-    const double farthest = kFarthest * reach_ * 0.5 * (here.radius + there.radius);
-    const double distance2 = (here.centre - there.centre).squaredNorm();
-    if (!(distance2 < farthest * farthest)) continue;
-    if (tried_.contains(std::min(other, keyframe), std::max(other, keyframe))) continue;
-    near_.push_back({distance2, other});
+    const closure::Footprint there = footprint(views_[view]);
+    const Eigen::Vector2d separation = other < keyframe ? Eigen::Vector2d(here.centre - there.centre)
+                                                        : Eigen::Vector2d(there.centre - here.centre);
+    // Three standard deviations, and the reach of the footprints where the way is certain.
+    const double reach = reach_ * 0.5 * (here.radius + there.radius);
+    const Eigen::Matrix2d within =
+        spreadAbout(view) + Eigen::Matrix2d::Identity() * (reach * reach / (kSigmas * kSigmas));
+    const double distance2 = separation.dot(within.inverse() * separation);
+    if (!(distance2 < kSigmas * kSigmas)) continue;
+    if (tried_.contains(std::min(other, keyframe), std::max(other, keyframe), separation)) continue;
+    near_.push_back({distance2 + std::log(within.determinant()), other});
     std::push_heap(near_.begin(), near_.end(), nearer);
     if (near_.size() <= most) continue;
     std::pop_heap(near_.begin(), near_.end(), nearer);
@@ -117,12 +191,11 @@ void ClosureSearch::propose(int keyframe) {
 
 void ClosureSearch::proposeMoved() {
   for (int looked = 0; looked < kLookedAt && !views_.empty(); ++looked) {
-    next_moved_ = (next_moved_ == 0 ? views_.size() : std::min(next_moved_, views_.size())) - 1;
-    const int keyframe = views_.numbers()[next_moved_];
-    const closure::Footprint now = footprint(keyframe);
-    const Eigen::Vector2d& before = views_[static_cast<std::size_t>(keyframe)].proposed_at;
-    if ((now.centre - before).norm() < kMoved * now.radius) continue;
-    propose(keyframe);
+    next_moved_ = next_moved_ == 0 || next_moved_ > views_.size() ? views_.size() - 1 : next_moved_ - 1;
+    const View& view = views_[next_moved_];
+    const closure::Footprint now = footprint(view);
+    if ((now.centre - view.proposed_at).norm() < kMoved * now.radius) continue;
+    propose(view.keyframe);
     return;
   }
 }
@@ -131,19 +204,16 @@ void ClosureSearch::work(int registrations) {
   closure::Candidate candidate;
   while (registrations > 0 && queue_.pop(candidate)) {
     const int a = static_cast<int>(candidate.older), b = static_cast<int>(candidate.newer);
-    if (!graph_.has(a) || !graph_.has(b)) {
-      ++counters_.stale;
-      continue;
-    }
-    if (tried_.contains(a, b)) continue;
+    if (viewOf(a) == views_.size() || viewOf(b) == views_.size()) continue;
     // What was learnt since it was queued may have made it hopeless or needless.
     const Seen seen = look(a, b);
+    if (tried_.contains(a, b, seen.separation)) continue;
     const bool sought = candidate.information >= 0.5 * kFirst;
     if (!sought && !worthIt(seen.candidate)) {
       ++counters_.stale;
       continue;
     }
-    (void)tried_.insert(a, b);
+    tried_.insert(a, b, seen.separation, std::max(seen.sigma, kMoved * footprint(b).radius));
     registerPair(seen);
     --registrations;
   }
@@ -160,106 +230,128 @@ void ClosureSearch::registerPair(const Seen& seen) {
   const closure::Registration& found = registrar_.process(*there, *here, prior);
   ++counters_.refused[static_cast<std::size_t>(found.refusal)];
   if (!found.accepted()) return;
-  ++counters_.accepted;
-  const Closure closure{a, b, found.T_a_b, found.covariance, static_cast<int>(found.inliers.size()), false};
-  if (seen.sigma > kWide * footprint(b).radius)
-    confirm(closure);
-  else
-    keep(closure);
+  closure::Claim claim = closure::recognitionOf(a, b, found, footprint(b).radius);
+  claim.wanted = 2;  // the prior is one that agrees
+  claim.baseline = 0;
+  accept(claim, seen, true);
 }
 
-void ClosureSearch::keep(const Closure& closure) {
-  if (graph_.addLink(slam::LinkKind::kClosure, closure.a, closure.b, closure.T_a_b, closure.covariance) !=
-      slam::Taken::kYes) {
+void ClosureSearch::recognise(int keyframe) {
+  const closure::FrameFeatures* here = features_.find(keyframe);
+  const bool quiet = keyframe - last_closed_ >= kQuiet;
+  int left = config_.place_tries;
+  if (quiet && here != nullptr) {
+    const auto wanted = [&](int id) {
+      return keyframe - id >= kRecent && !recognised_.contains(id, keyframe);
+    };
+    // Half of them, so that some are left for what then needs others to agree.
+    for (const auto& place : places_.query(*here, static_cast<std::size_t>((left + 1) / 2), wanted)) {
+      registerUnknown(place.id, keyframe);
+      --left;
+    }
+  }
+  while (left > 0 && !sought_.empty()) {
+    const Pair pair = sought_.back();
+    sought_.pop_back();
+    if (recognised_.contains(pair.a, pair.b)) continue;
+    registerUnknown(pair.a, pair.b);
+    --left;
+  }
+}
+
+void ClosureSearch::registerUnknown(int a, int b) {
+  recognised_.insert(a, b);
+  if (viewOf(a) == views_.size() || viewOf(b) == views_.size()) return;
+  const closure::FrameFeatures *there = features_.find(a), *here = features_.find(b);
+  if (there == nullptr) places_.remove(a);  // its slot was given to another
+  if (there == nullptr || here == nullptr) return;
+  ++counters_.places_tried;
+  const closure::Registration& found = strict_.process(*there, *here, std::nullopt);
+  if (!found.accepted() || !closure::fitsDownAndDepth(graph_.pose(a), graph_.pose(b), found.T_a_b)) return;
+  ++counters_.places_accepted;
+  const Seen seen = look(a, b);
+  Matrix6d known = kKnownScale * seen.prediction.covariance;
+  known.diagonal().head<3>().array() += kLeastSigma * kLeastSigma;
+  known.diagonal().tail<3>().array() += kLeastAngle * kLeastAngle;
+  const bool fits = closure::distanceFromPrior(found.T_a_b, found.covariance, seen.prediction.T_a_b, known) <=
+                    config_.graph.gate;
+  accept(closure::recognitionOf(a, b, found, footprint(b).radius), seen, fits);
+}
+
+// `fits`: it agrees with what the graph knows.
+void ClosureSearch::accept(const closure::Claim& claim, const Seen& seen, bool fits) {
+  ++counters_.accepted;
+  if (fits && seen.sigma <= kWide * footprint(claim.b).radius) {
+    keep(slam::LinkKind::kClosure, claim, false);
+    return;
+  }
+  ++counters_.waited;
+  const std::span<const closure::Claim> agreed = agreement_.add(claim, odometry_);
+  if (agreed.empty()) {
+    seekNeighbours(claim);
+    return;
+  }
+  counters_.confirmed += agreed.size();
+  const bool unknown = std::any_of(agreed.begin(), agreed.end(), [](const auto& c) { return c.wanted > 2; });
+  if (unknown) counters_.recognised += agreed.size();
+  for (const closure::Claim& sure : agreed)
+    keep(unknown ? slam::LinkKind::kAgreed : slam::LinkKind::kClosure, sure, true);
+  for (int step = 0; unknown && step < kStepsFound; ++step) (void)graph_.step();
+}
+
+void ClosureSearch::keep(slam::LinkKind kind, const closure::Claim& claim, bool confirmed) {
+  if (graph_.addLink(kind, claim.a, claim.b, claim.T_a_b, claim.covariance) != slam::Taken::kYes) {
     ++counters_.contradicting;
     return;
   }
-  if (closures_.size() < closures_.capacity()) closures_.push_back(closure);
+  last_closed_ = std::max(last_closed_, claim.b);
+  if (closures_.size() < closures_.capacity())
+    closures_.push_back({claim.a, claim.b, claim.T_a_b, claim.covariance, claim.inliers, confirmed});
 }
 
-// Around the cycle a - b - b' - a' the two closures and what the graph knows of each side must come back to
-// where they began. The sides are short, so their uncertainty is that of odometry.
-bool ClosureSearch::agrees(const Closure& x, const Closure& y) {
-  const auto side = graph_.predict(x.a, y.a), far_side = graph_.predict(x.b, y.b);
-  const SE3 by_x = x.T_a_b * far_side.T_a_b, by_y = side.T_a_b * y.T_a_b;
-  const auto moved = [](const SE3& T, const Matrix6d& covariance) -> Matrix6d {
-    // Right perturbation of X in X T, as one of the product: Ad(T^-1).
-    const SE3 back = T.inverse();
-    const Eigen::Matrix3d R = back.matrix3();
-    Eigen::Matrix3d hat;
-    const Eigen::Vector3d& t = back.translation();
-    hat << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
-    Matrix6d adjoint = Matrix6d::Zero();
-    adjoint.topLeftCorner<3, 3>() = adjoint.bottomRightCorner<3, 3>() = R;
-    adjoint.topRightCorner<3, 3>() = hat * R;
-    return adjoint * covariance * adjoint.transpose();
-  };
-  const Matrix6d spread = moved(far_side.T_a_b, x.covariance) + far_side.covariance +
-                          moved(y.T_a_b, side.covariance) + y.covariance;
-  const Vector6d off = (by_x.inverse() * by_y).log();
-  return off.dot(spread.ldlt().solve(off)) < kCycle;
-}
-
-void ClosureSearch::retire(int keyframe) {
-  views_.erase(keyframe);
-  const auto names = [&](const Closure& c) { return c.a == keyframe || c.b == keyframe; };
-  counters_.unconfirmed += std::erase_if(unconfirmed_, names);
-}
-
-void ClosureSearch::confirm(const Closure& closure) {
-  ++counters_.waited;
-  for (std::size_t i = unconfirmed_.size(); i-- > 0;) {
-    const Closure other = unconfirmed_[i];
-    const int da = std::abs(other.a - closure.a), db = std::abs(other.b - closure.b);
-    if (da == 0 || db == 0 || da > kNeighbours || db > kNeighbours || !agrees(closure, other)) continue;
-    unconfirmed_.erase(unconfirmed_.begin() + static_cast<std::ptrdiff_t>(i));
-    counters_.confirmed += 2;
-    for (Closure sure : {other, closure}) {
-      sure.confirmed = true;
-      keep(sure);
-    }
-    return;
-  }
-  if (unconfirmed_.size() == kUnconfirmed) {
-    unconfirmed_.erase(unconfirmed_.begin());
-    ++counters_.unconfirmed;
-  }
-  unconfirmed_.push_back(closure);
-  seekNeighbours(closure);
-}
-
-// Pairs beside a closure that waits come before all others: those that would overlap most if it is true. They
-// are registered with what the graph knows as prior, as any pair, so that they can contradict it.
-void ClosureSearch::seekNeighbours(const Closure& closure) {
+// Pairs beside a closure that waits come before all others: those that would overlap most if it is true.
+// Those that fit what the graph knows are registered with that as prior, as any pair, so that they can
+// contradict it; the others without.
+void ClosureSearch::seekNeighbours(const closure::Claim& claim) {
   near_.clear();
   const auto number = [](int da, int db) { return (da + kNeighbours) * kSpan + db + kNeighbours; };
   for (int da = -kNeighbours; da <= kNeighbours; ++da) {
     for (int db = -kNeighbours; db <= kNeighbours; ++db) {
-      const int a = closure.a + da, b = closure.b + db;
-      if (da == 0 || db == 0 || b - a < kSkip) continue;
-      if (tried_.contains(a, b) || !features_.has(a) || !features_.has(b)) continue;
-      const SE3 T_a_b = (graph_.pose(a).inverse() * graph_.pose(closure.a)) * closure.T_a_b *
-                        (graph_.pose(closure.b).inverse() * graph_.pose(b));
+      const int a = claim.a + da, b = claim.b + db;
+      if (da == 0 || db == 0 || b - a < kSkip || viewOf(a) == views_.size() || viewOf(b) == views_.size())
+        continue;
+      if (!features_.has(a) || !features_.has(b)) continue;
+      if (claim.wanted > 2 ? recognised_.contains(a, b)
+                           : tried_.contains(a, b, footprint(b).centre - footprint(a).centre))
+        continue;
+      const SE3 T_a_b = (graph_.pose(a).inverse() * graph_.pose(claim.a)) * claim.T_a_b *
+                        (graph_.pose(claim.b).inverse() * graph_.pose(b));
       near_.push_back({T_a_b.translation().squaredNorm(), number(da, db)});
     }
   }
   std::sort(near_.begin(), near_.end(), [](const Near& x, const Near& y) {
-    return std::tie(x.distance2, x.keyframe) < std::tie(y.distance2, y.keyframe);
+    return std::tie(x.rank, x.keyframe) < std::tie(y.rank, y.keyframe);
   });
   const std::size_t sought = std::min<std::size_t>(near_.size(), kSought);
-  for (std::size_t k = 0; k < sought; ++k) {
-    const int a = closure.a + near_[k].keyframe / kSpan - kNeighbours;
-    const int b = closure.b + near_[k].keyframe % kSpan - kNeighbours;
-    queue_.push({static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b), 1.0,
-                 kFirst - std::sqrt(near_[k].distance2)});
+  for (std::size_t k = sought; k-- > 0;) {
+    const int a = claim.a + near_[k].keyframe / kSpan - kNeighbours;
+    const int b = claim.b + near_[k].keyframe % kSpan - kNeighbours;
+    if (claim.wanted > 2)
+      sought_.push_back({a, b});
+    else
+      queue_.push({static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b), 1.0,
+                   kFirst - std::sqrt(near_[k].rank)});
   }
+  if (sought_.size() > kMostSought)
+    sought_.erase(sought_.begin(), sought_.end() - static_cast<std::ptrdiff_t>(kMostSought));
 }
 
 ClosureSearch::Counters ClosureSearch::counters() const {
   Counters out = counters_;
   out.waiting = queue_.size();
   out.dropped = queue_.dropped();
-  out.unconfirmed_now = unconfirmed_.size();
+  out.unconfirmed = agreement_.forgotten();
+  out.unconfirmed_now = agreement_.waiting().size();
   return out;
 }
 

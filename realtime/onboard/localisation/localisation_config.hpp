@@ -15,6 +15,7 @@ struct LocalisationConfig {
   double keyframe_s = 4;              // or after so long [s]
   int features = 600;                 // of a keyframe
   int closures_per_keyframe = 2;      // registrations tried for closures
+  int place_tries = 4;                // and without prior, where nothing was closed for a while
   int predictions_per_keyframe = 48;  // relative covariances asked of the graph
   std::size_t closures_waiting = 500;
   slam::NavigationConfig graph;  // its max_keyframes is set from the above

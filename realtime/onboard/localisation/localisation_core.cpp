@@ -128,7 +128,7 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input) {
   if (!number) return;
   last_quality_ = input.quality;
   features_.add(found, input.T_odom_cam.translation());
-  search_.addKeyframe(input.range);
+  search_.addKeyframe(*number, input.range);
   if (*number > 0) linkToLast(keyframe);
   ended("visual odometry");
   (void)graph_.step();
@@ -137,7 +137,10 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input) {
   search_.propose(*number);
   search_.proposeMoved();
   ended("candidates");
-  if (input.closures) search_.work(config_.closures_per_keyframe);
+  if (input.closures) {
+    search_.work(config_.closures_per_keyframe);
+    search_.recognise(*number);
+  }
   ended("closures");
   const Eigen::Matrix3d R = graph_.pose(*number).matrix3();
   const Eigen::Matrix3d spread = R * graph_.covariance(*number).topLeftCorner<3, 3>() * R.transpose();
@@ -147,7 +150,7 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input) {
 void LocalisationCore::noteRetired() {
   for (const slam::NavigationGraph::Retired& gone : graph_.retired()) {
     features_.retire(gone.keyframe);
-    search_.retire(gone.keyframe);
+    search_.removeKeyframe(gone.keyframe);
     if (on_retired_) on_retired_(gone);
   }
 }

@@ -8,7 +8,8 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 2;
+constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 2,
+                        kSearchVersion = 3;
 
 template <typename Archive, typename Feature>
 void exchangeFeature(Archive& archive, Feature& f) {
@@ -76,31 +77,35 @@ template <typename Archive, typename Self>
 void ClosureSearch::exchange(Archive& archive, Self& self) {
   std::uint64_t next_moved = self.next_moved_;
   archive(next_moved);
-  archive(self.views_);
-  archive.bounded(self.unconfirmed_, self.unconfirmed_.capacity());
+  archive.bounded(self.views_, self.views_.capacity());
+  archive.bounded(self.sought_, self.sought_.capacity());
   archive.bounded(self.closures_, self.closures_.capacity());
-  archive(self.tried_, self.counters_);
+  archive(self.tried_, self.recognised_, self.last_closed_, self.agreement_, self.counters_);
   if constexpr (Archive::kLoading) self.next_moved_ = next_moved;
 }
 
 void ClosureSearch::save(rt::StateWriter& writer) const {
-  writer.section(kSearchTag, kVersion, [&] {
+  writer.section(kSearchTag, kSearchVersion, [&] {
     exchange(writer, *this);
     queue_.save(writer);
   });
+  writer(places_);
 }
 
 bool ClosureSearch::load(rt::StateReader& reader) {
-  return reader.section(kSearchTag, kVersion, [&] {
+  const auto content = [&] {
     exchange(reader, *this);
     const int keyframes = graph_.keyframes();
     if (!reader.ok() || !queue_.load(reader, static_cast<std::size_t>(keyframes))) return;
-    bool good = std::ranges::equal(views_.numbers(), graph_.living());
-    for (const Closure& c : unconfirmed_) good = good && graph_.has(c.a) && graph_.has(c.b) && c.a != c.b;
+    bool good = next_moved_ <= views_.size() &&
+                std::ranges::equal(views_, graph_.living(), {}, [](const View& v) { return v.keyframe; });
+    for (const closure::Claim& c : agreement_.waiting())
+      good = good && viewOf(c.a) < views_.size() && viewOf(c.b) < views_.size();
     for (const Closure& c : closures_)
       good = good && c.a >= 0 && c.a < keyframes && c.b >= 0 && c.b < keyframes && c.a != c.b;
     reader.require(good, "closures of other keyframes than there are");
-  });
+  };
+  return reader.section(kSearchTag, kSearchVersion, content) && reader(places_);
 }
 
 template <typename Archive, typename Self>

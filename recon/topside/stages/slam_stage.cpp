@@ -8,6 +8,7 @@
 #include "recon/topside/stage_times.hpp"
 #include "recon/topside/stages/closure_search.hpp"
 #include "recon/topside/stages/feature_stage.hpp"
+#include "recon/topside/stages/recognised_places.hpp"
 #include "recon/topside/stages/visual_odometry.hpp"
 
 namespace fathom::topside {
@@ -95,17 +96,28 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   ClosureSearch search(rig, frames, graph.noise.visual_scale);
   const auto a_frame = static_cast<std::size_t>(config.slam_candidates);
   const std::size_t most = a_frame * frames.pair.size() / kRounds;
-  for (std::size_t round = 0; round < kRounds; ++round) {
+  // False when nothing was found.
+  const auto seek = [&] {
     search.look(solved);
     std::vector<Attempt> attempts = search.candidates(most, a_frame);
     lap("candidates");
     const std::vector<slam::NavigationLink> found = search.attempt(attempts);
     for (const Attempt& t : attempts) out.tried.push_back({frames.pair[t.a], frames.pair[t.b], t.accepted()});
     lap("closures");
-    if (found.empty()) break;
+    if (found.empty()) return false;
     links.insert(links.end(), found.begin(), found.end());
     solved = solve();
     lap("network");
+    return true;
+  };
+  for (std::size_t round = 0; round < kRounds && seek(); ++round) continue;
+  const std::vector<slam::NavigationLink> recognised = recognisePlaces(rig, frames, solved, links);
+  lap("places");
+  if (!recognised.empty()) {
+    links.insert(links.end(), recognised.begin(), recognised.end());
+    solved = solve();
+    lap("network");
+    (void)seek();
   }
   search.look(solved);
   const Crossings crossings = search.crossings(links);

@@ -1,0 +1,118 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "realtime/kernel/state_archive_fwd.hpp"
+#include "recon/closure/frame_features.hpp"
+
+namespace fathom::closure {
+
+struct PlaceIndexConfig {
+  int max_places = 12000;    // frames
+  int features = 200;        // of a frame, the first, which are the strongest
+  int compared = 1'500'000;  // signatures that a query looks at, at most
+  int least_features = 15;   // of a frame, below which it is no place
+};
+
+// Which frames may show the same place as another one, by their root-SIFT descriptors alone: no pose, no
+// training, whatever the heading (descriptors turn with the image).
+//
+// An inverted file with Hamming embedding (Jegou, Douze & Schmid 2008): each descriptor x becomes a word and
+// a signature, the signs of w . x for kWordBits and kSignatureBits fixed pseudo-random hyperplanes w that
+// have no bias to one side (place_index.cpp). Two descriptors match when their words are alike and their
+// signatures differ in at most kMostDifferent bits; a query looks into the words that differ from its own in
+// the bits which are nearest to a change. A match counts as much as it is rare, log2 (places / matches of
+// that feature): ripples match everywhere and tell nothing.
+//
+// Fixed memory: 10 bytes a feature and the part of a block left empty by each word. A query looks at a
+// bounded number of signatures, those of the rarest words first. Same places, whatever the order in which
+// they came and others went: same result.
+class PlaceIndex {
+ public:
+  static constexpr int kWordBits = 14, kSignatureBits = 44, kMostDifferent = 9;
+
+  explicit PlaceIndex(const PlaceIndexConfig& config);
+
+  // Ids must rise. False, and nothing is added: it is full, or the frame has too few features or others than
+  // root-SIFT.
+  bool add(int id, const FrameFeatures& frame);
+  // Nothing happens when it is not there.
+  void remove(int id);
+  [[nodiscard]] bool has(int id) const { return slotOf(id) >= 0; }
+  [[nodiscard]] std::size_t size() const { return ids_.size(); }
+
+  struct Place {
+    int id = 0;
+    int score = 0;  // sum of log2 (places / matches), in 1/16
+  };
+  // The best, at most `most`, of those that are `wanted`, the best first, of equals the newer. Valid until
+  // the next call.
+  [[nodiscard]] std::span<const Place> query(const FrameFeatures& frame, std::size_t most,
+                                             const std::function<bool(int id)>& wanted);
+
+  [[nodiscard]] std::size_t memoryBytes() const;
+
+  // Saved state (state_archive.hpp): the same places.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
+ private:
+  using Word = std::uint16_t;
+  // The signature above, the slot below.
+  using Entry = std::uint64_t;
+  static constexpr int kSlotBits = 64 - kSignatureBits;
+  static constexpr int kProbeBits = 4;  // of a word: those nearest to a change, which a query tries both ways
+  static constexpr Entry kSlots = (Entry{1} << kSlotBits) - 1;
+  static constexpr std::size_t kBlockEntries = 15;
+  struct Block {
+    std::array<Entry, kBlockEntries> entries;
+    std::int32_t next = -1;  // block; of the free ones too
+    std::int32_t count = 0;
+  };
+  struct Code {
+    Word word = 0;
+    std::array<Word, kProbeBits> least_sure{};  // bits of the word
+    Entry signature = 0;                        // slot 0
+  };
+  struct Id {
+    int id = 0;
+    std::int32_t slot = 0;
+  };
+  struct Turn {
+    std::int64_t length = 0;  // of the lists that a feature looks into
+    std::int32_t feature = 0;
+  };
+
+  [[nodiscard]] std::int32_t slotOf(int id) const;
+  [[nodiscard]] std::size_t featuresOf(const FrameFeatures& frame) const;
+  void put(Word word, Entry entry);
+  void take(Word word, std::int32_t slot);
+  void clear();
+  void code(const std::uint8_t* descriptor, Code& code) const;
+  [[nodiscard]] static Word wordLike(const Code& code, unsigned flips);
+  void countMatches(const Code& code);
+
+  PlaceIndexConfig config_;
+  std::vector<std::int16_t> planes_;  // [bit][value], each -1, 0 or 1
+  std::vector<Block> blocks_;
+  std::int32_t free_block_ = 0;
+  std::vector<std::int32_t> heads_, lengths_;  // by word; only the head's block is not full
+  std::vector<Word> words_;                    // of each slot's features
+  std::vector<std::uint16_t> counts_;          // of each slot
+  std::vector<std::int32_t> free_slots_;
+  std::vector<Id> ids_;  // rising
+  // Of a query.
+  std::vector<Code> codes_;
+  std::vector<Turn> turns_;
+  std::vector<std::int32_t> scores_;   // by slot
+  std::vector<std::uint8_t> is_met_;   // by slot: it has a match of the present feature
+  std::vector<std::int32_t> matched_;  // slots that have
+  std::vector<Place> best_;
+};
+
+}  // namespace fathom::closure

@@ -1,0 +1,162 @@
+#include "recon/topside/stages/recognised_places.hpp"
+
+#include <oneapi/tbb/enumerable_thread_specific.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <set>
+
+#include "recon/closure/candidates.hpp"
+#include "recon/closure/place_index.hpp"
+#include "recon/closure/recognition.hpp"
+#include "recon/topside/progress.hpp"
+
+namespace fathom::topside {
+namespace {
+
+namespace tbb = oneapi::tbb;
+
+constexpr double kQuietWay = 10;          // without a closure, after which a frame is asked for [m]
+constexpr double kApart = 0.5;            // of the way between two frames that are asked for, in radii
+constexpr double kRecentWay = 8;          // odometry links what lies nearer well enough [m]
+constexpr std::size_t kMostAsked = 4000;  // frames
+constexpr std::size_t kTries = 2;         // frames that one is compared with
+// Of odometry over a short way: at best, and growing with it.
+constexpr double kStepSigma = 0.03, kStepAngle = 0.02, kDrift = 0.02;  // [m], [rad], [1]
+
+using Pairs = std::vector<std::pair<std::uint32_t, std::uint32_t>>;
+
+// Frames far from any closure, by time.
+std::vector<std::uint32_t> quietFrames(const Frames& frames, double radius,
+                                       const std::vector<slam::NavigationLink>& links) {
+  std::vector<double> closed;  // ways of frames with a closure
+  for (const slam::NavigationLink& link : links)
+    if (link.kept && link.b != link.a + 1)
+      for (const std::uint32_t end : {link.a, link.b}) closed.push_back(frames.way[end]);
+  std::sort(closed.begin(), closed.end());
+  std::vector<std::uint32_t> quiet;
+  double last = -std::numeric_limits<double>::infinity();
+  for (std::uint32_t k = 0; k < frames.pair.size(); ++k) {
+    if (frames.blank(k) || frames.way[k] - last < kApart * radius) continue;
+    const auto next = std::lower_bound(closed.begin(), closed.end(), frames.way[k] - kQuietWay);
+    if (next != closed.end() && *next < frames.way[k] + kQuietWay) continue;
+    last = frames.way[k];
+    quiet.push_back(k);
+  }
+  const std::size_t step = quiet.size() / kMostAsked + 1;
+  std::vector<std::uint32_t> asked;
+  for (std::size_t k = 0; k < quiet.size(); k += step) asked.push_back(quiet[k]);
+  return asked;
+}
+
+// Each with the frames before it that look most like it.
+Pairs likePairs(const Frames& frames, const std::vector<std::uint32_t>& asked) {
+  closure::PlaceIndexConfig config;
+  config.max_places = static_cast<int>(frames.pair.size());
+  closure::PlaceIndex places(config);
+  closure::FrameFeatures features;
+  Pairs pairs;
+  SharedProgress progress("places", frames.pair.size());
+  for (std::uint32_t k = 0; k < frames.pair.size(); ++k) {
+    progress.step();
+    if (frames.blank(k)) continue;
+    frames.load(k, features);
+    if (std::binary_search(asked.begin(), asked.end(), k)) {
+      const auto wanted = [&](int id) {
+        return frames.way[k] - frames.way[static_cast<std::size_t>(id)] > kRecentWay;
+      };
+      for (const auto& place : places.query(features, kTries, wanted))
+        pairs.emplace_back(static_cast<std::uint32_t>(place.id), k);
+    }
+    (void)places.add(static_cast<int>(k), features);
+  }
+  return pairs;
+}
+
+// Claims of those pairs that can be registered without prior, in their order.
+std::vector<closure::Claim> claimsOf(const StereoRig& rig, const Frames& frames,
+                                     const std::vector<SE3>& poses, const Pairs& pairs) {
+  struct Worker {
+    std::unique_ptr<closure::Registrar> registrar;
+    closure::FrameFeatures a, b;
+  };
+  tbb::enumerable_thread_specific<Worker> workers;
+  std::vector<std::optional<closure::Claim>> found(pairs.size());
+  SharedProgress progress("recognition", pairs.size());
+  tbb::parallel_for(std::size_t{0}, pairs.size(), [&](std::size_t k) {
+    Worker& worker = workers.local();
+    if (!worker.registrar)
+      worker.registrar = std::make_unique<closure::Registrar>(rig, closure::recognitionRules());
+    const auto [a, b] = pairs[k];
+    frames.load(a, worker.a);
+    frames.load(b, worker.b);
+    const closure::Registration& r = worker.registrar->process(worker.a, worker.b, std::nullopt);
+    if (r.accepted() && closure::fitsDownAndDepth(poses[a], poses[b], r.T_a_b))
+      found[k] = closure::recognitionOf(static_cast<int>(a), static_cast<int>(b), r,
+                                        closure::footprintOf(poses[b], frames.altitude[b], rig.left).radius);
+    progress.step();
+  });
+  std::vector<closure::Claim> claims;
+  for (const auto& claim : found)
+    if (claim) claims.push_back(*claim);
+  return claims;
+}
+
+// Pairs beside the claims that are not among those tried.
+Pairs besides(const Frames& frames, const std::vector<closure::Claim>& claims, const Pairs& tried) {
+  constexpr int kFarther = closure::Agreement::kNeighbours / 2;
+  const std::set<Pairs::value_type> known(tried.begin(), tried.end());
+  std::set<Pairs::value_type> pairs;
+  for (const closure::Claim& claim : claims)
+    for (const int da : {-kFarther, 0, kFarther})
+      for (const int db : {-kFarther, 0, kFarther}) {
+        const int a = claim.a + da, b = claim.b + db;
+        if (a < 0 || b >= static_cast<int>(frames.pair.size()) || a >= b) continue;
+        const Pairs::value_type pair(static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b));
+        if (!frames.blank(pair.first) && !frames.blank(pair.second) && !known.contains(pair))
+          pairs.insert(pair);
+      }
+  return {pairs.begin(), pairs.end()};
+}
+
+}  // namespace
+
+std::vector<slam::NavigationLink> recognisePlaces(const StereoRig& rig, const Frames& frames,
+                                                  const slam::NavigationSolution& solution,
+                                                  const std::vector<slam::NavigationLink>& links) {
+  if (frames.pair.empty()) return {};
+  const std::vector<SE3>& poses = solution.poses;
+  const double radius = closure::footprintOf(poses[0], frames.altitude[0], rig.left).radius;
+  Pairs pairs = likePairs(frames, quietFrames(frames, radius, links));
+  std::vector<closure::Claim> claims = claimsOf(rig, frames, poses, pairs);
+  const std::vector<closure::Claim> more = claimsOf(rig, frames, poses, besides(frames, claims, pairs));
+  claims.insert(claims.end(), more.begin(), more.end());
+  std::sort(claims.begin(), claims.end(), [](const closure::Claim& x, const closure::Claim& y) {
+    return x.b != y.b ? x.b < y.b : x.a < y.a;
+  });
+  const auto odometry = [&](int x, int y) {
+    const auto from = static_cast<std::size_t>(x), to = static_cast<std::size_t>(y);
+    const double sigma = kStepSigma + kDrift * std::abs(frames.way[to] - frames.way[from]);
+    Vector6d variance;
+    variance << Eigen::Vector3d::Constant(sigma * sigma), Eigen::Vector3d::Constant(kStepAngle * kStepAngle);
+    return closure::RelativePrior{poses[from].inverse() * poses[to], Matrix6d(variance.asDiagonal())};
+  };
+  closure::Agreement agreement;
+  std::vector<slam::NavigationLink> found;
+  for (const closure::Claim& claim : claims)
+    for (const closure::Claim& sure : agreement.add(claim, odometry)) {
+      slam::NavigationLink link;
+      link.a = static_cast<std::uint32_t>(sure.a);
+      link.b = static_cast<std::uint32_t>(sure.b);
+      link.T_a_b = sure.T_a_b;
+      link.covariance = sure.covariance;
+      link.inliers = sure.inliers;
+      found.push_back(link);
+    }
+  return found;
+}
+
+}  // namespace fathom::topside

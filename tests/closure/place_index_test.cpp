@@ -1,0 +1,185 @@
+#include "recon/closure/place_index.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <random>
+
+#include "realtime/kernel/state_archive.hpp"
+#include "tests/closure/seafloor.hpp"
+
+namespace fathom::closure {
+namespace {
+
+using Descriptor = std::array<std::uint8_t, 128>;
+
+// Ground as a row of things, each with a descriptor of its own; a frame sees some in a row, a little changed.
+class Ground {
+ public:
+  explicit Ground(int things) : descriptors_(static_cast<std::size_t>(things)) {
+    std::exponential_distribution<double> histogram(1.0);
+    for (Descriptor& d : descriptors_) {
+      std::array<double, 128> h{};
+      double sum = 0;
+      for (double& v : h) sum += v = histogram(random_);
+      for (std::size_t k = 0; k < h.size(); ++k)
+        d[k] = static_cast<std::uint8_t>(std::min(255.0, 512 * std::sqrt(h[k] / sum)));
+    }
+  }
+  FrameFeatures frame(int first, int count) {
+    constexpr double kChange = 5;
+    std::normal_distribution<double> change(0, kChange);
+    FrameFeatures frame;
+    Feature anywhere{};
+    frame.features.assign(static_cast<std::size_t>(count), anywhere);
+    for (int k = first; k < first + count; ++k)
+      for (const std::uint8_t v : descriptors_[static_cast<std::size_t>(k)])
+        frame.descriptors.push_back(static_cast<std::uint8_t>(std::clamp(v + change(random_), 0.0, 255.0)));
+    return frame;
+  }
+
+ private:
+  std::mt19937 random_{7};
+  std::vector<Descriptor> descriptors_;
+};
+
+PlaceIndexConfig small(int places) {
+  PlaceIndexConfig config;
+  config.max_places = places;
+  config.features = 60;
+  return config;
+}
+
+std::vector<int> idsOf(std::span<const PlaceIndex::Place> places) {
+  std::vector<int> ids;
+  for (const auto& p : places) ids.push_back(p.id);
+  return ids;
+}
+
+const auto kAny = [](int) { return true; };
+
+TEST(PlaceIndex, FindsTheFramesThatShareMostOfTheGroundFirst) {
+  Ground ground(6000);
+  PlaceIndex index(small(200));
+  for (int k = 0; k < 200; ++k) ASSERT_TRUE(index.add(k, ground.frame(30 * k, 30)));
+  const auto seen = ground.frame(30 * 77 + 10, 40);  // 20 of number 77, 20 of 78
+  const std::vector<int> found = idsOf(index.query(seen, 2, kAny));
+  EXPECT_TRUE(found == (std::vector{77, 78}) || found == (std::vector{78, 77}));
+  EXPECT_EQ(idsOf(index.query(seen, 1, [](int id) { return id < 78; })), std::vector{77});
+}
+
+TEST(PlaceIndex, EmptyOfOneAndFullItAnswersAndRefusesWhatItCannotHold) {
+  Ground ground(600);
+  PlaceIndex index(small(3));
+  EXPECT_TRUE(index.query(ground.frame(0, 30), 5, kAny).empty());
+  EXPECT_TRUE(index.add(4, ground.frame(0, 30)));
+  EXPECT_FALSE(index.add(4, ground.frame(0, 30))) << "ids must rise";
+  EXPECT_FALSE(index.add(5, ground.frame(0, 3))) << "too few features";
+  FrameFeatures other = ground.frame(0, 30);
+  other.kind = DescriptorKind::kOrb;
+  EXPECT_FALSE(index.add(5, other));
+  EXPECT_TRUE(index.query(other, 5, kAny).empty());
+  EXPECT_TRUE(index.add(7, ground.frame(100, 30)));
+  EXPECT_TRUE(index.add(9, ground.frame(200, 30)));
+  EXPECT_FALSE(index.add(11, ground.frame(300, 30)));
+  EXPECT_EQ(index.size(), 3U);
+  EXPECT_TRUE(index.query(ground.frame(300, 30), 0, kAny).empty());
+}
+
+TEST(PlaceIndex, APlaceThatWentIsNotFoundAndItsRoomServesTheNextForEver) {
+  Ground ground(3000);
+  PlaceIndex index(small(20));
+  const std::size_t bytes = index.memoryBytes();
+  for (int k = 0; k < 1000; ++k) {
+    if (k >= 20) index.remove(k - 20);
+    ASSERT_TRUE(index.add(k, ground.frame(30 * (k % 90), 30))) << k;
+  }
+  index.remove(5);
+  EXPECT_EQ(index.size(), 20U);
+  EXPECT_EQ(index.memoryBytes(), bytes);
+  EXPECT_FALSE(index.has(979));
+  EXPECT_TRUE(index.has(980));
+  EXPECT_EQ(idsOf(index.query(ground.frame(30 * (990 % 90), 30), 1, kAny)), std::vector{990});
+  for (int k = 980; k < 1000; ++k) index.remove(k);
+  EXPECT_TRUE(index.query(ground.frame(30 * (990 % 90), 30), 1, kAny).empty());
+}
+
+TEST(PlaceIndex, WhatIsEverywhereCountsLessThanWhatIsRare) {
+  Ground ground(4000);
+  PlaceIndex index(small(100));
+  const auto with = [&](int rare, int rares) {  // 30 things that all frames have, and some of its own
+    FrameFeatures frame = ground.frame(0, 30);
+    const FrameFeatures own = ground.frame(rare, rares);
+    frame.features.insert(frame.features.end(), own.features.begin(), own.features.end());
+    frame.descriptors.insert(frame.descriptors.end(), own.descriptors.begin(), own.descriptors.end());
+    return frame;
+  };
+  for (int k = 0; k < 100; ++k) ASSERT_TRUE(index.add(k, with(30 * (k + 1), 20)));
+  const auto found = index.query(with(30 * 51, 10), 2, kAny);
+  ASSERT_EQ(found.size(), 2U);
+  EXPECT_EQ(found[0].id, 50);
+  EXPECT_GT(2 * found[0].score, 3 * found[1].score);
+}
+
+TEST(PlaceIndex, SavedStateGivesTheSameAnswersAndTheSameBytes) {
+  Ground ground(3000);
+  PlaceIndex index(small(50)), again(small(50));
+  for (int k = 0; k < 50; ++k) ASSERT_TRUE(index.add(k, ground.frame(40 * k, 40)));
+  for (int k = 0; k < 50; k += 3) index.remove(k);
+  std::vector<std::uint8_t> bytes(1 << 20), bytes_again(1 << 20);
+  rt::StateWriter writer(bytes), writer_again(bytes_again);
+  index.save(writer);
+  ASSERT_FALSE(writer.full());
+  rt::StateReader reader(writer.written());
+  ASSERT_TRUE(again.load(reader));
+  again.save(writer_again);
+  EXPECT_TRUE(std::ranges::equal(writer.written(), writer_again.written()));
+  const auto seen = ground.frame(40 * 22 + 5, 50);
+  ASSERT_EQ(idsOf(index.query(seen, 5, kAny)), idsOf(again.query(seen, 5, kAny)));
+  for (PlaceIndex* i : {&index, &again}) {
+    i->remove(22);
+    ASSERT_TRUE(i->add(60, ground.frame(40 * 21, 60)));
+  }
+  EXPECT_EQ(idsOf(index.query(seen, 5, kAny)), idsOf(again.query(seen, 5, kAny)));
+}
+
+TEST(PlaceIndex, ADamagedStateIsRefused) {
+  Ground ground(400);
+  PlaceIndex index(small(8)), other(small(4));
+  for (int k = 0; k < 8; ++k) ASSERT_TRUE(index.add(k, ground.frame(40 * k, 40)));
+  std::vector<std::uint8_t> bytes(1 << 20);
+  rt::StateWriter writer(bytes);
+  index.save(writer);
+  rt::StateReader reader(writer.written());
+  EXPECT_FALSE(other.load(reader));
+}
+
+// Rendered seafloor, lines and then visits at any heading; a visit shares at least a third with some frame.
+TEST(PlaceIndex, RecognisesRenderedSeafloorAtAnyHeading) {
+  const test::Seafloor reef{
+      [](double n, double e) { return 2.0 + 0.10 * std::sin(2.1 * n + 0.3) * std::cos(1.7 * e); },
+      test::randomTexture(0.006, 1)};
+  FeatureConfig config;
+  config.max_features = 400;
+  FeatureExtractor extractor(test::smallRig(), config);
+  std::uint32_t shots = 0;
+  const auto at = [&](double north, double east, double yaw) {
+    const auto images = test::shoot(reef, test::smallRig(), test::lookingDown(north, east, 0, yaw), ++shots);
+    return extractor.process(images.leftView(), images.rightView());
+  };
+  PlaceIndex index({});
+  constexpr int kFrames = 14;
+  for (int k = 0; k < kFrames; ++k) ASSERT_TRUE(index.add(k, at(0.9 * k, 0, 0)));
+  constexpr int kVisits = 6;
+  int first = 0;
+  for (int k = 0; k < kVisits; ++k) {
+    const int where = (5 * k + 2) % kFrames;
+    const auto found = index.query(at(0.9 * where + 0.2, 0.15, 1.05 * k), 1, kAny);
+    ASSERT_EQ(found.size(), 1U);
+    first += std::abs(found[0].id - where) <= 1;
+  }
+  EXPECT_EQ(first, kVisits);
+}
+
+}  // namespace
+}  // namespace fathom::closure
