@@ -278,11 +278,12 @@ void ClosureSearch::registerUnknown(int a, int b) {
   accept(closure::recognitionOf(a, b, found, footprint(b).radius), seen, fits);
 }
 
-// `fits`: it agrees with what the graph knows.
+// `fits`: it agrees with what the graph knows; where that is certain already, it says that nobody is lost.
 void ClosureSearch::accept(const closure::Claim& claim, const Seen& seen, bool fits) {
   ++counters_.accepted;
   if (fits && seen.sigma <= kWide * footprint(claim.b).radius) {
-    keep(slam::LinkKind::kClosure, claim, false);
+    last_closed_ = std::max(last_closed_, claim.b);
+    if (seen.candidate.information >= limits_.min_information) keep(slam::LinkKind::kClosure, claim, false);
     return;
   }
   ++counters_.waited;
