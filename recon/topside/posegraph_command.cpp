@@ -141,7 +141,7 @@ int runIncremental(const Options& options, slam::PoseGraph& graph,
       json["step_cpu_ms"] = timesOf(step_cpu_ms);
       json["waits_for_factor"] = last.waits_for_factor;
       json["factor_blocks"] = solver.factorBlocks();
-      json["fill_dropped"] = solver.fillDropped();
+      json["measurements_left_out"] = solver.leftOut();
     }
     if (!truth.empty()) json["rms_error_m"] = alignedError(graph.poses, truth);
     std::printf("%s\n", json.dump(2).c_str());
