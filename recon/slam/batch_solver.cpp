@@ -69,8 +69,8 @@ void validate(const PoseGraph& graph) {
     if (e.from == e.to) refuse("joins a pose to itself");
     if (!e.information.allFinite() ||
         (e.information - e.information.transpose()).norm() > 1e-9 * e.information.norm() ||
-        !(e.information.diagonal().minCoeff() >= 0))
-      refuse("has an information matrix that is none");
+        !isPositive(e.information))
+      refuse("has an information matrix that is not symmetric and positive semidefinite");
   }
 }
 
@@ -132,18 +132,37 @@ Eigen::VectorXd assemble(const PoseGraph& graph, const Unknowns& u, BlockCholesk
   return gradient;
 }
 
+// Blocks of the factor of a whole graph, counted without making it.
+std::int64_t blocksNeeded(const PoseGraph& graph) {
+  const int poses = static_cast<int>(graph.poses.size()), edges = static_cast<int>(graph.edges.size());
+  const GrowingFactor::Size factor_size{poses, poses, 0};
+  const FactorBuilder::Size builder_size{poses, edges};
+  rt::Arena arena(Measurements::bytes(poses, edges) + GrowingFactor::bytes(factor_size) +
+                  FactorBuilder::bytes(builder_size));
+  Measurements measurements(poses, edges, arena);
+  for (const RelativePose& e : graph.edges) (void)measurements.add(e, poses);
+  GrowingFactor factor(factor_size, arena);
+  FactorBuilder builder(builder_size, arena);
+  std::vector<std::uint8_t> held(graph.poses.size(), 0);
+  held.front() = 1;
+  const std::vector<std::uint8_t> newest(graph.poses.size(), 0), left_out(graph.edges.size(), 0);
+  builder.begin(graph.poses, held, newest, left_out, measurements, 0, factor);
+  return builder.blocks();
+}
+
 // The solver that runs on board, without quotas: its factor of blocks is quicker to build than CHOLMOD's, and
 // one that is slightly old goes on serving. False when it cannot hold the graph or does not converge; the
 // graph then has the best poses so far.
-bool solveByGrowingFactor(std::int64_t blocks, PoseGraph& graph, const BatchOptions& options,
-                          BatchResult& result,
+bool solveByGrowingFactor(PoseGraph& graph, const BatchOptions& options, BatchResult& result,
                           const std::function<void(int iteration, double chi2)>& progress) {
   constexpr int kStalled = 20;  // steps without a move: while damping grows, poses wait
   constexpr std::int64_t kNoQuota = std::int64_t{1} << 40;
   IncrementalConfig config;
   config.max_poses = static_cast<int>(graph.poses.size());
   config.max_measurements = static_cast<int>(graph.edges.size());
-  config.max_factor_blocks = blocks;
+  // The solver keeps an eighth free for what may come.
+  constexpr std::int64_t kLeastBlocks = 64;
+  config.max_factor_blocks = blocksNeeded(graph) * 8 / 7 + kLeastBlocks;
   config.build_quota = config.urgent_quota = kNoQuota;
   config.update_quota = 1;
   config.kept_last = 0;
@@ -222,13 +241,8 @@ BatchResult optimize(PoseGraph& graph, const BatchOptions& options,
   result.converged = u.count == 0;
   if (u.count == 0) return result;
 
-  if (u.count + 1 == static_cast<int>(graph.poses.size())) {
-    // Most graphs need less than half of what is safe, and memory costs time.
-    const std::int64_t safe = IncrementalConfig::blocksFor(
-        u.count + 1, std::max(0, static_cast<int>(graph.edges.size()) - u.count));
-    for (const std::int64_t blocks : {safe / 2, safe})
-      if (solveByGrowingFactor(blocks, graph, options, result, progress)) return result;
-  }
+  const bool in_one_piece = u.count + 1 == static_cast<int>(graph.poses.size());
+  if (in_one_piece && solveByGrowingFactor(graph, options, result, progress)) return result;
 
   BlockCholesky system(u.count, kSize, u.pairs);
   PoseGraph best = graph;

@@ -32,7 +32,7 @@ struct BatchResult {
 // or the graph is not in one piece, by Gauss-Newton with Marquardt's damping where chi2 would rise. The first
 // pose of each connected part is held. `progress`, if given, is told chi2 after each iteration. Throws
 // std::invalid_argument for an edge to a pose that is not there, from a pose to itself, or with an
-// information that is not symmetric and positive.
+// information that is not symmetric and positive semidefinite.
 BatchResult optimize(PoseGraph& graph, const BatchOptions& options,
                      const std::function<void(int iteration, double chi2)>& progress = {});
 

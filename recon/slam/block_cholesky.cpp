@@ -66,7 +66,7 @@ struct BlockCholesky::Impl {
   }
 };
 
-// Elimination order of the blocks, the better of AMD and METIS as CHOLMOD counts their factors.
+// Elimination order of the blocks by AMD, or the better of AMD and METIS as CHOLMOD counts their factors.
 std::vector<int> BlockCholesky::Impl::order() {
   cholmod_sparse graph{};
   graph.nrow = graph.ncol = index(blocks);
@@ -79,7 +79,9 @@ std::vector<int> BlockCholesky::Impl::order() {
   graph.dtype = CHOLMOD_DOUBLE;
   graph.sorted = 1;
   graph.packed = 1;
-  common.nmethods = 2;
+  // For small graphs nested dissection takes longer than it saves.
+  constexpr int kSmall = 5000;
+  common.nmethods = blocks < kSmall ? 1 : 2;
   common.method[0].ordering = CHOLMOD_AMD;
   common.method[1].ordering = CHOLMOD_METIS;
   cholmod_factor* analysis = cholmod_analyze(&graph, &common);

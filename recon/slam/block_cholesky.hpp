@@ -10,8 +10,8 @@ namespace fathom::slam {
 
 // Symmetric positive definite matrix of square blocks, and its sparse Cholesky factor (CHOLMOD, supernodal;
 // Chen, Davis, Hager & Rajamanickam 2008). The pattern is given once and analysed on the graph of blocks,
-// where approximate minimum degree and nested dissection are tried and the sparser factor is kept; values may
-// change as often as wanted.
+// by approximate minimum degree; of large ones nested dissection is tried too and the sparser factor kept.
+// Values may change as often as wanted.
 class BlockCholesky {
  public:
   using Pair = std::array<int, 2>;

@@ -10,6 +10,7 @@ namespace {
 
 constexpr std::int64_t kLinearizeWork = 8;  // of one measurement, in block operations
 constexpr std::int64_t kOrderWork = 12;     // of a pose or measurement that is ordered
+constexpr std::int64_t kCountedPerWork = 8;
 
 }  // namespace
 
@@ -75,21 +76,55 @@ void FactorBuilder::order(std::span<const std::uint8_t> newest) {
          control, info, constraint, bucket);
 }
 
+// Whether a measurement joins two poses that are solved for.
+bool FactorBuilder::counts(int k) const {
+  const Measurement& m = measurements_[k];
+  return m.from != kWorld && m.weight > 0 && !held_[at(m.from)] && !held_[at(m.to)];
+}
+
+// Blocks below the diagonal, row by row: from each earlier neighbour up the elimination tree (Liu 1990), to
+// where the row has been met.
+void FactorBuilder::count() {
+  const std::span<int> position = link_, parent = first_child_, met = cursor_;
+  for (int j = 0; j < poses_; ++j) {
+    position[at(order_[at(j)])] = j;
+    parent[at(j)] = met[at(j)] = -1;
+  }
+  blocks_ = 0;
+  for (int i = 0; i < poses_; ++i) {
+    const int pose = order_[at(i)];
+    met[at(i)] = i;
+    for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
+      if (!counts(k)) continue;
+      const Measurement& m = measurements_[k];
+      int j = position[at(m.from == pose ? m.to : m.from)];
+      for (; j < i && met[at(j)] != i; j = parent[at(j)]) {
+        met[at(j)] = i;
+        ++blocks_;
+        if (parent[at(j)] < 0) parent[at(j)] = i;
+      }
+    }
+  }
+}
+
 std::int64_t FactorBuilder::begin(std::span<const SE3> poses, std::span<const std::uint8_t> held,
-                                  std::span<const std::uint8_t> newest, const Measurements& measurements,
+                                  std::span<const std::uint8_t> newest,
+                                  std::span<const std::uint8_t> left_out, const Measurements& measurements,
                                   double damping, GrowingFactor& factor) {
   poses_ = static_cast<int>(poses.size());
   measurements_.copyFrom(measurements);
+  for (int k = 0; k < measurements_.size(); ++k)
+    if (left_out[at(k)] != 0) measurements_.setWeight(k, 0);
   next_ = 0;
   damping_ = damping;
-  failed_ = false;
   std::copy(poses.begin(), poses.end(), at_poses_.begin());
   std::copy(held.begin(), held.end(), held_.begin());
   order(newest);
+  count();
   factor.startColumns(order_.subspan(0, at(poses_)));
   for (int j = 0; j < poses_; ++j)
     head_[at(j)] = link_[at(j)] = first_child_[at(j)] = next_sibling_[at(j)] = -1;
-  return kOrderWork * (poses_ + measurements_.count());
+  return kOrderWork * (poses_ + measurements_.count()) + blocks_ / kCountedPerWork;
 }
 
 std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFactor> then) {
@@ -101,12 +136,12 @@ std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFac
     place_[at(row)] = 1;
     pattern_[at(count++)] = row;
   };
-  const auto counts = [&](int k) { return all[k].weight > 0; };
+  const auto weighs = [&](int k) { return all[k].weight > 0; };
   const auto otherEnd = [&](int k) { return all[k].from == pose ? all[k].to : all[k].from; };
   if (!held_[at(pose)]) {
     for (int k = all.first(pose); k >= 0; k = all.next(k, pose)) {
       const int other = otherEnd(k);
-      if (counts(k) && other != kWorld && !held_[at(other)] && factor.positionOf(other) > j)
+      if (weighs(k) && other != kWorld && !held_[at(other)] && factor.positionOf(other) > j)
         add(factor.positionOf(other));
     }
   }
@@ -116,11 +151,7 @@ std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFac
       if (rows[k] != j) add(rows[k]);
   }
   std::sort(pattern_.begin(), pattern_.begin() + count);
-  if (!factor.makeColumn(j, pattern_.subspan(0, at(count)))) {
-    for (int k = 0; k < count; ++k) place_[at(pattern_[at(k)])] = -1;
-    failed_ = true;
-    return 0;
-  }
+  factor.makeColumn(j, pattern_.subspan(0, at(count)));
   for (int k = 0; k < count; ++k) place_[at(pattern_[at(k)])] = k;
 
   std::int64_t work = count + 1;
@@ -129,7 +160,7 @@ std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFac
   for (int i = 0; i < kBlockSize; ++i)
     diagonal(i, i) += held_[at(pose)] ? 1 : GrowingFactor::kLeastInformation;
   for (int k = all.first(pose); k >= 0 && !held_[at(pose)]; k = all.next(k, pose)) {
-    if (!counts(k)) {
+    if (!weighs(k)) {
       then[at(k)].weight = 0;
       continue;
     }
@@ -187,7 +218,7 @@ std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFac
 
 std::int64_t FactorBuilder::run(std::int64_t quota, GrowingFactor& factor, std::span<InFactor> in_factor) {
   std::int64_t work = 0;
-  while (running() && work < quota && !failed_) work += column(next_++, factor, in_factor);
+  while (running() && work < quota) work += column(next_++, factor, in_factor);
   return work;
 }
 

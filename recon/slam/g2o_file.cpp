@@ -75,7 +75,8 @@ struct NamedEdge {
 
 }  // namespace
 
-PoseGraph parseG2o(std::string_view text, const std::string& name) {
+PoseGraph parseG2o(std::string_view text, const std::string& name, int* made_positive) {
+  if (made_positive != nullptr) *made_positive = 0;
   std::map<std::int64_t, SE3> vertices;
   std::vector<NamedEdge> edges;
   std::size_t number = 0;
@@ -95,7 +96,15 @@ PoseGraph parseG2o(std::string_view text, const std::string& name) {
       e.edge.T_from_to = fields.pose();
       for (int r = 0; r < 6; ++r)
         for (int c = r; c < 6; ++c) e.edge.information(r, c) = e.edge.information(c, r) = fields.number();
-      if (!(e.edge.information.diagonal().minCoeff() >= 0)) fields.refuse("has a negative information");
+      if (!isPositive(e.edge.information)) {
+        if (made_positive == nullptr)
+          fields.refuse(
+              "has an information matrix that is not positive semidefinite, by which chi2 has no least "
+              "value; "
+              "correct it, or take the nearest that is one (--nearest-positive)");
+        e.edge.information = nearestPositive(e.edge.information);
+        ++*made_positive;
+      }
       edges.push_back(e);
     } else {
       fields.refuse("is of kind '" + std::string(kind.substr(0, 40)) +
@@ -125,13 +134,13 @@ PoseGraph parseG2o(std::string_view text, const std::string& name) {
   return graph;
 }
 
-PoseGraph readG2o(const std::filesystem::path& path) {
+PoseGraph readG2o(const std::filesystem::path& path, int* made_positive) {
   std::error_code ignored;
   std::ifstream in(path, std::ios::binary);
   if (!in || std::filesystem::is_directory(path, ignored))
     throw InputError(path.string(), "", "is absent or cannot be read; give a g2o file");
   const std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-  return parseG2o(text, path.string());
+  return parseG2o(text, path.string(), made_positive);
 }
 
 void writeG2o(const std::filesystem::path& path, const PoseGraph& graph) {

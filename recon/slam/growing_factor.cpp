@@ -32,6 +32,7 @@ GrowingFactor::GrowingFactor(const Size& size, rt::Arena& arena) {
   pose_at_ = arenaArray<int>(arena, poses);
   work_ = arenaArray<Block>(arena, 2 * poses);
   pattern_ = arenaArray<int>(arena, poses);
+  added_ = arenaArray<int>(arena, poses);
   mark_ = arenaArray<int>(arena, poses);
   vector_ = arenaArray<double>(arena, kN * poses);
   reached_ = arenaArray<std::uint8_t>(arena, poses);
@@ -40,9 +41,9 @@ GrowingFactor::GrowingFactor(const Size& size, rt::Arena& arena) {
 }
 
 std::size_t GrowingFactor::bytes(const Size& size) {
-  constexpr std::size_t kArrays = 13, kAlignment = alignof(Block);
+  constexpr std::size_t kArrays = 14, kAlignment = alignof(Block);
   return at(size.blocks) * (sizeof(Block) + sizeof(int)) +
-         at(size.positions) * (3 * sizeof(Block) + sizeof(std::int64_t) + 5 * sizeof(int) +
+         at(size.positions) * (3 * sizeof(Block) + sizeof(std::int64_t) + 6 * sizeof(int) +
                                kN * sizeof(double) + sizeof(std::uint8_t)) +
          at(size.poses) * sizeof(int) + kArrays * kAlignment;
 }
@@ -50,7 +51,7 @@ std::size_t GrowingFactor::bytes(const Size& size) {
 void GrowingFactor::clear() {
   std::fill(position_of_.begin(), position_of_.end(), -1);
   size_ = 0;
-  used_ = in_use_ = dropped_ = 0;
+  used_ = in_use_ = 0;
 }
 
 bool GrowingFactor::append(int pose) {
@@ -72,53 +73,43 @@ void GrowingFactor::bury(int position) {
   pose_at_[at(position)] = -1;
 }
 
-// Room for one more row in a column; null when the store is full.
-Block* GrowingFactor::place(int position, int row) {
+// Blocks of the store that a column takes to have so many more rows.
+std::int64_t GrowingFactor::growth(int position, int rows) const {
+  const int count = count_[at(position)];
+  return count + rows <= capacity_[at(position)] ? 0 : count + std::max({rows, kLeastGrowth, count / 4});
+}
+
+// Puts one of `rows` new rows into a column; there is room.
+void GrowingFactor::place(int position, int row, int rows) {
   std::int64_t& first = first_[at(position)];
   int& count = count_[at(position)];
-  int& capacity = capacity_[at(position)];
-  const std::int64_t store = static_cast<std::int64_t>(blocks_.size());
-  if (count == capacity) {
-    const int wanted = count + std::max(kLeastGrowth, count / 4);
-    if (first + capacity == used_ && first + wanted <= store) {
-      used_ = first + wanted;  // the last column grows where it is
-    } else if (used_ + wanted <= store) {
+  if (const std::int64_t wanted = growth(position, rows); wanted > 0) {
+    if (first + capacity_[at(position)] != used_) {  // the last column grows where it is
       std::memcpy(&blocks_[at(used_)], &blocks_[at(first)], at(count) * sizeof(Block));
       std::memcpy(&rows_[at(used_)], &rows_[at(first)], at(count) * sizeof(int));
       first = used_;
-      used_ += wanted;
-    } else {
-      ++dropped_;
-      return nullptr;
     }
-    capacity = wanted;
+    used_ = first + wanted;
+    capacity_[at(position)] = static_cast<int>(wanted);
   }
   rows_[at(first + count)] = row;
-  Block* block = &blocks_[at(first + count)];
-  std::memset(block->v, 0, sizeof block->v);
+  std::memset(blocks_[at(first + count)].v, 0, sizeof(Block));
   ++count;
   ++in_use_;
-  return block;
 }
 
-std::int64_t GrowingFactor::update(double sign, const Block& b, int pose_a, int pose_b) {
+// Calls visit(column, rows) for the columns on the paths of two poses to the root, in order of elimination;
+// `rows`: positions that the column lacks. Returns the work.
+template <typename Visit>
+std::int64_t GrowingFactor::alongPaths(int pose_a, int pose_b, Visit visit) {
   int reached = 0;
   const auto reach = [&](int position) {
     pattern_[at(reached++)] = position;
     mark_[at(position)] = 1;
   };
-  const auto start = [&](int pose, double factor) {
-    const int position = positionOf(pose);
-    Block& w = work_[at(position)];
-    for (int c = 0; c < kN; ++c)
-      for (int r = 0; r < kN; ++r) w(r, c) = factor * b(c, r);
-    reach(position);
-  };
-  start(pose_a, 1);
-  if (pose_b >= 0) start(pose_b, -1);
-
+  reach(positionOf(pose_a));
+  if (pose_b >= 0) reach(positionOf(pose_b));
   std::int64_t work = 0;
-  Reflections reflections;
   while (reached > 0) {
     int least = 0;
     for (int i = 1; i < reached; ++i)
@@ -126,28 +117,44 @@ std::int64_t GrowingFactor::update(double sign, const Block& b, int pose_a, int 
     const int column = pattern_[at(least)];
     pattern_[at(least)] = pattern_[at(--reached)];
     mark_[at(column)] = -1;
-    reflect(diagonal_[at(column)], work_[at(column)], sign, reflections);
-    std::memset(work_[at(column)].v, 0, sizeof(Block));
-
-    const int had = count_[at(column)];
-    const auto rowAt = [&](int k) { return rows_[at(first_[at(column)] + k)]; };
-    for (int k = 0; k < had; ++k) {
-      if (mark_[at(rowAt(k))] < 0) reach(rowAt(k));
-      mark_[at(rowAt(k))] = 2;  // in this column
+    const int* rows = columnRows(column);
+    for (int k = 0; k < count_[at(column)]; ++k) {
+      if (mark_[at(rows[k])] < 0) reach(rows[k]);
+      mark_[at(rows[k])] = 2;  // in this column
     }
+    std::size_t added = 0;
     for (int i = 0; i < reached; ++i) {
       const int row = pattern_[at(i)];
-      if (mark_[at(row)] == 1 && place(column, row) == nullptr) {
-        Block lost{};
-        kernels_->applyReflections(&lost, &row, 1, reflections, work_.data());
-      }
+      if (mark_[at(row)] == 1) added_[added++] = row;
       mark_[at(row)] = 1;
     }
-    kernels_->applyReflections(columnBlocks(column), columnRows(column), count_[at(column)], reflections,
-                               work_.data());
+    visit(column, added_.first(added));
     work += reached + kColumnWork;
   }
   return work;
+}
+
+std::int64_t GrowingFactor::update(double sign, const Block& b, int pose_a, int pose_b, std::int64_t spare) {
+  std::int64_t needed = 0;
+  alongPaths(pose_a, pose_b, [&](int column, std::span<const int> rows) {
+    needed += growth(column, static_cast<int>(rows.size()));
+  });
+  if (needed > 0 && used_ + needed + spare > static_cast<std::int64_t>(blocks_.size())) return kNoRoom;
+  const auto start = [&](int pose, double factor) {
+    Block& w = work_[at(positionOf(pose))];
+    for (int c = 0; c < kN; ++c)
+      for (int r = 0; r < kN; ++r) w(r, c) = factor * b(c, r);
+  };
+  start(pose_a, 1);
+  if (pose_b >= 0) start(pose_b, -1);
+  Reflections reflections;
+  return alongPaths(pose_a, pose_b, [&](int column, std::span<const int> rows) {
+    reflect(diagonal_[at(column)], work_[at(column)], sign, reflections);
+    std::memset(work_[at(column)].v, 0, sizeof(Block));
+    for (std::size_t i = 0; i < rows.size(); ++i) place(column, rows[i], static_cast<int>(rows.size() - i));
+    kernels_->applyReflections(columnBlocks(column), columnRows(column), count_[at(column)], reflections,
+                               work_.data());
+  });
 }
 
 std::int64_t GrowingFactor::solve(const double* right, double* x, double least) {
@@ -245,10 +252,8 @@ void GrowingFactor::startColumns(std::span<const int> poses) {
   }
 }
 
-bool GrowingFactor::makeColumn(int position, std::span<const int> rows) {
-  const std::int64_t free = static_cast<std::int64_t>(blocks_.size()) - used_;
+void GrowingFactor::makeColumn(int position, std::span<const int> rows) {
   const int count = static_cast<int>(rows.size());
-  if (count > free) return false;
   first_[at(position)] = used_;
   count_[at(position)] = count;
   capacity_[at(position)] = count;
@@ -258,7 +263,6 @@ bool GrowingFactor::makeColumn(int position, std::span<const int> rows) {
   }
   used_ += capacity_[at(position)];
   in_use_ += count;
-  return true;
 }
 
 }  // namespace fathom::slam

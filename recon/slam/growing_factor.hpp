@@ -12,8 +12,8 @@ namespace fathom::slam {
 // fixed memory: a pose is appended at the end of the elimination order, and a measurement between two poses
 // is added as an update of rank 6 along the path from its ends to the root of the elimination tree (Davis &
 // Hager 2001, here with Householder reflections). A column that outgrows its place moves to the end of the
-// store. When the store is full, fill is dropped and counted: the factor is then still one of a positive
-// definite matrix near the true one.
+// store. A measurement whose fill has no room there is refused whole: the factor is always exactly that of
+// the measurements it has, and never says more than they do.
 //
 // `position` is a place in the elimination order, `pose` a pose's index.
 class GrowingFactor {
@@ -38,8 +38,10 @@ class GrowingFactor {
   // the others are solved for as if they had been marginalised.
   void bury(int position);
   // Adds (`sign` 1) or takes away (-1) [b -b]^T [b -b] at rows and columns of two poses; with pose_b < 0, b^T
-  // b of one. What is taken away must have been added. Returns the work, in blocks touched.
-  std::int64_t update(double sign, const Block& b, int pose_a, int pose_b);
+  // b of one. What is taken away must have been added. Returns the work, in blocks touched; kNoRoom, and
+  // nothing is changed, if less than `spare` blocks of the store might be left.
+  static constexpr std::int64_t kNoRoom = -1;
+  std::int64_t update(double sign, const Block& b, int pose_a, int pose_b, std::int64_t spare = 0);
   // L L^T x = right, both by pose, six numbers each. Parts whose share of right^T x stays below `least` are
   // left out (0: none), and are exactly zero in x, as are poses that the factor does not have. Returns the
   // work.
@@ -50,8 +52,8 @@ class GrowingFactor {
   // For whoever fills a cleared factor column by column, in rising position.
   void startColumns(std::span<const int> poses);  // all poses, in order of elimination; diagonals zero
   Block& diagonal(int position) { return diagonal_[at(position)]; }
-  // Gives the column its rows (rising), blocks zero. False when full.
-  bool makeColumn(int position, std::span<const int> rows);
+  // Gives the column its rows (rising), blocks zero. There must be room.
+  void makeColumn(int position, std::span<const int> rows);
   Block* columnBlocks(int position) { return blocks_.data() + first_[at(position)]; }
   const int* columnRows(int position) const { return rows_.data() + first_[at(position)]; }
   int columnCount(int position) const { return count_[at(position)]; }
@@ -62,11 +64,13 @@ class GrowingFactor {
   int poseAt(int position) const { return pose_at_[at(position)]; }  // -1: buried
   std::int64_t blocksInUse() const { return in_use_; }
   std::int64_t storeUsed() const { return used_; }  // blocks, with what moved columns left behind
-  std::int64_t dropped() const { return dropped_; }
 
  private:
   static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
-  Block* place(int position, int row);
+  template <typename Visit>
+  std::int64_t alongPaths(int pose_a, int pose_b, Visit visit);
+  std::int64_t growth(int position, int rows) const;
+  void place(int position, int row, int rows);
   int forwardPath(int pose, std::span<Block> z);
 
   const ColumnKernels* kernels_ = &fastestColumnKernels();
@@ -76,13 +80,13 @@ class GrowingFactor {
   std::span<std::int64_t> first_;  // of a column's blocks
   std::span<int> count_, capacity_;
   std::span<int> position_of_, pose_at_;
-  std::span<Block> work_;   // by position; zero between calls
-  std::span<int> pattern_;  // positions that an update has reached
-  std::span<int> mark_;     // by position: place in the column or in the pattern
+  std::span<Block> work_;           // by position; zero between calls
+  std::span<int> pattern_, added_;  // positions that an update has reached; of these, new to a column
+  std::span<int> mark_;             // by position: place in the column or in the pattern
   std::span<double> vector_;
   std::span<std::uint8_t> reached_;
   int size_ = 0;
-  std::int64_t used_ = 0, in_use_ = 0, dropped_ = 0;
+  std::int64_t used_ = 0, in_use_ = 0;
 };
 
 }  // namespace fathom::slam

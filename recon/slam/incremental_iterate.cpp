@@ -17,7 +17,7 @@ constexpr double kSteepest = 4, kRightLength = 0.8;
 // The best length along a direction that the factor gives is 1 if the factor is right; a shorter one, or a
 // longer one than its inverse, makes the next factor urgent.
 constexpr double kShortest = 0.5;
-constexpr double kFullRank = 1e-10;  // least share of the greatest information of one that tells a whole pose
+constexpr double kMostBeta = 0.5;  // of conjugate gradients with a factor of all measurements
 constexpr int kLeastGrowth = 16, kGrowthShare = 8;  // measurements until poses may start anew again
 
 }  // namespace
@@ -52,7 +52,8 @@ bool IncrementalSolver::iterate(StepReport& report) {
     return false;
   }
   double beta = restart_ ? 0 : std::max(0.0, (product - change) / product_before_);
-  if (beta > 0.5) beta = 0;
+  const bool whole = active().left_out == 0;
+  if (whole && beta > kMostBeta) beta = 0;
   double slope = 0;
   for (int i = 0; i < n; ++i) {
     direction_[at(i)] = (beta > 0 ? beta * direction_[at(i)] : 0) - solved_[at(i)];
@@ -102,7 +103,7 @@ bool IncrementalSolver::iterate(StepReport& report) {
     rises_ = 0;
     easeDamping();
   }
-  if (rises_ > 0 || length < kShortest || length > 1 / kShortest) urgent_ = restart_ = true;
+  if (rises_ > 0 || (whole && (length < kShortest || length > 1 / kShortest))) urgent_ = restart_ = true;
   return true;
 }
 
@@ -168,8 +169,8 @@ bool IncrementalSolver::startFromMeasurements(StepReport& report) {
     for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
       const Measurement& m = measurements_[k];
       const int other = m.to == pose ? m.from : m.to;
-      const bool whole = m.root.row(0).squaredNorm() > kFullRank * m.root.row(kN - 1).squaredNorm();
-      if (!errors_.has(k) || m.weight == 0 || other == kWorld || reached[at(other)] != 0 || !whole) continue;
+      if (!errors_.has(k) || m.weight == 0 || other == kWorld || reached[at(other)] != 0 || !tellsAll(k))
+        continue;
       reached[at(other)] = 1;
       poses_[at(other)] = poses_[at(pose)] * (m.to == other ? m.T_from_to : m.T_from_to.inverse());
       moved_[at(moved_count_++)] = other;

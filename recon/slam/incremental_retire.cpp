@@ -25,9 +25,11 @@ bool IncrementalSolver::isSettled(int pose) const {
     const Measurement& m = measurements_[k];
     const Part part = active().part[at(k)];
     if (!errors_.has(k) || part == Part::kNone) return false;
-    if (m.weight != (part == Part::kItself ? active().in_factor[at(k)].weight : 1)) return false;
+    if (part != Part::kLeftOut && m.weight != (part == Part::kItself ? active().in_factor[at(k)].weight : 1))
+      return false;
     if (!building_) continue;
     const bool in_next = m.born < measurements_at_build_;
+    if (in_next && is_left_out_[at(k)] != 0) continue;
     if (in_next ? m.weight != builder_.weightOf(k) : !m.composed) return false;
   }
   return true;
@@ -37,7 +39,7 @@ void IncrementalSolver::removeMeasurement(int k) {
   errors_.drop(k);
   measurements_.remove(k);
   stale_[at(k)] = 0;
-  for (Factor& f : factors_) f.part[at(k)] = Part::kNone;
+  for (Factor& f : factors_) setPart(f, k, Part::kNone);
 }
 
 // Adds what was composed of measurements that the factors have; with what an earlier pose between the same
@@ -61,8 +63,11 @@ void IncrementalSolver::addComposed(RelativePose made) {
     if (measurements_.add(made, poses_count_, &k, true) != AddStatus::kOk) return;
     break;
   }
-  active().part[at(k)] = Part::kByOthers;
-  active().in_factor[at(k)].weight = 1;
+  for (Factor& f : factors_) {
+    if (&f != &active() && !(building_ && is_built_)) continue;
+    setPart(f, k, Part::kByOthers);
+    f.in_factor[at(k)].weight = 1;
+  }
   stale_[at(k)] = 0;
   errors_.take(k);
 }
@@ -99,7 +104,10 @@ RetireStatus IncrementalSolver::retire(int pose) {
   for (std::size_t i = 0; i < count; ++i) removeMeasurement(star[i].second);
   for (int i = 0; i < left_count; ++i) addComposed(left[at(i)]);
   errors_.refresh();
-  active().factor.bury(active().factor.positionOf(pose));
+  // The next factor buries it when it is settled, or now if it has been.
+  for (Factor& f : factors_)
+    if ((&f == &active() || (building_ && is_built_)) && f.factor.has(pose))
+      f.factor.bury(f.factor.positionOf(pose));
   born_[at(pose)] = -1;
   free_[at(free_count_++)] = pose;
   ++retired_;

@@ -11,17 +11,18 @@ namespace {
 constexpr int kN = kBlockSize;
 constexpr double kRefactor = 0.1;
 constexpr double kReweighted = 1e9;      // staleness of a measurement with another weight
+constexpr int kSparePart = 16;           // of a factor's store is spared for what joins poses
 constexpr int kRounds = 8;               // factors of a step
 constexpr double kClosureMemory = 0.02;  // weight of the newest closure in the share that reaches back little
 
 std::size_t arraysOf(const IncrementalConfig& c) {
   const auto poses = static_cast<std::size_t>(c.max_poses),
              edges = static_cast<std::size_t>(c.max_measurements);
-  constexpr std::size_t kArrays = 22, kAlignment = alignof(Block);
+  constexpr std::size_t kArrays = 23, kAlignment = alignof(Block);
   return poses * (3 * sizeof(SE3) + 3 * sizeof(std::uint8_t) + 3 * kN * sizeof(double) + 5 * sizeof(int) +
                   sizeof(std::int64_t)) +
-         edges *
-             (2 * (sizeof(InFactor) + sizeof(std::uint8_t) + sizeof(int)) + sizeof(double) + sizeof(int)) +
+         edges * (2 * (sizeof(InFactor) + sizeof(std::uint8_t) + sizeof(int)) + sizeof(double) + sizeof(int) +
+                  sizeof(std::uint8_t)) +
          kArrays * kAlignment;
 }
 
@@ -75,6 +76,7 @@ IncrementalSolver::IncrementalSolver(const IncrementalConfig& config)
   is_changed_ = arenaArray<std::uint8_t>(arena_, poses);
   is_newest_ = arenaArray<std::uint8_t>(arena_, poses);
   fresh_ = arenaArray<int>(arena_, edges);
+  is_left_out_ = arenaArray<std::uint8_t>(arena_, edges);
   for (Factor& f : factors_) {
     f.in_factor = arenaArray<InFactor>(arena_, edges);
     f.part = arenaArray<Part>(arena_, edges);
@@ -136,7 +138,9 @@ std::int64_t IncrementalSolver::update(Factor& f, double sign, int k) {
   const InFactor& then = f.in_factor[at(k)];
   const bool from = m.from != kWorld && !held_[at(m.from)], to = !held_[at(m.to)];
   if (then.weight == 0 || (!from && !to)) return 0;
-  return f.factor.update(sign, worldDerivative(m, then), to ? m.to : m.from, from && to ? m.from : -1);
+  const std::int64_t spare = config_.max_factor_blocks / kSparePart;
+  return f.factor.update(sign, worldDerivative(m, then), to ? m.to : m.from, from && to ? m.from : -1,
+                         joins(k) ? 0 : spare);
 }
 
 // New measurements enter errors now, and factors as they can.
@@ -147,7 +151,7 @@ void IncrementalSolver::takeNew() {
     errors_.take(k);
     stale_[at(k)] = 0;
     for (Factor& f : factors_) {
-      f.part[at(k)] = Part::kNone;
+      setPart(f, k, Part::kNone);
       if (&f == &active() || building_) f.to_come.push(k);
     }
   }
@@ -162,19 +166,35 @@ void IncrementalSolver::forgetWay() {
   rises_ = 0;
 }
 
-// Brings a factor up to the present poses and measurements, within a quota of work.
+// Brings a factor up to the present poses and measurements, within a quota of work. A pose enters with the
+// first measurement that names it: without any, the factor would let it go anywhere.
 std::int64_t IncrementalSolver::extend(Factor& f, std::int64_t quota) {
-  while (!f.poses_to_come.empty() && f.factor.append(f.poses_to_come.front())) f.poses_to_come.pop();
+  const auto append = [&] {
+    if (f.poses_to_come.empty() || !f.factor.append(f.poses_to_come.front())) return false;
+    f.poses_to_come.pop();
+    return true;
+  };
+  const auto has = [&](int pose) {
+    while (!f.factor.has(pose) && append()) continue;
+    return f.factor.has(pose);
+  };
   std::int64_t work = 0;
   for (; !f.to_come.empty() && work < quota; f.to_come.pop()) {
     const int k = f.to_come.front();
     const Measurement& m = measurements_[k];
     // Without a position, a pose waits for the next factor, and what measures it.
-    if (!f.factor.has(m.to) || (m.from != kWorld && !f.factor.has(m.from))) break;
+    if (!has(m.to) || (m.from != kWorld && !has(m.from))) return work;
     f.in_factor[at(k)] = {errors_.fromPose(m), poses_[at(m.to)], m.weight};
-    f.part[at(k)] = Part::kItself;
-    work += update(f, 1, k);
+    const std::int64_t done = update(f, 1, k);
+    setPart(f, k, done == GrowingFactor::kNoRoom ? Part::kLeftOut : Part::kItself);
+    if (done != GrowingFactor::kNoRoom) {
+      work += done;
+    } else if (joins(k)) {  // this pose waits too
+      f.factor.bury(f.factor.positionOf(laterEnd(k)));
+      urgent_ = urgent_ || &f == &active();
+    }
   }
+  while (f.to_come.empty() && append()) continue;
   return work;
 }
 
@@ -211,87 +231,18 @@ void IncrementalSolver::refresh(StepReport& report) {
     InFactor& in_factor = active().in_factor[at(k)];
     const InFactor then = in_factor, now = {errors_.fromPose(m), poses_[at(m.to)], m.weight};
     in_factor = now;
-    report.update_work += update(active(), 1, k);
+    *worst = 0;
+    const std::int64_t done = update(active(), 1, k);
+    if (done == GrowingFactor::kNoRoom) {  // it was switched off when the factor was built
+      in_factor = then;
+      setPart(active(), k, Part::kLeftOut);
+      continue;
+    }
+    report.update_work += done;
     in_factor = then;
     report.update_work += update(active(), -1, k);
     in_factor = now;
-    *worst = 0;
     restart_ = true;
-  }
-}
-
-void IncrementalSolver::beginBuild() {
-  Factor& next = factors_[at(1 - active_)];
-  const int kept = closes_late_ > 0.5 ? config_.kept_last : config_.kept_last / 4;
-  for (int i = 0; i < poses_count_; ++i)
-    is_newest_[at(i)] = births_ > kept && born_[at(i)] >= births_ - kept ? 1 : 0;
-  building_ = true;
-  is_built_ = false;
-  next.poses_to_come.clear();
-  next.to_come.clear();
-  poses_at_build_ = births_;
-  measurements_at_build_ = measurements_.births();
-  build_work_ = builder_.begin(poses_.subspan(0, at(poses_count_)), held_.subspan(0, at(poses_count_)),
-                               is_newest_.subspan(0, at(poses_count_)), measurements_, damping_, next.factor);
-  next.damping = damping_;
-  next.moves = moves_;
-}
-
-// A factor has been built of what was there at the start; poses and measurements may have gone since, and
-// others have their places.
-void IncrementalSolver::settle(Factor& f) {
-  for (int j = 0; j < f.factor.size(); ++j) {
-    const std::int64_t born = born_[at(f.factor.poseAt(j))];
-    if (born < 0 || born >= poses_at_build_) f.factor.bury(j);
-  }
-  for (int k = 0; k < measurements_.size(); ++k) {
-    const Measurement& m = measurements_[k];
-    Part& part = f.part[at(k)];
-    part = Part::kNone;
-    if (!m.in_use) continue;
-    if (m.born < measurements_at_build_) {
-      part = Part::kItself;
-    } else if (m.composed) {
-      part = Part::kByOthers;
-      f.in_factor[at(k)].weight = 1;
-    }
-  }
-  is_built_ = true;
-}
-
-// Works on the next factor, and takes it up when it has all poses and measurements.
-void IncrementalSolver::build(StepReport& report) {
-  Factor& next = factors_[at(1 - active_)];
-  const std::int64_t quota = urgent_ ? config_.urgent_quota : config_.build_quota;
-  std::int64_t work = 0;
-  if (!building_) {
-    if (!urgent_ && births_ < poses_at_build_ + config_.rebuild_after) return;
-    beginBuild();
-    work = build_work_;
-    build_work_ = 0;
-  }
-  work += builder_.run(quota - work, next.factor, next.in_factor);
-  if (!builder_.running() && !builder_.failed()) {
-    if (!is_built_) settle(next);
-    if (work < quota) work += extend(next, quota - work);
-  }
-  report.build_work += work;
-  build_work_ += work;
-  if (builder_.failed()) {
-    building_ = false;
-    return;
-  }
-  const bool complete = next.poses_to_come.empty() && next.to_come.empty();
-  if (builder_.running() || (!complete && work >= quota)) return;
-  work_of_build_ = build_work_;
-  active_ = 1 - active_;
-  building_ = urgent_ = false;
-  restart_ = true;
-  ++report.factors_replaced;
-  for (int k = 0; k < measurements_.size(); ++k) {
-    const Part part = active().part[at(k)];
-    stale_[at(k)] = part == Part::kItself ? staleness(k) : 0;
-    urgent_ = urgent_ || (part == Part::kByOthers && measurements_[k].weight != 1);
   }
 }
 

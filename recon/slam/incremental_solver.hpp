@@ -119,7 +119,7 @@ class IncrementalSolver {
 
   // Covariance of a pose's perturbation in its own frame (pose_graph.hpp: perturbed), by the factor; zero for
   // a pose that is held, next to infinite for one that is not yet in the factor. And of the relative pose
-  // T_a_b, perturbed in the same way. Not to be relied on after fillDropped().
+  // T_a_b, perturbed in the same way. Greater than the truth while measurements are leftOut().
   Matrix6d covariance(int pose);
   Matrix6d relativeCovariance(int a, int b);
   // False while they may be smaller than the truth, because the factor is damped.
@@ -131,7 +131,9 @@ class IncrementalSolver {
   // size.
   std::int64_t factorStoreUsed() const { return active().factor.storeUsed(); }
   std::int64_t factorStore() const { return config_.max_factor_blocks; }
-  std::int64_t fillDropped() const { return active().factor.dropped(); }
+  // Measurements that the factor is without, because its store has no room for their fill. The solution is of
+  // all measurements, but takes more iterations.
+  int leftOut() const { return active().left_out; }
 
   // Into a solver of the same sizes: poses bit by bit, the factor built anew (solver_state.cpp). A solver
   // whose load() failed is of no use.
@@ -143,6 +145,7 @@ class IncrementalSolver {
     kNone,      // not in the factor
     kItself,    // as in_factor says
     kByOthers,  // composed of measurements that are still in the factor
+    kLeftOut,   // there is no room for it
   };
   struct Factor {
     GrowingFactor factor;
@@ -151,6 +154,7 @@ class IncrementalSolver {
     IndexQueue poses_to_come, to_come;  // poses and measurements that it does not have yet
     double damping = 0;
     std::int64_t moves = 0;  // moves_ when it was begun
+    int left_out = 0;        // measurements of that part
   };
   static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
   Factor& active() { return factors_[at(active_)]; }
@@ -161,7 +165,6 @@ class IncrementalSolver {
   static void exchange(Archive& archive, Self& self);
   [[nodiscard]] bool posesAreWhole() const;
   void buildAnew();
-  void growAnew();
 
   std::int64_t update(Factor& f, double sign, int k);
 
@@ -169,6 +172,11 @@ class IncrementalSolver {
   void takeNew();
   void forgetWay();
   void beginBuild();
+  void chooseLeftOut();
+  int laterEnd(int k) const;
+  bool tellsAll(int k) const;
+  bool joins(int k) const;
+  void setPart(Factor& f, int k, Part part);
   void settle(Factor& f);
   bool isSettled(int pose) const;
   void removeMeasurement(int k);
@@ -201,6 +209,7 @@ class IncrementalSolver {
   std::span<double> gradient_before_, solved_, direction_;
   std::span<int> moved_, changed_, fresh_;  // fresh: measurements that no step has seen
   std::span<std::uint8_t> is_changed_, is_newest_;
+  std::span<std::uint8_t> is_left_out_;  // of measurements, by the next factor
   int poses_count_ = 0, free_count_ = 0, fresh_count_ = 0, scanned_ = 0, moved_count_ = 0, changed_count_ = 0,
       rises_ = 0;
   double product_before_ = 0;
@@ -210,7 +219,9 @@ class IncrementalSolver {
   std::int64_t next_start_ = 0;  // births of measurements before poses may start anew
   double closes_late_ = 1;  // share of closures, newest weigh most, with one of the `kept_last` newest poses
   std::int64_t work_of_update_ = 1, work_of_build_ = 0, build_work_ = 0;
-  std::int64_t births_ = 0, retired_ = 0;                        // of poses
+  std::int64_t births_ = 0, retired_ = 0;  // of poses
+  int thinning_ = 0;                       // of measurements for which there is no room; 0: all are taken
+  std::int64_t thin_until_ = 0, no_build_until_ = 0;  // births of poses before less is tried, or a factor
   std::int64_t poses_at_build_ = 0, measurements_at_build_ = 0;  // births, when the next factor was begun
   bool restart_ = true, building_ = false, is_built_ = false, urgent_ = false;
   bool no_way_down_ = false;  // not by any damping, from where the poses are

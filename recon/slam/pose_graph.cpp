@@ -1,6 +1,9 @@
 #include "recon/slam/pose_graph.hpp"
 
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 
 namespace fathom::slam {
@@ -42,6 +45,20 @@ RelativePoseLinear linearize(const RelativePose& edge, const SE3& T_w_from, cons
   l.by_from.bottomRightCorner<3, 3>() =
       -0.5 * (q.w() * Eigen::Matrix3d::Identity() - cross(q.vec())) * measured;
   return l;
+}
+
+bool isPositive(const Matrix6d& information) {
+  constexpr double kRounding = 1e-9;  // of the greatest eigenvalue
+  if (information.llt().info() == Eigen::Success) return true;
+  const Vector6d values =
+      Eigen::SelfAdjointEigenSolver<Matrix6d>(information, Eigen::EigenvaluesOnly).eigenvalues();
+  return values(0) >= -kRounding * std::max(0.0, values(5));
+}
+
+Matrix6d nearestPositive(const Matrix6d& information) {
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(information);
+  return eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0).asDiagonal() *
+         eigen.eigenvectors().transpose();
 }
 
 SE3 perturbed(const SE3& pose, const Vector6d& step) {

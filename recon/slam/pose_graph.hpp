@@ -36,6 +36,11 @@ struct RelativePoseLinear {
 };
 [[nodiscard]] RelativePoseLinear linearize(const RelativePose& edge, const SE3& T_w_from, const SE3& T_w_to);
 
+// Whether a symmetric information matrix is positive semidefinite, to rounding; and the nearest one that is
+// (by the sum of squared differences; Higham 1988: negative eigenvalues become zero).
+[[nodiscard]] bool isPositive(const Matrix6d& information);
+[[nodiscard]] Matrix6d nearestPositive(const Matrix6d& information);
+
 // The perturbation above.
 [[nodiscard]] SE3 perturbed(const SE3& pose, const Vector6d& step);
 

@@ -150,31 +150,23 @@ void IncrementalSolver::buildAnew() {
     f.to_come.clear();
     std::fill(f.part.begin(), f.part.end(), Part::kNone);
     std::fill(f.in_factor.begin(), f.in_factor.end(), InFactor{});
+    f.left_out = 0;
   }
   damping_ = 0;
-  next_start_ = moves_ = 0;
+  next_start_ = moves_ = thin_until_ = no_build_until_ = 0;
+  thinning_ = 0;
   active_ = 0;
   beginBuild();
   active_ = 1;
-  build_work_ += builder_.run(kNoQuota, active().factor, active().in_factor);
-  if (builder_.failed())
-    growAnew();
-  else
+  if (building_) build_work_ += builder_.run(kNoQuota, active().factor, active().in_factor);
+  if (building_)
     settle(active());
+  else
+    active().factor.clear();  // no room even for what joins poses
   work_of_build_ = build_work_;
   build_work_ = 0;
   building_ = urgent_ = no_way_down_ = false;
   restart_ = true;
-}
-
-// Where a whole factor has no room, one that leaves out fill as it grows.
-void IncrementalSolver::growAnew() {
-  active().factor.clear();
-  for (int i = 0; i < poses_count_; ++i)
-    if (!isRetired(i)) active().poses_to_come.push(i);
-  for (int k = 0; k < measurements_.size(); ++k)
-    if (measurements_[k].in_use) active().to_come.push(k);
-  build_work_ += extend(active(), kNoQuota);
 }
 
 }  // namespace fathom::slam

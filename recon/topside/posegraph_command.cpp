@@ -27,7 +27,7 @@ using Json = nlohmann::ordered_json;
 
 struct Options {
   std::filesystem::path file, out, truth;
-  bool json = false, details = false, incremental = false;
+  bool json = false, details = false, incremental = false, nearest_positive = false;
 };
 
 // True places of the poses from a chain of TORO lines, EDGE3 i i+1 x y z roll pitch yaw ..., which is how the
@@ -141,7 +141,7 @@ int runIncremental(const Options& options, slam::PoseGraph& graph,
       json["step_cpu_ms"] = timesOf(step_cpu_ms);
       json["waits_for_factor"] = last.waits_for_factor;
       json["factor_blocks"] = solver.factorBlocks();
-      json["fill_dropped"] = solver.fillDropped();
+      json["measurements_left_out"] = solver.leftOut();
     }
     if (!truth.empty()) json["rms_error_m"] = alignedError(graph.poses, truth);
     std::printf("%s\n", json.dump(2).c_str());
@@ -156,7 +156,13 @@ int runIncremental(const Options& options, slam::PoseGraph& graph,
 }
 
 int runPosegraph(const Options& options) {
-  slam::PoseGraph graph = slam::readG2o(options.file);
+  int made_positive = 0;
+  slam::PoseGraph graph = slam::readG2o(options.file, options.nearest_positive ? &made_positive : nullptr);
+  if (made_positive > 0)
+    std::fprintf(stderr,
+                 "fathom-topside: information matrices of %d of %zu edges are not positive semidefinite; the "
+                 "nearest that are take their place\n",
+                 made_positive, graph.edges.size());
   const auto truth =
       options.truth.empty() ? std::vector<Eigen::Vector3d>{} : readTruth(options.truth, graph.poses.size());
   if (options.incremental) return runIncremental(options, graph, truth);
@@ -208,6 +214,9 @@ std::function<int()> addPosegraphCommand(CLI::App& app, CLI::App*& command) {
                       "EDGE3 chain of true relative poses, to compare places with");
   command->add_flag("--incremental", options->incremental,
                     "pose by pose in fixed memory, as on board, instead of all at once");
+  command->add_flag(
+      "--nearest-positive", options->nearest_positive,
+      "replace information matrices that are not positive semidefinite by the nearest that are");
   command->add_flag("--json", options->json, "print one JSON object");
   command->add_flag("--details", options->details, "add to the JSON what the solver did")->needs("--json");
   return [options] { return runPosegraph(*options); };

@@ -123,6 +123,22 @@ TEST(SlamProgram, ADiveGetsPosesClosuresAndAPage) {
   expectRefused("fathom-topside slam " FATHOM_REEF_MISSION " --out /dev/null", "/dev/null");
 }
 
+TEST(PosegraphProgram, AnInformationThatIsNotPositiveIsRefusedByLineOrReplacedAndSaid) {
+  const TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "a.g2o";
+  writeText(file,
+            "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 1 5 0 0 0 0 0 1\n"
+            "EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 1 2 0 0 0 0 1 0 0 0 0 1 0 0 0 4 0 0 4 0 4\n");
+  const Outcome refused = runProgram("fathom-topside posegraph " + file.string());
+  EXPECT_NE(refused.exit_code, 0);
+  EXPECT_THAT(refused.err,
+              ::testing::AllOf(::testing::HasSubstr("line 3"), ::testing::HasSubstr("--nearest-positive")));
+  const Outcome run = runProgram("fathom-topside posegraph " + file.string() + " --nearest-positive --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_THAT(run.err, ::testing::HasSubstr("1 of 1 edges"));
+  EXPECT_NEAR(nlohmann::json::parse(run.out).at("chi2").get<double>(), 0, 1e-9);
+}
+
 TEST(PosegraphProgram, AGraphIsSolvedAndNonsenseRefused) {
   const TemporaryFolder folder;
   const std::filesystem::path file = folder.path() / "a.g2o";

@@ -90,6 +90,10 @@ TEST(BatchSolver, GraphsThatCannotBeAreRefused) {
   graph = square();
   graph.edges[0].information(0, 1) = 5;
   EXPECT_THROW(optimize(graph, {}), std::invalid_argument);
+  graph = square();
+  graph.edges[0].information(0, 1) = graph.edges[0].information(1, 0) = 2;  // eigenvalues 3 and -1
+  EXPECT_THROW(optimize(graph, {}), std::invalid_argument);
+  EXPECT_THROW((void)chordalPoses(graph), std::invalid_argument);
   PoseGraph empty;
   EXPECT_TRUE(optimize(empty, {}).converged);
 }

@@ -47,6 +47,28 @@ TEST(G2oFile, WhatIsWrittenIsReadBack) {
   EXPECT_NEAR(chiSquare(again), chiSquare(graph), 1e-9 * chiSquare(graph));
 }
 
+// Eigenvalues 3 and -1 in the plane of x and y, 1 and 4 elsewhere.
+const std::string kIndefinite = "EDGE_SE3:QUAT 4 2 1 0 0 0 0 0 1 1 2 0 0 0 0 1 0 0 0 0 1 0 0 0 4 0 0 4 0 4\n";
+
+TEST(G2oFile, AnInformationThatIsNotPositiveIsRefusedByLineWithTheFix) {
+  EXPECT_THAT(errorOf(kTwo + kEdge + kIndefinite),
+              AllOf(HasSubstr("graph.g2o"), HasSubstr("line 6"), HasSubstr("not positive semidefinite"),
+                    HasSubstr("--nearest-positive")));
+  EXPECT_THAT(errorOf(kTwo + "EDGE_SE3:QUAT 4 2 1 0 0 0 0 0 1 1 1 0 0 0 0 1 0 0 0 0 1 0 0 0 4 0 0 4 0 4"),
+              HasSubstr("no error"))
+      << "semidefinite: one direction is not measured";
+}
+
+TEST(G2oFile, WhereAskedForTheNearestPositiveInformationTakesItsPlaceAndIsCounted) {
+  int replaced = -1;
+  const PoseGraph graph = parseG2o(kTwo + kEdge + kIndefinite + kIndefinite, "graph.g2o", &replaced);
+  EXPECT_EQ(replaced, 2);
+  Matrix6d expected = Vector6d(1.5, 1.5, 1, 4, 4, 4).asDiagonal();
+  expected(0, 1) = expected(1, 0) = 1.5;
+  EXPECT_LT((graph.edges[1].information - expected).norm(), 1e-12);
+  EXPECT_EQ(graph.edges[0].information, parseG2o(kTwo + kEdge, "graph.g2o").edges[0].information);
+}
+
 TEST(G2oFile, BadLinesAreRefusedByFileAndLine) {
   EXPECT_THAT(errorOf(kTwo + "EDGE_SE3:QUAT 4 3 1 0 0 0 0 0 1" + kInformation),
               AllOf(HasSubstr("graph.g2o"), HasSubstr("line 5"), HasSubstr("pose 3")));

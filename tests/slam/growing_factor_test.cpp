@@ -32,12 +32,16 @@ class GrowingFactorTest : public ::testing::Test {
   }
 
   void change(double sign, const Block& b, int pose_a, int pose_b) {
+    addDense(sign, b, pose_a, pose_b);
+    factor_.update(sign, b, pose_a, pose_b);
+  }
+
+  void addDense(double sign, const Block& b, int pose_a, int pose_b) {
     Eigen::Matrix<double, kN, kN* kPoses> row = Eigen::Matrix<double, kN, kN * kPoses>::Zero();
     const Eigen::Map<const Eigen::Matrix<double, kN, kN>> m(b.v);
     row.middleCols<kN>(kN * pose_a) = m;
     if (pose_b >= 0) row.middleCols<kN>(kN * pose_b) = -m;
     dense_ += sign * row.transpose() * row;
-    factor_.update(sign, b, pose_a, pose_b);
   }
 
   void expectSolves() {
@@ -63,7 +67,6 @@ TEST_F(GrowingFactorTest, SolvesWhatWasAddedAndAgainAfterSomeIsTakenAway) {
     change(1, blocks.back(), a, b);
     expectSolves();
   }
-  EXPECT_EQ(factor_.dropped(), 0);
   for (std::size_t k = 0; k < ends.size(); k += 2) {
     change(-1, blocks[k], ends[k][0], ends[k][1]);
     expectSolves();
@@ -109,20 +112,34 @@ TEST_F(GrowingFactorTest, AMeasurementThatWasNotThereIsNotTakenBelowPositive) {
 
 class SmallStore : public GrowingFactorTest {
  protected:
-  SmallStore() : GrowingFactorTest(10) {}
+  static constexpr std::int64_t kStore = 30;
+  SmallStore() : GrowingFactorTest(kStore) {}
 };
 
-TEST_F(SmallStore, WhenFullFillIsDroppedAndCountedAndTheFactorStaysPositive) {
-  for (int i = 1; i < kPoses; ++i)
-    for (int k = 0; k < i; k += 3) factor_.update(1, randomBlock(random_), i, k);
-  EXPECT_GT(factor_.dropped(), 0);
-  EXPECT_LE(factor_.storeUsed(), 10);
+TEST_F(SmallStore, AMeasurementWithoutRoomIsRefusedWholeAndTheFactorIsThatOfTheOthers) {
+  int refused = 0;
+  for (int i = 1; i < kPoses; ++i) {
+    for (int k = 0; k < i; k += 3) {
+      const Block b = randomBlock(random_);
+      if (factor_.update(1, b, i, k) == GrowingFactor::kNoRoom)
+        ++refused;
+      else
+        addDense(1, b, i, k);
+      EXPECT_LE(factor_.storeUsed(), kStore);
+    }
+  }
+  EXPECT_GT(refused, 0);
+  EXPECT_GT(factor_.blocksInUse(), 0);
   EXPECT_FALSE(factor_.append(kPoses));
-  const Eigen::VectorXd right = Eigen::VectorXd::Random(kN * kPoses);
-  Eigen::VectorXd x(kN * kPoses);
-  factor_.solve(right.data(), x.data(), 0);
-  EXPECT_TRUE(x.allFinite());
-  EXPECT_GT(right.dot(x), 0);
+  expectSolves();
+}
+
+TEST_F(SmallStore, WhatIsToBeSparedIsLeftFree) {
+  const Block b = randomBlock(random_);
+  EXPECT_EQ(factor_.update(1, b, 0, 1, kStore), GrowingFactor::kNoRoom);
+  EXPECT_GT(factor_.update(1, b, 0, -1, kStore), 0) << "takes no room";
+  EXPECT_GT(factor_.update(1, b, 0, 1, kStore / 2), 0);
+  EXPECT_LE(factor_.storeUsed(), kStore / 2);
 }
 
 TEST(ColumnKernels, EveryInstructionSetGivesTheSameBits) {

@@ -11,6 +11,7 @@
 #include "recon/slam/batch_solver.hpp"
 #include "recon/slam/incremental_solver.hpp"
 #include "tests/bench/slam/survey_graph.hpp"
+#include "tests/slam/dense_graph.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::slam {
@@ -51,20 +52,6 @@ MadeStar madeStar(int neighbours, unsigned seed) {
                           randomInformation(random, i == 1 ? 1e6 : 1e5)});
   }
   return star;
-}
-
-Eigen::MatrixXd informationOf(const std::vector<SE3>& poses, std::span<const RelativePose> edges) {
-  const auto n = static_cast<Eigen::Index>(6 * poses.size());
-  Eigen::MatrixXd information = Eigen::MatrixXd::Zero(n, n);
-  for (const RelativePose& e : edges) {
-    const RelativePoseLinear l =
-        linearize(e, e.from == kWorld ? SE3() : poses[index(e.from)], poses[index(e.to)]);
-    Eigen::MatrixXd row = Eigen::MatrixXd::Zero(6, n);
-    if (e.from != kWorld) row.middleCols<6>(6 * e.from) = l.by_from;
-    row.middleCols<6>(6 * e.to) = l.by_to;
-    information += row.transpose() * e.information * row;
-  }
-  return information;
 }
 
 // Of all poses but the first, once that one has been eliminated.
@@ -256,13 +243,6 @@ TEST(Retirement, AMissionOfFiveTimesThePoolRunsThroughWithStepsOfTheSameWork) {
     EXPECT_LT(worstDistance(replay, batch), sensors ? 0.1 : 0.002);
     EXPECT_LT(worstDistance(replay, batch), 0.5 * worstDistance(replay, survey.graph));
   }
-}
-
-// Covariance of every pose but the first, which is held, from the whole matrix.
-Eigen::MatrixXd covarianceOf(const std::vector<SE3>& poses, std::span<const RelativePose> edges) {
-  const Eigen::MatrixXd information = informationOf(poses, edges);
-  const Eigen::Index n = information.rows() - 6;
-  return information.bottomRightCorner(n, n).llt().solve(Eigen::MatrixXd::Identity(n, n));
 }
 
 TEST(Retirement, PosesThatAreLeftAreNeverMoreCertainThanByAllMeasurements) {

@@ -92,10 +92,10 @@ void print(const std::string& name, const StepTimes& times, const slam::Incremen
               megabyte * static_cast<double>(solver.memoryBytes()),
               megabyte * static_cast<double>(times.resident_before),
               megabyte * static_cast<double>(times.resident_after));
-  std::printf("  factor: %lld blocks, at most %lld (store %lld of %lld), %lld dropped\n",
+  std::printf("  factor: %lld blocks, at most %lld (store %lld of %lld), %d measurements left out\n",
               static_cast<long long>(solver.factorBlocks()), static_cast<long long>(times.most_blocks),
               static_cast<long long>(times.most_store), static_cast<long long>(solver.factorStore()),
-              static_cast<long long>(solver.fillDropped()));
+              solver.leftOut());
   std::printf("  a step: %.2f iterations, %.3f new factors; work: solve %.0f, update %.0f, build %.0f\n",
               times.sum.iterations / steps, times.sum.factors_replaced / steps,
               static_cast<double>(times.sum.solve_work) / steps,

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <Eigen/Dense>
+#include <span>
+#include <vector>
+
+#include "recon/slam/incremental_solver.hpp"
+
+// Normal equations of a small graph as one dense matrix.
+namespace fathom::slam {
+
+inline Eigen::MatrixXd informationOf(const std::vector<SE3>& poses, std::span<const RelativePose> edges) {
+  const auto n = static_cast<Eigen::Index>(6 * poses.size());
+  Eigen::MatrixXd information = Eigen::MatrixXd::Zero(n, n);
+  for (const RelativePose& e : edges) {
+    const RelativePoseLinear l =
+        linearize(e, e.from == kWorld ? SE3() : poses[static_cast<std::size_t>(e.from)],
+                  poses[static_cast<std::size_t>(e.to)]);
+    Eigen::MatrixXd row = Eigen::MatrixXd::Zero(6, n);
+    if (e.from != kWorld) row.middleCols<6>(6 * e.from) = l.by_from;
+    row.middleCols<6>(6 * e.to) = l.by_to;
+    information += row.transpose() * e.information * row;
+  }
+  return information;
+}
+
+// Covariance of every pose but the first, which is held, from the whole matrix.
+inline Eigen::MatrixXd covarianceOf(const std::vector<SE3>& poses, std::span<const RelativePose> edges) {
+  const Eigen::MatrixXd information = informationOf(poses, edges);
+  const Eigen::Index n = information.rows() - 6;
+  return information.bottomRightCorner(n, n).llt().solve(Eigen::MatrixXd::Identity(n, n));
+}
+
+// All that a solver has, its weights in the informations.
+inline std::vector<RelativePose> measurementsOf(const IncrementalSolver& solver) {
+  std::vector<RelativePose> all;
+  for (int k = 0; k < solver.measurements(); ++k) {
+    const Measurement& m = solver.measurement(k);
+    if (m.in_use) all.push_back({m.from, m.to, m.T_from_to, m.weight * m.root.transpose() * m.root});
+  }
+  return all;
+}
+
+}  // namespace fathom::slam
