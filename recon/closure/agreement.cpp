@@ -1,33 +1,17 @@
 #include "recon/closure/agreement.hpp"
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <cstdlib>
+
+#include "recon/closure/cycle_check.hpp"
 
 namespace fathom::closure {
 namespace {
 
 constexpr double kCycle = 16.81;  // chi-square with 6 degrees of freedom, 99 %
 
-// Right perturbation of X in X T, as one of the product: Ad(T^-1).
-Matrix6d moved(const SE3& T, const Matrix6d& covariance) {
-  const SE3 back = T.inverse();
-  const Eigen::Matrix3d R = back.matrix3();
-  const Eigen::Vector3d& t = back.translation();
-  Eigen::Matrix3d hat;
-  hat << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
-  Matrix6d adjoint = Matrix6d::Zero();
-  adjoint.topLeftCorner<3, 3>() = adjoint.bottomRightCorner<3, 3>() = R;
-  adjoint.topRightCorner<3, 3>() = hat * R;
-  return adjoint * covariance * adjoint.transpose();
-}
-
 bool agree(const Claim& x, const Claim& y, const RelativePrior& side, const RelativePrior& far_side) {
-  const SE3 by_x = x.T_a_b * far_side.T_a_b, by_y = side.T_a_b * y.T_a_b;
-  const Matrix6d spread = moved(far_side.T_a_b, x.covariance) + far_side.covariance +
-                          moved(y.T_a_b, side.covariance) + y.covariance;
-  const Vector6d off = (by_x.inverse() * by_y).log();
-  return off.dot(spread.ldlt().solve(off)) < kCycle;
+  return cycleDistance2({x.T_a_b, x.covariance}, far_side, side, {y.T_a_b, y.covariance}) < kCycle;
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/geometry/adjoint.hpp"
 #include "recon/slam/navigation_graph.hpp"
 
 namespace fathom::slam {
@@ -40,19 +41,6 @@ Vector6d perturbationOf(const RelativePose& factor, const SE3& T_from, const SE3
   Vector6d e = relativePoseError(factor, T_from, T_to);
   e.tail<3>() *= 2;
   return e;
-}
-
-// A right perturbation of X in X T as one of the product: Ad(T^-1).
-Matrix6d carried(const SE3& T, const Matrix6d& covariance) {
-  const SE3 back = T.inverse();
-  const Eigen::Matrix3d R = back.matrix3();
-  const Eigen::Vector3d& t = back.translation();
-  Eigen::Matrix3d hat;
-  hat << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
-  Matrix6d adjoint = Matrix6d::Zero();
-  adjoint.topLeftCorner<3, 3>() = adjoint.bottomRightCorner<3, 3>() = R;
-  adjoint.topRightCorner<3, 3>() = hat * R;
-  return adjoint * covariance * adjoint.transpose();
 }
 
 // A way in odom's axes, level, ahead and to starboard of a heading [m].

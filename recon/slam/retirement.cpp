@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 
+#include "recon/geometry/adjoint.hpp"
+
 namespace fathom::slam {
 namespace {
 
@@ -16,18 +18,6 @@ constexpr double kStraight_m = 30, kStraight_rad = 0.05;
 constexpr int kFits = 4;  // Gauss-Newton steps to where a link's measurements are satisfied; two are enough
 constexpr int kRounds = 12;  // of the fixed point for shares
 constexpr double kLeastShare = 1e-3;
-
-// T exp(x) = exp(adjoint(T) x) T, for twists (rho, phi).
-Matrix6d adjoint(const SE3& T) {
-  const Eigen::Matrix3d r = T.matrix3();
-  const Eigen::Vector3d& t = T.translation();
-  Eigen::Matrix3d cross;
-  cross << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
-  Matrix6d a = Matrix6d::Zero();
-  a.topLeftCorner<3, 3>() = a.bottomRightCorner<3, 3>() = r;
-  a.topRightCorner<3, 3>() = cross * r;
-  return a;
-}
 
 // (A^-1 + B^-1)^-1 = A - A (A + B)^-1 A, which exists for singular ones too.
 Matrix6d parallelSum(const Matrix6d& a, const Matrix6d& b) {

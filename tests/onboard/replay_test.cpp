@@ -9,6 +9,7 @@
 
 #include "firmware_if/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/onboard/onboard_config.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "telemetry/link_receiver.hpp"
 #include "telemetry/packet_log.hpp"
@@ -32,6 +33,13 @@ ReplayOptions into(const std::filesystem::path& out) {
   options.out = out;
   options.drain_s = 300;
   return options;
+}
+
+TEST(OnboardConfig, TellsTheGraphHowFarTheCameraIsFromTheDvl) {
+  io::MissionConfig mission;
+  mission.T_body_cam = SE3(Eigen::Quaterniond::Identity(), {0.4, 0, 0.1});
+  mission.T_body_dvl = SE3(Eigen::Quaterniond::Identity(), {0.0, 0, 0.4});
+  EXPECT_NEAR(mapCoreConfig({}, mission, {}).localisation.graph.lever, 0.5, 1e-12);
 }
 
 TEST(Replay, TwoReplaysGiveTheSameBytesInEveryFileButTheTimes) {

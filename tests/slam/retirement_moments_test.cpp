@@ -123,7 +123,7 @@ class Rounds {
   int born_ = 0, last_ = -1;
 };
 
-// Slices of the next factor from a column or two to all of it, so that poses come and go at every moment of
+// Slices of the next factor from a column or two to all of it, so that poses come and go at many moments of
 // its making: before, between and after its columns, while it takes in what is new, and when it is taken up.
 TEST(Retirement, AtAnyMomentOfTheNextFactorLeavesSolutionAndCovariancesOfABatch) {
   for (const std::int64_t quota : {40, 70, 110, 160, 240, 400, 700, 1200, 5000}) {
