@@ -192,6 +192,18 @@ bool IncrementalSolver::startFromMeasurements(StepReport& report) {
   return true;
 }
 
+void IncrementalSolver::displace(std::span<const int> poses, const SE3& by) {
+  for (const int i : poses)
+    if (!held_[at(i)]) poses_[at(i)] = by * poses_[at(i)];
+  noteChanged(poses);
+  errors_.follow(poses);
+  ++moves_;
+  rises_ = 0;
+  damping_ = 0;
+  no_way_down_ = false;
+  urgent_ = restart_ = true;
+}
+
 void IncrementalSolver::noteChanged(std::span<const int> poses) {
   for (const int i : poses) {
     if (is_changed_[at(i)] || held_[at(i)]) continue;

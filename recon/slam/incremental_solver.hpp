@@ -89,6 +89,9 @@ class IncrementalSolver {
   // Scales the information of a measurement; 0 takes it out. False when there is no such one.
   bool setWeight(int measurement, double weight);
   StepReport step();
+  // Moves poses as one body, T <- by T, for who knows better where to begin: from far away the way down may
+  // end beside the minimum.
+  void displace(std::span<const int> poses, const SE3& by);
 
   // Retires a pose with all its measurements. What they say about its neighbours is kept without loss if
   // there are two, and else in part, never more than was known. Switched-off measurements are forgotten.

@@ -58,6 +58,7 @@ NavigationGraph::NavigationGraph(const NavigationConfig& config)
       reference_credit_(kKeyframesPerReference * kSpareReferences) {
   const IncrementalConfig sizes = solverConfig(config);
   changed_.reserve(at(config.max_keyframes));
+  astray_.reserve(at(config.max_keyframes));
   frame_of_node_.resize(at(sizes.max_poses), -1);
   must_stay_.resize(at(sizes.max_poses), 1);
   robust_of_.resize(at(sizes.max_measurements), -1);
@@ -71,7 +72,7 @@ NavigationGraph::NavigationGraph(const NavigationConfig& config)
 std::size_t NavigationGraph::memoryBytes() const {
   return solver_.memoryBytes() + frames_.memoryBytes() + robust_.capacity() * sizeof(Robust) +
          references_.capacity() * sizeof(Reference) + must_stay_.size() +
-         (changed_.capacity() + frame_of_node_.size() + robust_of_.size()) * sizeof(int);
+         (changed_.capacity() + astray_.capacity() + frame_of_node_.size() + robust_of_.size()) * sizeof(int);
 }
 
 void NavigationGraph::setAnchor(const Eigen::Vector2d& shift, double sigma) {

@@ -223,6 +223,7 @@ class NavigationGraph {
   void judgeVelocity(Frame& from, Frame& to);
   void weigh(Frame& frame);
   void takeVerdicts(int keyframe);
+  void moveAstray(int a, int b, const SE3& T_a_b);
   [[nodiscard]] bool agreesWithRefused(int a, int b, const SE3& T_a_b, const Matrix6d& covariance);
   [[nodiscard]] bool insists(std::int64_t utc_ns, const Eigen::Vector2d& innovation, double sigma);
   void reweight(bool settled);
@@ -237,6 +238,7 @@ class NavigationGraph {
   std::vector<int> frame_of_node_;  // -1: a reference
   std::vector<Robust> robust_;
   std::vector<int> changed_;  // keyframes
+  std::vector<int> astray_;   // nodes that moveAstray() moves
   std::size_t next_robust_ = 0, newest_robust_ = 0;
   Eigen::Vector2d shift_ = Eigen::Vector2d::Zero();
   double shift_sigma_;

@@ -28,6 +28,8 @@ constexpr double kAlike = 3;  // standard deviations between wild fixes that agr
 // so for minutes. Not so long where the vehicle has gone without anything to be believed since they last
 // fitted.
 constexpr double kDoubted_s = 900, kDoubtedInTrouble_s = 60;
+constexpr double kFarTurned =
+    0.3;  // poses turned by more are not left to a solver that follows the slope [rad]
 constexpr double kCycle = 16.81;  // chi-square with 6 degrees of freedom, 99 %
 constexpr double kNanoseconds = 1e9;
 
@@ -226,6 +228,31 @@ bool NavigationGraph::agreesWithRefused(int a, int b, const SE3& T_a_b, const Ma
   return agreeing >= config_.lying_after;
 }
 
+// A vehicle that was lost is found: all that came after the last step of which nothing certain is known is
+// moved as one body to where the closure has keyframe b; the solver shares out what is left.
+void NavigationGraph::moveAstray(int a, int b, const SE3& T_a_b) {
+  const SE3 by = pose(a) * T_a_b * pose(b).inverse();
+  const std::span<const int> all = living();
+  auto first = std::upper_bound(all.begin(), all.end(), b);
+  const auto weak = [&](int k) {
+    const Frame& f = frames_[at(k)];
+    const bool seen = f.link >= 0 && !f.visualLies();
+    return f.leapt || (!seen && (f.dvl_lies || f.quality.seconds_unlocked > 0));
+  };
+  while (first != all.begin() && *(first - 1) > a && !weak(*(first - 1))) --first;
+  if (first == all.begin() || *(first - 1) <= a) return;
+  --first;  // what the weak step leads to
+  astray_.clear();
+  for (auto k = first; k != all.end(); ++k) astray_.push_back(frames_[at(*k)].node);
+  solver_.displace(astray_, by);
+  // Their references of attitude turn with them.
+  astray_.clear();
+  for (const Reference& r : references_)
+    if (!r.of_depth && r.utc_ns >= frames_[at(*first)].utc_ns) astray_.push_back(r.node);
+  solver_.displace(astray_, SE3(by.rotation(), Eigen::Vector3d::Zero()));
+  noteChanges();
+}
+
 Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance) {
   if (!has(a) || !has(b) || a == b || !covariance.allFinite()) {
     ++counters_.links_refused;
@@ -245,6 +272,8 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
     if (!fits) ++counters_.links_contradicting;
     if (!fits && !agreesWithRefused(a, b, T_a_b, covariance)) return Taken::kContradicts;
   }
+  if (agreed && b > a && pose(b).rotation().angularDistance((pose(a) * T_a_b).rotation()) > kFarTurned)
+    moveAstray(a, b, T_a_b);
   const int measurement = addFactor(factor);
   if (measurement < 0) {
     ++counters_.links_refused;

@@ -13,7 +13,7 @@ constexpr double kDegree = std::numbers::pi / 180;
 
 NavigationConfig configFor(std::size_t keyframes) {
   NavigationConfig config;
-  config.max_keyframes = static_cast<int>(keyframes) + 1;
+  config.max_keyframes = static_cast<int>(keyframes) + 64;  // none retires
   config.max_links = 3 * config.max_keyframes;
   config.max_fixes = config.max_keyframes;
   return config;
