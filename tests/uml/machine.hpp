@@ -12,10 +12,9 @@
 namespace fathom::uml {
 
 // Begin a test with this, so that it skips, saying so, where there is none.
-#define FATHOM_REQUIRE_USER_MODE_LINUX()                     \
-  if (!std::filesystem::exists(fathom::uml::kKernel) ||      \
-      !std::filesystem::exists(fathom::uml::kModulesFolder)) \
-  GTEST_SKIP() << "no user-mode Linux: install the Debian package user-mode-linux"
+#define FATHOM_REQUIRE_USER_MODE_LINUX()                                                            \
+  if (const auto tried = fathom::uml::runMachine("-- true"); tried.status == fathom::uml::kSkipped) \
+  GTEST_SKIP() << tried.output
 
 // The same for tests that run a program of this build inside: a sanitizer's shadow memory does not fit there.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
@@ -24,6 +23,8 @@ namespace fathom::uml {
 #else
 #define FATHOM_REQUIRE_OWN_PROGRAMS_INSIDE() FATHOM_REQUIRE_USER_MODE_LINUX()
 #endif
+
+inline constexpr int kSkipped = 77;  // status of uml_run where this machine can run none
 
 struct MachineRun {
   int status = -1;     // of uml_run

@@ -14,7 +14,6 @@
 namespace fathom::uml {
 namespace {
 
-constexpr int kSkipped = 77;
 constexpr std::int64_t kMostLostMs = 1000;
 
 std::string readText(const std::filesystem::path& path) {

@@ -37,8 +37,9 @@ using Seconds = std::chrono::duration<double>;
 
 // Exit statuses besides the command's own.
 constexpr int kBadUsage = 2;
-constexpr int kSkipped = 77;     // ctest's SKIP_RETURN_CODE: this machine has no user-mode Linux
-constexpr int kTimeLimit = 124;  // as timeout(1) gives
+constexpr int kSkipped = 77;  // ctest's SKIP_RETURN_CODE: this machine can run no user-mode Linux
+constexpr const char* kRegistersTooLarge = "ptrace set fp regs failed";  // of its console
+constexpr int kTimeLimit = 124;                                          // as timeout(1) gives
 constexpr int kNoMachine = 125;  // it did not boot, or could not be set up
 constexpr int kEndedBeforeCut = 126;
 
@@ -219,8 +220,14 @@ int watch(const Options& options, const JobFolder& job, pid_t machine) {
     return kNoMachine;
   }
   if (!fs::exists(job / kStatusFile)) {
+    const std::string console = readText(job / "console");
+    // A processor whose registers (AMX's tiles) need more room than the machine's kernel knows of.
+    if (console.find(kRegistersTooLarge) != std::string::npos) {
+      std::fprintf(stderr, "uml_run: skipped: the user-mode Linux cannot set this processor's registers\n");
+      return kSkipped;
+    }
     std::fprintf(stderr, "uml_run: the machine stopped %s; its console:\n%s\n",
-                 started ? "under the command" : "before the command", readText(job / "console").c_str());
+                 started ? "under the command" : "before the command", console.c_str());
     return kNoMachine;
   }
   const int status = std::stoi(readText(job / kStatusFile));
