@@ -18,7 +18,8 @@ KeyframeFeatures::KeyframeFeatures(SlotStore* slots, int max_keyframes, int max_
     : slots_(slots),
       entries_(static_cast<std::size_t>(max_keyframes)),
       block_(closure::slotBytes(closure::DescriptorKind::kRootSift, static_cast<std::size_t>(max_features))) {
-  free_.reserve(slots == nullptr ? 0 : slots->slots());
+  // As many slots as are ever in use, however many there are.
+  free_.reserve(static_cast<std::size_t>(max_keyframes) + 1);
   for (Kept& k : newest_) reserve(k.features, static_cast<std::size_t>(max_features));
   for (Kept& k : read_) reserve(k.features, static_cast<std::size_t>(max_features));
 }
