@@ -30,8 +30,8 @@ class Ground {
     constexpr double kChange = 5;
     std::normal_distribution<double> change(0, kChange);
     FrameFeatures frame;
-    Feature anywhere{};
-    frame.features.assign(static_cast<std::size_t>(count), anywhere);
+    frame.features.assign(static_cast<std::size_t>(count),
+                          Feature{{0, 0}, {0, 0}, {0, 0, 0}, {0, 0, 0, 0, 0, 0}, 0});
     for (int k = first; k < first + count; ++k)
       for (const std::uint8_t v : descriptors_[static_cast<std::size_t>(k)])
         frame.descriptors.push_back(static_cast<std::uint8_t>(std::clamp(v + change(random_), 0.0, 255.0)));
