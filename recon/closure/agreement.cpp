@@ -3,15 +3,11 @@
 #include <algorithm>
 #include <cstdlib>
 
-#include "recon/closure/cycle_check.hpp"
-
 namespace fathom::closure {
 namespace {
 
-constexpr double kCycle = 16.81;  // chi-square with 6 degrees of freedom, 99 %
-
 bool agree(const Claim& x, const Claim& y, const RelativePrior& side, const RelativePrior& far_side) {
-  return cycleDistance2({x.T_a_b, x.covariance}, far_side, side, {y.T_a_b, y.covariance}) < kCycle;
+  return cycleDistance2({x.T_a_b, x.covariance}, far_side, side, {y.T_a_b, y.covariance}) < kCycleGate;
 }
 
 }  // namespace

@@ -11,14 +11,11 @@
 #include "recon/closure/point_alignment.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/stereo_rig.hpp"
+#include "recon/geometry/uncertain_pose.hpp"
 
 namespace fathom::closure {
 
-// What is known of the relative pose before: T_a_b and the covariance of its right perturbation (rho, phi).
-struct RelativePrior {
-  SE3 T_a_b;
-  Matrix6d covariance = Matrix6d::Identity();  // [m, rad]
-};
+using RelativePrior = UncertainPose;  // what is known of the relative pose before
 
 enum class Refusal : std::uint8_t {
   kNone,

@@ -17,11 +17,6 @@ double seconds(std::int64_t ns) {
   return static_cast<double>(ns) / kNanoseconds;
 }
 
-double headingOf(const SE3& T_odom_cam) {
-  const Eigen::Vector3d ahead = T_odom_cam.rotation() * Eigen::Vector3d::UnitY();
-  return std::atan2(ahead.y(), ahead.x());
-}
-
 // What turning may take: a reference of attitude for every fourth keyframe, and so many more at once.
 constexpr int kKeyframesPerReference = 4, kSpareReferences = 200;
 int maxReferences(int keyframes) {

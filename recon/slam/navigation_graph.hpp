@@ -8,6 +8,7 @@
 
 #include "realtime/kernel/numbered_pool.hpp"
 #include "realtime/kernel/state_archive_fwd.hpp"
+#include "recon/geometry/uncertain_pose.hpp"
 #include "recon/slam/dvl_calibration.hpp"
 #include "recon/slam/heading_trust.hpp"
 #include "recon/slam/incremental_solver.hpp"
@@ -93,10 +94,7 @@ class NavigationGraph {
   // By the last addKeyframe(), in their order: one may be `onto` of an earlier one.
   [[nodiscard]] std::span<const Retired> retired() const { return retired_; }
 
-  struct Prediction {
-    SE3 T_a_b;
-    Matrix6d covariance;  // of its right perturbation (rho, phi)
-  };
+  using Prediction = UncertainPose;
   // Keyframe b seen from a. Of keyframes that step() has taken in.
   [[nodiscard]] Prediction predict(int a, int b);
 
@@ -277,12 +275,11 @@ class NavigationGraph {
   // Visual odometry of the newest step, until it is judged.
   struct Seen {
     bool waits = false, linked = false;
-    SE3 T_a_b;
-    Matrix6d covariance = Matrix6d::Zero();
+    UncertainPose link;
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
-      archive(self.waits, self.linked, self.T_a_b, self.covariance);
+      archive(self.waits, self.linked, self.link.T_a_b, self.link.covariance);
     }
   } seen_;
   // Of the newest step, level, ahead and to starboard, by what is believed [m/s].
@@ -303,12 +300,11 @@ class NavigationGraph {
                fix_agreed_ns_ = 0;  // last time that a sensor of the chain lied; that a fix fit
   struct Refused {                  // a closure that contradicts
     int a = -1, b = -1;
-    SE3 T_a_b;
-    Matrix6d covariance = Matrix6d::Zero();
+    UncertainPose link;
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
-      archive(self.a, self.b, self.T_a_b, self.covariance);
+      archive(self.a, self.b, self.link.T_a_b, self.link.covariance);
     }
   };
   std::array<Refused, 16> refused_;  // the newest, in turn

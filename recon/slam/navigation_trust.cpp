@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "recon/geometry/adjoint.hpp"
 #include "recon/slam/navigation_graph.hpp"
 
 namespace fathom::slam {
@@ -30,13 +29,7 @@ constexpr double kAlike = 3;  // standard deviations between wild fixes that agr
 constexpr double kDoubted_s = 900, kDoubtedInTrouble_s = 60;
 constexpr double kFarTurned =
     0.3;  // poses turned by more are not left to a solver that follows the slope [rad]
-constexpr double kCycle = 16.81;  // chi-square with 6 degrees of freedom, 99 %
 constexpr double kNanoseconds = 1e9;
-
-double headingOf(const SE3& T_odom_cam) {
-  const Eigen::Vector3d ahead = T_odom_cam.rotation() * Eigen::Vector3d::UnitY();
-  return std::atan2(ahead.y(), ahead.x());
-}
 
 // Error of a factor as a right perturbation (rho, phi).
 Vector6d perturbationOf(const RelativePose& factor, const SE3& T_from, const SE3& T_to) {
@@ -91,11 +84,11 @@ StepTurns NavigationGraph::turnsOf(const Frame& from, const Frame& to) const {
   turns.gyro_sigma = config_.noise.gyro_walk * std::sqrt(std::max(turns.seconds, 0.0));
   turns.has_visual = seen_.linked;
   if (seen_.linked) {
-    const SE3 seen = from.T_odom_cam * seen_.T_a_b;
+    const SE3 seen = from.T_odom_cam * seen_.link.T_a_b;
     turns.visual = wrapAngle(headingOf(seen) - before);
     const Eigen::Vector3d down = seen.rotation().conjugate() * Eigen::Vector3d::UnitZ();
     turns.visual_sigma =
-        std::sqrt(std::max(0.0, down.dot(seen_.covariance.bottomRightCorner<3, 3>() * down)));
+        std::sqrt(std::max(0.0, down.dot(seen_.link.covariance.bottomRightCorner<3, 3>() * down)));
   }
   return turns;
 }
@@ -115,18 +108,19 @@ void NavigationGraph::judgeVelocity(Frame& from, Frame& to) {
     return;
   }
   const Eigen::Vector2d visual =
-      level(from.T_odom_cam.rotation() * seen_.T_a_b.translation(), heading) / elapsed;
+      level(from.T_odom_cam.rotation() * seen_.link.T_a_b.translation(), heading) / elapsed;
   const auto learn = [&] {
     if (locked && to.heading.visual)
-      (void)dvl_.add(from.T_odom_cam, to.T_odom_cam, seen_.T_a_b, seen_.covariance, to.quality);
+      (void)dvl_.add(from.T_odom_cam, to.T_odom_cam, seen_.link.T_a_b, seen_.link.covariance, to.quality);
   };
-  const double place = stepSigma(seen_.T_a_b.translation().norm(), to.quality, noise);
+  const double place = stepSigma(seen_.link.T_a_b.translation().norm(), to.quality, noise);
   Vector6d sigma;
   sigma << place, place, std::hypot(place, 2 * noise.depth), 2 * noise.tilt, 2 * noise.tilt, 0;
   Matrix6d spread = sigma.cwiseAbs2().asDiagonal();
   spread(5, 5) = kYawUnjudged;
-  const Vector6d e = perturbationOf({0, 1, seen_.T_a_b, Matrix6d::Identity()}, from.T_odom_cam, T_odom_to);
-  if (e.dot((spread + seen_.covariance).ldlt().solve(e)) <= config_.gate) {
+  const Vector6d e =
+      perturbationOf({0, 1, seen_.link.T_a_b, Matrix6d::Identity()}, from.T_odom_cam, T_odom_to);
+  if (e.dot((spread + seen_.link.covariance).ldlt().solve(e)) <= config_.gate) {
     contradictions_ = slips_ = 0;
     if (++agreements_ >= config_.lying_after) counters_.dvl_lies = false;
     velocity_ = visual;
@@ -217,14 +211,11 @@ bool NavigationGraph::agreesWithRefused(int a, int b, const SE3& T_a_b, const Ma
   int agreeing = 1;
   for (const Refused& other : refused_) {
     if (!has(other.a) || !has(other.b)) continue;
-    const Prediction side = predict(a, other.a), far_side = predict(b, other.b);
-    const SE3 by_this = T_a_b * far_side.T_a_b, by_other = side.T_a_b * other.T_a_b;
-    const Matrix6d spread = carried(far_side.T_a_b, covariance) + far_side.covariance +
-                            carried(other.T_a_b, side.covariance) + other.covariance;
-    const Vector6d off = (by_this.inverse() * by_other).log();
-    if (off.dot(spread.ldlt().solve(off)) < kCycle) ++agreeing;
+    if (cycleDistance2({T_a_b, covariance}, predict(b, other.b), predict(a, other.a), other.link) <
+        kCycleGate)
+      ++agreeing;
   }
-  refused_[next_refused_++ % refused_.size()] = {a, b, T_a_b, covariance};
+  refused_[next_refused_++ % refused_.size()] = {a, b, {T_a_b, covariance}};
   return agreeing >= config_.lying_after;
 }
 
@@ -283,8 +274,7 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
   if (chain) {
     to.link = measurement;
     seen_.linked = true;
-    seen_.T_a_b = T_a_b;
-    seen_.covariance = covariance;
+    seen_.link = {T_a_b, covariance};
   } else {
     robust_of_[at(measurement)] = static_cast<int>(robust_.size());
     robust_.push_back({factor, covariance, measurement, kLinkFree, 1, false, false, agreed});

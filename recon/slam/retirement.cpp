@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "recon/geometry/adjoint.hpp"
+#include "recon/geometry/uncertain_pose.hpp"
 
 namespace fathom::slam {
 namespace {

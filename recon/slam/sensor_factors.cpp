@@ -43,6 +43,11 @@ void SensorNoise::validate() const {
       throw std::invalid_argument("sensor noise: a drift must not be negative");
 }
 
+double headingOf(const SE3& T_odom_cam) {
+  const Eigen::Vector3d ahead = T_odom_cam.rotation() * Eigen::Vector3d::UnitY();
+  return std::atan2(ahead.y(), ahead.x());
+}
+
 Matrix6d informationOfResidual(const Matrix6d& information_of_perturbation) {
   Matrix6d scaled = information_of_perturbation;
   scaled.topRightCorner<3, 3>() *= 2;

@@ -37,6 +37,9 @@ struct SensorNoise {
   void validate() const;  // throws std::invalid_argument
 };
 
+// Of a camera that looks down: where its image's lower edge points, from north to east [rad].
+[[nodiscard]] double headingOf(const SE3& T_odom_cam);
+
 // Every factor is a measured relative pose with pose_graph.hpp's residual e(T_from_to; T_w_from, T_w_to) and
 // derivatives; what a sensor does not tell has next to no information (a standard deviation of 1000 km).
 // Poses of the graph: cameras T_nav_cam, references T_nav_ref, and the origin of nav itself, however a graph

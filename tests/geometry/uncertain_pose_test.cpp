@@ -1,15 +1,15 @@
-#include "recon/closure/cycle_check.hpp"
+#include "recon/geometry/uncertain_pose.hpp"
 
 #include <gtest/gtest.h>
 
-namespace fathom::closure {
+namespace fathom {
 namespace {
 
-RelativePrior known(const SE3& T, double sigma) {
+UncertainPose known(const SE3& T, double sigma) {
   return {T, sigma * sigma * Matrix6d::Identity()};
 }
 
-TEST(CycleCheck, TwoClosuresOfNeighboursAgreeAsFarAsAllFourAreKnown) {
+TEST(UncertainPose, TwoClosuresOfNeighboursAgreeAsFarAsAllFourAreKnown) {
   const SE3 T_w_a = SE3::fromEuler(0.1, 0, 0.3, {1, 2, 10}),
             T_w_a2 = SE3::fromEuler(0, 0.1, 0.4, {1.5, 2, 10});
   const SE3 T_w_b = SE3::fromEuler(0, 0, 2.9, {1.2, 2.5, 10}),
@@ -26,4 +26,4 @@ TEST(CycleCheck, TwoClosuresOfNeighboursAgreeAsFarAsAllFourAreKnown) {
 }
 
 }  // namespace
-}  // namespace fathom::closure
+}  // namespace fathom

@@ -1,0 +1,36 @@
+#include "recon/geometry/uncertain_pose.hpp"
+
+#include <Eigen/Dense>
+
+namespace fathom {
+namespace {
+
+// A right perturbation x of X is the right perturbation adjoint(T^-1) x of X T.
+Matrix6d carried(const SE3& T, const Matrix6d& covariance) {
+  const Matrix6d by = adjoint(T.inverse());
+  return by * covariance * by.transpose();
+}
+
+}  // namespace
+
+Matrix6d adjoint(const SE3& T) {
+  const Eigen::Matrix3d R = T.matrix3();
+  const Eigen::Vector3d& t = T.translation();
+  Eigen::Matrix3d hat;
+  hat << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
+  Matrix6d a = Matrix6d::Zero();
+  a.topLeftCorner<3, 3>() = a.bottomRightCorner<3, 3>() = R;
+  a.topRightCorner<3, 3>() = hat * R;
+  return a;
+}
+
+double cycleDistance2(const UncertainPose& a_b, const UncertainPose& b_b2, const UncertainPose& a_a2,
+                      const UncertainPose& a2_b2) {
+  const SE3 one = a_b.T_a_b * b_b2.T_a_b, other = a_a2.T_a_b * a2_b2.T_a_b;
+  const Matrix6d covariance = carried(b_b2.T_a_b, a_b.covariance) + b_b2.covariance +
+                              carried(a2_b2.T_a_b, a_a2.covariance) + a2_b2.covariance;
+  const Vector6d off = (one.inverse() * other).log();
+  return off.dot(covariance.ldlt().solve(off));
+}
+
+}  // namespace fathom

@@ -1,0 +1,26 @@
+#pragma once
+
+#include "recon/geometry/se3.hpp"
+
+namespace fathom {
+
+// A relative pose with the covariance of its right perturbation (rho, phi).
+struct UncertainPose {
+  SE3 T_a_b;
+  Matrix6d covariance = Matrix6d::Identity();  // [m, rad]
+};
+
+// Of a pose, for twists (rho, phi):  T exp(x) = exp(adjoint(T) x) T (Barfoot, "State Estimation for
+// Robotics", 2017, section 7.1.4).
+[[nodiscard]] Matrix6d adjoint(const SE3& T);
+
+// Squared Mahalanobis distance (6 degrees of freedom) by which two measured poses a - b and a2 - b2 of
+// neighbours disagree around the cycle a - b - b2 - a2:
+//   e = log((T_a_b T_b_b2)^-1 (T_a_a2 T_a2_b2)),
+// against the covariances of both and of the two sides, whose ways are short. Two measurements that look
+// alike in places that are not the same agree by chance alone.
+[[nodiscard]] double cycleDistance2(const UncertainPose& a_b, const UncertainPose& b_b2,
+                                    const UncertainPose& a_a2, const UncertainPose& a2_b2);
+inline constexpr double kCycleGate = 16.81;  // of it: chi-square with 6 degrees of freedom, 99 %
+
+}  // namespace fathom
