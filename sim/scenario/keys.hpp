@@ -1,10 +1,12 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <span>
 #include <string>
+#include <vector>
 
 namespace fathom::sim {
 
@@ -56,6 +58,17 @@ class KeyVisitor {
     auto index = static_cast<std::size_t>(value);
     choice(key, index, names, meaning);
     value = static_cast<Enum>(index);
+  }
+  // The tables of [[key]], at most `most`: visit(item) of each.
+  template <typename Item, typename Visit>
+  void listOf(const char* key, std::vector<Item>& items, std::size_t most, const char* meaning, Visit visit) {
+    items.resize(std::min(beginList(key, items.size(), meaning), most));
+    for (std::size_t i = 0; i < items.size(); ++i) {
+      enterItem(i);
+      visit(items[i]);
+      leaveItem();
+    }
+    endList();
   }
 };
 

@@ -15,23 +15,17 @@ void visitPath(KeyVisitor& keys, const char* key, std::filesystem::path& path, c
 void visitPlaced(KeyVisitor& keys, TerrainConfig& t) {
   constexpr std::size_t kMaxPlaced = 100;
   constexpr const char* kShapes[] = {"stone", "coral"};
-  const std::size_t count =
-      std::min(keys.beginList("placed", t.placed.size(), "things at chosen places (procedural)"), kMaxPlaced);
-  t.placed.resize(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    PlacedConfig& thing = t.placed[i];
-    keys.enterItem(i);
-    keys.choiceOf("shape", thing.coral, kShapes, "");
-    auto seed = static_cast<std::int64_t>(thing.seed);
-    keys.integer("seed", seed, 0, 9007199254740992, "things of one seed and size are twins");
-    thing.seed = static_cast<std::uint64_t>(seed);
-    keys.number("north_m", thing.north_m, "m", -5000, 5000, "in nav");
-    keys.number("east_m", thing.east_m, "m", -5000, 5000, "in nav");
-    keys.angle("heading_deg", thing.heading_rad, -360, 360, "clockwise from above");
-    keys.number("size_m", thing.size_m, "m", 0.02, 10, "longest diameter");
-    keys.leaveItem();
-  }
-  keys.endList();
+  keys.listOf("placed", t.placed, kMaxPlaced, "things at chosen places (procedural)",
+              [&](PlacedConfig& thing) {
+                keys.choiceOf("shape", thing.coral, kShapes, "");
+                auto seed = static_cast<std::int64_t>(thing.seed);
+                keys.integer("seed", seed, 0, 9007199254740992, "things of one seed and size are twins");
+                thing.seed = static_cast<std::uint64_t>(seed);
+                keys.number("north_m", thing.north_m, "m", -5000, 5000, "in nav");
+                keys.number("east_m", thing.east_m, "m", -5000, 5000, "in nav");
+                keys.angle("heading_deg", thing.heading_rad, -360, 360, "clockwise from above");
+                keys.number("size_m", thing.size_m, "m", 0.02, 10, "longest diameter");
+              });
 }
 
 void visitGround(KeyVisitor& keys, TerrainConfig& t) {
@@ -60,21 +54,14 @@ void visitGround(KeyVisitor& keys, TerrainConfig& t) {
   keys.number("overhang", t.corals.overhang, "1", 0, 0.8, "foot is thinner than the cap by this fraction");
   keys.leave();
   constexpr std::size_t kMaxLedges = 20;
-  std::size_t count = keys.beginList("ledges", t.ledges.size(), "drop-offs (procedural)");
-  count = std::min(count, kMaxLedges);
-  t.ledges.resize(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    LedgeConfig& ledge = t.ledges[i];
-    keys.enterItem(i);
+  keys.listOf("ledges", t.ledges, kMaxLedges, "drop-offs (procedural)", [&](LedgeConfig& ledge) {
     keys.number("north_m", ledge.north_m, "m", -5000, 5000, "a point on its line");
     keys.number("east_m", ledge.east_m, "m", -5000, 5000, "a point on its line");
     keys.angle("heading_deg", ledge.heading_rad, -360, 360, "of descent");
     keys.number("drop_m", ledge.drop_m, "m", 0, 50, "height");
     keys.number("width_m", ledge.width_m, "m", 0.05, 50, "horizontal distance over which it falls");
     keys.number("undercut_m", ledge.undercut_m, "m", 0, 5, "by which the lip overhangs the wall");
-    keys.leaveItem();
-  }
-  keys.endList();
+  });
   visitPlaced(keys, t);
 }
 
@@ -132,19 +119,12 @@ void visitOptics(KeyVisitor& keys, OpticsConfig& o) {
   keys.number("exposure_distance_m", o.sensor.exposure_distance_m, "m", 0.3, 50, "");
   keys.leave();
   constexpr std::size_t kMaxStrobes = 8;
-  std::size_t count = keys.beginList("strobes", o.strobes.size(), "");
-  count = std::min(count, kMaxStrobes);
-  o.strobes.resize(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    StrobeConfig& strobe = o.strobes[i];
-    keys.enterItem(i);
+  keys.listOf("strobes", o.strobes, kMaxStrobes, "", [&](StrobeConfig& strobe) {
     keys.vector3("position_m", strobe.position_body, "m", -10, 10, "in body");
     keys.vector3("direction", strobe.direction_body, "1", -1, 1, "axis of the beam in body");
     keys.number("intensity", strobe.intensity, "1", 0, 100, "on the axis, relative to the other strobes");
     keys.angle("half_angle_deg", strobe.half_angle_rad, 5, 89, "at which the intensity is one half");
-    keys.leaveItem();
-  }
-  keys.endList();
+  });
   keys.leave();
 }
 

@@ -1,5 +1,3 @@
-#include <algorithm>
-
 #include "sim/scenario/scenario.hpp"
 
 namespace fathom::sim {
@@ -11,15 +9,10 @@ constexpr double kLastFault = 100000;     // [s]
 constexpr std::size_t kMaxFaults = 1000;  // of one kind
 
 void visitSpells(KeyVisitor& keys, const char* key, std::vector<Spell>& spells, const char* meaning) {
-  const std::size_t count = std::min(keys.beginList(key, spells.size(), meaning), kMaxFaults);
-  spells.resize(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    keys.enterItem(i);
-    keys.number("from_s", spells[i].from_s, "s", 0, kLastFault, "since the mission's start");
-    keys.number("to_s", spells[i].to_s, "s", 0, kLastFault, "since the mission's start");
-    keys.leaveItem();
-  }
-  keys.endList();
+  keys.listOf(key, spells, kMaxFaults, meaning, [&](Spell& spell) {
+    keys.number("from_s", spell.from_s, "s", 0, kLastFault, "since the mission's start");
+    keys.number("to_s", spell.to_s, "s", 0, kLastFault, "since the mission's start");
+  });
 }
 
 void visitDvl(KeyVisitor& keys, DvlConfig& c) {
@@ -50,29 +43,18 @@ void visitCompass(KeyVisitor& keys, CompassConfig& c) {
   keys.angle("tilt_bias_sigma_deg", c.tilt_bias_sigma, 0, 10, "of roll and pitch, drawn once a dive");
   keys.angle("tilt_sigma_deg", c.tilt_sigma, 0, 10, "white noise of roll and pitch");
   keys.number("latency_s", c.latency_s, "s", 0, kMaxLatency, "from measurement to arrival");
-  const std::size_t count = std::min(
-      keys.beginList("jumps", c.jumps.size(), "sudden errors of the heading, which stay"), kMaxFaults);
-  c.jumps.resize(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    keys.enterItem(i);
-    keys.number("at_s", c.jumps[i].at_s, "s", 0, kLastFault, "since the mission's start");
-    keys.angle("deg", c.jumps[i].turn, -360, 360, "added to the heading from then on");
-    keys.leaveItem();
-  }
-  keys.endList();
-  const std::size_t anomalies = std::min(
-      keys.beginList("anomalies", c.anomalies.size(), "magnetic things on the seafloor"), kMaxFaults);
-  c.anomalies.resize(anomalies);
-  for (std::size_t i = 0; i < anomalies; ++i) {
-    MagneticAnomaly& anomaly = c.anomalies[i];
-    keys.enterItem(i);
-    keys.number("north_m", anomaly.north_m, "m", -5000, 5000, "in nav");
-    keys.number("east_m", anomaly.east_m, "m", -5000, 5000, "in nav");
-    keys.number("radius_m", anomaly.radius_m, "m", 0.1, 1000, "where the error is a third of its peak");
-    keys.angle("deg", anomaly.turn, -180, 180, "added to the heading above it; a dipole's fall beyond");
-    keys.leaveItem();
-  }
-  keys.endList();
+  keys.listOf("jumps", c.jumps, kMaxFaults, "sudden errors of the heading, which stay",
+              [&](CompassJump& jump) {
+                keys.number("at_s", jump.at_s, "s", 0, kLastFault, "since the mission's start");
+                keys.angle("deg", jump.turn, -360, 360, "added to the heading from then on");
+              });
+  keys.listOf(
+      "anomalies", c.anomalies, kMaxFaults, "magnetic things on the seafloor", [&](MagneticAnomaly& anomaly) {
+        keys.number("north_m", anomaly.north_m, "m", -5000, 5000, "in nav");
+        keys.number("east_m", anomaly.east_m, "m", -5000, 5000, "in nav");
+        keys.number("radius_m", anomaly.radius_m, "m", 0.1, 1000, "where the error is a third of its peak");
+        keys.angle("deg", anomaly.turn, -180, 180, "added to the heading above it; a dipole's fall beyond");
+      });
   keys.leave();
 }
 
