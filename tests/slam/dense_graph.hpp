@@ -31,6 +31,14 @@ inline Eigen::MatrixXd covarianceOf(const std::vector<SE3>& poses, std::span<con
   return information.bottomRightCorner(n, n).llt().solve(Eigen::MatrixXd::Identity(n, n));
 }
 
+// Of two poses together, from covarianceOf().
+inline Eigen::MatrixXd jointOf(const Eigen::MatrixXd& covariance, int a, int b) {
+  const auto block = [&](int x, int y) { return covariance.block<6, 6>(6 * (x - 1), 6 * (y - 1)); };
+  Eigen::MatrixXd both(12, 12);
+  both << block(a, a), block(a, b), block(b, a), block(b, b);
+  return both;
+}
+
 // All that a solver has, its weights in the informations.
 inline std::vector<RelativePose> measurementsOf(const IncrementalSolver& solver) {
   std::vector<RelativePose> all;

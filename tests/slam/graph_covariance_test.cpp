@@ -7,6 +7,8 @@
 #include <random>
 #include <stdexcept>
 
+#include "tests/slam/dense_graph.hpp"
+
 namespace fathom::slam {
 namespace {
 
@@ -39,36 +41,13 @@ PoseGraph lawnMower(int lines, int poses) {
   return graph;
 }
 
-// The inverse of all normal equations at once, by perturbations of poses in their own frames, without pose 0.
-Eigen::MatrixXd denseCovariance(const PoseGraph& graph) {
-  const auto n = static_cast<Eigen::Index>(graph.poses.size());
-  Eigen::MatrixXd H = Eigen::MatrixXd::Zero(6 * n, 6 * n);
-  H.topLeftCorner<6, 6>() = Matrix6d::Identity();
-  for (const RelativePose& edge : graph.edges) {
-    const RelativePoseLinear l = linearize(edge, graph.poses[static_cast<std::size_t>(edge.from)],
-                                           graph.poses[static_cast<std::size_t>(edge.to)]);
-    Eigen::MatrixXd J = Eigen::MatrixXd::Zero(6, 6 * n);
-    if (edge.from > 0) J.middleCols<6>(6 * edge.from) = l.by_from;
-    J.middleCols<6>(6 * edge.to) = l.by_to;
-    H += J.transpose() * edge.information * J;
-  }
-  return H.ldlt().solve(Eigen::MatrixXd::Identity(6 * n, 6 * n));
-}
-
-Eigen::MatrixXd jointOf(const Eigen::MatrixXd& dense, int a, int b) {
-  Eigen::MatrixXd both(12, 12);
-  both << dense.block<6, 6>(6 * a, 6 * a), dense.block<6, 6>(6 * a, 6 * b), dense.block<6, 6>(6 * b, 6 * a),
-      dense.block<6, 6>(6 * b, 6 * b);
-  return both;
-}
-
 TEST(GraphCovariance, IsThatOfTheWholeInverseForEveryPair) {
   const PoseGraph graph = lawnMower(4, 12);
-  const Eigen::MatrixXd dense = denseCovariance(graph);
+  const Eigen::MatrixXd dense = covarianceOf(graph.poses, graph.edges);
   const GraphCovariance known(graph);
   const int count = static_cast<int>(graph.poses.size());
   for (int a = 1; a < count; a += 5) {
-    const auto own = dense.block<6, 6>(6 * a, 6 * a);
+    const Matrix6d own = jointOf(dense, a, a).topLeftCorner<6, 6>();
     EXPECT_LT((known.of(a) - own).norm(), 1e-6 * own.norm()) << a;
     for (int b = a + 1; b < count; b += 7) {
       const SE3 &T_w_a = graph.poses[static_cast<std::size_t>(a)],

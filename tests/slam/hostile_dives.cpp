@@ -50,21 +50,9 @@ MadeSurvey withoutLies(const MadeSurvey& survey) {
 }
 
 std::vector<SE3> solvedTopside(const MadeSurvey& survey, const MadeSurveyOptions& o) {
-  std::vector<NavigationLink> links;
-  for (const auto* list : {&survey.visual, &survey.closures})
-    for (const MadeSurvey::Link& l : *list) {
-      NavigationLink link;
-      link.a = static_cast<std::uint32_t>(l.a);
-      link.b = static_cast<std::uint32_t>(l.b);
-      link.T_a_b = l.T_a_b;
-      link.covariance = survey.link_covariance;
-      links.push_back(link);
-    }
-  std::vector<NavigationFix> fixes;
-  for (const MadeSurvey::Fix& f : survey.fixes)
-    fixes.push_back({f.keyframe, f.antenna_in_odom, f.north_east, o.usbl_sigma});
-  return solveNavigation(configFor(survey.inputs.size()), survey.inputs, survey.anchor, o.anchor_sigma, links,
-                         fixes)
+  Measured measured = measuredOf(survey, o.usbl_sigma);
+  return solveNavigation(configFor(survey.inputs.size()), survey.inputs, survey.anchor, o.anchor_sigma,
+                         measured.links, measured.fixes)
       .poses;
 }
 

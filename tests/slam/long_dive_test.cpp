@@ -69,20 +69,11 @@ class Track {
 // What both ends of a link that the pool had room for say, all at once.
 std::vector<SE3> batchOf(const MadeSurvey& survey, const MadeSurveyOptions& options,
                          const std::vector<MadeSurvey::Link>& closures) {
-  std::vector<NavigationLink> links;
-  for (const auto* list : {&survey.visual, &closures})
-    for (const MadeSurvey::Link& l : *list) {
-      NavigationLink link;
-      link.a = static_cast<std::uint32_t>(l.a);
-      link.b = static_cast<std::uint32_t>(l.b);
-      link.T_a_b = l.T_a_b;
-      link.covariance = survey.link_covariance;
-      links.push_back(link);
-    }
-  std::vector<NavigationFix> fixes;
-  for (const MadeSurvey::Fix& f : survey.fixes)
-    fixes.push_back({f.keyframe, f.antenna_in_odom, f.north_east, options.usbl_sigma});
-  return solveNavigation({}, survey.inputs, survey.anchor, options.anchor_sigma, links, fixes).poses;
+  MadeSurvey kept = survey;
+  kept.closures = closures;
+  testing::Measured measured = measuredOf(kept, options.usbl_sigma);
+  return solveNavigation({}, kept.inputs, kept.anchor, options.anchor_sigma, measured.links, measured.fixes)
+      .poses;
 }
 
 double rmsOf(const std::vector<SE3>& poses, const std::vector<SE3>& truth, int from, int to) {

@@ -164,6 +164,30 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
   return s;
 }
 
+NavigationConfig smallConfig() {
+  NavigationConfig config;
+  config.max_keyframes = 400;
+  config.max_links = 2000;
+  config.max_fixes = 200;
+  return config;
+}
+
+Measured measuredOf(const MadeSurvey& s, double fix_sigma) {
+  Measured out;
+  for (const auto* list : {&s.visual, &s.closures})
+    for (const MadeSurvey::Link& l : *list) {
+      NavigationLink link;
+      link.a = static_cast<std::uint32_t>(l.a);
+      link.b = static_cast<std::uint32_t>(l.b);
+      link.T_a_b = l.T_a_b;
+      link.covariance = s.link_covariance;
+      out.links.push_back(link);
+    }
+  for (const MadeSurvey::Fix& f : s.fixes)
+    out.fixes.push_back({f.keyframe, f.antenna_in_odom, f.north_east, fix_sigma});
+  return out;
+}
+
 void measure(NavigationGraph& graph, const MadeSurvey& s, const MadeSurveyOptions& o, int k) {
   for (const MadeSurvey::Link& link : std::ranges::equal_range(s.visual, k, {}, &MadeSurvey::Link::b))
     (void)graph.addLink(LinkKind::kOdometry, k - 1, k, link.T_a_b, s.link_covariance);

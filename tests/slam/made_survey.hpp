@@ -4,6 +4,7 @@
 #include <random>
 #include <vector>
 
+#include "recon/slam/navigation_batch.hpp"
 #include "recon/slam/navigation_graph.hpp"
 
 namespace fathom::slam::testing {
@@ -65,6 +66,16 @@ struct MadeSurvey {
 };
 
 [[nodiscard]] MadeSurvey makeSurvey(const MadeSurveyOptions& options);
+
+// Room for a survey of 400 keyframes.
+[[nodiscard]] NavigationConfig smallConfig();
+
+// The survey's links and fixes, as a batch solution takes them.
+struct Measured {
+  std::vector<NavigationLink> links;
+  std::vector<NavigationFix> fixes;
+};
+[[nodiscard]] Measured measuredOf(const MadeSurvey& survey, double fix_sigma);
 
 // The survey through a graph, as a vehicle would: keyframe, visual odometry, fixes, closures, step.
 void drive(NavigationGraph& graph, const MadeSurvey& survey, const MadeSurveyOptions& options);

@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "recon/slam/graph_covariance.hpp"
+#include "tests/slam/dense_graph.hpp"
 #include "tests/slam/made_survey.hpp"
 
 namespace fathom::slam {
@@ -16,51 +17,13 @@ using testing::errorsOf;
 using testing::MadeSurvey;
 using testing::MadeSurveyOptions;
 using testing::makeSurvey;
+using testing::Measured;
+using testing::measuredOf;
 using testing::squaredError;
-
-struct Measured {
-  std::vector<NavigationLink> links;
-  std::vector<NavigationFix> fixes;
-};
-
-Measured measuredOf(const MadeSurvey& survey, double fix_sigma) {
-  Measured out;
-  for (const auto* list : {&survey.visual, &survey.closures})
-    for (const MadeSurvey::Link& l : *list) {
-      NavigationLink link;
-      link.a = static_cast<std::uint32_t>(l.a);
-      link.b = static_cast<std::uint32_t>(l.b);
-      link.T_a_b = l.T_a_b;
-      link.covariance = survey.link_covariance;
-      out.links.push_back(link);
-    }
-  for (const MadeSurvey::Fix& f : survey.fixes)
-    out.fixes.push_back({f.keyframe, f.antenna_in_odom, f.north_east, fix_sigma});
-  return out;
-}
 
 NavigationSolution solve(const MadeSurvey& survey, const MadeSurveyOptions& options, Measured& measured) {
   return solveNavigation({}, survey.inputs, survey.anchor, options.anchor_sigma, measured.links,
                          measured.fixes);
-}
-
-// The inverse of all normal equations at once, by perturbations of poses in their own frames; pose 0 is held.
-Eigen::MatrixXd denseCovariance(const PoseGraph& graph) {
-  const auto n = static_cast<Eigen::Index>(graph.poses.size());
-  Eigen::MatrixXd H = Eigen::MatrixXd::Zero(6 * n, 6 * n);
-  H.topLeftCorner<6, 6>() = Matrix6d::Identity();
-  for (const RelativePose& edge : graph.edges) {
-    const RelativePoseLinear l = linearize(edge, graph.poses[static_cast<std::size_t>(edge.from)],
-                                           graph.poses[static_cast<std::size_t>(edge.to)]);
-    const Eigen::Index i = 6 * edge.from, j = 6 * edge.to;
-    if (i > 0) {
-      H.block<6, 6>(i, i) += l.by_from.transpose() * edge.information * l.by_from;
-      H.block<6, 6>(i, j) += l.by_from.transpose() * edge.information * l.by_to;
-      H.block<6, 6>(j, i) += l.by_to.transpose() * edge.information * l.by_from;
-    }
-    H.block<6, 6>(j, j) += l.by_to.transpose() * edge.information * l.by_to;
-  }
-  return H.ldlt().solve(Eigen::MatrixXd::Identity(6 * n, 6 * n));
 }
 
 TEST(NavigationBatch, IsAsGoodAsTheTrueClosuresAllow) {
@@ -109,10 +72,11 @@ TEST(NavigationBatch, MarginalCovariancesAreThoseOfTheWholeInverse) {
   const MadeSurvey survey = makeSurvey(options);
   Measured measured = measuredOf(survey, options.usbl_sigma);
   const NavigationSolution solved = solve(survey, options, measured);
-  const Eigen::MatrixXd dense = denseCovariance(solved.graph);
+  const Eigen::MatrixXd dense = covarianceOf(solved.graph.poses, solved.graph.edges);
   GraphCovariance covariance(solved.graph);
   const int a = solved.nodes[solved.nodes.size() / 3], b = solved.nodes.back();
-  const Matrix6d own = dense.block<6, 6>(6 * b, 6 * b);
+  const Eigen::MatrixXd both = jointOf(dense, a, b);
+  const Matrix6d own = both.bottomRightCorner<6, 6>();
   EXPECT_LT((covariance.of(b) - own).norm(), 1e-4 * own.norm());
   // T_a_b = T_a^-1 T_b: its right perturbation is that of b less that of a, seen from b.
   const SE3 T_b_a = solved.graph.poses[static_cast<std::size_t>(b)].inverse() *
@@ -125,9 +89,6 @@ TEST(NavigationBatch, MarginalCovariancesAreThoseOfTheWholeInverse) {
   J.block<3, 3>(0, 3) = -cross * T_b_a.matrix3();
   J.block<3, 3>(3, 3) = -T_b_a.matrix3();
   J.rightCols<6>().setIdentity();
-  Eigen::Matrix<double, 12, 12> both;
-  both << dense.block<6, 6>(6 * a, 6 * a), dense.block<6, 6>(6 * a, 6 * b), dense.block<6, 6>(6 * b, 6 * a),
-      own;
   const Matrix6d between = J * both * J.transpose();
   EXPECT_LT((covariance.between(a, b) - between).norm(), 1e-3 * between.norm());
 }

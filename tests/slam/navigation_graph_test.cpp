@@ -16,14 +16,7 @@ using testing::errorsOf;
 using testing::MadeSurvey;
 using testing::MadeSurveyOptions;
 using testing::makeSurvey;
-
-NavigationConfig smallConfig() {
-  NavigationConfig config;
-  config.max_keyframes = 400;
-  config.max_links = 2000;
-  config.max_fixes = 200;
-  return config;
-}
+using testing::smallConfig;
 
 std::vector<SE3> posesOf(const NavigationGraph& graph) {
   std::vector<SE3> poses;

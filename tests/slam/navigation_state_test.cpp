@@ -12,14 +12,7 @@ using test::savedState;
 using testing::driveOn;
 using testing::MadeSurvey;
 using testing::MadeSurveyOptions;
-
-NavigationConfig smallConfig() {
-  NavigationConfig config;
-  config.max_keyframes = 400;
-  config.max_links = 2000;
-  config.max_fixes = 200;
-  return config;
-}
+using testing::smallConfig;
 
 bool load(NavigationGraph& graph, std::span<const std::uint8_t> bytes) {
   rt::StateReader reader(bytes);

@@ -23,11 +23,7 @@ TEST(NavigationTrust, NoLieOfOneSensorTakesThePositionAway) {
 TEST(NavigationTrust, RandomClosuresStayOutHoweverManyComeInARow) {
   testing::MadeSurveyOptions options;
   const testing::MadeSurvey survey = makeSurvey(options);
-  NavigationConfig config;
-  config.max_keyframes = 400;
-  config.max_links = 2000;
-  config.max_fixes = 200;
-  NavigationGraph graph(config);
+  NavigationGraph graph(testing::smallConfig());
   drive(graph, survey, options);
   std::mt19937_64 random(5);
   std::uniform_real_distribution<double> metres(-3, 3), radians(-3, 3);
@@ -44,9 +40,7 @@ TEST(NavigationTrust, AFixThatFitsEndsTheInsistenceOfWildOnes) {
   testing::MadeSurveyOptions options;
   options.usbl_period = 1e9;
   const testing::MadeSurvey survey = makeSurvey(options);
-  NavigationConfig config;
-  config.max_keyframes = 400;
-  config.max_links = 2000;
+  NavigationConfig config = testing::smallConfig();
   config.max_fixes = 400;
   NavigationGraph graph(config);
   drive(graph, survey, options);
