@@ -24,8 +24,6 @@ namespace fathom::uml {
 #define FATHOM_REQUIRE_OWN_PROGRAMS_INSIDE() FATHOM_REQUIRE_USER_MODE_LINUX()
 #endif
 
-inline constexpr int kSkipped = 77;  // status of uml_run where this machine can run none
-
 struct MachineRun {
   int status = -1;     // of uml_run
   std::string output;  // the command's and uml_run's, stdout and stderr

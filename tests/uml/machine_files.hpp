@@ -20,6 +20,7 @@ inline constexpr const char* kStatusFile = "status";    // text: exit status of 
 inline constexpr const char* kFailureFile = "failure";  // text: why the machine could not be set up
 inline constexpr const char* kDiskFolder = "disk";      // mount point, when there is a disk
 
+inline constexpr int kSkipped = 77;  // uml_run's status where this machine can run none: ctest skips
 inline constexpr const char* kKernel = "/usr/bin/linux.uml";  // of the Debian package user-mode-linux
 inline constexpr const char* kModulesFolder = "/usr/lib/uml/modules";
 

@@ -37,7 +37,6 @@ using Seconds = std::chrono::duration<double>;
 
 // Exit statuses besides the command's own.
 constexpr int kBadUsage = 2;
-constexpr int kSkipped = 77;  // ctest's SKIP_RETURN_CODE: this machine can run no user-mode Linux
 constexpr const char* kRegistersTooLarge = "ptrace set fp regs failed";  // of its console
 constexpr int kTimeLimit = 124;                                          // as timeout(1) gives
 constexpr int kNoMachine = 125;  // it did not boot, or could not be set up
