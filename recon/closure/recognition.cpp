@@ -22,16 +22,10 @@ bool fitsDownAndDepth(const SE3& T_nav_a, const SE3& T_nav_b, const SE3& T_a_b) 
          std::abs(T_nav_b_found.translation().z() - T_nav_b.translation().z()) < kDepth;
 }
 
-Claim recognitionOf(int a, int b, const Registration& found, double radius) {
+Claim recognitionOf(int a, int b, const UncertainPose& found, int inliers, double radius) {
   constexpr int kWanted = 3;
   constexpr double kBaseline = 0.5;  // radii: over less, the same things are seen
-  return {a,
-          b,
-          found.T_a_b,
-          found.covariance,
-          static_cast<int>(found.inliers.size()),
-          kWanted,
-          kBaseline * radius};
+  return {a, b, found.T_a_b, found.covariance, inliers, kWanted, kBaseline * radius};
 }
 
 }  // namespace fathom::closure

@@ -17,6 +17,6 @@ namespace fathom::closure {
 [[nodiscard]] bool fitsDownAndDepth(const SE3& T_nav_a, const SE3& T_nav_b, const SE3& T_a_b);
 
 // Of a registration without prior. `radius`: of the frames' footprints [m].
-[[nodiscard]] Claim recognitionOf(int a, int b, const Registration& found, double radius);
+[[nodiscard]] Claim recognitionOf(int a, int b, const UncertainPose& found, int inliers, double radius);
 
 }  // namespace fathom::closure

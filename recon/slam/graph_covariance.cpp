@@ -2,16 +2,11 @@
 
 #include <stdexcept>
 
+#include "recon/slam/growing_factor.hpp"
 #include "recon/slam/measurements.hpp"
 
 namespace fathom::slam {
-namespace {
-
-// Information given to every unknown [1/m^2, 1/rad^2], so that a direction that nothing tells has a
-// covariance: a standard deviation of 30 km.
-constexpr double kLeastInformation = 1e-9;
-
-}  // namespace
+namespace {}  // namespace
 
 SE3 GraphCovariance::aboutMiddle(const SE3& T_w_pose) const {
   return {T_w_pose.rotation(), T_w_pose.translation() - middle_};
@@ -34,7 +29,8 @@ GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, co
   }
   if (poses < 2) return;
   factor_ = std::make_unique<BlockCholesky>(poses - 1, 6, pairs);
-  for (int k = 0; k < poses - 1; ++k) factor_->addDiagonal6(k, kLeastInformation * Matrix6d::Identity());
+  for (int k = 0; k < poses - 1; ++k)
+    factor_->addDiagonal6(k, GrowingFactor::kLeastInformation * Matrix6d::Identity());
   std::size_t pair = 0;
   for (const RelativePose& e : graph.edges) {
     const SE3 &from = poses_[at(e.from)], &to = poses_[at(e.to)];

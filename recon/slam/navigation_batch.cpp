@@ -33,7 +33,7 @@ class Doubtful {
            std::vector<NavigationFix>& fixes)
       : config_(config), frames_(frames), nodes_(nodes), fixes_(fixes) {
     for (NavigationLink& link : links)
-      if (link.b != link.a + 1) closures_.push_back({&link, 1});
+      if (!link.ofChain()) closures_.push_back({&link, 1});
     fix_weights_.assign(fixes.size(), 1);
   }
 
@@ -111,7 +111,7 @@ NavigationSolution solveNavigation(NavigationConfig config, const std::vector<Ke
   for (const NavigationLink& link : links) {
     if (link.a >= frames.size() || link.b >= frames.size() || link.a == link.b)
       throw std::invalid_argument("navigation: a link names a frame that is not there");
-    if (link.b == link.a + 1) visual[link.b] = &link;
+    if (link.ofChain()) visual[link.b] = &link;
   }
   config.max_keyframes = n + kSpare;
   config.max_links = n + kSpare;
@@ -132,8 +132,7 @@ NavigationSolution solveNavigation(NavigationConfig config, const std::vector<Ke
   const std::size_t certain = out.graph.edges.size();
 
   for (NavigationLink& link : links) {
-    if (link.b != link.a + 1) continue;
-    link.kept = sensors.visualBelieved(static_cast<int>(link.b));
+    if (link.ofChain()) link.kept = sensors.visualBelieved(static_cast<int>(link.b));
   }
   Doubtful doubtful(config, frames, out.nodes, links, fixes);
   for (int round = 0; round < kRounds; ++round) {
@@ -144,7 +143,7 @@ NavigationSolution solveNavigation(NavigationConfig config, const std::vector<Ke
   }
   doubtful.judge(out.graph.poses);
   for (NavigationLink& link : links)
-    if (link.b == link.a + 1)
+    if (link.ofChain())
       link.chi2 = chiSquareOf(linkFactor(out.nodes[link.a], out.nodes[link.b], link.T_a_b, link.covariance),
                               out.graph.poses);
   for (const int node : out.nodes) out.poses.push_back(out.graph.poses[at(node)]);

@@ -15,6 +15,9 @@ struct NavigationLink {
   int inliers = 0;                             // features that it rests on
   double chi2 = 0;                             // of its residual at the solution, 6 degrees of freedom
   bool kept = true;                            // false: taken out because it contradicts the others
+
+  // Visual odometry of one step, not a closure.
+  [[nodiscard]] bool ofChain() const { return b == a + 1; }
 };
 
 // A position fix, as NavigationGraph::addFix takes it.

@@ -61,10 +61,7 @@ ClosureSearch::ClosureSearch(const StereoRig& rig, const LocalisationConfig& con
       tried_(kTried),
       recognised_(kTried),
       places_(placesOf(config)),
-      odometry_([this](int x, int y) {
-        const slam::NavigationGraph::Prediction way = graph_.predict(x, y);
-        return closure::RelativePrior{way.T_a_b, way.covariance};
-      }) {
+      odometry_([this](int x, int y) { return graph_.predict(x, y); }) {
   views_.reserve(static_cast<std::size_t>(config.max_keyframes));
   near_.reserve(static_cast<std::size_t>(std::max(config.predictions_per_keyframe, kSpan * kSpan)) + 1);
   samples_.reserve(kSamples);
@@ -223,17 +220,15 @@ void ClosureSearch::registerPair(const Seen& seen) {
   const int a = static_cast<int>(seen.candidate.older), b = static_cast<int>(seen.candidate.newer);
   const closure::FrameFeatures *there = features_.find(a), *here = features_.find(b);
   if (there == nullptr || here == nullptr) return;
-  closure::RelativePrior prior{seen.prediction.T_a_b, seen.prediction.covariance};
+  closure::RelativePrior prior = seen.prediction;
   prior.covariance.diagonal().head<3>().array() += kLeastSigma * kLeastSigma;
   prior.covariance.diagonal().tail<3>().array() += kLeastAngle * kLeastAngle;
   ++counters_.registrations;
   const closure::Registration& found = registrar_.process(*there, *here, prior);
   ++counters_.refused[static_cast<std::size_t>(found.refusal)];
   if (!found.accepted()) return;
-  closure::Claim claim = closure::recognitionOf(a, b, found, footprint(b).radius);
-  claim.wanted = 2;  // the prior is one that agrees
-  claim.baseline = 0;
-  accept(claim, seen, true);
+  // One other claim will do: the prior is one that agrees.
+  accept({a, b, found.T_a_b, found.covariance, static_cast<int>(found.inliers.size())}, seen, true);
 }
 
 void ClosureSearch::recognise(int keyframe) {
@@ -275,7 +270,9 @@ void ClosureSearch::registerUnknown(int a, int b) {
   known.diagonal().tail<3>().array() += kLeastAngle * kLeastAngle;
   const bool fits = closure::distanceFromPrior(found.T_a_b, found.covariance, seen.prediction.T_a_b, known) <=
                     config_.graph.gate;
-  accept(closure::recognitionOf(a, b, found, footprint(b).radius), seen, fits);
+  accept(closure::recognitionOf(a, b, {found.T_a_b, found.covariance}, static_cast<int>(found.inliers.size()),
+                                footprint(b).radius),
+         seen, fits);
 }
 
 // `fits`: it agrees with what the graph knows; where that is certain already, it says that nobody is lost.

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <tuple>
 
-#include "recon/closure/cycle_check.hpp"
 #include "recon/topside/progress.hpp"
 
 namespace fathom::topside {
@@ -23,7 +22,6 @@ constexpr std::uint32_t kSkip = 4;  // latest frames that odometry links well en
 constexpr double kLeastValue = 0.04;
 constexpr double kMovedAgain = 16.81;     // squared sigmas of its old prior by which a refused pair has moved
 constexpr double kWide = 1.0;             // of a prior, in radii of the footprint: several places would fit
-constexpr double kCycle = 16.81;          // chi-square with 6 degrees of freedom, 99 %
 constexpr std::uint32_t kNeighbours = 6;  // frames within which two closures may confirm each other
 constexpr double kAway = 8;               // radii of way by which the vehicle was away and came back
 constexpr std::size_t kWays = 48 * 1024 * 1024;  // of one thread and kind [bytes]
@@ -197,10 +195,11 @@ std::vector<Attempt> ClosureSearch::candidates(std::size_t most, std::size_t a_f
           Attempt& t = attempts[k];
           t.a = all[k].older;
           t.b = all[k].newer;
-          t.prior = view_->between(t.a, t.b, mine);
-          t.prior.covariance *= kPriorScale;
-          t.prior.covariance.diagonal().head<3>().array() += kLeastSigma * kLeastSigma;
-          t.prior.covariance.diagonal().tail<3>().array() += kLeastAngle * kLeastAngle;
+          closure::RelativePrior prior = view_->between(t.a, t.b, mine);
+          prior.covariance *= kPriorScale;
+          prior.covariance.diagonal().head<3>().array() += kLeastSigma * kLeastSigma;
+          prior.covariance.diagonal().tail<3>().array() += kLeastAngle * kLeastAngle;
+          t.prior = prior;
         }
       },
       tbb::simple_partitioner());
@@ -216,8 +215,8 @@ bool ClosureSearch::confirmed(const Attempt& one, const Attempt& other) {
     known.covariance.diagonal().array() += kLeastSigma * kLeastSigma / kPriorScale;
     return known;
   };
-  return closure::cycleDistance2({one.link.T_a_b, one.link.covariance}, side(one.b, other.b),
-                                 side(one.a, other.a), {other.link.T_a_b, other.link.covariance}) < kCycle;
+  return cycleDistance2({one.link.T_a_b, one.link.covariance}, side(one.b, other.b), side(one.a, other.a),
+                        {other.link.T_a_b, other.link.covariance}) < kCycleGate;
 }
 
 std::vector<slam::NavigationLink> ClosureSearch::attempt(std::vector<Attempt>& attempts) {
@@ -225,9 +224,9 @@ std::vector<slam::NavigationLink> ClosureSearch::attempt(std::vector<Attempt>& a
   std::vector<slam::NavigationLink> links;
   for (const Attempt& t : attempts) {
     ++refused_[static_cast<std::size_t>(t.refusal)];
-    tried_[keyOf(t.a, t.b)] = {t.prior.T_a_b, t.prior.covariance.diagonal(), t.accepted()};
+    tried_[keyOf(t.a, t.b)] = {t.prior->T_a_b, t.prior->covariance.diagonal(), t.accepted()};
     if (!t.accepted()) continue;
-    const double sigma = std::sqrt(t.prior.covariance.diagonal().head<3>().maxCoeff() / kPriorScale);
+    const double sigma = std::sqrt(t.prior->covariance.diagonal().head<3>().maxCoeff() / kPriorScale);
     if (sigma <= kWide * view_->footprints[t.b].radius)
       links.push_back(t.link);
     else

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <unordered_map>
 #include <vector>
 
@@ -17,7 +18,7 @@ namespace fathom::topside {
 // One pair of frames to register, and what came of it.
 struct Attempt {
   std::uint32_t a = 0, b = 0;  // frames, a before b
-  closure::RelativePrior prior;
+  std::optional<closure::RelativePrior> prior;
   closure::Refusal refusal = closure::Refusal::kNoFeatures;
   slam::NavigationLink link;  // where it was accepted
   [[nodiscard]] bool accepted() const { return refusal == closure::Refusal::kNone; }

@@ -1,23 +1,18 @@
 #include "recon/topside/stages/recognised_places.hpp"
 
-#include <oneapi/tbb/enumerable_thread_specific.h>
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <limits>
-#include <memory>
-#include <optional>
 #include <set>
+#include <tuple>
 
 #include "recon/closure/candidates.hpp"
 #include "recon/closure/place_index.hpp"
 #include "recon/closure/recognition.hpp"
 #include "recon/topside/progress.hpp"
+#include "recon/topside/stages/closure_search.hpp"
 
 namespace fathom::topside {
 namespace {
-
-namespace tbb = oneapi::tbb;
 
 constexpr double kQuietWay = 10;          // without a closure, after which a frame is asked for [m]
 constexpr double kApart = 0.5;            // of the way between two frames that are asked for, in radii
@@ -34,7 +29,7 @@ std::vector<std::uint32_t> quietFrames(const Frames& frames, double radius,
                                        const std::vector<slam::NavigationLink>& links) {
   std::vector<double> closed;  // ways of frames with a closure
   for (const slam::NavigationLink& link : links)
-    if (link.kept && link.b != link.a + 1)
+    if (link.kept && !link.ofChain())
       for (const std::uint32_t end : {link.a, link.b}) closed.push_back(frames.way[end]);
   std::sort(closed.begin(), closed.end());
   std::vector<std::uint32_t> quiet;
@@ -54,13 +49,15 @@ std::vector<std::uint32_t> quietFrames(const Frames& frames, double radius,
 
 // Each with the frames before it that look most like it.
 Pairs likePairs(const Frames& frames, const std::vector<std::uint32_t>& asked) {
+  if (asked.empty()) return {};
+  const std::uint32_t end = asked.back() + 1;
   closure::PlaceIndexConfig config;
-  config.max_places = static_cast<int>(frames.pair.size());
+  config.max_places = static_cast<int>(end);
   closure::PlaceIndex places(config);
   closure::FrameFeatures features;
   Pairs pairs;
-  SharedProgress progress("places", frames.pair.size());
-  for (std::uint32_t k = 0; k < frames.pair.size(); ++k) {
+  SharedProgress progress("places", end);
+  for (std::uint32_t k = 0; k < end; ++k) {
     progress.step();
     if (frames.blank(k)) continue;
     frames.load(k, features);
@@ -79,29 +76,15 @@ Pairs likePairs(const Frames& frames, const std::vector<std::uint32_t>& asked) {
 // Claims of those pairs that can be registered without prior, in their order.
 std::vector<closure::Claim> claimsOf(const StereoRig& rig, const Frames& frames,
                                      const std::vector<SE3>& poses, const Pairs& pairs) {
-  struct Worker {
-    std::unique_ptr<closure::Registrar> registrar;
-    closure::FrameFeatures a, b;
-  };
-  tbb::enumerable_thread_specific<Worker> workers;
-  std::vector<std::optional<closure::Claim>> found(pairs.size());
-  SharedProgress progress("recognition", pairs.size());
-  tbb::parallel_for(std::size_t{0}, pairs.size(), [&](std::size_t k) {
-    Worker& worker = workers.local();
-    if (!worker.registrar)
-      worker.registrar = std::make_unique<closure::Registrar>(rig, closure::recognitionRules());
-    const auto [a, b] = pairs[k];
-    frames.load(a, worker.a);
-    frames.load(b, worker.b);
-    const closure::Registration& r = worker.registrar->process(worker.a, worker.b, std::nullopt);
-    if (r.accepted() && closure::fitsDownAndDepth(poses[a], poses[b], r.T_a_b))
-      found[k] = closure::recognitionOf(static_cast<int>(a), static_cast<int>(b), r,
-                                        closure::footprintOf(poses[b], frames.altitude[b], rig.left).radius);
-    progress.step();
-  });
+  std::vector<Attempt> attempts(pairs.size());
+  for (std::size_t k = 0; k < pairs.size(); ++k) std::tie(attempts[k].a, attempts[k].b) = pairs[k];
+  registerAll(rig, frames, closure::recognitionRules(), attempts, "recognition");
   std::vector<closure::Claim> claims;
-  for (const auto& claim : found)
-    if (claim) claims.push_back(*claim);
+  for (const Attempt& t : attempts)
+    if (t.accepted() && closure::fitsDownAndDepth(poses[t.a], poses[t.b], t.link.T_a_b))
+      claims.push_back(closure::recognitionOf(
+          static_cast<int>(t.a), static_cast<int>(t.b), {t.link.T_a_b, t.link.covariance}, t.link.inliers,
+          closure::footprintOf(poses[t.b], frames.altitude[t.b], rig.left).radius));
   return claims;
 }
 

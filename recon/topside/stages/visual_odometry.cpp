@@ -30,7 +30,8 @@ std::vector<slam::NavigationLink> visualOdometry(const StereoRig& rig, const Fra
     Attempt t;
     t.a = k;
     t.b = k + 1;
-    t.prior = {frames.reckoned[k].inverse() * frames.reckoned[k + 1], covarianceOf(kStepSigma, kStepAngle)};
+    t.prior = closure::RelativePrior{frames.reckoned[k].inverse() * frames.reckoned[k + 1],
+                                     covarianceOf(kStepSigma, kStepAngle)};
     steps.push_back(t);
   }
   closure::RegistrationConfig close_by;
@@ -40,7 +41,7 @@ std::vector<slam::NavigationLink> visualOdometry(const StereoRig& rig, const Fra
   for (const Attempt& t : steps)
     if (!t.accepted()) {
       again.push_back(t);
-      again.back().prior.covariance = covarianceOf(kWideSigma, kWideAngle);
+      again.back().prior->covariance = covarianceOf(kWideSigma, kWideAngle);
     }
   registerAll(rig, frames, {}, again, "odometry, widely");
   std::vector<slam::NavigationLink> links;
