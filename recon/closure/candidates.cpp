@@ -84,8 +84,8 @@ double expectedInformation(const Eigen::Matrix2d& covariance, double sigma) {
 }
 
 Candidate candidateOf(std::uint32_t older, const Footprint& there, std::uint32_t newer, const Footprint& here,
-                      const Eigen::Matrix2d& covariance, const CandidateConfig& config) {
-  const double reach = separationOfOverlap(config.min_overlap) * 0.5 * (here.radius + there.radius);
+                      const Eigen::Matrix2d& covariance, const CandidateConfig& config, double apart) {
+  const double reach = apart * 0.5 * (here.radius + there.radius);
   return {older, newer, overlapProbability(here.centre - there.centre, covariance, reach),
           expectedInformation(covariance, config.sigma_measured)};
 }

@@ -56,10 +56,11 @@ struct Candidate {
 };
 
 // The pair by what is known of the separation of its footprints: `covariance` [m^2]. Discs of different size
-// overlap as two of their mean radius.
+// overlap as two of their mean radius. `apart`: separationOfOverlap(config.min_overlap), which takes longer
+// than all else here.
 [[nodiscard]] Candidate candidateOf(std::uint32_t older, const Footprint& there, std::uint32_t newer,
                                     const Footprint& here, const Eigen::Matrix2d& covariance,
-                                    const CandidateConfig& config);
+                                    const CandidateConfig& config, double apart);
 
 // Pairs of frames worth registering, the most valuable first: expected information, probability times what a
 // registration would tell. Bounded: when full, the least valuable is dropped and counted.

@@ -90,8 +90,10 @@ TEST(OverlapProbability, IsTheIntegralOverEveryShapeAndDistance) {
 
 TEST(Candidate, OfDiscsThatMustOverlapTellsByHowUncertainTheirSeparationIs) {
   const Footprint there{{0.1, 0}, 0.8}, here{{0, 0}, 0.8};
-  const Candidate vague = candidateOf(0, there, 3, here, 0.25 * Eigen::Matrix2d::Identity(), {});
-  const Candidate known = candidateOf(1, there, 3, here, 0.01 * Eigen::Matrix2d::Identity(), {});
+  const Candidate vague =
+      candidateOf(0, there, 3, here, 0.25 * Eigen::Matrix2d::Identity(), {}, separationOfOverlap(0.3));
+  const Candidate known =
+      candidateOf(1, there, 3, here, 0.01 * Eigen::Matrix2d::Identity(), {}, separationOfOverlap(0.3));
   EXPECT_GT(known.probability, vague.probability);
   EXPECT_GT(vague.value(), known.value());
   EXPECT_EQ(vague.older, 0U);

@@ -103,8 +103,9 @@ TEST(StretchTree, AWayOutAndBackWithoutFixesIsSoughtFromEndToEnd) {
     const std::uint32_t newer = stretches[s].middle();
     for (const StretchTree::Near& n : near) {
       const std::uint32_t older = stretches[n.stretch].middle();
-      best = std::max(
-          best, candidateOf(older, footprints[older], newer, footprints[newer], n.covariance, {}).value());
+      best = std::max(best, candidateOf(older, footprints[older], newer, footprints[newer], n.covariance, {},
+                                        separationOfOverlap(kOverlap))
+                                .value());
     }
     EXPECT_GT(best, 0.1) << "stretch " << s;
   }

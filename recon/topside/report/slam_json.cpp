@@ -9,6 +9,21 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+Json numbers(const Eigen::Vector3d& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+// Error and claimed standard deviation in nav axes: north, east, down; turn about them.
+Json momentJson(const Consistency::Moment& m) {
+  return {{"time_s", m.time_s},
+          {"error_m", numbers(m.position)},
+          {"sigma_m", numbers(m.sigma_position)},
+          {"turn_error_rad", numbers(m.turn)},
+          {"turn_sigma_rad", numbers(m.sigma_turn)},
+          {"squared_error_over_covariance", m.squared},
+          {"squared_error_over_covariance_since_first", m.since_first}};
+}
+
 }  // namespace
 
 std::vector<std::string> slamWarnings(const SlamResult& s) {
@@ -67,9 +82,9 @@ Json truthJson(const Consistency& c) {
   return {{"pairs", c.moments.size()},
           {"mean_squared_error_over_covariance", c.mean_squared},
           {"mean_squared_error_over_covariance_since_first", c.mean_since_first},
-          {"last_squared_error_over_covariance", c.moments.back().squared},
-          {"last_squared_error_over_covariance_since_first", c.moments.back().since_first},
-          {"middle_squared_error_over_covariance", c.moments[c.moments.size() / 2].squared},
+          {"first", momentJson(c.moments.front())},
+          {"middle", momentJson(c.moments[c.moments.size() / 2])},
+          {"last", momentJson(c.moments.back())},
           {"share_below_95_percent", c.share_inside},
           {"mean_squared_error_over_covariance_of_odometry", c.mean_squared_odometry},
           {"mean_squared_error_over_covariance_of_closures", c.mean_squared_closures},

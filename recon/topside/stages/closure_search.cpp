@@ -123,6 +123,7 @@ struct ClosureSearch::View {
   slam::GraphCovariance known;
   tbb::enumerable_thread_specific<Ways> ways;
   closure::CandidateConfig limits;
+  double apart = closure::separationOfOverlap(limits.min_overlap);
   std::vector<closure::Footprint> footprints;
   std::unique_ptr<closure::StretchTree> tree;
   std::vector<std::uint32_t> stretch_of;  // each frame
@@ -163,8 +164,9 @@ std::vector<closure::Candidate> ClosureSearch::proposed(std::size_t a_frame) {
       for (const closure::StretchTree::Near& n : near) {
         const closure::Stretch& there = stretches[n.stretch];
         for (std::uint32_t older = there.first; older < there.end && older + kSkip <= newer; ++older) {
-          const closure::Candidate candidate = closure::candidateOf(
-              older, view_->footprints[older], newer, view_->footprints[newer], n.covariance, view_->limits);
+          const closure::Candidate candidate =
+              closure::candidateOf(older, view_->footprints[older], newer, view_->footprints[newer],
+                                   n.covariance, view_->limits, view_->apart);
           if (worthTrying(candidate) && !frames_.blank(older)) of_frame.push_back(candidate);
         }
       }
@@ -262,7 +264,6 @@ std::vector<slam::NavigationLink> ClosureSearch::attempt(std::vector<Attempt>& a
 Crossings ClosureSearch::crossings(const std::vector<slam::NavigationLink>& links) {
   const std::vector<closure::Stretch>& stretches = view_->tree->stretches();
   const std::vector<closure::Footprint>& footprints = view_->footprints;
-  const double overlap = closure::separationOfOverlap(view_->limits.min_overlap);
   const auto away = [&](std::uint32_t a, std::uint32_t b) {
     return frames_.way[b] - frames_.way[a] > kAway * footprints[b].radius;
   };
@@ -277,9 +278,9 @@ Crossings ClosureSearch::crossings(const std::vector<slam::NavigationLink>& link
       for (std::uint32_t k = std::max(stretches[n.stretch].first, 1U); k < stretches[n.stretch].end; ++k) {
         if (!away(k, here)) continue;
         const double step = frames_.way[k] - frames_.way[k - 1];
-        const closure::Candidate c =
-            closure::candidateOf(k, footprints[k], here, footprints[here], n.covariance, view_->limits);
-        share += c.probability * step / (2 * overlap * footprints[here].radius);
+        const closure::Candidate c = closure::candidateOf(k, footprints[k], here, footprints[here],
+                                                          n.covariance, view_->limits, view_->apart);
+        share += c.probability * step / (2 * view_->apart * footprints[here].radius);
       }
     }
     const std::uint32_t first = stretches[s].first, end = stretches[s].end;
