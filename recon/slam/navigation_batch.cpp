@@ -116,24 +116,24 @@ NavigationSolution solveNavigation(NavigationConfig config, const std::vector<Ke
   config.max_keyframes = n + kSpare;
   config.max_links = n + kSpare;
   config.max_fixes = kSpare;
-  NavigationGraph sensors(config);
-  sensors.setAnchor(shift, sigma);
-  for (int k = 0; k < n; ++k) {
-    if (!sensors.addKeyframe(frames[at(k)])) throw std::logic_error("navigation: no room for a frame");
-    out.nodes.push_back(sensors.node(k));
-    if (const NavigationLink* link = visual[at(k)])
-      (void)sensors.addLink(LinkKind::kOdometry, k - 1, k, link->T_a_b, link->covariance);
-    sensors.judge();
+  {  // gone before the network is solved: both are large
+    NavigationGraph sensors(config);
+    sensors.setAnchor(shift, sigma);
+    for (int k = 0; k < n; ++k) {
+      if (!sensors.addKeyframe(frames[at(k)])) throw std::logic_error("navigation: no room for a frame");
+      out.nodes.push_back(sensors.node(k));
+      if (const NavigationLink* link = visual[at(k)])
+        (void)sensors.addLink(LinkKind::kOdometry, k - 1, k, link->T_a_b, link->covariance);
+      sensors.judge();
+    }
+    out.sensors = sensors.counters();
+    out.dvl_scale = sensors.dvl().scale();
+    out.dvl_heading = sensors.dvl().heading();
+    out.graph = sensors.sensorGraph();
+    for (NavigationLink& link : links)
+      if (link.ofChain()) link.kept = sensors.visualBelieved(static_cast<int>(link.b));
   }
-  out.sensors = sensors.counters();
-  out.dvl_scale = sensors.dvl().scale();
-  out.dvl_heading = sensors.dvl().heading();
-  out.graph = sensors.sensorGraph();
   const std::size_t certain = out.graph.edges.size();
-
-  for (NavigationLink& link : links) {
-    if (link.ofChain()) link.kept = sensors.visualBelieved(static_cast<int>(link.b));
-  }
   Doubtful doubtful(config, frames, out.nodes, links, fixes);
   for (int round = 0; round < kRounds; ++round) {
     out.graph.edges.resize(certain);
