@@ -127,8 +127,6 @@ NavigationSolution solveNavigation(NavigationConfig config, const std::vector<Ke
       sensors.judge();
     }
     out.sensors = sensors.counters();
-    out.dvl_scale = sensors.dvl().scale();
-    out.dvl_heading = sensors.dvl().heading();
     out.graph = sensors.sensorGraph();
     for (NavigationLink& link : links)
       if (link.ofChain()) link.kept = sensors.visualBelieved(static_cast<int>(link.b));

@@ -35,8 +35,7 @@ struct NavigationSolution {
   PoseGraph graph;         // all that was measured, weights in the information, at the solution
   std::vector<int> nodes;  // of the frames in it
   NavigationGraph::Counters sensors;
-  double dvl_scale = 0, dvl_heading = 0;  // as DvlCalibration found them
-  bool converged = true;                  // the last time that the weights were found again
+  bool converged = true;  // the last time that the weights were found again
 };
 
 // Maximum likelihood poses of a whole mission: the sensors' factors and the visual odometry of consecutive

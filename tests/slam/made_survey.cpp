@@ -61,7 +61,7 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
   s.dvl_scale = gauss(kDvlScale);
   s.dvl_heading = gauss(kDvlHeading);
   const double iron = 2 * std::numbers::pi * uniform(s.random);
-  const double roll_bias = gauss(kTiltBias), pitch_bias = gauss(kTiltBias);
+  for (int j = 0; j < 2; ++j) s.tilt_bias(j) = gauss(kTiltBias);
   const double depth_bias = gauss(kDepthBias);
   double drift = 0;
   const auto measured = [&](const SE3& T_a_b) {
@@ -100,8 +100,9 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
       KeyframeInput input;
       input.utc_ns = static_cast<std::int64_t>(t * 1e9);
       const double measured_depth = depth + depth_bias + gauss(kDepth);
-      input.T_odom_cam = SE3::fromEuler(roll + roll_bias + gauss(kTilt), pitch + pitch_bias + gauss(kTilt),
-                                        compass, {odom.x(), odom.y(), measured_depth});
+      input.T_odom_cam =
+          SE3::fromEuler(roll + s.tilt_bias.x() + gauss(kTilt), pitch + s.tilt_bias.y() + gauss(kTilt),
+                         compass, {odom.x(), odom.y(), measured_depth});
       input.unlocked_s = unlocked;
       input.compass_jumped = !jumped && o.jump_told && t >= o.jump_at;
       jumped = jumped || t >= o.jump_at;

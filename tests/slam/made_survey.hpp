@@ -58,6 +58,7 @@ struct MadeSurvey {
   Matrix6d link_covariance;
   Eigen::Vector2d anchor;  // nav - odom as known at the start [m]
   double dvl_scale = 0, dvl_heading = 0;
+  Eigen::Vector2d tilt_bias = Eigen::Vector2d::Zero();  // of roll and pitch [rad]
   std::vector<int> false_visual;    // indices in `visual`
   std::vector<bool> anomalous;      // by keyframe: the compass errs by more than its noise there
   std::vector<bool> wrong_scale;    // by keyframe: the DVL lied on the way to it

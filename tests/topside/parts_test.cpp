@@ -103,6 +103,13 @@ TEST(SlamWarnings, TellThatCrossingsWereNotVerifiedAndThatTheSolverDidNotConverg
   slam.converged = false;
   EXPECT_EQ(slamWarnings(slam).size(), 2U);
   EXPECT_EQ(slamJson(slam).at("warnings").size(), 2U);
+  slam.mounting.camera_turn.y() = -0.05;
+  slam.mounting.camera_turn_sigma.y() = 0.002;
+  ASSERT_EQ(slamWarnings(slam).size(), 3U);
+  EXPECT_THAT(slamWarnings(slam)[2],
+              ::testing::HasSubstr("pitch by -2.86 (standard deviation 0.11) degrees"));
+  slam.mounting.camera_turn_sigma.y() = 0.02;
+  EXPECT_EQ(slamWarnings(slam).size(), 2U) << "it may be chance";
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #include "recon/topside/report/slam_json.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "recon/topside/report/html_text.hpp"
 
@@ -24,7 +25,58 @@ Json momentJson(const Consistency::Moment& m) {
           {"squared_error_over_covariance_since_first", m.since_first}};
 }
 
+constexpr double kDegree = 0.017453292519943295;
+
+Json mountingJson(const slam::Mounting& m) {
+  return {{"steps", m.steps},
+          {"camera_roll_pitch_yaw_rad", numbers(m.camera_turn)},
+          {"camera_roll_pitch_yaw_sigma_rad", numbers(m.camera_turn_sigma)},
+          {"dvl_scale", m.dvl_scale},
+          {"dvl_scale_sigma", m.dvl_scale_sigma},
+          {"time_offset_s", m.time_offset},
+          {"time_offset_sigma_s", m.time_offset_sigma}};
+}
+
+std::string withSigma(double value, double sigma, int digits) {
+  return fixedDigits(value, digits) + " (standard deviation " + fixedDigits(sigma, digits) + ")";
+}
+
+// What is far beyond its claim, and enough to matter.
+bool off(double value, double sigma, double matters) {
+  constexpr double kSigmas = 4;
+  return std::abs(value) > std::max(kSigmas * sigma, matters);
+}
+
+void warnOfMounting(const slam::Mounting& m, std::vector<std::string>& warnings) {
+  constexpr double kTurn = kDegree, kScale = 0.02, kOffset = 0.05;  // [rad], [1], [s]
+  constexpr const char* kAngles[] = {"roll", "pitch", "yaw"};
+  for (int i = 0; i < 3; ++i)
+    if (off(m.camera_turn(i), m.camera_turn_sigma(i), kTurn))
+      warnings.push_back("The camera seems turned in " + std::string(kAngles[i]) + " by " +
+                         withSigma(m.camera_turn(i) / kDegree, m.camera_turn_sigma(i) / kDegree, 2) +
+                         " degrees against attitude sensor and DVL: check extrinsics in mission.toml.");
+  if (off(m.dvl_scale, m.dvl_scale_sigma, kScale))
+    warnings.push_back("Ways by DVL seem short by " +
+                       withSigma(100 * m.dvl_scale, 100 * m.dvl_scale_sigma, 2) +
+                       " percent: check the sound speed, and the cameras' baseline.");
+  if (off(m.time_offset, m.time_offset_sigma, kOffset))
+    warnings.push_back("Images seem taken later than they say, by " +
+                       withSigma(m.time_offset, m.time_offset_sigma, 3) +
+                       " s: check time offsets in mission.toml.");
+}
+
 }  // namespace
+
+std::vector<std::pair<std::string, std::string>> mountingRows(const slam::Mounting& m) {
+  std::vector<std::pair<std::string, std::string>> rows;
+  constexpr const char* kAngles[] = {"roll", "pitch", "yaw"};
+  for (int i = 0; i < 3; ++i)
+    rows.emplace_back(std::string("camera against attitude sensor and DVL, ") + kAngles[i] + " [deg]",
+                      withSigma(m.camera_turn(i) / kDegree, m.camera_turn_sigma(i) / kDegree, 3));
+  rows.emplace_back("true way over the DVL's, less 1", withSigma(m.dvl_scale, m.dvl_scale_sigma, 5));
+  rows.emplace_back("images later than they say [s]", withSigma(m.time_offset, m.time_offset_sigma, 4));
+  return rows;
+}
 
 std::vector<std::string> slamWarnings(const SlamResult& s) {
   constexpr double kUnverified = 0.2, kFew = 5;  // share of the expected way; less is chance [m]
@@ -38,6 +90,7 @@ std::vector<std::string> slamWarnings(const SlamResult& s) {
                        fixedDigits(s.crossings_unverified, 0) + " m of the " +
                        fixedDigits(s.crossings_expected, 0) +
                        " m flown over ground seen before have no loop closure.");
+  warnOfMounting(s.mounting, warnings);
   return warnings;
 }
 
@@ -71,8 +124,7 @@ Json slamJson(const SlamResult& s) {
           {"compass_jumps", s.sensors.compass_jumps},
           {"attitude_absent", s.sensors.attitude_absent},
           {"depth_absent", s.sensors.depth_absent},
-          {"dvl_scale", s.dvl_scale},
-          {"dvl_heading_rad", s.dvl_heading},
+          {"mounting", mountingJson(s.mounting)},
           {"moved_rms_m", s.moved_rms},
           {"stage_s", stages}};
 }

@@ -11,8 +11,11 @@ namespace fathom::topside {
 
 // The counts of localisation, as report.json and slam.json hold them; and how it compares with a truth.
 [[nodiscard]] nlohmann::ordered_json slamJson(const SlamResult& slam);
-// What whoever uses the poses must know, a sentence each: no convergence, crossings that were not verified.
+// What whoever uses the poses must know, a sentence each: no convergence, crossings that were not verified,
+// extrinsics or clocks that cannot be right.
 [[nodiscard]] std::vector<std::string> slamWarnings(const SlamResult& slam);
+// What the images say of extrinsics and clocks, with standard deviations: names and values to show.
+[[nodiscard]] std::vector<std::pair<std::string, std::string>> mountingRows(const slam::Mounting& mounting);
 [[nodiscard]] nlohmann::ordered_json truthJson(const Consistency& consistency);
 
 }  // namespace fathom::topside

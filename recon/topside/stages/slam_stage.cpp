@@ -128,8 +128,11 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   lap("crossings");
   out.refused = search.refused();
   out.sensors = solved.sensors;
-  out.dvl_scale = solved.dvl_scale;
-  out.dvl_heading = solved.dvl_heading;
+  out.mounting = slam::mountingOf(inputs, links, graph.noise);
+  const Eigen::Matrix3d R_body_cam = mission.T_body_cam.matrix3();
+  Eigen::Vector3d& sigma_turn = out.mounting.camera_turn_sigma;
+  sigma_turn = (R_body_cam.cwiseAbs2() * sigma_turn.cwiseAbs2()).cwiseSqrt();
+  out.mounting.camera_turn = R_body_cam * out.mounting.camera_turn;
   for (const slam::NavigationFix& fix : fixes) ++(fix.kept ? out.fixes_kept : out.fixes_removed);
 
   const slam::GraphCovariance& known = search.known();

@@ -7,7 +7,7 @@
 #include "firmware_if/mission.hpp"
 #include "recon/closure/registration.hpp"
 #include "recon/geometry/stereo_rig.hpp"
-#include "recon/slam/navigation_batch.hpp"
+#include "recon/slam/mounting_check.hpp"
 #include "recon/topside/stages/feature_store.hpp"
 #include "recon/topside/stages/navigation.hpp"
 #include "recon/topside/topside_config.hpp"
@@ -42,7 +42,7 @@ struct SlamResult {
   };
   std::vector<Uncertain> uncertain;
   slam::NavigationGraph::Counters sensors;  // what was noticed of the sensors
-  double dvl_scale = 0, dvl_heading = 0;    // of the DVL against the camera, estimated [1], [rad]
+  slam::Mounting mounting;                  // the camera's turn in body axes: roll, pitch, yaw
   std::size_t fixes_kept = 0, fixes_removed = 0;
   double moved_rms = 0;  // horizontal, of the poses against dead reckoning [m]
 };

@@ -22,6 +22,12 @@ void exchangeState(Archive& archive, topside::Is<NavigationLink> auto& link) {
 }
 
 template <typename Archive>
+void exchangeState(Archive& archive, topside::Is<Mounting> auto& m) {
+  archive(m.camera_turn, m.camera_turn_sigma, m.dvl_scale, m.dvl_scale_sigma, m.time_offset,
+          m.time_offset_sigma, m.steps);
+}
+
+template <typename Archive>
 void exchangeState(Archive& archive, topside::Is<NavigationGraph::Counters> auto& c) {
   archive(c.keyframes, c.keyframes_refused, c.references, c.odometry_links, c.closures, c.links_contradicting,
           c.links_off, c.links_refused, c.fixes, c.fixes_gated, c.fixes_off, c.fixes_refused,
@@ -91,8 +97,7 @@ template <typename Archive>
 void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
   archive(slam.poses, slam.odometry, slam.closures, slam.frames, slam.tried, slam.refused,
           slam.crossings_expected, slam.crossings_unverified, slam.unconfirmed, slam.converged,
-          slam.uncertain, slam.sensors, slam.dvl_scale, slam.dvl_heading, slam.fixes_kept, slam.fixes_removed,
-          slam.moved_rms);
+          slam.uncertain, slam.sensors, slam.mounting, slam.fixes_kept, slam.fixes_removed, slam.moved_rms);
 }
 
 }  // namespace fathom::topside
