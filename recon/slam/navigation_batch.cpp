@@ -29,9 +29,14 @@ double chiSquareOf(const RelativePose& edge, const std::vector<SE3>& poses) {
 class Doubtful {
  public:
   Doubtful(const NavigationConfig& config, const std::vector<KeyframeInput>& frames,
-           const std::vector<int>& nodes, std::vector<NavigationLink>& links,
+           const NavigationSolution& at, std::vector<NavigationLink>& links,
            std::vector<NavigationFix>& fixes)
-      : config_(config), frames_(frames), nodes_(nodes), fixes_(fixes) {
+      : config_(config),
+        frames_(frames),
+        nodes_(at.nodes),
+        usbl_(at.usbl_node),
+        T_nav_usbl_(at.T_nav_usbl),
+        fixes_(fixes) {
     for (NavigationLink& link : links)
       if (!link.ofChain()) closures_.push_back({&link, 1});
     fix_weights_.assign(fixes.size(), 1);
@@ -86,18 +91,41 @@ class Doubtful {
   }
   RelativePose edgeOf(const NavigationFix& fix, const std::vector<SE3>& poses) const {
     const int node = nodes_[at(fix.frame)];
-    return fixFactor(kOrigin, node, poses[at(node)], frames_[at(fix.frame)].T_odom_cam, fix.antenna_in_odom,
-                     fix.north_east, fix.sigma);
+    const bool shared = fix.by_usbl && usbl_ >= 0;
+    const SE3& T_nav_cam = poses[at(node)];
+    const SE3 T_cam = shared ? T_nav_usbl_ * poses[at(usbl_)].inverse() * T_nav_cam : T_nav_cam;
+    RelativePose edge = fixFactor(shared ? usbl_ : kOrigin, node, T_cam, frames_[at(fix.frame)].T_odom_cam,
+                                  fix.antenna_in_odom, fix.north_east, fix.sigma);
+    if (shared) edge.T_from_to = T_nav_usbl_.inverse() * edge.T_from_to;
+    return edge;
   }
 
   const NavigationConfig& config_;
   const std::vector<KeyframeInput>& frames_;
   const std::vector<int>& nodes_;
+  const int usbl_;  // pose of its positions' frame; -1: none
+  const SE3 T_nav_usbl_;
   std::vector<NavigationFix>& fixes_;
   std::vector<std::pair<NavigationLink*, double>> closures_;  // with their weights
   std::vector<double> fix_weights_;
   double shape_ = 0;  // mu
 };
+
+// A pose for what all USBL positions share.
+void addUsbl(const SensorNoise& noise, const std::vector<NavigationFix>& fixes, NavigationSolution& out) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  int count = 0;
+  for (const NavigationFix& fix : fixes)
+    if (fix.by_usbl) {
+      sum += Eigen::Vector3d(fix.north_east.x(), fix.north_east.y(), 0);
+      ++count;
+    }
+  if (count == 0 || (noise.usbl_shift == 0 && noise.usbl_turn == 0)) return;
+  out.T_nav_usbl = SE3(Eigen::Quaterniond::Identity(), sum / count);
+  out.usbl_node = static_cast<int>(out.graph.poses.size());
+  out.graph.poses.push_back(out.T_nav_usbl);
+  out.graph.edges.push_back(usblFrame(kOrigin, out.usbl_node, out.T_nav_usbl, noise));
+}
 
 }  // namespace
 
@@ -131,8 +159,9 @@ NavigationSolution solveNavigation(NavigationConfig config, const std::vector<Ke
     for (NavigationLink& link : links)
       if (link.ofChain()) link.kept = sensors.visualBelieved(static_cast<int>(link.b));
   }
+  addUsbl(config.noise, fixes, out);
   const std::size_t certain = out.graph.edges.size();
-  Doubtful doubtful(config, frames, out.nodes, links, fixes);
+  Doubtful doubtful(config, frames, out, links, fixes);
   for (int round = 0; round < kRounds; ++round) {
     out.graph.edges.resize(certain);
     doubtful.append(out.graph.poses, out.graph.edges);

@@ -25,8 +25,9 @@ struct NavigationFix {
   int frame = 0;
   Eigen::Vector3d antenna_in_odom = Eigen::Vector3d::Zero();
   Eigen::Vector2d north_east = Eigen::Vector2d::Zero();
-  double sigma = 1;  // of either component [m]
-  double chi2 = 0;   // at the solution, 2 degrees of freedom
+  double sigma = 1;      // of either component [m]
+  bool by_usbl = false;  // shares SensorNoise's usbl_shift and usbl_turn with the others
+  double chi2 = 0;       // at the solution, 2 degrees of freedom
   bool kept = true;
 };
 
@@ -35,6 +36,8 @@ struct NavigationSolution {
   PoseGraph graph;         // all that was measured, weights in the information, at the solution
   std::vector<int> nodes;  // of the frames in it
   NavigationGraph::Counters sensors;
+  int usbl_node = -1;     // pose in `graph` of the USBL's positions, where shift and turn were sought
+  SE3 T_nav_usbl;         // as it was before: at their middle, level
   bool converged = true;  // the last time that the weights were found again
 };
 

@@ -31,6 +31,8 @@ SensorNoise readSensorNoise(const ConfigTable& table, const SensorNoise& default
   n.depth = table.number("depth_m", n.depth, 1e-4, 10);
   n.depth_offset = table.number("depth_offset_m", n.depth_offset, 0, 20);
   n.depth_drift = table.number("depth_drift", n.depth_drift, 0, 1);
+  n.usbl_shift = table.number("usbl_shift_m", n.usbl_shift, 0, 100);
+  n.usbl_turn = degrees("usbl_turn_deg", n.usbl_turn, 0, 20);
   n.visual_scale = table.number("visual_scale", n.visual_scale, 0, 0.1);
   n.validate();
   return n;

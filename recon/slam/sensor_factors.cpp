@@ -33,8 +33,8 @@ void SensorNoise::validate() const {
   const double positive[] = {dvl_velocity,     dvl_rate,     dvl_scale, dvl_heading,
                              unknown_velocity, heading,      tilt,      deviation,
                              tilt_bias,        unknown_turn, depth,     gyro_walk};
-  const double not_negative[] = {deviation_drift, deviation_turn, tilt_turn,
-                                 depth_offset,    depth_drift,    visual_scale};
+  const double not_negative[] = {deviation_drift, deviation_turn, tilt_turn,  depth_offset,
+                                 depth_drift,     visual_scale,   usbl_shift, usbl_turn};
   for (const double value : positive)
     if (!(value > 0) || !std::isfinite(value))
       throw std::invalid_argument("sensor noise: a standard deviation or rate must be above zero");
@@ -127,6 +127,11 @@ RelativePose firstDepthReference(int origin, int reference, const SensorNoise& n
 RelativePose depthDrift(int before, int after, double seconds, const SensorNoise& noise) {
   const double walk = std::hypot(kHeld, noise.depth_drift * std::sqrt(std::max(seconds, 0.0)));
   return measured(before, after, SE3(), {kHeld, kHeld, walk}, all(kHeld));
+}
+
+RelativePose usblFrame(int origin, int usbl, const SE3& T_nav_usbl, const SensorNoise& noise) {
+  const double shift = std::hypot(kHeld, noise.usbl_shift), turn = std::hypot(kHeld, noise.usbl_turn);
+  return measured(origin, usbl, T_nav_usbl, {shift, shift, kHeld}, {kHeld, kHeld, turn});
 }
 
 RelativePose fixFactor(int origin, int camera, const SE3& T_nav_cam, const SE3& T_odom_cam,

@@ -29,9 +29,11 @@ struct SensorNoise {
   double depth = 0.003;         // of one reading [m]
   double depth_offset = 0.002;  // of the sea's height over nav's zero, or of the sensor, at first [m]
   double depth_drift = 0.0;     // its random walk: tide 0.002, none 0 [m/s^(1/2)]
+  // Of all USBL positions of a mission together: shift by the ship's place, turn by the transceiver's
+  // mounting. Both 0: neither is sought. After the mission (solveNavigation).
+  double usbl_shift = 0, usbl_turn = 0;  // [m], [rad]
   // What calibration and the lamps' shading leave to all visual links alike, as a common error of scale [1].
-  // It
-  // cannot be averaged away, so covariances that are given out carry it.
+  // It cannot be averaged away, so covariances that are given out carry it.
   double visual_scale = 0.001;
 
   void validate() const;  // throws std::invalid_argument
@@ -94,6 +96,9 @@ struct StepQuality {
                                        const SensorNoise& noise);
 [[nodiscard]] RelativePose firstDepthReference(int origin, int reference, const SensorNoise& noise);
 [[nodiscard]] RelativePose depthDrift(int before, int after, double seconds, const SensorNoise& noise);
+
+// Where the positions of a USBL are in nav, at their middle `T_nav_usbl`.
+[[nodiscard]] RelativePose usblFrame(int origin, int usbl, const SE3& T_nav_usbl, const SensorNoise& noise);
 
 // A position fix (USBL, GPS) of an antenna that odometry has at `antenna_in_odom`, perhaps at another time:
 // the camera is where the fix is, less the way between them as odometry has it, turned by what is now known:

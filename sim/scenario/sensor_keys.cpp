@@ -87,6 +87,11 @@ void visitPositioning(KeyVisitor& keys, UsblConfig& u, GpsConfig& g) {
   keys.number("delay_s", u.delay_s, "s", 0, 60, "mean, from ping to arrival on board");
   keys.number("outlier_probability", u.outlier_probability, "1", 0, 1, "of a fix");
   keys.number("outlier_m", u.outlier_m, "m", 0, 1000, "mean size of an outlier");
+  keys.angle("misalignment_deg", u.misalignment, -30, 30, "of the transceiver, which the ship does not know");
+  keys.number("offset_north_m", u.offset_north_m, "m", -100, 100,
+              "of the ship's place, which it does not know");
+  keys.number("offset_east_m", u.offset_east_m, "m", -100, 100,
+              "of the ship's place, which it does not know");
   keys.leave();
   keys.enter("gps", "at the surface before and after the dive");
   keys.number("rate_hz", g.rate_hz, "1/s", 0.01, kMaxRate, "fixes");

@@ -17,11 +17,13 @@ void simulateUsbl(const SensorWorld& world, const UsblConfig& config, LoggedSamp
     const Eigen::Vector3d target = (world.trajectory.poseAt(time) * world.T_body_usbl).translation();
     const Eigen::Vector3d line = target - ship;
     const double range = line.norm() + random.gauss(config.range_sigma_m);
-    const double bearing = std::atan2(line.y(), line.x()) + random.gauss(config.angle_sigma);
+    const double bearing =
+        std::atan2(line.y(), line.x()) + config.misalignment + random.gauss(config.angle_sigma);
     const double elevation = std::atan2(line.z(), line.head<2>().norm()) + random.gauss(config.angle_sigma);
     const double horizontal = range * std::cos(elevation);
-    Eigen::Vector2d north_east =
-        ship.head<2>() + horizontal * Eigen::Vector2d(std::cos(bearing), std::sin(bearing));
+    Eigen::Vector2d north_east = ship.head<2>() +
+                                 Eigen::Vector2d(config.offset_north_m, config.offset_east_m) +
+                                 horizontal * Eigen::Vector2d(std::cos(bearing), std::sin(bearing));
     const bool outlier = random.uniform() < config.outlier_probability;
     const double direction = random.uniform(0.0, 2.0 * std::numbers::pi);
     const double size = config.outlier_m * random.uniform(0.5, 1.5);

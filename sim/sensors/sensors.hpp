@@ -89,6 +89,8 @@ struct UsblConfig {
   double delay_s = 3.0;  // mean, from ping to arrival on board
   double outlier_probability = 0.04;
   double outlier_m = 12.0;  // size of an outlier (reflections)
+  // What the ship does not know: how its transceiver is turned [rad], and where its antenna is.
+  double misalignment = 0, offset_north_m = 0, offset_east_m = 0;
 };
 
 struct GpsConfig {

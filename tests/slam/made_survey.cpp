@@ -130,6 +130,7 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
         for (int j = 0; j < 2; ++j) fix(j) += gauss(o.usbl_sigma);
         const double wild = uniform(s.random), direction = 2 * std::numbers::pi * uniform(s.random);
         if (wild < o.wild_fixes) fix += 12.0 * Eigen::Vector2d(std::cos(direction), std::sin(direction));
+        fix = o.ship + Eigen::Rotation2Dd(o.usbl_turn) * (fix - o.ship);
         if (t >= o.bias_from && t < o.bias_to) {
           fix += o.bias;
           s.biased.push_back(s.fixes.size());
@@ -185,7 +186,7 @@ Measured measuredOf(const MadeSurvey& s, double fix_sigma) {
       out.links.push_back(link);
     }
   for (const MadeSurvey::Fix& f : s.fixes)
-    out.fixes.push_back({f.keyframe, f.antenna_in_odom, f.north_east, fix_sigma});
+    out.fixes.push_back({f.keyframe, f.antenna_in_odom, f.north_east, fix_sigma, true});
   return out;
 }
 

@@ -33,6 +33,9 @@ struct MadeSurveyOptions {
   double scale_at = 1e9, scale_step = 0;           // the DVL's scale changes by so much [s], [1]
   double bias_from = 1e9, bias_to = 1e9;           // USBL errs by `bias` all the while [s]
   Eigen::Vector2d bias = Eigen::Vector2d::Zero();  // [m]
+  // All of the USBL's positions: turned about the ship at `ship` [m], clockwise from above [rad].
+  double usbl_turn = 0;
+  Eigen::Vector2d ship = Eigen::Vector2d::Zero();
   // Gyro: angle random walk [rad/s^(1/2)], constant bias [rad/s]; none: negative.
   double gyro_walk = -1, gyro_bias = 1e-4;
 };
@@ -59,7 +62,7 @@ struct MadeSurvey {
   Eigen::Vector2d anchor;  // nav - odom as known at the start [m]
   double dvl_scale = 0, dvl_heading = 0;
   Eigen::Vector2d tilt_bias = Eigen::Vector2d::Zero();  // of roll and pitch [rad]
-  std::vector<int> false_visual;    // indices in `visual`
+  std::vector<int> false_visual;                        // indices in `visual`
   std::vector<bool> anomalous;      // by keyframe: the compass errs by more than its noise there
   std::vector<bool> wrong_scale;    // by keyframe: the DVL lied on the way to it
   std::vector<std::size_t> biased;  // indices in `fixes`

@@ -93,6 +93,34 @@ TEST(NavigationBatch, MarginalCovariancesAreThoseOfTheWholeInverse) {
   EXPECT_LT((covariance.between(a, b) - between).norm(), 1e-3 * between.norm());
 }
 
+TEST(NavigationBatch, FindsWhatAllPositionsOfAUsblShare) {
+  MadeSurveyOptions options;
+  options.lines = 6;
+  options.line_length = 60;
+  options.anchor_sigma = 0.1;  // by GPS
+  options.ship = {80, -40};
+  options.usbl_turn = 0.05;
+  NavigationConfig config;
+  config.noise.usbl_shift = 5;
+  config.noise.usbl_turn = 0.1;
+  double worst = 0, believed = 0;
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    options.seed = seed;
+    const MadeSurvey survey = makeSurvey(options);
+    Measured measured = measuredOf(survey, options.usbl_sigma);
+    const NavigationSolution with = solveNavigation(config, survey.inputs, survey.anchor,
+                                                    options.anchor_sigma, measured.links, measured.fixes);
+    ASSERT_GE(with.usbl_node, 0);
+    const SE3 found = with.graph.poses[static_cast<std::size_t>(with.usbl_node)];
+    const double sigma = std::sqrt(GraphCovariance(with.graph).of(with.usbl_node)(5, 5));
+    EXPECT_NEAR(found.euler().z(), -options.usbl_turn, 3 * sigma);
+    EXPECT_LT(sigma, 0.02);
+    worst = std::max(worst, errorsOf(with.poses, survey.truth).absolute);
+    believed += errorsOf(solve(survey, options, measured).poses, survey.truth).absolute / 5;
+  }
+  EXPECT_LT(worst, 0.4 * believed);
+}
+
 TEST(NavigationBatch, TakesOutFalseClosuresAndWildFixesAndKeepsTheTrueOnes) {
   MadeSurveyOptions options;
   options.usbl_period = 4;

@@ -37,6 +37,14 @@ Json mountingJson(const slam::Mounting& m) {
           {"time_offset_sigma_s", m.time_offset_sigma}};
 }
 
+Json usblJson(const SlamResult::Usbl& u) {
+  if (!u.sought) return nullptr;
+  return {{"shift_north_east_m", {u.shift.x(), u.shift.y()}},
+          {"shift_sigma_m", {u.shift_sigma.x(), u.shift_sigma.y()}},
+          {"turn_rad", u.turn},
+          {"turn_sigma_rad", u.turn_sigma}};
+}
+
 std::string withSigma(double value, double sigma, int digits) {
   return fixedDigits(value, digits) + " (standard deviation " + fixedDigits(sigma, digits) + ")";
 }
@@ -125,6 +133,7 @@ Json slamJson(const SlamResult& s) {
           {"attitude_absent", s.sensors.attitude_absent},
           {"depth_absent", s.sensors.depth_absent},
           {"mounting", mountingJson(s.mounting)},
+          {"usbl", usblJson(s.usbl)},
           {"moved_rms_m", s.moved_rms},
           {"stage_s", stages}};
 }

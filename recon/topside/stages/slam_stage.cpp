@@ -58,9 +58,17 @@ std::vector<slam::NavigationFix> fixesOf(const Frames& frames, const Navigation&
     fix.antenna_in_odom = seen.receiver;
     fix.north_east = seen.north_east;
     fix.sigma = seen.sigma;
+    fix.by_usbl = seen.kind == nav::FixKind::kUsbl;
     fixes.push_back(fix);
   }
   return fixes;
+}
+
+SlamResult::Usbl usblOf(const slam::NavigationSolution& solved, const slam::GraphCovariance& known) {
+  const SE3 now = solved.graph.poses[static_cast<std::size_t>(solved.usbl_node)];
+  const Vector6d variance = known.of(solved.usbl_node).diagonal();  // level but for the turn, which is small
+  return {true, (now.translation() - solved.T_nav_usbl.translation()).head<2>(),
+          variance.head<2>().cwiseSqrt(), now.euler().z(), std::sqrt(variance(5))};
 }
 
 }  // namespace
@@ -136,6 +144,7 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   for (const slam::NavigationFix& fix : fixes) ++(fix.kept ? out.fixes_kept : out.fixes_removed);
 
   const slam::GraphCovariance& known = search.known();
+  if (solved.usbl_node >= 0) out.usbl = usblOf(solved, known);
   double squares = 0;
   const std::size_t told = solved.poses.size() / kToldPlaces + 1;
   for (std::size_t k = 0; k < solved.poses.size(); ++k) {

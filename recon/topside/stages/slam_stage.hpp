@@ -43,6 +43,13 @@ struct SlamResult {
   std::vector<Uncertain> uncertain;
   slam::NavigationGraph::Counters sensors;  // what was noticed of the sensors
   slam::Mounting mounting;                  // the camera's turn in body axes: roll, pitch, yaw
+  // What all USBL positions share, where it was sought: how they had to be shifted (north, east), and turned
+  // about their middle, from above clockwise [m], [rad].
+  struct Usbl {
+    bool sought = false;
+    Eigen::Vector2d shift = Eigen::Vector2d::Zero(), shift_sigma = Eigen::Vector2d::Zero();
+    double turn = 0, turn_sigma = 0;
+  } usbl;
   std::size_t fixes_kept = 0, fixes_removed = 0;
   double moved_rms = 0;  // horizontal, of the poses against dead reckoning [m]
 };

@@ -88,6 +88,11 @@ void exchangeState(Archive& archive, Is<SlamResult::Tried> auto& tried) {
 }
 
 template <typename Archive>
+void exchangeState(Archive& archive, Is<SlamResult::Usbl> auto& u) {
+  archive(u.sought, u.shift, u.shift_sigma, u.turn, u.turn_sigma);
+}
+
+template <typename Archive>
 void exchangeState(Archive& archive, Is<SlamResult::Uncertain> auto& u) {
   archive(u.pair, u.T_nav_cam, u.covariance, u.since_first);
 }
@@ -97,7 +102,8 @@ template <typename Archive>
 void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
   archive(slam.poses, slam.odometry, slam.closures, slam.frames, slam.tried, slam.refused,
           slam.crossings_expected, slam.crossings_unverified, slam.unconfirmed, slam.converged,
-          slam.uncertain, slam.sensors, slam.mounting, slam.fixes_kept, slam.fixes_removed, slam.moved_rms);
+          slam.uncertain, slam.sensors, slam.mounting, slam.usbl, slam.fixes_kept, slam.fixes_removed,
+          slam.moved_rms);
 }
 
 }  // namespace fathom::topside

@@ -25,11 +25,11 @@ void addStereoSettings(Hasher& hasher, const TopsideConfig& config) {
 
 void addSlamSettings(Hasher& hasher, const TopsideConfig& config) {
   const slam::SensorNoise& n = config.navigation.noise;
-  static_assert(sizeof n == 144);
+  static_assert(sizeof n == 160);
   hasher.add(config.slam, config.slam_features, config.slam_candidates, n.dvl_velocity, n.dvl_rate,
              n.dvl_scale, n.dvl_heading, n.unknown_velocity, n.heading, n.tilt, n.deviation,
              n.deviation_drift, n.deviation_turn, n.tilt_bias, n.tilt_turn, n.unknown_turn, n.gyro_walk,
-             n.depth, n.depth_offset, n.depth_drift, n.visual_scale);
+             n.depth, n.depth_offset, n.depth_drift, n.usbl_shift, n.usbl_turn, n.visual_scale);
 }
 
 void addFusionSettings(Hasher& hasher, const TopsideConfig& config) {
