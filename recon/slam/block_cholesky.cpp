@@ -55,7 +55,7 @@ struct BlockCholesky::Impl {
   [[nodiscard]] int columnStride(int column_block) const {
     return (pattern.start[index(column_block) + 1] - pattern.start[index(column_block)]) * size;
   }
-  std::vector<int> order();
+  std::vector<int> order(Order wanted);
   void add(int column_block, int block_in_column, const Eigen::Ref<const Eigen::MatrixXd>& m,
            bool transposed);
   void add6(int column_block, int block_in_column, const Eigen::Matrix<double, 6, 6>& m) {
@@ -66,8 +66,8 @@ struct BlockCholesky::Impl {
   }
 };
 
-// Elimination order of the blocks by AMD, or the better of AMD and METIS as CHOLMOD counts their factors.
-std::vector<int> BlockCholesky::Impl::order() {
+// Elimination order of the blocks by METIS; or by AMD, or the better of both as CHOLMOD counts their factors.
+std::vector<int> BlockCholesky::Impl::order(Order wanted) {
   cholmod_sparse graph{};
   graph.nrow = graph.ncol = index(blocks);
   graph.nzmax = pattern.row.size();
@@ -81,8 +81,9 @@ std::vector<int> BlockCholesky::Impl::order() {
   graph.packed = 1;
   // For small graphs nested dissection takes longer than it saves.
   constexpr int kSmall = 5000;
-  common.nmethods = blocks < kSmall ? 1 : 2;
-  common.method[0].ordering = CHOLMOD_AMD;
+  const bool sparsest = wanted == Order::kSparsest;
+  common.nmethods = sparsest && blocks >= kSmall ? 2 : 1;
+  common.method[0].ordering = sparsest ? CHOLMOD_AMD : CHOLMOD_METIS;
   common.method[1].ordering = CHOLMOD_METIS;
   cholmod_factor* analysis = cholmod_analyze(&graph, &common);
   if (analysis == nullptr) throw std::runtime_error("CHOLMOD cannot analyse the pattern: out of memory");
@@ -92,7 +93,7 @@ std::vector<int> BlockCholesky::Impl::order() {
   return result;
 }
 
-BlockCholesky::BlockCholesky(int blocks, int size, std::span<const Pair> pairs)
+BlockCholesky::BlockCholesky(int blocks, int size, std::span<const Pair> pairs, Order order)
     : impl_(std::make_unique<Impl>()) {
   Impl& m = *impl_;
   m.blocks = blocks;
@@ -131,15 +132,15 @@ BlockCholesky::BlockCholesky(int blocks, int size, std::span<const Pair> pairs)
   m.matrix.packed = 1;
 
   std::vector<int> permutation;
-  for (const int block : m.order())
+  for (const int block : m.order(order))
     for (int r = 0; r < size; ++r) permutation.push_back(block * size + r);
   m.common.nmethods = 1;
   m.common.method[0].ordering = CHOLMOD_GIVEN;
   m.factor = cholmod_analyze_p(&m.matrix, permutation.data(), nullptr, 0, &m.common);
   if (m.factor == nullptr) throw std::runtime_error("CHOLMOD cannot analyse the matrix: out of memory");
-  const int* order = static_cast<const int*>(m.factor->Perm);
+  const int* eliminated = static_cast<const int*>(m.factor->Perm);
   m.place.resize(index(dimension()));
-  for (int k = 0; k < dimension(); ++k) m.place[index(order[k])] = k;
+  for (int k = 0; k < dimension(); ++k) m.place[index(eliminated[k])] = k;
   const int* first = static_cast<const int*>(m.factor->super);
   for (int s = 0; s < static_cast<int>(m.factor->nsuper); ++s) m.supernode_of.resize(index(first[s + 1]), s);
 }

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>
@@ -15,10 +16,13 @@ namespace fathom::slam {
 class BlockCholesky {
  public:
   using Pair = std::array<int, 2>;
+  // Of elimination: for the fewest numbers in the factor; or by nested dissection whatever it costs, so that
+  // ways are short.
+  enum class Order : std::uint8_t { kSparsest, kShortWays };
 
   // `blocks` diagonal blocks of `size` x `size`, and a block for each pair of different indices. A pair may
   // be given more than once, either way round. Throws std::runtime_error when CHOLMOD runs out of memory.
-  BlockCholesky(int blocks, int size, std::span<const Pair> pairs);
+  BlockCholesky(int blocks, int size, std::span<const Pair> pairs, Order order = Order::kSparsest);
   ~BlockCholesky();
   BlockCholesky(const BlockCholesky&) = delete;
   BlockCholesky& operator=(const BlockCholesky&) = delete;

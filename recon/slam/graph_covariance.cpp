@@ -28,7 +28,7 @@ GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, co
     if (e.from > 0 && e.to > 0) pairs.push_back({e.from - 1, e.to - 1});
   }
   if (poses < 2) return;
-  factor_ = std::make_unique<BlockCholesky>(poses - 1, 6, pairs);
+  factor_ = std::make_unique<BlockCholesky>(poses - 1, 6, pairs, BlockCholesky::Order::kShortWays);
   for (int k = 0; k < poses - 1; ++k)
     factor_->addDiagonal6(k, GrowingFactor::kLeastInformation * Matrix6d::Identity());
   std::size_t pair = 0;

@@ -29,13 +29,13 @@ double chiSquareOf(const RelativePose& edge, const std::vector<SE3>& poses) {
 class Doubtful {
  public:
   Doubtful(const NavigationConfig& config, const std::vector<KeyframeInput>& frames,
-           const NavigationSolution& at, std::vector<NavigationLink>& links,
+           const NavigationSolution& start, std::vector<NavigationLink>& links,
            std::vector<NavigationFix>& fixes)
       : config_(config),
         frames_(frames),
-        nodes_(at.nodes),
-        usbl_(at.usbl_node),
-        T_nav_usbl_(at.T_nav_usbl),
+        nodes_(start.nodes),
+        usbl_(start.usbl_node),
+        T_nav_usbl_(start.T_nav_usbl),
         fixes_(fixes) {
     for (NavigationLink& link : links)
       if (!link.ofChain()) closures_.push_back({&link, 1});

@@ -59,7 +59,7 @@ std::string pageOf(const SlamResult& slam, const Navigation& navigation, const S
   row("leaps of the compass", slam.sensors.compass_jumps);
   html += htmlRow("ground seen before, expected [m of way]", fixedDigits(slam.crossings_expected, 1));
   html += htmlRow("of it without a closure", fixedDigits(slam.crossings_unverified, 1));
-  for (const auto& [name, value] : mountingRows(slam.mounting)) html += htmlRow(name, value);
+  for (const auto& [name, value] : calibrationRows(slam)) html += htmlRow(name, value);
   html += "</table>\n";
   if (!truth.moments.empty())
     html +=

@@ -75,7 +75,9 @@ void warnOfMounting(const slam::Mounting& m, std::vector<std::string>& warnings)
 
 }  // namespace
 
-std::vector<std::pair<std::string, std::string>> mountingRows(const slam::Mounting& m) {
+std::vector<std::pair<std::string, std::string>> calibrationRows(const SlamResult& s) {
+  const slam::Mounting& m = s.mounting;
+  const SlamResult::Usbl& u = s.usbl;
   std::vector<std::pair<std::string, std::string>> rows;
   constexpr const char* kAngles[] = {"roll", "pitch", "yaw"};
   for (int i = 0; i < 3; ++i)
@@ -83,6 +85,11 @@ std::vector<std::pair<std::string, std::string>> mountingRows(const slam::Mounti
                       withSigma(m.camera_turn(i) / kDegree, m.camera_turn_sigma(i) / kDegree, 3));
   rows.emplace_back("true way over the DVL's, less 1", withSigma(m.dvl_scale, m.dvl_scale_sigma, 5));
   rows.emplace_back("images later than they say [s]", withSigma(m.time_offset, m.time_offset_sigma, 4));
+  if (!u.sought) return rows;
+  rows.emplace_back("USBL positions to be shifted north [m]", withSigma(u.shift.x(), u.shift_sigma.x(), 2));
+  rows.emplace_back("USBL positions to be shifted east [m]", withSigma(u.shift.y(), u.shift_sigma.y(), 2));
+  rows.emplace_back("USBL positions to be turned about their middle [deg]",
+                    withSigma(u.turn / kDegree, u.turn_sigma / kDegree, 2));
   return rows;
 }
 

@@ -14,8 +14,8 @@ namespace fathom::topside {
 // What whoever uses the poses must know, a sentence each: no convergence, crossings that were not verified,
 // extrinsics or clocks that cannot be right.
 [[nodiscard]] std::vector<std::string> slamWarnings(const SlamResult& slam);
-// What the images say of extrinsics and clocks, with standard deviations: names and values to show.
-[[nodiscard]] std::vector<std::pair<std::string, std::string>> mountingRows(const slam::Mounting& mounting);
+// What the images say of extrinsics, clocks and the USBL, with standard deviations: names and values to show.
+[[nodiscard]] std::vector<std::pair<std::string, std::string>> calibrationRows(const SlamResult& slam);
 [[nodiscard]] nlohmann::ordered_json truthJson(const Consistency& consistency);
 
 }  // namespace fathom::topside
