@@ -74,29 +74,32 @@ void validate(const PoseGraph& graph) {
   }
 }
 
-// Sum over edges of weight ||x_to - M^T x_from - c||^2 for columns x of `size` rows, where held poses have
-// the values that `held` gives; the least squares solution for the others, one column for each right side.
-template <typename Weight, typename Turn, typename Constant, typename Held>
-Eigen::MatrixXd linearLeastSquares(const PoseGraph& graph, const Unknowns& u, int size, Weight weight,
-                                   Turn turn, Constant constant, Held held) {
-  BlockCholesky system(u.count, size, u.pairs);
-  Eigen::MatrixXd right = Eigen::MatrixXd::Zero(u.count * size, 3);
+// Sum over edges of weight ||x_to - M^T x_from - c||^2 for columns x of Size rows, where held poses have the
+// values that `held` gives; the least squares solution for the others, one column for each right side.
+template <int Size, typename Weight, typename Turn, typename Constant, typename Held>
+Eigen::MatrixXd linearLeastSquares(const PoseGraph& graph, const Unknowns& u, Weight weight, Turn turn,
+                                   Constant constant, Held held) {
+  using Square = Eigen::Matrix<double, Size, Size>;
+  using Rows = Eigen::Matrix<double, Size, 3>;
+  BlockCholesky system(u.count, Size, u.pairs);
+  Eigen::MatrixXd right = Eigen::MatrixXd::Zero(u.count * Size, 3);
   for (std::size_t k = 0; k < graph.edges.size(); ++k) {
     const RelativePose& e = graph.edges[k];
     const double w = weight(e);
-    const Eigen::MatrixXd m = turn(e), c = constant(e);
+    const Square m = turn(e);
+    const Rows c = constant(e);
     const int from = u.of_pose[index(e.from)], to = u.of_pose[index(e.to)];
     if (to >= 0) {
-      system.addDiagonal(to, w * Eigen::MatrixXd::Identity(size, size));
-      right.middleRows(to * size, size) += w * c;
-      if (from < 0) right.middleRows(to * size, size) += w * m.transpose() * held(e.from);
+      system.addDiagonal(to, Square(w * Square::Identity()));
+      right.middleRows<Size>(to * Size) += w * c;
+      if (from < 0) right.middleRows<Size>(to * Size) += w * m.transpose() * Rows(held(e.from));
     }
     if (from >= 0) {
-      system.addDiagonal(from, w * m * m.transpose());
-      right.middleRows(from * size, size) -= w * m * c;
-      if (to < 0) right.middleRows(from * size, size) += w * m * held(e.to);
+      system.addDiagonal(from, Square(w * m * m.transpose()));
+      right.middleRows<Size>(from * Size) -= w * m * c;
+      if (to < 0) right.middleRows<Size>(from * Size) += w * m * Rows(held(e.to));
     }
-    if (u.pair_of_edge[k] >= 0) system.addPair(index(u.pair_of_edge[k]), -w * m);
+    if (u.pair_of_edge[k] >= 0) system.addPair(index(u.pair_of_edge[k]), Square(-w * m));
   }
   if (!system.factorize()) throw std::runtime_error("pose graph: the chordal system is singular");
   return system.solve(right);
@@ -200,22 +203,22 @@ std::vector<SE3> chordalPoses(const PoseGraph& graph) {
   std::vector<SE3> poses = graph.poses;
   if (u.count == 0) return poses;
   // R_to = R_from R_from_to; the rows of R, as columns x, follow x_to = R_from_to^T x_from.
-  const Eigen::MatrixXd rows = linearLeastSquares(
-      graph, u, 3, [](const RelativePose& e) { return e.information.diagonal().tail<3>().mean(); },
-      [](const RelativePose& e) -> Eigen::MatrixXd { return e.T_from_to.matrix3(); },
-      [](const RelativePose&) -> Eigen::MatrixXd { return Eigen::MatrixXd::Zero(3, 3); },
-      [&](int pose) -> Eigen::MatrixXd { return graph.poses[index(pose)].matrix3().transpose(); });
+  const Eigen::MatrixXd rows = linearLeastSquares<3>(
+      graph, u, [](const RelativePose& e) { return e.information.diagonal().tail<3>().mean(); },
+      [](const RelativePose& e) { return e.T_from_to.matrix3(); },
+      [](const RelativePose&) { return Eigen::Matrix3d::Zero(); },
+      [&](int pose) -> Eigen::Matrix3d { return graph.poses[index(pose)].matrix3().transpose(); });
   for (std::size_t i = 0; i < poses.size(); ++i)
     if (u.of_pose[i] >= 0)
       poses[i] =
           SE3(nearestRotation(rows.middleRows<3>(u.of_pose[i] * 3).transpose()), poses[i].translation());
-  const Eigen::MatrixXd places = linearLeastSquares(
-      graph, u, 1, [](const RelativePose& e) { return e.information.diagonal().head<3>().mean(); },
-      [](const RelativePose&) -> Eigen::MatrixXd { return Eigen::MatrixXd::Identity(1, 1); },
-      [&](const RelativePose& e) -> Eigen::MatrixXd {
+  const Eigen::MatrixXd places = linearLeastSquares<1>(
+      graph, u, [](const RelativePose& e) { return e.information.diagonal().head<3>().mean(); },
+      [](const RelativePose&) { return Eigen::Matrix<double, 1, 1>::Identity(); },
+      [&](const RelativePose& e) -> Eigen::RowVector3d {
         return (poses[index(e.from)].rotation() * e.T_from_to.translation()).transpose();
       },
-      [&](int pose) -> Eigen::MatrixXd { return graph.poses[index(pose)].translation().transpose(); });
+      [&](int pose) -> Eigen::RowVector3d { return graph.poses[index(pose)].translation().transpose(); });
   for (std::size_t i = 0; i < poses.size(); ++i)
     if (u.of_pose[i] >= 0) poses[i] = SE3(poses[i].rotation(), places.row(u.of_pose[i]).transpose());
   return poses;
