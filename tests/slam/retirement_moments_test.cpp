@@ -130,7 +130,10 @@ TEST(Retirement, AtAnyMomentOfTheNextFactorLeavesSolutionAndCovariancesOfABatch)
     Rounds rounds(quota, static_cast<unsigned>(quota));
     for (int i = 0; i < 240; ++i) {
       rounds.addOne();
-      (void)rounds.solver().step();
+      // A pose that went while the factor was made has no part in it when it is taken up.
+      if (rounds.solver().step().factors_replaced > 0) {
+        EXPECT_LT(rounds.compare().greatest, 1.09) << "quota " << quota << ", pose " << i;
+      }
       if (i % 40 != 39) continue;
       for (int k = 0; k < 40; ++k) (void)rounds.solver().step();
       const Rounds::Comparison c = rounds.compare();
