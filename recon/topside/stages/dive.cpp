@@ -16,7 +16,7 @@ namespace fathom::topside {
 namespace {
 
 // Change whenever the same inputs and settings give another result.
-constexpr std::uint32_t kSurveyVersion = 2, kLightingVersion = 1, kPrepareVersion = 1, kLocaliseVersion = 2,
+constexpr std::uint32_t kSurveyVersion = 2, kLightingVersion = 1, kPrepareVersion = 1, kLocaliseVersion = 3,
                         kPlanVersion = 1;
 // Expected shares of a run's time, of a dive with images.
 constexpr std::array<double, kStages> kWeights = {0.01, 0.04, 0.40, 0.10, 0.01, 0.40, 0.04};
