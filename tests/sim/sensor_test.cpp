@@ -7,59 +7,10 @@
 #include <numbers>
 
 #include "sim/sensors/water_properties.hpp"
-#include "sim/vehicle/vehicle.hpp"
+#include "tests/sim/sensor_dive.hpp"
 
 namespace fathom::sim {
 namespace {
-
-constexpr double kDegree = std::numbers::pi / 180.0;
-constexpr double kSeafloor = 12.0;  // depth of the flat test seafloor [m]
-
-std::optional<double> castFlat(const Eigen::Vector3d& from, const Eigen::Vector3d& direction) {
-  if (direction.z() <= 0) return std::nullopt;
-  return (kSeafloor - from.z()) / direction.z();
-}
-
-// A dive of a few minutes over a flat seafloor.
-class SensorTest : public ::testing::Test {
- protected:
-  static SurveyPlan plan() {
-    SurveyPlan p;
-    p.lines = 6;
-    p.line_length = 12;
-    p.cross_lines = 2;
-    return p;
-  }
-  const Trajectory trajectory = simulateVehicle(
-      plan(), VehicleConfig(), [](double, double) { return kSeafloor; }, 2);
-  SensorWorld world(std::uint64_t seed = 7) const {
-    return {trajectory,
-            castFlat,
-            {-0.4089, 2.6519},
-            1772330400000000000,
-            0.18,
-            SE3::fromEuler(0.01, -0.02, 0.03, {-0.35, 0.0, 0.22}),
-            SE3::fromEuler(0, 0, 0, {0.1, 0.0, -0.4}),
-            SE3::fromEuler(0, 0, 0, {0.2, 0.1, -0.1}),
-            SE3::fromEuler(0.003, 0.005, -0.009, {0.6, 0, -0.2}),
-            seed};
-  }
-  double timeOf(std::int64_t utc_ns) const {
-    return static_cast<double>(utc_ns - 1772330400000000000) * 1e-9;
-  }
-};
-
-struct Statistics {
-  double sum = 0, squares = 0;
-  int count = 0;
-  void add(double v) {
-    sum += v;
-    squares += v * v;
-    ++count;
-  }
-  double mean() const { return sum / count; }
-  double sigma() const { return std::sqrt(squares / count - mean() * mean()); }
-};
 
 TEST_F(SensorTest, DvlVelocityHasTheNoiseScaleAndSoundSpeedErrorOfItsSpecification) {
   SensorsConfig config;
@@ -170,107 +121,6 @@ TEST_F(SensorTest, ASilentDvlGivesNothingAndAStuckOneItsLastGoodEnsemble) {
       if (dvl.velocity) before = &dvl;
     }
   }
-}
-
-TEST_F(SensorTest, ACompassJumpTurnsTheHeadingFromThenOn) {
-  CompassConfig config;
-  LoggedSamples healthy, faulty;
-  simulateCompass(world(), config, healthy);
-  config.jumps = {{100, 20 * kDegree}, {150, -5 * kDegree}};
-  simulateCompass(world(), config, faulty);
-  ASSERT_EQ(healthy.size(), faulty.size());
-  for (std::size_t k = 0; k < healthy.size(); ++k) {
-    const auto& a = std::get<AttitudeSample>(healthy[k].sample);
-    const auto& b = std::get<AttitudeSample>(faulty[k].sample);
-    const double t = timeOf(a.utc_ns), expected = t < 99.99 ? 0 : t < 149.99 ? 20 : 15;
-    if (std::abs(t - 100) < 0.05 || std::abs(t - 150) < 0.05) continue;
-    EXPECT_NEAR(wrapAngle(b.heading - a.heading) / kDegree, expected, 1e-6) << t;
-    EXPECT_EQ(a.roll, b.roll);
-  }
-}
-
-TEST_F(SensorTest, AMagneticAnomalyTurnsHeadingsWhereItIsAndNothingElse) {
-  CompassConfig config;
-  LoggedSamples healthy, faulty;
-  const SensorWorld w = world();
-  simulateCompass(w, config, healthy);
-  const Eigen::Vector3d place = (trajectory.poseAt(120) * w.T_body_compass).translation();
-  config.anomalies = {{place.x(), place.y(), 2, 20 * kDegree}};
-  simulateCompass(w, config, faulty);
-  ASSERT_EQ(healthy.size(), faulty.size());
-  double nearest = 1e9, at_nearest = 0;
-  for (std::size_t k = 0; k < healthy.size(); ++k) {
-    const auto& a = std::get<AttitudeSample>(healthy[k].sample);
-    const auto& b = std::get<AttitudeSample>(faulty[k].sample);
-    const Eigen::Vector3d here = (trajectory.poseAt(timeOf(a.utc_ns)) * w.T_body_compass).translation();
-    const double distance = (here - place).head<2>().norm(), turned = wrapAngle(b.heading - a.heading);
-    EXPECT_NEAR(turned, 20 * kDegree / std::pow(1 + distance * distance / 4, 1.5), 1e-6);
-    EXPECT_EQ(a.roll, b.roll);
-    if (distance < nearest) nearest = distance, at_nearest = turned;
-  }
-  EXPECT_NEAR(at_nearest, 20 * kDegree, 0.1 * kDegree);
-}
-
-TEST_F(SensorTest, AGyroDriftsByItsBiasAndItsRandomWalkAndIsOffUnlessAskedFor) {
-  GyroConfig config;
-  LoggedSamples samples;
-  const SensorWorld w = world();
-  simulateGyro(w, config, samples);
-  EXPECT_TRUE(samples.empty());
-  config.rate_hz = 50;
-  simulateGyro(w, config, samples);
-  Statistics white;
-  Eigen::Quaterniond turned = Eigen::Quaterniond::Identity(), first;
-  double before = 0, previous = 0;
-  for (const auto& s : samples) {
-    const auto& gyro = std::get<GyroSample>(s.sample);
-    const double t = timeOf(gyro.utc_ns);
-    if (t < 30 || t > 230) continue;
-    if (before == 0) first = (trajectory.poseAt(t) * w.T_body_compass).rotation();
-    if (before > 0) {
-      const Eigen::Vector3d phi = *gyro.body_rate * (t - before);
-      turned = turned * Eigen::AngleAxisd(phi.norm(), phi.normalized());
-    }
-    // What is left of the rate of roll, smooth over a fiftieth of a second: noise.
-    if (before > 0) white.add(gyro.body_rate->x() - previous);
-    previous = gyro.body_rate->x();
-    before = t;
-  }
-  const Eigen::Quaterniond last = (trajectory.poseAt(before) * w.T_body_compass).rotation();
-  const double error = (first * turned).angularDistance(last);
-  // 200 s: a bias of 3e-4 deg/s is 0.06 degrees, the walk of the angle 0.03, of each axis.
-  EXPECT_LT(error, 0.4 * kDegree);
-  EXPECT_GT(error, 0.005 * kDegree);
-  EXPECT_GT(white.sigma(), 0.0);
-}
-
-TEST_F(SensorTest, CompassStaysWithinTwoDegreesAndTiltWithinHalfADegree) {
-  const CompassConfig config;
-  LoggedSamples samples;
-  const SensorWorld w = world();
-  simulateCompass(w, config, samples);
-  Statistics heading, roll, pitch, step;
-  double previous = 0;
-  for (const auto& s : samples) {
-    const auto& a = std::get<AttitudeSample>(s.sample);
-    const Eigen::Vector3d truth = (trajectory.poseAt(timeOf(a.utc_ns)) * w.T_body_compass).euler();
-    EXPECT_TRUE(a.magnetic);
-    EXPECT_GE(a.heading, 0.0);
-    EXPECT_LT(a.heading, 2 * std::numbers::pi);
-    const double error = wrapAngle(a.heading + w.magnetic_declination - truth.z());
-    EXPECT_LT(std::abs(error), 3.5 * kDegree);
-    if (heading.count > 0) step.add(error - previous);
-    previous = error;
-    heading.add(error);
-    roll.add(a.roll - truth.x());
-    pitch.add(a.pitch - truth.y());
-    EXPECT_LT(std::abs(a.roll - truth.x()), 1.2 * kDegree);
-    EXPECT_LT(std::abs(a.pitch - truth.y()), 1.2 * kDegree);
-  }
-  EXPECT_GT(heading.sigma(), 0.3 * kDegree) << "a deviation must be there";
-  // From sample to sample only the white part changes.
-  EXPECT_NEAR(step.sigma(), config.heading_sigma * std::sqrt(2.0), 0.15 * config.heading_sigma);
-  EXPECT_NEAR(roll.sigma(), config.tilt_sigma, 0.15 * config.tilt_sigma);
 }
 
 TEST_F(SensorTest, DepthFollowsTheSensorAndTheTide) {

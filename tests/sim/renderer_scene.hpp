@@ -1,0 +1,103 @@
+#pragma once
+
+#include <filesystem>
+#include <vector>
+
+#include "recon/geometry/mesh_io.hpp"
+#include "sim/sea/renderer.hpp"
+
+// Small scenes whose pictures are known.
+namespace fathom::sim {
+
+inline constexpr double kDepth = 20.0;  // of the flat seafloors [m]
+
+// Camera x to starboard, y aft, z down.
+inline SE3 cameraInBody() {
+  Eigen::Matrix3d r;
+  r << 0, -1, 0, 1, 0, 0, 0, 0, 1;
+  return {r, Eigen::Vector3d::Zero()};
+}
+
+// A small rig with the distortion of a real survey camera behind a flat port.
+inline StereoRig smallRig() {
+  StereoRig rig;
+  rig.left = rig.right = Camera{.width = 160,
+                                .height = 120,
+                                .fx = 200,
+                                .fy = 202,
+                                .cx = 77,
+                                .cy = 61,
+                                .k1 = 0.14,
+                                .k2 = 0.6,
+                                .p1 = 2e-3,
+                                .p2 = -1e-3};
+  rig.T_right_left =
+      SE3(Eigen::Quaterniond(Eigen::AngleAxisd(0.01, Eigen::Vector3d::UnitY())), {-0.07, 0.001, 0.0});
+  return rig;
+}
+
+inline TerrainConfig flatSeafloor() {
+  TerrainConfig config;
+  config.size_north_m = config.size_east_m = 14.0;
+  config.grid_spacing_m = 0.05;
+  config.base_depth_m = kDepth;
+  config.undulation_m = config.roughness_m = config.ripples.height_m = 0;
+  config.rubble.density_per_m2 = config.boulders.density_per_m2 = config.corals.density_per_m2 = 0;
+  config.detail_contrast = 0;
+  return config;
+}
+
+// Writes a white square plate and gives the terrain that it makes, level at kDepth.
+inline TerrainConfig whitePlate(const std::filesystem::path& folder, double size_m) {
+  Mesh plate;
+  const auto h = static_cast<float>(size_m / 2);
+  plate.vertices = {{-h, -h, 0}, {-h, h, 0}, {h, h, 0}, {h, -h, 0}};
+  plate.triangles = {{0, 1, 2}, {0, 2, 3}};
+  plate.colours.assign(4, Rgb{255, 255, 255});
+  writePly(folder / "plate.ply", plate);
+  TerrainConfig config;
+  config.kind = TerrainKind::kMesh;
+  config.mesh_file = folder / "plate.ply";
+  config.base_depth_m = kDepth;
+  config.detail_contrast = 0;
+  return config;
+}
+
+inline OpticsConfig monoOptics() {
+  OpticsConfig optics;
+  optics.sensor.left_format = optics.sensor.right_format = PixelFormat::kMono;
+  return optics;
+}
+
+// No water, no vignetting, no blur: geometry and the inverse square alone.
+inline OpticsConfig bareOptics() {
+  OpticsConfig optics = monoOptics();
+  optics.water = {{0, 0, 0}, {0, 0, 0}, 0};
+  optics.sensor.vignetting_power = 0;
+  optics.sensor.blur_sigma_px = 0;
+  return optics;
+}
+
+inline SE3 above(double altitude_m) {
+  return SE3::fromEuler(0, 0, 0, {0, 0, kDepth - altitude_m});
+}
+
+inline std::vector<float> electronsOf(const Renderer& renderer, const SE3& pose, CameraSide side) {
+  std::vector<float> image(static_cast<std::size_t>(renderer.width(side) * renderer.height(side)));
+  renderer.renderElectrons(pose, 0.0, side, image.data());
+  return image;
+}
+
+inline std::vector<std::uint16_t> imageOf(const Renderer& renderer, const SE3& pose, CameraSide side,
+                                          std::uint64_t seed) {
+  std::vector<std::uint16_t> image(static_cast<std::size_t>(renderer.width(side) * renderer.height(side)));
+  renderer.render(pose, 1.5, side, seed, image.data());
+  return image;
+}
+
+inline double centreLevel(const Renderer& renderer, const SE3& pose) {
+  const std::vector<float> image = electronsOf(renderer, pose, CameraSide::kLeft);
+  return image[static_cast<std::size_t>(60 * 160 + 77)];
+}
+
+}  // namespace fathom::sim
