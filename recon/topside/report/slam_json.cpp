@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "recon/topside/report/html_text.hpp"
 
@@ -9,6 +10,9 @@ namespace fathom::topside {
 namespace {
 
 using Json = nlohmann::ordered_json;
+
+constexpr double kDegree = std::numbers::pi / 180;  // [rad]
+constexpr const char* kAngles[] = {"roll", "pitch", "yaw"};
 
 Json numbers(const Eigen::Vector3d& v) {
   return {v.x(), v.y(), v.z()};
@@ -24,8 +28,6 @@ Json momentJson(const Consistency::Moment& m) {
           {"squared_error_over_covariance", m.squared},
           {"squared_error_over_covariance_since_first", m.since_first}};
 }
-
-constexpr double kDegree = 0.017453292519943295;
 
 Json mountingJson(const slam::Mounting& m) {
   return {{"steps", m.steps},
@@ -57,7 +59,6 @@ bool off(double value, double sigma, double matters) {
 
 void warnOfMounting(const slam::Mounting& m, std::vector<std::string>& warnings) {
   constexpr double kTurn = kDegree, kScale = 0.02, kOffset = 0.05;  // [rad], [1], [s]
-  constexpr const char* kAngles[] = {"roll", "pitch", "yaw"};
   for (int i = 0; i < 3; ++i)
     if (off(m.camera_turn(i), m.camera_turn_sigma(i), kTurn))
       warnings.push_back("The camera seems turned in " + std::string(kAngles[i]) + " by " +
@@ -79,7 +80,6 @@ std::vector<std::pair<std::string, std::string>> calibrationRows(const SlamResul
   const slam::Mounting& m = s.mounting;
   const SlamResult::Usbl& u = s.usbl;
   std::vector<std::pair<std::string, std::string>> rows;
-  constexpr const char* kAngles[] = {"roll", "pitch", "yaw"};
   for (int i = 0; i < 3; ++i)
     rows.emplace_back(std::string("camera against attitude sensor and DVL, ") + kAngles[i] + " [deg]",
                       withSigma(m.camera_turn(i) / kDegree, m.camera_turn_sigma(i) / kDegree, 3));
