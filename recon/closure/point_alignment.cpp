@@ -5,18 +5,14 @@
 #include <cmath>
 #include <random>
 
+#include "recon/geometry/cross_matrix.hpp"
+
 namespace fathom::closure {
 namespace {
 
 constexpr double kInlierGate = 7.815;  // 95 % of chi-square with 3 degrees of freedom
 // Mean of chi-square with 3 degrees of freedom below that gate: 3 F5(7.815) / F3(7.815).
 constexpr double kInlierMean = 2.631;
-
-Eigen::Matrix3d cross(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
-}
 
 template <int kSize>
 struct NormalEquations {
@@ -44,7 +40,7 @@ Eigen::Matrix3d informationOf(const PointPair& p, const Eigen::Matrix3d& rotatio
 
 Eigen::Matrix<double, 3, 6> byPose(const PointPair& p, const Eigen::Matrix3d& rotation) {
   Eigen::Matrix<double, 3, 6> j;
-  j << -rotation, rotation * cross(p.b);
+  j << -rotation, rotation * crossMatrix(p.b);
   return j;
 }
 

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <set>
 
+#include "recon/geometry/cross_matrix.hpp"
+
 namespace fathom::closure {
 namespace {
 
@@ -26,12 +28,6 @@ bool seen(const StereoRig& rig, const Eigen::Vector3d& point) {
   const Eigen::Vector3d in_right = rig.T_right_left * point;
   return in_right.z() >= kNearest && rig.left.contains(rig.left.project(point), kMargin) &&
          rig.right.contains(rig.right.project(in_right), kMargin);
-}
-
-Eigen::Matrix3d cross(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
 }
 
 // Features of a that have an inlier among their matches.
@@ -84,7 +80,7 @@ std::size_t maskByPrior(const FrameFeatures& a, const FrameFeatures& b, const SE
     const Eigen::Vector3d point = b.features[j].point.cast<double>();
     const Eigen::Vector3d expected = prior * point;
     Eigen::Matrix<double, 3, 6> by_pose;
-    by_pose << rotation, -rotation * cross(point);
+    by_pose << rotation, -rotation * crossMatrix(point);
     const Eigen::Matrix3d information =
         (by_pose * prior_covariance * by_pose.transpose() +
          kBothPoints * rotation * b.features[j].covarianceMatrix() * rotation.transpose())

@@ -3,21 +3,17 @@
 #include <cmath>
 #include <numbers>
 
+#include "recon/geometry/cross_matrix.hpp"
+
 namespace fathom {
 namespace {
-
-Eigen::Matrix3d skew(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
-}
 
 constexpr double kSmallAngle = 1e-6;  // [rad] below which the series replace the quotients
 
 // Left Jacobian of SO(3): V in t = V rho.
 Eigen::Matrix3d leftJacobian(const Eigen::Vector3d& phi) {
   const double angle = phi.norm();
-  const Eigen::Matrix3d k = skew(phi);
+  const Eigen::Matrix3d k = crossMatrix(phi);
   if (angle < kSmallAngle) return Eigen::Matrix3d::Identity() + 0.5 * k + k * k / 6.0;
   const double a2 = angle * angle;
   return Eigen::Matrix3d::Identity() + (1.0 - std::cos(angle)) / a2 * k +

@@ -2,6 +2,8 @@
 
 #include <Eigen/Dense>
 
+#include "recon/geometry/cross_matrix.hpp"
+
 namespace fathom {
 namespace {
 
@@ -16,11 +18,9 @@ Matrix6d carried(const SE3& T, const Matrix6d& covariance) {
 Matrix6d adjoint(const SE3& T) {
   const Eigen::Matrix3d R = T.matrix3();
   const Eigen::Vector3d& t = T.translation();
-  Eigen::Matrix3d hat;
-  hat << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
   Matrix6d a = Matrix6d::Zero();
   a.topLeftCorner<3, 3>() = a.bottomRightCorner<3, 3>() = R;
-  a.topRightCorner<3, 3>() = hat * R;
+  a.topRightCorner<3, 3>() = crossMatrix(t) * R;
   return a;
 }
 

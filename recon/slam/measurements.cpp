@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/geometry/cross_matrix.hpp"
+
 namespace fathom::slam {
 namespace {
 
@@ -109,11 +111,9 @@ Perturbation fromOwnFrame(const SE3& pose, const Vector6d& force) {
 Matrix6d ownFrame(const SE3& pose) {
   const Eigen::Matrix3d back = pose.matrix3().transpose();
   const Eigen::Vector3d t = pose.translation();
-  Eigen::Matrix3d cross;
-  cross << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
   Matrix6d a = Matrix6d::Zero();
   a.topLeftCorner<3, 3>() = a.bottomRightCorner<3, 3>() = back;
-  a.topRightCorner<3, 3>() = -back * cross;
+  a.topRightCorner<3, 3>() = -back * crossMatrix(t);
   return a;
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/geometry/cross_matrix.hpp"
 #include "recon/geometry/uncertain_pose.hpp"
 
 namespace fathom::slam {
@@ -27,12 +28,6 @@ struct Step {
   Vector6d error;
   Matrix6d information;
 };
-
-Eigen::Matrix3d cross(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
-}
 
 double seconds(std::int64_t ns) {
   return static_cast<double>(ns) * 1e-9;
@@ -73,7 +68,7 @@ Step stepOf(const std::vector<KeyframeInput>& frames, const NavigationLink& link
   const Eigen::Vector3d down = a.T_odom_cam.rotation().conjugate() * Eigen::Vector3d::UnitZ();
   const Eigen::Vector3d level = way.translation() - down.dot(way.translation()) * down;
   Step step;
-  step.by.topLeftCorner<3, 3>() = back * cross(way.translation());
+  step.by.topLeftCorner<3, 3>() = back * crossMatrix(way.translation());
   step.by.bottomLeftCorner<3, 3>() = Eigen::Matrix3d::Identity() - back;
   step.by.col(3) << back * level, Eigen::Vector3d::Zero();
   const Vector6d change = twistAt(frames, link.b) - adjoint(way.inverse()) * twistAt(frames, link.a);

@@ -6,14 +6,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/geometry/cross_matrix.hpp"
+
 namespace fathom::slam {
 namespace {
-
-Eigen::Matrix3d cross(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
-}
 
 // The representative with w >= 0 of the two that mean the same rotation.
 Eigen::Quaterniond positive(const Eigen::Quaterniond& q) {
@@ -38,12 +34,12 @@ RelativePoseLinear linearize(const RelativePose& edge, const SE3& T_w_from, cons
   l.error << difference.translation(), q.vec();
   l.by_to.setZero();
   l.by_to.topLeftCorner<3, 3>() = difference.matrix3();
-  l.by_to.bottomRightCorner<3, 3>() = 0.5 * (q.w() * Eigen::Matrix3d::Identity() + cross(q.vec()));
+  l.by_to.bottomRightCorner<3, 3>() = 0.5 * (q.w() * Eigen::Matrix3d::Identity() + crossMatrix(q.vec()));
   l.by_from.setZero();
   l.by_from.topLeftCorner<3, 3>() = -measured;
-  l.by_from.topRightCorner<3, 3>() = measured * cross(between.translation());
+  l.by_from.topRightCorner<3, 3>() = measured * crossMatrix(between.translation());
   l.by_from.bottomRightCorner<3, 3>() =
-      -0.5 * (q.w() * Eigen::Matrix3d::Identity() - cross(q.vec())) * measured;
+      -0.5 * (q.w() * Eigen::Matrix3d::Identity() - crossMatrix(q.vec())) * measured;
   return l;
 }
 

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/geometry/cross_matrix.hpp"
+
 namespace fathom::stereo {
 
 EpipolarSearch::EpipolarSearch(const Camera& to, const SE3& T_to_from, double step, double radius,
@@ -61,9 +63,7 @@ const std::vector<Eigen::Vector2d>& EpipolarSearch::candidates(const Eigen::Vect
 
 EpipolarDistance::EpipolarDistance(const StereoRig& rig) : focal_(0.5 * (rig.right.fx + rig.right.fy)) {
   const Eigen::Vector3d& t = rig.T_right_left.translation();
-  Eigen::Matrix3d cross;
-  cross << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
-  essential_ = cross * rig.T_right_left.matrix3();
+  essential_ = crossMatrix(t) * rig.T_right_left.matrix3();
 }
 
 EpipolarDistance::Offset EpipolarDistance::offset(const Eigen::Vector3d& left_ray,
