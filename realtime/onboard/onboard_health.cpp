@@ -84,6 +84,10 @@ void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>&
   add("map_meshes_baked_in", m.meshes_baked_in);
   add("map_given_up", m.given_up);
   add("position_sigma_m", localisation->positionSigma());
+  const slam::IncrementalSolver& solver = localisation->graph().solver();
+  add("factor_left_out", solver.leftOut());
+  add("factor_store_share",
+      static_cast<double>(solver.factorBlocks()) / static_cast<double>(solver.factorStore()));
   add("graph_bytes", localisation->graph().memoryBytes());
   add("memory_bytes", localisation->memoryBytes());
 }

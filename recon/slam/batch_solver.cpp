@@ -170,7 +170,7 @@ bool solveByGrowingFactor(PoseGraph& graph, const BatchOptions& options, BatchRe
   config.update_quota = 1;
   config.kept_last = 0;
   config.least_decrease = options.min_decrease;
-  config.least_effect = 0;
+  config.least_effect = config.another_from = 0;
   IncrementalSolver solver(config);
   result.converged = false;
   for (const SE3& pose : graph.poses)
@@ -230,7 +230,7 @@ BatchResult optimize(PoseGraph& graph, const BatchOptions& options,
   BatchResult result;
   result.chi2_given = result.chi2_start = chiSquare(graph);
   const Unknowns u = unknownsOf(graph);
-  if (u.count > 0) {
+  if (u.count > 0 && options.chordal) {
     PoseGraph other = graph;
     other.poses = chordalPoses(graph);
     const double chordal = chiSquare(other);

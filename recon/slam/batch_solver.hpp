@@ -15,6 +15,7 @@ namespace fathom::slam {
 struct BatchOptions {
   int max_iterations = 100;
   double min_decrease = 1e-9;  // of chi2, relative: less ends it
+  bool chordal = true;         // looks for a better start than the graph's own poses
 };
 
 struct BatchResult {

@@ -6,7 +6,6 @@
 #include "recon/slam/measurements.hpp"
 
 namespace fathom::slam {
-namespace {}  // namespace
 
 SE3 GraphCovariance::aboutMiddle(const SE3& T_w_pose) const {
   return {T_w_pose.rotation(), T_w_pose.translation() - middle_};
@@ -16,7 +15,9 @@ SE3 GraphCovariance::aboutMiddle(const SE3& T_w_pose) const {
 // difference of its poses', so every edge adds one square to two diagonal blocks and takes it from those
 // beside.
 GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, const std::vector<int>& scaled)
-    : poses_(graph.poses), common_scale_(common_scale) {
+    : poses_(graph.poses),
+      common_scale_(common_scale),
+      by_turns_(Eigen::MatrixXd::Zero(6, static_cast<Eigen::Index>(graph.poses.size()))) {
   const int poses = static_cast<int>(poses_.size());
   for (const int pose : scaled)
     centre_ += poses_[at(pose)].translation() / static_cast<double>(scaled.size());
@@ -31,6 +32,8 @@ GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, co
   factor_ = std::make_unique<BlockCholesky>(poses - 1, 6, pairs, BlockCholesky::Order::kShortWays);
   for (int k = 0; k < poses - 1; ++k)
     factor_->addDiagonal6(k, GrowingFactor::kLeastInformation * Matrix6d::Identity());
+  std::vector<bool> shares(poses_.size(), false);
+  for (const int pose : scaled) shares[at(pose)] = true;
   std::size_t pair = 0;
   for (const RelativePose& e : graph.edges) {
     const SE3 &from = poses_[at(e.from)], &to = poses_[at(e.to)];
@@ -39,8 +42,18 @@ GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, co
     for (const int end : {e.from, e.to})
       if (end > 0) factor_->addDiagonal6(end - 1, square);
     if (e.from > 0 && e.to > 0) factor_->addPair6(pair++, -square);
+    if (!shares[at(e.from)] || !shares[at(e.to)]) continue;
+    Vector6d farther = Vector6d::Zero();  // the error has half angles
+    farther.tail<3>() = 0.5 * common_scale * e.T_from_to.log().tail<3>();
+    const Vector6d pull = by_to.transpose() * (e.information * farther);
+    by_turns_.col(e.to) += pull;
+    by_turns_.col(e.from) -= pull;
   }
   if (!factor_->factorize()) throw std::runtime_error("covariance: the graph's information is not positive");
+  by_turns_.col(0).setZero();
+  if (common_scale > 0)
+    by_turns_.rightCols(poses - 1).reshaped() =
+        factor_->solve(Eigen::VectorXd(by_turns_.rightCols(poses - 1).reshaped())).col(0);
 }
 
 GraphCovariance::Way GraphCovariance::wayOf(int pose) const {
@@ -54,20 +67,24 @@ GraphCovariance::Way GraphCovariance::placeWayOf(int pose) const {
   return factor_->wayOf(pose - 1, place.topRows<2>().transpose());
 }
 
-Matrix6d GraphCovariance::widened(Matrix6d covariance, const SE3& pose, const Eigen::Vector3d& from) const {
-  const Eigen::Vector3d moved = common_scale_ * (pose.rotation().conjugate() * (pose.translation() - from));
-  covariance.topLeftCorner<3, 3>() += moved * moved.transpose();
-  return covariance;
+Matrix6d GraphCovariance::widened(Matrix6d covariance, int pose, const Eigen::Vector3d& from,
+                                  const Vector6d& by_turns) const {
+  const SE3& T = poses_[at(pose)];
+  const Eigen::Vector3d by_ways = common_scale_ * (T.rotation().conjugate() * (T.translation() - from));
+  covariance.topLeftCorner<3, 3>() += by_ways * by_ways.transpose();
+  const Vector6d turned = ownFrame(aboutMiddle(T)) * by_turns;
+  return covariance + turned * turned.transpose();
 }
 
 Matrix6d GraphCovariance::of(int pose, const Way& way) const {
-  if (pose == 0) return Matrix6d::Zero();
-  return widened(between({}, way, poses_[at(pose)]), poses_[at(pose)], centre_);
+  return pose == 0 ? Matrix6d::Zero()
+                   : widened(between({}, way, poses_[at(pose)]), pose, centre_, by_turns_.col(pose));
 }
 
 Matrix6d GraphCovariance::between(int a, const Way& way_a, int b, const Way& way_b) const {
   if (a == b) return Matrix6d::Zero();
-  return widened(between(way_a, way_b, poses_[at(b)]), poses_[at(b)], poses_[at(a)].translation());
+  return widened(between(way_a, way_b, poses_[at(b)]), b, poses_[at(a)].translation(),
+                 by_turns_.col(b) - by_turns_.col(a));
 }
 
 Matrix6d GraphCovariance::between(const Way& way_a, const Way& way_b, const SE3& T_w_b) const {

@@ -20,9 +20,10 @@ class GraphCovariance {
  public:
   using Way = BlockCholesky::Way;
 
-  // `common_scale`: standard deviation of a scale that all poses of `scaled` share
-  // (SensorNoise::visual_scale); about their mean, which fixes hold. Throws std::invalid_argument for an edge
-  // to a pose that is not there, and std::runtime_error when there is no memory for the factor.
+  // `common_scale`: standard deviation of an error of scale that all ways, and one that all turns between
+  // poses of `scaled` share (SensorNoise::visual_scale): of ways about the middle of these poses, which fixes
+  // hold, of turns as far as the graph gives way to it. Throws std::invalid_argument for an edge to a pose
+  // that is not there, and std::runtime_error when there is no memory for the factor.
   explicit GraphCovariance(const PoseGraph& graph, double common_scale = 0,
                            const std::vector<int>& scaled = {});
   // The way of a pose's perturbation in the world.
@@ -46,14 +47,16 @@ class GraphCovariance {
  private:
   static std::size_t at(int i) { return static_cast<std::size_t>(i); }
   [[nodiscard]] SE3 aboutMiddle(const SE3& T_w_pose) const;
-  // A covariance with that of the pose's way from a point, of which the common scale is uncertain.
-  [[nodiscard]] Matrix6d widened(Matrix6d covariance, const SE3& pose, const Eigen::Vector3d& from) const;
+  // A covariance with what the common scale leaves unknown: of the way from a point, and of turns.
+  [[nodiscard]] Matrix6d widened(Matrix6d covariance, int pose, const Eigen::Vector3d& from,
+                                 const Vector6d& by_turns) const;
 
   std::vector<SE3> poses_;
   std::unique_ptr<BlockCholesky> factor_;
   Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();  // of the graph: perturbations turn about it
   double common_scale_ = 0;
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
+  Eigen::Matrix<double, 6, Eigen::Dynamic> by_turns_;  // what a standard deviation of it moves each pose by
 };
 
 // Ways by pose, those used last, in bounded memory. For one thread.

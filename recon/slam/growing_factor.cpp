@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <numeric>
+#include <utility>
 
 namespace fathom::slam {
 namespace {
@@ -10,7 +12,8 @@ namespace {
 constexpr int kN = kBlockSize;
 // Work of a column apart from its blocks, and blocks of a solution that cost as much as a product.
 constexpr int kColumnWork = 8, kSolvedPerWork = 2;
-constexpr int kLeastGrowth = 8;  // rows that a column which moves has spare, at least
+constexpr int kLeastGrowth = 8;   // rows that a column which moves has spare, at least
+constexpr int kWorthPacking = 8;  // part of the store that packing must free
 
 double square(const double* x) {
   double sum = 0;
@@ -98,6 +101,22 @@ void GrowingFactor::place(int position, int row, int rows) {
   ++in_use_;
 }
 
+// Moves columns together, over what moved ones left behind and what they have spare.
+void GrowingFactor::pack() {
+  const std::span<int> order = pattern_.first(at(size_));
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&](int a, int b) { return first_[at(a)] < first_[at(b)]; });
+  used_ = 0;
+  for (const int position : order) {
+    const std::int64_t from = std::exchange(first_[at(position)], used_);
+    const int count = capacity_[at(position)] = count_[at(position)];
+    if (count == 0) continue;
+    std::memmove(&blocks_[at(used_)], &blocks_[at(from)], at(count) * sizeof(Block));
+    std::memmove(&rows_[at(used_)], &rows_[at(from)], at(count) * sizeof(int));
+    used_ += count;
+  }
+}
+
 // Calls visit(column, rows) for the columns on the paths of two poses to the root, in order of elimination;
 // `rows`: positions that the column lacks. Returns the work.
 template <typename Visit>
@@ -135,11 +154,21 @@ std::int64_t GrowingFactor::alongPaths(int pose_a, int pose_b, Visit visit) {
 }
 
 std::int64_t GrowingFactor::update(double sign, const Block& b, int pose_a, int pose_b, std::int64_t spare) {
-  std::int64_t needed = 0;
-  alongPaths(pose_a, pose_b, [&](int column, std::span<const int> rows) {
-    needed += growth(column, static_cast<int>(rows.size()));
-  });
-  if (needed > 0 && used_ + needed + spare > static_cast<std::int64_t>(blocks_.size())) return kNoRoom;
+  const auto store = static_cast<std::int64_t>(blocks_.size());
+  const auto fits = [&] {
+    std::int64_t needed = 0;
+    alongPaths(pose_a, pose_b, [&](int column, std::span<const int> rows) {
+      needed += growth(column, static_cast<int>(rows.size()));
+    });
+    return needed == 0 || used_ + needed + spare <= store;
+  };
+  std::int64_t packed = 0;
+  if (!fits()) {
+    if (used_ - in_use_ < store / kWorthPacking) return kNoRoom;
+    pack();
+    packed = in_use_;
+    if (!fits()) return kNoRoom;
+  }
   const auto start = [&](int pose, double factor) {
     Block& w = work_[at(positionOf(pose))];
     for (int c = 0; c < kN; ++c)
@@ -148,13 +177,14 @@ std::int64_t GrowingFactor::update(double sign, const Block& b, int pose_a, int 
   start(pose_a, 1);
   if (pose_b >= 0) start(pose_b, -1);
   Reflections reflections;
-  return alongPaths(pose_a, pose_b, [&](int column, std::span<const int> rows) {
+  const std::int64_t work = alongPaths(pose_a, pose_b, [&](int column, std::span<const int> rows) {
     reflect(diagonal_[at(column)], work_[at(column)], sign, reflections);
     std::memset(work_[at(column)].v, 0, sizeof(Block));
     for (std::size_t i = 0; i < rows.size(); ++i) place(column, rows[i], static_cast<int>(rows.size() - i));
     kernels_->applyReflections(columnBlocks(column), columnRows(column), count_[at(column)], reflections,
                                work_.data());
   });
+  return packed + work;
 }
 
 std::int64_t GrowingFactor::solve(const double* right, double* x, double least) {

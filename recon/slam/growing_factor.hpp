@@ -12,8 +12,8 @@ namespace fathom::slam {
 // fixed memory: a pose is appended at the end of the elimination order, and a measurement between two poses
 // is added as an update of rank 6 along the path from its ends to the root of the elimination tree (Davis &
 // Hager 2001, here with Householder reflections). A column that outgrows its place moves to the end of the
-// store. A measurement whose fill has no room there is refused whole: the factor is always exactly that of
-// the measurements it has, and never says more than they do.
+// store; when that is full, all are moved together. A measurement whose fill has no room even then is refused
+// whole: the factor is always exactly that of the measurements it has, and never says more than they do.
 //
 // `position` is a place in the elimination order, `pose` a pose's index.
 class GrowingFactor {
@@ -71,6 +71,7 @@ class GrowingFactor {
   std::int64_t alongPaths(int pose_a, int pose_b, Visit visit);
   std::int64_t growth(int position, int rows) const;
   void place(int position, int row, int rows);
+  void pack();
   int forwardPath(int pose, std::span<Block> z);
 
   const ColumnKernels* kernels_ = &fastestColumnKernels();

@@ -49,7 +49,7 @@ void IncrementalConfig::validate() const {
     throw std::invalid_argument("incremental solver: it needs room for a pose, a measurement and a block");
   if (iterations < 1 || update_quota < 1 || build_quota < 1 || rebuild_after < 1 || kept_last < 0)
     throw std::invalid_argument("incremental solver: a quota of a step is not positive");
-  if (!(least_decrease > 0) || !(least_effect >= 0))
+  if (!(least_decrease > 0) || !(least_effect >= 0) || !(another_from >= 0))
     throw std::invalid_argument("incremental solver: a threshold is not positive");
 }
 
@@ -262,7 +262,10 @@ StepReport IncrementalSolver::step() {
     refresh(report);
     build(report);
     iterations = 0;
-    while (!urgent_ && iterations < config_.iterations && iterate(report)) ++iterations;
+    while (!urgent_ && iterations < config_.iterations && iterate(report)) {
+      ++iterations;
+      if (report.decrease_expected < config_.another_from * errors_.chi2()) break;
+    }
   } while (urgent_ && iterations > 0 && ++rounds < kRounds &&
            report.solve_work + report.update_work + report.build_work + work_of_build_ < config_.build_quota);
   report.waits_for_factor = urgent_;

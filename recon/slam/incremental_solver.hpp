@@ -20,10 +20,12 @@ struct IncrementalConfig {
   int max_measurements = 30000;
   std::int64_t max_factor_blocks = 200000;  // below the diagonal, of each of two factors; 292 bytes each
   int iterations = 3;                       // of a step with one factor, at most
-  std::int64_t update_quota = 60000;        // of a step, to take measurements into the factor
-  std::int64_t build_quota = 40000;         // of a step, for the next factor
-  std::int64_t urgent_quota = 150000;       // the same, when most of the present factor is out of date
-  int rebuild_after = 16;                   // poses that come after a factor was begun, before the next
+  // Share of chi2 that an iteration must have promised for another to follow in the same step.
+  double another_from = 0.01;
+  std::int64_t update_quota = 60000;   // of a step, to take measurements into the factor
+  std::int64_t build_quota = 40000;    // of a step, for the next factor
+  std::int64_t urgent_quota = 150000;  // the same, when most of the present factor is out of date
+  int rebuild_after = 16;              // poses that come after a factor was begun, before the next
   // Share of chi2 that one more iteration must promise: with less, a step ends.
   double least_decrease = 1e-6;
   static constexpr double kNothing = 1e-12;  // or this of chi2: what rounding leaves of perfect measurements

@@ -127,45 +127,55 @@ void addUsbl(const SensorNoise& noise, const std::vector<NavigationFix>& fixes, 
   out.graph.edges.push_back(usblFrame(kOrigin, out.usbl_node, out.T_nav_usbl, noise));
 }
 
-}  // namespace
-
-NavigationSolution solveNavigation(NavigationConfig config, const std::vector<KeyframeInput>& frames,
-                                   const Eigen::Vector2d& shift, double sigma,
-                                   std::vector<NavigationLink>& links, std::vector<NavigationFix>& fixes) {
+// Sensors and visual odometry, weighed as NavigationGraph judges them.
+NavigationSolution judged(NavigationConfig config, const std::vector<KeyframeInput>& frames,
+                          const Eigen::Vector2d& shift, double sigma, std::vector<NavigationLink>& links) {
   NavigationSolution out;
-  if (frames.empty()) return out;
   const int n = static_cast<int>(frames.size());
   std::vector<const NavigationLink*> visual(frames.size(), nullptr);
-  for (const NavigationLink& link : links) {
-    if (link.a >= frames.size() || link.b >= frames.size() || link.a == link.b)
-      throw std::invalid_argument("navigation: a link names a frame that is not there");
+  for (const NavigationLink& link : links)
     if (link.ofChain()) visual[link.b] = &link;
-  }
   config.max_keyframes = n + kSpare;
   config.max_links = n + kSpare;
   config.max_fixes = kSpare;
-  {  // gone before the network is solved: both are large
-    NavigationGraph sensors(config);
-    sensors.setAnchor(shift, sigma);
-    for (int k = 0; k < n; ++k) {
-      if (!sensors.addKeyframe(frames[at(k)])) throw std::logic_error("navigation: no room for a frame");
-      out.nodes.push_back(sensors.node(k));
-      if (const NavigationLink* link = visual[at(k)])
-        (void)sensors.addLink(LinkKind::kOdometry, k - 1, k, link->T_a_b, link->covariance);
-      sensors.judge();
-    }
-    out.sensors = sensors.counters();
-    out.graph = sensors.sensorGraph();
-    for (NavigationLink& link : links)
-      if (link.ofChain()) link.kept = sensors.visualBelieved(static_cast<int>(link.b));
+  NavigationGraph sensors(config);
+  sensors.setAnchor(shift, sigma);
+  for (int k = 0; k < n; ++k) {
+    if (!sensors.addKeyframe(frames[at(k)])) throw std::logic_error("navigation: no room for a frame");
+    out.nodes.push_back(sensors.node(k));
+    if (const NavigationLink* link = visual[at(k)])
+      (void)sensors.addLink(LinkKind::kOdometry, k - 1, k, link->T_a_b, link->covariance);
+    sensors.judge();
   }
-  addUsbl(config.noise, fixes, out);
-  const std::size_t certain = out.graph.edges.size();
+  out.sensors = sensors.counters();
+  out.graph = sensors.sensorGraph();
+  for (NavigationLink& link : links)
+    if (link.ofChain()) link.kept = sensors.visualBelieved(static_cast<int>(link.b));
+  return out;
+}
+
+}  // namespace
+
+NavigationSolution solveNavigation(const NavigationConfig& config, const std::vector<KeyframeInput>& frames,
+                                   const Eigen::Vector2d& shift, double sigma,
+                                   std::vector<NavigationLink>& links, std::vector<NavigationFix>& fixes,
+                                   NavigationSolution before) {
+  NavigationSolution out = std::move(before);
+  if (frames.empty()) return out;
+  for (const NavigationLink& link : links)
+    if (link.a >= frames.size() || link.b >= frames.size() || link.a == link.b)
+      throw std::invalid_argument("navigation: a link names a frame that is not there");
+  if (out.nodes.empty()) {
+    out = judged(config, frames, shift, sigma, links);
+    addUsbl(config.noise, fixes, out);
+    out.certain = out.graph.edges.size();
+  }
   Doubtful doubtful(config, frames, out, links, fixes);
   for (int round = 0; round < kRounds; ++round) {
-    out.graph.edges.resize(certain);
+    out.graph.edges.resize(out.certain);
     doubtful.append(out.graph.poses, out.graph.edges);
-    out.converged = optimize(out.graph, {}).converged;
+    // A round begins where the last one ended.
+    out.converged = optimize(out.graph, {.chordal = round == 0}).converged;
     if (!doubtful.weigh(out.graph.poses)) break;
   }
   doubtful.judge(out.graph.poses);
@@ -173,6 +183,7 @@ NavigationSolution solveNavigation(NavigationConfig config, const std::vector<Ke
     if (link.ofChain())
       link.chi2 = chiSquareOf(linkFactor(out.nodes[link.a], out.nodes[link.b], link.T_a_b, link.covariance),
                               out.graph.poses);
+  out.poses.clear();
   for (const int node : out.nodes) out.poses.push_back(out.graph.poses[at(node)]);
   return out;
 }

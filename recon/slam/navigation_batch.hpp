@@ -36,20 +36,23 @@ struct NavigationSolution {
   PoseGraph graph;         // all that was measured, weights in the information, at the solution
   std::vector<int> nodes;  // of the frames in it
   NavigationGraph::Counters sensors;
-  int usbl_node = -1;     // pose in `graph` of the USBL's positions, where shift and turn were sought
-  SE3 T_nav_usbl;         // as it was before: at their middle, level
-  bool converged = true;  // the last time that the weights were found again
+  int usbl_node = -1;       // pose in `graph` of the USBL's positions, where shift and turn were sought
+  SE3 T_nav_usbl;           // as it was before: at their middle, level
+  std::size_t certain = 0;  // edges of `graph` that are neither closures nor fixes, which follow
+  bool converged = true;    // the last time that the weights were found again
 };
 
 // Maximum likelihood poses of a whole mission: the sensors' factors and the visual odometry of consecutive
 // frames with the weights that NavigationGraph's judgement gives them; closures and fixes by truncated least
 // squares, whose gates are the graph's, found by graduated non-convexity. `shift`, `sigma`:
 // where odom's origin is in nav, as NavigationGraph::setAnchor. Sizes in `config` are set from the input.
-// `chi2` and `kept` of links and fixes are set. Links of consecutive frames are visual odometry.
-[[nodiscard]] NavigationSolution solveNavigation(NavigationConfig config,
+// `chi2` and `kept` of links and fixes are set. Links of consecutive frames are visual odometry. `before`:
+// what this gave for the same but for closures; the sensors are not judged again, and poses start from there.
+[[nodiscard]] NavigationSolution solveNavigation(const NavigationConfig& config,
                                                  const std::vector<KeyframeInput>& frames,
                                                  const Eigen::Vector2d& shift, double sigma,
                                                  std::vector<NavigationLink>& links,
-                                                 std::vector<NavigationFix>& fixes);
+                                                 std::vector<NavigationFix>& fixes,
+                                                 NavigationSolution before = {});
 
 }  // namespace fathom::slam

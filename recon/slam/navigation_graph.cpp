@@ -11,7 +11,7 @@ namespace {
 constexpr double kAnywhere = 1000;         // standard deviation of a place that nothing tells [m]
 constexpr double kDepthReference_s = 600;  // a reference of depth serves so long: tides are slow
 constexpr double kNanoseconds = 1e9;
-constexpr int kBlocksPerPose = 8, kSpareBlocks = 40000;  // of the factor: a survey's fill is 3 to 5
+constexpr int kBlocksPerPose = 14, kSpareBlocks = 40000;  // of the factor; ten hours of survey fill 80 %
 
 double seconds(std::int64_t ns) {
   return static_cast<double>(ns) / kNanoseconds;

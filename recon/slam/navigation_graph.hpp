@@ -18,7 +18,7 @@ namespace fathom::slam {
 
 struct NavigationConfig {
   int max_keyframes = 8000;  // at once: for another one, the least needed retires
-  int max_links = 24000;     // of these, visual odometry and closures
+  int max_links = 16000;     // of these, visual odometry and closures
   int max_fixes = 4000;
   double reference_s = 20;       // a reference of attitude serves so long [s]
   double reference_turn = 0.17;  // and over so much turning [rad]

@@ -32,7 +32,8 @@ struct SensorNoise {
   // Of all USBL positions of a mission together: shift by the ship's place, turn by the transceiver's
   // mounting. Both 0: neither is sought. After the mission (solveNavigation).
   double usbl_shift = 0, usbl_turn = 0;  // [m], [rad]
-  // What calibration and the lamps' shading leave to all visual links alike, as a common error of scale [1].
+  // What calibration and the lamps' shading leave to all visual links alike, as a common error of scale of
+  // ways and turns [1].
   // It cannot be averaged away, so covariances that are given out carry it.
   double visual_scale = 0.001;
 

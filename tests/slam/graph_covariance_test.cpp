@@ -7,6 +7,7 @@
 #include <random>
 #include <stdexcept>
 
+#include "recon/slam/batch_solver.hpp"
 #include "tests/slam/dense_graph.hpp"
 
 namespace fathom::slam {
@@ -80,10 +81,40 @@ TEST(GraphCovariance, ThePoseThatIsHeldHasNoneAndItselfNoneToItself) {
 }
 
 TEST(GraphCovariance, ACommonScaleWidensTheWayBetweenTwoPoses) {
-  const PoseGraph graph = lawnMower(2, 20);
+  PoseGraph graph = lawnMower(1, 20);
+  for (RelativePose& e : graph.edges) e.T_from_to = SE3::fromEuler(0, 0, 0, e.T_from_to.translation());
   const GraphCovariance plain(graph), scaled(graph, 0.01, {1, 20});
   const double way = (graph.poses[1].translation() - graph.poses[20].translation()).norm();
   EXPECT_NEAR((scaled.between(1, 20) - plain.between(1, 20)).trace(), std::pow(0.01 * way, 2), 1e-9);
+}
+
+// Against the poses of a graph whose turns are larger, where a fix of a place and closures are not.
+TEST(GraphCovariance, ACommonScaleWidensWhatTurnsMove) {
+  constexpr double kScale = 1e-4;
+  PoseGraph graph = lawnMower(4, 20);
+  graph.edges.push_back({0, 70, graph.poses[70], Matrix6d::Identity() * 1e4});
+  std::vector<int> scaled;
+  for (int k = 1; k < static_cast<int>(graph.poses.size()); ++k) scaled.push_back(k);
+  const GraphCovariance plain(graph), known(graph, kScale, scaled);
+  PoseGraph larger = graph;
+  for (RelativePose& e : larger.edges) {
+    if (e.from == 0) continue;
+    Vector6d turn = Vector6d::Zero();
+    turn.tail<3>() = kScale * e.T_from_to.log().tail<3>();
+    e.T_from_to = e.T_from_to * SE3::exp(turn);
+  }
+  optimize(larger, {});
+  const auto seen = [](const PoseGraph& of, int a, int b) {
+    return of.poses[static_cast<std::size_t>(a)].inverse() * of.poses[static_cast<std::size_t>(b)];
+  };
+  for (const int k : {2, 20, 35, 80}) {
+    const Vector6d moved = (seen(graph, 1, k).inverse() * seen(larger, 1, k)).log();
+    const Eigen::Vector3d way = kScale * seen(graph, k, 1).translation();
+    Matrix6d expected = moved * moved.transpose();
+    expected.topLeftCorner<3, 3>() += way * way.transpose();
+    const Matrix6d wider = known.between(1, k) - plain.between(1, k);
+    EXPECT_LT((wider - expected).norm(), 0.01 * expected.norm()) << k;
+  }
 }
 
 TEST(GraphCovariance, RefusesAnEdgeToAPoseThatIsNotThere) {

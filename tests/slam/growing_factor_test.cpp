@@ -134,6 +134,33 @@ TEST_F(SmallStore, AMeasurementWithoutRoomIsRefusedWholeAndTheFactorIsThatOfTheO
   expectSolves();
 }
 
+// In a store that columns which move would fill, with what they leave behind: the same factor.
+TEST(GrowingFactor, ColumnsAreMovedTogetherBeforeAMeasurementIsRefused) {
+  constexpr int kMany = 60;
+  constexpr std::int64_t kAmple = 10000, kTight = 3500;
+  rt::Arena arena(GrowingFactor::bytes({kMany, kMany, kAmple}) +
+                  GrowingFactor::bytes({kMany, kMany, kTight}));
+  GrowingFactor ample({kMany, kMany, kAmple}, arena), tight({kMany, kMany, kTight}, arena);
+  std::mt19937 random(5);
+  for (int i = 0; i < kMany; ++i) {
+    for (GrowingFactor* f : {&ample, &tight}) ASSERT_TRUE(f->append(i));
+    for (const int from : {i - 1, i - 7, (i * 5) % 11}) {
+      if (from < 0 || from >= i) continue;
+      const Block b = randomBlock(random);
+      ASSERT_NE(ample.update(1, b, i, from), GrowingFactor::kNoRoom);
+      ASSERT_NE(tight.update(1, b, i, from), GrowingFactor::kNoRoom) << i << " " << from;
+    }
+  }
+  EXPECT_GT(ample.storeUsed(), kTight);
+  EXPECT_LE(tight.storeUsed(), kTight);
+  EXPECT_EQ(tight.blocksInUse(), ample.blocksInUse());
+  const Eigen::VectorXd right = Eigen::VectorXd::Random(kN * kMany);
+  Eigen::VectorXd x(kN * kMany), y(kN * kMany);
+  ample.solve(right.data(), x.data(), 0);
+  tight.solve(right.data(), y.data(), 0);
+  EXPECT_EQ(x, y);
+}
+
 TEST_F(SmallStore, WhatIsToBeSparedIsLeftFree) {
   const Block b = randomBlock(random_);
   EXPECT_EQ(factor_.update(1, b, 0, 1, kStore), GrowingFactor::kNoRoom);
