@@ -1,6 +1,7 @@
 #include "firmware_if/predive/predive_command.hpp"
 
 #include <cerrno>
+#include <chrono>
 #include <cstring>
 #include <optional>
 #include <stdexcept>
@@ -173,7 +174,10 @@ int runPrediveCommand(const PrediveCommand& command, const MakePrediveLink& make
     checkExtrinsics(*mission, *rig, config ? config->limits : PrediveConfig{}, report);
     if (config) {
       PrediveDevices devices = openDevices(*config, *mission, clock, report);
-      const PrediveFacts facts = watchDevices(devices, command.seconds, [&clock] { return clock.utcNs(); });
+      const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(command.seconds);
+      const PrediveFacts facts = watchDevices(
+          devices, [end] { return std::chrono::steady_clock::now() < end; },
+          [&clock] { return clock.utcNs(); });
       checkCameras(facts, config->cameras, *mission, *rig, config->limits, report);
       checkSensors(facts, *mission, config->limits, report);
       checkClocks(facts, readSystemClock(), config->limits, report);

@@ -57,12 +57,11 @@ void merge(const SampleTable& from, SampleTable& into) {
 
 }  // namespace
 
-PrediveFacts watchDevices(PrediveDevices& devices, double seconds, const VehicleTime& now) {
+PrediveFacts watchDevices(PrediveDevices& devices, const std::function<bool()>& more,
+                          const VehicleTime& now) {
   PrediveFacts facts;
-  facts.seconds = seconds;
   facts.expected = devices.expected;
-  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
-  const auto more = [end] { return std::chrono::steady_clock::now() < end; };
+  const auto begin = std::chrono::steady_clock::now();
 
   std::vector<NoteSamples> notes(devices.sources.size());
   std::vector<std::thread> threads;
@@ -110,6 +109,7 @@ PrediveFacts watchDevices(PrediveDevices& devices, double seconds, const Vehicle
     });
   }
   for (std::thread& thread : threads) thread.join();
+  facts.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   for (std::size_t i = 0; i < devices.sources.size(); ++i) {
     facts.sources.push_back(devices.sources[i]->health());
     merge(notes[i].table, facts.samples);

@@ -25,7 +25,7 @@ struct PrediveIdentity {
   bool answers = false;  // it is there, whether it could be opened or not
 };
 
-// The acoustic link's protocol, which is of another floor: the program's main gives it.
+// The acoustic link's protocol, which is of another layer: the program's main gives it.
 struct PrediveLink {
   struct Heard {
     bool ours = false;  // of the ship, for this vehicle on this dive
@@ -91,8 +91,9 @@ struct PrediveFacts {
   ModemFacts modem;
 };
 
-// Polls every device from a thread of its own for so long and notes what it gives. Cameras' frames go back to
-// their pools at once.
-[[nodiscard]] PrediveFacts watchDevices(PrediveDevices& devices, double seconds, const VehicleTime& now);
+// Polls every device from a thread of its own while `more` says so, which every thread asks between two
+// polls, and notes what it gives. Cameras' frames go back to their pools at once.
+[[nodiscard]] PrediveFacts watchDevices(PrediveDevices& devices, const std::function<bool()>& more,
+                                        const VehicleTime& now);
 
 }  // namespace fathom::io

@@ -14,7 +14,7 @@
 #include "firmware_if/mission.hpp"
 #include "firmware_if/modem/slip.hpp"
 #include "realtime/kernel/clock.hpp"
-#include "telemetry/ship_link.hpp"
+#include "telemetry/ship/ship_link.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 #include "tests/firmware_if/pty_line.hpp"
 #include "tests/firmware_if/text_files.hpp"

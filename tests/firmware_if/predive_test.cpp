@@ -1,6 +1,8 @@
 // The table before the launch: a vehicle with everything well, and with one thing wrong at a time.
 #include <gmock/gmock.h>
 
+#include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <deque>
@@ -125,13 +127,27 @@ struct Vehicle {
   }
 };
 
+// Ends the look when every device was asked often enough, however slow the machine is.
+class EnoughPolls {
+ public:
+  static constexpr int kPolls = 40;
+  std::atomic<int>& another() { return polls_.emplace_back(0); }
+  [[nodiscard]] bool reached() const {
+    return std::all_of(polls_.begin(), polls_.end(), [](const auto& polls) { return polls >= kPolls; });
+  }
+
+ private:
+  std::deque<std::atomic<int>> polls_;
+};
+
 // A device that gives its next sample at each poll, with the arrival time that its rate makes of it.
 class FakeSource final : public SampleSource {
  public:
-  FakeSource(const char* name, double rate_hz, std::function<DeviceSample(std::int64_t)> make,
-             std::uint64_t damaged = 0)
-      : name_(name), rate_hz_(rate_hz), make_(std::move(make)), damaged_(damaged) {}
+  FakeSource(const char* name, double rate_hz, std::atomic<int>& polls,
+             std::function<DeviceSample(std::int64_t)> make, std::uint64_t damaged = 0)
+      : name_(name), rate_hz_(rate_hz), polls_(polls), make_(std::move(make)), damaged_(damaged) {}
   bool poll(int, SampleSink& sink) noexcept override {
+    ++polls_;
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
     if (rate_hz_ <= 0) return true;
     const std::int64_t now = kStart + std::llround(static_cast<double>(given_++) / rate_hz_ * 1e9);
@@ -147,20 +163,23 @@ class FakeSource final : public SampleSource {
  private:
   const char* name_;
   double rate_hz_;
+  std::atomic<int>& polls_;
   std::function<DeviceSample(std::int64_t)> make_;
   std::uint64_t damaged_, given_ = 0;
 };
 
 class FakeCamera final : public CameraSource {
  public:
-  FakeCamera(const Vehicle& vehicle, std::size_t side)
+  FakeCamera(const Vehicle& vehicle, std::size_t side, std::atomic<int>& polls)
       : vehicle_(vehicle),
         side_(side),
+        polls_(polls),
         lit_(picture(vehicle.blur[side], vehicle.light[side])),
         dark_(lit_.size(), 2),
         pool_(4, lit_.size()) {}
   bool poll(int, FrameSink& sink) noexcept override {
-    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    ++polls_;
     if (!vehicle_.camera_there[side_]) return false;
     ++id_;
     if (side_ == 0 && vehicle_.miss_every > 0 && id_ % static_cast<std::uint64_t>(vehicle_.miss_every) == 0)
@@ -184,6 +203,7 @@ class FakeCamera final : public CameraSource {
  private:
   const Vehicle& vehicle_;
   std::size_t side_;
+  std::atomic<int>& polls_;
   std::vector<std::uint8_t> lit_, dark_;
   rt::SharedBlocks pool_;
   std::uint64_t id_ = 0;
@@ -193,12 +213,13 @@ class FakeCamera final : public CameraSource {
 // A ship that answers each greeting with one frame.
 class FakeModem final : public FramePort {
  public:
-  explicit FakeModem(bool speaks) : speaks_(speaks) {}
+  FakeModem(bool speaks, std::atomic<int>& polls) : speaks_(speaks), polls_(polls) {}
   bool send(std::span<const std::uint8_t> frame) noexcept override {
     waiting_ += speaks_ && frame.size() == 3 ? 1 : 0;
     return true;
   }
   std::size_t receive(std::span<std::uint8_t> buffer) noexcept override {
+    polls_ = EnoughPolls::kPolls;  // the greeting went out before
     if (waiting_ == 0) return 0;
     --waiting_;
     buffer[0] = 42;
@@ -208,13 +229,15 @@ class FakeModem final : public FramePort {
 
  private:
   bool speaks_;
+  std::atomic<int>& polls_;
   int waiting_ = 0;
 };
 
 PrediveReport look(const Vehicle& vehicle) {
   PrediveDevices devices;
+  EnoughPolls enough;
   for (const std::size_t side : {0U, 1U})
-    devices.cameras[side] = {std::make_unique<FakeCamera>(vehicle, side), [&vehicle, side] {
+    devices.cameras[side] = {std::make_unique<FakeCamera>(vehicle, side, enough.another()), [&vehicle, side] {
                                return vehicle.camera_there[side]
                                           ? PrediveIdentity{vehicle.serials[side], "10.0.0.1", "", true}
                                           : PrediveIdentity{"", "", "no answer", false};
@@ -223,7 +246,7 @@ PrediveReport look(const Vehicle& vehicle) {
   devices.expected[DeviceSample(AttitudeSample{}).index()] = true;
   devices.expected[DeviceSample(DepthSample{}).index()] = true;
   devices.sources.push_back(std::make_unique<FakeSource>(
-      "dvl", vehicle.dvl_hz,
+      "dvl", vehicle.dvl_hz, enough.another(),
       [&](std::int64_t now) {
         DvlSample sample;
         sample.utc_ns = now;
@@ -231,14 +254,16 @@ PrediveReport look(const Vehicle& vehicle) {
         return sample;
       },
       vehicle.dvl_damaged));
-  devices.sources.push_back(std::make_unique<FakeSource>("can", vehicle.compass_hz, [&](std::int64_t now) {
-    return AttitudeSample{now, vehicle.roll, 0, 1.0, true};
-  }));
-  devices.sources.push_back(std::make_unique<FakeSource>("lcm", vehicle.depth_hz, [&](std::int64_t now) {
-    return DepthSample{now, vehicle.depth};
-  }));
+  devices.sources.push_back(
+      std::make_unique<FakeSource>("can", vehicle.compass_hz, enough.another(), [&](std::int64_t now) {
+        return AttitudeSample{now, vehicle.roll, 0, 1.0, true};
+      }));
+  devices.sources.push_back(
+      std::make_unique<FakeSource>("lcm", vehicle.depth_hz, enough.another(), [&](std::int64_t now) {
+        return DepthSample{now, vehicle.depth};
+      }));
   devices.modem_used = vehicle.modem_used;
-  if (vehicle.modem_used) devices.modem = std::make_unique<FakeModem>(vehicle.ship_speaks);
+  if (vehicle.modem_used) devices.modem = std::make_unique<FakeModem>(vehicle.ship_speaks, enough.another());
   devices.link.greet = [](std::int64_t, std::span<std::uint8_t> out) {
     out[0] = 1;
     return std::size_t{3};
@@ -250,7 +275,8 @@ PrediveReport look(const Vehicle& vehicle) {
     if (vehicle.for_us && vehicle.usbl) heard.fix = UsblFix{kStart, kStart, vehicle.fix_latitude, 2.0, 0, 1};
     return heard;
   };
-  const PrediveFacts facts = watchDevices(devices, 0.15, [] { return kStart; });
+  const PrediveFacts facts = watchDevices(
+      devices, [&] { return enough.reached(); }, [] { return kStart; });
   PrediveReport report;
   checkExtrinsics(vehicle.mission, vehicle.rig, vehicle.limits, report);
   checkCameras(facts, vehicle.cameras, vehicle.mission, vehicle.rig, vehicle.limits, report);
