@@ -12,8 +12,8 @@
 #include "firmware_if/predive/predive_command.hpp"
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
-#include "telemetry/downlink.hpp"
-#include "telemetry/status.hpp"
+#include "telemetry/downlink/downlink.hpp"
+#include "telemetry/wire/status.hpp"
 
 namespace {
 

@@ -9,7 +9,7 @@
 #include "realtime/onboard/live/live_config.hpp"
 #include "realtime/onboard/map/map_core.hpp"
 #include "realtime/onboard/nav/nav_core.hpp"
-#include "telemetry/downlink_key.hpp"
+#include "telemetry/downlink/downlink_key.hpp"
 
 namespace fathom::onboard {
 

@@ -17,7 +17,7 @@
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/geometry/state_values.hpp"
-#include "telemetry/packet_log.hpp"
+#include "telemetry/wire/packet_log.hpp"
 
 namespace fathom::onboard {
 

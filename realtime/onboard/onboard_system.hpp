@@ -16,7 +16,7 @@
 #include "realtime/onboard/nav/nav_feed.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 #include "recon/geometry/sensor_samples.hpp"
-#include "telemetry/downlink.hpp"
+#include "telemetry/downlink/downlink.hpp"
 
 namespace fathom::onboard {
 

@@ -5,16 +5,16 @@
 
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
-#include "recon/topside/calibrate_command.hpp"
-#include "recon/topside/check_calibration_command.hpp"
-#include "recon/topside/compare/compare_command.hpp"
-#include "recon/topside/output/check_tiles_command.hpp"
-#include "recon/topside/output/export_model_command.hpp"
-#include "recon/topside/posegraph_command.hpp"
-#include "recon/topside/run_command.hpp"
-#include "recon/topside/slam_command.hpp"
-#include "recon/topside/stereo_command.hpp"
-#include "recon/topside/view/view_command.hpp"
+#include "recon/topside/commands/calibrate_command.hpp"
+#include "recon/topside/commands/check_calibration_command.hpp"
+#include "recon/topside/commands/check_tiles_command.hpp"
+#include "recon/topside/commands/compare_command.hpp"
+#include "recon/topside/commands/export_model_command.hpp"
+#include "recon/topside/commands/posegraph_command.hpp"
+#include "recon/topside/commands/run_command.hpp"
+#include "recon/topside/commands/slam_command.hpp"
+#include "recon/topside/commands/stereo_command.hpp"
+#include "recon/topside/commands/view_command.hpp"
 
 int main(int argc, char** argv) {
   using namespace fathom::topside;

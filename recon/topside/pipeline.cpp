@@ -11,12 +11,12 @@
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/output_folder.hpp"
+#include "recon/topside/assemble/assemble.hpp"
+#include "recon/topside/config/thread_limit.hpp"
 #include "recon/topside/report/map_picture.hpp"
 #include "recon/topside/report/report.hpp"
 #include "recon/topside/report/slam_json.hpp"
-#include "recon/topside/stage_times.hpp"
-#include "recon/topside/stages/assemble.hpp"
-#include "recon/topside/thread_limit.hpp"
+#include "recon/topside/work/stage_times.hpp"
 
 namespace fathom::topside {
 namespace {

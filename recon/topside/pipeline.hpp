@@ -5,8 +5,8 @@
 #include <string>
 #include <utility>
 
-#include "recon/topside/stages/dive.hpp"
-#include "recon/topside/topside_config.hpp"
+#include "recon/topside/config/topside_config.hpp"
+#include "recon/topside/dive.hpp"
 
 namespace fathom::topside {
 

@@ -7,8 +7,8 @@
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "sim/link/channel.hpp"
-#include "telemetry/packet_log.hpp"
-#include "telemetry/ship_link.hpp"
+#include "telemetry/ship/ship_link.hpp"
+#include "telemetry/wire/packet_log.hpp"
 
 namespace fathom::sim {
 namespace {

@@ -6,8 +6,8 @@
 #include <optional>
 
 #include "realtime/kernel/frame_port.hpp"
-#include "telemetry/downlink_key.hpp"
-#include "telemetry/downlink_messages.hpp"
+#include "telemetry/downlink/downlink_key.hpp"
+#include "telemetry/wire/downlink_messages.hpp"
 
 namespace fathom::sim {
 

@@ -2,13 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 #include <vector>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/number_text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "sim/picture/mesh_view.hpp"
@@ -17,12 +17,6 @@ namespace fathom::sim {
 namespace {
 
 const cv::Scalar kInk(60, 50, 40);  // BGR
-
-std::string metres(double value, int decimals) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.*f m", decimals, value);
-  return text;
-}
 
 // Size of letters that suits the picture.
 double fontScale(const PictureOptions& options) {
@@ -46,7 +40,7 @@ void drawScaleBar(cv::Mat& picture, const MeshView& view, const PictureOptions& 
   cv::line(picture, {x, y}, {x + length, y}, kInk, stroke, cv::LINE_AA);
   cv::line(picture, {x, y - tick}, {x, y + tick}, kInk, stroke, cv::LINE_AA);
   cv::line(picture, {x + length, y - tick}, {x + length, y + tick}, kInk, stroke, cv::LINE_AA);
-  write(picture, metres(length_m, length_m < 1 ? 2 : 0), {x, y - 2 * tick}, fontScale(options));
+  write(picture, decimals(length_m, length_m < 1 ? 2 : 0) + " m", {x, y - 2 * tick}, fontScale(options));
 }
 
 void drawDepthLegend(cv::Mat& picture, const PictureOptions& options, int margin, float shallow, float deep) {
@@ -62,7 +56,7 @@ void drawDepthLegend(cv::Mat& picture, const PictureOptions& options, int margin
   for (int i = 0; i < kLabels; ++i) {
     const float part = static_cast<float>(i) / (kLabels - 1);
     const int y = top + static_cast<int>(part * static_cast<float>(bottom - top));
-    write(picture, metres(static_cast<double>(shallow + part * (deep - shallow)), 2),
+    write(picture, decimals(static_cast<double>(shallow + part * (deep - shallow)), 2) + " m",
           {left + width + margin / 20, y + static_cast<int>(9 * scale)}, scale * 0.8);
   }
 }

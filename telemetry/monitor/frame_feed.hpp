@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "realtime/kernel/frame_port.hpp"
-#include "telemetry/packet_log.hpp"
+#include "telemetry/wire/packet_log.hpp"
 
 namespace fathom::monitor {
 

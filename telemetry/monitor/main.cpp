@@ -5,8 +5,8 @@
 
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
-#include "telemetry/downlink_key.hpp"
-#include "telemetry/monitor/codec_program.hpp"
+#include "telemetry/downlink/downlink_key.hpp"
+#include "telemetry/monitor/codec/codec_program.hpp"
 #include "telemetry/monitor/monitor_program.hpp"
 
 namespace {

@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-#include "telemetry/frame.hpp"
+#include "telemetry/wire/frame.hpp"
 
 namespace fathom::monitor {
 

@@ -6,7 +6,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "telemetry/monitor/export/exports.hpp"
-#include "telemetry/packet_log.hpp"
+#include "telemetry/wire/packet_log.hpp"
 
 namespace fathom::monitor {
 

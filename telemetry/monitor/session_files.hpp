@@ -6,7 +6,7 @@
 #include <functional>
 #include <string>
 
-#include "telemetry/monitor/monitor_model.hpp"
+#include "telemetry/monitor/model/monitor_model.hpp"
 
 namespace fathom::monitor {
 

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <random>
 
-#include "telemetry/frame.hpp"
-#include "telemetry/map_packet.hpp"
+#include "telemetry/map/map_packet.hpp"
+#include "telemetry/wire/frame.hpp"
 #include "tests/bench/codec_peers/lattice.hpp"
 
 namespace {

@@ -7,7 +7,7 @@
 #include <array>
 #include <cmath>
 
-#include "telemetry/tile_codec.hpp"
+#include "telemetry/tiles/tile_codec.hpp"
 #include "tests/telemetry/sample_tile.hpp"
 
 namespace {

@@ -1,4 +1,4 @@
-#include "recon/topside/calibrate_command.hpp"
+#include "recon/topside/commands/calibrate_command.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

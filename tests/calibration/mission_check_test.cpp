@@ -10,7 +10,7 @@
 
 #include "firmware_if/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
-#include "recon/topside/check_calibration_command.hpp"
+#include "recon/topside/commands/check_calibration_command.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::topside {

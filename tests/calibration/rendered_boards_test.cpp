@@ -7,8 +7,8 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/calibration/board_check.hpp"
-#include "recon/topside/calibrate_command.hpp"
-#include "recon/topside/calibration/board_check_report.hpp"
+#include "recon/topside/commands/calibrate_command.hpp"
+#include "recon/topside/report/board_check_report.hpp"
 #include "sim/boards/board_maker.hpp"
 #include "tests/support/test_data.hpp"
 

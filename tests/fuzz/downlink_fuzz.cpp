@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "telemetry/downlink.hpp"
-#include "telemetry/ship_link.hpp"
+#include "telemetry/downlink/downlink.hpp"
+#include "telemetry/ship/ship_link.hpp"
 
 using namespace fathom::telemetry;
 

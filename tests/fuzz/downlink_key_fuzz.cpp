@@ -1,5 +1,5 @@
 // Key files: 64 hexadecimal digits or a refusal that shows nothing of the file.
-#include "telemetry/downlink_key.hpp"
+#include "telemetry/downlink/downlink_key.hpp"
 #include "tests/fuzz/scratch_file.hpp"
 
 using namespace fathom;

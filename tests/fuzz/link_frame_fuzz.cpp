@@ -2,11 +2,11 @@
 #include <array>
 #include <cstdlib>
 
-#include "telemetry/frame.hpp"
-#include "telemetry/link_receiver.hpp"
-#include "telemetry/mission_info.hpp"
-#include "telemetry/status.hpp"
-#include "telemetry/track.hpp"
+#include "telemetry/ship/link_receiver.hpp"
+#include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/mission_info.hpp"
+#include "telemetry/wire/status.hpp"
+#include "telemetry/wire/track.hpp"
 
 using namespace fathom::telemetry;
 

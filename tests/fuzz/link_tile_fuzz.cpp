@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "telemetry/draco_values.hpp"
-#include "telemetry/tile_fragments.hpp"
+#include "telemetry/tiles/draco_values.hpp"
+#include "telemetry/tiles/tile_fragments.hpp"
 
 using namespace fathom::telemetry;
 

@@ -2,8 +2,8 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "telemetry/draco_mesh.hpp"
-#include "telemetry/map_packet.hpp"
+#include "telemetry/map/map_packet.hpp"
+#include "telemetry/tiles/draco_mesh.hpp"
 
 using namespace fathom::telemetry;
 

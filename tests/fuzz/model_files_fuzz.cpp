@@ -1,11 +1,11 @@
 #include <algorithm>
 #include <vector>
 
-#include "recon/topside/output/block_texture.hpp"
-#include "recon/topside/output/glb.hpp"
-#include "recon/topside/output/tileset_reader.hpp"
+#include "recon/topside/tiles/block_texture.hpp"
+#include "recon/topside/tiles/check/tileset_reader.hpp"
+#include "recon/topside/tiles/glb.hpp"
 #include "tests/fuzz/scratch_file.hpp"
-#include "tests/topside_output/synthetic_model.hpp"
+#include "tests/tiles/synthetic_model.hpp"
 
 using namespace fathom;
 using Bytes = std::vector<std::uint8_t>;

@@ -9,8 +9,8 @@
 #include "realtime/onboard/nav/nav_feed.hpp"
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/slam/navigation_graph.hpp"
-#include "telemetry/downlink.hpp"
-#include "telemetry/link_scheduler.hpp"
+#include "telemetry/downlink/downlink.hpp"
+#include "telemetry/vehicle/link_scheduler.hpp"
 
 namespace {
 

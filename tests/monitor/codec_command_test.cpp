@@ -6,8 +6,8 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/mesh_io.hpp"
-#include "telemetry/monitor/codec_program.hpp"
-#include "telemetry/monitor/codec_report.hpp"
+#include "telemetry/monitor/codec/codec_program.hpp"
+#include "telemetry/monitor/codec/codec_report.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::monitor {

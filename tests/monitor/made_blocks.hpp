@@ -3,7 +3,7 @@
 #include <cmath>
 #include <vector>
 
-#include "telemetry/map_block.hpp"
+#include "telemetry/map/map_block.hpp"
 
 namespace fathom::monitor {
 

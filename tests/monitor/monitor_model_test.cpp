@@ -1,4 +1,4 @@
-#include "telemetry/monitor/monitor_model.hpp"
+#include "telemetry/monitor/model/monitor_model.hpp"
 
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@
 #include "telemetry/monitor/export/exports.hpp"
 #include "telemetry/monitor/map/chunk_stream.hpp"
 #include "telemetry/monitor/web/reports.hpp"
-#include "telemetry/tile_codec.hpp"
+#include "telemetry/tiles/tile_codec.hpp"
 #include "tests/monitor/sample_dive.hpp"
 #include "tests/telemetry/sample_tile.hpp"
 

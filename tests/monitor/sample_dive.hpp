@@ -10,12 +10,12 @@
 #include <span>
 #include <vector>
 
-#include "telemetry/frame.hpp"
-#include "telemetry/map_packet.hpp"
-#include "telemetry/mission_info.hpp"
-#include "telemetry/packet_log.hpp"
-#include "telemetry/status.hpp"
-#include "telemetry/track.hpp"
+#include "telemetry/map/map_packet.hpp"
+#include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/mission_info.hpp"
+#include "telemetry/wire/packet_log.hpp"
+#include "telemetry/wire/status.hpp"
+#include "telemetry/wire/track.hpp"
 
 namespace fathom::monitor {
 

@@ -13,7 +13,7 @@
 #include "realtime/onboard/nav/nav_feed.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 #include "realtime/onboard/recorded_pairs.hpp"
-#include "telemetry/link_receiver.hpp"
+#include "telemetry/ship/link_receiver.hpp"
 
 namespace fathom::onboard::testing {
 

@@ -10,7 +10,7 @@
 #include "firmware_if/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/onboard/replay.hpp"
-#include "telemetry/downlink.hpp"
+#include "telemetry/downlink/downlink.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::onboard {

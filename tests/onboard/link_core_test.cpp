@@ -8,7 +8,7 @@
 #include <stdexcept>
 
 #include "realtime/kernel/frame_port.hpp"
-#include "telemetry/link_receiver.hpp"
+#include "telemetry/ship/link_receiver.hpp"
 
 namespace fathom::onboard {
 namespace {

@@ -11,8 +11,8 @@
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 #include "recon/geometry/mesh_io.hpp"
-#include "telemetry/link_receiver.hpp"
-#include "telemetry/packet_log.hpp"
+#include "telemetry/ship/link_receiver.hpp"
+#include "telemetry/wire/packet_log.hpp"
 #include "tests/onboard/track_error.hpp"
 #include "tests/support/test_data.hpp"
 

@@ -15,9 +15,9 @@
 #include "sim/hil/players/lcm_player.hpp"
 #include "sim/hil/players/modem_player.hpp"
 #include "sim/hil/players/pseudo_terminal.hpp"
-#include "telemetry/downlink.hpp"
-#include "telemetry/frame.hpp"
-#include "telemetry/packet_log.hpp"
+#include "telemetry/downlink/downlink.hpp"
+#include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/packet_log.hpp"
 #include "tests/sim/hil_mission.hpp"
 #include "tests/support/test_data.hpp"
 

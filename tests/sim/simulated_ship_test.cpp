@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "realtime/kernel/input_error.hpp"
-#include "telemetry/downlink.hpp"
-#include "telemetry/frame.hpp"
-#include "telemetry/packet_log.hpp"
+#include "telemetry/downlink/downlink.hpp"
+#include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/packet_log.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::sim {
@@ -123,7 +123,7 @@ TEST(SimulatedShip, WhatIsAcknowledgedIsExactlyWhatWasHeard) {
 TEST(SimulatedShip, EveryFixIsSaidOnceInOrderAndReachesTheVehicleWithItsOwnTime) {
   SimulatedShipOptions options = clear();
   options.duplicate = options.reorder = options.corrupt = 0;
-  options.frame_bytes = 64;  // room for an acknowledgement beside the fix
+  options.frame_bytes = 64;                // room for an acknowledgement beside the fix
   const Dive d = dive(options, 80, true);  // seven turns or eight of the ship
   ASSERT_GE(d.fixes.size(), 5u);
   EXPECT_EQ(d.fixes.size(), d.summary.fixes_said);

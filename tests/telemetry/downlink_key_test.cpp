@@ -1,4 +1,4 @@
-#include "telemetry/downlink_key.hpp"
+#include "telemetry/downlink/downlink_key.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>

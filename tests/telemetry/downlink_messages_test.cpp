@@ -1,4 +1,4 @@
-#include "telemetry/downlink_messages.hpp"
+#include "telemetry/wire/downlink_messages.hpp"
 
 #include <gtest/gtest.h>
 

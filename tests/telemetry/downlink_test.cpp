@@ -1,4 +1,4 @@
-#include "telemetry/downlink.hpp"
+#include "telemetry/downlink/downlink.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "telemetry/draco_mesh.hpp"
+#include "telemetry/tiles/draco_mesh.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "telemetry/field.hpp"
+#include "telemetry/wire/field.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,7 +6,7 @@
 #include <cmath>
 #include <random>
 
-#include "telemetry/crc32.hpp"
+#include "telemetry/wire/crc32.hpp"
 
 namespace fathom::telemetry {
 namespace {

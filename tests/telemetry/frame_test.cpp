@@ -1,10 +1,10 @@
-#include "telemetry/frame.hpp"
+#include "telemetry/wire/frame.hpp"
 
 #include <gtest/gtest.h>
 
 #include <vector>
 
-#include "telemetry/crc32.hpp"
+#include "telemetry/wire/crc32.hpp"
 
 namespace fathom::telemetry {
 namespace {

@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "realtime/kernel/heap_counter.hpp"
-#include "telemetry/link_receiver.hpp"
-#include "telemetry/link_scheduler.hpp"
-#include "telemetry/map_packet.hpp"
+#include "telemetry/map/map_packet.hpp"
+#include "telemetry/ship/link_receiver.hpp"
+#include "telemetry/vehicle/link_scheduler.hpp"
 #include "tests/telemetry/sample_tile.hpp"
 
 namespace fathom::telemetry {

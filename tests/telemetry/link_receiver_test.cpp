@@ -1,4 +1,4 @@
-#include "telemetry/link_receiver.hpp"
+#include "telemetry/ship/link_receiver.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "telemetry/link_scheduler.hpp"
+#include "telemetry/vehicle/link_scheduler.hpp"
 
 #include <gtest/gtest.h>
 
@@ -9,8 +9,8 @@
 #include <set>
 #include <vector>
 
-#include "telemetry/tile_fragments.hpp"
-#include "telemetry/track.hpp"
+#include "telemetry/tiles/tile_fragments.hpp"
+#include "telemetry/wire/track.hpp"
 #include "tests/telemetry/sample_tile.hpp"
 
 namespace fathom::telemetry {

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <memory>
 
-#include "telemetry/downlink.hpp"
-#include "telemetry/link_receiver.hpp"
-#include "telemetry/link_scheduler.hpp"
+#include "telemetry/downlink/downlink.hpp"
+#include "telemetry/ship/link_receiver.hpp"
+#include "telemetry/vehicle/link_scheduler.hpp"
 #include "tests/support/saved_state.hpp"
 #include "tests/telemetry/sample_tile.hpp"
 

@@ -1,4 +1,4 @@
-#include "telemetry/map_packet.hpp"
+#include "telemetry/map/map_packet.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,7 +6,7 @@
 #include <random>
 
 #include "realtime/kernel/heap_counter.hpp"
-#include "telemetry/frame.hpp"
+#include "telemetry/wire/frame.hpp"
 
 namespace fathom::telemetry {
 namespace {

@@ -5,10 +5,10 @@
 #include <numbers>
 #include <random>
 
-#include "telemetry/frame.hpp"
-#include "telemetry/mission_info.hpp"
-#include "telemetry/status.hpp"
-#include "telemetry/track.hpp"
+#include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/mission_info.hpp"
+#include "telemetry/wire/status.hpp"
+#include "telemetry/wire/track.hpp"
 
 namespace fathom::telemetry {
 namespace {

@@ -1,4 +1,4 @@
-#include "telemetry/packet_log.hpp"
+#include "telemetry/wire/packet_log.hpp"
 
 #include <gtest/gtest.h>
 

@@ -7,8 +7,8 @@
 #include <set>
 #include <vector>
 
-#include "telemetry/repair_decoder.hpp"
-#include "telemetry/repair_encoder.hpp"
+#include "telemetry/repair/repair_decoder.hpp"
+#include "telemetry/repair/repair_encoder.hpp"
 
 namespace fathom::telemetry {
 namespace {

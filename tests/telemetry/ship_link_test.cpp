@@ -1,4 +1,4 @@
-#include "telemetry/ship_link.hpp"
+#include "telemetry/ship/ship_link.hpp"
 
 #include <gtest/gtest.h>
 

@@ -6,8 +6,8 @@
 #include <random>
 #include <vector>
 
-#include "telemetry/tile_codec.hpp"
-#include "telemetry/tile_fragments.hpp"
+#include "telemetry/tiles/tile_codec.hpp"
+#include "telemetry/tiles/tile_fragments.hpp"
 #include "tests/telemetry/sample_tile.hpp"
 
 namespace fathom::telemetry {

@@ -1,4 +1,4 @@
-#include "recon/topside/stages/closure_search.hpp"
+#include "recon/topside/localise/closure_search.hpp"
 
 #include <gtest/gtest.h>
 

@@ -5,8 +5,8 @@
 
 #include "firmware_if/feature_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
+#include "recon/topside/input/image_pairs.hpp"
 #include "recon/topside/pipeline.hpp"
-#include "recon/topside/stages/image_pairs.hpp"
 #include "tests/fusion/surface_distance.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/topside/true_shift.hpp"

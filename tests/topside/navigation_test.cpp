@@ -1,4 +1,4 @@
-#include "recon/topside/stages/navigation.hpp"
+#include "recon/topside/input/navigation.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 #include "firmware_if/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/geodesy.hpp"
-#include "recon/topside/stages/tide.hpp"
+#include "recon/topside/input/tide.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::topside {
@@ -51,7 +51,8 @@ struct MadeDive {
       const Geodetic g = projection.toGeodetic({kSpeed * t, 0});
       if (tick % 5 == 0) {
         for (const double when : usbl)
-          if (std::abs(when - t) < 0.1) log.write(at(t), UsblFix{at(t), at(t), g.latitude, g.longitude, 0, 1.0});
+          if (std::abs(when - t) < 0.1)
+            log.write(at(t), UsblFix{at(t), at(t), g.latitude, g.longitude, 0, 1.0});
         for (const double when : gps)
           if (std::abs(when - t) < 0.1) log.write(at(t), GpsFix{at(t), g.latitude, g.longitude, 2.0});
       }

@@ -4,11 +4,11 @@
 #include <fstream>
 
 #include "realtime/kernel/input_error.hpp"
+#include "recon/topside/config/topside_config.hpp"
+#include "recon/topside/input/navigation.hpp"
+#include "recon/topside/localise/crossovers.hpp"
 #include "recon/topside/report/map_picture.hpp"
 #include "recon/topside/report/slam_json.hpp"
-#include "recon/topside/stages/crossovers.hpp"
-#include "recon/topside/stages/navigation.hpp"
-#include "recon/topside/topside_config.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::topside {

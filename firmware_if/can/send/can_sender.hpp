@@ -32,7 +32,7 @@ namespace fathom::io {
 //     4  u32  seafloor mapped [m2]
 //     8  u32  stereo pairs in the map
 //    12  u32  stereo pairs that gave the map nothing
-//    16  u16  health flags (telemetry/status.hpp)
+//    16  u16  health flags (telemetry/wire/status.hpp)
 //    18  u16  standard deviation of the position, horizontal, one axis [cm]; 65533 and above unknown
 //
 // A report older than kReportHolds_s is not sent on. No more than `frames_per_s` leave; what waits longer

@@ -17,7 +17,7 @@ struct VehicleReport {
   double map_area = 0;                     // seafloor mapped [m2]
   std::uint32_t pairs_mapped = 0;          // stereo pairs in the map
   std::uint32_t pairs_dropped = 0;         // stereo pairs that gave the map nothing
-  std::uint16_t health = 0;                // flags as in the modem's status (telemetry/status.hpp)
+  std::uint16_t health = 0;                // flags as in the modem's status (telemetry/wire/status.hpp)
   std::optional<double> mission_progress;  // 0 to 1
 };
 

@@ -8,7 +8,7 @@
 
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/map/map_core.hpp"
-#include "telemetry/link_scheduler.hpp"
+#include "telemetry/vehicle/link_scheduler.hpp"
 
 namespace fathom::onboard {
 

@@ -7,7 +7,7 @@
 #include "realtime/kernel/memory/process_memory.hpp"
 #include "realtime/kernel/state_archive.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
-#include "telemetry/status.hpp"
+#include "telemetry/wire/status.hpp"
 
 namespace fathom::onboard {
 namespace {

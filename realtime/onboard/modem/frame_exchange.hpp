@@ -11,7 +11,7 @@
 #include "realtime/kernel/frame_port.hpp"
 #include "realtime/onboard/onboard_output.hpp"
 #include "realtime/onboard/onboard_system.hpp"
-#include "telemetry/packet_log.hpp"
+#include "telemetry/wire/packet_log.hpp"
 
 namespace fathom::onboard {
 

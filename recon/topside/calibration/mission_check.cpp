@@ -16,11 +16,11 @@
 #include "recon/lighting/rig_ranges.hpp"
 #include "recon/topside/calibration/free_matches.hpp"
 #include "recon/topside/calibration/range_map.hpp"
-#include "recon/topside/progress.hpp"
-#include "recon/topside/stages/image_pairs.hpp"
-#include "recon/topside/stages/lighting_stage.hpp"
-#include "recon/topside/stages/navigation.hpp"
-#include "recon/topside/stages/seed_plane.hpp"
+#include "recon/topside/input/image_pairs.hpp"
+#include "recon/topside/input/navigation.hpp"
+#include "recon/topside/input/seed_plane.hpp"
+#include "recon/topside/light/lighting_stage.hpp"
+#include "recon/topside/work/progress.hpp"
 
 namespace fathom::topside {
 namespace {

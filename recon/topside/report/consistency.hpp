@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "recon/geometry/camera.hpp"
-#include "recon/topside/stages/image_pairs.hpp"
-#include "recon/topside/stages/slam_stage.hpp"
+#include "recon/topside/input/image_pairs.hpp"
+#include "recon/topside/localise/slam_stage.hpp"
 
 namespace fathom::topside {
 

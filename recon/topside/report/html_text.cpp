@@ -1,7 +1,8 @@
 #include "recon/topside/report/html_text.hpp"
 
 #include <cmath>
-#include <cstdio>
+
+#include "realtime/kernel/number_text.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -33,10 +34,7 @@ std::string htmlEscaped(const std::string& text) {
 }
 
 std::string fixedDigits(double value, int digits) {
-  if (!std::isfinite(value)) return "-";
-  char text[64];
-  std::snprintf(text, sizeof text, "%.*f", digits, value);
-  return text;
+  return std::isfinite(value) ? decimals(value, digits) : "-";
 }
 
 std::string htmlHead(const std::string& title) {

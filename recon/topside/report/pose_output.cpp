@@ -7,9 +7,9 @@
 
 #include "firmware_if/pose_files.hpp"
 #include "recon/geometry/atomic_file.hpp"
+#include "recon/topside/localise/crossovers.hpp"
 #include "recon/topside/report/html_text.hpp"
 #include "recon/topside/report/svg_plot.hpp"
-#include "recon/topside/stages/crossovers.hpp"
 
 namespace fathom::topside {
 namespace {

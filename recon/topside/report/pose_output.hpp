@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "recon/geometry/geodesy.hpp"
-#include "recon/topside/stages/fused_pair.hpp"
-#include "recon/topside/stages/slam_stage.hpp"
+#include "recon/topside/localise/slam_stage.hpp"
+#include "recon/topside/pieces/fused_pair.hpp"
 
 namespace fathom::topside {
 

@@ -7,12 +7,12 @@
 #include <vector>
 
 #include "recon/geometry/mesh.hpp"
+#include "recon/topside/assemble/assemble.hpp"
+#include "recon/topside/config/topside_config.hpp"
+#include "recon/topside/input/image_pairs.hpp"
+#include "recon/topside/input/navigation.hpp"
+#include "recon/topside/localise/slam_stage.hpp"
 #include "recon/topside/report/map_picture.hpp"
-#include "recon/topside/stages/assemble.hpp"
-#include "recon/topside/stages/image_pairs.hpp"
-#include "recon/topside/stages/navigation.hpp"
-#include "recon/topside/stages/slam_stage.hpp"
-#include "recon/topside/topside_config.hpp"
 
 namespace fathom::topside {
 

@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "recon/topside/localise/slam_stage.hpp"
 #include "recon/topside/report/consistency.hpp"
-#include "recon/topside/stages/slam_stage.hpp"
 
 namespace fathom::topside {
 

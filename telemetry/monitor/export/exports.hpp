@@ -4,7 +4,7 @@
 #include <string>
 #include <string_view>
 
-#include "telemetry/monitor/monitor_model.hpp"
+#include "telemetry/monitor/model/monitor_model.hpp"
 
 namespace fathom::monitor {
 

@@ -7,7 +7,7 @@
 #include <map>
 #include <unordered_map>
 
-#include "telemetry/map_block.hpp"
+#include "telemetry/map/map_block.hpp"
 
 namespace fathom::monitor {
 

@@ -5,10 +5,10 @@
 #include <map>
 #include <span>
 
-#include "telemetry/map_packet.hpp"
+#include "telemetry/map/map_packet.hpp"
 #include "telemetry/monitor/map/block_store.hpp"
 #include "telemetry/monitor/map/surface.hpp"
-#include "telemetry/tile_fragments.hpp"
+#include "telemetry/tiles/tile_fragments.hpp"
 
 namespace fathom::monitor {
 

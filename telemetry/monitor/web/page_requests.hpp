@@ -4,8 +4,8 @@
 #include <string>
 #include <string_view>
 
-#include "telemetry/downlink_messages.hpp"
-#include "telemetry/monitor/shared_model.hpp"
+#include "telemetry/monitor/model/shared_model.hpp"
+#include "telemetry/wire/downlink_messages.hpp"
 
 namespace fathom::monitor {
 

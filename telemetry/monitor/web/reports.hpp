@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <string>
 
-#include "telemetry/monitor/shared_model.hpp"
+#include "telemetry/monitor/model/shared_model.hpp"
 
 namespace fathom::monitor {
 

@@ -4,7 +4,7 @@
 #include <memory>
 #include <string>
 
-#include "telemetry/monitor/shared_model.hpp"
+#include "telemetry/monitor/model/shared_model.hpp"
 #include "telemetry/monitor/web/access.hpp"
 
 namespace fathom::monitor {

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "recon/geometry/mesh.hpp"
-#include "recon/topside/topside_config.hpp"
+#include "recon/topside/config/topside_config.hpp"
 #include "sim/score/score.hpp"
 
 namespace fathom::accuracy {

@@ -6,7 +6,7 @@
 #include <iterator>
 
 #include "realtime/kernel/input_error.hpp"
-#include "recon/topside/output/glb.hpp"
+#include "recon/topside/tiles/glb.hpp"
 
 namespace fathom::accuracy {
 

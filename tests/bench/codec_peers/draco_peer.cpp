@@ -7,7 +7,7 @@
 #include <cmath>
 #include <limits>
 
-#include "telemetry/draco_mesh.hpp"
+#include "telemetry/tiles/draco_mesh.hpp"
 #include "tests/bench/codec_peers/lattice.hpp"
 
 namespace fathom::peers {

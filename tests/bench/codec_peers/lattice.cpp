@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "telemetry/range_coder.hpp"
+#include "telemetry/map/range_coder.hpp"
 
 namespace fathom::peers {
 

@@ -7,9 +7,9 @@
 #include <set>
 #include <vector>
 
-#include "telemetry/link_receiver.hpp"
-#include "telemetry/link_scheduler.hpp"
-#include "telemetry/map_packet.hpp"
+#include "telemetry/map/map_packet.hpp"
+#include "telemetry/ship/link_receiver.hpp"
+#include "telemetry/vehicle/link_scheduler.hpp"
 #include "tests/telemetry/sample_tile.hpp"
 
 namespace fathom::bench {

@@ -7,9 +7,9 @@
 #include <set>
 
 #include "sim/link/channel.hpp"
-#include "telemetry/downlink.hpp"
-#include "telemetry/map_packet.hpp"
-#include "telemetry/ship_link.hpp"
+#include "telemetry/downlink/downlink.hpp"
+#include "telemetry/map/map_packet.hpp"
+#include "telemetry/ship/ship_link.hpp"
 
 namespace fathom::bench {
 namespace {

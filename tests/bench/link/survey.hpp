@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "telemetry/link_scheduler.hpp"
+#include "telemetry/vehicle/link_scheduler.hpp"
 #include "tests/bench/link/seafloor_lattice.hpp"
 
 namespace fathom::bench {

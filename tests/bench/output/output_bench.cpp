@@ -6,10 +6,10 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "recon/topside/output/block_texture.hpp"
-#include "recon/topside/output/glb.hpp"
-#include "recon/topside/output/picture_codec.hpp"
-#include "tests/topside_output/synthetic_model.hpp"
+#include "recon/topside/tiles/block_texture.hpp"
+#include "recon/topside/tiles/glb.hpp"
+#include "recon/topside/tiles/picture_codec.hpp"
+#include "tests/tiles/synthetic_model.hpp"
 
 // What a tile costs on its way to the disk: CPU time a megatexel, bits a texel and PSNR of every format, on a
 // real picture of the seafloor (or on another, such as an atlas: FATHOM_BENCH_PICTURE=FILE); BC1 beside

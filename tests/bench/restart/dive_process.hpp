@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "telemetry/ship_link.hpp"
+#include "telemetry/ship/ship_link.hpp"
 #include "tests/bench/restart/killed_dive.hpp"
 
 namespace fathom::bench {

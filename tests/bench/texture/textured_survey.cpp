@@ -8,7 +8,7 @@
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/surface/simplify.hpp"
 #include "recon/surface/view_projection.hpp"
-#include "recon/topside/stages/image_pairs.hpp"
+#include "recon/topside/input/image_pairs.hpp"
 
 namespace fathom::surface {
 namespace {

@@ -10,9 +10,9 @@
 #include "recon/geometry/mesh.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/surface/blend.hpp"
-#include "recon/topside/stages/left_image.hpp"
-#include "recon/topside/stages/lighting_stage.hpp"
-#include "recon/topside/topside_config.hpp"
+#include "recon/topside/config/topside_config.hpp"
+#include "recon/topside/input/left_image.hpp"
+#include "recon/topside/light/lighting_stage.hpp"
 
 namespace fathom::surface {
 

@@ -1,0 +1,159 @@
+#include "recon/compare/difference_picture.hpp"
+
+#include <gdal_priv.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <memory>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <stdexcept>
+
+#include "recon/geometry/atomic_file.hpp"
+
+namespace fathom::compare {
+namespace {
+
+constexpr int kLongSide = 1100, kLegend = 150, kMargin = 16;  // [px]
+const cv::Scalar kInk(51, 39, 27);                            // BGR
+
+// -1 blue, 0 white, +1 red.
+cv::Vec3b diverging(double value) {
+  const double v = std::clamp(value, -1.0, 1.0), pale = 1 - std::abs(v);
+  const auto mix = [&](double full) {
+    return static_cast<std::uint8_t>(std::lround(full + (250 - full) * pale));
+  };
+  return v >= 0 ? cv::Vec3b(mix(43), mix(24), mix(178)) : cv::Vec3b(mix(172), mix(102), mix(33));
+}
+
+cv::Vec3b viridis(double part) {
+  static const cv::Mat table = [] {
+    cv::Mat grey(1, 256, CV_8U), colours;
+    for (int i = 0; i < 256; ++i) grey.at<std::uint8_t>(i) = static_cast<std::uint8_t>(i);
+    cv::applyColorMap(grey, colours, cv::COLORMAP_VIRIDIS);
+    return colours;
+  }();
+  return table.at<cv::Vec3b>(static_cast<int>(std::lround(255 * std::clamp(part, 0.0, 1.0))));
+}
+
+// 1, 2 or 5 times a power of ten, about a fifth of the width.
+double barLength(double metres) {
+  const double wanted = metres / 5, power = std::pow(10, std::floor(std::log10(wanted)));
+  for (const double step : {5.0, 2.0, 1.0})
+    if (step * power <= wanted) return step * power;
+  return power;
+}
+
+std::string heightText(double metres, double range) {
+  char text[40];
+  const int digits = range < 0.1 ? 4 : range < 1 ? 3 : range < 10 ? 2 : 1;
+  std::snprintf(text, sizeof text, "%+.*f m", digits, metres);
+  return text;
+}
+
+using Colour = std::function<cv::Vec3b(int column, int row)>;
+
+void draw(const HeightMap& map, const Colour& colour, const std::function<cv::Vec3b(double)>& ramp,
+          double low, double high, const std::filesystem::path& png) {
+  const double zoom = static_cast<double>(kLongSide) / std::max(map.columns, map.rows);
+  const int width = std::max(1, static_cast<int>(map.columns * zoom)),
+            height = std::max(1, static_cast<int>(map.rows * zoom));
+  constexpr int kFoot = 40;
+  cv::Mat page(std::max(height, 260) + 2 * kMargin + kFoot, width + 2 * kMargin + kLegend, CV_8UC3,
+               cv::Scalar(255, 255, 255));
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const int column = std::min(map.columns - 1, static_cast<int>(x / zoom));
+      const int row = std::min(map.rows - 1, static_cast<int>(y / zoom));
+      page.at<cv::Vec3b>(y + kMargin, x + kMargin) =
+          std::isfinite(map.up[map.index(column, row)]) ? colour(column, row) : cv::Vec3b(228, 228, 228);
+    }
+  }
+  const int left = width + 2 * kMargin, top = kMargin + 10, tall = 220;
+  for (int y = 0; y < tall; ++y)
+    page(cv::Rect(left, top + y, 22, 1)) = cv::Scalar(ramp(high - (high - low) * (y + 0.5) / tall));
+  for (int k = 0; k <= 4; ++k) {
+    const double value = high - (high - low) * k / 4;
+    cv::putText(page, heightText(value, high - low), {left + 28, top + tall * k / 4 + 5},
+                cv::FONT_HERSHEY_SIMPLEX, 0.42, kInk, 1, cv::LINE_AA);
+  }
+  const double bar = barLength(map.columns * map.cell);
+  const int bar_px = static_cast<int>(bar / map.cell * zoom), foot = page.rows - kMargin;
+  cv::rectangle(page, cv::Rect(kMargin, foot - 4, bar_px, 4), kInk, cv::FILLED);
+  char text[32];
+  std::snprintf(text, sizeof text, "%g m, north up", bar);
+  cv::putText(page, text, {kMargin + bar_px + 8, foot}, cv::FONT_HERSHEY_SIMPLEX, 0.45, kInk, 1, cv::LINE_AA);
+  std::vector<std::uint8_t> bytes;
+  if (!cv::imencode(".png", page, bytes))
+    throw std::runtime_error("a picture cannot be encoded: " + png.string());
+  AtomicFile file(png);
+  file.stream().write(reinterpret_cast<const char*>(bytes.data()),
+                      static_cast<std::streamsize>(bytes.size()));
+  file.commit();
+}
+
+}  // namespace
+
+void drawDifference(const HeightMap& difference, double limit, const std::filesystem::path& png) {
+  draw(
+      difference,
+      [&](int column, int row) {
+        return diverging(static_cast<double>(difference.up[difference.index(column, row)]) / limit);
+      },
+      [&](double value) { return diverging(value / limit); }, -limit, limit, png);
+}
+
+void drawHeights(const HeightMap& map, double low, double high, const std::filesystem::path& png) {
+  const auto shade = [&](int column, int row) {
+    const auto height = [&](int x, int y) {
+      return static_cast<double>(
+          map.up[map.index(std::clamp(x, 0, map.columns - 1), std::clamp(y, 0, map.rows - 1))]);
+    };
+    const double east = (height(column + 1, row) - height(column - 1, row)) / (2 * map.cell);
+    const double north = (height(column, row - 1) - height(column, row + 1)) / (2 * map.cell);
+    if (!std::isfinite(east) || !std::isfinite(north)) return 1.0;
+    // Light from the north-west, 45 degrees up.
+    const double lit = (0.5 * east - 0.5 * north + 0.7071) / std::sqrt(1 + east * east + north * north);
+    return std::clamp(0.35 + 0.92 * lit, 0.2, 1.15);
+  };
+  const auto ramp = [&](double value) { return viridis((value - low) / std::max(high - low, 1e-9)); };
+  draw(
+      map,
+      [&](int column, int row) {
+        const cv::Vec3b flat = ramp(static_cast<double>(map.up[map.index(column, row)]));
+        const double light = shade(column, row);
+        cv::Vec3b out;
+        for (int c = 0; c < 3; ++c) out[c] = cv::saturate_cast<std::uint8_t>(flat[c] * light);
+        return out;
+      },
+      ramp, low, high, png);
+}
+
+void writeGeoTiff(const HeightMap& map, const PlaneFrame& frame, const std::filesystem::path& tif) {
+  GDALAllRegister();
+  GDALDriver* memory = GetGDALDriverManager()->GetDriverByName("MEM");
+  GDALDriver* cog = GetGDALDriverManager()->GetDriverByName("COG");
+  if (memory == nullptr || cog == nullptr) throw std::runtime_error("GDAL has no COG driver");
+  const auto close = [](GDALDataset* d) { GDALClose(d); };
+  const std::unique_ptr<GDALDataset, decltype(close)> raster(
+      memory->Create("", map.columns, map.rows, 1, GDT_Float32, nullptr), close);
+  if (!raster) throw std::runtime_error("no memory for a raster");
+  double transform[6] = {map.west, map.cell, 0, map.north, 0, -map.cell};
+  raster->SetGeoTransform(transform);
+  if (frame.known()) raster->SetProjection(frame.wkt.c_str());
+  GDALRasterBand* band = raster->GetRasterBand(1);
+  band->SetNoDataValue(std::nan(""));
+  band->SetDescription("survey less reference [m]");
+  std::vector<float> values = map.up;
+  char* options[] = {const_cast<char*>("COMPRESS=DEFLATE"), const_cast<char*>("PREDICTOR=YES"), nullptr};
+  const std::unique_ptr<GDALDataset, decltype(close)> written(
+      band->RasterIO(GF_Write, 0, 0, map.columns, map.rows, values.data(), map.columns, map.rows, GDT_Float32,
+                     0, 0, nullptr) == CE_None
+          ? cog->CreateCopy(tif.c_str(), raster.get(), FALSE, options, nullptr, nullptr)
+          : nullptr,
+      close);
+  if (!written) throw std::runtime_error(tif.string() + " cannot be written: " + CPLGetLastErrorMsg());
+}
+
+}  // namespace fathom::compare

@@ -1,0 +1,119 @@
+#include "recon/compare/plane_frame.hpp"
+
+#include <ogr_spatialref.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <numbers>
+
+#include "realtime/kernel/input_error.hpp"
+
+namespace fathom::compare {
+namespace {
+
+struct FreeTransform {
+  void operator()(OGRCoordinateTransformation* t) const { OGRCoordinateTransformation::DestroyCT(t); }
+};
+
+// With x before y, as files of points and rasters have them.
+OGRSpatialReference referenceOf(const PlaneFrame& frame) {
+  OGRSpatialReference srs;
+  srs.importFromWkt(frame.wkt.c_str());
+  srs.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
+  return srs;
+}
+
+std::string wktOf(const OGRSpatialReference& srs) {
+  char* text = nullptr;
+  const char* const options[] = {"FORMAT=WKT2_2018", nullptr};
+  std::string wkt;
+  if (srs.exportToWkt(&text, options) == OGRERR_NONE && text != nullptr) wkt = text;
+  CPLFree(text);
+  return wkt;
+}
+
+}  // namespace
+
+PlaneFrame localFrame(const Geodetic& origin) {
+  constexpr double kDegree = 180.0 / std::numbers::pi;
+  char text[160];
+  std::snprintf(text, sizeof text,
+                "+proj=tmerc +lat_0=%.15g +lon_0=%.15g +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m",
+                origin.latitude * kDegree, origin.longitude * kDegree);
+  return frameFrom(text, "origin");
+}
+
+PlaneFrame frameFrom(const std::string& definition, const std::string& where) {
+  OGRSpatialReference srs;
+  CPLPushErrorHandler(CPLQuietErrorHandler);
+  const OGRErr error = srs.SetFromUserInput(definition.c_str());
+  CPLPopErrorHandler();
+  if (error != OGRERR_NONE || !(srs.IsProjected() || srs.IsGeographic()))
+    throw InputError(where, definition.substr(0, 60),
+                     "is no coordinate reference system; give EPSG:<code>, WKT or a PROJ string");
+  if (srs.IsProjected() && std::abs(srs.GetLinearUnits() - 1.0) > 1e-9)
+    throw InputError(where, definition.substr(0, 60), "is not in metres; give one that is");
+  return {wktOf(srs)};
+}
+
+bool isGeographic(const PlaneFrame& frame) {
+  return frame.known() && referenceOf(frame).IsGeographic();
+}
+
+struct PlaneTransform::Impl {
+  OGRSpatialReference from, to;
+  std::unique_ptr<OGRCoordinateTransformation, FreeTransform> transform;
+};
+
+PlaneTransform::PlaneTransform(const PlaneFrame& from, const PlaneFrame& to) {
+  if (!from.known() || !to.known() || from.wkt == to.wkt) return;
+  impl_ = std::make_unique<Impl>();
+  impl_->from = referenceOf(from);
+  impl_->to = referenceOf(to);
+  if (impl_->from.IsSame(&impl_->to)) {
+    impl_.reset();
+    return;
+  }
+  CPLPushErrorHandler(CPLQuietErrorHandler);
+  impl_->transform.reset(OGRCreateCoordinateTransformation(&impl_->from, &impl_->to));
+  CPLPopErrorHandler();
+  if (!impl_->transform)
+    throw InputError("coordinate reference system", "", "cannot be transformed into the survey's frame");
+}
+
+PlaneTransform::~PlaneTransform() = default;
+
+void PlaneTransform::apply(std::vector<double>& x, std::vector<double>& y) const {
+  if (!impl_ || x.empty()) return;
+  std::vector<int> good(x.size(), 0);
+  CPLPushErrorHandler(CPLQuietErrorHandler);
+  impl_->transform->Transform(static_cast<int>(x.size()), x.data(), y.data(), nullptr, good.data());
+  CPLPopErrorHandler();
+  for (std::size_t i = 0; i < x.size(); ++i)
+    if (good[i] == 0) x[i] = y[i] = std::numeric_limits<double>::quiet_NaN();
+}
+
+Box PlaneTransform::apply(const Box& box) const {
+  if (!impl_) return box;
+  constexpr int kSteps = 20;  // along a side: a side is a curve in the other frame
+  std::vector<double> x, y;
+  for (int i = 0; i <= kSteps; ++i) {
+    for (int j = 0; j <= kSteps; ++j) {
+      x.push_back(box.west + (box.east - box.west) * i / kSteps);
+      y.push_back(box.south + (box.north - box.south) * j / kSteps);
+    }
+  }
+  apply(x, y);
+  Box out{std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity(),
+          -std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()};
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    if (!std::isfinite(x[i])) continue;
+    out = {std::min(out.west, x[i]), std::min(out.south, y[i]), std::max(out.east, x[i]),
+           std::max(out.north, y[i])};
+  }
+  return out;
+}
+
+}  // namespace fathom::compare

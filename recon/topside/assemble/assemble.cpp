@@ -1,0 +1,184 @@
+#include "recon/topside/assemble/assemble.hpp"
+
+#include <bit>
+#include <cmath>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <unordered_map>
+
+#include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/hash64.hpp"
+#include "recon/geometry/mesh_io.hpp"
+#include "recon/topside/report/pose_output.hpp"
+#include "recon/topside/tables/dive_tables.hpp"
+#include "recon/topside/tables/dive_tables_input.hpp"
+#include "recon/topside/tiles/tileset.hpp"
+
+namespace fathom::topside {
+namespace fs = std::filesystem;
+namespace {
+
+using Json = nlohmann::ordered_json;
+constexpr double kRadian = 180 / 3.14159265358979323846;
+
+struct PlaceHash {
+  std::size_t operator()(const std::array<std::uint32_t, 3>& bits) const {
+    return hash64(hash64(bits[0], bits[1]), bits[2]);
+  }
+};
+using Places = std::unordered_map<std::array<std::uint32_t, 3>, std::uint32_t, PlaceHash>;
+
+std::array<std::uint32_t, 3> bitsOf(const Eigen::Vector3f& v) {
+  return {std::bit_cast<std::uint32_t>(v.x()), std::bit_cast<std::uint32_t>(v.y()),
+          std::bit_cast<std::uint32_t>(v.z())};
+}
+
+void writeFile(const fs::path& path, const Bytes& bytes) {
+  AtomicFile file(path);
+  file.stream().write(reinterpret_cast<const char*>(bytes.data()),
+                      static_cast<std::streamsize>(bytes.size()));
+  file.commit();
+}
+
+LevelSummary writeLevel(const Dive& dive, int level, const TilePlaces& places, const fs::path& folder,
+                        std::vector<TileEntry>& entries) {
+  LevelSummary sum;
+  sum.level = level;
+  sum.texel = std::numeric_limits<double>::infinity();
+  fs::create_directories(folder / std::to_string(level));
+  const std::string gpu = dive.config().model.gpu_texture == GpuTexture::kDds ? ".dds" : ".ktx2";
+  std::map<const WorkFile*, std::map<TileId, TileRecord>> records;
+  for (const auto& [tile, file] : places) {
+    auto& of_file = records[file.get()];
+    if (of_file.empty())
+      for (const TileRecord& record : readRecords(*file)) of_file.emplace(record.tile, record);
+    const TileRecord& r = of_file.at(tile);
+    const std::string name = tileName(tile);
+    writeFile(folder / tilePath(tile), file->read("glb " + name));
+    if (file->holds("gpu " + name)) writeFile(folder / tilePath(tile, gpu), file->read("gpu " + name));
+    entries.push_back({tile, r.low, r.high, r.error, r.texel});
+    ++sum.tiles;
+    sum.vertices += r.vertices;
+    sum.triangles += r.triangles;
+    sum.area += r.area;
+    sum.error = std::max(sum.error, r.error);
+    sum.texel = std::min(sum.texel, r.texel);
+    sum.surface_bytes += r.surface_bytes;
+    sum.picture_bytes += r.picture_bytes;
+    sum.gpu_bytes += r.gpu_bytes;
+  }
+  return sum;
+}
+
+Json layerJson(const LayerInfo& layer) {
+  return {{"name", layer.name}, {"title", layer.title}, {"unit", layer.unit}, {"file", layer.file},
+          {"min", layer.min},   {"max", layer.max},     {"ramp", layer.ramp}};
+}
+
+void writeScene(Dive& dive, const Assembled& model, const std::vector<TileEntry>& entries,
+                const fs::path& out) {
+  const io::MissionConfig& mission = dive.input().mission;
+  Json levels = Json::array(), layers = Json::array();
+  for (const LevelSummary& level : model.levels)
+    levels.push_back(
+        {{"level", level.level},
+         {"tile_edge_m", dive.grid().edge(level.level)},
+         {"triangles_per_m2", level.area > 0 ? static_cast<double>(level.triangles) / level.area : 0},
+         {"texel_m", level.texel},
+         {"error_m", level.error}});
+  for (const LayerInfo& layer : model.layers) layers.push_back(layerJson(layer));
+  Eigen::Vector3d low = entries.front().low, high = entries.front().high;
+  for (const TileEntry& entry : entries) {
+    low = low.cwiseMin(entry.low);
+    high = high.cwiseMax(entry.high);
+  }
+  const fs::path images = dive.input().paths.images();
+  const Json scene = {
+      {"format", 1},
+      {"name", mission.vehicle_name + " dive " + std::to_string(mission.dive_id)},
+      {"vehicle", mission.vehicle_name},
+      {"dive_id", mission.dive_id},
+      {"software", "fathom-topside " FATHOM_VERSION},
+      {"origin",
+       {{"latitude", mission.origin.latitude * kRadian}, {"longitude", mission.origin.longitude * kRadian}}},
+      {"tileset", "tiles/tileset.json"},
+      {"levels", levels},
+      {"layers", layers},
+      {"track", "track.json"},
+      {"images", "images.json"},
+      {"image_folder", "../" + images.lexically_relative(dive.input().paths.root).generic_string()},
+      {"bounds", {low.x(), low.y(), high.x(), high.y()}},
+      {"depth", {low.z(), high.z()}}};
+  AtomicFile file(out / "scene.json");
+  file.stream() << scene.dump(1, ' ', false, Json::error_handler_t::replace) << "\n";
+  file.commit();
+}
+
+}  // namespace
+
+Mesh joinLeaves(const TilePlaces& leaves) {
+  Mesh all;
+  Places borders;
+  for (const auto& [tile, file] : leaves) {
+    const TileMesh surface = readFeed(*file, tile).surface;
+    const Mesh& mesh = surface.mesh;
+    Places inside;
+    std::vector<std::uint32_t> number;
+    for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
+      Places& places = surface.shared[v] != 0 ? borders : inside;
+      const auto [place, is_new] =
+          places.emplace(bitsOf(mesh.vertices[v]), static_cast<std::uint32_t>(all.vertices.size()));
+      number.push_back(place->second);
+      if (!is_new) continue;
+      all.vertices.push_back(mesh.vertices[v]);
+      if (!mesh.normals.empty()) all.normals.push_back(mesh.normals[v]);
+      if (!mesh.colours.empty()) all.colours.push_back(mesh.colours[v]);
+      if (!mesh.sigma.empty()) all.sigma.push_back(mesh.sigma[v]);
+    }
+    for (const auto& [a, b, c] : mesh.triangles)
+      if (number[a] != number[b] && number[b] != number[c] && number[c] != number[a])
+        all.triangles.push_back({number[a], number[b], number[c]});
+  }
+  return all;
+}
+
+Assembled assemble(Dive& dive, const FuseResult& fused, const fs::path& out) {
+  Assembled model;
+  const std::vector<TilePlaces>& levels = dive.levels();
+  std::vector<TileEntry> entries;
+  for (std::size_t k = 0; k < levels.size(); ++k)
+    model.levels.push_back(writeLevel(dive, static_cast<int>(k), levels[k], out / "tiles", entries));
+  const Geodetic& origin = dive.input().mission.origin;
+  writeTilesets(out / "tiles", entries, origin);
+
+  model.mesh = joinLeaves(levels.front());
+  writePly(out / "mesh.ply", model.mesh,
+           {"fathom-topside " FATHOM_VERSION, "nav: north, east, down [m] from the mission's origin"});
+  writePoses(out, origin, fused.pairs);
+  if (const SlamResult* slam = dive.localised())
+    writeClosures(out / "closures.csv", dive.survey().list.pairs, slam->closures);
+
+  const WaterLog water(dive.input().given_poses ? std::vector<WaterSample>()
+                                                : readWater(dive.input().paths.root));
+  const std::vector<TrackPoint> track = trackOf(dive, water);
+  const std::vector<ImageRow> rows = imageRowsOf(dive, fused, water);
+  writeTrackJson(out / "track.json", track);
+  writeImagesJson(out / "images.json", rows, dive.input().rig.left);
+  (void)writeImageTables(out, origin, rows);
+
+  LayerInputs layers;
+  layers.origin = origin;
+  layers.grid = dive.grid();
+  for (const auto& [tile, file] : levels.front()) layers.tiles.push_back(tile);
+  layers.patch = [&](const TileId& tile) { return levels.front().at(tile)->read("patch " + tileName(tile)); };
+  layers.statistics = &dive.plan().statistics;
+  layers.track = &track;
+  LayerConfig config;
+  config.cells = dive.layerCells();
+  model.layers = writeLayers(out, layers, config);
+  writeScene(dive, model, entries, out);
+  return model;
+}
+
+}  // namespace fathom::topside

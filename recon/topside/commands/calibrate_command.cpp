@@ -1,0 +1,74 @@
+#include "recon/topside/commands/calibrate_command.hpp"
+
+#include <cstdio>
+#include <memory>
+
+#include "realtime/kernel/input_error.hpp"
+#include "recon/topside/report/calibration_report.hpp"
+
+namespace fathom::topside {
+
+void addBoardOptions(CLI::App& command, BoardOptions& options) {
+  command.add_option("--board", options.size, "inner corners along and across, as 9x6");
+  command.add_option("--square", options.square, "edge of a square [m]")->check(CLI::Range(1e-4, 10.0));
+  command.add_option("--left", options.images.left_pattern, "shell pattern of the left images, in quotes");
+  command.add_option("--right", options.images.right_pattern, "shell pattern of the right images");
+  const auto formats = CLI::IsMember({"auto", "mono", "bayer-rggb"});
+  command
+      .add_option("--left-format", options.images.left_format, "auto: *_LC16 is a Bayer mosaic, others mono")
+      ->check(formats)
+      ->capture_default_str();
+  command.add_option("--right-format", options.images.right_format, "as --left-format")
+      ->check(formats)
+      ->capture_default_str();
+}
+
+std::function<int()> addCalibrateCommand(CLI::App& app, CLI::App*& command) {
+  const auto options = std::make_shared<CalibrateOptions>();
+  command = app.add_subcommand("calibrate", "a stereo rig's calibration from photographs of a chessboard");
+  command->add_option("images", options->board.images.images,
+                      "image files or folders; left01/right01 or *_LC16/*_RM16 belong together");
+  addBoardOptions(*command, options->board);
+  command->get_option("--board")->required();
+  command->get_option("--square")->required();
+  command->add_option("--out", options->out, "stereo.calib to write; the report goes beside it")->required();
+  command->add_flag("--k3", options->config.k3, "estimate the third radial coefficient too");
+  return [options] {
+    const calibration::RigCalibration done = runCalibrate(*options);
+    for (const auto& dropped : done.dropped)
+      std::printf("dropped %s: %s\n", dropped.name.c_str(), dropped.reason.c_str());
+    std::printf("%zu pairs: RMS left %.3f px, right %.3f px, stereo %.3f px; baseline %.2f +- %.2f mm\n",
+                done.views.size(), done.left_rms, done.right_rms, done.stereo_rms, 1e3 * done.rig.baseline(),
+                1e3 * done.sigma.baseline);
+    std::printf("%s written; report: %s.html, %s.json\n", options->out.c_str(), options->out.c_str(),
+                options->out.c_str());
+    return static_cast<int>(kExitSuccess);
+  };
+}
+
+calibration::RigCalibration runCalibrate(const CalibrateOptions& options) {
+  const calibration::Chessboard board = parseBoard(options.board.size, options.board.square);
+  // Said before the work, not after it.
+  std::error_code error;
+  if (std::filesystem::is_directory(options.out, error))
+    throw InputError("--out", options.out.string(), "is a folder; name a file, such as stereo.calib");
+  if (options.out.has_parent_path() && !std::filesystem::is_directory(options.out.parent_path(), error))
+    throw InputError("--out", options.out.string(),
+                     "lies in no folder; make " + options.out.parent_path().string() + " first");
+  BoardImages images = findBoards(options.board.images, board);
+  std::string source = options.board.images.left_pattern;
+  if (!options.board.images.images.empty()) source = options.board.images.images[0].string();
+  if (images.views.size() < static_cast<std::size_t>(options.config.min_views) && !images.dropped.empty())
+    throw InputError(source, "",
+                     std::to_string(images.views.size()) + " pairs show the whole board, at least " +
+                         std::to_string(options.config.min_views) + " are needed; " + images.dropped[0].name +
+                         ": " + images.dropped[0].reason);
+  calibration::RigCalibration done =
+      calibrateRig(std::move(images.views), board, images.left, images.right, options.config, source);
+  done.dropped.insert(done.dropped.begin(), images.dropped.begin(), images.dropped.end());
+  writeStereoCalib(options.out, done.rig);
+  writeCalibrationReport(options.out, done, board);
+  return done;
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <functional>
+
+#include "recon/calibration/rig_calibration.hpp"
+#include "recon/topside/input/board_images.hpp"
+
+namespace fathom::topside {
+
+// `fathom-topside calibrate`: adds the sub-command; the function runs it and gives the exit code.
+[[nodiscard]] std::function<int()> addCalibrateCommand(CLI::App& app, CLI::App*& command);
+
+// The options that name the board and its images, shared with check-calibration.
+struct BoardOptions {
+  std::string size;
+  double square = 0;  // [m]
+  BoardImageOptions images;
+};
+void addBoardOptions(CLI::App& command, BoardOptions& options);
+
+struct CalibrateOptions {
+  BoardOptions board;
+  std::filesystem::path out;  // stereo.calib; the report goes to <out>.html and <out>.json
+  calibration::RigCalibrationConfig config;
+};
+// Finds boards, calibrates, writes. Throws InputError.
+calibration::RigCalibration runCalibrate(const CalibrateOptions& options);
+
+}  // namespace fathom::topside

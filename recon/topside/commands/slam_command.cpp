@@ -1,0 +1,147 @@
+#include "recon/topside/commands/slam_command.hpp"
+
+#include <array>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <string_view>
+
+#include "firmware_if/mission.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/closure/candidates.hpp"
+#include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/output_folder.hpp"
+#include "recon/topside/config/thread_limit.hpp"
+#include "recon/topside/input/seed_plane.hpp"
+#include "recon/topside/localise/slam_stage.hpp"
+#include "recon/topside/prepare/prepare_stage.hpp"
+#include "recon/topside/report/consistency.hpp"
+#include "recon/topside/report/html_text.hpp"
+#include "recon/topside/report/pose_output.hpp"
+#include "recon/topside/report/slam_json.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr std::array<std::string_view, 6> kOurs = {
+    "stereo_pose_est.data", "vehicle_pose_est.data", "closures.csv", "slam.html", "slam.json", "tracks.svg"};
+
+struct Options {
+  std::filesystem::path mission, out, config;
+};
+
+std::string pageOf(const SlamResult& slam, const Navigation& navigation, const SE3& T_body_cam,
+                   bool features_only, const Consistency& truth) {
+  const std::vector<double> before = closureErrors(slam.closures, navigation.poses, T_body_cam);
+  const std::vector<double> after = closureErrors(slam.closures, slam.poses, T_body_cam);
+  std::string html = htmlHead("Localisation");
+  for (const std::string& warning : slamWarnings(slam))
+    html += "<p><b>" + htmlEscaped(warning) + "</b></p>\n";
+  if (features_only) html += "<p>A mission without images: features that were matched before.</p>\n";
+  html += "<p>Grey: dead reckoning. Blue: localised. Green: closures. Red: closures taken out again.</p>\n" +
+          tracksSvg(navigation.poses, slam) + "<h2>Misregistration where the vehicle came back</h2>\n" +
+          closureErrorsSvg(before, after) + "<h2>Counts</h2>\n<table>\n";
+  const auto row = [&](const std::string& name, std::size_t value) {
+    html += htmlRow(name, std::to_string(value));
+  };
+  row("pairs with features", slam.frames);
+  row("visual odometry links", slam.odometry.size());
+  row("closures tried", slam.tried.size());
+  row("closures accepted", slam.closures.size());
+  row("closures kept", after.size());
+  for (std::size_t k = 1; k < slam.refused.size(); ++k)
+    row("refused: " + std::string(closure::nameOf(static_cast<closure::Refusal>(k))), slam.refused[k]);
+  row("closures left out: nothing confirmed them", slam.unconfirmed);
+  row("fixes kept", slam.fixes_kept);
+  row("fixes taken out", slam.fixes_removed);
+  row("steps where visual odometry contradicts dead reckoning", slam.sensors.steps_contradicted);
+  row("steps without bottom track", slam.sensors.dvl_absent);
+  row("leaps of the compass", slam.sensors.compass_jumps);
+  html += htmlRow("ground seen before, expected [m of way]", fixedDigits(slam.crossings_expected, 1));
+  html += htmlRow("of it without a closure", fixedDigits(slam.crossings_unverified, 1));
+  for (const auto& [name, value] : calibrationRows(slam)) html += htmlRow(name, value);
+  html += "</table>\n";
+  if (!truth.moments.empty())
+    html +=
+        "<h2>Against the truth</h2>\n<p>Blue: error. Grey: two standard deviations as claimed. Red: 95 % of "
+        "chi-square with 6 degrees of freedom.</p>\n" +
+        consistencySvg(truth) + "<table>\n" +
+        htmlRow("mean squared error over covariance (6 expected), in nav",
+                fixedDigits(truth.mean_squared, 2)) +
+        htmlRow("from the first pair", fixedDigits(truth.mean_since_first, 2)) +
+        htmlRow("false closures", std::to_string(truth.false_closures)) +
+        htmlRow("pairs that overlap by more than 30 %: there, tried, accepted",
+                std::to_string(truth.overlapping) + ", " + std::to_string(truth.overlapping_tried) + ", " +
+                    std::to_string(truth.overlapping_accepted)) +
+        "</table>\n";
+  html += "<h2>Seconds</h2>\n<table>\n";
+  for (const auto& [stage, seconds] : slam.stage_seconds) html += htmlRow(stage, fixedDigits(seconds, 2));
+  return html + "</table>\n</body></html>\n";
+}
+
+void write(const std::filesystem::path& path, const std::string& text) {
+  AtomicFile file(path);
+  file.stream() << text;
+  file.commit();
+}
+
+int runSlam(const Options& options) {
+  const TopsideConfig config = options.config.empty() ? TopsideConfig{} : readTopsideConfig(options.config);
+  const ThreadLimit limit(config);
+  const io::MissionPaths paths(options.mission);
+  const io::MissionConfig mission = io::readMissionConfig(options.mission);
+  const StereoRig rig = readStereoCalib(paths.calib());
+  OutputFolder out(options.out.empty() ? options.mission / "slam" : options.out, kOurs);
+  const PairList list = listPairs(paths, mission, config.pairing_tolerance);
+  std::vector<std::int64_t> times;
+  for (const ImagePair& pair : list.pairs) times.push_back(pair.utc_ns);
+  const Navigation navigation = navigate(paths, mission, config, times);
+  LightingModels lighting(mission, rig, config.lighting);
+  if (!list.features_only) learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, lighting);
+  const MemoryFeatureStore features =
+      prepareFeatures(paths, mission, rig, config, lighting, list, navigation);
+  const SlamResult slam = localise(mission, rig, config, navigation, features);
+
+  const std::vector<double> altitudes = seedAltitudes(slam.poses, config.default_altitude);
+  std::vector<FusedPair> posed;
+  for (std::size_t k = 0; k < list.pairs.size(); ++k) {
+    const auto& pose = slam.poses[k].T_nav_body;
+    if (!pose) continue;
+    const SE3 T_nav_cam = *pose * mission.T_body_cam;
+    const double range = seedPlane(mission, *pose, altitudes[k]).distance;
+    posed.push_back({list.pairs[k], *pose, T_nav_cam, slam.poses[k].altitude.value_or(0),
+                     closure::footprintOf(T_nav_cam, range, rig.left).radius, 0, false});
+  }
+  if (posed.empty()) throw InputError(options.mission.string(), "img", "no pair has a pose");
+  writePoses(out.path(), mission.origin, posed);
+  writeClosures(out.path() / "closures.csv", list.pairs, slam.closures);
+  write(out.path() / "tracks.svg", tracksSvg(navigation.poses, slam));
+  const Consistency truth = compareWithTruth(options.mission, mission.T_body_cam, rig.left, list, slam);
+  write(out.path() / "slam.html", pageOf(slam, navigation, mission.T_body_cam, list.features_only, truth));
+  nlohmann::ordered_json json = slamJson(slam);
+  json["truth"] = truthJson(truth);
+  write(out.path() / "slam.json", json.dump(2) + "\n");
+  out.commit();
+  std::size_t kept = 0;
+  for (const slam::NavigationLink& link : slam.closures) kept += link.kept ? 1 : 0;
+  std::printf(
+      "%zu poses, %zu odometry links, %zu closures of %zu tried (%zu taken out again); moved %.3f m rms\n",
+      posed.size(), slam.odometry.size(), kept, slam.tried.size(), slam.closures.size() - kept,
+      slam.moved_rms);
+  for (const std::string& warning : slamWarnings(slam)) std::fprintf(stderr, "%s\n", warning.c_str());
+  return kExitSuccess;
+}
+
+}  // namespace
+
+std::function<int()> addSlamCommand(CLI::App& app, CLI::App*& command) {
+  const auto options = std::make_shared<Options>();
+  command =
+      app.add_subcommand("slam", "visual odometry and loop closures of a mission: poses, without a map");
+  command->add_option("mission", options->mission, "mission folder")->required();
+  command->add_option("--out", options->out, "folder for the results (MISSION/slam)");
+  command->add_option("--config", options->config, "TOML file; keys are in recon/topside/README.md");
+  return [options] { return runSlam(*options); };
+}
+
+}  // namespace fathom::topside

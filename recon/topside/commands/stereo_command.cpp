@@ -1,0 +1,156 @@
+#include "recon/topside/commands/stereo_command.hpp"
+
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/mesh_io.hpp"
+#include "recon/stereo/dense_stereo.hpp"
+#include "recon/stereo/seed_plane.hpp"
+#include "recon/topside/config/topside_config.hpp"
+#include "recon/topside/input/loose_pair.hpp"
+#include "recon/topside/report/stereo_output.hpp"
+#include "recon/topside/work/stage_times.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr int kScoutFeatures = 400;  // corners of the wide search: enough for a plane through a reef
+
+struct Options {
+  std::filesystem::path calib, left, right, out, points, picture, config;
+  std::optional<double> altitude;
+  std::optional<int> features;
+  std::string left_format = "auto", right_format = "auto";
+  bool json = false, dense = false;
+};
+
+std::optional<PixelFormat> formatOf(const std::string& word) {
+  if (word == "mono") return PixelFormat::kMono;
+  if (word == "bayer-rggb") return PixelFormat::kBayerRggb;
+  return std::nullopt;
+}
+
+// Said before the work, not after it.
+void requireFolder(const char* option, const std::filesystem::path& file) {
+  if (file.empty()) return;
+  std::error_code error;
+  if (std::filesystem::is_directory(file, error))
+    throw InputError(option, file.string(), "is a folder; name a file");
+  if (file.has_parent_path() && !std::filesystem::is_directory(file.parent_path(), error))
+    throw InputError(option, file.string(),
+                     "lies in no folder; make " + file.parent_path().string() + " first");
+}
+
+// The plane of the seafloor where nobody gave an altitude. Throws std::runtime_error when there is none to be
+// found.
+stereo::SeedPlane findPlane(const StereoRig& rig, stereo::SparseStereoConfig config, const LooseImage& left,
+                            const LooseImage& right) {
+  const stereo::WideSearch wide = stereo::wideSearch(rig, config.min_range, config.max_range);
+  config.search_radius = wide.search_radius;
+  config.max_features = kScoutFeatures;
+  stereo::SparseStereo scout(rig, config);
+  const auto plane =
+      stereo::fitSeedPlane(scout.process(left.monoView(), right.monoView(), wide.plane).points);
+  if (!plane)
+    throw std::runtime_error(
+        "no surface found between " + std::to_string(config.min_range) + " and " +
+        std::to_string(config.max_range) +
+        " m; give --altitude, and see that the images belong to one another and to the calibration");
+  return *plane;
+}
+
+int runStereo(const Options& options) {
+  requireFolder("--out", options.out);
+  requireFolder("--points", options.points);
+  requireFolder("--picture", options.picture);
+  TopsideConfig config = options.config.empty() ? TopsideConfig{} : readTopsideConfig(options.config);
+  if (options.features) config.stereo.max_features = *options.features;
+  if (options.dense) config.dense_stereo = true;
+  const StereoRig rig = readStereoCalib(options.calib);
+
+  PairReport report;
+  report.method = "sparse";
+  Stopwatch watch;
+  const auto lap = [&](const char* stage) { report.stage_ms.emplace_back(stage, 1e3 * watch.lap()); };
+  const LooseImage left = readLooseImage(options.left, formatOf(options.left_format), rig.left);
+  const LooseImage right = readLooseImage(options.right, formatOf(options.right_format), rig.right);
+  lap("read");
+  if (options.altitude) {
+    report.plane.distance = *options.altitude;
+  } else {
+    report.plane = findPlane(rig, config.stereo, left, right);
+    report.plane_found = true;
+    lap("plane");
+  }
+
+  const stereo::StereoResult result = [&] {
+    if (config.dense_stereo) {
+      report.method = "dense";
+      stereo::DenseStereo stereo(rig, config.stereo, config.dense);
+      lap("set-up");
+      stereo.setStageObserver(lap);
+      return stereo.process(left.monoView(), right.monoView(), report.plane);
+    }
+    stereo::SparseStereo stereo(rig, config.stereo);
+    lap("set-up");
+    stereo.setStageObserver(lap);
+    return stereo.process(left.monoView(), right.monoView(), report.plane);
+  }();
+  const Mesh mesh = stereo::toMesh(result, left.rgbView());
+  lap("mesh");
+
+  if (!options.out.empty()) {
+    if (mesh.empty()) throw std::runtime_error("no triangle: too few points for a mesh, nothing written");
+    writePly(options.out, mesh,
+             {"fathom-topside " FATHOM_VERSION, "left camera frame: x right, y down, z forward [m]"});
+  }
+  if (!options.points.empty()) writePointsCsv(options.points, result);
+  if (!options.picture.empty()) {
+    const std::string png = depthPicture(result, left.monoView());
+    AtomicFile file(options.picture);
+    file.stream().write(png.data(), static_cast<std::streamsize>(png.size()));
+    file.commit();
+  }
+  lap("write");
+  std::printf("%s\n", (options.json ? pairJson(result, report) : pairText(result, report)).c_str());
+  return kExitSuccess;
+}
+
+}  // namespace
+
+std::function<int()> addStereoCommand(CLI::App& app, CLI::App*& command) {
+  const auto options = std::make_shared<Options>();
+  command = app.add_subcommand("stereo", "one pair of images to a mesh, points and a picture of depth");
+  command->add_option("left", options->left, "left image: TIFF, PNG or JPEG")->required();
+  command->add_option("right", options->right, "right image")->required();
+  command->add_option("--calib", options->calib, "stereo.calib of the rig")->required();
+  command
+      ->add_option("--altitude", options->altitude,
+                   "of the left camera over the seafloor [m]; without it, it is searched for")
+      ->check(CLI::Range(0.1, 100.0));
+  command->add_flag("--dense", options->dense, "semi-global matching instead of corners");
+  command->add_option("--features", options->features, "corners or dense points wanted (800)")
+      ->check(CLI::Range(20, 5000));
+  command->add_option("--out", options->out, "mesh to write: PLY in the left camera frame [m]");
+  command->add_option("--points", options->points, "points to write: CSV with pixels, metres, sigma_z");
+  command->add_option("--picture", options->picture, "PNG to write: depth over the left image");
+  command->add_flag("--json", options->json, "print one JSON object: points, rejected by cause, ms by stage");
+  command->add_option("--config", options->config, "TOML file; its [stereo] keys are used");
+  const CLI::IsMember formats({"auto", "mono", "bayer-rggb"});
+  command
+      ->add_option("--left-format", options->left_format,
+                   "of a grey file: mono, bayer-rggb, or auto: by an ACFR name")
+      ->check(formats)
+      ->capture_default_str();
+  command->add_option("--right-format", options->right_format, "likewise")
+      ->check(formats)
+      ->capture_default_str();
+  return [options] { return runStereo(*options); };
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,56 @@
+#include "recon/topside/commands/view_command.hpp"
+
+#include <csignal>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+
+#include "realtime/kernel/input_error.hpp"
+#include "recon/viewer/view_server.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr int kDefaultPort = 8090;
+
+struct Options {
+  std::filesystem::path folder, page;
+  int port = kDefaultPort;
+};
+
+std::filesystem::path pageBesideProgram() {
+  return std::filesystem::read_symlink("/proc/self/exe").parent_path().parent_path() / "share/fathom/topside";
+}
+
+int runView(const Options& options) {
+  // Blocked before the server's threads begin, so that the signal comes here.
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGTERM);
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  const viewer::ViewServer server(
+      viewer::findDive(options.folder, options.page.empty() ? pageBesideProgram() : options.page),
+      options.port);
+  std::printf("http://127.0.0.1:%d/ (Ctrl-C ends it)\n", server.port());
+  std::fflush(stdout);
+  int signal = 0;
+  sigwait(&signals, &signal);
+  return kExitSuccess;
+}
+
+}  // namespace
+
+std::function<int()> addViewCommand(CLI::App& app, CLI::App*& command) {
+  auto options = std::make_shared<Options>();
+  command = app.add_subcommand("view", "open a dive's output in the browser");
+  command->add_option("folder", options->folder, "output folder, or the mission folder around it")
+      ->required();
+  command->add_option("--port", options->port, "port on 127.0.0.1; 0: any that is free (8090)")
+      ->check(CLI::Range(0, 65535));
+  command->add_option("--page", options->page,
+                      "folder of the page (default: ../share/fathom/topside from the program)");
+  return [options] { return runView(*options); };
+}
+
+}  // namespace fathom::topside

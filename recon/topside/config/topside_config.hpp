@@ -1,0 +1,49 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "recon/fusion/volumetric_fusion.hpp"
+#include "recon/lighting/lighting_model.hpp"
+#include "recon/slam/navigation_graph.hpp"
+#include "recon/stereo/dense_stereo.hpp"
+#include "recon/stereo/sparse_stereo.hpp"
+#include "recon/topside/config/model_settings.hpp"
+
+namespace fathom::topside {
+
+// Everything that can be set about a run; README.md lists the keys with units, ranges and defaults.
+struct TopsideConfig {
+  lighting::LightingConfig lighting;
+  int lighting_images = 100;  // pairs that the lighting model learns from, spread over the mission
+
+  stereo::SparseStereoConfig stereo;
+  bool dense_stereo = false;  // semi-global matching instead of corners
+  stereo::DenseStereoConfig dense;
+  int min_points = 20;  // a pair with fewer stereo points is left out
+
+  bool slam = true;                   // loop closures and visual odometry; false: dead reckoning
+  int slam_features = 400;            // of a pair, for these
+  int slam_candidates = 6;            // closures tried, for each pair at the mean
+  slam::NavigationConfig navigation;  // what the navigation sensors are worth
+
+  fusion::VolumetricConfig fusion;
+  double min_component = 0.05;  // smaller pieces of the final mesh that touch nothing are dropped [m^2]
+
+  ModelSettings model;
+
+  double max_dvl_gap = 2.0;       // [s]
+  double max_speed = 3.0;         // [m/s]
+  double default_altitude = 2.0;  // seeds stereo where the DVL has none [m]
+
+  double pairing_tolerance = 0.05;  // left and right of one pair, after time offsets [s]
+  int threads = 0;                  // 0: all cores; the result does not depend on it
+};
+
+// Reads a TOML file over the defaults. Throws InputError: unknown key, wrong type, out of range.
+[[nodiscard]] TopsideConfig readTopsideConfig(const std::filesystem::path& path);
+
+// Sets the voxel and what follows from it: band of three voxels, border of five.
+void setVoxel(TopsideConfig& config, double voxel);
+
+}  // namespace fathom::topside

@@ -1,0 +1,116 @@
+#include "recon/topside/input/image_pairs.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <variant>
+
+#include "firmware_if/feature_file.hpp"
+#include "firmware_if/image_file.hpp"
+#include "firmware_if/sensor_log.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/nav/camera_clock.hpp"
+
+namespace fathom::topside {
+namespace {
+
+struct TimedName {
+  std::int64_t utc_ns;
+  std::string name;
+  auto operator<=>(const TimedName&) const = default;
+};
+
+struct Images {
+  std::vector<TimedName> left, right;
+
+  void add(CameraSide side, std::int64_t utc_ns, const std::string& name) {
+    (side == CameraSide::kLeft ? left : right).push_back({utc_ns, name});
+  }
+};
+
+Images fromLog(const io::MissionPaths& paths) {
+  Images images;
+  nav::CameraClock left, right;
+  io::SensorLogReader reader(paths.root);
+  while (const auto entry = reader.next())
+    if (const auto* event = std::get_if<ImageEvent>(&entry->sample)) {
+      nav::CameraClock& clock = event->side == CameraSide::kLeft ? left : right;
+      images.add(event->side, clock.utcNs(event->utc_ns, entry->arrival_utc_ns), event->file_name);
+    }
+  return images;
+}
+
+Images fromFileNames(const io::MissionPaths& paths, bool features_only) {
+  Images images;
+  std::error_code error;
+  if (features_only) {
+    // One file a pair, named after its left image.
+    for (const auto& entry : std::filesystem::directory_iterator(paths.features(), error)) {
+      if (entry.path().extension() != ".feat") continue;
+      const std::string left = entry.path().stem().string() + ".tif";
+      const auto parsed = io::parseImageFileName(left);
+      if (!parsed || parsed->side != CameraSide::kLeft) continue;
+      images.add(CameraSide::kLeft, parsed->utc_ns, left);
+      images.add(CameraSide::kRight, parsed->utc_ns, io::imageFileName(parsed->utc_ns, CameraSide::kRight));
+    }
+    return images;
+  }
+  for (const auto& entry : std::filesystem::directory_iterator(paths.images(), error)) {
+    const std::string name = entry.path().filename().string();
+    if (const auto parsed = io::parseImageFileName(name)) images.add(parsed->side, parsed->utc_ns, name);
+  }
+  return images;
+}
+
+void prepare(std::vector<TimedName>& images, double offset_s) {
+  for (TimedName& image : images) image.utc_ns += std::llround(offset_s * 1e9);
+  std::sort(images.begin(), images.end());
+  // One image is one event, however often the log says it.
+  images.erase(std::unique(images.begin(), images.end(),
+                           [](const TimedName& a, const TimedName& b) { return a.name == b.name; }),
+               images.end());
+}
+
+}  // namespace
+
+PairList listPairs(const io::MissionPaths& paths, const io::MissionConfig& mission, double tolerance) {
+  PairList list;
+  list.features_only = io::isFeatureMission(paths);
+  Images images = fromLog(paths);
+  if (images.left.empty() && images.right.empty()) {
+    images = fromFileNames(paths, list.features_only);
+    list.from_file_names = true;
+  }
+  prepare(images.left, mission.time_offsets.left_camera);
+  prepare(images.right, mission.time_offsets.right_camera);
+
+  // Both lists by time: the nearest right image of each left one, each used once. The cameras' clocks drift
+  // apart, so nearest is about a skew, right less left, that follows the pairs found.
+  constexpr std::int64_t kSkewFollow = 8;  // pairs
+  std::int64_t skew_ns = 0;
+  const std::int64_t limit = std::llround(tolerance * 1e9);
+  std::size_t r = 0, paired = 0;
+  for (const TimedName& left : images.left) {
+    const auto apart = [&](std::size_t k) {
+      return std::abs(images.right[k].utc_ns - skew_ns - left.utc_ns);
+    };
+    while (r + 1 < images.right.size() && apart(r + 1) <= apart(r)) ++r;
+    if (r < images.right.size() && apart(r) <= limit) {
+      list.pairs.push_back({left.utc_ns, left.name, images.right[r].name});
+      skew_ns += (images.right[r].utc_ns - left.utc_ns - skew_ns) / kSkewFollow;
+      ++r;
+      ++paired;
+    } else {
+      ++list.left_alone;
+    }
+  }
+  list.right_alone = images.right.size() - paired;
+  if (list.pairs.empty())
+    throw InputError(paths.root.string(), list.features_only ? "features" : "img",
+                     "no stereo pair: " + std::to_string(images.left.size()) + " left and " +
+                         std::to_string(images.right.size()) +
+                         " right images; check the cameras' names and clocks");
+  return list;
+}
+
+}  // namespace fathom::topside

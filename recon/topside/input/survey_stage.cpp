@@ -1,0 +1,48 @@
+#include "recon/topside/input/survey_stage.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "firmware_if/image_file.hpp"
+#include "realtime/kernel/input_error.hpp"
+
+namespace fathom::topside {
+namespace {
+
+Survey fromPoses(const MissionInput& input) {
+  Survey survey;
+  survey.list.features_only = input.features_only;
+  std::vector<io::StereoPose> poses = input.given_poses->poses;
+  std::stable_sort(poses.begin(), poses.end(),
+                   [](const io::StereoPose& a, const io::StereoPose& b) { return a.utc_s < b.utc_s; });
+  for (const io::StereoPose& pose : poses) {
+    if (!io::plainFileName(pose.left_image) || !io::plainFileName(pose.right_image))
+      throw InputError(input.paths.root.string(), "stereo_pose_est.data",
+                       "pose " + std::to_string(pose.id) + " names no image files");
+    NavigatedPose navigated;
+    navigated.utc_ns = std::llround(pose.utc_s * 1e9);
+    navigated.T_nav_body = pose.T_nav_cam * input.mission.T_body_cam.inverse();
+    if (pose.altitude > 0) navigated.altitude = pose.altitude;
+    survey.list.pairs.push_back({navigated.utc_ns, pose.left_image, pose.right_image});
+    survey.navigation.poses.push_back(navigated);
+  }
+  if (survey.list.pairs.empty())
+    throw InputError(input.paths.root.string(), "stereo_pose_est.data", "holds no pose");
+  survey.navigation.track = survey.navigation.poses;
+  survey.navigation.anchor.source = "given poses";
+  return survey;
+}
+
+}  // namespace
+
+Survey takeSurvey(const MissionInput& input, const TopsideConfig& config) {
+  if (input.given_poses) return fromPoses(input);
+  Survey survey;
+  survey.list = listPairs(input.paths, input.mission, config.pairing_tolerance);
+  std::vector<std::int64_t> times;
+  for (const ImagePair& pair : survey.list.pairs) times.push_back(pair.utc_ns);
+  survey.navigation = navigate(input.paths, input.mission, config, times);
+  return survey;
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,33 @@
+#include "recon/topside/input/tide.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+
+#include "realtime/kernel/input_error.hpp"
+
+namespace fathom::topside {
+
+double Tide::heightAt(std::int64_t utc_ns) const {
+  const double t = static_cast<double>(utc_ns - start_utc_ns) * 1e-9;
+  return amplitude * std::sin(2 * std::numbers::pi * t / period + phase);
+}
+
+std::optional<Tide> readTide(const io::MissionPaths& paths, const io::MissionConfig& mission) {
+  if (mission.tide_model == "none" || mission.tide_model.empty()) return std::nullopt;
+  Tide tide;
+  tide.start_utc_ns = mission.start_utc_ns;
+  int end = 0;
+  const int read =
+      std::sscanf(mission.tide_model.c_str(), "sinusoid amplitude_m=%lf period_s=%lf phase_rad=%lf%n",
+                  &tide.amplitude, &tide.period, &tide.phase, &end);
+  const bool whole = read == 3 && static_cast<std::size_t>(end) == mission.tide_model.size();
+  if (!whole || !(tide.period > 0) || !std::isfinite(tide.amplitude) || !std::isfinite(tide.phase))
+    throw InputError((paths.root / "mission.toml").string(), "tide_model",
+                     "'" + mission.tide_model +
+                         "' is no model that is known; give none, or sinusoid amplitude_m=A period_s=P "
+                         "phase_rad=F, the height of the sea over nav's zero from start_time on");
+  return tide;
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,144 @@
+#include "recon/topside/light/lighting_stage.hpp"
+
+#include <oneapi/tbb/enumerable_thread_specific.h>
+#include <oneapi/tbb/info.h>
+#include <oneapi/tbb/parallel_pipeline.h>
+
+#include <algorithm>
+#include <memory>
+#include <opencv2/core.hpp>
+#include <optional>
+
+#include "firmware_if/image_file.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/lighting/rig_ranges.hpp"
+#include "recon/topside/input/seed_plane.hpp"
+#include "recon/topside/work/progress.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr int kRangePoints = 300;  // corners that show an image's ranges well enough
+
+struct Images {
+  std::optional<io::ImageFile> left, right;
+  lighting::RangeLattice left_range, right_range;  // unknown without a pose
+};
+
+std::optional<io::ImageFile> readOrPass(const std::filesystem::path& path, PixelFormat format, int bits,
+                                        const Camera& camera) {
+  try {
+    return io::readImage(path, format, bits, camera.width, camera.height);
+  } catch (const InputError&) {
+    return std::nullopt;
+  }
+}
+
+// Contrast enough for stereo before there is a model: an image's mean becomes a third of full scale.
+std::vector<std::uint8_t> stretchedGrey(const ImageView& image) {
+  const std::size_t channels = image.format == PixelFormat::kRgb ? 3 : 1;
+  const cv::Mat in(image.height, image.width * static_cast<int>(channels), image.bits == 8 ? CV_8U : CV_16U,
+                   const_cast<void*>(image.data), image.stride);
+  constexpr double kMean = 85;
+  cv::Mat eight_bit;
+  in.convertTo(eight_bit, CV_8U, kMean / std::max(cv::mean(in)[0], 1.0));
+  std::vector<std::uint8_t> grey(static_cast<std::size_t>(image.width) *
+                                 static_cast<std::size_t>(image.height));
+  lighting::demosaicMono({eight_bit.data, image.width, image.height, eight_bit.step[0], image.format, 8},
+                         grey.data());
+  return grey;
+}
+
+// Ranges of a pair's images: the seed plane, bent to what stereo finds.
+class RangeFinder {
+ public:
+  RangeFinder(const StereoRig& rig, const stereo::SparseStereoConfig& config)
+      : ranges_(rig), stereo_(rig, config) {}
+
+  void find(const stereo::SeedPlane& plane, Images& images) {
+    ranges_.fromPlane(plane.normal, plane.distance);
+    if (images.left && images.right) {
+      const std::vector<std::uint8_t> left = stretchedGrey(images.left->view);
+      const std::vector<std::uint8_t> right = stretchedGrey(images.right->view);
+      const auto view = [](const std::vector<std::uint8_t>& grey, const ImageView& of) {
+        return ImageView{grey.data(),        of.width, of.height, static_cast<std::size_t>(of.width),
+                         PixelFormat::kMono, 8};
+      };
+      std::vector<Eigen::Vector3f> points;
+      for (const stereo::StereoPoint& p :
+           stereo_.process(view(left, images.left->view), view(right, images.right->view), plane).points)
+        points.push_back(p.point);
+      std::vector<Eigen::Vector3f> right_points(points.size());
+      ranges_.bendTo(points, right_points);
+    }
+    images.left_range = ranges_.left();
+    images.right_range = ranges_.right();
+  }
+
+ private:
+  lighting::RigRanges ranges_;
+  stereo::SparseStereo stereo_;
+};
+
+}  // namespace
+
+LightingModels::LightingModels(const io::MissionConfig& mission, const StereoRig& rig,
+                               const lighting::LightingConfig& config)
+    : left(rig.left.width, rig.left.height, mission.cameras.left_format, mission.cameras.bits, config),
+      right(rig.right.width, rig.right.height, mission.cameras.right_format, mission.cameras.bits, config) {}
+
+std::vector<std::size_t> lightingPairs(std::size_t pairs, const TopsideConfig& config) {
+  const std::size_t count = std::min(pairs, static_cast<std::size_t>(config.lighting_images));
+  std::vector<std::size_t> chosen;
+  for (std::size_t k = 0; k < count; ++k) chosen.push_back(k * pairs / count);
+  return chosen;
+}
+
+void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
+                   const std::vector<ImagePair>& pairs, const std::vector<NavigatedPose>& poses,
+                   const TopsideConfig& config, LightingModels& models) {
+  const std::vector<std::size_t> chosen = lightingPairs(pairs.size(), config);
+  const std::size_t count = chosen.size();
+  Progress progress("lighting", count);
+  const auto& cameras = mission.cameras;
+  const std::vector<double> altitudes = seedAltitudes(poses, config.default_altitude);
+  std::size_t next = 0;
+  namespace tbb = oneapi::tbb;
+  stereo::SparseStereoConfig stereo = config.stereo;
+  stereo.max_features = std::min(stereo.max_features, kRangePoints);
+  tbb::enumerable_thread_specific<std::unique_ptr<RangeFinder>> finders;
+  tbb::parallel_pipeline(
+      static_cast<std::size_t>(2 * tbb::info::default_concurrency()),
+      tbb::make_filter<void, std::size_t>(tbb::filter_mode::serial_in_order,
+                                          [&](tbb::flow_control& flow) -> std::size_t {
+                                            if (next == count) {
+                                              flow.stop();
+                                              return 0;
+                                            }
+                                            return chosen[next++];
+                                          }) &
+          tbb::make_filter<std::size_t, std::shared_ptr<Images>>(
+              tbb::filter_mode::parallel,
+              [&](std::size_t index) {
+                auto images = std::make_shared<Images>();
+                images->left = readOrPass(paths.images() / pairs[index].left, cameras.left_format,
+                                          cameras.bits, rig.left);
+                images->right = readOrPass(paths.images() / pairs[index].right, cameras.right_format,
+                                           cameras.bits, rig.right);
+                if (const auto& T_nav_body = poses[index].T_nav_body) {
+                  std::unique_ptr<RangeFinder>& finder = finders.local();
+                  if (!finder) finder = std::make_unique<RangeFinder>(rig, stereo);
+                  finder->find(seedPlane(mission, *T_nav_body, altitudes[index]), *images);
+                }
+                return images;
+              }) &
+          tbb::make_filter<std::shared_ptr<Images>, void>(
+              tbb::filter_mode::serial_in_order, [&](const std::shared_ptr<Images>& images) {
+                if (images->left) models.left.add(images->left->view, images->left_range);
+                if (images->right) models.right.add(images->right->view, images->right_range);
+                models.unreadable += (images->left ? 0U : 1U) + (images->right ? 0U : 1U);
+                progress.step();
+              }));
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,29 @@
+#pragma once
+
+#include <vector>
+
+#include "firmware_if/mission.hpp"
+#include "recon/topside/config/topside_config.hpp"
+#include "recon/topside/input/image_pairs.hpp"
+#include "recon/topside/input/navigation.hpp"
+#include "recon/topside/localise/feature_store.hpp"
+
+namespace fathom::topside {
+
+// The pairs that have a pose, by time, and where to find what they are recognised by.
+struct Frames {
+  const FeatureStore* features = nullptr;  // by pair, not by frame
+  std::vector<std::uint32_t> pair;         // index of the mission's pair
+  std::vector<SE3> reckoned;               // T_nav_cam
+  std::vector<double> altitude;            // of the camera over the seafloor [m]
+  std::vector<double> way;                 // flown up to it [m]
+
+  [[nodiscard]] bool blank(std::size_t frame) const { return features->count(pair[frame]) == 0; }
+  void load(std::size_t frame, closure::FrameFeatures& out) const { features->load(pair[frame], out); }
+};
+
+// `features` must outlive it.
+[[nodiscard]] Frames framesOf(const io::MissionConfig& mission, const TopsideConfig& config,
+                              const Navigation& navigation, const FeatureStore& features);
+
+}  // namespace fathom::topside

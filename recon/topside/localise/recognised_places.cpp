@@ -1,0 +1,145 @@
+#include "recon/topside/localise/recognised_places.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <set>
+#include <tuple>
+
+#include "recon/closure/candidates.hpp"
+#include "recon/closure/place_index.hpp"
+#include "recon/closure/recognition.hpp"
+#include "recon/topside/localise/closure_search.hpp"
+#include "recon/topside/work/progress.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr double kQuietWay = 10;          // without a closure, after which a frame is asked for [m]
+constexpr double kApart = 0.5;            // of the way between two frames that are asked for, in radii
+constexpr double kRecentWay = 8;          // odometry links what lies nearer well enough [m]
+constexpr std::size_t kMostAsked = 4000;  // frames
+constexpr std::size_t kTries = 2;         // frames that one is compared with
+// Of odometry over a short way: at best, and growing with it.
+constexpr double kStepSigma = 0.03, kStepAngle = 0.02, kDrift = 0.02;  // [m], [rad], [1]
+
+using Pairs = std::vector<std::pair<std::uint32_t, std::uint32_t>>;
+
+// Frames far from any closure, by time.
+std::vector<std::uint32_t> quietFrames(const Frames& frames, double radius,
+                                       const std::vector<slam::NavigationLink>& links) {
+  std::vector<double> closed;  // ways of frames with a closure
+  for (const slam::NavigationLink& link : links)
+    if (link.kept && !link.ofChain())
+      for (const std::uint32_t end : {link.a, link.b}) closed.push_back(frames.way[end]);
+  std::sort(closed.begin(), closed.end());
+  std::vector<std::uint32_t> quiet;
+  double last = -std::numeric_limits<double>::infinity();
+  for (std::uint32_t k = 0; k < frames.pair.size(); ++k) {
+    if (frames.blank(k) || frames.way[k] - last < kApart * radius) continue;
+    const auto next = std::lower_bound(closed.begin(), closed.end(), frames.way[k] - kQuietWay);
+    if (next != closed.end() && *next < frames.way[k] + kQuietWay) continue;
+    last = frames.way[k];
+    quiet.push_back(k);
+  }
+  const std::size_t step = quiet.size() / kMostAsked + 1;
+  std::vector<std::uint32_t> asked;
+  for (std::size_t k = 0; k < quiet.size(); k += step) asked.push_back(quiet[k]);
+  return asked;
+}
+
+// Each with the frames before it that look most like it.
+Pairs likePairs(const Frames& frames, const std::vector<std::uint32_t>& asked) {
+  if (asked.empty()) return {};
+  const std::uint32_t end = asked.back() + 1;
+  closure::PlaceIndexConfig config;
+  config.max_places = static_cast<int>(end);
+  closure::PlaceIndex places(config);
+  closure::FrameFeatures features;
+  Pairs pairs;
+  SharedProgress progress("places", end);
+  for (std::uint32_t k = 0; k < end; ++k) {
+    progress.step();
+    if (frames.blank(k)) continue;
+    frames.load(k, features);
+    if (std::binary_search(asked.begin(), asked.end(), k)) {
+      const auto wanted = [&](int id) {
+        return frames.way[k] - frames.way[static_cast<std::size_t>(id)] > kRecentWay;
+      };
+      for (const auto& place : places.query(features, kTries, wanted))
+        pairs.emplace_back(static_cast<std::uint32_t>(place.id), k);
+    }
+    (void)places.add(static_cast<int>(k), features);
+  }
+  return pairs;
+}
+
+// Claims of those pairs that can be registered without prior, in their order.
+std::vector<closure::Claim> claimsOf(const StereoRig& rig, const Frames& frames,
+                                     const std::vector<SE3>& poses, const Pairs& pairs) {
+  std::vector<Attempt> attempts(pairs.size());
+  for (std::size_t k = 0; k < pairs.size(); ++k) std::tie(attempts[k].a, attempts[k].b) = pairs[k];
+  registerAll(rig, frames, closure::recognitionRules(), attempts, "recognition");
+  std::vector<closure::Claim> claims;
+  for (const Attempt& t : attempts)
+    if (t.accepted() && closure::fitsDownAndDepth(poses[t.a], poses[t.b], t.link.T_a_b))
+      claims.push_back(closure::recognitionOf(
+          static_cast<int>(t.a), static_cast<int>(t.b), {t.link.T_a_b, t.link.covariance}, t.link.inliers,
+          closure::footprintOf(poses[t.b], frames.altitude[t.b], rig.left).radius));
+  return claims;
+}
+
+// Pairs beside the claims that are not among those tried.
+Pairs besides(const Frames& frames, const std::vector<closure::Claim>& claims, const Pairs& tried) {
+  constexpr int kFarther = closure::Agreement::kNeighbours / 2;
+  const std::set<Pairs::value_type> known(tried.begin(), tried.end());
+  std::set<Pairs::value_type> pairs;
+  for (const closure::Claim& claim : claims)
+    for (const int da : {-kFarther, 0, kFarther})
+      for (const int db : {-kFarther, 0, kFarther}) {
+        const int a = claim.a + da, b = claim.b + db;
+        if (a < 0 || b >= static_cast<int>(frames.pair.size()) || a >= b) continue;
+        const Pairs::value_type pair(static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b));
+        if (!frames.blank(pair.first) && !frames.blank(pair.second) && !known.contains(pair))
+          pairs.insert(pair);
+      }
+  return {pairs.begin(), pairs.end()};
+}
+
+}  // namespace
+
+std::vector<slam::NavigationLink> recognisePlaces(const StereoRig& rig, const Frames& frames,
+                                                  const slam::NavigationSolution& solution,
+                                                  const std::vector<slam::NavigationLink>& links) {
+  if (frames.pair.empty()) return {};
+  const std::vector<SE3>& poses = solution.poses;
+  const double radius = closure::footprintOf(poses[0], frames.altitude[0], rig.left).radius;
+  Pairs pairs = likePairs(frames, quietFrames(frames, radius, links));
+  std::vector<closure::Claim> claims = claimsOf(rig, frames, poses, pairs);
+  const std::vector<closure::Claim> more = claimsOf(rig, frames, poses, besides(frames, claims, pairs));
+  claims.insert(claims.end(), more.begin(), more.end());
+  std::sort(claims.begin(), claims.end(), [](const closure::Claim& x, const closure::Claim& y) {
+    return x.b != y.b ? x.b < y.b : x.a < y.a;
+  });
+  const auto odometry = [&](int x, int y) {
+    const auto from = static_cast<std::size_t>(x), to = static_cast<std::size_t>(y);
+    const double sigma = kStepSigma + kDrift * std::abs(frames.way[to] - frames.way[from]);
+    Vector6d variance;
+    variance << Eigen::Vector3d::Constant(sigma * sigma), Eigen::Vector3d::Constant(kStepAngle * kStepAngle);
+    return closure::RelativePrior{poses[from].inverse() * poses[to], Matrix6d(variance.asDiagonal())};
+  };
+  closure::Agreement agreement;
+  std::vector<slam::NavigationLink> found;
+  for (const closure::Claim& claim : claims)
+    for (const closure::Claim& sure : agreement.add(claim, odometry)) {
+      slam::NavigationLink link;
+      link.a = static_cast<std::uint32_t>(sure.a);
+      link.b = static_cast<std::uint32_t>(sure.b);
+      link.T_a_b = sure.T_a_b;
+      link.covariance = sure.covariance;
+      link.inliers = sure.inliers;
+      found.push_back(link);
+    }
+  return found;
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,178 @@
+#include "recon/topside/localise/slam_stage.hpp"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "recon/topside/localise/closure_search.hpp"
+#include "recon/topside/localise/feature_stage.hpp"
+#include "recon/topside/localise/recognised_places.hpp"
+#include "recon/topside/localise/visual_odometry.hpp"
+#include "recon/topside/work/stage_times.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
+constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
+constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
+
+std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation& navigation) {
+  std::vector<slam::KeyframeInput> inputs;
+  for (std::size_t k = 0; k < frames.pair.size(); ++k) {
+    const NavigatedPose& pose = navigation.poses[frames.pair[k]];
+    const nav::DeadReckoning::Quality& before = navigation.poses[frames.pair[k == 0 ? 0 : k - 1]].quality;
+    const nav::DeadReckoning::Quality& now = pose.quality;
+    slam::KeyframeInput input;
+    input.utc_ns = pose.utc_ns;
+    input.T_odom_cam = frames.reckoned[k];
+    input.unlocked_s = now.unlocked_s - before.unlocked_s;
+    input.untilted_s = now.untilted_s - before.untilted_s;
+    input.attitude_held = now.attitude_held;
+    input.depth_held = now.depth_held;
+    input.compass_jumped = now.heading_leaps > before.heading_leaps;
+    input.gyro_turn = now.gyro_turn - before.gyro_turn;
+    input.ungyro_s = now.has_gyro ? now.ungyro_s - before.ungyro_s : -1;
+    inputs.push_back(input);
+  }
+  return inputs;
+}
+
+// USBL fixes, and GPS of a vehicle that came up during the dive, each at the frame nearest to it in time.
+// What GPS said before, the anchor has.
+std::vector<slam::NavigationFix> fixesOf(const Frames& frames, const Navigation& navigation) {
+  std::vector<slam::NavigationFix> fixes;
+  for (const FixSeen& seen : navigation.fixes) {
+    const bool before = seen.utc_ns < navigation.poses[frames.pair.front()].utc_ns;
+    if (seen.kind == nav::FixKind::kGps && before) continue;
+    const auto later = std::lower_bound(
+        frames.pair.begin(), frames.pair.end(), seen.utc_ns,
+        [&](std::uint32_t pair, std::int64_t t) { return navigation.poses[pair].utc_ns < t; });
+    std::size_t k = static_cast<std::size_t>(later - frames.pair.begin());
+    if (k == frames.pair.size() || (k > 0 && seen.utc_ns - navigation.poses[frames.pair[k - 1]].utc_ns <
+                                                 navigation.poses[frames.pair[k]].utc_ns - seen.utc_ns))
+      --k;
+    slam::NavigationFix fix;
+    fix.frame = static_cast<int>(k);
+    fix.antenna_in_odom = seen.receiver;
+    fix.north_east = seen.north_east;
+    fix.sigma = seen.sigma;
+    fix.by_usbl = seen.kind == nav::FixKind::kUsbl;
+    fixes.push_back(fix);
+  }
+  return fixes;
+}
+
+SlamResult::Usbl usblOf(const slam::NavigationSolution& solved, const slam::GraphCovariance& known) {
+  const SE3 now = solved.graph.poses[static_cast<std::size_t>(solved.usbl_node)];
+  const Vector6d variance = known.of(solved.usbl_node).diagonal();  // level but for the turn, which is small
+  return {true, (now.translation() - solved.T_nav_usbl.translation()).head<2>(),
+          variance.head<2>().cwiseSqrt(), now.euler().z(), std::sqrt(variance(5))};
+}
+
+}  // namespace
+
+SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, const TopsideConfig& config,
+                    const Navigation& navigation, const FeatureStore& features) {
+  SlamResult out;
+  out.poses = navigation.poses;
+  Stopwatch watch;
+  const auto lap = [&](const char* stage) { out.stage_seconds.emplace_back(stage, watch.lap()); };
+  const Frames frames = framesOf(mission, config, navigation, features);
+  for (std::size_t k = 0; k < frames.pair.size(); ++k) out.frames += frames.blank(k) ? 0U : 1U;
+  if (frames.pair.size() < 2) return out;
+
+  std::vector<slam::NavigationLink> links = visualOdometry(rig, frames);
+  const std::size_t odometry = links.size();
+  lap("odometry");
+
+  // Dead reckoning is given in nav already, as all fixes together place it; the graph weighs them anew.
+  const std::vector<slam::KeyframeInput> inputs = inputsOf(frames, navigation);
+  std::vector<slam::NavigationFix> fixes = fixesOf(frames, navigation);
+  const Eigen::Vector2d shift = navigation.gps_shift.value_or(Eigen::Vector2d::Zero());
+  const double sigma = navigation.gps_shift ? navigation.gps_sigma : kAnywhere;
+  slam::NavigationConfig graph = config.navigation;
+  graph.lever = (mission.T_body_cam.translation() - mission.T_body_dvl.translation()).norm();
+  slam::NavigationSolution solved;
+  const auto solve = [&] {
+    solved = slam::solveNavigation(graph, inputs, shift, sigma, links, fixes, std::move(solved));
+  };
+  solve();
+  lap("network");
+  ClosureSearch search(rig, frames, graph.noise.visual_scale);
+  const auto a_frame = static_cast<std::size_t>(config.slam_candidates);
+  const std::size_t most = a_frame * frames.pair.size() / kRounds;
+  // False when nothing was found.
+  const auto seek = [&] {
+    search.look(solved);
+    std::vector<Attempt> attempts = search.candidates(most, a_frame);
+    lap("candidates");
+    const std::vector<slam::NavigationLink> found = search.attempt(attempts);
+    for (const Attempt& t : attempts) out.tried.push_back({frames.pair[t.a], frames.pair[t.b], t.accepted()});
+    lap("closures");
+    if (found.empty()) return false;
+    links.insert(links.end(), found.begin(), found.end());
+    solve();
+    lap("network");
+    return true;
+  };
+  for (std::size_t round = 0; round < kRounds && seek(); ++round) continue;
+  const std::vector<slam::NavigationLink> recognised = recognisePlaces(rig, frames, solved, links);
+  lap("places");
+  if (!recognised.empty()) {
+    links.insert(links.end(), recognised.begin(), recognised.end());
+    solve();
+    lap("network");
+    (void)seek();
+  }
+  search.look(solved);
+  const Crossings crossings = search.crossings(links);
+  out.crossings_expected = crossings.expected;
+  out.crossings_unverified = crossings.unverified;
+  out.unconfirmed = search.unconfirmed();
+  out.converged = solved.converged;
+  lap("crossings");
+  out.refused = search.refused();
+  out.sensors = solved.sensors;
+  out.mounting = slam::mountingOf(inputs, links, graph.noise);
+  const Eigen::Matrix3d R_body_cam = mission.T_body_cam.matrix3();
+  Eigen::Vector3d& sigma_turn = out.mounting.camera_turn_sigma;
+  sigma_turn = (R_body_cam.cwiseAbs2() * sigma_turn.cwiseAbs2()).cwiseSqrt();
+  out.mounting.camera_turn = R_body_cam * out.mounting.camera_turn;
+  for (const slam::NavigationFix& fix : fixes) ++(fix.kept ? out.fixes_kept : out.fixes_removed);
+
+  const slam::GraphCovariance& known = search.known();
+  if (solved.usbl_node >= 0) out.usbl = usblOf(solved, known);
+  double squares = 0;
+  const std::size_t told = solved.poses.size() / kToldPlaces + 1;
+  for (std::size_t k = 0; k < solved.poses.size(); ++k) {
+    const SE3& pose = solved.poses[k];
+    squares += (pose.translation() - frames.reckoned[k].translation()).head<2>().squaredNorm();
+    out.poses[frames.pair[k]].T_nav_body = pose * mission.T_body_cam.inverse();
+    if (k % told == 0) out.uncertain.push_back({frames.pair[k], pose, Matrix6d::Zero(), Matrix6d::Zero()});
+  }
+  const int first = solved.nodes.front();
+  const slam::GraphCovariance::Way from = known.wayOf(first);
+  oneapi::tbb::parallel_for(std::size_t{0}, out.uncertain.size(), [&](std::size_t i) {
+    const int node = solved.nodes[i * told];
+    const slam::GraphCovariance::Way way = known.wayOf(node);
+    out.uncertain[i].covariance = known.of(node, way);
+    out.uncertain[i].since_first = known.between(first, from, node, way);
+  });
+  out.moved_rms = std::sqrt(squares / static_cast<double>(solved.poses.size()));
+  lap("covariance");
+  for (std::size_t i = 0; i < links.size(); ++i) {
+    slam::NavigationLink link = links[i];
+    link.a = frames.pair[link.a];
+    link.b = frames.pair[link.b];
+    (i < odometry ? out.odometry : out.closures).push_back(link);
+  }
+  std::stable_sort(out.closures.begin(), out.closures.end(),
+                   [](const slam::NavigationLink& x, const slam::NavigationLink& y) {
+                     return x.a != y.a ? x.a < y.a : x.b < y.b;
+                   });
+  return out;
+}
+
+}  // namespace fathom::topside

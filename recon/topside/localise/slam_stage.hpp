@@ -1,0 +1,65 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "firmware_if/mission.hpp"
+#include "recon/closure/registration.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+#include "recon/slam/mounting_check.hpp"
+#include "recon/topside/config/topside_config.hpp"
+#include "recon/topside/input/navigation.hpp"
+#include "recon/topside/localise/feature_store.hpp"
+
+namespace fathom::topside {
+
+// What simultaneous localisation and mapping made of a mission.
+struct SlamResult {
+  std::vector<NavigatedPose> poses;            // as navigation gave them, where they could be: improved
+  std::vector<slam::NavigationLink> odometry;  // between consecutive pairs
+  std::vector<slam::NavigationLink> closures;  // others, by pair
+  std::size_t frames = 0;                      // pairs with features
+  struct Tried {
+    std::uint32_t a = 0, b = 0;  // pairs
+    bool accepted = false;
+  };
+  std::vector<Tried> tried;                               // candidates for closures
+  std::array<std::size_t, closure::kRefusals> refused{};  // of these, by cause
+  // Way over ground that was seen before, as ClosureSearch::crossings() expects it, and what of it no closure
+  // verified [m].
+  double crossings_expected = 0, crossings_unverified = 0;
+  std::size_t unconfirmed = 0;  // closures left out: look-alikes that no other one confirmed
+  bool converged = true;        // the solver, at the end
+  std::vector<std::pair<std::string, double>> stage_seconds;
+  // Of the pairs in the network (of a long dive some, evenly spread): T_nav_cam and the covariance of its
+  // right perturbation (rho, phi).
+  struct Uncertain {
+    std::uint32_t pair = 0;
+    SE3 T_nav_cam;
+    Matrix6d covariance;
+    Matrix6d since_first;  // of the pose seen from the first of them; zero for that
+  };
+  std::vector<Uncertain> uncertain;
+  slam::NavigationGraph::Counters sensors;  // what was noticed of the sensors
+  slam::Mounting mounting;                  // the camera's turn in body axes: roll, pitch, yaw
+  // What all USBL positions share, where it was sought: how they had to be shifted (north, east), and turned
+  // about their middle, from above clockwise [m], [rad].
+  struct Usbl {
+    bool sought = false;
+    Eigen::Vector2d shift = Eigen::Vector2d::Zero(), shift_sigma = Eigen::Vector2d::Zero();
+    double turn = 0, turn_sigma = 0;
+  } usbl;
+  std::size_t fixes_kept = 0, fixes_removed = 0;
+  double moved_rms = 0;  // horizontal, of the poses against dead reckoning [m]
+};
+
+// Visual odometry between consecutive pairs, then loop closures: candidates by the probability that
+// footprints overlap, most valuable first, registered by features, in rounds: each round's poses say where
+// the next one looks. Poses: slam::solveNavigation, in which dead reckoning, attitude, depth and fixes have
+// their part. The result does not depend on the number of threads.
+[[nodiscard]] SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig,
+                                  const TopsideConfig& config, const Navigation& navigation,
+                                  const FeatureStore& features);
+
+}  // namespace fathom::topside

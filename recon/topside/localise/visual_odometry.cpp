@@ -1,0 +1,55 @@
+#include "recon/topside/localise/visual_odometry.hpp"
+
+#include <algorithm>
+
+#include "recon/topside/localise/closure_search.hpp"
+
+namespace fathom::topside {
+namespace {
+
+// Of dead reckoning between consecutive pairs, as a prior that visual odometry must agree with; and where it
+// did not, what the vehicle can have done between them at all.
+constexpr double kStepSigma = 0.05, kStepAngle = 0.03;  // [m], [rad]
+constexpr double kWideSigma = 0.5, kWideAngle = 0.6;    // [m], [rad]
+// Between consecutive pairs dead reckoning vouches for the pose, and a ledge may fill most of the shared
+// view.
+constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
+
+Matrix6d covarianceOf(double position, double angle) {
+  Vector6d variance;
+  variance << Eigen::Vector3d::Constant(position * position), Eigen::Vector3d::Constant(angle * angle);
+  return variance.asDiagonal();
+}
+
+}  // namespace
+
+std::vector<slam::NavigationLink> visualOdometry(const StereoRig& rig, const Frames& frames) {
+  std::vector<Attempt> steps, again;
+  for (std::uint32_t k = 0; k + 1 < frames.pair.size(); ++k) {
+    if (frames.blank(k) || frames.blank(k + 1)) continue;
+    Attempt t;
+    t.a = k;
+    t.b = k + 1;
+    t.prior = closure::RelativePrior{frames.reckoned[k].inverse() * frames.reckoned[k + 1],
+                                     covarianceOf(kStepSigma, kStepAngle)};
+    steps.push_back(t);
+  }
+  closure::RegistrationConfig close_by;
+  close_by.min_coverage = kStepCoverage;
+  close_by.min_inlier_share = kStepShare;
+  registerAll(rig, frames, close_by, steps, "odometry");
+  for (const Attempt& t : steps)
+    if (!t.accepted()) {
+      again.push_back(t);
+      again.back().prior->covariance = covarianceOf(kWideSigma, kWideAngle);
+    }
+  registerAll(rig, frames, {}, again, "odometry, widely");
+  std::vector<slam::NavigationLink> links;
+  for (const auto* list : {&steps, &again})
+    for (const Attempt& t : *list)
+      if (t.accepted()) links.push_back(t.link);
+  std::sort(links.begin(), links.end(), [](const auto& x, const auto& y) { return x.a < y.a; });
+  return links;
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,16 @@
+#pragma once
+
+#include <vector>
+
+#include "recon/geometry/stereo_rig.hpp"
+#include "recon/slam/navigation_batch.hpp"
+#include "recon/topside/localise/feature_stage.hpp"
+
+namespace fathom::topside {
+
+// Visual odometry: links between consecutive frames, with dead reckoning as prior; where that is contradicted
+// (a compass that leapt, a DVL that lies or was silent), once more with a wide prior and the stricter rules
+// of closures. The result does not depend on the number of threads.
+[[nodiscard]] std::vector<slam::NavigationLink> visualOdometry(const StereoRig& rig, const Frames& frames);
+
+}  // namespace fathom::topside

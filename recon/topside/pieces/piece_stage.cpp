@@ -1,0 +1,201 @@
+#include "recon/topside/pieces/piece_stage.hpp"
+
+#include <oneapi/tbb/enumerable_thread_specific.h>
+
+#include <algorithm>
+#include <mutex>
+#include <optional>
+
+#include "recon/surface/atlas.hpp"
+#include "recon/surface/simplify.hpp"
+#include "recon/topside/work/stage_archive.hpp"
+#include "recon/topside/work/stage_keys.hpp"
+#include "recon/topside/work/stage_runner.hpp"
+#include "recon/topside/work/stage_times.hpp"
+
+namespace fathom::topside {
+
+template <typename Archive>
+void exchangeState(Archive& archive, Is<PieceFacts> auto& f) {
+  archive(f.fusion, f.meshes, f.texels, f.unseen, f.occluded, f.outvoted);
+}
+
+namespace {
+
+// Changes whenever the same inputs and settings give another result.
+constexpr std::uint32_t kPieceVersion = 4;
+
+// Seconds of several threads by step.
+class SharedCosts {
+ public:
+  void add(const char* step, double seconds) {
+    const std::lock_guard lock(mutex_);
+    costs_[step] += seconds;
+  }
+  [[nodiscard]] Costs take() { return std::move(costs_); }
+
+ private:
+  std::mutex mutex_;
+  Costs costs_;
+};
+
+fusion::VolumetricConfig fusionConfig(const PieceInputs& in, const fusion::Piece& piece) {
+  fusion::VolumetricConfig config = in.config->fusion;
+  config.min_area = in.config->min_component;
+  config.overlap = in.config->model.division.overlap;
+  config.bounds = fusion::FusionBounds{in.grid, piece.core};
+  return config;
+}
+
+surface::ViewIndex viewsOf(const PieceInputs& in, const fusion::Piece& piece) {
+  std::vector<surface::View> views;
+  for (const std::uint32_t pair : piece.meshes)
+    views.push_back({pair, (*in.T_nav_cam)[pair], (*in.footprints)[pair].box});
+  return surface::ViewIndex(std::move(views));
+}
+
+// The surfaces of a tile and its neighbours, for what hides what.
+std::vector<const Mesh*> around(const std::vector<TileMesh>& tiles, const TileId& middle) {
+  std::vector<const Mesh*> near;
+  for (const TileMesh& tile : tiles)
+    if (std::abs(tile.tile.x - middle.x) <= 1 && std::abs(tile.tile.y - middle.y) <= 1)
+      near.push_back(&tile.mesh);
+  return near;
+}
+
+// Makes single tiles of a piece; one object for all threads.
+class TileMaker {
+ public:
+  TileMaker(const PieceInputs& in, const fusion::Piece& piece, const std::vector<TileMesh>& raw)
+      : in_(in), raw_(raw), views_(viewsOf(in, piece)) {}
+
+  TileBlocks make(const TileMesh& raw) {
+    const ModelSettings& settings = in_.config->model;
+    ThreadStopwatch watch;
+    TileMesh surface = surface::simplify(raw, trianglesPerSquareMetre(in_.grid, 0));
+    costs.add("simplify", watch.lap());
+    TexturedTile tile;
+    if (in_.images != nullptr)
+      tile = texture(surface, watch);
+    else
+      tile.surface = std::move(surface);
+    const TexturedTile reduced = tile.atlas.empty() ? tile : surface::quarterAtlas(tile);
+    TileBlocks out = packTile(tile, reduced, in_.grid, settings);
+    costs.add("encode", watch.lap());
+    // The reduced texture is as good where a cell of the mosaic takes in all of its texels.
+    const TexturedTile& drawn = reduced.texel <= in_.cells.mosaic ? reduced : tile;
+    out.patch = packLayerPatch(makeLayerPatch(drawn, in_.grid, in_.cells));
+    costs.add("layers", watch.lap());
+    return out;
+  }
+
+  SharedCosts costs;
+  std::uint64_t texels = 0, unseen = 0, occluded = 0, outvoted = 0;
+
+ private:
+  TexturedTile texture(const TileMesh& surface, ThreadStopwatch& watch) {
+    const ModelSettings& settings = in_.config->model;
+    surface::AtlasConfig config;
+    config.texel = in_.texel;
+    config.max_edge = settings.max_atlas;
+    surface::Atlas atlas = surface::makeAtlas(surface, config);
+    costs.add("atlas", watch.lap());
+    auto& blender = blenders_.local();
+    if (!blender) blender.emplace(in_.input->rig.left, settings.blend);
+    double reading = 0;
+    const surface::TextureBlender::BandSource source = [&](std::uint32_t pair) {
+      ThreadStopwatch own;
+      auto image = in_.images->get(pair);
+      reading += own.lap();
+      return image;
+    };
+    const surface::BlendCounts counts = blender->blend(
+        atlas, views_, views_.meeting(in_.grid.box(surface.tile)), around(raw_, surface.tile), source);
+    costs.add("images", reading);
+    costs.add("texture", watch.lap() - reading);
+    const std::lock_guard lock(mutex_);
+    texels += counts.texels;
+    unseen += counts.unseen;
+    occluded += counts.occluded;
+    outvoted += counts.outvoted;
+    return std::move(atlas.tile);
+  }
+
+  const PieceInputs& in_;
+  const std::vector<TileMesh>& raw_;
+  surface::ViewIndex views_;
+  oneapi::tbb::enumerable_thread_specific<std::optional<surface::TextureBlender>> blenders_;
+  std::mutex mutex_;
+};
+
+}  // namespace
+
+Digest pieceKey(const PieceInputs& in, const fusion::Piece& piece, const Digest& lighting,
+                const std::vector<Digest>& image_identities) {
+  const ModelSettings& m = in.config->model;
+  Hasher hasher;
+  hasher.add("piece", kPieceVersion, piece.core.x0, piece.core.y0, piece.core.x1, piece.core.y1,
+             in.grid.voxel, in.grid.leaf_voxels, in.texel, in.cells.surface, in.cells.mosaic,
+             m.division.overlap);
+  addFusionSettings(hasher, *in.config);
+  addModelSettings(hasher, *in.config);
+  const bool textured = in.images != nullptr;
+  hasher.add(textured);
+  if (textured) {
+    addRig(hasher, *in.input);
+    hasher.add(lighting);
+  }
+  for (const std::uint32_t pair : piece.meshes) {
+    hasher.add(in.prepared->meshDigest(pair));
+    addPose(hasher, (*in.T_nav_cam)[pair]);
+    if (textured) hasher.add(image_identities[pair]);
+  }
+  return hasher.finish();
+}
+
+Costs makePiece(const PieceInputs& in, const fusion::Piece& piece, WorkFileWriter& file) {
+  ThreadStopwatch watch;
+  PieceFacts facts;
+  std::vector<TileMesh> raw;
+  SharedCosts costs;
+  {
+    fusion::VolumetricFusion fusion(fusionConfig(in, piece));
+    for (const std::uint32_t pair : piece.meshes) {
+      Mesh mesh = in.prepared->mesh(pair);
+      const SE3& T_nav_cam = (*in.T_nav_cam)[pair];
+      transform(mesh, T_nav_cam);
+      fusion.integrate(mesh, T_nav_cam.translation());
+    }
+    facts.fusion = fusion.counters();
+    facts.meshes = piece.meshes.size();
+    raw = fusion.extractTiles(in.grid, in.images != nullptr ? 1 : 0);
+  }
+  costs.add("fusion", watch.lap());
+  std::vector<const TileMesh*> core;
+  for (const TileMesh& tile : raw)
+    if (piece.core.contains(tile.tile) && !tile.mesh.empty()) core.push_back(&tile);
+
+  TileMaker maker(in, piece, raw);
+  std::vector<TileBlocks> tiles(core.size());
+  // In order, so that tiles that are made at once are neighbours, and want the same images.
+  inOrder(core.size(), threadsAllowed(), [&](std::size_t k) { tiles[k] = maker.make(*core[k]); });
+  facts.texels = maker.texels;
+  facts.unseen = maker.unseen;
+  facts.occluded = maker.occluded;
+  facts.outvoted = maker.outvoted;
+  writeTiles(file, tiles);
+  file.add("facts", savedBytes([&](rt::StateWriter& writer) { writer(facts); }));
+  Costs all = maker.costs.take();
+  for (const auto& [step, seconds] : costs.take()) all[step] += seconds;
+  return all;
+}
+
+PieceFacts readPieceFacts(const WorkFile& file) {
+  const Bytes bytes = file.read("facts");
+  PieceFacts facts;
+  rt::StateReader reader(bytes);
+  if (!reader(facts)) throw DamagedWork(file.path());
+  return facts;
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <cstdint>
+#include <future>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <unordered_map>
+#include <vector>
+
+#include "recon/surface/band_image.hpp"
+#include "recon/topside/input/left_image.hpp"
+#include "recon/topside/input/mission_input.hpp"
+#include "recon/topside/input/survey_stage.hpp"
+#include "recon/topside/light/lighting_stage.hpp"
+#include "recon/topside/prepare/prepared_groups.hpp"
+
+namespace fathom::topside {
+
+// Left images in colour, corrected for light by the ranges that stereo found, and divided into bands: what
+// texture is made of. Those used last are kept, up to a number of bytes. Thread-safe: an image that several
+// threads ask for is read once.
+class ViewImages {
+ public:
+  ViewImages(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
+             const LightingModels& lighting, const PreparedGroups& prepared, const surface::BandWidths& bands,
+             std::size_t most_bytes);
+  ViewImages(const ViewImages&) = delete;
+  ViewImages& operator=(const ViewImages&) = delete;
+
+  using Image = std::shared_ptr<const surface::BandImage>;
+  [[nodiscard]] Image get(std::uint32_t pair);  // null where it cannot be read
+  [[nodiscard]] std::size_t readings() const;
+
+ private:
+  struct Entry {
+    std::shared_future<Image> image;
+    std::list<std::uint32_t>::iterator use;
+    std::size_t bytes = 0;
+  };
+  [[nodiscard]] Image read(std::uint32_t pair);
+  void forgetOld();
+
+  const MissionInput& input_;
+  const Survey& survey_;
+  const LightingModels& lighting_;
+  const PreparedGroups& prepared_;
+  surface::BandWidths bands_;
+  std::size_t most_bytes_, bytes_ = 0, readings_ = 0;
+  std::vector<double> altitudes_;
+  mutable std::mutex mutex_;
+  std::unordered_map<std::uint32_t, Entry> entries_;
+  std::list<std::uint32_t> uses_;                  // the last one first
+  std::vector<std::unique_ptr<LeftImages>> idle_;  // readers
+};
+
+}  // namespace fathom::topside

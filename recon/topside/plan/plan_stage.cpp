@@ -1,0 +1,102 @@
+#include "recon/topside/plan/plan_stage.hpp"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "recon/topside/input/seed_plane.hpp"
+#include "recon/topside/work/stage_archive.hpp"
+
+namespace fathom::fusion {
+
+template <typename Archive>
+void exchangeState(Archive& archive, topside::Is<Footprint> auto& footprint) {
+  archive(footprint.box);
+}
+
+template <typename Archive>
+void exchangeState(Archive& archive, topside::Is<Piece> auto& piece) {
+  archive(piece.core.x0, piece.core.y0, piece.core.x1, piece.core.y1, piece.meshes);
+}
+
+}  // namespace fathom::fusion
+
+namespace fathom::topside {
+namespace {
+
+constexpr double kTexelStep = 0.0001;  // [m]
+constexpr fusion::Footprint kNowhere{{1, 1, 0, 0}};
+
+fusion::Footprint footprintOf(const Mesh& mesh) {
+  if (mesh.vertices.empty()) return kNowhere;
+  Eigen::Vector2f low = mesh.vertices[0].head<2>(), high = low;
+  for (const auto& v : mesh.vertices) {
+    low = low.cwiseMin(v.head<2>());
+    high = high.cwiseMax(v.head<2>());
+  }
+  return {{static_cast<double>(low.x()), static_cast<double>(low.y()), static_cast<double>(high.x()),
+           static_cast<double>(high.y())}};
+}
+
+}  // namespace
+
+std::vector<SE3> cameraPoses(const std::vector<NavigatedPose>& poses, const SE3& T_body_cam) {
+  std::vector<SE3> out;
+  for (const NavigatedPose& pose : poses)
+    out.push_back(pose.T_nav_body ? *pose.T_nav_body * T_body_cam : SE3());
+  return out;
+}
+
+ModelPlan planModel(const PreparedGroups& prepared, const std::vector<SE3>& T_nav_cam,
+                    const std::vector<slam::NavigationLink>& closures, const TileGrid& grid,
+                    const fusion::DivisionConfig& division) {
+  const std::size_t pairs = T_nav_cam.size();
+  ModelPlan plan;
+  plan.footprints.assign(pairs, kNowhere);
+  std::vector<fusion::CellStatistics> of_groups(groupsOf(pairs));
+  oneapi::tbb::parallel_for(std::size_t{0}, of_groups.size(), [&](std::size_t group) {
+    for (std::size_t k = group * kPairsInGroup; k < std::min(pairs, (group + 1) * kPairsInGroup); ++k) {
+      if (!prepared.facts()[k].has_mesh) continue;
+      Mesh mesh = prepared.mesh(k);
+      transform(mesh, T_nav_cam[k]);
+      plan.footprints[k] = footprintOf(mesh);
+      of_groups[group].add(mesh);
+    }
+  });
+  for (fusion::CellStatistics& group : of_groups) {
+    plan.statistics.merge(group);
+    group = fusion::CellStatistics();
+  }
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> joined;
+  for (const slam::NavigationLink& link : closures)
+    if (link.kept) joined.emplace_back(link.a, link.b);
+  plan.pieces = fusion::divideSpace(plan.footprints, joined, grid, division);
+  return plan;
+}
+
+double nativeTexel(const MissionInput& input, const Navigation& navigation, double default_altitude) {
+  const std::vector<double> altitudes = seedAltitudes(navigation.poses, default_altitude);
+  std::vector<double> ranges;
+  for (std::size_t k = 0; k < altitudes.size(); ++k)
+    if (const auto& pose = navigation.poses[k].T_nav_body)
+      ranges.push_back(seedPlane(input.mission, *pose, altitudes[k]).distance);
+  if (ranges.empty()) ranges.push_back(default_altitude);
+  const auto middle = ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2);
+  std::nth_element(ranges.begin(), middle, ranges.end());
+  return std::max(1.0, std::round(*middle / input.rig.left.fx / kTexelStep)) * kTexelStep;
+}
+
+Bytes planBytes(const ModelPlan& plan) {
+  return savedBytes([&](rt::StateWriter& writer) {
+    writer(plan.footprints, plan.pieces, plan.statistics.save(), plan.texel);
+  });
+}
+
+bool loadPlan(const Bytes& bytes, ModelPlan& plan) {
+  rt::StateReader reader(bytes);
+  Bytes statistics;
+  return reader(plan.footprints, plan.pieces, statistics, plan.texel) && plan.statistics.load(statistics);
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <utility>
+#include <vector>
+
+#include "recon/fusion/cell_statistics.hpp"
+#include "recon/fusion/space_division.hpp"
+#include "recon/topside/input/survey_stage.hpp"
+#include "recon/topside/localise/slam_stage.hpp"
+#include "recon/topside/prepare/prepared_groups.hpp"
+
+namespace fathom::topside {
+
+// How the dive is divided, and what is told of it before anything is fused.
+struct ModelPlan {
+  std::vector<fusion::Footprint> footprints;  // of every pair's mesh; empty ones of pairs without
+  std::vector<fusion::Piece> pieces;
+  fusion::CellStatistics statistics;
+  double texel = 0;  // finest [m]
+};
+
+// Poses of the left camera of every pair with a mesh; identity elsewhere.
+[[nodiscard]] std::vector<SE3> cameraPoses(const std::vector<NavigatedPose>& poses, const SE3& T_body_cam);
+
+// Reads every mesh once, in parallel; the result does not depend on the number of threads.
+[[nodiscard]] ModelPlan planModel(const PreparedGroups& prepared, const std::vector<SE3>& T_nav_cam,
+                                  const std::vector<slam::NavigationLink>& closures, const TileGrid& grid,
+                                  const fusion::DivisionConfig& division);
+
+// A pixel's edge on the ground from the dive's middle altitude, in steps of 0.1 mm [m].
+[[nodiscard]] double nativeTexel(const MissionInput& input, const Navigation& navigation,
+                                 double default_altitude);
+
+[[nodiscard]] Bytes planBytes(const ModelPlan& plan);
+[[nodiscard]] bool loadPlan(const Bytes& bytes, ModelPlan& plan);
+
+}  // namespace fathom::topside

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "recon/topside/localise/feature_store.hpp"
+#include "recon/topside/prepare/prepare_stage.hpp"
+#include "recon/topside/work/work_file.hpp"
+
+namespace fathom::topside {
+
+// What became of a pair before its place was known.
+struct PairFacts {
+  bool placed = false;     // navigation knows where it was taken
+  std::string unreadable;  // the error's line
+  std::uint64_t points = 0;
+  std::uint32_t corners = 0, features = 0;
+  stereo::StereoResult::Rejected rejected;
+  bool has_mesh = false;
+};
+
+// Consecutive pairs that are prepared, and kept, together: enough that a file is worth opening, few enough
+// that little is lost with it.
+constexpr std::size_t kPairsInGroup = 32;
+[[nodiscard]] constexpr std::size_t groupsOf(std::size_t pairs) {
+  return (pairs + kPairsInGroup - 1) / kPairsInGroup;
+}
+
+// Blocks of a group's work file: the facts of all its pairs, and features and mesh of each that has them.
+void writePrepared(WorkFileWriter& file, std::size_t first_pair, const std::vector<PreparedPair>& pairs,
+                   const std::vector<bool>& placed);
+
+// The prepared pairs of a mission, read from the groups' files as they are asked for.
+class PreparedGroups final : public FeatureStore {
+ public:
+  explicit PreparedGroups(std::vector<WorkFile> groups);
+  [[nodiscard]] std::size_t count(std::size_t pair) const override { return facts_[pair].features; }
+  void load(std::size_t pair, closure::FrameFeatures& out) const override;
+  [[nodiscard]] const std::vector<PairFacts>& facts() const { return facts_; }
+  [[nodiscard]] Mesh mesh(std::size_t pair) const;  // in the left camera frame; throws DamagedWork
+  [[nodiscard]] const Digest& meshDigest(std::size_t pair) const;
+  [[nodiscard]] Digest content() const;
+
+ private:
+  [[nodiscard]] const WorkFile& groupOf(std::size_t pair) const { return groups_[pair / kPairsInGroup]; }
+  std::vector<WorkFile> groups_;
+  std::vector<PairFacts> facts_;
+};
+
+}  // namespace fathom::topside

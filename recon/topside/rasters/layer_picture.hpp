@@ -1,0 +1,21 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "recon/topside/rasters/raster_reading.hpp"
+
+namespace fathom::topside {
+
+struct PictureText {
+  std::string title, unit;
+  double min = 0, max = 0;
+  std::string ramp;  // "viridis", "magma", "turbo", "cividis", "twilight"; empty: own colours
+};
+
+// A quicklook: the raster in the ramp's colours on white (elevation: shaded from the north-west), with title,
+// legend and a bar of length. Throws std::runtime_error when it cannot be written.
+void drawLayer(const std::filesystem::path& path, const ReducedRaster& raster, const PictureText& text,
+               bool shaded);
+
+}  // namespace fathom::topside

@@ -1,0 +1,15 @@
+#pragma once
+
+#include <vector>
+
+#include "recon/topside/dive.hpp"
+#include "recon/topside/tables/dive_track.hpp"
+
+namespace fathom::topside {
+
+// The dive's track second by second: dead reckoning, moved as localisation moved the pairs before and after.
+[[nodiscard]] std::vector<TrackPoint> trackOf(Dive& dive, const WaterLog& water);
+// The pairs that have a pose.
+[[nodiscard]] std::vector<ImageRow> imageRowsOf(Dive& dive, const FuseResult& fused, const WaterLog& water);
+
+}  // namespace fathom::topside

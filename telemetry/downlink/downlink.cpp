@@ -1,0 +1,233 @@
+#include "telemetry/downlink/downlink.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+
+namespace fathom::telemetry {
+namespace {
+
+constexpr std::int64_t kNanoseconds = 1'000'000'000;
+// An acknowledgement shares a frame with other things only if it still speaks of so many frames.
+constexpr std::size_t kUsefulReach = 48;
+constexpr std::size_t kSequenceBits = 16;
+constexpr std::size_t kByteBits = 8;
+// The same request again within this time is a repetition of it, later a new wish.
+constexpr std::int64_t kRepetition_ns = 300 * kNanoseconds;
+
+bool pauses(Request::Kind kind) {
+  return kind == Request::Kind::kPauseMap || kind == Request::Kind::kResumeMap;
+}
+
+// Whether the newer request leaves nothing of the older.
+bool makesVoid(const Request& newer, const Request& older) {
+  if (newer.kind == Request::Kind::kDetail) return false;
+  return newer.kind == older.kind || (pauses(newer.kind) && pauses(older.kind));
+}
+
+}  // namespace
+
+DownlinkSender::DownlinkSender(const LinkIdentity& identity, const std::optional<DownlinkKey>& key,
+                               std::size_t frame_bytes)
+    : identity_(identity), key_(key), frame_bytes_(frame_bytes) {
+  if (frame_bytes < kMinFrameBytes || frame_bytes > kMaxFrameBytes)
+    throw std::invalid_argument("a downlink frame must have 32 to 256 bytes");
+}
+
+void DownlinkSender::acknowledge(const Acknowledgement& acknowledgement) {
+  if (acknowledgement.valid) acknowledgement_ = acknowledgement;
+}
+
+bool DownlinkSender::addFix(const UsblFixMessage& fix) {
+  if (!validate(fix)) return false;
+  fix_ = fix;
+  return true;
+}
+
+std::optional<std::uint8_t> DownlinkSender::request(Request request) {
+  request.id = next_id_;
+  if (!validate(request)) return std::nullopt;
+  std::erase_if(requests_, [&](const Waiting& w) { return makesVoid(request, w.request); });
+  if (requests_.size() >= kMaxRequests) return std::nullopt;
+  const auto said =
+      std::find_if(requests_.begin(), requests_.end(), [](const Waiting& w) { return w.said > 0; });
+  requests_.insert(said, {request, 0});
+  next_id_ = static_cast<std::uint8_t>((next_id_ + 1) % kMaxRequests);
+  return request.id;
+}
+
+void DownlinkSender::confirm(std::uint8_t request_id) {
+  std::erase_if(requests_, [&](const Waiting& w) { return w.request.id == request_id && w.said > 0; });
+}
+
+std::size_t DownlinkSender::payloadRoom() const {
+  return frame_bytes_ - kFrameOverhead - (key_ ? DownlinkKey::kSignatureBytes : 0);
+}
+
+bool DownlinkSender::fits(const DownlinkContent& content, std::size_t acknowledgement_bits) const {
+  std::array<std::uint8_t, kMaxFrameBytes> scratch{};
+  const std::size_t size =
+      encodeDownlink(content, counter_, key_.has_value(), std::span(scratch).first(payloadRoom()));
+  return size > 0 && (payloadRoom() - size) * kByteBits >= acknowledgement_bits;
+}
+
+DownlinkContent DownlinkSender::chooseContent() const {
+  DownlinkContent content;
+  // An acknowledgement that is due keeps its room, or has the frame for itself.
+  const std::size_t kept = acknowledgement_ && acknowledgement_due_ ? kSequenceBits + kUsefulReach : 0;
+  const auto addFix = [&] {
+    if (fix_ && fits({fix_, content.request, {}}, kept)) content.fix = fix_;
+  };
+  // A new request comes before a fix, a repetition after it.
+  const bool new_request = !requests_.empty() && requests_.front().said == 0;
+  if (!new_request) addFix();
+  if (!requests_.empty() && fits({content.fix, requests_.front().request, {}}, kept))
+    content.request = requests_.front().request;
+  if (new_request) addFix();
+  if (acknowledgement_ && (content.empty() || fits(content, kSequenceBits + kUsefulReach)))
+    content.acknowledgement = acknowledgement_;
+  return content;
+}
+
+void DownlinkSender::noteSaid(const DownlinkContent& content) {
+  ++counters_.frames;
+  acknowledgement_due_ = acknowledgement_ && !content.acknowledgement;
+  if (content.acknowledgement) ++counters_.acknowledgements;
+  if (content.fix) {
+    ++counters_.fixes;
+    fix_.reset();
+  }
+  if (content.request) {
+    ++counters_.requests;
+    Waiting said = requests_.front();
+    requests_.pop_front();
+    if (++said.said < kRepetitions) requests_.push_back(said);
+  }
+}
+
+std::size_t DownlinkSender::nextFrame(std::int64_t utc_ns, std::span<std::uint8_t> out) {
+  if (out.size() < frame_bytes_) return 0;
+  const DownlinkCounter before = counter_;
+  counter_ = std::max(counter_ + 1, downlinkCounterAt(utc_ns));
+  if (fix_ && !fits({fix_, {}, {}}, 0)) {
+    fix_.reset();
+    ++counters_.stale_fixes;
+  }
+  const DownlinkContent content = chooseContent();
+  std::array<std::uint8_t, kMaxFrameBytes> payload{};
+  std::size_t size =
+      encodeDownlink(content, counter_, key_.has_value(), std::span(payload).first(payloadRoom()));
+  if (size == 0) {
+    counter_ = before;
+    return 0;
+  }
+  if (key_) {
+    const DownlinkKey::Signature signature = key_->sign(identity_, std::span(payload).first(size));
+    std::copy(signature.begin(), signature.end(), payload.begin() + static_cast<std::ptrdiff_t>(size));
+    size += signature.size();
+  }
+  FrameHeader header;
+  header.identity = identity_;
+  header.sequence = sequence_++;
+  header.type = MessageType::kDownlink;
+  noteSaid(content);
+  return encodeFrame(header, std::span(payload).first(size), out);
+}
+
+const char* name(DownlinkVerdict verdict) {
+  switch (verdict) {
+    case DownlinkVerdict::kAccepted:
+      return "accepted";
+    case DownlinkVerdict::kBadFrame:
+      return "bad-frame";
+    case DownlinkVerdict::kForeign:
+      return "foreign";
+    case DownlinkVerdict::kBadPayload:
+      return "bad-payload";
+    case DownlinkVerdict::kUnsigned:
+      return "unsigned";
+    case DownlinkVerdict::kOld:
+      return "old";
+    case DownlinkVerdict::kBadSignature:
+      return "bad-signature";
+    case DownlinkVerdict::kThrottled:
+      return "throttled";
+    case DownlinkVerdict::kNoKey:
+      return "no-key";
+  }
+  return "unknown";
+}
+
+std::uint64_t DownlinkReceiver::Counters::refused() const {
+  std::uint64_t sum = 0;
+  for (const std::uint64_t n : verdicts) sum += n;
+  return sum - (*this)[DownlinkVerdict::kAccepted];
+}
+
+DownlinkReceiver::DownlinkReceiver(const LinkIdentity& identity, const std::optional<DownlinkKey>& key,
+                                   std::int64_t not_before_utc_ns)
+    : identity_(identity),
+      key_(key),
+      counter_(downlinkCounterAt(not_before_utc_ns)),
+      bad_signatures_(kBadCost, kBadBurst * kBadCost, kBadBurst * kBadCost) {}
+
+bool DownlinkReceiver::isRepetition(std::int64_t now_ns, const Request& request) {
+  std::optional<Heard>& last = requests_[request.id];
+  const bool repeated = last && last->request == request && now_ns - last->utc_ns < kRepetition_ns;
+  last = {now_ns, request};
+  return repeated;
+}
+
+DownlinkReceiver::Result DownlinkReceiver::judge(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
+  const DecodedFrame whole = decodeFrame(frame);
+  if (whole.verdict != FrameVerdict::kAccepted || whole.header.type != MessageType::kDownlink)
+    return {DownlinkVerdict::kBadFrame, {}};
+  if (whole.header.identity != identity_) return {DownlinkVerdict::kForeign, {}};
+  constexpr std::uint8_t kSignedBit = 0x80;
+  const bool is_signed = !whole.payload.empty() && (whole.payload[0] & kSignedBit) != 0;
+  if (is_signed && whole.payload.size() < DownlinkKey::kSignatureBytes)
+    return {DownlinkVerdict::kBadPayload, {}};
+  const auto message =
+      whole.payload.first(whole.payload.size() - (is_signed ? DownlinkKey::kSignatureBytes : 0));
+  DecodedDownlink decoded;
+  if (!decodeDownlink(message, decoded)) return {DownlinkVerdict::kBadPayload, {}};
+  if (!key_) {
+    // Nothing tells a true counter from a false one: only a frame's own echo is old.
+    if (heard_ && decoded.counter == counter_) return {DownlinkVerdict::kOld, {}};
+  } else {
+    if (!is_signed) return {DownlinkVerdict::kUnsigned, {}};
+    if (decoded.counter <= counter_) return {DownlinkVerdict::kOld, {}};
+    bad_signatures_.advance(now_ns);
+    if (!bad_signatures_.has(kBadCost)) return {DownlinkVerdict::kThrottled, {}};
+    if (!key_->verify(identity_, message, whole.payload.subspan(message.size()))) {
+      bad_signatures_.take(kBadCost);
+      return {DownlinkVerdict::kBadSignature, {}};
+    }
+  }
+  counter_ = decoded.counter;
+  heard_ = true;
+  Result result{DownlinkVerdict::kAccepted, decoded.content};
+  if (!key_ && result.content.request) {
+    result.content.request.reset();
+    result.verdict = DownlinkVerdict::kNoKey;
+  }
+  return result;
+}
+
+DownlinkReceiver::Result DownlinkReceiver::accept(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
+  Result result = judge(now_ns, frame);
+  ++counters_.verdicts[static_cast<std::size_t>(result.verdict)];
+  if (result.content.acknowledgement) ++counters_.acknowledgements;
+  if (result.content.fix) ++counters_.fixes;
+  if (result.content.request) {
+    last_request_id_ = result.content.request->id;
+    if (isRepetition(now_ns, *result.content.request)) {
+      ++counters_.repeated_requests;
+      result.content.request.reset();
+    } else {
+      ++counters_.requests;
+    }
+  }
+  return result;
+}
+
+}  // namespace fathom::telemetry

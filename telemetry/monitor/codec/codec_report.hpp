@@ -1,0 +1,60 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "telemetry/monitor/codec/codec_surface.hpp"
+#include "tests/bench/codec_peers/lattice.hpp"
+
+namespace fathom::monitor {
+
+// A surface through map packets and frames, and back from the frames.
+struct CodecFigures {
+  std::size_t bytes = 0;  // frames: headers, ids, sequence numbers and CRC included
+  std::size_t frames = 0;
+  std::size_t nodes = 0;  // heights sent
+  double area = 0;        // [m2]
+  double max_error = 0;   // of the heights decoded from the frames [m]
+  double rms_error = 0;   // [m]
+  double encode_ms = 0;   // all packets
+  double slowest_ms = 0;  // one packet
+  double decode_ms = 0;   // all packets
+  [[nodiscard]] double bytesPerArea() const { return static_cast<double>(bytes) / area; }
+  [[nodiscard]] double bitsPerNode() const {
+    return 8.0 * static_cast<double>(bytes) / static_cast<double>(nodes);
+  }
+};
+
+struct CodecSettings {
+  double max_error = 0.05;  // [m]
+  std::size_t frame = 256;  // largest frame [B]
+  int colour_bits = 0;      // of brightness
+};
+
+// Throws std::runtime_error if a node did not come back, which would be a fault of the codec.
+[[nodiscard]] CodecFigures sendSurface(const LatticeSurface& surface, const CodecSettings& settings);
+
+// Squares of side x side nodes, wholly seen, each sent by itself in as few frames as it needs.
+struct TileFigures {
+  int side = 0;
+  std::size_t tiles = 0;
+  double mean_bytes = 0;  // frames and all
+  std::size_t max_bytes = 0;
+  std::size_t in_one_frame = 0;  // tiles
+};
+[[nodiscard]] TileFigures sendTiles(const LatticeSurface& surface, int side, const CodecSettings& settings);
+
+// One error bound of the curve.
+struct CurvePoint {
+  double max_error = 0;  // [m]
+  double ours = 0;       // [B/m2]
+  std::vector<peers::PeerResult> peers;
+};
+
+[[nodiscard]] peers::Lattice toLattice(const LatticeSurface& surface);
+// Bytes a square metre over the error bound, as a picture (SVG), both axes logarithmic.
+[[nodiscard]] std::string drawCurve(const std::vector<CurvePoint>& points, double area,
+                                    const std::string& title);
+
+}  // namespace fathom::monitor

@@ -1,0 +1,80 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+
+#include "telemetry/monitor/map/received_map.hpp"
+#include "telemetry/monitor/model/coverage.hpp"
+#include "telemetry/monitor/model/link_history.hpp"
+#include "telemetry/monitor/model/request_ledger.hpp"
+#include "telemetry/ship/ship_link.hpp"
+#include "telemetry/tiles/tile_fragments.hpp"
+#include "telemetry/wire/mission_info.hpp"
+#include "telemetry/wire/status.hpp"
+#include "telemetry/wire/track.hpp"
+
+namespace fathom::monitor {
+
+// What the ship knows of a dive: status, track and map, from frames in any state. Sans-I/O; bounded whatever
+// arrives. Only whole frames of one vehicle and dive enter, each once.
+class MonitorModel {
+ public:
+  // `key`: signs what is said to the vehicle.
+  explicit MonitorModel(std::optional<telemetry::LinkIdentity> identity = std::nullopt,
+                        const std::optional<telemetry::DownlinkKey>& key = std::nullopt)
+      : link_(identity, key) {}
+
+  // Takes one frame as received at `utc_ns`; says what became of it.
+  telemetry::DecodedFrame accept(std::span<const std::uint8_t> bytes, std::int64_t utc_ns);
+
+  // Asks the vehicle for something at the ship's next turn; false: out of bounds, too much waits, or it is
+  // not known yet which vehicle to ask.
+  [[nodiscard]] bool ask(const telemetry::Request& request, std::int64_t utc_ns);
+  // Tells the vehicle a position at the ship's next turn.
+  [[nodiscard]] bool tellFix(const telemetry::UsblFixMessage& fix);
+  // The downlink frame to send now, 0 when there is none; see ShipLink.
+  [[nodiscard]] std::size_t speak(std::int64_t utc_ns, std::span<std::uint8_t> out);
+  [[nodiscard]] const RequestLedger& requests() const { return requests_; }
+  [[nodiscard]] const telemetry::ShipLink& link() const { return link_; }
+
+  // Grows with everything that changes what is to be shown.
+  [[nodiscard]] std::uint64_t version() const { return version_; }
+  [[nodiscard]] const telemetry::LinkReceiver& receiver() const { return link_.receiver(); }
+  [[nodiscard]] const std::optional<telemetry::Status>& status() const { return status_; }
+  [[nodiscard]] const std::optional<telemetry::MissionInfo>& mission() const { return mission_; }
+  [[nodiscard]] bool schemaDiffers() const;  // the sender's fields are not ours
+  [[nodiscard]] const ReceivedMap& map() const { return map_; }
+  [[nodiscard]] const telemetry::TileReassembler& reassembler() const { return reassembler_; }
+  // Track points by time, status positions included.
+  [[nodiscard]] const Track& track() const { return track_; }
+  [[nodiscard]] const LinkHistory& history() const { return history_; }
+  // Accepted frames by message type.
+  [[nodiscard]] std::uint64_t accepted(telemetry::MessageType type) const;
+  [[nodiscard]] std::optional<std::int64_t> lastAcceptedUtcNs() const { return last_accepted_utc_ns_; }
+  // Of now; computed anew when map or track have grown. One thread at a time.
+  [[nodiscard]] const Coverage& coverage(std::int64_t now_utc_ns) const;
+
+ private:
+  [[nodiscard]] bool take(telemetry::MessageType type, std::span<const std::uint8_t> payload,
+                          std::int64_t utc_ns);
+  void confirm(std::optional<std::uint8_t> request_id);  // it need not be said again
+  void addTrack(std::int64_t utc_ns, const TrackRecord& record);
+
+  static constexpr std::size_t kMaxTrack = 100'000;  // 5 h at 5 Hz; beyond, the oldest go
+
+  telemetry::ShipLink link_;
+  RequestLedger requests_;
+  telemetry::TileReassembler reassembler_;
+  ReceivedMap map_;
+  std::optional<telemetry::Status> status_;
+  std::optional<telemetry::MissionInfo> mission_;
+  Track track_;
+  LinkHistory history_;
+  std::optional<std::int64_t> last_accepted_utc_ns_;
+  std::uint64_t version_ = 0, track_version_ = 0;
+  mutable Coverage coverage_;
+  mutable std::uint64_t coverage_map_ = 0, coverage_track_ = 0;
+};
+
+}  // namespace fathom::monitor

@@ -1,0 +1,142 @@
+#include "telemetry/repair/repair_decoder.hpp"
+
+#include <isa-l/erasure_code.h>
+
+#include <algorithm>
+
+namespace fathom::telemetry {
+namespace {
+
+std::uint8_t coefficient(int row, int column) {
+  return gf_inv(static_cast<std::uint8_t>((kMaxGroup + row) ^ column));
+}
+
+// target += factor * source
+void addScaled(std::span<std::uint8_t> target, std::uint8_t factor, std::span<const std::uint8_t> source) {
+  for (std::size_t i = 0; i < source.size(); ++i)
+    target[i] = static_cast<std::uint8_t>(target[i] ^ gf_mul(factor, source[i]));
+}
+
+}  // namespace
+
+RepairDecoder::RepairDecoder() : frames_(kWindow), groups_(kGroups) {}
+
+void RepairDecoder::clear() {
+  for (Frame& f : frames_) f.held = false;
+  for (Group& g : groups_) g.used = false;
+}
+
+std::size_t RepairDecoder::memoryBytes() const {
+  return frames_.size() * sizeof(Frame) + groups_.size() * sizeof(Group);
+}
+
+const RepairDecoder::Frame* RepairDecoder::find(std::uint16_t sequence) const {
+  const Frame& f = frames_[sequence % kWindow];
+  return f.held && f.sequence == sequence ? &f : nullptr;
+}
+
+void RepairDecoder::source(std::uint16_t sequence, std::span<const std::uint8_t> payload, bool is_map) {
+  Frame& f = frames_[sequence % kWindow];
+  if (payload.size() > f.payload.size()) return;
+  f.held = true;
+  f.is_map = is_map;
+  f.sequence = sequence;
+  f.size = static_cast<std::uint8_t>(payload.size());
+  std::copy(payload.begin(), payload.end(), f.payload.begin());
+}
+
+RepairDecoder::Group& RepairDecoder::groupFor(std::uint16_t first, int k, std::size_t symbol_bytes) {
+  for (Group& g : groups_)
+    if (g.used && g.first == first && g.k == k && g.symbol_bytes == symbol_bytes) return g;
+  const auto rank = [](const Group& g) { return !g.used ? 0 : g.done ? 1 : 2; };
+  Group& g = *std::min_element(groups_.begin(), groups_.end(), [&](const Group& a, const Group& b) {
+    return rank(a) != rank(b) ? rank(a) < rank(b) : a.touched < b.touched;
+  });
+  if (g.used && !g.done) ++counters_.evicted;
+  g.used = true;
+  g.done = false;
+  g.first = first;
+  g.k = k;
+  g.rows = 0;
+  g.symbol_bytes = symbol_bytes;
+  g.seen.reset();
+  return g;
+}
+
+RepairDecoder::Taken RepairDecoder::repair(std::uint16_t first, std::span<const std::uint8_t> payload) {
+  if (payload.size() < kRepairHeadBytes + 2 || payload.size() > kRepairHeadBytes + kMaxSymbolBytes)
+    return Taken::kInvalid;
+  const int k = payload[0] + 1;
+  const std::size_t row = payload[1];
+  if (k > kMaxGroup || row >= kMaxRepairRows) return Taken::kInvalid;
+  const auto symbol = payload.subspan(kRepairHeadBytes);
+  Group& g = groupFor(first, k, symbol.size());
+  g.touched = ++clock_;
+  if (g.seen[row]) return Taken::kDuplicate;
+  g.seen[row] = true;
+  if (g.done || g.rows == k) return Taken::kTaken;
+  Row& r = g.row[static_cast<std::size_t>(g.rows++)];
+  r.row = static_cast<std::uint8_t>(row);
+  std::copy(symbol.begin(), symbol.end(), r.symbol.begin());
+  return Taken::kTaken;
+}
+
+RepairDecoder::Outcome RepairDecoder::solve(
+    Group& g, const std::function<void(std::uint16_t, std::span<const std::uint8_t>)>& give) {
+  std::array<int, kMaxGroup> missing;
+  std::size_t n = 0;
+  for (int j = 0; j < g.k; ++j)
+    if (find(static_cast<std::uint16_t>(g.first + j)) == nullptr) missing[n++] = j;
+  if (n == 0) return Outcome::kSolved;
+  if (static_cast<std::size_t>(g.rows) < n) return Outcome::kNotYet;
+
+  // Each row minus what is known of it; then the missing symbols from the square system that is left.
+  std::array<std::uint8_t, kMaxSymbolBytes> known;
+  const auto symbol = std::span(known).first(g.symbol_bytes);
+  for (int j = 0; j < g.k; ++j) {
+    const Frame* f = find(static_cast<std::uint16_t>(g.first + j));
+    if (f == nullptr || !f->is_map) continue;
+    if (!makeSymbol(std::span(f->payload).first(f->size), true, symbol)) return Outcome::kContradiction;
+    for (std::size_t r = 0; r < n; ++r) addScaled(g.row[r].symbol, coefficient(g.row[r].row, j), symbol);
+  }
+  std::array<std::uint8_t, kMaxGroup * kMaxGroup> matrix, inverse;
+  for (std::size_t r = 0; r < n; ++r)
+    for (std::size_t c = 0; c < n; ++c) matrix[r * n + c] = coefficient(g.row[r].row, missing[c]);
+  if (gf_invert_matrix(matrix.data(), inverse.data(), static_cast<int>(n)) != 0)
+    return Outcome::kContradiction;
+  // All are checked before the first is given.
+  std::array<std::uint8_t, kMaxGroup * kMaxSymbolBytes> solved{};
+  const auto member = [&](std::size_t c) {
+    return std::span(solved).subspan(c * g.symbol_bytes, g.symbol_bytes);
+  };
+  for (std::size_t c = 0; c < n; ++c) {
+    for (std::size_t r = 0; r < n; ++r)
+      addScaled(member(c), inverse[c * n + r], std::span(g.row[r].symbol).first(g.symbol_bytes));
+    const std::size_t size = member(c)[0];
+    if (size > g.symbol_bytes) return Outcome::kContradiction;
+    const auto padding = member(c).subspan(std::max<std::size_t>(size, 1));
+    if (std::any_of(padding.begin(), padding.end(), [](std::uint8_t byte) { return byte != 0; }))
+      return Outcome::kContradiction;
+  }
+  for (std::size_t c = 0; c < n; ++c)
+    if (const std::size_t size = member(c)[0]; size > 0)
+      give(static_cast<std::uint16_t>(g.first + missing[c]), member(c).subspan(1, size - 1));
+  return Outcome::kSolved;
+}
+
+void RepairDecoder::solve(const std::function<void(std::uint16_t, std::span<const std::uint8_t>)>& give) {
+  for (Group& g : groups_) {
+    if (!g.used || g.done) continue;
+    std::uint64_t given = 0;
+    const Outcome outcome = solve(g, [&](std::uint16_t sequence, std::span<const std::uint8_t> payload) {
+      source(sequence, payload, true);
+      give(sequence, payload);
+      ++given;
+    });
+    g.done = outcome != Outcome::kNotYet;
+    counters_.solved += outcome == Outcome::kSolved && given > 0 ? 1 : 0;
+    counters_.contradicted += outcome == Outcome::kContradiction ? 1 : 0;
+  }
+}
+
+}  // namespace fathom::telemetry

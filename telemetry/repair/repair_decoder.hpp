@@ -1,0 +1,76 @@
+#pragma once
+
+#include <array>
+#include <bitset>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "telemetry/repair/repair_symbol.hpp"
+
+namespace fathom::telemetry {
+
+// Gives back lost map packets from repair frames (repair_symbol.hpp). Keeps the last kWindow frames and a few
+// groups' repair frames; what does not fit gives way, the oldest first. Bytes may be anything that passed a
+// frame's CRC. Nothing is allocated after construction; one solve() works on at most kMaxGroup unknowns.
+class RepairDecoder {
+ public:
+  static constexpr int kWindow = 512;  // frames
+  static constexpr int kGroups = 8;
+
+  RepairDecoder();
+  void clear();
+
+  // A frame with a sequence number that arrived; `is_map`: a map packet, else its payload does not matter.
+  // Newer frames push older ones out of the window.
+  void source(std::uint16_t sequence, std::span<const std::uint8_t> payload, bool is_map);
+  enum class Taken { kTaken, kDuplicate, kInvalid };
+  // A repair frame's payload; `first`: the sequence number in its header.
+  Taken repair(std::uint16_t first, std::span<const std::uint8_t> payload);
+
+  // Solves every group that can be solved now and calls `give` for every map packet that was missing.
+  void solve(const std::function<void(std::uint16_t sequence, std::span<const std::uint8_t> payload)>& give);
+
+  struct Counters {
+    std::uint64_t solved = 0;        // groups with something missing
+    std::uint64_t evicted = 0;       // groups that gave way unsolved
+    std::uint64_t contradicted = 0;  // groups whose frames cannot belong together
+  };
+  [[nodiscard]] const Counters& counters() const { return counters_; }
+  [[nodiscard]] std::size_t memoryBytes() const;
+
+ private:
+  struct Frame {
+    bool held = false, is_map = false;
+    std::uint16_t sequence = 0;
+    std::uint8_t size = 0;
+    std::array<std::uint8_t, kMaxFrameBytes - kFrameOverhead> payload{};
+  };
+  struct Row {
+    std::uint8_t row = 0;
+    std::array<std::uint8_t, kMaxSymbolBytes> symbol{};
+  };
+  struct Group {
+    bool used = false, done = false;
+    std::uint16_t first = 0;
+    int k = 0, rows = 0;
+    std::size_t symbol_bytes = 0;
+    std::uint64_t touched = 0;
+    std::bitset<kMaxRepairRows> seen;
+    std::array<Row, kMaxGroup> row{};
+  };
+  enum class Outcome { kNotYet, kSolved, kContradiction };
+
+  [[nodiscard]] const Frame* find(std::uint16_t sequence) const;
+  Group& groupFor(std::uint16_t first, int k, std::size_t symbol_bytes);
+  Outcome solve(Group& group, const std::function<void(std::uint16_t, std::span<const std::uint8_t>)>& give);
+
+  std::vector<Frame> frames_;  // by sequence % kWindow
+  std::vector<Group> groups_;
+  std::uint64_t clock_ = 0;
+  Counters counters_;
+};
+
+}  // namespace fathom::telemetry

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "realtime/kernel/state_archive_fwd.hpp"
+#include "telemetry/repair/repair_symbol.hpp"
+
+namespace fathom::telemetry {
+
+// Repair frames for a group of k members so that all of it is known with probability 0.99 when each frame is
+// lost with probability `loss`, in bursts of `burst` frames in the mean (1 / (1 - loss): independently).
+// Normal approximation of what arrives; the variance of a Gilbert-Elliott channel is (1 + c) / (1 - c) times
+// that of independent losses, c = 1 - 1 / burst - loss / (burst (1 - loss)).
+[[nodiscard]] int repairRows(int k, double loss, double burst);
+
+// Makes repair frames (repair_symbol.hpp) for frames that nobody acknowledges. Frames form groups in the
+// order in which they are sent; the repair frames of a closed group are spread over the time in which the
+// next one is sent, taking turns with those of other groups, so that a burst takes little of any one.
+// Bounded: when kGroups are waiting the oldest gives way. Nothing is allocated after construction.
+class RepairEncoder {
+ public:
+  static constexpr int kGroups = 4;
+
+  RepairEncoder();
+
+  // A frame went out; every sequence number in turn. `loss`, `burst`: as expected now.
+  void source(std::uint16_t sequence, std::span<const std::uint8_t> payload, bool is_map, double loss,
+              double burst);
+  // The frames pause: closes the group that is open.
+  void close(double loss, double burst);
+  // Everything is known to have arrived, or will be sent again by itself.
+  void clear();
+
+  // Whether a repair frame should go before the next frame.
+  [[nodiscard]] bool due() const { return pending_ > 0 && credit_ >= 1; }
+  [[nodiscard]] bool pending() const { return pending_ > 0; }
+  [[nodiscard]] bool open() const { return open_.k > 0; }
+  // The next repair frame's payload and the sequence number for its header; 0 if none is pending.
+  [[nodiscard]] std::size_t next(std::span<std::uint8_t> out, std::uint16_t& first);
+  [[nodiscard]] std::size_t memoryBytes() const;
+
+  // In link_state.cpp, bit by bit.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
+ private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
+  struct Group {
+    std::uint16_t first = 0;
+    int k = 0, rows = 0, wanted = 0;  // wanted: rows to be sent in all
+    bool has_map = false;
+    std::size_t symbol_bytes = 0;
+    std::array<std::array<std::uint8_t, kMaxSymbolBytes>, kMaxGroup> symbol{};
+  };
+
+  Group open_;
+  std::vector<Group> closed_;  // kGroups, used where rows < wanted
+  std::size_t turn_ = 0;
+  int pending_ = 0;                 // rows of closed groups
+  double credit_ = 0, spread_ = 0;  // repair frames due; and gained by each frame
+};
+
+}  // namespace fathom::telemetry

@@ -1,0 +1,47 @@
+#include "telemetry/ship/ship_link.hpp"
+
+#include <cmath>
+
+namespace fathom::telemetry {
+namespace {
+
+bool passed(const std::optional<std::int64_t>& since_ns, std::int64_t now_ns, double seconds) {
+  return since_ns && static_cast<double>(now_ns - *since_ns) >= seconds * 1e9;
+}
+
+}  // namespace
+
+ShipLink::ShipLink(const std::optional<LinkIdentity>& identity, const std::optional<DownlinkKey>& key,
+                   const ShipLinkConfig& config)
+    : key_(key), config_(config), receiver_(identity) {
+  if (identity) meet(*identity);
+}
+
+void ShipLink::meet(const LinkIdentity& identity) {
+  if (!sender_) sender_.emplace(identity, key_, config_.frame_bytes);
+}
+
+DecodedFrame ShipLink::accept(std::int64_t now_ns, std::span<const std::uint8_t> frame,
+                              const LinkReceiver::Deliver& deliver) {
+  const DecodedFrame decoded = receiver_.accept(frame, deliver);
+  if (decoded.verdict != FrameVerdict::kAccepted) return decoded;
+  meet(*receiver_.identity());
+  quiet_ns_ = now_ns;
+  turn_ns_ = receiver_.turn() ? std::optional(now_ns) : std::nullopt;
+  return decoded;
+}
+
+std::size_t ShipLink::nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out) {
+  if (!sender_) return 0;
+  if (!quiet_ns_) quiet_ns_ = now_ns;
+  if (passed(turn_ns_, now_ns, config_.turn_s)) turn_ns_.reset();
+  if (!turn_ns_ && !passed(quiet_ns_, now_ns, config_.silence_s)) return 0;
+  sender_->acknowledge(receiver_.acknowledgement());
+  const std::size_t size = sender_->nextFrame(now_ns, out);
+  if (size == 0) return 0;
+  turn_ns_.reset();
+  quiet_ns_ = now_ns;
+  return size;
+}
+
+}  // namespace fathom::telemetry

@@ -1,0 +1,50 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+
+#include "telemetry/downlink/downlink.hpp"
+#include "telemetry/ship/link_receiver.hpp"
+
+namespace fathom::telemetry {
+
+struct ShipLinkConfig {
+  std::size_t frame_bytes = kMinFrameBytes;  // of the downlink's frames, 32 to 256
+  double turn_s = 1;      // a turn not used for so long is over: the vehicle will speak again [s]
+  double silence_s = 60;  // without a word from the vehicle the ship speaks this often unasked [s]
+};
+
+// The ship's end of the link in both directions: LinkReceiver hears, DownlinkSender speaks, and this takes
+// turns between them. The ship speaks after a frame that gives it the turn, or after a long silence (the
+// vehicle may have been told to pause, or its turns may all have been lost). Sans-I/O; no clocks.
+class ShipLink {
+ public:
+  ShipLink(const std::optional<LinkIdentity>& identity, const std::optional<DownlinkKey>& key,
+           const ShipLinkConfig& config = {});
+
+  // Takes one frame that arrived now; see LinkReceiver::accept.
+  DecodedFrame accept(std::int64_t now_ns, std::span<const std::uint8_t> frame,
+                      const LinkReceiver::Deliver& deliver);
+  // The frame to send now (out: at least frame_bytes); 0 when it is not the ship's turn or there is nothing
+  // to say. `now_ns` is UTC.
+  [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out);
+
+  // What to say; see DownlinkSender. Null until it is known which vehicle to speak to.
+  [[nodiscard]] DownlinkSender* sender() { return sender_ ? &*sender_ : nullptr; }
+  [[nodiscard]] const DownlinkSender* sender() const { return sender_ ? &*sender_ : nullptr; }
+  [[nodiscard]] const LinkReceiver& receiver() const { return receiver_; }
+
+ private:
+  void meet(const LinkIdentity& identity);
+
+  std::optional<DownlinkKey> key_;
+  ShipLinkConfig config_;
+  LinkReceiver receiver_;
+  std::optional<DownlinkSender> sender_;
+  std::optional<std::int64_t> turn_ns_;   // since when it is the ship's turn
+  std::optional<std::int64_t> quiet_ns_;  // since when nobody has spoken
+};
+
+}  // namespace fathom::telemetry

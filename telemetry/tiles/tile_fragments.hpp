@@ -1,0 +1,94 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "telemetry/tiles/tile_codec.hpp"
+#include "telemetry/wire/frame.hpp"
+
+namespace fathom::telemetry {
+
+// Which encoding of which tile a fragment belongs to.
+struct TileId {
+  std::int32_t north_index = 0, east_index = 0;
+  int level = 0;               // 0 to 15
+  std::uint16_t revision = 0;  // the lower kRevisionBits of HeightTile::revision
+  int stride = 1;              // 1, 2, 4 or 8
+  friend bool operator==(const TileId&, const TileId&) = default;
+  [[nodiscard]] bool sameTile(const TileId& o) const {
+    return north_index == o.north_index && east_index == o.east_index && level == o.level;
+  }
+};
+
+// A fragment's payload: 8 bytes (u4 level, s15 north index, s15 east index, u14 revision, u2 stride, u7
+// fragment, u7 number of fragments) and a piece of the encoded tile. Every piece but the last has the same
+// length.
+inline constexpr std::size_t kFragmentHeaderBytes = 8;
+inline constexpr int kMaxFragments = 127;
+inline constexpr unsigned kRevisionBits = 14;
+inline constexpr std::size_t kMaxPieceBytes = kMaxFrameBytes - kFrameOverhead - kFragmentHeaderBytes;
+
+struct TileFragment {
+  TileId id;
+  int index = 0, count = 0;
+  std::span<const std::uint8_t> piece;
+};
+
+// The id under which a tile travels; false if its indices or level do not fit.
+[[nodiscard]] bool makeTileId(const HeightTile& tile, int stride, TileId& id);
+// Fragments needed for `tile_bytes` in frames of `frame_bytes`.
+[[nodiscard]] int fragmentCount(std::size_t tile_bytes, std::size_t frame_bytes);
+// The fragment `index` of an encoded tile as a frame's payload; returns its size, 0 if `out` is too small.
+[[nodiscard]] std::size_t encodeFragment(const TileId& id, std::span<const std::uint8_t> tile, int index,
+                                         std::size_t frame_bytes, std::span<std::uint8_t> out);
+[[nodiscard]] bool decodeFragment(std::span<const std::uint8_t> payload, TileFragment& out);
+
+// True if revision a is newer than b (serial numbers that wrap, RFC 1982).
+[[nodiscard]] bool newerRevision(std::uint16_t a, std::uint16_t b);
+
+// Puts tiles together from fragments that come in any order, repeated or not at all. A fixed number of tiles
+// may be open; the one that has waited longest for a fragment gives way and is counted. A newer revision
+// drops the open older ones of the same tile and stride.
+class TileReassembler {
+ public:
+  explicit TileReassembler(int open_tiles = 64);
+
+  // Takes a fragment's payload. True when it completed a tile, now in `out`.
+  bool accept(std::span<const std::uint8_t> payload, DecodedTile& out);
+
+  struct Counters {
+    std::uint64_t fragments = 0;    // valid ones
+    std::uint64_t invalid = 0;      // not a fragment
+    std::uint64_t repeated = 0;     // held already, or of a tile just completed
+    std::uint64_t conflicting = 0;  // count or length disagree with the tile's other fragments
+    std::uint64_t completed = 0;
+    std::uint64_t undecodable = 0;  // complete, but not a tile
+    std::uint64_t superseded = 0;   // dropped for a newer revision
+    std::uint64_t evicted = 0;      // dropped because too many tiles were open
+  };
+  [[nodiscard]] const Counters& counters() const { return counters_; }
+  [[nodiscard]] int open() const;
+
+ private:
+  struct Slot {
+    bool used = false, finished = false;  // finished: kept to recognise repeats
+    TileId id;
+    int count = 0, have = 0;
+    std::uint64_t touched = 0;
+    std::array<bool, kMaxFragments> present{};
+    std::array<std::uint8_t, kMaxFragments> length{};
+    std::array<std::uint8_t, kMaxFragments * kMaxPieceBytes> bytes{};
+  };
+  Slot& slotFor(const TileFragment& fragment);
+  [[nodiscard]] bool assemble(Slot& slot, DecodedTile& out);
+
+  std::vector<Slot> slots_;
+  std::uint64_t clock_ = 0;  // fragments taken
+  Counters counters_;
+};
+
+}  // namespace fathom::telemetry

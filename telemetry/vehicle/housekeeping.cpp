@@ -1,0 +1,116 @@
+#include "telemetry/vehicle/housekeeping.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace fathom::telemetry {
+namespace {
+
+constexpr double kTrackGoal = 0.99;       // probability that a track point arrives
+constexpr unsigned kTrackHeadBits = 100;  // the newest point, count and width
+constexpr unsigned kTrackStepBits = 40;   // of a usual older point: 10 for time, 3 x 10 for up to 51 m of way
+constexpr std::size_t kLeastTrackPoints = 4;  // with fewer, status messages say the same for less
+
+std::int64_t nanoseconds(double seconds) {
+  return std::llround(seconds * 1e9);
+}
+
+void require(bool good, const char* what) {
+  if (!good) throw std::invalid_argument(what);
+}
+
+}  // namespace
+
+int repeatsForGoal(double loss, double goal) {
+  if (loss <= 0) return 1;
+  return std::max(1, static_cast<int>(std::ceil(std::log1p(-goal) / std::log(loss) - 1e-9)));
+}
+
+void HousekeepingConfig::validate() const {
+  require(share >= 0.01 && share <= 1, "housekeeping_share is outside 0.01 to 1");
+  require(status_period_s >= 0.1 && status_period_s <= 3600, "status_period_s is outside 0.1 to 3600 s");
+  require(mission_info_period_s >= 1 && mission_info_period_s <= 36000,
+          "mission_info_period_s is outside 1 to 36000 s");
+  require(track_interval_s >= 0.1 && track_interval_s <= 600, "track_interval_s is outside 0.1 to 600 s");
+  require(track_points >= 2 && track_points <= static_cast<int>(kMaxTrackPoints),
+          "track_points is outside 2 to 63");
+}
+
+Housekeeping::Housekeeping(const HousekeepingConfig& config, int frame_bytes, double loss)
+    : config_((config.validate(), config)),
+      room_(static_cast<std::size_t>(frame_bytes) - kFrameOverhead),
+      loss_(loss) {}
+
+// Periods as configured, or all stretched by one factor so that housekeeping keeps to its share of the rate.
+void Housekeeping::plan(double rate_bps) {
+  const std::size_t room_bits = room_ * 8;
+  const std::size_t fit = 1 + (room_bits - std::min<std::size_t>(room_bits, kTrackHeadBits)) / kTrackStepBits;
+  const std::size_t points = std::min(fit, static_cast<std::size_t>(config_.track_points));
+  const bool has_track = points >= kLeastTrackPoints;
+  const double overhead = static_cast<double>(kFrameOverhead);
+  const double status_bytes = kStatusBytes + overhead;
+  const double track_bytes =
+      overhead + (kTrackHeadBits + static_cast<double>(points - 1) * kTrackStepBits) / 8;
+  const double info_bytes = overhead + static_cast<double>(std::min(room_, kMaxNameBytes));
+  // Every point must travel so often that it arrives; twice at least, for a loss rate that was set too low.
+  const int repeats = std::max(2, repeatsForGoal(loss_, kTrackGoal));
+  const double track_period =
+      std::max(1.0, std::floor(static_cast<double>(points) / repeats)) * config_.track_interval_s;
+
+  const double bits_per_s =
+      8 * (status_bytes / config_.status_period_s + (has_track ? track_bytes / track_period : 0) +
+           info_bytes / config_.mission_info_period_s);
+  stretch_ = std::max(1.0, bits_per_s / (config_.share * rate_bps));
+  track_capacity_ = has_track ? points : 0;
+  track_size_ = std::min(track_size_, track_capacity_);
+  track_interval_ns_ = nanoseconds(stretch_ * config_.track_interval_s);
+  status_timer_.period_ns = nanoseconds(stretch_ * config_.status_period_s);
+  track_timer_.period_ns = nanoseconds(stretch_ * track_period);
+  info_timer_.period_ns = nanoseconds(stretch_ * config_.mission_info_period_s);
+}
+
+void Housekeeping::setStatus(const Status& s) {
+  status_ = s;
+  if (track_capacity_ == 0) return;
+  if (track_size_ > 0 && s.utc_ns < track_[track_size_ - 1].utc_ns)
+    track_size_ = 0;  // the clock was set back
+  if (track_size_ > 0 && s.utc_ns - track_[track_size_ - 1].utc_ns < track_interval_ns_) return;
+  if (track_size_ == track_capacity_) {
+    std::move(track_.begin() + 1, track_.begin() + static_cast<std::ptrdiff_t>(track_size_), track_.begin());
+    --track_size_;
+  }
+  track_[track_size_++] = {s.utc_ns, s.north, s.east, s.depth};
+}
+
+std::size_t Housekeeping::status(std::int64_t now_ns, std::span<std::uint8_t> out) {
+  if (!status_) return 0;
+  status_timer_.done(now_ns);
+  return encodeStatus(*status_, out.first(std::min(out.size(), room_)));
+}
+
+std::size_t Housekeeping::spareStatus(std::int64_t now_ns, std::span<std::uint8_t> out) {
+  const std::int64_t sent_ns = status_timer_.next_ns - status_timer_.period_ns;
+  return now_ns - sent_ns >= nanoseconds(config_.status_period_s) ? status(now_ns, out) : 0;
+}
+
+std::size_t Housekeeping::next(std::int64_t now_ns, std::span<std::uint8_t> out, MessageType& type) {
+  out = out.first(std::min(out.size(), room_));
+  if (status_ && status_timer_.due(now_ns)) {
+    type = MessageType::kStatus;
+    return status(now_ns, out);
+  }
+  if (info_ && info_timer_.due(now_ns)) {
+    info_timer_.done(now_ns);
+    type = MessageType::kMissionInfo;
+    return encodeMissionInfo(*info_, out);
+  }
+  if (track_size_ > 0 && track_timer_.due(now_ns)) {
+    track_timer_.done(now_ns);
+    type = MessageType::kTrack;
+    return encodeTrack(std::span(track_).first(track_size_), out);
+  }
+  return 0;
+}
+
+}  // namespace fathom::telemetry

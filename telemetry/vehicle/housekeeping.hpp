@@ -1,0 +1,78 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+
+#include "realtime/kernel/state_archive_fwd.hpp"
+#include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/mission_info.hpp"
+#include "telemetry/wire/status.hpp"
+#include "telemetry/wire/track.hpp"
+
+namespace fathom::telemetry {
+
+struct HousekeepingConfig {
+  double share = 0.05;  // of the rate; the periods stretch to keep it
+  double status_period_s = 10;
+  double mission_info_period_s = 120;
+  double track_interval_s = 5;  // between points of the track
+  int track_points = 24;        // a track message carries this many of the last points
+
+  void validate() const;  // throws std::invalid_argument naming the value
+};
+
+// Status, mission info and track, and when each is due. Where a frame has room for no more than a few track
+// points, status messages make the track alone.
+class Housekeeping {
+ public:
+  Housekeeping(const HousekeepingConfig& config, int frame_bytes, double loss);
+  // At another rate the periods are other ones.
+  void plan(double rate_bps);
+
+  void setStatus(const Status& status);
+  void setMissionInfo(const MissionInfo& info) { info_ = info; }
+  void sendStatusNow() { status_timer_.next_ns = 0; }
+
+  // The payload of the message that is due, 0 for none.
+  [[nodiscard]] std::size_t next(std::int64_t now_ns, std::span<std::uint8_t> out, MessageType& type);
+  // While the link has nothing else to send: the status at its own period, not the stretched one; 0 for none.
+  [[nodiscard]] std::size_t spareStatus(std::int64_t now_ns, std::span<std::uint8_t> out);
+
+  [[nodiscard]] double stretch() const { return stretch_; }  // factor on the periods
+
+  // In link_state.cpp: bit by bit, but for mission info; into one that has planned for the same rate.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
+ private:
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
+  struct Timer {
+    std::int64_t period_ns = 0;
+    std::int64_t next_ns = 0;
+    [[nodiscard]] bool due(std::int64_t now_ns) const { return now_ns >= next_ns; }
+    void done(std::int64_t now_ns) { next_ns = now_ns + period_ns; }
+  };
+
+  HousekeepingConfig config_;
+  std::size_t room_;  // payload of a frame [B]
+  double loss_;
+  std::optional<Status> status_;
+  std::optional<MissionInfo> info_;
+  std::array<TrackPoint, kMaxTrackPoints> track_{};  // oldest first
+  std::size_t track_size_ = 0, track_capacity_ = 0;  // capacity 0: no track messages
+  std::int64_t track_interval_ns_ = 0;
+  [[nodiscard]] std::size_t status(std::int64_t now_ns, std::span<std::uint8_t> out);
+
+  Timer status_timer_, info_timer_, track_timer_;
+  double stretch_ = 1;
+};
+
+// How often a message must be sent so that it arrives with probability >= goal when each is lost with
+// probability `loss`: the least n with 1 - loss^n >= goal.
+[[nodiscard]] int repeatsForGoal(double loss, double goal);
+
+}  // namespace fathom::telemetry

@@ -1,0 +1,353 @@
+#include "telemetry/vehicle/link_scheduler.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <stdexcept>
+
+#include "telemetry/vehicle/link_scheduler_impl.hpp"
+
+namespace fathom::telemetry {
+namespace {
+
+// A caller that asks late still gets the whole rate: the bucket holds two frames, or a second's worth.
+constexpr int kBucketFrames = 2;
+constexpr double kBucketSeconds = 1;
+constexpr std::size_t kDownlinkBytes = 48;  // of a usual frame of the ship, where frames are that long
+constexpr double kTurnMargin_s = 0.5;       // for the ship to answer
+constexpr double kRepeatGoal = 0.95;        // probability that a block has arrived after its repeats
+constexpr double kRepeatFrames = 2;         // between repeats: a short burst does not take both
+constexpr double kListenShare = 0.2;        // of the time, by rule
+constexpr int kMaxTurnFrames = static_cast<int>(Acknowledgement::kMaxReach) / 2;
+constexpr int kMaxMapColourBits = 6;
+constexpr double kMinRequestedRate = 80, kMaxRequestedRate = 1e5;  // [bit/s]
+// A block that does not fit a frame alone is tried without colour, then with up to 16 times the error.
+constexpr int kCoarserTries = 5;
+
+std::int64_t nanoseconds(double seconds) {
+  return std::llround(seconds * 1e9);
+}
+
+void require(bool good, const char* what) {
+  if (!good) throw std::invalid_argument(what);
+}
+
+double listenSeconds(const LinkSchedulerConfig& c) {
+  if (c.listen_s > 0) return c.listen_s;
+  const auto bytes = std::min(static_cast<std::size_t>(c.frame_bytes), kDownlinkBytes);
+  return 2 * c.max_delay_s + static_cast<double>(bytes) * 8 / c.rate_bps + kTurnMargin_s;
+}
+
+double listenEvery(const LinkSchedulerConfig& c) {
+  if (!c.half_duplex) return 0;
+  if (c.listen_every_s > 0) return c.listen_every_s;
+  return listenSeconds(c) / kListenShare;
+}
+
+}  // namespace
+
+std::size_t linkBucketBits(const LinkSchedulerConfig& config) {
+  return std::max(static_cast<std::size_t>(kBucketFrames * config.frame_bytes) * 8,
+                  static_cast<std::size_t>(kBucketSeconds * config.rate_bps));
+}
+
+void LinkSchedulerConfig::validate() const {
+  require(rate_bps >= 10 && rate_bps <= 1e6, "rate_bps is outside 10 to 1e6 bit/s");
+  require(frame_bytes >= static_cast<int>(kMinFrameBytes) && frame_bytes <= static_cast<int>(kMaxFrameBytes),
+          "frame_bytes is outside 32 to 256");
+  require(duty >= 0.05 && duty <= 1, "duty is outside 0.05 to 1");
+  require(loss_rate >= 0 && loss_rate <= 0.9, "loss_rate is outside 0 to 0.9");
+  require(mean_burst >= 0 && mean_burst <= 100, "mean_burst is outside 0 to 100 frames");
+  require(listen_every_s >= 0 && listen_every_s <= 3600, "listen_every_s is outside 0 to 3600 s");
+  require(listen_every_frames >= 0 && listen_every_frames <= 256, "listen_every_frames is outside 0 to 256");
+  require(listen_s >= 0 && listen_s <= 60, "listen_s is outside 0 to 60 s");
+  require(max_delay_s >= 0 && max_delay_s <= 30, "max_delay_s is outside 0 to 30 s");
+  require(fast_rate_bps >= 0, "fast_rate_bps is negative");
+  require(colour_bits >= 0 && colour_bits <= kMaxMapColourBits, "colour_bits is outside 0 to 6");
+  housekeeping.validate();
+  blocks.validate();
+}
+
+LinkScheduler::Impl::Impl(const LinkSchedulerConfig& c)
+    : config((c.validate(), c)),
+      bucket(c.rate_bps * c.duty, linkBucketBits(c), static_cast<std::size_t>(c.frame_bytes) * 8),
+      queue(c.blocks),
+      sent(listenSeconds(c), c.loss_rate, c.mean_burst),
+      housekeeping(c.housekeeping, c.frame_bytes, c.loss_rate),
+      turns(listenEvery(c), listenSeconds(c)),
+      tiles(static_cast<std::size_t>(c.frame_bytes)) {
+  if (config.listen_every_frames == 0) config.listen_every_frames = kMaxTurnFrames;
+  housekeeping.plan(c.rate_bps * c.duty);
+  sent.onForgotten([this](std::span<const BlockRef> blocks) {
+    for (const BlockRef& b : blocks) {
+      if (turns.everAnswered())
+        queue.lost(b);
+      else
+        (void)queue.delivered(b);
+    }
+  });
+}
+
+void LinkScheduler::Impl::setRate(double rate_bps) {
+  config.rate_bps = std::clamp(rate_bps, kMinRequestedRate, kMaxRequestedRate);
+  applyRate();
+}
+
+void LinkScheduler::Impl::applyRate() {
+  bucket = TokenBucket(config.rate_bps * config.duty, linkBucketBits(config),
+                       static_cast<std::size_t>(config.frame_bytes) * 8);
+  bucket.advance(now);
+  housekeeping.plan(config.rate_bps * config.duty);
+  turns.setIntervals(listenEvery(config), listenSeconds(config));
+}
+
+std::size_t LinkScheduler::Impl::repairFrame() {
+  const std::size_t size = repair.next(std::span(payload).first(payloadRoom()), frame_sequence);
+  if (size == 0) return 0;
+  type = MessageType::kRepair;
+  ++counters.repair_frames;
+  return size;
+}
+
+std::size_t LinkScheduler::Impl::mapPacket() {
+  // Spare time and room go to what has no word yet; blind, repair frames do that better.
+  const double frame_s = static_cast<double>(config.frame_bytes) * 8 / config.rate_bps;
+  queue.repeat(blind() || !turns.enabled() ? 1 : repeatsForGoal(sent.loss(), kRepeatGoal),
+               std::max(kRepeatFrames * frame_s, 1.0));
+  // Blind, a packet leaves room for the head of the frame that may repair it.
+  const std::size_t room = payloadRoom() - (blind() ? kRepairMargin : 0);
+  const auto out = std::span(payload).first(room);
+  // A block takes a byte at the very least.
+  while (queue.gather(now, room, batch)) {
+    const std::span<const MapBlock> blocks = std::span(batch.blocks).first(batch.size);
+    MapPacketEncoder::Result result;
+    double error = batch.max_error;
+    for (int k = 0; k <= kCoarserTries && result.bytes == 0; ++k) {
+      if (k > 1) error *= 2;
+      result = encoder.encode(blocks, {error, k == 0 ? config.colour_bits : 0}, out, decoded);
+      if (k > 0 && result.bytes > 0) ++counters.coarsened_packets;
+    }
+    if (result.bytes == 0) {
+      queue.unsendable(batch);
+      continue;
+    }
+    batch_sent = result.blocks;
+    queue.sent(batch, result.blocks, decoded, error > batch.max_error);
+    type = MessageType::kMapPacket;
+    ++counters.map_frames;
+    counters.map_bytes += result.bytes + kFrameOverhead;
+    return result.bytes;
+  }
+  return 0;
+}
+
+// Nothing is left but frames without word: the oldest of them goes again, to have something that can carry
+// the turn, and more likely than not the ship lacks it.
+std::size_t LinkScheduler::Impl::probe() {
+  if (!turns.everAnswered() || !turns.due(std::max(busy_until, now), true) || !queue.doubt()) return 0;
+  return mapPacket();
+}
+
+// The payload of the frame that should go now, 0 for none; sets type and frame_sequence.
+std::size_t LinkScheduler::Impl::choose() {
+  batch_sent = 0;
+  frame_sequence = sequence;
+  if (const std::size_t size = housekeeping.next(now, payload, type)) {
+    ++(type == MessageType::kStatus        ? counters.status_frames
+       : type == MessageType::kMissionInfo ? counters.info_frames
+                                           : counters.track_frames);
+    return size;
+  }
+  if (!blind()) repair.clear();
+  if (repair.due())
+    if (const std::size_t size = repairFrame()) return size;
+  if (paused) return 0;
+  if (const std::size_t size = mapPacket()) return size;
+  if (const std::size_t size = tiles.next(std::span(payload).first(payloadRoom()))) {
+    type = MessageType::kTileFragment;
+    ++counters.tile_frames;
+    return size;
+  }
+  if (const std::size_t size = housekeeping.spareStatus(now, payload)) {
+    type = MessageType::kStatus;
+    ++counters.status_frames;
+    return size;
+  }
+  if (repair.open()) repair.close(sent.loss(), sent.burst());
+  if (const std::size_t size = repairFrame()) return size;
+  return probe();
+}
+
+// Whether the frame just made, gone at left_ns, is the last before the vehicle listens.
+bool LinkScheduler::Impl::turnAfter(std::int64_t left_ns) {
+  const bool idle = !repair.pending() && (paused || !queue.ready(now)) && queue.census().in_flight > 0;
+  return turns.due(left_ns, idle) ||
+         (turns.enabled() && turns.answered() && frames_since_turn >= config.listen_every_frames);
+}
+
+LinkScheduler::LinkScheduler(const LinkSchedulerConfig& config) : impl_(std::make_unique<Impl>(config)) {}
+LinkScheduler::~LinkScheduler() = default;
+
+void LinkScheduler::setStatus(const Status& status) {
+  impl_->housekeeping.setStatus(status);
+}
+
+void LinkScheduler::setMissionInfo(const MissionInfo& info) {
+  impl_->housekeeping.setMissionInfo(info);
+}
+
+void LinkScheduler::offer(const HeightTile& tile, std::int64_t now_ns) {
+  impl_->queue.offer(tile, impl_->config.blocks.max_error, now_ns);
+}
+
+void LinkScheduler::heard(std::int64_t now_ns) {
+  impl_->turns.heard(now_ns);
+}
+
+void LinkScheduler::acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns,
+                                const std::function<void(const BlockQueue::Whole&)>& on_whole) {
+  Impl& s = *impl_;
+  s.sent.acknowledge(acknowledgement, now_ns, [&](std::span<const BlockRef> blocks, bool arrived) {
+    for (const BlockRef& b : blocks) {
+      if (!arrived) {
+        s.queue.lost(b);
+      } else if (const auto whole = s.queue.delivered(b); whole && on_whole) {
+        on_whole(*whole);
+      }
+    }
+  });
+  s.turns.heard(now_ns);
+}
+
+void LinkScheduler::request(const Request& r, std::int64_t now_ns) {
+  Impl& s = *impl_;
+  s.now = std::max(s.now, now_ns);
+  s.turns.heard(now_ns);
+  if (!validate(r)) {
+    ++s.counters.requests_refused;
+    return;
+  }
+  ++s.counters.requests;
+  switch (r.kind) {
+    case Request::Kind::kRate:
+      s.setRate(r.rate_bps);
+      return;
+    case Request::Kind::kPauseMap:
+    case Request::Kind::kResumeMap:
+      s.paused = r.kind == Request::Kind::kPauseMap;
+      return;
+    case Request::Kind::kSendStatus:
+      s.housekeeping.sendStatusNow();
+      return;
+    case Request::Kind::kDetail:
+      if (s.detail_count == Impl::kMaxDetails) {
+        ++s.counters.requests_refused;
+        return;
+      }
+      s.details[s.detail_count++] = {r.north_min, r.north_max, r.east_min,
+                                     r.east_max,  r.spacing,   r.max_error};
+      return;
+  }
+}
+
+const LinkScheduler::Detail* LinkScheduler::detail() const {
+  return impl_->detail_count > 0 ? &impl_->details[0] : nullptr;
+}
+
+bool LinkScheduler::offerDetail(const HeightTile& tile, std::int64_t now_ns) {
+  Impl& s = *impl_;
+  if (s.detail_count == 0) return false;
+  const double max_error = s.details[0].max_error;
+  if (s.config.rate_bps * s.config.duty >= s.config.fast_rate_bps)
+    return s.tiles.offer(tile, max_error, s.config.colour_bits);
+  s.queue.offer(tile, max_error, now_ns);
+  return true;
+}
+
+void LinkScheduler::detailServed() {
+  Impl& s = *impl_;
+  if (s.detail_count == 0) return;
+  std::move(s.details.begin() + 1, s.details.begin() + static_cast<std::ptrdiff_t>(s.detail_count),
+            s.details.begin());
+  --s.detail_count;
+}
+
+std::size_t LinkScheduler::nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out) {
+  Impl& s = *impl_;
+  s.now = std::max(s.now, now_ns);
+  s.bucket.advance(s.now);
+  const auto frame_bytes = static_cast<std::size_t>(s.config.frame_bytes);
+  if (out.size() < frame_bytes || s.turns.listening(s.now) || !s.bucket.has(frame_bytes * 8)) return 0;
+  // The modem holds at most one frame besides the one that it sends, so that turns come when they are due.
+  const double frame_s = static_cast<double>(frame_bytes) * 8 / s.config.rate_bps;
+  if (s.busy_until > s.now + nanoseconds(std::max(frame_s, kBucketSeconds))) return 0;
+  const std::size_t payload_bytes = s.choose();
+  if (payload_bytes == 0) return 0;
+
+  const double air_s = static_cast<double>((payload_bytes + kFrameOverhead) * 8) / s.config.rate_bps;
+  s.busy_until = std::max(s.busy_until, s.now) + nanoseconds(air_s);
+  const auto payload = std::span<const std::uint8_t>(s.payload).first(payload_bytes);
+  if (s.type != MessageType::kRepair) {
+    s.sent.add(s.sequence, s.busy_until, std::span(s.batch.refs).first(s.batch_sent));
+    if (s.blind())
+      s.repair.source(s.sequence, payload, s.type == MessageType::kMapPacket, s.sent.loss(), s.sent.burst());
+    ++s.sequence;
+  }
+  ++s.frames_since_turn;
+  const bool turn = s.turnAfter(s.busy_until);
+  if (turn) {
+    s.turns.begin(s.busy_until);
+    s.frames_since_turn = 0;
+    ++s.counters.turns;
+  }
+  const std::size_t size = encodeFrame({s.config.identity, s.frame_sequence, s.type, turn}, payload, out);
+  s.bucket.take(size * 8);
+  ++s.counters.frames;
+  s.counters.bytes += size;
+  return size;
+}
+
+void LinkScheduler::noteRestart() {
+  Impl& s = *impl_;
+  // As many of the shortest frames as leave in the seconds that a log may lack, and a few.
+  constexpr double kLacking_s = 2, kFew = 4;
+  const double frames = kFew + kLacking_s * s.config.rate_bps * s.config.duty / (8 * kMinFrameBytes);
+  const auto passed_over = static_cast<std::uint16_t>(std::min(frames, SentFrames::kFrames / 2.0));
+  if (s.repair.open()) s.repair.close(s.sent.loss(), s.sent.burst());
+  s.sent.skip(passed_over);
+  s.sequence = static_cast<std::uint16_t>(s.sequence + passed_over);
+}
+
+bool LinkScheduler::drained() const {
+  const Impl& s = *impl_;
+  const BlockQueue::Census census = s.queue.census();
+  return census.waiting == 0 && s.tiles.empty() && s.detail_count == 0 && !s.repair.pending() &&
+         !(s.blind() && s.repair.open()) && (census.in_flight == 0 || !s.turns.answered());
+}
+
+LinkScheduler::Counters LinkScheduler::counters() const {
+  const Impl& s = *impl_;
+  Counters c = s.counters;
+  const BlockQueue::Census census = s.queue.census();
+  c.acknowledgements = s.sent.counters().acknowledgements;
+  c.acknowledgements_foreign = s.sent.counters().foreign;
+  c.frames_arrived = s.sent.counters().arrived;
+  c.frames_lost = s.sent.counters().lost;
+  c.blocks = s.queue.counters();
+  c.squares_held = census.squares;
+  c.blocks_waiting = census.waiting;
+  c.blocks_in_flight = census.in_flight;
+  c.loss = s.sent.loss();
+  c.periods_stretched = s.housekeeping.stretch();
+  c.rate_bps = s.config.rate_bps;
+  c.paused = s.paused;
+  return c;
+}
+
+std::size_t LinkScheduler::memoryBytes() const {
+  const Impl& s = *impl_;
+  return sizeof(Impl) + s.queue.memoryBytes() + s.sent.memoryBytes() + s.repair.memoryBytes() +
+         s.tiles.memoryBytes();
+}
+
+}  // namespace fathom::telemetry

@@ -1,0 +1,124 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+
+#include "realtime/kernel/state_archive_fwd.hpp"
+#include "recon/geometry/height_tile.hpp"
+#include "telemetry/vehicle/block_queue.hpp"
+#include "telemetry/vehicle/housekeeping.hpp"
+#include "telemetry/wire/downlink_messages.hpp"
+#include "telemetry/wire/frame.hpp"
+
+namespace fathom::telemetry {
+
+struct LinkSchedulerConfig {
+  LinkIdentity identity;
+  double rate_bps = 300;        // of the modem; 80 to 5400 on acoustic ones; 10 to 1e6 accepted [bit/s]
+  int frame_bytes = 128;        // largest frame, 32 to 256 [B]
+  double duty = 1;              // share of the time that the modem may send, 0.05 to 1
+  double loss_rate = 0.1;       // share of frames expected to be lost before there is word, 0 to 0.9
+  double mean_burst = 0;        // frames lost in a row, as expected before there is word; 0: each by itself
+  bool repair = true;           // Reed-Solomon frames while nobody acknowledges
+  bool half_duplex = true;      // takes turns with the ship; false: never listens
+  double listen_every_s = 0;    // between turns; 0: by rule, so that listening takes a fifth of the time
+  int listen_every_frames = 0;  // or after so many frames; 0: at most half of what one can acknowledge
+  double listen_s = 0;          // 0: by rule, 2 max_delay_s and the ship's frame
+  double max_delay_s = 1;       // one way, of sound and modems [s]
+  double fast_rate_bps = 2400;  // from here on requested detail goes as whole tiles (Draco)
+  HousekeepingConfig housekeeping;
+  int colour_bits = 3;  // of a map packet's brightness, 0 (no colour) to 6
+  BlockQueueConfig blocks;
+
+  void validate() const;  // throws std::invalid_argument naming the value
+};
+
+// Decides what crosses the acoustic link next. Sans-I/O and deterministic: the caller gives the time, sends
+// the frames and passes on what the ship says. Order of importance:
+//   1 status, mission info and track when due (within their share of the rate);
+//   2 repair frames, while nobody acknowledges;
+//   3 map packets in BlockQueue's order;
+//   4 requested detail as whole tiles, on fast links.
+// The modem is never given more than it can send within a second or a frame; over any window of W seconds no
+// more than rate * duty * W / 8 + two frames (or a second's worth) leave. With an acknowledgement each block
+// is sent again, as it is then, until it has arrived. Without, each group of frames is followed by as many
+// repair frames as the loss asks for.
+//
+// Everything is bounded and counted; nextFrame() calls the heap only for Draco.
+class LinkScheduler {
+ public:
+  explicit LinkScheduler(const LinkSchedulerConfig& config);
+  ~LinkScheduler();
+
+  // The vehicle's latest state; also samples the track.
+  void setStatus(const Status& status);
+  void setMissionInfo(const MissionInfo& info);
+  // A tile's latest content: its sixteen blocks are sent as far as the other side does not hold them.
+  void offer(const HeightTile& tile, std::int64_t now_ns);
+
+  // What the ship said. Any of them, and heard() for a frame with neither, ends listening.
+  // `on_whole`, unless empty, is called for every square that the ship now holds as it is.
+  void acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns,
+                   const std::function<void(const BlockQueue::Whole&)>& on_whole = {});
+  void request(const Request& request, std::int64_t now_ns);
+  void heard(std::int64_t now_ns);
+
+  // Detail that was requested and not served yet, the oldest first. The caller offers tiles of the request's
+  // spacing inside the rectangle with offerDetail() as long as that takes them, then calls detailServed().
+  struct Detail {
+    double north_min = 0, north_max = 0, east_min = 0, east_max = 0;  // nav [m]
+    double spacing = 0, max_error = 0;                                // [m]
+  };
+  [[nodiscard]] const Detail* detail() const;
+  bool offerDetail(const HeightTile& tile, std::int64_t now_ns);
+  void detailServed();
+
+  // Writes the next frame into `out` (at least frame_bytes) and returns its size; 0 when there is nothing to
+  // say, the rate does not allow it yet or the vehicle listens. Call again until 0. `now_ns` never runs
+  // backwards.
+  [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out);
+
+  struct Counters {
+    std::uint64_t frames = 0, bytes = 0;
+    std::uint64_t status_frames = 0, track_frames = 0, info_frames = 0;
+    std::uint64_t map_frames = 0, repair_frames = 0, tile_frames = 0;
+    std::uint64_t map_bytes = 0;  // of map frames, frame overhead included
+    std::uint64_t turns = 0;      // frames with the turn
+    std::uint64_t acknowledgements = 0, acknowledgements_foreign = 0, requests = 0, requests_refused = 0;
+    std::uint64_t frames_arrived = 0, frames_lost = 0;  // as acknowledged
+    std::uint64_t coarsened_packets = 0;  // sent with a greater error or without colour to fit a frame
+    BlockQueue::Counters blocks;
+    int squares_held = 0;          // in the pool
+    int blocks_waiting = 0;        // to be sent
+    int blocks_in_flight = 0;      // sent, without word
+    double loss = 0;               // expected now
+    double periods_stretched = 1;  // factor on the housekeeping periods
+    double rate_bps = 0;
+    bool paused = false;
+  };
+  [[nodiscard]] Counters counters() const;
+  // Nothing of the map waits, and of what was sent there is word, or nobody to give it.
+  [[nodiscard]] bool drained() const;
+  [[nodiscard]] std::size_t memoryBytes() const;  // of the pool and the buffers
+
+  // The program has started again with what was saved, and may have sent frames since that it does not know
+  // of: their sequence numbers are not used for others, or the ship would take it for a new dive's.
+  void noteRestart();
+
+  // Into one of the same configuration: it goes on with the same frames bit by bit. Mission info is not part
+  // of it. One whose load() failed is of no use.
+  void save(rt::StateWriter& writer) const;
+  [[nodiscard]] bool load(rt::StateReader& reader);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// Capacity of the scheduler's token bucket: two frames or one second at the rate, whichever is more [bit].
+[[nodiscard]] std::size_t linkBucketBits(const LinkSchedulerConfig& config);
+
+}  // namespace fathom::telemetry

@@ -1,0 +1,63 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "telemetry/map/map_packet.hpp"
+#include "telemetry/repair/repair_encoder.hpp"
+#include "telemetry/tiles/tile_sender.hpp"
+#include "telemetry/vehicle/link_scheduler.hpp"
+#include "telemetry/vehicle/sent_frames.hpp"
+#include "telemetry/vehicle/token_bucket.hpp"
+#include "telemetry/vehicle/turn_taking.hpp"
+
+namespace fathom::telemetry {
+
+// State of a LinkScheduler: what it does is in link_scheduler.cpp, how it is saved in link_state.cpp.
+struct LinkScheduler::Impl {
+  explicit Impl(const LinkSchedulerConfig& c);
+  void setRate(double rate_bps);
+  void applyRate();
+  [[nodiscard]] std::size_t choose();
+  [[nodiscard]] std::size_t mapPacket();
+  [[nodiscard]] std::size_t repairFrame();
+  [[nodiscard]] std::size_t probe();
+  [[nodiscard]] bool turnAfter(std::int64_t left_ns);
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self);
+  // Repair frames are of use where acknowledgements are not.
+  [[nodiscard]] bool blind() const { return config.repair && !turns.answered(); }
+  [[nodiscard]] std::size_t payloadRoom() const {
+    return static_cast<std::size_t>(config.frame_bytes) - kFrameOverhead;
+  }
+
+  static constexpr std::size_t kMaxDetails = 4;
+
+  LinkSchedulerConfig config;
+  TokenBucket bucket;
+  BlockQueue queue;
+  SentFrames sent;
+  RepairEncoder repair;
+  Housekeeping housekeeping;
+  TurnTaking turns;
+  TileSender tiles;
+  MapPacketEncoder encoder;
+  Counters counters;
+  std::uint16_t sequence = 0;
+  std::int64_t now = 0, busy_until = 0;
+  int frames_since_turn = 0;
+  bool paused = false;
+  std::array<Detail, kMaxDetails> details{};
+  std::size_t detail_count = 0;
+
+  // The frame being made.
+  MessageType type = MessageType::kStatus;
+  std::uint16_t frame_sequence = 0;
+  std::size_t batch_sent = 0;  // blocks in it
+  BlockQueue::Batch batch;
+  std::array<MapBlock, BlockQueue::kMaxBatch> decoded;
+  std::array<std::uint8_t, kMaxFrameBytes> payload{};
+};
+
+}  // namespace fathom::telemetry

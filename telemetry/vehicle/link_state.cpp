@@ -1,0 +1,275 @@
+// What the vehicle's end of the link knows, as saved state: what was sent and acknowledged, what waits, whose
+// turn it is. A link that was loaded goes on with the frames that the one that was saved would have sent.
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <utility>
+
+#include "realtime/kernel/state_archive.hpp"
+#include "telemetry/vehicle/link_scheduler_impl.hpp"
+
+namespace fathom::telemetry {
+namespace {
+
+constexpr std::uint32_t kTag = rt::stateTag("LINK"), kVersion = 1;
+constexpr double kFarthest = 1e6;  // of a square from nav's origin [m]
+constexpr int kMostSendings = 1000;
+
+// A number that is stored as another type.
+template <typename Archive, typename Number>
+void exchangeCount(Archive& archive, Number& number, std::size_t most) {
+  std::uint64_t value = number;
+  archive(value);
+  archive.require(value <= most, "more than there is room for");
+  if constexpr (Archive::kLoading)
+    if (archive.ok()) number = static_cast<Number>(value);
+}
+
+template <typename Archive, typename Ref>
+void exchangeRef(Archive& archive, Ref& ref) {
+  archive(ref.square, ref.stamp, ref.block);
+}
+
+template <typename Archive, typename S>
+void exchangeStatus(Archive& archive, S& s) {
+  archive.instants(s.utc_ns);
+  archive(s.north, s.east, s.depth, s.roll, s.pitch, s.heading, s.altitude, s.speed, s.position_sigma,
+          s.battery, s.pairs_seen, s.pairs_dropped, s.map_area, s.mission_progress, s.health,
+          s.slipped_cycles, s.shed_work, s.pool_refusals);
+}
+
+template <typename Archive, typename Tile>
+void exchangeTile(Archive& archive, Tile& tile) {
+  archive(tile.north_index, tile.east_index, tile.level, tile.size, tile.revision);
+  for (auto& node : tile.nodes) archive(node.depth, node.sigma, node.coverage, node.colour, node.layered);
+}
+
+}  // namespace
+
+template <typename Archive, typename Self>
+void BlockQueue::exchangeBlock(Archive& archive, Self& b) {
+  archive(b.content.seen, b.content.sigma, b.content.depth, b.content.colour, b.held, b.held_seen,
+          b.held_error);
+  archive.enumeration(b.state, State::kLost);
+  archive(b.wanted, b.blocked, b.orphan, b.stamp, b.flying, b.sendings);
+  archive.instants(b.sent_ns, b.changed_ns, b.since_ns);
+}
+
+template <typename Archive, typename Self>
+void BlockQueue::exchange(Archive& archive, Self& self) {
+  archive(self.order_, self.stamp_, self.sendings_, self.counters_);
+  archive.instants(self.repeat_after_ns_, self.now_ns_);
+  archive.require(self.sendings_ >= 1 && self.sendings_ <= kMostSendings, "sendings that cannot be");
+  for (auto& s : self.squares_) {
+    archive(s.used);
+    if (!s.used) continue;
+    archive(s.spacing, s.north, s.east, s.max_error, s.order);
+    for (auto& b : s.blocks) exchangeBlock(archive, b);
+  }
+}
+
+void BlockQueue::save(rt::StateWriter& writer) const {
+  exchange(writer, *this);
+}
+
+bool BlockQueue::canStand(const Square& s) const {
+  const double side = spacingOf(s.spacing) * kBlocksASide * MapBlock::kSide;
+  return side > 0 && s.spacing <= spacingCode(64.0).value_or(0) &&
+         std::abs(static_cast<double>(s.north)) * side <= kFarthest &&
+         std::abs(static_cast<double>(s.east)) * side <= kFarthest && s.max_error > 0 &&
+         std::isfinite(s.max_error) && !index_.find(s.spacing, s.north, s.east);
+}
+
+bool BlockQueue::load(rt::StateReader& reader) {
+  std::fill(squares_.begin(), squares_.end(), Square{});
+  index_.clear();
+  exchange(reader, *this);
+  for (std::size_t i = 0; i < squares_.size() && reader.ok(); ++i) {
+    Square& s = squares_[i];
+    if (!s.used) continue;
+    if (!canStand(s)) {
+      reader.fail("a square that cannot be");
+      break;
+    }
+    index_.add(s.spacing, s.north, s.east, i);
+    for (int k = 0; k < static_cast<int>(s.blocks.size()); ++k)
+      s.blocks[static_cast<std::size_t>(k)].content.key = {
+          s.spacing, s.north * kBlocksASide + k / kBlocksASide, s.east * kBlocksASide + k % kBlocksASide};
+  }
+  return reader.ok();
+}
+
+template <typename Archive, typename Self>
+void SentFrames::exchange(Archive& archive, Self& self) {
+  archive(self.next_, self.loss_, self.after_lost_, self.last_lost_, self.any_word_, self.counters_);
+  exchangeCount(archive, self.held_, kFrames);
+  archive.require(self.loss_ >= 0 && self.loss_ <= 1 && self.after_lost_ >= 0 && self.after_lost_ <= 1,
+                  "shares of frames that cannot be");
+  for (auto& f : self.frames_) {
+    archive(f.open);
+    if (!f.open) continue;
+    archive(f.sequence);
+    archive.instants(f.left_ns);
+    exchangeCount(archive, f.blocks, f.block.size());
+    for (std::size_t i = 0; i < f.blocks; ++i) exchangeRef(archive, f.block[i]);
+  }
+}
+
+void SentFrames::save(rt::StateWriter& writer) const {
+  exchange(writer, *this);
+}
+
+bool SentFrames::load(rt::StateReader& reader, std::size_t squares) {
+  std::fill(frames_.begin(), frames_.end(), Frame{});
+  exchange(reader, *this);
+  if (!reader.ok()) return false;
+  for (std::size_t i = 0; i < frames_.size(); ++i) {
+    const Frame& f = frames_[i];
+    if (!f.open) continue;
+    reader.require(f.sequence % kFrames == i, "a frame in another's place");
+    for (const BlockRef& ref : std::span(f.block).first(f.blocks))
+      reader.require(ref.square < squares && ref.block < kBlocksASide * kBlocksASide, "a block of no square");
+  }
+  return reader.ok();
+}
+
+template <typename Archive, typename Self>
+void RepairEncoder::exchange(Archive& archive, Self& self) {
+  const auto group = [&](auto& g) {
+    archive(g.first, g.k, g.rows, g.wanted, g.has_map);
+    exchangeCount(archive, g.symbol_bytes, kMaxSymbolBytes);
+    archive.require(g.k >= 0 && g.k <= kMaxGroup && g.rows >= 0 && g.rows <= g.wanted &&
+                        g.wanted <= kMaxRepairRows && (g.k > 0 || g.wanted == 0),
+                    "a group of frames that cannot be");
+    if constexpr (Archive::kLoading)
+      if (!archive.ok()) return;
+    for (std::size_t j = 0; j < static_cast<std::size_t>(g.k); ++j) archive(g.symbol[j]);
+  };
+  group(self.open_);
+  archive.require(self.open_.k < kMaxGroup, "an open group that is full");
+  for (auto& g : self.closed_) group(g);
+  exchangeCount(archive, self.turn_, kGroups - 1);
+  archive(self.pending_, self.credit_, self.spread_);
+}
+
+void RepairEncoder::save(rt::StateWriter& writer) const {
+  exchange(writer, *this);
+}
+
+bool RepairEncoder::load(rt::StateReader& reader) {
+  exchange(reader, *this);
+  int pending = 0;
+  for (const Group& g : closed_) pending += g.wanted - g.rows;
+  reader.require(pending == pending_ && credit_ >= 0 && spread_ >= 0, "repair frames that cannot be");
+  return reader.ok();
+}
+
+template <typename Archive, typename Self>
+void Housekeeping::exchange(Archive& archive, Self& self) {
+  bool has_status = self.status_.has_value();
+  archive(has_status);
+  if constexpr (Archive::kLoading) {
+    self.status_.reset();
+    if (has_status) self.status_.emplace();
+  }
+  if (has_status) exchangeStatus(archive, *self.status_);
+  exchangeCount(archive, self.track_size_, self.track_capacity_);
+  for (std::size_t i = 0; i < self.track_size_; ++i) {
+    auto& point = self.track_[i];
+    archive.instants(point.utc_ns);
+    archive(point.north, point.east, point.depth);
+  }
+  archive.instants(self.status_timer_.next_ns, self.info_timer_.next_ns, self.track_timer_.next_ns);
+}
+
+void Housekeeping::save(rt::StateWriter& writer) const {
+  exchange(writer, *this);
+}
+
+bool Housekeeping::load(rt::StateReader& reader) {
+  exchange(reader, *this);
+  return reader.ok();
+}
+
+template <typename Archive, typename Self>
+void TileSender::exchange(Archive& archive, Self& self) {
+  std::uint64_t waiting = self.waiting_.size();
+  archive(waiting);
+  archive.require(waiting <= kTiles, "more tiles than there is room for");
+  if constexpr (Archive::kLoading) {
+    if (!archive.ok()) return;
+    self.waiting_.resize(waiting);
+  }
+  for (auto& w : self.waiting_) {
+    exchangeTile(archive, w.tile);
+    archive(w.codec.depth_resolution, w.codec.colour_bits, w.codec.min_coverage);
+  }
+  archive(self.id_.north_index, self.id_.east_index, self.id_.level, self.id_.revision, self.id_.stride,
+          self.fragment_, self.counters_.sent, self.counters_.unsendable);
+  exchangeCount(archive, self.size_, kMaxTileBytes);
+  if constexpr (Archive::kLoading)
+    if (!archive.ok()) return;
+  archive.elements(self.bytes_.data(), self.size_);
+}
+
+void TileSender::save(rt::StateWriter& writer) const {
+  exchange(writer, *this);
+}
+
+bool TileSender::load(rt::StateReader& reader) {
+  exchange(reader, *this);
+  if (!reader.ok()) return false;
+  const int fragments = fragmentCount(size_, frame_bytes_);
+  reader.require(size_ == 0 || (fragment_ >= 0 && fragment_ < fragments && fragments <= kMaxFragments),
+                 "a piece of a tile that there is not");
+  for (const Waiting& w : waiting_) {
+    const TileCodecConfig& c = w.codec;
+    reader.require(c.depth_resolution >= 0.001 && c.depth_resolution <= 1 && c.colour_bits >= 0 &&
+                       c.colour_bits <= kMaxColourBits && c.min_coverage >= 0 && c.min_coverage <= 1,
+                   "a tile that cannot be sent so");
+  }
+  return reader.ok();
+}
+
+template <typename Archive, typename Self>
+void LinkScheduler::Impl::exchange(Archive& archive, Self& s) {
+  archive(s.config.rate_bps);
+  archive.require(s.config.rate_bps >= 10 && s.config.rate_bps <= 1e6, "a rate that cannot be");
+  archive.instants(s.now, s.busy_until);
+  if constexpr (Archive::kLoading) {
+    if (!archive.ok()) return;
+    s.applyRate();
+  }
+  archive(s.bucket, s.repair, s.housekeeping, s.turns, s.tiles, s.sequence, s.frames_since_turn, s.paused);
+  auto& c = s.counters;
+  archive(c.frames, c.bytes, c.status_frames, c.track_frames, c.info_frames, c.map_frames, c.repair_frames,
+          c.tile_frames, c.map_bytes, c.turns, c.requests, c.requests_refused, c.coarsened_packets);
+  exchangeCount(archive, s.detail_count, kMaxDetails);
+  for (std::size_t i = 0; i < s.detail_count; ++i) {
+    auto& d = s.details[i];
+    archive(d.north_min, d.north_max, d.east_min, d.east_max, d.spacing, d.max_error);
+    Request request;
+    request.kind = Request::Kind::kDetail;
+    request.north_min = d.north_min, request.north_max = d.north_max;
+    request.east_min = d.east_min, request.east_max = d.east_max;
+    request.spacing = d.spacing, request.max_error = d.max_error;
+    archive.require(validate(request), "a request that cannot be");
+  }
+  archive(s.queue);
+}
+
+void LinkScheduler::save(rt::StateWriter& writer) const {
+  writer.section(kTag, kVersion, [&] {
+    Impl::exchange(writer, std::as_const(*impl_));
+    impl_->sent.save(writer);
+  });
+}
+
+bool LinkScheduler::load(rt::StateReader& reader) {
+  return reader.section(kTag, kVersion, [&] {
+    Impl::exchange(reader, *impl_);
+    if (reader.ok()) (void)impl_->sent.load(reader, impl_->queue.capacity());
+  });
+}
+
+}  // namespace fathom::telemetry

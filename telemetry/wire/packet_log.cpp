@@ -1,0 +1,59 @@
+#include "telemetry/wire/packet_log.hpp"
+
+#include <array>
+
+#include "realtime/kernel/input_error.hpp"
+#include "telemetry/wire/frame.hpp"
+
+namespace fathom::telemetry {
+namespace {
+
+constexpr std::size_t kHeadBytes = 12;  // u32 length, i64 time
+
+std::uint64_t littleEndian(const std::uint8_t* bytes, int count) {
+  std::uint64_t value = 0;
+  for (int i = count; i-- > 0;) value = value << 8 | bytes[i];
+  return value;
+}
+
+}  // namespace
+
+bool writePacket(std::ostream& stream, std::int64_t utc_ns, std::span<const std::uint8_t> frame) {
+  std::array<std::uint8_t, kHeadBytes> head{};
+  for (std::size_t i = 0; i < 4; ++i) head[i] = static_cast<std::uint8_t>(frame.size() >> (8 * i));
+  for (std::size_t i = 0; i < 8; ++i)
+    head[4 + i] = static_cast<std::uint8_t>(static_cast<std::uint64_t>(utc_ns) >> (8 * i));
+  stream.write(reinterpret_cast<const char*>(head.data()), kHeadBytes);
+  stream.write(reinterpret_cast<const char*>(frame.data()), static_cast<std::streamsize>(frame.size()));
+  return stream.good();
+}
+
+PacketLogReader::PacketLogReader(const std::filesystem::path& path)
+    : path_(path), stream_(path, std::ios::binary) {
+  if (!stream_ || std::filesystem::is_directory(path))
+    throw InputError(path.string(), "", "cannot be read: give a packets.bin of an onboard folder");
+}
+
+std::optional<Packet> PacketLogReader::next() {
+  const auto place = [&] { return "byte " + std::to_string(offset_); };
+  std::array<std::uint8_t, kHeadBytes> head{};
+  stream_.read(reinterpret_cast<char*>(head.data()), kHeadBytes);
+  if (stream_.gcount() == 0) return std::nullopt;
+  if (stream_.gcount() != static_cast<std::streamsize>(kHeadBytes))
+    throw InputError(path_.string(), place(), "the last packet is cut short: copy the file again");
+  const std::uint64_t length = littleEndian(head.data(), 4);
+  if (length == 0 || length > kMaxFrameBytes)
+    throw InputError(path_.string(), place(),
+                     "a packet of " + std::to_string(length) + " bytes, expected 1 to " +
+                         std::to_string(kMaxFrameBytes) + ": not a packets.bin, or damaged");
+  Packet packet;
+  packet.utc_ns = static_cast<std::int64_t>(littleEndian(head.data() + 4, 8));
+  packet.bytes.resize(length);
+  stream_.read(reinterpret_cast<char*>(packet.bytes.data()), static_cast<std::streamsize>(length));
+  if (stream_.gcount() != static_cast<std::streamsize>(length))
+    throw InputError(path_.string(), place(), "the last packet is cut short: copy the file again");
+  offset_ += kHeadBytes + length;
+  return packet;
+}
+
+}  // namespace fathom::telemetry

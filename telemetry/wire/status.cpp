@@ -1,0 +1,114 @@
+#include "telemetry/wire/status.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace fathom::telemetry {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+constexpr std::int64_t kTenth_ns = 100'000'000;
+
+double headingDegrees(double radians) {
+  const double turned = std::fmod(radians / kDegree, 360.0);
+  const double degrees = turned < 0 ? turned + 360 : turned;
+  return degrees >= schema::kHeading.max + schema::kHeading.resolution / 2 ? 0 : degrees;  // rounds to north
+}
+
+double secondsSinceEpoch(std::int64_t utc_ns) {
+  return static_cast<double>(utc_ns - schema::kTimeEpoch_s * 1'000'000'000) * 1e-9;
+}
+
+}  // namespace
+
+const char* healthText(unsigned bit) {
+  static constexpr const char* kTexts[kHealthBits] = {
+      "soft real time",  "DVL lost",    "compass lost",       "depth lost",    "camera lost",
+      "no position fix", "overload",    "pool full",          "map coarsened", "recorder failed",
+      "disk low",        "poor stereo", "sensor contradicted"};
+  return bit < kHealthBits ? kTexts[bit] : "unknown";
+}
+
+std::uint64_t timeToLink(std::int64_t utc_ns) {
+  const std::int64_t since = utc_ns - schema::kTimeEpoch_s * 1'000'000'000;
+  if (since <= 0) return 0;
+  return std::min<std::uint64_t>(static_cast<std::uint64_t>((since + kTenth_ns / 2) / kTenth_ns),
+                                 schema::kTime.lastCode());
+}
+
+std::int64_t timeFromLink(std::uint64_t code) {
+  return schema::kTimeEpoch_s * 1'000'000'000 + static_cast<std::int64_t>(code) * kTenth_ns;
+}
+
+std::size_t encodeStatus(const Status& s, std::span<std::uint8_t> out) {
+  using namespace schema;
+  constexpr unsigned kBits = kStatusTime.bits() + 2 * kStatusHorizontal.bits() + kStatusDepth.bits() +
+                             2 * kTilt.bits() + kHeading.bits() + kAltitude.bits() + kSpeed.bits() +
+                             kPositionSigma.bits() + kBattery.bits() + kProgress.bits() + kHealthWidth +
+                             kArea.bits() + kPairs.bits() + kDropped.bits() + kSlips.bits() + kShed.bits() +
+                             kRefusals.bits();
+  static_assert((kBits + 7) / 8 == kStatusBytes && kHealthBits <= kHealthWidth);
+  BitWriter w(out);
+  w.put(kStatusTime, secondsSinceEpoch(s.utc_ns));
+  w.put(kStatusHorizontal, s.north);
+  w.put(kStatusHorizontal, s.east);
+  w.put(kStatusDepth, s.depth);
+  w.put(kTilt, s.roll / kDegree);
+  w.put(kTilt, s.pitch / kDegree);
+  w.put(kHeading, headingDegrees(s.heading));
+  w.put(kAltitude, s.altitude);
+  w.put(kSpeed, s.speed);
+  w.put(kPositionSigma, s.position_sigma);
+  w.put(kBattery, s.battery);
+  w.put(kProgress, s.mission_progress);
+  w.put(s.health & ((1U << kHealthBits) - 1), kHealthWidth);
+  w.put(kArea, s.map_area);
+  w.put(kPairs, s.pairs_seen);
+  w.put(kDropped, s.pairs_dropped);
+  w.put(kSlips, s.slipped_cycles);
+  w.put(kShed, s.shed_work);
+  w.put(kRefusals, s.pool_refusals);
+  return w.ok() ? w.bytes() : 0;
+}
+
+bool decodeStatus(std::span<const std::uint8_t> payload, Status& status) {
+  using namespace schema;
+  Status s;
+  BitReader r(payload);
+  s.utc_ns = kTimeEpoch_s * 1'000'000'000 + std::llround(r.get(kStatusTime) * 1e9);
+  s.north = r.get(kStatusHorizontal);
+  s.east = r.get(kStatusHorizontal);
+  s.depth = r.get(kStatusDepth);
+  s.roll = r.get(kTilt) * kDegree;
+  s.pitch = r.get(kTilt) * kDegree;
+  s.heading = r.get(kHeading) * kDegree;
+  s.altitude = r.get(kAltitude);
+  s.speed = r.get(kSpeed);
+  s.position_sigma = r.get(kPositionSigma);
+  s.battery = r.get(kBattery);
+  s.mission_progress = r.get(kProgress);
+  s.health = static_cast<std::uint16_t>(r.get(kHealthWidth));
+  const auto count = [&](const LogField& field) { return static_cast<std::uint32_t>(r.get(field) + 0.5); };
+  s.map_area = r.get(kArea);
+  s.pairs_seen = count(kPairs);
+  s.pairs_dropped = count(kDropped);
+  s.slipped_cycles = count(kSlips);
+  s.shed_work = count(kShed);
+  s.pool_refusals = count(kRefusals);
+  if (!r.ok() || !r.finished()) return false;
+  status = s;
+  return true;
+}
+
+bool validate(const Status& s) {
+  using namespace schema;
+  return kStatusTime.valid(secondsSinceEpoch(s.utc_ns)) && kStatusHorizontal.valid(s.north) &&
+         kStatusHorizontal.valid(s.east) && kStatusDepth.valid(s.depth) && kTilt.valid(s.roll / kDegree) &&
+         kTilt.valid(s.pitch / kDegree) && std::isfinite(s.heading) && kAltitude.valid(s.altitude) &&
+         kSpeed.valid(s.speed) && kBattery.valid(s.battery) && kProgress.valid(s.mission_progress) &&
+         !(s.position_sigma > kPositionSigma.max) && s.map_area >= 0 && s.map_area <= kArea.max &&
+         s.health < 1U << kHealthBits;
+}
+
+}  // namespace fathom::telemetry

@@ -1,0 +1,93 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <span>
+
+#include "telemetry/wire/field.hpp"
+
+namespace fathom::telemetry {
+
+// Bits of Status::health. A set bit is something that the people on the ship should know.
+enum HealthFlag : std::uint16_t {
+  kHealthSoftRealTime = 1U << 0,  // runs without SCHED_FIFO or locked memory
+  kHealthDvlLost = 1U << 1,       // no valid bottom track
+  kHealthCompassLost = 1U << 2,
+  kHealthDepthLost = 1U << 3,
+  kHealthCameraLost = 1U << 4,      // no stereo pairs arrive
+  kHealthNoFix = 1U << 5,           // position rests on dead reckoning alone
+  kHealthOverload = 1U << 6,        // work is being shed
+  kHealthPoolFull = 1U << 7,        // some pool is full
+  kHealthMapCoarsened = 1U << 8,    // map resolution was given up
+  kHealthRecorderFailed = 1U << 9,  // the mission is not being recorded whole
+  kHealthDiskLow = 1U << 10,
+  kHealthStereoPoor = 1U << 11,  // pairs arrive but give few points (turbid, dark, too high)
+  kHealthSensorLies = 1U << 12,  // DVL or compass contradict the images
+};
+inline constexpr unsigned kHealthBits = 13;
+[[nodiscard]] const char* healthText(unsigned bit);  // short text of bit 0 to kHealthBits - 1
+
+inline constexpr double kAbsent = std::numeric_limits<double>::quiet_NaN();
+
+// The vehicle's state. Values outside a field's bounds saturate; kAbsent where marked. Vehicle and dive are
+// in the frame's header.
+struct Status {
+  std::int64_t utc_ns = 0;            // of the pose, sent to 0.5 s
+  double north = 0, east = 0;         // nav [m]
+  double depth = 0;                   // nav z [m]
+  double roll = 0, pitch = 0;         // [rad]
+  double heading = 0;                 // true [rad]
+  double altitude = kAbsent;          // above the seafloor [m], or absent
+  double speed = 0;                   // over ground [m/s]
+  double position_sigma = kAbsent;    // standard deviation, horizontal, one axis [m], or absent
+  double battery = kAbsent;           // charge left, 0 to 1, or absent
+  std::uint32_t pairs_seen = 0;       // stereo pairs taken
+  std::uint32_t pairs_dropped = 0;    // of these, how many gave the map nothing
+  double map_area = 0;                // seafloor covered [m2]
+  double mission_progress = kAbsent;  // 0 to 1, or absent without a plan
+  std::uint16_t health = 0;           // HealthFlag
+  std::uint32_t slipped_cycles = 0;   // hard loop cycles that began late
+  std::uint32_t shed_work = 0;        // frames or jobs given up by the soft tier for lack of time
+  std::uint32_t pool_refusals = 0;    // requests that a full pool refused or coarsened away
+};
+
+namespace schema {
+inline constexpr Field kTime{0, 429496729.5, 0.1};           // seconds since kTimeEpoch, 13 years
+inline constexpr std::int64_t kTimeEpoch_s = 1735689600;     // 2025-01-01 UTC: saves four bits against 1970
+inline constexpr Field kHorizontal{-52428.7, 52428.7, 0.1};  // of the track [m]
+inline constexpr Field kDepth{-50, 6500, 0.05};              // of the track [m]
+// The status: 22 bytes, so that it fits the smallest frame.
+inline constexpr Field kStatusTime{0, 536870911.5, 0.5};           // seconds since kTimeEpoch, 17 years
+inline constexpr Field kStatusHorizontal{-26214.2, 26214.2, 0.2};  // [m]
+inline constexpr Field kStatusDepth{-50, 6500, 0.1};               // [m]
+inline constexpr Field kTilt{-30, 30, 2};                          // roll and pitch [deg]
+inline constexpr Field kHeading{0, 358.5, 1.5};                    // [deg]
+inline constexpr Field kAltitude{0, 25.4, 0.1, true};              // [m]
+inline constexpr Field kSpeed{0, 3.1, 0.1};                        // [m/s]
+inline constexpr LogField kPositionSigma{0.05, 500, 6, true};      // steps of 17 % [m]
+inline constexpr Field kBattery{0, 1, 0.02, true};
+inline constexpr Field kProgress{0, 1, 0.02, true};
+inline constexpr unsigned kHealthWidth = 15;      // room for flags to come
+inline constexpr LogField kArea{1, 131072, 8};    // steps of 5 % [m2]
+inline constexpr LogField kPairs{1, 131072, 7};   // steps of 10 %
+inline constexpr LogField kDropped{1, 32768, 5};  // of pairs; steps of 42 %
+inline constexpr LogField kSlips{1, 1000, 3};     // factors of 3.2
+inline constexpr LogField kShed{1, 1000, 3};
+inline constexpr LogField kRefusals{1, 8192, 4};  // factors of 2
+}  // namespace schema
+
+inline constexpr std::size_t kStatusBytes = 22;
+
+// Returns the payload's size, 0 if `out` is too small.
+[[nodiscard]] std::size_t encodeStatus(const Status& status, std::span<std::uint8_t> out);
+// False (status untouched) if the payload is not valid.
+[[nodiscard]] bool decodeStatus(std::span<const std::uint8_t> payload, Status& status);
+// Whether every value is inside its field's bounds, so that nothing would saturate (counters may).
+[[nodiscard]] bool validate(const Status& status);
+
+// Time as the link carries it: 0.1 s, saturating outside the field.
+[[nodiscard]] std::uint64_t timeToLink(std::int64_t utc_ns);
+[[nodiscard]] std::int64_t timeFromLink(std::uint64_t code);
+
+}  // namespace fathom::telemetry

@@ -1,0 +1,58 @@
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <numbers>
+
+#include "realtime/kernel/command_line.hpp"
+#include "recon/geometry/atomic_file.hpp"
+#include "recon/topside/tiles/block_texture.hpp"
+#include "recon/topside/tiles/glb.hpp"
+#include "recon/topside/tiles/tileset.hpp"
+#include "tests/tiles/synthetic_model.hpp"
+
+namespace {
+
+void writeFile(const std::filesystem::path& path, const std::vector<std::uint8_t>& bytes) {
+  std::filesystem::create_directories(path.parent_path());
+  fathom::AtomicFile file(path);
+  file.stream().write(reinterpret_cast<const char*>(bytes.data()),
+                      static_cast<std::streamsize>(bytes.size()));
+  file.commit();
+}
+
+}  // namespace
+
+// Writes a synthetic model as a tileset, for whatever opens tilesets: the page, validators, other viewers.
+int main(int argc, char** argv) {
+  CLI::App app{"example_tiles: a synthetic seafloor as 3D tiles"};
+  std::filesystem::path folder;
+  int levels = 3;
+  fathom::topside::test::SyntheticModel model;
+  bool webp = false, ktx2 = false;
+  app.add_option("folder", folder, "where tileset.json and the tiles are written")->required();
+  app.add_option("--levels", levels, "levels of tiles; the finest has 16^(levels - 1)")
+      ->check(CLI::Range(1, 5));
+  app.add_option("--texels", model.texels, "along an atlas's edge; 0: colours at vertices")
+      ->check(CLI::Range(0, 4096));
+  app.add_flag("--webp", webp, "WebP in place of JPEG");
+  app.add_flag("--ktx2", ktx2, "compressed textures for the GPU beside the tiles");
+  if (const auto code = fathom::parseCommandLine("example_tiles", app, argc, argv)) return *code;
+  return fathom::runTool("example_tiles", [&]() -> int {
+    using namespace fathom::topside;
+    GlbConfig config;
+    if (webp) config.picture.format = PictureFormat::kWebp;
+    std::vector<TileEntry> entries;
+    for (const fathom::TileId& id : model.pyramid(levels)) {
+      const fathom::TexturedTile tile = model.tile(id);
+      entries.push_back(entryOf(tile));
+      if (ktx2 && !tile.atlas.empty()) {
+        config.gpu_texture = std::filesystem::path(tilePath(id, ".ktx2")).filename();
+        writeFile(folder / tilePath(id, ".ktx2"), writeKtx2(compressBlocks(tile.atlas)));
+      }
+      writeFile(folder / tilePath(id), writeGlb(tile, model.grid, config));
+    }
+    constexpr double kDegree = std::numbers::pi / 180;
+    writeTilesets(folder, entries, {-28.8 * kDegree, 113.9 * kDegree});
+    std::printf("%zu tiles\n", entries.size());
+    return fathom::kExitSuccess;
+  });
+}
