@@ -86,8 +86,8 @@ bool sizeFits(int width, int height) {
   return width >= 1 && height >= 1 && width <= kMaxSide && height <= kMaxSide;
 }
 
-[[noreturn]] void refuse(const std::string& name, const std::string& place, const std::string& mend) {
-  throw InputError(name, place, mend);
+[[noreturn]] void refuse(const std::string& name, const std::string& place, const std::string& fix) {
+  throw InputError(name, place, fix);
 }
 
 void parse(std::span<const std::uint8_t> bytes, const std::string& name, StereoFeatureFrame& frame) {

@@ -52,7 +52,7 @@ struct MissionConfig {
   std::vector<Waypoint> plan;
 };
 
-// Reads / writes <folder>/mission.toml. Throws InputError naming file, key (and line) and mend: an absent
+// Reads / writes <folder>/mission.toml. Throws InputError naming file, key (and line) and fix: an absent
 // file, a key unknown or missing, a value of the wrong type or out of range.
 [[nodiscard]] MissionConfig readMissionConfig(const std::filesystem::path& folder);
 void writeMissionConfig(const std::filesystem::path& folder, const MissionConfig& config);

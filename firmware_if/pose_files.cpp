@@ -41,10 +41,10 @@ class Lines {
     at_ = end + 1;
     return true;
   }
-  [[noreturn]] void fail(const std::string& mend) const {
-    throw InputError(path_, "line " + std::to_string(number_), mend);
+  [[noreturn]] void fail(const std::string& fix) const {
+    throw InputError(path_, "line " + std::to_string(number_), fix);
   }
-  [[noreturn]] void failWhole(const std::string& mend) const { throw InputError(path_, "", mend); }
+  [[noreturn]] void failWhole(const std::string& fix) const { throw InputError(path_, "", fix); }
 
  private:
   std::filesystem::path path_;

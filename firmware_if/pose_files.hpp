@@ -37,7 +37,7 @@ struct VehiclePoseFile {
   std::vector<VehiclePose> poses;
 };
 
-// Readers throw InputError (file, line, mend); version 1 is refused with the reason. Writers write to a
+// Readers throw InputError (file, line, fix); version 1 is refused with the reason. Writers write to a
 // temporary name, then rename; latitude and longitude are derived from north and east.
 [[nodiscard]] StereoPoseFile readStereoPoses(const std::filesystem::path& path);
 void writeStereoPoses(const std::filesystem::path& path, const StereoPoseFile& file);

@@ -47,6 +47,7 @@ std::function<int()> addBoardsCommand(CLI::App& app, CLI::App*& command) {
   const auto options = std::make_shared<BoardsOptions>();
   BoardMakerOptions& maker = options->maker;
   command = app.add_subcommand("boards", "photograph a chessboard under water, with truth, for calibration");
+  command->footer("Example: fathom-sim boards --out boards --views 30");
   command->add_option("--out", maker.out, "folder to make: img/ and truth/")->required();
   command->add_option("--scenario", options->scenario,
                       "whose rig, water, strobes and sensors (the defaults')");

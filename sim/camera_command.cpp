@@ -28,6 +28,9 @@ std::function<int()> addCameraCommand(CLI::App& app, CLI::App*& command) {
   const auto state = std::make_shared<State>();
   GigeCameraOptions& o = state->camera;
   command = app.add_subcommand("camera", "be a GigE Vision camera that plays the images of a mission");
+  command->footer(
+      "Example: fathom-sim camera --mission missions/reef-quick --side left --serial SIM-L --interface "
+      "127.0.0.1");
   command->add_option("--mission", state->mission, "mission folder with img/")->required();
   command->add_option("--side", state->side, "whose images")
       ->required()

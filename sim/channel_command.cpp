@@ -36,6 +36,7 @@ std::function<int()> addChannelCommand(CLI::App& app, CLI::App*& command) {
   ChannelRelayOptions& o = state->options;
   command = app.add_subcommand(
       "channel", "relay UDP frames through a simulated acoustic channel, until idle or SIGTERM");
+  command->footer("Example: fathom-sim channel --listen 14700 --to 127.0.0.1:14701 --loss 0.1 --rate 300");
   command->add_option("--listen", o.listen_port, "UDP port that takes the vehicle's frames")
       ->required()
       ->check(CLI::Range(1, 65535));

@@ -19,6 +19,7 @@ std::function<int()> addHilCommand(CLI::App& app, CLI::App*& command) {
   o.water.frame_bytes = 64;  // a fix and an acknowledgement in one
   command =
       app.add_subcommand("hil", "play a mission through real interfaces to fathom-onboard, in real time");
+  command->footer("Example: fathom-sim hil missions/reef-quick --out run");
   command->add_option("mission", o.mission, "mission folder with pictures")->required();
   command->add_option("--out", o.out, "folder for all that comes of it")->required();
   command->add_option("--faults", o.faults, "script of faults (sim/hil/README.md)");
@@ -66,6 +67,7 @@ std::function<int()> addHilCommand(CLI::App& app, CLI::App*& command) {
 std::function<int()> addHilCompareCommand(CLI::App& app, CLI::App*& command) {
   const auto options = std::make_shared<HilComparison>();
   command = app.add_subcommand("hil-compare", "hold a run of hil to its replays and to what was injected");
+  command->footer("Example: fathom-sim hil-compare run");
   command->add_option("run", options->run, "folder of the run")->required();
   command->add_option("mission", options->mission, "mission folder that was played")->required();
   command->add_option("--onboard", options->onboard, "fathom-onboard (default: beside this program)");

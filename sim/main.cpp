@@ -20,10 +20,15 @@ int run(int argc, char** argv) {
   CLI::App app(
       "Makes missions of a survey AUV with ground truth, plays them to the vehicle's program through real "
       "interfaces, and scores what was estimated from them");
+  app.footer(
+      "Examples: fathom-sim render reef-quick --out missions/reef-quick\n"
+      "          fathom-sim score missions/reef-quick\n"
+      "Each command has a --help of its own.");
   app.require_subcommand(1);
 
   sim::RenderOptions render;
   CLI::App* render_command = app.add_subcommand("render", "make a mission folder from a scenario");
+  render_command->footer("Example: fathom-sim render reef-grid --out missions/reef-grid --scale 0.5");
   render_command->add_option("scenario", render.scenario, "TOML file, or the name of a shipped scenario")
       ->required();
   render_command->add_option("--out", render.out, "mission folder to make")->required();
@@ -39,11 +44,13 @@ int run(int argc, char** argv) {
   std::string keys_of;
   CLI::App* keys_command =
       app.add_subcommand("keys", "print every key of a scenario with unit, range, default and meaning");
+  keys_command->footer("Example: fathom-sim keys reef-quick");
   keys_command->add_option("scenario", keys_of, "its values (default: the defaults)");
 
   std::filesystem::path mission;
   bool json = false;
   CLI::App* score_command = app.add_subcommand("score", "compare what was estimated with the truth");
+  score_command->footer("Example: fathom-sim score missions/reef-grid");
   score_command->add_option("mission", mission, "mission folder")->required();
   std::vector<std::filesystem::path> surfaces;
   score_command->add_option("--surface", surfaces,

@@ -29,6 +29,8 @@ std::function<int()> addPictureCommand(CLI::App& app, CLI::App*& command) {
   };
   const auto state = std::make_shared<State>();
   command = app.add_subcommand("picture", "draw a PLY mesh as a PNG");
+  command->footer(
+      "Example: fathom-sim picture missions/reef-grid/topside/mesh.ply --out mesh.png --view oblique");
   command->add_option("mesh", state->mesh, "PLY mesh in nav: north, east, down [m]")->required();
   command->add_option("--out", state->png, "PNG to write")->required();
   command->add_option("--view", state->view, "top or oblique")

@@ -15,9 +15,9 @@ constexpr int kLargestPort = 65535;
 
 }  // namespace
 
-std::optional<DeviceAddress> parseDeviceAddress(std::string_view text, std::string& mend) {
+std::optional<DeviceAddress> parseDeviceAddress(std::string_view text, std::string& fix) {
   const auto refuse = [&](const char* why) {
-    mend = why;
+    fix = why;
     return std::nullopt;
   };
   const std::size_t first = text.find(':');
@@ -45,9 +45,9 @@ std::string readDeviceAddress(const ConfigTable& table, std::string_view key, st
                               bool file_allowed) {
   std::string text = table.text(key, fallback);
   if (text.empty()) return text;
-  std::string mend;
-  const auto address = parseDeviceAddress(text, mend);
-  if (!address) table.fail(key, mend);
+  std::string fix;
+  const auto address = parseDeviceAddress(text, fix);
+  if (!address) table.fail(key, fix);
   if (address->kind == DeviceAddress::Kind::kFile && !file_allowed)
     table.fail(key, "give udp:HOST:PORT or serial:DEVICE:BAUD");
   if (address->kind == DeviceAddress::Kind::kSerial && !SerialLine::knownRate(address->number))
@@ -56,9 +56,9 @@ std::string readDeviceAddress(const ConfigTable& table, std::string_view key, st
 }
 
 std::unique_ptr<FramePort> openFramePort(const std::string& text, const std::string& where) {
-  std::string mend;
-  const auto address = parseDeviceAddress(text, mend);
-  if (!address) throw InputError(where, "", mend);
+  std::string fix;
+  const auto address = parseDeviceAddress(text, fix);
+  if (!address) throw InputError(where, "", fix);
   switch (address->kind) {
     case DeviceAddress::Kind::kSerial:
       return std::make_unique<SerialFramePort>(address->name, address->number);

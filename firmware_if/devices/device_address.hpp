@@ -22,8 +22,8 @@ struct DeviceAddress {
   int number = 0;    // baud rate or port; 0 for a file
 };
 
-// std::nullopt for a text that is none of these; then `mend` says what is wrong with it.
-[[nodiscard]] std::optional<DeviceAddress> parseDeviceAddress(std::string_view text, std::string& mend);
+// std::nullopt for a text that is none of these; then `fix` says what is wrong with it.
+[[nodiscard]] std::optional<DeviceAddress> parseDeviceAddress(std::string_view text, std::string& fix);
 
 // A key that holds such an address, checked down to the baud rate but not opened; empty when absent or
 // empty. InputError otherwise. The readers of `[dvl]` and `[modem]` use it.

@@ -20,9 +20,9 @@ constexpr double kStampResolution = 0.01;  // of every format [s]
 constexpr int kMaxReads = 16;
 
 std::unique_ptr<ByteStream> openDvl(const std::string& device) {
-  std::string mend;
-  const auto address = parseDeviceAddress(device, mend);
-  if (!address) throw InputError("dvl.device " + device, "", mend);
+  std::string fix;
+  const auto address = parseDeviceAddress(device, fix);
+  if (!address) throw InputError("dvl.device " + device, "", fix);
   return openByteStream(*address);
 }
 

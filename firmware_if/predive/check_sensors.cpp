@@ -62,8 +62,8 @@ void checkDvl(const PrediveFacts& facts, const PrediveConfig& limits, PrediveRep
   const SampleFacts& dvl = facts.samples[kKind<DvlSample>];
   const DeviceHealth* source = sourceNamed(facts, "dvl");
   const std::uint64_t ensembles = counterOf(source, "ensembles"), bad = counterOf(source, "bad_checksum");
-  const auto refuse = [&](const std::string& found, const std::string& mend) {
-    report.bad("DVL", found, mend);
+  const auto refuse = [&](const std::string& found, const std::string& fix) {
+    report.bad("DVL", found, fix);
   };
   if (!facts.expected[kKind<DvlSample>])
     return refuse("none is configured", "set dvl.device, or add dvl to lcm.accept, in onboard.toml");

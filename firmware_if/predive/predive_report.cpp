@@ -39,7 +39,7 @@ std::string reportTable(const PrediveReport& report, bool colours) {
     bad += row.verdict == Verdict::kBad ? 1 : 0;
     out += (colours ? colour : "") + std::string(label) + (colours ? "\033[0m" : "") + "  " + row.name +
            std::string(width - row.name.size(), ' ') + "  " + row.found + "\n";
-    if (!row.mend.empty()) out += "       " + std::string(width, ' ') + "  -> " + row.mend + "\n";
+    if (!row.fix.empty()) out += "       " + std::string(width, ' ') + "  -> " + row.fix + "\n";
   }
   out += bad == 0 ? "All is well: ready to dive.\n"
                   : std::to_string(bad) + (bad == 1 ? " thing is" : " things are") + " wrong: do not dive.\n";
@@ -50,7 +50,7 @@ std::string reportJson(const PrediveReport& report) {
   nlohmann::ordered_json rows = nlohmann::ordered_json::array();
   for (const PrediveRow& row : report.rows) {
     nlohmann::ordered_json line = {{"name", row.name}, {"verdict", word(row.verdict)}, {"found", row.found}};
-    if (!row.mend.empty()) line["mend"] = row.mend;
+    if (!row.fix.empty()) line["fix"] = row.fix;
     rows.push_back(std::move(line));
   }
   const nlohmann::ordered_json all = {{"good", report.allGood()}, {"rows", std::move(rows)}};

@@ -12,7 +12,7 @@ struct PrediveRow {
   std::string name;
   Verdict verdict = Verdict::kGood;
   std::string found;
-  std::string mend;  // of a red row
+  std::string fix;  // of a red row
 };
 
 struct PrediveReport {
@@ -21,17 +21,17 @@ struct PrediveReport {
   void good(std::string name, std::string found) {
     rows.push_back({std::move(name), Verdict::kGood, std::move(found), ""});
   }
-  void bad(std::string name, std::string found, std::string mend) {
-    rows.push_back({std::move(name), Verdict::kBad, std::move(found), std::move(mend)});
+  void bad(std::string name, std::string found, std::string fix) {
+    rows.push_back({std::move(name), Verdict::kBad, std::move(found), std::move(fix)});
   }
   void unused(std::string name, std::string found) {
     rows.push_back({std::move(name), Verdict::kUnused, std::move(found), ""});
   }
 };
 
-// A line a row, a second one with the mend below a red row, a summary; with colours for a terminal.
+// A line a row, a second one with the fix below a red row, a summary; with colours for a terminal.
 [[nodiscard]] std::string reportTable(const PrediveReport& report, bool colours);
-// {"good": false, "rows": [{"name", "verdict": "good"|"bad"|"unused", "found", "mend"}]}
+// {"good": false, "rows": [{"name", "verdict": "good"|"bad"|"unused", "found", "fix"}]}
 [[nodiscard]] std::string reportJson(const PrediveReport& report);
 
 }  // namespace fathom::io

@@ -5,7 +5,7 @@
 
 namespace fathom::rt {
 
-// Where the time comes from: the machine, or a log that is being replayed. Roofs and loops ask a Clock; the
+// Where the time comes from: the machine, or a log that is being replayed. Programs and loops ask a Clock; the
 // cores never do, they take time from their inputs.
 class Clock {
  public:

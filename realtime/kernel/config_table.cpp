@@ -45,11 +45,11 @@ struct ConfigTable::Impl {
     return node;
   }
 
-  [[noreturn]] void fail(std::string_view key, const toml::node* node, const std::string& mend) const {
+  [[noreturn]] void fail(std::string_view key, const toml::node* node, const std::string& fix) const {
     std::string place = "key '" + prefix + std::string(key) + "'";
     if (node && node->source().begin.line > 0)
       place = "line " + std::to_string(node->source().begin.line) + ", " + place;
-    throw InputError(document->name, place, mend);
+    throw InputError(document->name, place, fix);
   }
 
   const toml::node& require(std::string_view key) const {
@@ -262,12 +262,12 @@ void ConfigTable::finish() const {
     throw InputError(
         impl_->document->name,
         "line " + std::to_string(node->source().begin.line) + ", key '" + impl_->prefix + key + "'",
-        "is unknown; remove it or mend its spelling");
+        "is unknown; remove it or correct its spelling");
   }
 }
 
-void ConfigTable::fail(std::string_view key, const std::string& mend) const {
-  impl_->fail(key, impl_->table ? impl_->table->get(key) : nullptr, mend);
+void ConfigTable::fail(std::string_view key, const std::string& fix) const {
+  impl_->fail(key, impl_->table ? impl_->table->get(key) : nullptr, fix);
 }
 
 }  // namespace fathom

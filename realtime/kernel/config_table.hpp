@@ -11,7 +11,7 @@
 namespace fathom {
 
 // One table of a TOML file, read key by key with bounds. Every failure is an InputError that names the file,
-// the key with its line, and the mend. finish() refuses keys that nobody asked for, in this table and its
+// the key with its line, and the fix. finish() refuses keys that nobody asked for, in this table and its
 // sub-tables, so that a misspelt key never passes silently.
 class ConfigTable {
  public:
@@ -58,7 +58,7 @@ class ConfigTable {
   void finish() const;
 
   // InputError for a key of this table: for checks that this class does not know.
-  [[noreturn]] void fail(std::string_view key, const std::string& mend) const;
+  [[noreturn]] void fail(std::string_view key, const std::string& fix) const;
 
  private:
   struct Impl;

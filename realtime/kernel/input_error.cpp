@@ -17,8 +17,8 @@ std::string oneLine(std::string text) {
 
 }  // namespace
 
-InputError::InputError(const std::string& file, const std::string& place, const std::string& mend)
-    : std::runtime_error(oneLine(file + ": " + (place.empty() ? "" : place + ": ") + mend)) {}
+InputError::InputError(const std::string& file, const std::string& place, const std::string& fix)
+    : std::runtime_error(oneLine(file + ": " + (place.empty() ? "" : place + ": ") + fix)) {}
 
 int runTool(const char* program, const std::function<int()>& body) noexcept {
   try {

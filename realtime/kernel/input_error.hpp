@@ -6,15 +6,15 @@
 
 namespace fathom {
 
-// Bad input found at set-up or by a tool: one line that names the file, the place in it and the mend.
+// Bad input found at set-up or by a tool: one line that names the file, the place in it and the fix.
 // Thrown only outside the onboard tiers; on board, bad input is an event with a counter.
 class InputError : public std::runtime_error {
  public:
   // `file`: path as the user gave it. `place`: line, byte, key or field ("" = the whole file).
-  // `mend`: what is wrong and what to do about it.
+  // `fix`: what is wrong and what to do about it.
   // Line ends and other control characters in them, as a damaged file has them, become '?': it stays one
   // line.
-  InputError(const std::string& file, const std::string& place, const std::string& mend);
+  InputError(const std::string& file, const std::string& place, const std::string& fix);
 };
 
 enum ExitCode : int {

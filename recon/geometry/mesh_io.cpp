@@ -71,8 +71,8 @@ class Source {
  public:
   Source(const std::filesystem::path& path, std::string bytes) : path_(path), bytes_(std::move(bytes)) {}
 
-  [[noreturn]] void fail(const std::string& mend) const {
-    throw InputError(path_, place_.empty() ? "byte " + std::to_string(position_) : place_, mend);
+  [[noreturn]] void fail(const std::string& fix) const {
+    throw InputError(path_, place_.empty() ? "byte " + std::to_string(position_) : place_, fix);
   }
   void setPlace(std::string place) { place_ = std::move(place); }
   [[nodiscard]] std::size_t remaining() const { return bytes_.size() - position_; }

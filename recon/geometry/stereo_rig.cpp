@@ -46,8 +46,8 @@ class Cursor {
   Cursor(const std::filesystem::path& path, const std::vector<double>& numbers)
       : path_(path), numbers_(numbers) {}
   double next() { return numbers_[index_++]; }
-  [[noreturn]] void fail(const std::string& mend) const {
-    throw InputError(path_, "number " + std::to_string(index_), mend);
+  [[noreturn]] void fail(const std::string& fix) const {
+    throw InputError(path_, "number " + std::to_string(index_), fix);
   }
 
  private:

@@ -314,7 +314,7 @@ void Decimation::run(std::size_t target_triangles) {
 }
 
 void Decimation::collapseTo(std::size_t target) {
-  // What an edge would break may be mended by collapses around it: try again while that helps.
+  // What an edge would break may be repaired by collapses around it: try again while that helps.
   for (std::uint64_t before = counts_.collapses + 1; faces_ > target && before != counts_.collapses;) {
     before = counts_.collapses;
     pushAll();

@@ -19,6 +19,10 @@
 int main(int argc, char** argv) {
   using namespace fathom::topside;
   CLI::App app{"fathom-topside: from a recorded dive to a model that people explore"};
+  app.footer(
+      "Examples: fathom-topside run missions/reef-grid\n"
+      "          fathom-topside view missions/reef-grid\n"
+      "Each command has a --help of its own.");
   app.set_version_flag("--version", FATHOM_VERSION);
   app.require_subcommand(1);
   std::vector<Command> commands = addRunCommands(app);

@@ -71,7 +71,7 @@ struct FaultScript {
 };
 
 // A TOML file of [[fault]] tables, each with kind, at_s, for_s and the kind's own keys (sim/hil/README.md
-// lists them). Throws InputError with file, line and mend for an unknown key, a value out of range, a key of
+// lists them). Throws InputError with file, line and fix for an unknown key, a value out of range, a key of
 // another kind, or two faults at the same time on the same device, whose counts nobody could tell apart.
 [[nodiscard]] FaultScript readFaultScript(const std::filesystem::path& path);
 // The same from text; `name` stands for the file in error lines.

@@ -8,7 +8,7 @@
 namespace fathom::sim {
 
 // Reads a scenario: a path, or the bare name of a shipped one ("reef-quick"). Throws InputError that names
-// file, key (and line) and mend: an absent or empty file, an unknown key, a value of a wrong type or out of
+// file, key (and line) and fix: an absent or empty file, an unknown key, a value of a wrong type or out of
 // range, a mesh that is not there.
 [[nodiscard]] Scenario loadScenario(const std::string& name_or_path);
 

@@ -21,6 +21,10 @@ int main(int argc, char** argv) {
   fathom::monitor::MonitorOptions options;
   CLI::App app(
       "Watches a dive over the acoustic link: rebuilds its map and track and serves them as a web page.");
+  app.footer(
+      "Examples: fathom-monitor --packets missions/reef-grid/onboard/packets.bin --http 8080\n"
+      "          fathom-monitor --serial /dev/ttyUSB0 --baud 9600 --vehicle 1 --dive 1 --key dive.key --out "
+      "dive-1");
   app.add_option("--udp", options.udp_port, "receive frames on this UDP port (stand-in for the modem)");
   app.add_option("--bind", options.bind_address, "address of the UDP port")->capture_default_str();
   app.add_option("--serial", options.serial_device, "receive frames from a modem on this serial device");
@@ -48,6 +52,7 @@ int main(int argc, char** argv) {
   std::string key_file;
   CLI::App* key =
       app.add_subcommand("key", "make a key for the downlink; the vehicle gets a copy of the file");
+  key->footer("Example: fathom-monitor key dive.key");
   key->add_option("file", key_file, "to make; one that exists is left alone")->required();
   fathom::monitor::CodecOptions codec_options;
   CLI::App* codec = fathom::monitor::addCodecCommand(app, codec_options);

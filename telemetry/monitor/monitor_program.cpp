@@ -24,8 +24,8 @@ constexpr auto kPollInterval = 20ms;  // far shorter than any frame on the link
 constexpr std::int64_t kProgressInterval_ns = 10'000'000'000;
 constexpr std::int64_t kSaveInterval_ns = 30'000'000'000;
 
-void require(bool good, const char* option, const char* mend) {
-  if (!good) throw InputError(option, "", mend);
+void require(bool good, const char* option, const char* fix) {
+  if (!good) throw InputError(option, "", fix);
 }
 
 std::optional<telemetry::LinkIdentity> identityOf(const MonitorOptions& options) {

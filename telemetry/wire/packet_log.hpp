@@ -25,7 +25,7 @@ struct Packet {
 class PacketLogReader {
  public:
   explicit PacketLogReader(const std::filesystem::path& path);  // throws InputError if it cannot be read
-  // The next packet; nullopt at the end. Throws InputError (file, byte, mend) for a length out of bounds or a
+  // The next packet; nullopt at the end. Throws InputError (file, byte, fix) for a length out of bounds or a
   // truncated packet: what came before it has been returned.
   std::optional<Packet> next();
 

@@ -22,17 +22,17 @@ using ::testing::HasSubstr;
 using Bytes = std::vector<std::uint8_t>;
 
 TEST(DeviceAddress, EachKindIsReadWhole) {
-  std::string mend;
-  const auto serial = parseDeviceAddress("serial:/dev/serial/by-id/usb-FTDI:0:115200", mend);
+  std::string fix;
+  const auto serial = parseDeviceAddress("serial:/dev/serial/by-id/usb-FTDI:0:115200", fix);
   ASSERT_TRUE(serial);
   EXPECT_EQ(serial->kind, DeviceAddress::Kind::kSerial);
   EXPECT_EQ(serial->name, "/dev/serial/by-id/usb-FTDI:0") << "names may hold colons";
   EXPECT_EQ(serial->number, 115200);
-  const auto udp = parseDeviceAddress("udp:127.0.0.1:14700", mend);
+  const auto udp = parseDeviceAddress("udp:127.0.0.1:14700", fix);
   ASSERT_TRUE(udp);
   EXPECT_EQ(udp->kind, DeviceAddress::Kind::kUdp);
   EXPECT_EQ(udp->number, 14700);
-  const auto file = parseDeviceAddress("file:/data/a:b.pd0", mend);
+  const auto file = parseDeviceAddress("file:/data/a:b.pd0", fix);
   ASSERT_TRUE(file);
   EXPECT_EQ(file->name, "/data/a:b.pd0");
 }
@@ -53,9 +53,9 @@ TEST(DeviceAddress, NonsenseIsRefusedWithTheMend) {
       {"file:", "name the file"}};
   for (const auto& refused : bad) {
     const std::string text = refused.first, expected = refused.second;
-    std::string mend;
-    EXPECT_FALSE(parseDeviceAddress(text, mend)) << text;
-    EXPECT_THAT(mend, HasSubstr(expected)) << text;
+    std::string fix;
+    EXPECT_FALSE(parseDeviceAddress(text, fix)) << text;
+    EXPECT_THAT(fix, HasSubstr(expected)) << text;
     EXPECT_THAT(refusal([&] { (void)openFramePort(text, "--modem " + text); }), HasSubstr("--modem " + text))
         << text;
   }

@@ -293,7 +293,7 @@ std::vector<std::string> redRows(const PrediveReport& report) {
   for (const PrediveRow& row : report.rows) {
     if (row.verdict != Verdict::kBad) continue;
     names.push_back(row.name);
-    EXPECT_FALSE(row.mend.empty()) << row.name << " says no mend";
+    EXPECT_FALSE(row.fix.empty()) << row.name << " says no fix";
   }
   return names;
 }
@@ -386,7 +386,7 @@ TEST(Predive, EachThingThatIsWrongTurnsItsOwnRowRed) {
   }
 }
 
-TEST(Predive, TheTableNamesTheMendAndColoursOnlyATerminal) {
+TEST(Predive, TheTableNamesTheFixAndColoursOnlyATerminal) {
   PrediveReport report;
   report.good("DVL", "7 Hz");
   report.bad("focus left", "9 px", "turn the lens");
@@ -402,7 +402,7 @@ TEST(Predive, TheTableNamesTheMendAndColoursOnlyATerminal) {
   const auto json = nlohmann::json::parse(reportJson(report));
   EXPECT_EQ(json["good"], false);
   ASSERT_EQ(json["rows"].size(), 3u);
-  EXPECT_EQ(json["rows"][1]["mend"], "turn the lens");
+  EXPECT_EQ(json["rows"][1]["fix"], "turn the lens");
   EXPECT_EQ(json["rows"][2]["verdict"], "unused");
 }
 

@@ -34,7 +34,7 @@ struct Ship {
   int frames = 0;
 };
 
-// The three cores without a roof: inputs in, frames and poses out.
+// The three cores without a program around them: inputs in, frames and poses out.
 class CoresRun {
  public:
   CoresRun(const RecordedMission& mission, const MapSlots& slots, Ship& ship);

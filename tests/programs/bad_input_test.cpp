@@ -1,4 +1,5 @@
 // Files, ports and arguments that no program can use.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
@@ -49,6 +50,24 @@ TEST_F(BadInput, UsageIsRefusedInOneLineByEveryProgram) {
   expectRefused("fathom-onboard --replay x --speed abc", "--speed");
   expectRefused("fathom-topside run x --resolution 0", "--resolution");
   expectRefused("fathom-monitor --udp abc", "--udp");
+}
+
+TEST(Help, EveryProgramAndEachOfItsCommandsShowsACompleteExample) {
+  for (const std::string program :
+       {"fathom-onboard", "fathom-topside", "fathom-sim", "fathom-monitor", "fathom-sensors"}) {
+    const std::string help = runProgram(program + " --help").out;
+    EXPECT_THAT(help, ::testing::ContainsRegex("Examples?: " + program + " ")) << help;
+    const auto commands = help.find("Subcommands:");
+    if (commands == std::string::npos) continue;
+    std::istringstream lines(help.substr(commands));
+    std::string line;
+    std::getline(lines, line);
+    while (std::getline(lines, line) && line.starts_with("  ")) {
+      if (line[2] == ' ') continue;  // a description goes on
+      const std::string command = program + " " + line.substr(2, line.find(' ', 2) - 2);
+      EXPECT_THAT(runProgram(command + " --help").out, ::testing::HasSubstr("Example: " + command + " "));
+    }
+  }
 }
 
 TEST_F(BadInput, ABadScenarioIsNamed) {

@@ -1,4 +1,4 @@
-// From fused range meshes to three levels of tiles: what the rooms give each other fits together.
+// From fused range meshes to three levels of tiles: what the modules give each other fits together.
 #include <gtest/gtest.h>
 
 #include <array>

@@ -94,7 +94,7 @@ ArmingCheck checkCpus(const RealtimeConfig& config) {
       std::to_string(CPU_COUNT(&allowed)) + " allowed of " + std::to_string(::sysconf(_SC_NPROCESSORS_ONLN));
   if (!check.ok) {
     check.missing = "CPU " + refused + " of [realtime] is absent or not allowed";
-    check.grant = "CPUAffinity= with these CPUs, or none; or mend hard_cpus, soft_cpus, best_effort_cpus";
+    check.grant = "CPUAffinity= with these CPUs, or none; or correct hard_cpus, soft_cpus, best_effort_cpus";
   }
   return check;
 }

@@ -26,6 +26,7 @@ void addBoardOptions(CLI::App& command, BoardOptions& options) {
 std::function<int()> addCalibrateCommand(CLI::App& app, CLI::App*& command) {
   const auto options = std::make_shared<CalibrateOptions>();
   command = app.add_subcommand("calibrate", "a stereo rig's calibration from photographs of a chessboard");
+  command->footer("Example: fathom-topside calibrate --board 9x6 --square 0.024 boards/ --out stereo.calib");
   command->add_option("images", options->board.images.images,
                       "image files or folders; left01/right01 or *_LC16/*_RM16 belong together");
   addBoardOptions(*command, options->board);

@@ -86,6 +86,7 @@ std::function<int()> addCheckCalibrationCommand(CLI::App& app, CLI::App*& comman
   command = app.add_subcommand(
       "check-calibration",
       "whether a rig is still as calibrated: on chessboards, or on a mission's own images");
+  command->footer("Example: fathom-topside check-calibration missions/reef-grid --out check");
   command->add_option("images", options->board.images.images,
                       "with --board: image files or folders; else a mission folder");
   addBoardOptions(*command, options->board);

@@ -53,6 +53,7 @@ void printJson(const TileCheck& check) {
 std::function<int()> addCheckTilesCommand(CLI::App& app, CLI::App*& command) {
   const auto options = std::make_shared<Options>();
   command = app.add_subcommand("check-tiles", "whether a model's tiles are whole and join without cracks");
+  command->footer("Example: fathom-topside check-tiles missions/reef-grid/topside");
   command->add_option("folder", options->folder, "with tileset.json, or with tiles/tileset.json")->required();
   command->add_flag("--json", options->json, "everything as JSON");
   return [options] {

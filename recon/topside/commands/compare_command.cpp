@@ -46,6 +46,8 @@ std::function<int()> addCompareCommand(CLI::App& app, CLI::App*& command) {
   o.reference_up = "auto";
   o.beside = frameBeside;
   command = app.add_subcommand("compare", "heights against gridded multibeam or another dive");
+  command->footer(
+      "Example: fathom-topside compare missions/reef-grid/topside --reference multibeam.tif --out beside");
   command
       ->add_option("survey", o.survey,
                    "folder of fathom-topside's results, its elevation GeoTIFF or its mesh.ply")

@@ -40,6 +40,8 @@ int run(const Options& options) {
 std::function<int()> addExportModelCommand(CLI::App& app, CLI::App*& command) {
   const auto options = std::make_shared<Options>();
   command = app.add_subcommand("export-model", "one level of a model's tiles as PLY or OBJ for other tools");
+  command->footer(
+      "Example: fathom-topside export-model missions/reef-grid/topside --level 0 --obj model.obj");
   command->add_option("folder", options->folder, "the tiles' folder, or the one above it")->required();
   command->add_option("--level", options->level, "0 is the finest (0)")->check(CLI::Range(0, 12));
   command->add_option("--ply", options->ply, "file to write");

@@ -208,6 +208,7 @@ int runPosegraph(const Options& options) {
 std::function<int()> addPosegraphCommand(CLI::App& app, CLI::App*& command) {
   const auto options = std::make_shared<Options>();
   command = app.add_subcommand("posegraph", "optimise a graph of 3D poses in g2o's form");
+  command->footer("Example: fathom-topside posegraph graph.g2o --out optimised.g2o");
   command->add_option("file", options->file, "g2o file: VERTEX_SE3:QUAT, EDGE_SE3:QUAT")->required();
   command->add_option("--out", options->out, "g2o file to write");
   command->add_option("--truth", options->truth,

@@ -104,15 +104,18 @@ int runAll(const Options& o) {
 std::vector<Command> addRunCommands(CLI::App& app) {
   const auto o = std::make_shared<Options>();
   CLI::App* run = app.add_subcommand("run", "from a recorded dive to a model that people explore");
+  run->footer("Example: fathom-topside run missions/reef-grid --jobs 2");
   addOptions(*run, *o);
   run->add_option("--out", o->places.out, "folder for the results (MISSION/topside)");
   run->add_option("--only", o->only, "one stage, from those before it, into the work folder");
   CLI::App* stage = app.add_subcommand("stage", "one stage of a run, or some of its items");
+  stage->footer("Example: fathom-topside stage piece missions/reef-grid --piece 0-15");
   stage->add_option("stage", o->only, "survey, lighting, prepare, localise, plan, piece or level")
       ->required();
   addOptions(*stage, *o);
   stage->add_option("--piece", o->items, "of prepare and piece: a number from 0, or two as in 0-15");
   CLI::App* plan = app.add_subcommand("plan", "how many items the stages of a run have");
+  plan->footer("Example: fathom-topside plan missions/reef-grid");
   addOptions(*plan, *o);
   plan->add_flag("--list", o->list, "as JSON, and nothing else (the default)");
   return {{run, [o] { return runAll(*o); }},

@@ -138,6 +138,7 @@ std::function<int()> addSlamCommand(CLI::App& app, CLI::App*& command) {
   const auto options = std::make_shared<Options>();
   command =
       app.add_subcommand("slam", "visual odometry and loop closures of a mission: poses, without a map");
+  command->footer("Example: fathom-topside slam missions/reef-grid --out poses");
   command->add_option("mission", options->mission, "mission folder")->required();
   command->add_option("--out", options->out, "folder for the results (MISSION/slam)");
   command->add_option("--config", options->config, "TOML file; keys are in recon/topside/README.md");

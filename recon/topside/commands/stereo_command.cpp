@@ -126,6 +126,9 @@ int runStereo(const Options& options) {
 std::function<int()> addStereoCommand(CLI::App& app, CLI::App*& command) {
   const auto options = std::make_shared<Options>();
   command = app.add_subcommand("stereo", "one pair of images to a mesh, points and a picture of depth");
+  command->footer(
+      "Example: fathom-topside stereo --calib stereo.calib left.tif right.tif --out mesh.ply --picture "
+      "depth.png");
   command->add_option("left", options->left, "left image: TIFF, PNG or JPEG")->required();
   command->add_option("right", options->right, "right image")->required();
   command->add_option("--calib", options->calib, "stereo.calib of the rig")->required();

@@ -44,6 +44,7 @@ int runView(const Options& options) {
 std::function<int()> addViewCommand(CLI::App& app, CLI::App*& command) {
   auto options = std::make_shared<Options>();
   command = app.add_subcommand("view", "open a dive's output in the browser");
+  command->footer("Example: fathom-topside view missions/reef-grid");
   command->add_option("folder", options->folder, "output folder, or the mission folder around it")
       ->required();
   command->add_option("--port", options->port, "port on 127.0.0.1; 0: any that is free (8090)")

@@ -28,8 +28,8 @@ class Glb {
     binary_ = chunk(bytes, 20 + text.size(), kBinaryChunk);
   }
 
-  [[noreturn]] void fail(const std::string& place, const std::string& mend) const {
-    throw InputError(name_, place, mend);
+  [[noreturn]] void fail(const std::string& place, const std::string& fix) const {
+    throw InputError(name_, place, fix);
   }
   // The value at a JSON pointer, or null.
   [[nodiscard]] const Json* find(const std::string& pointer) const {

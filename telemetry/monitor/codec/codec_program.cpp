@@ -122,6 +122,7 @@ void writeCurve(const LatticeSurface& surface, const CodecOptions& options) {
 CLI::App* addCodecCommand(CLI::App& app, CodecOptions& options) {
   CLI::App* codec = app.add_subcommand(
       "codec", "measures the map codec on a surface, beside Draco and JPEG 2000 held to the same error");
+  codec->footer("Example: fathom-monitor codec chamber3.ply --cell 0.25 --max-error 0.05");
   codec->add_option("terrain", options.terrain, "mesh (PLY): x north, y east, z down [m]")->required();
   codec->add_option("--cell", options.cell, "spacing of the lattice [m]")->capture_default_str();
   codec->add_option("--max-error", options.max_error, "largest error of a height [m]")->capture_default_str();

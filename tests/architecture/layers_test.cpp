@@ -1,4 +1,4 @@
-#include "tests/architecture/floors.hpp"
+#include "tests/architecture/layers.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -21,43 +21,51 @@ void write(const std::filesystem::path& path, const std::string& text) {
   std::ofstream(path) << text;
 }
 
-TEST(House, NoFileIncludesOneThatItsFloorForbids) {
+// The modules of this tree.
+const Layers& layers() {
+  static Violations unsaid;
+  static const Layers read(kRoot, unsaid);
+  EXPECT_THAT(unsaid, IsEmpty());
+  return read;
+}
+
+TEST(Architecture, NoFileIncludesOneThatItsLayerForbids) {
   Violations relative;
   const IncludeEdges edges = readIncludes(kRoot, relative);
   EXPECT_THAT(relative, IsEmpty());
-  EXPECT_THAT(checkIncludes(edges), IsEmpty());
+  EXPECT_THAT(layers().checkIncludes(edges), IsEmpty());
   // The reader sees what is certainly there.
   EXPECT_TRUE(edges.count({"recon/geometry/mesh.hpp", "recon/geometry/se3.hpp"}));
   EXPECT_TRUE(edges.count({"recon/geometry/mesh_io.cpp", "realtime/kernel/input_error.hpp"}));
 }
 
-TEST(House, NoFileIncludesItselfInTheEnd) {
+TEST(Architecture, NoFileIncludesItselfInTheEnd) {
   Violations relative;
   EXPECT_THAT(findCycles(readIncludes(kRoot, relative)), IsEmpty());
 }
 
-TEST(House, NoTargetLinksOneThatItsFloorForbids) {
+TEST(Architecture, NoTargetLinksOneThatItsLayerForbids) {
   const auto targets = readTargets(FATHOM_TARGETS_FILE);
-  EXPECT_THAT(checkTargets(targets), IsEmpty());
+  EXPECT_THAT(checkTargets(layers(), targets), IsEmpty());
   ASSERT_TRUE(targets.count("fathom_kernel"));
   ASSERT_TRUE(targets.count("fathom_geometry"));
   EXPECT_EQ(targets.at("fathom_geometry").folder, "recon/geometry");
   EXPECT_TRUE(targets.at("fathom_geometry").libraries.count("fathom_kernel"));
 }
 
-TEST(Floors, EachRoomKnowsItselfAndWhatLiesBelow) {
+TEST(Layers, EachModuleKnowsItselfAndWhatLiesBelow) {
   const auto may = [](const std::string& from, const std::string& to) {
-    return mayKnow(placeOf(from).value(), placeOf(to).value());
+    return mayKnow(layers().placeOf(from).value(), layers().placeOf(to).value());
   };
   EXPECT_TRUE(may("recon/geometry/a.cpp", "realtime/kernel/b.hpp"));
   EXPECT_TRUE(may("recon/stereo/a.cpp", "recon/stereo/detail/b.hpp"));
   EXPECT_TRUE(may("firmware_if/a.cpp", "recon/geometry/b.hpp"));
   EXPECT_TRUE(may("sim/a.cpp", "telemetry/b.hpp"));
   EXPECT_TRUE(may("sim/a.cpp", "recon/fusion/b.hpp"));
-  EXPECT_TRUE(may("realtime/onboard/a.cpp", "sim/b.hpp"));
+  EXPECT_TRUE(may("sim/main.cpp", "realtime/onboard/b.hpp"));
   EXPECT_TRUE(may("telemetry/monitor/a.cpp", "telemetry/b.hpp"));
   EXPECT_TRUE(may("firmware_if/main.cpp", "firmware_if/b.hpp"));
-  EXPECT_TRUE(may("firmware_if/sensors_main.cpp", "sim/b.hpp"));
+  EXPECT_TRUE(may("firmware_if/sensors_main.cpp", "telemetry/b.hpp"));
 
   EXPECT_FALSE(may("realtime/kernel/a.cpp", "recon/geometry/b.hpp"));
   EXPECT_FALSE(may("recon/geometry/a.cpp", "recon/stereo/b.hpp"));
@@ -66,21 +74,39 @@ TEST(Floors, EachRoomKnowsItselfAndWhatLiesBelow) {
   EXPECT_FALSE(may("firmware_if/a.cpp", "telemetry/b.hpp"));
   EXPECT_FALSE(may("telemetry/a.cpp", "telemetry/monitor/b.hpp"));
   EXPECT_FALSE(may("telemetry/a.cpp", "sim/b.hpp"));
-  EXPECT_FALSE(may("sim/a.cpp", "realtime/onboard/b.hpp"));
+  EXPECT_FALSE(may("realtime/onboard/main.cpp", "sim/b.hpp"));
   EXPECT_FALSE(may("realtime/onboard/a.cpp", "recon/topside/b.hpp"));
-  EXPECT_FALSE(may("sim/main.cpp", "recon/topside/b.hpp"));
+  EXPECT_FALSE(may("recon/topside/a.cpp", "sim/score/b.hpp"));
   EXPECT_FALSE(may("firmware_if/a.cpp", "firmware_if/sensors_main.cpp"));
 }
 
-TEST(Floors, WhatIsInNoRoomHasNoPlace) {
-  EXPECT_FALSE(placeOf("tests/support/a.hpp"));
-  EXPECT_FALSE(placeOf("recon/a.hpp"));
-  EXPECT_FALSE(placeOf("realtime/a.hpp"));
-  EXPECT_FALSE(placeOf("realtime/elsewhere/a.hpp"));
+TEST(Layers, WhatIsInNoModuleHasNoPlace) {
+  EXPECT_FALSE(layers().placeOf("tests/support/a.hpp"));
+  EXPECT_FALSE(layers().placeOf("recon/a.hpp"));
+  EXPECT_FALSE(layers().placeOf("realtime/a.hpp"));
+  EXPECT_FALSE(layers().placeOf("realtime/elsewhere/a.hpp"));
 }
 
-TEST(Floors, AForbiddenIncludeIsFoundInATree) {
+TEST(Layers, AFolderThatDoesNotSayItsPlaceIsFound) {
   const TemporaryFolder tree;
+  write(tree.path() / "sim/README.md", "# sim (layer 4): the sea\n");
+  write(tree.path() / "sim/sea/README.md", "# sim/sea (part of sim)\n");
+  write(tree.path() / "sim/hil/README.md", "# sim/hil (part of firmware_if)\n");
+  write(tree.path() / "recon/README.md", "# Reconstruction\n");
+  write(tree.path() / "recon/nav/README.md", "# recon/slam (layer 2)\n");
+  Violations violations;
+  const Layers read(tree.path(), violations);
+  EXPECT_THAT(violations, ElementsAre(HasSubstr("recon/README.md"), HasSubstr("recon/nav/README.md"),
+                                      HasSubstr("sim/hil/README.md")));
+  EXPECT_EQ(read.placeOf("sim/sea/a.cpp").value().layer, 4);
+}
+
+TEST(Layers, AForbiddenIncludeIsFoundInATree) {
+  const TemporaryFolder tree;
+  for (const char* module : {"recon/nav", "recon/stereo", "recon/geometry", "firmware_if", "telemetry"})
+    write(
+        tree.path() / module / "README.md",
+        "# " + std::string(module) + (module == std::string("recon/geometry") ? " (layer 1)" : " (layer 2)"));
   write(tree.path() / "recon/nav/good.cpp", "#include \"recon/geometry/se3.hpp\"\n#include <vector>\n");
   write(tree.path() / "recon/nav/bad.cpp", "  #  include <recon/stereo/match.hpp>\n");
   write(tree.path() / "firmware_if/bad.hpp", "#include \"firmware_if/../telemetry/frame.hpp\"\n");
@@ -91,19 +117,19 @@ TEST(Floors, AForbiddenIncludeIsFoundInATree) {
   Violations relative;
   const IncludeEdges edges = readIncludes(tree.path(), relative);
   EXPECT_THAT(relative, ElementsAre(HasSubstr("telemetry/bad.cpp includes \"near.hpp\"")));
-  EXPECT_THAT(checkIncludes(edges),
+  EXPECT_THAT(Layers(tree.path(), relative).checkIncludes(edges),
               ElementsAre(HasSubstr("firmware_if/bad.hpp"), HasSubstr("recon/nav/bad.cpp"),
                           HasSubstr("telemetry/bad.cpp includes tests/support/test_data.hpp")));
 }
 
-TEST(Floors, ACycleOfIncludesIsFound) {
+TEST(Layers, ACycleOfIncludesIsFound) {
   EXPECT_THAT(findCycles({{"a", "b"}, {"b", "c"}, {"c", "a"}, {"d", "a"}, {"c", "e"}}),
               ElementsAre("a -> b -> c -> a"));
   EXPECT_THAT(findCycles({{"a", "b"}, {"a", "c"}, {"b", "d"}, {"c", "d"}}), IsEmpty());
   EXPECT_THAT(findCycles({{"a", "a"}}), ElementsAre("a -> a"));
 }
 
-TEST(Floors, AForbiddenLinkIsFoundThroughGeneratorExpressionsToo) {
+TEST(Layers, AForbiddenLinkIsFoundThroughGeneratorExpressionsToo) {
   const TemporaryFolder folder;
   const auto file = folder.path() / "targets.txt";
   write(file,
@@ -118,10 +144,10 @@ TEST(Floors, AForbiddenLinkIsFoundThroughGeneratorExpressionsToo) {
         "support|STATIC_LIBRARY|tests/support|\n"
         "some_test|EXECUTABLE|tests/nav|core;support\n");
   EXPECT_THAT(checkTargets(readTargets(file)),
-              ElementsAre(HasSubstr("fathom-sim"), HasSubstr("sim links support"), HasSubstr("stereo")));
+              ElementsAre(HasSubstr("fathom-onboard"), HasSubstr("sim links support"), HasSubstr("stereo")));
 }
 
-TEST(Floors, AMissingListOfTargetsIsAnError) {
+TEST(Layers, AMissingListOfTargetsIsAnError) {
   EXPECT_THROW(readTargets("/nonexistent/targets.txt"), std::runtime_error);
 }
 

@@ -1,0 +1,124 @@
+// The commands of the README's five tasks, run as they stand there.
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+#include "tests/programs/program_run.hpp"
+
+namespace fathom::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Task {
+  std::string name;
+  std::vector<std::string> commands;
+  int lines = 0;
+};
+
+// "**Name.**" begins a task; its block's lines that begin with "$ " are its commands.
+std::vector<Task> readTasks() {
+  std::istringstream readme(readText(fs::path(FATHOM_SOURCE_DIR) / "README.md"));
+  std::vector<Task> tasks;
+  bool inside = false;
+  for (std::string line; std::getline(readme, line);) {
+    if (line.starts_with("## ")) inside = line == "## Five tasks";
+    if (!inside || line.starts_with("## ") || line.empty()) continue;
+    if (line.starts_with("**")) tasks.push_back({line.substr(2, line.find(".**") - 2), {}});
+    if (tasks.empty()) continue;
+    ++tasks.back().lines;
+    if (line.starts_with("$ ")) tasks.back().commands.push_back(line.substr(2));
+  }
+  return tasks;
+}
+
+// A folder with what the tasks take for granted: a pair, a dive of one's own without mission.toml, today's
+// dive.
+class ReadmeGuide : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    const fs::path mission = FATHOM_REEF_MISSION;
+    fs::create_directories(here_ / "dives/mine");
+    fs::create_directories(here_ / "dives/today");
+    fs::create_directory_symlink(mission / "img", here_ / "dives/mine/img");
+    fs::copy_file(mission / "stereo.calib", here_ / "stereo.calib");
+    for (const auto& entry : fs::directory_iterator(mission))
+      if (entry.path().string().ends_with(".RAW.auv") || entry.path().filename() == "stereo.calib")
+        fs::copy_file(entry.path(), here_ / "dives/mine" / entry.path().filename());
+    for (const char* name : {"mission.toml", "stereo.calib"})
+      fs::copy_file(mission / name, here_ / "dives/today" / name);
+    std::vector<fs::path> images;
+    for (const auto& entry : fs::directory_iterator(mission / "img")) images.push_back(entry.path());
+    std::sort(images.begin(), images.end());
+    const auto first = [&](const char* side) {
+      return *std::find_if(images.begin() + 4, images.end(), [&](const fs::path& image) {
+        return image.string().find(side) != std::string::npos;
+      });
+    };
+    fs::copy_file(first("_LC16"), here_ / "left.tif");
+    fs::copy_file(first("_RM16"), here_ / "right.tif");
+    writeText(
+        here_ / "onboard.toml",
+        "[cameras]\nleft = \"absent-left\"\nright = \"absent-right\"\n[link]\nkey_file = \"ship.key\"\n");
+
+    modem_ = ::posix_openpt(O_RDWR | O_NOCTTY);
+    ASSERT_GE(modem_, 0);
+    ASSERT_EQ(::grantpt(modem_), 0);
+    ASSERT_EQ(::unlockpt(modem_), 0);
+  }
+  void TearDown() override { ::close(modem_); }
+
+  // Here there is neither ship nor camera nor somebody who ends the programs that wait.
+  [[nodiscard]] std::string asRunHere(std::string command) const {
+    const auto device = command.find("/dev/ttyUSB0");
+    if (device != std::string::npos) command.replace(device, 12, ::ptsname(modem_));
+    if (command.starts_with("fathom-monitor --serial")) command += " --http 0 --exit-after-idle 1";
+    if (command.find("--live") != std::string::npos) command += " --soft --for 1";
+    if (command.starts_with("fathom-sensors predive")) command += " --seconds 0.5";
+    if (command.starts_with("fathom-topside view"))
+      return "timeout --signal=INT 3 " FATHOM_BIN_DIR "/" + command + " --port 0";
+    return FATHOM_BIN_DIR "/" + command;
+  }
+  // Without devices: a red table, and a dive that mapped nothing.
+  [[nodiscard]] static int expectedStatus(const std::string& command) {
+    if (command.starts_with("fathom-topside view")) return 124;  // ended by timeout
+    const bool needs_devices =
+        command.starts_with("fathom-sensors predive") ||
+        (command.find("--live") != std::string::npos && command.find("--print-budget") == std::string::npos);
+    return needs_devices ? 1 : 0;
+  }
+
+  TemporaryFolder folder_;
+  fs::path here_ = folder_.path();
+  int modem_ = -1;
+};
+
+TEST_F(ReadmeGuide, EachCommandOfTheFiveTasksWorksAsItStandsThere) {
+  const std::vector<Task> tasks = readTasks();
+  ASSERT_EQ(tasks.size(), 5U);
+  for (const Task& task : tasks) {
+    EXPECT_LE(task.lines, 10) << task.name;
+    ASSERT_FALSE(task.commands.empty()) << task.name;
+    if (task.name == "After recovery") {  // of a dive that had cameras
+      fs::remove_all(here_ / "dives/today");
+      fs::create_directory(here_ / "dives/today");
+      for (const auto& entry : fs::directory_iterator(FATHOM_REEF_MISSION))
+        fs::create_symlink(entry.path(), here_ / "dives/today" / entry.path().filename());
+    }
+    for (const std::string& command : task.commands) {
+      const std::string line = "cd " + here_.string() + " && " + asRunHere(command) + " >out 2>&1 </dev/null";
+      const int status = std::system(line.c_str());
+      EXPECT_EQ(WIFEXITED(status) ? WEXITSTATUS(status) : -1, expectedStatus(command))
+          << command << "\n"
+          << readText(here_ / "out");
+    }
+  }
+  for (const char* made : {"mesh.ply", "depth.png", "ship.key", "dives/mine/topside/tiles/tileset.json",
+                           "dives/today/topside/report.html", "dive-1"})
+    EXPECT_TRUE(fs::exists(here_ / made)) << made;
+}
+
+}  // namespace
+}  // namespace fathom::test
