@@ -7,6 +7,7 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/calibration/opencv_bridge.hpp"
+#include "recon/geometry/order_statistics.hpp"
 
 namespace fathom::calibration {
 namespace {
@@ -105,12 +106,6 @@ void poseOf(const StereoRig& rig, const std::vector<Eigen::Vector3d>& points, Ca
     if (step.norm() < kEnough) break;
   }
   project(rig, points, view);
-}
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 // The view whose error is gross, the worst one; values.size() when there is none.

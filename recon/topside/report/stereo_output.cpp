@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/order_statistics.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -23,10 +24,7 @@ std::vector<std::pair<const char*, std::uint32_t>> causes(const stereo::StereoRe
 double medianDepth(const stereo::StereoResult& result) {
   std::vector<float> z;
   for (const stereo::StereoPoint& p : result.points) z.push_back(p.point.z());
-  if (z.empty()) return 0;
-  const auto middle = z.begin() + static_cast<std::ptrdiff_t>(z.size() / 2);
-  std::nth_element(z.begin(), middle, z.end());
-  return static_cast<double>(*middle);
+  return static_cast<double>(median(std::move(z)));
 }
 
 // Colours of a scale from near (bright) to far (dark).
