@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <opencv2/calib3d.hpp>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/calibration/opencv_bridge.hpp"
 #include "recon/geometry/order_statistics.hpp"
 
@@ -116,9 +116,7 @@ std::size_t worst(const std::vector<double>& values, const RigCalibrationConfig&
 }
 
 std::string grossReason(const char* what, double rms_px, const std::vector<double>& all) {
-  char text[120];
-  std::snprintf(text, sizeof text, "%s RMS %.2f px, the median view's is %.2f px", what, rms_px, median(all));
-  return text;
+  return formatted("%s RMS %.2f px, the median view's is %.2f px", what, rms_px, median(all));
 }
 
 class Calibrator {

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/number_text.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/geometry/order_statistics.hpp"
