@@ -4,6 +4,7 @@
 #include <cstdio>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "sim/mission/mission_maker.hpp"
 #include "sim/progress_bar.hpp"
 #include "sim/scenario/scenario_file.hpp"
@@ -13,9 +14,7 @@ namespace {
 
 void requireRange(const char* option, double value, double low, double high) {
   if (value >= low && value <= high) return;
-  char range[80];
-  std::snprintf(range, sizeof range, "is out of range; give a number from %g to %g", low, high);
-  throw InputError(option, "", range);
+  throw InputError(option, "", formatted("is out of range; give a number from %g to %g", low, high));
 }
 
 }  // namespace

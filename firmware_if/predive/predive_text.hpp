@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <string>
 
-#include "realtime/kernel/number_text.hpp"
+#include "realtime/kernel/text.hpp"
 
 namespace fathom::io {
 

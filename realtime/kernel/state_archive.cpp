@@ -1,14 +1,10 @@
 #include "realtime/kernel/state_archive.hpp"
 
-#include <isa-l/crc.h>
-
 #include <algorithm>
 
-namespace fathom::rt {
+#include "realtime/kernel/crc32.hpp"
 
-std::uint32_t stateCrc(std::span<const std::uint8_t> bytes, std::uint32_t before) noexcept {
-  return crc32_gzip_refl(before, bytes.data(), bytes.size());
-}
+namespace fathom::rt {
 
 std::size_t StateWriter::beginSection() noexcept {
   const StateSectionHead head;
@@ -23,7 +19,7 @@ void StateWriter::endSection(std::size_t at, std::uint32_t tag, std::uint32_t ve
   head.tag = tag;
   head.version = version;
   head.bytes = content.size();
-  head.crc = stateCrc(content);
+  head.crc = crc32(content);
   std::memcpy(buffer_.data() + at, &head, sizeof head);
 }
 
@@ -34,7 +30,7 @@ bool StateReader::sectionsAreWhole() const noexcept {
     if (end_ - at < sizeof head) return false;
     std::memcpy(&head, bytes_.data() + at, sizeof head);
     at += sizeof head;
-    if (head.bytes > end_ - at || stateCrc(bytes_.subspan(at, head.bytes)) != head.crc) return false;
+    if (head.bytes > end_ - at || crc32(bytes_.subspan(at, head.bytes)) != head.crc) return false;
     at += head.bytes;
   }
   return ok();
@@ -47,7 +43,7 @@ void StateReader::beginSection(std::uint32_t tag, std::uint32_t version) noexcep
   if (head.tag != tag) return fail("another part stands where one was expected");
   if (head.version != version) return fail("a part was written by another version of the program");
   if (head.bytes > left()) return fail("it ends early");
-  if (stateCrc(bytes_.subspan(at_, head.bytes)) != head.crc) return fail("a checksum is wrong");
+  if (crc32(bytes_.subspan(at_, head.bytes)) != head.crc) return fail("a checksum is wrong");
   end_ = at_ + head.bytes;
 }
 

@@ -63,9 +63,6 @@ struct StateSectionHead {
 };
 static_assert(std::has_unique_object_representations_v<StateSectionHead>);
 
-// CRC-32 of IEEE 802.3, the one of zlib; of several parts in a row, with that of those before.
-[[nodiscard]] std::uint32_t stateCrc(std::span<const std::uint8_t> bytes, std::uint32_t before = 0) noexcept;
-
 [[nodiscard]] constexpr std::uint32_t stateTag(const char (&text)[5]) noexcept {
   return static_cast<std::uint32_t>(text[0]) | static_cast<std::uint32_t>(text[1]) << 8 |
          static_cast<std::uint32_t>(text[2]) << 16 | static_cast<std::uint32_t>(text[3]) << 24;

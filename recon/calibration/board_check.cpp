@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/geometry/order_statistics.hpp"
+
 namespace fathom::calibration {
 namespace {
 
@@ -66,9 +68,7 @@ BoardCheck checkBoards(const StereoRig& rig, const Chessboard& board, const std:
   out.mean /= count;
   out.covariance = products / count - out.mean * out.mean.transpose();
   out.rms = std::sqrt(squares / count);
-  const auto middle = scales.begin() + static_cast<std::ptrdiff_t>(scales.size() / 2);
-  std::nth_element(scales.begin(), middle, scales.end());
-  out.scale = *middle;
+  out.scale = median(std::move(scales));
   return out;
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "recon/calibration/robust.hpp"
+#include "recon/geometry/order_statistics.hpp"
 
 namespace fathom::calibration {
 namespace {
@@ -46,7 +47,7 @@ void fitRotation(const std::vector<Constraint>& constraints, double focal, Epipo
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     std::vector<double> errors;
     for (const Constraint& c : constraints) errors.push_back(errorOf(c, focal, turned(out.rotation)));
-    sigma = std::max(robustSigma(errors, 0.0), kLeastSigma);
+    sigma = std::max(madSigma(errors, 0.0), kLeastSigma);
     information = Eigen::Matrix3d::Identity() / (kPrior * kPrior);
     Eigen::Vector3d gradient = out.rotation / (kPrior * kPrior);
     const Eigen::Matrix3d moved[3] = {turned(out.rotation + kStep * Eigen::Vector3d::UnitX()),
@@ -88,10 +89,10 @@ EpipolarCheck checkEpipolar(const StereoRig& rig, const std::vector<RigMatch>& m
         std::clamp(static_cast<int>(m.left.y() / rig.left.height * kEpipolarRows), 0, kEpipolarRows - 1);
     in_cell[static_cast<std::size_t>(row * kEpipolarColumns + column)].push_back(out.errors.back());
   }
-  out.median = medianOf(out.errors);
-  out.sigma = robustSigma(out.errors, out.median);
+  out.median = median(out.errors);
+  out.sigma = madSigma(out.errors, out.median);
   for (std::size_t c = 0; c < in_cell.size(); ++c) {
-    out.cells[c] = {medianOf(in_cell[c]), in_cell[c].size()};
+    out.cells[c] = {median(in_cell[c]), in_cell[c].size()};
     if (in_cell[c].size() < kEnoughInCell || std::abs(out.cells[c].median) <= std::abs(out.worst_cell))
       continue;
     out.worst_cell = out.cells[c].median;

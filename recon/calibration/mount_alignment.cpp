@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "recon/calibration/robust.hpp"
+#include "recon/geometry/order_statistics.hpp"
 
 namespace fathom::calibration {
 namespace {
@@ -48,8 +49,8 @@ Scatter scatterOf(const std::vector<MotionStep>& steps, const Eigen::Matrix3d& X
     const Residuals r = residualsOf(s, X, place);
     for (int i = 0; i < 3; ++i) rotations.push_back(r.rotation(i)), middles.push_back(r.middle(i));
   }
-  return {std::max(robustSigma(rotations, 0.0), kLeastRotation),
-          std::max(robustSigma(middles, 0.0), kLeastMiddle)};
+  return {std::max(madSigma(std::move(rotations), 0.0), kLeastRotation),
+          std::max(madSigma(std::move(middles), 0.0), kLeastMiddle)};
 }
 
 MountEstimate estimate(const std::vector<MotionStep>& steps, const SE3& assumed, Uses uses,
@@ -121,9 +122,9 @@ MountAlignment alignMount(const std::vector<MotionStep>& steps, const SE3& assum
   }
   if (!ratios.empty()) {
     constexpr double kMedian = 1.2533;  // standard error of a median over that of a mean
-    out.speed_ratio = medianOf(ratios);
+    out.speed_ratio = median(ratios);
     out.speed_ratio_sigma =
-        kMedian * robustSigma(ratios, out.speed_ratio) / std::sqrt(static_cast<double>(ratios.size()));
+        kMedian * madSigma(ratios, out.speed_ratio) / std::sqrt(static_cast<double>(ratios.size()));
   }
   return out;
 }

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "recon/calibration/robust.hpp"
+#include "recon/geometry/order_statistics.hpp"
 
 namespace fathom::calibration {
 namespace {
@@ -19,7 +20,7 @@ using Samples = std::vector<RangeSample>;
 double ratioOf(const Samples& samples) {
   std::vector<double> ratios;
   for (const RangeSample& s : samples) ratios.push_back(s.stereo / s.dvl);
-  return medianOf(std::move(ratios));
+  return median(std::move(ratios));
 }
 
 // (offset, scale) of the robust line. The DVL's side scatters: its four beams are a sample of a rough
@@ -31,7 +32,7 @@ Eigen::Vector2d lineOf(const Samples& samples) {
   for (int i = 0; i < kIterations; ++i) {
     std::vector<double> residuals;
     for (const RangeSample& s : samples) residuals.push_back(s.dvl - line(0) - line(1) * s.stereo);
-    const double sigma = std::max(robustSigma(residuals, 0.0), kLeastScatter);
+    const double sigma = std::max(madSigma(residuals, 0.0), kLeastScatter);
     Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
     Eigen::Vector2d right = Eigen::Vector2d::Zero();
     for (std::size_t k = 0; k < samples.size(); ++k) {
@@ -83,7 +84,7 @@ RangeCheck checkRanges(const std::vector<RangeSample>& samples) {
   out.longest = ranges[ranges.size() - 1 - ranges.size() / 20];
   out.ratio = ratioOf(samples);
   for (const RangeSample& s : samples) off.push_back(s.stereo / s.dvl - out.ratio);
-  out.scatter = robustSigma(off, 0.0);
+  out.scatter = madSigma(off, 0.0);
   const std::vector<Samples> blocks = blocksOf(samples);
   std::vector<double> of_blocks;
   for (const Samples& block : blocks) of_blocks.push_back(ratioOf(block));

@@ -2,11 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <opencv2/calib3d.hpp>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/calibration/opencv_bridge.hpp"
+#include "recon/geometry/order_statistics.hpp"
 
 namespace fathom::calibration {
 namespace {
@@ -107,12 +108,6 @@ void poseOf(const StereoRig& rig, const std::vector<Eigen::Vector3d>& points, Ca
   project(rig, points, view);
 }
 
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 // The view whose error is gross, the worst one; values.size() when there is none.
 std::size_t worst(const std::vector<double>& values, const RigCalibrationConfig& config) {
   const auto largest = std::max_element(values.begin(), values.end());
@@ -121,9 +116,7 @@ std::size_t worst(const std::vector<double>& values, const RigCalibrationConfig&
 }
 
 std::string grossReason(const char* what, double rms_px, const std::vector<double>& all) {
-  char text[120];
-  std::snprintf(text, sizeof text, "%s RMS %.2f px, the median view's is %.2f px", what, rms_px, median(all));
-  return text;
+  return formatted("%s RMS %.2f px, the median view's is %.2f px", what, rms_px, median(all));
 }
 
 class Calibrator {

@@ -2,6 +2,8 @@
 
 #include <cstdint>
 
+#include "recon/geometry/instruction_sets.hpp"
+
 namespace fathom::closure {
 
 // Scalar products of `n` by `m` vectors of kDotLength values of up to 255, each vector's values side by side:
@@ -9,8 +11,6 @@ namespace fathom::closure {
 constexpr int kDotLength = 128;
 using DotProducts = void (*)(const std::int16_t* x, int n, const std::int16_t* y, int m, float* out);
 
-// For the processor that this runs on; and the one that runs on any.
-[[nodiscard]] DotProducts fastestDotProducts();
-[[nodiscard]] DotProducts baselineDotProducts();
+FATHOM_INSTRUCTION_SETS(DotProducts, DotProducts);
 
 }  // namespace fathom::closure

@@ -3,6 +3,7 @@
 #include "recon/closure/dot_kernels.hpp"
 
 namespace fathom::closure::FATHOM_KERNELS {
+namespace {
 
 void dotProducts(const std::int16_t* x, int n, const std::int16_t* y, int m, float* out) {
   constexpr int kTogether = 4;  // columns that share the loads of one vector
@@ -35,6 +36,12 @@ void dotProducts(const std::int16_t* x, int n, const std::int16_t* y, int m, flo
       out[i + static_cast<long>(n) * j] = static_cast<float>(sum);
     }
   }
+}
+
+}  // namespace
+
+DotProducts table() {
+  return dotProducts;
 }
 
 }  // namespace fathom::closure::FATHOM_KERNELS

@@ -6,6 +6,7 @@
 #include <random>
 
 #include "recon/geometry/cross_matrix.hpp"
+#include "recon/geometry/uncertain_pose.hpp"
 
 namespace fathom::closure {
 namespace {
@@ -70,14 +71,6 @@ SharedJacobian sharedJacobian(const SharedErrors& errors, double focal_length_px
   j.col(4) = errors.disparity_slope * x * by_disparity;
   j.col(5) = errors.disparity_slope * y * by_disparity;
   return j;
-}
-
-SE3 rightPerturbed(const SE3& pose, const Vector6d& step) {
-  const double angle = step.tail<3>().norm();
-  const Eigen::Quaterniond turn =
-      angle > 0 ? Eigen::Quaterniond(Eigen::AngleAxisd(angle, Eigen::Vector3d(step.tail<3>() / angle)))
-                : Eigen::Quaterniond::Identity();
-  return pose * SE3(turn, step.head<3>());
 }
 
 std::optional<SE3> absoluteOrientation(const std::vector<PointPair>& pairs, const std::vector<int>& chosen) {
@@ -168,7 +161,7 @@ SE3 refineCauchy(const std::vector<PointPair>& pairs, const SE3& start) {
     }
     Vector6d step;
     if (!equations.solve(step)) return start;
-    pose = rightPerturbed(pose, step);
+    pose = perturbed(pose, step);
     if (step.norm() < kConverged) break;
   }
   return pose;
@@ -215,7 +208,7 @@ std::optional<Alignment> alignPoints(const std::vector<PointPair>& pairs, const 
     result.covariance =
         variance * equations.h.ldlt().solve(decltype(equations)::Matrix::Identity()).topLeftCorner<6, 6>();
     result.covariance = 0.5 * (result.covariance + result.covariance.transpose()).eval();
-    result.T_a_b = rightPerturbed(result.T_a_b, step.head<6>());
+    result.T_a_b = perturbed(result.T_a_b, step.head<6>());
     shared += step.tail<kSharedErrors>();
     if (same && step.norm() < kConverged) break;
   }

@@ -33,9 +33,6 @@ struct PointPair {
   SharedJacobian shared_a = SharedJacobian::Zero(), shared_b = SharedJacobian::Zero();
 };
 
-// A pose by right perturbation, T * (R = exp(phi), t = rho); the vector is (rho, phi) [m, rad].
-[[nodiscard]] SE3 rightPerturbed(const SE3& pose, const Vector6d& step);
-
 // T_a_b of least squares, rotation by Horn's quaternion (1987), weights not used. Nothing for fewer than
 // three points or points on one line.
 [[nodiscard]] std::optional<SE3> absoluteOrientation(const std::vector<PointPair>& pairs,

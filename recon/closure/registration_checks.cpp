@@ -7,6 +7,7 @@
 #include <set>
 
 #include "recon/geometry/cross_matrix.hpp"
+#include "recon/geometry/order_statistics.hpp"
 
 namespace fathom::closure {
 namespace {
@@ -100,9 +101,7 @@ Distinct distinctFeatures(const FrameFeatures& a, const FrameFeatures& b, const 
   std::vector<float> typical;
   for (const Match& m : inliers) typical.push_back(distances(m.a, m.b));
   if (typical.empty()) return {std::vector<bool>(a.size()), std::vector<bool>(b.size())};
-  const auto middle = typical.begin() + static_cast<std::ptrdiff_t>(typical.size() / 2);
-  std::nth_element(typical.begin(), middle, typical.end());
-  const auto least = static_cast<float>(static_cast<double>(*middle) / (ratio * ratio));
+  const auto least = static_cast<float>(static_cast<double>(median(std::move(typical))) / (ratio * ratio));
   const auto beyond = [least](const FrameFeatures& frame) {
     std::vector<bool> distinct;
     for (const float d : nearestElsewhere(frame)) distinct.push_back(d > least);

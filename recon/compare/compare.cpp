@@ -5,7 +5,7 @@
 #include <numbers>
 
 #include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/number_text.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/compare/surface_file.hpp"
 
 namespace fathom::compare {
@@ -35,10 +35,7 @@ bool meet(const Box& a, const Box& b) {
 }
 
 std::string boxText(const Box& box) {
-  char text[120];
-  std::snprintf(text, sizeof text, "east %.1f to %.1f, north %.1f to %.1f m", box.west, box.east, box.south,
-                box.north);
-  return text;
+  return formatted("east %.1f to %.1f, north %.1f to %.1f m", box.west, box.east, box.south, box.north);
 }
 
 }  // namespace

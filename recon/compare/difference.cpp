@@ -6,19 +6,13 @@
 #include <limits>
 #include <numbers>
 
+#include "recon/geometry/order_statistics.hpp"
+
 namespace fathom::compare {
 namespace {
 
-constexpr double kNormalMad = 1.4826;
 constexpr std::array<double, 6> kSlopes = {0, 5, 15, 30, 45, 90};  // [deg]
 constexpr std::size_t kSigmaClasses = 4;
-
-double percentile(const std::vector<double>& sorted, double fraction) {
-  const double place = fraction * static_cast<double>(sorted.size() - 1);
-  const auto below = static_cast<std::size_t>(place);
-  const std::size_t above = std::min(below + 1, sorted.size() - 1);
-  return sorted[below] + (place - static_cast<double>(below)) * (sorted[above] - sorted[below]);
-}
 
 double slopeDegrees(const HeightMap& map, double east, double north) {
   const double c = map.cell;
@@ -78,21 +72,21 @@ DifferenceStatistics statisticsOf(std::vector<double> d) {
   s.rms = std::sqrt(squares);
   s.deviation = std::sqrt(std::max(0.0, squares - s.bias * s.bias));
   std::sort(d.begin(), d.end());
-  s.median = percentile(d, 0.5);
-  s.p1 = percentile(d, 0.01);
-  s.p5 = percentile(d, 0.05);
-  s.p25 = percentile(d, 0.25);
-  s.p75 = percentile(d, 0.75);
-  s.p95 = percentile(d, 0.95);
-  s.p99 = percentile(d, 0.99);
+  s.median = quantile(d, 0.5);
+  s.p1 = quantile(d, 0.01);
+  s.p5 = quantile(d, 0.05);
+  s.p25 = quantile(d, 0.25);
+  s.p75 = quantile(d, 0.75);
+  s.p95 = quantile(d, 0.95);
+  s.p99 = quantile(d, 0.99);
   std::vector<double> magnitudes;
   for (const double v : d) magnitudes.push_back(std::abs(v));
   std::sort(magnitudes.begin(), magnitudes.end());
-  s.abs_p50 = percentile(magnitudes, 0.5);
-  s.abs_p95 = percentile(magnitudes, 0.95);
+  s.abs_p50 = quantile(magnitudes, 0.5);
+  s.abs_p95 = quantile(magnitudes, 0.95);
   for (double& v : d) v = std::abs(v - s.median);
   std::sort(d.begin(), d.end());
-  s.mad = kNormalMad * percentile(d, 0.5);
+  s.mad = kMadToSigma * quantile(d, 0.5);
   return s;
 }
 

@@ -10,6 +10,7 @@
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 
 namespace fathom::compare {
@@ -46,10 +47,8 @@ double barLength(double metres) {
 }
 
 std::string heightText(double metres, double range) {
-  char text[40];
   const int digits = range < 0.1 ? 4 : range < 1 ? 3 : range < 10 ? 2 : 1;
-  std::snprintf(text, sizeof text, "%+.*f m", digits, metres);
-  return text;
+  return formatted("%+.*f m", digits, metres);
 }
 
 using Colour = std::function<cv::Vec3b(int column, int row)>;
@@ -81,9 +80,8 @@ void draw(const HeightMap& map, const Colour& colour, const std::function<cv::Ve
   const double bar = barLength(map.columns * map.cell);
   const int bar_px = static_cast<int>(bar / map.cell * zoom), foot = page.rows - kMargin;
   cv::rectangle(page, cv::Rect(kMargin, foot - 4, bar_px, 4), kInk, cv::FILLED);
-  char text[32];
-  std::snprintf(text, sizeof text, "%g m, north up", bar);
-  cv::putText(page, text, {kMargin + bar_px + 8, foot}, cv::FONT_HERSHEY_SIMPLEX, 0.45, kInk, 1, cv::LINE_AA);
+  cv::putText(page, formatted("%g m, north up", bar), {kMargin + bar_px + 8, foot}, cv::FONT_HERSHEY_SIMPLEX,
+              0.45, kInk, 1, cv::LINE_AA);
   std::vector<std::uint8_t> bytes;
   if (!cv::imencode(".png", page, bytes))
     throw std::runtime_error("a picture cannot be encoded: " + png.string());

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "recon/geometry/order_statistics.hpp"
+
 namespace fathom::compare {
 
 HeightMap::HeightMap(const Box& box, double cell_m) : cell(cell_m) {
@@ -66,18 +68,11 @@ HeightMap HeightMap::coarser(int factor) const {
   return out;
 }
 
-double median(std::vector<double>& values) {
-  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 double medianHeight(const HeightMap& map) {
   std::vector<double> known;
   for (const float h : map.up)
     if (std::isfinite(h)) known.push_back(static_cast<double>(h));
-  return median(known);
+  return median(std::move(known), std::numeric_limits<double>::quiet_NaN());
 }
 
 }  // namespace fathom::compare

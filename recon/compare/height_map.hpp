@@ -37,7 +37,4 @@ struct HeightMap {
 // The median of the known heights; NaN without any.
 [[nodiscard]] double medianHeight(const HeightMap& map);
 
-// The middle value of a list (its order is lost); NaN for none.
-[[nodiscard]] double median(std::vector<double>& values);
-
 }  // namespace fathom::compare

@@ -4,11 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <numbers>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 
 namespace fathom::compare {
 namespace {
@@ -38,11 +38,9 @@ std::string wktOf(const OGRSpatialReference& srs) {
 
 PlaneFrame localFrame(const Geodetic& origin) {
   constexpr double kDegree = 180.0 / std::numbers::pi;
-  char text[160];
-  std::snprintf(text, sizeof text,
-                "+proj=tmerc +lat_0=%.15g +lon_0=%.15g +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m",
-                origin.latitude * kDegree, origin.longitude * kDegree);
-  return frameFrom(text, "origin");
+  return frameFrom(formatted("+proj=tmerc +lat_0=%.15g +lon_0=%.15g +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m",
+                             origin.latitude * kDegree, origin.longitude * kDegree),
+                   "origin");
 }
 
 PlaneFrame frameFrom(const std::string& definition, const std::string& where) {

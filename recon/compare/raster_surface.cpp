@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/compare/surface_file.hpp"
 
 namespace fathom::compare {
@@ -26,9 +27,7 @@ Dataset openQuietly(const std::filesystem::path& path) {
 }
 
 std::string number(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.12g", value);
-  return text;
+  return formatted("%.12g", value);
 }
 
 class RasterSurface final : public SurfaceFile {

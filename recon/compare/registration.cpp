@@ -9,10 +9,11 @@
 #include <numbers>
 #include <vector>
 
+#include "recon/geometry/order_statistics.hpp"
+
 namespace fathom::compare {
 namespace {
 
-constexpr double kNormalMad = 1.4826;    // standard deviation over median absolute deviation of a normal
 constexpr double kMinCorrelation = 0.5;  // less: the offset explains not even a quarter of the relief
 constexpr double kMaxSigmaCells = 0.5;   // of a horizontal direction that counts as told
 constexpr std::size_t kMinCells = 30;    // fewer tell nothing
@@ -82,9 +83,9 @@ double mismatch(const HeightMap& survey, const HeightMap& reference, int east_ce
   }
   common = differences.size();
   if (common < std::max(at_least, kMinCells)) return kInfinity;
-  const double middle = median(differences);
+  const double middle = median(std::span(differences));
   for (double& d : differences) d = std::abs(d - middle);
-  return median(differences);
+  return median(std::move(differences));
 }
 
 // The best shift of whole coarse cells within `reach` of `start`, both in cells.
@@ -186,9 +187,7 @@ struct System {
 System assemble(const std::vector<Cell>& cells, const Offset& offset) {
   std::vector<double> residuals;
   for (const Cell& c : cells) residuals.push_back(c.reference - c.survey - offset.upAt(c.east, c.north));
-  std::vector<double> magnitudes = residuals;
-  for (double& r : magnitudes) r = std::abs(r);
-  const double scale = std::max(kNormalMad * median(magnitudes), 1e-6);
+  const double scale = std::max(madSigma(residuals, 0), 1e-6);
   System system;
   std::vector<Vector5d> block_scores(static_cast<std::size_t>((kBlocks + 2) * (kBlocks + 2)),
                                      Vector5d::Zero());
@@ -255,7 +254,7 @@ bool refine(const HeightMap& survey, const HeightMap& reference, const Eigen::Ma
     if (iteration == 0) {
       std::vector<double> differences;
       for (const Cell& c : cells) differences.push_back(c.reference - c.survey);
-      out.offset.shift.z() = median(differences);
+      out.offset.shift.z() = median(std::move(differences));
     }
     const Solution s = solve(assemble(cells, out.offset), basis);
     if (!s.step.allFinite()) return false;

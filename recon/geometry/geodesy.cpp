@@ -4,11 +4,12 @@
 
 #include <cmath>
 #include <complex>
-#include <cstdio>
 #include <memory>
 #include <numbers>
 #include <stdexcept>
 #include <string>
+
+#include "realtime/kernel/text.hpp"
 
 namespace fathom {
 namespace {
@@ -54,12 +55,11 @@ using ProjPtr = std::unique_ptr<PJ, decltype(&proj_destroy)>;
 Eigen::Vector2d projToLocal(const Geodetic& origin, const Geodetic& position) {
   constexpr double kDegree = 180.0 / std::numbers::pi;
   const ContextPtr context(proj_context_create(), &proj_context_destroy);
-  char definition[160];
-  std::snprintf(definition, sizeof definition,
-                "+proj=tmerc +ellps=WGS84 +k=1 +x_0=0 +y_0=0 +lat_0=%.15g +lon_0=%.15g",
+  const std::string definition =
+      formatted("+proj=tmerc +ellps=WGS84 +k=1 +x_0=0 +y_0=0 +lat_0=%.15g +lon_0=%.15g",
                 origin.latitude * kDegree, origin.longitude * kDegree);
-  const ProjPtr pj(proj_create(context.get(), definition), &proj_destroy);
-  if (!pj) throw std::runtime_error(std::string("PROJ refuses ") + definition);
+  const ProjPtr pj(proj_create(context.get(), definition.c_str()), &proj_destroy);
+  if (!pj) throw std::runtime_error("PROJ refuses " + definition);
   const PJ_COORD xy = proj_trans(pj.get(), PJ_FWD, proj_coord(position.longitude, position.latitude, 0, 0));
   return {xy.xy.y, xy.xy.x};
 }

@@ -19,45 +19,45 @@ static_assert(std::endian::native == std::endian::little,
               "the PLY writer writes native little-endian floats");
 
 enum class Encoding { kAscii, kLittleEndian, kBigEndian };
-enum class Scalar { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat32, kFloat64 };
 
-std::size_t sizeOf(Scalar type) {
-  switch (type) {
-    case Scalar::kInt8:
-    case Scalar::kUint8:
-      return 1;
-    case Scalar::kInt16:
-    case Scalar::kUint16:
-      return 2;
-    case Scalar::kFloat64:
-      return 8;
-    default:
-      return 4;
-  }
+// A type of a property: how long it is, and its value from bytes in this machine's order.
+struct Scalar {
+  std::size_t size = 0;
+  double (*read)(const unsigned char* raw) = nullptr;
+};
+
+template <typename T>
+constexpr Scalar scalar() {
+  return {sizeof(T), [](const unsigned char* raw) {
+            T value;
+            std::memcpy(&value, raw, sizeof value);
+            return static_cast<double>(value);
+          }};
 }
 
 bool parseScalar(const std::string& name, Scalar& out) {
-  static const std::pair<const char*, Scalar> kNames[] = {
-      {"char", Scalar::kInt8},      {"int8", Scalar::kInt8},       {"uchar", Scalar::kUint8},
-      {"uint8", Scalar::kUint8},    {"short", Scalar::kInt16},     {"int16", Scalar::kInt16},
-      {"ushort", Scalar::kUint16},  {"uint16", Scalar::kUint16},   {"int", Scalar::kInt32},
-      {"int32", Scalar::kInt32},    {"uint", Scalar::kUint32},     {"uint32", Scalar::kUint32},
-      {"float", Scalar::kFloat32},  {"float32", Scalar::kFloat32}, {"double", Scalar::kFloat64},
-      {"float64", Scalar::kFloat64}};
-  for (const auto& [text, scalar] : kNames) {
-    if (name == text) {
-      out = scalar;
-      return true;
-    }
+  struct Type {
+    const char *name, *sized_name;
+    Scalar scalar;
+  };
+  static constexpr Type kTypes[] = {
+      {"char", "int8", scalar<std::int8_t>()},    {"uchar", "uint8", scalar<std::uint8_t>()},
+      {"short", "int16", scalar<std::int16_t>()}, {"ushort", "uint16", scalar<std::uint16_t>()},
+      {"int", "int32", scalar<std::int32_t>()},   {"uint", "uint32", scalar<std::uint32_t>()},
+      {"float", "float32", scalar<float>()},      {"double", "float64", scalar<double>()}};
+  for (const Type& type : kTypes) {
+    if (name != type.name && name != type.sized_name) continue;
+    out = type.scalar;
+    return true;
   }
   return false;
 }
 
 struct Property {
   std::string name;
-  Scalar type = Scalar::kFloat32;
+  Scalar type;
   bool is_list = false;
-  Scalar count_type = Scalar::kUint8;
+  Scalar count_type;
 };
 
 struct Element {
@@ -86,7 +86,7 @@ class Source {
     return text;
   }
 
-  double scalar(Scalar type, Encoding encoding) {
+  double scalar(const Scalar& type, Encoding encoding) {
     return encoding == Encoding::kAscii ? asciiScalar() : binaryScalar(type, encoding);
   }
 
@@ -105,40 +105,14 @@ class Source {
     return value;
   }
 
-  double binaryScalar(Scalar type, Encoding encoding) {
-    const std::size_t size = sizeOf(type);
-    if (remaining() < size) fail("is cut short; export the mesh again");
+  double binaryScalar(const Scalar& type, Encoding encoding) {
+    if (remaining() < type.size) fail("is cut short; export the mesh again");
     unsigned char raw[8];
-    for (std::size_t i = 0; i < size; ++i)
-      raw[encoding == Encoding::kLittleEndian ? i : size - 1 - i] =
+    for (std::size_t i = 0; i < type.size; ++i)
+      raw[encoding == Encoding::kLittleEndian ? i : type.size - 1 - i] =
           static_cast<unsigned char>(bytes_[position_ + i]);
-    position_ += size;
-    switch (type) {
-      case Scalar::kInt8:
-        return as<std::int8_t>(raw);
-      case Scalar::kUint8:
-        return as<std::uint8_t>(raw);
-      case Scalar::kInt16:
-        return as<std::int16_t>(raw);
-      case Scalar::kUint16:
-        return as<std::uint16_t>(raw);
-      case Scalar::kInt32:
-        return as<std::int32_t>(raw);
-      case Scalar::kUint32:
-        return as<std::uint32_t>(raw);
-      case Scalar::kFloat32:
-        return static_cast<double>(as<float>(raw));
-      case Scalar::kFloat64:
-        return as<double>(raw);
-    }
-    return 0;
-  }
-
-  template <typename T>
-  static T as(const unsigned char* raw) {
-    T value;
-    std::memcpy(&value, raw, sizeof value);
-    return value;
+    position_ += type.size;
+    return type.read(raw);
   }
 
   std::filesystem::path path_;

@@ -15,6 +15,14 @@ Matrix6d carried(const SE3& T, const Matrix6d& covariance) {
 
 }  // namespace
 
+SE3 perturbed(const SE3& pose, const Vector6d& step) {
+  const Eigen::Vector3d phi = step.tail<3>();
+  const double angle = phi.norm();
+  const Eigen::Quaterniond turn =
+      angle > 0 ? Eigen::Quaterniond(Eigen::AngleAxisd(angle, phi / angle)) : Eigen::Quaterniond::Identity();
+  return pose * SE3(turn, step.head<3>());
+}
+
 Matrix6d adjoint(const SE3& T) {
   const Eigen::Matrix3d R = T.matrix3();
   const Eigen::Vector3d& t = T.translation();

@@ -4,7 +4,10 @@
 
 namespace fathom {
 
-// A relative pose with the covariance of its right perturbation (rho, phi).
+// Right perturbation of a pose: T (R = exp(phi), t = rho) for the vector (rho, phi) [m, rad].
+[[nodiscard]] SE3 perturbed(const SE3& pose, const Vector6d& step);
+
+// A relative pose with the covariance of its right perturbation.
 struct UncertainPose {
   SE3 T_a_b;
   Matrix6d covariance = Matrix6d::Identity();  // [m, rad]

@@ -3,20 +3,14 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/geometry/order_statistics.hpp"
+
 namespace fathom::nav {
 namespace {
 
 constexpr double kMinSigma = 0.1;     // [m] no fix is trusted better
 constexpr double kMaxSigma = 1000.0;  // [m] a fix worse than this is no fix
 constexpr double kGate = 3.0;         // standard deviations
-// Scale of the median absolute deviation to a standard deviation of a normal distribution.
-constexpr double kMadToSigma = 1.4826;
-
-double median(std::array<double, PositionAnchor::kCapacity>& values, int size) {
-  const auto middle = values.begin() + size / 2;
-  std::nth_element(values.begin(), middle, values.begin() + size);
-  return *middle;
-}
 
 }  // namespace
 
@@ -44,15 +38,12 @@ void PositionAnchor::add(FixKind kind, const Eigen::Vector2d& difference, double
 std::optional<PositionAnchor::Mean> PositionAnchor::meanOf(const Series& series) noexcept {
   if (series.size == 0) return std::nullopt;
   Eigen::Vector2d centre, spread;
-  std::array<double, kCapacity> values;
+  std::array<double, kCapacity> all;
+  const std::span values(all.data(), static_cast<std::size_t>(series.size));
   for (int axis = 0; axis < 2; ++axis) {
-    for (int i = 0; i < series.size; ++i)
-      values[static_cast<std::size_t>(i)] = series.items[static_cast<std::size_t>(i)].north_east(axis);
-    centre(axis) = median(values, series.size);
-    for (int i = 0; i < series.size; ++i)
-      values[static_cast<std::size_t>(i)] =
-          std::abs(series.items[static_cast<std::size_t>(i)].north_east(axis) - centre(axis));
-    spread(axis) = kMadToSigma * median(values, series.size);
+    for (std::size_t i = 0; i < values.size(); ++i) values[i] = series.items[i].north_east(axis);
+    centre(axis) = median(values);
+    spread(axis) = madSigma(values, centre(axis));
   }
   Mean mean;
   mean.best_sigma = kMaxSigma;

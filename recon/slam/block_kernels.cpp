@@ -4,27 +4,6 @@
 #include <cmath>
 
 namespace fathom::slam {
-
-namespace baseline {
-const ColumnKernels& table();
-}
-#ifdef FATHOM_HAVE_AVX2
-namespace avx2 {
-const ColumnKernels& table();
-}
-#endif
-
-const ColumnKernels& baselineColumnKernels() {
-  return baseline::table();
-}
-
-const ColumnKernels& fastestColumnKernels() {
-#ifdef FATHOM_HAVE_AVX2
-  if (__builtin_cpu_supports("avx2")) return avx2::table();
-#endif
-  return baseline::table();
-}
-
 namespace {
 
 constexpr int kN = kBlockSize;

@@ -2,6 +2,8 @@
 
 #include <cstddef>
 
+#include "recon/geometry/instruction_sets.hpp"
+
 namespace fathom::slam {
 
 inline constexpr int kBlockSize = 6;  // numbers a pose is solved for
@@ -37,10 +39,8 @@ void solveLowerTransposed(const Block& l, double* x);
 // would leave less than a thousandth of a pivot's square, it is left as it is.
 void reflect(Block& l, Block& w, double sign, Reflections& reflections);
 
-// Loops over the blocks of a factor's column, compiled for the baseline processor and for AVX2; both give the
-// same bits.
+// Loops over the blocks of a factor's column.
 struct ColumnKernels {
-  const char* name;
   // y[row] -= block x, for all blocks; vectors of six numbers, x apart from them.
   void (*forward)(const Block* blocks, const int* rows, int count, const double* x, double* y);
   // x -= sum block^T y[row].
@@ -54,7 +54,6 @@ struct ColumnKernels {
   void (*applyReflections)(Block* blocks, const int* rows, int count, const Reflections& reflections,
                            Block* w);
 };
-const ColumnKernels& baselineColumnKernels();
-const ColumnKernels& fastestColumnKernels();  // of those that this processor runs
+FATHOM_INSTRUCTION_SETS(const ColumnKernels&, ColumnKernels);
 
 }  // namespace fathom::slam

@@ -3,8 +3,6 @@
 #include "recon/slam/block_kernels.hpp"
 
 namespace fathom::slam::FATHOM_KERNELS {
-const ColumnKernels& table();
-
 namespace {
 
 constexpr int kN = kBlockSize;
@@ -124,8 +122,8 @@ void applyReflections(Block* blocks, const int* rows, int count, const Reflectio
 }  // namespace
 
 const ColumnKernels& table() {
-  static constexpr ColumnKernels kTable = {FATHOM_KERNELS_NAME, forward,        backward,
-                                           subtractProducts,    solveFromRight, applyReflections};
+  static constexpr ColumnKernels kTable = {forward, backward, subtractProducts, solveFromRight,
+                                           applyReflections};
   return kTable;
 }
 

@@ -122,7 +122,7 @@ class IncrementalSolver {
   // Chi2 of one measurement, at the last step.
   double chi2Of(int measurement) const { return errors_.chi2Of(measurement); }
 
-  // Covariance of a pose's perturbation in its own frame (pose_graph.hpp: perturbed), by the factor; zero for
+  // Covariance of a pose's perturbation in its own frame (uncertain_pose.hpp), by the factor; zero for
   // a pose that is held, next to infinite for one that is not yet in the factor. And of the relative pose
   // T_a_b, perturbed in the same way. Greater than the truth while measurements are leftOut().
   Matrix6d covariance(int pose);

@@ -57,12 +57,11 @@ Matrix6d nearestPositive(const Matrix6d& information) {
          eigen.eigenvectors().transpose();
 }
 
-SE3 perturbed(const SE3& pose, const Vector6d& step) {
-  const Eigen::Vector3d phi = step.tail<3>();
-  const double angle = phi.norm();
-  const Eigen::Quaterniond turn =
-      angle > 0 ? Eigen::Quaterniond(Eigen::AngleAxisd(angle, phi / angle)) : Eigen::Quaterniond::Identity();
-  return pose * SE3(turn, step.head<3>());
+Matrix6d residualInformation(const Matrix6d& of_perturbation) {
+  Matrix6d m = 0.5 * (of_perturbation + of_perturbation.transpose());
+  m.bottomRows<3>() *= 2;
+  m.rightCols<3>() *= 2;
+  return m;
 }
 
 double chiSquare(const PoseGraph& graph) {

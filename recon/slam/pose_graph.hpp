@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "recon/geometry/se3.hpp"
+#include "recon/geometry/uncertain_pose.hpp"
 
 namespace fathom::slam {
 
@@ -28,8 +28,7 @@ struct PoseGraph {
 // rotation.
 [[nodiscard]] Vector6d relativePoseError(const RelativePose& edge, const SE3& T_w_from, const SE3& T_w_to);
 
-// The same with its derivatives by right perturbations of both poses, T <- T * (R = exp(phi), t = rho), the
-// vector being (rho, phi).
+// The same with its derivatives by right perturbations of both poses (uncertain_pose.hpp).
 struct RelativePoseLinear {
   Vector6d error;
   Matrix6d by_from, by_to;
@@ -41,8 +40,9 @@ struct RelativePoseLinear {
 [[nodiscard]] bool isPositive(const Matrix6d& information);
 [[nodiscard]] Matrix6d nearestPositive(const Matrix6d& information);
 
-// The perturbation above.
-[[nodiscard]] SE3 perturbed(const SE3& pose, const Vector6d& step);
+// Information of the residual, whose last three numbers are half angles, from that of the right perturbation
+// of T_from_to.
+[[nodiscard]] Matrix6d residualInformation(const Matrix6d& of_perturbation);
 
 // chi2 of all edges.
 [[nodiscard]] double chiSquare(const PoseGraph& graph);

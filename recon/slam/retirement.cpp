@@ -6,8 +6,6 @@
 #include <cmath>
 #include <limits>
 
-#include "recon/geometry/uncertain_pose.hpp"
-
 namespace fathom::slam {
 namespace {
 
@@ -96,13 +94,6 @@ StarLink starLink(std::span<const Measurement* const> measurements, int pose, co
     link.T_neighbour_pose = perturbed(link.T_neighbour_pose, -firmStep(link.information, gradient));
   }
   return link;
-}
-
-Matrix6d residualInformation(const Matrix6d& of_perturbation) {
-  Matrix6d m = 0.5 * (of_perturbation + of_perturbation.transpose());
-  m.bottomRows<3>() *= 2;
-  m.rightCols<3>() *= 2;
-  return m;
 }
 
 RelativePose composed(const StarLink& a, double share_a, const StarLink& b, double share_b) {

@@ -34,10 +34,6 @@ struct StarLink {
 [[nodiscard]] StarLink starLink(std::span<const Measurement* const> measurements, int pose,
                                 const SE3& present);
 
-// Information of pose_graph.hpp's residual, whose last three numbers are half angles, from that of a right
-// perturbation.
-[[nodiscard]] Matrix6d residualInformation(const Matrix6d& of_perturbation);
-
 // What shares of two links say about T_a_b once the pose between them is gone; `b` is a pose.
 [[nodiscard]] RelativePose composed(const StarLink& a, double share_a, const StarLink& b, double share_b);
 

@@ -20,7 +20,7 @@ RelativePose measured(int from, int to, const SE3& T_from_to, const Eigen::Vecto
   information.topLeftCorner<3, 3>() = R.transpose() * position.cwiseAbs2().cwiseInverse().asDiagonal() * R;
   information.bottomRightCorner<3, 3>() =
       R.transpose() * rotation.cwiseAbs2().cwiseInverse().asDiagonal() * R;
-  return {from, to, T_from_to, informationOfResidual(information)};
+  return {from, to, T_from_to, residualInformation(information)};
 }
 
 Eigen::Vector3d all(double sigma) {
@@ -46,14 +46,6 @@ void SensorNoise::validate() const {
 double headingOf(const SE3& T_odom_cam) {
   const Eigen::Vector3d ahead = T_odom_cam.rotation() * Eigen::Vector3d::UnitY();
   return std::atan2(ahead.y(), ahead.x());
-}
-
-Matrix6d informationOfResidual(const Matrix6d& information_of_perturbation) {
-  Matrix6d scaled = information_of_perturbation;
-  scaled.topRightCorner<3, 3>() *= 2;
-  scaled.bottomLeftCorner<3, 3>() *= 2;
-  scaled.bottomRightCorner<3, 3>() *= 4;
-  return 0.5 * (scaled + scaled.transpose());
 }
 
 double stepSigma(double way, const StepQuality& quality, const SensorNoise& noise) {
@@ -84,7 +76,7 @@ RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b, 
   information.topLeftCorner<3, 3>() = R.transpose() * position.cwiseAbs2().cwiseInverse().asDiagonal() * R;
   const double turn = std::hypot(kLooseTurn, turned);
   information.bottomRightCorner<3, 3>() = Eigen::Matrix3d::Identity() / (turn * turn);
-  return {a, b, between, informationOfResidual(information)};
+  return {a, b, between, residualInformation(information)};
 }
 
 RelativePose attitudeFactor(int reference, int camera, const SE3& T_odom_cam, const SensorNoise& noise) {
@@ -112,7 +104,7 @@ RelativePose gyroFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b, 
   Matrix6d information = Matrix6d::Identity() / (kUnknown * kUnknown);
   information.bottomRightCorner<3, 3>() += down * down.transpose() / (sigma * sigma);
   const SE3 between(T_odom_a.rotation().conjugate() * turned, (T_odom_a.inverse() * T_odom_b).translation());
-  return {a, b, between, informationOfResidual(information)};
+  return {a, b, between, residualInformation(information)};
 }
 
 RelativePose depthFactor(int reference, int camera, const SE3& T_odom_cam, const SensorNoise& noise) {
@@ -145,7 +137,7 @@ RelativePose fixFactor(int origin, int camera, const SE3& T_nav_cam, const SE3& 
 }
 
 RelativePose linkFactor(int a, int b, const SE3& T_a_b, const Matrix6d& covariance) {
-  return {a, b, T_a_b, informationOfResidual(covariance.inverse())};
+  return {a, b, T_a_b, residualInformation(covariance.inverse())};
 }
 
 }  // namespace fathom::slam

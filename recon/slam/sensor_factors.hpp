@@ -48,10 +48,6 @@ struct SensorNoise {
 // Poses of the graph: cameras T_nav_cam, references T_nav_ref, and the origin of nav itself, however a graph
 // names it (`origin`: measurements.hpp's kWorld, or a pose that is held). nav is North-East-Down.
 
-// Information of a residual from the covariance or information of the right perturbation (rho, phi) of T: the
-// residual's last three numbers are half of phi.
-[[nodiscard]] Matrix6d informationOfResidual(const Matrix6d& information_of_perturbation);
-
 // What dead reckoning went through between two poses.
 struct StepQuality {
   double seconds = 0;            // between them

@@ -4,11 +4,12 @@
 #include <cmath>
 #include <numeric>
 
+#include "recon/geometry/order_statistics.hpp"
+
 namespace fathom::stereo {
 namespace {
 
 constexpr double kSigmas = 3.0;         // width of a gate
-constexpr double kMadToSigma = 1.4826;  // of a normal distribution
 constexpr int kAgreeing = 2;            // neighbours that vouch for a point
 constexpr double kAgreeingSlope = 1.0;  // tangent of the slope up to which a neighbour vouches: 45 degrees
 constexpr int kTriangleLinks = 6;       // entries in the lists of neighbours for each triangle
@@ -23,12 +24,6 @@ constexpr std::uint32_t kMinFishPoints = 3;    // fewer have no shape
 constexpr std::uint32_t kFishPartOfFrame = 4;  // a fish has no more than one in so many points
 constexpr double kEdgePerSigma = 4.0;          // full width of an ellipse, evenly filled, over its sigma
 
-double median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 }  // namespace
 
 DepthConsistency::DepthConsistency(std::size_t max_points) {
@@ -37,7 +32,6 @@ DepthConsistency::DepthConsistency(std::size_t max_points) {
   last_.reserve(max_points);
   neighbours_.reserve(2 * kTriangleLinks * max_points);
   values_.reserve(max_points);
-  deviations_.reserve(max_points);
   group_.reserve(max_points);
   groups_.reserve(max_points);
 }
@@ -104,10 +98,8 @@ void DepthConsistency::dropMismatches(std::vector<Verdict>& verdicts) {
     if (values_.empty() || agreeing >= kAgreeing) continue;
     const double sigma = std::sqrt(own.variance + variance / static_cast<double>(values_.size())) *
                          own.inverse_depth * own.inverse_depth;
-    const double middle = median(values_);
-    deviations_.clear();
-    for (const double v : values_) deviations_.push_back(std::abs(v - middle));
-    if (std::abs(own.inverse_depth - middle) > kSigmas * (sigma + kMadToSigma * median(deviations_)))
+    const double middle = median(std::span(values_));
+    if (std::abs(own.inverse_depth - middle) > kSigmas * (sigma + madSigma(std::span(values_), middle)))
       verdicts[i] = Verdict::kMismatch;
   }
 }

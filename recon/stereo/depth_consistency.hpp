@@ -76,7 +76,7 @@ class DepthConsistency {
   std::vector<Node> nodes_;
   std::vector<std::uint32_t> first_, last_;  // of each point's neighbours, and one past them
   std::vector<std::uint32_t> neighbours_;
-  std::vector<double> values_, deviations_;
+  std::vector<double> values_;
   std::vector<std::uint32_t> group_;
   std::vector<Group> groups_;
 };

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/geometry/order_statistics.hpp"
 #include "recon/stereo/midpoint_triangulation.hpp"
 
 namespace fathom::stereo {
@@ -28,10 +29,7 @@ double MatchNoise::scale() {
     const Match &a = matches_[i - 1], &b = matches_[i];
     ratios_.push_back(std::abs(a.distance - b.distance) / std::hypot(a.sigma, b.sigma));
   }
-  const auto middle = ratios_.begin() + static_cast<std::ptrdiff_t>(ratios_.size() / 2);
-  std::nth_element(ratios_.begin(), middle, ratios_.end());
-  constexpr double kMedianToSigma = 1.4826;  // of the magnitude of a normal variable
-  return std::max(kLeast, kMedianToSigma * *middle);
+  return std::max(kLeast, kMadToSigma * median(std::span(ratios_)));
 }
 
 void MatchNoise::widen(StereoResult& result) {

@@ -5,23 +5,18 @@
 #include <cmath>
 #include <vector>
 
+#include "recon/geometry/order_statistics.hpp"
+
 namespace fathom::stereo {
 namespace {
 
 constexpr double kMaxRadius = 256;      // [px]
 constexpr std::size_t kMinPoints = 12;  // four for each parameter
 constexpr int kIterations = 20;         // Cauchy's weights settle within ten
-constexpr double kMadToSigma = 1.4826;  // of a normal distribution
 constexpr double kCauchy = 2.385;  // residual in sigmas at which half the weight is left: 95 % efficiency
 constexpr double kMinSpread =
     1e-6;  // of the rays, smallest eigenvalue to largest: a field of view of 0.1 degrees
 constexpr double kMinSigma = 1e-6;  // [1/m]: far below what a pixel resolves
-
-double medianOf(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 }  // namespace
 
@@ -49,12 +44,11 @@ std::optional<SeedPlane> fitSeedPlane(std::span<const StereoPoint> points) {
   }
   // From the median: a least-squares start would follow gross errors.
   std::vector<double> values(inverse_depth.begin(), inverse_depth.end());
-  Eigen::Vector3d plane(0, 0, medianOf(values));
+  Eigen::Vector3d plane(0, 0, median(std::span(values)));
   for (int k = 0; k < kIterations; ++k) {
     const Eigen::VectorXd residual = inverse_depth - rays * plane;
     values.assign(residual.begin(), residual.end());
-    for (double& v : values) v = std::abs(v);
-    const double scale = kCauchy * std::max(kMadToSigma * medianOf(values), kMinSigma);
+    const double scale = kCauchy * std::max(madSigma(std::span(values), 0), kMinSigma);
     const Eigen::VectorXd weight = (1.0 + (residual.array() / scale).square()).inverse();
     const Eigen::Matrix3d normal_matrix = rays.transpose() * weight.asDiagonal() * rays;
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> spread(normal_matrix, Eigen::EigenvaluesOnly);

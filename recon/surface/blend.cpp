@@ -56,7 +56,7 @@ struct TextureBlender::Impl {
   Impl(const Camera& image_camera, const BlendConfig& blend_config)
       : config(blend_config),
         camera(image_camera.scaled(1.0 / blend_config.bands.reduction)),
-        block(blend_config, blendKernels()) {}
+        block(blend_config, fastestBlendKernels()) {}
 
   BlendCounts blend(Atlas& atlas, const ViewIndex& index, const std::vector<std::uint32_t>& places,
                     const std::vector<const Mesh*>& occluders, const BandSource& images);

@@ -76,7 +76,7 @@ void ViewVote::sample(const ChartLattice& lattice, const std::vector<ActiveView>
                          points[3].data(),         points[4].data(), points[5].data()};
   const NodePixels at{pixels[0].data(), pixels[1].data(), pixels[2].data(), pixels[3].data(),
                       pixels[4].data()};
-  const BlendKernels& kernels = blendKernels();
+  const BlendKernels& kernels = fastestBlendKernels();
   for (std::size_t view = 0; view < views_; ++view) {
     kernels.projectNodes(views[view].projection, nodes, fade, at);
     for (std::size_t i = 0; i < nodes_; ++i) {

@@ -6,13 +6,13 @@
 
 #include <algorithm>
 #include <array>
-#include <cstdio>
 #include <mutex>
 #include <string_view>
 #include <thread>
 #include <vector>
 
 #include "firmware_if/image_file.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/output_folder.hpp"
 #include "sim/boards/board_scene.hpp"
@@ -41,21 +41,18 @@ void writeTruth(const std::filesystem::path& folder, const Scenario& scenario, c
   pose_file.stream() << "view,left_image,right_image,x_m,y_m,z_m,qw,qx,qy,qz\n";
   corner_file.stream() << "view,corner,u_left,v_left,u_right,v_right,x_m,y_m,z_m\n";
   const std::vector<Eigen::Vector3d> points = calibration::boardPoints(board);
-  char line[320];
   for (std::size_t v = 0; v < poses.size(); ++v) {
     const Eigen::Vector3d& t = poses[v].translation();
     const Eigen::Quaterniond& q = poses[v].rotation();
-    std::snprintf(line, sizeof line, "%zu,%s,%s,%.9f,%.9f,%.9f,%.12f,%.12f,%.12f,%.12f\n", v + 1,
-                  imageName(scenario, v, CameraSide::kLeft).c_str(),
-                  imageName(scenario, v, CameraSide::kRight).c_str(), t.x(), t.y(), t.z(), q.w(), q.x(),
-                  q.y(), q.z());
-    pose_file.stream() << line;
+    pose_file.stream() << formatted("%zu,%s,%s,%.9f,%.9f,%.9f,%.12f,%.12f,%.12f,%.12f\n", v + 1,
+                                    imageName(scenario, v, CameraSide::kLeft).c_str(),
+                                    imageName(scenario, v, CameraSide::kRight).c_str(), t.x(), t.y(), t.z(),
+                                    q.w(), q.x(), q.y(), q.z());
     for (std::size_t k = 0; k < points.size(); ++k) {
       const Eigen::Vector3d p = poses[v] * points[k];
       const Eigen::Vector2d left = rig.left.project(p), right = rig.right.project(rig.T_right_left * p);
-      std::snprintf(line, sizeof line, "%zu,%zu,%.6f,%.6f,%.6f,%.6f,%.9f,%.9f,%.9f\n", v + 1, k, left.x(),
-                    left.y(), right.x(), right.y(), p.x(), p.y(), p.z());
-      corner_file.stream() << line;
+      corner_file.stream() << formatted("%zu,%zu,%.6f,%.6f,%.6f,%.6f,%.9f,%.9f,%.9f\n", v + 1, k, left.x(),
+                                        left.y(), right.x(), right.y(), p.x(), p.y(), p.z());
     }
   }
   pose_file.commit();

@@ -14,6 +14,7 @@
 
 #include "firmware_if/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "sim/hil/bench/child_process.hpp"
 #include "sim/hil/fault_table.hpp"
@@ -204,7 +205,6 @@ bool compareHil(const HilComparison& what) {
     out["checks"][name] = {{"good", holds}, {"text", text}};
     good = good && holds;
   };
-  std::array<char, 300> line{};
 
   const std::vector<std::string> differing = differingFiles(live_folder, folder.replay());
   std::string names;
@@ -221,13 +221,13 @@ bool compareHil(const HilComparison& what) {
   const TimeShift shift = {run["start_utc_ns"], run["mission_begin_utc_ns"], run["rate"]};
   const PoseDistances d =
       comparePoses(live_poses, io::readStereoPoses(folder.direct() / "stereo_pose_est.data"), shift);
-  std::snprintf(
-      line.data(), line.size(),
-      "%zu camera positions against the direct replay: rms %.1f mm, worst %.1f mm, %.3f deg; %zu without "
-      "counterpart%s",
-      d.matched, 1e3 * d.rms_m, 1e3 * d.worst_m, d.worst_rad * 180 / M_PI, d.unmatched,
-      script.faults.empty() ? "" : " (the faults' effect)");
-  check("poses", d.matched > 0 && (!script.faults.empty() || d.worst_m <= kPoseTolerance_m), line.data());
+  check(
+      "poses", d.matched > 0 && (!script.faults.empty() || d.worst_m <= kPoseTolerance_m),
+      formatted(
+          "%zu camera positions against the direct replay: rms %.1f mm, worst %.1f mm, %.3f deg; %zu without "
+          "counterpart%s",
+          d.matched, 1e3 * d.rms_m, 1e3 * d.worst_m, d.worst_rad * 180 / M_PI, d.unmatched,
+          script.faults.empty() ? "" : " (the faults' effect)"));
   out["poses"] = {{"matched", d.matched},
                   {"unmatched", d.unmatched},
                   {"rms_m", d.rms_m},
@@ -243,17 +243,15 @@ bool compareHil(const HilComparison& what) {
     whole += r.sent_whole;
     recorded += r.recorded;
   }
-  std::snprintf(line.data(), line.size(),
-                "%zu exposures, %zu sent whole, %zu recorded, %llu stopped by a full disk",
-                left.size() + right.size(), whole, recorded, static_cast<unsigned long long>(stopped));
-  check("frames", recorded + stopped == whole, line.data());
+  check("frames", recorded + stopped == whole,
+        formatted("%zu exposures, %zu sent whole, %zu recorded, %llu stopped by a full disk",
+                  left.size() + right.size(), whole, recorded, static_cast<unsigned long long>(stopped)));
   const PairCheck pairs = checkPairs(live_poses, left, right, kPairTolerance_s);
-  std::snprintf(
-      line.data(), line.size(),
-      "%zu pairs mapped: %zu mismatched, %zu unknown; %zu recorded images unknown, %zu with other pixels",
-      pairs.pairs, pairs.mismatched, pairs.unknown, unknown, other_pixels);
-  check("pairs", pairs.pairs > 0 && pairs.mismatched + pairs.unknown + unknown + other_pixels == 0,
-        line.data());
+  check(
+      "pairs", pairs.pairs > 0 && pairs.mismatched + pairs.unknown + unknown + other_pixels == 0,
+      formatted(
+          "%zu pairs mapped: %zu mismatched, %zu unknown; %zu recorded images unknown, %zu with other pixels",
+          pairs.pairs, pairs.mismatched, pairs.unknown, unknown, other_pixels));
   out["frames"] = {{"exposures", left.size() + right.size()},
                    {"sent_whole", whole},
                    {"recorded", recorded},

@@ -1,13 +1,12 @@
 #include "sim/hil/hil_folder.hpp"
 
-#include <array>
-#include <cstdio>
 #include <fstream>
 #include <sstream>
 #include <string_view>
 
 #include "firmware_if/toml_text.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 
 namespace fathom::sim {
@@ -54,11 +53,9 @@ void writeHilMission(const HilFolder& folder, const MissionSchedule& schedule) {
   writeStereoCalib(io::MissionPaths(folder.mission()).calib(), schedule.rig);
   for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
     AtomicFile list(folder.camera(side, "txt"));
-    std::array<char, 64> second{};
     for (const ScheduledExposure& e : schedule.exposures) {
       if (e.side != side) continue;
-      std::snprintf(second.data(), second.size(), "%.9f", schedule.missionSeconds(e.utc_ns));
-      list.stream() << second.data() << ',' << e.file_name << '\n';
+      list.stream() << decimals(schedule.missionSeconds(e.utc_ns), 9) << ',' << e.file_name << '\n';
     }
     list.commit();
   }

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cstdio>
 #include <mutex>
 #include <thread>
 #include <vector>
@@ -18,6 +17,7 @@
 #include "firmware_if/pose_files.hpp"
 #include "firmware_if/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "sim/features/feature_camera.hpp"
@@ -81,10 +81,8 @@ io::MissionConfig missionConfig(const Scenario& s, const StereoRig& rig) {
   m.start_utc_ns = s.start_utc_ns;
   m.magnetic_declination = s.magnetic_declination;
   if (s.sensors.tide.amplitude_m > 0) {
-    char text[160];
-    std::snprintf(text, sizeof text, "sinusoid amplitude_m=%.17g period_s=%.17g phase_rad=%.17g",
-                  s.sensors.tide.amplitude_m, s.sensors.tide.period_s, s.sensors.tide.phase);
-    m.tide_model = text;
+    m.tide_model = formatted("sinusoid amplitude_m=%.17g period_s=%.17g phase_rad=%.17g",
+                             s.sensors.tide.amplitude_m, s.sensors.tide.period_s, s.sensors.tide.phase);
   }
   m.water.sound_speed =
       soundSpeed(s.sensors.water.temperature_c, s.sensors.water.salinity_psu, s.terrain.base_depth_m);

@@ -8,9 +8,10 @@
 #include <vector>
 
 #include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/number_text.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
+#include "recon/geometry/order_statistics.hpp"
 #include "sim/picture/mesh_view.hpp"
 
 namespace fathom::sim {
@@ -67,10 +68,7 @@ std::pair<float, float> depthRange(const Mesh& mesh) {
   depths.reserve(mesh.triangles.size());
   for (const auto& triangle : mesh.triangles) depths.push_back(mesh.vertices[triangle[0]].z());
   const auto at = [&](double part) {
-    const auto place =
-        depths.begin() + static_cast<std::ptrdiff_t>(part * static_cast<double>(depths.size() - 1));
-    std::nth_element(depths.begin(), place, depths.end());
-    return *place;
+    return ranked(std::span(depths), static_cast<std::size_t>(part * static_cast<double>(depths.size() - 1)));
   };
   const float shallow = at(0.01), deep = at(0.99);
   return {shallow, std::max(deep, shallow + 1e-3F)};

@@ -1,11 +1,12 @@
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <numbers>
 #include <string>
 #include <vector>
 
 #include "firmware_if/civil_time.hpp"
+#include "firmware_if/toml_text.hpp"
+#include "realtime/kernel/text.hpp"
 #include "sim/scenario/scenario_file.hpp"
 
 namespace fathom::sim {
@@ -13,22 +14,8 @@ namespace {
 
 // A TOML number to twelve digits, so that what went through a rotation or a change of unit stays readable.
 std::string tidy(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.12g", value + 0.0);  // + 0: no negative zero
-  const std::string number(text);
+  const std::string number = formatted("%.12g", value + 0.0);  // + 0: no negative zero
   return number.find_first_of(".e") == std::string::npos ? number + ".0" : number;
-}
-
-// A TOML string, escaped.
-std::string tomlText(const std::string& text) {
-  std::string out = "\"";
-  for (const char c : text) {
-    const auto byte = static_cast<unsigned char>(c);
-    char escaped[8];
-    std::snprintf(escaped, sizeof escaped, c == '"' || c == '\\' ? "\\%c" : "\\u%04X", byte);
-    out += c == '"' || c == '\\' || byte < ' ' ? std::string(escaped) : std::string(1, c);
-  }
-  return out + "\"";
 }
 
 std::string range(const char* unit, double low, double high) {
@@ -73,19 +60,19 @@ class Writer final : public KeyVisitor {
   }
   void utc(const char* key, std::int64_t& value, const char* meaning) override {
     const io::CivilTime t = io::civilFromUtc(value);
-    char text[48];
-    std::snprintf(text, sizeof text, "%04d-%02d-%02dT%02d:%02d:%02d.%09dZ", t.year, t.month, t.day, t.hour,
-                  t.minute, t.second, t.nanosecond);
-    line(key, text, "ISO 8601 in UTC", meaning);
+    line(key,
+         formatted("%04d-%02d-%02dT%02d:%02d:%02d.%09dZ", t.year, t.month, t.day, t.hour, t.minute, t.second,
+                   t.nanosecond),
+         "ISO 8601 in UTC", meaning);
   }
   void text(const char* key, std::string& value, const char* meaning) override {
-    line(key, tomlText(value), "text", meaning);
+    line(key, io::tomlString(value), "text", meaning);
   }
   void choice(const char* key, std::size_t& value, std::span<const char* const> names,
               const char* meaning) override {
     std::string list;
     for (const char* n : names) list += (list.empty() ? "" : " or ") + std::string(n);
-    line(key, tomlText(names[value]), list, meaning);
+    line(key, io::tomlString(names[value]), list, meaning);
   }
   void vector3(const char* key, Eigen::Vector3d& value, const char* unit, double low, double high,
                const char* meaning) override {

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/geometry/order_statistics.hpp"
+
 namespace fathom::sim {
 namespace {
 
@@ -65,9 +67,7 @@ SE3 alignSurface(const Points& estimate, const TruthSurface& truth, const SE3& s
       nearest[i] = truth.nearest(motion * estimate[i]);
       distances[i] = nearest[i].distance;
     });
-    auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
-    std::nth_element(distances.begin(), middle, distances.end());
-    const double limit = std::max(kOutlier * *middle, 1e-9);
+    const double limit = std::max(kOutlier * median(std::span(distances)), 1e-9);
 
     // Turns about the points' centre, so that turn and shift do not mix.
     const Eigen::Vector3d centre = motion * mean(estimate);

@@ -1,13 +1,13 @@
 #include "sim/score/score.hpp"
 
 #include <Eigen/Geometry>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <numbers>
 
 #include "firmware_if/mission.hpp"
 #include "firmware_if/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "sim/score/surface_score.hpp"
 #include "sim/score/trajectory_score.hpp"
@@ -137,33 +137,19 @@ nlohmann::ordered_json toJson(const std::optional<SurfaceScore>& score) {
 }
 
 std::string metres(const std::optional<double>& value) {
-  if (!value) return "-";
-  char text[32];
-  std::snprintf(text, sizeof text, "%.4f", *value);
-  return text;
+  return value ? decimals(*value, 4) : "-";
 }
 
 void trajectoryRow(std::string& out, const char* name, const std::optional<TrajectoryScore>& s) {
-  char line[160];
-  if (s) {
-    std::snprintf(line, sizeof line, "  %-16s %10s %12s %14s %8zu\n", name, metres(s->rms_m).c_str(),
-                  metres(s->aligned_rms_m).c_str(), metres(s->crossover_rms_m).c_str(), s->poses);
-  } else {
-    std::snprintf(line, sizeof line, "  %-16s %10s %12s %14s %8s\n", name, "-", "-", "-", "-");
-  }
-  out += line;
+  out += s ? formatted("  %-16s %10s %12s %14s %8zu\n", name, metres(s->rms_m).c_str(),
+                       metres(s->aligned_rms_m).c_str(), metres(s->crossover_rms_m).c_str(), s->poses)
+           : formatted("  %-16s %10s %12s %14s %8s\n", name, "-", "-", "-", "-");
 }
 
 void surfaceRow(std::string& out, const char* name, const std::optional<SurfaceScore>& s) {
-  char line[200];
-  if (s) {
-    std::snprintf(line, sizeof line, "  %-10s %9.4f %12.4f %9.4f %9.4f %9.4f %9.4f %9.1f%%\n", name, s->rms_m,
-                  s->aligned_rms_m, s->p50_m, s->p95_m, s->p99_m, s->bias_m, 100.0 * s->coverage);
-  } else {
-    std::snprintf(line, sizeof line, "  %-10s %9s %12s %9s %9s %9s %9s %10s\n", name, "-", "-", "-", "-", "-",
-                  "-", "-");
-  }
-  out += line;
+  out += s ? formatted("  %-10s %9.4f %12.4f %9.4f %9.4f %9.4f %9.4f %9.1f%%\n", name, s->rms_m,
+                       s->aligned_rms_m, s->p50_m, s->p95_m, s->p99_m, s->bias_m, 100.0 * s->coverage)
+           : formatted("  %-10s %9s %12s %9s %9s %9s %9s %10s\n", name, "-", "-", "-", "-", "-", "-", "-");
 }
 
 }  // namespace

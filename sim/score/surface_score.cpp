@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/geometry/order_statistics.hpp"
+
 namespace fathom::sim {
 namespace {
 
@@ -15,13 +17,6 @@ constexpr std::size_t kAlignmentSamples = 10'000;  // of the alignment
 std::pair<std::int32_t, std::int32_t> cellOf(const Eigen::Vector3d& p) {
   return {static_cast<std::int32_t>(std::floor(p.x() / kPlanCell)),
           static_cast<std::int32_t>(std::floor(p.y() / kPlanCell))};
-}
-
-double percentile(const std::vector<double>& sorted, double fraction) {
-  const double place = fraction * static_cast<double>(sorted.size() - 1);
-  const auto below = static_cast<std::size_t>(place);
-  const std::size_t above = std::min(below + 1, sorted.size() - 1);
-  return sorted[below] + (place - static_cast<double>(below)) * (sorted[above] - sorted[below]);
 }
 
 // Signed distances: positive above the true surface.
@@ -154,16 +149,16 @@ SurfaceScore scoreSurface(const Mesh& estimate, const TruthSurface& truth, const
   score.rms_m = rootMeanSquare(distances);
   score.bias_m = meanOf(distances);
   sortMagnitudes(distances);
-  score.p50_m = percentile(distances, 0.50);
-  score.p95_m = percentile(distances, 0.95);
-  score.p99_m = percentile(distances, 0.99);
+  score.p50_m = quantile(distances, 0.50);
+  score.p95_m = quantile(distances, 0.95);
+  score.p99_m = quantile(distances, 0.99);
 
   score.alignment = alignSurface(sampleSurface(estimate, kAlignmentSamples), truth, start);
   distances = signedDistances(points, truth, score.alignment);
   score.aligned_rms_m = rootMeanSquare(distances);
   score.aligned_bias_m = meanOf(distances);
   sortMagnitudes(distances);
-  score.aligned_p95_m = percentile(distances, 0.95);
+  score.aligned_p95_m = quantile(distances, 0.95);
 
   const PlanCells covered = meshCells(estimate, score.alignment);
   std::size_t both = 0;

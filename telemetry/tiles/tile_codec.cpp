@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "recon/geometry/order_statistics.hpp"
 #include "telemetry/tiles/draco_values.hpp"
 #include "telemetry/tiles/lattice_mask.hpp"
 #include "telemetry/wire/field.hpp"
@@ -130,15 +131,13 @@ std::size_t encodeTile(const HeightTile& tile, int stride, const TileCodecConfig
   if (count == 0 || greatest - least > std::numeric_limits<std::int16_t>::max() || least < -depth_bound ||
       least >= depth_bound)
     return 0;
-  std::nth_element(sigmas.begin(), sigmas.begin() + static_cast<std::ptrdiff_t>(count / 2),
-                   sigmas.begin() + static_cast<std::ptrdiff_t>(count));
 
   BitWriter w(out);
   w.put(kSize, size_mm);
   w.put(static_cast<std::uint64_t>(strideCode(stride)), kStrideBits);
   w.put(kResolution, resolution_mm);
   w.put(static_cast<std::uint64_t>(config.colour_bits), kColourBits);
-  w.put(sigmaCode(sigmas[count / 2]), kSigmaBits);
+  w.put(sigmaCode(median(std::span(sigmas).first(count))), kSigmaBits);
   w.putSigned(least, kDepthBits);
   putMask(w, std::span(seen).first(lattice.count()));
   if (!w.ok()) return 0;

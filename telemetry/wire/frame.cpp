@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "telemetry/wire/crc32.hpp"
+#include "realtime/kernel/crc32.hpp"
 
 namespace fathom::telemetry {
 namespace {

@@ -176,7 +176,7 @@ RelativePrior priorOf(const SE3& truth, Class overlap, std::mt19937& random) {
     const Eigen::Vector3d& t = truth.translation();
     claimed = SE3(truth.rotation(), Eigen::Vector3d(0, 0, t.z()));
   }
-  return {rightPerturbed(claimed, error), Matrix6d(sigma.cwiseAbs2().asDiagonal())};
+  return {perturbed(claimed, error), Matrix6d(sigma.cwiseAbs2().asDiagonal())};
 }
 
 struct ClassResult {

@@ -8,6 +8,7 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -23,12 +24,7 @@ CalibrateOptions optionsFor(const std::filesystem::path& images, const std::file
 }
 
 std::string errorOf(const CalibrateOptions& options) {
-  try {
-    (void)runCalibrate(options);
-  } catch (const InputError& error) {
-    return error.what();
-  }
-  return "no error";
+  return test::refusal([&] { (void)runCalibrate(options); });
 }
 
 TEST(Calibrate, RealChessboardsGiveThePublishedRig) {

@@ -1,5 +1,6 @@
 #include "recon/topside/calibration/mission_check.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -12,6 +13,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/commands/check_calibration_command.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -174,13 +176,10 @@ TEST(MissionCheck, TheCommandExitsWithZeroForAGoodRigAndWithOneForABadOne) {
 TEST(MissionCheck, ACalibrationOfAnotherImageSizeIsRefusedWithBothSizes) {
   Altered mission;
   mission.rig([](StereoRig& rig) { rig = rig.scaled(2); });
-  try {
-    (void)checkMission({mission.path(), {}, 12});
-    FAIL() << "accepted";
-  } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("where the calibration says"), std::string::npos)
-        << error.what();
-  }
+  EXPECT_THAT(test::refusal([&] {
+                (void)checkMission({mission.path(), {}, 12});
+              }),
+              testing::HasSubstr("where the calibration says"));
 }
 
 TEST(MissionCheck, AnotherMissionsCalibrationCanBeTried) {

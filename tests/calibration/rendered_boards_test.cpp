@@ -11,6 +11,7 @@
 #include "recon/topside/report/board_check_report.hpp"
 #include "sim/boards/board_maker.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom {
 namespace {
@@ -158,11 +159,7 @@ TEST(BoardMaker, TheSameSeedGivesTheSameBytes) {
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder.path() / "a")) {
     if (!entry.is_regular_file()) continue;
     const auto other = folder.path() / "b" / entry.path().lexically_relative(folder.path() / "a");
-    const auto bytes = [](const std::filesystem::path& path) {
-      std::ifstream file(path, std::ios::binary);
-      return std::string(std::istreambuf_iterator<char>(file), {});
-    };
-    EXPECT_EQ(bytes(entry.path()), bytes(other)) << other;
+    EXPECT_EQ(test::readText(entry.path()), test::readText(other)) << other;
   }
 }
 

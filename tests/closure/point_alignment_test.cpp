@@ -80,7 +80,7 @@ TEST(AlignPoints, CovarianceIsHonestOverManyDrawsOfNoiseAndSharedErrors) {
   for (int k = 0; k < kTrials; ++k) {
     const SE3 truth = turned(0.02 * k);
     const auto pairs = sea.pairs(truth, 80, {});
-    const SE3 start = rightPerturbed(truth, sea.twist(0.005, 0.003));
+    const SE3 start = perturbed(truth, sea.twist(0.005, 0.003));
     const auto found = alignPoints(pairs, refineCauchy(pairs, start));
     ASSERT_TRUE(found);
     const Vector6d e = errorOf(found->T_a_b, truth);

@@ -1,6 +1,7 @@
 #include "recon/compare/compare.hpp"
 
 #include <gdal_priv.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -16,6 +17,8 @@
 #include "recon/topside/commands/compare_command.hpp"
 #include "recon/topside/report/compare_report.hpp"
 #include "tests/compare/rough_terrain.hpp"
+#include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::compare {
 namespace {
@@ -29,15 +32,6 @@ const Geodetic kOrigin{-23.44 * kRadian, 151.91 * kRadian};
 // A dive's mesh over 16 x 12 m with a pose file that says where its origin lies.
 class Compare : public testing::Test {
  protected:
-  void SetUp() override {
-    folder_ =
-        std::filesystem::temp_directory_path() /
-        (std::string("fathom_compare_") + testing::UnitTest::GetInstance()->current_test_info()->name());
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_ / "dive");
-  }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
-
   // Heights(east, north), every 10 cm.
   template <typename Height>
   void writeDive(const std::filesystem::path& folder, const Geodetic& origin, const Height& height) const {
@@ -73,15 +67,12 @@ class Compare : public testing::Test {
   }
 
   void expectInputError(const CompareOptions& o, const std::string& words) const {
-    try {
-      static_cast<void>(compareSurfaces(o));
-      ADD_FAILURE() << "no error for " << o.reference;
-    } catch (const InputError& error) {
-      EXPECT_NE(std::string(error.what()).find(words), std::string::npos) << error.what();
-    }
+    EXPECT_THAT(fathom::test::refusal([&] { (void)compareSurfaces(o); }), testing::HasSubstr(words))
+        << o.reference;
   }
 
-  std::filesystem::path folder_;
+  const fathom::test::TemporaryFolder temporary_;
+  const std::filesystem::path folder_ = temporary_.path();
 };
 
 TEST_F(Compare, TakesXyzTextOfDepthsInGeographicDegrees) {

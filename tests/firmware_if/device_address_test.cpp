@@ -4,15 +4,13 @@
 #include <gmock/gmock.h>
 #include <sys/socket.h>
 
-#include <fstream>
-
 #include "firmware_if/devices/file_stream.hpp"
 #include "firmware_if/devices/udp_stream.hpp"
 #include "firmware_if/modem_ports.hpp"
 #include "firmware_if/serial/serial_line.hpp"
 #include "tests/firmware_if/pty_line.hpp"
-#include "tests/firmware_if/text_files.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {

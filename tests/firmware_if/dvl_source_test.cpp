@@ -4,16 +4,15 @@
 
 #include <chrono>
 #include <deque>
-#include <fstream>
 #include <random>
 #include <thread>
 
 #include "firmware_if/civil_time.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 #include "tests/firmware_if/pty_line.hpp"
-#include "tests/firmware_if/text_files.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {

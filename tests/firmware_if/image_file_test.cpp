@@ -7,8 +7,8 @@
 #include <random>
 
 #include "firmware_if/civil_time.hpp"
-#include "tests/firmware_if/text_files.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {

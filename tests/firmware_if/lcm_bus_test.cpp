@@ -6,8 +6,8 @@
 
 #include "firmware_if/lcm_bus/health_report.hpp"
 #include "firmware_if/lcm_bus/lcm_source.hpp"
-#include "tests/firmware_if/text_files.hpp"
 #include "tests/support/heap_counter.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {

@@ -4,8 +4,8 @@
 
 #include "firmware_if/image_file.hpp"
 #include "tests/firmware_if/sample_dive.hpp"
-#include "tests/firmware_if/text_files.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {

@@ -2,8 +2,8 @@
 
 #include <gmock/gmock.h>
 
-#include "tests/firmware_if/text_files.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {

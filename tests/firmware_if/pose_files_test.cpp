@@ -4,8 +4,8 @@
 
 #include <numbers>
 
-#include "tests/firmware_if/text_files.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {

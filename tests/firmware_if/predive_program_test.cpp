@@ -17,9 +17,9 @@
 #include "telemetry/ship/ship_link.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 #include "tests/firmware_if/pty_line.hpp"
-#include "tests/firmware_if/text_files.hpp"
 #include "tests/support/network_namespace.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {

@@ -8,8 +8,8 @@
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/log_messages.hpp"
 #include "tests/firmware_if/sample_dive.hpp"
-#include "tests/firmware_if/text_files.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {

@@ -4,6 +4,7 @@
 #include <cstring>
 #include <memory>
 
+#include "realtime/kernel/crc32.hpp"
 #include "realtime/kernel/state_archive.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_file.hpp"
 #include "realtime/onboard/nav/nav_feed.hpp"
@@ -24,7 +25,7 @@ void seal(std::vector<std::uint8_t>& bytes) {
     std::memcpy(&head, bytes.data() + at, sizeof head);
     const std::size_t first = at + sizeof head;
     head.bytes = std::min<std::uint64_t>(head.bytes, bytes.size() - first);
-    head.crc = fathom::rt::stateCrc(std::span<const std::uint8_t>(bytes).subspan(first, head.bytes));
+    head.crc = fathom::crc32(std::span<const std::uint8_t>(bytes).subspan(first, head.bytes));
     std::memcpy(bytes.data() + at, &head, sizeof head);
     at = first + head.bytes;
   }

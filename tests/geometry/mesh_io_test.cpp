@@ -2,10 +2,8 @@
 
 #include <gtest/gtest.h>
 
-#include <fstream>
-
-#include "realtime/kernel/input_error.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom {
 namespace {
@@ -25,17 +23,12 @@ Mesh square() {
 
 std::filesystem::path write(const TemporaryFolder& folder, const std::string& text) {
   const auto path = folder.path() / "m.ply";
-  std::ofstream(path, std::ios::binary) << text;
+  test::writeText(path, text);
   return path;
 }
 
 std::string refusal(const std::filesystem::path& path) {
-  try {
-    (void)readPly(path);
-  } catch (const InputError& e) {
-    return e.what();
-  }
-  return "";
+  return test::refusal([&] { (void)readPly(path); });
 }
 
 TEST(MeshIo, EveryAttributeRoundTrips) {
@@ -103,8 +96,7 @@ TEST(MeshIo, AFileCutAnywhereIsRefusedNotCrashed) {
   const TemporaryFolder folder;
   const auto whole = folder.path() / "square.ply";
   writePly(whole, square());
-  std::ifstream in(whole, std::ios::binary);
-  const std::string bytes{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+  const std::string bytes = test::readText(whole);
   for (std::size_t n = 0; n < bytes.size(); n += 3)
     EXPECT_NE(refusal(write(folder, bytes.substr(0, n))), "") << "cut at byte " << n;
 }

@@ -2,10 +2,8 @@
 
 #include <gtest/gtest.h>
 
-#include <fstream>
-
-#include "realtime/kernel/input_error.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom {
 namespace {
@@ -19,17 +17,12 @@ StereoRig surveyRig() {
 
 std::filesystem::path write(const TemporaryFolder& folder, const std::string& text) {
   const auto path = folder.path() / "stereo.calib";
-  std::ofstream(path) << text;
+  test::writeText(path, text);
   return path;
 }
 
 std::string refusal(const std::filesystem::path& path) {
-  try {
-    (void)readStereoCalib(path);
-  } catch (const InputError& e) {
-    return e.what();
-  }
-  return "";
+  return test::refusal([&] { (void)readStereoCalib(path); });
 }
 
 TEST(StereoCalib, ReadsTheRealRig) {
@@ -65,8 +58,7 @@ TEST(StereoCalib, RefusesBadFilesNamingTheNumber) {
   EXPECT_NE(refusal(write(folder, "2 1360 nan")).find("number 3"), std::string::npos);
 
   writeStereoCalib(folder.path() / "good.calib", surveyRig());
-  std::ifstream in(folder.path() / "good.calib");
-  std::string good{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+  const std::string good = test::readText(folder.path() / "good.calib");
   EXPECT_EQ(refusal(write(folder, good)), "");
   EXPECT_NE(refusal(write(folder, "3" + good.substr(1))).find("number of cameras"), std::string::npos);
   EXPECT_NE(refusal(write(folder, "2\n-5" + good.substr(6))).find("image size"), std::string::npos);

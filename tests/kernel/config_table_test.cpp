@@ -2,21 +2,13 @@
 
 #include <gtest/gtest.h>
 
-#include "realtime/kernel/input_error.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom {
 namespace {
 
-template <typename Body>
-std::string refusal(Body body) {
-  try {
-    body();
-  } catch (const InputError& e) {
-    return e.what();
-  }
-  return "";
-}
+using test::refusal;
 
 TEST(ConfigTable, GivesValuesOfTheFileAndDefaultsForWhatItLacks) {
   const ConfigTable t =

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "realtime/kernel/crc32.hpp"
 #include "realtime/kernel/fixed_queue.hpp"
 
 namespace fathom::rt {
@@ -89,7 +90,7 @@ std::vector<std::uint8_t> sealed(std::vector<std::uint8_t> bytes) {
   StateSectionHead head;
   std::memcpy(&head, bytes.data(), sizeof head);
   head.bytes = bytes.size() - sizeof head;
-  head.crc = stateCrc(std::span(bytes).subspan(sizeof head));
+  head.crc = crc32(std::span(bytes).subspan(sizeof head));
   std::memcpy(bytes.data(), &head, sizeof head);
   return bytes;
 }
@@ -207,8 +208,8 @@ TEST(StateArchive, SectionsFollowEachOther) {
 TEST(StateArchive, TheChecksumIsTheOneOfZlib) {
   const std::string text = "123456789";
   const std::span<const std::uint8_t> bytes(reinterpret_cast<const std::uint8_t*>(text.data()), text.size());
-  EXPECT_EQ(stateCrc(bytes), 0xCBF43926u);
-  EXPECT_EQ(stateCrc(bytes.subspan(4), stateCrc(bytes.first(4))), 0xCBF43926u);
+  EXPECT_EQ(crc32(bytes), 0xCBF43926u);
+  EXPECT_EQ(crc32(bytes.subspan(4), crc32(bytes.first(4))), 0xCBF43926u);
 }
 
 }  // namespace

@@ -2,31 +2,26 @@
 
 #include <gtest/gtest.h>
 
-#include <fstream>
-
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::rt {
 namespace {
 
-void write(const std::filesystem::path& path, const std::string& text) {
-  std::filesystem::create_directories(path.parent_path());
-  std::ofstream(path) << text;
-}
-
 TEST(SystemStatus, ReadsTheHottestZoneTheSlowestCpuAndAllThrottles) {
   const test::TemporaryFolder root;
-  write(root.path() / "sys/class/thermal/thermal_zone0/temp", "41500\n");
-  write(root.path() / "sys/class/thermal/thermal_zone1/temp", "66000\n");
-  write(root.path() / "sys/class/thermal/cooling_device0/temp", "99000\n");
+  test::writeText(root.path() / "sys/class/thermal/thermal_zone0/temp", "41500\n");
+  test::writeText(root.path() / "sys/class/thermal/thermal_zone1/temp", "66000\n");
+  test::writeText(root.path() / "sys/class/thermal/cooling_device0/temp", "99000\n");
   for (const char* cpu : {"cpu0", "cpu1"}) {
     const auto folder = root.path() / "sys/devices/system/cpu" / cpu;
-    write(folder / "thermal_throttle/core_throttle_count", "3\n");
-    write(folder / "cpufreq/cpuinfo_max_freq", "2000000\n");
-    write(folder / "cpufreq/scaling_cur_freq", std::string(cpu) == "cpu0" ? "2000000\n" : "500000\n");
+    test::writeText(folder / "thermal_throttle/core_throttle_count", "3\n");
+    test::writeText(folder / "cpufreq/cpuinfo_max_freq", "2000000\n");
+    test::writeText(folder / "cpufreq/scaling_cur_freq",
+                    std::string(cpu) == "cpu0" ? "2000000\n" : "500000\n");
   }
-  write(root.path() / "proc/loadavg", "1.25 0.80 0.40 2/345 6789\n");
+  test::writeText(root.path() / "proc/loadavg", "1.25 0.80 0.40 2/345 6789\n");
   const SystemFigures figures = SystemStatus(root.path(), root.path()).read();
   EXPECT_FLOAT_EQ(figures.cpu_temperature_c.value(), 66.0F);
   EXPECT_FLOAT_EQ(figures.frequency_share.value(), 0.25F);
@@ -38,8 +33,8 @@ TEST(SystemStatus, ReadsTheHottestZoneTheSlowestCpuAndAllThrottles) {
 
 TEST(SystemStatus, WhatTheSystemDoesNotTellIsAbsent) {
   const test::TemporaryFolder root;
-  write(root.path() / "sys/class/thermal/thermal_zone0/temp", "no number\n");
-  write(root.path() / "proc/loadavg", "");
+  test::writeText(root.path() / "sys/class/thermal/thermal_zone0/temp", "no number\n");
+  test::writeText(root.path() / "proc/loadavg", "");
   const SystemFigures figures = SystemStatus("/no/such/folder", root.path()).read();
   EXPECT_FALSE(figures.cpu_temperature_c);
   EXPECT_FALSE(figures.frequency_share);

@@ -7,6 +7,7 @@
 #include "telemetry/monitor/frame_feed.hpp"
 #include "telemetry/monitor/session_files.hpp"
 #include "tests/monitor/sample_dive.hpp"
+#include "tests/support/test_data.hpp"
 
 namespace fathom::monitor {
 namespace {
@@ -15,13 +16,8 @@ namespace fs = std::filesystem;
 
 class Session : public ::testing::Test {
  protected:
-  void SetUp() override {
-    folder_ = fs::path(::testing::TempDir()) /
-              (std::string("session-") + ::testing::UnitTest::GetInstance()->current_test_info()->name());
-    fs::remove_all(folder_);
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-  fs::path folder_;
+  const fathom::test::TemporaryFolder temporary_;
+  const fs::path folder_ = temporary_.path() / "session";
 };
 
 std::vector<telemetry::Packet> packetsOf(double seconds) {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "recon/geometry/geodesy.hpp"
+#include "recon/geometry/order_statistics.hpp"
 #include "recon/nav/dead_reckoning.hpp"
 #include "recon/slam/sensor_factors.hpp"
 
@@ -95,12 +96,6 @@ std::vector<Drift> driftsOf(const Table& dvl, const Table& truth) {
                       slam::stepSigma(moved.norm(), quality, noise), moved.norm()});
   }
   return drifts;
-}
-
-double median(std::vector<double> values) {
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
-                   values.end());
-  return values[values.size() / 2];
 }
 
 TEST(RecordedDvl, DriftOverAHundredSecondsAgainstANavigationGradeReference) {

@@ -11,6 +11,7 @@
 #include <variant>
 #include <vector>
 
+#include "realtime/kernel/crc32.hpp"
 #include "realtime/kernel/state_archive.hpp"
 #include "tests/nav/analytic_dive.hpp"
 #include "tests/support/heap_counter.hpp"
@@ -168,7 +169,7 @@ TEST(NavCore, SurvivesASavedStateThatIsDamaged) {
     // The same with the right checksum: refused, or of no harm.
     rt::StateSectionHead good;
     std::memcpy(&good, damaged.data(), head);
-    good.crc = rt::stateCrc(std::span(damaged).subspan(head));
+    good.crc = crc32(std::span(damaged).subspan(head));
     std::memcpy(damaged.data(), &good, head);
     rt::StateReader again(damaged);
     if (other.load(again))

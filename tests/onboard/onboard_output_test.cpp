@@ -10,6 +10,7 @@
 
 #include "realtime/kernel/state_archive.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -43,8 +44,7 @@ void finish(OnboardOutput& output) {
 std::map<std::string, std::string> contentOf(const fs::path& folder) {
   std::map<std::string, std::string> content;
   for (const auto& entry : fs::directory_iterator(folder)) {
-    std::ifstream in(entry.path(), std::ios::binary);
-    content[entry.path().filename().string()] = {std::istreambuf_iterator<char>(in), {}};
+    content[entry.path().filename().string()] = test::readText(entry.path());
   }
   return content;
 }

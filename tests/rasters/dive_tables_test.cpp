@@ -7,6 +7,8 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "tests/support/test_data.hpp"
+
 namespace fathom::topside {
 namespace {
 
@@ -16,15 +18,6 @@ const Geodetic kOrigin{40.5 * kRadians, -70.25 * kRadians};
 
 class DiveTables : public ::testing::Test {
  protected:
-  DiveTables() {
-    folder_ =
-        std::filesystem::path(::testing::TempDir()) /
-        (std::string("fathom_tables_") + ::testing::UnitTest::GetInstance()->current_test_info()->name());
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_);
-  }
-  ~DiveTables() override { std::filesystem::remove_all(folder_); }
-
   [[nodiscard]] std::vector<std::vector<std::string>> table(const std::string& name) const {
     std::ifstream in(folder_ / name);
     std::vector<std::vector<std::string>> rows;
@@ -53,7 +46,8 @@ class DiveTables : public ::testing::Test {
     return nlohmann::json::parse(in);
   }
 
-  std::filesystem::path folder_;
+  const fathom::test::TemporaryFolder temporary_;
+  const std::filesystem::path folder_ = temporary_.path();
 };
 
 ImageRow image(double north, double east) {

@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <memory>
 #include <numbers>
 
@@ -16,6 +15,8 @@
 #include "recon/topside/rasters/raster_reading.hpp"
 #include "recon/topside/rasters/terrain.hpp"
 #include "tests/rasters/field_tiles.hpp"
+#include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -34,15 +35,7 @@ Dataset open(const std::filesystem::path& path) {
 
 class LayerSet : public ::testing::Test {
  protected:
-  LayerSet() {
-    folder_ =
-        std::filesystem::path(::testing::TempDir()) /
-        (std::string("fathom_layers_") + ::testing::UnitTest::GetInstance()->current_test_info()->name());
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_);
-    inputs_.origin = kOrigin;
-  }
-  ~LayerSet() override { std::filesystem::remove_all(folder_); }
+  LayerSet() { inputs_.origin = kOrigin; }
 
   void tiles(const TileRange& range, double step, const test::Depth& depth) {
     for (std::int32_t x = range.x0; x < range.x1; ++x)
@@ -64,7 +57,8 @@ class LayerSet : public ::testing::Test {
     return value;
   }
 
-  std::filesystem::path folder_;
+  const fathom::test::TemporaryFolder temporary_;
+  const std::filesystem::path folder_ = temporary_.path();
   LayerInputs inputs_;
   LayerConfig config_;
 };
@@ -247,10 +241,7 @@ TEST_F(LayerSet, StatisticsAndTheTrackAreLayersToo) {
 TEST_F(LayerSet, TheSameInputsGiveTheSameBytesWithAnyThreads) {
   config_.cells.mosaic = 0.01;
   tiles({0, 0, 2, 2}, 0.264, fallingPlane);
-  const auto bytesOf = [&](const std::string& file) {
-    std::ifstream in(folder_ / file, std::ios::binary);
-    return std::string(std::istreambuf_iterator<char>(in), {});
-  };
+  const auto bytesOf = [&](const std::string& file) { return fathom::test::readText(folder_ / file); };
   std::vector<std::string> first;
   for (const LayerInfo& layer : writeLayers(folder_, inputs_, config_)) first.push_back(bytesOf(layer.file));
   const oneapi::tbb::global_control one(oneapi::tbb::global_control::max_allowed_parallelism, 1);

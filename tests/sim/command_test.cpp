@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -31,8 +32,7 @@ class Command : public ::testing::Test {
     while (const std::size_t n = std::fread(buffer.data(), 1, buffer.size(), pipe))
       outcome.out.append(buffer.data(), n);
     outcome.code = WEXITSTATUS(::pclose(pipe));
-    std::ifstream stream(errors);
-    outcome.err.assign(std::istreambuf_iterator<char>(stream), {});
+    outcome.err = test::readText(errors);
     return outcome;
   }
   std::string path(const std::string& name) const { return (folder_.path() / name).string(); }

@@ -15,6 +15,7 @@
 #include "sim/mission/wide_seafloor.hpp"
 #include "sim/scenario/scenario_file.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -49,9 +50,7 @@ std::map<std::string, std::string> contents(const std::filesystem::path& folder)
   std::map<std::string, std::string> files;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
     if (!entry.is_regular_file()) continue;
-    std::ifstream stream(entry.path(), std::ios::binary);
-    files[entry.path().lexically_relative(folder).string()] =
-        std::string((std::istreambuf_iterator<char>(stream)), {});
+    files[entry.path().lexically_relative(folder).string()] = test::readText(entry.path());
   }
   return files;
 }

@@ -81,14 +81,8 @@ TEST(NavigationBatch, MarginalCovariancesAreThoseOfTheWholeInverse) {
   // T_a_b = T_a^-1 T_b: its right perturbation is that of b less that of a, seen from b.
   const SE3 T_b_a = solved.graph.poses[static_cast<std::size_t>(b)].inverse() *
                     solved.graph.poses[static_cast<std::size_t>(a)];
-  Eigen::Matrix3d cross;
-  const Eigen::Vector3d t = T_b_a.translation();
-  cross << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
-  Eigen::Matrix<double, 6, 12> J = Eigen::Matrix<double, 6, 12>::Zero();
-  J.block<3, 3>(0, 0) = -T_b_a.matrix3();
-  J.block<3, 3>(0, 3) = -cross * T_b_a.matrix3();
-  J.block<3, 3>(3, 3) = -T_b_a.matrix3();
-  J.rightCols<6>().setIdentity();
+  Eigen::Matrix<double, 6, 12> J;
+  J << -adjoint(T_b_a), Matrix6d::Identity();
   const Matrix6d between = J * both * J.transpose();
   EXPECT_LT((covariance.between(a, b) - between).norm(), 1e-3 * between.norm());
 }

@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "realtime/kernel/input_error.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::stereo {
 namespace {
@@ -19,12 +19,7 @@ SparseStereoConfig read(const char* toml) {
 }
 
 std::string errorOf(const char* toml) {
-  try {
-    read(toml);
-  } catch (const InputError& error) {
-    return error.what();
-  }
-  return "no error";
+  return test::refusal([&] { read(toml); });
 }
 
 TEST(StereoConfig, AnAbsentTableGivesTheDefaults) {

@@ -8,6 +8,7 @@
 #include <functional>
 #include <vector>
 
+#include "realtime/kernel/crc32.hpp"
 #include "realtime/kernel/state_archive.hpp"
 
 namespace fathom::test {
@@ -35,7 +36,7 @@ inline void eachDamage(const std::vector<std::uint8_t>& state, std::size_t place
     std::memcpy(&head, state.data() + at, sizeof head);
     const std::size_t first = at + sizeof head;
     const auto seal = [&] {
-      head.crc = rt::stateCrc(std::span<const std::uint8_t>(bytes).subspan(first, head.bytes));
+      head.crc = crc32(std::span<const std::uint8_t>(bytes).subspan(first, head.bytes));
       std::memcpy(bytes.data() + at, &head, sizeof head);
     };
     const std::size_t step = std::max<std::size_t>(1, state.size() / places);

@@ -5,12 +5,13 @@
 #include <unistd.h>
 
 #include <filesystem>
-#include <fstream>
 #include <iterator>
 #include <random>
 #include <set>
 
 #include "realtime/kernel/input_error.hpp"
+#include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::telemetry {
 namespace {
@@ -19,26 +20,16 @@ constexpr LinkIdentity kIdentity{3, 17};
 
 class DownlinkKeyFile : public ::testing::Test {
  protected:
-  void SetUp() override {
-    folder_ = std::filesystem::path(::testing::TempDir()) / ("downlink_key_" + std::to_string(::getpid()));
-    std::filesystem::create_directory(folder_);
-    file_ = folder_ / "ship.key";
-  }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
   void write(const std::string& text) const {
-    std::ofstream(file_) << text;
+    test::writeText(file_, text);
     ::chmod(file_.c_str(), S_IRUSR | S_IWUSR);
   }
   [[nodiscard]] std::string refusal() const {
     std::string warning;
-    try {
-      (void)readDownlinkKey(file_, warning);
-    } catch (const InputError& e) {
-      return e.what();
-    }
-    return "";
+    return test::refusal([&] { (void)readDownlinkKey(file_, warning); });
   }
-  std::filesystem::path folder_, file_;
+  const test::TemporaryFolder temporary_;
+  const std::filesystem::path folder_ = temporary_.path(), file_ = folder_ / "ship.key";
 };
 
 TEST_F(DownlinkKeyFile, AMadeKeyIsReadBackAndIsForItsOwnerAlone) {
@@ -59,8 +50,7 @@ TEST_F(DownlinkKeyFile, EveryKeyMadeIsAnother) {
   for (int i = 0; i < 5; ++i) {
     const std::filesystem::path file = folder_ / std::to_string(i);
     makeDownlinkKey(file);
-    std::ifstream in(file);
-    keys.emplace(std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>());
+    keys.insert(test::readText(file));
   }
   EXPECT_EQ(keys.size(), 5U);
 }
@@ -68,8 +58,7 @@ TEST_F(DownlinkKeyFile, EveryKeyMadeIsAnother) {
 TEST_F(DownlinkKeyFile, AKeyIsNeverOverwritten) {
   write("precious");
   EXPECT_THROW(makeDownlinkKey(file_), InputError);
-  std::ifstream in(file_);
-  EXPECT_EQ(std::string(std::istreambuf_iterator<char>(in), {}), "precious");
+  EXPECT_EQ(test::readText(file_), "precious");
   EXPECT_THROW(makeDownlinkKey(folder_ / "nowhere" / "ship.key"), InputError);
 }
 

@@ -47,9 +47,13 @@ UsblFixMessage fixAt(std::int64_t utc_ns) {
   return {utc_ns, -33.5, 151.25, 40, 2};
 }
 
-TEST(Downlink, WhatTheShipSaysArrivesInTheSmallestFrames) {
-  DownlinkSender ship(kIdentity, keyOf(1));
-  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+class Downlink : public testing::Test {
+ protected:
+  DownlinkSender ship{kIdentity, keyOf(1)};
+  DownlinkReceiver vehicle{kIdentity, keyOf(1), kStart_ns};
+};
+
+TEST_F(Downlink, WhatTheShipSaysArrivesInTheSmallestFrames) {
   ship.acknowledge(acknowledgementOf(500));
   ASSERT_TRUE(ship.addFix(fixAt(kStart_ns + 8 * kSecond_ns)));
   ASSERT_TRUE(ship.request(requestOf(Request::Kind::kDetail)));
@@ -74,8 +78,7 @@ TEST(Downlink, WhatTheShipSaysArrivesInTheSmallestFrames) {
   EXPECT_EQ(vehicle.lastRequestId(), 0);
 }
 
-TEST(Downlink, AnAcknowledgementIsSaidAtLeastEverySecondTurn) {
-  DownlinkSender ship(kIdentity, keyOf(1));
+TEST_F(Downlink, AnAcknowledgementIsSaidAtLeastEverySecondTurn) {
   int since = 0;
   for (int i = 0; i < 40; ++i) {
     ship.acknowledge(acknowledgementOf(static_cast<std::uint16_t>(i)));
@@ -88,27 +91,23 @@ TEST(Downlink, AnAcknowledgementIsSaidAtLeastEverySecondTurn) {
   EXPECT_GT(ship.counters().fixes + ship.counters().requests, 15U);
 }
 
-TEST(Downlink, ALargeFrameSaysAllAtOnce) {
-  DownlinkSender ship(kIdentity, keyOf(1), 96);
-  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
-  ship.acknowledge(acknowledgementOf(500));
-  (void)ship.addFix(fixAt(kStart_ns));
-  (void)ship.request(requestOf(Request::Kind::kDetail));
-  const auto result = vehicle.accept(kStart_ns, frameOf(ship, kStart_ns + kSecond_ns));
+TEST_F(Downlink, ALargeFrameSaysAllAtOnce) {
+  DownlinkSender sender(kIdentity, keyOf(1), 96);
+  sender.acknowledge(acknowledgementOf(500));
+  (void)sender.addFix(fixAt(kStart_ns));
+  (void)sender.request(requestOf(Request::Kind::kDetail));
+  const auto result = vehicle.accept(kStart_ns, frameOf(sender, kStart_ns + kSecond_ns));
   EXPECT_TRUE(result.content.fix && result.content.request && result.content.acknowledgement);
   EXPECT_EQ(result.content.acknowledgement->reach, Acknowledgement::kMaxReach);
 }
 
-TEST(Downlink, WithNothingToSayThereIsNoFrame) {
-  DownlinkSender ship(kIdentity, keyOf(1));
+TEST_F(Downlink, WithNothingToSayThereIsNoFrame) {
   EXPECT_TRUE(frameOf(ship, kStart_ns).empty());
   ship.acknowledge({});
   EXPECT_TRUE(frameOf(ship, kStart_ns).empty());
 }
 
-TEST(Downlink, AReplayedFrameIsRefusedHoweverLateItComes) {
-  DownlinkSender ship(kIdentity, keyOf(1));
-  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+TEST_F(Downlink, AReplayedFrameIsRefusedHoweverLateItComes) {
   ship.acknowledge(acknowledgementOf(1));
   std::vector<Bytes> recorded;
   for (int i = 1; i <= 5; ++i) {
@@ -120,36 +119,29 @@ TEST(Downlink, AReplayedFrameIsRefusedHoweverLateItComes) {
   EXPECT_EQ(vehicle.counters()[DownlinkVerdict::kOld], 5U);
 }
 
-TEST(Downlink, RecordingsFromBeforeTheDiveAreRefusedByAVehicleThatJustStarted) {
-  DownlinkSender ship(kIdentity, keyOf(1));
+TEST_F(Downlink, RecordingsFromBeforeTheDiveAreRefusedByAVehicleThatJustStarted) {
   ship.acknowledge(acknowledgementOf(1));
   const Bytes early = frameOf(ship, kStart_ns - kSecond_ns);
-  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
   EXPECT_EQ(vehicle.accept(kStart_ns, early).verdict, DownlinkVerdict::kOld);
 }
 
-TEST(Downlink, ARestartedShipIsHeardAtOnce) {
-  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+TEST_F(Downlink, ARestartedShipIsHeardAtOnce) {
   for (int run = 0; run < 3; ++run) {
-    DownlinkSender ship(kIdentity, keyOf(1));
-    ship.acknowledge(acknowledgementOf(1));
-    EXPECT_EQ(vehicle.accept(kStart_ns, frameOf(ship, kStart_ns + (1 + run) * kSecond_ns)).verdict,
+    DownlinkSender sender(kIdentity, keyOf(1));
+    sender.acknowledge(acknowledgementOf(1));
+    EXPECT_EQ(vehicle.accept(kStart_ns, frameOf(sender, kStart_ns + (1 + run) * kSecond_ns)).verdict,
               DownlinkVerdict::kAccepted);
   }
 }
 
-TEST(Downlink, TheCounterRisesEvenWhenTheShipsClockDoesNot) {
-  DownlinkSender ship(kIdentity, keyOf(1));
-  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+TEST_F(Downlink, TheCounterRisesEvenWhenTheShipsClockDoesNot) {
   ship.acknowledge(acknowledgementOf(1));
   for (int i = 0; i < 10; ++i)
     EXPECT_EQ(vehicle.accept(kStart_ns, frameOf(ship, kStart_ns + kSecond_ns - i * 1000)).verdict,
               DownlinkVerdict::kAccepted);
 }
 
-TEST(Downlink, ACounterAtItsEndStaysThereAndIsRefused) {
-  DownlinkSender ship(kIdentity, keyOf(1));
-  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+TEST_F(Downlink, ACounterAtItsEndStaysThereAndIsRefused) {
   ship.acknowledge(acknowledgementOf(1));
   constexpr std::int64_t kFarAway_ns = 4'000'000'000 * kSecond_ns;
   EXPECT_EQ(vehicle.accept(kStart_ns, frameOf(ship, kFarAway_ns)).verdict, DownlinkVerdict::kAccepted);
@@ -157,12 +149,11 @@ TEST(Downlink, ACounterAtItsEndStaysThereAndIsRefused) {
   EXPECT_EQ(vehicle.accept(kStart_ns, frame).verdict, DownlinkVerdict::kOld);
 }
 
-TEST(Downlink, FramesOfAnotherKeyVehicleOrDiveChangeNothing) {
-  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+TEST_F(Downlink, FramesOfAnotherKeyVehicleOrDiveChangeNothing) {
   const auto say = [&](const LinkIdentity& identity, const std::optional<DownlinkKey>& key) {
-    DownlinkSender ship(identity, key);
-    (void)ship.request(requestOf(Request::Kind::kPauseMap));
-    return vehicle.accept(kStart_ns, frameOf(ship, kStart_ns + kSecond_ns));
+    DownlinkSender sender(identity, key);
+    (void)sender.request(requestOf(Request::Kind::kPauseMap));
+    return vehicle.accept(kStart_ns, frameOf(sender, kStart_ns + kSecond_ns));
   };
   EXPECT_EQ(say(kIdentity, keyOf(2)).verdict, DownlinkVerdict::kBadSignature);
   EXPECT_EQ(say(kIdentity, std::nullopt).verdict, DownlinkVerdict::kUnsigned);
@@ -176,21 +167,19 @@ TEST(Downlink, FramesOfAnotherKeyVehicleOrDiveChangeNothing) {
   EXPECT_TRUE(good.content.request);
 }
 
-TEST(Downlink, AFrameSignedForAnotherDiveDoesNotPassUnderThisOnesName) {
-  DownlinkSender ship({3, 18}, keyOf(1));
-  (void)ship.request(requestOf(Request::Kind::kPauseMap));
-  const Bytes frame = frameOf(ship, kStart_ns + kSecond_ns);
+TEST_F(Downlink, AFrameSignedForAnotherDiveDoesNotPassUnderThisOnesName) {
+  DownlinkSender sender({3, 18}, keyOf(1));
+  (void)sender.request(requestOf(Request::Kind::kPauseMap));
+  const Bytes frame = frameOf(sender, kStart_ns + kSecond_ns);
   FrameHeader header;
   header.identity = kIdentity;
   header.type = MessageType::kDownlink;
   std::array<std::uint8_t, kMaxFrameBytes> buffer{};
   const std::size_t size = encodeFrame(header, decodeFrame(frame).payload, buffer);
-  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
   EXPECT_EQ(vehicle.accept(kStart_ns, std::span(buffer).first(size)).verdict, DownlinkVerdict::kBadSignature);
 }
 
-TEST(Downlink, AChangedBitAnywhereIsNotAccepted) {
-  DownlinkSender ship(kIdentity, keyOf(1));
+TEST_F(Downlink, AChangedBitAnywhereIsNotAccepted) {
   (void)ship.request(requestOf(Request::Kind::kDetail));
   const Bytes good = frameOf(ship, kStart_ns + kSecond_ns);
   const auto payload = decodeFrame(good).payload;
@@ -200,43 +189,40 @@ TEST(Downlink, AChangedBitAnywhereIsNotAccepted) {
     changed[bit / 8] ^= static_cast<std::uint8_t>(1U << bit % 8);
     std::array<std::uint8_t, kMaxFrameBytes> buffer{};
     const std::size_t size = encodeFrame(header, changed, buffer);  // the forger makes the CRC good
-    DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
-    EXPECT_NE(vehicle.accept(kStart_ns, std::span(buffer).first(size)).verdict, DownlinkVerdict::kAccepted)
+    DownlinkReceiver receiver(kIdentity, keyOf(1), kStart_ns);
+    EXPECT_NE(receiver.accept(kStart_ns, std::span(buffer).first(size)).verdict, DownlinkVerdict::kAccepted)
         << bit;
   }
 }
 
-TEST(Downlink, AFloodOfForgeriesIsNotLookedAtAndTheShipIsHeardAgainAfterIt) {
-  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+TEST_F(Downlink, AFloodOfForgeriesIsNotLookedAtAndTheShipIsHeardAgainAfterIt) {
   DownlinkSender forger(kIdentity, keyOf(9));
   forger.acknowledge(acknowledgementOf(1));
   for (int i = 0; i < 1000; ++i) (void)vehicle.accept(kStart_ns, frameOf(forger, kStart_ns + kSecond_ns));
   EXPECT_LE(vehicle.counters()[DownlinkVerdict::kBadSignature], 32U);
   EXPECT_GE(vehicle.counters()[DownlinkVerdict::kThrottled], 968U);
-  DownlinkSender ship(kIdentity, keyOf(1));
   ship.acknowledge(acknowledgementOf(1));
   EXPECT_EQ(vehicle.accept(kStart_ns + 2 * kSecond_ns, frameOf(ship, kStart_ns + 2 * kSecond_ns)).verdict,
             DownlinkVerdict::kAccepted);
 }
 
-TEST(Downlink, WithoutAKeyOnBoardAcknowledgementsAndFixesCountButNoRequests) {
+TEST_F(Downlink, WithoutAKeyOnBoardAcknowledgementsAndFixesCountButNoRequests) {
   for (const bool is_signed : {false, true}) {
-    DownlinkReceiver vehicle(kIdentity, std::nullopt, kStart_ns);
-    DownlinkSender ship(kIdentity, is_signed ? std::optional(keyOf(1)) : std::nullopt, 96);
-    ship.acknowledge(acknowledgementOf(1));
-    (void)ship.addFix(fixAt(kStart_ns));
-    (void)ship.request(requestOf(Request::Kind::kPauseMap));
-    const Bytes frame = frameOf(ship, kStart_ns + kSecond_ns);
-    const auto result = vehicle.accept(kStart_ns, frame);
+    DownlinkReceiver receiver(kIdentity, std::nullopt, kStart_ns);
+    DownlinkSender sender(kIdentity, is_signed ? std::optional(keyOf(1)) : std::nullopt, 96);
+    sender.acknowledge(acknowledgementOf(1));
+    (void)sender.addFix(fixAt(kStart_ns));
+    (void)sender.request(requestOf(Request::Kind::kPauseMap));
+    const Bytes frame = frameOf(sender, kStart_ns + kSecond_ns);
+    const auto result = receiver.accept(kStart_ns, frame);
     EXPECT_EQ(result.verdict, DownlinkVerdict::kNoKey);
     EXPECT_FALSE(result.content.request);
     EXPECT_TRUE(result.content.fix && result.content.acknowledgement);
-    EXPECT_EQ(vehicle.accept(kStart_ns, frame).verdict, DownlinkVerdict::kOld) << "its echo";
+    EXPECT_EQ(receiver.accept(kStart_ns, frame).verdict, DownlinkVerdict::kOld) << "its echo";
   }
 }
 
-TEST(Downlink, NoiseAndUplinkFramesAreCountedAndNothingElse) {
-  DownlinkReceiver vehicle(kIdentity, keyOf(1), kStart_ns);
+TEST_F(Downlink, NoiseAndUplinkFramesAreCountedAndNothingElse) {
   std::mt19937 random(7);
   for (int i = 0; i < 2000; ++i) {
     Bytes noise(random() % 300);
@@ -260,8 +246,7 @@ TEST(Downlink, NoiseAndUplinkFramesAreCountedAndNothingElse) {
   }
 }
 
-TEST(Downlink, ANewerWishTakesThePlaceOfTheOneItMakesVoid) {
-  DownlinkSender ship(kIdentity, keyOf(1));
+TEST_F(Downlink, ANewerWishTakesThePlaceOfTheOneItMakesVoid) {
   ASSERT_TRUE(ship.request(requestOf(Request::Kind::kPauseMap)));
   ASSERT_TRUE(ship.request(requestOf(Request::Kind::kRate)));
   ASSERT_TRUE(ship.request(requestOf(Request::Kind::kResumeMap)));
@@ -272,8 +257,7 @@ TEST(Downlink, ANewerWishTakesThePlaceOfTheOneItMakesVoid) {
   EXPECT_EQ(ship.requestsWaiting(), 4U);
 }
 
-TEST(Downlink, RequestsAreBoundedConfirmedAndForgottenAfterTheirRepetitions) {
-  DownlinkSender ship(kIdentity, keyOf(1));
+TEST_F(Downlink, RequestsAreBoundedConfirmedAndForgottenAfterTheirRepetitions) {
   for (std::size_t i = 0; i < DownlinkSender::kMaxRequests; ++i)
     ASSERT_TRUE(ship.request(requestOf(Request::Kind::kDetail)));
   EXPECT_FALSE(ship.request(requestOf(Request::Kind::kDetail)));
@@ -290,8 +274,7 @@ TEST(Downlink, RequestsAreBoundedConfirmedAndForgottenAfterTheirRepetitions) {
   EXPECT_EQ(frames, 1 + DownlinkSender::kRepetitions * static_cast<int>(DownlinkSender::kMaxRequests - 1));
 }
 
-TEST(Downlink, AStaleFixIsDroppedAndCountedAndHoldsNothingUp) {
-  DownlinkSender ship(kIdentity, keyOf(1));
+TEST_F(Downlink, AStaleFixIsDroppedAndCountedAndHoldsNothingUp) {
   ship.acknowledge(acknowledgementOf(1));
   ASSERT_TRUE(ship.addFix(fixAt(kStart_ns - 1000 * kSecond_ns)));
   EXPECT_FALSE(frameOf(ship, kStart_ns).empty());

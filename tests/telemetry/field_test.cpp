@@ -6,8 +6,6 @@
 #include <cmath>
 #include <random>
 
-#include "telemetry/wire/crc32.hpp"
-
 namespace fathom::telemetry {
 namespace {
 
@@ -77,11 +75,6 @@ TEST(BitPacking, StopsAtTheEndOfTheBuffer) {
   BitReader r(buffer);
   (void)r.get(17);
   EXPECT_FALSE(r.ok());
-}
-
-TEST(Crc32, AgreesWithThePublishedCheckValue) {
-  const std::array<std::uint8_t, 9> digits{'1', '2', '3', '4', '5', '6', '7', '8', '9'};
-  EXPECT_EQ(crc32(digits), 0xCBF43926U);
 }
 
 }  // namespace

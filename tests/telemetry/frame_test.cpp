@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "telemetry/wire/crc32.hpp"
+#include "realtime/kernel/crc32.hpp"
 
 namespace fathom::telemetry {
 namespace {

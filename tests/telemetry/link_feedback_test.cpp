@@ -31,8 +31,10 @@ LinkSchedulerConfig someConfig() {
   return config;
 }
 
-// The ship: what it holds of the map, and its receiver.
+// The ship: what it holds of the map, its receiver and clock, and the chance that loses frames.
 struct Ship {
+  std::int64_t now = kStart_ns;
+  std::mt19937 random{4};
   LinkReceiver receiver;
   MapPacketDecoder decoder;
   DecodedMapPacket packet;
@@ -60,36 +62,31 @@ struct Ship {
       }
     return worst;
   }
+  // Sends for so long; frames are lost by chance, turns are answered at once unless the answer is lost too.
+  void converse(LinkScheduler& scheduler, double seconds, double loss, bool answers = true) {
+    std::array<std::uint8_t, kMaxFrameBytes> buffer;
+    const auto lost = [&] { return random() < loss * 4294967296.0; };
+    for (const std::int64_t end = now + std::llround(seconds * 1e9); now < end; now += kSecond_ns / 5)
+      while (const std::size_t size = scheduler.nextFrame(now, buffer)) {
+        const auto frame = std::span<const std::uint8_t>(buffer).first(size);
+        if (lost()) continue;
+        hear(frame);
+        if (answers && receiver.turn() && !lost()) scheduler.acknowledge(receiver.acknowledgement(), now);
+      }
+  }
 };
-
-// Sends for so long; frames are lost by chance, turns are answered at once unless the answer is lost too.
-void converse(LinkScheduler& scheduler, Ship& ship, std::int64_t& now, double seconds, double loss,
-              std::mt19937& random, bool answers = true) {
-  std::array<std::uint8_t, kMaxFrameBytes> buffer;
-  const auto lost = [&] { return random() < loss * 4294967296.0; };
-  for (const std::int64_t end = now + std::llround(seconds * 1e9); now < end; now += kSecond_ns / 5)
-    while (const std::size_t size = scheduler.nextFrame(now, buffer)) {
-      const auto frame = std::span<const std::uint8_t>(buffer).first(size);
-      if (lost()) continue;
-      ship.hear(frame);
-      if (answers && ship.receiver.turn() && !lost())
-        scheduler.acknowledge(ship.receiver.acknowledgement(), now);
-    }
-}
 
 TEST(LinkFeedback, EverythingArrivesWithinTheErrorOverALossyLinkAndThenTheLinkIsQuiet) {
   for (const double loss : {0.0, 0.3, 0.5}) {
     LinkScheduler scheduler(someConfig());
     Ship ship;
-    std::mt19937 random(4);
-    std::int64_t now = kStart_ns;
-    for (int n = 0; n < 6; ++n) scheduler.offer(sampleTile(n, 0), now);
-    converse(scheduler, ship, now, 600, loss, random);
+    for (int n = 0; n < 6; ++n) scheduler.offer(sampleTile(n, 0), ship.now);
+    ship.converse(scheduler, 600, loss);
     for (int n = 0; n < 6; ++n) EXPECT_LE(ship.error(sampleTile(n, 0)), 0.0501) << loss;
     EXPECT_TRUE(scheduler.drained());
     EXPECT_EQ(scheduler.counters().blocks_in_flight, 0);
     const auto frames = scheduler.counters().frames;
-    converse(scheduler, ship, now, 60, loss, random);
+    ship.converse(scheduler, 60, loss);
     EXPECT_EQ(scheduler.counters().frames, frames);
   }
 }
@@ -97,19 +94,17 @@ TEST(LinkFeedback, EverythingArrivesWithinTheErrorOverALossyLinkAndThenTheLinkIs
 TEST(LinkFeedback, OnlyWhatChangedBeyondItsBoundIsSentAgain) {
   LinkScheduler scheduler(someConfig());
   Ship ship;
-  std::mt19937 random(4);
-  std::int64_t now = kStart_ns;
   HeightTile tile = sampleTile(0, 0);
-  scheduler.offer(tile, now);
-  converse(scheduler, ship, now, 100, 0, random);
+  scheduler.offer(tile, ship.now);
+  ship.converse(scheduler, 100, 0);
   const auto before = scheduler.counters().blocks.sent;
   for (auto& node : tile.nodes) node.depth += 0.01F;
-  scheduler.offer(tile, now);
-  converse(scheduler, ship, now, 100, 0, random);
+  scheduler.offer(tile, ship.now);
+  ship.converse(scheduler, 100, 0);
   EXPECT_EQ(scheduler.counters().blocks.sent, before);
   for (int i = 4; i < 8; ++i) tile.at(i, 9).depth += 0.5F;  // nodes of one block
-  scheduler.offer(tile, now);
-  converse(scheduler, ship, now, 100, 0, random);
+  scheduler.offer(tile, ship.now);
+  ship.converse(scheduler, 100, 0);
   EXPECT_EQ(scheduler.counters().blocks.sent, before + 1);
   EXPECT_LE(ship.error(tile), 0.0751);
 }
@@ -122,17 +117,15 @@ TEST(LinkFeedback, SurvivesTheWrapOfTheSequenceNumbers) {
   config.housekeeping.status_period_s = 0.1;
   LinkScheduler scheduler(config);
   Ship ship;
-  std::mt19937 random(4);
-  std::int64_t now = kStart_ns;
   Status status;
   for (int round = 0; scheduler.counters().frames < 66000; ++round) {
-    status.utc_ns = now;
+    status.utc_ns = ship.now;
     scheduler.setStatus(status);
-    if (round % 500 == 0) scheduler.offer(sampleTile(round / 500 % 50, round / 25000), now);
-    converse(scheduler, ship, now, 0.2, 0.2, random);
+    if (round % 500 == 0) scheduler.offer(sampleTile(round / 500 % 50, round / 25000), ship.now);
+    ship.converse(scheduler, 0.2, 0.2);
     ASSERT_LT(round, 200000);
   }
-  converse(scheduler, ship, now, 60, 0.2, random);
+  ship.converse(scheduler, 60, 0.2);
   EXPECT_EQ(scheduler.counters().acknowledgements_foreign, 0U);
   EXPECT_EQ(ship.receiver.counters().resyncs, 0U);
   EXPECT_EQ(scheduler.counters().blocks_waiting, 0);
@@ -141,26 +134,24 @@ TEST(LinkFeedback, SurvivesTheWrapOfTheSequenceNumbers) {
 TEST(LinkFeedback, AShipThatIsSwitchedOnAgainKnowingNothingGetsWhatHadNoWord) {
   LinkScheduler scheduler(someConfig());
   Ship ship;
-  std::mt19937 random(4);
-  std::int64_t now = kStart_ns;
-  for (int n = 0; n < 4; ++n) scheduler.offer(sampleTile(n, 0), now);
-  converse(scheduler, ship, now, 120, 0.1, random);
-  for (int n = 4; n < 12; ++n) scheduler.offer(sampleTile(n, 0), now);
+  for (int n = 0; n < 4; ++n) scheduler.offer(sampleTile(n, 0), ship.now);
+  ship.converse(scheduler, 120, 0.1);
+  for (int n = 4; n < 12; ++n) scheduler.offer(sampleTile(n, 0), ship.now);
   Ship nobody;
-  converse(scheduler, nobody, now, 300, 1, random, false);
+  nobody.now = ship.now;
+  nobody.converse(scheduler, 300, 1, false);
+  ship.now = nobody.now;
   ship.receiver = LinkReceiver();
-  converse(scheduler, ship, now, 300, 0.1, random);
+  ship.converse(scheduler, 300, 0.1);
   for (int n = 0; n < 12; ++n) EXPECT_LE(ship.error(sampleTile(n, 0)), 0.0501) << n;
 }
 
 TEST(LinkFeedback, AVehicleThatRestartsIsHeardAgain) {
   Ship ship;
-  std::mt19937 random(4);
-  std::int64_t now = kStart_ns;
   for (int life = 0; life < 3; ++life) {
     LinkScheduler scheduler(someConfig());
-    for (int n = 0; n < 5; ++n) scheduler.offer(sampleTile(n, life), now);
-    converse(scheduler, ship, now, 120, 0.2, random);
+    for (int n = 0; n < 5; ++n) scheduler.offer(sampleTile(n, life), ship.now);
+    ship.converse(scheduler, 120, 0.2);
     for (int n = 0; n < 5; ++n) EXPECT_LE(ship.error(sampleTile(n, life)), 0.0501) << life;
   }
   EXPECT_EQ(ship.receiver.counters().resyncs, 2U);
@@ -172,10 +163,9 @@ TEST(LinkFeedback, WithoutAnyoneWhoAnswersRepairFramesMakeUpForTheLoss) {
   config.loss_rate = 0.3;
   LinkScheduler scheduler(config);
   Ship ship;
-  std::mt19937 random(21);
-  std::int64_t now = kStart_ns;
-  for (int n = 0; n < 30; ++n) scheduler.offer(sampleTile(n, 0), now);
-  converse(scheduler, ship, now, 600, 0.3, random, false);
+  ship.random.seed(21);
+  for (int n = 0; n < 30; ++n) scheduler.offer(sampleTile(n, 0), ship.now);
+  ship.converse(scheduler, 600, 0.3, false);
   EXPECT_GT(scheduler.counters().repair_frames, 20U);
   EXPECT_GT(ship.receiver.counters().repaired, 8U);
   EXPECT_GE(ship.map.size(), 30U * 16 * 99 / 100);
@@ -208,26 +198,24 @@ TEST(LinkFeedback, AcknowledgementsOfFramesNeverSentChangeNothing) {
 TEST(LinkFeedback, PauseRateAndStatusRequestsChangeWhatIsSent) {
   LinkScheduler scheduler(someConfig());
   Ship ship;
-  std::mt19937 random(4);
-  std::int64_t now = kStart_ns;
   Request request;
   request.kind = Request::Kind::kPauseMap;
-  scheduler.request(request, now);
-  scheduler.offer(sampleTile(0, 0), now);
+  scheduler.request(request, ship.now);
+  scheduler.offer(sampleTile(0, 0), ship.now);
   scheduler.setStatus({});
-  converse(scheduler, ship, now, 60, 0, random);
+  ship.converse(scheduler, 60, 0);
   EXPECT_TRUE(ship.map.empty());
   EXPECT_GT(scheduler.counters().status_frames, 0U);
   request.kind = Request::Kind::kResumeMap;
-  scheduler.request(request, now);
-  converse(scheduler, ship, now, 60, 0, random);
+  scheduler.request(request, ship.now);
+  ship.converse(scheduler, 60, 0);
   EXPECT_EQ(ship.map.size(), 16U);
   request.kind = Request::Kind::kRate;
   request.rate_bps = 100;
-  scheduler.request(request, now);
+  scheduler.request(request, ship.now);
   EXPECT_EQ(scheduler.counters().rate_bps, 100);
   request.rate_bps = 5;  // out of bounds
-  scheduler.request(request, now);
+  scheduler.request(request, ship.now);
   EXPECT_EQ(scheduler.counters().rate_bps, 100);
   EXPECT_EQ(scheduler.counters().requests_refused, 1U);
 }
@@ -238,20 +226,18 @@ TEST(LinkFeedback, RequestedDetailGoesFinerOnASlowLinkAndAsWholeTilesOnAFastOne)
     config.rate_bps = rate;
     LinkScheduler scheduler(config);
     Ship ship;
-    std::mt19937 random(4);
-    std::int64_t now = kStart_ns;
     Request request;
     request.kind = Request::Kind::kDetail;
     request.north_max = request.east_max = 2;
     request.spacing = 0.125;
     request.max_error = 0.02;
-    scheduler.request(request, now);
+    scheduler.request(request, ship.now);
     ASSERT_NE(scheduler.detail(), nullptr);
     const HeightTile tile = sampleTile(0, 0, 2);
-    ASSERT_TRUE(scheduler.offerDetail(tile, now));
+    ASSERT_TRUE(scheduler.offerDetail(tile, ship.now));
     scheduler.detailServed();
     EXPECT_EQ(scheduler.detail(), nullptr);
-    converse(scheduler, ship, now, 300, 0, random);
+    ship.converse(scheduler, 300, 0);
     const auto tiles = ship.receiver.counters().types[static_cast<std::size_t>(MessageType::kTileFragment)];
     if (rate < config.fast_rate_bps) {
       EXPECT_LE(ship.error(tile), 0.0201);
@@ -266,16 +252,14 @@ TEST(LinkFeedback, RequestedDetailGoesFinerOnASlowLinkAndAsWholeTilesOnAFastOne)
 TEST(LinkFeedback, SendingCallsNoHeap) {
   LinkScheduler scheduler(someConfig());
   Ship ship;
-  std::mt19937 random(4);
-  std::int64_t now = kStart_ns;
-  for (int n = 0; n < 20; ++n) scheduler.offer(sampleTile(n, 0), now);
-  converse(scheduler, ship, now, 10, 0.2, random);
+  for (int n = 0; n < 20; ++n) scheduler.offer(sampleTile(n, 0), ship.now);
+  ship.converse(scheduler, 10, 0.2);
   scheduler.setStatus({});
   std::array<std::uint8_t, kMaxFrameBytes> buffer;
   const rt::ThreadCost before = rt::threadCost();
   int frames = 0;
-  for (const std::int64_t end = now + 60 * kSecond_ns; now < end; now += kSecond_ns / 5)
-    while (scheduler.nextFrame(now, buffer) > 0) ++frames;
+  for (const std::int64_t end = ship.now + 60 * kSecond_ns; ship.now < end; ship.now += kSecond_ns / 5)
+    while (scheduler.nextFrame(ship.now, buffer) > 0) ++frames;
   const rt::ThreadCost cost = rt::threadCost() - before;
   EXPECT_GT(frames, 5);
   EXPECT_EQ(cost.heap_calls, 0U);
@@ -286,14 +270,13 @@ TEST(LinkFeedback, AFullPoolGivesUpTheSquareNeededLeastAndCountsIt) {
   config.blocks.max_squares = 10;
   LinkScheduler scheduler(config);
   Ship ship;
-  std::mt19937 random(4);
-  std::int64_t now = kStart_ns;
-  for (int n = 0; n < 25; ++n) scheduler.offer(sampleTile(n, 0), now);
+  for (int n = 0; n < 25; ++n) scheduler.offer(sampleTile(n, 0), ship.now);
   EXPECT_EQ(scheduler.counters().squares_held, 10);
   EXPECT_EQ(scheduler.counters().blocks.evicted, 15U * 16);
-  converse(scheduler, ship, now, 300, 0, random);
+  ship.converse(scheduler, 300, 0);
   for (int n = 15; n < 25; ++n) EXPECT_LE(ship.error(sampleTile(n, 0)), 0.0501);
-  for (int n = 100; n < 110; ++n) scheduler.offer(sampleTile(n, 0), now);  // these displace what has arrived
+  for (int n = 100; n < 110; ++n)
+    scheduler.offer(sampleTile(n, 0), ship.now);  // these displace what has arrived
   EXPECT_EQ(scheduler.counters().blocks.evicted, 15U * 16);
 }
 

@@ -56,11 +56,15 @@ void expectHeld(std::span<const MapBlock> sent, const DecodedMapPacket& packet, 
   }
 }
 
-TEST(MapPacket, HoldsTheLongestPrefixThatFitsWithinTheErrorAndSaysWhatTheOtherSideHas) {
-  const auto blocks = rubble(12);
+class MapPacket : public testing::Test {
+ protected:
   MapPacketEncoder encoder;
   MapPacketDecoder decoder;
   DecodedMapPacket packet;
+};
+
+TEST_F(MapPacket, HoldsTheLongestPrefixThatFitsWithinTheErrorAndSaysWhatTheOtherSideHas) {
+  const auto blocks = rubble(12);
   for (const std::size_t size : {22U, 54U, 118U, 246U}) {
     std::vector<std::uint8_t> out(size);
     std::vector<MapBlock> held(blocks.size());
@@ -78,14 +82,11 @@ TEST(MapPacket, HoldsTheLongestPrefixThatFitsWithinTheErrorAndSaysWhatTheOtherSi
   }
 }
 
-TEST(MapPacket, KeepsHolesSmallErrorsFarPlacesAndOtherSpacings) {
+TEST_F(MapPacket, KeepsHolesSmallErrorsFarPlacesAndOtherSpacings) {
   auto blocks = rubble(6, 0.3, -40'000'000, 50'000'000, -5, kPowerCodes + 300);
   std::mt19937 random(3);
   for (auto& block : blocks) block.seen = static_cast<std::uint16_t>(random());
   blocks[0].seen |= 1;
-  MapPacketEncoder encoder;
-  MapPacketDecoder decoder;
-  DecodedMapPacket packet;
   for (const double error : {0.001, 0.02, 0.2, 0.9}) {
     std::vector<std::uint8_t> out(2000);
     const auto result = encoder.encode(blocks, {.max_error = error, .colour_bits = 4}, out);
@@ -97,9 +98,8 @@ TEST(MapPacket, KeepsHolesSmallErrorsFarPlacesAndOtherSpacings) {
   }
 }
 
-TEST(MapPacket, RefusesWhatCannotBeSentAndSurvivesAnyBytes) {
+TEST_F(MapPacket, RefusesWhatCannotBeSentAndSurvivesAnyBytes) {
   auto blocks = rubble(2);
-  MapPacketEncoder encoder;
   std::vector<std::uint8_t> out(246);
   EXPECT_EQ(encoder.encode({}, {}, out).bytes, 0U);
   EXPECT_EQ(encoder.encode(blocks, {}, std::span(out).first(2)).bytes, 0U);
@@ -107,8 +107,6 @@ TEST(MapPacket, RefusesWhatCannotBeSentAndSurvivesAnyBytes) {
   EXPECT_EQ(encoder.encode(blocks, {}, out).bytes, 0U);
   blocks[0].seen = 0;
   EXPECT_EQ(encoder.encode(blocks, {}, out).bytes, 0U);
-  MapPacketDecoder decoder;
-  DecodedMapPacket packet;
   EXPECT_FALSE(decoder.decode({}, packet));
   std::mt19937 random(11);
   for (int k = 0; k < 3000; ++k) {
@@ -121,10 +119,7 @@ TEST(MapPacket, RefusesWhatCannotBeSentAndSurvivesAnyBytes) {
   }
 }
 
-TEST(MapPacket, HoldsTheErrorOnStepsSpikesSlopesAndExtremeDepths) {
-  MapPacketEncoder encoder;
-  MapPacketDecoder decoder;
-  DecodedMapPacket packet;
+TEST_F(MapPacket, HoldsTheErrorOnStepsSpikesSlopesAndExtremeDepths) {
   const auto depth = [](int kind, int i, int j) -> double {
     switch (kind) {
       case 0:
@@ -155,13 +150,10 @@ TEST(MapPacket, HoldsTheErrorOnStepsSpikesSlopesAndExtremeDepths) {
   }
 }
 
-TEST(MapPacket, SendsABlockTooRoughForOneFrameInPartsCoarsestNodesFirst) {
+TEST_F(MapPacket, SendsABlockTooRoughForOneFrameInPartsCoarsestNodesFirst) {
   std::vector<MapBlock> blocks = rubble(1);
   std::mt19937 random(5);
   for (float& depth : blocks[0].depth) depth = static_cast<float>(20 + 40.0 * random() / random.max());
-  MapPacketEncoder encoder;
-  MapPacketDecoder decoder;
-  DecodedMapPacket packet;
   std::vector<MapBlock> held(1);
   std::array<std::uint8_t, kMinFrameBytes - kFrameOverhead> out;
   EXPECT_EQ(encoder.encode(blocks, {}, out, held).bytes, 0U);  // whole or not at all, unless asked
@@ -185,7 +177,7 @@ TEST(MapPacket, SendsABlockTooRoughForOneFrameInPartsCoarsestNodesFirst) {
   EXPECT_EQ(arrived, 0xFFFF);
 }
 
-TEST(MapPacket, KeepsBrightnessToItsStepAndHueNearly) {
+TEST_F(MapPacket, KeepsBrightnessToItsStepAndHueNearly) {
   auto blocks = rubble(4);
   for (MapBlock& block : blocks)
     for (int n = 0; n < MapBlock::kNodes; ++n) {
@@ -194,9 +186,6 @@ TEST(MapPacket, KeepsBrightnessToItsStepAndHueNearly) {
                                                    static_cast<std::uint8_t>(shade + 10),
                                                    static_cast<std::uint8_t>(shade)};
     }
-  MapPacketEncoder encoder;
-  MapPacketDecoder decoder;
-  DecodedMapPacket packet;
   std::vector<std::uint8_t> out(1500);
   for (int bits = 1; bits <= 6; ++bits) {
     const auto result = encoder.encode(blocks, {.max_error = 0.05, .colour_bits = bits}, out);
@@ -216,7 +205,7 @@ TEST(MapPacket, KeepsBrightnessToItsStepAndHueNearly) {
   }
 }
 
-TEST(MapPacket, IsTheSameBytesWhateverWasEncodedBefore) {
+TEST_F(MapPacket, IsTheSameBytesWhateverWasEncodedBefore) {
   const auto blocks = rubble(9, 0.08);
   MapPacketEncoder fresh, used;
   std::vector<std::uint8_t> a(246), b(246);
@@ -229,13 +218,12 @@ TEST(MapPacket, IsTheSameBytesWhateverWasEncodedBefore) {
 }
 
 // The format's numbers in use: a change of them is a change of kMapPacketFormat.
-TEST(MapPacket, KeepsItsFormat) {
+TEST_F(MapPacket, KeepsItsFormat) {
   std::vector<MapBlock> blocks = rubble(2);
   for (MapBlock& block : blocks)
     for (int n = 0; n < MapBlock::kNodes; ++n)
       block.depth[static_cast<std::size_t>(n)] =
           20 + 0.25F * static_cast<float>((n * 5 + block.key.north + block.key.east) % 7);
-  MapPacketEncoder encoder;
   std::vector<std::uint8_t> out(246);
   const auto result = encoder.encode(blocks, {.max_error = 0.05, .colour_bits = 2}, out);
   std::uint32_t hash = 2166136261U;
@@ -245,11 +233,8 @@ TEST(MapPacket, KeepsItsFormat) {
   EXPECT_EQ(hash, 2384401840U);
 }
 
-TEST(MapPacket, AnyBeginningOfAPacketDecodesToNoMoreThanItsBoundsOrIsRefused) {
+TEST_F(MapPacket, AnyBeginningOfAPacketDecodesToNoMoreThanItsBoundsOrIsRefused) {
   const auto blocks = rubble(6);
-  MapPacketEncoder encoder;
-  MapPacketDecoder decoder;
-  DecodedMapPacket packet;
   std::vector<std::uint8_t> out(246);
   const auto result = encoder.encode(blocks, {.max_error = 0.05, .colour_bits = 3}, out);
   ASSERT_GT(result.bytes, 0U);
@@ -262,11 +247,8 @@ TEST(MapPacket, AnyBeginningOfAPacketDecodesToNoMoreThanItsBoundsOrIsRefused) {
   }
 }
 
-TEST(MapPacket, EncodesAndDecodesWithoutTheHeap) {
+TEST_F(MapPacket, EncodesAndDecodesWithoutTheHeap) {
   const auto blocks = rubble(12);
-  MapPacketEncoder encoder;
-  MapPacketDecoder decoder;
-  DecodedMapPacket packet;
   packet.blocks.reserve(kMaxPacketBlocks);
   std::vector<std::uint8_t> out(246);
   std::vector<MapBlock> held(blocks.size());

@@ -5,20 +5,15 @@
 #include <fstream>
 
 #include "realtime/kernel/input_error.hpp"
+#include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::telemetry {
 namespace {
 
-std::filesystem::path scratch(const char* name) {
-  return std::filesystem::path(testing::TempDir()) / name;
-}
-
-void writeBytes(const std::filesystem::path& path, const std::string& bytes) {
-  std::ofstream(path, std::ios::binary) << bytes;
-}
-
 TEST(PacketLog, RoundTripsFramesAndTimes) {
-  const auto path = scratch("packet_log_round.bin");
+  const test::TemporaryFolder folder;
+  const auto path = folder.path() / "packets.bin";
   {
     std::ofstream stream(path, std::ios::binary);
     for (int n = 1; n <= 256; n += 51)
@@ -35,12 +30,13 @@ TEST(PacketLog, RoundTripsFramesAndTimes) {
 }
 
 TEST(PacketLog, TruncatedAtAnyByteGivesTheWholePacketsThenOneClearError) {
-  const auto path = scratch("packet_log_cut.bin");
+  const test::TemporaryFolder folder;
+  const auto path = folder.path() / "packets.bin";
   std::ostringstream stream;
   for (int n = 0; n < 3; ++n) ASSERT_TRUE(writePacket(stream, n, std::vector<std::uint8_t>(20, 1)));
   const std::string whole = stream.str();
   for (std::size_t n = 0; n <= whole.size(); ++n) {
-    writeBytes(path, whole.substr(0, n));
+    test::writeText(path, whole.substr(0, n));
     PacketLogReader reader(path);
     std::size_t packets = 0;
     try {
@@ -55,14 +51,15 @@ TEST(PacketLog, TruncatedAtAnyByteGivesTheWholePacketsThenOneClearError) {
 }
 
 TEST(PacketLog, RefusesLengthsThatNoFrameHas) {
-  const auto path = scratch("packet_log_length.bin");
+  const test::TemporaryFolder folder;
+  const auto path = folder.path() / "packets.bin";
   for (const char* head : {"\0\0\0\0", "\1\1\0\0", "\377\377\377\377"}) {
-    writeBytes(path, std::string(head, 4) + std::string(300, 'x'));
+    test::writeText(path, std::string(head, 4) + std::string(300, 'x'));
     PacketLogReader reader(path);
     EXPECT_THROW((void)reader.next(), InputError);
   }
-  EXPECT_THROW(PacketLogReader(scratch("absent.bin")), InputError);
-  EXPECT_THROW(PacketLogReader(testing::TempDir()), InputError);
+  EXPECT_THROW(PacketLogReader(folder.path() / "absent.bin"), InputError);
+  EXPECT_THROW(PacketLogReader(folder.path()), InputError);
 }
 
 }  // namespace

@@ -3,31 +3,25 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <fstream>
 #include <functional>
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/tiles/check/border_edges.hpp"
 #include "recon/topside/tiles/glb.hpp"
 #include "recon/topside/tiles/tileset.hpp"
-#include "tests/tiles/scratch_folder.hpp"
+#include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 #include "tests/tiles/synthetic_model.hpp"
 
 namespace fathom::topside {
 namespace {
 
-using test::ScratchFolder;
+using fathom::test::TemporaryFolder;
 using test::SyntheticModel;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
 constexpr std::uint64_t kCells = SyntheticModel::kCells;
-
-void writeFile(const std::filesystem::path& path, const std::vector<std::uint8_t>& bytes) {
-  std::filesystem::create_directories(path.parent_path());
-  std::ofstream(path, std::ios::binary)
-      .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-}
 
 // Two levels, 17 tiles, each changed by `change` before it is written.
 void writeModel(const std::filesystem::path& folder, const std::function<void(TexturedTile&)>& change = {}) {
@@ -38,22 +32,17 @@ void writeModel(const std::filesystem::path& folder, const std::function<void(Te
     TexturedTile tile = model.tile(id);
     if (change) change(tile);
     entries.push_back(entryOf(tile));
-    writeFile(folder / tilePath(id), writeGlb(tile, model.grid, {}));
+    fathom::test::writeBytes(folder / tilePath(id), writeGlb(tile, model.grid, {}));
   }
   writeTilesets(folder, entries, {});
 }
 
 void replaceIn(const std::filesystem::path& path, const std::string& from, const std::string& to) {
-  std::ifstream in(path);
-  std::string text((std::istreambuf_iterator<char>(in)), {});
-  const std::size_t at = text.find(from);
-  ASSERT_NE(at, std::string::npos);
-  text.replace(at, from.size(), to);
-  std::ofstream(path) << text;
+  fathom::test::writeText(path, fathom::test::replaced(fathom::test::readText(path), from, to));
 }
 
 TEST(TileCheck, AModelWithoutFaultsHasEveryEdgeOfEveryBorderTwice) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   writeModel(scratch.path() / "tiles");
   const TileCheck check = checkTiles(scratch.path());
   EXPECT_THAT(check.faults, IsEmpty());
@@ -66,7 +55,7 @@ TEST(TileCheck, AModelWithoutFaultsHasEveryEdgeOfEveryBorderTwice) {
 }
 
 TEST(TileCheck, AVertexMovedByOneStepOnABorderIsACrack) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   writeModel(scratch.path(), [](TexturedTile& tile) {
     if (tile.surface.tile != TileId{0, 1, 1}) return;
     for (std::size_t k = 0; k < tile.surface.shared.size(); ++k)
@@ -82,7 +71,7 @@ TEST(TileCheck, AVertexMovedByOneStepOnABorderIsACrack) {
 }
 
 TEST(TileCheck, ACoarseTileWithoutAVertexThatFineTilesHaveIsACrack) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   writeModel(scratch.path(), [](TexturedTile& tile) {
     if (tile.surface.tile.level != 1) return;
     // The finest neighbour's vertex falls onto the one before it along the side: one edge for two.
@@ -98,7 +87,7 @@ TEST(TileCheck, ACoarseTileWithoutAVertexThatFineTilesHaveIsACrack) {
 }
 
 TEST(TileCheck, ASurfaceThatEndsAtABorderIsNoCrack) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   writeModel(scratch.path(), [](TexturedTile& tile) {
     // Nothing was seen of the row of squares along one side.
     if (tile.surface.tile != TileId{0, 0, 2}) return;
@@ -147,14 +136,14 @@ TEST(TileCheck, SurfacesThatEndOnBothSidesOfABorderOnASteepSlopeAreNoCrack) {
 }
 
 TEST(TileCheck, FilesThatAreMissingDamagedSwappedOrUnlistedAreFaults) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const auto& folder = scratch.path();
   writeModel(folder);
   std::filesystem::remove(folder / "0/0_0.glb");
   std::filesystem::resize_file(folder / "0/1_0.glb", 700);
   std::filesystem::copy_file(folder / "0/2_1.glb", folder / "0/2_2.glb",
                              std::filesystem::copy_options::overwrite_existing);
-  writeFile(folder / "0/77_0.glb", {1, 2, 3});
+  fathom::test::writeBytes(folder / "0/77_0.glb", {1, 2, 3});
   const TileCheck check = checkTiles(folder);
   EXPECT_THAT(check.faults, ::testing::Contains(HasSubstr("0/0_0.glb")));
   EXPECT_THAT(check.faults, ::testing::Contains(HasSubstr("0/1_0.glb")));
@@ -172,7 +161,7 @@ TEST(TileCheck, TilesetsThatBreakTheRulesAreFaults) {
       {"\"box\":[", "\"box\":[1,", "without a box"},
   }};
   for (const auto& [from, to, said] : breaks) {
-    const ScratchFolder scratch;
+    const TemporaryFolder scratch;
     writeModel(scratch.path());
     replaceIn(scratch.path() / "tileset.json", from, to);
     EXPECT_THAT(checkTiles(scratch.path()).faults, ::testing::Contains(HasSubstr(said))) << to;
@@ -180,9 +169,9 @@ TEST(TileCheck, TilesetsThatBreakTheRulesAreFaults) {
 }
 
 TEST(TileCheck, AFolderWithoutATilesetIsAnInputError) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   EXPECT_THROW(static_cast<void>(checkTiles(scratch.path())), InputError);
-  writeFile(scratch.path() / "tileset.json", {'[', '1', '2'});
+  fathom::test::writeBytes(scratch.path() / "tileset.json", {'[', '1', '2'});
   EXPECT_THROW(static_cast<void>(checkTiles(scratch.path())), InputError);
   EXPECT_THROW(static_cast<void>(checkTiles(scratch.path() / "nowhere")), InputError);
 }

@@ -6,10 +6,10 @@
 #include <cmath>
 
 #include "firmware_if/sensor_log.hpp"
-#include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "recon/topside/input/tide.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -130,13 +130,9 @@ TEST(NavigationTide, IsTakenOutOfTheDepth) {
 TEST(NavigationTide, AModelThatIsNotKnownIsRefusedWithTheFormThatIs) {
   io::MissionConfig mission;
   mission.tide_model = "harmonic";
-  try {
-    (void)readTide(io::MissionPaths("dive"), mission);
-    FAIL() << "taken";
-  } catch (const InputError& error) {
-    EXPECT_THAT(error.what(), ::testing::HasSubstr("tide_model"));
-    EXPECT_THAT(error.what(), ::testing::HasSubstr("sinusoid amplitude_m=A"));
-  }
+  EXPECT_THAT(
+      test::refusal([&] { (void)readTide(io::MissionPaths("dive"), mission); }),
+      ::testing::AllOf(::testing::HasSubstr("tide_model"), ::testing::HasSubstr("sinusoid amplitude_m=A")));
   mission.tide_model = "none";
   EXPECT_FALSE(readTide(io::MissionPaths("dive"), mission));
 }

@@ -3,8 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <utility>
+
+#include "realtime/kernel/text.hpp"
 
 namespace fathom::rt {
 namespace {
@@ -39,30 +40,6 @@ constexpr std::array<Colour, 12> kColours{{{"#4477aa", "#fff"},
                                            {"#bbcc33", "#222"},
                                            {"#886600", "#fff"}}};
 const char* const kLate = "#cc0000";
-
-template <typename... Args>
-std::string formatted(const char* format, Args... args) {
-  char text[512];
-  std::snprintf(text, sizeof text, format, args...);
-  return text;
-}
-
-std::string escaped(const std::string& text) {
-  std::string safe;
-  for (const char c : text) {
-    if (c == '&')
-      safe += "&amp;";
-    else if (c == '<')
-      safe += "&lt;";
-    else if (c == '>')
-      safe += "&gt;";
-    else if (c == '"')
-      safe += "&quot;";
-    else if (static_cast<unsigned char>(c) >= ' ')
-      safe += c;
-  }
-  return safe;
-}
 
 std::string duration(std::int64_t ns) {
   const auto value = static_cast<double>(ns);
@@ -193,9 +170,9 @@ class Panel {
     std::string svg = formatted("<rect class='lane' x='%.1f' y='%.1f' width='%.1f' height='%.1f'/>",
                                 kPlotLeft, y - 4, kPlotRight - kPlotLeft, lane.height() + 8);
     svg += formatted("<text class='name' x='%.1f' y='%.1f'>%s</text>", kMargin, y + 13,
-                     escaped(lane.row->name).c_str());
+                     markupText(lane.row->name).c_str());
     svg += formatted("<text class='note' x='%.1f' y='%.1f'>%s</text>\n", kMargin, y + 29,
-                     escaped(lane.row->note).c_str());
+                     markupText(lane.row->note).c_str());
     return svg;
   }
 
@@ -215,7 +192,7 @@ class Panel {
       if (e.end_ns < from_ || e.begin_ns > to_) continue;
       const double left = x(e.begin_ns), width = std::max(x(e.end_ns) - left, kNarrowest);
       const double top = y + static_cast<double>(placed.depth) * (kBar + kBarGap);
-      const std::string name = escaped(lane.stageName(e.stage));
+      const std::string name = markupText(lane.stageName(e.stage));
       svg += formatted("<rect x='%.2f' y='%.1f' width='%.2f' height='%.1f' rx='%.1f' fill='%s'>", left, top,
                        width, kBar, width > 6 ? 2.0 : 0.0, lane.colour(e.stage).fill);
       svg += "<title>" + name + " " + duration(e.end_ns - e.begin_ns) + "</title></rect>";
@@ -300,8 +277,8 @@ std::string legend(const std::vector<Lane>& lanes, double top) {
         static_cast<std::size_t>(std::min_element(heights.begin(), heights.end()) - heights.begin());
     const double left = kMargin + static_cast<double>(column) * kColumn;
     double y = top + heights[column] + 14;
-    svg +=
-        formatted("<text class='name' x='%.1f' y='%.1f'>%s</text>", left, y, escaped(lane.row->name).c_str());
+    svg += formatted("<text class='name' x='%.1f' y='%.1f'>%s</text>", left, y,
+                     markupText(lane.row->name).c_str());
     const std::array<std::pair<const char*, double>, 4> heads{
         {{"p50", 280}, {"p99", 350}, {"max", 420}, {"late", 470}}};
     for (const auto& [text, offset] : heads)
@@ -311,9 +288,9 @@ std::string legend(const std::vector<Lane>& lanes, double top) {
       const StageSummary& s = lane.row->stages[stage];
       y += kLegendLine;
       svg += formatted("<rect x='%.1f' y='%.1f' width='12' height='12' rx='2' fill='%s'/>", left, y - 11,
-                       lane.colour(stage));
-      svg +=
-          formatted("<text class='key' x='%.1f' y='%.1f'>%s</text>", left + 18, y, escaped(s.name).c_str());
+                       lane.colour(stage).fill);
+      svg += formatted("<text class='key' x='%.1f' y='%.1f'>%s</text>", left + 18, y,
+                       markupText(s.name).c_str());
       const std::array<std::pair<std::string, double>, 4> values{{{duration(s.p50_ns), 280},
                                                                   {duration(s.p99_ns), 350},
                                                                   {duration(s.max_ns), 420},
@@ -375,7 +352,7 @@ std::string timelineSvg(const TimelinePicture& picture) {
       ".bar{font-size:10.5px}.lane{fill:#f4f6f9}.grid{stroke:#d5dae2;stroke-width:1}"
       ".due{stroke:#223;stroke-width:.7;stroke-dasharray:2 3;opacity:.55}.zoom{fill:#4477aa;opacity:.10}"
       "</style>\n<rect width='100%' height='100%' fill='#fff'/>\n";
-  svg += formatted("<text class='title' x='%.1f' y='34'>%s</text>\n", kMargin, escaped(p.title).c_str());
+  svg += formatted("<text class='title' x='%.1f' y='34'>%s</text>\n", kMargin, markupText(p.title).c_str());
   return svg + body + "</svg>\n";
 }
 

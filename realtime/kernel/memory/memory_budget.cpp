@@ -1,9 +1,10 @@
 #include "realtime/kernel/memory/memory_budget.hpp"
 
 #include <algorithm>
-#include <cstdio>
 #include <numeric>
 #include <utility>
+
+#include "realtime/kernel/text.hpp"
 
 namespace fathom::rt {
 namespace {
@@ -12,13 +13,6 @@ constexpr double kMib = 1024.0 * 1024.0;
 
 double mib(std::size_t bytes) {
   return static_cast<double>(bytes) / kMib;
-}
-
-template <typename... Args>
-std::string formatted(const char* format, Args... args) {
-  char line[160];
-  std::snprintf(line, sizeof line, format, args...);
-  return line;
 }
 
 }  // namespace

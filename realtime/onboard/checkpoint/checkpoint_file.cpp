@@ -9,6 +9,7 @@
 #include <cstring>
 #include <system_error>
 
+#include "realtime/kernel/crc32.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/state_archive.hpp"
 
@@ -38,7 +39,7 @@ constexpr std::size_t kCovered = offsetof(Start, head);  // the head's CRC is ov
 std::uint32_t headCrc(const Start& start) {
   std::array<std::uint8_t, sizeof(Start)> bytes;
   std::memcpy(bytes.data(), &start, sizeof start);
-  return rt::stateCrc(std::span<const std::uint8_t>(bytes).subspan(kCovered));
+  return crc32(std::span<const std::uint8_t>(bytes).subspan(kCovered));
 }
 
 // A file descriptor that closes itself.
@@ -101,7 +102,7 @@ std::string decodeCheckpoint(std::span<const std::uint8_t> bytes, CheckpointHead
   if (start.head_crc != headCrc(start)) return "its head is damaged";
   if (start.state_bytes != bytes.size() - sizeof start) return "it was not written to its end";
   const std::span<const std::uint8_t> content = bytes.subspan(sizeof start);
-  if (rt::stateCrc(content) != start.state_crc) return "its state is damaged";
+  if (crc32(content) != start.state_crc) return "its state is damaged";
   if (!rt::StateReader(content).sectionsAreWhole()) return "a part of its state is damaged";
   head = start.head;
   state = content;
@@ -122,7 +123,7 @@ bool CheckpointFiles::write(const CheckpointHead& head, std::span<const std::uin
   Start start;
   start.head = head;
   start.state_bytes = state.size();
-  start.state_crc = rt::stateCrc(state);
+  start.state_crc = crc32(state);
   start.head_crc = headCrc(start);
   std::array<std::uint8_t, sizeof start> first;
   std::memcpy(first.data(), &start, sizeof start);

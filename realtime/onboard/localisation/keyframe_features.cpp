@@ -2,6 +2,7 @@
 
 #include <limits>
 
+#include "realtime/kernel/crc32.hpp"
 #include "realtime/kernel/state_archive.hpp"
 
 namespace fathom::onboard {
@@ -73,7 +74,7 @@ void KeyframeFeatures::add(const closure::FrameFeatures& features, const Eigen::
   if (slots_->write(static_cast<std::size_t>(slot), block_)) {
     Entry& entry = entries_[static_cast<std::size_t>(keyframe)];
     entry.slot = slot;
-    entry.crc = rt::stateCrc(block_);
+    entry.crc = crc32(block_);
     ++counters_.stored;
   } else {
     free_.push_back(slot);
@@ -109,7 +110,7 @@ const closure::FrameFeatures* KeyframeFeatures::find(int keyframe) {
   Kept& into = read_[next_read_];
   next_read_ = (next_read_ + 1) % read_.size();
   into.keyframe = -1;
-  if (!slots_->read(static_cast<std::size_t>(e.slot), block_) || rt::stateCrc(block_) != e.crc ||
+  if (!slots_->read(static_cast<std::size_t>(e.slot), block_) || crc32(block_) != e.crc ||
       !closure::readSlot(block_, into.features)) {
     ++counters_.read_failures;
     return nullptr;

@@ -3,6 +3,7 @@
 #include <cstdint>
 
 #include "recon/fusion/voxel_grid.hpp"
+#include "recon/geometry/instruction_sets.hpp"
 
 namespace fathom::fusion {
 
@@ -39,8 +40,6 @@ struct SightPicture {
 // The inner loops, once per instruction set: a column of eight voxels at a time. Single precision in an order
 // that does not depend on the vectors' width, without fused multiply-add: every set gives the same bits.
 struct FusionKernels {
-  const char* name;
-
   // Adds what a triangle says of the voxels of a block; returns how many that are. Without a block: whether
   // there is any.
   int (*fuse)(const SightTriangle& triangle, const BlockVoxels& voxels, VoxelBlock* block);
@@ -49,7 +48,6 @@ struct FusionKernels {
   int (*carve)(const SightPicture& sight, const BlockVoxels& voxels, float free, VoxelBlock& block);
 };
 
-[[nodiscard]] const FusionKernels& baselineFusionKernels();
-[[nodiscard]] const FusionKernels& fastestFusionKernels();  // of this processor
+FATHOM_INSTRUCTION_SETS(const FusionKernels&, FusionKernels);
 
 }  // namespace fathom::fusion

@@ -137,7 +137,7 @@ int carve(const SightPicture& sight, const BlockVoxels& voxels, float free, Voxe
 }  // namespace
 
 const FusionKernels& table() {
-  static constexpr FusionKernels kTable{FATHOM_KERNELS_NAME, fuse, carve};
+  static constexpr FusionKernels kTable{fuse, carve};
   return kTable;
 }
 

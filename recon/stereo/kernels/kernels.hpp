@@ -3,6 +3,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "recon/geometry/instruction_sets.hpp"
+
 namespace fathom::stereo {
 
 // Shape of a matching window. Rows are padded to `pitch` samples (a multiple of 16) whose weights are zero,
@@ -49,8 +51,6 @@ struct Likeness {
 // order that does not depend on the vectors' width and without fused multiply-add: every set gives the same
 // bits.
 struct Kernels {
-  const char* name;
-
   // Vertical (1 4 6 4 1) of five rows, `n` columns.
   void (*smoothRows)(const std::uint8_t* const rows[5], int n, std::uint16_t* out);
   // Horizontal (1 4 6 4 1)/256 at every second column of `sums`, `n` results. Up to 64 sums beyond the last
@@ -88,9 +88,6 @@ struct Kernels {
                      const std::int16_t* value, std::int32_t sums[3]);
 };
 
-// What every processor that the program is built for has: SSE2, or NEON on ARM.
-[[nodiscard]] const Kernels& baselineKernels();
-// The fastest that this processor has: AVX2 where it is present.
-[[nodiscard]] const Kernels& fastestKernels();
+FATHOM_INSTRUCTION_SETS(const Kernels&, Kernels);
 
 }  // namespace fathom::stereo

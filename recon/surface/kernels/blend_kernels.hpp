@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "recon/geometry/instruction_sets.hpp"
 #include "recon/surface/band_image.hpp"
 #include "recon/surface/view_projection.hpp"
 
@@ -43,7 +44,6 @@ struct CellTexels {
 // The inner loops, once per instruction set: the same operations in the same order without fused
 // multiply-add, so that every set gives the same bits.
 struct BlendKernels {
-  const char* name;
   // `fade`: width of the rise at the image's border [px].
   void (*projectNodes)(const ViewProjection& view, const NodePoints& nodes, float fade,
                        const NodePixels& out);
@@ -64,11 +64,6 @@ struct BlendKernels {
 
 constexpr float kLeastWeight = 0.02F;  // of the largest: below this a view is left out
 
-[[nodiscard]] const BlendKernels& baselineBlendKernels();
-#ifdef FATHOM_SURFACE_AVX2
-[[nodiscard]] const BlendKernels& avx2BlendKernels();
-#endif
-// The best that this processor runs.
-[[nodiscard]] const BlendKernels& blendKernels();
+FATHOM_INSTRUCTION_SETS(const BlendKernels&, BlendKernels);
 
 }  // namespace fathom::surface

@@ -1,5 +1,5 @@
-// The table of one instruction set: the including file defines FATHOM_KERNELS, a namespace's name, and
-// FATHOM_KERNELS_NAME, and is compiled for that set.
+// The table of one instruction set: the including file defines FATHOM_KERNELS, a namespace's name, and is
+// compiled for that set.
 #include <cmath>
 #include <cstring>
 
@@ -258,8 +258,7 @@ void bestCell(const CellView* views, int count, const CellTexels& texels, std::u
 }  // namespace
 
 const BlendKernels& table() {
-  static constexpr BlendKernels kTable{FATHOM_KERNELS_NAME, projectNodes, weigh,   normalise,
-                                       gatherBands,         blendCell,    bestCell};
+  static constexpr BlendKernels kTable{projectNodes, weigh, normalise, gatherBands, blendCell, bestCell};
   return kTable;
 }
 

@@ -6,7 +6,7 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
-#include "recon/calibration/robust.hpp"
+#include "recon/geometry/order_statistics.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -80,13 +80,13 @@ std::vector<SeenPoint> triangulate(const StereoRig& rig, const std::vector<calib
                                    double min_range, double max_range) {
   std::vector<double> errors;
   for (const auto& m : matches) errors.push_back(calibration::epipolarError(rig, m));
-  const double median = calibration::medianOf(errors);
+  const double middle = median(errors);
   constexpr double kFarOff = 2.0;  // from the median: a wrong match [px]
   std::vector<SeenPoint> out;
   for (std::size_t k = 0; k < matches.size(); ++k) {
     Eigen::Vector3d point;
     double gap = 0;
-    if (std::abs(errors[k] - median) > kFarOff ||
+    if (std::abs(errors[k] - middle) > kFarOff ||
         !triangulateMidpoint(rig, rig.left.ray(matches[k].left), rig.right.ray(matches[k].right), point,
                              gap) ||
         !(point.z() >= min_range && point.z() <= max_range))

@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/topside/calibration/mission_check.hpp"
 #include "recon/topside/report/html_text.hpp"
@@ -210,14 +211,14 @@ std::string mountTable(const MissionCheck& c) {
 
 std::string toHtml(const MissionCheck& c, const MissionVerdict& verdict) {
   std::string out = htmlHead("Check of a rig on a mission");
-  out += "<p>" + htmlEscaped(c.mission) + ": " + std::to_string(c.pairs) + " pairs, " +
+  out += "<p>" + markupText(c.mission) + ": " + std::to_string(c.pairs) + " pairs, " +
          std::to_string(c.matches) + " matches made without the calibration's help.</p>\n";
   for (const auto& l : verdict.lines)
     out += std::string("<p class=") +
            (l.kind == MissionVerdict::Line::Kind::kBad    ? "bad"
             : l.kind == MissionVerdict::Line::Kind::kGood ? "good"
                                                           : "open") +
-           ">" + nameOf(l.kind) + ": " + htmlEscaped(l.text) + "</p>\n";
+           ">" + nameOf(l.kind) + ": " + markupText(l.text) + "</p>\n";
   const auto& e = c.epipolar;
   out += "<h2>Epipolar error</h2>\n<figure>" + cellPlot(c) + "</figure><figure>" + epipolarHistogram(c) +
          "</figure>\n<p>Positive: the match lies below its epipolar line in the right image. "

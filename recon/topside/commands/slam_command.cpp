@@ -8,6 +8,7 @@
 
 #include "firmware_if/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/closure/candidates.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/output_folder.hpp"
@@ -35,8 +36,7 @@ std::string pageOf(const SlamResult& slam, const Navigation& navigation, const S
   const std::vector<double> before = closureErrors(slam.closures, navigation.poses, T_body_cam);
   const std::vector<double> after = closureErrors(slam.closures, slam.poses, T_body_cam);
   std::string html = htmlHead("Localisation");
-  for (const std::string& warning : slamWarnings(slam))
-    html += "<p><b>" + htmlEscaped(warning) + "</b></p>\n";
+  for (const std::string& warning : slamWarnings(slam)) html += "<p><b>" + markupText(warning) + "</b></p>\n";
   if (features_only) html += "<p>A mission without images: features that were matched before.</p>\n";
   html += "<p>Grey: dead reckoning. Blue: localised. Green: closures. Red: closures taken out again.</p>\n" +
           tracksSvg(navigation.poses, slam) + "<h2>Misregistration where the vehicle came back</h2>\n" +

@@ -8,7 +8,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "realtime/kernel/number_text.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 
 namespace fathom::topside {

@@ -9,6 +9,7 @@
 #include <memory>
 #include <optional>
 
+#include "recon/geometry/order_statistics.hpp"
 #include "recon/topside/rasters/cog_writer.hpp"
 #include "recon/topside/rasters/layer_picture.hpp"
 #include "recon/topside/rasters/patch_mosaic.hpp"
@@ -48,9 +49,8 @@ bool legend(const ReducedRaster& raster, const Layer& layer, LayerInfo& info) {
     if (std::isfinite(v)) values.push_back(v);
   if (values.empty()) return false;
   const auto rank = [&](double share) {
-    const auto k = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-    std::nth_element(values.begin(), values.begin() + k, values.end());
-    return static_cast<double>(values[static_cast<std::size_t>(k)]);
+    const auto place = static_cast<std::size_t>(share * static_cast<double>(values.size() - 1));
+    return static_cast<double>(ranked(std::span(values), place));
   };
   info.min = layer.from_zero ? 0 : rank(kLegendTail);
   info.max = layer.fixed_max > 0 ? layer.fixed_max : rank(1 - kLegendTail);

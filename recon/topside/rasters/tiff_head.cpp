@@ -2,6 +2,8 @@
 
 #include <numbers>
 
+#include "realtime/kernel/text.hpp"
+
 namespace fathom::topside {
 namespace {
 
@@ -78,21 +80,6 @@ class Directory {
   std::vector<Entry> entries_;
 };
 
-std::string escaped(const std::string& text) {
-  std::string out;
-  for (const char c : text) {
-    if (c == '&')
-      out += "&amp;";
-    else if (c == '<')
-      out += "&lt;";
-    else if (c == '>')
-      out += "&gt;";
-    else
-      out += c;
-  }
-  return out;
-}
-
 // GeoTIFF keys (OGC 19-008r4, and annex of geographic keys) of a transverse Mercator on WGS84.
 void addGeoKeys(const TiffRaster& raster, Directory& directory) {
   constexpr double kDegrees = 180 / std::numbers::pi;
@@ -149,9 +136,9 @@ Directory directoryOf(const TiffRaster& raster, const TiffLevel& level, bool fin
   if (finest) addGeoKeys(raster, out);
   if (finest && !raster.colour)
     out.text(42112, "<GDALMetadata>\n  <Item name=\"DESCRIPTION\" sample=\"0\" role=\"description\">" +
-                        escaped(raster.description) +
+                        markupText(raster.description) +
                         "</Item>\n  <Item name=\"UNITTYPE\" sample=\"0\" role=\"unittype\">" +
-                        escaped(raster.unit) + "</Item>\n</GDALMetadata>\n");
+                        markupText(raster.unit) + "</Item>\n</GDALMetadata>\n");
   if (!raster.colour) out.text(42113, "nan");
   return out;
 }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/topside/report/html_text.hpp"
 #include "recon/topside/report/svg_plot.hpp"
@@ -102,7 +103,7 @@ std::string toHtml(const BoardCheck& check, const BoardVerdict& verdict, const s
                    const std::vector<calibration::DroppedView>& dropped) {
   std::string out = htmlHead("Check of a stereo calibration on chessboards");
   for (const std::string& line : verdict.lines)
-    out += std::string("<p class=") + (verdict.good ? "good" : "bad") + ">" + htmlEscaped(line) + "</p>\n";
+    out += std::string("<p class=") + (verdict.good ? "good" : "bad") + ">" + markupText(line) + "</p>\n";
   out +=
       "<p>Corners triangulated through the rig less the board of its known size, moved rigidly onto them; "
       "left camera frame (x right, y down, z away). Red: three standard deviations; a colour a board.</p>\n";
@@ -110,17 +111,16 @@ std::string toHtml(const BoardCheck& check, const BoardVerdict& verdict, const s
          "<h2>Boards</h2>\n<table><tr><th>pair</th><th>range [m]</th><th>RMS [mm]</th><th>largest z "
          "[mm]</th><th>allowed [mm]</th><th>scale</th></tr>\n";
   for (const BoardError& b : check.boards)
-    out += "<tr><td>" + htmlEscaped(b.name) + "</td><td class=n>" + fixedDigits(b.range, 2) +
+    out += "<tr><td>" + markupText(b.name) + "</td><td class=n>" + fixedDigits(b.range, 2) +
            "</td><td class=n>" + fixedDigits(1e3 * b.rms, 2) + "</td><td class=n>" +
            fixedDigits(1e3 * b.max_z, 2) + "</td><td class=n>" + fixedDigits(1e3 * allowed(b), 1) +
            "</td><td class=n>" + fixedDigits(b.scale, 5) + "</td></tr>\n";
   out += "</table>\n";
   if (!dropped.empty() || !check.failed.empty()) {
     out += "<h2>Left out</h2><ul>";
-    for (const auto& d : dropped)
-      out += "<li>" + htmlEscaped(d.name) + ": " + htmlEscaped(d.reason) + "</li>";
+    for (const auto& d : dropped) out += "<li>" + markupText(d.name) + ": " + markupText(d.reason) + "</li>";
     for (const auto& name : check.failed)
-      out += "<li>" + htmlEscaped(name) + ": a corner does not triangulate</li>";
+      out += "<li>" + markupText(name) + ": a corner does not triangulate</li>";
     out += "</ul>\n";
   }
   return out + "</html>\n";

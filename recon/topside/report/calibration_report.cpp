@@ -6,6 +6,7 @@
 #include <numbers>
 #include <set>
 
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/topside/report/html_text.hpp"
 #include "recon/topside/report/svg_plot.hpp"
@@ -204,7 +205,7 @@ std::string toHtml(const RigCalibration& done, const calibration::Chessboard& bo
     const CalibratedView& view = done.views[v];
     const Eigen::Vector3d middle(0.5 * (board.columns - 1) * board.square,
                                  0.5 * (board.rows - 1) * board.square, 0);
-    out += "<tr><td class=n>" + std::to_string(v + 1) + "</td><td>" + htmlEscaped(view.name) +
+    out += "<tr><td class=n>" + std::to_string(v + 1) + "</td><td>" + markupText(view.name) +
            "</td><td class=n>" + fixedDigits(view.left_rms, 3) + "</td><td class=n>" +
            fixedDigits(view.right_rms, 3) + "</td><td class=n>" + fixedDigits(view.stereo_rms, 3) +
            "</td><td class=n>" + fixedDigits((view.T_left_board * middle).z(), 2) + "</td></tr>\n";
@@ -213,7 +214,7 @@ std::string toHtml(const RigCalibration& done, const calibration::Chessboard& bo
   if (!done.dropped.empty()) {
     out += "<h2>Dropped</h2><ul>";
     for (const auto& d : done.dropped)
-      out += "<li>" + htmlEscaped(d.name) + ": " + htmlEscaped(d.reason) + "</li>";
+      out += "<li>" + markupText(d.name) + ": " + markupText(d.reason) + "</li>";
     out += "</ul>\n";
   }
   return out + "</html>\n";

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "realtime/kernel/text.hpp"
 #include "recon/compare/difference_picture.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/topside/report/html_text.hpp"
@@ -43,7 +43,7 @@ Json toJson(const DifferenceStatistics& s) {
 
 std::string statisticsRow(const std::string& name, const DifferenceStatistics& s,
                           const std::string& last = "") {
-  std::string row = "<tr><td>" + htmlEscaped(name) + "</td><td class=n>" + std::to_string(s.cells) + "</td>";
+  std::string row = "<tr><td>" + markupText(name) + "</td><td class=n>" + std::to_string(s.cells) + "</td>";
   for (const double v : {s.bias, s.median, s.rms, s.mad, s.p5, s.p95, s.abs_p50, s.abs_p95})
     row += "<td class=n>" + fixedDigits(v, 4) + "</td>";
   if (!last.empty()) row += "<td class=n>" + last + "</td>";
@@ -80,7 +80,7 @@ std::string page(const Comparison& c) {
   html += htmlRow("area compared", fixedDigits(c.difference.overlap_m2, 1) + " of " +
                                        fixedDigits(c.difference.survey_m2, 1) + " m2");
   html += "</table>\n";
-  for (const std::string& note : c.notes) html += "<p class=bad>" + htmlEscaped(note) + "</p>\n";
+  for (const std::string& note : c.notes) html += "<p class=bad>" + markupText(note) + "</p>\n";
   html += "<h2>Offset that takes the survey onto the reference</h2><table>";
   html += htmlRow("east", offsetText(r.offset.shift.x(), r.sigma.x()));
   html += htmlRow("north", offsetText(r.offset.shift.y(), r.sigma.y()));

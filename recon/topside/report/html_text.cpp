@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "realtime/kernel/number_text.hpp"
+#include "realtime/kernel/text.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -16,35 +16,18 @@ table{border-collapse:collapse;margin:.5rem 0}td,th{border:1px solid #cfd8e0;pad
 
 }  // namespace
 
-std::string htmlEscaped(const std::string& text) {
-  std::string out;
-  for (const char c : text) {
-    if (c == '<')
-      out += "&lt;";
-    else if (c == '>')
-      out += "&gt;";
-    else if (c == '&')
-      out += "&amp;";
-    else if (c == '"')
-      out += "&quot;";
-    else
-      out += c;
-  }
-  return out;
-}
-
 std::string fixedDigits(double value, int digits) {
   return std::isfinite(value) ? decimals(value, digits) : "-";
 }
 
 std::string htmlHead(const std::string& title) {
-  const std::string safe = htmlEscaped(title);
+  const std::string safe = markupText(title);
   return "<!doctype html><html lang=en><meta charset=utf-8><title>" + safe + "</title><style>" + kStyle +
          "</style>\n<h1>" + safe + "</h1>\n";
 }
 
 std::string htmlRow(const std::string& name, const std::string& value) {
-  return "<tr><td>" + htmlEscaped(name) + "</td><td class=n>" + htmlEscaped(value) + "</td></tr>\n";
+  return "<tr><td>" + markupText(name) + "</td><td class=n>" + markupText(value) + "</td></tr>\n";
 }
 
 }  // namespace fathom::topside

@@ -6,8 +6,6 @@ namespace fathom::topside {
 
 // Pieces that the HTML reports share.
 
-// Text with & < > " escaped.
-[[nodiscard]] std::string htmlEscaped(const std::string& text);
 // A number with so many digits after the point; "-" for one that is not finite.
 [[nodiscard]] std::string fixedDigits(double value, int digits);
 // Everything of a page before its content: doctype, title, style, and the title as heading.

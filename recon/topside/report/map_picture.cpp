@@ -6,6 +6,8 @@
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
+#include "recon/geometry/order_statistics.hpp"
+
 namespace fathom::topside {
 namespace {
 
@@ -88,9 +90,7 @@ MapPicture drawFromAbove(const Mesh& mesh, int max_pixels, double min_metres) {
     depths.push_back(v.z());
   }
   const auto percentile = [&](std::size_t percent) {
-    const auto at = depths.begin() + static_cast<std::ptrdiff_t>((depths.size() - 1) * percent / 100);
-    std::nth_element(depths.begin(), at, depths.end());
-    return static_cast<double>(*at);
+    return static_cast<double>(ranked(std::span(depths), (depths.size() - 1) * percent / 100));
   };
   picture.shallowest = percentile(1);
   picture.deepest = percentile(99);

@@ -1,11 +1,10 @@
 #include "recon/topside/report/pose_output.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdio>
 
 #include "firmware_if/pose_files.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/topside/localise/crossovers.hpp"
 #include "recon/topside/report/html_text.hpp"
@@ -54,16 +53,14 @@ void writeClosures(const std::filesystem::path& path, const std::vector<ImagePai
   AtomicFile file(path);
   file.stream()
       << "left_a,left_b,x_m,y_m,z_m,qw,qx,qy,qz,sigma_position_m,sigma_rotation_rad,inliers,chi2,kept\n";
-  std::array<char, 400> line{};
   for (const slam::NavigationLink& c : closures) {
     const Eigen::Vector3d& t = c.T_a_b.translation();
     const Eigen::Quaterniond& q = c.T_a_b.rotation();
-    std::snprintf(line.data(), line.size(), "%s,%s,%.5f,%.5f,%.5f,%.8f,%.8f,%.8f,%.8f,%.5f,%.6f,%d,%.3f,%d\n",
-                  pairs[c.a].left.c_str(), pairs[c.b].left.c_str(), t.x(), t.y(), t.z(), q.w(), q.x(), q.y(),
-                  q.z(), std::sqrt(c.covariance.topLeftCorner<3, 3>().trace() / 3),
-                  std::sqrt(c.covariance.bottomRightCorner<3, 3>().trace() / 3), c.inliers, c.chi2,
-                  c.kept ? 1 : 0);
-    file.stream() << line.data();
+    file.stream() << formatted("%s,%s,%.5f,%.5f,%.5f,%.8f,%.8f,%.8f,%.8f,%.5f,%.6f,%d,%.3f,%d\n",
+                               pairs[c.a].left.c_str(), pairs[c.b].left.c_str(), t.x(), t.y(), t.z(), q.w(),
+                               q.x(), q.y(), q.z(), std::sqrt(c.covariance.topLeftCorner<3, 3>().trace() / 3),
+                               std::sqrt(c.covariance.bottomRightCorner<3, 3>().trace() / 3), c.inliers,
+                               c.chi2, c.kept ? 1 : 0);
   }
   file.commit();
 }

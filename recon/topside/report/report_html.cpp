@@ -4,6 +4,7 @@
 #include <initializer_list>
 #include <sstream>
 
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/topside/report/html_text.hpp"
 #include "recon/topside/report/report.hpp"
@@ -171,8 +172,8 @@ void layerPictures(std::ostringstream& out, const std::filesystem::path& folder,
     std::ifstream in(folder / layer.picture, std::ios::binary);
     const std::string png{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
     const std::string what = layer.title + (layer.unit.empty() ? "" : " [" + layer.unit + "]");
-    out << "<figure><img alt=\"" << htmlEscaped(what) << "\" src=\"data:image/png;base64," << base64(png)
-        << "\"><figcaption>" << htmlEscaped(what) << "</figcaption></figure>\n";
+    out << "<figure><img alt=\"" << markupText(what) << "\" src=\"data:image/png;base64," << base64(png)
+        << "\"><figcaption>" << markupText(what) << "</figcaption></figure>\n";
   }
 }
 
@@ -181,22 +182,22 @@ void layerPictures(std::ostringstream& out, const std::filesystem::path& folder,
 void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, const MapPicture& picture) {
   const FuseCounts& counts = r.fused->counts;
   std::ostringstream out;
-  out << "<!doctype html><html lang=en><meta charset=utf-8><title>Fathom: " << htmlEscaped(r.vehicle)
-      << " dive " << r.dive_id << "</title><style>" << kStyle << "</style>\n<h1>" << htmlEscaped(r.vehicle)
-      << ", dive " << r.dive_id << "</h1><p>" << htmlEscaped(r.mission) << ". fathom-topside "
-      << htmlEscaped(r.software_version) << ", " << counts.used << " of " << r.list->pairs.size()
+  out << "<!doctype html><html lang=en><meta charset=utf-8><title>Fathom: " << markupText(r.vehicle)
+      << " dive " << r.dive_id << "</title><style>" << kStyle << "</style>\n<h1>" << markupText(r.vehicle)
+      << ", dive " << r.dive_id << "</h1><p>" << markupText(r.mission) << ". fathom-topside "
+      << markupText(r.software_version) << ", " << counts.used << " of " << r.list->pairs.size()
       << " stereo pairs, " << fixedDigits(r.area, 1) << " m&sup2; in " << fixedDigits(r.total_seconds, 1)
       << " s on " << r.threads << " threads.</p>\n";
   if (r.list->features_only)
     out << "<p>A mission without images: made from features that were matched before.</p>\n";
   if (!r.assumed.empty()) {
     out << "<h2>Assumed</h2><ul>";
-    for (const std::string& line : r.assumed) out << "<li>" << htmlEscaped(line) << "</li>";
+    for (const std::string& line : r.assumed) out << "<li>" << markupText(line) << "</li>";
     out << "</ul>\n";
   }
   if (r.slam != nullptr)
     for (const std::string& warning : slamWarnings(*r.slam))
-      out << "<p><b>" << htmlEscaped(warning) << "</b></p>\n";
+      out << "<p><b>" << markupText(warning) << "</b></p>\n";
   out << "<h2>Map</h2>\n";
   image(out, picture.rgb, picture,
         "Depth from " + fixedDigits(picture.shallowest, 2) + " m (light) to " +
@@ -234,7 +235,7 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
       << row("work files found damaged and made again", r.damaged) << "</table>\n";
   if (!counts.unreadable_lines.empty()) {
     out << "<h2>Unreadable</h2><ul>";
-    for (const std::string& line : counts.unreadable_lines) out << "<li>" << htmlEscaped(line) << "</li>";
+    for (const std::string& line : counts.unreadable_lines) out << "<li>" << markupText(line) << "</li>";
     out << "</ul>";
   }
   out << "</html>\n";

@@ -1,14 +1,14 @@
 #include "recon/topside/report/stereo_output.hpp"
 
 #include <algorithm>
-#include <array>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/order_statistics.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -23,10 +23,7 @@ std::vector<std::pair<const char*, std::uint32_t>> causes(const stereo::StereoRe
 double medianDepth(const stereo::StereoResult& result) {
   std::vector<float> z;
   for (const stereo::StereoPoint& p : result.points) z.push_back(p.point.z());
-  if (z.empty()) return 0;
-  const auto middle = z.begin() + static_cast<std::ptrdiff_t>(z.size() / 2);
-  std::nth_element(z.begin(), middle, z.end());
-  return static_cast<double>(*middle);
+  return static_cast<double>(median(std::move(z)));
 }
 
 // Colours of a scale from near (bright) to far (dark).
@@ -47,10 +44,9 @@ void drawScale(cv::Mat& picture, const cv::Mat& colours, double nearest, double 
     cv::line(picture, {at.x + x, at.y}, {at.x + x, at.y + height},
              colours.at<cv::Vec3b>(0, x * 255 / std::max(width - 1, 1)));
   const auto label = [&](double metres, int x) {
-    char text[32];
-    std::snprintf(text, sizeof text, "%.2f m", metres);
-    cv::putText(picture, text, {x, at.y + height + static_cast<int>(26 * unit)}, cv::FONT_HERSHEY_SIMPLEX,
-                0.75 * unit, cv::Scalar::all(255), std::max(static_cast<int>(2 * unit), 1), cv::LINE_AA);
+    cv::putText(picture, formatted("%.2f m", metres), {x, at.y + height + static_cast<int>(26 * unit)},
+                cv::FONT_HERSHEY_SIMPLEX, 0.75 * unit, cv::Scalar::all(255),
+                std::max(static_cast<int>(2 * unit), 1), cv::LINE_AA);
   };
   label(nearest, at.x);
   label(farthest, at.x + width - static_cast<int>(95 * unit));
@@ -61,13 +57,12 @@ void drawScale(cv::Mat& picture, const cv::Mat& colours, double nearest, double 
 void writePointsCsv(const std::filesystem::path& path, const stereo::StereoResult& result) {
   AtomicFile file(path);
   file.stream() << "u_left,v_left,u_right,v_right,x_m,y_m,z_m,sigma_z_m\n";
-  std::array<char, 160> line{};
   for (const stereo::StereoPoint& p : result.points) {
     const auto number = [](float v) { return static_cast<double>(v); };
-    std::snprintf(line.data(), line.size(), "%.3f,%.3f,%.3f,%.3f,%.5f,%.5f,%.5f,%.6f\n", number(p.left.x()),
-                  number(p.left.y()), number(p.right.x()), number(p.right.y()), number(p.point.x()),
-                  number(p.point.y()), number(p.point.z()), number(p.sigma_z));
-    file.stream() << line.data();
+    file.stream() << formatted("%.3f,%.3f,%.3f,%.3f,%.5f,%.5f,%.5f,%.6f\n", number(p.left.x()),
+                               number(p.left.y()), number(p.right.x()), number(p.right.y()),
+                               number(p.point.x()), number(p.point.y()), number(p.point.z()),
+                               number(p.sigma_z));
   }
   file.commit();
 }
@@ -101,16 +96,13 @@ std::string pairText(const stereo::StereoResult& result, const PairReport& repor
   std::string text = std::to_string(result.points.size()) + " points of " + std::to_string(result.corners) +
                      (report.method == "dense" ? " cells" : " corners") + ", " +
                      std::to_string(result.triangles.size()) + " triangles";
-  char number[64];
-  std::snprintf(number, sizeof number, ", median depth %.3f m\nrejected:", medianDepth(result));
-  text += number;
+  text += formatted(", median depth %.3f m\nrejected:", medianDepth(result));
   for (const auto& [cause, count] : causes(result.rejected)) {
     text += std::string(" ") + cause + " " + std::to_string(count);
   }
   text += "\nms:";
   for (const auto& [stage, time] : report.stage_ms) {
-    std::snprintf(number, sizeof number, " %s %.1f", stage.c_str(), time);
-    text += number;
+    text += formatted(" %s %.1f", stage.c_str(), time);
   }
   return text;
 }

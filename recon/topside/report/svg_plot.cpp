@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <numbers>
 
+#include "realtime/kernel/text.hpp"
 #include "recon/topside/report/html_text.hpp"
 
 namespace fathom::topside {
@@ -36,9 +36,7 @@ std::vector<double> ticks(double a, double b) {
 }
 
 std::string tickText(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%g", std::abs(value) < 1e-12 ? 0.0 : value);
-  return text;
+  return formatted("%g", std::abs(value) < 1e-12 ? 0.0 : value);
 }
 
 std::string px(double value) {
@@ -88,7 +86,7 @@ void SvgPlot::rectangle(const Eigen::Vector2d& one, const Eigen::Vector2d& other
   const Eigen::Vector2d low = a.cwiseMin(b), size = (a - b).cwiseAbs();
   body_ += "<rect x=\"" + px(low.x()) + "\" y=\"" + px(low.y()) + "\" width=\"" + px(size.x()) +
            "\" height=\"" + px(size.y()) + "\" fill=\"" + colour + "\"";
-  body_ += tip.empty() ? "/>\n" : "><title>" + htmlEscaped(tip) + "</title></rect>\n";
+  body_ += tip.empty() ? "/>\n" : "><title>" + markupText(tip) + "</title></rect>\n";
 }
 
 void SvgPlot::ellipse(const Eigen::Vector2d& mean, const Eigen::Matrix2d& covariance, double k,
@@ -109,7 +107,7 @@ void SvgPlot::text(const Eigen::Vector2d& at, const std::string& words, const st
                    double size) {
   const Eigen::Vector2d p = toPage(at);
   body_ += "<text x=\"" + px(p.x()) + "\" y=\"" + px(p.y()) + "\" fill=\"" + colour + "\" font-size=\"" +
-           px(size) + "\" text-anchor=\"middle\">" + htmlEscaped(words) + "</text>\n";
+           px(size) + "\" text-anchor=\"middle\">" + markupText(words) + "</text>\n";
 }
 
 std::string SvgPlot::svg() const {
@@ -139,12 +137,12 @@ std::string SvgPlot::svg() const {
   out += "<rect x=\"" + px(kLeftMargin) + "\" y=\"" + px(kTopMargin) + "\" width=\"" + px(axes_.width) +
          "\" height=\"" + px(axes_.height) + "\" fill=\"none\" stroke=\"#8a98a5\"/>\n";
   out += "<text x=\"" + px(kLeftMargin + axes_.width / 2) +
-         "\" y=\"17\" text-anchor=\"middle\" font-size=\"13\">" + htmlEscaped(axes_.title) +
+         "\" y=\"17\" text-anchor=\"middle\" font-size=\"13\">" + markupText(axes_.title) +
          "</text>\n<text x=\"" + px(kLeftMargin + axes_.width / 2) + "\" y=\"" + px(height - 8) +
-         "\" text-anchor=\"middle\">" + htmlEscaped(axes_.x_label) + "</text>\n";
+         "\" text-anchor=\"middle\">" + markupText(axes_.x_label) + "</text>\n";
   const double middle = kTopMargin + axes_.height / 2;
   out += "<text transform=\"translate(14 " + px(middle) + ") rotate(-90)\" text-anchor=\"middle\">" +
-         htmlEscaped(axes_.y_label) + "</text>\n</svg>\n";
+         markupText(axes_.y_label) + "</text>\n</svg>\n";
   return out;
 }
 
@@ -195,12 +193,10 @@ std::string divergingColour(double value) {
   const double v = std::clamp(std::isfinite(value) ? value : 0.0, -1.0, 1.0);
   const std::array<double, 3> end =
       v < 0 ? std::array<double, 3>{33, 102, 172} : std::array<double, 3>{178, 24, 43};
-  char text[8];
   const auto mix = [&](std::size_t c) {
     return static_cast<int>(std::lround(250 + std::abs(v) * (end[c] - 250)));
   };
-  std::snprintf(text, sizeof text, "#%02x%02x%02x", mix(0) & 255, mix(1) & 255, mix(2) & 255);
-  return text;
+  return formatted("#%02x%02x%02x", mix(0) & 255, mix(1) & 255, mix(2) & 255);
 }
 
 std::string distinctColour(std::size_t index) {

@@ -1,12 +1,11 @@
 #include "recon/topside/tables/dive_tables.hpp"
 
 #include <cmath>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <numbers>
 
 #include "firmware_if/civil_time.hpp"
-#include "realtime/kernel/number_text.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 
 namespace fathom::topside {
@@ -54,10 +53,8 @@ std::string quoted(const std::string& text) {
 
 std::string timeText(std::int64_t utc_ns, char between, const char* zone) {
   const io::CivilTime t = io::civilFromUtc(utc_ns);
-  std::array<char, 96> text{};
-  std::snprintf(text.data(), text.size(), "%04d-%02d-%02d%c%02d:%02d:%02d.%06d%s", t.year, t.month, t.day,
-                between, t.hour, t.minute, t.second, t.nanosecond / 1000, zone);
-  return text.data();
+  return formatted("%04d-%02d-%02d%c%02d:%02d:%02d.%06d%s", t.year, t.month, t.day, between, t.hour, t.minute,
+                   t.second, t.nanosecond / 1000, zone);
 }
 
 double areaOf(const std::vector<Eigen::Vector3d>& corners) {

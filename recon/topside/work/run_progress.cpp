@@ -3,9 +3,10 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
+
+#include "realtime/kernel/text.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -53,14 +54,9 @@ std::string RunProgress::timeLeft() const {
   if (made < kFirstShare * total_) return {};
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun_).count();
   const long left = std::lround(elapsed / made * std::max(total_ - done, 0.0));
-  std::array<char, 48> text{};
-  if (left >= 3600)
-    std::snprintf(text.data(), text.size(), ", %ld h %02ld min left", left / 3600, left / 60 % 60);
-  else if (left >= 60)
-    std::snprintf(text.data(), text.size(), ", %ld min %02ld s left", left / 60, left % 60);
-  else
-    std::snprintf(text.data(), text.size(), ", %ld s left", left);
-  return text.data();
+  if (left >= 3600) return formatted(", %ld h %02ld min left", left / 3600, left / 60 % 60);
+  if (left >= 60) return formatted(", %ld min %02ld s left", left / 60, left % 60);
+  return formatted(", %ld s left", left);
 }
 
 void RunProgress::show() {

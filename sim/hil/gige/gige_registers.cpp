@@ -1,12 +1,12 @@
 #include "sim/hil/gige/gige_registers.hpp"
 
 #include <bit>
-#include <cstdio>
 #include <cstring>
 #include <stdexcept>
 #include <utility>
 
 #include "firmware_if/camera/pixel_unpack.hpp"
+#include "realtime/kernel/text.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -17,9 +17,7 @@ constexpr std::uint32_t kTicksPerSecond = 125'000'000;  // 8 ns, as cameras with
 constexpr std::size_t kNameBytes = 32, kInformationBytes = 48, kSerialBytes = 16, kUrlBytes = 512;
 
 std::string hex(std::uint32_t value) {
-  char text[16];
-  std::snprintf(text, sizeof text, "0x%x", value);
-  return text;
+  return formatted("0x%x", value);
 }
 
 std::string tag(const char* name, const std::string& value) {

@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 
+#include "realtime/kernel/text.hpp"
 #include "telemetry/monitor/codec/codec_report.hpp"
 
 namespace fathom::monitor {
@@ -15,9 +15,7 @@ constexpr std::array<const char*, 6> kColours{"#0b5cad", "#c2410c", "#7c3aed",
 
 // "1.5" for 1.5 and "2" for 2.
 std::string shortNumber(double value) {
-  std::array<char, 32> text;
-  std::snprintf(text.data(), text.size(), "%g", value);
-  return text.data();
+  return formatted("%g", value);
 }
 
 struct Axes {
@@ -39,19 +37,6 @@ std::string text(double x, double y, const std::string& anchor, const std::strin
                  const char* more = "") {
   return "<text x=\"" + shortNumber(x) + "\" y=\"" + shortNumber(y) + "\" text-anchor=\"" + anchor + "\" " +
          more + ">" + what + "</text>\n";
-}
-
-std::string escaped(const std::string& plain) {
-  std::string out;
-  for (const char c : plain) {
-    if (c == '&')
-      out += "&amp;";
-    else if (c == '<')
-      out += "&lt;";
-    else
-      out += c;
-  }
-  return out;
 }
 
 }  // namespace
@@ -79,7 +64,7 @@ std::string drawCurve(const std::vector<CurvePoint>& points, double area, const 
                     "\" height=\"" + shortNumber(kHeight) +
                     "\" font-family=\"sans-serif\" font-size=\"13\">\n<rect width=\"100%\" height=\"100%\" "
                     "fill=\"white\"/>\n";
-  svg += text(kLeft, 28, "start", escaped(title), "font-size=\"15\" font-weight=\"bold\"");
+  svg += text(kLeft, 28, "start", markupText(title), "font-size=\"15\" font-weight=\"bold\"");
   for (const double tick : {0.01, 0.02, 0.03, 0.05, 0.1, 0.2}) {
     const double x = axes.x(tick);
     svg += "<line x1=\"" + shortNumber(x) + "\" x2=\"" + shortNumber(x) + "\" y1=\"" + shortNumber(kTop) +
@@ -114,7 +99,7 @@ std::string drawCurve(const std::vector<CurvePoint>& points, double area, const 
     above = at;
     svg += "<text x=\"" + shortNumber(kWidth - kRight + 8) + "\" y=\"" + shortNumber(at + 4) + "\" fill=\"" +
            kColours[k % kColours.size()] + "\"" + (k == 0 ? " font-weight=\"bold\"" : "") + ">" +
-           escaped(lines[k].name) + "</text>\n";
+           markupText(lines[k].name) + "</text>\n";
   }
   return svg + "</svg>\n";
 }

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "telemetry/map/map_packet.hpp"
@@ -110,10 +111,9 @@ void writeCurve(const LatticeSurface& surface, const CodecOptions& options) {
                                                     .colour_bits = options.colour_bits});
     points.push_back({error, ours.bytesPerArea(), peers::allPeers(toLattice(surface), error)});
   }
-  std::array<char, 200> title;
-  std::snprintf(title.data(), title.size(), ", cells of %g m, frames of %ld B", options.cell, options.frame);
+  const std::string title = formatted(", cells of %g m, frames of %ld B", options.cell, options.frame);
   AtomicFile file(*options.curve);
-  file.stream() << drawCurve(points, surface.area(), options.terrain.filename().string() + title.data());
+  file.stream() << drawCurve(points, surface.area(), options.terrain.filename().string() + title);
   file.commit();
 }
 

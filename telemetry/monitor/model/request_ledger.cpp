@@ -1,8 +1,6 @@
 #include "telemetry/monitor/model/request_ledger.hpp"
 
-#include <array>
-#include <cstdio>
-
+#include "realtime/kernel/text.hpp"
 #include "telemetry/downlink/downlink_key.hpp"
 #include "telemetry/wire/frame.hpp"
 
@@ -75,15 +73,12 @@ const char* name(RequestLedger::State state) {
 }
 
 std::string describe(const Request& request) {
-  std::array<char, 80> text{};
   switch (request.kind) {
     case Request::Kind::kDetail:
-      std::snprintf(text.data(), text.size(), "detail at %.3g cm, %.1f x %.1f m", request.spacing * 100,
-                    request.north_max - request.north_min, request.east_max - request.east_min);
-      break;
+      return formatted("detail at %.3g cm, %.1f x %.1f m", request.spacing * 100,
+                       request.north_max - request.north_min, request.east_max - request.east_min);
     case Request::Kind::kRate:
-      std::snprintf(text.data(), text.size(), "rate %.0f bit/s", request.rate_bps);
-      break;
+      return formatted("rate %.0f bit/s", request.rate_bps);
     case Request::Kind::kPauseMap:
       return "pause the map";
     case Request::Kind::kResumeMap:
@@ -91,7 +86,7 @@ std::string describe(const Request& request) {
     case Request::Kind::kSendStatus:
       return "send a status";
   }
-  return text.data();
+  return "unknown";
 }
 
 }  // namespace fathom::monitor

@@ -3,7 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
+
+#include "realtime/kernel/text.hpp"
 
 namespace fathom::bench {
 namespace {
@@ -12,13 +13,6 @@ constexpr double kWidth = 1400, kHeight = 560, kTop = 96, kBottom = 500;
 constexpr double kLeft = 90, kMiddle = 860, kRightLeft = 950, kRight = 1370;
 constexpr std::array<const char*, 2> kColours{"#2266aa", "#cc5533"};
 constexpr double kP999 = 99.9;
-
-template <typename... Args>
-std::string formatted(const char* format, Args... args) {
-  char text[400];
-  std::snprintf(text, sizeof text, format, args...);
-  return text;
-}
 
 // A logarithmic axis from `low` to `high` onto two places of the picture.
 struct LogAxis {

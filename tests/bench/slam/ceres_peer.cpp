@@ -31,7 +31,7 @@ class RightPerturbation : public ceres::Manifold {
   int AmbientSize() const override { return kNumbers; }
   int TangentSize() const override { return kTangent; }
   bool Plus(const double* x, const double* delta, double* result) const override {
-    write(slam::perturbed(poseOf(x), Eigen::Map<const Vector6d>(delta)), result);
+    write(perturbed(poseOf(x), Eigen::Map<const Vector6d>(delta)), result);
     return true;
   }
   bool PlusJacobian(const double*, double* jacobian) const override {

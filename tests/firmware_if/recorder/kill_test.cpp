@@ -11,8 +11,8 @@
 
 #include "tests/firmware_if/recorder/recorder_status.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
-#include "tests/firmware_if/text_files.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::test {
 namespace {

@@ -16,9 +16,8 @@
 #include "firmware_if/recorder/journal_file.hpp"
 #include "firmware_if/recorder/raw_tiff.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "tests/firmware_if/text_files.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {

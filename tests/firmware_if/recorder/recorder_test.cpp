@@ -14,11 +14,10 @@
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/recording_gap.hpp"
 #include "firmware_if/sensor_log.hpp"
-#include "realtime/kernel/input_error.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
-#include "tests/firmware_if/text_files.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {

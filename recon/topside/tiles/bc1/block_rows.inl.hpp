@@ -7,6 +7,8 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "recon/topside/tiles/bc1/block_rows.hpp"
+
 namespace fathom::topside::FATHOM_KERNELS {
 namespace {
 
@@ -275,7 +277,7 @@ void compressBlockRow(const std::uint8_t* const rows[4], int blocks, std::uint8_
 
 }  // namespace
 
-CompressBlockRow blockRow() {
+CompressBlockRow table() {
   return compressBlockRow;
 }
 

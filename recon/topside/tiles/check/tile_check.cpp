@@ -10,6 +10,7 @@
 #include <set>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/topside/tiles/block_texture.hpp"
 #include "recon/topside/tiles/check/border_edges.hpp"
 #include "recon/topside/tiles/check/tileset_reader.hpp"
@@ -132,9 +133,8 @@ class Borders {
     const std::array<double, 4> box = grid_.box(id);
     const double plane = box[side == 0 ? 0 : side == 1 ? 2 : side == 2 ? 1 : 3];
     const double along = match.place[0] * TileGrid::kLattice;
-    char place[96];
-    std::snprintf(place, sizeof place, "north %.3f east %.3f depth %.3f", side < 2 ? plane : along,
-                  side < 2 ? along : plane, match.place[1] * TileGrid::kLattice);
+    const std::string place = formatted("north %.3f east %.3f depth %.3f", side < 2 ? plane : along,
+                                        side < 2 ? along : plane, match.place[1] * TileGrid::kLattice);
     check_.faults.push_back(tilePath(id, "") + " " + other + ": " + std::to_string(match.cracks) +
                             " edges do not meet, the first at " + place);
   }

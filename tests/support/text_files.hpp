@@ -1,16 +1,25 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom::test {
 
-inline void writeText(const std::filesystem::path& path, const std::string& text) {
+// Makes the file's folder too.
+inline void writeText(const std::filesystem::path& path, std::string_view text) {
+  std::filesystem::create_directories(path.parent_path());
   std::ofstream(path, std::ios::binary) << text;
+}
+
+inline void writeBytes(const std::filesystem::path& path, const std::vector<std::uint8_t>& bytes) {
+  writeText(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
 }
 
 inline std::string readText(const std::filesystem::path& path) {

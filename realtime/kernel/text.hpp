@@ -1,0 +1,17 @@
+#pragma once
+
+#include <string>
+
+namespace fathom {
+
+// What printf would write.
+[[nodiscard, gnu::format(printf, 1, 2)]] std::string formatted(const char* format, ...);
+
+// A number with so many digits after the point.
+[[nodiscard]] std::string decimals(double value, int places);
+
+// Text as HTML and XML take it, in an attribute too: & < > " escaped, control characters but for the white
+// space dropped.
+[[nodiscard]] std::string markupText(const std::string& text);
+
+}  // namespace fathom

@@ -1,2 +1,0 @@
-#define FATHOM_KERNELS avx2
-#include "recon/closure/dot_kernels.inl.hpp"

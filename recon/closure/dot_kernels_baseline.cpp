@@ -1,2 +1,0 @@
-#define FATHOM_KERNELS baseline
-#include "recon/closure/dot_kernels.inl.hpp"
