@@ -18,14 +18,10 @@ constexpr int kMiddleFloor = 2, kRoof = 4;
 constexpr std::string_view kPeers = "tests/bench/codec_peers";
 
 const std::map<std::string, int>& namedRooms() {
-  static const std::map<std::string, int> rooms{{"realtime/kernel", 0},
-                                                {"recon/geometry", 1},
-                                                {"firmware_if", kMiddleFloor},
-                                                {"telemetry", kMiddleFloor},
-                                                {"sim", 3},
-                                                {"realtime/onboard", kRoof},
-                                                {"recon/topside", kRoof},
-                                                {"telemetry/monitor", kRoof}};
+  static const std::map<std::string, int> rooms{
+      {"realtime/kernel", 0},      {"recon/geometry", 1},           {"firmware_if", kMiddleFloor},
+      {"telemetry", kMiddleFloor}, {"telemetry/web", kMiddleFloor}, {"sim", 3},
+      {"realtime/onboard", kRoof}, {"recon/topside", kRoof},        {"telemetry/monitor", kRoof}};
   return rooms;
 }
 

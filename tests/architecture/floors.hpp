@@ -11,7 +11,7 @@
 namespace fathom::test {
 
 // The floors of the house. A room may know itself and every room on a lower floor, nothing else:
-//   0 realtime/kernel, 1 recon/geometry, 2 recon/* firmware_if telemetry, 3 sim,
+//   0 realtime/kernel, 1 recon/geometry, 2 recon/* firmware_if telemetry telemetry/web, 3 sim,
 //   4 the roofs: realtime/onboard, recon/topside, telemetry/monitor, and each program's main (main.cpp or
 //   *_main.cpp) beside its room.
 struct Place {

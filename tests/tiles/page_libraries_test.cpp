@@ -16,11 +16,11 @@ void writeFile(const std::filesystem::path& path, const std::vector<std::uint8_t
       .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
 }
 
-// With the libraries that the viewer's page was built with.
+// With the libraries that the pages are built with.
 TEST(PageLibraries, KhronosValidatorThreesDracoAndItsKtxReaderTakeEveryKindOfTile) {
-  const std::filesystem::path page = FATHOM_VIEWER_BUILD;
+  const std::filesystem::path pages = FATHOM_PAGES;
   for (const char* module : {"three", "gltf-validator"})
-    if (!std::filesystem::exists(page / "node_modules" / module))
+    if (!std::filesystem::exists(pages / "node_modules" / module))
       GTEST_SKIP() << module << " is not installed";
   const test::ScratchFolder scratch;
   test::SyntheticModel model;
@@ -41,9 +41,8 @@ TEST(PageLibraries, KhronosValidatorThreesDracoAndItsKtxReaderTakeEveryKindOfTil
   add("packed.ktx2", writeKtx2(texture, Supercompression::kZstd));
   model.texels = 0;
   add("colours.glb", writeGlb(model.tile({1, 0, 0}), model.grid, {}));
-  const std::string command = "cd '" + page.string() +
-                              "' && node " FATHOM_SOURCE_DIR "/tests/tiles/page_libraries.mjs" +
-                              files;
+  const std::string command =
+      "cd '" + pages.string() + "' && node " FATHOM_SOURCE_DIR "/tests/tiles/page_libraries.mjs" + files;
   EXPECT_EQ(std::system(command.c_str()), 0);
 }
 
