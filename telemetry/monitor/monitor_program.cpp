@@ -49,19 +49,14 @@ LiveFeed openPorts(const MonitorOptions& options) {
   return LiveFeed(std::move(ports));
 }
 
-Access accessOf(const MonitorOptions& options) {
+std::string tokenOf(const MonitorOptions& options) {
   constexpr std::size_t kLeastToken = 8, kMostToken = 128;
   const auto plain = [](unsigned char c) { return std::isalnum(c) != 0 || c == '-' || c == '_'; };
   if (!options.token.empty())
     require(options.token.size() >= kLeastToken && options.token.size() <= kMostToken &&
                 std::all_of(options.token.begin(), options.token.end(), plain),
             "--token", "must be 8 to 128 letters, digits, - or _");
-  return Access(options.token.empty() && !isLoopback(options.http_address) ? makeToken() : options.token);
-}
-
-std::filesystem::path pageFolder(const MonitorOptions& options) {
-  if (!options.page.empty()) return options.page;
-  return std::filesystem::read_symlink("/proc/self/exe").parent_path().parent_path() / "share/fathom/monitor";
+  return options.token.empty() && !web::isLoopback(options.http_address) ? web::makeToken() : options.token;
 }
 
 std::optional<telemetry::DownlinkKey> keyOf(const MonitorOptions& options) {
@@ -167,18 +162,23 @@ int runMonitor(const MonitorOptions& options, const std::atomic<bool>& stop) {
   require(live != !options.packets.empty(), "the source of frames",
           "give --udp and/or --serial, or else --packets");
   require(options.http_port >= 0 && options.http_port <= 65535, "--http", "is outside 0 to 65535");
-  const Access access = accessOf(options);
+  web::PageServerConfig page;
+  page.address = options.http_address;
+  page.port = options.http_port;
+  page.option = "--http";
+  page.page = web::pageFolder(options.page, "monitor");
+  page.token = tokenOf(options);
   SharedModel shared(identityOf(options), keyOf(options), static_cast<std::uint64_t>(clock.utcNs()));
   std::optional<SessionFiles> files;
   if (!options.out.empty()) files.emplace(options.out);
-  const WebServer server(shared, access, options.http_address, options.http_port, pageFolder(options));
+  const WebServer server(shared, page);
   Reception reception(shared, options, files ? &*files : nullptr);
   if (files && live) {
     const std::lock_guard lock(shared.mutex);
     reload(*files, *shared.model);
   }
   std::cout << "fathom-monitor: http://" << options.http_address << ':' << server.port() << '/'
-            << (access.token().empty() ? "" : "?token=" + access.token()) << std::endl;
+            << (page.token.empty() ? "" : "?token=" + page.token) << std::endl;
   int exit_code = kExitSuccess;
   if (const std::string damage = reception.damage(); !damage.empty()) {  // what came before it is shown
     std::cerr << "fathom-monitor: " << damage << std::endl;

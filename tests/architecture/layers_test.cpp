@@ -64,6 +64,8 @@ TEST(Layers, EachModuleKnowsItselfAndWhatLiesBelow) {
   EXPECT_TRUE(may("sim/a.cpp", "recon/fusion/b.hpp"));
   EXPECT_TRUE(may("sim/main.cpp", "realtime/onboard/b.hpp"));
   EXPECT_TRUE(may("telemetry/monitor/a.cpp", "telemetry/b.hpp"));
+  EXPECT_TRUE(may("telemetry/monitor/a.cpp", "telemetry/web/b.hpp"));
+  EXPECT_TRUE(may("recon/topside/viewer/a.cpp", "telemetry/web/b.hpp"));
   EXPECT_TRUE(may("firmware_if/main.cpp", "firmware_if/b.hpp"));
   EXPECT_TRUE(may("firmware_if/sensors_main.cpp", "telemetry/b.hpp"));
 
@@ -73,6 +75,9 @@ TEST(Layers, EachModuleKnowsItselfAndWhatLiesBelow) {
   EXPECT_FALSE(may("recon/nav/a.cpp", "firmware_if/b.hpp"));
   EXPECT_FALSE(may("firmware_if/a.cpp", "telemetry/b.hpp"));
   EXPECT_FALSE(may("telemetry/a.cpp", "telemetry/monitor/b.hpp"));
+  EXPECT_FALSE(may("telemetry/a.cpp", "telemetry/web/b.hpp"));
+  EXPECT_FALSE(may("telemetry/web/a.cpp", "telemetry/b.hpp"));
+  EXPECT_FALSE(may("recon/fusion/a.cpp", "telemetry/web/b.hpp"));
   EXPECT_FALSE(may("telemetry/a.cpp", "sim/b.hpp"));
   EXPECT_FALSE(may("realtime/onboard/main.cpp", "sim/b.hpp"));
   EXPECT_FALSE(may("realtime/onboard/a.cpp", "recon/topside/b.hpp"));

@@ -7,7 +7,6 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "telemetry/monitor/web/access.hpp"
 #include "telemetry/monitor/web/page_requests.hpp"
 #include "telemetry/monitor/web/web_server.hpp"
 #include "tests/monitor/sample_dive.hpp"
@@ -16,42 +15,6 @@ namespace fathom::monitor {
 namespace {
 
 constexpr const char* kToken = "0123456789abcdef";
-
-TEST(Access, WithATokenNothingEntersWithoutIt) {
-  const Access access(kToken);
-  const auto judge = [&](std::string_view cookie, std::string_view header, std::string_view query) {
-    return access.judge({"GET", "ship.example:8080", cookie, header, query, false});
-  };
-  EXPECT_EQ(judge("", "", ""), AccessVerdict::kUnauthorised);
-  EXPECT_EQ(judge("", "", "0123456789abcdeF"), AccessVerdict::kUnauthorised);
-  EXPECT_EQ(judge("", "", "0123456789abcdef0123456789abcdef"), AccessVerdict::kUnauthorised);
-  EXPECT_EQ(judge("fathom_token=0123456789abcde; other=1", "", ""), AccessVerdict::kUnauthorised);
-  EXPECT_EQ(judge("not_fathom_token=0123456789abcdef", "", ""), AccessVerdict::kUnauthorised);
-  EXPECT_EQ(judge("a=b; fathom_token=0123456789abcdef", "", ""), AccessVerdict::kEnter);
-  EXPECT_EQ(judge("", kToken, ""), AccessVerdict::kEnter);
-  EXPECT_EQ(judge("", "", kToken), AccessVerdict::kEnterAndSetCookie);
-}
-
-TEST(Access, WhatChangesSomethingNeedsThePagesOwnHeader) {
-  const Access with(kToken), without("");
-  EXPECT_EQ(with.judge({"POST", "h", "fathom_token=0123456789abcdef", "", "", false}),
-            AccessVerdict::kForbidden);
-  EXPECT_EQ(with.judge({"POST", "h", "fathom_token=0123456789abcdef", "", "", true}), AccessVerdict::kEnter);
-  EXPECT_EQ(without.judge({"POST", "127.0.0.1:80", "", "", "", false}), AccessVerdict::kForbidden);
-  EXPECT_EQ(without.judge({"DELETE", "127.0.0.1:80", "", "", "", false}), AccessVerdict::kForbidden);
-  EXPECT_EQ(without.judge({"POST", "127.0.0.1:80", "", "", "", true}), AccessVerdict::kEnter);
-}
-
-TEST(Access, WithoutATokenOnlyThisMachinesNamesEnter) {
-  const Access access("");
-  const auto judge = [&](std::string_view host) { return access.judge({"GET", host, "", "", "", false}); };
-  for (const char* host : {"127.0.0.1:8080", "localhost", "[::1]:8080", "127.9.9.9"})
-    EXPECT_EQ(judge(host), AccessVerdict::kEnter) << host;
-  for (const char* host : {"", "evil.example", "127.0.0.1.evil.example", "[::1", "[", "localhost.evil:80"})
-    EXPECT_EQ(judge(host), AccessVerdict::kForbidden) << host;
-  EXPECT_NE(makeToken(), makeToken());
-  EXPECT_EQ(makeToken().size(), 32U);
-}
 
 TEST(PageRequests, ReadWhatIsInBoundsAndNothingElse) {
   std::string why;
@@ -101,7 +64,10 @@ class Served : public ::testing::Test {
     dive.run([&](std::int64_t utc_ns, std::span<const std::uint8_t> frame) {
       shared_.model->accept(frame, utc_ns);
     });
-    server_ = std::make_unique<WebServer>(shared_, Access(token), "127.0.0.1", 0, folder_);
+    web::PageServerConfig config;
+    config.page = folder_;
+    config.token = token;
+    server_ = std::make_unique<WebServer>(shared_, config);
     client_ = std::make_unique<httplib::Client>("127.0.0.1", server_->port());
   }
   void TearDown() override { std::filesystem::remove_all(folder_); }
@@ -122,7 +88,7 @@ TEST_F(Served, EveryPathAsksForTheToken) {
                            "/api/events", "/api/coverage", "/api/export/map.ply", "/api/nothing"}) {
     EXPECT_EQ(client_->Get(path)->status, 401) << path;
   }
-  EXPECT_EQ(post("/api/request", R"({"kind":"pause-map"})", {{kPageHeader, "1"}}), 401);
+  EXPECT_EQ(post("/api/request", R"({"kind":"pause-map"})", {{web::kPageHeader, "1"}}), 401);
   EXPECT_EQ(client_->Get("/api/state?token=wrong")->status, 401);
   const auto first = client_->Get(std::string("/?token=") + kToken);
   EXPECT_EQ(first->status, 200);
@@ -130,15 +96,15 @@ TEST_F(Served, EveryPathAsksForTheToken) {
   EXPECT_NE(cookie.find("HttpOnly"), std::string::npos);
   EXPECT_NE(cookie.find("SameSite=Strict"), std::string::npos);
   EXPECT_EQ(client_->Get("/api/state", {{"Cookie", cookie.substr(0, cookie.find(';'))}})->status, 200);
-  EXPECT_EQ(client_->Get("/api/state", {{kTokenHeader, kToken}})->status, 200);
+  EXPECT_EQ(client_->Get("/api/state", {{web::kTokenHeader, kToken}})->status, 200);
 }
 
 TEST_F(Served, HostilePostsAreRefusedAndChangeNothing) {
   serve("");
-  const httplib::Headers page{{kPageHeader, "page"}};
+  const httplib::Headers page{{web::kPageHeader, "page"}};
   const std::string good = R"({"kind":"rate","rate_bps":300})";
   EXPECT_EQ(post("/api/request", good, {}), 403);  // another site's form
-  EXPECT_EQ(post("/api/request", good, {{kPageHeader, "1"}, {"Host", "evil.example"}}), 403);
+  EXPECT_EQ(post("/api/request", good, {{web::kPageHeader, "1"}, {"Host", "evil.example"}}), 403);
   EXPECT_EQ(post("/api/request", "{", page), 400);
   EXPECT_EQ(post("/api/request", std::string(100'000, 'x'), page), 413);
   EXPECT_EQ(post("/api/playback", R"({"playing":false})", page), 409);  // not a recording
@@ -158,7 +124,7 @@ TEST_F(Served, HostilePostsAreRefusedAndChangeNothing) {
 
 TEST_F(Served, ARequestGoesFromQueuedToSentAtTheShipsTurnAndIsAnsweredByWhatItAskedFor) {
   serve("");
-  EXPECT_EQ(post("/api/request", R"({"kind":"send-status"})", {{kPageHeader, "page"}}), 200);
+  EXPECT_EQ(post("/api/request", R"({"kind":"send-status"})", {{web::kPageHeader, "page"}}), 200);
   const auto state = [&] {
     return nlohmann::json::parse(client_->Get("/api/state")->body)["downlink"]["requests"][0]["state"]
         .get<std::string>();

@@ -11,11 +11,11 @@
 namespace fathom::topside {
 namespace {
 
-// With the libraries that the viewer's page was built with.
+// With the libraries that the pages are built with.
 TEST(PageLibraries, KhronosValidatorThreesDracoAndItsKtxReaderTakeEveryKindOfTile) {
-  const std::filesystem::path page = FATHOM_VIEWER_BUILD;
+  const std::filesystem::path pages = FATHOM_PAGES;
   for (const char* module : {"three", "gltf-validator"})
-    if (!std::filesystem::exists(page / "node_modules" / module))
+    if (!std::filesystem::exists(pages / "node_modules" / module))
       GTEST_SKIP() << module << " is not installed";
   const fathom::test::TemporaryFolder scratch;
   test::SyntheticModel model;
@@ -37,7 +37,7 @@ TEST(PageLibraries, KhronosValidatorThreesDracoAndItsKtxReaderTakeEveryKindOfTil
   model.texels = 0;
   add("colours.glb", writeGlb(model.tile({1, 0, 0}), model.grid, {}));
   const std::string command =
-      "cd '" + page.string() + "' && node " FATHOM_SOURCE_DIR "/tests/tiles/page_libraries.mjs" + files;
+      "cd '" + pages.string() + "' && node " FATHOM_SOURCE_DIR "/tests/tiles/page_libraries.mjs" + files;
   EXPECT_EQ(std::system(command.c_str()), 0);
 }
 

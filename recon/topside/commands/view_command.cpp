@@ -6,7 +6,7 @@
 #include <memory>
 
 #include "realtime/kernel/input_error.hpp"
-#include "recon/viewer/view_server.hpp"
+#include "recon/topside/viewer/dive_server.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -18,10 +18,6 @@ struct Options {
   int port = kDefaultPort;
 };
 
-std::filesystem::path pageBesideProgram() {
-  return std::filesystem::read_symlink("/proc/self/exe").parent_path().parent_path() / "share/fathom/topside";
-}
-
 int runView(const Options& options) {
   // Blocked before the server's threads begin, so that the signal comes here.
   sigset_t signals;
@@ -29,9 +25,8 @@ int runView(const Options& options) {
   sigaddset(&signals, SIGINT);
   sigaddset(&signals, SIGTERM);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
-  const viewer::ViewServer server(
-      viewer::findDive(options.folder, options.page.empty() ? pageBesideProgram() : options.page),
-      options.port);
+  const web::PageServer server =
+      serveDive(findDive(options.folder), web::pageFolder(options.page, "topside"), options.port);
   std::printf("http://127.0.0.1:%d/ (Ctrl-C ends it)\n", server.port());
   std::fflush(stdout);
   int signal = 0;

@@ -1,37 +1,19 @@
 // Measures how light the page is with a whole dive open: turns the map and reports the main thread's work.
-//   node measure.mjs URL [--chunks N] [--size 1400x860] [--frames 120] [--chromium PATH]
-// Prints JSON: ms a frame (median, 95th percentile) of the page's own work and of everything on the main thread, triangles,
-// bytes the map holds, JavaScript heap, and the longest task while the map was loading.
-import process from 'node:process';
-import { chromium } from 'playwright-core';
+//   node monitor/measure.mjs URL [--size 1400x860] [--frames 120] [--chromium PATH]
+// Prints JSON: ms a frame of the page's own work, with and without the GL driver's, and of everything on the main thread,
+// triangles, bytes the map holds, JavaScript heap, and the longest task while the map was loading.
+import { launch, nextFrame, noteWork, percentiles, readOptions } from '#tools/browser';
 
-const [url, ...rest] = process.argv.slice(2);
-const options = { chunks: '1', size: '1400x860', frames: '120', chromium: '/usr/bin/chromium' };
-for (let i = 0; i < rest.length; i += 2) options[rest[i].replace(/^--/, '')] = rest[i + 1];
-const [width, height] = options.size.split('x').map(Number);
-const browser = await chromium.launch({
-  executablePath: options.chromium,
-  args: ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--enable-precise-memory-info'],
-});
+const LEAST_DRAWN = 0.05; // of a frame in which something was drawn [ms]
+const { url, options, width, height } = readOptions('monitor/measure.mjs URL', ['url'], { frames: '120' });
+const browser = await launch(options.chromium);
 try {
   const page = await browser.newPage({ viewport: { width, height } });
-  await page.addInitScript(() => {
-    window.tasks = [];
-    new PerformanceObserver((list) => window.tasks.push(...list.getEntries().map((e) => e.duration))).observe({ entryTypes: ['longtask'] });
-    // The page's own work in every frame: its animation callbacks.
-    window.work = [];
-    const request = window.requestAnimationFrame.bind(window);
-    window.requestAnimationFrame = (callback) =>
-      request((time) => {
-        const begun = performance.now();
-        callback(time);
-        window.work.push(performance.now() - begun);
-      });
-  });
+  await noteWork(page);
   await page.goto(url, { waitUntil: 'domcontentloaded' });
-  await page.waitForFunction((n) => document.body.dataset.finished !== 'false' && Number(document.body.dataset.chunks ?? 0) >= n, Number(options.chunks), { timeout: 120000 });
+  await page.waitForSelector('body[data-ready=true]:not([data-finished=false])', { timeout: 120000 });
   await page.waitForTimeout(6000);
-  const loading = await page.evaluate(() => ({ tasks: window.tasks.splice(0), frames: window.work.splice(0).length }));
+  const loading = await page.evaluate(() => { window.frames_.length = 0; return window.tasks_; });
   const client = await page.context().newCDPSession(page);
   await client.send('Performance.enable');
   const metric = async () => Object.fromEntries((await client.send('Performance.getMetrics')).metrics.map((m) => [m.name, m.value]));
@@ -40,23 +22,19 @@ try {
   await page.mouse.down();
   for (let i = 0; i < Number(options.frames); ++i) {
     await page.mouse.move(width * 0.3 + 2 * i, height * 0.5 + 20 * Math.sin(i / 10));
-    await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => done())));
+    await nextFrame(page);
   }
   await page.mouse.up();
   const after = await metric();
-  const result = await page.evaluate(() => {
-    const drawn = window.work.filter((ms) => ms > 0.05).sort((a, b) => a - b);
-    return { drawn, data: { ...document.body.dataset }, heap: performance.memory?.usedJSHeapSize };
-  });
-  const at = (share) => Number((result.drawn[Math.floor(share * (result.drawn.length - 1))] ?? 0).toFixed(2));
+  const result = await page.evaluate(() => ({ frames: window.frames_, data: { ...document.body.dataset }, heap: performance.memory?.usedJSHeapSize }));
+  const drawn = result.frames.filter(([all]) => all > LEAST_DRAWN);
   console.log(JSON.stringify({
-    frames: result.drawn.length,
-    page_ms_a_frame: { median: at(0.5), p95: at(0.95) },
+    frames: drawn.length, frame_ms: percentiles(drawn.map(([all, gl]) => all - gl)), frame_with_gl_ms: percentiles(drawn.map(([all]) => all)),
     main_thread_ms_a_frame: Number((((after.TaskDuration - before.TaskDuration) * 1000) / Number(options.frames)).toFixed(2)),
     script_ms_a_frame: Number((((after.ScriptDuration - before.ScriptDuration) * 1000) / Number(options.frames)).toFixed(2)),
     triangles: Number(result.data.triangles), vertices: Number(result.data.vertices), chunks: Number(result.data.chunks),
     map_bytes: Number(result.data.bytes), heap_bytes: result.heap,
-    longest_task_while_loading_ms: Math.round(Math.max(0, ...loading.tasks)),
+    longest_task_while_loading_ms: Math.round(Math.max(0, ...loading)),
   }));
 } finally {
   await browser.close();

@@ -1,8 +1,3 @@
-import { defineConfig } from 'vite';
+import { pageConfig } from '../vite_page';
 
-// Relative paths: the page works from any address. The output folder comes from CMake (--outDir).
-export default defineConfig({
-  base: './',
-  build: { target: 'es2022', emptyOutDir: true, chunkSizeWarningLimit: 900 },
-  server: { proxy: { '/api': 'http://127.0.0.1:8080' } },
-});
+export default pageConfig({ server: { proxy: { '/api': 'http://127.0.0.1:8080' } } });

@@ -7,9 +7,9 @@
 #include <charconv>
 #include <chrono>
 #include <cmath>
+#include <optional>
 #include <thread>
 
-#include "realtime/kernel/input_error.hpp"
 #include "telemetry/monitor/export/exports.hpp"
 #include "telemetry/monitor/map/chunk_stream.hpp"
 #include "telemetry/monitor/web/page_requests.hpp"
@@ -21,13 +21,12 @@ namespace {
 using namespace std::chrono_literals;
 using httplib::Request;
 using httplib::Response;
+using web::kBadRequest, web::kBusy, web::kConflict, web::kFailed, web::kNotFound, web::refuse;
 
 constexpr std::size_t kThreads = 24;    // each event stream holds one
 constexpr int kMaxEventStreams = 16;    // a page refused a stream asks for the state instead
 constexpr auto kEventInterval = 250ms;  // a person does not see faster
 constexpr auto kHeartbeat = 5s;         // tells a closed connection from a quiet dive
-constexpr int kBadRequest = 400, kUnauthorised = 401, kForbidden = 403, kNotFound = 404, kConflict = 409,
-              kFailed = 500, kBusy = 503;
 
 std::uint64_t sinceOf(const Request& request) {
   const std::string text = request.get_param_value("since");
@@ -36,58 +35,22 @@ std::uint64_t sinceOf(const Request& request) {
   return since;
 }
 
-void refuse(Response& response, int status, const std::string& why) {
-  response.status = status;
-  response.set_content(why + "\n", "text/plain");
-}
-
-const char* whyKept(AccessVerdict verdict) {
-  return verdict == AccessVerdict::kUnauthorised
-             ? "This monitor wants its token: open the address that fathom-monitor printed."
-             : "Only this monitor's own page, opened on this machine, may do that.";
-}
-
 }  // namespace
 
 struct WebServer::Impl {
-  Impl(SharedModel& s, Access a) : shared(s), access(std::move(a)) {}
-  void guard();
-  void reads();
-  void exports();
-  void posts();
+  explicit Impl(SharedModel& s) : shared(s) {}
+  void reads(httplib::Server& server);
+  void exports(httplib::Server& server);
+  void posts(httplib::Server& server);
   void events(Response& response);
 
   SharedModel& shared;
-  Access access;
-  httplib::Server server;
-  std::thread thread;
   std::atomic<int> streams{0};
-  int port = 0;
+  std::optional<web::PageServer> page;  // last: its threads use the rest
 };
 
-void WebServer::Impl::guard() {
-  server.set_pre_routing_handler([this](const Request& request, Response& response) {
-    response.set_header("Cache-Control", "no-store");
-    response.set_header("X-Content-Type-Options", "nosniff");
-    response.set_header("X-Frame-Options", "DENY");
-    response.set_header("Referrer-Policy", "no-referrer");
-    const std::string host = request.get_header_value("Host"), cookie = request.get_header_value("Cookie"),
-                      token = request.get_header_value(kTokenHeader),
-                      query = request.get_param_value("token");
-    const AccessVerdict verdict =
-        access.judge({request.method, host, cookie, token, query, request.has_header(kPageHeader)});
-    if (verdict == AccessVerdict::kUnauthorised || verdict == AccessVerdict::kForbidden) {
-      refuse(response, verdict == AccessVerdict::kUnauthorised ? kUnauthorised : kForbidden,
-             whyKept(verdict));
-      return httplib::Server::HandlerResponse::Handled;
-    }
-    if (verdict == AccessVerdict::kEnterAndSetCookie) response.set_header("Set-Cookie", access.setCookie());
-    return httplib::Server::HandlerResponse::Unhandled;
-  });
-}
-
-void WebServer::Impl::reads() {
-  const auto json = [this](const char* path, auto make) {
+void WebServer::Impl::reads(httplib::Server& server) {
+  const auto json = [this, &server](const char* path, auto make) {
     server.Get(path, [this, make](const Request&, Response& response) {
       const std::lock_guard lock(shared.mutex);
       response.set_content(make(shared), "application/json");
@@ -125,7 +88,7 @@ void WebServer::Impl::reads() {
   server.Get("/api/events", [this](const Request&, Response& response) { events(response); });
 }
 
-void WebServer::Impl::exports() {
+void WebServer::Impl::exports(httplib::Server& server) {
   for (const std::string_view name : kExportNames) {
     server.Get("/api/export/" + std::string(name), [this, name](const Request&, Response& response) {
       Export made;
@@ -142,7 +105,7 @@ void WebServer::Impl::exports() {
   }
 }
 
-void WebServer::Impl::posts() {
+void WebServer::Impl::posts(httplib::Server& server) {
   server.Post("/api/request", [this](const Request& request, Response& response) {
     std::string why;
     const auto wanted = parseRequest(request.body, why);
@@ -213,27 +176,15 @@ void WebServer::Impl::events(Response& response) {
       [this](bool) { --streams; });
 }
 
-WebServer::WebServer(SharedModel& shared, Access access, const std::string& address, int port,
-                     const std::filesystem::path& page)
-    : impl_(std::make_unique<Impl>(shared, std::move(access))) {
-  if (!std::filesystem::is_regular_file(page / "index.html"))
-    throw InputError(page.string(), "",
-                     "holds no index.html: build the target fathom_monitor_page, or give --page");
-  impl_->server.new_task_queue = [] { return new httplib::ThreadPool(kThreads); };
-  impl_->server.set_payload_max_length(kMaxBodyBytes);
-  impl_->server.set_keep_alive_timeout(2);
-  impl_->guard();
-  impl_->reads();
-  impl_->exports();
-  impl_->posts();
-  impl_->server.set_mount_point("/", page.string());
-  impl_->port = port == 0                                   ? impl_->server.bind_to_any_port(address)
-                : impl_->server.bind_to_port(address, port) ? port
-                                                            : -1;
-  if (impl_->port <= 0)
-    throw InputError("--http " + std::to_string(port), address,
-                     "cannot listen there: the port is taken or the address not ours");
-  impl_->thread = std::thread([this] { impl_->server.listen_after_bind(); });
+WebServer::WebServer(SharedModel& shared, web::PageServerConfig config)
+    : impl_(std::make_unique<Impl>(shared)) {
+  config.threads = kThreads;
+  config.max_body_bytes = kMaxBodyBytes;
+  impl_->page.emplace(config, [this](httplib::Server& server) {
+    impl_->reads(server);
+    impl_->exports(server);
+    impl_->posts(server);
+  });
 }
 
 WebServer::~WebServer() {
@@ -242,14 +193,10 @@ WebServer::~WebServer() {
     impl_->shared.closing = true;
   }
   impl_->shared.grew.notify_all();
-  // stop() only acts on a server that runs already.
-  while (!impl_->server.is_running()) std::this_thread::sleep_for(1ms);
-  impl_->server.stop();
-  impl_->thread.join();
 }
 
 int WebServer::port() const {
-  return impl_->port;
+  return impl_->page->port();
 }
 
 }  // namespace fathom::monitor

@@ -1,11 +1,9 @@
 #pragma once
 
-#include <filesystem>
 #include <memory>
-#include <string>
 
 #include "telemetry/monitor/model/shared_model.hpp"
-#include "telemetry/monitor/web/access.hpp"
+#include "telemetry/web/page_server.hpp"
 
 namespace fathom::monitor {
 
@@ -17,12 +15,10 @@ namespace fathom::monitor {
 //   /api/events           server-sent events, `data: {"epoch":E,"version":V}` after each change, at most 4 a
 //                         second
 //   POST /api/request, /api/fix, /api/playback     see page_requests.hpp
-// Every request passes Access first.
 class WebServer {
  public:
-  // `port` 0: any free one. Throws InputError when it cannot listen there or `page` holds no index.html.
-  WebServer(SharedModel& shared, Access access, const std::string& address, int port,
-            const std::filesystem::path& page);
+  // Throws InputError when it cannot listen; `config`'s threads and limits are set here.
+  WebServer(SharedModel& shared, web::PageServerConfig config);
   ~WebServer();
   [[nodiscard]] int port() const;
 

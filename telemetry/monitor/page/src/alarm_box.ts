@@ -1,6 +1,6 @@
 import { AlarmBook, THRESHOLD_LABELS, findAlarms, readThresholds, type Thresholds } from './alarms';
 import type { MonitorState } from './api';
-import { element, make } from './overlay';
+import { element, make } from '#kit/overlay';
 
 // The alarms in the panel: what stands, a button to acknowledge it, and the thresholds, which the browser keeps.
 
@@ -16,7 +16,7 @@ export class AlarmBox {
     for (const key of Object.keys(THRESHOLD_LABELS) as (keyof Thresholds)[]) {
       const [label, unit] = THRESHOLD_LABELS[key];
       const row = make('label', 'row');
-      const field = make('input') as HTMLInputElement;
+      const field = make('input');
       field.type = 'number';
       field.min = '0';
       field.step = 'any';
@@ -45,7 +45,7 @@ export class AlarmBox {
       row.append(make('span', '', alarm.text));
       if (alarm.acknowledged) row.append(make('em', '', 'seen'));
       else {
-        const button = make('button', '', 'Acknowledge');
+        const button = make('button', 'button', 'Acknowledge');
         button.onclick = () => {
           this.book.acknowledge(alarm.id);
           this.update(state, age);

@@ -1,5 +1,5 @@
 import type { MonitorState } from './api';
-import { duration } from './format';
+import { duration } from '#kit/format';
 
 // What the watch should be told of, and what it has answered. Pure: the panel draws it.
 

@@ -1,3 +1,7 @@
+import type { ProfilePoint } from '#kit/charts';
+import { measure } from '#kit/measure';
+import type { Place } from '#kit/place';
+
 // What fathom-monitor serves. Absent values are null.
 
 export interface VehicleStatus {
@@ -106,8 +110,6 @@ export interface History {
   steps: [bps: number, accepted: number, lost: number, rejected: number][];
 }
 
-export type ProfilePoint = [along_m: number, depth_m: number, sigma_m: number];
-
 export class Refused extends Error {
   constructor(readonly status: number, message: string) {
     super(message);
@@ -124,8 +126,13 @@ export const fetchState = async (): Promise<MonitorState> => (await get('api/sta
 export const fetchTrack = async (): Promise<TrackPoint[]> => (await (await get('api/track')).json()).points;
 export const fetchHistory = async (): Promise<History> => (await get('api/history')).json();
 export const fetchSquares = async (): Promise<ArrayBuffer> => (await get('api/coverage')).arrayBuffer();
-export const fetchProfile = async (n0: number, e0: number, n1: number, e1: number): Promise<(ProfilePoint | null)[]> =>
-  (await (await get(`api/profile?n0=${n0}&e0=${e0}&n1=${n1}&e1=${e1}`)).json()).points;
+// The map along a line.
+export async function fetchProfile(a: Place, b: Place): Promise<ProfilePoint[]> {
+  const answer = await get(`api/profile?n0=${a.north}&e0=${a.east}&n1=${b.north}&e1=${b.east}`);
+  const points = ((await answer.json()) as { points: ([along_m: number, depth_m: number, sigma_m: number] | null)[] }).points;
+  const step = measure(a, b).horizontal / (points.length - 1);
+  return points.map((p, i) => ({ along: i * step, depth: p?.[1] ?? NaN, sigma: p?.[2] ?? NaN }));
+}
 
 export async function fetchMap(since: number): Promise<{ epoch: string; batch: ArrayBuffer }> {
   const response = await get(`api/map?since=${since}`);

@@ -1,31 +1,31 @@
 import { post, type DownlinkState, type SentRequest } from './api';
-import { duration, spacingText } from './format';
-import { element, make } from './overlay';
-import { areaOf, type Rectangle } from './place';
+import { duration, spacingText } from '#kit/format';
+import { element, input, make } from '#kit/overlay';
+import { areaOf, type Bounds } from '#kit/place';
 
 // What the ship asks of the vehicle: detail in a box, rate, map on or off, a status now.
 
 const LONGEST_SIDE = 819.2; // of a box, as the link can say it [m]
 
 export class Commands {
-  box: Rectangle | null = null;
+  box: Bounds | null = null;
   onCleared: () => void = () => undefined;
   private shown = '';
 
   constructor() {
     element('ask-detail').onclick = () => void this.detail();
     element('drop-box').onclick = () => this.drop();
-    element('set-rate').onclick = () => void this.send({ kind: 'rate', rate_bps: Number((element('rate') as HTMLInputElement).value) });
+    element('set-rate').onclick = () => void this.send({ kind: 'rate', rate_bps: Number(input('rate').value) });
     element('pause').onclick = () => void this.send({ kind: 'pause-map' });
     element('resume').onclick = () => void this.send({ kind: 'resume-map' });
     element('send-status').onclick = () => void this.send({ kind: 'send-status' });
   }
 
-  setBox(box: Rectangle): void {
+  setBox(box: Bounds): void {
     this.box = box;
     element('box-card').hidden = false;
     element('box-size').textContent =
-      `${(box.northMax - box.northMin).toFixed(1)} × ${(box.eastMax - box.eastMin).toFixed(1)} m, ${areaOf(box).toFixed(0)} m²`;
+      `${(box.north1 - box.north0).toFixed(1)} × ${(box.east1 - box.east0).toFixed(1)} m, ${areaOf(box).toFixed(0)} m²`;
   }
 
   drop(): void {
@@ -37,14 +37,14 @@ export class Commands {
   private async detail(): Promise<void> {
     const b = this.box;
     if (!b) return;
-    if (Math.max(b.northMax - b.northMin, b.eastMax - b.eastMin) > LONGEST_SIDE) {
+    if (Math.max(b.north1 - b.north0, b.east1 - b.east0) > LONGEST_SIDE) {
       this.say('The box is too long: 819 m at most', true);
       return;
     }
     const sent = await this.send({
       kind: 'detail',
-      north_m: [b.northMin, b.northMax],
-      east_m: [b.eastMin, b.eastMax],
+      north_m: [b.north0, b.north1],
+      east_m: [b.east0, b.east1],
       spacing_m: Number((element('detail-spacing') as HTMLSelectElement).value),
       max_error_m: Number((element('detail-error') as HTMLSelectElement).value),
     });
@@ -95,7 +95,7 @@ export class Commands {
 export function fillSpacings(): void {
   const select = element('detail-spacing') as HTMLSelectElement;
   for (const spacing of [0.5, 0.25, 0.125, 0.0625, 0.03125]) {
-    const option = make('option', '', spacingText(spacing)) as HTMLOptionElement;
+    const option = make('option', '', spacingText(spacing));
     option.value = String(spacing);
     option.selected = spacing === 0.125;
     select.append(option);

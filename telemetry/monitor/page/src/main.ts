@@ -1,15 +1,20 @@
 import * as THREE from 'three';
+import '#kit/style.css';
+import './style.css';
+import { ProfileChart } from '#kit/charts';
+import { bytes, count, duration, number } from '#kit/format';
+import { lineText, measure } from '#kit/measure';
+import { drawScale, element, input, mark, segments } from '#kit/overlay';
+import { NAV_ORIGIN, areaOf, type Place } from '#kit/place';
 import { AlarmBox } from './alarm_box';
 import { Refused, fetchHistory, fetchMap, fetchProfile, fetchSquares, fetchState, fetchTrack, onGrowth, type MonitorState } from './api';
-import { LinkChart, ProfileChart } from './charts';
 import { decodeChunks, decodeSquares } from './chunks';
 import { Commands, fillSpacings } from './commands';
-import { bytes, count, duration, number, position } from './format';
+import { drawLegend } from './legend';
+import { LinkChart } from './link_chart';
 import type { ColourMode } from './material';
-import { banner, drawLegend, drawNorth, drawScale, element, mark, segments } from './overlay';
-import { buildPanel, drawPanel, write } from './panel';
+import { LATE_AFTER, buildPanel, drawPanel, positionOf, write } from './panel';
 import { Pending } from './pending';
-import { areaOf, geodetic, measure, type Origin, type Place } from './place';
 import { PlaybackBar } from './playback';
 import { Seafloor } from './seafloor';
 import { Tools, type Tool } from './tools';
@@ -19,24 +24,23 @@ import { View } from './view';
 const POLL_INTERVAL = 5000; // where no event stream comes through [ms]
 const CLOCK_INTERVAL = 1000; // ages count on between frames [ms]
 const SLOW_INTERVAL = 5000; // least time between two looks at the link's history and the squares that are missing [ms]
-const LATE_AFTER = 30; // [s]
 const VEHICLE_NEAR = 8; // above the highest of the map [m]
 
 // The token that the first address may carry is in the cookie now; it need not stay in sight.
 if (new URLSearchParams(location.search).has('token')) history.replaceState(null, '', location.pathname);
 
-let origin: Origin = { north: 0, east: 0, depth: 0 };
+let origin = NAV_ORIGIN; // of the scene
 let hasOrigin = false;
 const view = new View(element('scene') as HTMLCanvasElement);
 const seafloor = new Seafloor(() => origin);
 const pending = new Pending();
 const vehicle = new Vehicle();
-const tools = new Tools(view, element('scene') as HTMLCanvasElement, seafloor, () => origin);
+const tools = new Tools(view, () => origin);
+view.pickable = seafloor.group;
 view.world.add(seafloor.group, pending.group, vehicle.group, tools.group);
 view.beforeDraw = () => {
   vehicle.scaleTo(view.camera, view.exaggeration);
-  drawScale(view.metresPerPixel());
-  drawNorth(view.northAngle());
+  drawScale(view.metresPerPixel(), view.northAngle());
 };
 
 buildPanel();
@@ -82,12 +86,17 @@ function showMode(): void {
 
 // Contours at a round interval, ten or so over the range of depths.
 function showContours(): void {
-  const on = (element('contours') as HTMLInputElement).checked;
+  const on = input('contours').checked;
   const [low, high] = seafloor.ranges.depth;
   const interval = [0.1, 0.2, 0.25, 0.5, 1, 2, 5, 10, 20].find((step) => (high - low) / step <= 14) ?? 50;
   seafloor.material.set('contour', on ? interval : 0);
   element('contour-choice').title = `Depth contours every ${interval} m`;
   view.draw();
+}
+
+function banner(text: string | null): void {
+  element('banner').hidden = text === null;
+  element('banner').textContent = text ?? '';
 }
 
 function showClock(): void {
@@ -100,7 +109,7 @@ function showClock(): void {
   else if (failure) banner('The monitor program does not answer; trying again');
   else if (!state.recorded && age !== null && age > LATE_AFTER) banner(`No frame for ${duration(age)}`);
   else banner(null);
-  const { triangles, calls } = view.drawn;
+  const { triangles, calls } = view;
   write('work', `${view.frameTime.toFixed(1)} ms a frame · ${count(triangles)} triangles in ${calls} calls · map ${bytes(seafloor.bytes)}`);
   Object.assign(document.body.dataset, { frame: view.frameTime.toFixed(2), triangles: String(triangles), bytes: String(seafloor.bytes) });
 }
@@ -133,7 +142,7 @@ async function takeMap(): Promise<void> {
   showContours();
 }
 
-function setOrigin(place: Origin): void {
+function setOrigin(place: Place): void {
   origin = place;
   hasOrigin = true;
 }
@@ -169,7 +178,7 @@ async function refresh(): Promise<void> {
   // For tests and the screenshot script: what is on the screen.
   Object.assign(document.body.dataset, {
     chunks: String(seafloor.size), vertices: String(seafloor.vertices), track: String(Math.max(trackPoints, 0)),
-    finished: String(state.finished), epoch, pending: String(pending.count),
+    ready: String(seafloor.size > 0 && mapVersion >= state.map_version), finished: String(state.finished), epoch, pending: String(pending.count),
   });
 }
 
@@ -224,15 +233,12 @@ tools.onHover = (place: Place | null) => {
   box.hidden = place === null;
   if (!place) return;
   const m = state?.mission;
-  box.textContent = `${m ? `${position(...geodetic(m.origin_latitude_deg, m.origin_longitude_deg, place.north, place.east))}   ` : ''}${number(place.depth, 2, 'm deep')}`;
+  box.textContent = `${m ? `${positionOf(m, place.north, place.east)}   ` : ''}${number(place.depth, 2, 'm deep')}`;
 };
 tools.onLine = (a, b, done) => {
-  const { slope, horizontal, drop, bearing } = measure(a, b);
   element('measure-card').hidden = false;
-  element('measure-text').textContent =
-    `${slope.toFixed(2)} m · horizontal ${horizontal.toFixed(2)} m · ${Math.abs(drop).toFixed(2)} m ${drop >= 0 ? 'deeper' : 'shallower'} · bearing ${bearing.toFixed(0).padStart(3, '0')}°`;
-  if (done && horizontal > 0)
-    void fetchProfile(a.north, a.east, b.north, b.east).then((points) => profileChart.set(points, horizontal)).catch((error: unknown) => console.warn(error));
+  element('measure-text').textContent = lineText([a, b]);
+  if (done && measure(a, b).horizontal > 0) void fetchProfile(a, b).then((points) => profileChart.set(points)).catch((error: unknown) => console.warn(error));
 };
 tools.onBox = (box, done) => {
   if (done && areaOf(box) > 0) commands.setBox(box);
@@ -243,7 +249,7 @@ element('measure-close').onclick = () => {
   tools.clear();
 };
 
-const exaggeration = element('exaggeration') as HTMLInputElement;
+const exaggeration = input('exaggeration');
 exaggeration.oninput = () => {
   view.exaggeration = Number(exaggeration.value);
   seafloor.material.set('exaggeration', view.exaggeration);
@@ -251,7 +257,7 @@ exaggeration.oninput = () => {
 };
 element('contours').onchange = showContours;
 element('track').onchange = () => {
-  vehicle.trackShown = (element('track') as HTMLInputElement).checked;
+  vehicle.trackShown = input('track').checked;
   view.draw();
 };
 

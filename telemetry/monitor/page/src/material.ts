@@ -1,5 +1,5 @@
 import * as THREE from 'three';
-import { MAGMA, VIRIDIS, type Rgb } from './ramps';
+import { MAGMA, VIRIDIS, type Rgb } from '#kit/ramps';
 
 // The seafloor's material. All that can be coloured by travels with the vertices, so that a change of mode, range or
 // clock is a change of uniforms: no vertex is touched.

@@ -1,7 +1,7 @@
 import type { MonitorState } from './api';
-import { bytes, count, duration, number, position, utc } from './format';
-import { element, make } from './overlay';
-import { geodetic } from './place';
+import { bytes, count, dateAndClock, duration, number, position } from '#kit/format';
+import { transverseMercator } from '#kit/geodesy';
+import { element, make, row } from '#kit/overlay';
 
 // The numbers of the side panel. Built once; afterwards only texts that differ are written, so that an update costs
 // little and never takes the focus from a field. Every value has a data-name for tests.
@@ -21,11 +21,9 @@ const COUNTERS: Row[] = [['Late cycles', 'slipped'], ['Work given up', 'shed'], 
 function rows(list: Row[], className = 'rows'): HTMLElement {
   const box = make('div', className);
   for (const [label, name] of list) {
-    const row = make('div', 'row');
-    const value = make('b', '', '–');
-    value.dataset.name = name;
-    row.append(make('span', '', label), value);
-    box.append(row);
+    const line = row(label, '–');
+    line.querySelector('b')!.dataset.name = name;
+    box.append(line);
   }
   return box;
 }
@@ -52,10 +50,14 @@ function bar(id: string, ...shares: number[]): void {
   shares.forEach((share, i) => ((parts[i] as HTMLElement).style.width = `${Math.min(Math.max(share, 0), 1) * 100}%`));
 }
 
+// Latitude and longitude of a place in nav.
+export const positionOf = (mission: NonNullable<MonitorState['mission']>, north: number, east: number): string =>
+  position(transverseMercator({ latitude: mission.origin_latitude_deg, longitude: mission.origin_longitude_deg }).toGeodetic({ north, east }));
+
 export type Word = 'fresh' | 'late' | 'silent' | 'none';
 
 // How long since the last word, and how bad that is: late after three periods of the usual ten seconds.
-const LATE_AFTER = 30; // [s]
+export const LATE_AFTER = 30; // [s]
 
 export function wordOf(age: number | null, silence: number): Word {
   if (age === null) return 'none';
@@ -69,9 +71,9 @@ export function drawPanel(state: MonitorState, age: number | null, silence: numb
   write('dive', state.identity ? `dive ${state.identity.dive_id} · ${source}` : `${source} · waiting for frames`);
   const word = element('word');
   word.dataset.word = state.recorded ? 'recorded' : wordOf(age, silence);
-  write('age', state.recorded ? utc(state.now_utc_s).slice(11) : age === null ? 'none yet' : duration(age));
-  write('age-label', state.recorded ? `Recording, ${utc(state.now_utc_s).slice(0, 10)} UTC` : 'Since last word');
-  write('time', s ? `${utc(s.utc_s)} UTC` : '–');
+  write('age', state.recorded ? dateAndClock(state.now_utc_s).slice(11) : age === null ? 'none yet' : duration(age));
+  write('age-label', state.recorded ? `Recording, ${dateAndClock(state.now_utc_s).slice(0, 10)} UTC` : 'Since last word');
+  write('time', s ? `${dateAndClock(s.utc_s)} UTC` : '–');
 
   if (s) {
     write('depth', number(s.depth_m, 1, 'm'));
@@ -83,7 +85,7 @@ export function drawPanel(state: MonitorState, age: number | null, silence: numb
     write('north', number(s.north_m, 1, 'm'));
     write('east', number(s.east_m, 1, 'm'));
     const m = state.mission;
-    write('position', m ? position(...geodetic(m.origin_latitude_deg, m.origin_longitude_deg, s.north_m, s.east_m)) : 'origin not received yet');
+    write('position', m ? positionOf(m, s.north_m, s.east_m) : 'origin not received yet');
     write('battery', s.battery_percent === null ? 'not told' : `${s.battery_percent.toFixed(0)} %`);
     bar('battery-bar', (s.battery_percent ?? 0) / 100);
     write('progress', s.mission_progress === null ? 'no plan' : `${Math.round(s.mission_progress * 100)} %`);

@@ -1,7 +1,7 @@
 import * as THREE from 'three';
+import type { Place } from '#kit/place';
 import type { Square } from './chunks';
 import { COVERAGE_COLOURS } from './material';
-import type { Origin } from './place';
 
 // Squares that the vehicle has seen and the ship has not received: flat tiles at the depth that the altitude tells.
 
@@ -16,7 +16,7 @@ export class Pending {
   private mesh: THREE.Mesh | null = null;
   count = 0;
 
-  set(squares: Square[], origin: Origin): void {
+  set(squares: Square[], origin: Place): void {
     this.clear();
     this.count = squares.length;
     if (squares.length === 0) return;

@@ -1,13 +1,13 @@
 import { post, type PlaybackState } from './api';
-import { utc } from './format';
-import { element } from './overlay';
+import { dateAndClock } from '#kit/format';
+import { element, input } from '#kit/overlay';
 
 // The time slider of a recording.
 
 const SPEEDS: [value: number, label: string][] = [[1, '1×'], [10, '10×'], [60, '60×'], [300, '300×'], [0, 'at once']];
 
 export class PlaybackBar {
-  private slider = element('time-slider') as HTMLInputElement;
+  private slider = input('time-slider');
   private speed = element('play-speed') as HTMLSelectElement;
   private button = element('play') as HTMLButtonElement;
   private dragging = false;
@@ -44,7 +44,7 @@ export class PlaybackBar {
   }
 
   private showTime(seconds: number): void {
-    element('play-time').textContent = utc(seconds);
+    element('play-time').textContent = dateAndClock(seconds);
   }
 
   update(state: PlaybackState | null): void {

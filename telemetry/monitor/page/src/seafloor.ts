@@ -1,8 +1,8 @@
 import * as THREE from 'three';
+import type { Place } from '#kit/place';
+import { robustRange } from '#kit/ramps';
 import { HAS_COLOUR, positionsOf, type Chunk } from './chunks';
 import { SeafloorMaterial, type ColourMode } from './material';
-import { robustRange } from './ramps';
-import type { Origin } from './place';
 
 // The map as one mesh a chunk, relative to the scene's origin. Only chunks that changed are built anew.
 
@@ -34,7 +34,7 @@ export class Seafloor {
   baseUtc = 0; // [s]
   private shown = new Map<string, Shown>();
 
-  constructor(private origin: () => Origin) {}
+  constructor(private origin: () => Place) {}
 
   get size(): number {
     return this.shown.size;

@@ -1,9 +1,7 @@
 import * as THREE from 'three';
-import { Line2 } from 'three/examples/jsm/lines/Line2.js';
-import { LineGeometry } from 'three/examples/jsm/lines/LineGeometry.js';
-import { LineMaterial } from 'three/examples/jsm/lines/LineMaterial.js';
+import { Polyline } from '#kit/lines';
+import { toScene, type Place } from '#kit/place';
 import type { TrackPoint, VehicleStatus } from './api';
-import type { Origin, Place } from './place';
 
 // The vehicle, the line down to the seafloor below it, how well its position is known, and its track. Everything lies in
 // the exaggerated scene; the symbol undoes the exaggeration for itself.
@@ -13,14 +11,6 @@ const VEHICLE_COLOUR = 0xffe0a8;
 const LENGTH = 2; // of the symbol [m]
 const LEAST_SHARE = 0.024; // of the distance to the camera: the symbol never gets too small to see
 const RING_POINTS = 64;
-
-export const toScene = (origin: Origin, p: Place): THREE.Vector3 =>
-  new THREE.Vector3(p.east - origin.east, origin.depth - p.depth, origin.north - p.north);
-export const fromScene = (origin: Origin, v: THREE.Vector3): Place => ({
-  north: origin.north - v.z,
-  east: origin.east + v.x,
-  depth: origin.depth - v.y,
-});
 
 // A dart along -z (north), two metres long.
 function dart(): THREE.BufferGeometry {
@@ -55,22 +45,17 @@ export class Vehicle {
     new THREE.MeshBasicMaterial({ color: VEHICLE_COLOUR, transparent: true, opacity: 0.16, depthWrite: false, side: THREE.DoubleSide }),
   );
   readonly trackBox = new THREE.Box3(); // without exaggeration
-  private track = new Line2(
-    new LineGeometry(),
-    new LineMaterial({ color: TRACK_COLOUR, linewidth: 1.3, transparent: true, opacity: 0.75 }),
-  );
+  private track = new Polyline({ color: TRACK_COLOUR, linewidth: 1.3, opacity: 0.75 });
   readonly position = new THREE.Vector3(); // without exaggeration
 
   constructor() {
-    this.group.add(this.symbol, this.plumb, this.sigma, this.disc, this.track);
+    this.group.add(this.symbol, this.plumb, this.sigma, this.disc, this.track.object);
     this.group.visible = false;
-    this.track.frustumCulled = false;
-    this.track.visible = false;
   }
 
-  setStatus(status: VehicleStatus, origin: Origin): void {
+  setStatus(status: VehicleStatus, origin: Place): void {
     this.group.visible = true;
-    this.position.copy(toScene(origin, { north: status.north_m, east: status.east_m, depth: status.depth_m }));
+    this.position.copy(toScene({ north: status.north_m, east: status.east_m, depth: status.depth_m }, origin));
     this.symbol.position.copy(this.position);
     this.symbol.rotation.y = -THREE.MathUtils.degToRad(status.heading_deg);
     this.plumb.position.copy(this.position);
@@ -82,27 +67,19 @@ export class Vehicle {
     }
   }
 
-  setTrack(points: TrackPoint[], origin: Origin): void {
-    this.track.visible = points.length > 1;
-    if (!this.track.visible) return;
-    const positions = new Float32Array(points.length * 3);
-    points.forEach(([, north, east, depth], i) => {
-      positions[3 * i] = east - origin.east;
-      positions[3 * i + 1] = origin.depth - depth;
-      positions[3 * i + 2] = origin.north - north;
-    });
-    this.track.geometry.dispose();
-    this.track.geometry = new LineGeometry();
-    this.track.geometry.setPositions(positions);
-    this.trackBox.setFromArray(positions);
+  setTrack(points: TrackPoint[], origin: Place): void {
+    const places = points.map(([, north, east, depth]) => ({ north, east, depth }));
+    this.track.set(places, false, origin);
+    this.trackBox.setFromPoints(places.map((place) => toScene(place, origin)));
   }
 
   set trackShown(shown: boolean) {
-    this.track.material.visible = shown;
+    this.track.object.visible = shown;
   }
 
   clear(): void {
-    this.group.visible = this.track.visible = false;
+    this.group.visible = false;
+    this.track.set([]);
     this.trackBox.makeEmpty();
   }
 

@@ -2,50 +2,19 @@
 //   node browser.mjs FATHOM_MONITOR PACKETS PAGE [CHROMIUM]
 // Exits 77 (skipped) where Chromium is absent.
 import assert from 'node:assert/strict';
-import { spawn } from 'node:child_process';
-import { existsSync } from 'node:fs';
 import process from 'node:process';
-import { createInterface } from 'node:readline';
-import { chromium } from 'playwright-core';
+import { needBrowser, openPage, runTest, serve } from '#tools/browser';
 
-const [monitorPath, packets, pageFolder, browserPath = '/usr/bin/chromium'] = process.argv.slice(2);
-if (!existsSync(browserPath)) {
-  console.log(`SKIPPED: ${browserPath} is absent`);
-  process.exit(77);
-}
+const [monitorPath, packets, pageFolder, browserPath] = process.argv.slice(2);
+needBrowser(browserPath);
 
-async function start(...args) {
-  const child = spawn(monitorPath, [...args, '--page', pageFolder]);
-  const address = await new Promise((found, failed) => {
-    createInterface(child.stdout).on('line', (line) => {
-      const match = /http:\/\/\S+/.exec(line);
-      if (match) found(match[0]);
-    });
-    child.on('exit', (code) => failed(new Error(`fathom-monitor exited with ${code}`)));
-  });
-  child.removeAllListeners('exit');
-  return { child, address };
-}
-function ended(child) {
-  return new Promise((done) => child.on('exit', done));
-}
-
-let { child: monitor, address: url } = await start('--packets', packets, '--http', '0');
+const start = (port) => serve(monitorPath, '--packets', packets, '--http', port, '--page', pageFolder);
+let { child: monitor, address: url } = await start('0');
 const port = new URL(url).port;
 
-const browser = await chromium.launch({
-  executablePath: browserPath,
-  args: ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader'],
-});
-let failure = null;
-try {
-  const page = await browser.newPage({ viewport: { width: 1000, height: 700 } });
+await runTest(browserPath, async (browser) => {
   const problems = [];
-  page.on('pageerror', (error) => problems.push(String(error)));
-  page.on('request', (request) => {
-    if (!request.url().startsWith(url) && !request.url().startsWith('data:')) problems.push(`fetches ${request.url()}`);
-  });
-  await page.goto(url, { waitUntil: 'domcontentloaded' });
+  const page = await openPage(browser, url, problems, { viewport: { width: 1000, height: 700 } });
   const all = () =>
     page.waitForFunction(() => document.body.dataset.finished === 'true' && Number(document.body.dataset.chunks) > 0, null, { timeout: 60000 });
   await all();
@@ -124,26 +93,17 @@ try {
   await page.waitForFunction((vertices) => document.body.dataset.vertices === vertices, shown.vertices, { timeout: 10000 });
 
   // The monitor goes away: the page says so, and takes the new one's map when it is back.
-  const over = ended(monitor);
+  const over = new Promise((done) => monitor.on('exit', done));
   monitor.kill('SIGTERM');
   assert.equal(await over, 0, 'fathom-monitor exits cleanly on SIGTERM');
   await page.waitForSelector('#banner:not([hidden])', { timeout: 20000 });
   assert.match(await page.textContent('#banner'), /does not answer/);
   const before = await page.evaluate(() => document.body.dataset.epoch);
-  ({ child: monitor } = await start('--packets', packets, '--http', port));
+  ({ child: monitor } = await start(port));
   await page.waitForSelector('#banner', { state: 'hidden', timeout: 20000 });
   await page.waitForFunction((epoch) => document.body.dataset.epoch !== epoch, before, { timeout: 20000 });
   await all();
   assert.equal(await page.evaluate(() => document.body.dataset.vertices), shown.vertices);
   assert.deepEqual(problems, []);
   console.log(`browser test passed: ${shown.chunks} chunks, ${shown.track} track points`);
-} catch (error) {
-  failure = error;
-} finally {
-  await browser.close();
-  monitor.kill('SIGKILL');
-}
-if (failure) {
-  console.error(failure);
-  process.exit(1);
-}
+}, () => monitor.kill('SIGKILL'));

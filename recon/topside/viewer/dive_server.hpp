@@ -1,0 +1,24 @@
+#pragma once
+
+#include <filesystem>
+
+#include "telemetry/web/page_server.hpp"
+
+namespace fathom::topside {
+
+struct ServedDive {
+  std::filesystem::path output;  // holds scene.json
+  std::filesystem::path images;  // the original images; empty: none
+};
+
+// Finds the parts from what the user gave: an output folder, or the mission folder that holds one in
+// topside/. The image folder is the one that scene.json names. Throws InputError where there is no
+// scene.json, or it is none.
+[[nodiscard]] ServedDive findDive(const std::filesystem::path& folder);
+
+// Serves a dive to browsers on this machine (127.0.0.1 alone): `/` the page, `/dive/` the output, `/images/`,
+// and `/view.json`, which tells the page so. Nothing can be changed through it. Port 0: any that is free;
+// throws InputError where it cannot be had.
+[[nodiscard]] web::PageServer serveDive(const ServedDive& dive, const std::filesystem::path& page, int port);
+
+}  // namespace fathom::topside

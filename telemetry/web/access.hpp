@@ -1,0 +1,43 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace fathom::web {
+
+// What of a request decides whether it may enter. Absent headers are empty.
+struct AccessRequest {
+  std::string_view method;  // "GET", "POST"
+  std::string_view host;    // header Host
+  std::string_view cookie;  // header Cookie
+  std::string_view token_header, token_query;
+  bool has_page_header = false;  // kPageHeader, which no other site's page can send
+};
+
+enum class AccessVerdict { kEnter, kEnterAndSetCookie, kUnauthorised, kForbidden };
+
+inline constexpr const char* kPageHeader = "X-Fathom";
+inline constexpr const char* kTokenHeader = "X-Fathom-Token";
+
+// Who may use the page. With a token every request must bring it: in a header, in the cookie that the page's
+// first address (?token=...) sets, or in the address. Without one (loopback only) the request must name this
+// machine as its host, so that no other site's name can be pointed here. Whatever changes something needs the
+// page's own header as well.
+class Access {
+ public:
+  explicit Access(std::string token) : token_(std::move(token)) {}
+  [[nodiscard]] AccessVerdict judge(const AccessRequest& request) const;
+  [[nodiscard]] const std::string& token() const { return token_; }
+  // The header that hands the token to the browser.
+  [[nodiscard]] std::string setCookie() const;
+
+ private:
+  [[nodiscard]] bool matches(std::string_view given) const;
+  std::string token_;
+};
+
+[[nodiscard]] bool isLoopback(std::string_view address);  // an address or name, without a port
+// 128 random bits in hex.
+[[nodiscard]] std::string makeToken();
+
+}  // namespace fathom::web

@@ -1,0 +1,63 @@
+#include "recon/topside/viewer/dive_server.hpp"
+
+#include <gtest/gtest.h>
+#include <httplib.h>
+// The resolver's header, which httplib brings, takes a name that Eigen uses.
+#undef _res
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "realtime/kernel/input_error.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::topside {
+namespace {
+
+namespace fs = std::filesystem;
+
+class DiveServer : public testing::Test {
+ protected:
+  void SetUp() override {
+    write("secret.txt", "not for the browser");
+    write("page/index.html", "<html>page</html>");
+    write("mission/topside/scene.json",
+          R"({"format":1,"tileset":"tiles/tileset.json","image_folder":"../img"})");
+    write("mission/topside/tiles/0/0_0.glb", "0123456789");
+    write("mission/img/PR_1_LC16.tif", "image");
+  }
+  void write(const fs::path& name, const std::string& text) const {
+    fs::create_directories((root_ / name).parent_path());
+    std::ofstream(root_ / name, std::ios::binary) << text;
+  }
+  test::TemporaryFolder scratch_;
+  fs::path root_ = scratch_.path();
+};
+
+TEST_F(DiveServer, PageDiveAndImagesAreServedEachFromItsFolder) {
+  const web::PageServer server = serveDive(findDive(root_ / "mission"), root_ / "page", 0);
+  httplib::Client client("127.0.0.1", server.port());
+  EXPECT_EQ(client.Get("/")->body, "<html>page</html>");
+  const auto view = nlohmann::json::parse(client.Get("/view.json")->body);
+  EXPECT_EQ(client.Get("/" + view["dive"].get<std::string>() + "tiles/0/0_0.glb")->body, "0123456789");
+  EXPECT_EQ(client.Get("/" + view["images"].get<std::string>() + "PR_1_LC16.tif")->body, "image");
+  EXPECT_EQ(client.Get("/dive/absent.json")->status, 404);
+  EXPECT_EQ(client.Get("/dive/")->status, 404);
+  EXPECT_EQ(client.Get("/dive/..%2f..%2fsecret.txt")->status, 404);
+  EXPECT_EQ(client.Get("/dive/../../secret.txt")->status, 404);
+  EXPECT_EQ(client.Post("/dive/scene.json", "x", "text/plain")->status, 403);
+}
+
+TEST_F(DiveServer, AFolderWithoutADiveIsNamed) {
+  try {
+    (void)findDive(root_ / "page");
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("holds no scene.json"), std::string::npos);
+  }
+  write("mission/topside/scene.json", "{\"format\":1,");
+  EXPECT_THROW((void)findDive(root_ / "mission"), InputError);
+}
+
+}  // namespace
+}  // namespace fathom::topside

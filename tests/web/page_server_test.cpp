@@ -1,0 +1,127 @@
+#include "telemetry/web/page_server.hpp"
+
+#include <gtest/gtest.h>
+#include <httplib.h>
+// The resolver's header, which httplib brings, takes a name that Eigen uses.
+#undef _res
+
+#include <fstream>
+
+#include "realtime/kernel/input_error.hpp"
+#include "telemetry/web/served_folder.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::web {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Pages : public testing::Test {
+ protected:
+  void SetUp() override {
+    for (std::size_t i = 0; i < large_.size(); ++i) large_[i] = static_cast<char>(i * 7 % 251);
+    write("secret.txt", "not for the browser");
+    write("page/index.html", "<html>page</html>");
+    write("page/parts/large.tif", large_);
+    write("page/parts/empty.css", "");
+  }
+  void write(const fs::path& name, const std::string& text) const {
+    fs::create_directories((root_ / name).parent_path());
+    std::ofstream(root_ / name, std::ios::binary) << text;
+  }
+  [[nodiscard]] PageServer serve(PageServerConfig config = {}) const {
+    config.page = pageFolder(root_ / "page", "test");
+    config.option = "--port";
+    return PageServer(config, [](httplib::Server& server) {
+      server.Post("/api/echo", [](const httplib::Request& request, httplib::Response& response) {
+        response.set_content(request.body, "text/plain");
+      });
+    });
+  }
+  test::TemporaryFolder scratch_;
+  fs::path root_ = scratch_.path();
+  std::string large_ = std::string(300'000, '\0');
+};
+
+TEST_F(Pages, APathCannotLeaveTheFolder) {
+  const fs::path folder = root_ / "page";
+  EXPECT_TRUE(fileInside(folder, "index.html"));
+  EXPECT_TRUE(fileInside(folder, "./parts/large.tif"));
+  const std::string absolute = (root_ / "secret.txt").string();
+  for (const std::string_view path :
+       {std::string_view("../secret.txt"), std::string_view("parts/../../secret.txt"),
+        std::string_view("parts/../index.html"), std::string_view(absolute), std::string_view(""),
+        std::string_view("parts"), std::string_view("..\\secret.txt"), std::string_view("parts/\0.tif", 11),
+        std::string_view("parts/absent.tif")})
+    EXPECT_FALSE(fileInside(folder, path)) << path;
+}
+
+TEST_F(Pages, OnlyPagesOfThisMachineAreAnswered) {
+  const PageServer server = serve();
+  httplib::Client client("127.0.0.1", server.port());
+  EXPECT_EQ(client.Get("/")->status, 200);
+  EXPECT_EQ(client.Get("/", {{"Host", "evil.example"}})->status, 403);
+}
+
+TEST_F(Pages, EveryAnswerForbidsKeepingFramingAndGuessing) {
+  const PageServer server = serve();
+  httplib::Client client("127.0.0.1", server.port());
+  for (const char* path : {"/", "/absent.js"}) {
+    const auto answer = client.Get(path);
+    EXPECT_EQ(answer->get_header_value("Cache-Control"), "no-store") << path;
+    EXPECT_EQ(answer->get_header_value("X-Content-Type-Options"), "nosniff") << path;
+    EXPECT_EQ(answer->get_header_value("X-Frame-Options"), "DENY") << path;
+    EXPECT_EQ(answer->get_header_value("Referrer-Policy"), "no-referrer") << path;
+  }
+}
+
+TEST_F(Pages, FilesHaveTheirTypesAndNothingElseIsServed) {
+  const PageServer server = serve();
+  httplib::Client client("127.0.0.1", server.port());
+  const auto page = client.Get("/");
+  EXPECT_EQ(page->body, "<html>page</html>");
+  EXPECT_EQ(page->get_header_value("Content-Type"), "text/html; charset=utf-8");
+  EXPECT_EQ(client.Get("/index.html")->body, page->body);
+  EXPECT_EQ(client.Get("/parts/empty.css")->get_header_value("Content-Type"), "text/css");
+  for (const char* path : {"/absent.json", "/parts/", "/..%2fsecret.txt", "/../secret.txt"})
+    EXPECT_EQ(client.Get(path)->status, 404) << path;
+}
+
+TEST_F(Pages, PartsOfAFileAreServed) {
+  const PageServer server = serve();
+  httplib::Client client("127.0.0.1", server.port());
+  EXPECT_EQ(client.Get("/parts/large.tif")->body, large_);
+  const auto part = client.Get("/parts/large.tif", {httplib::make_range_header({{65'000, 199'999}})});
+  EXPECT_EQ(part->status, 206);
+  EXPECT_EQ(part->body, large_.substr(65'000, 135'000));
+  const auto tail = client.Get("/parts/large.tif", {httplib::make_range_header({{262'144, 327'679}})});
+  EXPECT_EQ(tail->status, 206);
+  EXPECT_EQ(tail->body, large_.substr(262'144)) << "a range is cut at the file's end";
+  EXPECT_EQ(client.Get("/parts/large.tif", {httplib::make_range_header({{262'144, -1}})})->body,
+            large_.substr(262'144));
+  EXPECT_EQ(client.Get("/parts/large.tif", {{"Range", "bytes=-1000"}})->body, large_.substr(299'000));
+  EXPECT_EQ(client.Get("/parts/large.tif", {httplib::make_range_header({{300'000, 300'010}})})->status, 416);
+}
+
+TEST_F(Pages, WhatIsPostedNeedsThePagesHeaderAndStaysInItsBounds) {
+  PageServerConfig config;
+  config.max_body_bytes = 8;
+  const PageServer server = serve(config);
+  httplib::Client client("127.0.0.1", server.port());
+  const httplib::Headers page{{kPageHeader, "page"}};
+  EXPECT_EQ(client.Post("/api/echo", "short", "text/plain")->status, 403);
+  EXPECT_EQ(client.Post("/api/echo", page, "short", "text/plain")->body, "short");
+  EXPECT_EQ(client.Post("/api/echo", page, "much too long", "text/plain")->status, 413);
+  EXPECT_EQ(client.Post("/index.html", page, "x", "text/plain")->status, 404);
+}
+
+TEST_F(Pages, WhatCannotBeServedIsNamed) {
+  EXPECT_THROW((void)pageFolder(root_ / "absent", "test"), InputError);
+  const PageServer server = serve();
+  PageServerConfig same;
+  same.port = server.port();
+  EXPECT_THROW((void)serve(same), InputError);
+}
+
+}  // namespace
+}  // namespace fathom::web
