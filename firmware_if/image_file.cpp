@@ -33,7 +33,7 @@ int digits(const std::string& text, std::size_t first, std::size_t count) {
 
 }  // namespace
 
-std::string imageFileName(std::int64_t utc_ns, CameraSide side) {
+FileName imageFileName(std::int64_t utc_ns, CameraSide side) {
   const CivilTime t = civilFromUtc(utc_ns);
   char name[80];
   std::snprintf(name, sizeof name, "PR_%04d%02d%02d_%02d%02d%02d_%03d_%s16.tif", t.year, t.month, t.day,

@@ -12,7 +12,7 @@
 namespace fathom::io {
 
 // "PR_YYYYMMDD_HHMMSS_mmm_LC16.tif" (left) or "..._RM16.tif" (right); UTC, truncated to the millisecond.
-[[nodiscard]] std::string imageFileName(std::int64_t utc_ns, CameraSide side);
+[[nodiscard]] FileName imageFileName(std::int64_t utc_ns, CameraSide side);
 // Time [ns] and side of such a name; std::nullopt for any other name or an impossible date.
 struct ImageName {
   std::int64_t utc_ns = 0;

@@ -39,7 +39,7 @@ void MissionRecorder::recordRaw(std::int64_t arrival_utc_ns, const std::string& 
 
 void MissionRecorder::recordImage(std::int64_t arrival_utc_ns, ImageEvent event, const ImageView& pixels) {
   if (event.file_name.empty()) event.file_name = imageFileName(event.utc_ns, event.side);
-  writeImage(paths_.images() / event.file_name, pixels);
+  writeImage(paths_.images() / event.file_name.view(), pixels);
   record(arrival_utc_ns, event);
 }
 

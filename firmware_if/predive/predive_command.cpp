@@ -120,13 +120,13 @@ PrediveDevices openDevices(const Configuration& config, const MissionConfig& mis
     });
   }
   if (!config.dvl.device.empty()) {
-    devices.expected[DeviceSample(DvlSample{}).index()] = true;
+    devices.expected[SensorSample(DvlSample{}).index()] = true;
     openDevice("DVL port", report,
                [&] { devices.sources.push_back(std::make_unique<DvlSource>(config.dvl, now)); });
   }
   if (!config.can.interface.empty()) {
-    devices.expected[DeviceSample(AttitudeSample{}).index()] = true;
-    devices.expected[DeviceSample(DepthSample{}).index()] = true;
+    devices.expected[SensorSample(AttitudeSample{}).index()] = true;
+    devices.expected[SensorSample(DepthSample{}).index()] = true;
     openDevice("CAN port", report,
                [&] { devices.sources.push_back(std::make_unique<CanSource>(config.can, clock)); });
   }

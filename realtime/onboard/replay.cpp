@@ -40,8 +40,7 @@ struct SlotCounts {
 SlotCounts fitToMission(OnboardConfig& config, const std::vector<io::OnboardInput>& inputs) {
   int exposures = 0;
   for (const io::OnboardInput& input : inputs)
-    if (const auto* sample = std::get_if<SensorSample>(&input.what))
-      if (const auto* image = std::get_if<ImageEvent>(sample)) exposures += image->side == CameraSide::kLeft;
+    if (const ImageEvent* image = io::imageOf(input)) exposures += image->side == CameraSide::kLeft;
   const SlotCounts counts = {std::clamp(exposures, 1, config.max_pairs),
                              std::clamp(exposures, 2, config.localisation.max_keyframes)};
   if (recordedLive(inputs)) return counts;

@@ -300,7 +300,7 @@ class OneRead final : public ByteStream {
 };
 
 struct Count final : SampleSink {
-  void sample(std::int64_t, const DeviceSample& s) noexcept override {
+  void sample(std::int64_t, const SensorSample& s) noexcept override {
     last = std::get<DvlSample>(s), ++samples;
   }
   void raw(std::int64_t, std::string_view, std::span<const std::uint8_t> bytes) noexcept override {

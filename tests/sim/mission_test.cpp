@@ -127,7 +127,7 @@ TEST(MissionMaker, WritesAMissionThatItsReadersAccept) {
     if (image == nullptr) continue;
     ++images;
     const bool left = image->side == CameraSide::kLeft;
-    const auto file = io::readImage(paths.images() / image->file_name,
+    const auto file = io::readImage(paths.images() / image->file_name.view(),
                                     left ? config.cameras.left_format : config.cameras.right_format,
                                     config.cameras.bits, rig.left.width, rig.left.height);
     EXPECT_FALSE(file.view.empty());

@@ -105,7 +105,7 @@ void LiveSystem::planMemory() {
   }
   budget_.addFixed("link", run_->system().link().memoryBytes());
   budget_.add("sequence of inputs", sizeof(sequence_), [this] {
-    constexpr std::size_t kEach = sizeof(io::LiveInput);
+    constexpr std::size_t kEach = sizeof(io::OnboardInput);
     return rt::PoolUse{sequence_.used() * kEach, sequence_.highWater() * kEach, sequence_.refused()};
   });
   budget_.addFixed("rings of devices", sizeof(own_rings_) + sizeof(frame_rings_) + sizeof(modem_ring_) +

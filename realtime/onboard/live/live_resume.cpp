@@ -28,7 +28,7 @@ void LiveSystem::resume() {
     rt::StateReader for_run(resume_.checkpoint->state), for_hard(resume_.checkpoint->state);
     if (!run_->load(for_run) || !for_hard(hard_.nav())) beginFromTheLog(for_run.failure());
   }
-  for (const io::OnboardInput& input : resume_.tail) hard_.recall(input);
+  for (const io::OnboardInput& input : resume_.tail) hard_.follow(input);
   hard_.sequencer().startAfter(resume_.last_ns);
   resumed_from_ = resume_.number();
   (void)hard_.mark({io::Mark::Kind::kRestart, resumed_from_});

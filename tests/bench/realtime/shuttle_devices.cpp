@@ -39,15 +39,10 @@ class ShuttleSamples final : public io::SampleSource {
     const Shuttle::Step step = shuttle_.at(next_);
     if (!waitFor(clock_, begin_ + step.arrival_ns, timeout_ms)) return true;
     ++next_;
-    std::visit(
-        [&](auto sample) {
-          if constexpr (!std::is_same_v<decltype(sample), ImageEvent>) {
-            sample.utc_ns += begin_;
-            if constexpr (std::is_same_v<decltype(sample), UsblFix>) sample.arrival_utc_ns += begin_;
-            sink.sample(clock_.utcNs(), DeviceSample(sample));
-          }
-        },
-        step.sample);
+    SensorSample sample = step.sample;
+    std::visit([this](auto& s) { s.utc_ns += begin_; }, sample);
+    if (auto* fix = std::get_if<UsblFix>(&sample)) fix->arrival_utc_ns += begin_;
+    sink.sample(clock_.utcNs(), sample);
     ++given_;
     return true;
   }

@@ -97,7 +97,7 @@ TEST_F(RecorderTest, TheLogHoldsEveryInputInOrderAndEveryImageThatItNames) {
 
 TEST_F(RecorderTest, OfferingTakesNoMemory) {
   const auto r = recorder();
-  const LiveInput input = dive_.input(1);
+  const OnboardInput input = dive_.input(1);
   const std::vector<std::uint8_t> bytes(500, 7);
   const rt::ThreadCost before = test::threadCost();
   for (int i = 0; i < 100; ++i) {
@@ -187,9 +187,8 @@ TEST_F(RecorderTest, AfterACrashRecordingGoesOnBehindTheLastWholeEntry) {
   }  // as by kill: nothing is closed
   const auto whole = std::filesystem::file_size(paths.log());
   test::writeText(paths.images() / "PR_20231114_221500_000_LC16.tif.tmp", "half");
-  std::filesystem::copy_file(
-      paths.images() / imageFileName(std::get<ImageStamp>(dive_.input(253).what).utc_ns, CameraSide::kLeft),
-      paths.images() / "PR_20231114_221500_000_LC16.tif");
+  std::filesystem::copy_file(paths.images() / imageOf(dive_.input(253))->file_name.view(),
+                             paths.images() / "PR_20231114_221500_000_LC16.tif");
   std::ofstream(paths.log(), std::ios::binary | std::ios::app) << "\xED\xA1\xDA\x01 and no more";
   {
     const auto r = recorder();

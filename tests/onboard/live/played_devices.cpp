@@ -23,19 +23,6 @@ bool waitFor(const VehicleClock& clock, std::int64_t utc_ns, int timeout_ms) {
   return true;
 }
 
-std::optional<DeviceSample> deviceSample(const SensorSample& sample, std::int64_t shift_ns) {
-  return std::visit(
-      [shift_ns](auto s) -> std::optional<DeviceSample> {
-        if constexpr (std::is_same_v<decltype(s), ImageEvent>) {
-          return std::nullopt;
-        } else {
-          s.utc_ns += shift_ns;
-          return DeviceSample(s);
-        }
-      },
-      sample);
-}
-
 class PlayedSamples final : public io::SampleSource {
  public:
   PlayedSamples(const PlayedMission& played, const VehicleClock& clock)
@@ -46,7 +33,9 @@ class PlayedSamples final : public io::SampleSource {
       const auto* sample = std::get_if<SensorSample>(&played_.inputs[next_].what);
       if (sample == nullptr || std::holds_alternative<ImageEvent>(*sample)) continue;
       if (!waitFor(clock_, played_.dueNs(next_), timeout_ms)) return true;
-      sink.sample(clock_.utcNs(), *deviceSample(*sample, played_.shift_ns));
+      SensorSample now = *sample;
+      std::visit([this](auto& s) { s.utc_ns += played_.shift_ns; }, now);
+      sink.sample(clock_.utcNs(), now);
       ++given_;
       ++next_;
       return true;
@@ -85,8 +74,7 @@ class PlayedCamera final : public io::CameraSource {
 
   bool poll(int timeout_ms, io::FrameSink& sink) noexcept override {
     for (; next_ < played_.inputs.size(); ++next_) {
-      const auto* sample = std::get_if<SensorSample>(&played_.inputs[next_].what);
-      const auto* event = sample != nullptr ? std::get_if<ImageEvent>(sample) : nullptr;
+      const ImageEvent* event = io::imageOf(played_.inputs[next_]);
       if (event == nullptr || event->side != side_) continue;
       if (!waitFor(clock_, played_.dueNs(next_), timeout_ms)) return true;
       give(*event, sink);
@@ -122,7 +110,8 @@ class PlayedCamera final : public io::CameraSource {
   void give(const ImageEvent& event, io::FrameSink& sink) {
     const std::uint64_t number = exposures_++;
     if (side_ == CameraSide::kLeft && number == options_.lost_left) return;
-    const io::ImageFile file = io::readImage(images_ / event.file_name, format_, bits_, width_, height_);
+    const io::ImageFile file =
+        io::readImage(images_ / event.file_name.view(), format_, bits_, width_, height_);
     io::CameraFrame frame;
     frame.block = pool_.acquire();
     if (frame.block == rt::SharedBlocks::kNone) {
