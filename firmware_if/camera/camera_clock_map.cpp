@@ -3,10 +3,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/kernel/seconds.hpp"
+
 namespace fathom::io {
 namespace {
 
-constexpr double kSecond = 1e9;                         // [ns]
+using rt::seconds;
+
 constexpr double kLeastSigma = 1e-6;                    // of a reading: nothing is latched better [s]
 constexpr double kArrivalSigma = 0.5e-3;                // of a window's least delay [s]
 constexpr double kWindow = 10;                          // of arrivals that give one point [s]
@@ -18,10 +21,6 @@ constexpr std::int64_t kCloseReadingNs = 5'000'000;     // a quarter of a pair's
 constexpr int kSettlingArrivals = 5;
 constexpr std::int64_t kLatestNs = std::int64_t{1} << 62;  // a damaged stamp; differences must not overflow
 constexpr std::int64_t kTaiAheadNs = 37'000'000'000;       // of UTC, since 2017
-
-double seconds(std::int64_t ns) {
-  return static_cast<double>(ns) / kSecond;
-}
 
 }  // namespace
 
@@ -44,7 +43,7 @@ void CameraClockMap::reset(std::int64_t device_ns, std::int64_t utc_ns) noexcept
 
 std::int64_t CameraClockMap::lineUtcNs(std::int64_t device_ns) const noexcept {
   const double lag = line_.at(seconds(device_ns - device_base_ns_));
-  return device_ns + offset_base_ns_ + static_cast<std::int64_t>(std::llround(lag * kSecond));
+  return device_ns + offset_base_ns_ + rt::nanoseconds(lag);
 }
 
 // How far a reading may lie from the line while the clock is the same: both are true to within their
@@ -53,7 +52,7 @@ std::int64_t CameraClockMap::readingTolerance(std::int64_t uncertainty_ns) const
   if (!has_readings_) return kLeapNs;
   double best = seconds(kLeapNs);
   for (std::size_t i = 0; i < line_.points().size(); ++i) best = std::min(best, line_.points()[i].sigma);
-  return kReadingMarginNs + uncertainty_ns + static_cast<std::int64_t>(best * kSecond);
+  return kReadingMarginNs + uncertainty_ns + rt::nanoseconds(best);
 }
 
 void CameraClockMap::addReading(std::int64_t device_ns, std::int64_t utc_ns,

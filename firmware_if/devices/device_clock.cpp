@@ -3,14 +3,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/kernel/seconds.hpp"
+
 namespace fathom::io {
 namespace {
 
-constexpr double kSecond = 1e9;  // [ns]
-
-std::int64_t nanoseconds(double seconds) {
-  return std::llround(seconds * kSecond);
-}
+using rt::nanoseconds;
+using rt::seconds;
 
 }  // namespace
 
@@ -31,8 +30,7 @@ void DeviceClock::begin(std::int64_t stamp_ns, std::int64_t arrival_ns) noexcept
 
 std::int64_t DeviceClock::vehicleNs(std::int64_t stamp_ns, std::int64_t arrival_ns) noexcept {
   if (!any_) begin(stamp_ns, arrival_ns);
-  rt::ClockPoint seen{static_cast<double>(stamp_ns - first_stamp_ns_) / kSecond,
-                      static_cast<double>(arrival_ns - stamp_ns - base_ns_) / kSecond};
+  rt::ClockPoint seen{seconds(stamp_ns - first_stamp_ns_), seconds(arrival_ns - stamp_ns - base_ns_)};
   // Before the first window is whole, the least so far is the best that is known.
   const double off = seen.lag - (line_.points().empty() ? least_.lag : line_.at(seen.time));
   const bool early = off<-config_.leap_s, late = off> config_.leap_s;

@@ -8,6 +8,7 @@
 #include "firmware_if/log/onboard_input.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/progress.hpp"
+#include "realtime/kernel/seconds.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "realtime/onboard/onboard_output.hpp"
 #include "realtime/onboard/onboard_system.hpp"
@@ -20,10 +21,7 @@ namespace fathom::onboard {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-
-double secondsSince(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
+using rt::secondsSince;
 
 // Recorded by this program on the vehicle: time itself is among the inputs.
 bool recordedLive(const std::vector<io::OnboardInput>& inputs) {

@@ -49,7 +49,7 @@ void pause(double seconds) {
 }
 
 LiveDevices openDevices(const LiveConfig& config, const io::MissionConfig& mission,
-                        const std::shared_ptr<io::LcmBus>& bus, const VehicleClock& clock,
+                        const std::shared_ptr<io::LcmBus>& bus, const rt::VehicleClock& clock,
                         io::CanSource*& can) {
   const auto now = [&clock] { return clock.utcNs(); };
   LiveDevices devices;
@@ -123,7 +123,7 @@ class PictureTaker {
   std::string picture_;
 };
 
-void watchOver(LiveSystem& live, const LiveOptions& options, const VehicleClock& clock,
+void watchOver(LiveSystem& live, const LiveOptions& options, const rt::VehicleClock& clock,
                PictureTaker* pictures) {
   const std::int64_t begin = clock.monotonicNs();
   double next_status = kStatusEvery_s;
@@ -177,7 +177,7 @@ int runLive(const LiveOptions& options) {
   (void)rt::setLibraryStackBytes(config.live.realtime.library_stack_bytes);
   listenToSignals();
 
-  VehicleClock clock(vehicleClockOffset(options.folder / "state"));
+  rt::VehicleClock clock(vehicleClockOffset(options.folder / "state"));
   std::shared_ptr<io::LcmBus> bus;
   io::CanSource* can = nullptr;
   if (!config.live.lcm.url.empty()) bus = std::make_shared<io::LcmBus>(config.live.lcm.url);

@@ -62,7 +62,7 @@ std::unique_ptr<OnboardOutput> LiveSystem::makeOutput(const LiveSetup& setup, bo
                                          setup.config.live.recorder.planned_hours);
 }
 
-LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock)
+LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, rt::VehicleClock& clock)
     : setup_(std::move(setup)),
       devices_(std::move(devices)),
       clock_(clock),

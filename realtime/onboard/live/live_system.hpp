@@ -20,12 +20,12 @@
 #include "realtime/kernel/tiers/realtime_config.hpp"
 #include "realtime/kernel/tiers/rt_thread.hpp"
 #include "realtime/kernel/tiers/watchdog.hpp"
+#include "realtime/kernel/vehicle_clock.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
 #include "realtime/onboard/live/device_threads.hpp"
 #include "realtime/onboard/live/hard_tier.hpp"
 #include "realtime/onboard/live/resume.hpp"
 #include "realtime/onboard/live/soft_tier.hpp"
-#include "realtime/onboard/live/vehicle_clock.hpp"
 #include "realtime/onboard/recorded_pairs.hpp"
 #include "realtime/onboard/slots/slot_file.hpp"
 
@@ -50,7 +50,7 @@ struct LiveSetup {
 class LiveSystem {
  public:
   // Everything that lives as long as the program is made here. Throws InputError, std::system_error.
-  LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock);
+  LiveSystem(LiveSetup setup, LiveDevices devices, rt::VehicleClock& clock);
   ~LiveSystem();
   LiveSystem(const LiveSystem&) = delete;
   LiveSystem& operator=(const LiveSystem&) = delete;
@@ -141,7 +141,7 @@ class LiveSystem {
 
   LiveSetup setup_;
   LiveDevices devices_;
-  VehicleClock& clock_;
+  rt::VehicleClock& clock_;
   rt::Watchdog watchdog_;
   rt::MemoryBudget budget_;
   rt::ArmingResult arming_;

@@ -15,7 +15,7 @@ double milliseconds(std::int64_t ns) {
 
 StatusPublisher::StatusPublisher(LiveSystem& live, std::shared_ptr<io::LcmBus> bus,
                                  const io::MissionConfig& mission, const std::filesystem::path& folder,
-                                 const Config& config, const VehicleClock& clock)
+                                 const Config& config, const rt::VehicleClock& clock)
     : live_(live),
       publisher_(bus ? std::make_unique<io::LcmPublisher>(std::move(bus), mission.vehicle_name) : nullptr),
       local_(mission.origin),

@@ -3,14 +3,14 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/kernel/seconds.hpp"
+
 namespace fathom::onboard {
 namespace {
 
 constexpr double kSecond = 1e9;  // [ns]
 
-std::int64_t nanoseconds(double seconds) {
-  return std::llround(seconds * kSecond);
-}
+using rt::nanoseconds;
 
 // A damaged stamp at the end of time must not overflow; odometry and pairing then refuse it.
 std::int64_t shifted(std::int64_t utc_ns, std::int64_t offset_ns) noexcept {

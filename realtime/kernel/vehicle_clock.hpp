@@ -4,18 +4,18 @@
 
 #include "realtime/kernel/clock.hpp"
 
-namespace fathom::onboard {
+namespace fathom::rt {
 
 // The vehicle's time: the monotonic clock and an offset to UTC that is fixed when the program arms, and kept
 // when it starts again on the same machine. Whoever sets the system's clock during a dive moves no sample.
-class VehicleClock final : public rt::Clock {
+class VehicleClock final : public Clock {
  public:
   // UTC less the monotonic clock [ns]. `rate`: seconds of both clocks in one of the machine's, for tests that
   // play a mission faster; 1 on a vehicle.
   explicit VehicleClock(std::int64_t offset_ns, double rate = 1) noexcept
       : offset_ns_(offset_ns), rate_(rate), begin_ns_(clock_.monotonicNs()) {}
   [[nodiscard]] static std::int64_t systemOffsetNs() noexcept {
-    const rt::RealClock clock;
+    const RealClock clock;
     return clock.utcNs() - clock.monotonicNs();
   }
 
@@ -39,10 +39,10 @@ class VehicleClock final : public rt::Clock {
     return begin_ns_ + static_cast<std::int64_t>(static_cast<double>(machine_ns - begin_ns_) * rate_);
   }
 
-  rt::RealClock clock_;
+  RealClock clock_;
   std::int64_t offset_ns_;
   double rate_;
   std::int64_t begin_ns_;  // of the machine's clock
 };
 
-}  // namespace fathom::onboard
+}  // namespace fathom::rt
