@@ -27,7 +27,6 @@ class VehicleClock final : public Clock {
           begin_ns_ + static_cast<std::int64_t>(static_cast<double>(monotonic_ns - begin_ns_) / rate_);
     clock_.sleepUntil(monotonic_ns);
   }
-  [[nodiscard]] std::int64_t offsetNs() const noexcept { return offset_ns_; }
   // By how much the system's clock has been set since the offset was taken [ns].
   [[nodiscard]] std::int64_t systemStepNs() const noexcept {
     return rate_ == 1 ? systemOffsetNs() - offset_ns_ : 0;

@@ -75,18 +75,6 @@ TEST(OverloadRule, LevelsRiseOneByOneInTheStatedOrder) {
                                            DegradationLevel::kDropFrames}));
 }
 
-TEST(OverloadRule, EachLevelAsksForNoMoreWorkThanTheOneBefore) {
-  for (std::size_t i = 1; i < kDegradationLevels; ++i) {
-    const FrameQuota before = frameQuota(static_cast<DegradationLevel>(i - 1));
-    const FrameQuota now = frameQuota(static_cast<DegradationLevel>(i));
-    EXPECT_LE(now.feature_share, before.feature_share);
-    EXPECT_LE(now.closures, before.closures);
-    EXPECT_LE(now.rebuild_share, before.rebuild_share);
-    EXPECT_GE(now.fusion_levels_coarser, before.fusion_levels_coarser);
-  }
-  EXPECT_EQ(frameQuota(DegradationLevel::kFull), FrameQuota{});
-}
-
 TEST(OverloadRule, ALongQueueDropsFramesAtOnceUntilItIsShort) {
   OverloadRule rule;
   const auto decided = rule.decide(frame(0.3, 5));

@@ -65,21 +65,4 @@ class StageTimes {
   LatestValue<Snapshot> published_;
 };
 
-// Measures a scope as one stage.
-template <typename ClockType>
-class StageScope {
- public:
-  StageScope(StageTimes& times, std::size_t stage, const ClockType& clock) noexcept
-      : times_(times), stage_(stage), clock_(clock), begin_ns_(clock.monotonicNs()) {}
-  ~StageScope() { times_.add(stage_, begin_ns_, clock_.monotonicNs()); }
-  StageScope(const StageScope&) = delete;
-  StageScope& operator=(const StageScope&) = delete;
-
- private:
-  StageTimes& times_;
-  std::size_t stage_;
-  const ClockType& clock_;
-  std::int64_t begin_ns_;
-};
-
 }  // namespace fathom::rt

@@ -13,21 +13,6 @@ constexpr DegradationLevel above(DegradationLevel level) {
 
 }  // namespace
 
-FrameQuota frameQuota(DegradationLevel level) noexcept {
-  switch (level) {
-    case DegradationLevel::kFull:
-      return {1.0, true, 1.0, 0};
-    case DegradationLevel::kFewerFeatures:
-      return {0.6, true, 1.0, 0};
-    case DegradationLevel::kNoClosures:
-      return {0.6, false, 0.5, 0};
-    case DegradationLevel::kCoarserFusion:
-    case DegradationLevel::kDropFrames:
-      return {0.4, false, 0.0, 1};
-  }
-  return {};
-}
-
 OverloadRule::OverloadRule(const OverloadConfig& config) noexcept
     : config_(config), lower_after_(config.lower_after) {
   assert(config.raise_after > 0 && config.lower_after > 0);

@@ -16,16 +16,6 @@ enum class DegradationLevel : std::uint8_t {
 };
 inline constexpr std::size_t kDegradationLevels = 5;
 
-// A level as numbers for the cores.
-struct FrameQuota {
-  double feature_share = 1;       // of the configured number of features
-  bool closures = true;           // registrations of closure candidates
-  double rebuild_share = 1;       // of the configured number of meshes fused anew
-  int fusion_levels_coarser = 0;  // tiles of twice the cell size for each
-  bool operator==(const FrameQuota&) const = default;
-};
-[[nodiscard]] FrameQuota frameQuota(DegradationLevel level) noexcept;
-
 struct OverloadConfig {
   double raise_at = 0.9;  // frame time over period from which a frame counts as too slow
   double lower_at = 0.5;  // below which it counts as easy; no higher than raise_at
