@@ -8,11 +8,12 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "realtime/kernel/health/timeline_svg.hpp"
+#include "realtime/kernel/health/trace_json.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/seconds.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 
-// What a live run tells about itself: memory planned, CPU by thread, live.json, the picture of its stages.
+// What a live run tells about itself: memory planned, CPU by thread, live.json, a trace of its stages.
 namespace fathom::onboard {
 namespace {
 
@@ -156,27 +157,26 @@ std::vector<LiveSystem::ThreadFigures> LiveSystem::cpuTimes() const {
 }
 
 std::string LiveSystem::timeline(double seconds) {
-  const std::int64_t now = clock_.monotonicNs();
-  const auto span = static_cast<std::int64_t>(seconds * 1e9);
-  rt::TimelinePicture picture;
-  picture.title = "fathom-onboard: the last " + std::to_string(static_cast<int>(seconds)) + " s";
-  picture.from_ns = now - span;
-  picture.to_ns = now;
-  const auto note = [&](rt::Tier tier) {
-    const rt::ThreadConfig c = rt::threadConfig(setup_.config.live.realtime, tier, "");
-    return c.fifo_priority > 0 && !setup_.config.live.realtime.soft
-               ? "SCHED_FIFO " + std::to_string(c.fifo_priority)
-               : std::string("best effort");
+  const std::int64_t now = clock_.monotonicNs(), from = now - rt::nanoseconds(seconds);
+  const rt::RealtimeConfig& realtime = setup_.config.live.realtime;
+  const auto thread = [&](const char* name, rt::Tier tier, const rt::StageTimes& stages,
+                          const rt::TimelineTrack& track) {
+    const rt::ThreadConfig c = rt::threadConfig(realtime, tier, "");
+    rt::TraceThread shown;
+    shown.name = std::string(name) + (c.fifo_priority > 0 && !realtime.soft
+                                          ? " (SCHED_FIFO " + std::to_string(c.fifo_priority) + ")"
+                                          : " (best effort)");
+    for (std::size_t i = 0; i < stages.stages(); ++i) shown.stages.emplace_back(stages.name(i));
+    shown.events = track.copy(from, now);
+    return shown;
   };
-  picture.rows.push_back(
-      rt::timelineRow("navigation", note(rt::Tier::kHard), hard_stages_, hard_track_, now, span));
-  picture.rows.back().period_ns = loop_->periodNs();
-  picture.rows.back().deadline_ns = loop_->nextDeadlineNs();
-  picture.rows.push_back(
-      rt::timelineRow("vision", note(rt::Tier::kSoft), soft_stages_, soft_track_, now, span));
-  picture.rows.push_back(
-      rt::timelineRow("recorder", note(rt::Tier::kBestEffort), recorder_stages_, recorder_track_, now, span));
-  return rt::timelineSvg(picture);
+  std::array<rt::TraceThread, 3> threads = {
+      thread("navigation", rt::Tier::kHard, hard_stages_, hard_track_),
+      thread("vision", rt::Tier::kSoft, soft_stages_, soft_track_),
+      thread("recorder", rt::Tier::kBestEffort, recorder_stages_, recorder_track_)};
+  threads[0].deadline_ns = first_deadline_ns_.load(std::memory_order_relaxed);
+  if (threads[0].deadline_ns != 0) threads[0].period_ns = realtime.period_ns;
+  return rt::traceJson("fathom-onboard", threads, from, now);
 }
 
 bool LiveSystem::write() {

@@ -172,6 +172,7 @@ std::size_t LiveSystem::addBestEffort(const char* name, std::function<void()> st
 void LiveSystem::runHard(rt::Heartbeat& heart) {
   while (!go_.load(std::memory_order_acquire)) restFor(kRestNs);
   loop_.emplace(clock_, setup_.config.live.realtime.period_ns);
+  first_deadline_ns_.store(loop_->nextDeadlineNs(), std::memory_order_relaxed);
   // The first cycles touch what was never touched before.
   constexpr int kWarmCycles = 50;
   int cycles = 0;

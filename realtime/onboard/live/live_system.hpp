@@ -93,7 +93,7 @@ class LiveSystem {
   std::size_t addBestEffort(const char* name, std::function<void()> step, std::int64_t rest_ns);
   [[nodiscard]] const rt::Watchdog& watchdog() const { return watchdog_; }
   [[nodiscard]] const rt::ArmingResult& arming() const { return arming_; }
-  // The last `seconds` of all tiers as a picture (SVG).
+  // The last `seconds` of all tiers, in Chrome's trace format.
   [[nodiscard]] std::string timeline(double seconds);
   [[nodiscard]] std::uint64_t clockSteps() const { return clock_steps_; }
   // The program went on with an earlier run's dive; how long nobody listened [s],
@@ -180,7 +180,8 @@ class LiveSystem {
       stop_modem_{false}, stop_recorder_{false}, soft_done_{false};
   std::atomic<std::uint64_t> hard_heap_calls_{0}, hard_minor_faults_{0}, hard_major_faults_{0},
       hard_slipped_{0};
-  std::size_t lanes_ = 0;  // of the recorder, in use
+  std::atomic<std::int64_t> first_deadline_ns_{0};  // of the hard loop, which keeps its phase; 0: not let go
+  std::size_t lanes_ = 0;                           // of the recorder, in use
   bool stopped_ = false;
   std::uint64_t roof_health_ = UINT64_MAX;
   std::uint64_t clock_steps_ = 0;
