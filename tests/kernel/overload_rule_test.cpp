@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
+#include <thread>
 #include <vector>
 
 #include "tests/support/heap_counter.hpp"
@@ -150,6 +152,18 @@ TEST(OverloadRule, TakesNoHeap) {
   const test::ThreadCost before = test::threadCost();
   for (int i = 0; i < 100; ++i) (void)rule.decide(frame(i % 3 == 0 ? 0.2 : 1.5, i % 5));
   EXPECT_EQ((test::threadCost() - before).heap_calls, 0u);
+}
+
+TEST(OverloadRule, AnyThreadMayAskForTheLevelWhileAnotherDecides) {
+  OverloadRule rule;
+  std::atomic<bool> decided{false};
+  std::thread vision([&] {
+    for (int i = 0; i < 20; ++i) (void)rule.decide(frame(1.5));
+    decided = true;
+  });
+  while (!decided) EXPECT_LE(rule.level(), DegradationLevel::kDropFrames);
+  vision.join();
+  EXPECT_EQ(rule.level(), DegradationLevel::kDropFrames);
 }
 
 }  // namespace

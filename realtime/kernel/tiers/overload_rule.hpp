@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 
@@ -56,7 +57,8 @@ class OverloadRule {
   // Once for each pair, before its work, in their order.
   [[nodiscard]] Decided decide(const Observation& observation) noexcept;
 
-  [[nodiscard]] DegradationLevel level() const noexcept { return level_; }
+  // From any thread.
+  [[nodiscard]] DegradationLevel level() const noexcept { return level_.load(std::memory_order_relaxed); }
   [[nodiscard]] const Statistics& statistics() const noexcept { return statistics_; }
 
  private:
@@ -64,7 +66,7 @@ class OverloadRule {
   void lower() noexcept;
 
   OverloadConfig config_;
-  DegradationLevel level_ = DegradationLevel::kFull;
+  std::atomic<DegradationLevel> level_{DegradationLevel::kFull};
   int slow_in_a_row_ = 0, easy_in_a_row_ = 0;
   int lower_after_;
   int since_lowered_ = 0;  // frames; counts while a lowering is on trial
