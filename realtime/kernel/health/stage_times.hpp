@@ -49,6 +49,7 @@ class StageTimes {
   [[nodiscard]] bool read(Snapshot& snapshot) noexcept { return published_.read(snapshot); }
 
   [[nodiscard]] std::size_t stages() const noexcept { return stages_.size(); }
+  [[nodiscard]] const TimelineTrack* track() const noexcept { return track_; }
   [[nodiscard]] const char* name(std::size_t stage) const { return stages_.at(stage).spec.name; }
   // By the writer, or when it rests.
   [[nodiscard]] StageSummary summary(std::size_t stage) const noexcept;

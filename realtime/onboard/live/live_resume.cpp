@@ -85,7 +85,7 @@ LiveSystem::~LiveSystem() {
   if (stopped_) return;
   stop_devices_ = stop_hard_ = stop_soft_ = stop_modem_ = stop_recorder_ = true;
   go_ = true;
-  joinAll();
+  threads_.joinAllBut({});
 }
 
 }  // namespace fathom::onboard

@@ -105,19 +105,22 @@ std::string statusLine(LiveSystem& live, double since_s) {
 // taken.
 class TraceTaker {
  public:
-  explicit TraceTaker(LiveSystem& live) : live_(live) {}
+  TraceTaker(LiveSystem& live, const rt::VehicleClock& clock) : live_(live), clock_(clock) {}
   void look(double since_s) {
     MapState map;
     if (!live_.soft().readForSupervisor(map) || map.pairs == pairs_) return;
     pairs_ = map.pairs;
     if (since_s < next_s_) return;
     next_s_ = since_s + kTraceEvery_s;
-    trace_ = live_.timeline(kTimeline_s);
+    trace_ = now();
   }
-  [[nodiscard]] std::string take() { return trace_.empty() ? live_.timeline(kTimeline_s) : trace_; }
+  [[nodiscard]] std::string take() { return trace_.empty() ? now() : trace_; }
 
  private:
+  [[nodiscard]] std::string now() const { return timelineOf(live_, clock_.monotonicNs(), kTimeline_s); }
+
   LiveSystem& live_;
+  const rt::VehicleClock& clock_;
   std::uint64_t pairs_ = 0;
   double next_s_ = 0;
   std::string trace_;
@@ -216,7 +219,7 @@ int runLive(const LiveOptions& options) {
   rt::ServiceNotify::ready(arming.complete() ? "armed" : "armed in soft mode");
 
   const rt::CpuWakeLimit wake(config.live.realtime.cpu_wake_us);
-  TraceTaker traces(live);
+  TraceTaker traces(live, clock);
   watchOver(live, options, clock, options.timeline ? &traces : nullptr);
   rt::ServiceNotify::stopping();
   const std::string trace = options.timeline ? traces.take() : "";

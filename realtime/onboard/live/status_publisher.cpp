@@ -105,7 +105,7 @@ io::LinkReport StatusPublisher::linkReport() const {
 io::HealthReport StatusPublisher::health() {
   io::HealthReport report;
   report.utc_ns = clock_.utcNs();
-  report.soft = !live_.arming().complete();
+  report.soft = !live_.complete();
   report.degradation = static_cast<std::uint8_t>(map_.level);
   report.uptime_s = static_cast<double>(clock_.monotonicNs() - begin_ns_) * 1e-9;
   report.clock_steps = live_.clockSteps();
