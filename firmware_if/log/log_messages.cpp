@@ -20,7 +20,7 @@
 #include <senlcm/tcm_t.hpp>
 #include <senlcm/usbl_fix_t.hpp>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "firmware_if/log/checked_message.hpp"
 
 namespace fathom::io {

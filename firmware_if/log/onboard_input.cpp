@@ -6,10 +6,10 @@
 #include <fathom/raw_t.hpp>
 #include <fathom/tick_t.hpp>
 
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "firmware_if/log/checked_message.hpp"
 #include "firmware_if/log/log_events.hpp"
-#include "firmware_if/mission.hpp"
-#include "firmware_if/sensor_log.hpp"
 
 namespace fathom::io {
 namespace {

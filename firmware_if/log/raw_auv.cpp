@@ -11,7 +11,7 @@
 #include <string_view>
 #include <vector>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom::io {

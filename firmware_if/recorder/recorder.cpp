@@ -10,10 +10,10 @@
 #include <utility>
 #include <vector>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission_folder.hpp"
+#include "firmware_if/files/mission_recorder.hpp"
 #include "firmware_if/log/recording_gap.hpp"
-#include "firmware_if/mission_folder.hpp"
-#include "firmware_if/mission_recorder.hpp"
 #include "firmware_if/recorder/disk_guard.hpp"
 #include "firmware_if/recorder/found_recording.hpp"
 #include "firmware_if/recorder/image_stage.hpp"

@@ -8,8 +8,8 @@
 #include <string_view>
 
 #include "firmware_if/camera/camera_source.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "firmware_if/log/onboard_input.hpp"
-#include "firmware_if/mission.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 

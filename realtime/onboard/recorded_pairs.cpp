@@ -2,7 +2,7 @@
 
 #include <cstdio>
 
-#include "firmware_if/feature_file.hpp"
+#include "firmware_if/files/feature_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/seconds.hpp"
 

@@ -12,7 +12,7 @@
 #include <thread>
 #include <vector>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/output_folder.hpp"
 #include "sim/boards/board_scene.hpp"

@@ -6,7 +6,7 @@
 #include <sstream>
 #include <string_view>
 
-#include "firmware_if/toml_text.hpp"
+#include "firmware_if/files/toml_text.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
 

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/geometry/sensor_samples.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "sim/hil/fault_script.hpp"

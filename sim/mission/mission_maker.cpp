@@ -11,12 +11,12 @@
 #include <thread>
 #include <vector>
 
-#include "firmware_if/feature_file.hpp"
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/mission.hpp"
-#include "firmware_if/mission_recorder.hpp"
-#include "firmware_if/pose_files.hpp"
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/feature_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/mission_recorder.hpp"
+#include "firmware_if/files/pose_files.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/mesh_io.hpp"

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/civil_time.hpp"
+#include "firmware_if/files/civil_time.hpp"
 #include "sim/scenario/scenario_file.hpp"
 
 namespace fathom::sim {

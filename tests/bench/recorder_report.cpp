@@ -15,7 +15,7 @@
 #include <thread>
 #include <vector>
 
-#include "firmware_if/mission_recorder.hpp"
+#include "firmware_if/files/mission_recorder.hpp"
 #include "firmware_if/recorder/recorder.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/log_histogram.hpp"

@@ -8,9 +8,9 @@
 #include <variant>
 #include <vector>
 
-#include "firmware_if/byte_file.hpp"
 #include "firmware_if/can/candump.hpp"
 #include "firmware_if/can/send/n2k_encoder.hpp"
+#include "firmware_if/files/byte_file.hpp"
 #include "recon/geometry/sea_water.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/test_data.hpp"

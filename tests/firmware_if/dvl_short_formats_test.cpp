@@ -6,11 +6,11 @@
 #include <random>
 #include <string>
 
-#include "firmware_if/civil_time.hpp"
 #include "firmware_if/dvl/dvl_sample.hpp"
 #include "firmware_if/dvl/dvl_source.hpp"
 #include "firmware_if/dvl/pd45_decoder.hpp"
 #include "firmware_if/dvl/pd6_decoder.hpp"
+#include "firmware_if/files/civil_time.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 
 namespace fathom::io {

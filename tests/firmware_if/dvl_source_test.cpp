@@ -8,7 +8,7 @@
 #include <random>
 #include <thread>
 
-#include "firmware_if/civil_time.hpp"
+#include "firmware_if/files/civil_time.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 #include "tests/firmware_if/pty_line.hpp"
 #include "tests/firmware_if/text_files.hpp"

@@ -1,8 +1,8 @@
-#include "firmware_if/mission_recorder.hpp"
+#include "firmware_if/files/mission_recorder.hpp"
 
 #include <gmock/gmock.h>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "tests/firmware_if/sample_dive.hpp"
 #include "tests/firmware_if/text_files.hpp"
 #include "tests/support/test_data.hpp"

@@ -9,7 +9,7 @@
 #include "firmware_if/dvl/dvl_sample.hpp"
 #include "firmware_if/dvl/pd0_decoder.hpp"
 #include "firmware_if/log/log_messages.hpp"
-#include "firmware_if/modem_ports.hpp"
+#include "firmware_if/modem/modem_ports.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "sim/hil/players/dvl_player.hpp"
 #include "sim/hil/players/lcm_player.hpp"

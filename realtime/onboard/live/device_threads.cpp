@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <ctime>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 
 namespace fathom::onboard {
 namespace {

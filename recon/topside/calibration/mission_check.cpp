@@ -9,8 +9,8 @@
 #include <numbers>
 #include <optional>
 
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/progress.hpp"
 #include "recon/lighting/rig_ranges.hpp"

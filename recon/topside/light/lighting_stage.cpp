@@ -9,7 +9,7 @@
 #include <opencv2/core.hpp>
 #include <optional>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/progress.hpp"
 #include "recon/lighting/rig_ranges.hpp"

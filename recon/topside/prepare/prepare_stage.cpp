@@ -5,7 +5,7 @@
 
 #include <optional>
 
-#include "firmware_if/feature_file.hpp"
+#include "firmware_if/files/feature_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/progress.hpp"
 #include "recon/closure/feature_extractor.hpp"

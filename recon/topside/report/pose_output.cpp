@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/topside/localise/crossovers.hpp"
 #include "recon/topside/report/html_text.hpp"

@@ -9,8 +9,8 @@
 #include <map>
 #include <memory>
 
-#include "firmware_if/mission.hpp"
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/progress.hpp"
 #include "recon/fusion/volumetric_fusion.hpp"

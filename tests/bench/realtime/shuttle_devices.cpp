@@ -9,7 +9,7 @@
 #include <system_error>
 #include <utility>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 
 namespace fathom::bench {
 namespace {

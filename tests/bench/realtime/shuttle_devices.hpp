@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 #include "tests/bench/realtime/shuttle.hpp"
 

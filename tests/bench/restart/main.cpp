@@ -15,7 +15,7 @@
 #include <fstream>
 #include <random>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/vehicle_clock.hpp"
 #include "realtime/onboard/live/resume.hpp"

@@ -10,10 +10,10 @@
 #include <map>
 #include <thread>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/recording_gap.hpp"
-#include "firmware_if/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
 #include "tests/firmware_if/text_files.hpp"

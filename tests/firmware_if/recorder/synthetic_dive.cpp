@@ -4,7 +4,7 @@
 #include <cstring>
 #include <set>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/recording_gap.hpp"
 #include "realtime/kernel/input_error.hpp"

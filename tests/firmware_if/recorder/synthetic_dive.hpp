@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "firmware_if/files/mission.hpp"
 #include "firmware_if/log/onboard_input.hpp"
-#include "firmware_if/mission.hpp"
 #include "firmware_if/recorder/recorder.hpp"
 #include "realtime/kernel/shared_blocks.hpp"
 #include "recon/geometry/stereo_rig.hpp"

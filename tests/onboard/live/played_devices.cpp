@@ -5,7 +5,7 @@
 #include <ctime>
 #include <utility>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 
 namespace fathom::test {
 namespace {

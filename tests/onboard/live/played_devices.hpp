@@ -5,8 +5,8 @@
 #include <memory>
 #include <vector>
 
+#include "firmware_if/files/mission.hpp"
 #include "firmware_if/log/onboard_input.hpp"
-#include "firmware_if/mission.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 
 namespace fathom::test {

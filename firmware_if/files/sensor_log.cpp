@@ -1,9 +1,9 @@
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 
+#include "firmware_if/files/mission.hpp"
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/log_messages.hpp"
 #include "firmware_if/log/raw_auv.hpp"
-#include "firmware_if/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom::io {

@@ -1,14 +1,14 @@
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 
 #include <algorithm>
 #include <cstdio>
 #include <cstring>
 #include <utility>
 
-#include "firmware_if/civil_time.hpp"
-#include "firmware_if/file_bytes.hpp"
-#include "firmware_if/image_pixels.hpp"
-#include "firmware_if/tiff_codec.hpp"
+#include "firmware_if/files/civil_time.hpp"
+#include "firmware_if/files/file_bytes.hpp"
+#include "firmware_if/files/images/image_pixels.hpp"
+#include "firmware_if/files/images/tiff_codec.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
 

@@ -1,4 +1,4 @@
-#include "firmware_if/image_times.hpp"
+#include "firmware_if/files/images/image_times.hpp"
 
 #include <algorithm>
 #include <charconv>

@@ -1,4 +1,4 @@
-#include "firmware_if/toml_text.hpp"
+#include "firmware_if/files/toml_text.hpp"
 
 #include <array>
 #include <charconv>

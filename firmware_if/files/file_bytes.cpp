@@ -1,4 +1,4 @@
-#include "firmware_if/file_bytes.hpp"
+#include "firmware_if/files/file_bytes.hpp"
 
 #include <fstream>
 #include <string>

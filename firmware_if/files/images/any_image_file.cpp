@@ -2,8 +2,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <utility>
 
-#include "firmware_if/file_bytes.hpp"
-#include "firmware_if/image_pixels.hpp"
+#include "firmware_if/files/file_bytes.hpp"
+#include "firmware_if/files/images/image_pixels.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 // Photographs of any make, JPEG too. Apart, because OpenCV's codecs bring a hundred megabytes of libraries,

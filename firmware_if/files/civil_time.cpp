@@ -1,4 +1,4 @@
-#include "firmware_if/civil_time.hpp"
+#include "firmware_if/files/civil_time.hpp"
 
 #include <chrono>
 

@@ -1,4 +1,4 @@
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/pose_files.hpp"
 
 #include <array>
 #include <charconv>
@@ -8,8 +8,8 @@
 #include <stdexcept>
 #include <string_view>
 
-#include "firmware_if/file_bytes.hpp"
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/file_bytes.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
 

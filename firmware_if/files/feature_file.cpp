@@ -1,4 +1,4 @@
-#include "firmware_if/feature_file.hpp"
+#include "firmware_if/files/feature_file.hpp"
 
 #include <zlib.h>
 
@@ -7,7 +7,7 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "firmware_if/file_bytes.hpp"
+#include "firmware_if/files/file_bytes.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
 

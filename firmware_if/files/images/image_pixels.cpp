@@ -1,4 +1,4 @@
-#include "firmware_if/image_pixels.hpp"
+#include "firmware_if/files/images/image_pixels.hpp"
 
 #include <png.h>
 

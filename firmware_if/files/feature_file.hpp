@@ -5,7 +5,7 @@
 #include <span>
 #include <string>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/geometry/stereo_feature_frame.hpp"
 
 namespace fathom::io {

@@ -6,8 +6,8 @@
 #include <span>
 #include <string>
 
-#include "firmware_if/mission.hpp"
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "recon/geometry/image_view.hpp"
 #include "recon/geometry/sensor_samples.hpp"
 #include "recon/geometry/stereo_rig.hpp"

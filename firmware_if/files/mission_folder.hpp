@@ -2,7 +2,7 @@
 
 #include <filesystem>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
 namespace fathom::io {

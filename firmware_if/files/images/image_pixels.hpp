@@ -5,8 +5,8 @@
 #include <span>
 #include <string>
 
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/tiff_codec.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/images/tiff_codec.hpp"
 
 namespace fathom::io {
 

@@ -1,4 +1,4 @@
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 
 #include <algorithm>
 #include <array>
@@ -10,9 +10,9 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "firmware_if/civil_time.hpp"
-#include "firmware_if/file_bytes.hpp"
-#include "firmware_if/toml_text.hpp"
+#include "firmware_if/files/civil_time.hpp"
+#include "firmware_if/files/file_bytes.hpp"
+#include "firmware_if/files/toml_text.hpp"
 #include "realtime/kernel/config_table.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"

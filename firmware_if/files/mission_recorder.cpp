@@ -1,11 +1,11 @@
-#include "firmware_if/mission_recorder.hpp"
+#include "firmware_if/files/mission_recorder.hpp"
 
 #include <cstdio>
 
-#include "firmware_if/civil_time.hpp"
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/civil_time.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission_folder.hpp"
 #include "firmware_if/log/raw_auv.hpp"
-#include "firmware_if/mission_folder.hpp"
 
 namespace fathom::io {
 

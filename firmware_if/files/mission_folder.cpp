@@ -1,4 +1,4 @@
-#include "firmware_if/mission_folder.hpp"
+#include "firmware_if/files/mission_folder.hpp"
 
 #include <system_error>
 

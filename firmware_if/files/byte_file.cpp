@@ -1,4 +1,4 @@
-#include "firmware_if/byte_file.hpp"
+#include "firmware_if/files/byte_file.hpp"
 
 #include <cerrno>
 #include <cstring>

@@ -1,4 +1,4 @@
-#include "firmware_if/tiff_codec.hpp"
+#include "firmware_if/files/images/tiff_codec.hpp"
 
 #include <tiffio.h>
 
