@@ -6,8 +6,8 @@
 #include <string>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/progress.hpp"
 #include "sim/boards/board_maker.hpp"
-#include "sim/progress_bar.hpp"
 #include "sim/scenario/scenario_file.hpp"
 
 namespace fathom::sim {
@@ -34,7 +34,8 @@ int run(BoardsOptions& options) {
   if (!options.calib.empty()) scenario.rig = readStereoCalib(options.calib);
   if (options.scale) scenario.scale = *options.scale;
   parseBoard(options.board, options.maker.board);
-  options.maker.progress = showProgress;
+  rt::ProgressBar bar;
+  options.maker.progress = [&bar](std::size_t done, std::size_t total) { bar.show(done, total, "pairs"); };
   makeBoards(scenario, options.maker);
   std::printf("%s: %d pairs of a board of %s inner corners, squares of %g mm\n", options.maker.out.c_str(),
               options.maker.poses.views, options.board.c_str(), 1e3 * options.maker.board.square);

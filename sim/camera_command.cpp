@@ -7,7 +7,7 @@
 #include <optional>
 #include <string>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "sim/hil/gige/gige_camera.hpp"
 

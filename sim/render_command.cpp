@@ -5,8 +5,8 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/text.hpp"
+#include "realtime/kernel/progress.hpp"
 #include "sim/mission/mission_maker.hpp"
-#include "sim/progress_bar.hpp"
 #include "sim/scenario/scenario_file.hpp"
 
 namespace fathom::sim {
@@ -42,7 +42,8 @@ int runRender(const RenderOptions& options) {
   maker.force = options.force;
   maker.threads = options.threads;
   maker.features = options.features;
-  maker.progress = showProgress;
+  rt::ProgressBar bar;
+  maker.progress = [&bar](std::size_t done, std::size_t total) { bar.show(done, total, "pairs"); };
   const MissionMakerReport report = makeMission(scenario, maker);
   std::printf("%s: %zu pairs in %.0f s over %.1f m, altitude %.1f to %.1f m, %zu log entries\n",
               options.out.c_str(), report.pairs, report.survey_s, report.track_m, report.lowest_m,

@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/kernel/seconds.hpp"
+
 namespace fathom::io {
 namespace {
 
-constexpr double kSecond = 1e9;                         // [ns]
-constexpr double kDriftSigma = 50e-6;                   // of free-running crystals
+using rt::seconds;
+
 constexpr double kLeastSigma = 1e-6;                    // of a reading: nothing is latched better [s]
 constexpr double kArrivalSigma = 0.5e-3;                // of a window's least delay [s]
 constexpr double kWindow = 10;                          // of arrivals that give one point [s]
@@ -20,10 +22,6 @@ constexpr int kSettlingArrivals = 5;
 constexpr std::int64_t kLatestNs = std::int64_t{1} << 62;  // a damaged stamp; differences must not overflow
 constexpr std::int64_t kTaiAheadNs = 37'000'000'000;       // of UTC, since 2017
 
-double seconds(std::int64_t ns) {
-  return static_cast<double>(ns) / kSecond;
-}
-
 }  // namespace
 
 void CameraClockMap::begin(std::int64_t device_ns, std::int64_t utc_ns) noexcept {
@@ -32,9 +30,8 @@ void CameraClockMap::begin(std::int64_t device_ns, std::int64_t utc_ns) noexcept
   arrivals_ = 0;
   device_base_ns_ = device_ns;
   offset_base_ns_ = utc_ns - device_ns;
-  points_.clear();
+  line_.restart();
   window_open_ = false;
-  centre_ = level_ = drift_ = 0;
   late_ = 0;
   reopened_ = false;
 }
@@ -45,9 +42,8 @@ void CameraClockMap::reset(std::int64_t device_ns, std::int64_t utc_ns) noexcept
 }
 
 std::int64_t CameraClockMap::lineUtcNs(std::int64_t device_ns) const noexcept {
-  const double x = seconds(device_ns - device_base_ns_);
-  const double y = level_ + drift_ * (x - centre_);
-  return device_ns + offset_base_ns_ + static_cast<std::int64_t>(std::llround(y * kSecond));
+  const double lag = line_.at(seconds(device_ns - device_base_ns_));
+  return device_ns + offset_base_ns_ + rt::nanoseconds(lag);
 }
 
 // How far a reading may lie from the line while the clock is the same: both are true to within their
@@ -55,8 +51,8 @@ std::int64_t CameraClockMap::lineUtcNs(std::int64_t device_ns) const noexcept {
 std::int64_t CameraClockMap::readingTolerance(std::int64_t uncertainty_ns) const noexcept {
   if (!has_readings_) return kLeapNs;
   double best = seconds(kLeapNs);
-  for (std::size_t i = 0; i < points_.size(); ++i) best = std::min(best, points_[i].sigma);
-  return kReadingMarginNs + uncertainty_ns + static_cast<std::int64_t>(best * kSecond);
+  for (std::size_t i = 0; i < line_.points().size(); ++i) best = std::min(best, line_.points()[i].sigma);
+  return kReadingMarginNs + uncertainty_ns + rt::nanoseconds(best);
 }
 
 void CameraClockMap::addReading(std::int64_t device_ns, std::int64_t utc_ns,
@@ -72,63 +68,35 @@ void CameraClockMap::addReading(std::int64_t device_ns, std::int64_t utc_ns,
   }
   settled_ = settled_ || uncertainty_ns <= kCloseReadingNs;
   if (!has_readings_) {
-    points_.clear();
+    line_.forgetPoints();
     has_readings_ = true;
   }
-  points_.pushDroppingOldest({seconds(device_ns - device_base_ns_),
-                              seconds(utc_ns - device_ns - offset_base_ns_),
-                              std::max(seconds(uncertainty_ns), kLeastSigma)});
-  fit();
+  line_.add({seconds(device_ns - device_base_ns_), seconds(utc_ns - device_ns - offset_base_ns_),
+             std::max(seconds(uncertainty_ns), kLeastSigma)});
 }
 
 void CameraClockMap::noReadings() noexcept {
   if (!has_readings_) return;
   has_readings_ = settled_ = false;
   arrivals_ = 0;
-  points_.clear();
+  line_.forgetPoints();
 }
 
 void CameraClockMap::addArrival(std::int64_t device_ns, std::int64_t utc_ns) noexcept {
-  const Point point{seconds(device_ns - device_base_ns_),
-                    seconds(utc_ns - device_ns - offset_base_ns_ - least_delay_ns_), kArrivalSigma};
+  const rt::ClockPoint point{seconds(device_ns - device_base_ns_),
+                             seconds(utc_ns - device_ns - offset_base_ns_ - least_delay_ns_), kArrivalSigma};
   if (!window_open_) {
     window_open_ = true;
-    window_start_ = point.x;
+    window_start_ = point.time;
     least_ = point;
-  } else if (point.y < least_.y) {
+  } else if (point.lag < least_.lag) {
     least_ = point;
   }
-  if (points_.empty()) {
-    // Before the first window is full its least so far stands for it.
-    level_ = least_.y;
-    drift_ = 0;
-  }
-  if (point.x - window_start_ < kWindow) return;
-  points_.pushDroppingOldest(least_);
+  // Before the first window is full its least so far stands for it.
+  if (line_.points().empty()) line_.hold(least_.lag);
+  if (point.time - window_start_ < kWindow) return;
+  line_.add(least_);
   window_open_ = false;
-  fit();
-}
-
-// Weighted least squares about the points' centre, with the drift's prior as one more equation.
-void CameraClockMap::fit() noexcept {
-  double weight = 0, x = 0, y = 0;
-  for (std::size_t i = 0; i < points_.size(); ++i) {
-    const double w = 1 / (points_[i].sigma * points_[i].sigma);
-    weight += w;
-    x += w * points_[i].x;
-    y += w * points_[i].y;
-  }
-  x /= weight;
-  y /= weight;
-  double xx = 1 / (kDriftSigma * kDriftSigma), xy = 0;
-  for (std::size_t i = 0; i < points_.size(); ++i) {
-    const double w = 1 / (points_[i].sigma * points_[i].sigma);
-    xx += w * (points_[i].x - x) * (points_[i].x - x);
-    xy += w * (points_[i].x - x) * (points_[i].y - y);
-  }
-  centre_ = x;
-  level_ = y;
-  drift_ = xy / xx;
 }
 
 bool CameraClockMap::timeOfDay(std::int64_t device_ns, std::int64_t utc_ns,
@@ -159,7 +127,7 @@ void CameraClockMap::watch(std::int64_t device_ns, std::int64_t utc_ns) noexcept
     return;
   }
   // Until there is a line, one late frame may have set the offset, and the next shows it.
-  const bool early = lateness < (points_.empty() ? -kLeapNs : -kBeforeExposureNs);
+  const bool early = lateness < (line_.points().empty() ? -kLeapNs : -kBeforeExposureNs);
   late_ = reopened_ && lateness > kLeapNs ? late_ + 1 : 0;
   if (lateness <= kLeapNs) reopened_ = false;
   if (early || late_ == kLateFrames) reset(device_ns, utc_ns);

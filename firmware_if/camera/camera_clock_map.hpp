@@ -1,9 +1,8 @@
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 
-#include "realtime/kernel/fixed_queue.hpp"
+#include "realtime/kernel/clock_line.hpp"
 
 namespace fathom::io {
 
@@ -52,22 +51,17 @@ class CameraClockMap {
   }  // times held back to stay in order
   [[nodiscard]] std::uint64_t unsynchronised() const noexcept { return unsynchronised_; }  // kPtp only
   [[nodiscard]] double drift() const noexcept {
-    return drift_;
+    return line_.rate();
   }  // vehicle's seconds a camera's second, less 1
   [[nodiscard]] bool hasReadings() const noexcept { return has_readings_; }
 
  private:
-  static constexpr std::size_t kPoints = 64;
-  struct Point {
-    double x = 0, y = 0;  // stamp, and utc less stamp, both since the line's first [s]
-    double sigma = 0;     // of y [s]
-  };
+  static constexpr double kDriftSigma = 50e-6;  // of free-running crystals
   void begin(std::int64_t device_ns, std::int64_t utc_ns) noexcept;
   void reset(std::int64_t device_ns, std::int64_t utc_ns) noexcept;
   void addArrival(std::int64_t device_ns, std::int64_t utc_ns) noexcept;
   void watch(std::int64_t device_ns, std::int64_t utc_ns) noexcept;
   [[nodiscard]] std::int64_t readingTolerance(std::int64_t uncertainty_ns) const noexcept;
-  void fit() noexcept;
   [[nodiscard]] std::int64_t lineUtcNs(std::int64_t device_ns) const noexcept;
   [[nodiscard]] std::int64_t inOrder(std::int64_t utc_ns) noexcept;
   [[nodiscard]] bool timeOfDay(std::int64_t device_ns, std::int64_t utc_ns,
@@ -78,11 +72,10 @@ class CameraClockMap {
   bool any_ = false, has_readings_ = false, any_out_ = false, any_device_ = false;
   std::int64_t device_base_ns_ = 0, offset_base_ns_ = 0;  // of the line's first point
   std::int64_t newest_device_ns_ = 0, newest_utc_ns_ = 0;
-  rt::FixedQueue<Point, kPoints> points_;
-  Point least_;  // of the open window of arrivals
+  rt::ClockLine line_{kDriftSigma};
+  rt::ClockPoint least_;  // of the open window of arrivals
   double window_start_ = 0;
   bool window_open_ = false;
-  double centre_ = 0, level_ = 0, drift_ = 0;  // the line: y = level + drift (x - centre)
   bool settled_ = false;
   int arrivals_ = 0;  // since the line began, as far as they matter
   bool reopened_ = false;

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "firmware_if/camera/pixel_unpack.hpp"
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "realtime/kernel/config_table.hpp"
 #include "recon/geometry/sensor_samples.hpp"
 

@@ -7,10 +7,10 @@
 #include <stdexcept>
 #include <vector>
 
-#include "firmware_if/byte_file.hpp"
 #include "firmware_if/can/candump.hpp"
 #include "firmware_if/can/n2k_definitions.hpp"
 #include "firmware_if/can/raw_can.hpp"
+#include "firmware_if/files/byte_file.hpp"
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/log_messages.hpp"
 #include "realtime/kernel/input_error.hpp"

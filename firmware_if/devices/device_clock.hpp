@@ -2,7 +2,7 @@
 
 #include <cstdint>
 
-#include "realtime/kernel/fixed_queue.hpp"
+#include "realtime/kernel/clock_line.hpp"
 
 namespace fathom::io {
 
@@ -35,30 +35,23 @@ class DeviceClock {
   // What must be added to the device's time to get the vehicle's, at the last stamp [s]; how fast it grows
   // [s/s]. 0 before the first message.
   [[nodiscard]] double offset() const noexcept { return static_cast<double>(offset_ns_) / 1e9; }
-  [[nodiscard]] double rate() const noexcept { return rate_; }
+  [[nodiscard]] double rate() const noexcept { return line_.rate(); }
   // Times that the clock was set anew, and messages that came too late.
   [[nodiscard]] std::uint64_t leaps() const noexcept { return leaps_; }
   [[nodiscard]] std::uint64_t late() const noexcept { return late_; }
 
  private:
-  static constexpr double kWindow = 5;         // of the device's time, that gives one least difference [s]
-  static constexpr std::size_t kWindows = 64;  // that the line is fitted to: over five minutes
-  static constexpr std::size_t kFewest = 6;    // windows before the line may have a slope: half a minute
-  static constexpr int kLateAlike = 5;         // messages that make a leap
-  struct Least {
-    double time = 0, delay = 0;  // since the first stamp; arrival less stamp, less the base [s]
-  };
+  static constexpr double kWindow = 5;       // of the device's time, that gives one least difference [s]
+  static constexpr std::size_t kFewest = 6;  // windows before the line may have a slope: half a minute
+  static constexpr int kLateAlike = 5;       // messages that make a leap
   void begin(std::int64_t stamp_ns, std::int64_t arrival_ns) noexcept;
-  void fit() noexcept;
-  [[nodiscard]] double lineAt(double time) const noexcept { return level_ + rate_ * (time - centre_); }
 
   Config config_;
   bool any_ = false;
   std::int64_t first_stamp_ns_ = 0, base_ns_ = 0, offset_ns_ = 0;
-  Least least_;  // of the window under way
+  rt::ClockPoint least_;  // arrival less stamp, of the window under way
   double window_begin_ = 0;
-  rt::FixedQueue<Least, kWindows> windows_;
-  double centre_ = 0, level_ = 0, rate_ = 0;
+  rt::ClockLine line_;
   int late_in_row_ = 0;
   double late_delay_ = 0;  // of the last message that came too late [s]
   std::uint64_t leaps_ = 0, late_ = 0;

@@ -16,7 +16,7 @@ class SampleSink {
  public:
   virtual ~SampleSink() = default;
   // `arrival_utc_ns`: when the last byte of it reached this machine.
-  virtual void sample(std::int64_t arrival_utc_ns, const DeviceSample& sample) noexcept = 0;
+  virtual void sample(std::int64_t arrival_utc_ns, const SensorSample& sample) noexcept = 0;
   // Bytes as they came, for the log: `source` is "RAW_DVL", "RAW_CAN"...; static storage.
   virtual void raw(std::int64_t arrival_utc_ns, std::string_view source,
                    std::span<const std::uint8_t> bytes) noexcept = 0;

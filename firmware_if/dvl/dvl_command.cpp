@@ -8,9 +8,9 @@
 #include <stdexcept>
 #include <vector>
 
-#include "firmware_if/byte_file.hpp"
 #include "firmware_if/dvl/dvl_sample.hpp"
 #include "firmware_if/dvl/pd0_decoder.hpp"
+#include "firmware_if/files/byte_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom::io {

@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <numbers>
 
-#include "firmware_if/civil_time.hpp"
+#include "firmware_if/files/civil_time.hpp"
 
 namespace fathom::io {
 namespace {

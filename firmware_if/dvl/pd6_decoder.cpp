@@ -5,7 +5,7 @@
 #include <cstring>
 #include <string_view>
 
-#include "firmware_if/civil_time.hpp"
+#include "firmware_if/files/civil_time.hpp"
 
 namespace fathom::io {
 namespace {

@@ -9,11 +9,10 @@
 namespace fathom::io {
 namespace {
 
-constexpr std::size_t kKinds = std::variant_size_v<DeviceSample>;
-// In the order of DeviceSample.
-constexpr std::array<std::string_view, kKinds> kWords = {"dvl",   "attitude", "depth",    "usbl", "gps",
-                                                         "water", "battery",  "progress", "gyro"};
-constexpr std::array<const char*, kKinds> kChannels = {
+// In the order of SensorSample.
+constexpr std::array<std::string_view, kDeviceKinds> kWords = {"dvl",   "attitude", "depth",    "usbl", "gps",
+                                                               "water", "battery",  "progress", "gyro"};
+constexpr std::array<const char*, kDeviceKinds> kChannels = {
     "RDI",          "FATHOM_ATTITUDE", "FATHOM_DEPTH",    "FATHOM_USBL", "FATHOM_GPS",
     "FATHOM_WATER", "FATHOM_BATTERY",  "FATHOM_PROGRESS", "FATHOM_GYRO"};
 // A ship's fix has crossed the water, and perhaps waited for its turn.
@@ -64,21 +63,11 @@ struct Plausible {
     return within(s.voltage, 0, 2000) && within(s.current, -1e4, 1e4) && within(s.charge, 0, 1);
   }
   bool operator()(const MissionProgressSample& s) const { return s.fraction >= 0 && s.fraction <= 1; }
+  bool operator()(const ImageEvent&) const { return false; }  // cameras are not on the bus
 };
 
-std::int64_t stampOf(const DeviceSample& sample) {
+std::int64_t stampOf(const SensorSample& sample) {
   return std::visit([](const auto& s) { return s.utc_ns; }, sample);
-}
-
-std::optional<DeviceSample> deviceSample(const SensorSample& sample) {
-  return std::visit(
-      [](const auto& s) -> std::optional<DeviceSample> {
-        if constexpr (std::is_same_v<std::decay_t<decltype(s)>, ImageEvent>)
-          return std::nullopt;
-        else
-          return DeviceSample(s);
-      },
-      sample);
 }
 
 }  // namespace
@@ -110,12 +99,12 @@ LcmSource::LcmSource(const LcmConfig& config, std::shared_ptr<LcmBus> bus, const
   const auto listen = [&](const std::string& channel) {
     channels += (channels.empty() ? "" : "|") + channel;
   };
-  for (std::size_t kind = 0; kind < kKinds; ++kind)
+  for (std::size_t kind = 0; kind < kDeviceKinds; ++kind)
     if (config_.accept[kind]) listen(kChannels[kind]);
-  if (config_.accept[DeviceSample(AttitudeSample{}).index()]) listen("TCM");
-  if (config_.accept[DeviceSample(DepthSample{}).index()]) listen("PAROSCI");
+  if (config_.accept[SensorSample(AttitudeSample{}).index()]) listen("TCM");
+  if (config_.accept[SensorSample(DepthSample{}).index()]) listen("PAROSCI");
   // A vehicle's name has letters, digits, - and _ alone (mission.toml).
-  if (config_.accept[DeviceSample(UsblFix{}).index()]) listen("USBL_FIX\\." + vehicle_name);
+  if (config_.accept[SensorSample(UsblFix{}).index()]) listen("USBL_FIX\\." + vehicle_name);
   if (!channels.empty()) bus_->subscribe("(" + channels + ")", config_.queue, *this);
 }
 
@@ -132,10 +121,10 @@ void LcmSource::message(std::string_view channel, std::span<const std::uint8_t> 
   if (sink_ == nullptr) return;
   const std::int64_t arrival_ns = now_();
   const bool native = channelKind(channel) == ChannelKind::kSample;
-  std::optional<DeviceSample> sample;
+  std::optional<SensorSample> sample;
   try {
     const auto decoded = native ? decodeSample(channel, data) : decodeAcfr(channel, arrival_ns / 1000, data);
-    if (decoded) sample = deviceSample(decoded->sample);
+    if (decoded) sample = decoded->sample;
   } catch (const std::exception&) {
     // No memory for a message: it is lost like a damaged one.
   }
@@ -183,7 +172,7 @@ void LcmSource::updateHealth(DeviceHealth& health) const noexcept {
   health.disconnects = failures_;
   const std::array<std::uint64_t, kCounterNames.size()> values = {bad_,     stale_,    twins_,
                                                                   unasked_, failures_, bus_->refused()};
-  for (std::size_t i = 0; i < health.counters.size() && i < values.size() + kKinds; ++i)
+  for (std::size_t i = 0; i < health.counters.size() && i < values.size() + kDeviceKinds; ++i)
     health.counters[i].second = i < values.size() ? values[i] : taken_[i - values.size()];
 }
 

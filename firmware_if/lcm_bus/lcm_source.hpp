@@ -16,8 +16,8 @@ namespace fathom::io {
 // Table `[lcm]` of onboard.toml.
 struct LcmConfig {
   std::string url;  // provider; empty: no LCM
-  // Samples that are taken from the bus instead of from devices, by the place of their type in DeviceSample.
-  std::array<bool, std::variant_size_v<DeviceSample>> accept{};
+  // Samples that are taken from the bus instead of from devices, by the place of their type in SensorSample.
+  std::array<bool, kDeviceKinds> accept{};
   double max_age_s =
       10;           // a sample stamped further from its arrival is refused; a fix, further back than 300 s
   int queue = 200;  // messages that may wait on the bus
@@ -42,7 +42,6 @@ class LcmSource final : public SampleSource, private LcmBus::Receiver {
   [[nodiscard]] DeviceHealth health() const override;
 
  private:
-  static constexpr std::size_t kKinds = std::variant_size_v<DeviceSample>;
   void message(std::string_view channel, std::span<const std::uint8_t> data) noexcept override;
 
   LcmConfig config_;
@@ -50,8 +49,9 @@ class LcmSource final : public SampleSource, private LcmBus::Receiver {
   VehicleTime now_;
   SampleSink* sink_ = nullptr;  // during poll()
   bool works_ = true;
-  std::array<std::int64_t, kKinds> last_native_ns_{};  // arrival of the newest fathom message of each kind
-  std::array<std::uint64_t, kKinds> taken_{};
+  std::array<std::int64_t, kDeviceKinds>
+      last_native_ns_{};  // arrival of the newest fathom message of each kind
+  std::array<std::uint64_t, kDeviceKinds> taken_{};
   std::int64_t last_sample_ns_ = 0;
   std::uint64_t samples_ = 0, bad_ = 0, stale_ = 0, twins_ = 0, unasked_ = 0, failures_ = 0;
 };

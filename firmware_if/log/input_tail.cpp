@@ -2,8 +2,8 @@
 
 #include <utility>
 
+#include "firmware_if/files/mission.hpp"
 #include "firmware_if/log/log_events.hpp"
-#include "firmware_if/mission.hpp"
 
 namespace fathom::io {
 namespace {

@@ -20,7 +20,7 @@
 #include <senlcm/tcm_t.hpp>
 #include <senlcm/usbl_fix_t.hpp>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "firmware_if/log/checked_message.hpp"
 
 namespace fathom::io {
@@ -227,7 +227,8 @@ std::optional<DecodedSample> decodeProgress(std::span<const std::uint8_t> data) 
 std::optional<DecodedSample> decodeImage(std::span<const std::uint8_t> data) {
   image_t m = {};
   if (!lengthFits(data, kImageNameAt, kImageRest) || !decodeWhole(data, m)) return std::nullopt;
-  if ((m.side != 0 && m.side != 1) || !plainFileName(m.file_name)) return std::nullopt;
+  if ((m.side != 0 && m.side != 1) || !plainFileName(m.file_name) || m.file_name.size() > FileName::kMost)
+    return std::nullopt;
   return DecodedSample{m.arrival_utc_ns,
                        ImageEvent{m.utc_ns, static_cast<CameraSide>(m.side), m.file_name, m.exposure}};
 }

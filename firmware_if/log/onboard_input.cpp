@@ -5,12 +5,11 @@
 #include <fathom/mark_t.hpp>
 #include <fathom/raw_t.hpp>
 #include <fathom/tick_t.hpp>
-#include <utility>
 
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "firmware_if/log/checked_message.hpp"
 #include "firmware_if/log/log_events.hpp"
-#include "firmware_if/mission.hpp"
-#include "firmware_if/sensor_log.hpp"
 
 namespace fathom::io {
 namespace {
@@ -92,7 +91,7 @@ std::vector<OnboardInput> readOwnInputs(const std::filesystem::path& log, std::u
       continue;
     }
     samples |= sample;
-    inputs.push_back(std::move(*input));
+    inputs.push_back(*input);
   }
   damaged += events.damagedStretches();
   return samples ? inputs : std::vector<OnboardInput>();
@@ -116,7 +115,7 @@ std::optional<OnboardInput> decodeInput(std::string_view channel, std::span<cons
   if (channel == kMark) return decodeMark(data);
   auto sample = decodeSample(channel, data);
   if (!sample) return std::nullopt;
-  return OnboardInput{sample->arrival_utc_ns, std::move(sample->sample)};
+  return OnboardInput{sample->arrival_utc_ns, sample->sample};
 }
 
 std::vector<OnboardInput> readOnboardInputs(const std::filesystem::path& mission_folder,
@@ -129,7 +128,7 @@ std::vector<OnboardInput> readOnboardInputs(const std::filesystem::path& mission
   }
   SensorLogReader reader(mission_folder);
   std::vector<OnboardInput> inputs;
-  while (auto sample = reader.next()) inputs.push_back({sample->arrival_utc_ns, std::move(sample->sample)});
+  while (auto sample = reader.next()) inputs.push_back({sample->arrival_utc_ns, sample->sample});
   damaged = reader.damagedEntries();
   return inputs;
 }

@@ -48,10 +48,25 @@ struct Mark {
   std::uint64_t number = 0;
 };
 
+// Owns no memory, so that it crosses the rings of the hard tier: copying never throws and never calls the
+// heap.
 struct OnboardInput {
+  using What = std::variant<SensorSample, ModemFrame, Tick, Decision, Mark>;
+
+  OnboardInput() noexcept = default;
+  OnboardInput(std::int64_t arrival, const What& input) noexcept : arrival_utc_ns(arrival), what(input) {}
+  OnboardInput(const OnboardInput&) noexcept = default;
+  OnboardInput& operator=(const OnboardInput&) noexcept = default;
+
   std::int64_t arrival_utc_ns = 0;  // never falls within one run of the program
-  std::variant<SensorSample, ModemFrame, Tick, Decision, Mark> what;
+  What what = Tick{};
 };
+
+// The exposure that an input tells of, or null.
+[[nodiscard]] inline const ImageEvent* imageOf(const OnboardInput& input) noexcept {
+  const auto* sample = std::get_if<SensorSample>(&input.what);
+  return sample != nullptr ? std::get_if<ImageEvent>(sample) : nullptr;
+}
 
 [[nodiscard]] bool carriesInput(std::string_view channel);
 [[nodiscard]] LogMessage encodeInput(const OnboardInput& input);

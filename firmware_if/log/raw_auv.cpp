@@ -11,7 +11,7 @@
 #include <string_view>
 #include <vector>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom::io {
@@ -210,7 +210,7 @@ bool RawAuvReader::parseLine(const std::string& line) {
     const Fields fields({words.begin() + static_cast<std::ptrdiff_t>(name_at) + 1, words.end()});
     if (!name || !fields.good()) return false;
     const double exposure_s = fields.distance("exp").value_or(0.0) / kMicrosecondsPerSecond;
-    pending_.emplace_back(ImageEvent{*utc_ns, name->side, std::string(words[name_at]), exposure_s});
+    pending_.emplace_back(ImageEvent{*utc_ns, name->side, words[name_at], exposure_s});
     return true;
   }
   const Fields fields({words.begin() + 2, words.end()});
@@ -253,7 +253,7 @@ void RawAuvWriter::write(const SensorSample& sample) {
     file_.stream() << "PAROSCI: " << secondsText(depth->utc_ns) << ' ' << numberText(depth->depth) << '\n';
   if (const auto* image = std::get_if<ImageEvent>(&sample)) {
     const std::string time = secondsText(image->utc_ns);
-    file_.stream() << "VIS: " << time << " [" << time << "] " << image->file_name
+    file_.stream() << "VIS: " << time << " [" << time << "] " << image->file_name.view()
                    << " exp: " << std::llround(image->exposure_s * kMicrosecondsPerSecond) << '\n';
   }
 }

@@ -2,9 +2,9 @@
 
 #include <fathom/gap_t.hpp>
 
+#include "firmware_if/files/mission.hpp"
 #include "firmware_if/log/checked_message.hpp"
 #include "firmware_if/log/log_events.hpp"
-#include "firmware_if/mission.hpp"
 
 namespace fathom::io {
 namespace {

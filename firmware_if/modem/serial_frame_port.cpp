@@ -1,6 +1,6 @@
 #include <cstring>
 
-#include "firmware_if/modem_ports.hpp"
+#include "firmware_if/modem/modem_ports.hpp"
 
 namespace fathom::io {
 

@@ -7,7 +7,7 @@
 #include <cerrno>
 #include <cstring>
 
-#include "firmware_if/modem_ports.hpp"
+#include "firmware_if/modem/modem_ports.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom::io {

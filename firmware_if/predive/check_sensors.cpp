@@ -17,10 +17,10 @@ constexpr double kFarthest = 50'000;      // of a fix from the mission's origin 
 constexpr double kLowCharge = 0.2;
 constexpr double kEarthRadius = 6.371e6;  // [m]
 
-// The place of a kind of sample in DeviceSample.
+// The place of a kind of sample in SensorSample.
 template <class Sample, std::size_t At = 0>
 consteval std::size_t kindOf() {
-  if constexpr (std::is_same_v<std::variant_alternative_t<At, DeviceSample>, Sample>) {
+  if constexpr (std::is_same_v<std::variant_alternative_t<At, SensorSample>, Sample>) {
     return At;
   } else {
     return kindOf<Sample, At + 1>();

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "firmware_if/camera/camera_config.hpp"
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "firmware_if/predive/predive_config.hpp"
 #include "firmware_if/predive/predive_report.hpp"
 #include "firmware_if/predive/predive_watch.hpp"

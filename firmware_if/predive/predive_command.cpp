@@ -14,24 +14,11 @@
 #include "firmware_if/dvl/dvl_source.hpp"
 #include "firmware_if/lcm_bus/lcm_source.hpp"
 #include "firmware_if/predive/predive_checks.hpp"
-#include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/vehicle_clock.hpp"
 
 namespace fathom::io {
 namespace {
-
-// Vehicle time for as long as the command runs: no step of the system's clock moves it.
-class VehicleClock final : public rt::Clock {
- public:
-  VehicleClock() : offset_ns_(real_.utcNs() - real_.monotonicNs()) {}
-  [[nodiscard]] std::int64_t monotonicNs() const noexcept override { return real_.monotonicNs(); }
-  [[nodiscard]] std::int64_t utcNs() const noexcept override { return real_.monotonicNs() + offset_ns_; }
-  void sleepUntil(std::int64_t monotonic_ns) noexcept override { real_.sleepUntil(monotonic_ns); }
-
- private:
-  rt::RealClock real_;
-  std::int64_t offset_ns_;
-};
 
 // The tables of onboard.toml that are about devices and the machine; the map's are fathom-onboard's own.
 struct Configuration {
@@ -107,7 +94,7 @@ PrediveIdentity identityOf(const GigeCamera& camera, const CameraConfig& wanted)
 }
 
 PrediveDevices openDevices(const Configuration& config, const MissionConfig& mission,
-                           const VehicleClock& clock, PrediveReport& report) {
+                           const rt::VehicleClock& clock, PrediveReport& report) {
   PrediveDevices devices;
   const VehicleTime now = [&clock] { return clock.utcNs(); };
   for (std::size_t side = 0; side < devices.cameras.size(); ++side) {
@@ -120,13 +107,13 @@ PrediveDevices openDevices(const Configuration& config, const MissionConfig& mis
     });
   }
   if (!config.dvl.device.empty()) {
-    devices.expected[DeviceSample(DvlSample{}).index()] = true;
+    devices.expected[SensorSample(DvlSample{}).index()] = true;
     openDevice("DVL port", report,
                [&] { devices.sources.push_back(std::make_unique<DvlSource>(config.dvl, now)); });
   }
   if (!config.can.interface.empty()) {
-    devices.expected[DeviceSample(AttitudeSample{}).index()] = true;
-    devices.expected[DeviceSample(DepthSample{}).index()] = true;
+    devices.expected[SensorSample(AttitudeSample{}).index()] = true;
+    devices.expected[SensorSample(DepthSample{}).index()] = true;
     openDevice("CAN port", report,
                [&] { devices.sources.push_back(std::make_unique<CanSource>(config.can, clock)); });
   }
@@ -161,7 +148,7 @@ void checkMachine(const Configuration& config, PrediveReport& report) {
 }  // namespace
 
 int runPrediveCommand(const PrediveCommand& command, const MakePrediveLink& make_link, std::FILE* out) {
-  const VehicleClock clock;
+  const rt::VehicleClock clock(rt::VehicleClock::systemOffsetNs());
   const MissionPaths paths(command.folder);
   PrediveReport report;
   const auto mission = readFile("mission.toml", report, [&] { return readMissionConfig(paths.root); });

@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <functional>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "firmware_if/predive/predive_watch.hpp"
 #include "realtime/kernel/config_table.hpp"
 

@@ -11,11 +11,11 @@ constexpr int kPollMs = 50;
 constexpr std::chrono::seconds kGreetEvery{5};  // both ways through the water and the answer's time
 constexpr std::size_t kMaxFrames = 2000;        // of one camera: minutes, even at its fastest
 
-using SampleTable = std::array<SampleFacts, std::variant_size_v<DeviceSample>>;
+using SampleTable = std::array<SampleFacts, kDeviceKinds>;
 
 class NoteSamples final : public SampleSink {
  public:
-  void sample(std::int64_t arrival_utc_ns, const DeviceSample& sample) noexcept override {
+  void sample(std::int64_t arrival_utc_ns, const SensorSample& sample) noexcept override {
     SampleFacts& facts = table[sample.index()];
     if (facts.count == 0) facts.first_ns = arrival_utc_ns;
     if (facts.count > 0)
@@ -115,7 +115,7 @@ PrediveFacts watchDevices(PrediveDevices& devices, const std::function<bool()>& 
     merge(notes[i].table, facts.samples);
   }
   // A fix that came over LCM and one of the ship's frame are the same to the vehicle.
-  SampleFacts& fixes = facts.samples[DeviceSample(UsblFix{}).index()];
+  SampleFacts& fixes = facts.samples[SensorSample(UsblFix{}).index()];
   if (fixes.count == 0 && facts.modem.fix) {
     fixes.count = fixes.usable = 1;
     fixes.first_ns = fixes.last_ns = now();

@@ -44,8 +44,8 @@ struct PrediveDevices {
   };
   std::array<Camera, 2> cameras;  // by CameraSide
   std::vector<std::unique_ptr<SampleSource>> sources;
-  // Kinds of samples, by the place in DeviceSample, that the configuration takes from somewhere.
-  std::array<bool, std::variant_size_v<DeviceSample>> expected{};
+  // Kinds of samples, by the place in SensorSample, that the configuration takes from somewhere.
+  std::array<bool, kDeviceKinds> expected{};
   bool modem_used = false;
   std::unique_ptr<FramePort> modem;  // null: none, or it could not be opened
   std::string modem_failure;
@@ -69,7 +69,7 @@ struct SampleFacts {
   std::int64_t first_ns = 0, last_ns = 0;  // arrival
   double longest_gap_s = 0;
   std::uint64_t usable = 0;  // DVL: with velocity; the others: all
-  DeviceSample last;
+  SensorSample last;
   [[nodiscard]] double rateHz() const {
     return count < 2 || last_ns <= first_ns
                ? 0
@@ -85,8 +85,8 @@ struct ModemFacts {
 struct PrediveFacts {
   double seconds = 0;  // looked at
   std::array<CameraFacts, 2> cameras;
-  std::array<SampleFacts, std::variant_size_v<DeviceSample>> samples;  // by the place in DeviceSample
-  std::array<bool, std::variant_size_v<DeviceSample>> expected{};
+  std::array<SampleFacts, kDeviceKinds> samples;  // by the place in SensorSample
+  std::array<bool, kDeviceKinds> expected{};
   std::vector<DeviceHealth> sources;
   ModemFacts modem;
 };

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/log_messages.hpp"
 

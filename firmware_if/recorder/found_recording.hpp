@@ -2,7 +2,7 @@
 
 #include <cstdint>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 
 namespace fathom::io {
 

@@ -4,7 +4,7 @@
 #include <optional>
 #include <utility>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/clock.hpp"
 
 namespace fathom::io {

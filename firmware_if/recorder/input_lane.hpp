@@ -2,7 +2,7 @@
 
 #include <cstdint>
 
-#include "firmware_if/log/live_input.hpp"
+#include "firmware_if/log/onboard_input.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/spsc_ring.hpp"
 
@@ -11,7 +11,7 @@ namespace fathom::io {
 struct InputLaneEntry {
   std::uint64_t number = 0;     // of all that were offered
   std::int64_t offered_ns = 0;  // monotonic
-  LiveInput input;
+  OnboardInput input;
 };
 
 // Inputs on their way to the log, numbered when they are offered, those that find no room too: so the
@@ -22,7 +22,7 @@ class InputLane {
   static constexpr std::size_t kCapacity = 4096;  // half a minute of every sensor at its full rate
 
   // Producer only; wait-free.
-  [[nodiscard]] bool offer(const LiveInput& input) noexcept {
+  [[nodiscard]] bool offer(const OnboardInput& input) noexcept {
     offered_.number = number_++;
     offered_.offered_ns = clock_.monotonicNs();
     offered_.input = input;

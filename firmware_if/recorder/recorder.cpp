@@ -10,10 +10,10 @@
 #include <utility>
 #include <vector>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission_folder.hpp"
+#include "firmware_if/files/mission_recorder.hpp"
 #include "firmware_if/log/recording_gap.hpp"
-#include "firmware_if/mission_folder.hpp"
-#include "firmware_if/mission_recorder.hpp"
 #include "firmware_if/recorder/disk_guard.hpp"
 #include "firmware_if/recorder/found_recording.hpp"
 #include "firmware_if/recorder/image_stage.hpp"
@@ -123,11 +123,11 @@ Recorder::Recorder(const std::filesystem::path& folder, const MissionConfig& mis
 
 Recorder::~Recorder() = default;
 
-bool Recorder::offerInput(const LiveInput& input) noexcept {
+bool Recorder::offerInput(const OnboardInput& input) noexcept {
   return impl_->inputs.offer(input);
 }
 
-bool Recorder::offerDecision(const LiveInput& input) noexcept {
+bool Recorder::offerDecision(const OnboardInput& input) noexcept {
   return impl_->decisions.offer(input);
 }
 
@@ -289,26 +289,25 @@ bool Recorder::Impl::logInput(InputLane& lane, std::uint64_t& written) {
   if (journal.spare() < kMostInputBytes) return false;
   const InputLane::Entry& entry = *lane.front();
   const std::int64_t arrival = entry.input.arrival_utc_ns;
-  const auto* stamp = std::get_if<ImageStamp>(&entry.input.what);
+  const ImageEvent* image = imageOf(entry.input);
   std::optional<RecordingGap> image_gap;
-  if (stamp != nullptr) {
-    const ImageLane::State state = images.stateOf(stamp->side, stamp->utc_ns);
+  if (image != nullptr) {
+    const ImageLane::State state = images.stateOf(image->side, image->utc_ns);
     if (state == ImageLane::State::kWaiting) {
       blocked = true;
       return false;
     }
     if (state == ImageLane::State::kLost)
-      image_gap = {arrival, RecordingGap::Kind::kImage, 1, imageFileName(stamp->utc_ns, stamp->side)};
-    images.named(stamp->side, stamp->utc_ns);
+      image_gap = {arrival, RecordingGap::Kind::kImage, 1, image->file_name};
+    images.named(image->side, image->utc_ns);
     names_image = names_image || state == ImageLane::State::kWritten;
   }
   const std::uint64_t missing = lane.missingBeforeFront();
   if (missing > 0) logGap({arrival, RecordingGap::Kind::kInputs, missing, ""});
   if (image_gap) logGap(*image_gap);
-  const OnboardInput logged = onboardInput(entry.input);
-  append(arrival, encodeInput(logged), entry.offered_ns);
+  append(arrival, encodeInput(entry.input), entry.offered_ns);
   if (config.acfr_channels)
-    if (const auto* sample = std::get_if<SensorSample>(&logged.what))
+    if (const auto* sample = std::get_if<SensorSample>(&entry.input.what))
       if (const auto twin = encodeAcfrTwin(*sample, mission.vehicle_name))
         append(arrival, *twin, entry.offered_ns);
   lane.pop();

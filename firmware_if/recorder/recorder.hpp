@@ -8,8 +8,8 @@
 #include <string_view>
 
 #include "firmware_if/camera/camera_source.hpp"
-#include "firmware_if/log/live_input.hpp"
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/log/onboard_input.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
@@ -22,7 +22,8 @@ namespace fathom::io {
 //
 // The log holds the inputs exactly in the order in which they were offered. An exposure's event is logged
 // when its file is on the disk, whole and under its name; therefore a camera's thread offers the image BEFORE
-// it hands the frame to whoever offers the input (an ImageStamp with the frame's utc_ns).
+// it hands the frame to whoever offers the input (an ImageEvent with the frame's utc_ns and its
+// imageFileName()).
 class Recorder {
  public:
   enum class Disk : std::uint8_t { kRoom, kImagesStopped, kRawStopped, kFull };
@@ -60,8 +61,8 @@ class Recorder {
   Recorder& operator=(const Recorder&) = delete;
 
   // Each of these from one thread of its own; false and counted when the queue is full.
-  [[nodiscard]] bool offerInput(const LiveInput& input) noexcept;     // the sequencing thread only
-  [[nodiscard]] bool offerDecision(const LiveInput& input) noexcept;  // the mapping thread only
+  [[nodiscard]] bool offerInput(const OnboardInput& input) noexcept;     // the sequencing thread only
+  [[nodiscard]] bool offerDecision(const OnboardInput& input) noexcept;  // the mapping thread only
   // The frame is held by the caller for the recorder; released when written, dropped or refused.
   bool offerImage(const CameraFrame& frame) noexcept;  // each camera's own thread
   // From any of the `raw_lanes` producers, each its own lane number. Text longer than 63 bytes and data

@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <string>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "realtime/kernel/config_table.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 

@@ -51,13 +51,7 @@ void* Arena::allocate(std::size_t bytes, std::size_t alignment) noexcept {
     return nullptr;
   }
   used_ = begin + bytes;
-  if (used_ > high_water_) high_water_ = used_;
   return block_ + begin;
-}
-
-void Arena::rewind(std::size_t mark) noexcept {
-  assert(mark <= used_);
-  used_ = mark;
 }
 
 }  // namespace fathom::rt

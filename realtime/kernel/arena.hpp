@@ -12,7 +12,7 @@ enum class MemoryLock : std::uint8_t { kUnlocked, kLocked };
 
 // Bump allocator over one block taken from the system at construction, with every page already touched (and,
 // when asked, locked), so that later use neither faults nor grows the resident set. Memory is given back only
-// all at once, by rewind(). For one thread at a time.
+// with the arena. For one thread at a time.
 //
 // When it is full, allocate() returns nullptr and counts the refusal; nothing else changes.
 class Arena {
@@ -42,21 +42,14 @@ class Arena {
     return {first, count};
   }
 
-  // Scratch use: remember mark(), allocate, rewind(mark) frees everything allocated since.
-  [[nodiscard]] std::size_t mark() const noexcept { return used_; }
-  void rewind(std::size_t mark) noexcept;
-
   [[nodiscard]] std::size_t capacity() const noexcept { return capacity_; }  // [bytes]
   [[nodiscard]] std::size_t used() const noexcept { return used_; }          // [bytes], padding included
-  [[nodiscard]] std::size_t free() const noexcept { return capacity_ - used_; }
-  [[nodiscard]] std::size_t highWater() const noexcept { return high_water_; }  // most ever used [bytes]
   [[nodiscard]] std::uint64_t refused() const noexcept { return refused_; }
 
  private:
   std::byte* block_ = nullptr;
   std::size_t capacity_ = 0;
   std::size_t used_ = 0;
-  std::size_t high_water_ = 0;
   std::uint64_t refused_ = 0;
 };
 

@@ -36,22 +36,4 @@ void RealClock::sleepUntil(std::int64_t monotonic_ns) noexcept {
   }
 }
 
-void ReplayedClock::setUtc(std::int64_t utc_ns) noexcept {
-  const std::int64_t before = utc_ns_.load(std::memory_order_relaxed);
-  if (utc_ns > before)
-    monotonic_ns_.store(monotonic_ns_.load(std::memory_order_relaxed) + (utc_ns - before),
-                        std::memory_order_release);
-  utc_ns_.store(utc_ns, std::memory_order_release);
-}
-
-void ReplayedClock::advance(std::int64_t duration_ns) noexcept {
-  assert(duration_ns >= 0);
-  setUtc(utc_ns_.load(std::memory_order_relaxed) + duration_ns);
-}
-
-void ReplayedClock::sleepUntil(std::int64_t monotonic_ns) noexcept {
-  const std::int64_t left = monotonic_ns - monotonic_ns_.load(std::memory_order_relaxed);
-  if (left > 0) advance(left);
-}
-
 }  // namespace fathom::rt

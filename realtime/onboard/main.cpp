@@ -34,7 +34,7 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0.0, 1e6))
       ->needs(live_option);
   app.add_option("--timeline", timeline,
-                 "Write a picture (SVG) of one second of every tier's stages, with a pair in it")
+                 "Write one second of every tier's stages, with a pair in it, for Perfetto (JSON)")
       ->needs(live_option);
   replay.addOptions(app, replay_option);
   if (const auto code = parseCommandLine("fathom-onboard", app, argc, argv)) return *code;

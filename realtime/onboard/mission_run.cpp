@@ -6,15 +6,14 @@
 #include <opencv2/core/utility.hpp>
 #include <utility>
 
+#include "realtime/kernel/seconds.hpp"
+
 namespace fathom::onboard {
 namespace {
 
 constexpr double kNanoseconds = 1e9;  // in a second
 using Clock = std::chrono::steady_clock;
-
-double secondsSince(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
+using rt::secondsSince;
 
 double milliseconds(std::int64_t ns) {
   return static_cast<double>(ns) * 1e-6;

@@ -4,7 +4,7 @@
 #include <optional>
 #include <string>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "realtime/onboard/link/link_core.hpp"
 #include "realtime/onboard/live/live_config.hpp"
 #include "realtime/onboard/map/map_core.hpp"

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/map/map_core.hpp"
 #include "recon/geometry/output_folder.hpp"

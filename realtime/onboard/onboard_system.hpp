@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/link/link_core.hpp"
 #include "realtime/onboard/link/mission_progress.hpp"

@@ -2,17 +2,13 @@
 
 #include <cstdio>
 
-#include "firmware_if/feature_file.hpp"
+#include "firmware_if/files/feature_file.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/seconds.hpp"
 
 namespace fathom::onboard {
-namespace {
 
-double secondsSince(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-}  // namespace
+using rt::secondsSince;
 
 OnboardSystem::PairSource RecordedPairs::source() {
   if (io::isFeatureMission(paths_))

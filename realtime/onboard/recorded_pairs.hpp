@@ -4,8 +4,8 @@
 #include <optional>
 #include <string>
 
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "realtime/onboard/onboard_system.hpp"
 
 namespace fathom::onboard {

@@ -1,7 +1,5 @@
 #include "realtime/onboard/replay.hpp"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -9,6 +7,8 @@
 
 #include "firmware_if/log/onboard_input.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/progress.hpp"
+#include "realtime/kernel/seconds.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "realtime/onboard/onboard_output.hpp"
 #include "realtime/onboard/onboard_system.hpp"
@@ -20,35 +20,8 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr double kNanoseconds = 1e9;  // in a second
 using Clock = std::chrono::steady_clock;
-
-double secondsSince(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
-
-// A bar on a terminal; elsewhere a line every tenth of the way.
-class Progress {
- public:
-  explicit Progress(double total_s) : total_s_(total_s), terminal_(::isatty(STDERR_FILENO) == 1) {}
-  void show(double done_s, std::uint64_t pairs, std::uint64_t frames) {
-    const int percent = total_s_ > 0 ? static_cast<int>(100 * std::min(done_s / total_s_, 1.0)) : 100;
-    const int step = terminal_ ? 1 : 10;
-    if (percent / step == shown_) return;
-    shown_ = percent / step;
-    std::fprintf(stderr, "%sreplay %3d %%: %llu pairs mapped, %llu frames sent%s", terminal_ ? "\r" : "",
-                 percent, static_cast<unsigned long long>(pairs), static_cast<unsigned long long>(frames),
-                 terminal_ ? "" : "\n");
-  }
-  ~Progress() {
-    if (terminal_ && shown_ >= 0) std::fputc('\n', stderr);
-  }
-
- private:
-  double total_s_;
-  bool terminal_;
-  int shown_ = -1;
-};
+using rt::secondsSince;
 
 // Recorded by this program on the vehicle: time itself is among the inputs.
 bool recordedLive(const std::vector<io::OnboardInput>& inputs) {
@@ -65,8 +38,7 @@ struct SlotCounts {
 SlotCounts fitToMission(OnboardConfig& config, const std::vector<io::OnboardInput>& inputs) {
   int exposures = 0;
   for (const io::OnboardInput& input : inputs)
-    if (const auto* sample = std::get_if<SensorSample>(&input.what))
-      if (const auto* image = std::get_if<ImageEvent>(sample)) exposures += image->side == CameraSide::kLeft;
+    if (const ImageEvent* image = io::imageOf(input)) exposures += image->side == CameraSide::kLeft;
   const SlotCounts counts = {std::clamp(exposures, 1, config.max_pairs),
                              std::clamp(exposures, 2, config.localisation.max_keyframes)};
   if (recordedLive(inputs)) return counts;
@@ -134,11 +106,13 @@ ReplaySummary replay(const ReplayOptions& options) {
         return run;
       },
       inputs);
-  Progress progress(static_cast<double>(inputs.back().arrival_utc_ns - first_ns) / kNanoseconds);
+  rt::ProgressBar bar;
+  const std::int64_t length_ns = std::max<std::int64_t>(inputs.back().arrival_utc_ns - first_ns, 1);
   while (replayed.step()) {
     const RunSummary so_far = replayed.run().summary();
-    progress.show(static_cast<double>(replayed.run().nowNs() - first_ns) / kNanoseconds, so_far.pairs,
-                  so_far.frames);
+    bar.show(static_cast<double>(replayed.run().nowNs() - first_ns) / static_cast<double>(length_ns),
+             "replay: " + std::to_string(so_far.pairs) + " pairs mapped, " + std::to_string(so_far.frames) +
+                 " frames sent");
   }
   MissionRun& run = replayed.run();
   // A live run sent what it sent; only where none is known the replay makes up its end.

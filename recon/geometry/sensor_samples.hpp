@@ -2,10 +2,12 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
-#include <string>
 #include <variant>
+
+#include "recon/geometry/file_name.hpp"
 
 namespace fathom {
 
@@ -94,15 +96,14 @@ enum class CameraSide : std::uint8_t { kLeft = 0, kRight = 1 };
 struct ImageEvent {
   std::int64_t utc_ns = 0;  // of the exposure by the camera's clock, offset corrected as far as known
   CameraSide side = CameraSide::kLeft;
-  std::string file_name;  // within img/
+  FileName file_name;  // within img/
   double exposure_s = 0;
 };
 
-// What a device other than a camera gives: nothing that owns memory.
-using DeviceSample = std::variant<DvlSample, AttitudeSample, DepthSample, UsblFix, GpsFix, WaterSample,
-                                  BatterySample, MissionProgressSample, GyroSample>;
-
+// Nothing that owns memory: copying a sample never throws and never calls the heap.
 using SensorSample = std::variant<DvlSample, AttitudeSample, DepthSample, UsblFix, GpsFix, WaterSample,
-                                  BatterySample, ImageEvent, MissionProgressSample, GyroSample>;
+                                  BatterySample, MissionProgressSample, GyroSample, ImageEvent>;
+// Those that devices other than cameras give.
+inline constexpr std::size_t kDeviceKinds = std::variant_size_v<SensorSample> - 1;
 
 }  // namespace fathom

@@ -2,10 +2,11 @@
 
 #include <cmath>
 
+#include "realtime/kernel/seconds.hpp"
+
 namespace fathom::nav {
 namespace {
 
-constexpr double kSecond = 1e9;    // [ns]
 constexpr double kLeap = 0.1;      // of a window's least delay from the line: no clock drifts so [s]
 constexpr double kMaxRate = 5e-4;  // of a quartz, with margin [s/s]
 
@@ -17,12 +18,12 @@ std::int64_t CameraClock::utcNs(std::int64_t stamp_ns, std::int64_t arrival_utc_
     first_stamp_ns_ = stamp_ns;
     base_ns_ = arrival_utc_ns - stamp_ns;
   }
-  const Least seen{static_cast<double>(stamp_ns - first_stamp_ns_) / kSecond,
-                   static_cast<double>(arrival_utc_ns - stamp_ns - base_ns_) / kSecond};
-  if (in_window_ == 0 || seen.delay < least_.delay) least_ = seen;
+  const rt::ClockPoint seen{rt::seconds(stamp_ns - first_stamp_ns_),
+                            rt::seconds(arrival_utc_ns - stamp_ns - base_ns_)};
+  if (in_window_ == 0 || seen.lag < least_.lag) least_ = seen;
   if (++in_window_ == kWindow) close();
-  lost_ = leapt_ + (windows_.size() < kFewest ? 0.0 : lineAt(seen.time) - start_);
-  return stamp_ns + std::llround(lost_ * kSecond);
+  lost_ = leapt_ + (line_.points().size() < kFewest ? 0.0 : line_.at(seen.time) - start_);
+  return stamp_ns + rt::nanoseconds(lost_);
 }
 
 void CameraClock::close() noexcept {
@@ -30,38 +31,20 @@ void CameraClock::close() noexcept {
   if (!based_) {
     // Differences count from the first window's least.
     based_ = true;
-    base_ns_ += std::llround(least_.delay * kSecond);
-    least_.delay = 0;
+    base_ns_ += rt::nanoseconds(least_.lag);
+    least_.lag = 0;
   }
-  if (windows_.size() >= kFewest && std::abs(least_.delay - lineAt(least_.time)) > kLeap) {
+  if (line_.points().size() >= kFewest && std::abs(least_.lag - line_.at(least_.time)) > kLeap) {
     // The clock leapt: the line goes on without the leap.
-    const double leap = least_.delay - lineAt(least_.time);
-    base_ns_ += std::llround(leap * kSecond);
+    const double leap = least_.lag - line_.at(least_.time);
+    base_ns_ += rt::nanoseconds(leap);
     leapt_ += leap;
-    least_.delay -= leap;
+    least_.lag -= leap;
     ++leaps_;
   }
-  (void)windows_.pushDroppingOldest(least_);
-  fit();
-  if (windows_.size() == kFewest && start_ == 0) start_ = lineAt(0);
-}
-
-void CameraClock::fit() noexcept {
-  const auto n = static_cast<double>(windows_.size());
-  double time = 0, delay = 0;
-  for (std::size_t i = 0; i < windows_.size(); ++i) {
-    time += windows_[i].time / n;
-    delay += windows_[i].delay / n;
-  }
-  double square = 0, product = 0;
-  for (std::size_t i = 0; i < windows_.size(); ++i) {
-    square += (windows_[i].time - time) * (windows_[i].time - time);
-    product += (windows_[i].time - time) * (windows_[i].delay - delay);
-  }
-  centre_ = time;
-  level_ = delay;
-  rate_ = square > 0 ? product / square : 0;
-  if (std::abs(rate_) > kMaxRate) rate_ = 0;
+  line_.add(least_);
+  if (std::abs(line_.rate()) > kMaxRate) line_.setRate(0);
+  if (line_.points().size() == kFewest && start_ == 0) start_ = line_.at(0);
 }
 
 }  // namespace fathom::nav

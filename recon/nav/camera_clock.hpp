@@ -2,7 +2,7 @@
 
 #include <cstdint>
 
-#include "realtime/kernel/fixed_queue.hpp"
+#include "realtime/kernel/clock_line.hpp"
 
 namespace fathom::nav {
 
@@ -11,7 +11,8 @@ namespace fathom::nav {
 // few images tells what the camera's clock has gained or lost since the first images, whose offset is known.
 // Free-running camera clocks are up to 100 ppm off: 1.8 s in five hours, a metre of way.
 //
-// A line is fitted to the least differences of the last ten minutes. Fixed memory; same calls, same result.
+// A line is fitted to the least differences of the last 64 windows, ten minutes at 2 Hz. Fixed memory; same
+// calls, same result.
 class CameraClock {
  public:
   // The stamp [ns] in the vehicle's time, for an image that arrived then (vehicle's clock). Images come in
@@ -20,7 +21,7 @@ class CameraClock {
 
   // What the camera's clock has lost since the first images, as last seen [s]; and how fast [s/s].
   [[nodiscard]] double lost() const noexcept { return lost_; }
-  [[nodiscard]] double rate() const noexcept { return rate_; }
+  [[nodiscard]] double rate() const noexcept { return line_.rate(); }
   // Times that it leapt: set anew, or a camera that started again.
   [[nodiscard]] std::uint64_t leaps() const noexcept { return leaps_; }
 
@@ -28,33 +29,21 @@ class CameraClock {
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
     archive(self.first_stamp_ns_, self.base_ns_, self.any_, self.based_, self.in_window_, self.least_,
-            self.windows_, self.centre_, self.level_, self.rate_, self.lost_, self.start_, self.leapt_,
-            self.leaps_);
+            self.line_, self.lost_, self.start_, self.leapt_, self.leaps_);
     archive.require(self.in_window_ >= 0 && self.in_window_ < kWindow, "a clock's window is too long");
   }
 
  private:
-  static constexpr int kWindow = 20;           // images that give one least difference
-  static constexpr std::size_t kWindows = 64;  // that the line is fitted to: ten minutes at 2 Hz
-  static constexpr std::size_t kFewest = 3;    // before there is a line
-  struct Least {
-    double time = 0, delay = 0;  // since the first image; arrival less stamp, less the first window's [s]
-
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
-      archive(self.time, self.delay);
-    }
-  };
+  static constexpr int kWindow = 20;         // images that give one least difference
+  static constexpr std::size_t kFewest = 3;  // before there is a line
   void close() noexcept;
-  void fit() noexcept;
-  [[nodiscard]] double lineAt(double time) const noexcept { return level_ + rate_ * (time - centre_); }
 
   std::int64_t first_stamp_ns_ = 0, base_ns_ = 0;  // base: least arrival less stamp of the first window
   bool any_ = false, based_ = false;
   int in_window_ = 0;
-  Least least_;
-  rt::FixedQueue<Least, kWindows> windows_;
-  double centre_ = 0, level_ = 0, rate_ = 0, lost_ = 0;
+  rt::ClockPoint least_;  // arrival less stamp, of the window under way
+  rt::ClockLine line_;
+  double lost_ = 0;
   double start_ = 0, leapt_ = 0;  // of the line at the first image; sum of leaps [s]
   std::uint64_t leaps_ = 0;
 };

@@ -4,10 +4,13 @@
 #include <cmath>
 #include <numbers>
 
+#include "realtime/kernel/seconds.hpp"
+
 namespace fathom::nav {
 namespace {
 
-constexpr double kSecond = 1e9;                              // [ns]
+using rt::seconds;
+
 constexpr std::int64_t kMaxExtrapolationNs = 1'000'000'000;  // of poseAt beyond the newest node
 constexpr std::int64_t kMinNodeSpacingNs = 20'000'000;       // with kNodes: at least 20 s of history
 constexpr std::int64_t kRateHalfWindowNs =
@@ -17,10 +20,6 @@ constexpr double kDepthCatchUp = 5.0;  // e-folding of the step after a depth ou
 constexpr double kMinSoundSpeed = 1350.0, kMaxSoundSpeed = 1650.0;  // any sea or lake, with margin [m/s]
 constexpr double kMinDepth = -5.0, kMaxDepth = 11500.0;  // above the surface in a swell; deepest trench [m]
 constexpr double kMaxAltitude = 500.0;                   // beyond any bottom track of a survey DVL [m]
-
-double seconds(std::int64_t ns) {
-  return static_cast<double>(ns) / kSecond;
-}
 
 bool possibleSoundSpeed(double c) {
   return c >= kMinSoundSpeed && c <= kMaxSoundSpeed;
@@ -198,7 +197,7 @@ void DeadReckoning::coast() noexcept {
   std::int64_t until = attitude_times_.newestUtcNs();
   for (const TimeGate* gate : {&depth_times_, &gyro_times_})
     if (gate->any() && !gate->silentAt(now_)) until = std::min(until, gate->newestUtcNs());
-  const auto gap_ns = static_cast<std::int64_t>(config_.max_dvl_gap * kSecond);
+  const auto gap_ns = rt::nanoseconds(config_.max_dvl_gap);
   if (until - last_velocity_.utc_ns <= gap_ns || until <= nodes_.back().utc_ns) return;
   const Eigen::Vector3d& r = config_.T_body_dvl.translation();
   if (!coasting_) {

@@ -5,17 +5,16 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "realtime/kernel/seconds.hpp"
+
 namespace fathom::slam {
 namespace {
 
 constexpr double kAnywhere = 1000;         // standard deviation of a place that nothing tells [m]
 constexpr double kDepthReference_s = 600;  // a reference of depth serves so long: tides are slow
-constexpr double kNanoseconds = 1e9;
 constexpr int kBlocksPerPose = 14, kSpareBlocks = 40000;  // of the factor; ten hours of survey fill 80 %
 
-double seconds(std::int64_t ns) {
-  return static_cast<double>(ns) / kNanoseconds;
-}
+using rt::seconds;
 
 // What turning may take: a reference of attitude for every fourth keyframe, and so many more at once.
 constexpr int kKeyframesPerReference = 4, kSpareReferences = 200;

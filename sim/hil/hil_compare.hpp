@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "sim/hil/camera_log.hpp"
 
 namespace fathom::sim {

@@ -4,7 +4,7 @@
 #include <sstream>
 #include <string_view>
 
-#include "firmware_if/toml_text.hpp"
+#include "firmware_if/files/toml_text.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"

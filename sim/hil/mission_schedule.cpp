@@ -7,8 +7,8 @@
 #include <type_traits>
 #include <utility>
 
-#include "firmware_if/feature_file.hpp"
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/feature_file.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/nav/camera_clock.hpp"
 
@@ -60,26 +60,15 @@ class Laps {
 };
 
 // A device's sample as it is on the bench.
-DeviceSample moved(const SensorSample& sample, std::int64_t stamp_ns, double speed) {
-  return std::visit(
-      [&](auto s) -> DeviceSample {
-        using Sample = decltype(s);
-        if constexpr (std::is_same_v<Sample, ImageEvent>) {
-          return {};
-        } else {
-          s.utc_ns = stamp_ns;
-          if constexpr (std::is_same_v<Sample, DvlSample>) {
-            if (s.velocity) *s.velocity *= speed;
-          }
-          if constexpr (std::is_same_v<Sample, GyroSample>) {
-            if (s.body_rate) *s.body_rate *= speed;
-            if (s.heading_rate) *s.heading_rate *= speed;
-          }
-          if constexpr (std::is_same_v<Sample, UsblFix>) s.arrival_utc_ns = stamp_ns + kUsblProcessingNs;
-          return s;
-        }
-      },
-      sample);
+SensorSample moved(SensorSample sample, std::int64_t stamp_ns, double speed) {
+  std::visit([&](auto& s) { s.utc_ns = stamp_ns; }, sample);
+  if (auto* dvl = std::get_if<DvlSample>(&sample); dvl != nullptr && dvl->velocity) *dvl->velocity *= speed;
+  if (auto* gyro = std::get_if<GyroSample>(&sample)) {
+    if (gyro->body_rate) *gyro->body_rate *= speed;
+    if (gyro->heading_rate) *gyro->heading_rate *= speed;
+  }
+  if (auto* fix = std::get_if<UsblFix>(&sample)) fix->arrival_utc_ns = stamp_ns + kUsblProcessingNs;
+  return sample;
 }
 
 void addSample(const io::LoggedSample& entry, std::int64_t offset_ns, const Laps& laps, int lap,

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/geometry/sensor_samples.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "sim/hil/fault_script.hpp"
@@ -30,7 +30,7 @@ struct ScheduleOptions {
 // A sample, its times those of the vehicle's clock, and when the device says it.
 struct ScheduledSample {
   std::int64_t due_utc_ns = 0;
-  DeviceSample sample;
+  SensorSample sample;
 };
 struct ScheduledExposure {
   std::int64_t utc_ns = 0;  // of the exposure, true as far as the mission knows

@@ -10,12 +10,12 @@
 #include <thread>
 #include <vector>
 
-#include "firmware_if/feature_file.hpp"
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/mission.hpp"
-#include "firmware_if/mission_recorder.hpp"
-#include "firmware_if/pose_files.hpp"
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/feature_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/mission_recorder.hpp"
+#include "firmware_if/files/pose_files.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
@@ -123,8 +123,9 @@ void writeTruth(const std::filesystem::path& folder, const Scenario& scenario, c
   AtomicFile images(folder / "images.csv");
   images.stream() << "utc_ns,left_image,right_image\n";
   for (const Exposure& e : exposures) {
-    images.stream() << world.utcNs(e.time_s) << ',' << io::imageFileName(e.left_stamp_ns, CameraSide::kLeft)
-                    << ',' << io::imageFileName(e.right_stamp_ns, CameraSide::kRight) << '\n';
+    images.stream() << world.utcNs(e.time_s) << ','
+                    << io::imageFileName(e.left_stamp_ns, CameraSide::kLeft).view() << ','
+                    << io::imageFileName(e.right_stamp_ns, CameraSide::kRight).view() << '\n';
   }
   images.commit();
 
@@ -163,9 +164,9 @@ void renderAll(const Terrain& terrain, const Scenario& scenario, const StereoRig
     const Exposure& e = exposures[i];
     const SE3 pose = world.trajectory.poseAt(e.time_s);
     photograph(renderer, pose, e.time_s, CameraSide::kLeft, noiseSeed(scenario, CameraSide::kLeft, i),
-               folder / io::imageFileName(e.left_stamp_ns, CameraSide::kLeft));
+               folder / io::imageFileName(e.left_stamp_ns, CameraSide::kLeft).view());
     photograph(renderer, pose, e.time_s, CameraSide::kRight, noiseSeed(scenario, CameraSide::kRight, i),
-               folder / io::imageFileName(e.right_stamp_ns, CameraSide::kRight));
+               folder / io::imageFileName(e.right_stamp_ns, CameraSide::kRight).view());
   });
 }
 

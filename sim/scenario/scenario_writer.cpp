@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/civil_time.hpp"
-#include "firmware_if/toml_text.hpp"
+#include "firmware_if/files/civil_time.hpp"
+#include "firmware_if/files/toml_text.hpp"
 #include "realtime/kernel/text.hpp"
 #include "sim/scenario/scenario_file.hpp"
 

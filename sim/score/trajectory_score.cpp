@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "firmware_if/image_times.hpp"
+#include "firmware_if/files/images/image_times.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/geodesy.hpp"
 

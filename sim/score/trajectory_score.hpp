@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/mission.hpp"
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "sim/score/alignment.hpp"
 #include "sim/score/score.hpp"
 

@@ -7,7 +7,7 @@
 #include <optional>
 #include <vector>
 
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/sensor_samples.hpp"

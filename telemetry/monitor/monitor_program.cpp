@@ -7,7 +7,7 @@
 #include <memory>
 #include <thread>
 
-#include "firmware_if/modem_ports.hpp"
+#include "firmware_if/modem/modem_ports.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "telemetry/monitor/frame_feed.hpp"

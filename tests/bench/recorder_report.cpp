@@ -15,7 +15,7 @@
 #include <thread>
 #include <vector>
 
-#include "firmware_if/mission_recorder.hpp"
+#include "firmware_if/files/mission_recorder.hpp"
 #include "firmware_if/recorder/recorder.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/log_histogram.hpp"
@@ -62,7 +62,7 @@ struct Sizes {
 class OneImage {
  public:
   OneImage(const SyntheticDive& dive, const Sizes& sizes, CameraSide side)
-      : pixels_(dive.pixels({SyntheticDive::kStartUtcNs, side, 0})) {
+      : pixels_(dive.pixels({SyntheticDive::kStartUtcNs, side, {}, 0})) {
     // As of a camera: 12 bits of which the lowest are noise on a slope, not noise alone.
     for (std::size_t i = 0; i < pixels_.size(); ++i)
       pixels_[i] =
@@ -113,11 +113,11 @@ void live(const std::filesystem::path& folder, const SyntheticDive& dive, const 
   const auto inputs = static_cast<std::uint64_t>(sizes.seconds * 100);
   for (std::uint64_t n = 0; n < inputs; ++n) {
     clock.sleepUntil(start + static_cast<std::int64_t>(n) * SyntheticDive::kInputIntervalNs);
-    const io::LiveInput input = dive.input(n);
-    if (const auto* stamp = std::get_if<io::ImageStamp>(&input.what)) {
+    const io::OnboardInput input = dive.input(n);
+    if (const ImageEvent* event = io::imageOf(input)) {
       io::CameraFrame frame;
-      frame.side = stamp->side;
-      frame.utc_ns = stamp->utc_ns;
+      frame.side = event->side;
+      frame.utc_ns = event->utc_ns;
       refused += timed(image_ns, [&] { return recorder.offerImage(frame); }) ? 0 : 1;
     }
     refused += timed(input_ns, [&] { return recorder.offerInput(input); }) ? 0 : 1;

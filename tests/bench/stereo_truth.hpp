@@ -5,9 +5,9 @@
 #include <optional>
 #include <vector>
 
-#include "firmware_if/feature_file.hpp"
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/feature_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/lighting/lighting_model.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "sim/scenario/scenario.hpp"

@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/commands/check_calibration_command.hpp"
 #include "tests/support/test_data.hpp"

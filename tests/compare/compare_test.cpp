@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/compare/difference_picture.hpp"
 #include "recon/geometry/mesh_io.hpp"

@@ -281,7 +281,7 @@ TEST(CanConfig, ValuesThatMakeNoSenseAreRefused) {
 
 TEST(CanSource, WithoutAnInterfaceItWaitsAndSaysSo) {
   struct Nothing final : SampleSink {
-    void sample(std::int64_t, const DeviceSample&) noexcept override { ADD_FAILURE(); }
+    void sample(std::int64_t, const SensorSample&) noexcept override { ADD_FAILURE(); }
     void raw(std::int64_t, std::string_view, std::span<const std::uint8_t>) noexcept override {
       ADD_FAILURE();
     }

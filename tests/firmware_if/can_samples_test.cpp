@@ -8,9 +8,9 @@
 #include <variant>
 #include <vector>
 
-#include "firmware_if/byte_file.hpp"
 #include "firmware_if/can/candump.hpp"
 #include "firmware_if/can/send/n2k_encoder.hpp"
+#include "firmware_if/files/byte_file.hpp"
 #include "recon/geometry/sea_water.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/test_data.hpp"
@@ -29,7 +29,7 @@ class Bus {
  public:
   explicit Bus(const N2kSamples::Config& config = {}) : samples(config) {}
   // At `ms` after the start.
-  std::vector<DeviceSample> hear(std::uint32_t pgn, std::int64_t ms, const std::vector<N2kValue>& values,
+  std::vector<SensorSample> hear(std::uint32_t pgn, std::int64_t ms, const std::vector<N2kValue>& values,
                                  std::uint8_t source = 10, std::size_t bytes = 8) {
     std::vector<std::uint8_t> payload(bytes);
     EXPECT_TRUE(encodeN2kPayload(pgn, values, payload));
@@ -40,13 +40,13 @@ class Bus {
     const auto out = samples.add(message);
     return {out.begin(), out.end()};
   }
-  std::vector<DeviceSample> heading(std::int64_t ms, double radians, double reference = kMagnetic) {
+  std::vector<SensorSample> heading(std::int64_t ms, double radians, double reference = kMagnetic) {
     return hear(127250, ms, {{"heading_rad", radians}, {"reference", reference}});
   }
-  std::vector<DeviceSample> tilt(std::int64_t ms, double roll, double pitch = 0) {
+  std::vector<SensorSample> tilt(std::int64_t ms, double roll, double pitch = 0) {
     return hear(127257, ms, {{"roll_rad", roll}, {"pitch_rad", pitch}});
   }
-  std::vector<DeviceSample> fix(std::int64_t ms, double method, double hdop, std::uint8_t source = 10) {
+  std::vector<SensorSample> fix(std::int64_t ms, double method, double hdop, std::uint8_t source = 10) {
     return hear(129029, ms, {{"latitude_deg", 10}, {"longitude_deg", 20}, {"method", method}, {"hdop", hdop}},
                 source, 43);
   }
@@ -54,7 +54,7 @@ class Bus {
 };
 
 template <class T>
-T only(const std::vector<DeviceSample>& samples) {
+T only(const std::vector<SensorSample>& samples) {
   EXPECT_EQ(samples.size(), 1U);
   const T* found = samples.empty() ? nullptr : std::get_if<T>(&samples.front());
   EXPECT_NE(found, nullptr);
@@ -309,7 +309,7 @@ TEST(CanSamples, ARealCaptureGivesPlausibleSamplesWithoutMemory) {
   for (const CanFrame& frame : frames) {
     const N2kMessage* message = decoder.add(frame);
     if (message == nullptr) continue;
-    for (const DeviceSample& sample : samples.add(*message)) {
+    for (const SensorSample& sample : samples.add(*message)) {
       ++all;
       if (const auto* a = std::get_if<AttitudeSample>(&sample)) {
         ++attitudes;

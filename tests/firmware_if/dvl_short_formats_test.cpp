@@ -6,11 +6,11 @@
 #include <random>
 #include <string>
 
-#include "firmware_if/civil_time.hpp"
 #include "firmware_if/dvl/dvl_sample.hpp"
 #include "firmware_if/dvl/dvl_source.hpp"
 #include "firmware_if/dvl/pd45_decoder.hpp"
 #include "firmware_if/dvl/pd6_decoder.hpp"
+#include "firmware_if/files/civil_time.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 
 namespace fathom::io {
@@ -300,7 +300,7 @@ class OneRead final : public ByteStream {
 };
 
 struct Count final : SampleSink {
-  void sample(std::int64_t, const DeviceSample& s) noexcept override {
+  void sample(std::int64_t, const SensorSample& s) noexcept override {
     last = std::get<DvlSample>(s), ++samples;
   }
   void raw(std::int64_t, std::string_view, std::span<const std::uint8_t> bytes) noexcept override {

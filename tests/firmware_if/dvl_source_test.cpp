@@ -7,7 +7,7 @@
 #include <random>
 #include <thread>
 
-#include "firmware_if/civil_time.hpp"
+#include "firmware_if/files/civil_time.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 #include "tests/firmware_if/pty_line.hpp"
 #include "tests/support/heap_counter.hpp"
@@ -27,7 +27,7 @@ constexpr std::int64_t kStart = 1'700'000'000 * kSecond;
 // Keeps what a source gives; takes no memory while there is room.
 struct Kept final : SampleSink {
   Kept() { samples.reserve(4096), arrivals.reserve(4096); }
-  void sample(std::int64_t arrival_utc_ns, const DeviceSample& sample) noexcept override {
+  void sample(std::int64_t arrival_utc_ns, const SensorSample& sample) noexcept override {
     samples.push_back(std::get<DvlSample>(sample));
     arrivals.push_back(arrival_utc_ns);
   }

@@ -19,12 +19,12 @@ constexpr std::int64_t kSecond = 1'000'000'000;
 constexpr std::int64_t kNow = 1'700'000'000 * kSecond;
 
 struct Kept final : SampleSink {
-  void sample(std::int64_t arrival_utc_ns, const DeviceSample& sample) noexcept override {
+  void sample(std::int64_t arrival_utc_ns, const SensorSample& sample) noexcept override {
     EXPECT_EQ(arrival_utc_ns, kNow);
     samples.push_back(sample);
   }
   void raw(std::int64_t, std::string_view, std::span<const std::uint8_t>) noexcept override {}
-  std::vector<DeviceSample> samples;
+  std::vector<SensorSample> samples;
 };
 
 std::uint64_t counter(const LcmSource& source, std::string_view name) {
@@ -107,7 +107,7 @@ TEST_F(LcmSourceTest, AcfrMessagesAreTakenUntilFathomsOwnCome) {
 
 TEST_F(LcmSourceTest, OnlyWhatIsAcceptedIsHeard) {
   LcmConfig config;
-  config.accept[DeviceSample(DepthSample{}).index()] = true;
+  config.accept[SensorSample(DepthSample{}).index()] = true;
   LcmSource source(config, bus, "sirius", [] { return kNow; });
   bus->publish(encodeSample(kNow, AttitudeSample{kNow, 0, 0, 0, true}));
   bus->publish(encodeSample(kNow, DepthSample{kNow, 3}));
@@ -176,8 +176,8 @@ TEST(LcmConfig, TheListOfAcceptedSamplesIsReadWordByWord) {
   };
   const LcmConfig config = read("[lcm]\nurl = 'memq://'\naccept = 'depth  progress'\nmax_age_s = 3\n");
   EXPECT_EQ(config.url, "memq://");
-  EXPECT_TRUE(config.accept[DeviceSample(DepthSample{}).index()]);
-  EXPECT_TRUE(config.accept[DeviceSample(MissionProgressSample{}).index()]);
+  EXPECT_TRUE(config.accept[SensorSample(DepthSample{}).index()]);
+  EXPECT_TRUE(config.accept[SensorSample(MissionProgressSample{}).index()]);
   EXPECT_EQ(std::count(config.accept.begin(), config.accept.end(), true), 2);
   EXPECT_THAT(refusal([&] { read("[lcm]\naccept = 'depth sonar'"); }), HasSubstr("'sonar' is none of dvl"));
   EXPECT_TRUE(read("").url.empty());

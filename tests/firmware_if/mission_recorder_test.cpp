@@ -1,8 +1,8 @@
-#include "firmware_if/mission_recorder.hpp"
+#include "firmware_if/files/mission_recorder.hpp"
 
 #include <gmock/gmock.h>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "tests/firmware_if/sample_dive.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
@@ -81,8 +81,8 @@ TEST_F(MissionRecorderTest, TheFolderHoldsAllThatAMissionIs) {
   ASSERT_TRUE(image);
   const auto& event = std::get<ImageEvent>(image->sample);
   EXPECT_EQ(event.file_name, "PR_20231114_221320_001_RM16.tif");
-  EXPECT_NO_THROW(
-      (void)readImage(MissionPaths(folder_).images() / event.file_name, PixelFormat::kMono, 12, 20, 10));
+  EXPECT_NO_THROW((void)readImage(MissionPaths(folder_).images() / event.file_name.view(), PixelFormat::kMono,
+                                  12, 20, 10));
   const auto raw_auv = MissionPaths(folder_).rawAuv();
   ASSERT_TRUE(raw_auv);
   EXPECT_EQ(raw_auv->filename(), "sirius_20231114_221320.RAW.auv");

@@ -1,4 +1,4 @@
-#include "firmware_if/modem_ports.hpp"
+#include "firmware_if/modem/modem_ports.hpp"
 
 #include <gmock/gmock.h>
 #include <netinet/in.h>

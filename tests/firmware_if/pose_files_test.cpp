@@ -1,4 +1,4 @@
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/pose_files.hpp"
 
 #include <gmock/gmock.h>
 

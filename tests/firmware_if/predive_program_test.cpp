@@ -9,9 +9,9 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "firmware_if/civil_time.hpp"
+#include "firmware_if/files/civil_time.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "firmware_if/lcm_bus/lcm_source.hpp"
-#include "firmware_if/mission.hpp"
 #include "firmware_if/modem/slip.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "telemetry/ship/ship_link.hpp"

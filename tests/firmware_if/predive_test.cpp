@@ -144,7 +144,7 @@ class EnoughPolls {
 class FakeSource final : public SampleSource {
  public:
   FakeSource(const char* name, double rate_hz, std::atomic<int>& polls,
-             std::function<DeviceSample(std::int64_t)> make, std::uint64_t damaged = 0)
+             std::function<SensorSample(std::int64_t)> make, std::uint64_t damaged = 0)
       : name_(name), rate_hz_(rate_hz), polls_(polls), make_(std::move(make)), damaged_(damaged) {}
   bool poll(int, SampleSink& sink) noexcept override {
     ++polls_;
@@ -164,7 +164,7 @@ class FakeSource final : public SampleSource {
   const char* name_;
   double rate_hz_;
   std::atomic<int>& polls_;
-  std::function<DeviceSample(std::int64_t)> make_;
+  std::function<SensorSample(std::int64_t)> make_;
   std::uint64_t damaged_, given_ = 0;
 };
 
@@ -243,9 +243,9 @@ PrediveReport look(const Vehicle& vehicle) {
                                           ? PrediveIdentity{vehicle.serials[side], "10.0.0.1", "", true}
                                           : PrediveIdentity{"", "", "no answer", false};
                              }};
-  devices.expected[DeviceSample(DvlSample{}).index()] = true;
-  devices.expected[DeviceSample(AttitudeSample{}).index()] = true;
-  devices.expected[DeviceSample(DepthSample{}).index()] = true;
+  devices.expected[SensorSample(DvlSample{}).index()] = true;
+  devices.expected[SensorSample(AttitudeSample{}).index()] = true;
+  devices.expected[SensorSample(DepthSample{}).index()] = true;
   devices.sources.push_back(std::make_unique<FakeSource>(
       "dvl", vehicle.dvl_hz, enough.another(),
       [&](std::int64_t now) {

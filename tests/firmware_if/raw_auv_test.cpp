@@ -4,8 +4,8 @@
 
 #include <numbers>
 
-#include "firmware_if/mission.hpp"
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "tests/firmware_if/sample_dive.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"

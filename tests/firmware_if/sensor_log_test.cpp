@@ -1,4 +1,4 @@
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 
 #include <gmock/gmock.h>
 #include <lcm/lcm-cpp.hpp>

@@ -73,7 +73,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     frame.utc_ns = utc_ns;
     std::copy_n(data + 3, 8, frame.data.begin());
     if (const N2kMessage* message = decoder.add(frame))
-      for (const DeviceSample& sample : samples.add(*message)) std::visit(Check{}, sample);
+      for (const SensorSample& sample : samples.add(*message)) std::visit(Check{}, sample);
     sender.receive(frame, utc_ns);
     VehicleReport report;
     report.utc_ns = utc_ns;

@@ -1,4 +1,4 @@
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 
 #include "firmware_if/log/input_tail.hpp"
 #include "firmware_if/log/log_events.hpp"

@@ -19,8 +19,6 @@ TEST(Arena, IsEmptyAndWholePagesLargeAtFirst) {
   const Arena arena(1);
   EXPECT_EQ(arena.capacity(), kPage);
   EXPECT_EQ(arena.used(), 0u);
-  EXPECT_EQ(arena.free(), kPage);
-  EXPECT_EQ(arena.highWater(), 0u);
 }
 
 TEST(Arena, KeepsTheAlignmentAskedFor) {
@@ -37,7 +35,6 @@ TEST(Arena, GivesExactlyItsCapacityThenRefusesAndCounts) {
   Arena arena(2 * kPage);
   ASSERT_NE(arena.allocate(kPage, 1), nullptr);
   ASSERT_NE(arena.allocate(kPage, 1), nullptr);
-  EXPECT_EQ(arena.free(), 0u);
   EXPECT_EQ(arena.allocate(1, 1), nullptr);
   EXPECT_EQ(arena.refused(), 1u);
   EXPECT_EQ(arena.used(), 2 * kPage);
@@ -49,25 +46,6 @@ TEST(Arena, RefusesASizeThatWouldOverflow) {
   EXPECT_TRUE(arena.allocateArray<double>(SIZE_MAX / 4).empty());
   EXPECT_EQ(arena.refused(), 2u);
   EXPECT_EQ(arena.used(), 0u);
-}
-
-TEST(Arena, RewindsToAMarkAndRemembersItsHighWater) {
-  Arena arena(kPage);
-  ASSERT_NE(arena.allocate(100, 1), nullptr);
-  const std::size_t mark = arena.mark();
-  void* first = arena.allocate(1000, 1);
-  arena.rewind(mark);
-  EXPECT_EQ(arena.used(), 100u);
-  EXPECT_EQ(arena.highWater(), 1100u);
-  EXPECT_EQ(arena.allocate(10, 1), first);
-}
-
-TEST(Arena, ArraysBeginAsValueInitialisedEvenInUsedMemory) {
-  Arena arena(kPage);
-  void* dirt = arena.allocate(800, alignof(double));
-  std::memset(dirt, 0xff, 800);
-  arena.rewind(0);
-  for (double value : arena.allocateArray<double>(100)) EXPECT_EQ(value, 0.0);
 }
 
 TEST(Arena, UsingItCausesNoPageFaultAndNoHeapCall) {

@@ -25,33 +25,5 @@ TEST(RealClock, CountsUtcFromTheUnixEpoch) {
   EXPECT_GT(clock.utcNs(), kStartOf2024);
 }
 
-TEST(ReplayedClock, StandsStillUntilTheLogMovesIt) {
-  ReplayedClock clock(1000);
-  EXPECT_EQ(clock.utcNs(), 1000);
-  EXPECT_EQ(clock.monotonicNs(), 0);
-  clock.setUtc(1500);
-  EXPECT_EQ(clock.utcNs(), 1500);
-  EXPECT_EQ(clock.monotonicNs(), 500);
-}
-
-TEST(ReplayedClock, MonotonicTimeNeverGoesBackWithUtc) {
-  ReplayedClock clock(1000);
-  clock.setUtc(2000);
-  clock.setUtc(1200);
-  EXPECT_EQ(clock.utcNs(), 1200);
-  EXPECT_EQ(clock.monotonicNs(), 1000);
-  clock.setUtc(1300);
-  EXPECT_EQ(clock.monotonicNs(), 1100);
-}
-
-TEST(ReplayedClock, SleepingMovesTheTimeOnAndThePastDoesNot) {
-  ReplayedClock clock(0);
-  clock.sleepUntil(700);
-  EXPECT_EQ(clock.monotonicNs(), 700);
-  EXPECT_EQ(clock.utcNs(), 700);
-  clock.sleepUntil(100);
-  EXPECT_EQ(clock.monotonicNs(), 700);
-}
-
 }  // namespace
 }  // namespace fathom::rt

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "tests/support/heap_counter.hpp"
+#include "tests/support/manual_clock.hpp"
 
 namespace fathom::rt {
 namespace {
@@ -12,7 +13,7 @@ namespace {
 constexpr std::int64_t kPeriod = 10'000'000;
 
 TEST(PeriodicLoop, WakesOnEveryDeadlineWithoutDrift) {
-  ReplayedClock clock(0);
+  test::ManualClock clock;
   PeriodicLoop loop(clock, kPeriod);
   std::vector<std::int64_t> begun;
   for (int i = 0; i < 5; ++i)
@@ -29,7 +30,7 @@ TEST(PeriodicLoop, WakesOnEveryDeadlineWithoutDrift) {
 }
 
 TEST(PeriodicLoop, SkipsAndCountsTheDeadlinesThatALongBodyMissed) {
-  ReplayedClock clock(0);
+  test::ManualClock clock;
   PeriodicLoop loop(clock, kPeriod);
   loop.runOnce([&] { clock.advance(25'000'000); });  // begun at 10 ms, ends at 35 ms: misses 20 and 30 ms
   EXPECT_EQ(loop.statistics().slipped_cycles, 2u);
@@ -40,7 +41,7 @@ TEST(PeriodicLoop, SkipsAndCountsTheDeadlinesThatALongBodyMissed) {
 }
 
 TEST(PeriodicLoop, ABodyThatJustFillsItsPeriodDoesNotSlip) {
-  ReplayedClock clock(0);
+  test::ManualClock clock;
   PeriodicLoop loop(clock, kPeriod);
   for (int i = 0; i < 3; ++i) loop.runOnce([&] { clock.advance(kPeriod); });
   EXPECT_EQ(loop.statistics().slipped_cycles, 0u);
@@ -59,7 +60,7 @@ class LateClock final : public Clock {
   }
 
  private:
-  ReplayedClock inner_;
+  test::ManualClock inner_;
   std::int64_t lateness_ = 1000;
 };
 
@@ -73,7 +74,7 @@ TEST(PeriodicLoop, MeasuresHowLateEachCycleBegins) {
 }
 
 TEST(PeriodicLoop, RunsUntilTheBodySaysStop) {
-  ReplayedClock clock(0);
+  test::ManualClock clock;
   PeriodicLoop loop(clock, kPeriod);
   int cycles = 0;
   loop.run([&] { return ++cycles < 7; });

@@ -65,16 +65,6 @@ TEST(ServiceNotify, WithoutAServiceManagerNothingHappens) {
   ::unsetenv("NOTIFY_SOCKET");
   ServiceNotify::ready("alone");
   ServiceNotify::alive();
-  ::unsetenv("WATCHDOG_USEC");
-  EXPECT_EQ(ServiceNotify::alivePeriodNs(), 0);
-}
-
-TEST(ServiceNotify, GivesHalfOfTheWatchdogsLimit) {
-  ::setenv("WATCHDOG_USEC", "5000000", 1);
-  ::setenv("WATCHDOG_PID", std::to_string(::getpid()).c_str(), 1);
-  EXPECT_EQ(ServiceNotify::alivePeriodNs(), 2'500'000'000);
-  ::unsetenv("WATCHDOG_USEC");
-  ::unsetenv("WATCHDOG_PID");
 }
 
 TEST(CpuWakeLimit, ANegativeLimitLeavesTheMachineAsItIs) {

@@ -3,10 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <array>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
+#include <vector>
 
-#include "realtime/kernel/health/timeline_svg.hpp"
+#include "realtime/kernel/health/trace_json.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::rt {
@@ -58,13 +60,11 @@ TEST(StageTimes, AddingAndPublishingTakeNoHeap) {
 TEST(TimelineTrack, KeepsTheNewestEventsAndGivesThoseAskedFor) {
   TimelineTrack track(4);
   EXPECT_TRUE(track.copy(0, 1000).empty());
-  EXPECT_EQ(track.newestNs(), 0);
   for (int i = 0; i < 10; ++i) track.add(static_cast<std::uint16_t>(i), i * 10, i * 10 + 5);
   const auto all = track.copy(0, 1000);
   ASSERT_EQ(all.size(), 4u);
   EXPECT_EQ(all.front().stage, 6);
   EXPECT_EQ(all.back().begin_ns, 90);
-  EXPECT_EQ(track.newestNs(), 95);
   const auto some = track.copy(76, 90);
   ASSERT_EQ(some.size(), 1u);
   EXPECT_EQ(some[0].stage, 8);
@@ -88,64 +88,62 @@ TEST(TimelineTrack, AReaderGetsWholeEventsWhileAnotherThreadWrites) {
   EXPECT_GT(seen, 0u);
 }
 
-// A second of navigation and vision; its fiftieth cycle takes `slowest` ms.
-TimelinePicture oneSecond(int slowest = 1) {
-  TimelinePicture picture;
-  picture.title = "one <second> & more";
-  picture.to_ns = 1000 * kMs;
-  TimelineRow nav;
+// A second of navigation and vision; the fiftieth cycle takes `slowest` ms.
+nlohmann::json oneSecond(int slowest) {
+  TraceThread nav;
   nav.name = "navigation";
-  nav.period_ns = 10 * kMs;
-  nav.stages = {{"cycle", 100, 1, kMs, kMs, kMs, 12 * kMs}};
+  nav.period_ns = nav.deadline_ns = 10 * kMs;
+  nav.stages = {"cycle"};
   for (int i = 0; i < 100; ++i)
     nav.events.push_back({0, i * 10 * kMs, i * 10 * kMs + (i == 50 ? slowest : 1) * kMs});
-  TimelineRow vision;
-  vision.name = "vision";
-  vision.stages = {{"frame", 2, 0, kMs, kMs, kMs, kMs}, {"stereo", 2, 0, kMs, kMs, kMs, kMs}};
-  vision.events = {{1, 12 * kMs, 30 * kMs}, {0, 10 * kMs, 70 * kMs}, {7, 500 * kMs, 520 * kMs}};
-  picture.rows = {nav, vision};
-  return picture;
+  TraceThread vision;
+  vision.name = "vision \"left\"";
+  vision.stages = {"frame", "stereo"};
+  vision.events = {
+      {1, 12 * kMs, 30 * kMs}, {0, 10 * kMs, 70 * kMs}, {7, 60 * kMs, 80 * kMs}, {1, 75 * kMs, 76 * kMs}};
+  return nlohmann::json::parse(traceJson("dive", std::vector{nav, vision}, 0, 1000 * kMs));
 }
 
-std::size_t count(const std::string& text, const std::string& part) {
-  std::size_t found = 0;
-  for (std::size_t at = text.find(part); at != std::string::npos; at = text.find(part, at + 1)) ++found;
+std::vector<nlohmann::json> named(const nlohmann::json& trace, const std::string& name) {
+  std::vector<nlohmann::json> found;
+  for (const auto& event : trace.at("traceEvents"))
+    if (event.at("name") == name) found.push_back(event);
   return found;
 }
 
-TEST(TimelineSvg, DrawsEveryStageWithItsLengthAndTheDeadlines) {
-  const std::string svg = timelineSvg(oneSecond());
-  EXPECT_EQ(count(svg, "<title>frame 60.0 ms</title>"), 2u);  // in both panels
-  EXPECT_EQ(count(svg, "<title>stereo 18.0 ms</title>"), 2u);
-  EXPECT_GE(count(svg, "<title>cycle 1.0 ms</title>"), 99u);
-  EXPECT_EQ(count(svg, "<title>stage 7 20.0 ms</title>"), 1u);  // no name known
-  EXPECT_GE(count(svg, "class='due'"), 100u);
-  EXPECT_NE(svg.find("one &lt;second&gt; &amp; more"), std::string::npos);
+TEST(TraceJson, TellsEveryStageWithItsBeginAndLengthOnItsThread) {
+  const nlohmann::json trace = oneSecond(1);
+  EXPECT_EQ(named(trace, "cycle").size(), 100u);
+  const auto frame = named(trace, "frame");
+  ASSERT_EQ(frame.size(), 1u);
+  EXPECT_EQ(frame[0].at("ph"), "X");
+  EXPECT_EQ(frame[0].at("ts"), 10'000);
+  EXPECT_EQ(frame[0].at("dur"), 60'000);
+  EXPECT_EQ(named(trace, "stage 7").size(), 1u);  // no name known
+  const auto threads = named(trace, "thread_name");
+  ASSERT_EQ(threads.size(), 3u);  // vision has two
+  EXPECT_EQ(threads[1].at("args").at("name"), "vision \"left\"");
+  EXPECT_EQ(threads[1].at("tid"), frame[0].at("tid"));
 }
 
-TEST(TimelineSvg, MarksTheCycleThatRanPastItsNextDeadlineAndNoOther) {
-  const char* const mark = "fill='#cc0000'";
-  EXPECT_EQ(count(timelineSvg(oneSecond()), mark), 0u);
-  EXPECT_EQ(count(timelineSvg(oneSecond(9)), mark), 0u);
-  // In the whole second, in the part enlarged, which now shows it, and as the cycle shown by itself.
-  EXPECT_EQ(count(timelineSvg(oneSecond(12)), mark), 3u);
+TEST(TraceJson, StagesThatOverlapWithoutHoldingOneAnotherAreOnTracksOfTheirOwn) {
+  const nlohmann::json trace = oneSecond(1);
+  const auto frame = named(trace, "frame")[0], other = named(trace, "stage 7")[0];
+  const auto stereo = named(trace, "stereo");
+  EXPECT_EQ(stereo[0].at("tid"), frame.at("tid"));
+  EXPECT_NE(other.at("tid"), frame.at("tid"));
+  EXPECT_EQ(stereo[1].at("tid"), frame.at("tid")) << "the frame was over";
 }
 
-TEST(TimelineSvg, AnEmptyPictureIsAPictureAllTheSame) {
-  const std::string svg = timelineSvg({});
-  EXPECT_EQ(svg.find("nan"), std::string::npos);
-  EXPECT_NE(svg.find("</svg>"), std::string::npos);
+TEST(TraceJson, MarksTheDeadlinesAndThoseThatACycleRanPast) {
+  EXPECT_EQ(named(oneSecond(9), "deadline").size(), 100u);
+  const auto missed = named(oneSecond(12), "missed deadline");
+  ASSERT_EQ(missed.size(), 1u);
+  EXPECT_EQ(missed[0].at("ts"), 510'000);
 }
 
-TEST(TimelineRow, TakesTheLastSecondsOfARunningThread) {
-  TimelineTrack track(64);
-  StageTimes times(kStages, &track);
-  for (int i = 0; i < 20; ++i) times.add(0, i * 100 * kMs, i * 100 * kMs + kMs);
-  times.publish();
-  const TimelineRow row = timelineRow("nav", "", times, track, 2000 * kMs, 1000 * kMs);
-  EXPECT_EQ(row.events.size(), 10u);
-  ASSERT_EQ(row.stages.size(), 2u);
-  EXPECT_EQ(row.stages[0].count, 20u);
+TEST(TraceJson, IsWellFormedWithoutAnything) {
+  EXPECT_EQ(nlohmann::json::parse(traceJson("", {}, 0, 1)).at("traceEvents").size(), 1u);
 }
 
 }  // namespace

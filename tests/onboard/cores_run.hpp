@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "firmware_if/files/mission.hpp"
 #include "firmware_if/log/onboard_input.hpp"
-#include "firmware_if/mission.hpp"
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/link/link_core.hpp"
 #include "realtime/onboard/map/map_core.hpp"

@@ -32,24 +32,55 @@ NavCoreConfig coreConfig() {
 double pairTime(std::uint32_t i) {
   return 0.25 + 0.5 * i;
 }
-std::vector<NavInput> diveInputs(double duration, const Rates& rates = {}) {
-  std::vector<NavInput> inputs;
+struct Exposure {
+  std::int64_t utc_ns = 0;
+  CameraSide side = CameraSide::kLeft;
+  std::uint32_t frame_id = 0;
+};
+struct HealthTick {
+  std::int64_t utc_ns = 0;
+};
+using Input =
+    std::variant<DvlSample, AttitudeSample, GyroSample, DepthSample, WaterSample, Exposure, HealthTick>;
+
+std::int64_t utcOf(const Input& input) {
+  return std::visit([](const auto& i) { return i.utc_ns; }, input);
+}
+bool isDvl(const Input& input) {
+  return std::holds_alternative<DvlSample>(input);
+}
+void give(NavCore& core, const Input& input) {
+  std::visit(
+      [&core](const auto& i) {
+        using T = std::decay_t<decltype(i)>;
+        if constexpr (std::is_same_v<T, Exposure>)
+          core.addFrame(i.utc_ns, i.side, i.frame_id);
+        else if constexpr (std::is_same_v<T, HealthTick>)
+          core.tick(i.utc_ns);
+        else
+          core.add(i);
+      },
+      input);
+}
+
+std::vector<Input> diveInputs(double duration, const Rates& rates = {}) {
+  std::vector<Input> inputs;
   for (const Sample& sample : samplesOf(circle, mountedConfig(), duration, rates))
-    inputs.push_back(std::visit([](const auto& s) { return navInput(s); }, sample));
+    inputs.push_back(std::visit([](const auto& s) { return Input(s); }, sample));
   for (std::uint32_t i = 0; pairTime(i) + 0.01 < duration; ++i) {
-    inputs.push_back(frameInput(at(pairTime(i)), CameraSide::kLeft, 2 * i));
-    inputs.push_back(frameInput(at(pairTime(i) + 0.004), CameraSide::kRight, 2 * i + 1));
+    inputs.push_back(Exposure{at(pairTime(i)), CameraSide::kLeft, 2 * i});
+    inputs.push_back(Exposure{at(pairTime(i) + 0.004), CameraSide::kRight, 2 * i + 1});
   }
-  for (int i = 1; i < duration; ++i) inputs.push_back(healthTickInput(at(i)));
+  for (int i = 1; i < duration; ++i) inputs.push_back(HealthTick{at(i)});
   std::stable_sort(inputs.begin(), inputs.end(),
-                   [](const NavInput& a, const NavInput& b) { return a.utc_ns < b.utc_ns; });
+                   [](const Input& a, const Input& b) { return utcOf(a) < utcOf(b); });
   return inputs;
 }
 
-std::vector<StereoTrigger> run(NavCore& core, const std::vector<NavInput>& inputs) {
+std::vector<StereoTrigger> run(NavCore& core, const std::vector<Input>& inputs) {
   std::vector<StereoTrigger> triggers;
-  for (const NavInput& input : inputs) {
-    core.step(input);
+  for (const Input& input : inputs) {
+    give(core, input);
     while (const auto trigger = core.pollTrigger()) triggers.push_back(*trigger);
   }
   return triggers;
@@ -103,8 +134,8 @@ TEST(NavCore, EveryPairHasTheGyrosTurnAtItsOwnTime) {
 
 TEST(NavCore, GivesATriggerOnlyOnceTheOdometryCoversItsTime) {
   NavCore core(coreConfig());
-  for (const NavInput& input : diveInputs(20)) {
-    core.step(input);
+  for (const Input& input : diveInputs(20)) {
+    give(core, input);
     while (const auto trigger = core.pollTrigger()) EXPECT_LE(trigger->utc_ns, core.odometry().newestUtcNs());
   }
 }
@@ -142,7 +173,7 @@ TEST(NavCore, GoesOnFromASavedStateBitForBit) {
     rt::StateReader reader(state);
     ASSERT_TRUE(loaded.load(reader)) << reader.failure();
     EXPECT_EQ(savedState(loaded), state);
-    const std::vector<NavInput> rest(inputs.begin() + middle, inputs.end());
+    const std::vector<Input> rest(inputs.begin() + middle, inputs.end());
     EXPECT_EQ(run(whole, rest).size(), run(loaded, rest).size());
     EXPECT_EQ(savedState(whole), savedState(loaded));
     for (std::size_t i = 0; i < NavHealth::kCounters; ++i) {
@@ -188,12 +219,12 @@ TEST(NavCore, StepsWithoutHeapCallsOrPageFaults) {
   std::uint64_t triggers = 0;
   const fathom::test::ThreadCost armed = fathom::test::threadCost();
   for (std::size_t i = 0; i < warm; ++i) {
-    core.step(inputs[i]);
+    give(core, inputs[i]);
     while (core.pollTrigger()) ++triggers;
   }
   const fathom::test::ThreadCost steady = fathom::test::threadCost();
   for (std::size_t i = warm; i < inputs.size(); ++i) {
-    core.step(inputs[i]);
+    give(core, inputs[i]);
     while (core.pollTrigger()) ++triggers;
   }
   const fathom::test::ThreadCost end = fathom::test::threadCost();
@@ -206,9 +237,9 @@ TEST(NavCore, StepsWithoutHeapCallsOrPageFaults) {
 
 TEST(NavCore, WithoutNavigationDropsTheOldestPairsAndCountsThem) {
   NavCore core(coreConfig());
-  std::vector<NavInput> inputs;
-  for (const NavInput& input : diveInputs(60))
-    if (input.kind != NavInput::Kind::kDvl) inputs.push_back(input);
+  std::vector<Input> inputs;
+  for (const Input& input : diveInputs(60))
+    if (!isDvl(input)) inputs.push_back(input);
   EXPECT_TRUE(run(core, inputs).empty());
   const NavHealth& health = core.health();
   EXPECT_FALSE(health.initialised);
@@ -220,9 +251,9 @@ TEST(NavCore, WithoutNavigationDropsTheOldestPairsAndCountsThem) {
 
 TEST(NavCore, PairsFromBeforeTheOdometryAreDroppedAndLaterOnesKeepTheirNumbers) {
   NavCore core(coreConfig());
-  std::vector<NavInput> inputs;
-  for (const NavInput& input : diveInputs(20))
-    if (input.kind != NavInput::Kind::kDvl || input.utc_ns > at(5)) inputs.push_back(input);
+  std::vector<Input> inputs;
+  for (const Input& input : diveInputs(20))
+    if (!isDvl(input) || utcOf(input) > at(5)) inputs.push_back(input);
   const auto triggers = run(core, inputs);
   ASSERT_FALSE(triggers.empty());
   EXPECT_EQ(triggers.front().pair_index, 10u);
@@ -232,10 +263,9 @@ TEST(NavCore, PairsFromBeforeTheOdometryAreDroppedAndLaterOnesKeepTheirNumbers) 
 
 TEST(NavCore, ALongLossOfBottomTrackDoesNotStopTheTriggers) {
   NavCore core(coreConfig());
-  std::vector<NavInput> inputs;
-  for (const NavInput& input : diveInputs(60))
-    if (input.kind != NavInput::Kind::kDvl || input.utc_ns < at(10) || input.utc_ns > at(40))
-      inputs.push_back(input);
+  std::vector<Input> inputs;
+  for (const Input& input : diveInputs(60))
+    if (!isDvl(input) || utcOf(input) < at(10) || utcOf(input) > at(40)) inputs.push_back(input);
   const auto triggers = run(core, inputs);
   EXPECT_GE(triggers.size(), 118u);
   bool without_altitude = false;
@@ -250,8 +280,8 @@ TEST(NavCore, ALongLossOfBottomTrackDoesNotStopTheTriggers) {
 
 TEST(NavCore, TriggersThatNobodyTakesAreDroppedOldestFirst) {
   NavCore core(coreConfig());
-  for (const NavInput& input : diveInputs(60)) core.step(input);
-  core.step(healthTickInput(at(60)));
+  for (const Input& input : diveInputs(60)) give(core, input);
+  core.tick(at(60));
   const auto oldest = core.pollTrigger();
   ASSERT_TRUE(oldest);
   EXPECT_EQ(oldest->pair_index + 32, counter(core, "triggers"));
@@ -262,23 +292,17 @@ TEST(NavCore, AppliesTheSensorsTimeOffsets) {
   NavCoreConfig late = coreConfig();
   late.time_offsets = {0.1, -0.2, 0.3, -0.4, 0.5};
   NavCore shifted(late), plain(coreConfig());
-  const auto offset = [](const NavInput& input) {
-    switch (input.kind) {
-      case NavInput::Kind::kFrame:
-        return input.side == CameraSide::kLeft ? 0.1 : -0.2;
-      case NavInput::Kind::kDvl:
-        return 0.3;
-      case NavInput::Kind::kAttitude:
-        return -0.4;
-      case NavInput::Kind::kDepth:
-        return 0.5;
-      default:
-        return 0.0;
-    }
+  const auto offset = [](const Input& input) {
+    if (const auto* frame = std::get_if<Exposure>(&input))
+      return frame->side == CameraSide::kLeft ? 0.1 : -0.2;
+    if (isDvl(input)) return 0.3;
+    if (std::holds_alternative<AttitudeSample>(input)) return -0.4;
+    return std::holds_alternative<DepthSample>(input) ? 0.5 : 0.0;
   };
   auto inputs = diveInputs(20);
   const auto expected = run(plain, inputs);
-  for (NavInput& input : inputs) input.utc_ns -= std::llround(offset(input) * 1e9);
+  for (Input& input : inputs)
+    std::visit([ns = std::llround(offset(input) * 1e9)](auto& i) { i.utc_ns -= ns; }, input);
   const auto got = run(shifted, inputs);
   ASSERT_EQ(got.size(), expected.size());
   for (std::size_t i = 0; i < got.size(); ++i) {
@@ -291,7 +315,7 @@ TEST(NavCore, HealthTellsAgesSpeedAndWhatWasCounted) {
   NavCore core(coreConfig());
   EXPECT_EQ(core.health().utc_ns, 0);
   run(core, diveInputs(30));
-  core.step(healthTickInput(at(32)));
+  core.tick(at(32));
   const NavHealth& health = core.health();
   EXPECT_EQ(health.utc_ns, at(32));
   EXPECT_TRUE(health.initialised);
@@ -316,9 +340,9 @@ TEST(NavCore, HealthTellsAgesSpeedAndWhatWasCounted) {
 TEST(NavCore, HealthTicksAtAnyTimeNeverMakeAnAgeNegative) {
   NavCore core(coreConfig());
   run(core, diveInputs(3));
-  core.step(healthTickInput(std::numeric_limits<std::int64_t>::min()));
+  core.tick(std::numeric_limits<std::int64_t>::min());
   EXPECT_EQ(core.health().dvl_age, 0);
-  core.step(healthTickInput(std::numeric_limits<std::int64_t>::max()));
+  core.tick(std::numeric_limits<std::int64_t>::max());
   EXPECT_GT(core.health().dvl_age, 0);
 }
 

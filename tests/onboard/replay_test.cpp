@@ -6,7 +6,7 @@
 #include <fstream>
 #include <map>
 
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 #include "recon/geometry/mesh_io.hpp"

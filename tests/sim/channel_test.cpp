@@ -7,7 +7,7 @@
 #include <cmath>
 #include <thread>
 
-#include "firmware_if/modem_ports.hpp"
+#include "firmware_if/modem/modem_ports.hpp"
 #include "sim/link/channel_relay.hpp"
 
 namespace fathom::sim {

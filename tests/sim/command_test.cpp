@@ -66,7 +66,7 @@ TEST_F(Command, RendersAndScoresAMissionInOneJsonLine) {
   const Outcome rendered = run("render " + path("tiny.toml") + " --duration 1 --seed 4 --out " + path("m"));
   EXPECT_EQ(rendered.code, 0) << rendered.err;
   EXPECT_THAT(rendered.out, ::testing::HasSubstr("2 pairs"));
-  EXPECT_THAT(rendered.err, ::testing::HasSubstr("2 of 2 pairs"));
+  EXPECT_THAT(rendered.err, ::testing::HasSubstr("pairs: 2 of 2"));
   EXPECT_EQ(run("render " + path("tiny.toml") + " --out " + path("m")).code, 2) << "it is there already";
 
   const Outcome scored = run("score " + path("m") + " --json");

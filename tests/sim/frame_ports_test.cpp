@@ -12,7 +12,7 @@
 #include <random>
 #include <vector>
 
-#include "firmware_if/modem_ports.hpp"
+#include "firmware_if/modem/modem_ports.hpp"
 #include "sim/link/channel.hpp"
 
 namespace fathom::sim {

@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "firmware_if/camera/gige_camera.hpp"
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "tests/support/network_namespace.hpp"
 #include "tests/support/test_data.hpp"

@@ -11,6 +11,7 @@
 #include "sim/hil/bench/recording_disk.hpp"
 #include "sim/hil/bench/stepped_clock.hpp"
 #include "tests/sim/hil_mission.hpp"
+#include "tests/support/manual_clock.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -136,7 +137,7 @@ TEST(RecordingDisk, FullIsFullAndWhatWasWrittenStays) {
 TEST(MachineFaults, EachIsDoneAtItsTimeAndTakenBackAndWhatCannotBeDoneIsSaid) {
   const test::TemporaryFolder folder;
   writeTenSecondMission(folder.path() / "mission");
-  rt::ReplayedClock time(kMissionNs);
+  test::ManualClock time(kMissionNs);
   ScheduleOptions options;
   options.start_utc_ns = kMissionNs;
   const MissionSchedule schedule = makeSchedule(folder.path() / "mission", options);

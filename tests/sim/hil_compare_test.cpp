@@ -6,7 +6,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/config_table.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "sim/hil/fault_table.hpp"

@@ -3,8 +3,8 @@
 #include <filesystem>
 #include <string>
 
-#include "firmware_if/mission.hpp"
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 
 namespace fathom::sim {
 

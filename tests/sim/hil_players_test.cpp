@@ -9,7 +9,7 @@
 #include "firmware_if/dvl/dvl_sample.hpp"
 #include "firmware_if/dvl/pd0_decoder.hpp"
 #include "firmware_if/log/log_messages.hpp"
-#include "firmware_if/modem_ports.hpp"
+#include "firmware_if/modem/modem_ports.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "sim/hil/players/dvl_player.hpp"
 #include "sim/hil/players/lcm_player.hpp"
@@ -19,6 +19,7 @@
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/packet_log.hpp"
 #include "tests/sim/hil_mission.hpp"
+#include "tests/support/manual_clock.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::sim {
@@ -32,13 +33,13 @@ class HilPlayers : public testing::Test {
     writeTenSecondMission(folder_.path() / "mission");
     ScheduleOptions options;
     options.start_utc_ns = kMissionNs + 3600 * kSecondNs;
-    clock_.setUtc(options.start_utc_ns - kSecondNs);
+    clock_.advance(options.start_utc_ns - kSecondNs);
     schedule_ = makeSchedule(folder_.path() / "mission", options);
   }
   [[nodiscard]] double missionNow() { return schedule_.missionSeconds(VehicleClock(clock_).utcNs()); }
 
   test::TemporaryFolder folder_;
-  rt::ReplayedClock clock_;  // nothing waits: ten seconds pass at once
+  test::ManualClock clock_;  // nothing waits: ten seconds pass at once
   MissionSchedule schedule_;
 };
 

@@ -4,11 +4,11 @@
 #include <fstream>
 #include <map>
 
-#include "firmware_if/feature_file.hpp"
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/mission.hpp"
-#include "firmware_if/pose_files.hpp"
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/feature_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/pose_files.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "sim/mission/mission_maker.hpp"
@@ -126,7 +126,7 @@ TEST(MissionMaker, WritesAMissionThatItsReadersAccept) {
     if (image == nullptr) continue;
     ++images;
     const bool left = image->side == CameraSide::kLeft;
-    const auto file = io::readImage(paths.images() / image->file_name,
+    const auto file = io::readImage(paths.images() / image->file_name.view(),
                                     left ? config.cameras.left_format : config.cameras.right_format,
                                     config.cameras.bits, rig.left.width, rig.left.height);
     EXPECT_FALSE(file.view.empty());

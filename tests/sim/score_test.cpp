@@ -7,8 +7,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "firmware_if/mission.hpp"
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/geometry/stereo_rig.hpp"

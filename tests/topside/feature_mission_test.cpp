@@ -3,7 +3,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "firmware_if/feature_file.hpp"
+#include "firmware_if/files/feature_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/topside/input/image_pairs.hpp"
 #include "recon/topside/pipeline.hpp"

@@ -5,7 +5,8 @@
 
 #include <cmath>
 
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/sensor_log.hpp"
+#include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "recon/topside/input/tide.hpp"
 #include "tests/support/test_data.hpp"

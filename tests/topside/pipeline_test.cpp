@@ -6,7 +6,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/pose_files.hpp"
+#include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"

@@ -11,7 +11,7 @@
 #include <random>
 #include <thread>
 
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/pipeline.hpp"
 #include "tests/support/test_data.hpp"

@@ -34,7 +34,7 @@ struct Heard final : io::SampleSink {
     samples.reserve(1000);
     raw_bytes.reserve(1 << 20);
   }
-  void sample(std::int64_t arrival_utc_ns, const DeviceSample& sample) noexcept override {
+  void sample(std::int64_t arrival_utc_ns, const SensorSample& sample) noexcept override {
     last_arrival_ns = arrival_utc_ns;
     samples.push_back(sample);
   }
@@ -49,11 +49,11 @@ struct Heard final : io::SampleSink {
   template <class T>
   [[nodiscard]] std::vector<T> of() const {
     std::vector<T> out;
-    for (const DeviceSample& s : samples)
+    for (const SensorSample& s : samples)
       if (const T* found = std::get_if<T>(&s)) out.push_back(*found);
     return out;
   }
-  std::vector<DeviceSample> samples;
+  std::vector<SensorSample> samples;
   std::int64_t last_arrival_ns = 0;
   std::vector<std::uint8_t> raw_bytes;
   std::size_t raw_frames = 0;

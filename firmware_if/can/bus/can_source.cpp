@@ -59,7 +59,7 @@ void CanSource::take(const BusFrame& frame, SampleSink& sink) noexcept {
   const N2kMessage* message = decoder_.add(frame.frame);
   if (message == nullptr) return;
   const std::int64_t arrival_ns = *frame.frame.utc_ns;
-  for (const DeviceSample& sample : samples_.add(*message)) {
+  for (const SensorSample& sample : samples_.add(*message)) {
     sink.sample(arrival_ns, sample);
     last_data_ns_ = arrival_ns;
   }

@@ -77,7 +77,7 @@ bool N2kSamples::believed(BelievedSource& source, const N2kMessage& message, std
   return false;
 }
 
-std::span<const DeviceSample> N2kSamples::add(const N2kMessage& message) noexcept {
+std::span<const SensorSample> N2kSamples::add(const N2kMessage& message) noexcept {
   out_count_ = 0;
   if (!message.utc_ns) return {};
   const std::int64_t utc_ns = *message.utc_ns;

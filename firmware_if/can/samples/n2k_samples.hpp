@@ -77,11 +77,11 @@ class N2kSamples {
   explicit N2kSamples(const Config& config);
 
   // The samples that a message makes or completes, valid until the next call; none for one without a time.
-  [[nodiscard]] std::span<const DeviceSample> add(const N2kMessage& message) noexcept;
+  [[nodiscard]] std::span<const SensorSample> add(const N2kMessage& message) noexcept;
   [[nodiscard]] Counts counts() const noexcept;
 
  private:
-  void give(const DeviceSample& sample) noexcept { out_[out_count_++] = sample; }
+  void give(const SensorSample& sample) noexcept { out_[out_count_++] = sample; }
   void addHeading(const N2kMessage& message, std::int64_t utc_ns) noexcept;
   void addTilt(const N2kMessage& message, std::int64_t utc_ns) noexcept;
   void addTurn(const N2kMessage& message, std::int64_t utc_ns) noexcept;
@@ -103,7 +103,7 @@ class N2kSamples {
   std::optional<double> battery_instance_;
   std::optional<HeldNumber> charge_, hdop_, salinity_, last_depth_;
   std::optional<std::int64_t> last_battery_ns_;
-  std::array<DeviceSample, AttitudePairing::kWaiting + 1> out_{};
+  std::array<SensorSample, AttitudePairing::kWaiting + 1> out_{};
   std::size_t out_count_ = 0;
   Counts counts_;
 };

@@ -49,6 +49,8 @@ class StageTimes {
   [[nodiscard]] bool read(Snapshot& snapshot) noexcept { return published_.read(snapshot); }
 
   [[nodiscard]] std::size_t stages() const noexcept { return stages_.size(); }
+  [[nodiscard]] const TimelineTrack* track() const noexcept { return track_; }
+  [[nodiscard]] const char* name(std::size_t stage) const { return stages_.at(stage).spec.name; }
   // By the writer, or when it rests.
   [[nodiscard]] StageSummary summary(std::size_t stage) const noexcept;
   [[nodiscard]] const LogHistogram& histogram(std::size_t stage) const { return stages_.at(stage).times; }
@@ -63,23 +65,6 @@ class StageTimes {
   std::vector<Stage> stages_;
   TimelineTrack* track_;
   LatestValue<Snapshot> published_;
-};
-
-// Measures a scope as one stage.
-template <typename ClockType>
-class StageScope {
- public:
-  StageScope(StageTimes& times, std::size_t stage, const ClockType& clock) noexcept
-      : times_(times), stage_(stage), clock_(clock), begin_ns_(clock.monotonicNs()) {}
-  ~StageScope() { times_.add(stage_, begin_ns_, clock_.monotonicNs()); }
-  StageScope(const StageScope&) = delete;
-  StageScope& operator=(const StageScope&) = delete;
-
- private:
-  StageTimes& times_;
-  std::size_t stage_;
-  const ClockType& clock_;
-  std::int64_t begin_ns_;
 };
 
 }  // namespace fathom::rt

@@ -42,9 +42,4 @@ std::vector<TimelineEvent> TimelineTrack::copy(std::int64_t from_ns, std::int64_
   return all;
 }
 
-std::int64_t TimelineTrack::newestNs() const noexcept {
-  const std::uint64_t end = added_.load(std::memory_order_acquire);
-  return end == 0 ? 0 : slots_[(end - 1) & mask_].end_ns.load(std::memory_order_relaxed);
-}
-
 }  // namespace fathom::rt

@@ -29,8 +29,6 @@ class TimelineTrack {
   // Events that end at or after `from_ns` and begin before `to_ns`, in the order in which they were added.
   [[nodiscard]] std::vector<TimelineEvent> copy(std::int64_t from_ns, std::int64_t to_ns) const;
   [[nodiscard]] std::size_t capacity() const noexcept { return mask_ + 1; }
-  // When the newest event ended; 0 when there is none.
-  [[nodiscard]] std::int64_t newestNs() const noexcept;
 
  private:
   struct Slot {

@@ -49,7 +49,6 @@ bool HeapReserve::reserve(std::size_t bytes) noexcept {
     for (std::size_t at = 0; at < missing; at += page) static_cast<volatile char*>(block)[at] = 0;
     std::free(block);
   }
-  reserved_ = bytes;
   heap_then_ = heapBytes();
   return true;
 }

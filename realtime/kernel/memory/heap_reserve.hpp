@@ -32,7 +32,6 @@ class HeapReserve {
   // touched memory. False when the system has not so much.
   [[nodiscard]] bool reserve(std::size_t bytes) noexcept;
 
-  [[nodiscard]] std::size_t reservedBytes() const noexcept { return reserved_; }
   // Of the whole heap, now [bytes]; takes the heap's lock, not for the hard tier.
   [[nodiscard]] static std::size_t usedBytes() noexcept;
   [[nodiscard]] static std::size_t heapBytes() noexcept;
@@ -42,7 +41,7 @@ class HeapReserve {
   [[nodiscard]] std::size_t overflowBytes() const noexcept;
 
  private:
-  std::size_t reserved_ = 0, used_before_ = 0, heap_then_ = 0;
+  std::size_t used_before_ = 0, heap_then_ = 0;
 };
 
 // Read-only data of a library of at least this size is a table (character sets, projections) of which the

@@ -13,21 +13,6 @@ constexpr DegradationLevel above(DegradationLevel level) {
 
 }  // namespace
 
-FrameQuota frameQuota(DegradationLevel level) noexcept {
-  switch (level) {
-    case DegradationLevel::kFull:
-      return {1.0, true, 1.0, 0};
-    case DegradationLevel::kFewerFeatures:
-      return {0.6, true, 1.0, 0};
-    case DegradationLevel::kNoClosures:
-      return {0.6, false, 0.5, 0};
-    case DegradationLevel::kCoarserFusion:
-    case DegradationLevel::kDropFrames:
-      return {0.4, false, 0.0, 1};
-  }
-  return {};
-}
-
 OverloadRule::OverloadRule(const OverloadConfig& config) noexcept
     : config_(config), lower_after_(config.lower_after) {
   assert(config.raise_after > 0 && config.lower_after > 0);
@@ -37,16 +22,16 @@ OverloadRule::OverloadRule(const OverloadConfig& config) noexcept
 
 void OverloadRule::raiseTo(DegradationLevel level) noexcept {
   slow_in_a_row_ = easy_in_a_row_ = 0;
-  if (level == level_) return;
+  if (level == this->level()) return;
   if (lowering_on_trial_) lower_after_ = std::min(2 * lower_after_, config_.max_lower_after);
   lowering_on_trial_ = false;
-  level_ = level;
+  level_.store(level, std::memory_order_relaxed);
   ++statistics_.raised;
 }
 
 void OverloadRule::lower() noexcept {
   slow_in_a_row_ = easy_in_a_row_ = 0;
-  level_ = static_cast<DegradationLevel>(static_cast<int>(level_) - 1);
+  level_.store(static_cast<DegradationLevel>(static_cast<int>(level()) - 1), std::memory_order_relaxed);
   lowering_on_trial_ = true;
   since_lowered_ = 0;
   ++statistics_.lowered;
@@ -64,19 +49,19 @@ OverloadRule::Decided OverloadRule::decide(const Observation& o) noexcept {
   easy_in_a_row_ = easy ? easy_in_a_row_ + 1 : 0;
   if (lowering_on_trial_ && ++since_lowered_ >= lower_after_) {
     lowering_on_trial_ = false;
-    if (level_ == DegradationLevel::kFull) lower_after_ = config_.lower_after;
+    if (level() == DegradationLevel::kFull) lower_after_ = config_.lower_after;
   }
 
   if (o.waiting >= config_.drop_waiting) {
     raiseTo(DegradationLevel::kDropFrames);
   } else if (slow_in_a_row_ >= config_.raise_after) {
-    raiseTo(above(level_));
-  } else if (easy_in_a_row_ >= lower_after_ && level_ != DegradationLevel::kFull) {
+    raiseTo(above(level()));
+  } else if (easy_in_a_row_ >= lower_after_ && level() != DegradationLevel::kFull) {
     lower();
   }
 
-  Decided decided{level_, level_ == DegradationLevel::kDropFrames && o.waiting > 1};
-  ++statistics_.pairs[static_cast<std::size_t>(level_)];
+  const Decided decided{level(), level() == DegradationLevel::kDropFrames && o.waiting > 1};
+  ++statistics_.pairs[static_cast<std::size_t>(decided.level)];
   if (decided.drop) ++statistics_.dropped;
   return decided;
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 
@@ -15,16 +16,6 @@ enum class DegradationLevel : std::uint8_t {
   kDropFrames = 4,     // frames are dropped while more than one waits; the others as at level 3
 };
 inline constexpr std::size_t kDegradationLevels = 5;
-
-// A level as numbers for the cores.
-struct FrameQuota {
-  double feature_share = 1;       // of the configured number of features
-  bool closures = true;           // registrations of closure candidates
-  double rebuild_share = 1;       // of the configured number of meshes fused anew
-  int fusion_levels_coarser = 0;  // tiles of twice the cell size for each
-  bool operator==(const FrameQuota&) const = default;
-};
-[[nodiscard]] FrameQuota frameQuota(DegradationLevel level) noexcept;
 
 struct OverloadConfig {
   double raise_at = 0.9;  // frame time over period from which a frame counts as too slow
@@ -66,7 +57,8 @@ class OverloadRule {
   // Once for each pair, before its work, in their order.
   [[nodiscard]] Decided decide(const Observation& observation) noexcept;
 
-  [[nodiscard]] DegradationLevel level() const noexcept { return level_; }
+  // From any thread.
+  [[nodiscard]] DegradationLevel level() const noexcept { return level_.load(std::memory_order_relaxed); }
   [[nodiscard]] const Statistics& statistics() const noexcept { return statistics_; }
 
  private:
@@ -74,7 +66,7 @@ class OverloadRule {
   void lower() noexcept;
 
   OverloadConfig config_;
-  DegradationLevel level_ = DegradationLevel::kFull;
+  std::atomic<DegradationLevel> level_{DegradationLevel::kFull};
   int slow_in_a_row_ = 0, easy_in_a_row_ = 0;
   int lower_after_;
   int since_lowered_ = 0;  // frames; counts while a lowering is on trial

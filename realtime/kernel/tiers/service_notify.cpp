@@ -29,11 +29,4 @@ void ServiceNotify::stopping() noexcept {
   ::sd_notify(kKeepEnvironment, "STOPPING=1");
 }
 
-std::int64_t ServiceNotify::alivePeriodNs() noexcept {
-  constexpr std::int64_t kNsPerUs = 1000;
-  std::uint64_t limit_us = 0;
-  if (::sd_watchdog_enabled(kKeepEnvironment, &limit_us) <= 0) return 0;
-  return static_cast<std::int64_t>(limit_us) * kNsPerUs / 2;
-}
-
 }  // namespace fathom::rt

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <cstdint>
 #include <string>
 
 namespace fathom::rt {
@@ -16,8 +15,6 @@ class ServiceNotify {
   // WATCHDOG=1: the vital tiers are alive.
   static void alive() noexcept;
   static void stopping() noexcept;
-  // How often alive() must come at least: half of what the unit's WatchdogSec says; 0: not asked for.
-  [[nodiscard]] static std::int64_t alivePeriodNs() noexcept;
 };
 
 }  // namespace fathom::rt

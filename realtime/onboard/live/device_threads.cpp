@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <ctime>
 
+#include "firmware_if/files/images/image_file.hpp"
+
 namespace fathom::onboard {
 namespace {
 
@@ -22,7 +24,7 @@ void SampleThread::run(const std::atomic<bool>& stop) noexcept {
   }
 }
 
-void SampleThread::sample(std::int64_t arrival_utc_ns, const DeviceSample& sample) noexcept {
+void SampleThread::sample(std::int64_t arrival_utc_ns, const SensorSample& sample) noexcept {
   (void)links_.inputs->push({arrival_utc_ns, sample});
 }
 
@@ -53,7 +55,9 @@ void CameraThread::frame(const io::CameraFrame& frame) noexcept {
   // it, and the map drops the pair.
   if (!links_.frames->push(frame)) camera_.pool().release(frame.block);
   (void)links_.stamps->push(
-      {frame.arrival_utc_ns, io::ImageStamp{frame.utc_ns, frame.side, frame.exposure_s}});
+      {frame.arrival_utc_ns,
+       SensorSample(ImageEvent{frame.utc_ns, frame.side, io::imageFileName(frame.utc_ns, frame.side),
+                               frame.exposure_s})});
 }
 
 ModemThread::ModemThread(FramePort& modem, const Links& links, const rt::Clock& clock)

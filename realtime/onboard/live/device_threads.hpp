@@ -54,7 +54,7 @@ class SampleThread final : public io::SampleSink {
   void run(const std::atomic<bool>& stop) noexcept;
   [[nodiscard]] io::DeviceHealth health() const { return health_.read(); }
 
-  void sample(std::int64_t arrival_utc_ns, const DeviceSample& sample) noexcept override;
+  void sample(std::int64_t arrival_utc_ns, const SensorSample& sample) noexcept override;
   void raw(std::int64_t arrival_utc_ns, std::string_view source,
            std::span<const std::uint8_t> bytes) noexcept override;
 

@@ -1,7 +1,5 @@
 #include "realtime/onboard/live/hard_tier.hpp"
 
-#include <type_traits>
-
 namespace fathom::onboard {
 
 namespace {
@@ -14,7 +12,7 @@ HardTier::HardTier(const NavCoreConfig& nav, const Links& links, rt::Clock& cloc
 void HardTier::cycle() noexcept {
   if (ended_.load(std::memory_order_relaxed)) return;
   const std::int64_t begin = clock_.monotonicNs();
-  io::LiveInput input;
+  io::OnboardInput input;
   for (int i = 0; i < kMostInputsACycle && sequencer_.next(input); ++i) give(input);
   const std::int64_t now = clock_.utcNs();
   if (++cycles_ >= kTickEvery) {
@@ -32,7 +30,7 @@ void HardTier::cycle() noexcept {
   stages_.add(1, given, clock_.monotonicNs());
 }
 
-void HardTier::give(const io::LiveInput& input) noexcept {
+void HardTier::give(const io::OnboardInput& input) noexcept {
   ++inputs_;
   follow(input);
   // What the log misses it says itself (RecordingGap); what the soft tier misses is counted by its ring.
@@ -40,43 +38,14 @@ void HardTier::give(const io::LiveInput& input) noexcept {
   (void)links_.soft->push(input);
 }
 
-namespace {
-
-template <class Sample>
-void navigate(NavFeed& nav, const Sample& sample) noexcept {
-  constexpr bool navigates = std::is_same_v<Sample, DvlSample> || std::is_same_v<Sample, AttitudeSample> ||
-                             std::is_same_v<Sample, GyroSample> || std::is_same_v<Sample, DepthSample> ||
-                             std::is_same_v<Sample, WaterSample>;
-  if constexpr (navigates) nav.add(sample);
-}
-
-}  // namespace
-
-void HardTier::follow(const io::LiveInput& input) noexcept {
-  if (const auto* sample = std::get_if<DeviceSample>(&input.what))
-    std::visit([this](const auto& s) noexcept { navigate(nav_, s); }, *sample);
-  else if (const auto* stamp = std::get_if<io::ImageStamp>(&input.what))
-    (void)nav_.addExposure(stamp->utc_ns, stamp->side, input.arrival_utc_ns);
-  afterInput(input.arrival_utc_ns);
-}
-
-void HardTier::recall(const io::OnboardInput& input) noexcept {
-  const auto* sample = std::get_if<SensorSample>(&input.what);
-  if (sample == nullptr) return;
-  if (const auto* image = std::get_if<ImageEvent>(sample))
-    (void)nav_.addExposure(image->utc_ns, image->side, input.arrival_utc_ns);
-  else
-    std::visit([this](const auto& s) noexcept { navigate(nav_, s); }, *sample);
-  afterInput(input.arrival_utc_ns);
-}
-
-void HardTier::afterInput(std::int64_t arrival_utc_ns) noexcept {
+void HardTier::follow(const io::OnboardInput& input) noexcept {
+  if (const auto* sample = std::get_if<SensorSample>(&input.what)) nav_.add(*sample, input.arrival_utc_ns);
   // Nobody asks this copy for its pairs; they must not fill its queue.
   while (nav_.core().pollTrigger()) {
   }
-  if (arrival_utc_ns - last_health_ns_ < kHealthInterval) return;
-  last_health_ns_ = arrival_utc_ns;
-  nav_.tick(arrival_utc_ns);
+  if (input.arrival_utc_ns - last_health_ns_ < kHealthInterval) return;
+  last_health_ns_ = input.arrival_utc_ns;
+  nav_.tick(input.arrival_utc_ns);
 }
 
 void HardTier::publish(std::int64_t now_ns) noexcept {

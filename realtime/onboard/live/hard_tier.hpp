@@ -44,8 +44,9 @@ class HardTier {
 
   [[nodiscard]] InputSequencer& sequencer() noexcept { return sequencer_; }
   [[nodiscard]] NavFeed& nav() noexcept { return nav_; }  // before it runs: a state is loaded
-  // An input that was consumed before the program started again. Before it runs.
-  void recall(const io::OnboardInput& input) noexcept;
+  // What an input does to navigation; before it runs, for one that was consumed before the program started
+  // again.
+  void follow(const io::OnboardInput& input) noexcept;
 
   void cycle() noexcept;
   // Puts a mark into the sequence with the next cycle: checkpoints, health, the end. From one other thread;
@@ -63,9 +64,7 @@ class HardTier {
   static constexpr int kTickEvery = 10;          // cycles: 10 Hz at 100 Hz
   static constexpr int kMostInputsACycle = 256;  // the rest waits for the next cycle
 
-  void give(const io::LiveInput& input) noexcept;
-  void follow(const io::LiveInput& input) noexcept;
-  void afterInput(std::int64_t arrival_utc_ns) noexcept;
+  void give(const io::OnboardInput& input) noexcept;
   void publish(std::int64_t now_ns) noexcept;
 
   Links links_;

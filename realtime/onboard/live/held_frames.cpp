@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 
 namespace fathom::onboard {
 
@@ -42,7 +42,8 @@ void HeldFrames::refill() {
 
 const io::CameraFrame* HeldFrames::frameOf(const Side& side, const std::string& file_name) {
   for (std::size_t i = 0; i < side.count; ++i)
-    if (io::imageFileName(side.frames[i].utc_ns, side.frames[i].side) == file_name) return &side.frames[i];
+    if (io::imageFileName(side.frames[i].utc_ns, side.frames[i].side).view() == file_name)
+      return &side.frames[i];
   return nullptr;
 }
 

@@ -10,7 +10,7 @@ void InputSequencer::add(InputRing& ring) noexcept {
   heads_[count_++].ring = &ring;
 }
 
-bool InputSequencer::next(io::LiveInput& input) noexcept {
+bool InputSequencer::next(io::OnboardInput& input) noexcept {
   Head* first = nullptr;
   for (std::size_t i = 0; i < count_; ++i) {
     Head& head = heads_[i];
@@ -25,7 +25,7 @@ bool InputSequencer::next(io::LiveInput& input) noexcept {
   return true;
 }
 
-io::LiveInput InputSequencer::own(std::int64_t now_ns, const io::LiveInput::What& what) noexcept {
+io::OnboardInput InputSequencer::own(std::int64_t now_ns, const io::OnboardInput::What& what) noexcept {
   last_ns_ = std::max(now_ns, last_ns_);
   return {last_ns_, what};
 }

@@ -20,15 +20,15 @@ class InputSequencer {
   void startAfter(std::int64_t utc_ns) noexcept { last_ns_ = utc_ns; }
 
   // The next input in order; false when nothing waits.
-  [[nodiscard]] bool next(io::LiveInput& input) noexcept;
+  [[nodiscard]] bool next(io::OnboardInput& input) noexcept;
   // An input of the sequencer's own thread, put behind what was given out.
-  [[nodiscard]] io::LiveInput own(std::int64_t now_ns, const io::LiveInput::What& what) noexcept;
+  [[nodiscard]] io::OnboardInput own(std::int64_t now_ns, const io::OnboardInput::What& what) noexcept;
 
  private:
   struct Head {
     InputRing* ring = nullptr;
     bool filled = false;
-    io::LiveInput input;
+    io::OnboardInput input;
   };
   std::array<Head, kMaxRings> heads_;
   std::size_t count_ = 0;

@@ -1,18 +1,21 @@
+#include "realtime/onboard/live/live_report.hpp"
+
 #include <dirent.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "realtime/kernel/health/timeline_svg.hpp"
+#include "realtime/kernel/health/trace_json.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/seconds.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 
-// What a live run tells about itself: memory planned, CPU by thread, live.json, the picture of its stages.
 namespace fathom::onboard {
 namespace {
 
@@ -20,6 +23,10 @@ constexpr double kMiB = 1024.0 * 1024.0;
 
 double milliseconds(std::int64_t ns) {
   return static_cast<double>(ns) * 1e-6;
+}
+
+double inMib(std::size_t bytes) {
+  return static_cast<double>(bytes) / kMiB;
 }
 
 nlohmann::ordered_json stagesOf(const rt::StageTimes& times) {
@@ -39,20 +46,20 @@ nlohmann::ordered_json stagesOf(const rt::StageTimes& times) {
 
 nlohmann::ordered_json memoryOf(const rt::MemoryBudget& budget) {
   nlohmann::ordered_json memory;
-  memory["budget_mib"] = static_cast<double>(budget.budgetBytes()) / kMiB;
-  memory["planned_mib"] = static_cast<double>(budget.plannedBytes()) / kMiB;
+  memory["budget_mib"] = inMib(budget.budgetBytes());
+  memory["planned_mib"] = inMib(budget.plannedBytes());
   rt::ProcessMemory process;
   rt::ProcessFigures now;
   if (process.read(now)) {
-    memory["resident_mib"] = static_cast<double>(now.resident) / kMiB;
-    memory["highest_resident_mib"] = static_cast<double>(now.highest_resident) / kMiB;
-    memory["locked_mib"] = static_cast<double>(now.locked) / kMiB;
+    memory["resident_mib"] = inMib(now.resident);
+    memory["highest_resident_mib"] = inMib(now.highest_resident);
+    memory["locked_mib"] = inMib(now.locked);
   }
   for (std::size_t i = 0; i < budget.pools(); ++i) {
     const rt::MemoryBudget::Row row = budget.read(i);
-    nlohmann::ordered_json pool = {{"planned_mib", static_cast<double>(row.planned) / kMiB}};
+    nlohmann::ordered_json pool = {{"planned_mib", inMib(row.planned)}};
     if (row.measured) {
-      pool["high_water_mib"] = static_cast<double>(row.use.high_water) / kMiB;
+      pool["high_water_mib"] = inMib(row.use.high_water);
       pool["refused"] = row.use.refused;
     }
     memory["pools"][row.name] = pool;
@@ -86,51 +93,7 @@ nlohmann::ordered_json deviceOf(const io::DeviceHealth& d) {
 
 }  // namespace
 
-void LiveSystem::planMemory() {
-  const auto camera = [&](const char* name, io::CameraSource& source) {
-    rt::SharedBlocks& pool = source.pool();
-    budget_.add(name, pool.blocks() * pool.blockBytes(), [&pool] {
-      return rt::PoolUse{pool.held() * pool.blockBytes(), pool.highWater() * pool.blockBytes(),
-                         pool.refused()};
-    });
-  };
-  camera("left camera's frames", *devices_.left);
-  camera("right camera's frames", *devices_.right);
-  const MapCore& map = run_->system().map();
-  budget_.addFixed("map: quadtree and meshes' poses", map.movingMap().memoryBytes());
-  if (const LocalisationCore* localisation = map.localisation()) {
-    budget_.addFixed("pose graph", localisation->graph().memoryBytes());
-    budget_.addFixed("keyframes and closures",
-                     localisation->memoryBytes() - localisation->graph().memoryBytes());
-  }
-  budget_.addFixed("link", run_->system().link().memoryBytes());
-  budget_.add("sequence of inputs", sizeof(sequence_), [this] {
-    constexpr std::size_t kEach = sizeof(io::LiveInput);
-    return rt::PoolUse{sequence_.used() * kEach, sequence_.highWater() * kEach, sequence_.refused()};
-  });
-  budget_.addFixed("rings of devices", sizeof(own_rings_) + sizeof(frame_rings_) + sizeof(modem_ring_) +
-                                           samples_.size() * sizeof(InputRing));
-  budget_.addFixed("recorder",
-                   setup_.config.live.recorder.raw_lanes * setup_.config.live.recorder.raw_queue_kib * 1024);
-  budget_.add("saved state", checkpoints_->capacity(), [this] {
-    const CheckpointWriter::Counters c = checkpoints_->counters();
-    return rt::PoolUse{static_cast<std::size_t>(c.bytes), static_cast<std::size_t>(c.bytes), c.too_large};
-  });
-  std::size_t stacks = 0;
-  for (const Worker& worker : workers_) stacks += worker.thread->stackBytes();
-  budget_.addFixed("stacks", stacks);
-  budget_.addFixed("heap of libraries and reports", setup_.config.live.memory.heap_bytes);
-  // What is not above and lives as long as the program: images under way in stereo, lighting and features,
-  // rows. Memory that is free again is part of the heap's reserve.
-  const std::size_t heap_free = rt::HeapReserve::heapBytes() - rt::HeapReserve::usedBytes();
-  const std::size_t planned = budget_.plannedBytes() - setup_.config.live.memory.heap_bytes + heap_free;
-  const std::size_t mapped = rt::mappedPrivateBytes();
-  if (mapped > planned) budget_.addFixed("images under way", mapped - planned);
-  // Locked memory makes all of it resident.
-  budget_.addFixed("program and libraries", rt::mappedFileBytes());
-}
-
-std::vector<LiveSystem::ThreadFigures> LiveSystem::cpuTimes() const {
+std::vector<ThreadFigures> cpuTimes() {
   std::vector<ThreadFigures> all;
   const double tick = static_cast<double>(::sysconf(_SC_CLK_TCK));
   DIR* tasks = ::opendir("/proc/self/task");
@@ -155,38 +118,33 @@ std::vector<LiveSystem::ThreadFigures> LiveSystem::cpuTimes() const {
   return all;
 }
 
-std::string LiveSystem::timeline(double seconds) {
-  const std::int64_t now = clock_.monotonicNs();
-  const auto span = static_cast<std::int64_t>(seconds * 1e9);
-  rt::TimelinePicture picture;
-  picture.title = "fathom-onboard: the last " + std::to_string(static_cast<int>(seconds)) + " s";
-  picture.from_ns = now - span;
-  picture.to_ns = now;
-  const auto note = [&](rt::Tier tier) {
-    const rt::ThreadConfig c = rt::threadConfig(setup_.config.live.realtime, tier, "");
-    return c.fifo_priority > 0 && !setup_.config.live.realtime.soft
-               ? "SCHED_FIFO " + std::to_string(c.fifo_priority)
-               : std::string("best effort");
+std::string timelineOf(const LiveSystem& live, std::int64_t now_ns, double seconds) {
+  const std::int64_t from_ns = now_ns - rt::nanoseconds(seconds);
+  const rt::RealtimeConfig& realtime = live.config().live.realtime;
+  const auto thread = [&](const char* name, rt::Tier tier, const rt::StageTimes& stages) {
+    const rt::ThreadConfig c = rt::threadConfig(realtime, tier, "");
+    rt::TraceThread shown;
+    shown.name = std::string(name) + (c.fifo_priority > 0 && !realtime.soft
+                                          ? " (SCHED_FIFO " + std::to_string(c.fifo_priority) + ")"
+                                          : " (best effort)");
+    for (std::size_t i = 0; i < stages.stages(); ++i) shown.stages.emplace_back(stages.name(i));
+    shown.events = stages.track()->copy(from_ns, now_ns);
+    return shown;
   };
-  picture.rows.push_back(
-      rt::timelineRow("navigation", note(rt::Tier::kHard), hard_stages_, hard_track_, now, span));
-  picture.rows.back().period_ns = loop_->periodNs();
-  picture.rows.back().deadline_ns = loop_->nextDeadlineNs();
-  picture.rows.push_back(
-      rt::timelineRow("vision", note(rt::Tier::kSoft), soft_stages_, soft_track_, now, span));
-  picture.rows.push_back(
-      rt::timelineRow("recorder", note(rt::Tier::kBestEffort), recorder_stages_, recorder_track_, now, span));
-  return rt::timelineSvg(picture);
+  std::array<rt::TraceThread, 3> threads = {thread("navigation", rt::Tier::kHard, live.hardStages()),
+                                            thread("vision", rt::Tier::kSoft, live.softStages()),
+                                            thread("recorder", rt::Tier::kBestEffort, live.recorderStages())};
+  threads[0].deadline_ns = live.firstDeadlineNs();
+  if (threads[0].deadline_ns != 0) threads[0].period_ns = realtime.period_ns;
+  return rt::traceJson("fathom-onboard", threads, from_ns, now_ns);
 }
 
-bool LiveSystem::write() {
-  const double wall_s = static_cast<double>(clock_.monotonicNs() - begun_mono_ns_) * 1e-9;
-  if (!run_->write(0, wall_s)) return false;
+std::string liveJson(const LiveSystem& live_system, double wall_s) {
   nlohmann::ordered_json live;
   live["wall_s"] = wall_s;
-  live["soft"] = setup_.config.live.realtime.soft;
-  live["missing"] = arming_.missingNames();
-  const rt::PeriodicLoop::Statistics& loop = loop_->statistics();
+  live["soft"] = live_system.config().live.realtime.soft;
+  live["missing"] = live_system.arming().missingNames();
+  const rt::PeriodicLoop::Statistics& loop = live_system.hardLoop();
   live["hard_loop"] = {{"cycles", loop.cycles},
                        {"slipped", loop.slipped_cycles},
                        {"wake_up_p50_us", static_cast<double>(loop.jitter_ns.percentile(50)) * 1e-3},
@@ -194,53 +152,51 @@ bool LiveSystem::write() {
                        {"wake_up_max_us", static_cast<double>(loop.jitter_ns.max()) * 1e-3},
                        {"body_p50_us", static_cast<double>(loop.body_ns.percentile(50)) * 1e-3},
                        {"body_max_us", static_cast<double>(loop.max_body_ns) * 1e-3}};
-  const rt::ThreadCost cost = hardCost();
+  const rt::ThreadCost cost = live_system.hardCost();
   live["hard_tier_after_arming"] = {{"heap_calls", cost.heap_calls},
                                     {"minor_faults", cost.minor_faults},
                                     {"major_faults", cost.major_faults}};
-  live["stages"]["navigation"] = stagesOf(hard_stages_);
-  live["stages"]["vision"] = stagesOf(soft_stages_);
-  live["stages"]["recorder"] = stagesOf(recorder_stages_);
-  const rt::OverloadRule::Statistics& overload = soft_->overload().statistics();
+  live["stages"]["navigation"] = stagesOf(live_system.hardStages());
+  live["stages"]["vision"] = stagesOf(live_system.softStages());
+  live["stages"]["recorder"] = stagesOf(live_system.recorderStages());
+  const rt::OverloadRule::Statistics& overload = live_system.soft().overload().statistics();
   live["degradation"] = {{"pairs_at_level", overload.pairs},
                          {"raised", overload.raised},
                          {"lowered", overload.lowered},
                          {"dropped", overload.dropped}};
-  live["frames_given_back_unused"] = frames_.givenBackUnused();
-  live["sequence_refused"] = sequence_.refused();
-  live["clock_steps"] = clock_steps_;
-  live["resumed"] = resumed_;
-  live["away_s"] = awaySeconds();
-  const CheckpointWriter::Counters saved = checkpoints_->counters();
+  live["frames_given_back_unused"] = live_system.frames().givenBackUnused();
+  live["sequence_refused"] = live_system.hard().softRefused();
+  live["clock_steps"] = live_system.clockSteps();
+  live["resumed"] = live_system.resumed();
+  live["away_s"] = live_system.awaySeconds();
+  const CheckpointWriter::Counters saved = live_system.checkpoints().counters();
   live["checkpoints"] = {{"written", saved.written},
                          {"failed", saved.failed},
                          {"late", saved.late},
                          {"too_large", saved.too_large},
                          {"bytes", saved.bytes}};
-  live["recorder"] = recorderOf(recorder_);
-  for (const io::DeviceHealth& device : deviceHealth())
+  live["recorder"] = recorderOf(live_system.recorder());
+  for (const io::DeviceHealth& device : live_system.deviceHealth())
     live["devices"][std::string(device.name)] = deviceOf(device);
-  if (modem_) {
-    const ModemThread::Counters& m = modem_->counters();
+  if (live_system.modem() != nullptr) {
+    const ModemThread::Counters& m = live_system.modem()->counters();
     live["devices"]["modem"] = {{"sent", m.sent.load()},
                                 {"refused", m.refused.load()},
                                 {"received", m.received.load()},
                                 {"dropped", m.dropped.load()}};
   }
-  for (const ThreadFigures& thread : final_cpu_) live["cpu_s"][thread.name] = thread.cpu_s;
-  live["memory"] = memoryOf(budget_);
-  live["memory"]["resident_at_arming_mib"] = static_cast<double>(resident_at_arming_) / kMiB;
-  live["memory"]["heap_in_use_of_reserve_mib"] = static_cast<double>(heap_used_) / kMiB;
-  live["memory"]["heap_beyond_reserve_mib"] = static_cast<double>(heap_overflow_) / kMiB;
-  for (std::size_t i = 0; i < watchdog_.tiers(); ++i) {
-    const rt::Watchdog::TierState& tier = watchdog_.state(i);
+  for (const ThreadFigures& thread : live_system.measured().cpu) live["cpu_s"][thread.name] = thread.cpu_s;
+  live["memory"] = memoryOf(live_system.budget());
+  live["memory"]["resident_at_arming_mib"] = inMib(live_system.measured().resident_at_arming);
+  live["memory"]["heap_in_use_of_reserve_mib"] = inMib(live_system.measured().heap_used);
+  live["memory"]["heap_beyond_reserve_mib"] = inMib(live_system.measured().heap_overflow);
+  for (std::size_t i = 0; i < live_system.watchdog().tiers(); ++i) {
+    const rt::Watchdog::TierState& tier = live_system.watchdog().state(i);
     live["watchdog"][tier.spec.name] = {{"times_stuck", tier.times_stuck},
                                         {"restarts", tier.restarts},
                                         {"longest_silent_ms", milliseconds(tier.longest_silent_ns)}};
   }
-  output_->writeText("live.json", live.dump(2) + "\n");
-  output_->commit();
-  return true;
+  return live.dump(2) + "\n";
 }
 
 }  // namespace fathom::onboard

@@ -28,7 +28,7 @@ void LiveSystem::resume() {
     rt::StateReader for_run(resume_.checkpoint->state), for_hard(resume_.checkpoint->state);
     if (!run_->load(for_run) || !for_hard(hard_.nav())) beginFromTheLog(for_run.failure());
   }
-  for (const io::OnboardInput& input : resume_.tail) hard_.recall(input);
+  for (const io::OnboardInput& input : resume_.tail) hard_.follow(input);
   hard_.sequencer().startAfter(resume_.last_ns);
   resumed_from_ = resume_.number();
   (void)hard_.mark({io::Mark::Kind::kRestart, resumed_from_});
@@ -85,7 +85,7 @@ LiveSystem::~LiveSystem() {
   if (stopped_) return;
   stop_devices_ = stop_hard_ = stop_soft_ = stop_modem_ = stop_recorder_ = true;
   go_ = true;
-  joinAll();
+  threads_.joinAllBut({});
 }
 
 }  // namespace fathom::onboard

@@ -25,7 +25,7 @@ namespace {
 
 constexpr double kSupervise_s = 0.1;
 constexpr double kStatusEvery_s = 10;
-constexpr double kTimeline_s = 1, kPictureEvery_s = 10;
+constexpr double kTimeline_s = 1, kTraceEvery_s = 10;
 constexpr std::int64_t kPublisherRest_ns = 50'000'000;
 
 volatile std::sig_atomic_t told_to_end = 0;
@@ -49,7 +49,7 @@ void pause(double seconds) {
 }
 
 LiveDevices openDevices(const LiveConfig& config, const io::MissionConfig& mission,
-                        const std::shared_ptr<io::LcmBus>& bus, const VehicleClock& clock,
+                        const std::shared_ptr<io::LcmBus>& bus, const rt::VehicleClock& clock,
                         io::CanSource*& can) {
   const auto now = [&clock] { return clock.utcNs(); };
   LiveDevices devices;
@@ -102,29 +102,32 @@ std::string statusLine(LiveSystem& live, double since_s) {
 }
 
 // A second of all tiers in which a pair was mapped, the newest of its kind: at most one in ten seconds is
-// drawn.
-class PictureTaker {
+// taken.
+class TraceTaker {
  public:
-  explicit PictureTaker(LiveSystem& live) : live_(live) {}
+  TraceTaker(LiveSystem& live, const rt::VehicleClock& clock) : live_(live), clock_(clock) {}
   void look(double since_s) {
     MapState map;
     if (!live_.soft().readForSupervisor(map) || map.pairs == pairs_) return;
     pairs_ = map.pairs;
     if (since_s < next_s_) return;
-    next_s_ = since_s + kPictureEvery_s;
-    picture_ = live_.timeline(kTimeline_s);
+    next_s_ = since_s + kTraceEvery_s;
+    trace_ = now();
   }
-  [[nodiscard]] std::string take() { return picture_.empty() ? live_.timeline(kTimeline_s) : picture_; }
+  [[nodiscard]] std::string take() { return trace_.empty() ? now() : trace_; }
 
  private:
+  [[nodiscard]] std::string now() const { return timelineOf(live_, clock_.monotonicNs(), kTimeline_s); }
+
   LiveSystem& live_;
+  const rt::VehicleClock& clock_;
   std::uint64_t pairs_ = 0;
   double next_s_ = 0;
-  std::string picture_;
+  std::string trace_;
 };
 
-void watchOver(LiveSystem& live, const LiveOptions& options, const VehicleClock& clock,
-               PictureTaker* pictures) {
+void watchOver(LiveSystem& live, const LiveOptions& options, const rt::VehicleClock& clock,
+               TraceTaker* traces) {
   const std::int64_t begin = clock.monotonicNs();
   double next_status = kStatusEvery_s;
   while (told_to_end == 0) {
@@ -133,7 +136,7 @@ void watchOver(LiveSystem& live, const LiveOptions& options, const VehicleClock&
       std::fprintf(stderr, "fathom-onboard: %s\n", event.c_str());
     if (live.watchdog().vitalAlive()) rt::ServiceNotify::alive();
     const double since_s = static_cast<double>(clock.monotonicNs() - begin) * 1e-9;
-    if (pictures != nullptr) pictures->look(since_s);
+    if (traces != nullptr) traces->look(since_s);
     if (options.for_s > 0 && since_s >= options.for_s) return;
     if (since_s < next_status) continue;
     next_status += kStatusEvery_s;
@@ -177,7 +180,7 @@ int runLive(const LiveOptions& options) {
   (void)rt::setLibraryStackBytes(config.live.realtime.library_stack_bytes);
   listenToSignals();
 
-  VehicleClock clock(vehicleClockOffset(options.folder / "state"));
+  rt::VehicleClock clock(vehicleClockOffset(options.folder / "state"));
   std::shared_ptr<io::LcmBus> bus;
   io::CanSource* can = nullptr;
   if (!config.live.lcm.url.empty()) bus = std::make_shared<io::LcmBus>(config.live.lcm.url);
@@ -216,15 +219,15 @@ int runLive(const LiveOptions& options) {
   rt::ServiceNotify::ready(arming.complete() ? "armed" : "armed in soft mode");
 
   const rt::CpuWakeLimit wake(config.live.realtime.cpu_wake_us);
-  PictureTaker pictures(live);
-  watchOver(live, options, clock, options.timeline ? &pictures : nullptr);
+  TraceTaker traces(live, clock);
+  watchOver(live, options, clock, options.timeline ? &traces : nullptr);
   rt::ServiceNotify::stopping();
-  const std::string picture = options.timeline ? pictures.take() : "";
+  const std::string trace = options.timeline ? traces.take() : "";
   live.stop();
   const bool mapped = writeOutput(live, options.folder);
   if (options.timeline) {
     AtomicFile file(*options.timeline);
-    file.stream() << picture;
+    file.stream() << trace;
     file.commit();
   }
   std::fprintf(stderr, "%s", live.budget().table(true).c_str());

@@ -8,7 +8,7 @@ namespace fathom::onboard {
 struct LiveOptions {
   std::filesystem::path folder;  // with mission.toml and stereo.calib; the recording goes there
   std::optional<std::filesystem::path> config;    // TOML; absent: defaults, and no devices
-  std::optional<std::filesystem::path> timeline;  // picture of one second of all tiers, near the end
+  std::optional<std::filesystem::path> timeline;  // trace of one second of all tiers, near the end
   bool soft = false;                              // without the privileges of real time, whatever is missing
   bool print_budget = false;                      // show the memory plan and end
   double for_s = 0;                               // end by itself after so long; 0: at SIGTERM or SIGINT

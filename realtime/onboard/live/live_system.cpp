@@ -5,9 +5,9 @@
 #include <functional>
 
 #include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/seconds.hpp"
 #include "realtime/kernel/state_archive.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
-#include "telemetry/wire/status.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -18,8 +18,7 @@ constexpr std::int64_t kCheckpointRestNs = 100'000'000;
 constexpr std::int64_t kCameraSearchNs =
     10'000'000'000;  // that a camera's thread may be away for, looking for it
 constexpr int kRecorderBudgetMs = 50;
-constexpr std::size_t kInputsAtOnce = 64;            // of the soft tier, between two heartbeats
-constexpr std::int64_t kClockStep_ns = 100'000'000;  // the system's clock was set, not steered
+constexpr std::size_t kInputsAtOnce = 64;  // of the soft tier, between two heartbeats
 constexpr std::array<rt::StageSpec, 1> kRecorderStages = {{{"write", 0}}};
 
 void restFor(std::int64_t ns) {
@@ -62,7 +61,7 @@ std::unique_ptr<OnboardOutput> LiveSystem::makeOutput(const LiveSetup& setup, bo
                                          setup.config.live.recorder.planned_hours);
 }
 
-LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock)
+LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, rt::VehicleClock& clock)
     : setup_(std::move(setup)),
       devices_(std::move(devices)),
       clock_(clock),
@@ -90,7 +89,8 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock
               std::min(heldFrames(*devices_.left, setup_.config.live.recorder),
                        heldFrames(*devices_.right, setup_.config.live.recorder))),
       run_(makeRun()),
-      hard_(navCoreConfig(setup_.config, setup_.mission), {&recorder_, &sequence_}, clock_, hard_stages_) {
+      hard_(navCoreConfig(setup_.config, setup_.mission), {&recorder_, &sequence_}, clock_, hard_stages_),
+      threads_(setup_.config.live.realtime) {
   resume();
   checkpoints_ = std::make_unique<CheckpointWriter>(checkpoint_files_, setup_.config.live.checkpoint_bytes,
                                                     checkpointNeeds());
@@ -100,78 +100,105 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, VehicleClock& clock
                       [this](const std::string& name, CameraSide side) { return hasPixels(name, side); }},
       setup_.config.live.overload, pairPeriod(setup_.mission), clock_, soft_stages_);
   if (resumed_) soft_->catchUpWith(std::move(resume_));
+  supervisor_.emplace(Supervisor::Links{&threads_, &hard_, soft_.get(), &recorder_, &clock_},
+                      setup_.config.live.checkpoint_s, next_checkpoint_);
   for (InputRing& ring : own_rings_) hard_.sequencer().add(ring);
   planThreads();
   planMemory();
 }
 
-std::size_t LiveSystem::watch(const char* name, bool restartable, bool vital, std::int64_t least_ns) {
-  return watchdog_.add(
-      {name, std::max(setup_.config.live.realtime.stuck_after_ns, least_ns), restartable, vital});
-}
-
-void LiveSystem::addWorker(rt::Tier tier, const char* name, std::size_t watched, std::function<void()> body) {
-  workers_.push_back(
-      {std::make_unique<rt::RtThread>(rt::threadConfig(setup_.config.live.realtime, tier, name)),
-       std::move(body), watched, name});
-}
-
 void LiveSystem::planThreads() {
-  const std::size_t recording = watch("recorder", true, true);
-  addWorker(rt::Tier::kBestEffort, "recorder", recording, [this] { runRecorder(); });
-  const std::size_t vision = watch("vision", false, false);
-  addWorker(rt::Tier::kSoft, "vision", vision, [this] { runSoft(); });
+  using Watch = WatchedThreads::Watch;
+  threads_.add(rt::Tier::kBestEffort, "recorder", Watch{true, true},
+               [this](auto& heart) { runRecorder(heart); });
+  threads_.add(rt::Tier::kSoft, "vision", Watch{false, false}, [this](auto& heart) { runSoft(heart); });
   for (const auto& source : devices_.samples) {
     Sample& sample = samples_.emplace_back();
     hard_.sequencer().add(sample.ring);
-    const io::DeviceHealth health = source->health();
-    const std::size_t tier = watch(health.name.data(), true, false);
+    rt::Heartbeat& heart = threads_.add(rt::Tier::kDevice, source->health().name.data(), Watch{},
+                                        [this, &sample](auto&) { sample.thread->run(stop_devices_); });
     sample.thread = std::make_unique<SampleThread>(
-        *source, SampleThread::Links{&sample.ring, &recorder_, lanes_++, &watchdog_.heartbeat(tier)}, clock_);
-    addWorker(rt::Tier::kDevice, health.name.data(), tier,
-              [this, &sample] { sample.thread->run(stop_devices_); });
+        *source, SampleThread::Links{&sample.ring, &recorder_, lanes_++, &heart}, clock_);
   }
   const auto camera = [&](std::size_t i, const char* name, io::CameraSource& source,
                           std::unique_ptr<CameraThread>& to) {
-    const std::size_t tier = watch(name, true, false, kCameraSearchNs);
+    rt::Heartbeat& heart = threads_.add(rt::Tier::kCamera, name, Watch{true, false, kCameraSearchNs},
+                                        [this, &to](auto&) { to->run(stop_devices_); });
     to = std::make_unique<CameraThread>(
-        source, CameraThread::Links{&own_rings_[i], &frame_rings_[i], &recorder_, &watchdog_.heartbeat(tier)},
-        clock_);
-    addWorker(rt::Tier::kCamera, name, tier, [this, &to] { to->run(stop_devices_); });
+        source, CameraThread::Links{&own_rings_[i], &frame_rings_[i], &recorder_, &heart}, clock_);
   };
   camera(0, "left camera", *devices_.left, left_);
   camera(1, "right camera", *devices_.right, right_);
   if (devices_.modem) {
-    const std::size_t tier = watch("modem", true, false);
+    rt::Heartbeat& heart =
+        threads_.add(rt::Tier::kBestEffort, "modem", Watch{}, [this](auto&) { modem_->run(stop_modem_); });
     modem_ = std::make_unique<ModemThread>(
-        *devices_.modem,
-        ModemThread::Links{&modem_ring_, &own_rings_[2], &recorder_, lanes_++, &watchdog_.heartbeat(tier)},
+        *devices_.modem, ModemThread::Links{&modem_ring_, &own_rings_[2], &recorder_, lanes_++, &heart},
         clock_);
-    addWorker(rt::Tier::kBestEffort, "modem", tier, [this] { modem_->run(stop_modem_); });
   }
-  const std::size_t navigation = watch("navigation", false, true);
   addBestEffort(
       "checkpoints", [this] { writeCheckpoint(); }, kCheckpointRestNs);
-  addWorker(rt::Tier::kHard, "navigation", navigation,
-            [this, navigation] { runHard(watchdog_.heartbeat(navigation)); });
+  threads_.add(rt::Tier::kHard, "navigation", Watch{false, true}, [this](auto& heart) { runHard(heart); });
+}
+
+void LiveSystem::planMemory() {
+  const auto camera = [&](const char* name, io::CameraSource& source) {
+    rt::SharedBlocks& pool = source.pool();
+    budget_.add(name, pool.blocks() * pool.blockBytes(), [&pool] {
+      return rt::PoolUse{pool.held() * pool.blockBytes(), pool.highWater() * pool.blockBytes(),
+                         pool.refused()};
+    });
+  };
+  camera("left camera's frames", *devices_.left);
+  camera("right camera's frames", *devices_.right);
+  const MapCore& map = run_->system().map();
+  budget_.addFixed("map: quadtree and meshes' poses", map.movingMap().memoryBytes());
+  if (const LocalisationCore* localisation = map.localisation()) {
+    budget_.addFixed("pose graph", localisation->graph().memoryBytes());
+    budget_.addFixed("keyframes and closures",
+                     localisation->memoryBytes() - localisation->graph().memoryBytes());
+  }
+  budget_.addFixed("link", run_->system().link().memoryBytes());
+  budget_.add("sequence of inputs", sizeof(sequence_), [this] {
+    constexpr std::size_t kEach = sizeof(io::OnboardInput);
+    return rt::PoolUse{sequence_.used() * kEach, sequence_.highWater() * kEach, sequence_.refused()};
+  });
+  budget_.addFixed("rings of devices", sizeof(own_rings_) + sizeof(frame_rings_) + sizeof(modem_ring_) +
+                                           samples_.size() * sizeof(InputRing));
+  budget_.addFixed("recorder",
+                   setup_.config.live.recorder.raw_lanes * setup_.config.live.recorder.raw_queue_kib * 1024);
+  budget_.add("saved state", checkpoints_->capacity(), [this] {
+    const CheckpointWriter::Counters c = checkpoints_->counters();
+    return rt::PoolUse{static_cast<std::size_t>(c.bytes), static_cast<std::size_t>(c.bytes), c.too_large};
+  });
+  budget_.addFixed("stacks", threads_.stackBytes());
+  budget_.addFixed("heap of libraries and reports", setup_.config.live.memory.heap_bytes);
+  // What is not above and lives as long as the program: images under way in stereo, lighting and features,
+  // rows. Memory that is free again is part of the heap's reserve.
+  const std::size_t heap_free = rt::HeapReserve::heapBytes() - rt::HeapReserve::usedBytes();
+  const std::size_t planned = budget_.plannedBytes() - setup_.config.live.memory.heap_bytes + heap_free;
+  const std::size_t mapped = rt::mappedPrivateBytes();
+  if (mapped > planned) budget_.addFixed("images under way", mapped - planned);
+  // Locked memory makes all of it resident.
+  budget_.addFixed("program and libraries", rt::mappedFileBytes());
 }
 
 std::size_t LiveSystem::addBestEffort(const char* name, std::function<void()> step, std::int64_t rest_ns) {
-  const std::size_t tier = watch(name, true, false);
-  rt::Heartbeat& heart = watchdog_.heartbeat(tier);
-  addWorker(rt::Tier::kBestEffort, name, tier, [this, &heart, step = std::move(step), rest_ns] {
-    while (!stop_devices_.load(std::memory_order_acquire)) {
-      step();
-      heart.beat(clock_.monotonicNs());
-      restFor(rest_ns);
-    }
-  });
+  threads_.add(rt::Tier::kBestEffort, name, {},
+               [this, step = std::move(step), rest_ns](rt::Heartbeat& heart) {
+                 while (!stop_devices_.load(std::memory_order_acquire)) {
+                   step();
+                   heart.beat(clock_.monotonicNs());
+                   restFor(rest_ns);
+                 }
+               });
   return lanes_++;
 }
 
 void LiveSystem::runHard(rt::Heartbeat& heart) {
   while (!go_.load(std::memory_order_acquire)) restFor(kRestNs);
   loop_.emplace(clock_, setup_.config.live.realtime.period_ns);
+  first_deadline_ns_.store(loop_->nextDeadlineNs(), std::memory_order_relaxed);
   // The first cycles touch what was never touched before.
   constexpr int kWarmCycles = 50;
   int cycles = 0;
@@ -192,8 +219,7 @@ void LiveSystem::runHard(rt::Heartbeat& heart) {
   });
 }
 
-void LiveSystem::runSoft() {
-  rt::Heartbeat& heart = watchdog_.heartbeat(workers_[1].tier);
+void LiveSystem::runSoft(rt::Heartbeat& heart) {
   while (!stop_soft_.load(std::memory_order_acquire)) {
     const std::size_t done = soft_->work(kInputsAtOnce);
     heart.beat(clock_.monotonicNs());
@@ -204,8 +230,7 @@ void LiveSystem::runSoft() {
   soft_done_.store(true, std::memory_order_release);
 }
 
-void LiveSystem::runRecorder() {
-  rt::Heartbeat& heart = watchdog_.heartbeat(workers_[0].tier);
+void LiveSystem::runRecorder(rt::Heartbeat& heart) {
   while (!stop_recorder_.load(std::memory_order_acquire)) {
     const std::int64_t begin = clock_.monotonicNs();
     const std::uint64_t bytes = recorder_.counters().bytes;
@@ -218,95 +243,49 @@ void LiveSystem::runRecorder() {
 }
 
 rt::ArmingResult LiveSystem::arm(rt::HeapReserve& heap) {
-  for (Worker& worker : workers_) (void)worker.thread->start(worker.body);
+  threads_.start();
   arming_ = rt::arm(setup_.config.live.realtime, budget_, heap, setup_.config.live.memory.heap_bytes);
   if (!arming_.armed()) return arming_;
+  complete_.store(arming_.complete(), std::memory_order_relaxed);
   heap_ = &heap;
-  resident_at_arming_ = rt::exactResidentBytes();
+  measured_.resident_at_arming = rt::exactResidentBytes();
   begun_mono_ns_ = clock_.monotonicNs();
   if (resumed_) away_ns_ = std::max<std::int64_t>(0, clock_.utcNs() - away_since_ns_);
-  next_checkpoint_ns_ = begun_mono_ns_ + static_cast<std::int64_t>(setup_.config.live.checkpoint_s * 1e9);
-  for (const Worker& worker : workers_) watchdog_.watch(worker.tier, begun_mono_ns_);
-  (void)hard_.mark({io::Mark::Kind::kHealth, roof_health_ = roofHealth()});
+  supervisor_->begin(complete());
   go_.store(true, std::memory_order_release);
   return arming_;
 }
 
-std::uint64_t LiveSystem::roofHealth() {
-  std::uint64_t flags = hard_slipped_.load(std::memory_order_relaxed) << 16U;
-  if (!arming_.complete()) flags |= telemetry::kHealthSoftRealTime;
-  if (soft_->overload().level() != rt::DegradationLevel::kFull) flags |= telemetry::kHealthOverload;
-  const io::Recorder::Counters recorded = recorder_.counters();
-  if (recorded.inputs_dropped + recorded.decisions_dropped + recorded.images_dropped_disk +
-          recorded.images_dropped_queue + recorded.write_failures >
-      0)
-    flags |= telemetry::kHealthRecorderFailed;
-  if (recorder_.disk() != io::Recorder::Disk::kRoom) flags |= telemetry::kHealthDiskLow;
-  return flags;
-}
-
 std::vector<std::string> LiveSystem::supervise() {
-  std::vector<std::string> events;
-  watchdog_.step(clock_.monotonicNs(), [&](std::size_t tier, rt::Watchdog::Remedy remedy) {
-    const auto of =
-        std::find_if(workers_.begin(), workers_.end(), [&](const Worker& w) { return w.tier == tier; });
-    if (of == workers_.end()) return;
-    switch (remedy) {
-      case rt::Watchdog::Remedy::kRestart:
-        // A body that has left is started again; one that hangs in a system call cannot be taken away.
-        events.push_back(of->name + " is stuck" +
-                         (!of->thread->running() && of->thread->start(of->body) ? "; started again" : ""));
-        break;
-      case rt::Watchdog::Remedy::kGiveUp:
-        events.push_back(of->name + " is stuck; going on without it");
-        break;
-      case rt::Watchdog::Remedy::kRecovered:
-        events.push_back(of->name + " is alive again");
-        break;
-    }
-  });
-  const std::int64_t step = clock_.systemStepNs();
-  if (std::abs(step - last_step_ns_) > kClockStep_ns) {
-    ++clock_steps_;
-    events.push_back("the system's clock was set by " +
-                     std::to_string(static_cast<double>(step - last_step_ns_) * 1e-9) +
-                     " s; the vehicle's time goes on unchanged");
-  }
-  last_step_ns_ = step;
-  const std::int64_t now = clock_.monotonicNs();
-  if (now >= next_checkpoint_ns_ && soft_->caughtUp() &&
-      hard_.mark({io::Mark::Kind::kCheckpoint, next_checkpoint_})) {
-    ++next_checkpoint_;
-    next_checkpoint_ns_ = now + static_cast<std::int64_t>(setup_.config.live.checkpoint_s * 1e9);
-  }
-  const std::uint64_t health = roofHealth();
-  if (health != roof_health_ && hard_.mark({io::Mark::Kind::kHealth, health})) roof_health_ = health;
-  return events;
-}
-
-void LiveSystem::joinAll() {
-  for (Worker& worker : workers_) worker.thread->join();
+  return supervisor_->step(hard_slipped_.load(std::memory_order_relaxed));
 }
 
 void LiveSystem::stop() {
   if (stopped_) return;
-  final_cpu_ = cpuTimes();
+  measured_.cpu = cpuTimes();
   if (heap_ != nullptr) {
-    heap_used_ = heap_->usedOfReserve();
-    heap_overflow_ = heap_->overflowBytes();
+    measured_.heap_used = heap_->usedOfReserve();
+    measured_.heap_overflow = heap_->overflowBytes();
   }
-  for (std::size_t i = 0; i < watchdog_.tiers(); ++i) watchdog_.unwatch(i);
+  threads_.unwatch();
   stop_devices_ = true;
-  for (std::size_t i = 2; i < workers_.size(); ++i)
-    if (workers_[i].name != "modem" && workers_[i].name != "navigation") workers_[i].thread->join();
+  threads_.joinAllBut({"recorder", "vision", "modem", "navigation"});
   while (!hard_.mark({io::Mark::Kind::kEnd, 0})) restFor(kRestNs);
   while (!hard_.ended()) restFor(kRestNs);
   stop_hard_ = true;
   while (!soft_done_.load(std::memory_order_acquire)) restFor(kRestNs);
   stop_soft_ = stop_modem_ = stop_recorder_ = true;
-  joinAll();
+  threads_.joinAllBut({});
   recorder_.close();
   stopped_ = true;
+}
+
+bool LiveSystem::write() {
+  const double wall_s = rt::seconds(clock_.monotonicNs() - begun_mono_ns_);
+  if (!run_->write(0, wall_s)) return false;
+  output_->writeText("live.json", liveJson(*this, wall_s));
+  output_->commit();
+  return true;
 }
 
 rt::ThreadCost LiveSystem::hardCost() const {

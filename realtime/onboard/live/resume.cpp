@@ -6,7 +6,7 @@
 
 #include "firmware_if/log/input_tail.hpp"
 #include "realtime/kernel/input_error.hpp"
-#include "realtime/onboard/live/vehicle_clock.hpp"
+#include "realtime/kernel/vehicle_clock.hpp"
 #include "recon/geometry/atomic_file.hpp"
 
 namespace fathom::onboard {
@@ -77,7 +77,7 @@ std::int64_t vehicleClockOffset(const std::filesystem::path& state_folder) {
   std::string then;
   std::int64_t offset_ns = 0;
   if (in >> then >> offset_ns && then == boot && !boot.empty()) return offset_ns;
-  offset_ns = VehicleClock::systemOffsetNs();
+  offset_ns = rt::VehicleClock::systemOffsetNs();
   AtomicFile file(path);
   file.stream() << boot << ' ' << offset_ns << '\n';
   file.commit();

@@ -91,11 +91,11 @@ void SoftTier::noteMapped(const OnboardSystem::MappedPair& pair) {
   links_.frames->release(pair.left_image, pair.right_image);
 }
 
-void SoftTier::consume(const io::LiveInput& input) {
+void SoftTier::consume(const io::OnboardInput& input) {
   lag_ns_ = std::max<std::int64_t>(0, clock_.utcNs() - input.arrival_utc_ns);
   highest_lag_ns_ = std::max(highest_lag_ns_, lag_ns_);
-  if (std::holds_alternative<io::ImageStamp>(input.what)) links_.frames->refill();
-  run_.consume(io::onboardInput(input));
+  if (io::imageOf(input) != nullptr) links_.frames->refill();
+  run_.consume(input);
   if (const auto* mark = std::get_if<io::Mark>(&input.what))
     if (mark->kind == io::Mark::Kind::kCheckpoint) saveState(mark->number);
 }
@@ -136,7 +136,7 @@ std::size_t SoftTier::catchUp(std::size_t most) {
 std::size_t SoftTier::work(std::size_t most) {
   if (!caughtUp()) return catchUp(most);
   std::size_t done = 0;
-  io::LiveInput input;
+  io::OnboardInput input;
   const std::int64_t begin = clock_.monotonicNs();
   while (done < most && !run_.ended() && links_.sequence->pop(input)) {
     consume(input);

@@ -66,7 +66,7 @@ class SoftTier {
 
   // Consumes at most `most` inputs that wait; how many it was.
   std::size_t work(std::size_t most);
-  void consume(const io::LiveInput& input);
+  void consume(const io::OnboardInput& input);
   // The sequence has been consumed to its end mark.
   [[nodiscard]] bool ended() const { return run_.ended(); }
   [[nodiscard]] const rt::OverloadRule& overload() const { return rule_; }

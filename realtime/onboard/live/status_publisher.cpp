@@ -15,7 +15,7 @@ double milliseconds(std::int64_t ns) {
 
 StatusPublisher::StatusPublisher(LiveSystem& live, std::shared_ptr<io::LcmBus> bus,
                                  const io::MissionConfig& mission, const std::filesystem::path& folder,
-                                 const Config& config, const VehicleClock& clock)
+                                 const Config& config, const rt::VehicleClock& clock)
     : live_(live),
       publisher_(bus ? std::make_unique<io::LcmPublisher>(std::move(bus), mission.vehicle_name) : nullptr),
       local_(mission.origin),
@@ -105,7 +105,7 @@ io::LinkReport StatusPublisher::linkReport() const {
 io::HealthReport StatusPublisher::health() {
   io::HealthReport report;
   report.utc_ns = clock_.utcNs();
-  report.soft = !live_.arming().complete();
+  report.soft = !live_.complete();
   report.degradation = static_cast<std::uint8_t>(map_.level);
   report.uptime_s = static_cast<double>(clock_.monotonicNs() - begin_ns_) * 1e-9;
   report.clock_steps = live_.clockSteps();

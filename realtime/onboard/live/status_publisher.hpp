@@ -24,7 +24,7 @@ class StatusPublisher {
   };
   // `bus`: null where the vehicle has none; the log has the messages all the same.
   StatusPublisher(LiveSystem& live, std::shared_ptr<io::LcmBus> bus, const io::MissionConfig& mission,
-                  const std::filesystem::path& folder, const Config& config, const VehicleClock& clock);
+                  const std::filesystem::path& folder, const Config& config, const rt::VehicleClock& clock);
 
   void step();
   // The newest pose in nav, for whoever else tells it; std::nullopt before dead reckoning runs.
@@ -45,7 +45,7 @@ class StatusPublisher {
   Config config_;
   double root_size_;
   int max_level_;
-  const VehicleClock& clock_;
+  const rt::VehicleClock& clock_;
   rt::SystemStatus system_;
   rt::ProcessMemory process_;
   NavState nav_;

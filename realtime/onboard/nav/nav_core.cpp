@@ -3,14 +3,14 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/kernel/seconds.hpp"
+
 namespace fathom::onboard {
 namespace {
 
 constexpr double kSecond = 1e9;  // [ns]
 
-std::int64_t nanoseconds(double seconds) {
-  return std::llround(seconds * kSecond);
-}
+using rt::nanoseconds;
 
 // A damaged stamp at the end of time must not overflow; odometry and pairing then refuse it.
 std::int64_t shifted(std::int64_t utc_ns, std::int64_t offset_ns) noexcept {
@@ -29,58 +29,60 @@ NavCore::NavCore(const NavCoreConfig& config)
       compass_offset_ns_(nanoseconds(config.time_offsets.compass)),
       depth_offset_ns_(nanoseconds(config.time_offsets.depth)) {}
 
-void NavCore::step(const NavInput& input) noexcept {
+void NavCore::add(DvlSample sample) noexcept {
   ++counters_.inputs;
-  switch (input.kind) {
-    case NavInput::Kind::kDvl: {
-      DvlSample sample = dvlSample(input);
-      sample.utc_ns = shifted(sample.utc_ns, dvl_offset_ns_);
-      dvl_ = {sample.utc_ns, true};
-      odometry_.add(sample);
-      break;
-    }
-    case NavInput::Kind::kAttitude: {
-      AttitudeSample sample = attitudeSample(input);
-      sample.utc_ns = shifted(sample.utc_ns, compass_offset_ns_);
-      attitude_ = {sample.utc_ns, true};
-      odometry_.add(sample);
-      break;
-    }
-    case NavInput::Kind::kGyro: {
-      GyroSample sample = gyroSample(input);
-      sample.utc_ns = shifted(sample.utc_ns, compass_offset_ns_);
-      odometry_.add(sample);
-      break;
-    }
-    case NavInput::Kind::kDepth: {
-      DepthSample sample = depthSample(input);
-      sample.utc_ns = shifted(sample.utc_ns, depth_offset_ns_);
-      depth_ = {sample.utc_ns, true};
-      odometry_.add(sample);
-      break;
-    }
-    case NavInput::Kind::kWater:
-      water_ = {input.utc_ns, true};
-      odometry_.add(waterSample(input));
-      break;
-    case NavInput::Kind::kFrame:
-      addFrame(input);
-      break;
-    case NavInput::Kind::kHealthTick:
-      takeHealth(input.utc_ns);
-      break;
+  sample.utc_ns = shifted(sample.utc_ns, dvl_offset_ns_);
+  dvl_ = {sample.utc_ns, true};
+  odometry_.add(sample);
+  dispatch();
+}
+
+void NavCore::add(AttitudeSample sample) noexcept {
+  ++counters_.inputs;
+  sample.utc_ns = shifted(sample.utc_ns, compass_offset_ns_);
+  attitude_ = {sample.utc_ns, true};
+  odometry_.add(sample);
+  dispatch();
+}
+
+void NavCore::add(GyroSample sample) noexcept {
+  ++counters_.inputs;
+  sample.utc_ns = shifted(sample.utc_ns, compass_offset_ns_);
+  odometry_.add(sample);
+  dispatch();
+}
+
+void NavCore::add(DepthSample sample) noexcept {
+  ++counters_.inputs;
+  sample.utc_ns = shifted(sample.utc_ns, depth_offset_ns_);
+  depth_ = {sample.utc_ns, true};
+  odometry_.add(sample);
+  dispatch();
+}
+
+void NavCore::add(const WaterSample& sample) noexcept {
+  ++counters_.inputs;
+  water_ = {sample.utc_ns, true};
+  odometry_.add(sample);
+  dispatch();
+}
+
+void NavCore::addFrame(std::int64_t stamp_utc_ns, CameraSide side, std::uint32_t frame_id) noexcept {
+  ++counters_.inputs;
+  const bool left = side == CameraSide::kLeft;
+  const std::int64_t utc_ns = shifted(stamp_utc_ns, left ? left_offset_ns_ : right_offset_ns_);
+  (left ? left_ : right_) = {utc_ns, true};
+  if (const auto pair = pairing_.add(side, {utc_ns, frame_id})) {
+    const auto index = static_cast<std::uint32_t>(counters_.pairs++);
+    if (waiting_.pushDroppingOldest({index, *pair})) ++counters_.pairs_uncovered;
   }
   dispatch();
 }
 
-void NavCore::addFrame(const NavInput& input) noexcept {
-  const bool left = input.side == CameraSide::kLeft;
-  const std::int64_t utc_ns = shifted(input.utc_ns, left ? left_offset_ns_ : right_offset_ns_);
-  (left ? left_ : right_) = {utc_ns, true};
-  const auto pair = pairing_.add(input.side, {utc_ns, input.frame_id});
-  if (!pair) return;
-  const auto index = static_cast<std::uint32_t>(counters_.pairs++);
-  if (waiting_.pushDroppingOldest({index, *pair})) ++counters_.pairs_uncovered;
+void NavCore::tick(std::int64_t utc_ns) noexcept {
+  ++counters_.inputs;
+  takeHealth(utc_ns);
+  dispatch();
 }
 
 // Sends off the pairs that the odometry has reached.

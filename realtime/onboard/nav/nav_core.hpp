@@ -8,7 +8,6 @@
 
 #include "realtime/kernel/fixed_queue.hpp"
 #include "realtime/kernel/state_archive_fwd.hpp"
-#include "realtime/onboard/nav/nav_input.hpp"
 #include "realtime/onboard/nav/stereo_pairing.hpp"
 #include "recon/nav/dead_reckoning.hpp"
 
@@ -58,7 +57,7 @@ struct NavHealth {
 // files, devices or clocks; the same inputs give the same outputs, bit for bit. Allocates nothing after
 // construction.
 //
-//   for each input:  core.step(input);  while (auto trigger = core.pollTrigger()) hand it to MapCore;
+//   for each input:  core.add(input);  while (auto trigger = core.pollTrigger()) hand it to MapCore;
 //
 // Pairs wait until every navigation sensor has reached their time. When too many wait, the oldest is dropped
 // and counted; so is the oldest trigger when nobody polls.
@@ -67,7 +66,14 @@ class NavCore {
   // The config's numbers are finite and its tolerance positive (the mission's reader sees to it).
   explicit NavCore(const NavCoreConfig& config);
 
-  void step(const NavInput& input) noexcept;
+  void add(DvlSample sample) noexcept;
+  void add(AttitudeSample sample) noexcept;
+  void add(GyroSample sample) noexcept;
+  void add(DepthSample sample) noexcept;
+  void add(const WaterSample& sample) noexcept;  // sound speed only
+  // `frame_id`: a handle that the caller resolves to the pixels.
+  void addFrame(std::int64_t stamp_utc_ns, CameraSide side, std::uint32_t frame_id) noexcept;
+  void tick(std::int64_t utc_ns) noexcept;  // health is asked for
 
   // The oldest trigger not yet taken.
   [[nodiscard]] std::optional<StereoTrigger> pollTrigger() noexcept;
@@ -107,7 +113,6 @@ class NavCore {
     std::uint64_t inputs = 0, pairs = 0, pairs_uncovered = 0, triggers = 0, triggers_dropped = 0;
   };
 
-  void addFrame(const NavInput& input) noexcept;
   void dispatch() noexcept;
   void takeHealth(std::int64_t utc_ns) noexcept;
 

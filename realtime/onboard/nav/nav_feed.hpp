@@ -1,6 +1,8 @@
 #pragma once
 
 #include <cstdint>
+#include <type_traits>
+#include <variant>
 
 #include "realtime/onboard/nav/nav_core.hpp"
 #include "recon/nav/camera_clock.hpp"
@@ -17,16 +19,28 @@ class NavFeed {
 
   template <class Sample>
   void add(const Sample& sample) noexcept {
-    core_.step(navInput(sample));
+    core_.add(sample);
+  }
+  // Whatever navigation has a use for; the rest is passed over.
+  void add(const SensorSample& sample, std::int64_t arrival_utc_ns) noexcept {
+    std::visit(
+        [&](const auto& s) noexcept {
+          using Sample = std::decay_t<decltype(s)>;
+          if constexpr (std::is_same_v<Sample, ImageEvent>)
+            (void)addExposure(s.utc_ns, s.side, arrival_utc_ns);
+          else if constexpr (requires { core_.add(s); })
+            core_.add(s);
+        },
+        sample);
   }
   // An exposure stamped `stamp_utc_ns` that arrived then; returns its number, from 0.
   std::uint32_t addExposure(std::int64_t stamp_utc_ns, CameraSide side,
                             std::int64_t arrival_utc_ns) noexcept {
     nav::CameraClock& clock = side == CameraSide::kLeft ? left_clock_ : right_clock_;
-    core_.step(frameInput(clock.utcNs(stamp_utc_ns, arrival_utc_ns), side, exposures_));
+    core_.addFrame(clock.utcNs(stamp_utc_ns, arrival_utc_ns), side, exposures_);
     return exposures_++;
   }
-  void tick(std::int64_t now_ns) noexcept { core_.step(healthTickInput(now_ns)); }
+  void tick(std::int64_t now_ns) noexcept { core_.tick(now_ns); }
 
   [[nodiscard]] NavCore& core() noexcept { return core_; }
   [[nodiscard]] const NavCore& core() const noexcept { return core_; }

@@ -4,7 +4,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("NAVC"), kFeedTag = rt::stateTag("NAVF"), kVersion = 2;
+constexpr std::uint32_t kTag = rt::stateTag("NAVC"), kFeedTag = rt::stateTag("NAVF"), kVersion = 3;
 
 template <typename Archive, typename Trigger>
 void exchangeTrigger(Archive& archive, Trigger& trigger) {

@@ -6,13 +6,13 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <mutex>
 #include <numbers>
 #include <optional>
 
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/progress.hpp"
 #include "recon/lighting/rig_ranges.hpp"
 #include "recon/topside/calibration/free_matches.hpp"
 #include "recon/topside/calibration/range_map.hpp"
@@ -20,7 +20,6 @@
 #include "recon/topside/input/navigation.hpp"
 #include "recon/topside/input/seed_plane.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
-#include "recon/topside/work/progress.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -238,11 +237,9 @@ MissionCheck checkMission(const MissionCheckOptions& options) {
   const auto runs = runsOf(m.list.pairs.size(), options.pairs);
   std::vector<RunResult> results(runs.size());
   {
-    Progress progress("matching", runs.size());
-    std::mutex one_at_a_time;
+    rt::StageProgress progress("matching", runs.size());
     oneapi::tbb::parallel_for(std::size_t{0}, runs.size(), [&](std::size_t r) {
       results[r] = lookAtRun(m, lighting, runs[r].first, runs[r].second);
-      const std::lock_guard lock(one_at_a_time);
       progress.step();
     });
   }

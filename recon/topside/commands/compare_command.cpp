@@ -5,8 +5,8 @@
 #include <memory>
 #include <string_view>
 
-#include "firmware_if/mission.hpp"
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/compare/compare.hpp"
 #include "recon/geometry/output_folder.hpp"

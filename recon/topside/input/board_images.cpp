@@ -10,12 +10,11 @@
 #include <cstdio>
 #include <cstdlib>
 #include <map>
-#include <mutex>
 #include <optional>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
-#include "recon/topside/work/progress.hpp"
+#include "realtime/kernel/progress.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -242,11 +241,9 @@ BoardImages findBoards(const BoardImageOptions& options, const calibration::Ches
   const std::vector<BoardImagePair> pairs = listBoardImages(options, out.dropped);
   std::vector<PairFinding> found(pairs.size());
   {
-    Progress progress("boards", pairs.size());
-    std::mutex one_at_a_time;
+    rt::StageProgress progress("boards", pairs.size());
     oneapi::tbb::parallel_for(std::size_t{0}, pairs.size(), [&](std::size_t k) {
       found[k] = findPair(pairs[k], options, board);
-      const std::lock_guard lock(one_at_a_time);
       progress.step();
     });
   }

@@ -5,9 +5,9 @@
 #include <cstdlib>
 #include <variant>
 
-#include "firmware_if/feature_file.hpp"
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/feature_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/nav/camera_clock.hpp"
 

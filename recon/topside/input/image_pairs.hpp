@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 
 namespace fathom::topside {
 

@@ -1,6 +1,6 @@
 #include "recon/topside/input/left_image.hpp"
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/eight_bit_view.hpp"
 

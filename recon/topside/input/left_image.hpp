@@ -4,7 +4,7 @@
 #include <span>
 #include <string>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/geometry/rgb_image.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/range_lattice.hpp"

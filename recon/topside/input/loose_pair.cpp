@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/lighting/lighting_model.hpp"
 

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <set>
 
-#include "firmware_if/feature_file.hpp"
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/feature_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom::topside {

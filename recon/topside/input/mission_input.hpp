@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/mission.hpp"
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/topside/work/digest.hpp"
 

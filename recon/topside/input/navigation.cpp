@@ -5,7 +5,7 @@
 #include <optional>
 #include <variant>
 
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "recon/nav/position_anchor.hpp"

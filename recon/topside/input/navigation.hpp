@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/nav/dead_reckoning.hpp"
 #include "recon/nav/position_anchor.hpp"

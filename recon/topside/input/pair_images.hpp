@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/rig_ranges.hpp"
 #include "recon/stereo/sparse_stereo.hpp"

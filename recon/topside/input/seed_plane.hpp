@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "recon/topside/input/navigation.hpp"

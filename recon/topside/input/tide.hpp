@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <optional>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 
 namespace fathom::topside {
 

@@ -9,11 +9,11 @@
 #include <opencv2/core.hpp>
 #include <optional>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/progress.hpp"
 #include "recon/lighting/rig_ranges.hpp"
 #include "recon/topside/input/seed_plane.hpp"
-#include "recon/topside/work/progress.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -99,7 +99,7 @@ void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& missi
                    const TopsideConfig& config, LightingModels& models) {
   const std::vector<std::size_t> chosen = lightingPairs(pairs.size(), config);
   const std::size_t count = chosen.size();
-  Progress progress("lighting", count);
+  rt::StageProgress progress("lighting", count);
   const auto& cameras = mission.cameras;
   const std::vector<double> altitudes = seedAltitudes(poses, config.default_altitude);
   std::size_t next = 0;

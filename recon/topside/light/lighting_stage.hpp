@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/lighting_model.hpp"
 #include "recon/topside/config/topside_config.hpp"

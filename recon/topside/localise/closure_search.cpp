@@ -7,7 +7,7 @@
 #include <cmath>
 #include <tuple>
 
-#include "recon/topside/work/progress.hpp"
+#include "realtime/kernel/progress.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -50,7 +50,7 @@ void registerAll(const StereoRig& rig, const Frames& frames, const closure::Regi
     std::uint32_t loaded = kNothing;  // frame that is in b
   };
   tbb::enumerable_thread_specific<Worker> workers;
-  SharedProgress progress(stage, attempts.size());
+  rt::StageProgress progress(stage, attempts.size());
   tbb::parallel_for(std::size_t{0}, attempts.size(), [&](std::size_t k) {
     Worker& worker = workers.local();
     if (!worker.registrar) worker.registrar = std::make_unique<closure::Registrar>(rig, config);

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/input/image_pairs.hpp"
 #include "recon/topside/input/navigation.hpp"

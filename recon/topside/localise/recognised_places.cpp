@@ -5,11 +5,11 @@
 #include <set>
 #include <tuple>
 
+#include "realtime/kernel/progress.hpp"
 #include "recon/closure/candidates.hpp"
 #include "recon/closure/place_index.hpp"
 #include "recon/closure/recognition.hpp"
 #include "recon/topside/localise/closure_search.hpp"
-#include "recon/topside/work/progress.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -56,7 +56,7 @@ Pairs likePairs(const Frames& frames, const std::vector<std::uint32_t>& asked) {
   closure::PlaceIndex places(config);
   closure::FrameFeatures features;
   Pairs pairs;
-  SharedProgress progress("places", end);
+  rt::StageProgress progress("places", end);
   for (std::uint32_t k = 0; k < end; ++k) {
     progress.step();
     if (frames.blank(k)) continue;

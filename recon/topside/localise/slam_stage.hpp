@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/closure/registration.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/slam/mounting_check.hpp"

@@ -5,15 +5,15 @@
 
 #include <optional>
 
-#include "firmware_if/feature_file.hpp"
+#include "firmware_if/files/feature_file.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/progress.hpp"
 #include "recon/closure/feature_extractor.hpp"
 #include "recon/closure/given_features.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/given_stereo.hpp"
 #include "recon/topside/input/pair_images.hpp"
 #include "recon/topside/input/seed_plane.hpp"
-#include "recon/topside/work/progress.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -147,7 +147,7 @@ MemoryFeatureStore prepareFeatures(const io::MissionPaths& paths, const io::Miss
   const std::vector<double> altitudes = seedAltitudes(navigation.poses, config.default_altitude);
   std::vector<closure::FrameFeatures> features(list.pairs.size());
   tbb::enumerable_thread_specific<std::unique_ptr<PairPreparer>> preparers;
-  SharedProgress progress("features", list.pairs.size());
+  rt::StageProgress progress("features", list.pairs.size());
   tbb::parallel_for(std::size_t{0}, list.pairs.size(), [&](std::size_t k) {
     std::unique_ptr<PairPreparer>& preparer = preparers.local();
     if (!preparer)

@@ -3,7 +3,7 @@
 #include <memory>
 #include <string>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/closure/frame_features.hpp"
 #include "recon/geometry/mesh.hpp"
 #include "recon/geometry/stereo_rig.hpp"

@@ -8,8 +8,8 @@
 #include <numbers>
 #include <optional>
 
-#include "firmware_if/image_times.hpp"
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/images/image_times.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "recon/closure/candidates.hpp"
 #include "recon/topside/report/svg_plot.hpp"
 

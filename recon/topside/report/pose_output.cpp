@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/topside/localise/crossovers.hpp"

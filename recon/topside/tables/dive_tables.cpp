@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "firmware_if/civil_time.hpp"
+#include "firmware_if/files/civil_time.hpp"
 #include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 

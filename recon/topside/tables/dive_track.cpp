@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "recon/geometry/sea_water.hpp"
 
 namespace fathom::topside {

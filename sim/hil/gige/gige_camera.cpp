@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "firmware_if/camera/pixel_unpack.hpp"
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "sim/hil/gige/gige_device.hpp"
 

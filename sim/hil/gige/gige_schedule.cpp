@@ -3,9 +3,9 @@
 #include <charconv>
 #include <fstream>
 
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/mission.hpp"
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom::sim {

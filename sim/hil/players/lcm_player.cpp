@@ -15,12 +15,8 @@ struct CloseLcm {
   void operator()(lcm_t* lcm) const { ::lcm_destroy(lcm); }
 };
 
-SensorSample asLogged(const DeviceSample& sample) {
-  return std::visit([](const auto& s) -> SensorSample { return s; }, sample);
-}
-
 // The DVL has its serial line, and fixes come over the modem.
-bool goesOverLcm(const DeviceSample& sample) {
+bool goesOverLcm(const SensorSample& sample) {
   return !std::holds_alternative<DvlSample>(sample) && !std::holds_alternative<UsblFix>(sample);
 }
 
@@ -54,7 +50,7 @@ void LcmPlayer::run(const std::atomic<bool>& stop) {
       ++i.counters.withheld;
       continue;
     }
-    const io::LogMessage message = io::encodeSample(now_ns, asLogged(scheduled.sample));
+    const io::LogMessage message = io::encodeSample(now_ns, scheduled.sample);
     const int result = ::lcm_publish(i.lcm.get(), message.channel.c_str(), message.data.data(),
                                      static_cast<unsigned>(message.data.size()));
     ++(result == 0 ? i.counters.messages : i.counters.refused);

@@ -5,7 +5,7 @@
 #include <numbers>
 #include <optional>
 
-#include "firmware_if/modem_ports.hpp"
+#include "firmware_if/modem/modem_ports.hpp"
 #include "sim/hil/players/pseudo_terminal.hpp"
 
 namespace fathom::sim {

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "firmware_if/civil_time.hpp"
+#include "firmware_if/files/civil_time.hpp"
 
 namespace fathom::sim {
 namespace {

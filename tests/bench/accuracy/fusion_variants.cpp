@@ -9,9 +9,10 @@
 #include <map>
 #include <memory>
 
-#include "firmware_if/mission.hpp"
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/progress.hpp"
 #include "recon/fusion/volumetric_fusion.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/topside/input/image_pairs.hpp"
@@ -19,7 +20,6 @@
 #include "recon/topside/input/seed_plane.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
 #include "recon/topside/prepare/prepare_stage.hpp"
-#include "recon/topside/work/progress.hpp"
 #include "sim/score/surface_score.hpp"
 #include "sim/score/trajectory_score.hpp"
 
@@ -190,7 +190,7 @@ VariantReport fuseVariants(const std::filesystem::path& mission_folder,
   const SE3 T_cam_body = mission.T_body_cam.inverse();
   Sums sums;
   {
-    topside::Progress progress("stereo", usable.size());
+    rt::StageProgress progress("stereo", usable.size());
     std::size_t next = 0;
     tbb::parallel_pipeline(
         static_cast<std::size_t>(2 * tbb::info::default_concurrency()),

@@ -1,7 +1,7 @@
 #include "tests/bench/accuracy/model_accuracy.hpp"
 
-#include "firmware_if/mission.hpp"
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "sim/scenario/scenario_file.hpp"
 #include "sim/score/surface_score.hpp"

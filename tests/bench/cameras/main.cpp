@@ -12,9 +12,9 @@
 #include <vector>
 
 #include "firmware_if/camera/gige_camera.hpp"
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/mission.hpp"
-#include "firmware_if/sensor_log.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "tests/support/network_namespace.hpp"

@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "firmware_if/log/log_events.hpp"
-#include "firmware_if/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom::growth {

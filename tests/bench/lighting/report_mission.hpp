@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "sim/score/truth_surface.hpp"

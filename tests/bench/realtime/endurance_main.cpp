@@ -65,7 +65,7 @@ int report(const Options& options) {
   const Shuttle shuttle(io::readOnboardInputs(options.mission, damaged), options.pairs);
   if (shuttle.stepsOfLeg() == 0 || shuttle.images(CameraSide::kLeft).empty())
     throw InputError(options.mission, "", "holds no stereo pairs");
-  onboard::VehicleClock clock(onboard::VehicleClock::systemOffsetNs(), options.rate);
+  rt::VehicleClock clock(rt::VehicleClock::systemOffsetNs(), options.rate);
   constexpr std::int64_t kSetUpNs = 20 * kNsPerSecond;  // of the machine's time, before the first sample
   const std::int64_t begin =
       clock.utcNs() + static_cast<std::int64_t>(static_cast<double>(kSetUpNs) * options.rate);

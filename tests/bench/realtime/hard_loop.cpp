@@ -18,7 +18,7 @@ constexpr int kDepthEvery = 10, kDvlEvery = 20, kFrameEvery = 50;
 
 HardLoop::HardLoop(const rt::RealtimeConfig& config)
     : config_(config),
-      core_(std::make_unique<onboard::NavCore>(onboard::NavCoreConfig{})),
+      nav_(std::make_unique<onboard::NavFeed>(onboard::NavCoreConfig{})),
       device_(rt::threadConfig(config, rt::Tier::kDevice, "devices")),
       loop_(rt::threadConfig(config, rt::Tier::kHard, "navigation")) {}
 
@@ -28,19 +28,19 @@ void HardLoop::feed() {
   std::uint32_t n = 0;
   periodic.run([&] {
     const std::int64_t utc = clock.utcNs();
-    const auto push = [&](const onboard::NavInput& input) { (void)ring_.push(input); };
-    push(onboard::navInput(AttitudeSample{utc, 0.01, 0.02, 1.0, false}));
-    if (n % kDepthEvery == 0) push(onboard::navInput(DepthSample{utc, 20.0}));
+    const auto push = [&](const SensorSample& sample) { (void)ring_.push({utc, sample}); };
+    push(AttitudeSample{utc, 0.01, 0.02, 1.0, false});
+    if (n % kDepthEvery == 0) push(DepthSample{utc, 20.0});
     if (n % kDvlEvery == 0) {
       DvlSample dvl;
       dvl.utc_ns = utc;
       dvl.velocity = Eigen::Vector3d(0.5, 0, 0);
       dvl.altitude = 2.0;
-      push(onboard::navInput(dvl));
+      push(dvl);
     }
     if (n % kFrameEvery == 0)
       for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight})
-        push(onboard::frameInput(utc, side, n));
+        push(ImageEvent{utc, side, {}, 0.002});
     ++n;
     return !stop_.load(std::memory_order_relaxed);
   });
@@ -53,12 +53,12 @@ void HardLoop::loop(std::int64_t until_ns, Result& result) {
   periodic.run([&] {
     const std::int64_t now = clock.monotonicNs();
     result.latency.add((now - periodic.nextDeadlineNs()) / kNsPerUs);
-    onboard::NavInput input;
+    io::OnboardInput input;
     while (ring_.pop(input)) {
-      core_->step(input);
+      nav_->add(std::get<SensorSample>(input.what), input.arrival_utc_ns);
       ++result.samples;
     }
-    while (core_->pollTrigger()) {
+    while (nav_->core().pollTrigger()) {
     }
     return now < until_ns;
   });

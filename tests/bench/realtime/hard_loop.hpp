@@ -7,10 +7,10 @@
 #include <vector>
 
 #include "realtime/kernel/heap_counter.hpp"
-#include "realtime/kernel/spsc_ring.hpp"
 #include "realtime/kernel/tiers/realtime_config.hpp"
 #include "realtime/kernel/tiers/rt_thread.hpp"
-#include "realtime/onboard/nav/nav_core.hpp"
+#include "realtime/onboard/live/input_rings.hpp"
+#include "realtime/onboard/nav/nav_feed.hpp"
 #include "tests/bench/realtime/latency_histogram.hpp"
 
 namespace fathom::bench {
@@ -37,8 +37,8 @@ class HardLoop {
   void loop(std::int64_t until_ns, Result& result);
 
   rt::RealtimeConfig config_;
-  std::unique_ptr<onboard::NavCore> core_;
-  rt::SpscRing<onboard::NavInput, 256> ring_;
+  std::unique_ptr<onboard::NavFeed> nav_;
+  onboard::InputRing ring_;
   std::atomic<bool> stop_{false};
   rt::RtThread device_, loop_;
 };

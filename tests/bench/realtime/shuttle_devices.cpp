@@ -9,17 +9,15 @@
 #include <system_error>
 #include <utility>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 
 namespace fathom::bench {
 namespace {
 
-using onboard::VehicleClock;
-
 constexpr std::size_t kPoolFrames = 12;
 
 // Sleeps until the vehicle's clock says so, at most `timeout_ms` of the machine's; whether it is time.
-bool waitFor(const VehicleClock& clock, std::int64_t utc_ns, int timeout_ms) {
+bool waitFor(const rt::VehicleClock& clock, std::int64_t utc_ns, int timeout_ms) {
   constexpr long kStepNs = 1'000'000;
   for (long slept = 0; clock.utcNs() < utc_ns; slept += kStepNs) {
     if (slept >= timeout_ms * 1'000'000L) return false;
@@ -31,7 +29,7 @@ bool waitFor(const VehicleClock& clock, std::int64_t utc_ns, int timeout_ms) {
 
 class ShuttleSamples final : public io::SampleSource {
  public:
-  ShuttleSamples(const Shuttle& shuttle, const VehicleClock& clock, std::int64_t begin)
+  ShuttleSamples(const Shuttle& shuttle, const rt::VehicleClock& clock, std::int64_t begin)
       : shuttle_(shuttle), clock_(clock), begin_(begin) {}
 
   bool poll(int timeout_ms, io::SampleSink& sink) noexcept override {
@@ -39,15 +37,10 @@ class ShuttleSamples final : public io::SampleSource {
     const Shuttle::Step step = shuttle_.at(next_);
     if (!waitFor(clock_, begin_ + step.arrival_ns, timeout_ms)) return true;
     ++next_;
-    std::visit(
-        [&](auto sample) {
-          if constexpr (!std::is_same_v<decltype(sample), ImageEvent>) {
-            sample.utc_ns += begin_;
-            if constexpr (std::is_same_v<decltype(sample), UsblFix>) sample.arrival_utc_ns += begin_;
-            sink.sample(clock_.utcNs(), DeviceSample(sample));
-          }
-        },
-        step.sample);
+    SensorSample sample = step.sample;
+    std::visit([this](auto& s) { s.utc_ns += begin_; }, sample);
+    if (auto* fix = std::get_if<UsblFix>(&sample)) fix->arrival_utc_ns += begin_;
+    sink.sample(clock_.utcNs(), sample);
     ++given_;
     return true;
   }
@@ -56,7 +49,7 @@ class ShuttleSamples final : public io::SampleSource {
 
  private:
   const Shuttle& shuttle_;
-  const VehicleClock& clock_;
+  const rt::VehicleClock& clock_;
   std::int64_t begin_;
   std::uint64_t next_ = 0, given_ = 0;
 };
@@ -64,8 +57,8 @@ class ShuttleSamples final : public io::SampleSource {
 class ShuttleCamera final : public io::CameraSource {
  public:
   ShuttleCamera(const Shuttle& shuttle, CameraSide side, const io::MissionConfig& mission,
-                const Camera& camera, const VehicleClock& clock, std::int64_t begin, std::uint64_t exposures,
-                std::atomic<std::uint64_t>* given)
+                const Camera& camera, const rt::VehicleClock& clock, std::int64_t begin,
+                std::uint64_t exposures, std::atomic<std::uint64_t>* given)
       : shuttle_(shuttle),
         side_(side),
         format_(side == CameraSide::kLeft ? mission.cameras.left_format : mission.cameras.right_format),
@@ -165,7 +158,7 @@ class ShuttleCamera final : public io::CameraSource {
   CameraSide side_;
   PixelFormat format_;
   int bits_, width_, height_;
-  const VehicleClock& clock_;
+  const rt::VehicleClock& clock_;
   std::int64_t begin_;
   std::uint64_t exposures_;
   std::atomic<std::uint64_t>* given_;
@@ -180,8 +173,8 @@ class ShuttleCamera final : public io::CameraSource {
 onboard::LiveDevices shuttleDevices(const Shuttle& shuttle, const std::filesystem::path& images,
                                     const std::filesystem::path& scratch_folder,
                                     const io::MissionConfig& mission, const StereoRig& rig,
-                                    const VehicleClock& clock, std::int64_t begin_utc_ns, std::uint64_t pairs,
-                                    std::atomic<std::uint64_t>& given) {
+                                    const rt::VehicleClock& clock, std::int64_t begin_utc_ns,
+                                    std::uint64_t pairs, std::atomic<std::uint64_t>& given) {
   const auto camera = [&](CameraSide side, const Camera& model, std::atomic<std::uint64_t>* count) {
     auto made =
         std::make_unique<ShuttleCamera>(shuttle, side, mission, model, clock, begin_utc_ns, pairs, count);

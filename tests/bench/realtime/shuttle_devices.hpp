@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 #include "tests/bench/realtime/shuttle.hpp"
 
@@ -16,8 +16,7 @@ namespace fathom::bench {
 [[nodiscard]] onboard::LiveDevices shuttleDevices(const Shuttle& shuttle, const std::filesystem::path& images,
                                                   const std::filesystem::path& scratch_folder,
                                                   const io::MissionConfig& mission, const StereoRig& rig,
-                                                  const onboard::VehicleClock& clock,
-                                                  std::int64_t begin_utc_ns, std::uint64_t pairs,
-                                                  std::atomic<std::uint64_t>& given);
+                                                  const rt::VehicleClock& clock, std::int64_t begin_utc_ns,
+                                                  std::uint64_t pairs, std::atomic<std::uint64_t>& given);
 
 }  // namespace fathom::bench

@@ -43,7 +43,7 @@ void say(const char* format, Values... values) {
   std::fflush(stdout);
 }
 
-void watchOver(LiveSystem& live, const VehicleClock& clock) {
+void watchOver(LiveSystem& live, const rt::VehicleClock& clock) {
   bool navigates = false;
   MapState map;
   NavState nav;
@@ -76,7 +76,7 @@ int dive(const DiveOrders& orders) {
   const StereoRig rig = readStereoCalib(io::MissionPaths(orders.folder).calib());
   OnboardConfig config = readOnboardConfig(orders.config, mission);
   config.live.realtime.soft = true;
-  VehicleClock clock(vehicleClockOffset(orders.folder / "state"));
+  rt::VehicleClock clock(vehicleClockOffset(orders.folder / "state"));
   const test::PlayedMission played(orders.mission, clock, orders.shift_ns);
   LiveDevices devices = test::playedDevices(played, orders.mission, mission, rig, clock);
   devices.modem = std::make_unique<SocketPort>();

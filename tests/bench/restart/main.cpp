@@ -15,10 +15,10 @@
 #include <fstream>
 #include <random>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/vehicle_clock.hpp"
 #include "realtime/onboard/live/resume.hpp"
-#include "realtime/onboard/live/vehicle_clock.hpp"
 #include "tests/bench/restart/dive_check.hpp"
 
 namespace {
@@ -163,7 +163,7 @@ int report(const Options& options) {
   const fs::path dive_folder = options.out / "dive";
   DiveOrders orders{dive_folder, fs::absolute(options.mission), beginDive(options, dive_folder), 0};
   const std::int64_t offset_ns = onboard::vehicleClockOffset(dive_folder / "state");
-  const onboard::VehicleClock clock(offset_ns);
+  const rt::VehicleClock clock(offset_ns);
   std::uint64_t damaged = 0;
   const std::int64_t first_ns = io::readOnboardInputs(orders.mission, damaged).front().arrival_utc_ns;
   const std::int64_t first_due_ns = clock.utcNs() + static_cast<std::int64_t>(kLead_s * 1e9);

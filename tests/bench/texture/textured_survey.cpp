@@ -3,7 +3,7 @@
 #include <ctime>
 #include <unordered_map>
 
-#include "firmware_if/pose_files.hpp"
+#include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/surface/simplify.hpp"

@@ -6,7 +6,7 @@
 #include <memory>
 #include <optional>
 
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "recon/geometry/mesh.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/surface/blend.hpp"

@@ -5,7 +5,7 @@
 #include <random>
 #include <thread>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "firmware_if/log/input_tail.hpp"
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/recording_gap.hpp"

@@ -10,10 +10,11 @@
 #include <map>
 #include <thread>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/recording_gap.hpp"
-#include "firmware_if/sensor_log.hpp"
+#include "realtime/kernel/input_error.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/test_data.hpp"
@@ -96,7 +97,7 @@ TEST_F(RecorderTest, TheLogHoldsEveryInputInOrderAndEveryImageThatItNames) {
 
 TEST_F(RecorderTest, OfferingTakesNoMemory) {
   const auto r = recorder();
-  const LiveInput input = dive_.input(1);
+  const OnboardInput input = dive_.input(1);
   const std::vector<std::uint8_t> bytes(500, 7);
   const rt::ThreadCost before = test::threadCost();
   for (int i = 0; i < 100; ++i) {
@@ -186,9 +187,8 @@ TEST_F(RecorderTest, AfterACrashRecordingGoesOnBehindTheLastWholeEntry) {
   }  // as by kill: nothing is closed
   const auto whole = std::filesystem::file_size(paths.log());
   test::writeText(paths.images() / "PR_20231114_221500_000_LC16.tif.tmp", "half");
-  std::filesystem::copy_file(
-      paths.images() / imageFileName(std::get<ImageStamp>(dive_.input(253).what).utc_ns, CameraSide::kLeft),
-      paths.images() / "PR_20231114_221500_000_LC16.tif");
+  std::filesystem::copy_file(paths.images() / imageOf(dive_.input(253))->file_name.view(),
+                             paths.images() / "PR_20231114_221500_000_LC16.tif");
   std::ofstream(paths.log(), std::ios::binary | std::ios::app) << "\xED\xA1\xDA\x01 and no more";
   {
     const auto r = recorder();

@@ -4,7 +4,7 @@
 #include <cstring>
 #include <set>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/recording_gap.hpp"
 #include "realtime/kernel/input_error.hpp"
@@ -66,20 +66,22 @@ StereoRig SyntheticDive::rig() const {
   return rig;
 }
 
-io::LiveInput SyntheticDive::input(std::uint64_t number) const {
+io::OnboardInput SyntheticDive::input(std::uint64_t number) const {
   const std::int64_t arrival = kStartUtcNs + static_cast<std::int64_t>(number) * kInputIntervalNs;
   const std::int64_t utc_ns = arrival - 1'000'000;
   const std::uint64_t of_pair = number % config_.inputs_per_pair;
-  if (of_pair == 3 || of_pair == 4)
-    return {arrival, io::ImageStamp{utc_ns, of_pair == 3 ? CameraSide::kLeft : CameraSide::kRight, 0.002}};
+  if (of_pair == 3 || of_pair == 4) {
+    const CameraSide side = of_pair == 3 ? CameraSide::kLeft : CameraSide::kRight;
+    return {arrival, SensorSample(ImageEvent{utc_ns, side, io::imageFileName(utc_ns, side), 0.002})};
+  }
   if (number % 10 == 0) return {arrival, io::Tick{}};
-  if (number % 10 == 5) return {arrival, DeviceSample(DepthSample{utc_ns, 20 + unit(number, 0)})};
+  if (number % 10 == 5) return {arrival, SensorSample(DepthSample{utc_ns, 20 + unit(number, 0)})};
   if (number % 20 == 2) {
     DvlSample dvl;
     dvl.utc_ns = utc_ns;
     dvl.velocity = Eigen::Vector3d(unit(number, 0), unit(number, 1), unit(number, 2));
     dvl.altitude = 2 + unit(number, 3);
-    return {arrival, DeviceSample(dvl)};
+    return {arrival, SensorSample(dvl)};
   }
   if (number % 100 == 57) {
     io::ModemFrame frame;
@@ -89,14 +91,14 @@ io::LiveInput SyntheticDive::input(std::uint64_t number) const {
     return {arrival, frame};
   }
   return {arrival,
-          DeviceSample(AttitudeSample{utc_ns, unit(number, 0), unit(number, 1), 6 * unit(number, 2), true})};
+          SensorSample(AttitudeSample{utc_ns, unit(number, 0), unit(number, 1), 6 * unit(number, 2), true})};
 }
 
-std::vector<std::uint16_t> SyntheticDive::pixels(const io::ImageStamp& stamp) const {
+std::vector<std::uint16_t> SyntheticDive::pixels(const ImageEvent& image) const {
   std::vector<std::uint16_t> pixels(static_cast<std::size_t>(config_.width) *
                                     static_cast<std::size_t>(config_.height));
   std::uint64_t state =
-      mixed(static_cast<std::uint64_t>(stamp.utc_ns) + static_cast<std::uint64_t>(stamp.side));
+      mixed(static_cast<std::uint64_t>(image.utc_ns) + static_cast<std::uint64_t>(image.side));
   for (std::uint16_t& pixel : pixels) {
     state = state * 6364136223846793005 + 1442695040888963407;
     pixel = static_cast<std::uint16_t>(state >> (64 - kBits));
@@ -132,14 +134,14 @@ SyntheticDive::Found SyntheticDive::check(const std::filesystem::path& folder) c
     found.skipped += number - found.next;
     found.next = number + 1;
     ++found.inputs;
-    const io::LiveInput offered = input(number);
-    const io::LogMessage expected = io::encodeInput(io::onboardInput(offered));
+    const io::OnboardInput offered = input(number);
+    const io::LogMessage expected = io::encodeInput(offered);
     if (expected.channel != event.channel ||
         !std::equal(expected.data.begin(), expected.data.end(), event.data.begin(), event.data.end()))
       found.wrong.push_back(named(number, "differs from what was offered"));
-    const auto* stamp = std::get_if<io::ImageStamp>(&offered.what);
-    if (stamp == nullptr) continue;
-    const std::string name = io::imageFileName(stamp->utc_ns, stamp->side);
+    const ImageEvent* exposure = io::imageOf(offered);
+    if (exposure == nullptr) continue;
+    const std::string name = exposure->file_name;
     if (lost.contains(name)) {
       ++found.images_lost;
       continue;
@@ -148,7 +150,7 @@ SyntheticDive::Found SyntheticDive::check(const std::filesystem::path& folder) c
     try {
       const io::ImageFile image =
           io::readImage(paths.images() / name, PixelFormat::kMono, kBits, config_.width, config_.height);
-      const std::vector<std::uint16_t> right = pixels(*stamp);
+      const std::vector<std::uint16_t> right = pixels(*exposure);
       if (image.bytes.size() != 2 * right.size() ||
           std::memcmp(image.bytes.data(), right.data(), image.bytes.size()) != 0)
         found.wrong.push_back(named(number, name + " holds other pixels"));
@@ -184,16 +186,16 @@ io::Recorder::Release DivePlayer::release() {
 }
 
 bool DivePlayer::offer(io::Recorder& recorder, std::uint64_t number) {
-  const io::LiveInput input = dive_.input(number);
-  if (const auto* stamp = std::get_if<io::ImageStamp>(&input.what)) {
+  const io::OnboardInput input = dive_.input(number);
+  if (const ImageEvent* image = io::imageOf(input)) {
     io::CameraFrame frame;
-    frame.side = stamp->side;
-    frame.utc_ns = stamp->utc_ns;
+    frame.side = image->side;
+    frame.utc_ns = image->utc_ns;
     frame.block = blocks_.acquire();
     if (frame.block == rt::SharedBlocks::kNone) {
       ++without_block_;
     } else {
-      const std::vector<std::uint16_t> pixels = dive_.pixels(*stamp);
+      const std::vector<std::uint16_t> pixels = dive_.pixels(*image);
       std::memcpy(blocks_.bytes(frame.block).data(), pixels.data(), 2 * pixels.size());
       recorder.offerImage(frame);
     }

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/log/live_input.hpp"
-#include "firmware_if/mission.hpp"
+#include "firmware_if/files/mission.hpp"
+#include "firmware_if/log/onboard_input.hpp"
 #include "firmware_if/recorder/recorder.hpp"
 #include "realtime/kernel/shared_blocks.hpp"
 #include "recon/geometry/stereo_rig.hpp"
@@ -30,8 +30,8 @@ class SyntheticDive {
 
   [[nodiscard]] io::MissionConfig mission() const;
   [[nodiscard]] StereoRig rig() const;
-  [[nodiscard]] io::LiveInput input(std::uint64_t number) const;
-  [[nodiscard]] std::vector<std::uint16_t> pixels(const io::ImageStamp& stamp) const;
+  [[nodiscard]] io::OnboardInput input(std::uint64_t number) const;
+  [[nodiscard]] std::vector<std::uint16_t> pixels(const ImageEvent& image) const;
 
   // The inputs' numbers are counted on over restarts, as the vehicle's clock goes on. Checks that the log of
   // `folder` holds a run of consecutive inputs from number 0 (or several runs, when a restart left inputs

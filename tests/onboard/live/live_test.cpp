@@ -30,7 +30,7 @@ struct Dive {
   void run(double rate, const test::PlayedOptions& played_options = {}) {
     const fs::path mission_folder = FATHOM_REEF_MISSION;
     const LiveSetup setup = test::liveSetup(mission_folder, folder, true);
-    VehicleClock clock(VehicleClock::systemOffsetNs(), rate);
+    rt::VehicleClock clock(rt::VehicleClock::systemOffsetNs(), rate);
     const test::PlayedMission played(mission_folder, clock, 2.0 * rate);
     LiveSystem live(
         setup, test::playedDevices(played, mission_folder, setup.mission, setup.rig, clock, played_options),

@@ -5,15 +5,13 @@
 #include <ctime>
 #include <utility>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/files/images/image_file.hpp"
 
 namespace fathom::test {
 namespace {
 
-using onboard::VehicleClock;
-
 // Sleeps until the vehicle's clock says so, at most `timeout_ms`; whether it is time.
-bool waitFor(const VehicleClock& clock, std::int64_t utc_ns, int timeout_ms) {
+bool waitFor(const rt::VehicleClock& clock, std::int64_t utc_ns, int timeout_ms) {
   constexpr long kStep_ns = 1'000'000;
   for (long slept = 0; clock.utcNs() < utc_ns; slept += kStep_ns) {
     if (slept >= timeout_ms * 1'000'000L) return false;
@@ -23,22 +21,9 @@ bool waitFor(const VehicleClock& clock, std::int64_t utc_ns, int timeout_ms) {
   return true;
 }
 
-std::optional<DeviceSample> deviceSample(const SensorSample& sample, std::int64_t shift_ns) {
-  return std::visit(
-      [shift_ns](auto s) -> std::optional<DeviceSample> {
-        if constexpr (std::is_same_v<decltype(s), ImageEvent>) {
-          return std::nullopt;
-        } else {
-          s.utc_ns += shift_ns;
-          return DeviceSample(s);
-        }
-      },
-      sample);
-}
-
 class PlayedSamples final : public io::SampleSource {
  public:
-  PlayedSamples(const PlayedMission& played, const VehicleClock& clock)
+  PlayedSamples(const PlayedMission& played, const rt::VehicleClock& clock)
       : played_(played), clock_(clock), next_(played.first) {}
 
   bool poll(int timeout_ms, io::SampleSink& sink) noexcept override {
@@ -46,7 +31,9 @@ class PlayedSamples final : public io::SampleSource {
       const auto* sample = std::get_if<SensorSample>(&played_.inputs[next_].what);
       if (sample == nullptr || std::holds_alternative<ImageEvent>(*sample)) continue;
       if (!waitFor(clock_, played_.dueNs(next_), timeout_ms)) return true;
-      sink.sample(clock_.utcNs(), *deviceSample(*sample, played_.shift_ns));
+      SensorSample now = *sample;
+      std::visit([this](auto& s) { s.utc_ns += played_.shift_ns; }, now);
+      sink.sample(clock_.utcNs(), now);
       ++given_;
       ++next_;
       return true;
@@ -61,7 +48,7 @@ class PlayedSamples final : public io::SampleSource {
 
  private:
   const PlayedMission& played_;
-  const VehicleClock& clock_;
+  const rt::VehicleClock& clock_;
   std::size_t next_ = 0;
   std::uint64_t given_ = 0;
 };
@@ -69,7 +56,7 @@ class PlayedSamples final : public io::SampleSource {
 class PlayedCamera final : public io::CameraSource {
  public:
   PlayedCamera(const PlayedMission& played, std::filesystem::path images, CameraSide side, PixelFormat format,
-               int bits, const Camera& camera, const VehicleClock& clock, const PlayedOptions& options)
+               int bits, const Camera& camera, const rt::VehicleClock& clock, const PlayedOptions& options)
       : played_(played),
         images_(std::move(images)),
         side_(side),
@@ -85,8 +72,7 @@ class PlayedCamera final : public io::CameraSource {
 
   bool poll(int timeout_ms, io::FrameSink& sink) noexcept override {
     for (; next_ < played_.inputs.size(); ++next_) {
-      const auto* sample = std::get_if<SensorSample>(&played_.inputs[next_].what);
-      const auto* event = sample != nullptr ? std::get_if<ImageEvent>(sample) : nullptr;
+      const ImageEvent* event = io::imageOf(played_.inputs[next_]);
       if (event == nullptr || event->side != side_) continue;
       if (!waitFor(clock_, played_.dueNs(next_), timeout_ms)) return true;
       give(*event, sink);
@@ -122,7 +108,8 @@ class PlayedCamera final : public io::CameraSource {
   void give(const ImageEvent& event, io::FrameSink& sink) {
     const std::uint64_t number = exposures_++;
     if (side_ == CameraSide::kLeft && number == options_.lost_left) return;
-    const io::ImageFile file = io::readImage(images_ / event.file_name, format_, bits_, width_, height_);
+    const io::ImageFile file =
+        io::readImage(images_ / event.file_name.view(), format_, bits_, width_, height_);
     io::CameraFrame frame;
     frame.block = pool_.acquire();
     if (frame.block == rt::SharedBlocks::kNone) {
@@ -149,7 +136,7 @@ class PlayedCamera final : public io::CameraSource {
   CameraSide side_;
   PixelFormat format_;
   int bits_, width_, height_;
-  const VehicleClock& clock_;
+  const rt::VehicleClock& clock_;
   PlayedOptions options_;
   rt::SharedBlocks pool_;
   std::size_t next_ = 0;
@@ -158,13 +145,14 @@ class PlayedCamera final : public io::CameraSource {
 
 }  // namespace
 
-PlayedMission::PlayedMission(const std::filesystem::path& mission, const VehicleClock& clock, double lead_s) {
+PlayedMission::PlayedMission(const std::filesystem::path& mission, const rt::VehicleClock& clock,
+                             double lead_s) {
   std::uint64_t damaged = 0;
   inputs = io::readOnboardInputs(mission, damaged);
   shift_ns = clock.utcNs() + static_cast<std::int64_t>(lead_s * 1e9) - inputs.front().arrival_utc_ns;
 }
 
-PlayedMission::PlayedMission(const std::filesystem::path& mission, const VehicleClock& clock,
+PlayedMission::PlayedMission(const std::filesystem::path& mission, const rt::VehicleClock& clock,
                              std::int64_t with_shift_ns)
     : shift_ns(with_shift_ns) {
   std::uint64_t damaged = 0;
@@ -198,7 +186,7 @@ onboard::LiveSetup liveSetup(const std::filesystem::path& mission_folder, const 
 
 onboard::LiveDevices playedDevices(const PlayedMission& played, const std::filesystem::path& folder,
                                    const io::MissionConfig& mission, const StereoRig& rig,
-                                   const VehicleClock& clock, const PlayedOptions& options) {
+                                   const rt::VehicleClock& clock, const PlayedOptions& options) {
   const std::filesystem::path images = io::MissionPaths(folder).images();
   onboard::LiveDevices devices;
   devices.samples.push_back(std::make_unique<PlayedSamples>(played, clock));

@@ -5,8 +5,8 @@
 #include <memory>
 #include <vector>
 
+#include "firmware_if/files/mission.hpp"
 #include "firmware_if/log/onboard_input.hpp"
-#include "firmware_if/mission.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 
 namespace fathom::test {
@@ -18,9 +18,9 @@ struct PlayedMission {
   std::size_t first = 0;      // that is played
 
   // So that the first input comes `lead_s` from now.
-  PlayedMission(const std::filesystem::path& mission, const onboard::VehicleClock& clock, double lead_s);
+  PlayedMission(const std::filesystem::path& mission, const rt::VehicleClock& clock, double lead_s);
   // With that shift; what was due by now has been missed.
-  PlayedMission(const std::filesystem::path& mission, const onboard::VehicleClock& clock,
+  PlayedMission(const std::filesystem::path& mission, const rt::VehicleClock& clock,
                 std::int64_t with_shift_ns);
   [[nodiscard]] double lengthSeconds() const;
   [[nodiscard]] std::int64_t dueNs(std::size_t input) const {
@@ -44,7 +44,7 @@ struct PlayedOptions {
 [[nodiscard]] onboard::LiveDevices playedDevices(const PlayedMission& played,
                                                  const std::filesystem::path& folder,
                                                  const io::MissionConfig& mission, const StereoRig& rig,
-                                                 const onboard::VehicleClock& clock,
+                                                 const rt::VehicleClock& clock,
                                                  const PlayedOptions& options = {});
 
 }  // namespace fathom::test

@@ -28,7 +28,7 @@ class Resume : public testing::Test {
  protected:
   static fs::path left() { return fs::path(testing::TempDir()) / "fathom_resume_left"; }
   static void SetUpTestSuite() {
-    clock_ = std::make_unique<VehicleClock>(VehicleClock::systemOffsetNs(), kRate);
+    clock_ = std::make_unique<rt::VehicleClock>(rt::VehicleClock::systemOffsetNs(), kRate);
     played_ = std::make_unique<test::PlayedMission>(FATHOM_REEF_MISSION, *clock_, 2 * kRate - kFrom_s);
     const auto live = start(left(), true);
     dive(*live, 2 * kRate + kFirstLife_s);
@@ -66,11 +66,11 @@ class Resume : public testing::Test {
   }
   void TearDown() override { fs::remove_all(folder); }
 
-  static std::unique_ptr<VehicleClock> clock_;
+  static std::unique_ptr<rt::VehicleClock> clock_;
   static std::unique_ptr<test::PlayedMission> played_;
   fs::path folder = fs::path(testing::TempDir()) / "fathom_resume";
 };
-std::unique_ptr<VehicleClock> Resume::clock_;
+std::unique_ptr<rt::VehicleClock> Resume::clock_;
 std::unique_ptr<test::PlayedMission> Resume::played_;
 
 TEST_F(Resume, GoesOnFromTheNewestCheckpoint) {

@@ -1,0 +1,203 @@
+#include "firmware_if/files/feature_file.hpp"
+
+#include <zlib.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <stdexcept>
+
+#include "firmware_if/files/file_bytes.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/atomic_file.hpp"
+
+namespace fathom::io {
+namespace {
+
+constexpr std::array<std::uint8_t, 4> kMagic{'F', 'S', 'F', 'T'};
+constexpr std::uint16_t kVersion = 1;
+constexpr std::size_t kHeaderBytes = 20, kRecordBytes = 27, kCheckBytes = 4;
+constexpr std::size_t kMaxFeatures = 65535;
+constexpr std::size_t kMaxFileBytes = kHeaderBytes + kMaxFeatures * kRecordBytes + kCheckBytes;
+constexpr int kMaxSide = 8192;  // of an image [px]
+// Steps of the stored numbers.
+constexpr double kPixelStep = 1.0 / 512, kSizeStep = 0.5, kPlaceStep = 1.0 / 128, kMatchStep = 1.0 / 512,
+                 kNoiseStep = 1.0 / 128;
+constexpr double kBorder = 0.5;  // of the image beyond the outermost pixels' centres [px]
+
+class Bytes {
+ public:
+  explicit Bytes(std::size_t size) { out_.reserve(size); }
+  void put(std::uint64_t value, int bytes) {
+    for (int i = 0; i < bytes; ++i) out_.push_back(static_cast<std::uint8_t>(value >> (8 * i)));
+  }
+  // To the nearest step that the byte holds; never 0 when `positive`.
+  void step(double value, double step, bool positive) {
+    out_.push_back(
+        static_cast<std::uint8_t>(std::clamp(std::lround(value / step), positive ? 1L : 0L, 255L)));
+  }
+  void pixel(float value) {
+    put(static_cast<std::uint64_t>(std::lround(static_cast<double>(value) / kPixelStep)), 3);
+  }
+  std::vector<std::uint8_t> out_;
+};
+
+class Cursor {
+ public:
+  explicit Cursor(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
+  std::uint64_t take(std::size_t count) {
+    std::uint64_t value = 0;
+    for (std::size_t i = 0; i < count; ++i) value |= std::uint64_t{bytes_[at_ + i]} << (8 * i);
+    at_ += count;
+    return value;
+  }
+  float step(double step) { return static_cast<float>(static_cast<double>(take(1)) * step); }
+  float pixel() {
+    const auto raw = static_cast<std::int32_t>(take(3) << 8) >> 8;  // 24 bits, signed
+    return static_cast<float>(raw * kPixelStep);
+  }
+
+ private:
+  std::span<const std::uint8_t> bytes_;
+  std::size_t at_ = 0;
+};
+
+std::uint32_t crcOf(std::span<const std::uint8_t> bytes) {
+  return static_cast<std::uint32_t>(::crc32(0, bytes.data(), static_cast<uInt>(bytes.size())));
+}
+
+bool inside(const Eigen::Vector2f& pixel, double width, double height) {
+  const double x = static_cast<double>(pixel.x()), y = static_cast<double>(pixel.y());
+  return x >= -kBorder && y >= -kBorder && x <= width - 1 + kBorder && y <= height - 1 + kBorder;
+}
+
+// Null when the feature can be; else what is wrong with it. The right image's size is not in the file: its
+// pixels are bounded by the largest image.
+const char* faultOf(const StereoFeature& f, int width, int height) {
+  if (!inside(f.left, width, height)) return "its left pixel lies outside the image";
+  if (!inside(f.right, kMaxSide, kMaxSide)) return "its right pixel lies outside any image";
+  if (!(f.size > 0)) return "its size is not positive";
+  if (!(f.place_sigma > 0) || !(f.match_sigma > 0)) return "a standard deviation is not positive";
+  if (!(f.simulated_noise >= 0)) return "its noise is negative";
+  return nullptr;
+}
+
+bool sizeFits(int width, int height) {
+  return width >= 1 && height >= 1 && width <= kMaxSide && height <= kMaxSide;
+}
+
+[[noreturn]] void refuse(const std::string& name, const std::string& place, const std::string& fix) {
+  throw InputError(name, place, fix);
+}
+
+void parse(std::span<const std::uint8_t> bytes, const std::string& name, StereoFeatureFrame& frame) {
+  if (bytes.size() < kHeaderBytes + kCheckBytes || !std::equal(kMagic.begin(), kMagic.end(), bytes.begin()))
+    refuse(name, "byte 0", "is no feature file; give one that fathom-sim render --features wrote");
+  Cursor in(bytes.subspan(kMagic.size()));
+  const auto version = in.take(2);
+  if (version != kVersion)
+    refuse(name, "byte 4",
+           "has version " + std::to_string(version) + ", this program reads " + std::to_string(kVersion) +
+               "; make the mission again");
+  const std::size_t count = in.take(2);
+  const std::size_t expected = kHeaderBytes + count * kRecordBytes + kCheckBytes;
+  if (bytes.size() != expected)
+    refuse(name, "byte 6",
+           "has " + std::to_string(bytes.size()) + " bytes where its " + std::to_string(count) +
+               " features take " + std::to_string(expected) + "; copy it again");
+  const std::size_t checked = bytes.size() - kCheckBytes;
+  if (Cursor(bytes.subspan(checked)).take(kCheckBytes) != crcOf(bytes.first(checked)))
+    refuse(name, "byte " + std::to_string(checked), "its CRC is wrong: the file is damaged; copy it again");
+  frame.width = static_cast<int>(in.take(2));
+  frame.height = static_cast<int>(in.take(2));
+  if (!sizeFits(frame.width, frame.height))
+    refuse(name, "byte 8", "the image's size is none; make the mission again");
+  frame.simulated_view_seed = in.take(8);
+  for (std::size_t i = 0; i < count; ++i) {
+    StereoFeature f;
+    f.left.x() = in.pixel();
+    f.left.y() = in.pixel();
+    f.right.x() = in.pixel();
+    f.right.y() = in.pixel();
+    f.size = in.step(kSizeStep);
+    f.place_sigma = in.step(kPlaceStep);
+    f.match_sigma = in.step(kMatchStep);
+    for (std::uint8_t& c : f.colour) c = static_cast<std::uint8_t>(in.take(1));
+    f.simulated_appearance = in.take(8);
+    f.simulated_noise = in.step(kNoiseStep);
+    if (const char* fault = faultOf(f, frame.width, frame.height))
+      refuse(name, "feature " + std::to_string(i + 1), std::string(fault) + "; make the mission again");
+    frame.features.push_back(f);
+  }
+}
+
+}  // namespace
+
+std::string featureFileName(const std::string& left_image_name) {
+  return std::filesystem::path(left_image_name).replace_extension(".feat").string();
+}
+
+bool isFeatureMission(const MissionPaths& paths) {
+  std::error_code error;
+  return std::filesystem::is_directory(paths.features(), error) &&
+         !std::filesystem::is_directory(paths.images(), error);
+}
+
+StereoFeatureFrame readFeatureFile(const std::filesystem::path& path) {
+  StereoFeatureFrame frame;
+  readFeatureFile(path, frame);
+  return frame;
+}
+
+void readFeatureFile(const std::filesystem::path& path, StereoFeatureFrame& frame) {
+  frame.features.clear();
+  parseFeatureFile(readFileBytes(path, kMaxFileBytes, "a feature file"), path.string(), frame);
+}
+
+void parseFeatureFile(std::span<const std::uint8_t> bytes, const std::string& name,
+                      StereoFeatureFrame& frame) {
+  frame.features.clear();
+  try {
+    parse(bytes, name, frame);
+  } catch (const InputError&) {
+    frame.features.clear();
+    throw;
+  }
+}
+
+std::vector<std::uint8_t> encodeFeatureFile(const StereoFeatureFrame& frame) {
+  if (frame.features.size() > kMaxFeatures)
+    throw std::invalid_argument("feature file: more than 65535 features");
+  if (!sizeFits(frame.width, frame.height))
+    throw std::invalid_argument("feature file: the image's size must be 1 to 8192 px a side");
+  Bytes out(kHeaderBytes + frame.features.size() * kRecordBytes + kCheckBytes);
+  for (const std::uint8_t c : kMagic) out.put(c, 1);
+  out.put(kVersion, 2);
+  out.put(frame.features.size(), 2);
+  out.put(static_cast<std::uint64_t>(frame.width), 2);
+  out.put(static_cast<std::uint64_t>(frame.height), 2);
+  out.put(frame.simulated_view_seed, 8);
+  for (const StereoFeature& f : frame.features) {
+    if (const char* fault = faultOf(f, frame.width, frame.height))
+      throw std::invalid_argument(std::string("feature file: of a feature, ") + fault);
+    for (const float v : {f.left.x(), f.left.y(), f.right.x(), f.right.y()}) out.pixel(v);
+    out.step(static_cast<double>(f.size), kSizeStep, true);
+    out.step(static_cast<double>(f.place_sigma), kPlaceStep, true);
+    out.step(static_cast<double>(f.match_sigma), kMatchStep, true);
+    for (const std::uint8_t c : f.colour) out.put(c, 1);
+    out.put(f.simulated_appearance, 8);
+    out.step(static_cast<double>(f.simulated_noise), kNoiseStep, false);
+  }
+  out.put(crcOf(out.out_), kCheckBytes);
+  return std::move(out.out_);
+}
+
+void writeFeatureFile(const std::filesystem::path& path, const StereoFeatureFrame& frame) {
+  const std::vector<std::uint8_t> bytes = encodeFeatureFile(frame);
+  AtomicFile file(path);
+  file.stream().write(reinterpret_cast<const char*>(bytes.data()),
+                      static_cast<std::streamsize>(bytes.size()));
+  file.commit();
+}
+
+}  // namespace fathom::io

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <initializer_list>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "realtime/kernel/tiers/realtime_config.hpp"
+#include "realtime/kernel/tiers/rt_thread.hpp"
+#include "realtime/kernel/tiers/watchdog.hpp"
+
+namespace fathom::onboard {
+
+// The threads of a live run, each with a heartbeat: one that has left is started again, one that hangs is
+// told of.
+class WatchedThreads {
+ public:
+  using Body = std::function<void(rt::Heartbeat&)>;
+  struct Watch {
+    bool restartable = true, vital = false;
+    std::int64_t least_ns = 0;  // that it may be silent for, where the configuration says less
+  };
+
+  explicit WatchedThreads(const rt::RealtimeConfig& config) : config_(config) {}
+
+  // Before start(). Its heartbeat, for whatever the body runs.
+  rt::Heartbeat& add(rt::Tier tier, const char* name, const Watch& watch, Body body);
+  void start();
+  void watchFrom(std::int64_t now_ns);
+  // Some times a second; a line for each thing that happened.
+  void look(std::int64_t now_ns, std::vector<std::string>& events);
+  void unwatch();
+  void joinAllBut(std::initializer_list<std::string_view> names);
+
+  [[nodiscard]] const rt::Watchdog& watchdog() const { return watchdog_; }
+  [[nodiscard]] std::size_t stackBytes() const;
+
+ private:
+  struct Worker {
+    Worker(const rt::ThreadConfig& config, std::function<void()> work, std::size_t tier)
+        : thread(config), body(std::move(work)), watched(tier), name(config.name) {}
+    rt::RtThread thread;
+    std::function<void()> body;
+    std::size_t watched;  // tier of the watchdog
+    std::string name;
+  };
+  const rt::RealtimeConfig& config_;
+  rt::Watchdog watchdog_;
+  std::deque<Worker> workers_;
+};
+
+}  // namespace fathom::onboard
