@@ -13,7 +13,7 @@ namespace fathom::test {
 namespace {
 
 constexpr std::array<std::string_view, 5> kHouse{"firmware_if", "realtime", "recon", "telemetry", "sim"};
-constexpr int kMiddleFloor = 2, kRoof = 4;
+constexpr int kMiddleFloor = 2, kRoof = 4, kBench = 5;
 
 constexpr std::string_view kPeers = "tests/bench/codec_peers";
 
@@ -22,7 +22,7 @@ const std::map<std::string, int>& namedRooms() {
                                                 {"recon/geometry", 1},
                                                 {"firmware_if", kMiddleFloor},
                                                 {"telemetry", kMiddleFloor},
-                                                {"sim", 3},
+                                                {"sim", kRoof},
                                                 {"realtime/onboard", kRoof},
                                                 {"recon/topside", kRoof},
                                                 {"telemetry/monitor", kRoof}};
@@ -55,7 +55,9 @@ std::optional<Place> placeOf(const std::string& path) {
 
   Place place;
   const std::string two = parts.size() > 1 ? parts[0] + "/" + parts[1] : parts[0];
-  if (const auto named = namedRooms().find(two); named != namedRooms().end()) {
+  if (parts[0] == "sim" && parts.size() == 2 && parts[1].find('.') != std::string::npos) {
+    place = {"fathom-sim", kBench};
+  } else if (const auto named = namedRooms().find(two); named != namedRooms().end()) {
     place = {named->first, named->second};
   } else if (const auto whole = namedRooms().find(parts[0]); whole != namedRooms().end()) {
     place = {whole->first, whole->second};
@@ -65,7 +67,7 @@ std::optional<Place> placeOf(const std::string& path) {
     return std::nullopt;
   }
   if (parts.back() == "main.cpp" || parts.back().ends_with("_main.cpp")) {
-    place.floor = kRoof;
+    place.floor = std::max(place.floor, kRoof);
     place.is_main = true;
   }
   return place;

@@ -11,9 +11,11 @@
 namespace fathom::test {
 
 // The floors of the house. A room may know itself and every room on a lower floor, nothing else:
-//   0 realtime/kernel, 1 recon/geometry, 2 recon/* firmware_if telemetry, 3 sim,
-//   4 the roofs: realtime/onboard, recon/topside, telemetry/monitor, and each program's main (main.cpp or
-//   *_main.cpp) beside its room.
+//   0 realtime/kernel, 1 recon/geometry, 2 recon/* firmware_if telemetry,
+//   4 the roofs: realtime/onboard, recon/topside, telemetry/monitor, the folders of sim, and each program's
+//   main (main.cpp or *_main.cpp) beside its room,
+//   5 the bench: fathom-sim, the files of sim itself, which plays missions to the other programs' cores.
+// So nothing that goes to sea or runs after it knows the simulator.
 struct Place {
   std::string room;  // "recon/stereo"
   int floor = 0;

@@ -52,12 +52,14 @@ TEST(Floors, EachRoomKnowsItselfAndWhatLiesBelow) {
   EXPECT_TRUE(may("recon/geometry/a.cpp", "realtime/kernel/b.hpp"));
   EXPECT_TRUE(may("recon/stereo/a.cpp", "recon/stereo/detail/b.hpp"));
   EXPECT_TRUE(may("firmware_if/a.cpp", "recon/geometry/b.hpp"));
-  EXPECT_TRUE(may("sim/a.cpp", "telemetry/b.hpp"));
-  EXPECT_TRUE(may("sim/a.cpp", "recon/fusion/b.hpp"));
-  EXPECT_TRUE(may("realtime/onboard/a.cpp", "sim/b.hpp"));
+  EXPECT_TRUE(may("sim/link/a.cpp", "telemetry/b.hpp"));
+  EXPECT_TRUE(may("sim/score/a.cpp", "recon/fusion/b.hpp"));
+  EXPECT_TRUE(may("sim/main.cpp", "sim/a_command.hpp"));
+  EXPECT_TRUE(may("sim/a_command.cpp", "sim/link/b.hpp"));
+  EXPECT_TRUE(may("sim/a_command.cpp", "realtime/onboard/b.hpp"));
   EXPECT_TRUE(may("telemetry/monitor/a.cpp", "telemetry/b.hpp"));
   EXPECT_TRUE(may("firmware_if/main.cpp", "firmware_if/b.hpp"));
-  EXPECT_TRUE(may("firmware_if/sensors_main.cpp", "sim/b.hpp"));
+  EXPECT_TRUE(may("firmware_if/sensors_main.cpp", "telemetry/b.hpp"));
 
   EXPECT_FALSE(may("realtime/kernel/a.cpp", "recon/geometry/b.hpp"));
   EXPECT_FALSE(may("recon/geometry/a.cpp", "recon/stereo/b.hpp"));
@@ -65,10 +67,15 @@ TEST(Floors, EachRoomKnowsItselfAndWhatLiesBelow) {
   EXPECT_FALSE(may("recon/nav/a.cpp", "firmware_if/b.hpp"));
   EXPECT_FALSE(may("firmware_if/a.cpp", "telemetry/b.hpp"));
   EXPECT_FALSE(may("telemetry/a.cpp", "telemetry/monitor/b.hpp"));
-  EXPECT_FALSE(may("telemetry/a.cpp", "sim/b.hpp"));
-  EXPECT_FALSE(may("sim/a.cpp", "realtime/onboard/b.hpp"));
+  for (const char* production :
+       {"telemetry/a.cpp", "telemetry/monitor/a.cpp", "telemetry/monitor/main.cpp", "realtime/onboard/a.cpp",
+        "realtime/onboard/main.cpp", "recon/topside/main.cpp", "firmware_if/sensors_main.cpp"}) {
+    EXPECT_FALSE(may(production, "sim/link/b.hpp")) << production;
+    EXPECT_FALSE(may(production, "sim/a_command.hpp")) << production;
+  }
+  EXPECT_FALSE(may("sim/link/a.cpp", "realtime/onboard/b.hpp"));
+  EXPECT_FALSE(may("sim/link/a.cpp", "sim/a_command.hpp"));
   EXPECT_FALSE(may("realtime/onboard/a.cpp", "recon/topside/b.hpp"));
-  EXPECT_FALSE(may("sim/main.cpp", "recon/topside/b.hpp"));
   EXPECT_FALSE(may("firmware_if/a.cpp", "firmware_if/sensors_main.cpp"));
 }
 
@@ -118,7 +125,7 @@ TEST(Floors, AForbiddenLinkIsFoundThroughGeneratorExpressionsToo) {
         "support|STATIC_LIBRARY|tests/support|\n"
         "some_test|EXECUTABLE|tests/nav|core;support\n");
   EXPECT_THAT(checkTargets(readTargets(file)),
-              ElementsAre(HasSubstr("fathom-sim"), HasSubstr("sim links support"), HasSubstr("stereo")));
+              ElementsAre(HasSubstr("fathom-onboard"), HasSubstr("sim links support"), HasSubstr("stereo")));
 }
 
 TEST(Floors, AMissingListOfTargetsIsAnError) {
