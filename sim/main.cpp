@@ -10,6 +10,7 @@
 #include "sim/hil_command.hpp"
 #include "sim/picture_command.hpp"
 #include "sim/render_command.hpp"
+#include "sim/replay_command.hpp"
 #include "sim/score_command.hpp"
 
 namespace {
@@ -75,6 +76,9 @@ int run(int argc, char** argv) {
   CLI::App* hil_compare_command = nullptr;
   const std::function<int()> run_hil_compare = sim::addHilCompareCommand(app, hil_compare_command);
 
+  CLI::App* replay_command = nullptr;
+  const std::function<int()> run_replay = sim::addReplayCommand(app, replay_command);
+
   if (const auto code = parseCommandLine("fathom-sim", app, argc, argv)) return *code;
   if (*render_command) return sim::runRender(render);
   if (*channel_command) return run_channel();
@@ -83,6 +87,7 @@ int run(int argc, char** argv) {
   if (*boards_command) return run_boards();
   if (*hil_command) return run_hil();
   if (*hil_compare_command) return run_hil_compare();
+  if (*replay_command) return run_replay();
   if (*score_command) return sim::runScore(mission, surfaces, json);
   return sim::runKeys(keys_of);
 }

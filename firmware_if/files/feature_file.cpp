@@ -15,14 +15,13 @@ namespace fathom::io {
 namespace {
 
 constexpr std::array<std::uint8_t, 4> kMagic{'F', 'S', 'F', 'T'};
-constexpr std::uint16_t kVersion = 1;
-constexpr std::size_t kHeaderBytes = 20, kRecordBytes = 27, kCheckBytes = 4;
+constexpr std::uint16_t kVersion = 2;
+constexpr std::size_t kHeaderBytes = 12, kRecordBytes = 18 + std::tuple_size_v<RootSift>, kCheckBytes = 4;
 constexpr std::size_t kMaxFeatures = 65535;
 constexpr std::size_t kMaxFileBytes = kHeaderBytes + kMaxFeatures * kRecordBytes + kCheckBytes;
 constexpr int kMaxSide = 8192;  // of an image [px]
 // Steps of the stored numbers.
-constexpr double kPixelStep = 1.0 / 512, kSizeStep = 0.5, kPlaceStep = 1.0 / 128, kMatchStep = 1.0 / 512,
-                 kNoiseStep = 1.0 / 128;
+constexpr double kPixelStep = 1.0 / 512, kSizeStep = 0.5, kPlaceStep = 1.0 / 128, kMatchStep = 1.0 / 512;
 constexpr double kBorder = 0.5;  // of the image beyond the outermost pixels' centres [px]
 
 class Bytes {
@@ -31,11 +30,11 @@ class Bytes {
   void put(std::uint64_t value, int bytes) {
     for (int i = 0; i < bytes; ++i) out_.push_back(static_cast<std::uint8_t>(value >> (8 * i)));
   }
-  // To the nearest step that the byte holds; never 0 when `positive`.
-  void step(double value, double step, bool positive) {
-    out_.push_back(
-        static_cast<std::uint8_t>(std::clamp(std::lround(value / step), positive ? 1L : 0L, 255L)));
+  // To the nearest step that the byte holds; never 0.
+  void step(float value, double step) {
+    put(static_cast<std::uint64_t>(std::clamp(std::lround(static_cast<double>(value) / step), 1L, 255L)), 1);
   }
+  void bytes(std::span<const std::uint8_t> values) { out_.insert(out_.end(), values.begin(), values.end()); }
   void pixel(float value) {
     put(static_cast<std::uint64_t>(std::lround(static_cast<double>(value) / kPixelStep)), 3);
   }
@@ -50,6 +49,10 @@ class Cursor {
     for (std::size_t i = 0; i < count; ++i) value |= std::uint64_t{bytes_[at_ + i]} << (8 * i);
     at_ += count;
     return value;
+  }
+  void bytes(std::span<std::uint8_t> values) {
+    std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(at_), values.size(), values.begin());
+    at_ += values.size();
   }
   float step(double step) { return static_cast<float>(static_cast<double>(take(1)) * step); }
   float pixel() {
@@ -78,7 +81,6 @@ const char* faultOf(const StereoFeature& f, int width, int height) {
   if (!inside(f.right, kMaxSide, kMaxSide)) return "its right pixel lies outside any image";
   if (!(f.size > 0)) return "its size is not positive";
   if (!(f.place_sigma > 0) || !(f.match_sigma > 0)) return "a standard deviation is not positive";
-  if (!(f.simulated_noise >= 0)) return "its noise is negative";
   return nullptr;
 }
 
@@ -112,7 +114,6 @@ void parse(std::span<const std::uint8_t> bytes, const std::string& name, StereoF
   frame.height = static_cast<int>(in.take(2));
   if (!sizeFits(frame.width, frame.height))
     refuse(name, "byte 8", "the image's size is none; make the mission again");
-  frame.simulated_view_seed = in.take(8);
   for (std::size_t i = 0; i < count; ++i) {
     StereoFeature f;
     f.left.x() = in.pixel();
@@ -122,9 +123,8 @@ void parse(std::span<const std::uint8_t> bytes, const std::string& name, StereoF
     f.size = in.step(kSizeStep);
     f.place_sigma = in.step(kPlaceStep);
     f.match_sigma = in.step(kMatchStep);
-    for (std::uint8_t& c : f.colour) c = static_cast<std::uint8_t>(in.take(1));
-    f.simulated_appearance = in.take(8);
-    f.simulated_noise = in.step(kNoiseStep);
+    in.bytes(f.colour);
+    in.bytes(f.descriptor);
     if (const char* fault = faultOf(f, frame.width, frame.height))
       refuse(name, "feature " + std::to_string(i + 1), std::string(fault) + "; make the mission again");
     frame.features.push_back(f);
@@ -171,22 +171,20 @@ std::vector<std::uint8_t> encodeFeatureFile(const StereoFeatureFrame& frame) {
   if (!sizeFits(frame.width, frame.height))
     throw std::invalid_argument("feature file: the image's size must be 1 to 8192 px a side");
   Bytes out(kHeaderBytes + frame.features.size() * kRecordBytes + kCheckBytes);
-  for (const std::uint8_t c : kMagic) out.put(c, 1);
+  out.bytes(kMagic);
   out.put(kVersion, 2);
   out.put(frame.features.size(), 2);
   out.put(static_cast<std::uint64_t>(frame.width), 2);
   out.put(static_cast<std::uint64_t>(frame.height), 2);
-  out.put(frame.simulated_view_seed, 8);
   for (const StereoFeature& f : frame.features) {
     if (const char* fault = faultOf(f, frame.width, frame.height))
       throw std::invalid_argument(std::string("feature file: of a feature, ") + fault);
     for (const float v : {f.left.x(), f.left.y(), f.right.x(), f.right.y()}) out.pixel(v);
-    out.step(static_cast<double>(f.size), kSizeStep, true);
-    out.step(static_cast<double>(f.place_sigma), kPlaceStep, true);
-    out.step(static_cast<double>(f.match_sigma), kMatchStep, true);
-    for (const std::uint8_t c : f.colour) out.put(c, 1);
-    out.put(f.simulated_appearance, 8);
-    out.step(static_cast<double>(f.simulated_noise), kNoiseStep, false);
+    out.step(f.size, kSizeStep);
+    out.step(f.place_sigma, kPlaceStep);
+    out.step(f.match_sigma, kMatchStep);
+    out.bytes(f.colour);
+    out.bytes(f.descriptor);
   }
   out.put(crcOf(out.out_), kCheckBytes);
   return std::move(out.out_);

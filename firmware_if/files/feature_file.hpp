@@ -18,7 +18,7 @@ namespace fathom::io {
 [[nodiscard]] bool isFeatureMission(const MissionPaths& paths);
 
 // Reads features/NAME.feat; firmware_if/README.md describes the bytes. Throws InputError naming file, place
-// and fix: an absent, empty, truncated or foreign file, one of a newer version, a wrong CRC, or numbers that
+// and fix: an absent, empty, truncated or foreign file, one of another version, a wrong CRC, or numbers that
 // cannot be (a pixel outside the image, a size or a standard deviation of zero).
 [[nodiscard]] StereoFeatureFrame readFeatureFile(const std::filesystem::path& path);
 // The same into a frame whose memory is used again; after a throw it is empty.

@@ -132,4 +132,17 @@ ReplaySummary replay(const ReplayOptions& options) {
   return summary;
 }
 
+std::string describe(const ReplaySummary& s) {
+  char line[256];
+  std::snprintf(line, sizeof line,
+                "%.0f s of mission in %.1f s: %llu of %llu pairs mapped (%llu unreadable images), %.0f m2, "
+                "%.0f ms a pair; %llu frames, %llu bytes",
+                s.mission_s, s.wall_s, static_cast<unsigned long long>(s.pairs_used),
+                static_cast<unsigned long long>(s.pairs),
+                static_cast<unsigned long long>(s.unreadable_images), s.mapped_area,
+                s.pairs ? 1e3 * s.stereo_and_map_s / static_cast<double>(s.pairs) : 0.0,
+                static_cast<unsigned long long>(s.frames), static_cast<unsigned long long>(s.frame_bytes));
+  return line;
+}
+
 }  // namespace fathom::onboard

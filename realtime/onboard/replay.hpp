@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <string>
 
 #include "realtime/onboard/mission_run.hpp"
 #include "realtime/onboard/onboard_config.hpp"
@@ -29,5 +30,7 @@ struct ReplaySummary : RunSummary {
 // replays give identical bytes.
 // Throws InputError for a mission that cannot be used; an unreadable image is counted and its pair dropped.
 ReplaySummary replay(const ReplayOptions& options);
+// One line for people.
+[[nodiscard]] std::string describe(const ReplaySummary& summary);
 
 }  // namespace fathom::onboard

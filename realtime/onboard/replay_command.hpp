@@ -1,12 +1,9 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
-#include <optional>
 #include <string>
-#include <vector>
 
 #include "realtime/onboard/replay.hpp"
-#include "sim/link/simulated_ship.hpp"
 
 namespace fathom::onboard {
 
@@ -19,11 +16,8 @@ class ReplayCommand {
   int run(const std::string& mission, const std::string& config);
 
  private:
-  std::string out_, modem_, downlink_, heard_;
+  std::string out_, modem_, downlink_;
   ReplayOptions options_;
-  sim::SimulatedShipOptions water_;
-  std::optional<double> water_rate_;
-  std::vector<double> off_;
 };
 
 }  // namespace fathom::onboard

@@ -2,8 +2,6 @@
 
 #include <Eigen/Dense>
 
-#include "recon/geometry/simulated_appearance.hpp"
-
 namespace fathom::closure {
 namespace {
 
@@ -38,9 +36,8 @@ void featuresFrom(const StereoFeatureFrame& frame, const StereoRig& rig, const G
   features.descriptors.clear();
   if (frame.width != rig.left.width || frame.height != rig.left.height) return;
   const StereoMatcher matcher(rig, {});
-  for (std::size_t i = 0; i < frame.features.size(); ++i) {
+  for (const StereoFeature& f : frame.features) {
     if (static_cast<int>(features.size()) >= limits.max_features) break;
-    const StereoFeature& f = frame.features[i];
     StereoMatch match;
     if (!triangulate(f, rig, limits, match)) continue;
     const Eigen::Matrix3f c =
@@ -52,9 +49,7 @@ void featuresFrom(const StereoFeatureFrame& frame, const StereoRig& rig, const G
                                  match.point.cast<float>(),
                                  {c(0, 0), c(0, 1), c(0, 2), c(1, 1), c(1, 2), c(2, 2)},
                                  f.size});
-    const SimulatedDescriptor d =
-        simulatedDescriptor(f.simulated_appearance, frame.simulated_view_seed, i, f.simulated_noise);
-    features.descriptors.insert(features.descriptors.end(), d.begin(), d.end());
+    features.descriptors.insert(features.descriptors.end(), f.descriptor.begin(), f.descriptor.end());
   }
 }
 

@@ -15,9 +15,8 @@ struct GivenFeatureLimits {
 
 // What FeatureExtractor makes of images, made of features that were matched before: points by the midpoint of
 // the rays, covariances from the standard deviations that each feature states (as
-// StereoMatcher::pointCovariance), descriptors by simulatedDescriptor(). A feature whose rays miss each other
-// by more than max_epipolar_distance, or that lies outside the depths, is left out; a frame of another size
-// than the rig's left image gives none.
+// StereoMatcher::pointCovariance). A feature whose rays miss each other by more than max_epipolar_distance,
+// or that lies outside the depths, is left out; a frame of another size than the rig's left image gives none.
 [[nodiscard]] FrameFeatures featuresFrom(const StereoFeatureFrame& frame, const StereoRig& rig,
                                          const GivenFeatureLimits& limits = {});
 // The same into features whose memory is used again.

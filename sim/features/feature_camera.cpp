@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "recon/closure/point_alignment.hpp"
+#include "sim/features/descriptor.hpp"
 #include "sim/features/feature_light.hpp"
 #include "sim/features/landmarks.hpp"
 #include "sim/scenario/random.hpp"
@@ -28,6 +29,7 @@ constexpr int kFieldCells = 8;           // across the image, of the smooth part
 constexpr double kDescriptorTail = 0.6;  // of the logarithm of the descriptor's noise, standard deviation
 constexpr double kSlip = 5;  // of a landmark found beside its place, by the usual standard deviation
 constexpr double kMaxDescriptorNoise = 1.9;
+constexpr float kNoiseStep = 1.0F / 128;  // of the descriptor's noise
 
 // Normal numbers that belong to a thing.
 class Normals {
@@ -70,6 +72,14 @@ struct Area {
   Eigen::Vector3d plane = Eigen::Vector3d::Zero();  // depth = plane . (north, east, 1), by least squares
 };
 
+struct Seen {
+  StereoFeature feature;
+  Eigen::Vector3d point;  // nav [m]
+  std::uint64_t key, look;
+  float noise;      // of the descriptor, by its own spread
+  double strength;  // probability that it is found
+};
+
 }  // namespace
 
 struct FeatureCamera::Impl {
@@ -93,7 +103,7 @@ struct FeatureCamera::Impl {
   [[nodiscard]] std::optional<Area> areaSeen(const SE3& T_nav_cam) const;
   [[nodiscard]] bool mayShow(const Area& area, const SE3& T_cam_nav, const Eigen::Vector2d& place) const;
   void look(const Landmark& landmark, const SE3& T_nav_body, const SE3& T_nav_cam, const SE3& T_cam_nav,
-            std::uint64_t view_seed, Observation& out, std::vector<double>& strength) const;
+            std::uint64_t view_seed, std::vector<Seen>& out) const;
   // Null for a pixel beyond the image or behind the camera; distorted.
   [[nodiscard]] std::optional<Eigen::Vector2d> pixelOf(const Camera& camera,
                                                        const Eigen::Vector3d& point) const;
@@ -157,8 +167,7 @@ bool FeatureCamera::Impl::mayShow(const Area& area, const SE3& T_cam_nav,
 }
 
 void FeatureCamera::Impl::look(const Landmark& landmark, const SE3& T_nav_body, const SE3& T_nav_cam,
-                               const SE3& T_cam_nav, std::uint64_t view_seed, Observation& out,
-                               std::vector<double>& strength) const {
+                               const SE3& T_cam_nav, std::uint64_t view_seed, std::vector<Seen>& out) const {
   Normals random(hash64(view_seed, 1), landmark.key);
   const double luck = random.uniform();
   if (luck >= landmark.detection) return;
@@ -234,13 +243,10 @@ void FeatureCamera::Impl::look(const Landmark& landmark, const SE3& T_nav_body, 
   f.place_sigma = static_cast<float>(place_sigma * wider);
   f.match_sigma = static_cast<float>(match_sigma);
   for (std::size_t k = 0; k < 3; ++k) f.colour[k] = srgbFromLinear(surface.albedo[k]);
-  f.simulated_appearance = landmark.appearance;
-  f.simulated_noise = static_cast<float>(
+  const auto noise = static_cast<float>(
       std::min(kMaxDescriptorNoise, config.descriptor_noise * wider * std::exp(kDescriptorTail * random())));
-  out.frame.features.push_back(f);
-  out.points.push_back(point);
-  out.keys.push_back(landmark.key);
-  strength.push_back(landmark.detection * visible);
+  out.push_back({f, point, landmark.key, landmark.appearance, kNoiseStep * std::round(noise / kNoiseStep),
+                 landmark.detection * visible});
 }
 
 FeatureCamera::FeatureCamera(const Terrain& terrain, const FeatureConfig& config, const OpticsConfig& optics,
@@ -251,35 +257,32 @@ FeatureCamera::~FeatureCamera() = default;
 
 FeatureCamera::Observation FeatureCamera::observe(const SE3& T_nav_body, std::uint64_t view_seed) const {
   const Impl& m = *impl_;
-  Observation found;
-  found.frame.width = m.rig.left.width;
-  found.frame.height = m.rig.left.height;
-  found.frame.simulated_view_seed = hash64(view_seed, 3);
+  Observation seen;
+  seen.frame.width = m.rig.left.width;
+  seen.frame.height = m.rig.left.height;
   const SE3 T_nav_cam = T_nav_body * m.T_body_cam, T_cam_nav = T_nav_cam.inverse();
   const auto area = m.areaSeen(T_nav_cam);
-  if (!area) return found;
-  std::vector<double> strength;
+  if (!area) return seen;
+  std::vector<Seen> found;
   constexpr double kRelief = 1.3;  // depths between the probes differ by less than this factor
   m.landmarks.visit(area->seen, m.smallest_px * area->nearest / m.rig.left.fx / kRelief,
                     kLargestSize * m.smallest_px * area->farthest / m.rig.left.fx * kRelief,
                     [&](const Landmark& landmark) {
                       if (m.mayShow(*area, T_cam_nav, landmark.north_east))
-                        m.look(landmark, T_nav_body, T_nav_cam, T_cam_nav, view_seed, found, strength);
+                        m.look(landmark, T_nav_body, T_nav_cam, T_cam_nav, view_seed, found);
                     });
-
-  std::vector<std::size_t> order(strength.size());
-  for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
-  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    return strength[a] != strength[b] ? strength[a] > strength[b] : found.keys[a] < found.keys[b];
+  std::sort(found.begin(), found.end(), [](const Seen& a, const Seen& b) {
+    return a.strength != b.strength ? a.strength > b.strength : a.key < b.key;
   });
-  Observation sorted;
-  sorted.frame = {found.frame.width, found.frame.height, found.frame.simulated_view_seed, {}};
-  for (const std::size_t i : order) {
-    sorted.frame.features.push_back(found.frame.features[i]);
-    sorted.points.push_back(found.points[i]);
-    sorted.keys.push_back(found.keys[i]);
+  const std::uint64_t descriptor_seed = hash64(view_seed, 3);
+  for (Seen& s : found) {
+    s.feature.descriptor = descriptorOf(s.look, descriptor_seed, seen.keys.size(), s.noise);
+    seen.frame.features.push_back(s.feature);
+    seen.points.push_back(s.point);
+    seen.keys.push_back(s.key);
+    seen.looks.push_back(s.look);
   }
-  return sorted;
+  return seen;
 }
 
 }  // namespace fathom::sim

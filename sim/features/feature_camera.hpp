@@ -36,6 +36,7 @@ class FeatureCamera {
     StereoFeatureFrame frame;
     std::vector<Eigen::Vector3d> points;  // where each feature's landmark truly lies, nav [m]
     std::vector<std::uint64_t> keys;      // which landmark each is
+    std::vector<std::uint64_t> looks;     // what each looks like: the same for look-alikes
   };
   // `view_seed`: one for each pair. Thread-safe; the result depends on the arguments only.
   [[nodiscard]] Observation observe(const SE3& T_nav_body, std::uint64_t view_seed) const;

@@ -28,7 +28,7 @@ ChannelConfig waterOf(const SimulatedShipOptions& options) {
   try {
     validate(water);
   } catch (const std::invalid_argument& e) {
-    throw InputError("--simulated-ship", "", e.what());
+    throw InputError("simulated water", "", e.what());
   }
   return water;
 }
@@ -103,8 +103,7 @@ struct SimulatedShip::Impl {
 
 SimulatedShip::SimulatedShip(const std::filesystem::path& heard, const SimulatedShipOptions& options) {
   if (!(options.off_from_s >= 0) || !(options.off_to_s >= options.off_from_s))
-    throw InputError("--simulated-off", "",
-                     "give two times of the mission [s], the first not after the second");
+    throw InputError("--off", "", "give two times of the mission [s], the first not after the second");
   const std::filesystem::path folder = heard.has_parent_path() ? heard.parent_path() : ".";
   if (!std::filesystem::is_directory(folder) || std::filesystem::is_directory(heard))
     throw InputError(heard.string(), "", "cannot be written; name a file in a folder that is there");

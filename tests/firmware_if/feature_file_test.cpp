@@ -5,7 +5,6 @@
 #include <cmath>
 #include <random>
 
-#include "recon/geometry/hash64.hpp"
 #include "tests/support/text_files.hpp"
 
 namespace fathom::io {
@@ -15,7 +14,7 @@ using test::refusal;
 using ::testing::HasSubstr;
 
 StereoFeatureFrame sampleFrame() {
-  StereoFeatureFrame frame{1360, 1024, 0x123456789abcdef0ULL, {}};
+  StereoFeatureFrame frame{1360, 1024, {}};
   std::mt19937 random(3);
   std::uniform_real_distribution<float> x(0, 1359), y(0, 1023), size(8, 60);
   for (std::uint64_t i = 0; i < 300; ++i) {
@@ -26,8 +25,7 @@ StereoFeatureFrame sampleFrame() {
     f.place_sigma = 0.6F;
     f.match_sigma = 0.05F;
     f.colour = {static_cast<std::uint8_t>(i), 20, 255};
-    f.simulated_appearance = hash64(i);
-    f.simulated_noise = 0.4F;
+    for (std::uint8_t& bin : f.descriptor) bin = static_cast<std::uint8_t>(random());
     frame.features.push_back(f);
   }
   return frame;
@@ -59,13 +57,13 @@ std::vector<std::uint8_t> sealed(std::vector<std::uint8_t> bytes) {
   return bytes;
 }
 
-constexpr std::size_t kHeader = 20, kRecord = 27;
+constexpr std::size_t kHeader = 12, kRecord = 146;
 
 TEST(FeatureFile, IsNamedAfterTheLeftImage) {
   EXPECT_EQ(featureFileName("PR_20231114_221320_123_LC16.tif"), "PR_20231114_221320_123_LC16.feat");
 }
 
-TEST(FeatureFile, HoldsEveryFeatureInTwentySevenBytesToTheStatedSteps) {
+TEST(FeatureFile, HoldsEveryFeatureAndItsDescriptorToTheStatedSteps) {
   const StereoFeatureFrame frame = sampleFrame();
   const auto bytes = encodeFeatureFile(frame);
   EXPECT_EQ(bytes.size(), kHeader + 300 * kRecord + 4);
@@ -74,7 +72,6 @@ TEST(FeatureFile, HoldsEveryFeatureInTwentySevenBytesToTheStatedSteps) {
   const StereoFeatureFrame back = readFeatureFile(path);
   EXPECT_EQ(back.width, frame.width);
   EXPECT_EQ(back.height, frame.height);
-  EXPECT_EQ(back.simulated_view_seed, frame.simulated_view_seed);
   ASSERT_EQ(back.features.size(), frame.features.size());
   for (std::size_t i = 0; i < back.features.size(); ++i) {
     const StereoFeature &a = frame.features[i], &b = back.features[i];
@@ -83,16 +80,15 @@ TEST(FeatureFile, HoldsEveryFeatureInTwentySevenBytesToTheStatedSteps) {
     EXPECT_LE(std::abs(a.size - b.size), 0.25F);
     EXPECT_LE(std::abs(a.place_sigma - b.place_sigma), 1.0F / 256);
     EXPECT_LE(std::abs(a.match_sigma - b.match_sigma), 1.0F / 1024);
-    EXPECT_LE(std::abs(a.simulated_noise - b.simulated_noise), 1.0F / 256);
     EXPECT_EQ(a.colour, b.colour);
-    EXPECT_EQ(a.simulated_appearance, b.simulated_appearance);
+    EXPECT_EQ(a.descriptor, b.descriptor);
   }
   // What was read is written to the byte.
   EXPECT_EQ(encodeFeatureFile(back), bytes);
 }
 
 TEST(FeatureFile, AnEmptyFrameIsAFrame) {
-  const auto bytes = encodeFeatureFile({640, 512, 7, {}});
+  const auto bytes = encodeFeatureFile({640, 512, {}});
   StereoFeatureFrame frame;
   parseFeatureFile(bytes, "pair.feat", frame);
   EXPECT_EQ(frame.width, 640);
@@ -130,7 +126,7 @@ TEST(FeatureFile, NumbersThatCannotBeAreRefusedEvenUnderARightCrc) {
   EXPECT_THAT(with(third + 12, 0), HasSubstr("size"));
   EXPECT_THAT(with(third + 13, 0), HasSubstr("standard deviation"));
   EXPECT_THAT(with(third + 14, 0), HasSubstr("standard deviation"));
-  EXPECT_THAT(with(4, 2), HasSubstr("version 2"));
+  EXPECT_THAT(with(4, 1), HasSubstr("version 1"));
   EXPECT_THAT(with(9, 0xFF), HasSubstr("size"));  // of the image
 }
 

@@ -168,7 +168,7 @@ TEST_F(BadInput, AModemThatIsNotThereIsNamed) {
   EXPECT_FALSE(fs::exists(path("out")) || fs::exists(path("out.tmp")));
 }
 
-TEST_F(BadInput, ABadDownlinkKeyOrShipIsNamedBeforeAnythingIsWritten) {
+TEST_F(BadInput, ABadDownlinkOrKeyIsNamedBeforeAnythingIsWritten) {
   const std::string replay = "fathom-onboard --replay " FATHOM_REEF_MISSION " --out " + path("out");
   const std::string downlink = path("downlink.bin"), key = path("ship.key"), config = path("onboard.toml");
   for (const Damage kind : {Damage::kAbsent, Damage::kEmpty, Damage::kFolder, Damage::kNonsense}) {
@@ -178,12 +178,16 @@ TEST_F(BadInput, ABadDownlinkKeyOrShipIsNamedBeforeAnythingIsWritten) {
     damage(key, kind);
     expectRefused(replay + " --config " + config, key + ": ");
   }
-  const std::string ship = replay + " --simulated-ship " + path("heard.bin");
-  expectRefused(replay + " --simulated-loss 0.3", "--simulated-ship");
-  expectRefused(ship + " --modem udp:127.0.0.1:14700", "--modem");
-  expectRefused(ship + " --simulated-loss 2", "loss");
-  expectRefused(ship + " --simulated-off 20 10", "--simulated-off");
-  expectRefused(replay + " --simulated-ship " + path("nowhere/heard.bin"), path("nowhere/heard.bin"));
+  EXPECT_FALSE(fs::exists(path("out")) || fs::exists(path("out.tmp")));
+}
+
+TEST_F(BadInput, ABadShipIsNamedBeforeAnythingIsWritten) {
+  const std::string replay = "fathom-sim replay " FATHOM_REEF_MISSION " --out " + path("out");
+  const std::string ship = replay + " --heard " + path("heard.bin");
+  expectRefused(replay + " --loss 0.3", "--heard");
+  expectRefused(ship + " --loss 2", "loss");
+  expectRefused(ship + " --off 20 10", "--off");
+  expectRefused(replay + " --heard " + path("nowhere/heard.bin"), path("nowhere/heard.bin"));
   EXPECT_FALSE(fs::exists(path("out")) || fs::exists(path("out.tmp")) || fs::exists(path("heard.bin")));
 }
 

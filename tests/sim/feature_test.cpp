@@ -225,13 +225,12 @@ TEST(Deceiver, TwinsCarryCopiesOfEachOthersLandmarksInTheSameShape) {
   const auto b = sea.camera.observe(
       SE3::fromEuler(0, 0, 1.0, Eigen::Vector3d(3.0, 0, 9.6)) * SE3::fromEuler(0, 0, 0, {-0.42, 0, 0}), 2);
   std::map<std::uint64_t, std::size_t> of_b;
-  for (std::size_t i = 0; i < b.frame.features.size(); ++i)
-    of_b[b.frame.features[i].simulated_appearance] = i;
+  for (std::size_t i = 0; i < b.frame.features.size(); ++i) of_b[b.looks[i]] = i;
   std::size_t alike = 0, same = 0;
   std::vector<double> apart;
   for (std::size_t i = 0; i < a.frame.features.size(); ++i) {
     same += std::count(b.keys.begin(), b.keys.end(), a.keys[i]) > 0 ? 1 : 0;
-    const auto twin = of_b.find(a.frame.features[i].simulated_appearance);
+    const auto twin = of_b.find(a.looks[i]);
     if (twin == of_b.end()) continue;
     ++alike;
     // In each boulder's own frame the landmarks lie in the same place.
@@ -254,8 +253,7 @@ TEST(Deceiver, LandmarksRepeatWithTheRipplesAlongAndAcross) {
   const Sea sea(deceivingSand(), config);
   const auto seen = sea.camera.observe(overhead(0, 0, 9.8), 1);
   std::map<std::uint64_t, std::vector<Eigen::Vector3d>> places;
-  for (std::size_t i = 0; i < seen.points.size(); ++i)
-    places[seen.frame.features[i].simulated_appearance].push_back(seen.points[i]);
+  for (std::size_t i = 0; i < seen.points.size(); ++i) places[seen.looks[i]].push_back(seen.points[i]);
   std::size_t repeated = 0;
   for (const auto& [look, at] : places) {
     if (at.size() > 2) repeated += at.size();

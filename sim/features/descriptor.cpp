@@ -1,16 +1,17 @@
-#include "recon/geometry/simulated_appearance.hpp"
+#include "sim/features/descriptor.hpp"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstddef>
 
 #include "recon/geometry/hash64.hpp"
 
-namespace fathom {
+namespace fathom::sim {
 namespace {
 
-constexpr std::size_t kBins = 128, kLatent = 12;
+constexpr std::size_t kBins = std::tuple_size_v<RootSift>, kLatent = 12;
 constexpr float kOwn = 0.35F;  // standard deviation of a bin's own part, by that of the common one
 constexpr float kNorm = 512, kTop = 255;
 
@@ -62,8 +63,7 @@ const Mixing& mixing() {
 
 }  // namespace
 
-SimulatedDescriptor simulatedDescriptor(std::uint64_t appearance, std::uint64_t view_seed,
-                                        std::uint64_t feature, float noise) {
+RootSift descriptorOf(std::uint64_t appearance, std::uint64_t view_seed, std::uint64_t feature, float noise) {
   Deviates own(hash64(appearance, 1)), view(hash64(hash64(appearance, view_seed), feature));
   std::array<float, kLatent> z;
   for (float& v : z) v = own.next();
@@ -78,10 +78,10 @@ SimulatedDescriptor simulatedDescriptor(std::uint64_t appearance, std::uint64_t 
     squares += sum * sum;
   }
   const float scale = squares > 0 ? kNorm / std::sqrt(squares) : 0.0F;
-  SimulatedDescriptor descriptor;
+  RootSift descriptor;
   for (std::size_t i = 0; i < kBins; ++i)
     descriptor[i] = static_cast<std::uint8_t>(std::lround(std::min(scale * g[i], kTop)));
   return descriptor;
 }
 
-}  // namespace fathom
+}  // namespace fathom::sim
