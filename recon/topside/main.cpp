@@ -5,6 +5,7 @@
 
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/version.hpp"
 #include "recon/topside/commands/calibrate_command.hpp"
 #include "recon/topside/commands/check_calibration_command.hpp"
 #include "recon/topside/commands/check_tiles_command.hpp"
@@ -19,7 +20,7 @@
 int main(int argc, char** argv) {
   using namespace fathom::topside;
   CLI::App app{"fathom-topside: from a recorded dive to a model that people explore"};
-  app.set_version_flag("--version", FATHOM_VERSION);
+  app.set_version_flag("--version", fathom::versionLine("fathom-topside"));
   app.require_subcommand(1);
   std::vector<Command> commands = addRunCommands(app);
   const auto add = [&](std::function<int()> (*adder)(CLI::App&, CLI::App*&)) {

@@ -10,6 +10,7 @@
 #include "firmware_if/modem_ports.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/install_prefix.hpp"
 #include "telemetry/monitor/frame_feed.hpp"
 #include "telemetry/monitor/session_files.hpp"
 #include "telemetry/monitor/web/web_server.hpp"
@@ -61,7 +62,7 @@ Access accessOf(const MonitorOptions& options) {
 
 std::filesystem::path pageFolder(const MonitorOptions& options) {
   if (!options.page.empty()) return options.page;
-  return std::filesystem::read_symlink("/proc/self/exe").parent_path().parent_path() / "share/fathom/monitor";
+  return installPrefix() / "share/fathom/monitor";
 }
 
 std::optional<telemetry::DownlinkKey> keyOf(const MonitorOptions& options) {

@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/install_prefix.hpp"
 #include "recon/viewer/view_server.hpp"
 
 namespace fathom::topside {
@@ -18,10 +19,6 @@ struct Options {
   int port = kDefaultPort;
 };
 
-std::filesystem::path pageBesideProgram() {
-  return std::filesystem::read_symlink("/proc/self/exe").parent_path().parent_path() / "share/fathom/topside";
-}
-
 int runView(const Options& options) {
   // Blocked before the server's threads begin, so that the signal comes here.
   sigset_t signals;
@@ -30,7 +27,7 @@ int runView(const Options& options) {
   sigaddset(&signals, SIGTERM);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   const viewer::ViewServer server(
-      viewer::findDive(options.folder, options.page.empty() ? pageBesideProgram() : options.page),
+      viewer::findDive(options.folder, options.page.empty() ? installPrefix() / "share/fathom/topside" : options.page),
       options.port);
   std::printf("http://127.0.0.1:%d/ (Ctrl-C ends it)\n", server.port());
   std::fflush(stdout);
