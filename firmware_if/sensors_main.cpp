@@ -12,6 +12,7 @@
 #include "firmware_if/predive/predive_command.hpp"
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/version.hpp"
 #include "telemetry/downlink/downlink.hpp"
 #include "telemetry/wire/status.hpp"
 
@@ -87,6 +88,7 @@ int main(int argc, char** argv) {
   predive_app->footer(
       "Exit status 0: no row is red. Example: fathom-sensors predive dives/today --config onboard.toml\n");
 
+  app.set_version_flag("--version", versionLine("fathom-sensors"));
   if (const auto code = parseCommandLine("fathom-sensors", app, argc, argv)) return *code;
   return runTool("fathom-sensors", [&] {
     if (dvl_app->parsed()) return io::runDvlCommand(dvl, stdout, stderr);

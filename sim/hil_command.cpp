@@ -4,6 +4,7 @@
 #include <string>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/install_prefix.hpp"
 #include "sim/hil/hil_compare.hpp"
 #include "sim/hil/hil_run.hpp"
 
@@ -72,8 +73,7 @@ std::function<int()> addHilCompareCommand(CLI::App& app, CLI::App*& command) {
   command->add_option("mission", options->mission, "mission folder that was played")->required();
   command->add_option("--onboard", options->onboard, "fathom-onboard (default: beside this program)");
   return [options] {
-    if (options->onboard.empty())
-      options->onboard = std::filesystem::read_symlink("/proc/self/exe").parent_path() / "fathom-onboard";
+    if (options->onboard.empty()) options->onboard = installPrefix() / "bin/fathom-onboard";
     return compareHil(*options) ? kExitSuccess : kExitFailedWork;
   };
 }

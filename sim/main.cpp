@@ -4,6 +4,7 @@
 
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/version.hpp"
 #include "sim/boards_command.hpp"
 #include "sim/camera_command.hpp"
 #include "sim/channel_command.hpp"
@@ -79,6 +80,7 @@ int run(int argc, char** argv) {
   CLI::App* replay_command = nullptr;
   const std::function<int()> run_replay = sim::addReplayCommand(app, replay_command);
 
+  app.set_version_flag("--version", versionLine("fathom-sim"));
   if (const auto code = parseCommandLine("fathom-sim", app, argc, argv)) return *code;
   if (*render_command) return sim::runRender(render);
   if (*channel_command) return run_channel();

@@ -5,6 +5,7 @@
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
+#include "realtime/kernel/version.hpp"
 #include "realtime/onboard/live/live_run.hpp"
 #include "realtime/onboard/replay_command.hpp"
 
@@ -37,6 +38,7 @@ int main(int argc, char** argv) {
                  "Write one second of every tier's stages, with a pair in it, for Perfetto (JSON)")
       ->needs(live_option);
   replay.addOptions(app, replay_option);
+  app.set_version_flag("--version", versionLine("fathom-onboard"));
   if (const auto code = parseCommandLine("fathom-onboard", app, argc, argv)) return *code;
   if (!folder.empty()) (void)rt::HeapReserve::takeOverAllocator();
   return runTool("fathom-onboard", [&] {

@@ -5,6 +5,7 @@
 
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/version.hpp"
 #include "recon/topside/commands/calibrate_command.hpp"
 #include "recon/topside/commands/check_calibration_command.hpp"
 #include "recon/topside/commands/check_tiles_command.hpp"
@@ -23,7 +24,7 @@ int main(int argc, char** argv) {
       "Examples: fathom-topside run missions/reef-grid\n"
       "          fathom-topside view missions/reef-grid\n"
       "Each command has a --help of its own.");
-  app.set_version_flag("--version", FATHOM_VERSION);
+  app.set_version_flag("--version", fathom::versionLine("fathom-topside"));
   app.require_subcommand(1);
   std::vector<Command> commands = addRunCommands(app);
   const auto add = [&](std::function<int()> (*adder)(CLI::App&, CLI::App*&)) {

@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/install_prefix.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "sim/hil/bench/bench_network.hpp"
 #include "sim/hil/bench/child_process.hpp"
@@ -50,7 +51,7 @@ constexpr std::array<SideOptions, 2> kSides = {{{CameraSide::kLeft, "left", "FTH
                                                 {CameraSide::kRight, "right", "FTH-R", 40000, 77.25}}};
 
 std::string programBeside(const char* name) {
-  return (std::filesystem::read_symlink("/proc/self/exe").parent_path() / name).string();
+  return (installPrefix() / "bin" / name).string();
 }
 
 class Bench {
@@ -206,7 +207,7 @@ class Bench {
     if (asks(FaultKind::kClockStep)) {
       child.environment = stepped_->environment();
       if (child.environment.empty()) {
-        note("no clock steps: libfathom_stepped_clock.so is not beside this program");
+        note("no clock steps: lib/fathom/libfathom_stepped_clock.so is not installed");
         stepped_.reset();
       }
     }

@@ -8,6 +8,7 @@
 
 #include "realtime/kernel/config_table.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/install_prefix.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -80,12 +81,12 @@ class Reader final : public KeyVisitor {
 }  // namespace
 
 std::filesystem::path shippedScenarios() {
-  return FATHOM_SCENARIO_DIR;
+  return installPrefix() / "share/fathom/scenarios";
 }
 
 std::filesystem::path dataFolder() {
   const char* folder = std::getenv("FATHOM_DATA_DIR");
-  return folder != nullptr && *folder != '\0' ? folder : FATHOM_DATA_DIR;
+  return folder != nullptr && *folder != '\0' ? folder : installPrefix() / "share/fathom/data";
 }
 
 TerrainConfig resolvedTerrain(const Scenario& scenario) {

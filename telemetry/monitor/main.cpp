@@ -5,6 +5,7 @@
 
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/version.hpp"
 #include "telemetry/downlink/downlink_key.hpp"
 #include "telemetry/monitor/codec/codec_program.hpp"
 #include "telemetry/monitor/monitor_program.hpp"
@@ -56,6 +57,7 @@ int main(int argc, char** argv) {
   key->add_option("file", key_file, "to make; one that exists is left alone")->required();
   fathom::monitor::CodecOptions codec_options;
   CLI::App* codec = fathom::monitor::addCodecCommand(app, codec_options);
+  app.set_version_flag("--version", fathom::versionLine("fathom-monitor"));
   if (const auto code = fathom::parseCommandLine("fathom-monitor", app, argc, argv)) return *code;
   if (*codec)
     return fathom::runTool("fathom-monitor", [&] { return fathom::monitor::runCodec(codec_options); });

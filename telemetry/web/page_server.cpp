@@ -6,6 +6,7 @@
 #include <thread>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/install_prefix.hpp"
 #include "telemetry/web/served_folder.hpp"
 
 namespace fathom::web {
@@ -50,10 +51,7 @@ void refuse(Response& response, int status, std::string_view why) {
 }
 
 std::filesystem::path pageFolder(const std::filesystem::path& given, const std::string& name) {
-  const std::filesystem::path folder =
-      !given.empty() ? given
-                     : std::filesystem::read_symlink("/proc/self/exe").parent_path().parent_path() /
-                           "share/fathom" / name;
+  const std::filesystem::path folder = given.empty() ? installPrefix() / "share/fathom" / name : given;
   if (!std::filesystem::is_regular_file(folder / "index.html"))
     throw InputError(folder.string(), "",
                      "holds no index.html: build the target fathom_" + name + "_page, or give --page");

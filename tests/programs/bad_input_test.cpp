@@ -46,6 +46,8 @@ TEST_F(BadInput, UsageIsRefusedInOneLineByEveryProgram) {
     expectRefused(program, "");
     expectRefused(std::string(program) + " --nonsense", "");
     EXPECT_EQ(runProgram(std::string(program) + " --help").exit_code, 0);
+    EXPECT_THAT(runProgram(std::string(program) + " --version").out,
+                ::testing::MatchesRegex(std::string(program) + " [0-9.]+ \\([0-9a-z-]+\\)\n"));
   }
   expectRefused("fathom-onboard --replay x --speed abc", "--speed");
   expectRefused("fathom-topside run x --resolution 0", "--resolution");

@@ -9,10 +9,12 @@
 #include <stdexcept>
 #include <system_error>
 
+#include "realtime/kernel/install_prefix.hpp"
+
 namespace fathom::sim {
 namespace {
 
-constexpr const char* kLibrary = "libfathom_stepped_clock.so";  // beside the program
+constexpr const char* kLibrary = "lib/fathom/libfathom_stepped_clock.so";
 
 }  // namespace
 
@@ -33,9 +35,8 @@ SteppedClock::~SteppedClock() {
 }
 
 std::vector<std::string> SteppedClock::environment() const {
-  std::error_code error;
-  const auto library = std::filesystem::read_symlink("/proc/self/exe", error).parent_path() / kLibrary;
-  if (error || !std::filesystem::exists(library, error)) return {};
+  const auto library = installPrefix() / kLibrary;
+  if (!std::filesystem::exists(library)) return {};
   return {"LD_PRELOAD=" + library.string(), "FATHOM_CLOCK_STEP=" + shared_.string()};
 }
 
