@@ -50,8 +50,12 @@ void refuse(Response& response, int status, std::string_view why) {
   response.set_content(std::string(why) + "\n", "text/plain");
 }
 
+std::filesystem::path builtPage(const std::string& name) {
+  return installPrefix() / "share/fathom" / name;
+}
+
 std::filesystem::path pageFolder(const std::filesystem::path& given, const std::string& name) {
-  const std::filesystem::path folder = given.empty() ? installPrefix() / "share/fathom" / name : given;
+  const std::filesystem::path folder = given.empty() ? builtPage(name) : given;
   if (!std::filesystem::is_regular_file(folder / "index.html"))
     throw InputError(folder.string(), "",
                      "holds no index.html: build the target fathom_" + name + "_page, or give --page");

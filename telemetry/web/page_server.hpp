@@ -22,8 +22,9 @@ inline constexpr int kBadRequest = 400, kUnauthorised = 401, kForbidden = 403, k
 // Answers with one line that says why not.
 void refuse(httplib::Response& response, int status, std::string_view why);
 
-// The folder of a page's built files: `given`, or where it is empty share/fathom/NAME beside the program's
-// own folder. Throws InputError where it holds no index.html.
+// Where the build puts a page's files: share/fathom/NAME beside the program's own folder.
+[[nodiscard]] std::filesystem::path builtPage(const std::string& name);
+// `given`, or where it is empty builtPage(name). Throws InputError where it holds no index.html.
 [[nodiscard]] std::filesystem::path pageFolder(const std::filesystem::path& given, const std::string& name);
 
 struct PageServerConfig {

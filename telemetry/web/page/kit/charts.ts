@@ -10,7 +10,7 @@ const LEAST_WIDTH = 120; // [px]
 const LEAST_RANGE = 0.02; // around the values of a chart
 
 export const axis = (more: uPlot.Axis = {}): uPlot.Axis => ({
-  stroke: INK, font: `11px ${FONT}`, grid: { stroke: GRID, width: 1 }, ticks: { show: false }, size: 34, gap: 4, ...more,
+  stroke: INK, font: `11px ${FONT}`, labelFont: `12px ${FONT}`, grid: { stroke: GRID, width: 1 }, ticks: { show: false }, size: 34, gap: 4, ...more,
 });
 export const around = (pad = LEAST_RANGE): uPlot.Scale => ({
   range: (_, low, high) => { const p = Math.max(pad, (high - low) * 0.08); return [low - p, high + p]; },

@@ -1,0 +1,69 @@
+import uPlot from 'uplot';
+import 'uplot/dist/uPlot.min.css';
+import { axis } from '#kit/charts';
+import type { Plot } from './content';
+
+// Points and lines over two axes. Drag enlarges, a double click shows all again.
+
+const WIDTH = 860; // [px]
+const HEIGHT = 380; // [px]
+const SHAPES: Range = [0.25, 1]; // of a map: least and most height over width
+const AXIS = 56; // room beside each axis [px]
+const PAD = 0.04; // of the range, around the points
+const DOT = 2; // radius [px]
+
+export type Range = [low: number, high: number];
+
+export function rangeOf(values: number[]): Range {
+  let [low, high] = [Infinity, -Infinity];
+  for (const v of values) [low, high] = [Math.min(low, v), Math.max(high, v)];
+  const pad = PAD * (high - low) || 0.5;
+  return low <= high ? [low - pad, high + pad] : [0, 1];
+}
+
+// The height of a map's drawing for a width, and both ranges widened so that a metre is as long either way [px].
+export function mapFrame(x: Range, y: Range, width: number): { height: number; x: Range; y: Range } {
+  const height = Math.round(width * Math.min(Math.max((y[1] - y[0]) / (x[1] - x[0]), SHAPES[0]), SHAPES[1]));
+  const metres = Math.max((x[1] - x[0]) / width, (y[1] - y[0]) / height); // a pixel
+  const widened = ([low, high]: Range, pixels: number): Range => [(low + high - metres * pixels) / 2, (low + high + metres * pixels) / 2];
+  return { height, x: widened(x, width), y: widened(y, height) };
+}
+
+function draw(u: uPlot, plot: Plot): void {
+  const { ctx, bbox } = u;
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+  ctx.clip();
+  const radius = DOT * devicePixelRatio;
+  for (const { kind, colour, x, y } of plot.series) {
+    ctx.strokeStyle = ctx.fillStyle = colour;
+    ctx.lineWidth = 1.2 * devicePixelRatio;
+    ctx.beginPath();
+    x.forEach((value, i) => {
+      const [px, py] = [u.valToPos(value, 'x', true), u.valToPos(y[i]!, 'y', true)];
+      if (kind === 'line') ctx.lineTo(px, py);
+      else {
+        ctx.moveTo(px + radius, py);
+        ctx.arc(px, py, radius, 0, 7);
+      }
+    });
+    if (kind === 'line') ctx.stroke();
+    else ctx.fill();
+  }
+  ctx.restore();
+}
+
+export function showPlot(box: HTMLElement, plot: Plot): void {
+  const whole = { x: rangeOf(plot.series.flatMap((s) => s.x)), y: rangeOf(plot.series.flatMap((s) => s.y)), height: HEIGHT - AXIS };
+  const { x, y, height } = plot.equal ? mapFrame(whole.x, whole.y, WIDTH - AXIS) : whole;
+  const asAsked = (_: uPlot, low: number, high: number): Range => [low, high];
+  // uPlot makes axes, zoom and cursor for the corners; what is shown is drawn over them, as a way need not go to the right.
+  new uPlot({
+    width: WIDTH, height: height + AXIS, legend: { show: false }, padding: [0, 0, 0, 0], cursor: { drag: { x: true, y: true, uni: 20 } },
+    scales: { x: { time: false, range: asAsked }, y: { range: asAsked } },
+    axes: [axis({ label: plot.x, labelSize: 20, size: AXIS - 20 }), axis({ label: plot.y, labelSize: 20, size: AXIS - 20 })],
+    series: [{}, { stroke: 'transparent', points: { show: false } }],
+    hooks: { draw: [(u) => draw(u, plot)] },
+  }, [x, y], box);
+}

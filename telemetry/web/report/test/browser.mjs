@@ -1,0 +1,38 @@
+// The built report in Chromium, from a file: all of its parts are there, and it fetches nothing.
+//   node browser.mjs REPORT.html [CHROMIUM]      a report as report_page_test leaves it
+// Exits 77 (skipped) where Chromium is absent.
+import assert from 'node:assert/strict';
+import { resolve } from 'node:path';
+import process from 'node:process';
+import { pathToFileURL } from 'node:url';
+import { needBrowser, runTest } from '#tools/browser';
+
+const [report, browserPath] = process.argv.slice(2);
+needBrowser(browserPath);
+
+await runTest(browserPath, async (browser) => {
+  const page = await browser.newPage();
+  const problems = [];
+  page.on('pageerror', (error) => problems.push(String(error)));
+  page.on('request', (request) => { if (!/^(file|data):/.test(request.url())) problems.push(`fetches ${request.url()}`); });
+  await page.goto(pathToFileURL(resolve(report)).href);
+  await page.waitForSelector('h1');
+  assert.equal(await page.textContent('h1'), 'A dive </script> & more');
+  assert.deepEqual(await page.locator('h2').allTextContents(), ['Words', 'Figures']);
+  assert.deepEqual(await page.locator('td').allTextContents(), ['pairs', '8']);
+  assert.equal(await page.locator('li').count(), 2);
+  assert.equal(await page.locator('.strong').count(), 1);
+  assert.deepEqual(await page.locator('figcaption').allTextContents(), ['A picture', 'Track']);
+  assert.equal(await page.evaluate(() => document.querySelector('img').naturalWidth), 1);
+  // The line is really drawn: its colour is in the canvas.
+  const coloured = await page.evaluate(() => {
+    const canvas = document.querySelector('canvas');
+    const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+    let n = 0;
+    for (let i = 0; i < data.length; i += 4) if (data[i] > 200 && data[i + 1] < 60 && data[i + 3] > 200) ++n;
+    return n;
+  });
+  assert.ok(coloured > 100, `${coloured} pixels of the line`);
+  assert.deepEqual(problems, []);
+  console.log('browser test passed');
+}, () => undefined);
