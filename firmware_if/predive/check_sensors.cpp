@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <type_traits>
@@ -12,9 +13,6 @@ namespace {
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr double kRateShare = 0.8;        // of the least rate with which a device passes
 constexpr double kDamagedShare = 0.05;    // of the ensembles: a bad line
-constexpr double kOnDeck = 45 * kDegree;  // nobody launches a vehicle that leans further
-constexpr double kFarthest = 50'000;      // of a fix from the mission's origin [m]
-constexpr double kLowCharge = 0.2;
 constexpr double kEarthRadius = 6.371e6;  // [m]
 
 // The place of a kind of sample in SensorSample.
@@ -106,9 +104,10 @@ void checkCompass(const PrediveFacts& facts, const PrediveConfig& limits, Prediv
       decimals(attitude.roll / kDegree, 1) + ", pitch " + decimals(attitude.pitch / kDegree, 1) + " deg";
   if (slow(seen, limits.compass_hz))
     report.bad("compass", found, "raise its rate, or set predive.compass_hz");
-  else if (std::abs(attitude.roll) > kOnDeck || std::abs(attitude.pitch) > kOnDeck)
+  else if (std::max(std::abs(attitude.roll), std::abs(attitude.pitch)) > limits.deck_tilt_deg * kDegree)
     report.bad("compass", found,
-               "the vehicle does not lie so: look at how the compass is mounted and at its units");
+               "the vehicle does not lie so: look at how the compass is mounted, at its units and "
+               "predive.deck_tilt_deg");
   else
     report.good("compass", found);
 }
@@ -133,14 +132,15 @@ void checkDepth(const PrediveFacts& facts, const PrediveConfig& limits, PrediveR
     report.good("depth", found);
 }
 
-void checkPositions(const PrediveFacts& facts, const MissionConfig& mission, PrediveReport& report) {
+void checkPositions(const PrediveFacts& facts, const MissionConfig& mission, const PrediveConfig& limits,
+                    PrediveReport& report) {
   const SampleFacts& gps = facts.samples[kKind<GpsFix>];
   const auto place = [&](const char* name, double latitude, double longitude, double sigma) {
     const double away = metresFromOrigin(mission, latitude, longitude);
     const std::string found = decimals(latitude / kDegree, 5) + ", " + decimals(longitude / kDegree, 5) +
                               " deg, sigma " + decimals(sigma, 1) + " m, " + decimals(away / 1e3, 1) +
                               " km from the origin";
-    if (away <= kFarthest)
+    if (away <= 1e3 * limits.origin_km)
       report.good(name, found);
     else
       report.bad(name, found,
@@ -167,7 +167,7 @@ void checkPositions(const PrediveFacts& facts, const MissionConfig& mission, Pre
   }
 }
 
-void checkBattery(const PrediveFacts& facts, PrediveReport& report) {
+void checkBattery(const PrediveFacts& facts, const PrediveConfig& limits, PrediveReport& report) {
   const SampleFacts& seen = facts.samples[kKind<BatterySample>];
   if (seen.count == 0) {
     if (facts.expected[kKind<BatterySample>])
@@ -180,7 +180,7 @@ void checkBattery(const PrediveFacts& facts, PrediveReport& report) {
   const std::string found =
       (battery.voltage ? decimals(*battery.voltage, 1) + " V" : std::string("voltage not told")) +
       (battery.charge ? ", " + decimals(100 * *battery.charge, 0) + " % left" : "");
-  if (battery.charge && *battery.charge < kLowCharge)
+  if (battery.charge && *battery.charge < limits.least_charge)
     report.bad("battery", found, "charge it");
   else
     report.good("battery", found);
@@ -209,8 +209,8 @@ void checkSensors(const PrediveFacts& facts, const MissionConfig& mission, const
   checkDvl(facts, limits, report);
   checkCompass(facts, limits, report);
   checkDepth(facts, limits, report);
-  checkPositions(facts, mission, report);
-  checkBattery(facts, report);
+  checkPositions(facts, mission, limits, report);
+  checkBattery(facts, limits, report);
   checkModem(facts.modem, report);
 }
 

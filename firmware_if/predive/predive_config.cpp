@@ -13,6 +13,9 @@ PrediveConfig readPrediveConfig(const ConfigTable& table, PrediveConfig defaults
   config.mean_max = table.number("mean_max", defaults.mean_max, 0, 1);
   config.pair_offset_s = table.number("pair_offset_s", defaults.pair_offset_s, 1e-6, 1);
   config.deck_depth_m = table.number("deck_depth_m", defaults.deck_depth_m, 0, 12000);
+  config.deck_tilt_deg = table.number("deck_tilt_deg", defaults.deck_tilt_deg, 1, 90);
+  config.origin_km = table.number("origin_km", defaults.origin_km, 0.1, 20'000);
+  config.least_charge = table.number("least_charge", defaults.least_charge, 0, 1);
   config.vehicle_size_m = table.number("vehicle_size_m", defaults.vehicle_size_m, 0.1, 100);
   config.system_clock = table.boolean("system_clock", defaults.system_clock);
   config.clock_error_s = table.number("clock_error_s", defaults.clock_error_s, 1e-6, 1000);

@@ -103,6 +103,10 @@ OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path
   const ConfigTable nav = root.table("nav");
   config.drift_share = nav.number("drift_share", config.drift_share, 0, 1);
   config.max_pair_skew = nav.number("max_pair_skew_s", config.max_pair_skew, 1e-4, 0.5);
+  auto& reckoning = config.reckoning;
+  reckoning.max_dvl_gap = nav.number("max_dvl_gap_s", reckoning.max_dvl_gap, 0.1, 60);
+  reckoning.max_speed = nav.number("max_speed_mps", reckoning.max_speed, 0.1, 20);
+  reckoning.max_turn_rate = nav.number("max_turn_rate_radps", reckoning.max_turn_rate, 0.1, 10);
   const ConfigTable output = root.table("output");
   config.odometry_interval = output.number("odometry_interval_s", config.odometry_interval, 0.01, 60);
   config.health_interval = output.number("health_interval_s", config.health_interval, 0.1, 60);
@@ -120,6 +124,7 @@ OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path
 
 NavCoreConfig navCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission) {
   NavCoreConfig nav;
+  nav.odometry = config.reckoning;
   nav.odometry.T_body_dvl = mission.T_body_dvl;
   nav.odometry.T_body_depth = mission.T_body_depth;
   nav.odometry.T_body_compass = mission.T_body_compass;
@@ -144,8 +149,7 @@ MapCoreConfig mapCoreConfig(const OnboardConfig& config, const io::MissionConfig
                     config.map,
                     config.rebuild_meshes,
                     config.localisation};
-  map.localisation.graph.lever =
-      (mission.T_body_cam.translation() - mission.T_body_dvl.translation()).norm();
+  map.localisation.graph.lever = (mission.T_body_cam.translation() - mission.T_body_dvl.translation()).norm();
   return map;
 }
 

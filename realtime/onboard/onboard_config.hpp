@@ -24,10 +24,11 @@ struct OnboardConfig {
   int max_pairs = 36000;              // stereo pairs whose meshes are kept: five hours at 2 Hz
   int rebuild_meshes = 6;             // fused anew a pair when keyframes have moved
   std::filesystem::path slot_folder;  // of the slot files; empty: beside the output
-  double drift_share = 0.01;       // of the distance travelled: growth of the position's standard deviation
-  double max_pair_skew = 0.02;     // between the exposures of a stereo pair [s]
-  double odometry_interval = 0.1;  // between rows of odometry.csv [s]
-  double health_interval = 1.0;    // between rows of health.csv [s]
+  double drift_share = 0.01;    // of the distance travelled: growth of the position's standard deviation
+  double max_pair_skew = 0.02;  // between the exposures of a stereo pair [s]
+  nav::DeadReckoningConfig reckoning;  // what it believes of DVL and compass; the rest is the mission's
+  double odometry_interval = 0.1;      // between rows of odometry.csv [s]
+  double health_interval = 1.0;        // between rows of health.csv [s]
   std::optional<telemetry::DownlinkKey> downlink_key;  // of link.key_file; absent: requests are refused
   LiveConfig live;                                     // devices, recorder, real time, memory
   std::string warning;                                 // about the key file, or ""

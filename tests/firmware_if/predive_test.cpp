@@ -413,6 +413,10 @@ TEST(PrediveConfig, KeysAreBounded) {
   EXPECT_EQ(config.edge_px, 4);
   const ConfigTable bad = ConfigTable::parse("[predive]\nedge_px = 1", "onboard.toml");
   EXPECT_THAT(test::refusal([&] { (void)readPrediveConfig(bad.table("predive")); }), HasSubstr("edge_px"));
+  for (const char* line : {"deck_tilt_deg = 91", "origin_km = 0", "least_charge = 1.1"}) {
+    const ConfigTable beyond = ConfigTable::parse("[predive]\n" + std::string(line), "onboard.toml");
+    EXPECT_NE(test::refusal([&] { (void)readPrediveConfig(beyond.table("predive")); }), "") << line;
+  }
 }
 
 }  // namespace

@@ -1,0 +1,43 @@
+#include "realtime/onboard/onboard_config.hpp"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "realtime/kernel/input_error.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+class OnboardConfigFile : public testing::Test {
+ protected:
+  OnboardConfig read(const std::string& text) {
+    const std::filesystem::path path = folder_.path() / "onboard.toml";
+    std::ofstream(path) << text;
+    return readOnboardConfig(path);
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(OnboardConfigFile, SaysWhatDeadReckoningBelieves) {
+  const nav::DeadReckoningConfig plain = read("").reckoning;
+  EXPECT_EQ(plain.max_dvl_gap, 2);
+  EXPECT_EQ(plain.max_speed, 3);
+  EXPECT_EQ(plain.max_turn_rate, 1);
+  const OnboardConfig set =
+      read("[nav]\nmax_dvl_gap_s = 4\nmax_speed_mps = 1.5\nmax_turn_rate_radps = 0.5\n");
+  const nav::DeadReckoningConfig used = navCoreConfig(set, {}).odometry;
+  EXPECT_EQ(used.max_dvl_gap, 4);
+  EXPECT_EQ(used.max_speed, 1.5);
+  EXPECT_EQ(used.max_turn_rate, 0.5);
+}
+
+TEST_F(OnboardConfigFile, RefusesWhatNoVehicleDoes) {
+  for (const char* line : {"max_dvl_gap_s = 0", "max_dvl_gap_s = 61", "max_speed_mps = 0",
+                           "max_speed_mps = 21", "max_turn_rate_radps = 0", "max_turn_rate_radps = 11"})
+    EXPECT_THROW((void)read("[nav]\n" + std::string(line) + "\n"), InputError) << line;
+}
+
+}  // namespace
+}  // namespace fathom::onboard
