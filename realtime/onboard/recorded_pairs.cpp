@@ -17,13 +17,10 @@ OnboardSystem::PairSource RecordedPairs::source() {
 }
 
 std::optional<ImageView> RecordedPairs::read(const std::string& name, CameraSide side) {
-  const bool left = side == CameraSide::kLeft;
-  const Camera& camera = left ? rig_.left : rig_.right;
-  io::ImageFile& slot = left ? left_ : right_;
+  io::ImageFile& slot = side == CameraSide::kLeft ? left_ : right_;
   const auto start = Clock::now();
   try {
-    slot = io::readImage(paths_.images() / name, left ? cameras_.left_format : cameras_.right_format,
-                         cameras_.bits, camera.width, camera.height);
+    slot = images_.read(name, side);
   } catch (const InputError& e) {
     refuse(e.what());
     seconds_ += secondsSince(start);

@@ -4,8 +4,7 @@
 #include <optional>
 #include <string>
 
-#include "firmware_if/files/images/image_file.hpp"
-#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/images/mission_images.hpp"
 #include "realtime/onboard/onboard_system.hpp"
 
 namespace fathom::onboard {
@@ -14,7 +13,7 @@ namespace fathom::onboard {
 class RecordedPairs {
  public:
   RecordedPairs(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig)
-      : paths_(paths), cameras_(mission.cameras), rig_(rig) {}
+      : paths_(paths), images_(paths, mission, rig) {}
 
   // Of images, or of features where the mission has these instead.
   [[nodiscard]] OnboardSystem::PairSource source();
@@ -32,8 +31,7 @@ class RecordedPairs {
   static constexpr int kMaxWarnings = 5;  // the rest is in the counters
   io::MissionPaths paths_;
   StereoFeatureFrame features_;
-  io::MissionConfig::Cameras cameras_;
-  StereoRig rig_;
+  io::MissionImages images_;
   io::ImageFile left_, right_;
   int unreadable_ = 0;
   std::string first_refusal_;

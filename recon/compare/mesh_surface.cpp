@@ -6,6 +6,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "recon/compare/surface_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
+#include "recon/geometry/triangle_scan.hpp"
 
 namespace fathom::compare {
 namespace {
@@ -69,41 +70,23 @@ class MeshSurface final : public SurfaceFile {
   // The upper surface at each cell's middle.
   void draw(const std::array<std::uint32_t, 3>& t, const std::vector<double>& east,
             const std::vector<double>& north, HeightMap& map) const {
-    std::array<double, 3> x{}, y{};
+    std::array<Eigen::Vector2d, 3> p;  // (row, column)
     for (std::size_t k = 0; k < 3; ++k) {
-      x[k] = (east[t[k]] - map.west) / map.cell - 0.5;
-      y[k] = (map.north - north[t[k]]) / map.cell - 0.5;
-      if (!std::isfinite(x[k])) return;
+      p[k] = {(map.north - north[t[k]]) / map.cell - 0.5, (east[t[k]] - map.west) / map.cell - 0.5};
+      if (!p[k].allFinite()) return;
     }
-    const double area = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0]);
-    if (area == 0) return;
-    const auto [x_low, x_high] = std::minmax_element(x.begin(), x.end());
-    const auto [y_low, y_high] = std::minmax_element(y.begin(), y.end());
-    const auto bounded = [](double value, int limit) {
-      return static_cast<int>(std::clamp(value, -1.0, static_cast<double>(limit)));
-    };
-    for (int row = std::max(0, bounded(std::ceil(*y_low), map.rows));
-         row <= std::min(map.rows - 1, bounded(std::floor(*y_high), map.rows)); ++row) {
-      for (int column = std::max(0, bounded(std::ceil(*x_low), map.columns));
-           column <= std::min(map.columns - 1, bounded(std::floor(*x_high), map.columns)); ++column) {
-        const double b = ((column - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (row - y[0])) / area;
-        const double c = ((x[1] - x[0]) * (row - y[0]) - (column - x[0]) * (y[1] - y[0])) / area;
-        constexpr double kRounding = 1e-9;
-        if (b < -kRounding || c < -kRounding || b + c > 1 + kRounding) continue;
-        const auto between = [&](double at_a, double at_b, double at_c) {
-          return static_cast<float>((1 - b - c) * at_a + b * at_b + c * at_c);
-        };
-        const auto z = [&](std::size_t k) { return -static_cast<double>(mesh_.vertices[t[k]].z()); };
-        const float up = between(z(0), z(1), z(2));
-        const std::size_t at = map.index(column, row);
-        if (map.up[at] >= up) continue;
-        map.up[at] = up;
-        if (!mesh_.sigma.empty()) {
-          const auto s = [&](std::size_t k) { return static_cast<double>(mesh_.sigma[t[k]]); };
-          map.sigma[at] = between(s(0), s(1), s(2));
-        }
-      }
-    }
+    scanTriangle(p, map.rows, map.columns, [&](int row, int column, const std::array<double, 3>& shares) {
+      const auto between = [&](auto&& value) {
+        double sum = 0;
+        for (std::size_t k = 0; k < 3; ++k) sum += shares[k] * static_cast<double>(value(t[k]));
+        return static_cast<float>(sum);
+      };
+      const float up = between([&](std::uint32_t v) { return -mesh_.vertices[v].z(); });
+      const std::size_t at = map.index(column, row);
+      if (map.up[at] >= up) return;
+      map.up[at] = up;
+      if (!mesh_.sigma.empty()) map.sigma[at] = between([&](std::uint32_t v) { return mesh_.sigma[v]; });
+    });
   }
 
   Mesh mesh_;

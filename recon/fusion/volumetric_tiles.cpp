@@ -1,10 +1,10 @@
 #include <cmath>
 #include <map>
-#include <numeric>
 #include <stdexcept>
 
 #include "recon/fusion/surface_extraction.hpp"
 #include "recon/fusion/volumetric_impl.hpp"
+#include "recon/geometry/union_find.hpp"
 
 namespace fathom::fusion {
 namespace {
@@ -12,43 +12,23 @@ namespace {
 constexpr int kEdge = VoxelBlock::kEdge;
 constexpr std::uint32_t kNone = 0xFFFFFFFF;
 
-// Connected parts of a mesh: the number of each vertex's.
-class Parts {
- public:
-  explicit Parts(const Mesh& mesh) : parent_(mesh.vertices.size()) {
-    std::iota(parent_.begin(), parent_.end(), 0U);
-    for (const auto& t : mesh.triangles) {
-      join(t[0], t[1]);
-      join(t[0], t[2]);
-    }
-  }
-  std::uint32_t operator()(std::uint32_t v) {
-    while (parent_[v] != v) v = parent_[v] = parent_[parent_[v]];
-    return v;
-  }
-
- private:
-  void join(std::uint32_t a, std::uint32_t b) {
-    a = (*this)(a);
-    b = (*this)(b);
-    if (a != b) parent_[std::max(a, b)] = std::min(a, b);
-  }
-  std::vector<std::uint32_t> parent_;
-};
-
 // For each triangle whether its part is smaller than `size` along every axis and less than `area`.
 std::vector<bool> smallParts(const Mesh& mesh, double size, double area) {
   struct Extent {
     Eigen::Vector3f low = Eigen::Vector3f::Constant(INFINITY), high = -low;
     double area = 0;
   };
-  Parts parts(mesh);
+  UnionFind parts(mesh.vertices.size());
+  for (const auto& t : mesh.triangles) {
+    parts.join(t[0], t[1]);
+    parts.join(t[0], t[2]);
+  }
   std::vector<std::uint32_t> number(mesh.vertices.size(), kNone);
   std::vector<Extent> extents;
   std::vector<std::uint32_t> part_of(mesh.triangles.size());
   for (std::size_t k = 0; k < mesh.triangles.size(); ++k) {
     const auto& [a, b, c] = mesh.triangles[k];
-    std::uint32_t& part = number[parts(a)];
+    std::uint32_t& part = number[parts.root(a)];
     if (part == kNone) {
       part = static_cast<std::uint32_t>(extents.size());
       extents.emplace_back();

@@ -3,11 +3,11 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <optional>
 #include <stdexcept>
 #include <string>
 
+#include "recon/geometry/union_find.hpp"
 #include "recon/slam/block_cholesky.hpp"
 #include "recon/slam/incremental_solver.hpp"
 
@@ -37,19 +37,12 @@ struct Unknowns {
 };
 
 Unknowns unknownsOf(const PoseGraph& graph) {
-  std::vector<int> part(graph.poses.size());
-  std::iota(part.begin(), part.end(), 0);
-  const auto root = [&](int i) {
-    while (part[index(i)] != i) i = part[index(i)] = part[index(part[index(i)])];
-    return i;
-  };
-  for (const RelativePose& e : graph.edges) {
-    const int a = root(e.from), b = root(e.to);
-    part[index(std::max(a, b))] = std::min(a, b);
-  }
+  UnionFind parts(graph.poses.size());
+  for (const RelativePose& e : graph.edges)
+    parts.join(static_cast<std::uint32_t>(e.from), static_cast<std::uint32_t>(e.to));
   Unknowns u;
-  for (int i = 0; i < static_cast<int>(graph.poses.size()); ++i)
-    u.of_pose.push_back(root(i) == i ? -1 : u.count++);
+  for (std::uint32_t i = 0; i < graph.poses.size(); ++i)
+    u.of_pose.push_back(parts.root(i) == i ? -1 : u.count++);
   for (const RelativePose& e : graph.edges) {
     const int a = u.of_pose[index(e.from)], b = u.of_pose[index(e.to)];
     u.pair_of_edge.push_back(a < 0 || b < 0 ? -1 : static_cast<int>(u.pairs.size()));

@@ -32,6 +32,7 @@ DepthConsistency::DepthConsistency(std::size_t max_points) {
   last_.reserve(max_points);
   neighbours_.reserve(2 * kTriangleLinks * max_points);
   values_.reserve(max_points);
+  joined_.reserve(max_points);
   group_.reserve(max_points);
   groups_.reserve(max_points);
 }
@@ -105,21 +106,16 @@ void DepthConsistency::dropMismatches(std::vector<Verdict>& verdicts) {
 }
 
 void DepthConsistency::join(double tangent, const std::vector<Verdict>& verdicts) {
-  group_.resize(nodes_.size());
-  std::iota(group_.begin(), group_.end(), 0U);
-  const auto root = [&](std::uint32_t i) {
-    while (group_[i] != i) i = group_[i] = group_[group_[i]];
-    return i;
-  };
+  joined_.reset(nodes_.size());
   for (std::uint32_t a = 0; a < nodes_.size(); ++a) {
     if (verdicts[a] != Verdict::kKeep) continue;
     for (const std::uint32_t b : neighbours(a)) {
       if (b < a || verdicts[b] != Verdict::kKeep || !onSurface(nodes_[a], nodes_[b], tangent)) continue;
-      const std::uint32_t ra = root(a), rb = root(b);
-      group_[std::max(ra, rb)] = std::min(ra, rb);
+      joined_.join(a, b);
     }
   }
-  for (std::uint32_t i = 0; i < nodes_.size(); ++i) group_[i] = root(i);
+  group_.resize(nodes_.size());
+  for (std::uint32_t i = 0; i < nodes_.size(); ++i) group_[i] = joined_.root(i);
 }
 
 void DepthConsistency::dropFish(const DepthConsistencyConfig& config, std::vector<Verdict>& verdicts) {

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "recon/geometry/union_find.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 
 namespace fathom::stereo {
@@ -77,6 +78,7 @@ class DepthConsistency {
   std::vector<std::uint32_t> first_, last_;  // of each point's neighbours, and one past them
   std::vector<std::uint32_t> neighbours_;
   std::vector<double> values_;
+  UnionFind joined_;
   std::vector<std::uint32_t> group_;
   std::vector<Group> groups_;
 };

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "recon/geometry/triangle_edges.hpp"
 #include "recon/surface/charts.hpp"
 #include "recon/surface/packing.hpp"
 
@@ -86,25 +87,10 @@ void fillTile(const TileMesh& surface, const std::vector<ChartFaces>& faces, Atl
 std::vector<Rim> rimsOf(const Mesh& mesh) {
   // Vertices of the atlas belong to one chart, so that a side with another face is found by its vertices
   // alone.
-  struct Side {
-    std::uint64_t key;
-    Rim rim;
-  };
-  const auto& triangles = mesh.triangles;
-  std::vector<Side> sides;
-  for (std::uint32_t f = 0; f < triangles.size(); ++f)
-    for (std::uint32_t k = 0; k < 3; ++k) {
-      const std::uint64_t a = triangles[f][k], b = triangles[f][(k + 1) % 3];
-      sides.push_back({std::min(a, b) << 32 | std::max(a, b), {f, k}});
-    }
-  std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) {
-    return a.key != b.key ? a.key < b.key : a.rim.face < b.rim.face;
-  });
   std::vector<Rim> rims;
-  for (std::size_t first = 0, last = 0; first < sides.size(); first = last) {
-    while (last < sides.size() && sides[last].key == sides[first].key) ++last;
-    if (last - first == 1) rims.push_back(sides[first].rim);
-  }
+  visitEdges(mesh.triangles, [&](const std::vector<std::uint32_t>& sides) {
+    if (sides.size() == 1) rims.push_back({sides[0] / 3, sides[0] % 3});
+  });
   return rims;
 }
 

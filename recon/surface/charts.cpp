@@ -6,6 +6,7 @@
 #include <map>
 #include <numeric>
 
+#include "recon/geometry/triangle_edges.hpp"
 #include "recon/surface/triangle_rows.hpp"
 
 namespace fathom::surface {
@@ -100,27 +101,12 @@ class Charts {
   }
 
   void findNeighbours() {
-    struct Side {
-      std::uint64_t key;
-      std::uint32_t corner;
-    };
-    std::vector<Side> sides;
-    for (std::uint32_t f = 0; f < mesh_.triangles.size(); ++f)
-      for (std::uint32_t k = 0; k < 3; ++k) {
-        const std::uint64_t a = mesh_.triangles[f][k], b = mesh_.triangles[f][(k + 1) % 3];
-        sides.push_back({std::min(a, b) << 32 | std::max(a, b), 3 * f + k});
-      }
-    std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) {
-      return a.key != b.key ? a.key < b.key : a.corner < b.corner;
-    });
     neighbour_.assign(mesh_.triangles.size(), {kNone, kNone, kNone});
-    for (std::size_t i = 0; i + 1 < sides.size(); ++i) {
-      const bool pair = sides[i].key == sides[i + 1].key && (i == 0 || sides[i - 1].key != sides[i].key) &&
-                        (i + 2 == sides.size() || sides[i + 2].key != sides[i].key);
-      if (!pair) continue;
-      neighbour_[sides[i].corner / 3][sides[i].corner % 3] = sides[i + 1].corner / 3;
-      neighbour_[sides[i + 1].corner / 3][sides[i + 1].corner % 3] = sides[i].corner / 3;
-    }
+    visitEdges(mesh_.triangles, [&](const std::vector<std::uint32_t>& sides) {
+      if (sides.size() != 2) return;
+      neighbour_[sides[0] / 3][sides[0] % 3] = sides[1] / 3;
+      neighbour_[sides[1] / 3][sides[1] % 3] = sides[0] / 3;
+    });
   }
 
   // Takes `seed` and all free faces that connect to it and pass `accept`.

@@ -1,18 +1,16 @@
 #include "recon/topside/assemble/assemble.hpp"
 
-#include <bit>
 #include <cmath>
 #include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
-#include <unordered_map>
 
 #include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/hash64.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/topside/report/pose_output.hpp"
 #include "recon/topside/tables/dive_tables.hpp"
 #include "recon/topside/tables/dive_tables_input.hpp"
+#include "recon/topside/tiles/joined_vertices.hpp"
 #include "recon/topside/tiles/tileset.hpp"
 
 namespace fathom::topside {
@@ -21,18 +19,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 constexpr double kRadian = 180 / 3.14159265358979323846;
-
-struct PlaceHash {
-  std::size_t operator()(const std::array<std::uint32_t, 3>& bits) const {
-    return hash64(hash64(bits[0], bits[1]), bits[2]);
-  }
-};
-using Places = std::unordered_map<std::array<std::uint32_t, 3>, std::uint32_t, PlaceHash>;
-
-std::array<std::uint32_t, 3> bitsOf(const Eigen::Vector3f& v) {
-  return {std::bit_cast<std::uint32_t>(v.x()), std::bit_cast<std::uint32_t>(v.y()),
-          std::bit_cast<std::uint32_t>(v.z())};
-}
 
 void writeFile(const fs::path& path, const Bytes& bytes) {
   AtomicFile file(path);
@@ -115,33 +101,30 @@ void writeScene(Dive& dive, const Assembled& model, const std::vector<TileEntry>
   file.commit();
 }
 
-}  // namespace
-
+// The leaf tiles as one mesh: vertices at one place are one.
 Mesh joinLeaves(const TilePlaces& leaves) {
   Mesh all;
-  Places borders;
+  JoinedVertices joined;
   for (const auto& [tile, file] : leaves) {
     const TileMesh surface = readFeed(*file, tile).surface;
     const Mesh& mesh = surface.mesh;
-    Places inside;
-    std::vector<std::uint32_t> number;
-    for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
-      Places& places = surface.shared[v] != 0 ? borders : inside;
-      const auto [place, is_new] =
-          places.emplace(bitsOf(mesh.vertices[v]), static_cast<std::uint32_t>(all.vertices.size()));
-      number.push_back(place->second);
-      if (!is_new) continue;
+    const auto [number, added] = joined.add(surface);
+    for (const std::uint32_t v : added) {
       all.vertices.push_back(mesh.vertices[v]);
       if (!mesh.normals.empty()) all.normals.push_back(mesh.normals[v]);
       if (!mesh.colours.empty()) all.colours.push_back(mesh.colours[v]);
       if (!mesh.sigma.empty()) all.sigma.push_back(mesh.sigma[v]);
     }
-    for (const auto& [a, b, c] : mesh.triangles)
-      if (number[a] != number[b] && number[b] != number[c] && number[c] != number[a])
-        all.triangles.push_back({number[a], number[b], number[c]});
+    for (const auto& t : mesh.triangles) {
+      const auto corner = [&, &of = number](std::size_t k) { return static_cast<std::uint32_t>(of[t[k]]); };
+      const auto a = corner(0), b = corner(1), c = corner(2);
+      if (a != b && b != c && c != a) all.triangles.push_back({a, b, c});
+    }
   }
   return all;
 }
+
+}  // namespace
 
 Assembled assemble(Dive& dive, const FuseResult& fused, const fs::path& out) {
   Assembled model;

@@ -29,7 +29,4 @@ struct Assembled {
 // and scene.json of a finished dive into `out`.
 [[nodiscard]] Assembled assemble(Dive& dive, const FuseResult& fused, const std::filesystem::path& out);
 
-// The leaf tiles as one mesh: vertices at one place are one.
-[[nodiscard]] Mesh joinLeaves(const TilePlaces& leaves);
-
 }  // namespace fathom::topside

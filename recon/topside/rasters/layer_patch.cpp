@@ -3,7 +3,7 @@
 #include <limits>
 #include <stdexcept>
 
-#include "recon/topside/rasters/triangle_scan.hpp"
+#include "recon/geometry/triangle_scan.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -23,8 +23,8 @@ std::array<Eigen::Vector2d, 3> cornersIn(const CellWindow& window, double cell, 
   return p;
 }
 
-float mixed(const std::array<float, 3>& w, float a, float b, float c) {
-  return w[0] * a + w[1] * b + w[2] * c;
+float mixed(const std::array<double, 3>& w, float a, float b, float c) {
+  return static_cast<float>(w[0]) * a + static_cast<float>(w[1]) * b + static_cast<float>(w[2]) * c;
 }
 
 void drawSurface(const TileMesh& tile, LayerPatch& patch) {
@@ -38,7 +38,7 @@ void drawSurface(const TileMesh& tile, LayerPatch& patch) {
     const auto corners = cornersIn(patch.surface, patch.cells.surface, 1, mesh, t);
     scanTriangle(
         corners, patch.surface.rows, patch.surface.columns,
-        [&](int row, int column, const std::array<float, 3>& w) {
+        [&](int row, int column, const std::array<double, 3>& w) {
           const std::size_t at = patch.surface.at(row, column);
           const float up = -mixed(w, mesh.vertices[a].z(), mesh.vertices[b].z(), mesh.vertices[c].z());
           if (up <= patch.elevation[at]) return;  // false where nothing is known yet
@@ -92,7 +92,7 @@ void drawMosaic(const TexturedTile& leaf, LayerPatch& patch) {
   for (const auto& t : mesh.triangles) {
     const auto [a, b, c] = t;
     const auto corners = cornersIn(patch.mosaic, patch.cells.mosaic, parts, mesh, t);
-    scanTriangle(corners, fine.rows, fine.columns, [&](int row, int column, const std::array<float, 3>& w) {
+    scanTriangle(corners, fine.rows, fine.columns, [&](int row, int column, const std::array<double, 3>& w) {
       Sample& sample = samples[fine.at(row, column)];
       const float depth = mixed(w, mesh.vertices[a].z(), mesh.vertices[b].z(), mesh.vertices[c].z());
       if (depth >= sample.depth) return;

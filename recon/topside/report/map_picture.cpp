@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "recon/geometry/order_statistics.hpp"
+#include "recon/geometry/triangle_scan.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -26,47 +27,29 @@ struct Seen {
 std::vector<Seen> rasterise(const Mesh& mesh, const MapPicture& frame) {
   std::vector<Seen> seen(static_cast<std::size_t>(frame.width) * static_cast<std::size_t>(frame.height));
   for (const auto& t : mesh.triangles) {
-    std::array<Eigen::Vector2d, 3> p;  // (column, row)
+    std::array<Eigen::Vector2d, 3> p;  // (row, column)
     for (std::size_t k = 0; k < 3; ++k) {
       const Eigen::Vector3d v = mesh.vertices[t[k]].cast<double>();
-      p[k] = {(v.y() - frame.west) / frame.metres_per_pixel - 0.5,
-              (frame.north - v.x()) / frame.metres_per_pixel - 0.5};
+      p[k] = {(frame.north - v.x()) / frame.metres_per_pixel - 0.5,
+              (v.y() - frame.west) / frame.metres_per_pixel - 0.5};
     }
-    const auto cross = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
-      return a.x() * b.y() - a.y() * b.x();
-    };
-    const double area2 = cross(p[1] - p[0], p[2] - p[0]);
-    if (area2 == 0) continue;
-    const Eigen::Vector2d low = p[0].cwiseMin(p[1]).cwiseMin(p[2]), high = p[0].cwiseMax(p[1]).cwiseMax(p[2]);
-    const int x1 = std::min(frame.width - 1, static_cast<int>(std::floor(high.x())));
-    const int y1 = std::min(frame.height - 1, static_cast<int>(std::floor(high.y())));
-    for (int y = std::max(0, static_cast<int>(std::ceil(low.y()))); y <= y1; ++y) {
-      for (int x = std::max(0, static_cast<int>(std::ceil(low.x()))); x <= x1; ++x) {
-        std::array<float, 3> w;
-        bool inside = true;
-        for (std::size_t k = 0; k < 3 && inside; ++k) {
-          const Eigen::Vector2d at(x, y);
-          const double share = cross(p[(k + 1) % 3] - at, p[(k + 2) % 3] - at) / area2;
-          inside = share >= -1e-9;
-          w[k] = static_cast<float>(share);
-        }
-        if (!inside) continue;
-        float depth = 0;
-        Eigen::Vector3f normal = Eigen::Vector3f::Zero();
-        std::array<float, 3> colour{};
-        for (std::size_t k = 0; k < 3; ++k) {
-          depth += w[k] * mesh.vertices[t[k]].z();
-          normal += w[k] * mesh.normals[t[k]];
-          if (!mesh.colours.empty())
-            for (std::size_t c = 0; c < 3; ++c) colour[c] += w[k] * static_cast<float>(mesh.colours[t[k]][c]);
-        }
-        Seen& pixel = seen[static_cast<std::size_t>(y) * static_cast<std::size_t>(frame.width) +
-                           static_cast<std::size_t>(x)];
-        if (depth >= pixel.depth) continue;
-        const float lambert = std::max(0.0F, normal.normalized().dot(kToLight));
-        pixel = {depth, kAmbient + (1 - kAmbient) * lambert / -kToLight.z(), colour};
+    scanTriangle(p, frame.height, frame.width, [&](int row, int column, const std::array<double, 3>& shares) {
+      float depth = 0;
+      Eigen::Vector3f normal = Eigen::Vector3f::Zero();
+      std::array<float, 3> colour{};
+      for (std::size_t k = 0; k < 3; ++k) {
+        const auto w = static_cast<float>(shares[k]);
+        depth += w * mesh.vertices[t[k]].z();
+        normal += w * mesh.normals[t[k]];
+        if (!mesh.colours.empty())
+          for (std::size_t c = 0; c < 3; ++c) colour[c] += w * static_cast<float>(mesh.colours[t[k]][c]);
       }
-    }
+      Seen& pixel = seen[static_cast<std::size_t>(row) * static_cast<std::size_t>(frame.width) +
+                         static_cast<std::size_t>(column)];
+      if (depth >= pixel.depth) return;
+      const float lambert = std::max(0.0F, normal.normalized().dot(kToLight));
+      pixel = {depth, kAmbient + (1 - kAmbient) * lambert / -kToLight.z(), colour};
+    });
   }
   return seen;
 }
