@@ -71,8 +71,7 @@ std::function<int()> addHilCompareCommand(CLI::App& app, CLI::App*& command) {
   command->add_option("mission", options->mission, "mission folder that was played")->required();
   command->add_option("--onboard", options->onboard, "fathom-onboard (default: beside this program)");
   return [options] {
-    if (options->onboard.empty())
-      options->onboard = installPrefix() / "bin/fathom-onboard";
+    if (options->onboard.empty()) options->onboard = installPrefix() / "bin/fathom-onboard";
     return compareHil(*options) ? kExitSuccess : kExitFailedWork;
   };
 }

@@ -14,7 +14,8 @@ namespace fathom::sim {
 
 // Where the shipped scenarios are.
 [[nodiscard]] std::filesystem::path shippedScenarios();
-// Where real captures are: the environment variable FATHOM_DATA_DIR, else share/fathom/data beside the program.
+// Where real captures are: the environment variable FATHOM_DATA_DIR, else share/fathom/data beside the
+// program.
 [[nodiscard]] std::filesystem::path dataFolder();
 
 // The terrain with relative file names found beside the scenario's file or in the folder of real captures.

@@ -89,7 +89,8 @@ TEST(ChildProcess, ANetworkOfItsOwnIsJoinedByACableOfLargePackets) {
 TEST(SteppedClock, AProgramSeesItsClockStepAndTheMachineDoesNot) {
   const test::TemporaryFolder folder;
   SteppedClock clock(folder.path() / "step");
-  ASSERT_FALSE(clock.environment().empty()) << "lib/fathom/libfathom_stepped_clock.so must lie beside the tests' folder";
+  ASSERT_FALSE(clock.environment().empty())
+      << "lib/fathom/libfathom_stepped_clock.so must lie beside the tests' folder";
   const auto yearSeen = [&] {
     ChildProcess::Options options;
     options.argv = {"/bin/date", "+%s"};

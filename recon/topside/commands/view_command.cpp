@@ -27,7 +27,8 @@ int runView(const Options& options) {
   sigaddset(&signals, SIGTERM);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   const viewer::ViewServer server(
-      viewer::findDive(options.folder, options.page.empty() ? installPrefix() / "share/fathom/topside" : options.page),
+      viewer::findDive(options.folder,
+                       options.page.empty() ? installPrefix() / "share/fathom/topside" : options.page),
       options.port);
   std::printf("http://127.0.0.1:%d/ (Ctrl-C ends it)\n", server.port());
   std::fflush(stdout);
