@@ -1,18 +1,22 @@
-# Forwards only: CMake builds, CTest tests, .ci/demo runs the demo.
-.PHONY: build test demo bench report sanitize fuzz clean install
+# Forwards only: CMake builds, CTest tests, .ci/ has what is more than one command.
+.PHONY: build programs test demo bench report sanitize fuzz package nightly clean install
 
 build: install
 	cmake --preset release
 	cmake --build --preset release
 
-install:
-	.ci/install
+programs: install
+	cmake --preset release
+	cmake --build --preset release --target programs
 
 test: build
-	ctest --preset release
+	.ci/test
 
-demo: build
+demo: programs
 	.ci/demo
+
+package: programs
+	cpack --config build/release/CPackConfig.cmake -B build/package
 
 bench: build
 	.ci/bench
@@ -23,10 +27,16 @@ report: build
 sanitize: install
 	cmake --preset sanitize
 	cmake --build --preset sanitize
-	ctest --preset sanitize
+	.ci/test sanitize
 
 fuzz: install
 	.ci/fuzz
+
+nightly: install
+	.ci/nightly
+
+install:
+	.ci/install
 
 clean:
 	rm -rf build

@@ -1,4 +1,7 @@
 #include <gmock/gmock.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <map>
@@ -144,11 +147,23 @@ TEST_F(LcmSourceTest, AFloodIsHandledABoundedNumberAPoll) {
   EXPECT_LE(kept.samples.size(), 10u);
 }
 
+int freeUdpPort() {
+  const int socket = ::socket(AF_INET, SOCK_DGRAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  socklen_t size = sizeof address;
+  EXPECT_EQ(::bind(socket, reinterpret_cast<sockaddr*>(&address), size), 0);
+  EXPECT_EQ(::getsockname(socket, reinterpret_cast<sockaddr*>(&address), &size), 0);
+  ::close(socket);
+  return ntohs(address.sin_port);
+}
+
 TEST(LcmUdp, ASampleCrossesBetweenTwoConnectionsOfOneMachine) {
   std::shared_ptr<LcmBus> in, out;
   try {
-    in = std::make_shared<LcmBus>("udpm://239.255.76.67:7691?ttl=0");
-    out = std::make_shared<LcmBus>("udpm://239.255.76.67:7691?ttl=0");
+    const std::string url = "udpm://239.255.76.67:" + std::to_string(freeUdpPort()) + "?ttl=0";
+    in = std::make_shared<LcmBus>(url);
+    out = std::make_shared<LcmBus>(url);
   } catch (const InputError& e) {
     GTEST_SKIP() << "no multicast here: " << e.what();
   }

@@ -15,7 +15,7 @@ namespace fathom::rt {
 namespace {
 
 std::string unitText() {
-  std::ifstream file(std::string(FATHOM_SOURCE_DIR) + "/realtime/onboard/fathom-onboard.service");
+  std::ifstream file(std::string(FATHOM_SOURCE_DIR) + "/realtime/onboard/service/fathom-onboard.service");
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
