@@ -11,7 +11,7 @@
 #include "firmware_if/modem_ports.hpp"
 #include "firmware_if/serial/serial_line.hpp"
 #include "tests/firmware_if/pty_line.hpp"
-#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::io {

@@ -11,7 +11,7 @@
 #include "firmware_if/civil_time.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 #include "tests/firmware_if/pty_line.hpp"
-#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/test_data.hpp"
 

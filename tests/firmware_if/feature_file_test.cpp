@@ -6,7 +6,7 @@
 #include <random>
 
 #include "recon/geometry/hash64.hpp"
-#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/files.hpp"
 
 namespace fathom::io {
 namespace {

@@ -7,7 +7,7 @@
 #include <random>
 
 #include "firmware_if/civil_time.hpp"
-#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::io {

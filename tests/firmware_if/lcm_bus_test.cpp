@@ -6,7 +6,7 @@
 
 #include "firmware_if/lcm_bus/health_report.hpp"
 #include "firmware_if/lcm_bus/lcm_source.hpp"
-#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::io {

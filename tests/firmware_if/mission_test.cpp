@@ -2,7 +2,7 @@
 
 #include <gmock/gmock.h>
 
-#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::io {

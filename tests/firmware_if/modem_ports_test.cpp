@@ -10,7 +10,7 @@
 
 #include <random>
 
-#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/files.hpp"
 
 namespace fathom::io {
 namespace {

@@ -4,7 +4,7 @@
 
 #include <numbers>
 
-#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::io {

@@ -15,7 +15,7 @@
 #include "firmware_if/predive/predive_checks.hpp"
 #include "firmware_if/predive/predive_report.hpp"
 #include "firmware_if/predive/predive_watch.hpp"
-#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/files.hpp"
 
 namespace fathom::io {
 namespace {

@@ -7,7 +7,7 @@
 #include "firmware_if/mission.hpp"
 #include "firmware_if/sensor_log.hpp"
 #include "tests/firmware_if/sample_dive.hpp"
-#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::io {

@@ -8,7 +8,7 @@
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/log_messages.hpp"
 #include "tests/firmware_if/sample_dive.hpp"
-#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::io {

@@ -5,6 +5,7 @@
 #include <fstream>
 
 #include "realtime/kernel/input_error.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom {
@@ -30,12 +31,7 @@ std::filesystem::path write(const TemporaryFolder& folder, const std::string& te
 }
 
 std::string refusal(const std::filesystem::path& path) {
-  try {
-    (void)readPly(path);
-  } catch (const InputError& e) {
-    return e.what();
-  }
-  return "";
+  return test::refusal([&] { (void)readPly(path); });
 }
 
 TEST(MeshIo, EveryAttributeRoundTrips) {

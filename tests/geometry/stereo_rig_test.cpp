@@ -5,6 +5,7 @@
 #include <fstream>
 
 #include "realtime/kernel/input_error.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom {
@@ -24,12 +25,7 @@ std::filesystem::path write(const TemporaryFolder& folder, const std::string& te
 }
 
 std::string refusal(const std::filesystem::path& path) {
-  try {
-    (void)readStereoCalib(path);
-  } catch (const InputError& e) {
-    return e.what();
-  }
-  return "";
+  return test::refusal([&] { (void)readStereoCalib(path); });
 }
 
 TEST(StereoCalib, ReadsTheRealRig) {

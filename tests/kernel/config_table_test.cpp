@@ -3,20 +3,13 @@
 #include <gtest/gtest.h>
 
 #include "realtime/kernel/input_error.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom {
 namespace {
 
-template <typename Body>
-std::string refusal(Body body) {
-  try {
-    body();
-  } catch (const InputError& e) {
-    return e.what();
-  }
-  return "";
-}
+using test::refusal;
 
 TEST(ConfigTable, GivesValuesOfTheFileAndDefaultsForWhatItLacks) {
   const ConfigTable t =
@@ -39,8 +32,12 @@ TEST(ConfigTable, RefusalsNameFileLineKeyAndRange) {
   EXPECT_NE(refusal([&] { (void)t.integer("b", 0, 0, 1); }).find("whole number"), std::string::npos);
   EXPECT_NE(refusal([&] { (void)t.number("n", 0, 0, 1); }).find("out of range"), std::string::npos);
   EXPECT_NE(refusal([&] { (void)t.requiredText("q"); }).find("'q': is missing"), std::string::npos);
-  EXPECT_NE(refusal([&] { (void)t.table("s").requiredNumber("y", 0, 1); }).find("'s.y'"), std::string::npos);
-  EXPECT_NE(refusal([&] { (void)t.choice("b", "", {"p", "q"}); }).find("none of: p, q"), std::string::npos);
+  EXPECT_NE(refusal([&] { (void)t.table("s").requiredNumber("y", 0, 1); }).find("'s.y'"),
+            std::string::npos);
+  EXPECT_NE(refusal([&] {
+              (void)t.choice("b", "", {"p", "q"});
+            }).find("none of: p, q"),
+            std::string::npos);
 }
 
 TEST(ConfigTable, AKeyThatNobodyAskedForIsRefusedWhereverItStands) {
@@ -48,7 +45,8 @@ TEST(ConfigTable, AKeyThatNobodyAskedForIsRefusedWhereverItStands) {
       ConfigTable::parse("a = 1\n[s]\nk = 1\nmisspelt = 2\n[[p]]\nx = 1\nq = 2\n", "f.toml");
   (void)t.number("a", 0, 0, 1);
   (void)t.table("s").number("k", 0, 0, 1);
-  EXPECT_NE(refusal([&] { t.finish(); }).find("line 4, key 's.misspelt': is unknown"), std::string::npos);
+  EXPECT_NE(refusal([&] { t.finish(); }).find("line 4, key 's.misspelt': is unknown"),
+            std::string::npos);
   (void)t.table("s").number("misspelt", 0, 0, 2);
   for (const ConfigTable& p : t.tables("p")) (void)p.number("x", 0, 0, 1);
   EXPECT_NE(refusal([&] { t.finish(); }).find("line 7, key 'p.q'"), std::string::npos);

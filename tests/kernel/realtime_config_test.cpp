@@ -4,6 +4,7 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
+#include "tests/support/files.hpp"
 
 namespace fathom::rt {
 namespace {
@@ -16,12 +17,7 @@ RealtimeConfig read(const std::string& text) {
 }
 
 std::string refusal(const std::string& text) {
-  try {
-    (void)read(text);
-  } catch (const InputError& e) {
-    return e.what();
-  }
-  return "";
+  return test::refusal([&] { (void)read(text); });
 }
 
 TEST(RealtimeConfig, AnEmptyTableGivesTheDefaults) {

@@ -1,13 +1,13 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
-#include <fstream>
 #include <iterator>
 
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/state_archive.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_file.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::onboard {
@@ -29,16 +29,6 @@ std::vector<std::uint8_t> stateOf(std::uint64_t number) {
   });
   bytes.resize(writer.size());
   return bytes;
-}
-
-std::vector<std::uint8_t> bytesOf(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-}
-
-void writeBytes(const fs::path& path, const std::vector<std::uint8_t>& bytes) {
-  std::ofstream(path, std::ios::binary)
-      .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
 }
 
 class Checkpoints : public ::testing::Test {
@@ -74,9 +64,9 @@ TEST_F(Checkpoints, TheNewestOfTwoFilesIsRead) {
 TEST_F(Checkpoints, ADamagedOneIsPassedOverForTheOneBeforeWithAReason) {
   ASSERT_TRUE(files.write(headOf(1), stateOf(1)));
   ASSERT_TRUE(files.write(headOf(2), stateOf(2)));
-  const std::vector<std::uint8_t> whole = bytesOf(files.file(2));
+  const std::vector<std::uint8_t> whole = test::readBytes(files.file(2));
   const auto passedOver = [&](const std::vector<std::uint8_t>& bytes) {
-    writeBytes(files.file(2), bytes);
+    test::writeBytes(files.file(2), bytes);
     const auto found = newest();
     return found && found->head.number == 1 && said.size() == 1;
   };

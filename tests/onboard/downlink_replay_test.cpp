@@ -3,7 +3,6 @@
 #include <cstring>
 #include <deque>
 #include <fstream>
-#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "firmware_if/mission.hpp"
@@ -11,6 +10,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/onboard/replay.hpp"
 #include "telemetry/downlink/downlink.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::onboard {
@@ -21,11 +21,6 @@ const std::filesystem::path kMission = FATHOM_REEF_MISSION;
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
 constexpr double kDegrees = 180 / std::numbers::pi;
 using Bytes = std::vector<std::uint8_t>;
-
-std::string bytesOf(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-}
 
 // A modem that receives what it was told to, when the mission comes to that time.
 class ScriptedModem final : public FramePort {
@@ -98,7 +93,7 @@ class DownlinkReplay : public ::testing::Test {
     return replay(options);
   }
   double health(const std::string& run, const std::string& name) const {
-    return nlohmann::json::parse(bytesOf(folder_.path() / run / "report.json")).at("health").at(name);
+    return nlohmann::json::parse(test::readText(folder_.path() / run / "report.json")).at("health").at(name);
   }
   Eigen::Vector3d meanPosition(const std::string& run) const {
     const auto poses = io::readStereoPoses(folder_.path() / run / "stereo_pose_est.data").poses;
@@ -135,7 +130,7 @@ TEST_F(DownlinkReplay, FixesFromTheShipMoveTheTrackAndTheirRecordingReplaysToThe
   for (const auto& entry : std::filesystem::directory_iterator(folder_.path() / "live")) {
     const auto name = entry.path().filename();
     if (name == "timing.json") continue;
-    EXPECT_EQ(bytesOf(entry.path()), bytesOf(folder_.path() / "again" / name)) << name;
+    EXPECT_EQ(test::readText(entry.path()), test::readText(folder_.path() / "again" / name)) << name;
     ++files;
   }
   EXPECT_EQ(files, 8);

@@ -1,10 +1,8 @@
 #include <gtest/gtest.h>
 
-#include <fstream>
-#include <iterator>
-
 #include "realtime/onboard/replay.hpp"
 #include "tests/onboard/track_error.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::onboard {
@@ -22,11 +20,6 @@ ReplaySummary run(const std::filesystem::path& out, bool no_slam) {
   return replay(options);
 }
 
-std::string bytesOf(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-}
-
 TEST(Faults, SensorsThatDieJumpAndLieCostCentimetresAndTwoReplaysAgreeInEveryByte) {
   const test::TemporaryFolder folder;
   const ReplaySummary summary = run(folder.path() / "a", false);
@@ -40,7 +33,7 @@ TEST(Faults, SensorsThatDieJumpAndLieCostCentimetresAndTwoReplaysAgreeInEveryByt
   for (const auto& entry : std::filesystem::directory_iterator(folder.path() / "a")) {
     const auto name = entry.path().filename();
     if (name == "timing.json") continue;
-    EXPECT_EQ(bytesOf(entry.path()), bytesOf(folder.path() / "b" / name)) << name;
+    EXPECT_EQ(test::readText(entry.path()), test::readText(folder.path() / "b" / name)) << name;
   }
 }
 

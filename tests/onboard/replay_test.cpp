@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <fstream>
-#include <iterator>
 #include <map>
 
 #include "firmware_if/pose_files.hpp"
@@ -14,6 +13,7 @@
 #include "telemetry/ship/link_receiver.hpp"
 #include "telemetry/wire/packet_log.hpp"
 #include "tests/onboard/track_error.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::onboard {
@@ -21,11 +21,6 @@ namespace {
 
 // A simulated dive of 30 pairs with truth/, rendered by the build before this test runs.
 const std::filesystem::path kMission = FATHOM_REEF_MISSION;
-
-std::string bytesOf(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-}
 
 ReplayOptions into(const std::filesystem::path& out) {
   ReplayOptions options;
@@ -50,7 +45,7 @@ TEST(Replay, TwoReplaysGiveTheSameBytesInEveryFileButTheTimes) {
   for (const auto& entry : std::filesystem::directory_iterator(folder.path() / "a")) {
     const auto name = entry.path().filename();
     if (name == "timing.json") continue;
-    EXPECT_EQ(bytesOf(entry.path()), bytesOf(folder.path() / "b" / name)) << name;
+    EXPECT_EQ(test::readText(entry.path()), test::readText(folder.path() / "b" / name)) << name;
     ++files;
   }
   EXPECT_EQ(files, 7);

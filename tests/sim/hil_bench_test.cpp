@@ -11,17 +11,13 @@
 #include "sim/hil/bench/recording_disk.hpp"
 #include "sim/hil/bench/stepped_clock.hpp"
 #include "tests/sim/hil_mission.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::sim {
 namespace {
 
 const std::atomic<bool> kGoOn{false};
-
-std::string textOf(const std::filesystem::path& path) {
-  std::ifstream file(path);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
 
 TEST(ChildProcess, ItsOutputItsVariablesAndItsExitStatusAreSeen) {
   const test::TemporaryFolder folder;
@@ -32,7 +28,7 @@ TEST(ChildProcess, ItsOutputItsVariablesAndItsExitStatusAreSeen) {
   ChildProcess child(options);
   EXPECT_TRUE(child.waitForLine("armed", 10, kGoOn));
   EXPECT_EQ(child.wait(10), 3);
-  EXPECT_EQ(textOf(options.output), "first\narmed a=b\n");
+  EXPECT_EQ(test::readText(options.output), "first\narmed a=b\n");
   EXPECT_FALSE(child.waitForLine("never", 10, kGoOn)) << "ended: there is nothing to wait for";
 
   options.argv = {folder.path() / "absent"};
@@ -74,7 +70,7 @@ TEST(ChildProcess, ANetworkOfItsOwnIsJoinedByACableOfLargePackets) {
     options.cable = cable;
     ChildProcess child(options);
     const bool joined = child.wait(10) == 0;
-    const std::string text = textOf(options.output);
+    const std::string text = test::readText(options.output);
     ::_exit(joined && text.find(cable.farAddress()) != std::string::npos &&
                     text.find("mtu 9000") != std::string::npos
                 ? 0
@@ -83,7 +79,7 @@ TEST(ChildProcess, ANetworkOfItsOwnIsJoinedByACableOfLargePackets) {
   int status = 0;
   ASSERT_EQ(::waitpid(bench, &status, 0), bench);
   if (WIFEXITED(status) && WEXITSTATUS(status) == 77) GTEST_SKIP() << "no network namespaces here";
-  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << textOf(folder.path() / "log");
+  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << test::readText(folder.path() / "log");
 }
 
 TEST(SteppedClock, AProgramSeesItsClockStepAndTheMachineDoesNot) {
@@ -97,7 +93,7 @@ TEST(SteppedClock, AProgramSeesItsClockStepAndTheMachineDoesNot) {
     options.output = folder.path() / "log";
     ChildProcess child(options);
     EXPECT_EQ(child.wait(10), 0);
-    return std::stoll(textOf(options.output));
+    return std::stoll(test::readText(options.output));
   };
   const auto real = [] { return static_cast<long long>(::time(nullptr)); };
   EXPECT_NEAR(static_cast<double>(yearSeen() - real()), 0, 5);

@@ -11,6 +11,7 @@
 #include <set>
 
 #include "realtime/kernel/input_error.hpp"
+#include "tests/support/files.hpp"
 
 namespace fathom::telemetry {
 namespace {
@@ -31,12 +32,7 @@ class DownlinkKeyFile : public ::testing::Test {
   }
   [[nodiscard]] std::string refusal() const {
     std::string warning;
-    try {
-      (void)readDownlinkKey(file_, warning);
-    } catch (const InputError& e) {
-      return e.what();
-    }
-    return "";
+    return test::refusal([&] { (void)readDownlinkKey(file_, warning); });
   }
   std::filesystem::path folder_, file_;
 };

@@ -10,13 +10,13 @@
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/topside/tiles/tileset.hpp"
-#include "tests/tiles/scratch_folder.hpp"
+#include "tests/support/test_data.hpp"
 #include "tests/tiles/synthetic_model.hpp"
 
 namespace fathom::topside {
 namespace {
 
-using test::ScratchFolder;
+using fathom::test::TemporaryFolder;
 using test::SyntheticModel;
 
 // Tiles on both sides of the origin, handed over as if they had been read.
@@ -37,7 +37,7 @@ constexpr int kAlong = 3 * SyntheticModel::kCells + 1;
 
 TEST(ModelFile, PlyIsOneSurfaceWhoseOnlyBorderIsTheModels) {
   const Square square;
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const ModelCounts counts =
       writeModelPly(scratch.path() / "model.ply", square.tiles, square.source(), {"a reef"});
   const Mesh mesh = readPly(scratch.path() / "model.ply");
@@ -57,7 +57,7 @@ TEST(ModelFile, PlyIsOneSurfaceWhoseOnlyBorderIsTheModels) {
 
 TEST(ModelFile, PlyStandsUprightWithColoursAndSigma) {
   const Square square;
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   writeModelPly(scratch.path() / "model.ply", square.tiles, square.source());
   const Mesh mesh = readPly(scratch.path() / "model.ply");
   ASSERT_EQ(mesh.sigma.size(), mesh.vertices.size());
@@ -74,7 +74,7 @@ TEST(ModelFile, PlyStandsUprightWithColoursAndSigma) {
 
 TEST(ModelFile, OrderOfTilesDoesNotMatterAndNothingElseIsLeftBehind) {
   Square square;
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   writeModelPly(scratch.path() / "a.ply", square.tiles, square.source());
   std::reverse(square.tiles.begin(), square.tiles.end());
   writeModelPly(scratch.path() / "b.ply", square.tiles, square.source());
@@ -91,7 +91,7 @@ TEST(ModelFile, OrderOfTilesDoesNotMatterAndNothingElseIsLeftBehind) {
 
 TEST(ModelFile, ObjNamesPicturesThatAreThereAndCornersThatExist) {
   const Square square;
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const ModelCounts counts = writeModelObj(scratch.path() / "model.obj", square.tiles, square.source());
   EXPECT_EQ(counts.vertices, static_cast<std::uint64_t>(kAlong * kAlong));
   std::ifstream file(scratch.path() / "model.obj");
@@ -128,7 +128,7 @@ TEST(ModelFile, ObjNamesPicturesThatAreThereAndCornersThatExist) {
 
 TEST(ModelFile, TilesOfALevelAreFoundByTheirNames) {
   const SyntheticModel model;
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   for (const TileId& id : {TileId{2, -3, 4}, TileId{2, 10, -1}, TileId{1, 0, 0}}) {
     std::filesystem::create_directories((scratch.path() / tilePath(id)).parent_path());
     const auto bytes = writeGlb(model.tile(id), model.grid, {});
@@ -144,7 +144,7 @@ TEST(ModelFile, TilesOfALevelAreFoundByTheirNames) {
 
 TEST(ModelFile, ATileThatCannotBeReadLeavesNothing) {
   const Square square;
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const TileSource broken = [&](const TileId& id) {
     if (id.x == 1) throw InputError("tile", "", "is damaged");
     return square.source()(id);

@@ -1,20 +1,15 @@
 #include <gtest/gtest.h>
 
 #include <cstdlib>
-#include <fstream>
 
 #include "recon/topside/tiles/block_texture.hpp"
 #include "recon/topside/tiles/glb.hpp"
-#include "tests/tiles/scratch_folder.hpp"
+#include "tests/support/files.hpp"
+#include "tests/support/test_data.hpp"
 #include "tests/tiles/synthetic_model.hpp"
 
 namespace fathom::topside {
 namespace {
-
-void writeFile(const std::filesystem::path& path, const std::vector<std::uint8_t>& bytes) {
-  std::ofstream(path, std::ios::binary)
-      .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-}
 
 // With the libraries that the viewer's page was built with.
 TEST(PageLibraries, KhronosValidatorThreesDracoAndItsKtxReaderTakeEveryKindOfTile) {
@@ -22,11 +17,11 @@ TEST(PageLibraries, KhronosValidatorThreesDracoAndItsKtxReaderTakeEveryKindOfTil
   for (const char* module : {"three", "gltf-validator"})
     if (!std::filesystem::exists(page / "node_modules" / module))
       GTEST_SKIP() << module << " is not installed";
-  const test::ScratchFolder scratch;
+  const fathom::test::TemporaryFolder scratch;
   test::SyntheticModel model;
   std::string files;
   const auto add = [&](const std::string& name, const std::vector<std::uint8_t>& bytes) {
-    writeFile(scratch.path() / name, bytes);
+    fathom::test::writeBytes(scratch.path() / name, bytes);
     files += " " + (scratch.path() / name).string();
   };
   GlbConfig config;
@@ -41,9 +36,8 @@ TEST(PageLibraries, KhronosValidatorThreesDracoAndItsKtxReaderTakeEveryKindOfTil
   add("packed.ktx2", writeKtx2(texture, Supercompression::kZstd));
   model.texels = 0;
   add("colours.glb", writeGlb(model.tile({1, 0, 0}), model.grid, {}));
-  const std::string command = "cd '" + page.string() +
-                              "' && node " FATHOM_SOURCE_DIR "/tests/tiles/page_libraries.mjs" +
-                              files;
+  const std::string command =
+      "cd '" + page.string() + "' && node " FATHOM_SOURCE_DIR "/tests/tiles/page_libraries.mjs" + files;
   EXPECT_EQ(std::system(command.c_str()), 0);
 }
 

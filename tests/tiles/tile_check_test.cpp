@@ -10,13 +10,13 @@
 #include "recon/topside/tiles/check/border_edges.hpp"
 #include "recon/topside/tiles/glb.hpp"
 #include "recon/topside/tiles/tileset.hpp"
-#include "tests/tiles/scratch_folder.hpp"
+#include "tests/support/test_data.hpp"
 #include "tests/tiles/synthetic_model.hpp"
 
 namespace fathom::topside {
 namespace {
 
-using test::ScratchFolder;
+using fathom::test::TemporaryFolder;
 using test::SyntheticModel;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -53,7 +53,7 @@ void replaceIn(const std::filesystem::path& path, const std::string& from, const
 }
 
 TEST(TileCheck, AModelWithoutFaultsHasEveryEdgeOfEveryBorderTwice) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   writeModel(scratch.path() / "tiles");
   const TileCheck check = checkTiles(scratch.path());
   EXPECT_THAT(check.faults, IsEmpty());
@@ -66,7 +66,7 @@ TEST(TileCheck, AModelWithoutFaultsHasEveryEdgeOfEveryBorderTwice) {
 }
 
 TEST(TileCheck, AVertexMovedByOneStepOnABorderIsACrack) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   writeModel(scratch.path(), [](TexturedTile& tile) {
     if (tile.surface.tile != TileId{0, 1, 1}) return;
     for (std::size_t k = 0; k < tile.surface.shared.size(); ++k)
@@ -82,7 +82,7 @@ TEST(TileCheck, AVertexMovedByOneStepOnABorderIsACrack) {
 }
 
 TEST(TileCheck, ACoarseTileWithoutAVertexThatFineTilesHaveIsACrack) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   writeModel(scratch.path(), [](TexturedTile& tile) {
     if (tile.surface.tile.level != 1) return;
     // The finest neighbour's vertex falls onto the one before it along the side: one edge for two.
@@ -98,7 +98,7 @@ TEST(TileCheck, ACoarseTileWithoutAVertexThatFineTilesHaveIsACrack) {
 }
 
 TEST(TileCheck, ASurfaceThatEndsAtABorderIsNoCrack) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   writeModel(scratch.path(), [](TexturedTile& tile) {
     // Nothing was seen of the row of squares along one side.
     if (tile.surface.tile != TileId{0, 0, 2}) return;
@@ -147,7 +147,7 @@ TEST(TileCheck, SurfacesThatEndOnBothSidesOfABorderOnASteepSlopeAreNoCrack) {
 }
 
 TEST(TileCheck, FilesThatAreMissingDamagedSwappedOrUnlistedAreFaults) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const auto& folder = scratch.path();
   writeModel(folder);
   std::filesystem::remove(folder / "0/0_0.glb");
@@ -172,7 +172,7 @@ TEST(TileCheck, TilesetsThatBreakTheRulesAreFaults) {
       {"\"box\":[", "\"box\":[1,", "without a box"},
   }};
   for (const auto& [from, to, said] : breaks) {
-    const ScratchFolder scratch;
+    const TemporaryFolder scratch;
     writeModel(scratch.path());
     replaceIn(scratch.path() / "tileset.json", from, to);
     EXPECT_THAT(checkTiles(scratch.path()).faults, ::testing::Contains(HasSubstr(said))) << to;
@@ -180,7 +180,7 @@ TEST(TileCheck, TilesetsThatBreakTheRulesAreFaults) {
 }
 
 TEST(TileCheck, AFolderWithoutATilesetIsAnInputError) {
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   EXPECT_THROW(static_cast<void>(checkTiles(scratch.path())), InputError);
   writeFile(scratch.path() / "tileset.json", {'[', '1', '2'});
   EXPECT_THROW(static_cast<void>(checkTiles(scratch.path())), InputError);

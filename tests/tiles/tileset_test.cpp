@@ -8,7 +8,7 @@
 #include <numbers>
 #include <set>
 
-#include "tests/tiles/scratch_folder.hpp"
+#include "tests/support/test_data.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -89,7 +89,7 @@ void walk(const std::filesystem::path& path, Walk& seen) {
 }
 
 TEST(Tileset, OneFileHoldsAllTilesOfASmallModelWithBoxesAndErrorsInOrder) {
-  const test::ScratchFolder scratch;
+  const fathom::test::TemporaryFolder scratch;
   writeTilesets(scratch.path(), pyramid(3), {});
   Walk seen;
   walk(scratch.path() / "tileset.json", seen);
@@ -99,7 +99,7 @@ TEST(Tileset, OneFileHoldsAllTilesOfASmallModelWithBoxesAndErrorsInOrder) {
 }
 
 TEST(Tileset, TilesAboutTheOriginGetARootThatIsNeverShownInTheirPlace) {
-  const test::ScratchFolder scratch;
+  const fathom::test::TemporaryFolder scratch;
   std::vector<TileEntry> entries;
   for (const auto& [x, y] : {std::pair{-1, -1}, {-1, 0}, {0, -1}, {0, 0}})
     entries.push_back({{1, x, y}, {8.0 * x, 8.0 * y, 10}, {8.0 * x + 8, 8.0 * y + 8, 11}, 0.05, 0.0048});
@@ -113,7 +113,7 @@ TEST(Tileset, TilesAboutTheOriginGetARootThatIsNeverShownInTheirPlace) {
 }
 
 TEST(Tileset, ALargeModelIsCutIntoFilesThatTogetherHoldEveryTileOnce) {
-  const test::ScratchFolder scratch;
+  const fathom::test::TemporaryFolder scratch;
   writeTilesets(scratch.path(), pyramid(5), {}, {.max_tiles = 1000});
   Walk seen;
   walk(scratch.path() / "tileset.json", seen);
@@ -123,7 +123,7 @@ TEST(Tileset, ALargeModelIsCutIntoFilesThatTogetherHoldEveryTileOnce) {
 }
 
 TEST(Tileset, OrderOfEntriesDoesNotMatter) {
-  const test::ScratchFolder a, b;
+  const fathom::test::TemporaryFolder a, b;
   std::vector<TileEntry> entries = pyramid(3);
   writeTilesets(a.path(), entries, {});
   std::reverse(entries.begin(), entries.end());
@@ -133,7 +133,7 @@ TEST(Tileset, OrderOfEntriesDoesNotMatter) {
 }
 
 TEST(Tileset, RootsOnAllSidesOfTheOriginStandUnderOneWithoutContent) {
-  const test::ScratchFolder scratch;
+  const fathom::test::TemporaryFolder scratch;
   std::vector<TileEntry> entries;
   for (const auto& [x, y] :
        {std::pair(0, 0), std::pair(-1, 0), std::pair(0, -1), std::pair(-1, -1), std::pair(2, 1)})
@@ -146,7 +146,7 @@ TEST(Tileset, RootsOnAllSidesOfTheOriginStandUnderOneWithoutContent) {
 }
 
 TEST(Tileset, ATileWhoseParentIsMissingIsReachedAllTheSame) {
-  const test::ScratchFolder scratch;
+  const fathom::test::TemporaryFolder scratch;
   std::vector<TileEntry> entries = pyramid(3);
   std::erase_if(entries, [](const TileEntry& e) { return e.id == TileId{1, 0, 0}; });
   writeTilesets(scratch.path(), entries, {});
@@ -173,14 +173,14 @@ TEST(Tileset, RootStandsOnTheEarthWhereTheOriginIs) {
       (ecefFromEnu({-31.95 * kDegree, 115.86 * kDegree + step}) - m).col(3).head<3>();
   EXPECT_GT(north.normalized().dot(turn.col(1)), 1 - 1e-9);
   EXPECT_GT(east.normalized().dot(turn.col(0)), 1 - 1e-9);
-  const test::ScratchFolder scratch;
+  const fathom::test::TemporaryFolder scratch;
   writeTilesets(scratch.path(), pyramid(1), {-31.95 * kDegree, 115.86 * kDegree});
   const Json transform = readJson(scratch.path() / "tileset.json")["root"]["transform"];
   for (int k = 0; k < 16; ++k) EXPECT_EQ(transform[k].get<double>(), m.data()[k]);
 }
 
 TEST(Tileset, RefusesNoTilesAndATileTwice) {
-  const test::ScratchFolder scratch;
+  const fathom::test::TemporaryFolder scratch;
   EXPECT_THROW(writeTilesets(scratch.path(), {}, {}), std::invalid_argument);
   std::vector<TileEntry> twice = pyramid(1);
   twice.push_back(twice.front());

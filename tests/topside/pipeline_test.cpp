@@ -5,11 +5,11 @@
 
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "firmware_if/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/mesh_io.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/topside/tiny_mission.hpp"
 
@@ -18,13 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using ::testing::HasSubstr;
-
-std::string contents(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::ostringstream out;
-  out << in.rdbuf();
-  return out.str();
-}
 
 std::vector<fs::path> imagesOf(const fs::path& mission) {
   std::vector<fs::path> paths;
@@ -96,7 +89,7 @@ TEST_F(TopsidePipeline, PosesAreTheTrueOnesAnchoredByGps) {
 
 TEST_F(TopsidePipeline, TheReportTellsTimesCountsAndVersionAndIsOnePage) {
   (void)runTopside(mission(), mission() / "topside", {});
-  const auto report = nlohmann::json::parse(contents(result("report.json")));
+  const auto report = nlohmann::json::parse(test::readText(result("report.json")));
   EXPECT_EQ(report["pairs"]["listed"], 8);
   EXPECT_EQ(report["pairs"]["used"], 8);
   EXPECT_EQ(report["software_version"], FATHOM_VERSION);
@@ -111,7 +104,7 @@ TEST_F(TopsidePipeline, TheReportTellsTimesCountsAndVersionAndIsOnePage) {
   for (const char* stage : {"read", "lighting", "stereo", "mesh", "fusion"})
     EXPECT_GT(report["times"]["per_pair_s"][stage].get<double>(), 0.0) << stage;
   EXPECT_GT(report["times"]["total_s"].get<double>(), 0.0);
-  const std::string html = contents(result("report.html"));
+  const std::string html = test::readText(result("report.html"));
   EXPECT_THAT(html, HasSubstr("data:image/png;base64,iVBORw0KGgo"));
   EXPECT_THAT(html, HasSubstr("<svg"));
   EXPECT_THAT(html, HasSubstr("<h2>Lighting</h2>"));
@@ -122,11 +115,12 @@ TEST_F(TopsidePipeline, TheResultDoesNotDependOnTheNumberOfThreads) {
   TopsideConfig config;
   config.threads = 1;
   (void)runTopside(mission(), mission() / "topside", config);
-  const std::string mesh = contents(result("mesh.ply")), poses = contents(result("stereo_pose_est.data"));
+  const std::string mesh = test::readText(result("mesh.ply")),
+                    poses = test::readText(result("stereo_pose_est.data"));
   config.threads = 4;
   (void)runTopside(mission(), mission() / "topside", config);
-  EXPECT_TRUE(mesh == contents(result("mesh.ply")));
-  EXPECT_TRUE(poses == contents(result("stereo_pose_est.data")));
+  EXPECT_TRUE(mesh == test::readText(result("mesh.ply")));
+  EXPECT_TRUE(poses == test::readText(result("stereo_pose_est.data")));
 }
 
 TEST_F(TopsidePipeline, AnUnreadableImageIsSkippedAndReported) {
@@ -136,7 +130,7 @@ TEST_F(TopsidePipeline, AnUnreadableImageIsSkippedAndReported) {
   const Summary done = runTopside(mission(), mission() / "topside", {});
   EXPECT_EQ(done.unreadable, 2u);
   EXPECT_EQ(done.used, 6u);
-  const auto report = nlohmann::json::parse(contents(result("report.json")));
+  const auto report = nlohmann::json::parse(test::readText(result("report.json")));
   EXPECT_EQ(report["pairs"]["unreadable"], 2);
   EXPECT_THAT(report["pairs"]["unreadable_images"][0].get<std::string>(),
               HasSubstr(images[6].filename().string()));
@@ -144,10 +138,10 @@ TEST_F(TopsidePipeline, AnUnreadableImageIsSkippedAndReported) {
 
 TEST_F(TopsidePipeline, AMissionWithoutAUsablePairIsBadInputAndLeavesTheOldResultsAlone) {
   (void)runTopside(mission(), mission() / "topside", {});
-  const std::string before = contents(result("report.json"));
+  const std::string before = test::readText(result("report.json"));
   for (const fs::path& image : imagesOf(mission())) cut(image);
   EXPECT_THAT(errorOf(mission()), HasSubstr("no usable stereo pair of 8: 8 unreadable"));
-  EXPECT_EQ(contents(result("report.json")), before);
+  EXPECT_EQ(test::readText(result("report.json")), before);
   EXPECT_FALSE(fs::exists(mission() / "topside.tmp"));
 }
 
@@ -155,7 +149,7 @@ TEST_F(TopsidePipeline, ForeignFilesInTheOutputFolderAreNeverLost) {
   fs::create_directories(mission() / "topside");
   std::ofstream(result("thesis.tex")) << "years of work";
   EXPECT_THAT(errorOf(mission()), HasSubstr("thesis.tex"));
-  EXPECT_EQ(contents(result("thesis.tex")), "years of work");
+  EXPECT_EQ(test::readText(result("thesis.tex")), "years of work");
 }
 
 TEST_F(TopsidePipeline, AnAbsentOrBrokenFileIsNamedInOneLine) {
@@ -176,7 +170,7 @@ TEST_F(TopsidePipeline, WithoutGpsOrUsblTheMapIsAtTheOriginAndTheReportSaysSo) {
   const test::TemporaryFolder folder;
   scene.write(folder.path());
   (void)runTopside(folder.path(), folder.path() / "topside", {});
-  const auto report = nlohmann::json::parse(contents(folder.path() / "topside" / "report.json"));
+  const auto report = nlohmann::json::parse(test::readText(folder.path() / "topside" / "report.json"));
   EXPECT_EQ(report["navigation"]["anchor"]["source"], "none");
   const auto poses = io::readVehiclePoses(folder.path() / "topside" / "vehicle_pose_est.data");
   // odom begins where dead reckoning does, 10 m before the first pair.

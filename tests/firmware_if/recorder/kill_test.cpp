@@ -11,7 +11,7 @@
 
 #include "tests/firmware_if/recorder/recorder_status.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
-#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::test {

@@ -17,7 +17,7 @@
 #include "firmware_if/recorder/raw_tiff.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
 #include "realtime/kernel/input_error.hpp"
-#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::io {

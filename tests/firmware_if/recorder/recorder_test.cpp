@@ -16,7 +16,7 @@
 #include "firmware_if/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
-#include "tests/firmware_if/text_files.hpp"
+#include "tests/support/files.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/test_data.hpp"
 
