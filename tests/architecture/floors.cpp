@@ -15,8 +15,6 @@ namespace {
 constexpr std::array<std::string_view, 5> kHouse{"firmware_if", "realtime", "recon", "telemetry", "sim"};
 constexpr int kMiddleFloor = 2, kRoof = 4;
 
-constexpr std::string_view kPeers = "tests/bench/codec_peers";
-
 const std::map<std::string, int>& namedRooms() {
   static const std::map<std::string, int> rooms{{"realtime/kernel", 0},
                                                 {"recon/geometry", 1},
@@ -49,8 +47,6 @@ bool isForeign(const std::filesystem::path& folder) {
 std::optional<Place> placeOf(const std::string& path) {
   std::vector<std::string> parts;
   for (const auto& part : std::filesystem::path(path)) parts.push_back(part.string());
-  // The one library beside the benchmarks that a program links: what `fathom-monitor codec` compares with.
-  if (path.starts_with(kPeers)) return Place{std::string(kPeers), kMiddleFloor + 1};
   if (parts.empty() || std::find(kHouse.begin(), kHouse.end(), parts[0]) == kHouse.end()) return std::nullopt;
 
   Place place;

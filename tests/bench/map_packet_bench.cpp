@@ -7,7 +7,7 @@
 
 #include "telemetry/map/map_packet.hpp"
 #include "telemetry/wire/frame.hpp"
-#include "tests/bench/codec_peers/lattice.hpp"
+#include "telemetry/monitor/codec/peers/lattice.hpp"
 
 namespace {
 

@@ -10,7 +10,7 @@
 #include <OpenMesh/Tools/Decimater/ModQuadricT.hh>
 #pragma GCC diagnostic pop
 
-#include "tests/bench/codec_peers/lattice.hpp"
+#include "telemetry/monitor/codec/peers/lattice.hpp"
 
 namespace fathom::peers {
 namespace {

@@ -7,7 +7,7 @@
 #include <memory>
 #include <optional>
 
-#include "tests/bench/codec_peers/lattice.hpp"
+#include "telemetry/monitor/codec/peers/lattice.hpp"
 
 namespace fathom::peers {
 namespace {

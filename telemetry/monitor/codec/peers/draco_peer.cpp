@@ -7,8 +7,8 @@
 #include <cmath>
 #include <limits>
 
+#include "telemetry/monitor/codec/peers/lattice.hpp"
 #include "telemetry/tiles/draco_mesh.hpp"
-#include "tests/bench/codec_peers/lattice.hpp"
 
 namespace fathom::peers {
 namespace {

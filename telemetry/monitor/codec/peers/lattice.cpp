@@ -1,4 +1,4 @@
-#include "tests/bench/codec_peers/lattice.hpp"
+#include "telemetry/monitor/codec/peers/lattice.hpp"
 
 #include <algorithm>
 #include <array>
