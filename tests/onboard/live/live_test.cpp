@@ -1,22 +1,17 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
-#include <iterator>
 #include <set>
 
 #include "realtime/onboard/live/live_system.hpp"
 #include "realtime/onboard/replay.hpp"
 #include "tests/onboard/live/played_devices.hpp"
+#include "tests/support/files.hpp"
 
 namespace fathom::onboard {
 namespace {
 
 namespace fs = std::filesystem;
-
-std::string bytesOf(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
 
 std::set<std::string> filesIn(const fs::path& folder) {
   std::set<std::string> names;
@@ -78,7 +73,7 @@ TEST(Live, recordingReplaysToTheSameBytes) {
   const std::set<std::string> once = filesIn(dive.folder / "onboard");
   for (const std::string& name : once) {
     if (name == "timing.json" || name == "live.json") continue;
-    EXPECT_TRUE(bytesOf(dive.folder / "onboard" / name) == bytesOf(*options_again.out / name))
+    EXPECT_TRUE(test::readText(dive.folder / "onboard" / name) == test::readText(*options_again.out / name))
         << name << " differs: " << dive.folder << ", " << *options_again.out;
   }
   EXPECT_TRUE(once.count("map.ply") && once.count("stereo_pose_est.data") && once.count("packets.bin"));

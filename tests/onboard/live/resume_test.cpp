@@ -2,11 +2,11 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
-#include <iterator>
 
 #include "realtime/onboard/live/live_system.hpp"
 #include "realtime/onboard/replay.hpp"
 #include "tests/onboard/live/played_devices.hpp"
+#include "tests/support/files.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -16,11 +16,6 @@ namespace fs = std::filesystem;
 constexpr double kRate = 4;
 constexpr double kFrom_s = 39;  // in the mission: the seafloor comes into sight
 constexpr double kFirstLife_s = 10, kSecondLife_s = 4;
-
-std::string bytesOf(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
 
 bool saidThat(const LiveSystem& live, const char* what) {
   for (const std::string& line : live.resumeSaid())
@@ -150,7 +145,7 @@ TEST_F(Resume, ACheckpointThatDoesNotLoadGivesWayToTheLogAndTheDiveReplaysToTheS
   for (const auto& entry : fs::directory_iterator(folder / "onboard")) {
     const std::string name = entry.path().filename();
     if (name == "timing.json" || name == "live.json") continue;
-    EXPECT_TRUE(bytesOf(entry.path()) == bytesOf(*again.out / name)) << name;
+    EXPECT_TRUE(test::readText(entry.path()) == test::readText(*again.out / name)) << name;
   }
   fs::remove(config);
 }
