@@ -11,7 +11,7 @@ namespace fathom::io {
 namespace {
 
 // Inputs with their ACFR twins and raw bytes: measured 124 MiB an hour with 100 inputs, 200 CAN frames and 5
-// PD0 ensembles a second (tests/bench/recorder_report.cpp), and some more for health and map messages.
+// PD0 ensembles a second (fathom-report recorder), and some more for health and map messages.
 constexpr double kLogBytesPerHour = 160.0 * 1024 * 1024;
 constexpr double kMiB = 1024.0 * 1024.0;
 constexpr double kGiB = 1024.0 * kMiB;

@@ -1,54 +1,36 @@
 // Registration of pairs of frames against the truth of simulated missions: recall by overlap, false
-// acceptances, errors, honesty of the covariance and time by stage, for each kind of descriptor. Writes a
-// table and closures.json.
-#include <time.h>
-
-#include <CLI/CLI.hpp>
+// acceptances, errors, honesty of the covariance and time by stage. Writes closure.html and closure.json.
 #include <Eigen/Dense>
 #include <cstdio>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <random>
 
-#include "realtime/kernel/command_line.hpp"
+#include "realtime/kernel/input_error.hpp"
 #include "recon/closure/feature_extractor.hpp"
-#include "recon/closure/feature_slot.hpp"
 #include "recon/closure/given_features.hpp"
 #include "recon/closure/registration.hpp"
-#include "recon/geometry/atomic_file.hpp"
-#include "tests/bench/stereo_truth.hpp"
+#include "recon/topside/report/html_text.hpp"
+#include "tests/bench/common/measures.hpp"
+#include "tests/bench/common/page.hpp"
+#include "tests/bench/common/true_mission.hpp"
+#include "tests/bench/reports.hpp"
 
 namespace fathom::closure {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using bench::cell, bench::cpuMs, bench::TrueMission;
 using Stages = std::map<std::string, double>;
-
-struct Kind {
-  DescriptorKind kind;
-  const char* name;
-};
-constexpr Kind kKinds[] = {{DescriptorKind::kRootSift, "sift"},
-                           {DescriptorKind::kOrb, "orb"},
-                           {DescriptorKind::kAkaze, "akaze"},
-                           {DescriptorKind::kBrisk, "brisk"}};
 
 enum Class : std::size_t { kConsecutive, kWide, kSome, kSliver, kNear, kFar, kClasses };
 constexpr const char* kClassNames[kClasses] = {"consecutive", "over 30 %", "10-30 %",
                                                "0-10 %",      "0, near",   "0, far"};
 
-double threadMs() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return 1e3 * static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_nsec);
-}
-
 // Adds the time since the last stage to the stage that ended.
 class StageClock {
  public:
-  void start() { last_ = threadMs(); }
+  void start() { last_ = cpuMs(); }
   void ended(const char* stage) {
-    const double now = threadMs();
+    const double now = cpuMs();
     sums_[stage] += now - last_;
     last_ = now;
   }
@@ -62,10 +44,6 @@ class StageClock {
   Stages sums_;
   double last_ = 0;
 };
-
-ImageView viewOf(const cv::Mat& image) {
-  return {image.data, image.cols, image.rows, image.step, PixelFormat::kMono, 8};
-}
 
 struct FramePair {
   std::size_t a = 0, b = 0;
@@ -92,26 +70,23 @@ double overlapOf(const StereoRig& rig, const TrueFrame& a, const TrueFrame& b) {
 struct Frames {
   std::vector<std::size_t> index;  // in the mission
   std::vector<TrueFrame> truth;
-  std::vector<stereo::TruePair> images;
 };
 
-Frames load(const stereo::TrueMission& mission, std::size_t every) {
+Frames load(const TrueMission& mission, std::size_t every) {
   constexpr int kLattice = 10;
   Frames frames;
   const auto take = [&](std::size_t i) {
-    const stereo::TruePair pair = mission.pair(i);
-    TrueFrame truth{pair.T_nav_cam, {}};
+    TrueFrame truth{mission.pairs()[i].T_nav_cam, {}};
     for (int y = 0; y < kLattice; ++y)
       for (int x = 0; x < kLattice; ++x)
-        if (const auto p = mission.pointAt(pair, {(x + 0.5) * mission.rig().left.width / kLattice,
-                                                  (y + 0.5) * mission.rig().left.height / kLattice}))
+        if (const auto p = mission.pointAt(i, {(x + 0.5) * mission.rig().left.width / kLattice,
+                                               (y + 0.5) * mission.rig().left.height / kLattice}))
           truth.seen.push_back(*p);
     frames.index.push_back(i);
     frames.truth.push_back(std::move(truth));
-    frames.images.push_back(pair);
   };
   // Every so many, and the next one, for the consecutive pairs.
-  for (std::size_t i = 0; i + 1 < mission.pairs(); i += every) {
+  for (std::size_t i = 0; i + 1 < mission.pairs().size(); i += every) {
     take(i);
     take(i + 1);
   }
@@ -185,26 +160,11 @@ struct ClassResult {
   std::map<std::string, int> refusals;
 };
 
-double meanOf(const std::vector<double>& v) {
-  double sum = 0;
-  for (const double x : v) sum += x;
-  return v.empty() ? 0 : sum / static_cast<double>(v.size());
-}
-double quantile(std::vector<double> v, double q) {
-  if (v.empty()) return 0;
-  std::sort(v.begin(), v.end());
-  return v[static_cast<std::size_t>(q * static_cast<double>(v.size() - 1))];
-}
-double rmsOf(const std::vector<double>& v) {
-  double sum = 0;
-  for (const double x : v) sum += x * x;
-  return v.empty() ? 0 : std::sqrt(sum / static_cast<double>(v.size()));
-}
-
-Json jsonOf(const Stages& stages) {
-  Json json;
-  for (const auto& [name, ms] : stages) json[name] = ms;
-  return json;
+std::string textOf(const Stages& stages) {
+  std::string text;
+  for (const auto& [name, ms] : stages)
+    text += (text.empty() ? "" : ", ") + name + " " + topside::fixedDigits(ms, 2);
+  return text;
 }
 
 struct Extracted {
@@ -213,20 +173,25 @@ struct Extracted {
   Stages ms;  // a frame
 };
 
-Extracted extract(const stereo::TrueMission& mission, const Frames& frames, const FeatureConfig& config) {
+Extracted extract(const TrueMission& mission, const Frames& frames, const FeatureConfig& config) {
   constexpr double kDepths[2] = {0.4, 2.0};  // by the altitude
   FeatureExtractor extractor(mission.rig(), config);
   StageClock clock;
   extractor.setStageObserver([&](const char* stage) { clock.ended(stage); });
   Extracted result;
-  const auto count = static_cast<double>(frames.images.size());
-  for (const stereo::TruePair& images : frames.images) {
-    const double d = images.plane.distance;
+  const auto count = static_cast<double>(frames.index.size());
+  for (const std::size_t i : frames.index) {
+    const double d = mission.pairs()[i].plane.distance;
     const DepthRange depths{kDepths[0] * d, kDepths[1] * d};
-    clock.start();
-    result.frames.push_back(mission.featuresOnly()
-                                ? featuresFrom(images.features, mission.rig(), {config.max_features, depths})
-                                : extractor.process(viewOf(images.left), viewOf(images.right), depths));
+    if (mission.featuresOnly()) {
+      result.frames.push_back(
+          featuresFrom(mission.features(i), mission.rig(), {config.max_features, depths}));
+    } else {
+      const TrueMission::Images images = mission.corrected(i);
+      clock.start();
+      result.frames.push_back(
+          extractor.process(bench::viewOf(images.left), bench::viewOf(images.right), depths));
+    }
     result.mean_features += static_cast<double>(result.frames.back().size()) / count;
   }
   result.ms = clock.means(count);
@@ -234,9 +199,8 @@ Extracted extract(const stereo::TrueMission& mission, const Frames& frames, cons
 }
 
 // `verbose`: one line a pair.
-Json report(const stereo::TrueMission& mission, const Frames& frames, const std::vector<FramePair>& pairs,
-            const Extracted& extracted, const FeatureConfig& features, const char* name, bool with_prior,
-            bool verbose) {
+bench::Table report(const TrueMission& mission, const Frames& frames, const std::vector<FramePair>& pairs,
+                    const Extracted& extracted, const std::string& name, bool with_prior, bool verbose) {
   constexpr double kWrong[2] = {0.10, 0.05};  // an accepted pose that is off by more is false [m, rad]
   StageClock matching;
   Registrar registrar(mission.rig(), {});
@@ -276,94 +240,81 @@ Json report(const stereo::TrueMission& mission, const Frames& frames, const std:
     c.nees.push_back(e.dot(r.covariance.ldlt().solve(e)));
     c.inliers.push_back(static_cast<double>(r.inliers.size()));
   }
-  Json json{{"descriptor", name},
-            {"width", features.max_width},
-            {"prior", with_prior},
-            {"features_per_frame", extracted.mean_features},
-            {"slot_bytes", slotBytes(features.kind, static_cast<std::size_t>(features.max_features))},
-            {"extraction_ms", jsonOf(extracted.ms)},
-            {"registration_ms", jsonOf(matching.means(static_cast<double>(pairs.size())))}};
-  std::printf("\n%s, %s prior: %.0f features a frame; ms a frame %s; ms a pair %s\n", name,
-              with_prior ? "with" : "without", extracted.mean_features, json["extraction_ms"].dump().c_str(),
-              json["registration_ms"].dump().c_str());
-  std::printf("%-12s %5s %8s %5s %7s %7s | %7s %7s %7s | %7s %7s | %5s\n", "class", "pairs", "accepted",
-              "false", "matches", "inliers", "mm rms", "mm p50", "mm p95", "deg rms", "deg p95", "NEES");
+  const double count = static_cast<double>(pairs.size());
+  bench::Table table{name + ", " + (with_prior ? "with" : "without") +
+                         " prior: " + topside::fixedDigits(extracted.mean_features, 0) +
+                         " features a frame; ms a frame: " + textOf(extracted.ms) +
+                         "; ms a pair: " + textOf(matching.means(count)),
+                     {{"class", 0},
+                      {"pairs", 0},
+                      {"accepted", 0},
+                      {"false", 0},
+                      {"matches", 0},
+                      {"inliers", 0},
+                      {"mm rms", 2},
+                      {"mm p50", 2},
+                      {"mm p95", 2},
+                      {"deg rms", 3},
+                      {"deg p95", 3},
+                      {"NEES", 2},
+                      {"refusals", 0}},
+                     {}};
   for (std::size_t k = 0; k < kClasses; ++k) {
     const ClassResult& c = results[k];
     constexpr double kDegrees = 57.29577951308232;
-    std::printf("%-12s %5d %8d %5d %7.0f %7.0f | %7.2f %7.2f %7.2f | %7.3f %7.3f | %5.2f ", kClassNames[k],
-                c.pairs, c.accepted, c.wrong, meanOf(c.matches), meanOf(c.inliers), 1e3 * rmsOf(c.position),
-                1e3 * quantile(c.position, 0.5), 1e3 * quantile(c.position, 0.95), kDegrees * rmsOf(c.angle),
-                kDegrees * quantile(c.angle, 0.95), meanOf(c.nees));
-    Json refusals;
-    for (const auto& [reason, count] : c.refusals) {
-      std::printf(" %s %d", reason.c_str(), count);
-      refusals[reason] = count;
-    }
-    std::printf("\n");
-    json["classes"].push_back({{"class", kClassNames[k]},
-                               {"pairs", c.pairs},
-                               {"accepted", c.accepted},
-                               {"false", c.wrong},
-                               {"mean_matches", meanOf(c.matches)},
-                               {"mean_inliers", meanOf(c.inliers)},
-                               {"position_rms_m", rmsOf(c.position)},
-                               {"position_p95_m", quantile(c.position, 0.95)},
-                               {"angle_rms_rad", rmsOf(c.angle)},
-                               {"angle_p95_rad", quantile(c.angle, 0.95)},
-                               {"nees_mean", meanOf(c.nees)},
-                               {"refusals", refusals}});
+    std::string refusals;
+    for (const auto& [reason, times] : c.refusals) refusals += reason + " " + std::to_string(times) + " ";
+    table.rows.push_back({kClassNames[k], cell(c.pairs), cell(c.accepted), cell(c.wrong),
+                          bench::meanOf(c.matches), bench::meanOf(c.inliers), 1e3 * bench::rmsOf(c.position),
+                          1e3 * bench::quantile(c.position, 0.5), 1e3 * bench::quantile(c.position, 0.95),
+                          kDegrees * bench::rmsOf(c.angle), kDegrees * bench::quantile(c.angle, 0.95),
+                          bench::meanOf(c.nees), refusals});
   }
-  return json;
+  return table;
 }
 
-int run(int argc, char** argv) {
-  CLI::App app{"Loop closures against the truth of simulated missions"};
+struct Options {
   std::vector<std::filesystem::path> missions;
-  std::filesystem::path out = "closures.json";
+  std::filesystem::path out;
   std::size_t every = 4, of_each = 50;
   FeatureConfig features;
   bool verbose = false;
-  std::vector<std::string> names;
-  app.add_option("mission", missions, "mission folders with full truth")->required();
-  app.add_option("--out", out, "report to write");
-  app.add_option("--every", every, "take every so many-th pair of images")->check(CLI::Range(2, 1000));
-  app.add_option("--pairs", of_each, "pairs of frames of each class");
-  app.add_option("--features", features.max_features, "features of a frame")->check(CLI::Range(20, 5000));
-  app.add_option("--width", features.max_width, "features are sought in images at most so wide [px]")
-      ->check(CLI::Range(64, 8192));
-  app.add_option("--descriptor", names, "sift, orb, akaze, brisk; default: all");
-  app.add_flag("--verbose", verbose, "one line a pair");
-  if (const auto code = parseCommandLine("report_closure", app, argc, argv)) return *code;
+};
+
+int run(const Options& options) {
   cv::setNumThreads(1);
-  Json json = Json::array();
-  for (const auto& folder : missions) {
-    const stereo::TrueMission mission(folder);
-    const Frames frames = load(mission, every);
-    const std::vector<FramePair> pairs = choosePairs(mission.rig(), frames, of_each);
-    std::printf("%s: %zu frames, %zu pairs\n", folder.filename().string().c_str(), frames.index.size(),
-                pairs.size());
-    for (const Kind& kind : kKinds) {
-      if (mission.featuresOnly() && kind.kind != DescriptorKind::kRootSift) continue;
-      if (!names.empty() && std::find(names.begin(), names.end(), kind.name) == names.end()) continue;
-      features.kind = kind.kind;
-      const Extracted extracted = extract(mission, frames, features);
-      for (const bool with_prior : {false, true}) {
-        Json part = report(mission, frames, pairs, extracted, features, kind.name, with_prior, verbose);
-        part["mission"] = folder.filename().string();
-        json.push_back(std::move(part));
-      }
-    }
+  bench::Page page("Loop closures against the truth");
+  for (const auto& folder : options.missions) {
+    const TrueMission mission(folder);
+    const Frames frames = load(mission, options.every);
+    const std::vector<FramePair> pairs = choosePairs(mission.rig(), frames, options.of_each);
+    const Extracted extracted = extract(mission, frames, options.features);
+    for (const bool with_prior : {false, true})
+      page.add(
+          report(mission, frames, pairs, extracted, folder.filename().string(), with_prior, options.verbose));
   }
-  AtomicFile file(out);
-  file.stream() << json.dump(2) << '\n';
-  file.commit();
-  return 0;
+  std::printf("%s", page.text().c_str());
+  if (!options.out.empty()) page.write(options.out, "closure");
+  return kExitSuccess;
 }
 
 }  // namespace
 }  // namespace fathom::closure
 
-int main(int argc, char** argv) {
-  return fathom::runTool("report_closure", [&] { return fathom::closure::run(argc, argv); });
+namespace fathom::bench {
+
+test::Report closureReport() {
+  static closure::Options o;
+  return {"closure",
+          "Loop closures against the truth of simulated missions",
+          {required({"missions", &o.missions, "mission folders with full truth"}),
+           {"--out", &o.out, "folder that gets closure.html and closure.json"},
+           {"--every", &o.every, "take every so many-th pair of images", 2, 1000},
+           {"--pairs", &o.of_each, "pairs of frames of each class"},
+           {"--features", &o.features.max_features, "features of a frame", 20, 5000},
+           {"--width", &o.features.max_width, "features are sought in images at most so wide [px]", 64, 8192},
+           {"--verbose", &o.verbose, "one line a pair"}},
+          [] { return closure::run(o); }};
 }
+
+}  // namespace fathom::bench

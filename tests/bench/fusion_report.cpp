@@ -4,9 +4,6 @@
 // The dive: 36,000 pairs in five hours, 800 points each from 2 m, lines of 0.83 m over 7,500 m2; sand with
 // reefs. The closure: 20,000 meshes in the map, of which 2,000 move by up to 0.5 m; a quota a pair; compared
 // with a map built afresh. Times are of this thread's clock.
-#include <time.h>
-
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <cstdio>
 #include <map>
@@ -15,21 +12,17 @@
 #include "realtime/kernel/heap_counter.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "realtime/onboard/map/moving_map.hpp"
+#include "tests/bench/common/measures.hpp"
+#include "tests/bench/reports.hpp"
 #include "tests/fusion/scene.hpp"
+#include "tests/onboard/made_dive.hpp"
 
+namespace fathom::bench {
 namespace {
-
-using namespace fathom;
 
 constexpr double kAhead = 0.25, kBetweenLines = 0.833, kLine = 86.6;  // [m]: 36,000 steps cover 7,500 m2
 constexpr double kMiB = 1024.0 * 1024.0;
 constexpr double kGround = 2.0;  // range to the seafloor [m]
-
-double milliseconds() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return 1e3 * static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_nsec);
-}
 
 // Sand with ripples of a centimetre; every third 10 m square a reef of half a metre.
 double seafloor(double n, double e) {
@@ -95,9 +88,9 @@ void dive(const fusion::QuadtreeConfig& config, int pairs) {
     const Mesh mesh = meshOf(pair);
     map.noteVehicle(placeOf(pair));
     const rt::ThreadCost before = rt::threadCost();
-    const double begin = milliseconds();
+    const double begin = cpuMs();
     (void)map.fuse(mesh);
-    const double took = milliseconds() - begin;
+    const double took = cpuMs() - begin;
     heap_calls += (rt::threadCost() - before).heap_calls;
     worst = std::max(worst, took);
     sum += took;
@@ -113,31 +106,11 @@ void dive(const fusion::QuadtreeConfig& config, int pairs) {
   std::printf("  heap calls: %llu\n", static_cast<unsigned long long>(heap_calls));
 }
 
-class MemorySlots : public onboard::SlotStore {
- public:
-  MemorySlots(std::size_t slots, std::size_t bytes) : bytes_(bytes), blocks_(slots) {}
-  [[nodiscard]] std::size_t slots() const override { return blocks_.size(); }
-  [[nodiscard]] std::size_t slotBytes() const override { return bytes_; }
-  [[nodiscard]] bool write(std::size_t slot, std::span<const std::uint8_t> data) override {
-    blocks_[slot].assign(data.begin(), data.end());
-    return true;
-  }
-  [[nodiscard]] bool read(std::size_t slot, std::span<std::uint8_t> data) override {
-    if (blocks_[slot].size() < data.size()) return false;
-    std::copy_n(blocks_[slot].begin(), data.size(), data.begin());
-    return true;
-  }
-
- private:
-  std::size_t bytes_;
-  std::vector<std::vector<std::uint8_t>> blocks_;
-};
-
 // True when the maps are equal in the end and the quota held.
 bool closure(fusion::QuadtreeConfig config, int meshes, int moved, int quota) {
   constexpr std::size_t kPoints = 1000;
   config.max_tiles = 4 * config.max_tiles;  // all fits: maps that coarsened need not be equal
-  MemorySlots slots(static_cast<std::size_t>(meshes), onboard::meshSlotBytes(kPoints));
+  onboard::testing::MemorySlots slots(static_cast<std::size_t>(meshes), onboard::meshSlotBytes(kPoints));
   onboard::MovingMap map(config, &slots, kPoints);
   bool closed = false;
   // The last lines drift away from where they belong, as before a closure.
@@ -164,9 +137,9 @@ bool closure(fusion::QuadtreeConfig config, int meshes, int moved, int quota) {
   for (; calls == 0 || map.counters().waiting > 0 || calls < 2 + meshes / 2048; ++calls) {
     const std::uint64_t before = map.counters().meshes_fused_again;
     const rt::ThreadCost cost = rt::threadCost();
-    const double begin = milliseconds();
+    const double begin = cpuMs();
     map.rebuild(quota, pose_of, {});
-    const double took = milliseconds() - begin;
+    const double took = cpuMs() - begin;
     heap_calls += (rt::threadCost() - cost).heap_calls;
     most = std::max(most, map.counters().meshes_fused_again - before);
     worst = std::max(worst, took);
@@ -193,23 +166,33 @@ bool closure(fusion::QuadtreeConfig config, int meshes, int moved, int quota) {
   return equal && held && heap_calls == 0;
 }
 
+struct Options {
+  Options() {
+    config.max_level = 6;
+    config.max_tiles = 8192;
+  }
+  fusion::QuadtreeConfig config;
+  int pairs = 36000, meshes = 20000, moved = 2000, quota = 6;
+};
+
 }  // namespace
 
-int main(int argc, char** argv) {
-  CLI::App app{"the onboard map at a dive's size"};
-  fusion::QuadtreeConfig config;
-  config.max_level = 6;
-  config.max_tiles = 8192;
-  int pairs = 36000, meshes = 20000, moved = 2000, quota = 6;
-  app.add_option("--max-level", config.max_level, "finest level of 32 m roots")->capture_default_str();
-  app.add_option("--max-tiles", config.max_tiles)->capture_default_str();
-  app.add_option("--ratio", config.node_spacing_ratio, "cells over point spacing")->capture_default_str();
-  app.add_option("--layers", config.layers_per_tile)->capture_default_str();
-  app.add_option("--pairs", pairs, "of the dive; 0: none")->capture_default_str();
-  app.add_option("--meshes", meshes, "of the closure; 0: none")->capture_default_str();
-  app.add_option("--moved", moved)->capture_default_str();
-  app.add_option("--quota", quota)->capture_default_str();
-  CLI11_PARSE(app, argc, argv);
-  if (pairs > 0) dive(config, pairs);
-  return meshes == 0 || closure(config, meshes, moved, quota) ? 0 : 1;
+test::Report fusionReport() {
+  static Options o;
+  return {"fusion",
+          "The onboard map at a dive's size: its full pool, and what a closure costs",
+          {{"--max-level", &o.config.max_level, "finest level of 32 m roots"},
+           {"--max-tiles", &o.config.max_tiles, "of the pool"},
+           {"--ratio", &o.config.node_spacing_ratio, "cells over point spacing"},
+           {"--layers", &o.config.layers_per_tile, "of a tile"},
+           {"--pairs", &o.pairs, "of the dive; 0: none"},
+           {"--meshes", &o.meshes, "of the closure; 0: none"},
+           {"--moved", &o.moved, "of these"},
+           {"--quota", &o.quota, "meshes fused again a pair"}},
+          [] {
+            if (o.pairs > 0) dive(o.config, o.pairs);
+            return o.meshes == 0 || closure(o.config, o.meshes, o.moved, o.quota) ? 0 : 1;
+          }};
 }
+
+}  // namespace fathom::bench

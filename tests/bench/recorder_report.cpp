@@ -5,10 +5,8 @@
 
 #include <fcntl.h>
 #include <sys/mman.h>
-#include <time.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <atomic>
 #include <cstdio>
 #include <filesystem>
@@ -19,21 +17,17 @@
 #include "firmware_if/recorder/recorder.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/log_histogram.hpp"
+#include "tests/bench/common/measures.hpp"
+#include "tests/bench/reports.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
 
+namespace fathom::bench {
 namespace {
 
-using namespace fathom;
 using fathom::test::SyntheticDive;
 
 constexpr std::int64_t kMillisecond = 1'000'000;  // [ns]
 constexpr double kMiB = 1024.0 * 1024.0;
-
-double threadCpuMs() {
-  timespec t = {};
-  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) * 1e3 + static_cast<double>(t.tv_nsec) * 1e-6;
-}
 
 // What of the folder's files lies in the system's page cache [MiB].
 double cachedMib(const std::filesystem::path& folder) {
@@ -92,12 +86,12 @@ void live(const std::filesystem::path& folder, const SyntheticDive& dive, const 
   double cpu_ms = 0;
   std::thread writer([&] {
     rt::RealClock clock;
-    const double before = threadCpuMs();
+    const double before = cpuMs();
     while (!ended) {
       recorder.work(50);
       clock.sleepUntil(clock.monotonicNs() + 20 * kMillisecond);
     }
-    cpu_ms = threadCpuMs() - before;
+    cpu_ms = cpuMs() - before;
   });
   rt::RealClock clock;
   rt::LogHistogram input_ns, image_ns, raw_ns;
@@ -164,16 +158,16 @@ void peers(const std::filesystem::path& folder, const SyntheticDive& dive, const
   constexpr int kPairs = 10;
   {
     io::MissionRecorder recorder(folder / "deflate", dive.mission(), dive.rig(), {});
-    const double before = threadCpuMs();
+    const double before = cpuMs();
     for (int i = 0; i < kPairs; ++i)
       for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight})
         recorder.recordImage(SyntheticDive::kStartUtcNs,
                              {SyntheticDive::kStartUtcNs + i * 500 * kMillisecond, side, "", 0},
                              image.view());
     std::printf("peer MissionRecorder     %6.2f ms of CPU a pair (libtiff, deflate)\n",
-                (threadCpuMs() - before) / kPairs);
+                (cpuMs() - before) / kPairs);
   }
-  const double before = threadCpuMs();
+  const double before = cpuMs();
   for (int i = 0; i < 2 * kPairs; ++i) {
     const int fd =
         ::open((folder / ("plain" + std::to_string(i))).c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
@@ -182,26 +176,36 @@ void peers(const std::filesystem::path& folder, const SyntheticDive& dive, const
       std::printf("the plain file cannot be written\n");
     ::close(fd);
   }
-  std::printf("peer write and fdatasync %6.2f ms of CPU a pair\n", (threadCpuMs() - before) / kPairs);
+  std::printf("peer write and fdatasync %6.2f ms of CPU a pair\n", (cpuMs() - before) / kPairs);
+}
+
+struct Options {
+  Sizes sizes;
+  std::filesystem::path folder =
+      std::filesystem::temp_directory_path() / ("fathom-recorder-" + std::to_string(::getpid()));
+};
+
+int run(const Options& o) {
+  const SyntheticDive dive({o.sizes.width, o.sizes.height, 50});
+  const OneImage image(dive, o.sizes, CameraSide::kLeft);
+  std::filesystem::create_directories(o.folder);
+  live(o.folder / "live", dive, o.sizes, image);
+  peers(o.folder, dive, image);
+  std::filesystem::remove_all(o.folder);
+  return 0;
 }
 
 }  // namespace
 
-int main(int argc, char** argv) {
-  CLI::App app("what recording costs");
-  Sizes sizes;
-  std::filesystem::path folder =
-      std::filesystem::temp_directory_path() / ("fathom-recorder-" + std::to_string(::getpid()));
-  app.add_option("--seconds", sizes.seconds, "of the recording")->check(CLI::Range(1.0, 1e5));
-  app.add_option("--width", sizes.width, "of an image [px]");
-  app.add_option("--height", sizes.height, "of an image [px]");
-  app.add_option("--folder", folder, "on the disk to be measured; removed afterwards");
-  CLI11_PARSE(app, argc, argv);
-  const SyntheticDive dive({sizes.width, sizes.height, 50});
-  const OneImage image(dive, sizes, CameraSide::kLeft);
-  std::filesystem::create_directories(folder);
-  live(folder / "live", dive, sizes, image);
-  peers(folder, dive, image);
-  std::filesystem::remove_all(folder);
-  return 0;
+test::Report recorderReport() {
+  static Options o;
+  return {"recorder",
+          "What recording costs: full-size pairs at 2 Hz onto the disk",
+          {{"--seconds", &o.sizes.seconds, "of the recording", 1, 1e5},
+           {"--width", &o.sizes.width, "of an image [px]"},
+           {"--height", &o.sizes.height, "of an image [px]"},
+           {"--folder", &o.folder, "on the disk to be measured; removed afterwards"}},
+          [] { return run(o); }};
 }
+
+}  // namespace fathom::bench

@@ -1,11 +1,9 @@
 // What a restart costs, along a mission of features: the size of the saved state, by part; the time in which
 // the soft tier copies it; the time in which it is loaded into a program that has just begun; and whether it
 // then is the same.
-//
-//   report_restart MISSION [times saved along the way, default 10]
-//   report_restart                 the parts that grow, made as large as five hours make them
+#include <unistd.h>
+
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <cstring>
 #include <memory>
@@ -15,24 +13,20 @@
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "realtime/onboard/slots/slot_file.hpp"
 #include "recon/closure/feature_slot.hpp"
-#include "tests/bench/restart_parts.hpp"
+#include "tests/bench/common/measures.hpp"
+#include "tests/bench/reports.hpp"
 #include "tests/onboard/cores_run.hpp"
 #include "tests/support/saved_state.hpp"
 
+namespace fathom::bench {
 namespace {
 
-using namespace fathom;
 using namespace fathom::onboard;
-using fathom::onboard::testing::CoresRun;
-using fathom::onboard::testing::RecordedMission;
-using fathom::onboard::testing::Ship;
-using Clock = std::chrono::steady_clock;
+using onboard::testing::CoresRun;
+using onboard::testing::RecordedMission;
+using onboard::testing::Ship;
 
 constexpr double kMega = 1 << 20;
-
-double millisecondsSince(Clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-}
 
 // The fastest and the slowest of some savings [ms].
 struct Times {
@@ -42,10 +36,10 @@ struct Times {
 Times timeSaving(const CoresRun& run, std::span<std::uint8_t> buffer, std::size_t& bytes) {
   Times times;
   for (int k = 0; k < 5; ++k) {
-    const auto start = Clock::now();
+    const double start = wallMs();
     rt::StateWriter writer(buffer);
     run.save(writer);
-    const double ms = millisecondsSince(start);
+    const double ms = wallMs() - start;
     times = {std::min(times.least, ms), std::max(times.most, ms)};
     bytes = writer.full() ? 0 : writer.size();
   }
@@ -65,12 +59,13 @@ void printParts(std::span<const std::uint8_t> state) {
   std::printf("\n");
 }
 
-}  // namespace
+struct Options {
+  std::filesystem::path mission;
+  std::size_t saves = 10;
+};
 
-int main(int argc, char** argv) {
-  if (argc < 2) return bench::reportRestartParts();
-  const int times_saved = argc > 2 ? std::max(1, std::atoi(argv[2])) : 10;
-  const RecordedMission mission(argv[1]);
+int run(const Options& options) {
+  const RecordedMission mission(options.mission);
   const auto folder = std::filesystem::temp_directory_path();
   SlotFile features(folder, static_cast<std::size_t>(mission.config.localisation.max_keyframes),
                     closure::slotBytes(closure::DescriptorKind::kRootSift,
@@ -88,9 +83,7 @@ int main(int argc, char** argv) {
   std::size_t bytes = 0;
   for (std::size_t i = 0; i < all; ++i) {
     run.consume(mission.inputs[i]);
-    if ((i + 1) * static_cast<std::size_t>(times_saved) / all ==
-        i * static_cast<std::size_t>(times_saved) / all)
-      continue;
+    if ((i + 1) * options.saves / all == i * options.saves / all) continue;
     const Times times = timeSaving(run, buffer, bytes);
     const auto seconds = static_cast<double>(mission.inputs[i].arrival_utc_ns - first_ns) * 1e-9;
     std::printf("%10.0f %8llu %10d %8d %10.1f %10.1f %10.1f\n", seconds,
@@ -102,28 +95,41 @@ int main(int argc, char** argv) {
   const std::span<const std::uint8_t> state = std::span<const std::uint8_t>(buffer).first(bytes);
   printParts(state);
 
-  CheckpointFiles files(folder / "report_restart");
-  auto start = Clock::now();
+  CheckpointFiles files(folder / ("fathom-restart-" + std::to_string(::getpid())));
+  double start = wallMs();
   if (!files.write({1, 2, 1, all, mission.inputs.back().arrival_utc_ns}, state)) {
-    std::fprintf(stderr, "report_restart: %s\n", files.error().c_str());
+    std::fprintf(stderr, "%s\n", files.error().c_str());
     return 1;
   }
-  std::printf("written and on the disk in %.0f ms\n", millisecondsSince(start));
-  start = Clock::now();
+  std::printf("written and on the disk in %.0f ms\n", wallMs() - start);
+  start = wallMs();
   std::vector<std::string> said;
   const auto found = files.readNewest(1, 2, said);
-  std::printf("read and checked in %.0f ms\n", millisecondsSince(start));
+  std::printf("read and checked in %.0f ms\n", wallMs() - start);
   std::filesystem::remove_all(files.folder());
 
-  start = Clock::now();
+  start = wallMs();
   auto loaded = std::make_unique<CoresRun>(mission, MapSlots{&features, &meshes}, ship);
-  std::printf("cores made in %.0f ms\n", millisecondsSince(start));
-  start = Clock::now();
+  std::printf("cores made in %.0f ms\n", wallMs() - start);
+  start = wallMs();
   rt::StateReader reader(found->state);
   const bool good = loaded->load(reader);
-  std::printf("loaded in %.0f ms%s\n", millisecondsSince(start), good ? "" : reader.failure());
+  std::printf("loaded in %.0f ms%s\n", wallMs() - start, good ? "" : reader.failure());
   const bool same = good && loaded->map().map().canonicalBytes() == run.map().map().canonicalBytes() &&
                     test::savedState(*loaded) == found->state;
   std::printf("%s\n", same ? "the same map and the same state" : "NOT THE SAME");
   return same ? 0 : 1;
 }
+
+}  // namespace
+
+test::Report restartReport() {
+  static Options o;
+  return {"restart",
+          "What a restart costs along a mission: size of the saved state, time to save and to load it",
+          {required({"mission", &o.mission, "recorded mission"}),
+           {"--saves", &o.saves, "times saved along the way", 1, 10000}},
+          [] { return run(o); }};
+}
+
+}  // namespace fathom::bench

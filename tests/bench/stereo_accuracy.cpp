@@ -5,7 +5,7 @@
 
 namespace fathom::stereo {
 
-void addErrors(const TrueMission& mission, const TruePair& pair, const StereoResult& result,
+void addErrors(const bench::TrueMission& mission, std::size_t pair, const StereoResult& result,
                std::vector<PointError>& errors) {
   for (const StereoPoint& p : result.points) {
     const auto truth = mission.pointAt(pair, p.left.cast<double>());

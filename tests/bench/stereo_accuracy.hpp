@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/bench/stereo_truth.hpp"
+#include "tests/bench/common/true_mission.hpp"
 
 namespace fathom::stereo {
 
@@ -16,7 +16,7 @@ struct PointError {
 };
 
 // Adds the errors of one result; points that see past the terrain are passed over.
-void addErrors(const TrueMission& mission, const TruePair& pair, const StereoResult& result,
+void addErrors(const bench::TrueMission& mission, std::size_t pair, const StereoResult& result,
                std::vector<PointError>& errors);
 
 struct Accuracy {

@@ -1,26 +1,23 @@
 // Stereo against the truth of simulated missions, and against OpenCV in the same run: depth and disparity
 // errors, whether the reported uncertainty is honest, and time and height error over the number of features
-// (figure 6 of Johnson-Roberson et al. 2010). Writes report.html and report.json.
-#include <time.h>
-
-#include <CLI/CLI.hpp>
+// (figure 6 of Johnson-Roberson et al. 2010). Writes stereo.html and stereo.json.
 #include <cstdio>
-#include <nlohmann/json.hpp>
 
-#include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/atomic_file.hpp"
 #include "recon/stereo/delaunay.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/topside/report/html_text.hpp"
 #include "recon/topside/report/svg_plot.hpp"
-#include "tests/bench/opencv_stereo.hpp"
+#include "tests/bench/common/measures.hpp"
+#include "tests/bench/common/opencv_stereo.hpp"
+#include "tests/bench/common/page.hpp"
+#include "tests/bench/reports.hpp"
 #include "tests/bench/stereo_accuracy.hpp"
 
 namespace fathom::stereo {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using bench::cell, bench::cpuMs, bench::TrueMission, bench::viewOf;
 using topside::fixedDigits;
 
 constexpr int kFeatures[] = {200, 400, 800, 1200, 2000, 3000, 4000, 5000};
@@ -28,25 +25,15 @@ constexpr int kReference = 5000;  // features of the mesh that heights are compa
 constexpr int kStep = 8;          // of the depth images [px]
 constexpr int kRepeats = 3;       // the fastest counts
 
-double threadMs() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return 1e3 * static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_nsec);
-}
-
 template <typename Work>
 double fastest(Work work) {
   double best = INFINITY;
   for (int k = 0; k < kRepeats; ++k) {
-    const double begin = threadMs();
+    const double begin = cpuMs();
     work();
-    best = std::min(best, threadMs() - begin);
+    best = std::min(best, cpuMs() - begin);
   }
   return best;
-}
-
-ImageView viewOf(const cv::Mat& image) {
-  return {image.data, image.cols, image.rows, image.step, PixelFormat::kMono, 8};
 }
 
 std::vector<float> depthOf(const StereoResult& r, int width, int height) {
@@ -83,6 +70,7 @@ struct SweepRow {
 
 struct MissionReport {
   std::string name;
+  StereoRig rig;
   std::size_t pairs = 0;
   std::vector<PointError> sparse, dense;
   Accuracy peer;
@@ -90,36 +78,38 @@ struct MissionReport {
   double sigma_disparity = 0;  // root mean square of the disparity errors below 1 px [px]
 };
 
-std::vector<float> trueDepth(const TrueMission& mission, const TruePair& pair) {
+std::vector<float> trueDepth(const TrueMission& mission, std::size_t pair) {
   std::vector<float> image;
-  for (int y = 0; y < pair.left.rows; y += kStep)
-    for (int x = 0; x < pair.left.cols; x += kStep) {
+  for (int y = 0; y < mission.rig().left.height; y += kStep)
+    for (int x = 0; x < mission.rig().left.width; x += kStep) {
       const auto p = mission.pointAt(pair, {x, y});
       image.push_back(p ? static_cast<float>(p->z()) : 0.0F);
     }
   return image;
 }
 
-void sweepPair(const TrueMission& mission, const TruePair& pair, double share, std::vector<SweepRow>& rows) {
-  const int width = pair.left.cols, height = pair.left.rows;
+void sweepPair(const TrueMission& mission, std::size_t pair, const TrueMission::Images& images, double share,
+               std::vector<SweepRow>& rows) {
+  const int width = images.left.cols, height = images.left.rows;
+  const ImageView left = viewOf(images.left), right = viewOf(images.right);
+  const SeedPlane& plane = mission.pairs()[pair].plane;
   const std::vector<float> truth = trueDepth(mission, pair);
   SparseStereoConfig config;
   config.max_features = kReference;
   SparseStereo reference(mission.rig(), config);
-  const std::vector<float> best =
-      depthOf(reference.process(viewOf(pair.left), viewOf(pair.right), pair.plane), width, height);
+  const std::vector<float> best = depthOf(reference.process(left, right, plane), width, height);
   OpenCvStereo peer(mission.rig());
-  peer.process(pair.left, pair.right, pair.plane, kReference);
+  peer.process(images.left, images.right, plane, kReference);
   const std::vector<float> peer_best = depthOf(peer, width, height);
   for (std::size_t k = 0; k < std::size(kFeatures); ++k) {
     SweepRow& row = rows[k];
     row.features = kFeatures[k];
     config.max_features = row.features;
     SparseStereo stereo(mission.rig(), config);
-    const StereoResult* result = &stereo.process(viewOf(pair.left), viewOf(pair.right), pair.plane);
+    const StereoResult* result = &stereo.process(left, right, plane);
     Mesh mesh;
     row.ms += share * fastest([&] {
-                result = &stereo.process(viewOf(pair.left), viewOf(pair.right), pair.plane);
+                result = &stereo.process(left, right, plane);
                 mesh = toMesh(*result, {});
               });
     row.points += share * static_cast<double>(result->points.size());
@@ -130,13 +120,13 @@ void sweepPair(const TrueMission& mission, const TruePair& pair, double share, s
     std::size_t stage = 0;
     stereo.setStageObserver([&](const char* name) {
       if (row.stage_ms.size() <= stage) row.stage_ms.emplace_back(name, 0.0);
-      row.stage_ms[stage++].second += share * (threadMs() - last);
-      last = threadMs();
+      row.stage_ms[stage++].second += share * (cpuMs() - last);
+      last = cpuMs();
     });
-    last = threadMs();
-    stereo.process(viewOf(pair.left), viewOf(pair.right), pair.plane);
+    last = cpuMs();
+    stereo.process(left, right, plane);
 
-    row.peer_ms += share * fastest([&] { peer.process(pair.left, pair.right, pair.plane, row.features); });
+    row.peer_ms += share * fastest([&] { peer.process(images.left, images.right, plane, row.features); });
     row.peer_points += share * static_cast<double>(peer.points.size());
     const std::vector<float> peer_depth = depthOf(peer, width, height);
     row.peer_height_rms += share * rmsDifference(peer_depth, peer_best);
@@ -159,7 +149,8 @@ MissionReport measure(const std::filesystem::path& folder, std::size_t wanted, s
   const TrueMission mission(folder);
   MissionReport report;
   report.name = folder.filename().string();
-  report.pairs = std::min(wanted, mission.pairs());
+  report.rig = mission.rig();
+  report.pairs = std::min(wanted, mission.pairs().size());
   report.sweep.resize(std::size(kFeatures));
   SparseStereo sparse(mission.rig(), {});
   DenseStereo dense(mission.rig(), {}, {});
@@ -167,14 +158,16 @@ MissionReport measure(const std::filesystem::path& folder, std::size_t wanted, s
   std::vector<PointError> peer_errors;
   const std::size_t sweeps = std::min(sweep_pairs, report.pairs);
   for (std::size_t k = 0; k < report.pairs; ++k) {
-    const TruePair pair = mission.pair(k * mission.pairs() / report.pairs);
-    const ImageView left = viewOf(pair.left), right = viewOf(pair.right);
-    addErrors(mission, pair, sparse.process(left, right, pair.plane), report.sparse);
-    addErrors(mission, pair, dense.process(left, right, pair.plane), report.dense);
-    peer.process(pair.left, pair.right, pair.plane, 800);
+    const std::size_t pair = k * mission.pairs().size() / report.pairs;
+    const TrueMission::Images images = mission.corrected(pair);
+    const SeedPlane& plane = mission.pairs()[pair].plane;
+    const ImageView left = viewOf(images.left), right = viewOf(images.right);
+    addErrors(mission, pair, sparse.process(left, right, plane), report.sparse);
+    addErrors(mission, pair, dense.process(left, right, plane), report.dense);
+    peer.process(images.left, images.right, plane, 800);
     addErrors(mission, pair, resultOf(peer), peer_errors);
     if (sweeps > 0 && k % (report.pairs / sweeps) == 0 && k / (report.pairs / sweeps) < sweeps)
-      sweepPair(mission, pair, 1.0 / static_cast<double>(sweeps), report.sweep);
+      sweepPair(mission, pair, images, 1.0 / static_cast<double>(sweeps), report.sweep);
     std::fprintf(stderr, "%s: %zu of %zu pairs\n", report.name.c_str(), k + 1, report.pairs);
   }
   report.peer = accuracyOf(peer_errors);
@@ -188,60 +181,14 @@ MissionReport measure(const std::filesystem::path& folder, std::size_t wanted, s
   return report;
 }
 
-Json toJson(const Accuracy& a) {
-  return {{"points", a.points},
-          {"disparity_median_px", a.median},
-          {"disparity_p90_px", a.p90},
-          {"disparity_p99_px", a.p99},
-          {"disparity_bias_px", a.bias},
-          {"beyond_1px", a.beyond_1px},
-          {"outliers", a.outliers},
-          {"sigma_honesty", a.honesty},
-          {"sigma_honesty_by_quarter", a.honesty_by_sigma}};
-}
-
-Json toJson(const MissionReport& m) {
-  Json json{{"mission", m.name},
-            {"pairs", m.pairs},
-            {"sparse", toJson(accuracyOf(m.sparse))},
-            {"dense", toJson(accuracyOf(m.dense))},
-            {"opencv", toJson(m.peer)}};
-  for (const SweepRow& r : m.sweep) {
-    Json stages = Json::object();
-    for (const auto& [name, ms] : r.stage_ms) stages[name] = ms;
-    json["sweep"].push_back({{"features", r.features},
-                             {"ms", r.ms},
-                             {"opencv_ms", r.peer_ms},
-                             {"points", r.points},
-                             {"opencv_points", r.peer_points},
-                             {"height_rms_m", r.height_rms},
-                             {"opencv_height_rms_m", r.peer_height_rms},
-                             {"truth_rms_m", r.truth_rms},
-                             {"opencv_truth_rms_m", r.peer_truth_rms},
-                             {"stage_ms", stages}});
-  }
-  return json;
-}
-
-std::string accuracyRow(const std::string& name, const Accuracy& a) {
-  std::string bins;
-  for (const double h : a.honesty_by_sigma) bins += (bins.empty() ? "" : " ") + fixedDigits(h, 2);
-  return "<tr><td>" + name + "</td><td>" + std::to_string(a.points) + "</td><td>" + fixedDigits(a.median, 3) +
-         "</td><td>" + fixedDigits(a.p90, 3) + "</td><td>" + fixedDigits(a.p99, 3) + "</td><td>" +
-         fixedDigits(a.bias, 4) + "</td><td>" + fixedDigits(100 * a.beyond_1px, 2) + "</td><td>" +
-         (a.honesty > 0 ? fixedDigits(100 * a.outliers, 2) + "</td><td>" + fixedDigits(a.honesty, 2)
-                        : "-</td><td>-") +
-         "</td><td>" + bins + "</td></tr>\n";
-}
-
 // Height errors over depth: each point, the root mean square in bins, and the rig's theory.
-std::string depthPlot(const MissionReport& m, const StereoRig& rig) {
+std::string depthPlot(const MissionReport& m) {
   double nearest = INFINITY, farthest = 0;
   for (const PointError& e : m.sparse) {
     nearest = std::min(nearest, e.depth);
     farthest = std::max(farthest, e.depth);
   }
-  const double per_square = m.sigma_disparity / (0.5 * (rig.left.fx + rig.left.fy) * rig.baseline());
+  const double per_square = m.sigma_disparity / (0.5 * (m.rig.left.fx + m.rig.left.fy) * m.rig.baseline());
   const double top = 4e3 * per_square * farthest * farthest;
   topside::PlotAxes axes;
   axes.width = 520;
@@ -304,73 +251,96 @@ std::string sweepPlot(const MissionReport& m, bool time) {
   return plot.svg();
 }
 
-std::string page(const std::vector<MissionReport>& missions, const std::vector<StereoRig>& rigs) {
-  std::string html = topside::htmlHead("Stereo against the truth");
-  html +=
-      "<table><tr><th></th><th>points</th><th>|disparity error| median [px]</th><th>90 %</th><th>99 "
-      "%</th><th>bias</th>"
-      "<th>beyond 1 px [%]</th><th>outliers: beyond 3 σz + 1 cm [%]</th><th>RMS of error / σz</th><th>by "
-      "quarters of σz</th></tr>\n";
+bench::Table accuracyTable(const std::vector<MissionReport>& missions) {
+  bench::Table table{"Disparity [px], and heights against what they claim",
+                     {{"", 0},
+                      {"points", 0},
+                      {"|error| median", 3},
+                      {"90 %", 3},
+                      {"99 %", 3},
+                      {"bias", 4},
+                      {"beyond 1 px [%]", 2},
+                      {"beyond 3 σz + 1 cm [%]", 2},
+                      {"RMS of error / σz", 2},
+                      {"by quarters of σz", 0}},
+                     {}};
+  const auto add = [&](const std::string& name, const Accuracy& a) {
+    std::string quarters;
+    for (const double h : a.honesty_by_sigma) quarters += (quarters.empty() ? "" : " ") + fixedDigits(h, 2);
+    const bool says = a.honesty > 0;
+    table.rows.push_back({name, cell(a.points), a.median, a.p90, a.p99, a.bias, 100 * a.beyond_1px,
+                          says ? 100 * a.outliers : NAN, says ? a.honesty : NAN, quarters});
+  };
   for (const MissionReport& m : missions) {
-    html += accuracyRow(m.name + ", 800 corners", accuracyOf(m.sparse));
-    html += accuracyRow(m.name + ", dense, 800 cells", accuracyOf(m.dense));
-    html += accuracyRow(m.name + ", OpenCV, 800 corners", m.peer);
+    add(m.name + ", 800 corners", accuracyOf(m.sparse));
+    add(m.name + ", dense, 800 cells", accuracyOf(m.dense));
+    add(m.name + ", OpenCV, 800 corners", m.peer);
   }
-  html += "</table>\n";
-  for (std::size_t i = 0; i < missions.size(); ++i) {
-    const MissionReport& m = missions[i];
-    html += "<div>" + depthPlot(m, rigs[i]) + "</div>\n";
-    if (m.sweep.front().features == 0) continue;
-    html +=
-        "<div>" + sweepPlot(m, true) + sweepPlot(m, false) +
-        "</div>\n<table><tr><th>features</th><th>Fathom [ms]</th>"
-        "<th>OpenCV [ms]</th><th>ratio</th><th>points</th><th>OpenCV points</th><th>stages [ms]</th></tr>\n";
-    for (const SweepRow& r : m.sweep) {
-      std::string stages;
-      for (const auto& [name, ms] : r.stage_ms) stages += name + " " + fixedDigits(ms, 1) + " ";
-      html += "<tr><td>" + std::to_string(r.features) + "</td><td>" + fixedDigits(r.ms, 1) + "</td><td>" +
-              fixedDigits(r.peer_ms, 1) + "</td><td>" + fixedDigits(r.ms / r.peer_ms, 2) + "</td><td>" +
-              fixedDigits(r.points, 0) + "</td><td>" + fixedDigits(r.peer_points, 0) + "</td><td>" + stages +
-              "</td></tr>\n";
-    }
-    html += "</table>\n";
-  }
-  return html + "</body></html>\n";
+  return table;
 }
 
-void write(const std::filesystem::path& path, const std::string& text) {
-  AtomicFile file(path);
-  file.stream() << text;
-  file.commit();
+bench::Table sweepTable(const MissionReport& m) {
+  bench::Table table{m.name + ": over the number of features",
+                     {{"features", 0},
+                      {"Fathom [ms]", 1},
+                      {"OpenCV [ms]", 1},
+                      {"ratio", 2},
+                      {"points", 0},
+                      {"OpenCV points", 0},
+                      {"height RMS [mm]", 2},
+                      {"OpenCV height", 2},
+                      {"to the truth [mm]", 2},
+                      {"OpenCV to the truth", 2},
+                      {"stages [ms]", 0}},
+                     {}};
+  for (const SweepRow& r : m.sweep) {
+    std::string stages;
+    for (const auto& [name, ms] : r.stage_ms) stages += name + " " + fixedDigits(ms, 1) + " ";
+    table.rows.push_back({cell(r.features), r.ms, r.peer_ms, r.ms / r.peer_ms, r.points, r.peer_points,
+                          1e3 * r.height_rms, 1e3 * r.peer_height_rms, 1e3 * r.truth_rms,
+                          1e3 * r.peer_truth_rms, stages});
+  }
+  return table;
+}
+
+struct Options {
+  std::vector<std::filesystem::path> missions;
+  std::filesystem::path out;
+  std::size_t pairs = 40, sweep_pairs = 5;
+};
+
+int run(const Options& options) {
+  cv::setNumThreads(1);
+  std::vector<MissionReport> missions;
+  for (const auto& folder : options.missions)
+    missions.push_back(measure(folder, options.pairs, options.sweep_pairs));
+  bench::Page page("Stereo against the truth");
+  page.add(accuracyTable(missions));
+  for (const MissionReport& m : missions) {
+    page.html(depthPlot(m));
+    if (m.sweep.front().features == 0) continue;
+    page.html(sweepPlot(m, true) + sweepPlot(m, false));
+    page.add(sweepTable(m));
+  }
+  std::printf("%s", page.text().c_str());
+  page.write(options.out, "stereo");
+  return kExitSuccess;
 }
 
 }  // namespace
 }  // namespace fathom::stereo
 
-int main(int argc, char** argv) {
-  CLI::App app("Stereo against the truth of simulated missions, and against OpenCV");
-  std::vector<std::filesystem::path> folders;
-  std::filesystem::path out;
-  std::size_t pairs = 40, sweep_pairs = 5;
-  app.add_option("missions", folders, "simulated mission folders")->required();
-  app.add_option("--out", out, "folder that gets report.html and report.json")->required();
-  app.add_option("--pairs", pairs, "of each mission, spread over it")->check(CLI::Range(1, 100000));
-  app.add_option("--sweep-pairs", sweep_pairs, "of these, for time over features; 0: none");
-  if (const auto code = fathom::parseCommandLine("report_stereo", app, argc, argv)) return *code;
-  return fathom::runTool("report_stereo", [&]() -> int {
-    using namespace fathom::stereo;
-    cv::setNumThreads(1);
-    std::filesystem::create_directories(out);
-    std::vector<MissionReport> missions;
-    std::vector<fathom::StereoRig> rigs;
-    Json json = Json::array();
-    for (const auto& folder : folders) {
-      missions.push_back(measure(folder, pairs, sweep_pairs));
-      rigs.push_back(fathom::readStereoCalib(folder / "stereo.calib"));
-      json.push_back(toJson(missions.back()));
-    }
-    write(out / "report.json", json.dump(2) + "\n");
-    write(out / "report.html", page(missions, rigs));
-    return fathom::kExitSuccess;
-  });
+namespace fathom::bench {
+
+test::Report stereoReport() {
+  static stereo::Options o;
+  return {"stereo",
+          "Stereo against the truth of simulated missions, and against OpenCV",
+          {required({"missions", &o.missions, "simulated mission folders"}),
+           required({"--out", &o.out, "folder that gets stereo.html and stereo.json"}),
+           {"--pairs", &o.pairs, "of each mission, spread over it", 1, 100000},
+           {"--sweep-pairs", &o.sweep_pairs, "of these, for time over features; 0: none"}},
+          [] { return stereo::run(o); }};
 }
+
+}  // namespace fathom::bench

@@ -42,7 +42,6 @@ TEST(GigeCamera, StreamsWholeFramesFromAravisOwnCamera) {
   if (const std::string why = test::ownNetwork(); !why.empty()) GTEST_SKIP() << why;
   test::NamespacedProcess peer(
       0, {"arv-fake-gv-camera-0.8", "-i", test::NamespacedProcess::deviceAddress(0), "-s", "PEER1"});
-  ASSERT_TRUE(peer.connected());
 
   CameraConfig config;
   config.id = "PEER1";

@@ -3,10 +3,9 @@
 #include <random>
 #include <string>
 
-#include "tests/bench/realtime/latency_histogram.hpp"
-#include "tests/bench/realtime/latency_svg.hpp"
+#include "tests/support/latency_histogram.hpp"
 
-namespace fathom::bench {
+namespace fathom::test {
 namespace {
 
 const std::string kPrinted =
@@ -72,12 +71,5 @@ TEST(LatencyIntervals, OneMinuteGivesItsOwnValue) {
   EXPECT_NEAR(interval.value, 20, 2);
 }
 
-TEST(LatencySvg, DrawsBothSeries) {
-  const std::string svg = latencySvg("t", {"loop", {minute(1, 1)}}, {"peer", {minute(2, 1)}});
-  EXPECT_NE(svg.find("loop: p50"), std::string::npos);
-  EXPECT_NE(svg.find("peer: p50"), std::string::npos);
-  EXPECT_EQ(svg.find("nan"), std::string::npos);
-}
-
 }  // namespace
-}  // namespace fathom::bench
+}  // namespace fathom::test

@@ -1,7 +1,6 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
-#include <fstream>
 #include <iterator>
 
 #include "realtime/kernel/state_archive.hpp"
@@ -69,7 +68,7 @@ TEST_F(Checkpoints, TheNewestOfTwoFilesIsRead) {
 TEST_F(Checkpoints, ADamagedOneIsPassedOverForTheOneBeforeWithAReason) {
   ASSERT_TRUE(files.write(headOf(1), stateOf(1)));
   ASSERT_TRUE(files.write(headOf(2), stateOf(2)));
-  const std::vector<std::uint8_t> whole = bytesOf(files.file(2));
+  const std::vector<std::uint8_t> whole = test::readBytes(files.file(2));
   const auto passedOver = [&](const std::vector<std::uint8_t>& bytes) {
     test::writeBytes(files.file(2), bytes);
     const auto found = newest();

@@ -88,7 +88,6 @@ TEST(GigePairs, AreOfOneMomentThroughEveryFaultOfACamera) {
   BenchCamera left_camera(0, mission, CameraSide::kLeft, start,
                           {"--faults", script, "--clock-ppm", "70", "--clock-offset", "900"});
   BenchCamera right_camera(1, mission, CameraSide::kRight, start, {"--faults", script, "--clock-ppm", "-50"});
-  ASSERT_TRUE(left_camera.process().connected() && right_camera.process().connected());
   BenchClient left(0, mission, CameraSide::kLeft, "BayerRG12Packed", start, 1000);
   BenchClient right(1, mission, CameraSide::kRight, "Mono12Packed", start, 1000);
 

@@ -35,7 +35,6 @@ TEST(SimulatedGigeCamera, GivesEveryPixelInEveryFormat) {
   for (int n = 0; n < 6; ++n) {
     const auto& c = kCases[n];
     cameras.push_back(std::make_unique<BenchCamera>(n, mission, c.side, start));
-    ASSERT_TRUE(cameras.back()->process().connected());
     clients.push_back(std::make_unique<BenchClient>(n, mission, c.side, c.format, start));
   }
   for (auto& client : clients)
@@ -89,7 +88,6 @@ at_s = 3.5
 camera = "left"
 )");
   BenchCamera camera(0, mission, CameraSide::kLeft, start, {"--faults", faults, "--clock-ppm", "80"});
-  ASSERT_TRUE(camera.process().connected());
   // Small packets, as a frame has many: how many may be asked for again goes by how many there are.
   BenchClient client(0, mission, CameraSide::kLeft, "BayerRG12Packed", start, 576);
   client.pollUntil(start + 5 * kSecond);
@@ -124,7 +122,6 @@ camera = "right"
 )");
   BenchCamera camera(0, mission, CameraSide::kRight, start,
                      {"--faults", faults, "--clock-offset", "5000", "--frame-id-start", "65500"});
-  ASSERT_TRUE(camera.process().connected());
   BenchClient client(0, mission, CameraSide::kRight, "Mono12Packed", start);
   client.pollUntil(start + 75 * kSecond / 10);
 
@@ -147,7 +144,6 @@ TEST(SimulatedGigeCamera, ComesBackWhenItsCableIsPulledAndPutBack) {
   const BenchMission mission(150, 20);  // 7.5 s
   const std::int64_t start = test::systemUtcNs() + 3 * kSecond;
   BenchCamera camera(0, mission, CameraSide::kLeft, start);
-  ASSERT_TRUE(camera.process().connected());
   BenchClient client(0, mission, CameraSide::kLeft, "BayerRG12Packed", start);
   client.pollUntil(start + kSecond);
   const std::size_t before = client.frames.size();
@@ -171,7 +167,6 @@ TEST(SimulatedGigeCamera, IsTriggeredByALineOrSetByPtp) {
   const BenchMission mission(100, 20);
   const std::int64_t start = test::systemUtcNs() + kSecond;
   BenchCamera line(0, mission, CameraSide::kLeft, start), ptp(1, mission, CameraSide::kRight, start);
-  ASSERT_TRUE(line.process().connected() && ptp.process().connected());
   BenchClient by_line(0, mission, CameraSide::kLeft, "BayerRG12Packed", start, 8000,
                       io::CameraTrigger::kLine);
   BenchClient by_ptp(1, mission, CameraSide::kRight, "Mono12Packed", start, 8000, io::CameraTrigger::kPtp);
@@ -192,7 +187,6 @@ TEST(SimulatedGigeCamera, LeavesOutNewFramesWhenNobodyGivesBlocksBack) {
   const BenchMission mission(40, 20);
   const std::int64_t start = test::systemUtcNs() + 3 * kSecond;
   BenchCamera camera(0, mission, CameraSide::kLeft, start);
-  ASSERT_TRUE(camera.process().connected());
   BenchClient client(0, mission, CameraSide::kLeft, "BayerRG12Packed", start);
   std::vector<std::uint32_t> hoard;
   for (std::uint32_t block = client.camera().pool().acquire(); block != rt::SharedBlocks::kNone;

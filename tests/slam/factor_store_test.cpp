@@ -5,8 +5,8 @@
 #include "recon/slam/batch_solver.hpp"
 #include "recon/slam/incremental_solver.hpp"
 #include "recon/slam/pose_replay.hpp"
-#include "tests/bench/slam/survey_graph.hpp"
 #include "tests/slam/dense_graph.hpp"
+#include "tests/slam/survey_graph.hpp"
 
 namespace fathom::slam {
 namespace {
@@ -14,12 +14,12 @@ namespace {
 constexpr int kPoses = 240;
 
 PoseGraph surveyWithClosuresAnywhere() {
-  bench::SurveyPlan plan;
+  test::SurveyPlan plan;
   plan.keyframes = kPoses;
   plan.closures = 80;
   plan.line_length = 30;
-  plan.where = bench::Closures::kAnywhere;
-  return bench::makeSurvey(plan).graph;
+  plan.where = test::Closures::kAnywhere;
+  return test::makeSurvey(plan).graph;
 }
 
 IncrementalSolver solverFor(const PoseGraph& graph, std::int64_t blocks) {

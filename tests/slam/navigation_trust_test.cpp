@@ -8,7 +8,7 @@ namespace {
 using testing::hostileDives;
 using testing::runHostile;
 
-// report_hostile runs twenty seeds of each.
+// fathom-report hostile runs twenty seeds of each.
 TEST(NavigationTrust, NoLieOfOneSensorTakesThePositionAway) {
   constexpr double kTwice = 2, kLost = 10;
   for (const auto& dive : hostileDives()) {

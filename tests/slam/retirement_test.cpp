@@ -10,8 +10,8 @@
 
 #include "recon/slam/batch_solver.hpp"
 #include "recon/slam/incremental_solver.hpp"
-#include "tests/bench/slam/survey_graph.hpp"
 #include "tests/slam/dense_graph.hpp"
+#include "tests/slam/survey_graph.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::slam {
@@ -191,14 +191,14 @@ class PooledReplay {
   std::vector<std::int64_t> work_;
 };
 
-bench::Survey smallSurvey(int keyframes, int closures, bool sensors, unsigned seed) {
-  bench::SurveyPlan plan;
+test::Survey smallSurvey(int keyframes, int closures, bool sensors, unsigned seed) {
+  test::SurveyPlan plan;
   plan.keyframes = keyframes;
   plan.closures = closures;
   plan.line_length = 40;
   plan.attitude_and_depth = sensors;
   plan.seed = seed;
-  return bench::makeSurvey(plan);
+  return test::makeSurvey(plan);
 }
 
 // Farthest that a pose which is left is from the batch solution's [m].
@@ -212,7 +212,7 @@ double worstDistance(PooledReplay& replay, const PoseGraph& batch) {
 }
 
 TEST(Retirement, WithRoomForThreeFifthsOfItsPosesASurveyEndsAtTheBatchSolution) {
-  const bench::Survey survey = smallSurvey(600, 60, false, 1);
+  const test::Survey survey = smallSurvey(600, 60, false, 1);
   PooledReplay replay(survey.graph, 360, 420);
   const std::size_t memory = replay.solver().memoryBytes();
   replay.run();
@@ -228,7 +228,7 @@ TEST(Retirement, WithRoomForThreeFifthsOfItsPosesASurveyEndsAtTheBatchSolution) 
 
 TEST(Retirement, AMissionOfFiveTimesThePoolRunsThroughWithStepsOfTheSameWork) {
   for (const bool sensors : {false, true}) {
-    const bench::Survey survey = smallSurvey(1000, 100, sensors, 2);
+    const test::Survey survey = smallSurvey(1000, 100, sensors, 2);
     PooledReplay replay(survey.graph, 200, sensors ? 700 : 300);
     replay.run();
     EXPECT_EQ(replay.solver().retired(), 800);
@@ -247,7 +247,7 @@ TEST(Retirement, AMissionOfFiveTimesThePoolRunsThroughWithStepsOfTheSameWork) {
 
 TEST(Retirement, PosesThatAreLeftAreNeverMoreCertainThanByAllMeasurements) {
   for (const bool sensors : {false, true}) {
-    const bench::Survey survey = smallSurvey(160, 25, sensors, 3);
+    const test::Survey survey = smallSurvey(160, 25, sensors, 3);
     PooledReplay replay(survey.graph, 96, sensors ? 300 : 125);
     replay.run();
     IncrementalSolver& solver = replay.solver();
@@ -343,7 +343,7 @@ TEST(Retirement, APoseThatMustStayIsNotNamedAsTheLeastNeeded) {
 }
 
 TEST(Retirement, TheSameCallsGiveTheSameBits) {
-  const bench::Survey survey = smallSurvey(300, 30, true, 4);
+  const test::Survey survey = smallSurvey(300, 30, true, 4);
   PooledReplay a(survey.graph, 80, 300), b(survey.graph, 80, 300);
   a.run();
   b.run();

@@ -2,26 +2,19 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <fstream>
 #include <sstream>
 
 #include "firmware_if/files/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "tests/firmware_if/recorder/recorder_status.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
+#include "tests/support/text_files.hpp"
 #include "tests/uml/machine.hpp"
 
 namespace fathom::uml {
 namespace {
 
 constexpr std::int64_t kMostLostMs = 1000;
-
-std::string readText(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::ostringstream out;
-  out << in.rdbuf();
-  return out.str();
-}
 
 // "dive_recorder: found LOG_BYTES CUT WITHOUT_EVENT HALVES" of the second run.
 void readFound(const std::string& text, PowerCut& cut) {
@@ -54,7 +47,7 @@ PowerCut cutPower(const PowerCutOptions& options, const std::filesystem::path& f
     cut.wrong.push_back("the recording machine: " + first.output);
     return cut;
   }
-  const test::RecorderStatus status(readText(status_file));
+  const test::RecorderStatus status(test::readText(status_file));
   cut.began = !status.lines.empty();
   if (!cut.began) return cut;
   const MachineRun second = runMachine(

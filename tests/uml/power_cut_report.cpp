@@ -1,37 +1,34 @@
-// Cuts the power of a recording machine at random instants; a table of what each cut cost.
+#include "tests/uml/power_cut_report.hpp"
 
-#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <random>
 
 #include "tests/support/test_data.hpp"
 #include "tests/uml/power_cut.hpp"
 
-int main(int argc, char** argv) {
-  CLI::App app("cuts the power of a machine that records, and reads its disk back");
+namespace fathom::uml {
+namespace {
+
+struct Options {
   int cuts = 10;
   unsigned seed = 1;
   bool kind_drive = false;
-  fathom::uml::PowerCutOptions options;
-  app.add_option("--cuts", cuts, "how many")->check(CLI::Range(1, 10000));
-  app.add_option("--seed", seed, "of the instants, and of what the drive loses");
-  app.add_option("--width", options.width, "of an image [px]");
-  app.add_option("--height", options.height, "of an image [px]");
-  app.add_flag("--kind-drive", kind_drive, "the drive keeps what was not flushed");
-  CLI11_PARSE(app, argc, argv);
+  PowerCutOptions cut;
+};
 
-  std::mt19937 random(seed);
+int run(Options o) {
+  std::mt19937 random(o.seed);
   std::uniform_real_distribution<double> instant(3.0, 9.0);  // [s] after the recorder began
   int bad = 0;
   std::int64_t worst_ms = 0;
   std::printf(
       "cut  after s  offered  told safe  found  lost ms  images  without event  halves  log cut B  went "
       "on\n");
-  for (int i = 0; i < cuts; ++i) {
-    const fathom::test::TemporaryFolder folder;
-    options.cut_after_s = instant(random);
-    if (!kind_drive) options.drive_seed = static_cast<unsigned>(random());
-    const fathom::uml::PowerCut cut = fathom::uml::cutPower(options, folder.path());
+  for (int i = 0; i < o.cuts; ++i) {
+    const test::TemporaryFolder folder;
+    o.cut.cut_after_s = instant(random);
+    if (!o.kind_drive) o.cut.drive_seed = static_cast<unsigned>(random());
+    const PowerCut cut = cutPower(o.cut, folder.path());
     if (cut.skipped) {
       std::printf("no user-mode Linux here: install the Debian package user-mode-linux\n");
       return 77;
@@ -54,7 +51,23 @@ int main(int argc, char** argv) {
     bad += cut.wrong.empty() ? 0 : 1;
     worst_ms = std::max(worst_ms, cut.lost_ms);
   }
-  std::printf("%d cuts, %d with something wrong; most lost: the last %lld ms\n", cuts, bad,
+  std::printf("%d cuts, %d with something wrong; most lost: the last %lld ms\n", o.cuts, bad,
               static_cast<long long>(worst_ms));
   return bad == 0 ? 0 : 1;
 }
+
+}  // namespace
+
+test::Report powerCutReport() {
+  static Options o;
+  return {"power-cut",
+          "Cuts the power of a machine that records, and reads its disk back",
+          {{"--cuts", &o.cuts, "how many", 1, 10000},
+           {"--seed", &o.seed, "of the instants, and of what the drive loses"},
+           {"--width", &o.cut.width, "of an image [px]"},
+           {"--height", &o.cut.height, "of an image [px]"},
+           {"--kind-drive", &o.kind_drive, "the drive keeps what was not flushed"}},
+          [] { return run(o); }};
+}
+
+}  // namespace fathom::uml

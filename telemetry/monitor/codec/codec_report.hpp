@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "telemetry/monitor/codec/codec_surface.hpp"
-#include "tests/bench/codec_peers/lattice.hpp"
+#include "telemetry/monitor/codec/peers/lattice.hpp"
 
 namespace fathom::monitor {
 

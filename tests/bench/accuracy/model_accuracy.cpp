@@ -6,6 +6,7 @@
 #include "sim/scenario/scenario_file.hpp"
 #include "sim/score/surface_score.hpp"
 #include "sim/score/trajectory_score.hpp"
+#include "tests/bench/common/measures.hpp"
 
 namespace fathom::accuracy {
 namespace {
@@ -42,7 +43,7 @@ ModelAccuracy measureModel(const std::filesystem::path& mission_folder, const st
     const Mesh mesh = tiles.surfaceOf(level);
     l.tiles = tiles.filesOf(level).size();
     l.triangles = mesh.triangles.size();
-    l.area = areaOf(mesh);
+    l.area = bench::areaOf(mesh);
     l.surface = sim::scoreSurface(mesh, truth, seen, start);
     if (out.levels.empty()) out.alignment = l.surface.alignment;
     l.texture = textureErrorOf(tiles, level, appearance, out.alignment, kWindows);

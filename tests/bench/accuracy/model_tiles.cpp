@@ -2,11 +2,10 @@
 
 #include <algorithm>
 #include <charconv>
-#include <fstream>
-#include <iterator>
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/tiles/glb.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::accuracy {
 
@@ -32,10 +31,7 @@ std::vector<int> ModelTiles::levels() const {
 }
 
 TexturedTile ModelTiles::read(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  const std::vector<char> bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
-  return topside::readGlb({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, file.string())
-      .tile;
+  return topside::readGlb(test::readBytes(file), file.string()).tile;
 }
 
 Mesh ModelTiles::surfaceOf(int level) const {
@@ -48,15 +44,6 @@ Mesh ModelTiles::surfaceOf(int level) const {
     for (const auto& t : mesh.triangles) all.triangles.push_back({first + t[0], first + t[1], first + t[2]});
   }
   return all;
-}
-
-double areaOf(const Mesh& mesh) {
-  double area = 0;
-  for (const auto& [a, b, c] : mesh.triangles)
-    area +=
-        0.5 * static_cast<double>(
-                  (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]).norm());
-  return area;
 }
 
 }  // namespace fathom::accuracy

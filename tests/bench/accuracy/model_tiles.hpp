@@ -27,6 +27,4 @@ class ModelTiles {
   std::map<int, std::vector<std::filesystem::path>> files_;
 };
 
-[[nodiscard]] double areaOf(const Mesh& mesh);  // [m^2]
-
 }  // namespace fathom::accuracy

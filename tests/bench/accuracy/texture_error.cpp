@@ -6,6 +6,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "tests/bench/common/measures.hpp"
+
 namespace fathom::accuracy {
 namespace {
 
@@ -180,12 +182,6 @@ struct Sums {
   }
 };
 
-double percentile(std::vector<double> values, double part) {
-  if (values.empty()) return 0;
-  std::sort(values.begin(), values.end());
-  return values[static_cast<std::size_t>(part * static_cast<double>(values.size() - 1))];
-}
-
 cv::Mat eightBits(const cv::Mat& rgb) {
   cv::Mat out;
   rgb.convertTo(out, CV_8UC3);
@@ -235,8 +231,8 @@ TextureError textureErrorOf(const ModelTiles& tiles, int level, const sim::Appea
     in_place.add(w.model, w.truth_in_place, lines);
   }
   out.pixels = static_cast<std::size_t>(sums.samples / 3);
-  out.shift_p50 = percentile(shifts, 0.5);
-  out.shift_p95 = percentile(shifts, 0.95);
+  out.shift_p50 = bench::quantile(shifts, 0.5);
+  out.shift_p95 = bench::quantile(shifts, 0.95);
   out.psnr = sums.psnr();
   out.ssim = sums.ssim / sums.windows;
   out.psnr_in_place = in_place.psnr();

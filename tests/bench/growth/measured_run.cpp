@@ -1,17 +1,15 @@
 #include "tests/bench/growth/measured_run.hpp"
 
-#include <fcntl.h>
 #include <sys/resource.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cstdlib>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
-#include <thread>
+
+#include "sim/hil/bench/child_process.hpp"
+#include "tests/bench/common/measures.hpp"
 
 namespace fathom::growth {
 namespace {
@@ -60,42 +58,32 @@ std::uint64_t bytesIn(const fs::path& folder) {
 }  // namespace
 
 ProcessCost runMeasured(const std::vector<std::string>& argv, const fs::path& output) {
-  std::vector<std::string> words = argv;
-  std::vector<char*> arguments;
-  for (std::string& word : words) arguments.push_back(word.data());
-  arguments.push_back(nullptr);
-  const auto begin = std::chrono::steady_clock::now();
-  const int pid = ::fork();
-  if (pid < 0) throw std::runtime_error("no process can be started");
-  if (pid == 0) {
-    const int file = ::open(output.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
-    if (file >= 0) {
-      ::dup2(file, 1);
-      ::dup2(file, 2);
-    }
-    ::execv(arguments[0], arguments.data());
-    ::_exit(127);
-  }
+  const auto cpuOfChildren = [] {
+    rusage usage{};
+    ::getrusage(RUSAGE_CHILDREN, &usage);
+    const auto seconds = [](const timeval& t) {
+      return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+    };
+    return seconds(usage.ru_utime) + seconds(usage.ru_stime);
+  };
+  constexpr double kLook_s = 0.2;
   ProcessCost cost;
-  int status = 0;
-  rusage usage{};
-  while (::wait4(pid, &status, WNOHANG, &usage) == 0) {
+  const double begin_ms = bench::wallMs(), cpu_before = cpuOfChildren();
+  sim::ChildProcess child({argv, {}, output, std::nullopt});
+  std::optional<int> status;
+  while (!(status = child.wait(kLook_s))) {
     std::uint64_t all = 0;
-    for (const int member : familyOf(pid)) {
+    for (const int member : familyOf(child.pid())) {
       const MemoryNow now = memoryOf(member);
       cost.peak_resident = std::max(cost.peak_resident, now.highest);
       cost.peak_anonymous = std::max(cost.peak_anonymous, now.anonymous);
       all += now.resident;
     }
     cost.peak_all = std::max(cost.peak_all, all);
-    std::this_thread::sleep_for(std::chrono::milliseconds(200));
   }
-  cost.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-  const auto seconds = [](const timeval& t) {
-    return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
-  };
-  cost.cpu_s = seconds(usage.ru_utime) + seconds(usage.ru_stime);
-  cost.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  cost.wall_s = 1e-3 * (bench::wallMs() - begin_ms);
+  cost.cpu_s = cpuOfChildren() - cpu_before;
+  cost.exit_code = *status;
   return cost;
 }
 

@@ -26,7 +26,7 @@ double rawSample(const ImageView& raw, int x, int y) {
 
 }  // namespace
 
-BrightnessSteps::BrightnessSteps(const ReportMission& mission, std::size_t images) : mission_(mission) {
+BrightnessSteps::BrightnessSteps(const TrueMission& mission, std::size_t images) : mission_(mission) {
   const auto& pairs = mission.pairs();
   const Camera& camera = mission.rig().left;
   const std::size_t step = std::max<std::size_t>(1, pairs.size() / images);
@@ -53,12 +53,13 @@ void BrightnessSteps::findPatches(std::size_t a, std::size_t b, Neighbour neighb
   for (int j = 0; j < kDown; ++j)
     for (int i = 0; i < kAcross; ++i) {
       const Eigen::Vector2d pixel((i + 0.5) * camera.width / kAcross, (j + 0.5) * camera.height / kDown);
-      const auto point = mission_.seafloorAt(a, pixel);
+      const auto point = mission_.pointAt(a, pixel);
       if (!point) continue;
-      const auto there = mission_.pixelOf(b, *point);
+      const auto there = mission_.pixelOf(b, a, *point);
       if (!there) continue;
+      const Eigen::Vector3d in_nav = mission_.pairs()[a].T_nav_cam * *point;
       const auto half = [&](std::size_t image) {
-        const double range = (*point - mission_.pairs()[image].T_nav_cam.translation()).norm();
+        const double range = (in_nav - mission_.pairs()[image].T_nav_cam.translation()).norm();
         return std::max(2, static_cast<int>(std::lround(kPatch * camera.fx / range)));
       };
       const int half_a = half(a), half_b = half(b);

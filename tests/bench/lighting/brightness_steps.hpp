@@ -29,7 +29,7 @@ inline constexpr std::array<const char*, kNeighbours> kNeighbourNames = {"next i
 class BrightnessSteps {
  public:
   // Finds the patches, of about `images` images spread over the mission and their neighbours.
-  BrightnessSteps(const ReportMission& mission, std::size_t images);
+  BrightnessSteps(const TrueMission& mission, std::size_t images);
 
   // Images that patches lie in, ascending.
   [[nodiscard]] std::vector<std::size_t> images() const;
@@ -51,7 +51,7 @@ class BrightnessSteps {
   };
   void findPatches(std::size_t a, std::size_t b, Neighbour neighbour);
 
-  const ReportMission& mission_;
+  const TrueMission& mission_;
   std::vector<Patch> patches_;
   std::vector<Match> matches_;
 };

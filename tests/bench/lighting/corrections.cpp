@@ -73,7 +73,7 @@ const char* Corrections::name(int kind) {
   return kNames[static_cast<std::size_t>(kind)];
 }
 
-Corrections::Corrections(const ReportMission& mission, std::size_t count)
+Corrections::Corrections(const TrueMission& mission, std::size_t count)
     : mission_(mission),
       stereo_(mission.rig(), {}),
       reference_left_(pixels(mission.rig().left)),
@@ -94,7 +94,8 @@ Corrections::Corrections(const ReportMission& mission, std::size_t count)
   count = std::min(count, all);
   for (std::size_t k = 0; k < count; ++k) {
     const std::size_t index = k * all / count;
-    const io::ImageFile left = mission.left(index), right = mission.right(index);
+    const io::ImageFile left = mission.image(index, CameraSide::kLeft),
+                        right = mission.image(index, CameraSide::kRight);
     reference_left_.add(left.view, config_.saturated);
     reference_right_.add(right.view, config_.saturated);
     findRanges(left, right, mission.pairs()[index].plane);

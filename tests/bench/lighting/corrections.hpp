@@ -7,7 +7,7 @@
 
 #include "recon/lighting/lighting_model.hpp"
 #include "recon/lighting/rig_ranges.hpp"
-#include "tests/bench/lighting/report_mission.hpp"
+#include "tests/bench/common/true_mission.hpp"
 
 namespace fathom::bench {
 
@@ -35,7 +35,7 @@ class Corrections {
   static const char* name(int kind);
 
   // Learns from `count` pairs spread over the mission.
-  Corrections(const ReportMission& mission, std::size_t count);
+  Corrections(const TrueMission& mission, std::size_t count);
 
   // Raw is scaled so that the mission's brightest images just fit: contrast as an 8-bit camera would have it.
   [[nodiscard]] CorrectedPair correct(const io::ImageFile& left, const io::ImageFile& right,
@@ -52,7 +52,7 @@ class Corrections {
   // give.
   void findRanges(const io::ImageFile& left, const io::ImageFile& right, const stereo::SeedPlane& plane);
 
-  const ReportMission& mission_;
+  const TrueMission& mission_;
   stereo::SparseStereo stereo_;
   lighting::LightingConfig config_;
   PixelWelford reference_left_, reference_right_;

@@ -11,11 +11,10 @@ bool MatchCounts::isOuter(const Eigen::Vector2d& pixel) const {
 }
 
 bool MatchCounts::isCorrect(std::size_t image, const Eigen::Vector2d& pixel, double z) const {
-  const auto seafloor = mission_.seafloorAt(image, pixel);
+  const auto seafloor = mission_.pointAt(image, pixel);
   if (!seafloor) return false;
-  const double true_z = (mission_.pairs()[image].T_nav_cam.inverse() * *seafloor).z();
   const StereoRig& rig = mission_.rig();
-  return rig.left.fx * rig.baseline() * std::abs(1 / true_z - 1 / z) < 1;
+  return rig.left.fx * rig.baseline() * std::abs(1 / seafloor->z() - 1 / z) < 1;
 }
 
 void MatchCounts::measure(std::size_t image, const CorrectedPair& pair) {

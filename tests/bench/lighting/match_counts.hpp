@@ -2,8 +2,8 @@
 
 #include <array>
 
+#include "tests/bench/common/opencv_stereo.hpp"
 #include "tests/bench/lighting/corrections.hpp"
-#include "tests/bench/opencv_stereo.hpp"
 
 namespace fathom::bench {
 
@@ -13,7 +13,7 @@ namespace fathom::bench {
 // within 1 px of the true seafloor's.
 class MatchCounts {
  public:
-  MatchCounts(const ReportMission& mission, int features)
+  MatchCounts(const TrueMission& mission, int features)
       : mission_(mission),
         features_(features),
         stereo_(mission.rig(), configured(features)),
@@ -39,7 +39,7 @@ class MatchCounts {
   [[nodiscard]] bool isOuter(const Eigen::Vector2d& pixel) const;
   [[nodiscard]] bool isCorrect(std::size_t image, const Eigen::Vector2d& pixel, double z) const;
 
-  const ReportMission& mission_;
+  const TrueMission& mission_;
   int features_;
   stereo::SparseStereo stereo_;
   stereo::OpenCvStereo peer_;

@@ -8,7 +8,7 @@ namespace {
 
 constexpr int kFrameWidth = 240;  // of a strip [px]
 
-cv::Mat colour(const ReportMission& mission, const std::vector<std::uint8_t>& image) {
+cv::Mat colour(const TrueMission& mission, const std::vector<std::uint8_t>& image) {
   const Camera& camera = mission.rig().left;
   std::vector<std::uint8_t> rgb(image.size() * 3);
   lighting::demosaicRgb({image.data(), camera.width, camera.height, static_cast<std::size_t>(camera.width),
@@ -42,7 +42,7 @@ void Strip::write(const std::filesystem::path& png) const {
   if (!strip.empty()) cv::imwrite(png.string(), strip);
 }
 
-void Strip::writePair(const ReportMission& mission, const CorrectedPair& pair, int before, int after,
+void Strip::writePair(const TrueMission& mission, const CorrectedPair& pair, int before, int after,
                       const std::filesystem::path& png) {
   cv::Mat both;
   cv::vconcat(colour(mission, pair.left[static_cast<std::size_t>(before)]),

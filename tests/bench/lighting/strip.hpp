@@ -12,17 +12,17 @@ namespace fathom::bench {
 // after.
 class Strip {
  public:
-  Strip(const ReportMission& mission, std::vector<int> corrections)
+  Strip(const TrueMission& mission, std::vector<int> corrections)
       : mission_(mission), corrections_(std::move(corrections)), rows_(corrections_.size()) {}
 
   void add(const CorrectedPair& pair);
   void write(const std::filesystem::path& png) const;
   // The left image under two corrections, one above the other.
-  static void writePair(const ReportMission& mission, const CorrectedPair& pair, int before, int after,
+  static void writePair(const TrueMission& mission, const CorrectedPair& pair, int before, int after,
                         const std::filesystem::path& png);
 
  private:
-  const ReportMission& mission_;
+  const TrueMission& mission_;
   std::vector<int> corrections_;
   std::vector<std::vector<std::vector<std::uint8_t>>> rows_;  // frames in RGB
 };

@@ -11,7 +11,7 @@
 #include "realtime/kernel/tiers/rt_thread.hpp"
 #include "realtime/onboard/live/input_rings.hpp"
 #include "realtime/onboard/nav/nav_feed.hpp"
-#include "tests/bench/realtime/latency_histogram.hpp"
+#include "tests/support/latency_histogram.hpp"
 
 namespace fathom::bench {
 
@@ -20,7 +20,7 @@ namespace fathom::bench {
 class HardLoop {
  public:
   struct Result {
-    LatencyHistogram latency;
+    test::LatencyHistogram latency;
     rt::ThreadCost cost;  // of the loop's thread, from its first cycle to its last
     std::uint64_t cycles = 0, slipped = 0, samples = 0;
     std::int64_t max_body_ns = 0;

@@ -7,7 +7,7 @@
 #include <array>
 #include <vector>
 
-#include "tests/bench/slam/step_times.hpp"
+#include "tests/bench/common/measures.hpp"
 
 namespace fathom::bench {
 namespace {
@@ -97,10 +97,10 @@ CeresOutcome solve(const slam::PoseGraph& graph, ceres::TrustRegionStrategyType 
   options.gradient_tolerance = options.parameter_tolerance = 0;
   options.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
-  const double start = threadMilliseconds();
+  const double start = cpuMs();
   ceres::Solve(options, &problem, &summary);
   CeresOutcome outcome;
-  outcome.seconds = 1e-3 * (threadMilliseconds() - start);
+  outcome.seconds = 1e-3 * (cpuMs() - start);
   outcome.chi2 = 2 * summary.final_cost;
   outcome.iterations = static_cast<int>(summary.iterations.size()) - 1;
   outcome.options = std::string(strategy == ceres::DOGLEG ? "dogleg" : "Levenberg-Marquardt") + ", radius " +

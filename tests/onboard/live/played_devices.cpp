@@ -1,8 +1,14 @@
 #include "tests/onboard/live/played_devices.hpp"
 
-#include <algorithm>
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
 #include <cstring>
 #include <ctime>
+#include <map>
+#include <system_error>
+#include <type_traits>
 #include <utility>
 
 #include "firmware_if/files/images/image_file.hpp"
@@ -23,17 +29,19 @@ bool waitFor(const rt::VehicleClock& clock, std::int64_t utc_ns, int timeout_ms)
 
 class PlayedSamples final : public io::SampleSource {
  public:
-  PlayedSamples(const PlayedMission& played, const rt::VehicleClock& clock)
+  PlayedSamples(const Playback& played, const rt::VehicleClock& clock)
       : played_(played), clock_(clock), next_(played.first) {}
 
   bool poll(int timeout_ms, io::SampleSink& sink) noexcept override {
-    for (; next_ < played_.inputs.size(); ++next_) {
-      const auto* sample = std::get_if<SensorSample>(&played_.inputs[next_].what);
-      if (sample == nullptr || std::holds_alternative<ImageEvent>(*sample)) continue;
-      if (!waitFor(clock_, played_.dueNs(next_), timeout_ms)) return true;
-      SensorSample now = *sample;
-      std::visit([this](auto& s) { s.utc_ns += played_.shift_ns; }, now);
-      sink.sample(clock_.utcNs(), now);
+    for (; const auto step = played_.at(next_); ++next_) {
+      if (!step->sample || std::holds_alternative<ImageEvent>(*step->sample)) continue;
+      if (!waitFor(clock_, step->due_ns, timeout_ms)) return true;
+      std::visit(
+          [&](const auto& sample) {
+            if constexpr (!std::is_same_v<std::decay_t<decltype(sample)>, ImageEvent>)
+              sink.sample(clock_.utcNs(), DeviceSample(sample));
+          },
+          *step->sample);
       ++given_;
       ++next_;
       return true;
@@ -47,7 +55,7 @@ class PlayedSamples final : public io::SampleSource {
   }
 
  private:
-  const PlayedMission& played_;
+  const Playback& played_;
   const rt::VehicleClock& clock_;
   std::size_t next_ = 0;
   std::uint64_t given_ = 0;
@@ -55,43 +63,51 @@ class PlayedSamples final : public io::SampleSource {
 
 class PlayedCamera final : public io::CameraSource {
  public:
-  PlayedCamera(const PlayedMission& played, std::filesystem::path images, CameraSide side, PixelFormat format,
-               int bits, const Camera& camera, const rt::VehicleClock& clock, const PlayedOptions& options)
+  PlayedCamera(const Playback& played, std::filesystem::path images, CameraSide side,
+               const io::MissionConfig& mission, const Camera& camera, const rt::VehicleClock& clock,
+               const PlayedOptions& options)
       : played_(played),
         images_(std::move(images)),
         side_(side),
-        format_(format),
-        bits_(bits),
+        format_(side == CameraSide::kLeft ? mission.cameras.left_format : mission.cameras.right_format),
+        bits_(mission.cameras.bits),
         width_(camera.width),
         height_(camera.height),
         clock_(clock),
         options_(options),
-        pool_(options.pool_frames,
-              static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_) * sampleBytes()),
-        next_(played.first) {}
+        pool_(options.pool_frames, frameBytes()),
+        next_(played.first) {
+    if (!options.scratch.empty()) decodeAll();
+  }
+  ~PlayedCamera() override {
+    if (scratch_ >= 0) ::close(scratch_);
+  }
+  PlayedCamera(const PlayedCamera&) = delete;
+  PlayedCamera& operator=(const PlayedCamera&) = delete;
 
   bool poll(int timeout_ms, io::FrameSink& sink) noexcept override {
-    for (; next_ < played_.inputs.size(); ++next_) {
-      const ImageEvent* event = io::imageOf(played_.inputs[next_]);
-      if (event == nullptr || event->side != side_) continue;
-      if (!waitFor(clock_, played_.dueNs(next_), timeout_ms)) return true;
-      give(*event, sink);
+    while (exposures_ < options_.exposures) {
+      const auto step = played_.at(next_);
+      if (!step) break;
+      const auto* event = step->sample ? std::get_if<ImageEvent>(&*step->sample) : nullptr;
+      if (event != nullptr && event->side == side_) {
+        if (!waitFor(clock_, step->due_ns, timeout_ms)) return true;
+        give(*event, sink);
+        ++next_;
+        return true;
+      }
+      ++next_;
     }
     (void)waitFor(clock_, INT64_MAX, timeout_ms);
     return true;
   }
   [[nodiscard]] rt::SharedBlocks& pool() noexcept override { return pool_; }
   [[nodiscard]] ImageView view(const io::CameraFrame& frame) noexcept override {
-    return {pool_.bytes(frame.block).data(),
-            width_,
-            height_,
-            static_cast<std::size_t>(width_) * sampleBytes(),
-            format_,
-            bits_};
+    return {pool_.bytes(frame.block).data(), width_, height_, rowBytes(), format_, bits_};
   }
   void updateHealth(io::DeviceHealth& health) const noexcept override {
     health.samples = frames_;
-    health.counters[0].second = pool_full_;
+    health.counters[0].second = missed_;
   }
   [[nodiscard]] io::DeviceHealth health() const override {
     return {side_ == CameraSide::kLeft ? "left camera" : "right camera",
@@ -99,39 +115,77 @@ class PlayedCamera final : public io::CameraSource {
             0,
             frames_,
             0,
-            {{"pool_full", pool_full_}}};
+            {{"pool_full", missed_}}};
   }
 
  private:
-  [[nodiscard]] std::size_t sampleBytes() const { return bits_ == 8 ? 1 : 2; }
+  [[nodiscard]] std::size_t rowBytes() const {
+    return static_cast<std::size_t>(width_) * (bits_ == 8 ? 1 : 2);
+  }
+  [[nodiscard]] std::size_t frameBytes() const { return rowBytes() * static_cast<std::size_t>(height_); }
+
+  void decode(const std::string& name, std::byte* pixels) const {
+    const io::ImageFile file = io::readImage(images_ / name, format_, bits_, width_, height_);
+    for (std::size_t y = 0; y < static_cast<std::size_t>(height_); ++y)
+      std::memcpy(pixels + y * rowBytes(),
+                  static_cast<const std::byte*>(file.view.data) + y * file.view.stride, rowBytes());
+  }
+
+  void decodeAll() {
+    const auto require = [&](bool good) {
+      if (!good)
+        throw std::system_error(errno, std::generic_category(),
+                                "scratch file in " + options_.scratch.string());
+    };
+    scratch_ = ::open(options_.scratch.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
+    require(scratch_ >= 0);
+    std::vector<std::byte> pixels(frameBytes());
+    for (std::size_t n = played_.first; const auto step = played_.at(n); ++n) {
+      const auto* event = step->sample ? std::get_if<ImageEvent>(&*step->sample) : nullptr;
+      if (event == nullptr || event->side != side_) continue;
+      if (!place_.emplace(event->file_name, place_.size()).second) break;  // it comes round again
+      decode(event->file_name, pixels.data());
+      require(::write(scratch_, pixels.data(), frameBytes()) == static_cast<ssize_t>(frameBytes()));
+    }
+  }
+
+  [[nodiscard]] bool fill(const std::string& name, std::byte* pixels) {
+    if (scratch_ < 0) {
+      decode(name, pixels);
+      return true;
+    }
+    const auto place = place_.find(name);
+    return place != place_.end() &&
+           ::pread(scratch_, pixels, frameBytes(), static_cast<off_t>(place->second * frameBytes())) ==
+               static_cast<ssize_t>(frameBytes());
+  }
 
   void give(const ImageEvent& event, io::FrameSink& sink) {
     const std::uint64_t number = exposures_++;
+    if (options_.given_left != nullptr && side_ == CameraSide::kLeft)
+      options_.given_left->store(exposures_, std::memory_order_relaxed);
     if (side_ == CameraSide::kLeft && number == options_.lost_left) return;
-    const io::ImageFile file =
-        io::readImage(images_ / event.file_name.view(), format_, bits_, width_, height_);
     io::CameraFrame frame;
     frame.block = pool_.acquire();
     if (frame.block == rt::SharedBlocks::kNone) {
-      ++pool_full_;
+      ++missed_;
       return;
     }
-    const std::size_t row = static_cast<std::size_t>(width_) * sampleBytes();
-    for (int y = 0; y < height_; ++y)
-      std::memcpy(
-          pool_.bytes(frame.block).data() + static_cast<std::size_t>(y) * row,
-          static_cast<const std::byte*>(file.view.data) + static_cast<std::size_t>(y) * file.view.stride,
-          row);
+    if (!fill(event.file_name, pool_.bytes(frame.block).data())) {
+      pool_.release(frame.block);
+      ++missed_;
+      return;
+    }
     frame.side = side_;
     frame.frame_id = number;
-    frame.utc_ns = event.utc_ns + played_.shift_ns;
+    frame.utc_ns = event.utc_ns;
     frame.arrival_utc_ns = clock_.utcNs();
     frame.exposure_s = event.exposure_s;
     ++frames_;
     sink.frame(frame);
   }
 
-  const PlayedMission& played_;
+  const Playback& played_;
   std::filesystem::path images_;
   CameraSide side_;
   PixelFormat format_;
@@ -140,7 +194,9 @@ class PlayedCamera final : public io::CameraSource {
   PlayedOptions options_;
   rt::SharedBlocks pool_;
   std::size_t next_ = 0;
-  std::uint64_t frames_ = 0, exposures_ = 0, pool_full_ = 0;
+  std::uint64_t frames_ = 0, exposures_ = 0, missed_ = 0;
+  int scratch_ = -1;
+  std::map<std::string, std::size_t> place_;  // of an image in the scratch file
 };
 
 }  // namespace
@@ -159,6 +215,27 @@ PlayedMission::PlayedMission(const std::filesystem::path& mission, const rt::Veh
   inputs = io::readOnboardInputs(mission, damaged);
   const std::int64_t now = clock.utcNs();
   while (first < inputs.size() && dueNs(first) < now) ++first;
+}
+
+std::optional<Playback::Step> PlayedMission::at(std::size_t number) const {
+  if (number >= inputs.size()) return std::nullopt;
+  Step step{dueNs(number), std::nullopt};
+  if (const auto* sample = std::get_if<SensorSample>(&inputs[number].what)) {
+    step.sample = *sample;
+    std::visit([&](auto& s) { s.utc_ns += shift_ns; }, *step.sample);
+  }
+  return step;
+}
+
+std::optional<Playback::Step> PlayedShuttle::at(std::size_t number) const {
+  Shuttle::Step step = shuttle_.at(number);
+  std::visit(
+      [&](auto& s) {
+        s.utc_ns += begin_ns_;
+        if constexpr (std::is_same_v<std::decay_t<decltype(s)>, UsblFix>) s.arrival_utc_ns += begin_ns_;
+      },
+      step.sample);
+  return Step{begin_ns_ + step.arrival_ns, std::move(step.sample)};
 }
 
 double PlayedMission::lengthSeconds() const {
@@ -184,18 +261,17 @@ onboard::LiveSetup liveSetup(const std::filesystem::path& mission_folder, const 
   return {folder, config, mission, readStereoCalib(io::MissionPaths(folder).calib())};
 }
 
-onboard::LiveDevices playedDevices(const PlayedMission& played, const std::filesystem::path& folder,
+onboard::LiveDevices playedDevices(const Playback& played, const std::filesystem::path& folder,
                                    const io::MissionConfig& mission, const StereoRig& rig,
                                    const rt::VehicleClock& clock, const PlayedOptions& options) {
-  const std::filesystem::path images = io::MissionPaths(folder).images();
+  const auto camera = [&](CameraSide side, const Camera& model) {
+    return std::make_unique<PlayedCamera>(played, io::MissionPaths(folder).images(), side, mission, model,
+                                          clock, options);
+  };
   onboard::LiveDevices devices;
   devices.samples.push_back(std::make_unique<PlayedSamples>(played, clock));
-  devices.left =
-      std::make_unique<PlayedCamera>(played, images, CameraSide::kLeft, mission.cameras.left_format,
-                                     mission.cameras.bits, rig.left, clock, options);
-  devices.right =
-      std::make_unique<PlayedCamera>(played, images, CameraSide::kRight, mission.cameras.right_format,
-                                     mission.cameras.bits, rig.right, clock, options);
+  devices.left = camera(CameraSide::kLeft, rig.left);
+  devices.right = camera(CameraSide::kRight, rig.right);
   return devices;
 }
 

@@ -1,31 +1,59 @@
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "firmware_if/files/mission.hpp"
 #include "firmware_if/log/onboard_input.hpp"
 #include "realtime/onboard/live/live_system.hpp"
+#include "tests/onboard/live/shuttle.hpp"
 
 namespace fathom::test {
 
-// A recorded mission's inputs as devices give them: each when its time has come by the vehicle's clock.
-struct PlayedMission {
+// What devices give, each step when its time has come by the vehicle's clock.
+class Playback {
+ public:
+  struct Step {
+    std::int64_t due_ns = 0;
+    std::optional<SensorSample> sample;  // in the vehicle's time; none: for nobody
+  };
+  virtual ~Playback() = default;
+  // Nothing after the end.
+  [[nodiscard]] virtual std::optional<Step> at(std::size_t number) const = 0;
+  std::size_t first = 0;  // step that is played
+};
+
+// A recorded mission.
+struct PlayedMission final : Playback {
   std::vector<io::OnboardInput> inputs;
   std::int64_t shift_ns = 0;  // added to the mission's times gives the vehicle's
-  std::size_t first = 0;      // that is played
 
   // So that the first input comes `lead_s` from now.
   PlayedMission(const std::filesystem::path& mission, const rt::VehicleClock& clock, double lead_s);
   // With that shift; what was due by now has been missed.
   PlayedMission(const std::filesystem::path& mission, const rt::VehicleClock& clock,
                 std::int64_t with_shift_ns);
+  [[nodiscard]] std::optional<Step> at(std::size_t number) const override;
   [[nodiscard]] double lengthSeconds() const;
   [[nodiscard]] std::int64_t dueNs(std::size_t input) const {
     return inputs[input].arrival_utc_ns + shift_ns;
   }
+};
+
+// A shuttle that begins at a time of the vehicle.
+class PlayedShuttle final : public Playback {
+ public:
+  PlayedShuttle(const Shuttle& shuttle, std::int64_t begin_utc_ns)
+      : shuttle_(shuttle), begin_ns_(begin_utc_ns) {}
+  [[nodiscard]] std::optional<Step> at(std::size_t number) const override;
+
+ private:
+  const Shuttle& shuttle_;
+  std::int64_t begin_ns_;
 };
 
 // Of a dive in `folder` with the mission and calibration of that one, in soft mode and with pools for some
@@ -37,12 +65,17 @@ constexpr const char* kLivePools = "[slam]\nmax_pairs = 400\nmax_keyframes = 400
 
 struct PlayedOptions {
   std::size_t pool_frames = 12;
-  std::uint64_t lost_left = UINT64_MAX;  // this exposure of the left camera never comes
+  std::uint64_t lost_left = UINT64_MAX;              // this exposure of the left camera never comes
+  std::uint64_t exposures = UINT64_MAX;              // of each camera, then no more
+  std::atomic<std::uint64_t>* given_left = nullptr;  // counts exposures
+  // Every image is decoded once into a file without a name in this folder, so that giving one out takes no
+  // heap; empty: each when it is due.
+  std::filesystem::path scratch;
 };
 
-// Two cameras and one source of everything else. The mission must outlive them.
-[[nodiscard]] onboard::LiveDevices playedDevices(const PlayedMission& played,
-                                                 const std::filesystem::path& folder,
+// Two cameras and one source of everything else, with the images of the mission in `folder`. All that is
+// referred to must outlive them.
+[[nodiscard]] onboard::LiveDevices playedDevices(const Playback& played, const std::filesystem::path& folder,
                                                  const io::MissionConfig& mission, const StereoRig& rig,
                                                  const rt::VehicleClock& clock,
                                                  const PlayedOptions& options = {});

@@ -1,0 +1,102 @@
+#include "tests/bench/common/page.hpp"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "recon/geometry/atomic_file.hpp"
+#include "recon/topside/report/html_text.hpp"
+
+namespace fathom::bench {
+namespace {
+
+std::string shown(const Cell& cell, int digits) {
+  const auto* text = std::get_if<std::string>(&cell);
+  return text != nullptr ? *text : topside::fixedDigits(std::get<double>(cell), digits);
+}
+
+bool isText(const Cell& cell) {
+  return std::holds_alternative<std::string>(cell);
+}
+
+// Characters, not bytes.
+std::size_t widthOf(const std::string& text) {
+  return static_cast<std::size_t>(
+      std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xC0) != 0x80; }));
+}
+
+void write(const std::filesystem::path& path, const std::string& text) {
+  AtomicFile file(path);
+  file.stream() << text;
+  file.commit();
+}
+
+}  // namespace
+
+std::string Table::text() const {
+  std::vector<std::size_t> widths;
+  for (const Column& column : columns) widths.push_back(widthOf(column.name));
+  for (const auto& row : rows)
+    for (std::size_t k = 0; k < row.size(); ++k)
+      widths[k] = std::max(widths[k], widthOf(shown(row[k], columns[k].digits)));
+  std::string out = name.empty() ? "" : name + "\n";
+  const auto add = [&](std::size_t k, const std::string& words, bool left) {
+    const bool last = left && k + 1 == columns.size();
+    const std::string room(last ? 0 : widths[k] - widthOf(words), ' ');
+    out += (k > 0 ? "  " : "") + (left ? words + room : room + words);
+  };
+  for (std::size_t k = 0; k < columns.size(); ++k)
+    add(k, columns[k].name, !rows.empty() && isText(rows.front()[k]));
+  for (const auto& row : rows) {
+    out += "\n";
+    for (std::size_t k = 0; k < row.size(); ++k) add(k, shown(row[k], columns[k].digits), isText(row[k]));
+  }
+  return out + "\n";
+}
+
+std::string Table::html() const {
+  std::string out = name.empty() ? "" : "<h2>" + topside::htmlEscaped(name) + "</h2>";
+  out += "<table><tr>";
+  for (const Column& column : columns) out += "<th>" + topside::htmlEscaped(column.name) + "</th>";
+  for (const auto& row : rows) {
+    out += "</tr>\n<tr>";
+    for (std::size_t k = 0; k < row.size(); ++k)
+      out += (isText(row[k]) ? "<td>" : "<td class=n>") +
+             topside::htmlEscaped(shown(row[k], columns[k].digits)) + "</td>";
+  }
+  return out + "</tr></table>";
+}
+
+void Page::add(Table table) {
+  html(table.html());
+  tables_.push_back(std::move(table));
+}
+
+std::string Page::text() const {
+  std::string out;
+  for (const Table& table : tables_) out += (out.empty() ? "" : "\n") + table.text();
+  return out;
+}
+
+std::string Page::json() const {
+  using Json = nlohmann::ordered_json;
+  Json tables = Json::array();
+  for (const Table& table : tables_) {
+    Json rows = Json::array();
+    for (const auto& row : table.rows) {
+      Json object;
+      for (std::size_t k = 0; k < row.size(); ++k)
+        std::visit([&](const auto& value) { object[table.columns[k].name] = value; }, row[k]);
+      rows.push_back(std::move(object));
+    }
+    tables.push_back({{"name", table.name}, {"rows", std::move(rows)}});
+  }
+  return Json{{"title", title_}, {"tables", std::move(tables)}}.dump(2) + "\n";
+}
+
+void Page::write(const std::filesystem::path& folder, const std::string& name) const {
+  std::filesystem::create_directories(folder);
+  bench::write(folder / (name + ".html"), topside::htmlHead(title_) + html_ + "</html>\n");
+  bench::write(folder / (name + ".json"), json());
+}
+
+}  // namespace fathom::bench

@@ -1,0 +1,130 @@
+#include "tests/bench/common/true_mission.hpp"
+
+#include <cmath>
+
+#include "realtime/kernel/input_error.hpp"
+#include "recon/lighting/lighting_model.hpp"
+#include "recon/lighting/rig_ranges.hpp"
+#include "sim/scenario/scenario_file.hpp"
+#include "sim/score/trajectory_score.hpp"
+
+namespace fathom::bench {
+
+namespace {
+
+constexpr double kNearest = 0.5;       // that a seafloor is taken to be [m]
+constexpr double kBeamAngle = 0.5236;  // of a DVL's beams off its axis [rad]: 30 deg
+
+// Depth of the seafloor by the four beams of a DVL [m].
+std::optional<double> bottomOfDvl(const SE3& T_nav_dvl, const sim::Terrain& terrain) {
+  double sum = 0;
+  int beams = 0;
+  for (int k = 0; k < 4; ++k) {
+    const double azimuth = M_PI / 4 + k * M_PI / 2;
+    const Eigen::Vector3d beam =
+        T_nav_dvl.rotation() * Eigen::Vector3d(std::sin(kBeamAngle) * std::cos(azimuth),
+                                               std::sin(kBeamAngle) * std::sin(azimuth),
+                                               std::cos(kBeamAngle));
+    const auto range = terrain.castRay(T_nav_dvl.translation(), beam);
+    if (!range) continue;
+    sum += T_nav_dvl.translation().z() + *range * beam.z();
+    ++beams;
+  }
+  if (beams == 0) return std::nullopt;
+  return sum / beams;
+}
+
+}  // namespace
+
+struct TrueMission::Light {
+  Light(const StereoRig& rig, const io::MissionConfig::Cameras& cameras)
+      : left(rig.left.width, rig.left.height, cameras.left_format, cameras.bits, {}),
+        right(rig.right.width, rig.right.height, cameras.right_format, cameras.bits, {}),
+        ranges(rig) {}
+  lighting::LightingModel left, right;
+  lighting::RigRanges ranges;
+};
+
+TrueMission::TrueMission(const std::filesystem::path& folder)
+    : paths_(folder),
+      config_(io::readMissionConfig(folder)),
+      rig_(readStereoCalib(paths_.calib())),
+      scenario_(sim::loadScenario((paths_.truth() / "scenario.toml").string())),
+      terrain_(sim::resolvedTerrain(scenario_)),
+      features_only_(io::isFeatureMission(paths_)) {
+  const sim::TruthTrack track(paths_.truth());
+  for (const sim::TruthTrack::Pair& listed : track.pairs()) {
+    const auto T_nav_body = track.poseAt(listed.utc_ns);
+    if (!T_nav_body) continue;
+    Pair pair{listed.left, listed.right, *T_nav_body * scenario_.T_body_cam(), {}};
+    pair.plane.normal = pair.T_nav_cam.rotation().conjugate() * Eigen::Vector3d::UnitZ();
+    if (const auto bottom = bottomOfDvl(*T_nav_body * config_.T_body_dvl, terrain_))
+      pair.plane.distance = std::max(*bottom - pair.T_nav_cam.translation().z(), kNearest);
+    pairs_.push_back(pair);
+  }
+  if (pairs_.empty()) throw InputError(paths_.truth().string(), "images.csv", "lists no pair of the survey");
+}
+
+TrueMission::~TrueMission() = default;
+
+io::ImageFile TrueMission::image(std::size_t pair, CameraSide side) const {
+  const bool left = side == CameraSide::kLeft;
+  const Camera& camera = left ? rig_.left : rig_.right;
+  return io::readImage(paths_.images() / (left ? pairs_.at(pair).left_name : pairs_.at(pair).right_name),
+                       left ? config_.cameras.left_format : config_.cameras.right_format,
+                       config_.cameras.bits, camera.width, camera.height);
+}
+
+StereoFeatureFrame TrueMission::features(std::size_t pair) const {
+  StereoFeatureFrame frame;
+  io::readFeatureFile(paths_.features() / io::featureFileName(pairs_.at(pair).left_name), frame);
+  return frame;
+}
+
+TrueMission::Images TrueMission::corrected(std::size_t pair) const {
+  if (!light_) {
+    light_ = std::make_unique<Light>(rig_, config_.cameras);
+    for (std::size_t k = 0; k < pairs_.size(); ++k) {
+      light_->ranges.fromPlane(pairs_[k].plane.normal, pairs_[k].plane.distance);
+      light_->left.add(image(k, CameraSide::kLeft).view, light_->ranges.left());
+      light_->right.add(image(k, CameraSide::kRight).view, light_->ranges.right());
+    }
+  }
+  const auto grey = [](const io::ImageFile& file, const lighting::LightingModel& light,
+                       const lighting::RangeLattice& ranges) {
+    cv::Mat mosaic(file.view.height, file.view.width, CV_8UC1), mono(mosaic.size(), CV_8UC1);
+    light.correct(file.view, ranges, mosaic.data);
+    ImageView view = viewOf(mosaic);
+    view.format = file.view.format;
+    lighting::demosaicMono(view, mono.data);
+    return mono;
+  };
+  light_->ranges.fromPlane(pairs_.at(pair).plane.normal, pairs_[pair].plane.distance);
+  return {grey(image(pair, CameraSide::kLeft), light_->left, light_->ranges.left()),
+          grey(image(pair, CameraSide::kRight), light_->right, light_->ranges.right())};
+}
+
+std::optional<Eigen::Vector3d> TrueMission::pointAt(std::size_t pair, const Eigen::Vector2d& pixel) const {
+  const SE3& T_nav_cam = pairs_.at(pair).T_nav_cam;
+  const Eigen::Vector3d ray = rig_.left.ray(pixel);
+  const auto distance = terrain_.castRay(T_nav_cam.translation(), T_nav_cam.rotation() * ray);
+  if (!distance) return std::nullopt;
+  return ray.normalized() * *distance;
+}
+
+std::optional<Eigen::Vector2d> TrueMission::pixelOf(std::size_t pair, std::size_t of_pair,
+                                                    const Eigen::Vector3d& point) const {
+  constexpr double kHidden = 0.02;  // a point is seen if nothing is so much nearer [m]
+  constexpr double kNearest = 0.1;  // [m]
+  const Eigen::Vector3d here = pairs_.at(pair).T_nav_cam.inverse() * pairs_.at(of_pair).T_nav_cam * point;
+  if (here.z() <= kNearest) return std::nullopt;
+  // Beyond the image the distortion's polynomial folds back: ask first whether the pixel's ray leads there.
+  const Eigen::Vector2d pixel = rig_.left.project(here);
+  if (!rig_.left.contains(pixel)) return std::nullopt;
+  if ((rig_.left.ray(pixel).head<2>() - here.head<2>() / here.z()).norm() > 1e-3) return std::nullopt;
+  const auto seen = pointAt(pair, pixel);
+  if (!seen || (*seen - here).norm() > kHidden) return std::nullopt;
+  return pixel;
+}
+
+}  // namespace fathom::bench

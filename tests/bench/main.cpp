@@ -1,0 +1,15 @@
+// fathom-report: measures Fathom as a whole, against truth or a peer.
+#include "tests/bench/reports.hpp"
+#include "tests/onboard/kill/kill_report.hpp"
+#include "tests/uml/power_cut_report.hpp"
+
+int main(int argc, char** argv) {
+  using namespace fathom;
+  using namespace fathom::bench;
+  return test::runReports(
+      "fathom-report",
+      {stereoReport(), lightingReport(), closureReport(), fusionReport(), accuracyReport(), growthReport(),
+       slamReport(), hostileReport(), linkReport(), realtimeReport(), enduranceReport(), recorderReport(),
+       uml::powerCutReport(), test::killReport(), test::killedDive(), restartReport(), camerasReport()},
+      argc, argv);
+}

@@ -1,0 +1,263 @@
+// Wake-up latency of the hard tier's loop against cyclictest's, in alternating turns on the same machine
+// under the same load.
+#include <sys/utsname.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <memory>
+#include <stdexcept>
+
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/memory/heap_reserve.hpp"
+#include "realtime/kernel/tiers/arming.hpp"
+#include "realtime/kernel/tiers/cpu_wake_limit.hpp"
+#include "recon/topside/report/svg_plot.hpp"
+#include "sim/hil/bench/child_process.hpp"
+#include "tests/bench/common/page.hpp"
+#include "tests/bench/realtime/hard_loop.hpp"
+#include "tests/bench/reports.hpp"
+#include "tests/support/text_files.hpp"
+
+namespace fathom::bench {
+namespace {
+
+using sim::ChildProcess;
+using test::LatencyHistogram;
+
+constexpr std::int64_t kNsPerSecond = 1'000'000'000;
+constexpr std::size_t kMib = std::size_t{1} << 20;
+// Both end by themselves when the report is gone.
+const char* const kHog = "while kill -0 $PPID; do i=0; while [ $i -lt 100000 ]; do i=$((i+1)); done; done";
+const char* const kOverAndOver = "while kill -0 $PPID; do ";
+
+struct Options {
+  int turns = 15;
+  int turn_seconds = 60;
+  int priority = 80;
+  int cpu = -1;
+  int hogs = 1;
+  int cpu_wake_us = rt::RealtimeConfig{}.cpu_wake_us;
+  bool soft = false;
+  std::string load;
+  std::filesystem::path out = "realtime";
+};
+
+struct Series {
+  std::string name;
+  std::vector<LatencyHistogram> turns;
+
+  [[nodiscard]] LatencyHistogram all() const {
+    LatencyHistogram together;
+    for (const LatencyHistogram& turn : turns) together.merge(turn);
+    return together;
+  }
+};
+
+LatencyHistogram runCyclictest(const Options& options) {
+  const std::filesystem::path file = options.out / "cyclictest.txt";
+  std::vector<std::string> arguments{"cyclictest",
+                                     "--quiet",
+                                     "--mlockall",
+                                     "-t1",
+                                     "-p" + std::to_string(options.priority),
+                                     "-i" + std::to_string(rt::RealtimeConfig{}.period_ns / 1000),
+                                     "-h" + std::to_string(LatencyHistogram::kMicroseconds),
+                                     "-D" + std::to_string(options.turn_seconds) + "s"};
+  if (options.cpu >= 0) arguments.push_back("-a" + std::to_string(options.cpu));
+  constexpr double kLate_s = 60;
+  ChildProcess cyclictest({arguments, {}, file, std::nullopt});
+  if (cyclictest.wait(options.turn_seconds + kLate_s) != 0)
+    throw std::runtime_error("cyclictest failed; install rt-tests and run as root");
+  const auto histogram = test::readCyclictest(test::readText(file));
+  if (!histogram) throw std::runtime_error("cyclictest printed no whole histogram: " + file.string());
+  return *histogram;
+}
+
+Table percentiles(const std::vector<Series>& both) {
+  Table table{"Latency of wake-ups [us], with 95 % intervals", {{"", 0}, {"wake-ups", 0}}, {}};
+  for (const char* name : {"p50", "p99", "p99.9"})
+    for (const char* what : {"", " from", " to"}) table.columns.push_back({std::string(name) + what, 1});
+  table.columns.push_back({"max", 0});
+  for (const Series& series : both) {
+    table.rows.push_back({series.name, cell(series.all().count())});
+    for (const double percent : {50.0, 99.0, 99.9}) {
+      const test::Interval p = percentileInterval(series.turns, percent);
+      for (const double value : {p.value, p.low, p.high}) table.rows.back().emplace_back(value);
+    }
+    table.rows.back().push_back(cell(series.all().max()));
+  }
+  return table;
+}
+
+Table turnsTable(const std::vector<Series>& both) {
+  Table table{"Turns [us]",
+              {{"", 0}, {"turn", 0}, {"wake-ups", 0}, {"p50", 0}, {"p99", 0}, {"p99.9", 0}, {"max", 0}},
+              {}};
+  for (const Series& series : both)
+    for (std::size_t i = 0; i < series.turns.size(); ++i) {
+      const LatencyHistogram& turn = series.turns[i];
+      table.rows.push_back({series.name, cell(i + 1), cell(turn.count()), cell(turn.percentile(50)),
+                            cell(turn.percentile(99)), cell(turn.percentile(99.9)), cell(turn.max())});
+    }
+  return table;
+}
+
+constexpr std::array<const char*, 2> kColours{"#2266aa", "#cc5533"};
+
+double decade(double value) {
+  return std::log10(std::max(value, 1.0));
+}
+
+// The share of wake-ups that were later than a time, both axes logarithmic; and each turn's p99.9 (dot) and
+// maximum (bar) in the order in which they ran.
+std::string drawing(const std::vector<Series>& both) {
+  topside::PlotAxes axes;
+  axes.right = 1;
+  axes.bottom = -1;
+  axes.top = 0;
+  axes.x_label = "wake-up latency [log10 of us]";
+  axes.y_label = "share of wake-ups later than that [log10]";
+  axes.title = "wake-ups";
+  for (const Series& series : both) {
+    const LatencyHistogram all = series.all();
+    axes.right = std::max(axes.right, std::ceil(decade(static_cast<double>(all.max()))));
+    axes.bottom = std::min(axes.bottom, -std::ceil(decade(static_cast<double>(all.count()))));
+  }
+  topside::PlotAxes turn_axes = axes;
+  turn_axes.right = static_cast<double>(both.front().turns.size());
+  turn_axes.bottom = 0;
+  turn_axes.top = axes.right;
+  turn_axes.x_label = "turns";
+  turn_axes.y_label = "p99.9 and maximum [log10 of us]";
+  turn_axes.title = "turn by turn";
+  topside::SvgPlot shares(axes), turns(turn_axes);
+  for (std::size_t s = 0; s < both.size(); ++s) {
+    const LatencyHistogram all = both[s].all();
+    const auto count = static_cast<double>(all.count());
+    std::vector<Eigen::Vector2d> curve{{0, 0}}, dots;
+    double later = count;
+    for (std::size_t us = 0; us < all.counts().size(); ++us) {
+      if (all.counts()[us] == 0) continue;
+      const double at = decade(static_cast<double>(us) + 1);
+      curve.emplace_back(at, curve.back().y());
+      later -= static_cast<double>(all.counts()[us]);
+      curve.emplace_back(at, later > 0 ? std::log10(later / count) : axes.bottom);
+    }
+    shares.line(curve, kColours[s], 2);
+    shares.text({0.4 * axes.right, (0.06 + 0.06 * static_cast<double>(s)) * axes.bottom}, both[s].name,
+                kColours[s], 12);
+    for (std::size_t i = 0; i < both[s].turns.size(); ++i) {
+      const double x = static_cast<double>(i) + (s == 0 ? 0.3 : 0.7);
+      dots.emplace_back(x, decade(static_cast<double>(both[s].turns[i].percentile(99.9))));
+      turns.segment(dots.back(), {x, decade(static_cast<double>(both[s].turns[i].max()))}, kColours[s]);
+    }
+    turns.dots(dots, 4, kColours[s]);
+  }
+  return topside::besideEachOther(std::vector{shares.svg(), turns.svg()}, 2);
+}
+
+std::string machine() {
+  utsname name{};
+  ::uname(&name);
+  return std::string(name.sysname) + " " + name.release + " " + name.version + ", " +
+         std::to_string(::sysconf(_SC_NPROCESSORS_ONLN)) + " CPUs";
+}
+
+int report(const Options& options) {
+  rt::HeapReserve::takeOverAllocator();
+  std::filesystem::create_directories(options.out);
+  rt::RealtimeConfig config;
+  config.soft = options.soft;
+  config.hard_priority = options.priority;
+  config.cpu_wake_us = options.cpu_wake_us;
+  if (options.cpu >= 0) config.hard_cpus = {options.cpu};
+  const rt::CpuWakeLimit wake(config.cpu_wake_us);
+  HardLoop loop(config);
+  rt::MemoryBudget budget(256 * kMib);
+  rt::HeapReserve heap;
+  const rt::ArmingResult armed = rt::arm(config, budget, heap, 16 * kMib);
+  std::fputs(armed.table().c_str(), stdout);
+  if (!armed.complete()) std::fputs(armed.message().c_str(), stderr);
+  if (!armed.armed()) return kExitFailedWork;
+
+  std::vector<std::unique_ptr<ChildProcess>> load;
+  const auto run = [&](const std::string& command, const std::filesystem::path& log) {
+    load.push_back(std::make_unique<ChildProcess>(
+        ChildProcess::Options{{"/bin/sh", "-c", command}, {}, log, std::nullopt}));
+  };
+  for (int i = 0; i < options.hogs; ++i) run(kHog, "/dev/null");
+  if (!options.load.empty()) run(kOverAndOver + options.load + " || sleep 1; done", options.out / "load.log");
+
+  std::vector<Series> both{{"fathom's loop", {}}, {"cyclictest", {}}};
+  rt::ThreadCost cost;
+  std::uint64_t slipped = 0, samples = 0;
+  std::int64_t max_body_ns = 0;
+  for (int turn = 0; turn < options.turns; ++turn) {
+    const HardLoop::Result result = loop.run(options.turn_seconds * kNsPerSecond);
+    both[0].turns.push_back(result.latency);
+    cost.heap_calls += result.cost.heap_calls;
+    cost.minor_faults += result.cost.minor_faults;
+    cost.major_faults += result.cost.major_faults;
+    slipped += result.slipped;
+    samples += result.samples;
+    max_body_ns = std::max(max_body_ns, result.max_body_ns);
+    both[1].turns.push_back(runCyclictest(options));
+    std::printf("turn %2d:", turn + 1);
+    for (const Series& series : both)
+      std::printf(" %s p99.9 %lld us, max %lld us;", series.name.c_str(),
+                  static_cast<long long>(series.turns.back().percentile(99.9)),
+                  static_cast<long long>(series.turns.back().max()));
+    std::printf("\n");
+    std::fflush(stdout);
+  }
+  for (const auto& child : load) ::kill(-child->pid(), SIGKILL);
+
+  const test::Interval ratio = ratioInterval(both[0].turns, both[1].turns, 99.9);
+  Page page("Wake-up latency at 100 Hz, SCHED_FIFO " + std::to_string(options.priority) + ", " +
+            std::to_string(options.hogs) + " hogs" + (options.load.empty() ? "" : " and " + options.load));
+  page.add(percentiles(both));
+  page.add(
+      {"Ratio of p99.9", {{"ratio", 2}, {"from", 2}, {"to", 2}}, {{ratio.value, ratio.low, ratio.high}}});
+  page.add({"The loop after arming",
+            {{"heap calls", 0},
+             {"minor faults", 0},
+             {"major faults", 0},
+             {"slipped", 0},
+             {"samples", 0},
+             {"longest body [us]", 1}},
+            {{cell(cost.heap_calls), cell(cost.minor_faults), cell(cost.major_faults), cell(slipped),
+              cell(samples), static_cast<double>(max_body_ns) / 1000}}});
+  page.add({"Conditions",
+            {{"machine", 0}, {"turn [s]", 0}, {"CPU", 0}, {"wake limit [us]", 0}, {"held", 0}, {"soft", 0}},
+            {{machine(), cell(options.turn_seconds), cell(options.cpu), cell(options.cpu_wake_us),
+              cell(wake.held()), cell(!armed.complete())}}});
+  std::printf("%s", page.text().c_str());
+  page.html(drawing(both));
+  page.add(turnsTable(both));
+  page.write(options.out, "realtime");
+  return kExitSuccess;
+}
+
+}  // namespace
+
+test::Report realtimeReport() {
+  static Options o;
+  return {"realtime",
+          "Wake-up latency of the hard tier's 100 Hz loop against cyclictest's, turn by turn",
+          {{"--minutes", &o.turns, "turns of each", 1, 1000},
+           {"--turn-seconds", &o.turn_seconds, "length of a turn [s]", 1, 3600},
+           {"--priority", &o.priority, "SCHED_FIFO priority of both", 1, 98},
+           {"--cpu", &o.cpu, "CPU of both; -1: any", -1, 1023},
+           {"--hogs", &o.hogs, "shells that do nothing but run", 0, 64},
+           {"--load-command", &o.load, "run beside, over and over"},
+           {"--cpu-wake-us", &o.cpu_wake_us, "limit on the CPUs' wake-up while the loop's program runs"},
+           {"--soft", &o.soft, "go on without privileges"},
+           {"--out", &o.out, "folder for realtime.html and realtime.json"}},
+          [] { return report(o); }};
+}
+
+}  // namespace fathom::bench

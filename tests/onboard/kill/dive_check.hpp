@@ -1,0 +1,51 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "firmware_if/log/onboard_input.hpp"
+#include "tests/onboard/kill/dive_process.hpp"
+
+namespace fathom::test {
+
+// What the log of the dive holds of the mission that was played.
+class LoggedInputs {
+ public:
+  // Throws InputError.
+  LoggedInputs(const std::filesystem::path& dive, const std::filesystem::path& mission,
+               std::int64_t shift_ns);
+
+  // How long before the end of that life the oldest input came that it was given and the log does not hold
+  // [s]; 0 when it holds all.
+  [[nodiscard]] double oldestLost(const DiveLife& life) const;
+
+ private:
+  struct Key {
+    std::size_t kind;
+    int side;
+    std::int64_t utc_ns;
+    auto operator<=>(const Key&) const = default;
+  };
+  [[nodiscard]] static std::optional<Key> keyOf(const io::OnboardInput& input, std::int64_t shift_ns);
+
+  std::set<Key> logged_;
+  std::vector<io::OnboardInput> played_;
+  std::int64_t shift_ns_;
+};
+
+// The newest state that any of the lives told, of what came until then; none, when none was so old.
+[[nodiscard]] std::optional<DiveState> newestStateUntil(const std::vector<DiveLife>& lives,
+                                                        std::int64_t utc_ns);
+// Nothing of it is less; the map may take fewer tiles when its meshes have moved.
+[[nodiscard]] bool holdsAllOf(const DiveState& now, const DiveState& before);
+
+// Replays the dive into `again`: the files of onboard/ that are not the same bytes.
+[[nodiscard]] std::vector<std::string> differencesToReplay(const std::filesystem::path& dive,
+                                                           const std::filesystem::path& config,
+                                                           const std::filesystem::path& again);
+
+}  // namespace fathom::test

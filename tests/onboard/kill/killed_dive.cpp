@@ -1,0 +1,99 @@
+#include "tests/onboard/kill/killed_dive.hpp"
+
+#include <sys/socket.h>
+
+#include <cinttypes>
+#include <csignal>
+#include <cstdio>
+#include <ctime>
+
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/onboard/live/live_system.hpp"
+#include "tests/onboard/live/played_devices.hpp"
+
+namespace fathom::test {
+namespace {
+
+using namespace fathom::onboard;
+
+constexpr std::int64_t kLook_ns = 10'000'000;       // until it navigates and has caught up
+constexpr std::int64_t kSupervise_ns = 50'000'000;  // afterwards
+
+volatile std::sig_atomic_t told_to_end = 0;
+void onSignal(int) {
+  told_to_end = 1;
+}
+
+// A datagram is a frame.
+class SocketPort final : public FramePort {
+ public:
+  bool send(std::span<const std::uint8_t> frame) noexcept override {
+    return ::send(kModemSocket, frame.data(), frame.size(), MSG_DONTWAIT | MSG_NOSIGNAL) > 0;
+  }
+  std::size_t receive(std::span<std::uint8_t> buffer) noexcept override {
+    const ssize_t size = ::recv(kModemSocket, buffer.data(), buffer.size(), MSG_DONTWAIT);
+    return size > 0 ? static_cast<std::size_t>(size) : 0;
+  }
+  [[nodiscard]] std::uint64_t droppedFrames() const noexcept override { return 0; }
+};
+
+template <class... Values>
+void say(const char* format, Values... values) {
+  std::printf(format, values...);
+  std::fflush(stdout);
+}
+
+void watchOver(LiveSystem& live, const rt::VehicleClock& clock) {
+  bool navigates = false;
+  MapState map;
+  NavState nav;
+  std::int64_t next_supervise_ns = 0, said_ns = 0;
+  while (told_to_end == 0) {
+    const timespec rest = {0, static_cast<long>(said_ns == 0 ? kLook_ns : kSupervise_ns)};
+    ::clock_nanosleep(CLOCK_MONOTONIC, 0, &rest, nullptr);
+    if (!navigates && live.hard().readForSupervisor(nav) && nav.inputs > 0) {
+      navigates = true;
+      say("N %" PRId64 "\n", clock.monotonicNs());
+    }
+    if (live.soft().caughtUp() && live.soft().readForSupervisor(map) && map.utc_ns > said_ns) {
+      said_ns = map.utc_ns;
+      say("S %" PRId64 " %" PRId64 " %" PRIu64 " %" PRIu64 " %d %" PRIu64 "\n", clock.monotonicNs(),
+          map.utc_ns, map.pairs, map.keyframes, map.map_tiles, map.link_frames_arrived);
+    }
+    if (clock.monotonicNs() < next_supervise_ns) continue;
+    next_supervise_ns = clock.monotonicNs() + kSupervise_ns;
+    for (const std::string& event : live.supervise()) say("# %s\n", event.c_str());
+  }
+}
+
+}  // namespace
+
+int dive(const DiveOrders& orders) {
+  struct sigaction action = {};
+  action.sa_handler = onSignal;
+  ::sigaction(SIGTERM, &action, nullptr);
+  const io::MissionConfig mission = io::readMissionConfig(orders.folder);
+  const StereoRig rig = readStereoCalib(io::MissionPaths(orders.folder).calib());
+  OnboardConfig config = readOnboardConfig(orders.config, mission);
+  config.live.realtime.soft = true;
+  rt::VehicleClock clock(vehicleClockOffset(orders.folder / "state"));
+  const PlayedMission played(orders.mission, clock, orders.shift_ns);
+  LiveDevices devices = playedDevices(played, orders.mission, mission, rig, clock);
+  devices.modem = std::make_unique<SocketPort>();
+  LiveSystem live({orders.folder, config, mission, rig}, std::move(devices), clock);
+  for (const std::string& line : live.resumeSaid()) say("# %s\n", line.c_str());
+  rt::HeapReserve heap;
+  if (!live.arm(heap).armed()) return kExitFailedWork;
+  if (live.resumed())
+    say("R %.3f %" PRIu64 " %zu\n", live.awaySeconds(), live.resumedFrom(), played.first);
+  else
+    say("F %zu\n", played.first);
+  say("A %" PRId64 "\n", clock.monotonicNs());
+  watchOver(live, clock);
+  live.stop();
+  if (live.write()) return kExitSuccess;
+  say("# no pair gave a map\n");
+  return kExitFailedWork;
+}
+
+}  // namespace fathom::test
