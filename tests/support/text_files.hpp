@@ -5,71 +5,47 @@
 #include <fstream>
 #include <iterator>
 #include <string>
-<<<<<<<<HEAD : tests / support / text_files.hpp
 #include <string_view>
-        == == == ==>>>>>>>> h_report : tests /
-                                       support /
-                                       files.hpp
 #include <vector>
 
 #include "realtime/kernel/input_error.hpp"
 
-                                       namespace fathom::test {
+namespace fathom::test {
 
-  < < < < < < < < HEAD : tests / support /
-                         text_files.hpp
-                         // Makes the file's folder too.
-                         inline void
-                         writeText(const std::filesystem::path& path, std::string_view text) {
-    std::filesystem::create_directories(path.parent_path());
-    == == == == inline std::string readText(const std::filesystem::path& path) {
-      std::ifstream in(path, std::ios::binary);
-      return {std::istreambuf_iterator<char>(in), {}};
-    }
+// Makes the file's folder too.
+inline void writeText(const std::filesystem::path& path, std::string_view text) {
+  std::filesystem::create_directories(path.parent_path());
+  std::ofstream(path, std::ios::binary) << text;
+}
 
-    inline std::vector<std::uint8_t> readBytes(const std::filesystem::path& path) {
-      std::ifstream in(path, std::ios::binary);
-      return {std::istreambuf_iterator<char>(in), {}};
-    }
+inline void writeBytes(const std::filesystem::path& path, const std::vector<std::uint8_t>& bytes) {
+  writeText(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+}
 
-    inline void writeText(const std::filesystem::path& path, const std::string& text) {
-      >>>>>>>> h_report : tests / support / files.hpp std::ofstream(path, std::ios::binary) << text;
-    }
+inline std::string readText(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}
 
-    inline void writeBytes(const std::filesystem::path& path, const std::vector<std::uint8_t>& bytes) {
-      < < < < < < < <
-          HEAD : tests / support /
-                 text_files.hpp writeText(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
-    }
+inline std::vector<std::uint8_t> readBytes(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}
 
-    inline std::string readText(const std::filesystem::path& path) {
-      std::ifstream in(path, std::ios::binary);
-      return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-      == == == ==
-          std::ofstream(path, std::ios::binary)
-              .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-      >>>>>>>> h_report : tests / support / files.hpp
-    }
+inline std::string replaced(std::string text, const std::string& from, const std::string& to) {
+  const std::size_t at = text.find(from);
+  return at == std::string::npos ? "no '" + from + "' to replace" : text.replace(at, from.size(), to);
+}
 
-    inline std::vector<std::uint8_t> readBytes(const std::filesystem::path& path) {
-      std::ifstream in(path, std::ios::binary);
-      return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-    }
+// The line of the InputError that `work` throws; "" if it throws none.
+template <class Work>
+std::string refusal(Work work) {
+  try {
+    work();
+  } catch (const InputError& e) {
+    return e.what();
+  }
+  return "";
+}
 
-    inline std::string replaced(std::string text, const std::string& from, const std::string& to) {
-      const std::size_t at = text.find(from);
-      return at == std::string::npos ? "no '" + from + "' to replace" : text.replace(at, from.size(), to);
-    }
-
-    // The line of the InputError that `work` throws; "" if it throws none.
-    template <class Work>
-    std::string refusal(Work work) {
-      try {
-        work();
-      } catch (const InputError& e) {
-        return e.what();
-      }
-      return "";
-    }
-
-  }  // namespace fathom::test
+}  // namespace fathom::test
