@@ -6,7 +6,7 @@
 import process from 'node:process';
 import { launch, readOptions } from '#tools/browser';
 
-const { url, out, options, width, height } = readOptions('screenshot.mjs URL OUT.png', ['url', 'out'], { size: '1400x860', do: '', timeout: '60' });
+const { url, out, options, width, height } = readOptions('tools/screenshot.mjs URL OUT.png', ['url', 'out'], { size: '1400x860', do: '', timeout: '60' });
 const browser = await launch(options.chromium);
 try {
   const page = await browser.newPage({ viewport: { width, height } });
