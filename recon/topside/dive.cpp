@@ -1,42 +1,16 @@
 #include "recon/topside/dive.hpp"
 
-#include <oneapi/tbb/enumerable_thread_specific.h>
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "realtime/kernel/input_error.hpp"
-#include "recon/topside/input/seed_plane.hpp"
-#include "recon/topside/work/stage_archive.hpp"
-#include "recon/topside/work/stage_keys.hpp"
+#include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::topside {
 namespace {
 
-// Change whenever the same inputs and settings give another result.
-constexpr std::uint32_t kSurveyVersion = 2, kLightingVersion = 1, kPrepareVersion = 1, kLocaliseVersion = 4,
-                        kPlanVersion = 1;
 // Expected shares of a run's time, of a dive with images.
 constexpr std::array<double, kStages> kWeights = {0.01, 0.04, 0.40, 0.10, 0.01, 0.40, 0.04};
-template <typename T>
-void load(const WorkFile& file, const std::string& block, T& value) {
-  const Bytes bytes = file.read(block);
-  rt::StateReader reader(bytes);
-  if (!reader(value) || reader.left() != 0) throw DamagedWork(file.path());
-}
-
-template <typename T>
-void save(WorkFileWriter& file, const std::string& block, const T& value) {
-  file.add(block, savedBytes([&](rt::StateWriter& writer) { writer(value); }));
-}
-
-std::string sixDigits(std::size_t number) {
-  std::array<char, 24> text{};
-  std::snprintf(text.data(), text.size(), "%06zu", number);
-  return text.data();
-}
 
 void add(stereo::StereoResult::Rejected& sum, const stereo::StereoResult::Rejected& one) {
   sum.no_track += one.no_track;
@@ -58,6 +32,12 @@ const char* nameOf(Stage stage) {
 
 double expectedShare(const std::optional<Stage>& only) {
   return only ? weightOf(*only) : 1.0;
+}
+
+double expectedShareUpTo(Stage last) {
+  double sum = 0;
+  for (std::size_t k = 0; k <= static_cast<std::size_t>(last); ++k) sum += kWeights[k];
+  return sum;
 }
 
 std::optional<Stage> stageNamed(const std::string& name) {
@@ -88,7 +68,7 @@ void Dive::missing(Stage stage) const {
                        nameOf(stage) + "' with the same settings first");
 }
 
-WorkFile Dive::single(Stage stage, const Digest& key, const std::function<void(WorkFileWriter&)>& make) {
+WorkFile Dive::single(Stage stage, const Digest& key, const std::function<Costs(WorkFileWriter&)>& make) {
   const std::string name = nameOf(stage);
   if (auto found = store_.find(name, "all", key)) {
     if (permission_.allows(stage)) {
@@ -100,13 +80,7 @@ WorkFile Dive::single(Stage stage, const Digest& key, const std::function<void(W
     return std::move(*found);
   }
   if (!permission_.allows(stage)) missing(stage);
-  outcomes_.emplace_back(name, runStage(store_, name,
-                                        {{"all", key,
-                                          [&](WorkFileWriter& file) {
-                                            make(file);
-                                            return Costs();
-                                          }}},
-                                        1, progress_, weightOf(stage)));
+  outcomes_.emplace_back(name, runStage(store_, name, {{"all", key, make}}, 1, progress_, weightOf(stage)));
   return store_.get(name, "all", key);
 }
 
@@ -134,14 +108,11 @@ void Dive::run(Stage stage, const std::string& name, std::vector<StageTask> task
 
 const Survey& Dive::survey() {
   if (survey_) return *survey_;
-  Hasher hasher;
-  hasher.add("survey", kSurveyVersion, input_.identity);
-  addRig(hasher, input_);
-  addNavigationSettings(hasher, config_);
-  const WorkFile file = single(Stage::kSurvey, hasher.finish(), [&](WorkFileWriter& out) {
-    save(out, "survey", takeSurvey(input_, config_));
+  const WorkFile file = single(Stage::kSurvey, surveyKey(input_, config_), [&](WorkFileWriter& out) {
+    saveBlock(out, "survey", takeSurvey(input_, config_));
+    return Costs();
   });
-  load(file, "survey", survey_.emplace());
+  survey_ = loadBlock<Survey>(file, "survey");
   survey_content_ = file.content();
   for (const ImagePair& pair : survey_->list.pairs)
     image_identities_.push_back(input_.imageIdentity(pair.left, pair.right));
@@ -152,81 +123,27 @@ const LightingModels& Dive::lighting() {
   if (lighting_) return *lighting_;
   const Survey& dive = survey();
   auto models = std::make_unique<LightingModels>(input_.mission, input_.rig, config_.lighting);
-  if (input_.features_only) {
-    lighting_ = std::move(models);
-    return *lighting_;
+  if (!input_.features_only) {
+    const Digest key = lightingKey(config_, survey_content_, image_identities_);
+    const WorkFile file = single(Stage::kLighting, key, [&](WorkFileWriter& out) {
+      LightingModels learnt(input_.mission, input_.rig, config_.lighting);
+      learnLighting(input_, config_, dive, learnt);
+      saveLighting(out, learnt);
+      return Costs();
+    });
+    loadLighting(file, *models);
+    lighting_content_ = file.content();
   }
-  Hasher hasher;
-  hasher.add("lighting", kLightingVersion, survey_content_);
-  addLightingSettings(hasher, config_);
-  addStereoSettings(hasher, config_);
-  for (const std::size_t pair : lightingPairs(dive.list.pairs.size(), config_))
-    hasher.add(image_identities_[pair]);
-  const WorkFile file = single(Stage::kLighting, hasher.finish(), [&](WorkFileWriter& out) {
-    LightingModels learnt(input_.mission, input_.rig, config_.lighting);
-    learnLighting(input_.paths, input_.mission, input_.rig, dive.list.pairs, dive.navigation.poses, config_,
-                  learnt);
-    out.add("models", savedBytes([&](rt::StateWriter& writer) {
-              learnt.left.save(writer);
-              learnt.right.save(writer);
-              writer(learnt.unreadable);
-            }));
-  });
-  const Bytes bytes = file.read("models");
-  rt::StateReader reader(bytes);
-  if (!models->left.load(reader) || !models->right.load(reader) || !reader(models->unreadable))
-    throw DamagedWork(file.path());
-  lighting_content_ = file.content();
   lighting_ = std::move(models);
   return *lighting_;
 }
 
-StageTask Dive::prepareTask(std::size_t group, const std::vector<double>& altitudes) {
-  const std::vector<ImagePair>& pairs = survey_->list.pairs;
-  const std::vector<NavigatedPose>& poses = survey_->navigation.poses;
-  const std::size_t first = group * kPairsInGroup, last = std::min(pairs.size(), first + kPairsInGroup);
-  const bool slam = config_.slam && !input_.given_poses;
-  Hasher hasher;
-  hasher.add("prepare", kPrepareVersion, lighting_content_, slam, config_.slam_features);
-  addRig(hasher, input_);
-  addStereoSettings(hasher, config_);
-  for (std::size_t k = first; k < last; ++k) {
-    const auto& pose = poses[k].T_nav_body;
-    hasher.add(pairs[k].left, pairs[k].right, image_identities_[k], altitudes[k], pose.has_value());
-    // The attitude alone places the seed plane.
-    if (pose) addPose(hasher, SE3(pose->rotation(), Eigen::Vector3d::Zero()));
-  }
-  return {sixDigits(group), hasher.finish(),
-          [this, &pairs, &poses, &altitudes, first, last, slam](WorkFileWriter& file) {
-            std::vector<PreparedPair> made(last - first);
-            std::vector<bool> placed;
-            for (std::size_t k = first; k < last; ++k) placed.push_back(poses[k].T_nav_body.has_value());
-            oneapi::tbb::parallel_for(first, last, [&](std::size_t k) {
-              std::unique_ptr<PairPreparer>& preparer = preparers_.local();
-              if (!preparer)
-                preparer = makePreparer(input_.paths, input_.mission, input_.rig, config_, *lighting_,
-                                        input_.features_only, Wanted{slam, true});
-              if (const auto& pose = poses[k].T_nav_body)
-                made[k - first] = preparer->process(pairs[k], *pose, altitudes[k]);
-            });
-            PairTimes times;
-            for (const PreparedPair& pair : made) times += pair.times;
-            writePrepared(file, first, made, placed);
-            Costs costs;
-            for (std::size_t s = 0; s < kPairStages; ++s) costs[kPairStageNames[s]] = times.seconds[s];
-            return costs;
-          }};
-}
-
 void Dive::makePrepared() {
   if (!prepared_files_.empty()) return;
-  (void)lighting();
-  const std::vector<double> altitudes = seedAltitudes(survey_->navigation.poses, config_.default_altitude);
-  std::vector<StageTask> tasks;
-  for (std::size_t group = 0; group < groupsOf(survey_->list.pairs.size()); ++group)
-    tasks.push_back(prepareTask(group, altitudes));
+  PrepareStage stage(
+      {&input_, &config_, &survey(), &lighting(), lighting_content_, &image_identities_, localises()});
+  const std::vector<StageTask> tasks = stage.tasks();
   run(Stage::kPrepare, nameOf(Stage::kPrepare), tasks, weightOf(Stage::kPrepare));
-  preparers_.clear();
   if (permission_.only == Stage::kPrepare) return;
   for (const StageTask& task : tasks)
     prepared_files_.push_back(store_.get(nameOf(Stage::kPrepare), task.item, task.key));
@@ -244,16 +161,15 @@ const SlamResult* Dive::localised() {
   const PreparedGroups& groups = prepared();
   Hasher poses;
   poses.add(survey_content_);
-  if (config_.slam && !input_.given_poses) {
-    Hasher hasher;
-    hasher.add("localise", kLocaliseVersion, survey_content_, groups.content());
-    addRig(hasher, input_);
-    addNavigationSettings(hasher, config_);
-    addSlamSettings(hasher, config_);
-    const WorkFile file = single(Stage::kLocalise, hasher.finish(), [&](WorkFileWriter& out) {
-      save(out, "slam", localise(input_.mission, input_.rig, config_, survey_->navigation, groups));
+  if (localises()) {
+    const Digest key = localiseKey(input_, config_, survey_content_, groups.content());
+    const WorkFile file = single(Stage::kLocalise, key, [&](WorkFileWriter& out) {
+      const SlamResult slam = localise(input_.mission, input_.rig, config_, survey_->navigation, groups);
+      saveSlam(out, slam);
+      return slam.seconds;
     });
-    load(file, "slam", slam_.emplace());
+    slam_ = loadSlam(file);
+    slam_->seconds = store_.costs(nameOf(Stage::kLocalise))["all"];
     poses.add(file.content());
   }
   poses_content_ = poses.finish();
@@ -270,19 +186,17 @@ const std::vector<NavigatedPose>& Dive::poses() {
 const ModelPlan& Dive::plan() {
   if (plan_) return *plan_;
   (void)localised();
-  Hasher hasher;
-  const fusion::DivisionConfig& division = config_.model.division;
-  hasher.add("plan", kPlanVersion, poses_content_, prepared_->content(), grid_.voxel, grid_.leaf_voxels,
-             config_.model.texel, division.target_meshes, division.max_meshes, division.overlap);
-  addRig(hasher, input_);
-  const WorkFile file = single(Stage::kPlan, hasher.finish(), [&](WorkFileWriter& out) {
+  const Digest key = planKey(input_, config_, grid_, poses_content_, prepared_->content());
+  const WorkFile file = single(Stage::kPlan, key, [&](WorkFileWriter& out) {
     static const std::vector<slam::NavigationLink> kNone;
-    ModelPlan plan = planModel(*prepared_, T_nav_cam_, slam_ ? slam_->closures : kNone, grid_, division);
+    ModelPlan plan =
+        planModel(*prepared_, T_nav_cam_, slam_ ? slam_->closures : kNone, grid_, config_.model.division);
     plan.texel = config_.model.texel > 0 ? config_.model.texel
                                          : nativeTexel(input_, survey_->navigation, config_.default_altitude);
-    out.add("plan", planBytes(plan));
+    savePlan(out, plan);
+    return Costs();
   });
-  if (!loadPlan(file.read("plan"), plan_.emplace())) throw DamagedWork(file.path());
+  plan_ = loadPlan(file);
   // Texels larger than pixels are made from images reduced as much.
   const double pixel = nativeTexel(input_, survey_->navigation, config_.default_altitude);
   config_.model.blend.bands.reduction = std::max(1, static_cast<int>(plan_->texel / pixel));

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <oneapi/tbb/enumerable_thread_specific.h>
-
 #include <map>
 #include <memory>
 #include <optional>
@@ -29,6 +27,7 @@ inline constexpr std::array<const char*, kStages> kStageNames = {"survey", "ligh
 // Of a whole run's time, of a dive with images.
 [[nodiscard]] double weightOf(Stage stage);
 [[nodiscard]] double expectedShare(const std::optional<Stage>& only);
+[[nodiscard]] double expectedShareUpTo(Stage last);
 
 // What a process may make; what else it needs must be in the store.
 struct Permission {
@@ -74,10 +73,10 @@ class Dive {
 
  private:
   // The result of a stage that is one item.
-  WorkFile single(Stage stage, const Digest& key, const std::function<void(WorkFileWriter&)>& make);
+  WorkFile single(Stage stage, const Digest& key, const std::function<Costs(WorkFileWriter&)>& make);
   void run(Stage stage, const std::string& name, std::vector<StageTask> tasks, double weight);
-  [[nodiscard]] StageTask prepareTask(std::size_t group, const std::vector<double>& altitudes);
   std::vector<StageTask> pieceTasks();
+  [[nodiscard]] bool localises() const { return config_.slam && !input_.given_poses; }
   [[nodiscard]] bool textured() const { return config_.model.texture && !input_.features_only; }
   [[noreturn]] void missing(Stage stage) const;
 
@@ -92,7 +91,6 @@ class Dive {
   Digest survey_content_, lighting_content_, poses_content_;
   std::vector<Digest> image_identities_;
   std::unique_ptr<LightingModels> lighting_;
-  oneapi::tbb::enumerable_thread_specific<std::unique_ptr<PairPreparer>> preparers_;
   std::vector<WorkFile> prepared_files_;
   std::unique_ptr<PreparedGroups> prepared_;
   std::optional<SlamResult> slam_;

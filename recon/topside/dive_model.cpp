@@ -3,7 +3,6 @@
 #include <set>
 
 #include "recon/topside/dive.hpp"
-#include "recon/topside/work/stage_keys.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -16,6 +16,7 @@
 #include "recon/topside/report/map_picture.hpp"
 #include "recon/topside/report/report.hpp"
 #include "recon/topside/report/slam_json.hpp"
+#include "recon/topside/work/repair.hpp"
 #include "recon/topside/work/stage_times.hpp"
 
 namespace fathom::topside {
@@ -67,22 +68,6 @@ std::size_t peakBytes() {
 
 std::filesystem::path workOf(const RunPlaces& places) {
   return places.work.empty() ? places.mission / "topside.work" : places.work;
-}
-
-// Work that turns out to be damaged while it is in use is removed and made again.
-template <typename Body>
-auto withRepair(const Body& body) {
-  constexpr int kAttempts = 3;
-  for (int attempt = 1;; ++attempt) {
-    try {
-      return body();
-    } catch (const DamagedWork& damage) {
-      if (attempt == kAttempts) throw;
-      std::fprintf(stderr, "%s; it will be made again\n", damage.what());
-      std::error_code ignored;
-      std::filesystem::remove(damage.path(), ignored);
-    }
-  }
 }
 
 void fillRecord(RunRecord& record, Dive& dive, const StageStore& store, const Assembled& model) {

@@ -113,14 +113,16 @@ TEST_F(StereoProgram, ImagesWithoutAParallaxGiveNoMeshAndSaySo) {
 TEST(SlamProgram, ADiveGetsPosesClosuresAndAPage) {
   const TemporaryFolder folder;
   const std::filesystem::path out = folder.path() / "slam";
-  const Outcome run = runProgram("fathom-topside slam " FATHOM_REEF_MISSION " --out " + out.string());
+  const std::string slam =
+      "fathom-topside slam " FATHOM_REEF_MISSION " --work " + (folder.path() / "work").string();
+  const Outcome run = runProgram(slam + " --out " + out.string());
   ASSERT_EQ(run.exit_code, 0) << run.err;
   EXPECT_THAT(run.out, HasSubstr("odometry links"));
   for (const char* name :
        {"stereo_pose_est.data", "vehicle_pose_est.data", "closures.csv", "slam.html", "tracks.svg"})
     EXPECT_GT(readText(out / name).size(), 50U) << name;
   expectRefused("fathom-topside slam /absent", "/absent");
-  expectRefused("fathom-topside slam " FATHOM_REEF_MISSION " --out /dev/null", "/dev/null");
+  expectRefused(slam + " --out /dev/null", "/dev/null");
 }
 
 TEST(PosegraphProgram, AnInformationThatIsNotPositiveIsRefusedByLineOrReplacedAndSaid) {

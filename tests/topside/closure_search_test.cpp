@@ -14,21 +14,23 @@ constexpr int kFrames = 60;        // of the way out, and as many back
 constexpr double kStep = 0.25;     // [m]
 constexpr double kAltitude = 2.0;  // [m]
 
-// A straight way out and back over the same ground, known by dead reckoning alone. Frames have one feature
-// each: nothing can be registered.
+// Frames that have one feature each: nothing can be registered.
+struct OneFeatureEach final : FeatureStore {
+  [[nodiscard]] std::size_t count(std::size_t) const override { return 1; }
+  void load(std::size_t, closure::FrameFeatures& out) const override {
+    out.features.assign(1, {});
+    out.descriptors.assign(closure::descriptorBytes(out.kind), 0);
+  }
+};
+
+// A straight way out and back over the same ground, known by dead reckoning alone.
 struct OutAndBack {
-  std::vector<closure::FrameFeatures> blank = std::vector<closure::FrameFeatures>(2 * kFrames);
-  std::unique_ptr<MemoryFeatureStore> store;
+  OneFeatureEach store;
   Frames frames;
   slam::NavigationSolution solution;
 
   explicit OutAndBack(double sigma_of_a_step) {
-    for (closure::FrameFeatures& f : blank) {
-      f.features.resize(1);
-      f.descriptors.resize(closure::descriptorBytes(f.kind));
-    }
-    store = std::make_unique<MemoryFeatureStore>(blank);
-    frames.features = store.get();
+    frames.features = &store;
     solution.graph.poses.emplace_back();
     for (int k = 0; k < 2 * kFrames; ++k) {
       const double along = kStep * (k < kFrames ? k : 2 * kFrames - 1 - k);

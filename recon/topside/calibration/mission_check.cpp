@@ -10,16 +10,13 @@
 #include <numbers>
 #include <optional>
 
-#include "firmware_if/image_file.hpp"
-#include "firmware_if/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
-#include "recon/lighting/rig_ranges.hpp"
+#include "recon/geometry/eight_bit_view.hpp"
 #include "recon/topside/calibration/free_matches.hpp"
 #include "recon/topside/calibration/range_map.hpp"
-#include "recon/topside/input/image_pairs.hpp"
-#include "recon/topside/input/navigation.hpp"
 #include "recon/topside/input/seed_plane.hpp"
-#include "recon/topside/light/lighting_stage.hpp"
+#include "recon/topside/input/survey_stage.hpp"
+#include "recon/topside/light/pair_images.hpp"
 #include "recon/topside/work/progress.hpp"
 
 namespace fathom::topside {
@@ -31,55 +28,12 @@ constexpr double kBeamAngle = std::numbers::pi / 6;  // of a Janus DVL's beams o
 
 // All that a pair is looked at with.
 struct Mission {
-  io::MissionPaths paths;
-  io::MissionConfig config;
-  StereoRig rig;
+  MissionInput input;
   TopsideConfig topside;
-  PairList list;
-  Navigation navigation;          // poses: of the pairs, then of the DVL's altitudes
-  std::vector<double> altitudes;  // of the pairs [m]
+  Survey survey;
+  std::vector<double> altitudes;       // of the pairs [m]
+  std::vector<NavigatedPose> between;  // at the DVL's altitudes
 };
-
-// The images of a pair, corrected for light, in 8 bit mono.
-struct Seen {
-  std::vector<std::uint8_t> left, right;
-};
-
-ImageView monoView(const std::vector<std::uint8_t>& pixels, const Camera& camera) {
-  return {pixels.data(),      camera.width,
-          camera.height,      static_cast<std::size_t>(camera.width),
-          PixelFormat::kMono, 8};
-}
-
-std::vector<std::uint8_t> look(const Mission& m, const std::string& file, PixelFormat format,
-                               const Camera& camera, const lighting::LightingModel& model,
-                               const lighting::RangeLattice& ranges) {
-  const io::ImageFile image =
-      io::readImage(m.paths.images() / file, format, m.config.cameras.bits, camera.width, camera.height);
-  const auto pixels = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
-  const std::size_t samples = format == PixelFormat::kRgb ? 3 : 1;
-  std::vector<std::uint8_t> corrected(pixels * samples), mono(pixels);
-  model.correct(image.view, ranges, corrected.data());
-  lighting::demosaicMono({corrected.data(), camera.width, camera.height,
-                          static_cast<std::size_t>(camera.width) * samples, format, 8},
-                         mono.data());
-  return mono;
-}
-
-std::optional<Seen> lookAt(const Mission& m, const LightingModels& lighting, std::size_t pair,
-                           const stereo::SeedPlane& plane, std::string& trouble) {
-  lighting::RigRanges ranges(m.rig);
-  ranges.fromPlane(plane.normal, plane.distance);
-  const auto& cameras = m.config.cameras;
-  try {
-    return Seen{
-        look(m, m.list.pairs[pair].left, cameras.left_format, m.rig.left, lighting.left, ranges.left()),
-        look(m, m.list.pairs[pair].right, cameras.right_format, m.rig.right, lighting.right, ranges.right())};
-  } catch (const InputError& error) {
-    if (trouble.empty()) trouble = error.what();
-    return std::nullopt;
-  }
-}
 
 // What one run of pairs gives, in order.
 struct RunResult {
@@ -92,40 +46,42 @@ struct RunResult {
 
 RunResult lookAtRun(const Mission& m, const LightingModels& lighting, std::size_t begin, std::size_t end) {
   RunResult out;
-  std::optional<Seen> before;
+  PairImages images(m.input, lighting);
+  std::vector<std::uint8_t> before;  // the left image
   std::vector<SeenPoint> points_before;
   SE3 body_before;
   for (std::size_t k = begin; k < end; ++k) {
-    const NavigatedPose& pose = m.navigation.poses[k];
+    const NavigatedPose& pose = m.survey.navigation.poses[k];
     if (!pose.T_nav_body) {
-      before.reset();
+      before.clear();
       continue;
     }
     const SE3& T_nav_body = *pose.T_nav_body;
-    const stereo::SeedPlane plane = seedPlane(m.config, T_nav_body, m.altitudes[k]);
-    std::optional<Seen> now = lookAt(m, lighting, k, plane, out.trouble);
-    if (!now) {
+    const stereo::SeedPlane plane = seedPlane(m.input.mission, T_nav_body, m.altitudes[k]);
+    if (!images.read(m.survey.list.pairs[k])) {
+      if (out.trouble.empty()) out.trouble = images.error();
       ++out.unreadable;
-      before.reset();
+      before.clear();
       continue;
     }
+    images.correct(plane);
     const bool shared = k == begin + kRun;  // the next run's first: here for the step to it alone
     if (!shared) ++out.pairs;
-    const auto matches =
-        matchFreely(m.rig, monoView(now->left, m.rig.left), monoView(now->right, m.rig.right), plane);
+    const auto matches = matchFreely(m.input.rig, images.left(), images.right(), plane);
     std::vector<SeenPoint> points =
-        triangulate(m.rig, matches, m.topside.stereo.min_range, m.topside.stereo.max_range);
+        triangulate(m.input.rig, matches, m.topside.stereo.min_range, m.topside.stereo.max_range);
     if (!shared) out.matches.insert(out.matches.end(), matches.begin(), matches.end());
-    if (before) {
+    if (!before.empty()) {
       const SE3 T_b1_b0 = T_nav_body.inverse() * body_before;
-      const SE3& T_body_cam = m.config.T_body_cam;
+      const SE3& T_body_cam = m.input.mission.T_body_cam;
       const auto motion =
-          trackMotion(m.rig.left, monoView(before->left, m.rig.left), monoView(now->left, m.rig.left),
-                      points_before, T_body_cam.inverse() * T_b1_b0 * T_body_cam);
+          trackMotion(m.input.rig.left, eightBitView(before, m.input.rig.left, PixelFormat::kMono),
+                      images.left(), points_before, T_body_cam.inverse() * T_b1_b0 * T_body_cam);
       if (motion) out.steps.push_back({T_b1_b0, motion->R_c1_c0, motion->middle0, motion->middle1});
     }
-    if (!shared) out.points.emplace_back(T_nav_body * m.config.T_body_cam, points);
-    before = std::move(now);
+    if (!shared) out.points.emplace_back(T_nav_body * m.input.mission.T_body_cam, points);
+    const auto* left = static_cast<const std::uint8_t*>(images.left().data);
+    before.assign(left, left + pixelsOf(m.input.rig.left));
     points_before = std::move(points);
     body_before = T_nav_body;
   }
@@ -176,10 +132,9 @@ constexpr BeamPattern kPatterns[] = {{"four beams at 45 deg", 4, std::numbers::p
 std::vector<calibration::RangeSample> compareRanges(const Mission& m, const RangeMap& map,
                                                     const BeamPattern& pattern) {
   std::vector<calibration::RangeSample> out;
-  for (std::size_t k = m.list.pairs.size(); k < m.navigation.poses.size(); ++k) {
-    const NavigatedPose& pose = m.navigation.poses[k];
+  for (const NavigatedPose& pose : m.between) {
     if (!pose.T_nav_body || !pose.altitude) continue;
-    const SE3 T_nav_dvl = *pose.T_nav_body * m.config.T_body_dvl;
+    const SE3 T_nav_dvl = *pose.T_nav_body * m.input.mission.T_body_dvl;
     const auto seen =
         map.at(footprints(T_nav_dvl, *pose.altitude, pattern.beams, pattern.first_azimuth), pattern.enough);
     if (!seen) continue;
@@ -208,21 +163,20 @@ void compareRanges(const Mission& m, const RangeMap& map, MissionCheck& out) {
 }
 
 Mission readMission(const MissionCheckOptions& options) {
-  Mission m{io::MissionPaths(options.mission), io::readMissionConfig(options.mission), {}, {}, {}, {}, {}};
-  m.rig = readStereoCalib(options.calib.empty() ? m.paths.calib() : options.calib);
+  Mission m;
   // A rig that sees ranges a third too long must not lose its points.
   m.topside.stereo.max_range *= 1.5;
-  m.list = listPairs(m.paths, m.config, m.topside.pairing_tolerance);
-  if (m.list.features_only)
+  m.input = openMission(options.mission, {options.calib, {}, false});
+  if (m.input.features_only)
     throw InputError(options.mission.string(), "features",
                      "a mission without images has none to check the calibration by; give one with img/");
-  std::vector<std::int64_t> times, dvl_times;
-  for (const ImagePair& pair : m.list.pairs) times.push_back(pair.utc_ns);
-  m.navigation = navigate(m.paths, m.config, m.topside, times);
-  m.altitudes = seedAltitudes(m.navigation.poses, m.topside.default_altitude);
-  for (std::int64_t t = times.front(); t <= times.back(); t += kDvlSpacing) dvl_times.push_back(t);
-  const Navigation between = navigate(m.paths, m.config, m.topside, dvl_times);
-  m.navigation.poses.insert(m.navigation.poses.end(), between.poses.begin(), between.poses.end());
+  m.survey = takeSurvey(m.input, m.topside);
+  m.altitudes = seedAltitudes(m.survey.navigation.poses, m.topside.default_altitude);
+  const std::vector<ImagePair>& pairs = m.survey.list.pairs;
+  std::vector<std::int64_t> dvl_times;
+  for (std::int64_t t = pairs.front().utc_ns; t <= pairs.back().utc_ns; t += kDvlSpacing)
+    dvl_times.push_back(t);
+  m.between = navigate(m.input.paths, m.input.mission, m.topside, dvl_times).poses;
   return m;
 }
 
@@ -230,12 +184,9 @@ Mission readMission(const MissionCheckOptions& options) {
 
 MissionCheck checkMission(const MissionCheckOptions& options) {
   const Mission m = readMission(options);
-  const std::vector<NavigatedPose> pair_poses(
-      m.navigation.poses.begin(),
-      m.navigation.poses.begin() + static_cast<std::ptrdiff_t>(m.list.pairs.size()));
-  LightingModels lighting(m.config, m.rig, m.topside.lighting);
-  learnLighting(m.paths, m.config, m.rig, m.list.pairs, pair_poses, m.topside, lighting);
-  const auto runs = runsOf(m.list.pairs.size(), options.pairs);
+  LightingModels lighting(m.input.mission, m.input.rig, m.topside.lighting);
+  learnLighting(m.input, m.topside, m.survey, lighting);
+  const auto runs = runsOf(m.survey.list.pairs.size(), options.pairs);
   std::vector<RunResult> results(runs.size());
   {
     Progress progress("matching", runs.size());
@@ -249,9 +200,9 @@ MissionCheck checkMission(const MissionCheckOptions& options) {
 
   MissionCheck out;
   out.mission = options.mission.string();
-  out.port = m.config.water.refractive_port;
-  out.left = m.rig.left;
-  out.T_body_cam = m.config.T_body_cam;
+  out.port = m.input.mission.water.refractive_port;
+  out.left = m.input.rig.left;
+  out.T_body_cam = m.input.mission.T_body_cam;
   std::vector<calibration::RigMatch> matches;
   std::vector<calibration::MotionStep> steps;
   RangeMap map;
@@ -272,9 +223,9 @@ MissionCheck checkMission(const MissionCheckOptions& options) {
         throw InputError(options.mission.string(), "img", why + "; unreadable: " + r.trouble);
     throw InputError(options.mission.string(), "img", why + "; are these images of one scene?");
   }
-  out.epipolar = checkEpipolar(m.rig, matches);
+  out.epipolar = checkEpipolar(m.input.rig, matches);
   compareRanges(m, map, out);
-  out.mount = alignMount(steps, m.config.T_body_cam);
+  out.mount = alignMount(steps, m.input.mission.T_body_cam);
   return out;
 }
 

@@ -6,19 +6,18 @@
 #include <memory>
 #include <string_view>
 
-#include "firmware_if/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/closure/candidates.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/output_folder.hpp"
 #include "recon/topside/config/thread_limit.hpp"
+#include "recon/topside/dive.hpp"
 #include "recon/topside/input/seed_plane.hpp"
-#include "recon/topside/localise/slam_stage.hpp"
-#include "recon/topside/prepare/prepare_stage.hpp"
 #include "recon/topside/report/consistency.hpp"
 #include "recon/topside/report/html_text.hpp"
 #include "recon/topside/report/pose_output.hpp"
 #include "recon/topside/report/slam_json.hpp"
+#include "recon/topside/work/repair.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -27,7 +26,7 @@ constexpr std::array<std::string_view, 6> kOurs = {
     "stereo_pose_est.data", "vehicle_pose_est.data", "closures.csv", "slam.html", "slam.json", "tracks.svg"};
 
 struct Options {
-  std::filesystem::path mission, out, config;
+  std::filesystem::path mission, out, work, config;
 };
 
 std::string pageOf(const SlamResult& slam, const Navigation& navigation, const SE3& T_body_cam,
@@ -75,7 +74,7 @@ std::string pageOf(const SlamResult& slam, const Navigation& navigation, const S
                     std::to_string(truth.overlapping_accepted)) +
         "</table>\n";
   html += "<h2>Seconds</h2>\n<table>\n";
-  for (const auto& [stage, seconds] : slam.stage_seconds) html += htmlRow(stage, fixedDigits(seconds, 2));
+  for (const auto& [stage, seconds] : slam.seconds) html += htmlRow(stage, fixedDigits(seconds, 2));
   return html + "</table>\n</body></html>\n";
 }
 
@@ -85,22 +84,27 @@ void write(const std::filesystem::path& path, const std::string& text) {
   file.commit();
 }
 
-int runSlam(const Options& options) {
-  const TopsideConfig config = options.config.empty() ? TopsideConfig{} : readTopsideConfig(options.config);
-  const ThreadLimit limit(config);
-  const io::MissionPaths paths(options.mission);
-  const io::MissionConfig mission = io::readMissionConfig(options.mission);
-  const StereoRig rig = readStereoCalib(paths.calib());
+void localiseInto(const Options& options, const TopsideConfig& config) {
+  // Bad input leaves no folders behind.
+  MissionInput input = openMission(options.mission, {});
+  if (input.given_poses)
+    throw InputError(options.mission.string(), "stereo_pose_est.data",
+                     "gives the poses: there is nothing to localise");
   OutputFolder out(options.out.empty() ? options.mission / "slam" : options.out, kOurs);
-  const PairList list = listPairs(paths, mission, config.pairing_tolerance);
-  std::vector<std::int64_t> times;
-  for (const ImagePair& pair : list.pairs) times.push_back(pair.utc_ns);
-  const Navigation navigation = navigate(paths, mission, config, times);
-  LightingModels lighting(mission, rig, config.lighting);
-  if (!list.features_only) learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, lighting);
-  const MemoryFeatureStore features =
-      prepareFeatures(paths, mission, rig, config, lighting, list, navigation);
-  const SlamResult slam = localise(mission, rig, config, navigation, features);
+  StageStore store(options.work.empty() ? options.mission / "topside.work" : options.work,
+                   StageStore::Access::kAlone);
+  RunProgress progress(expectedShareUpTo(Stage::kLocalise));
+  Dive dive(std::move(input), config, store, progress, Permission());
+  const SlamResult& slam = *dive.localised();
+  if (slam.frames == 0)
+    for (const PairFacts& pair : dive.prepared().facts())
+      if (!pair.unreadable.empty())
+        throw InputError(options.mission.string(), "img",
+                         "no pair gives features; the first that cannot be read: " + pair.unreadable);
+  const PairList& list = dive.survey().list;
+  const Navigation& navigation = dive.survey().navigation;
+  const io::MissionConfig& mission = dive.input().mission;
+  const StereoRig& rig = dive.input().rig;
 
   const std::vector<double> altitudes = seedAltitudes(slam.poses, config.default_altitude);
   std::vector<FusedPair> posed;
@@ -129,6 +133,13 @@ int runSlam(const Options& options) {
       posed.size(), slam.odometry.size(), kept, slam.tried.size(), slam.closures.size() - kept,
       slam.moved_rms);
   for (const std::string& warning : slamWarnings(slam)) std::fprintf(stderr, "%s\n", warning.c_str());
+}
+
+int runSlam(const Options& options) {
+  TopsideConfig config = options.config.empty() ? TopsideConfig{} : readTopsideConfig(options.config);
+  config.slam = true;
+  const ThreadLimit limit(config);
+  withRepair([&] { localiseInto(options, config); });
   return kExitSuccess;
 }
 
@@ -140,6 +151,7 @@ std::function<int()> addSlamCommand(CLI::App& app, CLI::App*& command) {
       app.add_subcommand("slam", "visual odometry and loop closures of a mission: poses, without a map");
   command->add_option("mission", options->mission, "mission folder")->required();
   command->add_option("--out", options->out, "folder for the results (MISSION/slam)");
+  command->add_option("--work", options->work, "folder for the work, as run's (MISSION/topside.work)");
   command->add_option("--config", options->config, "TOML file; keys are in recon/topside/README.md");
   return [options] { return runSlam(*options); };
 }

@@ -66,4 +66,27 @@ TopsideConfig readTopsideConfig(const std::filesystem::path& path) {
   return config;
 }
 
+void addNavigationSettings(Hasher& hasher, const TopsideConfig& config) {
+  hasher.add(config.max_dvl_gap, config.max_speed, config.default_altitude, config.pairing_tolerance,
+             config.navigation.noise.unknown_velocity);
+}
+
+void addStereoSettings(Hasher& hasher, const TopsideConfig& config) {
+  const stereo::SparseStereoConfig& c = config.stereo;
+  static_assert(sizeof c == 104);
+  hasher.add(c.max_features, c.window, c.max_epipolar_distance, c.max_left_right_distance,
+             c.max_core_distance, c.sigma_scale, c.max_edge, c.min_range, c.max_range, c.search_radius,
+             c.min_correlation, c.max_slope, c.min_patch_points, c.max_fish_length);
+  hasher.add(config.dense_stereo, config.dense.scale, config.dense.block, config.min_points);
+}
+
+void addModelSettings(Hasher& hasher, const TopsideConfig& config) {
+  const ModelSettings& m = config.model;
+  hasher.add(m.texture, m.max_atlas, m.gpu_texture, m.picture.format, m.picture.quality,
+             m.picture.half_chroma, m.picture.webp_effort);
+  const surface::BlendConfig& b = m.blend;
+  hasher.add(b.mode, b.sharpness[0], b.sharpness[1], b.sharpness[2], b.bands.fine, b.bands.coarse,
+             b.bands.reduction, b.vote, b.tolerance, b.views_of_a_place);
+}
+
 }  // namespace fathom::topside

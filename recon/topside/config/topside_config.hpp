@@ -9,6 +9,7 @@
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "recon/topside/config/model_settings.hpp"
+#include "recon/topside/work/digest.hpp"
 
 namespace fathom::topside {
 
@@ -42,6 +43,12 @@ struct TopsideConfig {
 
 // Reads a TOML file over the defaults. Throws InputError: unknown key, wrong type, out of range.
 [[nodiscard]] TopsideConfig readTopsideConfig(const std::filesystem::path& path);
+
+// Settings that the results of several stages depend on, into their keys. What is new in one of these
+// structures belongs there too: their sizes are checked.
+void addNavigationSettings(Hasher& hasher, const TopsideConfig& config);
+void addStereoSettings(Hasher& hasher, const TopsideConfig& config);
+void addModelSettings(Hasher& hasher, const TopsideConfig& config);
 
 // Sets the voxel and what follows from it: band of three voxels, border of five.
 void setVoxel(TopsideConfig& config, double voxel);

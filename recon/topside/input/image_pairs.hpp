@@ -11,6 +11,11 @@ namespace fathom::topside {
 struct ImagePair {
   std::int64_t utc_ns = 0;  // of the left exposure, by the vehicle's clock
   std::string left, right;  // file names within img/
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.utc_ns, self.left, self.right);
+  }
 };
 
 struct PairList {
@@ -18,6 +23,11 @@ struct PairList {
   std::uint64_t left_alone = 0, right_alone = 0;  // images without their partner
   bool from_file_names = false;  // the log has no image events: times from the names, to the millisecond
   bool features_only = false;    // the mission has features/ and no img/
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.pairs, self.left_alone, self.right_alone, self.from_file_names, self.features_only);
+  }
 };
 
 // The mission's stereo pairs: of the image events in its log, or, where there are none, of the files in img/

@@ -114,6 +114,22 @@ Digest MissionInput::imageIdentity(const std::string& left, const std::string& r
   return hasher.finish();
 }
 
+void addPose(Hasher& hasher, const SE3& pose) {
+  const Eigen::Vector4d& q = pose.rotation().coeffs();
+  const Eigen::Vector3d& t = pose.translation();
+  hasher.add(q.x(), q.y(), q.z(), q.w(), t.x(), t.y(), t.z());
+}
+
+void addRig(Hasher& hasher, const MissionInput& input) {
+  for (const Camera* c : {&input.rig.left, &input.rig.right})
+    hasher.add(c->width, c->height, c->fx, c->fy, c->cx, c->cy, c->k1, c->k2, c->p1, c->p2, c->k3);
+  addPose(hasher, input.rig.T_right_left);
+  const io::MissionConfig& m = input.mission;
+  addPose(hasher, m.T_body_cam);
+  addPose(hasher, m.T_body_dvl);
+  hasher.add(m.cameras.left_format, m.cameras.right_format, m.cameras.bits, input.features_only);
+}
+
 MissionInput openMission(const fs::path& folder, const InputOptions& options) {
   MissionInput in;
   in.paths = io::MissionPaths(folder);

@@ -34,6 +34,10 @@ struct MissionInput {
   [[nodiscard]] Digest imageIdentity(const std::string& left, const std::string& right) const;
 };
 
+// Into the keys of results: the calibration and the mission's mounting and formats; a pose.
+void addRig(Hasher& hasher, const MissionInput& input);
+void addPose(Hasher& hasher, const SE3& pose);
+
 // Throws InputError for a folder without images or features, without calibration, or without mission.toml,
 // poses and RAW.auv.
 [[nodiscard]] MissionInput openMission(const std::filesystem::path& folder, const InputOptions& options);

@@ -19,6 +19,11 @@ struct Anchor {
   double north = 0, east = 0;   // [m]
   double sigma = 0;             // standard deviation of either [m]
   int fixes_used = 0, fixes_rejected = 0;
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.source, self.north, self.east, self.sigma, self.fixes_used, self.fixes_rejected);
+  }
 };
 
 struct NavigatedPose {
@@ -26,6 +31,11 @@ struct NavigatedPose {
   std::optional<SE3> T_nav_body;        // none: outside the recorded navigation
   std::optional<double> altitude;       // of the DVL, vertical [m]
   nav::DeadReckoning::Quality quality;  // of dead reckoning up to there
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.utc_ns, self.T_nav_body, self.altitude, self.quality);
+  }
 };
 
 // A position fix and where dead reckoning, anchored, has the receiver. Its standard deviation is the fix's
@@ -37,6 +47,12 @@ struct FixSeen {
   Eigen::Vector2d north_east = Eigen::Vector2d::Zero();  // in nav [m]
   double sigma = 0;                                      // horizontal [m]
   Eigen::Vector3d receiver = Eigen::Vector3d::Zero();    // in nav [m]
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive.enumeration(self.kind, nav::FixKind::kUsbl);
+    archive(self.utc_ns, self.north_east, self.sigma, self.receiver);
+  }
 };
 
 struct Navigation {
@@ -50,6 +66,12 @@ struct Navigation {
   double gps_sigma = 0;
   nav::DeadReckoning::Counters counters;
   std::uint64_t skipped_entries = 0, damaged_entries = 0;  // of the log
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.poses, self.track, self.anchor, self.fixes, self.gps_shift, self.gps_sigma, self.counters,
+            self.skipped_entries, self.damaged_entries);
+  }
 };
 
 // Dead reckoning over the recorded sensors (time offsets and lever arms as mission.toml says), read out at

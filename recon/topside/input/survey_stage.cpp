@@ -33,7 +33,18 @@ Survey fromPoses(const MissionInput& input) {
   return survey;
 }
 
+// Changes whenever the same inputs and settings give another result.
+constexpr std::uint32_t kSurveyVersion = 2;
+
 }  // namespace
+
+Digest surveyKey(const MissionInput& input, const TopsideConfig& config) {
+  Hasher hasher;
+  hasher.add("survey", kSurveyVersion, input.identity);
+  addRig(hasher, input);
+  addNavigationSettings(hasher, config);
+  return hasher.finish();
+}
 
 Survey takeSurvey(const MissionInput& input, const TopsideConfig& config) {
   if (input.given_poses) return fromPoses(input);

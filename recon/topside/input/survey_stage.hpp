@@ -11,8 +11,14 @@ namespace fathom::topside {
 struct Survey {
   PairList list;
   Navigation navigation;
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.list, self.navigation);
+  }
 };
 
+[[nodiscard]] Digest surveyKey(const MissionInput& input, const TopsideConfig& config);
 // Throws InputError: see listPairs() and navigate().
 [[nodiscard]] Survey takeSurvey(const MissionInput& input, const TopsideConfig& config);
 

@@ -5,7 +5,6 @@
 
 #include "recon/surface/atlas.hpp"
 #include "recon/surface/simplify.hpp"
-#include "recon/topside/work/stage_keys.hpp"
 #include "recon/topside/work/stage_times.hpp"
 
 namespace fathom::topside {

@@ -9,26 +9,29 @@
 #include <opencv2/core.hpp>
 #include <optional>
 
-#include "firmware_if/image_file.hpp"
+#include "firmware_if/mission_images.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/eight_bit_view.hpp"
 #include "recon/lighting/rig_ranges.hpp"
 #include "recon/topside/input/seed_plane.hpp"
 #include "recon/topside/work/progress.hpp"
+#include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr int kRangePoints = 300;  // corners that show an image's ranges well enough
+constexpr std::uint32_t kLightingVersion = 1;  // changes with the result
+constexpr int kRangePoints = 300;              // corners that show an image's ranges well enough
 
 struct Images {
   std::optional<io::ImageFile> left, right;
   lighting::RangeLattice left_range, right_range;  // unknown without a pose
 };
 
-std::optional<io::ImageFile> readOrPass(const std::filesystem::path& path, PixelFormat format, int bits,
-                                        const Camera& camera) {
+std::optional<io::ImageFile> readOrPass(const io::MissionImages& images, const std::string& name,
+                                        CameraSide side) {
   try {
-    return io::readImage(path, format, bits, camera.width, camera.height);
+    return images.read(name, side);
   } catch (const InputError&) {
     return std::nullopt;
   }
@@ -53,20 +56,19 @@ std::vector<std::uint8_t> stretchedGrey(const ImageView& image) {
 class RangeFinder {
  public:
   RangeFinder(const StereoRig& rig, const stereo::SparseStereoConfig& config)
-      : ranges_(rig), stereo_(rig, config) {}
+      : rig_(rig), ranges_(rig), stereo_(rig, config) {}
 
   void find(const stereo::SeedPlane& plane, Images& images) {
     ranges_.fromPlane(plane.normal, plane.distance);
     if (images.left && images.right) {
       const std::vector<std::uint8_t> left = stretchedGrey(images.left->view);
       const std::vector<std::uint8_t> right = stretchedGrey(images.right->view);
-      const auto view = [](const std::vector<std::uint8_t>& grey, const ImageView& of) {
-        return ImageView{grey.data(),        of.width, of.height, static_cast<std::size_t>(of.width),
-                         PixelFormat::kMono, 8};
-      };
       std::vector<Eigen::Vector3f> points;
       for (const stereo::StereoPoint& p :
-           stereo_.process(view(left, images.left->view), view(right, images.right->view), plane).points)
+           stereo_
+               .process(eightBitView(left, rig_.left, PixelFormat::kMono),
+                        eightBitView(right, rig_.right, PixelFormat::kMono), plane)
+               .points)
         points.push_back(p.point);
       std::vector<Eigen::Vector3f> right_points(points.size());
       ranges_.bendTo(points, right_points);
@@ -76,6 +78,7 @@ class RangeFinder {
   }
 
  private:
+  const StereoRig& rig_;
   lighting::RigRanges ranges_;
   stereo::SparseStereo stereo_;
 };
@@ -94,13 +97,42 @@ std::vector<std::size_t> lightingPairs(std::size_t pairs, const TopsideConfig& c
   return chosen;
 }
 
-void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
-                   const std::vector<ImagePair>& pairs, const std::vector<NavigatedPose>& poses,
-                   const TopsideConfig& config, LightingModels& models) {
+Digest lightingKey(const TopsideConfig& config, const Digest& survey,
+                   const std::vector<Digest>& image_identities) {
+  const lighting::LightingConfig& c = config.lighting;
+  static_assert(sizeof c == 48);  // a new setting belongs here too
+  Hasher hasher;
+  hasher.add("lighting", kLightingVersion, survey, config.lighting_images, c.target_mean, c.target_sigma,
+             c.min_images, c.grid, c.saturated, c.outlier, c.choice);
+  addStereoSettings(hasher, config);
+  for (const std::size_t pair : lightingPairs(image_identities.size(), config))
+    hasher.add(image_identities[pair]);
+  return hasher.finish();
+}
+
+void saveLighting(WorkFileWriter& file, const LightingModels& models) {
+  file.add("models", savedBytes([&](rt::StateWriter& writer) {
+             models.left.save(writer);
+             models.right.save(writer);
+             writer(models.unreadable);
+           }));
+}
+
+void loadLighting(const WorkFile& file, LightingModels& models) {
+  const Bytes bytes = file.read("models");
+  rt::StateReader reader(bytes);
+  if (!models.left.load(reader) || !models.right.load(reader) || !reader(models.unreadable))
+    throw DamagedWork(file.path());
+}
+
+void learnLighting(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
+                   LightingModels& models) {
+  const std::vector<ImagePair>& pairs = survey.list.pairs;
+  const std::vector<NavigatedPose>& poses = survey.navigation.poses;
   const std::vector<std::size_t> chosen = lightingPairs(pairs.size(), config);
   const std::size_t count = chosen.size();
   Progress progress("lighting", count);
-  const auto& cameras = mission.cameras;
+  const io::MissionImages files(input.paths, input.mission, input.rig);
   const std::vector<double> altitudes = seedAltitudes(poses, config.default_altitude);
   std::size_t next = 0;
   namespace tbb = oneapi::tbb;
@@ -121,14 +153,12 @@ void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& missi
               tbb::filter_mode::parallel,
               [&](std::size_t index) {
                 auto images = std::make_shared<Images>();
-                images->left = readOrPass(paths.images() / pairs[index].left, cameras.left_format,
-                                          cameras.bits, rig.left);
-                images->right = readOrPass(paths.images() / pairs[index].right, cameras.right_format,
-                                           cameras.bits, rig.right);
+                images->left = readOrPass(files, pairs[index].left, CameraSide::kLeft);
+                images->right = readOrPass(files, pairs[index].right, CameraSide::kRight);
                 if (const auto& T_nav_body = poses[index].T_nav_body) {
                   std::unique_ptr<RangeFinder>& finder = finders.local();
-                  if (!finder) finder = std::make_unique<RangeFinder>(rig, stereo);
-                  finder->find(seedPlane(mission, *T_nav_body, altitudes[index]), *images);
+                  if (!finder) finder = std::make_unique<RangeFinder>(input.rig, stereo);
+                  finder->find(seedPlane(input.mission, *T_nav_body, altitudes[index]), *images);
                 }
                 return images;
               }) &

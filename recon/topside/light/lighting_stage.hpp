@@ -6,8 +6,8 @@
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/lighting_model.hpp"
 #include "recon/topside/config/topside_config.hpp"
-#include "recon/topside/input/image_pairs.hpp"
-#include "recon/topside/input/navigation.hpp"
+#include "recon/topside/input/survey_stage.hpp"
+#include "recon/topside/work/work_file.hpp"
 
 namespace fathom::topside {
 
@@ -22,11 +22,16 @@ struct LightingModels {
 // The pairs that lighting is learnt from: config.lighting_images spread evenly over so many.
 [[nodiscard]] std::vector<std::size_t> lightingPairs(std::size_t pairs, const TopsideConfig& config);
 
+// `survey`: the content of its result.
+[[nodiscard]] Digest lightingKey(const TopsideConfig& config, const Digest& survey,
+                                 const std::vector<Digest>& image_identities);
+void saveLighting(WorkFileWriter& file, const LightingModels& models);
+void loadLighting(const WorkFile& file, LightingModels& models);  // throws DamagedWork
+
 // Learns from config.lighting_images pairs spread evenly over the mission, by their ranges (bent to stereo's
-// points; `poses`: one a pair), and shows its progress. Reads in parallel, learns in the pairs' order, so
+// points), and shows its progress. Reads in parallel, learns in the pairs' order, so
 // that the result does not depend on the number of threads.
-void learnLighting(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
-                   const std::vector<ImagePair>& pairs, const std::vector<NavigatedPose>& poses,
-                   const TopsideConfig& config, LightingModels& models);
+void learnLighting(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
+                   LightingModels& models);
 
 }  // namespace fathom::topside

@@ -9,11 +9,46 @@
 #include "recon/topside/localise/feature_stage.hpp"
 #include "recon/topside/localise/recognised_places.hpp"
 #include "recon/topside/localise/visual_odometry.hpp"
+#include "recon/topside/work/saved_bytes.hpp"
 #include "recon/topside/work/stage_times.hpp"
 
+namespace fathom::slam {
+
+template <typename Archive>
+void exchangeState(Archive& archive, topside::Is<NavigationLink> auto& link) {
+  archive(link.a, link.b, link.T_a_b, link.covariance, link.inliers, link.chi2, link.kept);
+}
+
+template <typename Archive>
+void exchangeState(Archive& archive, topside::Is<Mounting> auto& m) {
+  archive(m.camera_turn, m.camera_turn_sigma, m.dvl_scale, m.dvl_scale_sigma, m.time_offset,
+          m.time_offset_sigma, m.steps);
+}
+
+template <typename Archive>
+void exchangeState(Archive& archive, topside::Is<NavigationGraph::Counters> auto& c) {
+  archive(c.keyframes, c.keyframes_refused, c.references, c.odometry_links, c.closures, c.links_contradicting,
+          c.links_off, c.links_refused, c.fixes, c.fixes_gated, c.fixes_off, c.fixes_refused,
+          c.steps_contradicted, c.steps_left_out, c.compass_jumps, c.attitude_absent, c.depth_absent,
+          c.dvl_absent, c.dvl_lies);
+}
+
+}  // namespace fathom::slam
+
 namespace fathom::topside {
+
+template <typename Archive>
+void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
+  archive(slam.poses, slam.odometry, slam.closures, slam.frames, slam.tried, slam.refused,
+          slam.crossings_expected, slam.crossings_unverified, slam.unconfirmed, slam.converged,
+          slam.uncertain, slam.sensors, slam.mounting, slam.usbl, slam.fixes_kept, slam.fixes_removed,
+          slam.moved_rms);
+}
+
 namespace {
 
+// Changes whenever the same inputs and settings give another result.
+constexpr std::uint32_t kLocaliseVersion = 4;
 constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
 constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
@@ -73,12 +108,35 @@ SlamResult::Usbl usblOf(const slam::NavigationSolution& solved, const slam::Grap
 
 }  // namespace
 
+Digest localiseKey(const MissionInput& input, const TopsideConfig& config, const Digest& survey,
+                   const Digest& prepared) {
+  Hasher hasher;
+  hasher.add("localise", kLocaliseVersion, survey, prepared);
+  addRig(hasher, input);
+  addNavigationSettings(hasher, config);
+  const slam::SensorNoise& n = config.navigation.noise;
+  static_assert(sizeof n == 160);  // a new setting belongs here too
+  hasher.add(config.slam, config.slam_features, config.slam_candidates, n.dvl_velocity, n.dvl_rate,
+             n.dvl_scale, n.dvl_heading, n.unknown_velocity, n.heading, n.tilt, n.deviation,
+             n.deviation_drift, n.deviation_turn, n.tilt_bias, n.tilt_turn, n.unknown_turn, n.gyro_walk,
+             n.depth, n.depth_offset, n.depth_drift, n.usbl_shift, n.usbl_turn, n.visual_scale);
+  return hasher.finish();
+}
+
+void saveSlam(WorkFileWriter& file, const SlamResult& slam) {
+  saveBlock(file, "slam", slam);
+}
+
+SlamResult loadSlam(const WorkFile& file) {
+  return loadBlock<SlamResult>(file, "slam");
+}
+
 SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, const TopsideConfig& config,
                     const Navigation& navigation, const FeatureStore& features) {
   SlamResult out;
   out.poses = navigation.poses;
   Stopwatch watch;
-  const auto lap = [&](const char* stage) { out.stage_seconds.emplace_back(stage, watch.lap()); };
+  const auto lap = [&](const char* stage) { out.seconds[stage] += watch.lap(); };
   const Frames frames = framesOf(mission, config, navigation, features);
   for (std::size_t k = 0; k < frames.pair.size(); ++k) out.frames += frames.blank(k) ? 0U : 1U;
   if (frames.pair.size() < 2) return out;

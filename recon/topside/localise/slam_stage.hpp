@@ -9,8 +9,10 @@
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/slam/mounting_check.hpp"
 #include "recon/topside/config/topside_config.hpp"
+#include "recon/topside/input/mission_input.hpp"
 #include "recon/topside/input/navigation.hpp"
 #include "recon/topside/localise/feature_store.hpp"
+#include "recon/topside/work/stage_store.hpp"
 
 namespace fathom::topside {
 
@@ -23,6 +25,11 @@ struct SlamResult {
   struct Tried {
     std::uint32_t a = 0, b = 0;  // pairs
     bool accepted = false;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.a, self.b, self.accepted);
+    }
   };
   std::vector<Tried> tried;                               // candidates for closures
   std::array<std::size_t, closure::kRefusals> refused{};  // of these, by cause
@@ -31,7 +38,7 @@ struct SlamResult {
   double crossings_expected = 0, crossings_unverified = 0;
   std::size_t unconfirmed = 0;  // closures left out: look-alikes that no other one confirmed
   bool converged = true;        // the solver, at the end
-  std::vector<std::pair<std::string, double>> stage_seconds;
+  Costs seconds;                // by part of the work
   // Of the pairs in the network (of a long dive some, evenly spread): T_nav_cam and the covariance of its
   // right perturbation (rho, phi).
   struct Uncertain {
@@ -39,6 +46,11 @@ struct SlamResult {
     SE3 T_nav_cam;
     Matrix6d covariance;
     Matrix6d since_first;  // of the pose seen from the first of them; zero for that
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.pair, self.T_nav_cam, self.covariance, self.since_first);
+    }
   };
   std::vector<Uncertain> uncertain;
   slam::NavigationGraph::Counters sensors;  // what was noticed of the sensors
@@ -49,10 +61,21 @@ struct SlamResult {
     bool sought = false;
     Eigen::Vector2d shift = Eigen::Vector2d::Zero(), shift_sigma = Eigen::Vector2d::Zero();
     double turn = 0, turn_sigma = 0;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.sought, self.shift, self.shift_sigma, self.turn, self.turn_sigma);
+    }
   } usbl;
   std::size_t fixes_kept = 0, fixes_removed = 0;
   double moved_rms = 0;  // horizontal, of the poses against dead reckoning [m]
 };
+
+// `survey`, `prepared`: the contents of these results.
+[[nodiscard]] Digest localiseKey(const MissionInput& input, const TopsideConfig& config, const Digest& survey,
+                                 const Digest& prepared);
+void saveSlam(WorkFileWriter& file, const SlamResult& slam);  // without seconds, which are not the same twice
+[[nodiscard]] SlamResult loadSlam(const WorkFile& file);      // throws DamagedWork
 
 // Visual odometry between consecutive pairs, then loop closures: candidates by the probability that
 // footprints overlap, most valuable first, registered by features, in rounds: each round's poses say where

@@ -8,8 +8,7 @@
 
 #include "recon/surface/atlas.hpp"
 #include "recon/surface/simplify.hpp"
-#include "recon/topside/work/stage_archive.hpp"
-#include "recon/topside/work/stage_keys.hpp"
+#include "recon/topside/work/saved_bytes.hpp"
 #include "recon/topside/work/stage_runner.hpp"
 #include "recon/topside/work/stage_times.hpp"
 
@@ -137,7 +136,8 @@ Digest pieceKey(const PieceInputs& in, const fusion::Piece& piece, const Digest&
   hasher.add("piece", kPieceVersion, piece.core.x0, piece.core.y0, piece.core.x1, piece.core.y1,
              in.grid.voxel, in.grid.leaf_voxels, in.texel, in.cells.surface, in.cells.mosaic,
              m.division.overlap);
-  addFusionSettings(hasher, *in.config);
+  const fusion::VolumetricConfig& c = in.config->fusion;
+  hasher.add(c.voxel, c.truncation, c.min_observations, c.border, c.carve, in.config->min_component);
   addModelSettings(hasher, *in.config);
   const bool textured = in.images != nullptr;
   hasher.add(textured);
@@ -184,18 +184,14 @@ Costs makePiece(const PieceInputs& in, const fusion::Piece& piece, WorkFileWrite
   facts.occluded = maker.occluded;
   facts.outvoted = maker.outvoted;
   writeTiles(file, tiles);
-  file.add("facts", savedBytes([&](rt::StateWriter& writer) { writer(facts); }));
+  saveBlock(file, "facts", facts);
   Costs all = maker.costs.take();
   for (const auto& [step, seconds] : costs.take()) all[step] += seconds;
   return all;
 }
 
 PieceFacts readPieceFacts(const WorkFile& file) {
-  const Bytes bytes = file.read("facts");
-  PieceFacts facts;
-  rt::StateReader reader(bytes);
-  if (!reader(facts)) throw DamagedWork(file.path());
-  return facts;
+  return loadBlock<PieceFacts>(file, "facts");
 }
 
 }  // namespace fathom::topside

@@ -2,11 +2,10 @@
 
 #include <Eigen/Geometry>
 
-#include "recon/geometry/state_values.hpp"
 #include "recon/topside/tiles/block_texture.hpp"
 #include "recon/topside/tiles/glb.hpp"
 #include "recon/topside/work/mesh_bytes.hpp"
-#include "recon/topside/work/stage_archive.hpp"
+#include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::topside {
 
@@ -74,15 +73,11 @@ void writeTiles(WorkFileWriter& file, const std::vector<TileBlocks>& tiles) {
     if (!tile.patch.empty()) file.add("patch " + name, tile.patch);
     records.push_back(tile.record);
   }
-  file.add("tiles", savedBytes([&](rt::StateWriter& writer) { writer(records); }));
+  saveBlock(file, "tiles", records);
 }
 
 std::vector<TileRecord> readRecords(const WorkFile& file) {
-  const Bytes bytes = file.read("tiles");
-  std::vector<TileRecord> records;
-  rt::StateReader reader(bytes);
-  if (!reader(records)) throw DamagedWork(file.path());
-  return records;
+  return loadBlock<std::vector<TileRecord>>(file, "tiles");
 }
 
 TexturedTile readFeed(const WorkFile& file, const TileId& tile) {

@@ -65,7 +65,7 @@ void ViewImages::forgetOld() {
 ViewImages::Image ViewImages::read(std::uint32_t pair) {
   const auto& pose = survey_.navigation.poses[pair].T_nav_body;
   if (!pose) return nullptr;
-  std::unique_ptr<LeftImages> reader;
+  std::unique_ptr<PairImages> reader;
   {
     const std::lock_guard lock(mutex_);
     if (!idle_.empty()) {
@@ -73,13 +73,14 @@ ViewImages::Image ViewImages::read(std::uint32_t pair) {
       idle_.pop_back();
     }
   }
-  if (!reader) reader = std::make_unique<LeftImages>(input_.paths, input_.mission, input_.rig, lighting_);
-  Mesh mesh;
-  if (prepared_.facts()[pair].has_mesh) mesh = prepared_.mesh(pair);
+  if (!reader) reader = std::make_unique<PairImages>(input_, lighting_);
   Image image;
-  if (auto colours = reader->read(survey_.list.pairs[pair],
-                                  seedPlane(input_.mission, *pose, altitudes_[pair]), mesh.vertices))
-    image = std::make_shared<const surface::BandImage>(surface::makeBands(std::move(*colours), bands_));
+  if (reader->readLeft(survey_.list.pairs[pair])) {
+    Mesh mesh;
+    if (prepared_.facts()[pair].has_mesh) mesh = prepared_.mesh(pair);
+    RgbImage colours = reader->colours(seedPlane(input_.mission, *pose, altitudes_[pair]), mesh.vertices);
+    image = std::make_shared<const surface::BandImage>(surface::makeBands(std::move(colours), bands_));
+  }
   const std::lock_guard lock(mutex_);
   idle_.push_back(std::move(reader));
   return image;

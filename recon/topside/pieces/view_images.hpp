@@ -9,10 +9,10 @@
 #include <vector>
 
 #include "recon/surface/band_image.hpp"
-#include "recon/topside/input/left_image.hpp"
 #include "recon/topside/input/mission_input.hpp"
 #include "recon/topside/input/survey_stage.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
+#include "recon/topside/light/pair_images.hpp"
 #include "recon/topside/prepare/prepared_groups.hpp"
 
 namespace fathom::topside {
@@ -51,7 +51,7 @@ class ViewImages {
   mutable std::mutex mutex_;
   std::unordered_map<std::uint32_t, Entry> entries_;
   std::list<std::uint32_t> uses_;                  // the last one first
-  std::vector<std::unique_ptr<LeftImages>> idle_;  // readers
+  std::vector<std::unique_ptr<PairImages>> idle_;  // readers
 };
 
 }  // namespace fathom::topside

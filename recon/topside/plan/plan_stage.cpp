@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "recon/topside/input/seed_plane.hpp"
-#include "recon/topside/work/stage_archive.hpp"
+#include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::fusion {
 
@@ -25,7 +25,8 @@ void exchangeState(Archive& archive, topside::Is<Piece> auto& piece) {
 namespace fathom::topside {
 namespace {
 
-constexpr double kTexelStep = 0.0001;  // [m]
+constexpr std::uint32_t kPlanVersion = 1;  // changes with the result
+constexpr double kTexelStep = 0.0001;      // [m]
 constexpr fusion::Footprint kNowhere{{1, 1, 0, 0}};
 
 fusion::Footprint footprintOf(const Mesh& mesh) {
@@ -87,16 +88,30 @@ double nativeTexel(const MissionInput& input, const Navigation& navigation, doub
   return std::max(1.0, std::round(*middle / input.rig.left.fx / kTexelStep)) * kTexelStep;
 }
 
-Bytes planBytes(const ModelPlan& plan) {
-  return savedBytes([&](rt::StateWriter& writer) {
-    writer(plan.footprints, plan.pieces, plan.statistics.save(), plan.texel);
-  });
+Digest planKey(const MissionInput& input, const TopsideConfig& config, const TileGrid& grid,
+               const Digest& poses, const Digest& prepared) {
+  const fusion::DivisionConfig& division = config.model.division;
+  Hasher hasher;
+  hasher.add("plan", kPlanVersion, poses, prepared, grid.voxel, grid.leaf_voxels, config.model.texel,
+             division.target_meshes, division.max_meshes, division.overlap);
+  addRig(hasher, input);
+  return hasher.finish();
 }
 
-bool loadPlan(const Bytes& bytes, ModelPlan& plan) {
+void savePlan(WorkFileWriter& file, const ModelPlan& plan) {
+  file.add("plan", savedBytes([&](rt::StateWriter& writer) {
+             writer(plan.footprints, plan.pieces, plan.statistics.save(), plan.texel);
+           }));
+}
+
+ModelPlan loadPlan(const WorkFile& file) {
+  const Bytes bytes = file.read("plan");
   rt::StateReader reader(bytes);
+  ModelPlan plan;
   Bytes statistics;
-  return reader(plan.footprints, plan.pieces, statistics, plan.texel) && plan.statistics.load(statistics);
+  if (!reader(plan.footprints, plan.pieces, statistics, plan.texel) || !plan.statistics.load(statistics))
+    throw DamagedWork(file.path());
+  return plan;
 }
 
 }  // namespace fathom::topside

@@ -31,7 +31,10 @@ struct ModelPlan {
 [[nodiscard]] double nativeTexel(const MissionInput& input, const Navigation& navigation,
                                  double default_altitude);
 
-[[nodiscard]] Bytes planBytes(const ModelPlan& plan);
-[[nodiscard]] bool loadPlan(const Bytes& bytes, ModelPlan& plan);
+// `poses`, `prepared`: the contents of these results.
+[[nodiscard]] Digest planKey(const MissionInput& input, const TopsideConfig& config, const TileGrid& grid,
+                             const Digest& poses, const Digest& prepared);
+void savePlan(WorkFileWriter& file, const ModelPlan& plan);
+[[nodiscard]] ModelPlan loadPlan(const WorkFile& file);  // throws DamagedWork
 
 }  // namespace fathom::topside

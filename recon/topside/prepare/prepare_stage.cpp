@@ -1,162 +1,73 @@
 #include "recon/topside/prepare/prepare_stage.hpp"
 
-#include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
 
-#include <optional>
+#include <algorithm>
+#include <array>
+#include <cstdio>
 
-#include "firmware_if/feature_file.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "recon/closure/feature_extractor.hpp"
-#include "recon/closure/given_features.hpp"
-#include "recon/stereo/dense_stereo.hpp"
-#include "recon/stereo/given_stereo.hpp"
-#include "recon/topside/input/pair_images.hpp"
 #include "recon/topside/input/seed_plane.hpp"
-#include "recon/topside/work/progress.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr double kNearest = 0.4,
-                 kFarthest = 2.5;  // of a feature, in altitudes: relief of a reef and its edge
+// Changes whenever the same inputs and settings give another result.
+constexpr std::uint32_t kPrepareVersion = 1;
 
-closure::DepthRange depthsAbout(const stereo::SeedPlane& plane) {
-  return {kNearest * plane.distance, kFarthest * plane.distance};
+std::string sixDigits(std::size_t number) {
+  std::array<char, 24> text{};
+  std::snprintf(text.data(), text.size(), "%06zu", number);
+  return text.data();
 }
-
-void take(const stereo::StereoResult& found, PreparedPair& out) {
-  out.points = found.points.size();
-  out.corners = found.corners;
-  out.rejected = found.rejected;
-}
-
-bool enough(const stereo::StereoResult& found, const TopsideConfig& config) {
-  return found.points.size() >= static_cast<std::size_t>(config.min_points) && !found.triangles.empty();
-}
-
-class FromImages final : public PairPreparer {
- public:
-  FromImages(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
-             const TopsideConfig& config, const LightingModels& lighting, Wanted wanted)
-      : mission_(mission), config_(config), images_(paths, mission, rig, lighting) {
-    if (wanted.features) {
-      closure::FeatureConfig features;
-      features.max_features = config.slam_features;
-      extractor_.emplace(rig, features);
-    }
-    if (wanted.mesh && config.dense_stereo) dense_.emplace(rig, config.stereo, config.dense);
-    if (wanted.mesh && !config.dense_stereo) sparse_.emplace(rig, config.stereo);
-  }
-
-  PreparedPair process(const ImagePair& pair, const SE3& T_nav_body, double altitude) override {
-    PreparedPair out;
-    ThreadStopwatch watch;
-    if (!images_.read(pair)) {
-      out.unreadable = images_.error();
-      return out;
-    }
-    out.times[PairStage::kRead] = watch.lap();
-    const stereo::SeedPlane plane = seedPlane(mission_, T_nav_body, altitude);
-    images_.correct(plane);
-    out.times[PairStage::kLighting] = watch.lap();
-    if (extractor_) out.features = extractor_->process(images_.left(), images_.right(), depthsAbout(plane));
-    out.times[PairStage::kFeatures] = watch.lap();
-    if (!dense_ && !sparse_) return out;
-    const stereo::StereoResult& found = dense_ ? dense_->process(images_.left(), images_.right(), plane)
-                                               : sparse_->process(images_.left(), images_.right(), plane);
-    take(found, out);
-    out.times[PairStage::kStereo] = watch.lap();
-    if (enough(found, config_)) out.mesh = stereo::toMesh(found, images_.colours(found.points));
-    out.times[PairStage::kMesh] = watch.lap();
-    return out;
-  }
-
- private:
-  const io::MissionConfig& mission_;
-  const TopsideConfig& config_;
-  PairImages images_;
-  std::optional<closure::FeatureExtractor> extractor_;
-  std::optional<stereo::SparseStereo> sparse_;
-  std::optional<stereo::DenseStereo> dense_;  // if configured, instead
-};
-
-class FromFeatureFiles final : public PairPreparer {
- public:
-  FromFeatureFiles(const io::MissionPaths& paths, const io::MissionConfig& mission, const StereoRig& rig,
-                   const TopsideConfig& config, Wanted wanted)
-      : paths_(paths),
-        mission_(mission),
-        rig_(rig),
-        config_(config),
-        wanted_(wanted),
-        stereo_(rig, config.stereo) {
-    limits_.max_features = config.slam_features;
-  }
-
-  PreparedPair process(const ImagePair& pair, const SE3& T_nav_body, double altitude) override {
-    PreparedPair out;
-    ThreadStopwatch watch;
-    try {
-      io::readFeatureFile(paths_.features() / io::featureFileName(pair.left), frame_);
-    } catch (const InputError& error) {
-      out.unreadable = error.what();
-      return out;
-    }
-    out.times[PairStage::kRead] = watch.lap();
-    if (wanted_.features) {
-      limits_.depths = depthsAbout(seedPlane(mission_, T_nav_body, altitude));
-      closure::featuresFrom(frame_, rig_, limits_, out.features);
-    }
-    out.times[PairStage::kFeatures] = watch.lap();
-    if (!wanted_.mesh) return out;
-    const stereo::StereoResult& found = stereo_.process(frame_);
-    take(found, out);
-    out.times[PairStage::kStereo] = watch.lap();
-    if (enough(found, config_)) stereo::toMesh(found, frame_, out.mesh);
-    out.times[PairStage::kMesh] = watch.lap();
-    return out;
-  }
-
- private:
-  const io::MissionPaths& paths_;
-  const io::MissionConfig& mission_;
-  const StereoRig& rig_;
-  const TopsideConfig& config_;
-  Wanted wanted_;
-  stereo::GivenStereo stereo_;
-  closure::GivenFeatureLimits limits_;
-  StereoFeatureFrame frame_;
-};
 
 }  // namespace
 
-std::unique_ptr<PairPreparer> makePreparer(const io::MissionPaths& paths, const io::MissionConfig& mission,
-                                           const StereoRig& rig, const TopsideConfig& config,
-                                           const LightingModels& lighting, bool features_only,
-                                           Wanted wanted) {
-  if (features_only) return std::make_unique<FromFeatureFiles>(paths, mission, rig, config, wanted);
-  return std::make_unique<FromImages>(paths, mission, rig, config, lighting, wanted);
+PrepareStage::PrepareStage(const PrepareInputs& inputs)
+    : in_(inputs), altitudes_(seedAltitudes(in_.survey->navigation.poses, in_.config->default_altitude)) {}
+
+std::vector<StageTask> PrepareStage::tasks() {
+  std::vector<StageTask> tasks;
+  const std::size_t pairs = in_.survey->list.pairs.size();
+  for (std::size_t group = 0; group < groupsOf(pairs); ++group) {
+    const std::size_t first = group * kPairsInGroup, last = std::min(pairs, first + kPairsInGroup);
+    tasks.push_back({sixDigits(group), key(first, last),
+                     [this, first, last](WorkFileWriter& file) { return make(first, last, file); }});
+  }
+  return tasks;
 }
 
-MemoryFeatureStore prepareFeatures(const io::MissionPaths& paths, const io::MissionConfig& mission,
-                                   const StereoRig& rig, const TopsideConfig& config,
-                                   const LightingModels& lighting, const PairList& list,
-                                   const Navigation& navigation) {
-  namespace tbb = oneapi::tbb;
-  const std::vector<double> altitudes = seedAltitudes(navigation.poses, config.default_altitude);
-  std::vector<closure::FrameFeatures> features(list.pairs.size());
-  tbb::enumerable_thread_specific<std::unique_ptr<PairPreparer>> preparers;
-  SharedProgress progress("features", list.pairs.size());
-  tbb::parallel_for(std::size_t{0}, list.pairs.size(), [&](std::size_t k) {
-    std::unique_ptr<PairPreparer>& preparer = preparers.local();
-    if (!preparer)
-      preparer = makePreparer(paths, mission, rig, config, lighting, list.features_only, Wanted{true, false});
-    progress.step();
-    if (const auto& pose = navigation.poses[k].T_nav_body)
-      features[k] = preparer->process(list.pairs[k], *pose, altitudes[k]).features;
+Digest PrepareStage::key(std::size_t first, std::size_t last) const {
+  Hasher hasher;
+  hasher.add("prepare", kPrepareVersion, in_.lighting_content, in_.localised, in_.config->slam_features);
+  addRig(hasher, *in_.input);
+  addStereoSettings(hasher, *in_.config);
+  for (std::size_t k = first; k < last; ++k) {
+    const ImagePair& pair = in_.survey->list.pairs[k];
+    const auto& pose = in_.survey->navigation.poses[k].T_nav_body;
+    hasher.add(pair.left, pair.right, (*in_.image_identities)[k], altitudes_[k], pose.has_value());
+    // The attitude alone places the seed plane.
+    if (pose) addPose(hasher, SE3(pose->rotation(), Eigen::Vector3d::Zero()));
+  }
+  return hasher.finish();
+}
+
+Costs PrepareStage::make(std::size_t first, std::size_t last, WorkFileWriter& file) {
+  const std::vector<NavigatedPose>& poses = in_.survey->navigation.poses;
+  std::vector<PreparedPair> made(last - first);
+  std::vector<bool> placed;
+  for (std::size_t k = first; k < last; ++k) placed.push_back(poses[k].T_nav_body.has_value());
+  oneapi::tbb::parallel_for(first, last, [&](std::size_t k) {
+    std::unique_ptr<PairPreparer>& preparer = preparers_.local();
+    if (!preparer) preparer = makePreparer(*in_.input, *in_.config, *in_.lighting, in_.localised);
+    if (const auto& pose = poses[k].T_nav_body)
+      made[k - first] = preparer->process(in_.survey->list.pairs[k], *pose, altitudes_[k]);
   });
-  return MemoryFeatureStore(std::move(features));
+  PairTimes times;
+  for (const PreparedPair& pair : made) times += pair.times;
+  writePrepared(file, first, made, placed);
+  Costs costs;
+  for (std::size_t s = 0; s < kPairStages; ++s) costs[kPairStageNames[s]] = times.seconds[s];
+  return costs;
 }
 
 }  // namespace fathom::topside

@@ -2,7 +2,7 @@
 
 #include "recon/closure/feature_slot.hpp"
 #include "recon/topside/work/mesh_bytes.hpp"
-#include "recon/topside/work/stage_archive.hpp"
+#include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -29,15 +29,12 @@ void writePrepared(WorkFileWriter& file, std::size_t first_pair, const std::vect
     if (!closure::writeSlot(pair.features, slot)) throw std::logic_error("features do not fit their slot");
     file.add(featuresName(first_pair + k), slot);
   }
-  file.add("facts", savedBytes([&](rt::StateWriter& writer) { writer(facts); }));
+  saveBlock(file, "facts", facts);
 }
 
 PreparedGroups::PreparedGroups(std::vector<WorkFile> groups) : groups_(std::move(groups)) {
   for (const WorkFile& group : groups_) {
-    std::vector<PairFacts> facts;
-    const Bytes bytes = group.read("facts");
-    rt::StateReader reader(bytes);
-    if (!reader(facts)) throw DamagedWork(group.path());
+    const auto facts = loadBlock<std::vector<PairFacts>>(group, "facts");
     facts_.insert(facts_.end(), facts.begin(), facts.end());
   }
 }

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "recon/topside/localise/feature_store.hpp"
-#include "recon/topside/prepare/prepare_stage.hpp"
+#include "recon/topside/prepare/pair_preparer.hpp"
 #include "recon/topside/work/work_file.hpp"
 
 namespace fathom::topside {
@@ -18,6 +18,12 @@ struct PairFacts {
   std::uint32_t corners = 0, features = 0;
   stereo::StereoResult::Rejected rejected;
   bool has_mesh = false;
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.placed, self.unreadable, self.points, self.corners, self.features, self.rejected,
+            self.has_mesh);
+  }
 };
 
 // Consecutive pairs that are prepared, and kept, together: enough that a file is worth opening, few enough

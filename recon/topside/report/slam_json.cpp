@@ -113,13 +113,9 @@ Json slamJson(const SlamResult& s) {
   const auto removed = [](const std::vector<slam::NavigationLink>& links) {
     return std::count_if(links.begin(), links.end(), [](const slam::NavigationLink& l) { return !l.kept; });
   };
-  Json refused = Json::object(), stages = Json::object();
+  Json refused = Json::object();
   for (std::size_t k = 1; k < s.refused.size(); ++k)
     refused[std::string(closure::nameOf(static_cast<closure::Refusal>(k)))] = s.refused[k];
-  for (const auto& [name, seconds] : s.stage_seconds) {
-    if (!stages.contains(name)) stages[name] = 0.0;
-    stages[name] = stages[name].get<double>() + seconds;
-  }
   return {{"frames", s.frames},
           {"odometry_links", s.odometry.size()},
           {"odometry_links_removed", removed(s.odometry)},
@@ -142,7 +138,7 @@ Json slamJson(const SlamResult& s) {
           {"mounting", mountingJson(s.mounting)},
           {"usbl", usblJson(s.usbl)},
           {"moved_rms_m", s.moved_rms},
-          {"stage_s", stages}};
+          {"stage_s", s.seconds}};
 }
 
 Json truthJson(const Consistency& c) {

@@ -18,7 +18,7 @@
 #include "recon/topside/input/navigation.hpp"
 #include "recon/topside/input/seed_plane.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
-#include "recon/topside/prepare/prepare_stage.hpp"
+#include "recon/topside/prepare/pair_preparer.hpp"
 #include "recon/topside/work/progress.hpp"
 #include "sim/score/surface_score.hpp"
 #include "sim/score/trajectory_score.hpp"
@@ -143,19 +143,18 @@ Mesh surfaceOf(const fusion::VolumetricFusion& volume, double voxel) {
 
 VariantReport fuseVariants(const std::filesystem::path& mission_folder,
                            const std::filesystem::path& pose_file, const topside::TopsideConfig& config) {
-  const io::MissionPaths paths(mission_folder);
-  const io::MissionConfig mission = io::readMissionConfig(mission_folder);
-  const StereoRig rig = readStereoCalib(paths.calib());
-  const sim::TruthTrack track(paths.truth());
-  const topside::PairList list = topside::listPairs(paths, mission, config.pairing_tolerance);
-  if (list.features_only)
+  const topside::MissionInput input = topside::openMission(mission_folder, {});
+  const io::MissionConfig& mission = input.mission;
+  const StereoRig& rig = input.rig;
+  const sim::TruthTrack track(input.paths.truth());
+  if (input.features_only)
     throw InputError(mission_folder.string(), "img",
                      "is absent: the points of a rendered mission are needed");
-  std::vector<std::int64_t> times;
-  for (const ImagePair& pair : list.pairs) times.push_back(pair.utc_ns);
-  const topside::Navigation navigation = topside::navigate(paths, mission, config, times);
+  const topside::Survey survey = topside::takeSurvey(input, config);
+  const topside::PairList& list = survey.list;
+  const topside::Navigation& navigation = survey.navigation;
   topside::LightingModels lighting(mission, rig, config.lighting);
-  topside::learnLighting(paths, mission, rig, list.pairs, navigation.poses, config, lighting);
+  topside::learnLighting(input, config, survey, lighting);
 
   std::map<std::string, SE3> estimated;
   const io::StereoPoseFile file = io::readStereoPoses(pose_file);
@@ -182,7 +181,7 @@ VariantReport fuseVariants(const std::filesystem::path& mission_folder,
   if (usable.empty())
     throw InputError(pose_file.string(), "", "names no image of the mission; run fathom-topside on it first");
 
-  const sim::TruthSurface truth(readPly(paths.truth() / "terrain.ply"));
+  const sim::TruthSurface truth(readPly(input.paths.truth() / "terrain.ply"));
   const std::vector<double> altitudes = topside::seedAltitudes(navigation.poses, config.default_altitude);
   std::array<std::unique_ptr<fusion::VolumetricFusion>, kVariants> volumes;
   for (auto& volume : volumes) volume = std::make_unique<fusion::VolumetricFusion>(config.fusion);
@@ -209,9 +208,7 @@ VariantReport fuseVariants(const std::filesystem::path& mission_folder,
                 [&](const std::shared_ptr<Job>& job) {
                   const auto& [pair, poses] = usable[job->index];
                   std::unique_ptr<topside::PairPreparer>& preparer = preparers.local();
-                  if (!preparer)
-                    preparer = topside::makePreparer(paths, mission, rig, config, lighting, false,
-                                                     topside::Wanted{false, true});
+                  if (!preparer) preparer = topside::makePreparer(input, config, lighting, false);
                   const Mesh local =
                       preparer->process(list.pairs[pair], poses.estimated * T_cam_body, altitudes[pair]).mesh;
                   if (local.empty()) return job;

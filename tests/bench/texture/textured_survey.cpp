@@ -8,7 +8,6 @@
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/surface/simplify.hpp"
 #include "recon/surface/view_projection.hpp"
-#include "recon/topside/input/image_pairs.hpp"
 
 namespace fathom::surface {
 namespace {
@@ -27,21 +26,19 @@ double now() {
 }  // namespace
 
 TexturedSurvey::TexturedSurvey(const std::filesystem::path& mission, const std::filesystem::path& model)
-    : paths_(mission),
-      mission_(io::readMissionConfig(mission)),
-      rig_(readStereoCalib(paths_.calib())),
-      models_(mission_, rig_, config_.lighting),
+    : input_(topside::openMission(mission, {})),
+      models_(input_.mission, input_.rig, config_.lighting),
       mesh_(readPly(model / "mesh.ply")) {
   const io::StereoPoseFile stereo = io::readStereoPoses(model / "stereo_pose_est.data");
   const io::VehiclePoseFile vehicle = io::readVehiclePoses(model / "vehicle_pose_est.data");
-  const topside::PairList list = topside::listPairs(paths_, mission_, config_.pairing_tolerance);
+  topside::Survey survey;
+  survey.list = topside::listPairs(input_.paths, input_.mission, config_.pairing_tolerance);
   std::unordered_map<std::string, const io::StereoPose*> by_name;
   for (const io::StereoPose& pose : stereo.poses) by_name[pose.left_image] = &pose;
 
-  std::vector<topside::NavigatedPose> navigated;
   std::vector<View> views;
-  for (const topside::ImagePair& pair : list.pairs) {
-    topside::NavigatedPose& pose = navigated.emplace_back();
+  for (const topside::ImagePair& pair : survey.list.pairs) {
+    topside::NavigatedPose& pose = survey.navigation.poses.emplace_back();
     pose.utc_ns = pair.utc_ns;
     const auto found = by_name.find(pair.left);
     if (found == by_name.end()) continue;
@@ -64,8 +61,8 @@ TexturedSurvey::TexturedSurvey(const std::filesystem::path& mission, const std::
   if (pairs_.empty())
     throw InputError((model / "stereo_pose_est.data").string(), "", "no image of the mission has a pose");
   index_.emplace(std::move(views));
-  topside::learnLighting(paths_, mission_, rig_, list.pairs, navigated, config_, models_);
-  images_.emplace(paths_, mission_, rig_, models_);
+  topside::learnLighting(input_, config_, survey, models_);
+  images_.emplace(input_, models_);
 }
 
 TileMesh TexturedSurvey::tileAt(const std::array<double, 4>& box, double triangles_per_m2) const {
@@ -111,17 +108,17 @@ std::shared_ptr<const BandImage> TexturedSurvey::bandsOf(std::uint32_t image, co
     const Eigen::Vector3f& v = mesh_.vertices[i];
     if (v.x() < f[0] || v.y() < f[1] || v.x() > f[2] || v.y() > f[3]) continue;
     const Eigen::Vector3d p = T_cam_nav * v.cast<double>();
-    if (p.z() > ViewProjection::kNear && rig_.left.contains(rig_.left.project(p)))
+    if (p.z() > ViewProjection::kNear && camera().contains(camera().project(p)))
       points.emplace_back(p.cast<float>());
   }
   const Eigen::Vector3d down = T_cam_nav.rotation() * Eigen::Vector3d::UnitZ();
   const stereo::SeedPlane plane{down, altitudes_[image]};
   double start = now();
-  auto rgb = images_->read(pairs_[image], plane, points);
+  if (!images_->readLeft(pairs_[image])) return nullptr;
+  RgbImage rgb = images_->colours(plane, points);
   read_seconds_ += now() - start;
-  if (!rgb) return nullptr;
   start = now();
-  auto bands = std::make_shared<const BandImage>(makeBands(std::move(*rgb), widths));
+  auto bands = std::make_shared<const BandImage>(makeBands(std::move(rgb), widths));
   band_seconds_ += now() - start;
   ++made_;
   kept_[key] = bands;

@@ -11,8 +11,8 @@
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/surface/blend.hpp"
 #include "recon/topside/config/topside_config.hpp"
-#include "recon/topside/input/left_image.hpp"
-#include "recon/topside/light/lighting_stage.hpp"
+#include "recon/topside/input/mission_input.hpp"
+#include "recon/topside/light/pair_images.hpp"
 
 namespace fathom::surface {
 
@@ -23,7 +23,7 @@ class TexturedSurvey {
   // `model`: a folder with mesh.ply, stereo_pose_est.data and vehicle_pose_est.data. Throws InputError.
   TexturedSurvey(const std::filesystem::path& mission, const std::filesystem::path& model);
 
-  [[nodiscard]] const Camera& camera() const { return rig_.left; }
+  [[nodiscard]] const Camera& camera() const { return input_.rig.left; }
   [[nodiscard]] const ViewIndex& index() const { return *index_; }
   [[nodiscard]] const Mesh& mesh() const { return mesh_; }
   // The part of the mesh within a box (north, east low, then high), faces by their middles; simplified.
@@ -34,12 +34,10 @@ class TexturedSurvey {
   [[nodiscard]] std::size_t imagesMade() const { return made_; }
 
  private:
-  io::MissionPaths paths_;
-  io::MissionConfig mission_;
-  StereoRig rig_;
+  topside::MissionInput input_;
   topside::TopsideConfig config_;
   topside::LightingModels models_;
-  std::optional<topside::LeftImages> images_;
+  std::optional<topside::PairImages> images_;
   std::vector<topside::ImagePair> pairs_;
   std::vector<double> altitudes_;
   std::vector<SE3> poses_;

@@ -1,0 +1,74 @@
+#include "recon/topside/light/pair_images.hpp"
+
+#include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/eight_bit_view.hpp"
+
+namespace fathom::topside {
+namespace {
+
+// `file` corrected, as it was read and in grey.
+void correctOne(const lighting::LightingModel& model, const lighting::RangeLattice& ranges,
+                const io::ImageFile& file, const Camera& camera, std::vector<std::uint8_t>& corrected,
+                std::vector<std::uint8_t>& mono) {
+  corrected.resize(pixelsOf(camera) * samplesPerPixel(file.view.format));
+  mono.resize(pixelsOf(camera));
+  model.correct(file.view, ranges, corrected.data());
+  lighting::demosaicMono(eightBitView(corrected, camera, file.view.format), mono.data());
+}
+
+}  // namespace
+
+PairImages::PairImages(const MissionInput& input, const LightingModels& models)
+    : rig_(input.rig),
+      models_(models),
+      images_(input.paths, input.mission, input.rig),
+      ranges_(rig_),
+      left_ranges_(rig_.left) {}
+
+bool PairImages::readLeft(const ImagePair& pair) {
+  try {
+    left_file_ = images_.read(pair.left, CameraSide::kLeft);
+  } catch (const InputError& error) {
+    error_ = error.what();
+    return false;
+  }
+  return true;
+}
+
+bool PairImages::read(const ImagePair& pair) {
+  if (!readLeft(pair)) return false;
+  try {
+    right_file_ = images_.read(pair.right, CameraSide::kRight);
+  } catch (const InputError& error) {
+    error_ = error.what();
+    return false;
+  }
+  return true;
+}
+
+void PairImages::correct(const stereo::SeedPlane& plane) {
+  ranges_.fromPlane(plane.normal, plane.distance);
+  correctOne(models_.left, ranges_.left(), left_file_, rig_.left, left_, left_mono_);
+  correctOne(models_.right, ranges_.right(), right_file_, rig_.right, right_, right_mono_);
+}
+
+ImageView PairImages::left() const {
+  return eightBitView(left_mono_, rig_.left, PixelFormat::kMono);
+}
+
+ImageView PairImages::right() const {
+  return eightBitView(right_mono_, rig_.right, PixelFormat::kMono);
+}
+
+RgbImage PairImages::colours(const stereo::SeedPlane& plane, std::span<const Eigen::Vector3f> points) {
+  lighting::RangeLattice ranges;
+  left_ranges_.fromPlane(plane.normal, plane.distance, ranges);
+  left_ranges_.bendTo(points, ranges);
+  left_.resize(pixelsOf(rig_.left) * samplesPerPixel(left_file_.view.format));
+  models_.left.correct(left_file_.view, ranges, left_.data());
+  RgbImage image{rig_.left.width, rig_.left.height, std::vector<std::uint8_t>(3 * pixelsOf(rig_.left))};
+  lighting::demosaicRgb(eightBitView(left_, rig_.left, left_file_.view.format), image.rgb.data());
+  return image;
+}
+
+}  // namespace fathom::topside

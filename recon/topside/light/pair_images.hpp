@@ -1,0 +1,46 @@
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "firmware_if/mission_images.hpp"
+#include "recon/geometry/rgb_image.hpp"
+#include "recon/lighting/rig_ranges.hpp"
+#include "recon/stereo/sparse_stereo.hpp"
+#include "recon/topside/input/image_pairs.hpp"
+#include "recon/topside/light/lighting_stage.hpp"
+
+namespace fathom::topside {
+
+// The images of one pair at a time, read and corrected for light. One object a thread; both references must
+// outlive it.
+class PairImages {
+ public:
+  PairImages(const MissionInput& input, const LightingModels& models);
+
+  // Reads both images, or the left one alone; false, with error(), when one cannot be read.
+  [[nodiscard]] bool read(const ImagePair& pair);
+  [[nodiscard]] bool readLeft(const ImagePair& pair);
+  [[nodiscard]] const std::string& error() const { return error_; }
+
+  // Corrects both by the ranges to a plane; then the views below hold 8-bit mono images.
+  void correct(const stereo::SeedPlane& plane);
+  [[nodiscard]] ImageView left() const;
+  [[nodiscard]] ImageView right() const;
+
+  // The left image in colour, corrected by the ranges to a plane bent to points in the left camera frame.
+  [[nodiscard]] RgbImage colours(const stereo::SeedPlane& plane, std::span<const Eigen::Vector3f> points);
+
+ private:
+  const StereoRig& rig_;
+  const LightingModels& models_;
+  io::MissionImages images_;
+  lighting::RigRanges ranges_;
+  lighting::RangeMaker left_ranges_;
+  io::ImageFile left_file_, right_file_;
+  std::vector<std::uint8_t> left_, right_, left_mono_, right_mono_;
+  std::string error_;
+};
+
+}  // namespace fathom::topside

@@ -1,0 +1,134 @@
+#include "recon/topside/prepare/pair_preparer.hpp"
+
+#include <optional>
+
+#include "firmware_if/feature_file.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "recon/closure/feature_extractor.hpp"
+#include "recon/closure/given_features.hpp"
+#include "recon/stereo/dense_stereo.hpp"
+#include "recon/stereo/given_stereo.hpp"
+#include "recon/topside/input/seed_plane.hpp"
+#include "recon/topside/light/pair_images.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr double kNearest = 0.4,
+                 kFarthest = 2.5;  // of a feature, in altitudes: relief of a reef and its edge
+
+closure::DepthRange depthsAbout(const stereo::SeedPlane& plane) {
+  return {kNearest * plane.distance, kFarthest * plane.distance};
+}
+
+void take(const stereo::StereoResult& found, PreparedPair& out) {
+  out.points = found.points.size();
+  out.corners = found.corners;
+  out.rejected = found.rejected;
+}
+
+bool enough(const stereo::StereoResult& found, const TopsideConfig& config) {
+  return found.points.size() >= static_cast<std::size_t>(config.min_points) && !found.triangles.empty();
+}
+
+class FromImages final : public PairPreparer {
+ public:
+  FromImages(const MissionInput& input, const TopsideConfig& config, const LightingModels& lighting,
+             bool localised)
+      : mission_(input.mission), config_(config), images_(input, lighting) {
+    if (localised) {
+      closure::FeatureConfig features;
+      features.max_features = config.slam_features;
+      extractor_.emplace(input.rig, features);
+    }
+    if (config.dense_stereo)
+      dense_.emplace(input.rig, config.stereo, config.dense);
+    else
+      sparse_.emplace(input.rig, config.stereo);
+  }
+
+  PreparedPair process(const ImagePair& pair, const SE3& T_nav_body, double altitude) override {
+    PreparedPair out;
+    ThreadStopwatch watch;
+    if (!images_.read(pair)) {
+      out.unreadable = images_.error();
+      return out;
+    }
+    out.times[PairStage::kRead] = watch.lap();
+    const stereo::SeedPlane plane = seedPlane(mission_, T_nav_body, altitude);
+    images_.correct(plane);
+    out.times[PairStage::kLighting] = watch.lap();
+    if (extractor_) out.features = extractor_->process(images_.left(), images_.right(), depthsAbout(plane));
+    out.times[PairStage::kFeatures] = watch.lap();
+    const stereo::StereoResult& found = dense_ ? dense_->process(images_.left(), images_.right(), plane)
+                                               : sparse_->process(images_.left(), images_.right(), plane);
+    take(found, out);
+    out.times[PairStage::kStereo] = watch.lap();
+    if (enough(found, config_)) {
+      std::vector<Eigen::Vector3f> points;
+      for (const stereo::StereoPoint& p : found.points) points.push_back(p.point);
+      const RgbImage colours = images_.colours(plane, points);
+      out.mesh = stereo::toMesh(found, {colours.rgb.data(), colours.width, colours.height,
+                                        3 * static_cast<std::size_t>(colours.width), PixelFormat::kRgb, 8});
+    }
+    out.times[PairStage::kMesh] = watch.lap();
+    return out;
+  }
+
+ private:
+  const io::MissionConfig& mission_;
+  const TopsideConfig& config_;
+  PairImages images_;
+  std::optional<closure::FeatureExtractor> extractor_;
+  std::optional<stereo::SparseStereo> sparse_;
+  std::optional<stereo::DenseStereo> dense_;  // if configured, instead
+};
+
+class FromFeatureFiles final : public PairPreparer {
+ public:
+  FromFeatureFiles(const MissionInput& input, const TopsideConfig& config, bool localised)
+      : input_(input), config_(config), localised_(localised), stereo_(input.rig, config.stereo) {
+    limits_.max_features = config.slam_features;
+  }
+
+  PreparedPair process(const ImagePair& pair, const SE3& T_nav_body, double altitude) override {
+    PreparedPair out;
+    ThreadStopwatch watch;
+    try {
+      io::readFeatureFile(input_.paths.features() / io::featureFileName(pair.left), frame_);
+    } catch (const InputError& error) {
+      out.unreadable = error.what();
+      return out;
+    }
+    out.times[PairStage::kRead] = watch.lap();
+    if (localised_) {
+      limits_.depths = depthsAbout(seedPlane(input_.mission, T_nav_body, altitude));
+      closure::featuresFrom(frame_, input_.rig, limits_, out.features);
+    }
+    out.times[PairStage::kFeatures] = watch.lap();
+    const stereo::StereoResult& found = stereo_.process(frame_);
+    take(found, out);
+    out.times[PairStage::kStereo] = watch.lap();
+    if (enough(found, config_)) stereo::toMesh(found, frame_, out.mesh);
+    out.times[PairStage::kMesh] = watch.lap();
+    return out;
+  }
+
+ private:
+  const MissionInput& input_;
+  const TopsideConfig& config_;
+  bool localised_;
+  stereo::GivenStereo stereo_;
+  closure::GivenFeatureLimits limits_;
+  StereoFeatureFrame frame_;
+};
+
+}  // namespace
+
+std::unique_ptr<PairPreparer> makePreparer(const MissionInput& input, const TopsideConfig& config,
+                                           const LightingModels& lighting, bool localised) {
+  if (input.features_only) return std::make_unique<FromFeatureFiles>(input, config, localised);
+  return std::make_unique<FromImages>(input, config, lighting, localised);
+}
+
+}  // namespace fathom::topside
