@@ -112,7 +112,7 @@ TEST_F(Resume, ACheckpointBeyondTheLogsEndGivesWayToTheOneBefore) {
   const auto newest = files.readNewest(names.configuration, names.mission, said);
   ASSERT_TRUE(newest);
   CheckpointHead beyond = newest->head;
-  ++beyond.number;
+  beyond.number += 101;  // of the other file, and beyond any mark that is logged but not saved yet
   beyond.utc_ns = clock_->utcNs();
   ASSERT_TRUE(files.write(beyond, newest->state));
   const auto live = start(folder, false);
