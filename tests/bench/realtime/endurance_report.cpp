@@ -51,6 +51,8 @@ int report(const Options& options) {
   onboard::OnboardConfig config = onboard::readOnboardConfig(
       options.config.empty() ? std::nullopt : std::optional(options.config), mission);
   config.live.realtime.soft = options.soft;
+  // The libraries of the other reports are resident too; the vehicle's program has none of them.
+  config.live.memory.budget_bytes += std::size_t{256} << 20;
   (void)rt::setLibraryStackBytes(config.live.realtime.library_stack_bytes);
 
   std::uint64_t damaged = 0;

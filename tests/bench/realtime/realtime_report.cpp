@@ -177,7 +177,7 @@ int report(const Options& options) {
   if (options.cpu >= 0) config.hard_cpus = {options.cpu};
   const rt::CpuWakeLimit wake(config.cpu_wake_us);
   HardLoop loop(config);
-  rt::MemoryBudget budget(256 * kMib);
+  rt::MemoryBudget budget(512 * kMib);  // the libraries of every report are locked too
   rt::HeapReserve heap;
   const rt::ArmingResult armed = rt::arm(config, budget, heap, 16 * kMib);
   std::fputs(armed.table().c_str(), stdout);
