@@ -7,6 +7,8 @@
 #include <random>
 #include <vector>
 
+#include "recon/geometry/uncertain_pose.hpp"
+
 namespace fathom::closure {
 namespace {
 
