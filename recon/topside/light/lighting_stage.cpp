@@ -133,8 +133,6 @@ void learnLighting(const MissionInput& input, const TopsideConfig& config, const
   const std::vector<std::size_t> chosen = lightingPairs(pairs.size(), config);
   const std::size_t count = chosen.size();
   rt::StageProgress progress("lighting", count);
-  const auto& cameras = mission.cameras;
-  Progress progress("lighting", count);
   const io::MissionImages files(input.paths, input.mission, input.rig);
   const std::vector<double> altitudes = seedAltitudes(poses, config.default_altitude);
   std::size_t next = 0;
