@@ -9,12 +9,9 @@
 #include <numbers>
 #include <optional>
 
-#include "firmware_if/files/images/image_file.hpp"
-#include "firmware_if/files/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/progress.hpp"
 #include "recon/geometry/eight_bit_view.hpp"
-#include "recon/lighting/rig_ranges.hpp"
 #include "recon/topside/calibration/free_matches.hpp"
 #include "recon/topside/calibration/range_map.hpp"
 #include "recon/topside/input/seed_plane.hpp"

@@ -6,7 +6,6 @@
 #include <memory>
 #include <string_view>
 
-#include "firmware_if/files/mission.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/text.hpp"
 #include "recon/closure/candidates.hpp"

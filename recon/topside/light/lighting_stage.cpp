@@ -9,7 +9,6 @@
 #include <opencv2/core.hpp>
 #include <optional>
 
-#include "firmware_if/files/images/image_file.hpp"
 #include "firmware_if/files/images/mission_images.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/progress.hpp"
