@@ -29,8 +29,6 @@ bool isForeign(const std::filesystem::path& folder) {
          folder.filename().string().starts_with(".");
 }
 
-}  // namespace
-
 // Calls `visit` with each file of the five folders and its name from the root.
 void forEachFile(const std::filesystem::path& root,
                  const std::function<void(const std::filesystem::path&, const std::string&)>& visit) {
