@@ -149,7 +149,7 @@ TEST(Layers, AForbiddenLinkIsFoundThroughGeneratorExpressionsToo) {
         "sim|STATIC_LIBRARY|sim|g;support\n"
         "support|STATIC_LIBRARY|tests/support|\n"
         "some_test|EXECUTABLE|tests/nav|core;support\n");
-  EXPECT_THAT(checkTargets(readTargets(file)),
+  EXPECT_THAT(checkTargets(layers(), readTargets(file)),
               ElementsAre(HasSubstr("fathom-onboard"), HasSubstr("sim links support"), HasSubstr("stereo")));
 }
 

@@ -30,11 +30,6 @@ std::vector<std::uint8_t> stateOf(std::uint64_t number) {
   return bytes;
 }
 
-std::vector<std::uint8_t> bytesOf(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-}
-
 class Checkpoints : public ::testing::Test {
  protected:
   const test::TemporaryFolder folder;

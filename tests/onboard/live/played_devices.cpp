@@ -36,12 +36,7 @@ class PlayedSamples final : public io::SampleSource {
     for (; const auto step = played_.at(next_); ++next_) {
       if (!step->sample || std::holds_alternative<ImageEvent>(*step->sample)) continue;
       if (!waitFor(clock_, step->due_ns, timeout_ms)) return true;
-      std::visit(
-          [&](const auto& sample) {
-            if constexpr (!std::is_same_v<std::decay_t<decltype(sample)>, ImageEvent>)
-              sink.sample(clock_.utcNs(), DeviceSample(sample));
-          },
-          *step->sample);
+      sink.sample(clock_.utcNs(), *step->sample);
       ++given_;
       ++next_;
       return true;
@@ -124,7 +119,7 @@ class PlayedCamera final : public io::CameraSource {
   }
   [[nodiscard]] std::size_t frameBytes() const { return rowBytes() * static_cast<std::size_t>(height_); }
 
-  void decode(const std::string& name, std::byte* pixels) const {
+  void decode(std::string_view name, std::byte* pixels) const {
     const io::ImageFile file = io::readImage(images_ / name, format_, bits_, width_, height_);
     for (std::size_t y = 0; y < static_cast<std::size_t>(height_); ++y)
       std::memcpy(pixels + y * rowBytes(),
@@ -143,13 +138,13 @@ class PlayedCamera final : public io::CameraSource {
     for (std::size_t n = played_.first; const auto step = played_.at(n); ++n) {
       const auto* event = step->sample ? std::get_if<ImageEvent>(&*step->sample) : nullptr;
       if (event == nullptr || event->side != side_) continue;
-      if (!place_.emplace(event->file_name, place_.size()).second) break;  // it comes round again
-      decode(event->file_name, pixels.data());
+      if (!place_.emplace(event->file_name.view(), place_.size()).second) break;  // it comes round again
+      decode(event->file_name.view(), pixels.data());
       require(::write(scratch_, pixels.data(), frameBytes()) == static_cast<ssize_t>(frameBytes()));
     }
   }
 
-  [[nodiscard]] bool fill(const std::string& name, std::byte* pixels) {
+  [[nodiscard]] bool fill(std::string_view name, std::byte* pixels) {
     if (scratch_ < 0) {
       decode(name, pixels);
       return true;
@@ -171,7 +166,7 @@ class PlayedCamera final : public io::CameraSource {
       ++missed_;
       return;
     }
-    if (!fill(event.file_name, pool_.bytes(frame.block).data())) {
+    if (!fill(event.file_name.view(), pool_.bytes(frame.block).data())) {
       pool_.release(frame.block);
       ++missed_;
       return;
@@ -196,7 +191,7 @@ class PlayedCamera final : public io::CameraSource {
   std::size_t next_ = 0;
   std::uint64_t frames_ = 0, exposures_ = 0, missed_ = 0;
   int scratch_ = -1;
-  std::map<std::string, std::size_t> place_;  // of an image in the scratch file
+  std::map<std::string, std::size_t, std::less<>> place_;  // of an image in the scratch file
 };
 
 }  // namespace
