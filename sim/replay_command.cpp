@@ -53,6 +53,7 @@ std::function<int()> addReplayCommand(CLI::App& app, CLI::App*& command) {
   State& s = *state;
   command = app.add_subcommand(
       "replay", "replay a mission as fathom-onboard does, speaking with a ship through simulated water");
+  command->footer("Example: fathom-sim replay missions/reef-grid --heard heard.bin --loss 0.3");
   command->add_option("mission", s.replay.mission, "mission folder")->required();
   command->add_option("--heard", s.heard, "file of the frames as the ship heard them, to write")->required();
   command->add_option("--config", s.replay.config, "onboard.toml (default: built-in values)");

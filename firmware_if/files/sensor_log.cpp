@@ -100,7 +100,10 @@ SensorLogReader::SensorLogReader(const std::filesystem::path& mission_folder) : 
   const auto raw_auv = paths.rawAuv();
   if (!raw_auv)
     throw InputError(mission_folder, "", "has neither sensors.lcmlog nor a *.RAW.auv; give a mission folder");
-  impl_->text = std::make_unique<RawAuvReader>(*raw_auv, readMissionConfig(mission_folder).origin);
+  // Of a folder that says nothing of itself, nav begins at 0 N 0 E.
+  const bool described = std::filesystem::exists(mission_folder / "mission.toml");
+  const MissionConfig mission = described ? readMissionConfig(mission_folder) : MissionConfig{};
+  impl_->text = std::make_unique<RawAuvReader>(*raw_auv, mission.origin);
   if (!impl_->holdsSample()) throw InputError(*raw_auv, "", "holds no observation; give a RAW.auv");
 }
 

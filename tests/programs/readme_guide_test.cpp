@@ -52,13 +52,11 @@ class ReadmeGuide : public ::testing::Test {
     std::vector<fs::path> images;
     for (const auto& entry : fs::directory_iterator(mission / "img")) images.push_back(entry.path());
     std::sort(images.begin(), images.end());
-    const auto first = [&](const char* side) {
-      return *std::find_if(images.begin() + 4, images.end(), [&](const fs::path& image) {
-        return image.string().find(side) != std::string::npos;
-      });
-    };
-    fs::copy_file(first("_LC16"), here_ / "left.tif");
-    fs::copy_file(first("_RM16"), here_ / "right.tif");
+    for (const fs::path& image : images) {
+      if (image.string().find("_LC16") != std::string::npos) left_.push_back(image.string());
+      if (image.string().find("_RM16") != std::string::npos) right_.push_back(image.string());
+    }
+    ASSERT_GT(std::min(left_.size(), right_.size()), 5U);
     writeText(
         here_ / "onboard.toml",
         "[cameras]\nleft = \"absent-left\"\nright = \"absent-right\"\n[link]\nkey_file = \"ship.key\"\n");
@@ -70,10 +68,14 @@ class ReadmeGuide : public ::testing::Test {
   }
   void TearDown() override { ::close(modem_); }
 
-  // Here there is neither ship nor camera nor somebody who ends the programs that wait.
+  // Here there is neither ship nor camera nor somebody who ends the programs that wait; and a name tells that
+  // the left image is a colour filter's.
   [[nodiscard]] std::string asRunHere(std::string command) const {
-    const auto device = command.find("/dev/ttyUSB0");
-    if (device != std::string::npos) command.replace(device, 12, ::ptsname(modem_));
+    const std::pair<std::string, std::string> here[] = {
+        {"/dev/ttyUSB0", ::ptsname(modem_)}, {"left.tif", left_[5]}, {"right.tif", right_[5]}};
+    for (const auto& [there, instead] : here)
+      if (const auto at = command.find(there); at != std::string::npos)
+        command.replace(at, there.size(), instead);
     if (command.starts_with("fathom-monitor --serial")) command += " --http 0 --exit-after-idle 1";
     if (command.find("--live") != std::string::npos) command += " --soft --for 1";
     if (command.starts_with("fathom-sensors predive")) command += " --seconds 0.5";
@@ -92,6 +94,7 @@ class ReadmeGuide : public ::testing::Test {
 
   TemporaryFolder folder_;
   fs::path here_ = folder_.path();
+  std::vector<std::string> left_, right_;  // images of the dive
   int modem_ = -1;
 };
 
