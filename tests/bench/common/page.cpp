@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/topside/report/html_text.hpp"
 
@@ -54,14 +55,14 @@ std::string Table::text() const {
 }
 
 std::string Table::html() const {
-  std::string out = name.empty() ? "" : "<h2>" + topside::htmlEscaped(name) + "</h2>";
+  std::string out = name.empty() ? "" : "<h2>" + markupText(name) + "</h2>";
   out += "<table><tr>";
-  for (const Column& column : columns) out += "<th>" + topside::htmlEscaped(column.name) + "</th>";
+  for (const Column& column : columns) out += "<th>" + markupText(column.name) + "</th>";
   for (const auto& row : rows) {
     out += "</tr>\n<tr>";
     for (std::size_t k = 0; k < row.size(); ++k)
       out += (isText(row[k]) ? "<td>" : "<td class=n>") +
-             topside::htmlEscaped(shown(row[k], columns[k].digits)) + "</td>";
+             markupText(shown(row[k], columns[k].digits)) + "</td>";
   }
   return out + "</tr></table>";
 }

@@ -9,6 +9,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/vehicle_clock.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "tests/bench/common/page.hpp"
@@ -59,7 +60,7 @@ int report(const Options& options) {
   const test::Shuttle shuttle(io::readOnboardInputs(options.mission, damaged), options.pairs);
   if (shuttle.stepsOfLeg() == 0 || shuttle.images(CameraSide::kLeft).empty())
     throw InputError(options.mission.string(), "", "holds no stereo pairs");
-  onboard::VehicleClock clock(onboard::VehicleClock::systemOffsetNs(), options.rate);
+  rt::VehicleClock clock(rt::VehicleClock::systemOffsetNs(), options.rate);
   constexpr std::int64_t kSetUpNs = 20 * kNsPerSecond;  // of the machine's time, before the first sample
   const std::int64_t begin =
       clock.utcNs() + static_cast<std::int64_t>(static_cast<double>(kSetUpNs) * options.rate);
