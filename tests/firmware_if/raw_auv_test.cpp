@@ -151,13 +151,14 @@ TEST_F(RawAuvTest, AMissionWithoutALogIsReadFromIt) {
   MissionConfig mission;
   mission.origin = kOrigin;
   writeText(path_, kLines);
-  EXPECT_THAT(refusal([&] { SensorLogReader reader(folder_.path()); }), HasSubstr("mission.toml"));
-  writeMissionConfig(folder_.path(), mission);
-  SensorLogReader reader(folder_.path());
-  std::size_t count = 0;
-  while (const auto entry = reader.next()) ++count;
-  EXPECT_EQ(count, 7u);
-  EXPECT_EQ(reader.skippedEntries(), 1u);
+  for (const bool described : {false, true}) {  // without mission.toml nav begins at 0 N 0 E
+    if (described) writeMissionConfig(folder_.path(), mission);
+    SensorLogReader reader(folder_.path());
+    std::size_t count = 0;
+    while (const auto entry = reader.next()) ++count;
+    EXPECT_EQ(count, 7u);
+    EXPECT_EQ(reader.skippedEntries(), 1u);
+  }
   for (const char* nothing : {"", "no such line\n", "PAROSCI: x y\n"}) {
     writeText(path_, nothing);
     EXPECT_THAT(refusal([&] { SensorLogReader again(folder_.path()); }), HasSubstr("dive.RAW.auv: "));
