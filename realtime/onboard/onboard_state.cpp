@@ -9,7 +9,7 @@ namespace fathom::onboard {
 template <typename Archive, typename Self>
 void OnboardSystem::exchange(Archive& archive, Self& self) {
   for (auto& name : self.image_names_) archive(name.frame, name.text, name.exposure_s);
-  archive(self.last_pose_, self.distance_, self.roof_health_, self.slipped_cycles_, self.shed_pairs_,
+  archive(self.last_pose_, self.distance_, self.program_health_, self.slipped_cycles_, self.shed_pairs_,
           self.pairs_at_level_, self.unreadable_images_, self.fixes_without_odometry_);
   archive.instants(self.last_pair_ns_, self.last_tick_ns_);
   archive(self.last_points_, self.survey_over_, self.told_progress_);

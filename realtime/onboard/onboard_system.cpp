@@ -240,7 +240,7 @@ std::uint16_t OnboardSystem::healthFlags(std::int64_t now_ns,
                                          const fusion::QuadtreeMap::Counters& tiles) const {
   const NavHealth& nav = nav_.core().health();
   const auto lost = [](double age) { return age < 0 || age > kLostAfter; };
-  unsigned flags = roof_health_;
+  unsigned flags = program_health_;
   if (lost(nav.dvl_age) || !nav.altitude) flags |= telemetry::kHealthDvlLost;
   if (lost(nav.attitude_age)) flags |= telemetry::kHealthCompassLost;
   if (lost(nav.depth_age)) flags |= telemetry::kHealthDepthLost;

@@ -69,8 +69,8 @@ class OnboardSystem {
   void setPairPolicy(PairPolicy policy) { policy_ = std::move(policy); }
   // Health flags (telemetry's) of what the cores cannot see. At first: soft real time, as a replay is.
   // `slipped`: cycles of the hard loop that were skipped so far.
-  void setRoofHealth(unsigned flags, std::uint32_t slipped) {
-    roof_health_ = flags;
+  void setProgramHealth(unsigned flags, std::uint32_t slipped) {
+    program_health_ = flags;
     slipped_cycles_ = slipped;
   }
 
@@ -145,7 +145,7 @@ class OnboardSystem {
   static constexpr std::size_t kNames = 256;   // of the newest exposures; no pair waits for longer
   std::array<ImageName, kNames> image_names_;  // by frame number
   PairPolicy policy_;
-  unsigned roof_health_ = telemetry::kHealthSoftRealTime;
+  unsigned program_health_ = telemetry::kHealthSoftRealTime;
   std::uint32_t slipped_cycles_ = 0;
   std::uint64_t shed_pairs_ = 0;
   std::array<std::uint64_t, kLevels> pairs_at_level_{};

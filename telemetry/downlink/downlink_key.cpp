@@ -16,7 +16,7 @@ namespace fathom::telemetry {
 namespace {
 
 constexpr std::size_t kDigits = 2 * DownlinkKey::kBytes;
-constexpr const char* kMend =
+constexpr const char* kFix =
     "must hold 64 hexadecimal digits and nothing else; make one with fathom-monitor key FILE";
 // Keeps these signatures apart from any other use of the same key.
 constexpr std::string_view kPurpose = "Fathom downlink 2";
@@ -101,7 +101,7 @@ DownlinkKey readDownlinkKey(const std::filesystem::path& file, std::string& warn
       sodium_hex2bin(secret.data(), secret.size(), text.data(), size, nullptr, &bytes, &end) == 0 &&
       bytes == secret.size() && end == text.data() + size;
   sodium_memzero(text.data(), text.size());
-  if (!good) throw InputError(file.string(), "", kMend);
+  if (!good) throw InputError(file.string(), "", kFix);
   if ((about.st_mode & (S_IRWXG | S_IRWXO)) != 0)
     warning = file.string() + " holds a secret that others may read; take it from them with chmod 600";
   const DownlinkKey key(secret);

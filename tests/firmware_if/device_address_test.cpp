@@ -35,7 +35,7 @@ TEST(DeviceAddress, EachKindIsReadWhole) {
   EXPECT_EQ(file->name, "/data/a:b.pd0");
 }
 
-TEST(DeviceAddress, NonsenseIsRefusedWithTheMend) {
+TEST(DeviceAddress, NonsenseIsRefusedWithTheFix) {
   const std::vector<std::pair<std::string, std::string>> bad = {
       {"", "give udp:HOST:PORT"},
       {"ttyS1", "give udp:HOST:PORT"},

@@ -177,7 +177,7 @@ TEST(LcmUdp, ASampleCrossesBetweenTwoConnectionsOfOneMachine) {
   EXPECT_EQ(publisher.published(), 3u);
 }
 
-TEST(LcmUdp, AProviderThatCannotBeIsRefusedWithTheMend) {
+TEST(LcmUdp, AProviderThatCannotBeIsRefusedWithTheFix) {
   EXPECT_THAT(refusal([] { LcmBus bus("nonsense://"); }),
               HasSubstr("LCM nonsense://: cannot be opened; give udpm:"));
 }

@@ -188,7 +188,7 @@ TEST(PrediveProgram, FindsDevicesOnTheirInterfacesAndSaysWhichAreWrong) {
     EXPECT_EQ(rows[name], "good") << name << "\n" << wrong.out;
 }
 
-TEST(PrediveProgram, FilesThatCannotBeReadAreRedRowsThatNameTheMend) {
+TEST(PrediveProgram, FilesThatCannotBeReadAreRedRowsThatNameTheFix) {
   const test::TemporaryFolder folder;
   const Outcome absent = predive("/absent --config /absent.toml --seconds 0.1");
   EXPECT_EQ(absent.exit_code, 1);

@@ -51,7 +51,7 @@ offset_s = 0.04
   EXPECT_EQ(s.camera(FaultKind::kSkew, CameraSide::kLeft, 22), nullptr);
 }
 
-TEST(FaultScript, ABadFileIsRefusedWithTheLineAndTheMend) {
+TEST(FaultScript, ABadFileIsRefusedWithTheLineAndTheFix) {
   EXPECT_THAT(refusal("[[fault]]\nkind = \"dvl_silense\"\nat_s = 1\nfor_s = 1\n"),
               testing::AllOf(HasSubstr("f.toml"), HasSubstr("line 2"), HasSubstr("dvl_silence")));
   EXPECT_THAT(refusal("[[fault]]\nkind = \"dvl_silence\"\nat_s = -1\nfor_s = 1\n"), HasSubstr("line 3"));

@@ -80,7 +80,7 @@ TEST_F(ScenarioFile, RefusesFilesThatAreAbsentEmptyOrNonsense) {
   EXPECT_NE(errorOf(std::string("\x00\xff\x89PNG\r\n", 8)), "");
 }
 
-TEST_F(ScenarioFile, AMeshThatIsNowhereIsRefusedWithTheMend) {
+TEST_F(ScenarioFile, AMeshThatIsNowhereIsRefusedWithTheFix) {
   const std::string error =
       errorOf("name = \"x\"\n[terrain]\nkind = \"mesh\"\nmesh_file = \"not/there.ply\"\n");
   EXPECT_THAT(error, ::testing::HasSubstr("not/there.ply"));

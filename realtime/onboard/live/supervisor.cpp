@@ -16,11 +16,11 @@ void Supervisor::begin(bool complete) {
   const std::int64_t now = links_.clock->monotonicNs();
   next_checkpoint_ns_ = now + checkpoint_ns_;
   links_.threads->watchFrom(now);
-  told_health_ = roofHealth(0);
+  told_health_ = programHealth(0);
   (void)links_.hard->mark({io::Mark::Kind::kHealth, told_health_});
 }
 
-std::uint64_t Supervisor::roofHealth(std::uint64_t slipped) const {
+std::uint64_t Supervisor::programHealth(std::uint64_t slipped) const {
   std::uint64_t flags = slipped << 16U;
   if (!complete_) flags |= telemetry::kHealthSoftRealTime;
   if (links_.soft->overload().level() != rt::DegradationLevel::kFull) flags |= telemetry::kHealthOverload;
@@ -50,7 +50,7 @@ std::vector<std::string> Supervisor::step(std::uint64_t slipped) {
     ++next_;
     next_checkpoint_ns_ = now + checkpoint_ns_;
   }
-  const std::uint64_t health = roofHealth(slipped);
+  const std::uint64_t health = programHealth(slipped);
   if (health != told_health_ && links_.hard->mark({io::Mark::Kind::kHealth, health})) told_health_ = health;
   return events;
 }

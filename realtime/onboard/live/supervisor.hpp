@@ -37,7 +37,7 @@ class Supervisor {
   [[nodiscard]] std::uint64_t clockSteps() const { return clock_steps_.load(std::memory_order_relaxed); }
 
  private:
-  [[nodiscard]] std::uint64_t roofHealth(std::uint64_t slipped) const;
+  [[nodiscard]] std::uint64_t programHealth(std::uint64_t slipped) const;
 
   Links links_;
   std::int64_t checkpoint_ns_;

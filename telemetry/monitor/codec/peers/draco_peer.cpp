@@ -142,7 +142,7 @@ PeerResult dracoSimplified(const Lattice& lattice, double max_error) {
     const auto start = std::chrono::steady_clock::now();
     const Mesh mesh = simplify(full, static_cast<std::size_t>(vertices));
     const double simplify_ms = since(start);
-    // Without quantisation: once simplification itself breaks the error, fewer vertices will not mend it.
+    // Without quantisation: once simplification itself breaks the error, fewer vertices will not help.
     if (errors(lattice, byTriangle(lattice, mesh)).max > max_error) {
       ++failures;
       continue;
