@@ -7,84 +7,29 @@
 #include <cmath>
 #include <deque>
 #include <nlohmann/json.hpp>
-#include <opencv2/imgproc.hpp>
-#include <random>
+#include <numbers>
 #include <thread>
 
-#include "firmware_if/predive/image_quality.hpp"
 #include "firmware_if/predive/predive_checks.hpp"
 #include "firmware_if/predive/predive_report.hpp"
 #include "firmware_if/predive/predive_watch.hpp"
+#include "tests/firmware_if/made_picture.hpp"
 #include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {
 
+using test::kHeight;
+using test::kWidth;
+using test::picture;
+using test::viewOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
 constexpr std::int64_t kSecond = 1'000'000'000;
+constexpr double kPi = std::numbers::pi;
 constexpr std::int64_t kStart = 1'700'000'000 * kSecond;
-constexpr double kPi = 3.14159265358979323846;
-constexpr int kWidth = 320, kHeight = 240;
-
-// Tiles of random grey, noise on top, blurred by `blur` pixels; `light` scales it.
-std::vector<std::uint8_t> picture(double blur, double light) {
-  std::mt19937 random(11);
-  cv::Mat image(kHeight, kWidth, CV_32F);
-  for (int y = 0; y < kHeight; y += 16)
-    for (int x = 0; x < kWidth; x += 16)
-      image(cv::Rect(x, y, 16, 16)) = 0.1 + 0.5 * static_cast<double>(random() % 1000) / 1000;
-  if (blur > 0) cv::GaussianBlur(image, image, {}, blur);
-  std::normal_distribution<double> noise(0, 0.005);
-  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(kWidth) * kHeight);
-  for (std::size_t i = 0; i < bytes.size(); ++i) {
-    const double level =
-        light * image.at<float>(static_cast<int>(i) / kWidth, static_cast<int>(i) % kWidth) + noise(random);
-    bytes[i] = static_cast<std::uint8_t>(std::clamp(level, 0.0, 1.0) * 255);
-  }
-  return bytes;
-}
-
-ImageView viewOf(const std::vector<std::uint8_t>& bytes) {
-  return {bytes.data(), kWidth, kHeight, kWidth, PixelFormat::kMono, 8};
-}
-
-TEST(ImageQuality, EdgesWidenWithBlurWhateverTheContrast) {
-  for (const double light : {0.6, 1.0}) {
-    double before = 0;
-    for (const double blur : {0.0, 1.0, 2.0, 3.0}) {
-      if (light < 1 && blur > 2) continue;  // drowned in noise
-      const ImageQuality quality = measureImage(viewOf(picture(blur, light)));
-      ASSERT_GE(quality.edges, ImageQuality::kFewestEdges) << blur;
-      EXPECT_GT(quality.edge_width_px, before);
-      EXPECT_NEAR(quality.edge_width_px, std::max(2.0, std::sqrt(2 * kPi) * blur), 1.5)
-          << blur << " px at " << light;
-      before = quality.edge_width_px;
-    }
-  }
-}
-
-TEST(ImageQuality, NoiseAloneHasNoEdges) {
-  std::mt19937 random(2);
-  std::normal_distribution<double> noise(60, 4);
-  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(kWidth) * kHeight);
-  for (auto& byte : bytes) byte = static_cast<std::uint8_t>(noise(random));
-  EXPECT_EQ(measureImage(viewOf(bytes)).edge_width_px, 0);
-  EXPECT_EQ(measureImage({}).edges, 0);
-}
-
-TEST(ImageQuality, LightIsToldInSharesOfFullScale) {
-  std::vector<std::uint16_t> words(static_cast<std::size_t>(kWidth) * kHeight, 2048);
-  std::fill(words.begin(), words.begin() + static_cast<std::ptrdiff_t>(words.size() / 4), 4095);
-  std::fill(words.end() - static_cast<std::ptrdiff_t>(words.size() / 4), words.end(), 10);
-  const ImageView image = {words.data(), kWidth, kHeight, kWidth * 2, PixelFormat::kBayerRggb, 12};
-  const ImageQuality quality = measureImage(image);
-  EXPECT_NEAR(quality.mean, 0.5, 0.01);
-  EXPECT_NEAR(quality.saturated_share, 0.25, 1e-9);
-  EXPECT_NEAR(quality.dark_share, 0.25, 1e-9);
-}
 
 // Everything about a vehicle that a test can spoil.
 struct Vehicle {

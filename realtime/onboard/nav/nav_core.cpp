@@ -29,42 +29,29 @@ NavCore::NavCore(const NavCoreConfig& config)
       compass_offset_ns_(nanoseconds(config.time_offsets.compass)),
       depth_offset_ns_(nanoseconds(config.time_offsets.depth)) {}
 
-void NavCore::add(DvlSample sample) noexcept {
+template <class Sample>
+void NavCore::take(Sample sample, std::int64_t offset_ns, LastSeen* seen) noexcept {
   ++counters_.inputs;
-  sample.utc_ns = shifted(sample.utc_ns, dvl_offset_ns_);
-  dvl_ = {sample.utc_ns, true};
+  sample.utc_ns = shifted(sample.utc_ns, offset_ns);
+  if (seen != nullptr) *seen = {sample.utc_ns, true};
   odometry_.add(sample);
   dispatch();
 }
 
-void NavCore::add(AttitudeSample sample) noexcept {
-  ++counters_.inputs;
-  sample.utc_ns = shifted(sample.utc_ns, compass_offset_ns_);
-  attitude_ = {sample.utc_ns, true};
-  odometry_.add(sample);
-  dispatch();
+void NavCore::add(const DvlSample& sample) noexcept {
+  take(sample, dvl_offset_ns_, &dvl_);
 }
-
-void NavCore::add(GyroSample sample) noexcept {
-  ++counters_.inputs;
-  sample.utc_ns = shifted(sample.utc_ns, compass_offset_ns_);
-  odometry_.add(sample);
-  dispatch();
+void NavCore::add(const AttitudeSample& sample) noexcept {
+  take(sample, compass_offset_ns_, &attitude_);
 }
-
-void NavCore::add(DepthSample sample) noexcept {
-  ++counters_.inputs;
-  sample.utc_ns = shifted(sample.utc_ns, depth_offset_ns_);
-  depth_ = {sample.utc_ns, true};
-  odometry_.add(sample);
-  dispatch();
+void NavCore::add(const GyroSample& sample) noexcept {
+  take(sample, compass_offset_ns_, nullptr);
 }
-
+void NavCore::add(const DepthSample& sample) noexcept {
+  take(sample, depth_offset_ns_, &depth_);
+}
 void NavCore::add(const WaterSample& sample) noexcept {
-  ++counters_.inputs;
-  water_ = {sample.utc_ns, true};
-  odometry_.add(sample);
-  dispatch();
+  take(sample, 0, &water_);
 }
 
 void NavCore::addFrame(std::int64_t stamp_utc_ns, CameraSide side, std::uint32_t frame_id) noexcept {

@@ -66,10 +66,10 @@ class NavCore {
   // The config's numbers are finite and its tolerance positive (the mission's reader sees to it).
   explicit NavCore(const NavCoreConfig& config);
 
-  void add(DvlSample sample) noexcept;
-  void add(AttitudeSample sample) noexcept;
-  void add(GyroSample sample) noexcept;
-  void add(DepthSample sample) noexcept;
+  void add(const DvlSample& sample) noexcept;
+  void add(const AttitudeSample& sample) noexcept;
+  void add(const GyroSample& sample) noexcept;
+  void add(const DepthSample& sample) noexcept;
   void add(const WaterSample& sample) noexcept;  // sound speed only
   // `frame_id`: a handle that the caller resolves to the pixels.
   void addFrame(std::int64_t stamp_utc_ns, CameraSide side, std::uint32_t frame_id) noexcept;
@@ -113,6 +113,8 @@ class NavCore {
     std::uint64_t inputs = 0, pairs = 0, pairs_uncovered = 0, triggers = 0, triggers_dropped = 0;
   };
 
+  template <class Sample>
+  void take(Sample sample, std::int64_t offset_ns, LastSeen* seen) noexcept;
   void dispatch() noexcept;
   void takeHealth(std::int64_t utc_ns) noexcept;
 

@@ -25,9 +25,9 @@ PairImages::PairImages(const MissionInput& input, const LightingModels& models)
       ranges_(rig_),
       left_ranges_(rig_.left) {}
 
-bool PairImages::readLeft(const ImagePair& pair) {
+bool PairImages::readOne(const std::string& name, CameraSide side, io::ImageFile& file) {
   try {
-    left_file_ = images_.read(pair.left, CameraSide::kLeft);
+    file = images_.read(name, side);
   } catch (const InputError& error) {
     error_ = error.what();
     return false;
@@ -35,15 +35,12 @@ bool PairImages::readLeft(const ImagePair& pair) {
   return true;
 }
 
+bool PairImages::readLeft(const ImagePair& pair) {
+  return readOne(pair.left, CameraSide::kLeft, left_file_);
+}
+
 bool PairImages::read(const ImagePair& pair) {
-  if (!readLeft(pair)) return false;
-  try {
-    right_file_ = images_.read(pair.right, CameraSide::kRight);
-  } catch (const InputError& error) {
-    error_ = error.what();
-    return false;
-  }
-  return true;
+  return readLeft(pair) && readOne(pair.right, CameraSide::kRight, right_file_);
 }
 
 void PairImages::correct(const stereo::SeedPlane& plane) {

@@ -4,9 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/files/images/image_file.hpp"
 #include "firmware_if/files/images/mission_images.hpp"
-#include "firmware_if/files/mission.hpp"
 #include "recon/geometry/rgb_image.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/rig_ranges.hpp"
@@ -36,6 +34,8 @@ class PairImages {
   [[nodiscard]] RgbImage colours(const stereo::SeedPlane& plane, std::span<const Eigen::Vector3f> points);
 
  private:
+  [[nodiscard]] bool readOne(const std::string& name, CameraSide side, io::ImageFile& file);
+
   const StereoRig& rig_;
   const LightingModels& models_;
   io::MissionImages images_;

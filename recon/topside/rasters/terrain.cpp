@@ -93,6 +93,14 @@ Gradient fit(const PlaneSums::Terms& s, double cells, const TerrainWindow& windo
   return {(nz * ee - ez * ne) / det / cell, (ez * nn - nz * ne) / det / cell, true};
 }
 
+// In a window of (2 radius + 1)^2 cells about one.
+Gradient gradientAbout(const PlaneSums& sums, std::int32_t row, std::int32_t column,
+                       const TerrainWindow& window, double cell) {
+  const int r = window.radius, side = 2 * r + 1;
+  return fit(sums.sum(row - r, column - r, row + r + 1, column + r + 1), static_cast<double>(side) * side,
+             window, cell);
+}
+
 }  // namespace
 
 int radiusOf(double edge, double cell) {
@@ -103,7 +111,6 @@ SlopeAspect slopeAspect(const TerrainView& view, const TerrainWindow& window) {
   constexpr double kDegrees = 180 / std::numbers::pi;
   const PlaneSums sums = planeSums(view);
   const Whole whole(view);
-  const int r = window.radius, side = 2 * r + 1;
   SlopeAspect out;
   const std::size_t cells = static_cast<std::size_t>(view.rows) * static_cast<std::size_t>(view.columns);
   out.slope.assign(cells, kNaN);
@@ -112,8 +119,7 @@ SlopeAspect slopeAspect(const TerrainView& view, const TerrainWindow& window) {
     for (std::int32_t e = 0; e < view.columns; ++e, ++k) {
       const std::int32_t row = n + view.halo, column = e + view.halo;
       if (std::isnan(view.elevation[whole.at(row, column)])) continue;
-      const Gradient g = fit(sums.sum(row - r, column - r, row + r + 1, column + r + 1),
-                             static_cast<double>(side) * side, window, view.cell);
+      const Gradient g = gradientAbout(sums, row, column, window, view.cell);
       if (!g.known) continue;
       const auto at = static_cast<std::size_t>(k);
       const double steep = std::hypot(g.north, g.east);
@@ -145,14 +151,13 @@ std::vector<float> rugosity(const TerrainView& view, const TerrainWindow& window
       quads.set(n, e, std::isfinite(both) ? std::array<double, 2>{1, both} : std::array<double, 2>{});
     }
   }
-  const int r = window.radius, side = 2 * r + 1;
+  const int r = window.radius;
   std::vector<float> out(static_cast<std::size_t>(view.rows) * static_cast<std::size_t>(view.columns), kNaN);
   for (std::int32_t n = 0, k = 0; n < view.rows; ++n) {
     for (std::int32_t e = 0; e < view.columns; ++e, ++k) {
       const std::int32_t row = n + view.halo, column = e + view.halo;
       if (std::isnan(view.elevation[whole.at(row, column)])) continue;
-      const Gradient g = fit(sums.sum(row - r, column - r, row + r + 1, column + r + 1),
-                             static_cast<double>(side) * side, window, view.cell);
+      const Gradient g = gradientAbout(sums, row, column, window, view.cell);
       const auto [count, area] = quads.sum(row - r, column - r, row + r, column + r);
       if (!g.known || std::round(count) < 1) continue;
       const double projected = std::round(count) * c2 * std::sqrt(1 + g.north * g.north + g.east * g.east);

@@ -1,4 +1,4 @@
-// fathom-bench: Google Benchmark programs of all rooms; --benchmark_filter=stereo runs those of one.
+// fathom-bench: Google Benchmark programs of all modules; --benchmark_filter=stereo runs those of one.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>

@@ -1,12 +1,13 @@
 #pragma once
 
 #include <Eigen/Geometry>
-#include <algorithm>
 #include <cmath>
 #include <ctime>
+#include <utility>
 #include <vector>
 
 #include "recon/geometry/mesh.hpp"
+#include "recon/geometry/order_statistics.hpp"
 
 namespace fathom::bench {
 
@@ -33,9 +34,8 @@ namespace fathom::bench {
 // The value below which a share of them lies; 0 of none.
 [[nodiscard]] inline double quantile(std::vector<double> values, double share) {
   if (values.empty()) return 0;
-  const auto at = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + at, values.end());
-  return values[static_cast<std::size_t>(at)];
+  const auto place = static_cast<std::size_t>(share * static_cast<double>(values.size() - 1));
+  return ranked(std::move(values), place);
 }
 
 [[nodiscard]] inline double areaOf(const Mesh& mesh) {  // [m2]

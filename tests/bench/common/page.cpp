@@ -61,8 +61,8 @@ std::string Table::html() const {
   for (const auto& row : rows) {
     out += "</tr>\n<tr>";
     for (std::size_t k = 0; k < row.size(); ++k)
-      out += (isText(row[k]) ? "<td>" : "<td class=n>") +
-             markupText(shown(row[k], columns[k].digits)) + "</td>";
+      out +=
+          (isText(row[k]) ? "<td>" : "<td class=n>") + markupText(shown(row[k], columns[k].digits)) + "</td>";
   }
   return out + "</tr></table>";
 }

@@ -49,6 +49,7 @@ TrueMission::TrueMission(const std::filesystem::path& folder)
     : paths_(folder),
       config_(io::readMissionConfig(folder)),
       rig_(readStereoCalib(paths_.calib())),
+      images_(paths_, config_, rig_),
       scenario_(sim::loadScenario((paths_.truth() / "scenario.toml").string())),
       terrain_(sim::resolvedTerrain(scenario_)),
       features_only_(io::isFeatureMission(paths_)) {
@@ -68,11 +69,8 @@ TrueMission::TrueMission(const std::filesystem::path& folder)
 TrueMission::~TrueMission() = default;
 
 io::ImageFile TrueMission::image(std::size_t pair, CameraSide side) const {
-  const bool left = side == CameraSide::kLeft;
-  const Camera& camera = left ? rig_.left : rig_.right;
-  return io::readImage(paths_.images() / (left ? pairs_.at(pair).left_name : pairs_.at(pair).right_name),
-                       left ? config_.cameras.left_format : config_.cameras.right_format,
-                       config_.cameras.bits, camera.width, camera.height);
+  return images_.read(side == CameraSide::kLeft ? pairs_.at(pair).left_name : pairs_.at(pair).right_name,
+                      side);
 }
 
 StereoFeatureFrame TrueMission::features(std::size_t pair) const {
@@ -115,9 +113,9 @@ std::optional<Eigen::Vector3d> TrueMission::pointAt(std::size_t pair, const Eige
 std::optional<Eigen::Vector2d> TrueMission::pixelOf(std::size_t pair, std::size_t of_pair,
                                                     const Eigen::Vector3d& point) const {
   constexpr double kHidden = 0.02;  // a point is seen if nothing is so much nearer [m]
-  constexpr double kNearest = 0.1;  // [m]
+  constexpr double kInFront = 0.1;  // [m]
   const Eigen::Vector3d here = pairs_.at(pair).T_nav_cam.inverse() * pairs_.at(of_pair).T_nav_cam * point;
-  if (here.z() <= kNearest) return std::nullopt;
+  if (here.z() <= kInFront) return std::nullopt;
   // Beyond the image the distortion's polynomial folds back: ask first whether the pixel's ray leads there.
   const Eigen::Vector2d pixel = rig_.left.project(here);
   if (!rig_.left.contains(pixel)) return std::nullopt;

@@ -8,8 +8,7 @@
 #include <vector>
 
 #include "firmware_if/files/feature_file.hpp"
-#include "firmware_if/files/images/image_file.hpp"
-#include "firmware_if/files/mission.hpp"
+#include "firmware_if/files/images/mission_images.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "sim/scenario/scenario.hpp"
 #include "sim/sea/terrain.hpp"
@@ -61,6 +60,7 @@ class TrueMission {
   io::MissionPaths paths_;
   io::MissionConfig config_;
   StereoRig rig_;
+  io::MissionImages images_;
   sim::Scenario scenario_;
   sim::Terrain terrain_;
   bool features_only_;
