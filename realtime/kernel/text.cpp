@@ -1,5 +1,6 @@
 #include "realtime/kernel/text.hpp"
 
+#include <cmath>
 #include <cstdarg>
 #include <cstdio>
 
@@ -17,7 +18,7 @@ std::string formatted(const char* format, ...) {
 }
 
 std::string decimals(double value, int places) {
-  return formatted("%.*f", places, value);
+  return std::isfinite(value) ? formatted("%.*f", places, value) : "-";
 }
 
 std::string markupText(const std::string& text) {

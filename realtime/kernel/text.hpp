@@ -7,7 +7,7 @@ namespace fathom {
 // What printf would write.
 [[nodiscard, gnu::format(printf, 1, 2)]] std::string formatted(const char* format, ...);
 
-// A number with so many digits after the point.
+// A number with so many digits after the point, for people; "-" for one that is not finite.
 [[nodiscard]] std::string decimals(double value, int places);
 
 // Text as HTML and XML take it, in an attribute too: & < > " escaped, control characters but for the white

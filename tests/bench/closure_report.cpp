@@ -6,10 +6,10 @@
 #include <random>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/closure/feature_extractor.hpp"
 #include "recon/closure/given_features.hpp"
 #include "recon/closure/registration.hpp"
-#include "recon/topside/report/html_text.hpp"
 #include "tests/bench/common/measures.hpp"
 #include "tests/bench/common/page.hpp"
 #include "tests/bench/common/true_mission.hpp"
@@ -162,8 +162,7 @@ struct ClassResult {
 
 std::string textOf(const Stages& stages) {
   std::string text;
-  for (const auto& [name, ms] : stages)
-    text += (text.empty() ? "" : ", ") + name + " " + topside::fixedDigits(ms, 2);
+  for (const auto& [name, ms] : stages) text += (text.empty() ? "" : ", ") + name + " " + decimals(ms, 2);
   return text;
 }
 
@@ -242,7 +241,7 @@ bench::Table report(const TrueMission& mission, const Frames& frames, const std:
   }
   const double count = static_cast<double>(pairs.size());
   bench::Table table{name + ", " + (with_prior ? "with" : "without") +
-                         " prior: " + topside::fixedDigits(extracted.mean_features, 0) +
+                         " prior: " + decimals(extracted.mean_features, 0) +
                          " features a frame; ms a frame: " + textOf(extracted.ms) +
                          "; ms a pair: " + textOf(matching.means(count)),
                      {{"class", 0},

@@ -4,10 +4,9 @@
 #include <cstdio>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/stereo/delaunay.hpp"
 #include "recon/stereo/dense_stereo.hpp"
-#include "recon/topside/report/html_text.hpp"
-#include "recon/topside/report/svg_plot.hpp"
 #include "tests/bench/common/measures.hpp"
 #include "tests/bench/common/opencv_stereo.hpp"
 #include "tests/bench/common/page.hpp"
@@ -18,7 +17,6 @@ namespace fathom::stereo {
 namespace {
 
 using bench::cell, bench::cpuMs, bench::TrueMission, bench::viewOf;
-using topside::fixedDigits;
 
 constexpr int kFeatures[] = {200, 400, 800, 1200, 2000, 3000, 4000, 5000};
 constexpr int kReference = 5000;  // features of the mesh that heights are compared with
@@ -182,7 +180,7 @@ MissionReport measure(const std::filesystem::path& folder, std::size_t wanted, s
 }
 
 // Height errors over depth: each point, the root mean square in bins, and the rig's theory.
-std::string depthPlot(const MissionReport& m) {
+web::Plot depthPlot(const MissionReport& m) {
   double nearest = INFINITY, farthest = 0;
   for (const PointError& e : m.sparse) {
     nearest = std::min(nearest, e.depth);
@@ -190,65 +188,51 @@ std::string depthPlot(const MissionReport& m) {
   }
   const double per_square = m.sigma_disparity / (0.5 * (m.rig.left.fx + m.rig.left.fy) * m.rig.baseline());
   const double top = 4e3 * per_square * farthest * farthest;
-  topside::PlotAxes axes;
-  axes.width = 520;
-  axes.left = std::floor(nearest * 5) / 5;
-  axes.right = std::ceil(farthest * 5) / 5;
-  axes.bottom = -top;
-  axes.top = top;
-  axes.x_label = "depth [m]";
-  axes.y_label = "height error [mm]";
-  axes.title =
-      m.name + ": 1 and 3 sigma of theory, z² σd/(f b), σd = " + fixedDigits(m.sigma_disparity, 3) + " px";
-  topside::SvgPlot plot(axes);
-  std::vector<Eigen::Vector2d> dots;
+  web::Plot plot{.title = m.name + ": theory is z² σd/(f b), σd = " + decimals(m.sigma_disparity, 3) + " px",
+                 .x = "depth [m]",
+                 .y = "height error [mm]"};
+  web::Series dots{.label = "corners", .kind = web::Series::Kind::kDots, .size = 1};
   const std::size_t every = std::max<std::size_t>(1, m.sparse.size() / 6000);
   for (std::size_t i = 0; i < m.sparse.size(); i += every)
     if (std::abs(1e3 * m.sparse[i].height) < top)
-      dots.emplace_back(m.sparse[i].depth, 1e3 * m.sparse[i].height);
-  plot.dots(dots, 1.0, "#3b6ea5", 0.35);
-  for (const double k : {-3.0, -1.0, 1.0, 3.0}) {
-    std::vector<Eigen::Vector2d> curve;
-    for (int i = 0; i <= 60; ++i) {
-      const double z = axes.left + (axes.right - axes.left) * i / 60;
-      curve.emplace_back(z, 1e3 * k * per_square * z * z);
+      dots.at.emplace_back(m.sparse[i].depth, 1e3 * m.sparse[i].height);
+  plot.series.push_back(std::move(dots));
+  for (const double k : {1.0, 3.0}) {
+    web::Series curve{.label = k > 1 ? "3 σ of theory" : "1 σ", .colour = web::kRed, .dashed = k > 1};
+    for (const double sign : {-1.0, 1.0}) {
+      for (int i = 0; i <= 60; ++i) {
+        const double z = nearest + (farthest - nearest) * i / 60;
+        curve.at.emplace_back(z, 1e3 * sign * k * per_square * z * z);
+      }
+      curve.lift();
     }
-    plot.line(curve, "#c0392b", 1.5, std::abs(k) > 1);
+    plot.series.push_back(std::move(curve));
   }
-  return plot.svg();
+  return plot;
 }
 
-std::string sweepPlot(const MissionReport& m, bool time) {
-  topside::PlotAxes axes;
-  axes.width = 460;
-  axes.right = kReference;
-  axes.x_label = "features wanted";
-  axes.y_label = time ? "CPU time of a pair, one thread [ms]" : "RMS height error [mm]";
-  axes.title = m.name + (time ? ": time" : ": height");
-  double top = 0;
-  for (const SweepRow& r : m.sweep)
-    top = std::max(top, time ? std::max(r.ms, r.peer_ms) : 1e3 * std::max({r.height_rms, r.peer_height_rms}));
-  axes.top = std::max(1.1 * top, 1.0);
-  topside::SvgPlot plot(axes);
-  const auto curve = [&](auto value, const char* colour, bool dashed, const char* label, double at) {
-    std::vector<Eigen::Vector2d> line;
-    for (const SweepRow& r : m.sweep) line.emplace_back(r.features, std::min(value(r), axes.top));
-    plot.line(line, colour, 2, dashed);
-    plot.dots(line, 3, colour);
-    plot.text({0.45 * axes.right, at * axes.top}, label, colour, 12);
+web::Plot sweepPlot(const MissionReport& m, bool time) {
+  web::Plot plot{.title = m.name + (time ? ": time" : ": height"),
+                 .x = "features wanted",
+                 .y = time ? "CPU time of a pair, one thread [ms]" : "RMS height error [mm]",
+                 .width = 460};
+  const auto curve = [&](auto value, const char* colour, bool dashed, const char* label) {
+    web::Series line{.label = label, .colour = colour, .dashed = dashed, .size = 2};
+    for (const SweepRow& r : m.sweep) line.at.emplace_back(r.features, value(r));
+    plot.series.push_back(std::move(line));
   };
   if (time) {
-    curve([](const SweepRow& r) { return r.ms; }, "#1f77b4", false, "Fathom", 0.94);
-    curve([](const SweepRow& r) { return r.peer_ms; }, "#d62728", false, "OpenCV", 0.87);
+    curve([](const SweepRow& r) { return r.ms; }, web::kBlue, false, "Fathom");
+    curve([](const SweepRow& r) { return r.peer_ms; }, web::kRed, false, "OpenCV");
   } else {
-    curve([](const SweepRow& r) { return 1e3 * r.height_rms; }, "#1f77b4", false,
-          "Fathom, against its mesh of 5000 features", 0.94);
-    curve([](const SweepRow& r) { return 1e3 * r.peer_height_rms; }, "#d62728", false,
-          "OpenCV, against its own", 0.87);
-    curve([](const SweepRow& r) { return 1e3 * r.truth_rms; }, "#2ca02c", true, "Fathom, against the truth",
-          0.80);
+    curve([](const SweepRow& r) { return 1e3 * r.height_rms; }, web::kBlue, false,
+          "Fathom, against its mesh of 5000 features");
+    curve([](const SweepRow& r) { return 1e3 * r.peer_height_rms; }, web::kRed, false,
+          "OpenCV, against its own");
+    curve([](const SweepRow& r) { return 1e3 * r.truth_rms; }, web::kGreen, true,
+          "Fathom, against the truth");
   }
-  return plot.svg();
+  return plot;
 }
 
 bench::Table accuracyTable(const std::vector<MissionReport>& missions) {
@@ -266,7 +250,7 @@ bench::Table accuracyTable(const std::vector<MissionReport>& missions) {
                      {}};
   const auto add = [&](const std::string& name, const Accuracy& a) {
     std::string quarters;
-    for (const double h : a.honesty_by_sigma) quarters += (quarters.empty() ? "" : " ") + fixedDigits(h, 2);
+    for (const double h : a.honesty_by_sigma) quarters += (quarters.empty() ? "" : " ") + decimals(h, 2);
     const bool says = a.honesty > 0;
     table.rows.push_back({name, cell(a.points), a.median, a.p90, a.p99, a.bias, 100 * a.beyond_1px,
                           says ? 100 * a.outliers : NAN, says ? a.honesty : NAN, quarters});
@@ -295,7 +279,7 @@ bench::Table sweepTable(const MissionReport& m) {
                      {}};
   for (const SweepRow& r : m.sweep) {
     std::string stages;
-    for (const auto& [name, ms] : r.stage_ms) stages += name + " " + fixedDigits(ms, 1) + " ";
+    for (const auto& [name, ms] : r.stage_ms) stages += name + " " + decimals(ms, 1) + " ";
     table.rows.push_back({cell(r.features), r.ms, r.peer_ms, r.ms / r.peer_ms, r.points, r.peer_points,
                           1e3 * r.height_rms, 1e3 * r.peer_height_rms, 1e3 * r.truth_rms,
                           1e3 * r.peer_truth_rms, stages});
@@ -317,9 +301,10 @@ int run(const Options& options) {
   bench::Page page("Stereo against the truth");
   page.add(accuracyTable(missions));
   for (const MissionReport& m : missions) {
-    page.html(depthPlot(m));
+    page.report().plot(depthPlot(m));
     if (m.sweep.front().features == 0) continue;
-    page.html(sweepPlot(m, true) + sweepPlot(m, false));
+    page.report().plot(sweepPlot(m, true));
+    page.report().plot(sweepPlot(m, false));
     page.add(sweepTable(m));
   }
   std::printf("%s", page.text().c_str());

@@ -13,30 +13,63 @@ namespace fathom::web {
 namespace {
 
 // A picture of one pixel.
-constexpr const char* kPixel =
-    "data:image/"
-    "png;base64,iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJ"
-    "RU5ErkJggg==";
+constexpr unsigned char kPixel[] = {0x89, 'P',  'N',  'G',  '\r', '\n', 0x1a, '\n', 0,    0,    0,    13,
+                                    'I',  'H',  'D',  'R',  0,    0,    0,    1,    0,    0,    0,    1,
+                                    8,    6,    0,    0,    0,    0x1f, 0x15, 0xc4, 0x89, 0,    0,    0,
+                                    13,   'I',  'D',  'A',  'T',  0x78, 0xda, 0x63, 0x64, 0xf8, 0xcf, 0x50,
+                                    0x0f, 0x00, 0x03, 0x86, 0x01, 0x80, 0x5a, 0x34, 0x7d, 0x6b, 0,    0,
+                                    0,    0,    'I',  'E',  'N',  'D',  0xae, 0x42, 0x60, 0x82};
+
+Report made() {
+  Report report("A dive </script> & more", "of a test");
+  report.section("Words");
+  report.text("plain");
+  report.warning("loud");
+  report.list({"one", "two"});
+  report.list({});
+  report.table({}, {{"pairs", "8"}, {"off [px]", Cell("0.5", 0.5)}});
+  report.section("Nothing");
+  report.section("Figures");
+  report.picture(std::string_view(reinterpret_cast<const char*>(kPixel), sizeof(kPixel)), "A picture");
+  Series way{.label = "way", .colour = "#ff0000", .at = {{0, 0}, {5, 1}}, .size = 3};
+  way.lift();
+  way.at.insert(way.at.end(), {{2, 4}, {3, 4}});
+  Series box{.kind = Series::Kind::kAreas, .colour = "#0000ff"};
+  box.rectangle({1, 1}, {3, 2});
+  report.plot({.title = "Track",
+               .x = "east [m]",
+               .y = "north [m]",
+               .series = {way, box, {.label = "none", .kind = Series::Kind::kDots}},
+               .equal = true,
+               .down = true});
+  report.plot(
+      {.title = "Decades", .x = "x", .y = "y", .series = {{.at = {{1, 10}, {100, 1000}}}}, .log = true});
+  return report;
+}
 
 TEST(ReportPage, HoldsItsContentInOneFileAndNothingInItCanEndItsPlace) {
   const test::TemporaryFolder folder;
-  const std::string content =
-      R"({"title":"A dive </script> & more","about":"of a test","sections":[{"title":"Words","parts":[{"text":"plain"},)"
-      R"({"text":"loud","strong":true},{"list":["one","two"]},{"table":{"rows":[["pairs","8"]]}}]},)"
-      R"({"title":"Figures","parts":[{"picture":{"source":")" +
-      std::string(kPixel) +
-      R"(","caption":"A picture"}},{"plot":{"title":"Track","x":"east [m]","y":"north [m]","equal":true,"series":[)"
-      R"({"label":"way","kind":"line","colour":"#ff0000","x":[0,5,2],"y":[0,1,4]},)"
-      R"({"label":"none","kind":"dots","colour":"#00ff00","x":[],"y":[]}]}}]}]})";
   const auto file = folder.path() / "report.html";
-  writeReportPage(file, content);
+  made().write(file);
   std::ifstream in(file);
   const std::string html{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
   EXPECT_THAT(html, testing::HasSubstr(R"({"title":"A dive \u003c/script> & more")"));
   EXPECT_THAT(html, testing::Not(testing::HasSubstr("FATHOM_CONTENT")));
+  EXPECT_THAT(html, testing::Not(testing::HasSubstr("Nothing"))) << "a section without parts";
+  EXPECT_THAT(html, testing::HasSubstr(R"("x":[0.0,5.0,null,2.0,3.0])"));
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 1) << "no temporary file";
   // For the test in a browser.
-  if (const char* kept = std::getenv("FATHOM_TEST_REPORT")) writeReportPage(kept, content);
+  if (const char* kept = std::getenv("FATHOM_TEST_REPORT")) made().write(kept);
+}
+
+TEST(ReportPage, HistogramCountsEveryValueAndTheOutermostBarsHoldWhatLiesBeyond) {
+  const Plot plot = histogram({-9, 0.1, 0.9, 1.5, 7}, 0, 2, 2, "m", "of five");
+  ASSERT_EQ(plot.series.size(), 1U);
+  const auto& at = plot.series[0].at;  // four corners a bar, and a lift
+  ASSERT_EQ(at.size(), 10U);
+  EXPECT_EQ(at[2].y(), 3);
+  EXPECT_EQ(at[7].y(), 2);
+  EXPECT_FALSE(at[4].allFinite());
 }
 
 }  // namespace

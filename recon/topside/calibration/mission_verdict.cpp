@@ -2,8 +2,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "realtime/kernel/text.hpp"
 #include "recon/topside/calibration/mission_check.hpp"
-#include "recon/topside/report/html_text.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -22,7 +22,7 @@ constexpr double kMaxMount = 1.0 / kDegrees;  // [rad]: moves the seafloor's map
 const char* const kAxes[3] = {"roll (about forward)", "pitch (about starboard)", "yaw (about down)"};
 
 std::string pm(double value, double sigma, int digits) {
-  return fixedDigits(value, digits) + " +- " + fixedDigits(sigma, digits);
+  return decimals(value, digits) + " +- " + decimals(sigma, digits);
 }
 
 // Bad only where it is certain; beyond what is allowed but not certainly so, it stays open.
@@ -38,8 +38,8 @@ bool rigHasMoved(const MissionCheck& check) {
 void judgeEpipolar(const MissionCheck& check, MissionVerdict& out) {
   const auto& e = check.epipolar;
   const bool bad = rigHasMoved(check);
-  std::string text = "epipolar error median " + fixedDigits(e.median, 2) +
-                     " px (allowed 0.5), worst part of the image " + fixedDigits(e.worst_cell, 2) +
+  std::string text = "epipolar error median " + decimals(e.median, 2) +
+                     " px (allowed 0.5), worst part of the image " + decimals(e.worst_cell, 2) +
                      " px (allowed 0.75) at column " + std::to_string(e.worst_column + 1) + " of 8, row " +
                      std::to_string(e.worst_row + 1) + " of 6";
   if (bad) {
@@ -47,7 +47,7 @@ void judgeEpipolar(const MissionCheck& check, MissionVerdict& out) {
     const char* const names[3] = {" pitch ", ", yaw ", ", roll "};
     for (int i = 0; i < 3; ++i)
       text += names[i] + pm(kDegrees * e.rotation(i), kDegrees * e.rotation_sigma(i), 4);
-    text += " deg would explain it, but for " + fixedDigits(e.sigma_after, 2) + " px a match";
+    text += " deg would explain it, but for " + decimals(e.sigma_after, 2) + " px a match";
   }
   out.lines.push_back({bad ? Kind::kBad : Kind::kGood, text});
 }
@@ -63,8 +63,8 @@ void judgeRange(const MissionCheck& check, MissionVerdict& out) {
   if (kind == Kind::kGood && kCertain * r.ratio_sigma > kTooUncertain) kind = Kind::kOpen;
   const bool bad = kind == Kind::kBad;
   std::string text = "stereo range is " + pm(r.ratio, r.ratio_sigma, 4) +
-                     " of the DVL's (allowed 1 +- 0.03) over " + fixedDigits(r.shortest, 2) + " to " +
-                     fixedDigits(r.longest, 2) + " m";
+                     " of the DVL's (allowed 1 +- 0.03) over " + decimals(r.shortest, 2) + " to " +
+                     decimals(r.longest, 2) + " m";
   if (r.line_known)
     text += "; scale " + pm(r.scale, r.scale_sigma, 4) + ", offset " + pm(r.offset, r.offset_sigma, 3) + " m";
   else

@@ -7,7 +7,6 @@
 #include <string_view>
 
 #include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
 #include "recon/closure/candidates.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/output_folder.hpp"
@@ -15,74 +14,20 @@
 #include "recon/topside/dive.hpp"
 #include "recon/topside/input/seed_plane.hpp"
 #include "recon/topside/report/consistency.hpp"
-#include "recon/topside/report/html_text.hpp"
 #include "recon/topside/report/pose_output.hpp"
 #include "recon/topside/report/slam_json.hpp"
+#include "recon/topside/report/slam_page.hpp"
 #include "recon/topside/work/repair.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr std::array<std::string_view, 6> kOurs = {
-    "stereo_pose_est.data", "vehicle_pose_est.data", "closures.csv", "slam.html", "slam.json", "tracks.svg"};
+constexpr std::array<std::string_view, 5> kOurs = {"stereo_pose_est.data", "vehicle_pose_est.data",
+                                                   "closures.csv", "slam.html", "slam.json"};
 
 struct Options {
   std::filesystem::path mission, out, work, config;
 };
-
-std::string pageOf(const SlamResult& slam, const Navigation& navigation, const SE3& T_body_cam,
-                   bool features_only, const Consistency& truth) {
-  const std::vector<double> before = closureErrors(slam.closures, navigation.poses, T_body_cam);
-  const std::vector<double> after = closureErrors(slam.closures, slam.poses, T_body_cam);
-  std::string html = htmlHead("Localisation");
-  for (const std::string& warning : slamWarnings(slam)) html += "<p><b>" + markupText(warning) + "</b></p>\n";
-  if (features_only) html += "<p>A mission without images: features that were matched before.</p>\n";
-  html += "<p>Grey: dead reckoning. Blue: localised. Green: closures. Red: closures taken out again.</p>\n" +
-          tracksSvg(navigation.poses, slam) + "<h2>Misregistration where the vehicle came back</h2>\n" +
-          closureErrorsSvg(before, after) + "<h2>Counts</h2>\n<table>\n";
-  const auto row = [&](const std::string& name, std::size_t value) {
-    html += htmlRow(name, std::to_string(value));
-  };
-  row("pairs with features", slam.frames);
-  row("visual odometry links", slam.odometry.size());
-  row("closures tried", slam.tried.size());
-  row("closures accepted", slam.closures.size());
-  row("closures kept", after.size());
-  for (std::size_t k = 1; k < slam.refused.size(); ++k)
-    row("refused: " + std::string(closure::nameOf(static_cast<closure::Refusal>(k))), slam.refused[k]);
-  row("closures left out: nothing confirmed them", slam.unconfirmed);
-  row("fixes kept", slam.fixes_kept);
-  row("fixes taken out", slam.fixes_removed);
-  row("steps where visual odometry contradicts dead reckoning", slam.sensors.steps_contradicted);
-  row("steps without bottom track", slam.sensors.dvl_absent);
-  row("leaps of the compass", slam.sensors.compass_jumps);
-  html += htmlRow("ground seen before, expected [m of way]", fixedDigits(slam.crossings_expected, 1));
-  html += htmlRow("of it without a closure", fixedDigits(slam.crossings_unverified, 1));
-  for (const auto& [name, value] : calibrationRows(slam)) html += htmlRow(name, value);
-  html += "</table>\n";
-  if (!truth.moments.empty())
-    html +=
-        "<h2>Against the truth</h2>\n<p>Blue: error. Grey: two standard deviations as claimed. Red: 95 % of "
-        "chi-square with 6 degrees of freedom.</p>\n" +
-        consistencySvg(truth) + "<table>\n" +
-        htmlRow("mean squared error over covariance (6 expected), in nav",
-                fixedDigits(truth.mean_squared, 2)) +
-        htmlRow("from the first pair", fixedDigits(truth.mean_since_first, 2)) +
-        htmlRow("false closures", std::to_string(truth.false_closures)) +
-        htmlRow("pairs that overlap by more than 30 %: there, tried, accepted",
-                std::to_string(truth.overlapping) + ", " + std::to_string(truth.overlapping_tried) + ", " +
-                    std::to_string(truth.overlapping_accepted)) +
-        "</table>\n";
-  html += "<h2>Seconds</h2>\n<table>\n";
-  for (const auto& [stage, seconds] : slam.seconds) html += htmlRow(stage, fixedDigits(seconds, 2));
-  return html + "</table>\n</body></html>\n";
-}
-
-void write(const std::filesystem::path& path, const std::string& text) {
-  AtomicFile file(path);
-  file.stream() << text;
-  file.commit();
-}
 
 void localiseInto(const Options& options, const TopsideConfig& config) {
   // Bad input leaves no folders behind.
@@ -102,7 +47,6 @@ void localiseInto(const Options& options, const TopsideConfig& config) {
         throw InputError(options.mission.string(), "img",
                          "no pair gives features; the first that cannot be read: " + pair.unreadable);
   const PairList& list = dive.survey().list;
-  const Navigation& navigation = dive.survey().navigation;
   const io::MissionConfig& mission = dive.input().mission;
   const StereoRig& rig = dive.input().rig;
 
@@ -119,12 +63,14 @@ void localiseInto(const Options& options, const TopsideConfig& config) {
   if (posed.empty()) throw InputError(options.mission.string(), "img", "no pair has a pose");
   writePoses(out.path(), mission.origin, posed);
   writeClosures(out.path() / "closures.csv", list.pairs, slam.closures);
-  write(out.path() / "tracks.svg", tracksSvg(navigation.poses, slam));
   const Consistency truth = compareWithTruth(options.mission, mission.T_body_cam, rig.left, list, slam);
-  write(out.path() / "slam.html", pageOf(slam, navigation, mission.T_body_cam, list.features_only, truth));
+  writeSlamPage(out.path() / "slam.html", slam, dive.survey().navigation, mission.T_body_cam,
+                list.features_only, truth);
   nlohmann::ordered_json json = slamJson(slam);
   json["truth"] = truthJson(truth);
-  write(out.path() / "slam.json", json.dump(2) + "\n");
+  AtomicFile file(out.path() / "slam.json");
+  file.stream() << json.dump(2) << '\n';
+  file.commit();
   out.commit();
   std::size_t kept = 0;
   for (const slam::NavigationLink& link : slam.closures) kept += link.kept ? 1 : 0;

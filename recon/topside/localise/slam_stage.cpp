@@ -178,6 +178,8 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   for (std::size_t round = 0; round < kRounds && seek(); ++round) continue;
   const std::vector<slam::NavigationLink> recognised = recognisePlaces(rig, frames, solved, links);
   lap("places");
+  for (const slam::NavigationLink& link : recognised)
+    out.tried.push_back({frames.pair[link.a], frames.pair[link.b], true});
   if (!recognised.empty()) {
     links.insert(links.end(), recognised.begin(), recognised.end());
     solve();

@@ -1,14 +1,15 @@
 #include "recon/topside/report/board_check_report.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
-#include "recon/topside/report/html_text.hpp"
-#include "recon/topside/report/svg_plot.hpp"
+#include "telemetry/web/report_page.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -20,7 +21,8 @@ using Json = nlohmann::ordered_json;
 constexpr double kMaxZ = 0.02, kAtRange = 2.0;  // [m]
 constexpr double kNearest = 1.0;                // [m]
 constexpr double kMaxScaleError = 0.005;
-constexpr double kSigmas = 3;  // of the ellipses
+constexpr double kSigmas = 3;   // of the ellipses
+constexpr double kThird = 340;  // of the page's width [px]
 constexpr std::array<const char*, 3> kAxes{"x", "y", "z"};
 
 double allowed(const BoardError& board) {
@@ -42,38 +44,45 @@ double largest(const std::vector<double>& values) {
   return most;
 }
 
-std::string scatter(const BoardCheck& check, int a, int b) {
-  const double reach = 1.1 * std::max(largest(along(check, a)), largest(along(check, b)));
-  SvgPlot plot({.width = 300,
-                .height = 300,
-                .left = -reach,
-                .right = reach,
-                .bottom = -reach,
-                .top = reach,
-                .x_label = std::string(kAxes[static_cast<std::size_t>(a)]) + " error [mm]",
-                .y_label = std::string(kAxes[static_cast<std::size_t>(b)]) + " error [mm]",
-                .title = std::string(kAxes[static_cast<std::size_t>(a)]) + " - " +
-                         kAxes[static_cast<std::size_t>(b)]});
+web::Plot scatter(const BoardCheck& check, int a, int b) {
+  const std::string x = kAxes[static_cast<std::size_t>(a)], y = kAxes[static_cast<std::size_t>(b)];
+  web::Plot plot{.title = x + " - " + y + ", a colour a board; line: three standard deviations",
+                 .x = x + " error [mm]",
+                 .y = y + " error [mm]",
+                 .width = kThird,
+                 .equal = true};
   for (std::size_t v = 0; v < check.boards.size(); ++v) {
-    std::vector<Eigen::Vector2d> dots;
-    for (const Eigen::Vector3d& e : check.boards[v].errors) dots.emplace_back(1e3 * e(a), 1e3 * e(b));
-    plot.dots(dots, 1.6, distinctColour(v), 0.55);
+    web::Series dots{.kind = web::Series::Kind::kDots, .colour = web::distinctColour(v), .size = 1.6};
+    for (const Eigen::Vector3d& e : check.boards[v].errors) dots.at.emplace_back(1e3 * e(a), 1e3 * e(b));
+    plot.series.push_back(std::move(dots));
   }
   Eigen::Matrix2d covariance;
   covariance << check.covariance(a, a), check.covariance(a, b), check.covariance(b, a),
       check.covariance(b, b);
-  plot.ellipse(1e3 * Eigen::Vector2d(check.mean(a), check.mean(b)), 1e6 * covariance, kSigmas, "#b3261e");
-  return plot.svg();
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(1e6 * covariance);
+  web::Series ellipse{.colour = web::kRed, .size = 2};
+  constexpr int kCorners = 90;
+  for (int i = 0; i <= kCorners; ++i) {
+    const double angle = 2 * std::numbers::pi * i / kCorners;
+    const Eigen::Vector2d way(std::cos(angle), std::sin(angle));
+    ellipse.at.push_back(1e3 * Eigen::Vector2d(check.mean(a), check.mean(b)) +
+                         kSigmas * axes.eigenvectors() *
+                             axes.eigenvalues().cwiseMax(0.0).cwiseSqrt().cwiseProduct(way));
+  }
+  plot.series.push_back(std::move(ellipse));
+  return plot;
 }
 
-std::string histogram(const BoardCheck& check, int axis) {
+web::Plot errorsAlong(const BoardCheck& check, int axis) {
   constexpr int kBins = 41;
   const std::vector<double> values = along(check, axis);
   const double reach = largest(values);
   const std::string name = kAxes[static_cast<std::size_t>(axis)];
-  return histogramSvg(
+  web::Plot plot = web::histogram(
       values, -reach, reach, kBins, name + " error [mm]",
-      name + ": standard deviation " + fixedDigits(1e3 * std::sqrt(check.covariance(axis, axis)), 2) + " mm");
+      name + ": standard deviation " + decimals(1e3 * std::sqrt(check.covariance(axis, axis)), 2) + " mm");
+  plot.width = kThird;
+  return plot;
 }
 
 Json toJson(const BoardCheck& check, const BoardVerdict& verdict,
@@ -99,31 +108,29 @@ Json toJson(const BoardCheck& check, const BoardVerdict& verdict,
           {"dropped", without}};
 }
 
-std::string toHtml(const BoardCheck& check, const BoardVerdict& verdict, const std::string& figures,
+web::Report pageOf(const BoardCheck& check, const BoardVerdict& verdict,
                    const std::vector<calibration::DroppedView>& dropped) {
-  std::string out = htmlHead("Check of a stereo calibration on chessboards");
-  for (const std::string& line : verdict.lines)
-    out += std::string("<p class=") + (verdict.good ? "good" : "bad") + ">" + markupText(line) + "</p>\n";
-  out +=
-      "<p>Corners triangulated through the rig less the board of its known size, moved rigidly onto them; "
-      "left camera frame (x right, y down, z away). Red: three standard deviations; a colour a board.</p>\n";
-  out += figures +
-         "<h2>Boards</h2>\n<table><tr><th>pair</th><th>range [m]</th><th>RMS [mm]</th><th>largest z "
-         "[mm]</th><th>allowed [mm]</th><th>scale</th></tr>\n";
+  web::Report report(
+      "Check of a stereo calibration on chessboards",
+      "Corners triangulated through the rig less the board of its known size, moved rigidly onto them; left "
+      "camera frame (x right, y down, z away).");
+  for (const std::string& line : verdict.lines) verdict.good ? report.text(line) : report.warning(line);
+  report.section("Errors");
+  for (const auto& [a, b] : {std::pair(0, 2), std::pair(1, 2), std::pair(0, 1)})
+    report.plot(scatter(check, a, b));
+  for (int axis = 0; axis < 3; ++axis) report.plot(errorsAlong(check, axis));
+  report.section("Boards");
+  std::vector<web::Row> rows;
   for (const BoardError& b : check.boards)
-    out += "<tr><td>" + markupText(b.name) + "</td><td class=n>" + fixedDigits(b.range, 2) +
-           "</td><td class=n>" + fixedDigits(1e3 * b.rms, 2) + "</td><td class=n>" +
-           fixedDigits(1e3 * b.max_z, 2) + "</td><td class=n>" + fixedDigits(1e3 * allowed(b), 1) +
-           "</td><td class=n>" + fixedDigits(b.scale, 5) + "</td></tr>\n";
-  out += "</table>\n";
-  if (!dropped.empty() || !check.failed.empty()) {
-    out += "<h2>Left out</h2><ul>";
-    for (const auto& d : dropped) out += "<li>" + markupText(d.name) + ": " + markupText(d.reason) + "</li>";
-    for (const auto& name : check.failed)
-      out += "<li>" + markupText(name) + ": a corner does not triangulate</li>";
-    out += "</ul>\n";
-  }
-  return out + "</html>\n";
+    rows.push_back({b.name, decimals(b.range, 2), decimals(1e3 * b.rms, 2), decimals(1e3 * b.max_z, 2),
+                    decimals(1e3 * allowed(b), 1), decimals(b.scale, 5)});
+  report.table({"pair", "range [m]", "RMS [mm]", "largest z [mm]", "allowed [mm]", "scale"}, rows);
+  report.section("Left out");
+  std::vector<std::string> left_out;
+  for (const auto& d : dropped) left_out.push_back(d.name + ": " + d.reason);
+  for (const auto& name : check.failed) left_out.push_back(name + ": a corner does not triangulate");
+  report.list(left_out);
+  return report;
 }
 
 }  // namespace
@@ -138,32 +145,24 @@ BoardVerdict judge(const BoardCheck& check) {
   verdict.good = depth && scale;
   if (worst != nullptr)
     verdict.lines.push_back(std::string(depth ? "good" : "BAD") + ": largest z error " +
-                            fixedDigits(1e3 * worst->max_z, 1) + " mm at " + fixedDigits(worst->range, 2) +
-                            " m (allowed " + fixedDigits(1e3 * allowed(*worst), 1) +
+                            decimals(1e3 * worst->max_z, 1) + " mm at " + decimals(worst->range, 2) +
+                            " m (allowed " + decimals(1e3 * allowed(*worst), 1) +
                             " mm: 20 mm at 2 m, as the range squared)" + (depth ? "" : "; calibrate again"));
   if (!check.failed.empty())
     verdict.lines.push_back("BAD: " + std::to_string(check.failed.size()) +
                             " boards do not triangulate: the rig does not belong to these images");
   verdict.lines.push_back(std::string(scale ? "good" : "BAD") + ": boards come out " +
-                          fixedDigits(100 * (check.scale - 1), 2) + " % too large (allowed 0.5 %)" +
+                          decimals(100 * (check.scale - 1), 2) + " % too large (allowed 0.5 %)" +
                           (scale ? "" : "; check --square, or calibrate again"));
   return verdict;
 }
 
 void writeBoardCheck(const std::filesystem::path& folder, const BoardCheck& check,
                      const BoardVerdict& verdict, const std::vector<calibration::DroppedView>& dropped) {
-  std::string figures;
-  const std::array<std::string, 6> plots{scatter(check, 0, 2), scatter(check, 1, 2), scatter(check, 0, 1),
-                                         histogram(check, 0),  histogram(check, 1),  histogram(check, 2)};
-  for (const std::string& plot : plots) figures += "<figure>" + plot + "</figure>";
-  figures += "\n";
-  AtomicFile json(folder / "board-check.json"), html(folder / "board-check.html"), svg(folder / "errors.svg");
+  AtomicFile json(folder / "board-check.json");
   json.stream() << toJson(check, verdict, dropped).dump(2) << '\n';
-  html.stream() << toHtml(check, verdict, figures, dropped);
-  svg.stream() << besideEachOther(plots, 3);
+  pageOf(check, verdict, dropped).write(folder / "board-check.html");
   json.commit();
-  html.commit();
-  svg.commit();
 }
 
 }  // namespace fathom::topside

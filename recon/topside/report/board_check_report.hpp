@@ -18,7 +18,7 @@ struct BoardVerdict {
 // sigma_z = z^2 sigma_d / (f b) goes; nearer than 1 m as at 1 m. Scale: 0.5 %.
 [[nodiscard]] BoardVerdict judge(const calibration::BoardCheck& check);
 
-// <folder>/board-check.html, board-check.json and errors.svg: scatter of the errors in x-z, y-z and x-y with
+// <folder>/board-check.html and board-check.json: scatter of the errors in x-z, y-z and x-y with
 // three-sigma ellipses, histograms (after Johnson-Roberson et al. 2010, figure 7), a table of the boards.
 void writeBoardCheck(const std::filesystem::path& folder, const calibration::BoardCheck& check,
                      const BoardVerdict& verdict, const std::vector<calibration::DroppedView>& dropped);

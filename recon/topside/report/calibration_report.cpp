@@ -8,8 +8,7 @@
 
 #include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
-#include "recon/topside/report/html_text.hpp"
-#include "recon/topside/report/svg_plot.hpp"
+#include "telemetry/web/report_page.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -77,147 +76,146 @@ Json toJson(const RigCalibration& done, const calibration::Chessboard& board) {
           {"dropped", dropped}};
 }
 
-PlotAxes imageAxes(const Camera& camera, const std::string& title) {
-  constexpr double kWidth = 460;  // [px]
-  return {.width = kWidth,
-          .height = kWidth * camera.height / camera.width,
-          .left = 0,
-          .right = static_cast<double>(camera.width),
-          .bottom = static_cast<double>(camera.height),
-          .top = 0,
-          .x_label = "u [px]",
-          .y_label = "v [px]",
-          .title = title};
+constexpr double kHalf = 460;  // of the page's width [px]
+
+// An image's pixels, with its border.
+web::Plot imagePlot(const Camera& camera, const std::string& title) {
+  web::Series border{.colour = web::kGrey, .size = 0.5};
+  border.rectangle({0, 0}, {camera.width, camera.height});
+  border.at.insert(border.at.end() - 1, border.at.front());
+  return {.title = title,
+          .x = "u [px]",
+          .y = "v [px]",
+          .series = {std::move(border)},
+          .width = kHalf,
+          .equal = true,
+          .down = true};
 }
 
-std::string coveragePlot(const RigCalibration& done, const Camera& camera, Corners CalibratedView::*corners,
-                         const std::string& title) {
-  SvgPlot plot(imageAxes(camera, title));
+web::Plot coveragePlot(const RigCalibration& done, const Camera& camera, Corners CalibratedView::*corners,
+                       const std::string& title) {
+  web::Plot plot = imagePlot(camera, title);
   for (std::size_t v = 0; v < done.views.size(); ++v)
-    plot.dots(done.views[v].*corners, 2.2, distinctColour(v), 0.8);
-  return plot.svg();
+    plot.series.push_back(
+        {.kind = web::Series::Kind::kDots, .colour = web::distinctColour(v), .at = done.views[v].*corners});
+  return plot;
 }
 
-std::string residualPlot(const RigCalibration& done, const Camera& camera, Corners CalibratedView::*corners,
-                         std::vector<Eigen::Vector2d> CalibratedView::*residuals, double enlarged,
-                         const std::string& title) {
-  SvgPlot plot(imageAxes(camera, title));
+web::Plot residualPlot(const RigCalibration& done, const Camera& camera, Corners CalibratedView::*corners,
+                       std::vector<Eigen::Vector2d> CalibratedView::*residuals, double enlarged,
+                       const std::string& title) {
+  web::Plot plot = imagePlot(camera, title);
+  web::Series from{.kind = web::Series::Kind::kDots, .colour = web::kGrey, .size = 0.8};
   for (std::size_t v = 0; v < done.views.size(); ++v) {
     const CalibratedView& view = done.views[v];
-    for (std::size_t k = 0; k < (view.*corners).size(); ++k)
-      plot.segment((view.*corners)[k], (view.*corners)[k] + enlarged * (view.*residuals)[k],
-                   distinctColour(v));
-    plot.dots(view.*corners, 0.8, "#1b2733");
+    web::Series arrows{.colour = web::distinctColour(v), .size = 1};
+    for (std::size_t k = 0; k < (view.*corners).size(); ++k) {
+      const Eigen::Vector2d corner = (view.*corners)[k];
+      from.at.push_back(corner);
+      arrows.at.insert(arrows.at.end(), {corner, corner + enlarged * (view.*residuals)[k]});
+      arrows.lift();
+    }
+    plot.series.push_back(std::move(arrows));
   }
-  return plot.svg();
+  plot.series.push_back(std::move(from));
+  return plot;
 }
 
-std::string viewBars(const RigCalibration& done) {
-  double most = 0;
-  for (const CalibratedView& v : done.views) most = std::max({most, v.left_rms, v.right_rms});
-  const auto n = static_cast<double>(done.views.size());
-  SvgPlot plot({.width = std::clamp(26.0 * n, 300.0, 1000.0),
-                .height = 220,
-                .left = 0.5,
-                .right = n + 0.5,
-                .bottom = 0,
-                .top = 1.1 * most,
-                .x_label = "view",
-                .y_label = "RMS [px]",
-                .title = "blue: left, red: right; line: all views together"});
+web::Plot viewBars(const RigCalibration& done) {
+  web::Series left{.label = "left", .kind = web::Series::Kind::kAreas, .colour = web::kBlue},
+      right{.label = "right", .kind = web::Series::Kind::kAreas, .colour = web::kRed};
   for (std::size_t v = 0; v < done.views.size(); ++v) {
     const double at = static_cast<double>(v) + 1;
-    plot.rectangle({at - 0.36, 0}, {at - 0.02, done.views[v].left_rms}, "#1f77b4",
-                   done.views[v].name + " left " + fixedDigits(done.views[v].left_rms, 3) + " px");
-    plot.rectangle({at + 0.02, 0}, {at + 0.36, done.views[v].right_rms}, "#d62728",
-                   done.views[v].name + " right " + fixedDigits(done.views[v].right_rms, 3) + " px");
+    left.rectangle({at - 0.36, 0}, {at - 0.02, done.views[v].left_rms});
+    right.rectangle({at + 0.02, 0}, {at + 0.36, done.views[v].right_rms});
   }
-  plot.line({{0.5, done.stereo_rms}, {n + 0.5, done.stereo_rms}}, "#1b2733", 1.5, true);
-  return plot.svg();
+  web::Series all{
+      .label = "all views together",
+      .colour = web::kGrey,
+      .at = {{0.5, done.stereo_rms}, {static_cast<double>(done.views.size()) + 0.5, done.stereo_rms}},
+      .dashed = true};
+  return {.title = "RMS of each view",
+          .x = "view",
+          .y = "RMS [px]",
+          .series = {std::move(left), std::move(right), std::move(all)}};
 }
 
 std::string pm(double value, double sigma, int digits) {
-  return fixedDigits(value, digits) + " &plusmn; " + fixedDigits(sigma, digits);
+  return decimals(value, digits) + " ± " + decimals(sigma, digits);
 }
 
-std::string parameterTables(const RigCalibration& done) {
-  std::string out = "<table><tr><th></th><th>left</th><th>right</th></tr>\n";
+void addParameters(web::Report& report, const RigCalibration& done) {
+  std::vector<web::Row> rows;
   for (const Named& n : kIntrinsics) {
     if (done.rig.left.*n.value == 0 && done.rig.right.*n.value == 0) continue;  // not estimated
-    out += std::string("<tr><td>") + n.name + "</td><td class=n>" +
-           pm(done.rig.left.*n.value, done.sigma.left.*n.sigma, n.digits) + "</td><td class=n>" +
-           pm(done.rig.right.*n.value, done.sigma.right.*n.sigma, n.digits) + "</td></tr>\n";
+    rows.push_back({n.name, pm(done.rig.left.*n.value, done.sigma.left.*n.sigma, n.digits),
+                    pm(done.rig.right.*n.value, done.sigma.right.*n.sigma, n.digits)});
   }
-  out +=
-      "</table><table><tr><th>right from left</th><th>x</th><th>y</th><th>z</th></tr>\n<tr><td>translation "
-      "[mm]</td>";
+  report.table({"", "left", "right"}, rows);
   const SE3& T = done.rig.T_right_left;
-  for (int i = 0; i < 3; ++i)
-    out += "<td class=n>" + pm(1e3 * T.translation()(i), 1e3 * done.sigma.translation(i), 2) + "</td>";
-  out += "</tr><tr><td>rotation (Euler) [deg]</td>";
-  for (int i = 0; i < 3; ++i)
-    out += "<td class=n>" + pm(kDegrees * T.euler()(i), kDegrees * done.sigma.rotation(i), 4) + "</td>";
-  return out + "</tr></table>\n";
+  web::Row translation{"translation [mm]"}, rotation{"rotation (Euler) [deg]"};
+  for (int i = 0; i < 3; ++i) {
+    translation.emplace_back(pm(1e3 * T.translation()(i), 1e3 * done.sigma.translation(i), 2));
+    rotation.emplace_back(pm(kDegrees * T.euler()(i), kDegrees * done.sigma.rotation(i), 4));
+  }
+  report.table({"right from left", "x", "y", "z"}, {translation, rotation});
 }
 
-std::string toHtml(const RigCalibration& done, const calibration::Chessboard& board,
+web::Report pageOf(const RigCalibration& done, const calibration::Chessboard& board,
                    const std::string& name) {
-  std::string out = htmlHead("Stereo calibration " + name);
-  out += "<p>" + std::to_string(done.views.size()) + " pairs of a chessboard with " +
-         std::to_string(board.columns) + " x " + std::to_string(board.rows) +
-         " inner corners and squares of " + fixedDigits(1e3 * board.square, 2) + " mm. Stereo RMS <b>" +
-         fixedDigits(done.stereo_rms, 3) + " px</b> (left " + fixedDigits(done.left_rms, 3) + ", right " +
-         fixedDigits(done.right_rms, 3) + "; each camera calibrated alone " +
-         fixedDigits(done.left_alone_rms, 3) + " and " + fixedDigits(done.right_alone_rms, 3) +
-         "). Baseline <b>" + pm(1e3 * done.rig.baseline(), 1e3 * done.sigma.baseline, 2) +
-         " mm</b>. &plusmn; is one standard deviation from the scatter of the corners; it knows nothing of a "
-         "bent board or a wrong square.</p>\n";
-  out += "<h2>Parameters</h2>\n" + parameterTables(done);
+  web::Report report("Stereo calibration " + name,
+                     std::to_string(done.views.size()) + " pairs of a chessboard with " +
+                         std::to_string(board.columns) + " x " + std::to_string(board.rows) +
+                         " inner corners and squares of " + decimals(1e3 * board.square, 2) +
+                         " mm. Stereo RMS " + decimals(done.stereo_rms, 3) + " px (left " +
+                         decimals(done.left_rms, 3) + ", right " + decimals(done.right_rms, 3) +
+                         "; each camera calibrated alone " + decimals(done.left_alone_rms, 3) + " and " +
+                         decimals(done.right_alone_rms, 3) + "). Baseline " +
+                         pm(1e3 * done.rig.baseline(), 1e3 * done.sigma.baseline, 2) +
+                         " mm. ± is one standard deviation from the scatter of the corners; it knows nothing "
+                         "of a bent board "
+                         "or a wrong square.");
+  report.section("Parameters");
+  addParameters(report, done);
   const double left = coverage(done.views, &CalibratedView::left, done.rig.left);
   const double right = coverage(done.views, &CalibratedView::right, done.rig.right);
-  out += "<h2>Coverage</h2>\n<p>Corners lie in " + fixedDigits(100 * left, 0) + " % (left) and " +
-         fixedDigits(100 * right, 0) + " % (right) of the cells of an 8 x 6 grid over the image. ";
-  out += std::min(left, right) < kEnoughCoverage
-             ? "<span class=bad>That is little: where no corner lies the distortion is guessed; take pairs "
-               "with the board in the empty parts.</span></p>\n"
-             : "</p>\n";
-  out += "<figure>" +
-         coveragePlot(done, done.rig.left, &CalibratedView::left, "left: corners, a colour a view") +
-         "</figure><figure>" + coveragePlot(done, done.rig.right, &CalibratedView::right, "right") +
-         "</figure>\n";
+  report.section("Coverage");
+  report.text("Corners lie in " + decimals(100 * left, 0) + " % (left) and " + decimals(100 * right, 0) +
+              " % (right) of the cells of an 8 x 6 grid over the image.");
+  if (std::min(left, right) < kEnoughCoverage)
+    report.warning(
+        "That is little: where no corner lies the distortion is guessed; take pairs with the board in the "
+        "empty parts.");
+  report.plot(coveragePlot(done, done.rig.left, &CalibratedView::left, "left: corners, a colour a view"));
+  report.plot(coveragePlot(done, done.rig.right, &CalibratedView::right, "right"));
   // Arrows of the RMS length become about this long in the image.
   constexpr double kArrow = 0.02;  // of the image's width
   const double enlarged =
       std::max(1.0, std::round(kArrow * done.rig.left.width / std::max(done.stereo_rms, 1e-6) / 10) * 10);
-  out += "<h2>Residuals</h2>\n<p>Seen less projected, " + fixedDigits(enlarged, 0) +
-         " times enlarged. They should point nowhere in particular: a pattern common to many views is "
-         "distortion that the model does not hold.</p>\n<figure>" +
-         residualPlot(done, done.rig.left, &CalibratedView::left, &CalibratedView::left_residuals, enlarged,
-                      "left") +
-         "</figure><figure>" +
-         residualPlot(done, done.rig.right, &CalibratedView::right, &CalibratedView::right_residuals,
-                      enlarged, "right") +
-         "</figure>\n";
-  out += "<h2>Views</h2>\n<figure>" + viewBars(done) +
-         "</figure>\n<table><tr><th></th><th>view</th><th>left [px]</th><th>right [px]</th><th>stereo "
-         "[px]</th><th>distance [m]</th></tr>\n";
+  report.section("Residuals");
+  report.text("Seen less projected, " + decimals(enlarged, 0) +
+              " times enlarged. They should point nowhere in particular: a pattern common to many views is "
+              "distortion that the model does not hold.");
+  report.plot(residualPlot(done, done.rig.left, &CalibratedView::left, &CalibratedView::left_residuals,
+                           enlarged, "left"));
+  report.plot(residualPlot(done, done.rig.right, &CalibratedView::right, &CalibratedView::right_residuals,
+                           enlarged, "right"));
+  report.section("Views");
+  report.plot(viewBars(done));
+  std::vector<web::Row> rows;
   for (std::size_t v = 0; v < done.views.size(); ++v) {
     const CalibratedView& view = done.views[v];
     const Eigen::Vector3d middle(0.5 * (board.columns - 1) * board.square,
                                  0.5 * (board.rows - 1) * board.square, 0);
-    out += "<tr><td class=n>" + std::to_string(v + 1) + "</td><td>" + markupText(view.name) +
-           "</td><td class=n>" + fixedDigits(view.left_rms, 3) + "</td><td class=n>" +
-           fixedDigits(view.right_rms, 3) + "</td><td class=n>" + fixedDigits(view.stereo_rms, 3) +
-           "</td><td class=n>" + fixedDigits((view.T_left_board * middle).z(), 2) + "</td></tr>\n";
+    rows.push_back({view.name, std::to_string(v + 1), decimals(view.left_rms, 3), decimals(view.right_rms, 3),
+                    decimals(view.stereo_rms, 3), decimals((view.T_left_board * middle).z(), 2)});
   }
-  out += "</table>\n";
-  if (!done.dropped.empty()) {
-    out += "<h2>Dropped</h2><ul>";
-    for (const auto& d : done.dropped)
-      out += "<li>" + markupText(d.name) + ": " + markupText(d.reason) + "</li>";
-    out += "</ul>\n";
-  }
-  return out + "</html>\n";
+  report.table({"view", "number", "left [px]", "right [px]", "stereo [px]", "distance [m]"}, rows);
+  report.section("Dropped");
+  std::vector<std::string> dropped;
+  for (const auto& d : done.dropped) dropped.push_back(d.name + ": " + d.reason);
+  report.list(dropped);
+  return report;
 }
 
 }  // namespace
@@ -236,11 +234,10 @@ double coverage(const std::vector<CalibratedView>& views, Corners CalibratedView
 
 void writeCalibrationReport(const std::filesystem::path& calib, const RigCalibration& done,
                             const calibration::Chessboard& board) {
-  AtomicFile json(calib.string() + ".json"), html(calib.string() + ".html");
+  AtomicFile json(calib.string() + ".json");
   json.stream() << toJson(done, board).dump(2) << '\n';
-  html.stream() << toHtml(done, board, calib.filename().string());
+  pageOf(done, board, calib.filename().string()).write(calib.string() + ".html");
   json.commit();
-  html.commit();
 }
 
 }  // namespace fathom::topside

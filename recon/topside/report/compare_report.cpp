@@ -8,8 +8,7 @@
 #include "realtime/kernel/text.hpp"
 #include "recon/compare/difference_picture.hpp"
 #include "recon/geometry/atomic_file.hpp"
-#include "recon/topside/report/html_text.hpp"
-#include "recon/topside/report/svg_plot.hpp"
+#include "telemetry/web/report_page.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -41,21 +40,15 @@ Json toJson(const DifferenceStatistics& s) {
           {"abs_p95_m", s.abs_p95}};
 }
 
-std::string statisticsRow(const std::string& name, const DifferenceStatistics& s,
-                          const std::string& last = "") {
-  std::string row = "<tr><td>" + markupText(name) + "</td><td class=n>" + std::to_string(s.cells) + "</td>";
-  for (const double v : {s.bias, s.median, s.rms, s.mad, s.p5, s.p95, s.abs_p50, s.abs_p95})
-    row += "<td class=n>" + fixedDigits(v, 4) + "</td>";
-  if (!last.empty()) row += "<td class=n>" + last + "</td>";
-  return row + "</tr>\n";
+web::Row statisticsHead(const std::string& first) {
+  return {first, "cells", "bias", "median", "RMS", "1.4826 MAD", "5 %", "95 %", "50 % of |d|", "95 % of |d|"};
 }
 
-std::string statisticsHead(const std::string& first, const std::string& last = "") {
-  return "<table><tr><th>" + first +
-         "</th><th>cells</th><th>bias</th><th>median</th><th>RMS</th><th>1.4826 MAD</th><th>5 %</th><th>95 "
-         "%</th>"
-         "<th>50 % of |d|</th><th>95 % of |d|</th>" +
-         (last.empty() ? "" : "<th>" + last + "</th>") + "</tr>\n";
+web::Row statisticsRow(const std::string& name, const DifferenceStatistics& s) {
+  web::Row row{name, std::to_string(s.cells)};
+  for (const double v : {s.bias, s.median, s.rms, s.mad, s.p5, s.p95, s.abs_p50, s.abs_p95})
+    row.emplace_back(decimals(v, 4));
+  return row;
 }
 
 // Ends of the difference's colours and of its histogram: most cells are inside.
@@ -64,78 +57,73 @@ double scaleOf(const Comparison& c) {
 }
 
 std::string offsetText(double value, double sigma) {
-  return std::isfinite(sigma) ? fixedDigits(value, 4) + " \u00b1 " + fixedDigits(sigma, 4) + " m"
-                              : fixedDigits(value, 4) + " m, not told by the terrain";
+  return std::isfinite(sigma) ? decimals(value, 4) + " ± " + decimals(sigma, 4) + " m"
+                              : decimals(value, 4) + " m, not told by the terrain";
 }
 
-std::string page(const Comparison& c) {
+std::vector<web::Row> offsetRows(const Comparison& c) {
   const compare::Registration& r = c.registration;
-  std::string html = htmlHead("Survey against reference");
-  html += "<table>";
-  html += htmlRow("survey", c.options.survey.string() + " (" + c.survey_about + ")");
-  html += htmlRow("reference", c.options.reference.string() + " (" + c.reference_about +
-                                   (c.reference_turned ? ", depths turned into heights" : "") + ")");
-  html += htmlRow("cell compared", fixedDigits(c.cell, 3) + " m (survey " + fixedDigits(c.survey_spacing, 3) +
-                                       ", reference " + fixedDigits(c.reference_spacing, 3) + ")");
-  html += htmlRow("area compared", fixedDigits(c.difference.overlap_m2, 1) + " of " +
-                                       fixedDigits(c.difference.survey_m2, 1) + " m2");
-  html += "</table>\n";
-  for (const std::string& note : c.notes) html += "<p class=bad>" + markupText(note) + "</p>\n";
-  html += "<h2>Offset that takes the survey onto the reference</h2><table>";
-  html += htmlRow("east", offsetText(r.offset.shift.x(), r.sigma.x()));
-  html += htmlRow("north", offsetText(r.offset.shift.y(), r.sigma.y()));
-  html += htmlRow("up", offsetText(r.offset.shift.z(), r.sigma.z()));
+  std::vector<web::Row> rows{{"east", offsetText(r.offset.shift.x(), r.sigma.x())},
+                             {"north", offsetText(r.offset.shift.y(), r.sigma.y())},
+                             {"up", offsetText(r.offset.shift.z(), r.sigma.z())}};
+  const auto slope = [&](const char* name, double value, double sigma) {
+    rows.push_back({name, decimals(1e3 * value, 3) + " ± " + decimals(1e3 * sigma, 3) + " mm/m"});
+  };
   if (c.options.registration.tilt) {
-    html += htmlRow("slope to the east", fixedDigits(1e3 * r.offset.tilt.x(), 3) + " \u00b1 " +
-                                             fixedDigits(1e3 * r.tilt_sigma.x(), 3) + " mm/m");
-    html += htmlRow("slope to the north", fixedDigits(1e3 * r.offset.tilt.y(), 3) + " \u00b1 " +
-                                              fixedDigits(1e3 * r.tilt_sigma.y(), 3) + " mm/m");
+    slope("slope to the east", r.offset.tilt.x(), r.tilt_sigma.x());
+    slope("slope to the north", r.offset.tilt.y(), r.tilt_sigma.y());
   }
   if (r.directions_told == 1)
-    html += htmlRow("not told along bearing", fixedDigits(r.open_bearing * kDegree, 0) + " deg");
-  html += htmlRow("relief without its slope", fixedDigits(r.relief, 3) + " m");
-  html += htmlRow("correlation of the terrains", fixedDigits(r.correlation, 3));
-  html +=
-      "</table>\n<p>One standard deviation each; what neighbouring cells err together is counted once. "
-      "Heights of "
-      "different vertical datums differ by that datum: it is part of the offset up.</p>\n";
-  html += "<h2>Difference, survey less reference [m]</h2>\n" + statisticsHead("");
-  html += statisticsRow("before registration", c.difference.before);
-  html += statisticsRow("after", c.difference.after) + "</table>\n";
-  html +=
-      "<figure><img src=difference.png style='max-width:100%'><figcaption>Difference after registration; "
-      "grey: one of "
-      "the two is unknown. <a href=difference.tif>difference.tif</a></figcaption></figure>\n";
+    rows.push_back({"not told along bearing", decimals(r.open_bearing * kDegree, 0) + " deg"});
+  rows.push_back({"relief without its slope", decimals(r.relief, 3) + " m"});
+  rows.push_back({"correlation of the terrains", decimals(r.correlation, 3)});
+  return rows;
+}
+
+web::Report pageOf(const Comparison& c, const std::filesystem::path& folder) {
+  web::Report report("Survey against reference",
+                     "Difference: survey less reference, in metres. difference.tif beside this page has it.");
+  report.table({}, {{"survey", c.options.survey.string() + " (" + c.survey_about + ")"},
+                    {"reference", c.options.reference.string() + " (" + c.reference_about +
+                                      (c.reference_turned ? ", depths turned into heights" : "") + ")"},
+                    {"cell compared", decimals(c.cell, 3) + " m (survey " + decimals(c.survey_spacing, 3) +
+                                          ", reference " + decimals(c.reference_spacing, 3) + ")"},
+                    {"area compared", decimals(c.difference.overlap_m2, 1) + " of " +
+                                          decimals(c.difference.survey_m2, 1) + " m²"}});
+  for (const std::string& note : c.notes) report.warning(note);
+  report.section("Offset that takes the survey onto the reference");
+  report.table({}, offsetRows(c));
+  report.text(
+      "One standard deviation each; what neighbouring cells err together is counted once. Heights of "
+      "different "
+      "vertical datums differ by that datum: it is part of the offset up.");
+  report.section("Difference");
+  report.table(statisticsHead(""), {statisticsRow("before registration", c.difference.before),
+                                    statisticsRow("after", c.difference.after)});
+  report.pictureFile(folder / "difference.png",
+                     "Difference after registration; grey: one of the two is unknown.");
   std::vector<double> values;
   for (const float d : c.difference.map.up)
     if (std::isfinite(d)) values.push_back(static_cast<double>(d));
-  html += "<figure>" +
-          histogramSvg(values, -scaleOf(c), scaleOf(c), 60, "difference [m]", "cells by difference") +
-          "</figure>\n";
-  html += "<h2>By slope of the reference</h2>\n" + statisticsHead("slope [deg]");
+  report.plot(web::histogram(values, -scaleOf(c), scaleOf(c), 60, "difference [m]", "cells by difference"));
+  report.section("By slope of the reference");
+  std::vector<web::Row> rows;
   for (const compare::DifferenceClass& k : c.difference.by_slope)
-    html += statisticsRow(fixedDigits(k.from, 0) + " to " + fixedDigits(k.to, 0), k.statistics);
-  html += "</table>\n";
-  if (!c.difference.by_sigma.empty()) {
-    html += "<h2>By the survey's own uncertainty</h2>\n" + statisticsHead("sigma [m]", "RMS of d / sigma");
-    for (const compare::DifferenceClass& k : c.difference.by_sigma)
-      html += statisticsRow(fixedDigits(k.from, 4) + " to " + fixedDigits(k.to, 4), k.statistics,
-                            fixedDigits(k.rms_over_sigma, 2));
-    html += "</table>\n";
+    rows.push_back(statisticsRow(decimals(k.from, 0) + " to " + decimals(k.to, 0), k.statistics));
+  report.table(statisticsHead("slope [deg]"), rows);
+  report.section("By the survey's own uncertainty");
+  rows.clear();
+  for (const compare::DifferenceClass& k : c.difference.by_sigma) {
+    rows.push_back(statisticsRow(decimals(k.from, 4) + " to " + decimals(k.to, 4), k.statistics));
+    rows.back().emplace_back(decimals(k.rms_over_sigma, 2));
   }
-  html +=
-      "<h2>Heights [m]</h2>\n<figure><img src=survey.png style='max-width:100%'><figcaption>The survey, "
-      "where it says that it "
-      "lies.</figcaption></figure>\n<figure><img src=reference.png style='max-width:100%'><figcaption>The "
-      "reference in its "
-      "cells.</figcaption></figure>\n";
-  return html;
-}
-
-void write(const std::filesystem::path& path, const std::string& text) {
-  AtomicFile file(path);
-  file.stream() << text;
-  file.commit();
+  web::Row head = statisticsHead("sigma [m]");
+  head.emplace_back("RMS of d / sigma");
+  if (!rows.empty()) report.table(head, rows);
+  report.section("Heights");
+  report.pictureFile(folder / "survey.png", "The survey, where it says that it lies.");
+  report.pictureFile(folder / "reference.png", "The reference in its cells.");
+  return report;
 }
 
 }  // namespace
@@ -200,12 +188,12 @@ std::string comparisonText(const Comparison& c) {
           offsetText(r.offset.shift.y(), r.sigma.y()) + ", up " +
           offsetText(r.offset.shift.z(), r.sigma.z()) + "\n";
   if (c.options.registration.tilt)
-    text += "slope: east " + fixedDigits(1e3 * r.offset.tilt.x(), 3) + ", north " +
-            fixedDigits(1e3 * r.offset.tilt.y(), 3) + " mm/m\n";
-  text += "difference over " + fixedDigits(c.difference.overlap_m2, 1) + " m2 in cells of " +
-          fixedDigits(c.cell, 3) + " m: bias " + fixedDigits(s.bias, 4) + ", RMS " + fixedDigits(s.rms, 4) +
-          " (before " + fixedDigits(c.difference.before.rms, 4) + "), 1.4826 MAD " + fixedDigits(s.mad, 4) +
-          ", 95 % below " + fixedDigits(s.abs_p95, 4) + " m\n";
+    text += "slope: east " + decimals(1e3 * r.offset.tilt.x(), 3) + ", north " +
+            decimals(1e3 * r.offset.tilt.y(), 3) + " mm/m\n";
+  text += "difference over " + decimals(c.difference.overlap_m2, 1) + " m2 in cells of " +
+          decimals(c.cell, 3) + " m: bias " + decimals(s.bias, 4) + ", RMS " + decimals(s.rms, 4) +
+          " (before " + decimals(c.difference.before.rms, 4) + "), 1.4826 MAD " + decimals(s.mad, 4) +
+          ", 95 % below " + decimals(s.abs_p95, 4) + " m\n";
   return text;
 }
 
@@ -222,8 +210,10 @@ void writeComparison(const Comparison& c, const std::filesystem::path& folder) {
   drawHeights(c.reference, at(0.01), at(0.99), folder / "reference.png");
   drawHeights(c.survey, at(0.01) - c.registration.offset.shift.z(),
               at(0.99) - c.registration.offset.shift.z(), folder / "survey.png");
-  write(folder / "compare.json", comparisonJson(c));
-  write(folder / "compare.html", page(c));
+  AtomicFile json(folder / "compare.json");
+  json.stream() << comparisonJson(c);
+  json.commit();
+  pageOf(c, folder).write(folder / "compare.html");
 }
 
 }  // namespace fathom::topside

@@ -3,23 +3,17 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <map>
-#include <numbers>
 #include <optional>
 
 #include "firmware_if/files/images/image_times.hpp"
 #include "firmware_if/files/pose_files.hpp"
 #include "recon/closure/candidates.hpp"
-#include "recon/topside/report/svg_plot.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr double kHigh95 = 12.59;                   // chi-square, 6 degrees of freedom
-constexpr double kLow2 = 1.24, kHigh2 = 14.45;      // 2.5 % and 97.5 %
-constexpr double kDegree = std::numbers::pi / 180;  // [rad]
-constexpr std::size_t kInARow = 2;
+constexpr double kHigh95 = 12.59;             // chi-square, 6 degrees of freedom
 constexpr std::size_t kLinkedByOdometry = 3;  // pairs between two that odometry links
 
 std::optional<SE3> truthAt(const std::vector<io::TrajectoryPoint>& truth, std::int64_t utc_ns) {
@@ -46,52 +40,6 @@ Matrix6d inNavAxes(const SE3& pose) {
   Matrix6d turn = Matrix6d::Zero();
   turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = pose.matrix3();
   return turn;
-}
-
-using Value = std::function<double(const Consistency::Moment&)>;
-
-std::string errorPlot(const Consistency& c, const Value& error, const Value& sigma,
-                      const std::string& title) {
-  std::vector<Eigen::Vector2d> line, upper, lower;
-  double most = 0;
-  for (const Consistency::Moment& m : c.moments) {
-    line.emplace_back(m.time_s, error(m));
-    upper.emplace_back(m.time_s, 2 * sigma(m));
-    lower.emplace_back(m.time_s, -2 * sigma(m));
-    most = std::max({most, std::abs(error(m)), 2 * sigma(m)});
-  }
-  PlotAxes axes;
-  axes.height = 160;
-  axes.right = std::max(c.moments.back().time_s, 1.0);
-  axes.bottom = -1.05 * most;
-  axes.top = 1.05 * most;
-  axes.x_label = "s";
-  axes.title = title;
-  SvgPlot plot(axes);
-  plot.line(upper, "#9aa5b1", 1.0, true);
-  plot.line(lower, "#9aa5b1", 1.0, true);
-  plot.line(line, "#1f77b4", 1.2);
-  return plot.svg();
-}
-
-std::string squaredPlot(const Consistency& c, const Value& value, const std::string& title) {
-  std::vector<Eigen::Vector2d> dots;
-  double most = kHigh2;
-  for (const Consistency::Moment& m : c.moments) {
-    dots.emplace_back(m.time_s, value(m));
-    most = std::max(most, value(m));
-  }
-  PlotAxes axes;
-  axes.height = 160;
-  axes.right = std::max(c.moments.back().time_s, 1.0);
-  axes.top = 1.05 * most;
-  axes.x_label = "s";
-  axes.title = title;
-  SvgPlot plot(axes);
-  plot.dots(dots, 1.2, "#1f77b4");
-  for (const double bound : {kLow2, kHigh2})
-    plot.line({{0, bound}, {axes.right, bound}}, "#d62728", 1.0, true);
-  return plot.svg();
 }
 
 // T_nav_cam of every pair.
@@ -201,26 +149,6 @@ Consistency compareWithTruth(const std::filesystem::path& mission, const SE3& T_
   out.mean_since_first /= std::max(static_cast<double>(later), 1.0);
   out.share_inside = static_cast<double>(inside) / n;
   return out;
-}
-
-std::string consistencySvg(const Consistency& c) {
-  if (c.moments.empty()) return {};
-  const char* const place[] = {"north [m]", "east [m]", "down [m]"};
-  const char* const turn[] = {"tilt about north [deg]", "tilt about east [deg]", "heading [deg]"};
-  std::vector<std::string> plots;
-  for (int i = 0; i < 3; ++i) {
-    plots.push_back(errorPlot(
-        c, [i](const auto& m) { return m.position(i); }, [i](const auto& m) { return m.sigma_position(i); },
-        std::string("error ") + place[i]));
-    plots.push_back(errorPlot(
-        c, [i](const auto& m) { return m.turn(i) / kDegree; },
-        [i](const auto& m) { return m.sigma_turn(i) / kDegree; }, std::string("error ") + turn[i]));
-  }
-  plots.push_back(squaredPlot(
-      c, [](const auto& m) { return m.squared; }, "squared error over covariance, in nav"));
-  plots.push_back(squaredPlot(
-      c, [](const auto& m) { return m.since_first; }, "squared error over covariance, from the first pair"));
-  return besideEachOther(plots, kInARow);
 }
 
 }  // namespace fathom::topside

@@ -38,7 +38,4 @@ struct Consistency {
                                            const Camera& camera, const PairList& list,
                                            const SlamResult& slam);
 
-// Errors over time with two standard deviations, and the squared errors with chi-square's bounds.
-[[nodiscard]] std::string consistencySvg(const Consistency& consistency);
-
 }  // namespace fathom::topside

@@ -1,35 +1,16 @@
 #include "recon/topside/report/pose_output.hpp"
 
-#include <algorithm>
 #include <cmath>
 
 #include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/topside/localise/crossovers.hpp"
-#include "recon/topside/report/html_text.hpp"
-#include "recon/topside/report/svg_plot.hpp"
 
 namespace fathom::topside {
-namespace {
-
-constexpr double kDrawing = 620;  // longer side of the map [px]
-
-std::vector<Eigen::Vector2d> placesOf(const std::vector<NavigatedPose>& poses) {
-  std::vector<Eigen::Vector2d> places;  // (east, north)
-  for (const NavigatedPose& pose : poses)
-    if (pose.T_nav_body)
-      places.emplace_back(pose.T_nav_body->translation().y(), pose.T_nav_body->translation().x());
-  return places;
+Eigen::Vector2d eastNorth(const SE3& T_nav) {
+  return {T_nav.translation().y(), T_nav.translation().x()};
 }
-
-double rmsOf(const std::vector<double>& values) {
-  double sum = 0;
-  for (const double v : values) sum += v * v;
-  return values.empty() ? 0 : std::sqrt(sum / static_cast<double>(values.size()));
-}
-
-}  // namespace
 
 void writePoses(const std::filesystem::path& folder, const Geodetic& origin,
                 const std::vector<FusedPair>& pairs) {
@@ -75,52 +56,6 @@ std::vector<double> closureErrors(const std::vector<slam::NavigationLink>& closu
     errors.push_back((between.translation() - c.T_a_b.translation()).norm());
   }
   return errors;
-}
-
-std::string tracksSvg(const std::vector<NavigatedPose>& reckoned, const SlamResult& slam) {
-  const std::vector<Eigen::Vector2d> before = placesOf(reckoned), after = placesOf(slam.poses);
-  if (before.empty()) return {};
-  Eigen::Vector2d low = before.front(), high = low;
-  for (const auto* places : {&before, &after})
-    for (const Eigen::Vector2d& p : *places) {
-      low = low.cwiseMin(p);
-      high = high.cwiseMax(p);
-    }
-  const double margin = 0.04 * (high - low).maxCoeff() + 0.1;
-  low.array() -= margin;
-  high.array() += margin;
-  PlotAxes axes;
-  const double scale = kDrawing / (high - low).maxCoeff();
-  axes.width = std::max(scale * (high - low).x(), 160.0);
-  axes.height = std::max(scale * (high - low).y(), 160.0);
-  axes.left = low.x();
-  axes.right = high.x();
-  axes.bottom = low.y();
-  axes.top = high.y();
-  axes.x_label = "east [m]";
-  axes.y_label = "north [m]";
-  axes.title = "tracks from above";
-  SvgPlot plot(axes);
-  plot.line(before, "#9aa5b1", 1.2, true);
-  for (const slam::NavigationLink& c : slam.closures) {
-    const auto &a = slam.poses[c.a].T_nav_body, &b = slam.poses[c.b].T_nav_body;
-    if (!a || !b) continue;
-    plot.segment({a->translation().y(), a->translation().x()}, {b->translation().y(), b->translation().x()},
-                 c.kept ? "#2ca02c" : "#d62728", c.kept ? 0.5 : 1.2);
-  }
-  plot.line(after, "#1f77b4", 1.5);
-  return plot.svg();
-}
-
-std::string closureErrorsSvg(const std::vector<double>& reckoned, const std::vector<double>& solved) {
-  if (reckoned.empty()) return {};
-  std::vector<double> sorted = reckoned;
-  std::sort(sorted.begin(), sorted.end());
-  const double most = std::max(sorted.back(), 0.01);
-  constexpr int kBins = 40;
-  return histogramSvg(reckoned, 0, most, kBins, "m",
-                      "dead reckoning: rms " + fixedDigits(rmsOf(reckoned), 3) + " m") +
-         histogramSvg(solved, 0, most, kBins, "m", "localised: rms " + fixedDigits(rmsOf(solved), 4) + " m");
 }
 
 }  // namespace fathom::topside

@@ -10,6 +10,9 @@
 
 namespace fathom::topside {
 
+// Of a pose in nav, as a map with north up has it: (east, north) [m].
+[[nodiscard]] Eigen::Vector2d eastNorth(const SE3& T_nav);
+
 // stereo_pose_est.data and vehicle_pose_est.data.
 void writePoses(const std::filesystem::path& folder, const Geodetic& origin,
                 const std::vector<FusedPair>& pairs);
@@ -24,12 +27,5 @@ void writeClosures(const std::filesystem::path& path, const std::vector<ImagePai
 [[nodiscard]] std::vector<double> closureErrors(const std::vector<slam::NavigationLink>& closures,
                                                 const std::vector<NavigatedPose>& poses,
                                                 const SE3& T_body_cam);
-
-// SVG drawings: both tracks from above with the closures (dead reckoning grey, localised blue, closures
-// green, those taken out red; after figure 9 of Johnson-Roberson et al. 2010), and how far closures disagree
-// with dead reckoning and with the solved poses (their figure 10).
-[[nodiscard]] std::string tracksSvg(const std::vector<NavigatedPose>& reckoned, const SlamResult& slam);
-[[nodiscard]] std::string closureErrorsSvg(const std::vector<double>& reckoned,
-                                           const std::vector<double>& solved);
 
 }  // namespace fathom::topside

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "recon/topside/report/html_text.hpp"
+#include "realtime/kernel/text.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -48,7 +48,7 @@ Json usblJson(const SlamResult::Usbl& u) {
 }
 
 std::string withSigma(double value, double sigma, int digits) {
-  return fixedDigits(value, digits) + " (standard deviation " + fixedDigits(sigma, digits) + ")";
+  return decimals(value, digits) + " (standard deviation " + decimals(sigma, digits) + ")";
 }
 
 // What is far beyond its claim, and enough to matter.
@@ -101,9 +101,8 @@ std::vector<std::string> slamWarnings(const SlamResult& s) {
         "Localisation did not converge: poses are the best that were found, their standard "
         "deviations are not to be relied on.");
   if (s.crossings_unverified > std::max(kFew, kUnverified * s.crossings_expected))
-    warnings.push_back("Crossings expected but not verified: about " +
-                       fixedDigits(s.crossings_unverified, 0) + " m of the " +
-                       fixedDigits(s.crossings_expected, 0) +
+    warnings.push_back("Crossings expected but not verified: about " + decimals(s.crossings_unverified, 0) +
+                       " m of the " + decimals(s.crossings_expected, 0) +
                        " m flown over ground seen before have no loop closure.");
   warnOfMounting(s.mounting, warnings);
   return warnings;

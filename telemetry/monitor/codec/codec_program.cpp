@@ -8,7 +8,6 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/text.hpp"
-#include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "telemetry/map/map_packet.hpp"
 #include "telemetry/monitor/codec/codec_report.hpp"
@@ -103,7 +102,7 @@ void printJson(const CodecFigures& ours, const std::vector<TileFigures>& tiles,
   std::printf("%s\n", out.dump().c_str());
 }
 
-void writeCurve(const LatticeSurface& surface, const CodecOptions& options) {
+void measureCurve(const LatticeSurface& surface, const CodecOptions& options) {
   std::vector<CurvePoint> points;
   for (const double error : kCurveErrors) {
     const CodecFigures ours = sendSurface(surface, {.max_error = error,
@@ -112,9 +111,7 @@ void writeCurve(const LatticeSurface& surface, const CodecOptions& options) {
     points.push_back({error, ours.bytesPerArea(), peers::allPeers(toLattice(surface), error)});
   }
   const std::string title = formatted(", cells of %g m, frames of %ld B", options.cell, options.frame);
-  AtomicFile file(*options.curve);
-  file.stream() << drawCurve(points, surface.area(), options.terrain.filename().string() + title);
-  file.commit();
+  writeCurve(*options.curve, points, surface.area(), options.terrain.filename().string() + title);
 }
 
 }  // namespace
@@ -137,7 +134,7 @@ CLI::App* addCodecCommand(CLI::App& app, CodecOptions& options) {
                    "at the nodes")
       ->capture_default_str();
   codec->add_flag("--json", options.json, "print one line of JSON");
-  codec->add_option("--curve", options.curve, "draw bytes over errors of 1 to 20 cm into this file (SVG)");
+  codec->add_option("--curve", options.curve, "draw bytes over errors of 1 to 20 cm into this file (HTML)");
   return codec;
 }
 
@@ -153,7 +150,7 @@ int runCodec(const CodecOptions& options) {
   for (const int side : kTileSides) tiles.push_back(sendTiles(surface, side, settings));
   const auto others = peers::allPeers(toLattice(surface), options.max_error);
   (options.json ? printJson : printTable)(ours, tiles, others, options);
-  if (options.curve) writeCurve(surface, options);
+  if (options.curve) measureCurve(surface, options);
   return kExitSuccess;
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -53,8 +54,8 @@ struct CurvePoint {
 };
 
 [[nodiscard]] peers::Lattice toLattice(const LatticeSurface& surface);
-// Bytes a square metre over the error bound, as a picture (SVG), both axes logarithmic.
-[[nodiscard]] std::string drawCurve(const std::vector<CurvePoint>& points, double area,
-                                    const std::string& title);
+// Bytes a square metre over the error bound, both axes logarithmic, as a page.
+void writeCurve(const std::filesystem::path& file, const std::vector<CurvePoint>& points, double area,
+                const std::string& about);
 
 }  // namespace fathom::monitor

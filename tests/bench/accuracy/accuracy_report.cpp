@@ -5,7 +5,7 @@
 #include <numbers>
 
 #include "realtime/kernel/input_error.hpp"
-#include "recon/topside/report/html_text.hpp"
+#include "realtime/kernel/text.hpp"
 #include "tests/bench/accuracy/fusion_variants.hpp"
 #include "tests/bench/accuracy/model_accuracy.hpp"
 #include "tests/bench/common/page.hpp"
@@ -15,7 +15,6 @@ namespace fathom::accuracy {
 namespace {
 
 using bench::cell;
-using topside::fixedDigits;
 
 constexpr double kMm = 1e3;
 
@@ -35,7 +34,7 @@ std::vector<bench::Cell> surfaceRow(std::vector<bench::Cell> before, const sim::
   return before;
 }
 
-void addModel(const ModelAccuracy& model, bench::Page& page) {
+void addModel(const ModelAccuracy& model, const std::filesystem::path& out, bench::Page& page) {
   const Eigen::AngleAxisd turn(model.alignment.rotation());
   const Eigen::Vector3d t = kMm * model.alignment.translation();
   page.add({"Rigid alignment of the model onto the truth",
@@ -65,25 +64,24 @@ void addModel(const ModelAccuracy& model, bench::Page& page) {
                             kMm * e.shift_p50, kMm * e.shift_p95, e.psnr_in_place, e.ssim_in_place,
                             e.detail});
   }
-  page.html(
-      "<p>Distances are from points spread evenly over the surface to the nearest true one; bias is positive "
-      "above it; complete: true points that cameras saw with the surface within 33 mm.</p>");
+  page.report().text(
+      "Distances are from points spread evenly over the surface to the nearest true one; bias is positive "
+      "above it; complete: true points that cameras saw with the surface within 33 mm.");
   page.add(std::move(surface));
-  page.html(
-      "<p>Against the true albedo, turned as it is towards the eye, at the same places and the level's "
+  page.report().text(
+      "Against the true albedo, turned as it is towards the eye, at the same places and the level's "
       "texel; "
       "one gain and offset a channel are fitted over the level. Shift: of a window's texture against the "
       "truth; PSNR and SSIM after it, and in place. Gradient energy: of the texture over the truth's; noise "
-      "adds to it, blur takes from it.</p>");
+      "adds to it, blur takes from it.");
   page.add(std::move(texture));
-  page.html(
-      "<h2>Model, truth, and four times their difference</h2><figure><img src=beside_truth.png "
-      "style='max-width:100%'><figcaption>From above, north up.</figcaption></figure>");
+  page.report().section("Model, truth, and four times their difference");
+  page.report().pictureFile(out / "beside_truth.png", "From above, north up.");
   for (const LevelAccuracy& l : model.levels)
     if (l.texture.windows > 0)
-      page.html("<figure><img src=level_" + std::to_string(l.level) +
-                ".png style='max-width:100%'><figcaption>A window of level " + std::to_string(l.level) +
-                ", " + fixedDigits(kMm * l.texture.pixel, 2) + " mm a pixel.</figcaption></figure>");
+      page.report().pictureFile(out / ("level_" + std::to_string(l.level) + ".png"),
+                                "A window of level " + std::to_string(l.level) + ", " +
+                                    decimals(kMm * l.texture.pixel, 2) + " mm a pixel.");
 }
 
 void addVariants(const VariantReport& report, bench::Page& page) {
@@ -117,7 +115,7 @@ int run(Options o) {
   if (o.results.empty()) o.results = o.mission / "topside";
   if (!o.out.empty()) std::filesystem::create_directories(o.out);
   bench::Page page("Accuracy: " + o.mission.string());
-  if (!o.no_model) addModel(measureModel(o.mission, o.results, o.out), page);
+  if (!o.no_model) addModel(measureModel(o.mission, o.results, o.out), o.out, page);
   if (o.oracle) {
     auto config = o.config.empty() ? topside::TopsideConfig{} : topside::readTopsideConfig(o.config);
     if (o.features > 0) config.stereo.max_features = o.features;

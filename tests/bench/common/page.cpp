@@ -5,14 +5,13 @@
 
 #include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
-#include "recon/topside/report/html_text.hpp"
 
 namespace fathom::bench {
 namespace {
 
 std::string shown(const Cell& cell, int digits) {
   const auto* text = std::get_if<std::string>(&cell);
-  return text != nullptr ? *text : topside::fixedDigits(std::get<double>(cell), digits);
+  return text != nullptr ? *text : decimals(std::get<double>(cell), digits);
 }
 
 bool isText(const Cell& cell) {
@@ -23,12 +22,6 @@ bool isText(const Cell& cell) {
 std::size_t widthOf(const std::string& text) {
   return static_cast<std::size_t>(
       std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xC0) != 0x80; }));
-}
-
-void write(const std::filesystem::path& path, const std::string& text) {
-  AtomicFile file(path);
-  file.stream() << text;
-  file.commit();
 }
 
 }  // namespace
@@ -54,21 +47,17 @@ std::string Table::text() const {
   return out + "\n";
 }
 
-std::string Table::html() const {
-  std::string out = name.empty() ? "" : "<h2>" + markupText(name) + "</h2>";
-  out += "<table><tr>";
-  for (const Column& column : columns) out += "<th>" + markupText(column.name) + "</th>";
-  for (const auto& row : rows) {
-    out += "</tr>\n<tr>";
-    for (std::size_t k = 0; k < row.size(); ++k)
-      out +=
-          (isText(row[k]) ? "<td>" : "<td class=n>") + markupText(shown(row[k], columns[k].digits)) + "</td>";
-  }
-  return out + "</tr></table>";
-}
-
 void Page::add(Table table) {
-  html(table.html());
+  report_.section(table.name);
+  web::Row head;
+  for (const Table::Column& column : table.columns) head.emplace_back(column.name);
+  std::vector<web::Row> rows;
+  for (const auto& row : table.rows) {
+    rows.emplace_back();
+    for (std::size_t k = 0; k < row.size(); ++k)
+      rows.back().emplace_back(shown(row[k], table.columns[k].digits));
+  }
+  report_.table(head, rows);
   tables_.push_back(std::move(table));
 }
 
@@ -96,8 +85,10 @@ std::string Page::json() const {
 
 void Page::write(const std::filesystem::path& folder, const std::string& name) const {
   std::filesystem::create_directories(folder);
-  bench::write(folder / (name + ".html"), topside::htmlHead(title_) + html_ + "</html>\n");
-  bench::write(folder / (name + ".json"), json());
+  report_.write(folder / (name + ".html"));
+  AtomicFile file(folder / (name + ".json"));
+  file.stream() << json();
+  file.commit();
 }
 
 }  // namespace fathom::bench

@@ -3,9 +3,10 @@
 #include <filesystem>
 #include <string>
 #include <type_traits>
-#include <utility>
 #include <variant>
 #include <vector>
+
+#include "telemetry/web/report_page.hpp"
 
 namespace fathom::bench {
 
@@ -28,18 +29,17 @@ struct Table {
   std::vector<std::vector<Cell>> rows;
 
   [[nodiscard]] std::string text() const;
-  [[nodiscard]] std::string html() const;
 };
 
 // What a report found: printed, and written as an HTML page with its drawings and as JSON with the same
 // tables.
 class Page {
  public:
-  explicit Page(std::string title) : title_(std::move(title)) {}
+  explicit Page(const std::string& title) : title_(title), report_(title, "") {}
 
   void add(Table table);
-  // HTML alone: a paragraph, a drawing, a figure.
-  void html(const std::string& piece) { html_ += piece + "\n"; }
+  // What the HTML page alone has: words, plots, pictures.
+  [[nodiscard]] web::Report& report() { return report_; }
   // The tables, one after the other.
   [[nodiscard]] std::string text() const;
   // An array of the tables, each an array of objects by the names of its columns.
@@ -48,7 +48,8 @@ class Page {
   void write(const std::filesystem::path& folder, const std::string& name) const;
 
  private:
-  std::string title_, html_;
+  std::string title_;
+  web::Report report_;
   std::vector<Table> tables_;
 };
 

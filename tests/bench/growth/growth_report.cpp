@@ -7,8 +7,6 @@
 #include <set>
 
 #include "realtime/kernel/input_error.hpp"
-#include "recon/topside/report/html_text.hpp"
-#include "recon/topside/report/svg_plot.hpp"
 #include "tests/bench/common/page.hpp"
 #include "tests/bench/growth/measured_run.hpp"
 #include "tests/bench/growth/mission_part.hpp"
@@ -18,11 +16,9 @@ namespace fathom::growth {
 namespace {
 
 using bench::cell;
-using topside::fixedDigits;
-using topside::PlotAxes;
-using topside::SvgPlot;
 
 constexpr double kMiB = 1024.0 * 1024.0;
+constexpr double kHalf = 460;  // of the page's width [px]
 
 // Runs of one source and number of jobs, by pairs.
 using Series = std::map<std::pair<std::string, int>, std::vector<const GrowthRun*>>;
@@ -60,76 +56,40 @@ std::string label(const std::string& source, int jobs) {
 
 // `value` of every series over pairs; `proportional`: a dashed line from nought through each series' last.
 template <typename Value>
-std::string curves(const Series& series, const std::string& source, const std::string& title,
-                   const std::string& unit, bool proportional, Value value) {
-  PlotAxes axes;
-  axes.x_label = "pairs";
-  axes.y_label = unit;
-  axes.title = title;
-  double top = 0, right = 0;
-  for (const auto& [key, list] : series) {
-    if (key.first != source) continue;
-    for (const GrowthRun* run : list) {
-      top = std::max(top, value(*run));
-      right = std::max(right, countOf(*run));
-    }
-  }
-  axes.right = 1.05 * std::max(right, 1.0);
-  axes.top = 1.15 * std::max(top, 1e-9);
-  SvgPlot plot(axes);
+web::Plot curves(const Series& series, const std::string& source, const std::string& title,
+                 const std::string& unit, bool proportional, Value value) {
+  web::Plot plot{.title = title, .x = "pairs", .y = unit, .width = kHalf};
   std::size_t colour = 0;
   for (const auto& [key, list] : series) {
     if (key.first != source) continue;
-    const std::string ink = topside::distinctColour(colour);
-    std::vector<Eigen::Vector2d> line;
-    for (const GrowthRun* run : list) line.emplace_back(countOf(*run), value(*run));
-    plot.line(line, ink, 2);
-    plot.dots(line, 4, ink);
-    if (proportional) plot.line({{0, 0}, line.back()}, ink, 1, true);
-    plot.text({0.16 * axes.right, (0.95 - 0.06 * static_cast<double>(colour)) * axes.top},
-              label(key.first, key.second), ink, 12);
-    ++colour;
+    const char* const ink = web::distinctColour(colour++);
+    web::Series line{.label = label(key.first, key.second), .colour = ink, .at = {{0, 0}}, .size = 2};
+    line.lift();
+    for (const GrowthRun* run : list) line.at.emplace_back(countOf(*run), value(*run));
+    if (proportional) plot.series.push_back({.colour = ink, .at = {{0, 0}, line.at.back()}, .dashed = true});
+    plot.series.push_back(std::move(line));
   }
-  return plot.svg();
+  return plot;
 }
 
-// Milliseconds a pair, stage over stage.
-std::string stagesPlot(const std::vector<const GrowthRun*>& list, const std::vector<std::string>& names,
-                       const std::string& title) {
-  PlotAxes axes;
-  axes.x_label = "pairs (bars in order)";
-  axes.y_label = "wall time a pair [ms]";
-  axes.title = title;
-  axes.right = static_cast<double>(list.size());
-  double top = 0;
-  for (const GrowthRun* run : list) {
-    double sum = 0;
-    for (const auto& [name, seconds] : run->stages_s) sum += seconds;
-    top = std::max(top, 1e3 * sum / countOf(*run));
-  }
-  axes.top = 1.5 * std::max(top, 1e-9);
-  SvgPlot plot(axes);
-  for (std::size_t i = 0; i < list.size(); ++i) {
-    double at = 0;
-    for (std::size_t k = 0; k < names.size(); ++k) {
+// Milliseconds a pair, stage over stage; a bar a run, in order of pairs.
+web::Plot stagesPlot(const std::vector<const GrowthRun*>& list, const std::vector<std::string>& names,
+                     const std::string& title) {
+  web::Plot plot{
+      .title = title, .x = "runs, in order of pairs", .y = "wall time a pair [ms]", .width = kHalf};
+  std::vector<double> at(list.size(), 0);
+  for (std::size_t k = 0; k < names.size(); ++k) {
+    web::Series stage{.label = names[k], .kind = web::Series::Kind::kAreas, .colour = web::distinctColour(k)};
+    for (std::size_t i = 0; i < list.size(); ++i) {
       const double ms = 1e3 * secondsOf(*list[i], names[k]) / countOf(*list[i]);
       if (ms <= 0) continue;
       const auto x = static_cast<double>(i);
-      plot.rectangle({x + 0.15, at}, {x + 0.85, at + ms}, topside::distinctColour(k),
-                     names[k] + " " + fixedDigits(ms, 2) + " ms");
-      at += ms;
+      stage.rectangle({x + 0.65, at[i]}, {x + 1.35, at[i] + ms});
+      at[i] += ms;
     }
-    plot.text({static_cast<double>(i) + 0.5, at + 0.02 * axes.top}, std::to_string(list[i]->pairs));
+    if (!stage.at.empty()) plot.series.push_back(std::move(stage));
   }
-  double row = 0.96;
-  for (std::size_t k = 0; k < names.size(); ++k) {
-    if (std::none_of(list.begin(), list.end(),
-                     [&](const GrowthRun* r) { return secondsOf(*r, names[k]) > 0; }))
-      continue;
-    plot.text({0.12 * axes.right, row * axes.top}, names[k], topside::distinctColour(k), 11);
-    row -= 0.045;
-  }
-  return plot.svg();
+  return plot;
 }
 
 bench::Table runsTable(const std::vector<GrowthRun>& runs) {
@@ -178,24 +138,21 @@ bench::Table growthTable(const std::vector<GrowthRun>& runs) {
   return table;
 }
 
-// Time, memory, and time a pair by stage over the number of pairs, beside each other.
-std::string svgOf(const std::vector<GrowthRun>& runs) {
+// Time, memory, and time a pair by stage over the number of pairs.
+void addPlots(const std::vector<GrowthRun>& runs, web::Report& report) {
   const Series series = seriesOf(runs);
   const std::vector<std::string> names = stageNames(runs);
   std::set<std::string> sources;
   for (const auto& [key, list] : series) sources.insert(key.first);
-  std::vector<std::string> plots;
   for (const std::string& source : sources) {
-    plots.push_back(curves(series, source, source + ": wall time (dashed: in proportion)", "[s]", true,
-                           [](const GrowthRun& r) { return r.cost.wall_s; }));
-    plots.push_back(
-        curves(series, source, source + ": peak memory of a process, resident", "[MiB]", false,
-               [](const GrowthRun& r) { return static_cast<double>(r.cost.peak_resident) / kMiB; }));
+    report.plot(curves(series, source, source + ": wall time (dashed: in proportion)", "[s]", true,
+                       [](const GrowthRun& r) { return r.cost.wall_s; }));
+    report.plot(curves(series, source, source + ": peak memory of a process, resident", "[MiB]", false,
+                       [](const GrowthRun& r) { return static_cast<double>(r.cost.peak_resident) / kMiB; }));
     const auto longest =
         std::find_if(series.rbegin(), series.rend(), [&](const auto& s) { return s.first.first == source; });
-    plots.push_back(stagesPlot(longest->second, names, label(source, longest->first.second) + ": by stage"));
+    report.plot(stagesPlot(longest->second, names, label(source, longest->first.second) + ": by stage"));
   }
-  return topside::besideEachOther(plots, 3);
 }
 
 struct Options {
@@ -225,7 +182,7 @@ int run(const Options& o) {
         bench::Page page("Time and memory of fathom-topside");
         page.add(runsTable(runs));
         page.add(growthTable(runs));
-        page.html(svgOf(runs));
+        addPlots(runs, page.report());
         page.write(o.out, "growth");
       }
     }

@@ -100,8 +100,7 @@ int run(Options o) {
                           cell(c.peer_correct_outer), ratio(c.peer_correct_outer, raw.peer_correct_outer)});
   }
   page.add(std::move(table));
-  for (const char* picture : {"strip.png", "pair.png"})
-    page.html(std::string("<img src=") + picture + " style='max-width:100%'>");
+  for (const char* picture : {"strip.png", "pair.png"}) page.report().pictureFile(o.out / picture, picture);
   std::printf("\n%s", page.text().c_str());
   page.write(o.out, "lighting");
   return kExitSuccess;

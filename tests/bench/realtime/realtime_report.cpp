@@ -15,7 +15,6 @@
 #include "realtime/kernel/memory/heap_reserve.hpp"
 #include "realtime/kernel/tiers/arming.hpp"
 #include "realtime/kernel/tiers/cpu_wake_limit.hpp"
-#include "recon/topside/report/svg_plot.hpp"
 #include "sim/hil/bench/child_process.hpp"
 #include "tests/bench/common/page.hpp"
 #include "tests/bench/realtime/hard_loop.hpp"
@@ -106,58 +105,42 @@ Table turnsTable(const std::vector<Series>& both) {
   return table;
 }
 
-constexpr std::array<const char*, 2> kColours{"#2266aa", "#cc5533"};
-
-double decade(double value) {
-  return std::log10(std::max(value, 1.0));
-}
-
-// The share of wake-ups that were later than a time, both axes logarithmic; and each turn's p99.9 (dot) and
-// maximum (bar) in the order in which they ran.
-std::string drawing(const std::vector<Series>& both) {
-  topside::PlotAxes axes;
-  axes.right = 1;
-  axes.bottom = -1;
-  axes.top = 0;
-  axes.x_label = "wake-up latency [log10 of us]";
-  axes.y_label = "share of wake-ups later than that [log10]";
-  axes.title = "wake-ups";
-  for (const Series& series : both) {
-    const LatencyHistogram all = series.all();
-    axes.right = std::max(axes.right, std::ceil(decade(static_cast<double>(all.max()))));
-    axes.bottom = std::min(axes.bottom, -std::ceil(decade(static_cast<double>(all.count()))));
-  }
-  topside::PlotAxes turn_axes = axes;
-  turn_axes.right = static_cast<double>(both.front().turns.size());
-  turn_axes.bottom = 0;
-  turn_axes.top = axes.right;
-  turn_axes.x_label = "turns";
-  turn_axes.y_label = "p99.9 and maximum [log10 of us]";
-  turn_axes.title = "turn by turn";
-  topside::SvgPlot shares(axes), turns(turn_axes);
+// The share of wake-ups that were later than a time; and each turn's p99.9 (dot) and maximum (bar) in the
+// order in which they ran.
+void addPlots(const std::vector<Series>& both, web::Report& report) {
+  web::Plot shares{.title = "Wake-ups",
+                   .x = "wake-up latency [us]",
+                   .y = "share of wake-ups later than that",
+                   .log = true};
+  web::Plot turns{.title = "Turn by turn: p99.9 and maximum", .x = "turn", .y = "latency [us]", .log = true};
   for (std::size_t s = 0; s < both.size(); ++s) {
     const LatencyHistogram all = both[s].all();
     const auto count = static_cast<double>(all.count());
-    std::vector<Eigen::Vector2d> curve{{0, 0}}, dots;
+    web::Series curve{.label = both[s].name, .colour = web::distinctColour(s), .at = {{1, 1}}, .size = 2};
     double later = count;
     for (std::size_t us = 0; us < all.counts().size(); ++us) {
       if (all.counts()[us] == 0) continue;
-      const double at = decade(static_cast<double>(us) + 1);
-      curve.emplace_back(at, curve.back().y());
+      const double at = static_cast<double>(us) + 1;
+      curve.at.emplace_back(at, curve.at.back().y());
       later -= static_cast<double>(all.counts()[us]);
-      curve.emplace_back(at, later > 0 ? std::log10(later / count) : axes.bottom);
+      if (later > 0) curve.at.emplace_back(at, later / count);
     }
-    shares.line(curve, kColours[s], 2);
-    shares.text({0.4 * axes.right, (0.06 + 0.06 * static_cast<double>(s)) * axes.bottom}, both[s].name,
-                kColours[s], 12);
+    shares.series.push_back(std::move(curve));
+    web::Series dots{
+        .label = both[s].name, .kind = web::Series::Kind::kDots, .colour = web::distinctColour(s), .size = 4},
+        bars{.colour = web::distinctColour(s)};
+    const auto latency = [](std::int64_t us) { return static_cast<double>(std::max<std::int64_t>(us, 1)); };
     for (std::size_t i = 0; i < both[s].turns.size(); ++i) {
-      const double x = static_cast<double>(i) + (s == 0 ? 0.3 : 0.7);
-      dots.emplace_back(x, decade(static_cast<double>(both[s].turns[i].percentile(99.9))));
-      turns.segment(dots.back(), {x, decade(static_cast<double>(both[s].turns[i].max()))}, kColours[s]);
+      const double x = static_cast<double>(i) + (s == 0 ? 0.9 : 1.1);
+      dots.at.emplace_back(x, latency(both[s].turns[i].percentile(99.9)));
+      bars.at.insert(bars.at.end(), {dots.at.back(), {x, latency(both[s].turns[i].max())}});
+      bars.lift();
     }
-    turns.dots(dots, 4, kColours[s]);
+    turns.series.push_back(std::move(bars));
+    turns.series.push_back(std::move(dots));
   }
-  return topside::besideEachOther(std::vector{shares.svg(), turns.svg()}, 2);
+  report.plot(shares);
+  report.plot(turns);
 }
 
 std::string machine() {
@@ -236,7 +219,7 @@ int report(const Options& options) {
             {{machine(), cell(options.turn_seconds), cell(options.cpu), cell(options.cpu_wake_us),
               cell(wake.held()), cell(!armed.complete())}}});
   std::printf("%s", page.text().c_str());
-  page.html(drawing(both));
+  addPlots(both, page.report());
   page.add(turnsTable(both));
   page.write(options.out, "realtime");
   return kExitSuccess;

@@ -1,23 +1,29 @@
 // What a report holds, as the program writes it into the page. Numbers in tables are text already, with the digits that count.
 
 export interface Series {
-  label: string;
-  kind: 'line' | 'dots';
+  label: string; // none: not in the key
+  kind: 'line' | 'dots' | 'areas'; // areas: the inside of polygons
   colour: string;
-  x: number[];
-  y: number[];
+  dashed?: boolean;
+  size?: number; // a line's width, a dot's radius [px]
+  x: (number | null)[]; // null lifts the pen: the next place begins a line or polygon of its own
+  y: (number | null)[];
 }
 export interface Plot {
   title: string;
   x: string; // label of the axis, with its unit
   y: string;
-  equal?: boolean; // a metre is as long either way, as on a map
+  width?: number; // [px]
+  equal?: boolean; // a unit is as long either way, as on a map
+  down?: boolean; // y grows downwards, as in an image
+  log?: boolean; // both axes are logarithmic
   series: Series[];
 }
+export type Cell = string | { text: string; shade: number }; // shade: from blue (-1) over none (0) to red (1)
 export type Part =
   | { text: string; strong?: boolean }
   | { list: string[] }
-  | { table: { head?: string[]; rows: string[][] } }
+  | { table: { head?: string[]; rows: Cell[][] } }
   | { picture: { source: string; caption: string } }
   | { plot: Plot };
 export interface Content {

@@ -1,15 +1,23 @@
 import '#kit/tokens.css';
 import './style.css';
 import { element, make } from '#kit/overlay';
-import type { Content, Part } from './content';
+import type { Cell, Content, Part } from './content';
 import { showPlot } from './plot';
 
 // Shows what the program wrote into the page.
 
-function table(head: string[], rows: string[][]): HTMLElement {
-  const line = (cells: string[], tag: 'td' | 'th'): HTMLElement => {
+function table(head: string[], rows: Cell[][]): HTMLElement {
+  const line = (cells: Cell[], tag: 'td' | 'th'): HTMLElement => {
     const tr = make('tr');
-    tr.append(...cells.map((cell) => make(tag, '', cell)));
+    for (const cell of cells) {
+      if (typeof cell === 'string') tr.append(make(tag, '', cell));
+      else {
+        const box = make(tag, '', cell.text);
+        const strength = Math.round(70 * Math.min(Math.abs(cell.shade), 1));
+        box.style.background = `color-mix(in srgb, ${cell.shade < 0 ? 'var(--low)' : 'var(--high)'} ${strength}%, transparent)`;
+        tr.append(box);
+      }
+    }
     return tr;
   };
   const box = make('table');
@@ -40,7 +48,7 @@ function show(part: Part): HTMLElement {
   }
   const { plot } = part;
   const key = make('div', 'key');
-  for (const { label, colour } of plot.series) {
+  for (const { label, colour } of plot.series.filter((s) => s.label !== '')) {
     const item = make('span', '', label);
     item.style.setProperty('--colour', colour);
     key.append(item);
@@ -55,6 +63,7 @@ document.title = `Fathom: ${content.title}`;
 element('report').append(make('h1', '', content.title), make('p', 'about', content.about));
 for (const { title, parts } of content.sections) {
   const section = make('section');
-  section.append(make('h2', '', title), ...parts.map(show));
+  if (title !== '') section.append(make('h2', '', title));
+  section.append(...parts.map(show));
   element('report').append(section);
 }

@@ -1,11 +1,14 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { mapFrame, rangeOf } from '../src/plot';
+import { logRangeOf, mapFrame, rangeOf } from '../src/plot';
 
 test('a range has room around its points, and one point has a range too', () => {
   assert.deepEqual(rangeOf([0, 100]), [-4, 104]);
   assert.deepEqual(rangeOf([3]), [2.5, 3.5]);
   assert.deepEqual(rangeOf([]), [0, 1]);
+  assert.deepEqual(rangeOf([null, 0, null, 100]), [-4, 104]);
+  const [low, high] = logRangeOf([1, null, 100]);
+  assert.ok(low > 0.8 && low < 1 && high > 100 && high < 125);
 });
 
 test('on a map a metre is as long to the north as to the east, whatever the shape of the dive', () => {
