@@ -147,7 +147,8 @@ void Report::plot(const Plot& plot) {
   if (plot.width > 0) out["width"] = plot.width;
   if (plot.equal) out["equal"] = true;
   if (plot.down) out["down"] = true;
-  if (plot.log) out["log"] = true;
+  if (plot.log_x) out["logX"] = true;
+  if (plot.log_y) out["logY"] = true;
   add(dumped({{"plot", std::move(out)}}));
 }
 

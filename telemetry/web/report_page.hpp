@@ -32,10 +32,10 @@ struct Series {
 struct Plot {
   std::string title = {}, x = {}, y = {};  // labels of the axes with their units
   std::vector<Series> series = {};
-  double width = 0;    // [px]; 0: the page's
-  bool equal = false;  // a unit is as long either way, as on a map
-  bool down = false;   // y grows downwards, as in an image
-  bool log = false;    // both axes are logarithmic
+  double width = 0;                   // [px]; 0: the page's
+  bool equal = false;                 // a unit is as long either way, as on a map
+  bool down = false;                  // y grows downwards, as in an image
+  bool log_x = false, log_y = false;  // logarithmic axes
 };
 
 // How many values fall into each of `bins` equal parts of [low, high]; the outermost also hold what lies

@@ -42,8 +42,12 @@ Report made() {
                .series = {way, box, {.label = "none", .kind = Series::Kind::kDots}},
                .equal = true,
                .down = true});
-  report.plot(
-      {.title = "Decades", .x = "x", .y = "y", .series = {{.at = {{1, 10}, {100, 1000}}}}, .log = true});
+  report.plot({.title = "Decades",
+               .x = "x",
+               .y = "y",
+               .series = {{.at = {{1, 10}, {100, 1000}}}},
+               .log_x = true,
+               .log_y = true});
   return report;
 }
 

@@ -9,7 +9,8 @@ void writeCurve(const std::filesystem::path& file, const std::vector<CurvePoint>
   web::Plot plot{.title = "Bytes over the error bound",
                  .x = "largest height error [cm]",
                  .y = "bytes a square metre",
-                 .log = true};
+                 .log_x = true,
+                 .log_y = true};
   const auto add = [&](const std::string& name, double size, auto bytes) {
     web::Series line{.label = name, .colour = web::distinctColour(plot.series.size()), .size = size};
     for (const CurvePoint& point : points)

@@ -111,12 +111,17 @@ void addPlots(const std::vector<Series>& both, web::Report& report) {
   web::Plot shares{.title = "Wake-ups",
                    .x = "wake-up latency [us]",
                    .y = "share of wake-ups later than that",
-                   .log = true};
-  web::Plot turns{.title = "Turn by turn: p99.9 and maximum", .x = "turn", .y = "latency [us]", .log = true};
+                   .log_x = true,
+                   .log_y = true};
+  web::Plot turns{
+      .title = "Turn by turn: p99.9 and maximum", .x = "turn", .y = "latency [us]", .log_y = true};
   for (std::size_t s = 0; s < both.size(); ++s) {
     const LatencyHistogram all = both[s].all();
     const auto count = static_cast<double>(all.count());
-    web::Series curve{.label = both[s].name, .colour = web::distinctColour(s), .at = {{1, 1}}, .size = 2};
+    web::Series curve{.label = both[s].name,
+                      .colour = web::distinctColour(s),
+                      .at = {{static_cast<double>(std::max<std::int64_t>(all.percentile(0), 1)), 1}},
+                      .size = 2};
     double later = count;
     for (std::size_t us = 0; us < all.counts().size(); ++us) {
       if (all.counts()[us] == 0) continue;

@@ -16,7 +16,8 @@ export interface Plot {
   width?: number; // [px]
   equal?: boolean; // a unit is as long either way, as on a map
   down?: boolean; // y grows downwards, as in an image
-  log?: boolean; // both axes are logarithmic
+  logX?: boolean; // logarithmic axes
+  logY?: boolean;
   series: Series[];
 }
 export type Cell = string | { text: string; shade: number }; // shade: from blue (-1) over none (0) to red (1)

@@ -73,9 +73,9 @@ export function logRangeOf(values: (number | null)[]): Range {
 }
 
 export function showPlot(box: HTMLElement, plot: Plot): void {
-  const ends = plot.log ? logRangeOf : rangeOf;
-  const distr = plot.log ? 3 : 1; // uPlot's numbers
-  const whole = { x: ends(plot.series.flatMap((s) => s.x)), y: ends(plot.series.flatMap((s) => s.y)) };
+  const ends = (log: boolean | undefined, values: (number | null)[]): Range => (log ? logRangeOf : rangeOf)(values);
+  const distr = (log: boolean | undefined): 3 | 1 => (log ? 3 : 1); // uPlot's numbers
+  const whole = { x: ends(plot.logX, plot.series.flatMap((s) => s.x)), y: ends(plot.logY, plot.series.flatMap((s) => s.y)) };
   const width = plot.width ?? WIDTH;
   const { x, y, height } = plot.equal
     ? mapFrame(whole.x, whole.y, width - AXIS)
@@ -84,7 +84,7 @@ export function showPlot(box: HTMLElement, plot: Plot): void {
   // uPlot makes axes, zoom and cursor for the corners; what is shown is drawn over them, as a way need not go to the right.
   new uPlot({
     width, height: height + AXIS, legend: { show: false }, padding: [0, 0, 0, 0], cursor: { drag: { x: true, y: true, uni: 20 } },
-    scales: { x: { time: false, distr, range: asAsked }, y: { distr, range: asAsked, dir: plot.down ? -1 : 1 } },
+    scales: { x: { time: false, distr: distr(plot.logX), range: asAsked }, y: { distr: distr(plot.logY), range: asAsked, dir: plot.down ? -1 : 1 } },
     axes: [axis({ label: plot.x, labelSize: 20, size: AXIS - 20 }), axis({ label: plot.y, labelSize: 20, size: AXIS - 20 })],
     series: [{}, { stroke: 'transparent', points: { show: false } }],
     hooks: { draw: [(u) => draw(u, plot)] },
