@@ -6,6 +6,7 @@
 #include <tuple>
 
 #include "recon/closure/registration_checks.hpp"
+#include "recon/geometry/symmetric_eigen.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -116,8 +117,7 @@ ClosureSearch::Seen ClosureSearch::look(int a, int b) {
       static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b),
       closure::overlapProbability(seen.separation, seen.spread, reach_ * 0.5 * (here.radius + there.radius)),
       closure::expectedInformation(seen.spread, limits_.sigma_measured)};
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(seen.spread, Eigen::EigenvaluesOnly);
-  seen.sigma = std::sqrt(std::max(axes.eigenvalues()(1), 0.0));
+  seen.sigma = std::sqrt(std::max(symmetricEigenvalues(seen.spread)(1), 0.0));
   return seen;
 }
 

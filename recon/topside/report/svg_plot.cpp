@@ -1,6 +1,5 @@
 #include "recon/topside/report/svg_plot.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -9,6 +8,7 @@
 #include <numbers>
 
 #include "realtime/kernel/text.hpp"
+#include "recon/geometry/symmetric_eigen.hpp"
 #include "recon/topside/report/html_text.hpp"
 
 namespace fathom::topside {
@@ -91,14 +91,14 @@ void SvgPlot::rectangle(const Eigen::Vector2d& one, const Eigen::Vector2d& other
 
 void SvgPlot::ellipse(const Eigen::Vector2d& mean, const Eigen::Matrix2d& covariance, double k,
                       const std::string& colour) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> solver(covariance);
-  const Eigen::Vector2d axes = k * solver.eigenvalues().cwiseMax(0.0).cwiseSqrt();
+  const SymmetricEigen<2> eigen = symmetricEigen(covariance);
+  const Eigen::Vector2d axes = k * eigen.values.cwiseMax(0.0).cwiseSqrt();
   constexpr int kCorners = 90;
   std::vector<Eigen::Vector2d> along;
   for (int i = 0; i <= kCorners; ++i) {
     const double angle = 2 * std::numbers::pi * i / kCorners;
-    along.push_back(mean + solver.eigenvectors() *
-                               Eigen::Vector2d(axes.x() * std::cos(angle), axes.y() * std::sin(angle)));
+    along.push_back(mean +
+                    eigen.vectors * Eigen::Vector2d(axes.x() * std::cos(angle), axes.y() * std::sin(angle)));
   }
   line(along, colour, 2.0);
 }
