@@ -31,8 +31,6 @@ constexpr std::size_t kTried = 100000;  // pairs
 constexpr int kQuiet = 10, kRecent = 20;
 constexpr std::size_t kMostSought = 32;
 constexpr int kStepsFound = 4;  // of the graph at once, when a place that was recognised moves poses far
-// Of the graph's covariance, where a pose that was found without it is said to fit: as NavigationGraph's own.
-constexpr double kKnownScale = 4;
 
 closure::PlaceIndexConfig placesOf(const LocalisationConfig& config) {
   closure::PlaceIndexConfig places;
@@ -265,7 +263,7 @@ void ClosureSearch::registerUnknown(int a, int b) {
   if (!found.accepted() || !closure::fitsDownAndDepth(graph_.pose(a), graph_.pose(b), found.T_a_b)) return;
   ++counters_.places_accepted;
   const Seen seen = look(a, b);
-  Matrix6d known = kKnownScale * seen.prediction.covariance;
+  Matrix6d known = config_.graph.known_scale * seen.prediction.covariance;
   known.diagonal().head<3>().array() += kLeastSigma * kLeastSigma;
   known.diagonal().tail<3>().array() += kLeastAngle * kLeastAngle;
   const bool fits = closure::distanceFromPrior(found.T_a_b, found.covariance, seen.prediction.T_a_b, known) <=
