@@ -43,6 +43,7 @@ SymmetricEigen<kRows> symmetricEigen(const Eigen::Matrix<double, kRows, kRows>& 
 
 template Eigen::Vector2d symmetricEigenvalues(const Eigen::Matrix2d&);
 template Eigen::Vector3d symmetricEigenvalues(const Eigen::Matrix3d&);
+template Eigen::Vector4d symmetricEigenvalues(const Eigen::Matrix4d&);
 template Vector6d symmetricEigenvalues(const Matrix6d&);
 template SymmetricEigen<2> symmetricEigen(const Eigen::Matrix2d&);
 template SymmetricEigen<3> symmetricEigen(const Eigen::Matrix3d&);
