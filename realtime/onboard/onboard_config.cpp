@@ -73,6 +73,8 @@ void read(const ConfigTable& t, OnboardConfig& config) {
       t.integer("closures_waiting", static_cast<std::int64_t>(c.closures_waiting), 1, 100000));
   c.graph.max_links = whole(t, "max_links", c.graph.max_links, 1, 200000);
   c.graph.max_fixes = whole(t, "max_fixes", c.graph.max_fixes, 0, 100000);
+  c.graph.known_scale = t.number("known_scale", c.graph.known_scale, 1, 100);
+  c.graph.turned_sigmas = t.number("turned_sigmas", c.graph.turned_sigmas, 1, 100);
   config.max_pairs = whole(t, "max_pairs", config.max_pairs, 1, 1000000);
   config.rebuild_meshes = whole(t, "rebuild_meshes", config.rebuild_meshes, 1, 10000);
   config.slot_folder = t.text("slot_folder", config.slot_folder.string());

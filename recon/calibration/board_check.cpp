@@ -1,10 +1,11 @@
 #include "recon/calibration/board_check.hpp"
 
-#include <Eigen/Geometry>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 
 #include "recon/geometry/order_statistics.hpp"
+#include "recon/geometry/rigid_alignment.hpp"
 
 namespace fathom::calibration {
 namespace {
@@ -20,8 +21,8 @@ bool checkBoard(const StereoRig& rig, const Eigen::Matrix3Xd& board, const Board
       return false;
     points.col(k) = point;
   }
-  const Eigen::Matrix4d rigid = Eigen::umeyama(board, points, false);
-  const Eigen::Matrix4d similar = Eigen::umeyama(board, points, true);
+  const Eigen::Matrix4d rigid = rigidAlignment(board, points);
+  const Eigen::Matrix4d similar = rigidAlignment(board, points, true);
   out.name = view.name;
   out.T_left_board = SE3(Eigen::Matrix3d(rigid.topLeftCorner<3, 3>()), rigid.topRightCorner<3, 1>());
   out.scale = similar.col(0).head<3>().norm();

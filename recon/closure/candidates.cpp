@@ -7,6 +7,7 @@
 #include <tuple>
 
 #include "realtime/kernel/state_archive.hpp"
+#include "recon/geometry/symmetric_eigen.hpp"
 
 namespace fathom::closure {
 namespace {
@@ -55,10 +56,10 @@ double overlapProbability(const Eigen::Vector2d& mean, const Eigen::Matrix2d& co
   constexpr double kLeast = 1e-6;  // standard deviation of a certain separation [m]
   constexpr int kPanels = 2;
   if (!(reach > 0) || !mean.allFinite() || !covariance.allFinite()) return 0;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(covariance);
-  const Eigen::Vector2d m = axes.eigenvectors().transpose() * mean;
-  const double sy = std::sqrt(std::max(axes.eigenvalues()(0), kLeast * kLeast));  // narrow
-  const double sx = std::sqrt(std::max(axes.eigenvalues()(1), kLeast * kLeast));
+  const SymmetricEigen<2> axes = symmetricEigen(covariance);
+  const Eigen::Vector2d m = axes.vectors.transpose() * mean;
+  const double sy = std::sqrt(std::max(axes.values(0), kLeast * kLeast));  // narrow
+  const double sx = std::sqrt(std::max(axes.values(1), kLeast * kLeast));
   if (m.norm() + kTail * sx < reach) return 1;
   if (m.norm() - kTail * sx > reach) return 0;
   const double from = std::max(-reach, m.y() - kTail * sx), to = std::min(reach, m.y() + kTail * sx);

@@ -6,6 +6,7 @@
 #include <random>
 
 #include "recon/geometry/cross_matrix.hpp"
+#include "recon/geometry/symmetric_eigen.hpp"
 #include "recon/geometry/uncertain_pose.hpp"
 
 namespace fathom::closure {
@@ -21,14 +22,15 @@ struct NormalEquations {
   using Matrix = Eigen::Matrix<double, kSize, kSize>;
   Matrix h = Matrix::Zero();
   Vector b = Vector::Zero();
+  Eigen::LDLT<Matrix> factor;  // of h, by solve()
 
   void add(const Eigen::Matrix<double, 3, kSize>& j, const Eigen::Vector3d& e,
            const Eigen::Matrix3d& information) {
     h += j.transpose() * information * j;
     b -= j.transpose() * information * e;
   }
-  [[nodiscard]] bool solve(Vector& step) const {
-    const Eigen::LDLT<Matrix> factor(h);
+  [[nodiscard]] bool solve(Vector& step) {
+    factor.compute(h);
     if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > 0)) return false;
     step = factor.solve(b);
     return step.allFinite();
@@ -86,8 +88,7 @@ std::optional<SE3> absoluteOrientation(const std::vector<PointPair>& pairs, cons
     s += (p.b - mean_b) * (p.a - mean_a).transpose();
     spread += (p.b - mean_b) * (p.b - mean_b).transpose();
   }
-  const Eigen::Vector3d axes =
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(spread, Eigen::EigenvaluesOnly).eigenvalues();
+  const Eigen::Vector3d axes = symmetricEigenvalues(spread);
   constexpr double kOnALine = 1e-3;  // square of width over length
   if (!(axes(1) > kOnALine * axes(2))) return std::nullopt;
   Eigen::Matrix4d n;
@@ -95,7 +96,7 @@ std::optional<SE3> absoluteOrientation(const std::vector<PointPair>& pairs, cons
       s(1, 2) - s(2, 1), s(0, 0) - s(1, 1) - s(2, 2), s(0, 1) + s(1, 0), s(2, 0) + s(0, 2), s(2, 0) - s(0, 2),
       s(0, 1) + s(1, 0), s(1, 1) - s(0, 0) - s(2, 2), s(1, 2) + s(2, 1), s(0, 1) - s(1, 0), s(2, 0) + s(0, 2),
       s(1, 2) + s(2, 1), s(2, 2) - s(0, 0) - s(1, 1);
-  const Eigen::Vector4d q = Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(n).eigenvectors().col(3);
+  const Eigen::Vector4d q = symmetricEigen(n).vectors.col(3);
   const Eigen::Quaterniond rotation(q(0), q(1), q(2), q(3));
   return SE3(rotation, mean_a - rotation * mean_b);
 }
@@ -160,7 +161,7 @@ SE3 refineCauchy(const std::vector<PointPair>& pairs, const SE3& start) {
       equations.add(byPose(p, rotation), e, information / (1 + e.dot(information * e) / (kScale * kScale)));
     }
     Vector6d step;
-    if (!equations.solve(step)) return start;
+    if (!solveStep(equations.h, equations.b, step)) return start;
     pose = perturbed(pose, step);
     if (step.norm() < kConverged) break;
   }
@@ -206,7 +207,7 @@ std::optional<Alignment> alignPoints(const std::vector<PointPair>& pairs, const 
     const bool same = inliers == result.inliers;
     result.inliers = std::move(inliers);
     result.covariance =
-        variance * equations.h.ldlt().solve(decltype(equations)::Matrix::Identity()).topLeftCorner<6, 6>();
+        variance * equations.factor.solve(decltype(equations)::Matrix::Identity()).topLeftCorner<6, 6>();
     result.covariance = 0.5 * (result.covariance + result.covariance.transpose()).eval();
     result.T_a_b = perturbed(result.T_a_b, step.head<6>());
     shared += step.tail<kSharedErrors>();

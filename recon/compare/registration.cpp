@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "recon/geometry/order_statistics.hpp"
+#include "recon/geometry/symmetric_eigen.hpp"
 
 namespace fathom::compare {
 namespace {
@@ -21,6 +22,9 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 using Vector5d = Eigen::Matrix<double, 5, 1>;
 using Matrix5d = Eigen::Matrix<double, 5, 5>;
+// Of at most five unknowns: without heap, and without the code of large products.
+using Basis = Eigen::Matrix<double, 5, Eigen::Dynamic, Eigen::ColMajor, 5, 5>;
+using Reduced = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, 5, 5>;
 
 // One cell of the survey at the offset of the present iteration.
 struct Cell {
@@ -216,9 +220,9 @@ System assemble(const std::vector<Cell>& cells, const Offset& offset) {
 }
 
 // The parameters that are estimated, as columns of a basis.
-Eigen::MatrixXd basisOf(const Eigen::MatrixXd& horizontal, bool tilt) {
+Basis basisOf(const Eigen::MatrixXd& horizontal, bool tilt) {
   const Eigen::Index n = horizontal.cols();
-  Eigen::MatrixXd basis = Eigen::MatrixXd::Zero(5, n + 1 + (tilt ? 2 : 0));
+  Basis basis = Basis::Zero(5, n + 1 + (tilt ? 2 : 0));
   basis.topLeftCorner(2, n) = horizontal;
   basis(2, n) = 1;
   if (tilt) basis.bottomRightCorner(2, 2).setIdentity();
@@ -230,9 +234,9 @@ struct Solution {
   Matrix5d covariance = Matrix5d::Zero();
 };
 
-Solution solve(const System& system, const Eigen::MatrixXd& basis) {
-  const Eigen::MatrixXd reduced = basis.transpose() * system.information * basis;
-  const Eigen::MatrixXd inverse = reduced.inverse();
+Solution solve(const System& system, const Basis& basis) {
+  const Reduced reduced = basis.transpose() * system.information * basis;
+  const Reduced inverse = reduced.inverse();
   Solution s;
   s.step = -basis * inverse * (basis.transpose() * system.score);
   s.covariance = basis * inverse * (basis.transpose() * system.scatter * basis) * inverse.transpose() *
@@ -245,7 +249,7 @@ bool refine(const HeightMap& survey, const HeightMap& reference, const Eigen::Ma
             Registration& out, Matrix5d& covariance) {
   constexpr int kIterations = 40;
   constexpr double kConverged = 1e-4;  // of a cell
-  const Eigen::MatrixXd basis = basisOf(horizontal, tilt);
+  const Basis basis = basisOf(horizontal, tilt);
   const Eigen::Vector2d start = out.offset.shift.head<2>();
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     const std::vector<Cell> cells = commonCells(survey, reference, out.offset.shift.head<2>());
@@ -292,12 +296,12 @@ Registration registerMaps(const HeightMap& survey, const HeightMap& reference,
     const double limit = kMaxSigmaCells * survey.cell;
     if (cells.size() >= kMinCells && trial.correlation >= kMinCorrelation) {
       const Eigen::Matrix2d h = covariance.topLeftCorner<2, 2>();
-      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(0.5 * (h + h.transpose()));
+      const SymmetricEigen<2> eigen = symmetricEigen(Eigen::Matrix2d(0.5 * (h + h.transpose())));
       for (int k = 0; k < 2; ++k) {
-        const double variance = eigen.eigenvalues()[k];
+        const double variance = eigen.values[k];
         if (!(variance >= 0 && std::sqrt(variance) <= limit)) continue;
         told.conservativeResize(2, told.cols() + 1);
-        told.col(told.cols() - 1) = eigen.eigenvectors().col(k);
+        told.col(told.cols() - 1) = eigen.vectors.col(k);
       }
       // A step out of the valley along a direction that is not told says nothing against the other.
       if (!sound && told.cols() == 2) told.resize(2, 0);

@@ -23,6 +23,13 @@ SE3 perturbed(const SE3& pose, const Vector6d& step) {
   return pose * SE3(turn, step.head<3>());
 }
 
+bool solveStep(const Matrix6d& information, const Vector6d& gradient, Vector6d& step) {
+  const Eigen::LDLT<Matrix6d> factor(information);
+  if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > 0)) return false;
+  step = factor.solve(gradient);
+  return step.allFinite();
+}
+
 Matrix6d adjoint(const SE3& T) {
   const Eigen::Matrix3d R = T.matrix3();
   const Eigen::Vector3d& t = T.translation();

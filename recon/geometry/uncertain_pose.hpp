@@ -7,6 +7,10 @@ namespace fathom {
 // Right perturbation of a pose: T (R = exp(phi), t = rho) for the vector (rho, phi) [m, rad].
 [[nodiscard]] SE3 perturbed(const SE3& pose, const Vector6d& step);
 
+// Newton's step from the normal equations of such a vector, information * step = gradient; false where the
+// information is not positive.
+[[nodiscard]] bool solveStep(const Matrix6d& information, const Vector6d& gradient, Vector6d& step);
+
 // A relative pose with the covariance of its right perturbation.
 struct UncertainPose {
   SE3 T_a_b;

@@ -1,11 +1,11 @@
 #include "recon/slam/measurements.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
 #include "recon/geometry/cross_matrix.hpp"
+#include "recon/geometry/symmetric_eigen.hpp"
 
 namespace fathom::slam {
 namespace {
@@ -14,8 +14,8 @@ namespace {
 Matrix6d rootOf(const Matrix6d& information) {
   const Eigen::LLT<Matrix6d> cholesky(information);
   if (cholesky.info() == Eigen::Success) return cholesky.matrixU();
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(information);
-  return eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal() * eigen.eigenvectors().transpose();
+  const SymmetricEigen<6> eigen = symmetricEigen(information);
+  return eigen.values.cwiseMax(0).cwiseSqrt().asDiagonal() * eigen.vectors.transpose();
 }
 
 }  // namespace

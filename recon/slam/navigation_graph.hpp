@@ -24,6 +24,12 @@ struct NavigationConfig {
   double reference_turn = 0.17;  // and over so much turning [rad]
   double jump_heading = 0.3;  // standard deviation of heading's reference after a jump of the compass [rad]
   double gate = 22.46;        // squared Mahalanobis distance of a link: chi-square, 6 degrees, 99.9 %
+  // Of the graph's own covariance where a closure, or a place that was recognised without it, is judged by
+  // it: links share errors that it takes for independent, and after a long way its standard deviations are
+  // half of what they should be.
+  double known_scale = 4;
+  // Standard deviations by which compass and visual turn differ in a step that is counted as contradicted.
+  double turned_sigmas = 4;
   double fix_gate = 13.82;    // of a fix: 2 degrees, 99.9 %
   int lying_after = 5;        // contradictions in a row by which a sensor is taken to lie
   int reweighted = 6;         // links and fixes a step whose robust weight is looked at again

@@ -14,15 +14,11 @@ constexpr double kNewWeight = 0.15;  // relative change of a weight that is wort
 // Of what is not believed but must hold two parts together, or tells tilt besides heading: its standard
 // deviations are a hundred times as large, half a metre and ten degrees.
 constexpr double kWidened = 1e-4;
-constexpr double kTurnedSigmas = 4;   // by which the compass contradicts a link, for the count of such steps
 constexpr double kYawUnjudged = 1.0;  // variance of a step's yaw where HeadingTrust judges it [rad^2]
 // A velocity that differs from the one before by twice as much as the other, and this, is the one that lies.
 constexpr double kTwice = 2, kLeastChange = 0.05;  // [1], [m/s]
 constexpr double kStaleVelocity_s = 10;            // older, it tells nothing of the present one
-// Of the graph's own covariance where a closure is judged by it: links share errors that it takes for
-// independent, and after a long way its standard deviations are half of what they should be.
-constexpr double kKnownScale = 4;
-constexpr double kAlike = 3;  // standard deviations between wild fixes that agree
+constexpr double kAlike = 3;                       // standard deviations between wild fixes that agree
 // So long fixes that agree with each other are doubted: a USBL that is turned or biased by a reflection stays
 // so for minutes. Not so long where the vehicle has gone without anything to be believed since they last
 // fitted.
@@ -163,7 +159,7 @@ void NavigationGraph::judge() {
   to.heading.visual = heading_.verdict(newest - 1).visual;
   const double doubt = std::hypot(turns.visual_sigma, 2 * config_.noise.heading,
                                   config_.noise.deviation_turn * std::sqrt(std::abs(turns.compass)));
-  if (turns.has_visual && std::abs(wrapAngle(turns.visual - turns.compass)) > kTurnedSigmas * doubt)
+  if (turns.has_visual && std::abs(wrapAngle(turns.visual - turns.compass)) > config_.turned_sigmas * doubt)
     ++counters_.steps_contradicted;
   if (turns.has_gyro) {
     const double turn = wrapAngle(turns.gyro - heading_.gyroBias() * turns.seconds);
@@ -259,7 +255,7 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
   const bool agreed = kind == LinkKind::kAgreed;
   if (!chain && !agreed) {
     const Prediction known = predict(a, b);
-    const bool fits = distance2(factor, kKnownScale * known.covariance + covariance) <= config_.gate;
+    const bool fits = distance2(factor, config_.known_scale * known.covariance + covariance) <= config_.gate;
     if (!fits) ++counters_.links_contradicting;
     if (!fits && !agreesWithRefused(a, b, T_a_b, covariance)) return Taken::kContradicts;
   }
@@ -371,7 +367,7 @@ bool NavigationGraph::fits(const Robust& r) {
     return e.dot(r.factor.information * e) <= r.free_chi2;
   }
   const Matrix6d known = solver_.relativeCovariance(r.factor.from, r.factor.to);
-  return distance2(r.factor, kKnownScale * known + r.covariance) <= config_.gate;
+  return distance2(r.factor, config_.known_scale * known + r.covariance) <= config_.gate;
 }
 
 StepReport NavigationGraph::step() {

@@ -1,12 +1,12 @@
 #include "recon/slam/pose_graph.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
 #include "recon/geometry/cross_matrix.hpp"
+#include "recon/geometry/symmetric_eigen.hpp"
 
 namespace fathom::slam {
 namespace {
@@ -46,15 +46,13 @@ RelativePoseLinear linearize(const RelativePose& edge, const SE3& T_w_from, cons
 bool isPositive(const Matrix6d& information) {
   constexpr double kRounding = 1e-9;  // of the greatest eigenvalue
   if (information.llt().info() == Eigen::Success) return true;
-  const Vector6d values =
-      Eigen::SelfAdjointEigenSolver<Matrix6d>(information, Eigen::EigenvaluesOnly).eigenvalues();
+  const Vector6d values = symmetricEigenvalues(information);
   return values(0) >= -kRounding * std::max(0.0, values(5));
 }
 
 Matrix6d nearestPositive(const Matrix6d& information) {
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(information);
-  return eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0).asDiagonal() *
-         eigen.eigenvectors().transpose();
+  const SymmetricEigen<6> eigen = symmetricEigen(information);
+  return eigen.vectors * eigen.values.cwiseMax(0).asDiagonal() * eigen.vectors.transpose();
 }
 
 Matrix6d residualInformation(const Matrix6d& of_perturbation) {

@@ -1,10 +1,11 @@
 #include "recon/slam/retirement.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <array>
 #include <cmath>
 #include <limits>
+
+#include "recon/geometry/symmetric_eigen.hpp"
 
 namespace fathom::slam {
 namespace {
@@ -39,11 +40,7 @@ Division divide(std::span<const StarLink> links, std::size_t root) {
   Division d;
   for (std::size_t i = 0; i < links.size(); ++i) {
     d.share[i] = i == root ? 0 : 1.0 / static_cast<double>(links.size() - 1);
-    if (i != root)
-      g[i] = Eigen::GeneralizedSelfAdjointEigenSolver<Matrix6d>(links[i].information, unit,
-                                                                Eigen::EigenvaluesOnly | Eigen::Ax_lBx)
-                 .eigenvalues()
-                 .cwiseMax(0);
+    if (i != root) g[i] = relativeEigenvalues(links[i].information, unit).cwiseMax(0);
   }
   for (int round = 0; round < kRounds; ++round) {
     double sum = 0;
@@ -67,10 +64,11 @@ Division divide(std::span<const StarLink> links, std::size_t root) {
 Vector6d firmStep(const Matrix6d& information, const Vector6d& gradient) {
   Vector6d unit;
   unit << Eigen::Vector3d::Constant(kStraight_m), Eigen::Vector3d::Constant(kStraight_rad);
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> known(unit.asDiagonal() * information * unit.asDiagonal());
-  Vector6d along = known.eigenvectors().transpose() * unit.cwiseProduct(gradient);
-  for (int i = 0; i < 6; ++i) along(i) = known.eigenvalues()(i) >= 1 ? along(i) / known.eigenvalues()(i) : 0;
-  return unit.cwiseProduct(known.eigenvectors() * along);
+  const SymmetricEigen<6> known =
+      symmetricEigen(Matrix6d(unit.asDiagonal() * information * unit.asDiagonal()));
+  Vector6d along = known.vectors.transpose() * unit.cwiseProduct(gradient);
+  for (int i = 0; i < 6; ++i) along(i) = known.values(i) >= 1 ? along(i) / known.values(i) : 0;
+  return unit.cwiseProduct(known.vectors * along);
 }
 
 }  // namespace

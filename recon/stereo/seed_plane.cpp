@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "recon/geometry/order_statistics.hpp"
+#include "recon/geometry/symmetric_eigen.hpp"
 
 namespace fathom::stereo {
 namespace {
@@ -51,8 +52,8 @@ std::optional<SeedPlane> fitSeedPlane(std::span<const StereoPoint> points) {
     const double scale = kCauchy * std::max(madSigma(std::span(values), 0), kMinSigma);
     const Eigen::VectorXd weight = (1.0 + (residual.array() / scale).square()).inverse();
     const Eigen::Matrix3d normal_matrix = rays.transpose() * weight.asDiagonal() * rays;
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> spread(normal_matrix, Eigen::EigenvaluesOnly);
-    if (!(spread.eigenvalues()(0) > kMinSpread * spread.eigenvalues()(2))) return std::nullopt;
+    const Eigen::Vector3d spread = symmetricEigenvalues(normal_matrix);
+    if (!(spread(0) > kMinSpread * spread(2))) return std::nullopt;
     plane = normal_matrix.ldlt().solve(rays.transpose() * (weight.asDiagonal() * inverse_depth));
   }
   const double length = plane.norm();

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "recon/geometry/order_statistics.hpp"
+#include "recon/geometry/rigid_alignment.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -35,7 +36,7 @@ SE3 alignRigid(const Points& estimate, const Points& truth) {
     from.col(static_cast<Eigen::Index>(i)) = estimate[i];
     to.col(static_cast<Eigen::Index>(i)) = truth[i];
   }
-  const Eigen::Matrix4d m = Eigen::umeyama(from, to, false);
+  const Eigen::Matrix4d m = rigidAlignment(from, to);
   return {Eigen::Matrix3d(m.topLeftCorner<3, 3>()), Eigen::Vector3d(m.topRightCorner<3, 1>())};
 }
 

@@ -39,5 +39,17 @@ TEST_F(OnboardConfigFile, RefusesWhatNoVehicleDoes) {
     EXPECT_THROW((void)read("[nav]\n" + std::string(line) + "\n"), InputError) << line;
 }
 
+TEST_F(OnboardConfigFile, SaysHowFarTheGraphIsBelieved) {
+  const slam::NavigationConfig plain = read("").localisation.graph;
+  EXPECT_EQ(plain.known_scale, 4);
+  EXPECT_EQ(plain.turned_sigmas, 4);
+  const OnboardConfig set = read("[slam]\nknown_scale = 9\nturned_sigmas = 2.5\n");
+  EXPECT_EQ(set.localisation.graph.known_scale, 9);
+  EXPECT_EQ(set.localisation.graph.turned_sigmas, 2.5);
+  for (const char* line :
+       {"known_scale = 0.5", "known_scale = 101", "turned_sigmas = 0", "turned_sigmas = 101"})
+    EXPECT_THROW((void)read("[slam]\n" + std::string(line) + "\n"), InputError) << line;
+}
+
 }  // namespace
 }  // namespace fathom::onboard

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <span>
 #include <vector>
 
@@ -9,44 +9,23 @@
 // Normal equations of a small graph as one dense matrix.
 namespace fathom::slam {
 
-inline Eigen::MatrixXd informationOf(const std::vector<SE3>& poses, std::span<const RelativePose> edges) {
-  const auto n = static_cast<Eigen::Index>(6 * poses.size());
-  Eigen::MatrixXd information = Eigen::MatrixXd::Zero(n, n);
-  for (const RelativePose& e : edges) {
-    const RelativePoseLinear l =
-        linearize(e, e.from == kWorld ? SE3() : poses[static_cast<std::size_t>(e.from)],
-                  poses[static_cast<std::size_t>(e.to)]);
-    Eigen::MatrixXd row = Eigen::MatrixXd::Zero(6, n);
-    if (e.from != kWorld) row.middleCols<6>(6 * e.from) = l.by_from;
-    row.middleCols<6>(6 * e.to) = l.by_to;
-    information += row.transpose() * e.information * row;
-  }
-  return information;
-}
+[[nodiscard]] Eigen::MatrixXd informationOf(const std::vector<SE3>& poses,
+                                            std::span<const RelativePose> edges);
+
+// Of all poses but the first, once that one has been eliminated, from informationOf().
+[[nodiscard]] Eigen::MatrixXd marginalOf(const Eigen::MatrixXd& information);
 
 // Covariance of every pose but the first, which is held, from the whole matrix.
-inline Eigen::MatrixXd covarianceOf(const std::vector<SE3>& poses, std::span<const RelativePose> edges) {
-  const Eigen::MatrixXd information = informationOf(poses, edges);
-  const Eigen::Index n = information.rows() - 6;
-  return information.bottomRightCorner(n, n).llt().solve(Eigen::MatrixXd::Identity(n, n));
-}
+[[nodiscard]] Eigen::MatrixXd covarianceOf(const std::vector<SE3>& poses,
+                                           std::span<const RelativePose> edges);
 
 // Of two poses together, from covarianceOf().
-inline Eigen::MatrixXd jointOf(const Eigen::MatrixXd& covariance, int a, int b) {
-  const auto block = [&](int x, int y) { return covariance.block<6, 6>(6 * (x - 1), 6 * (y - 1)); };
-  Eigen::MatrixXd both(12, 12);
-  both << block(a, a), block(a, b), block(b, a), block(b, b);
-  return both;
-}
+[[nodiscard]] Eigen::MatrixXd jointOf(const Eigen::MatrixXd& covariance, int a, int b);
+
+// Whether a symmetric matrix has no eigenvalue below -`tolerance`.
+[[nodiscard]] bool isPositive(const Eigen::MatrixXd& m, double tolerance);
 
 // All that a solver has, its weights in the informations.
-inline std::vector<RelativePose> measurementsOf(const IncrementalSolver& solver) {
-  std::vector<RelativePose> all;
-  for (int k = 0; k < solver.measurements(); ++k) {
-    const Measurement& m = solver.measurement(k);
-    if (m.in_use) all.push_back({m.from, m.to, m.T_from_to, m.weight * m.root.transpose() * m.root});
-  }
-  return all;
-}
+[[nodiscard]] std::vector<RelativePose> measurementsOf(const IncrementalSolver& solver);
 
 }  // namespace fathom::slam

@@ -165,6 +165,20 @@ TEST(NavigationGraph, AFalseClosureIsTurnedAwayOrSwitchedOff) {
   EXPECT_EQ(graph.counters().links_contradicting, 1U);
 }
 
+TEST(NavigationGraph, WhatContradictsIsSaidByHowFarItsOwnCovarianceIsBelieved) {
+  const MadeSurveyOptions options;
+  const MadeSurvey survey = makeSurvey(options);
+  NavigationConfig config = smallConfig();
+  config.known_scale = 1e9;
+  NavigationGraph graph(config);
+  drive(graph, survey, options);
+  const SE3 false_pose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.3, 0, 0));
+  EXPECT_EQ(graph.addLink(LinkKind::kClosure, 5, graph.keyframes() - 1, false_pose, survey.link_covariance),
+            Taken::kYes);
+  config.known_scale = 0.9;
+  EXPECT_THROW(NavigationGraph{config}, std::invalid_argument);
+}
+
 TEST(NavigationGraph, AFalseClosureThatCameFirstIsSwitchedOffByTrueOnes) {
   MadeSurveyOptions options;
   options.visual_share = options.closure_share = 0;  // dead reckoning alone cannot tell

@@ -6,6 +6,7 @@
 #include <random>
 #include <vector>
 
+#include "recon/geometry/symmetric_eigen.hpp"
 #include "recon/stereo/match_noise.hpp"
 #include "recon/stereo/midpoint_triangulation.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
@@ -134,9 +135,9 @@ TEST(SparseStereo, CovarianceIsPositiveDefiniteLongestAlongTheRayAndHoldsSigmaZ)
     const auto& c = p.covariance;
     Eigen::Matrix3d m;
     m << c[0], c[1], c[2], c[1], c[3], c[4], c[2], c[4], c[5];
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(m);
-    EXPECT_GT(eigen.eigenvalues()[0], 0);
-    EXPECT_GT(std::abs(eigen.eigenvectors().col(2).dot(p.point.cast<double>().normalized())), 0.99);
+    const SymmetricEigen<3> eigen = symmetricEigen(m);
+    EXPECT_GT(eigen.values[0], 0);
+    EXPECT_GT(std::abs(eigen.vectors.col(2).dot(p.point.cast<double>().normalized())), 0.99);
     EXPECT_NEAR(std::sqrt(c[5]), p.sigma_z, 1e-4F * p.sigma_z);
   }
 }

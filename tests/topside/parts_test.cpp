@@ -44,7 +44,14 @@ TEST(TopsideConfig, AnUnknownKeyOrAValueOutOfRangeIsNamed) {
   EXPECT_THAT(configError("[stereo]\nwindow_px = 14\n"), ::testing::HasSubstr("odd"));
   EXPECT_THAT(configError("[stereo]\nmin_range_m = 5\nmax_range_m = 2\n"),
               ::testing::HasSubstr("max_range_m"));
+  EXPECT_THAT(configError("[slam]\nturned_sigmas = 0\n"), ::testing::HasSubstr("turned_sigmas"));
   EXPECT_EQ(configError("[fusion]\nvoxel_m = 0.05\n[stereo]\nmax_features = 1000\n"), "");
+}
+
+TEST(TopsideConfig, WhenTheCompassContradictsALinkCanBeSaid) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder.path() / "run.toml") << "[slam]\nturned_sigmas = 2.5\n";
+  EXPECT_EQ(readTopsideConfig(folder.path() / "run.toml").navigation.turned_sigmas, 2.5);
 }
 
 TEST(TopsideConfig, TheBandFollowsTheVoxelUnlessItIsSet) {

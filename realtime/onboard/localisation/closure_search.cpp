@@ -6,6 +6,7 @@
 #include <tuple>
 
 #include "recon/closure/registration_checks.hpp"
+#include "recon/geometry/symmetric_eigen.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -30,8 +31,6 @@ constexpr std::size_t kTried = 100000;  // pairs
 constexpr int kQuiet = 10, kRecent = 20;
 constexpr std::size_t kMostSought = 32;
 constexpr int kStepsFound = 4;  // of the graph at once, when a place that was recognised moves poses far
-// Of the graph's covariance, where a pose that was found without it is said to fit: as NavigationGraph's own.
-constexpr double kKnownScale = 4;
 
 closure::PlaceIndexConfig placesOf(const LocalisationConfig& config) {
   closure::PlaceIndexConfig places;
@@ -116,8 +115,7 @@ ClosureSearch::Seen ClosureSearch::look(int a, int b) {
       static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b),
       closure::overlapProbability(seen.separation, seen.spread, reach_ * 0.5 * (here.radius + there.radius)),
       closure::expectedInformation(seen.spread, limits_.sigma_measured)};
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(seen.spread, Eigen::EigenvaluesOnly);
-  seen.sigma = std::sqrt(std::max(axes.eigenvalues()(1), 0.0));
+  seen.sigma = std::sqrt(std::max(symmetricEigenvalues(seen.spread)(1), 0.0));
   return seen;
 }
 
@@ -265,7 +263,7 @@ void ClosureSearch::registerUnknown(int a, int b) {
   if (!found.accepted() || !closure::fitsDownAndDepth(graph_.pose(a), graph_.pose(b), found.T_a_b)) return;
   ++counters_.places_accepted;
   const Seen seen = look(a, b);
-  Matrix6d known = kKnownScale * seen.prediction.covariance;
+  Matrix6d known = config_.graph.known_scale * seen.prediction.covariance;
   known.diagonal().head<3>().array() += kLeastSigma * kLeastSigma;
   known.diagonal().tail<3>().array() += kLeastAngle * kLeastAngle;
   const bool fits = closure::distanceFromPrior(found.T_a_b, found.covariance, seen.prediction.T_a_b, known) <=

@@ -1,6 +1,6 @@
 #include "recon/topside/commands/posegraph_command.hpp"
 
-#include <Eigen/Geometry>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -15,6 +15,7 @@
 
 #include "realtime/kernel/heap_counter.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/rigid_alignment.hpp"
 #include "recon/slam/batch_solver.hpp"
 #include "recon/slam/g2o_file.hpp"
 #include "recon/slam/pose_replay.hpp"
@@ -67,7 +68,7 @@ double alignedError(const std::vector<SE3>& poses, const std::vector<Eigen::Vect
     a.col(i) = poses[static_cast<std::size_t>(i)].translation();
     b.col(i) = truth[static_cast<std::size_t>(i)];
   }
-  const Eigen::Matrix4d T = Eigen::umeyama(a, b, false);
+  const Eigen::Matrix4d T = rigidAlignment(a, b);
   const Eigen::Matrix3Xd moved =
       (T.topLeftCorner<3, 3>() * a).colwise() + Eigen::Vector3d(T.topRightCorner<3, 1>());
   return std::sqrt((moved - b).colwise().squaredNorm().mean());

@@ -58,6 +58,7 @@ TopsideConfig readTopsideConfig(const std::filesystem::path& path) {
   config.slam_features = static_cast<int>(slam.integer("features", config.slam_features, 50, 5000));
   config.slam_candidates =
       static_cast<int>(slam.integer("candidates_per_pair", config.slam_candidates, 1, 100));
+  config.navigation.turned_sigmas = slam.number("turned_sigmas", config.navigation.turned_sigmas, 1, 100);
   config.navigation.noise = slam::readSensorNoise(root.table("sensors"), config.navigation.noise);
   const ConfigTable run = root.table("run");
   config.pairing_tolerance = run.number("pairing_tolerance_s", config.pairing_tolerance, 0.001, 1);

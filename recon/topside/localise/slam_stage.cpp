@@ -116,10 +116,10 @@ Digest localiseKey(const MissionInput& input, const TopsideConfig& config, const
   addNavigationSettings(hasher, config);
   const slam::SensorNoise& n = config.navigation.noise;
   static_assert(sizeof n == 160);  // a new setting belongs here too
-  hasher.add(config.slam, config.slam_features, config.slam_candidates, n.dvl_velocity, n.dvl_rate,
-             n.dvl_scale, n.dvl_heading, n.unknown_velocity, n.heading, n.tilt, n.deviation,
-             n.deviation_drift, n.deviation_turn, n.tilt_bias, n.tilt_turn, n.unknown_turn, n.gyro_walk,
-             n.depth, n.depth_offset, n.depth_drift, n.usbl_shift, n.usbl_turn, n.visual_scale);
+  hasher.add(config.slam, config.slam_features, config.slam_candidates, config.navigation.turned_sigmas,
+             n.dvl_velocity, n.dvl_rate, n.dvl_scale, n.dvl_heading, n.unknown_velocity, n.heading, n.tilt,
+             n.deviation, n.deviation_drift, n.deviation_turn, n.tilt_bias, n.tilt_turn, n.unknown_turn,
+             n.gyro_walk, n.depth, n.depth_offset, n.depth_drift, n.usbl_shift, n.usbl_turn, n.visual_scale);
   return hasher.finish();
 }
 

@@ -1,6 +1,5 @@
 #include "recon/topside/report/board_check_report.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -9,6 +8,7 @@
 
 #include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/symmetric_eigen.hpp"
 #include "telemetry/web/report_page.hpp"
 
 namespace fathom::topside {
@@ -59,15 +59,14 @@ web::Plot scatter(const BoardCheck& check, int a, int b) {
   Eigen::Matrix2d covariance;
   covariance << check.covariance(a, a), check.covariance(a, b), check.covariance(b, a),
       check.covariance(b, b);
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(1e6 * covariance);
+  const SymmetricEigen<2> axes = symmetricEigen<2>(1e6 * covariance);
   web::Series ellipse{.colour = web::kRed, .size = 2};
   constexpr int kCorners = 90;
   for (int i = 0; i <= kCorners; ++i) {
     const double angle = 2 * std::numbers::pi * i / kCorners;
     const Eigen::Vector2d way(std::cos(angle), std::sin(angle));
     ellipse.at.push_back(1e3 * Eigen::Vector2d(check.mean(a), check.mean(b)) +
-                         kSigmas * axes.eigenvectors() *
-                             axes.eigenvalues().cwiseMax(0.0).cwiseSqrt().cwiseProduct(way));
+                         kSigmas * axes.vectors * axes.values.cwiseMax(0.0).cwiseSqrt().cwiseProduct(way));
   }
   plot.series.push_back(std::move(ellipse));
   return plot;
