@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <unistd.h>
 
-#include "tests/programs/program_run.hpp"
+#include "tests/support/program_run.hpp"
 
 namespace fathom::test {
 namespace {
@@ -111,11 +111,8 @@ TEST_F(ReadmeGuide, EachCommandOfTheFiveTasksWorksAsItStandsThere) {
         fs::create_symlink(entry.path(), here_ / "dives/today" / entry.path().filename());
     }
     for (const std::string& command : task.commands) {
-      const std::string line = "cd " + here_.string() + " && " + asRunHere(command) + " >out 2>&1 </dev/null";
-      const int status = std::system(line.c_str());
-      EXPECT_EQ(WIFEXITED(status) ? WEXITSTATUS(status) : -1, expectedStatus(command))
-          << command << "\n"
-          << readText(here_ / "out");
+      const Outcome run = runCommand("cd " + here_.string() + " && " + asRunHere(command));
+      EXPECT_EQ(run.exit_code, expectedStatus(command)) << command << "\n" << run.out << run.err;
     }
   }
   for (const char* made : {"mesh.ply", "depth.png", "ship.key", "dives/mine/topside/tiles/tileset.json",
