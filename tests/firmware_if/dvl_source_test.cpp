@@ -9,8 +9,8 @@
 
 #include "firmware_if/files/civil_time.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
-#include "tests/firmware_if/pty_line.hpp"
 #include "tests/support/heap_counter.hpp"
+#include "tests/support/pty_line.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 

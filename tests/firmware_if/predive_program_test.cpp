@@ -14,9 +14,9 @@
 #include "realtime/kernel/clock.hpp"
 #include "telemetry/ship/ship_link.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
-#include "tests/firmware_if/pty_line.hpp"
 #include "tests/support/network_namespace.hpp"
 #include "tests/support/program_run.hpp"
+#include "tests/support/pty_line.hpp"
 
 namespace fathom::io {
 namespace {
