@@ -7,7 +7,6 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "firmware_if/files/civil_time.hpp"
 #include "firmware_if/files/mission.hpp"
 #include "firmware_if/lcm_bus/lcm_source.hpp"
 #include "firmware_if/modem/slip.hpp"
@@ -99,14 +98,7 @@ class Surroundings {
   }
   void sendEnsemble(std::int64_t now) {
     test::Pd0Builder builder;
-    const CivilTime civil = civilFromUtc(now);
-    builder.clock = {static_cast<std::uint8_t>(civil.year % 100),
-                     static_cast<std::uint8_t>(civil.month),
-                     static_cast<std::uint8_t>(civil.day),
-                     static_cast<std::uint8_t>(civil.hour),
-                     static_cast<std::uint8_t>(civil.minute),
-                     static_cast<std::uint8_t>(civil.second),
-                     static_cast<std::uint8_t>(civil.nanosecond / 10'000'000)};
+    builder.setClock(now);
     dvl.offer(builder.bytes());
   }
   std::shared_ptr<LcmBus> bus_;
