@@ -8,11 +8,7 @@
 namespace fathom::surface {
 
 Camera sceneCamera() {
-  Camera camera;
-  camera.width = 340, camera.height = 256;
-  camera.fx = 431, camera.fy = 430, camera.cx = 171.2, camera.cy = 126.6;
-  camera.k1 = 0.142, camera.k2 = 0.655, camera.p1 = 0.0021, camera.p2 = -0.0013;
-  return camera;
+  return {340, 256, 431, 430, 171.2, 126.6, 0.142, 0.655, 0.0021, -0.0013};
 }
 
 std::array<double, 3> seafloorPaint(double north, double east) {
