@@ -1,5 +1,3 @@
-#include "sim/boards_command.hpp"
-
 #include <cstdio>
 #include <memory>
 #include <optional>
@@ -8,6 +6,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/progress.hpp"
 #include "sim/boards/board_maker.hpp"
+#include "sim/commands.hpp"
 #include "sim/scenario/scenario_file.hpp"
 
 namespace fathom::sim {
@@ -44,10 +43,11 @@ int run(BoardsOptions& options) {
 
 }  // namespace
 
-std::function<int()> addBoardsCommand(CLI::App& app, CLI::App*& command) {
+Command addBoardsCommand(CLI::App& app) {
   const auto options = std::make_shared<BoardsOptions>();
   BoardMakerOptions& maker = options->maker;
-  command = app.add_subcommand("boards", "photograph a chessboard under water, with truth, for calibration");
+  CLI::App* command =
+      app.add_subcommand("boards", "photograph a chessboard under water, with truth, for calibration");
   command->footer("Example: fathom-sim boards --out boards --views 30");
   command->add_option("--out", maker.out, "folder to make: img/ and truth/")->required();
   command->add_option("--scenario", options->scenario,
@@ -66,7 +66,7 @@ std::function<int()> addBoardsCommand(CLI::App& app, CLI::App*& command) {
   command->add_option("--scale", options->scale, "of the images' sides")->check(CLI::Range(0.05, 1.0));
   command->add_option("--seed", maker.poses.seed, "of poses and noise")->capture_default_str();
   command->add_option("--threads", maker.threads, "0: all")->check(CLI::Range(0, 1024));
-  return [options] { return run(*options); };
+  return {command, [options] { return run(*options); }};
 }
 
 }  // namespace fathom::sim

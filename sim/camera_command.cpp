@@ -1,5 +1,3 @@
-#include "sim/camera_command.hpp"
-
 #include <atomic>
 #include <csignal>
 #include <cstdio>
@@ -9,6 +7,7 @@
 
 #include "firmware_if/files/mission.hpp"
 #include "realtime/kernel/clock.hpp"
+#include "sim/commands.hpp"
 #include "sim/hil/gige/gige_camera.hpp"
 
 namespace fathom::sim {
@@ -18,7 +17,7 @@ std::atomic<bool> stop_asked{false};
 
 }  // namespace
 
-std::function<int()> addCameraCommand(CLI::App& app, CLI::App*& command) {
+Command addCameraCommand(CLI::App& app) {
   struct State {
     std::filesystem::path mission, schedule, faults;
     std::string side = "left";
@@ -27,7 +26,8 @@ std::function<int()> addCameraCommand(CLI::App& app, CLI::App*& command) {
   };
   const auto state = std::make_shared<State>();
   GigeCameraOptions& o = state->camera;
-  command = app.add_subcommand("camera", "be a GigE Vision camera that plays the images of a mission");
+  CLI::App* command =
+      app.add_subcommand("camera", "be a GigE Vision camera that plays the images of a mission");
   command->footer(
       "Example: fathom-sim camera --mission missions/reef-quick --side left --serial SIM-L --interface "
       "127.0.0.1");
@@ -61,30 +61,32 @@ std::function<int()> addCameraCommand(CLI::App& app, CLI::App*& command) {
   command->add_option("--seed", o.seed, "of the packets that are lost")->capture_default_str();
   command->add_option("--log", o.log, "CSV file: what became of each exposure");
   command->add_flag("--exit-when-done", o.exit_when_done, "end after the last exposure (default: serve on)");
-  return [state] {
-    GigeCameraOptions& camera = state->camera;
-    const io::MissionConfig mission = io::readMissionConfig(state->mission);
-    const CameraSide side = state->side == "left" ? CameraSide::kLeft : CameraSide::kRight;
-    camera.images = io::MissionPaths(state->mission).images();
-    camera.format = side == CameraSide::kLeft ? mission.cameras.left_format : mission.cameras.right_format;
-    camera.bits = mission.cameras.bits;
-    constexpr std::int64_t kSoonNs = 1'000'000'000;
-    camera.start_utc_ns = state->start.value_or(rt::RealClock().utcNs() + kSoonNs);
-    FaultScript script;
-    if (!state->faults.empty()) script = readFaultScript(state->faults);
-    const GigeSchedule schedule = withFaults(
-        state->schedule.empty()
-            ? missionExposures(state->mission, side, state->mission_start.value_or(mission.start_utc_ns))
-            : listedExposures(state->schedule),
-        script, side);
-    std::signal(SIGINT, [](int) { stop_asked.store(true); });
-    std::signal(SIGTERM, [](int) { stop_asked.store(true); });
-    serveGigeCamera(camera, schedule, stop_asked, [&] {
-      std::printf("ready %s %s\n", camera.interface.c_str(), camera.serial.c_str());
-      std::fflush(stdout);
-    });
-    return 0;
-  };
+  return {
+      command, [state] {
+        GigeCameraOptions& camera = state->camera;
+        const io::MissionConfig mission = io::readMissionConfig(state->mission);
+        const CameraSide side = state->side == "left" ? CameraSide::kLeft : CameraSide::kRight;
+        camera.images = io::MissionPaths(state->mission).images();
+        camera.format =
+            side == CameraSide::kLeft ? mission.cameras.left_format : mission.cameras.right_format;
+        camera.bits = mission.cameras.bits;
+        constexpr std::int64_t kSoonNs = 1'000'000'000;
+        camera.start_utc_ns = state->start.value_or(rt::RealClock().utcNs() + kSoonNs);
+        FaultScript script;
+        if (!state->faults.empty()) script = readFaultScript(state->faults);
+        const GigeSchedule schedule = withFaults(
+            state->schedule.empty()
+                ? missionExposures(state->mission, side, state->mission_start.value_or(mission.start_utc_ns))
+                : listedExposures(state->schedule),
+            script, side);
+        std::signal(SIGINT, [](int) { stop_asked.store(true); });
+        std::signal(SIGTERM, [](int) { stop_asked.store(true); });
+        serveGigeCamera(camera, schedule, stop_asked, [&] {
+          std::printf("ready %s %s\n", camera.interface.c_str(), camera.serial.c_str());
+          std::fflush(stdout);
+        });
+        return 0;
+      }};
 }
 
 }  // namespace fathom::sim

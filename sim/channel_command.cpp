@@ -1,5 +1,3 @@
-#include "sim/channel_command.hpp"
-
 #include <charconv>
 #include <memory>
 #include <optional>
@@ -7,6 +5,7 @@
 #include <string>
 
 #include "realtime/kernel/input_error.hpp"
+#include "sim/commands.hpp"
 #include "sim/link/channel_relay.hpp"
 
 namespace fathom::sim {
@@ -26,7 +25,7 @@ void parseTarget(const std::string& target, ChannelRelayOptions& options) {
 
 }  // namespace
 
-std::function<int()> addChannelCommand(CLI::App& app, CLI::App*& command) {
+Command addChannelCommand(CLI::App& app) {
   struct State {
     ChannelRelayOptions options;
     std::string target;
@@ -34,7 +33,7 @@ std::function<int()> addChannelCommand(CLI::App& app, CLI::App*& command) {
   };
   const auto state = std::make_shared<State>();
   ChannelRelayOptions& o = state->options;
-  command = app.add_subcommand(
+  CLI::App* command = app.add_subcommand(
       "channel", "relay UDP frames through a simulated acoustic channel, until idle or SIGTERM");
   command->footer("Example: fathom-sim channel --listen 14700 --to 127.0.0.1:14701 --loss 0.1 --rate 300");
   command->add_option("--listen", o.listen_port, "UDP port that takes the vehicle's frames")
@@ -62,18 +61,18 @@ std::function<int()> addChannelCommand(CLI::App& app, CLI::App*& command) {
   command->add_option("--seed", o.channel.seed, "of every random number")->capture_default_str();
   command->add_option("--idle-exit", o.idle_exit_s, "end after this long without a frame [s], 0: never")
       ->check(CLI::NonNegativeNumber);
-  return [state] {
-    parseTarget(state->target, state->options);
-    ChannelConfig& down = state->options.down = state->options.channel;
-    down.loss = state->down_loss.value_or(down.loss);
-    down.mean_burst = state->down_burst.value_or(down.mean_burst);
-    down.rate_bps = state->down_rate.value_or(down.rate_bps);
-    try {
-      return runChannelRelay(state->options);
-    } catch (const std::invalid_argument& e) {
-      throw InputError("channel", "", e.what());
-    }
-  };
+  return {command, [state] {
+            parseTarget(state->target, state->options);
+            ChannelConfig& down = state->options.down = state->options.channel;
+            down.loss = state->down_loss.value_or(down.loss);
+            down.mean_burst = state->down_burst.value_or(down.mean_burst);
+            down.rate_bps = state->down_rate.value_or(down.rate_bps);
+            try {
+              return runChannelRelay(state->options);
+            } catch (const std::invalid_argument& e) {
+              throw InputError("channel", "", e.what());
+            }
+          }};
 }
 
 }  // namespace fathom::sim

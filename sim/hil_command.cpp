@@ -1,16 +1,15 @@
-#include "sim/hil_command.hpp"
-
 #include <memory>
 #include <string>
 
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/install_prefix.hpp"
+#include "sim/commands.hpp"
 #include "sim/hil/hil_compare.hpp"
 #include "sim/hil/hil_run.hpp"
 
 namespace fathom::sim {
 
-std::function<int()> addHilCommand(CLI::App& app, CLI::App*& command) {
+Command addHilCommand(CLI::App& app) {
   const auto options = std::make_shared<HilOptions>();
   HilOptions& o = *options;
   // A bench's water is clear and fast unless asked otherwise, so that a run can be held to the direct replay.
@@ -18,7 +17,7 @@ std::function<int()> addHilCommand(CLI::App& app, CLI::App*& command) {
   o.water.delay_s = 0.5;
   o.water.rate_bps = 2400;
   o.water.frame_bytes = 64;  // a fix and an acknowledgement in one
-  command =
+  CLI::App* command =
       app.add_subcommand("hil", "play a mission through real interfaces to fathom-onboard, in real time");
   command->footer("Example: fathom-sim hil missions/reef-quick --out run");
   command->add_option("mission", o.mission, "mission folder with pictures")->required();
@@ -62,20 +61,21 @@ std::function<int()> addHilCommand(CLI::App& app, CLI::App*& command) {
   command->add_option("--link-rate", o.water.rate_bps, "of either modem [bit/s]")
       ->check(CLI::Range(80.0, 5400.0))
       ->capture_default_str();
-  return [options] { return runHil(*options); };
+  return {command, [options] { return runHil(*options); }};
 }
 
-std::function<int()> addHilCompareCommand(CLI::App& app, CLI::App*& command) {
+Command addHilCompareCommand(CLI::App& app) {
   const auto options = std::make_shared<HilComparison>();
-  command = app.add_subcommand("hil-compare", "hold a run of hil to its replays and to what was injected");
+  CLI::App* command =
+      app.add_subcommand("hil-compare", "hold a run of hil to its replays and to what was injected");
   command->footer("Example: fathom-sim hil-compare run");
   command->add_option("run", options->run, "folder of the run")->required();
   command->add_option("mission", options->mission, "mission folder that was played")->required();
   command->add_option("--onboard", options->onboard, "fathom-onboard (default: beside this program)");
-  return [options] {
-    if (options->onboard.empty()) options->onboard = installPrefix() / "bin/fathom-onboard";
-    return compareHil(*options) ? kExitSuccess : kExitFailedWork;
-  };
+  return {command, [options] {
+            if (options->onboard.empty()) options->onboard = installPrefix() / "bin/fathom-onboard";
+            return compareHil(*options) ? kExitSuccess : kExitFailedWork;
+          }};
 }
 
 }  // namespace fathom::sim

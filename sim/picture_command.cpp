@@ -1,10 +1,9 @@
-#include "sim/picture_command.hpp"
-
 #include <cstdio>
 #include <memory>
 #include <string>
 
 #include "realtime/kernel/input_error.hpp"
+#include "sim/commands.hpp"
 #include "sim/picture/picture.hpp"
 
 namespace fathom::sim {
@@ -22,13 +21,13 @@ void requireWritable(const std::filesystem::path& png) {
 
 }  // namespace
 
-std::function<int()> addPictureCommand(CLI::App& app, CLI::App*& command) {
+Command addPictureCommand(CLI::App& app) {
   struct State {
     std::filesystem::path mesh, png;
     std::string view = "oblique", size = "1280x960";
   };
   const auto state = std::make_shared<State>();
-  command = app.add_subcommand("picture", "draw a PLY mesh as a PNG");
+  CLI::App* command = app.add_subcommand("picture", "draw a PLY mesh as a PNG");
   command->footer(
       "Example: fathom-sim picture missions/reef-grid/topside/mesh.ply --out mesh.png --view oblique");
   command->add_option("mesh", state->mesh, "PLY mesh in nav: north, east, down [m]")->required();
@@ -37,17 +36,17 @@ std::function<int()> addPictureCommand(CLI::App& app, CLI::App*& command) {
       ->check(CLI::IsMember({"top", "oblique"}))
       ->capture_default_str();
   command->add_option("--size", state->size, "WxH [px]")->capture_default_str();
-  return [state] {
-    PictureOptions options;
-    options.view = state->view == "top" ? PictureOptions::View::kTop : PictureOptions::View::kOblique;
-    int used = 0;
-    if (std::sscanf(state->size.c_str(), "%5dx%5d%n", &options.width, &options.height, &used) != 2 ||
-        static_cast<std::size_t>(used) != state->size.size())
-      throw InputError("--size", state->size, "is not WxH, such as 1280x960");
-    requireWritable(state->png);
-    drawPicture(state->mesh, state->png, options);
-    return static_cast<int>(kExitSuccess);
-  };
+  return {command, [state] {
+            PictureOptions options;
+            options.view = state->view == "top" ? PictureOptions::View::kTop : PictureOptions::View::kOblique;
+            int used = 0;
+            if (std::sscanf(state->size.c_str(), "%5dx%5d%n", &options.width, &options.height, &used) != 2 ||
+                static_cast<std::size_t>(used) != state->size.size())
+              throw InputError("--size", state->size, "is not WxH, such as 1280x960");
+            requireWritable(state->png);
+            drawPicture(state->mesh, state->png, options);
+            return static_cast<int>(kExitSuccess);
+          }};
 }
 
 }  // namespace fathom::sim

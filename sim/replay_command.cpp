@@ -1,5 +1,3 @@
-#include "sim/replay_command.hpp"
-
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -8,6 +6,7 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/onboard/replay.hpp"
+#include "sim/commands.hpp"
 #include "sim/link/simulated_ship.hpp"
 
 namespace fathom::sim {
@@ -48,10 +47,10 @@ int run(State& s) {
 
 }  // namespace
 
-std::function<int()> addReplayCommand(CLI::App& app, CLI::App*& command) {
+Command addReplayCommand(CLI::App& app) {
   const auto state = std::make_shared<State>();
   State& s = *state;
-  command = app.add_subcommand(
+  CLI::App* command = app.add_subcommand(
       "replay", "replay a mission as fathom-onboard does, speaking with a ship through simulated water");
   command->footer("Example: fathom-sim replay missions/reef-grid --heard heard.bin --loss 0.3");
   command->add_option("mission", s.replay.mission, "mission folder")->required();
@@ -72,7 +71,7 @@ std::function<int()> addReplayCommand(CLI::App& app, CLI::App*& command) {
   command->add_option("--seed", s.water.seed, "of every random number")->capture_default_str();
   command->add_option("--off", s.off, "the ship's computer is off FROM TO, in seconds of the mission")
       ->expected(2);
-  return [state] { return run(*state); };
+  return {command, [state] { return run(*state); }};
 }
 
 }  // namespace fathom::sim

@@ -1,18 +1,31 @@
-#include "sim/score_command.hpp"
-
 #include <cstdio>
+#include <memory>
 
 #include "realtime/kernel/input_error.hpp"
+#include "sim/commands.hpp"
 #include "sim/score/score.hpp"
 
 namespace fathom::sim {
 
-int runScore(const std::filesystem::path& mission, const std::vector<std::filesystem::path>& surfaces,
-             bool json) {
-  const ScoreReport report = scoreMission(mission, surfaces);
-  for (const std::string& note : report.notes) std::fprintf(stderr, "note: %s\n", note.c_str());
-  std::printf("%s\n", json ? scoreJson(report).c_str() : scoreTable(report).c_str());
-  return kExitSuccess;
+Command addScoreCommand(CLI::App& app) {
+  struct State {
+    std::filesystem::path mission;
+    std::vector<std::filesystem::path> surfaces;
+    bool json = false;
+  };
+  const auto state = std::make_shared<State>();
+  CLI::App* command = app.add_subcommand("score", "compare what was estimated with the truth");
+  command->footer("Example: fathom-sim score missions/reef-grid");
+  command->add_option("mission", state->mission, "mission folder")->required();
+  command->add_option("--surface", state->surfaces,
+                      "also these PLY meshes in nav, such as levels of the model");
+  command->add_flag("--json", state->json, "one JSON object instead of a table");
+  return {command, [state] {
+            const ScoreReport report = scoreMission(state->mission, state->surfaces);
+            for (const std::string& note : report.notes) std::fprintf(stderr, "note: %s\n", note.c_str());
+            std::printf("%s\n", state->json ? scoreJson(report).c_str() : scoreTable(report).c_str());
+            return kExitSuccess;
+          }};
 }
 
 }  // namespace fathom::sim

@@ -35,11 +35,6 @@ void SensorLogWriter::write(std::int64_t arrival_utc_ns, const SensorSample& sam
     impl_->events.write(eventTime(arrival_utc_ns), twin->channel, twin->data);
 }
 
-void SensorLogWriter::writeRaw(std::int64_t arrival_utc_ns, const std::string& source,
-                               std::span<const std::uint8_t> bytes) {
-  impl_->events.write(eventTime(arrival_utc_ns), source, encodeRaw(arrival_utc_ns, bytes));
-}
-
 void SensorLogWriter::flush() {
   impl_->events.sync();
 }

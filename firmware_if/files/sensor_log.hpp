@@ -30,8 +30,6 @@ class SensorLogWriter {
   SensorLogWriter& operator=(const SensorLogWriter&) = delete;
 
   void write(std::int64_t arrival_utc_ns, const SensorSample& sample);
-  // Bytes as they came off a device, beside the decoded ones: `source` is "RAW_DVL", "RAW_CAN", "RAW_MODEM".
-  void writeRaw(std::int64_t arrival_utc_ns, const std::string& source, std::span<const std::uint8_t> bytes);
   // Waits until the disk has it; until then a loss of power may cost the last entries.
   void flush();
 

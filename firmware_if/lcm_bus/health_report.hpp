@@ -4,9 +4,7 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <optional>
-#include <span>
 #include <string>
-#include <string_view>
 
 #include "firmware_if/lcm_bus/short_list.hpp"
 #include "firmware_if/log/log_messages.hpp"
@@ -103,12 +101,5 @@ struct HealthReport {
 [[nodiscard]] LogMessage encodeMap(const MapReport& map);
 [[nodiscard]] LogMessage encodeLink(const LinkReport& link);
 [[nodiscard]] LogMessage encodeHealth(const HealthReport& health);
-
-// std::nullopt for a message whose fingerprint, lengths or CRC are wrong. Lists longer than a report holds
-// lose their end; names lose what is beyond ShortName::kMax.
-[[nodiscard]] std::optional<PoseReport> decodePose(std::span<const std::uint8_t> data);
-[[nodiscard]] std::optional<MapReport> decodeMap(std::span<const std::uint8_t> data);
-[[nodiscard]] std::optional<LinkReport> decodeLink(std::span<const std::uint8_t> data);
-[[nodiscard]] std::optional<HealthReport> decodeHealth(std::span<const std::uint8_t> data);
 
 }  // namespace fathom::io

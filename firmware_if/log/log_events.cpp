@@ -74,7 +74,7 @@ LogEventReader::~LogEventReader() {
 void LogEventReader::rewind() {
   ::lseek(fd_, static_cast<off_t>(from_), SEEK_SET);
   begin_ = end_ = 0;
-  damaged_ = begin_of_last_event_ = end_of_last_event_ = 0;
+  damaged_ = end_of_last_event_ = 0;
   buffer_file_offset_ = from_;
   at_end_of_file_ = false;
 }
@@ -162,7 +162,6 @@ bool LogEventReader::next(LogEvent& event) {
     event.timestamp_us = bigEndian64(p + 12);
     event.channel = {reinterpret_cast<const char*>(p + kHeaderBytes), channel_bytes};
     event.data = {p + kHeaderBytes + channel_bytes, data_bytes};
-    begin_of_last_event_ = buffer_file_offset_ + begin_;
     begin_ += event_bytes;
     end_of_last_event_ = buffer_file_offset_ + begin_;
     return true;

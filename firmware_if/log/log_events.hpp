@@ -47,8 +47,7 @@ class LogEventReader {
   // Begins again where it began, with the counts at zero.
   void rewind();
   [[nodiscard]] std::uint64_t damagedStretches() const { return damaged_; }
-  // Offsets in the file of the last event that was returned, and just behind it [bytes].
-  [[nodiscard]] std::uint64_t beginOfLastEvent() const { return begin_of_last_event_; }
+  // Offset in the file just behind the last event that was returned [bytes].
   [[nodiscard]] std::uint64_t endOfLastEvent() const { return end_of_last_event_; }
 
  private:
@@ -63,7 +62,7 @@ class LogEventReader {
   std::uint64_t buffer_file_offset_ = 0;  // in the file, of buffer_[0]
   bool at_end_of_file_ = false;
   std::uint64_t damaged_ = 0;
-  std::uint64_t begin_of_last_event_ = 0, end_of_last_event_ = 0;
+  std::uint64_t end_of_last_event_ = 0;
 };
 
 // Where a log ends, found from its end: five hours of it are not read for that.

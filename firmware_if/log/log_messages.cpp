@@ -2,9 +2,7 @@
 
 #include <acfrlcm/auv_vis_rawlog_t.hpp>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <exception>
 #include <fathom/attitude_t.hpp>
 #include <fathom/battery_t.hpp>
 #include <fathom/depth_t.hpp>
@@ -19,6 +17,7 @@
 #include <senlcm/parosci_t.hpp>
 #include <senlcm/tcm_t.hpp>
 #include <senlcm/usbl_fix_t.hpp>
+#include <utility>
 
 #include "firmware_if/files/images/image_file.hpp"
 #include "firmware_if/log/checked_message.hpp"
@@ -40,213 +39,171 @@ constexpr std::size_t kImageNameAt = 8 + 8 + 8 + 1, kImageRest = 8 + 4;
 constexpr std::size_t kRawSizeAt = 8 + 8, kRawRest = 4;
 constexpr std::size_t kVisNameAt = 8 + 8, kVisRest = 4;
 
-struct Encoder {
-  std::int64_t arrival_utc_ns;
-
-  LogMessage operator()(const DvlSample& s) const {
-    dvl_t m = {};
-    m.arrival_utc_ns = arrival_utc_ns;
-    m.utc_ns = s.utc_ns;
-    m.has_velocity = s.velocity ? 1 : 0;
-    for (int i = 0; i < 3; ++i) m.velocity[i] = s.velocity ? (*s.velocity)(i) : 0.0;
-    for (std::size_t i = 0; i < 4; ++i) {
-      m.has_range[i] = s.range[i] ? 1 : 0;
-      m.range[i] = s.range[i].value_or(0.0);
-    }
-    m.has_altitude = s.altitude ? 1 : 0;
-    m.altitude = s.altitude.value_or(0.0);
-    m.sound_speed = s.sound_speed;
-    return {"RDI", encodeChecked(m)};
+// The two ways between a message's member `m` and a sample's `s`; absent values are told by their has_...
+struct ToMessage {
+  template <class M, class S>
+  void operator()(M& m, const S& s) const {
+    m = static_cast<M>(s);
   }
-  LogMessage operator()(const AttitudeSample& s) const {
-    attitude_t m = {};
-    m.arrival_utc_ns = arrival_utc_ns;
-    m.utc_ns = s.utc_ns;
-    m.roll = s.roll;
-    m.pitch = s.pitch;
-    m.heading = s.heading;
-    m.magnetic = s.magnetic ? 1 : 0;
-    return {"FATHOM_ATTITUDE", encodeChecked(m)};
+  void operator()(std::int8_t& has, double& m, const std::optional<double>& s) const {
+    has = s ? 1 : 0;
+    m = s.value_or(0.0);
   }
-  LogMessage operator()(const GyroSample& s) const {
-    gyro_t m = {};
-    m.arrival_utc_ns = arrival_utc_ns;
-    m.utc_ns = s.utc_ns;
-    m.has_body_rate = s.body_rate ? 1 : 0;
-    for (int i = 0; i < 3; ++i) m.body_rate[i] = s.body_rate ? (*s.body_rate)(i) : 0.0;
-    m.has_heading_rate = s.heading_rate ? 1 : 0;
-    m.heading_rate = s.heading_rate.value_or(0.0);
-    return {"FATHOM_GYRO", encodeChecked(m)};
+  void operator()(std::int8_t& has, double (&m)[3], const std::optional<Eigen::Vector3d>& s) const {
+    has = s ? 1 : 0;
+    Eigen::Vector3d::Map(m) = s.value_or(Eigen::Vector3d::Zero());
   }
-  LogMessage operator()(const DepthSample& s) const {
-    depth_t m = {};
-    m.arrival_utc_ns = arrival_utc_ns;
-    m.utc_ns = s.utc_ns;
-    m.depth = s.depth;
-    return {"FATHOM_DEPTH", encodeChecked(m)};
+};
+struct ToSample {
+  template <class M, class S>
+  void operator()(const M& m, S& s) const {
+    s = static_cast<S>(m);
   }
-  LogMessage operator()(const UsblFix& s) const {
-    usbl_t m = {};
-    m.arrival_utc_ns = arrival_utc_ns;
-    m.utc_ns = s.utc_ns;
-    m.fix_arrival_utc_ns = s.arrival_utc_ns;
-    m.latitude = s.latitude;
-    m.longitude = s.longitude;
-    m.depth = s.depth;
-    m.sigma_horizontal = s.sigma_horizontal;
-    return {"FATHOM_USBL", encodeChecked(m)};
-  }
-  LogMessage operator()(const GpsFix& s) const {
-    gps_t m = {};
-    m.arrival_utc_ns = arrival_utc_ns;
-    m.utc_ns = s.utc_ns;
-    m.latitude = s.latitude;
-    m.longitude = s.longitude;
-    m.sigma_horizontal = s.sigma_horizontal;
-    return {"FATHOM_GPS", encodeChecked(m)};
-  }
-  LogMessage operator()(const WaterSample& s) const {
-    water_t m = {};
-    m.arrival_utc_ns = arrival_utc_ns;
-    m.utc_ns = s.utc_ns;
-    const std::array<const std::optional<double>*, 6> values = {
-        &s.conductivity, &s.temperature, &s.sound_speed, &s.chlorophyll, &s.cdom, &s.turbidity};
-    for (std::size_t i = 0; i < values.size(); ++i) {
-      m.has_value[i] = values[i]->has_value() ? 1 : 0;
-      m.value[i] = values[i]->value_or(0.0);
-    }
-    return {"FATHOM_WATER", encodeChecked(m)};
-  }
-  LogMessage operator()(const BatterySample& s) const {
-    battery_t m = {};
-    m.arrival_utc_ns = arrival_utc_ns;
-    m.utc_ns = s.utc_ns;
-    const std::array<const std::optional<double>*, 3> values = {&s.voltage, &s.current, &s.charge};
-    for (std::size_t i = 0; i < values.size(); ++i) {
-      m.has_value[i] = values[i]->has_value() ? 1 : 0;
-      m.value[i] = values[i]->value_or(0.0);
-    }
-    return {"FATHOM_BATTERY", encodeChecked(m)};
-  }
-  LogMessage operator()(const MissionProgressSample& s) const {
-    progress_t m = {};
-    m.arrival_utc_ns = arrival_utc_ns;
-    m.utc_ns = s.utc_ns;
-    m.fraction = s.fraction;
-    return {"FATHOM_PROGRESS", encodeChecked(m)};
-  }
-  LogMessage operator()(const ImageEvent& s) const {
-    image_t m = {};
-    m.arrival_utc_ns = arrival_utc_ns;
-    m.utc_ns = s.utc_ns;
-    m.side = static_cast<std::int8_t>(s.side);
-    m.file_name = s.file_name;
-    m.exposure = s.exposure_s;
-    return {"FATHOM_IMAGE", encodeChecked(m)};
+  template <class M, class S>
+  void operator()(std::int8_t has, const M& m, std::optional<S>& s) const {
+    if (has != 0) s = S(m);
   }
 };
 
-std::optional<DecodedSample> decodeDvl(std::span<const std::uint8_t> data) {
-  dvl_t m = {};
-  if (!decodeWhole(data, m)) return std::nullopt;
-  DvlSample s;
-  s.utc_ns = m.utc_ns;
-  if (m.has_velocity != 0) s.velocity = Eigen::Vector3d(m.velocity[0], m.velocity[1], m.velocity[2]);
-  for (std::size_t i = 0; i < 4; ++i)
-    if (m.has_range[i] != 0) s.range[i] = m.range[i];
-  if (m.has_altitude != 0) s.altitude = m.altitude;
-  s.sound_speed = m.sound_speed;
-  return DecodedSample{m.arrival_utc_ns, s};
-}
-
-std::optional<DecodedSample> decodeAttitude(std::span<const std::uint8_t> data) {
-  attitude_t m = {};
-  if (!decodeWhole(data, m)) return std::nullopt;
-  return DecodedSample{m.arrival_utc_ns,
-                       AttitudeSample{m.utc_ns, m.roll, m.pitch, m.heading, m.magnetic != 0}};
-}
-
-std::optional<DecodedSample> decodeGyro(std::span<const std::uint8_t> data) {
-  gyro_t m = {};
-  if (!decodeWhole(data, m)) return std::nullopt;
-  GyroSample s;
-  s.utc_ns = m.utc_ns;
-  if (m.has_body_rate != 0) s.body_rate = Eigen::Vector3d(m.body_rate[0], m.body_rate[1], m.body_rate[2]);
-  if (m.has_heading_rate != 0) s.heading_rate = m.heading_rate;
-  return DecodedSample{m.arrival_utc_ns, s};
-}
-
-std::optional<DecodedSample> decodeDepth(std::span<const std::uint8_t> data) {
-  depth_t m = {};
-  if (!decodeWhole(data, m)) return std::nullopt;
-  return DecodedSample{m.arrival_utc_ns, DepthSample{m.utc_ns, m.depth}};
-}
-
-std::optional<DecodedSample> decodeUsbl(std::span<const std::uint8_t> data) {
-  usbl_t m = {};
-  if (!decodeWhole(data, m)) return std::nullopt;
-  return DecodedSample{m.arrival_utc_ns, UsblFix{m.utc_ns, m.fix_arrival_utc_ns, m.latitude, m.longitude,
-                                                 m.depth, m.sigma_horizontal}};
-}
-
-std::optional<DecodedSample> decodeGps(std::span<const std::uint8_t> data) {
-  gps_t m = {};
-  if (!decodeWhole(data, m)) return std::nullopt;
-  return DecodedSample{m.arrival_utc_ns, GpsFix{m.utc_ns, m.latitude, m.longitude, m.sigma_horizontal}};
-}
-
-std::optional<DecodedSample> decodeWater(std::span<const std::uint8_t> data) {
-  water_t m = {};
-  if (!decodeWhole(data, m)) return std::nullopt;
-  WaterSample s;
-  s.utc_ns = m.utc_ns;
-  const std::array<std::optional<double>*, 6> values = {&s.conductivity, &s.temperature, &s.sound_speed,
-                                                        &s.chlorophyll,  &s.cdom,        &s.turbidity};
-  for (std::size_t i = 0; i < values.size(); ++i)
-    if (m.has_value[i] != 0) *values[i] = m.value[i];
-  return DecodedSample{m.arrival_utc_ns, s};
-}
-
-std::optional<DecodedSample> decodeBattery(std::span<const std::uint8_t> data) {
-  battery_t m = {};
-  if (!decodeWhole(data, m)) return std::nullopt;
-  BatterySample s;
-  s.utc_ns = m.utc_ns;
-  const std::array<std::optional<double>*, 3> values = {&s.voltage, &s.current, &s.charge};
-  for (std::size_t i = 0; i < values.size(); ++i)
-    if (m.has_value[i] != 0) *values[i] = m.value[i];
-  return DecodedSample{m.arrival_utc_ns, s};
-}
-
-std::optional<DecodedSample> decodeProgress(std::span<const std::uint8_t> data) {
-  progress_t m = {};
-  if (!decodeWhole(data, m) || !(m.fraction >= 0 && m.fraction <= 1)) return std::nullopt;
-  return DecodedSample{m.arrival_utc_ns, MissionProgressSample{m.utc_ns, m.fraction}};
-}
-
-std::optional<DecodedSample> decodeImage(std::span<const std::uint8_t> data) {
-  image_t m = {};
-  if (!lengthFits(data, kImageNameAt, kImageRest) || !decodeWhole(data, m)) return std::nullopt;
-  if ((m.side != 0 && m.side != 1) || !plainFileName(m.file_name) || m.file_name.size() > FileName::kMost)
-    return std::nullopt;
-  return DecodedSample{m.arrival_utc_ns,
-                       ImageEvent{m.utc_ns, static_cast<CameraSide>(m.side), m.file_name, m.exposure}};
-}
-
-struct SampleChannel {
-  std::string_view name;
-  std::optional<DecodedSample> (*decode)(std::span<const std::uint8_t>);
+// The message of a sample, and their members besides utc_ns, named once for both ways: go(m.member,
+// s.member).
+template <class Sample>
+struct Coded;
+template <>
+struct Coded<DvlSample> {
+  using Message = dvl_t;
+  static constexpr std::string_view kChannel = "RDI";
+  static void members(auto go, auto& m, auto& s) {
+    go(m.has_velocity, m.velocity, s.velocity);
+    for (std::size_t i = 0; i < 4; ++i) go(m.has_range[i], m.range[i], s.range[i]);
+    go(m.has_altitude, m.altitude, s.altitude);
+    go(m.sound_speed, s.sound_speed);
+  }
 };
-constexpr std::array<SampleChannel, 10> kSampleChannels = {{{"RDI", decodeDvl},
-                                                            {"FATHOM_ATTITUDE", decodeAttitude},
-                                                            {"FATHOM_GYRO", decodeGyro},
-                                                            {"FATHOM_DEPTH", decodeDepth},
-                                                            {"FATHOM_USBL", decodeUsbl},
-                                                            {"FATHOM_GPS", decodeGps},
-                                                            {"FATHOM_WATER", decodeWater},
-                                                            {"FATHOM_BATTERY", decodeBattery},
-                                                            {"FATHOM_PROGRESS", decodeProgress},
-                                                            {"FATHOM_IMAGE", decodeImage}}};
+template <>
+struct Coded<AttitudeSample> {
+  using Message = attitude_t;
+  static constexpr std::string_view kChannel = "FATHOM_ATTITUDE";
+  static void members(auto go, auto& m, auto& s) {
+    go(m.roll, s.roll);
+    go(m.pitch, s.pitch);
+    go(m.heading, s.heading);
+    go(m.magnetic, s.magnetic);
+  }
+};
+template <>
+struct Coded<GyroSample> {
+  using Message = gyro_t;
+  static constexpr std::string_view kChannel = "FATHOM_GYRO";
+  static void members(auto go, auto& m, auto& s) {
+    go(m.has_body_rate, m.body_rate, s.body_rate);
+    go(m.has_heading_rate, m.heading_rate, s.heading_rate);
+  }
+};
+template <>
+struct Coded<DepthSample> {
+  using Message = depth_t;
+  static constexpr std::string_view kChannel = "FATHOM_DEPTH";
+  static void members(auto go, auto& m, auto& s) { go(m.depth, s.depth); }
+};
+template <>
+struct Coded<UsblFix> {
+  using Message = usbl_t;
+  static constexpr std::string_view kChannel = "FATHOM_USBL";
+  static void members(auto go, auto& m, auto& s) {
+    go(m.fix_arrival_utc_ns, s.arrival_utc_ns);
+    go(m.latitude, s.latitude);
+    go(m.longitude, s.longitude);
+    go(m.depth, s.depth);
+    go(m.sigma_horizontal, s.sigma_horizontal);
+  }
+};
+template <>
+struct Coded<GpsFix> {
+  using Message = gps_t;
+  static constexpr std::string_view kChannel = "FATHOM_GPS";
+  static void members(auto go, auto& m, auto& s) {
+    go(m.latitude, s.latitude);
+    go(m.longitude, s.longitude);
+    go(m.sigma_horizontal, s.sigma_horizontal);
+  }
+};
+template <>
+struct Coded<WaterSample> {
+  using Message = water_t;
+  static constexpr std::string_view kChannel = "FATHOM_WATER";
+  static void members(auto go, auto& m, auto& s) {
+    std::size_t i = 0;
+    for (auto* value :
+         {&s.conductivity, &s.temperature, &s.sound_speed, &s.chlorophyll, &s.cdom, &s.turbidity}) {
+      go(m.has_value[i], m.value[i], *value);
+      ++i;
+    }
+  }
+};
+template <>
+struct Coded<BatterySample> {
+  using Message = battery_t;
+  static constexpr std::string_view kChannel = "FATHOM_BATTERY";
+  static void members(auto go, auto& m, auto& s) {
+    go(m.has_value[0], m.value[0], s.voltage);
+    go(m.has_value[1], m.value[1], s.current);
+    go(m.has_value[2], m.value[2], s.charge);
+  }
+};
+template <>
+struct Coded<MissionProgressSample> {
+  using Message = progress_t;
+  static constexpr std::string_view kChannel = "FATHOM_PROGRESS";
+  static bool canBe(const progress_t& m) { return m.fraction >= 0 && m.fraction <= 1; }
+  static void members(auto go, auto& m, auto& s) { go(m.fraction, s.fraction); }
+};
+template <>
+struct Coded<ImageEvent> {
+  using Message = image_t;
+  static constexpr std::string_view kChannel = "FATHOM_IMAGE";
+  static bool lengthsFit(std::span<const std::uint8_t> data) {
+    return lengthFits(data, kImageNameAt, kImageRest);
+  }
+  static bool canBe(const image_t& m) {
+    return (m.side == 0 || m.side == 1) && plainFileName(m.file_name) &&
+           m.file_name.size() <= FileName::kMost;
+  }
+  static void members(auto go, auto& m, auto& s) {
+    go(m.side, s.side);
+    go(m.file_name, s.file_name);
+    go(m.exposure, s.exposure_s);
+  }
+};
+
+template <class Sample>
+std::optional<DecodedSample> decodeAs(std::span<const std::uint8_t> data) {
+  using C = Coded<Sample>;
+  typename C::Message m = {};
+  if constexpr (requires { C::lengthsFit(data); })
+    if (!C::lengthsFit(data)) return std::nullopt;
+  if (!decodeWhole(data, m)) return std::nullopt;
+  if constexpr (requires { C::canBe(m); })
+    if (!C::canBe(m)) return std::nullopt;
+  Sample s;
+  s.utc_ns = m.utc_ns;
+  C::members(ToSample{}, std::as_const(m), s);
+  return DecodedSample{m.arrival_utc_ns, s};
+}
+
+using Decode = std::optional<DecodedSample> (*)(std::span<const std::uint8_t>);
+
+// nullptr for another channel.
+template <class... Sample>
+Decode decoderOf(std::string_view channel, const std::variant<Sample...>*) {
+  Decode found = nullptr;
+  ((channel == Coded<Sample>::kChannel ? static_cast<void>(found = decodeAs<Sample>) : static_cast<void>(0)),
+   ...);
+  return found;
+}
+Decode sampleDecoder(std::string_view channel) {
+  return decoderOf(channel, static_cast<const SensorSample*>(nullptr));
+}
 
 // ns of an ACFR utime; std::nullopt beyond int64.
 std::optional<std::int64_t> nanoseconds(std::int64_t utime) {
@@ -288,7 +245,15 @@ std::optional<SensorSample> acfrSample(std::string_view channel, std::span<const
 }  // namespace
 
 LogMessage encodeSample(std::int64_t arrival_utc_ns, const SensorSample& sample) {
-  return std::visit(Encoder{arrival_utc_ns}, sample);
+  return std::visit(
+      [arrival_utc_ns]<class Sample>(const Sample& s) -> LogMessage {
+        typename Coded<Sample>::Message m = {};
+        m.arrival_utc_ns = arrival_utc_ns;
+        m.utc_ns = s.utc_ns;
+        Coded<Sample>::members(ToMessage{}, m, s);
+        return {std::string(Coded<Sample>::kChannel), encodeChecked(m)};
+      },
+      sample);
 }
 
 std::optional<LogMessage> encodeAcfrTwin(const SensorSample& sample, const std::string& vehicle_name) {
@@ -336,8 +301,7 @@ std::vector<std::uint8_t> encodeRaw(std::int64_t arrival_utc_ns, std::span<const
 }
 
 ChannelKind channelKind(std::string_view channel) {
-  for (const SampleChannel& known : kSampleChannels)
-    if (channel == known.name) return ChannelKind::kSample;
+  if (sampleDecoder(channel) != nullptr) return ChannelKind::kSample;
   if (channel == "TCM" || channel == "PAROSCI" || channel == "ACFR_AUV_VIS_RAWLOG" ||
       channel.substr(0, kUsblPrefix.size()) == kUsblPrefix)
     return ChannelKind::kAcfr;
@@ -346,10 +310,8 @@ ChannelKind channelKind(std::string_view channel) {
 }
 
 std::optional<DecodedSample> decodeSample(std::string_view channel, std::span<const std::uint8_t> data) {
-  if (!checkHolds(data)) return std::nullopt;
-  for (const SampleChannel& known : kSampleChannels)
-    if (channel == known.name) return known.decode(data);
-  return std::nullopt;
+  const Decode decode = sampleDecoder(channel);
+  return decode != nullptr && checkHolds(data) ? decode(data) : std::nullopt;
 }
 
 std::optional<DecodedSample> decodeAcfr(std::string_view channel, std::int64_t timestamp_us,

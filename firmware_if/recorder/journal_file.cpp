@@ -71,11 +71,9 @@ void JournalFile::takeRoom(std::uint64_t room, std::uint64_t leave_free) noexcep
   const std::uint64_t free = std::uint64_t{disk.f_bavail} * disk.f_frsize;
   room = std::min(room, free > leave_free ? free - leave_free : 0);
   for (; room >= kLeastRoom; room /= 2) {
-    if (::fallocate(fd_, FALLOC_FL_KEEP_SIZE, static_cast<off_t>(synced_), static_cast<off_t>(room)) == 0) {
-      room_taken_ = room;
+    if (::fallocate(fd_, FALLOC_FL_KEEP_SIZE, static_cast<off_t>(synced_), static_cast<off_t>(room)) == 0 ||
+        errno != ENOSPC)  // not every file system can
       return;
-    }
-    if (errno != ENOSPC) return;  // not every file system can
   }
 }
 

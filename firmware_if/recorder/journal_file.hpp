@@ -42,7 +42,6 @@ class JournalFile {
   [[nodiscard]] std::uint64_t size() const noexcept { return synced_ + written_; }
   [[nodiscard]] std::uint64_t wholeAtStart() const noexcept { return whole_at_start_; }
   [[nodiscard]] std::uint64_t cutAtStart() const noexcept { return cut_at_start_; }
-  [[nodiscard]] std::uint64_t roomTaken() const noexcept { return room_taken_; }  // behind the start
 
  private:
   void dropFromCache() noexcept;
@@ -52,7 +51,7 @@ class JournalFile {
   std::int64_t next_number_ = 0;
   std::uint64_t synced_ = 0;       // of the file on the disk for certain
   std::uint64_t cached_from_ = 0;  // the system's cache was emptied up to here
-  std::uint64_t whole_at_start_ = 0, cut_at_start_ = 0, room_taken_ = 0;
+  std::uint64_t whole_at_start_ = 0, cut_at_start_ = 0;
   std::vector<std::uint8_t> memory_;  // what follows synced_
   std::size_t written_ = 0;           // of memory_, handed to the system
 };

@@ -12,7 +12,6 @@
 
 #include "firmware_if/files/images/image_file.hpp"
 #include "firmware_if/files/mission_folder.hpp"
-#include "firmware_if/files/mission_recorder.hpp"
 #include "firmware_if/log/recording_gap.hpp"
 #include "firmware_if/recorder/disk_guard.hpp"
 #include "firmware_if/recorder/found_recording.hpp"
@@ -62,7 +61,7 @@ struct Recorder::Impl {
        const RecorderConfig& configuration, ViewOf view, Release give_back)
       : paths(folder),
         config(configuration),
-        mission(prepareMissionFolder(folder, given, rig, false)),
+        mission(prepareMissionFolder(folder, given, rig)),
         journal(paths.log(), plannedBytes(config, mission, rig).log, mebibytes(config.log_reserve_mib)),
         images(paths.images(), config.image_queue, std::move(view), std::move(give_back)),
         guard(config.image_reserve_mib, config.log_reserve_mib) {

@@ -39,8 +39,4 @@ struct HeightTile {
   [[nodiscard]] const Node& at(int i, int j) const { return nodes[static_cast<std::size_t>(i * kSide + j)]; }
 };
 
-// Adds the tile's triangles to a mesh in nav, normals up: two triangles a cell whose four nodes are seen, one
-// where three are.
-void appendTile(Mesh& mesh, const HeightTile& tile);
-
 }  // namespace fathom

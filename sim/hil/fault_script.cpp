@@ -10,10 +10,6 @@ namespace fathom::sim {
 namespace {
 
 constexpr double kLongestMission = 1e6;  // [s]
-constexpr std::array<std::string_view, kFaultKinds> kNames = {
-    "lost_packets", "lost_frames", "skew",          "id_wrap",   "camera_reboot", "can_bus_off",
-    "dvl_garbage",  "dvl_silence", "modem_silence", "disk_full", "cpu_hog",       "clock_step"};
-
 // What a fault acts on: two at one time on one of these would mix their counts.
 enum Device : unsigned {
   kLeft = 1,
@@ -23,32 +19,31 @@ enum Device : unsigned {
   kModem = 16,
   kDisk = 32,
   kCpu = 64,
-  kClock = 128
+  kClock = 128,
+  kCameras = kLeft | kRight  // those that the fault names
 };
 
+struct Kind {
+  std::string_view name;
+  unsigned devices;
+};
+// By FaultKind.
+constexpr std::array<Kind, kFaultKinds> kKinds = {{{"lost_packets", kCameras},
+                                                   {"lost_frames", kCameras},
+                                                   {"skew", kCameras},
+                                                   {"id_wrap", kCameras},
+                                                   {"camera_reboot", kCameras},
+                                                   {"can_bus_off", kCan},
+                                                   {"dvl_garbage", kDvl},
+                                                   {"dvl_silence", kDvl},
+                                                   {"modem_silence", kModem},
+                                                   {"disk_full", kDisk},
+                                                   {"cpu_hog", kCpu},
+                                                   {"clock_step", kClock}}};
+
 unsigned devicesOf(const Fault& f) {
-  switch (f.kind) {
-    case FaultKind::kLostPackets:
-    case FaultKind::kLostFrames:
-    case FaultKind::kSkew:
-    case FaultKind::kIdWrap:
-    case FaultKind::kCameraReboot:
-      return (f.left ? kLeft : 0U) | (f.right ? kRight : 0U);
-    case FaultKind::kCanBusOff:
-      return kCan;
-    case FaultKind::kDvlGarbage:
-    case FaultKind::kDvlSilence:
-      return kDvl;
-    case FaultKind::kModemSilence:
-      return kModem;
-    case FaultKind::kDiskFull:
-      return kDisk;
-    case FaultKind::kCpuHog:
-      return kCpu;
-    case FaultKind::kClockStep:
-      return kClock;
-  }
-  return 0;
+  const unsigned devices = kKinds[static_cast<std::size_t>(f.kind)].devices;
+  return devices == kCameras ? (f.left ? kLeft : 0U) | (f.right ? kRight : 0U) : devices;
 }
 
 // The keys of each kind beside at_s and for_s; a key that is not asked for is refused by finish().
@@ -110,13 +105,13 @@ bool mayBeInstant(FaultKind kind) {
 Fault readFault(const ConfigTable& t) {
   Fault f;
   const std::string kind = t.requiredText("kind");
-  const auto found = std::find(kNames.begin(), kNames.end(), kind);
-  if (found == kNames.end()) {
+  const auto found = std::ranges::find(kKinds, kind, &Kind::name);
+  if (found == kKinds.end()) {
     std::string list;
-    for (const std::string_view name : kNames) list += (list.empty() ? "" : ", ") + std::string(name);
+    for (const Kind& known : kKinds) list += (list.empty() ? "" : ", ") + std::string(known.name);
     t.fail("kind", "'" + kind + "' is none of: " + list);
   }
-  f.kind = static_cast<FaultKind>(found - kNames.begin());
+  f.kind = static_cast<FaultKind>(found - kKinds.begin());
   f.at_s = t.requiredNumber("at_s", 0, kLongestMission);
   if (f.kind == FaultKind::kIdWrap) {
     f.for_s = 0;
@@ -162,7 +157,7 @@ std::uint64_t countHit(const Fault& f, const std::vector<double>& times) {
 }  // namespace
 
 std::string_view nameOf(FaultKind kind) {
-  return kNames[static_cast<std::size_t>(kind)];
+  return kKinds[static_cast<std::size_t>(kind)].name;
 }
 
 const Fault* FaultScript::camera(FaultKind kind, CameraSide side, double mission_s) const {

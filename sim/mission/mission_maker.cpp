@@ -13,7 +13,7 @@
 #include "firmware_if/files/feature_file.hpp"
 #include "firmware_if/files/images/image_file.hpp"
 #include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/mission_recorder.hpp"
+#include "firmware_if/files/mission_folder.hpp"
 #include "firmware_if/files/pose_files.hpp"
 #include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"

@@ -162,8 +162,5 @@ const Eigen::Vector3d& Terrain::upper() const {
 const TerrainConfig& Terrain::config() const {
   return config_;
 }
-std::size_t Terrain::memoryBytes() const {
-  return surface_->memoryBytes();
-}
 
 }  // namespace fathom::sim

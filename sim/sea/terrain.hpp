@@ -35,7 +35,6 @@ class Terrain {
   [[nodiscard]] const Eigen::Vector3d& lower() const;  // corners of the bounding box in nav [m]
   [[nodiscard]] const Eigen::Vector3d& upper() const;
   [[nodiscard]] const TerrainConfig& config() const;
-  [[nodiscard]] std::size_t memoryBytes() const;  // vertices, colours, texture and Embree's tree
 
   // For the renderer.
   [[nodiscard]] const SurfaceScene& surface() const { return *surface_; }

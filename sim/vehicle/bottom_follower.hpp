@@ -24,8 +24,7 @@ class BottomFollower {
   // One step towards a given depth at no more than `rate_mps` (dives and ascents).
   void stepTowards(double dt_s, double depth_m, double rate_mps);
 
-  [[nodiscard]] double depth() const { return depth_; }          // [m]
-  [[nodiscard]] double verticalSpeed() const { return speed_; }  // down positive [m/s]
+  [[nodiscard]] double depth() const { return depth_; }  // [m]
   [[nodiscard]] double wantedDepth() const { return seafloor_ - config_.altitude_m; }
 
  private:

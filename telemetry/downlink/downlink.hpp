@@ -111,7 +111,6 @@ class DownlinkReceiver {
     [[nodiscard]] std::uint64_t refused() const;
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
-  [[nodiscard]] bool hasKey() const { return key_.has_value(); }
   [[nodiscard]] std::optional<std::uint8_t> lastRequestId() const { return last_request_id_; }
 
   // Bit by bit, but for the key, into one of the same dive: what was admitted stays old.

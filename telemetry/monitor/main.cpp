@@ -59,14 +59,14 @@ int main(int argc, char** argv) {
   CLI::App* codec = fathom::monitor::addCodecCommand(app, codec_options);
   app.set_version_flag("--version", fathom::versionLine("fathom-monitor"));
   if (const auto code = fathom::parseCommandLine("fathom-monitor", app, argc, argv)) return *code;
-  if (*codec)
-    return fathom::runTool("fathom-monitor", [&] { return fathom::monitor::runCodec(codec_options); });
-  if (*key)
-    return fathom::runTool("fathom-monitor", [&] {
+  return fathom::runTool("fathom-monitor", [&]() -> int {
+    if (*codec) return fathom::monitor::runCodec(codec_options);
+    if (*key) {
       fathom::telemetry::makeDownlinkKey(key_file);
-      return static_cast<int>(fathom::kExitSuccess);
-    });
-  std::signal(SIGINT, onSignal);
-  std::signal(SIGTERM, onSignal);
-  return fathom::runTool("fathom-monitor", [&] { return fathom::monitor::runMonitor(options, g_stop); });
+      return fathom::kExitSuccess;
+    }
+    std::signal(SIGINT, onSignal);
+    std::signal(SIGTERM, onSignal);
+    return fathom::monitor::runMonitor(options, g_stop);
+  });
 }

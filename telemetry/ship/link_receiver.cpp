@@ -15,12 +15,6 @@ std::uint32_t crcOf(std::span<const std::uint8_t> frame) {
 
 }  // namespace
 
-double LinkReceiver::Counters::lossShare() const {
-  const std::uint64_t arrived = (*this)[FrameVerdict::kAccepted] + (*this)[FrameVerdict::kBadPayload];
-  const std::uint64_t missing = lost + repaired;
-  return missing == 0 ? 0 : static_cast<double>(missing) / static_cast<double>(missing + arrived);
-}
-
 void LinkReceiver::beginAnew(std::uint16_t sequence) {
   if (started_) ++counters_.resyncs;
   started_ = true;

@@ -47,11 +47,8 @@ class LinkReceiver {
     [[nodiscard]] std::uint64_t operator[](FrameVerdict v) const {
       return verdicts[static_cast<std::size_t>(v)];
     }
-    // Share of the frames sent that did not arrive by themselves.
-    [[nodiscard]] double lossShare() const;
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
-  [[nodiscard]] const RepairDecoder::Counters& repairCounters() const { return repair_.counters(); }
   [[nodiscard]] const std::optional<LinkIdentity>& identity() const { return identity_; }
 
  private:

@@ -101,14 +101,4 @@ bool decodeStatus(std::span<const std::uint8_t> payload, Status& status) {
   return true;
 }
 
-bool validate(const Status& s) {
-  using namespace schema;
-  return kStatusTime.valid(secondsSinceEpoch(s.utc_ns)) && kStatusHorizontal.valid(s.north) &&
-         kStatusHorizontal.valid(s.east) && kStatusDepth.valid(s.depth) && kTilt.valid(s.roll / kDegree) &&
-         kTilt.valid(s.pitch / kDegree) && std::isfinite(s.heading) && kAltitude.valid(s.altitude) &&
-         kSpeed.valid(s.speed) && kBattery.valid(s.battery) && kProgress.valid(s.mission_progress) &&
-         !(s.position_sigma > kPositionSigma.max) && s.map_area >= 0 && s.map_area <= kArea.max &&
-         s.health < 1U << kHealthBits;
-}
-
 }  // namespace fathom::telemetry

@@ -83,8 +83,6 @@ inline constexpr std::size_t kStatusBytes = 22;
 [[nodiscard]] std::size_t encodeStatus(const Status& status, std::span<std::uint8_t> out);
 // False (status untouched) if the payload is not valid.
 [[nodiscard]] bool decodeStatus(std::span<const std::uint8_t> payload, Status& status);
-// Whether every value is inside its field's bounds, so that nothing would saturate (counters may).
-[[nodiscard]] bool validate(const Status& status);
 
 // Time as the link carries it: 0.1 s, saturating outside the field.
 [[nodiscard]] std::uint64_t timeToLink(std::int64_t utc_ns);

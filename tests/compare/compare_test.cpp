@@ -17,6 +17,7 @@
 #include "recon/topside/commands/compare_command.hpp"
 #include "recon/topside/report/compare_report.hpp"
 #include "tests/compare/rough_terrain.hpp"
+#include "tests/support/lattice_mesh.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -44,12 +45,7 @@ class Compare : public testing::Test {
         mesh.vertices.emplace_back(north, east, -height(east, north));
         mesh.sigma.push_back(0.01F);
       }
-    for (int n = 0; n < kNorth; ++n)
-      for (int e = 0; e < kEast; ++e) {
-        const auto at = static_cast<std::uint32_t>(n * (kEast + 1) + e);
-        mesh.triangles.push_back({at, at + kEast + 1, at + 1});
-        mesh.triangles.push_back({at + 1, at + kEast + 1, at + kEast + 2});
-      }
+    mesh.triangles = fathom::test::latticeTriangles(kNorth + 1, kEast + 1);
     writePly(folder / "mesh.ply", mesh);
     io::writeStereoPoses(folder / "stereo_pose_est.data", {origin, {}});
   }

@@ -2,41 +2,27 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstdio>
 #include <fstream>
-#include <iterator>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <sstream>
 
-#include "firmware_if/can/can_command.hpp"
 #include "firmware_if/can/candump.hpp"
+#include "firmware_if/can/n2k_decoder.hpp"
 #include "firmware_if/can/n2k_definitions.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "tests/support/test_data.hpp"
+#include "tests/support/program_run.hpp"
 
 namespace fathom::io {
 namespace {
 
 using nlohmann::json;
 
-std::string slurp(std::FILE* file) {
-  std::string out;
-  std::rewind(file);
-  for (int c = std::fgetc(file); c != EOF; c = std::fgetc(file)) out.push_back(static_cast<char>(c));
-  std::fclose(file);
-  return out;
-}
-
 std::vector<json> runJson(const std::filesystem::path& file) {
-  std::FILE* out = std::tmpfile();
-  std::FILE* report = std::tmpfile();
-  runCanCommand({file, true}, out, report);
-  std::fclose(report);
   std::vector<json> lines;
-  std::istringstream text(slurp(out));
-  for (std::string line; std::getline(text, line);) lines.push_back(json::parse(line));
+  const test::Outcome run = test::runProgram("fathom-sensors can " + file.string() + " --json");
+  EXPECT_EQ(run.exit_code, 0) << run.err;
+  for (const std::string& line : test::linesOf(run.out)) lines.push_back(json::parse(line));
   return lines;
 }
 
@@ -263,8 +249,7 @@ TEST(CanCapture, FastPacketsAreRecombinedAsCanboatRecombinesThem) {
 
 TEST(CanCapture, TheFastPacketsOfTwoEnginesComeOutWhole) {
   FATHOM_REQUIRE_DATA("can/candump-fast.txt");
-  std::ifstream in(test::dataFile("can/candump-fast.txt"), std::ios::binary);
-  const std::vector<std::uint8_t> text{std::istreambuf_iterator<char>(in), {}};
+  const std::vector<std::uint8_t> text = test::readBytes(test::dataFile("can/candump-fast.txt"));
   CandumpReader reader;
   FastPacketAssembler assembler;
   std::vector<int> instances;
@@ -280,28 +265,6 @@ TEST(CanCapture, TheFastPacketsOfTwoEnginesComeOutWhole) {
   EXPECT_EQ(reader.counts().frames, 23U);
   EXPECT_EQ(instances, (std::vector<int>{0, 1, 0, 1, 0}));
   EXPECT_EQ(assembler.counts().incomplete, 1U) << "the capture ends inside the sixth";
-}
-
-TEST(CanBadInput, AbsentEmptyNonsenseAndFolderAreOneLineThatNamesTheFile) {
-  const test::TemporaryFolder folder;
-  const auto empty = folder.path() / "empty.log";
-  const auto nonsense = folder.path() / "nonsense.log";
-  std::ofstream(empty).close();
-  std::ofstream(nonsense) << "(1) can0 09F112CC#FF72ZZ\n" << std::string(100'000, 'x') << "\n\n# no frame";
-  for (const auto& path : {folder.path() / "absent.log", empty, nonsense, folder.path()}) {
-    std::FILE* out = std::tmpfile();
-    std::FILE* report = std::tmpfile();
-    try {
-      runCanCommand({path, true}, out, report);
-      ADD_FAILURE() << path << " was taken";
-    } catch (const InputError& error) {
-      const std::string line = error.what();
-      EXPECT_NE(line.find(path.string()), std::string::npos) << line;
-      EXPECT_EQ(line.find('\n'), std::string::npos) << line;
-    }
-    EXPECT_EQ(slurp(out), "") << "nothing half-written";
-    std::fclose(report);
-  }
 }
 
 }  // namespace

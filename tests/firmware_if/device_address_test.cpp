@@ -8,7 +8,7 @@
 #include "firmware_if/devices/udp_stream.hpp"
 #include "firmware_if/modem/modem_ports.hpp"
 #include "firmware_if/serial/serial_line.hpp"
-#include "tests/firmware_if/pty_line.hpp"
+#include "tests/support/pty_line.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 

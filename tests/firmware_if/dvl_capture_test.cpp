@@ -3,42 +3,16 @@
 
 #include <charconv>
 #include <cmath>
-#include <cstdio>
 #include <fstream>
-#include <iterator>
 #include <map>
-#include <sstream>
 
-#include "firmware_if/dvl/dvl_command.hpp"
-#include "firmware_if/dvl/pd0_decoder.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "tests/support/test_data.hpp"
+#include "tests/support/program_run.hpp"
 
 namespace fathom::io {
 namespace {
 
-struct Output {
-  std::vector<std::string> lines;
-  std::string report;
-};
-
-std::string slurp(std::FILE* file) {
-  std::string out;
-  std::rewind(file);
-  for (int c = std::fgetc(file); c != EOF; c = std::fgetc(file)) out.push_back(static_cast<char>(c));
-  std::fclose(file);
-  return out;
-}
-
-Output run(const std::filesystem::path& file, bool csv) {
-  std::FILE* out = std::tmpfile();
-  std::FILE* report = std::tmpfile();
-  runDvlCommand({file, csv}, out, report);
-  Output result;
-  std::istringstream text(slurp(out));
-  for (std::string line; std::getline(text, line);) result.lines.push_back(line);
-  result.report = slurp(report);
-  return result;
+test::Outcome run(const char* file, const std::string& arguments) {
+  return test::runProgram("fathom-sensors dvl " + test::dataFile(file).string() + arguments);
 }
 
 std::vector<std::string> fields(const std::string& line) {
@@ -105,19 +79,19 @@ TEST_P(DvlYml, EveryFieldOfTheCsvAgreesWithTheYml) {
   FATHOM_REQUIRE_DATA("dvl/" + name + ".pd0");
   FATHOM_REQUIRE_DATA("dvl/" + name + ".yml");
   const std::vector<Record> expected = readYml(test::dataFile("dvl/" + name + ".yml"));
-  const Output output = run(test::dataFile("dvl/" + name + ".pd0"), true);
+  const auto lines = test::linesOf(run(("dvl/" + name + ".pd0").c_str(), " --csv").out);
   ASSERT_EQ(expected.size(), GetParam().second);
-  ASSERT_EQ(output.lines.size(), expected.size() + 1);
+  ASSERT_EQ(lines.size(), expected.size() + 1);
   EXPECT_EQ(
-      output.lines[0],
+      lines[0],
       "ensemble,utc_ns,frame,v1_mps,v2_mps,v3_mps,v4_mps,range1_m,range2_m,range3_m,range4_m,heading_deg,"
       "pitch_deg,roll_deg,sound_speed_mps");
   constexpr long long kNever = 1LL << 40;
   const std::array<const char*, 4> frames = {"beam", "instrument", "ship", "earth"};
   for (std::size_t i = 0; i < expected.size(); ++i) {
     const Record& record = expected[i];
-    const auto row = fields(output.lines[i + 1]);
-    ASSERT_EQ(row.size(), 15U) << output.lines[i + 1];
+    const auto row = fields(lines[i + 1]);
+    ASSERT_EQ(row.size(), 15U) << lines[i + 1];
     expectField(row[0], record, "ensemble_number", 1, kNever);
     constexpr long long kSecondsFrom1900To1970 = 2'208'988'800;
     EXPECT_EQ(std::stoll(row[1]), (record.at("hundredths") - kSecondsFrom1900To1970 * 100) * 10'000'000);
@@ -142,57 +116,43 @@ INSTANTIATE_TEST_SUITE_P(RealCaptures, DvlYml,
 
 TEST(DvlCapture, TheLongDiveGives4132EnsemblesOfWhich3535HaveBottomTrack) {
   FATHOM_REQUIRE_DATA("dvl/adcp.adc");
-  const Output output = run(test::dataFile("dvl/adcp.adc"), true);
-  ASSERT_EQ(output.lines.size(), 4132U + 1U);
+  const test::Outcome output = run("dvl/adcp.adc", " --csv");
+  const auto lines = test::linesOf(output.out);
+  ASSERT_EQ(lines.size(), 4132U + 1U);
   int with_velocity = 0;
-  for (std::size_t i = 1; i < output.lines.size(); ++i) {
-    const auto row = fields(output.lines[i]);
+  for (std::size_t i = 1; i < lines.size(); ++i) {
+    const auto row = fields(lines[i]);
     ASSERT_EQ(row.size(), 15U);
     EXPECT_EQ(row[2], "ship");
     if (row[3] != "" && row[4] != "" && row[5] != "") ++with_velocity;
   }
   EXPECT_EQ(with_velocity, 3535);
-  EXPECT_NE(output.report.find("good 4132, bad-checksum 0, resynced 0"), std::string::npos) << output.report;
+  EXPECT_NE(output.err.find("good 4132, bad-checksum 0, resynced 0"), std::string::npos) << output.err;
 }
 
 TEST(DvlCapture, TheSummaryCountsEnsemblesAndBottomTrack) {
   FATHOM_REQUIRE_DATA("dvl/adcp.adc");
-  const Output output = run(test::dataFile("dvl/adcp.adc"), false);
-  ASSERT_GE(output.lines.size(), 2U);
-  EXPECT_NE(output.lines[0].find("4132"), std::string::npos);
-  EXPECT_NE(output.lines[1].find("3535"), std::string::npos);
+  const auto lines = test::linesOf(run("dvl/adcp.adc", "").out);
+  ASSERT_GE(lines.size(), 2U);
+  EXPECT_NE(lines[0].find("4132"), std::string::npos);
+  EXPECT_NE(lines[1].find("3535"), std::string::npos);
 }
 
 TEST(DvlCapture, TheCorruptedFileLosesOnlyItsDamagedEnsemble) {
   FATHOM_REQUIRE_DATA("dvl/LB180210_3_corrupted.PD0");
-  const Output output = run(test::dataFile("dvl/LB180210_3_corrupted.PD0"), true);
-  ASSERT_EQ(output.lines.size(), 3U);
-  EXPECT_EQ(fields(output.lines[1])[0], "1");
-  EXPECT_EQ(fields(output.lines[2])[0], "3");
-  EXPECT_NE(output.report.find("good 2, bad-checksum 1, resynced 1"), std::string::npos) << output.report;
-  EXPECT_NE(output.report.find("skipped 446 bytes"), std::string::npos) << "the damaged ensemble's own size";
+  const test::Outcome output = run("dvl/LB180210_3_corrupted.PD0", " --csv");
+  const auto lines = test::linesOf(output.out);
+  ASSERT_EQ(lines.size(), 3U);
+  EXPECT_EQ(fields(lines[1])[0], "1");
+  EXPECT_EQ(fields(lines[2])[0], "3");
+  EXPECT_NE(output.err.find("good 2, bad-checksum 1, resynced 1"), std::string::npos) << output.err;
+  EXPECT_NE(output.err.find("skipped 446 bytes"), std::string::npos) << "the damaged ensemble's own size";
 }
 
-TEST(DvlBadInput, AbsentEmptyNonsenseAndFolderAreOneLineThatNamesTheFile) {
-  const test::TemporaryFolder folder;
-  const auto empty = folder.path() / "empty.pd0";
-  const auto nonsense = folder.path() / "nonsense.pd0";
-  std::ofstream(empty).close();
-  std::ofstream(nonsense) << std::string(5000, '\x7F') << "not a capture";
-  for (const auto& path : {folder.path() / "absent.pd0", empty, nonsense, folder.path()}) {
-    std::FILE* out = std::tmpfile();
-    std::FILE* report = std::tmpfile();
-    try {
-      runDvlCommand({path, true}, out, report);
-      ADD_FAILURE() << path << " was taken";
-    } catch (const InputError& error) {
-      const std::string line = error.what();
-      EXPECT_NE(line.find(path.string()), std::string::npos) << line;
-      EXPECT_EQ(line.find('\n'), std::string::npos) << line;
-    }
-    EXPECT_EQ(slurp(out), "") << "nothing half-written";
-    std::fclose(report);
-  }
+TEST(DvlCapture, ADiskThatIsFullIsFailedWork) {
+  FATHOM_REQUIRE_DATA("dvl/adcp.adc");
+  if (!std::filesystem::exists("/dev/full")) GTEST_SKIP() << "this system has no /dev/full";
+  EXPECT_EQ(run("dvl/adcp.adc", " --csv >/dev/full").exit_code, 1);
 }
 
 }  // namespace

@@ -9,8 +9,8 @@
 
 #include "firmware_if/files/civil_time.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
-#include "tests/firmware_if/pty_line.hpp"
 #include "tests/support/heap_counter.hpp"
+#include "tests/support/pty_line.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -51,15 +51,8 @@ std::uint64_t counter(const DvlSource& source, std::string_view name) {
 // An ensemble with the builder's clock at `utc_ns`.
 Bytes ensembleAt(std::int64_t utc_ns, std::uint32_t number = 1) {
   test::Pd0Builder builder;
-  const CivilTime civil = civilFromUtc(utc_ns);
   builder.number = number;
-  builder.clock = {static_cast<std::uint8_t>(civil.year % 100),
-                   static_cast<std::uint8_t>(civil.month),
-                   static_cast<std::uint8_t>(civil.day),
-                   static_cast<std::uint8_t>(civil.hour),
-                   static_cast<std::uint8_t>(civil.minute),
-                   static_cast<std::uint8_t>(civil.second),
-                   static_cast<std::uint8_t>(civil.nanosecond / 10'000'000)};
+  builder.setClock(utc_ns);
   return builder.bytes();
 }
 

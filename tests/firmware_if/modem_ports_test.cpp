@@ -2,14 +2,13 @@
 
 #include <gmock/gmock.h>
 #include <netinet/in.h>
-#include <pty.h>
-#include <sys/select.h>
 #include <sys/socket.h>
 #include <termios.h>
 #include <unistd.h>
 
 #include <random>
 
+#include "tests/support/pty_line.hpp"
 #include "tests/support/text_files.hpp"
 
 namespace fathom::io {
@@ -185,33 +184,26 @@ TEST(UdpFramePort, AddressesThatCannotBeUsedAreRefused) {
               HasSubstr("cannot be bound"));
 }
 
-// A pseudo-terminal: the port opens its one end, the test holds the other, as the modem would.
 class SerialFramePortTest : public ::testing::Test {
  protected:
-  void SetUp() override {
-    char name[256];
-    ASSERT_EQ(::openpty(&modem_, &line_, name, nullptr, nullptr), 0);
-    device_ = name;
-    termios raw = {};
-    ::tcgetattr(modem_, &raw);
-    ::cfmakeraw(&raw);
-    ::tcsetattr(modem_, TCSANOW, &raw);
+  void write(const Bytes& bytes) const { modem_.send(bytes); }
+  // So many bytes of what the port has sent.
+  [[nodiscard]] Bytes read(std::size_t size) const {
+    Bytes bytes(size);
+    for (std::size_t at = 0; at < size;) {
+      const ssize_t n = modem_.read(std::span(bytes).subspan(at), 1000);
+      if (n <= 0) break;
+      at += static_cast<std::size_t>(n);
+    }
+    return bytes;
   }
-  void TearDown() override {
-    ::close(modem_);
-    ::close(line_);
-  }
-  void write(const Bytes& bytes) const {
-    ASSERT_EQ(::write(modem_, bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size()));
-  }
-  int modem_ = -1, line_ = -1;
-  std::string device_;
+  test::PtyLine modem_;
 };
 
 TEST_F(SerialFramePortTest, TheLineIsRawAtItsRate) {
-  const SerialFramePort port(device_, 9600);
+  const SerialFramePort port(modem_.name(), 9600);
   termios settings = {};
-  ASSERT_EQ(::tcgetattr(line_, &settings), 0);
+  ASSERT_EQ(::tcgetattr(modem_.line(), &settings), 0);
   EXPECT_EQ(::cfgetospeed(&settings), static_cast<speed_t>(B9600));
   EXPECT_EQ(::cfgetispeed(&settings), static_cast<speed_t>(B9600));
   EXPECT_EQ(settings.c_cflag & CSIZE, static_cast<tcflag_t>(CS8));
@@ -221,26 +213,17 @@ TEST_F(SerialFramePortTest, TheLineIsRawAtItsRate) {
 }
 
 TEST_F(SerialFramePortTest, FramesGoOutEscapedAndComeBack) {
-  SerialFramePort port(device_, 9600);
+  SerialFramePort port(modem_.name(), 9600);
   for (const Bytes& frame : awkwardFrames()) {
     ASSERT_TRUE(port.send(frame));
-    Bytes line(kMaxSlipBytes);
-    std::size_t size = 0;
-    const Bytes expected = encoded(frame);
-    while (size < expected.size()) {
-      const ssize_t n = ::read(modem_, line.data() + size, line.size() - size);
-      ASSERT_GT(n, 0);
-      size += static_cast<std::size_t>(n);
-    }
-    line.resize(size);
-    EXPECT_EQ(line, expected);
-    write(line);
+    EXPECT_EQ(read(encoded(frame).size()), encoded(frame));
+    write(encoded(frame));
     EXPECT_EQ(receiveOne(port), frame);
   }
 }
 
 TEST_F(SerialFramePortTest, FramesInPiecesAmongNoiseAreFound) {
-  SerialFramePort port(device_, 9600);
+  SerialFramePort port(modem_.name(), 9600);
   Bytes buffer(FramePort::kMaxFrameBytes);
   const Bytes frame = {1, 0xC0, 2};
   Bytes line = {0x55, 0xDB, 0x11};  // noise; the END before the frame ends it
@@ -260,7 +243,7 @@ TEST_F(SerialFramePortTest, FramesInPiecesAmongNoiseAreFound) {
 }
 
 TEST_F(SerialFramePortTest, TwoFramesInOneReadAreTwoFrames) {
-  SerialFramePort port(device_, 9600);
+  SerialFramePort port(modem_.name(), 9600);
   Bytes line = encoded({1, 2});
   const Bytes second = encoded({3});
   line.insert(line.end(), second.begin(), second.end());
@@ -270,7 +253,7 @@ TEST_F(SerialFramePortTest, TwoFramesInOneReadAreTwoFrames) {
 }
 
 TEST_F(SerialFramePortTest, AFullDeviceRefusesFramesAndCutsNone) {
-  SerialFramePort port(device_, 9600);
+  SerialFramePort port(modem_.name(), 9600);
   std::size_t sent = 0;
   const Bytes frame(256, 0xC0);
   while (sent < 10'000 && port.send(frame)) ++sent;
@@ -281,13 +264,7 @@ TEST_F(SerialFramePortTest, AFullDeviceRefusesFramesAndCutsNone) {
   Bytes bytes(4096), buffer(FramePort::kMaxFrameBytes);
   for (int i = 0; i < 1000 && received < sent; ++i) {
     (void)port.receive(buffer);  // drives the rest of the last frame out, too
-    fd_set readable;
-    FD_ZERO(&readable);
-    FD_SET(modem_, &readable);
-    timeval wait = {0, 1000};
-    if (::select(modem_ + 1, &readable, nullptr, nullptr, &wait) != 1) continue;
-    const ssize_t n = ::read(modem_, bytes.data(), bytes.size());
-    ASSERT_GT(n, 0);
+    const ssize_t n = modem_.read(bytes, 1);
     for (ssize_t k = 0; k < n; ++k) {
       if (!decoder.push(bytes[static_cast<std::size_t>(k)])) continue;
       EXPECT_EQ(Bytes(decoder.frame().begin(), decoder.frame().end()), frame);
@@ -300,26 +277,21 @@ TEST_F(SerialFramePortTest, AFullDeviceRefusesFramesAndCutsNone) {
 }
 
 TEST_F(SerialFramePortTest, DevicesAndRatesThatCannotBeUsedAreRefused) {
-  EXPECT_THAT(refusal([&] { SerialFramePort port(device_, 9601); }),
+  EXPECT_THAT(refusal([&] { SerialFramePort port(modem_.name(), 9601); }),
               HasSubstr("9601 baud is not one of 300"));
   EXPECT_THAT(refusal([] { SerialFramePort port("/nowhere/ttyS0", 9600); }), HasSubstr("cannot be opened"));
   EXPECT_THAT(refusal([] { SerialFramePort port("/dev/null", 9600); }), HasSubstr("is no serial device"));
 }
 
 TEST_F(SerialFramePortTest, AnUnpluggedModemIsOpenedAgainWhenItIsBack) {
-  const std::string name = ::testing::TempDir() + "fathom_modem_" + std::to_string(::getpid());
-  ::unlink(name.c_str());
-  ASSERT_EQ(::symlink(device_.c_str(), name.c_str()), 0);
-  SerialFramePort port(name, 9600, 0);
+  SerialFramePort port(modem_.name(), 9600, 0);
   write(encoded({1}));
   EXPECT_EQ(receiveOne(port), Bytes{1});
   const Bytes half = encoded({2, 3, 4});
   write(Bytes(half.begin(), half.begin() + 3));
   Bytes buffer(FramePort::kMaxFrameBytes);
   EXPECT_EQ(port.receive(buffer), 0u);
-  ::close(line_);
-  ::close(modem_);
-  ::unlink(name.c_str());
+  modem_.unplug();
   for (int i = 0; i < 3; ++i) {
     EXPECT_EQ(port.receive(buffer), 0u);
     EXPECT_FALSE(port.send(Bytes{1}));
@@ -327,25 +299,21 @@ TEST_F(SerialFramePortTest, AnUnpluggedModemIsOpenedAgainWhenItIsBack) {
   EXPECT_FALSE(port.isOpen());
   EXPECT_EQ(port.disconnects(), 1u);
 
-  SetUp();
-  ASSERT_EQ(::symlink(device_.c_str(), name.c_str()), 0);
+  modem_.plug();
   EXPECT_EQ(port.receive(buffer), 0u);
   EXPECT_TRUE(port.isOpen());
   write(encoded({5}));
   EXPECT_EQ(receiveOne(port), Bytes{5}) << "the half frame from before is gone";
   EXPECT_EQ(port.droppedFrames(), 1u);
   EXPECT_TRUE(port.send(Bytes{6}));
-  Bytes line(encoded({6}).size());
-  ASSERT_EQ(::read(modem_, line.data(), line.size()), static_cast<ssize_t>(line.size()));
-  EXPECT_EQ(line, encoded({6}));
+  EXPECT_EQ(read(encoded({6}).size()), encoded({6}));
   termios settings = {};
-  ASSERT_EQ(::tcgetattr(line_, &settings), 0);
+  ASSERT_EQ(::tcgetattr(modem_.line(), &settings), 0);
   EXPECT_EQ(::cfgetospeed(&settings), static_cast<speed_t>(B9600));
-  ::unlink(name.c_str());
 }
 
 TEST_F(SerialFramePortTest, WhatCameBeforeTheUnpluggingIsStillRead) {
-  SerialFramePort port(device_, 9600, 3600);
+  SerialFramePort port(modem_.name(), 9600, 3600);
   Bytes line = encoded({1});
   for (const Bytes& frame : {Bytes{2}, Bytes{3}}) {
     const Bytes part = encoded(frame);
@@ -353,22 +321,18 @@ TEST_F(SerialFramePortTest, WhatCameBeforeTheUnpluggingIsStillRead) {
   }
   write(line);
   EXPECT_EQ(receiveOne(port), Bytes{1});
-  ::close(line_);
-  ::close(modem_);
+  modem_.unplug();
   EXPECT_EQ(receiveOne(port), Bytes{2});
   EXPECT_EQ(receiveOne(port), Bytes{3});
-  line_ = modem_ = ::dup(0);
 }
 
 TEST_F(SerialFramePortTest, AModemThatGoesAwayIsSilence) {
-  SerialFramePort port(device_, 9600);
-  ::close(line_);
-  ::close(modem_);
+  SerialFramePort port(modem_.name(), 9600);
+  modem_.unplug();
   Bytes buffer(FramePort::kMaxFrameBytes);
   EXPECT_EQ(port.receive(buffer), 0u);
   (void)port.send(Bytes{1});
   EXPECT_FALSE(port.send(Bytes{1}));
-  line_ = modem_ = ::dup(0);
 }
 
 }  // namespace

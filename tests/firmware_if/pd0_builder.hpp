@@ -5,6 +5,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "firmware_if/files/civil_time.hpp"
+
 namespace fathom::test {
 
 // Builds PD0 ensembles byte by byte, independently of the decoder, so that tests can say what is on the wire.
@@ -23,6 +25,13 @@ class Pd0Builder {
   std::array<std::uint32_t, 4> range = {200, 210, 220, 230};    // cm
   std::size_t profile_cells = 3;
 
+  void setClock(std::int64_t utc_ns) {
+    const io::CivilTime t = io::civilFromUtc(utc_ns);
+    std::size_t i = 0;
+    for (const int value :
+         {t.year % 100, t.month, t.day, t.hour, t.minute, t.second, t.nanosecond / 10'000'000})
+      clock[i++] = static_cast<std::uint8_t>(value);
+  }
   [[nodiscard]] std::vector<std::uint8_t> bytes() const {
     std::vector<std::vector<std::uint8_t>> blocks = {fixedLeader(), variableLeader(), velocityProfile()};
     if (bottom_track) blocks.push_back(bottomTrack());

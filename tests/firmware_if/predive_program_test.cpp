@@ -1,25 +1,21 @@
 // `fathom-sensors predive` as a person runs it: devices on real interfaces of a network of the test's own.
 #include <gmock/gmock.h>
-#include <sys/wait.h>
 
 #include <atomic>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "firmware_if/files/civil_time.hpp"
 #include "firmware_if/files/mission.hpp"
 #include "firmware_if/lcm_bus/lcm_source.hpp"
 #include "firmware_if/modem/slip.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "telemetry/ship/ship_link.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
-#include "tests/firmware_if/pty_line.hpp"
 #include "tests/support/network_namespace.hpp"
-#include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
+#include "tests/support/program_run.hpp"
+#include "tests/support/pty_line.hpp"
 
 namespace fathom::io {
 namespace {
@@ -29,19 +25,8 @@ using ::testing::HasSubstr;
 constexpr double kPi = 3.14159265358979323846;
 constexpr const char* kBus = "udpm://239.255.76.67:7667?ttl=0";
 
-struct Outcome {
-  int exit_code = -1;
-  std::string out;
-};
-Outcome predive(const std::string& arguments) {
-  Outcome run;
-  const std::string command = std::string(FATHOM_BIN_DIR) + "/fathom-sensors predive " + arguments + " 2>&1";
-  std::FILE* pipe = ::popen(command.c_str(), "r");
-  if (pipe == nullptr) return run;
-  for (int c = std::fgetc(pipe); c != EOF; c = std::fgetc(pipe)) run.out.push_back(static_cast<char>(c));
-  const int status = ::pclose(pipe);
-  if (WIFEXITED(status)) run.exit_code = WEXITSTATUS(status);
-  return run;
+test::Outcome predive(const std::string& arguments) {
+  return test::runProgram("fathom-sensors predive " + arguments);
 }
 
 void writeMission(const std::filesystem::path& folder) {
@@ -55,16 +40,8 @@ void writeMission(const std::filesystem::path& folder) {
   mission.start_utc_ns = 1'700'000'000'000'000'000;
   mission.T_body_cam = SE3::fromEuler(0.02, 0, kPi / 2, {0.5, 0, 0.3});
   writeMissionConfig(folder, mission);
-  StereoRig rig;
-  for (Camera* camera : {&rig.left, &rig.right}) {
-    camera->width = 640;
-    camera->height = 480;
-    camera->fx = camera->fy = 800;
-    camera->cx = 320;
-    camera->cy = 240;
-  }
-  rig.T_right_left = SE3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(-0.07, 0, 0));
-  writeStereoCalib(MissionPaths(folder).calib(), rig);
+  const Camera camera{640, 480, 800, 800, 320, 240};
+  writeStereoCalib(MissionPaths(folder).calib(), {camera, camera, SE3::fromEuler(0, 0, 0, {-0.07, 0, 0})});
 }
 
 std::string onboardToml(const std::string& dvl, const std::string& modem) {
@@ -121,14 +98,7 @@ class Surroundings {
   }
   void sendEnsemble(std::int64_t now) {
     test::Pd0Builder builder;
-    const CivilTime civil = civilFromUtc(now);
-    builder.clock = {static_cast<std::uint8_t>(civil.year % 100),
-                     static_cast<std::uint8_t>(civil.month),
-                     static_cast<std::uint8_t>(civil.day),
-                     static_cast<std::uint8_t>(civil.hour),
-                     static_cast<std::uint8_t>(civil.minute),
-                     static_cast<std::uint8_t>(civil.second),
-                     static_cast<std::uint8_t>(civil.nanosecond / 10'000'000)};
+    builder.setClock(now);
     dvl.offer(builder.bytes());
   }
   std::shared_ptr<LcmBus> bus_;
@@ -162,7 +132,7 @@ TEST(PrediveProgram, FindsDevicesOnTheirInterfacesAndSaysWhichAreWrong) {
   test::writeText(config, onboardToml(around.dvl.name(), around.modem.name()));
   const std::string arguments = folder.path().string() + " --config " + config + " --json --seconds 7";
 
-  const Outcome well = predive(arguments);
+  const test::Outcome well = predive(arguments);
   auto rows = verdicts(well.out);
   for (const char* name : {"mission.toml", "stereo.calib", "onboard.toml", "sensor places", "looking down",
                            "stereo rig", "camera left", "camera right", "serial numbers", "DVL", "compass",
@@ -179,7 +149,7 @@ TEST(PrediveProgram, FindsDevicesOnTheirInterfacesAndSaysWhichAreWrong) {
   writeMissionConfig(folder.path(), mission);
   test::writeText(config,
                   test::replaced(onboardToml(around.dvl.name(), around.modem.name()), "0.01", "1000"));
-  const Outcome wrong = predive(arguments);
+  const test::Outcome wrong = predive(arguments);
   EXPECT_EQ(wrong.exit_code, 1);
   rows = verdicts(wrong.out);
   for (const char* name : {"camera left", "compass", "modem", "USBL", "sensor places", "disk"})
@@ -190,7 +160,7 @@ TEST(PrediveProgram, FindsDevicesOnTheirInterfacesAndSaysWhichAreWrong) {
 
 TEST(PrediveProgram, FilesThatCannotBeReadAreRedRowsThatNameTheFix) {
   const test::TemporaryFolder folder;
-  const Outcome absent = predive("/absent --config /absent.toml --seconds 0.1");
+  const test::Outcome absent = predive("/absent --config /absent.toml --seconds 0.1");
   EXPECT_EQ(absent.exit_code, 1);
   EXPECT_THAT(absent.out, HasSubstr("RED    mission.toml"));
   EXPECT_THAT(absent.out, HasSubstr("RED    stereo.calib"));
@@ -198,7 +168,7 @@ TEST(PrediveProgram, FilesThatCannotBeReadAreRedRowsThatNameTheFix) {
   writeMission(folder.path());
   const std::string config = (folder.path() / "onboard.toml").string();
   test::writeText(config, "[dvl]\nbaud = 9600\n");
-  const Outcome misspelt = predive(folder.path().string() + " --config " + config + " --seconds 0.1");
+  const test::Outcome misspelt = predive(folder.path().string() + " --config " + config + " --seconds 0.1");
   EXPECT_EQ(misspelt.exit_code, 1);
   EXPECT_THAT(misspelt.out, HasSubstr("baud"));
   EXPECT_THAT(misspelt.out, HasSubstr("green  mission.toml"));

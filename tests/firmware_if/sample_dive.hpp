@@ -1,6 +1,7 @@
 #pragma once
 
 #include <limits>
+#include <tuple>
 #include <vector>
 
 #include "recon/geometry/sensor_samples.hpp"
@@ -45,46 +46,40 @@ inline std::vector<SensorSample> everyKindOfSample() {
           GyroSample{kStart + 14, {}, -0.25}};
 }
 
-inline bool same(const DvlSample& a, const DvlSample& b) {
-  return a.utc_ns == b.utc_ns && a.velocity == b.velocity && a.range == b.range && a.altitude == b.altitude &&
-         a.sound_speed == b.sound_speed;
+inline auto fields(const DvlSample& s) {
+  return std::tie(s.utc_ns, s.velocity, s.range, s.altitude, s.sound_speed);
 }
-inline bool same(const AttitudeSample& a, const AttitudeSample& b) {
-  return a.utc_ns == b.utc_ns && a.roll == b.roll && a.pitch == b.pitch && a.heading == b.heading &&
-         a.magnetic == b.magnetic;
+inline auto fields(const AttitudeSample& s) {
+  return std::tie(s.utc_ns, s.roll, s.pitch, s.heading, s.magnetic);
 }
-inline bool same(const GyroSample& a, const GyroSample& b) {
-  return a.utc_ns == b.utc_ns && a.body_rate == b.body_rate && a.heading_rate == b.heading_rate;
+inline auto fields(const GyroSample& s) {
+  return std::tie(s.utc_ns, s.body_rate, s.heading_rate);
 }
-inline bool same(const DepthSample& a, const DepthSample& b) {
-  return a.utc_ns == b.utc_ns && a.depth == b.depth;
+inline auto fields(const DepthSample& s) {
+  return std::tie(s.utc_ns, s.depth);
 }
-inline bool same(const UsblFix& a, const UsblFix& b) {
-  return a.utc_ns == b.utc_ns && a.arrival_utc_ns == b.arrival_utc_ns && a.latitude == b.latitude &&
-         a.longitude == b.longitude && a.depth == b.depth && a.sigma_horizontal == b.sigma_horizontal;
+inline auto fields(const UsblFix& s) {
+  return std::tie(s.utc_ns, s.arrival_utc_ns, s.latitude, s.longitude, s.depth, s.sigma_horizontal);
 }
-inline bool same(const GpsFix& a, const GpsFix& b) {
-  return a.utc_ns == b.utc_ns && a.latitude == b.latitude && a.longitude == b.longitude &&
-         a.sigma_horizontal == b.sigma_horizontal;
+inline auto fields(const GpsFix& s) {
+  return std::tie(s.utc_ns, s.latitude, s.longitude, s.sigma_horizontal);
 }
-inline bool same(const WaterSample& a, const WaterSample& b) {
-  return a.utc_ns == b.utc_ns && a.conductivity == b.conductivity && a.temperature == b.temperature &&
-         a.sound_speed == b.sound_speed && a.chlorophyll == b.chlorophyll && a.cdom == b.cdom &&
-         a.turbidity == b.turbidity;
+inline auto fields(const WaterSample& s) {
+  return std::tie(s.utc_ns, s.conductivity, s.temperature, s.sound_speed, s.chlorophyll, s.cdom, s.turbidity);
 }
-inline bool same(const BatterySample& a, const BatterySample& b) {
-  return a.utc_ns == b.utc_ns && a.voltage == b.voltage && a.current == b.current && a.charge == b.charge;
+inline auto fields(const BatterySample& s) {
+  return std::tie(s.utc_ns, s.voltage, s.current, s.charge);
 }
-inline bool same(const MissionProgressSample& a, const MissionProgressSample& b) {
-  return a.utc_ns == b.utc_ns && a.fraction == b.fraction;
+inline auto fields(const MissionProgressSample& s) {
+  return std::tie(s.utc_ns, s.fraction);
 }
-inline bool same(const ImageEvent& a, const ImageEvent& b) {
-  return a.utc_ns == b.utc_ns && a.side == b.side && a.file_name == b.file_name &&
-         a.exposure_s == b.exposure_s;
+inline auto fields(const ImageEvent& s) {
+  return std::tie(s.utc_ns, s.side, s.file_name, s.exposure_s);
 }
 inline bool same(const SensorSample& a, const SensorSample& b) {
   if (a.index() != b.index()) return false;
-  return std::visit([&](const auto& x) { return same(x, std::get<std::decay_t<decltype(x)>>(b)); }, a);
+  return std::visit(
+      [&](const auto& x) { return fields(x) == fields(std::get<std::decay_t<decltype(x)>>(b)); }, a);
 }
 
 }  // namespace fathom::test

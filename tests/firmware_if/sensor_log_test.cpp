@@ -207,10 +207,11 @@ TEST_F(SensorLogTest, ALogOfAnAcfrVehicleIsReadByItsOwnChannels) {
 TEST_F(SensorLogTest, RawBytesLieBesideTheSamplesAndComeBack) {
   const std::vector<std::uint8_t> ensemble = {0x7f, 0x7f, 0xed, 0xa1, 0xda, 0x01, 0, 0, 0};
   {
-    SensorLogWriter writer(path_);
-    writer.writeRaw(kArrival, "RAW_DVL", ensemble);
-    writer.write(kArrival, everyKindOfSample()[0]);
-    writer.writeRaw(kArrival + 1, "RAW_MODEM", {});
+    LogEventWriter writer(path_);
+    const LogMessage sample = encodeSample(kArrival, everyKindOfSample()[0]);
+    writer.write(1, "RAW_DVL", encodeRaw(kArrival, ensemble));
+    writer.write(1, sample.channel, sample.data);
+    writer.write(2, "RAW_MODEM", encodeRaw(kArrival + 1, {}));
   }
   EXPECT_EQ(readAll().skipped, 2u);
   LogEventReader events(path_);

@@ -368,12 +368,7 @@ TEST(QuadtreeMap, AClearedMapIsANewOneThatNumbersItsChangesOn) {
     for (int j = 0; j < 3; ++j)
       mesh.vertices.emplace_back(static_cast<float>(i), static_cast<float>(j),
                                  5.0F + 0.1F * static_cast<float>(i * j));
-  for (std::uint32_t i = 0; i < 2; ++i)
-    for (std::uint32_t j = 0; j < 2; ++j) {
-      const std::uint32_t a = 3 * i + j;
-      mesh.triangles.push_back({a, a + 3, a + 1});
-      mesh.triangles.push_back({a + 3, a + 4, a + 1});
-    }
+  mesh.triangles = test::latticeTriangles(3, 3);
   Mesh elsewhere = mesh;
   transform(elsewhere, SE3(Eigen::Quaterniond::Identity(), {7, -3, 1}));
   for (int k = 0; k < 5; ++k) (void)used.fuse(elsewhere);

@@ -5,6 +5,7 @@
 #include <random>
 
 #include "recon/geometry/mesh.hpp"
+#include "tests/support/lattice_mesh.hpp"
 
 namespace fathom::test {
 
@@ -37,13 +38,7 @@ inline Mesh rangeMesh(const Footprint& f, const std::function<double(double, dou
       mesh.colours.push_back(f.colour);
     }
   }
-  for (int i = 0; i + 1 < rows; ++i) {
-    for (int j = 0; j + 1 < columns; ++j) {
-      const auto at = [&](int di, int dj) { return static_cast<std::uint32_t>((i + di) * columns + j + dj); };
-      mesh.triangles.push_back({at(0, 0), at(0, 1), at(1, 1)});  // normals up (negative z)
-      mesh.triangles.push_back({at(0, 0), at(1, 1), at(1, 0)});
-    }
-  }
+  mesh.triangles = latticeTriangles(rows, columns);
   return mesh;
 }
 

@@ -1,31 +1,15 @@
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
-#include <array>
-#include <cstdio>
-#include <cstdlib>
-#include <fstream>
-#include <iterator>
 #include <string>
 
 #include "realtime/kernel/tiers/realtime_config.hpp"
-#include "tests/support/test_data.hpp"
+#include "tests/support/program_run.hpp"
 
 namespace fathom::rt {
 namespace {
 
 std::string unitText() {
-  std::ifstream file(std::string(FATHOM_SOURCE_DIR) + "/realtime/onboard/service/fathom-onboard.service");
-  return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
-}
-
-std::string printedBy(const std::string& command) {
-  std::FILE* pipe = ::popen((command + " 2>&1").c_str(), "r");
-  std::string text;
-  std::array<char, 512> buffer{};
-  while (pipe != nullptr && std::fgets(buffer.data(), buffer.size(), pipe) != nullptr) text += buffer.data();
-  if (pipe != nullptr) ::pclose(pipe);
-  return text;
+  return test::readText(FATHOM_SOURCE_DIR "/realtime/onboard/service/fathom-onboard.service");
 }
 
 // What systemd-analyze has to say against the unit; "" when all is well. It wants the program itself to be
@@ -38,12 +22,13 @@ std::string complaints(std::string unit) {
   unit.replace(at, end - at, key + "/bin/true");
   const test::TemporaryFolder folder;
   const std::string path = (folder.path() / "fathom-onboard.service").string();
-  std::ofstream(path) << unit;
-  return printedBy("systemd-analyze verify --man=no " + path);
+  test::writeText(path, unit);
+  const test::Outcome run = test::runCommand("systemd-analyze verify --man=no " + path);
+  return run.out + run.err;
 }
 
 bool analyzerThere() {
-  return std::system("systemd-analyze --version > /dev/null 2>&1") == 0;
+  return test::runCommand("systemd-analyze --version").exit_code == 0;
 }
 
 TEST(ServiceUnit, SystemdHasNothingToSayAgainstIt) {

@@ -8,6 +8,7 @@
 #include "recon/geometry/mesh_io.hpp"
 #include "telemetry/monitor/codec/codec_program.hpp"
 #include "telemetry/monitor/codec/codec_report.hpp"
+#include "tests/support/lattice_mesh.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::monitor {
@@ -64,18 +65,12 @@ TEST(CodecSurface, TheMapsSamplingIsAMeanUnderATent) {
   // Ridges a cell apart: at the nodes all high, on the mean half way.
   Mesh mesh;
   constexpr int kSide = 81;
-  const auto n = [](int i, int j) { return static_cast<std::uint32_t>(i * kSide + j); };
   for (int i = 0; i < kSide; ++i)
     for (int j = 0; j < kSide; ++j)
       mesh.vertices.emplace_back(
           0.05F * static_cast<float>(i), 0.05F * static_cast<float>(j),
           10 - 0.1F * static_cast<float>(std::abs(2.5 - (i + 0.0) + 5 * std::floor(i / 5.0))));
-  for (int i = 0; i + 1 < kSide; ++i) {
-    for (int j = 0; j + 1 < kSide; ++j) {
-      mesh.triangles.push_back({n(i, j), n(i, j + 1), n(i + 1, j + 1)});
-      mesh.triangles.push_back({n(i, j), n(i + 1, j + 1), n(i + 1, j)});
-    }
-  }
+  mesh.triangles = test::latticeTriangles(kSide, kSide);
   const LatticeSurface point = sampleSurface(mesh, 0.25, Sampling::kPoint, "ridges.ply");
   const LatticeSurface map = sampleSurface(mesh, 0.25, Sampling::kMap, "ridges.ply");
   EXPECT_NEAR(point.depth[point.at(8, 8)], 9.75, 1e-3);

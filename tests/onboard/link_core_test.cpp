@@ -9,6 +9,7 @@
 
 #include "realtime/kernel/frame_port.hpp"
 #include "telemetry/ship/link_receiver.hpp"
+#include "tests/support/lattice_mesh.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -38,12 +39,7 @@ Mesh patch(float north, float east, float size) {
   for (int i = 0; i < n; ++i)
     for (int j = 0; j < n; ++j) mesh.vertices.emplace_back(north + 0.1F * i, east + 0.1F * j, 12.0F);
   mesh.sigma.assign(mesh.vertices.size(), 0.01F);
-  const auto at = [&](int i, int j) { return static_cast<std::uint32_t>(i * n + j); };
-  for (int i = 0; i + 1 < n; ++i)
-    for (int j = 0; j + 1 < n; ++j) {
-      mesh.triangles.push_back({at(i, j), at(i, j + 1), at(i + 1, j + 1)});
-      mesh.triangles.push_back({at(i, j), at(i + 1, j + 1), at(i + 1, j)});
-    }
+  mesh.triangles = test::latticeTriangles(n, n);
   return mesh;
 }
 

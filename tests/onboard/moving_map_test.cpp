@@ -8,6 +8,7 @@
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "tests/onboard/made_dive.hpp"
 #include "tests/support/heap_counter.hpp"
+#include "tests/support/lattice_mesh.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -33,12 +34,7 @@ Mesh meshAt(const SE3& T_nav_cam, int number) {
       mesh.sigma.push_back(0.01F);
       mesh.colours.push_back({static_cast<std::uint8_t>(100 + i), static_cast<std::uint8_t>(90 + j), 80});
     }
-  for (int i = 0; i + 1 < side; ++i)
-    for (int j = 0; j + 1 < side; ++j) {
-      const auto a = static_cast<std::uint32_t>(i * side + j), b = a + static_cast<std::uint32_t>(side);
-      mesh.triangles.push_back({a, b, a + 1});
-      mesh.triangles.push_back({b, b + 1, a + 1});
-    }
+  mesh.triangles = test::latticeTriangles(side, side);
   return mesh;
 }
 

@@ -7,6 +7,7 @@
 #include "recon/closure/feature_slot.hpp"
 #include "tests/onboard/cores_run.hpp"
 #include "tests/onboard/made_dive.hpp"
+#include "tests/support/lattice_mesh.hpp"
 #include "tests/support/saved_state.hpp"
 
 namespace fathom::onboard {
@@ -148,12 +149,7 @@ Mesh meshOf(int number) {
       mesh.sigma.push_back(0.01F);
       mesh.colours.push_back({static_cast<std::uint8_t>(100 + i), static_cast<std::uint8_t>(90 + j), 80});
     }
-  for (int i = 0; i + 1 < kSide; ++i)
-    for (int j = 0; j + 1 < kSide; ++j) {
-      const auto a = static_cast<std::uint32_t>(i * kSide + j), b = a + static_cast<std::uint32_t>(kSide);
-      mesh.triangles.push_back({a, b, a + 1});
-      mesh.triangles.push_back({b, b + 1, a + 1});
-    }
+  mesh.triangles = test::latticeTriangles(kSide, kSide);
   return mesh;
 }
 

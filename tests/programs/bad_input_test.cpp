@@ -5,7 +5,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "tests/programs/program_run.hpp"
+#include "tests/support/program_run.hpp"
 
 namespace fathom::test {
 namespace {
@@ -52,6 +52,19 @@ TEST_F(BadInput, UsageIsRefusedInOneLineByEveryProgram) {
   expectRefused("fathom-onboard --replay x --speed abc", "--speed");
   expectRefused("fathom-topside run x --resolution 0", "--resolution");
   expectRefused("fathom-monitor --udp abc", "--udp");
+  for (const char* arguments : {"sonar", "dvl", "can --nonsense x"})
+    expectRefused(std::string("fathom-sensors ") + arguments, "");
+}
+
+TEST_F(BadInput, WhatCannotBeSimulatedIsRefused) {
+  const std::string out = path("dive");
+  for (const char* arguments : {"nonsense", "render", "render demo", "render demo --out", "score",
+                                "keys no-such-scenario", "score /nowhere"})
+    expectRefused(std::string("fathom-sim ") + arguments, "");
+  for (const char* arguments :
+       {"no-such-scenario", "demo --scale 7", "demo --scale abc", "demo --duration nan", "demo --threads -1"})
+    expectRefused(std::string("fathom-sim render ") + arguments + " --out " + out, "");
+  EXPECT_FALSE(fs::exists(out));
 }
 
 TEST(Help, EveryProgramAndEachOfItsCommandsShowsACompleteExample) {

@@ -1,7 +1,7 @@
 // Missions with something wrong in them, under the programs that read missions.
 #include <gtest/gtest.h>
 
-#include "tests/programs/program_run.hpp"
+#include "tests/support/program_run.hpp"
 
 namespace fathom::test {
 namespace {
@@ -131,9 +131,9 @@ TEST_F(BadMission, WithoutOneReadableImageThereIsNoMap) {
   for (const std::string& command : {onboard(), topside()}) {
     const Outcome run = runProgram(command);
     EXPECT_EQ(run.exit_code, 2) << run.err;
-    ASSERT_FALSE(run.errorLines().empty());
-    EXPECT_THAT(run.errorLines().back(), HasSubstr("30 unreadable"));
-    EXPECT_THAT(run.errorLines().back(), HasSubstr(".tif: is empty"));
+    ASSERT_FALSE(linesOf(run.err).empty());
+    EXPECT_THAT(linesOf(run.err).back(), HasSubstr("30 unreadable"));
+    EXPECT_THAT(linesOf(run.err).back(), HasSubstr(".tif: is empty"));
   }
   expectNothingWritten();
 }

@@ -1,11 +1,9 @@
 // The commands of the README's five tasks, run as they stand there.
-#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <stdlib.h>
-#include <unistd.h>
 
-#include "tests/programs/program_run.hpp"
+#include "tests/support/program_run.hpp"
+#include "tests/support/pty_line.hpp"
 
 namespace fathom::test {
 namespace {
@@ -60,19 +58,13 @@ class ReadmeGuide : public ::testing::Test {
     writeText(
         here_ / "onboard.toml",
         "[cameras]\nleft = \"absent-left\"\nright = \"absent-right\"\n[link]\nkey_file = \"ship.key\"\n");
-
-    modem_ = ::posix_openpt(O_RDWR | O_NOCTTY);
-    ASSERT_GE(modem_, 0);
-    ASSERT_EQ(::grantpt(modem_), 0);
-    ASSERT_EQ(::unlockpt(modem_), 0);
   }
-  void TearDown() override { ::close(modem_); }
 
   // Here there is neither ship nor camera nor somebody who ends the programs that wait; and a name tells that
   // the left image is a colour filter's.
   [[nodiscard]] std::string asRunHere(std::string command) const {
     const std::pair<std::string, std::string> here[] = {
-        {"/dev/ttyUSB0", ::ptsname(modem_)}, {"left.tif", left_[5]}, {"right.tif", right_[5]}};
+        {"/dev/ttyUSB0", modem_.name()}, {"left.tif", left_[5]}, {"right.tif", right_[5]}};
     for (const auto& [there, instead] : here)
       if (const auto at = command.find(there); at != std::string::npos)
         command.replace(at, there.size(), instead);
@@ -95,7 +87,7 @@ class ReadmeGuide : public ::testing::Test {
   TemporaryFolder folder_;
   fs::path here_ = folder_.path();
   std::vector<std::string> left_, right_;  // images of the dive
-  int modem_ = -1;
+  PtyLine modem_;
 };
 
 TEST_F(ReadmeGuide, EachCommandOfTheFiveTasksWorksAsItStandsThere) {
@@ -111,11 +103,8 @@ TEST_F(ReadmeGuide, EachCommandOfTheFiveTasksWorksAsItStandsThere) {
         fs::create_symlink(entry.path(), here_ / "dives/today" / entry.path().filename());
     }
     for (const std::string& command : task.commands) {
-      const std::string line = "cd " + here_.string() + " && " + asRunHere(command) + " >out 2>&1 </dev/null";
-      const int status = std::system(line.c_str());
-      EXPECT_EQ(WIFEXITED(status) ? WEXITSTATUS(status) : -1, expectedStatus(command))
-          << command << "\n"
-          << readText(here_ / "out");
+      const Outcome run = runCommand("cd " + here_.string() + " && " + asRunHere(command));
+      EXPECT_EQ(run.exit_code, expectedStatus(command)) << command << "\n" << run.out << run.err;
     }
   }
   for (const char* made : {"mesh.ply", "depth.png", "ship.key", "dives/mine/topside/tiles/tileset.json",

@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "recon/geometry/mesh_io.hpp"
-#include "tests/programs/program_run.hpp"
+#include "tests/support/program_run.hpp"
 
 namespace fathom::test {
 namespace {
@@ -105,7 +105,7 @@ TEST_F(StereoProgram, ImagesWithoutAParallaxGiveNoMeshAndSaySo) {
   const Outcome run = runProgram("fathom-topside stereo --calib " + (mission_ / "stereo.calib").string() +
                                  " " + left_.string() + " " + left_.string() + " --out " + out);
   EXPECT_EQ(run.exit_code, 1);
-  ASSERT_EQ(run.errorLines().size(), 1U) << run.err;
+  ASSERT_EQ(linesOf(run.err).size(), 1U) << run.err;
   EXPECT_THAT(run.err, HasSubstr("no surface found"));
   EXPECT_FALSE(std::filesystem::exists(out));
 }

@@ -140,12 +140,7 @@ TEST_F(DiveTables, TheTrackTellsNullWhereNothingIsKnown) {
 }
 
 TEST_F(DiveTables, ImagesJsonHoldsPosesAndTheCamera) {
-  Camera camera;
-  camera.width = 1360;
-  camera.height = 1024;
-  camera.fx = camera.fy = 1500;
-  camera.cx = 679.5;
-  camera.cy = 511.5;
+  const Camera camera{1360, 1024, 1500, 1500, 679.5, 511.5};
   writeImagesJson(folder_ / "images.json", {image(3, 4)}, camera);
   const auto read = json("images.json");
   ASSERT_EQ(read["images"].size(), 1U);
@@ -160,12 +155,7 @@ TEST_F(DiveTables, ImagesJsonHoldsPosesAndTheCamera) {
 }
 
 TEST(Footprint, ALevelCamerasFootprintIsItsFieldOfView) {
-  Camera camera;
-  camera.width = 1000;
-  camera.height = 800;
-  camera.fx = camera.fy = 1000;
-  camera.cx = 499.5;
-  camera.cy = 399.5;
+  const Camera camera{1000, 800, 1000, 1000, 499.5, 399.5};
   // Camera x to starboard (east), y aft (south), z down.
   Eigen::Matrix3d rotation;
   rotation << 0, -1, 0, 1, 0, 0, 0, 0, 1;

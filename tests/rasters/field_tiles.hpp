@@ -4,6 +4,7 @@
 #include <functional>
 
 #include "recon/geometry/textured_tile.hpp"
+#include "tests/support/lattice_mesh.hpp"
 
 namespace fathom::topside::test {
 
@@ -30,13 +31,7 @@ inline TexturedTile fieldTile(const TileId& id, const TileGrid& grid, double ste
       tile.views.push_back(static_cast<std::uint16_t>(3));
     }
   }
-  for (int i = 0; i < n; ++i) {
-    for (int j = 0; j < n; ++j) {
-      const auto at = [&](int di, int dj) { return static_cast<std::uint32_t>((i + di) * (n + 1) + j + dj); };
-      tile.mesh.triangles.push_back({at(0, 0), at(0, 1), at(1, 1)});
-      tile.mesh.triangles.push_back({at(0, 0), at(1, 1), at(1, 0)});
-    }
-  }
+  tile.mesh.triangles = fathom::test::latticeTriangles(n + 1, n + 1);
   return out;
 }
 

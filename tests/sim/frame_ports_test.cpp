@@ -1,9 +1,6 @@
 #include <gtest/gtest.h>
 #include <netinet/in.h>
-#include <poll.h>
-#include <pty.h>
 #include <sys/socket.h>
-#include <termios.h>
 #include <unistd.h>
 
 #include <array>
@@ -14,6 +11,7 @@
 
 #include "firmware_if/modem/modem_ports.hpp"
 #include "sim/link/channel.hpp"
+#include "tests/support/pty_line.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -36,42 +34,22 @@ class Joined {
 // pseudo-terminal has no rate of its own: this tests the line's settings and the framing, not its pace.
 class SerialCable final : public Joined {
  public:
-  SerialCable() : vehicle_(open(0), 9600), ship_(open(1), 9600) {}
-  ~SerialCable() override {
-    for (const int fd : master_) ::close(fd);
-    for (const int fd : slave_) ::close(fd);
-  }
+  SerialCable() : vehicle_(ends_[0].name(), 9600), ship_(ends_[1].name(), 9600) {}
   FramePort& vehicle() override { return vehicle_; }
   FramePort& ship() override { return ship_; }
   void settle() override {
     while (pump(0, 1) || pump(1, 0)) continue;
   }
-  void disturb(const Bytes& bytes) override { write(1, bytes); }
+  void disturb(const Bytes& bytes) override { ends_[1].send(bytes); }
 
  private:
-  const char* open(std::size_t end) {
-    EXPECT_EQ(::openpty(&master_[end], &slave_[end], name_.data(), nullptr, nullptr), 0);
-    termios raw = {};
-    ::tcgetattr(master_[end], &raw);
-    ::cfmakeraw(&raw);
-    ::tcsetattr(master_[end], TCSANOW, &raw);
-    return name_.data();
-  }
-  void write(std::size_t end, const Bytes& bytes) const {
-    ASSERT_EQ(::write(master_[end], bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size()));
-  }
   bool pump(std::size_t from, std::size_t to) {
-    pollfd waiting = {master_[from], POLLIN, 0};
-    if (::poll(&waiting, 1, 1) != 1) return false;
     Bytes bytes(1024);
-    const ssize_t n = ::read(master_[from], bytes.data(), bytes.size());
-    if (n <= 0) return false;
-    bytes.resize(static_cast<std::size_t>(n));
-    write(to, bytes);
-    return true;
+    const ssize_t n = ends_[from].read(bytes, 1);
+    if (n > 0) ends_[to].send(std::span(bytes).first(static_cast<std::size_t>(n)));
+    return n > 0;
   }
-  std::array<int, 2> master_ = {-1, -1}, slave_ = {-1, -1};
-  std::array<char, 256> name_{};
+  std::array<test::PtyLine, 2> ends_;
   io::SerialFramePort vehicle_, ship_;
 };
 

@@ -23,16 +23,9 @@ inline void writeTenSecondMission(const std::filesystem::path& folder) {
   mission.cameras.left_serial = "A";
   mission.cameras.right_serial = "B";
   io::writeMissionConfig(folder, mission);
-  StereoRig rig;
-  for (Camera* camera : {&rig.left, &rig.right}) {
-    camera->width = 136;
-    camera->height = 102;
-    camera->fx = camera->fy = 170;
-    camera->cx = 68;
-    camera->cy = 51;
-  }
-  rig.T_right_left = SE3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(-0.07, 0, 0));
-  writeStereoCalib(io::MissionPaths(folder).calib(), rig);
+  const Camera camera{136, 102, 170, 170, 68, 51};
+  writeStereoCalib(io::MissionPaths(folder).calib(),
+                   {camera, camera, SE3::fromEuler(0, 0, 0, {-0.07, 0, 0})});
 
   io::SensorLogWriter log(io::MissionPaths(folder).log());
   for (int tick = 0; tick < 100; ++tick) {

@@ -3,14 +3,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "tests/support/lattice_mesh.hpp"
+
 namespace fathom::surface {
 
 Camera sceneCamera() {
-  Camera camera;
-  camera.width = 340, camera.height = 256;
-  camera.fx = 431, camera.fy = 430, camera.cx = 171.2, camera.cy = 126.6;
-  camera.k1 = 0.142, camera.k2 = 0.655, camera.p1 = 0.0021, camera.p2 = -0.0013;
-  return camera;
+  return {340, 256, 431, 430, 171.2, 126.6, 0.142, 0.655, 0.0021, -0.0013};
 }
 
 std::array<double, 3> seafloorPaint(double north, double east) {
@@ -68,19 +66,13 @@ void SeenScene::take() {
 
 TileMesh flatTile(double low, double high, double depth, double edge) {
   TileMesh tile;
-  const auto n = static_cast<std::uint32_t>(std::lround((high - low) / edge));
-  for (std::uint32_t i = 0; i <= n; ++i)
-    for (std::uint32_t j = 0; j <= n; ++j)
+  const auto n = static_cast<int>(std::lround((high - low) / edge));
+  for (int i = 0; i <= n; ++i)
+    for (int j = 0; j <= n; ++j)
       tile.mesh.vertices.push_back(Eigen::Vector3d(TileGrid::snap(low + i * edge),
                                                    TileGrid::snap(low + j * edge), TileGrid::snap(depth))
                                        .cast<float>());
-  for (std::uint32_t i = 0; i < n; ++i) {
-    for (std::uint32_t j = 0; j < n; ++j) {
-      const std::uint32_t a = i * (n + 1) + j, b = a + 1, c = a + n + 1, d = c + 1;
-      tile.mesh.triangles.push_back({a, b, d});
-      tile.mesh.triangles.push_back({a, d, c});
-    }
-  }
+  tile.mesh.triangles = test::latticeTriangles(n + 1, n + 1);
   computeNormals(tile.mesh);
   tile.shared.assign(tile.mesh.vertices.size(), 0);
   return tile;

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <random>
 
+#include "tests/support/lattice_mesh.hpp"
+
 namespace fathom::telemetry {
 namespace {
 
@@ -17,13 +19,7 @@ Mesh dune(int side) {
       mesh.colours.push_back({static_cast<std::uint8_t>(5 * i), 200, static_cast<std::uint8_t>(5 * j)});
     }
   }
-  const auto n = [&](int i, int j) { return static_cast<std::uint32_t>(i * side + j); };
-  for (int i = 0; i + 1 < side; ++i) {
-    for (int j = 0; j + 1 < side; ++j) {
-      mesh.triangles.push_back({n(i, j), n(i, j + 1), n(i + 1, j + 1)});
-      mesh.triangles.push_back({n(i, j), n(i + 1, j + 1), n(i + 1, j)});
-    }
-  }
+  mesh.triangles = test::latticeTriangles(side, side);
   return mesh;
 }
 

@@ -1,8 +1,5 @@
-#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <chrono>
 #include <csignal>
@@ -14,6 +11,7 @@
 #include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/pipeline.hpp"
+#include "sim/hil/bench/child_process.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/topside/tiny_mission.hpp"
 
@@ -95,20 +93,14 @@ TEST_F(Resume, KilledAtAnyMomentTheNextRunGivesTheSameBytes) {
   const RunPlaces places = placesFor("killed");
   std::mt19937 random(7);  // of delays alone: whatever the moment, the bytes must be the same
   for (int kill = 0; kill < 3; ++kill) {
-    const pid_t child = ::fork();
-    ASSERT_GE(child, 0);
-    if (child == 0) {
-      const int null = ::open("/dev/null", O_WRONLY);
-      ::dup2(null, 1);
-      ::dup2(null, 2);
-      const std::string program = FATHOM_BIN_DIR "/fathom-topside";
-      ::execl(program.c_str(), program.c_str(), "run", places.mission.c_str(), "--work", places.work.c_str(),
-              "--out", places.out.c_str(), nullptr);
-      ::_exit(127);
-    }
+    sim::ChildProcess program({{FATHOM_BIN_DIR "/fathom-topside", "run", places.mission.string(), "--work",
+                                places.work.string(), "--out", places.out.string()},
+                               {},
+                               "/dev/null",
+                               {}});
     std::this_thread::sleep_for(std::chrono::milliseconds(200 + random() % 2500));
-    ::kill(child, SIGKILL);
-    ASSERT_EQ(::waitpid(child, nullptr, 0), child);
+    program.signal(SIGKILL);
+    ASSERT_TRUE(program.wait(10));
   }
   RunPlaces whole = placesFor("whole");
   EXPECT_EQ(runTopside(places, {}).content, runTopside(whole, {}).content);

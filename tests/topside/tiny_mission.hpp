@@ -32,16 +32,8 @@ struct TinyMission {
   [[nodiscard]] double northAt(double t) const { return first_north + speed * (t - kFirstPair); }
 
   static StereoRig rig() {
-    StereoRig rig;
-    for (Camera* camera : {&rig.left, &rig.right}) {
-      camera->width = 340;
-      camera->height = 256;
-      camera->fx = camera->fy = 428;
-      camera->cx = 169.5;
-      camera->cy = 127.5;
-    }
-    rig.T_right_left = SE3(Eigen::Quaterniond::Identity(), {-0.07, 0, 0});
-    return rig;
+    const Camera camera{340, 256, 428, 428, 169.5, 127.5};
+    return {camera, camera, SE3::fromEuler(0, 0, 0, {-0.07, 0, 0})};
   }
 
   static double noise(int x, int y) {

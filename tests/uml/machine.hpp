@@ -1,11 +1,8 @@
 #pragma once
 
-#include <sys/wait.h>
-
-#include <cstdio>
-#include <filesystem>
 #include <string>
 
+#include "tests/support/program_run.hpp"
 #include "tests/uml/machine_files.hpp"
 
 // uml_run as a test calls it. The calling target depends on target uml_run and is made by fathom_test.
@@ -31,14 +28,8 @@ struct MachineRun {
 
 // `arguments` as a shell reads them: "--can -- candump vcan0".
 inline MachineRun runMachine(const std::string& arguments) {
-  MachineRun run;
-  const std::string command = std::string(FATHOM_BIN_DIR) + "/uml_run " + arguments + " 2>&1";
-  std::FILE* pipe = ::popen(command.c_str(), "r");
-  if (pipe == nullptr) return run;
-  for (int c = std::fgetc(pipe); c != EOF; c = std::fgetc(pipe)) run.output.push_back(static_cast<char>(c));
-  const int status = ::pclose(pipe);
-  if (WIFEXITED(status)) run.status = WEXITSTATUS(status);
-  return run;
+  const test::Outcome run = test::runProgram("uml_run " + arguments);
+  return {run.exit_code, run.out + run.err};
 }
 
 }  // namespace fathom::uml

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <numbers>
 #include <stdexcept>
+#include <utility>
 
 #include "recon/geometry/sea_water.hpp"
 
@@ -81,42 +82,16 @@ std::span<const SensorSample> N2kSamples::add(const N2kMessage& message) noexcep
   out_count_ = 0;
   if (!message.utc_ns) return {};
   const std::int64_t utc_ns = *message.utc_ns;
-  switch (message.id.pgn) {
-    case 127250:
-      addHeading(message, utc_ns);
-      break;
-    case 127257:
-      addTilt(message, utc_ns);
-      break;
-    case 127251:
-      addTurn(message, utc_ns);
-      break;
-    case 130314:
-      addPressure(message, utc_ns);
-      break;
-    case 128267:
-      addWaterDepth(message, utc_ns);
-      break;
-    case 127508:
-      addBattery(message, utc_ns);
-      break;
-    case 127506:
-      addCharge(message, utc_ns);
-      break;
-    case 129029:
-      addGnss(message, utc_ns);
-      break;
-    case 129025:
-      addPosition(message, utc_ns);
-      break;
-    case 130312:
-    case 130316:
-    case 130321:
-      addWater(message, utc_ns);
-      break;
-    default:
-      break;
-  }
+  using Handle = void (N2kSamples::*)(const N2kMessage&, std::int64_t) noexcept;
+  static constexpr std::pair<std::uint32_t, Handle> kHandles[] = {
+      {127250, &N2kSamples::addHeading},    {127257, &N2kSamples::addTilt},
+      {127251, &N2kSamples::addTurn},       {130314, &N2kSamples::addPressure},
+      {128267, &N2kSamples::addWaterDepth}, {127508, &N2kSamples::addBattery},
+      {127506, &N2kSamples::addCharge},     {129029, &N2kSamples::addGnss},
+      {129025, &N2kSamples::addPosition},   {130312, &N2kSamples::addWater},
+      {130316, &N2kSamples::addWater},      {130321, &N2kSamples::addWater}};
+  for (const auto& [pgn, handle] : kHandles)
+    if (message.id.pgn == pgn) (this->*handle)(message, utc_ns);
   counts_.samples += out_count_;
   return {out_.data(), out_count_};
 }
@@ -125,10 +100,7 @@ void N2kSamples::addHeading(const N2kMessage& message, std::int64_t utc_ns) noex
   if (!believed(heading_, message, utc_ns)) return;
   const auto reading = message.number("heading_rad");
   const auto reference = name(message, "reference");
-  if (!reading || !reference) {
-    ++counts_.incomplete;
-    return;
-  }
+  if (!reading || !reference) return incomplete();
   AttitudePairing::Heading heading{utc_ns, message.id.source, sid(message), *reading,
                                    *reference == "magnetic"};
   if (heading.magnetic) {
@@ -146,10 +118,7 @@ void N2kSamples::addHeading(const N2kMessage& message, std::int64_t utc_ns) noex
 void N2kSamples::addTilt(const N2kMessage& message, std::int64_t utc_ns) noexcept {
   if (!believed(tilt_, message, utc_ns)) return;
   const auto roll = message.number("roll_rad"), pitch = message.number("pitch_rad");
-  if (!roll || !pitch) {
-    ++counts_.incomplete;
-    return;
-  }
+  if (!roll || !pitch) return incomplete();
   for (const AttitudeSample& sample :
        pairing_.add(AttitudePairing::Tilt{utc_ns, message.id.source, sid(message), *roll, *pitch}))
     give(sample);
@@ -158,10 +127,7 @@ void N2kSamples::addTilt(const N2kMessage& message, std::int64_t utc_ns) noexcep
 void N2kSamples::addTurn(const N2kMessage& message, std::int64_t utc_ns) noexcept {
   if (!believed(gyro_, message, utc_ns)) return;
   const auto rate = message.number("rate_of_turn_radps");
-  if (!rate) {
-    ++counts_.incomplete;
-    return;
-  }
+  if (!rate) return incomplete();
   give(GyroSample{utc_ns, std::nullopt, *rate});
 }
 
@@ -174,10 +140,7 @@ void N2kSamples::addPressure(const N2kMessage& message, std::int64_t utc_ns) noe
   if (config_.depth_from != DepthFrom::kPressure || name(message, "source") != "water") return;
   if (!believed(depth_, message, utc_ns)) return;
   const auto pressure = message.number("pressure_pa");
-  if (!pressure) {
-    ++counts_.incomplete;
-    return;
-  }
+  if (!pressure) return incomplete();
   const double above = *pressure - config_.surface_pressure_pa;
   addDepth(config_.water_density ? depthFromPressure(above, config_.latitude, *config_.water_density)
                                  : depthFromPressure(above, config_.latitude),
@@ -188,10 +151,7 @@ void N2kSamples::addWaterDepth(const N2kMessage& message, std::int64_t utc_ns) n
   if (config_.depth_from == DepthFrom::kPressure || !believed(depth_, message, utc_ns)) return;
   const auto depth = message.number(config_.depth_from == DepthFrom::kDepth ? "depth_m" : "offset_m");
   // A negative offset is measured to the keel: it says nothing about the surface.
-  if (!depth || *depth < 0) {
-    ++counts_.incomplete;
-    return;
-  }
+  if (!depth || *depth < 0) return incomplete();
   addDepth(*depth, utc_ns);
 }
 
@@ -208,10 +168,7 @@ void N2kSamples::addBattery(const N2kMessage& message, std::int64_t utc_ns) noex
   sample.voltage = message.number("voltage_v");
   if (const auto into = message.number("current_a")) sample.current = -*into;
   sample.charge = fresh(charge_, utc_ns, kChargeHolds_s);
-  if (!sample.voltage && !sample.current && !sample.charge) {
-    ++counts_.incomplete;
-    return;
-  }
+  if (!sample.voltage && !sample.current && !sample.charge) return incomplete();
   last_battery_ns_ = utc_ns;
   give(sample);
 }
@@ -220,10 +177,7 @@ void N2kSamples::addCharge(const N2kMessage& message, std::int64_t utc_ns) noexc
   if (name(message, "dc_type").value_or("battery") != "battery") return;
   if (!believed(battery_, message, utc_ns) || !isOurBattery(message)) return;
   const auto percent = message.number("state_of_charge_percent");
-  if (!percent || *percent > 100) {
-    ++counts_.incomplete;
-    return;
-  }
+  if (!percent || *percent > 100) return incomplete();
   const double charge = *percent / 100;
   charge_ = {charge, utc_ns};
   // Else the next 127508 carries it.
@@ -242,8 +196,7 @@ void N2kSamples::addGnss(const N2kMessage& message, std::int64_t utc_ns) noexcep
   // An address that only repeats or estimates positions is not taken for a receiver.
   if (!measured) {
     if (gps_.is(message.id.source)) hdop_.reset();
-    ++counts_.incomplete;
-    return;
+    return incomplete();
   }
   if (!believed(gps_, message, utc_ns)) return;
   const auto latitude = message.number("latitude_deg"), longitude = message.number("longitude_deg"),
@@ -251,8 +204,7 @@ void N2kSamples::addGnss(const N2kMessage& message, std::int64_t utc_ns) noexcep
   if (!latitude || !longitude || !hdop || *hdop <= 0 || std::abs(*latitude) > 90 ||
       std::abs(*longitude) > 180) {
     hdop_.reset();
-    ++counts_.incomplete;
-    return;
+    return incomplete();
   }
   hdop_ = {*hdop, utc_ns};
   give(GpsFix{utc_ns, *latitude * kDegree, *longitude * kDegree, *hdop * config_.gps_range_sigma_m});
@@ -260,16 +212,10 @@ void N2kSamples::addGnss(const N2kMessage& message, std::int64_t utc_ns) noexcep
 
 void N2kSamples::addPosition(const N2kMessage& message, std::int64_t utc_ns) noexcept {
   const auto hdop = fresh(hdop_, utc_ns, kHdopHolds_s);
-  if (!hdop) {
-    ++counts_.incomplete;
-    return;
-  }
+  if (!hdop) return incomplete();
   if (!believed(gps_, message, utc_ns)) return;
   const auto latitude = message.number("latitude_deg"), longitude = message.number("longitude_deg");
-  if (!latitude || !longitude || std::abs(*latitude) > 90 || std::abs(*longitude) > 180) {
-    ++counts_.incomplete;
-    return;
-  }
+  if (!latitude || !longitude || std::abs(*latitude) > 90 || std::abs(*longitude) > 180) return incomplete();
   give(GpsFix{utc_ns, *latitude * kDegree, *longitude * kDegree, *hdop * config_.gps_range_sigma_m});
 }
 
@@ -281,10 +227,7 @@ void N2kSamples::addWater(const N2kMessage& message, std::int64_t utc_ns) noexce
   WaterSample sample;
   sample.utc_ns = utc_ns;
   sample.temperature = message.number(station ? "water_temperature_c" : "temperature_c");
-  if (!sample.temperature) {
-    ++counts_.incomplete;
-    return;
-  }
+  if (!sample.temperature) return incomplete();
   auto salinity = fresh(salinity_, utc_ns, kWaterHolds_s);
   if (!salinity) salinity = config_.salinity_psu;
   const auto depth = fresh(last_depth_, utc_ns, kWaterHolds_s);

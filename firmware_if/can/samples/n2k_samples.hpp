@@ -82,6 +82,7 @@ class N2kSamples {
 
  private:
   void give(const SensorSample& sample) noexcept { out_[out_count_++] = sample; }
+  void incomplete() noexcept { ++counts_.incomplete; }
   void addHeading(const N2kMessage& message, std::int64_t utc_ns) noexcept;
   void addTilt(const N2kMessage& message, std::int64_t utc_ns) noexcept;
   void addTurn(const N2kMessage& message, std::int64_t utc_ns) noexcept;

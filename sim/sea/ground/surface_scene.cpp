@@ -1,7 +1,6 @@
 #include "sim/sea/ground/surface_scene.hpp"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
@@ -9,20 +8,11 @@
 namespace fathom::sim {
 namespace {
 
-// Bytes that Embree holds, over all scenes.
-std::atomic<std::int64_t> embree_bytes{0};
-
-bool countMemory(void*, ssize_t bytes, bool) {
-  embree_bytes += bytes;
-  return true;
-}
-
 // Embree's handle for the whole process.
 class Device {
  public:
   Device() : device_(rtcNewDevice("threads=1")) {
     if (device_ == nullptr) throw std::runtime_error("Embree does not start on this processor");
-    rtcSetDeviceMemoryMonitorFunction(device_, countMemory, nullptr);
   }
   ~Device() { rtcReleaseDevice(device_); }
   Device(const Device&) = delete;
@@ -243,18 +233,6 @@ Mesh SurfaceScene::mesh() const {
     }
   }
   return mesh;
-}
-
-std::size_t SurfaceScene::memoryBytes() const {
-  std::size_t bytes = static_cast<std::size_t>(std::max<std::int64_t>(0, embree_bytes.load()));
-  for (const auto& part : parts_) {
-    bytes += part->grid.vertices.size() * (2 * sizeof(Eigen::Vector3f) + sizeof(Cover));
-    const TriangleSurface& t = part->triangles;
-    bytes += t.vertices.size() * (2 * sizeof(Eigen::Vector3f) + sizeof(Cover)) + t.triangles.size() * 12 +
-             t.texture_coordinates.size() * sizeof(Eigen::Vector2f) +
-             (t.texture ? t.texture->memoryBytes() : 0);
-  }
-  return bytes;
 }
 
 }  // namespace fathom::sim

@@ -90,7 +90,6 @@ class SurfaceScene {
   [[nodiscard]] Mesh mesh() const;                                       // in nav
   [[nodiscard]] const Eigen::Vector3d& lower() const { return lower_; }  // in nav, after commit()
   [[nodiscard]] const Eigen::Vector3d& upper() const { return upper_; }
-  [[nodiscard]] std::size_t memoryBytes() const;
 
  private:
   struct Part {

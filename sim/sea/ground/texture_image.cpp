@@ -84,10 +84,4 @@ std::array<float, 3> TextureImage::sample(const Eigen::Vector2f& st, float texel
   return colour;
 }
 
-std::size_t TextureImage::memoryBytes() const {
-  std::size_t bytes = 0;
-  for (const Level& level : levels_) bytes += level.rgb.size();
-  return bytes;
-}
-
 }  // namespace fathom::sim

@@ -20,7 +20,6 @@ class TextureImage {
 
   [[nodiscard]] int width() const { return levels_[0].width; }
   [[nodiscard]] int height() const { return levels_[0].height; }
-  [[nodiscard]] std::size_t memoryBytes() const;
 
  private:
   struct Level {

@@ -106,35 +106,31 @@ void WebServer::Impl::exports(httplib::Server& server) {
 }
 
 void WebServer::Impl::posts(httplib::Server& server) {
-  server.Post("/api/request", [this](const Request& request, Response& response) {
-    std::string why;
-    const auto wanted = parseRequest(request.body, why);
-    if (!wanted) return refuse(response, kBadRequest, why);
-    const std::lock_guard lock(shared.mutex);
-    if (why = shared.whySilent(); !why.empty()) return refuse(response, kConflict, why);
-    if (!shared.model->ask(*wanted, shared.now_utc_ns))
-      return refuse(response, kBusy, "too many requests wait for the ship's turn");
-    response.set_content("{}", "application/json");
+  // parse(body, why) gives what is wanted, take(wanted, response) takes it or refuses.
+  const auto post = [this, &server](const char* path, auto parse, auto take) {
+    server.Post(path, [this, parse, take](const Request& request, Response& response) {
+      std::string why;
+      const auto wanted = parse(request.body, why);
+      if (!wanted) return refuse(response, kBadRequest, why);
+      const std::lock_guard lock(shared.mutex);
+      take(*wanted, response);
+      if (response.body.empty()) response.set_content("{}", "application/json");
+    });
+  };
+  post("/api/request", parseRequest, [this](const telemetry::Request& wanted, Response& response) {
+    if (const std::string why = shared.whySilent(); !why.empty()) return refuse(response, kConflict, why);
+    if (!shared.model->ask(wanted, shared.now_utc_ns))
+      refuse(response, kBusy, "too many requests wait for the ship's turn");
   });
-  server.Post("/api/fix", [this](const Request& request, Response& response) {
-    std::string why;
-    const auto fix = parseFix(request.body, why);
-    if (!fix) return refuse(response, kBadRequest, why);
-    const std::lock_guard lock(shared.mutex);
-    if (why = shared.whySilent(); !why.empty()) return refuse(response, kConflict, why);
-    if (!shared.model->tellFix(*fix)) return refuse(response, kBadRequest, "the fix is out of bounds");
-    response.set_content("{}", "application/json");
+  post("/api/fix", parseFix, [this](const telemetry::UsblFixMessage& fix, Response& response) {
+    if (const std::string why = shared.whySilent(); !why.empty()) return refuse(response, kConflict, why);
+    if (!shared.model->tellFix(fix)) refuse(response, kBadRequest, "the fix is out of bounds");
   });
-  server.Post("/api/playback", [this](const Request& request, Response& response) {
-    std::string why;
-    const auto wish = parsePlayback(request.body, why);
-    if (!wish) return refuse(response, kBadRequest, why);
-    const std::lock_guard lock(shared.mutex);
+  post("/api/playback", parsePlayback, [this](const PlaybackWish& wish, Response& response) {
     if (!shared.playback) return refuse(response, kConflict, "this is a live link, not a recording");
     if (shared.wishes.size() >= SharedModel::kMaxWishes)
       return refuse(response, kBusy, "too many wishes wait");
-    shared.wishes.push_back(*wish);
-    response.set_content("{}", "application/json");
+    shared.wishes.push_back(wish);
   });
 }
 

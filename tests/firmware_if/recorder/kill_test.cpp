@@ -1,14 +1,12 @@
 // A recorder that is killed at any instant.
-#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <signal.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <chrono>
 #include <random>
 #include <thread>
 
+#include "sim/hil/bench/child_process.hpp"
 #include "tests/firmware_if/recorder/recorder_status.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
 #include "tests/support/test_data.hpp"
@@ -19,16 +17,6 @@ namespace {
 
 using ::testing::IsEmpty;
 
-pid_t startRecorder(const std::filesystem::path& folder, const std::filesystem::path& status) {
-  const pid_t child = ::fork();
-  if (child != 0) return child;
-  const int out = ::open(status.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
-  ::dup2(out, STDOUT_FILENO);
-  ::execl(FATHOM_BIN_DIR "/dive_recorder", "dive_recorder", folder.c_str(), "--width", "160", "--height",
-          "120", "--speed", "5", nullptr);
-  ::_exit(127);
-}
-
 TEST(RecorderKilled, LosesNothingThatItHadHandedToTheSystem) {
   constexpr int kKills = 8;
   constexpr std::int64_t kMostLostMs = 1000;
@@ -38,13 +26,14 @@ TEST(RecorderKilled, LosesNothingThatItHadHandedToTheSystem) {
   std::mt19937 random(20261121);
   std::uint64_t before = 0;
   for (int kill = 0; kill < kKills; ++kill) {
-    const pid_t child = startRecorder(folder, status_file);
-    ASSERT_GT(child, 0);
+    sim::ChildProcess recorder({{FATHOM_BIN_DIR "/dive_recorder", folder.string(), "--width", "160",
+                                 "--height", "120", "--speed", "5"},
+                                {},
+                                status_file,
+                                {}});
     std::this_thread::sleep_for(std::chrono::milliseconds(150 + random() % 1500));
-    ASSERT_EQ(::kill(child, SIGKILL), 0);
-    int result = 0;
-    ASSERT_EQ(::waitpid(child, &result, 0), child);
-    ASSERT_TRUE(WIFSIGNALED(result));
+    recorder.signal(SIGKILL);
+    ASSERT_EQ(recorder.wait(10), 128 + SIGKILL);
     if (!std::filesystem::exists(io::MissionPaths(folder).log())) continue;  // killed as it began
     if (std::filesystem::file_size(io::MissionPaths(folder).log()) == 0) continue;
     const RecorderStatus status(readText(status_file));

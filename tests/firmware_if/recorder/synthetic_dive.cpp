@@ -54,16 +54,10 @@ io::MissionConfig SyntheticDive::mission() const {
 }
 
 StereoRig SyntheticDive::rig() const {
-  StereoRig rig;
-  for (Camera* camera : {&rig.left, &rig.right}) {
-    camera->width = config_.width;
-    camera->height = config_.height;
-    camera->fx = camera->fy = config_.width;
-    camera->cx = 0.5 * (config_.width - 1);
-    camera->cy = 0.5 * (config_.height - 1);
-  }
-  rig.T_right_left = SE3(Eigen::Quaterniond::Identity(), {-0.07, 0, 0});
-  return rig;
+  const double focal = config_.width;
+  const Camera camera{
+      config_.width, config_.height, focal, focal, 0.5 * (config_.width - 1), 0.5 * (config_.height - 1)};
+  return {camera, camera, SE3::fromEuler(0, 0, 0, {-0.07, 0, 0})};
 }
 
 io::OnboardInput SyntheticDive::input(std::uint64_t number) const {

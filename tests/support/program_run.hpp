@@ -38,31 +38,36 @@ inline void damage(const std::filesystem::path& path, Damage kind) {
 struct Outcome {
   int exit_code = -1;  // -1: ended by a signal
   std::string out, err;
-
-  [[nodiscard]] std::vector<std::string> errorLines() const {
-    std::vector<std::string> lines;
-    std::istringstream stream(err);
-    for (std::string line; std::getline(stream, line);) lines.push_back(line);
-    return lines;
-  }
 };
 
-// "fathom-sim score x", with a shell's quoting.
-inline Outcome runProgram(const std::string& command) {
+inline std::vector<std::string> linesOf(const std::string& text) {
+  std::vector<std::string> lines;
+  std::istringstream stream(text);
+  for (std::string line; std::getline(stream, line);) lines.push_back(line);
+  return lines;
+}
+
+// With a shell's quoting and redirections.
+inline Outcome runCommand(const std::string& command) {
   const TemporaryFolder streams;
   const auto out = streams.path() / "out", err = streams.path() / "err";
-  const std::string line = std::string(FATHOM_BIN_DIR) + "/" + command + " >" + out.string() + " 2>" +
-                           err.string() + " </dev/null";
+  const std::string line = "{ " + command + "; } >" + out.string() + " 2>" + err.string() + " </dev/null";
   const int status = std::system(line.c_str());
   return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, readText(out), readText(err)};
 }
 
-// Bad input: exit code 2 and one line, which names the program and `subject`.
+// Of this build: "fathom-sim score x".
+inline Outcome runProgram(const std::string& command) {
+  return runCommand(std::string(FATHOM_BIN_DIR) + "/" + command);
+}
+
+// Bad input: exit code 2, nothing half-written, and one line, which names the program and `subject`.
 inline void expectRefused(const std::string& command, const std::string& subject) {
   SCOPED_TRACE(command);
   const Outcome run = runProgram(command);
   EXPECT_EQ(run.exit_code, 2) << run.err;
-  ASSERT_EQ(run.errorLines().size(), 1u) << run.err;
+  EXPECT_EQ(run.out, "");
+  ASSERT_EQ(linesOf(run.err).size(), 1u) << run.err;
   EXPECT_EQ(run.err.rfind(command.substr(0, command.find(' ')) + ": ", 0), 0u) << run.err;
   EXPECT_THAT(run.err, ::testing::HasSubstr(subject));
 }

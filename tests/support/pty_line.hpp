@@ -50,20 +50,20 @@ class PtyLine {
   }
   // The same where nobody may be reading: what there is no room for is lost, as on a wire.
   void offer(std::span<const std::uint8_t> bytes) const {
-    if (!pollFor(POLLOUT)) return;
+    if (!pollFor(POLLOUT, 0)) return;
     [[maybe_unused]] const ssize_t written = ::write(instrument_, bytes.data(), bytes.size());
   }
-  // What the program has sent, without waiting.
-  [[nodiscard]] ssize_t read(std::span<std::uint8_t> buffer) const {
-    return pollFor(POLLIN) ? ::read(instrument_, buffer.data(), buffer.size()) : 0;
+  // What the program has sent.
+  [[nodiscard]] ssize_t read(std::span<std::uint8_t> buffer, int timeout_ms = 0) const {
+    return pollFor(POLLIN, timeout_ms) ? ::read(instrument_, buffer.data(), buffer.size()) : 0;
   }
   [[nodiscard]] const std::string& name() const { return name_; }
   [[nodiscard]] int line() const { return line_; }
 
  private:
-  [[nodiscard]] bool pollFor(short events) const {
+  [[nodiscard]] bool pollFor(short events, int timeout_ms) const {
     pollfd line = {instrument_, events, 0};
-    return ::poll(&line, 1, 0) == 1 && (line.revents & events) != 0;
+    return ::poll(&line, 1, timeout_ms) == 1 && (line.revents & events) != 0;
   }
   static int& counter() {
     static int n = 0;
