@@ -30,7 +30,7 @@ class Arena {
   // `count` value-initialised objects; an empty span when they do not fit. Their destructors never run.
   template <typename T>
   [[nodiscard]] std::span<T> allocateArray(std::size_t count) noexcept {
-    static_assert(std::is_trivially_destructible_v<T> && std::is_nothrow_default_constructible_v<T>);
+    static_assert(std::is_trivially_destructible_v<T>);
     if (count > capacity_ / sizeof(T)) {
       ++refused_;
       return {};

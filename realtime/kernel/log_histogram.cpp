@@ -30,14 +30,6 @@ void LogHistogram::add(std::int64_t value) noexcept {
   ++count_;
 }
 
-void LogHistogram::merge(const LogHistogram& other) noexcept {
-  if (other.count_ == 0) return;
-  for (std::size_t i = 0; i < kBuckets; ++i) buckets_[i] += other.buckets_[i];
-  min_ = count_ == 0 ? other.min_ : std::min(min_, other.min_);
-  max_ = std::max(max_, other.max_);
-  count_ += other.count_;
-}
-
 std::int64_t LogHistogram::percentile(double percent) const noexcept {
   assert(percent >= 0 && percent <= 100);
   if (count_ == 0) return 0;

@@ -14,8 +14,6 @@ class LogHistogram {
   // Negative values count as 0.
   void add(std::int64_t value) noexcept;
   void clear() noexcept { *this = LogHistogram(); }
-  // Adds the other's counts.
-  void merge(const LogHistogram& other) noexcept;
 
   [[nodiscard]] std::uint64_t count() const noexcept { return count_; }
   [[nodiscard]] std::int64_t min() const noexcept { return count_ == 0 ? 0 : min_; }

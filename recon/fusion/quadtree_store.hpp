@@ -73,8 +73,6 @@ class QuadtreeStore {
   }
   [[nodiscard]] const Layer& layer(std::int32_t at) const { return layers_[static_cast<std::size_t>(at)]; }
   [[nodiscard]] const QuadtreeConfig& config() const { return config_; }
-  // Counts changes of which squares there are.
-  [[nodiscard]] std::uint64_t shapeChanges() const { return shape_changes_; }
   [[nodiscard]] std::size_t memoryBytes() const;
 
   struct Counters {
@@ -149,7 +147,7 @@ class QuadtreeStore {
   std::int32_t free_tile_ = kNone, free_layer_ = kNone;
   Eigen::Vector2d vehicle_ = Eigen::Vector2d::Constant(std::nan(""));
   Counters counters_;
-  std::uint64_t shape_changes_ = 0;
+  std::uint64_t shape_changes_ = 0;  // of which squares there are
 };
 
 }  // namespace fathom::fusion

@@ -17,12 +17,12 @@ constexpr std::int64_t kCountedPerWork = 8;
 FactorBuilder::FactorBuilder(const Size& size, rt::Arena& arena)
     : measurements_(size.poses, size.measurements, arena) {
   const auto poses = at(size.poses), edges = at(size.measurements);
-  at_poses_ = arenaArray<SE3>(arena, poses);
-  held_ = arenaArray<std::uint8_t>(arena, poses);
-  order_ = arenaArray<int>(arena, poses);
-  ordering_ = arenaArray<int>(arena, 12 * (poses + 1) + 3 * edges);
+  at_poses_ = arena.allocateArray<SE3>(poses);
+  held_ = arena.allocateArray<std::uint8_t>(poses);
+  order_ = arena.allocateArray<int>(poses);
+  ordering_ = arena.allocateArray<int>(12 * (poses + 1) + 3 * edges);
   for (std::span<int>* s : {&head_, &link_, &cursor_, &first_child_, &next_sibling_, &place_, &pattern_})
-    *s = arenaArray<int>(arena, poses);
+    *s = arena.allocateArray<int>(poses);
   std::fill(place_.begin(), place_.end(), -1);
 }
 

@@ -25,20 +25,20 @@ double square(const double* x) {
 
 GrowingFactor::GrowingFactor(const Size& size, rt::Arena& arena) {
   const auto poses = at(size.positions);
-  blocks_ = arenaArray<Block>(arena, at(size.blocks));
-  rows_ = arenaArray<int>(arena, at(size.blocks));
-  diagonal_ = arenaArray<Block>(arena, poses);
-  first_ = arenaArray<std::int64_t>(arena, poses);
-  count_ = arenaArray<int>(arena, poses);
-  capacity_ = arenaArray<int>(arena, poses);
-  position_of_ = arenaArray<int>(arena, at(size.poses));
-  pose_at_ = arenaArray<int>(arena, poses);
-  work_ = arenaArray<Block>(arena, 2 * poses);
-  pattern_ = arenaArray<int>(arena, poses);
-  added_ = arenaArray<int>(arena, poses);
-  mark_ = arenaArray<int>(arena, poses);
-  vector_ = arenaArray<double>(arena, kN * poses);
-  reached_ = arenaArray<std::uint8_t>(arena, poses);
+  blocks_ = arena.allocateArray<Block>(at(size.blocks));
+  rows_ = arena.allocateArray<int>(at(size.blocks));
+  diagonal_ = arena.allocateArray<Block>(poses);
+  first_ = arena.allocateArray<std::int64_t>(poses);
+  count_ = arena.allocateArray<int>(poses);
+  capacity_ = arena.allocateArray<int>(poses);
+  position_of_ = arena.allocateArray<int>(at(size.poses));
+  pose_at_ = arena.allocateArray<int>(poses);
+  work_ = arena.allocateArray<Block>(2 * poses);
+  pattern_ = arena.allocateArray<int>(poses);
+  added_ = arena.allocateArray<int>(poses);
+  mark_ = arena.allocateArray<int>(poses);
+  vector_ = arena.allocateArray<double>(kN * poses);
+  reached_ = arena.allocateArray<std::uint8_t>(poses);
   std::fill(mark_.begin(), mark_.end(), -1);
   clear();
 }

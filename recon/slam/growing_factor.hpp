@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <span>
 
-#include "recon/slam/arena_array.hpp"
+#include "realtime/kernel/arena.hpp"
 #include "recon/slam/block_kernels.hpp"
 
 namespace fathom::slam {

@@ -63,30 +63,30 @@ IncrementalSolver::IncrementalSolver(const IncrementalConfig& config)
     : config_((config.validate(), config)),
       arena_(bytesNeeded(config)),
       measurements_(config.max_poses, config.max_measurements, arena_),
-      poses_(arenaArray<SE3>(arena_, at(config.max_poses))),
-      held_(arenaArray<std::uint8_t>(arena_, at(config.max_poses))),
-      born_(arenaArray<std::int64_t>(arena_, at(config.max_poses))),
-      free_(arenaArray<int>(arena_, at(config.max_poses))),
+      poses_(arena_.allocateArray<SE3>(at(config.max_poses))),
+      held_(arena_.allocateArray<std::uint8_t>(at(config.max_poses))),
+      born_(arena_.allocateArray<std::int64_t>(at(config.max_poses))),
+      free_(arena_.allocateArray<int>(at(config.max_poses))),
       errors_(measurements_, poses_, held_, config.max_measurements, arena_),
       factors_{Factor{GrowingFactor(factorSize(config), arena_), {}, {}, {}, {}},
                Factor{GrowingFactor(factorSize(config), arena_), {}, {}, {}, {}}},
       builder_(builderSize(config), arena_) {
   const auto poses = at(config.max_poses), edges = at(config.max_measurements);
-  for (std::span<SE3>* s : {&saved_, &best_}) *s = arenaArray<SE3>(arena_, poses);
-  is_changed_ = arenaArray<std::uint8_t>(arena_, poses);
-  is_newest_ = arenaArray<std::uint8_t>(arena_, poses);
-  fresh_ = arenaArray<int>(arena_, edges);
-  is_left_out_ = arenaArray<std::uint8_t>(arena_, edges);
+  for (std::span<SE3>* s : {&saved_, &best_}) *s = arena_.allocateArray<SE3>(poses);
+  is_changed_ = arena_.allocateArray<std::uint8_t>(poses);
+  is_newest_ = arena_.allocateArray<std::uint8_t>(poses);
+  fresh_ = arena_.allocateArray<int>(edges);
+  is_left_out_ = arena_.allocateArray<std::uint8_t>(edges);
   for (Factor& f : factors_) {
-    f.in_factor = arenaArray<InFactor>(arena_, edges);
-    f.part = arenaArray<Part>(arena_, edges);
-    f.poses_to_come = IndexQueue(arenaArray<int>(arena_, poses));
-    f.to_come = IndexQueue(arenaArray<int>(arena_, edges));
+    f.in_factor = arena_.allocateArray<InFactor>(edges);
+    f.part = arena_.allocateArray<Part>(edges);
+    f.poses_to_come = IndexQueue(arena_.allocateArray<int>(poses));
+    f.to_come = IndexQueue(arena_.allocateArray<int>(edges));
   }
-  stale_ = arenaArray<double>(arena_, edges);
+  stale_ = arena_.allocateArray<double>(edges);
   for (std::span<double>* s : {&gradient_before_, &solved_, &direction_})
-    *s = arenaArray<double>(arena_, kN * poses);
-  for (std::span<int>* s : {&moved_, &changed_}) *s = arenaArray<int>(arena_, poses);
+    *s = arena_.allocateArray<double>(kN * poses);
+  for (std::span<int>* s : {&moved_, &changed_}) *s = arena_.allocateArray<int>(poses);
   if (arena_.refused() != 0) throw std::logic_error("incremental solver: its arena is too small");
 }
 

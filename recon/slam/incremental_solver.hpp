@@ -5,7 +5,7 @@
 #include <span>
 
 #include "realtime/kernel/state_archive_fwd.hpp"
-#include "recon/slam/arena_array.hpp"
+#include "realtime/kernel/arena.hpp"
 #include "recon/slam/factor_builder.hpp"
 #include "recon/slam/growing_factor.hpp"
 #include "recon/slam/index_queue.hpp"

@@ -21,9 +21,9 @@ Matrix6d rootOf(const Matrix6d& information) {
 }  // namespace
 
 Measurements::Measurements(int poses, int capacity, rt::Arena& arena)
-    : all_(arenaArray<Measurement>(arena, static_cast<std::size_t>(capacity))),
-      first_(arenaArray<int>(arena, static_cast<std::size_t>(poses))),
-      free_(arenaArray<int>(arena, static_cast<std::size_t>(capacity))) {
+    : all_(arena.allocateArray<Measurement>(static_cast<std::size_t>(capacity))),
+      first_(arena.allocateArray<int>(static_cast<std::size_t>(poses))),
+      free_(arena.allocateArray<int>(static_cast<std::size_t>(capacity))) {
   for (int& k : first_) k = -1;
 }
 

@@ -4,7 +4,7 @@
 #include <span>
 
 #include "realtime/kernel/state_archive_fwd.hpp"
-#include "recon/slam/arena_array.hpp"
+#include "realtime/kernel/arena.hpp"
 #include "recon/slam/block_kernels.hpp"
 #include "recon/slam/pose_graph.hpp"
 

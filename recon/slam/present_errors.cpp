@@ -16,16 +16,16 @@ PresentErrors::PresentErrors(const Measurements& measurements, std::span<const S
                              std::span<const std::uint8_t> held, int max_measurements, rt::Arena& arena)
     : measurements_(measurements), poses_(poses), held_(held) {
   const std::size_t edges = at(max_measurements);
-  linear_ = arenaArray<WhitenedLinear>(arena, edges);
-  error_then_ = arenaArray<Vector6d>(arena, edges);
-  pull_ = arenaArray<Perturbation>(arena, edges);
-  is_taken_ = arenaArray<std::uint8_t>(arena, edges);
-  is_moved_ = arenaArray<std::uint8_t>(arena, edges);
-  chi2_of_ = arenaArray<double>(arena, edges);
-  stamp_ = arenaArray<int>(arena, edges);
-  gradient_ = arenaArray<double>(arena, kN * poses.size());
-  dirty_ = arenaArray<int>(arena, poses.size());
-  is_dirty_ = arenaArray<std::uint8_t>(arena, poses.size());
+  linear_ = arena.allocateArray<WhitenedLinear>(edges);
+  error_then_ = arena.allocateArray<Vector6d>(edges);
+  pull_ = arena.allocateArray<Perturbation>(edges);
+  is_taken_ = arena.allocateArray<std::uint8_t>(edges);
+  is_moved_ = arena.allocateArray<std::uint8_t>(edges);
+  chi2_of_ = arena.allocateArray<double>(edges);
+  stamp_ = arena.allocateArray<int>(edges);
+  gradient_ = arena.allocateArray<double>(kN * poses.size());
+  dirty_ = arena.allocateArray<int>(poses.size());
+  is_dirty_ = arena.allocateArray<std::uint8_t>(poses.size());
 }
 
 std::size_t PresentErrors::bytes(int max_poses, int max_measurements) {

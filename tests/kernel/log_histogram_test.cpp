@@ -57,19 +57,5 @@ TEST(LogHistogram, PercentilesStayWithinASixteenthOfTheSortedValues) {
   }
 }
 
-TEST(LogHistogram, MergingEqualsCountingTogether) {
-  LogHistogram a, b, both;
-  for (int i = 1; i < 1000; i += 3) {
-    (i % 2 == 0 ? a : b).add(i * i);
-    both.add(i * i);
-  }
-  a.merge(b);
-  a.merge(LogHistogram());
-  EXPECT_EQ(a.count(), both.count());
-  EXPECT_EQ(a.min(), both.min());
-  EXPECT_EQ(a.max(), both.max());
-  for (int p = 0; p <= 100; p += 5) EXPECT_EQ(a.percentile(p), both.percentile(p));
-}
-
 }  // namespace
 }  // namespace fathom::rt

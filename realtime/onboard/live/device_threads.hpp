@@ -79,7 +79,6 @@ class CameraThread final : public io::FrameSink {
   void run(const std::atomic<bool>& stop) noexcept;
   [[nodiscard]] io::DeviceHealth health() const { return health_.read(); }
   // Frames that found the soft tier's ring full: their pair will be dropped.
-  [[nodiscard]] std::uint64_t framesRefused() const { return links_.frames->refused(); }
 
   void frame(const io::CameraFrame& frame) noexcept override;
 

@@ -15,11 +15,6 @@ ViewImages::ViewImages(const MissionInput& input, const TopsideConfig& config, c
       most_bytes_(most_bytes),
       altitudes_(seedAltitudes(survey.navigation.poses, config.default_altitude)) {}
 
-std::size_t ViewImages::readings() const {
-  const std::lock_guard lock(mutex_);
-  return readings_;
-}
-
 ViewImages::Image ViewImages::get(std::uint32_t pair) {
   std::promise<Image> promise;
   {
@@ -33,7 +28,6 @@ ViewImages::Image ViewImages::get(std::uint32_t pair) {
     }
     uses_.push_front(pair);
     entries_[pair] = {promise.get_future().share(), uses_.begin(), 0};
-    ++readings_;
   }
   Image image;
   try {

@@ -30,7 +30,6 @@ class ViewImages {
 
   using Image = std::shared_ptr<const surface::BandImage>;
   [[nodiscard]] Image get(std::uint32_t pair);  // null where it cannot be read
-  [[nodiscard]] std::size_t readings() const;
 
  private:
   struct Entry {
@@ -46,7 +45,7 @@ class ViewImages {
   const LightingModels& lighting_;
   const PreparedGroups& prepared_;
   surface::BandWidths bands_;
-  std::size_t most_bytes_, bytes_ = 0, readings_ = 0;
+  std::size_t most_bytes_, bytes_ = 0;
   std::vector<double> altitudes_;
   mutable std::mutex mutex_;
   std::unordered_map<std::uint32_t, Entry> entries_;
