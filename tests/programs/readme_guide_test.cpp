@@ -91,6 +91,8 @@ class ReadmeGuide : public ::testing::Test {
 };
 
 TEST_F(ReadmeGuide, EachCommandOfTheFiveTasksWorksAsItStandsThere) {
+  if (!fs::exists(FATHOM_BIN_DIR "/../share/fathom/topside/index.html"))
+    GTEST_SKIP() << "the pages that two of the commands show are not built here";
   const std::vector<Task> tasks = readTasks();
   ASSERT_EQ(tasks.size(), 5U);
   for (const Task& task : tasks) {
