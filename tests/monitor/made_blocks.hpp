@@ -22,7 +22,7 @@ inline telemetry::MapBlock madeBlock(telemetry::SpacingCode code, std::int32_t n
   for (int i = 0; i < telemetry::MapBlock::kSide; ++i) {
     for (int j = 0; j < telemetry::MapBlock::kSide; ++j) {
       const auto n = static_cast<std::size_t>(i * telemetry::MapBlock::kSide + j);
-      const double at_north = (4 * north + i) * spacing, at_east = (4 * east + j) * spacing;
+      const double at_north = (4.0 * north + i) * spacing, at_east = (4.0 * east + j) * spacing;
       block.depth[n] = static_cast<float>(madeDepth(at_north, at_east) + shift);
       block.colour[n] = {static_cast<std::uint8_t>(100 + 10 * i), static_cast<std::uint8_t>(50 + 10 * j), 40};
     }

@@ -199,10 +199,9 @@ int runLive(const LiveOptions& options) {
       live, bus, mission, options.folder, StatusPublisher::Config{config.live.lcm.publish_hz, lane}, clock);
   for (const std::string& line : live.resumeSaid())
     std::fprintf(stderr, "fathom-onboard: %s\n", line.c_str());
-  rt::HeapReserve heap;
   std::fprintf(stderr, "%s", live.budget().table(false).c_str());
   if (options.print_budget) return kExitSuccess;
-  const rt::ArmingResult arming = live.arm(heap);
+  const rt::ArmingResult arming = live.arm();
   if (!arming.complete()) std::fprintf(stderr, "%s", arming.message().c_str());
   if (!arming.armed()) return kExitFailedWork;
   if (live.resumed())

@@ -242,12 +242,11 @@ void LiveSystem::runRecorder(rt::Heartbeat& heart) {
   }
 }
 
-rt::ArmingResult LiveSystem::arm(rt::HeapReserve& heap) {
+rt::ArmingResult LiveSystem::arm() {
   threads_.start();
-  arming_ = rt::arm(setup_.config.live.realtime, budget_, heap, setup_.config.live.memory.heap_bytes);
+  arming_ = rt::arm(setup_.config.live.realtime, budget_, heap_, setup_.config.live.memory.heap_bytes);
   if (!arming_.armed()) return arming_;
   complete_.store(arming_.complete(), std::memory_order_relaxed);
-  heap_ = &heap;
   measured_.resident_at_arming = rt::exactResidentBytes();
   begun_mono_ns_ = clock_.monotonicNs();
   if (resumed_) away_ns_ = std::max<std::int64_t>(0, clock_.utcNs() - away_since_ns_);
@@ -263,9 +262,9 @@ std::vector<std::string> LiveSystem::supervise() {
 void LiveSystem::stop() {
   if (stopped_) return;
   measured_.cpu = cpuTimes();
-  if (heap_ != nullptr) {
-    measured_.heap_used = heap_->usedOfReserve();
-    measured_.heap_overflow = heap_->overflowBytes();
+  if (go_.load(std::memory_order_relaxed)) {
+    measured_.heap_used = heap_.usedOfReserve();
+    measured_.heap_overflow = heap_.overflowBytes();
   }
   threads_.unwatch();
   stop_devices_ = true;

@@ -59,7 +59,8 @@ class LiveSystem {
 
   [[nodiscard]] const rt::MemoryBudget& budget() const { return budget_; }
   // Starts every thread, locks memory, and lets the hard tier go if that was granted, or soft mode overrides.
-  [[nodiscard]] rt::ArmingResult arm(rt::HeapReserve& heap);
+  [[nodiscard]] rt::ArmingResult arm();
+  [[nodiscard]] const rt::HeapReserve& heap() const { return heap_; }
 
   // Some times a second; a line for each thing that happened.
   [[nodiscard]] std::vector<std::string> supervise();
@@ -186,7 +187,7 @@ class LiveSystem {
   std::atomic<std::int64_t> first_deadline_ns_{0};
   std::size_t lanes_ = 0;  // of the recorder, in use
   bool stopped_ = false;
-  rt::HeapReserve* heap_ = nullptr;
+  rt::HeapReserve heap_;
   std::int64_t begun_mono_ns_ = 0;
   std::vector<std::string> resume_said_;
   Measured measured_;

@@ -46,7 +46,7 @@ struct Gate {
   std::array<int, 2> ends = {-1, -1};
 };
 
-[[noreturn]] void runProgram(const ChildProcess::Options& options) {
+[[noreturn]] void runProgram(const ChildProcess::Options& options, char* const argv[]) {
   const int file = ::open(options.output.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_APPEND, 0644);
   if (file < 0) ::_exit(kNotStarted);
   ::dup2(file, STDOUT_FILENO);
@@ -55,12 +55,9 @@ struct Gate {
     const std::size_t equals = variable.find('=');
     ::setenv(variable.substr(0, equals).c_str(), variable.c_str() + equals + 1, 1);
   }
-  std::vector<char*> argv;
-  for (const std::string& argument : options.argv) argv.push_back(const_cast<char*>(argument.c_str()));
-  argv.push_back(nullptr);
   // A terminal's interrupt is for the bench, which ends its children in their order.
   ::setpgid(0, 0);
-  ::execvp(argv[0], argv.data());
+  ::execvp(argv[0], argv);
   ::_exit(kNotStarted);
 }
 
@@ -69,6 +66,10 @@ struct Gate {
 ChildProcess::ChildProcess(const Options& options) : output_(options.output) {
   Gate there, go;
   const pid_t bench = ::getpid();
+  // Made before: what a child that shares the memory takes from the heap is never given back.
+  std::vector<char*> argv;
+  for (const std::string& argument : options.argv) argv.push_back(const_cast<char*>(argument.c_str()));
+  argv.push_back(nullptr);
   // fork write-protects the pages of this process, and its real-time threads would fault on each; the memory
   // is shared with the child only where that changes nothing in it.
   pid_ = options.cable || !options.environment.empty() ? ::fork() : ::vfork();
@@ -82,7 +83,7 @@ ChildProcess::ChildProcess(const Options& options) : output_(options.output) {
       if (::unshare(CLONE_NEWNET) != 0 || !there.open() || !go.pass()) ::_exit(kNotStarted);
       if (!options.cable->connectFarEnd()) ::_exit(kNotStarted);
     }
-    runProgram(options);
+    runProgram(options, argv.data());
   }
   there.close(1);
   go.close(0);

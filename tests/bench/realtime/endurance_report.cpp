@@ -72,8 +72,7 @@ int report(const Options& options) {
   play.scratch = options.out;
   onboard::LiveSystem live({options.out, config, mission, rig},
                            test::playedDevices(played, options.mission, mission, rig, clock, play), clock);
-  rt::HeapReserve heap;
-  const rt::ArmingResult armed = live.arm(heap);
+  const rt::ArmingResult armed = live.arm();
   std::fputs(live.budget().table(false).c_str(), stdout);
   std::fputs(armed.complete() ? armed.table().c_str() : armed.message().c_str(), stdout);
   if (!armed.armed()) return kExitFailedWork;
@@ -95,7 +94,7 @@ int report(const Options& options) {
           {cell(now), static_cast<double>(memory.resident) / kKib,
            (static_cast<double>(memory.resident) - static_cast<double>(first.resident)) / kKib,
            static_cast<double>(memory.anonymous) / kKib, static_cast<double>(memory.files) / kKib,
-           cell(heap.overflowBytes())});
+           cell(live.heap().overflowBytes())});
       std::printf("%6llu pairs: resident %+.0f KiB since arming\n", static_cast<unsigned long long>(now),
                   std::get<double>(samples.rows.back()[2]));
       std::fflush(stdout);

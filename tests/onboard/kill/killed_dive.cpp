@@ -82,8 +82,7 @@ int dive(const DiveOrders& orders) {
   devices.modem = std::make_unique<SocketPort>();
   LiveSystem live({orders.folder, config, mission, rig}, std::move(devices), clock);
   for (const std::string& line : live.resumeSaid()) say("# %s\n", line.c_str());
-  rt::HeapReserve heap;
-  if (!live.arm(heap).armed()) return kExitFailedWork;
+  if (!live.arm().armed()) return kExitFailedWork;
   if (live.resumed())
     say("R %.3f %" PRIu64 " %zu\n", live.awaySeconds(), live.resumedFrom(), played.first);
   else

@@ -35,8 +35,7 @@ struct Dive {
     LiveSystem live(
         setup, test::playedDevices(played, mission_folder, setup.mission, setup.rig, clock, played_options),
         clock);
-    rt::HeapReserve heap;
-    ASSERT_TRUE(live.arm(heap).armed());
+    ASSERT_TRUE(live.arm().armed());
     const std::int64_t end =
         clock.utcNs() + static_cast<std::int64_t>((played.lengthSeconds() + 3 * rate) * 1e9);
     while (clock.utcNs() < end) {

@@ -51,8 +51,7 @@ class Resume : public testing::Test {
     return std::make_unique<LiveSystem>(std::move(setup), std::move(devices), *clock_);
   }
   static void dive(LiveSystem& live, double seconds) {
-    rt::HeapReserve heap;
-    ASSERT_TRUE(live.arm(heap).armed());
+    ASSERT_TRUE(live.arm().armed());
     const std::int64_t end = clock_->utcNs() + static_cast<std::int64_t>(seconds * 1e9);
     while (clock_->utcNs() < end) {
       (void)live.supervise();
