@@ -192,10 +192,7 @@ std::vector<std::uint8_t> encodeFeatureFile(const StereoFeatureFrame& frame) {
 
 void writeFeatureFile(const std::filesystem::path& path, const StereoFeatureFrame& frame) {
   const std::vector<std::uint8_t> bytes = encodeFeatureFile(frame);
-  AtomicFile file(path);
-  file.stream().write(reinterpret_cast<const char*>(bytes.data()),
-                      static_cast<std::streamsize>(bytes.size()));
-  file.commit();
+  writeFile(path, bytes);
 }
 
 }  // namespace fathom::io

@@ -189,9 +189,7 @@ void writeMissionConfig(const std::filesystem::path& folder, const MissionConfig
   const std::string text = render(config);
   // Read back before anything is written: a mission that no program would open is refused here.
   static_cast<void>(configFrom(ConfigTable::parse(text, path.string())));
-  AtomicFile file(path);
-  file.stream() << text;
-  file.commit();
+  writeFile(path, text);
 }
 
 std::optional<std::filesystem::path> MissionPaths::rawAuv() const {

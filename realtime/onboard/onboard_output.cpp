@@ -221,9 +221,7 @@ void OnboardOutput::writeMap(const Mesh& map_in_nav) {
 }
 
 void OnboardOutput::writeText(const std::string& name, const std::string& text) {
-  AtomicFile file(folder_.path() / name);
-  file.stream() << text;
-  file.commit();
+  writeFile(folder_.path() / name, text);
 }
 
 void OnboardOutput::commit() {

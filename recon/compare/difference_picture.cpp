@@ -85,10 +85,7 @@ void draw(const HeightMap& map, const Colour& colour, const std::function<cv::Ve
   std::vector<std::uint8_t> bytes;
   if (!cv::imencode(".png", page, bytes))
     throw std::runtime_error("a picture cannot be encoded: " + png.string());
-  AtomicFile file(png);
-  file.stream().write(reinterpret_cast<const char*>(bytes.data()),
-                      static_cast<std::streamsize>(bytes.size()));
-  file.commit();
+  writeFile(png, bytes);
 }
 
 }  // namespace

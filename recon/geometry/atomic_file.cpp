@@ -24,4 +24,14 @@ void AtomicFile::commit() {
   committed_ = true;
 }
 
+void writeFile(const std::filesystem::path& path, std::string_view contents) {
+  AtomicFile file(path);
+  file.stream() << contents;
+  file.commit();
+}
+
+void writeFile(const std::filesystem::path& path, std::span<const std::uint8_t> contents) {
+  writeFile(path, std::string_view(reinterpret_cast<const char*>(contents.data()), contents.size()));
+}
+
 }  // namespace fathom

@@ -1,7 +1,10 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <span>
+#include <string_view>
 
 namespace fathom {
 
@@ -23,5 +26,9 @@ class AtomicFile {
   std::ofstream stream_;
   bool committed_ = false;
 };
+
+// An AtomicFile with all its contents at hand.
+void writeFile(const std::filesystem::path& path, std::string_view contents);
+void writeFile(const std::filesystem::path& path, std::span<const std::uint8_t> contents);
 
 }  // namespace fathom

@@ -45,12 +45,6 @@ constexpr std::array<std::string_view, 16> kOurs = {"stereo_pose_est.data",
 // Not the same twice: they tell how long the work took.
 constexpr std::array<std::string_view, 2> kTimed = {"report.json", "report.html"};
 
-void writeBytes(const std::filesystem::path& path, const std::string& bytes) {
-  AtomicFile file(path);
-  file.stream().write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  file.commit();
-}
-
 [[noreturn]] void refuse(const MissionInput& input, const FuseCounts& counts, std::size_t listed) {
   std::string why = "no usable stereo pair of " + std::to_string(listed) + ": " +
                     std::to_string(counts.unreadable) + " unreadable, " +
@@ -134,7 +128,7 @@ Summary runWith(const RunPlaces& places, const TopsideConfig& config) {
   RunRecord record;
   const Assembled model = assemble(dive, fused, out.path());
   const MapPicture picture = drawFromAbove(model.mesh, kPicturePixels, config.fusion.voxel / kPixelsPerVoxel);
-  writeBytes(out.path() / "mesh.png", toPng(picture.rgb, picture.width, picture.height));
+  writeFile(out.path() / "mesh.png", toPng(picture.rgb, picture.width, picture.height));
   dive.dropOldItems();
 
   Summary done;

@@ -265,9 +265,7 @@ bool compareHil(const HilComparison& what) {
     check("faults", counted, counted ? "every fault was counted by its counter" : "see the table");
     out["faults"] = table.json();
   }
-  AtomicFile file(folder.comparison());
-  file.stream() << out.dump(2) << '\n';
-  file.commit();
+  writeFile(folder.comparison(), out.dump(2) + "\n");
   return good;
 }
 

@@ -43,9 +43,7 @@ void makeHilFolder(const HilFolder& folder, bool force) {
   std::filesystem::create_directories(folder.mission(), error);
   if (error) throw InputError(folder.root.string(), "", "cannot be made (" + error.message() + ")");
   // From here on it is a run, even if it is cut off.
-  AtomicFile report(folder.report());
-  report.stream() << "{}\n";
-  report.commit();
+  writeFile(folder.report(), "{}\n");
 }
 
 void writeHilMission(const HilFolder& folder, const MissionSchedule& schedule) {

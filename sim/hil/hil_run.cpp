@@ -338,9 +338,7 @@ class Bench {
                        {"fixes", m.fixes},
                        {"fixes_said", m.ship.fixes_said}};
     if (options_.faults) report["faults"] = std::filesystem::absolute(*options_.faults).string();
-    AtomicFile file(folder_.report());
-    file.stream() << report.dump(2) << '\n';
-    file.commit();
+    writeFile(folder_.report(), report.dump(2) + "\n");
   }
 
   const HilOptions& options_;

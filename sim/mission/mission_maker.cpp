@@ -129,9 +129,7 @@ void writeTruth(const std::filesystem::path& folder, const Scenario& scenario, c
   }
   images.commit();
 
-  AtomicFile toml(folder / "scenario.toml");
-  toml.stream() << scenarioToml(scenario);
-  toml.commit();
+  writeFile(folder / "scenario.toml", scenarioToml(scenario));
   writePly(folder / "terrain.ply", terrain.mesh(), {"true seafloor in nav: north, east, down [m]"});
 }
 

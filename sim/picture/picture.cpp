@@ -93,10 +93,7 @@ void drawPicture(const std::filesystem::path& mesh_file, const std::filesystem::
 
   std::vector<std::uint8_t> bytes;
   if (!cv::imencode(".png", picture, bytes)) throw std::runtime_error("PNG encoding failed");
-  AtomicFile file(png);
-  file.stream().write(reinterpret_cast<const char*>(bytes.data()),
-                      static_cast<std::streamsize>(bytes.size()));
-  file.commit();
+  writeFile(png, bytes);
 }
 
 }  // namespace fathom::sim

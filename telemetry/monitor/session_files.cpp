@@ -76,9 +76,7 @@ void SessionFiles::save(const MonitorModel& model) {
     if (!(name == "track.geojson" ? track : map)) continue;
     const Export made = makeExport(model, name);
     if (made.bytes.empty()) continue;
-    AtomicFile file(folder_ / name);
-    file.stream().write(made.bytes.data(), static_cast<std::streamsize>(made.bytes.size()));
-    file.commit();
+    writeFile(folder_ / name, made.bytes);
   }
   saved_map_ = model.map().version();
   saved_track_ = model.track().size();

@@ -86,6 +86,10 @@ const char* distinctColour(std::size_t index) {
   return kColours[index % kColours.size()];
 }
 
+std::string plusMinus(double value, double sigma, int digits) {
+  return decimals(value, digits) + " ± " + decimals(sigma, digits);
+}
+
 void Series::lift() {
   at.emplace_back(NAN, NAN);
 }
@@ -102,12 +106,12 @@ Plot histogram(const std::vector<double>& values, double low, double high, int b
     const int bin = static_cast<int>(std::floor((std::clamp(v, low, high) - low) / (high - low) * bins));
     ++counts[static_cast<std::size_t>(std::clamp(bin, 0, bins - 1))];
   }
-  constexpr double kWidth = 420, kBar = 0.92;  // [px], of a part
+  constexpr double kBar = 0.92;  // of a part
   Series bars{.kind = Series::Kind::kAreas};
   const double step = (high - low) / bins;
   for (int b = 0; b < bins; ++b)
     bars.rectangle({low + b * step, 0}, {low + (b + kBar) * step, counts[static_cast<std::size_t>(b)]});
-  return {.title = title, .x = label, .y = "count", .series = {std::move(bars)}, .width = kWidth};
+  return {.title = title, .x = label, .y = "count", .series = {std::move(bars)}, .width = kHalfPage};
 }
 
 void Report::text(const std::string& words) {
@@ -153,8 +157,6 @@ void Report::plot(const Plot& plot) {
 }
 
 void Report::write(const std::filesystem::path& file) const {
-  const std::string page = readPage();
-  const std::size_t place = page.find(kPlace);
   std::string content =
       R"({"title":)" + dumped(title_) + R"(,"about":)" + dumped(about_) + R"(,"sections":[)";
   bool first = true;
@@ -165,10 +167,9 @@ void Report::write(const std::filesystem::path& file) const {
     content += "]}";
     first = false;
   }
-  AtomicFile out(file);
-  out.stream() << std::string_view(page).substr(0, place) << insideElement(content + "]}")
-               << std::string_view(page).substr(place + kPlace.size());
-  out.commit();
+  std::string page = readPage();
+  page.replace(page.find(kPlace), kPlace.size(), insideElement(content + "]}"));
+  writeFile(file, page);
 }
 
 }  // namespace fathom::web

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cmath>
+#include <concepts>
 #include <filesystem>
 #include <string>
 #include <string_view>
@@ -14,6 +15,11 @@ namespace fathom::web {
 inline constexpr const char *kBlue = "#5b9bd5", *kRed = "#f0705c", *kGreen = "#74c08f", *kGrey = "#8c9faa";
 // One of a dozen that tell neighbours apart.
 [[nodiscard]] const char* distinctColour(std::size_t index);
+
+inline constexpr double kHalfPage = 460, kThirdPage = 340;  // widths of plots that stand side by side [px]
+
+// "1.23 ± 0.04": a value with one standard deviation.
+[[nodiscard]] std::string plusMinus(double value, double sigma, int digits);
 
 // Places of a plot, drawn alike. One that is not finite lifts the pen.
 struct Series {
@@ -43,10 +49,11 @@ struct Plot {
 [[nodiscard]] Plot histogram(const std::vector<double>& values, double low, double high, int bins,
                              const std::string& label, const std::string& title);
 
-// Of a table: words, or a number as words with the digits that count.
+// Of a table: words, a whole number, or another number as words with the digits that count.
 struct Cell {
-  Cell(std::string words) : text(std::move(words)) {}  // NOLINT(google-explicit-constructor)
-  Cell(const char* words) : text(words) {}             // NOLINT(google-explicit-constructor)
+  Cell(std::string words) : text(std::move(words)) {}                // NOLINT(google-explicit-constructor)
+  Cell(const char* words) : text(words) {}                           // NOLINT(google-explicit-constructor)
+  Cell(std::integral auto number) : text(std::to_string(number)) {}  // NOLINT(google-explicit-constructor)
   Cell(std::string words, double strength) : text(std::move(words)), shade(strength) {}
   std::string text;
   double shade = NAN;  // of the ground, from blue (-1) over none (0) to red (1)

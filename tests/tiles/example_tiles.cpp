@@ -11,12 +11,9 @@
 
 namespace {
 
-void writeFile(const std::filesystem::path& path, const std::vector<std::uint8_t>& bytes) {
+void writeIn(const std::filesystem::path& path, const std::vector<std::uint8_t>& bytes) {
   std::filesystem::create_directories(path.parent_path());
-  fathom::AtomicFile file(path);
-  file.stream().write(reinterpret_cast<const char*>(bytes.data()),
-                      static_cast<std::streamsize>(bytes.size()));
-  file.commit();
+  fathom::writeFile(path, bytes);
 }
 
 }  // namespace
@@ -46,9 +43,9 @@ int main(int argc, char** argv) {
       entries.push_back(entryOf(tile));
       if (ktx2 && !tile.atlas.empty()) {
         config.gpu_texture = std::filesystem::path(tilePath(id, ".ktx2")).filename();
-        writeFile(folder / tilePath(id, ".ktx2"), writeKtx2(compressBlocks(tile.atlas)));
+        writeIn(folder / tilePath(id, ".ktx2"), writeKtx2(compressBlocks(tile.atlas)));
       }
-      writeFile(folder / tilePath(id), writeGlb(tile, model.grid, config));
+      writeIn(folder / tilePath(id), writeGlb(tile, model.grid, config));
     }
     constexpr double kDegree = std::numbers::pi / 180;
     writeTilesets(folder, entries, {-28.8 * kDegree, 113.9 * kDegree});

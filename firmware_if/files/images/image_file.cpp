@@ -101,10 +101,7 @@ void writeImage(const std::filesystem::path& path, const ImageView& image) {
     throw std::invalid_argument("an image without pixels cannot be written: " + path.string());
   const std::vector<std::uint8_t> bytes = encodeTiff(image.data, image.stride, image.width, image.height,
                                                      channelsOf(image.format), image.bits == 8 ? 8 : 16);
-  AtomicFile file(path);
-  file.stream().write(reinterpret_cast<const char*>(bytes.data()),
-                      static_cast<std::streamsize>(bytes.size()));
-  file.commit();
+  writeFile(path, bytes);
 }
 
 }  // namespace fathom::io

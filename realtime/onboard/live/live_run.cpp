@@ -225,9 +225,7 @@ int runLive(const LiveOptions& options) {
   live.stop();
   const bool mapped = writeOutput(live, options.folder);
   if (options.timeline) {
-    AtomicFile file(*options.timeline);
-    file.stream() << trace;
-    file.commit();
+    writeFile(*options.timeline, trace);
   }
   std::fprintf(stderr, "%s", live.budget().table(true).c_str());
   const RunSummary s = live.run().summary();

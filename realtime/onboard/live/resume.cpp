@@ -78,9 +78,7 @@ std::int64_t vehicleClockOffset(const std::filesystem::path& state_folder) {
   std::int64_t offset_ns = 0;
   if (in >> then >> offset_ns && then == boot && !boot.empty()) return offset_ns;
   offset_ns = rt::VehicleClock::systemOffsetNs();
-  AtomicFile file(path);
-  file.stream() << boot << ' ' << offset_ns << '\n';
-  file.commit();
+  writeFile(path, boot + ' ' + std::to_string(offset_ns) + "\n");
   return offset_ns;
 }
 

@@ -20,13 +20,6 @@ namespace {
 using Json = nlohmann::ordered_json;
 constexpr double kRadian = 180 / 3.14159265358979323846;
 
-void writeFile(const fs::path& path, const Bytes& bytes) {
-  AtomicFile file(path);
-  file.stream().write(reinterpret_cast<const char*>(bytes.data()),
-                      static_cast<std::streamsize>(bytes.size()));
-  file.commit();
-}
-
 LevelSummary writeLevel(const Dive& dive, int level, const TilePlaces& places, const fs::path& folder,
                         std::vector<TileEntry>& entries) {
   LevelSummary sum;
@@ -96,9 +89,7 @@ void writeScene(Dive& dive, const Assembled& model, const std::vector<TileEntry>
       {"image_folder", "../" + images.lexically_relative(dive.input().paths.root).generic_string()},
       {"bounds", {low.x(), low.y(), high.x(), high.y()}},
       {"depth", {low.z(), high.z()}}};
-  AtomicFile file(out / "scene.json");
-  file.stream() << scene.dump(1, ' ', false, Json::error_handler_t::replace) << "\n";
-  file.commit();
+  writeFile(out / "scene.json", scene.dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 // The leaf tiles as one mesh: vertices at one place are one.

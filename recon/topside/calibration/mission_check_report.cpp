@@ -15,7 +15,6 @@ using Json = nlohmann::ordered_json;
 using calibration::MountEstimate;
 
 constexpr double kDegrees = 180.0 / std::numbers::pi;
-constexpr double kHalf = 460;  // of the page's width [px]
 
 Json triple(const Eigen::Vector3d& v, double factor = 1) {
   Json out = Json::array();
@@ -84,10 +83,9 @@ void addCells(web::Report& report, const MissionCheck& c) {
   constexpr double kFull = 1.0;  // of the colours [px]
   std::vector<web::Row> rows;
   web::Row head{"row \\ column"};
-  for (int column = 1; column <= calibration::kEpipolarColumns; ++column)
-    head.emplace_back(std::to_string(column));
+  for (int column = 1; column <= calibration::kEpipolarColumns; ++column) head.emplace_back(column);
   for (int row = 0; row < calibration::kEpipolarRows; ++row) {
-    rows.push_back({std::to_string(row + 1)});
+    rows.push_back({row + 1});
     for (int column = 0; column < calibration::kEpipolarColumns; ++column) {
       const auto& cell =
           c.epipolar.cells[static_cast<std::size_t>(row * calibration::kEpipolarColumns + column)];
@@ -136,7 +134,7 @@ void addRanges(web::Report& report, const MissionCheck& c) {
                   {.label = found,
                    .colour = web::kRed,
                    .at = {{low, c.range.ratio * low}, {high, c.range.ratio * high}}}},
-       .width = kHalf,
+       .width = web::kHalfPage,
        .equal = true});
   report.plot(
       {.title = "Their ratio over the mission",
@@ -145,17 +143,13 @@ void addRanges(web::Report& report, const MissionCheck& c) {
        .series = {std::move(allowed),
                   std::move(ratios),
                   {.label = found, .colour = web::kRed, .at = {{0, c.range.ratio}, {n, c.range.ratio}}}},
-       .width = kHalf});
-}
-
-std::string pm(double value, double sigma, int digits) {
-  return decimals(value, digits) + " ± " + decimals(sigma, digits);
+       .width = web::kHalfPage});
 }
 
 std::string angle(const MountEstimate& e, int axis) {
   if (!e.known) return "-";
   if (!std::isfinite(e.sigma(axis))) return "not observable";
-  return pm(kDegrees * e.rotation(axis), kDegrees * e.sigma(axis), 2);
+  return web::plusMinus(kDegrees * e.rotation(axis), kDegrees * e.sigma(axis), 2);
 }
 
 void addMount(web::Report& report, const MissionCheck& c) {
@@ -198,7 +192,7 @@ web::Report pageOf(const MissionCheck& c, const MissionVerdict& verdict) {
   addCells(report, c);
   report.plot(epipolarHistogram(c));
   const auto turned = [&](int axis) {
-    return pm(kDegrees * e.rotation(axis), kDegrees * e.rotation_sigma(axis), 4);
+    return web::plusMinus(kDegrees * e.rotation(axis), kDegrees * e.rotation_sigma(axis), 4);
   };
   report.text("A right camera turned by pitch " + turned(0) + ", yaw " + turned(1) + ", roll " + turned(2) +
               " deg (about its x, y, z) explains the pattern best and leaves " + decimals(e.sigma_after, 3) +
@@ -217,10 +211,8 @@ web::Report pageOf(const MissionCheck& c, const MissionVerdict& verdict) {
 
 void writeMissionCheck(const std::filesystem::path& folder, const MissionCheck& check,
                        const MissionVerdict& verdict) {
-  AtomicFile json(folder / "mission-check.json");
-  json.stream() << toJson(check, verdict).dump(2) << '\n';
   pageOf(check, verdict).write(folder / "mission-check.html");
-  json.commit();
+  writeFile(folder / "mission-check.json", toJson(check, verdict).dump(2) + "\n");
 }
 
 }  // namespace fathom::topside

@@ -68,9 +68,7 @@ void localiseInto(const Options& options, const TopsideConfig& config) {
                 list.features_only, truth);
   nlohmann::ordered_json json = slamJson(slam);
   json["truth"] = truthJson(truth);
-  AtomicFile file(out.path() / "slam.json");
-  file.stream() << json.dump(2) << '\n';
-  file.commit();
+  writeFile(out.path() / "slam.json", json.dump(2) + "\n");
   out.commit();
   std::size_t kept = 0;
   for (const slam::NavigationLink& link : slam.closures) kept += link.kept ? 1 : 0;

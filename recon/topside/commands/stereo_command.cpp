@@ -112,9 +112,7 @@ int runStereo(const Options& options) {
   if (!options.points.empty()) writePointsCsv(options.points, result);
   if (!options.picture.empty()) {
     const std::string png = depthPicture(result, left.monoView());
-    AtomicFile file(options.picture);
-    file.stream().write(png.data(), static_cast<std::streamsize>(png.size()));
-    file.commit();
+    writeFile(options.picture, png);
   }
   lap("write");
   std::printf("%s\n", (options.json ? pairJson(result, report) : pairText(result, report)).c_str());

@@ -126,10 +126,7 @@ void drawLayer(const std::filesystem::path& path, const ReducedRaster& raster, c
   drawScale(image, raster.pixel / zoom, foot);
   std::vector<std::uint8_t> bytes;
   if (!cv::imencode(".png", image, bytes)) throw std::runtime_error("a quicklook cannot be encoded");
-  AtomicFile file(path);
-  file.stream().write(reinterpret_cast<const char*>(bytes.data()),
-                      static_cast<std::streamsize>(bytes.size()));
-  file.commit();
+  writeFile(path, bytes);
 }
 
 }  // namespace fathom::topside

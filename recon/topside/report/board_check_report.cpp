@@ -21,8 +21,7 @@ using Json = nlohmann::ordered_json;
 constexpr double kMaxZ = 0.02, kAtRange = 2.0;  // [m]
 constexpr double kNearest = 1.0;                // [m]
 constexpr double kMaxScaleError = 0.005;
-constexpr double kSigmas = 3;   // of the ellipses
-constexpr double kThird = 340;  // of the page's width [px]
+constexpr double kSigmas = 3;  // of the ellipses
 constexpr std::array<const char*, 3> kAxes{"x", "y", "z"};
 
 double allowed(const BoardError& board) {
@@ -49,7 +48,7 @@ web::Plot scatter(const BoardCheck& check, int a, int b) {
   web::Plot plot{.title = x + " - " + y + ", a colour a board; line: three standard deviations",
                  .x = x + " error [mm]",
                  .y = y + " error [mm]",
-                 .width = kThird,
+                 .width = web::kThirdPage,
                  .equal = true};
   for (std::size_t v = 0; v < check.boards.size(); ++v) {
     web::Series dots{.kind = web::Series::Kind::kDots, .colour = web::distinctColour(v), .size = 1.6};
@@ -80,7 +79,7 @@ web::Plot errorsAlong(const BoardCheck& check, int axis) {
   web::Plot plot = web::histogram(
       values, -reach, reach, kBins, name + " error [mm]",
       name + ": standard deviation " + decimals(1e3 * std::sqrt(check.covariance(axis, axis)), 2) + " mm");
-  plot.width = kThird;
+  plot.width = web::kThirdPage;
   return plot;
 }
 
@@ -158,10 +157,8 @@ BoardVerdict judge(const BoardCheck& check) {
 
 void writeBoardCheck(const std::filesystem::path& folder, const BoardCheck& check,
                      const BoardVerdict& verdict, const std::vector<calibration::DroppedView>& dropped) {
-  AtomicFile json(folder / "board-check.json");
-  json.stream() << toJson(check, verdict, dropped).dump(2) << '\n';
   pageOf(check, verdict, dropped).write(folder / "board-check.html");
-  json.commit();
+  writeFile(folder / "board-check.json", toJson(check, verdict, dropped).dump(2) + "\n");
 }
 
 }  // namespace fathom::topside

@@ -76,18 +76,15 @@ Json toJson(const RigCalibration& done, const calibration::Chessboard& board) {
           {"dropped", dropped}};
 }
 
-constexpr double kHalf = 460;  // of the page's width [px]
-
 // An image's pixels, with its border.
 web::Plot imagePlot(const Camera& camera, const std::string& title) {
-  web::Series border{.colour = web::kGrey, .size = 0.5};
-  border.rectangle({0, 0}, {camera.width, camera.height});
-  border.at.insert(border.at.end() - 1, border.at.front());
+  const double w = camera.width, h = camera.height;
+  web::Series border{.colour = web::kGrey, .at = {{0, 0}, {w, 0}, {w, h}, {0, h}, {0, 0}}, .size = 0.5};
   return {.title = title,
           .x = "u [px]",
           .y = "v [px]",
           .series = {std::move(border)},
-          .width = kHalf,
+          .width = web::kHalfPage,
           .equal = true,
           .down = true};
 }
@@ -140,23 +137,19 @@ web::Plot viewBars(const RigCalibration& done) {
           .series = {std::move(left), std::move(right), std::move(all)}};
 }
 
-std::string pm(double value, double sigma, int digits) {
-  return decimals(value, digits) + " ± " + decimals(sigma, digits);
-}
-
 void addParameters(web::Report& report, const RigCalibration& done) {
   std::vector<web::Row> rows;
   for (const Named& n : kIntrinsics) {
     if (done.rig.left.*n.value == 0 && done.rig.right.*n.value == 0) continue;  // not estimated
-    rows.push_back({n.name, pm(done.rig.left.*n.value, done.sigma.left.*n.sigma, n.digits),
-                    pm(done.rig.right.*n.value, done.sigma.right.*n.sigma, n.digits)});
+    rows.push_back({n.name, web::plusMinus(done.rig.left.*n.value, done.sigma.left.*n.sigma, n.digits),
+                    web::plusMinus(done.rig.right.*n.value, done.sigma.right.*n.sigma, n.digits)});
   }
   report.table({"", "left", "right"}, rows);
   const SE3& T = done.rig.T_right_left;
   web::Row translation{"translation [mm]"}, rotation{"rotation (Euler) [deg]"};
   for (int i = 0; i < 3; ++i) {
-    translation.emplace_back(pm(1e3 * T.translation()(i), 1e3 * done.sigma.translation(i), 2));
-    rotation.emplace_back(pm(kDegrees * T.euler()(i), kDegrees * done.sigma.rotation(i), 4));
+    translation.emplace_back(web::plusMinus(1e3 * T.translation()(i), 1e3 * done.sigma.translation(i), 2));
+    rotation.emplace_back(web::plusMinus(kDegrees * T.euler()(i), kDegrees * done.sigma.rotation(i), 4));
   }
   report.table({"right from left", "x", "y", "z"}, {translation, rotation});
 }
@@ -171,10 +164,9 @@ web::Report pageOf(const RigCalibration& done, const calibration::Chessboard& bo
                          decimals(done.left_rms, 3) + ", right " + decimals(done.right_rms, 3) +
                          "; each camera calibrated alone " + decimals(done.left_alone_rms, 3) + " and " +
                          decimals(done.right_alone_rms, 3) + "). Baseline " +
-                         pm(1e3 * done.rig.baseline(), 1e3 * done.sigma.baseline, 2) +
+                         web::plusMinus(1e3 * done.rig.baseline(), 1e3 * done.sigma.baseline, 2) +
                          " mm. ± is one standard deviation from the scatter of the corners; it knows nothing "
-                         "of a bent board "
-                         "or a wrong square.");
+                         "of a bent board or a wrong square.");
   report.section("Parameters");
   addParameters(report, done);
   const double left = coverage(done.views, &CalibratedView::left, done.rig.left);
@@ -207,7 +199,7 @@ web::Report pageOf(const RigCalibration& done, const calibration::Chessboard& bo
     const CalibratedView& view = done.views[v];
     const Eigen::Vector3d middle(0.5 * (board.columns - 1) * board.square,
                                  0.5 * (board.rows - 1) * board.square, 0);
-    rows.push_back({view.name, std::to_string(v + 1), decimals(view.left_rms, 3), decimals(view.right_rms, 3),
+    rows.push_back({view.name, v + 1, decimals(view.left_rms, 3), decimals(view.right_rms, 3),
                     decimals(view.stereo_rms, 3), decimals((view.T_left_board * middle).z(), 2)});
   }
   report.table({"view", "number", "left [px]", "right [px]", "stereo [px]", "distance [m]"}, rows);
@@ -234,10 +226,8 @@ double coverage(const std::vector<CalibratedView>& views, Corners CalibratedView
 
 void writeCalibrationReport(const std::filesystem::path& calib, const RigCalibration& done,
                             const calibration::Chessboard& board) {
-  AtomicFile json(calib.string() + ".json");
-  json.stream() << toJson(done, board).dump(2) << '\n';
   pageOf(done, board, calib.filename().string()).write(calib.string() + ".html");
-  json.commit();
+  writeFile(calib.string() + ".json", toJson(done, board).dump(2) + "\n");
 }
 
 }  // namespace fathom::topside

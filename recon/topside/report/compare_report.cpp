@@ -45,7 +45,7 @@ web::Row statisticsHead(const std::string& first) {
 }
 
 web::Row statisticsRow(const std::string& name, const DifferenceStatistics& s) {
-  web::Row row{name, std::to_string(s.cells)};
+  web::Row row{name, s.cells};
   for (const double v : {s.bias, s.median, s.rms, s.mad, s.p5, s.p95, s.abs_p50, s.abs_p95})
     row.emplace_back(decimals(v, 4));
   return row;
@@ -57,7 +57,7 @@ double scaleOf(const Comparison& c) {
 }
 
 std::string offsetText(double value, double sigma) {
-  return std::isfinite(sigma) ? decimals(value, 4) + " ± " + decimals(sigma, 4) + " m"
+  return std::isfinite(sigma) ? web::plusMinus(value, sigma, 4) + " m"
                               : decimals(value, 4) + " m, not told by the terrain";
 }
 
@@ -67,7 +67,7 @@ std::vector<web::Row> offsetRows(const Comparison& c) {
                              {"north", offsetText(r.offset.shift.y(), r.sigma.y())},
                              {"up", offsetText(r.offset.shift.z(), r.sigma.z())}};
   const auto slope = [&](const char* name, double value, double sigma) {
-    rows.push_back({name, decimals(1e3 * value, 3) + " ± " + decimals(1e3 * sigma, 3) + " mm/m"});
+    rows.push_back({name, web::plusMinus(1e3 * value, 1e3 * sigma, 3) + " mm/m"});
   };
   if (c.options.registration.tilt) {
     slope("slope to the east", r.offset.tilt.x(), r.tilt_sigma.x());
@@ -95,8 +95,7 @@ web::Report pageOf(const Comparison& c, const std::filesystem::path& folder) {
   report.table({}, offsetRows(c));
   report.text(
       "One standard deviation each; what neighbouring cells err together is counted once. Heights of "
-      "different "
-      "vertical datums differ by that datum: it is part of the offset up.");
+      "different vertical datums differ by that datum: it is part of the offset up.");
   report.section("Difference");
   report.table(statisticsHead(""), {statisticsRow("before registration", c.difference.before),
                                     statisticsRow("after", c.difference.after)});
@@ -210,9 +209,7 @@ void writeComparison(const Comparison& c, const std::filesystem::path& folder) {
   drawHeights(c.reference, at(0.01), at(0.99), folder / "reference.png");
   drawHeights(c.survey, at(0.01) - c.registration.offset.shift.z(),
               at(0.99) - c.registration.offset.shift.z(), folder / "survey.png");
-  AtomicFile json(folder / "compare.json");
-  json.stream() << comparisonJson(c);
-  json.commit();
+  writeFile(folder / "compare.json", comparisonJson(c));
   pageOf(c, folder).write(folder / "compare.html");
 }
 

@@ -8,6 +8,7 @@
 #include "recon/topside/localise/crossovers.hpp"
 
 namespace fathom::topside {
+
 Eigen::Vector2d eastNorth(const SE3& T_nav) {
   return {T_nav.translation().y(), T_nav.translation().x()};
 }

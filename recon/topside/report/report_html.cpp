@@ -13,11 +13,6 @@ namespace {
 
 using web::Row;
 
-template <typename Integer>
-Row row(const std::string& name, Integer value) {
-  return {name, std::to_string(value)};
-}
-
 void addLocalisation(std::vector<Row>& rows, const SlamResult* slam) {
   if (slam == nullptr) {
     rows.push_back({"poses", "dead reckoning"});
@@ -25,11 +20,11 @@ void addLocalisation(std::vector<Row>& rows, const SlamResult* slam) {
   }
   std::size_t removed = 0;
   for (const slam::NavigationLink& link : slam->closures) removed += link.kept ? 0 : 1;
-  rows.push_back(row("visual odometry links", slam->odometry.size()));
-  rows.push_back(row("closures tried", slam->tried.size()));
-  rows.push_back(row("closures", slam->closures.size() - removed));
-  rows.push_back(row("closures taken out again", removed));
-  rows.push_back(row("closures left out: nothing confirmed them", slam->unconfirmed));
+  rows.push_back({"visual odometry links", slam->odometry.size()});
+  rows.push_back({"closures tried", slam->tried.size()});
+  rows.push_back({"closures", slam->closures.size() - removed});
+  rows.push_back({"closures taken out again", removed});
+  rows.push_back({"closures left out: nothing confirmed them", slam->unconfirmed});
   rows.push_back({"ground seen before, expected", decimals(slam->crossings_expected, 1) + " m of way"});
   rows.push_back({"of it without a closure", decimals(slam->crossings_unverified, 1) + " m"});
   rows.push_back({"moved from dead reckoning", decimals(slam->moved_rms, 3) + " m rms"});
@@ -81,8 +76,7 @@ constexpr double kReferenceSeconds = 0.47;  // a pair: stereo, fusion, simplific
 void addTimes(web::Report& report, const RunRecord& r) {
   std::vector<Row> stages;
   for (const StageLine& stage : r.stages)
-    stages.push_back(
-        {stage.name, decimals(stage.seconds, 2), std::to_string(stage.made), std::to_string(stage.there)});
+    stages.push_back({stage.name, decimals(stage.seconds, 2), stage.made, stage.there});
   stages.push_back({"total", decimals(r.total_seconds, 2), "", ""});
   const auto pairs = static_cast<double>(std::max<std::size_t>(1, r.list->pairs.size()));
   const auto ms = [&](std::initializer_list<const char*> steps) {
@@ -117,7 +111,7 @@ void addModel(web::Report& report, const RunRecord& r) {
   std::uint64_t bytes = 0;
   for (const LevelSummary& l : r.levels) {
     const auto megabytes = [](std::uint64_t b) { return decimals(static_cast<double>(b) / 1e6, 2); };
-    levels.push_back({std::to_string(l.level), std::to_string(l.tiles), std::to_string(l.triangles),
+    levels.push_back({l.level, l.tiles, l.triangles,
                       decimals(l.area > 0 ? static_cast<double>(l.triangles) / l.area : 0, 0),
                       decimals(1e3 * l.texel, 1), decimals(1e3 * l.error, 1), megabytes(l.surface_bytes),
                       megabytes(l.picture_bytes), megabytes(l.gpu_bytes)});
@@ -144,29 +138,29 @@ std::vector<Row> countRows(const RunRecord& r) {
   const FuseCounts& counts = r.fused->counts;
   const Anchor& anchor = r.navigation->anchor;
   std::vector<Row> rows = {
-      row("pairs listed", r.list->pairs.size()),
-      row("pairs in the map", counts.used),
-      row("pairs outside the navigation", counts.without_pose),
-      row("pairs unreadable", counts.unreadable),
-      row("pairs with too few points", counts.too_few_points),
-      row("left images without a right one", r.list->left_alone),
-      row("right images without a left one", r.list->right_alone),
-      row("corners", counts.corners),
-      row("stereo points", counts.points),
-      row("rejected: no match", counts.rejected.no_track),
-      row("rejected: left-right check", counts.rejected.left_right),
-      row("rejected: off the epipolar line", counts.rejected.epipolar),
-      row("rejected: range", counts.rejected.range),
-      row("rejected: outlier", counts.rejected.outlier),
-      row("rejected: fish", counts.rejected.fish),
-      row("bottom-track ensembles used", r.navigation->counters.dvl_used),
-      row("bottom-track ensembles rejected", r.navigation->counters.dvl_rejected),
+      {"pairs listed", r.list->pairs.size()},
+      {"pairs in the map", counts.used},
+      {"pairs outside the navigation", counts.without_pose},
+      {"pairs unreadable", counts.unreadable},
+      {"pairs with too few points", counts.too_few_points},
+      {"left images without a right one", r.list->left_alone},
+      {"right images without a left one", r.list->right_alone},
+      {"corners", counts.corners},
+      {"stereo points", counts.points},
+      {"rejected: no match", counts.rejected.no_track},
+      {"rejected: left-right check", counts.rejected.left_right},
+      {"rejected: off the epipolar line", counts.rejected.epipolar},
+      {"rejected: range", counts.rejected.range},
+      {"rejected: outlier", counts.rejected.outlier},
+      {"rejected: fish", counts.rejected.fish},
+      {"bottom-track ensembles used", r.navigation->counters.dvl_used},
+      {"bottom-track ensembles rejected", r.navigation->counters.dvl_rejected},
       {"anchored by", anchor.source + " (" + std::to_string(anchor.fixes_used) + " fixes, " +
                           std::to_string(anchor.fixes_rejected) + " rejected)"}};
   addLocalisation(rows, r.slam);
-  rows.push_back(row("mesh vertices", r.vertices));
-  rows.push_back(row("mesh triangles", r.triangles));
-  rows.push_back(row("work files found damaged and made again", r.damaged));
+  rows.push_back({"mesh vertices", r.vertices});
+  rows.push_back({"mesh triangles", r.triangles});
+  rows.push_back({"work files found damaged and made again", r.damaged});
   return rows;
 }
 

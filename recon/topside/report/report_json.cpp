@@ -190,9 +190,7 @@ void writeReportJson(const std::filesystem::path& path, const RunRecord& r) {
       {"work_files_damaged", r.damaged},
       {"times", {{"stages", stagesJson(r)}, {"per_pair_s", perPairJson(r)}, {"total_s", r.total_seconds}}},
       {"config", configJson(*r.config)}};
-  AtomicFile file(path);
-  file.stream() << report.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  file.commit();
+  writeFile(path, report.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 }  // namespace fathom::topside

@@ -17,7 +17,6 @@ using web::Plot, web::Row, web::Series;
 
 constexpr double kDegree = std::numbers::pi / 180;  // [rad]
 constexpr double kLow2 = 1.24, kHigh2 = 14.45;      // chi-square, 6 degrees of freedom: 2.5 % and 97.5 %
-constexpr double kHalf = 420;                       // of the page's width [px]
 
 double rmsOf(const std::vector<double>& values) {
   double sum = 0;
@@ -59,23 +58,20 @@ void addClosureErrors(web::Report& report, const std::vector<double>& reckoned,
 }
 
 std::vector<Row> countRows(const SlamResult& slam, std::size_t kept) {
-  std::vector<Row> rows;
-  const auto row = [&](const std::string& name, std::size_t value) {
-    rows.push_back({name, std::to_string(value)});
-  };
-  row("pairs with features", slam.frames);
-  row("visual odometry links", slam.odometry.size());
-  row("closures tried", slam.tried.size());
-  row("closures accepted", slam.closures.size());
-  row("closures kept", kept);
+  std::vector<Row> rows = {{"pairs with features", slam.frames},
+                           {"visual odometry links", slam.odometry.size()},
+                           {"closures tried", slam.tried.size()},
+                           {"closures accepted", slam.closures.size()},
+                           {"closures kept", kept}};
   for (std::size_t k = 1; k < slam.refused.size(); ++k)
-    row("refused: " + std::string(closure::nameOf(static_cast<closure::Refusal>(k))), slam.refused[k]);
-  row("closures left out: nothing confirmed them", slam.unconfirmed);
-  row("fixes kept", slam.fixes_kept);
-  row("fixes taken out", slam.fixes_removed);
-  row("steps where visual odometry contradicts dead reckoning", slam.sensors.steps_contradicted);
-  row("steps without bottom track", slam.sensors.dvl_absent);
-  row("leaps of the compass", slam.sensors.compass_jumps);
+    rows.push_back(
+        {"refused: " + std::string(closure::nameOf(static_cast<closure::Refusal>(k))), slam.refused[k]});
+  rows.push_back({"closures left out: nothing confirmed them", slam.unconfirmed});
+  rows.push_back({"fixes kept", slam.fixes_kept});
+  rows.push_back({"fixes taken out", slam.fixes_removed});
+  rows.push_back({"steps where visual odometry contradicts dead reckoning", slam.sensors.steps_contradicted});
+  rows.push_back({"steps without bottom track", slam.sensors.dvl_absent});
+  rows.push_back({"leaps of the compass", slam.sensors.compass_jumps});
   rows.push_back({"ground seen before, expected [m of way]", decimals(slam.crossings_expected, 1)});
   rows.push_back({"of it without a closure", decimals(slam.crossings_unverified, 1)});
   for (const auto& [name, value] : calibrationRows(slam)) rows.push_back({name, value});
@@ -97,7 +93,7 @@ Plot errorPlot(const Consistency& c, const Value& error, const Value& sigma, con
           .x = "time [s]",
           .y = unit,
           .series = {std::move(upper), std::move(lower), std::move(line)},
-          .width = kHalf};
+          .width = web::kHalfPage};
 }
 
 Plot squaredPlot(const Consistency& c, const Value& value, const std::string& of) {
@@ -112,7 +108,7 @@ Plot squaredPlot(const Consistency& c, const Value& value, const std::string& of
           .x = "time [s]",
           .y = "6 expected",
           .series = {std::move(dots), std::move(bounds)},
-          .width = kHalf};
+          .width = web::kHalfPage};
 }
 
 void addTruth(web::Report& report, const Consistency& c) {
@@ -133,7 +129,7 @@ void addTruth(web::Report& report, const Consistency& c) {
       c, [](const auto& m) { return m.since_first; }, "from the first pair"));
   report.table({}, {{"mean squared error over covariance (6 expected), in nav", decimals(c.mean_squared, 2)},
                     {"from the first pair", decimals(c.mean_since_first, 2)},
-                    {"false closures", std::to_string(c.false_closures)},
+                    {"false closures", c.false_closures},
                     {"pairs that overlap by more than 30 %: there, tried, accepted",
                      std::to_string(c.overlapping) + ", " + std::to_string(c.overlapping_tried) + ", " +
                          std::to_string(c.overlapping_accepted)}});

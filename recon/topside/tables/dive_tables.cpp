@@ -22,12 +22,6 @@ Json number(const std::optional<double>& value, double steps = 1e4) {
   return value ? number(*value, steps) : Json();
 }
 
-void write(const std::filesystem::path& path, const std::string& text) {
-  AtomicFile file(path);
-  file.stream() << text;
-  file.commit();
-}
-
 double degrees360(double radians) {
   const double degrees = std::fmod(radians * kDegrees, 360);
   return degrees < 0 ? degrees + 360 : degrees;
@@ -184,7 +178,7 @@ void writeTrackJson(const std::filesystem::path& path, const std::vector<TrackPo
                {"heading_deg", heading}, {"altitude", altitude}, {"stage", stage}};
   for (std::size_t k = 0; k < kWaterProperties; ++k)
     if (recorded[k]) json[infoOf(static_cast<WaterProperty>(k)).key] = water[k];
-  write(path, json.dump());
+  writeFile(path, json.dump());
 }
 
 void writeImagesJson(const std::filesystem::path& path, const std::vector<ImageRow>& images,
@@ -212,8 +206,8 @@ void writeImagesJson(const std::filesystem::path& path, const std::vector<ImageR
                      {"cx", camera.cx},       {"cy", camera.cy},         {"k1", camera.k1}, {"k2", camera.k2},
                      {"p1", camera.p1},       {"p2", camera.p2},         {"k3", camera.k3}};
   // File names come from a disk and need not be UTF-8.
-  write(path,
-        Json({{"images", list}, {"camera", lens}}).dump(-1, ' ', false, Json::error_handler_t::replace));
+  writeFile(path,
+            Json({{"images", list}, {"camera", lens}}).dump(-1, ' ', false, Json::error_handler_t::replace));
 }
 
 std::vector<std::string> writeImageTables(const std::filesystem::path& folder, const Geodetic& origin,
@@ -230,10 +224,10 @@ std::vector<std::string> writeImageTables(const std::filesystem::path& folder, c
   }
   std::vector<std::string> names = {"images.csv", "images_squidle.csv", "images_catami.csv",
                                     "images_biigle.csv"};
-  write(folder / names[0], full);
-  write(folder / names[1], squidle);
-  write(folder / names[2], catami);
-  write(folder / names[3], biigle);
+  writeFile(folder / names[0], full);
+  writeFile(folder / names[1], squidle);
+  writeFile(folder / names[2], catami);
+  writeFile(folder / names[3], biigle);
   return names;
 }
 

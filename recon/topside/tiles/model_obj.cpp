@@ -35,13 +35,6 @@ std::vector<std::uint8_t> jpegOf(const ReadTile& read) {
   return encodePicture(read.tile.atlas, {.quality = kJpegQuality});
 }
 
-void writeWhole(const std::filesystem::path& path, const std::vector<std::uint8_t>& bytes) {
-  AtomicFile file(path);
-  file.stream().write(reinterpret_cast<const char*>(bytes.data()),
-                      static_cast<std::streamsize>(bytes.size()));
-  file.commit();
-}
-
 }  // namespace
 
 ModelCounts writeModelObj(const std::filesystem::path& path, std::vector<TileId> tiles,
@@ -69,7 +62,7 @@ ModelCounts writeModelObj(const std::filesystem::path& path, std::vector<TileId>
     if (textured) {
       const std::string name = std::to_string(id.x) + "_" + std::to_string(id.y);
       std::filesystem::create_directories(pictures);
-      writeWhole(pictures / (name + ".jpg"), jpegOf(read));
+      writeFile(pictures / (name + ".jpg"), jpegOf(read));
       materials.stream() << "newmtl " << name << "\nKd 1 1 1\nKs 0 0 0\nmap_Kd "
                          << pictures.filename().string() << '/' << name << ".jpg\n";
       for (const Eigen::Vector2f& t : mesh.texture_coordinates) {

@@ -76,9 +76,7 @@ Json boxOf(const Node& node) {
 void write(const std::filesystem::path& path, const Json& root, double error) {
   const Json tileset{
       {"asset", {{"version", "1.1"}, {"generator", "Fathom"}}}, {"geometricError", error}, {"root", root}};
-  AtomicFile file(path);
-  file.stream() << tileset.dump() << '\n';
-  file.commit();
+  writeFile(path, tileset.dump() + "\n");
 }
 
 // One file's part of the tree.

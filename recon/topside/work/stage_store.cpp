@@ -111,11 +111,7 @@ WorkFileWriter StageStore::writer(const std::string& stage, const std::string& i
 void StageStore::written(const std::string& stage, const std::string& item, const Digest& key,
                          const Costs& costs) {
   const fs::path path = pathOf(stage, item, key), costs_path = fs::path(path).replace_extension(kCosts);
-  {
-    AtomicFile file(costs_path);
-    file.stream() << nlohmann::json(costs).dump() << "\n";
-    file.commit();
-  }
+  { writeFile(costs_path, nlohmann::json(costs).dump() + "\n"); }
   std::error_code error;
   for (const auto& entry : fs::directory_iterator(folder_ / stage, error)) {
     const fs::path& other = entry.path();

@@ -86,9 +86,7 @@ std::string Page::json() const {
 void Page::write(const std::filesystem::path& folder, const std::string& name) const {
   std::filesystem::create_directories(folder);
   report_.write(folder / (name + ".html"));
-  AtomicFile file(folder / (name + ".json"));
-  file.stream() << json();
-  file.commit();
+  writeFile(folder / (name + ".json"), json());
 }
 
 }  // namespace fathom::bench

@@ -18,7 +18,6 @@ namespace {
 using bench::cell;
 
 constexpr double kMiB = 1024.0 * 1024.0;
-constexpr double kHalf = 460;  // of the page's width [px]
 
 // Runs of one source and number of jobs, by pairs.
 using Series = std::map<std::pair<std::string, int>, std::vector<const GrowthRun*>>;
@@ -58,7 +57,7 @@ std::string label(const std::string& source, int jobs) {
 template <typename Value>
 web::Plot curves(const Series& series, const std::string& source, const std::string& title,
                  const std::string& unit, bool proportional, Value value) {
-  web::Plot plot{.title = title, .x = "pairs", .y = unit, .width = kHalf};
+  web::Plot plot{.title = title, .x = "pairs", .y = unit, .width = web::kHalfPage};
   std::size_t colour = 0;
   for (const auto& [key, list] : series) {
     if (key.first != source) continue;
@@ -76,7 +75,7 @@ web::Plot curves(const Series& series, const std::string& source, const std::str
 web::Plot stagesPlot(const std::vector<const GrowthRun*>& list, const std::vector<std::string>& names,
                      const std::string& title) {
   web::Plot plot{
-      .title = title, .x = "runs, in order of pairs", .y = "wall time a pair [ms]", .width = kHalf};
+      .title = title, .x = "runs, in order of pairs", .y = "wall time a pair [ms]", .width = web::kHalfPage};
   std::vector<double> at(list.size(), 0);
   for (std::size_t k = 0; k < names.size(); ++k) {
     web::Series stage{.label = names[k], .kind = web::Series::Kind::kAreas, .colour = web::distinctColour(k)};
