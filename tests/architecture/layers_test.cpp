@@ -4,8 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
+#include <regex>
+#include <sstream>
 
 #include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::test {
 namespace {
@@ -51,6 +54,20 @@ TEST(Architecture, NoTargetLinksOneThatItsLayerForbids) {
   ASSERT_TRUE(targets.count("fathom_geometry"));
   EXPECT_EQ(targets.at("fathom_geometry").folder, "recon/geometry");
   EXPECT_TRUE(targets.at("fathom_geometry").libraries.count("fathom_kernel"));
+}
+
+TEST(Architecture, ModulesWithoutThreadsNameNone) {
+  const std::regex threads(
+      R"(#include\s*<(thread|atomic|mutex|shared_mutex|future|condition_variable|semaphore|latch|barrier|stop_token|pthread\.h|.*tbb/.*)>)");
+  std::size_t files = 0;
+  std::stringstream modules(FATHOM_THREADLESS);
+  for (std::string module; std::getline(modules, module, ' ');)
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(kRoot / "recon" / module)) {
+      if (entry.path().extension() != ".cpp" && entry.path().extension() != ".hpp") continue;
+      ++files;
+      EXPECT_FALSE(std::regex_search(readText(entry.path()), threads)) << entry.path();
+    }
+  EXPECT_GT(files, 100u);
 }
 
 TEST(Layers, EachModuleKnowsItselfAndWhatLiesBelow) {
