@@ -221,7 +221,7 @@ StereoPoseFile readStereoPoses(const std::filesystem::path& path) {
     pose.left_image = fields.text();
     pose.right_image = fields.text();
     for (const std::string& image : {pose.left_image, pose.right_image})
-      if (!plainFileName(image))
+      if (!nameInside(image))
         lines.fail("has an image '" + image.substr(0, 40) + "'; give the name of a file in img/");
     pose.altitude = fields.number("altitude", 0, kMaxDistance);
     pose.footprint_radius = fields.number("bounding radius", 0, kMaxDistance);
@@ -240,7 +240,7 @@ void writeStereoPoses(const std::filesystem::path& path, const StereoPoseFile& f
   writeHead(out, "STEREO_POSE_FILE", 2, columns.c_str(), file.origin);
   for (const StereoPose& pose : file.poses) {
     for (const std::string& image : {pose.left_image, pose.right_image})
-      if (!plainFileName(image) || image.find_first_of(" \t\r\n") != std::string::npos)
+      if (!nameInside(image) || image.find_first_of(" \t\r\n") != std::string::npos)
         throw std::invalid_argument("image name '" + image + "' does not fit a pose file");
     writeShared(out, pose.id, pose.utc_s, pose.T_nav_cam, projection);
     out << '\t' << pose.left_image << '\t' << pose.right_image << '\t' << Number(pose.altitude) << '\t'

@@ -93,41 +93,5 @@ TEST(Calibrate, AnAbsentFileAndOneThatIsNoImageAreNamed) {
   EXPECT_THAT(errorOf(optionsFor(folder.path(), folder.path() / "a.calib")), HasSubstr("left1.png"));
 }
 
-TEST(BoardImages, NamesPairLeftWithRight) {
-  const test::TemporaryFolder folder;
-  std::filesystem::create_directories(folder.path() / "left");
-  std::filesystem::create_directories(folder.path() / "right");
-  for (const char* name : {"left01.png", "right01.png", "left02.png", "cam_right_7.tif", "cam_left_7.tif",
-                           "notes.txt", "PR_20260301_020041_206_RM16.tif", "PR_20260301_020041_214_LC16.tif",
-                           "PR_20260301_020049_214_LC16.tif", "left/0001.png", "right/0001.png"})
-    std::ofstream(folder.path() / name) << "x";
-  BoardImageOptions options;
-  options.images = {folder.path()};
-  std::vector<calibration::DroppedView> alone;
-  const auto pairs = listBoardImages(options, alone);
-  std::vector<std::string> names;
-  for (const auto& p : pairs) names.push_back(p.left.filename().string() + " " + p.right.filename().string());
-  EXPECT_THAT(names, testing::UnorderedElementsAre(
-                         "left01.png right01.png", "cam_left_7.tif cam_right_7.tif", "0001.png 0001.png",
-                         "PR_20260301_020041_214_LC16.tif PR_20260301_020041_206_RM16.tif"));
-  ASSERT_EQ(alone.size(), 2u);
-  EXPECT_EQ(alone[0].name, "left02.png");
-  EXPECT_EQ(alone[1].name, "PR_20260301_020049_214_LC16.tif");
-}
-
-TEST(BoardImages, PatternsMustMatchEquallyManyImages) {
-  const test::TemporaryFolder folder;
-  for (const char* name : {"a1.png", "a2.png", "b1.png"}) std::ofstream(folder.path() / name) << "x";
-  BoardImageOptions options;
-  options.left_pattern = (folder.path() / "a*.png").string();
-  options.right_pattern = (folder.path() / "b*.png").string();
-  std::vector<calibration::DroppedView> alone;
-  EXPECT_THROW((void)listBoardImages(options, alone), InputError);
-  options.right_pattern = (folder.path() / "a*.png").string();
-  EXPECT_EQ(listBoardImages(options, alone).size(), 2u);
-  options.right_pattern.clear();
-  EXPECT_THROW((void)listBoardImages(options, alone), InputError);
-}
-
 }  // namespace
 }  // namespace fathom::topside

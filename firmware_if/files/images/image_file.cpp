@@ -68,6 +68,13 @@ bool plainFileName(const std::string& name) {
          name.find('\0') == std::string::npos;
 }
 
+bool nameInside(const std::string& name) {
+  const std::filesystem::path path(name);
+  return !path.is_absolute() && std::all_of(path.begin(), path.end(), [](const std::filesystem::path& part) {
+    return plainFileName(part.string());
+  }) && path.has_filename();
+}
+
 ImageFile readImage(const std::filesystem::path& path, PixelFormat format, int bits, int width, int height) {
   const std::vector<std::uint8_t> bytes = readFileBytes(path, kMaxImageFileBytes, "an image");
   TiffPixels pixels;

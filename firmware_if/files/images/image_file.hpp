@@ -23,6 +23,8 @@ struct ImageName {
 // Whether `name`, from a log or pose file, can only be a file inside its folder: not empty, no slash, not
 // "..".
 [[nodiscard]] bool plainFileName(const std::string& name);
+// The same for a file in a folder below it: "left/0001.png".
+[[nodiscard]] bool nameInside(const std::string& name);
 
 // An image read from a file, owning its pixels.
 struct ImageFile {

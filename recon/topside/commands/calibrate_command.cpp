@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "realtime/kernel/input_error.hpp"
+#include "recon/topside/commands/sample_options.hpp"
 #include "recon/topside/report/calibration_report.hpp"
 
 namespace fathom::topside {
@@ -13,14 +14,7 @@ void addBoardOptions(CLI::App& command, BoardOptions& options) {
   command.add_option("--square", options.square, "edge of a square [m]")->check(CLI::Range(1e-4, 10.0));
   command.add_option("--left", options.images.left_pattern, "shell pattern of the left images, in quotes");
   command.add_option("--right", options.images.right_pattern, "shell pattern of the right images");
-  const auto formats = CLI::IsMember({"auto", "mono", "bayer-rggb"});
-  command
-      .add_option("--left-format", options.images.left_format, "auto: *_LC16 is a Bayer mosaic, others mono")
-      ->check(formats)
-      ->capture_default_str();
-  command.add_option("--right-format", options.images.right_format, "as --left-format")
-      ->check(formats)
-      ->capture_default_str();
+  addSampleOptions(command, options.images.left_format, options.images.right_format);
 }
 
 std::function<int()> addCalibrateCommand(CLI::App& app, CLI::App*& command) {

@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "realtime/kernel/input_error.hpp"
+#include "recon/topside/commands/sample_options.hpp"
 #include "recon/topside/pipeline.hpp"
 
 namespace fathom::topside {
@@ -45,10 +46,18 @@ void addOptions(CLI::App& command, Options& o) {
   command.add_option("--calib", o.places.input.calib, "calibration, of a folder without mission.toml");
   command.add_option("--poses", o.places.input.poses,
                      "stereo_pose_est.data: take poses from there instead of localising");
+  StereoFileOptions& files = o.places.input.files;
+  command.add_option("--left", files.left_pattern,
+                     "shell pattern of the left images, in quotes (a folder without mission.toml: by names)");
+  command.add_option("--right", files.right_pattern, "shell pattern of the right images");
+  command.add_option("--pairs", files.pairs, "CSV file instead: columns left, right and, if known, utc");
+  command.add_option("--time-pattern", files.time_pattern,
+                     "of the left images' names, as 'img_%Y%m%d_%H%M%S_%f' (the usual ones are known)");
+  addSampleOptions(command, o.places.input.left_format, o.places.input.right_format);
   command.add_flag("--verify", o.places.input.verify, "tell images apart by content, not by size and time");
 }
 
-TopsideConfig configOf(const Options& o) {
+TopsideConfig configOf(Options& o) {
   TopsideConfig config = o.config.empty() ? TopsideConfig{} : readTopsideConfig(o.config);
   if (o.resolution) setVoxel(config, *o.resolution);
   if (o.texel) config.model.texel = *o.texel;
@@ -62,6 +71,7 @@ TopsideConfig configOf(const Options& o) {
   if (o.textures == "dds") config.model.gpu_texture = GpuTexture::kDds;
   if (o.mode == "average") config.model.blend.mode = surface::BlendMode::kAverage;
   if (o.mode == "unblended") config.model.blend.mode = surface::BlendMode::kUnblended;
+  o.places.input.files.tolerance = config.pairing_tolerance;
   return config;
 }
 
@@ -86,7 +96,7 @@ std::optional<std::pair<std::size_t, std::size_t>> itemsOf(const std::string& te
   return std::pair(first, last + 1);
 }
 
-int runAll(const Options& o) {
+int runAll(Options& o) {
   const TopsideConfig config = configOf(o);
   if (!o.only.empty() && o.only != "assemble") {
     runOneStage(o.places, config, stageOf(o.only), std::nullopt);

@@ -11,6 +11,7 @@
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/seed_plane.hpp"
+#include "recon/topside/commands/sample_options.hpp"
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/input/loose_pair.hpp"
 #include "recon/topside/report/stereo_output.hpp"
@@ -28,12 +29,6 @@ struct Options {
   std::string left_format = "auto", right_format = "auto";
   bool json = false, dense = false;
 };
-
-std::optional<PixelFormat> formatOf(const std::string& word) {
-  if (word == "mono") return PixelFormat::kMono;
-  if (word == "bayer-rggb") return PixelFormat::kBayerRggb;
-  return std::nullopt;
-}
 
 // Said before the work, not after it.
 void requireFolder(const char* option, const std::filesystem::path& file) {
@@ -77,8 +72,8 @@ int runStereo(const Options& options) {
   report.method = "sparse";
   Stopwatch watch;
   const auto lap = [&](const char* stage) { report.stage_ms.emplace_back(stage, 1e3 * watch.lap()); };
-  const LooseImage left = readLooseImage(options.left, formatOf(options.left_format), rig.left);
-  const LooseImage right = readLooseImage(options.right, formatOf(options.right_format), rig.right);
+  const LooseImage left = readLooseImage(options.left, samplesNamed(options.left_format), rig.left);
+  const LooseImage right = readLooseImage(options.right, samplesNamed(options.right_format), rig.right);
   lap("read");
   if (options.altitude) {
     report.plane.distance = *options.altitude;
@@ -142,15 +137,7 @@ std::function<int()> addStereoCommand(CLI::App& app, CLI::App*& command) {
   command->add_option("--picture", options->picture, "PNG to write: depth over the left image");
   command->add_flag("--json", options->json, "print one JSON object: points, rejected by cause, ms by stage");
   command->add_option("--config", options->config, "TOML file; its [stereo] keys are used");
-  const CLI::IsMember formats({"auto", "mono", "bayer-rggb"});
-  command
-      ->add_option("--left-format", options->left_format,
-                   "of a grey file: mono, bayer-rggb, or auto: by an ACFR name")
-      ->check(formats)
-      ->capture_default_str();
-  command->add_option("--right-format", options->right_format, "likewise")
-      ->check(formats)
-      ->capture_default_str();
+  addSampleOptions(*command, options->left_format, options->right_format);
   return [options] { return runStereo(*options); };
 }
 

@@ -1,30 +1,17 @@
 #pragma once
 
-#include <filesystem>
 #include <string>
 #include <vector>
 
 #include "recon/calibration/rig_calibration.hpp"
+#include "recon/topside/input/stereo_files.hpp"
 
 namespace fathom::topside {
 
 // Which images hold the chessboard.
-struct BoardImageOptions {
-  std::vector<std::filesystem::path> images;  // files and folders; left and right told apart by name
-  std::string left_pattern, right_pattern;    // or two shell patterns, paired in order of name
-  std::string left_format = "auto", right_format = "auto";  // mono, bayer-rggb; auto: *_LC16 is a mosaic
+struct BoardImageOptions : StereoFileOptions {
+  std::string left_format = "auto", right_format = "auto";  // of sampleNames()
 };
-
-struct BoardImagePair {
-  std::string name;  // the left file's
-  std::filesystem::path left, right;
-};
-
-// Pairs the images: leftNN with rightNN (the words anywhere in the name, or as the folder's name), and
-// PR_..._LC16 with the PR_..._RM16 nearest in time. `alone` gets those without a partner. Throws InputError
-// when there is no pair, for an absent file, and for patterns with unequal numbers of images.
-[[nodiscard]] std::vector<BoardImagePair> listBoardImages(const BoardImageOptions& options,
-                                                          std::vector<calibration::DroppedView>& alone);
 
 struct BoardImages {
   calibration::ImageSize left, right;

@@ -10,6 +10,7 @@
 #include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/nav/camera_clock.hpp"
+#include "recon/topside/input/stereo_files.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -84,27 +85,19 @@ PairList listPairs(const io::MissionPaths& paths, const io::MissionConfig& missi
   prepare(images.left, mission.time_offsets.left_camera);
   prepare(images.right, mission.time_offsets.right_camera);
 
-  // Both lists by time: the nearest right image of each left one, each used once. The cameras' clocks drift
-  // apart, so nearest is about a skew, right less left, that follows the pairs found.
-  constexpr std::int64_t kSkewFollow = 8;  // pairs
-  std::int64_t skew_ns = 0;
-  const std::int64_t limit = std::llround(tolerance * 1e9);
-  std::size_t r = 0, paired = 0;
-  for (const TimedName& left : images.left) {
-    const auto apart = [&](std::size_t k) {
-      return std::abs(images.right[k].utc_ns - skew_ns - left.utc_ns);
-    };
-    while (r + 1 < images.right.size() && apart(r + 1) <= apart(r)) ++r;
-    if (r < images.right.size() && apart(r) <= limit) {
-      list.pairs.push_back({left.utc_ns, left.name, images.right[r].name});
-      skew_ns += (images.right[r].utc_ns - left.utc_ns - skew_ns) / kSkewFollow;
-      ++r;
-      ++paired;
-    } else {
+  const auto times = [](const std::vector<TimedName>& names) {
+    std::vector<std::int64_t> utc_ns;
+    for (const TimedName& name : names) utc_ns.push_back(name.utc_ns);
+    return utc_ns;
+  };
+  const auto partners = partnersByTime(times(images.left), times(images.right), tolerance);
+  for (std::size_t k = 0; k < partners.size(); ++k) {
+    if (partners[k])
+      list.pairs.push_back({images.left[k].utc_ns, images.left[k].name, images.right[*partners[k]].name});
+    else
       ++list.left_alone;
-    }
   }
-  list.right_alone = images.right.size() - paired;
+  list.right_alone = images.right.size() - list.pairs.size();
   if (list.pairs.empty())
     throw InputError(paths.root.string(), list.features_only ? "features" : "img",
                      "no stereo pair: " + std::to_string(images.left.size()) + " left and " +

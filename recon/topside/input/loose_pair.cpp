@@ -2,17 +2,11 @@
 
 #include <string>
 
-#include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/lighting/lighting_model.hpp"
 
 namespace fathom::topside {
 namespace {
-
-PixelFormat formatByName(const std::filesystem::path& path) {
-  const auto name = io::parseImageFileName(path.stem().string() + ".tif");
-  return name && name->side == CameraSide::kLeft ? PixelFormat::kBayerRggb : PixelFormat::kMono;
-}
 
 // The whole image's mean and spread, as a mission's model has them before it has seen several images.
 std::vector<std::uint8_t> stretched(const ImageView& image) {
@@ -35,15 +29,9 @@ ImageView LooseImage::rgbView() const {
   return {rgb.data(), width, height, static_cast<std::size_t>(width) * 3, PixelFormat::kRgb, 8};
 }
 
-LooseImage readLooseImage(const std::filesystem::path& path, std::optional<PixelFormat> format,
-                          const Camera& camera) {
-  io::ImageFile file = io::readAnyImage(path);
-  if (file.view.width != camera.width || file.view.height != camera.height)
-    throw InputError(path, "",
-                     "is " + std::to_string(file.view.width) + " x " + std::to_string(file.view.height) +
-                         " where the calibration says " + std::to_string(camera.width) + " x " +
-                         std::to_string(camera.height));
-  if (file.view.format == PixelFormat::kMono) file.view.format = format.value_or(formatByName(path));
+LooseImage readLooseImage(const std::filesystem::path& path, Samples samples, const Camera& camera) {
+  const io::ImageFile file = readSamples(path, samples);
+  requireSize(file, camera, path);
   LooseImage image{file.view.width, file.view.height, file.view.format, file.view.bits, {}, {}};
   ImageView view = file.view;
   std::vector<std::uint8_t> eight_bit;

@@ -2,11 +2,11 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <optional>
 #include <vector>
 
 #include "recon/geometry/image_view.hpp"
 #include "recon/geometry/stereo_rig.hpp"
+#include "recon/topside/input/image_samples.hpp"
 
 namespace fathom::topside {
 
@@ -22,11 +22,9 @@ struct LooseImage {
   [[nodiscard]] ImageView rgbView() const;
 };
 
-// Reads TIFF, PNG or JPEG. `format`: what a grey file holds (kMono or kBayerRggb); absent: kBayerRggb for the
-// ACFR name of a left image (..._LC16), else kMono. Samples of more than 8 bits are stretched to 8 by one
-// gain and offset for each channel; images of 8 bits stay as they are. Throws InputError, also when the size
-// is not the camera's.
-[[nodiscard]] LooseImage readLooseImage(const std::filesystem::path& path, std::optional<PixelFormat> format,
+// Samples of more than 8 bits are stretched to 8 by one gain and offset for each channel; images of 8 bits
+// stay as they are. Throws InputError, also when the size is not the camera's.
+[[nodiscard]] LooseImage readLooseImage(const std::filesystem::path& path, Samples samples,
                                         const Camera& camera);
 
 }  // namespace fathom::topside

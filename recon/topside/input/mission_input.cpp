@@ -2,41 +2,30 @@
 
 #include <algorithm>
 #include <set>
+#include <variant>
 
 #include "firmware_if/files/feature_file.hpp"
-#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom::topside {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr int kProbed = 8;  // images whose samples tell a foreign folder's bits
+constexpr std::size_t kProbed = 8;  // images of each camera that tell a foreign folder's formats and bits
 
-// Names of a folder's images, sorted; `most`: no more than so many are wanted.
-std::vector<std::string> imagesIn(const fs::path& folder) {
-  std::vector<std::string> names;
-  std::error_code error;
-  for (const auto& entry : fs::directory_iterator(folder, error)) {
-    std::string name = entry.path().filename().string();
-    if (io::parseImageFileName(name)) names.push_back(std::move(name));
-  }
-  std::sort(names.begin(), names.end());
-  return names;
-}
-
-// img/, else the folder itself, else the one folder in it that holds images.
-fs::path imageFolder(const fs::path& root) {
-  if (fs::is_directory(root / "img")) return {};
-  if (!imagesIn(root).empty()) return root;
+// img/, the folder itself, or the one folder in it, whichever holds the image.
+fs::path folderHolding(const fs::path& root, const std::string& image) {
+  if (fs::exists(root / "img" / image)) return root / "img";
+  if (fs::exists(root / image)) return root;
   std::set<fs::path> found;
   std::error_code error;
   for (const auto& entry : fs::directory_iterator(root, error))
-    if (entry.is_directory() && !imagesIn(entry.path()).empty()) found.insert(entry.path());
+    if (entry.is_directory() && fs::exists(entry.path() / image)) found.insert(entry.path());
   if (found.size() == 1) return *found.begin();
-  throw InputError(root.string(), "img",
-                   found.empty() ? "no images (PR_YYYYMMDD_HHMMSS_mmm_LC16.tif) here or one folder below"
-                                 : "images in several folders; give one of them, or link them into img/");
+  throw InputError(root.string(), image,
+                   found.empty() ? "is neither here nor one folder below"
+                                 : "lies in several folders; give one of them, or link them into img/");
 }
 
 fs::path calibIn(const fs::path& root) {
@@ -51,27 +40,89 @@ fs::path calibIn(const fs::path& root) {
                                  : "several calibrations; name one with --calib");
 }
 
-int probeBits(const fs::path& images, const std::vector<std::string>& names) {
+// A camera's images: the format and the bits that hold all of some of them.
+struct Probed {
+  PixelFormat format = PixelFormat::kMono;
   int bits = 8;
+};
+
+Probed probe(const fs::path& folder, const std::vector<std::string>& names, Samples samples) {
+  Probed out;
   const std::size_t step = std::max<std::size_t>(1, names.size() / kProbed);
+  bool first = true;
   for (std::size_t k = 0; k < names.size(); k += step) {
     try {
-      bits = std::max(bits, io::readAnyImage(images / names[k]).view.bits);
+      const ImageView view = readSamples(folder / names[k], samples).view;
+      out.bits = std::max(out.bits, view.bits);
+      if (first || view.format == PixelFormat::kRgb) out.format = view.format;
+      first = false;
     } catch (const InputError&) {  // counted where it is used
     }
   }
-  return bits;
+  return out;
 }
 
-void assumeMission(MissionInput& in) {
+std::string about(PixelFormat format) {
+  return format == PixelFormat::kRgb ? "RGB" : format == PixelFormat::kMono ? "grey" : "a Bayer mosaic RGGB";
+}
+
+// The images that the log of an ACFR vehicle names, if it names any.
+std::vector<std::array<std::string, 2>> namedByLog(const io::MissionPaths& paths) {
+  std::array<std::vector<std::string>, 2> sides;
+  if (!paths.rawAuv()) return {};
+  io::SensorLogReader reader(paths.root);
+  while (const auto entry = reader.next())
+    if (const auto* event = std::get_if<ImageEvent>(&entry->sample))
+      sides[event->side == CameraSide::kLeft ? 0 : 1].push_back(event->file_name);
+  std::vector<std::array<std::string, 2>> pairs;
+  for (std::size_t k = 0; k < std::min(sides[0].size(), sides[1].size()); ++k)
+    pairs.push_back({sides[0][k], sides[1][k]});
+  return pairs;
+}
+
+// Where the images are, and which belong together.
+std::vector<std::array<std::string, 2>> findImages(MissionInput& in, StereoFileOptions options) {
+  std::vector<std::array<std::string, 2>> pairs;
+  if (in.given_poses)
+    for (const io::StereoPose& pose : in.given_poses->poses)
+      pairs.push_back({pose.left_image, pose.right_image});
+  else
+    pairs = namedByLog(in.paths);
+  if (!pairs.empty()) {
+    in.paths.images_elsewhere = folderHolding(in.paths.root, pairs[0][0]);
+    return pairs;
+  }
+  const bool named =
+      !options.pairs.empty() || !options.left_pattern.empty() || !options.right_pattern.empty();
+  if (!named) options.images = {in.paths.root};
+  in.files = findStereoFiles(options);
+  in.paths.images_elsewhere = in.paths.root;
+  for (StereoFilePair& pair : in.files->pairs) {
+    for (fs::path* file : {&pair.left, &pair.right}) *file = fs::proximate(*file, in.paths.images_elsewhere);
+    pairs.push_back({pair.left.generic_string(), pair.right.generic_string()});
+  }
+  in.assumed.insert(in.assumed.end(), in.files->assumed.begin(), in.files->assumed.end());
+  return pairs;
+}
+
+void assumeMission(MissionInput& in, const InputOptions& options) {
   const auto note = [&](std::string line) { in.assumed.push_back(std::move(line)); };
   io::MissionConfig& m = in.mission;
   m.vehicle_name = in.paths.root.filename().string();
   if (m.vehicle_name.empty()) m.vehicle_name = "unknown";
   note("no mission.toml: the vehicle is named after the folder");
-  m.cameras.bits = probeBits(in.paths.images(), imagesIn(in.paths.images()));
-  note("left images are Bayer RGGB, right images mono, of " + std::to_string(m.cameras.bits) +
-       " bits, as the brightest of some samples tells");
+  in.samples = {samplesNamed(options.left_format), samplesNamed(options.right_format)};
+  const auto pairs = findImages(in, options.files);
+  std::array<std::vector<std::string>, 2> names;
+  for (const auto& pair : pairs)
+    for (const std::size_t side : {0U, 1U}) names[side].push_back(pair[side]);
+  const Probed left = probe(in.paths.images(), names[0], in.samples[0]),
+               right = probe(in.paths.images(), names[1], in.samples[1]);
+  m.cameras.left_format = left.format;
+  m.cameras.right_format = right.format;
+  m.cameras.bits = std::max(left.bits, right.bits);
+  note("left images are " + about(left.format) + ", right images " + about(right.format) + ", of " +
+       std::to_string(m.cameras.bits) + " bits, as some of them tell");
   if (in.given_poses) {
     m.origin = in.given_poses->origin;
   } else {
@@ -103,6 +154,17 @@ void addIdentity(Hasher& hasher, const fs::path& path, bool verify) {
 
 }  // namespace
 
+io::ImageFile MissionInput::image(const std::string& name, CameraSide side) const {
+  const bool left = side == CameraSide::kLeft;
+  const Camera& camera = left ? rig.left : rig.right;
+  const PixelFormat format = left ? mission.cameras.left_format : mission.cameras.right_format;
+  const fs::path path = paths.images() / name;
+  if (described) return io::readImage(path, format, mission.cameras.bits, camera.width, camera.height);
+  io::ImageFile file = readSamples(path, samples[left ? 0 : 1]);
+  requireSize(file, camera, path);
+  return fitted(std::move(file), format, mission.cameras.bits, path);
+}
+
 Digest MissionInput::imageIdentity(const std::string& left, const std::string& right) const {
   Hasher hasher;
   if (features_only) {
@@ -128,26 +190,26 @@ void addRig(Hasher& hasher, const MissionInput& input) {
   addPose(hasher, m.T_body_cam);
   addPose(hasher, m.T_body_dvl);
   hasher.add(m.cameras.left_format, m.cameras.right_format, m.cameras.bits, input.features_only);
+  if (!input.described) hasher.add(input.samples[0], input.samples[1]);
 }
 
 MissionInput openMission(const fs::path& folder, const InputOptions& options) {
   MissionInput in;
   in.paths = io::MissionPaths(folder);
   in.verify = options.verify;
-  const bool described = fs::exists(folder / "mission.toml");
+  in.described = fs::exists(folder / "mission.toml");
   const fs::path own_poses = folder / "stereo_pose_est.data";
   fs::path poses = options.poses;
-  if (poses.empty() && !described && fs::exists(own_poses)) poses = own_poses;
+  if (poses.empty() && !in.described && fs::exists(own_poses)) poses = own_poses;
   if (!poses.empty()) in.given_poses = io::readStereoPoses(poses);
   // A log of this project's without its mission.toml is a damaged mission, and nothing to guess about; and
   // without poses and RAW.auv the mission.toml is what is missing.
   const bool foreign = !fs::exists(in.paths.log()) && (!poses.empty() || in.paths.rawAuv());
-  if (described || !foreign) in.mission = io::readMissionConfig(folder);
+  if (in.described || !foreign) in.mission = io::readMissionConfig(folder);
   in.features_only = io::isFeatureMission(in.paths);
-  if (!in.features_only && !described) in.paths.images_elsewhere = imageFolder(folder);
-  in.paths.calib_elsewhere = options.calib.empty() && !described ? calibIn(folder) : options.calib;
+  in.paths.calib_elsewhere = options.calib.empty() && !in.described ? calibIn(folder) : options.calib;
   in.rig = readStereoCalib(in.paths.calib());
-  if (!described) assumeMission(in);
+  if (!in.described) assumeMission(in, options);
 
   Hasher hasher;
   digestFile(hasher, folder / "mission.toml");
@@ -159,13 +221,18 @@ MissionInput openMission(const fs::path& folder, const InputOptions& options) {
   } else if (const auto raw = in.paths.rawAuv()) {
     digestFile(hasher, *raw);
   }
-  std::vector<std::string> names;
-  std::error_code error;
-  for (const auto& entry :
-       fs::directory_iterator(in.features_only ? in.paths.features() : in.paths.images(), error))
-    names.push_back(entry.path().filename().string());
-  std::sort(names.begin(), names.end());
-  for (const std::string& name : names) hasher.add(name);
+  if (in.files) {
+    for (const StereoFilePair& pair : in.files->pairs)
+      hasher.add(pair.left.generic_string(), pair.right.generic_string(), pair.utc_ns.value_or(-1));
+  } else {
+    std::vector<std::string> names;
+    std::error_code error;
+    for (const auto& entry :
+         fs::directory_iterator(in.features_only ? in.paths.features() : in.paths.images(), error))
+      names.push_back(entry.path().filename().string());
+    std::sort(names.begin(), names.end());
+    for (const std::string& name : names) hasher.add(name);
+  }
   in.identity = hasher.finish();
   return in;
 }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -8,18 +9,23 @@
 #include "firmware_if/files/mission.hpp"
 #include "firmware_if/files/pose_files.hpp"
 #include "recon/geometry/stereo_rig.hpp"
+#include "recon/topside/input/image_samples.hpp"
+#include "recon/topside/input/stereo_files.hpp"
 #include "recon/topside/work/digest.hpp"
 
 namespace fathom::topside {
 
 struct InputOptions {
-  std::filesystem::path calib;  // instead of the folder's own
-  std::filesystem::path poses;  // stereo_pose_est.data: poses are taken from there, nothing is localised
-  bool verify = false;          // images are told apart by content, not by name, size and time of change
+  std::filesystem::path calib = {};  // instead of the folder's own
+  std::filesystem::path poses = {};  // stereo_pose_est.data: poses are taken from there, nothing is localised
+  bool verify = false;               // images are told apart by content, not by name, size and time of change
+  // Of a folder without mission.toml.
+  StereoFileOptions files = {};                             // without images: those in the folder
+  std::string left_format = "auto", right_format = "auto";  // of sampleNames()
 };
 
-// A recorded dive and what is known about it: a mission folder, or images with a calibration and poses or a
-// RAW.auv as the ACFR's vehicles leave them.
+// A recorded dive and what is known about it: a mission folder, or images of any kind with a calibration and
+// with poses or a RAW.auv.
 struct MissionInput {
   io::MissionPaths paths{""};
   io::MissionConfig mission;
@@ -27,8 +33,17 @@ struct MissionInput {
   bool features_only = false;
   std::optional<io::StereoPoseFile> given_poses;
   std::vector<std::string> assumed;  // what no file says, a line each
+  // Without mission.toml: the images where their names tell the pairs, relative to paths.images(), and what
+  // they hold.
+  bool described = true;
+  std::optional<StereoFiles> files;
+  std::array<Samples, 2> samples = {Samples::kAuto, Samples::kAuto};
   bool verify = false;
   Digest identity;  // of all files but the images: calibration, log, poses, names of images
+
+  // An image of the formats, bits and size that mission and calibration say. Throws InputError, which names
+  // the file, for one that is absent, damaged or other than that. Thread-safe.
+  [[nodiscard]] io::ImageFile image(const std::string& name, CameraSide side) const;
 
   // Of one pair's images (or feature file), as far as `verify` wants to know them; of absent ones too.
   [[nodiscard]] Digest imageIdentity(const std::string& left, const std::string& right) const;

@@ -16,7 +16,7 @@ Survey fromPoses(const MissionInput& input) {
   std::stable_sort(poses.begin(), poses.end(),
                    [](const io::StereoPose& a, const io::StereoPose& b) { return a.utc_s < b.utc_s; });
   for (const io::StereoPose& pose : poses) {
-    if (!io::plainFileName(pose.left_image) || !io::plainFileName(pose.right_image))
+    if (!io::nameInside(pose.left_image) || !io::nameInside(pose.right_image))
       throw InputError(input.paths.root.string(), "stereo_pose_est.data",
                        "pose " + std::to_string(pose.id) + " names no image files");
     NavigatedPose navigated;
@@ -31,6 +31,21 @@ Survey fromPoses(const MissionInput& input) {
   survey.navigation.track = survey.navigation.poses;
   survey.navigation.anchor.source = "given poses";
   return survey;
+}
+
+PairList listPairs(const MissionInput& input, const StereoFiles& files) {
+  PairList list;
+  list.from_file_names = true;
+  for (const StereoFilePair& pair : files.pairs) {
+    if (!pair.utc_ns)
+      throw InputError(input.paths.root.string(), pair.left.generic_string(),
+                       "has no time in its name, and navigation is by time; give --time-pattern, or --pairs "
+                       "with a column utc");
+    list.pairs.push_back({*pair.utc_ns, pair.left.generic_string(), pair.right.generic_string()});
+  }
+  for (const StereoFiles::Alone& alone : files.alone)
+    ++(alone.missing == "right" ? list.left_alone : list.right_alone);
+  return list;
 }
 
 // Changes whenever the same inputs and settings give another result.
@@ -49,7 +64,8 @@ Digest surveyKey(const MissionInput& input, const TopsideConfig& config) {
 Survey takeSurvey(const MissionInput& input, const TopsideConfig& config) {
   if (input.given_poses) return fromPoses(input);
   Survey survey;
-  survey.list = listPairs(input.paths, input.mission, config.pairing_tolerance);
+  survey.list = input.files ? listPairs(input, *input.files)
+                            : listPairs(input.paths, input.mission, config.pairing_tolerance);
   std::vector<std::int64_t> times;
   for (const ImagePair& pair : survey.list.pairs) times.push_back(pair.utc_ns);
   survey.navigation = navigate(input.paths, input.mission, config, times);

@@ -9,7 +9,6 @@
 #include <opencv2/core.hpp>
 #include <optional>
 
-#include "firmware_if/files/images/mission_images.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/progress.hpp"
 #include "recon/geometry/eight_bit_view.hpp"
@@ -28,10 +27,9 @@ struct Images {
   lighting::RangeLattice left_range, right_range;  // unknown without a pose
 };
 
-std::optional<io::ImageFile> readOrPass(const io::MissionImages& images, const std::string& name,
-                                        CameraSide side) {
+std::optional<io::ImageFile> readOrPass(const MissionInput& input, const std::string& name, CameraSide side) {
   try {
-    return images.read(name, side);
+    return input.image(name, side);
   } catch (const InputError&) {
     return std::nullopt;
   }
@@ -132,7 +130,6 @@ void learnLighting(const MissionInput& input, const TopsideConfig& config, const
   const std::vector<std::size_t> chosen = lightingPairs(pairs.size(), config);
   const std::size_t count = chosen.size();
   rt::StageProgress progress("lighting", count);
-  const io::MissionImages files(input.paths, input.mission, input.rig);
   const std::vector<double> altitudes = seedAltitudes(poses, config.default_altitude);
   std::size_t next = 0;
   namespace tbb = oneapi::tbb;
@@ -153,8 +150,8 @@ void learnLighting(const MissionInput& input, const TopsideConfig& config, const
               tbb::filter_mode::parallel,
               [&](std::size_t index) {
                 auto images = std::make_shared<Images>();
-                images->left = readOrPass(files, pairs[index].left, CameraSide::kLeft);
-                images->right = readOrPass(files, pairs[index].right, CameraSide::kRight);
+                images->left = readOrPass(input, pairs[index].left, CameraSide::kLeft);
+                images->right = readOrPass(input, pairs[index].right, CameraSide::kRight);
                 if (const auto& T_nav_body = poses[index].T_nav_body) {
                   std::unique_ptr<RangeFinder>& finder = finders.local();
                   if (!finder) finder = std::make_unique<RangeFinder>(input.rig, stereo);

@@ -19,15 +19,11 @@ void correctOne(const lighting::LightingModel& model, const lighting::RangeLatti
 }  // namespace
 
 PairImages::PairImages(const MissionInput& input, const LightingModels& models)
-    : rig_(input.rig),
-      models_(models),
-      images_(input.paths, input.mission, input.rig),
-      ranges_(rig_),
-      left_ranges_(rig_.left) {}
+    : input_(input), rig_(input.rig), models_(models), ranges_(rig_), left_ranges_(rig_.left) {}
 
 bool PairImages::readOne(const std::string& name, CameraSide side, io::ImageFile& file) {
   try {
-    file = images_.read(name, side);
+    file = input_.image(name, side);
   } catch (const InputError& error) {
     error_ = error.what();
     return false;

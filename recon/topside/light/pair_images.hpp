@@ -4,7 +4,6 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/files/images/mission_images.hpp"
 #include "recon/geometry/rgb_image.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/rig_ranges.hpp"
@@ -36,9 +35,9 @@ class PairImages {
  private:
   [[nodiscard]] bool readOne(const std::string& name, CameraSide side, io::ImageFile& file);
 
+  const MissionInput& input_;
   const StereoRig& rig_;
   const LightingModels& models_;
-  io::MissionImages images_;
   lighting::RigRanges ranges_;
   lighting::RangeMaker left_ranges_;
   io::ImageFile left_file_, right_file_;

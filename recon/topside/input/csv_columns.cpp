@@ -1,0 +1,58 @@
+#include "recon/topside/input/csv_columns.hpp"
+
+#include <gdal_priv.h>
+#include <ogrsf_frmts.h>
+
+#include <strings.h>
+#include <memory>
+
+#include "realtime/kernel/input_error.hpp"
+#include "recon/topside/input/name_times.hpp"
+
+namespace fathom::topside {
+
+CsvColumns::CsvColumns(const std::filesystem::path& path) : path_(path) {
+  if (!std::filesystem::is_regular_file(path)) throw InputError(path.string(), "", "is not there");
+  GDALAllRegister();
+  const char* const drivers[] = {"CSV", nullptr};
+  const char* const options[] = {"HEADERS=YES", "AUTODETECT_TYPE=NO", nullptr};
+  const CPLErrorHandlerPusher quiet(CPLQuietErrorHandler);
+  const std::unique_ptr<GDALDataset> set(GDALDataset::Open(
+      ("CSV:" + path.string()).c_str(), GDAL_OF_VECTOR | GDAL_OF_READONLY, drivers, options));
+  OGRLayer* layer = set && set->GetLayerCount() == 1 ? set->GetLayer(0) : nullptr;
+  if (layer == nullptr)
+    throw InputError(path.string(), "",
+                     "is no table of comma-separated values; give one with a line of column names");
+  OGRFeatureDefn* columns = layer->GetLayerDefn();
+  for (int k = 0; k < columns->GetFieldCount(); ++k)
+    names_.emplace_back(columns->GetFieldDefn(k)->GetNameRef());
+  for (const auto& feature : *layer) {
+    std::vector<std::string>& row = rows_.emplace_back();
+    for (int k = 0; k < columns->GetFieldCount(); ++k) row.emplace_back(feature->GetFieldAsString(k));
+  }
+}
+
+std::optional<std::size_t> CsvColumns::column(const std::string& name) const {
+  for (std::size_t k = 0; k < names_.size(); ++k)
+    if (::strcasecmp(names_[k].c_str(), name.c_str()) == 0) return k;
+  return std::nullopt;
+}
+
+std::size_t CsvColumns::required(const std::string& name) const {
+  if (const auto found = column(name)) return *found;
+  std::string list;
+  for (const std::string& known : names_) list += (list.empty() ? "" : ", ") + known;
+  throw InputError(path_.string(), "line 1", "has no column '" + name + "'; there are: " + list);
+}
+
+std::int64_t CsvColumns::time(std::size_t row, std::size_t column) const {
+  for (const NameTime& form : NameTime::usual())
+    if (const auto time = form.of(text(row, column))) return *time;
+  fail(row, "has no time '" + text(row, column) + "'; give 2024-02-17T05:15:49.768 or Unix time");
+}
+
+void CsvColumns::fail(std::size_t row, const std::string& what) const {
+  throw InputError(path_.string(), "row " + std::to_string(row + 1), what);
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace fathom::topside {
+
+// A table of text with a line of column names, as spreadsheets write it: comma, semicolon or tab between.
+class CsvColumns {
+ public:
+  // Throws InputError for a file that is absent, empty or no table.
+  explicit CsvColumns(const std::filesystem::path& path);
+
+  [[nodiscard]] std::size_t rows() const { return rows_.size(); }
+  // By name, whatever its case.
+  [[nodiscard]] std::optional<std::size_t> column(const std::string& name) const;
+  [[nodiscard]] std::size_t required(const std::string& name) const;  // throws InputError
+  [[nodiscard]] const std::string& text(std::size_t row, std::size_t column) const {
+    return rows_[row][column];
+  }
+  // UTC [ns], as date and time of day or as Unix time. Throws InputError.
+  [[nodiscard]] std::int64_t time(std::size_t row, std::size_t column) const;
+  // Throws InputError with the row's place.
+  [[noreturn]] void fail(std::size_t row, const std::string& what) const;
+
+ private:
+  std::filesystem::path path_;
+  std::vector<std::string> names_;
+  std::vector<std::vector<std::string>> rows_;
+};
+
+}  // namespace fathom::topside

@@ -1,0 +1,50 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace fathom::topside {
+
+// Where the image files of a stereo rig are, and how their names are to be read.
+struct StereoFileOptions {
+  std::vector<std::filesystem::path> images = {};     // files and folders; left and right told apart by name
+  std::string left_pattern = {}, right_pattern = {};  // or two shell patterns, paired in order of name
+  std::filesystem::path pairs = {};  // or a CSV file with columns left, right and, if known, utc
+  std::string time_pattern = {};     // of NameTime; none: the usual ones
+  double tolerance = 0.05;           // left and right of one pair by time [s]
+};
+
+struct StereoFilePair {
+  std::filesystem::path left, right;
+  std::optional<std::int64_t> utc_ns;  // of the left exposure
+};
+
+struct StereoFiles {
+  std::vector<StereoFilePair> pairs;  // by time, or, where that is not known, in order of name
+  struct Alone {
+    std::filesystem::path file;
+    std::string missing;  // "left" or "right"
+  };
+  std::vector<Alone> alone;
+  std::vector<std::string> assumed;  // how sides and times were told, a line each
+};
+
+// Left and right are told apart by the words that most pairs are made of, in folders' or files' names (left
+// and right, port and starboard, l and r, cam0 and cam1, image_2 and image_3 and the like; ..._LC16 and
+// ..._RM16), with the rest of the name equal. Where two folders hold other names each, images are paired by
+// the times in the names, no more than `tolerance` apart, or, where there are as many on both sides, in
+// order. Throws InputError when there is no pair, and for files that are absent.
+[[nodiscard]] StereoFiles findStereoFiles(const StereoFileOptions& options);
+
+// The nearest right image of each left one, each used once: by their times, ascending [ns], about a skew that
+// follows the pairs found, because the cameras' clocks drift apart. None: no right image within `tolerance`
+// [s].
+[[nodiscard]] std::vector<std::optional<std::size_t>> partnersByTime(std::span<const std::int64_t> left,
+                                                                     std::span<const std::int64_t> right,
+                                                                     double tolerance);
+
+}  // namespace fathom::topside

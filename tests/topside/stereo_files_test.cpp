@@ -1,0 +1,158 @@
+#include "recon/topside/input/stereo_files.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "realtime/kernel/input_error.hpp"
+#include "recon/topside/input/name_times.hpp"
+#include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
+
+namespace fathom::topside {
+namespace {
+
+using testing::ElementsAre, testing::HasSubstr, testing::IsEmpty;
+
+class StereoFileNames : public testing::Test {
+ protected:
+  void make(const std::vector<std::string>& names) {
+    for (const std::string& name : names) test::writeText(folder_.path() / name, "x");
+  }
+  StereoFiles find() { return findStereoFiles(options_); }
+  [[nodiscard]] std::vector<std::string> pairsOf(const StereoFiles& files) const {
+    std::vector<std::string> out;
+    for (const StereoFilePair& p : files.pairs) out.push_back(name(p.left) + " " + name(p.right));
+    return out;
+  }
+  [[nodiscard]] std::string name(const std::filesystem::path& file) const {
+    return file.lexically_relative(folder_.path()).generic_string();
+  }
+
+  test::TemporaryFolder folder_;
+  StereoFileOptions options_{.images = {folder_.path()}};
+};
+
+TEST_F(StereoFileNames, WordsAnywhereTellLeftFromRight) {
+  make({"left01.png", "right01.png", "left02.png", "cam_right_7.tif", "cam_left_7.tif", "notes.txt",
+        "left/0001.png", "right/0001.png", "mosaic.png"});
+  const StereoFiles files = find();
+  EXPECT_THAT(pairsOf(files), ElementsAre("cam_left_7.tif cam_right_7.tif", "left/0001.png right/0001.png",
+                                          "left01.png right01.png"));
+  ASSERT_EQ(files.alone.size(), 1u);
+  EXPECT_EQ(name(files.alone[0].file), "left02.png");
+  EXPECT_EQ(files.alone[0].missing, "right");
+  EXPECT_THAT(files.assumed, ElementsAre("left and right images are told apart by 'left' and 'right'",
+                                         "1 other images are left out"));
+}
+
+TEST_F(StereoFileNames, ShortWordsMustStandAlone) {
+  make({"coral_1_L.jpg", "coral_1_R.jpg", "coral_2_L.jpg", "coral_2_R.jpg", "L10.jpg", "R10.jpg", "lamp.jpg",
+        "ramp.jpg"});
+  EXPECT_THAT(pairsOf(find()),
+              ElementsAre("L10.jpg R10.jpg", "coral_1_L.jpg coral_1_R.jpg", "coral_2_L.jpg coral_2_R.jpg"));
+}
+
+TEST_F(StereoFileNames, FoldersMayBeNumberedCameras) {
+  make({"cam0/data/1403636579763555584.png", "cam1/data/1403636579763555584.png",
+        "cam0/data/1403636579813555456.png", "cam1/data/1403636579813555456.png"});
+  const StereoFiles files = find();
+  EXPECT_EQ(files.pairs.size(), 2u);
+  EXPECT_EQ(files.pairs[0].utc_ns, 1403636579763555584);
+  EXPECT_EQ(files.pairs[1].utc_ns, 1403636579813555456);
+}
+
+TEST_F(StereoFileNames, NumbersCountAndAreNotText) {
+  make({"left/9.png", "right/9.png", "left/10.png", "right/10.png", "left/100.png", "right/100.png"});
+  const StereoFiles files = find();
+  EXPECT_THAT(pairsOf(files), ElementsAre("left/9.png right/9.png", "left/10.png right/10.png",
+                                          "left/100.png right/100.png"));
+  EXPECT_FALSE(files.pairs[0].utc_ns.has_value());
+}
+
+TEST_F(StereoFileNames, OtherNamesOnEachSideArePairedByTime) {
+  make({"PR_20260301_020041_206_RM16.tif", "PR_20260301_020041_214_LC16.tif",
+        "PR_20260301_020049_214_LC16.tif", "PR_20260301_020051_214_LC16.tif",
+        "PR_20260301_020051_209_RM16.tif"});
+  const StereoFiles files = find();
+  EXPECT_THAT(pairsOf(files), ElementsAre("PR_20260301_020041_214_LC16.tif PR_20260301_020041_206_RM16.tif",
+                                          "PR_20260301_020051_214_LC16.tif PR_20260301_020051_209_RM16.tif"));
+  ASSERT_EQ(files.alone.size(), 1u);
+  EXPECT_EQ(files.pairs[1].utc_ns, 1772330451214000000);
+}
+
+TEST_F(StereoFileNames, OtherNamesWithoutTimesGoInOrderIfThereAreAsMany) {
+  make({"left/a2.png", "left/a10.png", "right/b1.png", "right/b2.png"});
+  const StereoFiles files = find();
+  EXPECT_THAT(pairsOf(files), ElementsAre("left/a2.png right/b1.png", "left/a10.png right/b2.png"));
+  EXPECT_THAT(files.assumed, testing::Contains(HasSubstr("in order of name")));
+  make({"right/b3.png"});
+  EXPECT_THAT(test::refusal([&] { (void)find(); }),
+              HasSubstr("no pair of a left and a right image among 5 images"));
+}
+
+TEST_F(StereoFileNames, WithoutWordsTheFixIsSaid) {
+  make({"1.png", "2.png"});
+  EXPECT_THAT(test::refusal([&] { (void)find(); }), HasSubstr("folders left/ and right/"));
+  options_.images = {folder_.path() / "nowhere"};
+  EXPECT_THAT(test::refusal([&] { (void)find(); }), HasSubstr("nowhere: is not there"));
+}
+
+TEST_F(StereoFileNames, PatternsMustMatchEquallyManyImages) {
+  make({"a1.png", "a2.png", "b1.png"});
+  options_.images.clear();
+  options_.left_pattern = (folder_.path() / "a*.png").string();
+  options_.right_pattern = (folder_.path() / "b*.png").string();
+  EXPECT_THROW((void)find(), InputError);
+  options_.right_pattern = (folder_.path() / "a*.png").string();
+  EXPECT_EQ(find().pairs.size(), 2u);
+  options_.right_pattern.clear();
+  EXPECT_THROW((void)find(), InputError);
+}
+
+TEST_F(StereoFileNames, AListSaysAllOfIt) {
+  make({"x/1.png", "y/17.png", "x/2.png", "y/18.png"});
+  options_.images.clear();
+  options_.pairs = folder_.path() / "pairs.csv";
+  std::ofstream(options_.pairs) << "utc,right,left\n2024-02-17T05:15:50.25Z,y/17.png,x/1.png\n"
+                                   "1708146949.768,\"y/18.png\",x/2.png\n";
+  const StereoFiles files = find();
+  EXPECT_THAT(pairsOf(files), ElementsAre("x/2.png y/18.png", "x/1.png y/17.png"));
+  EXPECT_EQ(files.pairs[0].utc_ns, 1708146949768000000);
+  EXPECT_EQ(files.pairs[1].utc_ns, 1708146950250000000);
+  std::ofstream(options_.pairs) << "right,left\ny/17.png,x/1.png\ny/17.png,x/3.png\n";
+  EXPECT_THAT(test::refusal([&] { (void)find(); }), HasSubstr("pairs.csv: row 2: names"));
+  std::ofstream(options_.pairs) << "right;rear\n1;2\n";
+  EXPECT_THAT(test::refusal([&] { (void)find(); }),
+              HasSubstr("has no column 'left'; there are: right, rear"));
+}
+
+TEST_F(StereoFileNames, ATimePatternMustFitEveryImage) {
+  make({"left/dive7 05h15m49s20 17-02-2024.png", "right/dive7 05h15m49s20 17-02-2024.png"});
+  options_.time_pattern = "%Hh%Mm%Ss%f %d-%m-%Y";
+  EXPECT_EQ(find().pairs[0].utc_ns, 1708146949200000000);
+  make({"left/other.png", "right/other.png"});
+  EXPECT_THAT(test::refusal([&] { (void)find(); }), HasSubstr("does not fit other.png"));
+  options_.time_pattern = "%H:%M";
+  EXPECT_THAT(test::refusal([&] { (void)find(); }), HasSubstr("tells no time"));
+}
+
+TEST(NameTime, UsualFormsAreKnownAndFrameNumbersAreNone) {
+  const auto of = [](const std::string& name) -> std::optional<std::int64_t> {
+    for (const NameTime& form : NameTime::usual())
+      if (const auto time = form.of(name)) return time;
+    return std::nullopt;
+  };
+  EXPECT_EQ(of("GX_2024-02-17T05-15-49.768"), 1708146949768000000);
+  EXPECT_EQ(of("20240217051549"), 1708146949000000000);
+  EXPECT_EQ(of("img_20240217_051549_768_L"), 1708146949768000000);
+  EXPECT_EQ(of("frame1708146949768"), 1708146949768000000);
+  EXPECT_EQ(of("1708146949.76801"), 1708146949768010000);
+  EXPECT_EQ(of("20240217_051549_00012"), 1708146949000000000);  // the 12th image
+  EXPECT_EQ(of("20241317_051549"), std::nullopt);               // no such month
+  EXPECT_EQ(of("0000012345"), std::nullopt);
+}
+
+}  // namespace
+}  // namespace fathom::topside
