@@ -61,4 +61,16 @@ std::optional<SeedPlane> fitSeedPlane(std::span<const StereoPoint> points) {
   return SeedPlane{plane / length, 1.0 / length};
 }
 
+PlaneScout::PlaneScout(const StereoRig& rig, SparseStereoConfig config)
+    : wide_(wideSearch(rig, config.min_range, config.max_range)), stereo_(rig, [&] {
+        constexpr int kFeatures = 400;  // enough for a plane through a reef
+        config.search_radius = wide_.search_radius;
+        config.max_features = kFeatures;
+        return config;
+      }()) {}
+
+std::optional<SeedPlane> PlaneScout::find(const ImageView& left, const ImageView& right) {
+  return fitSeedPlane(stereo_.process(left, right, wide_.plane).points);
+}
+
 }  // namespace fathom::stereo

@@ -22,4 +22,18 @@ struct WideSearch {
 // camera fits.
 [[nodiscard]] std::optional<SeedPlane> fitSeedPlane(std::span<const StereoPoint> points);
 
+// The seafloor's plane from a pair of images alone.
+class PlaneScout {
+ public:
+  // Of `config` the ranges and the checks are used.
+  PlaneScout(const StereoRig& rig, SparseStereoConfig config);
+
+  // 8-bit mono images. Nothing where they show too little, or do not belong to one another.
+  [[nodiscard]] std::optional<SeedPlane> find(const ImageView& left, const ImageView& right);
+
+ private:
+  WideSearch wide_;
+  SparseStereo stereo_;
+};
+
 }  // namespace fathom::stereo

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "realtime/kernel/input_error.hpp"
+#include "recon/topside/localise/free_poses.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::topside {
@@ -164,7 +165,8 @@ const SlamResult* Dive::localised() {
   if (localises()) {
     const Digest key = localiseKey(input_, config_, survey_content_, groups.content());
     const WorkFile file = single(Stage::kLocalise, key, [&](WorkFileWriter& out) {
-      const SlamResult slam = localise(input_.mission, input_.rig, config_, survey_->navigation, groups);
+      const auto way = input_.navigated ? localise : localiseFreely;
+      const SlamResult slam = way(input_.mission, input_.rig, config_, *survey_, groups);
       saveSlam(out, slam);
       return slam.seconds;
     });
@@ -191,14 +193,15 @@ const ModelPlan& Dive::plan() {
     static const std::vector<slam::NavigationLink> kNone;
     ModelPlan plan =
         planModel(*prepared_, T_nav_cam_, slam_ ? slam_->closures : kNone, grid_, config_.model.division);
-    plan.texel = config_.model.texel > 0 ? config_.model.texel
-                                         : nativeTexel(input_, survey_->navigation, config_.default_altitude);
+    plan.texel = config_.model.texel > 0
+                     ? config_.model.texel
+                     : nativeTexel(input_.rig.left, survey_->planes, config_.default_altitude);
     savePlan(out, plan);
     return Costs();
   });
   plan_ = loadPlan(file);
   // Texels larger than pixels are made from images reduced as much.
-  const double pixel = nativeTexel(input_, survey_->navigation, config_.default_altitude);
+  const double pixel = nativeTexel(input_.rig.left, survey_->planes, config_.default_altitude);
   config_.model.blend.bands.reduction = std::max(1, static_cast<int>(plan_->texel / pixel));
   return *plan_;
 }
@@ -239,6 +242,9 @@ FuseResult Dive::fused() {
   constexpr std::size_t kErrorLines = 10;  // unreadable images named in the report
   FuseResult out;
   const std::vector<NavigatedPose>& known = poses();
+  const SeedPlanes planes = input_.navigated
+                                ? seedPlanes(input_.mission, known, config_.default_altitude)
+                                : survey_->planes;
   for (std::size_t k = 0; k < known.size(); ++k) {
     const PairFacts& facts = prepared_->facts()[k];
     FuseCounts& counts = out.counts;
@@ -260,6 +266,7 @@ FuseResult Dive::fused() {
     pair.T_nav_body = *known[k].T_nav_body;
     pair.T_nav_cam = T_nav_cam_[k];
     pair.altitude = known[k].altitude.value_or(0);
+    pair.range = planes[k]->distance;
     pair.points = facts.points;
     pair.used = facts.has_mesh;
     if (pair.used) {

@@ -76,7 +76,7 @@ class Dive {
   WorkFile single(Stage stage, const Digest& key, const std::function<Costs(WorkFileWriter&)>& make);
   void run(Stage stage, const std::string& name, std::vector<StageTask> tasks, double weight);
   std::vector<StageTask> pieceTasks();
-  [[nodiscard]] bool localises() const { return config_.slam && !input_.given_poses; }
+  [[nodiscard]] bool localises() const { return (config_.slam || !input_.navigated) && !input_.given_poses; }
   [[nodiscard]] bool textured() const { return config_.model.texture && !input_.features_only; }
   [[noreturn]] void missing(Stage stage) const;
 

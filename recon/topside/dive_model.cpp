@@ -29,13 +29,14 @@ LayerCells Dive::layerCells() {
 std::vector<StageTask> Dive::pieceTasks() {
   const ModelPlan& model = plan();
   if (textured() && !images_)
-    images_ = std::make_unique<ViewImages>(input_, config_, *survey_, *lighting_, *prepared_,
+    images_ = std::make_unique<ViewImages>(input_, *survey_, *lighting_, *prepared_,
                                            config_.model.blend.bands, kImageBytes * threadsAllowed());
   piece_inputs_.input = &input_;
   piece_inputs_.config = &config_;
   piece_inputs_.prepared = prepared_.get();
   piece_inputs_.T_nav_cam = &T_nav_cam_;
   piece_inputs_.footprints = &model.footprints;
+  piece_inputs_.planes = &survey_->planes;
   piece_inputs_.images = images_.get();
   piece_inputs_.grid = grid_;
   piece_inputs_.texel = model.texel;

@@ -1,10 +1,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <map>
+#include <memory>
 #include <opencv2/imgcodecs.hpp>
 
 #include "firmware_if/files/pose_files.hpp"
 #include "recon/geometry/mesh_io.hpp"
+#include "recon/geometry/rigid_alignment.hpp"
 #include "recon/topside/pipeline.hpp"
 #include "tests/fusion/surface_distance.hpp"
 #include "tests/support/test_data.hpp"
@@ -17,16 +20,46 @@ namespace {
 // Simulated dive at a quarter of the image scale, rendered once by the fixture in CMakeLists.txt.
 const std::filesystem::path kMission = FATHOM_REEF_MISSION;
 
-TEST(ReefQuick, TheMapOfASimulatedDiveLiesOnTheTrueSeafloor) {
-  ASSERT_TRUE(std::filesystem::exists(kMission / "mission.toml")) << "the mission was not rendered";
-  const test::TemporaryFolder out;
-  const Summary done = runTopside(kMission, out.path() / "topside", {});
-  EXPECT_GE(done.used, 28u);
-  EXPECT_EQ(done.unreadable, 0u);
+class ReefQuick : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    ASSERT_TRUE(std::filesystem::exists(kMission / "mission.toml")) << "the mission was not rendered";
+    out_ = std::make_unique<test::TemporaryFolder>();
+    done_ = runTopside(kMission, out_->path() / "topside", {});
+    // The same as a diver's stereo camera leaves it: folders of numbered PNG images.
+    for (const char* side : {"left", "right"}) std::filesystem::create_directories(dive() / side);
+    std::filesystem::copy(kMission / "stereo.calib", dive() / "stereo.calib");
+    poses_ = io::readStereoPoses(out_->path() / "topside" / "stereo_pose_est.data");
+    for (std::size_t k = 0; k < poses_.poses.size(); ++k)
+      for (const auto& [side, name] : {std::pair("left/", &poses_.poses[k].left_image),
+                                       std::pair("right/", &poses_.poses[k].right_image)}) {
+        const std::string numbered = side + std::to_string(k) + ".png";
+        const cv::Mat image = cv::imread((kMission / "img" / *name).string(), cv::IMREAD_UNCHANGED);
+        cv::imwrite((dive() / numbered).string(), image);
+        *name = numbered;
+      }
+  }
+  static void TearDownTestSuite() { out_.reset(); }
 
-  const Eigen::Vector3d shift = shiftToTruth(kMission, out.path() / "topside", done.pairs, 0.15);
+  static std::filesystem::path dive() { return out_->path() / "dive"; }
+  static RunPlaces placesOf(const std::string& name) {
+    RunPlaces places{dive(), out_->path() / (name + ".work"), out_->path() / name, {}};
+    places.input.left_format = "bayer-rggb";
+    return places;
+  }
 
-  Mesh mesh = readPly(out.path() / "topside" / "mesh.ply");
+  inline static std::unique_ptr<test::TemporaryFolder> out_;
+  inline static Summary done_;
+  inline static io::StereoPoseFile poses_;  // of the run with navigation, by the numbered names
+};
+
+TEST_F(ReefQuick, TheMapOfASimulatedDiveLiesOnTheTrueSeafloor) {
+  EXPECT_GE(done_.used, 28u);
+  EXPECT_EQ(done_.unreadable, 0u);
+
+  const Eigen::Vector3d shift = shiftToTruth(kMission, out_->path() / "topside", done_.pairs, 0.15);
+
+  Mesh mesh = readPly(out_->path() / "topside" / "mesh.ply");
   const Mesh seafloor = readPly(kMission / "truth" / "terrain.ply");
   transform(mesh, SE3(Eigen::Quaterniond::Identity(), shift));
   const test::SurfaceDistance toSeafloor(seafloor, 0.25F);
@@ -35,36 +68,49 @@ TEST(ReefQuick, TheMapOfASimulatedDiveLiesOnTheTrueSeafloor) {
   std::sort(errors.begin(), errors.end());
   const float median = errors[errors.size() / 2], p95 = errors[errors.size() * 95 / 100];
   std::printf("%zu vertices, %.1f m2: surface error median %.1f mm, 95 %% %.1f mm\n", mesh.vertices.size(),
-              done.area, 1e3 * static_cast<double>(median), 1e3 * static_cast<double>(p95));
+              done_.area, 1e3 * static_cast<double>(median), 1e3 * static_cast<double>(p95));
   EXPECT_LT(median, 0.033F);  // one voxel
   EXPECT_LT(p95, 0.10F);
 }
 
-// What a diver's stereo camera leaves: folders of PNG images, numbered, and poses from elsewhere.
-TEST(ReefQuick, ImagesOfAnyNameWithGivenPosesMakeTheSameMap) {
-  const test::TemporaryFolder out;
-  const Summary first = runTopside(kMission, out.path() / "topside", {});
-  const std::filesystem::path folder = out.path() / "dive";
-  for (const char* side : {"left", "right"}) std::filesystem::create_directories(folder / side);
-  std::filesystem::copy(kMission / "stereo.calib", folder / "stereo.calib");
-  io::StereoPoseFile poses = io::readStereoPoses(out.path() / "topside" / "stereo_pose_est.data");
-  for (std::size_t k = 0; k < poses.poses.size(); ++k) {
-    io::StereoPose& pose = poses.poses[k];
-    for (auto& [side, name] :
-         {std::pair("left/", &pose.left_image), std::pair("right/", &pose.right_image)}) {
-      const std::string numbered = side + std::to_string(k) + ".png";
-      const cv::Mat image = cv::imread((kMission / "img" / *name).string(), cv::IMREAD_UNCHANGED);
-      cv::imwrite((folder / numbered).string(), image);
-      *name = numbered;
-    }
+TEST_F(ReefQuick, ImagesOfAnyNameWithGivenPosesMakeTheSameMap) {
+  RunPlaces places = placesOf("posed");
+  places.input.poses = out_->path() / "poses.data";
+  io::writeStereoPoses(places.input.poses, poses_);
+  const Summary posed = runTopside(places, {});
+  EXPECT_EQ(posed.used, done_.used);
+  EXPECT_NEAR(posed.area, done_.area, 0.02 * done_.area);
+  EXPECT_THAT(test::readText(places.out / "images.json"), testing::HasSubstr("left/0.png"));
+}
+
+// Positions of the cameras, moved rigidly onto those of the truth: rms of what is left [m].
+double alignedError(const io::StereoPoseFile& estimate, const io::StereoPoseFile& named) {
+  const auto truth = io::readTrajectory(kMission / "truth" / "trajectory.csv");
+  const SE3 T_body_cam = io::readMissionConfig(kMission).T_body_cam;
+  std::map<std::string, double> utc_s;
+  for (const io::StereoPose& pose : named.poses) utc_s[pose.left_image] = pose.utc_s;
+  Eigen::Matrix3Xd from(3, estimate.poses.size()), to(3, estimate.poses.size());
+  for (std::size_t k = 0; k < estimate.poses.size(); ++k) {
+    const auto column = static_cast<Eigen::Index>(k);
+    from.col(column) = estimate.poses[k].T_nav_cam.translation();
+    to.col(column) = (truePoseAt(truth, utc_s.at(estimate.poses[k].left_image)) * T_body_cam).translation();
   }
-  io::writeStereoPoses(folder / "stereo_pose_est.data", poses);
-  RunPlaces places{folder, out.path() / "work", out.path() / "model", {}};
-  places.input.left_format = "bayer-rggb";
-  const Summary again = runTopside(places, {});
-  EXPECT_EQ(again.used, first.used);
-  EXPECT_NEAR(again.area, first.area, 0.02 * first.area);
-  EXPECT_THAT(test::readText(out.path() / "model" / "images.json"), testing::HasSubstr("left/0.png"));
+  const Eigen::Matrix4d T = rigidAlignment(from, to);
+  const Eigen::Matrix3Xd left =
+      ((T.topLeftCorner<3, 3>() * from).colwise() + Eigen::Vector3d(T.topRightCorner<3, 1>())) - to;
+  return std::sqrt(left.squaredNorm() / static_cast<double>(from.cols()));
+}
+
+TEST_F(ReefQuick, ImagesAloneGiveTheTrajectoryAsWellAsWithNavigation) {
+  const RunPlaces places = placesOf("alone");
+  const Summary alone = runTopside(places, {});
+  EXPECT_EQ(alone.used, done_.used);
+  EXPECT_NEAR(alone.area, done_.area, 0.05 * done_.area);
+  const double navigated = alignedError(poses_, poses_),
+               error = alignedError(io::readStereoPoses(places.out / "stereo_pose_est.data"), poses_);
+  std::printf("cameras off the truth: %.1f mm with navigation, %.1f mm without\n", 1e3 * navigated,
+              1e3 * error);
+  EXPECT_LT(error, 0.033);  // twice what was measured
 }
 
 }  // namespace

@@ -133,8 +133,9 @@ Assembled assemble(Dive& dive, const FuseResult& fused, const fs::path& out) {
   if (const SlamResult* slam = dive.localised())
     writeClosures(out / "closures.csv", dive.survey().list.pairs, slam->closures);
 
-  const WaterLog water(dive.input().given_poses ? std::vector<WaterSample>()
-                                                : readWater(dive.input().paths.root));
+  const MissionInput& input = dive.input();
+  const WaterLog water(input.given_poses || !input.navigated ? std::vector<WaterSample>()
+                                                             : readWater(input.paths.root));
   const std::vector<TrackPoint> track = trackOf(dive, water);
   const std::vector<ImageRow> rows = imageRowsOf(dive, fused, water);
   writeTrackJson(out / "track.json", track);

@@ -31,7 +31,6 @@ struct Mission {
   MissionInput input;
   TopsideConfig topside;
   Survey survey;
-  std::vector<double> altitudes;       // of the pairs [m]
   std::vector<NavigatedPose> between;  // at the DVL's altitudes
 };
 
@@ -57,7 +56,7 @@ RunResult lookAtRun(const Mission& m, const LightingModels& lighting, std::size_
       continue;
     }
     const SE3& T_nav_body = *pose.T_nav_body;
-    const stereo::SeedPlane plane = seedPlane(m.input.mission, T_nav_body, m.altitudes[k]);
+    const stereo::SeedPlane plane = *m.survey.planes[k];
     if (!images.read(m.survey.list.pairs[k])) {
       if (out.trouble.empty()) out.trouble = images.error();
       ++out.unreadable;
@@ -171,7 +170,6 @@ Mission readMission(const MissionCheckOptions& options) {
     throw InputError(options.mission.string(), "features",
                      "a mission without images has none to check the calibration by; give one with img/");
   m.survey = takeSurvey(m.input, m.topside);
-  m.altitudes = seedAltitudes(m.survey.navigation.poses, m.topside.default_altitude);
   const std::vector<ImagePair>& pairs = m.survey.list.pairs;
   std::vector<std::int64_t> dvl_times;
   for (std::int64_t t = pairs.front().utc_ns; t <= pairs.back().utc_ns; t += kDvlSpacing)

@@ -23,7 +23,9 @@ struct Options {
 };
 
 void addOptions(CLI::App& command, Options& o) {
-  command.add_option("mission", o.places.mission, "mission folder, or images with calibration and poses")
+  command
+      .add_option("mission", o.places.mission,
+                  "mission folder, or any folder of stereo images with a calibration")
       ->required();
   command.add_option("--work", o.places.work, "folder for what the stages hand on (MISSION/topside.work)");
   command.add_option("--config", o.config, "TOML file; keys are in recon/topside/README.md");

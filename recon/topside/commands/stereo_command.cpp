@@ -20,8 +20,6 @@
 namespace fathom::topside {
 namespace {
 
-constexpr int kScoutFeatures = 400;  // corners of the wide search: enough for a plane through a reef
-
 struct Options {
   std::filesystem::path calib, left, right, out, points, picture, config;
   std::optional<double> altitude;
@@ -43,20 +41,14 @@ void requireFolder(const char* option, const std::filesystem::path& file) {
 
 // The plane of the seafloor where nobody gave an altitude. Throws std::runtime_error when there is none to be
 // found.
-stereo::SeedPlane findPlane(const StereoRig& rig, stereo::SparseStereoConfig config, const LooseImage& left,
-                            const LooseImage& right) {
-  const stereo::WideSearch wide = stereo::wideSearch(rig, config.min_range, config.max_range);
-  config.search_radius = wide.search_radius;
-  config.max_features = kScoutFeatures;
-  stereo::SparseStereo scout(rig, config);
-  const auto plane =
-      stereo::fitSeedPlane(scout.process(left.monoView(), right.monoView(), wide.plane).points);
-  if (!plane)
-    throw std::runtime_error(
-        "no surface found between " + std::to_string(config.min_range) + " and " +
-        std::to_string(config.max_range) +
-        " m; give --altitude, and see that the images belong to one another and to the calibration");
-  return *plane;
+stereo::SeedPlane findPlane(const StereoRig& rig, const stereo::SparseStereoConfig& config,
+                            const LooseImage& left, const LooseImage& right) {
+  if (const auto plane = stereo::PlaneScout(rig, config).find(left.monoView(), right.monoView()))
+    return *plane;
+  throw std::runtime_error(
+      "no surface found between " + std::to_string(config.min_range) + " and " +
+      std::to_string(config.max_range) +
+      " m; give --altitude, and see that the images belong to one another and to the calibration");
 }
 
 int runStereo(const Options& options) {

@@ -133,7 +133,13 @@ void assumeMission(MissionInput& in, const InputOptions& options) {
     note("the cameras look straight down, top of the image forward, at the vehicle's reference point");
     note("nav's origin is 0 N 0 E");
   }
-  note("declination and time offsets are 0");
+  if (in.navigated)
+    note("declination and time offsets are 0");
+  else
+    note(
+        "no navigation: poses are from the images alone; the model is level on its own plane, its north is "
+        "the "
+        "top of the first image, its depth 0 that of the first camera");
 }
 
 void digestFile(Hasher& hasher, const fs::path& path) {
@@ -202,10 +208,9 @@ MissionInput openMission(const fs::path& folder, const InputOptions& options) {
   fs::path poses = options.poses;
   if (poses.empty() && !in.described && fs::exists(own_poses)) poses = own_poses;
   if (!poses.empty()) in.given_poses = io::readStereoPoses(poses);
-  // A log of this project's without its mission.toml is a damaged mission, and nothing to guess about; and
-  // without poses and RAW.auv the mission.toml is what is missing.
-  const bool foreign = !fs::exists(in.paths.log()) && (!poses.empty() || in.paths.rawAuv());
-  if (in.described || !foreign) in.mission = io::readMissionConfig(folder);
+  in.navigated = fs::exists(in.paths.log()) || !poses.empty() || in.paths.rawAuv();
+  // A log of this project's without its mission.toml is a damaged mission, and nothing to guess about.
+  if (in.described || fs::exists(in.paths.log())) in.mission = io::readMissionConfig(folder);
   in.features_only = io::isFeatureMission(in.paths);
   in.paths.calib_elsewhere = options.calib.empty() && !in.described ? calibIn(folder) : options.calib;
   in.rig = readStereoCalib(in.paths.calib());

@@ -36,6 +36,7 @@ struct MissionInput {
   // Without mission.toml: the images where their names tell the pairs, relative to paths.images(), and what
   // they hold.
   bool described = true;
+  bool navigated = true;  // there is a log or a RAW.auv, or poses were given
   std::optional<StereoFiles> files;
   std::array<Samples, 2> samples = {Samples::kAuto, Samples::kAuto};
   bool verify = false;
@@ -49,7 +50,7 @@ struct MissionInput {
   [[nodiscard]] Digest imageIdentity(const std::string& left, const std::string& right) const;
 };
 
-// Into the keys of results: the calibration and the mission's mounting and formats; a pose.
+// Into the keys of results: the calibration and the mission's mounting and formats.
 void addRig(Hasher& hasher, const MissionInput& input);
 void addPose(Hasher& hasher, const SE3& pose);
 

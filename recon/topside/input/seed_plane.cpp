@@ -11,15 +11,16 @@ stereo::SeedPlane seedPlane(const io::MissionConfig& mission, const SE3& T_nav_b
   return plane;
 }
 
-std::vector<double> seedAltitudes(const std::vector<NavigatedPose>& poses, double default_altitude) {
-  std::vector<double> altitudes;
-  altitudes.reserve(poses.size());
+SeedPlanes seedPlanes(const io::MissionConfig& mission, const std::vector<NavigatedPose>& poses,
+                      double default_altitude) {
+  SeedPlanes planes;
   double altitude = default_altitude;
   for (const NavigatedPose& pose : poses) {
     if (pose.altitude) altitude = *pose.altitude;
-    altitudes.push_back(altitude);
+    planes.emplace_back();
+    if (pose.T_nav_body) planes.back() = seedPlane(mission, *pose.T_nav_body, altitude);
   }
-  return altitudes;
+  return planes;
 }
 
 }  // namespace fathom::topside

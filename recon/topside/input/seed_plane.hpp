@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "firmware_if/files/mission.hpp"
@@ -9,13 +10,16 @@
 
 namespace fathom::topside {
 
-// A level seafloor `altitude` below the DVL, in the camera frame.
+// Where a pair's seafloor should be, in the left camera frame; none: nobody knows.
+using SeedPlanes = std::vector<std::optional<stereo::SeedPlane>>;
+
+// A level seafloor `altitude` below the DVL.
 [[nodiscard]] stereo::SeedPlane seedPlane(const io::MissionConfig& mission, const SE3& T_nav_body,
                                           double altitude);
 
-// The DVL's altitude at each pose [m]: the last one known where it has none, `default_altitude` before the
-// first.
-[[nodiscard]] std::vector<double> seedAltitudes(const std::vector<NavigatedPose>& poses,
-                                                double default_altitude);
+// The same for each pose, by the DVL's altitude [m]: the last one known where it has none,
+// `default_altitude` before the first.
+[[nodiscard]] SeedPlanes seedPlanes(const io::MissionConfig& mission, const std::vector<NavigatedPose>& poses,
+                                    double default_altitude);
 
 }  // namespace fathom::topside

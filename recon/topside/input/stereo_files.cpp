@@ -330,6 +330,7 @@ void addTimes(const StereoFileOptions& options, StereoFiles& files) {
       return;
     }
   for (StereoFilePair& pair : pairs) pair.utc_ns.reset();
+  files.assumed.push_back("no times in the names: pairs are taken in order of name, half a second apart");
 }
 
 }  // namespace

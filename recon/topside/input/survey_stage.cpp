@@ -5,6 +5,7 @@
 
 #include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "recon/topside/input/scout_planes.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -33,25 +34,52 @@ Survey fromPoses(const MissionInput& input) {
   return survey;
 }
 
-PairList listPairs(const MissionInput& input, const StereoFiles& files) {
+PairList fromFiles(const MissionInput& input, const StereoFiles& files) {
+  constexpr std::int64_t kStepNs = 500'000'000;  // where nobody knows the times
   PairList list;
   list.from_file_names = true;
   for (const StereoFilePair& pair : files.pairs) {
-    if (!pair.utc_ns)
+    if (!pair.utc_ns && input.navigated)
       throw InputError(input.paths.root.string(), pair.left.generic_string(),
                        "has no time in its name, and navigation is by time; give --time-pattern, or --pairs "
                        "with a column utc");
-    list.pairs.push_back({*pair.utc_ns, pair.left.generic_string(), pair.right.generic_string()});
+    const auto untimed = static_cast<std::int64_t>(list.pairs.size()) * kStepNs;
+    list.pairs.push_back(
+        {pair.utc_ns.value_or(untimed), pair.left.generic_string(), pair.right.generic_string()});
   }
   for (const StereoFiles::Alone& alone : files.alone)
     ++(alone.missing == "right" ? list.left_alone : list.right_alone);
   return list;
 }
 
+Survey imagesAlone(const MissionInput& input, const TopsideConfig& config) {
+  Survey survey;
+  survey.list = fromFiles(input, *input.files);
+  for (const ImagePair& pair : survey.list.pairs)
+    survey.navigation.poses.push_back({pair.utc_ns, {}, {}, {}});
+  survey.planes = scoutPlanes(input, config, survey.list);
+  return survey;
+}
+
+Survey navigated(const MissionInput& input, const TopsideConfig& config) {
+  Survey survey;
+  survey.list = input.files ? fromFiles(input, *input.files)
+                            : listPairs(input.paths, input.mission, config.pairing_tolerance);
+  std::vector<std::int64_t> times;
+  for (const ImagePair& pair : survey.list.pairs) times.push_back(pair.utc_ns);
+  survey.navigation = navigate(input.paths, input.mission, config, times);
+  return survey;
+}
+
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kSurveyVersion = 2;
+constexpr std::uint32_t kSurveyVersion = 3;
 
 }  // namespace
+
+void addPlane(Hasher& hasher, const std::optional<stereo::SeedPlane>& plane) {
+  hasher.add(plane.has_value());
+  if (plane) hasher.add(plane->normal.x(), plane->normal.y(), plane->normal.z(), plane->distance);
+}
 
 Digest surveyKey(const MissionInput& input, const TopsideConfig& config) {
   Hasher hasher;
@@ -62,13 +90,9 @@ Digest surveyKey(const MissionInput& input, const TopsideConfig& config) {
 }
 
 Survey takeSurvey(const MissionInput& input, const TopsideConfig& config) {
-  if (input.given_poses) return fromPoses(input);
-  Survey survey;
-  survey.list = input.files ? listPairs(input, *input.files)
-                            : listPairs(input.paths, input.mission, config.pairing_tolerance);
-  std::vector<std::int64_t> times;
-  for (const ImagePair& pair : survey.list.pairs) times.push_back(pair.utc_ns);
-  survey.navigation = navigate(input.paths, input.mission, config, times);
+  if (!input.navigated) return imagesAlone(input, config);
+  Survey survey = input.given_poses ? fromPoses(input) : navigated(input, config);
+  survey.planes = seedPlanes(input.mission, survey.navigation.poses, config.default_altitude);
   return survey;
 }
 

@@ -3,20 +3,35 @@
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/input/image_pairs.hpp"
 #include "recon/topside/input/mission_input.hpp"
-#include "recon/topside/input/navigation.hpp"
+#include "recon/topside/input/seed_plane.hpp"
+#include "recon/topside/work/saved_bytes.hpp"
+
+namespace fathom::stereo {
+
+template <typename Archive>
+void exchangeState(Archive& archive, topside::Is<SeedPlane> auto& plane) {
+  archive(plane.normal, plane.distance);
+}
+
+}  // namespace fathom::stereo
 
 namespace fathom::topside {
 
-// The mission's pairs and where the vehicle's own sensors, or the poses that were given, have them.
+// The mission's pairs, where the vehicle's own sensors, or the poses that were given, have them, and what
+// they should see.
 struct Survey {
   PairList list;
   Navigation navigation;
+  SeedPlanes planes;
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.list, self.navigation);
+    archive(self.list, self.navigation, self.planes);
   }
 };
+
+// Into the keys of results.
+void addPlane(Hasher& hasher, const std::optional<stereo::SeedPlane>& plane);
 
 [[nodiscard]] Digest surveyKey(const MissionInput& input, const TopsideConfig& config);
 // Throws InputError: see listPairs() and navigate().

@@ -6,14 +6,13 @@
 
 #include <algorithm>
 #include <memory>
-#include <opencv2/core.hpp>
 #include <optional>
 
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/progress.hpp"
 #include "recon/geometry/eight_bit_view.hpp"
 #include "recon/lighting/rig_ranges.hpp"
-#include "recon/topside/input/seed_plane.hpp"
+#include "recon/topside/input/scout_planes.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::topside {
@@ -33,21 +32,6 @@ std::optional<io::ImageFile> readOrPass(const MissionInput& input, const std::st
   } catch (const InputError&) {
     return std::nullopt;
   }
-}
-
-// Contrast enough for stereo before there is a model: an image's mean becomes a third of full scale.
-std::vector<std::uint8_t> stretchedGrey(const ImageView& image) {
-  const std::size_t channels = image.format == PixelFormat::kRgb ? 3 : 1;
-  const cv::Mat in(image.height, image.width * static_cast<int>(channels), image.bits == 8 ? CV_8U : CV_16U,
-                   const_cast<void*>(image.data), image.stride);
-  constexpr double kMean = 85;
-  cv::Mat eight_bit;
-  in.convertTo(eight_bit, CV_8U, kMean / std::max(cv::mean(in)[0], 1.0));
-  std::vector<std::uint8_t> grey(static_cast<std::size_t>(image.width) *
-                                 static_cast<std::size_t>(image.height));
-  lighting::demosaicMono({eight_bit.data, image.width, image.height, eight_bit.step[0], image.format, 8},
-                         grey.data());
-  return grey;
 }
 
 // Ranges of a pair's images: the seed plane, bent to what stereo finds.
@@ -126,11 +110,9 @@ void loadLighting(const WorkFile& file, LightingModels& models) {
 void learnLighting(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
                    LightingModels& models) {
   const std::vector<ImagePair>& pairs = survey.list.pairs;
-  const std::vector<NavigatedPose>& poses = survey.navigation.poses;
   const std::vector<std::size_t> chosen = lightingPairs(pairs.size(), config);
   const std::size_t count = chosen.size();
   rt::StageProgress progress("lighting", count);
-  const std::vector<double> altitudes = seedAltitudes(poses, config.default_altitude);
   std::size_t next = 0;
   namespace tbb = oneapi::tbb;
   stereo::SparseStereoConfig stereo = config.stereo;
@@ -152,10 +134,10 @@ void learnLighting(const MissionInput& input, const TopsideConfig& config, const
                 auto images = std::make_shared<Images>();
                 images->left = readOrPass(input, pairs[index].left, CameraSide::kLeft);
                 images->right = readOrPass(input, pairs[index].right, CameraSide::kRight);
-                if (const auto& T_nav_body = poses[index].T_nav_body) {
+                if (const auto& plane = survey.planes[index]) {
                   std::unique_ptr<RangeFinder>& finder = finders.local();
                   if (!finder) finder = std::make_unique<RangeFinder>(input.rig, stereo);
-                  finder->find(seedPlane(input.mission, *T_nav_body, altitudes[index]), *images);
+                  finder->find(*plane, *images);
                 }
                 return images;
               }) &

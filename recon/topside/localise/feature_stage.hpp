@@ -3,9 +3,7 @@
 #include <vector>
 
 #include "firmware_if/files/mission.hpp"
-#include "recon/topside/config/topside_config.hpp"
-#include "recon/topside/input/image_pairs.hpp"
-#include "recon/topside/input/navigation.hpp"
+#include "recon/topside/input/survey_stage.hpp"
 #include "recon/topside/localise/feature_store.hpp"
 
 namespace fathom::topside {
@@ -23,7 +21,7 @@ struct Frames {
 };
 
 // `features` must outlive it.
-[[nodiscard]] Frames framesOf(const io::MissionConfig& mission, const TopsideConfig& config,
-                              const Navigation& navigation, const FeatureStore& features);
+[[nodiscard]] Frames framesOf(const io::MissionConfig& mission, const Survey& survey,
+                              const FeatureStore& features);
 
 }  // namespace fathom::topside

@@ -42,13 +42,13 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
   archive(slam.poses, slam.odometry, slam.closures, slam.frames, slam.tried, slam.refused,
           slam.crossings_expected, slam.crossings_unverified, slam.unconfirmed, slam.converged,
           slam.uncertain, slam.sensors, slam.mounting, slam.usbl, slam.fixes_kept, slam.fixes_removed,
-          slam.moved_rms);
+          slam.moved_rms, slam.parts);
 }
 
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 4;
+constexpr std::uint32_t kLocaliseVersion = 5;
 constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
 constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
@@ -132,12 +132,13 @@ SlamResult loadSlam(const WorkFile& file) {
 }
 
 SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, const TopsideConfig& config,
-                    const Navigation& navigation, const FeatureStore& features) {
+                    const Survey& survey, const FeatureStore& features) {
+  const Navigation& navigation = survey.navigation;
   SlamResult out;
   out.poses = navigation.poses;
   Stopwatch watch;
   const auto lap = [&](const char* stage) { out.seconds[stage] += watch.lap(); };
-  const Frames frames = framesOf(mission, config, navigation, features);
+  const Frames frames = framesOf(mission, survey, features);
   for (std::size_t k = 0; k < frames.pair.size(); ++k) out.frames += frames.blank(k) ? 0U : 1U;
   if (frames.pair.size() < 2) return out;
 

@@ -10,7 +10,7 @@
 #include "recon/slam/mounting_check.hpp"
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/input/mission_input.hpp"
-#include "recon/topside/input/navigation.hpp"
+#include "recon/topside/input/survey_stage.hpp"
 #include "recon/topside/localise/feature_store.hpp"
 #include "recon/topside/work/stage_store.hpp"
 
@@ -69,6 +69,19 @@ struct SlamResult {
   } usbl;
   std::size_t fixes_kept = 0, fixes_removed = 0;
   double moved_rms = 0;  // horizontal, of the poses against dead reckoning [m]
+  // Of a dive without navigation: pairs that nothing joins to those of other parts, and what kept the first
+  // of them from being joined to the pair before it.
+  struct Part {
+    std::vector<std::uint32_t> pairs;
+    closure::Refusal why = closure::Refusal::kNone;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.pairs);
+      archive.enumeration(self.why, static_cast<closure::Refusal>(closure::kRefusals - 1));
+    }
+  };
+  std::vector<Part> parts;
 };
 
 // `survey`, `prepared`: the contents of these results.
@@ -82,7 +95,7 @@ void saveSlam(WorkFileWriter& file, const SlamResult& slam);  // without seconds
 // the next one looks. Poses: slam::solveNavigation, in which dead reckoning, attitude, depth and fixes have
 // their part. The result does not depend on the number of threads.
 [[nodiscard]] SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig,
-                                  const TopsideConfig& config, const Navigation& navigation,
+                                  const TopsideConfig& config, const Survey& survey,
                                   const FeatureStore& features);
 
 }  // namespace fathom::topside

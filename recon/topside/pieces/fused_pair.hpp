@@ -15,6 +15,7 @@ struct FusedPair {
   ImagePair pair;
   SE3 T_nav_body, T_nav_cam;
   double altitude = 0;  // of the DVL [m], 0 unknown
+  double range = 0;     // of the seed plane [m]
   double footprint_radius = 0;
   std::size_t points = 0;
   bool used = false;  // its mesh is in the map

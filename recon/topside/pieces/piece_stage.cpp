@@ -22,7 +22,7 @@ void exchangeState(Archive& archive, Is<PieceFacts> auto& f) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kPieceVersion = 4;
+constexpr std::uint32_t kPieceVersion = 5;
 
 // Seconds of several threads by step.
 class SharedCosts {
@@ -148,7 +148,9 @@ Digest pieceKey(const PieceInputs& in, const fusion::Piece& piece, const Digest&
   for (const std::uint32_t pair : piece.meshes) {
     hasher.add(in.prepared->meshDigest(pair));
     addPose(hasher, (*in.T_nav_cam)[pair]);
-    if (textured) hasher.add(image_identities[pair]);
+    if (!textured) continue;
+    hasher.add(image_identities[pair]);
+    addPlane(hasher, (*in.planes)[pair]);
   }
   return hasher.finish();
 }

@@ -21,6 +21,7 @@ struct PieceInputs {
   const PreparedGroups* prepared = nullptr;
   const std::vector<SE3>* T_nav_cam = nullptr;                 // of every pair; of pairs without a mesh: any
   const std::vector<fusion::Footprint>* footprints = nullptr;  // of every pair
+  const SeedPlanes* planes = nullptr;                          // of every pair
   ViewImages* images = nullptr;                                // null: no texture
   TileGrid grid;
   double texel = 0;  // finest [m]

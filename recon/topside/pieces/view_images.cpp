@@ -1,19 +1,16 @@
 #include "recon/topside/pieces/view_images.hpp"
 
-#include "recon/topside/input/seed_plane.hpp"
-
 namespace fathom::topside {
 
-ViewImages::ViewImages(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
-                       const LightingModels& lighting, const PreparedGroups& prepared,
-                       const surface::BandWidths& bands, std::size_t most_bytes)
+ViewImages::ViewImages(const MissionInput& input, const Survey& survey, const LightingModels& lighting,
+                       const PreparedGroups& prepared, const surface::BandWidths& bands,
+                       std::size_t most_bytes)
     : input_(input),
       survey_(survey),
       lighting_(lighting),
       prepared_(prepared),
       bands_(bands),
-      most_bytes_(most_bytes),
-      altitudes_(seedAltitudes(survey.navigation.poses, config.default_altitude)) {}
+      most_bytes_(most_bytes) {}
 
 ViewImages::Image ViewImages::get(std::uint32_t pair) {
   std::promise<Image> promise;
@@ -57,8 +54,8 @@ void ViewImages::forgetOld() {
 }
 
 ViewImages::Image ViewImages::read(std::uint32_t pair) {
-  const auto& pose = survey_.navigation.poses[pair].T_nav_body;
-  if (!pose) return nullptr;
+  const auto& plane = survey_.planes[pair];
+  if (!plane) return nullptr;
   std::unique_ptr<PairImages> reader;
   {
     const std::lock_guard lock(mutex_);
@@ -72,7 +69,7 @@ ViewImages::Image ViewImages::read(std::uint32_t pair) {
   if (reader->readLeft(survey_.list.pairs[pair])) {
     Mesh mesh;
     if (prepared_.facts()[pair].has_mesh) mesh = prepared_.mesh(pair);
-    RgbImage colours = reader->colours(seedPlane(input_.mission, *pose, altitudes_[pair]), mesh.vertices);
+    RgbImage colours = reader->colours(*plane, mesh.vertices);
     image = std::make_shared<const surface::BandImage>(surface::makeBands(std::move(colours), bands_));
   }
   const std::lock_guard lock(mutex_);

@@ -22,9 +22,8 @@ namespace fathom::topside {
 // threads ask for is read once.
 class ViewImages {
  public:
-  ViewImages(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
-             const LightingModels& lighting, const PreparedGroups& prepared, const surface::BandWidths& bands,
-             std::size_t most_bytes);
+  ViewImages(const MissionInput& input, const Survey& survey, const LightingModels& lighting,
+             const PreparedGroups& prepared, const surface::BandWidths& bands, std::size_t most_bytes);
   ViewImages(const ViewImages&) = delete;
   ViewImages& operator=(const ViewImages&) = delete;
 
@@ -46,7 +45,6 @@ class ViewImages {
   const PreparedGroups& prepared_;
   surface::BandWidths bands_;
   std::size_t most_bytes_, bytes_ = 0;
-  std::vector<double> altitudes_;
   mutable std::mutex mutex_;
   std::unordered_map<std::uint32_t, Entry> entries_;
   std::list<std::uint32_t> uses_;                  // the last one first

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "recon/topside/input/seed_plane.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::fusion {
@@ -76,16 +75,14 @@ ModelPlan planModel(const PreparedGroups& prepared, const std::vector<SE3>& T_na
   return plan;
 }
 
-double nativeTexel(const MissionInput& input, const Navigation& navigation, double default_altitude) {
-  const std::vector<double> altitudes = seedAltitudes(navigation.poses, default_altitude);
+double nativeTexel(const Camera& camera, const SeedPlanes& planes, double default_range) {
   std::vector<double> ranges;
-  for (std::size_t k = 0; k < altitudes.size(); ++k)
-    if (const auto& pose = navigation.poses[k].T_nav_body)
-      ranges.push_back(seedPlane(input.mission, *pose, altitudes[k]).distance);
-  if (ranges.empty()) ranges.push_back(default_altitude);
+  for (const auto& plane : planes)
+    if (plane) ranges.push_back(plane->distance);
+  if (ranges.empty()) ranges.push_back(default_range);
   const auto middle = ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2);
   std::nth_element(ranges.begin(), middle, ranges.end());
-  return std::max(1.0, std::round(*middle / input.rig.left.fx / kTexelStep)) * kTexelStep;
+  return std::max(1.0, std::round(*middle / camera.fx / kTexelStep)) * kTexelStep;
 }
 
 Digest planKey(const MissionInput& input, const TopsideConfig& config, const TileGrid& grid,

@@ -28,8 +28,7 @@ struct ModelPlan {
                                   const fusion::DivisionConfig& division);
 
 // A pixel's edge on the ground from the dive's middle altitude, in steps of 0.1 mm [m].
-[[nodiscard]] double nativeTexel(const MissionInput& input, const Navigation& navigation,
-                                 double default_altitude);
+[[nodiscard]] double nativeTexel(const Camera& camera, const SeedPlanes& planes, double default_range);
 
 // `poses`, `prepared`: the contents of these results.
 [[nodiscard]] Digest planKey(const MissionInput& input, const TopsideConfig& config, const TileGrid& grid,

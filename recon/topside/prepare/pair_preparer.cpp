@@ -8,7 +8,6 @@
 #include "recon/closure/given_features.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/given_stereo.hpp"
-#include "recon/topside/input/seed_plane.hpp"
 #include "recon/topside/light/pair_images.hpp"
 
 namespace fathom::topside {
@@ -35,10 +34,16 @@ class FromImages final : public PairPreparer {
  public:
   FromImages(const MissionInput& input, const TopsideConfig& config, const LightingModels& lighting,
              bool localised)
-      : mission_(input.mission), config_(config), images_(input, lighting) {
+      : config_(config), images_(input, lighting) {
     if (localised) {
       closure::FeatureConfig features;
       features.max_features = config.slam_features;
+      if (!input.navigated) {
+        // Nothing but the images tells where they were taken.
+        constexpr int kWidth = 1400, kFeatures = 1500;
+        features.max_width = kWidth;
+        features.max_features = kFeatures;
+      }
       extractor_.emplace(input.rig, features);
     }
     if (config.dense_stereo)
@@ -47,7 +52,7 @@ class FromImages final : public PairPreparer {
       sparse_.emplace(input.rig, config.stereo);
   }
 
-  PreparedPair process(const ImagePair& pair, const SE3& T_nav_body, double altitude) override {
+  PreparedPair process(const ImagePair& pair, const stereo::SeedPlane& plane) override {
     PreparedPair out;
     ThreadStopwatch watch;
     if (!images_.read(pair)) {
@@ -55,7 +60,6 @@ class FromImages final : public PairPreparer {
       return out;
     }
     out.times[PairStage::kRead] = watch.lap();
-    const stereo::SeedPlane plane = seedPlane(mission_, T_nav_body, altitude);
     images_.correct(plane);
     out.times[PairStage::kLighting] = watch.lap();
     if (extractor_) out.features = extractor_->process(images_.left(), images_.right(), depthsAbout(plane));
@@ -76,7 +80,6 @@ class FromImages final : public PairPreparer {
   }
 
  private:
-  const io::MissionConfig& mission_;
   const TopsideConfig& config_;
   PairImages images_;
   std::optional<closure::FeatureExtractor> extractor_;
@@ -91,7 +94,7 @@ class FromFeatureFiles final : public PairPreparer {
     limits_.max_features = config.slam_features;
   }
 
-  PreparedPair process(const ImagePair& pair, const SE3& T_nav_body, double altitude) override {
+  PreparedPair process(const ImagePair& pair, const stereo::SeedPlane& plane) override {
     PreparedPair out;
     ThreadStopwatch watch;
     try {
@@ -102,7 +105,7 @@ class FromFeatureFiles final : public PairPreparer {
     }
     out.times[PairStage::kRead] = watch.lap();
     if (localised_) {
-      limits_.depths = depthsAbout(seedPlane(input_.mission, T_nav_body, altitude));
+      limits_.depths = depthsAbout(plane);
       closure::featuresFrom(frame_, input_.rig, limits_, out.features);
     }
     out.times[PairStage::kFeatures] = watch.lap();

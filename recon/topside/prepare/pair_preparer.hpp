@@ -26,12 +26,11 @@ struct PreparedPair {
 };
 
 // Reads a pair once and takes from it what later stages need. One object a thread; the result depends on the
-// pair, `T_nav_body` (whose attitude places the seed plane) and `altitude` [m] alone.
+// pair and its seed plane alone.
 class PairPreparer {
  public:
   virtual ~PairPreparer() = default;
-  [[nodiscard]] virtual PreparedPair process(const ImagePair& pair, const SE3& T_nav_body,
-                                             double altitude) = 0;
+  [[nodiscard]] virtual PreparedPair process(const ImagePair& pair, const stereo::SeedPlane& plane) = 0;
 };
 
 // From images, or, of a mission without them, from its feature files; features only if the pairs are

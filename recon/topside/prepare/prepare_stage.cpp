@@ -6,13 +6,11 @@
 #include <array>
 #include <cstdio>
 
-#include "recon/topside/input/seed_plane.hpp"
-
 namespace fathom::topside {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kPrepareVersion = 1;
+constexpr std::uint32_t kPrepareVersion = 2;
 
 std::string sixDigits(std::size_t number) {
   std::array<char, 24> text{};
@@ -21,9 +19,6 @@ std::string sixDigits(std::size_t number) {
 }
 
 }  // namespace
-
-PrepareStage::PrepareStage(const PrepareInputs& inputs)
-    : in_(inputs), altitudes_(seedAltitudes(in_.survey->navigation.poses, in_.config->default_altitude)) {}
 
 std::vector<StageTask> PrepareStage::tasks() {
   std::vector<StageTask> tasks;
@@ -43,24 +38,21 @@ Digest PrepareStage::key(std::size_t first, std::size_t last) const {
   addStereoSettings(hasher, *in_.config);
   for (std::size_t k = first; k < last; ++k) {
     const ImagePair& pair = in_.survey->list.pairs[k];
-    const auto& pose = in_.survey->navigation.poses[k].T_nav_body;
-    hasher.add(pair.left, pair.right, (*in_.image_identities)[k], altitudes_[k], pose.has_value());
-    // The attitude alone places the seed plane.
-    if (pose) addPose(hasher, SE3(pose->rotation(), Eigen::Vector3d::Zero()));
+    hasher.add(pair.left, pair.right, (*in_.image_identities)[k]);
+    addPlane(hasher, in_.survey->planes[k]);
   }
   return hasher.finish();
 }
 
 Costs PrepareStage::make(std::size_t first, std::size_t last, WorkFileWriter& file) {
-  const std::vector<NavigatedPose>& poses = in_.survey->navigation.poses;
+  const SeedPlanes& planes = in_.survey->planes;
   std::vector<PreparedPair> made(last - first);
   std::vector<bool> placed;
-  for (std::size_t k = first; k < last; ++k) placed.push_back(poses[k].T_nav_body.has_value());
+  for (std::size_t k = first; k < last; ++k) placed.push_back(planes[k].has_value());
   oneapi::tbb::parallel_for(first, last, [&](std::size_t k) {
     std::unique_ptr<PairPreparer>& preparer = preparers_.local();
     if (!preparer) preparer = makePreparer(*in_.input, *in_.config, *in_.lighting, in_.localised);
-    if (const auto& pose = poses[k].T_nav_body)
-      made[k - first] = preparer->process(in_.survey->list.pairs[k], *pose, altitudes_[k]);
+    if (planes[k]) made[k - first] = preparer->process(in_.survey->list.pairs[k], *planes[k]);
   });
   PairTimes times;
   for (const PreparedPair& pair : made) times += pair.times;

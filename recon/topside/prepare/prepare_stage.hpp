@@ -26,7 +26,7 @@ struct PrepareInputs {
 // not depend on the number of threads.
 class PrepareStage {
  public:
-  explicit PrepareStage(const PrepareInputs& inputs);
+  explicit PrepareStage(const PrepareInputs& inputs) : in_(inputs) {}
   // One a group; the stage must outlive them.
   [[nodiscard]] std::vector<StageTask> tasks();
 
@@ -35,7 +35,6 @@ class PrepareStage {
   Costs make(std::size_t first, std::size_t last, WorkFileWriter& file);
 
   PrepareInputs in_;
-  std::vector<double> altitudes_;
   oneapi::tbb::enumerable_thread_specific<std::unique_ptr<PairPreparer>> preparers_;
 };
 

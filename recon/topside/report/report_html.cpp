@@ -30,6 +30,27 @@ void addLocalisation(std::vector<Row>& rows, const SlamResult* slam) {
   rows.push_back({"moved from dead reckoning", decimals(slam->moved_rms, 3) + " m rms"});
 }
 
+// Why nothing joins a part's first pair to the one before it.
+std::string reasonOf(closure::Refusal why) {
+  if (why == closure::Refusal::kNone) return "";
+  const std::string name(closure::nameOf(why));
+  return why == closure::Refusal::kNoFeatures
+             ? "shows too little: dark, blurred or bare (" + name + ")"
+             : "too little in common: no overlap, too fast a motion, or bare ground (" + name + ")";
+}
+
+void addParts(web::Report& report, const RunRecord& r) {
+  if (r.slam == nullptr || r.slam->parts.size() < 2) return;
+  report.section("Parts");
+  report.text("Each stands for itself: distances from one to another mean nothing.");
+  std::vector<Row> rows;
+  for (const SlamResult::Part& part : r.slam->parts)
+    rows.push_back({rows.size() + 1, part.pairs.size(), r.list->pairs[part.pairs.front()].left,
+                    r.list->pairs[part.pairs.back()].left, reasonOf(part.why)});
+  report.table({"part, west to east", "pairs", "first image", "last image", "not joined to the image before"},
+               rows);
+}
+
 void addMapPictures(web::Report& report, const RunRecord& r, const MapPicture& map) {
   const auto add = [&](const std::vector<std::uint8_t>& rgb, const std::string& caption) {
     if (!rgb.empty()) report.picture(toPng(rgb, map.width, map.height), caption);
@@ -181,6 +202,7 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
   report.list(r.assumed);
   report.section("Map");
   addMapPictures(report, r, map);
+  addParts(report, r);
   report.section("Track");
   report.plot(trackPlot(r));
   report.section("Times");

@@ -74,6 +74,15 @@ void warnOfMounting(const slam::Mounting& m, std::vector<std::string>& warnings)
                        " s: check time offsets in mission.toml.");
 }
 
+Json partsJson(const std::vector<SlamResult::Part>& parts) {
+  Json out = Json::array();
+  for (const SlamResult::Part& part : parts)
+    out.push_back({{"first_pair", part.pairs.front()},
+                   {"pairs", part.pairs},
+                   {"not_joined_before", std::string(closure::nameOf(part.why))}});
+  return out;
+}
+
 }  // namespace
 
 std::vector<std::pair<std::string, std::string>> calibrationRows(const SlamResult& s) {
@@ -105,6 +114,11 @@ std::vector<std::string> slamWarnings(const SlamResult& s) {
                        " m of the " + decimals(s.crossings_expected, 0) +
                        " m flown over ground seen before have no loop closure.");
   warnOfMounting(s.mounting, warnings);
+  if (s.parts.size() > 1)
+    warnings.push_back(
+        "Nothing joins the pairs of " + std::to_string(s.parts.size()) +
+        " parts: each is a model of its own, and they stand side by side, west to east, where they "
+        "are not in truth.");
   return warnings;
 }
 
@@ -137,6 +151,7 @@ Json slamJson(const SlamResult& s) {
           {"mounting", mountingJson(s.mounting)},
           {"usbl", usblJson(s.usbl)},
           {"moved_rms_m", s.moved_rms},
+          {"parts", partsJson(s.parts)},
           {"stage_s", s.seconds}};
 }
 

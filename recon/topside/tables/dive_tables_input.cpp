@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "recon/topside/input/seed_plane.hpp"
 #include "recon/topside/tables/dive_tables.hpp"
 
 namespace fathom::topside {
@@ -43,6 +42,11 @@ std::vector<TrackPoint> trackOf(Dive& dive, const WaterLog& water) {
   const Navigation& navigation = dive.survey().navigation;
   const std::vector<Correction> moved = correctionsOf(navigation.poses, dive.poses());
   std::vector<TrackPoint> track;
+  if (!dive.input().navigated) {
+    for (const NavigatedPose& pose : dive.poses())
+      track.push_back({pose.utc_ns, pose.T_nav_body, {}, "", {}});
+    return track;
+  }
   for (const NavigatedPose& pose : navigation.track) {
     TrackPoint point;
     point.utc_ns = pose.utc_ns;
@@ -58,7 +62,6 @@ std::vector<TrackPoint> trackOf(Dive& dive, const WaterLog& water) {
 
 std::vector<ImageRow> imageRowsOf(Dive& dive, const FuseResult& fused, const WaterLog& water) {
   const MissionInput& input = dive.input();
-  double altitude = dive.config().default_altitude;
   std::vector<ImageRow> rows;
   for (const FusedPair& pair : fused.pairs) {
     ImageRow row;
@@ -67,12 +70,8 @@ std::vector<ImageRow> imageRowsOf(Dive& dive, const FuseResult& fused, const Wat
     row.utc_ns = pair.pair.utc_ns;
     row.T_nav_body = pair.T_nav_body;
     row.T_nav_cam = pair.T_nav_cam;
-    if (pair.altitude > 0) {
-      row.altitude = pair.altitude;
-      altitude = pair.altitude;
-    }
-    const double range = seedPlane(input.mission, pair.T_nav_body, altitude).distance;
-    row.footprint = footprintOnPlane(input.rig.left, pair.T_nav_cam, range);
+    if (pair.altitude > 0) row.altitude = pair.altitude;
+    row.footprint = footprintOnPlane(input.rig.left, pair.T_nav_cam, pair.range);
     row.water = water.at(row.utc_ns, row.T_nav_body.translation().z());
     rows.push_back(std::move(row));
   }

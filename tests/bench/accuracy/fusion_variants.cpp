@@ -16,7 +16,6 @@
 #include "recon/fusion/volumetric_fusion.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/topside/input/image_pairs.hpp"
-#include "recon/topside/input/navigation.hpp"
 #include "recon/topside/input/seed_plane.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
 #include "recon/topside/prepare/pair_preparer.hpp"
@@ -152,7 +151,6 @@ VariantReport fuseVariants(const std::filesystem::path& mission_folder,
                      "is absent: the points of a rendered mission are needed");
   const topside::Survey survey = topside::takeSurvey(input, config);
   const topside::PairList& list = survey.list;
-  const topside::Navigation& navigation = survey.navigation;
   topside::LightingModels lighting(mission, rig, config.lighting);
   topside::learnLighting(input, config, survey, lighting);
 
@@ -172,7 +170,7 @@ VariantReport fuseVariants(const std::filesystem::path& mission_folder,
   for (std::size_t i = 0; i < list.pairs.size(); ++i) {
     const auto pose = estimated.find(list.pairs[i].left);
     const auto utc_ns = track.exposureOf(list.pairs[i].left);
-    if (pose == estimated.end() || !utc_ns) continue;
+    if (pose == estimated.end() || !utc_ns || !survey.planes[i]) continue;
     const auto T_nav_body = track.poseAt(*utc_ns);
     if (!T_nav_body) continue;
     usable.push_back({i, {pose->second, *T_nav_body * mission.T_body_cam}});
@@ -182,11 +180,9 @@ VariantReport fuseVariants(const std::filesystem::path& mission_folder,
     throw InputError(pose_file.string(), "", "names no image of the mission; run fathom-topside on it first");
 
   const sim::TruthSurface truth(readPly(input.paths.truth() / "terrain.ply"));
-  const std::vector<double> altitudes = topside::seedAltitudes(navigation.poses, config.default_altitude);
   std::array<std::unique_ptr<fusion::VolumetricFusion>, kVariants> volumes;
   for (auto& volume : volumes) volume = std::make_unique<fusion::VolumetricFusion>(config.fusion);
   tbb::enumerable_thread_specific<std::unique_ptr<topside::PairPreparer>> preparers;
-  const SE3 T_cam_body = mission.T_body_cam.inverse();
   Sums sums;
   {
     rt::StageProgress progress("stereo", usable.size());
@@ -209,8 +205,7 @@ VariantReport fuseVariants(const std::filesystem::path& mission_folder,
                   const auto& [pair, poses] = usable[job->index];
                   std::unique_ptr<topside::PairPreparer>& preparer = preparers.local();
                   if (!preparer) preparer = topside::makePreparer(input, config, lighting, false);
-                  const Mesh local =
-                      preparer->process(list.pairs[pair], poses.estimated * T_cam_body, altitudes[pair]).mesh;
+                  const Mesh local = preparer->process(list.pairs[pair], *survey.planes[pair]).mesh;
                   if (local.empty()) return job;
                   const Mesh ideal = withTrueDepths(local, truth, poses.truth, job->sums);
                   job->meshes[kMeasured] = placed(local, poses.estimated);

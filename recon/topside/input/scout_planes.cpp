@@ -1,0 +1,62 @@
+#include "recon/topside/input/scout_planes.hpp"
+
+#include <oneapi/tbb/enumerable_thread_specific.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <memory>
+#include <opencv2/core.hpp>
+
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/progress.hpp"
+#include "recon/geometry/eight_bit_view.hpp"
+#include "recon/stereo/seed_plane.hpp"
+
+namespace fathom::topside {
+
+std::vector<std::uint8_t> stretchedGrey(const ImageView& image) {
+  const std::size_t channels = image.format == PixelFormat::kRgb ? 3 : 1;
+  const cv::Mat in(image.height, image.width * static_cast<int>(channels), image.bits == 8 ? CV_8U : CV_16U,
+                   const_cast<void*>(image.data), image.stride);
+  constexpr double kMean = 85;
+  cv::Mat eight_bit;
+  in.convertTo(eight_bit, CV_8U, kMean / std::max(cv::mean(in)[0], 1.0));
+  std::vector<std::uint8_t> grey(static_cast<std::size_t>(image.width) *
+                                 static_cast<std::size_t>(image.height));
+  lighting::demosaicMono({eight_bit.data, image.width, image.height, eight_bit.step[0], image.format, 8},
+                         grey.data());
+  return grey;
+}
+
+SeedPlanes scoutPlanes(const MissionInput& input, const TopsideConfig& config, const PairList& list) {
+  const std::size_t count = list.pairs.size();
+  SeedPlanes found(count);
+  std::vector<std::uint8_t> readable(count, 0);
+  oneapi::tbb::enumerable_thread_specific<std::unique_ptr<stereo::PlaneScout>> scouts;
+  rt::StageProgress progress("scouting", count);
+  oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
+    std::unique_ptr<stereo::PlaneScout>& scout = scouts.local();
+    if (!scout) scout = std::make_unique<stereo::PlaneScout>(input.rig, config.stereo);
+    try {
+      const auto left = stretchedGrey(input.image(list.pairs[k].left, CameraSide::kLeft).view);
+      const auto right = stretchedGrey(input.image(list.pairs[k].right, CameraSide::kRight).view);
+      readable[k] = 1;
+      found[k] = scout->find(eightBitView(left, input.rig.left, PixelFormat::kMono),
+                             eightBitView(right, input.rig.right, PixelFormat::kMono));
+    } catch (const InputError&) {  // counted where it is used
+    }
+    progress.step();
+  });
+  SeedPlanes planes = found;
+  for (std::size_t k = 0; k < count; ++k)
+    for (std::size_t away = 1; !planes[k] && away < count; ++away) {
+      if (k >= away && found[k - away]) planes[k] = found[k - away];
+      if (!planes[k] && k + away < count && found[k + away]) planes[k] = found[k + away];
+    }
+  // One that cannot be read is named where pairs are prepared, which needs a plane of some kind.
+  for (auto& plane : planes)
+    if (!plane) plane.emplace();
+  return planes;
+}
+
+}  // namespace fathom::topside

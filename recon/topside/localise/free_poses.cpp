@@ -1,0 +1,340 @@
+#include "recon/topside/localise/free_poses.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+#include <tuple>
+
+#include "recon/closure/agreement.hpp"
+#include "recon/closure/candidates.hpp"
+#include "recon/closure/place_index.hpp"
+#include "recon/closure/recognition.hpp"
+#include "recon/geometry/union_find.hpp"
+#include "recon/slam/batch_solver.hpp"
+#include "recon/topside/localise/closure_search.hpp"
+#include "recon/topside/work/stage_times.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr std::size_t kRounds = 2;  // of overlaps: each says where the next one looks
+constexpr std::size_t kTries = 4;   // places that a pair is compared with
+constexpr double kMaxChi2 = 22.46;  // of a closure, 99.9 % of chi-square with 6 degrees of freedom
+constexpr double kGap = 2;          // between parts [m]
+constexpr double kNear = 0.7;       // of two footprints' centres, in radii, that overlap well
+// Of two poses that odometry joins: at best, and growing with the way.
+constexpr double kStepSigma = 0.05, kStepAngle = 0.03, kDrift = 0.03;  // [m], [rad], [1]
+
+using Pairs = std::vector<std::pair<std::uint32_t, std::uint32_t>>;
+
+Matrix6d covarianceOf(double position, double angle) {
+  Vector6d variance;
+  variance << Eigen::Vector3d::Constant(position * position), Eigen::Vector3d::Constant(angle * angle);
+  return variance.asDiagonal();
+}
+
+// Between consecutive pairs a ledge or a fish may fill most of the shared view; chance is ruled out all the
+// same.
+closure::RegistrationConfig closeBy() {
+  closure::RegistrationConfig rules;
+  rules.min_coverage = 0.2;
+  rules.min_inlier_share = 0.05;
+  return rules;
+}
+
+class FreePoses {
+ public:
+  FreePoses(const StereoRig& rig, const Survey& survey, const FeatureStore& features)
+      : rig_(rig), survey_(survey) {
+    frames_.features = &features;
+    for (std::uint32_t k = 0; k < survey.planes.size(); ++k) {
+      if (features.count(k) == 0 || !survey.planes[k]) continue;
+      frames_.pair.push_back(k);
+      frames_.altitude.push_back(survey.planes[k]->distance);
+    }
+    poses_.resize(frames_.pair.size());
+    frames_.way.assign(frames_.pair.size(), 0);
+  }
+
+  [[nodiscard]] const Frames& frames() const { return frames_; }
+  [[nodiscard]] const std::vector<SE3>& poses() const { return poses_; }
+  [[nodiscard]] const std::vector<slam::NavigationLink>& links() const { return links_; }
+  [[nodiscard]] std::size_t odometryLinks() const { return odometry_; }
+  std::vector<SlamResult::Tried> tried;
+  std::array<std::size_t, closure::kRefusals> refused{};
+  bool converged = true;
+  std::map<std::uint32_t, closure::Refusal> broken;  // frames that nothing joins to the one before
+
+  void odometry() {
+    std::vector<Attempt> steps = attemptsOf(stepsOver(1, {}));
+    registerAll(rig_, frames_, closeBy(), steps, "odometry");
+    for (const Attempt& t : steps)
+      if (t.accepted())
+        links_.push_back(t.link);
+      else
+        broken[t.b] = t.refusal;
+    std::vector<Attempt> over = attemptsOf(stepsOver(2, broken));
+    registerAll(rig_, frames_, closeBy(), over, "odometry over one");
+    for (const Attempt& t : over)
+      if (t.accepted()) links_.push_back(t.link);
+    odometry_ = links_.size();
+    solve();
+  }
+
+  // Frames that look like others, wherever they are.
+  void recognise() {
+    std::vector<Attempt> attempts = attemptsOf(alike());
+    registerAll(rig_, frames_, closure::recognitionRules(), attempts, "recognition");
+    closure::Agreement agreement;
+    const auto odometry = [&](int x, int y) { return between(x, y); };
+    for (const Attempt& t : attempts) {
+      note(t);
+      if (!t.accepted()) continue;
+      const double radius = footprint(t.b).radius;
+      const closure::Claim claim =
+          closure::recognitionOf(static_cast<int>(t.a), static_cast<int>(t.b),
+                                 {t.link.T_a_b, t.link.covariance}, t.link.inliers, radius);
+      for (const closure::Claim& sure : agreement.add(claim, odometry)) {
+        slam::NavigationLink link;
+        link.a = static_cast<std::uint32_t>(sure.a);
+        link.b = static_cast<std::uint32_t>(sure.b);
+        link.T_a_b = sure.T_a_b;
+        link.covariance = sure.covariance;
+        link.inliers = sure.inliers;
+        links_.push_back(link);
+      }
+    }
+    solve();
+  }
+
+  // Frames of one part that overlap where they are now. False: no new link.
+  bool overlaps(std::size_t a_frame) {
+    std::vector<Attempt> attempts = attemptsOf(overlapping(a_frame));
+    for (Attempt& t : attempts) t.prior = between(static_cast<int>(t.a), static_cast<int>(t.b));
+    registerAll(rig_, frames_, {}, attempts, "closures");
+    const std::size_t before = links_.size();
+    for (const Attempt& t : attempts) {
+      note(t);
+      if (t.accepted()) links_.push_back(t.link);
+    }
+    if (links_.size() == before) return false;
+    solve();
+    return true;
+  }
+
+  // Parts as lists of frames, by their first; their frames' poses are level and stand apart afterwards.
+  std::vector<std::vector<std::uint32_t>> arrange() {
+    std::map<std::uint32_t, std::vector<std::uint32_t>> by_root;
+    for (std::uint32_t k = 0; k < poses_.size(); ++k) by_root[parts_.root(k)].push_back(k);
+    std::vector<std::vector<std::uint32_t>> parts;
+    double east = 0;
+    for (auto& [root, members] : by_root) {
+      level(members);
+      double low = INFINITY, high = -INFINITY;
+      for (const std::uint32_t k : members) {
+        const closure::Footprint f = footprint(k);
+        low = std::min(low, f.centre.y() - f.radius);
+        high = std::max(high, f.centre.y() + f.radius);
+      }
+      if (!parts.empty()) {
+        const SE3 aside(Eigen::Quaterniond::Identity(), {0, east + kGap - low, 0});
+        for (const std::uint32_t k : members) poses_[k] = aside * poses_[k];
+        high += east + kGap - low;
+      }
+      east = high;
+      parts.push_back(std::move(members));
+    }
+    return parts;
+  }
+
+ private:
+  void note(const Attempt& t) {
+    tried.push_back({frames_.pair[t.a], frames_.pair[t.b], t.accepted()});
+    ++refused[static_cast<std::size_t>(t.refusal)];
+    known_.insert({t.a, t.b});
+  }
+
+  static std::vector<Attempt> attemptsOf(const Pairs& pairs) {
+    std::vector<Attempt> attempts(pairs.size());
+    for (std::size_t k = 0; k < pairs.size(); ++k) std::tie(attempts[k].a, attempts[k].b) = pairs[k];
+    return attempts;
+  }
+
+  // All frames with the one `step` before; with `only`, about those.
+  [[nodiscard]] Pairs stepsOver(std::uint32_t step, const std::map<std::uint32_t, closure::Refusal>& only) {
+    Pairs pairs;
+    for (std::uint32_t b = step; b < frames_.pair.size(); ++b)
+      if (only.empty() ? step == 1 : only.contains(b) || only.contains(b - 1))
+        pairs.emplace_back(b - step, b);
+    for (const auto& pair : pairs) known_.insert(pair);
+    return pairs;
+  }
+
+  [[nodiscard]] Pairs alike() const {
+    closure::PlaceIndexConfig config;
+    config.max_places = static_cast<int>(std::max<std::size_t>(frames_.pair.size(), 1));
+    closure::PlaceIndex places(config);
+    closure::FrameFeatures features;
+    Pairs pairs;
+    for (std::uint32_t k = 0; k < frames_.pair.size(); ++k) {
+      frames_.load(k, features);
+      const auto wanted = [&](int id) { return !known_.contains({static_cast<std::uint32_t>(id), k}); };
+      for (const auto& place : places.query(features, kTries, wanted))
+        pairs.emplace_back(static_cast<std::uint32_t>(place.id), k);
+      (void)places.add(static_cast<int>(k), features);
+    }
+    return pairs;
+  }
+
+  // The nearest ones of each frame among the older, in cells of the ground.
+  [[nodiscard]] Pairs overlapping(std::size_t a_frame) {
+    const std::vector<std::vector<std::uint32_t>> parts = arrange();
+    std::map<std::pair<int, int>, std::vector<std::uint32_t>> cells;
+    double edge = 0;
+    for (std::uint32_t k = 0; k < poses_.size(); ++k) edge = std::max(edge, footprint(k).radius);
+    const auto cellOf = [&](const Eigen::Vector2d& p) {
+      return std::pair(static_cast<int>(std::floor(p.x() / edge)),
+                       static_cast<int>(std::floor(p.y() / edge)));
+    };
+    Pairs pairs;
+    for (std::uint32_t b = 0; b < poses_.size(); ++b) {
+      const closure::Footprint here = footprint(b);
+      const auto [x, y] = cellOf(here.centre);
+      std::vector<std::pair<double, std::uint32_t>> near;
+      for (int dx = -1; dx <= 1; ++dx)
+        for (int dy = -1; dy <= 1; ++dy)
+          if (const auto cell = cells.find({x + dx, y + dy}); cell != cells.end())
+            for (const std::uint32_t a : cell->second) {
+              const closure::Footprint there = footprint(a);
+              const double apart = (there.centre - here.centre).norm();
+              if (apart < kNear * (there.radius + here.radius) && !known_.contains({a, b}))
+                near.emplace_back(apart, a);
+            }
+      std::sort(near.begin(), near.end());
+      for (std::size_t k = 0; k < std::min(a_frame, near.size()); ++k) pairs.emplace_back(near[k].second, b);
+      cells[{x, y}].push_back(b);
+    }
+    return pairs;
+  }
+
+  [[nodiscard]] closure::Footprint footprint(std::uint32_t frame) const {
+    return closure::footprintOf(poses_[frame], frames_.altitude[frame], rig_.left);
+  }
+
+  // What is known of y seen from x; of another part: nothing that anything could agree with.
+  closure::RelativePrior between(int x, int y) {
+    const auto a = static_cast<std::uint32_t>(x), b = static_cast<std::uint32_t>(y);
+    if (parts_.root(a) != parts_.root(b))
+      return {SE3(Eigen::Quaterniond::Identity(), {1e6, 0, 0}), covarianceOf(kStepSigma, kStepAngle)};
+    const double sigma = kStepSigma + kDrift * std::abs(frames_.way[b] - frames_.way[a]);
+    return {poses_[a].inverse() * poses_[b], covarianceOf(sigma, kStepAngle * sigma / kStepSigma)};
+  }
+
+  // Closures that contradict too much are taken out, those that contradict most first.
+  void solve() {
+    constexpr double kNearWorst = 0.5;
+    for (bool again = true; again;) {
+      again = false;
+      parts_.reset(poses_.size());
+      slam::PoseGraph graph;
+      graph.poses = poses_;
+      std::vector<slam::NavigationLink*> edges;
+      for (std::size_t k = 0; k < poses_.size(); ++k) graph.ids.push_back(static_cast<std::int64_t>(k));
+      for (slam::NavigationLink& link : links_) {
+        if (!link.kept) continue;
+        parts_.join(link.a, link.b);
+        edges.push_back(&link);
+        graph.edges.push_back({static_cast<int>(link.a), static_cast<int>(link.b), link.T_a_b,
+                               slam::residualInformation(link.covariance.inverse())});
+      }
+      if (edges.empty()) return;
+      converged = slam::optimize(graph, {}).converged;
+      poses_ = graph.poses;
+      double most = 0;
+      for (std::size_t e = 0; e < edges.size(); ++e) {
+        slam::NavigationLink& link = *edges[e];
+        const Vector6d error = slam::relativePoseError(graph.edges[e], poses_[link.a], poses_[link.b]);
+        link.chi2 = error.dot(graph.edges[e].information * error);
+        if (!link.ofChain()) most = std::max(most, link.chi2);
+      }
+      for (slam::NavigationLink* link : edges)
+        if (!link->ofChain() && link->chi2 > std::max(kMaxChi2, kNearWorst * most)) {
+          link->kept = false;
+          again = true;
+        }
+    }
+    for (std::uint32_t k = 1; k < poses_.size(); ++k) {
+      const bool joined = parts_.root(k - 1) == parts_.root(k);
+      frames_.way[k] =
+          frames_.way[k - 1] + (joined ? (poses_[k].translation() - poses_[k - 1].translation()).norm() : 0);
+    }
+  }
+
+  // Down is the mean normal of the seafloor that the frames show.
+  void level(const std::vector<std::uint32_t>& members) {
+    Eigen::Vector3d down = Eigen::Vector3d::Zero();
+    for (const std::uint32_t k : members)
+      down += poses_[k].rotation() * survey_.planes[frames_.pair[k]]->normal;
+    down.normalize();
+    const SE3 first = poses_[members.front()];
+    Eigen::Vector3d north = first.rotation() * -Eigen::Vector3d::UnitY();  // the top of the image
+    if (std::abs(north.dot(down)) > 0.99) north = first.rotation() * Eigen::Vector3d::UnitZ();
+    north = (north - north.dot(down) * down).normalized();
+    Eigen::Matrix3d R;  // from where the poses are to nav
+    R.row(0) = north;
+    R.row(1) = down.cross(north);
+    R.row(2) = down;
+    const SE3 T(Eigen::Quaterniond(R), -(R * first.translation()));
+    for (const std::uint32_t k : members) poses_[k] = T * poses_[k];
+  }
+
+  const StereoRig& rig_;
+  const Survey& survey_;
+  Frames frames_;
+  std::vector<SE3> poses_;
+  std::vector<slam::NavigationLink> links_;  // by frame; odometry first
+  std::size_t odometry_ = 0;
+  UnionFind parts_;
+  std::set<Pairs::value_type> known_;  // tried
+};
+
+}  // namespace
+
+SlamResult localiseFreely(const io::MissionConfig& mission, const StereoRig& rig, const TopsideConfig& config,
+                          const Survey& survey, const FeatureStore& features) {
+  SlamResult out;
+  out.poses = survey.navigation.poses;
+  Stopwatch watch;
+  FreePoses free(rig, survey, features);
+  const Frames& frames = free.frames();
+  out.frames = frames.pair.size();
+  free.odometry();
+  out.seconds["odometry"] = watch.lap();
+  free.recognise();
+  out.seconds["places"] = watch.lap();
+  const auto a_frame = static_cast<std::size_t>(config.slam_candidates);
+  for (std::size_t round = 0; round < kRounds && free.overlaps(a_frame); ++round) continue;
+  out.seconds["closures"] = watch.lap();
+  for (const auto& members : free.arrange()) {
+    SlamResult::Part& part = out.parts.emplace_back();
+    for (const std::uint32_t k : members) part.pairs.push_back(frames.pair[k]);
+    const auto broken = free.broken.find(members.front());
+    if (broken != free.broken.end()) part.why = broken->second;
+  }
+  const SE3 T_cam_body = mission.T_body_cam.inverse();
+  for (std::size_t k = 0; k < frames.pair.size(); ++k)
+    out.poses[frames.pair[k]].T_nav_body = free.poses()[k] * T_cam_body;
+  for (std::size_t k = 0; k < free.links().size(); ++k) {
+    slam::NavigationLink link = free.links()[k];
+    link.a = frames.pair[link.a];
+    link.b = frames.pair[link.b];
+    (k < free.odometryLinks() ? out.odometry : out.closures).push_back(link);
+  }
+  out.converged = free.converged;
+  out.tried = free.tried;
+  out.refused = free.refused;
+  return out;
+}
+
+}  // namespace fathom::topside
