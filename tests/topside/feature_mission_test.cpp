@@ -5,7 +5,7 @@
 
 #include "firmware_if/files/feature_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
-#include "recon/topside/input/image_pairs.hpp"
+#include "recon/topside/input/images/image_pairs.hpp"
 #include "recon/topside/pipeline.hpp"
 #include "tests/fusion/surface_distance.hpp"
 #include "tests/support/test_data.hpp"

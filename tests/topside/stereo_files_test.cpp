@@ -1,4 +1,4 @@
-#include "recon/topside/input/stereo_files.hpp"
+#include "recon/topside/input/images/stereo_files.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -6,7 +6,7 @@
 #include <fstream>
 
 #include "realtime/kernel/input_error.hpp"
-#include "recon/topside/input/name_times.hpp"
+#include "recon/topside/input/images/name_times.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -43,8 +43,10 @@ TEST_F(StereoFileNames, WordsAnywhereTellLeftFromRight) {
   ASSERT_EQ(files.alone.size(), 1u);
   EXPECT_EQ(name(files.alone[0].file), "left02.png");
   EXPECT_EQ(files.alone[0].missing, "right");
-  EXPECT_THAT(files.assumed, ElementsAre("left and right images are told apart by 'left' and 'right'",
-                                         "1 other images are left out"));
+  EXPECT_THAT(
+      files.assumed,
+      ElementsAre("left and right images are told apart by 'left' and 'right'", "1 other images are left out",
+                  "no times in the names: pairs are taken in order of name, half a second apart"));
 }
 
 TEST_F(StereoFileNames, ShortWordsMustStandAlone) {

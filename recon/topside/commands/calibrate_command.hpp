@@ -5,7 +5,7 @@
 #include <functional>
 
 #include "recon/calibration/rig_calibration.hpp"
-#include "recon/topside/input/board_images.hpp"
+#include "recon/topside/input/images/board_images.hpp"
 
 namespace fathom::topside {
 

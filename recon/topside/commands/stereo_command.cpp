@@ -13,7 +13,7 @@
 #include "recon/stereo/seed_plane.hpp"
 #include "recon/topside/commands/sample_options.hpp"
 #include "recon/topside/config/topside_config.hpp"
-#include "recon/topside/input/loose_pair.hpp"
+#include "recon/topside/input/images/loose_pair.hpp"
 #include "recon/topside/report/stereo_output.hpp"
 #include "recon/topside/work/stage_times.hpp"
 

@@ -7,7 +7,7 @@
 #include <memory>
 
 #include "realtime/kernel/input_error.hpp"
-#include "recon/topside/input/name_times.hpp"
+#include "recon/topside/input/images/name_times.hpp"
 
 namespace fathom::topside {
 

@@ -208,7 +208,7 @@ MissionInput openMission(const fs::path& folder, const InputOptions& options) {
   fs::path poses = options.poses;
   if (poses.empty() && !in.described && fs::exists(own_poses)) poses = own_poses;
   if (!poses.empty()) in.given_poses = io::readStereoPoses(poses);
-  in.navigated = fs::exists(in.paths.log()) || !poses.empty() || in.paths.rawAuv();
+  in.navigated = in.described || !poses.empty() || in.paths.rawAuv();
   // A log of this project's without its mission.toml is a damaged mission, and nothing to guess about.
   if (in.described || fs::exists(in.paths.log())) in.mission = io::readMissionConfig(folder);
   in.features_only = io::isFeatureMission(in.paths);

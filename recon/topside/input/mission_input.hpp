@@ -9,8 +9,8 @@
 #include "firmware_if/files/mission.hpp"
 #include "firmware_if/files/pose_files.hpp"
 #include "recon/geometry/stereo_rig.hpp"
-#include "recon/topside/input/image_samples.hpp"
-#include "recon/topside/input/stereo_files.hpp"
+#include "recon/topside/input/images/image_samples.hpp"
+#include "recon/topside/input/images/stereo_files.hpp"
 #include "recon/topside/work/digest.hpp"
 
 namespace fathom::topside {
@@ -36,7 +36,7 @@ struct MissionInput {
   // Without mission.toml: the images where their names tell the pairs, relative to paths.images(), and what
   // they hold.
   bool described = true;
-  bool navigated = true;  // there is a log or a RAW.auv, or poses were given
+  bool navigated = true;  // by a log, or by poses that were given
   std::optional<StereoFiles> files;
   std::array<Samples, 2> samples = {Samples::kAuto, Samples::kAuto};
   bool verify = false;

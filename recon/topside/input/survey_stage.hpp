@@ -1,7 +1,7 @@
 #pragma once
 
 #include "recon/topside/config/topside_config.hpp"
-#include "recon/topside/input/image_pairs.hpp"
+#include "recon/topside/input/images/image_pairs.hpp"
 #include "recon/topside/input/mission_input.hpp"
 #include "recon/topside/input/seed_plane.hpp"
 #include "recon/topside/work/saved_bytes.hpp"

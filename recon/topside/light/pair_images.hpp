@@ -8,7 +8,7 @@
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/rig_ranges.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
-#include "recon/topside/input/image_pairs.hpp"
+#include "recon/topside/input/images/image_pairs.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
 
 namespace fathom::topside {

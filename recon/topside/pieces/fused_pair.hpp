@@ -6,7 +6,7 @@
 
 #include "recon/geometry/se3.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
-#include "recon/topside/input/image_pairs.hpp"
+#include "recon/topside/input/images/image_pairs.hpp"
 
 namespace fathom::topside {
 

@@ -7,7 +7,7 @@
 #include "recon/geometry/mesh.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "recon/topside/config/topside_config.hpp"
-#include "recon/topside/input/image_pairs.hpp"
+#include "recon/topside/input/images/image_pairs.hpp"
 #include "recon/topside/input/mission_input.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
 #include "recon/topside/work/stage_times.hpp"

@@ -9,7 +9,7 @@
 #include "recon/geometry/mesh.hpp"
 #include "recon/topside/assemble/assemble.hpp"
 #include "recon/topside/config/topside_config.hpp"
-#include "recon/topside/input/image_pairs.hpp"
+#include "recon/topside/input/images/image_pairs.hpp"
 #include "recon/topside/input/navigation.hpp"
 #include "recon/topside/localise/slam_stage.hpp"
 #include "recon/topside/report/map_picture.hpp"

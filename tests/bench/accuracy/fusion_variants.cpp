@@ -15,7 +15,7 @@
 #include "realtime/kernel/progress.hpp"
 #include "recon/fusion/volumetric_fusion.hpp"
 #include "recon/geometry/mesh_io.hpp"
-#include "recon/topside/input/image_pairs.hpp"
+#include "recon/topside/input/images/image_pairs.hpp"
 #include "recon/topside/input/seed_plane.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
 #include "recon/topside/prepare/pair_preparer.hpp"

@@ -1,4 +1,4 @@
-#include "recon/topside/input/image_samples.hpp"
+#include "recon/topside/input/images/image_samples.hpp"
 
 #include <gdal_priv.h>
 

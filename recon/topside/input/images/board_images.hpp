@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "recon/calibration/rig_calibration.hpp"
-#include "recon/topside/input/stereo_files.hpp"
+#include "recon/topside/input/images/stereo_files.hpp"
 
 namespace fathom::topside {
 

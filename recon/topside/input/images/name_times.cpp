@@ -1,4 +1,4 @@
-#include "recon/topside/input/name_times.hpp"
+#include "recon/topside/input/images/name_times.hpp"
 
 #include <algorithm>
 #include <string_view>

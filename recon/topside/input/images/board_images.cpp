@@ -1,4 +1,4 @@
-#include "recon/topside/input/board_images.hpp"
+#include "recon/topside/input/images/board_images.hpp"
 
 #include <oneapi/tbb/parallel_for.h>
 
@@ -8,7 +8,7 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/progress.hpp"
-#include "recon/topside/input/image_samples.hpp"
+#include "recon/topside/input/images/image_samples.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -1,4 +1,4 @@
-#include "recon/topside/input/loose_pair.hpp"
+#include "recon/topside/input/images/loose_pair.hpp"
 
 #include <string>
 

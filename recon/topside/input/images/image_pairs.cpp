@@ -1,4 +1,4 @@
-#include "recon/topside/input/image_pairs.hpp"
+#include "recon/topside/input/images/image_pairs.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -10,7 +10,7 @@
 #include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/nav/camera_clock.hpp"
-#include "recon/topside/input/stereo_files.hpp"
+#include "recon/topside/input/images/stereo_files.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -1,4 +1,4 @@
-#include "recon/topside/input/stereo_files.hpp"
+#include "recon/topside/input/images/stereo_files.hpp"
 
 #include <glob.h>
 
@@ -14,7 +14,7 @@
 #include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/input/csv_columns.hpp"
-#include "recon/topside/input/name_times.hpp"
+#include "recon/topside/input/images/name_times.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -6,7 +6,7 @@
 
 #include "recon/geometry/image_view.hpp"
 #include "recon/geometry/stereo_rig.hpp"
-#include "recon/topside/input/image_samples.hpp"
+#include "recon/topside/input/images/image_samples.hpp"
 
 namespace fathom::topside {
 
