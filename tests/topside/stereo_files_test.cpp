@@ -94,6 +94,14 @@ TEST_F(StereoFileNames, OtherNamesWithoutTimesGoInOrderIfThereAreAsMany) {
               HasSubstr("no pair of a left and a right image among 5 images"));
 }
 
+TEST_F(StereoFileNames, ResultsOfRunsBeforeAreNoImages) {
+  make({"left/1.png", "right/1.png"});
+  const std::vector<std::string> before = find().assumed;
+  make({"topside/mesh.png", "topside/tiles/0/1.jpg", "topside/tiles/1/1.jpg", "model/scene.json",
+        "model/layers/left.png"});
+  EXPECT_EQ(find().assumed, before);
+}
+
 TEST_F(StereoFileNames, WithoutWordsTheFixIsSaid) {
   make({"1.png", "2.png"});
   EXPECT_THAT(test::refusal([&] { (void)find(); }), HasSubstr("folders left/ and right/"));

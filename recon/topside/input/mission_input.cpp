@@ -130,7 +130,8 @@ void assumeMission(MissionInput& in, const InputOptions& options) {
     Eigen::Matrix3d down;
     down << 0, -1, 0, 1, 0, 0, 0, 0, 1;
     m.T_body_cam = SE3(down, Eigen::Vector3d::Zero());
-    note("the cameras look straight down, top of the image forward, at the vehicle's reference point");
+    if (in.navigated)
+      note("the cameras look straight down, top of the image forward, at the vehicle's reference point");
     note("nav's origin is 0 N 0 E");
   }
   if (in.navigated)

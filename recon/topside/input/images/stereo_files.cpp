@@ -86,11 +86,17 @@ bool naturallyBefore(const std::string& a, const std::string& b) {
   return a.size() - i != b.size() - k ? a.size() - i < b.size() - k : a < b;
 }
 
+// What this project's programs leave in a dive's folder: pictures of it, not images.
+bool isResult(const fs::path& folder) {
+  static const std::set<std::string> kResults{"topside", "topside.work", "onboard", "monitor", "truth"};
+  const std::string name = folder.filename().string();
+  return name.front() == '.' || kResults.contains(name) || fs::exists(folder / "scene.json");
+}
+
 void addFolder(const fs::path& folder, int deep, std::vector<fs::path>& out) {
   for (const auto& entry : fs::directory_iterator(folder)) {
     if (entry.is_regular_file() && looksLikeImage(entry.path())) out.push_back(entry.path());
-    if (deep > 0 && entry.is_directory() && entry.path().filename().string().front() != '.')
-      addFolder(entry.path(), deep - 1, out);
+    if (deep > 0 && entry.is_directory() && !isResult(entry.path())) addFolder(entry.path(), deep - 1, out);
   }
 }
 
