@@ -185,6 +185,10 @@ const std::vector<NavigatedPose>& Dive::poses() {
   return slam_ ? slam_->poses : survey_->navigation.poses;
 }
 
+SeedPlanes Dive::planes() {
+  return input_.navigated ? seedPlanes(input_.mission, poses(), config_.default_altitude) : survey_->planes;
+}
+
 const ModelPlan& Dive::plan() {
   if (plan_) return *plan_;
   (void)localised();
@@ -242,9 +246,7 @@ FuseResult Dive::fused() {
   constexpr std::size_t kErrorLines = 10;  // unreadable images named in the report
   FuseResult out;
   const std::vector<NavigatedPose>& known = poses();
-  const SeedPlanes planes = input_.navigated
-                                ? seedPlanes(input_.mission, known, config_.default_altitude)
-                                : survey_->planes;
+  const SeedPlanes planes = this->planes();
   for (std::size_t k = 0; k < known.size(); ++k) {
     const PairFacts& facts = prepared_->facts()[k];
     FuseCounts& counts = out.counts;

@@ -51,6 +51,7 @@ class Dive {
   const PreparedGroups& prepared();
   const SlamResult* localised();              // null: dead reckoning, or poses that were given
   const std::vector<NavigatedPose>& poses();  // after localisation
+  [[nodiscard]] SeedPlanes planes();          // the same, where navigation places them
   const ModelPlan& plan();
   void makePieces();
   // Pieces and levels, finest first.

@@ -84,10 +84,7 @@ ImageFile readAnyImage(const std::filesystem::path& path) {
   std::string error;
   if (!(isJpeg(bytes) ? decodeJpeg(bytes, pixels, error) : decodeTiffOrPng(bytes, pixels, error)))
     throw InputError(path, "", "is no image that can be read (" + error + "); give a TIFF, PNG or JPEG");
-  int bits = pixels.bits;
-  if (bits == 16)
-    for (const int fewer : {12, 10})
-      if (largestSample(pixels) >> fewer == 0) bits = fewer;
+  const int bits = usedBits(pixels);
   const PixelFormat format = pixels.channels == 3 ? PixelFormat::kRgb : PixelFormat::kMono;
   return imageFileOf(std::move(pixels), format, bits);
 }

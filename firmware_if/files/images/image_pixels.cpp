@@ -99,6 +99,12 @@ std::uint16_t largestSample(const TiffPixels& pixels) {
   return largest;
 }
 
+int usedBits(const TiffPixels& pixels) {
+  if (pixels.bits == 8) return 8;
+  const std::uint16_t largest = largestSample(pixels);
+  return largest >> 10 == 0 ? 10 : largest >> 12 == 0 ? 12 : 16;
+}
+
 ImageFile imageFileOf(TiffPixels&& pixels, PixelFormat format, int bits) {
   ImageFile image;
   image.bytes = std::move(pixels.bytes);

@@ -22,6 +22,8 @@ inline constexpr std::size_t kMaxImageFileBytes = std::size_t{1} << 28;
 
 // Of 16-bit samples.
 [[nodiscard]] std::uint16_t largestSample(const TiffPixels& pixels);
+// 8, or the fewest of 10, 12 and 16 that hold the brightest sample.
+[[nodiscard]] int usedBits(const TiffPixels& pixels);
 
 // Pixels with a format that fits their channels; `bits` of their samples are used.
 [[nodiscard]] ImageFile imageFileOf(TiffPixels&& pixels, PixelFormat format, int bits);

@@ -50,12 +50,13 @@ void localiseInto(const Options& options, const TopsideConfig& config) {
   const io::MissionConfig& mission = dive.input().mission;
   const StereoRig& rig = dive.input().rig;
 
+  const SeedPlanes planes = dive.planes();
   std::vector<FusedPair> posed;
   for (std::size_t k = 0; k < list.pairs.size(); ++k) {
     const auto& pose = slam.poses[k].T_nav_body;
     if (!pose) continue;
     const SE3 T_nav_cam = *pose * mission.T_body_cam;
-    const double range = dive.survey().planes[k]->distance;
+    const double range = planes[k]->distance;
     posed.push_back({list.pairs[k], *pose, T_nav_cam, slam.poses[k].altitude.value_or(0), range,
                      closure::footprintOf(T_nav_cam, range, rig.left).radius, 0, false});
   }

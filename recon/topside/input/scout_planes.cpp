@@ -31,7 +31,6 @@ std::vector<std::uint8_t> stretchedGrey(const ImageView& image) {
 SeedPlanes scoutPlanes(const MissionInput& input, const TopsideConfig& config, const PairList& list) {
   const std::size_t count = list.pairs.size();
   SeedPlanes found(count);
-  std::vector<std::uint8_t> readable(count, 0);
   oneapi::tbb::enumerable_thread_specific<std::unique_ptr<stereo::PlaneScout>> scouts;
   rt::StageProgress progress("scouting", count);
   oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
@@ -40,7 +39,6 @@ SeedPlanes scoutPlanes(const MissionInput& input, const TopsideConfig& config, c
     try {
       const auto left = stretchedGrey(input.image(list.pairs[k].left, CameraSide::kLeft).view);
       const auto right = stretchedGrey(input.image(list.pairs[k].right, CameraSide::kRight).view);
-      readable[k] = 1;
       found[k] = scout->find(eightBitView(left, input.rig.left, PixelFormat::kMono),
                              eightBitView(right, input.rig.right, PixelFormat::kMono));
     } catch (const InputError&) {  // counted where it is used

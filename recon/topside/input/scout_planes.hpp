@@ -15,7 +15,7 @@ namespace fathom::topside {
 [[nodiscard]] std::vector<std::uint8_t> stretchedGrey(const ImageView& image);
 
 // Planes of pairs of which no navigation tells: from the images themselves (stereo::PlaneScout); a pair that
-// shows none, but can be read, has that of the nearest one that does. By as many threads as are allowed,
+// shows none has that of the nearest one that does. By as many threads as are allowed,
 // which the result does not depend on.
 [[nodiscard]] SeedPlanes scoutPlanes(const MissionInput& input, const TopsideConfig& config,
                                      const PairList& list);

@@ -41,6 +41,28 @@ bool byFrame(const closure::Candidate& x, const closure::Candidate& y) {
 
 }  // namespace
 
+std::vector<Attempt> attemptsOf(const FramePairs& pairs) {
+  std::vector<Attempt> attempts(pairs.size());
+  for (std::size_t k = 0; k < pairs.size(); ++k) std::tie(attempts[k].a, attempts[k].b) = pairs[k];
+  return attempts;
+}
+
+slam::NavigationLink linkOf(const closure::Claim& claim) {
+  slam::NavigationLink link;
+  link.a = static_cast<std::uint32_t>(claim.a);
+  link.b = static_cast<std::uint32_t>(claim.b);
+  link.T_a_b = claim.T_a_b;
+  link.covariance = claim.covariance;
+  link.inliers = claim.inliers;
+  return link;
+}
+
+Matrix6d covarianceOf(double position, double angle) {
+  Vector6d variance;
+  variance << Eigen::Vector3d::Constant(position * position), Eigen::Vector3d::Constant(angle * angle);
+  return variance.asDiagonal();
+}
+
 void registerAll(const StereoRig& rig, const Frames& frames, const closure::RegistrationConfig& config,
                  std::vector<Attempt>& attempts, const char* stage) {
   constexpr std::uint32_t kNothing = ~0U;

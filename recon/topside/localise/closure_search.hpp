@@ -5,8 +5,10 @@
 #include <memory>
 #include <optional>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
+#include "recon/closure/agreement.hpp"
 #include "recon/closure/registration.hpp"
 #include "recon/closure/stretches.hpp"
 #include "recon/slam/graph_covariance.hpp"
@@ -23,6 +25,12 @@ struct Attempt {
   slam::NavigationLink link;  // where it was accepted
   [[nodiscard]] bool accepted() const { return refusal == closure::Refusal::kNone; }
 };
+
+using FramePairs = std::vector<std::pair<std::uint32_t, std::uint32_t>>;
+[[nodiscard]] std::vector<Attempt> attemptsOf(const FramePairs& pairs);  // without priors
+[[nodiscard]] slam::NavigationLink linkOf(const closure::Claim& claim);
+// Of a relative pose, of standard deviations [m], [rad].
+[[nodiscard]] Matrix6d covarianceOf(double position, double angle);
 
 // Registers all of them, by as many threads as are allowed; those of one frame `b` after each other load it
 // once. `stage` names them in the progress.

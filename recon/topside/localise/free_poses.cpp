@@ -4,15 +4,14 @@
 #include <cmath>
 #include <map>
 #include <set>
-#include <tuple>
 
-#include "recon/closure/agreement.hpp"
 #include "recon/closure/candidates.hpp"
 #include "recon/closure/place_index.hpp"
 #include "recon/closure/recognition.hpp"
 #include "recon/geometry/union_find.hpp"
 #include "recon/slam/batch_solver.hpp"
 #include "recon/topside/localise/closure_search.hpp"
+#include "recon/topside/localise/visual_odometry.hpp"
 #include "recon/topside/work/stage_times.hpp"
 
 namespace fathom::topside {
@@ -25,23 +24,6 @@ constexpr double kGap = 2;          // between parts [m]
 constexpr double kNear = 0.7;       // of two footprints' centres, in radii, that overlap well
 // Of two poses that odometry joins: at best, and growing with the way.
 constexpr double kStepSigma = 0.05, kStepAngle = 0.03, kDrift = 0.03;  // [m], [rad], [1]
-
-using Pairs = std::vector<std::pair<std::uint32_t, std::uint32_t>>;
-
-Matrix6d covarianceOf(double position, double angle) {
-  Vector6d variance;
-  variance << Eigen::Vector3d::Constant(position * position), Eigen::Vector3d::Constant(angle * angle);
-  return variance.asDiagonal();
-}
-
-// Between consecutive pairs a ledge or a fish may fill most of the shared view; chance is ruled out all the
-// same.
-closure::RegistrationConfig closeBy() {
-  closure::RegistrationConfig rules;
-  rules.min_coverage = 0.2;
-  rules.min_inlier_share = 0.05;
-  return rules;
-}
 
 class FreePoses {
  public:
@@ -68,14 +50,14 @@ class FreePoses {
 
   void odometry() {
     std::vector<Attempt> steps = attemptsOf(stepsOver(1, {}));
-    registerAll(rig_, frames_, closeBy(), steps, "odometry");
+    registerAll(rig_, frames_, stepRules(), steps, "odometry");
     for (const Attempt& t : steps)
       if (t.accepted())
         links_.push_back(t.link);
       else
         broken[t.b] = t.refusal;
     std::vector<Attempt> over = attemptsOf(stepsOver(2, broken));
-    registerAll(rig_, frames_, closeBy(), over, "odometry over one");
+    registerAll(rig_, frames_, stepRules(), over, "odometry over one");
     for (const Attempt& t : over)
       if (t.accepted()) links_.push_back(t.link);
     odometry_ = links_.size();
@@ -95,15 +77,7 @@ class FreePoses {
       const closure::Claim claim =
           closure::recognitionOf(static_cast<int>(t.a), static_cast<int>(t.b),
                                  {t.link.T_a_b, t.link.covariance}, t.link.inliers, radius);
-      for (const closure::Claim& sure : agreement.add(claim, odometry)) {
-        slam::NavigationLink link;
-        link.a = static_cast<std::uint32_t>(sure.a);
-        link.b = static_cast<std::uint32_t>(sure.b);
-        link.T_a_b = sure.T_a_b;
-        link.covariance = sure.covariance;
-        link.inliers = sure.inliers;
-        links_.push_back(link);
-      }
+      for (const closure::Claim& sure : agreement.add(claim, odometry)) links_.push_back(linkOf(sure));
     }
     solve();
   }
@@ -155,15 +129,10 @@ class FreePoses {
     known_.insert({t.a, t.b});
   }
 
-  static std::vector<Attempt> attemptsOf(const Pairs& pairs) {
-    std::vector<Attempt> attempts(pairs.size());
-    for (std::size_t k = 0; k < pairs.size(); ++k) std::tie(attempts[k].a, attempts[k].b) = pairs[k];
-    return attempts;
-  }
-
   // All frames with the one `step` before; with `only`, about those.
-  [[nodiscard]] Pairs stepsOver(std::uint32_t step, const std::map<std::uint32_t, closure::Refusal>& only) {
-    Pairs pairs;
+  [[nodiscard]] FramePairs stepsOver(std::uint32_t step,
+                                     const std::map<std::uint32_t, closure::Refusal>& only) {
+    FramePairs pairs;
     for (std::uint32_t b = step; b < frames_.pair.size(); ++b)
       if (only.empty() ? step == 1 : only.contains(b) || only.contains(b - 1))
         pairs.emplace_back(b - step, b);
@@ -171,12 +140,12 @@ class FreePoses {
     return pairs;
   }
 
-  [[nodiscard]] Pairs alike() const {
+  [[nodiscard]] FramePairs alike() const {
     closure::PlaceIndexConfig config;
     config.max_places = static_cast<int>(std::max<std::size_t>(frames_.pair.size(), 1));
     closure::PlaceIndex places(config);
     closure::FrameFeatures features;
-    Pairs pairs;
+    FramePairs pairs;
     for (std::uint32_t k = 0; k < frames_.pair.size(); ++k) {
       frames_.load(k, features);
       const auto wanted = [&](int id) { return !known_.contains({static_cast<std::uint32_t>(id), k}); };
@@ -188,7 +157,7 @@ class FreePoses {
   }
 
   // The nearest ones of each frame among the older, in cells of the ground.
-  [[nodiscard]] Pairs overlapping(std::size_t a_frame) {
+  [[nodiscard]] FramePairs overlapping(std::size_t a_frame) {
     const std::vector<std::vector<std::uint32_t>> parts = arrange();
     std::map<std::pair<int, int>, std::vector<std::uint32_t>> cells;
     double edge = 0;
@@ -197,7 +166,7 @@ class FreePoses {
       return std::pair(static_cast<int>(std::floor(p.x() / edge)),
                        static_cast<int>(std::floor(p.y() / edge)));
     };
-    Pairs pairs;
+    FramePairs pairs;
     for (std::uint32_t b = 0; b < poses_.size(); ++b) {
       const closure::Footprint here = footprint(b);
       const auto [x, y] = cellOf(here.centre);
@@ -296,7 +265,7 @@ class FreePoses {
   std::vector<slam::NavigationLink> links_;  // by frame; odometry first
   std::size_t odometry_ = 0;
   UnionFind parts_;
-  std::set<Pairs::value_type> known_;  // tried
+  std::set<FramePairs::value_type> known_;  // tried
 };
 
 }  // namespace

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <limits>
 #include <set>
-#include <tuple>
 
 #include "realtime/kernel/progress.hpp"
 #include "recon/closure/candidates.hpp"
@@ -21,8 +20,6 @@ constexpr std::size_t kMostAsked = 4000;  // frames
 constexpr std::size_t kTries = 2;         // frames that one is compared with
 // Of odometry over a short way: at best, and growing with it.
 constexpr double kStepSigma = 0.03, kStepAngle = 0.02, kDrift = 0.02;  // [m], [rad], [1]
-
-using Pairs = std::vector<std::pair<std::uint32_t, std::uint32_t>>;
 
 // Frames far from any closure, by time.
 std::vector<std::uint32_t> quietFrames(const Frames& frames, double radius,
@@ -48,14 +45,14 @@ std::vector<std::uint32_t> quietFrames(const Frames& frames, double radius,
 }
 
 // Each with the frames before it that look most like it.
-Pairs likePairs(const Frames& frames, const std::vector<std::uint32_t>& asked) {
+FramePairs likePairs(const Frames& frames, const std::vector<std::uint32_t>& asked) {
   if (asked.empty()) return {};
   const std::uint32_t end = asked.back() + 1;
   closure::PlaceIndexConfig config;
   config.max_places = static_cast<int>(end);
   closure::PlaceIndex places(config);
   closure::FrameFeatures features;
-  Pairs pairs;
+  FramePairs pairs;
   rt::StageProgress progress("places", end);
   for (std::uint32_t k = 0; k < end; ++k) {
     progress.step();
@@ -75,9 +72,8 @@ Pairs likePairs(const Frames& frames, const std::vector<std::uint32_t>& asked) {
 
 // Claims of those pairs that can be registered without prior, in their order.
 std::vector<closure::Claim> claimsOf(const StereoRig& rig, const Frames& frames,
-                                     const std::vector<SE3>& poses, const Pairs& pairs) {
-  std::vector<Attempt> attempts(pairs.size());
-  for (std::size_t k = 0; k < pairs.size(); ++k) std::tie(attempts[k].a, attempts[k].b) = pairs[k];
+                                     const std::vector<SE3>& poses, const FramePairs& pairs) {
+  std::vector<Attempt> attempts = attemptsOf(pairs);
   registerAll(rig, frames, closure::recognitionRules(), attempts, "recognition");
   std::vector<closure::Claim> claims;
   for (const Attempt& t : attempts)
@@ -89,16 +85,16 @@ std::vector<closure::Claim> claimsOf(const StereoRig& rig, const Frames& frames,
 }
 
 // Pairs beside the claims that are not among those tried.
-Pairs besides(const Frames& frames, const std::vector<closure::Claim>& claims, const Pairs& tried) {
+FramePairs besides(const Frames& frames, const std::vector<closure::Claim>& claims, const FramePairs& tried) {
   constexpr int kFarther = closure::Agreement::kNeighbours / 2;
-  const std::set<Pairs::value_type> known(tried.begin(), tried.end());
-  std::set<Pairs::value_type> pairs;
+  const std::set<FramePairs::value_type> known(tried.begin(), tried.end());
+  std::set<FramePairs::value_type> pairs;
   for (const closure::Claim& claim : claims)
     for (const int da : {-kFarther, 0, kFarther})
       for (const int db : {-kFarther, 0, kFarther}) {
         const int a = claim.a + da, b = claim.b + db;
         if (a < 0 || b >= static_cast<int>(frames.pair.size()) || a >= b) continue;
-        const Pairs::value_type pair(static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b));
+        const FramePairs::value_type pair(static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b));
         if (!frames.blank(pair.first) && !frames.blank(pair.second) && !known.contains(pair))
           pairs.insert(pair);
       }
@@ -113,7 +109,7 @@ std::vector<slam::NavigationLink> recognisePlaces(const StereoRig& rig, const Fr
   if (frames.pair.empty()) return {};
   const std::vector<SE3>& poses = solution.poses;
   const double radius = closure::footprintOf(poses[0], frames.altitude[0], rig.left).radius;
-  Pairs pairs = likePairs(frames, quietFrames(frames, radius, links));
+  FramePairs pairs = likePairs(frames, quietFrames(frames, radius, links));
   std::vector<closure::Claim> claims = claimsOf(rig, frames, poses, pairs);
   const std::vector<closure::Claim> more = claimsOf(rig, frames, poses, besides(frames, claims, pairs));
   claims.insert(claims.end(), more.begin(), more.end());
@@ -123,22 +119,12 @@ std::vector<slam::NavigationLink> recognisePlaces(const StereoRig& rig, const Fr
   const auto odometry = [&](int x, int y) {
     const auto from = static_cast<std::size_t>(x), to = static_cast<std::size_t>(y);
     const double sigma = kStepSigma + kDrift * std::abs(frames.way[to] - frames.way[from]);
-    Vector6d variance;
-    variance << Eigen::Vector3d::Constant(sigma * sigma), Eigen::Vector3d::Constant(kStepAngle * kStepAngle);
-    return closure::RelativePrior{poses[from].inverse() * poses[to], Matrix6d(variance.asDiagonal())};
+    return closure::RelativePrior{poses[from].inverse() * poses[to], covarianceOf(sigma, kStepAngle)};
   };
   closure::Agreement agreement;
   std::vector<slam::NavigationLink> found;
   for (const closure::Claim& claim : claims)
-    for (const closure::Claim& sure : agreement.add(claim, odometry)) {
-      slam::NavigationLink link;
-      link.a = static_cast<std::uint32_t>(sure.a);
-      link.b = static_cast<std::uint32_t>(sure.b);
-      link.T_a_b = sure.T_a_b;
-      link.covariance = sure.covariance;
-      link.inliers = sure.inliers;
-      found.push_back(link);
-    }
+    for (const closure::Claim& sure : agreement.add(claim, odometry)) found.push_back(linkOf(sure));
   return found;
 }
 

@@ -15,13 +15,14 @@ constexpr double kWideSigma = 0.5, kWideAngle = 0.6;    // [m], [rad]
 // view.
 constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
 
-Matrix6d covarianceOf(double position, double angle) {
-  Vector6d variance;
-  variance << Eigen::Vector3d::Constant(position * position), Eigen::Vector3d::Constant(angle * angle);
-  return variance.asDiagonal();
-}
-
 }  // namespace
+
+closure::RegistrationConfig stepRules() {
+  closure::RegistrationConfig rules;
+  rules.min_coverage = kStepCoverage;
+  rules.min_inlier_share = kStepShare;
+  return rules;
+}
 
 std::vector<slam::NavigationLink> visualOdometry(const StereoRig& rig, const Frames& frames) {
   std::vector<Attempt> steps, again;
@@ -34,10 +35,7 @@ std::vector<slam::NavigationLink> visualOdometry(const StereoRig& rig, const Fra
                                      covarianceOf(kStepSigma, kStepAngle)};
     steps.push_back(t);
   }
-  closure::RegistrationConfig close_by;
-  close_by.min_coverage = kStepCoverage;
-  close_by.min_inlier_share = kStepShare;
-  registerAll(rig, frames, close_by, steps, "odometry");
+  registerAll(rig, frames, stepRules(), steps, "odometry");
   for (const Attempt& t : steps)
     if (!t.accepted()) {
       again.push_back(t);

@@ -2,11 +2,15 @@
 
 #include <vector>
 
+#include "recon/closure/registration.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/slam/navigation_batch.hpp"
 #include "recon/topside/localise/feature_stage.hpp"
 
 namespace fathom::topside {
+
+// Of consecutive frames, looser than of closures: a ledge or a fish may fill most of the shared view.
+[[nodiscard]] closure::RegistrationConfig stepRules();
 
 // Visual odometry: links between consecutive frames, with dead reckoning as prior; where that is contradicted
 // (a compass that leapt, a DVL that lies or was silent), once more with a wide prior and the stricter rules

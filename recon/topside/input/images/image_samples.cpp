@@ -60,10 +60,7 @@ std::optional<io::ImageFile> readByGdal(const std::filesystem::path& path) {
     }
   }
   if (!good) return std::nullopt;
-  int bits = pixels.bits;
-  if (bits == 16)
-    for (const int fewer : {12, 10})
-      if (io::largestSample(pixels) >> fewer == 0) bits = fewer;
+  const int bits = io::usedBits(pixels);
   const PixelFormat format = pixels.channels == 3 ? PixelFormat::kRgb : PixelFormat::kMono;
   return io::imageFileOf(std::move(pixels), format, bits);
 }

@@ -11,7 +11,6 @@
 #include <set>
 #include <tuple>
 
-#include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/input/csv_columns.hpp"
 #include "recon/topside/input/images/name_times.hpp"
