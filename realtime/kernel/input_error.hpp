@@ -12,8 +12,8 @@ class InputError : public std::runtime_error {
  public:
   // `file`: path as the user gave it. `place`: line, byte, key or field ("" = the whole file).
   // `fix`: what is wrong and what to do about it.
-  // Line ends and other control characters in them, as a damaged file has them, become '?': it stays one
-  // line.
+  // Line ends, other control characters and bytes that are no UTF-8, as a damaged file has them, become '?':
+  // it stays one line, and a terminal unharmed.
   InputError(const std::string& file, const std::string& place, const std::string& fix);
 };
 
