@@ -1,6 +1,5 @@
 #include "recon/geometry/stereo_rig.hpp"
 
-#include <Eigen/Dense>
 #include <cmath>
 #include <fstream>
 #include <iomanip>
@@ -9,12 +8,13 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/nearest_rotation.hpp"
 
 namespace fathom {
 namespace {
 
 constexpr double kMaxImageSize = 65535;      // [px]
-constexpr double kRotationTolerance = 1e-3;  // of R^T R - I; real files carry six decimals
+constexpr double kLeftPoseTolerance = 1e-3;  // of the left camera's own rotation [rad] and translation [m]
 constexpr double kMaxBaseline = 100.0;       // [m]
 
 std::vector<double> readNumbers(const std::filesystem::path& path) {
@@ -74,13 +74,11 @@ Camera readCamera(Cursor& in, bool with_k3, SE3& T_cam_left) {
   if (with_k3) c.k3 = in.next();
   Eigen::Matrix3d r;
   for (int i = 0; i < 9; ++i) r(i / 3, i % 3) = in.next();
-  if ((r.transpose() * r - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() > kRotationTolerance ||
-      r.determinant() < 0)
-    in.fail("the nine numbers up to here are no rotation matrix");
+  const auto rotation = nearestRotation(r);
+  if (!rotation) in.fail("the nine numbers up to here are no rotation matrix");
   Eigen::Vector3d t;
   for (int i = 0; i < 3; ++i) t(i) = in.next();
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(r, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  T_cam_left = SE3(Eigen::Matrix3d(svd.matrixU() * svd.matrixV().transpose()), t);
+  T_cam_left = SE3(*rotation, t);
   return c;
 }
 
@@ -107,7 +105,7 @@ StereoRig readStereoCalib(const std::filesystem::path& path) {
   StereoRig rig;
   SE3 T_left_left;
   rig.left = readCamera(in, with_k3, T_left_left);
-  if (T_left_left.log().norm() > kRotationTolerance)
+  if (T_left_left.log().norm() > kLeftPoseTolerance)
     in.fail("the left camera must come first, with identity rotation and zero translation");
   rig.right = readCamera(in, with_k3, rig.T_right_left);
   if (!(rig.baseline() > 0 && rig.baseline() < kMaxBaseline))

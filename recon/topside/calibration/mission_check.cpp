@@ -165,7 +165,7 @@ Mission readMission(const MissionCheckOptions& options) {
   Mission m;
   // A rig that sees ranges a third too long must not lose its points.
   m.topside.stereo.max_range *= 1.5;
-  m.input = openMission(options.mission, {.calib = options.calib});
+  m.input = openMission(options.mission, {.calib = options.calib, .calib_unit = options.calib_unit});
   if (m.input.features_only)
     throw InputError(options.mission.string(), "features",
                      "a mission without images has none to check the calibration by; give one with img/");

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,8 +14,9 @@ namespace fathom::topside {
 
 struct MissionCheckOptions {
   std::filesystem::path mission;
-  std::filesystem::path calib;  // instead of the mission's own; empty: its own
-  std::size_t pairs = 200;      // looked at, in runs spread over the mission
+  std::filesystem::path calib;            // instead of the mission's own; empty: its own
+  std::optional<double> calib_unit = {};  // of its lengths [m], where it does not say
+  std::size_t pairs = 200;                // looked at, in runs spread over the mission
 };
 
 // What a mission's own images say about its rig.

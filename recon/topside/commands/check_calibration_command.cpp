@@ -5,6 +5,7 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/calibration/mission_check.hpp"
+#include "recon/topside/commands/calib_options.hpp"
 #include "recon/topside/commands/calibrate_command.hpp"
 #include "recon/topside/report/board_check_report.hpp"
 
@@ -14,6 +15,7 @@ namespace {
 struct CheckOptions {
   BoardOptions board;
   std::filesystem::path calib, out;
+  std::optional<double> calib_unit;
   std::size_t pairs = 200;
 };
 
@@ -25,11 +27,15 @@ void makeFolder(const std::filesystem::path& folder) {
 }
 
 int checkOnBoards(const CheckOptions& options) {
-  if (options.calib.empty()) throw InputError("--calib", "", "is missing; name the stereo.calib to check");
-  const StereoRig rig = readStereoCalib(options.calib);
+  if (options.calib.empty()) throw InputError("--calib", "", "is missing; name the calibration to check");
+  Calibration calibration = readCalibration(options.calib, options.calib_unit);
+  if (!calibration.about.empty()) std::printf("calibration: %s\n", calibration.about.c_str());
   const calibration::Chessboard board = parseBoard(options.board.size, options.board.square);
   if (!options.out.empty()) makeFolder(options.out);
   BoardImages images = findBoards(options.board.images, board);
+  StereoRig& rig = calibration.rig;
+  takeSizes(rig, options.calib, {images.left.width, images.left.height},
+            {images.right.width, images.right.height});
   for (const auto& [size, camera, side] :
        {std::tuple(images.left, rig.left, "left"), std::tuple(images.right, rig.right, "right")})
     if (size.width != camera.width || size.height != camera.height)
@@ -67,7 +73,7 @@ int checkOnMission(const CheckOptions& options) {
         "check-calibration", "",
         "wants one mission folder, or --board, --square and --calib with images of a chessboard");
   if (!options.out.empty()) makeFolder(options.out);
-  const MissionCheck check = checkMission({named[0], options.calib, options.pairs});
+  const MissionCheck check = checkMission({named[0], options.calib, options.calib_unit, options.pairs});
   const MissionVerdict verdict = judge(check);
   std::printf("%zu pairs, %zu matches, %zu places under the DVL, %zu steps\n", check.pairs, check.matches,
               check.range_samples.size(), check.mount.steps);
@@ -90,7 +96,7 @@ std::function<int()> addCheckCalibrationCommand(CLI::App& app, CLI::App*& comman
   command->add_option("images", options->board.images.images,
                       "with --board: image files or folders; else a mission folder");
   addBoardOptions(*command, options->board);
-  command->add_option("--calib", options->calib, "stereo.calib to check (a mission: its own)");
+  addCalibOptions(*command, options->calib, options->calib_unit, "to check (a mission: its own)");
   command->add_option("--out", options->out, "folder for the report: HTML, JSON, pictures");
   command->add_option("--pairs", options->pairs, "of a mission that are looked at, in runs spread over it")
       ->check(CLI::Range(1, 1000000))

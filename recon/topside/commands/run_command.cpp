@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "realtime/kernel/input_error.hpp"
+#include "recon/topside/commands/calib_options.hpp"
 #include "recon/topside/commands/sample_options.hpp"
 #include "recon/topside/pipeline.hpp"
 
@@ -45,7 +46,8 @@ void addOptions(CLI::App& command, Options& o) {
       ->check(CLI::IsMember({"jpeg", "webp", "ktx2", "dds"}));
   command.add_option("--mode", o.mode, "how images are blended")
       ->check(CLI::IsMember({"bands", "average", "unblended"}));
-  command.add_option("--calib", o.places.input.calib, "calibration, of a folder without mission.toml");
+  addCalibOptions(command, o.places.input.calib, o.places.input.calib_unit,
+                  "instead of the folder's own calibration");
   command.add_option("--poses", o.places.input.poses,
                      "stereo_pose_est.data: take poses from there instead of localising");
   StereoFileOptions& files = o.places.input.files;

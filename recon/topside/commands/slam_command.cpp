@@ -10,6 +10,7 @@
 #include "recon/closure/candidates.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/output_folder.hpp"
+#include "recon/topside/commands/calib_options.hpp"
 #include "recon/topside/config/thread_limit.hpp"
 #include "recon/topside/dive.hpp"
 #include "recon/topside/input/seed_plane.hpp"
@@ -27,11 +28,12 @@ constexpr std::array<std::string_view, 5> kOurs = {"stereo_pose_est.data", "vehi
 
 struct Options {
   std::filesystem::path mission, out, work, config;
+  InputOptions input;
 };
 
 void localiseInto(const Options& options, const TopsideConfig& config) {
   // Bad input leaves no folders behind.
-  MissionInput input = openMission(options.mission, {});
+  MissionInput input = openMission(options.mission, options.input);
   if (input.given_poses)
     throw InputError(options.mission.string(), "stereo_pose_est.data",
                      "gives the poses: there is nothing to localise");
@@ -97,6 +99,8 @@ std::function<int()> addSlamCommand(CLI::App& app, CLI::App*& command) {
   command->add_option("mission", options->mission, "mission folder")->required();
   command->add_option("--out", options->out, "folder for the results (MISSION/slam)");
   command->add_option("--work", options->work, "folder for the work, as run's (MISSION/topside.work)");
+  addCalibOptions(*command, options->input.calib, options->input.calib_unit,
+                  "instead of the folder's own calibration");
   command->add_option("--config", options->config, "TOML file; keys are in recon/topside/README.md");
   return [options] { return runSlam(*options); };
 }

@@ -1,5 +1,6 @@
 #include "recon/topside/commands/stereo_command.hpp"
 
+#include <array>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -11,6 +12,7 @@
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/seed_plane.hpp"
+#include "recon/topside/commands/calib_options.hpp"
 #include "recon/topside/commands/sample_options.hpp"
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/input/images/loose_pair.hpp"
@@ -22,7 +24,7 @@ namespace {
 
 struct Options {
   std::filesystem::path calib, left, right, out, points, picture, config;
-  std::optional<double> altitude;
+  std::optional<double> altitude, calib_unit;
   std::optional<int> features;
   std::string left_format = "auto", right_format = "auto";
   bool json = false, dense = false;
@@ -37,6 +39,20 @@ void requireFolder(const char* option, const std::filesystem::path& file) {
   if (file.has_parent_path() && !std::filesystem::is_directory(file.parent_path(), error))
     throw InputError(option, file.string(),
                      "lies in no folder; make " + file.parent_path().string() + " first");
+}
+
+// The rig; its image sizes from the images where the calibration gives none.
+StereoRig readRig(const Options& options) {
+  Calibration calibration = readCalibration(options.calib, options.calib_unit);
+  if (!calibration.about.empty()) std::fprintf(stderr, "calibration: %s\n", calibration.about.c_str());
+  StereoRig& rig = calibration.rig;
+  const auto sizeOf = [](const std::filesystem::path& path) -> std::array<int, 2> {
+    const ImageView view = readSamples(path, Samples::kAuto).view;
+    return {view.width, view.height};
+  };
+  if (rig.left.width == 0 || rig.right.width == 0)
+    takeSizes(rig, options.calib, sizeOf(options.left), sizeOf(options.right));
+  return rig;
 }
 
 // The plane of the seafloor where nobody gave an altitude. Throws std::runtime_error when there is none to be
@@ -58,7 +74,7 @@ int runStereo(const Options& options) {
   TopsideConfig config = options.config.empty() ? TopsideConfig{} : readTopsideConfig(options.config);
   if (options.features) config.stereo.max_features = *options.features;
   if (options.dense) config.dense_stereo = true;
-  const StereoRig rig = readStereoCalib(options.calib);
+  const StereoRig rig = readRig(options);
 
   PairReport report;
   report.method = "sparse";
@@ -116,7 +132,7 @@ std::function<int()> addStereoCommand(CLI::App& app, CLI::App*& command) {
       "depth.png");
   command->add_option("left", options->left, "left image: TIFF, PNG or JPEG")->required();
   command->add_option("right", options->right, "right image")->required();
-  command->add_option("--calib", options->calib, "stereo.calib of the rig")->required();
+  addCalibOptions(*command, options->calib, options->calib_unit, "stereo calibration of the rig")->required();
   command
       ->add_option("--altitude", options->altitude,
                    "of the left camera over the seafloor [m]; without it, it is searched for")

@@ -1,12 +1,14 @@
 #include "recon/topside/input/mission_input.hpp"
 
 #include <algorithm>
+#include <cstdio>
 #include <set>
 #include <variant>
 
 #include "firmware_if/files/feature_file.hpp"
 #include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "recon/topside/input/calibration/calibration.hpp"
 
 namespace fathom::topside {
 namespace fs = std::filesystem;
@@ -28,22 +30,11 @@ fs::path folderHolding(const fs::path& root, const std::string& image) {
                                  : "lies in several folders; give one of them, or link them into img/");
 }
 
-fs::path calibIn(const fs::path& root) {
-  if (fs::exists(root / "stereo.calib")) return {};
-  std::set<fs::path> found;
-  std::error_code error;
-  for (const auto& entry : fs::directory_iterator(root, error))
-    if (entry.path().extension() == ".calib") found.insert(entry.path());
-  if (found.size() == 1) return *found.begin();
-  throw InputError(root.string(), "stereo.calib",
-                   found.empty() ? "no stereo calibration; give one with --calib"
-                                 : "several calibrations; name one with --calib");
-}
-
-// A camera's images: the format and the bits that hold all of some of them.
+// A camera's images: the format and the bits that hold all of some of them, and the size of the first.
 struct Probed {
   PixelFormat format = PixelFormat::kMono;
   int bits = 8;
+  std::array<int, 2> size{0, 0};  // width, height [px]
 };
 
 Probed probe(const fs::path& folder, const std::vector<std::string>& names, Samples samples) {
@@ -55,6 +46,7 @@ Probed probe(const fs::path& folder, const std::vector<std::string>& names, Samp
       const ImageView view = readSamples(folder / names[k], samples).view;
       out.bits = std::max(out.bits, view.bits);
       if (first || view.format == PixelFormat::kRgb) out.format = view.format;
+      if (first) out.size = {view.width, view.height};
       first = false;
     } catch (const InputError&) {  // counted where it is used
     }
@@ -118,6 +110,7 @@ void assumeMission(MissionInput& in, const InputOptions& options) {
     for (const std::size_t side : {0U, 1U}) names[side].push_back(pair[side]);
   const Probed left = probe(in.paths.images(), names[0], in.samples[0]),
                right = probe(in.paths.images(), names[1], in.samples[1]);
+  if (!in.features_only) takeSizes(in.rig, in.paths.calib(), left.size, right.size);
   m.cameras.left_format = left.format;
   m.cameras.right_format = right.format;
   m.cameras.bits = std::max(left.bits, right.bits);
@@ -213,9 +206,15 @@ MissionInput openMission(const fs::path& folder, const InputOptions& options) {
   // A log of this project's without its mission.toml is a damaged mission, and nothing to guess about.
   if (in.described || fs::exists(in.paths.log())) in.mission = io::readMissionConfig(folder);
   in.features_only = io::isFeatureMission(in.paths);
-  in.paths.calib_elsewhere = options.calib.empty() && !in.described ? calibIn(folder) : options.calib;
-  in.rig = readStereoCalib(in.paths.calib());
+  in.paths.calib_elsewhere = options.calib.empty() && !in.described ? findCalibration(folder) : options.calib;
+  const Calibration calibration = readCalibration(in.paths.calib(), options.calib_unit);
+  in.rig = calibration.rig;
+  if (!calibration.about.empty()) {
+    in.assumed.push_back("calibration: " + calibration.about);
+    std::fprintf(stderr, "%s\n", in.assumed.back().c_str());
+  }
   if (!in.described) assumeMission(in, options);
+  takeSizes(in.rig, in.paths.calib(), {0, 0}, {0, 0});
 
   Hasher hasher;
   digestFile(hasher, folder / "mission.toml");

@@ -16,7 +16,8 @@
 namespace fathom::topside {
 
 struct InputOptions {
-  std::filesystem::path calib = {};  // instead of the folder's own
+  std::filesystem::path calib = {};       // instead of the folder's own, in any form of readCalibration()
+  std::optional<double> calib_unit = {};  // of its lengths [m], where it does not say
   std::filesystem::path poses = {};  // stereo_pose_est.data: poses are taken from there, nothing is localised
   bool verify = false;               // images are told apart by content, not by name, size and time of change
   // Of a folder without mission.toml.
@@ -54,6 +55,7 @@ struct MissionInput {
 void addRig(Hasher& hasher, const MissionInput& input);
 void addPose(Hasher& hasher, const SE3& pose);
 
+// Says on stderr what calibration it reads, where that is no stereo.calib.
 // Throws InputError for a folder without images or features, without calibration, or without mission.toml,
 // poses and RAW.auv.
 [[nodiscard]] MissionInput openMission(const std::filesystem::path& folder, const InputOptions& options);

@@ -1,0 +1,402 @@
+#include "tests/topside/calibration_files.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "recon/topside/input/calibration/calibration.hpp"
+#include "recon/topside/input/calibration/calibration_tree.hpp"
+#include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
+
+namespace fathom::topside {
+namespace {
+
+using test::replaced, testing::AllOf, testing::HasSubstr;
+using Json = nlohmann::ordered_json;
+
+constexpr double kMost = 1e-12;  // of relative error: all formats carry 17 digits
+
+class CalibrationFiles : public testing::Test {
+ protected:
+  std::filesystem::path write(const std::string& name, const std::string& text) {
+    test::writeText(folder_.path() / name, text);
+    return folder_.path() / name;
+  }
+  [[nodiscard]] std::filesystem::path at(const char* name) const { return folder_.path() / name; }
+  static void expectRig(const StereoRig& rig, const StereoRig& expected) {
+    for (const auto& [read, truth] :
+         {std::pair(&rig.left, &expected.left), std::pair(&rig.right, &expected.right)}) {
+      EXPECT_EQ(read->width, truth->width);
+      EXPECT_EQ(read->height, truth->height);
+      for (const auto number : {&Camera::fx, &Camera::fy, &Camera::cx, &Camera::cy, &Camera::k1, &Camera::k2,
+                                &Camera::p1, &Camera::p2, &Camera::k3})
+        EXPECT_NEAR(read->*number, truth->*number, kMost * std::abs(truth->*number));
+    }
+    EXPECT_LT((rig.T_right_left.inverse() * expected.T_right_left).log().norm(), kMost);
+  }
+  // Reads the file and compares all parameters.
+  static std::string readsAs(const std::filesystem::path& path, const StereoRig& expected,
+                             std::optional<double> unit = {}) {
+    const Calibration read = readCalibration(path, unit);
+    expectRig(read.rig, expected);
+    return read.about;
+  }
+  static std::string refusal(const std::filesystem::path& path) {
+    return test::refusal([&] { (void)readCalibration(path); });
+  }
+  std::string refusal(const std::string& name, const std::string& text) { return refusal(write(name, text)); }
+  std::string refusalOfFolder() {
+    return test::refusal([&] { (void)findCalibration(folder_.path()); });
+  }
+
+  test::TemporaryFolder folder_;
+  StereoRig rig_ = test::divingRig();
+};
+
+StereoRig withoutK3(StereoRig rig) {
+  rig.left.k3 = rig.right.k3 = 0;
+  return rig;
+}
+
+TEST_F(CalibrationFiles, AStereoCalibIsReadAsEver) {
+  writeStereoCalib(at("a.txt"), rig_);
+  EXPECT_EQ(readsAs(at("a.txt"), rig_), "");
+  EXPECT_THAT(refusal("s.calib", "2 1360 fish"), HasSubstr("number 3"));
+  EXPECT_THAT(test::refusal([&] { (void)readCalibration(at("a.txt"), 0.001); }), HasSubstr("in metres"));
+}
+
+TEST_F(CalibrationFiles, OpenCvWritesThreeForms) {
+  for (const char* name : {"stereo.yml", "stereo.yaml", "stereo.xml", "stereo.json"}) {
+    test::writeOpenCv(at(name), rig_);
+    EXPECT_EQ(readsAs(at(name), rig_),
+              "OpenCV " + std::string(name) + " (left K1, right K2), baseline 0.305 m");
+    // The content counts, not the name.
+    std::filesystem::rename(at(name), at("renamed"));
+    readsAs(at("renamed"), rig_);
+  }
+}
+
+TEST_F(CalibrationFiles, OpenCvsSampleWritesTwoFilesWithoutASize) {
+  StereoRig expected = rig_;
+  expected.left.width = expected.left.height = expected.right.width = expected.right.height = 0;
+  test::writeOpenCvPair(at("intrinsics.yml"), at("extrinsics.yml"), rig_);
+  EXPECT_EQ(readsAs(at("intrinsics.yml"), expected),
+            "OpenCV intrinsics.yml and extrinsics.yml (left M1, right M2), baseline 0.305 m");
+  EXPECT_EQ(readsAs(at("extrinsics.yml"), expected),
+            "OpenCV extrinsics.yml and intrinsics.yml (left M1, right M2), baseline 0.305 m");
+  EXPECT_EQ(findCalibration(folder_.path()), at("extrinsics.yml"));
+
+  StereoRig read = readCalibration(at("intrinsics.yml")).rig;
+  const auto take = [&](std::array<int, 2> left, std::array<int, 2> right) {
+    return test::refusal([&] { takeSizes(read, at("intrinsics.yml"), left, right); });
+  };
+  EXPECT_THAT(take({0, 0}, {0, 0}), HasSubstr("gives no image size"));
+  EXPECT_THAT(take({640, 480}, {640, 480}), AllOf(HasSubstr("692.3 498.1"), HasSubstr("640 x 480")));
+  read = readCalibration(at("intrinsics.yml")).rig;
+  EXPECT_EQ(take({1360, 1024}, {1280, 1024}), "");
+  expectRig(read, rig_);
+  EXPECT_EQ(take({1, 1}, {1, 1}), "");  // what is known stays
+
+  std::filesystem::remove(at("extrinsics.yml"));
+  EXPECT_THAT(refusal(at("intrinsics.yml")), HasSubstr("no R and T"));
+  test::writeOpenCvPair(at("intrinsics.yml"), at("extrinsics.yml"), rig_);
+  std::filesystem::remove(at("intrinsics.yml"));
+  EXPECT_THAT(refusal(at("extrinsics.yml")), HasSubstr("no pair of camera matrices"));
+}
+
+TEST_F(CalibrationFiles, PeopleWriteOpenCvsNamesInManyWays) {
+  const Json k{{1700, 0, 690}, {0, 1701, 500}, {0, 0, 1}}, d{0.1, 0.2, 0.01, 0.02};
+  const Json r{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, t{-0.2, 0, 0};
+  const Camera camera{1360, 1024, 1700, 1701, 690, 500, 0.1, 0.2, 0.01, 0.02, 0};
+  const StereoRig expected{camera, camera, SE3(Eigen::Quaterniond::Identity(), {-0.2, 0, 0})};
+  const std::vector<Json> files{{{"cameraMatrix1", k},
+                                 {"distCoeffs1", d},
+                                 {"cameraMatrix2", k},
+                                 {"distCoeffs2", d},
+                                 {"R", r},
+                                 {"T", t},
+                                 {"imageSize", {1360, 1024}}},
+                                {{"camera_matrix_left", k},
+                                 {"dist_coeffs_left", d},
+                                 {"camera_matrix_right", k},
+                                 {"dist_coeffs_right", {d}},
+                                 {"rotation_matrix", r},
+                                 {"translation_vector", {{-0.2}, {0}, {0}}},
+                                 {"image_width", 1360},
+                                 {"image_height", 1024}},
+                                {{"LEFT.K", k},
+                                 {"LEFT.D", d},
+                                 {"RIGHT.K", k},
+                                 {"RIGHT.D", d},
+                                 {"r", {0, 0, 0}},
+                                 {"t", t},
+                                 {"LEFT.width", 1360},
+                                 {"LEFT.height", 1024},
+                                 {"RIGHT.width", 1360},
+                                 {"RIGHT.height", 1024}},
+                                {{"left", {{"K", k}, {"D", d}, {"image_size", {1360, 1024}}}},
+                                 {"right", {{"K", k}, {"D", d}, {"image_size", {1360, 1024}}}},
+                                 {"stereo", {{"R", r}, {"T", t}}}},
+                                {{"K1", k},
+                                 {"k1", 0.1},
+                                 {"D1", d},
+                                 {"K2", k},
+                                 {"k2", 0.2},
+                                 {"D2", d},
+                                 {"om", {0, 0, 0}},
+                                 {"T", t},
+                                 {"size", {1360, 1024}}}};
+  for (const Json& file : files) readsAs(write("any", file.dump()), expected);
+}
+
+TEST_F(CalibrationFiles, ARotationVectorTurnsAsOpenCvsDoes) {
+  test::writeOpenCv(at("s.json"), rig_);
+  Json file = Json::parse(test::readText(at("s.json")));
+  const Vector6d turn = SE3(rig_.T_right_left.rotation(), Eigen::Vector3d::Zero()).log();
+  file["R"] = {turn(3), turn(4), turn(5)};
+  readsAs(write("s.json", file.dump()), rig_);
+  file["R"] = {30, 0, 0};
+  EXPECT_THAT(refusal("s.json", file.dump()), HasSubstr("no rotation vector"));
+}
+
+TEST_F(CalibrationFiles, MillimetresAreNotGuessedButTakenWhenSaid) {
+  test::writeOpenCv(at("mm.yml"), rig_, 0.001);
+  EXPECT_THAT(refusal(at("mm.yml")), AllOf(HasSubstr("305."), HasSubstr("--calib-unit mm")));
+  readsAs(at("mm.yml"), rig_, 0.001);
+}
+
+TEST_F(CalibrationFiles, OpenCvsOtherLensesAndNonsenseAreRefused) {
+  test::writeOpenCv(at("s.json"), rig_);
+  const Json good = Json::parse(test::readText(at("s.json")));
+  const auto with = [&](const char* key, const Json& value) {
+    Json file = good;
+    file[key] = value;
+    return refusal("bad.json", file.dump());
+  };
+  EXPECT_EQ(with("anything", 3), "");
+  EXPECT_THAT(with("D1", {0, 0, 0, 0, 0, 0.1, 0, 0}), HasSubstr("D1: has coefficients of the rational"));
+  EXPECT_EQ(with("D1", {0, 0, 0, 0, 0, 0, 0, 0}), "");
+  EXPECT_THAT(with("D1", {0, 0, 0}), HasSubstr("D1: holds 3 distortion coefficients"));
+  EXPECT_THAT(with("D1", {0, 0, 0, nullptr}), HasSubstr("D1: holds something else"));
+  EXPECT_THAT(with("D1", {0, 0, 0, 1e300}), HasSubstr("D1"));
+  EXPECT_THAT(with("D1", "none"), HasSubstr("gives no distortion"));
+  EXPECT_THAT(with("distortion_model", "fisheye"), HasSubstr("'fisheye'"));
+  EXPECT_EQ(with("distortion_model", "plumb_bob"), "");
+  EXPECT_THAT(with("K1", {1700, 3, 690, 0, 1700, 500, 0, 0, 1}), HasSubstr("K1: has a skew"));
+  EXPECT_THAT(with("K1", {1700, 0, 690, 0, 1700, 500, 0, 0, 2}), HasSubstr("K1"));
+  EXPECT_THAT(with("K1", {-1700, 0, 690, 0, 1700, 500, 0, 0, 1}), HasSubstr("focal length"));
+  EXPECT_THAT(with("K1", {1e9, 0, 690, 0, 1700, 500, 0, 0, 1}), HasSubstr("focal length"));
+  EXPECT_THAT(with("K1", {1700, 0, 1e9, 0, 1700, 500, 0, 0, 1}), HasSubstr("principal point"));
+  EXPECT_THAT(with("K1", {1700, 0, 1400, 0, 1700, 500, 0, 0, 1}), HasSubstr("principal point"));
+  EXPECT_THAT(with("K1", {1700, 0, 690, 0, 1700, 500, 0, 0}), HasSubstr("K1: holds 8 numbers, not 9"));
+  EXPECT_THAT(with("R", {1, 0, 0, 0, 1, 0, 0, 0, -1}), HasSubstr("R: is no rotation matrix"));
+  EXPECT_THAT(with("R", {2, 0, 0, 0, 2, 0, 0, 0, 2}), HasSubstr("R: is no rotation matrix"));
+  EXPECT_THAT(with("R", {1, 0, 0, 1}), HasSubstr("R: holds neither"));
+  EXPECT_THAT(with("T", {-0.2, 0, 0, 0}), HasSubstr("T: holds 4 numbers, not 3"));
+  EXPECT_THAT(with("T", {0, 0, 0}), HasSubstr("baseline is zero"));
+  EXPECT_THAT(with("imageSize1", {1360.5, 1024}), HasSubstr("image size"));
+  EXPECT_THAT(with("imageSize1", {1e9, 1024}), HasSubstr("image size"));
+  EXPECT_THAT(with("K3", good["K1"]), HasSubstr("holds the cameras 1, 2, 3"));
+}
+
+TEST_F(CalibrationFiles, KalibrsCamchainIsRead) {
+  const StereoRig rig = withoutK3(rig_);
+  const std::string good = test::kalibrText(rig);
+  EXPECT_EQ(readsAs(write("camchain.yaml", good), rig),
+            "Kalibr camchain.yaml (left cam0, right cam1), baseline 0.305 m");
+  StereoRig straight = rig;
+  straight.left.k1 = straight.left.k2 = straight.left.p1 = straight.left.p2 = 0;
+  const std::string coefficients = "distortion_coeffs: [0, 0, 0, 0]\n  distortion_model: ";
+  const std::string none = test::kalibrText(straight);
+  ASSERT_THAT(none, HasSubstr(coefficients + "radtan"));
+  readsAs(write("none.yaml", replaced(none, coefficients + "radtan", "distortion_model: none")), straight);
+}
+
+TEST_F(CalibrationFiles, KalibrsOtherModelsAndNonsenseAreRefused) {
+  const std::string good = test::kalibrText(rig_);
+  const auto with = [&](const std::string& from, const std::string& to) {
+    return refusal("camchain.yaml", replaced(good, from, to));
+  };
+  EXPECT_THAT(with("radtan", "equidistant"), HasSubstr("cam0.distortion_model: 'equidistant' is not known"));
+  EXPECT_THAT(with("pinhole", "omni"), HasSubstr("cam0.camera_model: 'omni' is not known"));
+  EXPECT_THAT(with("T_cn_cnm1", "T_cam_imu"), HasSubstr("cam1.T_cn_cnm1: is missing"));
+  EXPECT_THAT(with("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 1.0]"), HasSubstr("holds 15 numbers, not 16"));
+  EXPECT_THAT(with("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0, .nan]"), HasSubstr("16 finite numbers"));
+  EXPECT_THAT(with("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0, 2.0]"), HasSubstr("last row"));
+  EXPECT_THAT(with("resolution: [1360, 1024]", "resolution: [1360]"), HasSubstr("cam0.resolution"));
+  EXPECT_THAT(with("cam1:", "camera:"), HasSubstr("holds the cameras cam0;"));
+  EXPECT_THAT(refusal("c.yaml", good + "cam2: {camera_model: pinhole}\n"), HasSubstr("cam0, cam1, cam2"));
+  EXPECT_THAT(with("cam_overlaps: [1]", "cam_overlaps: [1"), AllOf(HasSubstr("line "), HasSubstr("YAML")));
+  EXPECT_THAT(with("cam_overlaps: [1]", "cam_overlaps: *a"), HasSubstr("references"));
+  EXPECT_THAT(refusal("deep.yaml", "cam0: " + std::string(1000, '[')), HasSubstr("nested too deeply"));
+}
+
+TEST_F(CalibrationFiles, ColmapsRigIsReadFromAnyOfItsFiles) {
+  write("cameras.txt", test::colmapCameras(rig_));
+  write("rigs.txt", test::colmapRigs(rig_));
+  const std::string about =
+      "COLMAP cameras.txt and rigs.txt (left camera 7, right camera 3), baseline 0.305 m";
+  EXPECT_EQ(readsAs(at("cameras.txt"), rig_), about);
+  EXPECT_EQ(readsAs(at("rigs.txt"), rig_), about);
+  EXPECT_EQ(findCalibration(folder_.path()), at("cameras.txt"));
+  std::filesystem::remove(at("rigs.txt"));
+  EXPECT_THAT(refusal(at("cameras.txt")), HasSubstr("rigs.txt or rig_config.json"));
+  write("rig_config.json", test::colmapRigConfig(rig_).dump());
+  EXPECT_THAT(readsAs(at("cameras.txt"), rig_), HasSubstr("rig_config.json (left camera 7"));
+  readsAs(at("rig_config.json"), rig_);
+  std::filesystem::remove(at("cameras.txt"));
+  EXPECT_THAT(refusal(at("rig_config.json")), HasSubstr("cameras.txt"));
+}
+
+TEST_F(CalibrationFiles, ColmapsRigConfigMayHoldTheLenses) {
+  Json config = test::colmapRigConfig(rig_);
+  config[0].erase("ref_camera_id");
+  Json& cameras = config[0]["cameras"];
+  const std::array both{&rig_.right, &rig_.left};
+  for (const std::size_t k : {0U, 1U}) {
+    const Camera& c = *both[k];
+    cameras[k].erase("camera_id");
+    cameras[k]["camera_model_name"] = "OPENCV";
+    cameras[k]["camera_params"] = {c.fx, c.fy, c.cx + 0.5, c.cy + 0.5, c.k1, c.k2, c.p1, c.p2};
+  }
+  cameras[1]["ref_sensor"] = true;
+  StereoRig expected = withoutK3(rig_);
+  expected.left.width = expected.left.height = expected.right.width = expected.right.height = 0;
+  EXPECT_EQ(readsAs(write("rig_config.json", config.dump()), expected),
+            "COLMAP rig_config.json (left camera 2, right camera 1), baseline 0.305 m");
+  cameras[0].erase("cam_from_rig_rotation");
+  EXPECT_THAT(refusal("rig_config.json", config.dump()), HasSubstr("no pose of camera 1"));
+}
+
+TEST_F(CalibrationFiles, ColmapsModelsHaveTheirParametersInOrder) {
+  write("rigs.txt", "1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 -0.2 0 0\n");
+  const auto left = [&](const std::string& model) {
+    write("cameras.txt", "1 " + model + "\n2 PINHOLE 64 48 50 51 32 24\n");
+    return readCalibration(at("cameras.txt")).rig.left;
+  };
+  const auto values = [](const Camera& c) {
+    return std::vector<double>{c.fx, c.fy, c.cx, c.cy, c.k1, c.k2, c.p1, c.p2, c.k3};
+  };
+  using testing::ElementsAre;
+  EXPECT_THAT(values(left("SIMPLE_PINHOLE 64 48 50 32 24")), ElementsAre(50, 50, 31.5, 23.5, 0, 0, 0, 0, 0));
+  EXPECT_THAT(values(left("PINHOLE 64 48 50 51 32 24")), ElementsAre(50, 51, 31.5, 23.5, 0, 0, 0, 0, 0));
+  EXPECT_THAT(values(left("SIMPLE_RADIAL 64 48 50 32 24 .1")),
+              ElementsAre(50, 50, 31.5, 23.5, .1, 0, 0, 0, 0));
+  EXPECT_THAT(values(left("RADIAL 64 48 50 32 24 .1 .2")), ElementsAre(50, 50, 31.5, 23.5, .1, .2, 0, 0, 0));
+  EXPECT_THAT(values(left("OPENCV 64 48 50 51 32 24 .1 .2 .3 .4")),
+              ElementsAre(50, 51, 31.5, 23.5, .1, .2, .3, .4, 0));
+  EXPECT_THAT(values(left("FULL_OPENCV 64 48 50 51 32 24 .1 .2 .3 .4 .5 0 0 0")),
+              ElementsAre(50, 51, 31.5, 23.5, .1, .2, .3, .4, .5));
+}
+
+TEST_F(CalibrationFiles, ColmapsOtherModelsAndNonsenseAreRefused) {
+  write("rigs.txt", "1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 -0.2 0 0\n");
+  const auto cameras = [&](const std::string& left) {
+    return refusal("cameras.txt", "1 " + left + "\n2 PINHOLE 64 48 50 51 32 24\n");
+  };
+  EXPECT_EQ(cameras("PINHOLE 64 48 50 51 32 24"), "");
+  EXPECT_THAT(cameras("OPENCV_FISHEYE 64 48 50 51 32 24 0 0 0 0"),
+              HasSubstr("'OPENCV_FISHEYE' is not known"));
+  EXPECT_THAT(cameras("FULL_OPENCV 64 48 50 51 32 24 0 0 0 0 0 0.1 0 0"), HasSubstr("rational"));
+  EXPECT_THAT(cameras("PINHOLE 64 48 50 51 32"), HasSubstr("line 1: PINHOLE has 4 parameters, not 3"));
+  EXPECT_THAT(cameras("PINHOLE 64 48 50 51 32 nan"), HasSubstr("'nan' is no number"));
+  EXPECT_THAT(cameras("PINHOLE 64 -48 50 51 32 24"), HasSubstr("image size"));
+  EXPECT_EQ(cameras("PINHOLE 64 48 50 51 32 24"), "");
+  const auto rigs = [&](const std::string& text) { return refusal("rigs.txt", text); };
+  EXPECT_THAT(rigs("1 1 CAMERA 1\n2 1 CAMERA 2\n"), HasSubstr("it holds rig 1 with 1; rig 2 with 2"));
+  EXPECT_THAT(rigs("1 3 CAMERA 1 CAMERA 2 0 CAMERA 3 0\n"), HasSubstr("it holds rig 1 with 1 2 3"));
+  EXPECT_THAT(rigs("1 2 CAMERA 1 CAMERA 2 0\n"), HasSubstr("no pose of camera 2"));
+  EXPECT_THAT(rigs("1 2 CAMERA 1 CAMERA 5 1 1 0 0 0 1 0 0\n"), HasSubstr("no camera 5"));
+  EXPECT_THAT(rigs("1 2 CAMERA 1 CAMERA 2 1 1 1 0 0 1 0 0\n"), HasSubstr("quaternion"));
+  EXPECT_THAT(rigs("1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 1 0\n"), HasSubstr("line 1: ends after 13 values"));
+  EXPECT_THAT(rigs("1 1e300 CAMERA 1 CAMERA 2 1 1 0 0 0 1 0 0\n"), HasSubstr("line 1"));
+  EXPECT_THAT(rigs("1 0 CAMERA 1\n"), HasSubstr("line 1"));
+}
+
+TEST_F(CalibrationFiles, MatlabsStereoParametersAreReadOldAndNew) {
+  const std::string about = "(left camera 1, right camera 2), baseline 0.305 m";
+  EXPECT_EQ(readsAs(write("old.json", test::matlabStruct(rig_).dump()), rig_), "MATLAB old.json " + about);
+  Json object = test::matlabObject(rig_);
+  EXPECT_EQ(readsAs(write("new.json", object.dump()), rig_), "MATLAB new.json " + about);
+  // rigidtform3d's matrix, and a rigid3d, whose rotation is of rows.
+  Json& pose = object["PoseCamera2"];
+  const Json rows = test::matlabStruct(rig_)["RotationOfCamera2"], r = pose["R"], t = pose["Translation"];
+  pose["A"] = {{r[0][0], r[0][1], r[0][2], t[0]},
+               {r[1][0], r[1][1], r[1][2], t[1]},
+               {r[2][0], r[2][1], r[2][2], t[2]},
+               {0, 0, 0, 1}};
+  pose.erase("R");
+  readsAs(write("a.json", object.dump()), rig_);
+  pose = {{"Rotation", rows}, {"Translation", t}};
+  readsAs(write("rigid3d.json", object.dump()), rig_);
+}
+
+TEST_F(CalibrationFiles, WhatMatlabLeavesOpenOrGetsWrongIsRefused) {
+  const Json good = test::matlabStruct(rig_);
+  const auto with = [&](const std::function<void(Json&)>& change) {
+    Json file = good;
+    change(file);
+    return refusal("m.json", file.dump());
+  };
+  EXPECT_EQ(with([](Json&) {}), "");
+  EXPECT_THAT(with([](Json& f) { f["CameraParameters1"]["WorldUnits"] = "furlongs"; }),
+              HasSubstr("'furlongs'"));
+  EXPECT_THAT(with([](Json& f) { f["CameraParameters1"].erase("WorldUnits"); }), HasSubstr("--calib-unit"));
+  EXPECT_THAT(with([](Json& f) { f["CameraParameters2"].erase("IntrinsicMatrix"); }),
+              HasSubstr("CameraParameters2.K: is missing"));
+  EXPECT_THAT(
+      with([&](Json& f) { f["CameraParameters2"]["K"] = good["CameraParameters2"]["IntrinsicMatrix"]; }),
+      HasSubstr("CameraParameters2.K: is not fx 0 cx"));
+  EXPECT_THAT(with([](Json& f) { f["CameraParameters2"]["IntrinsicMatrix"][1][0] = 0.5; }),
+              HasSubstr("skew"));
+  EXPECT_THAT(with([](Json& f) {
+                f["CameraParameters2"]["RadialDistortion"] = {0, nullptr};
+              }),
+              HasSubstr("RadialDistortion"));
+  EXPECT_THAT(with([](Json& f) { f["RotationOfCamera2"][0][0] = 3; }), HasSubstr("RotationOfCamera2"));
+  EXPECT_THAT(with([](Json& f) { f.erase("TranslationOfCamera2"); }), HasSubstr("PoseCamera2"));
+  EXPECT_THAT(with([](Json& f) { f["PoseCamera2"] = 3; }), HasSubstr("PoseCamera2"));
+}
+
+TEST_F(CalibrationFiles, WhatIsNoCalibrationIsNamedInOneCleanLine) {
+  const std::string binary("II*\0\x08\x1b[2J", 9);
+  EXPECT_THAT(refusal("image.tif", binary), HasSubstr("image.tif: is no text"));
+  EXPECT_THAT(refusal("empty", " \n"), HasSubstr("is empty"));
+  EXPECT_THAT(refusal(folder_.path()), HasSubstr("is no file"));
+  EXPECT_THAT(refusal(at("absent.yml")), HasSubstr("absent.yml: is no file"));
+  EXPECT_THAT(refusal("letter.txt", "Dear diver"), HasSubstr("no stereo calibration that is known"));
+  EXPECT_THAT(refusal("a.json", "{\"K1\": "), HasSubstr("cannot be parsed as JSON"));
+  EXPECT_THAT(refusal("a.xml", "<a><b></a>"), HasSubstr("cannot be parsed as XML"));
+  EXPECT_THAT(refusal("a.json", std::string(100, '[')), HasSubstr("nested too deeply"));
+  std::string deep;
+  for (int k = 0; k < 100; ++k) deep += "<a>";
+  for (int k = 0; k < 100; ++k) deep += "</a>";
+  EXPECT_THAT(refusal("a.xml", deep), HasSubstr("nested too deeply"));
+  EXPECT_EQ(refusal("x.yml", "\x1b[2J: [").find('\x1b'), std::string::npos);
+}
+
+TEST_F(CalibrationFiles, AFoldersOneCalibrationIsFound) {
+  EXPECT_THAT(refusalOfFolder(), HasSubstr("no stereo calibration; give one with --calib"));
+  write("notes.json", "{\"camera\": {\"K1\": 3}}");
+  write("broken.yaml", "a: [");
+  write("settings.yml", "%YAML:1.0\nimage_width: 3\n");
+  write("report.xml", "<PAMDataset/>");
+  write("readme.txt", test::colmapCameras(rig_));
+  EXPECT_THAT(refusalOfFolder(), HasSubstr("no stereo calibration"));
+  write("camchain.yaml", test::kalibrText(rig_));
+  EXPECT_EQ(findCalibration(folder_.path()), at("camchain.yaml"));
+  test::writeOpenCv(at("stereo.xml"), rig_);
+  EXPECT_THAT(refusalOfFolder(), HasSubstr("several calibrations (camchain.yaml, stereo.xml); name one"));
+  writeStereoCalib(at("stereo.calib"), rig_);
+  EXPECT_EQ(findCalibration(folder_.path()), at("stereo.calib"));
+}
+
+TEST_F(CalibrationFiles, ARightCameraOnTheLeftIsSaid) {
+  StereoRig crossed = withoutK3(rig_);
+  crossed.T_right_left = crossed.T_right_left.inverse();
+  EXPECT_THAT(readsAs(write("c.yaml", test::kalibrText(crossed)), crossed),
+              HasSubstr("the right camera to the left of the left one"));
+}
+
+}  // namespace
+}  // namespace fathom::topside

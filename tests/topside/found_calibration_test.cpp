@@ -1,0 +1,81 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "recon/topside/input/mission_input.hpp"
+#include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
+
+namespace fathom::topside {
+namespace {
+
+using test::replaced, testing::Contains, testing::HasSubstr;
+
+// OpenCV's names, in millimetres, without the size of the images.
+const std::string kCalibration = R"({"K1": [[70, 0, 31], [0, 70, 23], [0, 0, 1]], "D1": [0.1, 0, 0, 0],
+ "K2": [[71, 0, 30], [0, 71, 22], [0, 0, 1]], "D2": [0.1, 0, 0, 0],
+ "R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "T": [-200, 0, 0]})";
+
+// A folder of one pair, left 64 x 48 and right 60 x 44, with a calibration that is found there.
+class FoundCalibration : public testing::Test {
+ protected:
+  void SetUp() override {
+    writeImage("left/1.pgm", 64, 48);
+    writeImage("right/1.pgm", 60, 44);
+    test::writeText(calib_, kCalibration);
+  }
+  void writeImage(const char* name, int width, int height) {
+    test::writeText(folder_.path() / name, "P5 " + std::to_string(width) + " " + std::to_string(height) +
+                                               " 255\n" +
+                                               std::string(static_cast<std::size_t>(width * height), 'a'));
+  }
+  [[nodiscard]] MissionInput open() const { return openMission(folder_.path(), options_); }
+  [[nodiscard]] std::string refusal() const {
+    return test::refusal([&] { (void)open(); });
+  }
+  [[nodiscard]] Digest rigKey() const {
+    Hasher hasher;
+    addRig(hasher, open());
+    return hasher.finish();
+  }
+
+  test::TemporaryFolder folder_;
+  std::filesystem::path calib_ = folder_.path() / "rig.json";
+  InputOptions options_{.calib_unit = 0.001};
+};
+
+TEST_F(FoundCalibration, IsSaidAndTakesTheImagesSizes) {
+  const MissionInput input = open();
+  EXPECT_EQ(input.rig.left.width, 64);
+  EXPECT_EQ(input.rig.left.height, 48);
+  EXPECT_EQ(input.rig.right.width, 60);
+  EXPECT_EQ(input.rig.right.height, 44);
+  EXPECT_NEAR(input.rig.baseline(), 0.2, 1e-15);
+  EXPECT_THAT(input.assumed, Contains("calibration: OpenCV rig.json (left K1, right K2), baseline 0.200 m"));
+}
+
+TEST_F(FoundCalibration, OfOtherImagesIsRefused) {
+  writeImage("left/1.pgm", 32, 20);
+  EXPECT_THAT(refusal(), HasSubstr("rig.json: left: the principal point 31.0 23.0 lies outside"));
+  options_.calib_unit.reset();
+  EXPECT_THAT(refusal(), HasSubstr("--calib-unit mm"));
+}
+
+TEST_F(FoundCalibration, IsOneOfSeveralWhenNamed) {
+  test::writeText(folder_.path() / "other.json", replaced(kCalibration, "-200", "-300"));
+  EXPECT_THAT(refusal(), HasSubstr("several calibrations (other.json, rig.json)"));
+  options_.calib = folder_.path() / "other.json";
+  EXPECT_NEAR(open().rig.baseline(), 0.3, 1e-15);
+}
+
+TEST_F(FoundCalibration, IsInTheKeysOfResults) {
+  const Digest key = rigKey();
+  EXPECT_EQ(rigKey(), key);
+  test::writeText(calib_, replaced(kCalibration, "0.1", "0.2"));
+  EXPECT_NE(rigKey(), key);
+  test::writeText(calib_, kCalibration);
+  options_.calib_unit = 0.01;
+  EXPECT_NE(rigKey(), key);
+}
+
+}  // namespace
+}  // namespace fathom::topside
