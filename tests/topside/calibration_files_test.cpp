@@ -1,62 +1,10 @@
-#include "tests/topside/calibration_files.hpp"
-
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include "recon/topside/input/calibration/calibration.hpp"
-#include "recon/topside/input/calibration/calibration_tree.hpp"
-#include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
+#include "tests/topside/calibration_fixture.hpp"
 
 namespace fathom::topside {
 namespace {
 
 using test::replaced, testing::AllOf, testing::HasSubstr;
 using Json = nlohmann::ordered_json;
-
-constexpr double kMost = 1e-12;  // of relative error: all formats carry 17 digits
-
-class CalibrationFiles : public testing::Test {
- protected:
-  std::filesystem::path write(const std::string& name, const std::string& text) {
-    test::writeText(folder_.path() / name, text);
-    return folder_.path() / name;
-  }
-  [[nodiscard]] std::filesystem::path at(const char* name) const { return folder_.path() / name; }
-  static void expectRig(const StereoRig& rig, const StereoRig& expected) {
-    for (const auto& [read, truth] :
-         {std::pair(&rig.left, &expected.left), std::pair(&rig.right, &expected.right)}) {
-      EXPECT_EQ(read->width, truth->width);
-      EXPECT_EQ(read->height, truth->height);
-      for (const auto number : {&Camera::fx, &Camera::fy, &Camera::cx, &Camera::cy, &Camera::k1, &Camera::k2,
-                                &Camera::p1, &Camera::p2, &Camera::k3})
-        EXPECT_NEAR(read->*number, truth->*number, kMost * std::abs(truth->*number));
-    }
-    EXPECT_LT((rig.T_right_left.inverse() * expected.T_right_left).log().norm(), kMost);
-  }
-  // Reads the file and compares all parameters.
-  static std::string readsAs(const std::filesystem::path& path, const StereoRig& expected,
-                             std::optional<double> unit = {}) {
-    const Calibration read = readCalibration(path, unit);
-    expectRig(read.rig, expected);
-    return read.about;
-  }
-  static std::string refusal(const std::filesystem::path& path) {
-    return test::refusal([&] { (void)readCalibration(path); });
-  }
-  std::string refusal(const std::string& name, const std::string& text) { return refusal(write(name, text)); }
-  std::string refusalOfFolder() {
-    return test::refusal([&] { (void)findCalibration(folder_.path()); });
-  }
-
-  test::TemporaryFolder folder_;
-  StereoRig rig_ = test::divingRig();
-};
-
-StereoRig withoutK3(StereoRig rig) {
-  rig.left.k3 = rig.right.k3 = 0;
-  return rig;
-}
 
 TEST_F(CalibrationFiles, AStereoCalibIsReadAsEver) {
   writeStereoCalib(at("a.txt"), rig_);
@@ -174,7 +122,10 @@ TEST_F(CalibrationFiles, OpenCvsOtherLensesAndNonsenseAreRefused) {
     return refusal("bad.json", file.dump());
   };
   EXPECT_EQ(with("anything", 3), "");
-  EXPECT_THAT(with("D1", {0, 0, 0, 0, 0, 0.1, 0, 0}), HasSubstr("D1: has coefficients of the rational"));
+  EXPECT_THAT(with("D1", {0, 0, 0, 0, 0, 0, 0, 0, 0.1, 0, 0, 0}),
+              HasSubstr("D1: has coefficients of the thin"));
+  EXPECT_THAT(with("D1", {0, 0, 0, 0, 0, 30, 0, 0}), HasSubstr("D1: is a rational lens"));
+  EXPECT_THAT(with("D1", {-9, 0, 0, 0, 0, 0, 0, 1}), HasSubstr("D1: is a rational lens"));
   EXPECT_EQ(with("D1", {0, 0, 0, 0, 0, 0, 0, 0}), "");
   EXPECT_THAT(with("D1", {0, 0, 0}), HasSubstr("D1: holds 3 distortion coefficients"));
   EXPECT_THAT(with("D1", {0, 0, 0, nullptr}), HasSubstr("D1: holds something else"));
@@ -197,6 +148,38 @@ TEST_F(CalibrationFiles, OpenCvsOtherLensesAndNonsenseAreRefused) {
   EXPECT_THAT(with("imageSize1", {1360.5, 1024}), HasSubstr("image size"));
   EXPECT_THAT(with("imageSize1", {1e9, 1024}), HasSubstr("image size"));
   EXPECT_THAT(with("K3", good["K1"]), HasSubstr("holds the cameras 1, 2, 3"));
+}
+
+TEST_F(CalibrationFiles, OpenCvsRationalLensesAreFollowed) {
+  test::writeOpenCv(at("s.json"), rig_);
+  Json file = Json::parse(test::readText(at("s.json")));
+  const std::array<double, 8> d{0.14, 0.7, 0.005, -0.002, -0.3, 0.2, 0.3, -0.1};
+  file["D1"] = d;
+  const Calibration read = readCalibration(write("s.json", file.dump()));
+  EXPECT_THAT(read.about, HasSubstr("rational lenses taken as k1 k2 p1 p2 k3, 0.0"));
+  const Camera& c = read.rig.left;
+  double most = 0;
+  for (const double u : {0.0, 200.0, 700.0, 1359.0})
+    for (const double v : {0.0, 300.0, 500.0, 1023.0}) {
+      const Eigen::Vector2d n = c.undistort({u, v});
+      const double x = n.x(), y = n.y(), q = n.squaredNorm();
+      const double radial =
+          (1 + q * (d[0] + q * (d[1] + q * d[4]))) / (1 + q * (d[5] + q * (d[6] + q * d[7])));
+      const Eigen::Vector2d truth(x * radial + 2 * d[2] * x * y + d[3] * (q + 2 * x * x),
+                                  y * radial + d[2] * (q + 2 * y * y) + 2 * d[3] * x * y);
+      most = std::max(most, std::hypot(u - c.cx - c.fx * truth.x(), v - c.cy - c.fy * truth.y()));
+    }
+  EXPECT_GT(most, 0);
+  EXPECT_LT(most, 0.01);
+}
+
+TEST_F(CalibrationFiles, ARealCalibrationOfOpenCvsSampleIsRead) {
+  FATHOM_REQUIRE_DATA("calibration/intrinsics.yml");
+  const Calibration read = readCalibration(test::dataFile("calibration/intrinsics.yml"), 0.001);
+  EXPECT_NEAR(read.rig.left.fx, 518.05, 0.01);
+  EXPECT_NEAR(read.rig.right.cx, 327.59, 0.01);
+  EXPECT_NEAR(read.rig.baseline(), 0.0921, 0.0001);
+  EXPECT_THAT(read.about, HasSubstr("rational lenses"));
 }
 
 TEST_F(CalibrationFiles, KalibrsCamchainIsRead) {
@@ -229,133 +212,6 @@ TEST_F(CalibrationFiles, KalibrsOtherModelsAndNonsenseAreRefused) {
   EXPECT_THAT(with("cam_overlaps: [1]", "cam_overlaps: [1"), AllOf(HasSubstr("line "), HasSubstr("YAML")));
   EXPECT_THAT(with("cam_overlaps: [1]", "cam_overlaps: *a"), HasSubstr("references"));
   EXPECT_THAT(refusal("deep.yaml", "cam0: " + std::string(1000, '[')), HasSubstr("nested too deeply"));
-}
-
-TEST_F(CalibrationFiles, ColmapsRigIsReadFromAnyOfItsFiles) {
-  write("cameras.txt", test::colmapCameras(rig_));
-  write("rigs.txt", test::colmapRigs(rig_));
-  const std::string about =
-      "COLMAP cameras.txt and rigs.txt (left camera 7, right camera 3), baseline 0.305 m";
-  EXPECT_EQ(readsAs(at("cameras.txt"), rig_), about);
-  EXPECT_EQ(readsAs(at("rigs.txt"), rig_), about);
-  EXPECT_EQ(findCalibration(folder_.path()), at("cameras.txt"));
-  std::filesystem::remove(at("rigs.txt"));
-  EXPECT_THAT(refusal(at("cameras.txt")), HasSubstr("rigs.txt or rig_config.json"));
-  write("rig_config.json", test::colmapRigConfig(rig_).dump());
-  EXPECT_THAT(readsAs(at("cameras.txt"), rig_), HasSubstr("rig_config.json (left camera 7"));
-  readsAs(at("rig_config.json"), rig_);
-  std::filesystem::remove(at("cameras.txt"));
-  EXPECT_THAT(refusal(at("rig_config.json")), HasSubstr("cameras.txt"));
-}
-
-TEST_F(CalibrationFiles, ColmapsRigConfigMayHoldTheLenses) {
-  Json config = test::colmapRigConfig(rig_);
-  config[0].erase("ref_camera_id");
-  Json& cameras = config[0]["cameras"];
-  const std::array both{&rig_.right, &rig_.left};
-  for (const std::size_t k : {0U, 1U}) {
-    const Camera& c = *both[k];
-    cameras[k].erase("camera_id");
-    cameras[k]["camera_model_name"] = "OPENCV";
-    cameras[k]["camera_params"] = {c.fx, c.fy, c.cx + 0.5, c.cy + 0.5, c.k1, c.k2, c.p1, c.p2};
-  }
-  cameras[1]["ref_sensor"] = true;
-  StereoRig expected = withoutK3(rig_);
-  expected.left.width = expected.left.height = expected.right.width = expected.right.height = 0;
-  EXPECT_EQ(readsAs(write("rig_config.json", config.dump()), expected),
-            "COLMAP rig_config.json (left camera 2, right camera 1), baseline 0.305 m");
-  cameras[0].erase("cam_from_rig_rotation");
-  EXPECT_THAT(refusal("rig_config.json", config.dump()), HasSubstr("no pose of camera 1"));
-}
-
-TEST_F(CalibrationFiles, ColmapsModelsHaveTheirParametersInOrder) {
-  write("rigs.txt", "1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 -0.2 0 0\n");
-  const auto left = [&](const std::string& model) {
-    write("cameras.txt", "1 " + model + "\n2 PINHOLE 64 48 50 51 32 24\n");
-    return readCalibration(at("cameras.txt")).rig.left;
-  };
-  const auto values = [](const Camera& c) {
-    return std::vector<double>{c.fx, c.fy, c.cx, c.cy, c.k1, c.k2, c.p1, c.p2, c.k3};
-  };
-  using testing::ElementsAre;
-  EXPECT_THAT(values(left("SIMPLE_PINHOLE 64 48 50 32 24")), ElementsAre(50, 50, 31.5, 23.5, 0, 0, 0, 0, 0));
-  EXPECT_THAT(values(left("PINHOLE 64 48 50 51 32 24")), ElementsAre(50, 51, 31.5, 23.5, 0, 0, 0, 0, 0));
-  EXPECT_THAT(values(left("SIMPLE_RADIAL 64 48 50 32 24 .1")),
-              ElementsAre(50, 50, 31.5, 23.5, .1, 0, 0, 0, 0));
-  EXPECT_THAT(values(left("RADIAL 64 48 50 32 24 .1 .2")), ElementsAre(50, 50, 31.5, 23.5, .1, .2, 0, 0, 0));
-  EXPECT_THAT(values(left("OPENCV 64 48 50 51 32 24 .1 .2 .3 .4")),
-              ElementsAre(50, 51, 31.5, 23.5, .1, .2, .3, .4, 0));
-  EXPECT_THAT(values(left("FULL_OPENCV 64 48 50 51 32 24 .1 .2 .3 .4 .5 0 0 0")),
-              ElementsAre(50, 51, 31.5, 23.5, .1, .2, .3, .4, .5));
-}
-
-TEST_F(CalibrationFiles, ColmapsOtherModelsAndNonsenseAreRefused) {
-  write("rigs.txt", "1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 -0.2 0 0\n");
-  const auto cameras = [&](const std::string& left) {
-    return refusal("cameras.txt", "1 " + left + "\n2 PINHOLE 64 48 50 51 32 24\n");
-  };
-  EXPECT_EQ(cameras("PINHOLE 64 48 50 51 32 24"), "");
-  EXPECT_THAT(cameras("OPENCV_FISHEYE 64 48 50 51 32 24 0 0 0 0"),
-              HasSubstr("'OPENCV_FISHEYE' is not known"));
-  EXPECT_THAT(cameras("FULL_OPENCV 64 48 50 51 32 24 0 0 0 0 0 0.1 0 0"), HasSubstr("rational"));
-  EXPECT_THAT(cameras("PINHOLE 64 48 50 51 32"), HasSubstr("line 1: PINHOLE has 4 parameters, not 3"));
-  EXPECT_THAT(cameras("PINHOLE 64 48 50 51 32 nan"), HasSubstr("'nan' is no number"));
-  EXPECT_THAT(cameras("PINHOLE 64 -48 50 51 32 24"), HasSubstr("image size"));
-  EXPECT_EQ(cameras("PINHOLE 64 48 50 51 32 24"), "");
-  const auto rigs = [&](const std::string& text) { return refusal("rigs.txt", text); };
-  EXPECT_THAT(rigs("1 1 CAMERA 1\n2 1 CAMERA 2\n"), HasSubstr("it holds rig 1 with 1; rig 2 with 2"));
-  EXPECT_THAT(rigs("1 3 CAMERA 1 CAMERA 2 0 CAMERA 3 0\n"), HasSubstr("it holds rig 1 with 1 2 3"));
-  EXPECT_THAT(rigs("1 2 CAMERA 1 CAMERA 2 0\n"), HasSubstr("no pose of camera 2"));
-  EXPECT_THAT(rigs("1 2 CAMERA 1 CAMERA 5 1 1 0 0 0 1 0 0\n"), HasSubstr("no camera 5"));
-  EXPECT_THAT(rigs("1 2 CAMERA 1 CAMERA 2 1 1 1 0 0 1 0 0\n"), HasSubstr("quaternion"));
-  EXPECT_THAT(rigs("1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 1 0\n"), HasSubstr("line 1: ends after 13 values"));
-  EXPECT_THAT(rigs("1 1e300 CAMERA 1 CAMERA 2 1 1 0 0 0 1 0 0\n"), HasSubstr("line 1"));
-  EXPECT_THAT(rigs("1 0 CAMERA 1\n"), HasSubstr("line 1"));
-}
-
-TEST_F(CalibrationFiles, MatlabsStereoParametersAreReadOldAndNew) {
-  const std::string about = "(left camera 1, right camera 2), baseline 0.305 m";
-  EXPECT_EQ(readsAs(write("old.json", test::matlabStruct(rig_).dump()), rig_), "MATLAB old.json " + about);
-  Json object = test::matlabObject(rig_);
-  EXPECT_EQ(readsAs(write("new.json", object.dump()), rig_), "MATLAB new.json " + about);
-  // rigidtform3d's matrix, and a rigid3d, whose rotation is of rows.
-  Json& pose = object["PoseCamera2"];
-  const Json rows = test::matlabStruct(rig_)["RotationOfCamera2"], r = pose["R"], t = pose["Translation"];
-  pose["A"] = {{r[0][0], r[0][1], r[0][2], t[0]},
-               {r[1][0], r[1][1], r[1][2], t[1]},
-               {r[2][0], r[2][1], r[2][2], t[2]},
-               {0, 0, 0, 1}};
-  pose.erase("R");
-  readsAs(write("a.json", object.dump()), rig_);
-  pose = {{"Rotation", rows}, {"Translation", t}};
-  readsAs(write("rigid3d.json", object.dump()), rig_);
-}
-
-TEST_F(CalibrationFiles, WhatMatlabLeavesOpenOrGetsWrongIsRefused) {
-  const Json good = test::matlabStruct(rig_);
-  const auto with = [&](const std::function<void(Json&)>& change) {
-    Json file = good;
-    change(file);
-    return refusal("m.json", file.dump());
-  };
-  EXPECT_EQ(with([](Json&) {}), "");
-  EXPECT_THAT(with([](Json& f) { f["CameraParameters1"]["WorldUnits"] = "furlongs"; }),
-              HasSubstr("'furlongs'"));
-  EXPECT_THAT(with([](Json& f) { f["CameraParameters1"].erase("WorldUnits"); }), HasSubstr("--calib-unit"));
-  EXPECT_THAT(with([](Json& f) { f["CameraParameters2"].erase("IntrinsicMatrix"); }),
-              HasSubstr("CameraParameters2.K: is missing"));
-  EXPECT_THAT(
-      with([&](Json& f) { f["CameraParameters2"]["K"] = good["CameraParameters2"]["IntrinsicMatrix"]; }),
-      HasSubstr("CameraParameters2.K: is not fx 0 cx"));
-  EXPECT_THAT(with([](Json& f) { f["CameraParameters2"]["IntrinsicMatrix"][1][0] = 0.5; }),
-              HasSubstr("skew"));
-  EXPECT_THAT(with([](Json& f) {
-                f["CameraParameters2"]["RadialDistortion"] = {0, nullptr};
-              }),
-              HasSubstr("RadialDistortion"));
-  EXPECT_THAT(with([](Json& f) { f["RotationOfCamera2"][0][0] = 3; }), HasSubstr("RotationOfCamera2"));
-  EXPECT_THAT(with([](Json& f) { f.erase("TranslationOfCamera2"); }), HasSubstr("PoseCamera2"));
-  EXPECT_THAT(with([](Json& f) { f["PoseCamera2"] = 3; }), HasSubstr("PoseCamera2"));
 }
 
 TEST_F(CalibrationFiles, WhatIsNoCalibrationIsNamedInOneCleanLine) {

@@ -4,14 +4,17 @@
 #include <cmath>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/nearest_rotation.hpp"
+#include "recon/topside/input/calibration/rational_lens.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr std::size_t kMostNumbers = 64;       // of one value
-constexpr double kLargest = 1e6;               // of a focal length or principal point [px], a coefficient
-constexpr double kMaxImageSize = 65535;        // [px]
+constexpr std::size_t kMostNumbers = 64;  // of one value
+constexpr double kLargest = 1e6;          // of a focal length or principal point [px], a coefficient
+constexpr double kMostOff = 0.1;          // a fit to a rational lens [px]; corners are found to about this
+constexpr double kMaxImageSize = 65535;   // [px]
 constexpr double kQuaternionTolerance = 1e-3;  // of its length from 1; real files carry six decimals
 
 bool gather(const CalibrationTree& value, std::vector<double>& out) {
@@ -66,21 +69,29 @@ Camera cameraOf(const std::vector<double>& m, const CalibrationPlace& place) {
   return camera;
 }
 
-void setDistortion(Camera& camera, const std::vector<double>& numbers, const CalibrationPlace& place) {
+double setDistortion(Camera& camera, const std::vector<double>& numbers, const CalibrationPlace& place) {
   constexpr std::array<std::size_t, 6> kCounts{0, 4, 5, 8, 12, 14};
+  constexpr std::size_t kBrown = 5, kRational = 8;
   if (std::find(kCounts.begin(), kCounts.end(), numbers.size()) == kCounts.end())
     place.fail("holds " + std::to_string(numbers.size()) +
                " distortion coefficients; k1 k2 p1 p2 and perhaps k3 are known");
-  std::array<double*, 5> known{&camera.k1, &camera.k2, &camera.p1, &camera.p2, &camera.k3};
+  const std::array<double*, kBrown> known{&camera.k1, &camera.k2, &camera.p1, &camera.p2, &camera.k3};
+  std::array<double, kRational - kBrown> denominator{};
   for (std::size_t k = 0; k < numbers.size(); ++k) {
     if (!(std::abs(numbers[k]) < kLargest)) place.fail("a distortion coefficient is too large");
-    if (k < known.size())
+    if (k < kBrown)
       *known[k] = numbers[k];
+    else if (k < kRational)
+      denominator[k - kBrown] = numbers[k];
     else if (numbers[k] != 0)
-      place.fail(
-          "has coefficients of the rational, thin prism or tilted model; calibrate with k1 k2 p1 p2 k3 "
-          "alone");
+      place.fail("has coefficients of the thin prism or tilted model; calibrate with k1 k2 p1 p2 k3 alone");
   }
+  if (denominator == decltype(denominator){}) return 0;
+  const double off = fitRationalLens(camera, denominator);
+  if (!(off < kMostOff))
+    place.fail("is a rational lens that k1 k2 p1 p2 k3 cannot follow to " + decimals(kMostOff, 1) +
+               " px; calibrate with these alone");
+  return off;
 }
 
 void setSize(Camera& camera, const std::vector<double>& numbers, const CalibrationPlace& place) {

@@ -41,9 +41,10 @@ struct CameraPair {
 // From here on, each throws InputError with the place for what cannot be.
 // From fx 0 cx, 0 fy cy, 0 0 1 [px], (0, 0) the centre of the top left pixel.
 [[nodiscard]] Camera cameraOf(const std::vector<double>& matrix, const CalibrationPlace& place);
-// k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]] as OpenCV orders them: 0, 4, 5, 8, 12 or 14 numbers,
-// those after k3 zero.
-void setDistortion(Camera& camera, const std::vector<double>& numbers, const CalibrationPlace& place);
+// k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]] as OpenCV orders them: 0, 4, 5, 8, 12 or 14 numbers. A
+// rational lens (k4 k5 k6) is fitted by one without, fitRationalLens(), after setSize() where there is one,
+// and refused when that is over 0.1 px off; so are s1 to ty. Gives how far off [px].
+double setDistortion(Camera& camera, const std::vector<double>& numbers, const CalibrationPlace& place);
 // Width and height.
 void setSize(Camera& camera, const std::vector<double>& numbers, const CalibrationPlace& place);
 // From a rotation matrix, row by row, or a rotation vector (axis times angle [rad]); and a translation.

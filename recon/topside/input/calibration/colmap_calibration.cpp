@@ -71,10 +71,12 @@ Params asFullOpenCv(const std::string& model, Params p, const CalibrationPlace& 
 
 Camera cameraOfModel(const std::string& model, const Params& params, const CalibrationPlace& place) {
   const Params p = asFullOpenCv(model, params, place);
+  if (p[9] != 0 || p[10] != 0 || p[11] != 0)
+    place.fail("has coefficients k4 to k6, which the camera model has not; reconstruct with OPENCV");
   Camera camera = cameraOf({p[0], 0, p[2], 0, p[1], p[3], 0, 0, 1}, place);
   camera.cx -= kPixelShift;
   camera.cy -= kPixelShift;
-  setDistortion(camera, {p.begin() + 4, p.end()}, place);
+  setDistortion(camera, {p.begin() + 4, p.begin() + 9}, place);
   return camera;
 }
 

@@ -8,18 +8,21 @@ namespace fathom::topside {
 //
 //   CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]
 //
-// SIMPLE_PINHOLE f cx cy, PINHOLE fx fy cx cy, SIMPLE_RADIAL f cx cy k1, RADIAL f cx cy k1 k2, OPENCV fx fy
-// cx cy k1 k2 p1 p2, FULL_OPENCV ... k3 k4 k5 k6 with k4 to k6 zero; and beside it the rig, whose reference
-// camera is taken for the left one: rigs.txt (COLMAP 3.12)
+// with SIMPLE_PINHOLE f cx cy, PINHOLE fx fy cx cy, SIMPLE_RADIAL f cx cy k1, RADIAL f cx cy k1 k2, OPENCV fx
+// fy cx cy k1 k2 p1 p2, FULL_OPENCV ... k3 k4 k5 k6, the last three zero; and beside it the rig, whose
+// reference camera is taken for the left one: rigs.txt (COLMAP 3.12)
 //
-//   RIG_ID NUM_SENSORS REF_SENSOR_TYPE REF_SENSOR_ID (SENSOR_TYPE SENSOR_ID HAS_POSE [QW QX QY QZ TX TY
-//   TZ])[]
+//   RIG_ID NUM_SENSORS REF_TYPE REF_ID (SENSOR_TYPE SENSOR_ID HAS_POSE [QW QX QY QZ TX TY TZ])[]
 //
-// or rig_config.json, [{"ref_camera_id": 1, "cameras": [{"camera_id": 1, "cam_from_rig_rotation": [w, x, y,
-// z], "cam_from_rig_translation": [x, y, z]}, ...]}], or with "ref_sensor": true and, without cameras.txt,
-// "camera_model_name" and "camera_params". x_camera = R x_rig + t in both. Lengths are taken for metres,
-// which COLMAP does not promise. Pixel (0.5, 0.5) is the centre of the top left pixel in COLMAP: principal
-// points are shifted by half. Source: colmap.github.io/format.html, cameras.html, rigs.html.
+// or rig_config.json, x_camera = R x_rig + t as there:
+//
+//   [{"ref_camera_id": 1, "cameras": [{"camera_id": 1, "cam_from_rig_rotation": [w, x, y, z],
+//                                      "cam_from_rig_translation": [x, y, z]}, ...]}]
+//
+// or with "ref_sensor": true and, without cameras.txt, "camera_model_name" and "camera_params". Lengths are
+// taken for metres, which COLMAP does not promise. Pixel (0.5, 0.5) is the centre of the top left pixel in
+// COLMAP: principal points are shifted by half. Source: colmap.github.io/format.html, cameras.html,
+// rigs.html.
 
 // "cameras.txt" or "rigs.txt" by its first line of data; "" for other text.
 [[nodiscard]] std::string colmapFileOf(const std::string& text);

@@ -4,6 +4,7 @@
 #include <cctype>
 #include <map>
 
+#include "realtime/kernel/text.hpp"
 #include "recon/topside/input/calibration/calibration_tree.hpp"
 
 namespace fathom::topside {
@@ -120,7 +121,9 @@ void setSizeOf(Camera& camera, const Entries& entries, const std::string& side) 
   }
 }
 
-Camera readCamera(const Entries& entries, const CalibrationPlace& file, const std::string& side) {
+// `off`: raised to how far the camera is off what the file says [px].
+Camera readCamera(const Entries& entries, const CalibrationPlace& file, const std::string& side,
+                  double& off) {
   const Entry* matrix = entries.find(kMatrix, side, {9});
   Camera camera = cameraOf(numbersOf(*matrix->value, 9, matrix->place), matrix->place);
   const Entry* distortion = entries.find(kDistortion, side, {4, 5, 8, 12, 14});
@@ -129,8 +132,8 @@ Camera readCamera(const Entries& entries, const CalibrationPlace& file, const st
               "; write zeros where there is none");
   const auto numbers = numbersOf(*distortion->value);
   if (!numbers) distortion->place.fail("holds something else than finite numbers");
-  setDistortion(camera, *numbers, distortion->place);
   setSizeOf(camera, entries, side);
+  off = std::max(off, setDistortion(camera, *numbers, distortion->place));
   return camera;
 }
 
@@ -186,8 +189,9 @@ CameraPair readOpenCvCalibration(const fs::path& file, const CalibrationTree& tr
     place.fail("holds the cameras " + sides->left + ", " + sides->right + ", " + sides->third +
                "; leave the two of one pair in it");
   entries.refuseOtherLenses();
-  pair.left = readCamera(entries, place, sides->left);
-  pair.right = readCamera(entries, place, sides->right);
+  double off = 0;
+  pair.left = readCamera(entries, place, sides->left, off);
+  pair.right = readCamera(entries, place, sides->right, off);
   const Entry &r = *entries.rotation(), &t = *entries.translation();
   const auto rotation = numbersOf(*r.value);
   if (!rotation || (rotation->size() != 9 && rotation->size() != 3))
@@ -195,6 +199,8 @@ CameraPair readOpenCvCalibration(const fs::path& file, const CalibrationTree& tr
   pair.T_right_left = motionOf(*rotation, r.place, numbersOf(*t.value, 3, t.place));
   pair.about += " (left " + entries.find(kMatrix, sides->left, {9})->place.key + ", right " +
                 entries.find(kMatrix, sides->right, {9})->place.key + ")";
+  if (off > 0)
+    pair.about += ", rational lenses taken as k1 k2 p1 p2 k3, " + decimals(off, 3) + " px off at most";
   return pair;
 }
 
