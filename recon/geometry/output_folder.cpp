@@ -27,19 +27,19 @@ OutputFolder::OutputFolder(const fs::path& folder, std::span<const std::string_v
   std::error_code error;
   if (fs::exists(folder_, error)) {
     if (!fs::is_directory(folder_, error))
-      throw InputError(folder_.string(), "", "is not a folder; choose another --out");
+      throw InputError(folder_.string(), "", "is not a folder; choose another folder");
     for (const auto& entry : fs::directory_iterator(folder_)) {
       const std::string name = entry.path().filename().string();
       if (std::find(ours.begin(), ours.end(), name) == ours.end())
         throw InputError(folder_.string(), name,
-                         "is not of an earlier run and would be lost; choose another --out");
+                         "is not of an earlier run and would be lost; choose another folder");
     }
   }
   if (!life.reopen) fs::remove_all(temporary_, error);
   fs::create_directories(temporary_, error);
   if (error)
     throw InputError(temporary_.string(), "",
-                     "cannot be made (" + error.message() + "); choose another --out");
+                     "cannot be made (" + error.message() + "); choose another folder");
 }
 
 OutputFolder::~OutputFolder() {

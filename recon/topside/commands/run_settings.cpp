@@ -1,0 +1,68 @@
+#include "recon/topside/commands/run_settings.hpp"
+
+#include "recon/topside/commands/calib_options.hpp"
+#include "recon/topside/commands/sample_options.hpp"
+
+namespace fathom::topside {
+
+void addPoseSettings(CLI::App& command, RunSettings& s) {
+  command.add_option("--work", s.places.work, "folder for what the stages hand on (MISSION/topside.work)");
+  command.add_option("--config", s.config, "TOML file; keys are in recon/topside/README.md");
+  command.add_option("--jobs,--threads", s.jobs, "threads (all cores); the result does not depend on them")
+      ->check(CLI::Range(1, 256));
+  command.add_option("--features", s.features, "corners or dense points wanted in an image (800)")
+      ->check(CLI::Range(20, 5000));
+  command.add_flag("--dense", s.dense, "semi-global matching instead of corners");
+  command.add_flag("--no-slam", s.no_slam, "dead-reckoned poses: no visual odometry, no loop closures");
+  InputOptions& input = s.places.input;
+  addCalibOptions(command, input.calib, input.calib_unit, "instead of the folder's own calibration");
+  command.add_option("--poses", input.poses,
+                     "stereo_pose_est.data: take poses from there instead of localising");
+  StereoFileOptions& files = input.files;
+  command.add_option("--left", files.left_pattern,
+                     "shell pattern of the left images, in quotes (a folder without mission.toml: by names)");
+  command.add_option("--right", files.right_pattern, "shell pattern of the right images");
+  command.add_option("--pairs", files.pairs, "CSV file instead: columns left, right and, if known, utc");
+  command.add_option("--time-pattern", files.time_pattern,
+                     "of the left images' names, as 'img_%Y%m%d_%H%M%S_%f' (the usual ones are known)");
+  addSampleOptions(command, input.left_format, input.right_format);
+  command.add_flag("--verify", input.verify, "tell images apart by content, not by size and time");
+}
+
+void addRunSettings(CLI::App& command, RunSettings& s) {
+  command
+      .add_option("mission", s.places.mission,
+                  "mission folder, or any folder of stereo images with a calibration")
+      ->required();
+  command.add_option("--resolution,--voxel", s.resolution, "edge of a voxel [m] (0.033)")
+      ->check(CLI::Range(0.004, 2.0));
+  command.add_option("--texel", s.texel, "finest texel [m] (a pixel's size on the ground)")
+      ->check(CLI::Range(0.0001, 1.0));
+  command.add_flag("--no-texture", s.no_texture, "colours by vertex alone");
+  command
+      .add_option("--textures", s.textures, "in the tiles, JPEG or WebP; or JPEG and BC1 beside it for GPUs")
+      ->check(CLI::IsMember({"jpeg", "webp", "ktx2", "dds"}));
+  command.add_option("--mode", s.mode, "how images are blended")
+      ->check(CLI::IsMember({"bands", "average", "unblended"}));
+  addPoseSettings(command, s);
+}
+
+TopsideConfig configOf(RunSettings& s) {
+  TopsideConfig config = s.config.empty() ? TopsideConfig{} : readTopsideConfig(s.config);
+  if (s.resolution) setVoxel(config, *s.resolution);
+  if (s.texel) config.model.texel = *s.texel;
+  if (s.no_slam) config.slam = false;
+  if (s.no_texture) config.model.texture = false;
+  if (s.dense) config.dense_stereo = true;
+  if (s.features) config.stereo.max_features = *s.features;
+  if (s.jobs) config.threads = *s.jobs;
+  if (s.textures == "webp") config.model.picture.format = PictureFormat::kWebp;
+  if (s.textures == "ktx2") config.model.gpu_texture = GpuTexture::kKtx2;
+  if (s.textures == "dds") config.model.gpu_texture = GpuTexture::kDds;
+  if (s.mode == "average") config.model.blend.mode = surface::BlendMode::kAverage;
+  if (s.mode == "unblended") config.model.blend.mode = surface::BlendMode::kUnblended;
+  s.places.input.files.tolerance = config.pairing_tolerance;
+  return config;
+}
+
+}  // namespace fathom::topside
