@@ -2,65 +2,25 @@
 #include <gtest/gtest.h>
 
 #include <map>
-#include <memory>
-#include <opencv2/imgcodecs.hpp>
 
-#include "firmware_if/files/pose_files.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/geometry/rigid_alignment.hpp"
-#include "recon/topside/pipeline.hpp"
 #include "tests/fusion/surface_distance.hpp"
-#include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
+#include "tests/topside/reef_quick.hpp"
 #include "tests/topside/true_shift.hpp"
 
 namespace fathom::topside {
 namespace {
 
-// Simulated dive at a quarter of the image scale, rendered once by the fixture in CMakeLists.txt.
-const std::filesystem::path kMission = FATHOM_REEF_MISSION;
-
-class ReefQuick : public testing::Test {
- protected:
-  static void SetUpTestSuite() {
-    ASSERT_TRUE(std::filesystem::exists(kMission / "mission.toml")) << "the mission was not rendered";
-    out_ = std::make_unique<test::TemporaryFolder>();
-    done_ = runTopside(kMission, out_->path() / "topside", {});
-    // The same as a diver's stereo camera leaves it: folders of numbered PNG images.
-    for (const char* side : {"left", "right"}) std::filesystem::create_directories(dive() / side);
-    std::filesystem::copy(kMission / "stereo.calib", dive() / "stereo.calib");
-    poses_ = io::readStereoPoses(out_->path() / "topside" / "stereo_pose_est.data");
-    for (std::size_t k = 0; k < poses_.poses.size(); ++k)
-      for (const auto& [side, name] : {std::pair("left/", &poses_.poses[k].left_image),
-                                       std::pair("right/", &poses_.poses[k].right_image)}) {
-        const std::string numbered = side + std::to_string(k) + ".png";
-        const cv::Mat image = cv::imread((kMission / "img" / *name).string(), cv::IMREAD_UNCHANGED);
-        cv::imwrite((dive() / numbered).string(), image);
-        *name = numbered;
-      }
-  }
-  static void TearDownTestSuite() { out_.reset(); }
-
-  static std::filesystem::path dive() { return out_->path() / "dive"; }
-  static RunPlaces placesOf(const std::string& name) {
-    RunPlaces places{dive(), out_->path() / (name + ".work"), out_->path() / name, {}};
-    places.input.left_format = "bayer-rggb";
-    return places;
-  }
-
-  inline static std::unique_ptr<test::TemporaryFolder> out_;
-  inline static Summary done_;
-  inline static io::StereoPoseFile poses_;  // of the run with navigation, by the numbered names
-};
-
 TEST_F(ReefQuick, TheMapOfASimulatedDiveLiesOnTheTrueSeafloor) {
   EXPECT_GE(done_.used, 28u);
   EXPECT_EQ(done_.unreadable, 0u);
 
-  const Eigen::Vector3d shift = shiftToTruth(kMission, out_->path() / "topside", done_.pairs, 0.15);
+  const Eigen::Vector3d shift = shiftToTruth(kReefMission, out_->path() / "topside", done_.pairs, 0.15);
 
   Mesh mesh = readPly(out_->path() / "topside" / "mesh.ply");
-  const Mesh seafloor = readPly(kMission / "truth" / "terrain.ply");
+  const Mesh seafloor = readPly(kReefMission / "truth" / "terrain.ply");
   transform(mesh, SE3(Eigen::Quaterniond::Identity(), shift));
   const test::SurfaceDistance toSeafloor(seafloor, 0.25F);
   std::vector<float> errors;
@@ -85,8 +45,8 @@ TEST_F(ReefQuick, ImagesOfAnyNameWithGivenPosesMakeTheSameMap) {
 
 // Positions of the cameras, moved rigidly onto those of the truth: rms of what is left [m].
 double alignedError(const io::StereoPoseFile& estimate, const io::StereoPoseFile& named) {
-  const auto truth = io::readTrajectory(kMission / "truth" / "trajectory.csv");
-  const SE3 T_body_cam = io::readMissionConfig(kMission).T_body_cam;
+  const auto truth = io::readTrajectory(kReefMission / "truth" / "trajectory.csv");
+  const SE3 T_body_cam = io::readMissionConfig(kReefMission).T_body_cam;
   std::map<std::string, double> utc_s;
   for (const io::StereoPose& pose : named.poses) utc_s[pose.left_image] = pose.utc_s;
   Eigen::Matrix3Xd from(3, estimate.poses.size()), to(3, estimate.poses.size());
