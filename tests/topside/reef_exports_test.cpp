@@ -1,9 +1,18 @@
+#include <gdal_priv.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <ogrsf_frmts.h>
+
+#include <cmath>
+#include <set>
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/exports/colmap_model.hpp"
+#include "recon/topside/exports/gdal_files.hpp"
+#include "recon/topside/exports/orthomosaic.hpp"
+#include "recon/topside/exports/results_files.hpp"
 #include "recon/topside/exports/sparse_model_input.hpp"
+#include "recon/topside/exports/survey_geopackage.hpp"
 #include "tests/topside/colmap_files.hpp"
 #include "tests/topside/reef_quick.hpp"
 
@@ -46,6 +55,96 @@ TEST_F(ReefQuick, OtherSettingsThanTheRunsAreRefusedAndNothingIsMade) {
   TopsideConfig config;
   config.slam_features = 300;
   EXPECT_THROW((void)taken(run(), config), InputError);
+}
+
+DatasetPtr opened(const std::filesystem::path& path) {
+  return DatasetPtr(static_cast<GDALDataset*>(GDALOpenEx(path.c_str(), 0, nullptr, nullptr, nullptr)));
+}
+
+TEST_F(ReefQuick, AGeopackageHoldsFootprintsTrackAndContoursInUtm) {
+  const std::filesystem::path path = out_->path() / "reef.gpkg", results = run().out;
+  const std::string crs = utmOf(originOf(results));
+  const GeopackageCounts counts = writeSurveyGeopackage(path, results, crs, 0);
+  EXPECT_EQ(counts.footprints, done_.pairs);
+  const GdalUse gdal;
+  const DatasetPtr file = opened(path);
+  ASSERT_TRUE(file);
+  ASSERT_EQ(file->GetLayerCount(), 3);
+  OGRLayer& footprints = *file->GetLayerByName("footprints");
+  EXPECT_EQ(footprints.GetSpatialRef()->GetAuthorityCode(nullptr), crs.substr(5));
+  EXPECT_EQ(static_cast<std::size_t>(footprints.GetFeatureCount()), done_.pairs);
+  // The track leads over the footprints, all of which look at about the square metre below the vehicle.
+  const auto track = std::unique_ptr<OGRFeature>(file->GetLayerByName("track")->GetNextFeature());
+  for (const auto& pair : footprints) {
+    const OGRPolygon& polygon = *pair->GetGeometryRef()->toPolygon();
+    EXPECT_TRUE(polygon.Intersects(track->GetGeometryRef()));
+    EXPECT_GT(polygon.get_Area(), 0.3);
+    EXPECT_LT(polygon.get_Area(), 10);
+    EXPECT_TRUE(std::filesystem::exists(kReefMission / "img" / pair->GetFieldAsString("left")));
+    EXPECT_NEAR(pair->GetFieldAsDouble("altitude_m"), 2, 1);
+  }
+  OGREnvelope all;
+  ASSERT_EQ(footprints.GetExtent(&all), OGRERR_NONE);
+  OGRLayer& contours = *file->GetLayerByName("contours");
+  EXPECT_EQ(static_cast<std::size_t>(contours.GetFeatureCount()), counts.contours);
+  ASSERT_GT(counts.contours, 0U);
+  std::set<double> heights;
+  for (const auto& line : contours) {
+    OGREnvelope box;
+    line->GetGeometryRef()->getEnvelope(&box);
+    EXPECT_TRUE(all.Intersects(box));
+    heights.insert(line->GetFieldAsDouble("height_m"));
+  }
+  EXPECT_LE(heights.size(), 21U);
+  EXPECT_GE(heights.size(), 8U);
+  EXPECT_LT(*heights.rbegin(), -1);  // below the water's surface
+}
+
+TEST_F(ReefQuick, TheOrthomosaicInAnotherSystemShowsTheSameGroundThere) {
+  const std::filesystem::path results = run().out, path = out_->path() / "ortho.tif";
+  const GdalUse gdal;
+  const DatasetPtr layer = opened(results / "layers" / "orthomosaic.tif");
+  ASSERT_TRUE(layer);
+  for (const bool lossless : {true, false}) {
+    writeOrthomosaic(path, results, {utmOf(originOf(results)), 0.02, lossless});
+    const DatasetPtr ortho = opened(path);
+    ASSERT_TRUE(ortho);
+    EXPECT_STREQ(ortho->GetMetadataItem("LAYOUT", "IMAGE_STRUCTURE"), "COG");
+    std::array<double, 6> grid{}, from{};
+    ortho->GetGeoTransform(grid.data());
+    layer->GetGeoTransform(from.data());
+    EXPECT_DOUBLE_EQ(grid[1], 0.02);
+    OGRCoordinateTransformation* to_layer =
+        OGRCreateCoordinateTransformation(ortho->GetSpatialRef(), layer->GetSpatialRef());
+    ASSERT_NE(to_layer, nullptr);
+    double difference = 0, count = 0;
+    for (int row = 0; row < ortho->GetRasterYSize(); row += 4)
+      for (int column = 0; column < ortho->GetRasterXSize(); column += 4) {
+        std::array<std::uint8_t, 4> there{}, here{};
+        double x = grid[0] + grid[1] * (column + 0.5), y = grid[3] + grid[5] * (row + 0.5);
+        to_layer->Transform(1, &x, &y);
+        const int u = static_cast<int>(std::floor((x - from[0]) / from[1])),
+                  v = static_cast<int>(std::floor((y - from[3]) / from[5]));
+        if (u < 0 || v < 0 || u >= layer->GetRasterXSize() || v >= layer->GetRasterYSize()) continue;
+        // The fourth: alpha, or the mask instead of it.
+        const auto read = [](GDALDataset& file, int i, int j, std::array<std::uint8_t, 4>& rgba) {
+          return file.RasterIO(GF_Read, i, j, 1, 1, rgba.data(), 1, 1, GDT_Byte, 3, nullptr, 1, 1, 1) ==
+                     CE_None &&
+                 file.GetRasterBand(1)->GetMaskBand()->RasterIO(GF_Read, i, j, 1, 1, &rgba[3], 1, 1, GDT_Byte,
+                                                                0, 0) == CE_None;
+        };
+        ASSERT_TRUE(read(*ortho, column, row, here) && read(*layer, u, v, there));
+        if (here[3] < 255 || there[3] < 255) continue;
+        for (std::size_t c = 0; c < 3; ++c) difference += std::abs(here[c] - there[c]);
+        count += 3;
+      }
+    OGRCoordinateTransformation::DestroyCT(to_layer);
+    ASSERT_GT(count, 3000);
+    std::printf("%s: colours %.1f of 255 apart\n", lossless ? "lossless" : "JPEG", difference / count);
+    EXPECT_LT(difference / count, lossless ? 5.6 : 8.6);  // twice what was measured
+  }
+  EXPECT_THROW(writeOrthomosaic(path, results, {"EPSG:1", 0, false}), InputError);
+  EXPECT_THROW(writeOrthomosaic(path, out_->path(), {"EPSG:32755", 0, false}), InputError);
 }
 
 }  // namespace

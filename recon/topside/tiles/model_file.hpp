@@ -20,6 +20,9 @@ using TileSource = std::function<ReadTile(const TileId&)>;
 // The tiles of a level that lie in a folder of tiles, ascending.
 [[nodiscard]] std::vector<TileId> tilesOfLevel(const std::filesystem::path& folder, int level);
 
+// A vertex's colour: the picture's there, else its own, else grey.
+[[nodiscard]] Rgb vertexColour(const TexturedTile& tile, std::size_t vertex);
+
 struct ModelCounts {
   std::uint64_t tiles = 0, vertices = 0, triangles = 0;
 };

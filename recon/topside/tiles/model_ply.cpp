@@ -50,20 +50,6 @@ void put(std::string& out, Number value) {
   out.append(bytes, sizeof value);
 }
 
-Rgb colourAt(const TexturedTile& tile, std::size_t vertex) {
-  const Mesh& mesh = tile.surface.mesh;
-  if (!tile.atlas.empty() && !mesh.texture_coordinates.empty()) {
-    const Eigen::Vector2f& t = mesh.texture_coordinates[vertex];
-    const auto texel = [](float place, int count) {
-      return std::clamp(static_cast<int>(place * static_cast<float>(count)), 0, count - 1);
-    };
-    const std::uint8_t* rgb =
-        tile.atlas.at(texel(t.x(), tile.atlas.width), texel(1 - t.y(), tile.atlas.height));
-    return {rgb[0], rgb[1], rgb[2]};
-  }
-  return mesh.colours.empty() ? kGrey : mesh.colours[vertex];
-}
-
 struct Properties {
   bool sigma = false, views = false;
 };
@@ -93,13 +79,27 @@ void appendVertex(const TexturedTile& tile, std::uint32_t k, const Properties& p
   const Eigen::Vector3f& v = mesh.vertices[k];
   const Eigen::Vector3f n = mesh.normals.empty() ? Eigen::Vector3f(0, 0, -1) : mesh.normals[k];
   for (const float value : {v.y(), v.x(), -v.z(), n.y(), n.x(), -n.z()}) put(out, value);
-  for (const std::uint8_t channel : colourAt(tile, k)) put(out, channel);
+  for (const std::uint8_t channel : vertexColour(tile, k)) put(out, channel);
   if (properties.sigma) put(out, mesh.sigma.empty() ? 0.0F : mesh.sigma[k]);
   if (properties.views)
     put(out, static_cast<std::uint16_t>(tile.surface.views.empty() ? 0 : tile.surface.views[k]));
 }
 
 }  // namespace
+
+Rgb vertexColour(const TexturedTile& tile, std::size_t vertex) {
+  const Mesh& mesh = tile.surface.mesh;
+  if (!tile.atlas.empty() && !mesh.texture_coordinates.empty()) {
+    const Eigen::Vector2f& t = mesh.texture_coordinates[vertex];
+    const auto texel = [](float place, int count) {
+      return std::clamp(static_cast<int>(place * static_cast<float>(count)), 0, count - 1);
+    };
+    const std::uint8_t* rgb =
+        tile.atlas.at(texel(t.x(), tile.atlas.width), texel(1 - t.y(), tile.atlas.height));
+    return {rgb[0], rgb[1], rgb[2]};
+  }
+  return mesh.colours.empty() ? kGrey : mesh.colours[vertex];
+}
 
 ModelCounts writeModelPly(const std::filesystem::path& path, std::vector<TileId> tiles,
                           const TileSource& source, const std::vector<std::string>& comments) {

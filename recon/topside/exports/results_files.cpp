@@ -1,0 +1,41 @@
+#include "recon/topside/exports/results_files.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <numbers>
+
+#include "realtime/kernel/input_error.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+
+}  // namespace
+
+nlohmann::json readResultJson(const std::filesystem::path& path) {
+  std::ifstream stream(path);
+  if (!stream) throw InputError(path.string(), "", "cannot be opened; name a run's mission or results");
+  nlohmann::json json = nlohmann::json::parse(stream, nullptr, false);
+  if (json.is_discarded()) throw InputError(path.string(), "", "is no JSON: make it again with a run");
+  return json;
+}
+
+Geodetic originOf(const std::filesystem::path& results) {
+  const nlohmann::json scene = readResultJson(results / "scene.json");
+  try {
+    const nlohmann::json& origin = scene.at("origin");
+    return {origin.at("latitude").get<double>() * kDegree, origin.at("longitude").get<double>() * kDegree};
+  } catch (const nlohmann::json::exception&) {
+    throw InputError((results / "scene.json").string(), "origin", "is not as a run writes it");
+  }
+}
+
+std::string utmOf(const Geodetic& place) {
+  constexpr int kNorth = 32600, kSouth = 32700;  // EPSG: WGS 84 / UTM zone n
+  const int zone = std::clamp(static_cast<int>((place.longitude / kDegree + 180) / 6) + 1, 1, 60);
+  return "EPSG:" + std::to_string((place.latitude < 0 ? kSouth : kNorth) + zone);
+}
+
+}  // namespace fathom::topside

@@ -1,0 +1,25 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+namespace fathom::topside {
+
+struct GeopackageCounts {
+  std::size_t footprints = 0, contours = 0;
+};
+
+// A finished run as vectors for geographic information systems, from its folder of results, in the coordinate
+// reference system `crs` (as "EPSG:32755"), depths and heights in metres:
+//   footprints  polygons: what each left image shows, as images.json says; left, right, utc, altitude_m,
+//               depth_m, heading_deg of the image's top
+//   track       one line with z (up); begin_utc, end_utc
+//   contours    lines with height_m, of layers/elevation.tif, every `interval` metres; 0: the finest of
+//               1, 2, 5 times a power of ten that gives at most twenty of them
+// Layers without anything in them are left out. Throws InputError for results that are not as a run writes
+// them.
+GeopackageCounts writeSurveyGeopackage(const std::filesystem::path& path,
+                                       const std::filesystem::path& results, const std::string& crs,
+                                       double interval);
+
+}  // namespace fathom::topside
