@@ -110,6 +110,23 @@ TEST_F(StereoProgram, ImagesWithoutAParallaxGiveNoMeshAndSaySo) {
   EXPECT_FALSE(std::filesystem::exists(out));
 }
 
+TEST(ExportModelProgram, WhatCannotBeHandedOnIsRefusedInOneLineAndLeavesNothing) {
+  const TemporaryFolder folder;
+  const std::string command = "fathom-topside export-model ", out = (folder.path() / "out").string();
+  expectRefused(command + FATHOM_REEF_MISSION, "name what to write");
+  expectRefused(command + "/absent --colmap " + out, "/absent");
+  expectRefused(
+      command + FATHOM_REEF_MISSION " --work " + (folder.path() / "work").string() + " --colmap " + out,
+      (folder.path() / "work").string());
+  expectRefused(command + FATHOM_REEF_MISSION " --text", "--colmap");
+  expectRefused(command + FATHOM_REEF_MISSION " --cell 0.01 --gpkg " + out, "--ortho");
+  for (const char* format : {"--ply ", "--glb ", "--las "})
+    expectRefused(command + "/absent " + format + out, "level 0");
+  expectRefused(command + "/absent --gpkg " + out, "/absent/scene.json");
+  expectRefused(command + "/absent --crs EPSG:1 --ortho " + out, "EPSG:1");
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+}
+
 TEST(SlamProgram, ADiveGetsPosesClosuresAndAPage) {
   const TemporaryFolder folder;
   const std::filesystem::path out = folder.path() / "slam";

@@ -5,26 +5,68 @@
 #include <memory>
 
 #include "realtime/kernel/input_error.hpp"
+#include "recon/topside/commands/run_settings.hpp"
+#include "recon/topside/config/thread_limit.hpp"
+#include "recon/topside/exports/colmap_model.hpp"
+#include "recon/topside/exports/model_glb.hpp"
+#include "recon/topside/exports/model_las.hpp"
+#include "recon/topside/exports/nerfstudio_scene.hpp"
+#include "recon/topside/exports/orthomosaic.hpp"
+#include "recon/topside/exports/results_files.hpp"
+#include "recon/topside/exports/sparse_model_input.hpp"
+#include "recon/topside/exports/survey_geopackage.hpp"
 #include "recon/topside/tiles/model_file.hpp"
+#include "recon/topside/work/repair.hpp"
 
 namespace fathom::topside {
 namespace {
 
+namespace fs = std::filesystem;
+
 struct Options {
-  std::filesystem::path folder, ply, obj;
+  fs::path folder, ply, obj, glb, las, gpkg, ortho, colmap, nerfstudio;
+  std::string crs;
+  double contours = 0, cell = 0;
   int level = 0;
+  bool text = false, lossless = false;
+  RunSettings run;
+
+  [[nodiscard]] bool ofTiles() const { return !ply.empty() || !obj.empty() || !glb.empty() || !las.empty(); }
+  [[nodiscard]] bool ofMaps() const { return !gpkg.empty() || !ortho.empty(); }
+  [[nodiscard]] bool ofCameras() const { return !colmap.empty() || !nerfstudio.empty(); }
 };
 
-int run(const Options& options) {
-  if (options.ply.empty() && options.obj.empty())
-    throw InputError("export-model", "", "writes nothing; name a file with --ply or --obj");
-  const bool above = std::filesystem::is_directory(options.folder / "tiles");
-  const std::filesystem::path tiles = above ? options.folder / "tiles" : options.folder;
+// The folder of tiles, of a mission's folder, its results' or its own.
+fs::path tilesOf(const fs::path& folder) {
+  for (const fs::path& above : {folder, folder / "topside"})
+    if (fs::is_directory(above / "tiles")) return above / "tiles";
+  return folder;
+}
+
+// The folder of results, of the same.
+fs::path resultsOf(const fs::path& folder) {
+  for (const fs::path& place : {folder, folder / "topside", fs::weakly_canonical(folder).parent_path()})
+    if (fs::exists(place / "scene.json")) return place;
+  return folder;
+}
+
+// The mission's folder, which the results' lies in.
+fs::path missionOf(const fs::path& folder) {
+  return fs::is_directory(folder / "tiles") ? fs::weakly_canonical(folder).parent_path() : folder;
+}
+
+// As it was asked for, or the zone of UTM that the dive's origin lies in.
+std::string crsOf(const Options& options) {
+  return options.crs.empty() ? utmOf(originOf(resultsOf(options.folder))) : options.crs;
+}
+
+void exportTiles(const Options& options) {
+  const fs::path tiles = tilesOf(options.folder);
   const std::vector<TileId> ids = tilesOfLevel(tiles, options.level);
   if (ids.empty())
     throw InputError(options.folder.string(), "level " + std::to_string(options.level),
                      "has no tiles; name a folder of tiles and a level that it has");
-  const auto tell = [](const std::filesystem::path& path, const ModelCounts& counts) {
+  const auto tell = [](const fs::path& path, const ModelCounts& counts) {
     std::printf("%s: %llu tiles, %llu vertices, %llu triangles\n", path.c_str(),
                 static_cast<unsigned long long>(counts.tiles),
                 static_cast<unsigned long long>(counts.vertices),
@@ -32,21 +74,110 @@ int run(const Options& options) {
   };
   if (!options.ply.empty()) tell(options.ply, writeModelPly(options.ply, ids, glbSource(tiles)));
   if (!options.obj.empty()) tell(options.obj, writeModelObj(options.obj, ids, glbSource(tiles)));
+  if (!options.glb.empty()) tell(options.glb, writeModelGlb(options.glb, tiles, ids));
+  if (!options.las.empty())
+    tell(options.las, writeModelLas(options.las, ids, glbSource(tiles), originOf(resultsOf(options.folder)),
+                                    crsOf(options)));
+}
+
+void exportMaps(const Options& options) {
+  const fs::path results = resultsOf(options.folder);
+  const std::string crs = crsOf(options);
+  if (!options.gpkg.empty()) {
+    const GeopackageCounts counts = writeSurveyGeopackage(options.gpkg, results, crs, options.contours);
+    std::printf("%s: %zu footprints, %zu contours, the track\n", options.gpkg.c_str(), counts.footprints,
+                counts.contours);
+  }
+  if (!options.ortho.empty()) {
+    writeOrthomosaic(options.ortho, results, {crs, options.cell, options.lossless});
+    std::printf("%s: %s\n", options.ortho.c_str(), crs.c_str());
+  }
+}
+
+void exportCameras(Options& options) {
+  const TopsideConfig config = configOf(options.run);
+  const ThreadLimit limit(config);
+  RunPlaces& places = options.run.places;
+  places.mission = missionOf(options.folder);
+  if (places.work.empty()) places.work = places.mission / "topside.work";
+  MissionInput input = openMission(places.mission, places.input);
+  if (!fs::is_directory(places.work))
+    throw InputError(places.work.string(), "",
+                     "is not there, and cameras and points are taken from it; run 'fathom-topside run " +
+                         places.mission.string() + "', or name the run's --work");
+  const fs::path images = input.paths.images();
+  const SparseModel model = withRepair([&] {
+    StageStore store(places.work, StageStore::Access::kShared);
+    RunProgress progress(1.0);
+    Dive dive(input, config, store, progress, {Stage::kLevel, {}});  // makes none of what it needs
+    return sparseModelOf(dive);
+  });
+  const auto tell = [&](const fs::path& path) {
+    std::printf("%s: %zu images, %zu points, %zu pixels, %.3f px from them at the mean\n", path.c_str(),
+                2 * model.views.size(), model.points.size(), 2 * model.members.size(), model.meanError());
+  };
+  if (model.points.empty())
+    std::fprintf(stderr, "the run localised nothing, so that it kept no features: poses without points\n");
+  if (!options.colmap.empty()) {
+    writeColmapModel(options.colmap, model, options.text ? ColmapFormat::kText : ColmapFormat::kBinary);
+    tell(options.colmap);
+  }
+  if (!options.nerfstudio.empty()) {
+    writeNerfstudioScene(options.nerfstudio, model, images);
+    tell(options.nerfstudio);
+  }
+}
+
+int run(Options& options) {
+  if (!options.ofTiles() && !options.ofMaps() && !options.ofCameras())
+    throw InputError("export-model", "", "writes nothing; name what to write: --obj, --gpkg, --colmap ...");
+  if (options.ofTiles()) exportTiles(options);
+  if (options.ofMaps()) exportMaps(options);
+  if (options.ofCameras()) exportCameras(options);
   return kExitSuccess;
 }
 
 }  // namespace
 
 std::function<int()> addExportModelCommand(CLI::App& app, CLI::App*& command) {
-  const auto options = std::make_shared<Options>();
-  command = app.add_subcommand("export-model", "one level of a model's tiles as PLY or OBJ for other tools");
+  const auto o = std::make_shared<Options>();
+  command = app.add_subcommand("export-model", "a finished run's model, maps and cameras for other tools");
   command->footer(
-      "Example: fathom-topside export-model missions/reef-grid/topside --level 0 --obj model.obj");
-  command->add_option("folder", options->folder, "the tiles' folder, or the one above it")->required();
-  command->add_option("--level", options->level, "0 is the finest (0)")->check(CLI::Range(0, 12));
-  command->add_option("--ply", options->ply, "file to write");
-  command->add_option("--obj", options->obj, "file to write; beside it NAME.mtl and NAME_textures/");
-  return [options] { return run(*options); };
+      "Example: fathom-topside export-model missions/reef-grid --glb model.glb\n"
+      "Example: fathom-topside export-model missions/reef-grid --ortho reef.tif --crs EPSG:32755\n"
+      "Example: fathom-topside export-model missions/reef-grid --colmap reef/sparse/0\n"
+      "Surface and cameras: x east, y north, z up [m], of the dive's origin (GLB: x east, y up, z south).");
+  command->add_option("folder", o->folder, "the mission's folder; or its results', or their tiles'")
+      ->required();
+  command->add_option("--crs", o->crs, "coordinates of LAS and maps, as EPSG:32755 (the dive's zone of UTM)");
+
+  CLI::App& tiles = *command->add_option_group("Surface", "one level of the tiles");
+  tiles.add_option("--level", o->level, "0 is the finest (0)")->check(CLI::Range(0, 12));
+  tiles.add_option("--ply", o->ply, "file to write");
+  tiles.add_option("--obj", o->obj, "file to write; beside it NAME.mtl and NAME_textures/");
+  tiles.add_option("--glb", o->glb, "file to write, with the textures inside");
+  tiles.add_option("--las", o->las, "file of points to write, LAS 1.4");
+
+  CLI::App& maps = *command->add_option_group("Maps", "for geographic information systems");
+  CLI::Option* gpkg = maps.add_option("--gpkg", o->gpkg, "GeoPackage of footprints, track and contours");
+  maps.add_option("--contours", o->contours, "between contours [m] (at most twenty of them)")
+      ->check(CLI::Range(0.001, 1000.0))
+      ->needs(gpkg);
+  CLI::Option* ortho = maps.add_option("--ortho", o->ortho, "orthomosaic, cloud-optimised GeoTIFF");
+  maps.add_option("--cell", o->cell, "of the orthomosaic, in units of --crs (as the layer has it)")
+      ->check(CLI::Range(1e-9, 1e4))
+      ->needs(ortho);
+  maps.add_flag("--lossless", o->lossless, "deflate instead of JPEG")->needs(ortho);
+
+  CLI::App& cameras =
+      *command->add_option_group("Cameras", "where every image was taken, and points that images share");
+  CLI::Option* colmap =
+      cameras.add_option("--colmap", o->colmap, "folder for COLMAP's cameras, images and points3D");
+  cameras.add_flag("--text", o->text, "COLMAP's text form instead of the binary one")->needs(colmap);
+  cameras.add_option("--nerfstudio", o->nerfstudio, "folder for transforms.json and points.ply");
+  addPoseSettings(*command->add_option_group("Settings of the run", "as they were given to it, for cameras"),
+                  o->run);
+  return [o] { return run(*o); };
 }
 
 }  // namespace fathom::topside
