@@ -70,7 +70,11 @@ int main(int argc, char** argv) {
 
   io::CanCommand can;
   CLI::App* can_app = app.add_subcommand("can", "NMEA 2000 messages of a CAN capture");
-  can_app->add_option("FILE", can.file, "candump text, or a mission's sensors.lcmlog")->required();
+  can_app
+      ->add_option("FILE", can.file,
+                   "text of candump, canboat (plain), Yacht Devices (RAW) or Actisense (N2K ASCII), or a "
+                   "mission's sensors.lcmlog")
+      ->required();
   can_app->add_flag("--json", can.json,
                     "One JSON object a message instead of a summary; absent values are left out");
   can_app->footer("Example: fathom-sensors can candump.log --json > can.jsonl\n");

@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "firmware_if/can/candump.hpp"
+#include "firmware_if/can/can_text.hpp"
 #include "firmware_if/can/n2k_definitions.hpp"
 #include "firmware_if/can/raw_can.hpp"
 #include "firmware_if/files/byte_file.hpp"
@@ -71,19 +71,20 @@ namespace {
 
 struct CaptureCounts {
   std::uint64_t frames = 0;
+  std::uint64_t packets = 0;  // whole messages
   std::uint64_t other =
       0;  // frames that are no 29-bit data frames: 11 bits, remote, of the controller's errors
   std::uint64_t broken = 0;  // lines or log entries
 };
 
 template <class Take>
-CaptureCounts readCandump(const std::filesystem::path& path, Take&& take) {
+CaptureCounts readText(const std::filesystem::path& path, Take&& take) {
   ByteFile file(path);
-  CandumpReader reader;
+  CanTextReader reader;
   std::vector<std::uint8_t> buffer(kReadBytes);
-  while (const std::size_t got = file.read(buffer)) reader.feed({buffer.data(), got}, take);
-  reader.drain(take);
-  return {reader.counts().frames, reader.counts().other, reader.counts().broken};
+  while (const std::size_t got = file.read(buffer)) reader.feed({buffer.data(), got}, take, take);
+  reader.drain(take, take);
+  return {reader.counts().frames, reader.counts().packets, reader.counts().other, reader.counts().broken};
 }
 
 template <class Take>
@@ -109,32 +110,33 @@ CaptureCounts readLog(const std::filesystem::path& path, Take&& take) {
 int runCanCommand(const CanCommand& command, std::FILE* out, std::FILE* report) {
   N2kDecoder decoder;
   std::map<std::uint32_t, std::uint64_t> messages;
-  const auto take = [&](const CanFrame& frame) {
-    const N2kMessage* message = decoder.add(frame);
+  const auto take = [&](const auto& part) {
+    const N2kMessage* message = decoder.add(part);
     if (message == nullptr) return;
     ++messages[message->id.pgn];
     if (command.json) std::fprintf(out, "%s\n", toJson(*message).c_str());
   };
   const CaptureCounts counts =
-      command.file.extension() == ".lcmlog" ? readLog(command.file, take) : readCandump(command.file, take);
+      command.file.extension() == ".lcmlog" ? readLog(command.file, take) : readText(command.file, take);
   decoder.finish();
 
-  if (counts.frames == 0) {
+  if (counts.frames + counts.packets == 0) {
     throw InputError(
         command.file.string(), "",
-        "holds no CAN frame with a 29-bit identifier; give a capture in candump's text form, or a "
-        "mission's sensors.lcmlog");
+        "holds no CAN frame with a 29-bit identifier; give a capture of candump, canboat, a Yacht Devices "
+        "(RAW) or an Actisense (N2K ASCII) gateway, or a mission's sensors.lcmlog");
   }
   if (!command.json) printSummary(out, messages);
   if (std::fflush(out) != 0 || std::ferror(out) != 0)
     throw std::runtime_error("the output could not be written");
   const FastPacketAssembler::Counts& fast = decoder.fastPacketCounts();
   std::fprintf(report,
-               "frames %" PRIu64 ", messages %" PRIu64 ", frames without decoder %" PRIu64
-               ", other frames %" PRIu64 ", broken lines %" PRIu64 ", fast packets: complete %" PRIu64
-               ", incomplete %" PRIu64 ", orphan frames %" PRIu64 ", broken frames %" PRIu64 "\n",
-               counts.frames, decoder.counts().messages, decoder.counts().without_decoder, counts.other,
-               counts.broken, fast.complete, fast.incomplete, fast.orphans, fast.broken);
+               "frames %" PRIu64 ", whole messages %" PRIu64 ", messages %" PRIu64
+               ", without decoder %" PRIu64 ", other frames %" PRIu64 ", broken lines %" PRIu64
+               ", fast packets: complete %" PRIu64 ", incomplete %" PRIu64 ", orphan frames %" PRIu64
+               ", broken frames %" PRIu64 "\n",
+               counts.frames, counts.packets, decoder.counts().messages, decoder.counts().without_decoder,
+               counts.other, counts.broken, fast.complete, fast.incomplete, fast.orphans, fast.broken);
   return kExitSuccess;
 }
 

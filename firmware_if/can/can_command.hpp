@@ -10,7 +10,7 @@ namespace fathom::io {
 
 // `fathom-sensors can FILE [--json]`.
 struct CanCommand {
-  std::filesystem::path file;  // candump text, or a mission's .lcmlog (channel RAW_CAN)
+  std::filesystem::path file;  // a text capture (CanTextReader), or a mission's .lcmlog (RAW_CAN)
   bool json = false;           // one object a message instead of the summary
 };
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -25,9 +26,9 @@ struct N2kId {
   std::uint8_t destination = 255;  // address; 255 is everyone
 };
 
+constexpr std::uint32_t kFirstBroadcastFormat = 240;  // from here on the specific field is part of the number
+
 [[nodiscard]] constexpr N2kId parseN2kId(std::uint32_t id) {
-  constexpr std::uint32_t kFirstBroadcastFormat =
-      240;  // from here on the specific field is part of the number
   const std::uint32_t format = (id >> 16) & 0xFF;
   const std::uint32_t specific = (id >> 8) & 0xFF;
   N2kId out;
@@ -41,5 +42,23 @@ struct N2kId {
   }
   return out;
 }
+
+// The identifier that says so.
+[[nodiscard]] constexpr std::uint32_t makeN2kId(const N2kId& id) noexcept {
+  const std::uint32_t destination = ((id.pgn >> 8) & 0xFF) < kFirstBroadcastFormat ? id.destination : 0U;
+  return (static_cast<std::uint32_t>(id.priority) << 26) | ((id.pgn | destination) << 8) | id.source;
+}
+
+// A whole message, as captures hold it whose gateway has put fast packets together.
+struct N2kPacket {
+  static constexpr std::size_t kMaxBytes = 223;
+
+  std::optional<std::int64_t> utc_ns;  // as of CanFrame
+  N2kId id;
+  std::uint8_t size = 0;
+  std::array<std::uint8_t, kMaxBytes> data{};
+
+  [[nodiscard]] std::span<const std::uint8_t> bytes() const { return {data.data(), size}; }
+};
 
 }  // namespace fathom::io

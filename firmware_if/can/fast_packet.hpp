@@ -22,7 +22,7 @@ namespace fathom::io {
 // counted.
 class FastPacketAssembler {
  public:
-  static constexpr std::size_t kMaxBytes = 223;
+  static constexpr std::size_t kMaxBytes = N2kPacket::kMaxBytes;
 
   struct Config {
     std::size_t slots = 64;  // packets under way at once

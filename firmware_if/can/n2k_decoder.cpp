@@ -84,17 +84,25 @@ bool decodeN2kPayload(std::uint32_t pgn, std::span<const std::uint8_t> payload, 
 const N2kMessage* N2kDecoder::add(const CanFrame& frame) noexcept {
   const N2kId id = parseN2kId(frame.id);
   const N2kPgnSpec* spec = findN2kPgn(id.pgn);
-  if (spec == nullptr) {
-    ++counts_.without_decoder;
-    return nullptr;
-  }
   std::span<const std::uint8_t> payload = frame.bytes();
-  if (spec->fast_packet) {
+  if (spec != nullptr && spec->fast_packet) {
     payload = fast_packets_.add(id, frame);
     if (payload.empty()) return nullptr;
   }
-  if (!decodeN2kPayload(id.pgn, payload, message_)) return nullptr;
-  message_.utc_ns = frame.utc_ns;
+  return decode(id, payload, frame.utc_ns);
+}
+
+const N2kMessage* N2kDecoder::add(const N2kPacket& packet) noexcept {
+  return decode(packet.id, packet.bytes(), packet.utc_ns);
+}
+
+const N2kMessage* N2kDecoder::decode(const N2kId& id, std::span<const std::uint8_t> payload,
+                                     std::optional<std::int64_t> utc_ns) noexcept {
+  if (!decodeN2kPayload(id.pgn, payload, message_)) {
+    ++counts_.without_decoder;
+    return nullptr;
+  }
+  message_.utc_ns = utc_ns;
   message_.id = id;
   ++counts_.messages;
   return &message_;

@@ -42,14 +42,16 @@ class N2kDecoder {
  public:
   struct Counts {
     std::uint64_t messages = 0;         // given out
-    std::uint64_t without_decoder = 0;  // frames of other PGNs
+    std::uint64_t without_decoder = 0;  // frames and packets of other PGNs
   };
 
   N2kDecoder() = default;
   explicit N2kDecoder(const FastPacketAssembler::Config& config) : fast_packets_(config) {}
 
-  // The message that `frame` is, or completes; valid until the next call. nullptr when there is none.
+  // The message that `frame` or `packet` is, or completes; valid until the next call. nullptr when there is
+  // none.
   [[nodiscard]] const N2kMessage* add(const CanFrame& frame) noexcept;
+  [[nodiscard]] const N2kMessage* add(const N2kPacket& packet) noexcept;
   void finish() noexcept { fast_packets_.finish(); }
 
   [[nodiscard]] const Counts& counts() const noexcept { return counts_; }
@@ -58,6 +60,9 @@ class N2kDecoder {
   }
 
  private:
+  const N2kMessage* decode(const N2kId& id, std::span<const std::uint8_t> payload,
+                           std::optional<std::int64_t> utc_ns) noexcept;
+
   FastPacketAssembler fast_packets_;
   N2kMessage message_;
   Counts counts_;

@@ -189,7 +189,8 @@ TEST(RawCan, TheMissionsLogIsDecodedAsACaptureIs) {
   EXPECT_FALSE(std::getline(messages, line));
   std::ifstream reported(report);
   std::getline(reported, counts);
-  EXPECT_NE(counts.find("frames 1, messages 1, frames without decoder 0, other frames 1, broken lines 1"),
+  EXPECT_NE(counts.find(
+                "frames 1, whole messages 0, messages 1, without decoder 0, other frames 1, broken lines 1"),
             std::string::npos)
       << counts;
 }

@@ -8,7 +8,7 @@
 #include <set>
 #include <sstream>
 
-#include "firmware_if/can/candump.hpp"
+#include "firmware_if/can/can_text.hpp"
 #include "firmware_if/can/n2k_decoder.hpp"
 #include "firmware_if/can/n2k_definitions.hpp"
 #include "tests/support/program_run.hpp"
@@ -205,6 +205,25 @@ TEST(CanCapture, TheGnssPositionAgreesWithCanboats) {
   }
 }
 
+TEST(CanCapture, CanboatsOwnFormIsReadFramesAndWholeMessages) {
+  FATHOM_REQUIRE_DATA("can/pgn-test.in");
+  FATHOM_REQUIRE_DATA("can/recombine-frames.in");
+  const auto only = [](const std::vector<json>& messages, int pgn) {
+    std::vector<json> out;
+    for (const json& message : messages)
+      if (message["pgn"] == pgn) out.push_back(message);
+    return out;
+  };
+  const std::vector<json> fixes = only(runJson(test::dataFile("can/pgn-test.in")), 129029);
+  ASSERT_EQ(fixes.size(), 1U);
+  EXPECT_NEAR(fixes[0]["fields"]["latitude_deg"].get<double>(), 52.7461333, 0.5e-7);
+  EXPECT_NEAR(fixes[0]["time_s"].get<double>(), 1303712703.603, 1e-6);  // 2011-04-25 06:25:03.603
+  // Each file's frames are put together as those of candump are.
+  const std::vector<json> frames = only(runJson(test::dataFile("can/recombine-frames.in")), 129029);
+  ASSERT_FALSE(frames.empty());
+  for (const json& fix : frames) EXPECT_NEAR(fix["fields"]["latitude_deg"].get<double>(), 42.4967684, 0.5e-7);
+}
+
 TEST(CanCapture, FastPacketsAreRecombinedAsCanboatRecombinesThem) {
   FATHOM_REQUIRE_DATA("can/recombine-frames.in");
   FATHOM_REQUIRE_DATA("can/recombine-frames.out");
@@ -250,7 +269,7 @@ TEST(CanCapture, FastPacketsAreRecombinedAsCanboatRecombinesThem) {
 TEST(CanCapture, TheFastPacketsOfTwoEnginesComeOutWhole) {
   FATHOM_REQUIRE_DATA("can/candump-fast.txt");
   const std::vector<std::uint8_t> text = test::readBytes(test::dataFile("can/candump-fast.txt"));
-  CandumpReader reader;
+  CanTextReader reader;
   FastPacketAssembler assembler;
   std::vector<int> instances;
   const auto take = [&](const CanFrame& frame) {

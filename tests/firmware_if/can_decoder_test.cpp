@@ -3,11 +3,9 @@
 #include <array>
 #include <bit>
 #include <cmath>
-#include <string>
 #include <vector>
 
 #include "firmware_if/can/can_command.hpp"
-#include "firmware_if/can/candump.hpp"
 #include "firmware_if/can/n2k_definitions.hpp"
 #include "tests/support/heap_counter.hpp"
 
@@ -59,69 +57,6 @@ TEST(N2kId, BroadcastNumbersHoldTheSpecificFieldAndAddressedOnesDoNot) {
   EXPECT_EQ(request.pgn, 59904U);
   EXPECT_EQ(request.source, 172);
   EXPECT_EQ(request.destination, 204);
-}
-
-TEST(Candump, LogAndScreenFormGiveTheSameFrame) {
-  for (const char* line :
-       {"(1502984866.421964) slcan0 09F112CC#FF725AFF7FFF7FFD",
-        "(1502984866.421964) slcan0 09F112CC#FF.72.5A.FF.7F.FF.7F.FD\r",
-        " (1502984866.421964)  slcan0  09F112CC   [8]  FF 72 5A FF 7F FF 7F FD",
-        " (1502984866.421964)  can0  RX - -  09F112CC   [8]  FF 72 5A FF 7F FF 7F FD   '.rZ.....'"}) {
-    CanFrame frame;
-    ASSERT_EQ(parseCandumpLine(line, frame), CandumpLine::kFrame) << line;
-    EXPECT_EQ(frame.utc_ns, 1'502'984'866'421'964'000) << line;
-    EXPECT_EQ(frame.id, 0x09F112CCU);
-    EXPECT_EQ(Bytes(frame.bytes().begin(), frame.bytes().end()),
-              (Bytes{0xFF, 0x72, 0x5A, 0xFF, 0x7F, 0xFF, 0x7F, 0xFD}));
-  }
-}
-
-TEST(Candump, ATimeThatIsMissingOrNotInSecondsIsAbsent) {
-  CanFrame frame;
-  ASSERT_EQ(parseCandumpLine("can0  09F112CC  [2]  01 02", frame), CandumpLine::kFrame);
-  EXPECT_FALSE(frame.utc_ns);
-  ASSERT_EQ(parseCandumpLine(" (2017-08-17 15:47:46.421964)  can0  09F112CC  [0]", frame),
-            CandumpLine::kFrame);
-  EXPECT_FALSE(frame.utc_ns);
-  ASSERT_EQ(parseCandumpLine("(99999999999999999999.0) can0 09F112CC#", frame), CandumpLine::kFrame);
-  EXPECT_FALSE(frame.utc_ns);
-  ASSERT_EQ(parseCandumpLine("(0000000000.352000) can0 09F112CC#", frame), CandumpLine::kFrame);
-  EXPECT_EQ(frame.utc_ns, 352'000'000);
-}
-
-TEST(Candump, WhatIsNoExtendedDataFrameIsToldFromWhatIsBroken) {
-  CanFrame frame;
-  for (const char* other : {"(1.0) can0 123#0102", "(1.0) can0 09F112CC#R", "(1.0) can0 09F112CC##311223344",
-                            "(1.0) can0 20000004#0000000000000000", "can0  123  [2]  01 02",
-                            "can0  09F112CC   [2]  remote request", "can0  09F112CC  [12]  00 11"}) {
-    EXPECT_EQ(parseCandumpLine(other, frame), CandumpLine::kOther) << other;
-  }
-  for (const char* broken :
-       {"(1.0 can0 09F112CC#00", "(1.0) can0", "can0", "(1.0) can0 09F112C#00", "(1.0) can0 09F112CC#0",
-        "(1.0) can0 09F112CC#0G", "(1.0) can0 09F112CC#001122334455667788", "can0 09F112CC [3] 01 02",
-        "can0 09F112CC [9] 01", "can0 09F112CC 01 02", "()", "( ) a b"}) {
-    EXPECT_EQ(parseCandumpLine(broken, frame), CandumpLine::kBroken) << broken;
-  }
-  for (const char* blank : {"", "   ", "\r", "# a comment"}) {
-    EXPECT_EQ(parseCandumpLine(blank, frame), CandumpLine::kBlank) << blank;
-  }
-}
-
-TEST(Candump, TheReaderTakesLinesCutAnywhereAndALastOneWithoutItsEnd) {
-  const std::string text = "(1.0) can0 09F112CC#01\n(2.0) can0 09F112CC#02\r\nnonsense\n" +
-                           std::string(5000, 'x') + "\n(3.0) can0 09F112CC#03";
-  for (const std::size_t piece : {1U, 3U, 10000U}) {
-    CandumpReader reader;
-    Bytes seen;
-    const auto take = [&](const CanFrame& frame) { seen.push_back(frame.data[0]); };
-    for (std::size_t at = 0; at < text.size(); at += piece) {
-      const std::string part = text.substr(at, piece);
-      reader.feed({reinterpret_cast<const std::uint8_t*>(part.data()), part.size()}, take);
-    }
-    reader.drain(take);
-    EXPECT_EQ(seen, (Bytes{1, 2, 3}));
-    EXPECT_EQ(reader.counts().broken, 2U);
-  }
 }
 
 TEST(FastPacket, PacketsOfEverySizeComeOutAsTheyWereSplit) {
@@ -225,6 +160,21 @@ TEST(FastPacket, ImpossibleLengthsAndShortFramesAreBroken) {
   EXPECT_TRUE(assembler.add(id, frameOf(129029, 1, {0x00, 20, 1, 2})).empty());
   EXPECT_EQ(assembler.counts().broken, 4U);
   EXPECT_EQ(assembler.counts().complete, 0U);
+}
+
+TEST(N2kDecoder, AWholeMessageIsDecodedAsItsFramesAre) {
+  N2kDecoder decoder;
+  N2kPacket packet;
+  packet.utc_ns = 5;
+  packet.id = {3, 129029, 36, 255};
+  packet.size = 43;
+  ASSERT_NE(decoder.add(packet), nullptr);
+  EXPECT_EQ(decoder.add(packet)->utc_ns, 5);
+  EXPECT_EQ(decoder.add(packet)->id.source, 36);
+  packet.id.pgn = 130823;
+  EXPECT_EQ(decoder.add(packet), nullptr);
+  EXPECT_EQ(decoder.counts().messages, 3U);
+  EXPECT_EQ(decoder.counts().without_decoder, 1U);
 }
 
 TEST(N2kDecoder, HighestValuesOfAFieldAreAbsentAndTheOneBelowIsANumber) {

@@ -8,7 +8,7 @@
 #include <variant>
 #include <vector>
 
-#include "firmware_if/can/candump.hpp"
+#include "firmware_if/can/can_text.hpp"
 #include "firmware_if/can/send/n2k_encoder.hpp"
 #include "firmware_if/files/byte_file.hpp"
 #include "recon/geometry/sea_water.hpp"
@@ -295,7 +295,7 @@ TEST(CanSamples, ARealCaptureGivesPlausibleSamplesWithoutMemory) {
   std::vector<CanFrame> frames;
   {
     ByteFile file(test::dataFile("can/candumpSample3.txt"));
-    CandumpReader reader;
+    CanTextReader reader;
     std::vector<std::uint8_t> bytes(1 << 16);
     const auto keep = [&](const CanFrame& frame) { frames.push_back(frame); };
     while (const std::size_t got = file.read(bytes)) reader.feed({bytes.data(), got}, keep);

@@ -3,28 +3,29 @@
 #include <cstdlib>
 
 #include "firmware_if/can/can_command.hpp"
-#include "firmware_if/can/candump.hpp"
+#include "firmware_if/can/can_text.hpp"
 #include "firmware_if/can/n2k_decoder.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace fathom::io;
   const std::span<const std::uint8_t> bytes(data, size);
   N2kDecoder decoder;
-  const auto decode = [&](const CanFrame& frame) {
-    if (const N2kMessage* message = decoder.add(frame)) (void)toJson(*message);
+  const auto decode = [&](const auto& part) {
+    if (const N2kMessage* message = decoder.add(part)) (void)toJson(*message);
   };
 
-  CandumpReader whole;
-  whole.feed(bytes, decode);
-  whole.drain(decode);
+  CanTextReader whole;
+  whole.feed(bytes, decode, decode);
+  whole.drain(decode, decode);
   decoder.finish();
 
-  CandumpReader cut;
+  CanTextReader cut;
   const std::size_t at = size == 0 ? 0 : data[0] * size / 256;
   cut.feed(bytes.first(at), [](const CanFrame&) {});
   cut.feed(bytes.subspan(at), [](const CanFrame&) {});
   cut.drain([](const CanFrame&) {});
-  if (whole.counts().frames != cut.counts().frames || whole.counts().broken != cut.counts().broken)
+  if (whole.counts().frames != cut.counts().frames || whole.counts().packets != cut.counts().packets ||
+      whole.counts().broken != cut.counts().broken)
     std::abort();
   return 0;
 }

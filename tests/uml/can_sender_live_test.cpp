@@ -61,7 +61,7 @@ TEST_F(CanSendingOnARealInterface, CandumpShowsFramesThatReadBackAsTheReport) {
   std::ifstream lines(capture);
   for (std::string line; std::getline(lines, line);) {
     io::CanFrame frame;
-    ASSERT_EQ(io::parseCandumpLine(line, frame), io::CandumpLine::kFrame) << line;
+    ASSERT_EQ(io::parseCandumpLine(line, frame), io::CanLine::kFrame) << line;
     ++frames;
     if (const io::N2kMessage* message = decoder.add(frame))
       messages.insert_or_assign(message->id.pgn, *message);

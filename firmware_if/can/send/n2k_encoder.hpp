@@ -22,12 +22,6 @@ struct N2kValue {
 [[nodiscard]] bool encodeN2kPayload(std::uint32_t pgn, std::span<const N2kValue> values,
                                     std::span<std::uint8_t> out) noexcept;
 
-[[nodiscard]] constexpr std::uint32_t makeN2kId(const N2kId& id) noexcept {
-  constexpr std::uint32_t kFirstBroadcastFormat = 240;
-  const std::uint32_t destination = ((id.pgn >> 8) & 0xFF) < kFirstBroadcastFormat ? id.destination : 0U;
-  return (static_cast<std::uint32_t>(id.priority) << 26) | ((id.pgn | destination) << 8) | id.source;
-}
-
 // The frames of a fast packet, at most 32; returns how many. `payload`: at most 223 bytes.
 inline constexpr std::size_t kMaxFastPacketFrames = 32;
 [[nodiscard]] std::size_t splitFastPacket(const N2kId& id, unsigned sequence,

@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "firmware_if/can/candump.hpp"
+#include "firmware_if/can/can_text.hpp"
 #include "firmware_if/can/n2k_decoder.hpp"
 #include "firmware_if/dvl/pd0_decoder.hpp"
 #include "tests/support/text_files.hpp"
@@ -41,7 +41,7 @@ void deviceCandumpRead(benchmark::State& state) {
   const std::vector<std::uint8_t> text = capture("can/candumpSample3.txt");
   if (text.empty()) return state.SkipWithError("no real captures in FATHOM_DATA_DIR");
   for (auto _ : state) {
-    fathom::io::CandumpReader reader;
+    fathom::io::CanTextReader reader;
     reader.feed(text, [](const fathom::io::CanFrame& frame) { benchmark::DoNotOptimize(&frame); });
   }
   state.SetBytesProcessed(static_cast<std::int64_t>(state.iterations()) *
@@ -55,7 +55,7 @@ void deviceN2kDecode(benchmark::State& state) {
   if (text.empty()) return state.SkipWithError("no real captures in FATHOM_DATA_DIR");
   std::vector<fathom::io::CanFrame> frames;
   std::int64_t bytes = 0;
-  fathom::io::CandumpReader reader;
+  fathom::io::CanTextReader reader;
   reader.feed(text, [&](const fathom::io::CanFrame& frame) {
     frames.push_back(frame);
     bytes += frame.size;
