@@ -1,8 +1,11 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <span>
+#include <string>
 #include <string_view>
+#include <vector>
 
 namespace fathom {
 
@@ -15,9 +18,13 @@ class OutputFolder {
     bool outlives = false;  // without commit() what is in path() stays there
     bool reopen = false;    // what an earlier program left in path() is kept
   };
+  // Gives two folders each other's names in one step; false where the file system cannot.
+  using Exchange = std::function<bool(const std::filesystem::path&, const std::filesystem::path&)>;
 
-  // `ours`: the names that earlier runs may have left there. Throws InputError when the place is no folder,
-  // holds anything else (it would be lost), or cannot be made.
+  // `ours`: the files that earlier runs may have left there, at any depth, as shell patterns of their paths
+  // in the folder (fnmatch's, with extended ones): "mesh.ply", "layers/@(slope|views).tif". Throws InputError
+  // when the place is no folder, holds any other file (it would be lost), or cannot be made. A folder that
+  // a commit() cut short had put aside is back in its place before.
   OutputFolder(const std::filesystem::path& folder, std::span<const std::string_view> ours, const Life& life);
   OutputFolder(const std::filesystem::path& folder, std::span<const std::string_view> ours)
       : OutputFolder(folder, ours, Life()) {}
@@ -26,10 +33,16 @@ class OutputFolder {
   OutputFolder& operator=(const OutputFolder&) = delete;
 
   [[nodiscard]] const std::filesystem::path& path() const { return temporary_; }
-  void commit();
+  // Throws InputError, and leaves the old folder, when another file came into it meanwhile. Where folders
+  // cannot be exchanged the old one is "<folder>.old.tmp" until the new one stands in its place.
+  void commit(const Exchange& exchange = exchanged);
 
  private:
-  std::filesystem::path folder_, temporary_;
+  [[nodiscard]] static bool exchanged(const std::filesystem::path& a, const std::filesystem::path& b);
+  void refuseOtherFiles() const;
+
+  std::filesystem::path folder_, temporary_, aside_;
+  std::vector<std::string> ours_;
   bool outlives_;
 };
 

@@ -13,9 +13,11 @@
 #include "recon/geometry/output_folder.hpp"
 #include "recon/topside/assemble/assemble.hpp"
 #include "recon/topside/config/thread_limit.hpp"
+#include "recon/topside/rasters/layer_set.hpp"
 #include "recon/topside/report/map_picture.hpp"
 #include "recon/topside/report/report.hpp"
 #include "recon/topside/report/slam_json.hpp"
+#include "recon/topside/tiles/tileset.hpp"
 #include "recon/topside/work/repair.hpp"
 #include "recon/topside/work/stage_times.hpp"
 
@@ -26,13 +28,14 @@ constexpr int kPicturePixels = 1400;   // longer side of the report's pictures
 constexpr double kPixelsPerVoxel = 6;  // at most: a small map is drawn large enough to look at
 
 // What topside/ of a mission folder may hold.
-constexpr std::array<std::string_view, 16> kOurs = {"stereo_pose_est.data",
+constexpr std::array<std::string_view, 17> kOurs = {"stereo_pose_est.data",
                                                     "vehicle_pose_est.data",
                                                     "closures.csv",
                                                     "mesh.ply",
                                                     "mesh.png",
-                                                    "tiles",
-                                                    "layers",
+                                                    "tiles/tileset.json",
+                                                    kTileFiles,
+                                                    kLayerFiles,
                                                     "report.json",
                                                     "report.html",
                                                     "scene.json",

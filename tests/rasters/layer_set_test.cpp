@@ -1,5 +1,6 @@
 #include "recon/topside/rasters/layer_set.hpp"
 
+#include <fnmatch.h>
 #include <gdal_priv.h>
 #include <gtest/gtest.h>
 #include <ogr_spatialref.h>
@@ -236,6 +237,22 @@ TEST_F(LayerSet, StatisticsAndTheTrackAreLayersToo) {
   EXPECT_NEAR(at(*deviation, 1, 1), 0.05 / std::sqrt(2), 1e-4);
   EXPECT_NEAR(at(*altitude, 20, 20.3), 2.2, 0.011);
   EXPECT_NEAR(at(*temperature, 20, 19.6), 11.5, 1e-4);
+}
+
+TEST(LayerFiles, KnowsEveryLayerAndNothingElse) {
+  const auto known = [](const std::string& name) {
+    return fnmatch(std::string(kLayerFiles).c_str(), ("layers/" + name).c_str(),
+                   FNM_PATHNAME | FNM_EXTMATCH) == 0;
+  };
+  for (std::size_t k = 0; k < kWaterProperties; ++k)
+    EXPECT_TRUE(known(infoOf(static_cast<WaterProperty>(k)).name + std::string(".tif"))) << k;
+  for (const std::string name : {"elevation", "orthomosaic", "slope", "aspect", "rugosity", "views",
+                                 "uncertainty", "meshes", "deviation", "altitude"}) {
+    EXPECT_TRUE(known(name + ".tif")) << name;
+    EXPECT_TRUE(known(name + ".png")) << name;
+  }
+  EXPECT_FALSE(known("mine.tif"));
+  EXPECT_FALSE(known("slope.tif.aux.xml"));
 }
 
 TEST_F(LayerSet, TheSameInputsGiveTheSameBytesWithAnyThreads) {

@@ -147,6 +147,22 @@ TEST_F(TopsidePipeline, ForeignFilesInTheOutputFolderAreNeverLost) {
   EXPECT_EQ(test::readText(result("thesis.tex")), "years of work");
 }
 
+TEST_F(TopsidePipeline, ForeignFilesAreFoundAmongTheFilesOfARun) {
+  TopsideConfig config;
+  config.model.gpu_texture = GpuTexture::kKtx2;
+  (void)runTopside(mission(), mission() / "topside", config);
+  config.model.gpu_texture = GpuTexture::kDds;
+  (void)runTopside(mission(), mission() / "topside", config);
+  EXPECT_EQ(errorOf(mission(), config), "");
+  for (const char* name :
+       {"layers/mine.tif", "layers/slope.qgz", "tiles/0/notes.txt", "tiles/mine/0_0.glb"}) {
+    test::writeText(result(name), "years of work");
+    EXPECT_THAT(errorOf(mission()), HasSubstr(name));
+    EXPECT_EQ(test::readText(result(name)), "years of work");
+    fs::remove(result(name));
+  }
+}
+
 TEST_F(TopsidePipeline, AnAbsentOrBrokenFileIsNamedInOneLine) {
   EXPECT_THAT(errorOf("/nowhere/at/all"), HasSubstr("/nowhere/at/all"));
   std::ofstream(mission() / "stereo.calib") << "2 340 256";

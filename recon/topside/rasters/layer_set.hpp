@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <functional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "recon/fusion/cell_statistics.hpp"
@@ -50,5 +51,10 @@ struct LayerInputs {
 // blocks. Throws std::runtime_error when a file cannot be written or a patch is broken.
 std::vector<LayerInfo> writeLayers(const std::filesystem::path& out, const LayerInputs& inputs,
                                    const LayerConfig& config);
+
+// All files that writeLayers() may write, as a shell pattern (OutputFolder).
+inline constexpr std::string_view kLayerFiles =
+    "layers/@(elevation|orthomosaic|slope|aspect|rugosity|views|uncertainty|meshes|deviation|altitude|"
+    "conductivity|temperature|salinity|sound_speed|chlorophyll|cdom|turbidity).@(tif|png)";
 
 }  // namespace fathom::topside

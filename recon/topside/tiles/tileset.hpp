@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "recon/geometry/geodesy.hpp"
@@ -22,6 +23,9 @@ struct TileEntry {
 
 // Where a tile lies in the tiles folder: "L/x_y" and the ending.
 [[nodiscard]] std::string tilePath(const TileId& id, const std::string& ending = ".glb");
+// All such files of an output folder as a shell pattern (OutputFolder).
+inline constexpr std::string_view kTileFiles =
+    "tiles/+([0-9])/?(-)+([0-9])_?(-)+([0-9]).@(glb|json|ktx2|dds)";
 
 struct TilesetConfig {
   // Geometric error a metre of texel. A viewer with the usual target of 16 px refines a tile before its
