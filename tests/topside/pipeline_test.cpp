@@ -163,6 +163,22 @@ TEST_F(TopsidePipeline, ForeignFilesAreFoundAmongTheFilesOfARun) {
   }
 }
 
+TEST_F(TopsidePipeline, ResultsAnywhereLeadToTheMissionsImages) {
+  const test::TemporaryFolder elsewhere;
+  const fs::path deep = elsewhere.path() / "a/b/results";
+  for (const fs::path& out : {mission() / "topside", deep}) {
+    RunPlaces places{mission(), mission() / "topside.work", out, {}};
+    (void)runTopside(places, {});
+    const auto scene = nlohmann::json::parse(test::readText(out / "scene.json"));
+    const fs::path images = scene["image_folder"].get<std::string>();
+    EXPECT_TRUE(images.is_relative());
+    EXPECT_TRUE(fs::equivalent(out / images, mission() / "img")) << images;
+    if (out != deep) {
+      EXPECT_EQ(images, "../img");
+    }
+  }
+}
+
 TEST_F(TopsidePipeline, AnAbsentOrBrokenFileIsNamedInOneLine) {
   EXPECT_THAT(errorOf("/nowhere/at/all"), HasSubstr("/nowhere/at/all"));
   std::ofstream(mission() / "stereo.calib") << "2 340 256";

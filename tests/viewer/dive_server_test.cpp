@@ -48,6 +48,30 @@ TEST_F(DiveServer, PageDiveAndImagesAreServedEachFromItsFolder) {
   EXPECT_EQ(client.Post("/dive/scene.json", "x", "text/plain")->status, 403);
 }
 
+TEST_F(DiveServer, ImagesAreServedFromWhereverTheSceneSaysAndNothingAroundThem) {
+  write("elsewhere/deep/results/scene.json",
+        R"({"format":1,"tileset":"tiles/tileset.json","image_folder":"../../../mission/img"})");
+  const web::PageServer server = serveDive(findDive(root_ / "elsewhere/deep/results"), root_ / "page", 0);
+  httplib::Client client("127.0.0.1", server.port());
+  EXPECT_EQ(nlohmann::json::parse(client.Get("/view.json")->body)["images"], "images/");
+  EXPECT_EQ(client.Get("/images/PR_1_LC16.tif")->body, "image");
+  for (const char* path :
+       {"/images/../../secret.txt", "/images/..%2f..%2fsecret.txt", "/images/%2e%2e/%2e%2e/secret.txt",
+        "/images//../topside/scene.json", "/images/..%2ftopside%2fscene.json", "/images/"})
+    EXPECT_EQ(client.Get(path)->status, 404) << path;
+}
+
+TEST_F(DiveServer, ADiveWhoseImagesAreNotThereIsServedWithoutThem) {
+  fs::rename(root_ / "mission/topside", root_ / "moved");
+  const ServedDive dive = findDive(root_ / "moved");
+  EXPECT_FALSE(dive.hasImages());
+  const web::PageServer server = serveDive(dive, root_ / "page", 0);
+  httplib::Client client("127.0.0.1", server.port());
+  EXPECT_TRUE(nlohmann::json::parse(client.Get("/view.json")->body)["images"].is_null());
+  EXPECT_EQ(client.Get("/dive/tiles/0/0_0.glb")->body, "0123456789");
+  EXPECT_EQ(client.Get("/images/PR_1_LC16.tif")->status, 404);
+}
+
 TEST_F(DiveServer, AFolderWithoutADiveIsNamed) {
   try {
     (void)findDive(root_ / "page");

@@ -72,7 +72,7 @@ void writeScene(Dive& dive, const Assembled& model, const std::vector<TileEntry>
     low = low.cwiseMin(entry.low);
     high = high.cwiseMax(entry.high);
   }
-  const fs::path images = dive.input().paths.images();
+  const io::MissionPaths& paths = dive.input().paths;
   const Json scene = {
       {"format", 1},
       {"name", mission.vehicle_name + " dive " + std::to_string(mission.dive_id)},
@@ -86,7 +86,8 @@ void writeScene(Dive& dive, const Assembled& model, const std::vector<TileEntry>
       {"layers", layers},
       {"track", "track.json"},
       {"images", "images.json"},
-      {"image_folder", "../" + images.lexically_relative(dive.input().paths.root).generic_string()},
+      {"image_folder",
+       (fs::relative(paths.root, out) / paths.images().lexically_relative(paths.root)).generic_string()},
       {"bounds", {low.x(), low.y(), high.x(), high.y()}},
       {"depth", {low.z(), high.z()}}};
   writeFile(out / "scene.json", scene.dump(1, ' ', false, Json::error_handler_t::replace) + "\n");

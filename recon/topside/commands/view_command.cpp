@@ -25,8 +25,11 @@ int runView(const Options& options) {
   sigaddset(&signals, SIGINT);
   sigaddset(&signals, SIGTERM);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
-  const web::PageServer server =
-      serveDive(findDive(options.folder), web::pageFolder(options.page, "topside"), options.port);
+  const ServedDive dive = findDive(options.folder);
+  const web::PageServer server = serveDive(dive, web::pageFolder(options.page, "topside"), options.port);
+  if (!dive.hasImages())
+    std::fprintf(stderr, "%s: the original images are not there: the model is shown without them\n",
+                 dive.images.empty() ? dive.output.c_str() : dive.images.c_str());
   std::printf("http://127.0.0.1:%d/ (Ctrl-C ends it)\n", server.port());
   std::fflush(stdout);
   int signal = 0;

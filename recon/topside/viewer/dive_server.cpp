@@ -10,6 +10,11 @@
 
 namespace fathom::topside {
 
+bool ServedDive::hasImages() const {
+  std::error_code error;
+  return !images.empty() && std::filesystem::is_directory(images, error);
+}
+
 ServedDive findDive(const std::filesystem::path& folder) {
   ServedDive dive{folder, {}};
   if (!std::filesystem::is_regular_file(folder / "scene.json")) dive.output = folder / "topside";
@@ -23,8 +28,7 @@ ServedDive findDive(const std::filesystem::path& folder) {
   if (!scene.is_object()) throw InputError(file.string(), "", "is no JSON object: run fathom-topside again");
   if (const auto name = scene.find("image_folder"); name != scene.end() && name->is_string()) {
     std::error_code error;
-    const auto images = std::filesystem::weakly_canonical(dive.output / name->get<std::string>(), error);
-    if (!error && std::filesystem::is_directory(images, error)) dive.images = images;
+    dive.images = std::filesystem::weakly_canonical(dive.output / name->get<std::string>(), error);
   }
   return dive;
 }
@@ -35,14 +39,15 @@ web::PageServer serveDive(const ServedDive& dive, const std::filesystem::path& p
   config.option = "--port";
   config.page = page;
   return web::PageServer(config, [&](httplib::Server& server) {
-    const nlohmann::json view{{"dive", "dive/"},
-                              {"images", "images/"},
-                              {"name", std::filesystem::weakly_canonical(dive.output).string()}};
+    nlohmann::json view{{"dive", "dive/"},
+                        {"images", nullptr},
+                        {"name", std::filesystem::weakly_canonical(dive.output).string()}};
+    if (dive.hasImages()) view["images"] = "images/";
     server.Get("/view.json", [text = view.dump()](const httplib::Request&, httplib::Response& response) {
       response.set_content(text, "application/json");
     });
     web::serveFolder(server, "/dive/", dive.output);
-    if (!dive.images.empty()) web::serveFolder(server, "/images/", dive.images);
+    if (dive.hasImages()) web::serveFolder(server, "/images/", dive.images);
   });
 }
 

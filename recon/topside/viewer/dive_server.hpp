@@ -7,18 +7,19 @@
 namespace fathom::topside {
 
 struct ServedDive {
-  std::filesystem::path output;  // holds scene.json
-  std::filesystem::path images;  // the original images; empty: none
+  std::filesystem::path output;          // holds scene.json
+  std::filesystem::path images;          // the original images, as scene.json says; empty: it names none
+  [[nodiscard]] bool hasImages() const;  // they are there
 };
 
 // Finds the parts from what the user gave: an output folder, or the mission folder that holds one in
-// topside/. The image folder is the one that scene.json names. Throws InputError where there is no
-// scene.json, or it is none.
+// topside/. The image folder is the one that scene.json names, from the output folder. Throws InputError
+// where there is no scene.json, or it is none.
 [[nodiscard]] ServedDive findDive(const std::filesystem::path& folder);
 
-// Serves a dive to browsers on this machine (127.0.0.1 alone): `/` the page, `/dive/` the output, `/images/`,
-// and `/view.json`, which tells the page so. Nothing can be changed through it. Port 0: any that is free;
-// throws InputError where it cannot be had.
+// Serves a dive to browsers on this machine (127.0.0.1 alone): `/` the page, `/dive/` the output, `/images/`
+// where they are, and `/view.json`, which tells the page so. Nothing can be changed through it. Port 0: any
+// that is free; throws InputError where it cannot be had.
 [[nodiscard]] web::PageServer serveDive(const ServedDive& dive, const std::filesystem::path& page, int port);
 
 }  // namespace fathom::topside

@@ -50,7 +50,7 @@ export class App {
   private linkTimer: ReturnType<typeof setTimeout> | null = null;
 
   // Throws where there is no dive.
-  async open(source: Source, imageFolder?: string): Promise<void> {
+  async open(source: Source, imageFolder?: string | null): Promise<void> {
     this.dive = await openDive(source, trouble, imageFolder);
     const { dive, view, look, marks } = this;
     const { scene } = dive;

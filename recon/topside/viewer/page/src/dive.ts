@@ -62,6 +62,7 @@ export interface Dive {
   track: Track | null;
   camera: CameraModel | null;
   images: DiveImage[];
+  originals: boolean; // whether the images themselves can be had
   imageAddress(name: string): string;
   address(file: string): string;
 }
@@ -153,14 +154,16 @@ export function parseImages(value: Json): { camera: CameraModel | null; images: 
 }
 
 // Throws where there is no dive at all. Track and images are read later, by readRecords: the first picture needs neither.
-export async function openDive(source: Source, complain: (what: string) => void, imageFolder?: string): Promise<Dive> {
+// The original images lie in `imageFolder`, null: nowhere, or where scene.json says.
+export async function openDive(source: Source, complain: (what: string) => void, imageFolder?: string | null): Promise<Dive> {
   const address = (file: string): string => new URL(file, source.base).href;
   const scene = parseScene(await json(source, address('scene.json')));
-  const folder = imageFolder ?? (scene.image_folder === null ? null : address(scene.image_folder.replace(/\/*$/, '/')));
+  const folder = imageFolder !== undefined ? imageFolder : (scene.image_folder === null ? null : address(scene.image_folder.replace(/\/*$/, '/')));
   const dive: Dive = {
-    source, scene, projection: scene.origin ? transverseMercator(scene.origin) : null, track: null, camera: null, images: [], address,
+    source, scene, projection: scene.origin ? transverseMercator(scene.origin) : null, track: null, camera: null, images: [], address, originals: imageFolder !== null,
     imageAddress: (name) => new URL(encodeURIComponent(name), folder ?? source.base).href,
   };
+  if (!dive.originals) complain('the original images are not there: the model is shown without them');
   if (!scene.origin) complain('scene.json tells no origin: positions are shown without latitude and longitude');
   return dive;
 }

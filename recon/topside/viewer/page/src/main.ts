@@ -9,7 +9,7 @@ import { trouble } from './troubles';
 
 let app: App | null = null;
 
-async function open(source: Promise<Source> | Source, images?: string): Promise<void> {
+async function open(source: Promise<Source> | Source, images?: string | null): Promise<void> {
   element('opener').hidden = true;
   element('waiting').hidden = false;
   try {
@@ -29,8 +29,8 @@ async function open(source: Promise<Source> | Source, images?: string): Promise<
 async function begin(): Promise<void> {
   const dive = new URLSearchParams(location.search).get('dive');
   if (dive) return open(new WebSource(dive));
-  const served = await fetch('view.json').then((r) => (r.ok ? (r.json() as Promise<{ dive: string; images: string; name: string }>) : null)).catch(() => null);
-  if (served) return open(new WebSource(served.dive, served.name), new URL(served.images, location.href).href);
+  const served = await fetch('view.json').then((r) => (r.ok ? (r.json() as Promise<{ dive: string; images: string | null; name: string }>) : null)).catch(() => null);
+  if (served) return open(new WebSource(served.dive, served.name), served.images && new URL(served.images, location.href).href);
   element('waiting').hidden = true;
   element('opener').hidden = false;
 }

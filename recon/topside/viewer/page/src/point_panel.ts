@@ -102,9 +102,9 @@ export class PointPanel {
     box.replaceChildren();
     this.sightings = this.visible(place);
     document.body.dataset.images = String(this.sightings.length);
-    const shown = this.sightings.slice(0, MOST_IMAGES);
+    const shown = dive.originals ? this.sightings.slice(0, MOST_IMAGES) : [];
     element('images-head').textContent = dive.images.length === 0 ? '' : this.sightings.length === 0 ? 'No image saw this point.'
-      : `${this.sightings.length} image${this.sightings.length > 1 ? 's' : ''} saw it${shown.length < this.sightings.length ? `, the best ${shown.length} here` : ''}`;
+      : `${this.sightings.length} image${this.sightings.length > 1 ? 's' : ''} saw it${dive.originals && shown.length < this.sightings.length ? `, the best ${shown.length} here` : ''}`;
     element('image-actions').hidden = true;
     for (const sighting of shown) box.append(this.thumb(sighting, turn));
   }
@@ -173,7 +173,7 @@ export class PointPanel {
   async drape(name: string | null): Promise<void> {
     const image = name === null ? null : this.dive.images.find((i) => i.left === name) ?? null;
     this.image = image?.left ?? null;
-    if (!image || !this.dive.camera) {
+    if (!image || !this.dive.camera || !this.dive.originals) {
       this.look.setPhoto(null, null, null);
       this.view.draw();
       return;

@@ -6,7 +6,7 @@ import { Budget, defaultLimit, halvings } from '../src/budget';
 import { imagesThatSaw, inCamera, project, turn, type CameraModel, type DiveImage } from '../src/cameras';
 import { readCsv } from '../src/csv';
 import { develop } from '../src/demosaic';
-import { parseImages, parseScene, parseTrack } from '../src/dive';
+import { openDive, parseImages, parseScene, parseTrack } from '../src/dive';
 import { Flight } from '../src/flight';
 import { transverseMercator, utm, utmZone } from '#kit/geodesy';
 import { imageSize } from '../src/image_size';
@@ -256,4 +256,17 @@ test('a folder opens from the dive or from the mission around it', async () => {
   assert.equal((await source.fetch(new URL('../img/a%20b.tif', source.base).href)).status, 200);
   assert.equal((await source.fetch(new URL('absent.json', source.base).href)).status, 404);
   await assert.rejects(openFolder('other', fromFileList([file('other/readme.txt')])), /holds no scene.json/);
+});
+
+test('a dive whose images are not there says so once, and looks for them where it is told', async () => {
+  const scene = new File([JSON.stringify({ format: 1, tileset: 't.json', origin: { latitude: 0, longitude: 0 }, image_folder: '../../dive/img' })], 'scene.json');
+  const source = await openFolder('results', fromFileList([Object.assign(scene, { webkitRelativePath: 'results/scene.json' })]));
+  const complaints: string[] = [];
+  const gone = await openDive(source, (what) => complaints.push(what), null);
+  assert.equal(gone.originals, false);
+  assert.deepEqual(complaints, ['the original images are not there: the model is shown without them']);
+  const served = await openDive(source, (what) => complaints.push(what), 'http://127.0.0.1:1/images/');
+  assert.equal(served.originals, true);
+  assert.equal(served.imageAddress('a b.tif'), 'http://127.0.0.1:1/images/a%20b.tif');
+  assert.equal(complaints.length, 1);
 });
