@@ -10,13 +10,9 @@
 #include <sstream>
 
 #include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/atomic_file.hpp"
 
 namespace fathom {
 namespace {
-
-static_assert(std::endian::native == std::endian::little,
-              "the PLY writer writes native little-endian floats");
 
 enum class Encoding { kAscii, kLittleEndian, kBigEndian };
 
@@ -266,13 +262,6 @@ std::string readAll(const std::filesystem::path& path) {
   return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 
-template <typename T>
-void put(std::string& out, const T& value) {
-  char raw[sizeof value];
-  std::memcpy(raw, &value, sizeof value);
-  out.append(raw, sizeof value);
-}
-
 }  // namespace
 
 Mesh readPly(const std::filesystem::path& path) {
@@ -293,54 +282,6 @@ Mesh readPly(const std::filesystem::path& path) {
   }
   if (mesh.vertices.empty()) in.fail("holds no vertices");
   return mesh;
-}
-
-void writePly(std::ostream& stream, const Mesh& mesh, const std::vector<std::string>& comments) {
-  const std::size_t n = mesh.vertices.size();
-  const bool normals = mesh.normals.size() == n, colours = mesh.colours.size() == n;
-  const bool texture = mesh.texture_coordinates.size() == n, sigma = mesh.sigma.size() == n;
-  std::ostringstream header;
-  header << "ply\nformat binary_little_endian 1.0\n";
-  for (const std::string& comment : comments) header << "comment " << comment << '\n';
-  header << "element vertex " << n << "\nproperty float x\nproperty float y\nproperty float z\n";
-  if (normals) header << "property float nx\nproperty float ny\nproperty float nz\n";
-  if (colours) header << "property uchar red\nproperty uchar green\nproperty uchar blue\n";
-  if (texture) header << "property float s\nproperty float t\n";
-  if (sigma) header << "property float sigma\n";
-  header << "element face " << mesh.triangles.size()
-         << "\nproperty list uchar int vertex_indices\nend_header\n";
-
-  stream << header.str();
-  std::string buffer;
-  constexpr std::size_t kFlushBytes = 1 << 20;
-  const auto flush = [&](std::size_t limit) {
-    if (buffer.size() < limit) return;
-    stream.write(buffer.data(), static_cast<std::streamsize>(buffer.size()));
-    buffer.clear();
-  };
-  for (std::size_t i = 0; i < n; ++i) {
-    for (int k = 0; k < 3; ++k) put(buffer, mesh.vertices[i][k]);
-    if (normals)
-      for (int k = 0; k < 3; ++k) put(buffer, mesh.normals[i][k]);
-    if (colours)
-      for (const std::uint8_t channel : mesh.colours[i]) put(buffer, channel);
-    if (texture)
-      for (int k = 0; k < 2; ++k) put(buffer, mesh.texture_coordinates[i][k]);
-    if (sigma) put(buffer, mesh.sigma[i]);
-    flush(kFlushBytes);
-  }
-  for (const auto& triangle : mesh.triangles) {
-    put(buffer, std::uint8_t{3});
-    for (const std::uint32_t index : triangle) put(buffer, static_cast<std::int32_t>(index));
-    flush(kFlushBytes);
-  }
-  flush(0);
-}
-
-void writePly(const std::filesystem::path& path, const Mesh& mesh, const std::vector<std::string>& comments) {
-  AtomicFile file(path);
-  writePly(file.stream(), mesh, comments);
-  file.commit();
 }
 
 }  // namespace fathom

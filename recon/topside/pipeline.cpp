@@ -101,8 +101,8 @@ void fillRecord(RunRecord& record, Dive& dive, const StageStore& store, const As
   record.pieces = dive.pieceFiles().size();
   record.levels = model.levels;
   record.layers = model.layers;
-  record.vertices = model.mesh.vertices.size();
-  record.triangles = model.mesh.triangles.size();
+  record.vertices = model.vertices;
+  record.triangles = model.triangles;
   record.area = model.levels.front().area;
   for (const auto& [name, outcome] : dive.outcomes())
     record.stages.push_back({name, outcome.there, outcome.made, outcome.seconds});
@@ -130,7 +130,9 @@ Summary runWith(const RunPlaces& places, const TopsideConfig& config) {
   Stopwatch stage;
   RunRecord record;
   const Assembled model = assemble(dive, fused, out.path());
-  const MapPicture picture = drawFromAbove(model.mesh, kPicturePixels, config.fusion.voxel / kPixelsPerVoxel);
+  MapPainter painter(model.extent, kPicturePixels, config.fusion.voxel / kPixelsPerVoxel);
+  for (const auto& [tile, file] : levels.front()) painter.add(readFeed(*file, tile).surface.mesh);
+  const MapPicture picture = painter.take();
   writeFile(out.path() / "mesh.png", toPng(picture.rgb, picture.width, picture.height));
   dive.dropOldItems();
 
@@ -138,7 +140,7 @@ Summary runWith(const RunPlaces& places, const TopsideConfig& config) {
   done.pairs = dive.survey().list.pairs.size();
   done.used = fused.counts.used;
   done.unreadable = fused.counts.unreadable;
-  done.triangles = model.mesh.triangles.size();
+  done.triangles = model.triangles;
   for (const LevelSummary& level : model.levels) done.tiles += level.tiles;
   done.area = model.levels.front().area;
   done.content = digestOfFolder(out.path(), kTimed);

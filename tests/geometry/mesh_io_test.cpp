@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "recon/geometry/ply_parts.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -57,6 +58,45 @@ TEST(MeshIo, AsciiPolygonsBecomeFansAndUnknownElementsAreSkipped) {
   ASSERT_EQ(mesh.vertices.size(), 4u);
   ASSERT_EQ(mesh.triangles.size(), 2u);
   EXPECT_EQ(mesh.triangles[1], (std::array<std::uint32_t, 3>{0, 2, 3}));
+}
+
+TEST(MeshIo, AMeshInPartsGivesTheSameBytesAndLeavesNothingElse) {
+  const TemporaryFolder folder;
+  Mesh whole = square();
+  whole.triangles = {{0, 1, 2}, {0, 2, 3}};
+  writePly(folder.path() / "whole.ply", whole, {"in one"});
+  Mesh first = whole, second = whole;
+  const auto split = [](auto& low, auto& high) {
+    if (low.empty()) return;
+    low.resize(3);
+    high.erase(high.begin(), high.begin() + 3);
+  };
+  split(first.vertices, second.vertices);
+  split(first.normals, second.normals);
+  split(first.colours, second.colours);
+  split(first.texture_coordinates, second.texture_coordinates);
+  split(first.sigma, second.sigma);
+  first.triangles = {{0, 1, 2}};
+  second.triangles = {{0, 2, 3}};
+  {
+    PlyParts ply(folder.path() / "parts.ply", {"in one"});
+    ply.add(first);
+    ply.add(second);
+    ply.add(Mesh{});
+    ply.commit();
+    EXPECT_EQ(ply.vertices(), 4U);
+    EXPECT_EQ(ply.triangles(), 2U);
+  }
+  EXPECT_EQ(test::readText(folder.path() / "parts.ply"), test::readText(folder.path() / "whole.ply"));
+  { const PlyParts dropped(folder.path() / "dropped.ply", {}); }
+  std::size_t files = 0;
+  for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(folder.path())) ++files;
+  EXPECT_EQ(files, 2U);
+
+  PlyParts ply(folder.path() / "parts.ply", {});
+  ply.add(first);
+  second.normals.clear();
+  EXPECT_THROW(ply.add(second), std::invalid_argument);
 }
 
 TEST(MeshIo, BigEndianFilesAreRead) {

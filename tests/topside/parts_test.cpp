@@ -62,11 +62,25 @@ TEST(TopsideConfig, TheBandFollowsTheVoxelUnlessItIsSet) {
   EXPECT_DOUBLE_EQ(readTopsideConfig(folder.path() / "run.toml").fusion.truncation, 0.15);
 }
 
+// The mesh in two parts.
+MapPicture drawn(const Mesh& mesh, int max_pixels, double min_metres) {
+  MapExtent extent;
+  extent.add(mesh);
+  MapPainter painter(extent, max_pixels, min_metres);
+  Mesh part = mesh;
+  const auto middle = mesh.triangles.begin() + static_cast<std::ptrdiff_t>(mesh.triangles.size() / 2);
+  part.triangles.assign(mesh.triangles.begin(), middle);
+  painter.add(part);
+  part.triangles.assign(middle, mesh.triangles.end());
+  painter.add(part);
+  return painter.take();
+}
+
 TEST(MapPicture, NorthIsUpEastIsRightAndTheUpperSurfaceIsSeen) {
   Mesh mesh = square(0, 0, 1, 10);   // south-west
   append(mesh, square(1, 1, 1, 5));  // north-east, shallower
   append(mesh, square(1, 1, 1, 9));  // hidden below it
-  const MapPicture picture = drawFromAbove(mesh, 100, 0.001);
+  const MapPicture picture = drawn(mesh, 100, 0.001);
   ASSERT_EQ(picture.width, 100);
   ASSERT_EQ(picture.height, 100);
   const auto at = [&](int row, int column) {
@@ -78,7 +92,7 @@ TEST(MapPicture, NorthIsUpEastIsRightAndTheUpperSurfaceIsSeen) {
   EXPECT_GT(brightness(at(25, 75)), brightness(at(75, 25)) + 100);  // shallow is light
   EXPECT_NEAR(picture.rgb_texture[(25 * 100 + 75) * 3], 200, 3);
   EXPECT_EQ(toPng(picture.rgb, picture.width, picture.height).substr(1, 3), "PNG");
-  EXPECT_TRUE(drawFromAbove(Mesh{}, 100, 0.01).rgb.empty());
+  EXPECT_TRUE(drawn(Mesh{}, 100, 0.01).rgb.empty());
 }
 
 TEST(Crossovers, OnlyComingBackLaterIsACrossover) {

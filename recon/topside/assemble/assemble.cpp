@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "recon/geometry/ply_parts.hpp"
 #include "recon/topside/report/pose_output.hpp"
 #include "recon/topside/tables/dive_tables.hpp"
 #include "recon/topside/tables/dive_tables_input.hpp"
@@ -93,27 +93,33 @@ void writeScene(Dive& dive, const Assembled& model, const std::vector<TileEntry>
   writeFile(out / "scene.json", scene.dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
-// The leaf tiles as one mesh: vertices at one place are one.
-Mesh joinLeaves(const TilePlaces& leaves) {
-  Mesh all;
+// The leaf tiles as one mesh, tile by tile: vertices at one place are one.
+void writeMesh(const TilePlaces& leaves, const fs::path& path, Assembled& model) {
+  PlyParts ply(path,
+               {"fathom-topside " FATHOM_VERSION, "nav: north, east, down [m] from the mission's origin"});
   JoinedVertices joined;
   for (const auto& [tile, file] : leaves) {
     const TileMesh surface = readFeed(*file, tile).surface;
     const Mesh& mesh = surface.mesh;
     const auto [number, added] = joined.add(surface);
+    Mesh part;
     for (const std::uint32_t v : added) {
-      all.vertices.push_back(mesh.vertices[v]);
-      if (!mesh.normals.empty()) all.normals.push_back(mesh.normals[v]);
-      if (!mesh.colours.empty()) all.colours.push_back(mesh.colours[v]);
-      if (!mesh.sigma.empty()) all.sigma.push_back(mesh.sigma[v]);
+      part.vertices.push_back(mesh.vertices[v]);
+      if (!mesh.normals.empty()) part.normals.push_back(mesh.normals[v]);
+      if (!mesh.colours.empty()) part.colours.push_back(mesh.colours[v]);
+      if (!mesh.sigma.empty()) part.sigma.push_back(mesh.sigma[v]);
     }
     for (const auto& t : mesh.triangles) {
       const auto corner = [&, &of = number](std::size_t k) { return static_cast<std::uint32_t>(of[t[k]]); };
       const auto a = corner(0), b = corner(1), c = corner(2);
-      if (a != b && b != c && c != a) all.triangles.push_back({a, b, c});
+      if (a != b && b != c && c != a) part.triangles.push_back({a, b, c});
     }
+    ply.add(part);
+    model.extent.add(part);
   }
-  return all;
+  ply.commit();
+  model.vertices = ply.vertices();
+  model.triangles = ply.triangles();
 }
 
 }  // namespace
@@ -127,9 +133,7 @@ Assembled assemble(Dive& dive, const FuseResult& fused, const fs::path& out) {
   const Geodetic& origin = dive.input().mission.origin;
   writeTilesets(out / "tiles", entries, origin);
 
-  model.mesh = joinLeaves(levels.front());
-  writePly(out / "mesh.ply", model.mesh,
-           {"fathom-topside " FATHOM_VERSION, "nav: north, east, down [m] from the mission's origin"});
+  writeMesh(levels.front(), out / "mesh.ply", model);
   writePoses(out, origin, fused.pairs);
   if (const SlamResult* slam = dive.localised())
     writeClosures(out / "closures.csv", dive.survey().list.pairs, slam->closures);

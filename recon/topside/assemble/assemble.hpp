@@ -4,9 +4,9 @@
 #include <string>
 #include <vector>
 
-#include "recon/geometry/mesh.hpp"
 #include "recon/topside/dive.hpp"
 #include "recon/topside/rasters/layer_set.hpp"
+#include "recon/topside/report/map_picture.hpp"
 
 namespace fathom::topside {
 
@@ -22,7 +22,8 @@ struct LevelSummary {
 struct Assembled {
   std::vector<LevelSummary> levels;
   std::vector<LayerInfo> layers;
-  Mesh mesh;  // the finest level in one piece, nav
+  std::uint64_t vertices = 0, triangles = 0;  // of mesh.ply
+  MapExtent extent;                           // of the same
 };
 
 // Writes tiles/, layers/, mesh.ply, the poses, closures.csv, track.json, images.json, the tables of images

@@ -2,10 +2,10 @@
 #include <array>
 #include <cmath>
 #include <cstring>
-#include <fstream>
 #include <stdexcept>
 
 #include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/scratch_file.hpp"
 #include "recon/topside/tiles/joined_vertices.hpp"
 #include "recon/topside/tiles/model_file.hpp"
 
@@ -13,35 +13,6 @@ namespace fathom::topside {
 namespace {
 
 constexpr Rgb kGrey{128, 128, 128};  // of a tile that has no colours
-
-// A file for what comes last in another, gone with this object.
-class Scratch {
- public:
-  explicit Scratch(std::filesystem::path path)
-      : path_(std::move(path)),
-        stream_(path_, std::ios::in | std::ios::out | std::ios::binary | std::ios::trunc) {
-    if (!stream_) throw std::runtime_error("cannot write " + path_.string());
-  }
-  ~Scratch() {
-    stream_.close();
-    std::error_code ignored;
-    std::filesystem::remove(path_, ignored);
-  }
-  Scratch(const Scratch&) = delete;
-  Scratch& operator=(const Scratch&) = delete;
-  std::fstream& stream() { return stream_; }
-  void appendTo(std::ostream& out) {
-    stream_.flush();
-    if (!stream_) throw std::runtime_error("cannot write " + path_.string() + " (disk full?)");
-    if (stream_.tellp() == 0) return;
-    stream_.seekg(0);
-    out << stream_.rdbuf();
-  }
-
- private:
-  std::filesystem::path path_;
-  std::fstream stream_;
-};
 
 template <typename Number>
 void put(std::string& out, Number value) {
@@ -105,7 +76,7 @@ ModelCounts writeModelPly(const std::filesystem::path& path, std::vector<TileId>
                           const TileSource& source, const std::vector<std::string>& comments) {
   std::sort(tiles.begin(), tiles.end());
   AtomicFile file(path);
-  Scratch faces(path.string() + ".faces.tmp");
+  ScratchFile faces(path.string() + ".faces.tmp");
   JoinedVertices joined;
   ModelCounts counts;
   Properties properties;
