@@ -36,6 +36,7 @@ std::vector<StageTask> Dive::pieceTasks() {
   piece_inputs_.prepared = prepared_.get();
   piece_inputs_.T_nav_cam = &T_nav_cam_;
   piece_inputs_.footprints = &model.footprints;
+  piece_inputs_.statistics = &model.statistics;
   piece_inputs_.planes = &survey_->planes;
   piece_inputs_.images = images_.get();
   piece_inputs_.grid = grid_;

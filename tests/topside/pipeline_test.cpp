@@ -179,6 +179,31 @@ TEST_F(TopsidePipeline, ResultsAnywhereLeadToTheMissionsImages) {
   }
 }
 
+TEST_F(TopsidePipeline, FusionKnowsHowFarMeshesDisagree) {
+  (void)runTopside(mission(), mission() / "topside", {});
+  io::StereoPoseFile poses = io::readStereoPoses(result("stereo_pose_est.data"));
+  constexpr double kApart = 0.25;  // every other mesh is so much deeper [m]
+  for (std::size_t k = 0; k < poses.poses.size(); k += 2) {
+    const SE3& T = poses.poses[k].T_nav_cam;
+    poses.poses[k].T_nav_cam = SE3(T.rotation(), T.translation() + Eigen::Vector3d(0, 0, kApart));
+  }
+  RunPlaces places{mission(), mission() / "topside.work", mission() / "topside", {}};
+  places.input.poses = mission() / "disagreeing.data";
+  io::writeStereoPoses(places.input.poses, poses);
+  TopsideConfig config;
+  config.fusion.carve = false;
+  (void)runTopside(places, config);
+  // A ramp of 0.1 m would keep two surfaces, one as wide as their spread makes one between them.
+  std::size_t between = 0, all = 0;
+  for (const auto& v : readPly(result("mesh.ply")).vertices) {
+    const double above = static_cast<double>(v.z()) - scene_.seafloor(static_cast<double>(v.x()));
+    if (std::abs(static_cast<double>(v.x()) - 4) > 0.5) continue;  // where all meshes overlap others
+    ++all;
+    if (std::abs(above - kApart / 2) < kApart / 4) ++between;
+  }
+  EXPECT_GT(static_cast<double>(between), 0.5 * static_cast<double>(all)) << between << " of " << all;
+}
+
 TEST_F(TopsidePipeline, AnAbsentOrBrokenFileIsNamedInOneLine) {
   EXPECT_THAT(errorOf("/nowhere/at/all"), HasSubstr("/nowhere/at/all"));
   std::ofstream(mission() / "stereo.calib") << "2 340 256";

@@ -3,6 +3,8 @@
 #include <oneapi/tbb/enumerable_thread_specific.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <mutex>
 #include <optional>
 
@@ -22,7 +24,7 @@ void exchangeState(Archive& archive, Is<PieceFacts> auto& f) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kPieceVersion = 5;
+constexpr std::uint32_t kPieceVersion = 6;
 
 // Seconds of several threads by step.
 class SharedCosts {
@@ -43,7 +45,24 @@ fusion::VolumetricConfig fusionConfig(const PieceInputs& in, const fusion::Piece
   config.min_area = in.config->min_component;
   config.overlap = in.config->model.division.overlap;
   config.bounds = fusion::FusionBounds{in.grid, piece.core};
+  config.statistics = in.statistics;
   return config;
+}
+
+// The deviations that the ramp may follow: those of the cells about the piece's meshes.
+void addDeviations(Hasher& hasher, const PieceInputs& in, const fusion::Piece& piece) {
+  std::array<std::int32_t, 4> range{INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN};  // as a footprint's box
+  const double edge = in.statistics->cell();
+  for (const std::uint32_t pair : piece.meshes)
+    for (std::size_t k = 0; k < 4; ++k) {
+      const auto cell = static_cast<std::int32_t>(std::floor((*in.footprints)[pair].box[k] / edge));
+      range[k] = k < 2 ? std::min(range[k], cell) : std::max(range[k], cell);
+    }
+  for (std::int32_t x = range[0]; x <= range[2]; ++x)
+    for (std::int32_t y = range[1]; y <= range[3]; ++y) {
+      const auto cell = in.statistics->at((x + 0.5) * edge, (y + 0.5) * edge);
+      if (cell && cell->deviation > 0) hasher.add(x, y, cell->deviation);
+    }
 }
 
 surface::ViewIndex viewsOf(const PieceInputs& in, const fusion::Piece& piece) {
@@ -139,6 +158,7 @@ Digest pieceKey(const PieceInputs& in, const fusion::Piece& piece, const Digest&
   const fusion::VolumetricConfig& c = in.config->fusion;
   hasher.add(c.voxel, c.truncation, c.min_observations, c.border, c.carve, in.config->min_component);
   addModelSettings(hasher, *in.config);
+  addDeviations(hasher, in, piece);
   const bool textured = in.images != nullptr;
   hasher.add(textured);
   if (textured) {

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "recon/fusion/cell_statistics.hpp"
 #include "recon/fusion/space_division.hpp"
 #include "recon/fusion/volumetric_fusion.hpp"
 #include "recon/topside/config/model_settings.hpp"
@@ -21,6 +22,7 @@ struct PieceInputs {
   const PreparedGroups* prepared = nullptr;
   const std::vector<SE3>* T_nav_cam = nullptr;                 // of every pair; of pairs without a mesh: any
   const std::vector<fusion::Footprint>* footprints = nullptr;  // of every pair
+  const fusion::CellStatistics* statistics = nullptr;          // of all meshes
   const SeedPlanes* planes = nullptr;                          // of every pair
   ViewImages* images = nullptr;                                // null: no texture
   TileGrid grid;
@@ -34,8 +36,8 @@ struct PieceFacts {
   std::uint64_t meshes = 0, texels = 0, unseen = 0, occluded = 0, outvoted = 0;
 };
 
-// Everything that the piece's result depends on, and nothing else: poses and meshes that reach it, its
-// images, the models and settings.
+// Everything that the piece's result depends on, and nothing else: poses and meshes that reach it, how far
+// meshes disagree on their ground, its images, the models and settings.
 [[nodiscard]] Digest pieceKey(const PieceInputs& inputs, const fusion::Piece& piece, const Digest& lighting,
                               const std::vector<Digest>& image_identities);
 
