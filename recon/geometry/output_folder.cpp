@@ -52,7 +52,7 @@ void OutputFolder::refuseOtherFiles() const {
   std::error_code error;
   if (!fs::exists(folder_, error)) return;
   if (!fs::is_directory(folder_, error))
-    throw InputError(folder_.string(), "", "is not a folder; choose another --out");
+    throw InputError(folder_.string(), "", "is not a folder; choose another folder");
   for (const auto& entry : fs::recursive_directory_iterator(folder_)) {
     if (entry.symlink_status().type() == fs::file_type::directory) continue;
     const std::string name = entry.path().lexically_relative(folder_).generic_string();
@@ -61,7 +61,7 @@ void OutputFolder::refuseOtherFiles() const {
     });
     if (!known)
       throw InputError(folder_.string(), name,
-                       "is not of an earlier run and would be lost; move it, or choose another --out");
+                       "is not of an earlier run and would be lost; move it, or choose another folder");
   }
 }
 
