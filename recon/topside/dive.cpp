@@ -165,8 +165,9 @@ const SlamResult* Dive::localised() {
   if (localises()) {
     const Digest key = localiseKey(input_, config_, survey_content_, groups.content());
     const WorkFile file = single(Stage::kLocalise, key, [&](WorkFileWriter& out) {
-      const auto way = input_.navigated ? localise : localiseFreely;
-      const SlamResult slam = way(input_.mission, input_.rig, config_, *survey_, groups);
+      const SlamResult slam = input_.navigated
+                                  ? localise(input_.mission, input_.rig, config_, *survey_, groups)
+                                  : localiseFreely(input_, config_, *survey_, groups);
       saveSlam(out, slam);
       return slam.seconds;
     });

@@ -1,16 +1,22 @@
 #include "recon/topside/localise/free_poses.hpp"
 
+#include <oneapi/tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <set>
 
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/progress.hpp"
 #include "recon/closure/candidates.hpp"
 #include "recon/closure/place_index.hpp"
 #include "recon/closure/recognition.hpp"
 #include "recon/geometry/union_find.hpp"
 #include "recon/slam/batch_solver.hpp"
+#include "recon/topside/input/scout_planes.hpp"
 #include "recon/topside/localise/closure_search.hpp"
+#include "recon/topside/localise/ground_alignment.hpp"
 #include "recon/topside/localise/visual_odometry.hpp"
 #include "recon/topside/work/stage_times.hpp"
 
@@ -27,8 +33,8 @@ constexpr double kStepSigma = 0.05, kStepAngle = 0.03, kDrift = 0.03;  // [m], [
 
 class FreePoses {
  public:
-  FreePoses(const StereoRig& rig, const Survey& survey, const FeatureStore& features)
-      : rig_(rig), survey_(survey) {
+  FreePoses(const MissionInput& input, const Survey& survey, const FeatureStore& features)
+      : input_(input), rig_(input.rig), survey_(survey) {
     frames_.features = &features;
     for (std::uint32_t k = 0; k < survey.planes.size(); ++k) {
       if (features.count(k) == 0 || !survey.planes[k]) continue;
@@ -60,6 +66,7 @@ class FreePoses {
     registerAll(rig_, frames_, stepRules(), over, "odometry over one");
     for (const Attempt& t : over)
       if (t.accepted()) links_.push_back(t.link);
+    if (!input_.features_only) alignBroken();
     odometry_ = links_.size();
     solve();
   }
@@ -123,6 +130,47 @@ class FreePoses {
   }
 
  private:
+  // Steps without features to speak of, from all pixels.
+  void alignBroken() {
+    std::vector<std::uint32_t> steps;
+    for (const auto& [b, why] : broken) steps.push_back(b);
+    std::vector<GroundAlignment> found(steps.size());
+    rt::StageProgress progress("ground", steps.size());
+    oneapi::tbb::parallel_for(std::size_t{0}, steps.size(), [&](std::size_t k) {
+      GroundView a, b;
+      if (groundOf(steps[k] - 1, a) && groundOf(steps[k], b)) found[k] = alignGround(rig_.left, a, b);
+      progress.step();
+    });
+    for (std::size_t k = 0; k < steps.size(); ++k) {
+      const GroundAlignment& one = found[k];
+      if (one.refusal != closure::Refusal::kNone) continue;
+      slam::NavigationLink link;
+      link.a = steps[k] - 1;
+      link.b = steps[k];
+      link.T_a_b = one.pose.T_a_b;
+      link.covariance = one.pose.covariance;
+      link.inliers = one.inliers;
+      links_.push_back(link);
+      broken.erase(steps[k]);
+    }
+  }
+
+  // False where the image cannot be read any more.
+  bool groundOf(std::uint32_t frame, GroundView& view) const {
+    const ImagePair& pair = survey_.list.pairs[frames_.pair[frame]];
+    try {
+      const std::vector<std::uint8_t> grey = stretchedGrey(input_.image(pair.left, CameraSide::kLeft).view);
+      view.mono =
+          cv::Mat(rig_.left.height, rig_.left.width, CV_8U, const_cast<std::uint8_t*>(grey.data())).clone();
+    } catch (const InputError&) {
+      return false;
+    }
+    const stereo::SeedPlane& plane = *survey_.planes[frames_.pair[frame]];
+    view.plane = {plane.normal, plane.distance};
+    frames_.load(frame, view.features);
+    return true;
+  }
+
   void note(const Attempt& t) {
     tried.push_back({frames_.pair[t.a], frames_.pair[t.b], t.accepted()});
     ++refused[static_cast<std::size_t>(t.refusal)];
@@ -258,6 +306,7 @@ class FreePoses {
     for (const std::uint32_t k : members) poses_[k] = T * poses_[k];
   }
 
+  const MissionInput& input_;
   const StereoRig& rig_;
   const Survey& survey_;
   Frames frames_;
@@ -270,12 +319,12 @@ class FreePoses {
 
 }  // namespace
 
-SlamResult localiseFreely(const io::MissionConfig& mission, const StereoRig& rig, const TopsideConfig& config,
-                          const Survey& survey, const FeatureStore& features) {
+SlamResult localiseFreely(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
+                          const FeatureStore& features) {
   SlamResult out;
   out.poses = survey.navigation.poses;
   Stopwatch watch;
-  FreePoses free(rig, survey, features);
+  FreePoses free(input, survey, features);
   const Frames& frames = free.frames();
   out.frames = frames.pair.size();
   free.odometry();
@@ -291,7 +340,7 @@ SlamResult localiseFreely(const io::MissionConfig& mission, const StereoRig& rig
     const auto broken = free.broken.find(members.front());
     if (broken != free.broken.end()) part.why = broken->second;
   }
-  const SE3 T_cam_body = mission.T_body_cam.inverse();
+  const SE3 T_cam_body = input.mission.T_body_cam.inverse();
   for (std::size_t k = 0; k < frames.pair.size(); ++k)
     out.poses[frames.pair[k]].T_nav_body = free.poses()[k] * T_cam_body;
   for (std::size_t k = 0; k < free.links().size(); ++k) {

@@ -1,18 +1,19 @@
 #pragma once
 
+#include "recon/topside/input/mission_input.hpp"
 #include "recon/topside/localise/slam_stage.hpp"
 
 namespace fathom::topside {
 
 // Poses of a dive without navigation, from its images alone: visual odometry between consecutive pairs (over
-// one that shows too little, if need be), places recognised (closure::PlaceIndex, closure::Agreement), pairs
+// one that shows too little, if need be; where there are no features, from all pixels of level ground,
+// alignGround()), places recognised (closure::PlaceIndex, closure::Agreement), pairs
 // that overlap by the poses found so far; maximum likelihood of all, closures that contradict the others
 // taken out. Where nothing joins pairs, the dive falls into parts (SlamResult::parts), the first pair's
 // first: each is level on the seafloor that it shows, with its first camera at depth 0 and the top of that
 // image to the north, and stands east of the part before it. The result does not depend on the number of
 // threads.
-[[nodiscard]] SlamResult localiseFreely(const io::MissionConfig& mission, const StereoRig& rig,
-                                        const TopsideConfig& config, const Survey& survey,
-                                        const FeatureStore& features);
+[[nodiscard]] SlamResult localiseFreely(const MissionInput& input, const TopsideConfig& config,
+                                        const Survey& survey, const FeatureStore& features);
 
 }  // namespace fathom::topside
