@@ -46,11 +46,22 @@ OneCamera calibrateOne(const Points2& corners, const Chessboard& board, ImageSiz
   return out;
 }
 
-double rms(const std::vector<Eigen::Vector2d>& residuals) {
-  double sum = 0;
-  for (const auto& r : residuals) sum += r.squaredNorm();
-  return residuals.empty() ? 0 : std::sqrt(sum / static_cast<double>(residuals.size()));
-}
+// Of the distance between seen and projected.
+class Rms {
+ public:
+  void add(const std::vector<Eigen::Vector2d>& residuals) {
+    for (const auto& r : residuals) squares_ += r.squaredNorm();
+    count_ += static_cast<double>(residuals.size());
+  }
+  void add(const Rms& other) {
+    squares_ += other.squares_;
+    count_ += other.count_;
+  }
+  [[nodiscard]] double value() const { return count_ > 0 ? std::sqrt(squares_ / count_) : 0; }
+
+ private:
+  double squares_ = 0, count_ = 0;
+};
 
 void project(const StereoRig& rig, const std::vector<Eigen::Vector3d>& points, CalibratedView& view) {
   view.left_residuals.clear();
@@ -60,9 +71,7 @@ void project(const StereoRig& rig, const std::vector<Eigen::Vector3d>& points, C
     view.left_residuals.push_back(view.left[k] - rig.left.project(in_left));
     view.right_residuals.push_back(view.right[k] - rig.right.project(rig.T_right_left * in_left));
   }
-  view.left_rms = rms(view.left_residuals);
-  view.right_rms = rms(view.right_residuals);
-  view.stereo_rms = std::sqrt(0.5 * (view.left_rms * view.left_rms + view.right_rms * view.right_rms));
+  measure(view);
 }
 
 Eigen::VectorXd stacked(const CalibratedView& view) {
@@ -202,21 +211,18 @@ class Calibrator {
     requirePossible(out_.rig.left, "left");
     requirePossible(out_.rig.right, "right");
     out_.views.clear();
-    double sum_left = 0, sum_right = 0;
+    const Eigen::Vector3d middle(0.5 * (board_.columns - 1) * board_.square,
+                                 0.5 * (board_.rows - 1) * board_.square, 0);
     for (const BoardView& view : views_) {
       CalibratedView done;
       done.name = view.name;
       done.left = view.left;
       done.right = view.right;
       poseOf(out_.rig, boardPoints(board_), done);
-      sum_left += done.left_rms * done.left_rms;
-      sum_right += done.right_rms * done.right_rms;
+      done.distance = (done.T_left_board * middle).z();
       out_.views.push_back(std::move(done));
     }
-    const auto n = static_cast<double>(views_.size());
-    out_.left_rms = std::sqrt(sum_left / n);
-    out_.right_rms = std::sqrt(sum_right / n);
-    out_.stereo_rms = std::sqrt(0.5 * (sum_left + sum_right) / n);
+    measure(out_);
   }
 
   void requirePossible(const Camera& c, const char* side) const {
@@ -246,6 +252,28 @@ class Calibrator {
 };
 
 }  // namespace
+
+void measure(CalibratedView& view) {
+  Rms left, right;
+  left.add(view.left_residuals);
+  right.add(view.right_residuals);
+  view.left_rms = left.value();
+  view.right_rms = right.value();
+  left.add(right);
+  view.stereo_rms = left.value();
+}
+
+void measure(RigCalibration& calibration) {
+  Rms left, right;
+  for (const CalibratedView& view : calibration.views) {
+    left.add(view.left_residuals);
+    right.add(view.right_residuals);
+  }
+  calibration.left_rms = left.value();
+  calibration.right_rms = right.value();
+  left.add(right);
+  calibration.stereo_rms = left.value();
+}
 
 RigCalibration calibrateRig(std::vector<BoardView> views, const Chessboard& board, ImageSize left,
                             ImageSize right, const RigCalibrationConfig& config, const std::string& source) {

@@ -35,7 +35,8 @@ struct RigSigma {
 // OpenCV and most papers give them.
 struct CalibratedView {
   std::string name;
-  SE3 T_left_board;
+  SE3 T_left_board;                                              // of photographs of a board
+  double distance = 0;                                           // of its middle, along the left axis [m]
   Corners left, right;                                           // as seen
   std::vector<Eigen::Vector2d> left_residuals, right_residuals;  // seen less projected [px]
   double left_rms = 0, right_rms = 0, stereo_rms = 0;            // [px]
@@ -57,6 +58,10 @@ struct RigCalibration {
 [[nodiscard]] RigCalibration calibrateRig(std::vector<BoardView> views, const Chessboard& board,
                                           ImageSize left, ImageSize right, const RigCalibrationConfig& config,
                                           const std::string& source);
+
+// Fills the RMS values from the residuals: of a view, of all views together.
+void measure(CalibratedView& view);
+void measure(RigCalibration& calibration);
 
 // Fills sigma for a rig and views at their least-squares solution (residuals in `views`).
 [[nodiscard]] RigSigma rigUncertainty(const StereoRig& rig, const std::vector<CalibratedView>& views,

@@ -63,6 +63,36 @@ TEST(Calibrate, TheThirdRadialCoefficientIsEstimatedOnlyWhenAskedFor) {
   EXPECT_LE(with.stereo_rms, without.stereo_rms + 1e-6);
 }
 
+TEST(Calibrate, ARealDiveTellsItsRigWithoutABoard) {
+  FATHOM_REQUIRE_DATA("real/haltbrekken/stereo.calib");
+  const test::TemporaryFolder folder, dive;
+  for (const char* side : {"left", "right"}) {  // pairs 1 to 9, which overlap well
+    std::filesystem::create_directory(dive.path() / side);
+    for (const char* number : {"01", "02", "03", "04", "05", "06", "07", "08", "09"}) {
+      const std::string name = std::string(side) + "/" + number + ".png";
+      std::filesystem::create_symlink(test::dataFile("real/haltbrekken") / name, dive.path() / name);
+    }
+  }
+  CalibrateOptions options;
+  options.self = true;
+  options.baseline = 0.305;
+  options.board.images.images = {dive.path()};
+  options.out = folder.path() / "stereo.calib";
+  const StereoRig found = runCalibrate(options).rig;
+  const StereoRig given = readStereoCalib(test::dataFile("real/haltbrekken/stereo.calib"));
+  const double turn = (found.T_right_left * given.T_right_left.inverse()).log().tail<3>().norm();
+  std::printf("focal lengths off by %.2f, %.2f, %.2f, %.2f %%, the rig's turn by %.3f degrees\n",
+              100 * (found.left.fx / given.left.fx - 1), 100 * (found.left.fy / given.left.fy - 1),
+              100 * (found.right.fx / given.right.fx - 1), 100 * (found.right.fy / given.right.fy - 1),
+              57.3 * turn);
+  for (const double Camera::*focal : {&Camera::fx, &Camera::fy}) {
+    EXPECT_NEAR(found.left.*focal / given.left.*focal, 1, 0.02);
+    EXPECT_NEAR(found.right.*focal / given.right.*focal, 1, 0.01);
+  }
+  EXPECT_LT(turn, 0.2 / 57.3);
+  EXPECT_NEAR(found.baseline(), 0.305, 1e-9);
+}
+
 TEST(Calibrate, AWrongBoardSizeIsOneClearLineAndWritesNothing) {
   FATHOM_REQUIRE_DATA("calibration/left01.jpg");
   const test::TemporaryFolder folder;

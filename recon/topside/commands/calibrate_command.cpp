@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "realtime/kernel/input_error.hpp"
+#include "recon/topside/calibration/rig_tracks.hpp"
 #include "recon/topside/commands/sample_options.hpp"
 #include "recon/topside/report/calibration_report.hpp"
 
@@ -19,15 +20,30 @@ void addBoardOptions(CLI::App& command, BoardOptions& options) {
 
 std::function<int()> addCalibrateCommand(CLI::App& app, CLI::App*& command) {
   const auto options = std::make_shared<CalibrateOptions>();
-  command = app.add_subcommand("calibrate", "a stereo rig's calibration from photographs of a chessboard");
-  command->footer("Example: fathom-topside calibrate --board 9x6 --square 0.024 boards/ --out stereo.calib");
+  command = app.add_subcommand(
+      "calibrate",
+      "a stereo rig's calibration from photographs of a chessboard, or from a dive's own images");
+  command->footer(
+      "Examples: fathom-topside calibrate --board 9x6 --square 0.024 boards/ --out stereo.calib\n"
+      "          fathom-topside calibrate --self --baseline 0.305 dive/ --out dive/stereo.calib");
   command->add_option("images", options->board.images.images,
                       "image files or folders; left01/right01 or *_LC16/*_RM16 belong together");
   addBoardOptions(*command, options->board);
-  command->get_option("--board")->required();
-  command->get_option("--square")->required();
+  CLI::Option* self =
+      command->add_flag("--self", options->self, "without a board: images of a scene at rest");
+  command
+      ->add_option("--baseline", options->baseline,
+                   "of --self: distance between the cameras [m], which "
+                   "images cannot tell")
+      ->check(CLI::Range(1e-3, 100.0))
+      ->needs(self);
+  command
+      ->add_flag("--free-centre", options->free_centre,
+                 "of --self: seek the principal points too, which else stay near the images' middles")
+      ->needs(self);
+  self->needs("--baseline")->excludes("--board")->excludes("--square");
   command->add_option("--out", options->out, "stereo.calib to write; the report goes beside it")->required();
-  command->add_flag("--k3", options->config.k3, "estimate the third radial coefficient too");
+  command->add_flag("--k3", options->config.k3, "estimate the third radial coefficient too")->excludes(self);
   return [options] {
     const calibration::RigCalibration done = runCalibrate(*options);
     for (const auto& dropped : done.dropped)
@@ -41,18 +57,16 @@ std::function<int()> addCalibrateCommand(CLI::App& app, CLI::App*& command) {
   };
 }
 
-calibration::RigCalibration runCalibrate(const CalibrateOptions& options) {
-  const calibration::Chessboard board = parseBoard(options.board.size, options.board.square);
-  // Said before the work, not after it.
-  std::error_code error;
-  if (std::filesystem::is_directory(options.out, error))
-    throw InputError("--out", options.out.string(), "is a folder; name a file, such as stereo.calib");
-  if (options.out.has_parent_path() && !std::filesystem::is_directory(options.out.parent_path(), error))
-    throw InputError("--out", options.out.string(),
-                     "lies in no folder; make " + options.out.parent_path().string() + " first");
+namespace {
+
+std::string sourceOf(const BoardImageOptions& images) {
+  return images.images.empty() ? images.left_pattern : images.images[0].string();
+}
+
+calibration::RigCalibration calibrateByBoard(const CalibrateOptions& options,
+                                             const calibration::Chessboard& board) {
   BoardImages images = findBoards(options.board.images, board);
-  std::string source = options.board.images.left_pattern;
-  if (!options.board.images.images.empty()) source = options.board.images.images[0].string();
+  const std::string source = sourceOf(options.board.images);
   if (images.views.size() < static_cast<std::size_t>(options.config.min_views) && !images.dropped.empty())
     throw InputError(source, "",
                      std::to_string(images.views.size()) + " pairs show the whole board, at least " +
@@ -61,6 +75,28 @@ calibration::RigCalibration runCalibrate(const CalibrateOptions& options) {
   calibration::RigCalibration done =
       calibrateRig(std::move(images.views), board, images.left, images.right, options.config, source);
   done.dropped.insert(done.dropped.begin(), images.dropped.begin(), images.dropped.end());
+  return done;
+}
+
+}  // namespace
+
+calibration::RigCalibration runCalibrate(const CalibrateOptions& options) {
+  std::optional<calibration::Chessboard> board;
+  if (!options.self) board = parseBoard(options.board.size, options.board.square);
+  // Said before the work, not after it.
+  std::error_code error;
+  if (std::filesystem::is_directory(options.out, error))
+    throw InputError("--out", options.out.string(), "is a folder; name a file, such as stereo.calib");
+  if (options.out.has_parent_path() && !std::filesystem::is_directory(options.out.parent_path(), error))
+    throw InputError("--out", options.out.string(),
+                     "lies in no folder; make " + options.out.parent_path().string() + " first");
+  constexpr std::size_t kMostPairs = 40;  // of a dive; more tell little that is new
+  calibration::SelfCalibrationConfig self;
+  if (options.free_centre) self.bundle.prior.centre = calibration::kFreeCentre;
+  const calibration::RigCalibration done =
+      board ? calibrateByBoard(options, *board)
+            : calibration::selfCalibrate(findTracks(options.board.images, kMostPairs), options.baseline, self,
+                                         sourceOf(options.board.images));
   writeStereoCalib(options.out, done.rig);
   writeCalibrationReport(options.out, done, board);
   return done;

@@ -22,10 +22,13 @@ void addBoardOptions(CLI::App& command, BoardOptions& options);
 
 struct CalibrateOptions {
   BoardOptions board;
+  bool self = false;          // from the images of a dive, without a board ...
+  double baseline = 0;        // ... with the distance between the cameras [m] ...
+  bool free_centre = false;   // ... and principal points wherever the images say
   std::filesystem::path out;  // stereo.calib; the report goes to <out>.html and <out>.json
   calibration::RigCalibrationConfig config;
 };
-// Finds boards, calibrates, writes. Throws InputError.
+// Finds boards, or what the images of a dive show in common, calibrates, writes. Throws InputError.
 calibration::RigCalibration runCalibrate(const CalibrateOptions& options);
 
 }  // namespace fathom::topside

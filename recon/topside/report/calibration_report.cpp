@@ -49,7 +49,7 @@ Json triple(const Eigen::Vector3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-Json toJson(const RigCalibration& done, const calibration::Chessboard& board) {
+Json toJson(const RigCalibration& done, const std::optional<calibration::Chessboard>& board) {
   Json views = Json::array(), dropped = Json::array();
   for (const CalibratedView& v : done.views)
     views.push_back({{"name", v.name},
@@ -58,7 +58,9 @@ Json toJson(const RigCalibration& done, const calibration::Chessboard& board) {
                      {"stereo_rms_px", v.stereo_rms}});
   for (const auto& d : done.dropped) dropped.push_back({{"name", d.name}, {"reason", d.reason}});
   const SE3& T = done.rig.T_right_left;
-  return {{"board", {{"columns", board.columns}, {"rows", board.rows}, {"square_m", board.square}}},
+  const Json shown =
+      board ? Json{{"columns", board->columns}, {"rows", board->rows}, {"square_m", board->square}} : Json();
+  return {{"board", shown},
           {"rms_px", {{"left", done.left_rms}, {"right", done.right_rms}, {"stereo", done.stereo_rms}}},
           {"rms_alone_px", {{"left", done.left_alone_rms}, {"right", done.right_alone_rms}}},
           {"baseline_m", {{"value", done.rig.baseline()}, {"sigma", done.sigma.baseline}}},
@@ -154,31 +156,38 @@ void addParameters(web::Report& report, const RigCalibration& done) {
   report.table({"right from left", "x", "y", "z"}, {translation, rotation});
 }
 
-web::Report pageOf(const RigCalibration& done, const calibration::Chessboard& board,
+std::string summaryOf(const RigCalibration& done, const std::optional<calibration::Chessboard>& board) {
+  const std::string rms = "Stereo RMS " + decimals(done.stereo_rms, 3) + " px (left " +
+                          decimals(done.left_rms, 3) + ", right " + decimals(done.right_rms, 3);
+  if (!board)
+    return std::to_string(done.views.size()) + " pairs of a scene that stood still. " + rms +
+           "). Baseline as given: " + decimals(1e3 * done.rig.baseline(), 2) +
+           " mm; its error is every length's. ± is one standard deviation from the scatter of what was seen "
+           "again; it knows nothing of things that moved.";
+  return std::to_string(done.views.size()) + " pairs of a chessboard with " + std::to_string(board->columns) +
+         " x " + std::to_string(board->rows) + " inner corners and squares of " +
+         decimals(1e3 * board->square, 2) + " mm. " + rms + "; each camera calibrated alone " +
+         decimals(done.left_alone_rms, 3) + " and " + decimals(done.right_alone_rms, 3) + "). Baseline " +
+         web::plusMinus(1e3 * done.rig.baseline(), 1e3 * done.sigma.baseline, 2) +
+         " mm. ± is one standard deviation from the scatter of the corners; it knows nothing of a bent board "
+         "or a wrong square.";
+}
+
+web::Report pageOf(const RigCalibration& done, const std::optional<calibration::Chessboard>& board,
                    const std::string& name) {
-  web::Report report("Stereo calibration " + name,
-                     std::to_string(done.views.size()) + " pairs of a chessboard with " +
-                         std::to_string(board.columns) + " x " + std::to_string(board.rows) +
-                         " inner corners and squares of " + decimals(1e3 * board.square, 2) +
-                         " mm. Stereo RMS " + decimals(done.stereo_rms, 3) + " px (left " +
-                         decimals(done.left_rms, 3) + ", right " + decimals(done.right_rms, 3) +
-                         "; each camera calibrated alone " + decimals(done.left_alone_rms, 3) + " and " +
-                         decimals(done.right_alone_rms, 3) + "). Baseline " +
-                         web::plusMinus(1e3 * done.rig.baseline(), 1e3 * done.sigma.baseline, 2) +
-                         " mm. ± is one standard deviation from the scatter of the corners; it knows nothing "
-                         "of a bent board or a wrong square.");
+  web::Report report("Stereo calibration " + name, summaryOf(done, board));
   report.section("Parameters");
   addParameters(report, done);
   const double left = coverage(done.views, &CalibratedView::left, done.rig.left);
   const double right = coverage(done.views, &CalibratedView::right, done.rig.right);
   report.section("Coverage");
-  report.text("Corners lie in " + decimals(100 * left, 0) + " % (left) and " + decimals(100 * right, 0) +
+  report.text("Points seen lie in " + decimals(100 * left, 0) + " % (left) and " + decimals(100 * right, 0) +
               " % (right) of the cells of an 8 x 6 grid over the image.");
   if (std::min(left, right) < kEnoughCoverage)
     report.warning(
-        "That is little: where no corner lies the distortion is guessed; take pairs with the board in the "
+        "That is little: where none lies the distortion is guessed; take pairs that show something in the "
         "empty parts.");
-  report.plot(coveragePlot(done, done.rig.left, &CalibratedView::left, "left: corners, a colour a view"));
+  report.plot(coveragePlot(done, done.rig.left, &CalibratedView::left, "left: points seen, a colour a view"));
   report.plot(coveragePlot(done, done.rig.right, &CalibratedView::right, "right"));
   // Arrows of the RMS length become about this long in the image.
   constexpr double kArrow = 0.02;  // of the image's width
@@ -197,10 +206,8 @@ web::Report pageOf(const RigCalibration& done, const calibration::Chessboard& bo
   std::vector<web::Row> rows;
   for (std::size_t v = 0; v < done.views.size(); ++v) {
     const CalibratedView& view = done.views[v];
-    const Eigen::Vector3d middle(0.5 * (board.columns - 1) * board.square,
-                                 0.5 * (board.rows - 1) * board.square, 0);
     rows.push_back({view.name, v + 1, decimals(view.left_rms, 3), decimals(view.right_rms, 3),
-                    decimals(view.stereo_rms, 3), decimals((view.T_left_board * middle).z(), 2)});
+                    decimals(view.stereo_rms, 3), decimals(view.distance, 2)});
   }
   report.table({"view", "number", "left [px]", "right [px]", "stereo [px]", "distance [m]"}, rows);
   report.section("Dropped");
@@ -225,7 +232,7 @@ double coverage(const std::vector<CalibratedView>& views, Corners CalibratedView
 }
 
 void writeCalibrationReport(const std::filesystem::path& calib, const RigCalibration& done,
-                            const calibration::Chessboard& board) {
+                            const std::optional<calibration::Chessboard>& board) {
   pageOf(done, board, calib.filename().string()).write(calib.string() + ".html");
   writeFile(calib.string() + ".json", toJson(done, board).dump(2) + "\n");
 }

@@ -14,9 +14,7 @@
 #include "recon/slam/g2o_file.hpp"
 #include "recon/slam/incremental_solver.hpp"
 #include "recon/slam/pose_replay.hpp"
-#ifdef FATHOM_HAVE_CERES
 #include "tests/bench/slam/ceres_peer.hpp"
-#endif
 #include "tests/bench/common/measures.hpp"
 #include "tests/bench/reports.hpp"
 #include "tests/slam/survey_graph.hpp"
@@ -110,7 +108,6 @@ void report(const std::string& name, slam::PoseGraph graph, std::int64_t blocks)
   print(name, timeSteps(graph, solver), solver);
 }
 
-#ifdef FATHOM_HAVE_CERES
 // The whole graph at once, ours and Ceres in turns on one thread, timed by its own clock; each
 // the best of some runs. From the same poses: those of
 // the file, where ours tries a chordal start as well, and the chordal ones.
@@ -139,7 +136,6 @@ void compareWithCeres(const std::string& name, const slam::PoseGraph& graph) {
         best.usual_seconds / ours);
   }
 }
-#endif
 
 struct Options {
   std::vector<std::string> graphs;
@@ -159,12 +155,10 @@ int run(Options o) {
       o.graphs.push_back(std::string(FATHOM_DATA_DIR "/posegraph/") + name + ".g2o");
   for (const std::string& file : o.graphs) {
     const std::string name = file.substr(file.rfind('/') + 1);
-#ifdef FATHOM_HAVE_CERES
     if (o.ceres) {
       compareWithCeres(name, slam::readG2o(file));
       continue;
     }
-#endif
     report(name, slam::readG2o(file), o.blocks);
   }
   return kExitSuccess;
@@ -184,9 +178,7 @@ test::Report slamReport() {
               {"--anywhere", &o.anywhere, "closures join any two keyframes"},
               {"--sensors", &o.plan.attitude_and_depth, "attitude and depth of every keyframe"},
               {"--blocks", &o.blocks, "room of a factor; without it by IncrementalConfig::blocksFor"},
-#ifdef FATHOM_HAVE_CERES
               {"--ceres", &o.ceres, "the whole graph at once instead, ours against Ceres"},
-#endif
           },
           [] { return run(o); }};
 }
