@@ -3,8 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
 #include <opencv2/imgproc.hpp>
 #include <random>
+
+#include "recon/topside/pipeline.hpp"
+#include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -104,6 +110,20 @@ TEST(GroundAlignment, NoLightIsRefused) {
   GroundView dark = seen(mud(), poseAt(0, 0, 0), 1);
   dark.mono.setTo(0);
   EXPECT_NE(alignGround(camera(), dark, dark).refusal, closure::Refusal::kNone);
+}
+
+TEST(GroundAlignment, ARealDiveOverMudStaysInOnePart) {
+  FATHOM_REQUIRE_DATA("real/haltbrekken/stereo.calib");
+  const test::TemporaryFolder folder;
+  RunPlaces places;
+  places.mission = test::dataFile("real/haltbrekken");
+  places.out = folder.path() / "out";
+  places.work = folder.path() / "work";
+  TopsideConfig config;
+  config.model.texture = false;
+  EXPECT_EQ(runTopside(places, config).used, 20u);
+  const auto report = nlohmann::json::parse(std::ifstream(places.out / "report.json"));
+  EXPECT_EQ(report["localisation"]["parts"].size(), 1u);
 }
 
 }  // namespace
