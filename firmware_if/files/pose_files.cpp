@@ -1,5 +1,6 @@
 #include "firmware_if/files/pose_files.hpp"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
@@ -7,6 +8,7 @@
 #include <numbers>
 #include <stdexcept>
 #include <string_view>
+#include <utility>
 
 #include "firmware_if/files/file_bytes.hpp"
 #include "firmware_if/files/images/image_file.hpp"
@@ -210,6 +212,34 @@ constexpr const char* kSharedColumns =
     "X, Y, Z "
     "[rad], ";
 
+// Characters of a name that would end its field, and their codes.
+constexpr std::pair<char, std::string_view> kCodes[] = {
+    {' ', "%20"}, {'\t', "%09"}, {'\r', "%0D"}, {'\n', "%0A"}, {'%', "%25"}};
+
+std::string withoutBlanks(const std::string& name) {
+  std::string out;
+  for (const char c : name) {
+    const auto* code =
+        std::find_if(std::begin(kCodes), std::end(kCodes), [&](auto& k) { return k.first == c; });
+    if (code == std::end(kCodes))
+      out += c;
+    else
+      out += code->second;
+  }
+  return out;
+}
+
+std::string withBlanks(std::string_view field) {
+  std::string out;
+  while (!field.empty()) {
+    const auto* code = std::find_if(std::begin(kCodes), std::end(kCodes),
+                                    [&](auto& k) { return field.starts_with(k.second); });
+    out += code == std::end(kCodes) ? field.front() : code->first;
+    field.remove_prefix(code == std::end(kCodes) ? 1 : code->second.size());
+  }
+  return out;
+}
+
 }  // namespace
 
 StereoPoseFile readStereoPoses(const std::filesystem::path& path) {
@@ -218,8 +248,8 @@ StereoPoseFile readStereoPoses(const std::filesystem::path& path) {
   file.origin = readPoseFile(lines, "STEREO_POSE_FILE", 2, kSharedFields + 5, [&](Fields& fields) {
     const PoseLine shared = readShared(fields);
     StereoPose pose{shared.id, shared.utc_s, shared.pose, "", "", 0, 0, false};
-    pose.left_image = fields.text();
-    pose.right_image = fields.text();
+    pose.left_image = withBlanks(fields.text());
+    pose.right_image = withBlanks(fields.text());
     for (const std::string& image : {pose.left_image, pose.right_image})
       if (!nameInside(image))
         lines.fail("has an image '" + image.substr(0, 40) + "'; give the name of a file in img/");
@@ -240,11 +270,12 @@ void writeStereoPoses(const std::filesystem::path& path, const StereoPoseFile& f
   writeHead(out, "STEREO_POSE_FILE", 2, columns.c_str(), file.origin);
   for (const StereoPose& pose : file.poses) {
     for (const std::string& image : {pose.left_image, pose.right_image})
-      if (!nameInside(image) || image.find_first_of(" \t\r\n") != std::string::npos)
+      if (!nameInside(image))
         throw std::invalid_argument("image name '" + image + "' does not fit a pose file");
     writeShared(out, pose.id, pose.utc_s, pose.T_nav_cam, projection);
-    out << '\t' << pose.left_image << '\t' << pose.right_image << '\t' << Number(pose.altitude) << '\t'
-        << Number(pose.footprint_radius) << '\t' << (pose.likely_crossover ? 1 : 0) << '\n';
+    out << '\t' << withoutBlanks(pose.left_image) << '\t' << withoutBlanks(pose.right_image) << '\t'
+        << Number(pose.altitude) << '\t' << Number(pose.footprint_radius) << '\t'
+        << (pose.likely_crossover ? 1 : 0) << '\n';
   }
   atomic.commit();
 }

@@ -11,7 +11,8 @@
 
 namespace fathom::io {
 
-// stereo_pose_est.data, version 2: pose of the stereo (left camera) frame in nav.
+// stereo_pose_est.data, version 2: pose of the stereo (left camera) frame in nav. A blank in an image's name
+// stands in the file as %20, a % as %25.
 struct StereoPose {
   int id = 0;
   double utc_s = 0;

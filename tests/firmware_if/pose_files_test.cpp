@@ -40,6 +40,15 @@ class PoseFilesTest : public ::testing::Test {
   std::filesystem::path path_ = folder_.path() / "poses.data";
 };
 
+TEST_F(PoseFilesTest, ANameWithBlanksComesBackAsItWas) {
+  const StereoPoseFile file{{}, {{1, 5.0, SE3(), "GoPro 1 left.jpg", "50%25 of \t1.jpg", 2, 1, false}}};
+  writeStereoPoses(path_, file);
+  EXPECT_THAT(readText(path_), HasSubstr("\tGoPro%201%20left.jpg\t50%2525%20of%20%091.jpg\t"));
+  const StereoPoseFile read = readStereoPoses(path_);
+  EXPECT_EQ(read.poses[0].left_image, "GoPro 1 left.jpg");
+  EXPECT_EQ(read.poses[0].right_image, "50%25 of \t1.jpg");
+}
+
 TEST_F(PoseFilesTest, AnAcfrStereoFileIsReadFieldByField) {
   writeText(path_, kStereo);
   const StereoPoseFile file = readStereoPoses(path_);
