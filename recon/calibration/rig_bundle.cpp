@@ -1,7 +1,7 @@
 #include "recon/calibration/rig_bundle.hpp"
 
 #include <ceres/ceres.h>
-#include <ceres/rotation.h>
+#include <glog/logging.h>
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -132,6 +132,7 @@ class Problem {
 
   // Of both cameras, the rig's rotation vector applied on the left, and its translation.
   bool uncertainty(RigSigma& sigma) {
+    FLAGS_minloglevel = google::GLOG_FATAL;  // a singular system is a result here, not a warning on stderr
     ceres::Covariance::Options options;
     options.num_threads = 1;
     ceres::Covariance covariance(options);
