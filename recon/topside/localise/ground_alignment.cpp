@@ -270,7 +270,6 @@ GroundAlignment alignGround(const Camera& camera, const GroundView& view_a, cons
     back.pose = {back.pose.T_a_b.inverse(), turn * back.pose.covariance * turn.transpose()};
     return back;
   }
-  if (forth.inliers < back.inliers && forth.refusal != Refusal::kNone) forth = back;
   return forth;
 }
 

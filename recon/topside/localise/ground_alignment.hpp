@@ -15,7 +15,7 @@ struct GroundView {
 
 struct GroundAlignment {
   closure::Refusal refusal = closure::Refusal::kNoFeatures;
-  UncertainPose pose;  // T_a_b
+  UncertainPose pose;  // T_a_b, if there is no refusal
   int tracked = 0, inliers = 0;
   double coverage = 0;     // of the overlap's cells that hold features, those that hold inliers
   double correlation = 0;  // of both pictures of the ground, laid on each other

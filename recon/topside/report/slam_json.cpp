@@ -76,10 +76,12 @@ void warnOfMounting(const slam::Mounting& m, std::vector<std::string>& warnings)
 
 Json partsJson(const std::vector<SlamResult::Part>& parts) {
   Json out = Json::array();
-  for (const SlamResult::Part& part : parts)
-    out.push_back({{"first_pair", part.pairs.front()},
-                   {"pairs", part.pairs},
-                   {"not_joined_before", std::string(closure::nameOf(part.why))}});
+  for (const SlamResult::Part& part : parts) {
+    Json one{{"first_pair", part.pairs.front()}, {"pairs", part.pairs}};
+    if (part.why != closure::Refusal::kNone)
+      one["not_joined_before"] = std::string(closure::nameOf(part.why));
+    out.push_back(std::move(one));
+  }
   return out;
 }
 
