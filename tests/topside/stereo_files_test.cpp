@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
+#include <opencv2/imgcodecs.hpp>
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/input/images/name_times.hpp"
@@ -45,8 +46,9 @@ TEST_F(StereoFileNames, WordsAnywhereTellLeftFromRight) {
   EXPECT_EQ(files.alone[0].missing, "right");
   EXPECT_THAT(
       files.assumed,
-      ElementsAre("left and right images are told apart by 'left' and 'right'", "1 other images are left out",
-                  "no times in the names: pairs are taken in order of name, half a second apart"));
+      ElementsAre(
+          "left and right images are told apart by 'left' and 'right'", "1 other images are left out",
+          "no times in names or EXIF that differ: pairs are taken in order of name, half a second apart"));
 }
 
 TEST_F(StereoFileNames, ShortWordsMustStandAlone) {
@@ -146,6 +148,42 @@ TEST_F(StereoFileNames, ATimePatternMustFitEveryImage) {
   EXPECT_THAT(test::refusal([&] { (void)find(); }), HasSubstr("does not fit other.png"));
   options_.time_pattern = "%H:%M";
   EXPECT_THAT(test::refusal([&] { (void)find(); }), HasSubstr("tells no time"));
+}
+
+// A JPEG whose EXIF holds DateTimeOriginal and SubSecTimeOriginal.
+std::string jpegTaken(const std::string& time, const std::string& fraction) {
+  std::vector<std::uint8_t> image;
+  cv::imencode(".jpg", cv::Mat(8, 8, CV_8U, cv::Scalar(90)), image);
+  const auto bytes = [](std::uint32_t value, int count) {
+    std::string out;
+    for (int k = 0; k < count; ++k) out += static_cast<char>(value >> (8 * k));
+    return out;
+  };
+  const auto field = [&](std::uint32_t tag, std::uint32_t type, std::uint32_t count,
+                         const std::string& value) {
+    return bytes(tag, 2) + bytes(type, 2) + bytes(count, 4) + value;
+  };
+  const std::string last = bytes(0, 4);
+  const std::string exif = std::string("Exif\0\0II*\0", 10) + bytes(8, 4) + bytes(1, 2) +
+                           field(0x8769, 4, 1, bytes(26, 4)) + last + bytes(2, 2) +
+                           field(0x9003, 2, 20, bytes(56, 4)) + field(0x9291, 2, 4, fraction + '\0') + last +
+                           time + '\0';
+  const auto length = static_cast<std::uint32_t>(exif.size() + 2);
+  return std::string("\xff\xd8\xff\xe1") + static_cast<char>(length >> 8) + static_cast<char>(length) + exif +
+         std::string(image.begin() + 2, image.end());
+}
+
+TEST_F(StereoFileNames, TimesAreTakenFromExifWhereNamesHaveNone) {
+  for (const char* name : {"left/a.jpg", "right/a.jpg"})
+    test::writeText(folder_.path() / name, jpegTaken("2017:05:22 10:01:03", "250"));
+  for (const char* name : {"left/b.jpg", "right/b.jpg"})
+    test::writeText(folder_.path() / name, jpegTaken("2017:05:22 10:01:02", "500"));
+  const StereoFiles files = find();
+  EXPECT_THAT(pairsOf(files), ElementsAre("left/b.jpg right/b.jpg", "left/a.jpg right/a.jpg"));
+  ASSERT_TRUE(files.pairs[0].utc_ns && files.pairs[1].utc_ns);
+  EXPECT_EQ(*files.pairs[0].utc_ns, 1495447262'500'000'000);
+  EXPECT_EQ(*files.pairs[1].utc_ns, 1495447263'250'000'000);
+  EXPECT_THAT(files.assumed, testing::Contains("times are those in the left images' EXIF, as if UTC"));
 }
 
 TEST(NameTime, UsualFormsAreKnownAndFrameNumbersAreNone) {

@@ -14,6 +14,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/input/csv_columns.hpp"
 #include "recon/topside/input/images/name_times.hpp"
+#include "recon/topside/input/images/pair_times.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -303,41 +304,6 @@ StereoFiles byList(const fs::path& path) {
   return out;
 }
 
-// Times of all pairs by one form of name, if they differ.
-bool timeBy(const NameTime& form, std::vector<StereoFilePair>& pairs) {
-  std::set<std::int64_t> times;
-  for (const StereoFilePair& pair : pairs) {
-    const auto time = form.of(pair.left.stem().string());
-    if (!time || !times.insert(*time).second) return false;
-  }
-  for (StereoFilePair& pair : pairs) pair.utc_ns = form.of(pair.left.stem().string());
-  return true;
-}
-
-void addTimes(const StereoFileOptions& options, StereoFiles& files) {
-  std::vector<StereoFilePair>& pairs = files.pairs;
-  if (!options.time_pattern.empty()) {
-    const NameTime form(options.time_pattern);
-    for (const StereoFilePair& pair : pairs)
-      if (!form.of(pair.left.stem().string()))
-        throw InputError("--time-pattern", options.time_pattern,
-                         "does not fit " + pair.left.filename().string());
-    if (!timeBy(form, pairs))
-      throw InputError("--time-pattern", options.time_pattern,
-                       "gives several pairs one time; name the fraction of a second with %f");
-    return;
-  }
-  if (std::all_of(pairs.begin(), pairs.end(), [](const StereoFilePair& p) { return p.utc_ns.has_value(); }))
-    return;
-  for (const NameTime& form : NameTime::usual())
-    if (timeBy(form, pairs)) {
-      files.assumed.push_back("times are those in the left images' names, UTC");
-      return;
-    }
-  for (StereoFilePair& pair : pairs) pair.utc_ns.reset();
-  files.assumed.push_back("no times in the names: pairs are taken in order of name, half a second apart");
-}
-
 }  // namespace
 
 StereoFiles findStereoFiles(const StereoFileOptions& options) {
@@ -351,7 +317,7 @@ StereoFiles findStereoFiles(const StereoFileOptions& options) {
   StereoFiles out = !options.pairs.empty() ? byList(options.pairs)
                     : patterns             ? byPatterns(options)
                                            : tellApart(options.images, options.tolerance);
-  addTimes(options, out);
+  takeTimes(options.time_pattern, out);
   std::stable_sort(out.pairs.begin(), out.pairs.end(), [](const StereoFilePair& a, const StereoFilePair& b) {
     if (a.utc_ns && b.utc_ns) return *a.utc_ns < *b.utc_ns;
     return naturallyBefore(a.left.string(), b.left.string());

@@ -1,0 +1,20 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "recon/topside/input/images/stereo_files.hpp"
+
+namespace fathom::topside {
+
+// When a camera says that it took an image: DateTimeOriginal and SubSecTimeOriginal of a JPEG's EXIF, as if
+// UTC [ns].
+[[nodiscard]] std::optional<std::int64_t> exifTime(const std::filesystem::path& image);
+
+// Gives all pairs their times, if they differ: by `pattern` (NameTime), else those that they have, else by
+// the usual forms of the left images' names, else as the left images' EXIF says, else none. Adds to `assumed`
+// what was taken. Throws InputError for a pattern that does not fit.
+void takeTimes(const std::string& pattern, StereoFiles& files);
+
+}  // namespace fathom::topside
