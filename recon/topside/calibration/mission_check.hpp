@@ -15,8 +15,8 @@ namespace fathom::topside {
 struct MissionCheckOptions {
   std::filesystem::path mission;
   std::filesystem::path calib;            // instead of the mission's own; empty: its own
-  std::optional<double> calib_unit = {};  // of its lengths [m], where it does not say
   std::size_t pairs = 200;                // looked at, in runs spread over the mission
+  std::optional<double> calib_unit = {};  // of the lengths in `calib` [m], where it does not say
 };
 
 // What a mission's own images say about its rig.

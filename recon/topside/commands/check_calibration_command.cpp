@@ -73,7 +73,7 @@ int checkOnMission(const CheckOptions& options) {
         "check-calibration", "",
         "wants one mission folder, or --board, --square and --calib with images of a chessboard");
   if (!options.out.empty()) makeFolder(options.out);
-  const MissionCheck check = checkMission({named[0], options.calib, options.calib_unit, options.pairs});
+  const MissionCheck check = checkMission({named[0], options.calib, options.pairs, options.calib_unit});
   const MissionVerdict verdict = judge(check);
   std::printf("%zu pairs, %zu matches, %zu places under the DVL, %zu steps\n", check.pairs, check.matches,
               check.range_samples.size(), check.mount.steps);
