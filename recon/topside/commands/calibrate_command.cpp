@@ -24,8 +24,8 @@ std::function<int()> addCalibrateCommand(CLI::App& app, CLI::App*& command) {
       "calibrate",
       "a stereo rig's calibration from photographs of a chessboard, or from a dive's own images");
   command->footer(
-      "Examples: fathom-topside calibrate --board 9x6 --square 0.024 boards/ --out stereo.calib\n"
-      "          fathom-topside calibrate --self --baseline 0.305 dive/ --out dive/stereo.calib");
+      "Example: fathom-topside calibrate --board 9x6 --square 0.024 boards/ --out stereo.calib\n"
+      "Example: fathom-topside calibrate --self --baseline 0.305 dive/ --out dive/stereo.calib");
   command->add_option("images", options->board.images.images,
                       "image files or folders; left01/right01 or *_LC16/*_RM16 belong together");
   addBoardOptions(*command, options->board);
