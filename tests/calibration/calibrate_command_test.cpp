@@ -105,6 +105,11 @@ TEST(Calibrate, AWrongBoardSizeIsOneClearLineAndWritesNothing) {
   EXPECT_THAT(errorOf(options), HasSubstr("such as 9x6"));
 }
 
+TEST(Calibrate, NeitherABoardNorADiveIsOneClearLine) {
+  EXPECT_THAT(errorOf({}),
+              HasSubstr("--board: is missing; give --board and --square, or --self and --baseline"));
+}
+
 TEST(Calibrate, OnePairIsTooFew) {
   FATHOM_REQUIRE_DATA("calibration/left01.jpg");
   const test::TemporaryFolder folder;

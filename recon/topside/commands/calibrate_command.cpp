@@ -82,6 +82,8 @@ calibration::RigCalibration calibrateByBoard(const CalibrateOptions& options,
 
 calibration::RigCalibration runCalibrate(const CalibrateOptions& options) {
   std::optional<calibration::Chessboard> board;
+  if (!options.self && options.board.size.empty())
+    throw InputError("--board", "", "is missing; give --board and --square, or --self and --baseline");
   if (!options.self) board = parseBoard(options.board.size, options.board.square);
   // Said before the work, not after it.
   std::error_code error;
