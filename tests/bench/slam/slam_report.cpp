@@ -14,9 +14,9 @@
 #include "recon/slam/g2o_file.hpp"
 #include "recon/slam/incremental_solver.hpp"
 #include "recon/slam/pose_replay.hpp"
-#include "tests/bench/slam/ceres_peer.hpp"
 #include "tests/bench/common/measures.hpp"
 #include "tests/bench/reports.hpp"
+#include "tests/bench/slam/ceres_peer.hpp"
 #include "tests/slam/survey_graph.hpp"
 
 namespace fathom::bench {
