@@ -48,4 +48,11 @@ namespace fathom::calibration {
           distortion(4)};
 }
 
+// From a rotation matrix and a translation, both of doubles.
+[[nodiscard]] inline SE3 toSE3(const cv::Mat& rotation, const cv::Mat& translation) {
+  Eigen::Matrix3d r;
+  for (int i = 0; i < 9; ++i) r(i / 3, i % 3) = rotation.at<double>(i / 3, i % 3);
+  return {r, {translation.at<double>(0), translation.at<double>(1), translation.at<double>(2)}};
+}
+
 }  // namespace fathom::calibration

@@ -20,16 +20,19 @@ constexpr std::array<double CameraSigma::*, 8> kSigmas{&CameraSigma::fx, &Camera
 constexpr int kCamera = kIntrinsics.size(), kQuaternion = 4, kVector = 3;
 using Intrinsics = std::array<double, kCamera>;
 
-// As Camera::project(), with k3 of the camera that it begins with.
+// Camera::project(), with k3 of the camera that it begins with, less what was seen; false behind the camera.
 template <typename T>
-void projected(const T* camera, double k3, const Eigen::Matrix<T, 3, 1>& p, T* pixel) {
+bool projectedLessSeen(const T* camera, double k3, const Eigen::Matrix<T, 3, 1>& p,
+                       const Eigen::Vector2d& seen, T* residual) {
+  if (p.z() <= T(0)) return false;
   const T x = p.x() / p.z(), y = p.y() / p.z();
   const T r2 = x * x + y * y;
   const T radial = T(1) + r2 * (camera[4] + r2 * (camera[5] + r2 * k3));
   const T dx = x * radial + T(2) * camera[6] * x * y + camera[7] * (r2 + T(2) * x * x);
   const T dy = y * radial + camera[6] * (r2 + T(2) * y * y) + T(2) * camera[7] * x * y;
-  pixel[0] = camera[0] * dx + camera[2];
-  pixel[1] = camera[1] * dy + camera[3];
+  residual[0] = camera[0] * dx + camera[2] - T(seen.x());
+  residual[1] = camera[1] * dy + camera[3] - T(seen.y());
+  return true;
 }
 
 template <typename T>
@@ -50,11 +53,7 @@ struct LeftSighting {
   template <typename T>
   bool operator()(const T* camera, const T* q, const T* t, const T* point, T* residual) const {
     const Vector3<T> p = moved<T>(q, Vector3In<T>(t), Vector3In<T>(point));
-    if (p.z() <= T(0)) return false;
-    projected(camera, k3, p, residual);
-    residual[0] -= T(pixel.x());
-    residual[1] -= T(pixel.y());
-    return true;
+    return projectedLessSeen(camera, k3, p, pixel, residual);
   }
 };
 
@@ -67,11 +66,7 @@ struct RightSighting {
                   const T* point, T* residual) const {
     const Vector3<T> in_left = moved<T>(q, Vector3In<T>(t), Vector3In<T>(point));
     const Vector3<T> p = moved<T>(rig_q, T(baseline) * Vector3In<T>(rig_direction), in_left);
-    if (p.z() <= T(0)) return false;
-    projected(camera, k3, p, residual);
-    residual[0] -= T(pixel.x());
-    residual[1] -= T(pixel.y());
-    return true;
+    return projectedLessSeen(camera, k3, p, pixel, residual);
   }
 };
 
@@ -241,7 +236,7 @@ Eigen::Vector2d RigBundle::residual(const Sighting& sighting) const {
   return sighting.pixel - (sighting.right ? rig.right : rig.left).project(p);
 }
 
-double adjust(RigBundle& bundle, const BundleConfig& config) {
+void adjust(RigBundle& bundle, const BundleConfig& config) {
   Problem problem(bundle, config, config.loss_px);
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::SPARSE_SCHUR;
@@ -252,9 +247,6 @@ double adjust(RigBundle& bundle, const BundleConfig& config) {
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem.ceres(), &summary);
   if (summary.IsSolutionUsable()) problem.store(bundle);
-  const auto used =
-      std::count_if(bundle.sightings.begin(), bundle.sightings.end(), [](const auto& s) { return s.used; });
-  return config.loss_px * std::sqrt(2 * summary.final_cost / static_cast<double>(std::max<long>(1, used)));
 }
 
 bool bundleUncertainty(const RigBundle& bundle, const BundleConfig& config, RigSigma& sigma) {

@@ -51,8 +51,8 @@ struct BundleConfig {
 
 // The most likely rig, poses and points (Ceres: Levenberg-Marquardt, points eliminated). Both cameras and the
 // rig's relative pose move, but for its baseline, which gives the scale, and k3, which stays. Sightings that
-// are not used are passed over. Returns the root of the mean robust cost of a sighting [px].
-double adjust(RigBundle& bundle, const BundleConfig& config);
+// are not used are passed over.
+void adjust(RigBundle& bundle, const BundleConfig& config);
 
 // Standard deviations at the solution, from the sightings' scatter and the whole system, priors included.
 // False where the system is singular.

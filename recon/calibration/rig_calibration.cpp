@@ -63,6 +63,14 @@ class Rms {
   double squares_ = 0, count_ = 0;
 };
 
+// Of a view, or of all.
+void setRms(auto& of, Rms left, const Rms& right) {
+  of.left_rms = left.value();
+  of.right_rms = right.value();
+  left.add(right);
+  of.stereo_rms = left.value();
+}
+
 void project(const StereoRig& rig, const std::vector<Eigen::Vector3d>& points, CalibratedView& view) {
   view.left_residuals.clear();
   view.right_residuals.clear();
@@ -92,10 +100,7 @@ void poseOf(const StereoRig& rig, const std::vector<Eigen::Vector3d>& points, Ca
   cv::solvePnPRefineLM(toCv(points), toCv(view.left), matrixOf(rig.left), distortionOf(rig.left), rotation,
                        translation);
   cv::Rodrigues(rotation, matrix);
-  Eigen::Matrix3d r;
-  for (int i = 0; i < 9; ++i) r(i / 3, i % 3) = matrix.at<double>(i / 3, i % 3);
-  view.T_left_board =
-      SE3(r, {translation.at<double>(0), translation.at<double>(1), translation.at<double>(2)});
+  view.T_left_board = toSE3(matrix, translation);
   constexpr int kIterations = 10;
   constexpr double kStep = 1e-6, kEnough = 1e-10;  // of the twist [m, rad]
   for (int i = 0; i < kIterations; ++i) {
@@ -204,10 +209,8 @@ class Calibrator {
     const Points3 points(views_.size(), toCv(boardPoints(board_)));
     cv::stereoCalibrate(points, left, right, k1, d1, k2, d2, {left_.width, left_.height}, r, t, e, f,
                         cv::CALIB_USE_INTRINSIC_GUESS | flagsOf(config_), kConverged);
-    Eigen::Matrix3d rotation;
-    for (int i = 0; i < 9; ++i) rotation(i / 3, i % 3) = r.at<double>(i / 3, i % 3);
     out_.rig = {toCamera(k1, d1, left_.width, left_.height), toCamera(k2, d2, right_.width, right_.height),
-                SE3(rotation, {t.at<double>(0), t.at<double>(1), t.at<double>(2)})};
+                toSE3(r, t)};
     requirePossible(out_.rig.left, "left");
     requirePossible(out_.rig.right, "right");
     out_.views.clear();
@@ -257,10 +260,7 @@ void measure(CalibratedView& view) {
   Rms left, right;
   left.add(view.left_residuals);
   right.add(view.right_residuals);
-  view.left_rms = left.value();
-  view.right_rms = right.value();
-  left.add(right);
-  view.stereo_rms = left.value();
+  setRms(view, left, right);
 }
 
 void measure(RigCalibration& calibration) {
@@ -269,10 +269,7 @@ void measure(RigCalibration& calibration) {
     left.add(view.left_residuals);
     right.add(view.right_residuals);
   }
-  calibration.left_rms = left.value();
-  calibration.right_rms = right.value();
-  left.add(right);
-  calibration.stereo_rms = left.value();
+  setRms(calibration, left, right);
 }
 
 RigCalibration calibrateRig(std::vector<BoardView> views, const Chessboard& board, ImageSize left,

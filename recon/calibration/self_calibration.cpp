@@ -26,17 +26,15 @@ const Sighting* sightingIn(const Track& track, std::uint32_t pair, bool right) {
 
 // Left and right of the same pair.
 struct Match {
-  std::uint32_t track = 0, pair = 0;
   Eigen::Vector2d left, right;
 };
 
 std::vector<Match> matchesOf(const RigTracks& seen) {
   std::vector<Match> out;
-  for (std::uint32_t k = 0; k < seen.tracks.size(); ++k)
-    for (const Sighting& s : seen.tracks[k].sightings) {
+  for (const Track& track : seen.tracks)
+    for (const Sighting& s : track.sightings) {
       if (s.right) continue;
-      if (const Sighting* right = sightingIn(seen.tracks[k], s.pair, true))
-        out.push_back({k, s.pair, s.pixel, right->pixel});
+      if (const Sighting* right = sightingIn(track, s.pair, true)) out.push_back({s.pixel, right->pixel});
     }
   return out;
 }
@@ -75,10 +73,7 @@ Start startOf(const RigTracks& seen, const std::vector<Match>& matches, double f
       cv::findEssentialMat(left, right, identity, cv::RANSAC, kConfidence, kAgree / out.rig.left.fx, inliers);
   if (essential.rows != 3 || essential.cols != 3) return out;
   out.matches = cv::recoverPose(essential, left, right, identity, rotation, direction, inliers);
-  Eigen::Matrix3d r;
-  for (int i = 0; i < 9; ++i) r(i / 3, i % 3) = rotation.at<double>(i / 3, i % 3);
-  const Eigen::Vector3d t(direction.at<double>(0), direction.at<double>(1), direction.at<double>(2));
-  out.rig.T_right_left = SE3(r, baseline * t);
+  out.rig.T_right_left = toSE3(rotation, baseline * direction);
   return out;
 }
 
@@ -109,10 +104,8 @@ std::optional<SE3> poseFrom(const Camera& camera, const std::vector<cv::Point3d>
       inliers.size() < kFewest)
     return std::nullopt;
   cv::Rodrigues(rotation, matrix);
-  Eigen::Matrix3d r;
-  for (int i = 0; i < 9; ++i) r(i / 3, i % 3) = matrix.at<double>(i / 3, i % 3);
-  const Eigen::Vector3d t(translation.at<double>(0), translation.at<double>(1), translation.at<double>(2));
-  return r.allFinite() && t.allFinite() ? std::optional(SE3(r, t)) : std::nullopt;
+  return cv::checkRange(matrix) && cv::checkRange(translation) ? std::optional(toSE3(matrix, translation))
+                                                               : std::nullopt;
 }
 
 // Poses and points by a rig, pair after pair: as far as points known in the pairs before are seen again.
