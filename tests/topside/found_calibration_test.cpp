@@ -67,6 +67,27 @@ TEST_F(FoundCalibration, IsOneOfSeveralWhenNamed) {
   EXPECT_NEAR(open().rig.baseline(), 0.3, 1e-15);
 }
 
+TEST_F(FoundCalibration, ImagesThatAreLinksAreNamedWhereTheyLie) {
+  const test::TemporaryFolder elsewhere;
+  std::filesystem::rename(folder_.path() / "left/1.pgm", elsewhere.path() / "1.pgm");
+  std::filesystem::create_symlink(elsewhere.path() / "1.pgm", folder_.path() / "left/1.pgm");
+  const MissionInput input = open();
+  ASSERT_EQ(input.files->pairs.size(), 1u);
+  EXPECT_EQ(input.files->pairs[0].left, "left/1.pgm");
+  EXPECT_EQ(input.paths.images() / "left/1.pgm", folder_.path() / "left/1.pgm");
+}
+
+TEST_F(FoundCalibration, ImagesOutsideTheFolderAreNamedFromAboveBoth) {
+  const std::filesystem::path dive = folder_.path() / "dive";
+  std::filesystem::create_directory(dive);
+  options_.calib = calib_;
+  options_.files.left_pattern = (folder_.path() / "left/*.pgm").string();
+  options_.files.right_pattern = (folder_.path() / "right/*.pgm").string();
+  const MissionInput input = openMission(dive, options_);
+  EXPECT_EQ(input.files->pairs.at(0).right, "right/1.pgm");
+  EXPECT_EQ(input.paths.images(), folder_.path());
+}
+
 TEST_F(FoundCalibration, IsInTheKeysOfResults) {
   const Digest key = rigKey();
   EXPECT_EQ(rigKey(), key);

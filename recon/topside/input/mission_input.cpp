@@ -72,6 +72,20 @@ std::vector<std::array<std::string, 2>> namedByLog(const io::MissionPaths& paths
   return pairs;
 }
 
+// Where a path says that a file is; what links lead to may lie anywhere.
+fs::path asNamed(const fs::path& file) {
+  return fs::absolute(file).lexically_normal();
+}
+
+// The mission's folder, or, where images lie outside, the nearest one above it and all of them.
+fs::path folderOfAll(const fs::path& mission, const std::vector<StereoFilePair>& pairs) {
+  fs::path folder = asNamed(mission / "").parent_path();
+  for (const StereoFilePair& pair : pairs)
+    for (const fs::path& file : {pair.left, pair.right})
+      while (*asNamed(file).lexically_relative(folder).begin() == "..") folder = folder.parent_path();
+  return folder;
+}
+
 // Where the images are, and which belong together.
 std::vector<std::array<std::string, 2>> findImages(MissionInput& in, StereoFileOptions options) {
   std::vector<std::array<std::string, 2>> pairs;
@@ -88,9 +102,10 @@ std::vector<std::array<std::string, 2>> findImages(MissionInput& in, StereoFileO
       !options.pairs.empty() || !options.left_pattern.empty() || !options.right_pattern.empty();
   if (!named) options.images = {in.paths.root};
   in.files = findStereoFiles(options);
-  in.paths.images_elsewhere = in.paths.root;
+  in.paths.images_elsewhere = folderOfAll(in.paths.root, in.files->pairs);
   for (StereoFilePair& pair : in.files->pairs) {
-    for (fs::path* file : {&pair.left, &pair.right}) *file = fs::proximate(*file, in.paths.images_elsewhere);
+    for (fs::path* file : {&pair.left, &pair.right})
+      *file = asNamed(*file).lexically_proximate(in.paths.images_elsewhere);
     pairs.push_back({pair.left.generic_string(), pair.right.generic_string()});
   }
   in.assumed.insert(in.assumed.end(), in.files->assumed.begin(), in.files->assumed.end());
