@@ -1,6 +1,7 @@
 #include "firmware_if/files/civil_time.hpp"
 
 #include <chrono>
+#include <cstdio>
 
 namespace fathom::io {
 namespace {
@@ -41,6 +42,14 @@ std::optional<std::int64_t> utcFromCivil(const CivilTime& civil) {
                            std::chrono::minutes(civil.minute) + std::chrono::seconds(civil.second) +
                            std::chrono::nanoseconds(civil.nanosecond);
   return time.time_since_epoch().count();
+}
+
+std::string isoTime(std::int64_t utc_ns) {
+  const CivilTime t = civilFromUtc(utc_ns);
+  char text[96];
+  std::snprintf(text, sizeof text, "%04d-%02d-%02dT%02d:%02d:%02d.%09dZ", t.year, t.month, t.day, t.hour,
+                t.minute, t.second, t.nanosecond);
+  return text;
 }
 
 }  // namespace fathom::io

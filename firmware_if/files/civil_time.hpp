@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <string>
 
 namespace fathom::io {
 
@@ -16,5 +17,7 @@ struct CivilTime {
 // std::nullopt for a date or time of day that does not exist, or one that int64 nanoseconds cannot hold
 // (years before 1678 or after 2261).
 [[nodiscard]] std::optional<std::int64_t> utcFromCivil(const CivilTime& civil);
+// As 2024-02-17T05:15:49.768000000Z.
+[[nodiscard]] std::string isoTime(std::int64_t utc_ns);
 
 }  // namespace fathom::io

@@ -116,14 +116,6 @@ double exactDegrees(double radians) {
   return nearest;
 }
 
-std::string isoTime(std::int64_t utc_ns) {
-  const CivilTime t = civilFromUtc(utc_ns);
-  char text[96];
-  std::snprintf(text, sizeof text, "%04d-%02d-%02dT%02d:%02d:%02d.%09dZ", t.year, t.month, t.day, t.hour,
-                t.minute, t.second, t.nanosecond);
-  return text;
-}
-
 std::string vectorText(const Eigen::Vector3d& v) {
   return "[" + tomlNumber(v.x()) + ", " + tomlNumber(v.y()) + ", " + tomlNumber(v.z()) + "]";
 }

@@ -2,7 +2,10 @@
 #include <gtest/gtest.h>
 
 #include <map>
+#include <numbers>
+#include <random>
 
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/geometry/rigid_alignment.hpp"
 #include "tests/fusion/surface_distance.hpp"
@@ -71,6 +74,57 @@ TEST_F(ReefQuick, ImagesAloneGiveTheTrajectoryAsWellAsWithNavigation) {
   std::printf("cameras off the truth: %.1f mm with navigation, %.1f mm without\n", 1e3 * navigated,
               1e3 * error);
   EXPECT_LT(error, 0.033);  // twice what was measured
+}
+
+// Without the pairs from `cut` on, before `resume`: two lists of times as --pairs wants them.
+std::string pairsWithout(const io::StereoPoseFile& poses, std::size_t cut, std::size_t resume) {
+  std::string text = "left,right,utc\n";
+  for (std::size_t k = 0; k < poses.poses.size(); ++k)
+    if (k < cut || k >= resume)
+      text += poses.poses[k].left_image + "," + poses.poses[k].right_image + "," +
+              formatted("%.6f", poses.poses[k].utc_s) + "\n";
+  return text;
+}
+
+TEST_F(ReefQuick, NavigationFromATablePlacesWhatImagesJoin) {
+  RunPlaces places = placesOf("tabled");
+  const std::filesystem::path nav = dive() / "nav.csv", pairs = dive() / "pairs.csv";
+  const auto truth = io::readTrajectory(kReefMission / "truth" / "trajectory.csv");
+  std::string table = "time,north,east,depth,roll,pitch,heading\n";
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal;
+  constexpr std::size_t kEvery = 25;  // of 50 rows a second
+  for (std::size_t k = 0; k < truth.size(); k += kEvery) {
+    const Eigen::Vector3d p = truth[k].pose.translation(),
+                          angles = truth[k].pose.euler() * 180 / std::numbers::pi;
+    table += formatted("%.3f,%.3f,%.3f,%.3f,%.2f,%.2f,%.2f\n", static_cast<double>(truth[k].utc_ns) * 1e-9,
+                       p.x() + 0.2 * normal(random), p.y() + 0.2 * normal(random),
+                       p.z() + 0.02 * normal(random), angles.x() + 0.5 * normal(random),
+                       angles.y() + 0.5 * normal(random), angles.z() + 2 * normal(random));
+  }
+  test::writeText(nav, table);
+  test::writeText(pairs, pairsWithout(poses_, 10, 14));
+  places.input.files.pairs = pairs;
+  places.input.nav.files = {nav};
+  places.input.nav.sigma = 0.2;
+  const SE3 T_cam_body = io::readMissionConfig(kReefMission).T_body_cam.inverse();
+  const SE3 mount = T_cam_body.inverse() * SE3::fromEuler(0, 0, -std::numbers::pi / 2, {0, 0, 0});
+  const Eigen::Vector3d turn = mount.euler() * 180 / std::numbers::pi, place = mount.translation();
+  places.input.mount = {turn.x(), turn.y(), turn.z(), place.x(), place.y(), place.z()};
+  (void)runTopside(places, {});
+  const auto found = io::readStereoPoses(places.out / "stereo_pose_est.data").poses;
+  EXPECT_EQ(found.size(), poses_.poses.size() - 4);
+  double worst = 0, squares = 0;
+  for (const io::StereoPose& pose : found) {
+    const double error =
+        ((pose.T_nav_cam * T_cam_body).translation() - truePoseAt(truth, pose.utc_s).translation()).norm();
+    worst = std::max(worst, error);
+    squares += error * error;
+  }
+  const double rms = std::sqrt(squares / static_cast<double>(found.size()));
+  std::printf("cameras where they are: rms %.0f mm, at most %.0f mm\n", 1e3 * rms, 1e3 * worst);
+  EXPECT_LT(rms, 0.15);  // twice what was measured
+  EXPECT_THAT(test::readText(places.out / "report.json"), testing::HasSubstr("\"navigation file\""));
 }
 
 }  // namespace

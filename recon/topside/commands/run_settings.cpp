@@ -1,5 +1,7 @@
 #include "recon/topside/commands/run_settings.hpp"
 
+#include <numbers>
+
 #include "recon/topside/commands/calib_options.hpp"
 #include "recon/topside/commands/sample_options.hpp"
 
@@ -25,6 +27,26 @@ void addPoseSettings(CLI::App& command, RunSettings& s) {
   command.add_option("--pairs", files.pairs, "CSV file instead: columns left, right and, if known, utc");
   command.add_option("--time-pattern", files.time_pattern,
                      "of the left images' names, as 'img_%Y%m%d_%H%M%S_%f' (the usual ones are known)");
+  NavFileOptions& nav = input.nav;
+  command.add_option(
+      "--nav", nav.files,
+      "navigation of a folder without any: CSV or NMEA 0183; any of position, depth, attitude, "
+      "altitude, velocity");
+  command.add_option(
+      "--nav-columns", nav.columns,
+      "of a CSV, where not known by name: QUANTITY=COLUMN[:UNIT],... as time=t:ms,heading=yaw:rad");
+  command.add_option("--nav-crs", nav.crs, "of its eastings and northings, as EPSG:32755");
+  command.add_option("--nav-sigma", nav.sigma, "standard deviation of positions that do not say [m] (1)")
+      ->check(CLI::Range(0.001, 10000.0));
+  command.add_option("--nav-offset", nav.offset, "added to its times to get those of the images [s] (0)");
+  command.add_option_function<double>(
+      "--declination", [&nav](double degrees) { nav.declination = degrees * std::numbers::pi / 180; },
+      "of its headings from magnetic north, east positive [deg] (0)");
+  command
+      .add_option("--mount", input.mount,
+                  "how the cameras are turned from looking straight down, top of the image forward: "
+                  "ROLL,PITCH,HEADING [deg], and X,Y,Z in the vehicle [m]")
+      ->delimiter(',');
   addSampleOptions(command, input.left_format, input.right_format);
   command.add_flag("--verify", input.verify, "tell images apart by content, not by size and time");
 }

@@ -13,6 +13,7 @@ class CsvColumns {
   // Throws InputError for a file that is absent, empty or no table.
   explicit CsvColumns(const std::filesystem::path& path);
 
+  [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
   [[nodiscard]] std::size_t rows() const { return rows_.size(); }
   // By name, whatever its case.
   [[nodiscard]] std::optional<std::size_t> column(const std::string& name) const;

@@ -2,12 +2,14 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <numbers>
 #include <set>
 #include <variant>
 
 #include "firmware_if/files/feature_file.hpp"
 #include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/topside/input/calibration/calibration.hpp"
 
 namespace fathom::topside {
@@ -112,6 +114,33 @@ std::vector<std::array<std::string, 2>> findImages(MissionInput& in, StereoFileO
   return pairs;
 }
 
+// A camera at the vehicle's reference point that looks straight down, top of the image forward (x of the
+// camera to starboard, y aft), turned and shifted as the option says.
+SE3 mountOf(const std::vector<double>& mount) {
+  constexpr double kDegree = std::numbers::pi / 180;
+  Eigen::Matrix3d down;
+  down << 0, -1, 0, 1, 0, 0, 0, 0, 1;
+  const SE3 looks_down(down, Eigen::Vector3d::Zero());
+  if (mount.empty()) return looks_down;
+  if (mount.size() != 3 && mount.size() != 6)
+    throw InputError("--mount", std::to_string(mount.size()) + " numbers",
+                     "give roll,pitch,heading in degrees, or these and x,y,z in metres");
+  const Eigen::Vector3d place =
+      mount.size() == 6 ? Eigen::Vector3d(mount[3], mount[4], mount[5]) : Eigen::Vector3d::Zero();
+  return SE3::fromEuler(mount[0] * kDegree, mount[1] * kDegree, mount[2] * kDegree, place) * looks_down;
+}
+
+void takeNavFiles(MissionInput& in, const NavFileOptions& options) {
+  if (options.files.empty()) return;
+  if (in.navigated)
+    throw InputError("--nav", options.files.front().string(),
+                     "is beside the navigation that the folder holds; take that, or this, away");
+  std::optional<std::int64_t> about;
+  if (in.files && !in.files->pairs.empty()) about = in.files->pairs.front().utc_ns;
+  in.nav_data = readNavFiles(options, about);
+  in.assumed.insert(in.assumed.end(), in.nav_data->assumed.begin(), in.nav_data->assumed.end());
+}
+
 void assumeMission(MissionInput& in, const InputOptions& options) {
   const auto note = [&](std::string line) { in.assumed.push_back(std::move(line)); };
   io::MissionConfig& m = in.mission;
@@ -133,22 +162,25 @@ void assumeMission(MissionInput& in, const InputOptions& options) {
        std::to_string(m.cameras.bits) + " bits, as some of them tell");
   if (in.given_poses) {
     m.origin = in.given_poses->origin;
-  } else {
-    // Looking down, top of the image forward: x of the camera to starboard, y aft.
-    Eigen::Matrix3d down;
-    down << 0, -1, 0, 1, 0, 0, 0, 0, 1;
-    m.T_body_cam = SE3(down, Eigen::Vector3d::Zero());
-    if (in.navigated)
-      note("the cameras look straight down, top of the image forward, at the vehicle's reference point");
-    note("nav's origin is 0 N 0 E");
+    return;
   }
+  m.T_body_cam = mountOf(options.mount);
+  takeNavFiles(in, options.nav);
+  if ((in.navigated || in.nav_data) && !in.mounted)
+    note(
+        "the cameras look straight down, top of the image forward, at the vehicle's reference point "
+        "(--mount)");
+  const auto origin = in.nav_data ? originOf(*in.nav_data) : std::nullopt;
+  if (origin) m.origin = *origin;
+  constexpr double kDegree = std::numbers::pi / 180;
+  note("nav's origin is " +
+       formatted("%.2f N %.2f E", m.origin.latitude / kDegree, m.origin.longitude / kDegree));
   if (in.navigated)
     note("declination and time offsets are 0");
-  else
+  else if (!in.nav_data)
     note(
         "no navigation: poses are from the images alone; the model is level on its own plane, its north is "
-        "the "
-        "top of the first image, its depth 0 that of the first camera");
+        "the top of the first image, its depth 0 that of the first camera");
 }
 
 void digestFile(Hasher& hasher, const fs::path& path) {
@@ -218,6 +250,10 @@ MissionInput openMission(const fs::path& folder, const InputOptions& options) {
   if (poses.empty() && !in.described && fs::exists(own_poses)) poses = own_poses;
   if (!poses.empty()) in.given_poses = io::readStereoPoses(poses);
   in.navigated = in.described || !poses.empty() || in.paths.rawAuv();
+  in.mounted = !options.mount.empty();
+  if (in.described && (in.mounted || !options.nav.files.empty()))
+    throw InputError((folder / "mission.toml").string(), "",
+                     "says where cameras and navigation are; --mount and --nav are for folders without it");
   // A log of this project's without its mission.toml is a damaged mission, and nothing to guess about.
   if (in.described || fs::exists(in.paths.log())) in.mission = io::readMissionConfig(folder);
   in.features_only = io::isFeatureMission(in.paths);
@@ -241,6 +277,9 @@ MissionInput openMission(const fs::path& folder, const InputOptions& options) {
   } else if (const auto raw = in.paths.rawAuv()) {
     digestFile(hasher, *raw);
   }
+  for (const fs::path& file : options.nav.files) digestFile(hasher, file);
+  hasher.add(options.nav.columns, options.nav.crs, options.nav.declination, options.nav.offset,
+             options.nav.sigma, in.mounted);
   if (in.files) {
     for (const StereoFilePair& pair : in.files->pairs)
       hasher.add(pair.left.generic_string(), pair.right.generic_string(), pair.utc_ns.value_or(-1));

@@ -11,6 +11,7 @@
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/topside/input/images/image_samples.hpp"
 #include "recon/topside/input/images/stereo_files.hpp"
+#include "recon/topside/input/nav_files/nav_data.hpp"
 #include "recon/topside/work/digest.hpp"
 
 namespace fathom::topside {
@@ -23,6 +24,9 @@ struct InputOptions {
   // Of a folder without mission.toml.
   StereoFileOptions files = {};                             // without images: those in the folder
   std::string left_format = "auto", right_format = "auto";  // of sampleNames()
+  NavFileOptions nav = {};
+  std::vector<double> mount =
+      {};  // camera in body: roll, pitch, heading [deg], and x, y, z [m]; 0: looks down
 };
 
 // A recorded dive and what is known about it: a mission folder, or images of any kind with a calibration and
@@ -37,7 +41,9 @@ struct MissionInput {
   // Without mission.toml: the images where their names tell the pairs, relative to paths.images(), and what
   // they hold.
   bool described = true;
-  bool navigated = true;  // by a log, or by poses that were given
+  bool navigated = true;            // by a log, or by poses that were given
+  std::optional<NavData> nav_data;  // beside images that are not
+  bool mounted = false;             // somebody said how the camera looks
   std::optional<StereoFiles> files;
   std::array<Samples, 2> samples = {Samples::kAuto, Samples::kAuto};
   bool verify = false;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "firmware_if/files/civil_time.hpp"
 #include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/input/scout_planes.hpp"
@@ -39,7 +40,7 @@ PairList fromFiles(const MissionInput& input, const StereoFiles& files) {
   PairList list;
   list.from_file_names = true;
   for (const StereoFilePair& pair : files.pairs) {
-    if (!pair.utc_ns && input.navigated)
+    if (!pair.utc_ns && (input.navigated || input.nav_data))
       throw InputError(input.paths.root.string(), pair.left.generic_string(),
                        "has no time in its name, and navigation is by time; give --time-pattern, or --pairs "
                        "with a column utc");
@@ -52,11 +53,34 @@ PairList fromFiles(const MissionInput& input, const StereoFiles& files) {
   return list;
 }
 
+void takeKnown(const MissionInput& input, const std::vector<std::int64_t>& times, Survey& survey) {
+  survey.known = knownAt(*input.nav_data, input.mission.origin, times);
+  Anchor& anchor = survey.navigation.anchor;
+  bool any = false;
+  for (std::size_t k = 0; k < times.size(); ++k) {
+    const KnownPose& one = survey.known[k];
+    survey.navigation.poses[k].altitude = one.altitude;
+    any = any || one.depth || one.heading || one.tilt || one.altitude || one.moved || one.north_east;
+    if (!one.north_east) continue;
+    anchor.source = "navigation file";
+    anchor.sigma = one.sigma;
+    ++anchor.fixes_used;
+  }
+  if (!any)
+    throw InputError(input.paths.root.string(), "--nav",
+                     "says nothing of the times when the images were taken (" + io::isoTime(times.front()) +
+                         " to " + io::isoTime(times.back()) + "); check both clocks, or give --nav-offset");
+}
+
 Survey imagesAlone(const MissionInput& input, const TopsideConfig& config) {
   Survey survey;
   survey.list = fromFiles(input, *input.files);
-  for (const ImagePair& pair : survey.list.pairs)
+  std::vector<std::int64_t> times;
+  for (const ImagePair& pair : survey.list.pairs) {
     survey.navigation.poses.push_back({pair.utc_ns, {}, {}, {}});
+    times.push_back(pair.utc_ns);
+  }
+  if (input.nav_data) takeKnown(input, times, survey);
   survey.planes = scoutPlanes(input, config, survey.list);
   return survey;
 }
@@ -72,7 +96,7 @@ Survey navigated(const MissionInput& input, const TopsideConfig& config) {
 }
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kSurveyVersion = 3;
+constexpr std::uint32_t kSurveyVersion = 4;
 
 }  // namespace
 

@@ -3,6 +3,7 @@
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/input/images/image_pairs.hpp"
 #include "recon/topside/input/mission_input.hpp"
+#include "recon/topside/input/nav_files/nav_data.hpp"
 #include "recon/topside/input/seed_plane.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
@@ -23,10 +24,11 @@ struct Survey {
   PairList list;
   Navigation navigation;
   SeedPlanes planes;
+  std::vector<KnownPose> known;  // by pair, where files of navigation were given
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.list, self.navigation, self.planes);
+    archive(self.list, self.navigation, self.planes, self.known);
   }
 };
 

@@ -17,6 +17,7 @@
 #include "recon/topside/input/scout_planes.hpp"
 #include "recon/topside/localise/closure_search.hpp"
 #include "recon/topside/localise/ground_alignment.hpp"
+#include "recon/topside/localise/known_places.hpp"
 #include "recon/topside/localise/visual_odometry.hpp"
 #include "recon/topside/work/stage_times.hpp"
 
@@ -34,13 +35,7 @@ constexpr double kStepSigma = 0.05, kStepAngle = 0.03, kDrift = 0.03;  // [m], [
 class FreePoses {
  public:
   FreePoses(const MissionInput& input, const Survey& survey, const FeatureStore& features)
-      : input_(input), rig_(input.rig), survey_(survey) {
-    frames_.features = &features;
-    for (std::uint32_t k = 0; k < survey.planes.size(); ++k) {
-      if (features.count(k) == 0 || !survey.planes[k]) continue;
-      frames_.pair.push_back(k);
-      frames_.altitude.push_back(survey.planes[k]->distance);
-    }
+      : input_(input), rig_(input.rig), survey_(survey), places_(framesOf(features)) {
     poses_.resize(frames_.pair.size());
     frames_.way.assign(frames_.pair.size(), 0);
   }
@@ -49,6 +44,7 @@ class FreePoses {
   [[nodiscard]] const std::vector<SE3>& poses() const { return poses_; }
   [[nodiscard]] const std::vector<slam::NavigationLink>& links() const { return links_; }
   [[nodiscard]] std::size_t odometryLinks() const { return odometry_; }
+  [[nodiscard]] const KnownPlaces& places() const { return places_; }
   std::vector<SlamResult::Tried> tried;
   std::array<std::size_t, closure::kRefusals> refused{};
   bool converged = true;
@@ -67,6 +63,13 @@ class FreePoses {
     for (const Attempt& t : over)
       if (t.accepted()) links_.push_back(t.link);
     if (!input_.features_only) alignBroken();
+    for (auto step = broken.begin(); step != broken.end();)
+      if (const auto link = places_.stepTo(step->first)) {
+        links_.push_back(*link);
+        step = broken.erase(step);
+      } else {
+        ++step;
+      }
     odometry_ = links_.size();
     solve();
   }
@@ -89,10 +92,10 @@ class FreePoses {
     solve();
   }
 
-  // Frames of one part that overlap where they are now. False: no new link.
+  // Frames that overlap where they are now. False: no new link.
   bool overlaps(std::size_t a_frame) {
     std::vector<Attempt> attempts = attemptsOf(overlapping(a_frame));
-    for (Attempt& t : attempts) t.prior = between(static_cast<int>(t.a), static_cast<int>(t.b));
+    for (Attempt& t : attempts) t.prior = overlapPrior(t.a, t.b);
     registerAll(rig_, frames_, {}, attempts, "closures");
     const std::size_t before = links_.size();
     for (const Attempt& t : attempts) {
@@ -104,32 +107,79 @@ class FreePoses {
     return true;
   }
 
-  // Parts as lists of frames, by their first; their frames' poses are level and stand apart afterwards.
-  std::vector<std::vector<std::uint32_t>> arrange() {
-    std::map<std::uint32_t, std::vector<std::uint32_t>> by_root;
-    for (std::uint32_t k = 0; k < poses_.size(); ++k) by_root[parts_.root(k)].push_back(k);
-    std::vector<std::vector<std::uint32_t>> parts;
-    double east = 0;
-    for (auto& [root, members] : by_root) {
-      level(members);
-      double low = INFINITY, high = -INFINITY;
-      for (const std::uint32_t k : members) {
-        const closure::Footprint f = footprint(k);
-        low = std::min(low, f.centre.y() - f.radius);
-        high = std::max(high, f.centre.y() + f.radius);
-      }
-      if (!parts.empty()) {
-        const SE3 aside(Eigen::Quaterniond::Identity(), {0, east + kGap - low, 0});
-        for (const std::uint32_t k : members) poses_[k] = aside * poses_[k];
-        high += east + kGap - low;
-      }
-      east = high;
-      parts.push_back(std::move(members));
+  // Frames that links join, by their first.
+  struct Part {
+    std::vector<std::uint32_t> frames;
+    bool placed = false;  // navigation says where
+  };
+  // Their frames' poses are level afterwards: where navigation has them, the others beside, east of all.
+  std::vector<Part> arrange() {
+    std::map<std::uint32_t, Part> by_root;
+    for (std::uint32_t k = 0; k < poses_.size(); ++k) by_root[parts_.root(k)].frames.push_back(k);
+    std::vector<Part> parts;
+    std::vector<std::uint32_t> firsts;
+    for (auto& [root, part] : by_root) {
+      const KnownPlaces::Motion motion = places_.motionOf(part.frames, poses_);
+      for (const std::uint32_t k : part.frames) poses_[k] = motion.T_nav_part * poses_[k];
+      part.placed = motion.placed;
+      firsts.push_back(part.frames.front());
+      parts.push_back(std::move(part));
     }
+    if (places_.any()) {
+      slam::PoseGraph graph = linked();
+      converged = places_.improve(graph, firsts);
+      poses_ = graph.poses;
+    }
+    std::optional<double> east;
+    for (const bool placed : {true, false})
+      for (Part& part : parts)
+        if (part.placed == placed) east = standAside(part, east);
     return parts;
   }
 
  private:
+  // Frames are the pairs that show something.
+  KnownPlaces framesOf(const FeatureStore& features) {
+    frames_.features = &features;
+    std::vector<KnownPose> known;
+    std::vector<Eigen::Vector3d> ground;
+    for (std::uint32_t k = 0; k < survey_.planes.size(); ++k) {
+      if (features.count(k) == 0 || !survey_.planes[k]) continue;
+      known.push_back(survey_.known.empty() ? KnownPose() : survey_.known[k]);
+      if (!frames_.pair.empty() && frames_.pair.back() + 1 != k) known.back().moved.reset();
+      frames_.pair.push_back(k);
+      frames_.altitude.push_back(survey_.planes[k]->distance);
+      ground.push_back(survey_.planes[k]->normal);
+    }
+    return {std::move(known), std::move(ground), input_.mission.T_body_cam, input_.mounted};
+  }
+
+  // The part's eastern edge, once one that is nowhere stands east of that of those before it.
+  double standAside(const Part& part, std::optional<double> edge) {
+    double low = INFINITY, high = -INFINITY;
+    for (const std::uint32_t k : part.frames) {
+      const closure::Footprint f = footprint(k);
+      low = std::min(low, f.centre.y() - f.radius);
+      high = std::max(high, f.centre.y() + f.radius);
+    }
+    if (part.placed || !edge) return std::max(high, edge.value_or(high));
+    const SE3 aside(Eigen::Quaterniond::Identity(), {0, *edge + kGap - low, 0});
+    for (const std::uint32_t k : part.frames) poses_[k] = aside * poses_[k];
+    return high + *edge + kGap - low;
+  }
+
+  // Of the links that are kept.
+  slam::PoseGraph linked() const {
+    slam::PoseGraph graph;
+    graph.poses = poses_;
+    for (std::size_t k = 0; k < poses_.size(); ++k) graph.ids.push_back(static_cast<std::int64_t>(k));
+    for (const slam::NavigationLink& link : links_)
+      if (link.kept)
+        graph.edges.push_back({static_cast<int>(link.a), static_cast<int>(link.b), link.T_a_b,
+                               slam::residualInformation(link.covariance.inverse())});
+    return graph;
+  }
+
   // Steps without features to speak of, from all pixels.
   void alignBroken() {
     std::vector<std::uint32_t> steps;
@@ -196,7 +246,10 @@ class FreePoses {
     FramePairs pairs;
     for (std::uint32_t k = 0; k < frames_.pair.size(); ++k) {
       frames_.load(k, features);
-      const auto wanted = [&](int id) { return !known_.contains({static_cast<std::uint32_t>(id), k}); };
+      const auto wanted = [&](int id) {
+        const auto other = static_cast<std::uint32_t>(id);
+        return !known_.contains({other, k}) && mayBeNear(other, k);
+      };
       for (const auto& place : places.query(features, kTries, wanted))
         pairs.emplace_back(static_cast<std::uint32_t>(place.id), k);
       (void)places.add(static_cast<int>(k), features);
@@ -206,7 +259,7 @@ class FreePoses {
 
   // The nearest ones of each frame among the older, in cells of the ground.
   [[nodiscard]] FramePairs overlapping(std::size_t a_frame) {
-    const std::vector<std::vector<std::uint32_t>> parts = arrange();
+    (void)arrange();
     std::map<std::pair<int, int>, std::vector<std::uint32_t>> cells;
     double edge = 0;
     for (std::uint32_t k = 0; k < poses_.size(); ++k) edge = std::max(edge, footprint(k).radius);
@@ -225,7 +278,8 @@ class FreePoses {
             for (const std::uint32_t a : cell->second) {
               const closure::Footprint there = footprint(a);
               const double apart = (there.centre - here.centre).norm();
-              if (apart < kNear * (there.radius + here.radius) && !known_.contains({a, b}))
+              if (apart < kNear * (there.radius + here.radius) && !known_.contains({a, b}) &&
+                  overlapPrior(a, b))
                 near.emplace_back(apart, a);
             }
       std::sort(near.begin(), near.end());
@@ -237,6 +291,24 @@ class FreePoses {
 
   [[nodiscard]] closure::Footprint footprint(std::uint32_t frame) const {
     return closure::footprintOf(poses_[frame], frames_.altitude[frame], rig_.left);
+  }
+
+  // False: positions have them too far from each other to show the same ground.
+  bool mayBeNear(std::uint32_t a, std::uint32_t b) const {
+    constexpr double kSigmas = 4;
+    const auto apart = places_.apart(a, b);
+    return !apart ||
+           apart->distance < kSigmas * apart->sigma + 2 * (frames_.altitude[a] + frames_.altitude[b]);
+  }
+
+  // What is known of b seen from a; of another part, what positions say, if that leaves no room for places
+  // that look alike.
+  std::optional<closure::RelativePrior> overlapPrior(std::uint32_t a, std::uint32_t b) {
+    if (parts_.root(a) == parts_.root(b)) return between(static_cast<int>(a), static_cast<int>(b));
+    constexpr double kTurn = 0.15;  // of compasses [rad]
+    const auto apart = places_.apart(a, b);
+    if (!apart || apart->sigma > footprint(b).radius) return {};
+    return closure::RelativePrior{poses_[a].inverse() * poses_[b], covarianceOf(apart->sigma, kTurn)};
   }
 
   // What is known of y seen from x; of another part: nothing that anything could agree with.
@@ -254,16 +326,12 @@ class FreePoses {
     for (bool again = true; again;) {
       again = false;
       parts_.reset(poses_.size());
-      slam::PoseGraph graph;
-      graph.poses = poses_;
+      slam::PoseGraph graph = linked();
       std::vector<slam::NavigationLink*> edges;
-      for (std::size_t k = 0; k < poses_.size(); ++k) graph.ids.push_back(static_cast<std::int64_t>(k));
       for (slam::NavigationLink& link : links_) {
         if (!link.kept) continue;
         parts_.join(link.a, link.b);
         edges.push_back(&link);
-        graph.edges.push_back({static_cast<int>(link.a), static_cast<int>(link.b), link.T_a_b,
-                               slam::residualInformation(link.covariance.inverse())});
       }
       if (edges.empty()) return;
       converged = slam::optimize(graph, {}).converged;
@@ -288,28 +356,11 @@ class FreePoses {
     }
   }
 
-  // Down is the mean normal of the seafloor that the frames show.
-  void level(const std::vector<std::uint32_t>& members) {
-    Eigen::Vector3d down = Eigen::Vector3d::Zero();
-    for (const std::uint32_t k : members)
-      down += poses_[k].rotation() * survey_.planes[frames_.pair[k]]->normal;
-    down.normalize();
-    const SE3 first = poses_[members.front()];
-    Eigen::Vector3d north = first.rotation() * -Eigen::Vector3d::UnitY();  // the top of the image
-    if (std::abs(north.dot(down)) > 0.99) north = first.rotation() * Eigen::Vector3d::UnitZ();
-    north = (north - north.dot(down) * down).normalized();
-    Eigen::Matrix3d R;  // from where the poses are to nav
-    R.row(0) = north;
-    R.row(1) = down.cross(north);
-    R.row(2) = down;
-    const SE3 T(Eigen::Quaterniond(R), -(R * first.translation()));
-    for (const std::uint32_t k : members) poses_[k] = T * poses_[k];
-  }
-
   const MissionInput& input_;
   const StereoRig& rig_;
   const Survey& survey_;
   Frames frames_;
+  KnownPlaces places_;
   std::vector<SE3> poses_;
   std::vector<slam::NavigationLink> links_;  // by frame; odometry first
   std::size_t odometry_ = 0;
@@ -334,12 +385,16 @@ SlamResult localiseFreely(const MissionInput& input, const TopsideConfig& config
   const auto a_frame = static_cast<std::size_t>(config.slam_candidates);
   for (std::size_t round = 0; round < kRounds && free.overlaps(a_frame); ++round) continue;
   out.seconds["closures"] = watch.lap();
-  for (const auto& members : free.arrange()) {
+  for (const auto& [members, placed] : free.arrange()) {
     SlamResult::Part& part = out.parts.emplace_back();
+    part.placed = placed;
     for (const std::uint32_t k : members) part.pairs.push_back(frames.pair[k]);
     const auto broken = free.broken.find(members.front());
     if (broken != free.broken.end()) part.why = broken->second;
   }
+  out.fixes_kept = free.places().positionsKept();
+  out.fixes_removed = free.places().positionsLeftOut();
+  out.refused_tilt = free.places().refusedTilt();
   const SE3 T_cam_body = input.mission.T_body_cam.inverse();
   for (std::size_t k = 0; k < frames.pair.size(); ++k)
     out.poses[frames.pair[k]].T_nav_body = free.poses()[k] * T_cam_body;

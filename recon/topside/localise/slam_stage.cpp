@@ -42,13 +42,13 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
   archive(slam.poses, slam.odometry, slam.closures, slam.frames, slam.tried, slam.refused,
           slam.crossings_expected, slam.crossings_unverified, slam.unconfirmed, slam.converged,
           slam.uncertain, slam.sensors, slam.mounting, slam.usbl, slam.fixes_kept, slam.fixes_removed,
-          slam.moved_rms, slam.parts);
+          slam.moved_rms, slam.parts, slam.refused_tilt);
 }
 
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 5;
+constexpr std::uint32_t kLocaliseVersion = 6;
 constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
 constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]

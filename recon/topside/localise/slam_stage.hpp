@@ -73,15 +73,17 @@ struct SlamResult {
   // of them from being joined to the pair before it.
   struct Part {
     std::vector<std::uint32_t> pairs;
+    bool placed = false;  // files of navigation say where it is
     closure::Refusal why = closure::Refusal::kNone;
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
-      archive(self.pairs);
+      archive(self.pairs, self.placed);
       archive.enumeration(self.why, static_cast<closure::Refusal>(closure::kRefusals - 1));
     }
   };
   std::vector<Part> parts;
+  std::optional<double> refused_tilt;  // KnownPlaces' [rad]
 };
 
 // `survey`, `prepared`: the contents of these results.

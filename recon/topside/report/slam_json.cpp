@@ -77,7 +77,7 @@ void warnOfMounting(const slam::Mounting& m, std::vector<std::string>& warnings)
 Json partsJson(const std::vector<SlamResult::Part>& parts) {
   Json out = Json::array();
   for (const SlamResult::Part& part : parts) {
-    Json one{{"first_pair", part.pairs.front()}, {"pairs", part.pairs}};
+    Json one{{"first_pair", part.pairs.front()}, {"pairs", part.pairs}, {"placed", part.placed}};
     if (part.why != closure::Refusal::kNone)
       one["not_joined_before"] = std::string(closure::nameOf(part.why));
     out.push_back(std::move(one));
@@ -116,11 +116,23 @@ std::vector<std::string> slamWarnings(const SlamResult& s) {
                        " m of the " + decimals(s.crossings_expected, 0) +
                        " m flown over ground seen before have no loop closure.");
   warnOfMounting(s.mounting, warnings);
+  const auto placed = static_cast<std::size_t>(
+      std::count_if(s.parts.begin(), s.parts.end(), [](const SlamResult::Part& p) { return p.placed; }));
   if (s.parts.size() > 1)
     warnings.push_back(
         "Nothing joins the pairs of " + std::to_string(s.parts.size()) +
-        " parts: each is a model of its own, and they stand side by side, west to east, where they "
-        "are not in truth.");
+        " parts: each is a model of its own. " +
+        (placed == s.parts.size() ? "They stand where navigation has them."
+         : placed > 0             ? std::to_string(placed) +
+                            " stand where navigation has them, the others side by side east of them, where "
+                            "they are not in truth."
+                      : "They stand side by side, west to east, where they are not in truth."));
+  if (s.refused_tilt)
+    warnings.push_back(
+        "By the attitudes that were given the seafloor would slope by " +
+        decimals(*s.refused_tilt / kDegree, 0) +
+        " degrees: the cameras do not look straight down. Roll and pitch were not used; say how "
+        "they look with --mount.");
   return warnings;
 }
 

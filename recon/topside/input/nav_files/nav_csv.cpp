@@ -1,0 +1,321 @@
+#include "recon/topside/input/nav_files/nav_csv.hpp"
+
+#include <ogr_spatialref.h>
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <charconv>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <numbers>
+
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
+#include "recon/topside/input/csv_columns.hpp"
+#include "recon/topside/input/images/name_times.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+
+enum class Kind : std::uint8_t { kTime, kDate, kAngle, kLength, kSpeed };
+
+struct Quantity {
+  const char* name;
+  Kind kind;
+  std::vector<std::string> usual;  // columns' names, without case, separators and units
+};
+
+const std::vector<Quantity>& quantities() {
+  static const std::vector<Quantity> all{
+      {"time",
+       Kind::kTime,
+       {"time", "timestamp", "datetime", "utc", "utctime", "timeutc", "unixtime", "epoch"}},
+      {"date", Kind::kDate, {"date", "utcdate", "dateutc"}},
+      {"latitude", Kind::kAngle, {"latitude", "lat"}},
+      {"longitude", Kind::kAngle, {"longitude", "lon", "long", "lng"}},
+      {"north", Kind::kLength, {"north", "northing"}},
+      {"east", Kind::kLength, {"east", "easting"}},
+      {"sigma",
+       Kind::kLength,
+       {"sigma", "accuracy", "sigmahorizontal", "positionsigma", "horizontalaccuracy"}},
+      {"depth", Kind::kLength, {"depth", "vehicledepth", "pressuredepth"}},
+      {"height", Kind::kLength, {"height", "elevation"}},
+      {"heading", Kind::kAngle, {"heading", "hdg", "yaw"}},
+      {"roll", Kind::kAngle, {"roll"}},
+      {"pitch", Kind::kAngle, {"pitch"}},
+      {"altitude", Kind::kLength, {"altitude", "alt", "dvlaltitude"}},
+      {"forward", Kind::kSpeed, {"forward", "surge", "velocityforward", "velforward", "u"}},
+      {"starboard", Kind::kSpeed, {"starboard", "sway", "velocitystarboard", "velstarboard", "v"}},
+      {"down", Kind::kSpeed, {"down", "velocitydownbody", "w"}},
+      {"velocity_north", Kind::kSpeed, {"velocitynorth", "northvelocity", "velnorth", "vn", "vnorth"}},
+      {"velocity_east", Kind::kSpeed, {"velocityeast", "eastvelocity", "veleast", "ve", "veast"}},
+      {"velocity_down", Kind::kSpeed, {"velocitydown", "downvelocity", "veldown", "vd", "vdown"}}};
+  return all;
+}
+
+struct Unit {
+  const char* name;
+  Kind kind;
+  double value;  // of one, in rad, m, m/s; of times in ns
+};
+constexpr std::array kUnits{Unit{"deg", Kind::kAngle, kDegree},
+                            Unit{"degrees", Kind::kAngle, kDegree},
+                            Unit{"rad", Kind::kAngle, 1},
+                            Unit{"radians", Kind::kAngle, 1},
+                            Unit{"m", Kind::kLength, 1},
+                            Unit{"metres", Kind::kLength, 1},
+                            Unit{"meters", Kind::kLength, 1},
+                            Unit{"cm", Kind::kLength, 0.01},
+                            Unit{"mm", Kind::kLength, 0.001},
+                            Unit{"ft", Kind::kLength, 0.3048},
+                            Unit{"feet", Kind::kLength, 0.3048},
+                            Unit{"m/s", Kind::kSpeed, 1},
+                            Unit{"mps", Kind::kSpeed, 1},
+                            Unit{"cm/s", Kind::kSpeed, 0.01},
+                            Unit{"mm/s", Kind::kSpeed, 0.001},
+                            Unit{"kn", Kind::kSpeed, 1852.0 / 3600},
+                            Unit{"knots", Kind::kSpeed, 1852.0 / 3600},
+                            Unit{"s", Kind::kTime, 1e9},
+                            Unit{"ms", Kind::kTime, 1e6},
+                            Unit{"us", Kind::kTime, 1e3},
+                            Unit{"ns", Kind::kTime, 1}};
+
+const Unit* unitNamed(const std::string& name, Kind kind) {
+  const auto* found = std::find_if(kUnits.begin(), kUnits.end(),
+                                   [&](const Unit& u) { return u.kind == kind && name == u.name; });
+  return found == kUnits.end() ? nullptr : found;
+}
+
+double usualUnit(Kind kind) {
+  return kind == Kind::kAngle ? kDegree : 1;
+}
+
+struct Column {
+  std::size_t index = 0;
+  double unit = 1;
+  std::optional<NameTime> pattern;  // of a time
+};
+
+// "Heading [deg]" and "heading_deg" to heading, deg.
+std::pair<std::string, std::string> split(const std::string& column) {
+  std::string name, unit;
+  bool inside = false;
+  for (const char c : column) {
+    if (c == '[' || c == '(')
+      inside = true;
+    else if (c == ']' || c == ')')
+      inside = false;
+    else
+      (inside ? unit : name) += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  }
+  const std::size_t last = name.find_last_of("_ ");
+  if (unit.empty() && last != std::string::npos &&
+      std::any_of(kUnits.begin(), kUnits.end(),
+                  [&](const Unit& u) { return name.substr(last + 1) == u.name; })) {
+    unit = name.substr(last + 1);
+    name.resize(last);
+  }
+  std::erase_if(name, [](unsigned char c) { return std::isalnum(c) == 0; });
+  return {name, unit};
+}
+
+std::map<std::string, Column> named(const CsvColumns& table, const std::string& text) {
+  std::map<std::string, Column> out;
+  std::size_t at = 0;
+  while (at < text.size()) {
+    const std::size_t end = std::min(text.find(',', at), text.size());
+    const std::string one = text.substr(at, end - at);
+    at = end + 1;
+    const std::size_t equal = one.find('=');
+    const std::string quantity = one.substr(0, equal);
+    const auto known = std::find_if(quantities().begin(), quantities().end(),
+                                    [&](const Quantity& q) { return quantity == q.name; });
+    if (equal == std::string::npos || known == quantities().end()) {
+      std::string list;
+      for (const Quantity& q : quantities()) list += (list.empty() ? "" : ", ") + std::string(q.name);
+      throw InputError("--nav-columns", one, "is not QUANTITY=COLUMN[:UNIT] with one of: " + list);
+    }
+    const std::size_t colon = one.find(':', equal);
+    Column column{
+        table.required(one.substr(equal + 1, colon == std::string::npos ? colon : colon - equal - 1)),
+        usualUnit(known->kind),
+        {}};
+    if (known->kind == Kind::kTime) column.unit = 0;
+    if (colon != std::string::npos) {
+      const std::string unit = one.substr(colon + 1);
+      if (known->kind == Kind::kTime && unit.find('%') != std::string::npos)
+        column.pattern.emplace(unit);
+      else if (const Unit* u = unitNamed(unit, known->kind))
+        column.unit = u->value;
+      else
+        throw InputError("--nav-columns", one, "has a unit that is not known for " + quantity);
+    }
+    out.insert_or_assign(quantity, column);
+  }
+  return out;
+}
+
+void addUsual(const CsvColumns& table, std::map<std::string, Column>& columns) {
+  for (std::size_t index = 0; index < table.names().size(); ++index) {
+    const auto [name, unit] = split(table.names()[index]);
+    for (const Quantity& q : quantities()) {
+      if (columns.contains(q.name) || std::find(q.usual.begin(), q.usual.end(), name) == q.usual.end())
+        continue;
+      const Unit* u = unitNamed(unit, q.kind);
+      columns[q.name] = {index, u != nullptr ? u->value : q.kind == Kind::kTime ? 0 : usualUnit(q.kind), {}};
+    }
+  }
+}
+
+class Table {
+ public:
+  Table(const CsvColumns& table, const NavFileOptions& options) : table_(table) {
+    columns_ = named(table, options.columns);
+    addUsual(table, columns_);
+  }
+
+  [[nodiscard]] bool has(const char* quantity) const { return columns_.contains(quantity); }
+
+  // In rad, m, m/s; none for an empty cell.
+  [[nodiscard]] std::optional<double> number(std::size_t row, const char* quantity) const {
+    const auto found = columns_.find(quantity);
+    if (found == columns_.end()) return {};
+    const auto value = plain(row, found->second.index);
+    if (!value) return {};
+    return *value * found->second.unit;
+  }
+
+  [[nodiscard]] std::int64_t time(std::size_t row) const {
+    const Column& column = columns_.at("time");
+    const std::string& text = table_.text(row, column.index);
+    if (column.pattern) {
+      if (const auto t = column.pattern->of(text)) return *t;
+      table_.fail(row, "has a time '" + text + "' that is not of the form given");
+    }
+    if (column.unit > 0) {
+      const auto value = plain(row, column.index);
+      constexpr double kMost = 9e18;
+      if (value && std::abs(*value * column.unit) < kMost) {
+        // Whole units apart from their fraction: a double has not the digits of both.
+        const double whole = std::floor(*value);
+        return static_cast<std::int64_t>(whole) * static_cast<std::int64_t>(column.unit) +
+               std::llround((*value - whole) * column.unit);
+      }
+      table_.fail(row, "has no time '" + text + "'");
+    }
+    if (!has("date")) return table_.time(row, column.index);
+    const std::string both = table_.text(row, columns_.at("date").index) + " " + text;
+    for (const NameTime& form : NameTime::usual())
+      if (const auto t = form.of(both)) return *t;
+    table_.fail(row, "has no date and time '" + both + "'");
+  }
+
+  [[nodiscard]] std::string about() const {
+    std::string text;
+    for (const Quantity& q : quantities())
+      if (const auto found = columns_.find(q.name); found != columns_.end())
+        text += (text.empty() ? "" : ", ") + std::string(q.name) + " (" +
+                table_.names()[found->second.index] + ")";
+    return text;
+  }
+
+ private:
+  [[nodiscard]] std::optional<double> plain(std::size_t row, std::size_t index) const {
+    std::string text = table_.text(row, index);
+    std::erase_if(text, [](unsigned char c) { return std::isspace(c) != 0; });
+    if (text.empty()) return {};
+    double value = 0;
+    const char* begin = text.data() + (text.front() == '+' ? 1 : 0);
+    const auto [end, error] = std::from_chars(begin, text.data() + text.size(), value);
+    if (error != std::errc() || end != text.data() + text.size())
+      table_.fail(row, "has '" + text + "' in column " + table_.names()[index] + ", which is no number");
+    if (!std::isfinite(value)) return {};
+    return value;
+  }
+
+  const CsvColumns& table_;
+  std::map<std::string, Column> columns_;
+};
+
+// Eastings and northings to longitudes and latitudes.
+class ToGeodetic {
+ public:
+  explicit ToGeodetic(const std::string& crs) {
+    const CPLErrorHandlerPusher quiet(CPLQuietErrorHandler);
+    if (from_.SetFromUserInput(crs.c_str()) != OGRERR_NONE || to_.importFromEPSG(4326) != OGRERR_NONE ||
+        !from_.IsProjected())
+      throw InputError("--nav-crs", crs,
+                       "is no projected coordinate reference system; give one as EPSG:32755");
+    from_.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
+    to_.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
+    transform_.reset(OGRCreateCoordinateTransformation(&from_, &to_));
+    if (!transform_) throw InputError("--nav-crs", crs, "cannot be turned into latitudes and longitudes");
+  }
+
+  [[nodiscard]] std::optional<Geodetic> operator()(double east, double north) const {
+    const CPLErrorHandlerPusher quiet(CPLQuietErrorHandler);
+    if (transform_->Transform(1, &east, &north) == 0) return {};
+    return Geodetic{north * kDegree, east * kDegree};
+  }
+
+ private:
+  struct Destroy {
+    void operator()(OGRCoordinateTransformation* t) const { OGRCoordinateTransformation::DestroyCT(t); }
+  };
+  OGRSpatialReference from_, to_;
+  std::unique_ptr<OGRCoordinateTransformation, Destroy> transform_;
+};
+
+}  // namespace
+
+NavData readNavCsv(const std::filesystem::path& path, const NavFileOptions& options) {
+  const CsvColumns csv(path);
+  const Table table(csv, options);
+  if (!table.has("time"))
+    throw InputError(path.string(), "line 1", "has no column of times; name it: --nav-columns time=COLUMN");
+  std::optional<ToGeodetic> to_geodetic;
+  if (!options.crs.empty()) to_geodetic.emplace(options.crs);
+  NavData data;
+  data.assumed.push_back("navigation from " + path.filename().string() + ": " + table.about());
+  for (std::size_t row = 0; row < csv.rows(); ++row) {
+    const std::int64_t t = table.time(row);
+    const double sigma = table.number(row, "sigma").value_or(0);
+    const auto latitude = table.number(row, "latitude"), longitude = table.number(row, "longitude");
+    if (latitude && longitude) {
+      if (std::abs(*latitude) > 0.5 * std::numbers::pi || std::abs(*longitude) > 2 * std::numbers::pi)
+        csv.fail(row, "has a latitude or longitude that is not on Earth; check --nav-columns and its units");
+      data.position.push_back({t, {*latitude, *longitude, sigma}});
+    }
+    const auto north = table.number(row, "north"), east = table.number(row, "east");
+    if (north && east && !(latitude && longitude)) {
+      if (!to_geodetic) {
+        data.local.push_back({t, {*north, *east, sigma}});
+      } else if (const auto place = (*to_geodetic)(*east, *north)) {
+        data.position.push_back({t, {place->latitude, place->longitude, sigma}});
+      } else {
+        csv.fail(row, "has coordinates outside of " + options.crs);
+      }
+    }
+    const auto depth = table.number(row, "depth"), height = table.number(row, "height");
+    if (depth || height) data.depth.push_back({t, {depth ? *depth : -*height, 0, 0}});
+    if (const auto heading = table.number(row, "heading"))
+      data.heading.push_back({t, {*heading + options.declination, 0, 0}});
+    const auto roll = table.number(row, "roll"), pitch = table.number(row, "pitch");
+    if (roll && pitch) data.tilt.push_back({t, {*roll, *pitch, 0}});
+    if (const auto altitude = table.number(row, "altitude"); altitude && *altitude > 0)
+      data.altitude.push_back({t, {*altitude, 0, 0}});
+    const auto forward = table.number(row, "forward"), starboard = table.number(row, "starboard");
+    if (forward && starboard)
+      data.velocity.push_back({t, {*forward, *starboard, table.number(row, "down").value_or(0)}});
+    const auto to_north = table.number(row, "velocity_north"), to_east = table.number(row, "velocity_east");
+    if (to_north && to_east)
+      data.track.push_back({t, {*to_north, *to_east, table.number(row, "velocity_down").value_or(0)}});
+  }
+  return data;
+}
+
+}  // namespace fathom::topside

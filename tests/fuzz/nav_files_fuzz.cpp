@@ -1,0 +1,32 @@
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "recon/topside/input/nav_files/nav_data.hpp"
+#include "tests/fuzz/scratch_file.hpp"
+
+using namespace fathom;
+
+// Any bytes as a table of navigation or a log of NMEA 0183, behind good beginnings too; the first byte says
+// which.
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  static const fuzz::ScratchFile scratch("nav");
+  static const std::vector<std::string> kColumns{"", "time=t:ms,depth=z", "time=t:%Y-%m-%d %H:%M:%S",
+                                                 "date=d"};
+  if (size == 0) return 0;
+  topside::NavFileOptions options;
+  options.columns = kColumns[data[0] % kColumns.size()];
+  std::string text = kBeginnings[data[0] / kColumns.size() % kBeginnings.size()];
+  text.append(reinterpret_cast<const char*>(data) + 1, size - 1);
+  scratch.write(reinterpret_cast<const std::uint8_t*>(text.data()), text.size());
+  options.files = {scratch.path()};
+  fuzz::readsOrRefuses([&] {
+    const topside::NavData nav = topside::readNavFiles(options, 1'708'171'200'000'000'000);
+    const Geodetic origin = topside::originOf(nav).value_or(Geodetic());
+    for (const auto& row : nav.position)
+      if (!row.value.allFinite() || std::abs(row.value.x()) > 1.571 || !(row.value.z() > 0)) __builtin_trap();
+    if (!nav.empty())
+      (void)topside::knownAt(nav, origin, {1'708'171'200'000'000'000, 1'708'171'201'000'000'000});
+  });
+  return 0;
+}
