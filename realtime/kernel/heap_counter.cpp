@@ -5,15 +5,6 @@
 #include <cerrno>
 #include <cstddef>
 
-#if defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define FATHOM_SANITIZED 1
-#endif
-#endif
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define FATHOM_SANITIZED 1
-#endif
-
 namespace {
 // Static storage of the program itself: no allocation on a thread's first use.
 thread_local std::uint64_t heap_calls = 0;
@@ -39,22 +30,14 @@ extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*malloc_hook)(con
                                                          void (*free_hook)(const volatile void*));
 
 namespace {
-const int installed =
+[[maybe_unused]] const int installed =
     __sanitizer_install_malloc_and_free_hooks([](const volatile void*, std::size_t) { ++heap_calls; },
                                               [](const volatile void* memory) {
                                                 if (memory != nullptr) ++heap_calls;
                                               });
 }  // namespace
 
-bool fathom::rt::sanitized() noexcept {
-  return installed != 0;
-}
-
 #else
-
-bool fathom::rt::sanitized() noexcept {
-  return false;
-}
 
 // glibc lets a program replace its allocator by defining these names, and keeps its own under __libc_*.
 extern "C" {

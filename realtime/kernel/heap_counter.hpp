@@ -2,6 +2,15 @@
 
 #include <cstdint>
 
+#if defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define FATHOM_SANITIZED 1
+#endif
+#endif
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define FATHOM_SANITIZED 1
+#endif
+
 namespace fathom::rt {
 
 // What a thread has cost so far. A program that links fathom_heap_counter and asks for threadCost has its
@@ -23,6 +32,12 @@ struct ThreadCost {
 [[nodiscard]] ThreadCost threadCost() noexcept;
 
 // True when a sanitizer runs in this process: its shadow memory faults, so that page faults say nothing.
-[[nodiscard]] bool sanitized() noexcept;
+[[nodiscard]] constexpr bool sanitized() noexcept {
+#ifdef FATHOM_SANITIZED
+  return true;
+#else
+  return false;
+#endif
+}
 
 }  // namespace fathom::rt
