@@ -10,6 +10,7 @@ using test::required;
 [[nodiscard]] test::Report accuracyReport();
 [[nodiscard]] test::Report camerasReport();
 [[nodiscard]] test::Report closureReport();
+[[nodiscard]] test::Report colmapReport();
 [[nodiscard]] test::Report enduranceReport();
 [[nodiscard]] test::Report fusionReport();
 [[nodiscard]] test::Report growthReport();

@@ -48,6 +48,14 @@ TEST_F(DiveServer, PageDiveAndImagesAreServedEachFromItsFolder) {
   EXPECT_EQ(client.Post("/dive/scene.json", "x", "text/plain")->status, 403);
 }
 
+TEST_F(DiveServer, ProjectionsOfEpsgCodesAreTold) {
+  const web::PageServer server = serveDive(findDive(root_ / "mission"), root_ / "page", 0);
+  httplib::Client client("127.0.0.1", server.port());
+  EXPECT_EQ(client.Get("/crs/28356")->body, "+proj=utm +zone=56 +south +ellps=GRS80 +units=m +no_defs");
+  for (const char* none : {"/crs/4326", "/crs/999999", "/crs/1", "/crs/28356x"})
+    EXPECT_EQ(client.Get(none)->status, 404) << none;
+}
+
 TEST_F(DiveServer, ImagesAreServedFromWhereverTheSceneSaysAndNothingAroundThem) {
   write("elsewhere/deep/results/scene.json",
         R"({"format":1,"tileset":"tiles/tileset.json","image_folder":"../../../mission/img"})");

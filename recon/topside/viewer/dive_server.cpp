@@ -1,6 +1,7 @@
 #include "recon/topside/viewer/dive_server.hpp"
 
 #include <httplib.h>
+#include <ogr_spatialref.h>
 
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -33,6 +34,25 @@ ServedDive findDive(const std::filesystem::path& folder) {
   return dive;
 }
 
+namespace {
+
+// A projected coordinate reference system in proj4's words; "" for a code that PROJ does not know, or one
+// that is in no metres, which the page's measures are.
+std::string projectionOf(const std::string& epsg) {
+  OGRSpatialReference srs;
+  CPLPushErrorHandler(CPLQuietErrorHandler);
+  char* text = nullptr;
+  std::string out;
+  if (srs.importFromEPSG(std::stoi(epsg)) == OGRERR_NONE && srs.IsProjected() &&
+      srs.exportToProj4(&text) == OGRERR_NONE && text != nullptr)
+    out = text;
+  CPLFree(text);
+  CPLPopErrorHandler();
+  return out;
+}
+
+}  // namespace
+
 web::PageServer serveDive(const ServedDive& dive, const std::filesystem::path& page, int port) {
   web::PageServerConfig config;
   config.port = port;
@@ -45,6 +65,13 @@ web::PageServer serveDive(const ServedDive& dive, const std::filesystem::path& p
     if (dive.hasImages()) view["images"] = "images/";
     server.Get("/view.json", [text = view.dump()](const httplib::Request&, httplib::Response& response) {
       response.set_content(text, "application/json");
+    });
+    server.Get(R"(/crs/(\d{4,6}))", [](const httplib::Request& request, httplib::Response& response) {
+      const std::string definition = projectionOf(request.matches[1]);
+      if (definition.empty())
+        response.status = 404;
+      else
+        response.set_content(definition, "text/plain");
     });
     web::serveFolder(server, "/dive/", dive.output);
     if (dive.hasImages()) web::serveFolder(server, "/images/", dive.images);

@@ -18,8 +18,9 @@ struct ServedDive {
 [[nodiscard]] ServedDive findDive(const std::filesystem::path& folder);
 
 // Serves a dive to browsers on this machine (127.0.0.1 alone): `/` the page, `/dive/` the output, `/images/`
-// where they are, and `/view.json`, which tells the page so. Nothing can be changed through it. Port 0: any
-// that is free; throws InputError where it cannot be had.
+// where they are, `/view.json`, which tells the page so, and `/crs/28355`, the projection of an EPSG code as
+// proj4 reads it. Nothing can be changed through it. Port 0: any that is free; throws InputError where it
+// cannot be had.
 [[nodiscard]] web::PageServer serveDive(const ServedDive& dive, const std::filesystem::path& page, int port);
 
 }  // namespace fathom::topside

@@ -25,6 +25,9 @@ export function length(metres: number): string {
 export const area = (squareMetres: number): string =>
   squareMetres < 1 ? `${count(squareMetres * 1e4)} cm²` : `${squareMetres.toFixed(squareMetres < 100 ? 2 : 0)} m²`;
 
+export const volume = (cubicMetres: number): string =>
+  cubicMetres < 0.1 ? `${number(cubicMetres * 1000, 1)} litres` : `${cubicMetres.toFixed(cubicMetres < 10 ? 3 : 1)} m³`;
+
 // "14:03:27" of a day, UTC.
 export const clock = (utcSeconds: number): string => new Date(utcSeconds * 1000).toISOString().slice(11, 19);
 export function dateAndClock(utcSeconds: number | null | undefined): string {

@@ -33,5 +33,15 @@ export const transverseMercator = (origin: Geodetic, scale = 1, falseNorth = 0, 
 export const utm = (zone: number, south: boolean): Projection => new Projection(`EPSG:${(south ? 32700 : 32600) + zone}`);
 export const utmZone = (longitude: number): number => Math.min(60, Math.floor((longitude + 180) / 6) + 1);
 
-// The projection of an EPSG code, or null where proj4 does not know it without its database.
+// The projection of an EPSG code, or null where neither proj4 nor learnProjection() knows it.
 export const projectionOf = (code: number): Projection | null => (proj4.defs(`EPSG:${code}`) ? new Projection(`EPSG:${code}`) : null);
+
+// Asks the server that brought the page, which has PROJ's database, for a code that proj4 does not know.
+export async function learnProjection(code: number): Promise<Projection | null> {
+  if (!projectionOf(code)) {
+    const answer = await fetch(`crs/${code}`).catch(() => null);
+    const definition = answer?.ok ? await answer.text() : '';
+    if (definition.startsWith('+proj=')) proj4.defs(`EPSG:${code}`, definition);
+  }
+  return projectionOf(code);
+}

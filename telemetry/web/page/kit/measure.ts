@@ -106,6 +106,38 @@ export function surfaceArea(grid: HeightGrid, corners: Place[]): { surface: numb
   return { surface, plan };
 }
 
+// What of the seafloor rises above the plane that fits the corners best, and what lies below it [m3]: a mound or a pit
+// that the corners were put around. Cells as in surfaceArea; those without a height count as the others on the mean.
+export function volumes(grid: HeightGrid, corners: Place[]): { above: number; below: number } {
+  const mean = (of: (p: Place) => number): number => corners.reduce((sum, p) => sum + of(p), 0) / corners.length;
+  const [north, east, up] = [mean((p) => p.north), mean((p) => p.east), mean((p) => -p.depth)];
+  let [nn, ne, ee, nu, eu] = [0, 0, 0, 0, 0];
+  for (const p of corners) {
+    const [n, e, u] = [p.north - north, p.east - east, -p.depth - up];
+    nn += n * n; ne += n * e; ee += e * e; nu += n * u; eu += e * u;
+  }
+  const det = nn * ee - ne * ne;
+  const [byNorth, byEast] = det > 0 ? [(nu * ee - eu * ne) / det, (eu * nn - nu * ne) / det] : [0, 0];
+  let above = 0;
+  let below = 0;
+  let plan = 0;
+  const { values, width, height, step } = grid;
+  for (let r = 0; r + 1 < height; ++r)
+    for (let c = 0; c + 1 < width; ++c) {
+      const n = grid.north - (r + 0.5) * step;
+      const e = grid.east + (c + 0.5) * step;
+      if (!inside(corners, n, e)) continue;
+      const z = (values[r * width + c]! + values[r * width + c + 1]! + values[(r + 1) * width + c]! + values[(r + 1) * width + c + 1]!) / 4;
+      if (!Number.isFinite(z)) continue;
+      const over = z - (up + byNorth * (n - north) + byEast * (e - east));
+      if (over > 0) above += over * step * step;
+      else below -= over * step * step;
+      plan += step * step;
+    }
+  const share = plan > 0 ? planArea(corners) / plan : 0;
+  return { above: above * share, below: below * share };
+}
+
 // Between the four nodes around a place; NaN outside or beside a hole.
 export function sampleGrid(grid: HeightGrid, north: number, east: number): number {
   const row = (grid.north - north) / grid.step;

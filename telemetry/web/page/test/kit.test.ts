@@ -3,7 +3,7 @@ import { test } from 'node:test';
 import * as THREE from 'three';
 import { bytes, dateAndClock, duration, niceBelow, number, position, spacingText } from '#kit/format';
 import { projectionOf, transverseMercator, utm, utmZone } from '#kit/geodesy';
-import { inside, lineText, measure, pathLength, planArea, sampleGrid, stations, surfaceArea, type HeightGrid } from '#kit/measure';
+import { inside, lineText, measure, pathLength, planArea, sampleGrid, stations, surfaceArea, volumes, type HeightGrid } from '#kit/measure';
 import { areaOf, boundsAbout, toNav, toScene, turnToScene } from '#kit/place';
 import { VIRIDIS, ramp, robustRange } from '#kit/ramps';
 
@@ -86,6 +86,20 @@ test('a plane at 45 degrees has root two of its plan area, and holes are left ou
   values[20 * width + 20] = NaN;
   near(surfaceArea(grid, corners).plan, 4 - 4 * step * step, 1e-9);
   assert.ok(Number.isNaN(sampleGrid(grid, 1.0, 1.0)) && Number.isNaN(sampleGrid(grid, 9, 1)));
+});
+
+test('a mound on a slope has its volume over the plane of the corners', () => {
+  const step = 0.02;
+  const [width, height] = [101, 101];
+  // A cone 0.3 m high and 0.5 m in radius about (1, 1), a pit as deep as a box of 0.2 m square, on ground that rises east.
+  const up = (north: number, east: number): number => 0.25 * east + Math.max(0, 0.3 * (1 - Math.hypot(north - 1, east - 1) / 0.5))
+    - (Math.abs(north - 0.3) < 0.1 && Math.abs(east - 0.3) < 0.1 ? 0.1 : 0);
+  const values = Float64Array.from({ length: width * height }, (_, i) => up(2 - Math.floor(i / width) * step, (i % width) * step));
+  const grid: HeightGrid = { values, width, height, north: 2, east: 0, step };
+  const corners = [[0, 0], [2, 0], [2, 2], [0, 2]].map(([north, east]) => ({ north: north!, east: east!, depth: -0.25 * east! }));
+  const { above, below } = volumes(grid, corners);
+  near(above, (Math.PI * 0.25 * 0.3) / 3, 2e-4);
+  near(below, 0.1 * 0.04, 4e-4);
 });
 
 test('ramps reach their ends and a flat floor keeps a metre of range', () => {

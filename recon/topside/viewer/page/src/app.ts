@@ -5,11 +5,13 @@ import { BesideFiles } from './beside';
 import { Decoder } from './decoder';
 import { openDive, readRecords, type Dive } from './dive';
 import { bytes, count, dateAndClock, length, number, position } from '#kit/format';
+import { learnProjection, type Projection } from '#kit/geodesy';
 import { ImageViewer } from './image_viewer';
 import { Layers, hasUnit, shortTitle } from './layers';
 import { Marks } from './marks';
+import { measuredGeoJson } from './measured';
 import { Model } from './model';
-import { drawScale, element, input, make, mark, row, segments } from '#kit/overlay';
+import { drawScale, element, input, make, mark, row, save, segments } from '#kit/overlay';
 import { readPermalink, writePermalink } from './permalink';
 import { toNav, toScene, type Bounds, type Place } from '#kit/place';
 import { PointPanel, type Quality } from './point_panel';
@@ -45,6 +47,7 @@ export class App {
   private annotations!: AnnotationPanel;
   private beside!: BesideFiles;
   private timeline: Timeline | null = null;
+  private crs: Projection | null = null; // that people asked for
   private viewer = new ImageViewer();
   private linkAt = 0;
   private linkTimer: ReturnType<typeof setTimeout> | null = null;
@@ -132,6 +135,9 @@ export class App {
       this.writeLink();
       void navigator.clipboard?.writeText(location.href).then(() => { element('link').textContent = 'Copied'; setTimeout(() => (element('link').textContent = 'Link'), 1500); });
     };
+    element('measure-save').onclick = () => save(`${(dive.scene.name || dive.scene.dive_id || 'dive').replace(/[^\w.-]+/g, '_')}_measured.geojson`,
+      measuredGeoJson(this.tools.kept, dive.projection, dive.scene.dive_id), 'application/geo+json');
+    input('crs').onchange = () => void this.chooseCrs(input('crs').value.trim().replace(/^EPSG:/i, ''));
     element('screenshot').onclick = () => void savePicture(view, dive.scene.name || dive.scene.dive_id || 'dive', this.caption());
     const toggle = (id: string, apply: (on: boolean) => void): void => {
       input(id).onchange = () => {
@@ -259,12 +265,20 @@ export class App {
     this.changed();
   }
 
+  private async chooseCrs(code: string): Promise<void> {
+    this.crs = /^\d{4,6}$/.test(code) ? await learnProjection(Number(code)) : null;
+    input('crs').setCustomValidity(code === '' || this.crs ? '' : `EPSG:${code} is none that this page knows`);
+    input('crs').reportValidity();
+    document.body.dataset.crs = this.crs ? code : '';
+  }
+
   private hover(place: Place | null): void {
     const box = element('hover');
     box.hidden = place === null;
     if (!place) return;
     const g = this.dive.projection?.toGeodetic(place);
-    box.textContent = `${g ? `${position(g)}   ` : ''}${number(place.depth, 2, 'm deep')}`;
+    const grid = g && this.crs ? this.crs.toLocal(g) : null;
+    box.textContent = `${g ? `${position(g)}   ` : ''}${grid ? `${number(grid.east, 2, 'E')} ${number(grid.north, 2, 'N')}   ` : ''}${number(place.depth, 2, 'm deep')}`;
   }
 
   private caption(): string[] {

@@ -1,5 +1,5 @@
 import type { GeoTIFF, GeoTIFFImage } from 'geotiff';
-import { projectionOf, transverseMercator, utm, utmZone, type Geodetic, type NorthEast, type Projection } from '#kit/geodesy';
+import { learnProjection, projectionOf, transverseMercator, utm, utmZone, type Geodetic, type NorthEast, type Projection } from '#kit/geodesy';
 import type { HeightGrid } from '#kit/measure';
 import type { Bounds } from '#kit/place';
 
@@ -161,7 +161,9 @@ export class Raster {
       const kind = (image.fileDirectory as { NewSubfileType?: number }).NewSubfileType ?? 0;
       if ((kind & 1) !== 0 && (kind & 4) === 0 && image.getSamplesPerPixel() === first.getSamplesPerPixel()) images.push(image);
     }
-    const known = crsOfKeys((first.getGeoKeys() as Keys | null) ?? {}, projection);
+    const keys = (first.getGeoKeys() as Keys | null) ?? {};
+    if (keys.ProjectedCSTypeGeoKey !== undefined && keys.ProjectedCSTypeGeoKey !== USER_DEFINED) await learnProjection(keys.ProjectedCSTypeGeoKey);
+    const known = crsOfKeys(keys, projection);
     if (typeof known === 'string') throw new Error(known);
     const { placement, residual } = placementOf(gridOfTags(first), known.crs, near);
     return new Raster(images.sort((a, b) => b.getWidth() - a.getWidth()), placement, known.text, residual);

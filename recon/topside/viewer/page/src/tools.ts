@@ -1,8 +1,9 @@
 import * as THREE from 'three';
-import { area, length, number } from '#kit/format';
+import { area, length, number, volume } from '#kit/format';
 import type { Layers } from './layers';
 import type { Marks } from './marks';
-import { lineText, measure, pathLength, planArea, sampleGrid, stations, surfaceArea, type HeightGrid } from '#kit/measure';
+import { lineText, measure, pathLength, planArea, sampleGrid, stations, surfaceArea, volumes, type HeightGrid } from '#kit/measure';
+import type { Measured } from './measured';
 import { element, mark } from '#kit/overlay';
 import { ProfileChart, type ProfilePoint } from '#kit/charts';
 import { toNav, toScene, type Bounds, type Place } from '#kit/place';
@@ -22,6 +23,7 @@ const GRID_EDGE = 1200; // nodes across a measured area or profile
 export class Tools {
   tool: Tool = 'explore';
   points: Place[] = [];
+  kept: Measured[] = []; // what was measured, oldest first
   onSelect: (place: Place) => void = () => undefined;
   onAnnotate: (place: Place) => void = () => undefined;
   onHover: (place: Place | null) => void = () => undefined;
@@ -104,6 +106,8 @@ export class Tools {
   finish(): void {
     if (!this.measuring || this.done || this.points.length < 2) return;
     this.done = true;
+    const isArea = this.tool === 'area';
+    if (!isArea || this.points.length > 2) this.kept.push({ area: isArea, points: [...this.points], text: this.text() });
     this.show();
     if (this.tool === 'profile') void this.drawProfile();
     if (this.tool === 'area') void this.addSurface();
@@ -162,7 +166,9 @@ export class Tools {
     if (!elevation || points.length !== this.points.length) return;
     const { surface, plan } = surfaceArea(elevation, points);
     if (plan <= 0) return;
-    const text = `${this.text()} · seafloor ${area((surface / plan) * planArea(points))}, rugosity ${number(surface / plan, 2)}`;
+    const { above, below } = volumes(elevation, points);
+    const text = `${this.text()} · seafloor ${area((surface / plan) * planArea(points))}, rugosity ${number(surface / plan, 2)} · ${volume(above)} above the corners' plane, ${volume(below)} below`;
+    this.kept.at(-1)!.text = text;
     element('measure-text').textContent = text;
     document.body.dataset.measured = text;
   }

@@ -137,7 +137,19 @@ await runTest(browserPath, async (browser) => {
   await page.keyboard.press('Enter');
   await page.waitForFunction(() => /rugosity/.test(document.body.dataset.measured ?? ''));
   assert.ok(Number(/rugosity ([\d.]+)/.exec(await words())[1]) >= 1);
+  assert.match(await words(), /above the corners' plane/);
+  const [saved] = await Promise.all([page.waitForEvent('download'), page.click('#measure-save')]);
+  const measured = join(scratch, saved.suggestedFilename());
+  await saved.saveAs(measured);
+  assert.deepEqual(JSON.parse(readFileSync(measured, 'utf8')).features.map((f) => f.geometry.type), ['LineString', 'Polygon']);
   await page.keyboard.press('Escape');
+
+  // Eastings and northings of a system that only the server knows.
+  await page.fill('#crs', 'EPSG:28356');
+  await page.keyboard.press('Tab');
+  await page.waitForFunction(() => document.body.dataset.crs === '28356');
+  await page.mouse.move(cx + 3, cy + 3);
+  await page.waitForFunction(() => / E .* N /.test(document.querySelector('#hover').textContent));
 
   // Annotate, export, read back into an empty list.
   await page.click('#tools button[data-value=annotate]');

@@ -11,6 +11,7 @@ import { Flight } from '../src/flight';
 import { transverseMercator, utm, utmZone } from '#kit/geodesy';
 import { imageSize } from '../src/image_size';
 import { joinLabels, stem } from '../src/labels';
+import { measuredGeoJson } from '../src/measured';
 import { readPermalink, writePermalink } from '../src/permalink';
 import { boundsOf, crsOfKeys, crsOfWorldFile, gridOfWorldFile, place, placementOf } from '../src/raster';
 import { fromFileList, openFolder } from '../src/source';
@@ -41,6 +42,21 @@ test('a camera that is turned about the vertical sees north to its side', () => 
   near(z, 2, 1e-12);
   const back = turn(image.q, [x, y, z]);
   near(back[0], 1, 1e-12);
+});
+
+test('measured lines and areas go out as GeoJSON, rings closed and against the clock', () => {
+  const projection = transverseMercator({ latitude: -33.5, longitude: 151.2 });
+  const clockwise = [[0, 0], [2, 0], [2, 3], [0, 3]].map(([north, east]) => ({ north: north!, east: east!, depth: 5 }));
+  const out = JSON.parse(measuredGeoJson([{ area: true, points: clockwise, text: 'a' }, { area: false, points: clockwise.slice(0, 2), text: 'b' }], projection, 'd'));
+  const [ring] = out.features[0].geometry.coordinates;
+  assert.equal(ring.length, 5);
+  assert.deepEqual(ring[0], ring[4]);
+  const twice = ring.slice(1).reduce((sum: number, p: number[], i: number) => sum + ring[i][0] * p[1]! - p[0]! * ring[i][1], 0);
+  assert.ok(twice > 0);
+  near(ring[0][2], -5, 1e-9);
+  assert.equal(out.features[0].properties.plan_area_m2, 6);
+  assert.equal(out.features[1].properties.length_m, 2);
+  near(out.features[1].geometry.coordinates[0][1], -33.5, 1e-8);
 });
 
 test('distortion is OpenCV\'s', () => {
