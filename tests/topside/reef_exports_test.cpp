@@ -1,3 +1,4 @@
+#include <cpl_minixml.h>
 #include <gdal_priv.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -10,9 +11,11 @@
 #include "recon/topside/exports/colmap_model.hpp"
 #include "recon/topside/exports/gdal_files.hpp"
 #include "recon/topside/exports/orthomosaic.hpp"
+#include "recon/topside/exports/qgis_project.hpp"
 #include "recon/topside/exports/results_files.hpp"
 #include "recon/topside/exports/sparse_model_input.hpp"
 #include "recon/topside/exports/survey_geopackage.hpp"
+#include "tests/support/text_files.hpp"
 #include "tests/topside/colmap_files.hpp"
 #include "tests/topside/reef_quick.hpp"
 
@@ -59,6 +62,31 @@ TEST_F(ReefQuick, OtherSettingsThanTheRunsAreRefusedAndNothingIsMade) {
 
 DatasetPtr opened(const std::filesystem::path& path) {
   return DatasetPtr(static_cast<GDALDataset*>(GDALOpenEx(path.c_str(), 0, nullptr, nullptr, nullptr)));
+}
+
+TEST_F(ReefQuick, AProjectOfQgisNamesEveryLayerWhereItLies) {
+  const std::filesystem::path folder = out_->path() / "gis", results = run().out;
+  writeQgisProject(folder, results, "EPSG:32631", 0);
+  writeQgisProject(folder, results, "EPSG:32631", 0);  // over its own
+  const GdalUse gdal;
+  std::unique_ptr<CPLXMLNode, decltype(&CPLDestroyXMLNode)> xml(
+      CPLParseXMLFile((folder / "survey.qgs").c_str()), CPLDestroyXMLNode);
+  ASSERT_TRUE(xml);
+  std::size_t rasters = 0, vectors = 0;
+  const CPLXMLNode* all = CPLGetXMLNode(xml.get(), "=qgis.projectlayers");
+  ASSERT_NE(all, nullptr);
+  for (const CPLXMLNode* layer = all->psChild; layer != nullptr; layer = layer->psNext) {
+    const std::string source = CPLGetXMLValue(layer, "datasource", "");
+    const std::string file = source.substr(0, source.find('|'));
+    EXPECT_TRUE(opened(folder / file)) << source;
+    ++(std::string(CPLGetXMLValue(layer, "type", "")) == "raster" ? rasters : vectors);
+  }
+  EXPECT_EQ(rasters, readResultJson(results / "scene.json").at("layers").size());
+  EXPECT_GE(rasters, 9U);
+  EXPECT_EQ(vectors, 3U);
+  test::writeText(folder / "mine.txt", "x");
+  EXPECT_THAT(test::refusal([&] { writeQgisProject(folder, results, "EPSG:32631", 0); }),
+              testing::HasSubstr("mine.txt"));
 }
 
 TEST_F(ReefQuick, AGeopackageHoldsFootprintsTrackAndContoursInUtm) {

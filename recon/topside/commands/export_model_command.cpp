@@ -12,6 +12,7 @@
 #include "recon/topside/exports/model_las.hpp"
 #include "recon/topside/exports/nerfstudio_scene.hpp"
 #include "recon/topside/exports/orthomosaic.hpp"
+#include "recon/topside/exports/qgis_project.hpp"
 #include "recon/topside/exports/results_files.hpp"
 #include "recon/topside/exports/sparse_model_input.hpp"
 #include "recon/topside/exports/survey_geopackage.hpp"
@@ -24,7 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 
 struct Options {
-  fs::path folder, ply, obj, glb, las, gpkg, ortho, colmap, nerfstudio;
+  fs::path folder, ply, obj, glb, las, gpkg, ortho, qgis, colmap, nerfstudio;
   std::string crs;
   double contours = 0, cell = 0;
   int level = 0;
@@ -32,7 +33,7 @@ struct Options {
   RunSettings run;
 
   [[nodiscard]] bool ofTiles() const { return !ply.empty() || !obj.empty() || !glb.empty() || !las.empty(); }
-  [[nodiscard]] bool ofMaps() const { return !gpkg.empty() || !ortho.empty(); }
+  [[nodiscard]] bool ofMaps() const { return !gpkg.empty() || !ortho.empty() || !qgis.empty(); }
   [[nodiscard]] bool ofCameras() const { return !colmap.empty() || !nerfstudio.empty(); }
 };
 
@@ -88,6 +89,10 @@ void exportMaps(const Options& options) {
     std::printf("%s: %zu footprints, %zu contours, the track\n", options.gpkg.c_str(), counts.footprints,
                 counts.contours);
   }
+  if (!options.qgis.empty()) {
+    writeQgisProject(options.qgis, results, crs, options.contours);
+    std::printf("%s: all layers, footprints, contours, the track\n", (options.qgis / "survey.qgs").c_str());
+  }
   if (!options.ortho.empty()) {
     writeOrthomosaic(options.ortho, results, {crs, options.cell, options.lossless});
     std::printf("%s: %s\n", options.ortho.c_str(), crs.c_str());
@@ -129,6 +134,8 @@ void exportCameras(Options& options) {
 }
 
 int run(Options& options) {
+  if (options.contours > 0 && options.gpkg.empty() && options.qgis.empty())
+    throw InputError("--contours", "", "are part of a GeoPackage; give --gpkg or --qgis");
   if (!options.ofTiles() && !options.ofMaps() && !options.ofCameras())
     throw InputError("export-model", "", "writes nothing; name what to write: --obj, --gpkg, --colmap ...");
   if (options.ofTiles()) exportTiles(options);
@@ -145,6 +152,7 @@ std::function<int()> addExportModelCommand(CLI::App& app, CLI::App*& command) {
   command->footer(
       "Example: fathom-topside export-model missions/reef-grid --glb model.glb\n"
       "Example: fathom-topside export-model missions/reef-grid --ortho reef.tif --crs EPSG:32755\n"
+      "Example: fathom-topside export-model missions/reef-grid --qgis reef-gis\n"
       "Example: fathom-topside export-model missions/reef-grid --colmap reef/sparse/0\n"
       "Surface and cameras: x east, y north, z up [m], of the dive's origin (GLB: x east, y up, z south).");
   command->add_option("folder", o->folder, "the mission's folder; or its results', or their tiles'")
@@ -159,10 +167,10 @@ std::function<int()> addExportModelCommand(CLI::App& app, CLI::App*& command) {
   tiles.add_option("--las", o->las, "file of points to write, LAS 1.4");
 
   CLI::App& maps = *command->add_option_group("Maps", "for geographic information systems");
-  CLI::Option* gpkg = maps.add_option("--gpkg", o->gpkg, "GeoPackage of footprints, track and contours");
+  maps.add_option("--qgis", o->qgis, "folder for a project of QGIS: all layers, and a GeoPackage beside it");
+  maps.add_option("--gpkg", o->gpkg, "GeoPackage of footprints, track and contours");
   maps.add_option("--contours", o->contours, "between contours [m] (at most twenty of them)")
-      ->check(CLI::Range(0.001, 1000.0))
-      ->needs(gpkg);
+      ->check(CLI::Range(0.001, 1000.0));
   CLI::Option* ortho = maps.add_option("--ortho", o->ortho, "orthomosaic, cloud-optimised GeoTIFF");
   maps.add_option("--cell", o->cell, "of the orthomosaic, in units of --crs (as the layer has it)")
       ->check(CLI::Range(1e-9, 1e4))

@@ -90,6 +90,12 @@ void drawScale(cv::Mat& image, double metres_per_pixel, int top) {
 
 }  // namespace
 
+Rgb rampColour(const std::string& ramp, double part) {
+  const auto bgr =
+      rampTable(ramp).at<cv::Vec3b>(0, static_cast<int>(std::lround(255 * std::clamp(part, 0.0, 1.0))));
+  return {bgr[2], bgr[1], bgr[0]};
+}
+
 void drawLayer(const std::filesystem::path& path, const ReducedRaster& raster, const PictureText& text,
                bool shaded) {
   const int zoom = std::max(1, kLeast / std::max(raster.width, raster.height));

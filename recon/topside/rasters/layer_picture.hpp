@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <string>
 
+#include "recon/geometry/mesh.hpp"
 #include "recon/topside/rasters/raster_reading.hpp"
 
 namespace fathom::topside {
@@ -12,6 +13,9 @@ struct PictureText {
   double min = 0, max = 0;
   std::string ramp;  // "viridis", "magma", "turbo", "cividis", "twilight"; empty: own colours
 };
+
+// Of a ramp, 0 its beginning, 1 its end.
+[[nodiscard]] Rgb rampColour(const std::string& ramp, double part);
 
 // A quicklook: the raster in the ramp's colours on white (elevation: shaded from the north-west), with title,
 // legend and a bar of length. Throws std::runtime_error when it cannot be written.
