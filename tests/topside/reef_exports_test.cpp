@@ -171,6 +171,13 @@ TEST_F(ReefQuick, TheOrthomosaicInAnotherSystemShowsTheSameGroundThere) {
     std::printf("%s: colours %.1f of 255 apart\n", lossless ? "lossless" : "JPEG", difference / count);
     EXPECT_LT(difference / count, lossless ? 5.6 : 8.6);  // twice what was measured
   }
+  writeOrthomosaic(path, results, {utmOf(originOf(results)), 0, false});
+  std::array<double, 6> finest{};
+  opened(path)->GetGeoTransform(finest.data());
+  const double texel = readResultJson(results / "scene.json")["levels"][0]["texel_m"].get<double>();
+  EXPECT_NEAR(finest[1], texel, 0.02 * texel);
+  for (const auto& entry : std::filesystem::directory_iterator(out_->path()))
+    EXPECT_EQ(entry.path().filename().string().find(".own"), std::string::npos);
   EXPECT_THROW(writeOrthomosaic(path, results, {"EPSG:1", 0, false}), InputError);
   EXPECT_THROW(writeOrthomosaic(path, out_->path(), {"EPSG:32755", 0, false}), InputError);
 }

@@ -171,8 +171,8 @@ std::function<int()> addExportModelCommand(CLI::App& app, CLI::App*& command) {
   maps.add_option("--gpkg", o->gpkg, "GeoPackage of footprints, track and contours");
   maps.add_option("--contours", o->contours, "between contours [m] (at most twenty of them)")
       ->check(CLI::Range(0.001, 1000.0));
-  CLI::Option* ortho = maps.add_option("--ortho", o->ortho, "orthomosaic, cloud-optimised GeoTIFF");
-  maps.add_option("--cell", o->cell, "of the orthomosaic, in units of --crs (as the layer has it)")
+  CLI::Option* ortho = maps.add_option("--ortho", o->ortho, "orthomosaic as fine as the images, cloud-optimised GeoTIFF");
+  maps.add_option("--cell", o->cell, "of the orthomosaic, in units of --crs (a texel of the finest tiles)")
       ->check(CLI::Range(1e-9, 1e4))
       ->needs(ortho);
   maps.add_flag("--lossless", o->lossless, "deflate instead of JPEG")->needs(ortho);

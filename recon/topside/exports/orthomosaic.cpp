@@ -8,6 +8,7 @@
 #include "realtime/kernel/text.hpp"
 #include "recon/compare/plane_frame.hpp"
 #include "recon/topside/exports/gdal_files.hpp"
+#include "recon/topside/exports/tiles_from_above.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -27,10 +28,12 @@ WarpOptions warpOptions(std::vector<std::string> words) {
 void writeOrthomosaic(const std::filesystem::path& path, const std::filesystem::path& results,
                       const OrthomosaicConfig& config) {
   const compare::PlaneFrame frame = compare::frameFrom(config.crs, "--crs");
-  const std::filesystem::path layer = results / "layers" / "orthomosaic.tif";
   const GdalUse gdal;
-  const DatasetPtr mosaic(static_cast<GDALDataset*>(GDALOpen(layer.c_str(), GA_ReadOnly)));
-  if (!mosaic) throw InputError(layer.string(), "", "cannot be opened; name a run's mission or results");
+  GdalTarget target(path);
+  const GdalTarget own(path.string() + ".own.tif");  // in the dive's own system; removed at the end
+  drawTilesFromAbove(own.temporary(), results);
+  const DatasetPtr mosaic(static_cast<GDALDataset*>(GDALOpen(own.temporary().c_str(), GA_ReadOnly)));
+  if (!mosaic) gdalFailed(own.temporary());
   std::vector<std::string> words = {"-of", "VRT", "-t_srs", frame.wkt, "-r", "cubic"};
   if (config.cell > 0) {
     const std::string cell = formatted("%.17g", config.cell);
@@ -41,12 +44,11 @@ void writeOrthomosaic(const std::filesystem::path& path, const std::filesystem::
   // Virtual: cells are made as the file asks for them.
   const DatasetPtr warped(
       static_cast<GDALDataset*>(GDALWarp("", nullptr, 1, &source, warpOptions(words).get(), &failed)));
-  if (!warped || failed != 0) gdalFailed(layer);
+  if (!warped || failed != 0) gdalFailed(path);
   CPLStringList create;
   create.SetNameValue("COMPRESS", config.lossless ? "DEFLATE" : "JPEG");
   create.SetNameValue(config.lossless ? "PREDICTOR" : "QUALITY", config.lossless ? "YES" : "85");
   create.SetNameValue("BIGTIFF", "IF_SAFER");
-  GdalTarget target(path);
   GDALDriver* driver = GetGDALDriverManager()->GetDriverByName("COG");
   if (driver == nullptr) throw std::runtime_error("this GDAL writes no cloud-optimised GeoTIFFs");
   DatasetPtr written(driver->CreateCopy(target.temporary().c_str(), warped.get(), FALSE, create.List(),
