@@ -78,6 +78,12 @@ TEST_F(NavFiles, EastingsAndNorthingsOfACrsArePlaces) {
   EXPECT_THAT(refusal("time,easting,northing\n1708171200,1,2\n"), HasSubstr("no projected coordinate"));
 }
 
+TEST_F(NavFiles, EastingsAndNorthingsOfAnUnnamedProjectionAreBroughtNear) {
+  const NavData data = read("time,easting,northing\n1708171200,337770.25,6251852.5\n");
+  EXPECT_TRUE(data.local.at(0).value.isApprox(Eigen::Vector3d(-147.5, -229.75, 1)));
+  EXPECT_THAT(data.assumed, Contains(HasSubstr("less 6252000 m north, 338000 m east")));
+}
+
 TEST_F(NavFiles, NonsenseIsRefusedByItsPlace) {
   EXPECT_THAT(refusal("deep,depth\n1,1\n"), HasSubstr("no column of times"));
   EXPECT_THAT(refusal("time,depth\nnoon,1\n"), HasSubstr("row 1: has no time 'noon'"));

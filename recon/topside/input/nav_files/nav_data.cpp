@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/topside/input/nav_files/nav_csv.hpp"
 #include "recon/topside/input/nav_files/nmea_0183.hpp"
 
@@ -125,6 +126,15 @@ NavData readNavFiles(const NavFileOptions& options, std::optional<std::int64_t> 
     rows.erase(std::unique(rows.begin(), rows.end(),
                            [](const NavRow& a, const NavRow& b) { return a.utc_ns == b.utc_ns; }),
                rows.end());
+  }
+  // A projection's, without its name: meshes near the origin keep their digits.
+  constexpr double kFar = 1e5, kStep = 1e3;  // [m]
+  if (!all.local.empty() && all.local.front().value.head<2>().norm() > kFar) {
+    const Eigen::Vector2d less = (all.local.front().value.head<2>() / kStep).array().round() * kStep;
+    for (NavRow& row : all.local) row.value.head<2>() -= less;
+    all.assumed.push_back("north and east are of a projection that nobody named: less " +
+                          decimals(less.x(), 0) + " m north, " + decimals(less.y(), 0) +
+                          " m east; give --nav-crs to have them on Earth");
   }
   for (auto* rows : {&all.position, &all.local})
     for (NavRow& row : *rows)
