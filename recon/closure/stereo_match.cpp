@@ -6,10 +6,12 @@
 #include <cmath>
 #include <vector>
 
+#include "recon/closure/patch_alignment.hpp"
+
 namespace fathom::closure {
 namespace {
 
-constexpr int kMaxWindow = 31;
+constexpr int kMaxWindow = PatchAligner::kMostWindow;
 constexpr int kMaxSteps = 1024;       // along one epipolar line
 constexpr int kPeakRadius = 3;        // steps about the best that are the same peak
 constexpr double kFlat = 4.0;         // variance of a window without texture [grey levels^2]
@@ -65,13 +67,6 @@ double correlation(const Window& window, const ImageView& image, int x, int y, i
   return static_cast<double>(cross) / (window.norm * std::sqrt(power));
 }
 
-double sample(const ImageView& image, double x, double y) {
-  const int ix = static_cast<int>(x), iy = static_cast<int>(y);
-  const double u = x - ix, v = y - iy;
-  const std::uint8_t *a = rowOf(image, iy) + ix, *b = rowOf(image, iy + 1) + ix;
-  return (1 - v) * ((1 - u) * a[0] + u * a[1]) + v * ((1 - u) * b[0] + u * b[1]);
-}
-
 }  // namespace
 
 bool StereoMatcher::search(const ImageView& left, const ImageView& right, const Eigen::Vector2d& left_pixel,
@@ -112,78 +107,11 @@ bool StereoMatcher::search(const ImageView& left, const ImageView& right, const 
   return true;
 }
 
-// Template T about the left pixel, with gradients g by central differences; means and the gain are projected
-// out of both windows, so that H = sum g g^T and the step is H^-1 sum g (gain^-1 R - T).
 bool StereoMatcher::refine(const ImageView& left, const ImageView& right, const Eigen::Vector2d& left_pixel,
                            StereoMatch& found) const {
-  constexpr int kMaxIterations = 12;
-  constexpr double kConverged = 0.005;  // [px]
-  constexpr double kMaxShift = 2.5;     // from where the search ended [px]
-  const int half = config_.refine_window / 2, side = 2 * half + 1, n = side * side;
-  if (!holds(left, left_pixel.x(), left_pixel.y(), half)) return false;
-  std::array<double, kMaxWindow * kMaxWindow> model{}, seen{};
-  std::array<Eigen::Vector2d, kMaxWindow * kMaxWindow> gradient;
-  double mean = 0;
-  Eigen::Vector2d gradient_mean = Eigen::Vector2d::Zero();
-  for (int k = 0; k < n; ++k) {
-    const auto at = static_cast<std::size_t>(k);
-    const double x = left_pixel.x() + k % side - half, y = left_pixel.y() + k / side - half;
-    model[at] = sample(left, x, y);
-    gradient[at] = 0.5 * Eigen::Vector2d(sample(left, x + 1, y) - sample(left, x - 1, y),
-                                         sample(left, x, y + 1) - sample(left, x, y - 1));
-    mean += model[at] / n;
-    gradient_mean += gradient[at] / n;
-  }
-  double power = 0;
-  Eigen::Vector2d along = Eigen::Vector2d::Zero();
-  for (int k = 0; k < n; ++k) {
-    const auto at = static_cast<std::size_t>(k);
-    model[at] -= mean;
-    gradient[at] -= gradient_mean;
-    power += model[at] * model[at];
-    along += model[at] * gradient[at];
-  }
-  if (power <= kFlat * n) return false;
-  Eigen::Matrix2d h = Eigen::Matrix2d::Zero();
-  for (int k = 0; k < n; ++k) {
-    const auto at = static_cast<std::size_t>(k);
-    gradient[at] -= along / power * model[at];
-    h += gradient[at] * gradient[at].transpose();
-  }
-  if (h.determinant() < 1e-3 * h.trace() * h.trace()) return false;  // an edge: no place along it
-  const Eigen::Matrix2d inverse = h.inverse();
-
-  const Eigen::Vector2d start = found.right;
-  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
-    if (!holds(right, found.right.x(), found.right.y(), half)) return false;
-    double seen_mean = 0;
-    for (int k = 0; k < n; ++k) {
-      const auto at = static_cast<std::size_t>(k);
-      seen[at] = sample(right, found.right.x() + k % side - half, found.right.y() + k / side - half);
-      seen_mean += seen[at] / n;
-    }
-    double gain = 0;
-    for (int k = 0; k < n; ++k)
-      gain += (seen[static_cast<std::size_t>(k)] - seen_mean) * model[static_cast<std::size_t>(k)] / power;
-    if (gain < 0.2) return false;  // inverted or without texture: not the same place
-    Eigen::Vector2d b = Eigen::Vector2d::Zero();
-    double residual = 0;
-    for (int k = 0; k < n; ++k) {
-      const auto at = static_cast<std::size_t>(k);
-      const double e = (seen[at] - seen_mean) / gain - model[at];
-      b += e * gradient[at];
-      residual += e * e;
-    }
-    const Eigen::Vector2d step = inverse * b;
-    found.right -= step;
-    if (!((found.right - start).norm() < kMaxShift)) return false;
-    if (step.norm() < kConverged) {
-      found.covariance =
-          residual / (n - 4) * inverse + kMatchFloor * kMatchFloor * Eigen::Matrix2d::Identity();
-      return true;
-    }
-  }
-  return false;
+  constexpr double kMaxShift = 2.5;  // from where the search ended [px]
+  PatchAligner aligner(config_.refine_window);
+  return aligner.take(left, left_pixel) && aligner.find(right, kMaxShift, found.right, found.covariance);
 }
 
 bool StereoMatcher::match(const ImageView& left, const ImageView& right, const Eigen::Vector2d& left_pixel,

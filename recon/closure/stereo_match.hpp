@@ -27,9 +27,7 @@ struct StereoMatch {
 };
 
 // Finds in the right image what a left pixel sees: correlation of windows along the epipolar line through
-// both lenses, the step being one pixel, then Gauss-Newton on both coordinates with unknown gain and offset
-// (Lucas & Kanade 1981; Baker & Matthews 2004, inverse compositional). The covariance is s^2 H^-1 of that
-// least-squares problem.
+// both lenses, the step being one pixel, then PatchAligner on both coordinates.
 class StereoMatcher {
  public:
   StereoMatcher(const StereoRig& rig, const StereoMatchConfig& config) : rig_(rig), config_(config) {}

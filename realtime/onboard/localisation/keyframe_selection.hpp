@@ -8,6 +8,18 @@
 
 namespace fathom::onboard {
 
+// The last frame that became one. Outside the class, where a complete one can be made inside std::optional.
+struct LastKeyframe {
+  std::int64_t utc_ns = 0;
+  SE3 T_odom_cam;
+  closure::Footprint seen;
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.utc_ns, self.T_odom_cam, self.seen.centre, self.seen.radius);
+  }
+};
+
 // Which stereo frames become keyframes: those that share less than a given part of their footprint with the
 // last one, turned, or come late.
 class KeyframeSelection {
@@ -26,18 +38,8 @@ class KeyframeSelection {
   }
 
  private:
-  struct Last {
-    std::int64_t utc_ns = 0;
-    SE3 T_odom_cam;
-    closure::Footprint seen;
-
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
-      archive(self.utc_ns, self.T_odom_cam, self.seen.centre, self.seen.radius);
-    }
-  };
   LocalisationConfig config_;
-  std::optional<Last> last_;
+  std::optional<LastKeyframe> last_;
 };
 
 }  // namespace fathom::onboard

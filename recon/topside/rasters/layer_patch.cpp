@@ -34,7 +34,7 @@ void drawSurface(const TileMesh& tile, LayerPatch& patch) {
   patch.sigma.assign(cells, kNaN);
   patch.views.assign(cells, 0);
   for (const auto& t : mesh.triangles) {
-    const auto [a, b, c] = t;
+    const std::uint32_t a = t[0], b = t[1], c = t[2];
     const auto corners = cornersIn(patch.surface, patch.cells.surface, 1, mesh, t);
     scanTriangle(
         corners, patch.surface.rows, patch.surface.columns,
@@ -90,7 +90,7 @@ void drawMosaic(const TexturedTile& leaf, LayerPatch& patch) {
   };
   std::vector<Sample> samples(fine.cells());
   for (const auto& t : mesh.triangles) {
-    const auto [a, b, c] = t;
+    const std::uint32_t a = t[0], b = t[1], c = t[2];
     const auto corners = cornersIn(patch.mosaic, patch.cells.mosaic, parts, mesh, t);
     scanTriangle(corners, fine.rows, fine.columns, [&](int row, int column, const std::array<double, 3>& w) {
       Sample& sample = samples[fine.at(row, column)];
