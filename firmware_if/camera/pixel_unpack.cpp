@@ -119,6 +119,7 @@ std::size_t frameBytes(WirePacking packing, std::size_t pixels) noexcept {
 bool unpackPixels(WirePacking packing, std::size_t pixels, std::span<const std::byte> wire,
                   std::span<std::byte> out) noexcept {
   if (wire.size() < wireBytes(packing, pixels) || out.size() < frameBytes(packing, pixels)) return false;
+  if (pixels == 0) return true;  // nothing, of nowhere
   switch (packing) {
     case WirePacking::kBytes:
       std::memcpy(out.data(), wire.data(), pixels);

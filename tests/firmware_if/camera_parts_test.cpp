@@ -62,6 +62,7 @@ TEST(PixelUnpack, TouchesNothingWhenEitherSideIsTooShort) {
     constexpr std::size_t kPixels = 5;
     const std::size_t wire = wireBytes(format.packing, kPixels), out = frameBytes(format.packing, kPixels);
     std::vector<std::byte> from(wire, std::byte{0xff}), to(out, std::byte{7});
+    EXPECT_TRUE(unpackPixels(format.packing, 0, {}, {}));
     EXPECT_FALSE(unpackPixels(format.packing, kPixels, std::span(from).first(wire - 1), to));
     EXPECT_FALSE(unpackPixels(format.packing, kPixels, from, std::span(to).first(out - 1)));
     for (const std::byte byte : to) EXPECT_EQ(byte, std::byte{7});

@@ -13,6 +13,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   static const fuzz::ScratchFile scratch("nav");
   static const std::vector<std::string> kColumns{"", "time=t:ms,depth=z", "time=t:%Y-%m-%d %H:%M:%S",
                                                  "date=d"};
+  static const std::vector<std::string> kBeginnings{
+      "",
+      "time,lat,lon,depth,heading,pitch,roll,altitude,vx,vy,vz\n",
+      "t,z\n1708171200500,3.25\n",
+      "date,time,easting,northing\n",
+      "$GPRMC,120000.00,A,4248.1000,N,01047.2000,E,0.5,12.0,170224,,,A*",
+      "$GPZDA,120000.00,17,02,2024,00,00*6D\n$HEHDT,"};
   if (size == 0) return 0;
   topside::NavFileOptions options;
   options.columns = kColumns[data[0] % kColumns.size()];

@@ -18,6 +18,10 @@ TEST_F(CalibrationFiles, ColmapsRigIsReadFromAnyOfItsFiles) {
   EXPECT_EQ(findCalibration(folder_.path()), at("cameras.txt"));
   std::filesystem::remove(at("rigs.txt"));
   EXPECT_THAT(refusal(at("cameras.txt")), HasSubstr("rigs.txt or rig_config.json"));
+  std::filesystem::copy_file(at("cameras.txt"), at("rigs.txt"));
+  EXPECT_THAT(refusal(at("rigs.txt")), HasSubstr("has no poses of cameras"));
+  EXPECT_THAT(refusal(at("cameras.txt")), HasSubstr("rigs.txt: "));
+  std::filesystem::remove(at("rigs.txt"));
   write("rig_config.json", test::colmapRigConfig(rig_).dump());
   EXPECT_THAT(readsAs(at("cameras.txt"), rig_), HasSubstr("rig_config.json (left camera 7"));
   readsAs(at("rig_config.json"), rig_);

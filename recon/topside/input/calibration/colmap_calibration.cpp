@@ -219,18 +219,22 @@ bool isColmapRig(const CalibrationTree& tree) {
 }
 
 CameraPair readColmapText(const fs::path& file) {
-  const std::string text = readCalibrationText(file);
+  std::string text = readCalibrationText(file);
+  fs::path rigs_file = file;
   if (colmapFileOf(text) == "cameras.txt") {
-    const fs::path rigs = file.parent_path() / "rigs.txt", config = file.parent_path() / "rig_config.json";
-    if (fs::is_regular_file(rigs)) return readColmapText(rigs);
-    if (fs::is_regular_file(config))
+    rigs_file = file.parent_path() / "rigs.txt";
+    const fs::path config = file.parent_path() / "rig_config.json";
+    const bool listed = fs::is_regular_file(rigs_file);
+    if (!listed && fs::is_regular_file(config))
       return readColmapRig(config, parseCalibrationTree(readCalibrationText(config), config));
-    CalibrationPlace{file}.fail(
-        "has no poses of cameras; put COLMAP's rigs.txt or rig_config.json beside it");
+    if (listed) text = readCalibrationText(rigs_file);
+    if (colmapFileOf(text) == "cameras.txt")  // rigs.txt may be a copy of it
+      CalibrationPlace{listed ? rigs_file : file}.fail(
+          "has no poses of cameras; put COLMAP's rigs.txt or rig_config.json beside it");
   }
   std::vector<Rig> rigs;
-  for (const Line& line : linesOf(text, file)) rigs.push_back(rigOf(line));
-  return pairOf(rigs, file);
+  for (const Line& line : linesOf(text, rigs_file)) rigs.push_back(rigOf(line));
+  return pairOf(rigs, rigs_file);
 }
 
 CameraPair readColmapRig(const fs::path& file, const CalibrationTree& tree) {
