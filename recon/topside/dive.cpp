@@ -1,9 +1,12 @@
 #include "recon/topside/dive.hpp"
 
+#include <oneapi/tbb/enumerable_thread_specific.h>
+
 #include <algorithm>
 #include <cmath>
 
 #include "realtime/kernel/input_error.hpp"
+#include "recon/topside/light/pair_images.hpp"
 #include "recon/topside/localise/free_poses.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
@@ -165,9 +168,19 @@ const SlamResult* Dive::localised() {
   if (localises()) {
     const Digest key = localiseKey(input_, config_, survey_content_, groups.content());
     const WorkFile file = single(Stage::kLocalise, key, [&](WorkFileWriter& out) {
+      oneapi::tbb::enumerable_thread_specific<std::unique_ptr<PairImages>> readers;
+      GreyImages images;
+      if (!input_.features_only)
+        images = [&](std::uint32_t pair) {
+          std::unique_ptr<PairImages>& reader = readers.local();
+          if (!reader) reader = std::make_unique<PairImages>(input_, *lighting_);
+          const auto& plane = survey_->planes[pair];
+          return plane && reader->readLeft(survey_->list.pairs[pair]) ? reader->correctLeft(*plane)
+                                                                      : ImageView();
+        };
       const SlamResult slam = input_.navigated
-                                  ? localise(input_.mission, input_.rig, config_, *survey_, groups)
-                                  : localiseFreely(input_, config_, *survey_, groups);
+                                  ? localise(input_.mission, input_.rig, config_, *survey_, groups, images)
+                                  : localiseFreely(input_, config_, *survey_, groups, images);
       saveSlam(out, slam);
       return slam.seconds;
     });

@@ -16,6 +16,7 @@ void addPoseSettings(CLI::App& command, RunSettings& s) {
       ->check(CLI::Range(20, 5000));
   command.add_flag("--dense", s.dense, "semi-global matching instead of corners");
   command.add_flag("--no-slam", s.no_slam, "dead-reckoned poses: no visual odometry, no loop closures");
+  command.add_flag("--no-bundle", s.no_bundle, "localise without bundle adjustment");
   InputOptions& input = s.places.input;
   addCalibOptions(command, input.calib, input.calib_unit, "instead of the folder's own calibration");
   command.add_option("--poses", input.poses,
@@ -74,6 +75,7 @@ TopsideConfig configOf(RunSettings& s) {
   if (s.resolution) setVoxel(config, *s.resolution);
   if (s.texel) config.model.texel = *s.texel;
   if (s.no_slam) config.slam = false;
+  if (s.no_bundle) config.bundle = false;
   if (s.no_texture) config.model.texture = false;
   if (s.dense) config.dense_stereo = true;
   if (s.features) config.stereo.max_features = *s.features;

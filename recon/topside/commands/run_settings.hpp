@@ -15,7 +15,7 @@ struct RunSettings {
   std::filesystem::path config;
   std::optional<double> resolution, texel;
   std::optional<int> features, jobs;
-  bool dense = false, no_slam = false, no_texture = false;
+  bool dense = false, no_slam = false, no_bundle = false, no_texture = false;
   std::string textures = "jpeg", mode = "bands";
 };
 

@@ -56,6 +56,7 @@ TopsideConfig readTopsideConfig(const std::filesystem::path& path) {
   const ConfigTable slam = root.table("slam");
   config.slam = slam.boolean("enabled", config.slam);
   config.slam_features = static_cast<int>(slam.integer("features", config.slam_features, 50, 5000));
+  config.bundle = slam.boolean("bundle", config.bundle);
   config.slam_candidates =
       static_cast<int>(slam.integer("candidates_per_pair", config.slam_candidates, 1, 100));
   config.navigation.turned_sigmas = slam.number("turned_sigmas", config.navigation.turned_sigmas, 1, 100);

@@ -24,6 +24,7 @@ struct TopsideConfig {
   int min_points = 20;  // a pair with fewer stereo points is left out
 
   bool slam = true;                   // loop closures and visual odometry; false: dead reckoning
+  bool bundle = true;                 // bundle adjustment after them
   int slam_features = 400;            // of a pair, for these
   int slam_candidates = 6;            // closures tried, for each pair at the mean
   slam::NavigationConfig navigation;  // what the navigation sensors are worth

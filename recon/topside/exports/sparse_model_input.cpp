@@ -10,38 +10,33 @@
 #include "realtime/kernel/progress.hpp"
 #include "recon/topside/exports/feature_tracks.hpp"
 #include "recon/topside/light/pair_images.hpp"
-#include "recon/topside/localise/closure_search.hpp"
-#include "recon/topside/localise/visual_odometry.hpp"
+#include "recon/topside/localise/link_matches.hpp"
 
 namespace fathom::topside {
 namespace {
 
 namespace tbb = oneapi::tbb;
 
-// A link is found again: its own pose is the prior, as uncertain as a step of dead reckoning.
-constexpr double kPriorSigma = 0.05, kPriorAngle = 0.02;  // [m], [rad]
 constexpr std::uint32_t kNoView = ~0U;
 
+// `pair_of`: each view's pair.
 std::vector<ViewMatches> matchesOf(const StereoRig& rig, const PreparedGroups& groups, const SlamResult& slam,
-                                   const std::vector<std::uint32_t>& view_of) {
+                                   const std::vector<std::uint32_t>& view_of,
+                                   const std::vector<std::uint32_t>& pair_of) {
+  Frames views;
+  views.features = &groups;
+  views.pair = pair_of;
   std::vector<slam::NavigationLink> links;
   for (const auto* list : {&slam.odometry, &slam.closures})
-    for (const slam::NavigationLink& link : *list)
-      if (link.kept && view_of[link.a] != kNoView && view_of[link.b] != kNoView) links.push_back(link);
-  std::vector<ViewMatches> out(links.size());
-  tbb::enumerable_thread_specific<std::unique_ptr<closure::Registrar>> registrars;
-  rt::StageProgress progress("matches", links.size());
-  tbb::parallel_for(std::size_t{0}, links.size(), [&](std::size_t k) {
-    auto& registrar = registrars.local();
-    if (!registrar) registrar = std::make_unique<closure::Registrar>(rig, stepRules());
-    closure::FrameFeatures a, b;
-    groups.load(links[k].a, a);
-    groups.load(links[k].b, b);
-    const closure::Registration& found = registrar->process(
-        a, b, closure::RelativePrior{links[k].T_a_b, covarianceOf(kPriorSigma, kPriorAngle)});
-    out[k] = {view_of[links[k].a], view_of[links[k].b], {}};
-    if (found.accepted()) out[k].matches = found.inliers;
-    progress.step();
+    for (slam::NavigationLink link : *list) {
+      if (!link.kept || view_of[link.a] == kNoView || view_of[link.b] == kNoView) continue;
+      link.a = view_of[link.a];
+      link.b = view_of[link.b];
+      links.push_back(link);
+    }
+  std::vector<ViewMatches> out;
+  forEachMatched(rig, views, links, [&](std::size_t k, const std::vector<closure::Match>& matches) {
+    out.push_back({links[k].a, links[k].b, matches});
   });
   return out;
 }
@@ -107,7 +102,7 @@ SparseModel sparseModelOf(Dive& dive) {
   }
   if (model.views.empty()) throw InputError(input.paths.root.string(), "img", "no pair has a pose");
   std::vector<ViewMatches> matches;
-  if (slam != nullptr) matches = matchesOf(input.rig, groups, *slam, view_of);
+  if (slam != nullptr) matches = matchesOf(input.rig, groups, *slam, view_of, pair_of);
   joinFeatures(matches, model);
   if (!model.points.empty()) colour(dive, pair_of, model);
   return model;

@@ -45,6 +45,12 @@ void PairImages::correct(const stereo::SeedPlane& plane) {
   correctOne(models_.right, ranges_.right(), right_file_, rig_.right, right_, right_mono_);
 }
 
+ImageView PairImages::correctLeft(const stereo::SeedPlane& plane) {
+  ranges_.fromPlane(plane.normal, plane.distance);
+  correctOne(models_.left, ranges_.left(), left_file_, rig_.left, left_, left_mono_);
+  return left();
+}
+
 ImageView PairImages::left() const {
   return eightBitView(left_mono_, rig_.left, PixelFormat::kMono);
 }

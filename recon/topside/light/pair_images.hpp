@@ -24,6 +24,8 @@ class PairImages {
   [[nodiscard]] bool readLeft(const ImagePair& pair);
   [[nodiscard]] const std::string& error() const { return error_; }
 
+  // Corrects the left image alone: 8-bit mono, until the next call.
+  [[nodiscard]] ImageView correctLeft(const stereo::SeedPlane& plane);
   // Corrects both by the ranges to a plane; then the views below hold 8-bit mono images.
   void correct(const stereo::SeedPlane& plane);
   [[nodiscard]] ImageView left() const;

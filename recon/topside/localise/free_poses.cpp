@@ -107,6 +107,10 @@ class FreePoses {
     return true;
   }
 
+  SlamResult::Bundled bundled(const TopsideConfig& config, const GreyImages& images) {
+    return topside::bundled(rig_, config, survey_, frames_, images, links_, poses_, [&] { solve(); });
+  }
+
   // Frames that links join, by their first.
   struct Part {
     std::vector<std::uint32_t> frames;
@@ -371,7 +375,7 @@ class FreePoses {
 }  // namespace
 
 SlamResult localiseFreely(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
-                          const FeatureStore& features) {
+                          const FeatureStore& features, const GreyImages& images) {
   SlamResult out;
   out.poses = survey.navigation.poses;
   Stopwatch watch;
@@ -385,6 +389,8 @@ SlamResult localiseFreely(const MissionInput& input, const TopsideConfig& config
   const auto a_frame = static_cast<std::size_t>(config.slam_candidates);
   for (std::size_t round = 0; round < kRounds && free.overlaps(a_frame); ++round) continue;
   out.seconds["closures"] = watch.lap();
+  out.bundled = free.bundled(config, images);
+  out.seconds["bundle"] = watch.lap();
   for (const auto& [members, placed] : free.arrange()) {
     SlamResult::Part& part = out.parts.emplace_back();
     part.placed = placed;

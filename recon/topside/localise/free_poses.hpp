@@ -14,6 +14,7 @@ namespace fathom::topside {
 // a part is level on the seafloor that it shows, with its first camera at depth 0 and the top of that image
 // to the north, and stands east of the part before it. The result does not depend on the number of threads.
 [[nodiscard]] SlamResult localiseFreely(const MissionInput& input, const TopsideConfig& config,
-                                        const Survey& survey, const FeatureStore& features);
+                                        const Survey& survey, const FeatureStore& features,
+                                        const GreyImages& images);
 
 }  // namespace fathom::topside

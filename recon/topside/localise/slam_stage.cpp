@@ -42,13 +42,13 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
   archive(slam.poses, slam.odometry, slam.closures, slam.frames, slam.tried, slam.refused,
           slam.crossings_expected, slam.crossings_unverified, slam.unconfirmed, slam.converged,
           slam.uncertain, slam.sensors, slam.mounting, slam.usbl, slam.fixes_kept, slam.fixes_removed,
-          slam.moved_rms, slam.parts, slam.refused_tilt);
+          slam.moved_rms, slam.parts, slam.refused_tilt, slam.bundled);
 }
 
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 6;
+constexpr std::uint32_t kLocaliseVersion = 7;
 constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
 constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
@@ -116,10 +116,11 @@ Digest localiseKey(const MissionInput& input, const TopsideConfig& config, const
   addNavigationSettings(hasher, config);
   const slam::SensorNoise& n = config.navigation.noise;
   static_assert(sizeof n == 160);  // a new setting belongs here too
-  hasher.add(config.slam, config.slam_features, config.slam_candidates, config.navigation.turned_sigmas,
-             n.dvl_velocity, n.dvl_rate, n.dvl_scale, n.dvl_heading, n.unknown_velocity, n.heading, n.tilt,
-             n.deviation, n.deviation_drift, n.deviation_turn, n.tilt_bias, n.tilt_turn, n.unknown_turn,
-             n.gyro_walk, n.depth, n.depth_offset, n.depth_drift, n.usbl_shift, n.usbl_turn, n.visual_scale);
+  hasher.add(config.slam, config.bundle, config.slam_features, config.slam_candidates,
+             config.navigation.turned_sigmas, n.dvl_velocity, n.dvl_rate, n.dvl_scale, n.dvl_heading,
+             n.unknown_velocity, n.heading, n.tilt, n.deviation, n.deviation_drift, n.deviation_turn,
+             n.tilt_bias, n.tilt_turn, n.unknown_turn, n.gyro_walk, n.depth, n.depth_offset, n.depth_drift,
+             n.usbl_shift, n.usbl_turn, n.visual_scale);
   return hasher.finish();
 }
 
@@ -131,8 +132,31 @@ SlamResult loadSlam(const WorkFile& file) {
   return loadBlock<SlamResult>(file, "slam");
 }
 
+SlamResult::Bundled bundled(const StereoRig& rig, const TopsideConfig& config, const Survey& survey,
+                            const Frames& frames, const GreyImages& images,
+                            std::vector<slam::NavigationLink>& links, const std::vector<SE3>& poses,
+                            const std::function<void()>& solve) {
+  SlamResult::Bundled out;
+  if (!config.bundle) return out;
+  const std::vector<SE3> before = poses;
+  const BundledLinks found = bundle(rig, frames, poses, survey.planes, images, links);
+  out.points = found.result.points;
+  out.sightings = found.result.sightings;
+  out.pixel_before = found.result.place_before;
+  out.pixel_after = found.result.place_after;
+  out.links = found.links;
+  out.done = found.links > 0;
+  if (!out.done) return out;
+  solve();
+  double squares = 0;
+  for (std::size_t k = 0; k < before.size(); ++k)
+    squares += (poses[k].translation() - before[k].translation()).squaredNorm();
+  out.moved_rms = std::sqrt(squares / static_cast<double>(before.size()));
+  return out;
+}
+
 SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, const TopsideConfig& config,
-                    const Survey& survey, const FeatureStore& features) {
+                    const Survey& survey, const FeatureStore& features, const GreyImages& images) {
   const Navigation& navigation = survey.navigation;
   SlamResult out;
   out.poses = navigation.poses;
@@ -187,6 +211,11 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
     lap("network");
     (void)seek();
   }
+  out.bundled = bundled(rig, config, survey, frames, images, links, solved.poses, [&] {
+    solved = {};  // the sensors are judged by the steps as they are now
+    solve();
+  });
+  lap("bundle");
   search.look(solved);
   const Crossings crossings = search.crossings(links);
   out.crossings_expected = crossings.expected;

@@ -11,6 +11,7 @@
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/input/mission_input.hpp"
 #include "recon/topside/input/survey_stage.hpp"
+#include "recon/topside/localise/bundle_links.hpp"
 #include "recon/topside/localise/feature_store.hpp"
 #include "recon/topside/work/stage_store.hpp"
 
@@ -84,6 +85,18 @@ struct SlamResult {
   };
   std::vector<Part> parts;
   std::optional<double> refused_tilt;  // KnownPlaces' [rad]
+  struct Bundled {
+    bool done = false;
+    std::size_t points = 0, sightings = 0, links = 0;
+    double pixel_before = 0, pixel_after = 0;  // root mean square of a point's place, a coordinate [px]
+    double moved_rms = 0;                      // of the cameras by it [m]
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.done, self.points, self.sightings, self.links, self.pixel_before, self.pixel_after,
+              self.moved_rms);
+    }
+  } bundled;
 };
 
 // `survey`, `prepared`: the contents of these results.
@@ -98,6 +111,13 @@ void saveSlam(WorkFileWriter& file, const SlamResult& slam);  // without seconds
 // their part. The result does not depend on the number of threads.
 [[nodiscard]] SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig,
                                   const TopsideConfig& config, const Survey& survey,
-                                  const FeatureStore& features);
+                                  const FeatureStore& features, const GreyImages& images);
+
+// For bundle adjustment, where config.bundle asks for it: links and poses as it finds them. `solve`: makes
+// poses of links anew.
+[[nodiscard]] SlamResult::Bundled bundled(const StereoRig& rig, const TopsideConfig& config,
+                                          const Survey& survey, const Frames& frames,
+                                          const GreyImages& images, std::vector<slam::NavigationLink>& links,
+                                          const std::vector<SE3>& poses, const std::function<void()>& solve);
 
 }  // namespace fathom::topside

@@ -52,6 +52,7 @@ Json configJson(const TopsideConfig& c) {
             {"overlap_m", c.model.division.overlap}}},
           {"slam",
            {{"enabled", c.slam},
+            {"bundle", c.bundle},
             {"features", c.slam_features},
             {"candidates_per_pair", c.slam_candidates},
             {"turned_sigmas", c.navigation.turned_sigmas}}},

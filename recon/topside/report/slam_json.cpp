@@ -47,6 +47,16 @@ Json usblJson(const SlamResult::Usbl& u) {
           {"turn_sigma_rad", u.turn_sigma}};
 }
 
+Json bundleJson(const SlamResult::Bundled& b) {
+  if (!b.done) return nullptr;
+  return {{"points", b.points},
+          {"sightings", b.sightings},
+          {"links", b.links},
+          {"pixel_rms_before", b.pixel_before},
+          {"pixel_rms_after", b.pixel_after},
+          {"moved_rms_m", b.moved_rms}};
+}
+
 std::string withSigma(double value, double sigma, int digits) {
   return decimals(value, digits) + " (standard deviation " + decimals(sigma, digits) + ")";
 }
@@ -164,6 +174,7 @@ Json slamJson(const SlamResult& s) {
           {"depth_absent", s.sensors.depth_absent},
           {"mounting", mountingJson(s.mounting)},
           {"usbl", usblJson(s.usbl)},
+          {"bundle", bundleJson(s.bundled)},
           {"moved_rms_m", s.moved_rms},
           {"parts", partsJson(s.parts)},
           {"stage_s", s.seconds}};
