@@ -1,7 +1,5 @@
 #include "recon/slam/bundle_adjustment.hpp"
 
-#include <oneapi/tbb/parallel_for.h>
-
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
@@ -71,8 +69,8 @@ struct Marginal {
 
 class Adjuster {
  public:
-  Adjuster(Bundle& bundle, const BundleConfig& config)
-      : bundle_(bundle), config_(config), place_(config.place), match_(config.match) {
+  Adjuster(Bundle& bundle, const BundleConfig& config, const ForEach& for_each)
+      : bundle_(bundle), config_(config), for_each_(for_each), place_(config.place), match_(config.match) {
     const std::size_t points = bundle.first.size() - 1;
     points_.resize(points);
     for (std::size_t k = 0; k < points; ++k) {
@@ -227,7 +225,7 @@ class Adjuster {
     std::vector<Marginal> marginals(std::min(kBlock, points_.size()));
     for (std::size_t first = 0; first < points_.size(); first += kBlock) {
       const std::size_t end = std::min(points_.size(), first + kBlock);
-      oneapi::tbb::parallel_for(first, end, [&](std::size_t k) { marginalise(k, marginals[k - first]); });
+      for_each_(first, end, [&](std::size_t k) { marginalise(k, marginals[k - first]); });
       for (std::size_t k = first; k < end; ++k) {
         const Marginal& m = marginals[k - first];
         if (!m.good) continue;
@@ -321,6 +319,7 @@ class Adjuster {
 
   Bundle& bundle_;
   const BundleConfig& config_;
+  const ForEach& for_each_;
   double place_, match_, place_found_ = 0, match_found_ = 0;
   std::vector<Eigen::Vector3d> points_;
   std::vector<int> of_pose_;  // -1: held
@@ -331,9 +330,12 @@ class Adjuster {
 
 }  // namespace
 
-BundleResult adjust(Bundle& bundle, const BundleConfig& config) {
+BundleResult adjust(Bundle& bundle, const BundleConfig& config, const ForEach& for_each) {
   if (bundle.first.size() < 2) return {};
-  return Adjuster(bundle, config).run();
+  const ForEach one_by_one = [](std::size_t first, std::size_t end, const auto& one) {
+    for (std::size_t k = first; k < end; ++k) one(k);
+  };
+  return Adjuster(bundle, config, for_each ? for_each : one_by_one).run();
 }
 
 }  // namespace fathom::slam

@@ -1,7 +1,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "recon/geometry/stereo_rig.hpp"
@@ -40,10 +42,14 @@ struct BundleResult {
   bool converged = false;
 };
 
+// Calls `one` for each number from `first` up to `end`, in any order, by one thread or several.
+using ForEach =
+    std::function<void(std::size_t first, std::size_t end, const std::function<void(std::size_t)>& one)>;
+
 // Most likely poses: reprojection in both cameras and the graph's edges (Triggs et al. 2000). Points are
 // solved for one by one and marginalised (their Schur complement), a block of them at a time, so that memory
 // is the poses' and the sightings' own. Gauss-Newton with Marquardt's damping; the first pose of each
-// connected part is held. The result does not depend on the number of threads.
-BundleResult adjust(Bundle& bundle, const BundleConfig& config);
+// connected part is held. The result does not depend on how `for_each` does it; without, one by one.
+BundleResult adjust(Bundle& bundle, const BundleConfig& config, const ForEach& for_each = {});
 
 }  // namespace fathom::slam

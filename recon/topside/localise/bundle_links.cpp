@@ -1,6 +1,5 @@
 #include "recon/topside/localise/bundle_links.hpp"
 
-#include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
@@ -269,7 +268,9 @@ BundledLinks bundle(const StereoRig& rig, const Frames& frames, const std::vecto
     if (link.kept && !enough(link))
       bundle.graph.edges.push_back({static_cast<int>(link.a), static_cast<int>(link.b), link.T_a_b,
                                     slam::residualInformation(link.covariance.inverse())});
-  out.result = slam::adjust(bundle, {});
+  out.result = slam::adjust(bundle, {}, [](std::size_t begin, std::size_t end, const auto& one) {
+    tbb::parallel_for(begin, end, one);
+  });
   if (!out.result.converged) return out;
   for (slam::NavigationLink& link : links) {
     if (!link.kept || !enough(link)) continue;
