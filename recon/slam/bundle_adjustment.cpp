@@ -7,6 +7,7 @@
 #include <memory>
 #include <span>
 
+#include "recon/geometry/cross_matrix.hpp"
 #include "recon/geometry/union_find.hpp"
 #include "recon/slam/block_cholesky.hpp"
 
@@ -22,12 +23,6 @@ constexpr double kNearest = 1e-3;     // [m]
 
 std::size_t at(int i) {
   return static_cast<std::size_t>(i);
-}
-
-Eigen::Matrix3d crossOf(const Eigen::Vector3d& p) {
-  Eigen::Matrix3d m;
-  m << 0, -p.z(), p.y(), p.z(), 0, -p.x(), -p.y(), p.x(), 0;
-  return m;
 }
 
 // Pixel of a point in a camera's frame, with its derivative.
@@ -302,7 +297,7 @@ class Adjuster {
       const SE3& T = poseOf(seen[i]);
       const Eigen::Vector3d p = T.inverse() * place;
       Matrix46 by_pose;
-      by_pose << -residuals[i].by_point_in_camera, residuals[i].by_point_in_camera * crossOf(p);
+      by_pose << -residuals[i].by_point_in_camera, residuals[i].by_point_in_camera * crossMatrix(p);
       const Matrix43 by_place = residuals[i].by_point_in_camera * T.matrix3().transpose();
       coupling[i] = weights[i] * by_pose.transpose() * by_place;
       out.diagonal[i] = weights[i] * by_pose.transpose() * by_pose;

@@ -2,38 +2,33 @@
 
 #include <Eigen/LU>
 #include <algorithm>
-#include <numeric>
 #include <span>
+
+#include "recon/geometry/union_find.hpp"
 
 namespace fathom::topside {
 namespace {
 
 using Member = SparseModel::Member;
 
-// Sets of features, numbered through all views: union by the lower number, so that the result depends on the
-// links alone.
+// Sets of features, numbered through all views.
 class Sets {
  public:
   explicit Sets(const std::vector<StereoView>& views) {
+    std::size_t count = 0;
     for (const StereoView& view : views) {
-      first_.push_back(static_cast<std::uint32_t>(parent_.size()));
-      parent_.resize(parent_.size() + view.features.size());
+      first_.push_back(static_cast<std::uint32_t>(count));
+      count += view.features.size();
     }
-    std::iota(parent_.begin(), parent_.end(), 0U);
+    sets_.reset(count);
   }
-  void join(const Member& one, const Member& other) {
-    const std::uint32_t a = rootOf(number(one)), b = rootOf(number(other));
-    parent_[std::max(a, b)] = std::min(a, b);
-  }
-  [[nodiscard]] std::uint32_t setOf(const Member& member) { return rootOf(number(member)); }
+  void join(const Member& one, const Member& other) { sets_.join(number(one), number(other)); }
+  [[nodiscard]] std::uint32_t setOf(const Member& member) { return sets_.root(number(member)); }
 
  private:
   [[nodiscard]] std::uint32_t number(const Member& m) const { return first_[m.view] + m.feature; }
-  [[nodiscard]] std::uint32_t rootOf(std::uint32_t k) {
-    while (parent_[k] != k) k = parent_[k] = parent_[parent_[k]];
-    return k;
-  }
-  std::vector<std::uint32_t> first_, parent_;
+  std::vector<std::uint32_t> first_;
+  UnionFind sets_;
 };
 
 class PointMaker {

@@ -12,6 +12,7 @@
 #include "realtime/kernel/progress.hpp"
 #include "recon/closure/patch_alignment.hpp"
 #include "recon/geometry/union_find.hpp"
+#include "recon/slam/sensor_factors.hpp"
 #include "recon/topside/localise/link_matches.hpp"
 #include "recon/topside/work/stage_runner.hpp"
 
@@ -266,8 +267,8 @@ BundledLinks bundle(const StereoRig& rig, const Frames& frames, const std::vecto
   };
   for (const slam::NavigationLink& link : links)
     if (link.kept && !enough(link))
-      bundle.graph.edges.push_back({static_cast<int>(link.a), static_cast<int>(link.b), link.T_a_b,
-                                    slam::residualInformation(link.covariance.inverse())});
+      bundle.graph.edges.push_back(
+          slam::linkFactor(static_cast<int>(link.a), static_cast<int>(link.b), link.T_a_b, link.covariance));
   out.result = slam::adjust(bundle, {}, [](std::size_t begin, std::size_t end, const auto& one) {
     tbb::parallel_for(begin, end, one);
   });

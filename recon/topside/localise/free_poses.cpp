@@ -1,22 +1,18 @@
 #include "recon/topside/localise/free_poses.hpp"
 
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <set>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/progress.hpp"
 #include "recon/closure/candidates.hpp"
 #include "recon/closure/place_index.hpp"
 #include "recon/closure/recognition.hpp"
 #include "recon/geometry/union_find.hpp"
 #include "recon/slam/batch_solver.hpp"
-#include "recon/topside/input/scout_planes.hpp"
+#include "recon/slam/sensor_factors.hpp"
 #include "recon/topside/localise/closure_search.hpp"
-#include "recon/topside/localise/ground_alignment.hpp"
+#include "recon/topside/localise/ground_steps.hpp"
 #include "recon/topside/localise/known_places.hpp"
 #include "recon/topside/localise/visual_odometry.hpp"
 #include "recon/topside/work/stage_times.hpp"
@@ -62,7 +58,14 @@ class FreePoses {
     registerAll(rig_, frames_, stepRules(), over, "odometry over one");
     for (const Attempt& t : over)
       if (t.accepted()) links_.push_back(t.link);
-    if (!input_.features_only) alignBroken();
+    if (!input_.features_only) {
+      std::vector<std::uint32_t> bare;
+      for (const auto& [b, why] : broken) bare.push_back(b);
+      for (const slam::NavigationLink& link : groundSteps(input_, survey_, frames_, bare)) {
+        links_.push_back(link);
+        broken.erase(link.b);
+      }
+    }
     for (auto step = broken.begin(); step != broken.end();)
       if (const auto link = places_.stepTo(step->first)) {
         links_.push_back(*link);
@@ -179,50 +182,9 @@ class FreePoses {
     for (std::size_t k = 0; k < poses_.size(); ++k) graph.ids.push_back(static_cast<std::int64_t>(k));
     for (const slam::NavigationLink& link : links_)
       if (link.kept)
-        graph.edges.push_back({static_cast<int>(link.a), static_cast<int>(link.b), link.T_a_b,
-                               slam::residualInformation(link.covariance.inverse())});
+        graph.edges.push_back(slam::linkFactor(static_cast<int>(link.a), static_cast<int>(link.b), link.T_a_b,
+                                               link.covariance));
     return graph;
-  }
-
-  // Steps without features to speak of, from all pixels.
-  void alignBroken() {
-    std::vector<std::uint32_t> steps;
-    for (const auto& [b, why] : broken) steps.push_back(b);
-    std::vector<GroundAlignment> found(steps.size());
-    rt::StageProgress progress("ground", steps.size());
-    oneapi::tbb::parallel_for(std::size_t{0}, steps.size(), [&](std::size_t k) {
-      GroundView a, b;
-      if (groundOf(steps[k] - 1, a) && groundOf(steps[k], b)) found[k] = alignGround(rig_.left, a, b);
-      progress.step();
-    });
-    for (std::size_t k = 0; k < steps.size(); ++k) {
-      const GroundAlignment& one = found[k];
-      if (one.refusal != closure::Refusal::kNone) continue;
-      slam::NavigationLink link;
-      link.a = steps[k] - 1;
-      link.b = steps[k];
-      link.T_a_b = one.pose.T_a_b;
-      link.covariance = one.pose.covariance;
-      link.inliers = one.inliers;
-      links_.push_back(link);
-      broken.erase(steps[k]);
-    }
-  }
-
-  // False where the image cannot be read any more.
-  bool groundOf(std::uint32_t frame, GroundView& view) const {
-    const ImagePair& pair = survey_.list.pairs[frames_.pair[frame]];
-    try {
-      const std::vector<std::uint8_t> grey = stretchedGrey(input_.image(pair.left, CameraSide::kLeft).view);
-      view.mono =
-          cv::Mat(rig_.left.height, rig_.left.width, CV_8U, const_cast<std::uint8_t*>(grey.data())).clone();
-    } catch (const InputError&) {
-      return false;
-    }
-    const stereo::SeedPlane& plane = *survey_.planes[frames_.pair[frame]];
-    view.plane = {plane.normal, plane.distance};
-    frames_.load(frame, view.features);
-    return true;
   }
 
   void note(const Attempt& t) {

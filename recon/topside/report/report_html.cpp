@@ -27,13 +27,7 @@ void addLocalisation(std::vector<Row>& rows, const SlamResult* slam) {
   rows.push_back({"closures left out: nothing confirmed them", slam->unconfirmed});
   rows.push_back({"ground seen before, expected", decimals(slam->crossings_expected, 1) + " m of way"});
   rows.push_back({"of it without a closure", decimals(slam->crossings_unverified, 1) + " m"});
-  if (slam->bundled.done) {
-    rows.push_back({"points of the bundle adjustment", slam->bundled.points});
-    rows.push_back(
-        {"their pixels off, rms, before and after",
-         decimals(slam->bundled.pixel_before, 3) + " and " + decimals(slam->bundled.pixel_after, 3) + " px"});
-    rows.push_back({"moved by it", decimals(1000 * slam->bundled.moved_rms, 1) + " mm rms"});
-  }
+  for (const auto& [name, value] : bundleRows(*slam)) rows.push_back({name, value});
   rows.push_back({"moved from dead reckoning", decimals(slam->moved_rms, 3) + " m rms"});
 }
 

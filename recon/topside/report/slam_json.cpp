@@ -97,6 +97,15 @@ Json partsJson(const std::vector<SlamResult::Part>& parts) {
 
 }  // namespace
 
+std::vector<std::pair<std::string, std::string>> bundleRows(const SlamResult& s) {
+  const SlamResult::Bundled& b = s.bundled;
+  if (!b.done) return {};
+  return {{"points of the bundle adjustment", std::to_string(b.points)},
+          {"their pixels off, rms, before and after",
+           decimals(b.pixel_before, 3) + " and " + decimals(b.pixel_after, 3) + " px"},
+          {"moved by it", decimals(1000 * b.moved_rms, 1) + " mm rms"}};
+}
+
 std::vector<std::pair<std::string, std::string>> calibrationRows(const SlamResult& s) {
   const slam::Mounting& m = s.mounting;
   const SlamResult::Usbl& u = s.usbl;

@@ -16,6 +16,8 @@ namespace fathom::topside {
 [[nodiscard]] std::vector<std::string> slamWarnings(const SlamResult& slam);
 // What the images say of extrinsics, clocks and the USBL, with standard deviations: names and values to show.
 [[nodiscard]] std::vector<std::pair<std::string, std::string>> calibrationRows(const SlamResult& slam);
+// The same of the bundle adjustment; none where there was none.
+[[nodiscard]] std::vector<std::pair<std::string, std::string>> bundleRows(const SlamResult& slam);
 [[nodiscard]] nlohmann::ordered_json truthJson(const Consistency& consistency);
 
 }  // namespace fathom::topside

@@ -74,13 +74,7 @@ std::vector<Row> countRows(const SlamResult& slam, std::size_t kept) {
   rows.push_back({"leaps of the compass", slam.sensors.compass_jumps});
   rows.push_back({"ground seen before, expected [m of way]", decimals(slam.crossings_expected, 1)});
   rows.push_back({"of it without a closure", decimals(slam.crossings_unverified, 1)});
-  if (slam.bundled.done) {
-    rows.push_back({"points of the bundle adjustment", slam.bundled.points});
-    rows.push_back(
-        {"their pixels off, rms, before and after",
-         decimals(slam.bundled.pixel_before, 3) + " and " + decimals(slam.bundled.pixel_after, 3) + " px"});
-    rows.push_back({"moved by it", decimals(1000 * slam.bundled.moved_rms, 1) + " mm rms"});
-  }
+  for (const auto& [name, value] : bundleRows(slam)) rows.push_back({name, value});
   for (const auto& [name, value] : calibrationRows(slam)) rows.push_back({name, value});
   return rows;
 }
