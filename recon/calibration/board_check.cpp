@@ -16,8 +16,7 @@ bool checkBoard(const StereoRig& rig, const Eigen::Matrix3Xd& board, const Board
     const auto at = static_cast<std::size_t>(k);
     Eigen::Vector3d point;
     double gap = 0;
-    if (!triangulateMidpoint(rig, rig.left.ray(view.left[at]), rig.right.ray(view.right[at]), point, gap) ||
-        !point.allFinite())
+    if (!triangulatePixels(rig, view.left[at], view.right[at], point, gap) || !point.allFinite())
       return false;
     points.col(k) = point;
   }

@@ -19,10 +19,10 @@ struct Constraint {
 };
 
 Constraint constraintOf(const StereoRig& rig, const RigMatch& match) {
-  Eigen::Vector3d line =
-      rig.T_right_left.translation().cross(rig.T_right_left.rotation() * rig.left.ray(match.left));
+  const RayPair rays = raysOf(rig, match.left, match.right);
+  Eigen::Vector3d line = rig.T_right_left.translation().cross(rig.T_right_left.rotation() * rays.left);
   line /= line.head<2>().norm() * (line.y() < 0 ? -1.0 : 1.0);
-  return {line, rig.right.ray(match.right)};
+  return {line, rays.right};
 }
 
 // Error when the right camera has turned by `rotation`.

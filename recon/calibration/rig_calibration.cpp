@@ -92,47 +92,6 @@ Eigen::VectorXd stacked(const CalibratedView& view) {
   return out;
 }
 
-// The board's pose from both images: Gauss-Newton from the left image's own pose.
-void poseOf(const StereoRig& rig, const std::vector<Eigen::Vector3d>& points, CalibratedView& view) {
-  cv::Mat rotation, translation, matrix;
-  cv::solvePnP(toCv(points), toCv(view.left), matrixOf(rig.left), distortionOf(rig.left), rotation,
-               translation, false, cv::SOLVEPNP_IPPE);
-  cv::solvePnPRefineLM(toCv(points), toCv(view.left), matrixOf(rig.left), distortionOf(rig.left), rotation,
-                       translation);
-  cv::Rodrigues(rotation, matrix);
-  view.T_left_board = toSE3(matrix, translation);
-  constexpr int kIterations = 10;
-  constexpr double kStep = 1e-6, kEnough = 1e-10;  // of the twist [m, rad]
-  for (int i = 0; i < kIterations; ++i) {
-    project(rig, points, view);
-    const Eigen::VectorXd residual = stacked(view);
-    Eigen::MatrixXd jacobian(residual.size(), 6);
-    const SE3 pose = view.T_left_board;
-    for (int p = 0; p < 6; ++p) {
-      Vector6d twist = Vector6d::Zero();
-      twist(p) = kStep;
-      view.T_left_board = SE3::exp(twist) * pose;
-      project(rig, points, view);
-      jacobian.col(p) = (stacked(view) - residual) / kStep;
-    }
-    const Vector6d step = (jacobian.transpose() * jacobian).ldlt().solve(-jacobian.transpose() * residual);
-    view.T_left_board = SE3::exp(step) * pose;
-    if (step.norm() < kEnough) break;
-  }
-  project(rig, points, view);
-}
-
-// The view whose error is gross, the worst one; values.size() when there is none.
-std::size_t worst(const std::vector<double>& values, const RigCalibrationConfig& config) {
-  const auto largest = std::max_element(values.begin(), values.end());
-  const double limit = std::max(config.gross * median(values), config.gross_px);
-  return *largest > limit ? static_cast<std::size_t>(largest - values.begin()) : values.size();
-}
-
-std::string grossReason(const char* what, double rms_px, const std::vector<double>& all) {
-  return formatted("%s RMS %.2f px, the median view's is %.2f px", what, rms_px, median(all));
-}
-
 class Calibrator {
  public:
   Calibrator(std::vector<BoardView> views, const Chessboard& board, ImageSize left, ImageSize right,
@@ -156,7 +115,7 @@ class Calibrator {
       solveRig();
       std::vector<double> errors;
       for (const CalibratedView& view : out_.views) errors.push_back(view.stereo_rms);
-      const std::size_t bad = worst(errors, config_);
+      const std::size_t bad = grossView(errors, config_);
       if (bad == errors.size()) break;
       drop(bad, grossReason("stereo", errors[bad], errors));
     }
@@ -192,7 +151,7 @@ class Calibrator {
         throw InputError(source_, side,
                          "the views do not determine the camera; tilt the board about both its axes");
       }
-      const std::size_t bad = worst(one.view_rms, config_);
+      const std::size_t bad = grossView(one.view_rms, config_);
       if (bad == views_.size()) return one;
       drop(bad, grossReason(side, one.view_rms[bad], one.view_rms));
     }
@@ -221,7 +180,7 @@ class Calibrator {
       done.name = view.name;
       done.left = view.left;
       done.right = view.right;
-      poseOf(out_.rig, boardPoints(board_), done);
+      fitPose(out_.rig, boardPoints(board_), done);
       done.distance = (done.T_left_board * middle).z();
       out_.views.push_back(std::move(done));
     }
@@ -255,6 +214,46 @@ class Calibrator {
 };
 
 }  // namespace
+
+// Gauss-Newton from the left image's own pose.
+void fitPose(const StereoRig& rig, const std::vector<Eigen::Vector3d>& points, CalibratedView& view) {
+  cv::Mat rotation, translation, matrix;
+  cv::solvePnP(toCv(points), toCv(view.left), matrixOf(rig.left), distortionOf(rig.left), rotation,
+               translation, false, cv::SOLVEPNP_IPPE);
+  cv::solvePnPRefineLM(toCv(points), toCv(view.left), matrixOf(rig.left), distortionOf(rig.left), rotation,
+                       translation);
+  cv::Rodrigues(rotation, matrix);
+  view.T_left_board = toSE3(matrix, translation);
+  constexpr int kIterations = 10;
+  constexpr double kStep = 1e-6, kEnough = 1e-10;  // of the twist [m, rad]
+  for (int i = 0; i < kIterations; ++i) {
+    project(rig, points, view);
+    const Eigen::VectorXd residual = stacked(view);
+    Eigen::MatrixXd jacobian(residual.size(), 6);
+    const SE3 pose = view.T_left_board;
+    for (int p = 0; p < 6; ++p) {
+      Vector6d twist = Vector6d::Zero();
+      twist(p) = kStep;
+      view.T_left_board = SE3::exp(twist) * pose;
+      project(rig, points, view);
+      jacobian.col(p) = (stacked(view) - residual) / kStep;
+    }
+    const Vector6d step = (jacobian.transpose() * jacobian).ldlt().solve(-jacobian.transpose() * residual);
+    view.T_left_board = SE3::exp(step) * pose;
+    if (step.norm() < kEnough) break;
+  }
+  project(rig, points, view);
+}
+
+std::size_t grossView(const std::vector<double>& values, const RigCalibrationConfig& config) {
+  const auto largest = std::max_element(values.begin(), values.end());
+  const double limit = std::max(config.gross * median(values), config.gross_px);
+  return *largest > limit ? static_cast<std::size_t>(largest - values.begin()) : values.size();
+}
+
+std::string grossReason(const char* what, double rms_px, const std::vector<double>& all) {
+  return formatted("%s RMS %.2f px, the median view's is %.2f px", what, rms_px, median(all));
+}
 
 void measure(CalibratedView& view) {
   Rms left, right;

@@ -24,8 +24,13 @@ struct CameraSigma {
   double fx = 0, fy = 0, cx = 0, cy = 0;          // [px]
   double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;  // k3: 0 when it was not estimated
 };
+struct PortSigma {
+  Eigen::Vector2d normal = Eigen::Vector2d::Zero();  // of its x and y
+  double distance = 0;                               // [m]
+};
 struct RigSigma {
   CameraSigma left, right;
+  PortSigma left_port, right_port;                        // of flat ports, where they were sought
   Eigen::Vector3d rotation = Eigen::Vector3d::Zero();     // of T_right_left about x, y, z [rad]
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();  // [m]
   double baseline = 0;                                    // [m]
@@ -58,6 +63,13 @@ struct RigCalibration {
 [[nodiscard]] RigCalibration calibrateRig(std::vector<BoardView> views, const Chessboard& board,
                                           ImageSize left, ImageSize right, const RigCalibrationConfig& config,
                                           const std::string& source);
+
+// The board's pose that is likeliest by both images of a view, and the residuals.
+void fitPose(const StereoRig& rig, const std::vector<Eigen::Vector3d>& points, CalibratedView& view);
+// The view whose error [px] is gross, the worst one; errors.size() when there is none.
+[[nodiscard]] std::size_t grossView(const std::vector<double>& errors, const RigCalibrationConfig& config);
+// In words.
+[[nodiscard]] std::string grossReason(const char* what, double rms_px, const std::vector<double>& all);
 
 // Fills the RMS values from the residuals: of a view, of all views together.
 void measure(CalibratedView& view);

@@ -12,9 +12,7 @@ bool triangulate(const StereoFeature& f, const StereoRig& rig, const GivenFeatur
   const double sigma = static_cast<double>(f.match_sigma);
   match.covariance = sigma * sigma * Eigen::Matrix2d::Identity();
   double gap = 0;
-  if (!triangulateMidpoint(rig, rig.left.ray(f.left.cast<double>()), rig.right.ray(match.right), match.point,
-                           gap))
-    return false;
+  if (!triangulatePixels(rig, f.left.cast<double>(), match.right, match.point, gap)) return false;
   const double z = match.point.z();
   return z >= limits.depths.nearest && z <= limits.depths.farthest &&
          gap * rig.left.fx / z <= limits.max_epipolar_distance;

@@ -80,14 +80,14 @@ bool StereoMatcher::search(const ImageView& left, const ImageView& right, const 
   const Eigen::Vector3d ray = rig_.T_right_left.rotation() * rig_.left.ray(left_pixel);
   const Eigen::Vector3d& t = rig_.T_right_left.translation();
   const double near = 1 / depths.nearest, far = 1 / depths.farthest;
-  const Eigen::Vector3d first = ray + near * t, last = ray + far * t;
-  if (first.z() <= 0 || last.z() <= 0) return false;
-  const double length = (rig_.right.project(first) - rig_.right.project(last)).norm();
+  const auto there = [&](double inverse_depth) { return projectAt(rig_.right, ray, t, inverse_depth); };
+  if (ray.z() + near * t.z() <= 0 || ray.z() + far * t.z() <= 0) return false;
+  const double length = (there(near) - there(far)).norm();
   const int steps = std::clamp(static_cast<int>(std::ceil(length)), 1, kMaxSteps);
   std::vector<double> scores(static_cast<std::size_t>(steps) + 1, 0.0);
   int best = -1;
   for (int k = 0; k <= steps; ++k) {
-    const Eigen::Vector2d p = rig_.right.project(ray + (far + (near - far) * k / steps) * t);
+    const Eigen::Vector2d p = there(far + (near - far) * k / steps);
     if (!holds(right, p.x(), p.y(), half)) continue;
     const auto at = static_cast<std::size_t>(k);
     scores[at] = correlation(window, right, static_cast<int>(std::lround(p.x())),
@@ -119,8 +119,7 @@ bool StereoMatcher::match(const ImageView& left, const ImageView& right, const E
   if (!search(left, right, left_pixel, depths, found.right) || !refine(left, right, left_pixel, found))
     return false;
   double gap = 0;
-  if (!triangulateMidpoint(rig_, rig_.left.ray(left_pixel), rig_.right.ray(found.right), found.point, gap))
-    return false;
+  if (!triangulatePixels(rig_, left_pixel, found.right, found.point, gap)) return false;
   if (found.point.z() < depths.nearest || found.point.z() > depths.farthest) return false;
   return gap * rig_.left.fx / found.point.z() <= config_.max_epipolar_distance;
 }

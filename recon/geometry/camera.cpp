@@ -1,7 +1,10 @@
 #include "recon/geometry/camera.hpp"
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
+
+#include "recon/geometry/flat_port.hpp"
 
 namespace fathom {
 
@@ -14,6 +17,7 @@ Eigen::Vector2d Camera::distort(const Eigen::Vector2d& n) const {
 }
 
 Eigen::Vector2d Camera::project(const Eigen::Vector3d& point) const {
+  if (port) return port->project(point);
   const Eigen::Vector2d d = distort(point.head<2>() / point.z());
   return {fx * d.x() + cx, fy * d.y() + cy};
 }
@@ -51,9 +55,20 @@ Eigen::Vector3d Camera::ray(const Eigen::Vector2d& pixel) const {
   return {n.x(), n.y(), 1.0};
 }
 
+Eigen::Vector3d Camera::ray(const Eigen::Vector2d& pixel, double z) const {
+  return port ? port->ray(pixel, z) : ray(pixel);
+}
+
 bool Camera::contains(const Eigen::Vector2d& pixel, double margin) const {
   return pixel.x() >= margin && pixel.y() >= margin && pixel.x() <= width - 1 - margin &&
          pixel.y() <= height - 1 - margin;
+}
+
+Eigen::Vector2d projectAt(const Camera& camera, const Eigen::Vector3d& rotated_ray,
+                          const Eigen::Vector3d& translation, double inverse_depth) {
+  const Eigen::Vector3d p = rotated_ray + inverse_depth * translation;
+  constexpr double kFarthest = 1e6;  // [m]
+  return camera.port ? camera.project(p / std::max(inverse_depth, 1 / kFarthest)) : camera.project(p);
 }
 
 Camera Camera::scaled(double factor) const {
@@ -66,6 +81,11 @@ Camera Camera::scaled(double factor) const {
   c.fy = fy * sy;
   c.cx = (cx + 0.5) * sx - 0.5;
   c.cy = (cy + 0.5) * sy - 0.5;
+  if (port) {
+    FlatPort smaller = *port;
+    smaller.air = port->air.scaled(factor);
+    c.port = std::make_shared<const FlatPort>(smaller);
+  }
   return c;
 }
 

@@ -1,14 +1,14 @@
 #include "recon/geometry/stereo_rig.hpp"
 
 #include <cmath>
-#include <fstream>
 #include <iomanip>
 #include <string>
-#include <vector>
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/flat_port.hpp"
 #include "recon/geometry/nearest_rotation.hpp"
+#include "recon/geometry/number_file.hpp"
 
 namespace fathom {
 namespace {
@@ -17,46 +17,7 @@ constexpr double kMaxImageSize = 65535;      // [px]
 constexpr double kLeftPoseTolerance = 1e-3;  // of the left camera's own rotation [rad] and translation [m]
 constexpr double kMaxBaseline = 100.0;       // [m]
 
-std::vector<double> readNumbers(const std::filesystem::path& path) {
-  std::ifstream in(path);
-  std::error_code error;
-  if (!in || std::filesystem::is_directory(path, error))
-    throw InputError(path, "", "cannot be read; give a stereo.calib");
-  std::vector<double> numbers;
-  std::string token;
-  while (in >> token) {
-    std::size_t used = 0;
-    double value = 0.0;
-    try {
-      value = std::stod(token, &used);
-    } catch (const std::exception&) {
-      used = 0;
-    }
-    if (used != token.size() || !std::isfinite(value))
-      throw InputError(path, "number " + std::to_string(numbers.size() + 1),
-                       "'" + token.substr(0, 40) + "' is not a number");
-    numbers.push_back(value);
-  }
-  return numbers;
-}
-
-// Takes the numbers of one file in order; remembers the place for error lines.
-class Cursor {
- public:
-  Cursor(const std::filesystem::path& path, const std::vector<double>& numbers)
-      : path_(path), numbers_(numbers) {}
-  double next() { return numbers_[index_++]; }
-  [[noreturn]] void fail(const std::string& fix) const {
-    throw InputError(path_, "number " + std::to_string(index_), fix);
-  }
-
- private:
-  const std::filesystem::path& path_;
-  const std::vector<double>& numbers_;
-  std::size_t index_ = 0;
-};
-
-Camera readCamera(Cursor& in, bool with_k3, SE3& T_cam_left) {
+Camera readCamera(NumberFile& in, bool with_k3, SE3& T_cam_left) {
   Camera c;
   for (int* side : {&c.width, &c.height}) {
     const double size = in.next();
@@ -95,11 +56,10 @@ void writeCamera(std::ostream& out, const Camera& c, const SE3& T_cam_left, bool
 }  // namespace
 
 StereoRig readStereoCalib(const std::filesystem::path& path) {
-  const std::vector<double> numbers = readNumbers(path);
-  const std::size_t n = numbers.size();
+  NumberFile in(path, "a stereo.calib");
+  const std::size_t n = in.count();
   if (n != 55 && n != 57 && n != 100)
     throw InputError(path, "", "holds " + std::to_string(n) + " numbers; a stereo.calib has 55, 57 or 100");
-  Cursor in(path, numbers);
   if (in.next() != 2) in.fail("number of cameras must be 2");
   const bool with_k3 = n != 55;
   StereoRig rig;
@@ -110,16 +70,20 @@ StereoRig readStereoCalib(const std::filesystem::path& path) {
   rig.right = readCamera(in, with_k3, rig.T_right_left);
   if (!(rig.baseline() > 0 && rig.baseline() < kMaxBaseline))
     in.fail("baseline of " + std::to_string(rig.baseline()) + " m cannot be; translations are in metres");
+  readPorts(path, rig);
   return rig;
 }
 
 void writeStereoCalib(const std::filesystem::path& path, const StereoRig& rig) {
-  const bool with_k3 = rig.left.k3 != 0 || rig.right.k3 != 0;
+  const Camera& left = rig.left.port ? rig.left.port->air : rig.left;
+  const Camera& right = rig.right.port ? rig.right.port->air : rig.right;
+  const bool with_k3 = left.k3 != 0 || right.k3 != 0;
   AtomicFile file(path);
   file.stream() << std::setprecision(17) << "2\n";
-  writeCamera(file.stream(), rig.left, SE3(), with_k3);
-  writeCamera(file.stream(), rig.right, rig.T_right_left, with_k3);
+  writeCamera(file.stream(), left, SE3(), with_k3);
+  writeCamera(file.stream(), right, rig.T_right_left, with_k3);
   file.commit();
+  writePorts(path, rig);
 }
 
 bool triangulateMidpoint(const StereoRig& rig, const Eigen::Vector3d& left_ray,
@@ -139,6 +103,30 @@ bool triangulateMidpoint(const StereoRig& rig, const Eigen::Vector3d& left_ray,
   point = 0.5 * (p + q);
   gap = (p - q).norm();
   return true;
+}
+
+bool triangulatePixels(const StereoRig& rig, const Eigen::Vector2d& left, const Eigen::Vector2d& right,
+                       Eigen::Vector3d& point, double& gap) {
+  if (!rig.left.port && !rig.right.port)
+    return triangulateMidpoint(rig, rig.left.ray(left), rig.right.ray(right), point, gap);
+  Eigen::Vector3d found(0, 0, kPortDepth);
+  constexpr int kIterations = 3;  // each takes the depth's error times a port's distance over the depth
+  for (int i = 0; i < kIterations; ++i) {
+    const double right_depth = (rig.T_right_left * found).z();
+    if (!(right_depth > 0) || !triangulateMidpoint(rig, rig.left.ray(left, found.z()),
+                                                   rig.right.ray(right, right_depth), found, gap))
+      return false;
+  }
+  point = found;
+  return true;
+}
+
+RayPair raysOf(const StereoRig& rig, const Eigen::Vector2d& left, const Eigen::Vector2d& right) {
+  Eigen::Vector3d point;
+  double gap = 0;
+  if ((rig.left.port || rig.right.port) && triangulatePixels(rig, left, right, point, gap))
+    return {rig.left.ray(left, point.z()), rig.right.ray(right, (rig.T_right_left * point).z())};
+  return {rig.left.ray(left), rig.right.ray(right)};
 }
 
 }  // namespace fathom

@@ -21,10 +21,11 @@ struct StereoRig {
 
 // Reads an ACFR stereo.calib (55, 57 or 100 numbers; see "stereo.calib" of the mission folder). Throws
 // InputError naming the count, or the number that cannot be: focal length, size, a rotation that is none, a
-// zero baseline.
+// zero baseline. Flat ports come from the file beside it (readPorts()).
 [[nodiscard]] StereoRig readStereoCalib(const std::filesystem::path& path);
 
-// Writes 55 numbers, or 57 when a k3 is not zero; to a temporary name first, then renamed.
+// Writes 55 numbers, or 57 when a k3 is not zero; to a temporary name first, then renamed. The same for
+// ports.
 void writeStereoCalib(const std::filesystem::path& path, const StereoRig& rig);
 
 // Midpoint of the shortest segment between the rays from the two camera centres, in the left camera frame
@@ -32,5 +33,14 @@ void writeStereoCalib(const std::filesystem::path& path, const StereoRig& rig);
 // Returns false (and leaves the outputs) when the rays are parallel or meet behind a camera.
 [[nodiscard]] bool triangulateMidpoint(const StereoRig& rig, const Eigen::Vector3d& left_ray,
                                        const Eigen::Vector3d& right_ray, Eigen::Vector3d& point, double& gap);
+// The same from distorted pixels [px], through flat ports where there are some: rays of the depth found.
+[[nodiscard]] bool triangulatePixels(const StereoRig& rig, const Eigen::Vector2d& left,
+                                     const Eigen::Vector2d& right, Eigen::Vector3d& point, double& gap);
+// Their rays (x, y, 1), each in its own camera's frame; behind flat ports of the depth at which they meet, if
+// they do.
+struct RayPair {
+  Eigen::Vector3d left, right;
+};
+[[nodiscard]] RayPair raysOf(const StereoRig& rig, const Eigen::Vector2d& left, const Eigen::Vector2d& right);
 
 }  // namespace fathom

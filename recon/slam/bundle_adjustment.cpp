@@ -74,9 +74,7 @@ class Adjuster {
       for (const Bundle::Sighting& s : sightingsOf(k)) {
         Eigen::Vector3d p;
         double gap = 0;
-        if (!triangulateMidpoint(bundle.rig, bundle.rig.left.ray(s.left.cast<double>()),
-                                 bundle.rig.right.ray(s.right.cast<double>()), p, gap))
-          continue;
+        if (!triangulatePixels(bundle.rig, s.left.cast<double>(), s.right.cast<double>(), p, gap)) continue;
         sum += poseOf(s) * p;
         ++count;
       }

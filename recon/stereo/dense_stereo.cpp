@@ -192,7 +192,7 @@ void DenseStereo::Impl::confirm(const Eigen::Vector3d& guess) {
     return;
   }
   MatchPoints::Rays rays;
-  if (found.nearEpipolarLine(limits, left_ray, match.position, rays, result))
+  if (found.nearEpipolarLine(limits, left, left_ray, match.position, rays, result))
     found.add(limits, left, match.position, rays, match.covariance, result);
 }
 

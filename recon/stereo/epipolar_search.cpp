@@ -28,9 +28,8 @@ double EpipolarSearch::seedInverseDepth(const Eigen::Vector3d& ray, const ViewPl
 
 bool EpipolarSearch::project(const Eigen::Vector3d& rotated_ray, double inverse_depth,
                              Eigen::Vector2d& pixel) const {
-  const Eigen::Vector3d p = rotated_ray + inverse_depth * translation_;
-  if (!(p.z() > 0)) return false;
-  pixel = to_.project(p);
+  if (!(rotated_ray.z() + inverse_depth * translation_.z() > 0)) return false;
+  pixel = projectAt(to_, rotated_ray, translation_, inverse_depth);
   return true;
 }
 

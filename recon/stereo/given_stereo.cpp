@@ -28,7 +28,7 @@ const StereoResult& GivenStereo::process(const StereoFeatureFrame& frame) {
     ++result_.corners;
     const Eigen::Vector2d left = f.left.cast<double>(), right = f.right.cast<double>();
     MatchPoints::Rays rays;
-    if (!found_.nearEpipolarLine(config_, rig_.left.ray(left), right, rays, result_)) continue;
+    if (!found_.nearEpipolarLine(config_, left, rig_.left.ray(left), right, rays, result_)) continue;
     const double sigma = static_cast<double>(f.match_sigma);
     found_.add(config_, left, right, rays, sigma * sigma * Eigen::Matrix2d::Identity(), result_);
   }

@@ -19,7 +19,7 @@ bool usable(const SeedPlane& plane) {
 }  // namespace
 
 MatchPoints::MatchPoints(const StereoRig& rig, std::size_t max_points)
-    : left_(rig.left), right_(rig.right), epipolar_(rig), triangulation_(rig), noise_(max_points) {}
+    : rig_(rig), epipolar_(rig), triangulation_(rig), noise_(max_points) {}
 
 void MatchPoints::begin(StereoResult& result) {
   result.points.clear();
@@ -32,13 +32,20 @@ void MatchPoints::begin(StereoResult& result) {
 bool MatchPoints::begin(const ImageView& left, const ImageView& right, const SeedPlane& plane,
                         StereoResult& result) {
   begin(result);
-  return fits(left, left_) && fits(right, right_) && usable(plane);
+  return fits(left, rig_.left) && fits(right, rig_.right) && usable(plane);
 }
 
-bool MatchPoints::nearEpipolarLine(const SparseStereoConfig& limits, const Eigen::Vector3d& left_ray,
-                                   const Eigen::Vector2d& right, Rays& rays, StereoResult& result) const {
-  rays.left = left_ray;
-  rays.right = right_.ray(right);
+bool MatchPoints::nearEpipolarLine(const SparseStereoConfig& limits, const Eigen::Vector2d& left,
+                                   const Eigen::Vector3d& left_ray, const Eigen::Vector2d& right, Rays& rays,
+                                   StereoResult& result) const {
+  if (rig_.left.port || rig_.right.port) {
+    const RayPair both = raysOf(rig_, left, right);
+    rays.left = both.left;
+    rays.right = both.right;
+  } else {
+    rays.left = left_ray;
+    rays.right = rig_.right.ray(right);
+  }
   rays.offset = epipolar_.offset(rays.left, rays.right);
   if (std::abs(rays.offset.distance) > limits.max_epipolar_distance) {
     ++result.rejected.epipolar;

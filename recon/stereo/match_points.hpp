@@ -28,9 +28,11 @@ class MatchPoints {
     Eigen::Vector3d left, right;  // (x, y, 1), each in its own camera's frame
     EpipolarDistance::Offset offset;
   };
-  // False, and counted, when a match lies too far off its epipolar line.
-  [[nodiscard]] bool nearEpipolarLine(const SparseStereoConfig& limits, const Eigen::Vector3d& left_ray,
-                                      const Eigen::Vector2d& right, Rays& rays, StereoResult& result) const;
+  // False, and counted, when a match lies too far off its epipolar line. `left_ray`: of the left pixel, by
+  // the central camera; behind a flat port the rays are those of the depth that both pixels give.
+  [[nodiscard]] bool nearEpipolarLine(const SparseStereoConfig& limits, const Eigen::Vector2d& left,
+                                      const Eigen::Vector3d& left_ray, const Eigen::Vector2d& right,
+                                      Rays& rays, StereoResult& result) const;
   // Triangulates and appends; a point out of range is counted instead. `covariance`: of the match [px^2].
   void add(const SparseStereoConfig& limits, const Eigen::Vector2d& left, const Eigen::Vector2d& right,
            const Rays& rays, const Eigen::Matrix2d& covariance, StereoResult& result);
@@ -38,7 +40,7 @@ class MatchPoints {
   void widen(StereoResult& result) { noise_.widen(result); }
 
  private:
-  Camera left_, right_;
+  StereoRig rig_;
   EpipolarDistance epipolar_;
   MidpointTriangulation triangulation_;
   MatchNoise noise_;

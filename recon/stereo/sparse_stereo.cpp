@@ -143,7 +143,7 @@ void SparseStereo::Impl::match(const Corner& corner, const ViewPlane& left_plane
     return;
   }
   MatchPoints::Rays rays;
-  if (!found.nearEpipolarLine(config, left_ray, there.position, rays, result)) return;
+  if (!found.nearEpipolarLine(config, left, left_ray, there.position, rays, result)) return;
   const PatchMatch back =
       tracker.track(right_pyramid, there.position, left_pyramid, to_left.candidates(rays.right, right_plane));
   if (!back.found || (back.position - left).norm() > config.max_left_right_distance) {

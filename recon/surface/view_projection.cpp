@@ -1,7 +1,10 @@
 #include "recon/surface/view_projection.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+
+#include "recon/geometry/flat_port.hpp"
 
 namespace fathom::surface {
 namespace {
@@ -40,8 +43,15 @@ ViewProjection::ViewProjection(const Camera& camera, const SE3& T_nav_cam, const
       width(static_cast<float>(camera.width)),
       height(static_cast<float>(camera.height)) {
   const SE3 T_cam_nav = T_nav_cam.inverse();
-  const Eigen::Matrix3d r = T_cam_nav.matrix3();
-  const Eigen::Vector3d t = T_cam_nav * origin;
+  Eigen::Matrix3d r = T_cam_nav.matrix3();
+  Eigen::Vector3d t = T_cam_nav * origin;
+  if (camera.port) {
+    const Eigen::Matrix3d port =
+        Eigen::Quaterniond::FromTwoVectors(camera.port->normal, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    r = port * r;
+    t = port * t;
+    takePort(*camera.port, port);
+  }
   for (std::size_t i = 0; i < 3; ++i) {
     for (std::size_t j = 0; j < 3; ++j)
       rotation[3 * i + j] = static_cast<float>(r(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)));
@@ -49,6 +59,24 @@ ViewProjection::ViewProjection(const Camera& camera, const SE3& T_nav_cam, const
   }
   const double radius = farthestRadius(camera);
   limit = static_cast<float>(radius * radius);
+}
+
+void ViewProjection::takePort(const FlatPort& port, const Eigen::Matrix3d& R_port_cam) {
+  const Camera& lens = port.air;
+  ported = true;
+  fx = static_cast<float>(lens.fx), fy = static_cast<float>(lens.fy);
+  cx = static_cast<float>(lens.cx), cy = static_cast<float>(lens.cy);
+  k1 = static_cast<float>(lens.k1), k2 = static_cast<float>(lens.k2), k3 = static_cast<float>(lens.k3);
+  p1 = static_cast<float>(lens.p1), p2 = static_cast<float>(lens.p2);
+  for (int i = 0; i < 9; ++i)
+    into_lens[static_cast<std::size_t>(i)] = static_cast<float>(R_port_cam(i % 3, i / 3));  // transposed
+  gap = static_cast<float>(port.distance);
+  glass = static_cast<float>(port.glass);
+  bend_water = static_cast<float>(port.water_index * port.water_index - 1);
+  index_water = static_cast<float>(port.water_index);
+  slow_glass = static_cast<float>(port.water_index / port.glass_index);
+  const double in_air = farthestRadius(lens);
+  air_limit = static_cast<float>(in_air * in_air);
 }
 
 bool ViewProjection::mayMeet(const Eigen::Vector3f& middle, float radius) const {
@@ -67,7 +95,7 @@ bool ViewProjection::mayMeet(const Eigen::Vector3f& middle, float radius) const 
   if (off2 > far * far) return false;
   const Pixel pixel = project(middle.x(), middle.y(), middle.z());
   if (!pixel.valid) return true;
-  const float reach = 2 * std::max(fx, fy) * angle;
+  const float reach = 2 * std::max(fx, fy) * index_water * angle;
   return pixel.u > -reach && pixel.v > -reach && pixel.u < width + reach && pixel.v < height + reach;
 }
 

@@ -117,6 +117,7 @@ Summary runWith(const RunPlaces& places, const TopsideConfig& config) {
   Stopwatch total;
   // Bad input leaves no folders behind.
   MissionInput input = openMission(places.mission, places.input);
+  sayAssumed(input);
   OutputFolder out(places.out.empty() ? places.mission / "topside" : places.out, kOurs);
   StageStore store(workOf(places), StageStore::Access::kAlone);
   RunProgress progress(1.0);

@@ -26,7 +26,7 @@ namespace {
 constexpr std::array<std::string_view, 2> kFolders{"img", "truth"};
 constexpr std::array<std::string_view, 2> kOurs{
     "img/PR_+([0-9])_+([0-9])_+([0-9])_@(LC|RM)16.tif",
-    "truth/@(stereo.calib|poses.csv|corners.csv|board.@(ply|png))"};
+    "truth/@(stereo.calib?(.ports)|poses.csv|corners.csv|board.@(ply|png))"};
 constexpr std::int64_t kBetweenViews = 1'000'000'000;  // [ns]
 // Fraction of full scale of white at the nearest distance, left after a tilt towards the strobes and the
 // strongest colour: nothing saturates, so that no edge moves.
@@ -63,7 +63,7 @@ void writeTruth(const std::filesystem::path& folder, const Scenario& scenario, c
 }
 
 void make(const Scenario& scenario, const BoardMakerOptions& options) {
-  const StereoRig rig = scenario.scale == 1.0 ? scenario.rig : scenario.rig.scaled(scenario.scale);
+  const StereoRig rig = scenario.stereoRig();
   const std::vector<SE3> poses = boardPoses(rig, options.board, options.poses);
   OutputFolder folder(options.out, kOurs);
   for (const std::string_view part : kFolders) std::filesystem::create_directories(folder.path() / part);

@@ -206,7 +206,7 @@ MissionMakerReport describe(const SensorWorld& world, const WideSeafloor& seaflo
 MissionMakerReport make(const Scenario& scenario, const MissionMakerOptions& options) {
   PartialFolder folder(options.out, options.force);
   const io::MissionPaths paths(folder.path());
-  const StereoRig rig = scenario.scale == 1.0 ? scenario.rig : scenario.rig.scaled(scenario.scale);
+  const StereoRig rig = scenario.stereoRig();
 
   const Terrain terrain(resolvedTerrain(scenario));
   const WideSeafloor seafloor(terrain);

@@ -1,5 +1,8 @@
 #include "sim/scenario/scenario.hpp"
 
+#include <array>
+#include <utility>
+
 namespace fathom::sim {
 namespace {
 
@@ -16,6 +19,19 @@ StereoRig defaultRig() {
 
 Scenario::Scenario() : rig(defaultRig()) {
   terrain.base_depth_m = 12.0;
+}
+
+StereoRig Scenario::stereoRig() const {
+  StereoRig out = rig;
+  if (ports.kind == PortKind::kFlat) {
+    for (const auto& [camera, port] : {std::pair(&out.left, &ports.left), {&out.right, &ports.right}}) {
+      FlatPort flat = *port;
+      flat.air = *camera;
+      flat.normal.normalize();
+      *camera = behindPort(flat);
+    }
+  }
+  return scale == 1.0 ? out : out.scaled(scale);
 }
 
 void visitPose(KeyVisitor& keys, const char* table, SE3& pose, const char* meaning) {
@@ -49,7 +65,12 @@ void visitScenario(KeyVisitor& keys, Scenario& s) {
   keys.vector3("body_position_m", s.camera_position, "m", -5, 5, "of the left camera in body");
   keys.vector3("body_euler_rad", s.camera_euler, "rad", -3.2, 3.2,
                "of the left camera in body; (0, 0, pi/2) looks down with the image's top forward");
+  static constexpr std::array<const char*, 2> kPortKinds{"in_water", "flat"};
+  keys.choiceOf(
+      "calibrated", s.ports.kind, kPortKinds,
+      "in_water: the cameras' numbers are those under water; flat: those in air, behind flat ports");
   visitRig(keys, s.rig);
+  visitPorts(keys, s.ports);
   keys.leave();
   keys.enter("extrinsics", "poses of the other sensors in body (forward, starboard, down)");
   visitPose(keys, "dvl", s.T_body_dvl, "Doppler velocity log");

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <string>
 
+#include "recon/geometry/flat_port.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/stereo_rig.hpp"
@@ -16,6 +17,13 @@
 #include "sim/vehicle/vehicle.hpp"
 
 namespace fathom::sim {
+
+// What stands between the cameras and the water.
+enum class PortKind : std::uint8_t { kInWater, kFlat };
+struct RigPorts {
+  PortKind kind = PortKind::kInWater;
+  FlatPort left{.distance = 0.02, .glass = 0.01}, right{.distance = 0.02, .glass = 0.01};
+};
 
 // A mission to simulate: everything that decides its bytes.
 constexpr double kLongestSurvey = 36000;  // that a scenario may ask for [s]
@@ -34,8 +42,9 @@ struct Scenario {
 
   TerrainConfig terrain;
   OpticsConfig optics;
-  FeatureConfig features;                                 // for missions without pictures
-  StereoRig rig;                                          // at full size
+  FeatureConfig features;  // for missions without pictures
+  StereoRig rig;           // at full size
+  RigPorts ports;
   Eigen::Vector3d camera_position{0.42, -0.03, 0.28};     // of the left camera in body [m]
   Eigen::Vector3d camera_euler{0.0105, -0.0157, 1.5847};  // of T_body_cam [rad]
   SurveyPlan plan;
@@ -47,6 +56,8 @@ struct Scenario {
   SE3 T_body_compass = SE3::fromEuler(0.003, 0.005, -0.009, {0.6, 0.05, -0.2});
 
   Scenario();
+  // As the images see it: at their scale, behind its ports.
+  [[nodiscard]] StereoRig stereoRig() const;
   [[nodiscard]] SE3 T_body_cam() const {
     return SE3::fromEuler(camera_euler.x(), camera_euler.y(), camera_euler.z(), camera_position);
   }
@@ -60,6 +71,7 @@ void visitTerrain(KeyVisitor& keys, TerrainConfig& terrain);
 void visitOptics(KeyVisitor& keys, OpticsConfig& optics);
 void visitFeatures(KeyVisitor& keys, FeatureConfig& features);
 void visitRig(KeyVisitor& keys, StereoRig& rig);
+void visitPorts(KeyVisitor& keys, RigPorts& ports);
 void visitSurvey(KeyVisitor& keys, SurveyPlan& plan, VehicleConfig& vehicle);
 void visitSensors(KeyVisitor& keys, SensorsConfig& sensors);
 void visitPose(KeyVisitor& keys, const char* table, SE3& pose, const char* meaning);

@@ -150,4 +150,18 @@ void visitRig(KeyVisitor& keys, StereoRig& rig) {
             "maps points of the left camera frame into the right's");
 }
 
+void visitPorts(KeyVisitor& keys, RigPorts& ports) {
+  const auto port = [&keys](const char* table, FlatPort& p, const char* meaning) {
+    keys.enter(table, meaning);
+    keys.vector3("normal", p.normal, "1", -1, 1, "of the glass, towards the water, in the camera's frame");
+    keys.number("distance_m", p.distance, "m", 0, 0.5, "from the camera's centre to the glass");
+    keys.number("glass_m", p.glass, "m", 0, 0.1, "thickness");
+    keys.number("glass_index", p.glass_index, "1", 1, 2, "index of refraction; 1.49 is acrylic");
+    keys.number("water_index", p.water_index, "1", 1, 1.4, "index of refraction of the water");
+    keys.leave();
+  };
+  port("left_port", ports.left, "what is before the left camera, if calibrated = flat");
+  port("right_port", ports.right, "what is before the right camera, if calibrated = flat");
+}
+
 }  // namespace fathom::sim

@@ -177,6 +177,7 @@ void Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const View&
       for (int i = 0; i < rays.count; ++i) {
         rays.x_px[i] = static_cast<float>(x + i), rays.y_px[i] = static_cast<float>(y);
         rays.normalised[i] = view.rays.at(x + i, y);
+        rays.origin[i] = view.rays.origin(x + i, y);
       }
       trace(shot, rays);
       for (int i = 0; i < rays.count; ++i) {
@@ -208,6 +209,7 @@ void Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const View&
           rays.x_px[i] = static_cast<float>(x) + samples[i][0],
           rays.y_px[i] = static_cast<float>(y) + samples[i][1];
           rays.normalised[i] = view.rays.near(x, y, samples[i][0], samples[i][1]);
+          rays.origin[i] = view.rays.origin(x, y);
         }
         trace(shot, rays);
         Radiance mean{};

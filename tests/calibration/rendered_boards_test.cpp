@@ -7,6 +7,7 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/calibration/board_check.hpp"
+#include "recon/geometry/flat_port.hpp"
 #include "recon/topside/commands/calibrate_command.hpp"
 #include "recon/topside/report/board_check_report.hpp"
 #include "sim/boards/board_maker.hpp"
@@ -150,6 +151,82 @@ TEST_F(RenderedBoards, ARightCameraBumpedByATenthOfADegreeIsNoticed) {
   const topside::BoardVerdict verdict =
       topside::judge(calibration::checkBoards(bumped, kBoard, images.views));
   EXPECT_FALSE(verdict.good);
+}
+
+// The same boards through flat ports, which a calibration in water without them cannot follow to every depth.
+TEST(BoardsBehindPorts, GiveThePortsOfCamerasCalibratedInAir) {
+  const test::TemporaryFolder folder;
+  sim::Scenario scenario;
+  scenario.scale = 0.5;
+  for (Camera* camera : {&scenario.rig.left, &scenario.rig.right}) {
+    camera->fx *= 0.75, camera->fy *= 0.75;
+    camera->k1 = -0.11, camera->k2 = 0.09, camera->p1 = 4e-4, camera->p2 = -3e-4;
+  }
+  scenario.ports = {sim::PortKind::kFlat,
+                    {.normal = {0.012, -0.017, 1}, .distance = 0.035, .glass = 0.012},
+                    {.normal = {-0.009, 0.008, 1}, .distance = 0.028, .glass = 0.012}};
+  const auto render = [&](const char* name, int views, std::uint64_t seed, double distance) {
+    sim::BoardMakerOptions options;
+    options.board = kBoard;
+    options.poses.views = views;
+    options.poses.seed = seed;
+    options.poses.distance = distance;
+    options.out = folder.path() / name;
+    sim::makeBoards(scenario, options);
+  };
+  render("near", 10, 1, 1.3);
+  render("far", 10, 2, 2.4);
+  render("other", 6, 3, 1.4);
+  const StereoRig truth = readStereoCalib(folder.path() / "near" / "truth" / "stereo.calib");
+  ASSERT_TRUE(truth.left.port);
+  StereoRig air = truth;
+  air.left = truth.left.port->air, air.right = truth.right.port->air;
+  writeStereoCalib(folder.path() / "air.calib", air);
+
+  topside::CalibrateOptions options;
+  options.board = {"9x6", kBoard.square, {}};
+  options.board.images.images = {folder.path() / "near" / "img", folder.path() / "far" / "img"};
+  options.out = folder.path() / "pinhole.calib";
+  const StereoRig pinhole = topside::runCalibrate(options).rig;
+  options.out = folder.path() / "stereo.calib";
+  options.air = folder.path() / "air.calib";
+  options.glass.thickness = 0.012;
+  const calibration::RigCalibration done = topside::runCalibrate(options);
+  const auto show = [](const char* side, const FlatPort& port, const calibration::PortSigma& sigma,
+                       const FlatPort& true_port) {
+    std::printf("%s port: %.2f +- %.2f mm (true %.2f), normal %.4f %.4f +- %.4f (true %.4f %.4f)\n", side,
+                1e3 * port.distance, 1e3 * sigma.distance, 1e3 * true_port.distance, port.normal.x(),
+                port.normal.y(), sigma.normal.x(), true_port.normal.x(), true_port.normal.y());
+    EXPECT_NEAR(port.distance, true_port.distance, 3 * sigma.distance + 0.001);
+    EXPECT_LT(sigma.distance, 0.006);
+  };
+  show("left", *done.rig.left.port, done.sigma.left_port, *truth.left.port);
+  show("right", *done.rig.right.port, done.sigma.right_port, *truth.right.port);
+  std::printf("stereo RMS %.3f px, baseline %.3f mm (true %.3f)\n", done.stereo_rms,
+              1e3 * done.rig.baseline(), 1e3 * truth.baseline());
+  const StereoRig written = readStereoCalib(options.out);
+  ASSERT_TRUE(written.left.port);
+
+  // Points of other boards, nearer and farther than most of those seen: by both rigs, from true pixels.
+  const auto worst = [&](const StereoRig& rig) {
+    double out = 0;
+    for (const double z : {0.8, 1.2, 2.0, 3.2})
+      for (const double x : {-0.25, 0.0, 0.25})
+        for (const double y : {-0.2, 0.0, 0.2}) {
+          const Eigen::Vector3d p = z * Eigen::Vector3d(x, y, 1);
+          Eigen::Vector3d found;
+          double gap = 0;
+          EXPECT_TRUE(triangulatePixels(rig, truth.left.project(p),
+                                        truth.right.project(truth.T_right_left * p), found, gap));
+          out = std::max(out, std::abs(found.z() / p.z() - 1) / z);
+        }
+    return out;
+  };
+  const double by_ports = worst(written), by_pinhole = worst(pinhole);
+  std::printf("worst depth error, of the depth and per metre of it: %.2f %% by ports, %.2f %% by a pinhole\n",
+              100 * by_ports, 100 * by_pinhole);
+  EXPECT_LT(by_ports, 0.0026);
+  EXPECT_GT(by_pinhole, 0.01);
 }
 
 TEST(BoardMaker, TheSameSeedGivesTheSameBytes) {

@@ -24,6 +24,8 @@ std::vector<std::vector<std::pair<std::string, std::string>>> goodFiles(const fs
     files.push_back({{name, ""}});
   for (auto& group : files)
     for (auto& [name, text] : group) text = test::readText(folder / name);
+  files.push_back({{"stereo.calib", files[1][0].second},
+                   {"stereo.calib.ports", "0 0.01 1 0.02 0.01 1.49 1.339\n0 0 1 0.02 0.01 1.49 1.339\n"}});
   files.push_back({{"camchain.yaml", test::kalibrText(rig)}});
   files.push_back({{"cameras.txt", test::colmapCameras(rig)}, {"rigs.txt", test::colmapRigs(rig)}});
   files.push_back(

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <vector>
 
+#include "recon/geometry/flat_port.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "sim/sea/renderer.hpp"
 
@@ -33,6 +34,19 @@ inline StereoRig smallRig() {
                                 .p2 = -1e-3};
   rig.T_right_left =
       SE3(Eigen::Quaterniond(Eigen::AngleAxisd(0.01, Eigen::Vector3d::UnitY())), {-0.07, 0.001, 0.0});
+  return rig;
+}
+
+// The same cameras in air, thick ports some way off and out of true before them.
+inline StereoRig behindFlatPorts(StereoRig rig) {
+  double tilt = 0.03;
+  for (Camera* camera : {&rig.left, &rig.right}) {
+    FlatPort port{.air = *camera, .distance = 0.06, .glass = 0.02};
+    port.air.fx /= port.water_index, port.air.fy /= port.water_index;
+    port.normal = Eigen::Vector3d(tilt, -0.5 * tilt, 1).normalized();
+    *camera = behindPort(port);
+    tilt = -tilt;
+  }
   return rig;
 }
 

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <random>
 #include <string>
 
 #include "recon/stereo/sparse_stereo.hpp"
@@ -139,6 +141,74 @@ INSTANTIATE_TEST_SUITE_P(
              {[](double, double) { return 1.8; }, [](double x, double y) { return std::hypot(x, y) > 0.1; }}},
             2.0}),
     [](const auto& instance) { return instance.param.name; });
+
+// Marine snow: specks of matter before the floor, nearer ones larger, brighter and more out of focus. What is
+// lit in one camera's sight need not be in the other's.
+struct Snow {
+  const char* name;
+  int specks;     // in the cameras' sight
+  double shared;  // of them that both cameras show
+};
+
+void addSpeck(test::GrayImage& image, const Eigen::Vector2d& at, double sigma, double bright) {
+  const int reach = static_cast<int>(3 * sigma) + 1;
+  for (int y = static_cast<int>(at.y()) - reach; y <= static_cast<int>(at.y()) + reach; ++y)
+    for (int x = static_cast<int>(at.x()) - reach; x <= static_cast<int>(at.x()) + reach; ++x) {
+      if (x < 0 || y < 0 || x >= image.width || y >= image.height) continue;
+      std::uint8_t& value = image.pixels[static_cast<std::size_t>(y * image.width + x)];
+      const double light =
+          bright * std::exp(-0.5 * (Eigen::Vector2d(x, y) - at).squaredNorm() / (sigma * sigma));
+      value = static_cast<std::uint8_t>(std::min(255.0, value + light));
+    }
+}
+
+void addSnow(const StereoRig& rig, const Snow& snow, test::GrayImage& left, test::GrayImage& right) {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<double> unit(0, 1);
+  for (int k = 0; k < snow.specks; ++k) {
+    // Evenly over the volume that a camera sees.
+    const double z = (kFloor - 0.1) * std::cbrt(std::max(0.01, unit(random)));
+    const Eigen::Vector2d pixel(kWidth * unit(random), kHeight * unit(random));
+    const double sigma = 0.8 + 0.9 / z, bright = (30 + 120 * unit(random)) / (z * z);
+    const bool both = unit(random) < snow.shared, in_left = both || unit(random) < 0.5;
+    if (in_left) addSpeck(left, pixel, sigma, bright);
+    if (!in_left || both) {
+      const Eigen::Vector3d p = z * rig.left.ray(pixel);
+      addSpeck(right, rig.right.project(rig.T_right_left * p), sigma, bright * (0.6 + 0.8 * unit(random)));
+    }
+  }
+}
+
+class SnowOf : public testing::TestWithParam<Snow> {};
+
+TEST_P(SnowOf, DoesNotBecomePoints) {
+  const SyntheticScene scene(croppedRig(kWidth, kHeight), {floorSheet()});
+  auto [left, right] = scene.render({1.0, 0.0, 2.0}, {0.8, 12.0, 3.0});
+  SparseStereoConfig config;
+  config.max_features = 600;
+  SparseStereo stereo(scene.rig(), config);
+  const std::size_t clear = stereo.process(left.view(), right.view(), {}).points.size();
+  addSnow(scene.rig(), GetParam(), left, right);
+  const StereoResult& result = stereo.process(left.view(), right.view(), {});
+  std::size_t off = 0;
+  double worst = 0;
+  for (const StereoPoint& p : result.points) {
+    Eigen::Vector3d truth;
+    ASSERT_TRUE(scene.pointAt(p.left.cast<double>(), truth));
+    const double error = std::abs(static_cast<double>(p.point.z()) - truth.z());
+    worst = std::max(worst, error);
+    off += error > 0.05 ? 1 : 0;
+  }
+  std::printf("%zu points in clear water, %zu in snow, %zu off by more than 5 cm, the worst by %.1f cm\n",
+              clear, result.points.size(), off, 100 * worst);
+  EXPECT_EQ(off, 0U);
+  EXPECT_GE(result.points.size(), clear / 2);
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinds, SnowOf,
+                         testing::Values(Snow{"Light", 60, 0.5}, Snow{"Heavy", 400, 0.5},
+                                         Snow{"HeavySeenByBoth", 400, 1.0}, Snow{"HeavySeenByOne", 400, 0.0}),
+                         [](const auto& instance) { return instance.param.name; });
 
 }  // namespace
 }  // namespace fathom::stereo

@@ -6,6 +6,7 @@
 #include <random>
 #include <vector>
 
+#include "recon/geometry/flat_port.hpp"
 #include "recon/surface/chart_lattice.hpp"
 #include "tests/surface/seen_scene.hpp"
 
@@ -86,6 +87,33 @@ std::vector<float> resultsOf(const BlendKernels& kernels) {
                    chosen.data());
   keep(texels), keep(chosen);
   return all;
+}
+
+TEST(ViewProjection, BehindAFlatPortSeesPointsWhereTheCameraDoes) {
+  FlatPort port{.air = sceneCamera(), .distance = 0.05, .glass = 0.02};
+  port.normal = Eigen::Vector3d(0.03, -0.02, 1).normalized();
+  const Camera camera = behindPort(port);
+  const SE3 T_nav_cam = SE3::fromEuler(0.1, -0.05, 0.3, {0.1, 0, 0});
+  const ViewProjection view(camera, T_nav_cam, Eigen::Vector3d::Zero());
+  const Points points;
+  std::vector<float> u(kNodes), v(kNodes), depth(kNodes), centrality(kNodes), freedom(kNodes);
+  int seen = 0;
+  for (const BlendKernels* kernels : {&baselineBlendKernels(), &fastestBlendKernels()}) {
+    kernels->projectNodes(view, points.get(), 20,
+                          {u.data(), v.data(), depth.data(), centrality.data(), freedom.data()});
+    for (std::size_t i = 0; i < kNodes; ++i) {
+      const Eigen::Vector3d p = T_nav_cam.inverse() * Eigen::Vector3d(points.x[i], points.y[i], points.z[i]);
+      if (p.z() < 0.5 || !camera.contains(camera.project(p))) continue;
+      ++seen;
+      const Eigen::Vector2d expected = camera.project(p);
+      EXPECT_NEAR(u[i], expected.x(), 0.01);
+      EXPECT_NEAR(v[i], expected.y(), 0.01);
+      const auto single = view.project(points.x[i], points.y[i], points.z[i]);
+      EXPECT_TRUE(single.valid);
+      EXPECT_NEAR(single.u, expected.x(), 0.01);
+    }
+  }
+  EXPECT_GT(seen, 20);
 }
 
 TEST(BlendKernels, GiveTheSameBitsInEveryInstructionSet) {

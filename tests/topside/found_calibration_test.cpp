@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "recon/geometry/flat_port.hpp"
 #include "recon/topside/input/mission_input.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
@@ -86,6 +87,45 @@ TEST_F(FoundCalibration, ImagesOutsideTheFolderAreNamedFromAboveBoth) {
   const MissionInput input = openMission(dive, options_);
   EXPECT_EQ(input.files->pairs.at(0).right, "right/1.pgm");
   EXPECT_EQ(input.paths.images(), folder_.path());
+}
+
+TEST_F(FoundCalibration, HasFlatPortsBesideIt) {
+  const Digest key = rigKey();
+  test::writeText(calib_.string() + ".ports", "0 0 1 0.03 0.01 1.49 1.339\n0 0 1 0.02 0.01 1.49 1.339\n");
+  const MissionInput input = open();
+  ASSERT_TRUE(input.rig.left.port && input.rig.right.port);
+  EXPECT_EQ(input.rig.left.port->air.fx, 70);
+  EXPECT_NEAR(input.rig.left.fx, 94, 2);
+  EXPECT_THAT(input.assumed, Contains(HasSubstr("flat ports: ")));
+  EXPECT_NE(rigKey(), key);
+  test::writeText(calib_.string() + ".ports", "0 0 1 0.03\n");
+  EXPECT_THAT(refusal(), HasSubstr("rig.json.ports"));
+}
+
+// 64 x 48, by the places in squares of 2 x 2.
+std::string mosaicImage(const std::string& square) {
+  std::string pixels;
+  for (std::size_t k = 0; k < 64 * 48; ++k) pixels += square[k / 64 % 2 * 2 + k % 2];
+  return "P5 64 48 255\n" + pixels;
+}
+
+TEST_F(FoundCalibration, AMosaicThatNobodyNamedIsRefusedWithItsLikeliestOrder) {
+  const std::pair<const char*, const char*> cases[] = {
+      {"addn", "bayer-rggb"}, {"ndda", "bayer-bggr"}, {"dand", "bayer-grbg"}, {"dnad", "bayer-gbrg"}};
+  for (const auto& [square, order] : cases) {
+    test::writeText(folder_.path() / "left/1.pgm", mosaicImage(square));
+    EXPECT_THAT(refusal(), HasSubstr(std::string("give --left-format ") + order)) << square;
+    options_.left_format = order;
+    EXPECT_EQ(refusal(), "");
+    options_.left_format = "auto";
+  }
+  for (const char* square : {"dddd", "aadd", "adad"}) {  // even; rows and columns of an interlaced chip
+    test::writeText(folder_.path() / "left/1.pgm", mosaicImage(square));
+    EXPECT_EQ(refusal(), "") << square;
+  }
+  options_.left_format = "mono";
+  test::writeText(folder_.path() / "left/1.pgm", mosaicImage("addn"));
+  EXPECT_EQ(refusal(), "");
 }
 
 TEST_F(FoundCalibration, IsInTheKeysOfResults) {

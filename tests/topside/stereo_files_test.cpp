@@ -133,6 +133,10 @@ TEST_F(StereoFileNames, AListSaysAllOfIt) {
   EXPECT_THAT(pairsOf(files), ElementsAre("x/2.png y/18.png", "x/1.png y/17.png"));
   EXPECT_EQ(files.pairs[0].utc_ns, 1708146949768000000);
   EXPECT_EQ(files.pairs[1].utc_ns, 1708146950250000000);
+  std::ofstream(options_.pairs) << "right,left,utc\ny/17.png,x/1.png,10.25\n";  // a clock of its own
+  EXPECT_EQ(find().pairs.at(0).utc_ns, 10250000000);
+  std::ofstream(options_.pairs) << "right,left,utc\ny/17.png,x/1.png,soon\n";
+  EXPECT_THAT(test::refusal([&] { (void)find(); }), HasSubstr("has no time 'soon'; give"));
   std::ofstream(options_.pairs) << "right,left\ny/17.png,x/1.png\ny/17.png,x/3.png\n";
   EXPECT_THAT(test::refusal([&] { (void)find(); }), HasSubstr("pairs.csv: row 2: names"));
   std::ofstream(options_.pairs) << "right;rear\n1;2\n";

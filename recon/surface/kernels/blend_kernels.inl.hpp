@@ -32,7 +32,8 @@ inline Float4 most(Float4 a, Float4 b) {
   return a > b ? a : b;
 }
 
-void projectNodes(const ViewProjection& view, const NodePoints& nodes, float fade, const NodePixels& out) {
+template <bool kPorted>
+void projectNodesOf(const ViewProjection& view, const NodePoints& nodes, float fade, const NodePixels& out) {
   const auto r = view.rotation;
   const auto t = view.translation;
   // The camera's place, seen from the origin.
@@ -51,8 +52,9 @@ void projectNodes(const ViewProjection& view, const NodePoints& nodes, float fad
     const float pz = r[6] * x + r[7] * y + r[8] * z + t[2];
     const bool before = pz > ViewProjection::kNear;
     const float inverse = 1.0F / (before ? pz : 1.0F);
-    const float a = px * inverse, b = py * inverse, r2 = a * a + b * b;
-    const bool valid = before & (r2 < view.limit);
+    float a = px * inverse, b = py * inverse, r2 = a * a + b * b;
+    bool valid = before & (r2 < view.limit);
+    if constexpr (kPorted) valid &= view.throughPort(inverse, a, b, r2);
     const float radial = 1.0F + r2 * (view.k1 + r2 * (view.k2 + r2 * view.k3));
     const float u = view.fx * (a * radial + 2 * view.p1 * a * b + view.p2 * (r2 + 2 * a * a)) + view.cx;
     const float v = view.fy * (b * radial + view.p1 * (r2 + 2 * b * b) + 2 * view.p2 * a * b) + view.cy;
@@ -75,6 +77,13 @@ void projectNodes(const ViewProjection& view, const NodePoints& nodes, float fad
     out.centrality[i] = valid ? std::sqrt(kHalf * (su * su + sv * sv)) : 0.0F;
     out.freedom[i] = valid ? freedom : 0.0F;
   }
+}
+
+void projectNodes(const ViewProjection& view, const NodePoints& nodes, float fade, const NodePixels& out) {
+  if (view.ported)
+    projectNodesOf<true>(view, nodes, fade, out);
+  else
+    projectNodesOf<false>(view, nodes, fade, out);
 }
 
 // exp(-x) for x from 0 to 80, to 3e-7 of the value.

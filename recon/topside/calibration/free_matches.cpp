@@ -87,8 +87,7 @@ std::vector<SeenPoint> triangulate(const StereoRig& rig, const std::vector<calib
     Eigen::Vector3d point;
     double gap = 0;
     if (std::abs(errors[k] - middle) > kFarOff ||
-        !triangulateMidpoint(rig, rig.left.ray(matches[k].left), rig.right.ray(matches[k].right), point,
-                             gap) ||
+        !triangulatePixels(rig, matches[k].left, matches[k].right, point, gap) ||
         !(point.z() >= min_range && point.z() <= max_range))
       continue;
     out.push_back({matches[k].left, point});

@@ -1,11 +1,18 @@
 #include "recon/topside/commands/calibrate_command.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <memory>
+#include <numbers>
+#include <tuple>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
+#include "recon/geometry/flat_port.hpp"
 #include "recon/topside/calibration/rig_tracks.hpp"
 #include "recon/topside/commands/sample_options.hpp"
+#include "recon/topside/input/calibration/calibration.hpp"
 #include "recon/topside/report/calibration_report.hpp"
 
 namespace fathom::topside {
@@ -25,7 +32,10 @@ std::function<int()> addCalibrateCommand(CLI::App& app, CLI::App*& command) {
       "a stereo rig's calibration from photographs of a chessboard, or from a dive's own images");
   command->footer(
       "Example: fathom-topside calibrate --board 9x6 --square 0.024 boards/ --out stereo.calib\n"
-      "Example: fathom-topside calibrate --self --baseline 0.305 dive/ --out dive/stereo.calib");
+      "Example: fathom-topside calibrate --self --baseline 0.305 dive/ --out dive/stereo.calib\n"
+      "Example: fathom-topside calibrate --board 9x6 --square 0.08 water/ --in-air air.calib --glass 0.01 "
+      "--out "
+      "stereo.calib");
   command->add_option("images", options->board.images.images,
                       "image files or folders; left01/right01 or *_LC16/*_RM16 belong together");
   addBoardOptions(*command, options->board);
@@ -42,6 +52,20 @@ std::function<int()> addCalibrateCommand(CLI::App& app, CLI::App*& command) {
                  "of --self: seek the principal points too, which else stay near the images' middles")
       ->needs(self);
   self->needs("--baseline")->excludes("--board")->excludes("--square");
+  CLI::Option* air = command
+                         ->add_option("--in-air", options->air,
+                                      "the cameras' calibration in air: boards in water then give their flat "
+                                      "ports, written beside --out as .ports")
+                         ->excludes(self);
+  const auto addGlass = [&](const char* name, double& value, const char* meaning, double low, double high) {
+    command->add_option(name, value, meaning)
+        ->check(CLI::Range(low, high))
+        ->needs(air)
+        ->capture_default_str();
+  };
+  addGlass("--glass", options->glass.thickness, "of --in-air: thickness of the ports [m]", 0, 0.2);
+  addGlass("--glass-index", options->glass.index, "of --in-air: index of refraction of the ports", 1, 2.5);
+  addGlass("--water-index", options->glass.water, "of --in-air: index of refraction of the water", 1, 1.5);
   command->add_option("--out", options->out, "stereo.calib to write; the report goes beside it")->required();
   command->add_flag("--k3", options->config.k3, "estimate the third radial coefficient too")->excludes(self);
   return [options] {
@@ -51,6 +75,12 @@ std::function<int()> addCalibrateCommand(CLI::App& app, CLI::App*& command) {
     std::printf("%zu pairs: RMS left %.3f px, right %.3f px, stereo %.3f px; baseline %.2f +- %.2f mm\n",
                 done.views.size(), done.left_rms, done.right_rms, done.stereo_rms, 1e3 * done.rig.baseline(),
                 1e3 * done.sigma.baseline);
+    for (const auto& [side, camera, sigma] : {std::tuple("left", &done.rig.left, &done.sigma.left_port),
+                                              {"right", &done.rig.right, &done.sigma.right_port}})
+      if (camera->port)
+        std::printf("%s port: %.1f +- %.1f mm before the camera, tilted by %.2f deg\n", side,
+                    1e3 * camera->port->distance, 1e3 * sigma->distance,
+                    std::acos(std::min(1.0, camera->port->normal.z())) * 180 / std::numbers::pi);
     std::printf("%s written; report: %s.html, %s.json\n", options->out.c_str(), options->out.c_str(),
                 options->out.c_str());
     return static_cast<int>(kExitSuccess);
@@ -63,6 +93,21 @@ std::string sourceOf(const BoardImageOptions& images) {
   return images.images.empty() ? images.left_pattern : images.images[0].string();
 }
 
+StereoRig rigInAir(const std::filesystem::path& file, const BoardImages& images) {
+  Calibration air = readCalibration(file, {});
+  takeSizes(air.rig, file, {images.left.width, images.left.height},
+            {images.right.width, images.right.height});
+  if (air.rig.left.port)
+    throw InputError(portsBeside(file), "", "these cameras have ports already; give them in air");
+  for (const auto& [camera, size, side] :
+       {std::tuple(&air.rig.left, images.left, "left"), {&air.rig.right, images.right, "right"}})
+    if (camera->width != size.width || camera->height != size.height)
+      throw InputError(file, side,
+                       formatted("is of images of %d x %d; these are of %d x %d", camera->width,
+                                 camera->height, size.width, size.height));
+  return air.rig;
+}
+
 calibration::RigCalibration calibrateByBoard(const CalibrateOptions& options,
                                              const calibration::Chessboard& board) {
   BoardImages images = findBoards(options.board.images, board);
@@ -73,7 +118,10 @@ calibration::RigCalibration calibrateByBoard(const CalibrateOptions& options,
                          std::to_string(options.config.min_views) + " are needed; " + images.dropped[0].name +
                          ": " + images.dropped[0].reason);
   calibration::RigCalibration done =
-      calibrateRig(std::move(images.views), board, images.left, images.right, options.config, source);
+      options.air.empty()
+          ? calibrateRig(std::move(images.views), board, images.left, images.right, options.config, source)
+          : calibratePorts(std::move(images.views), board, rigInAir(options.air, images), options.glass,
+                           options.config, source);
   done.dropped.insert(done.dropped.begin(), images.dropped.begin(), images.dropped.end());
   return done;
 }

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <functional>
 
+#include "recon/calibration/port_calibration.hpp"
 #include "recon/calibration/rig_calibration.hpp"
 #include "recon/topside/input/images/board_images.hpp"
 
@@ -22,10 +23,12 @@ void addBoardOptions(CLI::App& command, BoardOptions& options);
 
 struct CalibrateOptions {
   BoardOptions board;
-  bool self = false;          // from the images of a dive, without a board ...
-  double baseline = 0;        // ... with the distance between the cameras [m] ...
-  bool free_centre = false;   // ... and principal points wherever the images say
-  std::filesystem::path out;  // stereo.calib; the report goes to <out>.html and <out>.json
+  bool self = false;             // from the images of a dive, without a board ...
+  double baseline = 0;           // ... with the distance between the cameras [m] ...
+  bool free_centre = false;      // ... and principal points wherever the images say
+  std::filesystem::path air;     // the rig's calibration in air: boards in water give its flat ports ...
+  calibration::PortGlass glass;  // ... of this glass
+  std::filesystem::path out;     // stereo.calib; the report goes to <out>.html and <out>.json
   calibration::RigCalibrationConfig config;
 };
 // Finds boards, or what the images of a dive show in common, calibrates, writes. Throws InputError.

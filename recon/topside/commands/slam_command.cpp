@@ -10,7 +10,7 @@
 #include "recon/closure/candidates.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/output_folder.hpp"
-#include "recon/topside/commands/calib_options.hpp"
+#include "recon/topside/commands/run_settings.hpp"
 #include "recon/topside/config/thread_limit.hpp"
 #include "recon/topside/dive.hpp"
 #include "recon/topside/input/seed_plane.hpp"
@@ -26,19 +26,15 @@ namespace {
 constexpr std::array<std::string_view, 5> kOurs = {"stereo_pose_est.data", "vehicle_pose_est.data",
                                                    "closures.csv", "slam.html", "slam.json"};
 
-struct Options {
-  std::filesystem::path mission, out, work, config;
-  InputOptions input;
-};
-
-void localiseInto(const Options& options, const TopsideConfig& config) {
+void localiseInto(const RunPlaces& places, const TopsideConfig& config) {
   // Bad input leaves no folders behind.
-  MissionInput input = openMission(options.mission, options.input);
+  MissionInput input = openMission(places.mission, places.input);
+  sayAssumed(input);
   if (input.given_poses)
-    throw InputError(options.mission.string(), "stereo_pose_est.data",
+    throw InputError(places.mission.string(), "stereo_pose_est.data",
                      "gives the poses: there is nothing to localise");
-  OutputFolder out(options.out.empty() ? options.mission / "slam" : options.out, kOurs);
-  StageStore store(options.work.empty() ? options.mission / "topside.work" : options.work,
+  OutputFolder out(places.out.empty() ? places.mission / "slam" : places.out, kOurs);
+  StageStore store(places.work.empty() ? places.mission / "topside.work" : places.work,
                    StageStore::Access::kAlone);
   RunProgress progress(expectedShareUpTo(Stage::kLocalise));
   Dive dive(std::move(input), config, store, progress, Permission());
@@ -46,7 +42,7 @@ void localiseInto(const Options& options, const TopsideConfig& config) {
   if (slam.frames == 0)
     for (const PairFacts& pair : dive.prepared().facts())
       if (!pair.unreadable.empty())
-        throw InputError(options.mission.string(), "img",
+        throw InputError(places.mission.string(), "img",
                          "no pair gives features; the first that cannot be read: " + pair.unreadable);
   const PairList& list = dive.survey().list;
   const io::MissionConfig& mission = dive.input().mission;
@@ -62,10 +58,10 @@ void localiseInto(const Options& options, const TopsideConfig& config) {
     posed.push_back({list.pairs[k], *pose, T_nav_cam, slam.poses[k].altitude.value_or(0), range,
                      closure::footprintOf(T_nav_cam, range, rig.left).radius, 0, false});
   }
-  if (posed.empty()) throw InputError(options.mission.string(), "img", "no pair has a pose");
+  if (posed.empty()) throw InputError(places.mission.string(), "img", "no pair has a pose");
   writePoses(out.path(), mission.origin, posed);
   writeClosures(out.path() / "closures.csv", list.pairs, slam.closures);
-  const Consistency truth = compareWithTruth(options.mission, mission.T_body_cam, rig.left, list, slam);
+  const Consistency truth = compareWithTruth(places.mission, mission.T_body_cam, rig.left, list, slam);
   writeSlamPage(out.path() / "slam.html", slam, dive.survey().navigation, mission.T_body_cam,
                 list.features_only, truth);
   nlohmann::ordered_json json = slamJson(slam);
@@ -81,28 +77,26 @@ void localiseInto(const Options& options, const TopsideConfig& config) {
   for (const std::string& warning : slamWarnings(slam)) std::fprintf(stderr, "%s\n", warning.c_str());
 }
 
-int runSlam(const Options& options) {
-  TopsideConfig config = options.config.empty() ? TopsideConfig{} : readTopsideConfig(options.config);
+int runSlam(RunSettings& settings) {
+  TopsideConfig config = configOf(settings);
   config.slam = true;
   const ThreadLimit limit(config);
-  withRepair([&] { localiseInto(options, config); });
+  withRepair([&] { localiseInto(settings.places, config); });
   return kExitSuccess;
 }
 
 }  // namespace
 
 std::function<int()> addSlamCommand(CLI::App& app, CLI::App*& command) {
-  const auto options = std::make_shared<Options>();
+  const auto settings = std::make_shared<RunSettings>();
   command =
       app.add_subcommand("slam", "visual odometry and loop closures of a mission: poses, without a map");
   command->footer("Example: fathom-topside slam missions/reef-grid --out poses");
-  command->add_option("mission", options->mission, "mission folder")->required();
-  command->add_option("--out", options->out, "folder for the results (MISSION/slam)");
-  command->add_option("--work", options->work, "folder for the work, as run's (MISSION/topside.work)");
-  addCalibOptions(*command, options->input.calib, options->input.calib_unit,
-                  "instead of the folder's own calibration");
-  command->add_option("--config", options->config, "TOML file; keys are in recon/topside/README.md");
-  return [options] { return runSlam(*options); };
+  command->add_option("mission", settings->places.mission, "mission folder")->required();
+  command->add_option("--out", settings->places.out, "folder for the results (MISSION/slam)");
+  addPoseSettings(*command, *settings);
+  for (const char* other : {"--no-slam", "--poses"}) command->remove_option(command->get_option(other));
+  return [settings] { return runSlam(*settings); };
 }
 
 }  // namespace fathom::topside

@@ -4,6 +4,10 @@
 #include <ogrsf_frmts.h>
 
 #include <strings.h>
+
+#include <cctype>
+#include <charconv>
+#include <cmath>
 #include <memory>
 
 #include "realtime/kernel/input_error.hpp"
@@ -45,10 +49,38 @@ std::size_t CsvColumns::required(const std::string& name) const {
   throw InputError(path_.string(), "line 1", "has no column '" + name + "'; there are: " + list);
 }
 
+std::optional<double> CsvColumns::number(std::size_t row, std::size_t column) const {
+  std::string text = rows_[row][column];
+  std::erase_if(text, [](unsigned char c) { return std::isspace(c) != 0; });
+  if (text.empty()) return {};
+  double value = 0;
+  const char* begin = text.data() + (text.front() == '+' ? 1 : 0);
+  const auto [end, error] = std::from_chars(begin, text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size())
+    fail(row, "has '" + text + "' in column " + names_[column] + ", which is no number");
+  if (!std::isfinite(value)) return {};
+  return value;
+}
+
+std::int64_t CsvColumns::time(std::size_t row, std::size_t column, double unit) const {
+  const auto value = number(row, column);
+  constexpr double kMost = 9e18;  // [ns]
+  if (!value || !(std::abs(*value * unit) < kMost)) fail(row, "has no time '" + text(row, column) + "'");
+  // Whole units apart from their fraction: a double has not the digits of both.
+  const double whole = std::floor(*value);
+  return static_cast<std::int64_t>(whole) * static_cast<std::int64_t>(unit) +
+         std::llround((*value - whole) * unit);
+}
+
 std::int64_t CsvColumns::time(std::size_t row, std::size_t column) const {
   for (const NameTime& form : NameTime::usual())
     if (const auto time = form.of(text(row, column))) return *time;
-  fail(row, "has no time '" + text(row, column) + "'; give 2024-02-17T05:15:49.768 or Unix time");
+  constexpr double kSecond = 1e9;  // [ns]
+  try {
+    return time(row, column, kSecond);
+  } catch (const InputError&) {
+    fail(row, "has no time '" + text(row, column) + "'; give 2024-02-17T05:15:49.768, Unix time or seconds");
+  }
 }
 
 void CsvColumns::fail(std::size_t row, const std::string& what) const {

@@ -21,7 +21,11 @@ class CsvColumns {
   [[nodiscard]] const std::string& text(std::size_t row, std::size_t column) const {
     return rows_[row][column];
   }
-  // UTC [ns], as date and time of day or as Unix time. Throws InputError.
+  // None: empty, or not finite. Throws InputError for what is no number.
+  [[nodiscard]] std::optional<double> number(std::size_t row, std::size_t column) const;
+  // A number of `unit` [ns], in ns.
+  [[nodiscard]] std::int64_t time(std::size_t row, std::size_t column, double unit) const;
+  // UTC [ns], as date and time of day, as Unix time, or as seconds of any clock. Throws InputError.
   [[nodiscard]] std::int64_t time(std::size_t row, std::size_t column) const;
   // Throws InputError with the row's place.
   [[noreturn]] void fail(std::size_t row, const std::string& what) const;

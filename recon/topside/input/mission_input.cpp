@@ -10,6 +10,7 @@
 #include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/text.hpp"
+#include "recon/geometry/flat_port.hpp"
 #include "recon/topside/input/calibration/calibration.hpp"
 
 namespace fathom::topside {
@@ -32,15 +33,18 @@ fs::path folderHolding(const fs::path& root, const std::string& image) {
                                  : "lies in several folders; give one of them, or link them into img/");
 }
 
-// A camera's images: the format and the bits that hold all of some of them, and the size of the first.
+// A camera's images: the format and the bits that hold all of some of them, and the size of the first. Throws
+// InputError where nobody says that grey ones are a mosaic, as they seem to be.
 struct Probed {
   PixelFormat format = PixelFormat::kMono;
   int bits = 8;
   std::array<int, 2> size{0, 0};  // width, height [px]
 };
 
-Probed probe(const fs::path& folder, const std::vector<std::string>& names, Samples samples) {
+Probed probe(const fs::path& folder, const std::vector<std::string>& names, Samples samples,
+             const char* option) {
   Probed out;
+  std::optional<Mosaic> mosaic;
   const std::size_t step = std::max<std::size_t>(1, names.size() / kProbed);
   bool first = true;
   for (std::size_t k = 0; k < names.size(); k += step) {
@@ -49,10 +53,18 @@ Probed probe(const fs::path& folder, const std::vector<std::string>& names, Samp
       out.bits = std::max(out.bits, view.bits);
       if (first || view.format == PixelFormat::kRgb) out.format = view.format;
       if (first) out.size = {view.width, view.height};
+      if (first && samples == Samples::kAuto && out.format == PixelFormat::kMono) mosaic = mosaicOf(view);
       first = false;
     } catch (const InputError&) {  // counted where it is used
     }
   }
+  if (mosaic && out.format == PixelFormat::kMono)
+    throw InputError(
+        folder / names.front(), "",
+        formatted("looks like a Bayer mosaic (every other pixel differs by %.0f %%): give %s %s, or "
+                  "another order, or mono if it is none",
+                  100 * mosaic->contrast, option,
+                  sampleNames()[static_cast<std::size_t>(mosaic->order)].c_str()));
   return out;
 }
 
@@ -152,8 +164,8 @@ void assumeMission(MissionInput& in, const InputOptions& options) {
   std::array<std::vector<std::string>, 2> names;
   for (const auto& pair : pairs)
     for (const std::size_t side : {0U, 1U}) names[side].push_back(pair[side]);
-  const Probed left = probe(in.paths.images(), names[0], in.samples[0]),
-               right = probe(in.paths.images(), names[1], in.samples[1]);
+  const Probed left = probe(in.paths.images(), names[0], in.samples[0], "--left-format"),
+               right = probe(in.paths.images(), names[1], in.samples[1], "--right-format");
   if (!in.features_only) takeSizes(in.rig, in.paths.calib(), left.size, right.size);
   m.cameras.left_format = left.format;
   m.cameras.right_format = right.format;
@@ -230,14 +242,22 @@ void addPose(Hasher& hasher, const SE3& pose) {
 }
 
 void addRig(Hasher& hasher, const MissionInput& input) {
-  for (const Camera* c : {&input.rig.left, &input.rig.right})
+  for (const Camera* c : {&input.rig.left, &input.rig.right}) {
     hasher.add(c->width, c->height, c->fx, c->fy, c->cx, c->cy, c->k1, c->k2, c->p1, c->p2, c->k3);
+    if (const auto& p = c->port)
+      hasher.add(p->normal.x(), p->normal.y(), p->normal.z(), p->distance, p->glass, p->glass_index,
+                 p->water_index);
+  }
   addPose(hasher, input.rig.T_right_left);
   const io::MissionConfig& m = input.mission;
   addPose(hasher, m.T_body_cam);
   addPose(hasher, m.T_body_dvl);
   hasher.add(m.cameras.left_format, m.cameras.right_format, m.cameras.bits, input.features_only);
   if (!input.described) hasher.add(input.samples[0], input.samples[1]);
+}
+
+void sayAssumed(const MissionInput& input) {
+  for (const std::string& line : input.assumed) std::fprintf(stderr, "assumed: %s\n", line.c_str());
 }
 
 MissionInput openMission(const fs::path& folder, const InputOptions& options) {
@@ -260,16 +280,15 @@ MissionInput openMission(const fs::path& folder, const InputOptions& options) {
   in.paths.calib_elsewhere = options.calib.empty() && !in.described ? findCalibration(folder) : options.calib;
   const Calibration calibration = readCalibration(in.paths.calib(), options.calib_unit);
   in.rig = calibration.rig;
-  if (!calibration.about.empty()) {
-    in.assumed.push_back("calibration: " + calibration.about);
-    std::fprintf(stderr, "%s\n", in.assumed.back().c_str());
-  }
+  if (!calibration.about.empty()) in.assumed.push_back("calibration: " + calibration.about);
   if (!in.described) assumeMission(in, options);
   takeSizes(in.rig, in.paths.calib(), {0, 0}, {0, 0});
+  if (in.rig.left.port) in.assumed.push_back("flat ports: " + portsBeside(in.paths.calib()).string());
 
   Hasher hasher;
   digestFile(hasher, folder / "mission.toml");
   digestFile(hasher, in.paths.calib());
+  digestFile(hasher, portsBeside(in.paths.calib()));
   if (in.given_poses) {
     digestFile(hasher, poses);
   } else if (fs::exists(in.paths.log())) {

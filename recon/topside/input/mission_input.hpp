@@ -58,6 +58,8 @@ struct MissionInput {
 };
 
 // Into the keys of results: the calibration and the mission's mounting and formats.
+// Of a folder that no mission.toml describes, to stderr, a line each.
+void sayAssumed(const MissionInput& input);
 void addRig(Hasher& hasher, const MissionInput& input);
 void addPose(Hasher& hasher, const SE3& pose);
 

@@ -199,9 +199,7 @@ class Tracks {
     const Eigen::Vector2d pixel = first.left.cast<double>();
     Eigen::Vector3d point;
     double gap = 0;
-    if (!plane || !triangulateMidpoint(rig_, rig_.left.ray(pixel), rig_.right.ray(first.right.cast<double>()),
-                                       point, gap))
-      return {};
+    if (!plane || !triangulatePixels(rig_, pixel, first.right.cast<double>(), point, gap)) return {};
     const SE3 T_there_here = poses_[frame].inverse() * poses_[first.view];
     Eigen::Matrix2d there;
     for (int i = 0; i < 2; ++i) {

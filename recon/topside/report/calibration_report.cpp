@@ -8,6 +8,7 @@
 
 #include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/flat_port.hpp"
 #include "telemetry/web/report_page.hpp"
 
 namespace fathom::topside {
@@ -45,6 +46,22 @@ Json cameraJson(const Camera& camera, const calibration::CameraSigma& sigma) {
   return out;
 }
 
+// What the file says: behind a port the camera in air.
+const Camera& lensOf(const Camera& camera) {
+  return camera.port ? camera.port->air : camera;
+}
+
+Json portJson(const Camera& camera, const calibration::PortSigma& sigma) {
+  if (!camera.port) return nullptr;
+  const FlatPort& port = *camera.port;
+  return {{"normal", {port.normal.x(), port.normal.y(), port.normal.z()}},
+          {"normal_sigma", {sigma.normal.x(), sigma.normal.y()}},
+          {"distance_m", {{"value", port.distance}, {"sigma", sigma.distance}}},
+          {"glass_m", port.glass},
+          {"glass_index", port.glass_index},
+          {"water_index", port.water_index}};
+}
+
 Json triple(const Eigen::Vector3d& v) {
   return {v.x(), v.y(), v.z()};
 }
@@ -69,8 +86,10 @@ Json toJson(const RigCalibration& done, const std::optional<calibration::Chessbo
             {"translation_sigma_m", triple(done.sigma.translation)},
             {"euler_rad", triple(T.euler())},
             {"rotation_sigma_rad", triple(done.sigma.rotation)}}},
-          {"left", cameraJson(done.rig.left, done.sigma.left)},
-          {"right", cameraJson(done.rig.right, done.sigma.right)},
+          {"left", cameraJson(lensOf(done.rig.left), done.sigma.left)},
+          {"right", cameraJson(lensOf(done.rig.right), done.sigma.right)},
+          {"left_port", portJson(done.rig.left, done.sigma.left_port)},
+          {"right_port", portJson(done.rig.right, done.sigma.right_port)},
           {"coverage",
            {{"left", coverage(done.views, &CalibratedView::left, done.rig.left)},
             {"right", coverage(done.views, &CalibratedView::right, done.rig.right)}}},
@@ -141,12 +160,27 @@ web::Plot viewBars(const RigCalibration& done) {
 
 void addParameters(web::Report& report, const RigCalibration& done) {
   std::vector<web::Row> rows;
+  const Camera &left = lensOf(done.rig.left), &right = lensOf(done.rig.right);
+  const bool ports = done.rig.left.port && done.rig.right.port;
   for (const Named& n : kIntrinsics) {
-    if (done.rig.left.*n.value == 0 && done.rig.right.*n.value == 0) continue;  // not estimated
-    rows.push_back({n.name, web::plusMinus(done.rig.left.*n.value, done.sigma.left.*n.sigma, n.digits),
-                    web::plusMinus(done.rig.right.*n.value, done.sigma.right.*n.sigma, n.digits)});
+    if (left.*n.value == 0 && right.*n.value == 0) continue;  // not estimated
+    if (ports)
+      rows.push_back({n.name, decimals(left.*n.value, n.digits), decimals(right.*n.value, n.digits)});
+    else
+      rows.push_back({n.name, web::plusMinus(left.*n.value, done.sigma.left.*n.sigma, n.digits),
+                      web::plusMinus(right.*n.value, done.sigma.right.*n.sigma, n.digits)});
   }
-  report.table({"", "left", "right"}, rows);
+  if (ports) {
+    const FlatPort &p = *done.rig.left.port, &q = *done.rig.right.port;
+    const calibration::PortSigma &of_p = done.sigma.left_port, &of_q = done.sigma.right_port;
+    rows.push_back({"port: distance [mm]", web::plusMinus(1e3 * p.distance, 1e3 * of_p.distance, 2),
+                    web::plusMinus(1e3 * q.distance, 1e3 * of_q.distance, 2)});
+    for (const Eigen::Index i : {0, 1})
+      rows.push_back({i == 0 ? "port: normal to the right [deg]" : "port: normal downwards [deg]",
+                      web::plusMinus(kDegrees * p.normal(i), kDegrees * of_p.normal(i), 3),
+                      web::plusMinus(kDegrees * q.normal(i), kDegrees * of_q.normal(i), 3)});
+  }
+  report.table({"", ports ? "left, in air" : "left", ports ? "right, in air" : "right"}, rows);
   const SE3& T = done.rig.T_right_left;
   web::Row translation{"translation [mm]"}, rotation{"rotation (Euler) [deg]"};
   for (int i = 0; i < 3; ++i) {

@@ -32,13 +32,15 @@ void intersect(RTCScene scene, const int* valid, RTCRayHit8& packet) {
 void findPoints(const Shot& shot, const RayBundle& rays, Points& points) {
   alignas(32) RTCRayHit8 packet;
   alignas(32) int valid[kSize];
-  Eigen::Vector3f directions[kSize];
+  Eigen::Vector3f directions[kSize], origins[kSize];
   for (int i = 0; i < kSize; ++i) {
     valid[i] = i < rays.count ? -1 : 0;
-    const Eigen::Vector2f n = rays.normalised[std::min(i, rays.count - 1)];
+    const int ray = std::min(i, rays.count - 1);
+    const Eigen::Vector2f n = rays.normalised[ray];
     directions[i] = (shot.R_local_cam * Eigen::Vector3f(n.x(), n.y(), 1.0F)).normalized();
-    packet.ray.org_x[i] = shot.camera.x(), packet.ray.org_y[i] = shot.camera.y(),
-    packet.ray.org_z[i] = shot.camera.z();
+    origins[i] = shot.camera + shot.R_local_cam * rays.origin[ray];
+    packet.ray.org_x[i] = origins[i].x(), packet.ray.org_y[i] = origins[i].y(),
+    packet.ray.org_z[i] = origins[i].z();
     packet.ray.dir_x[i] = directions[i].x(), packet.ray.dir_y[i] = directions[i].y();
     packet.ray.dir_z[i] = directions[i].z();
     packet.ray.tnear[i] = 0, packet.ray.tfar[i] = std::numeric_limits<float>::infinity();
@@ -65,7 +67,7 @@ void findPoints(const Shot& shot, const RayBundle& rays, Points& points) {
     if (!points.hit[i]) continue;
     const float range = packet.ray.tfar[i];
     points.range[i] = range;
-    points.position[i] = shot.camera + range * directions[i];
+    points.position[i] = origins[i] + range * directions[i];
     Eigen::Vector3f normal(packet.hit.Ng_x[i], packet.hit.Ng_y[i], packet.hit.Ng_z[i]);
     normal.normalize();
     if (normal.dot(directions[i]) > 0) normal = -normal;

@@ -32,6 +32,7 @@ struct RayBundle {
   int count = 0;
   float x_px[kSize], y_px[kSize];     // where in the image
   Eigen::Vector2f normalised[kSize];  // (x/z, y/z) in the camera frame
+  Eigen::Vector3f origin[kSize];      // where the ray begins there
   Radiance radiance[kSize];           // result
   float inverse_range[kSize];         // [1/m], 0 where the ray meets nothing
   std::uint32_t lit[kSize];           // bit s: strobe s shines on the point

@@ -6,6 +6,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/printable_text.hpp"
 #include "realtime/kernel/text.hpp"
+#include "recon/geometry/flat_port.hpp"
 #include "recon/topside/input/calibration/calibration_tree.hpp"
 #include "recon/topside/input/calibration/colmap_calibration.hpp"
 #include "recon/topside/input/calibration/kalibr_calibration.hpp"
@@ -149,6 +150,7 @@ void takeSizes(StereoRig& rig, const fs::path& calib, std::array<int, 2> left, s
     camera->height = size[1];
     requirePrincipalPoint(*camera, side, calib);
   }
+  if (!rig.left.port) readPorts(calib, rig);
 }
 
 std::optional<double> metresIn(const std::string& unit) {

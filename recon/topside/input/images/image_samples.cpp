@@ -3,6 +3,8 @@
 #include <gdal_priv.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <fstream>
 #include <memory>
 #include <opencv2/imgproc.hpp>
@@ -119,6 +121,24 @@ io::ImageFile readSamples(const std::filesystem::path& path, Samples samples) {
   cv::Mat rgb;
   cv::cvtColor(matOf(file.view), rgb, code);
   return fileOf(rgb, PixelFormat::kRgb, file.view.bits);
+}
+
+std::optional<Mosaic> mosaicOf(const ImageView& grey) {
+  constexpr double kContrast = 0.03, kAlike = 0.3;  // of the mean; of the largest difference
+  std::array<double, 4> means{};                    // row by row of the square
+  const cv::Mat image = matOf(grey);
+  const cv::Mat whole = image(cv::Rect(0, 0, image.cols / 2 * 2, image.rows / 2 * 2));
+  for (int y = 0; y < whole.rows; ++y)
+    for (int x = 0; x < whole.cols; ++x)
+      means[static_cast<std::size_t>(y % 2 * 2 + x % 2)] +=
+          grey.bits == 8 ? whole.at<std::uint8_t>(y, x) : whole.at<std::uint16_t>(y, x);
+  const auto [least, most] = std::minmax_element(means.begin(), means.end());
+  const double spread = *most - *least, mean = (means[0] + means[1] + means[2] + means[3]) / 4;
+  if (!(spread > kContrast * mean)) return std::nullopt;
+  const double falling = std::abs(means[0] - means[3]), rising = std::abs(means[1] - means[2]);
+  if (std::min(falling, rising) > kAlike * spread) return std::nullopt;
+  if (rising < falling) return Mosaic{means[0] < means[3] ? Samples::kRggb : Samples::kBggr, spread / mean};
+  return Mosaic{means[1] < means[2] ? Samples::kGrbg : Samples::kGbrg, spread / mean};
 }
 
 void requireSize(const io::ImageFile& file, const Camera& camera, const std::filesystem::path& path) {

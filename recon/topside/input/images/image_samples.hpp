@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,6 +21,14 @@ enum class Samples : std::uint8_t { kAuto, kMono, kRgb, kRggb, kBggr, kGrbg, kGb
 // order than RGGB are made RGB. kAuto: colours where the file has them; a grey file is a mosaic RGGB if it is
 // named *_LC16, as the ACFR does, else mono. Throws InputError, which names the file.
 [[nodiscard]] io::ImageFile readSamples(const std::filesystem::path& path, Samples samples);
+
+// Of a grey image whose pixels differ by their place in squares of 2 x 2, two on a diagonal being alike, as
+// in a mosaic of a scene with a colour; in water blue is taken to be the brighter of the other two.
+struct Mosaic {
+  Samples order = Samples::kRggb;
+  double contrast = 0;  // largest difference of the four means, of their mean
+};
+[[nodiscard]] std::optional<Mosaic> mosaicOf(const ImageView& grey);
 
 // Throws InputError for an image of another size than the camera's.
 void requireSize(const io::ImageFile& file, const Camera& camera, const std::filesystem::path& path);

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <charconv>
 #include <cmath>
 #include <map>
 #include <memory>
@@ -184,7 +183,7 @@ class Table {
   [[nodiscard]] std::optional<double> number(std::size_t row, const char* quantity) const {
     const auto found = columns_.find(quantity);
     if (found == columns_.end()) return {};
-    const auto value = plain(row, found->second.index);
+    const auto value = table_.number(row, found->second.index);
     if (!value) return {};
     return *value * found->second.unit;
   }
@@ -196,17 +195,7 @@ class Table {
       if (const auto t = column.pattern->of(text)) return *t;
       table_.fail(row, "has a time '" + text + "' that is not of the form given");
     }
-    if (column.unit > 0) {
-      const auto value = plain(row, column.index);
-      constexpr double kMost = 9e18;
-      if (value && std::abs(*value * column.unit) < kMost) {
-        // Whole units apart from their fraction: a double has not the digits of both.
-        const double whole = std::floor(*value);
-        return static_cast<std::int64_t>(whole) * static_cast<std::int64_t>(column.unit) +
-               std::llround((*value - whole) * column.unit);
-      }
-      table_.fail(row, "has no time '" + text + "'");
-    }
+    if (column.unit > 0) return table_.time(row, column.index, column.unit);
     if (!has("date")) return table_.time(row, column.index);
     const std::string both = table_.text(row, columns_.at("date").index) + " " + text;
     for (const NameTime& form : NameTime::usual())
@@ -224,19 +213,6 @@ class Table {
   }
 
  private:
-  [[nodiscard]] std::optional<double> plain(std::size_t row, std::size_t index) const {
-    std::string text = table_.text(row, index);
-    std::erase_if(text, [](unsigned char c) { return std::isspace(c) != 0; });
-    if (text.empty()) return {};
-    double value = 0;
-    const char* begin = text.data() + (text.front() == '+' ? 1 : 0);
-    const auto [end, error] = std::from_chars(begin, text.data() + text.size(), value);
-    if (error != std::errc() || end != text.data() + text.size())
-      table_.fail(row, "has '" + text + "' in column " + table_.names()[index] + ", which is no number");
-    if (!std::isfinite(value)) return {};
-    return value;
-  }
-
   const CsvColumns& table_;
   std::map<std::string, Column> columns_;
 };
