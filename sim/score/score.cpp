@@ -50,6 +50,13 @@ class Scorer {
     }
     prepareSurface();
     surface = scoreSurface(mesh, *surface_, seen_, start_);
+    alignment_ = surface->alignment;
+    addColours(mesh_name, colouredPoints(mesh));
+  }
+
+  // In the frame of the surface that was scored last.
+  void scoreOrthomosaic(const std::filesystem::path& file) {
+    if (surface_ && there(file)) addColours("orthomosaic", colouredPoints(file, *surface_, alignment_));
   }
 
   // A mesh in the frame of the program that was scored last.
@@ -62,6 +69,11 @@ class Scorer {
   }
 
  private:
+  void addColours(const std::string& name, const std::vector<ColouredPoint>& points) {
+    if (const auto score = scoreColours(points, *surface_, alignment_, cameras_))
+      report_.colours.emplace_back(name, *score);
+  }
+
   bool there(const std::filesystem::path& file) {
     if (std::filesystem::exists(file)) return true;
     note(file, "is absent: not scored");
@@ -85,6 +97,7 @@ class Scorer {
     }
     if (poses.empty()) note(paths_.truth() / "images.csv", "lists no exposures: coverage is 0");
     seen_ = seenSeafloor(*surface_, rig.left, poses);
+    for (const SE3& pose : poses) cameras_.push_back(pose.translation());
   }
 
   io::MissionPaths paths_;
@@ -93,7 +106,9 @@ class Scorer {
   ScoreReport& report_;
   std::unique_ptr<TruthSurface> surface_;
   SeenSeafloor seen_;
-  SE3 start_;  // of the alignment, from the last trajectory
+  std::vector<Eigen::Vector3d> cameras_;  // their true places
+  SE3 start_;                             // of the alignment, from the last trajectory
+  SE3 alignment_;                         // of the last surface
 };
 
 nlohmann::ordered_json orNull(const std::optional<double>& value) {
@@ -162,6 +177,7 @@ ScoreReport scoreMission(const std::filesystem::path& mission,
   scorer.scoreDeadReckoning();
   scorer.scoreProgram(paths.onboard(), "map.ply", report.onboard, report.onboard_surface);
   scorer.scoreProgram(paths.topside(), "mesh.ply", report.topside, report.topside_surface);
+  if (report.topside_surface) scorer.scoreOrthomosaic(paths.topside() / "layers" / "orthomosaic.tif");
   for (const std::filesystem::path& file : surfaces) scorer.scoreFile(file);
   return report;
 }
@@ -174,6 +190,11 @@ std::string scoreJson(const ScoreReport& report) {
   json["surface"]["onboard"] = toJson(report.onboard_surface);
   json["surface"]["topside"] = toJson(report.topside_surface);
   for (const auto& [name, score] : report.surfaces) json["surface"]["files"][name] = toJson(score);
+  for (const auto& [name, s] : report.colours)
+    json["colour"][name] = {{"median", s.median},         {"p95", s.p95},
+                            {"chroma", s.chroma},         {"with_depth", s.with_depth},
+                            {"with_range", s.with_range}, {"gains", {s.gains.x(), s.gains.y(), s.gains.z()}},
+                            {"squares", s.cells}};
   return json.dump();
 }
 
@@ -186,6 +207,11 @@ std::string scoreTable(const ScoreReport& report) {
   surfaceRow(out, "onboard", report.onboard_surface);
   surfaceRow(out, "topside", report.topside_surface);
   for (const auto& [name, score] : report.surfaces) surfaceRow(out, name.c_str(), score);
+  if (!report.colours.empty())
+    out += "colour [CIEDE2000]  median       p95   chroma  correlated with depth, range   squares\n";
+  for (const auto& [name, s] : report.colours)
+    out += formatted("  %-14s %9.2f %9.2f %8.2f %14.2f %14.2f %9zu\n", name.c_str(), s.median, s.p95,
+                     s.chroma, s.with_depth, s.with_range, s.cells);
   return out;
 }
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "recon/geometry/se3.hpp"
+#include "sim/score/colour_score.hpp"
 
 namespace fathom::sim {
 
@@ -32,6 +33,7 @@ struct SurfaceScore {
 };
 
 struct ScoreReport {
+  std::vector<std::pair<std::string, ColourScore>> colours;  // of what has colour
   std::optional<TrajectoryScore> dead_reckoning, onboard, topside;
   std::optional<SurfaceScore> onboard_surface, topside_surface;
   std::vector<std::pair<std::string, SurfaceScore>> surfaces;  // of further files, by their names
@@ -46,7 +48,8 @@ struct ScoreReport {
                                        const std::vector<std::filesystem::path>& surfaces = {});
 
 // {"trajectory":{"dead_reckoning":{"rms_m":...},"onboard":{...},"topside":{...}},
-//  "surface":{"onboard":{...},"topside":{...},"files":{"<name>":{...}}}}; parts that are missing are null.
+//  "surface":{"onboard":{...},"topside":{...},"files":{"<name>":{...}}},
+//  "colour":{"onboard":{"median":...},"mesh":{...},"orthomosaic":{...}}}; parts that are missing are null.
 [[nodiscard]] std::string scoreJson(const ScoreReport& report);
 [[nodiscard]] std::string scoreTable(const ScoreReport& report);
 

@@ -61,7 +61,9 @@ double completeness(const Mesh& estimate, const SE3& motion, const Points& seen)
 
 }  // namespace
 
-Points sampleSurface(const Mesh& mesh, std::size_t count) {
+void forSurface(const Mesh& mesh, std::size_t count,
+                const std::function<void(const std::array<std::uint32_t, 3>& triangle, double u, double v,
+                                         const Eigen::Vector3d& point)>& visit) {
   std::vector<double> area_up_to;
   double total = 0;
   for (const auto& t : mesh.triangles) {
@@ -70,9 +72,7 @@ Points sampleSurface(const Mesh& mesh, std::size_t count) {
         0.5 * (mesh.vertices[t[1]].cast<double>() - a).cross(mesh.vertices[t[2]].cast<double>() - a).norm();
     area_up_to.push_back(total);
   }
-  Points points;
-  if (!(total > 0)) return points;
-  points.reserve(count);
+  if (!(total > 0)) return;
   // Equal steps along the summed area choose the triangle; the R2 sequence (Roberts 2018) the place in it.
   constexpr double kR2First = 0.7548776662466927, kR2Second = 0.5698402909980532;
   std::size_t triangle = 0;
@@ -87,9 +87,16 @@ Points sampleSurface(const Mesh& mesh, std::size_t count) {
     }
     const auto& t = mesh.triangles[triangle];
     const Eigen::Vector3d a = mesh.vertices[t[0]].cast<double>();
-    points.push_back(a + u * (mesh.vertices[t[1]].cast<double>() - a) +
-                     v * (mesh.vertices[t[2]].cast<double>() - a));
+    visit(t, u, v,
+          a + u * (mesh.vertices[t[1]].cast<double>() - a) + v * (mesh.vertices[t[2]].cast<double>() - a));
   }
+}
+
+Points sampleSurface(const Mesh& mesh, std::size_t count) {
+  Points points;
+  points.reserve(count);
+  forSurface(mesh, count,
+             [&](const auto&, double, double, const Eigen::Vector3d& p) { points.push_back(p); });
   return points;
 }
 

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <functional>
 #include <set>
 #include <utility>
 #include <vector>
@@ -18,7 +20,12 @@ namespace fathom::sim {
 using PlanCells = std::set<std::pair<std::int32_t, std::int32_t>>;
 constexpr double kPlanCell = 0.10;  // edge [m]
 
-// `count` points spread evenly over the area of a mesh; always the same for the same mesh.
+// Calls visit(triangle, u, v, point) for `count` points spread evenly over the area of a mesh, always the
+// same for the same mesh; point = a + u (b - a) + v (c - a).
+void forSurface(const Mesh& mesh, std::size_t count,
+                const std::function<void(const std::array<std::uint32_t, 3>& triangle, double u, double v,
+                                         const Eigen::Vector3d& point)>& visit);
+// These points.
 [[nodiscard]] Points sampleSurface(const Mesh& mesh, std::size_t count);
 
 // What a camera saw of the true surface from its poses.

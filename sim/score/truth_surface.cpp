@@ -9,6 +9,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "sim/sea/ground/texture_image.hpp"
+
 namespace fathom::sim {
 namespace {
 
@@ -118,6 +120,20 @@ TruthSurface::Nearest TruthSurface::nearest(const Eigen::Vector3d& from) const {
   nearest.normal = (impl_->mesh.vertices[t[1]].cast<double>() - a)
                        .cross(impl_->mesh.vertices[t[2]].cast<double>() - a)
                        .normalized();
+  if (!impl_->mesh.colours.empty()) {
+    // Barycentric, by areas.
+    const Eigen::Vector3d b = impl_->mesh.vertices[t[1]].cast<double>(),
+                          c = impl_->mesh.vertices[t[2]].cast<double>();
+    const Eigen::Vector3d across = (b - a).cross(c - a);
+    const double area = across.squaredNorm();
+    const double u = area > 0 ? (nearest.point - a).cross(c - a).dot(across) / area : 0;
+    const double v = area > 0 ? (b - a).cross(nearest.point - a).dot(across) / area : 0;
+    const double weights[] = {1 - u - v, u, v};
+    for (std::size_t k = 0; k < 3; ++k)
+      for (std::size_t i = 0; i < 3; ++i)
+        nearest.linear[static_cast<Eigen::Index>(i)] +=
+            weights[k] * static_cast<double>(linearFromSrgb(impl_->mesh.colours[t[k]][i]));
+  }
   return nearest;
 }
 

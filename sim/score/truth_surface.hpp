@@ -21,6 +21,7 @@ class TruthSurface {
     Eigen::Vector3d point = Eigen::Vector3d::Zero();
     Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // unit, of its triangle
     double distance = 0;                               // [m]
+    Eigen::Vector3d linear = Eigen::Vector3d::Zero();  // albedo, red, green, blue; zero without colours
   };
   // The nearest point on any triangle.
   [[nodiscard]] Nearest nearest(const Eigen::Vector3d& from) const;

@@ -1,0 +1,193 @@
+#include "sim/score/colour_score.hpp"
+
+#include <gdal_priv.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <memory>
+#include <numbers>
+#include <utility>
+
+#include "realtime/kernel/input_error.hpp"
+#include "recon/geometry/order_statistics.hpp"
+#include "sim/score/surface_score.hpp"
+#include "sim/sea/ground/texture_image.hpp"
+
+namespace fathom::sim {
+namespace {
+
+constexpr std::size_t kPoints = 300'000;  // of a product
+constexpr double kDarkest = 1e-4;         // linear; what is darker has no colour
+
+Eigen::Vector3d linearOf(const std::uint8_t* rgb) {
+  return Eigen::Vector3f(linearFromSrgb(rgb[0]), linearFromSrgb(rgb[1]), linearFromSrgb(rgb[2]))
+      .cast<double>();
+}
+
+// What falls into one square.
+struct Cell {
+  Eigen::Vector3d seen = Eigen::Vector3d::Zero(), truth = Eigen::Vector3d::Zero(),
+                  point = Eigen::Vector3d::Zero();
+  double count = 0;
+};
+
+double correlation(const std::vector<double>& a, const std::vector<double>& b) {
+  const auto n = static_cast<Eigen::Index>(a.size());
+  const Eigen::ArrayXd x = Eigen::Map<const Eigen::ArrayXd>(a.data(), n),
+                       y = Eigen::Map<const Eigen::ArrayXd>(b.data(), n);
+  const Eigen::ArrayXd dx = x - x.mean(), dy = y - y.mean();
+  const double power = std::sqrt(dx.square().sum() * dy.square().sum());
+  return power > 0 ? (dx * dy).sum() / power : 0;
+}
+
+}  // namespace
+
+Eigen::Vector3d labOf(const Eigen::Vector3d& linear) {
+  Eigen::Matrix3d xyz_from_rgb;  // IEC 61966-2-1
+  xyz_from_rgb << 0.4124564, 0.3575761, 0.1804375, 0.2126729, 0.7151522, 0.0721750, 0.0193339, 0.1191920,
+      0.9503041;
+  const Eigen::Vector3d white(0.95047, 1.0, 1.08883);
+  const Eigen::Vector3d t = (xyz_from_rgb * linear).cwiseQuotient(white);
+  constexpr double kKnee = 6.0 / 29;
+  const auto f = [](double v) {
+    return v > kKnee * kKnee * kKnee ? std::cbrt(v) : v / (3 * kKnee * kKnee) + 4.0 / 29;
+  };
+  const double x = f(t.x()), y = f(t.y()), z = f(t.z());
+  return {116 * y - 16, 500 * (x - y), 200 * (y - z)};
+}
+
+double ciede2000(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  constexpr double kDegree = std::numbers::pi / 180, kTurn = 2 * std::numbers::pi;
+  constexpr double k25To7 = 6103515625.0;
+  const auto squashed = [](double chroma) {
+    const double c7 = std::pow(chroma, 7);
+    return std::sqrt(c7 / (c7 + k25To7));
+  };
+  const double mean_c = 0.5 * (std::hypot(a.y(), a.z()) + std::hypot(b.y(), b.z()));
+  const double g = 0.5 * (1 - squashed(mean_c));
+  const double a1 = (1 + g) * a.y(), a2 = (1 + g) * b.y();
+  const double c1 = std::hypot(a1, a.z()), c2 = std::hypot(a2, b.z());
+  const auto hueOf = [](double x, double y) {
+    const double h = x == 0 && y == 0 ? 0 : std::atan2(y, x);
+    return h < 0 ? h + kTurn : h;
+  };
+  const double h1 = hueOf(a1, a.z()), h2 = hueOf(a2, b.z());
+  const bool grey = c1 * c2 == 0;
+  double dh = grey ? 0 : h2 - h1;
+  if (dh > std::numbers::pi) dh -= kTurn;
+  if (dh < -std::numbers::pi) dh += kTurn;
+  const double dl = b.x() - a.x(), dc = c2 - c1, dH = 2 * std::sqrt(c1 * c2) * std::sin(0.5 * dh);
+  const double l = 0.5 * (a.x() + b.x()), c = 0.5 * (c1 + c2);
+  double h = h1 + h2;
+  if (!grey) {
+    if (std::abs(h1 - h2) > std::numbers::pi) h += h < kTurn ? kTurn : -kTurn;
+    h *= 0.5;
+  }
+  const double t = 1 - 0.17 * std::cos(h - 30 * kDegree) + 0.24 * std::cos(2 * h) +
+                   0.32 * std::cos(3 * h + 6 * kDegree) - 0.20 * std::cos(4 * h - 63 * kDegree);
+  const double turn = 30 * kDegree * std::exp(-std::pow((h / kDegree - 275) / 25, 2));
+  const double off = (l - 50) * (l - 50);
+  const double sl = 1 + 0.015 * off / std::sqrt(20 + off), sc = 1 + 0.045 * c, sh = 1 + 0.015 * c * t;
+  const double rt = -std::sin(2 * turn) * 2 * squashed(c);
+  const double x = dl / sl, y = dc / sc, z = dH / sh;
+  return std::sqrt(std::max(0.0, x * x + y * y + z * z + rt * y * z));
+}
+
+std::vector<ColouredPoint> colouredPoints(const Mesh& mesh) {
+  std::vector<ColouredPoint> out;
+  if (mesh.colours.size() != mesh.vertices.size()) return out;
+  forSurface(mesh, kPoints,
+             [&](const std::array<std::uint32_t, 3>& t, double u, double v, const Eigen::Vector3d& point) {
+               const auto at = [&](std::size_t k) { return linearOf(mesh.colours[t[k]].data()); };
+               out.push_back({point, (1 - u - v) * at(0) + u * at(1) + v * at(2)});
+             });
+  return out;
+}
+
+std::vector<ColouredPoint> colouredPoints(const std::filesystem::path& orthomosaic, const TruthSurface& truth,
+                                          const SE3& T_truth_nav) {
+  GDALAllRegister();
+  const std::unique_ptr<GDALDataset> set(
+      GDALDataset::Open(orthomosaic.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY));
+  std::array<double, 6> place{};
+  if (!set || set->GetRasterCount() < 3 || set->GetGeoTransform(place.data()) != CE_None || place[2] != 0 ||
+      place[4] != 0)
+    throw InputError(orthomosaic.string(), "", "is no image in colour from above, north up");
+  const int width = set->GetRasterXSize(), height = set->GetRasterYSize();
+  const double pixels = static_cast<double>(width) * height;
+  const int every = std::max(1, static_cast<int>(std::sqrt(pixels / static_cast<double>(kPoints))));
+  constexpr double kAbove = 100;  // [m]
+  std::vector<std::uint8_t> row(4 * static_cast<std::size_t>(width));
+  std::vector<ColouredPoint> out;
+  for (int y = every / 2; y < height; y += every) {
+    std::array<int, 4> bands{1, 2, 3, 4};
+    const int count = std::min(4, set->GetRasterCount());
+    if (set->RasterIO(GF_Read, 0, y, width, 1, row.data(), width, 1, GDT_Byte, count, bands.data(), 4,
+                      static_cast<GSpacing>(4) * width, 1) != CE_None)
+      throw InputError(orthomosaic.string(), "row " + std::to_string(y), "cannot be read");
+    for (int x = every / 2; x < width; x += every) {
+      const std::uint8_t* pixel = &row[4 * static_cast<std::size_t>(x)];
+      constexpr std::uint8_t kOpaque = 255;
+      if (count == 4 && pixel[3] != kOpaque) continue;
+      const double east = place[0] + (x + 0.5) * place[1], north = place[3] + (y + 0.5) * place[5];
+      const auto below =
+          truth.castRay(T_truth_nav * Eigen::Vector3d(north, east, -kAbove), Eigen::Vector3d::UnitZ());
+      if (below) out.push_back({T_truth_nav.inverse() * *below, linearOf(pixel)});
+    }
+  }
+  return out;
+}
+
+std::optional<ColourScore> scoreColours(const std::vector<ColouredPoint>& points, const TruthSurface& truth,
+                                        const SE3& T_truth_nav, const std::vector<Eigen::Vector3d>& cameras) {
+  constexpr double kFar = 0.1;  // of the truth: another surface [m]
+  std::map<std::pair<std::int32_t, std::int32_t>, Cell> cells;
+  for (const ColouredPoint& p : points) {
+    const Eigen::Vector3d at = T_truth_nav * p.point;
+    const TruthSurface::Nearest nearest = truth.nearest(at);
+    if (nearest.distance > kFar) continue;
+    Cell& cell = cells[{static_cast<std::int32_t>(std::floor(at.x() / kColourCell)),
+                        static_cast<std::int32_t>(std::floor(at.y() / kColourCell))}];
+    cell.seen += p.linear;
+    cell.truth += nearest.linear;
+    cell.point += at;
+    ++cell.count;
+  }
+  std::vector<Cell> all;
+  for (auto& [place, cell] : cells) {
+    cell.seen /= cell.count, cell.truth /= cell.count, cell.point /= cell.count;
+    if (cell.seen.minCoeff() > kDarkest && cell.truth.minCoeff() > kDarkest) all.push_back(cell);
+  }
+  if (all.empty()) return {};
+  ColourScore out;
+  out.cells = all.size();
+  for (Eigen::Index c = 0; c < 3; ++c) {
+    std::vector<double> ratios;
+    for (const Cell& cell : all) ratios.push_back(cell.truth(c) / cell.seen(c));
+    out.gains(c) = median(ratios);
+  }
+  std::vector<double> errors, chroma, depths, ranges;
+  for (const Cell& cell : all) {
+    const Eigen::Vector3d a = labOf(cell.truth), b = labOf(cell.seen.cwiseProduct(out.gains));
+    errors.push_back(ciede2000(a, b));
+    chroma.push_back((a - b).tail<2>().norm());
+    depths.push_back(cell.point.z());
+    double range = std::numeric_limits<double>::infinity();
+    for (const Eigen::Vector3d& camera : cameras) range = std::min(range, (camera - cell.point).norm());
+    ranges.push_back(range);
+  }
+  out.with_depth = correlation(errors, depths);
+  out.with_range = cameras.empty() ? 0 : correlation(errors, ranges);
+  out.chroma = median(chroma);
+  std::sort(errors.begin(), errors.end());
+  out.median = quantile(errors, 0.5);
+  out.p95 = quantile(errors, 0.95);
+  return out;
+}
+
+}  // namespace fathom::sim

@@ -1,0 +1,48 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <filesystem>
+#include <optional>
+#include <vector>
+
+#include "recon/geometry/mesh.hpp"
+#include "recon/geometry/se3.hpp"
+#include "sim/score/truth_surface.hpp"
+
+namespace fathom::sim {
+
+// CIE L*a*b* (D65, 2 degrees) of linear sRGB, 0 to 1.
+[[nodiscard]] Eigen::Vector3d labOf(const Eigen::Vector3d& linear);
+// CIEDE2000, after Sharma, Wu and Dalal 2005, "The CIEDE2000 color-difference formula", Color Res. Appl. 30.
+[[nodiscard]] double ciede2000(const Eigen::Vector3d& lab_a, const Eigen::Vector3d& lab_b);
+
+// Errors of a product's colours against the truth's albedo (CIEDE2000), over squares of kColourCell in plan,
+// after one gain for each channel in linear light: white balance and exposure, which no image tells.
+struct ColourScore {
+  double median = 0, p95 = 0;
+  double chroma = 0;                                // median distance in a*, b* alone
+  double with_depth = 0, with_range = 0;            // correlation of the error with these
+  Eigen::Vector3d gains = Eigen::Vector3d::Ones();  // red, green, blue
+  std::size_t cells = 0;
+};
+inline constexpr double kColourCell = 0.05;  // [m]
+
+// A point of a product [nav, m] with its colour (linear).
+struct ColouredPoint {
+  Eigen::Vector3d point;
+  Eigen::Vector3d linear;
+};
+// Spread evenly over a mesh's triangles; empty without colours.
+[[nodiscard]] std::vector<ColouredPoint> colouredPoints(const Mesh& mesh);
+// Pixels of an image from above (GDAL, local north and east), with depths of the truth below them. Throws
+// InputError for what is no such image.
+[[nodiscard]] std::vector<ColouredPoint> colouredPoints(const std::filesystem::path& orthomosaic,
+                                                        const TruthSurface& truth, const SE3& T_truth_nav);
+
+// `T_truth_nav`: takes the product's points onto the truth. `cameras`: places that images were taken from
+// [nav, m]. None where no square has points.
+[[nodiscard]] std::optional<ColourScore> scoreColours(const std::vector<ColouredPoint>& points,
+                                                      const TruthSurface& truth, const SE3& T_truth_nav,
+                                                      const std::vector<Eigen::Vector3d>& cameras);
+
+}  // namespace fathom::sim
