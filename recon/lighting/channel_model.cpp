@@ -160,6 +160,7 @@ void ChannelModel::fitPlain(int images, int radius) {
   whole_ = {static_cast<float>(std::log(std::max(all.mean, kMinMean))),
             static_cast<float>(0.5 * std::log(relativeVariance(all)))};
   std::fill(plain_.begin(), plain_.end(), whole_);
+  contrast_ = std::exp(whole_.log_spread);
   if (images < 2) return;
   weight_ = counts_;
   pool(radius);
@@ -171,6 +172,9 @@ void ChannelModel::fitPlain(int images, int radius) {
   for (std::size_t n = 0; n < plain_.size(); ++n)
     if (weight_[n] > 0)
       plain_[n].log_spread = static_cast<float>(0.5 * std::log(freedom * value_[n] / weight_[n]));
+  double variance = 0;
+  for (const Level& level : plain_) variance += std::exp(2 * static_cast<double>(level.log_spread));
+  contrast_ = static_cast<float>(std::sqrt(variance / static_cast<double>(plain_.size())));
 }
 
 Moments ChannelModel::gather(std::size_t node) {
@@ -334,6 +338,7 @@ void ChannelModel::fitSpread(const Bins& images, int radius) {
     images_all += images[index(b)];
   }
   const double all = sum_all / images_all;
+  contrast_ = static_cast<float>(std::sqrt(all));
   for (int b = 0; b < RangeBins::kKnown; ++b)
     if (images[index(b)] > 0)
       by_bin[index(b)] = (images[index(b)] * std::log(by_bin[index(b)]) + kTrendImages * std::log(all)) /

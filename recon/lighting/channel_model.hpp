@@ -56,13 +56,16 @@ class ChannelModel {
   [[nodiscard]] const Level& plain(std::size_t node) const { return plain_[node]; }
   // `position`: of the range, by RangeBins.
   [[nodiscard]] Level atRange(std::size_t node, float position) const;
+  // Spread over mean that the ground has on average: over all nodes and ranges, as far as images tell of
+  // them.
+  [[nodiscard]] float contrast() const { return contrast_; }
   [[nodiscard]] const RangeLaw& law() const { return law_; }
   [[nodiscard]] std::size_t memoryBytes() const;
 
   // For saved state (state_archive.hpp), bit by bit; the rest is made anew by every solve().
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.statistics_, self.known_, self.knows_range_, self.whole_, self.law_);
+    archive(self.statistics_, self.known_, self.knows_range_, self.whole_, self.law_, self.contrast_);
     archive.fixed(self.plain_);
     archive.fixed(self.range_);
   }
@@ -92,6 +95,7 @@ class ChannelModel {
   bool known_ = false, knows_range_ = false;
   Level whole_;
   RangeLaw law_;
+  float contrast_ = 0;
   std::vector<Level> plain_;                                                    // by node
   std::vector<Level> range_;                                                    // by node, then bin
   std::vector<Cell> cells_;                                                     // by bin, then node

@@ -21,9 +21,28 @@ Ramp rampAfter(const RowPlan& plan, const Correction* nodes, std::size_t i) {
   return {a.gain - plan.x[i] * gain_slope, gain_slope, a.offset - plan.x[i] * offset_slope, offset_slope};
 }
 
+// sRGB of linear light by its square root, and the square roots of that.
+constexpr float kRoot = 0.662002687F, kRoot2 = 0.684122060F, kRoot3 = -0.323583601F, kPlain = -0.0225411470F;
+constexpr float kLevels = 255.0F;
+
+template <Encoding kEncoding>
 std::uint8_t correctOne(float sample, const Ramp& r, float x) {
-  const float v = sample * (r.gain + x * r.gain_slope) + r.offset + x * r.offset_slope;
-  return static_cast<std::uint8_t>(std::lrint(std::clamp(v, 0.0F, 255.0F)));
+  float v = sample * (r.gain + x * r.gain_slope) + r.offset + x * r.offset_slope;
+  if constexpr (kEncoding == Encoding::kSrgb) {
+    const float light = std::clamp(v, 0.0F, 1.0F);
+    const float s1 = std::sqrt(light), s2 = std::sqrt(s1), s3 = std::sqrt(s2);
+    v = kLevels * (kRoot * s1 + kRoot2 * s2 + kRoot3 * s3 + kPlain * light);
+  }
+  return static_cast<std::uint8_t>(std::lrint(std::clamp(v, 0.0F, kLevels)));
+}
+
+template <Encoding kEncoding>
+cv::v_float32x4 encoded(const cv::v_float32x4& v) {
+  if constexpr (kEncoding == Encoding::kLevels) return v;
+  const auto all = [](float value) { return cv::v_setall_f32(value); };
+  const cv::v_float32x4 light = cv::v_min(cv::v_max(v, all(0)), all(1));
+  const cv::v_float32x4 s1 = cv::v_sqrt(light), s2 = cv::v_sqrt(s1), s3 = cv::v_sqrt(s2);
+  return all(kLevels) * (all(kRoot) * s1 + all(kRoot2) * s2 + all(kRoot3) * s3 + all(kPlain) * light);
 }
 
 cv::v_uint16x8 load(const std::uint8_t* in) {
@@ -49,7 +68,7 @@ RowPlan::RowPlan(int row_width, int node_count)
   }
 }
 
-template <typename T>
+template <Encoding kEncoding, typename T>
 void correctRow(const RowPlan& plan, const T* in, const Correction* even, const Correction* odd,
                 std::uint8_t* out) {
   int x = 0;
@@ -74,8 +93,8 @@ void correctRow(const RowPlan& plan, const T* in, const Correction* even, const 
       cv::v_expand(load(in + x), low, high);
       const cv::v_float32x4 v0 = cv::v_cvt_f32(cv::v_reinterpret_as_s32(low));
       const cv::v_float32x4 v1 = cv::v_cvt_f32(cv::v_reinterpret_as_s32(high));
-      const cv::v_int32x4 r0 = cv::v_round(cv::v_muladd(v0, gain0, offset0));
-      const cv::v_int32x4 r1 = cv::v_round(cv::v_muladd(v1, gain1, offset1));
+      const cv::v_int32x4 r0 = cv::v_round(encoded<kEncoding>(cv::v_muladd(v0, gain0, offset0)));
+      const cv::v_int32x4 r1 = cv::v_round(encoded<kEncoding>(cv::v_muladd(v1, gain1, offset1)));
       cv::v_pack_u_store(out + x, cv::v_pack(r0, r1));
       gain0 += gain_step;
       gain1 += gain_step;
@@ -83,11 +102,11 @@ void correctRow(const RowPlan& plan, const T* in, const Correction* even, const 
       offset1 += offset_step;
     }
     for (; x < end; ++x)
-      out[x] = correctOne(static_cast<float>(in[x]), x % 2 == 0 ? e : o, static_cast<float>(x));
+      out[x] = correctOne<kEncoding>(static_cast<float>(in[x]), x % 2 == 0 ? e : o, static_cast<float>(x));
   }
 }
 
-template <typename T>
+template <Encoding kEncoding, typename T>
 void correctRgbRow(const RowPlan& plan, const T* in, const Correction* const (&channels)[3],
                    std::uint8_t* out) {
   int x = 0;
@@ -96,17 +115,20 @@ void correctRgbRow(const RowPlan& plan, const T* in, const Correction* const (&c
                            rampAfter(plan, channels[2], i)};
     for (; x < plan.end[i]; ++x)
       for (int c = 0; c < 3; ++c)
-        out[3 * x + c] = correctOne(static_cast<float>(in[3 * x + c]), ramps[c], static_cast<float>(x));
+        out[3 * x + c] =
+            correctOne<kEncoding>(static_cast<float>(in[3 * x + c]), ramps[c], static_cast<float>(x));
   }
 }
 
-template void correctRow(const RowPlan&, const std::uint8_t*, const Correction*, const Correction*,
-                         std::uint8_t*);
-template void correctRow(const RowPlan&, const std::uint16_t*, const Correction*, const Correction*,
-                         std::uint8_t*);
-template void correctRgbRow(const RowPlan&, const std::uint8_t*, const Correction* const (&)[3],
-                            std::uint8_t*);
-template void correctRgbRow(const RowPlan&, const std::uint16_t*, const Correction* const (&)[3],
-                            std::uint8_t*);
+#define FATHOM_ROWS(encoding, T)                                                                     \
+  template void correctRow<encoding>(const RowPlan&, const T*, const Correction*, const Correction*, \
+                                     std::uint8_t*);                                                 \
+  template void correctRgbRow<encoding>(const RowPlan&, const T*, const Correction* const(&)[3],     \
+                                        std::uint8_t*);
+FATHOM_ROWS(Encoding::kLevels, std::uint8_t)
+FATHOM_ROWS(Encoding::kLevels, std::uint16_t)
+FATHOM_ROWS(Encoding::kSrgb, std::uint8_t)
+FATHOM_ROWS(Encoding::kSrgb, std::uint16_t)
+#undef FATHOM_ROWS
 
 }  // namespace fathom::lighting

@@ -25,15 +25,19 @@ struct RowPlan {
   std::array<int, NodeLattice::kMaxSide> end{};  // of the stretch after a node [px]
 };
 
+// What a corrected value becomes: itself, in grey levels; or a level of sRGB, of linear light from 0 to 1
+// (IEC 61966-2-1 to half a level, two near black).
+enum class Encoding : std::uint8_t { kLevels, kSrgb };
+
 // One row of an image: out = gain * sample + offset, rounded and clamped to 0 to 255. `even` and `odd` are
 // the corrections of the pixels in even and odd columns (a mono image: the same) at the nodes; linear between
 // them, and on to the row's ends.
-template <typename T>
+template <Encoding kEncoding, typename T>
 void correctRow(const RowPlan& plan, const T* in, const Correction* even, const Correction* odd,
                 std::uint8_t* out);
 
 // The same for rows of pixels of three interleaved samples.
-template <typename T>
+template <Encoding kEncoding, typename T>
 void correctRgbRow(const RowPlan& plan, const T* in, const Correction* const (&channels)[3],
                    std::uint8_t* out);
 

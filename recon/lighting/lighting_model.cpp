@@ -24,11 +24,16 @@ constexpr int kSolveFraction = 16;     // later, one in this share of the images
 constexpr float kMinSigma = 0.002F;    // of full scale: half a level of 8 bits; less is quantisation
 constexpr float kMinContrast = 0.04F;  // sigma of mean: in thicker haze, gain would show noise alone
 constexpr std::size_t kMaxChannels = 4;
-constexpr std::uint32_t kTag = rt::stateTag("LITE"), kVersion = 2;
+constexpr std::uint32_t kTag = rt::stateTag("LITE"), kVersion = 3;
 constexpr double kMostBrighter = 64;  // than another exposure: no camera's range of exposures is wider
 
 void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("lighting model: ") + what);
+}
+
+// IEC 61966-2-1, of a level well above black.
+float linearOf(float srgb) {
+  return std::pow((srgb + 0.055F) / 1.055F, 2.4F);
 }
 
 // A row of nodes' corrections, by channel.
@@ -76,11 +81,15 @@ struct LightingModel::Impl {
     double sums[3] = {}, count[3] = {};  // whole, plain, range
   };
   void foretell(const ChannelModel& channel, Errors& errors) const;
-  [[nodiscard]] Correction correction(const Level& level, float brightness) const;
+  template <Encoding kEncoding>
+  [[nodiscard]] Correction correction(const ChannelModel& channel, const Level& level,
+                                      float brightness) const;
+  template <Encoding kEncoding>
   void nodeRow(LightingKind kind, const RangeLattice* range, float brightness, int j, NodeRow& row) const;
-  template <typename T>
+  template <Encoding kEncoding, typename T>
   void correctImage(const ImageView& image, const RangeLattice* range, float brightness,
                     std::uint8_t* out) const;
+  template <Encoding kEncoding>
   void correct(const ImageView& image, const RangeLattice* range, double exposure_s, std::uint8_t* out) const;
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
@@ -163,14 +172,23 @@ void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range,
   solved_images = images;
 }
 
-Correction LightingModel::Impl::correction(const Level& level, float brightness) const {
+template <Encoding kEncoding>
+Correction LightingModel::Impl::correction(const ChannelModel& channel, const Level& level,
+                                           float brightness) const {
   const float mean = brightness * std::exp(level.log_mean);
   const float spread = std::max(std::exp(level.log_spread), kMinContrast);
+  if constexpr (kEncoding == Encoding::kSrgb) {
+    const float light = linearOf(static_cast<float>(config.target_mean));
+    const float contrast = std::max(channel.contrast(), kMinContrast);
+    const float gain = light * contrast / std::max(spread * mean, kMinSigma);
+    return {gain / static_cast<float>((1 << bits) - 1), light - gain * mean};
+  }
   const float gain = static_cast<float>(config.target_sigma) / std::max(spread * mean, kMinSigma);
   const float full = static_cast<float>((1 << bits) - 1), grey = 255;
   return {grey * gain / full, grey * (static_cast<float>(config.target_mean) - gain * mean)};
 }
 
+template <Encoding kEncoding>
 void LightingModel::Impl::nodeRow(LightingKind kind, const RangeLattice* range, float brightness, int j,
                                   NodeRow& row) const {
   for (int i = 0; i < lattice.columns; ++i) {
@@ -183,16 +201,17 @@ void LightingModel::Impl::nodeRow(LightingKind kind, const RangeLattice* range, 
       const ChannelModel& channel = channels[c];
       Correction& out = row[c][static_cast<std::size_t>(i)];
       if (!channel.known())
-        out = {255.0F / static_cast<float>((1 << bits) - 1), 0.0F};
+        out = {(kEncoding == Encoding::kSrgb ? 1.0F : 255.0F) / static_cast<float>((1 << bits) - 1), 0.0F};
       else if (path > 0)
-        out = correction(channel.atRange(n, position), brightness);
+        out = correction<kEncoding>(channel, channel.atRange(n, position), brightness);
       else
-        out = correction(kind == LightingKind::kWholeImage ? channel.whole() : channel.plain(n), brightness);
+        out = correction<kEncoding>(
+            channel, kind == LightingKind::kWholeImage ? channel.whole() : channel.plain(n), brightness);
     }
   }
 }
 
-template <typename T>
+template <Encoding kEncoding, typename T>
 void LightingModel::Impl::correctImage(const ImageView& image, const RangeLattice* range, float brightness,
                                        std::uint8_t* out) const {
   const LightingKind kind = used();
@@ -206,8 +225,8 @@ void LightingModel::Impl::correctImage(const ImageView& image, const RangeLattic
       if (loaded >= 0 && j == loaded + 1)
         above = below;
       else
-        nodeRow(kind, range, brightness, j, above);
-      nodeRow(kind, range, brightness, std::min(j + 1, lattice.rows - 1), below);
+        nodeRow<kEncoding>(kind, range, brightness, j, above);
+      nodeRow<kEncoding>(kind, range, brightness, std::min(j + 1, lattice.rows - 1), below);
       loaded = j;
     }
     const float down = t - static_cast<float>(j);
@@ -223,21 +242,22 @@ void LightingModel::Impl::correctImage(const ImageView& image, const RangeLattic
     std::uint8_t* line =
         out + static_cast<std::size_t>(y) * static_cast<std::size_t>(width * samples_per_pixel);
     if (format == PixelFormat::kRgb)
-      correctRgbRow(plan, in, {here[0].data(), here[1].data(), here[2].data()}, line);
+      correctRgbRow<kEncoding>(plan, in, {here[0].data(), here[1].data(), here[2].data()}, line);
     else
-      correctRow(plan, in, here[first].data(), here[first + in_row - 1].data(), line);
+      correctRow<kEncoding>(plan, in, here[first].data(), here[first + in_row - 1].data(), line);
   }
 }
 
+template <Encoding kEncoding>
 void LightingModel::Impl::correct(const ImageView& image, const RangeLattice* range, double exposure_s,
                                   std::uint8_t* out) const {
   if (!fits(image))
     std::memset(out, 0,
                 static_cast<std::size_t>(width) * static_cast<std::size_t>(height * samples_per_pixel));
   else if (bits == 8)
-    correctImage<std::uint8_t>(image, range, brightness(exposure_s), out);
+    correctImage<kEncoding, std::uint8_t>(image, range, brightness(exposure_s), out);
   else
-    correctImage<std::uint16_t>(image, range, brightness(exposure_s), out);
+    correctImage<kEncoding, std::uint16_t>(image, range, brightness(exposure_s), out);
 }
 
 LightingModel::LightingModel(int width, int height, PixelFormat format, int bits,
@@ -290,11 +310,16 @@ void LightingModel::add(const ImageView& image) {
 
 void LightingModel::correct(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
                             double exposure_s) const {
-  impl_->correct(image, &range, exposure_s, out);
+  impl_->correct<Encoding::kLevels>(image, &range, exposure_s, out);
+}
+
+void LightingModel::correctColour(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
+                                  double exposure_s) const {
+  impl_->correct<Encoding::kSrgb>(image, &range, exposure_s, out);
 }
 
 void LightingModel::correct(const ImageView& image, std::uint8_t* out) const {
-  impl_->correct(image, nullptr, 0, out);
+  impl_->correct<Encoding::kLevels>(image, nullptr, 0, out);
 }
 
 LightingKind LightingModel::used() const {

@@ -67,6 +67,11 @@ class LightingModel {
                double exposure_s = 0) const;
   void correct(const ImageView& image, std::uint8_t* out) const;
 
+  // The same in sRGB for people and maps: each channel's light over the dive's mean of it, as it fell on the
+  // chip, so that hues stay what they are; haze goes by how much less contrast there is than on average.
+  void correctColour(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
+                     double exposure_s = 0) const;
+
   // Which model correct() uses.
   [[nodiscard]] LightingKind used() const;
 

@@ -7,9 +7,12 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <numeric>
 #include <random>
 #include <stdexcept>
 #include <vector>
+
+#include "recon/lighting/correct_rows.hpp"
 
 namespace fathom::lighting {
 namespace {
@@ -153,6 +156,64 @@ TEST(LightingModel, ColoursOfAnRgbImageAreBalanced) {
     const auto [mean, sigma] = statistics(images, {100, 80, 160, 120}, kAll, 3, colour);
     EXPECT_NEAR(mean, 0.42, 0.02) << colour;
     EXPECT_NEAR(sigma, 0.13, 0.02) << colour;
+  }
+}
+
+double srgb(double linear) {
+  return linear <= 0.0031308 ? 12.92 * linear : 1.055 * std::pow(linear, 1 / 2.4) - 0.055;
+}
+
+// A floor whose red varies much, whose blue hardly does: stretched to one spread, a red patch would turn pink
+// here and mint there.
+TEST(LightingModel, ColourIsLightOverItsMeanWhateverThePatternAndTheOtherPatches) {
+  constexpr std::array<double, 3> kSigma = {0.35, 0.2, 0.08};
+  std::mt19937 random(9);
+  const auto picture = [&](const std::array<double, 3>* albedo) {
+    constexpr int kPatch = 5;  // [px]
+    Picture out{PixelFormat::kBayerRggb, 12, {}, {}};
+    std::normal_distribution<double> normal(0, 1);
+    std::vector<std::array<double, 3>> floor((kWidth / kPatch + 1) * (kHeight / kPatch + 1));
+    for (auto& patch : floor)
+      for (std::size_t c = 0; c < 3; ++c) patch[c] = std::max(1 + kSigma[c] * normal(random), 0.0);
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) {
+        const auto c = static_cast<std::size_t>(colourAt(x, y));
+        const double r =
+            albedo != nullptr
+                ? (*albedo)[c]
+                : floor[static_cast<std::size_t>(y / kPatch * (kWidth / kPatch) + x / kPatch)][c];
+        out.words.push_back(static_cast<std::uint16_t>(
+            std::lround(std::clamp(kWater[c] * strobe(x, y) * r, 0.0, 1.0) * 4095)));
+      }
+    return out;
+  };
+  LightingModel model(kWidth, kHeight, PixelFormat::kBayerRggb, 12, kConfig);
+  for (int i = 0; i < 150; ++i) model.add(picture(nullptr).view());
+  const double grey = std::pow((0.42 + 0.055) / 1.055, 2.4);  // target_mean
+  for (const std::array<double, 3>& albedo : {std::array{1.3, 0.8, 1.05}, std::array{0.5, 0.9, 1.1}}) {
+    std::vector<std::uint8_t> out(kWidth * kHeight);
+    model.correctColour(picture(&albedo).view(), RangeLattice(), out.data());
+    for (const Box& box : kBoxes)
+      for (std::size_t c = 0; c < 3; ++c) {
+        const auto [mean, sigma] =
+            statistics({out}, box, [&](int x, int y) { return colourAt(x, y) == static_cast<int>(c); });
+        EXPECT_NEAR(mean, srgb(grey * albedo[c]), 0.012) << c << ' ' << box.x0 << ' ' << box.y0;
+        EXPECT_FALSE(sigma > 0.012);
+      }
+  }
+}
+
+TEST(CorrectRows, LinearLightIsEncodedAsSrgb) {
+  constexpr int kLevels = 4096;
+  const RowPlan plan(kLevels, 2);
+  std::vector<std::uint16_t> in(kLevels);
+  std::iota(in.begin(), in.end(), std::uint16_t{0});
+  const Correction nodes[] = {{1.0F / (kLevels - 1), 0}, {1.0F / (kLevels - 1), 0}};
+  std::vector<std::uint8_t> out(kLevels);
+  correctRow<Encoding::kSrgb>(plan, in.data(), nodes, nodes, out.data());
+  for (int k = 0; k < kLevels; ++k) {
+    const double expected = 255 * srgb(static_cast<double>(k) / (kLevels - 1));
+    EXPECT_NEAR(out[static_cast<std::size_t>(k)], expected, k < 20 ? 3.0 : 1.0) << k;
   }
 }
 

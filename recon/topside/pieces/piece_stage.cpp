@@ -24,7 +24,7 @@ void exchangeState(Archive& archive, Is<PieceFacts> auto& f) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kPieceVersion = 6;
+constexpr std::uint32_t kPieceVersion = 7;
 
 // Seconds of several threads by step.
 class SharedCosts {
