@@ -31,6 +31,12 @@ void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("lighting model: ") + what);
 }
 
+// Of the mean channel's linear light, spread over mean: a dive with less is seen through haze all the way, or
+// is mud that nobody could tell apart. All channels are lifted alike, so that no hue turns.
+constexpr float kLeastContrast = 0.2F, kGamma = 2.2F;
+
+enum class Purpose : std::uint8_t { kMatching, kColour };
+
 // IEC 61966-2-1, of a level well above black.
 float linearOf(float srgb) {
   return std::pow((srgb + 0.055F) / 1.055F, 2.4F);
@@ -81,16 +87,18 @@ struct LightingModel::Impl {
     double sums[3] = {}, count[3] = {};  // whole, plain, range
   };
   void foretell(const ChannelModel& channel, Errors& errors) const;
-  template <Encoding kEncoding>
-  [[nodiscard]] Correction correction(const ChannelModel& channel, const Level& level,
-                                      float brightness) const;
-  template <Encoding kEncoding>
-  void nodeRow(LightingKind kind, const RangeLattice* range, float brightness, int j, NodeRow& row) const;
+  [[nodiscard]] Correction stretch(const Level& level, float brightness) const;
+  [[nodiscard]] Correction colour(const ChannelModel& channel, const Level& level, float brightness) const;
+  // Of samples that are sRGB already, as cameras write pictures for people.
+  [[nodiscard]] bool encoded() const { return format == PixelFormat::kRgb && bits == 8; }
+  void nodeRow(Purpose purpose, LightingKind kind, const RangeLattice* range, float brightness, int j,
+               NodeRow& row) const;
   template <Encoding kEncoding, typename T>
-  void correctImage(const ImageView& image, const RangeLattice* range, float brightness,
+  void correctImage(Purpose purpose, const ImageView& image, const RangeLattice* range, float brightness,
                     std::uint8_t* out) const;
   template <Encoding kEncoding>
-  void correct(const ImageView& image, const RangeLattice* range, double exposure_s, std::uint8_t* out) const;
+  void correct(Purpose purpose, const ImageView& image, const RangeLattice* range, double exposure_s,
+               std::uint8_t* out) const;
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
 };
@@ -172,25 +180,30 @@ void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range,
   solved_images = images;
 }
 
-template <Encoding kEncoding>
-Correction LightingModel::Impl::correction(const ChannelModel& channel, const Level& level,
-                                           float brightness) const {
+Correction LightingModel::Impl::stretch(const Level& level, float brightness) const {
   const float mean = brightness * std::exp(level.log_mean);
   const float spread = std::max(std::exp(level.log_spread), kMinContrast);
-  if constexpr (kEncoding == Encoding::kSrgb) {
-    const float light = linearOf(static_cast<float>(config.target_mean));
-    const float contrast = std::max(channel.contrast(), kMinContrast);
-    const float gain = light * contrast / std::max(spread * mean, kMinSigma);
-    return {gain / static_cast<float>((1 << bits) - 1), light - gain * mean};
-  }
   const float gain = static_cast<float>(config.target_sigma) / std::max(spread * mean, kMinSigma);
   const float full = static_cast<float>((1 << bits) - 1), grey = 255;
   return {grey * gain / full, grey * (static_cast<float>(config.target_mean) - gain * mean)};
 }
 
-template <Encoding kEncoding>
-void LightingModel::Impl::nodeRow(LightingKind kind, const RangeLattice* range, float brightness, int j,
-                                  NodeRow& row) const {
+Correction LightingModel::Impl::colour(const ChannelModel& channel, const Level& level,
+                                       float brightness) const {
+  const float mean = brightness * std::exp(level.log_mean);
+  const float spread = std::max(std::exp(level.log_spread), kMinContrast);
+  const auto target = static_cast<float>(config.target_mean);
+  const float light = encoded() ? target : linearOf(target), to = encoded() ? 255.0F : 1.0F;
+  float sum = 0;
+  for (const ChannelModel& c : channels) sum += c.contrast();
+  const float least = encoded() ? kLeastContrast / kGamma : kLeastContrast;
+  const float lift = std::max(1.0F, least * static_cast<float>(channels.size()) / std::max(sum, kMinSigma));
+  const float gain = light * lift * channel.contrast() / std::max(spread * mean, kMinSigma);
+  return {to * gain / static_cast<float>((1 << bits) - 1), to * (light - gain * mean)};
+}
+
+void LightingModel::Impl::nodeRow(Purpose purpose, LightingKind kind, const RangeLattice* range,
+                                  float brightness, int j, NodeRow& row) const {
   for (int i = 0; i < lattice.columns; ++i) {
     const auto n = static_cast<std::size_t>(j * lattice.columns + i);
     float path = 0;
@@ -200,20 +213,20 @@ void LightingModel::Impl::nodeRow(LightingKind kind, const RangeLattice* range, 
     for (std::size_t c = 0; c < channels.size(); ++c) {
       const ChannelModel& channel = channels[c];
       Correction& out = row[c][static_cast<std::size_t>(i)];
+      const bool linear = purpose == Purpose::kColour && !encoded();
+      const Level& plain = kind == LightingKind::kWholeImage ? channel.whole() : channel.plain(n);
+      const Level level = path > 0 ? channel.atRange(n, position) : plain;
       if (!channel.known())
-        out = {(kEncoding == Encoding::kSrgb ? 1.0F : 255.0F) / static_cast<float>((1 << bits) - 1), 0.0F};
-      else if (path > 0)
-        out = correction<kEncoding>(channel, channel.atRange(n, position), brightness);
+        out = {(linear ? 1.0F : 255.0F) / static_cast<float>((1 << bits) - 1), 0.0F};
       else
-        out = correction<kEncoding>(
-            channel, kind == LightingKind::kWholeImage ? channel.whole() : channel.plain(n), brightness);
+        out = purpose == Purpose::kColour ? colour(channel, level, brightness) : stretch(level, brightness);
     }
   }
 }
 
 template <Encoding kEncoding, typename T>
-void LightingModel::Impl::correctImage(const ImageView& image, const RangeLattice* range, float brightness,
-                                       std::uint8_t* out) const {
+void LightingModel::Impl::correctImage(Purpose purpose, const ImageView& image, const RangeLattice* range,
+                                       float brightness, std::uint8_t* out) const {
   const LightingKind kind = used();
   NodeRow above, below, here;
   int loaded = -1;
@@ -225,8 +238,8 @@ void LightingModel::Impl::correctImage(const ImageView& image, const RangeLattic
       if (loaded >= 0 && j == loaded + 1)
         above = below;
       else
-        nodeRow<kEncoding>(kind, range, brightness, j, above);
-      nodeRow<kEncoding>(kind, range, brightness, std::min(j + 1, lattice.rows - 1), below);
+        nodeRow(purpose, kind, range, brightness, j, above);
+      nodeRow(purpose, kind, range, brightness, std::min(j + 1, lattice.rows - 1), below);
       loaded = j;
     }
     const float down = t - static_cast<float>(j);
@@ -249,15 +262,15 @@ void LightingModel::Impl::correctImage(const ImageView& image, const RangeLattic
 }
 
 template <Encoding kEncoding>
-void LightingModel::Impl::correct(const ImageView& image, const RangeLattice* range, double exposure_s,
-                                  std::uint8_t* out) const {
+void LightingModel::Impl::correct(Purpose purpose, const ImageView& image, const RangeLattice* range,
+                                  double exposure_s, std::uint8_t* out) const {
   if (!fits(image))
     std::memset(out, 0,
                 static_cast<std::size_t>(width) * static_cast<std::size_t>(height * samples_per_pixel));
   else if (bits == 8)
-    correctImage<kEncoding, std::uint8_t>(image, range, brightness(exposure_s), out);
+    correctImage<kEncoding, std::uint8_t>(purpose, image, range, brightness(exposure_s), out);
   else
-    correctImage<kEncoding, std::uint16_t>(image, range, brightness(exposure_s), out);
+    correctImage<kEncoding, std::uint16_t>(purpose, image, range, brightness(exposure_s), out);
 }
 
 LightingModel::LightingModel(int width, int height, PixelFormat format, int bits,
@@ -310,16 +323,19 @@ void LightingModel::add(const ImageView& image) {
 
 void LightingModel::correct(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
                             double exposure_s) const {
-  impl_->correct<Encoding::kLevels>(image, &range, exposure_s, out);
+  impl_->correct<Encoding::kLevels>(Purpose::kMatching, image, &range, exposure_s, out);
 }
 
 void LightingModel::correctColour(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
                                   double exposure_s) const {
-  impl_->correct<Encoding::kSrgb>(image, &range, exposure_s, out);
+  if (impl_->encoded())
+    impl_->correct<Encoding::kLevels>(Purpose::kColour, image, &range, exposure_s, out);
+  else
+    impl_->correct<Encoding::kSrgb>(Purpose::kColour, image, &range, exposure_s, out);
 }
 
 void LightingModel::correct(const ImageView& image, std::uint8_t* out) const {
-  impl_->correct<Encoding::kLevels>(image, nullptr, 0, out);
+  impl_->correct<Encoding::kLevels>(Purpose::kMatching, image, nullptr, 0, out);
 }
 
 LightingKind LightingModel::used() const {

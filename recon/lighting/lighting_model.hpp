@@ -68,7 +68,8 @@ class LightingModel {
   void correct(const ImageView& image, std::uint8_t* out) const;
 
   // The same in sRGB for people and maps: each channel's light over the dive's mean of it, as it fell on the
-  // chip, so that hues stay what they are; haze goes by how much less contrast there is than on average.
+  // chip, so that hues stay what they are; haze goes by how much less contrast there is than on average. RGB
+  // of 8 bits is taken to be sRGB already, everything else to be linear light.
   void correctColour(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
                      double exposure_s = 0) const;
 

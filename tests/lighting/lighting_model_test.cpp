@@ -166,7 +166,7 @@ double srgb(double linear) {
 // A floor whose red varies much, whose blue hardly does: stretched to one spread, a red patch would turn pink
 // here and mint there.
 TEST(LightingModel, ColourIsLightOverItsMeanWhateverThePatternAndTheOtherPatches) {
-  constexpr std::array<double, 3> kSigma = {0.35, 0.2, 0.08};
+  constexpr std::array<double, 3> kSigma = {0.45, 0.25, 0.1};
   std::mt19937 random(9);
   const auto picture = [&](const std::array<double, 3>* albedo) {
     constexpr int kPatch = 5;  // [px]

@@ -140,6 +140,7 @@ calibration::RigCalibration runCalibrate(const CalibrateOptions& options) {
   if (options.out.has_parent_path() && !std::filesystem::is_directory(options.out.parent_path(), error))
     throw InputError("--out", options.out.string(),
                      "lies in no folder; make " + options.out.parent_path().string() + " first");
+  if (!options.air.empty()) (void)readCalibration(options.air, {});
   constexpr std::size_t kMostPairs = 40;  // of a dive; more tell little that is new
   calibration::SelfCalibrationConfig self;
   if (options.free_centre) self.bundle.prior.centre = calibration::kFreeCentre;
