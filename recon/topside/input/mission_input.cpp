@@ -49,7 +49,8 @@ Probed probe(const fs::path& folder, const std::vector<std::string>& names, Samp
   bool first = true;
   for (std::size_t k = 0; k < names.size(); k += step) {
     try {
-      const ImageView view = readSamples(folder / names[k], samples).view;
+      const io::ImageFile file = readSamples(folder / names[k], samples);
+      const ImageView& view = file.view;
       out.bits = std::max(out.bits, view.bits);
       if (first || view.format == PixelFormat::kRgb) out.format = view.format;
       if (first) out.size = {view.width, view.height};
