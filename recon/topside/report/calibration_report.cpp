@@ -77,9 +77,11 @@ Json toJson(const RigCalibration& done, const std::optional<calibration::Chessbo
   const SE3& T = done.rig.T_right_left;
   const Json shown =
       board ? Json{{"columns", board->columns}, {"rows", board->rows}, {"square_m", board->square}} : Json();
+  const Json alone =
+      done.rig.left.port ? Json() : Json{{"left", done.left_alone_rms}, {"right", done.right_alone_rms}};
   return {{"board", shown},
           {"rms_px", {{"left", done.left_rms}, {"right", done.right_rms}, {"stereo", done.stereo_rms}}},
-          {"rms_alone_px", {{"left", done.left_alone_rms}, {"right", done.right_alone_rms}}},
+          {"rms_alone_px", alone},
           {"baseline_m", {{"value", done.rig.baseline()}, {"sigma", done.sigma.baseline}}},
           {"T_right_left",
            {{"translation_m", triple(T.translation())},
@@ -200,9 +202,11 @@ std::string summaryOf(const RigCalibration& done, const std::optional<calibratio
            "again; it knows nothing of things that moved.";
   return std::to_string(done.views.size()) + " pairs of a chessboard with " + std::to_string(board->columns) +
          " x " + std::to_string(board->rows) + " inner corners and squares of " +
-         decimals(1e3 * board->square, 2) + " mm. " + rms + "; each camera calibrated alone " +
-         decimals(done.left_alone_rms, 3) + " and " + decimals(done.right_alone_rms, 3) + "). Baseline " +
-         web::plusMinus(1e3 * done.rig.baseline(), 1e3 * done.sigma.baseline, 2) +
+         decimals(1e3 * board->square, 2) + " mm. " + rms +
+         (done.rig.left.port ? "); the cameras are as they were in air"
+                             : "; each camera calibrated alone " + decimals(done.left_alone_rms, 3) +
+                                   " and " + decimals(done.right_alone_rms, 3) + ")") +
+         ". Baseline " + web::plusMinus(1e3 * done.rig.baseline(), 1e3 * done.sigma.baseline, 2) +
          " mm. ± is one standard deviation from the scatter of the corners; it knows nothing of a bent board "
          "or a wrong square.";
 }
