@@ -35,7 +35,7 @@ struct RigBundle {
 // the middle, as is usual in structure from motion; what is off there, the others make good.
 struct CameraPrior {
   double centre = 5e-4;   // of the principal point, off the image's middle [image widths]
-  double aspect = 0.005;  // of ln (fy / fx)
+  double aspect = 0.001;  // of ln (fy / fx): chips have square pixels, and ports hardly change them
   double k1 = 0.5, k2 = 0.5;
   double tangential = 0.01;  // p1, p2
 };
