@@ -13,6 +13,8 @@
 #include "recon/lighting/correct_rows.hpp"
 #include "recon/lighting/model_choice.hpp"
 #include "recon/lighting/node_lattice.hpp"
+#include "recon/lighting/pedestal.hpp"
+#include "recon/lighting/tilt_response.hpp"
 
 namespace fathom::lighting {
 namespace {
@@ -24,7 +26,7 @@ constexpr int kSolveFraction = 16;     // later, one in this share of the images
 constexpr float kMinSigma = 0.002F;    // of full scale: half a level of 8 bits; less is quantisation
 constexpr float kMinContrast = 0.04F;  // sigma of mean: in thicker haze, gain would show noise alone
 constexpr std::size_t kMaxChannels = 4;
-constexpr std::uint32_t kTag = rt::stateTag("LITE"), kVersion = 3;
+constexpr std::uint32_t kTag = rt::stateTag("LITE"), kVersion = 4;
 constexpr double kMostBrighter = 64;  // than another exposure: no camera's range of exposures is wider
 
 void require(bool holds, const char* what) {
@@ -34,6 +36,7 @@ void require(bool holds, const char* what) {
 // Of the mean channel's linear light, spread over mean: a dive with less is seen through haze all the way, or
 // is mud that nobody could tell apart. All channels are lifted alike, so that no hue turns.
 constexpr float kLeastContrast = 0.2F, kGamma = 2.2F;
+constexpr float kLeastLight = 0.3F;  // from the ground, of all: with less, gain would show noise alone
 
 enum class Purpose : std::uint8_t { kMatching, kColour };
 
@@ -61,7 +64,9 @@ struct LightingModel::Impl {
   NodeLattice lattice;
   RowPlan plan;
   std::vector<ChannelModel> channels;
-  std::vector<float> ranges, means;  // of an image being learnt, by node
+  std::vector<float> ranges, brightnesses, means;  // of an image being learnt, by node
+  TiltResponse tilt;
+  std::vector<Pedestal> pedestals;  // by channel
   ModelChoice choice;
   int images = 0, solved_images = 0;
   int held = 0;         // images that what was learnt weighs
@@ -82,13 +87,16 @@ struct LightingModel::Impl {
   }
   void add(const ImageView& image, const RangeLattice* range, double exposure_s);
   template <typename T>
-  void learn(const ImageView& image, float brightness);
+  void learn(const ImageView& image, const RangeLattice* range);
+  // What nodes showed beside what was expected of them.
+  void learnRatios(const ChannelModel& channel, const RangeLattice* range, Pedestal& pedestal);
+  [[nodiscard]] float lift() const;
   struct Errors {
     double sums[3] = {}, count[3] = {};  // whole, plain, range
   };
   void foretell(const ChannelModel& channel, Errors& errors) const;
   [[nodiscard]] Correction stretch(const Level& level, float brightness) const;
-  [[nodiscard]] Correction colour(const ChannelModel& channel, const Level& level, float brightness) const;
+  [[nodiscard]] Correction colour(float pedestal, float lift, const Level& level, float brightness) const;
   // Of samples that are sRGB already, as cameras write pictures for people.
   [[nodiscard]] bool encoded() const { return format == PixelFormat::kRgb && bits == 8; }
   void nodeRow(Purpose purpose, LightingKind kind, const RangeLattice* range, float brightness, int j,
@@ -143,15 +151,41 @@ void LightingModel::Impl::foretell(const ChannelModel& channel, Errors& errors) 
 }
 
 template <typename T>
-void LightingModel::Impl::learn(const ImageView& image, float brightness) {
+void LightingModel::Impl::learn(const ImageView& image, const RangeLattice* range) {
   Errors errors;
-  for (ChannelModel& channel : channels) {
+  for (std::size_t c = 0; c < channels.size(); ++c) {
+    ChannelModel& channel = channels[c];
     channel.statistics().add(static_cast<const T*>(image.data), image.stride / sizeof(T), bits,
-                             static_cast<float>(config.saturated), brightness, ranges, means);
-    if (solved_images >= config.min_images && channel.known()) foretell(channel, errors);
+                             static_cast<float>(config.saturated), brightnesses, ranges, means);
+    if (solved_images < config.min_images || !channel.known()) continue;
+    foretell(channel, errors);
+    learnRatios(channel, range, pedestals[c]);
   }
   const auto mean = [&](int k) { return errors.count[k] > 0 ? errors.sums[k] / errors.count[k] : -1.0; };
   choice.score(mean(0), mean(1), mean(2));
+}
+
+void LightingModel::Impl::learnRatios(const ChannelModel& channel, const RangeLattice* range,
+                                      Pedestal& pedestal) {
+  for (int j = 0; j < lattice.rows; ++j)
+    for (int i = 0; i < lattice.columns; ++i) {
+      const auto n = static_cast<std::size_t>(j * lattice.columns + i);
+      if (means[n] <= 0) continue;
+      const bool ranged = ranges[n] > 0 && channel.knowsRange();
+      const Level level = ranged ? channel.atRange(n, RangeBins::position(ranges[n])) : channel.plain(n);
+      const float expected = std::exp(level.log_mean), ratio = means[n] / expected;
+      pedestal.add(expected * brightnesses[n], ratio);
+      if (!ranged) continue;
+      const RangeLattice::Ground ground = range->groundAt(lattice.u(i), lattice.v(j));
+      tilt.add(ground, tilt.at(ground) * ratio);
+    }
+}
+
+float LightingModel::Impl::lift() const {
+  float sum = 0;
+  for (const ChannelModel& c : channels) sum += c.contrast();
+  const float least = encoded() ? kLeastContrast / kGamma : kLeastContrast;
+  return std::max(1.0F, least * static_cast<float>(channels.size()) / std::max(sum, kMinSigma));
 }
 
 void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range, double exposure_s) {
@@ -159,24 +193,31 @@ void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range,
     ++ignored;
     return;
   }
-  for (int j = 0; j < lattice.rows; ++j)
-    for (int i = 0; i < lattice.columns; ++i)
-      ranges[static_cast<std::size_t>(j * lattice.columns + i)] =
-          range == nullptr ? 0.0F : range->at(lattice.u(i), lattice.v(j));
   if (exposure == 0 && exposure_s > 0 && std::isfinite(exposure_s)) exposure = exposure_s;
+  for (int j = 0; j < lattice.rows; ++j)
+    for (int i = 0; i < lattice.columns; ++i) {
+      const auto n = static_cast<std::size_t>(j * lattice.columns + i);
+      ranges[n] = range == nullptr ? 0.0F : range->at(lattice.u(i), lattice.v(j));
+      brightnesses[n] = brightness(exposure_s);
+      if (ranges[n] > 0) brightnesses[n] *= tilt.at(range->groundAt(lattice.u(i), lattice.v(j)));
+    }
   if (bits == 8)
-    learn<std::uint8_t>(image, brightness(exposure_s));
+    learn<std::uint8_t>(image, range);
   else
-    learn<std::uint16_t>(image, brightness(exposure_s));
+    learn<std::uint16_t>(image, range);
   ++images;
   ++held;
   if (config.memory > 0 && held >= 2 * config.memory) {
     for (ChannelModel& channel : channels) channel.statistics().halve();
+    tilt.halve();
+    for (Pedestal& p : pedestals) p.halve();
     held /= 2;
   }
   samples += lattice.size() * channels.size() * NodeStatistics::kSamplesPerImage;
   if (held > kSolveAlways && images - solved_images < held / kSolveFraction) return;
   for (ChannelModel& channel : channels) channel.solve(held, config.outlier);
+  tilt.solve();
+  for (Pedestal& p : pedestals) p.solve();
   solved_images = images;
 }
 
@@ -188,17 +229,13 @@ Correction LightingModel::Impl::stretch(const Level& level, float brightness) co
   return {grey * gain / full, grey * (static_cast<float>(config.target_mean) - gain * mean)};
 }
 
-Correction LightingModel::Impl::colour(const ChannelModel& channel, const Level& level,
+Correction LightingModel::Impl::colour(float pedestal, float lift, const Level& level,
                                        float brightness) const {
   const float mean = brightness * std::exp(level.log_mean);
-  const float spread = std::max(std::exp(level.log_spread), kMinContrast);
   const auto target = static_cast<float>(config.target_mean);
   const float light = encoded() ? target : linearOf(target), to = encoded() ? 255.0F : 1.0F;
-  float sum = 0;
-  for (const ChannelModel& c : channels) sum += c.contrast();
-  const float least = encoded() ? kLeastContrast / kGamma : kLeastContrast;
-  const float lift = std::max(1.0F, least * static_cast<float>(channels.size()) / std::max(sum, kMinSigma));
-  const float gain = light * lift * channel.contrast() / std::max(spread * mean, kMinSigma);
+  const float returned = std::max({mean - pedestal, kLeastLight * mean, kMinSigma});
+  const float gain = light * lift / returned;
   return {to * gain / static_cast<float>((1 << bits) - 1), to * (light - gain * mean)};
 }
 
@@ -210,6 +247,9 @@ void LightingModel::Impl::nodeRow(Purpose purpose, LightingKind kind, const Rang
     if (kind == LightingKind::kRangeDependent && range != nullptr)
       path = range->at(lattice.u(i), lattice.v(j));
     const float position = path > 0 ? RangeBins::position(path) : 0;
+    // What is matched keeps its slopes' shading, which is texture, too.
+    const float lit =
+        path > 0 && purpose == Purpose::kColour ? tilt.at(range->groundAt(lattice.u(i), lattice.v(j))) : 1;
     for (std::size_t c = 0; c < channels.size(); ++c) {
       const ChannelModel& channel = channels[c];
       Correction& out = row[c][static_cast<std::size_t>(i)];
@@ -219,7 +259,8 @@ void LightingModel::Impl::nodeRow(Purpose purpose, LightingKind kind, const Rang
       if (!channel.known())
         out = {(linear ? 1.0F : 255.0F) / static_cast<float>((1 << bits) - 1), 0.0F};
       else
-        out = purpose == Purpose::kColour ? colour(channel, level, brightness) : stretch(level, brightness);
+        out = purpose == Purpose::kColour ? colour(pedestals[c].level(), lift(), level, lit * brightness)
+                                          : stretch(level, brightness);
     }
   }
 }
@@ -299,8 +340,10 @@ LightingModel::LightingModel(int width, int height, PixelFormat format, int bits
   impl_->plan = RowPlan(width, lattice.columns);
   impl_->ranges.resize(lattice.size());
   impl_->means.resize(lattice.size());
+  impl_->brightnesses.resize(lattice.size());
   for (const Channel& channel : channelsOf(width, height, format))
     impl_->channels.emplace_back(channel, lattice);
+  impl_->pedestals.resize(impl_->channels.size());
 }
 
 LightingModel::~LightingModel() = default;
@@ -350,7 +393,7 @@ LightingModel::Report LightingModel::report() const {
   report.error_whole = m.choice.error(LightingKind::kWholeImage);
   report.error_plain = m.choice.error(LightingKind::kPlain);
   report.error_range = m.choice.error(LightingKind::kRangeDependent);
-  report.memory_bytes = sizeof(Impl) + (m.ranges.capacity() + m.means.capacity()) * sizeof(float);
+  report.memory_bytes = sizeof(Impl) + 3 * m.ranges.capacity() * sizeof(float);
   std::uint64_t saturated = 0;
   for (const ChannelModel& channel : m.channels) {
     report.outlier_share += channel.statistics().outlierShare() / static_cast<double>(m.channels.size());
@@ -369,7 +412,9 @@ LightingModel::Report LightingModel::report() const {
 
 template <typename Archive, typename Self>
 void LightingModel::Impl::exchange(Archive& archive, Self& self) {
-  archive(self.images, self.solved_images, self.held, self.exposure, self.ignored, self.samples, self.choice);
+  archive(self.images, self.solved_images, self.held, self.exposure, self.ignored, self.samples, self.choice,
+          self.tilt);
+  archive.fixed(self.pedestals);
   for (auto& channel : self.channels) archive(channel);
   archive.require(self.solved_images >= 0 && self.solved_images <= self.images, "more learnt than seen");
   archive.require(self.held >= 0 && self.held <= self.images && self.exposure >= 0, "more held than learnt");

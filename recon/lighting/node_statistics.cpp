@@ -63,10 +63,11 @@ std::size_t NodeStatistics::block(std::size_t node) const {
 }
 
 template <typename T>
-void NodeStatistics::add(const T* samples, std::size_t stride, int bits, float saturated, float brightness,
-                         std::span<const float> ranges, std::span<float> means) {
+void NodeStatistics::add(const T* samples, std::size_t stride, int bits, float saturated,
+                         std::span<const float> brightness, std::span<const float> ranges,
+                         std::span<float> means) {
   constexpr int kTableBits = 12;
-  const float full = static_cast<float>((1 << bits) - 1), scale = 1.0F / full, darker = 1.0F / brightness;
+  const float full = static_cast<float>((1 << bits) - 1), scale = 1.0F / full;
   const auto table_index = [bits](T v) {
     const unsigned wide = bits > kTableBits ? static_cast<unsigned>(v) >> (bits - kTableBits)
                                             : static_cast<unsigned>(v) << (kTableBits - bits);
@@ -91,7 +92,7 @@ void NodeStatistics::add(const T* samples, std::size_t stride, int bits, float s
           index(channel_.row + place(j, lattice_.rows, k, channel_.height) * channel_.row_step) * stride;
     for (int i = 0; i < lattice_.columns; ++i) {
       const std::size_t node = index(j * lattice_.columns + i);
-      const float range = ranges[node];
+      const float range = ranges[node], darker = 1.0F / brightness[node];
       const bool known = std::isfinite(range) && range > 0;
       const int bin = known ? static_cast<int>(std::lround(RangeBins::position(range))) : RangeBins::kUnknown;
       Cell& cell = cells_[node * RangeBins::kAll + index(bin)];
@@ -131,9 +132,9 @@ void NodeStatistics::add(const T* samples, std::size_t stride, int bits, float s
   }
 }
 
-template void NodeStatistics::add(const std::uint8_t*, std::size_t, int, float, float, std::span<const float>,
-                                  std::span<float>);
-template void NodeStatistics::add(const std::uint16_t*, std::size_t, int, float, float,
+template void NodeStatistics::add(const std::uint8_t*, std::size_t, int, float, std::span<const float>,
+                                  std::span<const float>, std::span<float>);
+template void NodeStatistics::add(const std::uint16_t*, std::size_t, int, float, std::span<const float>,
                                   std::span<const float>, std::span<float>);
 
 void NodeStatistics::halve() {

@@ -1,5 +1,6 @@
 #include "recon/lighting/range_lattice.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -25,6 +26,18 @@ float RangeLattice::at(float u, float v) const {
   return (1 - t) * ((1 - s) * p[0] + s * p[1]) + t * ((1 - s) * p[kColumns] + s * p[kColumns + 1]);
 }
 
+RangeLattice::Ground RangeLattice::groundAt(float u, float v) const {
+  const float x = std::clamp(u, 0.0F, 1.0F) * (kColumns - 1), y = std::clamp(v, 0.0F, 1.0F) * (kRows - 1);
+  const int i = std::min(static_cast<int>(x), kColumns - 2), j = std::min(static_cast<int>(y), kRows - 2);
+  const float s = x - static_cast<float>(i), t = y - static_cast<float>(j);
+  const Ground* g = ground.data() + j * kColumns + i;
+  const auto mix = [&](Eigen::Vector3f Ground::*of) -> Eigen::Vector3f {
+    return (1 - t) * ((1 - s) * g[0].*of + s * g[1].*of) +
+           t * ((1 - s) * g[kColumns].*of + s * g[kColumns + 1].*of);
+  };
+  return {mix(&Ground::point), mix(&Ground::normal).normalized()};
+}
+
 RangeMaker::RangeMaker(const Camera& camera) : camera_(camera) {
   for (int j = 0; j < kRows; ++j)
     for (int i = 0; i < kColumns; ++i) {
@@ -40,12 +53,32 @@ void RangeMaker::fromPlane(const Eigen::Vector3d& normal, double distance, Range
     const float range = static_cast<float>(distance) / n.dot(rays_[k]);
     out.path[k] = known(range) && range <= kMaxRange ? range : 0.0F;
   }
+  findGround(out);
+}
+
+void RangeMaker::findGround(RangeLattice& lattice) const {
+  const auto at = [](int i, int j) { return static_cast<std::size_t>(j * kColumns + i); };
+  for (std::size_t k = 0; k < rays_.size(); ++k) lattice.ground[k].point = lattice.path[k] * rays_[k];
+  for (int j = 0; j < kRows; ++j)
+    for (int i = 0; i < kColumns; ++i) {
+      const auto along = [&](std::size_t a, std::size_t b) -> Eigen::Vector3f {
+        if (!known(lattice.path[a]) || !known(lattice.path[b])) return Eigen::Vector3f::Zero();
+        return lattice.ground[b].point - lattice.ground[a].point;
+      };
+      const Eigen::Vector3f right = along(at(std::max(i - 1, 0), j), at(std::min(i + 1, kColumns - 1), j));
+      const Eigen::Vector3f down = along(at(i, std::max(j - 1, 0)), at(i, std::min(j + 1, kRows - 1)));
+      const Eigen::Vector3f across = down.cross(right);
+      const float length = across.norm();
+      lattice.ground[at(i, j)].normal =
+          length > 0 ? Eigen::Vector3f(across / length) : Eigen::Vector3f(-Eigen::Vector3f::UnitZ());
+    }
 }
 
 void RangeMaker::bendTo(std::span<const Eigen::Vector3f> points, RangeLattice& lattice) const {
-  constexpr int kReach = 2;        // nodes about a point that it speaks for
-  constexpr float kSpread = 0.2F;  // weight of a node's neighbours beside its own points
-  constexpr int kSweeps = 40;      // Gauss-Seidel, there and back: news crosses the lattice in one
+  constexpr int kReach = 2;         // nodes about a point that it speaks for
+  constexpr float kSpread = 0.25F;  // weight of a node's neighbours beside one point 1 m off; the noise of
+                                    // stereo, and so of slopes, grows with the range
+  constexpr int kSweeps = 40;       // Gauss-Seidel, there and back: news crosses the lattice in one
   std::array<float, kColumns * kRows> sums{}, weights{}, bends{};
   float sum = 0, count = 0;
   for (const Eigen::Vector3f& point : points) {
@@ -81,7 +114,8 @@ void RangeMaker::bendTo(std::span<const Eigen::Vector3f> points, RangeLattice& l
     hear(i + 1 < kColumns, k + 1);
     hear(j > 0, k - kColumns);
     hear(j + 1 < kRows, k + kColumns);
-    bends[k] = (sums[k] + kSpread * around / neighbours) / (weights[k] + kSpread);
+    const float range = known(lattice.path[k]) ? lattice.path[k] : 1, spread = kSpread * range * range;
+    bends[k] = (sums[k] + spread * around / neighbours) / (weights[k] + spread);
   };
   for (int sweep = 0; sweep < kSweeps; ++sweep)
     for (int k = 0; k < kColumns * kRows; ++k) {
@@ -90,6 +124,7 @@ void RangeMaker::bendTo(std::span<const Eigen::Vector3f> points, RangeLattice& l
     }
   for (std::size_t k = 0; k < bends.size(); ++k)
     if (known(lattice.path[k])) lattice.path[k] *= std::exp(bends[k]);
+  findGround(lattice);
 }
 
 }  // namespace fathom::lighting

@@ -11,11 +11,17 @@ namespace fathom::lighting {
 // Range over an image: the path length [m] from the camera's centre along the pixel's ray to the seafloor
 // (not the depth z), on a lattice from corner to corner. Not positive or not finite: unknown.
 struct RangeLattice {
-  static constexpr int kColumns = 17, kRows = 13;
+  static constexpr int kColumns = 33, kRows = 25;
   std::array<float, kColumns * kRows> path{};
+  // Where rays meet it, and its unit normal there, towards the camera; as far as ranges are known.
+  struct Ground {
+    Eigen::Vector3f point = Eigen::Vector3f::Zero(), normal = -Eigen::Vector3f::UnitZ();
+  };
+  std::array<Ground, kColumns * kRows> ground;
 
   // Bilinear, `u` and `v` in parts of the image's width and height (0 to 1). 0 where a neighbour is unknown.
   [[nodiscard]] float at(float u, float v) const;
+  [[nodiscard]] Ground groundAt(float u, float v) const;
 };
 
 // Makes the ranges of one camera's images. Allocates nothing.
@@ -33,6 +39,8 @@ class RangeMaker {
   void bendTo(std::span<const Eigen::Vector3f> points, RangeLattice& lattice) const;
 
  private:
+  void findGround(RangeLattice& lattice) const;
+
   Camera camera_;
   std::array<Eigen::Vector3f, RangeLattice::kColumns * RangeLattice::kRows> rays_;  // unit
 };

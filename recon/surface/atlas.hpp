@@ -59,4 +59,8 @@ void rasterise(const Atlas& atlas, int first_row, int rows, std::vector<Texel>& 
 // The same tile with an atlas of a quarter the edge (mean of 4 x 4), enough to bake its parent.
 [[nodiscard]] TexturedTile quarterAtlas(const TexturedTile& tile);
 
+// Gives the vertices of a tile with an atlas (whole or reduced) its colours: each the mean of the texture
+// about it, half way to its neighbours.
+void colourVertices(TexturedTile& tile);
+
 }  // namespace fathom::surface

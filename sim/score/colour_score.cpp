@@ -122,22 +122,36 @@ std::vector<ColouredPoint> colouredPoints(const std::filesystem::path& orthomosa
   const double pixels = static_cast<double>(width) * height;
   const int every = std::max(1, static_cast<int>(std::sqrt(pixels / static_cast<double>(kPoints))));
   constexpr double kAbove = 100;  // [m]
+  const std::size_t squares = static_cast<std::size_t>((width + every - 1) / every);
   std::vector<std::uint8_t> row(4 * static_cast<std::size_t>(width));
+  std::vector<Eigen::Vector3d> sums(squares);
+  std::vector<int> seen(squares);
   std::vector<ColouredPoint> out;
-  for (int y = every / 2; y < height; y += every) {
+  for (int y = 0; y < height; ++y) {
     std::array<int, 4> bands{1, 2, 3, 4};
     const int count = std::min(4, set->GetRasterCount());
     if (set->RasterIO(GF_Read, 0, y, width, 1, row.data(), width, 1, GDT_Byte, count, bands.data(), 4,
                       static_cast<GSpacing>(4) * width, 1) != CE_None)
       throw InputError(orthomosaic.string(), "row " + std::to_string(y), "cannot be read");
-    for (int x = every / 2; x < width; x += every) {
+    if (y % every == 0) {
+      std::fill(sums.begin(), sums.end(), Eigen::Vector3d::Zero());
+      std::fill(seen.begin(), seen.end(), 0);
+    }
+    for (int x = 0; x < width; ++x) {
       const std::uint8_t* pixel = &row[4 * static_cast<std::size_t>(x)];
       constexpr std::uint8_t kOpaque = 255;
       if (count == 4 && pixel[3] != kOpaque) continue;
-      const double east = place[0] + (x + 0.5) * place[1], north = place[3] + (y + 0.5) * place[5];
-      const auto below =
-          truth.castRay(T_truth_nav * Eigen::Vector3d(north, east, -kAbove), Eigen::Vector3d::UnitZ());
-      if (below) out.push_back({T_truth_nav.inverse() * *below, linearOf(pixel)});
+      sums[static_cast<std::size_t>(x / every)] += linearOf(pixel);
+      ++seen[static_cast<std::size_t>(x / every)];
+    }
+    if (y % every != every - 1) continue;
+    for (std::size_t k = 0; k < squares; ++k) {
+      if (seen[k] < every * every) continue;
+      const double x = static_cast<double>(k) * every + 0.5 * every;
+      const double east = place[0] + x * place[1], north = place[3] + (y + 1 - 0.5 * every) * place[5];
+      const auto below = truth.castRay(T_truth_nav * Eigen::Vector3d(north, east, -kAbove),
+                                       T_truth_nav.rotation() * Eigen::Vector3d::UnitZ());
+      if (below) out.push_back({T_truth_nav.inverse() * *below, sums[k] / seen[k]});
     }
   }
   return out;

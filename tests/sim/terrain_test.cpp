@@ -5,6 +5,7 @@
 #include <cmath>
 #include <fstream>
 #include <numbers>
+#include <opencv2/imgcodecs.hpp>
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/mesh_io.hpp"
@@ -154,6 +155,34 @@ TEST(Terrain, AMeshFileIsCentredWhereTheConfigurationSays) {
   EXPECT_NEAR(0.5 * (terrain.upper() + terrain.lower()).x(), 100.0, 0.01);
   EXPECT_GT(terrain.depthAt(100.0, 0.0).value(), 2.5);
   EXPECT_LT(terrain.depthAt(100.0, 0.0).value(), 6.0);
+}
+
+TEST(Terrain, ItsMeshHasTheTexturesColoursBetweenTheCorners) {
+  const test::TemporaryFolder temporary;
+  Mesh triangle;
+  triangle.vertices = {{0, 0, 0}, {0, 1, 0}, {1, 0, 0}};
+  triangle.triangles = {{0, 1, 2}};
+  triangle.texture_coordinates = {{0, 0}, {0, 1}, {1, 0}};
+  TerrainConfig config;
+  config.kind = TerrainKind::kMesh;
+  config.mesh_file = temporary.path() / "triangle.ply";
+  config.texture_file = temporary.path() / "halves.png";
+  writePly(config.mesh_file, triangle);
+  cv::Mat halves(64, 64, CV_8UC3, cv::Scalar(40, 40, 40));
+  halves.colRange(8, 56).setTo(cv::Scalar(200, 200, 200));
+  cv::imwrite(config.texture_file.string(), halves);
+  const Mesh mesh = Terrain(config).mesh();
+  ASSERT_EQ(mesh.colours.size(), mesh.vertices.size());
+  const float north = mesh.vertices[0].x();  // of the corner at s = 0
+  int right = 0, seen = 0;
+  for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
+    const float s = mesh.vertices[i].x() - north;
+    if (std::abs(s - 0.125F) < 0.03F || std::abs(s - 0.875F) < 0.03F) continue;  // blurred
+    ++seen;
+    right += std::abs(mesh.colours[i][1] - (s > 0.125F && s < 0.875F ? 200 : 40)) <= 2;
+  }
+  EXPECT_GT(seen, 2000);
+  EXPECT_EQ(right, seen);
 }
 
 TEST(Terrain, BadMeshesTexturesAndNumbersAreRefusedWithTheirName) {

@@ -24,7 +24,7 @@ void exchangeState(Archive& archive, Is<PieceFacts> auto& f) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kPieceVersion = 7;
+constexpr std::uint32_t kPieceVersion = 8;
 
 // Seconds of several threads by step.
 class SharedCosts {
@@ -97,7 +97,8 @@ class TileMaker {
       tile = texture(surface, watch);
     else
       tile.surface = std::move(surface);
-    const TexturedTile reduced = tile.atlas.empty() ? tile : surface::quarterAtlas(tile);
+    TexturedTile reduced = tile.atlas.empty() ? tile : surface::quarterAtlas(tile);
+    if (!tile.atlas.empty()) surface::colourVertices(reduced);
     TileBlocks out = packTile(tile, reduced, in_.grid, settings);
     costs.add("encode", watch.lap());
     // The reduced texture is as good where a cell of the mosaic takes in all of its texels.

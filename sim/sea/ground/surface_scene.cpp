@@ -49,6 +49,44 @@ void shareVertices(RTCGeometry geometry, std::vector<Eigen::Vector3f>& vertices)
                              sizeof(Eigen::Vector3f), count);
 }
 
+// A texture shows more than its mesh has vertices: each triangle becomes small ones, coloured by what they
+// stand for.
+void appendTextured(const TriangleSurface& part, const Eigen::Vector3f& origin, Mesh& mesh) {
+  constexpr float kSpacing = 0.02F;  // [m]
+  for (const auto& t : part.triangles) {
+    const auto edge = [&](std::size_t i) {
+      return (part.vertices[t[i]] - part.vertices[t[(i + 1) % 3]]).norm();
+    };
+    const float longest = std::max({edge(0), edge(1), edge(2)});
+    const auto n = static_cast<std::uint32_t>(std::max(1.0F, std::ceil(longest / kSpacing)));
+    // Row i of the vertices has i + 1, from the first corner to the edge between the others.
+    const auto vertex = [first = static_cast<std::uint32_t>(mesh.vertices.size())](
+                            std::uint32_t i, std::uint32_t j) { return first + i * (i + 1) / 2 + j; };
+    for (std::uint32_t i = 0; i <= n; ++i)
+      for (std::uint32_t j = 0; j <= i; ++j) {
+        const auto whole = static_cast<float>(n);
+        const std::array<float, 3> weights{static_cast<float>(n - i) / whole,
+                                           static_cast<float>(i - j) / whole, static_cast<float>(j) / whole};
+        Eigen::Vector3f point = origin;
+        Eigen::Vector2f st(0, 0);
+        for (std::size_t k = 0; k < 3; ++k) {
+          point += weights[k] * part.vertices[t[k]];
+          st += weights[k] * part.texture_coordinates[t[k]];
+        }
+        mesh.vertices.push_back(point);
+        Rgb colour;
+        const std::array<float, 3> albedo = part.texture->sample(st, longest / whole / part.texel_m);
+        for (std::size_t c = 0; c < 3; ++c) colour[c] = srgbFromLinear(albedo[c]);
+        mesh.colours.push_back(colour);
+      }
+    for (std::uint32_t i = 0; i < n; ++i)
+      for (std::uint32_t j = 0; j <= i; ++j) {
+        mesh.triangles.push_back({vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1)});
+        if (j < i) mesh.triangles.push_back({vertex(i, j), vertex(i + 1, j + 1), vertex(i, j + 1)});
+      }
+  }
+}
+
 }  // namespace
 
 void TriangleSurface::append(const TriangleSurface& other) {
@@ -202,20 +240,15 @@ Mesh SurfaceScene::mesh() const {
   Mesh mesh;
   const Eigen::Vector3f origin = origin_.cast<float>();
   for (const auto& part : parts_) {
-    const auto first = static_cast<std::uint32_t>(mesh.vertices.size());
-    const auto& vertices = part->isGrid() ? part->grid.vertices : part->triangles.vertices;
-    const auto& covers = part->isGrid() ? part->grid.covers : part->triangles.covers;
-    for (const Eigen::Vector3f& v : vertices) mesh.vertices.push_back(v + origin);
     if (part->triangles.texture) {
-      for (const Eigen::Vector2f& st : part->triangles.texture_coordinates) {
-        Rgb colour;
-        const std::array<float, 3> albedo = part->triangles.texture->sample(st, 1.0F);
-        for (std::size_t c = 0; c < 3; ++c) colour[c] = srgbFromLinear(albedo[c]);
-        mesh.colours.push_back(colour);
-      }
-    } else {
-      for (const Cover& cover : covers) mesh.colours.push_back(cover.colour);
+      appendTextured(part->triangles, origin, mesh);
+      continue;
     }
+    const auto first = static_cast<std::uint32_t>(mesh.vertices.size());
+    for (const Eigen::Vector3f& v : part->isGrid() ? part->grid.vertices : part->triangles.vertices)
+      mesh.vertices.push_back(v + origin);
+    for (const Cover& cover : part->isGrid() ? part->grid.covers : part->triangles.covers)
+      mesh.colours.push_back(cover.colour);
     if (!part->isGrid()) {
       for (const auto& t : part->triangles.triangles)
         mesh.triangles.push_back({t[0] + first, t[1] + first, t[2] + first});
