@@ -1,6 +1,7 @@
 #include "recon/lighting/lighting_config.hpp"
 
 #include <cstddef>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,19 @@ LightingConfig readLightingConfig(const ConfigTable& table, LightingConfig c) {
   for (std::size_t k = 0; k < kChoices.size(); ++k)
     if (choice == kChoices[k]) c.choice = static_cast<LightingChoice>(k);
   return c;
+}
+
+void validate(const LightingConfig& c) {
+  const auto require = [](bool holds, const char* what) {
+    if (!holds) throw std::invalid_argument(std::string("lighting model: ") + what);
+  };
+  require(c.target_mean > 0 && c.target_mean < 1, "target_mean must lie between 0 and 1");
+  require(c.target_sigma > 0 && c.target_sigma < 1, "target_sigma must lie between 0 and 1");
+  require(c.min_images >= 1, "min_images must be at least 1");
+  require(c.grid >= 1 && c.grid <= 256, "grid must be 1 to 256 px");
+  require(c.saturated > 0 && c.saturated <= 1, "saturated must lie between 0 and 1");
+  require(c.outlier >= 1, "outlier must be at least 1");
+  require(c.memory >= 0, "memory must not be negative");
 }
 
 const char* nameOf(LightingChoice choice) {

@@ -24,6 +24,9 @@ inline constexpr int kOnboardMemory = 1000;
 // Reads the keys of a [lighting] table over `defaults`; README.md lists them. Throws InputError.
 [[nodiscard]] LightingConfig readLightingConfig(const ConfigTable& table, LightingConfig defaults = {});
 
+// Throws std::invalid_argument for values out of range.
+void validate(const LightingConfig& config);
+
 // "auto", "whole", "plain" or "range", as in the file.
 [[nodiscard]] const char* nameOf(LightingChoice choice);
 

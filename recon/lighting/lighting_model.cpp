@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -10,17 +11,15 @@
 
 #include "realtime/kernel/state_archive.hpp"
 #include "recon/lighting/channel_model.hpp"
+#include "recon/lighting/colour_light.hpp"
 #include "recon/lighting/correct_rows.hpp"
 #include "recon/lighting/model_choice.hpp"
 #include "recon/lighting/node_lattice.hpp"
-#include "recon/lighting/pedestal.hpp"
-#include "recon/lighting/tilt_response.hpp"
 
 namespace fathom::lighting {
 namespace {
 
 constexpr int kMaxSide = 65535;        // [px]
-constexpr int kMaxGrid = 256;          // [px]
 constexpr int kSolveAlways = 32;       // images up to which every image is followed by a solution
 constexpr int kSolveFraction = 16;     // later, one in this share of the images so far
 constexpr float kMinSigma = 0.002F;    // of full scale: half a level of 8 bits; less is quantisation
@@ -33,17 +32,7 @@ void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("lighting model: ") + what);
 }
 
-// Of the mean channel's linear light, spread over mean: a dive with less is seen through haze all the way, or
-// is mud that nobody could tell apart. All channels are lifted alike, so that no hue turns.
-constexpr float kLeastContrast = 0.2F, kGamma = 2.2F;
-constexpr float kLeastLight = 0.3F;  // from the ground, of all: with less, gain would show noise alone
-
 enum class Purpose : std::uint8_t { kMatching, kColour };
-
-// IEC 61966-2-1, of a level well above black.
-float linearOf(float srgb) {
-  return std::pow((srgb + 0.055F) / 1.055F, 2.4F);
-}
 
 // A row of nodes' corrections, by channel.
 using NodeRow = std::array<std::array<Correction, NodeLattice::kMaxSide>, kMaxChannels>;
@@ -65,8 +54,7 @@ struct LightingModel::Impl {
   RowPlan plan;
   std::vector<ChannelModel> channels;
   std::vector<float> ranges, brightnesses, means;  // of an image being learnt, by node
-  TiltResponse tilt;
-  std::vector<Pedestal> pedestals;  // by channel
+  std::optional<ColourLight> colour;               // always there
   ModelChoice choice;
   int images = 0, solved_images = 0;
   int held = 0;         // images that what was learnt weighs
@@ -89,14 +77,12 @@ struct LightingModel::Impl {
   template <typename T>
   void learn(const ImageView& image, const RangeLattice* range);
   // What nodes showed beside what was expected of them.
-  void learnRatios(const ChannelModel& channel, const RangeLattice* range, Pedestal& pedestal);
-  [[nodiscard]] float lift() const;
+  void learnRatios(std::size_t c, const RangeLattice* range);
   struct Errors {
     double sums[3] = {}, count[3] = {};  // whole, plain, range
   };
   void foretell(const ChannelModel& channel, Errors& errors) const;
   [[nodiscard]] Correction stretch(const Level& level, float brightness) const;
-  [[nodiscard]] Correction colour(float pedestal, float lift, const Level& level, float brightness) const;
   // Of samples that are sRGB already, as cameras write pictures for people.
   [[nodiscard]] bool encoded() const { return format == PixelFormat::kRgb && bits == 8; }
   void nodeRow(Purpose purpose, LightingKind kind, const RangeLattice* range, float brightness, int j,
@@ -159,33 +145,25 @@ void LightingModel::Impl::learn(const ImageView& image, const RangeLattice* rang
                              static_cast<float>(config.saturated), brightnesses, ranges, means);
     if (solved_images < config.min_images || !channel.known()) continue;
     foretell(channel, errors);
-    learnRatios(channel, range, pedestals[c]);
+    learnRatios(c, range);
   }
   const auto mean = [&](int k) { return errors.count[k] > 0 ? errors.sums[k] / errors.count[k] : -1.0; };
   choice.score(mean(0), mean(1), mean(2));
 }
 
-void LightingModel::Impl::learnRatios(const ChannelModel& channel, const RangeLattice* range,
-                                      Pedestal& pedestal) {
+void LightingModel::Impl::learnRatios(std::size_t c, const RangeLattice* range) {
+  const ChannelModel& channel = channels[c];
   for (int j = 0; j < lattice.rows; ++j)
     for (int i = 0; i < lattice.columns; ++i) {
       const auto n = static_cast<std::size_t>(j * lattice.columns + i);
       if (means[n] <= 0) continue;
       const bool ranged = ranges[n] > 0 && channel.knowsRange();
       const Level level = ranged ? channel.atRange(n, RangeBins::position(ranges[n])) : channel.plain(n);
-      const float expected = std::exp(level.log_mean), ratio = means[n] / expected;
-      pedestal.add(expected * brightnesses[n], ratio);
-      if (!ranged) continue;
-      const RangeLattice::Ground ground = range->groundAt(lattice.u(i), lattice.v(j));
-      tilt.add(ground, tilt.at(ground) * ratio);
+      const float expected = std::exp(level.log_mean);
+      RangeLattice::Ground ground;
+      if (ranged) ground = range->groundAt(lattice.u(i), lattice.v(j));
+      colour->learn(c, expected * brightnesses[n], means[n] / expected, ranged ? &ground : nullptr);
     }
-}
-
-float LightingModel::Impl::lift() const {
-  float sum = 0;
-  for (const ChannelModel& c : channels) sum += c.contrast();
-  const float least = encoded() ? kLeastContrast / kGamma : kLeastContrast;
-  return std::max(1.0F, least * static_cast<float>(channels.size()) / std::max(sum, kMinSigma));
 }
 
 void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range, double exposure_s) {
@@ -199,7 +177,7 @@ void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range,
       const auto n = static_cast<std::size_t>(j * lattice.columns + i);
       ranges[n] = range == nullptr ? 0.0F : range->at(lattice.u(i), lattice.v(j));
       brightnesses[n] = brightness(exposure_s);
-      if (ranges[n] > 0) brightnesses[n] *= tilt.at(range->groundAt(lattice.u(i), lattice.v(j)));
+      if (ranges[n] > 0) brightnesses[n] *= colour->lit(range->groundAt(lattice.u(i), lattice.v(j)));
     }
   if (bits == 8)
     learn<std::uint8_t>(image, range);
@@ -209,15 +187,16 @@ void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range,
   ++held;
   if (config.memory > 0 && held >= 2 * config.memory) {
     for (ChannelModel& channel : channels) channel.statistics().halve();
-    tilt.halve();
-    for (Pedestal& p : pedestals) p.halve();
+    colour->halve();
     held /= 2;
   }
   samples += lattice.size() * channels.size() * NodeStatistics::kSamplesPerImage;
   if (held > kSolveAlways && images - solved_images < held / kSolveFraction) return;
   for (ChannelModel& channel : channels) channel.solve(held, config.outlier);
-  tilt.solve();
-  for (Pedestal& p : pedestals) p.solve();
+  float contrast = 0;
+  for (const ChannelModel& channel : channels)
+    contrast += channel.contrast() / static_cast<float>(channels.size());
+  colour->solve(contrast);
   solved_images = images;
 }
 
@@ -229,16 +208,6 @@ Correction LightingModel::Impl::stretch(const Level& level, float brightness) co
   return {grey * gain / full, grey * (static_cast<float>(config.target_mean) - gain * mean)};
 }
 
-Correction LightingModel::Impl::colour(float pedestal, float lift, const Level& level,
-                                       float brightness) const {
-  const float mean = brightness * std::exp(level.log_mean);
-  const auto target = static_cast<float>(config.target_mean);
-  const float light = encoded() ? target : linearOf(target), to = encoded() ? 255.0F : 1.0F;
-  const float returned = std::max({mean - pedestal, kLeastLight * mean, kMinSigma});
-  const float gain = light * lift / returned;
-  return {to * gain / static_cast<float>((1 << bits) - 1), to * (light - gain * mean)};
-}
-
 void LightingModel::Impl::nodeRow(Purpose purpose, LightingKind kind, const RangeLattice* range,
                                   float brightness, int j, NodeRow& row) const {
   for (int i = 0; i < lattice.columns; ++i) {
@@ -248,8 +217,9 @@ void LightingModel::Impl::nodeRow(Purpose purpose, LightingKind kind, const Rang
       path = range->at(lattice.u(i), lattice.v(j));
     const float position = path > 0 ? RangeBins::position(path) : 0;
     // What is matched keeps its slopes' shading, which is texture, too.
-    const float lit =
-        path > 0 && purpose == Purpose::kColour ? tilt.at(range->groundAt(lattice.u(i), lattice.v(j))) : 1;
+    const float lit = path > 0 && purpose == Purpose::kColour
+                          ? colour->lit(range->groundAt(lattice.u(i), lattice.v(j)))
+                          : 1;
     for (std::size_t c = 0; c < channels.size(); ++c) {
       const ChannelModel& channel = channels[c];
       Correction& out = row[c][static_cast<std::size_t>(i)];
@@ -259,7 +229,7 @@ void LightingModel::Impl::nodeRow(Purpose purpose, LightingKind kind, const Rang
       if (!channel.known())
         out = {(linear ? 1.0F : 255.0F) / static_cast<float>((1 << bits) - 1), 0.0F};
       else
-        out = purpose == Purpose::kColour ? colour(pedestals[c].level(), lift(), level, lit * brightness)
+        out = purpose == Purpose::kColour ? colour->correction(c, level, lit * brightness)
                                           : stretch(level, brightness);
     }
   }
@@ -321,13 +291,7 @@ LightingModel::LightingModel(int width, int height, PixelFormat format, int bits
   require(format != PixelFormat::kBayerRggb || (width >= 2 && height >= 2),
           "a Bayer image has at least 2 x 2 pixels");
   require(bits == 8 || bits == 10 || bits == 12 || bits == 16, "bits must be 8, 10, 12 or 16");
-  require(config.target_mean > 0 && config.target_mean < 1, "target_mean must lie between 0 and 1");
-  require(config.target_sigma > 0 && config.target_sigma < 1, "target_sigma must lie between 0 and 1");
-  require(config.min_images >= 1, "min_images must be at least 1");
-  require(config.grid >= 1 && config.grid <= kMaxGrid, "grid must be 1 to 256 px");
-  require(config.saturated > 0 && config.saturated <= 1, "saturated must lie between 0 and 1");
-  require(config.outlier >= 1, "outlier must be at least 1");
-  require(config.memory >= 0, "memory must not be negative");
+  validate(config);
   const NodeLattice lattice(width, height, config.grid);
   impl_ = std::make_unique<Impl>();
   impl_->width = width;
@@ -343,7 +307,7 @@ LightingModel::LightingModel(int width, int height, PixelFormat format, int bits
   impl_->brightnesses.resize(lattice.size());
   for (const Channel& channel : channelsOf(width, height, format))
     impl_->channels.emplace_back(channel, lattice);
-  impl_->pedestals.resize(impl_->channels.size());
+  impl_->colour.emplace(impl_->channels.size(), impl_->encoded(), bits, config.target_mean);
 }
 
 LightingModel::~LightingModel() = default;
@@ -377,6 +341,15 @@ void LightingModel::correctColour(const ImageView& image, const RangeLattice& ra
     impl_->correct<Encoding::kSrgb>(Purpose::kColour, image, &range, exposure_s, out);
 }
 
+void LightingModel::colours(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic,
+                            std::uint8_t* rgb, double exposure_s) const {
+  const Impl& m = *impl_;
+  correctColour(image, range, mosaic, exposure_s);
+  demosaicRgb(
+      {mosaic, m.width, m.height, static_cast<std::size_t>(m.width * m.samples_per_pixel), m.format, 8}, rgb);
+  if (m.fits(image)) greyWhereClipped(image, m.config.saturated, rgb);
+}
+
 void LightingModel::correct(const ImageView& image, std::uint8_t* out) const {
   impl_->correct<Encoding::kLevels>(Purpose::kMatching, image, nullptr, 0, out);
 }
@@ -394,6 +367,10 @@ LightingModel::Report LightingModel::report() const {
   report.error_plain = m.choice.error(LightingKind::kPlain);
   report.error_range = m.choice.error(LightingKind::kRangeDependent);
   report.memory_bytes = sizeof(Impl) + 3 * m.ranges.capacity() * sizeof(float);
+  report.tilt = static_cast<double>(m.colour->tilt().strength());
+  report.lamp = m.colour->tilt().lamp();
+  for (std::size_t c = 0; c < m.channels.size(); ++c)
+    report.black = std::max(report.black, static_cast<double>(m.colour->pedestal(c)));
   std::uint64_t saturated = 0;
   for (const ChannelModel& channel : m.channels) {
     report.outlier_share += channel.statistics().outlierShare() / static_cast<double>(m.channels.size());
@@ -413,8 +390,7 @@ LightingModel::Report LightingModel::report() const {
 template <typename Archive, typename Self>
 void LightingModel::Impl::exchange(Archive& archive, Self& self) {
   archive(self.images, self.solved_images, self.held, self.exposure, self.ignored, self.samples, self.choice,
-          self.tilt);
-  archive.fixed(self.pedestals);
+          *self.colour);
   for (auto& channel : self.channels) archive(channel);
   archive.require(self.solved_images >= 0 && self.solved_images <= self.images, "more learnt than seen");
   archive.require(self.held >= 0 && self.held <= self.images && self.exposure >= 0, "more held than learnt");

@@ -73,6 +73,12 @@ class LightingModel {
   void correctColour(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
                      double exposure_s = 0) const;
 
+  // correctColour() and demosaicRgb(); `mosaic` is room for the one, `rgb` (3 * width * height bytes)
+  // receives the other. Where a sample is clipped the hue is not known: grey there, as light as the lightest
+  // channel, which is the least wrong.
+  void colours(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic, std::uint8_t* rgb,
+               double exposure_s = 0) const;
+
   // Which model correct() uses.
   [[nodiscard]] LightingKind used() const;
 
@@ -84,6 +90,9 @@ class LightingModel {
     // Mean absolute error with which each model foretold images, in natural logarithms; negative: never
     // tried.
     double error_whole = -1, error_plain = -1, error_range = -1;
+    double black = 0;            // greatest channel's reading without light from the ground, of full scale
+    double tilt = 0;             // how strongly slopes darken; 1: Lambert's law
+    Eigen::Vector2f lamp{0, 0};  // where the lamps are effectively, across the camera's axis [m]
     std::array<Attenuation, 3> attenuation;  // red, green, blue; a mono image: all alike; 0 without ranges
     std::size_t memory_bytes = 0;
   };
@@ -105,5 +114,9 @@ class LightingModel {
 // `out` as it is.
 void demosaicRgb(const ImageView& mosaic, std::uint8_t* out);
 void demosaicMono(const ImageView& mosaic, std::uint8_t* out);
+
+// Makes pixels of `rgb` grey whose samples in `raw` (as the camera gave it, the same size) reach `limit` of
+// full scale in any channel.
+void greyWhereClipped(const ImageView& raw, double limit, std::uint8_t* rgb);
 
 }  // namespace fathom::lighting

@@ -15,7 +15,7 @@ void Pedestal::add(float expected, float ratio) {
   if (!(expected > 0) || !(ratio < kGross)) return;
   const float at = std::round(-kPerOctave * std::log2(expected));
   const auto k = static_cast<std::size_t>(std::clamp(at, 0.0F, static_cast<float>(kClasses - 1)));
-  count_[k] += 1, sum_[k] += ratio, squares_[k] += ratio * ratio;
+  count_[k] += 1, expected_[k] += expected, sum_[k] += ratio, squares_[k] += ratio * ratio;
 }
 
 void Pedestal::solve() {
@@ -29,7 +29,7 @@ void Pedestal::solve() {
     if (n < kFewest) continue;
     const double mean = sum_[k] / n, variance = squares_[k] / n - mean * mean;
     if (!(variance > 0)) continue;
-    const double contrast = std::sqrt(variance), m = std::exp2(-static_cast<double>(k) / kPerOctave);
+    const double contrast = std::sqrt(variance), m = expected_[k] / n;
     const double weight = 1 / (variance * (kAlike / (2 * n) + kOther * kOther));
     w += weight, wx += weight / m, wy += weight * contrast;
     wxx += weight / (m * m), wxy += weight * contrast / m;
@@ -46,7 +46,8 @@ void Pedestal::solve() {
 }
 
 void Pedestal::halve() {
-  for (std::size_t k = 0; k < count_.size(); ++k) count_[k] /= 2, sum_[k] /= 2, squares_[k] /= 2;
+  for (std::size_t k = 0; k < count_.size(); ++k)
+    count_[k] /= 2, expected_[k] /= 2, sum_[k] /= 2, squares_[k] /= 2;
 }
 
 }  // namespace fathom::lighting

@@ -21,13 +21,13 @@ class Pedestal {
   // For saved state (state_archive.hpp).
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.count_, self.sum_, self.squares_, self.level_);
+    archive(self.count_, self.expected_, self.sum_, self.squares_, self.level_);
   }
 
  private:
   static constexpr int kClasses =
       25;  // half octaves down from full scale, to a sixteenth of a level of 8 bits
-  std::array<float, kClasses> count_{}, sum_{}, squares_{};
+  std::array<float, kClasses> count_{}, expected_{}, sum_{}, squares_{};
   float level_ = 0;
 };
 

@@ -22,5 +22,26 @@ TEST(QuarterAtlas, IsTheMeanOfFourByFourTexelsAndKeepsTheSurface) {
   EXPECT_EQ(quarter.surface.mesh.vertices, tile.surface.mesh.vertices);
 }
 
+// Two faces of a square, light on its left and dark on its right.
+TEST(VertexColours, AreTheTexturesMeanAboutEachVertexWhicheverChartItStandsIn) {
+  TexturedTile tile;
+  tile.texel = 0.1;
+  Mesh& mesh = tile.surface.mesh;
+  mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 0, 0}, {1, 1, 0}, {0, 1, 0}};
+  mesh.triangles = {{0, 1, 2}, {3, 4, 5}};
+  mesh.texture_coordinates = {{0, 0}, {0, 1}, {1, 1}, {0, 0}, {1, 1}, {1, 0}};
+  tile.atlas = {20, 20, std::vector<std::uint8_t>(3 * 20 * 20, 40)};
+  for (int y = 0; y < 20; ++y)
+    for (int x = 0; x < 10; ++x) tile.atlas.at(x, y)[0] = 200;
+  colourVertices(tile);
+  ASSERT_EQ(mesh.colours.size(), mesh.vertices.size());
+  EXPECT_EQ(mesh.colours[1], (Rgb{200, 40, 40}));
+  EXPECT_EQ(mesh.colours[5], (Rgb{40, 40, 40}));
+  EXPECT_EQ(mesh.colours[0], mesh.colours[3]);  // one place
+  EXPECT_EQ(mesh.colours[2], mesh.colours[4]);
+  EXPECT_GT(mesh.colours[0][0], 150);
+  EXPECT_LT(mesh.colours[2][0], 90);
+}
+
 }  // namespace
 }  // namespace fathom::surface

@@ -156,8 +156,8 @@ void MapCore::learnLight(const MapInput& input, double range, const stereo::Ster
     left_light_.add(input.left, ranges_.left(), input.left_exposure_s);
     right_light_.add(input.right, ranges_.right(), input.right_exposure_s);
   }
-  left_light_.correctColour(input.left, ranges_.left(), left_mosaic_.data(), input.left_exposure_s);
-  lighting::demosaicRgb(eightBitView(left_mosaic_, config_.rig.left, config_.left_format), left_rgb_.data());
+  left_light_.colours(input.left, ranges_.left(), left_mosaic_.data(), left_rgb_.data(),
+                      input.left_exposure_s);
 }
 
 const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const stereo::SeedPlane& plane) {

@@ -64,9 +64,8 @@ RgbImage PairImages::colours(const stereo::SeedPlane& plane, std::span<const Eig
   left_ranges_.fromPlane(plane.normal, plane.distance, ranges);
   left_ranges_.bendTo(points, ranges);
   left_.resize(pixelsOf(rig_.left) * samplesPerPixel(left_file_.view.format));
-  models_.left.correctColour(left_file_.view, ranges, left_.data());
   RgbImage image{rig_.left.width, rig_.left.height, std::vector<std::uint8_t>(3 * pixelsOf(rig_.left))};
-  lighting::demosaicRgb(eightBitView(left_, rig_.left, left_file_.view.format), image.rgb.data());
+  models_.left.colours(left_file_.view, ranges, left_.data(), image.rgb.data());
   return image;
 }
 

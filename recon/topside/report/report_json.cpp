@@ -77,6 +77,8 @@ Json lightingJson(const lighting::LightingModel::Report& l) {
             {"range_dependent", error(l.error_range)}}},
           {"outlier_share", l.outlier_share},
           {"saturated_share", l.saturated_share},
+          {"black_level", l.black},
+          {"tilt", {{"strength", l.tilt}, {"lamp_x_m", l.lamp.x()}, {"lamp_y_m", l.lamp.y()}}},
           {"attenuation", attenuation},
           {"memory_bytes", l.memory_bytes}};
 }
