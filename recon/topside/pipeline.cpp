@@ -86,6 +86,7 @@ void fillRecord(RunRecord& record, Dive& dive, const StageStore& store, const As
   record.left_lighting = lighting.left.report();
   record.right_lighting = lighting.right.report();
   record.lighting_unreadable = lighting.unreadable;
+  record.overlap = overlapColours(dive);
   for (const WorkFile& file : dive.pieceFiles()) {
     const PieceFacts facts = readPieceFacts(file);
     record.fusion.triangles += facts.fusion.triangles;

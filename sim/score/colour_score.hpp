@@ -5,16 +5,12 @@
 #include <optional>
 #include <vector>
 
+#include "recon/geometry/colour_difference.hpp"
 #include "recon/geometry/mesh.hpp"
 #include "recon/geometry/se3.hpp"
 #include "sim/score/truth_surface.hpp"
 
 namespace fathom::sim {
-
-// CIE L*a*b* (D65, 2 degrees) of linear sRGB, 0 to 1.
-[[nodiscard]] Eigen::Vector3d labOf(const Eigen::Vector3d& linear);
-// CIEDE2000, after Sharma, Wu and Dalal 2005, "The CIEDE2000 color-difference formula", Color Res. Appl. 30.
-[[nodiscard]] double ciede2000(const Eigen::Vector3d& lab_a, const Eigen::Vector3d& lab_b);
 
 // Errors of a product's colours against the truth's albedo (CIEDE2000), over squares of kColourCell in plan,
 // after one gain for each channel in linear light: white balance and exposure, which no image tells.

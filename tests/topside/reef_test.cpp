@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <map>
+#include <nlohmann/json.hpp>
 #include <numbers>
 #include <random>
 
@@ -34,6 +35,16 @@ TEST_F(ReefQuick, TheMapOfASimulatedDiveLiesOnTheTrueSeafloor) {
               done_.area, 1e3 * static_cast<double>(median), 1e3 * static_cast<double>(p95));
   EXPECT_LT(median, 0.033F);  // one voxel
   EXPECT_LT(p95, 0.10F);
+}
+
+TEST_F(ReefQuick, TheSamePlaceHasTheSameColourInEveryImage) {
+  const auto report = nlohmann::json::parse(test::readText(out_->path() / "topside" / "report.json"));
+  const auto& overlap = report.at("lighting").at("overlap");
+  std::printf("%s\n", overlap.dump().c_str());
+  EXPECT_GT(overlap.at("places").get<int>(), 1000);
+  EXPECT_LT(overlap.at("luminance_after").get<double>(), 0.5 * overlap.at("luminance_before").get<double>());
+  EXPECT_LT(overlap.at("luminance_after").get<double>(), 0.05);
+  EXPECT_LT(overlap.at("chroma_after").get<double>(), 1.5);
 }
 
 TEST_F(ReefQuick, ImagesOfAnyNameWithGivenPosesMakeTheSameMap) {

@@ -24,6 +24,9 @@ class PairImages {
   [[nodiscard]] bool readLeft(const ImagePair& pair);
   [[nodiscard]] const std::string& error() const { return error_; }
 
+  // The left image as it was read, until the next one is.
+  [[nodiscard]] const ImageView& asRead() const { return left_file_.view; }
+
   // Corrects the left image alone: 8-bit mono, until the next call.
   [[nodiscard]] ImageView correctLeft(const stereo::SeedPlane& plane);
   // Corrects both by the ranges to a plane; then the views below hold 8-bit mono images.

@@ -13,6 +13,7 @@
 #include "recon/topside/input/navigation.hpp"
 #include "recon/topside/localise/slam_stage.hpp"
 #include "recon/topside/report/map_picture.hpp"
+#include "recon/topside/report/overlap_colours.hpp"
 
 namespace fathom::topside {
 
@@ -41,6 +42,7 @@ struct RunRecord {
   std::uint64_t texels = 0, texels_unseen = 0, texels_outvoted = 0;
   std::uint64_t lighting_unreadable = 0;
   lighting::LightingModel::Report left_lighting, right_lighting;
+  OverlapColours overlap;
   std::size_t pieces = 0;
   std::vector<LevelSummary> levels;
   std::vector<LayerInfo> layers;

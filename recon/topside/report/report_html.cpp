@@ -90,6 +90,15 @@ void addLighting(web::Report& report, const RunRecord& r) {
   report.text("The model that foretold images best, before it learnt them, corrects.");
   report.table({"camera", "model used", "error: whole image", "plain", "range-dependent", "samples left out"},
                rows);
+  if (r.overlap.places == 0) return;
+  report.text("The same places in two images that show them, medians over " +
+              std::to_string(r.overlap.places) + " places in " + std::to_string(r.overlap.couples) +
+              " couples of images:");
+  report.table({"", "luminance differs by", "chroma (CIE a*, b*) by"},
+               {{"as they came, one white balance", decimals(100 * r.overlap.before.luminance, 1) + " %",
+                 decimals(r.overlap.before.chroma, 2)},
+                {"corrected", decimals(100 * r.overlap.after.luminance, 1) + " %",
+                 decimals(r.overlap.after.chroma, 2)}});
 }
 
 // Stages of a pair as table 2 of Johnson-Roberson et al. 2010 counts them.

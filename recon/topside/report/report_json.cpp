@@ -86,6 +86,13 @@ Json lightingJson(const lighting::LightingModel::Report& l) {
 Json lightingJson(const RunRecord& r) {
   return {{"images_learned", r.left_lighting.images},
           {"unreadable", r.lighting_unreadable},
+          {"overlap",
+           {{"couples", r.overlap.couples},
+            {"places", r.overlap.places},
+            {"luminance_before", r.overlap.before.luminance},
+            {"luminance_after", r.overlap.after.luminance},
+            {"chroma_before", r.overlap.before.chroma},
+            {"chroma_after", r.overlap.after.chroma}}},
           {"left", lightingJson(r.left_lighting)},
           {"right", lightingJson(r.right_lighting)}};
 }

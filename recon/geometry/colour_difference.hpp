@@ -1,0 +1,12 @@
+#pragma once
+
+#include <Eigen/Core>
+
+namespace fathom {
+
+// CIE L*a*b* (D65, 2 degrees) of linear sRGB, 0 to 1.
+[[nodiscard]] Eigen::Vector3d labOf(const Eigen::Vector3d& linear);
+// CIEDE2000, after Sharma, Wu and Dalal 2005, "The CIEDE2000 color-difference formula", Color Res. Appl. 30.
+[[nodiscard]] double ciede2000(const Eigen::Vector3d& lab_a, const Eigen::Vector3d& lab_b);
+
+}  // namespace fathom

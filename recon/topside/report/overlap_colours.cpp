@@ -1,0 +1,176 @@
+#include "recon/topside/report/overlap_colours.hpp"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "recon/geometry/colour_difference.hpp"
+#include "recon/geometry/order_statistics.hpp"
+#include "recon/topside/dive.hpp"
+#include "recon/topside/light/pair_images.hpp"
+
+namespace fathom::topside {
+namespace {
+
+constexpr int kReach = 8;  // of the square about a pixel that is a place [px]
+
+// IEC 61966-2-1.
+double linearOf(double srgb) {
+  constexpr double kKnee = 0.04045;
+  return srgb <= kKnee ? srgb / 12.92 : std::pow((srgb + 0.055) / 1.055, 2.4);
+}
+
+struct Place {
+  Eigen::Vector3d a, b;  // linear, in two images
+};
+struct Couple {
+  std::vector<Place> before, after;
+};
+
+// Mean light of the square about a pixel, as the camera gave it; RGB of 8 bits is sRGB.
+Eigen::Vector3d meanAbout(const ImageView& image, const Eigen::Vector2d& pixel) {
+  const int x0 = static_cast<int>(std::lround(pixel.x())), y0 = static_cast<int>(std::lround(pixel.y()));
+  const double full = (1 << image.bits) - 1;
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero(), count = Eigen::Vector3d::Zero();
+  for (int y = y0 - kReach; y <= y0 + kReach; ++y) {
+    const auto* line =
+        static_cast<const std::uint8_t*>(image.data) + static_cast<std::size_t>(y) * image.stride;
+    const auto sample = [&](int at) {
+      const auto k = static_cast<std::size_t>(at);
+      return (image.bits == 8 ? line[k] : reinterpret_cast<const std::uint16_t*>(line)[k]) / full;
+    };
+    for (int x = x0 - kReach; x <= x0 + kReach; ++x) {
+      if (image.format == PixelFormat::kRgb) {
+        for (int c = 0; c < 3; ++c)
+          sum(c) += image.bits == 8 ? linearOf(sample(3 * x + c)) : sample(3 * x + c);
+        count.array() += 1;
+      } else {
+        const int c = x % 2 + y % 2;  // red, green, green, blue
+        sum(c) += sample(x);
+        count(c) += 1;
+      }
+    }
+  }
+  return sum.cwiseQuotient(count);
+}
+
+// Couples that share ground: neighbours along the track, and closures.
+std::vector<std::pair<std::uint32_t, std::uint32_t>> couplesOf(const SlamResult* slam, std::size_t pairs) {
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> out;
+  const auto some = [](std::size_t count, const auto& take) {
+    const std::size_t most = std::min(count, kOverlapCouples);
+    for (std::size_t k = 0; k < most; ++k) take(k * count / most);
+  };
+  some(pairs - 1, [&](std::size_t k) {
+    out.emplace_back(static_cast<std::uint32_t>(k), static_cast<std::uint32_t>(k + 1));
+  });
+  if (slam != nullptr)
+    some(slam->closures.size(), [&](std::size_t k) {
+      if (slam->closures[k].kept) out.emplace_back(slam->closures[k].a, slam->closures[k].b);
+    });
+  return out;
+}
+
+class Comparer {
+ public:
+  explicit Comparer(Dive& dive)
+      : dive_(dive),
+        lighting_(dive.lighting()),
+        planes_(dive.planes()),
+        prepared_(dive.prepared()),
+        poses_(dive.poses()) {}
+
+  Couple compare(std::uint32_t a, std::uint32_t b) const {
+    Couple out;
+    if (!poses_[a].T_nav_body || !poses_[b].T_nav_body || !prepared_.facts()[a].has_mesh ||
+        !prepared_.facts()[b].has_mesh)
+      return out;
+    PairImages first(dive_.input(), lighting_), second(dive_.input(), lighting_);
+    const std::vector<ImagePair>& pairs = dive_.survey().list.pairs;
+    if (!first.readLeft(pairs[a]) || !second.readLeft(pairs[b])) return out;
+    const Mesh seen = prepared_.mesh(a);
+    const RgbImage one = first.colours(*planes_[a], seen.vertices),
+                   other = second.colours(*planes_[b], prepared_.mesh(b).vertices);
+    const SE3& T_body_cam = dive_.input().mission.T_body_cam;
+    const SE3 T_b_a = (*poses_[b].T_nav_body * T_body_cam).inverse() * (*poses_[a].T_nav_body * T_body_cam);
+    const Camera& camera = dive_.input().rig.left;
+    for (const Eigen::Vector3f& vertex : seen.vertices) {
+      const Eigen::Vector3d p = vertex.cast<double>(), q = T_b_a * p;
+      if (!(p.z() > 0) || !(q.z() > 0)) continue;
+      const Eigen::Vector2d here = camera.project(p), there = camera.project(q);
+      if (!inside(here, camera) || !inside(there, camera)) continue;
+      out.before.push_back({meanAbout(first.asRead(), here), meanAbout(second.asRead(), there)});
+      out.after.push_back({meanAbout(viewOf(one), here), meanAbout(viewOf(other), there)});
+    }
+    return out;
+  }
+
+ private:
+  static bool inside(const Eigen::Vector2d& pixel, const Camera& camera) {
+    return pixel.x() > kReach && pixel.y() > kReach && pixel.x() < camera.width - 1 - kReach &&
+           pixel.y() < camera.height - 1 - kReach;
+  }
+  static ImageView viewOf(const RgbImage& image) {
+    return {image.rgb.data(),  image.width,
+            image.height,      3 * static_cast<std::size_t>(image.width),
+            PixelFormat::kRgb, 8};
+  }
+
+  Dive& dive_;
+  const LightingModels& lighting_;
+  SeedPlanes planes_;
+  const PreparedGroups& prepared_;
+  const std::vector<NavigatedPose>& poses_;
+};
+
+// After one gain for each channel that makes the mean of all places grey.
+OverlapColours::Difference differenceOf(const std::vector<Place>& places) {
+  constexpr double kGrey = 0.2;  // a seafloor's mean albedo, where a* and b* are measured
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const Place& p : places) mean += 0.5 * (p.a + p.b) / static_cast<double>(places.size());
+  const Eigen::Vector3d gain = kGrey * mean.cwiseMax(1e-6).cwiseInverse();
+  const Eigen::Vector3d luminance(0.2126, 0.7152, 0.0722);
+  std::vector<double> light, chroma;
+  for (const Place& p : places) {
+    const Eigen::Vector3d a = gain.cwiseProduct(p.a), b = gain.cwiseProduct(p.b);
+    const double one = luminance.dot(a), other = luminance.dot(b);
+    if (!(one + other > 0)) continue;
+    light.push_back(2 * std::abs(one - other) / (one + other));
+    chroma.push_back((labOf(a) - labOf(b)).tail<2>().norm());
+  }
+  return {median(light), median(chroma)};
+}
+
+}  // namespace
+
+OverlapColours overlapColours(Dive& dive) {
+  OverlapColours out;
+  const std::size_t pairs = dive.survey().list.pairs.size();
+  if (dive.input().features_only || dive.input().mission.cameras.left_format == PixelFormat::kMono ||
+      pairs < 2)
+    return out;
+  const auto couples = couplesOf(dive.localised(), pairs);
+  const Comparer comparer(dive);
+  std::vector<Couple> seen(couples.size());
+  oneapi::tbb::parallel_for(std::size_t{0}, couples.size(), [&](std::size_t k) {
+    seen[k] = comparer.compare(couples[k].first, couples[k].second);
+  });
+  std::vector<Place> before, after;
+  for (const Couple& couple : seen) {
+    out.couples += !couple.before.empty();
+    before.insert(before.end(), couple.before.begin(), couple.before.end());
+    after.insert(after.end(), couple.after.begin(), couple.after.end());
+  }
+  out.places = before.size();
+  if (before.empty()) return out;
+  out.before = differenceOf(before);
+  out.after = differenceOf(after);
+  return out;
+}
+
+}  // namespace fathom::topside
