@@ -7,6 +7,16 @@
 
 namespace fathom {
 
+double linearFromSrgb(double srgb) {
+  constexpr double kKnee = 0.04045;
+  return srgb <= kKnee ? srgb / 12.92 : std::pow((srgb + 0.055) / 1.055, 2.4);
+}
+
+double luminanceOf(const Rgb& srgb) {
+  const auto linear = [&](std::size_t c) { return linearFromSrgb(srgb[c] / 255.0); };
+  return 0.2126 * linear(0) + 0.7152 * linear(1) + 0.0722 * linear(2);
+}
+
 Eigen::Vector3d labOf(const Eigen::Vector3d& linear) {
   Eigen::Matrix3d xyz_from_rgb;  // IEC 61966-2-1
   xyz_from_rgb << 0.4124564, 0.3575761, 0.1804375, 0.2126729, 0.7151522, 0.0721750, 0.0193339, 0.1191920,

@@ -91,7 +91,7 @@ struct LightingModel::Impl {
   void correctImage(Purpose purpose, const ImageView& image, const RangeLattice* range, float brightness,
                     std::uint8_t* out) const;
   template <Encoding kEncoding>
-  void correct(Purpose purpose, const ImageView& image, const RangeLattice* range, double exposure_s,
+  void correct(Purpose purpose, const ImageView& image, const RangeLattice* range, float brightness,
                std::uint8_t* out) const;
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
@@ -274,14 +274,14 @@ void LightingModel::Impl::correctImage(Purpose purpose, const ImageView& image, 
 
 template <Encoding kEncoding>
 void LightingModel::Impl::correct(Purpose purpose, const ImageView& image, const RangeLattice* range,
-                                  double exposure_s, std::uint8_t* out) const {
+                                  float brightness, std::uint8_t* out) const {
   if (!fits(image))
     std::memset(out, 0,
                 static_cast<std::size_t>(width) * static_cast<std::size_t>(height * samples_per_pixel));
   else if (bits == 8)
-    correctImage<kEncoding, std::uint8_t>(purpose, image, range, brightness(exposure_s), out);
+    correctImage<kEncoding, std::uint8_t>(purpose, image, range, brightness, out);
   else
-    correctImage<kEncoding, std::uint16_t>(purpose, image, range, brightness(exposure_s), out);
+    correctImage<kEncoding, std::uint16_t>(purpose, image, range, brightness, out);
 }
 
 LightingModel::LightingModel(int width, int height, PixelFormat format, int bits,
@@ -330,28 +330,29 @@ void LightingModel::add(const ImageView& image) {
 
 void LightingModel::correct(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
                             double exposure_s) const {
-  impl_->correct<Encoding::kLevels>(Purpose::kMatching, image, &range, exposure_s, out);
+  impl_->correct<Encoding::kLevels>(Purpose::kMatching, image, &range, impl_->brightness(exposure_s), out);
 }
 
 void LightingModel::correctColour(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
-                                  double exposure_s) const {
+                                  double exposure_s, double gain) const {
+  const float brightness = impl_->brightness(exposure_s) * static_cast<float>(gain);
   if (impl_->encoded())
-    impl_->correct<Encoding::kLevels>(Purpose::kColour, image, &range, exposure_s, out);
+    impl_->correct<Encoding::kLevels>(Purpose::kColour, image, &range, brightness, out);
   else
-    impl_->correct<Encoding::kSrgb>(Purpose::kColour, image, &range, exposure_s, out);
+    impl_->correct<Encoding::kSrgb>(Purpose::kColour, image, &range, brightness, out);
 }
 
 void LightingModel::colours(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic,
-                            std::uint8_t* rgb, double exposure_s) const {
+                            std::uint8_t* rgb, double exposure_s, double gain) const {
   const Impl& m = *impl_;
-  correctColour(image, range, mosaic, exposure_s);
+  correctColour(image, range, mosaic, exposure_s, gain);
   demosaicRgb(
       {mosaic, m.width, m.height, static_cast<std::size_t>(m.width * m.samples_per_pixel), m.format, 8}, rgb);
   if (m.fits(image)) greyWhereClipped(image, m.config.saturated, rgb);
 }
 
 void LightingModel::correct(const ImageView& image, std::uint8_t* out) const {
-  impl_->correct<Encoding::kLevels>(Purpose::kMatching, image, nullptr, 0, out);
+  impl_->correct<Encoding::kLevels>(Purpose::kMatching, image, nullptr, 1, out);
 }
 
 LightingKind LightingModel::used() const {

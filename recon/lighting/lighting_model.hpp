@@ -70,14 +70,15 @@ class LightingModel {
   // The same in sRGB for people and maps: each channel's light over the dive's mean of it, as it fell on the
   // chip, so that hues stay what they are; haze goes by how much less contrast there is than on average. RGB
   // of 8 bits is taken to be sRGB already, everything else to be linear light.
+  // `gain`: how much brighter the image is than its exposure tells.
   void correctColour(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
-                     double exposure_s = 0) const;
+                     double exposure_s = 0, double gain = 1) const;
 
   // correctColour() and demosaicRgb(); `mosaic` is room for the one, `rgb` (3 * width * height bytes)
   // receives the other. Where a sample is clipped the hue is not known: grey there, as light as the lightest
   // channel, which is the least wrong.
   void colours(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic, std::uint8_t* rgb,
-               double exposure_s = 0) const;
+               double exposure_s = 0, double gain = 1) const;
 
   // Which model correct() uses.
   [[nodiscard]] LightingKind used() const;

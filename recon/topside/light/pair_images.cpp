@@ -59,13 +59,14 @@ ImageView PairImages::right() const {
   return eightBitView(right_mono_, rig_.right, PixelFormat::kMono);
 }
 
-RgbImage PairImages::colours(const stereo::SeedPlane& plane, std::span<const Eigen::Vector3f> points) {
+RgbImage PairImages::colours(const stereo::SeedPlane& plane, std::span<const Eigen::Vector3f> points,
+                             double gain) {
   lighting::RangeLattice ranges;
   left_ranges_.fromPlane(plane.normal, plane.distance, ranges);
   left_ranges_.bendTo(points, ranges);
   left_.resize(pixelsOf(rig_.left) * samplesPerPixel(left_file_.view.format));
   RgbImage image{rig_.left.width, rig_.left.height, std::vector<std::uint8_t>(3 * pixelsOf(rig_.left))};
-  models_.left.colours(left_file_.view, ranges, left_.data(), image.rgb.data());
+  models_.left.colours(left_file_.view, ranges, left_.data(), image.rgb.data(), 0, gain);
   return image;
 }
 

@@ -35,7 +35,9 @@ class PairImages {
   [[nodiscard]] ImageView right() const;
 
   // The left image in colour, corrected by the ranges to a plane bent to points in the left camera frame.
-  [[nodiscard]] RgbImage colours(const stereo::SeedPlane& plane, std::span<const Eigen::Vector3f> points);
+  // `gain`: how much brighter it is than others of the same ground would be.
+  [[nodiscard]] RgbImage colours(const stereo::SeedPlane& plane, std::span<const Eigen::Vector3f> points,
+                                 double gain = 1);
 
  private:
   [[nodiscard]] bool readOne(const std::string& name, CameraSide side, io::ImageFile& file);

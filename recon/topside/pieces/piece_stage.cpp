@@ -170,7 +170,7 @@ Digest pieceKey(const PieceInputs& in, const fusion::Piece& piece, const Digest&
     hasher.add(in.prepared->meshDigest(pair));
     addPose(hasher, (*in.T_nav_cam)[pair]);
     if (!textured) continue;
-    hasher.add(image_identities[pair]);
+    hasher.add(image_identities[pair], (*in.gains)[pair]);
     addPlane(hasher, (*in.planes)[pair]);
   }
   return hasher.finish();

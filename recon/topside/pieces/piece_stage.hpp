@@ -24,6 +24,7 @@ struct PieceInputs {
   const std::vector<fusion::Footprint>* footprints = nullptr;  // of every pair
   const fusion::CellStatistics* statistics = nullptr;          // of all meshes
   const SeedPlanes* planes = nullptr;                          // of every pair
+  const std::vector<float>* gains = nullptr;                   // of every pair's left image
   ViewImages* images = nullptr;                                // null: no texture
   TileGrid grid;
   double texel = 0;  // finest [m]

@@ -3,12 +3,13 @@
 namespace fathom::topside {
 
 ViewImages::ViewImages(const MissionInput& input, const Survey& survey, const LightingModels& lighting,
-                       const PreparedGroups& prepared, const surface::BandWidths& bands,
-                       std::size_t most_bytes)
+                       const PreparedGroups& prepared, const std::vector<float>& gains,
+                       const surface::BandWidths& bands, std::size_t most_bytes)
     : input_(input),
       survey_(survey),
       lighting_(lighting),
       prepared_(prepared),
+      gains_(gains),
       bands_(bands),
       most_bytes_(most_bytes) {}
 
@@ -69,7 +70,7 @@ ViewImages::Image ViewImages::read(std::uint32_t pair) {
   if (reader->readLeft(survey_.list.pairs[pair])) {
     Mesh mesh;
     if (prepared_.facts()[pair].has_mesh) mesh = prepared_.mesh(pair);
-    RgbImage colours = reader->colours(*plane, mesh.vertices);
+    RgbImage colours = reader->colours(*plane, mesh.vertices, gains_[pair]);
     image = std::make_shared<const surface::BandImage>(surface::makeBands(std::move(colours), bands_));
   }
   const std::lock_guard lock(mutex_);

@@ -23,7 +23,8 @@ namespace fathom::topside {
 class ViewImages {
  public:
   ViewImages(const MissionInput& input, const Survey& survey, const LightingModels& lighting,
-             const PreparedGroups& prepared, const surface::BandWidths& bands, std::size_t most_bytes);
+             const PreparedGroups& prepared, const std::vector<float>& gains,
+             const surface::BandWidths& bands, std::size_t most_bytes);
   ViewImages(const ViewImages&) = delete;
   ViewImages& operator=(const ViewImages&) = delete;
 
@@ -43,6 +44,7 @@ class ViewImages {
   const Survey& survey_;
   const LightingModels& lighting_;
   const PreparedGroups& prepared_;
+  const std::vector<float>& gains_;  // of the images, by pair
   surface::BandWidths bands_;
   std::size_t most_bytes_, bytes_ = 0;
   mutable std::mutex mutex_;

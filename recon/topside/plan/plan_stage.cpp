@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/topside/plan/image_gains.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::fusion {
@@ -24,7 +25,7 @@ void exchangeState(Archive& archive, topside::Is<Piece> auto& piece) {
 namespace fathom::topside {
 namespace {
 
-constexpr std::uint32_t kPlanVersion = 1;  // changes with the result
+constexpr std::uint32_t kPlanVersion = 3;  // changes with the result
 constexpr double kTexelStep = 0.0001;      // [m]
 constexpr fusion::Footprint kNowhere{{1, 1, 0, 0}};
 
@@ -71,6 +72,7 @@ ModelPlan planModel(const PreparedGroups& prepared, const std::vector<SE3>& T_na
   std::vector<std::pair<std::uint32_t, std::uint32_t>> joined;
   for (const slam::NavigationLink& link : closures)
     if (link.kept) joined.emplace_back(link.a, link.b);
+  plan.gains = imageGains(prepared, T_nav_cam, joined);
   plan.pieces = fusion::divideSpace(plan.footprints, joined, grid, division);
   return plan;
 }
@@ -97,7 +99,7 @@ Digest planKey(const MissionInput& input, const TopsideConfig& config, const Til
 
 void savePlan(WorkFileWriter& file, const ModelPlan& plan) {
   file.add("plan", savedBytes([&](rt::StateWriter& writer) {
-             writer(plan.footprints, plan.pieces, plan.statistics.save(), plan.texel);
+             writer(plan.footprints, plan.pieces, plan.statistics.save(), plan.gains, plan.texel);
            }));
 }
 
@@ -106,7 +108,8 @@ ModelPlan loadPlan(const WorkFile& file) {
   rt::StateReader reader(bytes);
   ModelPlan plan;
   Bytes statistics;
-  if (!reader(plan.footprints, plan.pieces, statistics, plan.texel) || !plan.statistics.load(statistics))
+  if (!reader(plan.footprints, plan.pieces, statistics, plan.gains, plan.texel) ||
+      !plan.statistics.load(statistics))
     throw DamagedWork(file.path());
   return plan;
 }

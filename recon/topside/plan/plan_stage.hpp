@@ -16,7 +16,8 @@ struct ModelPlan {
   std::vector<fusion::Footprint> footprints;  // of every pair's mesh; empty ones of pairs without
   std::vector<fusion::Piece> pieces;
   fusion::CellStatistics statistics;
-  double texel = 0;  // finest [m]
+  std::vector<float> gains;  // of every pair's left image, see imageGains
+  double texel = 0;          // finest [m]
 };
 
 // Poses of the left camera of every pair with a mesh; identity elsewhere.

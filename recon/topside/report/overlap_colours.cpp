@@ -19,12 +19,6 @@ namespace {
 
 constexpr int kReach = 8;  // of the square about a pixel that is a place [px]
 
-// IEC 61966-2-1.
-double linearOf(double srgb) {
-  constexpr double kKnee = 0.04045;
-  return srgb <= kKnee ? srgb / 12.92 : std::pow((srgb + 0.055) / 1.055, 2.4);
-}
-
 struct Place {
   Eigen::Vector3d a, b;  // linear, in two images
 };
@@ -47,7 +41,7 @@ Eigen::Vector3d meanAbout(const ImageView& image, const Eigen::Vector2d& pixel) 
     for (int x = x0 - kReach; x <= x0 + kReach; ++x) {
       if (image.format == PixelFormat::kRgb) {
         for (int c = 0; c < 3; ++c)
-          sum(c) += image.bits == 8 ? linearOf(sample(3 * x + c)) : sample(3 * x + c);
+          sum(c) += image.bits == 8 ? linearFromSrgb(sample(3 * x + c)) : sample(3 * x + c);
         count.array() += 1;
       } else {
         const int c = x % 2 + y % 2;  // red, green, green, blue
@@ -83,7 +77,8 @@ class Comparer {
         lighting_(dive.lighting()),
         planes_(dive.planes()),
         prepared_(dive.prepared()),
-        poses_(dive.poses()) {}
+        poses_(dive.poses()),
+        gains_(dive.plan().gains) {}
 
   Couple compare(std::uint32_t a, std::uint32_t b) const {
     Couple out;
@@ -94,8 +89,8 @@ class Comparer {
     const std::vector<ImagePair>& pairs = dive_.survey().list.pairs;
     if (!first.readLeft(pairs[a]) || !second.readLeft(pairs[b])) return out;
     const Mesh seen = prepared_.mesh(a);
-    const RgbImage one = first.colours(*planes_[a], seen.vertices),
-                   other = second.colours(*planes_[b], prepared_.mesh(b).vertices);
+    const RgbImage one = first.colours(*planes_[a], seen.vertices, gains_[a]),
+                   other = second.colours(*planes_[b], prepared_.mesh(b).vertices, gains_[b]);
     const SE3& T_body_cam = dive_.input().mission.T_body_cam;
     const SE3 T_b_a = (*poses_[b].T_nav_body * T_body_cam).inverse() * (*poses_[a].T_nav_body * T_body_cam);
     const Camera& camera = dive_.input().rig.left;
@@ -126,6 +121,7 @@ class Comparer {
   SeedPlanes planes_;
   const PreparedGroups& prepared_;
   const std::vector<NavigatedPose>& poses_;
+  const std::vector<float>& gains_;
 };
 
 // After one gain for each channel that makes the mean of all places grey.
