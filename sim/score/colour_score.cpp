@@ -36,6 +36,8 @@ struct Cell {
   double count = 0;
 };
 
+}  // namespace
+
 double correlation(const std::vector<double>& a, const std::vector<double>& b) {
   const auto n = static_cast<Eigen::Index>(a.size());
   const Eigen::ArrayXd x = Eigen::Map<const Eigen::ArrayXd>(a.data(), n),
@@ -44,8 +46,6 @@ double correlation(const std::vector<double>& a, const std::vector<double>& b) {
   const double power = std::sqrt(dx.square().sum() * dy.square().sum());
   return power > 0 ? (dx * dy).sum() / power : 0;
 }
-
-}  // namespace
 
 std::vector<ColouredPoint> colouredPoints(const Mesh& mesh) {
   std::vector<ColouredPoint> out;
@@ -107,7 +107,8 @@ std::vector<ColouredPoint> colouredPoints(const std::filesystem::path& orthomosa
 }
 
 std::optional<ColourScore> scoreColours(const std::vector<ColouredPoint>& points, const TruthSurface& truth,
-                                        const SE3& T_truth_nav, const std::vector<Eigen::Vector3d>& cameras) {
+                                        const SE3& T_truth_nav, const Camera& camera,
+                                        const std::vector<SE3>& cameras) {
   constexpr double kFar = 0.1;  // of the truth: another surface [m]
   std::map<std::pair<std::int32_t, std::int32_t>, Cell> cells;
   for (const ColouredPoint& p : points) {
@@ -128,7 +129,6 @@ std::optional<ColourScore> scoreColours(const std::vector<ColouredPoint>& points
   }
   if (all.empty()) return {};
   ColourScore out;
-  out.cells = all.size();
   for (Eigen::Index c = 0; c < 3; ++c) {
     std::vector<double> ratios;
     for (const Cell& cell : all) ratios.push_back(cell.truth(c) / cell.seen(c));
@@ -136,13 +136,27 @@ std::optional<ColourScore> scoreColours(const std::vector<ColouredPoint>& points
   }
   std::vector<double> errors, chroma, depths, ranges;
   for (const Cell& cell : all) {
-    const Eigen::Vector3d a = labOf(cell.truth), b = labOf(cell.seen.cwiseProduct(out.gains));
-    errors.push_back(ciede2000(a, b));
+    ColourCell& square = out.squares.emplace_back();
+    square = {cell.point, cell.truth, cell.seen.cwiseProduct(out.gains)};
+    const Eigen::Vector3d a = labOf(square.truth), b = labOf(square.seen);
+    square.error = ciede2000(a, b);
+    square.depth = cell.point.z();
+    square.range = std::numeric_limits<double>::infinity();
+    const SE3* nearest = nullptr;
+    for (const SE3& pose : cameras) {
+      const double range = (pose.translation() - cell.point).norm();
+      if (range < square.range) square.range = range, nearest = &pose;
+    }
+    square.height = std::numeric_limits<double>::quiet_NaN();
+    if (nearest != nullptr) {
+      const Eigen::Vector3d p = nearest->inverse() * cell.point;
+      const double height = p.z() > 0 ? camera.project(p).y() / (camera.height - 1.0) : -1;
+      if (height >= 0 && height <= 1) square.height = height;
+    }
+    errors.push_back(square.error);
     chroma.push_back((a - b).tail<2>().norm());
-    depths.push_back(cell.point.z());
-    double range = std::numeric_limits<double>::infinity();
-    for (const Eigen::Vector3d& camera : cameras) range = std::min(range, (camera - cell.point).norm());
-    ranges.push_back(range);
+    depths.push_back(square.depth);
+    ranges.push_back(square.range);
   }
   out.with_depth = correlation(errors, depths);
   out.with_range = cameras.empty() ? 0 : correlation(errors, ranges);

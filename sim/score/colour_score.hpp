@@ -5,12 +5,24 @@
 #include <optional>
 #include <vector>
 
+#include "recon/geometry/camera.hpp"
 #include "recon/geometry/colour_difference.hpp"
 #include "recon/geometry/mesh.hpp"
 #include "recon/geometry/se3.hpp"
 #include "sim/score/truth_surface.hpp"
 
 namespace fathom::sim {
+
+// One square in plan: what is there and what the product says, linear, after its white balance.
+struct ColourCell {
+  Eigen::Vector3d point, truth, seen;  // point: in the truth's nav [m]
+  double error = 0;                    // CIEDE2000
+  double range = 0, depth = 0;         // from the nearest camera; [m]
+  double height = 0;                   // in that camera's image, 0 top to 1 bottom; NaN: outside of it
+};
+
+// Pearson's; 0 where one of them does not vary.
+[[nodiscard]] double correlation(const std::vector<double>& a, const std::vector<double>& b);
 
 // Errors of a product's colours against the truth's albedo (CIEDE2000), over squares of kColourCell in plan,
 // after one gain for each channel in linear light: white balance and exposure, which no image tells.
@@ -19,7 +31,7 @@ struct ColourScore {
   double chroma = 0;                                // median distance in a*, b* alone
   double with_depth = 0, with_range = 0;            // correlation of the error with these
   Eigen::Vector3d gains = Eigen::Vector3d::Ones();  // red, green, blue
-  std::size_t cells = 0;
+  std::vector<ColourCell> squares;
 };
 inline constexpr double kColourCell = 0.05;  // [m]
 
@@ -35,10 +47,10 @@ struct ColouredPoint {
 [[nodiscard]] std::vector<ColouredPoint> colouredPoints(const std::filesystem::path& orthomosaic,
                                                         const TruthSurface& truth, const SE3& T_truth_nav);
 
-// `T_truth_nav`: takes the product's points onto the truth. `cameras`: places that images were taken from
-// [nav, m]. None where no square has points.
+// `T_truth_nav`: takes the product's points onto the truth. `camera`, `cameras`: what took the images, and
+// its poses in nav. None where no square has points.
 [[nodiscard]] std::optional<ColourScore> scoreColours(const std::vector<ColouredPoint>& points,
                                                       const TruthSurface& truth, const SE3& T_truth_nav,
-                                                      const std::vector<Eigen::Vector3d>& cameras);
+                                                      const Camera& camera, const std::vector<SE3>& cameras);
 
 }  // namespace fathom::sim

@@ -9,6 +9,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/text.hpp"
 #include "recon/geometry/mesh_io.hpp"
+#include "sim/score/colour_detail.hpp"
 #include "sim/score/surface_score.hpp"
 #include "sim/score/trajectory_score.hpp"
 
@@ -70,7 +71,7 @@ class Scorer {
 
  private:
   void addColours(const std::string& name, const std::vector<ColouredPoint>& points) {
-    if (const auto score = scoreColours(points, *surface_, alignment_, cameras_))
+    if (const auto score = scoreColours(points, *surface_, alignment_, rig_.left, cameras_))
       report_.colours.emplace_back(name, *score);
   }
 
@@ -90,14 +91,14 @@ class Scorer {
     Mesh mesh = readPly(file);
     if (mesh.empty()) throw InputError(file.string(), "", "has no triangles; make the mission again");
     surface_ = std::make_unique<TruthSurface>(std::move(mesh));
-    const StereoRig rig = readStereoCalib(paths_.calib());
+    rig_ = readStereoCalib(paths_.calib());
     std::vector<SE3> poses;
     for (const std::int64_t utc_ns : truth_.exposures()) {
       if (const auto pose = truth_.poseAt(utc_ns)) poses.push_back(*pose * config_.T_body_cam);
     }
     if (poses.empty()) note(paths_.truth() / "images.csv", "lists no exposures: coverage is 0");
-    seen_ = seenSeafloor(*surface_, rig.left, poses);
-    for (const SE3& pose : poses) cameras_.push_back(pose.translation());
+    seen_ = seenSeafloor(*surface_, rig_.left, poses);
+    cameras_ = std::move(poses);
   }
 
   io::MissionPaths paths_;
@@ -106,9 +107,10 @@ class Scorer {
   ScoreReport& report_;
   std::unique_ptr<TruthSurface> surface_;
   SeenSeafloor seen_;
-  std::vector<Eigen::Vector3d> cameras_;  // their true places
-  SE3 start_;                             // of the alignment, from the last trajectory
-  SE3 alignment_;                         // of the last surface
+  StereoRig rig_;
+  std::vector<SE3> cameras_;  // true poses
+  SE3 start_;                 // of the alignment, from the last trajectory
+  SE3 alignment_;             // of the last surface
 };
 
 nlohmann::ordered_json orNull(const std::optional<double>& value) {
@@ -194,7 +196,7 @@ std::string scoreJson(const ScoreReport& report) {
     json["colour"][name] = {{"median", s.median},         {"p95", s.p95},
                             {"chroma", s.chroma},         {"with_depth", s.with_depth},
                             {"with_range", s.with_range}, {"gains", {s.gains.x(), s.gains.y(), s.gains.z()}},
-                            {"squares", s.cells}};
+                            {"squares", s.squares.size()}};
   return json.dump();
 }
 
@@ -211,7 +213,12 @@ std::string scoreTable(const ScoreReport& report) {
     out += "colour [CIEDE2000]  median       p95   chroma  correlated with depth, range   squares\n";
   for (const auto& [name, s] : report.colours)
     out += formatted("  %-14s %9.2f %9.2f %8.2f %14.2f %14.2f %9zu\n", name.c_str(), s.median, s.p95,
-                     s.chroma, s.with_depth, s.with_range, s.cells);
+                     s.chroma, s.with_depth, s.with_range, s.squares.size());
+  if (!report.colours.empty())
+    out +=
+        "where: bounds of thirds, median and 95 % of each, lightness' correlation; what: median, 95 %, "
+        "squares\n";
+  for (const auto& [name, s] : report.colours) out += "  " + name + "\n" + colourDetail(s);
   return out;
 }
 
