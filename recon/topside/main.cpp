@@ -6,6 +6,7 @@
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/version.hpp"
+#include "recon/topside/commands/calibrate_colour_command.hpp"
 #include "recon/topside/commands/calibrate_command.hpp"
 #include "recon/topside/commands/check_calibration_command.hpp"
 #include "recon/topside/commands/check_tiles_command.hpp"
@@ -40,6 +41,7 @@ int main(int argc, char** argv) {
   add(addSlamCommand);
   add(addPosegraphCommand);
   add(addCalibrateCommand);
+  add(addCalibrateColourCommand);
   add(addCheckCalibrationCommand);
   if (const auto code = fathom::parseCommandLine("fathom-topside", app, argc, argv)) return *code;
   return fathom::runTool("fathom-topside", [&]() -> int {

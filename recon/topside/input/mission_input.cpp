@@ -10,6 +10,7 @@
 #include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/text.hpp"
+#include "recon/geometry/colour_matrix.hpp"
 #include "recon/geometry/flat_port.hpp"
 #include "recon/topside/input/calibration/calibration.hpp"
 
@@ -250,6 +251,8 @@ void addRig(Hasher& hasher, const MissionInput& input) {
                  p->water_index);
   }
   addPose(hasher, input.rig.T_right_left);
+  if (input.colours)
+    for (const double number : input.colours->reshaped()) hasher.add(number);
   const io::MissionConfig& m = input.mission;
   addPose(hasher, m.T_body_cam);
   addPose(hasher, m.T_body_dvl);
@@ -286,10 +289,14 @@ MissionInput openMission(const fs::path& folder, const InputOptions& options) {
   takeSizes(in.rig, in.paths.calib(), {0, 0}, {0, 0});
   if (in.rig.left.port) in.assumed.push_back("flat ports: " + portsBeside(in.paths.calib()).string());
 
+  in.colours = readColours(in.paths.calib());
+  if (in.colours) in.assumed.push_back("colours: " + coloursBeside(in.paths.calib()).string());
+
   Hasher hasher;
   digestFile(hasher, folder / "mission.toml");
   digestFile(hasher, in.paths.calib());
   digestFile(hasher, portsBeside(in.paths.calib()));
+  if (in.colours) digestFile(hasher, coloursBeside(in.paths.calib()));
   if (in.given_poses) {
     digestFile(hasher, poses);
   } else if (fs::exists(in.paths.log())) {

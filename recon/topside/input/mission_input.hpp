@@ -35,6 +35,7 @@ struct MissionInput {
   io::MissionPaths paths{""};
   io::MissionConfig mission;
   StereoRig rig;
+  std::optional<Eigen::Matrix3d> colours;  // of the left camera, to sRGB: see colour_matrix.hpp
   bool features_only = false;
   std::optional<io::StereoPoseFile> given_poses;
   std::vector<std::string> assumed;  // what no file says, a line each

@@ -19,7 +19,9 @@ void correctOne(const lighting::LightingModel& model, const lighting::RangeLatti
 }  // namespace
 
 PairImages::PairImages(const MissionInput& input, const LightingModels& models)
-    : input_(input), rig_(input.rig), models_(models), ranges_(rig_), left_ranges_(rig_.left) {}
+    : input_(input), rig_(input.rig), models_(models), ranges_(rig_), left_ranges_(rig_.left) {
+  if (input.colours) matrix_.emplace(*input.colours);
+}
 
 bool PairImages::readOne(const std::string& name, CameraSide side, io::ImageFile& file) {
   try {
@@ -67,6 +69,7 @@ RgbImage PairImages::colours(const stereo::SeedPlane& plane, std::span<const Eig
   left_.resize(pixelsOf(rig_.left) * samplesPerPixel(left_file_.view.format));
   RgbImage image{rig_.left.width, rig_.left.height, std::vector<std::uint8_t>(3 * pixelsOf(rig_.left))};
   models_.left.colours(left_file_.view, ranges, left_.data(), image.rgb.data(), 0, gain);
+  if (matrix_) matrix_->apply(image);
   return image;
 }
 

@@ -1,9 +1,11 @@
 #pragma once
 
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "recon/geometry/colour_matrix.hpp"
 #include "recon/geometry/rgb_image.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/rig_ranges.hpp"
@@ -49,6 +51,7 @@ class PairImages {
   lighting::RangeMaker left_ranges_;
   io::ImageFile left_file_, right_file_;
   std::vector<std::uint8_t> left_, right_, left_mono_, right_mono_;
+  std::optional<ColourMatrix> matrix_;
   std::string error_;
 };
 

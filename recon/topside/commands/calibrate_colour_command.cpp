@@ -1,0 +1,77 @@
+#include "recon/topside/commands/calibrate_colour_command.hpp"
+
+#include <cmath>
+#include <cstdio>
+#include <memory>
+
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
+#include "recon/geometry/colour_matrix.hpp"
+#include "recon/topside/calibration/chart_images.hpp"
+
+namespace fathom::topside {
+namespace {
+
+struct Options {
+  std::vector<std::filesystem::path> images;
+  std::vector<double> corners;
+  std::string format = "auto";
+  std::filesystem::path out;
+};
+
+int run(const Options& o) {
+  std::optional<ChartCorners> corners;
+  if (!o.corners.empty()) {
+    if (o.images.size() != 1) throw InputError("--corners", "", "are of one image; give one");
+    corners.emplace();
+    for (std::size_t k = 0; k < corners->size(); ++k)
+      (*corners)[k] = {o.corners[2 * k], o.corners[2 * k + 1]};
+  }
+  std::vector<calibration::ChartView> views;
+  for (const std::filesystem::path& image : o.images) {
+    views.push_back(readChart(image, samplesNamed(o.format), corners));
+    for (int k = 0; k < calibration::kPatches; ++k)
+      if (!views.back().patches[static_cast<std::size_t>(k)])
+        std::printf("%s: %s is clipped or too small, left out\n", image.c_str(), calibration::patchName(k));
+  }
+  const calibration::ColourCalibration done = calibrateColours(views, o.images[0].string());
+  std::printf("CIEDE2000         white balance alone   with the matrix\n");
+  for (int k = 0; k < calibration::kPatches; ++k) {
+    const auto i = static_cast<std::size_t>(k);
+    if (!std::isnan(done.after[i]))
+      std::printf("  %-14s %20.1f %17.1f\n", calibration::patchName(k), done.before[i], done.after[i]);
+  }
+  std::printf("median %.1f, with the matrix %.1f; worst then %.1f\n", done.median_before, done.median_after,
+              done.worst_after);
+  writeColours(o.out, done.matrix);
+  std::printf("%s written\n", o.out.c_str());
+  return kExitSuccess;
+}
+
+}  // namespace
+
+std::function<int()> addCalibrateColourCommand(CLI::App& app, CLI::App*& command) {
+  const auto options = std::make_shared<Options>();
+  command = app.add_subcommand("calibrate-colour",
+                               "a camera's colours from photographs of a chart of 24 patches, in water");
+  command->footer("Example: fathom-topside calibrate-colour chart.tif --out stereo.calib.colour");
+  command->add_option("images", options->images, "of the chart, by the left camera, at working range")
+      ->required()
+      ->check(CLI::ExistingFile);
+  command
+      ->add_option("--corners", options->corners,
+                   "where no chart is found: u,v of the outer corners of dark skin, bluish green, black and "
+                   "white, separated by commas [px]")
+      ->delimiter(',')
+      ->expected(8);
+  command->add_option("--format", options->format, "of the samples; auto: as the file says")
+      ->check(CLI::IsMember(sampleNames()))
+      ->capture_default_str();
+  command
+      ->add_option("--out", options->out,
+                   "file to write; beside stereo.calib as stereo.calib.colour it is used by itself")
+      ->required();
+  return [options] { return run(*options); };
+}
+
+}  // namespace fathom::topside
