@@ -92,7 +92,7 @@ void MissionRun::consumeMark(const io::Mark& mark) {
   if (mark.kind == io::Mark::Kind::kRestart) system_.noteRestart();
   if (mark.kind == io::Mark::Kind::kHealth)
     system_.setProgramHealth(static_cast<unsigned>(mark.number & 0xFFFFU),
-                          static_cast<std::uint32_t>(mark.number >> 16U));
+                             static_cast<std::uint32_t>(mark.number >> 16U));
 }
 
 void MissionRun::consume(const io::OnboardInput& input) {

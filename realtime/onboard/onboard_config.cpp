@@ -150,7 +150,8 @@ MapCoreConfig mapCoreConfig(const OnboardConfig& config, const io::MissionConfig
                     config.lighting,
                     config.map,
                     config.rebuild_meshes,
-                    config.localisation};
+                    config.localisation,
+                    config.colours};
   map.localisation.graph.lever = (mission.T_body_cam.translation() - mission.T_body_dvl.translation()).norm();
   return map;
 }

@@ -33,6 +33,7 @@ struct OnboardConfig {
   LiveConfig live;                                     // devices, recorder, real time, memory
   std::string warning;                                 // about the key file, or ""
   std::string text;                                    // of the file, verbatim
+  std::optional<Eigen::Matrix3d> colours;              // of the left camera: not the file's, by the caller
 };
 
 // Without a path: the defaults. Throws InputError for an unknown key or a value out of range.

@@ -16,6 +16,7 @@
 #include "realtime/onboard/recorded_pairs.hpp"
 #include "realtime/onboard/restarting_run.hpp"
 #include "realtime/onboard/slots/slot_file.hpp"
+#include "recon/geometry/colour_matrix.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -78,6 +79,7 @@ ReplaySummary replay(const ReplayOptions& options) {
   if (!config.warning.empty()) std::fprintf(stderr, "fathom-onboard: warning: %s\n", config.warning.c_str());
   if (options.no_slam) config.localisation.enabled = false;
   const StereoRig rig = readStereoCalib(paths.calib());
+  config.colours = readColours(paths.calib());
 
   std::uint64_t damaged = 0;
   const std::vector<io::OnboardInput> inputs = io::readOnboardInputs(options.mission, damaged);

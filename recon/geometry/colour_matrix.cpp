@@ -51,9 +51,9 @@ ColourMatrix::ColourMatrix(const Eigen::Matrix3d& matrix) : matrix_(matrix.cast<
   }
 }
 
-void ColourMatrix::apply(RgbImage& image) const {
-  for (std::size_t k = 0; k + 2 < image.rgb.size(); k += 3) {
-    std::uint8_t* pixel = &image.rgb[k];
+void ColourMatrix::apply(std::span<std::uint8_t> rgb) const {
+  for (std::size_t k = 0; k + 2 < rgb.size(); k += 3) {
+    std::uint8_t* pixel = &rgb[k];
     const Eigen::Vector3f light =
         matrix_ * Eigen::Vector3f(linear_[pixel[0]], linear_[pixel[1]], linear_[pixel[2]]);
     for (int c = 0; c < 3; ++c)

@@ -5,9 +5,8 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <vector>
-
-#include "recon/geometry/rgb_image.hpp"
 
 namespace fathom {
 
@@ -18,12 +17,13 @@ namespace fathom {
 [[nodiscard]] std::optional<Eigen::Matrix3d> readColours(const std::filesystem::path& calibration);
 void writeColours(const std::filesystem::path& file, const Eigen::Matrix3d& matrix);
 
-// Takes images of 8-bit sRGB through a matrix in linear light, by tables. Allocates nothing after its
+// Takes 8-bit sRGB through a matrix in linear light, by tables. Allocates nothing after its
 // constructor.
 class ColourMatrix {
  public:
   explicit ColourMatrix(const Eigen::Matrix3d& matrix);
-  void apply(RgbImage& image) const;
+  // Of pixels, three samples each.
+  void apply(std::span<std::uint8_t> rgb) const;
 
  private:
   static constexpr int kSteps = 4096;

@@ -117,16 +117,16 @@ TEST_F(ColourChart, AMatrixBesideACalibrationTurnsColoursAndNoGrey) {
   writeColours(coloursBeside(calib), crosstalk().inverse());
   const Eigen::Matrix3d matrix = readColours(calib).value();
   EXPECT_LT((matrix - crosstalk().inverse()).norm(), 1e-6);
-  RgbImage image{3, 1, {90, 90, 90, 150, 90, 60, 255, 255, 255}};
+  std::vector<std::uint8_t> image = {90, 90, 90, 150, 90, 60, 255, 255, 255};
   ColourMatrix(matrix).apply(image);
-  EXPECT_NEAR(image.at(0, 0)[0], 90, 1);
-  EXPECT_NEAR(image.at(0, 0)[2], 90, 1);
-  EXPECT_EQ(image.at(2, 0)[1], 255);
+  EXPECT_NEAR(image[0], 90, 1);
+  EXPECT_NEAR(image[2], 90, 1);
+  EXPECT_EQ(image[7], 255);
   const Eigen::Vector3d expected =
       matrix *
       Eigen::Vector3d(linearFromSrgb(150 / 255.0), linearFromSrgb(90 / 255.0), linearFromSrgb(60 / 255.0));
   for (int c = 0; c < 3; ++c)
-    EXPECT_NEAR(linearFromSrgb(image.at(1, 0)[c] / 255.0), std::max(expected(c), 0.0), 0.004);
+    EXPECT_NEAR(linearFromSrgb(image[3 + c] / 255.0), std::max(expected(c), 0.0), 0.004);
   std::ofstream(coloursBeside(calib)) << "1 0 0 0 1 0 0 0 2";
   EXPECT_THROW((void)readColours(calib), InputError);
   std::ofstream(coloursBeside(calib)) << "1 0 0";

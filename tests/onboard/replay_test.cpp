@@ -9,6 +9,7 @@
 #include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/onboard/onboard_config.hpp"
+#include "recon/geometry/colour_matrix.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "telemetry/ship/link_receiver.hpp"
 #include "telemetry/wire/packet_log.hpp"
@@ -50,6 +51,37 @@ TEST(Replay, TwoReplaysGiveTheSameBytesInEveryFileButTheTimes) {
   }
   EXPECT_EQ(files, 7);
   EXPECT_FALSE(std::filesystem::exists(folder.path() / "a.tmp"));
+}
+
+TEST(Replay, TheMapHasTheColoursOfTheMatrixBesideTheCalibration) {
+  const test::TemporaryFolder folder;
+  const std::filesystem::path mission = folder.path() / "mission";
+  std::filesystem::create_directory(mission);
+  for (const auto& entry : std::filesystem::directory_iterator(kMission))
+    if (entry.path().filename() != "onboard" && entry.path().filename() != "topside")
+      std::filesystem::create_symlink(entry.path(), mission / entry.path().filename());
+  ReplayOptions options = into(folder.path() / "plain");
+  options.mission = mission;
+  replay(options);
+  // Red and green change places.
+  Eigen::Matrix3d matrix = Eigen::Matrix3d::Identity();
+  matrix.row(0).swap(matrix.row(1));
+  writeColours(coloursBeside(mission / "stereo.calib"), matrix);
+  options.out = folder.path() / "changed";
+  replay(options);
+  const Mesh plain = readPly(folder.path() / "plain" / "map.ply"),
+             changed = readPly(folder.path() / "changed" / "map.ply");
+  ASSERT_EQ(plain.colours.size(), changed.colours.size());
+  ASSERT_FALSE(plain.colours.empty());
+  double off = 0, differs = 0;
+  for (std::size_t k = 0; k < plain.colours.size(); ++k) {
+    const Rgb &a = plain.colours[k], &b = changed.colours[k];
+    off += std::abs(a[0] - b[1]) + std::abs(a[1] - b[0]) + std::abs(a[2] - b[2]);
+    differs += std::abs(a[0] - a[1]);
+  }
+  std::printf("levels a sample: %.2f off, of %.2f\n", off / 3 / static_cast<double>(plain.colours.size()),
+              differs / static_cast<double>(plain.colours.size()));
+  EXPECT_LT(off / 3, 0.2 * differs);
 }
 
 TEST(Replay, LocalisationKeepsTheShapeOfTheTrackAndCanBeSwitchedOff) {

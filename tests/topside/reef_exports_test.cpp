@@ -138,6 +138,10 @@ TEST_F(ReefQuick, TheOrthomosaicInAnotherSystemShowsTheSameGroundThere) {
     const DatasetPtr ortho = opened(path);
     ASSERT_TRUE(ortho);
     EXPECT_STREQ(ortho->GetMetadataItem("LAYOUT", "IMAGE_STRUCTURE"), "COG");
+    // Both say what their colours are.
+    const char* profile = ortho->GetMetadataItem("SOURCE_ICC_PROFILE", "COLOR_PROFILE");
+    ASSERT_NE(profile, nullptr);
+    EXPECT_STREQ(layer->GetMetadataItem("SOURCE_ICC_PROFILE", "COLOR_PROFILE"), profile);
     std::array<double, 6> grid{}, from{};
     ortho->GetGeoTransform(grid.data());
     layer->GetGeoTransform(from.data());

@@ -19,6 +19,7 @@
 #include "realtime/onboard/live/live_system.hpp"
 #include "realtime/onboard/live/status_publisher.hpp"
 #include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/colour_matrix.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -163,6 +164,7 @@ int runLive(const LiveOptions& options) {
   const io::MissionConfig mission = io::readMissionConfig(options.folder);
   const StereoRig rig = readStereoCalib(io::MissionPaths(options.folder).calib());
   OnboardConfig config = readOnboardConfig(options.config, mission);
+  config.colours = readColours(io::MissionPaths(options.folder).calib());
   if (!config.warning.empty()) std::fprintf(stderr, "fathom-onboard: warning: %s\n", config.warning.c_str());
   if (options.soft) config.live.realtime.soft = true;
   if (!config.live.cameras.used())

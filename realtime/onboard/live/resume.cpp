@@ -8,6 +8,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/vehicle_clock.hpp"
 #include "recon/geometry/atomic_file.hpp"
+#include "recon/geometry/colour_matrix.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -28,7 +29,9 @@ bool hasLog(const std::filesystem::path& folder) {
 CheckpointNames checkpointNames(const std::filesystem::path& folder, const OnboardConfig& config,
                                 const io::MissionConfig& mission) {
   CheckpointNames names;
-  names.configuration = checkpointHash(textOf(io::MissionPaths(folder).calib()), checkpointHash(config.text));
+  const std::filesystem::path calib = io::MissionPaths(folder).calib();
+  names.configuration = checkpointHash(textOf(coloursBeside(calib)),
+                                       checkpointHash(textOf(calib), checkpointHash(config.text)));
   names.mission =
       checkpointHash(mission.vehicle_name + " " + std::to_string(mission.vehicle_id) + " " +
                      std::to_string(mission.dive_id) + " " + std::to_string(mission.start_utc_ns));

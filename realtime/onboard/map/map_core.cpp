@@ -57,6 +57,7 @@ MapCore::MapCore(const MapCoreConfig& config, const MapSlots& slots)
       left_rgb_(3 * pixelsOf(config.rig.left)),
       right_mosaic_(pixelsOf(config.rig.right) * samplesPerPixel(config.right_format)),
       right_mono_(pixelsOf(config.rig.right)) {
+  if (config.colours) matrix_.emplace(*config.colours);
   points_.reserve(static_cast<std::size_t>(config.stereo.max_features));
   right_points_.resize(static_cast<std::size_t>(config.stereo.max_features));
   if (!config.localisation.enabled) return;
@@ -170,6 +171,8 @@ const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const ster
   ended("stereo");
   learnLight(input, plane.distance, result);
   stereo::toMesh(result, eightBitView(left_rgb_, config_.rig.left, PixelFormat::kRgb), mesh_);
+  if (matrix_ && !mesh_.colours.empty())
+    matrix_->apply({mesh_.colours.front().data(), 3 * mesh_.colours.size()});
   ended("lighting learns");
   return result;
 }

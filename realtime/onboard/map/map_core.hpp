@@ -8,6 +8,7 @@
 #include "realtime/onboard/localisation/localisation_core.hpp"
 #include "realtime/onboard/map/moving_map.hpp"
 #include "recon/fusion/quadtree_map.hpp"
+#include "recon/geometry/colour_matrix.hpp"
 #include "recon/geometry/image_view.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/stereo_rig.hpp"
@@ -31,6 +32,7 @@ struct MapCoreConfig {
   fusion::QuadtreeConfig map;
   int rebuild_meshes = 6;  // fused anew a pair, when keyframes have moved
   LocalisationConfig localisation;
+  std::optional<Eigen::Matrix3d> colours;  // of the left camera, to sRGB: see colour_matrix.hpp
 };
 
 // Where MapCore keeps what it rarely reads; absent ones are done without.
@@ -158,6 +160,7 @@ class MapCore {
   bool anchored_ = false;
   double anchor_sigma_ = 0;  // of T_nav_odom, horizontal [m]
   double last_range_;        // seed where the DVL has no altitude [m]
+  std::optional<ColourMatrix> matrix_;
   std::vector<std::uint8_t> left_mosaic_, left_mono_, left_rgb_, right_mosaic_, right_mono_;
   std::vector<Eigen::Vector3f> points_, right_points_;  // of a pair, for the ranges
   Counters counters_;

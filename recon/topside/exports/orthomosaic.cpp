@@ -1,7 +1,10 @@
 #include "recon/topside/exports/orthomosaic.hpp"
 
+#include <cpl_string.h>
 #include <gdal_utils.h>
 
+#include <memory>
+#include <string>
 #include <vector>
 
 #include "realtime/kernel/input_error.hpp"
@@ -9,18 +12,49 @@
 #include "recon/compare/plane_frame.hpp"
 #include "recon/topside/exports/gdal_files.hpp"
 #include "recon/topside/exports/tiles_from_above.hpp"
+#include "recon/topside/rasters/srgb_profile.hpp"
 
 namespace fathom::topside {
 namespace {
 
-using WarpOptions = std::unique_ptr<GDALWarpAppOptions, void (*)(GDALWarpAppOptions*)>;
+// A command line of GDAL's programs, as its functions take it.
+class Words {
+ public:
+  explicit Words(std::vector<std::string> words) : words_(std::move(words)) {
+    for (std::string& word : words_) list_.push_back(word.data());
+    list_.push_back(nullptr);
+  }
+  [[nodiscard]] char** list() { return list_.data(); }
 
-// As gdalwarp's command line has them.
-WarpOptions warpOptions(std::vector<std::string> words) {
-  std::vector<char*> list;
-  for (std::string& word : words) list.push_back(word.data());
-  list.push_back(nullptr);
-  return {GDALWarpAppOptionsNew(list.data(), nullptr), GDALWarpAppOptionsFree};
+ private:
+  std::vector<std::string> words_;
+  std::vector<char*> list_;
+};
+
+// Virtual: cells are made as whoever reads them asks.
+DatasetPtr warped(GDALDatasetH source, std::vector<std::string> words) {
+  Words line(std::move(words));
+  const std::unique_ptr<GDALWarpAppOptions, void (*)(GDALWarpAppOptions*)> options(
+      GDALWarpAppOptionsNew(line.list(), nullptr), GDALWarpAppOptionsFree);
+  int failed = 0;
+  DatasetPtr out(static_cast<GDALDataset*>(GDALWarp("", nullptr, 1, &source, options.get(), &failed)));
+  return failed == 0 ? std::move(out) : nullptr;
+}
+
+// Alpha as a mask, which JPEG keeps; the driver's own way of it would lose the profile.
+DatasetPtr masked(GDALDatasetH source) {
+  Words line({"-of", "VRT", "-b", "1", "-b", "2", "-b", "3", "-mask", "4"});
+  const std::unique_ptr<GDALTranslateOptions, void (*)(GDALTranslateOptions*)> options(
+      GDALTranslateOptionsNew(line.list(), nullptr), GDALTranslateOptionsFree);
+  int failed = 0;
+  DatasetPtr out(static_cast<GDALDataset*>(GDALTranslate("", source, options.get(), &failed)));
+  return failed == 0 ? std::move(out) : nullptr;
+}
+
+std::string base64(const std::vector<std::uint8_t>& bytes) {
+  const std::unique_ptr<char, void (*)(void*)> text(
+      CPLBase64Encode(static_cast<int>(bytes.size()), bytes.data()), VSIFree);
+  return text.get();
 }
 
 }  // namespace
@@ -39,19 +73,21 @@ void writeOrthomosaic(const std::filesystem::path& path, const std::filesystem::
     const std::string cell = formatted("%.17g", config.cell);
     words.insert(words.end(), {"-tr", cell, cell});
   }
-  GDALDatasetH source = mosaic.get();
-  int failed = 0;
-  // Virtual: cells are made as the file asks for them.
-  const DatasetPtr warped(
-      static_cast<GDALDataset*>(GDALWarp("", nullptr, 1, &source, warpOptions(words).get(), &failed)));
-  if (!warped || failed != 0) gdalFailed(path);
+  const DatasetPtr all = warped(mosaic.get(), std::move(words));
+  if (!all) gdalFailed(path);
+  const DatasetPtr drawn = config.lossless ? nullptr : masked(all.get());
+  if (!config.lossless && !drawn) gdalFailed(path);
+  GDALDataset& picture = drawn ? *drawn : *all;
+  if (picture.SetMetadataItem("SOURCE_ICC_PROFILE", base64(srgbProfile()).c_str(), "COLOR_PROFILE") !=
+      CE_None)
+    gdalFailed(path);
   CPLStringList create;
   create.SetNameValue("COMPRESS", config.lossless ? "DEFLATE" : "JPEG");
   create.SetNameValue(config.lossless ? "PREDICTOR" : "QUALITY", config.lossless ? "YES" : "85");
   create.SetNameValue("BIGTIFF", "IF_SAFER");
   GDALDriver* driver = GetGDALDriverManager()->GetDriverByName("COG");
   if (driver == nullptr) throw std::runtime_error("this GDAL writes no cloud-optimised GeoTIFFs");
-  DatasetPtr written(driver->CreateCopy(target.temporary().c_str(), warped.get(), FALSE, create.List(),
+  DatasetPtr written(driver->CreateCopy(target.temporary().c_str(), &picture, FALSE, create.List(),
                                         GDALDummyProgress, nullptr));
   if (!written) gdalFailed(path);
   CPLErrorReset();

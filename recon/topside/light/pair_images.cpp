@@ -69,7 +69,7 @@ RgbImage PairImages::colours(const stereo::SeedPlane& plane, std::span<const Eig
   left_.resize(pixelsOf(rig_.left) * samplesPerPixel(left_file_.view.format));
   RgbImage image{rig_.left.width, rig_.left.height, std::vector<std::uint8_t>(3 * pixelsOf(rig_.left))};
   models_.left.colours(left_file_.view, ranges, left_.data(), image.rgb.data(), 0, gain);
-  if (matrix_) matrix_->apply(image);
+  if (matrix_) matrix_->apply(image.rgb);
   return image;
 }
 

@@ -3,6 +3,7 @@
 #include <numbers>
 
 #include "realtime/kernel/text.hpp"
+#include "recon/topside/rasters/srgb_profile.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -13,7 +14,7 @@ constexpr const char* kLayout =
     "LAYOUT=IFDS_BEFORE_DATA\nBLOCK_ORDER=ROW_MAJOR\nBLOCK_LEADER=SIZE_AS_UINT4\n"
     "BLOCK_TRAILER=LAST_4_BYTES_REPEATED\nKNOWN_INCOMPATIBLE_EDITION=NO\n ";
 
-enum Type : std::uint16_t { kAscii = 2, kShort = 3, kLong = 4, kDouble = 12, kLong8 = 16 };
+enum Type : std::uint16_t { kAscii = 2, kShort = 3, kLong = 4, kBytes = 7, kDouble = 12, kLong8 = 16 };
 
 template <typename T>
 void put(std::vector<std::uint8_t>& bytes, T value) {
@@ -86,8 +87,6 @@ void addGeoKeys(const TiffRaster& raster, Directory& directory) {
   constexpr std::uint16_t kUserDefined = 32767, kDoubles = 34736, kTexts = 34737;
   const std::string name = "Local transverse Mercator (dive origin)|";
   const auto length = static_cast<std::uint16_t>(name.size());
-  directory.doubles(33550, {raster.cell, raster.cell, 0});
-  directory.doubles(33922, {0, 0, 0, raster.west, raster.north, 0});
   directory.shorts(34735, {1,    1,        0,      15,            // version, how many keys
                            1024, 0,        1,      1,             // model: projected
                            1025, 0,        1,      1,             // a pixel is an area
@@ -133,7 +132,12 @@ Directory directoryOf(const TiffRaster& raster, const TiffLevel& level, bool fin
   if (raster.colour) out.shorts(338, {kAlpha});
   out.shorts(339,
              raster.colour ? std::vector<std::uint16_t>{1, 1, 1, 1} : std::vector<std::uint16_t>{kFloats});
-  if (finest) addGeoKeys(raster, out);
+  if (finest) {
+    out.doubles(33550, {raster.cell, raster.cell, 0});
+    out.doubles(33922, {0, 0, 0, raster.west, raster.north, 0});
+    if (raster.colour) out.add(34675, kBytes, srgbProfile());
+    addGeoKeys(raster, out);
+  }
   if (finest && !raster.colour)
     out.text(42112, "<GDALMetadata>\n  <Item name=\"DESCRIPTION\" sample=\"0\" role=\"description\">" +
                         markupText(raster.description) +

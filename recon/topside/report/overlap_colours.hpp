@@ -20,7 +20,7 @@ struct OverlapColours {
 
 // Of neighbours along the track and of closures, kOverlapCouples each at most, evenly over the dive: left
 // images are read again, two for each. After localisation.
-inline constexpr std::size_t kOverlapCouples = 24;
+inline constexpr std::size_t kOverlapCouples = 12;
 [[nodiscard]] OverlapColours overlapColours(Dive& dive);
 
 }  // namespace fathom::topside
