@@ -43,6 +43,10 @@ void ColourLight::halve() {
   for (Pedestal& p : pedestals_) p.halve();
 }
 
+float ColourLight::samplesFor(double light) const {
+  return static_cast<float>(encoded_ ? std::pow(light, 1 / kGamma) : light);
+}
+
 Correction ColourLight::correction(std::size_t channel, const Level& level, float brightness) const {
   const float mean = brightness * std::exp(level.log_mean);
   const float returned = std::max({mean - pedestal(channel), kLeastLight * mean, kLeast});

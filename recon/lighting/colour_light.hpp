@@ -29,9 +29,11 @@ class ColourLight {
   // What was learnt counts half from here on.
   void halve();
 
+  // By how much samples change when light does: of sRGB by about its 2.2th root.
+  [[nodiscard]] float samplesFor(double light) const;
   [[nodiscard]] float lit(const RangeLattice::Ground& ground) const { return tilt_.at(ground); }
   // From a sample to linear light (0 to 1) or, of encoded samples, to levels (0 to 255). `brightness`: of the
-  // image and of the slope.
+  // image's samples and of the slope.
   [[nodiscard]] Correction correction(std::size_t channel, const Level& level, float brightness) const;
 
   [[nodiscard]] const TiltResponse& tilt() const { return tilt_; }

@@ -71,7 +71,7 @@ struct LightingModel::Impl {
   // Of an image of that exposure, against what is learnt.
   [[nodiscard]] float brightness(double exposure_s) const {
     if (!(exposure_s > 0) || exposure == 0) return 1;
-    return static_cast<float>(std::clamp(exposure_s / exposure, 1 / kMostBrighter, kMostBrighter));
+    return colour->samplesFor(std::clamp(exposure_s / exposure, 1 / kMostBrighter, kMostBrighter));
   }
   void add(const ImageView& image, const RangeLattice* range, double exposure_s);
   template <typename T>
@@ -335,7 +335,7 @@ void LightingModel::correct(const ImageView& image, const RangeLattice& range, s
 
 void LightingModel::correctColour(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
                                   double exposure_s, double gain) const {
-  const float brightness = impl_->brightness(exposure_s) * static_cast<float>(gain);
+  const float brightness = impl_->brightness(exposure_s) * impl_->colour->samplesFor(gain);
   if (impl_->encoded())
     impl_->correct<Encoding::kLevels>(Purpose::kColour, image, &range, brightness, out);
   else

@@ -203,6 +203,25 @@ TEST(LightingModel, ColourIsLightOverItsMeanWhateverThePatternAndTheOtherPatches
   }
 }
 
+TEST(LightingModel, ADarkerPictureOfSrgbHasTheSameColoursByItsGainInLight) {
+  Dive dive(PixelFormat::kRgb, 8);
+  LightingModel model(kWidth, kHeight, PixelFormat::kRgb, 8, kConfig);
+  for (int i = 0; i < 60; ++i) model.add(dive.next().view());
+  const Picture bright = dive.next();
+  Picture dark = bright;
+  constexpr double kGain = 0.7;
+  const auto linear = [](double s) { return s <= 0.04045 ? s / 12.92 : std::pow((s + 0.055) / 1.055, 2.4); };
+  for (std::uint8_t& level : dark.bytes)
+    level = static_cast<std::uint8_t>(std::lround(255 * srgb(kGain * linear(level / 255.0))));
+  std::vector<std::uint8_t> expected(3 * kWidth * kHeight), out(expected.size());
+  model.correctColour(bright.view(), RangeLattice(), expected.data());
+  model.correctColour(dark.view(), RangeLattice(), out.data(), 0, kGain);
+  const auto [mean, sigma] = statistics({out}, {0, 0, kWidth, kHeight}, kAll, 3, 1);
+  const auto [mean_expected, sigma_expected] = statistics({expected}, {0, 0, kWidth, kHeight}, kAll, 3, 1);
+  EXPECT_NEAR(mean, mean_expected, 0.02);
+  EXPECT_NEAR(sigma, sigma_expected, 0.02);
+}
+
 TEST(CorrectRows, LinearLightIsEncodedAsSrgb) {
   constexpr int kLevels = 4096;
   const RowPlan plan(kLevels, 2);
