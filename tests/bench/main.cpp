@@ -6,10 +6,11 @@
 int main(int argc, char** argv) {
   using namespace fathom;
   using namespace fathom::bench;
-  return test::runReports("fathom-report",
-                          {stereoReport(), lightingReport(), closureReport(), colmapReport(), fusionReport(),
-                           accuracyReport(), growthReport(), slamReport(), hostileReport(), linkReport(),
-                           realtimeReport(), enduranceReport(), recorderReport(), uml::powerCutReport(),
-                           test::killReport(), test::killedDive(), restartReport(), camerasReport()},
-                          argc, argv);
+  return test::runReports(
+      "fathom-report",
+      {stereoReport(), lightingReport(), overlapReport(), closureReport(), colmapReport(), fusionReport(),
+       accuracyReport(), growthReport(), slamReport(), hostileReport(), linkReport(), realtimeReport(),
+       enduranceReport(), recorderReport(), uml::powerCutReport(), test::killReport(), test::killedDive(),
+       restartReport(), camerasReport()},
+      argc, argv);
 }

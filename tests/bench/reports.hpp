@@ -17,6 +17,7 @@ using test::required;
 [[nodiscard]] test::Report hostileReport();
 [[nodiscard]] test::Report lightingReport();
 [[nodiscard]] test::Report linkReport();
+[[nodiscard]] test::Report overlapReport();
 [[nodiscard]] test::Report realtimeReport();
 [[nodiscard]] test::Report recorderReport();
 [[nodiscard]] test::Report restartReport();

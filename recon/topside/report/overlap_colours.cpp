@@ -17,41 +17,9 @@
 namespace fathom::topside {
 namespace {
 
-constexpr int kReach = 8;  // of the square about a pixel that is a place [px]
-
-struct Place {
-  Eigen::Vector3d a, b;  // linear, in two images
-};
 struct Couple {
-  std::vector<Place> before, after;
+  std::vector<PlaceColours> before, after;
 };
-
-// Mean light of the square about a pixel, as the camera gave it; RGB of 8 bits is sRGB.
-Eigen::Vector3d meanAbout(const ImageView& image, const Eigen::Vector2d& pixel) {
-  const int x0 = static_cast<int>(std::lround(pixel.x())), y0 = static_cast<int>(std::lround(pixel.y()));
-  const double full = (1 << image.bits) - 1;
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero(), count = Eigen::Vector3d::Zero();
-  for (int y = y0 - kReach; y <= y0 + kReach; ++y) {
-    const auto* line =
-        static_cast<const std::uint8_t*>(image.data) + static_cast<std::size_t>(y) * image.stride;
-    const auto sample = [&](int at) {
-      const auto k = static_cast<std::size_t>(at);
-      return (image.bits == 8 ? line[k] : reinterpret_cast<const std::uint16_t*>(line)[k]) / full;
-    };
-    for (int x = x0 - kReach; x <= x0 + kReach; ++x) {
-      if (image.format == PixelFormat::kRgb) {
-        for (int c = 0; c < 3; ++c)
-          sum(c) += image.bits == 8 ? linearFromSrgb(sample(3 * x + c)) : sample(3 * x + c);
-        count.array() += 1;
-      } else {
-        const int c = x % 2 + y % 2;  // red, green, green, blue
-        sum(c) += sample(x);
-        count(c) += 1;
-      }
-    }
-  }
-  return sum.cwiseQuotient(count);
-}
 
 // Couples that share ground: neighbours along the track, and closures.
 std::vector<std::pair<std::uint32_t, std::uint32_t>> couplesOf(const SlamResult* slam, std::size_t pairs) {
@@ -99,16 +67,16 @@ class Comparer {
       if (!(p.z() > 0) || !(q.z() > 0)) continue;
       const Eigen::Vector2d here = camera.project(p), there = camera.project(q);
       if (!inside(here, camera) || !inside(there, camera)) continue;
-      out.before.push_back({meanAbout(first.asRead(), here), meanAbout(second.asRead(), there)});
-      out.after.push_back({meanAbout(viewOf(one), here), meanAbout(viewOf(other), there)});
+      out.before.push_back({colourAbout(first.asRead(), here), colourAbout(second.asRead(), there)});
+      out.after.push_back({colourAbout(viewOf(one), here), colourAbout(viewOf(other), there)});
     }
     return out;
   }
 
  private:
   static bool inside(const Eigen::Vector2d& pixel, const Camera& camera) {
-    return pixel.x() > kReach && pixel.y() > kReach && pixel.x() < camera.width - 1 - kReach &&
-           pixel.y() < camera.height - 1 - kReach;
+    return pixel.x() > kPlaceReach && pixel.y() > kPlaceReach && pixel.x() < camera.width - 1 - kPlaceReach &&
+           pixel.y() < camera.height - 1 - kPlaceReach;
   }
   static ImageView viewOf(const RgbImage& image) {
     return {image.rgb.data(),  image.width,
@@ -124,15 +92,42 @@ class Comparer {
   const std::vector<float>& gains_;
 };
 
-// After one gain for each channel that makes the mean of all places grey.
-OverlapColours::Difference differenceOf(const std::vector<Place>& places) {
+}  // namespace
+
+Eigen::Vector3d colourAbout(const ImageView& image, const Eigen::Vector2d& pixel) {
+  const int x0 = static_cast<int>(std::lround(pixel.x())), y0 = static_cast<int>(std::lround(pixel.y()));
+  const double full = (1 << image.bits) - 1;
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero(), count = Eigen::Vector3d::Zero();
+  for (int y = y0 - kPlaceReach; y <= y0 + kPlaceReach; ++y) {
+    const auto* line =
+        static_cast<const std::uint8_t*>(image.data) + static_cast<std::size_t>(y) * image.stride;
+    const auto sample = [&](int at) {
+      const auto k = static_cast<std::size_t>(at);
+      return (image.bits == 8 ? line[k] : reinterpret_cast<const std::uint16_t*>(line)[k]) / full;
+    };
+    for (int x = x0 - kPlaceReach; x <= x0 + kPlaceReach; ++x) {
+      if (image.format == PixelFormat::kRgb) {
+        for (int c = 0; c < 3; ++c)
+          sum(c) += image.bits == 8 ? linearFromSrgb(sample(3 * x + c)) : sample(3 * x + c);
+        count.array() += 1;
+      } else {
+        const int c = x % 2 + y % 2;  // red, green, green, blue
+        sum(c) += sample(x);
+        count(c) += 1;
+      }
+    }
+  }
+  return sum.cwiseQuotient(count);
+}
+
+OverlapColours::Difference differenceOf(const std::vector<PlaceColours>& places) {
   constexpr double kGrey = 0.2;  // a seafloor's mean albedo, where a* and b* are measured
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-  for (const Place& p : places) mean += 0.5 * (p.a + p.b) / static_cast<double>(places.size());
+  for (const PlaceColours& p : places) mean += 0.5 * (p.a + p.b) / static_cast<double>(places.size());
   const Eigen::Vector3d gain = kGrey * mean.cwiseMax(1e-6).cwiseInverse();
   const Eigen::Vector3d luminance(0.2126, 0.7152, 0.0722);
   std::vector<double> light, chroma;
-  for (const Place& p : places) {
+  for (const PlaceColours& p : places) {
     const Eigen::Vector3d a = gain.cwiseProduct(p.a), b = gain.cwiseProduct(p.b);
     const double one = luminance.dot(a), other = luminance.dot(b);
     if (!(one + other > 0)) continue;
@@ -141,8 +136,6 @@ OverlapColours::Difference differenceOf(const std::vector<Place>& places) {
   }
   return {median(light), median(chroma)};
 }
-
-}  // namespace
 
 OverlapColours overlapColours(Dive& dive) {
   OverlapColours out;
@@ -156,7 +149,7 @@ OverlapColours overlapColours(Dive& dive) {
   oneapi::tbb::parallel_for(std::size_t{0}, couples.size(), [&](std::size_t k) {
     seen[k] = comparer.compare(couples[k].first, couples[k].second);
   });
-  std::vector<Place> before, after;
+  std::vector<PlaceColours> before, after;
   for (const Couple& couple : seen) {
     out.couples += !couple.before.empty();
     before.insert(before.end(), couple.before.begin(), couple.before.end());

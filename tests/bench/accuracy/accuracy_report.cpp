@@ -105,6 +105,22 @@ void addVariants(const VariantReport& report, bench::Page& page) {
               kMm * report.pose_rms, kMm * report.triangle_edge}}});
 }
 
+void addColours(const std::filesystem::path& mission, bench::Page& page) {
+  bench::Table table{"Colours against the true albedo: CIEDE2000 after one white balance, by squares of 5 cm",
+                     {{"", 0},
+                      {"median", 2},
+                      {"95 %", 2},
+                      {"chroma", 2},
+                      {"correlated with depth", 2},
+                      {"range", 2},
+                      {"squares", 0}},
+                     {}};
+  for (const auto& [name, c] : sim::scoreMission(mission).colours)
+    table.rows.push_back(
+        {name, c.median, c.p95, c.chroma, c.with_depth, c.with_range, cell(c.squares.size())});
+  if (!table.rows.empty()) page.add(std::move(table));
+}
+
 struct Options {
   std::filesystem::path mission, results, out, config;
   bool oracle = false, no_model = false;
@@ -116,6 +132,8 @@ int run(Options o) {
   if (!o.out.empty()) std::filesystem::create_directories(o.out);
   bench::Page page("Accuracy: " + o.mission.string());
   if (!o.no_model) addModel(measureModel(o.mission, o.results, o.out), o.out, page);
+  // The score reads what lies in the mission's own folders.
+  if (o.results == o.mission / "topside") addColours(o.mission, page);
   if (o.oracle) {
     auto config = o.config.empty() ? topside::TopsideConfig{} : topside::readTopsideConfig(o.config);
     if (o.features > 0) config.stereo.max_features = o.features;
@@ -134,7 +152,7 @@ namespace fathom::bench {
 test::Report accuracyReport() {
   static accuracy::Options o;
   return {"accuracy",
-          "The topside's model against the truth of a simulated mission, surface and texture by level",
+          "The topside's model against the truth of a simulated mission: surface, texture and colours",
           {required({"mission", &o.mission, "simulated mission"}),
            {"--results", &o.results, "folder of fathom-topside (MISSION/topside)"},
            {"--out", &o.out, "folder that gets accuracy.html, accuracy.json and pictures"},
