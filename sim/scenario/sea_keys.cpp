@@ -98,7 +98,7 @@ void visitTerrain(KeyVisitor& keys, TerrainConfig& t) {
 
 void visitOptics(KeyVisitor& keys, OpticsConfig& o) {
   keys.enter("optics", "strobes, water and image sensors");
-  keys.integer("edge_samples", o.edge_samples, 1, 9, "rays for a pixel on an edge: 1, 4 or 9");
+  keys.integer("edge_samples", o.edge_samples, 1, 8, "rays for a pixel on an edge: 1, 4 or 8");
   keys.enter("water", "light's way; red, green, blue");
   keys.vector3("absorption_per_m", o.water.absorption_per_m, "1/m", 0, 10, "");
   keys.vector3("scattering_per_m", o.water.scattering_per_m, "1/m", 0, 10, "");

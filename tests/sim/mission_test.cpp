@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <fstream>
 #include <map>
+#include <set>
+#include <thread>
 
 #include "firmware_if/files/feature_file.hpp"
 #include "firmware_if/files/images/image_file.hpp"
@@ -97,6 +99,23 @@ TEST(MissionMaker, TheSameSeedGivesTheSameBytesForOneAndTwoThreadsAndAnotherSeed
   const auto third = contents(folder.path() / "other");
   EXPECT_FALSE(third.at("sensors.lcmlog") == one.at("sensors.lcmlog"));
   EXPECT_FALSE(third.at("truth/trajectory.csv") == one.at("truth/trajectory.csv"));
+}
+
+TEST(MissionMaker, RendersWithAsManyThreadsAsItIsGiven) {
+  if (std::thread::hardware_concurrency() < 2) GTEST_SKIP() << "this machine has one processor";
+  Scenario scenario = tinyScenario();
+  scenario.scale = 0.25;
+  scenario.longest_survey_s = 6.0;
+  for (const int threads : {1, 2}) {
+    test::TemporaryFolder folder;
+    MissionMakerOptions options;
+    options.out = folder.path() / "m";
+    options.threads = threads;
+    std::set<std::thread::id> seen;
+    options.progress = [&](std::size_t, std::size_t) { seen.insert(std::this_thread::get_id()); };
+    makeMission(scenario, options);
+    EXPECT_EQ(seen.size(), static_cast<std::size_t>(threads));
+  }
 }
 
 TEST(MissionMaker, WritesAMissionThatItsReadersAccept) {

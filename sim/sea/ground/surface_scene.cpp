@@ -1,5 +1,7 @@
 #include "sim/sea/ground/surface_scene.hpp"
 
+#include <oneapi/tbb/task_arena.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -8,10 +10,11 @@
 namespace fathom::sim {
 namespace {
 
-// Embree's handle for the whole process.
+// Embree's handle for the whole process. A number of threads told to Embree would hold for all of TBB, that
+// is for rendering too.
 class Device {
  public:
-  Device() : device_(rtcNewDevice("threads=1")) {
+  Device() : device_(rtcNewDevice(nullptr)) {
     if (device_ == nullptr) throw std::runtime_error("Embree does not start on this processor");
   }
   ~Device() { rtcReleaseDevice(device_); }
@@ -141,7 +144,8 @@ void SurfaceScene::add(TriangleSurface surface) {
 }
 
 void SurfaceScene::commit() {
-  rtcCommitScene(scene_);
+  // By one thread: with more, the tree, and so the last bits of where rays end, would be another each time.
+  oneapi::tbb::task_arena(1).execute([this] { rtcJoinCommitScene(scene_); });
   if (parts_.empty()) return;
   RTCBounds bounds{};
   rtcGetSceneBounds(scene_, &bounds);
