@@ -21,6 +21,7 @@
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "sim/features/feature_camera.hpp"
+#include "sim/mission/told_rig.hpp"
 #include "sim/mission/wide_seafloor.hpp"
 #include "sim/scenario/random.hpp"
 #include "sim/scenario/scenario_file.hpp"
@@ -229,8 +230,10 @@ MissionMakerReport make(const Scenario& scenario, const MissionMakerOptions& opt
   const std::vector<Exposure> exposures = simulateExposures(world, scenario.sensors.cameras);
   const LoggedSamples samples = simulateSensors(world, scenario.sensors, exposures);
 
-  io::writeMissionConfig(paths.root, missionConfig(scenario, rig));
-  writeStereoCalib(paths.calib(), rig);
+  const io::MissionConfig mission = missionConfig(scenario, rig);
+  const ToldRig told = toldRig(scenario.calibration_errors, rig, mission, seed);
+  io::writeMissionConfig(paths.root, told.mission);
+  writeStereoCalib(paths.calib(), told.rig);
   {
     io::SensorLogWriter log(paths.log(), scenario.vehicle_name);
     for (const io::LoggedSample& s : samples) log.write(s.arrival_utc_ns, s.sample);
@@ -238,6 +241,8 @@ MissionMakerReport make(const Scenario& scenario, const MissionMakerOptions& opt
   }
   io::deriveRawAuv(paths.root);
   writeTruth(paths.truth(), scenario, world, terrain, exposures);
+  io::writeMissionConfig(paths.truth(), mission);
+  writeStereoCalib(io::MissionPaths(paths.truth()).calib(), rig);
   if (options.features)
     observeAll(terrain, scenario, rig, world, exposures, paths.features(), options);
   else

@@ -78,6 +78,7 @@ void visitScenario(KeyVisitor& keys, Scenario& s) {
   visitPose(keys, "depth", s.T_body_depth, "pressure sensor");
   visitPose(keys, "compass", s.T_body_compass, "compass and tilt sensor");
   keys.leave();
+  visitCalibrationErrors(keys, s.calibration_errors);
   visitSensors(keys, s.sensors);
 }
 

@@ -25,6 +25,19 @@ struct RigPorts {
   FlatPort left{.distance = 0.02, .glass = 0.01}, right{.distance = 0.02, .glass = 0.01};
 };
 
+// By how much what mission.toml and stereo.calib tell is wrong; which way is drawn. The truth's own lie in
+// truth/.
+struct CalibrationErrors {
+  double focal = 0;           // of each camera's focal lengths, relative
+  double centre = 0;          // of each principal point, of the image's width
+  double radial = 0;          // of each camera's k1
+  double rig_angle = 0;       // between the cameras [rad]
+  double rig_position_m = 0;  // of the right camera
+  double mounting_angle = 0;  // of cameras, DVL and compass in body [rad]
+  double lever_arm_m = 0;     // of each sensor in body
+  double time_s = 0;          // of the stamps of DVL, compass, depth, and of both cameras alike
+};
+
 // A mission to simulate: everything that decides its bytes.
 constexpr double kLongestSurvey = 36000;  // that a scenario may ask for [s]
 struct Scenario {
@@ -45,6 +58,7 @@ struct Scenario {
   FeatureConfig features;  // for missions without pictures
   StereoRig rig;           // at full size
   RigPorts ports;
+  CalibrationErrors calibration_errors;
   Eigen::Vector3d camera_position{0.42, -0.03, 0.28};     // of the left camera in body [m]
   Eigen::Vector3d camera_euler{0.0105, -0.0157, 1.5847};  // of T_body_cam [rad]
   SurveyPlan plan;
@@ -72,6 +86,7 @@ void visitOptics(KeyVisitor& keys, OpticsConfig& optics);
 void visitFeatures(KeyVisitor& keys, FeatureConfig& features);
 void visitRig(KeyVisitor& keys, StereoRig& rig);
 void visitPorts(KeyVisitor& keys, RigPorts& ports);
+void visitCalibrationErrors(KeyVisitor& keys, CalibrationErrors& errors);
 void visitSurvey(KeyVisitor& keys, SurveyPlan& plan, VehicleConfig& vehicle);
 void visitSensors(KeyVisitor& keys, SensorsConfig& sensors);
 void visitPose(KeyVisitor& keys, const char* table, SE3& pose, const char* meaning);

@@ -2,6 +2,20 @@
 
 namespace fathom::sim {
 
+void visitCalibrationErrors(KeyVisitor& keys, CalibrationErrors& e) {
+  keys.enter("calibration_errors", "by which mission.toml and stereo.calib are wrong; which way is drawn");
+  keys.number("focal", e.focal, "1", 0, 0.2, "of each camera's focal lengths, relative");
+  keys.number("centre", e.centre, "1", 0, 0.2, "of each principal point, of the image's width");
+  keys.number("radial", e.radial, "1", 0, 1, "of each camera's k1");
+  keys.angle("rig_deg", e.rig_angle, 0, 20, "between the cameras");
+  keys.number("rig_position_m", e.rig_position_m, "m", 0, 1, "of the right camera in the left one's frame");
+  keys.angle("mounting_deg", e.mounting_angle, 0, 45, "of cameras, DVL and compass in body");
+  keys.number("lever_arm_m", e.lever_arm_m, "m", 0, 5, "of each sensor in body");
+  keys.number("time_s", e.time_s, "s", 0, 5,
+              "of stamps of DVL, compass and depth, and of both cameras alike");
+  keys.leave();
+}
+
 void visitSurvey(KeyVisitor& keys, SurveyPlan& p, VehicleConfig& v) {
   keys.enter("plan", "parallel lines over a rectangle, then cross lines");
   keys.number("north_m", p.north, "m", -5000, 5000, "centre of the rectangle in nav");

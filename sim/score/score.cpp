@@ -20,7 +20,10 @@ namespace {
 class Scorer {
  public:
   Scorer(const std::filesystem::path& mission, ScoreReport& report)
-      : paths_(mission), config_(io::readMissionConfig(mission)), truth_(paths_.truth()), report_(report) {}
+      : paths_(mission),
+        config_(io::readMissionConfig(trueFolder())),
+        truth_(paths_.truth()),
+        report_(report) {}
 
   void scoreDeadReckoning() {
     const auto file = paths_.onboard() / "odometry.csv";
@@ -84,6 +87,12 @@ class Scorer {
     report_.notes.push_back(file.lexically_relative(paths_.root).string() + " " + what);
   }
 
+  // Of the mission.toml and stereo.calib that are true: what the vehicle was told may be wrong. Missions made
+  // elsewhere have one only.
+  [[nodiscard]] std::filesystem::path trueFolder() const {
+    return std::filesystem::exists(io::MissionPaths(paths_.truth()).calib()) ? paths_.truth() : paths_.root;
+  }
+
   // The true surface is large: it is read when the first estimate asks for it.
   void prepareSurface() {
     if (surface_) return;
@@ -91,7 +100,7 @@ class Scorer {
     Mesh mesh = readPly(file);
     if (mesh.empty()) throw InputError(file.string(), "", "has no triangles; make the mission again");
     surface_ = std::make_unique<TruthSurface>(std::move(mesh));
-    rig_ = readStereoCalib(paths_.calib());
+    rig_ = readStereoCalib(io::MissionPaths(trueFolder()).calib());
     std::vector<SE3> poses;
     for (const std::int64_t utc_ns : truth_.exposures()) {
       if (const auto pose = truth_.poseAt(utc_ns)) poses.push_back(*pose * config_.T_body_cam);

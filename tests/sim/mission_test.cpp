@@ -118,6 +118,36 @@ TEST(MissionMaker, RendersWithAsManyThreadsAsItIsGiven) {
   }
 }
 
+TEST(MissionMaker, TellsTheVehicleAWrongCalibrationAndTheTruthTheRightOne) {
+  test::TemporaryFolder folder;
+  Scenario scenario = tinyScenario();
+  make(scenario, folder.path() / "right");
+  CalibrationErrors& e = scenario.calibration_errors;
+  e.focal = 0.003, e.centre = 0.002, e.radial = 0.01;
+  e.rig_angle = degrees(0.2), e.rig_position_m = 0.0005;
+  e.mounting_angle = degrees(0.5), e.lever_arm_m = 0.01, e.time_s = 0.02;
+  make(scenario, folder.path() / "wrong");
+  const io::MissionPaths wrong(folder.path() / "wrong"), truth(wrong.truth());
+  const StereoRig rig = readStereoCalib(truth.calib()), told = readStereoCalib(wrong.calib());
+  EXPECT_EQ(test::readText(truth.calib()), test::readText(io::MissionPaths(folder.path() / "right").calib()));
+  EXPECT_NEAR(std::abs(told.left.fx / rig.left.fx - 1), 0.003, 1e-6);
+  EXPECT_NEAR(std::hypot(told.right.cx - rig.right.cx, told.right.cy - rig.right.cy), 0.002 * rig.right.width,
+              1e-3);
+  EXPECT_NEAR(std::abs(told.left.k1 - rig.left.k1), 0.01, 1e-6);
+  EXPECT_NEAR(told.T_right_left.rotation().angularDistance(rig.T_right_left.rotation()), degrees(0.2), 1e-6);
+  EXPECT_NEAR((told.T_right_left.translation() - rig.T_right_left.translation()).norm(), 0.0005, 1e-6);
+  const io::MissionConfig is = io::readMissionConfig(truth.root), says = io::readMissionConfig(wrong.root);
+  for (const auto& [a, b] : {std::pair(is.T_body_cam, says.T_body_cam), {is.T_body_dvl, says.T_body_dvl}}) {
+    EXPECT_NEAR(a.rotation().angularDistance(b.rotation()), degrees(0.5), 1e-6);
+    EXPECT_NEAR((a.translation() - b.translation()).norm(), 0.01, 1e-6);
+  }
+  EXPECT_NEAR(std::abs(is.time_offsets.dvl - says.time_offsets.dvl), 0.02, 1e-9);
+  // The sea itself is the same.
+  const auto files = contents(folder.path() / "right"), same = contents(folder.path() / "wrong");
+  for (const char* name : {"sensors.lcmlog", "truth/trajectory.csv"})
+    EXPECT_TRUE(files.at(name) == same.at(name));
+}
+
 TEST(MissionMaker, WritesAMissionThatItsReadersAccept) {
   test::TemporaryFolder folder;
   const io::MissionPaths paths(folder.path() / "m");
