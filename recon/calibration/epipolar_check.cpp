@@ -12,77 +12,75 @@ namespace {
 
 constexpr double kLeastSigma = 1e-3;  // keeps exact matches from dividing by zero [px]
 
-// A match as a line in the right image's normalised plane, of unit normal with v's sign, and the ray there.
-struct Constraint {
-  Eigen::Vector3d line;
-  Eigen::Vector3d ray;
-};
+using Change = Eigen::Vector4d;  // rotation of the right camera [rad], its focal lengths' logarithm
 
-Constraint constraintOf(const StereoRig& rig, const RigMatch& match) {
-  const RayPair rays = raysOf(rig, match.left, match.right);
-  Eigen::Vector3d line = rig.T_right_left.translation().cross(rig.T_right_left.rotation() * rays.left);
-  line /= line.head<2>().norm() * (line.y() < 0 ? -1.0 : 1.0);
-  return {line, rays.right};
-}
-
-// Error when the right camera has turned by `rotation`.
-double errorOf(const Constraint& c, double focal, const Eigen::Matrix3d& R_calibrated_now) {
-  const Eigen::Vector3d ray = R_calibrated_now * c.ray;
-  return focal * c.line.dot(ray) / ray.z();
-}
-
-Eigen::Matrix3d turned(const Eigen::Vector3d& rotation) {
+// Signed distance of a match's right ray from the epipolar line of its left one when the rig has changed
+// [px]. Rays of the rig as it was calibrated.
+double errorOf(const StereoRig& rig, const RayPair& rays, const Change& change) {
   Vector6d twist = Vector6d::Zero();
-  twist.tail<3>() = -rotation;
-  return SE3::exp(twist).matrix3();
+  twist.tail<3>() = -change.head<3>();
+  const double half = std::exp(0.5 * change.w());
+  const auto longer = [](const Eigen::Vector3d& ray, double factor) -> Eigen::Vector3d {
+    return {ray.x() / factor, ray.y() / factor, ray.z()};
+  };
+  Eigen::Vector3d line =
+      rig.T_right_left.translation().cross(rig.T_right_left.rotation() * longer(rays.left, 1 / half));
+  line /= line.head<2>().norm() * (line.y() < 0 ? -1.0 : 1.0);
+  const Eigen::Vector3d ray = SE3::exp(twist).matrix3() * longer(rays.right, half);
+  return rig.right.fy * line.dot(ray) / ray.z();
 }
 
-void fitRotation(const std::vector<Constraint>& constraints, double focal, EpipolarCheck& out) {
+void fitChange(const StereoRig& rig, const std::vector<RayPair>& rays, EpipolarCheck& out) {
   constexpr int kIterations = 20;
   constexpr double kStep = 1e-6, kEnough = 1e-8;  // [rad]
-  // A rig does not turn farther: holds what the matches leave open.
-  constexpr double kPrior = 0.05;  // [rad]
+  // A rig does not turn farther, and focal lengths are calibrated better: holds what the matches leave open.
+  constexpr double kTurned = 0.05, kLonger = 0.02;
+  const Change prior =
+      Change(1 / kTurned, 1 / kTurned, 1 / kTurned, 1 / kLonger).array().square();  // information
   double sigma = std::max(out.sigma, kLeastSigma);
-  Eigen::Matrix3d information;
+  Change change = Change::Zero();
+  Eigen::Matrix4d information;
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     std::vector<double> errors;
-    for (const Constraint& c : constraints) errors.push_back(errorOf(c, focal, turned(out.rotation)));
+    for (const RayPair& r : rays) errors.push_back(errorOf(rig, r, change));
     sigma = std::max(madSigma(errors, 0.0), kLeastSigma);
-    information = Eigen::Matrix3d::Identity() / (kPrior * kPrior);
-    Eigen::Vector3d gradient = out.rotation / (kPrior * kPrior);
-    const Eigen::Matrix3d moved[3] = {turned(out.rotation + kStep * Eigen::Vector3d::UnitX()),
-                                      turned(out.rotation + kStep * Eigen::Vector3d::UnitY()),
-                                      turned(out.rotation + kStep * Eigen::Vector3d::UnitZ())};
-    for (std::size_t k = 0; k < constraints.size(); ++k) {
-      Eigen::Vector3d slope;
-      for (int i = 0; i < 3; ++i) slope(i) = (errorOf(constraints[k], focal, moved[i]) - errors[k]) / kStep;
+    information = prior.asDiagonal();
+    Change gradient = prior.cwiseProduct(change);
+    for (std::size_t k = 0; k < rays.size(); ++k) {
+      Change slope;
+      for (int i = 0; i < 4; ++i)
+        slope(i) = (errorOf(rig, rays[k], change + kStep * Change::Unit(i)) - errors[k]) / kStep;
       const double weight = cauchyWeight(errors[k] / sigma) / (sigma * sigma);
       information += weight * slope * slope.transpose();
       gradient += weight * errors[k] * slope;
     }
-    const Eigen::Vector3d step = information.ldlt().solve(-gradient);
-    out.rotation += step;
+    const Change step = information.ldlt().solve(-gradient);
+    change += step;
     if (step.norm() < kEnough) break;
   }
+  const Change sigmas = information.inverse().diagonal().cwiseMax(0.0).cwiseSqrt();
   out.sigma_after = sigma;
-  out.rotation_sigma = information.inverse().diagonal().cwiseMax(0.0).cwiseSqrt();
+  out.rotation = change.head<3>();
+  out.rotation_sigma = sigmas.head<3>();
+  out.focal = change.w();
+  out.focal_sigma = sigmas.w();
 }
 
 }  // namespace
 
 double epipolarError(const StereoRig& rig, const RigMatch& match) {
-  return errorOf(constraintOf(rig, match), rig.right.fy, Eigen::Matrix3d::Identity());
+  return errorOf(rig, raysOf(rig, match.left, match.right), Change::Zero());
 }
 
 EpipolarCheck checkEpipolar(const StereoRig& rig, const std::vector<RigMatch>& matches) {
   EpipolarCheck out;
   out.cells.resize(static_cast<std::size_t>(kEpipolarColumns) * kEpipolarRows);
   if (matches.empty()) return out;
-  std::vector<Constraint> constraints;
+  std::vector<RayPair> rays;
   std::vector<std::vector<double>> in_cell(out.cells.size());
   for (const RigMatch& m : matches) {
-    constraints.push_back(constraintOf(rig, m));
-    out.errors.push_back(errorOf(constraints.back(), rig.right.fy, Eigen::Matrix3d::Identity()));
+    rays.push_back(raysOf(rig, m.left, m.right));
+    out.errors.push_back(errorOf(rig, rays.back(), Change::Zero()));
     const int column =
         std::clamp(static_cast<int>(m.left.x() / rig.left.width * kEpipolarColumns), 0, kEpipolarColumns - 1);
     const int row =
@@ -99,7 +97,23 @@ EpipolarCheck checkEpipolar(const StereoRig& rig, const std::vector<RigMatch>& m
     out.worst_column = static_cast<int>(c) % kEpipolarColumns;
     out.worst_row = static_cast<int>(c) / kEpipolarColumns;
   }
-  fitRotation(constraints, rig.right.fy, out);
+  fitChange(rig, rays, out);
+  return out;
+}
+
+bool hasMoved(const EpipolarCheck& check) {
+  return std::abs(check.median) > kMostMedian || std::abs(check.worst_cell) > kMostCell;
+}
+
+StereoRig changed(const StereoRig& rig, const Eigen::Vector3d& rotation, double focal) {
+  Vector6d twist = Vector6d::Zero();
+  twist.tail<3>() = rotation;
+  StereoRig out = rig;
+  out.T_right_left = SE3::exp(twist) * rig.T_right_left;
+  if (rig.left.port || rig.right.port) return out;
+  const double half = std::exp(0.5 * focal);
+  out.left.fx /= half, out.left.fy /= half;
+  out.right.fx *= half, out.right.fy *= half;
   return out;
 }
 

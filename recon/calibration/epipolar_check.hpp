@@ -25,12 +25,14 @@ struct EpipolarCheck {
   std::vector<Cell> cells;  // kEpipolarRows x kEpipolarColumns, row after row
   double worst_cell = 0;    // largest |median| of a cell with enough matches [px]
   int worst_column = 0, worst_row = 0;
-  // Rotation of the right camera, about its own x, y and z, that explains the errors best: how it stands now
-  // against how it was calibrated. About y (towards the left camera) it hardly moves epipolar lines: see
-  // rotation_sigma.
+  // Rotation of the right camera, about its own x, y and z, and focal lengths that explain the errors best:
+  // how it stands now against how it was calibrated. About y (towards the left camera) it hardly moves
+  // epipolar lines: see rotation_sigma.
   Eigen::Vector3d rotation = Eigen::Vector3d::Zero();        // [rad]
   Eigen::Vector3d rotation_sigma = Eigen::Vector3d::Zero();  // [rad]
-  double sigma_after = 0;  // of one match when that rotation is taken out [px]
+  // By which the right camera's focal lengths have become longer against the left one's, relative.
+  double focal = 0, focal_sigma = 0;
+  double sigma_after = 0;  // of one match when all that is taken out [px]
 };
 
 // Fewer matches in a cell say nothing about it.
@@ -42,5 +44,14 @@ inline constexpr std::size_t kEnoughInCell = 30;
 
 // Robust throughout: wrong matches may be a third of all. No matches give zeros.
 [[nodiscard]] EpipolarCheck checkEpipolar(const StereoRig& rig, const std::vector<RigMatch>& matches);
+
+// Whether errors are beyond kMostMedian of all matches, or kMostCell of a part of the image. Stereo drops
+// matches 1 px off their epipolar line: half of that leaves room for its own noise.
+inline constexpr double kMostMedian = 0.5, kMostCell = 0.75;  // [px]
+[[nodiscard]] bool hasMoved(const EpipolarCheck& check);
+
+// The rig with its right camera turned about its own axes [rad] and longer focal lengths (`focal`: logarithm
+// of right over left), by half in each camera. Flat ports keep theirs.
+[[nodiscard]] StereoRig changed(const StereoRig& rig, const Eigen::Vector3d& rotation, double focal);
 
 }  // namespace fathom::calibration

@@ -130,13 +130,24 @@ const LightingModels& Dive::lighting() {
   if (!input_.features_only) {
     const Digest key = lightingKey(config_, survey_content_, image_identities_);
     const WorkFile file = single(Stage::kLighting, key, [&](WorkFileWriter& out) {
-      LightingModels learnt(input_.mission, input_.rig, config_.lighting);
-      learnLighting(input_, config_, dive, learnt);
-      saveLighting(out, learnt);
+      auto learnt = std::make_unique<LightingModels>(input_.mission, input_.rig, config_.lighting);
+      learnLighting(input_, config_, dive, *learnt);
+      const RigFinding found = config_.mend_rig ? findRig(input_, dive, *learnt) : RigFinding();
+      if (found.moved) {
+        // Ranges, which light is learnt by, were those of a rig that stood otherwise.
+        MissionInput mended = input_;
+        mended.rig = rigAsFound(input_.rig, found);
+        learnt = std::make_unique<LightingModels>(mended.mission, mended.rig, config_.lighting);
+        learnLighting(mended, config_, dive, *learnt);
+      }
+      saveLighting(out, *learnt);
+      saveBlock(out, "rig", found);
       return Costs();
     });
     loadLighting(file, *models);
     lighting_content_ = file.content();
+    rig_finding_ = loadBlock<RigFinding>(file, "rig");
+    input_.rig = rigAsFound(input_.rig, rig_finding_);
   }
   lighting_ = std::move(models);
   return *lighting_;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "recon/topside/levels/level_stage.hpp"
+#include "recon/topside/light/rig_finding.hpp"
 #include "recon/topside/pieces/fused_pair.hpp"
 #include "recon/topside/pieces/piece_stage.hpp"
 #include "recon/topside/plan/plan_stage.hpp"
@@ -58,7 +59,9 @@ class Dive {
   const std::vector<TilePlaces>& levels();
   void make(Stage stage);
 
+  // Its rig is, from lighting on, as this dive shows it.
   [[nodiscard]] const MissionInput& input() const { return input_; }
+  [[nodiscard]] const RigFinding& rigFinding() const { return rig_finding_; }  // after lighting
   [[nodiscard]] const TopsideConfig& config() const { return config_; }
   [[nodiscard]] const TileGrid& grid() const { return grid_; }
   [[nodiscard]] LayerCells layerCells();
@@ -92,6 +95,7 @@ class Dive {
   Digest survey_content_, lighting_content_, poses_content_;
   std::vector<Digest> image_identities_;
   std::unique_ptr<LightingModels> lighting_;
+  RigFinding rig_finding_;
   std::vector<WorkFile> prepared_files_;
   std::unique_ptr<PreparedGroups> prepared_;
   std::optional<SlamResult> slam_;

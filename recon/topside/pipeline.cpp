@@ -86,6 +86,8 @@ void fillRecord(RunRecord& record, Dive& dive, const StageStore& store, const As
   record.left_lighting = lighting.left.report();
   record.right_lighting = lighting.right.report();
   record.lighting_unreadable = lighting.unreadable;
+  record.rig = dive.rigFinding();
+  if (const auto warning = warningOf(record.rig)) std::fprintf(stderr, "%s\n", warning->c_str());
   record.overlap = overlapColours(dive);
   for (const WorkFile& file : dive.pieceFiles()) {
     const PieceFacts facts = readPieceFacts(file);

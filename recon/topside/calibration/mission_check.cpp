@@ -197,7 +197,7 @@ MissionCheck checkMission(const MissionCheckOptions& options) {
   MissionCheck out;
   out.mission = options.mission.string();
   out.port = m.input.mission.water.refractive_port;
-  out.left = m.input.rig.left;
+  out.rig = m.input.rig;
   out.T_body_cam = m.input.mission.T_body_cam;
   std::vector<calibration::RigMatch> matches;
   std::vector<calibration::MotionStep> steps;

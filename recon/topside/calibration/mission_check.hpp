@@ -8,7 +8,7 @@
 #include "recon/calibration/epipolar_check.hpp"
 #include "recon/calibration/mount_alignment.hpp"
 #include "recon/calibration/range_check.hpp"
-#include "recon/geometry/camera.hpp"
+#include "recon/geometry/stereo_rig.hpp"
 
 namespace fathom::topside {
 
@@ -22,7 +22,7 @@ struct MissionCheckOptions {
 // What a mission's own images say about its rig.
 struct MissionCheck {
   std::string mission, port;  // the folder; water.refractive_port of mission.toml
-  Camera left;
+  StereoRig rig;              // as calibrated
   std::size_t pairs = 0, unreadable = 0, matches = 0;
   calibration::EpipolarCheck epipolar;
   std::vector<calibration::RangeSample> range_samples;

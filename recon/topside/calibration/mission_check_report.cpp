@@ -51,6 +51,8 @@ Json toJson(const MissionCheck& c, const MissionVerdict& verdict) {
             {"cells", cells},
             {"right_turned_deg", triple(e.rotation, kDegrees)},
             {"right_turned_sigma_deg", triple(e.rotation_sigma, kDegrees)},
+            {"right_focal_longer", e.focal},
+            {"right_focal_sigma", e.focal_sigma},
             {"sigma_after_px", e.sigma_after}}},
           {"range",
            {{"samples", r.samples},

@@ -11,10 +11,7 @@ namespace {
 using Kind = MissionVerdict::Line::Kind;
 
 constexpr double kDegrees = 180.0 / std::numbers::pi;
-constexpr double kCertain = 3;  // standard deviations
-// Stereo drops matches 1 px off their epipolar line: half of that leaves room for its own noise.
-constexpr double kMaxMedian = 0.5;            // of all matches [px]
-constexpr double kMaxCell = 0.75;             // of a part of the image [px]
+constexpr double kCertain = 3;                // standard deviations
 constexpr double kMaxRange = 0.03;            // of the ranges; sound speed and tilt account for about 1 %
 constexpr double kTooUncertain = 0.06;        // three standard deviations of the ranges' ratio
 constexpr double kMaxSpeed = 0.02;            // of the distance travelled; a DVL is good to 0.5 %
@@ -31,13 +28,9 @@ Kind kindOf(double off, double sigma, double allowed) {
   return std::abs(off) > kCertain * sigma ? Kind::kBad : Kind::kOpen;
 }
 
-bool rigHasMoved(const MissionCheck& check) {
-  return std::abs(check.epipolar.median) > kMaxMedian || std::abs(check.epipolar.worst_cell) > kMaxCell;
-}
-
 void judgeEpipolar(const MissionCheck& check, MissionVerdict& out) {
   const auto& e = check.epipolar;
-  const bool bad = rigHasMoved(check);
+  const bool bad = hasMoved(check.epipolar);
   std::string text = "epipolar error median " + decimals(e.median, 2) +
                      " px (allowed 0.5), worst part of the image " + decimals(e.worst_cell, 2) +
                      " px (allowed 0.75) at column " + std::to_string(e.worst_column + 1) + " of 8, row " +
@@ -47,7 +40,9 @@ void judgeEpipolar(const MissionCheck& check, MissionVerdict& out) {
     const char* const names[3] = {" pitch ", ", yaw ", ", roll "};
     for (int i = 0; i < 3; ++i)
       text += names[i] + pm(kDegrees * e.rotation(i), kDegrees * e.rotation_sigma(i), 4);
-    text += " deg would explain it, but for " + decimals(e.sigma_after, 2) + " px a match";
+    text += " deg, with focal lengths " + pm(100 * e.focal, 100 * e.focal_sigma, 3) +
+            " % longer against the left one's, would explain it, but for " + decimals(e.sigma_after, 2) +
+            " px a match";
   }
   out.lines.push_back({bad ? Kind::kBad : Kind::kGood, text});
 }
@@ -85,7 +80,7 @@ void judgeSpeed(const MissionCheck& check, MissionVerdict& out) {
   const Kind kind = kindOf(m.speed_ratio - 1, m.speed_ratio_sigma, kMaxSpeed);
   std::string text =
       "distance seen is " + pm(m.speed_ratio, m.speed_ratio_sigma, 4) + " of the DVL's (allowed 1 +- 0.02)";
-  if (rigHasMoved(check)) {
+  if (hasMoved(check.epipolar)) {
     out.lines.push_back({Kind::kOpen, text + ": not to be trusted while the rig has moved"});
     return;
   }

@@ -14,7 +14,7 @@ namespace {
 
 struct CheckOptions {
   BoardOptions board;
-  std::filesystem::path calib, out;
+  std::filesystem::path calib, out, mended;
   std::optional<double> calib_unit;
   std::size_t pairs = 200;
 };
@@ -82,6 +82,10 @@ int checkOnMission(const CheckOptions& options) {
     writeMissionCheck(options.out, check, verdict);
     std::printf("report: %s\n", (options.out / "mission-check.html").c_str());
   }
+  if (!options.mended.empty()) {
+    writeStereoCalib(options.mended, calibration::changed(check.rig, check.epipolar.rotation, check.epipolar.focal));
+    std::printf("mended calibration: %s\n", options.mended.c_str());
+  }
   return verdict.good ? kExitSuccess : kExitFailedWork;
 }
 
@@ -98,6 +102,8 @@ std::function<int()> addCheckCalibrationCommand(CLI::App& app, CLI::App*& comman
   addBoardOptions(*command, options->board);
   addCalibOptions(*command, options->calib, options->calib_unit, "to check (a mission: its own)");
   command->add_option("--out", options->out, "folder for the report: HTML, JSON, pictures");
+  command->add_option("--mended", options->mended,
+                      "of a mission: file for the calibration with the right camera as it stands now");
   command->add_option("--pairs", options->pairs, "of a mission that are looked at, in runs spread over it")
       ->check(CLI::Range(1, 1000000))
       ->capture_default_str();

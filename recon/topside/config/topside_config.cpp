@@ -22,6 +22,7 @@ void readStereo(const ConfigTable& table, TopsideConfig& config) {
   config.dense.scale = table.number("dense_scale", config.dense.scale, 0.1, 1);
   config.dense.block = static_cast<int>(table.integer("dense_block_px", config.dense.block, 1, 21));
   if (config.dense.block % 2 == 0) table.fail("dense_block_px", "must be odd");
+  config.mend_rig = table.boolean("mend_rig", config.mend_rig);
   config.min_points = static_cast<int>(table.integer("min_points", config.min_points, 3, 5000));
 }
 
@@ -79,7 +80,7 @@ void addStereoSettings(Hasher& hasher, const TopsideConfig& config) {
   hasher.add(c.max_features, c.window, c.max_epipolar_distance, c.max_left_right_distance,
              c.max_core_distance, c.sigma_scale, c.max_edge, c.min_range, c.max_range, c.search_radius,
              c.min_correlation, c.max_slope, c.min_patch_points, c.max_fish_length);
-  hasher.add(config.dense_stereo, config.dense.scale, config.dense.block, config.min_points);
+  hasher.add(config.dense_stereo, config.dense.scale, config.dense.block, config.mend_rig, config.min_points);
 }
 
 void addModelSettings(Hasher& hasher, const TopsideConfig& config) {

@@ -21,7 +21,8 @@ struct TopsideConfig {
   stereo::SparseStereoConfig stereo;
   bool dense_stereo = false;  // semi-global matching instead of corners
   stereo::DenseStereoConfig dense;
-  int min_points = 20;  // a pair with fewer stereo points is left out
+  bool mend_rig = true;  // where matches lie off their epipolar lines, the rig as the dive shows it
+  int min_points = 20;   // a pair with fewer stereo points is left out
 
   bool slam = true;                   // loop closures and visual odometry; false: dead reckoning
   bool bundle = true;                 // bundle adjustment after them

@@ -11,6 +11,7 @@
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/input/images/image_pairs.hpp"
 #include "recon/topside/input/navigation.hpp"
+#include "recon/topside/light/rig_finding.hpp"
 #include "recon/topside/localise/slam_stage.hpp"
 #include "recon/topside/report/map_picture.hpp"
 #include "recon/topside/report/overlap_colours.hpp"
@@ -41,6 +42,7 @@ struct RunRecord {
   std::size_t meshes_fused = 0;  // a mesh counts in every piece that it reaches
   std::uint64_t texels = 0, texels_unseen = 0, texels_outvoted = 0;
   std::uint64_t lighting_unreadable = 0;
+  RigFinding rig;
   lighting::LightingModel::Report left_lighting, right_lighting;
   OverlapColours overlap;
   std::size_t pieces = 0;

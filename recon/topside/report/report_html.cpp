@@ -206,6 +206,7 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
   report.section("To know");
   if (r.list->features_only)
     report.text("A mission without images: made from features that were matched before.");
+  if (const auto warning = warningOf(r.rig)) report.warning(*warning);
   if (r.slam != nullptr)
     for (const std::string& warning : slamWarnings(*r.slam)) report.warning(warning);
   report.section("Assumed");

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/topside/report/report.hpp"
@@ -37,6 +38,7 @@ Json configJson(const TopsideConfig& c) {
             {"min_range_m", c.stereo.min_range},
             {"max_range_m", c.stereo.max_range},
             {"search_radius_px", c.stereo.search_radius},
+            {"mend_rig", c.mend_rig},
             {"min_points", c.min_points}}},
           {"fusion",
            {{"voxel_m", c.fusion.voxel},
@@ -95,6 +97,18 @@ Json lightingJson(const RunRecord& r) {
             {"chroma_after", r.overlap.after.chroma}}},
           {"left", lightingJson(r.left_lighting)},
           {"right", lightingJson(r.right_lighting)}};
+}
+
+// How the rig stands against its calibration.
+Json rigJson(const RigFinding& r) {
+  constexpr double kDegree = std::numbers::pi / 180;
+  return {
+      {"matches", r.matches},
+      {"epipolar_px", r.before},
+      {"epipolar_after_px", r.after},
+      {"mended", r.moved},
+      {"right_turned_deg", {r.rotation.x() / kDegree, r.rotation.y() / kDegree, r.rotation.z() / kDegree}},
+      {"right_focal_longer", r.focal}};
 }
 
 Json navigationJson(const Navigation& n) {
@@ -174,6 +188,7 @@ void writeReportJson(const std::filesystem::path& path, const RunRecord& r) {
         {"times_from_file_names", r.list->from_file_names},
         {"unreadable_images", counts.unreadable_lines}}},
       {"lighting", r.list->features_only ? Json() : lightingJson(r)},
+      {"rig", r.list->features_only ? Json() : rigJson(r.rig)},
       {"stereo",
        {{"corners", counts.corners},
         {"points", counts.points},

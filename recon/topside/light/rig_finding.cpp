@@ -1,0 +1,60 @@
+#include "recon/topside/light/rig_finding.hpp"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "realtime/kernel/text.hpp"
+#include "recon/calibration/epipolar_check.hpp"
+#include "recon/topside/calibration/free_matches.hpp"
+#include "recon/topside/light/pair_images.hpp"
+
+namespace fathom::topside {
+
+RigFinding findRig(const MissionInput& input, const Survey& survey, const LightingModels& models) {
+  std::vector<std::size_t> known;
+  for (std::size_t k = 0; k < survey.list.pairs.size(); ++k)
+    if (survey.planes[k]) known.push_back(k);
+  const std::size_t count = std::min(known.size(), kRigPairs);
+  std::vector<std::vector<calibration::RigMatch>> found(count);
+  oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
+    const std::size_t pair = known[k * known.size() / count];
+    PairImages images(input, models);
+    if (!images.read(survey.list.pairs[pair])) return;
+    images.correct(*survey.planes[pair]);
+    found[k] = matchFreely(input.rig, images.left(), images.right(), *survey.planes[pair]);
+  });
+  std::vector<calibration::RigMatch> matches;
+  for (const auto& some : found) matches.insert(matches.end(), some.begin(), some.end());
+  const calibration::EpipolarCheck check = checkEpipolar(input.rig, matches);
+  RigFinding out;
+  out.matches = matches.size();
+  out.before = std::max(std::abs(check.median), std::abs(check.worst_cell));
+  out.after = check.sigma_after;
+  // Few matches, or such that no change of the rig brings to their lines, show something else.
+  constexpr std::size_t kFewest = 500;
+  out.moved = matches.size() >= kFewest && hasMoved(check) && out.after < 0.5 * out.before;
+  out.rotation = check.rotation;
+  out.focal = check.focal;
+  return out;
+}
+
+StereoRig rigAsFound(const StereoRig& rig, const RigFinding& found) {
+  if (!found.moved) return rig;
+  return calibration::changed(rig, found.rotation, found.focal);
+}
+
+std::optional<std::string> warningOf(const RigFinding& found) {
+  if (!found.moved) return std::nullopt;
+  const auto degrees = [&](int axis) { return decimals(found.rotation(axis) * 180 / std::numbers::pi, 3); };
+  return "The rig does not stand as it was calibrated: matches lie up to " + decimals(found.before, 1) +
+         " px off their epipolar lines. This run takes the right camera as turned by pitch " + degrees(0) +
+         ", yaw " + degrees(1) + ", roll " + degrees(2) + " deg, its focal lengths as " +
+         decimals(100 * found.focal, 2) + " % longer against the left one's, which leaves " +
+         decimals(found.after, 2) + " px a match. Calibrate again.";
+}
+
+}  // namespace fathom::topside
