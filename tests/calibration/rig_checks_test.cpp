@@ -71,6 +71,24 @@ TEST(EpipolarCheck, ATurnedCameraIsMeasuredAboutEachAxis) {
   }
 }
 
+TEST(EpipolarCheck, FocalLengthsThatDifferAreToldFromATurn) {
+  const StereoRig truth = test::madeRig();
+  const auto matches = madeMatches(truth, 6000, 0.1);
+  const Eigen::Vector3d turn(0.2, 0, -0.1);
+  StereoRig told = bumped(truth, turn);
+  told.left.fx *= 1.003, told.left.fy *= 1.003;
+  told.right.fx *= 0.997, told.right.fy *= 0.997;
+  const EpipolarCheck check = checkEpipolar(told, matches);
+  EXPECT_TRUE(hasMoved(check));
+  EXPECT_NEAR(check.focal, 0.006, 0.0006);
+  const StereoRig mended = changed(told, check.rotation, check.focal);
+  EXPECT_FALSE(hasMoved(checkEpipolar(mended, matches)));
+  for (const auto& [a, b] : {std::pair(&mended.left, &truth.left), {&mended.right, &truth.right}})
+    EXPECT_NEAR(a->fx, b->fx, 0.001 * b->fx);
+  EXPECT_LT(mended.T_right_left.rotation().angularDistance(truth.T_right_left.rotation()) / kDegree, 0.06);
+  EXPECT_NEAR(mended.baseline(), truth.baseline(), 1e-12);
+}
+
 TEST(EpipolarCheck, NoMatchesGiveZeros) {
   const EpipolarCheck check = checkEpipolar(test::madeRig(), {});
   EXPECT_EQ(check.median, 0);
