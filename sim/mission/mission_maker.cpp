@@ -140,6 +140,26 @@ std::uint64_t noiseSeed(const Scenario& scenario, CameraSide side, std::size_t i
                     (side == CameraSide::kLeft ? "left-image-" : "right-image-") + std::to_string(index));
 }
 
+// The strobes' energy in each pair over their usual.
+std::vector<double> flashesOf(const Scenario& scenario, std::size_t pairs) {
+  Random random(static_cast<std::uint64_t>(scenario.seed), "flashes");
+  std::vector<double> out(pairs);
+  for (double& flash : out) {
+    const double energy = std::max(1 + random.gauss(scenario.optics.flash_sigma), 0.0);
+    flash = random.uniform() < scenario.optics.dark_probability ? 0 : energy;
+  }
+  return out;
+}
+
+void writeFlashes(const std::filesystem::path& file, const SensorWorld& world,
+                  const std::vector<Exposure>& exposures, const std::vector<double>& flashes) {
+  AtomicFile out(file);
+  out.stream() << "utc_ns,energy\n";
+  for (std::size_t k = 0; k < exposures.size(); ++k)
+    out.stream() << world.utcNs(exposures[k].time_s) << ',' << flashes[k] << '\n';
+  out.commit();
+}
+
 // Calls make(i) for every exposure, in parallel; each writes its own files.
 void makeAll(std::size_t count, const MissionMakerOptions& options,
              const std::function<void(std::size_t)>& make) {
@@ -159,13 +179,15 @@ void renderAll(const Terrain& terrain, const Scenario& scenario, const StereoRig
                const std::filesystem::path& folder, const MissionMakerOptions& options) {
   std::filesystem::create_directories(folder);
   const Renderer renderer(terrain, scenario.optics, rig, scenario.T_body_cam());
+  const std::vector<double> flashes = flashesOf(scenario, exposures.size());
+  writeFlashes(io::MissionPaths(folder.parent_path()).truth() / "flashes.csv", world, exposures, flashes);
   makeAll(exposures.size(), options, [&](std::size_t i) {
     const Exposure& e = exposures[i];
     const SE3 pose = world.trajectory.poseAt(e.time_s);
     photograph(renderer, pose, e.time_s, CameraSide::kLeft, noiseSeed(scenario, CameraSide::kLeft, i),
-               folder / io::imageFileName(e.left_stamp_ns, CameraSide::kLeft).view());
+               folder / io::imageFileName(e.left_stamp_ns, CameraSide::kLeft).view(), flashes[i]);
     photograph(renderer, pose, e.time_s, CameraSide::kRight, noiseSeed(scenario, CameraSide::kRight, i),
-               folder / io::imageFileName(e.right_stamp_ns, CameraSide::kRight).view());
+               folder / io::imageFileName(e.right_stamp_ns, CameraSide::kRight).view(), flashes[i]);
   });
 }
 

@@ -99,6 +99,9 @@ void visitTerrain(KeyVisitor& keys, TerrainConfig& t) {
 void visitOptics(KeyVisitor& keys, OpticsConfig& o) {
   keys.enter("optics", "strobes, water and image sensors");
   keys.integer("edge_samples", o.edge_samples, 1, 8, "rays for a pixel on an edge: 1, 4 or 8");
+  keys.number("flash_sigma", o.flash_sigma, "1", 0, 1,
+              "of the strobes' energy from pair to pair, relative; truth/flashes.csv has each");
+  keys.number("dark_probability", o.dark_probability, "1", 0, 1, "that the strobes stay dark in a pair");
   keys.enter("water", "light's way; red, green, blue");
   keys.vector3("absorption_per_m", o.water.absorption_per_m, "1/m", 0, 10, "");
   keys.vector3("scattering_per_m", o.water.scattering_per_m, "1/m", 0, 10, "");
@@ -117,6 +120,7 @@ void visitOptics(KeyVisitor& keys, OpticsConfig& o) {
   keys.number("exposure", o.sensor.exposure, "1", 0.01, 100,
               "a white level seafloor at exposure_distance_m gives this fraction of full scale");
   keys.number("exposure_distance_m", o.sensor.exposure_distance_m, "m", 0.3, 50, "");
+  keys.number("right_gain", o.sensor.right_gain, "1", 0.05, 20, "of the right camera over the left one's");
   keys.leave();
   constexpr std::size_t kMaxStrobes = 8;
   keys.listOf("strobes", o.strobes, kMaxStrobes, "", [&](StrobeConfig& strobe) {

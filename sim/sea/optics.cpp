@@ -50,6 +50,9 @@ void validate(const OpticsConfig& config) {
   require(sensor.exposure > 0 && sensor.exposure <= 1000, "sensor.exposure must be over 0, to 1000");
   require(sensor.exposure_distance_m >= 0.1 && sensor.exposure_distance_m <= 20,
           "sensor.exposure_distance_m must be 0.1 to 20");
+  require(sensor.right_gain >= 0.05 && sensor.right_gain <= 20, "sensor.right_gain must be 0.05 to 20");
+  require(config.flash_sigma >= 0 && config.flash_sigma <= 1, "flash_sigma must be 0 to 1");
+  require(config.dark_probability >= 0 && config.dark_probability <= 1, "dark_probability must be 0 to 1");
   require(config.edge_samples == 1 || config.edge_samples == 4 || config.edge_samples == 8,
           "edge_samples must be 1, 4 or 8");
 }

@@ -39,6 +39,7 @@ struct SensorConfig {
   // fraction of full scale in the image's centre.
   double exposure = 1.3;
   double exposure_distance_m = 2.0;
+  double right_gain = 1.0;  // of the right camera over the left one's
 };
 
 struct OpticsConfig {
@@ -46,7 +47,9 @@ struct OpticsConfig {
                                     {{-0.75, 0.0, 0.0}, {0.18, 0.0, 1.0}, 1.0, 0.70}};
   WaterConfig water;
   SensorConfig sensor;
-  int edge_samples = 4;  // rays for a pixel on an edge of a thing or of a shadow; 1, 4 or 8
+  double flash_sigma = 0;       // of the strobes' energy from pair to pair, relative
+  double dark_probability = 0;  // that they stay dark in a pair
+  int edge_samples = 4;         // rays for a pixel on an edge of a thing or of a shadow; 1, 4 or 8
 };
 
 // Throws std::invalid_argument that names the member and its range.

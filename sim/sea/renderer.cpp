@@ -247,10 +247,12 @@ Renderer::Renderer(const Terrain& terrain, const OpticsConfig& optics, const Ste
 Renderer::~Renderer() = default;
 
 void Renderer::render(const SE3& T_nav_body, double time_s, CameraSide side, std::uint64_t noise_seed,
-                      std::uint16_t* out) const {
+                      std::uint16_t* out, double flash) const {
   const View& view = impl_->views[static_cast<std::size_t>(side)];
   std::vector<float> electrons;
   impl_->electrons(T_nav_body, time_s, view, electrons);
+  if (side == CameraSide::kRight) flash *= impl_->optics.sensor.right_gain;
+  for (float& e : electrons) e *= static_cast<float>(flash);
   impl_->sensor.expose(electrons.data(), view.camera.width, view.camera.height, noise_seed, out);
 }
 

@@ -26,10 +26,11 @@ class Renderer {
   ~Renderer();
 
   // Renders width * height samples of the side's camera into `out` (top row first, `bits` low bits, Bayer
-  // mosaic or mono). `time_s`: where moving things are. `noise_seed`: one for each image. Thread-safe;
-  // spreads over the oneTBB threads of the caller's arena; the bytes depend on the arguments only.
+  // mosaic or mono). `time_s`: where moving things are. `noise_seed`: one for each image. `flash`: the
+  // strobes' energy in this one over their usual. Thread-safe; spreads over the oneTBB threads of the
+  // caller's arena; the bytes depend on the arguments only.
   void render(const SE3& T_nav_body, double time_s, CameraSide side, std::uint64_t noise_seed,
-              std::uint16_t* out) const;
+              std::uint16_t* out, double flash = 1) const;
 
   // Expected electrons of each pixel, before noise and quantisation (for tests of the noise and of
   // radiometry).

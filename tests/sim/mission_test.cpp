@@ -148,6 +148,44 @@ TEST(MissionMaker, TellsTheVehicleAWrongCalibrationAndTheTruthTheRightOne) {
     EXPECT_TRUE(files.at(name) == same.at(name));
 }
 
+// Mean of an image's samples above the black level.
+double brightness(const std::filesystem::path& file) {
+  const io::ImageFile image = io::readImage(file, PixelFormat::kMono, 12);
+  double sum = 0;
+  const auto* samples = static_cast<const std::uint16_t*>(image.view.data);
+  const auto count = static_cast<std::size_t>(image.view.width * image.view.height);
+  for (std::size_t k = 0; k < count; ++k) sum += samples[k];
+  constexpr double kBlack = 0.005 * 4095;
+  return sum / static_cast<double>(count) - kBlack;
+}
+
+TEST(MissionMaker, StrobesThatVaryAndARightCameraOfMoreGainShowInTheImagesAndInTheTruth) {
+  test::TemporaryFolder folder;
+  Scenario scenario = tinyScenario();
+  scenario.optics.sensor.exposure = 0.4;
+  make(scenario, folder.path() / "even");
+  scenario.optics.flash_sigma = 0.2;
+  scenario.optics.dark_probability = 0.3;
+  scenario.optics.sensor.right_gain = 1.5;
+  make(scenario, folder.path() / "varied");
+  std::ifstream flashes(folder.path() / "varied/truth/flashes.csv"),
+      images(folder.path() / "varied/truth/images.csv");
+  std::string line, names;
+  std::getline(flashes, line), std::getline(images, names);
+  int pairs = 0;
+  for (; std::getline(flashes, line) && std::getline(images, names); ++pairs) {
+    const double energy = std::stod(line.substr(line.find(',') + 1));
+    const auto first = names.find(','), second = names.find(',', first + 1);
+    const std::string left = names.substr(first + 1, second - first - 1), right = names.substr(second + 1);
+    const auto ratio = [&](const std::string& name) {
+      return brightness(folder.path() / "varied/img" / name) / brightness(folder.path() / "even/img" / name);
+    };
+    EXPECT_NEAR(ratio(left), energy, 0.01) << left;
+    EXPECT_NEAR(ratio(right), 1.5 * energy, 0.015);
+  }
+  EXPECT_EQ(pairs, 4);
+}
+
 TEST(MissionMaker, WritesAMissionThatItsReadersAccept) {
   test::TemporaryFolder folder;
   const io::MissionPaths paths(folder.path() / "m");
