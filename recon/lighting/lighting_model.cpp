@@ -74,6 +74,9 @@ struct LightingModel::Impl {
     return colour->samplesFor(std::clamp(exposure_s / exposure, 1 / kMostBrighter, kMostBrighter));
   }
   void add(const ImageView& image, const RangeLattice* range, double exposure_s);
+  // Strobes that stayed dark tell nothing of how they light: most of the image is far below what is expected.
+  template <typename T>
+  [[nodiscard]] bool unlit(const ImageView& image) const;
   template <typename T>
   void learn(const ImageView& image, const RangeLattice* range);
   // What nodes showed beside what was expected of them.
@@ -137,6 +140,31 @@ void LightingModel::Impl::foretell(const ChannelModel& channel, Errors& errors) 
 }
 
 template <typename T>
+bool LightingModel::Impl::unlit(const ImageView& image) const {
+  constexpr float kUnlit = 0.15F;  // of what is expected
+  const ChannelModel& channel = channels.front();
+  if (!channel.known()) return false;
+  const bool plain = solved_images >= config.min_images;  // tells enough where ranges are not known
+  const float full = static_cast<float>((1 << bits) - 1), black = colour->pedestal(0);
+  std::size_t dark = 0;
+  for (int j = 0; j < lattice.rows; ++j)
+    for (int i = 0; i < lattice.columns; ++i) {
+      const auto n = static_cast<std::size_t>(j * lattice.columns + i);
+      // A sample of the first channel: of a mosaic, at even rows and columns.
+      const auto x = static_cast<std::size_t>(lattice.u(i)) / 2 * 2,
+                 y = static_cast<std::size_t>(lattice.v(j)) / 2 * 2;
+      const T* line = static_cast<const T*>(image.data) + y * (image.stride / sizeof(T));
+      const float seen =
+          static_cast<float>(line[x * static_cast<std::size_t>(format == PixelFormat::kRgb ? 3 : 1)]);
+      const bool ranged = ranges[n] > 0 && channel.knowsRange();
+      if (!ranged && !plain) continue;
+      const Level level = ranged ? channel.atRange(n, RangeBins::position(ranges[n])) : channel.plain(n);
+      dark += seen / full - black < kUnlit * (brightnesses[n] * std::exp(level.log_mean) - black);
+    }
+  return 2 * dark > lattice.size();
+}
+
+template <typename T>
 void LightingModel::Impl::learn(const ImageView& image, const RangeLattice* range) {
   Errors errors;
   for (std::size_t c = 0; c < channels.size(); ++c) {
@@ -179,6 +207,10 @@ void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range,
       brightnesses[n] = brightness(exposure_s);
       if (ranges[n] > 0) brightnesses[n] *= colour->lit(range->groundAt(lattice.u(i), lattice.v(j)));
     }
+  if (bits == 8 ? unlit<std::uint8_t>(image) : unlit<std::uint16_t>(image)) {
+    ++ignored;
+    return;
+  }
   if (bits == 8)
     learn<std::uint8_t>(image, range);
   else

@@ -57,7 +57,8 @@ class LightingModel {
   void add(const ImageView& image, const RangeLattice& range, double exposure_s = 0);
   void add(const ImageView& image);
   [[nodiscard]] int images() const;
-  [[nodiscard]] std::uint64_t ignoredImages() const;
+  [[nodiscard]] std::uint64_t ignoredImages()
+      const;  // of another shape, or taken while the strobes stayed dark
 
   // Corrects into 8 bits of the same mosaic, mono or RGB; `out` has width * height (RGB: times 3) bytes, row
   // after row. Before the first image full scale becomes 255; a wrongly shaped image becomes black. Without

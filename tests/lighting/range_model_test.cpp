@@ -123,6 +123,26 @@ TEST(RangeModel, ReportsTheLawOfRangeThatTheWaterHas) {
   EXPECT_NEAR(fitted.power * std::log(further / nearer) - fitted.per_metre * (further - nearer), lost, 0.15);
 }
 
+// Half of the first images, too: there is nothing else to go by then but the law of range.
+TEST(RangeModel, LearnsNothingFromStrobesThatStayedDark) {
+  LightingModel model = makeModel(), lit = makeModel();
+  const std::vector<double> altitudes = dropOff();
+  DiveScene scene(3);
+  const std::vector<std::uint16_t> dark(kWidth * kHeight, 0);
+  std::uint64_t unlit = 0;
+  for (std::size_t k = 0; k < altitudes.size(); ++k) {
+    const auto picture = scene.textured(altitudes[k]);
+    lit.add(DiveScene::view(picture), DiveScene::ranges(altitudes[k]));
+    model.add(DiveScene::view(picture), DiveScene::ranges(altitudes[k]));
+    if (k % 2 == 1 && k > 20) continue;
+    model.add(DiveScene::view(dark), DiveScene::ranges(altitudes[k]));
+    ++unlit;
+  }
+  EXPECT_EQ(lit.ignoredImages(), 0U);
+  EXPECT_EQ(model.ignoredImages(), unlit);
+  EXPECT_EQ(correctedEven(model, 3.0), correctedEven(lit, 3.0));
+}
+
 TEST(RangeModel, WithoutRangesThePlainOneStandsIn) {
   LightingModel model = makeModel(), plain = makeModel(LightingChoice::kPlain);
   learn(model, dropOff());
