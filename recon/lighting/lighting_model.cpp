@@ -3,39 +3,25 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "realtime/kernel/state_archive.hpp"
-#include "recon/lighting/channel_model.hpp"
-#include "recon/lighting/colour_light.hpp"
-#include "recon/lighting/correct_rows.hpp"
-#include "recon/lighting/model_choice.hpp"
-#include "recon/lighting/node_lattice.hpp"
+#include "recon/lighting/lighting_impl.hpp"
 
 namespace fathom::lighting {
 namespace {
 
 constexpr int kMaxSide = 65535;        // [px]
-constexpr int kSolveAlways = 32;       // images up to which every image is followed by a solution
-constexpr int kSolveFraction = 16;     // later, one in this share of the images so far
 constexpr float kMinSigma = 0.002F;    // of full scale: half a level of 8 bits; less is quantisation
 constexpr float kMinContrast = 0.04F;  // sigma of mean: in thicker haze, gain would show noise alone
-constexpr std::size_t kMaxChannels = 4;
 constexpr std::uint32_t kTag = rt::stateTag("LITE"), kVersion = 4;
-constexpr double kMostBrighter = 64;  // than another exposure: no camera's range of exposures is wider
 
 void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("lighting model: ") + what);
 }
-
-enum class Purpose : std::uint8_t { kMatching, kColour };
-
-// A row of nodes' corrections, by channel.
-using NodeRow = std::array<std::array<Correction, NodeLattice::kMaxSide>, kMaxChannels>;
 
 }  // namespace
 
@@ -43,62 +29,6 @@ const char* nameOf(LightingKind kind) {
   constexpr std::array<const char*, 4> kNames = {"none", "whole image", "plain", "range-dependent"};
   return kNames[static_cast<std::size_t>(kind)];
 }
-
-struct LightingModel::Impl {
-  int width, height;
-  PixelFormat format;
-  int bits;
-  LightingConfig config;
-  int samples_per_pixel;
-  NodeLattice lattice;
-  RowPlan plan;
-  std::vector<ChannelModel> channels;
-  std::vector<float> ranges, brightnesses, means;  // of an image being learnt, by node
-  std::optional<ColourLight> colour;               // always there
-  ModelChoice choice;
-  int images = 0, solved_images = 0;
-  int held = 0;         // images that what was learnt weighs
-  double exposure = 0;  // that statistics are brought to [s]; 0: none known
-  std::uint64_t ignored = 0, samples = 0;
-
-  [[nodiscard]] bool fits(const ImageView& image) const {
-    const std::size_t row_bytes =
-        static_cast<std::size_t>(width) * static_cast<std::size_t>(samples_per_pixel) * (bits == 8 ? 1 : 2);
-    return !image.empty() && image.width == width && image.height == height && image.format == format &&
-           image.bits == bits && image.stride >= row_bytes && (bits == 8 || image.stride % 2 == 0);
-  }
-  [[nodiscard]] LightingKind used() const;
-  // Of an image of that exposure, against what is learnt.
-  [[nodiscard]] float brightness(double exposure_s) const {
-    if (!(exposure_s > 0) || exposure == 0) return 1;
-    return colour->samplesFor(std::clamp(exposure_s / exposure, 1 / kMostBrighter, kMostBrighter));
-  }
-  void add(const ImageView& image, const RangeLattice* range, double exposure_s);
-  // Strobes that stayed dark tell nothing of how they light: most of the image is far below what is expected.
-  template <typename T>
-  [[nodiscard]] bool unlit(const ImageView& image) const;
-  template <typename T>
-  void learn(const ImageView& image, const RangeLattice* range);
-  // What nodes showed beside what was expected of them.
-  void learnRatios(std::size_t c, const RangeLattice* range);
-  struct Errors {
-    double sums[3] = {}, count[3] = {};  // whole, plain, range
-  };
-  void foretell(const ChannelModel& channel, Errors& errors) const;
-  [[nodiscard]] Correction stretch(const Level& level, float brightness) const;
-  // Of samples that are sRGB already, as cameras write pictures for people.
-  [[nodiscard]] bool encoded() const { return format == PixelFormat::kRgb && bits == 8; }
-  void nodeRow(Purpose purpose, LightingKind kind, const RangeLattice* range, float brightness, int j,
-               NodeRow& row) const;
-  template <Encoding kEncoding, typename T>
-  void correctImage(Purpose purpose, const ImageView& image, const RangeLattice* range, float brightness,
-                    std::uint8_t* out) const;
-  template <Encoding kEncoding>
-  void correct(Purpose purpose, const ImageView& image, const RangeLattice* range, float brightness,
-               std::uint8_t* out) const;
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self);
-};
 
 LightingKind LightingModel::Impl::used() const {
   const auto known = [](const ChannelModel& c) { return c.known(); };
@@ -110,126 +40,6 @@ LightingKind LightingModel::Impl::used() const {
   if (kind == LightingKind::kRangeDependent && !std::all_of(channels.begin(), channels.end(), ranged))
     return LightingKind::kPlain;
   return kind;
-}
-
-void LightingModel::Impl::foretell(const ChannelModel& channel, Errors& errors) const {
-  constexpr int kPatch = 4;       // nodes a side: what is smaller is taken for the seafloor's
-  constexpr double kWorst = 1.0;  // an error counts no more: a fish fills a patch, too
-  for (int pj = 0; pj < lattice.rows; pj += kPatch)
-    for (int pi = 0; pi < lattice.columns; pi += kPatch) {
-      double sums[3] = {}, count = 0, count_range = 0;
-      for (int j = pj; j < std::min(pj + kPatch, lattice.rows); ++j)
-        for (int i = pi; i < std::min(pi + kPatch, lattice.columns); ++i) {
-          const auto n = static_cast<std::size_t>(j * lattice.columns + i);
-          if (means[n] <= 0) continue;
-          const double seen = std::log(static_cast<double>(means[n]));
-          count += 1;
-          sums[0] += seen - static_cast<double>(channel.whole().log_mean);
-          sums[1] += seen - static_cast<double>(channel.plain(n).log_mean);
-          if (!(ranges[n] > 0) || !channel.knowsRange()) continue;
-          count_range += 1;
-          sums[2] += seen - static_cast<double>(channel.atRange(n, RangeBins::position(ranges[n])).log_mean);
-        }
-      for (std::size_t k = 0; k < 3; ++k) {
-        const double in = k == 2 ? count_range : count;
-        if (in == 0) continue;
-        errors.sums[k] += std::min(std::abs(sums[k]) / in, kWorst);
-        errors.count[k] += 1;
-      }
-    }
-}
-
-template <typename T>
-bool LightingModel::Impl::unlit(const ImageView& image) const {
-  constexpr float kUnlit = 0.15F;  // of what is expected
-  const ChannelModel& channel = channels.front();
-  if (!channel.known()) return false;
-  const bool plain = solved_images >= config.min_images;  // tells enough where ranges are not known
-  const float full = static_cast<float>((1 << bits) - 1), black = colour->pedestal(0);
-  std::size_t dark = 0;
-  for (int j = 0; j < lattice.rows; ++j)
-    for (int i = 0; i < lattice.columns; ++i) {
-      const auto n = static_cast<std::size_t>(j * lattice.columns + i);
-      // A sample of the first channel: of a mosaic, at even rows and columns.
-      const auto x = static_cast<std::size_t>(lattice.u(i)) / 2 * 2,
-                 y = static_cast<std::size_t>(lattice.v(j)) / 2 * 2;
-      const T* line = static_cast<const T*>(image.data) + y * (image.stride / sizeof(T));
-      const float seen =
-          static_cast<float>(line[x * static_cast<std::size_t>(format == PixelFormat::kRgb ? 3 : 1)]);
-      const bool ranged = ranges[n] > 0 && channel.knowsRange();
-      if (!ranged && !plain) continue;
-      const Level level = ranged ? channel.atRange(n, RangeBins::position(ranges[n])) : channel.plain(n);
-      dark += seen / full - black < kUnlit * (brightnesses[n] * std::exp(level.log_mean) - black);
-    }
-  return 2 * dark > lattice.size();
-}
-
-template <typename T>
-void LightingModel::Impl::learn(const ImageView& image, const RangeLattice* range) {
-  Errors errors;
-  for (std::size_t c = 0; c < channels.size(); ++c) {
-    ChannelModel& channel = channels[c];
-    channel.statistics().add(static_cast<const T*>(image.data), image.stride / sizeof(T), bits,
-                             static_cast<float>(config.saturated), brightnesses, ranges, means);
-    if (solved_images < config.min_images || !channel.known()) continue;
-    foretell(channel, errors);
-    learnRatios(c, range);
-  }
-  const auto mean = [&](int k) { return errors.count[k] > 0 ? errors.sums[k] / errors.count[k] : -1.0; };
-  choice.score(mean(0), mean(1), mean(2));
-}
-
-void LightingModel::Impl::learnRatios(std::size_t c, const RangeLattice* range) {
-  const ChannelModel& channel = channels[c];
-  for (int j = 0; j < lattice.rows; ++j)
-    for (int i = 0; i < lattice.columns; ++i) {
-      const auto n = static_cast<std::size_t>(j * lattice.columns + i);
-      if (means[n] <= 0) continue;
-      const bool ranged = ranges[n] > 0 && channel.knowsRange();
-      const Level level = ranged ? channel.atRange(n, RangeBins::position(ranges[n])) : channel.plain(n);
-      const float expected = std::exp(level.log_mean);
-      RangeLattice::Ground ground;
-      if (ranged) ground = range->groundAt(lattice.u(i), lattice.v(j));
-      colour->learn(c, expected * brightnesses[n], means[n] / expected, ranged ? &ground : nullptr);
-    }
-}
-
-void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range, double exposure_s) {
-  if (!fits(image)) {
-    ++ignored;
-    return;
-  }
-  if (exposure == 0 && exposure_s > 0 && std::isfinite(exposure_s)) exposure = exposure_s;
-  for (int j = 0; j < lattice.rows; ++j)
-    for (int i = 0; i < lattice.columns; ++i) {
-      const auto n = static_cast<std::size_t>(j * lattice.columns + i);
-      ranges[n] = range == nullptr ? 0.0F : range->at(lattice.u(i), lattice.v(j));
-      brightnesses[n] = brightness(exposure_s);
-      if (ranges[n] > 0) brightnesses[n] *= colour->lit(range->groundAt(lattice.u(i), lattice.v(j)));
-    }
-  if (bits == 8 ? unlit<std::uint8_t>(image) : unlit<std::uint16_t>(image)) {
-    ++ignored;
-    return;
-  }
-  if (bits == 8)
-    learn<std::uint8_t>(image, range);
-  else
-    learn<std::uint16_t>(image, range);
-  ++images;
-  ++held;
-  if (config.memory > 0 && held >= 2 * config.memory) {
-    for (ChannelModel& channel : channels) channel.statistics().halve();
-    colour->halve();
-    held /= 2;
-  }
-  samples += lattice.size() * channels.size() * NodeStatistics::kSamplesPerImage;
-  if (held > kSolveAlways && images - solved_images < held / kSolveFraction) return;
-  for (ChannelModel& channel : channels) channel.solve(held, config.outlier);
-  float contrast = 0;
-  for (const ChannelModel& channel : channels)
-    contrast += channel.contrast() / static_cast<float>(channels.size());
-  colour->solve(contrast);
-  solved_images = images;
 }
 
 Correction LightingModel::Impl::stretch(const Level& level, float brightness) const {
