@@ -80,8 +80,8 @@ void visitTerrain(KeyVisitor& keys, TerrainConfig& t) {
   visitPath(keys, "mesh_file", t.mesh_file,
             "PLY in north, east, down; beside the scenario or under FATHOM_DATA_DIR");
   visitPath(keys, "texture_file", t.texture_file, "image for the mesh's s, t; may be empty");
-  keys.number("size_north_m", t.size_north_m, "m", 2, 500, "(procedural)");
-  keys.number("size_east_m", t.size_east_m, "m", 2, 500, "(procedural)");
+  keys.number("size_north_m", t.size_north_m, "m", 1, 500, "(procedural)");
+  keys.number("size_east_m", t.size_east_m, "m", 1, 500, "(procedural)");
   keys.number("grid_spacing_m", t.grid_spacing_m, "m", 0.005, 1, "of the sand's vertices (procedural)");
   keys.number("undulation_m", t.undulation_m, "m", 0, 10,
               "standard deviation of the broad relief (procedural)");
@@ -111,7 +111,7 @@ void visitOptics(KeyVisitor& keys, OpticsConfig& o) {
   keys.choiceOf("left_format", o.sensor.left_format, kFormats, "");
   keys.choiceOf("right_format", o.sensor.right_format, kFormats, "");
   keys.integer("bits", o.sensor.bits, 8, 12, "8 or 12");
-  keys.vector3("quantum_efficiency", o.sensor.quantum_efficiency, "1", 0, 1, "red, green, blue");
+  keys.vector3("quantum_efficiency", o.sensor.quantum_efficiency, "1", 0.001, 1, "red, green, blue");
   keys.number("full_well_electrons", o.sensor.full_well_electrons, "e", 100, 1e6, "at full scale");
   keys.number("read_noise_electrons", o.sensor.read_noise_electrons, "e", 0, 1e4, "standard deviation");
   keys.number("black_level", o.sensor.black_level, "1", 0, 0.5, "of full scale");

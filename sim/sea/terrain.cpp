@@ -6,6 +6,8 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/mesh_io.hpp"
+#include "sim/scenario/range_check.hpp"
+#include "sim/scenario/scenario.hpp"
 #include "sim/sea/ground/seafloor.hpp"
 #include "sim/sea/ground/surface_scene.hpp"
 
@@ -68,60 +70,26 @@ void require(bool good, const char* what) {
   if (!good) throw std::invalid_argument(std::string("terrain: ") + what);
 }
 
-void requireSizes(double density, double low, double high, const char* what) {
-  require(density >= 0 && density <= 200 && low > 0 && high >= low && high <= 20, what);
-}
-
 }  // namespace
 
 void validate(const TerrainConfig& c) {
-  require(std::isfinite(c.centre_north_m) && std::isfinite(c.centre_east_m), "centre must be finite");
-  require(c.base_depth_m >= 0 && c.base_depth_m <= 11000, "base_depth_m must be 0 to 11000");
-  require(c.detail_contrast >= 0 && c.detail_contrast <= 1, "detail_contrast must be 0 to 1");
-  require(c.fish >= 0 && c.fish <= 1000, "fish must be 0 to 1000");
-  require(c.swaying_density_per_m2 >= 0 && c.swaying_density_per_m2 <= 20,
-          "swaying_density_per_m2 must be 0 to 20");
+  TerrainConfig walked = c;
+  RangeCheck check;
+  visitTerrain(check, walked);
+  require(walked.ledges.size() == c.ledges.size() && walked.placed.size() == c.placed.size(),
+          "there are at most 20 ledges and 100 placed things");
   if (c.kind == TerrainKind::kMesh) {
     require(!c.mesh_file.empty(), "mesh_file must be given for a mesh");
     return;
   }
-  require(c.size_north_m >= 1 && c.size_north_m <= 500 && c.size_east_m >= 1 && c.size_east_m <= 500,
-          "size_north_m and size_east_m must be 1 to 500");
-  require(c.grid_spacing_m >= 0.005 && c.grid_spacing_m <= 1, "grid_spacing_m must be 0.005 to 1");
   constexpr double kMaxVertices = 40e6;  // about 2 GB
   require(c.size_north_m * c.size_east_m / (c.grid_spacing_m * c.grid_spacing_m) <= kMaxVertices,
           "size over grid_spacing_m gives more than 40 million vertices; widen the spacing");
   require(c.size_north_m / c.grid_spacing_m < 30000 && c.size_east_m / c.grid_spacing_m < 30000,
           "size over grid_spacing_m gives more than 30000 vertices a side; widen the spacing");
-  require(c.undulation_m >= 0 && c.undulation_m <= 10, "undulation_m must be 0 to 10");
-  require(c.undulation_wavelength_m >= 0.5 && c.undulation_wavelength_m <= 1000,
-          "undulation_wavelength_m must be 0.5 to 1000");
-  require(c.roughness_m >= 0 && c.roughness_m <= 0.2, "roughness_m must be 0 to 0.2");
-  require(c.ripples.height_m >= 0 && c.ripples.height_m <= 1, "ripples.height_m must be 0 to 1");
-  require(c.ripples.wavelength_m >= 0.02 && c.ripples.wavelength_m <= 10,
-          "ripples.wavelength_m must be 0.02 to 10");
-  require(std::isfinite(c.ripples.direction_rad), "ripples.direction_rad must be finite");
-  requireSizes(c.rubble.density_per_m2, c.rubble.min_size_m, c.rubble.max_size_m,
-               "rubble needs a density of 0 to 200 per m2 and 0 < min_size_m <= max_size_m <= 20");
-  require(c.rubble.patchiness >= 0 && c.rubble.patchiness <= 1, "rubble.patchiness must be 0 to 1");
-  requireSizes(c.boulders.density_per_m2, c.boulders.min_size_m, c.boulders.max_size_m,
-               "boulders need a density of 0 to 200 per m2 and 0 < min_size_m <= max_size_m <= 20");
-  requireSizes(c.corals.density_per_m2, c.corals.min_size_m, c.corals.max_size_m,
-               "corals need a density of 0 to 200 per m2 and 0 < min_size_m <= max_size_m <= 20");
-  require(c.corals.overhang >= 0 && c.corals.overhang <= 0.8, "corals.overhang must be 0 to 0.8");
-  require(c.ripples.meander >= 0 && c.ripples.meander <= 1, "ripples.meander must be 0 to 1");
-  for (const PlacedConfig& thing : c.placed) {
-    require(std::isfinite(thing.north_m) && std::isfinite(thing.east_m) && std::isfinite(thing.heading_rad),
-            "placed things' north_m, east_m and heading_rad must be finite");
-    require(thing.size_m > 0 && thing.size_m <= 20, "placed things need 0 < size_m <= 20");
-  }
-  for (const LedgeConfig& ledge : c.ledges) {
-    require(std::isfinite(ledge.north_m) && std::isfinite(ledge.east_m) && std::isfinite(ledge.heading_rad),
-            "ledges' north_m, east_m and heading_rad must be finite");
-    require(ledge.drop_m > 0 && ledge.drop_m <= 50 && ledge.width_m >= 0 && ledge.width_m <= 100 &&
-                ledge.undercut_m >= 0 && ledge.undercut_m <= 5,
-            "ledges need 0 < drop_m <= 50, 0 <= width_m <= 100, 0 <= undercut_m <= 5");
-  }
+  require(c.rubble.min_size_m <= c.rubble.max_size_m, "rubble needs min_size_m <= max_size_m");
+  require(c.boulders.min_size_m <= c.boulders.max_size_m, "boulders need min_size_m <= max_size_m");
+  require(c.corals.min_size_m <= c.corals.max_size_m, "corals need min_size_m <= max_size_m");
 }
 
 Terrain::Terrain(const TerrainConfig& config) : config_(config) {

@@ -1,9 +1,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstdlib>
 #include <fstream>
 #include <numbers>
+#include <stdexcept>
 
 #include "realtime/kernel/input_error.hpp"
 #include "sim/scenario/random.hpp"
@@ -144,6 +146,26 @@ TEST(Random, GaussianHasUnitVariance) {
   }
   EXPECT_NEAR(sum / kCount, 0.0, 0.015);
   EXPECT_NEAR(squares / kCount, 1.0, 0.02);
+}
+
+// What a file may say the sea takes, and what it may not say a program may not set.
+TEST(Ranges, StandWithTheKeysAlone) {
+  TerrainConfig terrain;
+  terrain.swaying_density_per_m2 = 60;
+  EXPECT_NO_THROW(validate(terrain));
+  terrain.swaying_density_per_m2 = 101;
+  try {
+    validate(terrain);
+    FAIL() << "taken";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_STREQ(error.what(), "terrain.swaying_density_per_m2 must be 0 to 100");
+  }
+  OpticsConfig optics;
+  optics.strobes.front().half_angle_rad = degrees(3);
+  EXPECT_THROW(validate(optics), std::invalid_argument);
+  optics = {};
+  optics.sensor.read_noise_electrons = std::nan("");
+  EXPECT_THROW(validate(optics), std::invalid_argument);
 }
 
 }  // namespace
