@@ -149,6 +149,7 @@ RunSummary MissionRun::summary() const {
   s.frames_received = link_.counters().received;
   s.mapped_area = system_.link().mappedArea();
   s.unreadable_images = system_.unreadableImages();
+  s.warning = system_.map().rig().warning().value_or("");
   return s;
 }
 

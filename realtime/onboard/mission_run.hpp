@@ -22,6 +22,7 @@ struct RunSummary {
   double mapped_area = 0;       // [m2]
   double mission_s = 0;         // from first to last input
   double stereo_and_map_s = 0;  // wall clock in the cores, images read apart
+  std::string warning;          // for people; empty: none
 };
 
 // The soft tier's work, live and in replay alike: inputs in their order go through the system, and what comes

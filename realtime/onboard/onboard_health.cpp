@@ -127,6 +127,11 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   add("rejected_range", m.rejected.range);
   add("rejected_outlier", m.rejected.outlier);
   add("rejected_fish", m.rejected.fish);
+  const calibration::RigWatch& rig = map_.rig();
+  add("rig_changes", rig.changes());
+  for (int axis = 0; axis < 3; ++axis)
+    add("rig_turned_" + std::string(1, "xyz"[axis]) + "_rad", rig.turned()(axis));
+  add("rig_focal_longer", rig.focal());
   const lighting::LightingModel::Report light = map_.leftLight().report();
   add("lighting_model", static_cast<int>(light.used));
   add("lighting_images", light.images);

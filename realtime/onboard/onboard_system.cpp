@@ -249,6 +249,7 @@ std::uint16_t OnboardSystem::healthFlags(std::int64_t now_ns,
   if (!map_.anchored()) flags |= telemetry::kHealthNoFix;
   if (tiles.refused > 0) flags |= telemetry::kHealthPoolFull;
   if (tiles.coarsened > 0) flags |= telemetry::kHealthMapCoarsened;
+  if (map_.rig().changes() > 0) flags |= telemetry::kHealthSensorLies;
   if (const LocalisationCore* localisation = map_.localisation()) {
     const slam::NavigationGraph::Counters& graph = localisation->graph().counters();
     // A compass that has leapt once may be off from then on.

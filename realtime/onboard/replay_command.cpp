@@ -29,7 +29,9 @@ int ReplayCommand::run(const std::string& mission, const std::string& config) {
   const auto port = modem_.empty() ? nullptr : io::openFramePort(modem_, "--modem " + modem_);
   options_.link.modem = port.get();
   if (!downlink_.empty()) options_.link.downlink = downlink_;
-  std::printf("%s\n", describe(replay(options_)).c_str());
+  const ReplaySummary summary = replay(options_);
+  if (!summary.warning.empty()) std::fprintf(stderr, "warning: %s\n", summary.warning.c_str());
+  std::printf("%s\n", describe(summary).c_str());
   return kExitSuccess;
 }
 

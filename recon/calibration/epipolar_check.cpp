@@ -101,6 +101,15 @@ EpipolarCheck checkEpipolar(const StereoRig& rig, const std::vector<RigMatch>& m
   return out;
 }
 
+double EpipolarCheck::worst() const {
+  return std::max(std::abs(median), std::abs(worst_cell));
+}
+
+bool explainsMove(const EpipolarCheck& check) {
+  constexpr std::size_t kFewest = 500;
+  return check.errors.size() >= kFewest && hasMoved(check) && check.sigma_after < 0.5 * check.worst();
+}
+
 bool hasMoved(const EpipolarCheck& check) {
   return std::abs(check.median) > kMostMedian || std::abs(check.worst_cell) > kMostCell;
 }

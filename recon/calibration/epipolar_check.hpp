@@ -7,11 +7,6 @@
 
 namespace fathom::calibration {
 
-// The same point of the scene in both images, found without the help of the calibration [px].
-struct RigMatch {
-  Eigen::Vector2d left, right;
-};
-
 inline constexpr int kEpipolarColumns = 8, kEpipolarRows = 6;
 
 struct EpipolarCheck {
@@ -33,6 +28,9 @@ struct EpipolarCheck {
   // By which the right camera's focal lengths have become longer against the left one's, relative.
   double focal = 0, focal_sigma = 0;
   double sigma_after = 0;  // of one match when all that is taken out [px]
+
+  // In the worst part of the image, or of all [px].
+  [[nodiscard]] double worst() const;
 };
 
 // Fewer matches in a cell say nothing about it.
@@ -49,6 +47,9 @@ inline constexpr std::size_t kEnoughInCell = 30;
 // matches 1 px off their epipolar line: half of that leaves room for its own noise.
 inline constexpr double kMostMedian = 0.5, kMostCell = 0.75;  // [px]
 [[nodiscard]] bool hasMoved(const EpipolarCheck& check);
+// Whether it has, and `rotation` and `focal` bring the matches to their lines: few matches, or such that no
+// change does, show something else.
+[[nodiscard]] bool explainsMove(const EpipolarCheck& check);
 
 // The rig with its right camera turned about its own axes [rad] and longer focal lengths (`focal`: logarithm
 // of right over left), by half in each camera. Flat ports keep theirs.

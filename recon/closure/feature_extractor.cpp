@@ -140,6 +140,11 @@ FeatureExtractor::FeatureExtractor(const StereoRig& rig, const FeatureConfig& co
 
 FeatureExtractor::~FeatureExtractor() = default;
 
+void FeatureExtractor::setRig(const StereoRig& rig) {
+  impl_->rig = rig;
+  impl_->matcher = StereoMatcher(rig, impl_->config.stereo);
+}
+
 void FeatureExtractor::setStageObserver(std::function<void(const char* stage)> observer) {
   impl_->observer = std::move(observer);
 }

@@ -29,6 +29,9 @@ class FeatureExtractor {
   FeatureExtractor(const StereoRig& rig, const FeatureConfig& config);
   ~FeatureExtractor();
 
+  // As the rig stands from now on; of the same images.
+  void setRig(const StereoRig& rig);
+
   // `left`, `right`: 8-bit mono, lighting corrected, the rig's size. Empty or wrongly sized images give no
   // features. `depths`: narrows the configured range, where the altitude is known. The result is reused by
   // the next call.

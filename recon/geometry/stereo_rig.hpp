@@ -19,6 +19,16 @@ struct StereoRig {
   }
 };
 
+// The same point of the scene in both images, not judged by the calibration [px].
+struct RigMatch {
+  Eigen::Vector2d left, right;
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.left, self.right);
+  }
+};
+
 // Reads an ACFR stereo.calib (55, 57 or 100 numbers; see "stereo.calib" of the mission folder). Throws
 // InputError naming the count, or the number that cannot be: focal length, size, a rotation that is none, a
 // zero baseline. Flat ports come from the file beside it (readPorts()).

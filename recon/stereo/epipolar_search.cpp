@@ -20,6 +20,12 @@ EpipolarSearch::EpipolarSearch(const Camera& to, const SE3& T_to_from, double st
   candidates_.reserve(2 * static_cast<std::size_t>(radius / step) + 3);
 }
 
+void EpipolarSearch::look(const Camera& to, const SE3& T_to_from) {
+  to_ = to;
+  rotation_ = T_to_from.matrix3();
+  translation_ = T_to_from.translation();
+}
+
 double EpipolarSearch::seedInverseDepth(const Eigen::Vector3d& ray, const ViewPlane& plane) const {
   // z of the intersection is distance / (normal . ray).
   const double inverse_depth = plane.normal.dot(ray) / plane.distance;

@@ -23,6 +23,9 @@ class EpipolarSearch {
   EpipolarSearch(const Camera& to, const SE3& T_to_from, double step, double radius, double min_range,
                  double max_range);
 
+  // Another camera or pose of it; the limits stay.
+  void look(const Camera& to, const SE3& T_to_from);
+
   // Candidates in order of falling depth for a ray (x, y, 1); those outside the other image are left out.
   // The result is reused by the next call.
   const std::vector<Eigen::Vector2d>& candidates(const Eigen::Vector3d& ray, const ViewPlane& plane);

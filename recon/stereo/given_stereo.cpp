@@ -16,8 +16,14 @@ GivenStereo::GivenStereo(const StereoRig& rig, const SparseStereoConfig& config)
     : rig_(rig), config_(config), found_(rig, capacityOf(config)), mesh_(capacityOf(config)) {
   if (!(rig.baseline() > 0) || rig.left.width < 1 || rig.left.height < 1)
     throw std::invalid_argument("given stereo: the rig has no baseline or no image size");
+  result_.matches.reserve(capacityOf(config));
   result_.points.reserve(capacityOf(config));
   result_.triangles.reserve(2 * capacityOf(config));
+}
+
+void GivenStereo::setRig(const StereoRig& rig) {
+  rig_ = rig;
+  found_.setRig(rig);
 }
 
 const StereoResult& GivenStereo::process(const StereoFeatureFrame& frame) {
@@ -27,6 +33,7 @@ const StereoResult& GivenStereo::process(const StereoFeatureFrame& frame) {
     if (result_.corners == capacityOf(config_)) break;
     ++result_.corners;
     const Eigen::Vector2d left = f.left.cast<double>(), right = f.right.cast<double>();
+    result_.matches.push_back({left, right});
     MatchPoints::Rays rays;
     if (!found_.nearEpipolarLine(config_, left, rig_.left.ray(left), right, rays, result_)) continue;
     const double sigma = static_cast<double>(f.match_sigma);

@@ -17,6 +17,9 @@ class GivenStereo {
   // `config.max_features` are used.
   GivenStereo(const StereoRig& rig, const SparseStereoConfig& config);
 
+  // As the rig stands from now on; of the same images.
+  void setRig(const StereoRig& rig);
+
   // The result is reused by the next call. A frame of another size than the rig's left image gives none.
   const StereoResult& process(const StereoFeatureFrame& frame);
 

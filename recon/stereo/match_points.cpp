@@ -21,7 +21,14 @@ bool usable(const SeedPlane& plane) {
 MatchPoints::MatchPoints(const StereoRig& rig, std::size_t max_points)
     : rig_(rig), epipolar_(rig), triangulation_(rig), noise_(max_points) {}
 
+void MatchPoints::setRig(const StereoRig& rig) {
+  rig_ = rig;
+  epipolar_ = EpipolarDistance(rig);
+  triangulation_ = MidpointTriangulation(rig);
+}
+
 void MatchPoints::begin(StereoResult& result) {
+  result.matches.clear();
   result.points.clear();
   result.triangles.clear();
   result.rejected = {};

@@ -17,6 +17,9 @@ class MatchPoints {
   // Reserves the memory for this many points.
   MatchPoints(const StereoRig& rig, std::size_t max_points);
 
+  // Of the same size.
+  void setRig(const StereoRig& rig);
+
   // Empties `result` for a new frame; false when the images are not 8-bit mono of the rig's size, or the
   // plane is none.
   [[nodiscard]] bool begin(const ImageView& left, const ImageView& right, const SeedPlane& plane,

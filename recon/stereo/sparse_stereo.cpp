@@ -70,10 +70,21 @@ struct SparseStereo::Impl {
         core(coreWindow(c.window), kernels),
         found(r, static_cast<std::size_t>(c.max_features)),
         mesh(static_cast<std::size_t>(c.max_features)) {
+    result.matches.reserve(static_cast<std::size_t>(c.max_features));
     result.points.reserve(static_cast<std::size_t>(c.max_features));
     result.triangles.reserve(2 * static_cast<std::size_t>(c.max_features));
+    view_rays.resize(static_cast<std::size_t>(kViewNodes) * kViewNodes);
+    look();
+  }
+
+  // What depends on how the rig stands.
+  void look() {
     for (int j = 0; j < kViewNodes; ++j)
-      for (int i = 0; i < kViewNodes; ++i) view_rays.push_back(rig.left.ray(viewNode(i, j)));
+      for (int i = 0; i < kViewNodes; ++i)
+        view_rays[static_cast<std::size_t>(j * kViewNodes + i)] = rig.left.ray(viewNode(i, j));
+    to_right.look(rig.right, rig.T_right_left);
+    to_left.look(rig.left, rig.T_right_left.inverse());
+    found.setRig(rig);
   }
 
   // Both pyramids need the same number.
@@ -142,6 +153,7 @@ void SparseStereo::Impl::match(const Corner& corner, const ViewPlane& left_plane
     ++result.rejected.no_track;
     return;
   }
+  result.matches.push_back({left, there.position});
   MatchPoints::Rays rays;
   if (!found.nearEpipolarLine(config, left, left_ray, there.position, rays, result)) return;
   const PatchMatch back =
@@ -159,6 +171,11 @@ SparseStereo::SparseStereo(const StereoRig& rig, const SparseStereoConfig& confi
 }
 
 SparseStereo::~SparseStereo() = default;
+
+void SparseStereo::setRig(const StereoRig& rig) {
+  impl_->rig = rig;
+  impl_->look();
+}
 
 void SparseStereo::setStageObserver(std::function<void(const char* stage)> observer) {
   impl_->observer = std::move(observer);

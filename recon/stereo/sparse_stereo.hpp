@@ -49,6 +49,7 @@ struct StereoPoint {
 };
 
 struct StereoResult {
+  std::vector<RigMatch> matches;  // before the check by the epipolar line
   std::vector<StereoPoint> points;
   std::vector<std::array<std::uint32_t, 3>> triangles;  // of points; normals towards the camera
   struct Rejected {
@@ -91,6 +92,9 @@ class SparseStereo {
   // images give an empty result.
   const StereoResult& process(const ImageView& left, const ImageView& right, const SeedPlane& plane,
                               int max_features = 0);
+
+  // As the rig stands from now on; of the same images. No call of the heap.
+  void setRig(const StereoRig& rig);
 
   // Called with the stage's name at the end of each stage of process(): "pyramids", "corners", "tracking",
   // "outliers", "triangles". For a caller that has a clock; empty: none.

@@ -23,7 +23,7 @@ enum HealthFlag : std::uint16_t {
   kHealthRecorderFailed = 1U << 9,  // the mission is not being recorded whole
   kHealthDiskLow = 1U << 10,
   kHealthStereoPoor = 1U << 11,  // pairs arrive but give few points (turbid, dark, too high)
-  kHealthSensorLies = 1U << 12,  // DVL or compass contradict the images
+  kHealthSensorLies = 1U << 12,  // DVL, compass or the rig's calibration contradict the images
 };
 inline constexpr unsigned kHealthBits = 13;
 [[nodiscard]] const char* healthText(unsigned bit);  // short text of bit 0 to kHealthBits - 1

@@ -7,6 +7,7 @@
 #include "recon/calibration/epipolar_check.hpp"
 #include "recon/calibration/mount_alignment.hpp"
 #include "recon/calibration/range_check.hpp"
+#include "recon/calibration/rig_watch.hpp"
 #include "tests/calibration/made_boards.hpp"
 
 namespace fathom::calibration {
@@ -87,6 +88,40 @@ TEST(EpipolarCheck, FocalLengthsThatDifferAreToldFromATurn) {
     EXPECT_NEAR(a->fx, b->fx, 0.001 * b->fx);
   EXPECT_LT(mended.T_right_left.rotation().angularDistance(truth.T_right_left.rotation()) / kDegree, 0.06);
   EXPECT_NEAR(mended.baseline(), truth.baseline(), 1e-12);
+}
+
+// Knocked in the middle of a dive.
+TEST(RigWatch, FollowsARigThatIsKnocked) {
+  const StereoRig told = test::madeRig(), knocked = bumped(told, {0.3, 0, 0.1});
+  RigWatch watch(told);
+  const auto before = madeMatches(told, 3 * RigWatch::kHeld, 0.1),
+             after = madeMatches(knocked, 3 * RigWatch::kHeld, 0.1);
+  const auto changes = [&](const std::vector<RigMatch>& matches) {
+    int changed = 0;
+    for (std::size_t k = 0; k + RigWatch::kOfPair <= matches.size(); k += RigWatch::kOfPair)
+      changed += watch.add({matches.data() + k, RigWatch::kOfPair}) ? 1 : 0;
+    return changed;
+  };
+  EXPECT_EQ(changes(before), 0);
+  EXPECT_EQ(changes(after), 1);
+  EXPECT_EQ(watch.changes(), 1u);
+  EXPECT_NEAR(watch.turned().x() / kDegree, 0.3, 0.01);
+  EXPECT_NEAR(watch.turned().z() / kDegree, 0.1, 0.01);
+  EXPECT_FALSE(hasMoved(checkEpipolar(watch.rig(), after)));
+}
+
+TEST(RigWatch, TakesNoRigFromMatchesThatHaveNone) {
+  RigWatch watch(test::madeRig());
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> x(0, test::madeRig().left.width), off(-15, 15);
+  for (int k = 0; k < 40'000; k += static_cast<int>(RigWatch::kOfPair)) {
+    std::vector<RigMatch> matches(RigWatch::kOfPair);
+    for (RigMatch& m : matches) {
+      m.left = {x(random), 0.75 * x(random)};
+      m.right = m.left + Eigen::Vector2d(off(random) - 40, off(random));
+    }
+    EXPECT_FALSE(watch.add(matches));
+  }
 }
 
 TEST(EpipolarCheck, NoMatchesGiveZeros) {

@@ -5,10 +5,13 @@
 #include <algorithm>
 #include <fstream>
 #include <map>
+#include <numbers>
+#include <sstream>
 
 #include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/onboard/onboard_config.hpp"
+#include "recon/calibration/epipolar_check.hpp"
 #include "recon/geometry/colour_matrix.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "telemetry/ship/link_receiver.hpp"
@@ -29,6 +32,17 @@ ReplayOptions into(const std::filesystem::path& out) {
   options.out = out;
   options.drain_s = 300;
   return options;
+}
+
+std::map<std::string, double> lastHealth(const std::filesystem::path& file) {
+  std::istringstream text(test::readText(file));
+  std::string header, row, name, value;
+  std::getline(text, header);
+  for (std::string line; std::getline(text, line);) row = line;
+  std::istringstream names(header), values(row);
+  std::map<std::string, double> out;
+  while (std::getline(names, name, ',') && std::getline(values, value, ',')) out[name] = std::stod(value);
+  return out;
 }
 
 TEST(OnboardConfig, TellsTheGraphHowFarTheCameraIsFromTheDvl) {
@@ -135,6 +149,30 @@ TEST(Replay, MapsEveryPairWithinCentimetresOfTheTrueSeafloorUnderTheVehicle) {
   Eigen::AlignedBox2f box;
   for (const Eigen::Vector3f& v : map.vertices) box.extend(Eigen::Vector2f(v.head<2>()));
   EXPECT_NEAR(mean_depth(map, box), mean_depth(terrain, box), 0.15);
+}
+
+// A rig knocked by 0.2 degrees, focal lengths 0.6 % apart: half a minute of dive, and 10 pairs until it is
+// known.
+TEST(Replay, ARigThatHasMovedSinceItWasCalibratedIsFollowed) {
+  const test::TemporaryFolder folder;
+  const std::filesystem::path mission = folder.path() / "mission";
+  std::filesystem::create_directory(mission);
+  for (const char* name : {"img", "mission.toml", "sensors.lcmlog"})
+    std::filesystem::create_symlink(kMission / name, mission / name);
+  constexpr double kTurned = 0.2 * std::numbers::pi / 180;
+  writeStereoCalib(mission / "stereo.calib",
+                   calibration::changed(readStereoCalib(kMission / "stereo.calib"), {kTurned, 0, 0}, 0.006));
+  ReplayOptions options = into(folder.path() / "out");
+  options.mission = mission;
+  const ReplaySummary summary = replay(options);
+  EXPECT_GE(summary.pairs_used, summary.pairs - 12);
+  EXPECT_NE(summary.warning.find("turned by pitch -0.2"), std::string::npos) << summary.warning;
+  const auto health = lastHealth(folder.path() / "out" / "health.csv");
+  EXPECT_EQ(health.at("rig_changes"), 1);
+  EXPECT_NEAR(health.at("rig_turned_x_rad"), -kTurned, 0.02 * kTurned);
+  EXPECT_NEAR(health.at("rig_focal_longer"), -0.006, 0.0006);
+  replay(into(folder.path() / "right"));
+  EXPECT_EQ(lastHealth(folder.path() / "right" / "health.csv").at("rig_changes"), 0);
 }
 
 TEST(Replay, EveryFrameOnTheLinkIsValidAndTheRateHolds) {

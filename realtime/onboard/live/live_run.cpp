@@ -231,6 +231,7 @@ int runLive(const LiveOptions& options) {
   }
   std::fprintf(stderr, "%s", live.budget().table(true).c_str());
   const RunSummary s = live.run().summary();
+  if (!s.warning.empty()) std::fprintf(stderr, "warning: %s\n", s.warning.c_str());
   std::printf(
       "%.0f s live: %llu of %llu pairs mapped, %.0f m2; %llu frames, %llu bytes sent, %llu received\n",
       s.mission_s, static_cast<unsigned long long>(s.pairs_used), static_cast<unsigned long long>(s.pairs),

@@ -40,6 +40,8 @@ class LocalisationCore {
   LocalisationCore& operator=(const LocalisationCore&) = delete;
 
   // Where odom's origin is as long as there is no keyframe (nav - odom).
+  // As the rig stands from now on; of the same images.
+  void setRig(const StereoRig& rig) { extractor_.setRig(rig); }
   void setAnchor(const Eigen::Vector2d& shift, double sigma);
   // A fix of an antenna at `antenna_in_odom` at its own time. It waits for the keyframe after it.
   void addFix(std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& north_east,

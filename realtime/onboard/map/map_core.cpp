@@ -42,6 +42,7 @@ double medianRange(const stereo::StereoResult& result) {
 
 MapCore::MapCore(const MapCoreConfig& config, const MapSlots& slots)
     : config_(config),
+      rig_(config.rig),
       left_light_(config.rig.left.width, config.rig.left.height, config.left_format, config.bits,
                   config.lighting),
       right_light_(config.rig.right.width, config.rig.right.height, config.right_format, config.bits,
@@ -185,7 +186,7 @@ const stereo::StereoResult& MapCore::seeFeatures(const MapInput& input, const st
     closure::GivenFeatureLimits limits;
     limits.max_features = config_.localisation.features;
     limits.depths = depthsAbout(plane.distance);
-    closure::featuresFrom(*input.features, config_.rig, limits, given_features_);
+    closure::featuresFrom(*input.features, rig_.rig(), limits, given_features_);
     ended("features given");
   }
   return result;
@@ -200,6 +201,14 @@ void MapCore::count(const stereo::StereoResult& result) {
   counters_.rejected.outlier += result.rejected.outlier;
   counters_.rejected.fish += result.rejected.fish;
   if (result.triangles.empty()) ++counters_.pairs_without_points;
+}
+
+void MapCore::useRig() {
+  const StereoRig& rig = rig_.rig();
+  ranges_ = lighting::RigRanges(rig);
+  stereo_.setRig(rig);
+  given_stereo_.setRig(rig);
+  if (localisation_) localisation_->setRig(rig);
 }
 
 MapOutput MapCore::process(const MapInput& input) {
@@ -220,6 +229,7 @@ MapOutput MapCore::process(const MapInput& input) {
   const stereo::StereoResult& result =
       input.features != nullptr ? seeFeatures(input, plane) : seeImages(input, plane);
   count(result);
+  if (rig_.add(result.matches)) useRig();
   out.points = result.points.size();
   out.triangles = result.triangles.size();
   out.median_range = medianRange(result);

@@ -7,6 +7,7 @@
 
 #include "realtime/onboard/localisation/localisation_core.hpp"
 #include "realtime/onboard/map/moving_map.hpp"
+#include "recon/calibration/rig_watch.hpp"
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/geometry/colour_matrix.hpp"
 #include "recon/geometry/image_view.hpp"
@@ -105,6 +106,8 @@ class MapCore {
   [[nodiscard]] const nav::PositionAnchor& anchor() const { return anchor_; }
   [[nodiscard]] const fusion::QuadtreeMap& map() const { return map_.map(); }
   [[nodiscard]] const MovingMap& movingMap() const { return map_; }
+  // How it stands: as it was calibrated until matches show another.
+  [[nodiscard]] const calibration::RigWatch& rig() const { return rig_; }
   // Null when it is switched off.
   [[nodiscard]] const LocalisationCore* localisation() const { return localisation_.get(); }
 
@@ -134,6 +137,8 @@ class MapCore {
   const stereo::StereoResult& seeImages(const MapInput& input, const stereo::SeedPlane& plane);
   const stereo::StereoResult& seeFeatures(const MapInput& input, const stereo::SeedPlane& plane);
   void count(const stereo::StereoResult& result);
+  // Everyone who looks through the rig looks through rig_ from now on.
+  void useRig();
   // Corrects a pair for stereo.
   void correctPair(const MapInput& input);
   // Bends the ranges to stereo's points, learns the pair by them if it shows new ground, and corrects the
@@ -141,6 +146,7 @@ class MapCore {
   void learnLight(const MapInput& input, double range, const stereo::StereoResult& result);
 
   MapCoreConfig config_;
+  calibration::RigWatch rig_;
   lighting::LightingModel left_light_, right_light_;
   lighting::RigRanges ranges_;
   lighting::NewGround new_ground_;

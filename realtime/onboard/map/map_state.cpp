@@ -7,7 +7,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("MAPC"), kMovingTag = rt::stateTag("MOVE"), kVersion = 2;
+constexpr std::uint32_t kTag = rt::stateTag("MAPC"), kMovingTag = rt::stateTag("MOVE"), kVersion = 3;
 // No mesh is so large [m]; who hears of a mesh that moved looks at every square of its box.
 constexpr float kLargestBox = 1000;
 
@@ -65,7 +65,7 @@ void MapCore::exchange(Archive& archive, Self& self) {
   archive(localised);
   archive.require(localised == (self.localisation_ != nullptr), "localisation was switched on or off");
   archive(self.last_gps_ns_, self.anchor_, self.T_nav_odom_, self.frame_fixed_, self.anchored_,
-          self.anchor_sigma_, self.last_range_, self.new_ground_);
+          self.anchor_sigma_, self.last_range_, self.new_ground_, self.rig_);
   auto& c = self.counters_;
   archive(c.pairs, c.pairs_without_points, c.bad_images, c.points, c.rejected);
 }
@@ -79,6 +79,7 @@ void MapCore::save(rt::StateWriter& writer) const {
 
 bool MapCore::load(rt::StateReader& reader) {
   const bool good = reader.section(kTag, kVersion, [&] { exchange(reader, *this); });
+  if (good) useRig();
   if (!good || !reader(left_light_, right_light_)) return false;
   if (localisation_ && !reader(*localisation_)) return false;
   return map_.load(reader, [this](int keyframe) { return localisation_ && localisation_->has(keyframe); });

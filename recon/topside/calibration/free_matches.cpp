@@ -51,8 +51,8 @@ bool nearImage(const Camera& camera, const Eigen::Vector3d& point) {
 
 }  // namespace
 
-std::vector<calibration::RigMatch> matchFreely(const StereoRig& rig, const ImageView& left,
-                                               const ImageView& right, const stereo::SeedPlane& plane) {
+std::vector<RigMatch> matchFreely(const StereoRig& rig, const ImageView& left, const ImageView& right,
+                                  const stereo::SeedPlane& plane) {
   const cv::Mat left_image = matOf(left), right_image = matOf(right);
   std::vector<cv::Point2f> corners, from, to;
   constexpr int kBlock = 5;
@@ -67,7 +67,7 @@ std::vector<calibration::RigMatch> matchFreely(const StereoRig& rig, const Image
     from.push_back(c);
     to.push_back(pointOf(rig.right.project(in_right)));
   }
-  std::vector<calibration::RigMatch> matches;
+  std::vector<RigMatch> matches;
   if (from.empty()) return matches;
   const std::vector<bool> good = track(left_image, right_image, from, to);
   for (std::size_t k = 0; k < from.size(); ++k)
@@ -76,7 +76,7 @@ std::vector<calibration::RigMatch> matchFreely(const StereoRig& rig, const Image
   return matches;
 }
 
-std::vector<SeenPoint> triangulate(const StereoRig& rig, const std::vector<calibration::RigMatch>& matches,
+std::vector<SeenPoint> triangulate(const StereoRig& rig, const std::vector<RigMatch>& matches,
                                    double min_range, double max_range) {
   std::vector<double> errors;
   for (const auto& m : matches) errors.push_back(calibration::epipolarError(rig, m));

@@ -13,9 +13,8 @@ namespace fathom::topside {
 // Matches for judging a rig. The stereo stage looks along epipolar lines, so what it finds lies on them
 // whatever the calibration; here Lucas-Kanade (cv::calcOpticalFlowPyrLK) goes wherever the image leads it,
 // from where the seafloor's plane says, forth and back. Images: 8 bit mono, of the rig's size.
-[[nodiscard]] std::vector<calibration::RigMatch> matchFreely(const StereoRig& rig, const ImageView& left,
-                                                             const ImageView& right,
-                                                             const stereo::SeedPlane& plane);
+[[nodiscard]] std::vector<RigMatch> matchFreely(const StereoRig& rig, const ImageView& left,
+                                                const ImageView& right, const stereo::SeedPlane& plane);
 
 // Points seen by stereo, in the left camera frame [m].
 struct SeenPoint {
@@ -23,8 +22,7 @@ struct SeenPoint {
   Eigen::Vector3d point;
 };
 // Triangulates the matches that lie near the median epipolar error of the pair and within the ranges.
-[[nodiscard]] std::vector<SeenPoint> triangulate(const StereoRig& rig,
-                                                 const std::vector<calibration::RigMatch>& matches,
+[[nodiscard]] std::vector<SeenPoint> triangulate(const StereoRig& rig, const std::vector<RigMatch>& matches,
                                                  double min_range, double max_range);
 
 // The camera's motion from one left image to the next, from points tracked into it (perspective pose with

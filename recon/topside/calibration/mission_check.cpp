@@ -36,7 +36,7 @@ struct Mission {
 
 // What one run of pairs gives, in order.
 struct RunResult {
-  std::vector<calibration::RigMatch> matches;
+  std::vector<RigMatch> matches;
   std::vector<std::pair<SE3, std::vector<SeenPoint>>> points;  // with T_nav_cam
   std::vector<calibration::MotionStep> steps;
   std::size_t pairs = 0, unreadable = 0;
@@ -199,7 +199,7 @@ MissionCheck checkMission(const MissionCheckOptions& options) {
   out.port = m.input.mission.water.refractive_port;
   out.rig = m.input.rig;
   out.T_body_cam = m.input.mission.T_body_cam;
-  std::vector<calibration::RigMatch> matches;
+  std::vector<RigMatch> matches;
   std::vector<calibration::MotionStep> steps;
   RangeMap map;
   for (const RunResult& r : results) {
@@ -219,7 +219,7 @@ MissionCheck checkMission(const MissionCheckOptions& options) {
         throw InputError(options.mission.string(), "img", why + "; unreadable: " + r.trouble);
     throw InputError(options.mission.string(), "img", why + "; are these images of one scene?");
   }
-  out.epipolar = checkEpipolar(m.input.rig, matches);
+  out.epipolar = calibration::checkEpipolar(m.input.rig, matches);
   compareRanges(m, map, out);
   out.mount = alignMount(steps, m.input.mission.T_body_cam);
   return out;

@@ -19,7 +19,7 @@ RigFinding findRig(const MissionInput& input, const Survey& survey, const Lighti
   for (std::size_t k = 0; k < survey.list.pairs.size(); ++k)
     if (survey.planes[k]) known.push_back(k);
   const std::size_t count = std::min(known.size(), kRigPairs);
-  std::vector<std::vector<calibration::RigMatch>> found(count);
+  std::vector<std::vector<RigMatch>> found(count);
   oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
     const std::size_t pair = known[k * known.size() / count];
     PairImages images(input, models);
@@ -27,16 +27,14 @@ RigFinding findRig(const MissionInput& input, const Survey& survey, const Lighti
     images.correct(*survey.planes[pair]);
     found[k] = matchFreely(input.rig, images.left(), images.right(), *survey.planes[pair]);
   });
-  std::vector<calibration::RigMatch> matches;
+  std::vector<RigMatch> matches;
   for (const auto& some : found) matches.insert(matches.end(), some.begin(), some.end());
-  const calibration::EpipolarCheck check = checkEpipolar(input.rig, matches);
+  const calibration::EpipolarCheck check = calibration::checkEpipolar(input.rig, matches);
   RigFinding out;
   out.matches = matches.size();
-  out.before = std::max(std::abs(check.median), std::abs(check.worst_cell));
+  out.before = check.worst();
   out.after = check.sigma_after;
-  // Few matches, or such that no change of the rig brings to their lines, show something else.
-  constexpr std::size_t kFewest = 500;
-  out.moved = matches.size() >= kFewest && hasMoved(check) && out.after < 0.5 * out.before;
+  out.moved = calibration::explainsMove(check);
   out.rotation = check.rotation;
   out.focal = check.focal;
   return out;

@@ -1,0 +1,48 @@
+#include "recon/calibration/rig_watch.hpp"
+
+#include <algorithm>
+#include <numbers>
+
+#include "realtime/kernel/text.hpp"
+
+namespace fathom::calibration {
+
+RigWatch::RigWatch(const StereoRig& rig) : calibrated_(rig), rig_(rig), T_right_left_(rig.T_right_left) {
+  matches_.reserve(kHeld);
+}
+
+bool RigWatch::add(std::span<const RigMatch> matches) {
+  const std::size_t count = std::min({matches.size(), kOfPair, kHeld - matches_.size()});
+  for (std::size_t k = 0; k < count; ++k) matches_.push_back(matches[k * matches.size() / count]);
+  if (matches_.size() < kHeld) return false;
+  const EpipolarCheck check = checkEpipolar(rig_, matches_);
+  matches_.clear();
+  if (!explainsMove(check)) return false;
+  T_right_left_ = changed(rig_, check.rotation, 0).T_right_left;
+  focal_ += check.focal;
+  ++changes_;
+  apply();
+  return true;
+}
+
+Eigen::Vector3d RigWatch::turned() const {
+  return (T_right_left_ * calibrated_.T_right_left.inverse()).log().tail<3>();
+}
+
+std::optional<std::string> RigWatch::warning() const {
+  if (changes_ == 0) return std::nullopt;
+  const Eigen::Vector3d degrees = turned() * 180 / std::numbers::pi;
+  return "the rig does not stand as it was calibrated: the map takes the right camera as turned by pitch " +
+         decimals(degrees.x(), 3) + ", yaw " + decimals(degrees.y(), 3) + ", roll " +
+         decimals(degrees.z(), 3) + " deg, its focal lengths as " + decimals(100 * focal_, 2) +
+         " % longer against the left one's; fathom-topside check-calibration MISSION --mended stereo.calib "
+         "makes "
+         "the file for the next dive";
+}
+
+void RigWatch::apply() {
+  rig_ = changed(calibrated_, Eigen::Vector3d::Zero(), focal_);
+  rig_.T_right_left = T_right_left_;
+}
+
+}  // namespace fathom::calibration
