@@ -7,6 +7,8 @@
 #include <algorithm>
 #include <atomic>
 #include <mutex>
+#include <numbers>
+#include <optional>
 #include <thread>
 #include <vector>
 
@@ -140,24 +142,68 @@ std::uint64_t noiseSeed(const Scenario& scenario, CameraSide side, std::size_t i
                     (side == CameraSide::kLeft ? "left-image-" : "right-image-") + std::to_string(index));
 }
 
-// The strobes' energy in each pair over their usual.
-std::vector<double> flashesOf(const Scenario& scenario, std::size_t pairs) {
-  Random random(static_cast<std::uint64_t>(scenario.seed), "flashes");
-  std::vector<double> out(pairs);
-  for (double& flash : out) {
-    const double energy = std::max(1 + random.gauss(scenario.optics.flash_sigma), 0.0);
-    flash = random.uniform() < scenario.optics.dark_probability ? 0 : energy;
+// What differs from pair to pair.
+std::vector<Moment> momentsOf(const Scenario& scenario, const std::vector<Exposure>& exposures) {
+  const OpticsConfig& optics = scenario.optics;
+  const auto seed = static_cast<std::uint64_t>(scenario.seed);
+  Random random(seed, "flashes"), misfires(seed, "misfires"), water(seed, "water");
+  const WaterPatches patches(water);
+  std::vector<Moment> out(exposures.size());
+  for (std::size_t k = 0; k < out.size(); ++k) {
+    Moment& m = out[k];
+    const double energy = std::max(1 + random.gauss(optics.flash_sigma), 0.0);
+    const bool dark = random.uniform() < optics.dark_probability;
+    for (const StrobeConfig& strobe : optics.strobes) {
+      const bool misfire = misfires.uniform() < optics.misfire_probability;
+      m.flashes.push_back(dark || misfire || exposures[k].time_s >= strobe.dies_at_s ? 0 : energy);
+    }
+    m.turbidity = std::max(0.05, 1 + optics.water.patches * patches.sediment.at(exposures[k].time_s));
+    m.exposure = exposures[k].over_usual;
+    m.snow_seed = streamSeed(seed, "snow-" + std::to_string(k));
   }
   return out;
 }
 
-void writeFlashes(const std::filesystem::path& file, const SensorWorld& world,
-                  const std::vector<Exposure>& exposures, const std::vector<double>& flashes) {
+void writeMoments(const std::filesystem::path& file, const SensorWorld& world,
+                  const std::vector<Exposure>& exposures, const std::vector<Moment>& moments) {
   AtomicFile out(file);
-  out.stream() << "utc_ns,energy\n";
-  for (std::size_t k = 0; k < exposures.size(); ++k)
-    out.stream() << world.utcNs(exposures[k].time_s) << ',' << flashes[k] << '\n';
+  out.stream() << "utc_ns,turbidity,exposure";
+  for (std::size_t s = 0; s < moments.front().flashes.size(); ++s) out.stream() << ",strobe_" << s + 1;
+  out.stream() << '\n';
+  for (std::size_t k = 0; k < exposures.size(); ++k) {
+    out.stream() << world.utcNs(exposures[k].time_s) << ',' << moments[k].turbidity << ','
+                 << moments[k].exposure;
+    for (const double flash : moments[k].flashes) out.stream() << ',' << flash;
+    out.stream() << '\n';
+  }
   out.commit();
+}
+
+// An exposure that follows the altitude, a pair late.
+void setExposures(const Renderer& renderer, const Scenario& scenario, const SensorWorld& world,
+                  std::vector<Exposure>& exposures) {
+  constexpr double kShortest = 0.1, kLongest = 10;
+  for (std::size_t k = 1; k < exposures.size(); ++k) {
+    const SE3 T_nav_cam = world.trajectory.poseAt(exposures[k - 1].time_s) * scenario.T_body_cam();
+    const auto distance =
+        world.cast_ray(T_nav_cam.translation(), T_nav_cam.rotation() * Eigen::Vector3d::UnitZ());
+    if (distance)
+      exposures[k].over_usual = std::pow(std::clamp(renderer.exposureAt(*distance), kShortest, kLongest),
+                                         scenario.optics.sensor.auto_exposure);
+  }
+}
+
+// Pose of the body at a moment, shaken by pumps and thrusters.
+SE3 shaken(const Scenario& scenario, const SensorWorld& world, std::size_t pair, double time_s) {
+  const OpticsConfig& optics = scenario.optics;
+  const SE3 pose = world.trajectory.poseAt(time_s);
+  if (optics.vibration_rad <= 0) return pose;
+  Random random(static_cast<std::uint64_t>(scenario.seed), "vibration-" + std::to_string(pair));
+  Vector6d twist = Vector6d::Zero();
+  for (const int axis : {3, 4})
+    twist(axis) = optics.vibration_rad *
+                  std::sin(2 * std::numbers::pi * (random.uniform() + optics.vibration_hz * time_s));
+  return pose * SE3::exp(twist);
 }
 
 // Calls make(i) for every exposure, in parallel; each writes its own files.
@@ -174,20 +220,27 @@ void makeAll(std::size_t count, const MissionMakerOptions& options,
   });
 }
 
-void renderAll(const Terrain& terrain, const Scenario& scenario, const StereoRig& rig,
-               const SensorWorld& world, const std::vector<Exposure>& exposures,
-               const std::filesystem::path& folder, const MissionMakerOptions& options) {
-  std::filesystem::create_directories(folder);
-  const Renderer renderer(terrain, scenario.optics, rig, scenario.T_body_cam());
-  const std::vector<double> flashes = flashesOf(scenario, exposures.size());
-  writeFlashes(io::MissionPaths(folder.parent_path()).truth() / "flashes.csv", world, exposures, flashes);
+void renderAll(const Renderer& renderer, const Scenario& scenario, const SensorWorld& world,
+               const std::vector<Exposure>& exposures, const io::MissionPaths& paths,
+               const MissionMakerOptions& options) {
+  std::filesystem::create_directories(paths.images());
+  const std::vector<Moment> moments = momentsOf(scenario, exposures);
+  if (!moments.empty()) writeMoments(paths.truth() / "exposures.csv", world, exposures, moments);
+  const double open_s = scenario.optics.sensor.open_s;
   makeAll(exposures.size(), options, [&](std::size_t i) {
     const Exposure& e = exposures[i];
-    const SE3 pose = world.trajectory.poseAt(e.time_s);
-    photograph(renderer, pose, e.time_s, CameraSide::kLeft, noiseSeed(scenario, CameraSide::kLeft, i),
-               folder / io::imageFileName(e.left_stamp_ns, CameraSide::kLeft).view(), flashes[i]);
-    photograph(renderer, pose, e.time_s, CameraSide::kRight, noiseSeed(scenario, CameraSide::kRight, i),
-               folder / io::imageFileName(e.right_stamp_ns, CameraSide::kRight).view(), flashes[i]);
+    for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
+      const bool left = side == CameraSide::kLeft;
+      const double time = e.time_s + (left ? 0 : scenario.sensors.cameras.right_delay_s);
+      Moment moment = moments[i];
+      const SE3 pose = shaken(scenario, world, i, time);
+      if (open_s > 0)
+        moment.T_begin_end = shaken(scenario, world, i, time - 0.5 * open_s).inverse() *
+                             shaken(scenario, world, i, time + 0.5 * open_s);
+      photograph(renderer, pose, time, side, noiseSeed(scenario, side, i),
+                 paths.images() / io::imageFileName(left ? e.left_stamp_ns : e.right_stamp_ns, side).view(),
+                 moment);
+    }
   });
 }
 
@@ -249,7 +302,12 @@ MissionMakerReport make(const Scenario& scenario, const MissionMakerOptions& opt
       scenario.T_body_depth,
       scenario.T_body_compass,
       seed};
-  const std::vector<Exposure> exposures = simulateExposures(world, scenario.sensors.cameras);
+  std::vector<Exposure> exposures = simulateExposures(world, scenario.sensors.cameras);
+  std::optional<Renderer> renderer;
+  if (!options.features) {
+    renderer.emplace(terrain, scenario.optics, rig, scenario.T_body_cam());
+    setExposures(*renderer, scenario, world, exposures);
+  }
   const LoggedSamples samples = simulateSensors(world, scenario.sensors, exposures);
 
   const io::MissionConfig mission = missionConfig(scenario, rig);
@@ -268,7 +326,7 @@ MissionMakerReport make(const Scenario& scenario, const MissionMakerOptions& opt
   if (options.features)
     observeAll(terrain, scenario, rig, world, exposures, paths.features(), options);
   else
-    renderAll(terrain, scenario, rig, world, exposures, paths.images(), options);
+    renderAll(*renderer, scenario, world, exposures, paths, options);
   folder.commit();
   return describe(world, seafloor, exposures, samples.size());
 }

@@ -106,6 +106,7 @@ TerrainConfig resolvedTerrain(const Scenario& scenario) {
   };
   resolve(terrain.mesh_file, "mesh_file");
   resolve(terrain.texture_file, "texture_file");
+  resolve(terrain.albedo_images, "albedo_images");
   return terrain;
 }
 

@@ -79,6 +79,10 @@ void visitTerrain(KeyVisitor& keys, TerrainConfig& t) {
               "mean depth before ledges; mesh: of its mean vertex");
   visitPath(keys, "mesh_file", t.mesh_file,
             "PLY in north, east, down; beside the scenario or under FATHOM_DATA_DIR");
+  visitPath(keys, "albedo_images", t.albedo_images,
+            "folder of photographs of a seafloor, that its colours are taken from; may be empty");
+  keys.number("albedo_pixel_m", t.albedo_pixel_m, "m", 1e-4, 0.05, "of ground a pixel of these");
+  keys.number("albedo_contrast", t.albedo_contrast, "1", 0, 3, "of these over their own");
   visitPath(keys, "texture_file", t.texture_file, "image for the mesh's s, t; may be empty");
   keys.number("size_north_m", t.size_north_m, "m", 1, 500, "(procedural)");
   keys.number("size_east_m", t.size_east_m, "m", 1, 500, "(procedural)");
@@ -100,12 +104,36 @@ void visitOptics(KeyVisitor& keys, OpticsConfig& o) {
   keys.enter("optics", "strobes, water and image sensors");
   keys.integer("edge_samples", o.edge_samples, 1, 8, "rays for a pixel on an edge: 1, 4 or 8");
   keys.number("flash_sigma", o.flash_sigma, "1", 0, 1,
-              "of the strobes' energy from pair to pair, relative; truth/flashes.csv has each");
+              "of the strobes' energy from pair to pair, relative; truth/exposures.csv has each");
   keys.number("dark_probability", o.dark_probability, "1", 0, 1, "that the strobes stay dark in a pair");
+  keys.number("misfire_probability", o.misfire_probability, "1", 0, 1,
+              "that one of them does, each by itself");
+  keys.angle("vibration_deg", o.vibration_rad, 0, 2, "amplitude in roll and pitch; no sensor sees it");
+  keys.number("vibration_hz", o.vibration_hz, "1/s", 1, 1000, "of pumps and thrusters");
   keys.enter("water", "light's way; red, green, blue");
   keys.vector3("absorption_per_m", o.water.absorption_per_m, "1/m", 0, 10, "");
   keys.vector3("scattering_per_m", o.water.scattering_per_m, "1/m", 0, 10, "");
   keys.number("backscatter_fraction", o.water.backscatter_fraction, "1", 0, 1, "of the scattered light");
+  keys.number("patches", o.water.patches, "1", 0, 10,
+              "how far scattering follows the sediment's patches (sensors.water); 0: the same all dive");
+  keys.number("forward_per_m", o.water.forward_per_m, "1/m", 0, 5,
+              "of the light that small angles spread on its way to the camera");
+  keys.angle("forward_deg", o.water.forward_rad, 0.01, 10, "standard deviation of that spread");
+  keys.number("snow_per_m3", o.water.snow_per_m3, "1/m3", 0, 100000, "marine snow: particles above 0.5 mm");
+  keys.number("snow_slope", o.water.snow_slope, "1", 1.5, 8, "their number falls with size as d^-slope");
+  keys.number("snow_largest_mm", o.water.snow_largest_mm, "mm", 0.6, 50, "diameter");
+  keys.number("snow_albedo", o.water.snow_albedo, "1", 0, 1, "");
+  keys.leave();
+  DaylightConfig& d = o.daylight;
+  keys.enter("daylight", "sun and sky; 1 is the irradiance of a strobe of intensity 1 a metre away");
+  keys.number("irradiance", d.irradiance, "1", 0, 1000, "just below the surface; 0: none");
+  keys.angle("sun_elevation_deg", d.sun_elevation_rad, 1, 90, "in air");
+  keys.angle("sun_azimuth_deg", d.sun_azimuth_rad, -360, 360, "clockwise from north");
+  keys.number("sun_share", d.sun_share, "1", 0, 1, "of the irradiance; the rest is the sky's");
+  keys.number("caustics", d.caustics, "1", 0, 2,
+              "standard deviation of the sun's light on the seafloor, relative");
+  keys.number("caustic_size_m", d.caustic_size_m, "m", 0.02, 10, "cells between bright lines");
+  keys.number("caustic_period_s", d.caustic_period_s, "s", 0.05, 60, "in which they change");
   keys.leave();
   keys.enter("sensor", "the cameras' chips");
   keys.choiceOf("left_format", o.sensor.left_format, kFormats, "");
@@ -121,6 +149,14 @@ void visitOptics(KeyVisitor& keys, OpticsConfig& o) {
               "a white level seafloor at exposure_distance_m gives this fraction of full scale");
   keys.number("exposure_distance_m", o.sensor.exposure_distance_m, "m", 0.3, 50, "");
   keys.number("right_gain", o.sensor.right_gain, "1", 0.05, 20, "of the right camera over the left one's");
+  keys.number("auto_exposure", o.sensor.auto_exposure, "1", 0, 1,
+              "0: fixed; 1: the exposure follows the altitude so that the level stays, and the log tells it");
+  keys.number("open_s", o.sensor.open_s, "s", 0, 0.2,
+              "the image gathers light: what moves is blurred; 0: an instant");
+  keys.number("aperture_mm", o.sensor.aperture_mm, "mm", 0, 50, "of the lens; 0: everything is in focus");
+  keys.number("focus_m", o.sensor.focus_m, "m", 0.1, 100, "");
+  keys.number("glare", o.sensor.glare, "1", 0, 1,
+              "of a strobe's light a metre away that lens and port throw over the image");
   keys.leave();
   constexpr std::size_t kMaxStrobes = 8;
   keys.listOf("strobes", o.strobes, kMaxStrobes, "", [&](StrobeConfig& strobe) {
@@ -128,6 +164,7 @@ void visitOptics(KeyVisitor& keys, OpticsConfig& o) {
     keys.vector3("direction", strobe.direction_body, "1", -1, 1, "axis of the beam in body");
     keys.number("intensity", strobe.intensity, "1", 0, 100, "on the axis, relative to the other strobes");
     keys.angle("half_angle_deg", strobe.half_angle_rad, 5, 89, "at which the intensity is one half");
+    keys.number("dies_at_s", strobe.dies_at_s, "s", 0, 1e6, "dark from then on, since the mission's start");
   });
   keys.leave();
 }

@@ -141,6 +141,7 @@ void visitCameraClocks(KeyVisitor& keys, CameraClockConfig& c) {
   keys.number("right_drift", c.right_drift, "s/s", -1e-3, 1e-3, "of the right clock");
   keys.number("known_to_s", c.known_to_s, "s", 0, 1, "largest error of the offsets in mission.toml");
   keys.number("latency_s", c.latency_s, "s", 0, kMaxLatency, "from exposure to arrival");
+  keys.number("right_delay_s", c.right_delay_s, "s", 0, 0.1, "of the right shutter, which nobody tells");
   keys.leave();
 }
 

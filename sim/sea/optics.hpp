@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "recon/geometry/image_view.hpp"
+#include "sim/scenario/degrees.hpp"
 
 namespace fathom::sim {
 
@@ -16,6 +17,7 @@ struct StrobeConfig {
   Eigen::Vector3d direction_body{0, 0, 1};  // axis of the beam, any length
   double intensity = 1.0;                   // on the axis, relative to the other strobe
   double half_angle_rad = 0.70;             // off the axis, at which the intensity is one half
+  double dies_at_s = 1e6;                   // dark from then on [s], since the mission's start
 };
 
 // Sea water (typical of clear coastal water, Jerlov II) along every path of light.
@@ -23,6 +25,24 @@ struct WaterConfig {
   Channels absorption_per_m{0.34, 0.065, 0.045};
   Channels scattering_per_m{0.06, 0.07, 0.08};
   double backscatter_fraction = 0.02;  // of the scattered light that turns back
+  double patches = 0;                  // how far scattering follows the patches of sediment; 1: as they do
+  double forward_per_m = 0;            // of the light that small angles spread, on its way to the camera
+  double forward_rad = degrees(0.5);   // standard deviation of the spread
+  double snow_per_m3 = 0;              // particles above 0.5 mm
+  double snow_slope = 4;               // their number falls with size as d^-slope
+  double snow_largest_mm = 8;
+  double snow_albedo = 0.4;
+};
+
+// Sun and sky. An irradiance of 1 is that of a strobe of intensity 1, 1 m away, without water.
+struct DaylightConfig {
+  double irradiance = 0;                   // just below the surface; 0: night, or deep
+  double sun_elevation_rad = degrees(50);  // in air
+  double sun_azimuth_rad = degrees(30);    // clockwise from north
+  double sun_share = 0.6;                  // of the irradiance; the rest comes from the sky
+  double caustics = 0;                     // standard deviation of the sun's part on the seafloor, relative
+  double caustic_size_m = 0.4;             // of the cells between bright lines
+  double caustic_period_s = 1.5;           // in which they change
 };
 
 struct SensorConfig {
@@ -39,17 +59,26 @@ struct SensorConfig {
   // fraction of full scale in the image's centre.
   double exposure = 1.3;
   double exposure_distance_m = 2.0;
-  double right_gain = 1.0;  // of the right camera over the left one's
+  double right_gain = 1.0;   // of the right camera over the left one's
+  double auto_exposure = 0;  // 0: fixed; 1: the time follows the altitude so that the level stays
+  double open_s = 0;         // how long the image gathers light: blurs what moves; 0: an instant
+  double aperture_mm = 0;    // of the lens; 0: everything is in focus
+  double focus_m = 2.0;
+  double glare = 0;  // of a strobe's light a metre away that lens and port throw over the image
 };
 
 struct OpticsConfig {
   std::vector<StrobeConfig> strobes{{{0.75, 0.0, 0.0}, {-0.18, 0.0, 1.0}, 1.0, 0.70},
                                     {{-0.75, 0.0, 0.0}, {0.18, 0.0, 1.0}, 1.0, 0.70}};
   WaterConfig water;
+  DaylightConfig daylight;
   SensorConfig sensor;
-  double flash_sigma = 0;       // of the strobes' energy from pair to pair, relative
-  double dark_probability = 0;  // that they stay dark in a pair
-  int edge_samples = 4;         // rays for a pixel on an edge of a thing or of a shadow; 1, 4 or 8
+  double flash_sigma = 0;          // of the strobes' energy from pair to pair, relative
+  double dark_probability = 0;     // that they stay dark in a pair
+  double misfire_probability = 0;  // that one of them does, each by itself
+  double vibration_rad = 0;        // amplitude of the hull's, roll and pitch; no sensor sees it
+  double vibration_hz = 25;
+  int edge_samples = 4;  // rays for a pixel on an edge of a thing or of a shadow; 1, 4 or 8
 };
 
 // Throws std::invalid_argument that names the member and its range.

@@ -6,12 +6,16 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <optional>
 #include <stdexcept>
 #include <vector>
 
 #include "sim/sea/ground/moving_things.hpp"
 #include "sim/sea/light/camera_rays.hpp"
+#include "sim/sea/light/daylight.hpp"
 #include "sim/sea/light/image_sensor.hpp"
+#include "sim/sea/light/lens_blur.hpp"
+#include "sim/sea/light/marine_snow.hpp"
 #include "sim/sea/light/ray_tracer.hpp"
 #include "sim/sea/light/surface_detail.hpp"
 #include "sim/sea/light/water_light.hpp"
@@ -33,12 +37,23 @@ constexpr float kSamples8[8][2] = {{0.0625F, -0.1875F},  {-0.0625F, 0.1875F}, {0
                                    {-0.1875F, -0.3125F}, {-0.3125F, 0.3125F}, {-0.4375F, -0.0625F},
                                    {0.1875F, 0.4375F},   {0.4375F, -0.4375F}};
 
+// Lamps and water as one camera has them.
+struct Light {
+  Light(const OpticsConfig& optics, const Camera& camera, const SE3& T_body_cam)
+      : attenuation(optics.water),
+        beams(optics.strobes.begin(), optics.strobes.end()),
+        backscatter(optics, attenuation, beams, camera, T_body_cam) {}
+  Attenuation attenuation;
+  std::vector<Beam> beams;
+  Backscatter backscatter;
+};
+
 struct View {
   Camera camera;
   SE3 T_body_cam;
   PixelFormat format;
   CameraRays rays;
-  Backscatter backscatter;
+  Light light;                    // as usual
   std::vector<float> vignetting;  // of each pixel
 };
 
@@ -64,8 +79,6 @@ struct Renderer::Impl {
   OpticsConfig optics;
   SurfaceDetail detail;
   MovingThings moving;
-  Attenuation attenuation;
-  std::vector<Beam> beams;
   ImageSensor sensor;
   View views[2];
   float electrons_per_radiance = 0;
@@ -75,21 +88,18 @@ struct Renderer::Impl {
         optics(o),
         detail(SurfaceDetail::of(t.config())),
         moving(t.config(), t.surface()),
-        attenuation(o.water),
-        beams(o.strobes.begin(), o.strobes.end()),
         sensor(o.sensor),
         views{makeView(rig.left, T_body_cam, o.sensor.left_format),
               makeView(rig.right, T_body_cam * rig.T_right_left.inverse(), o.sensor.right_format)} {
-    electrons_per_radiance = exposureOf(views[0]);
+    const float reference = levelAt(o.sensor.exposure_distance_m);
+    if (!(reference > 0))
+      throw std::invalid_argument(
+          "optics: no strobe lights the point at sensor.exposure_distance_m under the camera");
+    electrons_per_radiance = static_cast<float>(o.sensor.exposure * o.sensor.full_well_electrons) / reference;
   }
 
   View makeView(const Camera& camera, const SE3& T_body_cam, PixelFormat format) const {
-    View view{camera,
-              T_body_cam,
-              format,
-              CameraRays(camera),
-              Backscatter(optics, attenuation, beams, camera, T_body_cam),
-              {}};
+    View view{camera, T_body_cam, format, CameraRays(camera), Light(optics, camera, T_body_cam), {}};
     for (int y = 0; y < camera.height; ++y)
       for (int x = 0; x < camera.width; ++x)
         view.vignetting.push_back(static_cast<float>(std::pow(
@@ -104,33 +114,51 @@ struct Renderer::Impl {
                               (q[0] + q[1] + q[2]));
   }
 
-  // Electrons per unit of radiance for the exposure that the configuration names.
-  [[nodiscard]] float exposureOf(const View& view) const {
+  // Radiance of white level ground this far below the left camera, as a mono camera sees it.
+  [[nodiscard]] float levelAt(double distance_m) const {
+    const View& view = views[0];
     const Eigen::Vector3d axis = view.T_body_cam.rotation() * Eigen::Vector3d::UnitZ();
-    const Eigen::Vector3d point = view.T_body_cam.translation() + optics.sensor.exposure_distance_m * axis;
+    const Eigen::Vector3d point = view.T_body_cam.translation() + distance_m * axis;
     Radiance radiance{};
-    for (std::size_t s = 0; s < beams.size(); ++s) {
+    for (std::size_t s = 0; s < optics.strobes.size(); ++s) {
       const Eigen::Vector3d from = point - optics.strobes[s].position_body;
       const double d = from.norm();
-      const float beam =
-          beams[s](static_cast<float>(from.dot(optics.strobes[s].direction_body.normalized()) / d));
-      const Radiance left = attenuation(static_cast<float>(d + optics.sensor.exposure_distance_m));
+      const float beam = view.light.beams[s](
+          static_cast<float>(from.dot(optics.strobes[s].direction_body.normalized()) / d));
+      const Radiance left = view.light.attenuation(static_cast<float>(d + distance_m));
       const double cosine = std::max(0.0, from.dot(axis) / d);
       for (std::size_t c = 0; c < 3; ++c)
         radiance[c] += static_cast<float>(beam * cosine / (d * d) / std::numbers::pi) * left[c];
     }
-    const float reference = mono(radiance);
-    if (!(reference > 0))
-      throw std::invalid_argument(
-          "optics: no strobe lights the point at sensor.exposure_distance_m under the camera");
-    return static_cast<float>(optics.sensor.exposure * optics.sensor.full_well_electrons) / reference;
+    return mono(radiance);
   }
 
-  void electrons(const SE3& T_nav_body, double time_s, const View& view, std::vector<float>& out) const;
+  // Lamps and water of a moment that are not as usual.
+  [[nodiscard]] OpticsConfig opticsOf(const Moment& moment) const {
+    OpticsConfig out = optics;
+    for (double& b : out.water.scattering_per_m) b *= moment.turbidity;
+    for (std::size_t s = 0; s < moment.flashes.size(); ++s) out.strobes[s].intensity *= moment.flashes[s];
+    return out;
+  }
+
+  // Everything between a sharp image and the sensor.
+  void blurAll(const View& view, const Moment& moment, const std::vector<float>& inverse_range,
+               const BlurImage& image) const;
+  [[nodiscard]] Radiance glareAt(const View& view, const OpticsConfig& lamps, int x, int y) const;
+
+  void electrons(const SE3& T_nav_body, double time_s, const View& view, const Moment& moment,
+                 std::vector<float>& out) const;
 };
 
-void Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const View& view,
+void Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const View& view, const Moment& moment,
                                std::vector<float>& out) const {
+  const OpticsConfig lamps = opticsOf(moment);
+  const bool usual = moment.turbidity == 1 && std::all_of(moment.flashes.begin(), moment.flashes.end(),
+                                                          [](double f) { return f == 1; });
+  std::optional<Light> own;
+  if (!usual) own.emplace(lamps, view.camera, view.T_body_cam);
+  const Light& light = own ? *own : view.light;
+  const Daylight daylight(optics.daylight, optics.water, moment.turbidity, time_s);
   const SurfaceScene& bed = terrain.surface();
   const SE3 T_local_body(T_nav_body.rotation(), T_nav_body.translation() - bed.origin());
   const SE3 T_local_cam = T_local_body * view.T_body_cam;
@@ -139,12 +167,14 @@ void Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const View&
   Shot shot{bed,
             things.get(),
             detail,
-            attenuation,
-            view.backscatter,
-            beams,
+            light.attenuation,
+            light.backscatter,
+            daylight,
+            light.beams,
             {},
             {},
             eye,
+            static_cast<float>(bed.origin().z()),
             T_local_cam.matrix3().cast<float>(),
             static_cast<float>(0.5 * (view.camera.fx + view.camera.fy))};
   for (const StrobeConfig& strobe : optics.strobes) {
@@ -220,9 +250,26 @@ void Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const View&
     });
   }
 
-  blur(radiance, width, height, static_cast<int>(channels), optics.sensor.blur_sigma_px);
+  layOver(seenSpecks(marineSnow(optics.water, views[0].camera, moment.snow_seed), lamps, light.attenuation,
+                     light.beams, view.camera, view.T_body_cam, views[0].T_body_cam),
+          inverse_range, width, height, static_cast<int>(channels), optics.sensor.quantum_efficiency,
+          radiance);
+  if (optics.sensor.glare > 0) {
+    forTiles(width, height, [&](int y, int x_begin, int x_end) {
+      for (int x = x_begin; x < x_end; ++x) {
+        const Radiance veil = glareAt(view, lamps, x, y);
+        if (channels == 1) {
+          radiance[at(x, y)] += mono(veil);
+        } else {
+          for (std::size_t c = 0; c < 3; ++c) radiance[3 * at(x, y) + c] += veil[c];
+        }
+      }
+    });
+  }
+  blurAll(view, moment, inverse_range, {radiance, width, height, static_cast<int>(channels)});
   const Channels& q = optics.sensor.quantum_efficiency;
   const double best = std::max({q[0], q[1], q[2]});
+  const float exposure = electrons_per_radiance * static_cast<float>(moment.exposure);
   out.resize(pixels);
   forTiles(width, height, [&](int y, int x_begin, int x_end) {
     for (int x = x_begin; x < x_end; ++x) {
@@ -233,9 +280,45 @@ void Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const View&
         const auto c = static_cast<std::size_t>(bayerChannel(x, y));
         value = static_cast<float>(q[c] / best) * radiance[3 * at(x, y) + c];
       }
-      out[at(x, y)] = electrons_per_radiance * view.vignetting[at(x, y)] * value;
+      out[at(x, y)] = exposure * view.vignetting[at(x, y)] * value;
     }
   });
+}
+
+Radiance Renderer::Impl::glareAt(const View& view, const OpticsConfig& lamps, int x, int y) const {
+  constexpr double kWide = 0.3;  // angle off the lamp at which it has fallen to a quarter [rad]
+  const Eigen::Vector2f ray = view.rays.at(x, y);
+  const Eigen::Vector3d direction = Eigen::Vector3d(ray.x(), ray.y(), 1).cast<double>().normalized();
+  double sum = 0;
+  for (const StrobeConfig& strobe : lamps.strobes) {
+    const Eigen::Vector3d to = view.T_body_cam.inverse() * strobe.position_body;
+    const double angle = std::acos(std::clamp(direction.dot(to.normalized()), -1.0, 1.0));
+    const double fall = kWide / (kWide + angle);
+    sum += optics.sensor.glare * strobe.intensity / to.squaredNorm() * fall * fall / std::numbers::pi;
+  }
+  const auto veil = static_cast<float>(sum);
+  return {veil, veil, veil};
+}
+
+void Renderer::Impl::blurAll(const View& view, const Moment& moment, const std::vector<float>& inverse_range,
+                             const BlurImage& image) const {
+  const double focal = 0.5 * (view.camera.fx + view.camera.fy);
+  const SE3 T_end_begin = view.T_body_cam.inverse() * moment.T_begin_end.inverse() * view.T_body_cam;
+  const bool moves = T_end_begin.log().norm() > 0;
+  if (moves) {
+    motionBlur(image, [&](int x, int y) -> Eigen::Vector2f {
+      const auto pixel =
+          static_cast<std::size_t>(y) * static_cast<std::size_t>(image.width) + static_cast<std::size_t>(x);
+      const Eigen::Vector2f ray = view.rays.at(x, y);
+      const double z = 1 / std::max(1e-3, static_cast<double>(inverse_range[pixel]));
+      const Eigen::Vector3d end = T_end_begin * (z * Eigen::Vector3d(ray.x(), ray.y(), 1));
+      return static_cast<float>(focal) * ((end.head<2>() / end.z()).cast<float>() - ray);
+    });
+  }
+  forwardScatter(image, inverse_range, optics.water.forward_per_m,
+                 focal * std::tan(optics.water.forward_rad));
+  defocus(image, inverse_range, 0.001 * optics.sensor.aperture_mm * focal, optics.sensor.focus_m);
+  blur(image, optics.sensor.blur_sigma_px);
 }
 
 Renderer::Renderer(const Terrain& terrain, const OpticsConfig& optics, const StereoRig& rig,
@@ -247,19 +330,26 @@ Renderer::Renderer(const Terrain& terrain, const OpticsConfig& optics, const Ste
 Renderer::~Renderer() = default;
 
 void Renderer::render(const SE3& T_nav_body, double time_s, CameraSide side, std::uint64_t noise_seed,
-                      std::uint16_t* out, double flash) const {
+                      std::uint16_t* out, const Moment& moment) const {
   const View& view = impl_->views[static_cast<std::size_t>(side)];
   std::vector<float> electrons;
-  impl_->electrons(T_nav_body, time_s, view, electrons);
-  if (side == CameraSide::kRight) flash *= impl_->optics.sensor.right_gain;
-  for (float& e : electrons) e *= static_cast<float>(flash);
+  impl_->electrons(T_nav_body, time_s, view, moment, electrons);
+  if (side == CameraSide::kRight)
+    for (float& e : electrons) e *= static_cast<float>(impl_->optics.sensor.right_gain);
   impl_->sensor.expose(electrons.data(), view.camera.width, view.camera.height, noise_seed, out);
 }
 
-void Renderer::renderElectrons(const SE3& T_nav_body, double time_s, CameraSide side, float* out) const {
+void Renderer::renderElectrons(const SE3& T_nav_body, double time_s, CameraSide side, float* out,
+                               const Moment& moment) const {
   std::vector<float> electrons;
-  impl_->electrons(T_nav_body, time_s, impl_->views[static_cast<std::size_t>(side)], electrons);
+  impl_->electrons(T_nav_body, time_s, impl_->views[static_cast<std::size_t>(side)], moment, electrons);
   std::copy(electrons.begin(), electrons.end(), out);
+}
+
+double Renderer::exposureAt(double distance_m) const {
+  const double level = static_cast<double>(impl_->levelAt(distance_m));
+  return static_cast<double>(impl_->levelAt(impl_->optics.sensor.exposure_distance_m)) /
+         std::max(level, 1e-9);
 }
 
 int Renderer::width(CameraSide side) const {

@@ -83,6 +83,11 @@ struct TerrainConfig {
   std::filesystem::path mesh_file;
   std::filesystem::path texture_file;
 
+  // A folder of photographs of a seafloor, in place of the colours and the fine texture above; empty: none.
+  std::filesystem::path albedo_images;
+  double albedo_pixel_m = 0.0014;
+  double albedo_contrast = 1;
+
   // Procedural albedo detail, from 1.5 mm up to the size of what the surface's own colour resolves.
   double detail_contrast = 0.22;  // standard deviation relative to the albedo; 0: none
 

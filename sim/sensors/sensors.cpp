@@ -40,7 +40,7 @@ LoggedSamples simulateSensors(const SensorWorld& world, const SensorsConfig& con
       event.utc_ns = side == CameraSide::kLeft ? exposure.left_stamp_ns : exposure.right_stamp_ns;
       event.side = side;
       event.file_name = io::imageFileName(event.utc_ns, side);
-      event.exposure_s = config.cameras.exposure_s;
+      event.exposure_s = config.cameras.exposure_s * exposure.over_usual;
       samples.push_back({world.utcNs(exposure.time_s + config.cameras.latency_s), event});
     }
   }

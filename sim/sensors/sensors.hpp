@@ -12,6 +12,7 @@
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/sensor_samples.hpp"
 #include "sim/scenario/degrees.hpp"
+#include "sim/scenario/random.hpp"
 #include "sim/vehicle/trajectory.hpp"
 
 namespace fathom::sim {
@@ -133,6 +134,7 @@ struct CameraClockConfig {
   double left_drift = 50e-6, right_drift = -50e-6;       // [s/s]
   double known_to_s = 0.0005;  // largest error of the offsets that mission.toml tells
   double latency_s = 0.15;
+  double right_delay_s = 0;  // of the right shutter, which nobody tells
 };
 
 struct TideConfig {
@@ -156,6 +158,12 @@ struct SensorsConfig {
   TideConfig tide;
 };
 
+// Patches of plankton and of stirred-up sediment that the vehicle passes in a minute or more; 0 at the mean.
+struct WaterPatches {
+  explicit WaterPatches(Random& random);
+  SmoothNoise plankton, sediment;
+};
+
 // What the sensors are exposed to.
 struct SensorWorld {
   const Trajectory& trajectory;
@@ -174,6 +182,7 @@ struct SensorWorld {
 struct Exposure {
   double time_s = 0;                                   // true time since the mission's start
   std::int64_t left_stamp_ns = 0, right_stamp_ns = 0;  // by each camera's own clock
+  double over_usual = 1;                               // how long, as the log tells it too
 };
 
 // Unit vectors of the four Janus beams in the DVL frame: 45 degrees to starboard of forward, then clockwise
@@ -191,7 +200,8 @@ void simulateGps(const SensorWorld& world, const GpsConfig& config, LoggedSample
 void simulateWater(const SensorWorld& world, const WaterSensorConfig& config, LoggedSamples& samples);
 void simulateBattery(const SensorWorld& world, const BatteryConfig& config, LoggedSamples& samples);
 
-// Exposures from the survey's begin to its end; both cameras are triggered at the same instant.
+// Exposures from the survey's begin to its end; both cameras are triggered at the same instant (the right
+// shutter opens right_delay_s later).
 [[nodiscard]] std::vector<Exposure> simulateExposures(const SensorWorld& world,
                                                       const CameraClockConfig& config);
 

@@ -6,10 +6,12 @@
 
 namespace fathom::sim {
 
+WaterPatches::WaterPatches(Random& random)
+    : plankton(random, 0.2, 40.0, 400.0), sediment(random, 0.3, 20.0, 300.0) {}
+
 void simulateWater(const SensorWorld& world, const WaterSensorConfig& config, LoggedSamples& samples) {
   Random random(world.seed, "water");
-  // Patches of plankton and of stirred-up sediment that the vehicle passes in a minute or more.
-  const SmoothNoise plankton(random, 0.2, 40.0, 400.0), sediment(random, 0.3, 20.0, 300.0);
+  const WaterPatches patches(random);
   const double true_conductivity = conductivity(config.temperature_c, config.salinity_psu);
   const auto optical = [&](double mean, double patch) {
     return std::max(0.0, mean * (1.0 + patch + random.gauss(config.optics_relative_sigma)));
@@ -23,9 +25,9 @@ void simulateWater(const SensorWorld& world, const WaterSensorConfig& config, Lo
     sample.conductivity = true_conductivity + random.gauss(config.conductivity_sigma);
     sample.sound_speed =
         soundSpeed(*sample.temperature, practicalSalinity(*sample.temperature, *sample.conductivity), depth);
-    sample.chlorophyll = optical(config.chlorophyll_ug_l, plankton.at(time));
-    sample.cdom = optical(config.cdom_ppb, 0.5 * plankton.at(time));
-    sample.turbidity = optical(config.turbidity, sediment.at(time));
+    sample.chlorophyll = optical(config.chlorophyll_ug_l, patches.plankton.at(time));
+    sample.cdom = optical(config.cdom_ppb, 0.5 * patches.plankton.at(time));
+    sample.turbidity = optical(config.turbidity, patches.sediment.at(time));
     samples.push_back({world.utcNs(time + config.latency_s), sample});
   }
 }

@@ -168,13 +168,13 @@ TEST(MissionMaker, StrobesThatVaryAndARightCameraOfMoreGainShowInTheImagesAndInT
   scenario.optics.dark_probability = 0.3;
   scenario.optics.sensor.right_gain = 1.5;
   make(scenario, folder.path() / "varied");
-  std::ifstream flashes(folder.path() / "varied/truth/flashes.csv"),
+  std::ifstream flashes(folder.path() / "varied/truth/exposures.csv"),
       images(folder.path() / "varied/truth/images.csv");
   std::string line, names;
   std::getline(flashes, line), std::getline(images, names);
   int pairs = 0;
   for (; std::getline(flashes, line) && std::getline(images, names); ++pairs) {
-    const double energy = std::stod(line.substr(line.find(',') + 1));
+    const double energy = std::stod(line.substr(line.rfind(',') + 1));  // of the last strobe, as of all
     const auto first = names.find(','), second = names.find(',', first + 1);
     const std::string left = names.substr(first + 1, second - first - 1), right = names.substr(second + 1);
     const auto ratio = [&](const std::string& name) {

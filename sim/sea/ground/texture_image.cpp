@@ -46,15 +46,22 @@ TextureImage::TextureImage(const std::filesystem::path& path) {
   if (image.empty())
     throw InputError(path, "", "cannot be read as an image; give a JPEG, PNG or TIFF texture");
   cv::cvtColor(image, image, cv::COLOR_BGR2RGB);
-  for (int i = 0; i < kLevels && image.cols >= 2 && image.rows >= 2; ++i) {
-    Level level{image.cols, image.rows, {}};
-    level.rgb.assign(image.datastart, image.dataend);
+  if (image.cols < 2 || image.rows < 2)
+    throw InputError(path, "", "is smaller than 2 x 2 pixels; give a texture image");
+  *this = TextureImage(image.cols, image.rows, {image.datastart, image.dataend});
+}
+
+TextureImage::TextureImage(int width, int height, const std::vector<std::uint8_t>& rgb) {
+  levels_.push_back({width, height, rgb});
+  for (int i = 1; i < kLevels && levels_.back().width >= 4 && levels_.back().height >= 4; ++i) {
+    Level& whole = levels_.back();
+    Level level{whole.width / 2, whole.height / 2, {}};
+    level.rgb.resize(3 * static_cast<std::size_t>(level.width) * static_cast<std::size_t>(level.height));
+    cv::Mat half(level.height, level.width, CV_8UC3, level.rgb.data());
+    cv::resize(cv::Mat(whole.height, whole.width, CV_8UC3, whole.rgb.data()), half, half.size(), 0, 0,
+               cv::INTER_AREA);
     levels_.push_back(std::move(level));
-    cv::Mat half;
-    cv::resize(image, half, cv::Size(image.cols / 2, image.rows / 2), 0, 0, cv::INTER_AREA);
-    image = half;
   }
-  if (levels_.empty()) throw InputError(path, "", "is smaller than 2 x 2 pixels; give a texture image");
 }
 
 std::array<float, 3> TextureImage::sample(const Eigen::Vector2f& st, float texels) const {

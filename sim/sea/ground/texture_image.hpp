@@ -13,6 +13,8 @@ class TextureImage {
  public:
   // Reads any image that OpenCV reads; throws InputError.
   explicit TextureImage(const std::filesystem::path& path);
+  // Of sRGB pixels, row after row; at least 2 x 2.
+  TextureImage(int width, int height, const std::vector<std::uint8_t>& rgb);
 
   // Linear red, green, blue at (s, t), t upwards (row = (1 - t) * height); `texels`: footprint of a pixel at
   // level 0.

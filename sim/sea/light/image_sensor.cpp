@@ -45,52 +45,6 @@ float NormalTable::operator()(std::uint64_t hash) const {
   return quantiles_[index] + fraction * (quantiles_[index + 1] - quantiles_[index]);
 }
 
-void blur(std::vector<float>& image, int width, int height, int channels, double sigma_px) {
-  if (sigma_px <= 0) return;
-  const int radius = std::max(1, static_cast<int>(std::ceil(3 * sigma_px)));
-  std::vector<float> weights(static_cast<std::size_t>(radius) + 1);
-  float total = 0;
-  for (int i = 0; i <= radius; ++i) {
-    weights[static_cast<std::size_t>(i)] = static_cast<float>(std::exp(-0.5 * i * i / (sigma_px * sigma_px)));
-    total += (i == 0 ? 1.0F : 2.0F) * weights[static_cast<std::size_t>(i)];
-  }
-  for (float& w : weights) w /= total;
-  const auto row_size = static_cast<std::size_t>(width) * static_cast<std::size_t>(channels);
-  std::vector<float> across(image.size());
-  // Rows: neighbours lie `channels` apart. Only the ends need clamping.
-  oneapi::tbb::parallel_for(0, height, [&](int y) {
-    const float* in = &image[static_cast<std::size_t>(y) * row_size];
-    float* out = &across[static_cast<std::size_t>(y) * row_size];
-    for (std::size_t i = 0; i < row_size; ++i) out[i] = weights[0] * in[i];
-    for (int k = 1; k <= radius; ++k) {
-      const float w = weights[static_cast<std::size_t>(k)];
-      const auto add = [&](int x) {
-        for (int c = 0; c < channels; ++c)
-          out[x * channels + c] +=
-              w * (in[std::max(0, x - k) * channels + c] + in[std::min(width - 1, x + k) * channels + c]);
-      };
-      const int inner_end = std::max(k, width - k);
-      for (int x = 0; x < std::min(k, width); ++x) add(x);
-      for (int i = k * channels; i < (width - k) * channels; ++i)
-        out[i] += w * (in[i - k * channels] + in[i + k * channels]);
-      for (int x = inner_end; x < width; ++x) add(x);
-    }
-  });
-  oneapi::tbb::parallel_for(0, height, [&](int y) {
-    float* out = &image[static_cast<std::size_t>(y) * row_size];
-    const auto row = [&](int at) {
-      return &across[static_cast<std::size_t>(std::clamp(at, 0, height - 1)) * row_size];
-    };
-    const float* centre = row(y);
-    for (std::size_t i = 0; i < row_size; ++i) out[i] = weights[0] * centre[i];
-    for (int k = 1; k <= radius; ++k) {
-      const float w = weights[static_cast<std::size_t>(k)];
-      const float *above = row(y - k), *below = row(y + k);
-      for (std::size_t i = 0; i < row_size; ++i) out[i] += w * (above[i] + below[i]);
-    }
-  });
-}
-
 ImageSensor::ImageSensor(const SensorConfig& config) : config_(config) {}
 
 void ImageSensor::expose(const float* electrons, int width, int height, std::uint64_t noise_seed,

@@ -19,9 +19,6 @@ class NormalTable {
   std::vector<float> quantiles_;
 };
 
-// Gaussian blur of a float image of `channels` interleaved channels, in place; edges repeat.
-void blur(std::vector<float>& image, int width, int height, int channels, double sigma_px);
-
 // Channel of a Bayer RGGB pixel: 0 red, 1 green, 2 blue.
 [[nodiscard]] constexpr int bayerChannel(int x, int y) {
   return (x & 1) + (y & 1);

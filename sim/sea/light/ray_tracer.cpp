@@ -84,6 +84,29 @@ void findPoints(const Shot& shot, const RayBundle& rays, Points& points) {
   }
 }
 
+// Takes the rays that something stops out of `valid`.
+void findShadows(const Shot& shot, RTCRay8& packet, int* valid) {
+  const auto shadow = [&](RTCScene scene) {
+    RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+    rtcOccluded8(valid, scene, &context, &packet);
+    for (int i = 0; i < kSize; ++i)
+      if (packet.tfar[i] < 0) valid[i] = 0;
+  };
+  shadow(shot.bed.scene());
+  if (shot.moving != nullptr) shadow(shot.moving->scene());
+}
+
+void setRay(RTCRay8& packet, int i, const Eigen::Vector3f& from, const Eigen::Vector3f& direction,
+            float length) {
+  packet.org_x[i] = from.x(), packet.org_y[i] = from.y(), packet.org_z[i] = from.z();
+  packet.dir_x[i] = direction.x(), packet.dir_y[i] = direction.y(), packet.dir_z[i] = direction.z();
+  packet.tnear[i] = 0, packet.tfar[i] = length;
+  packet.time[i] = 0, packet.mask[i] = 0xFFFFFFFF, packet.flags[i] = 0,
+  packet.id[i] = static_cast<unsigned>(i);
+}
+
 // Adds the light of one strobe to the irradiances.
 void illuminate(const Shot& shot, std::size_t strobe, const Points& points, RayBundle& rays) {
   alignas(32) RTCRay8 packet;
@@ -108,28 +131,38 @@ void illuminate(const Shot& shot, std::size_t strobe, const Points& points, RayB
     }
     valid[i] = -1;
     any = true;
-    packet.org_x[i] = start.x(), packet.org_y[i] = start.y(), packet.org_z[i] = start.z();
-    packet.dir_x[i] = direction.x(), packet.dir_y[i] = direction.y(), packet.dir_z[i] = direction.z();
-    packet.tnear[i] = 0, packet.tfar[i] = distance[i];
-    packet.time[i] = 0, packet.mask[i] = 0xFFFFFFFF, packet.flags[i] = 0,
-    packet.id[i] = static_cast<unsigned>(i);
+    setRay(packet, i, start, direction, distance[i]);
   }
   if (!any) return;
-  const auto shadow = [&](RTCScene scene) {
-    RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
-    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-    rtcOccluded8(valid, scene, &context, &packet);
-    for (int i = 0; i < kSize; ++i)
-      if (packet.tfar[i] < 0) valid[i] = 0;
-  };
-  shadow(shot.bed.scene());
-  if (shot.moving != nullptr) shadow(shot.moving->scene());
+  findShadows(shot, packet, valid);
   for (int i = 0; i < rays.count; ++i) {
     if (valid[i] == 0) continue;
     rays.lit[i] |= 1U << strobe;
     const Radiance left = shot.attenuation(distance[i] + points.range[i]);
     for (std::size_t c = 0; c < 3; ++c) rays.radiance[i][c] += strength[i] * left[c];
+  }
+}
+
+// Adds that of sun and sky.
+void illuminateByDay(const Shot& shot, const Points& points, RayBundle& rays) {
+  alignas(32) RTCRay8 packet;
+  alignas(32) int valid[kSize];
+  for (int i = 0; i < kSize; ++i) {
+    valid[i] =
+        i < rays.count && points.hit[i] && points.geometric_normal[i].dot(shot.daylight.toSun()) > 0 ? -1 : 0;
+    packet.tfar[i] = -1;
+    if (valid[i] == 0) continue;
+    setRay(packet, i, points.position[i] + kLift * points.geometric_normal[i], shot.daylight.toSun(),
+           std::numeric_limits<float>::infinity());
+  }
+  findShadows(shot, packet, valid);
+  for (int i = 0; i < rays.count; ++i) {
+    if (!points.hit[i]) continue;
+    const float depth = shot.origin_depth + points.position[i].z();
+    const Eigen::Vector3f place = points.position[i] + Eigen::Vector3f(0, 0, shot.origin_depth);
+    const Radiance day = shot.daylight.irradiance(depth, place, points.surface[i].normal, valid[i] != 0);
+    const Radiance left = shot.attenuation(points.range[i]);
+    for (std::size_t c = 0; c < 3; ++c) rays.radiance[i][c] += day[c] * left[c];
   }
 }
 
@@ -144,10 +177,17 @@ void trace(const Shot& shot, RayBundle& rays) {
     rays.inverse_range[i] = points.hit[i] ? 1.0F / points.range[i] : 0.0F;
   }
   for (std::size_t s = 0; s < shot.strobe_positions.size(); ++s) illuminate(shot, s, points, rays);
+  if (shot.daylight.on()) illuminateByDay(shot, points, rays);
   for (int i = 0; i < rays.count; ++i) {
     constexpr float kEndless = 1e6F;  // [m]: the table's last entry
-    const Radiance haze =
-        shot.backscatter.at(rays.x_px[i], rays.y_px[i], points.hit[i] ? points.range[i] : kEndless);
+    const float range = points.hit[i] ? points.range[i] : kEndless;
+    Radiance haze = shot.backscatter.at(rays.x_px[i], rays.y_px[i], range);
+    if (shot.daylight.on()) {
+      const Eigen::Vector3f along(rays.normalised[i].x(), rays.normalised[i].y(), 1.0F);
+      const float down = (shot.R_local_cam * along).z() / along.norm();
+      const Radiance veil = shot.daylight.veil(shot.origin_depth + shot.camera.z(), down, range);
+      for (std::size_t c = 0; c < 3; ++c) haze[c] += veil[c];
+    }
     for (std::size_t c = 0; c < 3; ++c) {
       const float albedo = points.hit[i] ? points.surface[i].albedo[c] : 0.0F;
       rays.radiance[i][c] = albedo / static_cast<float>(std::numbers::pi) * rays.radiance[i][c] + haze[c];

@@ -6,6 +6,7 @@
 
 #include "recon/geometry/se3.hpp"
 #include "sim/sea/ground/surface_scene.hpp"
+#include "sim/sea/light/daylight.hpp"
 #include "sim/sea/light/surface_detail.hpp"
 #include "sim/sea/light/water_light.hpp"
 
@@ -18,10 +19,12 @@ struct Shot {
   const SurfaceDetail& detail;
   const Attenuation& attenuation;
   const Backscatter& backscatter;
+  const Daylight& daylight;
   const std::vector<Beam>& beams;
   std::vector<Eigen::Vector3f> strobe_positions;   // in the bed's local frame
   std::vector<Eigen::Vector3f> strobe_directions;  // unit
   Eigen::Vector3f camera;                          // position in the local frame
+  float origin_depth;                              // of the local frame, below the surface [m]
   Eigen::Matrix3f R_local_cam;
   float focal_px;
 };

@@ -37,12 +37,21 @@ SurfaceDetail::SurfaceDetail(std::uint64_t seed, double contrast)
           Eigen::AngleAxisf(0.7F, Eigen::Vector3f(0.6F, -0.4F, 0.69F).normalized()).toRotationMatrix()),
       contrast_(static_cast<float>(contrast)) {}
 
+SurfaceDetail::SurfaceDetail(std::uint64_t seed, std::shared_ptr<const AlbedoImages> images)
+    : SurfaceDetail(seed, 0.0) {
+  images_ = std::move(images);
+}
+
 SurfaceDetail SurfaceDetail::of(const TerrainConfig& terrain) {
   constexpr std::uint64_t kStream = 500;  // apart from what else the terrain's seed draws
-  return {hash64(terrain.seed, kStream), terrain.detail_contrast};
+  const std::uint64_t seed = hash64(terrain.seed, kStream);
+  if (terrain.albedo_images.empty()) return {seed, terrain.detail_contrast};
+  return {seed, std::make_shared<const AlbedoImages>(terrain.albedo_images, terrain.albedo_pixel_m,
+                                                     terrain.albedo_contrast, seed)};
 }
 
 void SurfaceDetail::apply(const Eigen::Vector3f& position, float footprint_m, SurfacePoint& point) const {
+  if (images_) point.albedo = images_->at(position.head<2>(), footprint_m);
   if (contrast_ <= 0) return;
   const Eigen::Vector3f place = lattice_from_local_ * position;
   float sum = 0, tint = 0, grit = 0;

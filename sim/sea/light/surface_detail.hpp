@@ -1,7 +1,9 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 
+#include "sim/sea/ground/albedo_images.hpp"
 #include "sim/sea/ground/noise.hpp"
 #include "sim/sea/ground/surface_scene.hpp"
 #include "sim/sea/terrain_config.hpp"
@@ -15,12 +17,15 @@ class SurfaceDetail {
  public:
   // `contrast`: standard deviation relative to the albedo.
   SurfaceDetail(std::uint64_t seed, double contrast);
+  // Colours from photographs instead, in plan.
+  SurfaceDetail(std::uint64_t seed, std::shared_ptr<const AlbedoImages> images);
   // That of a terrain.
   [[nodiscard]] static SurfaceDetail of(const TerrainConfig& terrain);
   // Changes albedo and normal of `point`, seen at `position` (local frame) by a pixel of `footprint_m`.
   void apply(const Eigen::Vector3f& position, float footprint_m, SurfacePoint& point) const;
 
  private:
+  std::shared_ptr<const AlbedoImages> images_;
   NoiseVolume volume_;
   Eigen::Matrix3f lattice_from_local_;  // turns the lattice out of the seafloor's plane
   float contrast_;
