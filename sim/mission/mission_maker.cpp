@@ -158,6 +158,10 @@ std::vector<Moment> momentsOf(const Scenario& scenario, const std::vector<Exposu
       m.flashes.push_back(dark || misfire || exposures[k].time_s >= strobe.dies_at_s ? 0 : energy);
     }
     m.turbidity = std::max(0.05, 1 + optics.water.patches * patches.sediment.at(exposures[k].time_s));
+    for (const Silt& silt : optics.water.silt) {
+      const double since = exposures[k].time_s - silt.at_s;
+      if (since >= 0) m.turbidity += (silt.times - 1) * std::exp(-since / silt.settles_s);
+    }
     m.exposure = exposures[k].over_usual;
     m.snow_seed = streamSeed(seed, "snow-" + std::to_string(k));
   }

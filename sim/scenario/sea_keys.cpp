@@ -123,6 +123,12 @@ void visitOptics(KeyVisitor& keys, OpticsConfig& o) {
   keys.number("snow_slope", o.water.snow_slope, "1", 1.5, 8, "their number falls with size as d^-slope");
   keys.number("snow_largest_mm", o.water.snow_largest_mm, "mm", 0.6, 50, "diameter");
   keys.number("snow_albedo", o.water.snow_albedo, "1", 0, 1, "");
+  constexpr std::size_t kMostSilt = 100;
+  keys.listOf("silt", o.water.silt, kMostSilt, "raised by the thrusters", [&](Silt& silt) {
+    keys.number("at_s", silt.at_s, "s", 0, 100000, "since the mission's start");
+    keys.number("times", silt.times, "1", 1, 100, "scattering over its usual");
+    keys.number("settles_s", silt.settles_s, "s", 0.1, 3600, "time constant");
+  });
   keys.leave();
   DaylightConfig& d = o.daylight;
   keys.enter("daylight", "sun and sky; 1 is the irradiance of a strobe of intensity 1 a metre away");

@@ -29,8 +29,18 @@ void visitDvl(KeyVisitor& keys, DvlConfig& c) {
   keys.number("assumed_sound_speed_mps", c.assumed_sound_speed_mps, "m/s", 1350, 1650,
               "that the instrument computes with; the water has its own");
   keys.number("latency_s", c.latency_s, "s", 0, kMaxLatency, "from measurement to arrival");
+  keys.number("velocity_sigma_per_m", c.velocity_sigma_per_m, "1/s", 0, 0.1, "more noise, by the altitude");
+  keys.integer("dead_beam", c.dead_beam, 0, 4, "one that hears nothing; 0: all hear");
+  keys.number("fish_probability", c.fish_probability, "1", 0, 1,
+              "that a beam of an ensemble ends on something in the water");
+  keys.angle("steepest_deg", c.steepest, 30, 90, "incidence on the seafloor beyond which a beam is lost");
+  keys.number("bubble_depth_m", c.bubble_depth_m, "m", 0, 50, "above it nothing is heard");
+  keys.number("current_north_mps", c.current_north_mps, "m/s", -3, 3, "of the water, for false_bottom");
+  keys.number("current_east_mps", c.current_east_mps, "m/s", -3, 3, "of the water, for false_bottom");
   visitSpells(keys, "outages", c.outages, "silence");
   visitSpells(keys, "stuck", c.stuck, "the last good ensemble over and over");
+  visitSpells(keys, "false_bottom", c.false_bottom,
+              "locked to a layer half way down, that drifts with the water");
   keys.leave();
 }
 
@@ -43,6 +53,10 @@ void visitCompass(KeyVisitor& keys, CompassConfig& c) {
   keys.angle("tilt_bias_sigma_deg", c.tilt_bias_sigma, 0, 10, "of roll and pitch, drawn once a dive");
   keys.angle("tilt_sigma_deg", c.tilt_sigma, 0, 10, "white noise of roll and pitch");
   keys.number("latency_s", c.latency_s, "s", 0, kMaxLatency, "from measurement to arrival");
+  keys.angle("soft_iron_deg", c.soft_iron, 0, 30, "amplitude of the deviation twice over the heading");
+  keys.number("lag_s", c.lag_s, "s", 0, 10, "of heading, roll and pitch behind the hull");
+  keys.number("acceleration_share", c.acceleration_share, "1", 0, 1,
+              "of the hull's acceleration that is taken for gravity");
   keys.listOf("jumps", c.jumps, kMaxFaults, "sudden errors of the heading, which stay",
               [&](CompassJump& jump) {
                 keys.number("at_s", jump.at_s, "s", 0, kLastFault, "since the mission's start");
@@ -76,6 +90,16 @@ void visitGyro(KeyVisitor& keys, GyroConfig& c) {
   keys.leave();
 }
 
+void visitEchoes(KeyVisitor& keys, const char* key, std::vector<UsblEcho>& echoes, const char* meaning,
+                 const char* place) {
+  keys.listOf(key, echoes, kMaxFaults, meaning, [&](UsblEcho& echo) {
+    keys.number("from_s", echo.from_s, "s", 0, kLastFault, "since the mission's start");
+    keys.number("to_s", echo.to_s, "s", 0, kLastFault, "since the mission's start");
+    keys.number("north_m", echo.north_m, "m", -5000, 5000, place);
+    keys.number("east_m", echo.east_m, "m", -5000, 5000, place);
+  });
+}
+
 void visitPositioning(KeyVisitor& keys, UsblConfig& u, GpsConfig& g) {
   keys.enter("usbl", "the ship's acoustic positioning, told to the vehicle over the modem");
   keys.number("period_s", u.period_s, "s", 0.5, 600, "between pings");
@@ -92,6 +116,15 @@ void visitPositioning(KeyVisitor& keys, UsblConfig& u, GpsConfig& g) {
               "of the ship's place, which it does not know");
   keys.number("offset_east_m", u.offset_east_m, "m", -100, 100,
               "of the ship's place, which it does not know");
+  keys.number("range_sigma_per_m", u.range_sigma_per_m, "1", 0, 0.2, "more noise of the range, by the range");
+  keys.angle("bending_deg", u.bending, 0, 20, "of the ray, downwards");
+  keys.angle("heading_wobble_deg", u.heading_wobble, 0, 20,
+             "of the ship's compass over minutes, standard deviation");
+  keys.number("ship_circle_m", u.ship_circle_m, "m", 0, 1000,
+              "the ship sails about its place; 0: it lies still");
+  keys.number("ship_lap_s", u.ship_lap_s, "s", 60, 86400, "once round");
+  visitEchoes(keys, "multipath", u.multipath, "fixes that are wrong alike for a while", "added to the fix");
+  visitEchoes(keys, "wrong_targets", u.wrong_targets, "fixes of another transponder", "where it is, in nav");
   keys.leave();
   keys.enter("gps", "at the surface before and after the dive");
   keys.number("rate_hz", g.rate_hz, "1/s", 0.01, kMaxRate, "fixes");
@@ -166,6 +199,12 @@ void visitSensors(KeyVisitor& keys, SensorsConfig& s) {
   keys.number("amplitude_m", s.tide.amplitude_m, "m", 0, 10, "0: no tide");
   keys.number("period_s", s.tide.period_s, "s", 60, 200000, "of the sinusoid");
   keys.angle("phase_deg", s.tide.phase, -360, 360, "at the mission's start");
+  keys.leave();
+  keys.enter("arrival", "of samples of DVL, compass and depth");
+  keys.number("jitter_s", s.arrival.jitter_s, "s", 0, 5,
+              "mean of a delay that differs from sample to sample");
+  keys.number("batch_s", s.arrival.batch_s, "s", 0, 10, "handed over in batches so far apart; 0: one by one");
+  keys.number("stamp_jitter_s", s.arrival.stamp_jitter_s, "s", 0, 1, "standard deviation of the stamps");
   keys.leave();
   keys.leave();
 }

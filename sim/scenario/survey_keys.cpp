@@ -57,6 +57,20 @@ void visitSurvey(KeyVisitor& keys, SurveyPlan& p, VehicleConfig& v) {
   keys.number("float_s", v.float_s, "s", 1, 3600, "at the surface before and after, with GPS");
   keys.number("float_depth_m", v.float_depth_m, "m", 0, 2, "of body's origin when it floats");
   keys.number("dive_rate_mps", v.dive_rate_mps, "m/s", 0.05, 3, "down to the survey and up again");
+  keys.number("climb_pitch", v.climb_pitch, "1", 0, 1, "of the climb's angle, that the hull pitches by");
+  constexpr double kLast = 100000;  // [s]
+  constexpr std::size_t kMost = 100;
+  keys.listOf("hovers", v.hovers, kMost, "the vehicle stays where it is for a while", [&](Hover& hover) {
+    keys.number("at_s", hover.at_s, "s", 0, kLast, "since the mission's start");
+    keys.number("for_s", hover.for_s, "s", 0, 3600, "how long");
+  });
+  keys.listOf("collisions", v.collisions, kMost, "the hull is thrown aside and comes back",
+              [&](Collision& c) {
+                keys.number("at_s", c.at_s, "s", 0, kLast, "since the mission's start");
+                keys.number("throw_m", c.throw_m, "m", -5, 5, "farthest, to starboard");
+                keys.angle("turn_deg", c.turn, -180, 180, "of the heading");
+                keys.number("recovers_s", c.recovers_s, "s", 0.2, 600, "time constant");
+              });
   keys.leave();
 }
 

@@ -20,6 +20,13 @@ struct StrobeConfig {
   double dies_at_s = 1e6;                   // dark from then on [s], since the mission's start
 };
 
+// Silt that thrusters raise.
+struct Silt {
+  double at_s = 0;        // since the mission's start
+  double times = 5;       // scattering over its usual
+  double settles_s = 30;  // time constant
+};
+
 // Sea water (typical of clear coastal water, Jerlov II) along every path of light.
 struct WaterConfig {
   Channels absorption_per_m{0.34, 0.065, 0.045};
@@ -32,6 +39,7 @@ struct WaterConfig {
   double snow_slope = 4;               // their number falls with size as d^-slope
   double snow_largest_mm = 8;
   double snow_albedo = 0.4;
+  std::vector<Silt> silt;
 };
 
 // Sun and sky. An irradiance of 1 is that of a strobe of intensity 1, 1 m away, without water.

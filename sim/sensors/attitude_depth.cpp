@@ -1,5 +1,6 @@
 #include <cmath>
 #include <numbers>
+#include <optional>
 
 #include "sim/scenario/random.hpp"
 #include "sim/sensors/sensors.hpp"
@@ -11,6 +12,17 @@ double turnedBy(const MagneticAnomaly& anomaly, const Eigen::Vector3d& place) {
   const double north = place.x() - anomaly.north_m, east = place.y() - anomaly.east_m;
   const double radii2 = (north * north + east * east) / (anomaly.radius_m * anomaly.radius_m);
   return anomaly.turn / std::pow(1 + radii2, 1.5);
+}
+
+// What a tilt sensor takes the hull's acceleration for.
+Eigen::Vector2d falseTilt(const SensorWorld& world, double share, double time_s) {
+  if (share <= 0) return Eigen::Vector2d::Zero();
+  constexpr double kHalf = 0.1, kGravity = 9.81;  // [s], [m/s^2]
+  const Trajectory::State before = world.trajectory.at(time_s - kHalf),
+                          after = world.trajectory.at(time_s + kHalf);
+  const Eigen::Vector3d forwards = world.trajectory.poseAt(time_s).rotation().conjugate() *
+                                   ((after.velocity_nav - before.velocity_nav) / (2 * kHalf));
+  return share / kGravity * Eigen::Vector2d(-forwards.y(), forwards.x());
 }
 
 }  // namespace
@@ -26,16 +38,26 @@ void simulateCompass(const SensorWorld& world, const CompassConfig& config, Logg
   const double iron_phase = random.uniform(0.0, 2.0 * std::numbers::pi);
   // The deviation changes over minutes, as currents in the hull change.
   const SmoothNoise drift(random, config.drift_sigma, 120.0, 900.0);
+  Random soft_iron(world.seed, "soft-iron");
+  const double soft_phase = soft_iron.uniform(0.0, 2.0 * std::numbers::pi);
+  const double follows = 1 - std::exp(-1 / (config.rate_hz * config.lag_s));
+  std::optional<Eigen::Quaterniond> shown;
 
   for (std::int64_t i = 0; static_cast<double>(i) / config.rate_hz <= world.trajectory.duration(); ++i) {
     const double time = static_cast<double>(i) / config.rate_hz;
     const SE3 T_nav_compass = world.trajectory.poseAt(time) * world.T_body_compass;
-    const Eigen::Vector3d euler = T_nav_compass.euler();
+    Eigen::Vector3d euler = T_nav_compass.euler();
+    if (config.lag_s > 0) {
+      shown = shown ? shown->slerp(follows, T_nav_compass.rotation()) : T_nav_compass.rotation();
+      euler = SE3(*shown, Eigen::Vector3d::Zero()).euler();
+    }
+    const Eigen::Vector2d false_tilt = falseTilt(world, config.acceleration_share, time);
     AttitudeSample sample;
     sample.utc_ns = world.utcNs(time);
-    sample.roll = euler.x() + roll_bias + random.gauss(config.tilt_sigma);
-    sample.pitch = euler.y() + pitch_bias + random.gauss(config.tilt_sigma);
-    const double deviation = config.deviation * std::sin(euler.z() + iron_phase) + drift.at(time);
+    sample.roll = euler.x() + false_tilt.x() + roll_bias + random.gauss(config.tilt_sigma);
+    sample.pitch = euler.y() + false_tilt.y() + pitch_bias + random.gauss(config.tilt_sigma);
+    const double deviation = config.deviation * std::sin(euler.z() + iron_phase) +
+                             config.soft_iron * std::sin(2 * euler.z() + soft_phase) + drift.at(time);
     double jumped = 0;
     for (const CompassJump& jump : config.jumps) jumped += time >= jump.at_s ? jump.turn : 0;
     for (const MagneticAnomaly& anomaly : config.anomalies)

@@ -16,6 +16,21 @@ bool within(const std::vector<Spell>& spells, double time_s) {
                      [time_s](const Spell& s) { return time_s >= s.from_s && time_s < s.to_s; });
 }
 
+// Cosine between a ray and the seafloor's normal where it ends, from two rays beside it.
+double incidence(const SensorWorld& world, const Eigen::Vector3d& from, const Eigen::Vector3d& direction,
+                 double range) {
+  constexpr double kBeside = 0.02;  // [rad]
+  const Eigen::Vector3d across = direction.unitOrthogonal(), along = direction.cross(across);
+  Eigen::Vector3d edges[2];
+  for (int k = 0; k < 2; ++k) {
+    const Eigen::Vector3d beside = (direction + kBeside * (k == 0 ? across : along)).normalized();
+    const auto hit = world.cast_ray(from, beside);
+    if (!hit) return 0;
+    edges[k] = *hit * beside - range * direction;
+  }
+  return std::abs(edges[0].cross(edges[1]).normalized().dot(direction));
+}
+
 }  // namespace
 
 std::array<Eigen::Vector3d, 4> dvlBeams(double beam_angle) {
@@ -30,7 +45,9 @@ std::array<Eigen::Vector3d, 4> dvlBeams(double beam_angle) {
 
 void simulateDvl(const SensorWorld& world, const SensorsConfig& sensors, LoggedSamples& samples) {
   const DvlConfig& config = sensors.dvl;
-  Random random(world.seed, "dvl");
+  Random random(world.seed, "dvl"), fish(world.seed, "dvl-fish");
+  const Eigen::Vector3d current(config.current_north_mps, config.current_east_mps, 0);
+  const double flattest = std::cos(config.steepest);
   const double scale = 1.0 + random.uniform(-config.scale_error, config.scale_error);
   const auto beams = dvlBeams(config.beam_angle);
   int dropped = 0;  // ensembles left of a dropout
@@ -55,29 +72,42 @@ void simulateDvl(const SensorWorld& world, const SensorsConfig& sensors, LoggedS
     const bool begins = random.uniform() < config.dropout_probability;
     const double length = -std::log(1.0 - random.uniform()) * config.dropout_length;
     if (dropped == 0 && begins) dropped = std::max(1, static_cast<int>(std::ceil(length)));
+    double fish_at[4];  // of the way down; above 1: none
+    for (double& part : fish_at) {
+      const bool meets = fish.uniform() < config.fish_probability;
+      part = fish.uniform(0.1, 0.95) + (meets ? 0 : 1);
+    }
+    const bool false_bottom = within(config.false_bottom, time);
     const bool lost = dropped > 0;
     if (lost) {
       --dropped;
-    } else {
+    } else if (T_nav_dvl.translation().z() >= config.bubble_depth_m) {
       int locked = 0;
       double altitude = 0;
       for (std::size_t b = 0; b < beams.size(); ++b) {
         const Eigen::Vector3d direction = T_nav_dvl.rotation() * beams[b];
         const auto range = world.cast_ray(T_nav_dvl.translation(), direction);
         if (!range || *range < config.min_range_m || *range > config.max_range_m) continue;
+        if (static_cast<int>(b) + 1 == config.dead_beam) continue;
+        if (flattest > 0 && incidence(world, T_nav_dvl.translation(), direction, *range) < flattest) continue;
+        constexpr double kLayer = 0.5;
+        const double way = std::min(fish_at[b], false_bottom ? kLayer : 1.0);
         const double measured =
-            *range * sound_ratio + config.range_sigma_m * range_noise[static_cast<Eigen::Index>(b)];
+            way * *range * sound_ratio + config.range_sigma_m * range_noise[static_cast<Eigen::Index>(b)];
         sample.range[b] = measured * std::cos(config.beam_angle);
         altitude += measured * direction.z();
         ++locked;
       }
       if (locked >= kFewestBeams) {
-        const Eigen::Vector3d velocity_body = state.T_nav_body.rotation().conjugate() * state.velocity_nav;
+        const Eigen::Vector3d over_what = false_bottom ? current : Eigen::Vector3d::Zero();
+        const Eigen::Vector3d velocity_body =
+            state.T_nav_body.rotation().conjugate() * (state.velocity_nav - over_what);
         const Eigen::Vector3d velocity_dvl =
             world.T_body_dvl.rotation().conjugate() *
             (velocity_body + state.rates_body.cross(world.T_body_dvl.translation()));
-        sample.velocity = velocity_dvl * sound_ratio * scale + config.velocity_sigma_mps * noise;
         sample.altitude = altitude / locked;
+        const double sigma = config.velocity_sigma_mps + config.velocity_sigma_per_m * *sample.altitude;
+        sample.velocity = velocity_dvl * sound_ratio * scale + sigma * noise;
       }
     }
     // Faults take what was measured away; the random numbers stay as they are.

@@ -7,19 +7,40 @@
 
 namespace fathom::sim {
 
+namespace {
+
+// The one at this time, or null.
+const UsblEcho* at(const std::vector<UsblEcho>& echoes, double time_s) {
+  for (const UsblEcho& echo : echoes)
+    if (time_s >= echo.from_s && time_s < echo.to_s) return &echo;
+  return nullptr;
+}
+
+}  // namespace
+
 void simulateUsbl(const SensorWorld& world, const UsblConfig& config, LoggedSamples& samples) {
   Random random(world.seed, "usbl");
   const LocalTransverseMercator mercator(world.origin);
-  const Eigen::Vector3d ship(config.ship_north_m, config.ship_east_m, config.ship_depth_m);
+  Random compass(world.seed, "usbl-ship");
+  const SmoothNoise wobble(compass, config.heading_wobble, 60.0, 600.0);
+  const double begin = compass.uniform(0.0, 2.0 * std::numbers::pi);
   // The transponder hears nothing while the vehicle floats.
   for (double time = world.trajectory.diveBegin() + config.period_s; time < world.trajectory.surfaced();
        time += config.period_s) {
-    const Eigen::Vector3d target = (world.trajectory.poseAt(time) * world.T_body_usbl).translation();
+    const double lap = begin + 2.0 * std::numbers::pi * time / config.ship_lap_s;
+    const Eigen::Vector3d ship(config.ship_north_m + config.ship_circle_m * std::cos(lap),
+                               config.ship_east_m + config.ship_circle_m * std::sin(lap),
+                               config.ship_depth_m);
+    Eigen::Vector3d target = (world.trajectory.poseAt(time) * world.T_body_usbl).translation();
+    if (const UsblEcho* other = at(config.wrong_targets, time))
+      target.head<2>() = Eigen::Vector2d(other->north_m, other->east_m);
     const Eigen::Vector3d line = target - ship;
-    const double range = line.norm() + random.gauss(config.range_sigma_m);
-    const double bearing =
-        std::atan2(line.y(), line.x()) + config.misalignment + random.gauss(config.angle_sigma);
-    const double elevation = std::atan2(line.z(), line.head<2>().norm()) + random.gauss(config.angle_sigma);
+    const double range_sigma = config.range_sigma_m + config.range_sigma_per_m * line.norm();
+    const double range = line.norm() + random.gauss(range_sigma);
+    const double bearing = std::atan2(line.y(), line.x()) + config.misalignment + wobble.at(time) +
+                           random.gauss(config.angle_sigma);
+    const double elevation =
+        std::atan2(line.z(), line.head<2>().norm()) + config.bending + random.gauss(config.angle_sigma);
     const double horizontal = range * std::cos(elevation);
     Eigen::Vector2d north_east = ship.head<2>() +
                                  Eigen::Vector2d(config.offset_north_m, config.offset_east_m) +
@@ -28,6 +49,8 @@ void simulateUsbl(const SensorWorld& world, const UsblConfig& config, LoggedSamp
     const double direction = random.uniform(0.0, 2.0 * std::numbers::pi);
     const double size = config.outlier_m * random.uniform(0.5, 1.5);
     if (outlier) north_east += size * Eigen::Vector2d(std::cos(direction), std::sin(direction));
+    if (const UsblEcho* echo = at(config.multipath, time))
+      north_east += Eigen::Vector2d(echo->north_m, echo->east_m);
     const double delay = config.delay_s * random.uniform(0.6, 1.6);
 
     UsblFix fix;

@@ -23,6 +23,32 @@ std::vector<Exposure> simulateExposures(const SensorWorld& world, const CameraCl
   return exposures;
 }
 
+namespace {
+
+// As the vehicle's computer hands the samples of some sensors over.
+void delay(const SensorWorld& world, const ArrivalConfig& config, LoggedSamples& samples) {
+  Random random(world.seed, "arrival");
+  for (io::LoggedSample& s : samples) {
+    std::visit(
+        [&](auto& sample) {
+          using Sample = std::decay_t<decltype(sample)>;
+          if constexpr (std::is_same_v<Sample, DvlSample> || std::is_same_v<Sample, AttitudeSample> ||
+                        std::is_same_v<Sample, DepthSample>) {
+            const double late = -config.jitter_s * std::log(1 - random.uniform());
+            const double stamp = random.gauss(config.stamp_jitter_s);
+            s.arrival_utc_ns += std::llround(1e9 * late);
+            const std::int64_t batch = std::llround(1e9 * config.batch_s);
+            if (batch > 0) s.arrival_utc_ns += batch - 1 - (s.arrival_utc_ns - 1) % batch;
+            sample.utc_ns =
+                std::min<std::int64_t>(sample.utc_ns + std::llround(1e9 * stamp), s.arrival_utc_ns);
+          }
+        },
+        s.sample);
+  }
+}
+
+}  // namespace
+
 LoggedSamples simulateSensors(const SensorWorld& world, const SensorsConfig& config,
                               const std::vector<Exposure>& exposures) {
   LoggedSamples samples;
@@ -44,6 +70,9 @@ LoggedSamples simulateSensors(const SensorWorld& world, const SensorsConfig& con
       samples.push_back({world.utcNs(exposure.time_s + config.cameras.latency_s), event});
     }
   }
+  const ArrivalConfig& arrival = config.arrival;
+  if (arrival.jitter_s > 0 || arrival.batch_s > 0 || arrival.stamp_jitter_s > 0)
+    delay(world, arrival, samples);
   std::stable_sort(samples.begin(), samples.end(), [](const io::LoggedSample& a, const io::LoggedSample& b) {
     return a.arrival_utc_ns < b.arrival_utc_ns;
   });

@@ -36,8 +36,15 @@ struct DvlConfig {
   double min_range_m = 0.3, max_range_m = 30.0;  // of bottom lock, along a beam
   double assumed_sound_speed_mps = 1500.0;       // what the instrument computes with
   double latency_s = 0.12;
-  std::vector<Spell> outages;  // silent: no ensembles at all
-  std::vector<Spell> stuck;    // the last good ensemble over and over
+  double velocity_sigma_per_m = 0;  // more noise of each axis, by the altitude [1/s]
+  int dead_beam = 0;                // 1 to 4; 0: none
+  double fish_probability = 0;      // that a beam of an ensemble ends on something in the water
+  double steepest = degrees(90);    // incidence on the seafloor beyond which a beam is lost [rad]
+  double bubble_depth_m = 0;        // above it nothing is heard
+  double current_north_mps = 0, current_east_mps = 0;  // of the water, which a false bottom drifts with
+  std::vector<Spell> outages;                          // silent: no ensembles at all
+  std::vector<Spell> stuck;                            // the last good ensemble over and over
+  std::vector<Spell> false_bottom;  // locked to a layer half way down instead of the seafloor
 };
 
 struct CompassJump {
@@ -61,6 +68,9 @@ struct CompassConfig {
   double tilt_bias_sigma = degrees(0.17);  // of roll and pitch, drawn once a dive [rad]
   double tilt_sigma = degrees(0.1);        // white [rad]
   double latency_s = 0.03;
+  double soft_iron = 0;            // amplitude of the deviation twice over the heading [rad]
+  double lag_s = 0;                // of all three angles behind the hull
+  double acceleration_share = 0;   // of the hull's acceleration that is taken for gravity
   std::vector<CompassJump> jumps;  // something magnetic came near: it adds up
   std::vector<MagneticAnomaly> anomalies;
 };
@@ -81,6 +91,12 @@ struct DepthSensorConfig {
   double latency_s = 0.05;
 };
 
+// Fixes that are wrong alike for a while.
+struct UsblEcho {
+  double from_s = 0, to_s = 0;
+  double north_m = 0, east_m = 0;  // added to the fix; another target: where it is, in nav
+};
+
 struct UsblConfig {
   double period_s = 10.0;
   double range_sigma_m = 0.2;
@@ -92,6 +108,11 @@ struct UsblConfig {
   double outlier_m = 12.0;  // size of an outlier (reflections)
   // What the ship does not know: how its transceiver is turned [rad], and where its antenna is.
   double misalignment = 0, offset_north_m = 0, offset_east_m = 0;
+  double range_sigma_per_m = 0;                // more noise of the range, by the range
+  double bending = 0;                          // of the ray, downwards [rad]
+  double heading_wobble = 0;                   // of the ship's compass: slow, standard deviation [rad]
+  double ship_circle_m = 0, ship_lap_s = 600;  // the ship sails a circle about its place; 0: it lies still
+  std::vector<UsblEcho> multipath, wrong_targets;
 };
 
 struct GpsConfig {
@@ -137,6 +158,13 @@ struct CameraClockConfig {
   double right_delay_s = 0;  // of the right shutter, which nobody tells
 };
 
+// What the computer that takes the samples of DVL, compass and depth does to them.
+struct ArrivalConfig {
+  double jitter_s = 0;        // mean of a delay that differs from sample to sample
+  double batch_s = 0;         // samples are handed over in batches so far apart; 0: one by one
+  double stamp_jitter_s = 0;  // standard deviation of the stamps themselves
+};
+
 struct TideConfig {
   double amplitude_m = 0.0;    // 0: none
   double period_s = 44714.16;  // the principal lunar tide, M2
@@ -156,6 +184,7 @@ struct SensorsConfig {
   BatteryConfig battery;
   CameraClockConfig cameras;
   TideConfig tide;
+  ArrivalConfig arrival;
 };
 
 // Patches of plankton and of stirred-up sediment that the vehicle passes in a minute or more; 0 at the mean.

@@ -40,11 +40,13 @@ class Guidance {
         path_(surveyLines(plan), config.turn_radius_m),
         motion_(config, seed),
         follower_(config.follower, config.float_depth_m, shallowestAhead()),
-        hull_heading_(path_.at(0).heading) {}
+        hull_heading_(path_.at(0).heading),
+        last_depth_(follower_.depth()) {}
 
   Trajectory run() {
     while (phase_ != Phase::kOver) {
       knots_.push_back(knot());
+      last_depth_ = follower_.depth();
       step();
       time_ += kStep;
       phase_time_ += kStep;
@@ -73,10 +75,22 @@ class Guidance {
 
   Trajectory::Knot knot() const {
     const SurveyPath::Point p = path_.at(arc_);
+    const double climb = std::atan2((last_depth_ - follower_.depth()) / kStep, std::max(speed_, 0.1));
     Trajectory::Knot k;
     k << p.position.x() + motion_.north.at(time_), p.position.y() + motion_.east.at(time_), follower_.depth(),
-        motion_.roll.at(time_), motion_.pitch.at(time_),
+        motion_.roll.at(time_), motion_.pitch.at(time_) + config_.climb_pitch * climb,
         hull_heading_ + motion_.heading.at(time_) + config_.crab;
+    for (const Collision& c : config_.collisions) {
+      const double since = time_ - c.at_s;
+      if (since < 0) continue;
+      // There in a few tenths of a second, back over some time constants.
+      constexpr double kBlow = 0.2;  // [s]
+      const double thrown = (1 - std::exp(-since / kBlow)) * std::exp(-since / c.recovers_s);
+      k(0) -= c.throw_m * thrown * std::sin(hull_heading_);
+      k(1) += c.throw_m * thrown * std::cos(hull_heading_);
+      k(3) += 0.3 * c.turn * thrown;
+      k(5) += c.turn * thrown;
+    }
     return k;
   }
 
@@ -145,6 +159,8 @@ class Guidance {
   double wantedSpeed(double clearance) const {
     const double a = config_.acceleration_mps2;
     const double turn_speed = std::min(config_.speed_mps, config_.turn_rate * config_.turn_radius_m);
+    for (const Hover& hover : config_.hovers)
+      if (time_ >= hover.at_s && time_ < hover.at_s + hover.for_s) return 0;
     double wanted = std::min(config_.speed_mps,
                              std::sqrt(turn_speed * turn_speed + 2.0 * a * path_.distanceToTurn(arc_)));
     // It passes the end at a creep, so that the end is reached in finite time.
@@ -164,6 +180,7 @@ class Guidance {
   double speed_ = 0;  // [m/s]
   BottomFollower follower_;
   double hull_heading_;
+  double last_depth_;
   Phase phase_ = Phase::kFloatBefore;
   double time_ = 0, phase_time_ = 0;
   double dive_begin_ = 0, survey_begin_ = 0, survey_end_ = 0, surfaced_ = 0;

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <vector>
 
 #include "sim/scenario/degrees.hpp"
 #include "sim/vehicle/bottom_follower.hpp"
@@ -10,6 +11,19 @@
 #include "sim/vehicle/trajectory.hpp"
 
 namespace fathom::sim {
+
+// The vehicle stays where it is for a while.
+struct Hover {
+  double at_s = 0, for_s = 60;  // since the mission's start; how long
+};
+
+// Something hits the vehicle or is hit: the hull is thrown aside and turned, and comes back.
+struct Collision {
+  double at_s = 0;            // since the mission's start
+  double throw_m = 0.2;       // farthest, to starboard
+  double turn = degrees(15);  // of the heading [rad]
+  double recovers_s = 4;      // time constant
+};
 
 struct VehicleConfig {
   double speed_mps = 0.5;           // over ground on the lines
@@ -29,6 +43,9 @@ struct VehicleConfig {
   double float_s = 20.0;                // at the surface before and after
   double float_depth_m = 0.3;           // of body's origin when it floats
   double dive_rate_mps = 0.35;          // down to the survey and up again
+  double climb_pitch = 0;               // of the climb's angle, that the hull pitches by
+  std::vector<Hover> hovers;
+  std::vector<Collision> collisions;
 };
 
 // Depth of the seafloor under a point (north, east) of nav [m].

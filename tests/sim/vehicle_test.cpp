@@ -150,6 +150,36 @@ TEST(Vehicle, RollsAndPitchesByAFewDegreesAndCrabs) {
   EXPECT_NEAR(std::sqrt(pitch2 / count), config.pitch_sigma, 0.4 * config.pitch_sigma);
 }
 
+TEST(Vehicle, HoversIsThrownAsideAndPitchesAsItClimbs) {
+  VehicleConfig config;
+  const Trajectory plain = simulateVehicle(smallPlan(), config, flat, 9);
+  const double at = plain.surveyBegin() + 10;
+  config.hovers = {{at, 20}};
+  const Trajectory hovers = simulateVehicle(smallPlan(), config, flat, 9);
+  EXPECT_LT(hovers.at(at + 15).velocity_nav.head<2>().norm(), 0.06) << "it wanders";
+  EXPECT_GT(hovers.duration(), plain.duration() + 19);
+  config.hovers.clear();
+  config.collisions = {{at, 0.3, 15 * std::numbers::pi / 180, 3}};
+  const Trajectory hit = simulateVehicle(smallPlan(), config, flat, 9);
+  double farthest = 0, turned = 0;
+  for (double t = at - 1; t < at + 20; t += 0.1) {
+    farthest = std::max(farthest, (hit.poseAt(t).translation() - plain.poseAt(t).translation()).norm());
+    turned = std::max(turned, hit.poseAt(t).rotation().angularDistance(plain.poseAt(t).rotation()));
+  }
+  EXPECT_NEAR(farthest, 0.3 * 0.8, 0.03);  // it comes back while it is thrown
+  EXPECT_NEAR(turned, 0.8 * 15 * std::numbers::pi / 180, 0.03);
+  EXPECT_LT((hit.poseAt(at + 20).translation() - plain.poseAt(at + 20).translation()).norm(), 0.001);
+  config.collisions.clear();
+  config.climb_pitch = 1;
+  config.pitch_sigma = 0;
+  const Trajectory climbs = simulateVehicle(
+      smallPlan(), config, [](double north, double) { return north > 0 ? 10.5 : 12.0; }, 9);
+  double steepest = 0;
+  for (double t = climbs.surveyBegin(); t < climbs.surveyEnd(); t += 0.1)
+    steepest = std::max(steepest, climbs.poseAt(t).euler().y());
+  EXPECT_GT(steepest, 10 * std::numbers::pi / 180);
+}
+
 TEST(Trajectory, VelocityAndRatesAreTheDerivativesOfThePose) {
   const Trajectory t = simulateVehicle(smallPlan(), VehicleConfig(), flat, 3);
   constexpr double kStep = 1e-4;
