@@ -39,7 +39,7 @@ struct WaterConfig {
   double snow_slope = 4;               // their number falls with size as d^-slope
   double snow_largest_mm = 8;
   double snow_albedo = 0.4;
-  std::vector<Silt> silt;
+  std::vector<Silt> silt{};
 };
 
 // Sun and sky. An irradiance of 1 is that of a strobe of intensity 1, 1 m away, without water.
