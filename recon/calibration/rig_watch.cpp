@@ -8,19 +8,22 @@
 namespace fathom::calibration {
 
 RigWatch::RigWatch(const StereoRig& rig) : calibrated_(rig), rig_(rig), T_right_left_(rig.T_right_left) {
-  matches_.reserve(kHeld);
+  matches_.reserve(kToRefine);
 }
 
 bool RigWatch::add(std::span<const RigMatch> matches) {
-  const std::size_t count = std::min({matches.size(), kOfPair, kHeld - matches_.size()});
+  const std::size_t enough = refining_ ? kToRefine : kHeld;
+  const std::size_t count = std::min({matches.size(), kOfPair, enough - matches_.size()});
   for (std::size_t k = 0; k < count; ++k) matches_.push_back(matches[k * matches.size() / count]);
-  if (matches_.size() < kHeld) return false;
+  if (matches_.size() < enough) return false;
   const EpipolarCheck check = checkEpipolar(rig_, matches_);
   matches_.clear();
-  if (!explainsMove(check)) return false;
+  const bool moved = explainsMove(check);
+  if (!moved && !refining_) return false;
+  refining_ = moved;
+  if (moved) ++changes_;
   T_right_left_ = changed(rig_, check.rotation, 0).T_right_left;
   focal_ += check.focal;
-  ++changes_;
   apply();
   return true;
 }

@@ -14,7 +14,8 @@ namespace fathom::calibration {
 
 // Whether the rig stands as it was calibrated, pair after pair, in fixed memory: a tenth of a degree puts
 // every match off its epipolar line, and stereo drops it. Matches are held until they fill the view, then
-// checkEpipolar() judges them; where the rig has moved it is changed, and watched on from there.
+// checkEpipolar() judges them; where the rig has moved it is changed, once more by four times as many (the
+// turn towards the left camera, which makes all ranges wrong, shows least), and watched on from there.
 class RigWatch {
  public:
   explicit RigWatch(const StereoRig& rig);
@@ -32,13 +33,13 @@ class RigWatch {
   // One sentence for people; none while it stands as it was calibrated.
   [[nodiscard]] std::optional<std::string> warning() const;
 
-  static constexpr std::size_t kOfPair = 256, kHeld = 2048;
+  static constexpr std::size_t kOfPair = 256, kHeld = 2048, kToRefine = 4 * kHeld;
 
   // For saved state.
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.T_right_left_, self.focal_, self.changes_);
-    archive.bounded(self.matches_, kHeld);
+    archive(self.T_right_left_, self.focal_, self.changes_, self.refining_);
+    archive.bounded(self.matches_, kToRefine);
     if constexpr (Archive::kLoading) self.apply();
   }
 
@@ -49,6 +50,7 @@ class RigWatch {
   SE3 T_right_left_;  // of rig_
   double focal_ = 0;
   std::uint64_t changes_ = 0;
+  bool refining_ = false;
   std::vector<RigMatch> matches_;
 };
 

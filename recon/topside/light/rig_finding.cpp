@@ -14,11 +14,14 @@
 
 namespace fathom::topside {
 
-RigFinding findRig(const MissionInput& input, const Survey& survey, const LightingModels& models) {
+namespace {
+
+calibration::EpipolarCheck checkPairs(const MissionInput& input, const Survey& survey,
+                                      const LightingModels& models, std::size_t wanted) {
   std::vector<std::size_t> known;
   for (std::size_t k = 0; k < survey.list.pairs.size(); ++k)
     if (survey.planes[k]) known.push_back(k);
-  const std::size_t count = std::min(known.size(), kRigPairs);
+  const std::size_t count = std::min(known.size(), wanted);
   std::vector<std::vector<RigMatch>> found(count);
   oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
     const std::size_t pair = known[k * known.size() / count];
@@ -29,9 +32,16 @@ RigFinding findRig(const MissionInput& input, const Survey& survey, const Lighti
   });
   std::vector<RigMatch> matches;
   for (const auto& some : found) matches.insert(matches.end(), some.begin(), some.end());
-  const calibration::EpipolarCheck check = calibration::checkEpipolar(input.rig, matches);
+  return calibration::checkEpipolar(input.rig, matches);
+}
+
+}  // namespace
+
+RigFinding findRig(const MissionInput& input, const Survey& survey, const LightingModels& models) {
+  calibration::EpipolarCheck check = checkPairs(input, survey, models, kRigPairs);
+  if (calibration::explainsMove(check)) check = checkPairs(input, survey, models, kMovedRigPairs);
   RigFinding out;
-  out.matches = matches.size();
+  out.matches = check.errors.size();
   out.before = check.worst();
   out.after = check.sigma_after;
   out.moved = calibration::explainsMove(check);

@@ -27,8 +27,9 @@ struct RigFinding {
   }
 };
 
-// Of up to kRigPairs pairs, spread over the dive, that stand over known ground.
-inline constexpr std::size_t kRigPairs = 12;
+// Of up to kRigPairs pairs, spread over the dive, that stand over known ground; where the rig has moved, of
+// more: the turn towards the left camera, which makes all ranges wrong, shows least.
+inline constexpr std::size_t kRigPairs = 12, kMovedRigPairs = 120;
 [[nodiscard]] RigFinding findRig(const MissionInput& input, const Survey& survey,
                                  const LightingModels& models);
 // As it stands in this dive.

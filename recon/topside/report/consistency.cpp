@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "firmware_if/files/images/image_times.hpp"
+#include "firmware_if/files/mission.hpp"
 #include "firmware_if/files/pose_files.hpp"
 #include "recon/closure/candidates.hpp"
 
@@ -105,9 +106,13 @@ void judgeClosures(const std::vector<std::optional<SE3>>& cameras, const Camera&
 Consistency compareWithTruth(const std::filesystem::path& mission, const SE3& T_body_cam,
                              const Camera& camera, const PairList& list, const SlamResult& slam) {
   Consistency out;
-  const std::filesystem::path file = mission / "truth" / "trajectory.csv";
-  if (!std::filesystem::exists(file)) return out;
-  const std::vector<std::optional<SE3>> cameras = trueCameras(mission / "truth", T_body_cam, list, slam);
+  const std::filesystem::path folder = mission / "truth";
+  if (!std::filesystem::exists(folder / "trajectory.csv")) return out;
+  // The vehicle may have been told wrongly how the camera is mounted.
+  const SE3 mounted = std::filesystem::exists(folder / "mission.toml")
+                          ? io::readMissionConfig(folder).T_body_cam
+                          : T_body_cam;
+  const std::vector<std::optional<SE3>> cameras = trueCameras(folder, mounted, list, slam);
   std::optional<SE3> first_truth;
   SE3 first;
   std::int64_t first_ns = 0;
