@@ -20,6 +20,7 @@ Command addCameraCommand(CLI::App& app);      // is a GigE Vision camera
 Command addPictureCommand(CLI::App& app);     // draws a mesh
 Command addBoardsCommand(CLI::App& app);      // photographs a chessboard
 Command addHilCommand(CLI::App& app);         // plays a mission through real interfaces
+Command addCampaignCommand(CLI::App& app);    // dives many times in disturbed seas
 Command addHilCompareCommand(CLI::App& app);  // holds such a run to its replays
 Command addReplayCommand(CLI::App& app);      // replays the vehicle's cores with a simulated ship
 

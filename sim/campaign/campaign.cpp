@@ -1,0 +1,234 @@
+#include "sim/campaign/campaign.hpp"
+
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <fstream>
+#include <map>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
+#include "sim/campaign/perturbations.hpp"
+#include "sim/hil/bench/child_process.hpp"
+#include "sim/mission/mission_maker.hpp"
+#include "sim/scenario/scenario_file.hpp"
+#include "sim/score/score.hpp"
+
+namespace fathom::sim {
+namespace {
+
+using Json = nlohmann::ordered_json;
+constexpr std::size_t kUndisturbed = 2;
+constexpr double kLongest = 900;  // of one program over one dive [s]
+
+double number(const Json& json, const char* key) {
+  return json.contains(key) && json[key].is_number() ? json[key].get<double>() : NAN;
+}
+
+Json jsonOf(const DiveResult& d) {
+  const auto orNull = [](double v) { return std::isfinite(v) ? Json(v) : Json(); };
+  return {{"dive", d.dive},
+          {"perturbation", d.perturbation},
+          {"level", d.level},
+          {"pictures", d.pictures},
+          {"onboard_map", d.onboard_map},
+          {"topside_map", d.topside_map},
+          {"onboard_surface_m", orNull(d.onboard_surface_m)},
+          {"topside_surface_m", orNull(d.topside_surface_m)},
+          {"onboard_coverage", orNull(d.onboard_coverage)},
+          {"topside_coverage", orNull(d.topside_coverage)},
+          {"onboard_track_m", orNull(d.onboard_track_m)},
+          {"topside_track_m", orNull(d.topside_track_m)},
+          {"nees", orNull(d.nees)},
+          {"inside", orNull(d.inside)},
+          {"false_closures", d.false_closures},
+          {"trouble", d.trouble},
+          {"seconds", d.seconds}};
+}
+
+DiveResult resultOf(const Json& json) {
+  DiveResult d = planOf(json.at("dive").get<std::size_t>());
+  d.onboard_map = json.at("onboard_map"), d.topside_map = json.at("topside_map");
+  d.onboard_surface_m = number(json, "onboard_surface_m"),
+  d.topside_surface_m = number(json, "topside_surface_m");
+  d.onboard_coverage = number(json, "onboard_coverage"),
+  d.topside_coverage = number(json, "topside_coverage");
+  d.onboard_track_m = number(json, "onboard_track_m"), d.topside_track_m = number(json, "topside_track_m");
+  d.nees = number(json, "nees"), d.inside = number(json, "inside");
+  d.false_closures = json.at("false_closures");
+  d.trouble = json.at("trouble").get<std::string>();
+  d.seconds = number(json, "seconds");
+  return d;
+}
+
+// Runs a program to its end; its last line where it fails.
+std::optional<std::string> run(const std::vector<std::string>& argv, const std::filesystem::path& log) {
+  ChildProcess child({.argv = argv, .environment = {}, .output = log, .cable = {}});
+  const auto status = child.wait(kLongest);
+  if (status == 0) return std::nullopt;
+  if (!status) return argv[0] + ": did not end in " + formatted("%.0f s", kLongest);
+  std::ifstream text(log);
+  std::string last;
+  for (std::string line; std::getline(text, line);)
+    if (!line.empty()) last = line.substr(line.rfind('\r') == std::string::npos ? 0 : line.rfind('\r') + 1);
+  return last;
+}
+
+void score(const std::filesystem::path& mission, DiveResult& d) {
+  const ScoreReport report = scoreMission(mission);
+  if (report.onboard) d.onboard_track_m = report.onboard->aligned_rms_m.value_or(NAN);
+  if (report.topside) d.topside_track_m = report.topside->aligned_rms_m.value_or(NAN);
+  if (report.onboard_surface) {
+    d.onboard_surface_m = report.onboard_surface->aligned_rms_m;
+    d.onboard_coverage = report.onboard_surface->coverage;
+  }
+  if (report.topside_surface) {
+    d.topside_surface_m = report.topside_surface->aligned_rms_m;
+    d.topside_coverage = report.topside_surface->coverage;
+  }
+}
+
+DiveResult dive(const CampaignOptions& options, std::size_t index) {
+  const auto begin = std::chrono::steady_clock::now();
+  DiveResult d = planOf(index);
+  const std::filesystem::path folder = options.out / ("dive-" + std::to_string(index)),
+                              mission = folder / "mission";
+  std::filesystem::remove_all(folder);
+  std::filesystem::create_directories(folder);
+  try {
+    MissionMakerOptions maker;
+    maker.out = mission;
+    maker.threads = 1;
+    maker.features = !d.pictures;
+    makeMission(diveScenario(options, index), maker);
+    const std::string onboard = (options.programs / "fathom-onboard").string(),
+                      topside = (options.programs / "fathom-topside").string();
+    const auto failed = [&](const std::vector<std::string>& argv, const char* log) {
+      const auto trouble = run(argv, folder / log);
+      if (trouble) d.trouble += (d.trouble.empty() ? "" : "; ") + *trouble;
+      return trouble.has_value();
+    };
+    d.onboard_map = !failed({onboard, "--replay", mission.string()}, "onboard.log");
+    d.topside_map = !d.pictures || !failed({topside, "run", mission.string(), "--jobs", "1"}, "topside.log");
+    const bool posed = !failed({topside, "slam", mission.string(), "--jobs", "1"}, "slam.log");
+    d.topside_map = d.topside_map && posed;
+    score(mission, d);
+    if (posed) {
+      const Json truth = Json::parse(std::ifstream(mission / "slam" / "slam.json")).at("truth");
+      d.nees = number(truth, "mean_squared_error_over_covariance");
+      d.inside = number(truth, "share_below_95_percent");
+      d.false_closures = truth.value("false_closures_kept", std::size_t{0});
+    }
+  } catch (const std::exception& error) {
+    d.trouble += (d.trouble.empty() ? "" : "; ") + std::string(error.what());
+  }
+  if (!options.only) std::filesystem::remove_all(folder);
+  d.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  return d;
+}
+
+// Results so far, by dive; a last line that was cut is dived again.
+std::map<std::size_t, DiveResult> resultsIn(const std::filesystem::path& file) {
+  std::map<std::size_t, DiveResult> out;
+  std::ifstream in(file);
+  for (std::string line; std::getline(in, line);) {
+    const Json json = Json::parse(line, nullptr, false);
+    if (json.is_object() && json.contains("seconds")) out[json.at("dive")] = resultOf(json);
+  }
+  return out;
+}
+
+}  // namespace
+
+DiveResult planOf(std::size_t dive) {
+  DiveResult d;
+  d.dive = dive;
+  d.pictures = dive != 1;
+  if (dive < kUndisturbed) return d;
+  const std::size_t count = perturbations().size(), k = dive - kUndisturbed;
+  d.perturbation = static_cast<int>(k % count);
+  d.level = static_cast<int>(k / count % Perturbation::kLevels);
+  d.pictures = perturbations()[k % count].pictures;
+  return d;
+}
+
+Scenario diveScenario(const CampaignOptions& options, std::size_t dive) {
+  const DiveResult plan = planOf(dive);
+  Scenario scenario = loadScenario("campaign");
+  // Undisturbed dives and the first round are of one terrain; every round has its own.
+  const std::size_t round =
+      dive < kUndisturbed ? 0 : (dive - kUndisturbed) / (perturbations().size() * Perturbation::kLevels);
+  scenario.seed = static_cast<std::int64_t>(1000 * options.seed + dive);
+  scenario.terrain.seed += round;
+  if (!plan.pictures) {
+    scenario.plan.lines = 4;
+    scenario.plan.line_length = 6;
+    scenario.plan.cross_lines = 2;
+    scenario.terrain.size_north_m = scenario.terrain.size_east_m = 14;
+  }
+  if (plan.perturbation >= 0) {
+    const Perturbation& p = perturbations()[static_cast<std::size_t>(plan.perturbation)];
+    p.disturb(scenario, p.levels[static_cast<std::size_t>(plan.level)]);
+  }
+  return scenario;
+}
+
+std::vector<std::string> broken(const DiveResult& d, const DiveResult& undisturbed) {
+  constexpr double kCoverage = 0.9, kSurface = 0.033, kTrack = 3, kNees = 22.46, kLeastTrack = 0.03;
+  std::vector<std::string> out;
+  const auto judge = [&](bool bad, const char* what) {
+    if (bad) out.emplace_back(what);
+  };
+  judge(!d.onboard_map, "no map on board");
+  judge(!d.topside_map, d.pictures ? "no map topside" : "no poses topside");
+  judge(d.onboard_coverage < kCoverage * undisturbed.onboard_coverage, "coverage on board");
+  judge(d.topside_coverage < kCoverage * undisturbed.topside_coverage, "coverage topside");
+  judge(d.topside_surface_m > kSurface, "surface topside");
+  judge(d.onboard_surface_m > 2 * kSurface, "surface on board");
+  judge(!d.pictures && d.onboard_track_m > std::max(kLeastTrack, kTrack * undisturbed.onboard_track_m),
+        "track on board");
+  judge(d.nees > kNees, "poses less sure than said");  // 99.9 % of chi-square with 6 degrees of freedom
+  judge(d.false_closures > 0, "false closure");
+  return out;
+}
+
+std::vector<DiveResult> runCampaign(const CampaignOptions& options) {
+  for (const char* program : {"fathom-onboard", "fathom-topside"})
+    if (!std::filesystem::exists(options.programs / program))
+      throw InputError((options.programs / program).string(), "", "is absent; name its folder by --programs");
+  const std::filesystem::path file = options.out / "results.jsonl";
+  if (std::filesystem::exists(options.out) && !std::filesystem::is_empty(options.out) &&
+      !std::filesystem::exists(file))
+    throw InputError(options.out.string(), "", "holds something else than a campaign; name another folder");
+  std::filesystem::create_directories(options.out);
+  std::map<std::size_t, DiveResult> done = resultsIn(file);
+  std::vector<std::size_t> wanted;
+  for (std::size_t k = 0; k < options.dives; ++k)
+    if (options.only ? k == *options.only : !done.contains(k)) wanted.push_back(k);
+  if (options.only && wanted.empty()) wanted.push_back(*options.only);
+  std::ofstream results(file, std::ios::app);
+  std::atomic<std::size_t> next = 0;
+  std::size_t dived = 0;
+  std::mutex mutex;
+  const auto work = [&] {
+    for (std::size_t k = next++; k < wanted.size(); k = next++) {
+      const DiveResult d = dive(options, wanted[k]);
+      const std::lock_guard lock(mutex);
+      done[d.dive] = d;
+      results << jsonOf(d).dump() << std::endl;
+      if (options.progress) options.progress(++dived, wanted.size());
+    }
+  };
+  std::vector<std::jthread> threads;
+  for (int j = 0; j < std::max(1, options.jobs); ++j) threads.emplace_back(work);
+  threads.clear();
+  std::vector<DiveResult> out;
+  for (const auto& [index, d] : done) out.push_back(d);
+  writeCampaignPage(options.out / "campaign.html", out, options.seed);
+  return out;
+}
+
+}  // namespace fathom::sim
