@@ -45,8 +45,9 @@ TEST(Registration, FindsTheRelativePoseOfTurnedAndShiftedFramesWithinMillimetres
   const Registration& r = registrar.process(featuresOf(reef, a, 1), featuresOf(reef, b, 2), std::nullopt);
   ASSERT_TRUE(r.accepted()) << nameOf(r.refusal);
   const Vector6d e = errorOf(r, a.inverse() * b);
-  EXPECT_LT(e.head<3>().norm(), 0.012);
-  EXPECT_LT(e.tail<3>().norm(), 0.006);
+  std::printf("%.2f mm, %.2f mrad off\n", 1e3 * e.head<3>().norm(), 1e3 * e.tail<3>().norm());
+  EXPECT_LT(e.head<3>().norm(), 0.0066);  // twice what was measured
+  EXPECT_LT(e.tail<3>().norm(), 0.0034);
   EXPECT_LT(e.dot(r.covariance.ldlt().solve(e)), 22.5);  // 99.9 % of chi-square with 6 degrees of freedom
 }
 

@@ -16,6 +16,7 @@
 #include "recon/geometry/mesh_io.hpp"
 #include "telemetry/ship/link_receiver.hpp"
 #include "telemetry/wire/packet_log.hpp"
+#include "tests/fusion/surface_distance.hpp"
 #include "tests/onboard/track_error.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
@@ -131,24 +132,19 @@ TEST(Replay, MapsEveryPairWithinCentimetresOfTheTrueSeafloorUnderTheVehicle) {
   const Eigen::Vector3d moved = last.pose.translation() - first.pose.translation();
   const Eigen::Vector3d moved_truly =
       truth_at(last.utc_ns).translation() - truth_at(first.utc_ns).translation();
-  EXPECT_LT((moved - moved_truly).norm(), 0.25);
+  const double off = (moved - moved_truly).norm();
+  std::printf("half the dive's way off by %.1f mm\n", 1e3 * off);
+  EXPECT_LT(off, 0.086);  // twice what was measured
 
-  // The map stands at the depth of the true seafloor.
   const Mesh map = readPly(folder.path() / "out" / "map.ply"),
              terrain = readPly(kMission / "truth" / "terrain.ply");
-  const auto mean_depth = [](const Mesh& mesh, const Eigen::AlignedBox2f& box) {
-    double sum = 0;
-    int n = 0;
-    for (const Eigen::Vector3f& v : mesh.vertices) {
-      if (!box.contains(Eigen::Vector2f(v.head<2>()))) continue;
-      sum += static_cast<double>(v.z());
-      ++n;
-    }
-    return sum / n;
-  };
-  Eigen::AlignedBox2f box;
-  for (const Eigen::Vector3f& v : map.vertices) box.extend(Eigen::Vector2f(v.head<2>()));
-  EXPECT_NEAR(mean_depth(map, box), mean_depth(terrain, box), 0.15);
+  const test::SurfaceDistance to_seafloor(terrain, 0.25F);
+  std::vector<float> errors;
+  for (const Eigen::Vector3f& v : map.vertices) errors.push_back(to_seafloor(v));
+  std::sort(errors.begin(), errors.end());
+  const float median = errors[errors.size() / 2];
+  std::printf("map off the seafloor: median %.1f mm\n", 1e3 * static_cast<double>(median));
+  EXPECT_LT(median, 0.019F);  // twice what was measured
 }
 
 // A rig knocked by 0.2 degrees, focal lengths 0.6 % apart: half a minute of dive, and 10 pairs until it is
