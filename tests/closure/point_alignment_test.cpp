@@ -139,5 +139,15 @@ TEST(AbsoluteOrientation, IsExactForExactPointsAndRefusesALine) {
   EXPECT_FALSE(absoluteOrientation(pairs, {0, 0, 1}));
 }
 
+TEST(SharedErrors, ADisparityErrorMovesAPointAlongItsRayByTheRigsBaseline) {
+  SharedErrors errors;
+  errors.disparity = 0.01;
+  const Eigen::Vector3d point(0.3, -0.2, 2.0);
+  const double disparity = kFocal * kBaseline / point.z();
+  const Eigen::Vector3d moved = point * (disparity / (disparity + errors.disparity)) - point;
+  const SharedJacobian j = sharedJacobian(errors, kFocal, kBaseline, point);
+  EXPECT_LT((j.col(3) - moved).norm(), 1e-3 * moved.norm());
+}
+
 }  // namespace
 }  // namespace fathom::closure

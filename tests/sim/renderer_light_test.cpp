@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "sim/sea/appearance.hpp"
+#include "sim/sea/light/water_light.hpp"
 #include "tests/sim/renderer_scene.hpp"
 #include "tests/support/test_data.hpp"
 
@@ -19,6 +20,68 @@ TEST(Renderer, LightFallsToAQuarterAtTwiceTheDistance) {
   optics.strobes = {{{0, 0, 0}, {0, 0, 1}, 1.0, 0.7}};
   const Renderer renderer(terrain, optics, smallRig(), cameraInBody());
   EXPECT_NEAR(centreLevel(renderer, above(1.5)) / centreLevel(renderer, above(3.0)), 4.0, 0.01);
+}
+
+TEST(Beam, IsHalfAsStrongAtItsHalfAngle) {
+  for (const double half_angle : {0.3, 0.7, 1.2})
+    EXPECT_NEAR(
+        static_cast<double>(Beam({{}, {0, 0, 1}, 3.0, half_angle})(static_cast<float>(std::cos(half_angle)))),
+        1.5, 0.01);
+}
+
+TEST(Renderer, VignettingIsAPowerOfTheCosineOffTheAxis) {
+  const Terrain terrain(flatSeafloor());
+  OpticsConfig optics = bareOptics();
+  const auto even =
+      electronsOf(Renderer(terrain, optics, smallRig(), cameraInBody()), above(2), CameraSide::kLeft);
+  optics.sensor.vignetting_power = 3;
+  const auto dark =
+      electronsOf(Renderer(terrain, optics, smallRig(), cameraInBody()), above(2), CameraSide::kLeft);
+  for (const Eigen::Vector2i& pixel : {Eigen::Vector2i(5, 5), {77, 61}, {150, 100}, {20, 110}}) {
+    const auto at = static_cast<std::size_t>(pixel.y() * 160 + pixel.x());
+    const double cosine = smallRig().left.ray(pixel.cast<double>()).normalized().z();
+    EXPECT_NEAR(static_cast<double>(dark[at] / even[at]), std::pow(cosine, 3), 1e-3);
+  }
+}
+
+TEST(Renderer, BayerPixelsHaveTheirChannelsQuantumEfficiency) {
+  const test::TemporaryFolder folder;
+  const Terrain terrain(whitePlate(folder.path(), 20.0));
+  OpticsConfig optics = bareOptics();
+  optics.sensor.left_format = PixelFormat::kBayerRggb;
+  optics.sensor.quantum_efficiency = {0.5, 1.0, 0.8};
+  const auto image =
+      electronsOf(Renderer(terrain, optics, smallRig(), cameraInBody()), above(2), CameraSide::kLeft);
+  const auto at = [&](int x, int y) {
+    return static_cast<double>(image[static_cast<std::size_t>(y * 160 + x)]);
+  };
+  EXPECT_NEAR(at(76, 60) / at(77, 60), 0.5, 0.01);
+  EXPECT_NEAR(at(77, 61) / at(77, 60), 0.8, 0.01);
+}
+
+// Summed up anew: scattering * fraction / 2 pi of the light at every place on the ray comes back.
+TEST(Renderer, BackscatterIsTheSumOverTheRay) {
+  const test::TemporaryFolder folder;
+  const Terrain terrain(whitePlate(folder.path(), 20.0));
+  OpticsConfig optics = bareOptics();
+  optics.strobes = {{{0, 0.6, 0}, {0, 0, 1}, 1.0, 1.2}};
+  optics.water = {{0.1, 0.1, 0.1}, {0.2, 0.2, 0.2}, 0};
+  const StereoRig rig = smallRig();
+  constexpr double kRange = 2, kLoss = 0.3, kFraction = 0.05;
+  const double ground = centreLevel(Renderer(terrain, optics, rig, cameraInBody()), above(kRange));
+  optics.water.backscatter_fraction = kFraction;
+  const double both = centreLevel(Renderer(terrain, optics, rig, cameraInBody()), above(kRange));
+  const double power = std::log(0.5) / std::log(std::cos(1.2));
+  const auto lit = [&](double t) {  // irradiance times what is left after the way back, at t down the axis
+    const double d = std::hypot(t, 0.6);
+    return std::pow(t / d, power) / (d * d) * std::exp(-kLoss * (d + t));
+  };
+  double water = 0;
+  constexpr int kSteps = 20000;
+  for (int k = 0; k < kSteps; ++k) water += lit((k + 0.5) * kRange / kSteps) * kRange / kSteps;
+  water *= 0.2 * kFraction / (2 * std::numbers::pi);
+  const double plate = lit(kRange) * kRange / std::hypot(kRange, 0.6) / std::numbers::pi;
+  EXPECT_NEAR((both - ground) / ground, water / plate, 0.02 * water / plate);
 }
 
 TEST(Appearance, IsWhatPhotographsShowOnceTheirLightIsTakenOut) {

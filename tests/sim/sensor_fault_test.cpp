@@ -267,5 +267,61 @@ TEST_F(SensorFault, SamplesComeLateInBatchesWithStampsThatJitter) {
   EXPECT_NEAR(late.mean(), 0.1, 0.02);
 }
 
+TEST_F(SensorFault, UsblBearingHasItsNoise) {
+  UsblConfig config;
+  config.range_sigma_m = config.outlier_probability = 0;
+  config.angle_sigma = 1 * kDegree;
+  config.period_s = 1;
+  Statistics bearing;
+  const Eigen::Vector2d ship(config.ship_north_m, config.ship_east_m);
+  for (const UsblFix& fix : usbl(config)) {
+    const Eigen::Vector2d seen = placeOf(fix) - ship, truly = truePlace(fix) - ship;
+    bearing.add(wrapAngle(std::atan2(seen.y(), seen.x()) - std::atan2(truly.y(), truly.x())));
+  }
+  EXPECT_NEAR(bearing.sigma(), 1 * kDegree, 0.15 * kDegree);
+  EXPECT_NEAR(bearing.mean(), 0, 0.25 * kDegree);
+}
+
+TEST_F(SensorFault, GpsIsWhereTheVehicleIsInTheMean) {
+  GpsConfig config;
+  config.drift_sigma_m = 0;
+  config.sigma_m = 0.4;
+  config.rate_hz = 10;
+  LoggedSamples logged;
+  simulateGps(world(), config, logged);
+  const LocalTransverseMercator mercator(world().origin);
+  Statistics north, east;
+  for (const GpsFix& fix : samplesOf<GpsFix>(logged)) {
+    const Eigen::Vector2d off = mercator.toLocal({fix.latitude, fix.longitude}) -
+                                trajectory.poseAt(timeOf(fix.utc_ns)).translation().head<2>();
+    north.add(off.x()), east.add(off.y());
+  }
+  EXPECT_NEAR(north.mean(), 0, 0.08);
+  EXPECT_NEAR(east.mean(), 0, 0.08);
+  EXPECT_NEAR(north.sigma(), 0.4, 0.06);
+}
+
+TEST_F(SensorFault, DvlScaleIsDrawnForEachDiveAndSoundSetsSpeedsAndRanges) {
+  SensorsConfig sensors;
+  sensors.dvl.velocity_sigma_mps = sensors.dvl.range_sigma_m = sensors.dvl.dropout_probability = 0;
+  const auto middle = [&](std::uint64_t seed) {
+    LoggedSamples logged;
+    simulateDvl(world(seed), sensors, logged);
+    return samplesOf<DvlSample>(logged)[600];
+  };
+  const DvlSample first = middle(1);
+  Statistics scale;
+  for (std::uint64_t seed = 1; seed <= 40; ++seed) {
+    const DvlSample s = middle(seed);
+    scale.add(s.velocity->norm() / first.velocity->norm());
+    EXPECT_EQ(s.range, first.range) << "ranges have no scale error";
+  }
+  EXPECT_NEAR(scale.sigma(), sensors.dvl.scale_error / std::sqrt(3.0), 0.3e-3);
+  sensors.dvl.assumed_sound_speed_mps *= 1.1;
+  const DvlSample other = middle(1);
+  EXPECT_NEAR(other.velocity->norm() / first.velocity->norm(), 1.1, 1e-9);
+  for (std::size_t b = 0; b < 4; ++b) EXPECT_NEAR(*other.range[b] / *first.range[b], 1.1, 1e-9);
+}
+
 }  // namespace
 }  // namespace fathom::sim
