@@ -1,8 +1,10 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <numeric>
 
 #include "realtime/kernel/text.hpp"
+#include "recon/geometry/order_statistics.hpp"
 #include "sim/campaign/campaign.hpp"
 #include "sim/campaign/perturbations.hpp"
 #include "telemetry/web/report_page.hpp"
@@ -39,13 +41,14 @@ void writeCampaignPage(const std::filesystem::path& file, const std::vector<Dive
     if (d.perturbation >= 0) cells[{d.perturbation, d.level}].push_back(&d);
   std::vector<web::Row> rows;
   std::size_t whole = 0, wrong = 0;
-  double nees = 0, inside = 0;
-  std::size_t honest = 0;
+  std::vector<double> nees;
+  double inside = 0;
   for (const DiveResult& d : dives) {
     whole += d.topside_map && d.onboard_map ? 1 : 0;
     wrong += d.false_closures;
     if (!std::isfinite(d.nees)) continue;
-    nees += d.nees, inside += d.inside, ++honest;
+    nees.push_back(d.nees);
+    inside += d.inside;
   }
   for (std::size_t p = 0; p < perturbations().size(); ++p) {
     const Perturbation& what = perturbations()[p];
@@ -82,13 +85,15 @@ void writeCampaignPage(const std::filesystem::path& file, const std::vector<Dive
       "stays.");
   page.table({"disturbed by", "level 1", "level 2", "level 3", "level 4", "breaks at"}, rows);
   page.section("All dives");
-  page.list(
-      {formatted("%zu of %zu have a map on board and topside", whole, dives.size()),
-       formatted("%zu false closures stay", wrong),
-       honest == 0
-           ? std::string("no poses with covariances")
-           : formatted("NEES (6 is honest) %.2f in the mean; %.1f %% of poses within their own 95 %%",
-                       nees / static_cast<double>(honest), 100 * inside / static_cast<double>(honest))});
+  page.list({formatted("%zu of %zu have a map on board and topside", whole, dives.size()),
+             formatted("%zu false closures stay", wrong),
+             nees.empty() ? std::string("no poses with covariances")
+                          : formatted("NEES of a dive's poses (6 is honest): median %.2f, mean %.2f; %.1f %% "
+                                      "of poses within their own 95 %%",
+                                      median(nees),
+                                      std::accumulate(nees.begin(), nees.end(), 0.0) /
+                                          static_cast<double>(nees.size()),
+                                      100 * inside / static_cast<double>(nees.size()))});
   std::vector<const DiveResult*> order;
   for (const DiveResult& d : dives) order.push_back(&d);
   std::stable_sort(order.begin(), order.end(), [&](const DiveResult* a, const DiveResult* b) {
