@@ -19,8 +19,9 @@ bool RigWatch::add(std::span<const RigMatch> matches) {
   const EpipolarCheck check = checkEpipolar(rig_, matches_);
   matches_.clear();
   const bool moved = explainsMove(check);
-  if (!moved && !refining_) return false;
+  const bool refines = refining_ && check.sigma_after < kMostMedian;  // not matches of nothing
   refining_ = moved;
+  if (!moved && !refines) return false;
   if (moved) ++changes_;
   T_right_left_ = changed(rig_, check.rotation, 0).T_right_left;
   focal_ += check.focal;
@@ -39,8 +40,7 @@ std::optional<std::string> RigWatch::warning() const {
          decimals(degrees.x(), 3) + ", yaw " + decimals(degrees.y(), 3) + ", roll " +
          decimals(degrees.z(), 3) + " deg, its focal lengths as " + decimals(100 * focal_, 2) +
          " % longer against the left one's; fathom-topside check-calibration MISSION --mended stereo.calib "
-         "makes "
-         "the file for the next dive";
+         "makes the file for the next dive";
 }
 
 void RigWatch::apply() {

@@ -47,7 +47,7 @@ void simulateDvl(const SensorWorld& world, const SensorsConfig& sensors, LoggedS
   const DvlConfig& config = sensors.dvl;
   Random random(world.seed, "dvl"), fish(world.seed, "dvl-fish");
   const Eigen::Vector3d current(config.current_north_mps, config.current_east_mps, 0);
-  const double flattest = std::cos(config.steepest);
+  const bool any_slope = config.steepest > degrees(89.9);
   const double scale = 1.0 + random.uniform(-config.scale_error, config.scale_error);
   const auto beams = dvlBeams(config.beam_angle);
   int dropped = 0;  // ensembles left of a dropout
@@ -89,7 +89,9 @@ void simulateDvl(const SensorWorld& world, const SensorsConfig& sensors, LoggedS
         const auto range = world.cast_ray(T_nav_dvl.translation(), direction);
         if (!range || *range < config.min_range_m || *range > config.max_range_m) continue;
         if (static_cast<int>(b) + 1 == config.dead_beam) continue;
-        if (flattest > 0 && incidence(world, T_nav_dvl.translation(), direction, *range) < flattest) continue;
+        if (!any_slope &&
+            incidence(world, T_nav_dvl.translation(), direction, *range) < std::cos(config.steepest))
+          continue;
         constexpr double kLayer = 0.5;
         const double way = std::min(fish_at[b], false_bottom ? kLayer : 1.0);
         const double measured =

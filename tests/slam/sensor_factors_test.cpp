@@ -122,6 +122,35 @@ TEST(SensorFactors, ALinkWeighsItsErrorByItsCovariance) {
   }
 }
 
+TEST(SensorFactors, ALinkWeighsPlaceAndTurnTogetherWhereTheyAreCorrelated) {
+  const SE3 a = camera(0, 0, 10, 0), b = camera(0.4, 0.1, 10, 0.1);
+  Vector6d sigma;
+  sigma << 0.002, 0.003, 0.004, 0.001, 0.002, 0.003;
+  Matrix6d correlation = Matrix6d::Identity();
+  for (int i = 0; i < 3; ++i) correlation(i, 3 + i) = correlation(3 + i, i) = 0.8;
+  const Matrix6d covariance = sigma.asDiagonal() * correlation * sigma.asDiagonal();
+  const RelativePose factor = linkFactor(kA, kB, a.inverse() * b, covariance);
+  for (int i = 0; i < 3; ++i) {
+    for (const double sign : {1.0, -1.0}) {
+      Vector6d step = Vector6d::Zero();
+      step(i) = sigma(i);
+      step(3 + i) = sign * sigma(3 + i);
+      const double expected = step.dot(covariance.inverse() * step);
+      EXPECT_NEAR(chi2(factor, a, perturbed(b, step)) / expected, 1, 1e-3) << i << ' ' << sign;
+    }
+  }
+}
+
+TEST(SensorFactors, AStepIsLessSureWhileAttitudeIsAway) {
+  SensorNoise noise;
+  StepQuality quality;
+  quality.seconds = 10;
+  const double known = stepSigma(2, quality, noise);
+  quality.seconds_untilted = 10;
+  const double turned = noise.unknown_turn * 10;  // half of it in the mean, over the way
+  EXPECT_NEAR(stepSigma(2, quality, noise), std::hypot(known, 0.5 * turned * 2), 1e-9);
+}
+
 TEST(SensorFactors, NoiseOutOfRangeIsRefused) {
   SensorNoise noise;
   noise.heading = 0;
