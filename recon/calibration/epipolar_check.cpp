@@ -3,7 +3,9 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
+#include "realtime/kernel/text.hpp"
 #include "recon/calibration/robust.hpp"
 #include "recon/geometry/order_statistics.hpp"
 
@@ -112,6 +114,13 @@ bool explainsMove(const EpipolarCheck& check) {
 
 bool hasMoved(const EpipolarCheck& check) {
   return std::abs(check.median) > kMostMedian || std::abs(check.worst_cell) > kMostCell;
+}
+
+std::string describeChange(const Eigen::Vector3d& rotation, double focal) {
+  const Eigen::Vector3d degrees = rotation * 180 / std::numbers::pi;
+  return "the right camera as turned by pitch " + decimals(degrees.x(), 3) + ", yaw " +
+         decimals(degrees.y(), 3) + ", roll " + decimals(degrees.z(), 3) + " deg, its focal lengths as " +
+         decimals(100 * focal, 2) + " % longer against the left one's";
 }
 
 StereoRig changed(const StereoRig& rig, const Eigen::Vector3d& rotation, double focal) {

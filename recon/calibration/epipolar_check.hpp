@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <string>
 #include <vector>
 
 #include "recon/geometry/stereo_rig.hpp"
@@ -50,6 +51,10 @@ inline constexpr double kMostMedian = 0.5, kMostCell = 0.75;  // [px]
 // Whether it has, and `rotation` and `focal` bring the matches to their lines: few matches, or such that no
 // change does, show something else.
 [[nodiscard]] bool explainsMove(const EpipolarCheck& check);
+
+// "the right camera as turned by pitch ..., its focal lengths as ... longer": of changed()'s arguments, for
+// people.
+[[nodiscard]] std::string describeChange(const Eigen::Vector3d& rotation, double focal);
 
 // The rig with its right camera turned about its own axes [rad] and longer focal lengths (`focal`: logarithm
 // of right over left), by half in each camera. Flat ports keep theirs.

@@ -1,9 +1,6 @@
 #include "recon/calibration/rig_watch.hpp"
 
 #include <algorithm>
-#include <numbers>
-
-#include "realtime/kernel/text.hpp"
 
 namespace fathom::calibration {
 
@@ -35,12 +32,8 @@ Eigen::Vector3d RigWatch::turned() const {
 
 std::optional<std::string> RigWatch::warning() const {
   if (changes_ == 0) return std::nullopt;
-  const Eigen::Vector3d degrees = turned() * 180 / std::numbers::pi;
-  return "the rig does not stand as it was calibrated: the map takes the right camera as turned by pitch " +
-         decimals(degrees.x(), 3) + ", yaw " + decimals(degrees.y(), 3) + ", roll " +
-         decimals(degrees.z(), 3) + " deg, its focal lengths as " + decimals(100 * focal_, 2) +
-         " % longer against the left one's; fathom-topside check-calibration MISSION --mended stereo.calib "
-         "makes the file for the next dive";
+  return "the rig does not stand as it was calibrated: the map takes " + describeChange(turned(), focal_) +
+         "; fathom-topside check-calibration MISSION --mended stereo.calib makes the file for the next dive";
 }
 
 void RigWatch::apply() {

@@ -28,39 +28,39 @@ double number(const Json& json, const char* key) {
   return json.contains(key) && json[key].is_number() ? json[key].get<double>() : NAN;
 }
 
+// Measured numbers of a result, by their keys; one that is not known is null.
+template <typename Dive, typename Visit>
+void eachNumber(Dive& d, const Visit& visit) {
+  visit("onboard_surface_m", d.onboard_surface_m);
+  visit("topside_surface_m", d.topside_surface_m);
+  visit("onboard_coverage", d.onboard_coverage);
+  visit("topside_coverage", d.topside_coverage);
+  visit("onboard_track_m", d.onboard_track_m);
+  visit("topside_track_m", d.topside_track_m);
+  visit("nees", d.nees);
+  visit("inside", d.inside);
+  visit("seconds", d.seconds);
+}
+
 Json jsonOf(const DiveResult& d) {
-  const auto orNull = [](double v) { return std::isfinite(v) ? Json(v) : Json(); };
-  return {{"dive", d.dive},
-          {"perturbation", d.perturbation},
-          {"level", d.level},
-          {"pictures", d.pictures},
-          {"onboard_map", d.onboard_map},
-          {"topside_map", d.topside_map},
-          {"onboard_surface_m", orNull(d.onboard_surface_m)},
-          {"topside_surface_m", orNull(d.topside_surface_m)},
-          {"onboard_coverage", orNull(d.onboard_coverage)},
-          {"topside_coverage", orNull(d.topside_coverage)},
-          {"onboard_track_m", orNull(d.onboard_track_m)},
-          {"topside_track_m", orNull(d.topside_track_m)},
-          {"nees", orNull(d.nees)},
-          {"inside", orNull(d.inside)},
-          {"false_closures", d.false_closures},
-          {"trouble", d.trouble},
-          {"seconds", d.seconds}};
+  Json json = {{"dive", d.dive},
+               {"perturbation", d.perturbation},
+               {"level", d.level},
+               {"pictures", d.pictures},
+               {"onboard_map", d.onboard_map},
+               {"topside_map", d.topside_map},
+               {"false_closures", d.false_closures},
+               {"trouble", d.trouble}};
+  eachNumber(d, [&](const char* key, double v) { json[key] = std::isfinite(v) ? Json(v) : Json(); });
+  return json;
 }
 
 DiveResult resultOf(const Json& json) {
   DiveResult d = planOf(json.at("dive").get<std::size_t>());
   d.onboard_map = json.at("onboard_map"), d.topside_map = json.at("topside_map");
-  d.onboard_surface_m = number(json, "onboard_surface_m"),
-  d.topside_surface_m = number(json, "topside_surface_m");
-  d.onboard_coverage = number(json, "onboard_coverage"),
-  d.topside_coverage = number(json, "topside_coverage");
-  d.onboard_track_m = number(json, "onboard_track_m"), d.topside_track_m = number(json, "topside_track_m");
-  d.nees = number(json, "nees"), d.inside = number(json, "inside");
   d.false_closures = json.at("false_closures");
   d.trouble = json.at("trouble").get<std::string>();
-  d.seconds = number(json, "seconds");
+  eachNumber(d, [&](const char* key, double& v) { v = number(json, key); });
   return d;
 }
 

@@ -79,10 +79,10 @@ void writeCampaignPage(const std::filesystem::path& file, const std::vector<Dive
       "A dive is good while it has a map on board and topside, coverage is at least 0.9 of the undisturbed "
       "dive's, "
       "the surface is within 33 mm topside and 66 mm on board (aligned, rms), a track without pictures is "
-      "within 3 times "
-      "the undisturbed one's, the NEES of its poses is below 22.5 (one dive's poses share an error: 99.9 % "
-      "of chi-square), and no false closure "
-      "stays.");
+      "within 3 "
+      "times the undisturbed one's, the NEES of its poses is below 22.5 (one dive's poses share an error: "
+      "99.9 % of "
+      "chi-square), and no false closure stays.");
   page.table({"disturbed by", "level 1", "level 2", "level 3", "level 4", "breaks at"}, rows);
   page.section("All dives");
   page.list({formatted("%zu of %zu have a map on board and topside", whole, dives.size()),
@@ -94,20 +94,18 @@ void writeCampaignPage(const std::filesystem::path& file, const std::vector<Dive
                                       std::accumulate(nees.begin(), nees.end(), 0.0) /
                                           static_cast<double>(nees.size()),
                                       100 * inside / static_cast<double>(nees.size()))});
-  std::vector<const DiveResult*> order;
-  for (const DiveResult& d : dives) order.push_back(&d);
-  std::stable_sort(order.begin(), order.end(), [&](const DiveResult* a, const DiveResult* b) {
-    return faults(*a).size() > faults(*b).size();
-  });
+  std::vector<std::pair<const DiveResult*, std::vector<std::string>>> order;
+  for (const DiveResult& d : dives) order.emplace_back(&d, faults(d));
+  std::stable_sort(order.begin(), order.end(),
+                   [](const auto& a, const auto& b) { return a.second.size() > b.second.size(); });
   std::vector<web::Row> worst;
-  for (const DiveResult* d : order) {
-    const std::string what =
-        d->perturbation < 0
-            ? "undisturbed"
-            : std::string(perturbations()[static_cast<std::size_t>(d->perturbation)].name) + " " +
-                  formatted("%g", perturbations()[static_cast<std::size_t>(d->perturbation)]
-                                      .levels[static_cast<std::size_t>(d->level)]);
-    worst.push_back({std::to_string(d->dive), what, joined(faults(*d)), millimetres(d->onboard_surface_m),
+  for (const auto& [d, found] : order) {
+    std::string what = "undisturbed";
+    if (d->perturbation >= 0) {
+      const Perturbation& p = perturbations()[static_cast<std::size_t>(d->perturbation)];
+      what = formatted("%s %g", p.name, p.levels[static_cast<std::size_t>(d->level)]);
+    }
+    worst.push_back({std::to_string(d->dive), what, joined(found), millimetres(d->onboard_surface_m),
                      millimetres(d->topside_surface_m), percent(d->onboard_coverage),
                      percent(d->topside_coverage), millimetres(d->onboard_track_m),
                      millimetres(d->topside_track_m), std::isfinite(d->nees) ? decimals(d->nees, 2) : "-",

@@ -310,7 +310,7 @@ MissionMakerReport make(const Scenario& scenario, const MissionMakerOptions& opt
   std::optional<Renderer> renderer;
   if (!options.features) {
     renderer.emplace(terrain, scenario.optics, rig, scenario.T_body_cam());
-    setExposures(*renderer, scenario, world, exposures);
+    if (scenario.optics.sensor.auto_exposure > 0) setExposures(*renderer, scenario, world, exposures);
   }
   const LoggedSamples samples = simulateSensors(world, scenario.sensors, exposures);
 

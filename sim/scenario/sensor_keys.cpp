@@ -8,11 +8,13 @@ constexpr double kMaxLatency = 10;        // [s]
 constexpr double kLastFault = 100000;     // [s]
 constexpr std::size_t kMaxFaults = 1000;  // of one kind
 
+void visitSpell(KeyVisitor& keys, Spell& spell) {
+  keys.number("from_s", spell.from_s, "s", 0, kLastFault, "since the mission's start");
+  keys.number("to_s", spell.to_s, "s", 0, kLastFault, "since the mission's start");
+}
+
 void visitSpells(KeyVisitor& keys, const char* key, std::vector<Spell>& spells, const char* meaning) {
-  keys.listOf(key, spells, kMaxFaults, meaning, [&](Spell& spell) {
-    keys.number("from_s", spell.from_s, "s", 0, kLastFault, "since the mission's start");
-    keys.number("to_s", spell.to_s, "s", 0, kLastFault, "since the mission's start");
-  });
+  keys.listOf(key, spells, kMaxFaults, meaning, [&](Spell& spell) { visitSpell(keys, spell); });
 }
 
 void visitDvl(KeyVisitor& keys, DvlConfig& c) {
@@ -93,8 +95,7 @@ void visitGyro(KeyVisitor& keys, GyroConfig& c) {
 void visitEchoes(KeyVisitor& keys, const char* key, std::vector<UsblEcho>& echoes, const char* meaning,
                  const char* place) {
   keys.listOf(key, echoes, kMaxFaults, meaning, [&](UsblEcho& echo) {
-    keys.number("from_s", echo.from_s, "s", 0, kLastFault, "since the mission's start");
-    keys.number("to_s", echo.to_s, "s", 0, kLastFault, "since the mission's start");
+    visitSpell(keys, echo);
     keys.number("north_m", echo.north_m, "m", -5000, 5000, place);
     keys.number("east_m", echo.east_m, "m", -5000, 5000, place);
   });

@@ -72,6 +72,34 @@ void forTiles(int width, int height, const Work& work) {
   });
 }
 
+// A strobe as a camera would see it, for its glare.
+struct LampSeen {
+  Eigen::Vector3d direction;  // unit, in the camera's frame
+  double strength;            // over the image, towards the lamp
+};
+
+std::vector<LampSeen> lampsSeen(const View& view, const OpticsConfig& lamps) {
+  std::vector<LampSeen> out;
+  for (const StrobeConfig& strobe : lamps.strobes) {
+    const Eigen::Vector3d to = view.T_body_cam.inverse() * strobe.position_body;
+    out.push_back(
+        {to.normalized(), lamps.sensor.glare * strobe.intensity / to.squaredNorm() / std::numbers::pi});
+  }
+  return out;
+}
+
+float glareAt(const std::vector<LampSeen>& lamps, const Eigen::Vector2f& ray) {
+  constexpr double kWide = 0.3;  // angle off the lamp at which it has fallen to a quarter [rad]
+  const Eigen::Vector3d direction = ray.homogeneous().cast<double>().normalized();
+  double sum = 0;
+  for (const LampSeen& lamp : lamps) {
+    const double angle = std::acos(std::clamp(direction.dot(lamp.direction), -1.0, 1.0));
+    const double fall = kWide / (kWide + angle);
+    sum += lamp.strength * fall * fall;
+  }
+  return static_cast<float>(sum);
+}
+
 }  // namespace
 
 struct Renderer::Impl {
@@ -121,14 +149,11 @@ struct Renderer::Impl {
     const Eigen::Vector3d point = view.T_body_cam.translation() + distance_m * axis;
     Radiance radiance{};
     for (std::size_t s = 0; s < optics.strobes.size(); ++s) {
-      const Eigen::Vector3d from = point - optics.strobes[s].position_body;
-      const double d = from.norm();
-      const float beam = view.light.beams[s](
-          static_cast<float>(from.dot(optics.strobes[s].direction_body.normalized()) / d));
+      const Shine shine(optics.strobes[s], view.light.beams[s], point);
+      const double d = shine.distance, cosine = std::max(0.0, shine.from.dot(axis) / d);
       const Radiance left = view.light.attenuation(static_cast<float>(d + distance_m));
-      const double cosine = std::max(0.0, from.dot(axis) / d);
       for (std::size_t c = 0; c < 3; ++c)
-        radiance[c] += static_cast<float>(beam * cosine / (d * d) / std::numbers::pi) * left[c];
+        radiance[c] += static_cast<float>(shine.intensity * cosine / (d * d) / std::numbers::pi) * left[c];
     }
     return mono(radiance);
   }
@@ -144,7 +169,6 @@ struct Renderer::Impl {
   // Everything between a sharp image and the sensor.
   void blurAll(const View& view, const Moment& moment, const std::vector<float>& inverse_range,
                const BlurImage& image) const;
-  [[nodiscard]] Radiance glareAt(const View& view, const OpticsConfig& lamps, int x, int y) const;
 
   void electrons(const SE3& T_nav_body, double time_s, const View& view, const Moment& moment,
                  std::vector<float>& out) const;
@@ -255,14 +279,11 @@ void Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const View&
           inverse_range, width, height, static_cast<int>(channels), optics.sensor.quantum_efficiency,
           radiance);
   if (optics.sensor.glare > 0) {
+    const std::vector<LampSeen> seen = lampsSeen(view, lamps);
     forTiles(width, height, [&](int y, int x_begin, int x_end) {
       for (int x = x_begin; x < x_end; ++x) {
-        const Radiance veil = glareAt(view, lamps, x, y);
-        if (channels == 1) {
-          radiance[at(x, y)] += mono(veil);
-        } else {
-          for (std::size_t c = 0; c < 3; ++c) radiance[3 * at(x, y) + c] += veil[c];
-        }
+        const float veil = glareAt(seen, view.rays.at(x, y));
+        for (std::size_t c = 0; c < channels; ++c) radiance[channels * at(x, y) + c] += veil;
       }
     });
   }
@@ -283,21 +304,6 @@ void Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const View&
       out[at(x, y)] = exposure * view.vignetting[at(x, y)] * value;
     }
   });
-}
-
-Radiance Renderer::Impl::glareAt(const View& view, const OpticsConfig& lamps, int x, int y) const {
-  constexpr double kWide = 0.3;  // angle off the lamp at which it has fallen to a quarter [rad]
-  const Eigen::Vector2f ray = view.rays.at(x, y);
-  const Eigen::Vector3d direction = Eigen::Vector3d(ray.x(), ray.y(), 1).cast<double>().normalized();
-  double sum = 0;
-  for (const StrobeConfig& strobe : lamps.strobes) {
-    const Eigen::Vector3d to = view.T_body_cam.inverse() * strobe.position_body;
-    const double angle = std::acos(std::clamp(direction.dot(to.normalized()), -1.0, 1.0));
-    const double fall = kWide / (kWide + angle);
-    sum += optics.sensor.glare * strobe.intensity / to.squaredNorm() * fall * fall / std::numbers::pi;
-  }
-  const auto veil = static_cast<float>(sum);
-  return {veil, veil, veil};
 }
 
 void Renderer::Impl::blurAll(const View& view, const Moment& moment, const std::vector<float>& inverse_range,

@@ -12,8 +12,7 @@ namespace {
 constexpr int kFewestBeams = 3;  // for a velocity
 
 bool within(const std::vector<Spell>& spells, double time_s) {
-  return std::any_of(spells.begin(), spells.end(),
-                     [time_s](const Spell& s) { return time_s >= s.from_s && time_s < s.to_s; });
+  return std::any_of(spells.begin(), spells.end(), [time_s](const Spell& s) { return s.holds(time_s); });
 }
 
 // Cosine between a ray and the seafloor's normal where it ends, from two rays beside it.

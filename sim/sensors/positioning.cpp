@@ -12,7 +12,7 @@ namespace {
 // The one at this time, or null.
 const UsblEcho* at(const std::vector<UsblEcho>& echoes, double time_s) {
   for (const UsblEcho& echo : echoes)
-    if (time_s >= echo.from_s && time_s < echo.to_s) return &echo;
+    if (echo.holds(time_s)) return &echo;
   return nullptr;
 }
 

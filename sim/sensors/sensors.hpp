@@ -23,6 +23,7 @@ namespace fathom::sim {
 // From and to a time since the mission's start [s].
 struct Spell {
   double from_s = 0, to_s = 0;
+  [[nodiscard]] bool holds(double time_s) const { return time_s >= from_s && time_s < to_s; }
 };
 
 struct DvlConfig {
@@ -92,8 +93,7 @@ struct DepthSensorConfig {
 };
 
 // Fixes that are wrong alike for a while.
-struct UsblEcho {
-  double from_s = 0, to_s = 0;
+struct UsblEcho : Spell {
   double north_m = 0, east_m = 0;  // added to the fix; another target: where it is, in nav
 };
 

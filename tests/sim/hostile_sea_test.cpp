@@ -24,11 +24,8 @@ double mean(const std::vector<float>& values) {
   return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
 }
 
-std::vector<float> lit(const Renderer& renderer, const Moment& moment, double altitude_m = 2,
-                       double time_s = 0, CameraSide side = CameraSide::kLeft) {
-  std::vector<float> image(kWide * kHigh);
-  renderer.renderElectrons(above(altitude_m), time_s, side, image.data(), moment);
-  return image;
+std::vector<float> lit(const Renderer& renderer, const Moment& moment, double altitude_m = 2) {
+  return electronsOf(renderer, above(altitude_m), CameraSide::kLeft, moment);
 }
 
 TEST(MarineSnow, HasTheNumbersAndTheSizesThatItsKeysSay) {

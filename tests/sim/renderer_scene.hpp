@@ -96,9 +96,10 @@ inline SE3 above(double altitude_m) {
   return SE3::fromEuler(0, 0, 0, {0, 0, kDepth - altitude_m});
 }
 
-inline std::vector<float> electronsOf(const Renderer& renderer, const SE3& pose, CameraSide side) {
+inline std::vector<float> electronsOf(const Renderer& renderer, const SE3& pose, CameraSide side,
+                                      const Moment& moment = {}) {
   std::vector<float> image(static_cast<std::size_t>(renderer.width(side) * renderer.height(side)));
-  renderer.renderElectrons(pose, 0.0, side, image.data());
+  renderer.renderElectrons(pose, 0.0, side, image.data(), moment);
   return image;
 }
 

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <vector>
 
 #include "realtime/kernel/text.hpp"
@@ -57,11 +56,9 @@ StereoRig rigAsFound(const StereoRig& rig, const RigFinding& found) {
 
 std::optional<std::string> warningOf(const RigFinding& found) {
   if (!found.moved) return std::nullopt;
-  const auto degrees = [&](int axis) { return decimals(found.rotation(axis) * 180 / std::numbers::pi, 3); };
   return "The rig does not stand as it was calibrated: matches lie up to " + decimals(found.before, 1) +
-         " px off their epipolar lines. This run takes the right camera as turned by pitch " + degrees(0) +
-         ", yaw " + degrees(1) + ", roll " + degrees(2) + " deg, its focal lengths as " +
-         decimals(100 * found.focal, 2) + " % longer against the left one's, which leaves " +
+         " px off their epipolar lines. This run takes " +
+         calibration::describeChange(found.rotation, found.focal) + ", which leaves " +
          decimals(found.after, 2) + " px a match. Calibrate again.";
 }
 

@@ -62,13 +62,11 @@ std::vector<SeenSpeck> seenSpecks(const std::vector<Speck>& specks, const Optics
                    {}};
     const Eigen::Vector3d in_body = T_body_cam * p;
     for (std::size_t s = 0; s < lamps.strobes.size(); ++s) {
-      const StrobeConfig& strobe = lamps.strobes[s];
-      const Eigen::Vector3d from = in_body - strobe.position_body;
-      const double d = from.norm();
-      const float beam = beams[s](static_cast<float>(from.dot(strobe.direction_body.normalized()) / d));
-      const Radiance left = attenuation(static_cast<float>(d + range));
+      const Shine shine(lamps.strobes[s], beams[s], in_body);
+      const Radiance left = attenuation(static_cast<float>(shine.distance + range));
       for (std::size_t c = 0; c < 3; ++c)
-        seen.radiance[c] += static_cast<float>(given / (d * d)) * beam * left[c];
+        seen.radiance[c] +=
+            static_cast<float>(given / (shine.distance * shine.distance)) * shine.intensity * left[c];
     }
     out.push_back(seen);
   }

@@ -32,6 +32,17 @@ class Beam {
   std::vector<float> table_;
 };
 
+// How a strobe shines on a place in body.
+struct Shine {
+  Shine(const StrobeConfig& strobe, const Beam& beam, const Eigen::Vector3d& place)
+      : from(place - strobe.position_body),
+        distance(from.norm()),
+        intensity(beam(static_cast<float>(from.dot(strobe.direction_body.normalized()) / distance))) {}
+  Eigen::Vector3d from;  // the strobe [m]
+  double distance;       // [m]
+  float intensity;       // in that direction
+};
+
 // Light that the water itself throws back along the view rays of one camera, without shadows in the water.
 // Strobes and camera are fixed to each other, so it is a table over the image and the length of the view ray:
 //   B(r) = integral over t in 0..r of sum_s I_s(theta_s) / d_s^2 * exp(-c (d_s + t)) * beta dt,
