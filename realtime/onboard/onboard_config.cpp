@@ -152,7 +152,7 @@ MapCoreConfig mapCoreConfig(const OnboardConfig& config, const io::MissionConfig
                     config.rebuild_meshes,
                     config.localisation,
                     config.colours};
-  map.localisation.graph.lever = (mission.T_body_cam.translation() - mission.T_body_dvl.translation()).norm();
+  map.localisation.graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
   return map;
 }
 

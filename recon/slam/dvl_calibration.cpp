@@ -20,18 +20,20 @@ Eigen::Vector2d turnedLeft(const Eigen::Vector2d& d) {
 
 }  // namespace
 
-DvlCalibration::DvlCalibration(const SensorNoise& noise) : noise_(noise) {
+DvlCalibration::DvlCalibration(const SensorNoise& noise, const Eigen::Vector3d& dvl_in_camera)
+    : noise_(noise), dvl_in_camera_(dvl_in_camera) {
   covariance_ = Eigen::Vector2d(noise.dvl_scale, noise.dvl_heading).cwiseAbs2().asDiagonal();
 }
 
 bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b,
                          const Matrix6d& covariance, const StepQuality& quality) {
-  const Eigen::Vector2d reckoned = (T_odom_b.translation() - T_odom_a.translation()).head<2>();
+  const Eigen::Vector2d reckoned = wayOf(T_odom_a, T_odom_b).head<2>();
   if (reckoned.norm() < kLeastWay) return true;
-  const Eigen::Matrix3d R_a = T_odom_a.matrix3();
-  const Eigen::Vector2d visual = (R_a * T_a_b.translation()).head<2>();
-  const Eigen::Matrix3d R_b = R_a * T_a_b.matrix3();
-  Eigen::Matrix2d noise = (R_b * covariance.topLeftCorner<3, 3>() * R_b.transpose()).topLeftCorner<2, 2>();
+  const SE3 T_odom_seen = T_odom_a * T_a_b;
+  const Eigen::Vector2d visual = wayOf(T_odom_a, T_odom_seen).head<2>();
+  const Eigen::Matrix3d R_b = T_odom_seen.matrix3();
+  const Matrix6d at_dvl = perturbationAt(dvl_in_camera_), seen = at_dvl * covariance * at_dvl.transpose();
+  Eigen::Matrix2d noise = (R_b * seen.topLeftCorner<3, 3>() * R_b.transpose()).topLeftCorner<2, 2>();
   // Its own noise but for what is estimated here; heading's turns what the camera saw, across the way.
   StepQuality known = quality;
   known.calibration_share = 0;
@@ -72,10 +74,9 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
 }
 
 SE3 DvlCalibration::corrected(const SE3& T_odom_a, const SE3& T_odom_b) const {
-  const Eigen::Vector3d way = T_odom_b.translation() - T_odom_a.translation();
-  const Eigen::Vector2d level =
-      (1 + state_(0)) * (Eigen::Rotation2Dd(state_(1)) * Eigen::Vector2d(way.head<2>()));
-  return {T_odom_b.rotation(), T_odom_a.translation() + Eigen::Vector3d(level.x(), level.y(), way.z())};
+  const Eigen::Vector2d way = wayOf(T_odom_a, T_odom_b).head<2>();
+  const Eigen::Vector2d more = (1 + state_(0)) * (Eigen::Rotation2Dd(state_(1)) * way) - way;
+  return {T_odom_b.rotation(), T_odom_b.translation() + Eigen::Vector3d(more.x(), more.y(), 0)};
 }
 
 double DvlCalibration::remainingShare() const {

@@ -10,14 +10,17 @@ namespace fathom::slam {
 
 // Scale and heading misalignment of the DVL against the camera, which dead reckoning carries into every step
 // in the same way, estimated from steps that visual odometry measured too: a Kalman filter on
-//   d_visual = (1 + s) Rz(psi) d_reckoned,   d level [m],   linear: d_visual - d = s d + psi (down x d),
+//   d_visual = (1 + s) Rz(psi) d_reckoned,   d the way of the DVL, level [m],   linear: d_visual - d = s d +
+//   psi (down x d),
 // x = (s, psi), constant but for a slow walk. Steps that disagree by more than the gate are left out. Where
 // steps go on disagreeing to the same side, by however little, the DVL has changed (another sound speed, a
 // beam that is fouled): the sum of normalised innovations with forgetting tells (a geometric moving average,
 // Roberts 1959), and scale and heading are learnt anew.
 class DvlCalibration {
  public:
-  explicit DvlCalibration(const SensorNoise& noise);
+  // `dvl_in_camera`: its place in the camera's axes [m].
+  explicit DvlCalibration(const SensorNoise& noise,
+                          const Eigen::Vector3d& dvl_in_camera = Eigen::Vector3d::Zero());
 
   // One step as dead reckoning and as visual odometry have it, T_a_b of the cameras; the covariance is that
   // of the visual one's right perturbation. False when it was outside the gate.
@@ -43,7 +46,13 @@ class DvlCalibration {
   }
 
  private:
+  // Of the DVL itself, where T_to are poses of the camera.
+  [[nodiscard]] Eigen::Vector3d wayOf(const SE3& T_from, const SE3& T_to) const {
+    return T_to * dvl_in_camera_ - T_from * dvl_in_camera_;
+  }
+
   SensorNoise noise_;
+  Eigen::Vector3d dvl_in_camera_;
   Eigen::Vector2d state_ = Eigen::Vector2d::Zero();
   Eigen::Matrix2d covariance_;
   Eigen::Vector2d leaning_ = Eigen::Vector2d::Zero();  // sum of normalised innovations, forgetting

@@ -79,7 +79,7 @@ HeadingTrust::Joined HeadingTrust::join(const StepTurns& s) {
     }
   } else if (s.has_visual) {
     out.turn = s.visual;
-    out.may_lie = true;
+    out.alone = true;
   } else if (s.has_gyro) {
     out.turn = gyro;
   }
@@ -143,7 +143,7 @@ void HeadingTrust::add(const StepTurns& step) {
   relocks_ = relocks_ || (!joined.known && (step.compass_held || was_held_)) ||
              (step.compass_leapt && step.compass_held);
   const bool jump =
-      joined.may_lie && !step.compass_held && !step.compass_leapt &&
+      joined.alone && !step.compass_held && !step.compass_leapt &&
       std::abs(contradiction) > std::max(kLeastJump, kGate * std::hypot(step.visual_sigma, kCompassStep));
   next_count_ = 0;
   for (int i = 0; i < count_; ++i) {
@@ -152,7 +152,7 @@ void HeadingTrust::add(const StepTurns& step) {
     follow(h, step, step.compass_leapt);
     if (!jump) continue;
     h.constant = wrapAngle(h.constant + contradiction);
-    if (std::abs(contradiction) > kLeaps) {
+    if (step.vouched || std::abs(contradiction) > kLeaps) {
       h.cost += kLeap;
       follow(h, step, true);
     } else {

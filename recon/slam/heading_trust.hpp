@@ -13,6 +13,7 @@ struct StepTurns {
   bool compass_leapt = false;  // a leap was taken out of its readings on the way: its reference is another
   double visual = 0, visual_sigma = 0;
   bool has_visual = false;
+  bool vouched = false;             // the link agrees with depth, tilt and DVL in all but this turn
   double gyro = 0, gyro_sigma = 0;  // without that of its bias
   bool has_gyro = false;
 };
@@ -25,9 +26,12 @@ struct StepTurns {
 // degrees; a false visual link takes it away in one step, by just what that step contradicts the compass, and
 // for good. So each history of the dive is a list of blamed links, and its cost is the sum of
 //   min((D_k - c)^2 / s^2, kAnomaly) a second    the compass, whose errors come in bursts with skirts,
-//   kFalseLink, kFalseLeap                       each blamed link, where the gyro does not vouch for it,
-//   kLeap, kRestart                              each new reference of the compass, found at a leap of more
-//                                                than a link can be wrong by, or because it stays elsewhere,
+//   kFalseLink, kFalseLeap                       each blamed link, where nothing vouches for it: a gyro, or
+//                                                the other sensors, because wrong matches err in all, not in
+//                                                the turn alone,
+//   kLeap, kRestart                              each new reference of the compass, found at a leap of a link
+//                                                that is vouched for or of more than a link can be wrong by,
+//                                                or because it stays elsewhere,
 // the truncated least squares of Yang et al. (2020) along a chain, whose least value the Viterbi algorithm
 // (Forney 1973) finds: of histories that have come to the same c only the cheapest is followed.
 //
@@ -85,11 +89,11 @@ class HeadingTrust {
       archive(self.compass, self.visual, self.restarts);
     }
   };
-  struct Joined {          // the turn of a step, for which the compass is not asked
-    double turn = 0;       // [rad]
-    bool known = false;    // by visual odometry or gyro
-    bool may_lie = false;  // the visual link is what is known, and nothing vouches for it
-    bool blamed = false;   // the gyro contradicts the visual link
+  struct Joined {         // the turn of a step, for which the compass is not asked
+    double turn = 0;      // [rad]
+    bool known = false;   // by visual odometry or gyro
+    bool alone = false;   // the visual link is what is known, without a gyro
+    bool blamed = false;  // the gyro contradicts the visual link
   };
   static std::size_t slot(std::int64_t step) { return static_cast<std::size_t>(step % kWindow); }
   [[nodiscard]] Joined join(const StepTurns& step);

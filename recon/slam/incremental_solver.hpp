@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <span>
 
-#include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/kernel/arena.hpp"
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/slam/factor_builder.hpp"
 #include "recon/slam/growing_factor.hpp"
 #include "recon/slam/index_queue.hpp"

@@ -3,8 +3,8 @@
 #include <cstdint>
 #include <span>
 
-#include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/kernel/arena.hpp"
+#include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/slam/block_kernels.hpp"
 #include "recon/slam/pose_graph.hpp"
 

@@ -13,6 +13,8 @@ namespace {
 constexpr int kRounds = 40;  // of weights, at most: from a false closure of 10 km they take 20
 constexpr int kOrigin = 0;   // nav's origin in the graph
 constexpr int kSpare = 16;   // room beyond what is known to come
+// Of three quarters of a USBL's positions, and their farthest in standard deviations of either component.
+constexpr double kAgreeing = 0.75, kOfAgreeing = 1.665;
 
 std::size_t at(int i) {
   return static_cast<std::size_t>(i);
@@ -111,20 +113,28 @@ class Doubtful {
   double shape_ = 0;  // mu
 };
 
-// A pose for what all USBL positions share.
+double quantile(std::vector<double>& values, double share) {
+  const auto k = values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), k, values.end());
+  return *k;
+}
+
+// A pose for what all USBL positions share: by their own standard deviation at least.
 void addUsbl(const SensorNoise& noise, const std::vector<NavigationFix>& fixes, NavigationSolution& out) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  int count = 0;
+  std::vector<double> sigmas;
   for (const NavigationFix& fix : fixes)
     if (fix.by_usbl) {
       sum += Eigen::Vector3d(fix.north_east.x(), fix.north_east.y(), 0);
-      ++count;
+      sigmas.push_back(fix.sigma);
     }
-  if (count == 0 || (noise.usbl_shift == 0 && noise.usbl_turn == 0)) return;
-  out.T_nav_usbl = SE3(Eigen::Quaterniond::Identity(), sum / count);
+  if (sigmas.empty()) return;
+  SensorNoise shared = noise;
+  shared.usbl_shift = std::max(noise.usbl_shift, quantile(sigmas, 0.5));
+  out.T_nav_usbl = SE3(Eigen::Quaterniond::Identity(), sum / static_cast<double>(sigmas.size()));
   out.usbl_node = static_cast<int>(out.graph.poses.size());
   out.graph.poses.push_back(out.T_nav_usbl);
-  out.graph.edges.push_back(usblFrame(kOrigin, out.usbl_node, out.T_nav_usbl, noise));
+  out.graph.edges.push_back(usblFrame(kOrigin, out.usbl_node, out.T_nav_usbl, shared));
 }
 
 // Sensors and visual odometry, weighed as NavigationGraph judges them.
@@ -155,6 +165,35 @@ NavigationSolution judged(NavigationConfig config, const std::vector<KeyframeInp
 }
 
 }  // namespace
+
+SensorNoise seenNoise(const SensorNoise& noise, const std::vector<KeyframeInput>& frames,
+                      const std::vector<NavigationFix>& fixes, const NavigationSolution& solved) {
+  SensorNoise seen = noise;
+  // Of the compass and of tilt, in nav's axes.
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero(), squares = Eigen::Vector3d::Zero();
+  double count = 0;
+  for (std::size_t k = 0; k < frames.size(); ++k) {
+    if (frames[k].attitude_held) continue;
+    const Eigen::Vector3d off =
+        SE3(solved.poses[k].rotation() * frames[k].T_odom_cam.rotation().conjugate(), Eigen::Vector3d::Zero())
+            .log()
+            .tail<3>();
+    sum += off, squares += off.cwiseAbs2(), ++count;
+  }
+  if (count > 0) {
+    const Eigen::Vector3d spread = (squares / count - (sum / count).cwiseAbs2()).cwiseMax(0);
+    seen.deviation = std::hypot(noise.deviation, std::sqrt(spread.z()));
+    seen.tilt_bias = std::hypot(noise.tilt_bias, std::sqrt(0.5 * (spread.x() + spread.y())));
+  }
+  std::vector<double> apart;
+  for (const NavigationFix& fix : fixes) {
+    if (!fix.by_usbl) continue;
+    const SE3 T_nav_odom = solved.poses[at(fix.frame)] * frames[at(fix.frame)].T_odom_cam.inverse();
+    apart.push_back(((T_nav_odom * fix.antenna_in_odom).head<2>() - fix.north_east).norm());
+  }
+  if (!apart.empty()) seen.usbl_shift = std::max(noise.usbl_shift, quantile(apart, kAgreeing) / kOfAgreeing);
+  return seen;
+}
 
 NavigationSolution solveNavigation(const NavigationConfig& config, const std::vector<KeyframeInput>& frames,
                                    const Eigen::Vector2d& shift, double sigma,

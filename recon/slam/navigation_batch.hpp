@@ -36,7 +36,7 @@ struct NavigationSolution {
   PoseGraph graph;         // all that was measured, weights in the information, at the solution
   std::vector<int> nodes;  // of the frames in it
   NavigationGraph::Counters sensors;
-  int usbl_node = -1;       // pose in `graph` of the USBL's positions, where shift and turn were sought
+  int usbl_node = -1;       // pose in `graph` of the USBL's positions, where there are any
   SE3 T_nav_usbl;           // as it was before: at their middle, level
   std::size_t certain = 0;  // edges of `graph` that are neither closures nor fixes, which follow
   bool converged = true;    // the last time that the weights were found again
@@ -54,5 +54,13 @@ struct NavigationSolution {
                                                  std::vector<NavigationLink>& links,
                                                  std::vector<NavigationFix>& fixes,
                                                  NavigationSolution before = {});
+
+// `noise` with what all readings of a sensor share as large as its readings are seen to differ over the dive:
+// a compass whose deviation changes by ten degrees from line to line may be off by as much on all of them;
+// roll and pitch alike; USBL positions of which every fourth is left out, by as much as that one is. Known
+// only from what changes, it is a floor for what does not.
+[[nodiscard]] SensorNoise seenNoise(const SensorNoise& noise, const std::vector<KeyframeInput>& frames,
+                                    const std::vector<NavigationFix>& fixes,
+                                    const NavigationSolution& solved);
 
 }  // namespace fathom::slam

@@ -18,8 +18,10 @@ SensorNoise readSensorNoise(const ConfigTable& table, const SensorNoise& default
   n.dvl_rate = table.number("dvl_rate_hz", n.dvl_rate, 0.1, 100);
   n.dvl_scale = table.number("dvl_scale", n.dvl_scale, 1e-5, 0.2);
   n.dvl_heading = degrees("dvl_heading_deg", n.dvl_heading, 0.001, 20);
+  n.dvl_place = table.number("dvl_place_m", n.dvl_place, 1e-4, 1);
   n.unknown_velocity = table.number("unknown_velocity_mps", n.unknown_velocity, 0.01, 5);
   n.heading = degrees("heading_deg", n.heading, 0.001, 20);
+  n.heading_lag = table.number("heading_lag_s", n.heading_lag, 0, 10);
   n.tilt = degrees("tilt_deg", n.tilt, 0.001, 10);
   n.deviation = degrees("deviation_deg", n.deviation, 0.001, 45);
   n.deviation_drift = degrees("deviation_drift_deg", n.deviation_drift, 0, 5);

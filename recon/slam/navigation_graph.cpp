@@ -47,7 +47,7 @@ void NavigationConfig::validate() const {
 NavigationGraph::NavigationGraph(const NavigationConfig& config)
     : config_(config),
       solver_(solverConfig(config)),
-      dvl_(config.noise),
+      dvl_(config.noise, config.dvl_in_camera),
       frames_(at(config.max_keyframes)),
       shift_sigma_(kAnywhere),
       reference_credit_(kKeyframesPerReference * kSpareReferences) {
@@ -106,7 +106,7 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
   if (!first) {
     const Frame& last = frames_.back();
     quality = {seconds(input.utc_ns - last.utc_ns), input.unlocked_s, input.untilted_s, dvl_.remainingShare(),
-               config_.lever};
+               last.T_odom_cam.rotation().angularDistance(input.T_odom_cam.rotation())};
     frame.quality = quality;
     if (counters_.dvl_lies) quality.seconds_unlocked = quality.seconds;
     if (input.unlocked_s > 0) ++counters_.dvl_absent;
@@ -126,7 +126,7 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
                               T_nav_cam.translation().head<2>(), shift_sigma_));
   else
     frame.step = addFactor(stepFactor(frames_.back().node, frame.node, frames_.back().T_odom_cam, reckoned,
-                                      quality, config_.noise));
+                                      config_.dvl_in_camera, quality, config_.noise));
   reference_credit_ = std::min(reference_credit_ + 1, kKeyframesPerReference * kSpareReferences);
   jump_waits_ = jump_waits_ || input.compass_jumped;
   if (input.compass_jumped) ++counters_.compass_jumps;
@@ -198,6 +198,8 @@ void NavigationGraph::refer(const KeyframeInput& input, Frame& frame) {
     return;
   }
   SensorNoise noise = config_.noise;
+  if (frame.quality.seconds > 0)
+    noise.heading = std::hypot(noise.heading, noise.heading_lag * frame.quality.turn / frame.quality.seconds);
   const double beyond = std::abs(wrapAngle(heading - attitude_.heading));
   if (beyond > config_.reference_turn) {  // for want of a reference of its own
     noise.heading = std::hypot(noise.heading, noise.deviation_turn * std::sqrt(beyond));

@@ -35,7 +35,7 @@ struct NavigationConfig {
   int reweighted = 6;         // links and fixes a step whose robust weight is looked at again
   double change_m = 0.01;     // smallest move of a keyframe that is reported [m]
   double change_rad = 0.005;  // and turn [rad]
-  double lever = 0;           // from the DVL to the camera [m]
+  Eigen::Vector3d dvl_in_camera = Eigen::Vector3d::Zero();  // its place in the camera's axes [m]
   SensorNoise noise;
   IncrementalConfig solver;  // its sizes are set from the above
 
@@ -192,6 +192,7 @@ class NavigationGraph {
     bool leapt = false;                   // the compass, on the step
     bool mixed = false;                   // its reference began before the compass's present one
     StepQuality quality;                  // of that step
+    double step_weight = 1;               // its share of information where the compass turned it wrongly
     HeadingTrust::Verdict heading;
     bool dvl_lies = false, link_slips = false;  // by their velocities
     std::array<bool, 3> counted{};              // as lying: compass, visual odometry, DVL
@@ -224,6 +225,7 @@ class NavigationGraph {
   void refer(const KeyframeInput& input, Frame& frame);
   void referDepth(const KeyframeInput& input, int node);
   [[nodiscard]] StepTurns turnsOf(const Frame& from, const Frame& to) const;
+  [[nodiscard]] bool linkFitsButForYaw(const Frame& from, const Frame& to, double contradiction) const;
   void judgeVelocity(Frame& from, Frame& to);
   void weigh(Frame& frame);
   void takeVerdicts(int keyframe);

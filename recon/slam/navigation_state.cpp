@@ -8,12 +8,12 @@
 namespace fathom::slam {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 3;
+constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 4;
 
 template <typename Archive, typename Quality>
 void exchangeQuality(Archive& archive, Quality& quality) {
   archive(quality.seconds, quality.seconds_unlocked, quality.seconds_untilted, quality.calibration_share,
-          quality.lever);
+          quality.turn);
 }
 
 template <typename Archive, typename Counters>
@@ -57,8 +57,8 @@ template <typename Archive, typename Self>
 void NavigationGraph::exchangeFrame(Archive& archive, Self& frame) {
   archive(frame.utc_ns, frame.T_odom_cam, frame.known, frame.node, frame.step, frame.attitude, frame.drift,
           frame.link, frame.gyro_turn, frame.ungyro_s, frame.leapt, frame.mixed, frame.heading.compass,
-          frame.heading.visual, frame.heading.restarts, frame.dvl_lies, frame.link_slips, frame.counted,
-          frame.waiting);
+          frame.heading.visual, frame.heading.restarts, frame.dvl_lies, frame.step_weight, frame.link_slips,
+          frame.counted, frame.waiting);
   exchangeQuality(archive, frame.quality);
 }
 

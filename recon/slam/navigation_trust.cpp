@@ -15,6 +15,8 @@ constexpr double kNewWeight = 0.15;  // relative change of a weight that is wort
 // deviations are a hundred times as large, half a metre and ten degrees.
 constexpr double kWidened = 1e-4;
 constexpr double kYawUnjudged = 1.0;  // variance of a step's yaw where HeadingTrust judges it [rad^2]
+// Share of a turn by which a step's way is turned in the mean: the compass may have leapt at any time of it.
+constexpr double kMeanTurn = 0.5;
 // A velocity that differs from the one before by twice as much as the other, and this, is the one that lies.
 constexpr double kTwice = 2, kLeastChange = 0.05;  // [1], [m/s]
 constexpr double kStaleVelocity_s = 10;            // older, it tells nothing of the present one
@@ -54,7 +56,7 @@ void NavigationGraph::weigh(Frame& f) {
     if (measurement >= 0 && solver_.measurement(measurement).weight != weight)
       (void)solver_.setWeight(measurement, weight);
   };
-  set(f.step, dvl ? 1 : visual ? 0 : kWidened);
+  set(f.step, dvl ? f.step_weight : visual ? 0 : kWidened);
   const bool joined = dvl && f.quality.seconds_unlocked == 0;
   set(f.link, visual ? 1 : joined ? 0 : kWidened);
   set(f.attitude, compass ? 1 : kWidened);
@@ -82,6 +84,8 @@ StepTurns NavigationGraph::turnsOf(const Frame& from, const Frame& to) const {
   if (seen_.linked) {
     const SE3 seen = from.T_odom_cam * seen_.link.T_a_b;
     turns.visual = wrapAngle(headingOf(seen) - before);
+    turns.vouched = to.quality.seconds_unlocked == 0 &&
+                    linkFitsButForYaw(from, to, wrapAngle(turns.visual - turns.compass));
     const Eigen::Vector3d down = seen.rotation().conjugate() * Eigen::Vector3d::UnitZ();
     turns.visual_sigma =
         std::sqrt(std::max(0.0, down.dot(seen_.link.covariance.bottomRightCorner<3, 3>() * down)));
@@ -89,34 +93,48 @@ StepTurns NavigationGraph::turnsOf(const Frame& from, const Frame& to) const {
   return turns;
 }
 
-// Visual odometry against the DVL's step, but for yaw: its own noise, with the compass's and depth sensor's
-// of both ends. Which of two that contradict each other lies, the velocity before tells: a vehicle of a
-// hundred kilograms does not change it in a second. A liar that goes on and on is the other one after all.
-void NavigationGraph::judgeVelocity(Frame& from, Frame& to) {
+// Visual odometry against the DVL's step, but for yaw: its own noise, with the tilt's and depth sensor's of
+// both ends. Ways are those of the DVL, which a compass that errs at the end does not swing about.
+bool NavigationGraph::linkFitsButForYaw(const Frame& from, const Frame& to, double contradiction) const {
   const SensorNoise& noise = config_.noise;
+  const SE3 &T_a_b = seen_.link.T_a_b, T_odom_to = dvl_.corrected(from.T_odom_cam, to.T_odom_cam);
+  const double way = T_a_b.translation().norm(),
+               place = std::hypot(stepSigma(way, to.quality, noise), kMeanTurn * contradiction * way);
+  Vector6d sigma;
+  sigma << place, place, std::hypot(place, 2 * noise.depth), 2 * noise.tilt, 2 * noise.tilt, 0;
+  Matrix6d spread = sigma.cwiseAbs2().asDiagonal();
+  spread(5, 5) = kYawUnjudged;
+  const Matrix6d at_dvl = perturbationAt(config_.dvl_in_camera);
+  const SE3 T_odom_seen = from.T_odom_cam * T_a_b;
+  Vector6d e = perturbationOf({0, 1, T_a_b, Matrix6d::Identity()}, from.T_odom_cam, T_odom_to);
+  e.head<3>() = T_odom_seen.rotation().conjugate() *
+                (T_odom_to * config_.dvl_in_camera - T_odom_seen * config_.dvl_in_camera);
+  const Matrix6d covariance = spread + at_dvl * seen_.link.covariance * at_dvl.transpose();
+  return e.dot(covariance.ldlt().solve(e)) <= config_.gate;
+}
+
+// Which of two that contradict each other lies, the velocity before tells: a vehicle of a hundred kilograms
+// does not change it in a second. A liar that goes on and on is the other one after all.
+void NavigationGraph::judgeVelocity(Frame& from, Frame& to) {
   const double elapsed = std::max(to.quality.seconds, 1e-3), heading = headingOf(from.T_odom_cam);
   const SE3 T_odom_to = dvl_.corrected(from.T_odom_cam, to.T_odom_cam);
-  const Eigen::Vector2d reckoned =
-      level(T_odom_to.translation() - from.T_odom_cam.translation(), heading) / elapsed;
+  // Of the DVL, as linkFitsButForYaw().
+  const auto velocity = [&](const SE3& T_odom_then) {
+    return level(T_odom_then * config_.dvl_in_camera - from.T_odom_cam * config_.dvl_in_camera, heading) /
+           elapsed;
+  };
+  const Eigen::Vector2d reckoned = velocity(T_odom_to);
   const bool locked = to.quality.seconds_unlocked == 0;
   if (!seen_.linked) {
     if (locked && !counters_.dvl_lies) velocity_ = reckoned;
     return;
   }
-  const Eigen::Vector2d visual =
-      level(from.T_odom_cam.rotation() * seen_.link.T_a_b.translation(), heading) / elapsed;
+  const Eigen::Vector2d visual = velocity(from.T_odom_cam * seen_.link.T_a_b);
   const auto learn = [&] {
     if (locked && to.heading.visual)
       (void)dvl_.add(from.T_odom_cam, to.T_odom_cam, seen_.link.T_a_b, seen_.link.covariance, to.quality);
   };
-  const double place = stepSigma(seen_.link.T_a_b.translation().norm(), to.quality, noise);
-  Vector6d sigma;
-  sigma << place, place, std::hypot(place, 2 * noise.depth), 2 * noise.tilt, 2 * noise.tilt, 0;
-  Matrix6d spread = sigma.cwiseAbs2().asDiagonal();
-  spread(5, 5) = kYawUnjudged;
-  const Vector6d e =
-      perturbationOf({0, 1, seen_.link.T_a_b, Matrix6d::Identity()}, from.T_odom_cam, T_odom_to);
-  if (e.dot((spread + seen_.link.covariance).ldlt().solve(e)) <= config_.gate) {
+  if (linkFitsButForYaw(from, to, 0)) {
     contradictions_ = slips_ = 0;
     if (++agreements_ >= config_.lying_after) counters_.dvl_lies = false;
     velocity_ = visual;
@@ -165,6 +183,12 @@ void NavigationGraph::judge() {
     const double turn = wrapAngle(turns.gyro - heading_.gyroBias() * turns.seconds);
     (void)addFactor(gyroFactor(from.node, to.node, from.T_odom_cam, to.T_odom_cam, turn - turns.compass,
                                heading_.gyroSigma(turns)));
+  }
+  if (const double wrong = std::abs(wrapAngle(turns.visual - turns.compass));
+      turns.has_visual && to.heading.visual && wrong > doubt) {
+    const double way = seen_.link.T_a_b.translation().norm(),
+                 sigma = stepSigma(way, to.quality, config_.noise), turned = kMeanTurn * wrong * way;
+    to.step_weight = sigma * sigma / (sigma * sigma + turned * turned);
   }
   judgeVelocity(from, to);
   seen_.linked = false;

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "recon/geometry/cross_matrix.hpp"
+
 namespace fathom::slam {
 namespace {
 
@@ -30,11 +32,11 @@ Eigen::Vector3d all(double sigma) {
 }  // namespace
 
 void SensorNoise::validate() const {
-  const double positive[] = {dvl_velocity,     dvl_rate,     dvl_scale, dvl_heading,
-                             unknown_velocity, heading,      tilt,      deviation,
-                             tilt_bias,        unknown_turn, depth,     gyro_walk};
-  const double not_negative[] = {deviation_drift, deviation_turn, tilt_turn,  depth_offset,
-                                 depth_drift,     visual_scale,   usbl_shift, usbl_turn};
+  const double positive[] = {dvl_velocity,     dvl_rate, dvl_scale, dvl_heading, dvl_place,
+                             unknown_velocity, heading,  tilt,      deviation,   tilt_bias,
+                             unknown_turn,     depth,    gyro_walk};
+  const double not_negative[] = {heading_lag, deviation_drift, deviation_turn, tilt_turn, depth_offset,
+                                 depth_drift, visual_scale,    usbl_shift,     usbl_turn};
   for (const double value : positive)
     if (!(value > 0) || !std::isfinite(value))
       throw std::invalid_argument("sensor noise: a standard deviation or rate must be above zero");
@@ -51,10 +53,9 @@ double headingOf(const SE3& T_odom_cam) {
 double stepSigma(double way, const StepQuality& quality, const SensorNoise& noise) {
   const double white =
       noise.dvl_velocity * std::sqrt(std::max(quality.seconds, 1 / noise.dvl_rate) / noise.dvl_rate);
-  const double swing = std::sqrt(2.0) * std::hypot(noise.heading, noise.tilt) * quality.lever;
   const double turned = noise.unknown_turn * quality.seconds_untilted;
   const double parts[] = {white,
-                          swing,
+                          noise.dvl_place * quality.turn,
                           quality.calibration_share * way,
                           noise.heading * way,
                           noise.unknown_velocity * quality.seconds_unlocked,
@@ -64,10 +65,17 @@ double stepSigma(double way, const StepQuality& quality, const SensorNoise& nois
   return std::sqrt(sum);
 }
 
-RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b, const StepQuality& quality,
+Matrix6d perturbationAt(const Eigen::Vector3d& place) {
+  Matrix6d to_place = Matrix6d::Identity();
+  to_place.topRightCorner<3, 3>() = -crossMatrix(place);
+  return to_place;
+}
+
+RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b,
+                        const Eigen::Vector3d& dvl_in_camera, const StepQuality& quality,
                         const SensorNoise& noise) {
   const SE3 between = T_odom_a.inverse() * T_odom_b;
-  const double horizontal = stepSigma(between.translation().norm(), quality, noise);
+  const double horizontal = stepSigma((between * dvl_in_camera - dvl_in_camera).norm(), quality, noise);
   const double turned = noise.unknown_turn * quality.seconds_untilted;
   // In nav's axes first: horizontal and vertical.
   const Eigen::Matrix3d R = T_odom_b.matrix3();
@@ -76,7 +84,8 @@ RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b, 
   information.topLeftCorner<3, 3>() = R.transpose() * position.cwiseAbs2().cwiseInverse().asDiagonal() * R;
   const double turn = std::hypot(kLooseTurn, turned);
   information.bottomRightCorner<3, 3>() = Eigen::Matrix3d::Identity() / (turn * turn);
-  return {a, b, between, residualInformation(information)};
+  const Matrix6d at_dvl = perturbationAt(dvl_in_camera);
+  return {a, b, between, residualInformation(at_dvl.transpose() * information * at_dvl)};
 }
 
 RelativePose attitudeFactor(int reference, int camera, const SE3& T_odom_cam, const SensorNoise& noise) {

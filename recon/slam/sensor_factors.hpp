@@ -15,23 +15,26 @@ struct SensorNoise {
   double dvl_rate = 5.0;          // ensembles [1/s]
   double dvl_scale = 0.002;       // of the velocity, constant [1]
   double dvl_heading = 0.006;     // of its forward axis against the camera, constant [rad]
+  double dvl_place = 0.01;        // of it against the camera, constant [m]
   double unknown_velocity = 0.3;  // while bottom track is away [m/s]
   // Attitude: white noise, and the slowly varying error of its reference.
   double heading = 0.006, tilt = 0.002;  // of one reading [rad]
-  double deviation = 0.015;              // of the compass at first [rad]
+  double heading_lag = 0.1;              // of the compass's reading, while the vehicle turns [s]
+  double deviation = 0.035;              // of the compass at first [rad]
   double deviation_drift = 7e-4;         // its random walk [rad/s^(1/2)]
   double deviation_turn = 0.017;  // its change with the heading: amplitude of 1.2 degrees [rad/rad^(1/2)]
-  double tilt_bias = 0.003;       // of roll and pitch at first [rad]
+  double tilt_bias = 0.009;       // of roll and pitch against the camera, at first [rad]
   double tilt_turn = 0.003;       // its change with the heading: the bias is the body's [rad/rad^(1/2)]
   double unknown_turn = 0.1;      // rate of turn while attitude is away [rad/s]
   double gyro_walk = 3e-4;        // angle random walk of a gyro, where there is one [rad/s^(1/2)]
   // Depth.
-  double depth = 0.003;         // of one reading [m]
-  double depth_offset = 0.002;  // of the sea's height over nav's zero, or of the sensor, at first [m]
-  double depth_drift = 0.0;     // its random walk: tide 0.002, none 0 [m/s^(1/2)]
-  // Of all USBL positions of a mission together: shift by the ship's place, turn by the transceiver's
-  // mounting. Both 0: neither is sought. After the mission (solveNavigation).
-  double usbl_shift = 0, usbl_turn = 0;  // [m], [rad]
+  double depth = 0.003;       // of one reading [m]
+  double depth_offset = 0.1;  // of the sea's height over nav's zero, or of the sensor, at first [m]
+  double depth_drift = 0.0;   // its random walk: tide 0.002, none 0 [m/s^(1/2)]
+  // Of all USBL positions of a mission together: shift by the ship's place and sound's way, turn by the
+  // transceiver's mounting. After the mission (solveNavigation), which takes a shift of one position's
+  // standard deviation at least.
+  double usbl_shift = 0, usbl_turn = 0.017;  // [m], [rad]
   // What calibration and the lamps' shading leave to all visual links alike, as a common error of scale of
   // ways and turns [1].
   // It cannot be averaged away, so covariances that are given out carry it.
@@ -54,18 +57,22 @@ struct StepQuality {
   double seconds_unlocked = 0;   // of that, without bottom track
   double seconds_untilted = 0;   // of that, without attitude
   double calibration_share = 0;  // standard deviation of DVL scale and heading that is left [1], [rad]
-  double lever = 0;              // from the DVL to the camera [m]: noise of attitude swings it
+  double turn = 0;               // between them [rad]
 };
 
 // DVL, integrated by dead reckoning (nav::DeadReckoning: lever arm, mounting, sound speed):
-//   e_xyz = R_m^T (R_a^T (t_b - t_a) - t_m),   T_m = T_odom_a^-1 T_odom_b,
-// in the axes of b. Horizontal: white noise of the velocity over the time, calibration and heading noise over
-// the way, noise of attitude at both ends over the lever. Vertical: loose, as odometry's depth is the
-// pressure sensor's, which depthFactor uses. Rotation: loose, as it is the compass's, which attitudeFactor
-// uses. Standard deviation of a step of that way, horizontal [m].
+//   e_xyz = R_m^T (R_a^T (t_b - t_a) - t_m) + e_phi x l,   T_m = T_odom_a^-1 T_odom_b,
+// in the axes of b: the way of the DVL itself, which is at l in the camera's axes, so that a compass that
+// errs at b does not swing the camera about it. Horizontal: white noise of the velocity over the time,
+// calibration and heading noise over the way, the DVL's place over the turn. Vertical: loose, as odometry's
+// depth is the pressure sensor's, which depthFactor uses. Rotation: loose, as it is the compass's, which
+// attitudeFactor uses. Standard deviation of a step of that way, horizontal [m].
 [[nodiscard]] double stepSigma(double way, const StepQuality& quality, const SensorNoise& noise);
 [[nodiscard]] RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b,
-                                      const StepQuality& quality, const SensorNoise& noise);
+                                      const Eigen::Vector3d& dvl_in_camera, const StepQuality& quality,
+                                      const SensorNoise& noise);
+// Covariance or Jacobian of a perturbation (rho, phi) of a camera, to that of a point at `place` in its axes.
+[[nodiscard]] Matrix6d perturbationAt(const Eigen::Vector3d& place);
 
 // Attitude of a camera against a reference, whose rotation R_nav_ref is the slowly varying error of the
 // sensor: deviation about z, bias of roll and pitch about x and y:

@@ -50,7 +50,7 @@ TEST(OnboardConfig, TellsTheGraphHowFarTheCameraIsFromTheDvl) {
   io::MissionConfig mission;
   mission.T_body_cam = SE3(Eigen::Quaterniond::Identity(), {0.4, 0, 0.1});
   mission.T_body_dvl = SE3(Eigen::Quaterniond::Identity(), {0.0, 0, 0.4});
-  EXPECT_NEAR(mapCoreConfig({}, mission, {}).localisation.graph.lever, 0.5, 1e-12);
+  EXPECT_NEAR(mapCoreConfig({}, mission, {}).localisation.graph.dvl_in_camera.norm(), 0.5, 1e-12);
 }
 
 TEST(Replay, TwoReplaysGiveTheSameBytesInEveryFileButTheTimes) {

@@ -98,9 +98,10 @@ std::vector<HostileDive> hostileDives() {
   add("compass 10 deg, 3 s", [&](auto& o) { bump(o, 10, 3); });
   add("compass 20 deg, 5 s", [&](auto& o) { bump(o, 20, 5); });
   add("compass 40 deg, 12 s", [&](auto& o) { bump(o, 40, 12); });
-  add("one false link", [](auto& o) { o.false_links = 1; });
+  add("one false link", [](auto& o) { o.false_links = 1, o.false_shift = 0.15; });
   add("false links, compass 20 deg, 5 s", [&](auto& o) {
     o.false_links = 3;
+    o.false_shift = 0.15;
     bump(o, 20, 5);
   });
   add("DVL scale 3 %", [](auto& o) {

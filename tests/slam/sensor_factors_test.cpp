@@ -41,14 +41,15 @@ double chi2(const RelativePose& factor, const SE3& from, const SE3& to) {
 }
 
 const SensorNoise kNoise;
+const Eigen::Vector3d kDvl(0.1, -0.7, 0.05);  // in the camera's axes
 
 TEST(SensorFactors, DerivativesAreThoseOfTheResidual) {
   const SE3 a = camera(3, -2, 10, 0.7), b = camera(3.4, -1.7, 10.1, 0.9, -0.04);
   const SE3 reference = SE3::fromEuler(0.003, -0.002, 0.03, Eigen::Vector3d::Zero());
   const SE3 next = SE3::fromEuler(0.002, -0.001, 0.05, Eigen::Vector3d::Zero());
   const StepQuality quality{1.0, 0, 0, 0.003, 0};
-  expectDerivatives(stepFactor(kA, kB, camera(3, -2, 10, 0.72), camera(3.5, -1.7, 10, 0.93), quality, kNoise),
-                    a, b);
+  expectDerivatives(
+      stepFactor(kA, kB, camera(3, -2, 10, 0.72), camera(3.5, -1.7, 10, 0.93), kDvl, quality, kNoise), a, b);
   expectDerivatives(attitudeFactor(kA, kB, camera(0, 0, 9, 0.95), kNoise), reference, b);
   expectDerivatives(firstAttitudeReference(kOrigin, kA, kNoise), SE3(), reference);
   expectDerivatives(attitudeDrift(kA, kB, 20, 0.2, 0, kNoise), reference, next);
@@ -65,7 +66,7 @@ TEST(SensorFactors, DerivativesAreThoseOfTheResidual) {
 TEST(SensorFactors, AStepErrsByOneStandardDeviationAlongTheWayForOneUnitOfChiSquare) {
   const SE3 a = camera(0, 0, 10, 0.4, 0), b = camera(0.5 * std::cos(0.4), 0.5 * std::sin(0.4), 10, 0.4, 0);
   const StepQuality quality{1.0, 0, 0, 0.004, 0};
-  const RelativePose factor = stepFactor(kA, kB, a, b, quality, kNoise);
+  const RelativePose factor = stepFactor(kA, kB, a, b, kDvl, quality, kNoise);
   EXPECT_NEAR(chi2(factor, a, b), 0, 1e-18);
   const double white = kNoise.dvl_velocity * std::sqrt(1.0 / kNoise.dvl_rate);
   const double sigma =
@@ -74,11 +75,22 @@ TEST(SensorFactors, AStepErrsByOneStandardDeviationAlongTheWayForOneUnitOfChiSqu
   EXPECT_NEAR(chi2(factor, a, off), 1, 1e-6);
 }
 
+TEST(SensorFactors, AStepIsTheWayOfTheDvlWhateverTheCompassSaysAtItsEnd) {
+  const SE3 a = camera(0, 0, 10, 0.4, 0), b = camera(0.5, 0.1, 10, 0.5, 0);
+  // The compass has the camera turned about the DVL by 2 degrees.
+  const double wrong = 0.035;
+  const Eigen::Quaterniond turned = Eigen::AngleAxisd(wrong, Eigen::Vector3d::UnitZ()) * b.rotation();
+  const SE3 reckoned(turned, b * kDvl - turned * kDvl);
+  const StepQuality quality{1.0, 0, 0, 0.004, 0};
+  EXPECT_LT(chi2(stepFactor(kA, kB, a, reckoned, kDvl, quality, kNoise), a, b), 0.05);
+  EXPECT_GT(chi2(stepFactor(kA, kB, a, reckoned, Eigen::Vector3d::Zero(), quality, kNoise), a, b), 20);
+}
+
 TEST(SensorFactors, AStepWithoutBottomTrackSaysNextToNothing) {
   const SE3 a = camera(0, 0, 10, 0), b = camera(0.5, 0, 10, 0), metre_off = camera(1.5, 0, 10, 0);
   const StepQuality locked{10.0, 0, 0, 0.003, 0}, unlocked{10.0, 10.0, 0, 0.003, 0};
-  EXPECT_GT(chi2(stepFactor(kA, kB, a, b, locked, kNoise), a, metre_off), 1000);
-  EXPECT_LT(chi2(stepFactor(kA, kB, a, b, unlocked, kNoise), a, metre_off), 0.2);
+  EXPECT_GT(chi2(stepFactor(kA, kB, a, b, kDvl, locked, kNoise), a, metre_off), 1000);
+  EXPECT_LT(chi2(stepFactor(kA, kB, a, b, kDvl, unlocked, kNoise), a, metre_off), 0.2);
 }
 
 TEST(SensorFactors, AttitudeTellsHeadingUpToTheDeviationOfItsReference) {

@@ -115,12 +115,12 @@ Digest localiseKey(const MissionInput& input, const TopsideConfig& config, const
   addRig(hasher, input);
   addNavigationSettings(hasher, config);
   const slam::SensorNoise& n = config.navigation.noise;
-  static_assert(sizeof n == 160);  // a new setting belongs here too
+  static_assert(sizeof n == 176);  // a new setting belongs here too
   hasher.add(config.slam, config.bundle, config.slam_features, config.slam_candidates,
              config.navigation.turned_sigmas, n.dvl_velocity, n.dvl_rate, n.dvl_scale, n.dvl_heading,
-             n.unknown_velocity, n.heading, n.tilt, n.deviation, n.deviation_drift, n.deviation_turn,
-             n.tilt_bias, n.tilt_turn, n.unknown_turn, n.gyro_walk, n.depth, n.depth_offset, n.depth_drift,
-             n.usbl_shift, n.usbl_turn, n.visual_scale);
+             n.dvl_place, n.unknown_velocity, n.heading, n.heading_lag, n.tilt, n.deviation,
+             n.deviation_drift, n.deviation_turn, n.tilt_bias, n.tilt_turn, n.unknown_turn, n.gyro_walk,
+             n.depth, n.depth_offset, n.depth_drift, n.usbl_shift, n.usbl_turn, n.visual_scale);
   return hasher.finish();
 }
 
@@ -176,11 +176,14 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   const Eigen::Vector2d shift = navigation.gps_shift.value_or(Eigen::Vector2d::Zero());
   const double sigma = navigation.gps_shift ? navigation.gps_sigma : kAnywhere;
   slam::NavigationConfig graph = config.navigation;
-  graph.lever = (mission.T_body_cam.translation() - mission.T_body_dvl.translation()).norm();
+  graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
   slam::NavigationSolution solved;
   const auto solve = [&] {
     solved = slam::solveNavigation(graph, inputs, shift, sigma, links, fixes, std::move(solved));
   };
+  solve();
+  graph.noise = slam::seenNoise(graph.noise, inputs, fixes, solved);
+  solved = {};
   solve();
   lap("network");
   ClosureSearch search(rig, frames, graph.noise.visual_scale);
