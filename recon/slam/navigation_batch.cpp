@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 
@@ -14,6 +16,8 @@ constexpr int kRounds = 40;  // of weights, at most: from a false closure of 10 
 constexpr int kOrigin = 0;   // nav's origin in the graph
 constexpr int kSpare = 16;   // room beyond what is known to come
 // Of three quarters of a USBL's positions, and their farthest in standard deviations of either component.
+// And of changes from one reading's error to the next's, a normal distribution's.
+constexpr double kMostChanges = 0.9, kOfChanges = 1.645 * std::numbers::sqrt2;
 constexpr double kAgreeing = 0.75, kOfAgreeing = 1.665;
 
 std::size_t at(int i) {
@@ -171,19 +175,34 @@ SensorNoise seenNoise(const SensorNoise& noise, const std::vector<KeyframeInput>
   SensorNoise seen = noise;
   // Of the compass and of tilt, in nav's axes.
   Eigen::Vector3d sum = Eigen::Vector3d::Zero(), squares = Eigen::Vector3d::Zero();
+  std::optional<Eigen::Vector3d> last;
+  std::vector<double> tilts, headings;  // changes of one reading's error to the next's
   double count = 0;
   for (std::size_t k = 0; k < frames.size(); ++k) {
-    if (frames[k].attitude_held) continue;
+    if (frames[k].attitude_held) {
+      last.reset();
+      continue;
+    }
     const Eigen::Vector3d off =
         SE3(solved.poses[k].rotation() * frames[k].T_odom_cam.rotation().conjugate(), Eigen::Vector3d::Zero())
             .log()
             .tail<3>();
     sum += off, squares += off.cwiseAbs2(), ++count;
+    if (last) {
+      const Eigen::Vector3d change = (off - *last).cwiseAbs();
+      tilts.insert(tilts.end(), {change.x(), change.y()});
+      headings.push_back(change.z());
+    }
+    last = off;
   }
   if (count > 0) {
     const Eigen::Vector3d spread = (squares / count - (sum / count).cwiseAbs2()).cwiseMax(0);
     seen.deviation = std::hypot(noise.deviation, std::sqrt(spread.z()));
     seen.tilt_bias = std::hypot(noise.tilt_bias, std::sqrt(0.5 * (spread.x() + spread.y())));
+  }
+  if (!headings.empty()) {
+    seen.heading = std::max(noise.heading, quantile(headings, kMostChanges) / kOfChanges);
+    seen.tilt = std::max(noise.tilt, quantile(tilts, kMostChanges) / kOfChanges);
   }
   std::vector<double> apart;
   for (const NavigationFix& fix : fixes) {

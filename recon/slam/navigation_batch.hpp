@@ -57,8 +57,8 @@ struct NavigationSolution {
 
 // `noise` with what all readings of a sensor share as large as its readings are seen to differ over the dive:
 // a compass whose deviation changes by ten degrees from line to line may be off by as much on all of them;
-// roll and pitch alike; USBL positions of which every fourth is left out, by as much as that one is. Known
-// only from what changes, it is a floor for what does not.
+// roll and pitch alike; one reading, by what changes to the next; USBL positions of which every fourth is
+// left out, by as much as that one is. Known only from what changes, it is a floor for what does not.
 [[nodiscard]] SensorNoise seenNoise(const SensorNoise& noise, const std::vector<KeyframeInput>& frames,
                                     const std::vector<NavigationFix>& fixes,
                                     const NavigationSolution& solved);

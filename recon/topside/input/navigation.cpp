@@ -3,6 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <queue>
+#include <tuple>
+#include <type_traits>
+#include <utility>
 #include <variant>
 
 #include "firmware_if/files/sensor_log.hpp"
@@ -42,6 +46,67 @@ class Reader {
  private:
   std::vector<NavigatedPose>& wanted_;
   std::size_t next_ = 0;
+};
+
+// Samples of the sensors that navigate in the order of their stamps, which are UTC: a recorder logs them as
+// they arrive, late and in batches where a driver has it so.
+class SortedLog {
+ public:
+  template <typename Sample>
+  static constexpr bool kNavigates =
+      std::is_same_v<Sample, DvlSample> || std::is_same_v<Sample, AttitudeSample> ||
+      std::is_same_v<Sample, GyroSample> || std::is_same_v<Sample, DepthSample> ||
+      std::is_same_v<Sample, WaterSample>;
+
+  SortedLog(const io::MissionPaths& paths, const io::MissionConfig::TimeOffsets& offsets)
+      : offsets_(offsets), file_(paths.root) {}
+
+  std::optional<SensorSample> next() {
+    while (waiting_.size() < kWaiting) {
+      auto entry = file_.next();
+      if (!entry) break;
+      const std::optional<std::int64_t> utc_ns = stamp(entry->sample);
+      if (utc_ns) waiting_.push({*utc_ns, read_++, std::move(entry->sample)});
+    }
+    if (waiting_.empty()) return std::nullopt;
+    SensorSample sample = waiting_.top().sample;
+    waiting_.pop();
+    return sample;
+  }
+  [[nodiscard]] const io::SensorLogReader& file() const { return file_; }
+
+ private:
+  static constexpr std::size_t kWaiting = 1024;  // half a minute of all sensors
+  struct Waiting {
+    std::int64_t utc_ns;
+    std::uint64_t read;
+    SensorSample sample;
+    bool operator<(const Waiting& other) const {
+      return std::tie(other.utc_ns, other.read) < std::tie(utc_ns, read);
+    }
+  };
+
+  // Puts a sample's stamp right; nothing where it is of another sensor.
+  [[nodiscard]] std::optional<std::int64_t> stamp(SensorSample& sample) const {
+    return std::visit(
+        [&](auto& s) -> std::optional<std::int64_t> {
+          using Sample = std::decay_t<decltype(s)>;
+          if constexpr (!kNavigates<Sample>) return std::nullopt;
+          double offset = 0;
+          if constexpr (std::is_same_v<Sample, DvlSample>) offset = offsets_.dvl;
+          if constexpr (std::is_same_v<Sample, AttitudeSample> || std::is_same_v<Sample, GyroSample>)
+            offset = offsets_.compass;
+          if constexpr (std::is_same_v<Sample, DepthSample>) offset = offsets_.depth;
+          s.utc_ns = shifted(s.utc_ns, offset);
+          return s.utc_ns;
+        },
+        sample);
+  }
+
+  const io::MissionConfig::TimeOffsets& offsets_;
+  io::SensorLogReader file_;
+  std::priority_queue<Waiting> waiting_;
+  std::uint64_t read_ = 0;
 };
 
 struct Fix {
@@ -182,24 +247,16 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
                       Reader(at_surface)};
   std::optional<SE3> first;
   std::int64_t first_utc_ns = 0;
-  io::SensorLogReader log(paths.root);
-  while (auto entry = log.next()) {
-    if (auto* dvl = std::get_if<DvlSample>(&entry->sample)) {
-      dvl->utc_ns = shifted(dvl->utc_ns, mission.time_offsets.dvl);
-      track.add(*dvl);
-    } else if (auto* attitude = std::get_if<AttitudeSample>(&entry->sample)) {
-      attitude->utc_ns = shifted(attitude->utc_ns, mission.time_offsets.compass);
-      track.add(*attitude);
-    } else if (auto* gyro = std::get_if<GyroSample>(&entry->sample)) {
-      gyro->utc_ns = shifted(gyro->utc_ns, mission.time_offsets.compass);
-      track.add(*gyro);
-    } else if (auto* depth = std::get_if<DepthSample>(&entry->sample)) {
-      depth->utc_ns = shifted(depth->utc_ns, mission.time_offsets.depth);
-      if (tide) depth->depth -= tide->heightAt(depth->utc_ns);
-      track.add(*depth);
-    } else if (const auto* water = std::get_if<WaterSample>(&entry->sample)) {
-      track.add(*water);
-    }
+  SortedLog log(paths, mission.time_offsets);
+  while (auto sample = log.next()) {
+    std::visit(
+        [&](auto& s) {
+          using Sample = std::decay_t<decltype(s)>;
+          if constexpr (std::is_same_v<Sample, DepthSample>)
+            if (tide) s.depth -= tide->heightAt(s.utc_ns);
+          if constexpr (SortedLog::kNavigates<Sample>) track.add(s);
+        },
+        *sample);
     if (!first && track.initialised()) {
       first_utc_ns = track.oldestUtcNs();
       first = track.poseAt(first_utc_ns);
@@ -208,8 +265,8 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
   }
   for (Reader& reader : readers) reader.readOut(track, true);
   out.counters = track.counters();
-  out.skipped_entries = log.skippedEntries();
-  out.damaged_entries = log.damagedEntries();
+  out.skipped_entries = log.file().skippedEntries();
+  out.damaged_entries = log.file().damagedEntries();
   if (!first)
     throw InputError(
         paths.root.string(), "sensor log",
