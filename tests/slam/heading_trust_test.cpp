@@ -18,7 +18,7 @@ struct Way {
   std::vector<double> anomaly;
   int false_at = -1;
   double false_turn = 0;
-  bool gyro = false, visual = true;
+  bool gyro = false, visual = true, vouched = false;
 };
 
 StepTurns stepOf(const Way& way, int k) {
@@ -29,6 +29,7 @@ StepTurns stepOf(const Way& way, int k) {
   step.has_visual = way.visual;
   step.visual = k == way.false_at ? way.false_turn : 0;
   step.visual_sigma = 0.1 * kDegree;
+  step.vouched = way.vouched;
   step.has_gyro = way.gyro;
   step.gyro_sigma = 0.02 * kDegree;
   return step;
@@ -108,6 +109,21 @@ TEST(HeadingTrust, AGyroTellsALeapOfTheCompassFromAFalseLink) {
   link.false_turn = 7 * kDegree;
   EXPECT_EQ(blamed(after(link)), 1);
   EXPECT_EQ(restarts(after(link)), 0);
+}
+
+TEST(HeadingTrust, SoDoTheOtherSensorsWhereTheyVouchForTheLink) {
+  for (const double degrees : {4.0, -7.0, 10.0, 25.0}) {
+    Way leap = bump(0, 1);
+    for (std::size_t k = 60; k < leap.anomaly.size(); ++k) leap.anomaly[k] = degrees * kDegree;
+    leap.vouched = true;
+    const HeadingTrust trust = after(leap);
+    EXPECT_EQ(blamed(trust), 0) << degrees;
+    EXPECT_EQ(restarts(trust), 1) << degrees;
+    EXPECT_TRUE(trust.verdict(60).restarts) << degrees;
+  }
+  Way way = bump(20, 5);
+  way.vouched = true;
+  EXPECT_FALSE(after(way).verdict(90).compass);
 }
 
 TEST(HeadingTrust, WithAGyroAnAnomalyIsSeenWithoutPictures) {

@@ -166,6 +166,15 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
   return s;
 }
 
+SensorNoise madeNoise() {
+  SensorNoise noise;
+  noise.heading_lag = noise.usbl_turn = 0;
+  noise.deviation = kDeviation / std::numbers::sqrt2;
+  noise.tilt_bias = kTiltBias;
+  noise.depth_offset = kDepthBias;
+  return noise;
+}
+
 NavigationConfig smallConfig() {
   NavigationConfig config;
   config.max_keyframes = 400;

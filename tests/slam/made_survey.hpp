@@ -71,6 +71,8 @@ struct MadeSurvey {
 
 [[nodiscard]] MadeSurvey makeSurvey(const MadeSurveyOptions& options);
 
+// What the sensors of such a survey err by; the estimator's own is larger where a real vehicle may be worse.
+[[nodiscard]] SensorNoise madeNoise();
 // Room for a survey of 400 keyframes.
 [[nodiscard]] NavigationConfig smallConfig();
 

@@ -21,8 +21,9 @@ using testing::Measured;
 using testing::measuredOf;
 using testing::squaredError;
 
-NavigationSolution solve(const MadeSurvey& survey, const MadeSurveyOptions& options, Measured& measured) {
-  return solveNavigation({}, survey.inputs, survey.anchor, options.anchor_sigma, measured.links,
+NavigationSolution solve(const MadeSurvey& survey, const MadeSurveyOptions& options, Measured& measured,
+                         const NavigationConfig& config = {}) {
+  return solveNavigation(config, survey.inputs, survey.anchor, options.anchor_sigma, measured.links,
                          measured.fixes);
 }
 
@@ -44,13 +45,16 @@ TEST(NavigationBatch, ItsCovarianceIsHonestOverManySurveys) {
   MadeSurveyOptions options;
   options.lines = 3;
   options.line_length = 10;
+  NavigationConfig config;
+  config.noise = testing::madeNoise();
   constexpr int kSurveys = 40;
   double newest = 0, between = 0;
   for (int seed = 1; seed <= kSurveys; ++seed) {
     options.seed = static_cast<std::uint64_t>(100 + seed);
     const MadeSurvey survey = makeSurvey(options);
     Measured measured = measuredOf(survey, options.usbl_sigma);
-    const NavigationSolution solved = solve(survey, options, measured);
+    for (NavigationFix& fix : measured.fixes) fix.by_usbl = false;  // these share no error
+    const NavigationSolution solved = solve(survey, options, measured, config);
     GraphCovariance covariance(solved.graph);
     const std::size_t last = solved.poses.size() - 1, first = last / 3;
     newest += squaredError(solved.poses[last], survey.truth[last], covariance.of(solved.nodes[last]));
@@ -95,6 +99,7 @@ TEST(NavigationBatch, FindsWhatAllPositionsOfAUsblShare) {
   options.ship = {80, -40};
   options.usbl_turn = 0.05;
   NavigationConfig config;
+  config.noise = testing::madeNoise();
   config.noise.usbl_shift = 5;
   config.noise.usbl_turn = 0.1;
   double worst = 0, believed = 0;
@@ -110,9 +115,38 @@ TEST(NavigationBatch, FindsWhatAllPositionsOfAUsblShare) {
     EXPECT_NEAR(found.euler().z(), -options.usbl_turn, 3 * sigma);
     EXPECT_LT(sigma, 0.02);
     worst = std::max(worst, errorsOf(with.poses, survey.truth).absolute);
+    for (NavigationFix& fix : measured.fixes) fix.by_usbl = false;
     believed += errorsOf(solve(survey, options, measured).poses, survey.truth).absolute / 5;
   }
   EXPECT_LT(worst, 0.4 * believed);
+}
+
+TEST(NavigationBatch, WhatReadingsShareIsAsLargeAsTheyAreSeenToDiffer) {
+  MadeSurveyOptions options;
+  options.visual_share = 1;
+  const auto seen = [&](const MadeSurvey& survey) {
+    Measured measured = measuredOf(survey, options.usbl_sigma);
+    return seenNoise({}, survey.inputs, measured.fixes, solve(survey, options, measured));
+  };
+  const SensorNoise usual, calm = seen(makeSurvey(options));
+  EXPECT_LT(calm.deviation, 1.5 * usual.deviation);
+  EXPECT_LT(calm.tilt_bias, 1.2 * usual.tilt_bias);
+  EXPECT_LT(calm.heading, 1.5 * usual.heading);
+  EXPECT_LT(calm.tilt, 1.5 * usual.tilt);
+  EXPECT_NEAR(calm.usbl_shift, options.usbl_sigma, 0.5 * options.usbl_sigma);
+  // Four of ten positions agree with each other 8 m from where they should be.
+  MadeSurvey biased = makeSurvey(options);
+  for (std::size_t k = 0; k < biased.fixes.size(); ++k)
+    if (10 * k >= 6 * biased.fixes.size()) biased.fixes[k].north_east.x() += 8;
+  EXPECT_NEAR(seen(biased).usbl_shift, 8 / 1.665, 1);
+  // A compass that turns by 20 degrees on every second line, and tilt that swings.
+  MadeSurvey turned = makeSurvey(options);
+  for (std::size_t k = 0; k < turned.inputs.size(); ++k) {
+    SE3& pose = turned.inputs[k].T_odom_cam;
+    const double tilt = k % 2 == 0 ? 0.02 : -0.02;
+    pose = SE3(Eigen::AngleAxisd(tilt, Eigen::Vector3d::UnitX()) * pose.rotation(), pose.translation());
+  }
+  EXPECT_GT(seen(turned).tilt, 0.01);
 }
 
 TEST(NavigationBatch, TakesOutFalseClosuresAndWildFixesAndKeepsTheTrueOnes) {

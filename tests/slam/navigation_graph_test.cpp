@@ -53,12 +53,14 @@ TEST(NavigationGraph, ItsCovarianceIsHonestOverManySurveys) {
   MadeSurveyOptions options;
   options.lines = 3;
   options.line_length = 10;
+  NavigationConfig config = smallConfig();
+  config.noise = testing::madeNoise();
   constexpr int kSurveys = 40;
   double newest = 0, middle = 0, relative = 0;
   for (int seed = 1; seed <= kSurveys; ++seed) {
     options.seed = static_cast<std::uint64_t>(seed);
     const MadeSurvey survey = makeSurvey(options);
-    NavigationGraph graph(smallConfig());
+    NavigationGraph graph(config);
     drive(graph, survey, options);
     const int last = graph.keyframes() - 1;
     newest += nees(graph, survey, last);
@@ -82,12 +84,14 @@ TEST(NavigationGraph, DeadReckoningAloneIsHonestToo) {
   MadeSurveyOptions options;
   options.visual_share = 0;
   options.closure_share = 0;
+  NavigationConfig config = smallConfig();
+  config.noise = testing::madeNoise();
   constexpr int kSurveys = 40;
   double sum = 0;
   for (int seed = 1; seed <= kSurveys; ++seed) {
     options.seed = static_cast<std::uint64_t>(seed);
     const MadeSurvey survey = makeSurvey(options);
-    NavigationGraph graph(smallConfig());
+    NavigationGraph graph(config);
     drive(graph, survey, options);
     sum += nees(graph, survey, graph.keyframes() - 1);
   }

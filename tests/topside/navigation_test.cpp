@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
+#include <random>
 
 #include "firmware_if/files/sensor_log.hpp"
 #include "realtime/kernel/input_error.hpp"
@@ -27,6 +29,7 @@ struct MadeDive {
   double end = 200, from = 0, to = 1e9, again = 1e9;
   double tide = 0;  // amplitude [m], of half an hour's period
   std::vector<double> usbl, gps;
+  double late = 0;  // samples arrive up to so late, each by another time [s]
 
   [[nodiscard]] io::MissionConfig mission() const {
     io::MissionConfig config;
@@ -39,31 +42,36 @@ struct MadeDive {
   }
   void write(const std::filesystem::path& folder) const {
     io::writeMissionConfig(folder, mission());
-    io::SensorLogWriter log(io::MissionPaths(folder).log());
+    std::mt19937 random(7);
+    std::multimap<std::int64_t, SensorSample> log;
+    const auto arrives = [&](double t, const SensorSample& sample) {
+      log.emplace(at(t + late * static_cast<double>(random()) / std::mt19937::max()), sample);
+    };
     const LocalTransverseMercator projection(mission().origin);
     for (int tick = 0; tick < static_cast<int>(end * 5); ++tick) {
       const double t = 0.2 * tick;
       AttitudeSample attitude;
       attitude.utc_ns = at(t);
       attitude.magnetic = false;
-      log.write(at(t), attitude);
+      arrives(t, attitude);
       const double sea = tide * std::sin(2 * M_PI * t / 1800 + 0.5);
-      log.write(at(t), DepthSample{at(t), kDepth + sea});
+      arrives(t, DepthSample{at(t), kDepth + sea});
       const Geodetic g = projection.toGeodetic({kSpeed * t, 0});
       if (tick % 5 == 0) {
         for (const double when : usbl)
-          if (std::abs(when - t) < 0.1)
-            log.write(at(t), UsblFix{at(t), at(t), g.latitude, g.longitude, 0, 1.0});
+          if (std::abs(when - t) < 0.1) arrives(t, UsblFix{at(t), at(t), g.latitude, g.longitude, 0, 1.0});
         for (const double when : gps)
-          if (std::abs(when - t) < 0.1) log.write(at(t), GpsFix{at(t), g.latitude, g.longitude, 2.0});
+          if (std::abs(when - t) < 0.1) arrives(t, GpsFix{at(t), g.latitude, g.longitude, 2.0});
       }
       if (t < from || (t >= to && t < again)) continue;
       DvlSample dvl;
       dvl.utc_ns = at(t);
       dvl.velocity = Eigen::Vector3d(kSpeed, 0, 0);
       dvl.altitude = 2;
-      log.write(at(t), dvl);
+      arrives(t, dvl);
     }
+    io::SensorLogWriter writer(io::MissionPaths(folder).log());
+    for (const auto& [arrival, sample] : log) writer.write(arrival, sample);
   }
   [[nodiscard]] Navigation navigated(const std::vector<double>& images) const {
     const test::TemporaryFolder folder;
@@ -116,6 +124,21 @@ TEST(NavigationFixes, GpsDuringTheDiveAnchorsADiveThatHadNoneBefore) {
   EXPECT_EQ(dive.navigated({20, 90}).anchor.source, "gps");
   dive.gps = {};
   EXPECT_EQ(dive.navigated({20, 90}).anchor.source, "none");
+}
+
+TEST(NavigationOrder, IsThatOfTheStampsHoweverLateSamplesArrive) {
+  MadeDive dive;
+  dive.from = 10.1, dive.to = 90.1, dive.again = 97.1;
+  dive.usbl = {50, 150};
+  const Navigation prompt = dive.navigated({30, 95, 120, 190});
+  dive.late = 3;
+  const Navigation late = dive.navigated({30, 95, 120, 190});
+  EXPECT_EQ(late.counters.out_of_order, prompt.counters.out_of_order);
+  ASSERT_EQ(late.poses.size(), prompt.poses.size());
+  for (std::size_t k = 0; k < late.poses.size(); ++k) {
+    ASSERT_TRUE(late.poses[k].T_nav_body);
+    EXPECT_LT((late.poses[k].T_nav_body->inverse() * *prompt.poses[k].T_nav_body).log().norm(), 1e-9) << k;
+  }
 }
 
 TEST(NavigationTide, IsTakenOutOfTheDepth) {

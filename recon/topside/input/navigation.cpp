@@ -81,8 +81,10 @@ class SortedLog {
     std::int64_t utc_ns;
     std::uint64_t read;
     SensorSample sample;
+    // Of the same moment the velocity is last: it is tracked by the others.
+    [[nodiscard]] bool velocity() const { return std::holds_alternative<DvlSample>(sample); }
     bool operator<(const Waiting& other) const {
-      return std::tie(other.utc_ns, other.read) < std::tie(utc_ns, read);
+      return std::tuple(other.utc_ns, other.velocity(), other.read) < std::tuple(utc_ns, velocity(), read);
     }
   };
 
