@@ -34,8 +34,10 @@ class CameraSource {
  public:
   virtual ~CameraSource() = default;
   // Waits at most `timeout_ms`, then hands every whole frame that came to the sink. False when there is no
-  // camera.
-  virtual bool poll(int timeout_ms, FrameSink& sink) noexcept = 0;
+  // camera. What a library under it throws comes out: PollFence is between it and the thread.
+  virtual bool poll(int timeout_ms, FrameSink& sink) = 0;
+  // Lets the camera go; the next poll() opens it anew. On the polling thread.
+  virtual void close() noexcept {}
   [[nodiscard]] virtual rt::SharedBlocks& pool() noexcept = 0;
   // The pixels of a frame that the caller holds.
   [[nodiscard]] virtual ImageView view(const CameraFrame& frame) noexcept = 0;

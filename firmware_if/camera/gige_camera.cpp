@@ -171,8 +171,13 @@ GigeCamera::GigeCamera(const CameraConfig& config, VehicleTime now, rt::MemoryLo
     : impl_(std::make_unique<Impl>(config, std::move(now), lock)) {}
 GigeCamera::~GigeCamera() = default;
 
-bool GigeCamera::poll(int timeout_ms, FrameSink& sink) noexcept {
+bool GigeCamera::poll(int timeout_ms, FrameSink& sink) {
   return impl_->poll(timeout_ms, sink);
+}
+
+void GigeCamera::close() noexcept {
+  if (impl_->camera != nullptr) ++impl_->disconnects;
+  impl_->close(false);
 }
 
 rt::SharedBlocks& GigeCamera::pool() noexcept {
@@ -199,6 +204,7 @@ DeviceHealth GigeCamera::health() const {
 
 void GigeCamera::updateHealth(DeviceHealth& health) const noexcept {
   health.open = impl_->camera != nullptr;
+  health.reason = impl_->failure;
   health.last_data_ns = impl_->last_data_ns;
   health.samples = impl_->frames;
   health.disconnects = impl_->disconnects;

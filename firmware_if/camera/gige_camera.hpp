@@ -50,7 +50,8 @@ class GigeCamera final : public CameraSource {
 
   // While there is no camera, a call takes the time of a search (about a second and a half) beyond its
   // timeout.
-  bool poll(int timeout_ms, FrameSink& sink) noexcept override;
+  bool poll(int timeout_ms, FrameSink& sink) override;
+  void close() noexcept override;
   [[nodiscard]] rt::SharedBlocks& pool() noexcept override;
   [[nodiscard]] ImageView view(const CameraFrame& frame) noexcept override;
   void updateHealth(DeviceHealth& health) const noexcept override;

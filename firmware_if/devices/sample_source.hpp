@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "firmware_if/devices/short_text.hpp"
 #include "recon/geometry/sensor_samples.hpp"
 
 namespace fathom::io {
@@ -26,6 +27,7 @@ class SampleSink {
 struct DeviceHealth {
   std::string_view name;          // "dvl", "can"...; static storage
   bool open = false;              // the device is there
+  ShortText<95> reason;           // why it is not, or what its last poll failed with; else empty
   std::int64_t last_data_ns = 0;  // arrival of the newest good sample, UTC; 0: none yet
   std::uint64_t samples = 0;      // good ones given out
   std::uint64_t disconnects = 0;  // times that it went away
@@ -34,13 +36,16 @@ struct DeviceHealth {
 };
 
 // One device that gives samples: a serial line, a CAN interface, an LCM bus. One thread polls it. A device
-// that goes away is opened again by poll() itself, at most once a second; nothing throws after construction.
+// that is absent or goes away is opened by poll() itself, at most once a second.
 class SampleSource {
  public:
   virtual ~SampleSource() = default;
   // Waits at most `timeout_ms` for the device, then hands everything that came to the sink. False when the
-  // device is not there (poll then has waited the time out). Takes no memory once it has run.
-  virtual bool poll(int timeout_ms, SampleSink& sink) noexcept = 0;
+  // device is not there (poll then has waited the time out). Takes no memory once it has run. What a library
+  // under it throws comes out: PollFence is between it and the thread.
+  virtual bool poll(int timeout_ms, SampleSink& sink) = 0;
+  // Lets the device go; the next poll() opens it anew. On the polling thread.
+  virtual void close() noexcept {}
   // Into a DeviceHealth made by health() before: refreshes it without allocating. Only on the polling thread.
   virtual void updateHealth(DeviceHealth& health) const noexcept = 0;
   [[nodiscard]] virtual DeviceHealth health() const = 0;  // set-up only

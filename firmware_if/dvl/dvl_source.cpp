@@ -60,7 +60,7 @@ bool DvlSource::reads(Format format) const noexcept {
   return format_ == Format::kAuto || format_ == format;
 }
 
-bool DvlSource::poll(int timeout_ms, SampleSink& sink) noexcept {
+bool DvlSource::poll(int timeout_ms, SampleSink& sink) {
   for (int i = 0; i < kMaxReads; ++i) {
     const std::size_t size = stream_->read(buffer_, i == 0 ? timeout_ms : 0);
     if (size == 0) break;

@@ -42,7 +42,7 @@ class DvlSource final : public SampleSource {
   // The same over a stream that is given: tests, predive.
   DvlSource(const DvlConfig& config, VehicleTime now, std::unique_ptr<ByteStream> stream);
 
-  bool poll(int timeout_ms, SampleSink& sink) noexcept override;
+  bool poll(int timeout_ms, SampleSink& sink) override;
   void updateHealth(DeviceHealth& health) const noexcept override;
   [[nodiscard]] DeviceHealth health() const override;
 

@@ -108,7 +108,7 @@ LcmSource::LcmSource(const LcmConfig& config, std::shared_ptr<LcmBus> bus, const
   if (!channels.empty()) bus_->subscribe("(" + channels + ")", config_.queue, *this);
 }
 
-bool LcmSource::poll(int timeout_ms, SampleSink& sink) noexcept {
+bool LcmSource::poll(int timeout_ms, SampleSink& sink) {
   sink_ = &sink;
   const int handled = bus_->poll(timeout_ms, config_.queue);
   sink_ = nullptr;

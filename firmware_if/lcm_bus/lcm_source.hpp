@@ -37,7 +37,7 @@ class LcmSource final : public SampleSource, private LcmBus::Receiver {
   LcmSource(const LcmConfig& config, std::shared_ptr<LcmBus> bus, const std::string& vehicle_name,
             VehicleTime now);
 
-  bool poll(int timeout_ms, SampleSink& sink) noexcept override;
+  bool poll(int timeout_ms, SampleSink& sink) override;
   void updateHealth(DeviceHealth& health) const noexcept override;
   [[nodiscard]] DeviceHealth health() const override;
 

@@ -49,7 +49,7 @@ class SerialFramePort final : public FramePort {
   [[nodiscard]] std::uint64_t droppedFrames() const noexcept override {
     return dropped_ + decoder_.dropped();
   }
-  [[nodiscard]] bool isOpen() const noexcept { return serial_.isOpen(); }
+  [[nodiscard]] bool isOpen() const noexcept override { return serial_.isOpen(); }
   // How often the device has gone away.
   [[nodiscard]] std::uint64_t disconnects() const noexcept { return serial_.disconnects(); }
 

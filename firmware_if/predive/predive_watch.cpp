@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <chrono>
+#include <exception>
 #include <thread>
+
+#include "firmware_if/devices/poll_fence.hpp"
 
 namespace fathom::io {
 namespace {
@@ -10,6 +13,10 @@ namespace {
 constexpr int kPollMs = 50;
 constexpr std::chrono::seconds kGreetEvery{5};  // both ways through the water and the answer's time
 constexpr std::size_t kMaxFrames = 2000;        // of one camera: minutes, even at its fastest
+
+std::int64_t monotonicNs() {
+  return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
 
 using SampleTable = std::array<SampleFacts, kDeviceKinds>;
 
@@ -64,10 +71,11 @@ PrediveFacts watchDevices(PrediveDevices& devices, const std::function<bool()>& 
   const auto begin = std::chrono::steady_clock::now();
 
   std::vector<NoteSamples> notes(devices.sources.size());
+  std::vector<PollFence> fences(devices.sources.size());
   std::vector<std::thread> threads;
   for (std::size_t i = 0; i < devices.sources.size(); ++i) {
     threads.emplace_back([&, i] {
-      while (more()) static_cast<void>(devices.sources[i]->poll(kPollMs, notes[i]));
+      while (more()) fences[i].poll(*devices.sources[i], kPollMs, notes[i], monotonicNs());
     });
   }
   for (std::size_t side = 0; side < devices.cameras.size(); ++side) {
@@ -77,9 +85,16 @@ PrediveFacts watchDevices(PrediveDevices& devices, const std::function<bool()>& 
     if (!seen.used) continue;
     threads.emplace_back([&] {
       NoteFrames sink(*camera.source, seen);
-      while (more()) static_cast<void>(camera.source->poll(kPollMs, sink));
-      if (camera.identity) seen.identity = camera.identity();
+      PollFence fence;
+      while (more()) fence.poll(*camera.source, kPollMs, sink, monotonicNs());
+      try {
+        if (camera.identity) seen.identity = camera.identity();
+      } catch (const std::exception& e) {
+        seen.identity.failure = e.what();
+      }
       seen.health = camera.source->health();
+      fence.tell(seen.health);
+      if (!fence.reason().empty()) seen.identity.failure = fence.reason();
     });
   }
   facts.modem.used = devices.modem_used;
@@ -112,6 +127,7 @@ PrediveFacts watchDevices(PrediveDevices& devices, const std::function<bool()>& 
   facts.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   for (std::size_t i = 0; i < devices.sources.size(); ++i) {
     facts.sources.push_back(devices.sources[i]->health());
+    fences[i].tell(facts.sources.back());
     merge(notes[i].table, facts.samples);
   }
   // A fix that came over LCM and one of the ship's frame are the same to the vehicle.

@@ -25,6 +25,10 @@ class FramePort {
 
   // Frames dropped on reception because they were too long or broken in the line protocol.
   [[nodiscard]] virtual std::uint64_t droppedFrames() const noexcept = 0;
+
+  // Whether the device is there; while it is not, nothing is sent and nothing comes. On the thread that uses
+  // the port.
+  [[nodiscard]] virtual bool isOpen() const noexcept { return true; }
 };
 
 }  // namespace fathom

@@ -101,8 +101,13 @@ class FakeSource final : public SampleSource {
   }
   void updateHealth(DeviceHealth& out) const noexcept override { out.samples = given_; }
   DeviceHealth health() const override {
-    return {name_,  true, kStart,
-            given_, 0,    {{"ensembles", given_}, {"bad_checksum", damaged_}, {"bytes", 800 * given_}}};
+    DeviceHealth health;
+    health.name = name_;
+    health.open = true;
+    health.last_data_ns = kStart;
+    health.samples = given_;
+    health.counters = {{"ensembles", given_}, {"bad_checksum", damaged_}, {"bytes", 800 * given_}};
+    return health;
   }
 
  private:
@@ -144,7 +149,15 @@ class FakeCamera final : public CameraSource {
   rt::SharedBlocks& pool() noexcept override { return pool_; }
   ImageView view(const CameraFrame&) noexcept override { return viewOf(in_the_dark_ ? dark_ : lit_); }
   void updateHealth(DeviceHealth&) const noexcept override {}
-  DeviceHealth health() const override { return {"camera", true, kStart, id_, 0, {{"clock_resets", 0}}}; }
+  DeviceHealth health() const override {
+    DeviceHealth health;
+    health.name = "camera";
+    health.open = true;
+    health.last_data_ns = kStart;
+    health.samples = id_;
+    health.counters = {{"clock_resets", 0}};
+    return health;
+  }
 
  private:
   const Vehicle& vehicle_;

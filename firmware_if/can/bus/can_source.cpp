@@ -65,7 +65,7 @@ void CanSource::take(const BusFrame& frame, SampleSink& sink) noexcept {
   }
 }
 
-bool CanSource::poll(int timeout_ms, SampleSink& sink) noexcept {
+bool CanSource::poll(int timeout_ms, SampleSink& sink) {
   sendWhatIsDue();
   for (int batch = 0; batch < kMaxBatches; ++batch) {
     const auto frames = socket_.receive(batch == 0 ? timeout_ms : 0);

@@ -21,7 +21,7 @@ class CanSource final : public SampleSource {
   // interface name that cannot be one; an interface that is not there yet is waited for by poll().
   CanSource(const CanConfig& config, const rt::Clock& vehicle);
 
-  bool poll(int timeout_ms, SampleSink& sink) noexcept override;
+  bool poll(int timeout_ms, SampleSink& sink) override;
   // What poll() sends from now on, where sending is enabled; from one thread, any. To be renewed at least
   // every CanSender::kReportHolds_s.
   void publish(const VehicleReport& report) noexcept;

@@ -11,6 +11,7 @@
 #include <cerrno>
 #include <cstring>
 #include <exception>
+#include <new>
 #include <system_error>
 #include <utility>
 
@@ -119,19 +120,32 @@ void RtThread::join() noexcept {
 
 void* RtThread::enter(void* self) {
   auto& thread = *static_cast<RtThread*>(self);
-  thread.refused_ = applyThreadConfig(thread.config_);
+  thread.fenced([&] { thread.refused_ = applyThreadConfig(thread.config_); });
+  const bool configured = thread.failure_.empty();
   thread.ready_.store(true, std::memory_order_release);
   thread.ready_.notify_all();
-  try {
-    thread.body_();
-  } catch (const std::exception& e) {
-    thread.failure_ = e.what();
-    if (thread.failure_.empty()) thread.failure_ = "exception without text";
-  } catch (...) {
-    thread.failure_ = "exception of unknown type";
-  }
+  if (configured) thread.fenced(thread.body_);
   thread.running_.store(false, std::memory_order_release);
   return nullptr;
+}
+
+template <class Work>
+void RtThread::fenced(const Work& work) noexcept {
+  try {
+    work();
+  } catch (const std::exception& e) {
+    keepFailure(e.what()[0] == '\0' ? "exception without text" : e.what());
+  } catch (...) {
+    keepFailure("exception of unknown type");
+  }
+}
+
+void RtThread::keepFailure(const char* why) noexcept {
+  try {
+    failure_ = why;
+  } catch (const std::bad_alloc&) {
+    failure_ = "no memory";  // short enough to take none
+  }
 }
 
 void touchStack(std::size_t bytes) noexcept {

@@ -35,8 +35,8 @@ class RtThread {
   RtThread& operator=(const RtThread&) = delete;
 
   // Returns when policy, affinity and name are set (or refused) and `body` is about to begin. False when a
-  // body is still running or the system gives no thread. An exception that leaves the body ends it and is
-  // kept as failure().
+  // body is still running or the system gives no thread. An exception that leaves the body ends it, never the
+  // program, and is kept as failure().
   [[nodiscard]] bool start(std::function<void()> body);
   // Waits for the body to return; at once where none runs.
   void join() noexcept;
@@ -53,6 +53,9 @@ class RtThread {
 
  private:
   static void* enter(void* self);
+  template <class Work>
+  void fenced(const Work& work) noexcept;
+  void keepFailure(const char* why) noexcept;
 
   ThreadConfig config_;
   std::byte* mapping_ = nullptr;

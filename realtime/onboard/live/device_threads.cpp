@@ -18,8 +18,8 @@ SampleThread::SampleThread(io::SampleSource& source, const Links& links, const r
 
 void SampleThread::run(const std::atomic<bool>& stop) noexcept {
   while (!stop.load(std::memory_order_acquire)) {
-    (void)source_.poll(kPollMs, *this);
-    health_.update(source_);
+    fence_.poll(source_, kPollMs, *this, clock_.monotonicNs());
+    health_.update(source_, fence_);
     links_.heart->beat(clock_.monotonicNs());
   }
 }
@@ -39,8 +39,8 @@ CameraThread::CameraThread(io::CameraSource& camera, const Links& links, const r
 
 void CameraThread::run(const std::atomic<bool>& stop) noexcept {
   while (!stop.load(std::memory_order_acquire)) {
-    (void)camera_.poll(kPollMs, *this);
-    health_.update(camera_);
+    fence_.poll(camera_, kPollMs, *this, clock_.monotonicNs());
+    health_.update(camera_, fence_);
     links_.heart->beat(clock_.monotonicNs());
   }
 }
@@ -79,6 +79,7 @@ void ModemThread::run(const std::atomic<bool>& stop) noexcept {
       (modem_.send(frame.data()) ? counters_.sent : counters_.refused)
           .fetch_add(1, std::memory_order_relaxed);
     counters_.dropped.store(modem_.droppedFrames(), std::memory_order_relaxed);
+    counters_.open.store(modem_.isOpen(), std::memory_order_relaxed);
     links_.heart->beat(clock_.monotonicNs());
     const timespec pause = {0, kModemPoll_ns};
     ::clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, nullptr);

@@ -7,7 +7,7 @@
 #include <mutex>
 #include <vector>
 
-#include "firmware_if/devices/sample_source.hpp"
+#include "firmware_if/devices/poll_fence.hpp"
 #include "firmware_if/recorder/recorder.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/frame_port.hpp"
@@ -20,11 +20,17 @@ namespace fathom::onboard {
 // effort as far as this goes; the hard tier never comes here.
 class SharedHealth {
  public:
-  explicit SharedHealth(io::DeviceHealth first) : own_(first), shown_(std::move(first)) {}
+  // Beside the device's own counters it shows "poll_failures": what its polls threw.
+  explicit SharedHealth(io::DeviceHealth first) : own_(std::move(first)) {
+    own_.counters.emplace_back("poll_failures", 0);
+    shown_ = own_;
+  }
   // By the polling thread, without waiting: skipped while the other side reads.
   template <class Source>
-  void update(const Source& source) noexcept {
+  void update(const Source& source, const io::PollFence& fence) noexcept {
     source.updateHealth(own_);
+    own_.counters.back().second = fence.failures();
+    fence.tell(own_);
     const std::unique_lock<std::mutex> lock(mutex_, std::try_to_lock);
     if (lock.owns_lock()) std::swap(own_, shown_);
   }
@@ -39,7 +45,7 @@ class SharedHealth {
 };
 
 // The thread of one device that gives samples: polls it, hands samples to the hard tier and bytes to the
-// recorder.
+// recorder. Goes on until it is stopped, whatever the device throws (PollFence).
 class SampleThread final : public io::SampleSink {
  public:
   struct Links {
@@ -62,10 +68,12 @@ class SampleThread final : public io::SampleSink {
   io::SampleSource& source_;
   Links links_;
   const rt::Clock& clock_;
+  io::PollFence fence_;
   SharedHealth health_;
 };
 
 // The thread of one camera: its frames go to the recorder, to the soft tier, and as stamps to the hard tier.
+// Goes on until it is stopped, whatever the camera throws (PollFence).
 class CameraThread final : public io::FrameSink {
  public:
   struct Links {
@@ -78,18 +86,18 @@ class CameraThread final : public io::FrameSink {
 
   void run(const std::atomic<bool>& stop) noexcept;
   [[nodiscard]] io::DeviceHealth health() const { return health_.read(); }
-  // Frames that found the soft tier's ring full: their pair will be dropped.
-
   void frame(const io::CameraFrame& frame) noexcept override;
 
  private:
   io::CameraSource& camera_;
   Links links_;
   const rt::Clock& clock_;
+  io::PollFence fence_;
   SharedHealth health_;
 };
 
-// The modem's thread: what the soft tier gives goes out, what comes in goes to the hard tier as an input.
+// The modem's thread: what the soft tier gives goes out, what comes in goes to the hard tier as an input. Its
+// port waits for a device that is not there, and never throws.
 class ModemThread {
  public:
   struct Links {
@@ -102,6 +110,7 @@ class ModemThread {
   struct Counters {
     std::atomic<std::uint64_t> sent{0}, refused{0}, received{0}, dropped{0};
     std::atomic<std::int64_t> last_received_ns{0};  // vehicle time
+    std::atomic<bool> open{false};                  // the device is there
   };
   ModemThread(FramePort& modem, const Links& links, const rt::Clock& clock);
 

@@ -243,7 +243,7 @@ void LiveSystem::runRecorder(rt::Heartbeat& heart) {
 }
 
 rt::ArmingResult LiveSystem::arm() {
-  threads_.start();
+  (void)threads_.start();
   arming_ = rt::arm(setup_.config.live.realtime, budget_, heap_, setup_.config.live.memory.heap_bytes);
   if (!arming_.armed()) return arming_;
   complete_.store(arming_.complete(), std::memory_order_relaxed);

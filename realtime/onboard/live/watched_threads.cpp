@@ -13,8 +13,11 @@ rt::Heartbeat& WatchedThreads::add(rt::Tier tier, const char* name, const Watch&
   return heart;
 }
 
-void WatchedThreads::start() {
-  for (Worker& worker : workers_) (void)worker.thread.start(worker.body);
+std::vector<std::string> WatchedThreads::start() {
+  std::vector<std::string> missing;
+  for (Worker& worker : workers_)
+    if (!worker.thread.start(worker.body)) missing.push_back(worker.name);
+  return missing;
 }
 
 void WatchedThreads::watchFrom(std::int64_t now_ns) {
@@ -28,18 +31,34 @@ void WatchedThreads::look(std::int64_t now_ns, std::vector<std::string>& events)
     if (of == workers_.end()) return;
     switch (remedy) {
       case rt::Watchdog::Remedy::kRestart:
-        // A body that has left is started again; one that hangs in a system call cannot be taken away.
-        events.push_back(of->name + " is stuck" +
-                         (!of->thread.running() && of->thread.start(of->body) ? "; started again" : ""));
+        events.push_back(told(*of, true));
         break;
       case rt::Watchdog::Remedy::kGiveUp:
-        events.push_back(of->name + " is stuck; going on without it");
+        events.push_back(told(*of, false) + "; going on without it");
         break;
       case rt::Watchdog::Remedy::kRecovered:
         events.push_back(of->name + " is alive again");
         break;
     }
   });
+}
+
+// What is wrong with it. A body that has left is started again; one that hangs in a system call cannot be
+// taken away.
+std::string WatchedThreads::told(Worker& worker, bool restart) {
+  if (worker.thread.running()) return worker.name + " is stuck";
+  if (!worker.thread.failure().empty()) worker.reason = worker.thread.failure();
+  std::string text = worker.name + " has left";
+  if (!worker.thread.failure().empty()) text += " (" + worker.thread.failure() + ")";
+  if (restart) text += worker.thread.start(worker.body) ? "; started again" : "; the system gives no thread";
+  return text;
+}
+
+std::string WatchedThreads::reasonOf(std::string_view name) const {
+  const auto of =
+      std::find_if(workers_.begin(), workers_.end(), [&](const Worker& w) { return w.name == name; });
+  if (of == workers_.end()) return "";
+  return of->thread.running() || of->thread.failure().empty() ? of->reason : of->thread.failure();
 }
 
 void WatchedThreads::unwatch() {

@@ -17,7 +17,8 @@
 namespace fathom::onboard {
 
 // The threads of a live run, each with a heartbeat: one that has left is started again, one that hangs is
-// told of.
+// told of. What a body throws ends its thread alone; it is started again, where it is restartable, at the
+// watchdog's growing intervals. Everything but the bodies runs on one thread.
 class WatchedThreads {
  public:
   using Body = std::function<void(rt::Heartbeat&)>;
@@ -30,13 +31,16 @@ class WatchedThreads {
 
   // Before start(). Its heartbeat, for whatever the body runs.
   rt::Heartbeat& add(rt::Tier tier, const char* name, const Watch& watch, Body body);
-  void start();
+  // The names of those that the system gave no thread; the watchdog tries them again like one that has left.
+  [[nodiscard]] std::vector<std::string> start();
   void watchFrom(std::int64_t now_ns);
   // Some times a second; a line for each thing that happened.
   void look(std::int64_t now_ns, std::vector<std::string>& events);
   void unwatch();
   void joinAllBut(std::initializer_list<std::string_view> names);
 
+  // Why the body of this name left last, "" where it never did by an exception.
+  [[nodiscard]] std::string reasonOf(std::string_view name) const;
   [[nodiscard]] const rt::Watchdog& watchdog() const { return watchdog_; }
   [[nodiscard]] std::size_t stackBytes() const;
 
@@ -48,7 +52,10 @@ class WatchedThreads {
     std::function<void()> body;
     std::size_t watched;  // tier of the watchdog
     std::string name;
+    std::string reason;  // that it left for, before it was started again
   };
+  static std::string told(Worker& worker, bool restart);
+
   const rt::RealtimeConfig& config_;
   rt::Watchdog watchdog_;
   std::deque<Worker> workers_;

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <string>
+#include <string_view>
+
+namespace fathom::io {
+
+// A text of at most `kMost` bytes that owns no memory; longer ones are cut.
+template <std::size_t kMost>
+class ShortText {
+  static_assert(kMost <= UINT8_MAX);
+
+ public:
+  static constexpr std::size_t kMax = kMost;
+  constexpr ShortText() = default;
+  ShortText(std::string_view text) noexcept {  // NOLINT: texts are written as literals
+    size_ = static_cast<std::uint8_t>(text.size() < kMax ? text.size() : kMax);
+    if (size_ > 0) std::memcpy(text_.data(), text.data(), size_);
+  }
+  ShortText(const char* text) noexcept : ShortText(std::string_view(text)) {}         // NOLINT
+  ShortText(const std::string& text) noexcept : ShortText(std::string_view(text)) {}  // NOLINT
+  [[nodiscard]] std::string_view view() const noexcept { return {text_.data(), size_}; }
+  [[nodiscard]] bool empty() const noexcept { return size_ == 0; }
+  friend bool operator==(const ShortText& a, const ShortText& b) noexcept { return a.view() == b.view(); }
+
+ private:
+  std::array<char, kMax> text_{};
+  std::uint8_t size_ = 0;
+};
+
+}  // namespace fathom::io

@@ -1,0 +1,214 @@
+#include "realtime/onboard/live/device_threads.hpp"
+
+#include <gmock/gmock.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <new>
+#include <stdexcept>
+#include <thread>
+
+#include "realtime/kernel/clock.hpp"
+#include "realtime/onboard/live/watched_threads.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+using testing::AllOf;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+constexpr std::int64_t kSecond = 1'000'000'000;
+
+// Time as the test has it: device threads ask it, and nothing sleeps by it.
+struct MadeClock final : rt::Clock {
+  std::atomic<std::int64_t> now{1};
+  [[nodiscard]] std::int64_t monotonicNs() const noexcept override { return now; }
+  [[nodiscard]] std::int64_t utcNs() const noexcept override { return now; }
+  void sleepUntil(std::int64_t) noexcept override {}
+};
+
+template <class Done>
+[[nodiscard]] bool comesTrue(const Done& done) {
+  for (int i = 0; i < 5000; ++i) {
+    if (done()) return true;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  return false;
+}
+
+// Throws in each poll as long as it is told to; else gives a sample.
+struct ThrowingSource final : io::SampleSource {
+  std::atomic<bool> throws{true};
+  std::atomic<int> polls{0}, closed{0};
+  bool poll(int, io::SampleSink& sink) override {
+    ++polls;
+    if (throws) throw std::runtime_error("the library is out of order");
+    sink.sample(7, DepthSample{7, 12.5});
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    return true;
+  }
+  void close() noexcept override { ++closed; }
+  void updateHealth(io::DeviceHealth& health) const noexcept override {
+    health.open = true;
+    health.reason = {};
+  }
+  [[nodiscard]] io::DeviceHealth health() const override {
+    io::DeviceHealth health;
+    health.name = "depth";
+    return health;
+  }
+};
+
+struct ThrowingCamera final : io::CameraSource {
+  rt::SharedBlocks blocks{2, 64, rt::MemoryLock::kUnlocked};
+  std::atomic<bool> throws{true};
+  std::atomic<int> closed{0}, polls{0};
+  bool poll(int, io::FrameSink&) override {
+    ++polls;
+    if (throws) throw std::bad_alloc();
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    return true;
+  }
+  void close() noexcept override { ++closed; }
+  rt::SharedBlocks& pool() noexcept override { return blocks; }
+  [[nodiscard]] ImageView view(const io::CameraFrame&) noexcept override { return {}; }
+  void updateHealth(io::DeviceHealth& health) const noexcept override {
+    health.open = true;
+    health.reason = {};
+  }
+  [[nodiscard]] io::DeviceHealth health() const override { return {}; }
+};
+
+std::uint64_t pollFailures(const io::DeviceHealth& health) {
+  for (const auto& [name, value] : health.counters)
+    if (name == "poll_failures") return value;
+  return 0;
+}
+
+TEST(DeviceThreads, ADeviceWhosePollThrowsIsLetGoToldOfAndTriedAgainAtGrowingIntervals) {
+  MadeClock clock;
+  rt::Heartbeat heart;
+  InputRing inputs;
+  ThrowingSource source;
+  SampleThread thread(source, {&inputs, nullptr, 0, &heart}, clock);
+  std::atomic<bool> stop{false};
+  std::thread runs([&] { thread.run(stop); });
+  ASSERT_TRUE(comesTrue([&] { return pollFailures(thread.health()) == 1; }));
+  EXPECT_FALSE(thread.health().open);
+  EXPECT_EQ(thread.health().reason.view(), "the library is out of order");
+  EXPECT_EQ(source.closed, 1);
+  const std::uint64_t beats = heart.beats();
+  ASSERT_TRUE(comesTrue([&] { return heart.beats() > beats + 1; })) << "the thread beats while it rests";
+  EXPECT_EQ(source.polls, 1);
+  clock.now += kSecond;
+  ASSERT_TRUE(comesTrue([&] { return pollFailures(thread.health()) == 2; }));
+  clock.now += kSecond;
+  const std::uint64_t rested = heart.beats();
+  ASSERT_TRUE(comesTrue([&] { return heart.beats() > rested + 1; }));
+  EXPECT_EQ(source.polls, 2) << "the second rest is twice as long";
+  source.throws = false;
+  clock.now += kSecond;
+  ASSERT_TRUE(comesTrue([&] { return inputs.used() > 0 && thread.health().open; }));
+  EXPECT_TRUE(thread.health().reason.empty());
+  EXPECT_EQ(pollFailures(thread.health()), 2u);
+  stop = true;
+  runs.join();
+}
+
+TEST(DeviceThreads, ACameraThatHasNoMemoryForItsSearchIsTriedAgain) {
+  MadeClock clock;
+  rt::Heartbeat heart;
+  InputRing stamps;
+  FrameRing frames;
+  ThrowingCamera camera;
+  CameraThread thread(camera, {&stamps, &frames, nullptr, &heart}, clock);
+  std::atomic<bool> stop{false};
+  std::thread runs([&] { thread.run(stop); });
+  ASSERT_TRUE(comesTrue([&] { return pollFailures(thread.health()) == 1; }));
+  EXPECT_THAT(std::string(thread.health().reason.view()), HasSubstr("bad_alloc"));
+  EXPECT_EQ(camera.closed, 1);
+  camera.throws = false;
+  clock.now += kSecond;
+  EXPECT_TRUE(comesTrue([&] { return thread.health().open && camera.polls > 1; }));
+  stop = true;
+  runs.join();
+}
+
+rt::RealtimeConfig plainThreads() {
+  rt::RealtimeConfig config;
+  config.soft = true;
+  config.device_priority = config.soft_priority = 0;
+  config.stuck_after_ns = kSecond;
+  return config;
+}
+
+TEST(WatchedThreads, ABodyThatThrowsEndsItsThreadAloneAndIsStartedAgainSayingWhy) {
+  const rt::RealtimeConfig config = plainThreads();
+  WatchedThreads threads(config);
+  std::atomic<int> starts{0};
+  std::atomic<bool> other_runs{false}, stop{false};
+  threads.add(rt::Tier::kBestEffort, "publisher", {}, [&](rt::Heartbeat&) {
+    if (++starts < 3)
+      throw std::runtime_error("message " + std::to_string(starts.load()) + " cannot be told");
+    while (!stop) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  });
+  threads.add(rt::Tier::kBestEffort, "other", {}, [&](rt::Heartbeat&) {
+    other_runs = true;
+    while (!stop) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  });
+  EXPECT_THAT(threads.start(), IsEmpty());
+  ASSERT_TRUE(comesTrue([&] { return other_runs && threads.reasonOf("publisher") != ""; }));
+  EXPECT_EQ(threads.reasonOf("publisher"), "message 1 cannot be told");
+  EXPECT_EQ(threads.reasonOf("other"), "");
+
+  threads.watchFrom(0);
+  std::vector<std::string> events;
+  threads.look(kSecond, events);
+  EXPECT_THAT(events,
+              ElementsAre("publisher has left (message 1 cannot be told); started again", "other is stuck"));
+  ASSERT_TRUE(comesTrue([&] { return threads.reasonOf("publisher") == "message 2 cannot be told"; }));
+  events.clear();
+  threads.look(2 * kSecond, events);
+  EXPECT_THAT(events, IsEmpty()) << "the second start waits longer";
+  threads.look(3 * kSecond, events);
+  EXPECT_THAT(events, testing::Contains("publisher has left (message 2 cannot be told); started again"));
+  ASSERT_TRUE(comesTrue([&] { return starts == 3; }));
+  EXPECT_EQ(threads.reasonOf("publisher"), "message 2 cannot be told") << "known after it runs again";
+  stop = true;
+  threads.joinAllBut({});
+}
+
+TEST(WatchedThreads, ABodyThatIsNotToBeStartedAgainIsGivenUpWithItsReason) {
+  const rt::RealtimeConfig config = plainThreads();
+  WatchedThreads threads(config);
+  threads.add(rt::Tier::kBestEffort, "vision", {false, false},
+              [&](rt::Heartbeat&) { throw std::length_error("no such square"); });
+  EXPECT_THAT(threads.start(), IsEmpty());
+  threads.joinAllBut({});
+  threads.watchFrom(0);
+  std::vector<std::string> events;
+  threads.look(kSecond, events);
+  EXPECT_THAT(events, ElementsAre("vision has left (no such square); going on without it"));
+}
+
+// In a process of its own, which may have no thread beside the first.
+int startWithoutThreads() {
+  const rt::RealtimeConfig config = plainThreads();
+  WatchedThreads threads(config);
+  threads.add(rt::Tier::kBestEffort, "recorder", {}, [](rt::Heartbeat&) {});
+  threads.add(rt::Tier::kBestEffort, "publisher", {}, [](rt::Heartbeat&) {});
+  const rlimit none = {0, 0};
+  constexpr uid_t kNobody = 65534;  // the system's limit is not root's
+  if (::setrlimit(RLIMIT_NPROC, &none) != 0 || (::geteuid() == 0 && ::setuid(kNobody) != 0)) return 2;
+  return threads.start() == std::vector<std::string>{"recorder", "publisher"} ? 0 : 1;
+}
+
+TEST(WatchedThreads, ThreadsThatTheSystemDoesNotGiveAreNamed) {
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  EXPECT_EXIT(::_exit(startWithoutThreads()), testing::ExitedWithCode(0), "");
+}
+
+}  // namespace
+}  // namespace fathom::onboard
