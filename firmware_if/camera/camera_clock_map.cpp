@@ -99,10 +99,10 @@ void CameraClockMap::addArrival(std::int64_t device_ns, std::int64_t utc_ns) noe
   window_open_ = false;
 }
 
-bool CameraClockMap::timeOfDay(std::int64_t device_ns, std::int64_t utc_ns,
+bool CameraClockMap::timeOfDay(std::int64_t device_ns, std::int64_t utc_ns, std::int64_t utc_error_ns,
                                std::int64_t& mapped) const noexcept {
   for (const std::int64_t ahead : {std::int64_t{0}, kTaiAheadNs}) {
-    mapped = device_ns - ahead;
+    mapped = device_ns - ahead + utc_error_ns;
     if (mapped - utc_ns < kBeforeExposureNs && utc_ns - mapped < kLeapNs) return true;
   }
   return false;
@@ -133,11 +133,12 @@ void CameraClockMap::watch(std::int64_t device_ns, std::int64_t utc_ns) noexcept
   if (early || late_ == kLateFrames) reset(device_ns, utc_ns);
 }
 
-std::int64_t CameraClockMap::utcNs(std::int64_t device_ns, std::int64_t first_packet_utc_ns) noexcept {
+std::int64_t CameraClockMap::utcNs(std::int64_t device_ns, std::int64_t first_packet_utc_ns,
+                                   std::int64_t utc_error_ns) noexcept {
   device_ns = std::clamp<std::int64_t>(device_ns, 0, kLatestNs);
   if (mode_ == Mode::kPtp) {
     std::int64_t mapped = 0;
-    if (timeOfDay(device_ns, first_packet_utc_ns, mapped)) {
+    if (timeOfDay(device_ns, first_packet_utc_ns, utc_error_ns, mapped)) {
       settled_ = true;
       return inOrder(mapped);
     }

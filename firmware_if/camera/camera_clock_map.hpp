@@ -24,8 +24,8 @@ class CameraClockMap {
  public:
   enum class Mode : std::uint8_t {
     kFree,  // the clock counts from power-on
-    // The stamps are time of day by IEEE 1588, UTC or TAI; taken as they are while they fit the arrival, else
-    // fitted as kFree and counted.
+    // The stamps are time of day by IEEE 1588, UTC or TAI; with what vehicle time differs from UTC they are
+    // taken while they fit the arrival, else fitted as kFree and counted.
     kPtp,
   };
 
@@ -40,7 +40,9 @@ class CameraClockMap {
   // The camera was lost and found: meanwhile its clock may have begun anew.
   void reopened() noexcept { reopened_ = true; }
   // The vehicle's time of a frame's stamp, for frames in their order; later than every one before it.
-  [[nodiscard]] std::int64_t utcNs(std::int64_t device_ns, std::int64_t first_packet_utc_ns) noexcept;
+  // `utc_error_ns`: vehicle time less UTC (kPtp only).
+  [[nodiscard]] std::int64_t utcNs(std::int64_t device_ns, std::int64_t first_packet_utc_ns,
+                                   std::int64_t utc_error_ns = 0) noexcept;
 
   // Whether the times can be trusted for pairing: a close reading, or several arrivals of which the least
   // late counts, since the line began. One late packet must not pass for the clock.
@@ -64,7 +66,7 @@ class CameraClockMap {
   [[nodiscard]] std::int64_t readingTolerance(std::int64_t uncertainty_ns) const noexcept;
   [[nodiscard]] std::int64_t lineUtcNs(std::int64_t device_ns) const noexcept;
   [[nodiscard]] std::int64_t inOrder(std::int64_t utc_ns) noexcept;
-  [[nodiscard]] bool timeOfDay(std::int64_t device_ns, std::int64_t utc_ns,
+  [[nodiscard]] bool timeOfDay(std::int64_t device_ns, std::int64_t utc_ns, std::int64_t utc_error_ns,
                                std::int64_t& mapped) const noexcept;
 
   Mode mode_;

@@ -155,6 +155,7 @@ bool GigeCamera::Impl::poll(int timeout_ms, FrameSink& sink) {
     take(buffer, sink);
     arv_stream_push_buffer(stream.get(), buffer);
   }
+  received.drained(systemNs(), now());
   readStatistics();
   if (clock.hasReadings() && !clock.settled()) next_reading_ns = 0;
   if (lost()) {
@@ -167,8 +168,9 @@ bool GigeCamera::Impl::poll(int timeout_ms, FrameSink& sink) {
   return true;
 }
 
-GigeCamera::GigeCamera(const CameraConfig& config, VehicleTime now, rt::MemoryLock lock)
-    : impl_(std::make_unique<Impl>(config, std::move(now), lock)) {}
+GigeCamera::GigeCamera(const CameraConfig& config, VehicleTime now, VehicleClockState clock,
+                       rt::MemoryLock lock)
+    : impl_(std::make_unique<Impl>(config, std::move(now), std::move(clock), lock)) {}
 GigeCamera::~GigeCamera() = default;
 
 bool GigeCamera::poll(int timeout_ms, FrameSink& sink) {

@@ -1,11 +1,11 @@
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <string>
 
 #include "firmware_if/camera/camera_config.hpp"
 #include "firmware_if/camera/camera_source.hpp"
+#include "firmware_if/devices/vehicle_time.hpp"
 #include "realtime/kernel/arena.hpp"
 
 namespace fathom::io {
@@ -39,11 +39,10 @@ namespace fathom::io {
 // ids.
 class GigeCamera final : public CameraSource {
  public:
-  // Vehicle's time, UTC [ns]; called from the camera's threads.
-  using VehicleTime = std::function<std::int64_t()>;
-
   // Takes all memory of the frames here; opens nothing. Throws std::system_error when the memory is refused.
-  GigeCamera(const CameraConfig& config, VehicleTime now, rt::MemoryLock lock = rt::MemoryLock::kUnlocked);
+  // `clock`: for stamps by IEEE 1588, which are UTC.
+  GigeCamera(const CameraConfig& config, VehicleTime now, VehicleClockState clock = {},
+             rt::MemoryLock lock = rt::MemoryLock::kUnlocked);
   ~GigeCamera() override;
   GigeCamera(const GigeCamera&) = delete;
   GigeCamera& operator=(const GigeCamera&) = delete;

@@ -12,6 +12,7 @@
 #include "firmware_if/camera/camera_setup.hpp"
 #include "firmware_if/camera/frame_id_unwrap.hpp"
 #include "firmware_if/camera/gige_camera.hpp"
+#include "firmware_if/devices/receive_time.hpp"
 
 // What a GigeCamera holds: gige_camera.cpp opens, watches and closes it, gige_frames.cpp takes its frames and
 // reads its clock.
@@ -64,9 +65,10 @@ inline std::size_t bufferBytes(const CameraConfig& config) {
 namespace fathom::io {
 
 struct GigeCamera::Impl {
-  Impl(const CameraConfig& c, VehicleTime n, rt::MemoryLock lock)
+  Impl(const CameraConfig& c, VehicleTime n, VehicleClockState s, rt::MemoryLock lock)
       : config(c),
         now(std::move(n)),
+        clock_state(std::move(s)),
         blocks(c.pool_frames, frameBytes(c.format.packing, gige::pixelsOf(c)), lock),
         memory(c.buffers * (gige::bufferBytes(c) + kBufferAlignment), lock),
         clock(c.trigger == CameraTrigger::kPtp ? CameraClockMap::Mode::kPtp : CameraClockMap::Mode::kFree,
@@ -84,7 +86,7 @@ struct GigeCamera::Impl {
   bool lost();
   void take(ArvBuffer* buffer, FrameSink& sink);
   [[nodiscard]] bool whole(ArvBuffer* buffer);
-  [[nodiscard]] static std::int64_t firstPacketUtcNs(ArvBuffer* buffer, std::int64_t utc_ns);
+  [[nodiscard]] static std::int64_t systemNs() { return g_get_real_time() * gige::kNsPerUs; }
   void readClock();
   void readStatistics();
   [[nodiscard]] std::int64_t silenceNs() const {
@@ -98,6 +100,7 @@ struct GigeCamera::Impl {
   static constexpr std::size_t kBufferAlignment = 64;
   CameraConfig config;
   VehicleTime now;
+  VehicleClockState clock_state;
   rt::SharedBlocks blocks;
   rt::Arena memory;
   std::vector<GObjectPtr<ArvBuffer>> buffers;  // one reference is ours: they outlive the streams
@@ -110,6 +113,7 @@ struct GigeCamera::Impl {
   std::atomic<bool> control_lost{false}, priority_refused{false};
 
   CameraClockMap clock;
+  ReceiveTime received;  // Aravis notes by the system's clock when a frame's leader came
   FrameIdUnwrap ids;
   std::uint64_t ticks_per_s = 0;  // of the clock's registers; 0: it has none
   std::int64_t next_reading_ns = 0, reading_gap_ns = 0;

@@ -102,14 +102,6 @@ bool GigeCamera::Impl::whole(ArvBuffer* buffer) {
   return true;
 }
 
-// Aravis notes when a frame's leader came, by the system's clock; `utc_ns` is now, by the vehicle's.
-std::int64_t GigeCamera::Impl::firstPacketUtcNs(ArvBuffer* buffer, std::int64_t utc_ns) {
-  const std::int64_t age =
-      g_get_real_time() * kNsPerUs - static_cast<std::int64_t>(arv_buffer_get_system_timestamp(buffer));
-  // Where the system's clock was set in between, the frame is as old as it can be told.
-  return age >= 0 && age < kOldestFrameNs ? utc_ns - age : utc_ns;
-}
-
 void GigeCamera::Impl::take(ArvBuffer* buffer, FrameSink& sink) {
   if (arv_buffer_get_status(buffer) == ARV_BUFFER_STATUS_CLEARED) return;
   const std::int64_t utc_ns = now();
@@ -142,7 +134,9 @@ void GigeCamera::Impl::take(ArvBuffer* buffer, FrameSink& sink) {
   frame.frame_id = step.id;
   frame.device_ns = device_ns;
   frame.arrival_utc_ns = utc_ns;
-  frame.utc_ns = clock.utcNs(frame.device_ns, firstPacketUtcNs(buffer, frame.arrival_utc_ns));
+  const auto leader_ns = static_cast<std::int64_t>(arv_buffer_get_system_timestamp(buffer));
+  frame.utc_ns = clock.utcNs(frame.device_ns, received.toVehicle(leader_ns, systemNs(), utc_ns),
+                             clock_state ? clock_state().error_ns : 0);
   frame.exposure_s = identity.exposure_s;
   frame.gain_db = identity.gain_db;
   if (!clock.settled()) return count(Count::kClockUnsettled);

@@ -66,10 +66,6 @@ struct Plausible {
   bool operator()(const ImageEvent&) const { return false; }  // cameras are not on the bus
 };
 
-std::int64_t stampOf(const SensorSample& sample) {
-  return std::visit([](const auto& s) { return s.utc_ns; }, sample);
-}
-
 }  // namespace
 
 LcmConfig readLcmConfig(const ConfigTable& table, LcmConfig defaults) {
@@ -93,8 +89,8 @@ LcmConfig readLcmConfig(const ConfigTable& table, LcmConfig defaults) {
 }
 
 LcmSource::LcmSource(const LcmConfig& config, std::shared_ptr<LcmBus> bus, const std::string& vehicle_name,
-                     VehicleTime now)
-    : config_(config), bus_(std::move(bus)), now_(std::move(now)) {
+                     VehicleTime now, VehicleClockState clock)
+    : config_(config), bus_(std::move(bus)), now_(std::move(now)), clock_(std::move(clock)) {
   std::string channels;
   const auto listen = [&](const std::string& channel) {
     channels += (channels.empty() ? "" : "|") + channel;
@@ -141,9 +137,7 @@ void LcmSource::message(std::string_view channel, std::span<const std::uint8_t> 
     ++twins_;
     return;
   }
-  const double age_s = static_cast<double>(arrival_ns - stampOf(*sample)) / 1e9;
-  const double oldest = std::holds_alternative<UsblFix>(*sample) ? kMaxFixAge : config_.max_age_s;
-  if (age_s > oldest || age_s < -config_.max_age_s) {
+  if (!toVehicleTime(*sample, arrival_ns)) {
     ++stale_;
     return;
   }
@@ -154,6 +148,22 @@ void LcmSource::message(std::string_view channel, std::span<const std::uint8_t> 
   ++samples_;
   last_sample_ns_ = arrival_ns;
   sink_->sample(arrival_ns, *sample);
+}
+
+// False for a stamp too far from its arrival.
+bool LcmSource::toVehicleTime(SensorSample& sample, std::int64_t arrival_ns) const noexcept {
+  const rt::ClockState state = clock_ ? clock_() : rt::ClockState{};
+  std::int64_t& stamp_ns = std::visit([](auto& s) -> std::int64_t& { return s.utc_ns; }, sample);
+  const double oldest = std::holds_alternative<UsblFix>(sample) ? kMaxFixAge : config_.max_age_s;
+  const auto fits = [&](std::int64_t vehicle_ns) {
+    const double age_s = static_cast<double>(arrival_ns - vehicle_ns) / 1e9;
+    return age_s <= oldest && age_s >= -config_.max_age_s;
+  };
+  if (fits(stamp_ns + state.error_ns)) {
+    stamp_ns += state.error_ns;
+    return true;
+  }
+  return !state.synchronised && fits(stamp_ns);
 }
 
 DeviceHealth LcmSource::health() const {

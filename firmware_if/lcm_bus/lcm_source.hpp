@@ -31,11 +31,15 @@ struct LcmConfig {
 // TCM, PAROSCI and USBL_FIX.<vehicle> as ACFR vehicles have them. Where a kind of sample comes in both forms
 // the ACFR one, which has microseconds and no CRC, is left out. Damaged messages, values that cannot be and
 // stamps far from now are counted and go no further.
+//
+// Stamps are UTC by the sender's clock. They become vehicle time by what that differs from the system's UTC
+// (`clock`), which is what programs of this machine stamp by, and all others once this machine's clock is
+// synchronised. While it is not, a stamp that fits only as it is comes from another machine, and is taken so.
 class LcmSource final : public SampleSource, private LcmBus::Receiver {
  public:
   // Throws InputError. A bus that only publishes needs no source: with nothing accepted it hears nothing.
   LcmSource(const LcmConfig& config, std::shared_ptr<LcmBus> bus, const std::string& vehicle_name,
-            VehicleTime now);
+            VehicleTime now, VehicleClockState clock = {});
 
   bool poll(int timeout_ms, SampleSink& sink) override;
   void updateHealth(DeviceHealth& health) const noexcept override;
@@ -43,10 +47,12 @@ class LcmSource final : public SampleSource, private LcmBus::Receiver {
 
  private:
   void message(std::string_view channel, std::span<const std::uint8_t> data) noexcept override;
+  [[nodiscard]] bool toVehicleTime(SensorSample& sample, std::int64_t arrival_ns) const noexcept;
 
   LcmConfig config_;
   std::shared_ptr<LcmBus> bus_;
   VehicleTime now_;
+  VehicleClockState clock_;
   SampleSink* sink_ = nullptr;  // during poll()
   bool works_ = true;
   std::array<std::int64_t, kDeviceKinds>

@@ -87,7 +87,7 @@ void checkExtrinsics(const MissionConfig& mission, const StereoRig& rig, const P
     report.good("stereo rig", found);
 }
 
-void checkClocks(const PrediveFacts& facts, const SystemClockState& system, const PrediveConfig& limits,
+void checkClocks(const PrediveFacts& facts, const rt::SystemClockState& system, const PrediveConfig& limits,
                  PrediveReport& report) {
   if (!system.known) {
     report.unused("system clock", "the system does not tell");

@@ -5,8 +5,8 @@
 #include "firmware_if/predive/predive_config.hpp"
 #include "firmware_if/predive/predive_report.hpp"
 #include "firmware_if/predive/predive_watch.hpp"
-#include "firmware_if/predive/system_clock.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
+#include "realtime/kernel/system_clock.hpp"
 #include "realtime/kernel/tiers/arming.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
@@ -29,7 +29,7 @@ void checkSensors(const PrediveFacts& facts, const MissionConfig& mission, const
                   PrediveReport& report);
 
 // System's, cameras' and DVL's clocks.
-void checkClocks(const PrediveFacts& facts, const SystemClockState& system, const PrediveConfig& limits,
+void checkClocks(const PrediveFacts& facts, const rt::SystemClockState& system, const PrediveConfig& limits,
                  PrediveReport& report);
 
 // Room on the disk for the planned hours; memory and privileges for real time.

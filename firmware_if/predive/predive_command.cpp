@@ -167,7 +167,7 @@ int runPrediveCommand(const PrediveCommand& command, const MakePrediveLink& make
           [&clock] { return clock.utcNs(); });
       checkCameras(facts, config->cameras, *mission, *rig, config->limits, report);
       checkSensors(facts, *mission, config->limits, report);
-      checkClocks(facts, readSystemClock(), config->limits, report);
+      checkClocks(facts, rt::readSystemClock(), config->limits, report);
       checkDisk(config->recorder, *mission, *rig, freeBytes(command.folder), report);
       checkMachine(*config, report);
     }

@@ -1,47 +1,132 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "realtime/kernel/clock.hpp"
+#include "realtime/kernel/system_clock.hpp"
 
 namespace fathom::rt {
 
+// Where vehicle time begins when the program starts.
+struct ClockStart {
+  std::int64_t offset_ns = 0;  // UTC less the monotonic clock
+  // By how much the clock that was to be taken lay behind the log's end: vehicle time goes on from that end.
+  // 0: it did not.
+  std::int64_t behind_ns = 0;
+};
+// `kept_offset_ns`: what an earlier run had, since the machine booted. It stays, so that no sample moves;
+// else the system's. `last_ns`: the newest arrival in the dive's log, 0 for a dive that begins. Within a dive
+// time neither runs backwards nor stands still: it begins behind that arrival, a millisecond where the
+// clock lies behind it.
+[[nodiscard]] constexpr ClockStart beginVehicleTime(std::int64_t system_offset_ns,
+                                                    std::optional<std::int64_t> kept_offset_ns,
+                                                    std::int64_t monotonic_ns,
+                                                    std::int64_t last_ns) noexcept {
+  constexpr std::int64_t kBehindLast = 1'000'000;  // [ns]
+  ClockStart start{kept_offset_ns.value_or(system_offset_ns), 0};
+  const std::int64_t now_ns = monotonic_ns + start.offset_ns;
+  if (last_ns == 0 || now_ns > last_ns) return start;
+  start.behind_ns = last_ns + kBehindLast - now_ns;
+  start.offset_ns += start.behind_ns;
+  return start;
+}
+
 // The vehicle's time: the monotonic clock and an offset to UTC that is fixed when the program arms, and kept
 // when it starts again on the same machine. Whoever sets the system's clock during a dive moves no sample.
+// What other programs stamp by the system's UTC becomes vehicle time by adding utcErrorNs().
 class VehicleClock final : public Clock {
  public:
   // UTC less the monotonic clock [ns]. `rate`: seconds of both clocks in one of the machine's, for tests that
   // play a mission faster; 1 on a vehicle.
   explicit VehicleClock(std::int64_t offset_ns, double rate = 1) noexcept
-      : offset_ns_(offset_ns), rate_(rate), begin_ns_(clock_.monotonicNs()) {}
-  [[nodiscard]] static std::int64_t systemOffsetNs() noexcept {
-    const RealClock clock;
-    return clock.utcNs() - clock.monotonicNs();
-  }
+      : VehicleClock(offset_ns, rate, nullptr) {}
+  // By another clock than the machine's, which must outlive it.
+  VehicleClock(std::int64_t offset_ns, Clock& machine) noexcept : VehicleClock(offset_ns, 1, &machine) {}
+  VehicleClock(const VehicleClock&) = delete;
+  VehicleClock& operator=(const VehicleClock&) = delete;
 
-  [[nodiscard]] std::int64_t monotonicNs() const noexcept override { return scaled(clock_.monotonicNs()); }
+  [[nodiscard]] static std::int64_t systemOffsetNs() noexcept { return offsetOf(RealClock()); }
+
+  [[nodiscard]] std::int64_t monotonicNs() const noexcept override { return scaled(machine_.monotonicNs()); }
   [[nodiscard]] std::int64_t utcNs() const noexcept override { return monotonicNs() + offset_ns_; }
   void sleepUntil(std::int64_t monotonic_ns) noexcept override {
     if (rate_ != 1)
       monotonic_ns =
           begin_ns_ + static_cast<std::int64_t>(static_cast<double>(monotonic_ns - begin_ns_) / rate_);
-    clock_.sleepUntil(monotonic_ns);
+    machine_.sleepUntil(monotonic_ns);
   }
-  // By how much the system's clock has been set since the offset was taken [ns].
+  // By how much the system's clock has been set since this clock was made [ns].
   [[nodiscard]] std::int64_t systemStepNs() const noexcept {
-    return rate_ == 1 ? systemOffsetNs() - offset_ns_ : 0;
+    return rate_ == 1 ? offsetOf(machine_) - system_offset_ns_ : 0;
+  }
+  // Vehicle time less the system's UTC as it is now [ns]. Whether that UTC is right, ClockState tells.
+  [[nodiscard]] std::int64_t utcErrorNs() const noexcept {
+    return rate_ == 1 ? offset_ns_ - offsetOf(machine_) : 0;
   }
 
  private:
+  VehicleClock(std::int64_t offset_ns, double rate, Clock* machine) noexcept
+      : machine_(machine != nullptr ? *machine : real_),
+        offset_ns_(offset_ns),
+        system_offset_ns_(offsetOf(machine_)),
+        rate_(rate),
+        begin_ns_(machine_.monotonicNs()) {}
+  // The closest of a few readings of UTC between two of the monotonic clock: the thread may be put off
+  // between.
+  [[nodiscard]] static std::int64_t offsetOf(const Clock& clock) noexcept {
+    constexpr int kReadings = 3;
+    std::int64_t offset_ns = 0, closest_ns = INT64_MAX;
+    for (int i = 0; i < kReadings; ++i) {
+      const std::int64_t before_ns = clock.monotonicNs(), utc_ns = clock.utcNs();
+      const std::int64_t took_ns = clock.monotonicNs() - before_ns;
+      if (took_ns >= closest_ns) continue;
+      closest_ns = took_ns;
+      offset_ns = utc_ns - before_ns - took_ns / 2;
+    }
+    return offset_ns;
+  }
   [[nodiscard]] std::int64_t scaled(std::int64_t machine_ns) const noexcept {
     if (rate_ == 1) return machine_ns;
     return begin_ns_ + static_cast<std::int64_t>(static_cast<double>(machine_ns - begin_ns_) * rate_);
   }
 
-  RealClock clock_;
-  std::int64_t offset_ns_;
+  RealClock real_;
+  Clock& machine_;
+  std::int64_t offset_ns_, system_offset_ns_;
   double rate_;
   std::int64_t begin_ns_;  // of the machine's clock
+};
+
+// The vehicle's time against UTC as the machine knows it.
+struct ClockState {
+  bool synchronised = false;  // somebody disciplines the system's clock: its UTC is right
+  std::int64_t error_ns = 0;  // vehicle time less the system's UTC
+};
+// Asks the kernel (half a microsecond): on any thread but the hard tier's.
+[[nodiscard]] inline ClockState clockState(const VehicleClock& clock) noexcept {
+  return {readSystemClock().synchronised, clock.utcErrorNs()};
+}
+
+// Whether the ship can take vehicle time for UTC: not while the system's clock has never been synchronised
+// since this was made, nor where vehicle time was more than a second off when it last was. Vehicle time goes
+// on as it is all the same. One thread.
+class ClockHealth {
+ public:
+  static constexpr std::int64_t kMostErrorNs = 1'000'000'000;
+
+  void look(const ClockState& state) noexcept {
+    if (!state.synchronised) return;
+    known_ = true;
+    error_ns_ = state.error_ns;
+  }
+  [[nodiscard]] bool unsure() const noexcept {
+    return !known_ || error_ns_ > kMostErrorNs || error_ns_ < -kMostErrorNs;
+  }
+
+ private:
+  bool known_ = false;
+  std::int64_t error_ns_ = 0;  // when the system's clock was last seen synchronised
 };
 
 }  // namespace fathom::rt

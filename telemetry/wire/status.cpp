@@ -24,9 +24,9 @@ double secondsSinceEpoch(std::int64_t utc_ns) {
 
 const char* healthText(unsigned bit) {
   static constexpr const char* kTexts[kHealthBits] = {
-      "soft real time",  "DVL lost",    "compass lost",       "depth lost",    "camera lost",
-      "no position fix", "overload",    "pool full",          "map coarsened", "recorder failed",
-      "disk low",        "poor stereo", "sensor contradicted"};
+      "soft real time",  "DVL lost",    "compass lost",        "depth lost",    "camera lost",
+      "no position fix", "overload",    "pool full",           "map coarsened", "recorder failed",
+      "disk low",        "poor stereo", "sensor contradicted", "clock unsure"};
   return bit < kHealthBits ? kTexts[bit] : "unknown";
 }
 

@@ -22,10 +22,11 @@ enum HealthFlag : std::uint16_t {
   kHealthMapCoarsened = 1U << 8,    // map resolution was given up
   kHealthRecorderFailed = 1U << 9,  // the mission is not being recorded whole
   kHealthDiskLow = 1U << 10,
-  kHealthStereoPoor = 1U << 11,  // pairs arrive but give few points (turbid, dark, too high)
-  kHealthSensorLies = 1U << 12,  // DVL, compass or the rig's calibration contradict the images
+  kHealthStereoPoor = 1U << 11,   // pairs arrive but give few points (turbid, dark, too high)
+  kHealthSensorLies = 1U << 12,   // DVL, compass or the rig's calibration contradict the images
+  kHealthClockUnsure = 1U << 13,  // the vehicle's time is not known to be UTC to within a second
 };
-inline constexpr unsigned kHealthBits = 13;
+inline constexpr unsigned kHealthBits = 14;
 [[nodiscard]] const char* healthText(unsigned bit);  // short text of bit 0 to kHealthBits - 1
 
 inline constexpr double kAbsent = std::numeric_limits<double>::quiet_NaN();

@@ -264,6 +264,18 @@ TEST(CameraClockMap, TakesPtpStampsAsTimeOfDayInUtcOrTaiAndSaysWhenTheyAreNot) {
   EXPECT_EQ(none.unsynchronised(), 10u);
 }
 
+TEST(CameraClockMap, PtpStampsAreUtcAlsoWhereTheVehiclesTimeIsNot) {
+  // A dive that was begun with the clock 0.4 s ahead, and one with it a day behind.
+  for (const std::int64_t error : {400 * kMs, -86'400 * kS}) {
+    CameraClockMap map(CameraClockMap::Mode::kPtp);
+    for (int i = 0; i < 10; ++i) {
+      const std::int64_t utc = kUtc + i * kS / 2, vehicle = utc + error;
+      EXPECT_EQ(map.utcNs(utc, vehicle + 30 * kMs, error), vehicle);
+    }
+    EXPECT_EQ(map.unsynchronised(), 0u);
+  }
+}
+
 TEST(CameraClockMap, SurvivesAnyStamps) {
   std::mt19937_64 random(9);
   CameraClockMap map;

@@ -140,6 +140,46 @@ TEST_F(LcmSourceTest, DamagedImpossibleAndStaleMessagesAreCountedAndGoNoFurther)
   EXPECT_EQ(counter(source, "stale"), 2u);
 }
 
+// Vehicle time is an hour ahead of the system's clock, by which another program stamps.
+TEST_F(LcmSourceTest, StampsBySystemsUtcBecomeVehicleTimeWhereTheyDiffer) {
+  constexpr std::int64_t kAhead = 3600 * kSecond;
+  for (const bool synchronised : {true, false}) {
+    kept.samples.clear();
+    auto own_bus = std::make_shared<LcmBus>("memq://");
+    LcmSource source(
+        everything(), own_bus, "sirius", [] { return kNow; },
+        [synchronised] {
+          return rt::ClockState{synchronised, kAhead};
+        });
+    own_bus->publish(encodeSample(kNow, DepthSample{kNow - kAhead - kSecond, 3}));
+    own_bus->publish(encodeSample(kNow, UsblFix{kNow - kAhead - 60 * kSecond, kNow, -0.6, 2.0, 20, 1.5}));
+    drain(source);
+    ASSERT_EQ(kept.samples.size(), 2u) << synchronised;
+    EXPECT_EQ(std::get<DepthSample>(kept.samples[0]).utc_ns, kNow - kSecond);
+    EXPECT_EQ(std::get<UsblFix>(kept.samples[1]).utc_ns, kNow - 60 * kSecond);
+    EXPECT_EQ(std::get<UsblFix>(kept.samples[1]).arrival_utc_ns, kNow);
+    EXPECT_EQ(counter(source, "stale"), 0u);
+  }
+}
+
+TEST_F(LcmSourceTest, AStampOfAnotherMachineIsTakenAsItIsOnlyWhileOwnUtcIsNotKnown) {
+  bool synchronised = false;
+  LcmSource source(
+      everything(), bus, "sirius", [] { return kNow; },
+      [&] {
+        return rt::ClockState{synchronised, 3600 * kSecond};
+      });
+  bus->publish(encodeSample(kNow, DepthSample{kNow - kSecond, 3}));
+  drain(source);
+  ASSERT_EQ(kept.samples.size(), 1u);
+  EXPECT_EQ(std::get<DepthSample>(kept.samples[0]).utc_ns, kNow - kSecond);
+  synchronised = true;
+  bus->publish(encodeSample(kNow, DepthSample{kNow - kSecond, 3}));
+  drain(source);
+  EXPECT_EQ(kept.samples.size(), 1u);
+  EXPECT_EQ(counter(source, "stale"), 1u);
+}
+
 TEST_F(LcmSourceTest, AFloodIsHandledABoundedNumberAPoll) {
   LcmConfig config = everything();
   config.queue = 10;

@@ -38,7 +38,7 @@ struct Vehicle {
   StereoCameraConfig cameras;
   PrediveConfig limits;
   RecorderConfig recorder;
-  SystemClockState clock{true, true, true, 0.001};
+  rt::SystemClockState clock{true, true, true, 0.001};
   rt::ArmingResult arming;
   std::uint64_t free_bytes = std::uint64_t{2000} << 30;
   std::array<std::string, 2> serials = {"FTH-L", "FTH-R"};

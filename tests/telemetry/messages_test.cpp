@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 #include <random>
+#include <set>
+#include <string>
 
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/mission_info.hpp"
@@ -40,6 +42,22 @@ Status someStatus() {
   s.shed_work = 17;
   s.pool_refusals = 1023;
   return s;
+}
+
+TEST(Health, EachFlagHasATextOfItsOwnAndCrossesTheLink) {
+  std::set<std::string> texts;
+  for (unsigned bit = 0; bit < kHealthBits; ++bit) {
+    texts.insert(healthText(bit));
+    Status s, back;
+    s.health = static_cast<std::uint16_t>(1U << bit);
+    std::array<std::uint8_t, kStatusBytes> payload{};
+    ASSERT_EQ(encodeStatus(s, payload), kStatusBytes);
+    ASSERT_TRUE(decodeStatus(payload, back));
+    EXPECT_EQ(back.health, s.health) << healthText(bit);
+  }
+  EXPECT_EQ(texts.size(), kHealthBits);
+  EXPECT_EQ(texts.count("unknown"), 0u);
+  EXPECT_EQ(texts.count("clock unsure"), 1u);
 }
 
 void expectSame(const Status& a, const Status& b) {

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "firmware_if/can/bus/can_errors.hpp"
-#include "firmware_if/can/bus/receive_time.hpp"
 #include "firmware_if/can/can_frame.hpp"
+#include "firmware_if/devices/receive_time.hpp"
 #include "realtime/kernel/clock.hpp"
 
 struct can_filter;

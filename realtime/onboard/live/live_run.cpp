@@ -53,6 +53,7 @@ LiveDevices openDevices(const LiveConfig& config, const io::MissionConfig& missi
                         const std::shared_ptr<io::LcmBus>& bus, const rt::VehicleClock& clock,
                         io::CanSource*& can) {
   const auto now = [&clock] { return clock.utcNs(); };
+  const auto state = [&clock] { return rt::clockState(clock); };
   LiveDevices devices;
   if (!config.dvl.device.empty()) devices.samples.push_back(std::make_unique<io::DvlSource>(config.dvl, now));
   if (!config.can.interface.empty()) {
@@ -61,9 +62,10 @@ LiveDevices openDevices(const LiveConfig& config, const io::MissionConfig& missi
     devices.samples.push_back(std::move(source));
   }
   if (bus)
-    devices.samples.push_back(std::make_unique<io::LcmSource>(config.lcm, bus, mission.vehicle_name, now));
-  devices.left = std::make_unique<io::GigeCamera>(config.cameras.side[0], now);
-  devices.right = std::make_unique<io::GigeCamera>(config.cameras.side[1], now);
+    devices.samples.push_back(
+        std::make_unique<io::LcmSource>(config.lcm, bus, mission.vehicle_name, now, state));
+  devices.left = std::make_unique<io::GigeCamera>(config.cameras.side[0], now, state);
+  devices.right = std::make_unique<io::GigeCamera>(config.cameras.side[1], now, state);
   if (!config.modem.empty()) devices.modem = io::openFramePort(config.modem, "[modem] device");
   return devices;
 }

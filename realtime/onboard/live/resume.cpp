@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <fstream>
 #include <iterator>
+#include <stdexcept>
 
 #include "firmware_if/log/input_tail.hpp"
 #include "realtime/kernel/input_error.hpp"
@@ -71,18 +72,28 @@ Resume readResume(const std::filesystem::path& folder, CheckpointFiles& files, c
   return resume;
 }
 
-std::int64_t vehicleClockOffset(const std::filesystem::path& state_folder) {
-  std::filesystem::create_directories(state_folder);
+std::int64_t vehicleClockOffset(const std::filesystem::path& state_folder, std::int64_t last_ns,
+                                std::int64_t* clock_behind_ns) {
+  std::error_code ignored;
+  std::filesystem::create_directories(state_folder, ignored);
   const std::filesystem::path path = state_folder / "clock.txt";
   std::string boot = textOf("/proc/sys/kernel/random/boot_id");
   while (!boot.empty() && boot.back() == '\n') boot.pop_back();
   std::ifstream in(path);
   std::string then;
-  std::int64_t offset_ns = 0;
-  if (in >> then >> offset_ns && then == boot && !boot.empty()) return offset_ns;
-  offset_ns = rt::VehicleClock::systemOffsetNs();
-  writeFile(path, boot + ' ' + std::to_string(offset_ns) + "\n");
-  return offset_ns;
+  std::int64_t kept_ns = 0;
+  const bool kept = in >> then >> kept_ns && then == boot && !boot.empty();
+  const rt::ClockStart start =
+      rt::beginVehicleTime(rt::VehicleClock::systemOffsetNs(), kept ? std::optional(kept_ns) : std::nullopt,
+                           rt::RealClock().monotonicNs(), last_ns);
+  if (clock_behind_ns != nullptr) *clock_behind_ns = start.behind_ns;
+  if (kept && start.offset_ns == kept_ns) return kept_ns;
+  try {
+    writeFile(path, boot + ' ' + std::to_string(start.offset_ns) + "\n");
+  } catch (const std::runtime_error&) {
+    // A full disk holds up no start: the next one goes on from the log's end.
+  }
+  return start.offset_ns;
 }
 
 }  // namespace fathom::onboard

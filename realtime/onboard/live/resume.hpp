@@ -40,7 +40,11 @@ struct CheckpointNames {
                                 const CheckpointNames& names);
 
 // UTC less the monotonic clock: as an earlier run on this machine, since it was started, had it; else the
-// system's.
-[[nodiscard]] std::int64_t vehicleClockOffset(const std::filesystem::path& state_folder);
+// system's; but vehicle time begins behind `last_ns`, the newest arrival of the dive's log (0: the dive
+// begins). `clock_behind_ns`, where given, gets by how much the clock lay behind the log's end, 0 where it
+// did not.
+[[nodiscard]] std::int64_t vehicleClockOffset(const std::filesystem::path& state_folder,
+                                              std::int64_t last_ns = 0,
+                                              std::int64_t* clock_behind_ns = nullptr);
 
 }  // namespace fathom::onboard

@@ -1,4 +1,4 @@
-#include "firmware_if/can/bus/receive_time.hpp"
+#include "firmware_if/devices/receive_time.hpp"
 
 #include <cstdlib>
 

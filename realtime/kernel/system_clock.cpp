@@ -1,10 +1,10 @@
-#include "firmware_if/predive/system_clock.hpp"
+#include "realtime/kernel/system_clock.hpp"
 
 #include <sys/timex.h>
 
-namespace fathom::io {
+namespace fathom::rt {
 
-SystemClockState readSystemClock() {
+SystemClockState readSystemClock() noexcept {
   timex clock = {};
   const int state = ::adjtimex(&clock);
   if (state < 0) return {};
@@ -12,4 +12,4 @@ SystemClockState readSystemClock() {
           static_cast<double>(clock.maxerror) / 1e6};
 }
 
-}  // namespace fathom::io
+}  // namespace fathom::rt

@@ -5,10 +5,10 @@
 
 namespace fathom::io {
 
-// The kernel stamps frames with CLOCK_REALTIME, which somebody may step; vehicle time never steps. A frame's
-// age is its stamp's distance from the present, by the system clock as it was when the frame came: where that
-// clock was stepped since the queue was last empty, the reading that makes sense is taken, and if none does,
-// the present. Each step is counted.
+// The kernel stamps CAN frames, and Aravis images, with CLOCK_REALTIME, which somebody may step; vehicle time
+// never steps. A frame's age is its stamp's distance from the present, by the system clock as it was when the
+// frame came: where that clock was stepped since the queue was last empty, the reading that makes sense is
+// taken, and if none does, the present. Each step is counted.
 class ReceiveTime {
  public:
   // Time of a frame in vehicle time [ns]; the present in both clocks, read just now.

@@ -1,8 +1,6 @@
 #pragma once
 
-#include <optional>
-
-namespace fathom::io {
+namespace fathom::rt {
 
 // What the kernel says of the system's clock (adjtimex, man 2 adjtimex).
 struct SystemClockState {
@@ -11,6 +9,6 @@ struct SystemClockState {
   bool pps = false;           // by a pulse a second
   double error_s = 0;         // largest, as whoever disciplines it states [s]
 };
-[[nodiscard]] SystemClockState readSystemClock();
+[[nodiscard]] SystemClockState readSystemClock() noexcept;
 
-}  // namespace fathom::io
+}  // namespace fathom::rt
