@@ -1,5 +1,7 @@
 #include "firmware_if/devices/device_address.hpp"
 
+#include <arpa/inet.h>
+
 #include <charconv>
 
 #include "firmware_if/devices/file_stream.hpp"
@@ -55,16 +57,24 @@ std::string readDeviceAddress(const ConfigTable& table, std::string_view key, st
   return text;
 }
 
-std::unique_ptr<FramePort> openFramePort(const std::string& text, const std::string& where) {
+std::unique_ptr<WaitingFramePort> openFramePort(const std::string& text, const std::string& where) {
   std::string fix;
   const auto address = parseDeviceAddress(text, fix);
   if (!address) throw InputError(where, "", fix);
+  const std::string name = address->name;
+  const int number = address->number;
   switch (address->kind) {
     case DeviceAddress::Kind::kSerial:
-      return std::make_unique<SerialFramePort>(address->name, address->number);
+      if (!SerialLine::knownRate(number))
+        throw InputError(where, "", std::to_string(number) + " baud is not one of " + SerialLine::rates());
+      return std::make_unique<WaitingFramePort>(
+          [name, number] { return std::make_unique<SerialFramePort>(name, number); });
     case DeviceAddress::Kind::kUdp:
-      return std::make_unique<UdpFramePort>("0.0.0.0", 0, address->name,
-                                            static_cast<std::uint16_t>(address->number));
+      if (in_addr peer = {}; ::inet_pton(AF_INET, name.c_str(), &peer) != 1)
+        throw InputError(where, "", name + " is no IPv4 address; give one as 127.0.0.1");
+      return std::make_unique<WaitingFramePort>([name, number] {
+        return std::make_unique<UdpFramePort>("0.0.0.0", 0, name, static_cast<std::uint16_t>(number));
+      });
     case DeviceAddress::Kind::kFile:
       break;
   }

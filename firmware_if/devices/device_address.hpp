@@ -6,8 +6,8 @@
 #include <string_view>
 
 #include "firmware_if/devices/byte_stream.hpp"
+#include "firmware_if/modem/waiting_frame_port.hpp"
 #include "realtime/kernel/config_table.hpp"
-#include "realtime/kernel/frame_port.hpp"
 
 namespace fathom::io {
 
@@ -30,12 +30,14 @@ struct DeviceAddress {
 [[nodiscard]] std::string readDeviceAddress(const ConfigTable& table, std::string_view key,
                                             std::string_view fallback, bool file_allowed);
 
-// The modem at an address (serial or UDP). Throws InputError with `where` ("--modem udp:1") as the file's
-// name, or the device's when it cannot be opened.
-[[nodiscard]] std::unique_ptr<FramePort> openFramePort(const std::string& text, const std::string& where);
+// The modem at an address (serial or UDP); one that is not there is waited for. Throws InputError with
+// `where`
+// ("--modem udp:1") as the file's name for an address or a baud rate that can never be used.
+[[nodiscard]] std::unique_ptr<WaitingFramePort> openFramePort(const std::string& text,
+                                                              const std::string& where);
 
-// The bytes at an address. A serial line that is not there is waited for; throws InputError for an address
-// or a baud rate that can never be used, a port that is taken, a file that is absent.
+// The bytes at an address. A serial line or a port that is not there is waited for; throws InputError for an
+// address or a baud rate that can never be used, a file that is absent.
 [[nodiscard]] std::unique_ptr<ByteStream> openByteStream(const DeviceAddress& address);
 
 }  // namespace fathom::io

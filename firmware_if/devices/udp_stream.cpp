@@ -10,33 +10,62 @@
 #include <cerrno>
 #include <cstring>
 
+#include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom::io {
+namespace {
 
-UdpStream::UdpStream(const std::string& address, std::uint16_t port) {
-  sockaddr_in local = {};
-  local.sin_family = AF_INET;
-  local.sin_port = htons(port);
-  if (::inet_pton(AF_INET, address.c_str(), &local.sin_addr) != 1)
+constexpr std::int64_t kLongestWaitNs = 16'000'000'000;
+
+}  // namespace
+
+UdpStream::UdpStream(const std::string& address, std::uint16_t port, std::int64_t first_wait_ns)
+    : port_(port), wait_(first_wait_ns, kLongestWaitNs) {
+  in_addr own = {};
+  if (::inet_pton(AF_INET, address.c_str(), &own) != 1)
     throw InputError(address, "", "is no IPv4 address; give one as 127.0.0.1, or 0.0.0.0 for all");
-  socket_ = ::socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-  socklen_t size = sizeof local;
-  if (socket_ < 0 || ::bind(socket_, reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0 ||
-      ::getsockname(socket_, reinterpret_cast<sockaddr*>(&local), &size) != 0) {
-    const std::string reason = std::strerror(errno);
-    if (socket_ >= 0) ::close(socket_);
-    throw InputError(address + ":" + std::to_string(port), "",
-                     "cannot be bound (" + reason + "); give a free port of this machine");
-  }
-  port_ = ntohs(local.sin_port);
+  ipv4_ = own.s_addr;
+  static_cast<void>(ready());
 }
 
 UdpStream::~UdpStream() {
-  ::close(socket_);
+  if (socket_ >= 0) ::close(socket_);
+}
+
+bool UdpStream::ready() noexcept {
+  if (socket_ >= 0) return true;
+  const std::int64_t now_ns = rt::RealClock().monotonicNs();
+  if (!wait_.due(now_ns)) return false;
+  sockaddr_in local = {};
+  local.sin_family = AF_INET;
+  local.sin_port = htons(port_);
+  local.sin_addr.s_addr = ipv4_;
+  socklen_t size = sizeof local;
+  const int fd = ::socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+  if (fd < 0 || ::bind(fd, reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0 ||
+      ::getsockname(fd, reinterpret_cast<sockaddr*>(&local), &size) != 0) {
+    error_ = errno;
+    if (fd >= 0) ::close(fd);
+    wait_.failed(now_ns);
+    return false;
+  }
+  socket_ = fd;
+  port_ = ntohs(local.sin_port);
+  return true;
+}
+
+std::string_view UdpStream::reason() const noexcept {
+  if (socket_ >= 0) return {};
+  const char* text = ::strerrordesc_np(error_);
+  return text == nullptr ? "cannot be bound" : text;
 }
 
 std::size_t UdpStream::read(std::span<std::uint8_t> buffer, int timeout_ms) noexcept {
+  if (!ready()) {
+    ::poll(nullptr, 0, timeout_ms);
+    return 0;
+  }
   if (at_ == size_) {
     pollfd socket = {socket_, POLLIN, 0};
     if (::poll(&socket, 1, timeout_ms) != 1) return 0;

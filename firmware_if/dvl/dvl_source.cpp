@@ -192,6 +192,7 @@ DeviceHealth DvlSource::health() const {
 
 void DvlSource::updateHealth(DeviceHealth& health) const noexcept {
   health.open = stream_->isOpen();
+  health.reason = stream_->reason();
   health.last_data_ns = last_sample_ns_;
   health.samples = samples_;
   health.disconnects = stream_->disconnects();

@@ -102,14 +102,16 @@ LcmSource::LcmSource(const LcmConfig& config, std::shared_ptr<LcmBus> bus, const
   // A vehicle's name has letters, digits, - and _ alone (mission.toml).
   if (config_.accept[SensorSample(UsblFix{}).index()]) listen("USBL_FIX\\." + vehicle_name);
   if (!channels.empty()) bus_->subscribe("(" + channels + ")", config_.queue, *this);
+  works_ = bus_->isOpen();
 }
 
 bool LcmSource::poll(int timeout_ms, SampleSink& sink) {
   sink_ = &sink;
   const int handled = bus_->poll(timeout_ms, config_.queue);
   sink_ = nullptr;
+  // A bus that has failed goes away once, however long it is waited for.
+  if (handled < 0 && works_) ++failures_;
   works_ = handled >= 0;
-  if (!works_) ++failures_;
   return works_;
 }
 
@@ -176,7 +178,8 @@ DeviceHealth LcmSource::health() const {
 }
 
 void LcmSource::updateHealth(DeviceHealth& health) const noexcept {
-  health.open = works_;
+  health.open = bus_->isOpen();
+  health.reason = bus_->reason();
   health.last_data_ns = last_sample_ns_;
   health.samples = samples_;
   health.disconnects = failures_;

@@ -37,7 +37,7 @@ struct LcmConfig {
 // synchronised. While it is not, a stamp that fits only as it is comes from another machine, and is taken so.
 class LcmSource final : public SampleSource, private LcmBus::Receiver {
  public:
-  // Throws InputError. A bus that only publishes needs no source: with nothing accepted it hears nothing.
+  // A bus that cannot be joined yet is joined by poll(), also where nothing is accepted.
   LcmSource(const LcmConfig& config, std::shared_ptr<LcmBus> bus, const std::string& vehicle_name,
             VehicleTime now, VehicleClockState clock = {});
 

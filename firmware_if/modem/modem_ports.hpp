@@ -50,6 +50,7 @@ class SerialFramePort final : public FramePort {
     return dropped_ + decoder_.dropped();
   }
   [[nodiscard]] bool isOpen() const noexcept override { return serial_.isOpen(); }
+  [[nodiscard]] std::string_view reason() const noexcept override { return serial_.reason(); }
   // How often the device has gone away.
   [[nodiscard]] std::uint64_t disconnects() const noexcept { return serial_.disconnects(); }
 

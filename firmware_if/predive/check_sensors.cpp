@@ -68,8 +68,9 @@ void checkDvl(const PrediveFacts& facts, const PrediveConfig& limits, PrediveRep
   if (dvl.count == 0) {
     if (source == nullptr) return refuse("silent on LCM", "start the program that publishes RDI");
     if (!source->open)
-      return refuse("its line is not there",
-                    "look at the cable and at dvl.device; end programs that use the line");
+      return refuse(
+          "its line is not there" + (source->reason.empty() ? "" : ": " + std::string(source->reason.view())),
+          "look at the cable and at dvl.device; end programs that use the line");
     if (counterOf(source, "bytes") == 0)
       return refuse("silent", "look at its power and cable; it must ping by itself (CS)");
     if (ensembles == 0)

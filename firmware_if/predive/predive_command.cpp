@@ -121,15 +121,20 @@ PrediveDevices openDevices(const Configuration& config, const MissionConfig& mis
     for (std::size_t kind = 0; kind < devices.expected.size(); ++kind)
       devices.expected[kind] = devices.expected[kind] || config.lcm.accept[kind];
     openDevice("LCM", report, [&] {
-      devices.sources.push_back(std::make_unique<LcmSource>(
-          config.lcm, std::make_shared<LcmBus>(config.lcm.url), mission.vehicle_name, now));
+      auto bus = std::make_shared<LcmBus>(config.lcm.url);
+      devices.sources.push_back(std::make_unique<LcmSource>(config.lcm, bus, mission.vehicle_name, now));
+      if (!bus->isOpen()) throw InputError("LCM " + config.lcm.url, "", bus->reason());
     });
   }
   devices.modem_used = !config.modem.empty();
   devices.link = config.link;
   if (devices.modem_used) {
     try {
-      devices.modem = openFramePort(config.modem, "modem.device " + config.modem);
+      auto modem = openFramePort(config.modem, "modem.device " + config.modem);
+      if (modem->isOpen())
+        devices.modem = std::move(modem);
+      else
+        devices.modem_failure = modem->reason();
     } catch (const InputError& error) {
       devices.modem_failure = error.what();
     }

@@ -101,7 +101,30 @@ SerialLine::~SerialLine() {
   ::close(fd_);
 }
 
+std::string_view SerialLine::reason() const noexcept {
+  if (fd_ >= 0) return {};
+  switch (failure_) {
+    case Failure::kNone:
+      return "has gone away";
+    case Failure::kOpen: {
+      const char* text = ::strerrordesc_np(error_);
+      return text == nullptr ? "cannot be opened" : text;
+    }
+    case Failure::kNoTerminal:
+      return "is no serial device";
+    case Failure::kTaken:
+      return "is in use by another program";
+    case Failure::kRate:
+      return "refuses its baud rate";
+  }
+  return {};
+}
+
 SerialLine::Failure SerialLine::open() noexcept {
+  return failure_ = tryToOpen();
+}
+
+SerialLine::Failure SerialLine::tryToOpen() noexcept {
   next_open_ns_ = monotonicNs() + reopen_interval_ns_;
   const int fd = ::open(device_.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
   error_ = errno;

@@ -32,6 +32,7 @@ class SerialLine final : public ByteStream {
   // Whether the device is there: notices when it goes, opens it again when it is back.
   bool ready() noexcept;
   [[nodiscard]] bool isOpen() const noexcept override { return fd_ >= 0; }
+  [[nodiscard]] std::string_view reason() const noexcept override;
   [[nodiscard]] std::uint64_t disconnects() const noexcept override { return disconnects_; }
   // Times that it was opened: what came before the last is of another connection.
   [[nodiscard]] std::uint64_t connections() const noexcept { return connections_; }
@@ -42,13 +43,15 @@ class SerialLine final : public ByteStream {
  private:
   enum class Failure { kNone, kOpen, kNoTerminal, kTaken, kRate };
   Failure open() noexcept;
+  Failure tryToOpen() noexcept;
   void lose() noexcept;
 
   std::string device_;
   unsigned rate_code_ = 0;  // termios' code of the baud rate
   std::int64_t reopen_interval_ns_ = 0, next_open_ns_ = 0;
   int fd_ = -1;
-  int error_ = 0;  // errno of the open that failed
+  int error_ = 0;                     // errno of the open that failed
+  Failure failure_ = Failure::kNone;  // of the last open
   std::uint64_t disconnects_ = 0, connections_ = 0;
 };
 

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string_view>
 
 namespace fathom {
 
@@ -29,6 +30,8 @@ class FramePort {
   // Whether the device is there; while it is not, nothing is sent and nothing comes. On the thread that uses
   // the port.
   [[nodiscard]] virtual bool isOpen() const noexcept { return true; }
+  // Why it is not; "" while it is. Valid until the next call.
+  [[nodiscard]] virtual std::string_view reason() const noexcept { return {}; }
 };
 
 }  // namespace fathom

@@ -27,6 +27,7 @@ int ReplayCommand::run(const std::string& mission, const std::string& config) {
   if (!config.empty()) options_.config = config;
   if (!out_.empty()) options_.out = out_;
   const auto port = modem_.empty() ? nullptr : io::openFramePort(modem_, "--modem " + modem_);
+  if (port && !port->isOpen()) throw InputError("--modem " + modem_, "", std::string(port->reason()));
   options_.link.modem = port.get();
   if (!downlink_.empty()) options_.link.downlink = downlink_;
   const ReplaySummary summary = replay(options_);

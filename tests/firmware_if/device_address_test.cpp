@@ -58,6 +58,18 @@ TEST(DeviceAddress, NonsenseIsRefusedWithTheFix) {
         << text;
   }
   EXPECT_THAT(refusal([] { (void)openFramePort("file:/x", "--modem"); }), HasSubstr("a modem is no file"));
+  EXPECT_THAT(refusal([] { (void)openFramePort("serial:/dev/ttyS1:9601", "--modem"); }),
+              HasSubstr("9601 baud is not one of"));
+  EXPECT_THAT(refusal([] { (void)openFramePort("udp:ship:9000", "--modem"); }),
+              HasSubstr("ship is no IPv4 address"));
+}
+
+TEST(DeviceAddress, AModemThatIsNotThereIsWaitedFor) {
+  const test::TemporaryFolder folder;
+  const auto port = openFramePort("serial:" + (folder.path() / "modem").string() + ":9600", "--modem");
+  EXPECT_FALSE(port->isOpen());
+  EXPECT_THAT(std::string(port->reason()), HasSubstr("cannot be opened (No such file or directory)"));
+  EXPECT_FALSE(port->send(Bytes{1}));
 }
 
 TEST(SerialLine, ASecondUserIsRefusedUntilTheFirstHasGone) {
@@ -121,8 +133,29 @@ TEST(UdpStream, DatagramsAreReadInTheirOrderPieceByPiece) {
     all.insert(all.end(), buffer.begin(), buffer.begin() + static_cast<std::ptrdiff_t>(n));
   }
   EXPECT_EQ(all, (Bytes{1, 2, 3, 4, 5, 6, 7}));
-  EXPECT_THAT(refusal([&] { UdpStream second("127.0.0.1", stream.port()); }), HasSubstr("cannot be bound"));
   EXPECT_THAT(refusal([] { UdpStream none("dvl", 1); }), HasSubstr("is no IPv4 address"));
+}
+
+TEST(UdpStream, APortThatIsTakenIsListenedOnWhenItIsFree) {
+  auto first = std::make_unique<UdpStream>("127.0.0.1", 0);
+  UdpStream second("127.0.0.1", first->port(), 0);
+  Bytes buffer(4);
+  EXPECT_EQ(second.read(buffer, 0), 0u);
+  EXPECT_FALSE(second.isOpen());
+  EXPECT_EQ(second.reason(), "Address already in use");
+  UdpStream patient("127.0.0.1", first->port(), 3'600'000'000'000);
+  first.reset();
+  EXPECT_EQ(second.read(buffer, 0), 0u);
+  EXPECT_TRUE(second.isOpen());
+  EXPECT_EQ(second.reason(), "");
+  EXPECT_EQ(patient.read(buffer, 0), 0u);
+  EXPECT_FALSE(patient.isOpen()) << "it is not yet time";
+}
+
+TEST(UdpStream, AnAddressThatNoInterfaceHasYetIsWaitedFor) {
+  const UdpStream stream("192.0.2.1", 9);
+  EXPECT_FALSE(stream.isOpen());
+  EXPECT_EQ(stream.reason(), "Cannot assign requested address");
 }
 
 TEST(FileStream, GivesItsBytesAndIsClosedAtTheEnd) {

@@ -1,4 +1,5 @@
 #include "firmware_if/modem/modem_ports.hpp"
+#include "firmware_if/modem/waiting_frame_port.hpp"
 
 #include <gmock/gmock.h>
 #include <netinet/in.h>
@@ -310,6 +311,40 @@ TEST_F(SerialFramePortTest, AnUnpluggedModemIsOpenedAgainWhenItIsBack) {
   termios settings = {};
   ASSERT_EQ(::tcgetattr(modem_.line(), &settings), 0);
   EXPECT_EQ(::cfgetospeed(&settings), static_cast<speed_t>(B9600));
+}
+
+TEST_F(SerialFramePortTest, AModemThatComesLaterIsOpenedThenAndUsed) {
+  modem_.unplug();
+  const std::string name = modem_.name();
+  WaitingFramePort port([name] { return std::make_unique<SerialFramePort>(name, 9600, 0); }, 0);
+  Bytes buffer(FramePort::kMaxFrameBytes);
+  EXPECT_FALSE(port.isOpen());
+  EXPECT_THAT(std::string(port.reason()), HasSubstr("cannot be opened"));
+  EXPECT_FALSE(port.send(Bytes{1}));
+  EXPECT_EQ(port.receive(buffer), 0u);
+  EXPECT_EQ(port.droppedFrames(), 0u);
+  modem_.plug();
+  ASSERT_TRUE(port.send(Bytes{7}));
+  EXPECT_TRUE(port.isOpen());
+  EXPECT_EQ(port.reason(), "");
+  modem_.send(encoded({9}));
+  EXPECT_EQ(receiveOne(port), Bytes{9});
+  modem_.unplug();
+  EXPECT_EQ(port.receive(buffer), 0u);
+  EXPECT_FALSE(port.isOpen());
+  EXPECT_NE(port.reason(), "");
+}
+
+TEST(WaitingFramePort, ADeviceThatIsAbsentIsTriedAtGrowingIntervals) {
+  int tries = 0;
+  WaitingFramePort port([&tries]() -> std::unique_ptr<FramePort> {
+    ++tries;
+    throw std::bad_alloc();
+  });
+  Bytes buffer(FramePort::kMaxFrameBytes);
+  for (int i = 0; i < 100; ++i) EXPECT_EQ(port.receive(buffer), 0u);
+  EXPECT_EQ(tries, 1) << "not again within the first second";
+  EXPECT_NE(port.reason(), "");
 }
 
 TEST_F(SerialFramePortTest, WhatCameBeforeTheUnpluggingIsStillRead) {

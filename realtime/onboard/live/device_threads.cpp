@@ -11,15 +11,34 @@ namespace {
 constexpr int kPollMs = 100;                // a stop is noticed within this
 constexpr long kModemPoll_ns = 10'000'000;  // far below the time that a frame takes on the water
 
+io::DeviceHealth withFailures(io::DeviceHealth health) {
+  health.counters.emplace_back("poll_failures", 0);
+  return health;
+}
+
+// Into a health of withFailures().
+template <class Device>
+void tell(const Device& device, const io::PollFence& fence, io::DeviceHealth& health) {
+  device.updateHealth(health);
+  fence.tell(health);
+  health.counters.back().second = fence.failures();
+}
+
+io::DeviceHealth modemHealth() {
+  io::DeviceHealth health;
+  health.name = "modem";
+  return health;
+}
+
 }  // namespace
 
 SampleThread::SampleThread(io::SampleSource& source, const Links& links, const rt::Clock& clock)
-    : source_(source), links_(links), clock_(clock), health_(source.health()) {}
+    : source_(source), links_(links), clock_(clock), health_(withFailures(source.health())) {}
 
 void SampleThread::run(const std::atomic<bool>& stop) noexcept {
   while (!stop.load(std::memory_order_acquire)) {
     fence_.poll(source_, kPollMs, *this, clock_.monotonicNs());
-    health_.update(source_, fence_);
+    health_.update([&](io::DeviceHealth& health) { tell(source_, fence_, health); });
     links_.heart->beat(clock_.monotonicNs());
   }
 }
@@ -35,12 +54,12 @@ void SampleThread::raw(std::int64_t arrival_utc_ns, std::string_view source,
 }
 
 CameraThread::CameraThread(io::CameraSource& camera, const Links& links, const rt::Clock& clock)
-    : camera_(camera), links_(links), clock_(clock), health_(camera.health()) {}
+    : camera_(camera), links_(links), clock_(clock), health_(withFailures(camera.health())) {}
 
 void CameraThread::run(const std::atomic<bool>& stop) noexcept {
   while (!stop.load(std::memory_order_acquire)) {
     fence_.poll(camera_, kPollMs, *this, clock_.monotonicNs());
-    health_.update(camera_, fence_);
+    health_.update([&](io::DeviceHealth& health) { tell(camera_, fence_, health); });
     links_.heart->beat(clock_.monotonicNs());
   }
 }
@@ -61,7 +80,7 @@ void CameraThread::frame(const io::CameraFrame& frame) noexcept {
 }
 
 ModemThread::ModemThread(FramePort& modem, const Links& links, const rt::Clock& clock)
-    : modem_(modem), links_(links), clock_(clock) {}
+    : modem_(modem), links_(links), clock_(clock), health_(modemHealth()) {}
 
 void ModemThread::run(const std::atomic<bool>& stop) noexcept {
   io::ModemFrame frame;
@@ -79,7 +98,12 @@ void ModemThread::run(const std::atomic<bool>& stop) noexcept {
       (modem_.send(frame.data()) ? counters_.sent : counters_.refused)
           .fetch_add(1, std::memory_order_relaxed);
     counters_.dropped.store(modem_.droppedFrames(), std::memory_order_relaxed);
-    counters_.open.store(modem_.isOpen(), std::memory_order_relaxed);
+    health_.update([&](io::DeviceHealth& health) {
+      health.open = modem_.isOpen();
+      health.reason = modem_.reason();
+      health.last_data_ns = counters_.last_received_ns.load(std::memory_order_relaxed);
+      health.samples = counters_.received.load(std::memory_order_relaxed);
+    });
     links_.heart->beat(clock_.monotonicNs());
     const timespec pause = {0, kModemPoll_ns};
     ::clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, nullptr);

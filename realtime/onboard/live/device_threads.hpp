@@ -20,17 +20,12 @@ namespace fathom::onboard {
 // effort as far as this goes; the hard tier never comes here.
 class SharedHealth {
  public:
-  // Beside the device's own counters it shows "poll_failures": what its polls threw.
-  explicit SharedHealth(io::DeviceHealth first) : own_(std::move(first)) {
-    own_.counters.emplace_back("poll_failures", 0);
-    shown_ = own_;
-  }
-  // By the polling thread, without waiting: skipped while the other side reads.
-  template <class Source>
-  void update(const Source& source, const io::PollFence& fence) noexcept {
-    source.updateHealth(own_);
-    own_.counters.back().second = fence.failures();
-    fence.tell(own_);
+  explicit SharedHealth(io::DeviceHealth first) : own_(first), shown_(std::move(first)) {}
+  // `fill(DeviceHealth&)` refreshes all of it. By the polling thread, without waiting: skipped while the
+  // other side reads.
+  template <class Fill>
+  void update(const Fill& fill) noexcept {
+    fill(own_);
     const std::unique_lock<std::mutex> lock(mutex_, std::try_to_lock);
     if (lock.owns_lock()) std::swap(own_, shown_);
   }
@@ -58,6 +53,7 @@ class SampleThread final : public io::SampleSink {
 
   // Until `stop`.
   void run(const std::atomic<bool>& stop) noexcept;
+  // With "poll_failures" behind the device's own counters: polls that threw.
   [[nodiscard]] io::DeviceHealth health() const { return health_.read(); }
 
   void sample(std::int64_t arrival_utc_ns, const SensorSample& sample) noexcept override;
@@ -110,18 +106,19 @@ class ModemThread {
   struct Counters {
     std::atomic<std::uint64_t> sent{0}, refused{0}, received{0}, dropped{0};
     std::atomic<std::int64_t> last_received_ns{0};  // vehicle time
-    std::atomic<bool> open{false};                  // the device is there
   };
   ModemThread(FramePort& modem, const Links& links, const rt::Clock& clock);
 
   void run(const std::atomic<bool>& stop) noexcept;
   [[nodiscard]] const Counters& counters() const { return counters_; }
+  [[nodiscard]] io::DeviceHealth health() const { return health_.read(); }
 
  private:
   FramePort& modem_;
   Links links_;
   const rt::Clock& clock_;
   Counters counters_;
+  SharedHealth health_;
 };
 
 // The soft tier's end of the modem: frames to send go into a ring. What the modem receives comes as inputs.
