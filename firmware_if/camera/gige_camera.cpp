@@ -20,10 +20,10 @@ using namespace gige;  // NOLINT: its own parts
 namespace {
 
 constexpr std::array<std::string_view, kCounts> kNames{
-    "incomplete",   "timed_out",   "wrong_size",       "wrong_format",        "missed",
-    "id_jumps",     "stale",       "pool_full",        "no_buffer",           "resent_packets",
-    "clock_resets", "clock_held",  "clock_unsettled",  "ptp_apart",           "control_lost",
-    "stalled",      "open_failed", "priority_refused", "receive_buffer_small"};
+    "incomplete",   "timed_out",      "wrong_size",      "wrong_format",     "missed",
+    "id_jumps",     "stale",          "pool_full",       "no_buffer",        "resent_packets",
+    "clock_resets", "clock_held",     "clock_unsettled", "ptp_apart",        "control_lost",
+    "stalled",      "no_first_frame", "open_failed",     "priority_refused", "receive_buffer_small"};
 
 constexpr std::int64_t kRetryNs = kNsPerS;  // between attempts to open
 constexpr int kMostDescriptors = 4096;
@@ -107,6 +107,7 @@ void GigeCamera::Impl::open() {
   sent_since_open = any_stamp = false;
   broken_since_whole = 0;
   last_frame_ns = now();
+  if (config.trigger != CameraTrigger::kLine) first_frame.opened(last_frame_ns);
 }
 
 void GigeCamera::Impl::close(bool answers) {
@@ -136,6 +137,11 @@ bool GigeCamera::Impl::lost() {
   if (sent_since_open && now() - last_frame_ns > silenceNs()) {
     count(Count::kStalled);
     failure = "has sent nothing for " + std::to_string(silenceNs() / kNsPerMs) + " ms";
+    return true;
+  }
+  if (first_frame.overdue(now())) {
+    count(Count::kNoFirstFrame);
+    failure = "answers but sends no first frame";
     return true;
   }
   return false;

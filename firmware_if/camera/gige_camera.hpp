@@ -32,6 +32,7 @@ namespace fathom::io {
 //   ptp_apart       stamps that were not the time of day though PTP is asked
 //   control_lost    the camera no longer hears us, or started again
 //   stalled         no frame for longer than kSilentPeriods
+//   no_first_frame  a camera that runs free answered but never began, and was opened again
 //   open_failed     attempts to open it that failed
 //   priority_refused  1: the receiving thread did not get its priority
 //   receive_buffer_small  times that it was opened with less room than a frame's packets need
@@ -66,8 +67,9 @@ class GigeCamera final : public CameraSource {
   // Bytes that frames and buffers take.
   [[nodiscard]] static std::size_t memoryBytes(const CameraConfig& config);
 
-  // Periods of silence, at least two seconds, after which a camera that has sent is closed and opened again;
-  // one that has not sent since it was opened is left alone while it answers (a trigger may not run yet).
+  // Periods of silence, at least two seconds, after which a camera that has sent is closed and opened again.
+  // One that has not sent since it was opened gets three seconds more, and twice as long each time
+  // (FirstFrameWait); a camera on a trigger line is left alone while it answers: its trigger may not run yet.
   static constexpr double kSilentPeriods = 6;
 
  private:

@@ -10,6 +10,7 @@
 #include "firmware_if/camera/aravis_handles.hpp"
 #include "firmware_if/camera/camera_clock_map.hpp"
 #include "firmware_if/camera/camera_setup.hpp"
+#include "firmware_if/camera/first_frame_wait.hpp"
 #include "firmware_if/camera/frame_id_unwrap.hpp"
 #include "firmware_if/camera/gige_camera.hpp"
 #include "firmware_if/devices/receive_time.hpp"
@@ -35,6 +36,7 @@ enum class Count : std::uint8_t {
   kPtpApart,
   kControlLost,
   kStalled,
+  kNoFirstFrame,
   kOpenFailed,
   kPriorityRefused,
   kReceiveBufferSmall,
@@ -43,7 +45,8 @@ enum class Count : std::uint8_t {
 constexpr std::size_t kCounts = static_cast<std::size_t>(Count::kCounts);
 constexpr std::int64_t kNsPerMs = 1'000'000, kNsPerUs = 1'000;
 constexpr std::int64_t kNsPerS = 1'000'000'000;
-constexpr std::int64_t kLeastSilenceNs = 2 * kNsPerS;          // whatever the rate
+constexpr std::int64_t kLeastSilenceNs = 2 * kNsPerS;  // whatever the rate
+constexpr std::int64_t kStartUpNs = 3 * kNsPerS;       // from the opening to a camera's first exposure
 constexpr std::size_t kMostChunkBytes = std::size_t{1} << 16;  // beside the pixels of a frame
 
 // The camera's clock is read on command at 0, 1, 3, 7... s, then every ten: the first readings come before
@@ -72,7 +75,8 @@ struct GigeCamera::Impl {
         blocks(c.pool_frames, frameBytes(c.format.packing, gige::pixelsOf(c)), lock),
         memory(c.buffers * (gige::bufferBytes(c) + kBufferAlignment), lock),
         clock(c.trigger == CameraTrigger::kPtp ? CameraClockMap::Mode::kPtp : CameraClockMap::Mode::kFree,
-              static_cast<std::int64_t>(c.stamp_to_packet_ms * static_cast<double>(gige::kNsPerMs))) {
+              static_cast<std::int64_t>(c.stamp_to_packet_ms * static_cast<double>(gige::kNsPerMs))),
+        first_frame(silenceNs(c) + gige::kStartUpNs) {
     for (std::size_t i = 0; i < c.buffers; ++i)
       buffers.emplace_back(
           arv_buffer_new(gige::bufferBytes(c), memory.allocate(gige::bufferBytes(c), kBufferAlignment)));
@@ -89,8 +93,9 @@ struct GigeCamera::Impl {
   [[nodiscard]] static std::int64_t systemNs() { return g_get_real_time() * gige::kNsPerUs; }
   void readClock();
   void readStatistics();
-  [[nodiscard]] std::int64_t silenceNs() const {
-    return std::max(gige::kLeastSilenceNs, static_cast<std::int64_t>(kSilentPeriods / config.rate_hz * 1e9));
+  [[nodiscard]] std::int64_t silenceNs() const { return silenceNs(config); }
+  [[nodiscard]] static std::int64_t silenceNs(const CameraConfig& c) {
+    return std::max(gige::kLeastSilenceNs, static_cast<std::int64_t>(kSilentPeriods / c.rate_hz * 1e9));
   }
   void count(gige::Count what, std::uint64_t events = 1) { counts[static_cast<std::size_t>(what)] += events; }
 
@@ -114,6 +119,7 @@ struct GigeCamera::Impl {
 
   CameraClockMap clock;
   ReceiveTime received;  // Aravis notes by the system's clock when a frame's leader came
+  FirstFrameWait first_frame;
   FrameIdUnwrap ids;
   std::uint64_t ticks_per_s = 0;  // of the clock's registers; 0: it has none
   std::int64_t next_reading_ns = 0, reading_gap_ns = 0;

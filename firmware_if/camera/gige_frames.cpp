@@ -108,6 +108,7 @@ void GigeCamera::Impl::take(ArvBuffer* buffer, FrameSink& sink) {
   const std::int64_t since_last_ns = utc_ns - last_whole_ns;
   last_frame_ns = utc_ns;
   sent_since_open = true;
+  first_frame.frameCame();
   const auto device_ns =
       static_cast<std::int64_t>(std::min<std::uint64_t>(arv_buffer_get_timestamp(buffer), kLatestStampNs));
   // A frame that is not whole has used up its id, but which that was nobody knows: its leader may be missing,

@@ -7,6 +7,7 @@
 
 #include "firmware_if/camera/camera_clock_map.hpp"
 #include "firmware_if/camera/camera_config.hpp"
+#include "firmware_if/camera/first_frame_wait.hpp"
 #include "firmware_if/camera/frame_id_unwrap.hpp"
 #include "firmware_if/camera/pixel_unpack.hpp"
 #include "realtime/kernel/input_error.hpp"
@@ -302,6 +303,24 @@ StereoCameraConfig configOf(const std::string& text) {
   StereoCameraConfig config = readCameraConfig(cameras, mission());
   root.finish();
   return config;
+}
+
+TEST(FirstFrameWait, ACameraThatNeverBeginsIsOpenedAgainAtGrowingIntervals) {
+  FirstFrameWait wait(5 * kS);
+  EXPECT_FALSE(wait.overdue(100 * kS)) << "nothing is open";
+  std::int64_t now = 0;
+  for (const std::int64_t given : {5, 10, 20, 40, 60, 60}) {
+    wait.opened(now);
+    EXPECT_FALSE(wait.overdue(now + given * kS)) << given;
+    EXPECT_TRUE(wait.overdue(now + given * kS + 1)) << given;
+    EXPECT_FALSE(wait.overdue(now + given * kS + 2)) << "once an opening";
+    now += 100 * kS;
+  }
+  wait.opened(now);
+  wait.frameCame();
+  EXPECT_FALSE(wait.overdue(now + 1000 * kS));
+  wait.opened(now);
+  EXPECT_TRUE(wait.overdue(now + 5 * kS + 1)) << "begins anew after a frame";
 }
 
 TEST(CameraConfig, TakesFormatsAndRateFromTheMissionWhenItIsNotTold) {

@@ -1,5 +1,4 @@
 #include "firmware_if/modem/modem_ports.hpp"
-#include "firmware_if/modem/waiting_frame_port.hpp"
 
 #include <gmock/gmock.h>
 #include <netinet/in.h>
@@ -9,6 +8,7 @@
 
 #include <random>
 
+#include "firmware_if/modem/waiting_frame_port.hpp"
 #include "tests/support/pty_line.hpp"
 #include "tests/support/text_files.hpp"
 

@@ -164,6 +164,24 @@ TEST(SimulatedGigeCamera, ComesBackWhenItsCableIsPulledAndPutBack) {
   EXPECT_EQ(client.indices.back(), 149);
 }
 
+TEST(SimulatedGigeCamera, IsOpenedAgainWhenItRunsFreeAndNeverBegins) {
+  if (const std::string why = test::ownNetwork(); !why.empty()) GTEST_SKIP() << why;
+  const BenchMission mission(20, 20);
+  const std::int64_t start = test::systemUtcNs() + 10 * kSecond;  // its first exposure
+  BenchCamera free(0, mission, CameraSide::kLeft, start), line(1, mission, CameraSide::kRight, start);
+  BenchClient by_itself(0, mission, CameraSide::kLeft, "BayerRG12Packed", start);
+  BenchClient by_line(1, mission, CameraSide::kRight, "Mono12Packed", start, 0, io::CameraTrigger::kLine);
+  std::thread other([&] { by_line.pollUntil(start + 12 * kSecond / 10); });
+  by_itself.pollUntil(start + 12 * kSecond / 10);
+  other.join();
+  EXPECT_EQ(by_itself.count("no_first_frame"), 1u) << by_itself.camera().lastFailure();
+  EXPECT_GT(by_itself.frames.size(), 0u) << "it gives its frames to the second opening";
+  EXPECT_EQ(by_itself.wrong, 0);
+  EXPECT_EQ(by_line.count("no_first_frame"), 0u) << "its trigger may not run yet";
+  EXPECT_EQ(by_line.camera().health().disconnects, 0u);
+  EXPECT_GT(by_line.frames.size(), 0u);
+}
+
 TEST(SimulatedGigeCamera, IsTriggeredByALineOrSetByPtp) {
   if (const std::string why = test::ownNetwork(); !why.empty()) GTEST_SKIP() << why;
   const BenchMission mission(100, 20);
