@@ -21,7 +21,7 @@ struct LcmConfig {
   double max_age_s =
       10;           // a sample stamped further from its arrival is refused; a fix, further back than 300 s
   int queue = 200;  // messages that may wait on the bus
-  double publish_hz = 1;  // of pose; health, map and link at most once a second
+  double publish_hz = 1;  // of pose, 0: none are told; health, map and link at most once a second
 };
 // `accept` is a text of words from: dvl attitude depth usbl gps water battery progress gyro. Throws
 // InputError.

@@ -270,6 +270,17 @@ TEST(LcmConfig, TheListOfAcceptedSamplesIsReadWordByWord) {
   EXPECT_TRUE(read("").url.empty());
 }
 
+TEST(LcmConfig, PosesMayBeLeftOutByARateOfZero) {
+  const auto rate = [](const std::string& hz) {
+    const ConfigTable table = ConfigTable::parse("[lcm]\npublish_hz = " + hz, "onboard.toml");
+    return readLcmConfig(table.table("lcm"), {}).publish_hz;
+  };
+  EXPECT_EQ(rate("0"), 0);
+  EXPECT_EQ(rate("100"), 100);
+  for (const char* wrong : {"-0.1", "100.5"})
+    EXPECT_THAT(refusal([&] { (void)rate(wrong); }), HasSubstr("publish_hz")) << wrong;
+}
+
 // As other programs read it: by the decoder that lcm-gen made.
 template <class Message>
 Message received(const LogMessage& message) {
