@@ -1,33 +1,13 @@
-// A disk that is slow to sync, or that fails to: the system's fdatasync is replaced in this program.
-#include <errno.h>
+// A disk that is slow to sync, or that fails to.
 #include <gmock/gmock.h>
-#include <sys/syscall.h>
-#include <unistd.h>
 
 #include <atomic>
 #include <chrono>
-#include <fstream>
 #include <thread>
 
 #include "firmware_if/recorder/recorder.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
-#include "tests/support/test_data.hpp"
-
-namespace {
-
-std::atomic<int> sync_delay_ms{0};
-std::atomic<bool> sync_fails{false};
-
-}  // namespace
-
-extern "C" int fdatasync(int fd) {
-  std::this_thread::sleep_for(std::chrono::milliseconds(sync_delay_ms.load()));
-  if (sync_fails) {
-    errno = EIO;
-    return -1;
-  }
-  return static_cast<int>(::syscall(SYS_fdatasync, fd));
-}
+#include "tests/support/bad_disk.hpp"
 
 namespace fathom::io {
 namespace {
@@ -45,10 +25,6 @@ class FailingDisk : public ::testing::Test {
     recorder_ = std::make_unique<Recorder>(folder_, dive_.mission(), dive_.rig(), config, player_.viewOf(),
                                            player_.release());
   }
-  void TearDown() override {
-    sync_delay_ms = 0;
-    sync_fails = false;
-  }
   void play(int inputs) {
     for (int i = 0; i < inputs; ++i, ++next_) {
       EXPECT_TRUE(player_.offer(*recorder_, next_));
@@ -61,6 +37,7 @@ class FailingDisk : public ::testing::Test {
   SyntheticDive::Config dive_config_{64, 48, 50};
   SyntheticDive dive_{dive_config_};
   DivePlayer player_{dive_, dive_config_, 16};
+  test::BadDisk disk_{parent_.path()};
   std::unique_ptr<Recorder> recorder_;
   std::uint64_t next_ = 0;
 };
@@ -71,7 +48,7 @@ TEST_F(FailingDisk, WhatASyncDidNotTakeIsWrittenAgain) {
   const std::uint64_t safe = recorder_->counters().inputs_safe;
   EXPECT_GT(safe, 0u);
 
-  sync_fails = true;
+  disk_.set({.fault = test::DiskFault::kInputOutput, .calls = test::kSyncCall});
   play(100);
   std::this_thread::sleep_for(std::chrono::milliseconds(600));  // a sync is due
   recorder_->work(20);
@@ -85,7 +62,7 @@ TEST_F(FailingDisk, WhatASyncDidNotTakeIsWrittenAgain) {
   std::filesystem::resize_file(log, size / 2);
   std::filesystem::resize_file(log, size);
 
-  sync_fails = false;
+  disk_.clear();
   play(100);
   recorder_->close();
   EXPECT_EQ(recorder_->counters().inputs_safe, 300u);
@@ -95,7 +72,8 @@ TEST_F(FailingDisk, WhatASyncDidNotTakeIsWrittenAgain) {
 }
 
 TEST_F(FailingDisk, ASlowOneDelaysNoProducerAndLosesNothing) {
-  sync_delay_ms = 100;  // of each sync: of the log, and of each image
+  // Each sync, of the log and of each image.
+  disk_.set({.fault = test::DiskFault::kStall, .calls = test::kSyncCall, .stall_ms = 100});
   std::atomic<bool> ended{false};
   std::thread writer([&] {
     while (!ended) {
