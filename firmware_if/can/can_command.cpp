@@ -101,6 +101,7 @@ CaptureCounts readLog(const std::filesystem::path& path, Take&& take) {
     }
     counts.broken += raw && raw->bytes.empty() ? 0 : 1;
   }
+  log.throwIfReadFailed();
   counts.broken += log.damagedStretches();
   return counts;
 }

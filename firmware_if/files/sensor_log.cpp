@@ -72,6 +72,7 @@ struct SensorLogReader::Impl {
       if (decoded) return LoggedSample{decoded->arrival_utc_ns, std::move(decoded->sample)};
       ++broken_messages;
     }
+    log->throwIfReadFailed();
     return std::nullopt;
   }
 

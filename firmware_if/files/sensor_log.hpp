@@ -48,7 +48,8 @@ class SensorLogReader {
   SensorLogReader(const SensorLogReader&) = delete;
   SensorLogReader& operator=(const SensorLogReader&) = delete;
 
-  // The next sample; std::nullopt at the end. Entries of other channels are skipped and counted.
+  // The next sample; std::nullopt at the end. Entries of other channels are skipped and counted. Throws
+  // InputError where the disk refuses to be read.
   [[nodiscard]] std::optional<LoggedSample> next();
   [[nodiscard]] std::uint64_t skippedEntries() const;
   [[nodiscard]] std::uint64_t damagedEntries() const;

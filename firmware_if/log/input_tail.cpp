@@ -31,6 +31,7 @@ InputTail readFrom(const std::filesystem::path& log, std::uint64_t from, std::ui
       tail.inputs.push_back(std::move(*input));
     }
   }
+  events.throwIfReadFailed();
   tail.damaged = damaged_messages + events.damagedStretches() - damaged_before_mark;
   return tail;
 }

@@ -19,7 +19,7 @@ struct InputTail {
 
 // `number` 0: every input of the log. `mark_utc_ns`: when the mark was given, if that is known; behind what
 // is older nobody looks for it, and the inputs of one that is not there are then the newest ones only. Throws
-// InputError if the log is absent or empty.
+// InputError if the log is absent, empty, or cannot be read to its end.
 [[nodiscard]] InputTail readInputTail(const std::filesystem::path& mission_folder, std::uint64_t number,
                                       std::int64_t mark_utc_ns = INT64_MIN);
 

@@ -18,6 +18,8 @@ constexpr std::uint32_t kSyncWord = 0xEDA1DA01;
 constexpr std::size_t kHeaderBytes = 28;
 // Grows with what is unread, so that a log full of false lengths is not moved about in small steps.
 constexpr std::size_t kLeastReadAhead = std::size_t{1} << 16, kMostReadAhead = std::size_t{1} << 20;
+// Of a log that grows: what claims to be longer and is not whole has a wrong length. No recorder writes more.
+constexpr std::size_t kMostUnfinished = std::size_t{4} << 20;
 
 std::uint32_t bigEndian32(const std::uint8_t* p) {
   return std::uint32_t{p[0]} << 24 | std::uint32_t{p[1]} << 16 | std::uint32_t{p[2]} << 8 |
@@ -53,7 +55,8 @@ void appendLogEvent(std::vector<std::uint8_t>& out, std::int64_t number, std::in
   out.insert(out.end(), data.begin(), data.end());
 }
 
-LogEventReader::LogEventReader(const std::filesystem::path& path, std::uint64_t from) : from_(from) {
+LogEventReader::LogEventReader(const std::filesystem::path& path, std::uint64_t from, Log log)
+    : path_(path), from_(from), grows_(log == Log::kGrows) {
   fd_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
   struct stat status = {};
   if (fd_ < 0 || ::fstat(fd_, &status) != 0 || !S_ISREG(status.st_mode)) {
@@ -72,30 +75,48 @@ LogEventReader::~LogEventReader() {
 }
 
 void LogEventReader::rewind() {
-  ::lseek(fd_, static_cast<off_t>(from_), SEEK_SET);
-  begin_ = end_ = 0;
   damaged_ = end_of_last_event_ = 0;
-  buffer_file_offset_ = from_;
-  at_end_of_file_ = false;
+  read_again_at_ = UINT64_MAX;
+  beginAt(from_);
 }
 
-// Makes at least `bytes` unread bytes present; false when the file ends before.
+void LogEventReader::beginAt(std::uint64_t offset) {
+  ::lseek(fd_, static_cast<off_t>(offset), SEEK_SET);
+  begin_ = end_ = 0;
+  buffer_file_offset_ = offset;
+  at_end_of_file_ = false;
+  read_error_ = 0;
+}
+
+std::string LogEventReader::failure() const {
+  if (!readFailed()) return "";
+  return "cannot be read beyond byte " + std::to_string(buffer_file_offset_ + end_) + " (" +
+         std::strerror(read_error_) + ")";
+}
+
+void LogEventReader::throwIfReadFailed() const {
+  if (readFailed()) throw InputError(path_, "", failure() + "; check the disk");
+}
+
+// Makes at least `bytes` unread bytes present; false when the file ends before, or cannot be read.
 bool LogEventReader::fill(std::size_t bytes) {
   if (end_ - begin_ >= bytes) return true;
-  if (at_end_of_file_) return false;
+  if (at_end_of_file_ || readFailed()) return false;
   if (begin_ > 0) {
     std::memmove(buffer_.data(), buffer_.data() + begin_, end_ - begin_);
     buffer_file_offset_ += begin_;
     end_ -= begin_;
     begin_ = 0;
   }
-  while (end_ < bytes && !at_end_of_file_) {
+  while (end_ < bytes && !at_end_of_file_ && !readFailed()) {
     // Grown with what the file gives, never to what a damaged length claims.
     const std::size_t ahead = std::clamp(end_, kLeastReadAhead, kMostReadAhead);
     if (buffer_.size() < end_ + ahead) buffer_.resize(end_ + ahead);
     const ssize_t n = ::read(fd_, buffer_.data() + end_, buffer_.size() - end_);
     if (n < 0 && errno == EINTR) continue;
-    if (n <= 0)
+    if (n < 0)
+      read_error_ = errno;
+    else if (n == 0)
       at_end_of_file_ = true;
     else
       end_ += static_cast<std::size_t>(n);
@@ -124,8 +145,36 @@ std::size_t LogEventReader::findHeader(std::size_t from, std::size_t to) const {
 }
 
 bool LogEventReader::next(LogEvent& event) {
+  if (!grows_) return find(event);
+  const std::uint64_t damaged = damaged_, behind_last = std::max(from_, end_of_last_event_);
+  if (at_end_of_file_ || readFailed()) beginAt(behind_last);
+  bool found = find(event);
+  if (found && damaged_ != damaged && mayReadAgain(behind_last)) {
+    end_of_last_event_ = behind_last > from_ ? behind_last : 0;
+    damaged_ = damaged;
+    beginAt(behind_last);
+    found = find(event);
+  }
+  if (!found) damaged_ = damaged;
+  return found;
+}
+
+bool LogEventReader::readLastAgain() {
+  if (!grows_ || !mayReadAgain(begin_of_last_event_)) return false;
+  beginAt(begin_of_last_event_);
+  end_of_last_event_ = begin_of_last_event_ > from_ ? begin_of_last_event_ : 0;
+  return true;
+}
+
+bool LogEventReader::mayReadAgain(std::uint64_t offset) {
+  if (read_again_at_ == offset) return false;
+  read_again_at_ = offset;
+  return true;
+}
+
+bool LogEventReader::find(LogEvent& event) {
   // Up to the first event, a reader that began inside the file only looks for one.
-  bool in_damage = from_ > 0 && end_of_last_event_ == 0;
+  bool in_damage = !grows_ && from_ > 0 && end_of_last_event_ == 0;
   const auto skipTo = [&](std::size_t offset) {
     if (!in_damage) ++damaged_;
     in_damage = true;
@@ -133,7 +182,7 @@ bool LogEventReader::next(LogEvent& event) {
   };
   for (;;) {
     if (!fill(kHeaderBytes)) {
-      if (end_ > begin_) skipTo(end_);
+      if (end_ > begin_ && !readFailed()) skipTo(end_);
       return false;
     }
     if (!believableHeader(begin_)) {
@@ -145,10 +194,12 @@ bool LogEventReader::next(LogEvent& event) {
     const std::size_t data_bytes = bigEndian32(buffer_.data() + begin_ + 24);
     const std::size_t event_bytes = kHeaderBytes + channel_bytes + data_bytes;
     const bool whole = fill(event_bytes);
+    if (!whole && (readFailed() || (grows_ && event_bytes <= kMostUnfinished))) return false;
     // An event is trusted when another begins behind it or the file ends there. Otherwise either its lengths
     // are wrong, and then other events lie inside the bytes that it claims, or only what follows is damaged.
-    const bool followed = whole && (fill(event_bytes + kHeaderBytes) ? believableHeader(begin_ + event_bytes)
-                                                                     : end_ - begin_ == event_bytes);
+    const bool followed =
+        whole && (fill(event_bytes + kHeaderBytes) ? believableHeader(begin_ + event_bytes)
+                                                   : grows_ || end_ - begin_ == event_bytes);
     if (!followed) {
       const std::size_t claimed_end = std::min(end_, begin_ + event_bytes);
       const std::size_t inside = findHeader(begin_ + 1, claimed_end);
@@ -162,6 +213,7 @@ bool LogEventReader::next(LogEvent& event) {
     event.timestamp_us = bigEndian64(p + 12);
     event.channel = {reinterpret_cast<const char*>(p + kHeaderBytes), channel_bytes};
     event.data = {p + kHeaderBytes + channel_bytes, data_bytes};
+    begin_of_last_event_ = buffer_file_offset_ + begin_;
     begin_ += event_bytes;
     end_of_last_event_ = buffer_file_offset_ + begin_;
     return true;
@@ -172,13 +224,15 @@ LogEnd findLogEnd(const std::filesystem::path& path) {
   constexpr std::uint64_t kFirstPiece = std::uint64_t{1} << 18;
   std::error_code error;
   const std::uint64_t size = std::filesystem::file_size(path, error);
+  if (error) throw InputError(path, "", "cannot be read (" + error.message() + ")");
   for (std::uint64_t piece = kFirstPiece;; piece *= 4) {
     const std::uint64_t from = piece < size ? size - piece : 0;
     LogEventReader events(path, from);
     LogEvent event;
     LogEnd end;
-    while (events.next(event)) end = {events.endOfLastEvent(), event.number + 1};
-    if (end.offset > 0 || from == 0) return end;
+    while (events.next(event)) end = {events.endOfLastEvent(), event.number + 1, ""};
+    end.failure = events.failure();
+    if (end.offset > 0 || from == 0 || !end.failure.empty()) return end;
   }
 }
 
@@ -188,6 +242,7 @@ LogEventWriter::LogEventWriter(const std::filesystem::path& path) : path_(path.s
     LogEventReader existing(path);
     LogEvent event;
     while (existing.next(event)) ++next_number_;
+    existing.throwIfReadFailed();
     size_ = existing.endOfLastEvent();
     if (size_ == 0) throw InputError(path, "", "exists and is no LCM event log; move it away");
   }

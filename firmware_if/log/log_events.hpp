@@ -31,14 +31,21 @@ void appendLogEvent(std::vector<std::uint8_t>& out, std::int64_t number, std::in
 [[nodiscard]] std::size_t logEventBytes(std::string_view channel, std::span<const std::uint8_t> data);
 
 // Walks the events of a log of any size with a bounded buffer. Damage is skipped up to the next sync word
-// that begins a believable event; each stretch skipped counts once, a cut last event too.
+// that begins a believable event; each stretch skipped counts once, a cut last event too. A disk that refuses
+// to be read is neither damage nor the end: next() gives false, and readFailed() says so.
+//
+// A log that grows (kGrows) is being written: a last event that is not whole is no damage but is not there
+// yet, and after it gave false next() may be called again, and reads on when more has come. What looks like
+// damage is read from the file once more first, because its bytes may not have been written when they were
+// read. An event with a wrong length holds up what is behind it until the file has 4 MiB more.
 class LogEventReader {
  public:
+  enum class Log : std::uint8_t { kIsWhole, kGrows };
   // Throws InputError for an absent, unreadable or empty file.
   explicit LogEventReader(const std::filesystem::path& path) : LogEventReader(path, 0) {}
   // Begins at the first event behind byte `from`, which need not be where one begins; what is passed over to
-  // find it is no damage.
-  LogEventReader(const std::filesystem::path& path, std::uint64_t from);
+  // find it is no damage; of a log that grows, an event begins there.
+  LogEventReader(const std::filesystem::path& path, std::uint64_t from, Log log = Log::kIsWhole);
   ~LogEventReader();
   LogEventReader(const LogEventReader&) = delete;
   LogEventReader& operator=(const LogEventReader&) = delete;
@@ -46,29 +53,47 @@ class LogEventReader {
   [[nodiscard]] bool next(LogEvent& event);
   // Begins again where it began, with the counts at zero.
   void rewind();
+  // Of a log that grows, when the event that next() gave makes no sense: next() gives it again, read from the
+  // file once more. False when that was done for it already.
+  [[nodiscard]] bool readLastAgain();
   [[nodiscard]] std::uint64_t damagedStretches() const { return damaged_; }
   // Offset in the file just behind the last event that was returned [bytes].
   [[nodiscard]] std::uint64_t endOfLastEvent() const { return end_of_last_event_; }
 
+  // After next() gave false: the disk refused, more may follow. failure() says where and why ("cannot be read
+  // beyond byte 4096 (Input/output error)"; "" when all is well), throwIfReadFailed() throws it as
+  // InputError.
+  [[nodiscard]] bool readFailed() const { return read_error_ != 0; }
+  [[nodiscard]] std::string failure() const;
+  void throwIfReadFailed() const;
+
  private:
+  bool find(LogEvent& event);
+  void beginAt(std::uint64_t offset);
+  [[nodiscard]] bool mayReadAgain(std::uint64_t offset);
   bool fill(std::size_t bytes);
   [[nodiscard]] bool believableHeader(std::size_t offset) const;
   [[nodiscard]] std::size_t findHeader(std::size_t from, std::size_t to) const;
 
+  std::filesystem::path path_;
   int fd_ = -1;
   std::uint64_t from_ = 0;
+  bool grows_ = false;
   std::vector<std::uint8_t> buffer_;
   std::size_t begin_ = 0, end_ = 0;       // unread bytes in buffer_
   std::uint64_t buffer_file_offset_ = 0;  // in the file, of buffer_[0]
   bool at_end_of_file_ = false;
+  int read_error_ = 0;  // errno of a read that failed: it ends there
   std::uint64_t damaged_ = 0;
-  std::uint64_t end_of_last_event_ = 0;
+  std::uint64_t begin_of_last_event_ = 0, end_of_last_event_ = 0;
+  std::uint64_t read_again_at_ = UINT64_MAX;
 };
 
 // Where a log ends, found from its end: five hours of it are not read for that.
 struct LogEnd {
   std::uint64_t offset = 0;      // behind the last whole event; 0: there is none [bytes]
   std::int64_t next_number = 0;  // of the event to be written there
+  std::string failure;           // where and why the disk refused to be read: the end is not known; "": it is
 };
 // Throws InputError for an absent, unreadable or empty file.
 [[nodiscard]] LogEnd findLogEnd(const std::filesystem::path& path);

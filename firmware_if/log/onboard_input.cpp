@@ -14,8 +14,8 @@
 namespace fathom::io {
 namespace {
 
-constexpr std::string_view kModemIn = "FATHOM_MODEM_IN", kTick = "FATHOM_TICK", kDecision = "FATHOM_DECISION",
-                           kMark = "FATHOM_MARK";
+constexpr std::string_view kModemIn = "FATHOM_MODEM_IN", kTick = "FATHOM_TICK", kDecision = kDecisionChannel,
+                           kMark = kMarkChannel;
 
 struct Encoder {
   std::int64_t arrival_utc_ns;
@@ -93,6 +93,7 @@ std::vector<OnboardInput> readOwnInputs(const std::filesystem::path& log, std::u
     samples |= sample;
     inputs.push_back(*input);
   }
+  events.throwIfReadFailed();
   damaged += events.damagedStretches();
   return samples ? inputs : std::vector<OnboardInput>();
 }

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <optional>
 #include <span>
+#include <string_view>
 #include <variant>
 #include <vector>
 
@@ -62,6 +63,8 @@ struct OnboardInput {
   What what = Tick{};
 };
 
+inline constexpr std::string_view kDecisionChannel = "FATHOM_DECISION", kMarkChannel = "FATHOM_MARK";
+
 // The exposure that an input tells of, or null.
 [[nodiscard]] inline const ImageEvent* imageOf(const OnboardInput& input) noexcept {
   const auto* sample = std::get_if<SensorSample>(&input.what);
@@ -75,7 +78,8 @@ struct OnboardInput {
                                                       std::span<const std::uint8_t> data);
 
 // Reads a mission's inputs in recorded order; where there is no log, those of the RAW.auv. Damaged entries
-// are skipped and counted. Throws InputError if the file is absent, empty, or holds no sample at all.
+// are skipped and counted. Throws InputError if the file is absent, empty, holds no sample at all, or cannot
+// be read to its end.
 [[nodiscard]] std::vector<OnboardInput> readOnboardInputs(const std::filesystem::path& mission_folder,
                                                           std::uint64_t& damaged);
 

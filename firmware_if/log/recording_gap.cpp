@@ -46,6 +46,7 @@ RecordingGaps readGaps(const std::filesystem::path& mission_folder) {
     if (gap->kind == RecordingGap::Kind::kRaw) gaps.raw_entries += gap->count;
     if (gap->kind == RecordingGap::Kind::kInputs) gaps.inputs += gap->count;
   }
+  log.throwIfReadFailed();
   return gaps;
 }
 

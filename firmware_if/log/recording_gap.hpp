@@ -16,16 +16,16 @@ namespace fathom::io {
 //   kImage   the event of the exposure follows and is replayed, its file is not there: navigation replays to
 //            the same bytes, the map misses a pair that the vehicle may have mapped
 //   kRaw     bytes or messages that no core consumes: the replay is the same
-//   kInputs  samples that the cores consumed: from here on the replay differs from what the vehicle did
+//   kInputs  inputs that the cores consumed: from here on the replay differs from what the vehicle did
 struct RecordingGap {
   enum class Kind : std::uint8_t { kImage = 0, kRaw = 1, kInputs = 2 };
   std::int64_t arrival_utc_ns = 0;  // of what follows in the log
   Kind kind = Kind::kInputs;
   std::uint64_t count = 0;
-  std::string what;  // the image's file name, or the lane of raw bytes
+  std::string what;  // the image's file name; of kInputs kGapOfDecisions, when they are decisions
 };
 
-inline constexpr std::string_view kGapChannel = "FATHOM_GAP";
+inline constexpr std::string_view kGapChannel = "FATHOM_GAP", kGapOfDecisions = "decisions";
 
 [[nodiscard]] LogMessage encodeGap(const RecordingGap& gap);
 // std::nullopt when fingerprint, length or CRC is wrong.

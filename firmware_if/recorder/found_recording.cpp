@@ -36,6 +36,7 @@ NamedImages newestNamed(const std::filesystem::path& log) {
     if (named.names.empty() && from > 0) named.since_utc_ns = image.utc_ns;
     named.names.insert(image.file_name);
   }
+  events.throwIfReadFailed();
   return named;
 }
 

@@ -2,6 +2,7 @@
 
 #include "firmware_if/log/input_tail.hpp"
 #include "firmware_if/log/log_events.hpp"
+#include "firmware_if/log/log_inputs.hpp"
 #include "firmware_if/log/log_messages.hpp"
 #include "firmware_if/log/recording_gap.hpp"
 #include "tests/fuzz/scratch_file.hpp"
@@ -33,5 +34,14 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (events.endOfLastEvent() != io::findLogEnd(file.path()).offset) __builtin_trap();
   });
   fuzz::readsOrRefuses([] { static_cast<void>(io::readInputTail(file.folder(), 1)); });
+  fuzz::readsOrRefuses([size] {
+    io::LogInputReader inputs(file.folder());
+    io::LogInputReader::Entry entry;
+    std::size_t steps = 0;
+    while (inputs.next(entry) != io::LogInputReader::Step::kEnd)
+      if (++steps > size) __builtin_trap();
+    if (inputs.next(entry) != io::LogInputReader::Step::kEnd) __builtin_trap();
+    static_cast<void>(inputs.seekBehindMark(1, 0));
+  });
   return 0;
 }
