@@ -1,5 +1,9 @@
 #include "firmware_if/files/mission_folder.hpp"
 
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
 #include <cstdio>
 #include <system_error>
 
@@ -11,10 +15,35 @@
 namespace fathom::io {
 namespace {
 
+// A path that can be no folder's is the operator's mistake; for all else the disk is to blame.
 void makeFolder(const std::filesystem::path& folder) {
   std::error_code error;
   std::filesystem::create_directories(folder, error);
-  if (error) throw InputError(folder, "", "cannot be made (" + error.message() + "); give another folder");
+  if (!error) return;
+  for (const std::errc never : {std::errc::not_a_directory, std::errc::file_exists,
+                                std::errc::filename_too_long, std::errc::too_many_symbolic_link_levels})
+    if (error == never)
+      throw InputError(folder, "", "cannot be made (" + error.message() + "); give another folder");
+  throw std::system_error(error, folder.string() + ": cannot be made");
+}
+
+// A file that the disk does not give is not one that is wrong.
+void requireReadable(const std::filesystem::path& path) {
+  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  char piece[4096];
+  ssize_t n = fd < 0 ? -1 : 1;
+  while (n > 0) n = ::read(fd, piece, sizeof piece);
+  const int error = errno;
+  const bool good = n == 0 || (fd >= 0 && error == EISDIR);
+  if (fd >= 0) ::close(fd);
+  if (!good) throw std::system_error(error, std::generic_category(), path.string() + ": cannot be read");
+}
+
+// Beside a half mission.toml, as a run leaves it that the disk refused.
+bool holdsAnything(const std::filesystem::path& folder) {
+  for (const auto& entry : std::filesystem::directory_iterator(folder))
+    if (entry.path().filename() != "mission.toml.tmp") return true;
+  return false;
 }
 
 }  // namespace
@@ -25,10 +54,11 @@ MissionConfig prepareMissionFolder(const std::filesystem::path& folder, const Mi
   makeFolder(folder);
   const bool holds_mission = std::filesystem::exists(folder / "mission.toml");
   // Nothing is ever removed from, or mixed into, a folder that is no mission's.
-  if (!holds_mission && !std::filesystem::is_empty(folder))
+  if (!holds_mission && holdsAnything(folder))
     throw InputError(folder, "", "is not empty and holds no mission.toml; give an empty folder or a mission");
   MissionConfig found = mission;
   if (holds_mission) {
+    requireReadable(folder / "mission.toml");
     found = readMissionConfig(folder);
     if (found.vehicle_id != mission.vehicle_id || found.dive_id != mission.dive_id)
       throw InputError(folder, "mission.toml",
@@ -42,7 +72,7 @@ MissionConfig prepareMissionFolder(const std::filesystem::path& folder, const Mi
   return found;
 }
 
-void deriveRawAuv(const std::filesystem::path& folder) {
+bool deriveRawAuv(const std::filesystem::path& folder, const std::function<bool()>& go_on) {
   const MissionConfig mission = readMissionConfig(folder);
   const CivilTime start = civilFromUtc(mission.start_utc_ns);
   char time[80];
@@ -51,8 +81,14 @@ void deriveRawAuv(const std::filesystem::path& folder) {
   SensorLogReader log(folder);
   RawAuvWriter text(folder / (mission.vehicle_name + "_" + time + ".RAW.auv"), mission.origin,
                     mission.magnetic_declination);
-  while (const auto entry = log.next()) text.write(entry->sample);
+  constexpr int kSamplesBetweenLooks = 256;
+  int count = 0;
+  while (const auto entry = log.next()) {
+    text.write(entry->sample);
+    if (++count % kSamplesBetweenLooks == 0 && go_on && !go_on()) return false;
+  }
   text.commit();
+  return true;
 }
 
 }  // namespace fathom::io

@@ -50,5 +50,31 @@ TEST(MissionFolder, AFolderThatIsNoMissionIsLeftAlone) {
   EXPECT_THAT(prepare("file/dive"), HasSubstr("cannot be made"));
 }
 
+TEST(MissionFolder, AHalfConfigurationThatAnEarlierTryLeftIsNoOtherThing) {
+  const test::TemporaryFolder parent;
+  writeText(parent.path() / "dive/mission.toml.tmp", "half");
+  prepareMissionFolder(parent.path() / "dive", sampleMission(), {});
+  EXPECT_EQ(readMissionConfig(parent.path() / "dive").start_utc_ns, kStart);
+  EXPECT_FALSE(std::filesystem::exists(parent.path() / "dive/mission.toml.tmp"));
+}
+
+TEST(MissionFolder, TheRawAuvThatIsGivenUpLeavesNoFile) {
+  const test::TemporaryFolder parent;
+  const auto folder = parent.path() / "dive";
+  prepareMissionFolder(folder, sampleMission(), {});
+  {
+    SensorLogWriter log(MissionPaths(folder).log());
+    for (int i = 0; i < 1000; ++i) log.write(kStart + i, DepthSample{kStart + i, 3.0});
+  }
+  int asked = 0;
+  EXPECT_FALSE(deriveRawAuv(folder, [&] { return ++asked < 3; }));
+  EXPECT_EQ(asked, 3);
+  EXPECT_FALSE(MissionPaths(folder).rawAuv());
+  for (const auto& file : std::filesystem::directory_iterator(folder))
+    EXPECT_THAT(file.path().filename().string(), ::testing::Not(HasSubstr("RAW.auv")));
+  EXPECT_TRUE(deriveRawAuv(folder, [] { return true; }));
+  EXPECT_TRUE(MissionPaths(folder).rawAuv());
+}
+
 }  // namespace
 }  // namespace fathom::io
