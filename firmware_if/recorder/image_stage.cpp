@@ -33,6 +33,7 @@ void ImageStage::step(bool room) {
   const rt::RealClock clock;
   const std::int64_t start = clock.monotonicNs();
   const bool too_slow = time_ns_ > kMostTime;
+  if (room && waiting()) error_ = 0;
   std::array<std::optional<std::int64_t>, 2> written;  // times of what is to be committed
   for (const CameraSide side : kSides) {
     CameraFrame frame;
@@ -49,6 +50,7 @@ void ImageStage::step(bool room) {
   if (!written[0] && !written[1]) return;
   const bool good = writer_.commit();
   if (!good) ++counters_.failures;
+  if (!good) error_ = writer_.error();
   for (const CameraSide side : kSides) {
     const auto utc_ns = written[static_cast<std::size_t>(side)];
     if (!utc_ns) continue;
@@ -61,8 +63,10 @@ void ImageStage::step(bool room) {
 bool ImageStage::write(const CameraFrame& frame) {
   const ImageView view = view_of_(frame);
   const bool good = !view.empty() && writer_.write(imageFileName(frame.utc_ns, frame.side), view);
-  if (!good) ++counters_.failures;
-  return good;
+  if (good) return true;
+  ++counters_.failures;
+  if (!view.empty()) error_ = writer_.error();
+  return false;
 }
 
 void ImageStage::named(CameraSide side, std::int64_t utc_ns) noexcept {

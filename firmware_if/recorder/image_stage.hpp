@@ -21,7 +21,6 @@ class ImageStage {
     std::uint64_t written = 0, dropped_slow = 0, dropped_disk = 0, without_input = 0, failures = 0;
   };
 
-  // Throws InputError when the folder cannot be opened.
   ImageStage(const std::filesystem::path& folder, std::size_t most_waiting, ViewOf view_of, Release release);
 
   // Each camera's own thread.
@@ -39,6 +38,8 @@ class ImageStage {
   // An input named it: what was settled before it has none.
   void named(CameraSide side, std::int64_t utc_ns) noexcept;
   [[nodiscard]] const Counters& counters() const noexcept { return counters_; }
+  // Why the disk did not take the newest that it was asked to take, an errno; 0: it did.
+  [[nodiscard]] int error() const noexcept { return error_; }
   [[nodiscard]] std::uint64_t bytes() const noexcept { return writer_.bytes(); }
 
   // Any thread: frames refused for want of room in a queue, and the most that waited.
@@ -54,6 +55,7 @@ class ImageStage {
   ImageWriter writer_;
   std::array<ImageLane, 2> lanes_;
   std::int64_t time_ns_ = 0;
+  int error_ = 0;
   Counters counters_;
 };
 

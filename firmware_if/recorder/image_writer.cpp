@@ -5,10 +5,8 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <cstring>
 
 #include "firmware_if/recorder/raw_tiff.hpp"
-#include "realtime/kernel/input_error.hpp"
 
 namespace fathom::io {
 namespace {
@@ -39,24 +37,24 @@ bool writePixels(int fd, const ImageView& image) {
 
 }  // namespace
 
-ImageWriter::ImageWriter(const std::filesystem::path& folder)
-    : folder_(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
-  if (folder_ < 0)
-    throw InputError(folder, "",
-                     std::string("cannot be opened (") + std::strerror(errno) + "); check the folder");
-}
-
 ImageWriter::~ImageWriter() {
   discard();
-  ::close(folder_);
+  if (folder_ >= 0) ::close(folder_);
+}
+
+bool ImageWriter::refused(int error) noexcept {
+  error_ = error;
+  return false;
 }
 
 bool ImageWriter::write(const std::string& name, const ImageView& image) noexcept {
-  if (::faccessat(folder_, name.c_str(), F_OK, 0) == 0) return false;
+  if (folder_ < 0) folder_ = ::open(path_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (folder_ < 0) return refused(errno);
+  if (::faccessat(folder_, name.c_str(), F_OK, 0) == 0) return refused(EEXIST);
   const std::string half = name + kHalf;
   Pending file;
   file.fd = ::openat(folder_, half.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
-  if (file.fd < 0) return false;
+  if (file.fd < 0) return refused(errno);
   file.name = name;
   file.bytes = tiffBytes(image);
   // Not every file system can take room beforehand; then the writing finds out.
@@ -64,9 +62,10 @@ bool ImageWriter::write(const std::string& name, const ImageView& image) noexcep
   const bool room = taken == 0 || errno == EOPNOTSUPP || errno == ENOSYS;
   const TiffHead head = tiffHead(image);
   if (!room || !writeAll(file.fd, head.data(), head.size()) || !writePixels(file.fd, image)) {
+    const int error = errno;
     ::close(file.fd);
     ::unlinkat(folder_, half.c_str(), 0);
-    return false;
+    return refused(error);
   }
   ::sync_file_range(file.fd, 0, 0, SYNC_FILE_RANGE_WRITE);
   pending_.push_back(std::move(file));
@@ -76,13 +75,14 @@ bool ImageWriter::write(const std::string& name, const ImageView& image) noexcep
 bool ImageWriter::commit() noexcept {
   if (pending_.empty()) return true;
   bool good = true;
-  for (const Pending& file : pending_) good &= ::fdatasync(file.fd) == 0;
+  for (const Pending& file : pending_) good = good && ::fdatasync(file.fd) == 0;
   for (const Pending& file : pending_)
     good = good && ::renameat(folder_, (file.name + kHalf).c_str(), folder_, file.name.c_str()) == 0;
   good = good && ::fsync(folder_) == 0;
   if (!good) {
+    const int error = errno;
     discard();
-    return false;
+    return refused(error);
   }
   for (const Pending& file : pending_) {
     bytes_ += file.bytes;

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "recon/geometry/image_view.hpp"
@@ -11,11 +12,11 @@ namespace fathom::io {
 
 // Images into img/, each whole under its name or not there at all, whatever happens to the machine: written
 // under "<name>.tmp" into blocks taken beforehand, made durable, renamed, and the folder made durable. The
-// pages are dropped from the system's cache, so that five hours of images push out nobody's memory.
+// pages are dropped from the system's cache, so that five hours of images push out nobody's memory. The
+// folder is opened by the first image that finds it there.
 class ImageWriter {
  public:
-  // Throws InputError when the folder cannot be opened.
-  explicit ImageWriter(const std::filesystem::path& folder);
+  explicit ImageWriter(std::filesystem::path folder) : path_(std::move(folder)) {}
   ~ImageWriter();
   ImageWriter(const ImageWriter&) = delete;
   ImageWriter& operator=(const ImageWriter&) = delete;
@@ -26,6 +27,8 @@ class ImageWriter {
   // Waits for the disk to hold all that was written since the last call, and gives the names; on false none
   // of them is there.
   [[nodiscard]] bool commit() noexcept;
+  // Why the last image that is not there is not: an errno.
+  [[nodiscard]] int error() const noexcept { return error_; }
 
   [[nodiscard]] std::uint64_t bytes() const noexcept { return bytes_; }  // of committed files
 
@@ -35,9 +38,12 @@ class ImageWriter {
     std::string name;
     std::uint64_t bytes = 0;
   };
+  [[nodiscard]] bool refused(int error) noexcept;
   void discard() noexcept;
 
+  std::filesystem::path path_;
   int folder_ = -1;
+  int error_ = 0;
   std::vector<Pending> pending_;
   std::uint64_t bytes_ = 0;
 };

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 
 #include "firmware_if/log/onboard_input.hpp"
@@ -23,7 +24,8 @@ class InputLane {
 
   // Producer only; wait-free.
   [[nodiscard]] bool offer(const OnboardInput& input) noexcept {
-    offered_.number = number_++;
+    offered_.number = number_.load(std::memory_order_relaxed);
+    number_.store(offered_.number + 1, std::memory_order_relaxed);
     offered_.offered_ns = clock_.monotonicNs();
     offered_.input = input;
     return ring_.push(offered_);
@@ -40,6 +42,14 @@ class InputLane {
     held_ = false;
     next_ = front_.number + 1;
   }
+  // Number of the next that is to come: all before it were popped, or refused.
+  [[nodiscard]] std::uint64_t next() const noexcept { return next_; }
+  // After the producer has ended, when front() gives none: how many were refused behind the last one; and on
+  // behind them.
+  [[nodiscard]] std::uint64_t missingAtEnd() const noexcept {
+    return number_.load(std::memory_order_relaxed) - next_;
+  }
+  void passOverEnd() noexcept { next_ = number_.load(std::memory_order_relaxed); }
 
   [[nodiscard]] std::uint64_t refused() const noexcept { return ring_.refused(); }
   [[nodiscard]] std::size_t highWater() const noexcept { return ring_.highWater(); }
@@ -48,7 +58,7 @@ class InputLane {
   rt::RealClock clock_;
   rt::SpscRing<Entry, kCapacity> ring_;
   alignas(rt::kCacheLine) Entry offered_;  // the producer's
-  std::uint64_t number_ = 0;
+  std::atomic<std::uint64_t> number_{0};
   alignas(rt::kCacheLine) Entry front_;  // the consumer's
   std::uint64_t next_ = 0;
   bool held_ = false;

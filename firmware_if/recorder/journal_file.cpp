@@ -20,49 +20,80 @@ constexpr std::size_t kMemory = std::size_t{4} << 20;         // minutes of inpu
 constexpr std::uint64_t kLeastRoom = std::uint64_t{4} << 20;  // less is not worth taking
 
 // Of a log that lost power before its first event was whole: its beginning, or what the disk gives for blocks
-// that were never written.
+// that were never written. errno is set when the disk refuses.
 bool beginsAsLog(int fd) {
   std::uint8_t first[4] = {};
-  if (::pread(fd, first, sizeof first, 0) != sizeof first) return true;
+  errno = 0;
+  if (::pread(fd, first, sizeof first, 0) != sizeof first) return errno == 0;
   constexpr std::uint8_t kSync[4] = {0xED, 0xA1, 0xDA, 0x01}, kNothing[4] = {0, 0, 0, 0};
   return std::equal(first, first + 4, kSync) || std::equal(first, first + 4, kNothing);
 }
 
+[[noreturn]] void refuseForeign(const std::filesystem::path& path) {
+  throw InputError(path, "", "exists and is no LCM event log; move it away");
+}
+
 }  // namespace
 
-JournalFile::JournalFile(const std::filesystem::path& path, std::uint64_t room, std::uint64_t leave_free) {
-  fd_ = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
-  struct stat status = {};
-  if (fd_ < 0 || ::fstat(fd_, &status) != 0) {
-    const std::string reason = std::strerror(errno);
-    if (fd_ >= 0) ::close(fd_);
-    throw InputError(path, "", "cannot be written (" + reason + "); check the folder");
-  }
-  if (status.st_size > 0) {
-    const LogEnd end = findLogEnd(path);
-    if (end.offset == 0 && !beginsAsLog(fd_)) {
-      ::close(fd_);
-      throw InputError(path, "", "exists and is no LCM event log; move it away");
-    }
-    synced_ = end.offset;
-    next_number_ = end.next_number;
-  }
-  whole_at_start_ = synced_;
-  cut_at_start_ = static_cast<std::uint64_t>(status.st_size) - synced_;
-  if (::ftruncate(fd_, static_cast<off_t>(synced_)) != 0 || ::fsync(fd_) != 0) {
-    const std::string reason = std::strerror(errno);
-    ::close(fd_);
-    throw InputError(path, "", "cannot be continued (" + reason + "); check the disk");
-  }
-  cached_from_ = synced_;
-  takeRoom(room, leave_free);
+JournalFile::JournalFile() {
   // Touched now, so that the first events find their memory there.
   memory_.resize(kMemory);
   memory_.clear();
 }
 
+bool JournalFile::open(const std::filesystem::path& path, std::uint64_t room, std::uint64_t leave_free) {
+  const int fd = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+  if (fd < 0 && errno == EISDIR) refuseForeign(path);
+  if (fd < 0) return refused("cannot be opened");
+  bool good = false;
+  try {
+    good = goOnBehind(fd, path);
+  } catch (...) {
+    ::close(fd);
+    throw;
+  }
+  if (!good) {
+    ::close(fd);
+    return false;
+  }
+  fd_ = fd;
+  takeRoom(room, leave_free);
+  return true;
+}
+
+// Finds the end of the log, and cuts away what lies behind it.
+bool JournalFile::goOnBehind(int fd, const std::filesystem::path& path) {
+  struct stat status = {};
+  if (::fstat(fd, &status) != 0) return refused("cannot be looked at");
+  if (!S_ISREG(status.st_mode)) refuseForeign(path);
+  LogEnd end;
+  if (status.st_size > 0) {
+    try {
+      end = findLogEnd(path);
+    } catch (const InputError& e) {
+      end.failure = e.what();
+    }
+    failure_ = end.failure;
+    if (!end.failure.empty()) return false;
+    if (end.offset == 0 && !beginsAsLog(fd)) {
+      if (errno != 0) return refused("cannot be read");
+      refuseForeign(path);
+    }
+  }
+  if (::ftruncate(fd, static_cast<off_t>(end.offset)) != 0) return refused("cannot be continued");
+  whole_at_start_ = synced_ = cached_from_ = end.offset;
+  cut_at_start_ += static_cast<std::uint64_t>(status.st_size) - end.offset;
+  next_number_ = end.next_number;
+  return ::fsync(fd) == 0 || refused("cannot be made durable");
+}
+
+bool JournalFile::refused(const char* what) noexcept {
+  failure_ = std::string(what) + " (" + std::strerror(errno) + ")";
+  return false;
+}
+
 JournalFile::~JournalFile() {
-  ::close(fd_);
+  if (isOpen()) ::close(fd_);
 }
 
 void JournalFile::takeRoom(std::uint64_t room, std::uint64_t leave_free) noexcept {
@@ -93,7 +124,8 @@ bool JournalFile::write() noexcept {
     const ssize_t n = ::pwrite(fd_, memory_.data() + written_, memory_.size() - written_,
                                static_cast<off_t>(synced_ + written_));
     if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) return false;
+    if (n == 0) errno = ENOSPC;
+    if (n <= 0) return refused("cannot be written");
     written_ += static_cast<std::size_t>(n);
   }
   return true;
@@ -106,6 +138,8 @@ bool JournalFile::sync() noexcept {
     synced_ += written_;
     memory_.erase(memory_.begin(), memory_.begin() + static_cast<std::ptrdiff_t>(written_));
     dropFromCache();
+  } else {
+    (void)refused("cannot be made durable");
   }
   written_ = 0;
   return good;
@@ -120,8 +154,10 @@ void JournalFile::dropFromCache() noexcept {
   cached_from_ = whole_pages;
 }
 
+// What the file holds stays, durable or not.
 void JournalFile::close() noexcept {
-  if (::ftruncate(fd_, static_cast<off_t>(size())) == 0) (void)::fsync(fd_);
+  struct stat status = {};
+  if (::fstat(fd_, &status) == 0 && ::ftruncate(fd_, status.st_size) == 0) (void)::fsync(fd_);
 }
 
 }  // namespace fathom::io

@@ -16,16 +16,23 @@ namespace fathom::io {
 //
 // What the disk refuses is tried again by the next write(); the file then may end in a part of an event,
 // which readers pass over, until the rest follows. After a sync that failed all is written again that was not
-// durable before it: the system may have dropped it.
+// durable before it: the system may have dropped it. What cannot be read is never cut.
 class JournalFile {
  public:
-  // Goes on behind the last whole event of a log that is there; anything behind it is cut away. `room` is
-  // taken beforehand as far as the disk has it, leaving `leave_free` [bytes]. Throws InputError.
-  JournalFile(const std::filesystem::path& path, std::uint64_t room, std::uint64_t leave_free);
+  // Takes the memory; no file yet.
+  JournalFile();
   ~JournalFile();
   JournalFile(const JournalFile&) = delete;
   JournalFile& operator=(const JournalFile&) = delete;
 
+  // Goes on behind the last whole event of a log that is there; anything behind it is cut away. `room` is
+  // taken beforehand as far as the disk has it, leaving `leave_free` [bytes]. False when the disk refuses, or
+  // the end of the log cannot be read: then no event is cut, and it may be called again. Throws InputError
+  // for a file that is no LCM log.
+  [[nodiscard]] bool open(const std::filesystem::path& path, std::uint64_t room, std::uint64_t leave_free);
+  [[nodiscard]] bool isOpen() const noexcept { return fd_ >= 0; }
+
+  // The rest only while it is open.
   // The event takes at most spare() bytes with its framing.
   void append(std::int64_t timestamp_us, std::string_view channel, std::span<const std::uint8_t> data);
   // Hands what gathered to the system; false when it refuses.
@@ -35,15 +42,21 @@ class JournalFile {
   // Gives back the room behind the end. Nothing is appended after.
   void close() noexcept;
 
+  // Why the last open(), write() or sync() that was refused was, in words.
+  [[nodiscard]] const std::string& failure() const noexcept { return failure_; }
   // What the memory has left [bytes]: little when the disk has refused for long, or when sync() is due.
   [[nodiscard]] std::size_t spare() const noexcept;
   // The disk holds everything that was appended.
   [[nodiscard]] bool safe() const noexcept { return memory_.empty(); }
+  // Some of it was written and waits for sync().
+  [[nodiscard]] bool unsynced() const noexcept { return written_ > 0; }
   [[nodiscard]] std::uint64_t size() const noexcept { return synced_ + written_; }
   [[nodiscard]] std::uint64_t wholeAtStart() const noexcept { return whole_at_start_; }
   [[nodiscard]] std::uint64_t cutAtStart() const noexcept { return cut_at_start_; }
 
  private:
+  [[nodiscard]] bool goOnBehind(int fd, const std::filesystem::path& path);
+  [[nodiscard]] bool refused(const char* what) noexcept;
   void dropFromCache() noexcept;
   void takeRoom(std::uint64_t room, std::uint64_t leave_free) noexcept;
 
@@ -54,6 +67,7 @@ class JournalFile {
   std::uint64_t whole_at_start_ = 0, cut_at_start_ = 0;
   std::vector<std::uint8_t> memory_;  // what follows synced_
   std::size_t written_ = 0;           // of memory_, handed to the system
+  std::string failure_;
 };
 
 }  // namespace fathom::io

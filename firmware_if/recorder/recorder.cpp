@@ -1,24 +1,17 @@
 #include "firmware_if/recorder/recorder.hpp"
 
-#include <fcntl.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <atomic>
-#include <optional>
-#include <stdexcept>
+#include <cstring>
+#include <exception>
+#include <mutex>
 #include <utility>
-#include <vector>
 
-#include "firmware_if/files/images/image_file.hpp"
 #include "firmware_if/files/mission_folder.hpp"
-#include "firmware_if/log/recording_gap.hpp"
 #include "firmware_if/recorder/disk_guard.hpp"
-#include "firmware_if/recorder/found_recording.hpp"
 #include "firmware_if/recorder/image_stage.hpp"
-#include "firmware_if/recorder/input_lane.hpp"
-#include "firmware_if/recorder/journal_file.hpp"
-#include "firmware_if/recorder/raw_lane.hpp"
+#include "firmware_if/recorder/log_stage.hpp"
+#include "firmware_if/recorder/recording_folder.hpp"
 #include "firmware_if/recorder/shared_words.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/input_error.hpp"
@@ -28,92 +21,50 @@ namespace {
 
 constexpr double kMiB = 1024.0 * 1024.0;
 constexpr std::int64_t kMillisecond = 1'000'000;  // [ns]
-constexpr std::int64_t kNanosecondsPerMicrosecond = 1000;
 constexpr std::int64_t kDiskLookInterval = 200 * kMillisecond;
-// An input with its ACFR twin and two gaps before it.
-constexpr std::size_t kMostInputBytes = 4096;
-constexpr std::size_t kSpareToSync = std::size_t{3} << 20;  // of the journal's memory
-constexpr std::size_t kMostFramingBytes = 256;              // of an event around its data
-
-void syncFile(const std::filesystem::path& path) {
-  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (fd < 0) return;
-  (void)::fsync(fd);
-  ::close(fd);
-}
-
-// The disk must hold the mission's files, and their names, before it holds its data. Not all that waits for
-// the disk: after a crash that may be much, and has time.
-void syncMission(const MissionPaths& paths) {
-  for (const auto& path : {paths.root / "mission.toml", paths.calib(), paths.images(), paths.root,
-                           std::filesystem::absolute(paths.root).parent_path()})
-    syncFile(path);
-}
-
-std::uint64_t mebibytes(double mib) {
-  return static_cast<std::uint64_t>(mib * kMiB);
-}
 
 }  // namespace
 
 struct Recorder::Impl {
-  Impl(const std::filesystem::path& folder, const MissionConfig& given, const StereoRig& rig,
-       const RecorderConfig& configuration, ViewOf view, Release give_back)
-      : paths(folder),
-        config(configuration),
-        mission(prepareMissionFolder(folder, given, rig)),
-        journal(paths.log(), plannedBytes(config, mission, rig).log, mebibytes(config.log_reserve_mib)),
+  Impl(const std::filesystem::path& path, const MissionConfig& mission, const StereoRig& rig,
+       const RecorderConfig& config, ViewOf view, Release give_back)
+      : paths(path),
+        folder(path, mission, rig, config),
         images(paths.images(), config.image_queue, std::move(view), std::move(give_back)),
+        log(config, folder.log(), images),
         guard(config.image_reserve_mib, config.log_reserve_mib) {
-    for (std::size_t i = 0; i < config.raw_lanes; ++i)
-      raw.push_back(std::make_unique<RawLane>(config.raw_queue_kib * 1024));
-    const FoundImages left = lookAtImages(paths);
-    found = {journal.wholeAtStart(), journal.cutAtStart(), left.without_event, left.halves_removed};
-    syncMission(paths);
+    if (folder.open(clock.monotonicNs())) publishFound();
     lookAtDisk(clock.monotonicNs());
+    publish(State::kStarting);
   }
 
   bool work(int budget_ms);
-  void close();
+  CloseResult close(double most_s);
 
-  void publish();
+  void openFolder();
+  void publishFound();
+  void publish(State when_well);
   void lookAtDisk(std::int64_t now);
   [[nodiscard]] Disk level() const;
-  void drain(std::int64_t deadline);
-  [[nodiscard]] bool logInput(InputLane& lane, std::uint64_t& written);
-  [[nodiscard]] bool logRaw(RawLane& lane, const RawLane::Entry& entry);
-  void logGap(const RecordingGap& gap);
-  void append(std::int64_t arrival_utc_ns, const LogMessage& message, std::int64_t offered_ns);
-  void handOver();
-  void syncIfDue();
-  void sync();
-  [[nodiscard]] bool waiting();
+  [[nodiscard]] std::string whatTheDiskRefuses() const;
+  [[nodiscard]] bool waiting() { return log.waiting() || images.waiting(); }
 
   rt::RealClock clock;
   MissionPaths paths;
-  RecorderConfig config;
-  MissionConfig mission;
-  JournalFile journal;
+  RecordingFolder folder;
   ImageStage images;
+  LogStage log;
   DiskGuard guard;
-  Found found;
-
-  InputLane inputs, decisions;
-  std::vector<std::unique_ptr<RawLane>> raw;
-
-  // The recorder's thread only.
-  Counters counters;
-  std::uint64_t raw_refused_logged = 0, raw_dropped_by_rule = 0;
+  std::uint64_t first_position = 0;
   std::int64_t next_disk_look_ns = 0;
-  // When the oldest entry was offered that the disk does not hold; 0: none.
-  std::int64_t oldest_unsafe_ns = 0;
-  bool refuses = false;      // the disk refused the last write or sync of the log
-  bool names_image = false;  // an event that waits for the next sync names an image
-  bool blocked = false;      // the next input names an exposure that is not written yet
 
   SharedWords<Counters> published;
+  SharedWords<Found> found;
   std::atomic<Disk> disk{Disk::kRoom};
   std::atomic<double> free_mib{0};
+  std::atomic<State> state{State::kStarting};
+  std::mutex failure_mutex;
+  std::string failure;
 };
 
 Recorder::Recorder(const std::filesystem::path& folder, const MissionConfig& mission, const StereoRig& rig,
@@ -122,12 +73,19 @@ Recorder::Recorder(const std::filesystem::path& folder, const MissionConfig& mis
 
 Recorder::~Recorder() = default;
 
+void Recorder::setFirstPosition(std::uint64_t position) noexcept {
+  impl_->first_position = position;
+  Counters c = impl_->published.read();
+  c.safe_position = position;
+  impl_->published.publish(c);
+}
+
 bool Recorder::offerInput(const OnboardInput& input) noexcept {
-  return impl_->inputs.offer(input);
+  return impl_->log.inputs().offer(input);
 }
 
 bool Recorder::offerDecision(const OnboardInput& input) noexcept {
-  return impl_->decisions.offer(input);
+  return impl_->log.decisions().offer(input);
 }
 
 bool Recorder::offerImage(const CameraFrame& frame) noexcept {
@@ -136,34 +94,34 @@ bool Recorder::offerImage(const CameraFrame& frame) noexcept {
 
 bool Recorder::offerRaw(std::size_t lane, std::int64_t arrival_utc_ns, std::string_view source,
                         std::span<const std::uint8_t> bytes) noexcept {
-  return lane < impl_->raw.size() &&
-         impl_->raw[lane]->offer({RawLane::Kind::kRaw, arrival_utc_ns, source, bytes});
+  RawLane* raw = impl_->log.raw(lane);
+  return raw != nullptr && raw->offer({RawLane::Kind::kRaw, arrival_utc_ns, source, bytes});
 }
 
 bool Recorder::offerMessage(std::size_t lane, std::int64_t utc_ns, std::string_view channel,
                             std::span<const std::uint8_t> data) noexcept {
-  return lane < impl_->raw.size() &&
-         impl_->raw[lane]->offer({RawLane::Kind::kMessage, utc_ns, channel, data});
+  RawLane* raw = impl_->log.raw(lane);
+  return raw != nullptr && raw->offer({RawLane::Kind::kMessage, utc_ns, channel, data});
 }
 
 bool Recorder::work(int budget_ms) {
   return impl_->work(budget_ms);
 }
 
-void Recorder::close() {
-  impl_->close();
+Recorder::CloseResult Recorder::close(double most_s) {
+  return impl_->close(most_s);
 }
 
-const Recorder::Found& Recorder::found() const noexcept {
-  return impl_->found;
+Recorder::Found Recorder::found() const noexcept {
+  return impl_->found.read();
 }
 
 Recorder::Counters Recorder::counters() const noexcept {
   Counters c = impl_->published.read();
-  c.inputs_dropped = impl_->inputs.refused();
-  c.decisions_dropped = impl_->decisions.refused();
-  c.input_high_water = impl_->inputs.highWater();
-  for (const auto& lane : impl_->raw) c.raw_dropped += lane->refused();
+  c.inputs_dropped = impl_->log.inputs().refused();
+  c.decisions_dropped = impl_->log.decisions().refused();
+  c.input_high_water = impl_->log.inputs().highWater();
+  c.raw_dropped += impl_->log.rawRefused();
   c.images_dropped_queue += impl_->images.refused();
   c.image_high_water = impl_->images.highWater();
   return c;
@@ -177,50 +135,123 @@ double Recorder::diskFreeMib() const noexcept {
   return impl_->free_mib.load(std::memory_order_relaxed);
 }
 
+Recorder::State Recorder::state() const noexcept {
+  return impl_->state.load(std::memory_order_acquire);
+}
+
+std::string Recorder::failure() const {
+  const std::lock_guard lock(impl_->failure_mutex);
+  return impl_->failure;
+}
+
 bool Recorder::Impl::work(int budget_ms) {
   const std::int64_t deadline = clock.monotonicNs() + budget_ms * kMillisecond;
   bool more = false;
   do {
     lookAtDisk(clock.monotonicNs());
-    const std::uint64_t before = counters.inputs;
-    drain(deadline);
-    handOver();
-    syncIfDue();
+    openFolder();
+    const std::uint64_t before = log.counters().inputs;
+    log.drain(deadline, level() < Disk::kRawStopped, folder.mission().vehicle_name);
+    log.handOver();
     const bool images_wait = images.waiting();
     images.step(level() == Disk::kRoom);
     more = waiting();
     // While the disk refuses the log, nothing moves on by trying again at once.
-    if (more && !images_wait && counters.inputs == before && refuses) break;
+    if (more && !images_wait && log.counters().inputs == before && log.refuses()) break;
   } while (more && clock.monotonicNs() < deadline);
-  disk.store(level(), std::memory_order_relaxed);
-  publish();
+  publish(State::kRunning);
   return more;
 }
 
-void Recorder::Impl::close() {
-  while (work(1000))
-    if (refuses) break;
-  sync();
-  publish();
-  journal.close();
-  if (!journal.safe()) throw std::runtime_error("the disk refuses the end of " + paths.log().string());
+Recorder::CloseResult Recorder::Impl::close(double most_s) {
+  constexpr std::int64_t kPause = 20 * kMillisecond, kLongestStep = 1000 * kMillisecond;
+  const std::int64_t deadline = clock.monotonicNs() + static_cast<std::int64_t>(most_s * 1e9);
+  CloseResult result;
+  for (;;) {
+    const std::int64_t left = std::clamp(deadline - clock.monotonicNs(), std::int64_t{0}, kLongestStep);
+    result.log_whole = !work(static_cast<int>(left / kMillisecond)) && log.end();
+    if (result.log_whole || clock.monotonicNs() >= deadline) break;
+    if (!log.refuses()) continue;
+    folder.hurry();
+    clock.sleepUntil(std::min(clock.monotonicNs() + kPause, deadline));
+  }
+  while (images.waiting()) images.step(false);
+  publish(State::kEnded);
+  const std::uint64_t inputs =
+      log.inputs().missingAtEnd() + log.inputs().next() - log.counters().inputs_passed;
+  if (!folder.isOpen()) {
+    result.text = "nothing of this run was recorded, the disk refuses (" + folder.failure() + ")";
+  } else {
+    if (!result.log_whole)
+      result.text = std::to_string(inputs) + " inputs are not on the disk for certain, " +
+                    (log.refuses() ? "it refuses (" + folder.log().failure() + ")" : "the time was over");
+    folder.log().close();
+  }
+  std::string why = "the time was over";
   try {
-    deriveRawAuv(paths.root);
+    const auto in_time = [&] { return clock.monotonicNs() < deadline; };
+    result.raw_auv = in_time() && deriveRawAuv(paths.root, in_time);
+  } catch (const std::exception& e) {
+    why = e.what();
+  }
+  if (!result.raw_auv) result.text += (result.text.empty() ? "" : "; ") + ("no RAW.auv was written: " + why);
+  return result;
+}
+
+// An operator's mistake that was not seen before, because the disk did not answer, ends nothing any more.
+void Recorder::Impl::openFolder() {
+  if (folder.isOpen()) return;
+  try {
+    if (folder.open(clock.monotonicNs())) publishFound();
   } catch (const InputError&) {
-    // A log without a sample of navigation has no RAW.auv.
   }
 }
 
-void Recorder::Impl::publish() {
+void Recorder::Impl::publishFound() {
+  found.publish({folder.log().wholeAtStart(), folder.log().cutAtStart(), folder.found().without_event,
+                 folder.found().halves_removed});
+}
+
+std::string Recorder::Impl::whatTheDiskRefuses() const {
+  if (!folder.isOpen()) return folder.failure();
+  if (log.refuses()) return paths.log().filename().string() + ": " + folder.log().failure();
+  if (images.error() != 0)
+    return paths.images().filename().string() + ": cannot be written (" + std::strerror(images.error()) + ")";
+  return "";
+}
+
+void Recorder::Impl::publish(State when_well) {
   const ImageStage::Counters& of_images = images.counters();
-  Counters all = counters;
+  const LogStage::Counters& of_log = log.counters();
+  Counters all;
+  all.inputs = of_log.inputs;
+  all.decisions = of_log.decisions;
+  all.raw_entries = of_log.raw_entries;
+  all.messages = of_log.messages;
+  all.inputs_safe = of_log.inputs_safe;
+  all.safe_position = first_position + of_log.inputs_passed;
+  all.decisions_safe = of_log.decisions_passed;
+  all.syncs = of_log.syncs;
+  all.syncs_failed = of_log.syncs_failed;
+  all.raw_dropped = of_log.raw_dropped;
+  all.worst_sync_ns = of_log.worst_sync_ns;
+  all.worst_unsafe_ns = of_log.worst_unsafe_ns;
   all.images = of_images.written;
   all.images_dropped_queue = of_images.dropped_slow;
   all.images_dropped_disk = of_images.dropped_disk;
   all.images_without_input = of_images.without_input;
-  all.write_failures += of_images.failures;
-  all.bytes = journal.size() - journal.wholeAtStart() + images.bytes();
+  all.write_failures = of_log.write_failures + of_images.failures;
+  all.open_failures = folder.refusals();
+  all.bytes = folder.log().size() - folder.log().wholeAtStart() + images.bytes();
   published.publish(all);
+  disk.store(level(), std::memory_order_relaxed);
+  std::string refused = whatTheDiskRefuses();
+  const bool failed = !refused.empty();
+  {
+    const std::lock_guard lock(failure_mutex);
+    failure = std::move(refused);
+  }
+  state.store(failed && when_well != State::kEnded ? State::kFailed : when_well, std::memory_order_release);
 }
 
 void Recorder::Impl::lookAtDisk(std::int64_t now) {
@@ -232,7 +263,7 @@ void Recorder::Impl::lookAtDisk(std::int64_t now) {
 }
 
 Recorder::Disk Recorder::Impl::level() const {
-  if (refuses) return Disk::kFull;
+  if (log.refuses()) return Disk::kFull;
   switch (guard.level()) {
     case DiskGuard::Level::kRoom:
       return Disk::kRoom;
@@ -242,149 +273,6 @@ Recorder::Disk Recorder::Impl::level() const {
       break;
   }
   return Disk::kRawStopped;
-}
-
-bool Recorder::Impl::waiting() {
-  RawLane::Entry entry;
-  bool any = inputs.front() != nullptr || decisions.front() != nullptr || images.waiting();
-  for (const auto& lane : raw) any = any || lane->front(entry);
-  return any;
-}
-
-// Moves what waits into the journal, by arrival, each lane in its own order, until an input names an exposure
-// that is not written yet, the journal's memory is full, or the time is over.
-void Recorder::Impl::drain(std::int64_t deadline) {
-  constexpr int kEntriesBetweenLooks = 64;
-  blocked = false;
-  for (int count = 1; !blocked; ++count) {
-    if (count % kEntriesBetweenLooks == 0 && clock.monotonicNs() >= deadline) return;
-    InputLane* first = nullptr;
-    RawLane* first_raw = nullptr;
-    RawLane::Entry entry, first_entry;
-    std::int64_t first_utc_ns = 0;
-    for (InputLane* lane : {&inputs, &decisions}) {
-      const InputLane::Entry* front = lane->front();
-      if (front == nullptr || (first != nullptr && front->input.arrival_utc_ns >= first_utc_ns)) continue;
-      first = lane;
-      first_utc_ns = front->input.arrival_utc_ns;
-    }
-    for (const auto& lane : raw) {
-      if (!lane->front(entry)) continue;
-      if ((first != nullptr || first_raw != nullptr) && entry.arrival_utc_ns > first_utc_ns) continue;
-      first_raw = lane.get();
-      first_entry = entry;
-      first_utc_ns = entry.arrival_utc_ns;
-    }
-    if (first_raw != nullptr) {
-      if (!logRaw(*first_raw, first_entry)) return;
-    } else if (first == nullptr ||
-               !logInput(*first, first == &inputs ? counters.inputs : counters.decisions)) {
-      return;
-    }
-  }
-}
-
-bool Recorder::Impl::logInput(InputLane& lane, std::uint64_t& written) {
-  if (journal.spare() < kMostInputBytes) return false;
-  const InputLane::Entry& entry = *lane.front();
-  const std::int64_t arrival = entry.input.arrival_utc_ns;
-  const ImageEvent* image = imageOf(entry.input);
-  std::optional<RecordingGap> image_gap;
-  if (image != nullptr) {
-    const ImageLane::State state = images.stateOf(image->side, image->utc_ns);
-    if (state == ImageLane::State::kWaiting) {
-      blocked = true;
-      return false;
-    }
-    if (state == ImageLane::State::kLost)
-      image_gap = {arrival, RecordingGap::Kind::kImage, 1, image->file_name};
-    images.named(image->side, image->utc_ns);
-    names_image = names_image || state == ImageLane::State::kWritten;
-  }
-  const std::uint64_t missing = lane.missingBeforeFront();
-  if (missing > 0) logGap({arrival, RecordingGap::Kind::kInputs, missing, ""});
-  if (image_gap) logGap(*image_gap);
-  append(arrival, encodeInput(entry.input), entry.offered_ns);
-  if (config.acfr_channels)
-    if (const auto* sample = std::get_if<SensorSample>(&entry.input.what))
-      if (const auto twin = encodeAcfrTwin(*sample, mission.vehicle_name))
-        append(arrival, *twin, entry.offered_ns);
-  lane.pop();
-  ++written;
-  return true;
-}
-
-bool Recorder::Impl::logRaw(RawLane& lane, const RawLane::Entry& entry) {
-  if (level() >= Disk::kRawStopped) {
-    ++raw_dropped_by_rule;
-    ++counters.raw_dropped;
-    lane.pop();
-    return true;
-  }
-  std::uint64_t refused = raw_dropped_by_rule;
-  for (const auto& each : raw) refused += each->refused();
-  if (journal.spare() < entry.data.size() + kMostInputBytes + kMostFramingBytes) return false;
-  if (refused > raw_refused_logged)
-    logGap({entry.arrival_utc_ns, RecordingGap::Kind::kRaw, refused - raw_refused_logged, ""});
-  raw_refused_logged = refused;
-  const std::int64_t now = clock.monotonicNs();
-  if (entry.kind == RawLane::Kind::kRaw) {
-    append(entry.arrival_utc_ns, {std::string(entry.channel), encodeRaw(entry.arrival_utc_ns, entry.data)},
-           now);
-    ++counters.raw_entries;
-  } else {
-    append(entry.arrival_utc_ns,
-           {std::string(entry.channel), std::vector<std::uint8_t>(entry.data.begin(), entry.data.end())},
-           now);
-    ++counters.messages;
-  }
-  lane.pop();
-  return true;
-}
-
-void Recorder::Impl::logGap(const RecordingGap& gap) {
-  append(gap.arrival_utc_ns, encodeGap(gap), clock.monotonicNs());
-}
-
-void Recorder::Impl::append(std::int64_t arrival_utc_ns, const LogMessage& message, std::int64_t offered_ns) {
-  journal.append(arrival_utc_ns / kNanosecondsPerMicrosecond, message.channel, message.data);
-  if (oldest_unsafe_ns == 0) oldest_unsafe_ns = offered_ns;
-}
-
-void Recorder::Impl::handOver() {
-  const bool good = journal.write();
-  if (!good) ++counters.write_failures;
-  refuses = !good;
-}
-
-void Recorder::Impl::syncIfDue() {
-  if (oldest_unsafe_ns == 0) return;
-  // Images go first only when the log can wait for them; once they are on the disk, so is soon what names
-  // them.
-  const bool images_wait = images.waiting();
-  const std::int64_t age = clock.monotonicNs() + (images_wait ? images.timeNs() : 0) - oldest_unsafe_ns;
-  const bool named = names_image && !images_wait;
-  if (named || journal.spare() < kSpareToSync ||
-      age >= static_cast<std::int64_t>(config.sync_interval_s * 1e9))
-    sync();
-}
-
-void Recorder::Impl::sync() {
-  const std::int64_t start = clock.monotonicNs();
-  const bool good = journal.sync();
-  const std::int64_t end = clock.monotonicNs();
-  ++counters.syncs;
-  counters.worst_sync_ns = std::max(counters.worst_sync_ns, end - start);
-  if (!good) {
-    ++counters.write_failures;
-    refuses = true;
-  }
-  if (!good || !journal.safe()) return;
-  counters.inputs_safe = counters.inputs;
-  if (oldest_unsafe_ns != 0)
-    counters.worst_unsafe_ns = std::max(counters.worst_unsafe_ns, end - oldest_unsafe_ns);
-  oldest_unsafe_ns = 0;
-  names_image = false;
 }
 
 }  // namespace fathom::io

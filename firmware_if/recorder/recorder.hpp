@@ -5,6 +5,7 @@
 #include <functional>
 #include <memory>
 #include <span>
+#include <string>
 #include <string_view>
 
 #include "firmware_if/camera/camera_source.hpp"
@@ -20,45 +21,73 @@ namespace fathom::io {
 // valuable: images first, then raw bytes and messages, inputs last; everything is counted, and the log says
 // in its place what it misses (RecordingGap).
 //
+// Whatever the disk does, nothing here fails: what cannot be opened is tried again by work(), after 1 s and
+// then at growing intervals up to 30 s. Until the log is open, images are given back at once
+// (`images_dropped_disk`), raw bytes and messages are dropped, and inputs wait in their queue; those that
+// find no room there are refused, and the log says how many when it opens. state() and failure() tell.
+//
 // The log holds the inputs exactly in the order in which they were offered. An exposure's event is logged
 // when its file is on the disk, whole and under its name; therefore a camera's thread offers the image BEFORE
 // it hands the frame to whoever offers the input (an ImageEvent with the frame's utc_ns and its
 // imageFileName()).
+//
+// An input's position in the log is the number of inputs that were offered before it, over all runs of the
+// program: what was refused has a position too, decisions have none. LogInputReader counts the same.
 class Recorder {
  public:
   enum class Disk : std::uint8_t { kRoom, kImagesStopped, kRawStopped, kFull };
+  // kStarting: work() has not yet been called. kFailed: the disk refused the log, or an image, when it was
+  // asked last; kRunning again when it takes them. kEnded: close() was called.
+  enum class State : std::uint8_t { kStarting, kRunning, kFailed, kEnded };
   struct Counters {
     std::uint64_t inputs = 0, decisions = 0, raw_entries = 0, messages = 0, images = 0;  // written
     std::uint64_t inputs_safe = 0;  // inputs that the disk holds whatever happens
-    std::uint64_t bytes = 0;        // written, log and images
-    std::uint64_t syncs = 0;
+    // Every input before this position is on the disk, or the log on the disk says that it is missing.
+    std::uint64_t safe_position = 0;
+    // The same of decisions, by their number in this run.
+    std::uint64_t decisions_safe = 0;
+    std::uint64_t bytes = 0;  // written, log and images
+    std::uint64_t syncs = 0, syncs_failed = 0;
     std::uint64_t inputs_dropped = 0, decisions_dropped = 0, raw_dropped = 0;
     std::uint64_t images_dropped_queue = 0;  // too many waited, or the disk was too slow
     std::uint64_t images_dropped_disk = 0;   // no room, or the disk refused
     std::uint64_t images_without_input = 0;  // written, but no input names them
     std::uint64_t write_failures = 0;
+    std::uint64_t open_failures = 0;   // tries to open folder and log
     std::int64_t worst_sync_ns = 0;    // that one sync took
     std::int64_t worst_unsafe_ns = 0;  // from offering an input until the disk held it
     std::size_t input_high_water = 0, image_high_water = 0;
   };
-  // What an earlier run left in the folder.
+  // What an earlier run left in the folder; zeros until the log is open.
   struct Found {
     std::uint64_t log_bytes = 0;             // whole entries
     std::uint64_t log_bytes_cut = 0;         // behind the last whole entry, cut away
     std::uint64_t images_without_event = 0;  // newest images that no entry names; kept
     std::uint64_t half_images_removed = 0;
   };
+  struct CloseResult {
+    // Everything offered is on the disk, or the log says in its place what is missing.
+    bool log_whole = false;
+    bool raw_auv = false;  // RAW.auv is there, of all that the log holds
+    std::string text;      // what was left out and why, in plain words; "" when nothing was
+  };
   // Gives a frame's pixels, and takes the recorder's hold on it back.
   using ViewOf = std::function<ImageView(const CameraFrame&)>;
   using Release = std::function<void(const CameraFrame&)>;
 
   // Makes the folder, mission.toml and stereo.calib where they are not there. Where an earlier run recorded,
-  // recording goes on behind its last whole entry. Throws InputError.
+  // recording goes on behind its last whole entry. Throws InputError for what is an operator's mistake and
+  // not the disk's: a folder that holds other things or another dive, a sensors.lcmlog that is no LCM log.
+  // Takes as long as a disk that does not answer at all lets each call of the system take.
   Recorder(const std::filesystem::path& folder, const MissionConfig& mission, const StereoRig& rig,
            const RecorderConfig& config, ViewOf view_of, Release release);
   ~Recorder();
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
+
+  // Of the first input that this run offers: how many the log of earlier runs has, with those that it says
+  // are missing. Before the first offerInput() and the first work().
+  void setFirstPosition(std::uint64_t position) noexcept;
 
   // Each of these from one thread of its own; false and counted when the queue is full.
   [[nodiscard]] bool offerInput(const OnboardInput& input) noexcept;     // the sequencing thread only
@@ -77,14 +106,21 @@ class Recorder {
   // time; true when more waits. Only on the recorder's thread, at least every 100 ms. Never throws for the
   // disk's sake.
   bool work(int budget_ms);
-  // Everything offered is on the disk; derives RAW.auv. After the producers have ended. Throws
-  // std::runtime_error when the disk refuses.
-  void close();
+  // Writes everything that was offered, makes it durable, and derives RAW.auv, all within about `most_s`: a
+  // disk that refuses is asked until then, and given up. Longer only by one call of the system, which nothing
+  // can interrupt when the disk does not answer. After the producers have ended, on the recorder's thread or
+  // after it has ended. Never throws for the disk's sake.
+  [[nodiscard]] CloseResult close(double most_s);
 
-  [[nodiscard]] const Found& found() const noexcept;
-  [[nodiscard]] Counters counters() const noexcept;   // any thread
-  [[nodiscard]] Disk disk() const noexcept;           // any thread
-  [[nodiscard]] double diskFreeMib() const noexcept;  // any thread, as of the last work()
+  // From any thread.
+  [[nodiscard]] Found found() const noexcept;
+  [[nodiscard]] Counters counters() const noexcept;
+  [[nodiscard]] Disk disk() const noexcept;
+  [[nodiscard]] double diskFreeMib() const noexcept;  // as of the last work()
+  [[nodiscard]] State state() const noexcept;
+  // From any best-effort thread: why kFailed, as "sensors.lcmlog: cannot be opened (Read-only file system)";
+  // else "".
+  [[nodiscard]] std::string failure() const;
 
  private:
   struct Impl;

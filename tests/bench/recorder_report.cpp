@@ -125,7 +125,7 @@ void live(const std::filesystem::path& folder, const SyntheticDive& dive, const 
   ended = true;
   writer.join();
   const double cached = cachedMib(folder / "img");
-  recorder.close();
+  (void)recorder.close(60);
   const io::Recorder::Counters c = recorder.counters();
   const double pairs = static_cast<double>(c.images) / 2;
   std::printf(

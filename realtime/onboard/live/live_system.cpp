@@ -18,6 +18,7 @@ constexpr std::int64_t kCheckpointRestNs = 100'000'000;
 constexpr std::int64_t kCameraSearchNs =
     10'000'000'000;  // that a camera's thread may be away for, looking for it
 constexpr int kRecorderBudgetMs = 50;
+constexpr double kMostCloseS = 60;         // the recorder at the end of the survey
 constexpr std::size_t kInputsAtOnce = 64;  // of the soft tier, between two heartbeats
 constexpr std::array<rt::StageSpec, 1> kRecorderStages = {{{"write", 0}}};
 
@@ -275,7 +276,7 @@ void LiveSystem::stop() {
   while (!soft_done_.load(std::memory_order_acquire)) restFor(kRestNs);
   stop_soft_ = stop_modem_ = stop_recorder_ = true;
   threads_.joinAllBut({});
-  recorder_.close();
+  (void)recorder_.close(kMostCloseS);
   stopped_ = true;
 }
 

@@ -9,7 +9,7 @@
 #include <cstdio>
 #include <thread>
 
-#include "firmware_if/log/input_tail.hpp"
+#include "firmware_if/log/log_inputs.hpp"
 #include "realtime/kernel/clock.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
 
@@ -23,11 +23,11 @@ constexpr std::int64_t kMillisecond = 1'000'000;  // [ns]
 
 // Where the dive stands after what an earlier run recorded: it went on meanwhile.
 std::uint64_t nextNumber(const std::filesystem::path& folder) {
-  const auto log = fathom::io::MissionPaths(folder).log();
-  if (!std::filesystem::exists(log) || std::filesystem::file_size(log) == 0) return 0;
-  const auto tail = fathom::io::readInputTail(folder, 0);
-  if (tail.inputs.empty()) return 0;
-  return static_cast<std::uint64_t>((tail.inputs.back().arrival_utc_ns - SyntheticDive::kStartUtcNs) /
+  fathom::io::LogInputReader log(folder);
+  fathom::io::LogInputReader::Entry entry;
+  while (log.next(entry) < fathom::io::LogInputReader::Step::kEnd) continue;
+  if (log.position() == 0) return 0;
+  return static_cast<std::uint64_t>((entry.input.arrival_utc_ns - SyntheticDive::kStartUtcNs) /
                                     SyntheticDive::kInputIntervalNs) +
          1 + SyntheticDive::kAway;
 }
@@ -99,7 +99,8 @@ int main(int argc, char** argv) {
   }
   ended = true;
   writer.join();
-  recorder.close();
+  const Recorder::CloseResult closed = recorder.close(60);
+  if (!closed.log_whole) std::fprintf(stderr, "%s\n", closed.text.c_str());
   const Recorder::Counters c = recorder.counters();
   std::fprintf(
       stderr,
@@ -109,5 +110,5 @@ int main(int argc, char** argv) {
       static_cast<unsigned long long>(c.images), static_cast<unsigned long long>(c.images_dropped_queue),
       static_cast<unsigned long long>(c.images_dropped_disk), static_cast<unsigned long long>(c.syncs),
       static_cast<double>(c.worst_sync_ns) * 1e-6, static_cast<double>(c.worst_unsafe_ns) * 1e-6);
-  return 0;
+  return closed.log_whole ? 0 : 1;
 }

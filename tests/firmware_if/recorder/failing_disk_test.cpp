@@ -48,12 +48,15 @@ TEST_F(FailingDisk, WhatASyncDidNotTakeIsWrittenAgain) {
   const std::uint64_t safe = recorder_->counters().inputs_safe;
   EXPECT_GT(safe, 0u);
 
+  const std::uint64_t syncs = recorder_->counters().syncs;
   disk_.set({.fault = test::DiskFault::kInputOutput, .calls = test::kSyncCall});
   play(100);
   std::this_thread::sleep_for(std::chrono::milliseconds(600));  // a sync is due
   recorder_->work(20);
   EXPECT_EQ(recorder_->disk(), Recorder::Disk::kFull);
   EXPECT_EQ(recorder_->counters().inputs_safe, safe);
+  EXPECT_EQ(recorder_->counters().syncs, syncs);
+  EXPECT_GT(recorder_->counters().syncs_failed, 0u);
   EXPECT_GT(recorder_->counters().write_failures, 0u);
   EXPECT_GT(recorder_->counters().images_dropped_disk, 0u);
   // As if the system had dropped the pages that it could not write.
@@ -64,7 +67,7 @@ TEST_F(FailingDisk, WhatASyncDidNotTakeIsWrittenAgain) {
 
   disk_.clear();
   play(100);
-  recorder_->close();
+  EXPECT_TRUE(recorder_->close(30).log_whole);
   EXPECT_EQ(recorder_->counters().inputs_safe, 300u);
   const SyntheticDive::Found found = dive_.check(folder_);
   EXPECT_EQ(found.inputs, 300u);
@@ -88,7 +91,7 @@ TEST_F(FailingDisk, ASlowOneDelaysNoProducerAndLosesNothing) {
   }
   ended = true;
   writer.join();
-  recorder_->close();
+  EXPECT_TRUE(recorder_->close(30).log_whole);
   const Recorder::Counters c = recorder_->counters();
   EXPECT_EQ(c.images, 12u);
   EXPECT_GE(c.worst_sync_ns, 100'000'000);

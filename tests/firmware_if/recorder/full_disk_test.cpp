@@ -18,6 +18,7 @@ namespace {
 
 using test::DivePlayer;
 using test::SyntheticDive;
+using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
 constexpr std::uint64_t kMiB = 1024 * 1024;
@@ -102,7 +103,7 @@ TEST_F(FullDisk, StopsImagesFirstThenRawBytesAndInputsNever) {
   playOneSecond();
   EXPECT_EQ(recorder_->disk(), Recorder::Disk::kRoom);
   EXPECT_GT(recorder_->counters().images, images);
-  recorder_->close();
+  EXPECT_TRUE(recorder_->close(30).log_whole);
   EXPECT_EQ(recorder_->counters().inputs_safe, next_);
   EXPECT_EQ(player_.blocks().held(), 0u);
 
@@ -122,7 +123,13 @@ TEST_F(FullDisk, SaysSoWhenItEndsThatWay) {
   playOneSecond();
   fill(0);
   playOneSecond();
-  EXPECT_THROW(recorder_->close(), std::runtime_error);
+  const Recorder::CloseResult closed = recorder_->close(0.3);
+  EXPECT_FALSE(closed.log_whole);
+  EXPECT_FALSE(closed.raw_auv);
+  EXPECT_THAT(closed.text, HasSubstr("No space left on device"));
+  EXPECT_THAT(closed.text, HasSubstr("no RAW.auv was written"));
+  EXPECT_EQ(recorder_->state(), Recorder::State::kEnded);
+  EXPECT_EQ(player_.blocks().held(), 0u);
   makeRoom();
   // What was written before the disk was full is there, and recording can go on.
   const SyntheticDive::Found found = dive_.check(folder_);

@@ -7,6 +7,7 @@
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/log_inputs.hpp"
 #include "firmware_if/log/recording_gap.hpp"
+#include "firmware_if/recorder/journal_file.hpp"
 #include "tests/support/bad_disk.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -66,6 +67,33 @@ TEST_F(UnreadableLog, IsNeitherDamagedNorAtItsEnd) {
     EXPECT_EQ(events.failure(), "");
     events.throwIfReadFailed();
   }
+}
+
+TEST_F(UnreadableLog, IsNotCutByTheRecorderWhichGoesOnWhenItCanBeRead) {
+  const std::string before = readText(path_);
+  for (const std::uint64_t after : {0, 1, 2}) {
+    JournalFile journal;
+    spoilReading(after);
+    EXPECT_FALSE(journal.open(path_, 0, 0));
+    EXPECT_FALSE(journal.isOpen());
+    EXPECT_THAT(journal.failure(), kSaysWhere);
+    disk_.clear();
+    EXPECT_TRUE(readText(path_) == before);
+    EXPECT_TRUE(journal.open(path_, 0, 0));
+    EXPECT_EQ(journal.wholeAtStart(), before.size());
+    EXPECT_EQ(journal.cutAtStart(), 0u);
+  }
+  EXPECT_TRUE(readText(path_) == before);
+}
+
+TEST_F(UnreadableLog, OfWhichNotOneEventCanBeReadIsNotTakenForNoLog) {
+  test::writeText(path_, std::string(100, '\0'));
+  JournalFile journal;
+  disk_.set({.fault = DiskFault::kInputOutput, .calls = test::kReadCall, .after = 2});
+  EXPECT_FALSE(journal.open(path_, 0, 0));
+  EXPECT_THAT(journal.failure(), HasSubstr("cannot be read (Input/output error)"));
+  disk_.clear();
+  EXPECT_EQ(std::filesystem::file_size(path_), 100u);
 }
 
 TEST_F(UnreadableLog, IsReportedByEveryReaderAndCutByNoWriter) {

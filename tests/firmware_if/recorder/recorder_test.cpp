@@ -28,6 +28,8 @@ using test::SyntheticDive;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
+constexpr double kMostCloseS = 30;
+
 class RecorderTest : public ::testing::Test {
  protected:
   static RecorderConfig smallConfig() {
@@ -73,7 +75,7 @@ TEST_F(RecorderTest, TheLogHoldsEveryInputInOrderAndEveryImageThatItNames) {
   {
     const auto r = recorder();
     play(*r, 0, 1000);
-    r->close();
+    EXPECT_TRUE(r->close(kMostCloseS).log_whole);
     EXPECT_EQ(r->counters().inputs, 1000u);
     EXPECT_EQ(r->counters().inputs_safe, 1000u);
     EXPECT_EQ(r->counters().images, 40u);
@@ -120,7 +122,7 @@ TEST_F(RecorderTest, AnExposureWithoutPixelsIsNamedAsLostBeforeItsEvent) {
   // Two left exposures before the recorder works: the second finds the queue full.
   for (std::uint64_t n = 0; n < 60; ++n) EXPECT_TRUE(player_.offer(*r, n));
   EXPECT_EQ(r->counters().images_dropped_queue, 2u);
-  r->close();
+  EXPECT_TRUE(r->close(kMostCloseS).log_whole);
   const SyntheticDive::Found found = dive_.check(folder_);
   EXPECT_THAT(found.wrong, IsEmpty());
   EXPECT_EQ(found.inputs, 60u);
@@ -140,7 +142,7 @@ TEST_F(RecorderTest, ADiskTooSlowForImagesLosesImagesAndNotInputs) {
   };
   Recorder r(folder_, dive_.mission(), dive_.rig(), smallConfig(), slow, player_.release());
   play(r, 0, 400);
-  r.close();
+  EXPECT_TRUE(r.close(kMostCloseS).log_whole);
   EXPECT_EQ(r.counters().images_dropped_queue, 2u);  // the next pair; the one after it was quick
   const SyntheticDive::Found found = dive_.check(folder_);
   EXPECT_THAT(found.wrong, IsEmpty());
@@ -157,7 +159,7 @@ TEST_F(RecorderTest, InputsThatFindNoRoomLeaveAGapThatTellsHowMany) {
   while (r->work(100)) {
   }
   EXPECT_TRUE(r->offerInput({SyntheticDive::kStartUtcNs + 5000, Tick{}}));
-  r->close();
+  EXPECT_TRUE(r->close(kMostCloseS).log_whole);
   EXPECT_EQ(r->counters().inputs_dropped, refused);
   EXPECT_EQ(channels()["gap of " + std::to_string(refused)], 1);
   EXPECT_EQ(readGaps(folder_).inputs, refused);
@@ -197,7 +199,7 @@ TEST_F(RecorderTest, AfterACrashRecordingGoesOnBehindTheLastWholeEntry) {
     EXPECT_EQ(r->found().half_images_removed, 1u);
     EXPECT_EQ(r->found().images_without_event, 1u);
     play(*r, 300, 500);
-    r->close();
+    EXPECT_TRUE(r->close(kMostCloseS).log_whole);
   }
   const SyntheticDive::Found found = dive_.check(folder_);
   EXPECT_THAT(found.wrong, IsEmpty());
@@ -220,7 +222,7 @@ TEST_F(RecorderTest, RoomForThePlanIsTakenBeforehandAndGivenBack) {
   play(*r, 0, 100);
   if (blocks().second < planned) GTEST_SKIP() << "this file system takes no room beforehand";
   EXPECT_LT(blocks().first, std::uint64_t{1} << 20);
-  r->close();
+  EXPECT_TRUE(r->close(kMostCloseS).log_whole);
   EXPECT_LT(blocks().second, std::uint64_t{1} << 20);
   EXPECT_THAT(dive_.check(folder_).wrong, IsEmpty());
 }
@@ -243,7 +245,7 @@ TEST_F(RecorderTest, LcmReadsTheLogWhileItIsRecordedWithItsRoomTaken) {
 }
 
 TEST_F(RecorderTest, AnotherDivesFolderAndAForeignLogAreRefused) {
-  recorder()->close();
+  EXPECT_TRUE(recorder()->close(kMostCloseS).log_whole);
   MissionConfig other = dive_.mission();
   other.dive_id = 13;
   EXPECT_THAT(test::refusal([&] {
@@ -255,7 +257,7 @@ TEST_F(RecorderTest, AnotherDivesFolderAndAForeignLogAreRefused) {
 }
 
 TEST_F(RecorderTest, ALogOfWhichNotOneEntryWasWholeIsBegunAgain) {
-  recorder()->close();
+  EXPECT_TRUE(recorder()->close(kMostCloseS).log_whole);
   for (const std::string& begin : {std::string(50000, '\0'), std::string("\xED\xA1\xDA\x01\0\0", 6)}) {
     test::writeText(MissionPaths(folder_).log(), begin);
     const auto r = recorder();
@@ -268,14 +270,14 @@ TEST_F(RecorderTest, TwoRunsOfTheSameDiveMakeTheSameLog) {
   {
     const auto r = recorder();
     play(*r, 0, 200);
-    r->close();
+    EXPECT_TRUE(r->close(kMostCloseS).log_whole);
   }
   const std::string first = test::readText(MissionPaths(folder_).log());
   folder_ = parent_.path() / "again";
   {
     const auto r = recorder();
     play(*r, 0, 200);
-    r->close();
+    EXPECT_TRUE(r->close(kMostCloseS).log_whole);
   }
   EXPECT_EQ(test::readText(MissionPaths(folder_).log()), first);
 }
