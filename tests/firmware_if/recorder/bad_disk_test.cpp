@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include "tests/firmware_if/recorder/synthetic_dive.hpp"
 #include "tests/support/program_run.hpp"
 
 namespace fathom::test {
@@ -80,6 +81,19 @@ TEST_F(BadDiskTest, SpoilsReadingRenamingAndRemoving) {
   EXPECT_THAT(run("rm " + file_.string()).err, HasSubstr("Read-only file system"));
   EXPECT_THAT(run("mkdir " + to).err, HasSubstr("Read-only file system"));
   EXPECT_EQ(run("dd status=none if=" + file_.string()).out, "text");
+}
+
+TEST_F(BadDiskTest, SpoilsAProgramOfOursWhileItRuns) {
+  const auto rule = disk_.set({.fault = DiskFault::kReadOnly, .path = "sensors.lcmlog", .for_ms = 300});
+  const Outcome outcome =
+      run(FATHOM_BIN_DIR "/dive_recorder " + (folder_ / "dive").string() + " --seconds 0.6 --speed 2");
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_GT(disk_.hits(rule), 0u);
+  const SyntheticDive::Found found = SyntheticDive({}).check(folder_ / "dive");
+  EXPECT_THAT(found.wrong, ::testing::IsEmpty());
+  EXPECT_GT(found.inputs, 50u);
+  EXPECT_EQ(found.skipped, 0u);
+  EXPECT_GT(found.images_lost, 0u);
 }
 
 TEST_F(BadDiskTest, EndsByItselfWhenItsTimeIsOver) {

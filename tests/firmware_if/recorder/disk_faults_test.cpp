@@ -86,6 +86,7 @@ struct AtStart {
   bool earlier_run;
   BadDisk::Order order;
   const char* says;
+  friend void PrintTo(const AtStart& c, std::ostream* out) { *out << c.name; }
 };
 
 class DiskFaultsAtStart : public DiskFaults, public ::testing::WithParamInterface<AtStart> {};
@@ -198,6 +199,7 @@ struct OnTheWay {
   const char* name;
   BadDisk::Order order;
   bool of_log;
+  friend void PrintTo(const OnTheWay& c, std::ostream* out) { *out << c.name; }
 };
 
 class DiskFaultsOnTheWay : public DiskFaults, public ::testing::WithParamInterface<OnTheWay> {};
