@@ -1,10 +1,11 @@
-// What MapCore teaches its models of light.
+// What MapCore teaches its models of light, and what a pair costs.
 #include <gtest/gtest.h>
 
 #include <random>
 #include <vector>
 
 #include "realtime/onboard/map/map_core.hpp"
+#include "tests/support/heap_counter.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -44,6 +45,36 @@ int imagesLearnt(int pairs, double step) {
 TEST(MapLight, IsNotLearntFromAVehicleThatHovers) {
   EXPECT_LE(imagesLearnt(100, 0.0005), 2);
   EXPECT_GE(imagesLearnt(100, 0.5), 100);
+}
+
+TEST(MapPair, TakesNothingFromTheHeap) {
+  constexpr int kSpeckle = 3, kDisparity = 7;  // [px]; what the rig sees 2 m away
+  MapCore map(config());
+  std::mt19937 random(6);
+  std::vector<std::uint16_t> left(kWidth * kHeight), right(left.size());
+  std::vector<std::uint16_t> speckles(left.size());
+  std::size_t points = 0;
+  std::uint64_t heap_calls = 0;
+  for (int k = 0; k < 5; ++k) {
+    for (std::uint16_t& s : speckles) s = static_cast<std::uint16_t>(500 + random() % 3000);
+    for (std::size_t y = 0; y < kHeight; ++y)
+      for (std::size_t x = 0; x < kWidth; ++x) {
+        left[y * kWidth + x] = speckles[y / kSpeckle * kWidth + x / kSpeckle];
+        right[y * kWidth + x] = speckles[y / kSpeckle * kWidth + (x + kDisparity) / kSpeckle];
+      }
+    MapInput input;
+    input.pair_index = static_cast<std::uint32_t>(k);
+    input.utc_ns = 1'700'000'000'000'000'000 + k * std::int64_t{500'000'000};
+    input.T_odom_body = SE3::fromEuler(0, 0, 0, {0.2 * k, 0, 10});
+    input.altitude = 2;
+    input.left = {left.data(), kWidth, kHeight, kWidth * 2, PixelFormat::kMono, 12};
+    input.right = {right.data(), kWidth, kHeight, kWidth * 2, PixelFormat::kMono, 12};
+    const test::ThreadCost before = test::threadCost();
+    points = map.process(input).points;
+    heap_calls = (test::threadCost() - before).heap_calls;
+  }
+  EXPECT_GT(points, 10u);
+  EXPECT_EQ(test::sanitized() ? 0u : heap_calls, 0u);
 }
 
 }  // namespace

@@ -28,10 +28,10 @@ void measureFootprint(const Mesh& mesh, MapOutput& out) {
         std::max(out.footprint_radius, static_cast<double>((v.head<2>() - box.center()).norm()));
 }
 
-double medianRange(const stereo::StereoResult& result) {
+// `z`: to work in.
+double medianRange(const stereo::StereoResult& result, std::vector<float>& z) {
   if (result.points.empty()) return 0;
-  std::vector<float> z;
-  z.reserve(result.points.size());
+  z.clear();
   for (const stereo::StereoPoint& p : result.points) z.push_back(p.point.z());
   const auto middle = z.begin() + static_cast<std::ptrdiff_t>(z.size() / 2);
   std::nth_element(z.begin(), middle, z.end());
@@ -59,7 +59,14 @@ MapCore::MapCore(const MapCoreConfig& config, const MapSlots& slots)
       right_mosaic_(pixelsOf(config.rig.right) * samplesPerPixel(config.right_format)),
       right_mono_(pixelsOf(config.rig.right)) {
   if (config.colours) matrix_.emplace(*config.colours);
-  points_.reserve(static_cast<std::size_t>(config.stereo.max_features));
+  const auto most_points = static_cast<std::size_t>(config.stereo.max_features);
+  points_.reserve(most_points);
+  point_ranges_.reserve(most_points);
+  mesh_.vertices.reserve(most_points);
+  mesh_.normals.reserve(most_points);
+  mesh_.colours.reserve(most_points);
+  mesh_.sigma.reserve(most_points);
+  mesh_.triangles.reserve(2 * most_points);
   right_points_.resize(static_cast<std::size_t>(config.stereo.max_features));
   if (!config.localisation.enabled) return;
   localisation_ = std::make_unique<LocalisationCore>(config.rig, config.localisation, slots.features);
@@ -232,7 +239,7 @@ MapOutput MapCore::process(const MapInput& input) {
   if (rig_.add(result.matches)) useRig();
   out.points = result.points.size();
   out.triangles = result.triangles.size();
-  out.median_range = medianRange(result);
+  out.median_range = medianRange(result, point_ranges_);
   localise(input, out.median_range > 0 ? out.median_range : plane.distance, true, out);
   map_.noteVehicle(out.T_nav_cam.translation().head<2>());
   map_.rebuild(
