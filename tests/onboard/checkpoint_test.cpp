@@ -63,9 +63,10 @@ TEST_F(Checkpoints, TheNewestOfTwoFilesIsRead) {
 TEST_F(Checkpoints, ADamagedOneIsPassedOverForTheOneBeforeWithAReason) {
   ASSERT_TRUE(files.write(headOf(1), stateOf(1)));
   ASSERT_TRUE(files.write(headOf(2), stateOf(2)));
-  const std::vector<std::uint8_t> whole = test::readBytes(files.file(2));
+  const fs::path second = files.file(2);
+  const std::vector<std::uint8_t> whole = test::readBytes(second);
   const auto passedOver = [&](const std::vector<std::uint8_t>& bytes) {
-    test::writeBytes(files.file(2), bytes);
+    test::writeBytes(second, bytes);
     const auto found = newest();
     return found && found->head.number == 1 && said.size() == 1;
   };
@@ -101,6 +102,94 @@ TEST_F(Checkpoints, AWriteThatFailsLeavesWhatWasThere) {
   EXPECT_EQ(newest()->head.number, 1u);
 }
 
+// A program that comes back: it knows of the files only what they say.
+class CheckpointsAgain : public Checkpoints {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(files.write(headOf(1), stateOf(1)));
+    ASSERT_TRUE(files.write(headOf(2), stateOf(2)));
+  }
+  void damage(std::uint64_t number) const {
+    const fs::path path = again.file(number);
+    std::vector<std::uint8_t> bytes = test::readBytes(path);
+    bytes.back() ^= 1;
+    test::writeBytes(path, bytes);
+  }
+  [[nodiscard]] std::vector<std::uint64_t> numbers() {
+    std::vector<std::uint64_t> all;
+    for (const CheckpointHead& head : again.usable(kConfiguration, kMission, said))
+      all.push_back(head.number);
+    return all;
+  }
+
+  CheckpointFiles again{folder.path() / "state"};
+};
+using Numbers = std::vector<std::uint64_t>;
+
+TEST_F(CheckpointsAgain, TriesTheNewestThenTheOneBeforeAndNothingIsRemoved) {
+  damage(2);
+  EXPECT_EQ(numbers(), (Numbers{2, 1}));
+  EXPECT_FALSE(again.read(2, said));
+  ASSERT_EQ(said.size(), 1u);
+  EXPECT_NE(said[0].find("its state is damaged"), std::string::npos);
+  const auto before = again.read(1, said);
+  ASSERT_TRUE(before);
+  EXPECT_EQ(before->state, stateOf(1));
+  EXPECT_EQ(numbers(), (Numbers{2, 1}));
+  EXPECT_FALSE(again.read(3, said));
+}
+
+TEST_F(CheckpointsAgain, NeverWritesOverTheOneThatItReadWhateverItsNumber) {
+  damage(2);
+  ASSERT_TRUE(again.read(1, said));
+  ASSERT_TRUE(again.write(headOf(3), stateOf(3)));
+  EXPECT_EQ(numbers(), (Numbers{3, 1}));
+  ASSERT_TRUE(again.write(headOf(5), stateOf(5)));
+  EXPECT_EQ(numbers(), (Numbers{5, 3}));
+}
+
+TEST_F(CheckpointsAgain, BeforeItReadAnythingTheOlderGivesWayOrTheOneThatIsOfNoUse) {
+  ASSERT_TRUE(again.write(headOf(4), stateOf(4)));
+  EXPECT_EQ(numbers(), (Numbers{4, 2}));
+
+  CheckpointFiles other(folder.path() / "state");
+  fs::resize_file(other.file(4), 1000);
+  ASSERT_TRUE(other.write(headOf(6), stateOf(6)));
+  EXPECT_EQ(numbers(), (Numbers{6, 2}));
+
+  CheckpointFiles configured(folder.path() / "state");
+  CheckpointHead head = headOf(7);
+  head.configuration = kConfiguration + 1;
+  ASSERT_TRUE(configured.write(head, stateOf(7)));
+  head.number = 8;
+  ASSERT_TRUE(configured.write(head, stateOf(8)));
+  EXPECT_EQ(numbers(), Numbers{});
+}
+
+TEST_F(CheckpointsAgain, TheStartOfAStateIsReadAloneWhateverItsEndIs) {
+  damage(2);
+  constexpr std::size_t kStart = 500;
+  const auto start = again.readStart(2, kStart, said);
+  ASSERT_TRUE(start);
+  EXPECT_EQ(start->head, headOf(2));
+  const std::vector<std::uint8_t> whole = stateOf(2);
+  EXPECT_EQ(start->state, std::vector<std::uint8_t>(whole.begin(), whole.begin() + kStart));
+  EXPECT_EQ(again.readStart(1, SIZE_MAX, said)->state, stateOf(1));
+  EXPECT_FALSE(again.readStart(3, kStart, said));
+  EXPECT_TRUE(said.empty());
+}
+
+TEST_F(CheckpointsAgain, ANumberThatAPassedOverFileHasIsKnown) {
+  CheckpointHead head = headOf(9);
+  head.mission = kMission + 1;
+  ASSERT_TRUE(again.write(head, stateOf(9)));
+  fs::resize_file(again.file(9), 1000);
+  EXPECT_EQ(numbers(), Numbers{2});
+  EXPECT_EQ(again.newestNumber(), 9u);
+  again.remove();
+  EXPECT_EQ(again.newestNumber(), 0u);
+}
+
 TEST_F(Checkpoints, TheWriterTakesOneAtATimeAndCountsWhatIsLate) {
   CheckpointWriter writer(files, 20000, {folder.path() / "not-there"});
   EXPECT_FALSE(writer.work());
@@ -117,6 +206,7 @@ TEST_F(Checkpoints, TheWriterTakesOneAtATimeAndCountsWhatIsLate) {
   }
   writer.giveUp();
   EXPECT_EQ(writer.counters().written, 3u);
+  EXPECT_EQ(writer.oldest(), 2u);
   EXPECT_EQ(writer.counters().late, 3u);
   EXPECT_EQ(writer.counters().too_large, 1u);
   EXPECT_EQ(writer.counters().utc_ns, headOf(3).utc_ns);

@@ -1,6 +1,7 @@
 #include "realtime/onboard/checkpoint/checkpoint_file.hpp"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -8,8 +9,10 @@
 #include <cerrno>
 #include <cstring>
 #include <system_error>
+#include <utility>
 
 #include "realtime/kernel/crc32.hpp"
+#include "realtime/kernel/descriptor.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/state_archive.hpp"
 
@@ -20,7 +23,6 @@ namespace fs = std::filesystem;
 
 constexpr std::uint64_t kMagic = 0x54504b434d485446ULL;  // "FTHMCKPT"
 constexpr std::uint32_t kFormat = 1;
-constexpr std::size_t kFiles = 2;
 // No machine that this runs on holds more state [B].
 constexpr std::uint64_t kMostState = std::uint64_t{1} << 32;
 
@@ -42,45 +44,60 @@ std::uint32_t headCrc(const Start& start) {
   return crc32(std::span<const std::uint8_t>(bytes).subspan(kCovered));
 }
 
-// A file descriptor that closes itself.
-class Descriptor {
- public:
-  explicit Descriptor(int file) : file_(file) {}
-  ~Descriptor() {
-    if (file_ >= 0) ::close(file_);
-  }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  [[nodiscard]] int get() const { return file_; }
-
- private:
-  int file_;
-};
-
-bool writeAll(int file, std::span<const std::uint8_t> bytes) {
+bool writeAll(int file, std::span<const std::uint8_t> bytes, std::uint64_t offset) {
   constexpr std::size_t kAtOnce = 1 << 20;  // others want the disk, too
-  while (!bytes.empty()) {
-    const ssize_t done = ::write(file, bytes.data(), std::min(bytes.size(), kAtOnce));
-    if (done < 0 && errno == EINTR) continue;
-    if (done <= 0) return false;
-    bytes = bytes.subspan(static_cast<std::size_t>(done));
+  for (std::size_t at = 0; at < bytes.size(); at += kAtOnce) {
+    const auto part = bytes.subspan(at, std::min(bytes.size() - at, kAtOnce));
+    if (writeAt(file, part, offset + at) < part.size()) return false;
   }
   return true;
 }
 
-bool readAll(const fs::path& path, std::vector<std::uint8_t>& bytes) {
-  const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  const off_t end = file.get() < 0 ? -1 : ::lseek(file.get(), 0, SEEK_END);
-  if (end < 0 || static_cast<std::uint64_t>(end) > kMostState + sizeof(Start)) return false;
-  bytes.resize(static_cast<std::size_t>(end));
-  std::size_t at = 0;
-  while (at < bytes.size()) {
-    const ssize_t done = ::pread(file.get(), bytes.data() + at, bytes.size() - at, static_cast<off_t>(at));
-    if (done < 0 && errno == EINTR) continue;
-    if (done <= 0) return false;
-    at += static_cast<std::size_t>(done);
-  }
-  return true;
+// Why a file of so many bytes that begins like this is no checkpoint; empty: its head says that it is one.
+std::string checkStart(const Start& start, std::uint64_t file_bytes) {
+  if (start.magic != kMagic) return "it is no checkpoint";
+  if (start.format != kFormat)
+    return "it has format " + std::to_string(start.format) + ", not " + std::to_string(kFormat);
+  if (start.head_crc != headCrc(start)) return "its head is damaged";
+  if (start.state_bytes != file_bytes - sizeof start || start.state_bytes > kMostState)
+    return "it was not written to its end";
+  return "";
+}
+
+std::string checkState(const Start& start, std::span<const std::uint8_t> state) {
+  if (crc32(state) != start.state_crc) return "its state is damaged";
+  if (!rt::StateReader(state).sectionsAreWhole()) return "a part of its state is damaged";
+  return "";
+}
+
+// A file that may be a checkpoint.
+struct Opened {
+  Descriptor file;
+  Start start;
+  bool whole_head = false;
+  std::string why;  // it is none
+};
+// Nothing where there is no file.
+std::optional<Opened> openStart(const fs::path& path) {
+  Opened opened{Descriptor(::open(path.c_str(), O_RDONLY | O_CLOEXEC)), {}, false, ""};
+  if (!opened.file.open() && errno == ENOENT) return std::nullopt;
+  struct stat found {};
+  std::array<std::uint8_t, sizeof(Start)> bytes;
+  if (!opened.file.open() || ::fstat(opened.file.get(), &found) != 0 || !S_ISREG(found.st_mode))
+    opened.why = "it cannot be read";
+  else if (static_cast<std::uint64_t>(found.st_size) < bytes.size())
+    opened.why = "it is too short for a checkpoint";
+  else if (!readAt(opened.file.get(), bytes, 0))
+    opened.why = "it cannot be read";
+  if (!opened.why.empty()) return opened;
+  std::memcpy(&opened.start, bytes.data(), bytes.size());
+  opened.whole_head = opened.start.magic == kMagic && opened.start.head_crc == headCrc(opened.start);
+  opened.why = checkStart(opened.start, static_cast<std::uint64_t>(found.st_size));
+  return opened;
+}
+
+std::string passedOver(const fs::path& path, const std::string& why) {
+  return path.string() + ": passed over, " + why;
 }
 
 }  // namespace
@@ -96,27 +113,47 @@ std::string decodeCheckpoint(std::span<const std::uint8_t> bytes, CheckpointHead
   Start start;
   if (bytes.size() < sizeof start) return "it is too short for a checkpoint";
   std::memcpy(&start, bytes.data(), sizeof start);
-  if (start.magic != kMagic) return "it is no checkpoint";
-  if (start.format != kFormat)
-    return "it has format " + std::to_string(start.format) + ", not " + std::to_string(kFormat);
-  if (start.head_crc != headCrc(start)) return "its head is damaged";
-  if (start.state_bytes != bytes.size() - sizeof start) return "it was not written to its end";
-  const std::span<const std::uint8_t> content = bytes.subspan(sizeof start);
-  if (crc32(content) != start.state_crc) return "its state is damaged";
-  if (!rt::StateReader(content).sectionsAreWhole()) return "a part of its state is damaged";
+  std::string why = checkStart(start, bytes.size());
+  if (why.empty()) why = checkState(start, bytes.subspan(sizeof start));
+  if (!why.empty()) return why;
   head = start.head;
-  state = content;
+  state = bytes.subspan(sizeof start);
   return "";
 }
 
-CheckpointFiles::CheckpointFiles(fs::path folder) : folder_(std::move(folder)) {
+CheckpointFiles::CheckpointFiles(fs::path folder)
+    : folder_(std::move(folder)), paths_{folder_ / "checkpoint-0.bin", folder_ / "checkpoint-1.bin"} {
   std::error_code error;
   fs::create_directories(folder_, error);
   if (error) throw InputError(folder_.string(), "checkpoints", "cannot be made: " + error.message());
 }
 
 fs::path CheckpointFiles::file(std::uint64_t number) const {
-  return folder_ / ("checkpoint-" + std::to_string(number % kFiles) + ".bin");
+  for (const fs::path& path : paths_)
+    if (const auto opened = openStart(path); opened && opened->why.empty())
+      if (opened->start.head.number == number) return path;
+  return {};
+}
+
+std::uint64_t CheckpointFiles::newestNumber() const {
+  std::uint64_t newest = 0;
+  for (const fs::path& path : paths_)
+    if (const auto opened = openStart(path); opened && opened->whole_head)
+      newest = std::max(newest, opened->start.head.number);
+  return newest;
+}
+
+// Not the one that is kept; else one that is not usable beside that head, else the older.
+std::size_t CheckpointFiles::placeFor(const CheckpointHead& head) const {
+  if (kept_) return 1 - *kept_;
+  std::array<std::uint64_t, kFiles> numbers{};  // 0: not usable
+  for (std::size_t k = 0; k < kFiles; ++k)
+    if (const auto opened = openStart(paths_[k]); opened && opened->why.empty()) {
+      const CheckpointHead& there = opened->start.head;
+      if (there.mission == head.mission && there.configuration == head.configuration)
+        numbers[k] = there.number;
+    }
+  return numbers[1] < numbers[0] ? 1 : 0;
 }
 
 bool CheckpointFiles::write(const CheckpointHead& head, std::span<const std::uint8_t> state) noexcept {
@@ -128,7 +165,8 @@ bool CheckpointFiles::write(const CheckpointHead& head, std::span<const std::uin
   std::array<std::uint8_t, sizeof start> first;
   std::memcpy(first.data(), &start, sizeof start);
 
-  const fs::path temporary = folder_ / "checkpoint.tmp", place = file(head.number);
+  const std::size_t place = placeFor(head);
+  const fs::path temporary = folder_ / "checkpoint.tmp";
   const auto refused = [&](const char* what) {
     error_ = std::string(what) + ": " + std::strerror(errno);
     ::unlink(temporary.c_str());
@@ -137,54 +175,91 @@ bool CheckpointFiles::write(const CheckpointHead& head, std::span<const std::uin
   constexpr int kMode = 0644;
   {
     const Descriptor out(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, kMode));
-    if (out.get() < 0) return refused("cannot be made");
-    if (!writeAll(out.get(), first) || !writeAll(out.get(), state)) return refused("cannot be written");
+    if (!out.open()) return refused("cannot be made");
+    if (!writeAll(out.get(), first, 0) || !writeAll(out.get(), state, first.size()))
+      return refused("cannot be written");
     if (::fdatasync(out.get()) != 0) return refused("cannot be brought to the disk");
     // Nobody reads it soon: the memory is others'.
     (void)::posix_fadvise(out.get(), 0, 0, POSIX_FADV_DONTNEED);
   }
-  if (::rename(temporary.c_str(), place.c_str()) != 0) return refused("cannot be named");
-  const Descriptor here(::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (here.get() < 0 || ::fsync(here.get()) != 0) return refused("its name cannot be brought to the disk");
+  if (::rename(temporary.c_str(), paths_[place].c_str()) != 0) return refused("cannot be named");
+  kept_ = place;
+  if (!syncPath(folder_.c_str())) return refused("its name cannot be brought to the disk");
   error_.clear();
   return true;
 }
 
+std::vector<CheckpointHead> CheckpointFiles::usable(std::uint64_t configuration, std::uint64_t mission,
+                                                    std::vector<std::string>& said) const {
+  std::vector<CheckpointHead> heads;
+  for (const fs::path& path : paths_) {
+    const auto opened = openStart(path);
+    if (!opened) continue;
+    const CheckpointHead& head = opened->start.head;
+    std::string why = opened->why;
+    if (why.empty() && head.mission != mission) why = "it is of another mission";
+    if (why.empty() && head.configuration != configuration)
+      why = "it was written by another program or configuration";
+    if (why.empty())
+      heads.push_back(head);
+    else
+      said.push_back(passedOver(path, why));
+  }
+  std::sort(heads.begin(), heads.end(),
+            [](const CheckpointHead& a, const CheckpointHead& b) { return a.number > b.number; });
+  return heads;
+}
+
+std::optional<CheckpointFiles::Found> CheckpointFiles::read(std::uint64_t number,
+                                                            std::vector<std::string>& said) {
+  for (std::size_t k = 0; k < kFiles; ++k) {
+    const auto opened = openStart(paths_[k]);
+    if (!opened || !opened->why.empty() || opened->start.head.number != number) continue;
+    Found found{opened->start.head, std::vector<std::uint8_t>(opened->start.state_bytes)};
+    const std::string why = readAt(opened->file.get(), found.state, sizeof(Start))
+                                ? checkState(opened->start, found.state)
+                                : "it cannot be read";
+    if (why.empty()) {
+      kept_ = k;
+      return found;
+    }
+    said.push_back(passedOver(paths_[k], why));
+  }
+  return std::nullopt;
+}
+
+std::optional<CheckpointFiles::Found> CheckpointFiles::readStart(std::uint64_t number, std::size_t bytes,
+                                                                 std::vector<std::string>& said) const {
+  for (const fs::path& path : paths_) {
+    const auto opened = openStart(path);
+    if (!opened || !opened->why.empty() || opened->start.head.number != number) continue;
+    Found found{opened->start.head,
+                std::vector<std::uint8_t>(std::min<std::uint64_t>(bytes, opened->start.state_bytes))};
+    if (readAt(opened->file.get(), found.state, sizeof(Start))) return found;
+    said.push_back(passedOver(path, "it cannot be read"));
+  }
+  return std::nullopt;
+}
+
 std::optional<CheckpointFiles::Found> CheckpointFiles::readNewest(std::uint64_t configuration,
                                                                   std::uint64_t mission,
-                                                                  std::vector<std::string>& said) const {
-  std::optional<Found> newest;
-  for (std::uint64_t k = 0; k < kFiles; ++k) {
-    const fs::path path = file(k);
-    std::error_code error;
-    if (!fs::exists(path, error)) continue;
-    Found found;
-    std::vector<std::uint8_t> bytes;
-    std::span<const std::uint8_t> state;
-    std::string why = readAll(path, bytes) ? decodeCheckpoint(bytes, found.head, state) : "it cannot be read";
-    if (why.empty() && found.head.mission != mission) why = "it is of another mission";
-    if (why.empty() && found.head.configuration != configuration)
-      why = "it was written by another program or configuration";
-    if (!why.empty()) {
-      said.push_back(path.string() + ": passed over, " + why);
-      continue;
-    }
-    if (newest && newest->head.number > found.head.number) continue;
-    bytes.erase(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(sizeof(Start)));
-    found.state = std::move(bytes);
-    newest = std::move(found);
-  }
-  return newest;
+                                                                  std::vector<std::string>& said) {
+  for (const CheckpointHead& head : usable(configuration, mission, said))
+    if (auto found = read(head.number, said)) return found;
+  return std::nullopt;
 }
 
 void CheckpointFiles::remove(std::uint64_t number) noexcept {
+  const fs::path path = file(number);
+  if (kept_ && paths_[*kept_] == path) kept_.reset();
   std::error_code ignored;
-  fs::remove(file(number), ignored);
+  fs::remove(path, ignored);
 }
 
 void CheckpointFiles::remove() noexcept {
   std::error_code ignored;
-  for (std::uint64_t k = 0; k < kFiles; ++k) fs::remove(file(k), ignored);
+  for (const fs::path& path : paths_) fs::remove(path, ignored);
+  kept_.reset();
 }
 
 }  // namespace fathom::onboard

@@ -1,8 +1,8 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -25,43 +25,65 @@ struct CheckpointHead {
 [[nodiscard]] std::uint64_t checkpointHash(std::string_view bytes,
                                            std::uint64_t before = 0xcbf29ce484222325ULL) noexcept;
 
-// The two checkpoint files of a mission, `checkpoint-0.bin` and `checkpoint-1.bin` in a folder of their own,
-// written in turn: while one is written the other is whole. A file is
+// The two checkpoint files of a mission, `checkpoint-0.bin` and `checkpoint-1.bin` in a folder of their own:
+// while one is written the other is whole. A file is
 //   u64 magic "FTHMCKPT", u32 format, u32 head's CRC-32, the head's five numbers (u64, i64), u64 bytes of
 //   state, u32 their CRC-32, u32 0; the state (sections of state_archive.hpp, with checksums of their own).
 // Little endian. The head's CRC is over what follows it up to the state.
+//
+// A restart tries usable() one after the other: read() and load; when none can be used the log is all there
+// is. Nothing is removed by that, and what comes next is numbered beyond newestNumber() and the log's marks.
 class CheckpointFiles {
  public:
   // Makes the folder. Throws InputError when it cannot.
   explicit CheckpointFiles(std::filesystem::path folder);
 
-  // Writes the state to a temporary file, brings it to the disk and gives it the name of the older of the
-  // two. False, and what was there stays, when the disk refuses: see error().
+  // Writes the state to a temporary file, brings it to the disk and gives it the name of one of the two:
+  // never of the one that this object read or wrote last; at first of one that is not usable(), or the older.
+  // False, and what was there stays, when the disk refuses: see error().
   [[nodiscard]] bool write(const CheckpointHead& head, std::span<const std::uint8_t> state) noexcept;
   [[nodiscard]] const std::string& error() const { return error_; }
 
+  // Those of this configuration and mission whose heads are whole and whose files are as long as they say,
+  // the newest first. `said` receives a line for each file that is passed over, with the reason; here and
+  // below.
+  [[nodiscard]] std::vector<CheckpointHead> usable(std::uint64_t configuration, std::uint64_t mission,
+                                                   std::vector<std::string>& said) const;
   struct Found {
     CheckpointHead head;
     std::vector<std::uint8_t> state;
   };
-  // The newest that is whole and of this configuration and mission. `said` receives a line for each file that
-  // was passed over, with the reason.
+  // The checkpoint of that number if all of it is whole.
+  [[nodiscard]] std::optional<Found> read(std::uint64_t number, std::vector<std::string>& said);
+  // The first bytes of its state, at most so many. The sections in them carry their own checksums; nothing
+  // else of the state is looked at.
+  [[nodiscard]] std::optional<Found> readStart(std::uint64_t number, std::size_t bytes,
+                                               std::vector<std::string>& said) const;
+  // The first of usable() that read() finds whole.
   [[nodiscard]] std::optional<Found> readNewest(std::uint64_t configuration, std::uint64_t mission,
-                                                std::vector<std::string>& said) const;
+                                                std::vector<std::string>& said);
+  // The largest number of the files whose heads are whole, of whatever mission; 0: there are none.
+  [[nodiscard]] std::uint64_t newestNumber() const;
+
   void remove(std::uint64_t number) noexcept;
-  // Forgets both: a new mission begins, or the program cannot use them.
+  // Forgets both: a new mission begins.
   void remove() noexcept;
 
+  // The file that has the checkpoint of that number; an empty path if none has.
   [[nodiscard]] std::filesystem::path file(std::uint64_t number) const;
   [[nodiscard]] const std::filesystem::path& folder() const { return folder_; }
 
  private:
+  static constexpr std::size_t kFiles = 2;
+  [[nodiscard]] std::size_t placeFor(const CheckpointHead& head) const;
+
   std::filesystem::path folder_;
+  std::array<std::filesystem::path, kFiles> paths_;
+  std::optional<std::size_t> kept_;  // the file that was read or written last
   std::string error_;
 };
 
-// Reads a checkpoint from bytes that may be anything; an empty string, or why it is none. `most`: of the
-// state [B].
+// Reads a checkpoint from bytes that may be anything; an empty string, or why it is none.
 [[nodiscard]] std::string decodeCheckpoint(std::span<const std::uint8_t> bytes, CheckpointHead& head,
                                            std::span<const std::uint8_t>& state);
 

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cassert>
+#include <cerrno>
 #include <utility>
 
 namespace fathom::onboard {
@@ -13,7 +14,7 @@ namespace {
 // A file that is not there has nothing to lose.
 bool syncFile(const std::filesystem::path& path) {
   const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (file < 0) return true;
+  if (file < 0) return errno == ENOENT;
   const bool good = ::fdatasync(file) == 0;
   ::close(file);
   return good;
@@ -46,6 +47,7 @@ bool CheckpointWriter::work() {
   const bool good = std::all_of(named_.begin(), named_.end(), syncFile) &&
                     files_.write(head_, std::span<const std::uint8_t>(buffer_).first(bytes_));
   if (good) {
+    oldest_.store(std::exchange(newest_, head_.number), std::memory_order_relaxed);
     written_.fetch_add(1, std::memory_order_relaxed);
     last_bytes_.store(bytes_, std::memory_order_relaxed);
     utc_ns_.store(head_.utc_ns, std::memory_order_relaxed);

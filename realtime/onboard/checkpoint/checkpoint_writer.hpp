@@ -38,6 +38,8 @@ class CheckpointWriter {
     std::int64_t utc_ns = 0;  // of the last one that is on the disk
   };
   [[nodiscard]] Counters counters() const noexcept;
+  // The last but one that this object wrote: a restart needs none before it. 0: not known.
+  [[nodiscard]] std::uint64_t oldest() const noexcept { return oldest_.load(std::memory_order_relaxed); }
   [[nodiscard]] std::size_t capacity() const { return buffer_.size(); }
 
  private:
@@ -46,8 +48,10 @@ class CheckpointWriter {
   std::vector<std::filesystem::path> named_;
   CheckpointHead head_;
   std::size_t bytes_ = 0;
+  std::uint64_t newest_ = 0;          // number of the last one written; best effort
   std::atomic<bool> waiting_{false};  // the buffer is the best effort's
   std::atomic<std::uint64_t> written_{0}, failed_{0}, late_{0}, too_large_{0}, last_bytes_{0};
+  std::atomic<std::uint64_t> oldest_{0};
   std::atomic<std::int64_t> utc_ns_{0};
 };
 
