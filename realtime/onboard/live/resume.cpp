@@ -31,8 +31,9 @@ CheckpointNames checkpointNames(const std::filesystem::path& folder, const Onboa
                                 const io::MissionConfig& mission) {
   CheckpointNames names;
   const std::filesystem::path calib = io::MissionPaths(folder).calib();
-  names.configuration = checkpointHash(textOf(coloursBeside(calib)),
-                                       checkpointHash(textOf(calib), checkpointHash(config.text)));
+  names.configuration = checkpointHash(config.text);
+  for (const std::filesystem::path& file : {calib, coloursBeside(calib), folder / "mission.toml"})
+    names.configuration = checkpointHash(textOf(file), names.configuration);
   names.mission =
       checkpointHash(mission.vehicle_name + " " + std::to_string(mission.vehicle_id) + " " +
                      std::to_string(mission.dive_id) + " " + std::to_string(mission.start_utc_ns));

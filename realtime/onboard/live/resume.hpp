@@ -30,7 +30,7 @@ struct Resume {
 struct CheckpointNames {
   std::uint64_t configuration = 0, mission = 0;
 };
-// Of the configuration's text and the calibration; of vehicle and dive.
+// Of the configuration's text, the calibration and mission.toml; of vehicle and dive.
 [[nodiscard]] CheckpointNames checkpointNames(const std::filesystem::path& folder,
                                               const OnboardConfig& config, const io::MissionConfig& mission);
 

@@ -97,6 +97,16 @@ TEST_F(Resume, CheckpointsOfAnotherConfigurationArePassedOverForTheLog) {
   EXPECT_TRUE(saidThat(*live, "another program or configuration"));
 }
 
+TEST_F(Resume, CheckpointsOfAnotherDeclinationArePassedOverForTheLog) {
+  io::MissionConfig mission = io::readMissionConfig(folder);
+  mission.magnetic_declination += 0.1;
+  io::writeMissionConfig(folder, mission);
+  const auto live = start(folder, false);
+  EXPECT_TRUE(live->resumed());
+  EXPECT_EQ(live->resumedFrom(), 0U);
+  EXPECT_TRUE(saidThat(*live, "another program or configuration"));
+}
+
 TEST_F(Resume, WithoutCheckpointsTheLogIsEnough) {
   for (const char* name : {"checkpoint-0.bin", "checkpoint-1.bin"}) fs::remove(folder / "state" / name);
   const auto live = start(folder, false);
