@@ -53,6 +53,8 @@ class MissionRun {
 
   // Saved state, that of the output with it. Into a run of the same mission and configuration, just made; one
   // whose load() failed is of no use.
+  // Before save(): false while the output is not on the disk as far as it is known (OnboardOutput).
+  [[nodiscard]] bool readyToSave() { return output_.readyToSave(); }
   void save(rt::StateWriter& writer);
   [[nodiscard]] bool load(rt::StateReader& reader);
   // Consumed so far, marks too.

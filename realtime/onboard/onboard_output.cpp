@@ -1,15 +1,13 @@
 #include "realtime/onboard/onboard_output.hpp"
 
-#include <fcntl.h>
-#include <unistd.h>
-
 #include <Eigen/Dense>
+#include <algorithm>
 #include <array>
 #include <cassert>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <iomanip>
-#include <iterator>
 #include <stdexcept>
 #include <string_view>
 #include <utility>
@@ -28,8 +26,20 @@ constexpr std::array<std::string_view, 10> kOurs = {
     "packets.bin",  "downlink.bin",         "closures.csv", "health.csv",  "map.ply",
     "odometry.csv", "stereo_pose_est.data", "report.json",  "timing.json", "live.json"};
 
-constexpr std::uint32_t kTag = rt::stateTag("OUTP"), kVersion = 2;
+constexpr std::uint32_t kTag = rt::stateTag("OUTP"), kVersion = 3;
 constexpr std::size_t kPairBytes = 512;  // of a pair's record, at most, without its names
+
+// Written to try the disk; never part of the folder.
+constexpr const char* kProbe = "probe.tmp";
+
+OutputFolder::Life durable(OutputFolder::Life life) {
+  life.durable = true;
+  return life;
+}
+
+std::uint64_t roomFor(double hours, double bytes_an_hour) {
+  return hours > 0 ? static_cast<std::uint64_t>(hours * bytes_an_hour) : 0;
+}
 
 // A pair's record, for the time when its pose is known.
 template <typename Archive, typename Output, typename Name, typename Altitude>
@@ -49,72 +59,68 @@ void exchangePair(Archive& archive, Output& output, Name& left, Name& right, Alt
 
 OnboardOutput::OnboardOutput(const std::filesystem::path& folder, const Geodetic& origin,
                              const OutputFolder::Life& life, double planned_hours)
-    : folder_(folder, kOurs, life), planned_hours_(planned_hours) {
+    : folder_(folder, kOurs, durable(life)),
+      odometry_(folder_.path() / "odometry.csv", roomFor(planned_hours, 5e6)),
+      pairs_(folder_.path() / "pairs.tmp", roomFor(planned_hours, 5e6)),
+      packets_(folder_.path() / "packets.bin", roomFor(planned_hours, 3e6)),
+      downlink_(folder_.path() / "downlink.bin", roomFor(planned_hours, 1e6)),
+      health_(folder_.path() / "health.csv", roomFor(planned_hours, 8e6)),
+      retired_(folder_.path() / "retired.tmp", roomFor(planned_hours, 6e5)) {
+  constexpr int kDigits = 15;  // a counter of 1e15 still prints whole
+  row_.precision(kDigits);
   poses_.origin = origin;
-  for (Growing& file : files_)
-    if (file.from_the_start) open(file);
-  if (odometry_.tellp() == 0) io::writeTrajectoryHead(odometry_);
+  for (GrowingFile* file : files_)
+    if (file != &downlink_) file->open();
+  if (odometry_.size() > 0) return;
+  io::writeTrajectoryHead(row_.begin());
+  odometry_.add(row_.row());
 }
 
-void OnboardOutput::open(Growing& file) {
-  file.stream.open(folder_.path() / file.name, std::ios::binary | std::ios::app | std::ios::ate);
-  if (!file.stream) throw std::runtime_error("cannot write into " + folder_.path().string());
-  takeRoom(file);
-}
-
-void OnboardOutput::takeRoom(const Growing& file) {
-  if (planned_hours_ <= 0) return;
-  const std::filesystem::path path = folder_.path() / file.name;
-  const int fd = ::open(path.c_str(), O_WRONLY | O_CLOEXEC);
-  if (fd < 0) return;
-  // A file system that cannot take room beforehand is written to as it comes.
-  const auto bytes = static_cast<off_t>(planned_hours_ * file.bytes_an_hour);
-  (void)::fallocate(fd, FALLOC_FL_KEEP_SIZE, static_cast<off_t>(std::filesystem::file_size(path)), bytes);
-  ::close(fd);
-}
-
-void OnboardOutput::giveRoomBack() {
-  if (planned_hours_ <= 0) return;
-  for (const Growing& file : files_) {
-    const std::filesystem::path path = folder_.path() / file.name;
-    std::error_code error;
-    const auto bytes = std::filesystem::file_size(path, error);
-    if (!error) std::filesystem::resize_file(path, bytes, error);
+// The disk's refusals wait for commit().
+void OnboardOutput::attempt(const std::string& name, const std::function<void()>& write) {
+  try {
+    write();
+  } catch (const std::runtime_error& e) {
+    if (failed_.empty()) failed_ = name + ": " + e.what();
   }
 }
 
 void OnboardOutput::addOdometry(std::int64_t utc_ns, const SE3& T_odom_body) {
   const bool finite = T_odom_body.translation().allFinite() && T_odom_body.rotation().coeffs().allFinite();
-  if (finite) io::writeTrajectoryPoint(odometry_, {utc_ns, T_odom_body});
+  if (!finite) return;
+  io::writeTrajectoryPoint(row_.begin(), {utc_ns, T_odom_body});
+  odometry_.add(row_.row());
 }
 
 void OnboardOutput::addStereoPose(const MapOutput& output, const std::string& left, const std::string& right,
                                   double altitude) {
-  record_.resize(kPairBytes + left.size() + right.size());
-  rt::StateWriter writer(record_);
+  std::uint32_t bytes = 0;
+  record_.resize(sizeof bytes + kPairBytes + left.size() + right.size());
+  rt::StateWriter writer({record_.data() + sizeof bytes, record_.size() - sizeof bytes});
   exchangePair(writer, output, left, right, altitude);
   assert(!writer.full());
-  const auto bytes = static_cast<std::uint32_t>(writer.size());
-  pairs_.write(reinterpret_cast<const char*>(&bytes), sizeof bytes);
-  pairs_.write(reinterpret_cast<const char*>(record_.data()), bytes);
+  bytes = static_cast<std::uint32_t>(writer.size());
+  std::memcpy(record_.data(), &bytes, sizeof bytes);
+  pairs_.add({record_.data(), sizeof bytes + bytes});
 }
 
 void OnboardOutput::readPairs() {
   constexpr double kNanoseconds = 1e9;  // in a second
-  pairs_.flush();
-  std::ifstream in(folder_.path() / files_[1].name, std::ios::binary);
-  std::uint32_t bytes = 0;
   poses_.poses.clear();
   outputs_.clear();
-  while (in.read(reinterpret_cast<char*>(&bytes), sizeof bytes)) {
-    record_.resize(bytes);
-    in.read(reinterpret_cast<char*>(record_.data()), bytes);
-    rt::StateReader reader(record_);
+  const std::vector<std::uint8_t> all = pairs_.read();
+  std::uint32_t bytes = 0;
+  for (std::size_t at = 0; at < all.size(); at += bytes) {
+    if (all.size() - at >= sizeof bytes) std::memcpy(&bytes, all.data() + at, sizeof bytes);
+    at = std::min(all.size(), at + sizeof bytes);
+    rt::StateReader reader({all.data() + at, std::min<std::size_t>(bytes, all.size() - at)});
     MapOutput output;
     io::StereoPose pose;
     exchangePair(reader, output, pose.left_image, pose.right_image, pose.altitude);
-    if (!in || !reader.ok())
-      throw std::runtime_error("cannot read " + (folder_.path() / files_[1].name).string());
+    if (!reader.ok()) {
+      if (failed_.empty()) failed_ = std::string("pairs.tmp: ") + reader.failure();
+      return;
+    }
     pose.id = static_cast<int>(output.pair_index);
     pose.utc_s = static_cast<double>(output.utc_ns) / kNanoseconds;
     pose.T_nav_cam = output.T_nav_cam;
@@ -128,14 +134,12 @@ void OnboardOutput::addRetired(const slam::NavigationGraph::Retired& gone) {
   record_.resize(kPairBytes);
   rt::StateWriter writer(record_);
   writer(gone.keyframe, gone.onto, gone.T_onto);
-  retired_.write(reinterpret_cast<const char*>(record_.data()), static_cast<std::streamsize>(writer.size()));
+  retired_.add(writer.written());
 }
 
 std::map<int, slam::NavigationGraph::Retired> OnboardOutput::readRetired() {
-  retired_.flush();
-  std::ifstream in(folder_.path() / files_[5].name, std::ios::binary);
-  const std::vector<char> bytes{std::istreambuf_iterator<char>(in), {}};
-  rt::StateReader reader({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()});
+  const std::vector<std::uint8_t> bytes = retired_.read();
+  rt::StateReader reader(bytes);
   std::vector<slam::NavigationGraph::Retired> all;
   for (slam::NavigationGraph::Retired gone;
        reader.left() > 0 && reader(gone.keyframe, gone.onto, gone.T_onto);)
@@ -167,6 +171,10 @@ void OnboardOutput::placeStereoPoses(const std::function<SE3(const MapOutput&)>&
 }
 
 void OnboardOutput::writeClosures(const LocalisationCore& localisation) {
+  attempt("closures.csv", [&] { writeClosuresFile(localisation); });
+}
+
+void OnboardOutput::writeClosuresFile(const LocalisationCore& localisation) {
   // A keyframe is the first pair that hung on it.
   std::vector<const io::StereoPose*> pair(static_cast<std::size_t>(localisation.keyframes()));
   for (std::size_t i = outputs_.size(); i-- > 0;)
@@ -193,92 +201,116 @@ void OnboardOutput::writeClosures(const LocalisationCore& localisation) {
 }
 
 void OnboardOutput::addPacket(std::int64_t utc_ns, std::span<const std::uint8_t> frame) {
-  if (!telemetry::writePacket(packets_, utc_ns, frame))
-    throw std::runtime_error("cannot write packets.bin in " + folder_.path().string());
+  if (telemetry::writePacket(row_.begin(), utc_ns, frame)) packets_.add(row_.row());
 }
 
 void OnboardOutput::addDownlink(std::int64_t utc_ns, std::span<const std::uint8_t> frame) {
-  if (!downlink_.stream.is_open()) open(downlink_);
-  if (!telemetry::writePacket(downlink_.stream, utc_ns, frame))
-    throw std::runtime_error("cannot write downlink.bin in " + folder_.path().string());
+  if (telemetry::writePacket(row_.begin(), utc_ns, frame)) downlink_.add(row_.row());
 }
 
 void OnboardOutput::addHealth(std::int64_t utc_ns, const std::vector<std::pair<std::string, double>>& row) {
+  row_.begin();
   if (!health_header_) {
-    health_ << "utc_ns";
-    for (const auto& [name, value] : row) health_ << ',' << name;
-    health_ << '\n';
+    row_ << "utc_ns";
+    for (const auto& [name, value] : row) row_ << ',' << name;
+    row_ << '\n';
     health_header_ = true;
   }
-  constexpr int kDigits = 15;  // a counter of 1e15 still prints whole
-  health_ << utc_ns << std::setprecision(kDigits);
-  for (const auto& [name, value] : row) health_ << ',' << value;
-  health_ << '\n';
+  row_ << utc_ns;
+  for (const auto& [name, value] : row) row_ << ',' << value;
+  row_ << '\n';
+  health_.add(row_.row());
 }
 
 void OnboardOutput::writeMap(const Mesh& map_in_nav) {
-  writePly(folder_.path() / "map.ply", map_in_nav, {"frame nav: x north, y east, z down [m]"});
+  attempt("map.ply", [&] {
+    writePly(folder_.path() / "map.ply", map_in_nav, {"frame nav: x north, y east, z down [m]"});
+  });
 }
 
 void OnboardOutput::writeText(const std::string& name, const std::string& text) {
-  writeFile(folder_.path() / name, text);
+  attempt(name, [&] { writeFile(folder_.path() / name, text); });
+}
+
+bool OnboardOutput::lost() const {
+  return std::any_of(files_.begin(), files_.end(), [](const GrowingFile* f) { return f->lostRows() > 0; });
+}
+
+std::string OnboardOutput::failure() const {
+  for (const GrowingFile* file : files_)
+    if (std::string why = file->failure(); !why.empty()) return why;
+  return failed_;
+}
+
+bool OnboardOutput::diskTakesData() {
+  bool waited = false, taken = true;
+  for (GrowingFile* file : files_) {
+    if (file->waiting() == 0) continue;
+    (void)file->flush();
+    waited = true;
+    taken = taken && file->waiting() == 0;
+  }
+  return waited ? taken : probe();
+}
+
+bool OnboardOutput::probe() const {
+  constexpr int kMode = 0644;
+  const std::array<std::uint8_t, 4096> nothing{};  // a block of the disk
+  const std::filesystem::path path = folder_.path() / kProbe;
+  const Descriptor file(::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, kMode));
+  const bool taken =
+      file.open() && writeAt(file.get(), nothing, 0) == nothing.size() && ::fdatasync(file.get()) == 0;
+  ::unlink(path.c_str());
+  return taken;
 }
 
 void OnboardOutput::commit() {
   if (outputs_.empty()) readPairs();
-  io::writeStereoPoses(folder_.path() / "stereo_pose_est.data", poses_);
-  for (Growing& file : files_) {
-    if (!file.stream.is_open()) continue;
-    file.stream.close();
-    if (file.stream.fail())
-      throw std::runtime_error("cannot write into " + folder_.path().string() + " (disk full?)");
-  }
-  giveRoomBack();
-  for (const std::size_t passing : {1U, 5U}) std::filesystem::remove(folder_.path() / files_[passing].name);
+  attempt("stereo_pose_est.data",
+          [&] { io::writeStereoPoses(folder_.path() / "stereo_pose_est.data", poses_); });
+  for (GrowingFile* file : files_) (void)file->finish();
+  if (const std::string why = failure(); !why.empty())
+    throw std::runtime_error("cannot write into " + folder_.path().string() + ": " + why);
+  for (const std::filesystem::path& passing : {pairs_.path(), retired_.path(), folder_.path() / kProbe})
+    std::filesystem::remove(passing);
   folder_.commit();
 }
 
 template <typename Archive>
 void OnboardOutput::exchange(Archive& archive) {
-  for (Growing& file : files_) {
-    bool there = file.stream.is_open();
-    std::uint64_t bytes = there ? static_cast<std::uint64_t>(file.stream.tellp()) : 0;
-    archive(there, bytes);
-    archive.require(there || !file.from_the_start, "a file that must be there is not");
+  for (GrowingFile* file : files_) {
+    bool begun = file->begun();
+    std::uint64_t bytes = file->size(), lost_rows = file->lostRows();
+    archive(begun, bytes, lost_rows);
+    archive.require(begun || file == &downlink_, "a file that must be there is not");
     if constexpr (Archive::kLoading) {
-      std::error_code error;
-      const std::uint64_t now = std::filesystem::file_size(folder_.path() / file.name, error);
-      archive.require(!there || (!error && now >= bytes), "the output's files are shorter than they were");
-      if (archive.ok()) cutBack(file, there, bytes);
+      if (!archive.ok()) return;
+      archive.require(file->cutBack(begun, bytes, lost_rows),
+                      "the output's files are shorter than they were");
     }
   }
   archive(health_header_);
 }
 
-void OnboardOutput::cutBack(Growing& file, bool there, std::uint64_t bytes) {
-  const std::filesystem::path path = folder_.path() / file.name;
-  if (file.stream.is_open()) file.stream.close();
-  if (!there) {
-    std::filesystem::remove(path);
-    return;
-  }
-  std::filesystem::resize_file(path, bytes);
-  open(file);
+bool OnboardOutput::readyToSave() {
+  bool written = failed_.empty();
+  for (GrowingFile* file : files_) written = file->flush() && written;
+  return written;
 }
 
 void OnboardOutput::save(rt::StateWriter& writer) {
-  for (Growing& file : files_)
-    if (file.stream.is_open()) file.stream.flush();
+  for (GrowingFile* file : files_) (void)file->flush();
   writer.section(kTag, kVersion, [&] { exchange(writer); });
 }
 
 bool OnboardOutput::load(rt::StateReader& reader) {
+  failed_.clear();
   return reader.section(kTag, kVersion, [&] { exchange(reader); });
 }
 
 std::vector<std::filesystem::path> OnboardOutput::files() const {
   std::vector<std::filesystem::path> paths;
-  for (const Growing& file : files_) paths.push_back(folder_.path() / file.name);
+  for (const GrowingFile* file : files_) paths.push_back(file->path());
   return paths;
 }
 

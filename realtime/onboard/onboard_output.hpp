@@ -3,7 +3,6 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
 #include <functional>
 #include <map>
 #include <span>
@@ -13,17 +12,24 @@
 #include "firmware_if/files/pose_files.hpp"
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/map/map_core.hpp"
+#include "realtime/onboard/output/growing_file.hpp"
+#include "realtime/onboard/output/row_stream.hpp"
 #include "recon/geometry/output_folder.hpp"
 
 namespace fathom::onboard {
 
-// The folder onboard/ of a mission: it appears whole in commit(). Without commit() nothing of it stays,
-// unless it is made to outlive its program. What comes row by row goes to files at once, so that memory does
-// not grow with the mission.
+// The folder onboard/ of a mission: it appears whole, and on the disk, in commit(). Without commit() nothing
+// of it stays, unless it is made to outlive its program. What comes row by row goes to files, so that memory
+// does not grow with the mission.
+//
+// A disk that refuses throws in the constructor and in commit(), nowhere else. Until then rows wait in a
+// buffer (GrowingFile) and are written when the disk takes them; once a buffer is full rows are lost, and
+// lost() says so. Used by one thread.
 class OnboardOutput {
  public:
-  // Throws InputError for a folder that holds anything but an earlier replay. `planned_hours`: room on the
-  // disk is taken for the rows of so long, which a disk that others fill later cannot take away.
+  // Throws InputError for a folder that holds anything but an earlier replay, std::runtime_error where
+  // nothing can be written. `planned_hours`: room on the disk is taken for the rows of so long, which a disk
+  // that others fill later cannot take away.
   OnboardOutput(const std::filesystem::path& folder, const Geodetic& origin,
                 const OutputFolder::Life& life = OutputFolder::Life(), double planned_hours = 0);
   OnboardOutput(const OnboardOutput&) = delete;
@@ -49,46 +55,43 @@ class OnboardOutput {
   void writeMap(const Mesh& map_in_nav);
   void writeText(const std::string& name, const std::string& text);
 
+  // Throws std::runtime_error, and leaves what is in folder(), when rows or files are missing or the disk
+  // refuses.
   void commit();
 
-  // Saved state is how long the files are (they are first brought up to date); load() cuts them back to that.
+  // Rows are missing: the folder becomes whole only by load() of earlier state, or by a replay.
+  [[nodiscard]] bool lost() const;
+  // Tries it: writes what waits, or a block of nothing; waits for the disk.
+  [[nodiscard]] bool diskTakesData();
+  // The file that the disk refuses, or of which rows are missing, and why; "" when well.
+  [[nodiscard]] std::string failure() const;
+
+  // Saved state is how long the files are; load() cuts them back to that. readyToSave() writes what waits;
+  // false while the disk refuses or rows are missing: what is saved then is good for this program only.
+  [[nodiscard]] bool readyToSave();
   void save(rt::StateWriter& writer);
   [[nodiscard]] bool load(rt::StateReader& reader);
   // That saved state relies on: to be on the disk before it.
   [[nodiscard]] std::vector<std::filesystem::path> files() const;
 
  private:
-  // A file that grows.
-  struct Growing {
-    const char* name;
-    bool from_the_start;  // else it is there only once something was written
-    double bytes_an_hour;
-    std::ofstream stream{};
-  };
   template <typename Archive>
   void exchange(Archive& archive);
-  void open(Growing& file);
-  void takeRoom(const Growing& file);
-  void giveRoomBack();
-  void cutBack(Growing& file, bool there, std::uint64_t bytes);
+  void attempt(const std::string& name, const std::function<void()>& write);
+  [[nodiscard]] bool probe() const;
+  void writeClosuresFile(const LocalisationCore& localisation);
   void readPairs();
   // Where what hung on a keyframe that is gone hangs in the end.
   [[nodiscard]] std::map<int, slam::NavigationGraph::Retired> readRetired();
 
   OutputFolder folder_;
-  double planned_hours_;
-  std::array<Growing, 6> files_{{{"odometry.csv", true, 5e6},
-                                 {"pairs.tmp", true, 5e6},
-                                 {"packets.bin", true, 3e6},
-                                 {"downlink.bin", false, 1e6},
-                                 {"health.csv", true, 8e6},
-                                 {"retired.tmp", true, 6e5}}};
-  std::ofstream &odometry_ = files_[0].stream, &pairs_ = files_[1].stream, &packets_ = files_[2].stream,
-                &health_ = files_[4].stream, &retired_ = files_[5].stream;
-  Growing& downlink_ = files_[3];
+  GrowingFile odometry_, pairs_, packets_, downlink_, health_, retired_;
+  std::array<GrowingFile*, 6> files_{&odometry_, &pairs_, &packets_, &downlink_, &health_, &retired_};
+  std::string failed_;              // the first of the other files that could not be written, and why
   io::StereoPoseFile poses_;        // once the survey is over
   std::vector<MapOutput> outputs_;  // of the same pairs
   std::vector<std::uint8_t> record_;
+  RowStream row_;
   bool health_header_ = false;
 };
 

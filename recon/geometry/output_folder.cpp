@@ -5,8 +5,10 @@
 #include <stdio.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <system_error>
 
+#include "realtime/kernel/descriptor.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom {
@@ -23,6 +25,11 @@ fs::path withEnding(fs::path path, const char* ending) {
   return path;
 }
 
+void sync(const fs::path& path) {
+  if (!syncPath(path.c_str()))
+    throw std::system_error(errno, std::generic_category(), path.string() + " cannot be brought to the disk");
+}
+
 }  // namespace
 
 OutputFolder::OutputFolder(const fs::path& folder, std::span<const std::string_view> ours, const Life& life)
@@ -30,7 +37,8 @@ OutputFolder::OutputFolder(const fs::path& folder, std::span<const std::string_v
       temporary_(withEnding(folder_, ".tmp")),
       aside_(withEnding(folder_, ".old.tmp")),
       ours_(ours.begin(), ours.end()),
-      outlives_(life.outlives) {
+      outlives_(life.outlives),
+      durable_(life.durable) {
   std::error_code error;
   if (fs::exists(aside_, error) && !fs::exists(folder_, error)) fs::rename(aside_, folder_);
   refuseOtherFiles();
@@ -69,8 +77,15 @@ bool OutputFolder::exchanged(const fs::path& a, const fs::path& b) {
   return ::renameat2(AT_FDCWD, a.c_str(), AT_FDCWD, b.c_str(), RENAME_EXCHANGE) == 0;
 }
 
+void OutputFolder::bringToDisk() const {
+  for (const auto& entry : fs::recursive_directory_iterator(temporary_))
+    if (!entry.is_symlink()) sync(entry.path());
+  sync(temporary_);
+}
+
 void OutputFolder::commit(const Exchange& exchange) {
   refuseOtherFiles();
+  if (durable_) bringToDisk();
   if (!fs::exists(folder_)) {
     fs::rename(temporary_, folder_);
   } else if (!exchange(temporary_, folder_)) {
@@ -80,6 +95,7 @@ void OutputFolder::commit(const Exchange& exchange) {
     fs::remove_all(aside_, ignored);
   }
   outlives_ = false;  // after an exchange path() is the old folder
+  if (durable_) sync(folder_.has_parent_path() ? folder_.parent_path() : fs::path("."));
 }
 
 }  // namespace fathom

@@ -10,13 +10,15 @@
 namespace fathom {
 
 // A folder that appears whole or not at all: work in path() ("<folder>.tmp"), then commit() puts it in the
-// place of the old one. Without commit() it is removed and the old one stays.
+// place of the old one. Without commit() it is removed and the old one stays. Whole after the program was
+// killed; after a power loss too if it is durable.
 class OutputFolder {
  public:
   // For work that goes on after the program was stopped.
   struct Life {
     bool outlives = false;  // without commit() what is in path() stays there
     bool reopen = false;    // what an earlier program left in path() is kept
+    bool durable = false;   // commit() brings all of it to the disk before it has its name, then the name
   };
   // Gives two folders each other's names in one step; false where the file system cannot.
   using Exchange = std::function<bool(const std::filesystem::path&, const std::filesystem::path&)>;
@@ -33,17 +35,19 @@ class OutputFolder {
   OutputFolder& operator=(const OutputFolder&) = delete;
 
   [[nodiscard]] const std::filesystem::path& path() const { return temporary_; }
-  // Throws InputError, and leaves the old folder, when another file came into it meanwhile. Where folders
+  // Throws InputError, and leaves the old folder, when another file came into it meanwhile, and
+  // std::runtime_error when the disk refuses. Where folders
   // cannot be exchanged the old one is "<folder>.old.tmp" until the new one stands in its place.
   void commit(const Exchange& exchange = exchanged);
 
  private:
   [[nodiscard]] static bool exchanged(const std::filesystem::path& a, const std::filesystem::path& b);
   void refuseOtherFiles() const;
+  void bringToDisk() const;
 
   std::filesystem::path folder_, temporary_, aside_;
   std::vector<std::string> ours_;
-  bool outlives_;
+  bool outlives_, durable_;
 };
 
 }  // namespace fathom

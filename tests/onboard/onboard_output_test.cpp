@@ -9,6 +9,8 @@
 #include <memory>
 
 #include "realtime/kernel/state_archive.hpp"
+#include "tests/support/disk_log.hpp"
+#include "tests/support/full_disk.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -132,6 +134,121 @@ TEST(OnboardOutput, WithoutCommitNothingStaysUnlessItIsToOutliveItsProgram) {
   EXPECT_FALSE(fs::exists(folder.path() / "stays.tmp"));
   std::ifstream rows(folder.path() / "stays" / "health.csv");
   EXPECT_EQ(std::count(std::istreambuf_iterator<char>(rows), {}, '\n'), 3);
+}
+
+// Files of a few kilobytes, on a disk that takes no more than the first of them.
+constexpr std::size_t kTaken = 3000;  // of every file [B]
+constexpr int kFullFrom = 10, kFullTo = 300, kEnd = 320;
+
+TEST(OnboardOutput, ADiskThatIsFullForAWhileCostsNoRow) {
+  const test::TemporaryFolder folder;
+  OnboardOutput whole(folder.path() / "whole", {}), late(folder.path() / "late", {});
+  write(whole, 0, kEnd);
+  finish(whole);
+  write(late, 0, kFullFrom);
+  EXPECT_TRUE(late.readyToSave());
+  {
+    const test::FullDisk full(kTaken);
+    write(late, kFullFrom, kFullTo);
+    EXPECT_FALSE(late.readyToSave());
+    EXPECT_FALSE(late.diskTakesData());
+    EXPECT_NE(late.failure().find(": File too large"), std::string::npos) << late.failure();
+  }
+  EXPECT_FALSE(late.lost());
+  EXPECT_TRUE(late.diskTakesData());
+  EXPECT_EQ(late.failure(), "");
+  EXPECT_TRUE(late.readyToSave());
+  write(late, kFullTo, kEnd);
+  finish(late);
+  EXPECT_EQ(contentOf(folder.path() / "late"), contentOf(folder.path() / "whole"));
+}
+
+TEST(OnboardOutput, StateSavedWhileRowsWaitIsRefusedByTheNextProgram) {
+  const test::TemporaryFolder folder;
+  std::vector<std::uint8_t> state;
+  {
+    OnboardOutput first(folder.path() / "out", {}, kLive);
+    const test::FullDisk full(kTaken);
+    write(first, 0, kFullTo);
+    state = stateOf(first);
+  }
+  OnboardOutput second(folder.path() / "out", {}, kAgain);
+  rt::StateReader reader(state);
+  EXPECT_FALSE(second.load(reader));
+}
+
+TEST(OnboardOutput, RowsThatFitNoBufferAreLostAndOnlyEarlierStateMakesTheFolderWhole) {
+  const test::TemporaryFolder folder;
+  OnboardOutput whole(folder.path() / "whole", {}), output(folder.path() / "out", {}, kLive);
+  constexpr int kTooMany = 3000;
+  write(whole, 0, kTooMany);
+  finish(whole);
+  write(output, 0, kFullFrom);
+  ASSERT_TRUE(output.readyToSave());
+  const std::vector<std::uint8_t> before = stateOf(output);
+  {
+    const test::FullDisk full(kTaken);
+    write(output, kFullFrom, kTooMany);
+  }
+  EXPECT_TRUE(output.lost());
+  EXPECT_TRUE(output.diskTakesData());
+  EXPECT_NE(output.failure().find("pairs.tmp"), std::string::npos) << output.failure();
+  EXPECT_NE(output.failure().find("rows are lost"), std::string::npos) << output.failure();
+  EXPECT_FALSE(output.readyToSave());
+  EXPECT_THROW(finish(output), std::runtime_error);
+  EXPECT_FALSE(fs::exists(folder.path() / "out"));
+  rt::StateReader reader(before);
+  ASSERT_TRUE(output.load(reader)) << reader.failure();
+  EXPECT_FALSE(output.lost());
+  write(output, kFullFrom, kTooMany);
+  finish(output);
+  EXPECT_EQ(contentOf(folder.path() / "out"), contentOf(folder.path() / "whole"));
+}
+
+TEST(OnboardOutput, AFileThatCannotBeMadeYetTakesItsRowsLater) {
+  const test::TemporaryFolder folder;
+  OnboardOutput whole(folder.path() / "whole", {}), late(folder.path() / "late", {});
+  write(whole, 0, 20);
+  finish(whole);
+  const fs::path in_its_place = folder.path() / "late.tmp" / "downlink.bin";
+  fs::create_directory(in_its_place);
+  write(late, 0, 10);
+  EXPECT_FALSE(late.readyToSave());
+  EXPECT_EQ(late.failure(), "downlink.bin: Is a directory");
+  fs::remove(in_its_place);
+  EXPECT_TRUE(late.readyToSave());
+  write(late, 10, 20);
+  finish(late);
+  EXPECT_EQ(contentOf(folder.path() / "late"), contentOf(folder.path() / "whole"));
+}
+
+TEST(OnboardOutput, AMapThatCannotBeWrittenIsSaidByCommit) {
+  const test::TemporaryFolder folder;
+  OnboardOutput output(folder.path() / "out", {});
+  write(output, 0, 5);
+  fs::create_directory(folder.path() / "out.tmp" / "map.ply.tmp");
+  output.writeMap(Mesh());
+  EXPECT_NE(output.failure().find("map.ply"), std::string::npos) << output.failure();
+  EXPECT_THROW(finish(output), std::runtime_error);
+  EXPECT_FALSE(fs::exists(folder.path() / "out"));
+}
+
+TEST(OnboardOutput, EveryFileIsOnTheDiskBeforeTheFolderHasItsName) {
+  const test::TemporaryFolder folder;
+  OnboardOutput output(folder.path() / "out", {});
+  write(output, 0, 20);
+  test::DiskLog log;
+  finish(output);
+  const fs::path growing = folder.path() / "out.tmp";
+  const std::ptrdiff_t named = log.renamed(growing, folder.path() / "out");
+  ASSERT_GE(named, 0);
+  for (const auto& [name, content] : contentOf(folder.path() / "out")) {
+    EXPECT_GE(log.synced(growing / name), 0) << name;
+    EXPECT_LT(log.synced(growing / name), named) << name;
+  }
+  EXPECT_GE(log.synced(growing), 0);
+  EXPECT_LT(log.synced(growing), named);
+  EXPECT_GT(log.synced(folder.path()), named);
 }
 
 }  // namespace
