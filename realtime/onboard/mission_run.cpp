@@ -90,6 +90,8 @@ void MissionRun::consumeSample(std::int64_t now_ns, const SensorSample& sample) 
 void MissionRun::consumeMark(const io::Mark& mark) {
   if (mark.kind == io::Mark::Kind::kEnd) ended_ = true;
   if (mark.kind == io::Mark::Kind::kRestart) system_.noteRestart();
+  if (mark.kind == io::Mark::Kind::kCheckpoint)
+    eachSlotStore([&](SlotStore& slots) { slots.mark(mark.number); });
   if (mark.kind == io::Mark::Kind::kHealth)
     system_.setProgramHealth(static_cast<unsigned>(mark.number & 0xFFFFU),
                              static_cast<std::uint32_t>(mark.number >> 16U));

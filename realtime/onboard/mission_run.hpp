@@ -43,8 +43,8 @@ class MissionRun {
   MissionRun(const MissionRun&) = delete;
   MissionRun& operator=(const MissionRun&) = delete;
 
-  // Decisions are for the caller (setPairPolicy) and pass through without effect; marks of a checkpoint and
-  // of a restart too.
+  // Decisions are for the caller (setPairPolicy) and pass through without effect. At the mark of a checkpoint
+  // the slots begin to remember what they hold.
   void consume(const io::OnboardInput& input);
   // No more inputs: final poses and map; then the link goes on sending, at most so long.
   void finish(double drain_s);
@@ -56,6 +56,9 @@ class MissionRun {
   // Before save(): false while the output is not on the disk as far as it is known (OnboardOutput).
   [[nodiscard]] bool readyToSave() { return output_.readyToSave(); }
   void save(rt::StateWriter& writer);
+  // Before load(): the slots hold what they held at that checkpoint's mark; see SlotStore.
+  [[nodiscard]] bool rollBackSlots(std::uint64_t checkpoint);
+  void forgetSlots(std::uint64_t before_checkpoint);
   [[nodiscard]] bool load(rt::StateReader& reader);
   // Consumed so far, marks too.
   [[nodiscard]] std::uint64_t inputs() const { return inputs_; }
@@ -73,6 +76,11 @@ class MissionRun {
  private:
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
+  template <typename Work>
+  void eachSlotStore(const Work& work) {
+    for (SlotStore* slots : {setup_.slots.features, setup_.slots.meshes})
+      if (slots != nullptr) work(*slots);
+  }
   void begin(std::int64_t now_ns);
   void consumeSample(std::int64_t now_ns, const SensorSample& sample);
   void consumeMark(const io::Mark& mark);

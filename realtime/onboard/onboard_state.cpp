@@ -59,6 +59,16 @@ void MissionRun::save(rt::StateWriter& writer) {
   output_.save(writer);
 }
 
+bool MissionRun::rollBackSlots(std::uint64_t checkpoint) {
+  bool all = true;
+  eachSlotStore([&](SlotStore& slots) { all = slots.rollBack(checkpoint) && all; });
+  return all;
+}
+
+void MissionRun::forgetSlots(std::uint64_t before_checkpoint) {
+  eachSlotStore([&](SlotStore& slots) { slots.forget(before_checkpoint); });
+}
+
 bool MissionRun::load(rt::StateReader& reader) {
   return system_.load(reader) && reader.section(rt::stateTag("MRUN"), 1, [&] { exchange(reader, *this); }) &&
          output_.load(reader);

@@ -47,10 +47,19 @@ void RestartingRun::restart(std::uint64_t number) {
                              ", whose mark it does not hold");
   run_ = make_();
   rt::StateReader reader(from->second.state);
+  if (!run_->rollBackSlots(number))
+    throw std::runtime_error("the slots cannot go back to checkpoint " + std::to_string(number) +
+                             " (disk full?); give slam.slot_folder on another disk");
   if (!run_->load(reader))
     throw std::runtime_error(std::string("a kept state does not load: ") + reader.failure());
   for (std::size_t i = from->second.next; i < next_; ++i) run_->consume(inputs_[i]);
   if (from->second.last_use == next_) saved_.erase(from);
+  forgetSlots();
+}
+
+void RestartingRun::forgetSlots() {
+  const auto first = saved_.upper_bound(0);  // going back to 0 takes no memory
+  run_->forgetSlots(first == saved_.end() ? UINT64_MAX : first->first);
 }
 
 bool RestartingRun::step() {
@@ -59,8 +68,10 @@ bool RestartingRun::step() {
   if (const io::Mark* mark = markOf(input, io::Mark::Kind::kRestart)) restart(mark->number);
   run_->consume(input);
   ++next_;
-  if (const io::Mark* mark = markOf(input, io::Mark::Kind::kCheckpoint))
+  if (const io::Mark* mark = markOf(input, io::Mark::Kind::kCheckpoint)) {
     if (const auto wanted = saved_.find(mark->number); wanted != saved_.end()) save(wanted->second, next_);
+    forgetSlots();
+  }
   return true;
 }
 

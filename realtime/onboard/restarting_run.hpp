@@ -13,7 +13,8 @@ namespace fathom::onboard {
 
 // A replay that starts again where the program did: at the mark of a checkpoint that the program once came
 // back with the state is kept, at that restart's mark it is loaded into a new run, and what was logged behind
-// it is consumed again. Many restarts may have begun with the same checkpoint.
+// it is consumed again; so are the slots what they were at that mark. Many restarts may have begun with the
+// same checkpoint.
 class RestartingRun {
  public:
   using Make = std::function<std::unique_ptr<MissionRun>()>;
@@ -32,6 +33,7 @@ class RestartingRun {
   };
   void save(Saved& to, std::size_t next);
   void restart(std::uint64_t number);
+  void forgetSlots();
 
   Make make_;
   const std::vector<io::OnboardInput>& inputs_;

@@ -26,7 +26,8 @@ void LiveSystem::resume() {
   away_since_ns_ = resume_.last_ns;
   if (resume_.checkpoint) {
     rt::StateReader for_run(resume_.checkpoint->state), for_hard(resume_.checkpoint->state);
-    if (!run_->load(for_run) || !for_hard(hard_.nav())) beginFromTheLog(for_run.failure());
+    if (!run_->rollBackSlots(resume_.number()) || !run_->load(for_run) || !for_hard(hard_.nav()))
+      beginFromTheLog(for_run.failure());
   }
   for (const io::OnboardInput& input : resume_.tail) hard_.follow(input);
   hard_.sequencer().startAfter(resume_.last_ns);
@@ -37,7 +38,7 @@ void LiveSystem::resume() {
 std::vector<std::filesystem::path> LiveSystem::checkpointNeeds() const {
   std::vector<std::filesystem::path> files = output_->files();
   for (const SlotFile* slots : {slots_.features.get(), slots_.meshes.get()})
-    if (slots != nullptr) files.push_back(slots->path());
+    if (slots != nullptr) files.insert(files.end(), {slots->path(), slots->journalPath()});
   return files;
 }
 

@@ -102,6 +102,7 @@ void SoftTier::consume(const io::OnboardInput& input) {
 
 void SoftTier::saveState(std::uint64_t number) {
   if (links_.checkpoints == nullptr || !run_.readyToSave()) return;
+  run_.forgetSlots(links_.checkpoints->oldest());
   const std::span<std::uint8_t> buffer = links_.checkpoints->begin();
   if (buffer.empty()) return;
   const std::int64_t begin = clock_.monotonicNs();

@@ -8,81 +8,121 @@
 #include <cstdlib>
 #include <cstring>
 #include <string>
+#include <utility>
 
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-// Calls a positioned read or write until all is done; false on an error or the end of the file.
-template <typename Call, typename Byte>
-bool whole(Call call, int file, Byte* data, std::size_t bytes, std::size_t from) {
-  while (bytes > 0) {
-    const ssize_t done = call(file, data, bytes, static_cast<off_t>(from));
-    if (done < 0 && errno == EINTR) continue;
-    if (done <= 0) return false;
-    data += done;
-    bytes -= static_cast<std::size_t>(done);
-    from += static_cast<std::size_t>(done);
-  }
-  return true;
+// A file that is gone with the program.
+Descriptor nameless(const std::filesystem::path& folder) {
+  std::string name = (folder / "slots.XXXXXX").string();
+  Descriptor file(::mkostemp(name.data(), O_CLOEXEC));
+  if (!file.open())
+    throw InputError(folder.string(), "slot file", std::string("cannot write here: ") + std::strerror(errno));
+  ::unlink(name.c_str());
+  return file;
+}
+
+Descriptor plainFile(const std::filesystem::path& path) {
+  constexpr int kMode = 0644;
+  Descriptor file(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kMode));
+  struct stat found {};
+  if (file.open() && ::fstat(file.get(), &found) == 0 && S_ISREG(found.st_mode)) return file;
+  const std::string why = file.open() ? "not a plain file" : std::strerror(errno);
+  throw InputError(path.string(), "slot file", "cannot be opened: " + why);
 }
 
 }  // namespace
 
 SlotFile::SlotFile(const std::filesystem::path& folder, std::size_t slots, std::size_t slot_bytes)
-    : slots_(slots), slot_bytes_(slot_bytes) {
-  std::string name = (folder / "slots.XXXXXX").string();
-  file_ = ::mkostemp(name.data(), O_CLOEXEC);
-  if (file_ < 0)
-    throw InputError(folder.string(), "slot file", std::string("cannot write here: ") + std::strerror(errno));
-  ::unlink(name.c_str());
-  allocate(folder.string());
-}
+    : slots_(slots),
+      slot_bytes_(slot_bytes),
+      file_(allocated(nameless(folder), folder.string())),
+      zeros_(slot_bytes),
+      known_zero_(slots, std::uint8_t{1}),
+      journal_(nameless(folder), false, slots, slot_bytes) {}
 
 SlotFile::SlotFile(const Named& named, std::size_t slots, std::size_t slot_bytes)
-    : path_(named.file), slots_(slots), slot_bytes_(slot_bytes) {
-  constexpr int kMode = 0644;
-  file_ = ::open(named.file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kMode);
-  struct stat found {};
-  if (file_ < 0 || ::fstat(file_, &found) != 0 || !S_ISREG(found.st_mode)) {
-    const std::string why = file_ < 0 ? std::strerror(errno) : "not a plain file";
-    if (file_ >= 0) ::close(file_);
-    throw InputError(named.file.string(), "slot file", "cannot be opened: " + why);
-  }
-  kept_ = named.reopen && static_cast<std::size_t>(found.st_size) == slots * slot_bytes;
-  if (!kept_ && ::ftruncate(file_, 0) != 0) {
-    ::close(file_);
-    throw InputError(named.file.string(), "slot file",
-                     std::string("cannot be emptied: ") + std::strerror(errno));
-  }
-  allocate(named.file.string());
+    : path_(named.file),
+      slots_(slots),
+      slot_bytes_(slot_bytes),
+      file_(openNamed(named)),
+      zeros_(slot_bytes),
+      known_zero_(slots, kept_ ? std::uint8_t{0} : std::uint8_t{1}),
+      journal_(plainFile(journalPath()), kept_, slots, slot_bytes) {
+  const std::filesystem::path folder = path_.parent_path();
+  (void)syncPath(folder.empty() ? "." : folder.c_str());
 }
 
-void SlotFile::allocate(const std::string& where) {
+Descriptor SlotFile::openNamed(const Named& named) {
+  Descriptor file = plainFile(named.file);
+  const off_t size = ::lseek(file.get(), 0, SEEK_END);
+  kept_ = named.reopen && static_cast<std::size_t>(size) == slots_ * slot_bytes_;
+  if (!kept_ && ::ftruncate(file.get(), 0) != 0)
+    throw InputError(named.file.string(), "slot file",
+                     std::string("cannot be emptied: ") + std::strerror(errno));
+  return allocated(std::move(file), named.file.string());
+}
+
+Descriptor SlotFile::allocated(Descriptor file, const std::string& where) const {
   const std::size_t bytes = slots_ * slot_bytes_;
-  const int failed = bytes == 0 ? 0 : ::posix_fallocate(file_, 0, static_cast<off_t>(bytes));
-  if (failed == 0) return;
-  ::close(file_);
+  const int failed = bytes == 0 ? 0 : ::posix_fallocate(file.get(), 0, static_cast<off_t>(bytes));
+  if (failed == 0) return file;
   throw InputError(where, "slot file of " + std::to_string(bytes) + " bytes",
                    std::string(std::strerror(failed)) +
                        "; make room, set slam.slot_folder, or lower slam.max_keyframes or slam.max_pairs");
 }
 
-bool SlotFile::sync() {
-  return ::fdatasync(file_) == 0;
+// A record is written before its slot is: with the journal behind the slots, too, each slot that is on the
+// disk has its record there.
+bool SlotFile::sync() const {
+  return journal_.sync() && ::fdatasync(file_.get()) == 0 && journal_.sync();
 }
 
-SlotFile::~SlotFile() {
-  ::close(file_);
+void SlotFile::keepOld(std::size_t slot) {
+  if (known_zero_[slot] != 0)
+    journal_.keep(slot, 0);
+  else if (readAt(file_.get(), journal_.content(), slot * slot_bytes_))
+    journal_.keep(slot, slot_bytes_);
+  else
+    journal_.clear();
 }
 
 bool SlotFile::write(std::size_t slot, std::span<const std::uint8_t> data) {
-  return fits(slot, data.size()) && whole(::pwrite, file_, data.data(), data.size(), slot * slot_bytes_);
+  if (!fits(slot, data.size())) return false;
+  if (journal_.wants(slot)) keepOld(slot);
+  known_zero_[slot] = 0;
+  return writeAt(file_.get(), data, slot * slot_bytes_) == data.size();
 }
 
 bool SlotFile::read(std::size_t slot, std::span<std::uint8_t> data) {
-  return fits(slot, data.size()) && whole(::pread, file_, data.data(), data.size(), slot * slot_bytes_);
+  return fits(slot, data.size()) && readAt(file_.get(), data, slot * slot_bytes_);
+}
+
+bool SlotFile::restore(std::size_t slot, std::span<const std::uint8_t> content) {
+  const std::uint64_t at = slot * slot_bytes_;
+  const auto rest = std::span<const std::uint8_t>(zeros_).subspan(content.size());
+  known_zero_[slot] = content.empty() ? 1 : 0;
+  return writeAt(file_.get(), content, at) == content.size() &&
+         writeAt(file_.get(), rest, at + content.size()) == rest.size();
+}
+
+bool SlotFile::rollBack(std::uint64_t number) {
+  if (number == 0) {
+    for (std::size_t slot = 0; slot < slots_; ++slot)
+      if (known_zero_[slot] == 0 && !restore(slot, {})) return false;
+    journal_.clear();
+    return true;
+  }
+  const bool all = journal_.eachSince(
+      number,
+      [this](std::size_t slot, std::span<const std::uint8_t> content) { return restore(slot, content); });
+  // What the journal gives up now is in the slots, also after a power loss.
+  if (!all || (!path_.empty() && ::fdatasync(file_.get()) != 0)) return false;
+  journal_.beginAgain(number);
+  return true;
 }
 
 }  // namespace fathom::onboard

@@ -2,7 +2,10 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
+#include "realtime/kernel/descriptor.hpp"
+#include "realtime/onboard/slots/slot_journal.hpp"
 #include "realtime/onboard/slots/slot_store.hpp"
 
 namespace fathom::onboard {
@@ -11,6 +14,10 @@ namespace fathom::onboard {
 //
 // A slot carries no checksum: who writes one keeps the hash of its content, which also tells a slot that is
 // whole but another's (KeyframeFeatures, MovingMap).
+//
+// A journal beside it (SlotJournal; `NAME.undo`, or without a name as the file) keeps what slots held since
+// the marks that are remembered: a slot that is written over for the first time since a mark is read and
+// appended there first. A journal that the disk refuses costs the marks, not the slots.
 class SlotFile : public SlotStore {
  public:
   // A file without a name in an existing folder: it is gone with the program, however that ends. Throws
@@ -18,38 +25,49 @@ class SlotFile : public SlotStore {
   SlotFile(const std::filesystem::path& folder, std::size_t slots, std::size_t slot_bytes);
 
   // A file with a name, which outlives the program. `reopen`: what is there is kept, if its size is right;
-  // kept() says so. Else, and where there is none, it begins with zeros. What was written is there after the
-  // program was killed; after a power loss only what was written before sync().
+  // kept() says so. Else, and where there is none, it begins with zeros and without marks. What was written
+  // is there after the program was killed; after a power loss only what was written before sync().
   struct Named {
     std::filesystem::path file;
     bool reopen = false;
   };
   SlotFile(const Named& named, std::size_t slots, std::size_t slot_bytes);
-  ~SlotFile() override;
-  SlotFile(const SlotFile&) = delete;
-  SlotFile& operator=(const SlotFile&) = delete;
 
   [[nodiscard]] std::size_t slots() const override { return slots_; }
   [[nodiscard]] std::size_t slotBytes() const override { return slot_bytes_; }
   [[nodiscard]] bool write(std::size_t slot, std::span<const std::uint8_t> data) override;
   [[nodiscard]] bool read(std::size_t slot, std::span<std::uint8_t> data) override;
+  void mark(std::uint64_t number) override { journal_.mark(number); }
+  // False also when the disk fails in the middle: then only going back to an older mark, or to 0, makes the
+  // slots those of one time.
+  [[nodiscard]] bool rollBack(std::uint64_t number) override;
+  void forget(std::uint64_t before) override { journal_.forget(before); }
 
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }  // empty without a name
+  [[nodiscard]] std::filesystem::path journalPath() const { return path_.string() + ".undo"; }
+  [[nodiscard]] std::uint64_t journalBytes() const { return journal_.bytes(); }
   [[nodiscard]] bool kept() const { return kept_; }  // a named file's content of an earlier run
-  // Brings all that was written to the disk; may be called while others write. False when the disk fails.
-  [[nodiscard]] bool sync();
+  // Brings all that was written, and the journal, to the disk; may be called while others write. False when
+  // the disk fails.
+  [[nodiscard]] bool sync() const;
 
  private:
   [[nodiscard]] bool fits(std::size_t slot, std::size_t bytes) const {
     return slot < slots_ && bytes <= slot_bytes_;
   }
-  // Takes the file's blocks from the disk; closes it and throws where there is no room.
-  void allocate(const std::string& where);
+  [[nodiscard]] Descriptor openNamed(const Named& named);
+  // Takes the file's blocks from the disk; throws where there is no room.
+  [[nodiscard]] Descriptor allocated(Descriptor file, const std::string& where) const;
+  void keepOld(std::size_t slot);
+  bool restore(std::size_t slot, std::span<const std::uint8_t> content);
 
   std::filesystem::path path_;
   std::size_t slots_, slot_bytes_;
   bool kept_ = false;
-  int file_ = -1;
+  Descriptor file_;
+  std::vector<std::uint8_t> zeros_;       // a slot of them
+  std::vector<std::uint8_t> known_zero_;  // by slot: nothing was ever written
+  SlotJournal journal_;
 };
 
 }  // namespace fathom::onboard
