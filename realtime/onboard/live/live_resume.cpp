@@ -26,7 +26,9 @@ void LiveSystem::resume() {
   away_since_ns_ = resume_.last_ns;
   if (resume_.checkpoint) {
     rt::StateReader for_run(resume_.checkpoint->state), for_hard(resume_.checkpoint->state);
-    if (!run_->rollBackSlots(resume_.number()) || !run_->load(for_run) || !for_hard(hard_.nav()))
+    if (!run_->rollBackSlots(resume_.number()))
+      beginFromTheLog("its slots were not kept");
+    else if (!run_->load(for_run) || !for_hard(hard_.nav()))
       beginFromTheLog(for_run.failure());
   }
   for (const io::OnboardInput& input : resume_.tail) hard_.follow(input);
