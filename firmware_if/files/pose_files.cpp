@@ -240,6 +240,15 @@ std::string withBlanks(std::string_view field) {
   return out;
 }
 
+std::string covarianceHeader() {
+  constexpr std::array<const char*, 6> kOf = {"north",       "east",       "down",
+                                              "about_north", "about_east", "about_down"};
+  std::string header = "left_image";
+  for (std::size_t i = 0; i < kOf.size(); ++i)
+    for (std::size_t j = i; j < kOf.size(); ++j) header += std::string(",") + kOf[i] + "_" + kOf[j];
+  return header;
+}
+
 }  // namespace
 
 StereoPoseFile readStereoPoses(const std::filesystem::path& path) {
@@ -300,6 +309,38 @@ void writeVehiclePoses(const std::filesystem::path& path, const VehiclePoseFile&
     out << '\t' << Number(pose.altitude) << '\n';
   }
   atomic.commit();
+}
+
+std::vector<PoseCovariance> readPoseCovariances(const std::filesystem::path& path) {
+  Lines lines(path, "a pose_covariances.csv");
+  std::string_view line;
+  if (!lines.next(line) || line != covarianceHeader()) lines.fail("is not '" + covarianceHeader() + "'");
+  std::vector<PoseCovariance> poses;
+  while (lines.next(line)) {
+    Fields fields(lines, line, ",");
+    if (fields.count() != 22)
+      lines.fail("has " + std::to_string(fields.count()) + " fields; a covariance has 22");
+    PoseCovariance pose;
+    pose.left_image = fields.text();
+    for (int i = 0; i < 6; ++i)
+      for (int j = i; j < 6; ++j)
+        pose.covariance(i, j) = pose.covariance(j, i) =
+            fields.number("covariance", -kMaxDistance * kMaxDistance, kMaxDistance * kMaxDistance);
+    poses.push_back(pose);
+  }
+  return poses;
+}
+
+void writePoseCovariances(const std::filesystem::path& path, const std::vector<PoseCovariance>& poses) {
+  AtomicFile file(path);
+  file.stream() << covarianceHeader() << '\n';
+  for (const PoseCovariance& pose : poses) {
+    file.stream() << pose.left_image;
+    for (int i = 0; i < 6; ++i)
+      for (int j = i; j < 6; ++j) file.stream() << ',' << Number(pose.covariance(i, j));
+    file.stream() << '\n';
+  }
+  file.commit();
 }
 
 std::vector<TrajectoryPoint> readTrajectory(const std::filesystem::path& path) {

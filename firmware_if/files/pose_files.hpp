@@ -45,6 +45,15 @@ void writeStereoPoses(const std::filesystem::path& path, const StereoPoseFile& f
 [[nodiscard]] VehiclePoseFile readVehiclePoses(const std::filesystem::path& path);
 void writeVehiclePoses(const std::filesystem::path& path, const VehiclePoseFile& file);
 
+// How sure poses are, pose_covariances.csv: left_image and, in rows, the upper triangle of the covariance of
+// a camera's error along and about north, east and down [m, rad].
+struct PoseCovariance {
+  std::string left_image;
+  Matrix6d covariance = Matrix6d::Zero();
+};
+[[nodiscard]] std::vector<PoseCovariance> readPoseCovariances(const std::filesystem::path& path);
+void writePoseCovariances(const std::filesystem::path& path, const std::vector<PoseCovariance>& poses);
+
 // trajectory.csv and odometry.csv: utc_ns,north_m,east_m,depth_m,qw,qx,qy,qz (body in nav, or in odom).
 struct TrajectoryPoint {
   std::int64_t utc_ns = 0;

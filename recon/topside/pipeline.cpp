@@ -28,9 +28,10 @@ constexpr int kPicturePixels = 1400;   // longer side of the report's pictures
 constexpr double kPixelsPerVoxel = 6;  // at most: a small map is drawn large enough to look at
 
 // What topside/ of a mission folder may hold.
-constexpr std::array<std::string_view, 17> kOurs = {"stereo_pose_est.data",
+constexpr std::array<std::string_view, 18> kOurs = {"stereo_pose_est.data",
                                                     "vehicle_pose_est.data",
                                                     "closures.csv",
+                                                    "pose_covariances.csv",
                                                     "mesh.ply",
                                                     "mesh.png",
                                                     "tiles/tileset.json",

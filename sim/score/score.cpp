@@ -42,6 +42,8 @@ class Scorer {
         note(poses, "shares no time with the truth");
       } else {
         trajectory = scoreTrack(tracks);
+        if (const auto sure = folder / "pose_covariances.csv"; std::filesystem::exists(sure))
+          scoreCovariances(tracks, io::readPoseCovariances(sure), *trajectory);
         start_ = alignLevel(tracks.estimate, tracks.truth);
       }
     }
@@ -133,6 +135,10 @@ nlohmann::ordered_json toJson(const std::optional<TrajectoryScore>& score, bool 
   if (rms_only) return json;
   json["aligned_rms_m"] = orNull(score->aligned_rms_m);
   json["crossover_rms_m"] = orNull(score->crossover_rms_m);
+  json["tilt_rms_rad"] = orNull(score->tilt_rms_rad);
+  json["heading_rms_rad"] = orNull(score->heading_rms_rad);
+  json["nees"] = orNull(score->nees);
+  json["share_below_95_percent"] = orNull(score->inside);
   return json;
 }
 
@@ -162,14 +168,26 @@ nlohmann::ordered_json toJson(const std::optional<SurfaceScore>& score) {
   return json;
 }
 
-std::string metres(const std::optional<double>& value) {
-  return value ? decimals(*value, 4) : "-";
+std::string told(const std::optional<double>& value, int digits, double unit = 1) {
+  return value ? decimals(*value / unit, digits) : "-";
 }
 
 void trajectoryRow(std::string& out, const char* name, const std::optional<TrajectoryScore>& s) {
-  out += s ? formatted("  %-16s %10s %12s %14s %8zu\n", name, metres(s->rms_m).c_str(),
-                       metres(s->aligned_rms_m).c_str(), metres(s->crossover_rms_m).c_str(), s->poses)
-           : formatted("  %-16s %10s %12s %14s %8s\n", name, "-", "-", "-", "-");
+  constexpr double kDegree = std::numbers::pi / 180;
+  const auto cell = [&](int width, const std::string& text) {
+    out +=
+        std::string(static_cast<std::size_t>(width) - std::min<std::size_t>(text.size(), width), ' ') + text;
+  };
+  out += formatted("  %-16s", name);
+  cell(8, s ? told(s->rms_m, 4) : "-");
+  cell(10, s ? told(s->aligned_rms_m, 4) : "-");
+  cell(11, s ? told(s->crossover_rms_m, 4) : "-");
+  cell(8, s ? told(s->tilt_rms_rad, 2, kDegree) : "-");
+  cell(9, s ? told(s->heading_rms_rad, 2, kDegree) : "-");
+  cell(7, s ? told(s->nees, 1) : "-");
+  cell(8, s && s->inside ? decimals(100 * *s->inside, 1) + "%" : "-");
+  cell(8, s ? std::to_string(s->poses) : "-");
+  out += "\n";
 }
 
 void surfaceRow(std::string& out, const char* name, const std::optional<SurfaceScore>& s) {
@@ -210,7 +228,8 @@ std::string scoreJson(const ScoreReport& report) {
 }
 
 std::string scoreTable(const ScoreReport& report) {
-  std::string out = "trajectory [m]          rms      aligned      crossover    poses\n";
+  std::string out =
+      "trajectory [m]          rms   aligned  crossover  tilt [deg] heading   NEES  in 95 %   poses\n";
   trajectoryRow(out, "dead reckoning", report.dead_reckoning);
   trajectoryRow(out, "onboard", report.onboard);
   trajectoryRow(out, "topside", report.topside);

@@ -16,6 +16,11 @@ struct TrajectoryScore {
   double rms_m = 0;                       // in nav, three-dimensional
   std::optional<double> aligned_rms_m;    // after the best rigid motion of the whole (Umeyama 1991, no scale)
   std::optional<double> crossover_rms_m;  // of relative positions between passes; absent without crossovers
+  // Angles between estimated and true axes: of the vertical, and about it [rad].
+  std::optional<double> tilt_rms_rad, heading_rms_rad;
+  // Squared errors over the covariance that the poses were given with, 6 degrees of freedom: mean, and share
+  // below chi-square's 95 %. Absent without covariances.
+  std::optional<double> nees, inside;
   std::size_t poses = 0;
 };
 

@@ -1,5 +1,6 @@
 #include "sim/score/trajectory_score.hpp"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -104,7 +105,11 @@ CameraTracks pairTracks(const io::StereoPoseFile& file, const TruthTrack& truth,
     if (file.origin.latitude != mission.origin.latitude || file.origin.longitude != mission.origin.longitude)
       estimate.head<2>() = to.toLocal(from.toGeodetic(estimate.head<2>()));
     tracks.estimate.push_back(estimate);
-    tracks.truth.push_back((*T_nav_body * mission.T_body_cam).translation());
+    const SE3 T_nav_cam = *T_nav_body * mission.T_body_cam;
+    tracks.truth.push_back(T_nav_cam.translation());
+    const Eigen::AngleAxisd turn(pose.T_nav_cam.rotation() * T_nav_cam.rotation().conjugate());
+    tracks.turn.emplace_back(turn.angle() * turn.axis());
+    tracks.left_images.push_back(pose.left_image);
     tracks.time_s.push_back(static_cast<double>(utc_ns - truth.beginUtcNs()) * 1e-9);
   }
   return tracks;
@@ -119,7 +124,36 @@ TrajectoryScore scoreTrack(const CameraTracks& tracks) {
   for (const Eigen::Vector3d& p : tracks.estimate) aligned.push_back(motion * p);
   score.aligned_rms_m = rms(aligned, tracks.truth);
   score.crossover_rms_m = crossoverRms(tracks);
+  double tilt = 0, heading = 0;
+  for (const Eigen::Vector3d& turn : tracks.turn) {
+    tilt += turn.head<2>().squaredNorm();
+    heading += turn.z() * turn.z();
+  }
+  score.tilt_rms_rad = std::sqrt(tilt / static_cast<double>(score.poses));
+  score.heading_rms_rad = std::sqrt(heading / static_cast<double>(score.poses));
   return score;
+}
+
+void scoreCovariances(const CameraTracks& tracks, const std::vector<io::PoseCovariance>& covariances,
+                      TrajectoryScore& score) {
+  constexpr double kHigh95 = 12.59;  // chi-square, 6 degrees of freedom
+  std::map<std::string, const Matrix6d*> of;
+  for (const io::PoseCovariance& pose : covariances) of[pose.left_image] = &pose.covariance;
+  double sum = 0;
+  std::size_t count = 0, inside = 0;
+  for (std::size_t k = 0; k < tracks.truth.size(); ++k) {
+    const auto known = of.find(tracks.left_images[k]);
+    if (known == of.end()) continue;
+    Vector6d error;
+    error << tracks.estimate[k] - tracks.truth[k], tracks.turn[k];
+    const double squared = error.dot(known->second->ldlt().solve(error));
+    sum += squared;
+    ++count;
+    inside += squared <= kHigh95 ? 1U : 0U;
+  }
+  if (count == 0) return;
+  score.nees = sum / static_cast<double>(count);
+  score.inside = static_cast<double>(inside) / static_cast<double>(count);
 }
 
 std::optional<TrajectoryScore> scoreOdometry(const std::vector<io::TrajectoryPoint>& odometry,

@@ -44,7 +44,9 @@ class TruthTrack {
 // Estimated and true camera positions of the same exposures.
 struct CameraTracks {
   Points estimate, truth;  // nav [m]
+  Points turn;             // from true to estimated axes, about north, east and down [rad]
   std::vector<double> time_s;
+  std::vector<std::string> left_images;
 };
 // Pairs each estimated pose with the truth by its left image, else by its time. `file` in another origin's
 // frame is brought into the mission's.
@@ -52,6 +54,9 @@ struct CameraTracks {
                                       const io::MissionConfig& mission);
 
 [[nodiscard]] TrajectoryScore scoreTrack(const CameraTracks& tracks);
+// Adds what covariances say of their own poses.
+void scoreCovariances(const CameraTracks& tracks, const std::vector<io::PoseCovariance>& covariances,
+                      TrajectoryScore& score);
 
 // Odometry, shifted horizontally so that it begins at the truth, over the time of the survey's exposures (all
 // of its time when they are not listed). std::nullopt when it shares no time with the truth.

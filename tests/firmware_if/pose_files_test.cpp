@@ -106,6 +106,29 @@ TEST_F(PoseFilesTest, WrittenPosesComeBackWithTheirPlaceOnTheGlobe) {
   EXPECT_LT((again.poses[0].T_nav_body.inverse() * vehicle.poses[0].T_nav_body).log().norm(), 1e-12);
 }
 
+TEST_F(PoseFilesTest, WrittenCovariancesComeBack) {
+  PoseCovariance pose;
+  pose.left_image = "l 1.tif";
+  for (int i = 0; i < 6; ++i)
+    for (int j = i; j < 6; ++j)
+      pose.covariance(i, j) = pose.covariance(j, i) = std::pow(-0.1, i + 1) * (10 * i + j + 1.0 / 3.0);
+  writePoseCovariances(path_, {pose, pose});
+  const std::vector<PoseCovariance> read = readPoseCovariances(path_);
+  ASSERT_EQ(read.size(), 2U);
+  EXPECT_EQ(read[1].left_image, pose.left_image);
+  EXPECT_EQ(read[1].covariance, pose.covariance);
+
+  const std::string good = readText(path_);
+  const auto refused = [&](const std::string& from, const std::string& to) {
+    std::ofstream(path_) << replaced(good, from, to);
+    return refusal([&] { (void)readPoseCovariances(path_); });
+  };
+  EXPECT_THAT(refused("north_east", "east_north"), AllOf(HasSubstr("line 1"), HasSubstr("north_east")));
+  EXPECT_THAT(refused("l 1.tif,", "l 1.tif,0,"),
+              AllOf(HasSubstr("line 2"), HasSubstr("has 23 fields; a covariance has 22")));
+  EXPECT_THAT(refused("l 1.tif,-0.0", "l 1.tif,nan"), AllOf(HasSubstr("line 2"), HasSubstr("field 2")));
+}
+
 TEST_F(PoseFilesTest, APoseThatLooksStraightAheadKeepsItsAttitude) {
   // The Euler angles are singular at a pitch of a quarter turn.
   for (const double pitch : {std::numbers::pi / 2, -std::numbers::pi / 2}) {

@@ -4,8 +4,8 @@
 
 using namespace fathom;
 
-// Any bytes as each of the mission's text files of poses, and as stereo.calib; what is read is written and
-// read again.
+// Any bytes as each of the mission's text files of poses or their covariances, and as stereo.calib; what is
+// read is written and read again.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static const fuzz::ScratchFile file("poses");
   static const std::filesystem::path copy = file.folder() / "copy";
@@ -21,6 +21,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   fuzz::readsOrRefuses([] {
     io::writeTrajectory(copy, io::readTrajectory(file.path()));
     static_cast<void>(io::readTrajectory(copy));
+  });
+  fuzz::readsOrRefuses([] {
+    io::writePoseCovariances(copy, io::readPoseCovariances(file.path()));
+    static_cast<void>(io::readPoseCovariances(copy));
   });
   fuzz::readsOrRefuses([] {
     writeStereoCalib(copy, readStereoCalib(file.path()));

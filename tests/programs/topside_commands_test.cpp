@@ -135,8 +135,8 @@ TEST(SlamProgram, ADiveGetsPosesClosuresAndAPage) {
   const Outcome run = runProgram(slam + " --out " + out.string());
   ASSERT_EQ(run.exit_code, 0) << run.err;
   EXPECT_THAT(run.out, HasSubstr("odometry links"));
-  for (const char* name :
-       {"stereo_pose_est.data", "vehicle_pose_est.data", "closures.csv", "slam.html", "slam.json"})
+  for (const char* name : {"stereo_pose_est.data", "vehicle_pose_est.data", "closures.csv",
+                           "pose_covariances.csv", "slam.html", "slam.json"})
     EXPECT_GT(readText(out / name).size(), 50U) << name;
   expectRefused("fathom-topside slam /absent", "/absent");
   expectRefused(slam + " --out /dev/null", "/dev/null");

@@ -174,6 +174,45 @@ TEST_F(ScoreTest, DriftBetweenPassesIsTheCrossoverError) {
   EXPECT_NEAR(score->rms_m, 0.4 * std::sqrt(40.0 / 81.0), 1e-5);
 }
 
+TEST_F(ScoreTest, AttitudeIsScoredAsTiltAndHeading) {
+  io::StereoPoseFile file;
+  file.origin = config_.origin;
+  for (int i = 0; i <= 80; ++i) {
+    const SE3 cam = truePose(i * 0.5) * config_.T_body_cam;
+    const Eigen::Quaterniond off(Eigen::AngleAxisd(0.03, Eigen::Vector3d::UnitZ()) *
+                                 Eigen::AngleAxisd(i % 2 == 0 ? 0.02 : 0.0, Eigen::Vector3d::UnitY()));
+    io::StereoPose pose;
+    pose.utc_s = static_cast<double>(kStart) * 1e-9 + i * 0.5;
+    pose.T_nav_cam = SE3(off * cam.rotation(), cam.translation());
+    pose.left_image = "L" + std::to_string(i) + ".tif";
+    pose.right_image = "R" + std::to_string(i) + ".tif";
+    file.poses.push_back(pose);
+  }
+  std::filesystem::create_directories(root() / "topside");
+  io::writeStereoPoses(root() / "topside" / "stereo_pose_est.data", file);
+  const auto score = scoreMission(root()).topside;
+  EXPECT_NEAR(*score->heading_rms_rad, 0.03, 1e-4);
+  EXPECT_NEAR(*score->tilt_rms_rad, 0.02 * std::sqrt(41.0 / 81.0), 1e-4);
+  EXPECT_FALSE(score->nees) << "no covariances were written";
+}
+
+TEST_F(ScoreTest, PosesAreHeldAgainstTheirOwnCovariance) {
+  // Every other pose is 0.3 m off to the north and 0.1 m deep; covariances are known of 61 of the 81.
+  writePoses("topside", SE3(), [](int i) { return Eigen::Vector3d(0.3, 0, i % 2 == 0 ? 0.1 : 0.0); });
+  std::vector<io::PoseCovariance> sure;
+  for (int i = 0; i <= 60; ++i) {
+    io::PoseCovariance pose;
+    pose.left_image = "L" + std::to_string(i) + ".tif";
+    pose.covariance.diagonal() << 0.01, 4.0, 0.0004, 1e-4, 1e-4, 1e-4;
+    sure.push_back(pose);
+  }
+  sure.push_back({"of another dive.tif", Matrix6d::Identity()});
+  io::writePoseCovariances(root() / "topside" / "pose_covariances.csv", sure);
+  const auto score = scoreMission(root()).topside;
+  EXPECT_NEAR(*score->nees, 9 + 25 * 31.0 / 61.0, 1e-3);
+  EXPECT_NEAR(*score->inside, 30.0 / 61.0, 1e-9);
+}
+
 TEST_F(ScoreTest, PosesOfAnotherOriginAreBroughtIntoTheMissionsFrame) {
   const LocalTransverseMercator here(config_.origin);
   const Geodetic other = here.toGeodetic({120.0, -80.0});
@@ -288,6 +327,5 @@ TEST(AlignLevel, RecoversHeadingAndShiftOfPointsOnALine) {
   EXPECT_LT((found.inverse() * motion).log().norm(), 1e-9);
 }
 
-// Pairs of the paper's table.
 }  // namespace
 }  // namespace fathom::sim

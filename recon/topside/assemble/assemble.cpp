@@ -135,8 +135,10 @@ Assembled assemble(Dive& dive, const FuseResult& fused, const fs::path& out) {
 
   writeMesh(levels.front(), out / "mesh.ply", model);
   writePoses(out, origin, fused.pairs);
-  if (const SlamResult* slam = dive.localised())
+  if (const SlamResult* slam = dive.localised()) {
     writeClosures(out / "closures.csv", dive.survey().list.pairs, slam->closures);
+    writePoseCovariances(out, dive.survey().list.pairs, *slam);
+  }
 
   const MissionInput& input = dive.input();
   const WaterLog water(input.given_poses || !input.navigated ? std::vector<WaterSample>()

@@ -23,8 +23,12 @@
 namespace fathom::topside {
 namespace {
 
-constexpr std::array<std::string_view, 5> kOurs = {"stereo_pose_est.data", "vehicle_pose_est.data",
-                                                   "closures.csv", "slam.html", "slam.json"};
+constexpr std::array<std::string_view, 6> kOurs = {"stereo_pose_est.data",
+                                                   "vehicle_pose_est.data",
+                                                   "closures.csv",
+                                                   "pose_covariances.csv",
+                                                   "slam.html",
+                                                   "slam.json"};
 
 void localiseInto(const RunPlaces& places, const TopsideConfig& config) {
   // Bad input leaves no folders behind.
@@ -61,6 +65,7 @@ void localiseInto(const RunPlaces& places, const TopsideConfig& config) {
   if (posed.empty()) throw InputError(places.mission.string(), "img", "no pair has a pose");
   writePoses(out.path(), mission.origin, posed);
   writeClosures(out.path() / "closures.csv", list.pairs, slam.closures);
+  writePoseCovariances(out.path(), list.pairs, slam);
   const Consistency truth = compareWithTruth(places.mission, mission.T_body_cam, rig.left, list, slam);
   writeSlamPage(out.path() / "slam.html", slam, dive.survey().navigation, mission.T_body_cam,
                 list.features_only, truth);

@@ -30,6 +30,17 @@ void writePoses(const std::filesystem::path& folder, const Geodetic& origin,
   io::writeVehiclePoses(folder / "vehicle_pose_est.data", vehicle);
 }
 
+void writePoseCovariances(const std::filesystem::path& folder, const std::vector<ImagePair>& pairs,
+                          const SlamResult& slam) {
+  std::vector<io::PoseCovariance> poses;
+  for (const SlamResult::Uncertain& u : slam.uncertain) {
+    Matrix6d to_nav = Matrix6d::Zero();
+    to_nav.topLeftCorner<3, 3>() = to_nav.bottomRightCorner<3, 3>() = u.T_nav_cam.matrix3();
+    poses.push_back({pairs[u.pair].left, to_nav * u.covariance * to_nav.transpose()});
+  }
+  io::writePoseCovariances(folder / "pose_covariances.csv", poses);
+}
+
 void writeClosures(const std::filesystem::path& path, const std::vector<ImagePair>& pairs,
                    const std::vector<slam::NavigationLink>& closures) {
   AtomicFile file(path);

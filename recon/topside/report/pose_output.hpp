@@ -17,6 +17,10 @@ namespace fathom::topside {
 void writePoses(const std::filesystem::path& folder, const Geodetic& origin,
                 const std::vector<FusedPair>& pairs);
 
+// pose_covariances.csv: of pairs spread over the dive, 2,000 at most.
+void writePoseCovariances(const std::filesystem::path& folder, const std::vector<ImagePair>& pairs,
+                          const SlamResult& slam);
+
 // closures.csv: which pairs, their relative pose (deviations of its right perturbation), and whether it was
 // kept.
 void writeClosures(const std::filesystem::path& path, const std::vector<ImagePair>& pairs,
