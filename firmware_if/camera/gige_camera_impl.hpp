@@ -72,7 +72,7 @@ struct GigeCamera::Impl {
       : config(c),
         now(std::move(n)),
         clock_state(std::move(s)),
-        blocks(c.pool_frames, frameBytes(c.format.packing, gige::pixelsOf(c)), lock),
+        blocks(c.pool_frames, frameBytes(c.format.packing, gige::pixelsOf(c))),
         memory(c.buffers * (gige::bufferBytes(c) + kBufferAlignment), lock),
         clock(c.trigger == CameraTrigger::kPtp ? CameraClockMap::Mode::kPtp : CameraClockMap::Mode::kFree,
               static_cast<std::int64_t>(c.stamp_to_packet_ms * static_cast<double>(gige::kNsPerMs))),

@@ -156,6 +156,14 @@ LogMessage encodeHealth(const HealthReport& health) {
     d.disconnects = static_cast<std::int64_t>(device.disconnects);
     m.devices.push_back(d);
   }
+  m.n_parts = static_cast<std::int32_t>(health.parts.size());
+  for (const PartOfProgram& part : health.parts) {
+    fathom::part_t p = {};
+    p.name = part.name.view();
+    p.state = part.state.view();
+    p.reason = part.reason.view();
+    m.parts.push_back(p);
+  }
   return {"FATHOM_HEALTH", encodeChecked(m)};
 }
 

@@ -81,6 +81,12 @@ struct DeviceReport {
   std::uint64_t samples = 0, disconnects = 0;
 };
 
+// Where a part of the program is: "starting", "catching up", "running", "failed" (and why), "ended".
+struct PartOfProgram {
+  ShortName name, state;
+  ShortText<63> reason;
+};
+
 struct HealthReport {
   std::int64_t utc_ns = 0;
   bool soft = false;              // runs without real-time privileges
@@ -94,6 +100,7 @@ struct HealthReport {
   ShortList<FillReport, 48> fills;
   ShortList<NamedCount, 96> drops;  // what was lost, by cause
   ShortList<DeviceReport, 16> devices;
+  ShortList<PartOfProgram, 24> parts;
 };
 
 [[nodiscard]] LogMessage encodePose(const PoseReport& pose);

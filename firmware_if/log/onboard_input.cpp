@@ -71,7 +71,7 @@ std::optional<OnboardInput> decodeDecision(std::span<const std::uint8_t> data) {
 std::optional<OnboardInput> decodeMark(std::span<const std::uint8_t> data) {
   fathom::mark_t m = {};
   if (!checkHolds(data) || !decodeWhole(data, m)) return std::nullopt;
-  if (m.kind < 0 || m.kind > static_cast<std::int8_t>(Mark::Kind::kHealth)) return std::nullopt;
+  if (m.kind < 0 || m.kind > static_cast<std::int8_t>(Mark::Kind::kSent)) return std::nullopt;
   return OnboardInput{m.arrival_utc_ns,
                       Mark{static_cast<Mark::Kind>(m.kind), static_cast<std::uint64_t>(m.number)}};
 }

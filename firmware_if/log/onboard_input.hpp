@@ -40,12 +40,23 @@ struct Decision {
 };
 
 struct Mark {
-  enum class Kind : std::uint8_t { kCheckpoint = 0, kRestart = 1, kEnd = 2, kHealth = 3 };
+  enum class Kind : std::uint8_t {
+    kCheckpoint = 0,
+    kRestart = 1,
+    kEnd = 2,
+    kHealth = 3,
+    kMapperLost = 4,
+    kSent = 5
+  };
+  // Of a kRestart: nothing that was mapped before could be gone on with.
+  static constexpr std::uint64_t kAnew = INT64_MAX;
   Kind kind = Kind::kEnd;
-  // kCheckpoint: the state after all inputs before this mark was saved as `number`. kRestart: the program
-  // came back with checkpoint `number` (0: none) and consumed again what is logged behind its mark. kHealth:
-  // from now on these health flags (telemetry's bits) hold of what the cores cannot see: privileges, disk,
-  // overload.
+  // kCheckpoint: the state after all inputs before this mark may have been saved as `number`. kMapperLost:
+  // whoever maps is gone; from here on the link is silent. kSent: frames up to before sequence `number` have
+  // been given to the modem. kRestart: the mapper came back with checkpoint `number`, consumed again what is
+  // logged behind its mark, and the link speaks again; 0: from the beginning of the log; kAnew: from there,
+  // but no pair before this mark is mapped. kHealth: from now on these health flags (telemetry's bits) hold
+  // of what the cores cannot see: privileges, disk, overload. kEnd: the survey is over.
   std::uint64_t number = 0;
 };
 

@@ -22,12 +22,11 @@ std::size_t strideOf(std::size_t blocks, std::size_t block_bytes) {
 
 }  // namespace
 
-SharedBlocks::SharedBlocks(std::size_t blocks, std::size_t block_bytes, MemoryLock lock)
+SharedBlocks::SharedBlocks(std::size_t blocks, std::size_t block_bytes)
     : count_(blocks),
       block_bytes_(block_bytes),
       stride_(strideOf(blocks, block_bytes)),
-      memory_(blocks * stride_, lock),
-      first_(static_cast<std::byte*>(memory_.allocate(blocks * stride_, kCacheLine))),
+      memory_(blocks * stride_),
       holders_(std::make_unique<std::atomic<std::uint32_t>[]>(blocks)) {}
 
 std::uint32_t SharedBlocks::acquire() noexcept {
@@ -60,7 +59,7 @@ void SharedBlocks::release(std::uint32_t block) noexcept {
 
 std::span<std::byte> SharedBlocks::bytes(std::uint32_t block) noexcept {
   assert(block < count_);
-  return {first_ + block * stride_, block_bytes_};
+  return {memory_.data() + block * stride_, block_bytes_};
 }
 
 std::size_t SharedBlocks::held() const noexcept {

@@ -6,19 +6,20 @@
 #include <memory>
 #include <span>
 
-#include "realtime/kernel/arena.hpp"
+#include "realtime/kernel/shared_memory.hpp"
 
 namespace fathom::rt {
 
 // A fixed number of blocks of one size over pre-faulted memory, each shared by whoever holds it: camera
-// frames on their way to the map and to the recorder. One thread acquires; any thread retains and releases;
-// wait-free. When every block is held, acquire() gives kNone and counts the refusal.
+// frames on their way to the map, which is another process and may map the memory, and to the recorder. One
+// thread acquires; any thread retains and releases; wait-free. When every block is held, acquire() gives
+// kNone and counts the refusal.
 class SharedBlocks {
  public:
   static constexpr std::uint32_t kNone = UINT32_MAX;
 
   // Throws std::system_error when the system refuses the memory.
-  SharedBlocks(std::size_t blocks, std::size_t block_bytes, MemoryLock lock = MemoryLock::kUnlocked);
+  SharedBlocks(std::size_t blocks, std::size_t block_bytes);
 
   // A block that nobody holds, held once; or kNone. One thread only.
   [[nodiscard]] std::uint32_t acquire() noexcept;
@@ -29,6 +30,9 @@ class SharedBlocks {
 
   [[nodiscard]] std::span<std::byte> bytes(std::uint32_t block) noexcept;
   [[nodiscard]] std::size_t blocks() const noexcept { return count_; }
+  // Where another process finds a block: block * stride() in the memory.
+  [[nodiscard]] std::size_t stride() const noexcept { return stride_; }  // [bytes]
+  [[nodiscard]] const SharedMemory& memory() const noexcept { return memory_; }
   [[nodiscard]] std::size_t blockBytes() const noexcept { return block_bytes_; }
   [[nodiscard]] std::size_t held() const noexcept;  // now
   [[nodiscard]] std::size_t highWater() const noexcept { return high_water_.load(std::memory_order_relaxed); }
@@ -37,8 +41,7 @@ class SharedBlocks {
  private:
   std::size_t count_, block_bytes_;
   std::size_t stride_;  // from block to block: whole cache lines [bytes]
-  Arena memory_;
-  std::byte* first_;
+  SharedMemory memory_;
   std::unique_ptr<std::atomic<std::uint32_t>[]> holders_;
   std::size_t next_ = 0;  // where acquire() looks first
   std::atomic<std::size_t> high_water_{0};

@@ -45,6 +45,17 @@ class VehicleClock final : public Clock {
   VehicleClock(std::int64_t offset_ns, Clock& machine) noexcept : VehicleClock(offset_ns, 1, &machine) {}
   VehicleClock(const VehicleClock&) = delete;
   VehicleClock& operator=(const VehicleClock&) = delete;
+  // What makes the same clock in another process.
+  struct Setting {
+    std::int64_t offset_ns = 0;
+    double rate = 1;
+    std::int64_t begin_ns = 0;
+  };
+  explicit VehicleClock(const Setting& setting) noexcept
+      : VehicleClock(setting.offset_ns, setting.rate, nullptr) {
+    begin_ns_ = setting.begin_ns;
+  }
+  [[nodiscard]] Setting setting() const noexcept { return {offset_ns_, rate_, begin_ns_}; }
 
   [[nodiscard]] static std::int64_t systemOffsetNs() noexcept { return offsetOf(RealClock()); }
 

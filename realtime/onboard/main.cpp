@@ -1,5 +1,6 @@
 // fathom-onboard: the vehicle's program. Maps while it dives, or replays what was recorded.
 #include <CLI/CLI.hpp>
+#include <filesystem>
 #include <string>
 
 #include "realtime/kernel/command_line.hpp"
@@ -7,6 +8,7 @@
 #include "realtime/kernel/memory/heap_reserve.hpp"
 #include "realtime/kernel/version.hpp"
 #include "realtime/onboard/live/live_run.hpp"
+#include "realtime/onboard/mapper/mapper_program.hpp"
 #include "realtime/onboard/replay_command.hpp"
 
 int main(int argc, char** argv) {
@@ -17,7 +19,9 @@ int main(int argc, char** argv) {
       "Examples: fathom-onboard --live dives/today --config onboard.toml\n"
       "          fathom-onboard --replay missions/reef-grid --modem udp:127.0.0.1:14700 --speed 10");
   std::string folder, mission, config, timeline;
+  std::filesystem::path end;
   onboard::LiveOptions live;
+  onboard::MapperOptions mapper;
   onboard::ReplayCommand replay;
   CLI::Option* live_option = app.add_option(
       "--live", folder, "Dive now: folder with mission.toml and stereo.calib; is recorded into");
@@ -27,11 +31,13 @@ int main(int argc, char** argv) {
   app.add_option("--config", config,
                  "Configuration (TOML), with the devices of --live; default: built-in values");
   app.add_flag("--soft", live.soft,
-               "Arm without what real time needs and the machine refuses; every status says so")
-      ->needs(live_option);
-  app.add_flag("--print-budget", live.print_budget, "Show the memory of every pool and end")
-      ->needs(live_option);
-  app.add_option("--for", live.for_s, "End the survey after so many seconds; default: at SIGTERM or SIGINT")
+               "Arm without what real time needs and the machine refuses; every status says so");
+  app.add_option("--end", end, "End the dive of the program that dives in this folder, and wait for it")
+      ->excludes(live_option)
+      ->excludes(replay_option);
+  app.add_option("--mapper", mapper.folder, "")->group("");  // what --live starts
+  app.add_flag("--print-budget", live.print_budget, "Show the memory of every pool and end");
+  app.add_option("--for", live.for_s, "End the dive after so many seconds; default: at SIGINT or --end")
       ->check(CLI::Range(0.0, 1e6))
       ->needs(live_option);
   app.add_option("--timeline", timeline,
@@ -40,8 +46,15 @@ int main(int argc, char** argv) {
   replay.addOptions(app, replay_option);
   app.set_version_flag("--version", versionLine("fathom-onboard"));
   if (const auto code = parseCommandLine("fathom-onboard", app, argc, argv)) return *code;
-  if (!folder.empty()) (void)rt::HeapReserve::takeOverAllocator();
+  if (!folder.empty() || !mapper.folder.empty()) (void)rt::HeapReserve::takeOverAllocator();
   return runTool("fathom-onboard", [&] {
+    if (!end.empty()) return onboard::endDive(end);
+    if (!mapper.folder.empty()) {
+      if (!config.empty()) mapper.config = config;
+      mapper.soft = live.soft;
+      mapper.print_budget = live.print_budget;
+      return onboard::runMapper(mapper);
+    }
     if (folder.empty() && mission.empty())
       throw InputError("fathom-onboard", "",
                        "give --live FOLDER to dive or --replay MISSION; --help shows all");

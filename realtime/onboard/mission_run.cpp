@@ -89,7 +89,12 @@ void MissionRun::consumeSample(std::int64_t now_ns, const SensorSample& sample) 
 
 void MissionRun::consumeMark(const io::Mark& mark) {
   if (mark.kind == io::Mark::Kind::kEnd) ended_ = true;
-  if (mark.kind == io::Mark::Kind::kRestart) system_.noteRestart();
+  if (mark.kind == io::Mark::Kind::kMapperLost) link_silent_ = true;
+  if (mark.kind == io::Mark::Kind::kSent) system_.noteSent(static_cast<std::uint16_t>(mark.number));
+  if (mark.kind == io::Mark::Kind::kRestart) {
+    link_silent_ = false;
+    system_.noteRestart();
+  }
   if (mark.kind == io::Mark::Kind::kCheckpoint)
     eachSlotStore([&](SlotStore& slots) { slots.mark(mark.number); });
   if (mark.kind == io::Mark::Kind::kHealth)
@@ -114,7 +119,7 @@ void MissionRun::consume(const io::OnboardInput& input) {
     system_.passTime(now_ns);
   }
   writeRows(now_ns);
-  link_.exchange(system_, now_ns, false);
+  if (!link_silent_) link_.exchange(system_, now_ns, false);
 }
 
 void MissionRun::writeRows(std::int64_t now_ns) {

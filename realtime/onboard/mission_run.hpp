@@ -96,6 +96,7 @@ class MissionRun {
   FrameExchange link_;
   RunSummary summary_;
   bool begun_ = false, ended_ = false;
+  bool link_silent_ = false;  // from the mark of a lost mapper to that of its restart
   std::uint64_t inputs_ = 0;
   std::int64_t first_ns_ = 0, now_ns_ = 0;
   std::int64_t next_odometry_ns_ = 0, next_health_ns_ = 0, last_odometry_ns_ = 0;

@@ -44,7 +44,7 @@ void MissionRun::exchange(Archive& archive, Self& self) {
   archive(summary.samples, summary.pairs, summary.pairs_used);
   FrameExchange::Counters link = self.link_.counters();
   archive(link.sent, link.sent_bytes, link.received);
-  archive(self.begun_, self.inputs_);
+  archive(self.begun_, self.inputs_, self.link_silent_);
   archive.instants(self.first_ns_, self.now_ns_, self.next_odometry_ns_, self.next_health_ns_,
                    self.last_odometry_ns_);
   if constexpr (Archive::kLoading) {
@@ -55,7 +55,7 @@ void MissionRun::exchange(Archive& archive, Self& self) {
 
 void MissionRun::save(rt::StateWriter& writer) {
   system_.save(writer);
-  writer.section(rt::stateTag("MRUN"), 1, [&] { exchange(writer, *this); });
+  writer.section(rt::stateTag("MRUN"), 2, [&] { exchange(writer, *this); });
   output_.save(writer);
 }
 
@@ -70,7 +70,7 @@ void MissionRun::forgetSlots(std::uint64_t before_checkpoint) {
 }
 
 bool MissionRun::load(rt::StateReader& reader) {
-  return system_.load(reader) && reader.section(rt::stateTag("MRUN"), 1, [&] { exchange(reader, *this); }) &&
+  return system_.load(reader) && reader.section(rt::stateTag("MRUN"), 2, [&] { exchange(reader, *this); }) &&
          output_.load(reader);
 }
 

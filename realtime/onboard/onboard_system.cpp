@@ -129,6 +129,10 @@ bool OnboardSystem::nameImages(const StereoTrigger& trigger, MappedPair& pair) c
 
 void OnboardSystem::mapPairs(const std::function<void(const MappedPair&)>& on_pair) {
   while (const auto trigger = nav_.core().pollTrigger()) {
+    if (!mapping_) {
+      ++shed_pairs_;
+      continue;
+    }
     MappedPair pair;
     const bool named = nameImages(*trigger, pair);
     const PairQuota quota = policy_ ? policy_(*trigger, pair) : PairQuota();

@@ -90,6 +90,10 @@ class OnboardSystem {
   [[nodiscard]] bool load(rt::StateReader& reader);
   // The program has started again: frames that it does not know of may have been sent.
   void noteRestart() { link_.noteRestart(); }
+  // Frames up to before this sequence number were given to the modem, by whomever.
+  void noteSent(std::uint16_t next_sequence) { link_.noteSent(next_sequence); }
+  // False: pairs are passed over until it is set again, navigation goes on. Not part of the saved state.
+  void setMapping(bool mapping) { mapping_ = mapping; }
 
   // Names and values of every counter, for health.csv.
   [[nodiscard]] std::vector<std::pair<std::string, double>> health() const;
@@ -145,6 +149,7 @@ class OnboardSystem {
   static constexpr std::size_t kNames = 256;   // of the newest exposures; no pair waits for longer
   std::array<ImageName, kNames> image_names_;  // by frame number
   PairPolicy policy_;
+  bool mapping_ = true;
   unsigned program_health_ = telemetry::kHealthSoftRealTime;
   std::uint32_t slipped_cycles_ = 0;
   std::uint64_t shed_pairs_ = 0;

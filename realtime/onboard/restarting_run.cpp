@@ -20,7 +20,7 @@ RestartingRun::RestartingRun(Make make, const std::vector<io::OnboardInput>& inp
     : make_(std::move(make)), inputs_(inputs), run_(make_()) {
   for (std::size_t i = 0; i < inputs_.size(); ++i)
     if (const io::Mark* mark = markOf(inputs_[i], io::Mark::Kind::kRestart))
-      saved_[mark->number].last_use = i;
+      if (mark->number != io::Mark::kAnew) saved_[mark->number].last_use = i;
   if (saved_.count(0) > 0) save(saved_[0], 0);
 }
 
@@ -40,7 +40,24 @@ void RestartingRun::save(Saved& to, std::size_t next) {
   }
 }
 
+// A state may have been saved while the mapper did again what it had done before.
+void RestartingRun::consume(std::size_t i) {
+  run_->consume(inputs_[i]);
+  const io::Mark* mark = markOf(inputs_[i], io::Mark::Kind::kCheckpoint);
+  if (mark == nullptr) return;
+  if (const auto wanted = saved_.find(mark->number); wanted != saved_.end()) save(wanted->second, i + 1);
+}
+
+void RestartingRun::beginAnew() {
+  run_ = make_();
+  (void)run_->rollBackSlots(0);
+  run_->system().setMapping(false);
+  for (std::size_t i = 0; i < next_; ++i) consume(i);
+  run_->system().setMapping(true);
+}
+
 void RestartingRun::restart(std::uint64_t number) {
+  if (number == io::Mark::kAnew) return beginAnew();
   const auto from = saved_.find(number);
   if (from == saved_.end() || from->second.state.empty())
     throw std::runtime_error("the log restarts from checkpoint " + std::to_string(number) +
@@ -52,7 +69,7 @@ void RestartingRun::restart(std::uint64_t number) {
                              " (disk full?); give slam.slot_folder on another disk");
   if (!run_->load(reader))
     throw std::runtime_error(std::string("a kept state does not load: ") + reader.failure());
-  for (std::size_t i = from->second.next; i < next_; ++i) run_->consume(inputs_[i]);
+  for (std::size_t i = from->second.next; i < next_; ++i) consume(i);
   if (from->second.last_use == next_) saved_.erase(from);
   forgetSlots();
 }
@@ -66,12 +83,8 @@ bool RestartingRun::step() {
   if (next_ == inputs_.size()) return false;
   const io::OnboardInput& input = inputs_[next_];
   if (const io::Mark* mark = markOf(input, io::Mark::Kind::kRestart)) restart(mark->number);
-  run_->consume(input);
-  ++next_;
-  if (const io::Mark* mark = markOf(input, io::Mark::Kind::kCheckpoint)) {
-    if (const auto wanted = saved_.find(mark->number); wanted != saved_.end()) save(wanted->second, next_);
-    forgetSlots();
-  }
+  consume(next_++);
+  if (markOf(input, io::Mark::Kind::kCheckpoint) != nullptr) forgetSlots();
   return true;
 }
 

@@ -33,6 +33,8 @@ class RestartingRun {
   };
   void save(Saved& to, std::size_t next);
   void restart(std::uint64_t number);
+  void beginAnew();
+  void consume(std::size_t i);
   void forgetSlots();
 
   Make make_;

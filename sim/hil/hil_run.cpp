@@ -280,7 +280,7 @@ class Bench {
            std::to_string(static_cast<long>(schedule_.missionSeconds(clock_.utcNs()))));
     int status = kExitSuccess;
     if (program_) {
-      program_->signal(SIGTERM);
+      program_->signal(SIGINT);  // an operator ends the dive
       const auto ended = program_->wait(kProgramEnd_s);
       if (!ended) note("the program did not end when it was told to");
       status = ended.value_or(kExitFailedWork);

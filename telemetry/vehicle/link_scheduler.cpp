@@ -312,10 +312,19 @@ void LinkScheduler::noteRestart() {
   // As many of the shortest frames as leave in the seconds that a log may lack, and a few.
   constexpr double kLacking_s = 2, kFew = 4;
   const double frames = kFew + kLacking_s * s.config.rate_bps * s.config.duty / (8 * kMinFrameBytes);
-  const auto passed_over = static_cast<std::uint16_t>(std::min(frames, SentFrames::kFrames / 2.0));
-  if (s.repair.open()) s.repair.close(s.sent.loss(), s.sent.burst());
-  s.sent.skip(passed_over);
-  s.sequence = static_cast<std::uint16_t>(s.sequence + passed_over);
+  s.passOver(static_cast<std::uint16_t>(std::min(frames, SentFrames::kFrames / 2.0)));
+}
+
+void LinkScheduler::noteSent(std::uint16_t next_sequence) {
+  constexpr std::uint16_t kBehind = 0x8000;
+  const auto ahead = static_cast<std::uint16_t>(next_sequence - impl_->sequence);
+  if (ahead > 0 && ahead < kBehind) impl_->passOver(ahead);
+}
+
+void LinkScheduler::Impl::passOver(std::uint16_t numbers) {
+  if (repair.open()) repair.close(sent.loss(), sent.burst());
+  sent.skip(numbers);
+  sequence = static_cast<std::uint16_t>(sequence + numbers);
 }
 
 bool LinkScheduler::drained() const {

@@ -24,6 +24,8 @@ struct LinkScheduler::Impl {
   [[nodiscard]] std::size_t repairFrame();
   [[nodiscard]] std::size_t probe();
   [[nodiscard]] bool turnAfter(std::int64_t left_ns);
+  // So many sequence numbers are not used.
+  void passOver(std::uint16_t numbers);
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
   // Repair frames are of use where acknowledgements are not.

@@ -26,7 +26,7 @@ const char* healthText(unsigned bit) {
   static constexpr const char* kTexts[kHealthBits] = {
       "soft real time",  "DVL lost",    "compass lost",        "depth lost",    "camera lost",
       "no position fix", "overload",    "pool full",           "map coarsened", "recorder failed",
-      "disk low",        "poor stereo", "sensor contradicted", "clock unsure"};
+      "disk low",        "poor stereo", "sensor contradicted", "clock unsure",  "no map"};
   return bit < kHealthBits ? kTexts[bit] : "unknown";
 }
 

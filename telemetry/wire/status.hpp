@@ -25,8 +25,9 @@ enum HealthFlag : std::uint16_t {
   kHealthStereoPoor = 1U << 11,   // pairs arrive but give few points (turbid, dark, too high)
   kHealthSensorLies = 1U << 12,   // DVL, compass or the rig's calibration contradict the images
   kHealthClockUnsure = 1U << 13,  // the vehicle's time is not known to be UTC to within a second
+  kHealthNoMap = 1U << 14,        // nobody maps now; what is told of the map is of before
 };
-inline constexpr unsigned kHealthBits = 14;
+inline constexpr unsigned kHealthBits = 15;
 [[nodiscard]] const char* healthText(unsigned bit);  // short text of bit 0 to kHealthBits - 1
 
 inline constexpr double kAbsent = std::numeric_limits<double>::quiet_NaN();

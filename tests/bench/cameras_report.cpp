@@ -28,7 +28,7 @@ struct Exposure {
 
 class Side final : public io::FrameSink {
  public:
-  Side(const io::CameraConfig& config, io::GigeCamera::VehicleTime now) : camera_(config, std::move(now)) {}
+  Side(const io::CameraConfig& config, io::VehicleTime now) : camera_(config, std::move(now)) {}
   void frame(const io::CameraFrame& frame) noexcept override {
     frames.push_back(frame);
     camera_.pool().release(frame.block);

@@ -1,6 +1,5 @@
 #include "firmware_if/files/sensor_log.hpp"
 
-#include "firmware_if/log/input_tail.hpp"
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/log_inputs.hpp"
 #include "firmware_if/log/log_messages.hpp"
@@ -33,7 +32,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     }
     if (events.endOfLastEvent() != io::findLogEnd(file.path()).offset) __builtin_trap();
   });
-  fuzz::readsOrRefuses([] { static_cast<void>(io::readInputTail(file.folder(), 1)); });
   fuzz::readsOrRefuses([size] {
     io::LogInputReader inputs(file.folder());
     io::LogInputReader::Entry entry;

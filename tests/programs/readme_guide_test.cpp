@@ -78,6 +78,7 @@ class ReadmeGuide : public ::testing::Test {
   // Without devices: a red table, and a dive that mapped nothing.
   [[nodiscard]] static int expectedStatus(const std::string& command) {
     if (command.starts_with("fathom-topside view")) return 124;  // ended by timeout
+    if (command.starts_with("fathom-onboard --end")) return 2;  // that dive has ended by itself
     const bool needs_devices =
         command.starts_with("fathom-sensors predive") ||
         (command.find("--live") != std::string::npos && command.find("--print-budget") == std::string::npos);

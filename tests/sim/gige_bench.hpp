@@ -185,7 +185,7 @@ class BenchClient final : public io::FrameSink {
     return config;
   }
   // The system's clock is the vehicle's time here: what the schedule is told in.
-  static io::GigeCamera::VehicleTime time() {
+  static io::VehicleTime time() {
     const std::int64_t ahead = systemUtcNs() - rt::RealClock().monotonicNs();
     return [ahead] { return rt::RealClock().monotonicNs() + ahead; };
   }

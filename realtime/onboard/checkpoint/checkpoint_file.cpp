@@ -83,11 +83,10 @@ std::optional<Opened> openStart(const fs::path& path) {
   if (!opened.file.open() && errno == ENOENT) return std::nullopt;
   struct stat found {};
   std::array<std::uint8_t, sizeof(Start)> bytes;
-  if (!opened.file.open() || ::fstat(opened.file.get(), &found) != 0 || !S_ISREG(found.st_mode))
-    opened.why = "it cannot be read";
-  else if (static_cast<std::uint64_t>(found.st_size) < bytes.size())
+  const bool plain = opened.file.open() && ::fstat(opened.file.get(), &found) == 0 && S_ISREG(found.st_mode);
+  if (plain && static_cast<std::uint64_t>(found.st_size) < bytes.size())
     opened.why = "it is too short for a checkpoint";
-  else if (!readAt(opened.file.get(), bytes, 0))
+  else if (!plain || !readAt(opened.file.get(), bytes, 0))
     opened.why = "it cannot be read";
   if (!opened.why.empty()) return opened;
   std::memcpy(&opened.start, bytes.data(), bytes.size());

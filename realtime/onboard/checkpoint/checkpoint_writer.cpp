@@ -35,10 +35,12 @@ std::span<std::uint8_t> CheckpointWriter::begin() noexcept {
   return {};
 }
 
-void CheckpointWriter::submit(const CheckpointHead& head, std::size_t bytes) noexcept {
+void CheckpointWriter::submit(const CheckpointHead& head, std::size_t bytes,
+                              std::uint64_t decisions) noexcept {
   assert(bytes <= buffer_.size());
   head_ = head;
   bytes_ = bytes;
+  decisions_ = decisions;
   waiting_.store(true, std::memory_order_release);
 }
 

@@ -24,11 +24,15 @@ class CheckpointWriter {
 
   // Soft tier. Empty while the last one is still being written.
   [[nodiscard]] std::span<std::uint8_t> begin() noexcept;
-  void submit(const CheckpointHead& head, std::size_t bytes) noexcept;
+  // `decisions`: how many had been made by then; for whoever waits until the log has them.
+  void submit(const CheckpointHead& head, std::size_t bytes, std::uint64_t decisions = 0) noexcept;
   void giveUp() noexcept { too_large_.fetch_add(1, std::memory_order_relaxed); }  // it does not fit
 
   // Best effort.
   [[nodiscard]] bool waiting() const noexcept { return waiting_.load(std::memory_order_acquire); }
+  // Of the one that waits.
+  [[nodiscard]] const CheckpointHead& head() const noexcept { return head_; }
+  [[nodiscard]] std::uint64_t decisions() const noexcept { return decisions_; }
   // Writes the checkpoint that waits, if one does; true when it did.
   bool work();
 
@@ -48,6 +52,7 @@ class CheckpointWriter {
   std::vector<std::filesystem::path> named_;
   CheckpointHead head_;
   std::size_t bytes_ = 0;
+  std::uint64_t decisions_ = 0;
   std::uint64_t newest_ = 0;          // number of the last one written; best effort
   std::atomic<bool> waiting_{false};  // the buffer is the best effort's
   std::atomic<std::uint64_t> written_{0}, failed_{0}, late_{0}, too_large_{0}, last_bytes_{0};

@@ -10,7 +10,8 @@ HardTier::HardTier(const NavCoreConfig& nav, const Links& links, rt::Clock& cloc
     : links_(links), clock_(clock), stages_(stages), nav_(nav) {}
 
 void HardTier::cycle() noexcept {
-  if (ended_.load(std::memory_order_relaxed)) return;
+  cycles_run_.fetch_add(1, std::memory_order_relaxed);
+  if (ended_.load(std::memory_order_relaxed)) return giveMarks();
   const std::int64_t begin = clock_.monotonicNs();
   io::OnboardInput input;
   for (int i = 0; i < kMostInputsACycle && sequencer_.next(input); ++i) give(input);
@@ -19,23 +20,27 @@ void HardTier::cycle() noexcept {
     cycles_ = 0;
     give(sequencer_.own(now, io::Tick{}));
   }
-  io::Mark mark;
-  while (!ended_.load(std::memory_order_relaxed) && marks_.pop(mark)) {
-    give(sequencer_.own(now, mark));
-    if (mark.kind == io::Mark::Kind::kEnd) ended_.store(true, std::memory_order_release);
-  }
+  giveMarks();
   const std::int64_t given = clock_.monotonicNs();
   stages_.add(0, begin, given);
   publish(now);
   stages_.add(1, given, clock_.monotonicNs());
 }
 
+void HardTier::giveMarks() noexcept {
+  io::Mark mark;
+  while (marks_.pop(mark)) {
+    give(sequencer_.own(clock_.utcNs(), mark));
+    if (mark.kind == io::Mark::Kind::kEnd) ended_.store(true, std::memory_order_release);
+  }
+}
+
 void HardTier::give(const io::OnboardInput& input) noexcept {
   ++inputs_;
   follow(input);
-  // What the log misses it says itself (RecordingGap); what the soft tier misses is counted by its ring.
+  // What the log misses it says itself (RecordingGap); what a mapper is too slow for it reads there.
   if (links_.recorder != nullptr) (void)links_.recorder->offerInput(input);
-  (void)links_.soft->push(input);
+  links_.inputs->push(input);
 }
 
 void HardTier::follow(const io::OnboardInput& input) noexcept {

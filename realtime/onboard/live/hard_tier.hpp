@@ -8,8 +8,9 @@
 #include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/health/stage_times.hpp"
 #include "realtime/kernel/latest_value.hpp"
-#include "realtime/onboard/live/input_rings.hpp"
-#include "realtime/onboard/live/input_sequencer.hpp"
+#include "realtime/onboard/live/devices/input_rings.hpp"
+#include "realtime/onboard/live/devices/input_sequencer.hpp"
+#include "realtime/onboard/mapper/mapper_channel.hpp"
 #include "realtime/onboard/nav/nav_feed.hpp"
 
 namespace fathom::onboard {
@@ -28,13 +29,13 @@ struct NavState {
   NavState& operator=(const NavState&) noexcept = default;
 };
 
-// The hard tier's work: puts the inputs in order, dead reckons, hands the sequence to the recorder and to the
-// soft tier. One call of cycle() every period; no heap, no lock, bounded work.
+// The hard tier's work: puts the inputs in order, dead reckons, hands the sequence to the recorder and, by
+// position, to whoever maps. One call of cycle() every period; no heap, no lock, bounded work.
 class HardTier {
  public:
   struct Links {
     io::Recorder* recorder = nullptr;  // may be null: nothing is recorded
-    SequenceRing* soft = nullptr;
+    InputBroadcast* inputs = nullptr;
   };
   static constexpr std::size_t kStages = 2;
   static constexpr std::array<rt::StageSpec, kStages> kStageSpecs = {
@@ -53,18 +54,21 @@ class HardTier {
   // false when too many wait.
   [[nodiscard]] bool mark(const io::Mark& mark) noexcept { return marks_.push(mark); }
 
+  // Any thread: grows as long as navigation runs.
+  [[nodiscard]] std::uint64_t cycles() const noexcept { return cycles_run_.load(std::memory_order_relaxed); }
   // By one reader each.
   [[nodiscard]] bool readForBus(NavState& state) noexcept { return for_bus_.readNew(state); }
   [[nodiscard]] bool readForSupervisor(NavState& state) noexcept { return for_supervisor_.read(state); }
-  // The end mark has been given to the recorder and to the soft tier; nothing follows it.
+  // The end mark has been given to the recorder and to the mapper. Nothing follows it but marks about a
+  // mapper that had to be started again to finish.
   [[nodiscard]] bool ended() const noexcept { return ended_.load(std::memory_order_acquire); }
-  [[nodiscard]] std::uint64_t softRefused() const noexcept { return links_.soft->refused(); }
 
  private:
   static constexpr int kTickEvery = 10;          // cycles: 10 Hz at 100 Hz
   static constexpr int kMostInputsACycle = 256;  // the rest waits for the next cycle
 
   void give(const io::OnboardInput& input) noexcept;
+  void giveMarks() noexcept;
   void publish(std::int64_t now_ns) noexcept;
 
   Links links_;
@@ -78,6 +82,7 @@ class HardTier {
   std::uint64_t inputs_ = 0;
   std::int64_t last_health_ns_ = 0;
   std::atomic<bool> ended_{false};
+  std::atomic<std::uint64_t> cycles_run_{0};
 };
 
 }  // namespace fathom::onboard

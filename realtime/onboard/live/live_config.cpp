@@ -34,13 +34,16 @@ LiveConfig readLiveConfig(const ConfigTable& root, const io::MissionConfig& miss
   (void)io::readPrediveConfig(root.table("predive"));
   c.recorder = io::readRecorderConfig(root.table("recorder"), c.recorder);
   c.realtime = rt::readRealtimeConfig(root.table("realtime"), c.realtime);
-  c.memory = rt::readMemoryConfig(root.table("memory"), c.memory);
+  const ConfigTable memory = root.table("memory");
+  c.memory = rt::readMemoryConfig(memory, c.memory);
+  c.vehicle_heap_bytes = static_cast<std::size_t>(memory.integer("vehicle_heap_mib", 24, 4, 4096)) << 20;
   c.overload = readOverload(root.table("overload"));
   const ConfigTable restart = root.table("restart");
   c.checkpoint_s = restart.number("checkpoint_s", c.checkpoint_s, 1, 600);
   const std::int64_t mib =
       restart.integer("buffer_mib", static_cast<std::int64_t>(c.checkpoint_bytes >> 20), 1, 4096);
   c.checkpoint_bytes = static_cast<std::size_t>(mib) << 20;
+  c.end_within_s = root.table("realtime").number("end_within_s", c.end_within_s, 5, 3600);
   return c;
 }
 

@@ -15,6 +15,7 @@
 #include "realtime/kernel/memory/process_memory.hpp"
 #include "realtime/kernel/seconds.hpp"
 #include "realtime/onboard/live/live_system.hpp"
+#include "realtime/onboard/mapper/mapper_tier.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -65,6 +66,54 @@ nlohmann::ordered_json memoryOf(const rt::MemoryBudget& budget) {
     memory["pools"][row.name] = pool;
   }
   return memory;
+}
+
+nlohmann::ordered_json visionStagesOf(const MapperFigures& figures) {
+  nlohmann::ordered_json all;
+  for (std::size_t i = 0; i < MapperTier::kStages; ++i) {
+    const MapperFigures::Stage& s = figures.stages[i];
+    if (s.count == 0) continue;
+    all[MapperTier::stageSpecs()[i].name] = {{"count", s.count},
+                                             {"p50_ms", milliseconds(s.p50_ns)},
+                                             {"p99_ms", milliseconds(s.p99_ns)},
+                                             {"p99_9_ms", milliseconds(s.p999_ns)},
+                                             {"max_ms", milliseconds(s.max_ns)},
+                                             {"deadline_misses", s.misses}};
+  }
+  return all;
+}
+
+// What the mapper process added to its timeline, as far as it is still there.
+std::vector<rt::TimelineEvent> visionEvents(const MapperUp& up, std::int64_t from_ns, std::int64_t to_ns) {
+  std::vector<rt::TimelineEvent> events;
+  const std::uint64_t next = up.timeline.next();
+  const std::uint64_t kept = up.timeline.capacity();
+  for (std::uint64_t p = next > kept ? next - kept : 0; p < next; ++p) {
+    rt::TimelineEvent event;
+    if (up.timeline.read(p, event) != decltype(up.timeline)::Read::kGot) continue;
+    if (event.stage < MapperTier::kStages && event.end_ns >= from_ns && event.begin_ns < to_ns)
+      events.push_back(event);
+  }
+  return events;
+}
+
+nlohmann::ordered_json loopOf(const rt::PeriodicLoop::Statistics& loop) {
+  return {{"cycles", loop.cycles},
+          {"slipped", loop.slipped_cycles},
+          {"wake_up_p50_us", static_cast<double>(loop.jitter_ns.percentile(50)) * 1e-3},
+          {"wake_up_p99_9_us", static_cast<double>(loop.jitter_ns.percentile(99.9)) * 1e-3},
+          {"wake_up_max_us", static_cast<double>(loop.jitter_ns.max()) * 1e-3},
+          {"body_p50_us", static_cast<double>(loop.body_ns.percentile(50)) * 1e-3},
+          {"body_max_us", static_cast<double>(loop.max_body_ns) * 1e-3}};
+}
+
+nlohmann::ordered_json partsOf(const PartStates& parts) {
+  nlohmann::ordered_json all;
+  for (const PartReport& part : parts.read()) {
+    all[part.name]["state"] = nameOf(part.state);
+    if (!part.reason.empty()) all[part.name]["reason"] = part.reason;
+  }
+  return all;
 }
 
 nlohmann::ordered_json recorderOf(const io::Recorder& recorder) {
@@ -121,18 +170,24 @@ std::vector<ThreadFigures> cpuTimes() {
 std::string timelineOf(const LiveSystem& live, std::int64_t now_ns, double seconds) {
   const std::int64_t from_ns = now_ns - rt::nanoseconds(seconds);
   const rt::RealtimeConfig& realtime = live.config().live.realtime;
-  const auto thread = [&](const char* name, rt::Tier tier, const rt::StageTimes& stages) {
+  const auto named = [&](const char* name, rt::Tier tier) {
     const rt::ThreadConfig c = rt::threadConfig(realtime, tier, "");
     rt::TraceThread shown;
     shown.name = std::string(name) + (c.fifo_priority > 0 && !realtime.soft
                                           ? " (SCHED_FIFO " + std::to_string(c.fifo_priority) + ")"
                                           : " (best effort)");
+    return shown;
+  };
+  const auto thread = [&](const char* name, rt::Tier tier, const rt::StageTimes& stages) {
+    rt::TraceThread shown = named(name, tier);
     for (std::size_t i = 0; i < stages.stages(); ++i) shown.stages.emplace_back(stages.name(i));
     shown.events = stages.track()->copy(from_ns, now_ns);
     return shown;
   };
-  std::array<rt::TraceThread, 3> threads = {thread("navigation", rt::Tier::kHard, live.hardStages()),
-                                            thread("vision", rt::Tier::kSoft, live.softStages()),
+  rt::TraceThread vision = named("vision", rt::Tier::kSoft);
+  for (const rt::StageSpec& stage : MapperTier::stageSpecs()) vision.stages.emplace_back(stage.name);
+  vision.events = visionEvents(live.mapper().up(), from_ns, now_ns);
+  std::array<rt::TraceThread, 3> threads = {thread("navigation", rt::Tier::kHard, live.hardStages()), vision,
                                             thread("recorder", rt::Tier::kBestEffort, live.recorderStages())};
   threads[0].deadline_ns = live.firstDeadlineNs();
   if (threads[0].deadline_ns != 0) threads[0].period_ns = realtime.period_ns;
@@ -144,32 +199,32 @@ std::string liveJson(const LiveSystem& live_system, double wall_s) {
   live["wall_s"] = wall_s;
   live["soft"] = live_system.config().live.realtime.soft;
   live["missing"] = live_system.arming().missingNames();
-  const rt::PeriodicLoop::Statistics& loop = live_system.hardLoop();
-  live["hard_loop"] = {{"cycles", loop.cycles},
-                       {"slipped", loop.slipped_cycles},
-                       {"wake_up_p50_us", static_cast<double>(loop.jitter_ns.percentile(50)) * 1e-3},
-                       {"wake_up_p99_9_us", static_cast<double>(loop.jitter_ns.percentile(99.9)) * 1e-3},
-                       {"wake_up_max_us", static_cast<double>(loop.jitter_ns.max()) * 1e-3},
-                       {"body_p50_us", static_cast<double>(loop.body_ns.percentile(50)) * 1e-3},
-                       {"body_max_us", static_cast<double>(loop.max_body_ns) * 1e-3}};
+  live["parts"] = partsOf(live_system.parts());
+  MapperFigures mapper;
+  (void)live_system.mapper().up().figures.read(mapper);
+  MapState map;
+  (void)live_system.mapper().up().state.read(map);
+  if (const rt::PeriodicLoop::Statistics* hard = live_system.hardLoop()) live["hard_loop"] = loopOf(*hard);
   const rt::ThreadCost cost = live_system.hardCost();
   live["hard_tier_after_arming"] = {{"heap_calls", cost.heap_calls},
                                     {"minor_faults", cost.minor_faults},
                                     {"major_faults", cost.major_faults}};
   live["stages"]["navigation"] = stagesOf(live_system.hardStages());
-  live["stages"]["vision"] = stagesOf(live_system.softStages());
+  live["stages"]["vision"] = visionStagesOf(mapper);
   live["stages"]["recorder"] = stagesOf(live_system.recorderStages());
-  const rt::OverloadRule::Statistics& overload = live_system.soft().overload().statistics();
+  const rt::OverloadRule::Statistics& overload = mapper.overload;
   live["degradation"] = {{"pairs_at_level", overload.pairs},
                          {"raised", overload.raised},
                          {"lowered", overload.lowered},
                          {"dropped", overload.dropped}};
-  live["frames_given_back_unused"] = live_system.frames().givenBackUnused();
-  live["sequence_refused"] = live_system.hard().softRefused();
-  live["clock_steps"] = live_system.clockSteps();
+  live["frames_given_back_unused"] = map.frames_given_back;
+  live["frames_not_lent"] = live_system.framesNotLent();
+  live["inputs_skipped"] = map.inputs_skipped;
+  live["mapper_starts"] = live_system.supervisor().mapperStarts();
+  live["clock_steps"] = live_system.supervisor().clockSteps();
   live["resumed"] = live_system.resumed();
   live["away_s"] = live_system.awaySeconds();
-  const CheckpointWriter::Counters saved = live_system.checkpoints().counters();
+  const CheckpointWriter::Counters& saved = mapper.checkpoints;
   live["checkpoints"] = {{"written", saved.written},
                          {"failed", saved.failed},
                          {"late", saved.late},
@@ -181,6 +236,7 @@ std::string liveJson(const LiveSystem& live_system, double wall_s) {
   if (live_system.modem() != nullptr) {
     const ModemThread::Counters& m = live_system.modem()->counters();
     live["devices"]["modem"] = {{"sent", m.sent.load()},
+                                {"of_the_vehicle_itself", m.own.load()},
                                 {"refused", m.refused.load()},
                                 {"received", m.received.load()},
                                 {"dropped", m.dropped.load()}};
@@ -188,6 +244,11 @@ std::string liveJson(const LiveSystem& live_system, double wall_s) {
   for (const ThreadFigures& thread : live_system.measured().cpu) live["cpu_s"][thread.name] = thread.cpu_s;
   live["memory"] = memoryOf(live_system.budget());
   live["memory"]["resident_at_arming_mib"] = inMib(live_system.measured().resident_at_arming);
+  live["memory"]["mapper"] = {{"planned_mib", inMib(mapper.planned)},
+                              {"resident_mib", inMib(mapper.resident)},
+                              {"resident_at_arming_mib", inMib(mapper.resident_at_arming)},
+                              {"heap_beyond_reserve_mib", inMib(mapper.heap_overflow)},
+                              {"minor_faults_after_arming", mapper.minor_faults}};
   live["memory"]["heap_in_use_of_reserve_mib"] = inMib(live_system.measured().heap_used);
   live["memory"]["heap_beyond_reserve_mib"] = inMib(live_system.measured().heap_overflow);
   for (std::size_t i = 0; i < live_system.watchdog().tiers(); ++i) {

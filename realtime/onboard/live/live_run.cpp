@@ -1,9 +1,15 @@
 #include "realtime/onboard/live/live_run.hpp"
 
+#include <signal.h>
+#include <unistd.h>
+
 #include <array>
+#include <cerrno>
 #include <cmath>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
+#include <cstring>
 #include <ctime>
 #include <stdexcept>
 
@@ -13,9 +19,12 @@
 #include "firmware_if/devices/device_address.hpp"
 #include "firmware_if/dvl/dvl_source.hpp"
 #include "firmware_if/lcm_bus/lcm_source.hpp"
+#include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/seconds.hpp"
 #include "realtime/kernel/tiers/cpu_wake_limit.hpp"
 #include "realtime/kernel/tiers/service_notify.hpp"
+#include "realtime/onboard/live/dive_lock.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 #include "realtime/onboard/live/status_publisher.hpp"
 #include "recon/geometry/atomic_file.hpp"
@@ -27,20 +36,35 @@ namespace {
 constexpr double kSupervise_s = 0.1;
 constexpr double kStatusEvery_s = 10;
 constexpr double kTimeline_s = 1, kTraceEvery_s = 10;
-constexpr std::int64_t kPublisherRest_ns = 50'000'000;
+constexpr double kLeaveWithin_s = 10;
+constexpr std::int64_t kWatchdogRest_ns = 500'000'000;
+constexpr const char* kThisProgram = "/proc/self/exe";
 
-volatile std::sig_atomic_t told_to_end = 0;
+// What a signal asks for. SIGINT and SIGUSR1 (fathom-onboard --end) are an operator's end of the dive; a
+// SIGTERM is somebody else's end of the program, as at a shutdown or a restart of the unit: the dive goes on
+// when it is started again. A second one ends at once.
+enum class Asked : std::sig_atomic_t { kNothing = 0, kLeave, kEnd };
+volatile std::sig_atomic_t asked = 0, terms = 0;
 
-void onSignal(int) {
-  told_to_end = 1;
+void onSignal(int signal) {
+  if (signal == SIGTERM) {
+    if (terms != 0) ::_exit(kExitFailedWork);
+    terms = 1;
+    if (asked == 0) asked = static_cast<std::sig_atomic_t>(Asked::kLeave);
+    return;
+  }
+  if (asked == static_cast<std::sig_atomic_t>(Asked::kEnd) && signal == SIGINT) ::_exit(kExitFailedWork);
+  asked = static_cast<std::sig_atomic_t>(Asked::kEnd);
 }
 
 // The thread's own signals, set before any thread begins so that all inherit nothing surprising.
 void listenToSignals() {
   struct sigaction action = {};
   action.sa_handler = onSignal;
-  ::sigaction(SIGTERM, &action, nullptr);
-  ::sigaction(SIGINT, &action, nullptr);
+  for (const int signal : {SIGTERM, SIGINT, SIGUSR1}) ::sigaction(signal, &action, nullptr);
+  // A dive that was started by hand outlives the connection that it was started over.
+  action.sa_handler = SIG_IGN;
+  for (const int signal : {SIGHUP, SIGPIPE}) ::sigaction(signal, &action, nullptr);
 }
 
 void pause(double seconds) {
@@ -90,17 +114,20 @@ io::VehicleReport canReport(const io::PoseReport& pose, const MapState& map) {
 std::string statusLine(LiveSystem& live, double since_s) {
   MapState map;
   NavState nav;
-  (void)live.soft().readForSupervisor(map);
+  (void)live.mapper().up().state.read(map);
   (void)live.hard().readForSupervisor(nav);
+  const PartState mapper = live.parts().read("mapper").state;
   char text[300];
-  std::snprintf(
-      text, sizeof text,
-      "%.0f s: %llu pairs mapped, %.0f m2, level %d, lag %.0f ms; altitude %s, DVL %.1f s ago; "
-      "%llu frames sent; recorded %.1f GB, %.0f GB free",
-      since_s, static_cast<unsigned long long>(map.pairs), map.mapped_area, static_cast<int>(map.level),
-      static_cast<double>(map.lag_ns) * 1e-6, nav.altitude ? "known" : "unknown", nav.health.dvl_age,
-      static_cast<unsigned long long>(map.link_frames),
-      static_cast<double>(live.recorder().counters().bytes) * 1e-9, live.recorder().diskFreeMib() / 1024);
+  std::snprintf(text, sizeof text,
+                "%.0f s: %llu pairs mapped, %.0f m2, level %d, lag %.0f ms%s; altitude %s, DVL %.1f s ago; "
+                "%llu frames sent; recorded %.1f GB, %.0f GB free",
+                since_s, static_cast<unsigned long long>(map.pairs), map.mapped_area,
+                static_cast<int>(map.level), static_cast<double>(map.lag_ns) * 1e-6,
+                mapper == PartState::kRunning ? "" : (std::string(", mapper ") + nameOf(mapper)).c_str(),
+                nav.altitude ? "known" : "unknown", nav.health.dvl_age,
+                static_cast<unsigned long long>(map.link_frames),
+                static_cast<double>(live.recorder().counters().bytes) * 1e-9,
+                live.recorder().diskFreeMib() / 1024);
   return text;
 }
 
@@ -111,7 +138,7 @@ class TraceTaker {
   TraceTaker(LiveSystem& live, const rt::VehicleClock& clock) : live_(live), clock_(clock) {}
   void look(double since_s) {
     MapState map;
-    if (!live_.soft().readForSupervisor(map) || map.pairs == pairs_) return;
+    if (!live_.mapper().up().state.read(map) || map.pairs == pairs_) return;
     pairs_ = map.pairs;
     if (since_s < next_s_) return;
     next_s_ = since_s + kTraceEvery_s;
@@ -129,45 +156,64 @@ class TraceTaker {
   std::string trace_;
 };
 
-void watchOver(LiveSystem& live, const LiveOptions& options, const rt::VehicleClock& clock,
-               TraceTaker* traces) {
+// Until it is told to end; as what.
+Asked watchOver(LiveSystem& live, const LiveOptions& options, const rt::VehicleClock& clock,
+                TraceTaker* traces) {
   const std::int64_t begin = clock.monotonicNs();
   double next_status = kStatusEvery_s;
-  while (told_to_end == 0) {
+  while (asked == 0) {
     pause(kSupervise_s);
     for (const std::string& event : live.supervise())
       std::fprintf(stderr, "fathom-onboard: %s\n", event.c_str());
-    if (live.watchdog().vitalAlive()) rt::ServiceNotify::alive();
     const double since_s = static_cast<double>(clock.monotonicNs() - begin) * 1e-9;
     if (traces != nullptr) traces->look(since_s);
-    if (options.for_s > 0 && since_s >= options.for_s) return;
+    if (options.for_s > 0 && since_s >= options.for_s) return Asked::kEnd;
     if (since_s < next_status) continue;
     next_status += kStatusEvery_s;
     const std::string line = statusLine(live, since_s);
     rt::ServiceNotify::status(line);
     std::fprintf(stderr, "%s\n", line.c_str());
   }
+  return static_cast<Asked>(asked);
 }
 
-// What a full disk cut short can be made again: the recording is apart from it.
-bool writeOutput(LiveSystem& live, const std::filesystem::path& folder) {
+void say(const std::string& line) {
+  std::fprintf(stderr, "fathom-onboard: %s\n", line.c_str());
+}
+
+// Everything about the run itself, beside what the mapper wrote; where that is missing, alone.
+void writeLiveJson(const LiveSystem& live, const std::filesystem::path& folder, double wall_s) {
   try {
-    return live.write();
-  } catch (const std::runtime_error& e) {
-    std::fprintf(stderr, "fathom-onboard: %s; make it again from the recording: fathom-onboard --replay %s\n",
-                 e.what(), folder.c_str());
-    return false;
+    const std::filesystem::path onboard = io::MissionPaths(folder).onboard();
+    std::filesystem::create_directories(onboard);
+    writeFile(onboard / "live.json", liveJson(live, wall_s));
+  } catch (const std::exception& e) {
+    say(e.what());
   }
 }
 
-}  // namespace
+// How the run ended, for the operator; the exit status.
+int conclude(LiveSystem& live, const LiveOptions& options, Asked how, double wall_s) {
+  const bool ends = how == Asked::kEnd;
+  const LiveSystem::End end = ends ? live.end(live.config().live.end_within_s) : live.leave(kLeaveWithin_s);
+  for (const std::string& line : end.left_out) say(line);
+  if (ends) writeLiveJson(live, options.folder, wall_s);
+  std::fprintf(stderr, "%s", live.budget().table(true).c_str());
+  if (!ends) {
+    say("the dive is not ended: it goes on when the program is started again on " + options.folder.string());
+    return kExitSuccess;
+  }
+  if (end.mapped) return kExitSuccess;
+  say(end.no_map ? "no stereo pair gave a map; the recording is in " + options.folder.string()
+                 : "there is no finished map; make it from the recording: fathom-onboard --replay " +
+                       options.folder.string());
+  return kExitFailedWork;
+}
 
-int runLive(const LiveOptions& options) {
-  const io::MissionConfig mission = io::readMissionConfig(options.folder);
-  const StereoRig rig = readStereoCalib(io::MissionPaths(options.folder).calib());
+OnboardConfig readConfig(const LiveOptions& options, const io::MissionConfig& mission, const StereoRig& rig) {
   OnboardConfig config = readOnboardConfig(options.config, mission);
   config.colours = readColours(io::MissionPaths(options.folder).calib());
-  if (!config.warning.empty()) std::fprintf(stderr, "fathom-onboard: warning: %s\n", config.warning.c_str());
+  if (!config.warning.empty()) say("warning: " + config.warning);
   if (options.soft) config.live.realtime.soft = true;
   if (!config.live.cameras.used())
     throw InputError(options.config ? options.config->string() : "no --config", "[cameras]",
@@ -178,19 +224,77 @@ int runLive(const LiveOptions& options) {
     config.live.cameras.side[i].width = calibrated[i]->width;
     config.live.cameras.side[i].height = calibrated[i]->height;
   }
-  if (const std::string warning = io::plannedRoomWarning(config.live.recorder, mission, rig, options.folder);
-      !warning.empty())
-    std::fprintf(stderr, "fathom-onboard: warning: %s\n", warning.c_str());
-  (void)rt::setLibraryStackBytes(config.live.realtime.library_stack_bytes);
-  listenToSignals();
+  return config;
+}
 
-  rt::VehicleClock clock(vehicleClockOffset(options.folder / "state"));
+// For --print-budget: what the program would make, made in a folder of its own, so that a dive that is under
+// way notices nothing.
+class PlanFolder {
+ public:
+  explicit PlanFolder(const std::filesystem::path& mission) {
+    std::string name = (std::filesystem::temp_directory_path() / "fathom-plan-XXXXXX").string();
+    if (::mkdtemp(name.data()) == nullptr) throw std::runtime_error("no temporary folder: " + name);
+    path_ = name;
+    const io::MissionPaths from(mission), to(path_);
+    std::filesystem::copy_file(from.root / "mission.toml", to.root / "mission.toml");
+    std::filesystem::copy_file(from.calib(), to.calib());
+    if (std::filesystem::exists(coloursBeside(from.calib())))
+      std::filesystem::copy_file(coloursBeside(from.calib()), coloursBeside(to.calib()));
+  }
+  ~PlanFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  PlanFolder(const PlanFolder&) = delete;
+  PlanFolder& operator=(const PlanFolder&) = delete;
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
+int printBudget(const LiveOptions& options, OnboardConfig config, const io::MissionConfig& mission,
+                const StereoRig& rig) {
+  const PlanFolder folder(options.folder);
+  config.live.recorder.planned_hours = 0;
+  rt::VehicleClock clock(rt::VehicleClock::systemOffsetNs());
   std::shared_ptr<io::LcmBus> bus;
   io::CanSource* can = nullptr;
   if (!config.live.lcm.url.empty()) bus = std::make_shared<io::LcmBus>(config.live.lcm.url);
-  LiveSystem live({options.folder, config, mission, rig}, openDevices(config.live, mission, bus, clock, can),
-                  clock);
+  LiveSystem live({folder.path(), config, mission, rig, kThisProgram, options.config},
+                  openDevices(config.live, mission, bus, clock, can), clock);
+  std::fprintf(stderr, "%s", live.budget().table(false).c_str());
+  return live.printMapperBudget();
+}
+
+}  // namespace
+
+int runLive(const LiveOptions& options) {
+  const io::MissionConfig mission = io::readMissionConfig(options.folder);
+  const StereoRig rig = readStereoCalib(io::MissionPaths(options.folder).calib());
+  const OnboardConfig config = readConfig(options, mission, rig);
+  (void)rt::setLibraryStackBytes(config.live.realtime.library_stack_bytes);
+  if (options.print_budget) return printBudget(options, config, mission, rig);
+  const DiveLock lock(options.folder);
+  if (const std::string warning = io::plannedRoomWarning(config.live.recorder, mission, rig, options.folder);
+      !warning.empty())
+    say("warning: " + warning);
+  listenToSignals();
+
+  std::int64_t behind_ns = 0;
+  rt::VehicleClock clock(
+      vehicleClockOffset(options.folder / "state", newestArrival(options.folder), &behind_ns));
+  if (behind_ns > 0)
+    say("the clock is " + std::to_string(rt::seconds(behind_ns)) +
+        " s behind the recording; the vehicle's time goes on from its end");
+  std::shared_ptr<io::LcmBus> bus;
+  io::CanSource* can = nullptr;
+  if (!config.live.lcm.url.empty()) bus = std::make_shared<io::LcmBus>(config.live.lcm.url);
+  // It outlives the threads of what it tells of, whatever is thrown here.
   std::unique_ptr<StatusPublisher> publisher;
+  std::uint64_t cycles_seen = 0;
+  LiveSystem live({options.folder, config, mission, rig, kThisProgram, options.config},
+                  openDevices(config.live, mission, bus, clock, can), clock);
   const std::size_t lane = live.addBestEffort(
       "publisher",
       [&publisher, &can] {
@@ -198,21 +302,25 @@ int runLive(const LiveOptions& options) {
         if (can != nullptr && publisher->pose())
           can->publish(canReport(*publisher->pose(), publisher->map()));
       },
-      kPublisherRest_ns);
+      [&publisher] { return publisher->restNs(); });
   publisher = std::make_unique<StatusPublisher>(
       live, bus, mission, options.folder, StatusPublisher::Config{config.live.lcm.publish_hz, lane}, clock);
-  for (const std::string& line : live.resumeSaid())
-    std::fprintf(stderr, "fathom-onboard: %s\n", line.c_str());
-  std::fprintf(stderr, "%s", live.budget().table(false).c_str());
-  if (options.print_budget) return kExitSuccess;
+  // From a thread of its own: whatever this one waits for, the system's watchdog judges navigation alone.
+  (void)live.addBestEffort(
+      "watchdog",
+      [&live, &cycles_seen] {
+        const std::uint64_t cycles = live.hard().cycles();
+        if (cycles != cycles_seen) rt::ServiceNotify::alive();
+        cycles_seen = cycles;
+      },
+      [] { return kWatchdogRest_ns; });
+  for (const std::string& line : live.resumeSaid()) say(line);
   const rt::ArmingResult arming = live.arm();
+  std::fprintf(stderr, "%s", live.budget().table(false).c_str());
   if (!arming.complete()) std::fprintf(stderr, "%s", arming.message().c_str());
   if (!arming.armed()) return kExitFailedWork;
   if (live.resumed())
-    std::fprintf(stderr, "fathom-onboard: goes on with this dive after %.2f s away, from %s\n",
-                 live.awaySeconds(),
-                 live.resumedFrom() == 0 ? "its log alone"
-                                         : ("checkpoint " + std::to_string(live.resumedFrom())).c_str());
+    std::fprintf(stderr, "fathom-onboard: goes on with this dive after %.2f s away\n", live.awaySeconds());
   if (arming.complete())
     std::fprintf(stderr, "armed with SCHED_FIFO and locked memory\n");
   else
@@ -222,27 +330,30 @@ int runLive(const LiveOptions& options) {
   rt::ServiceNotify::ready(arming.complete() ? "armed" : "armed in soft mode");
 
   const rt::CpuWakeLimit wake(config.live.realtime.cpu_wake_us);
+  const std::int64_t armed_ns = clock.monotonicNs();
   TraceTaker traces(live, clock);
-  watchOver(live, options, clock, options.timeline ? &traces : nullptr);
+  const Asked how = watchOver(live, options, clock, options.timeline ? &traces : nullptr);
   rt::ServiceNotify::stopping();
   const std::string trace = options.timeline ? traces.take() : "";
-  live.stop();
-  const bool mapped = writeOutput(live, options.folder);
-  if (options.timeline) {
-    writeFile(*options.timeline, trace);
-  }
-  std::fprintf(stderr, "%s", live.budget().table(true).c_str());
-  const RunSummary s = live.run().summary();
-  if (!s.warning.empty()) std::fprintf(stderr, "warning: %s\n", s.warning.c_str());
-  std::printf(
-      "%.0f s live: %llu of %llu pairs mapped, %.0f m2; %llu frames, %llu bytes sent, %llu received\n",
-      s.mission_s, static_cast<unsigned long long>(s.pairs_used), static_cast<unsigned long long>(s.pairs),
-      s.mapped_area, static_cast<unsigned long long>(s.frames),
-      static_cast<unsigned long long>(s.frame_bytes), static_cast<unsigned long long>(s.frames_received));
-  if (mapped) return kExitSuccess;
-  std::fprintf(stderr, "fathom-onboard: no stereo pair gave a map; the recording in %s is whole\n",
-               options.folder.c_str());
-  return kExitFailedWork;
+  const int status = conclude(live, options, how, rt::seconds(clock.monotonicNs() - armed_ns));
+  if (options.timeline) writeFile(*options.timeline, trace);
+  if (!live.hangs()) return status;
+  std::fflush(nullptr);
+  std::_Exit(status);
+}
+
+int endDive(const std::filesystem::path& folder) {
+  const auto holder = DiveLock::holder(folder);
+  if (!holder) throw InputError(folder, "", "no program dives in this folder");
+  if (::kill(*holder, SIGUSR1) != 0)
+    throw InputError(folder, "",
+                     "the program (process " + std::to_string(*holder) + ") cannot be told (" +
+                         std::strerror(errno) + "); be its user, or root");
+  std::printf("process %d ends its dive\n", static_cast<int>(*holder));
+  while (DiveLock::holder(folder) == holder) pause(kSupervise_s);
+  const bool whole = std::filesystem::exists(io::MissionPaths(folder).onboard() / "report.json");
+  std::printf("ended; %s\n", whole ? "onboard/ is whole" : "there is no finished map: --replay makes it");
+  return whole ? kExitSuccess : kExitFailedWork;
 }
 
 }  // namespace fathom::onboard

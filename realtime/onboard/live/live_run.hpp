@@ -11,11 +11,16 @@ struct LiveOptions {
   std::optional<std::filesystem::path> timeline;  // trace of one second of all tiers, near the end
   bool soft = false;                              // without the privileges of real time, whatever is missing
   bool print_budget = false;                      // show the memory plan and end
-  double for_s = 0;                               // end by itself after so long; 0: at SIGTERM or SIGINT
+  double for_s = 0;                               // end the dive after so long; 0: when told to
 };
 
-// The vehicle's program: opens the devices, arms, maps until it is told to end, and writes onboard/. Prints
-// "armed" on a line of its own when the hard tier runs. Returns the exit code; throws InputError.
+// The vehicle's program: opens the devices, arms, and goes on until it is told to end. SIGINT or SIGUSR1: the
+// dive ends, onboard/ is written. SIGTERM: the program ends, the dive goes on when it is started again; a
+// second one ends at once. Prints "armed" on a line of its own when the hard tier runs. Returns the exit
+// code; throws InputError.
 int runLive(const LiveOptions& options);
+// Has the program that dives in the folder end its dive, and waits for it. Throws InputError where there is
+// none.
+int endDive(const std::filesystem::path& folder);
 
 }  // namespace fathom::onboard

@@ -1,25 +1,26 @@
 #include "realtime/onboard/live/live_system.hpp"
 
+#include <sys/wait.h>
+
 #include <algorithm>
+#include <cstdlib>
 #include <ctime>
 #include <functional>
 
 #include "realtime/kernel/memory/process_memory.hpp"
 #include "realtime/kernel/seconds.hpp"
-#include "realtime/kernel/state_archive.hpp"
-#include "realtime/onboard/map/mesh_slot.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-constexpr std::int64_t kRestNs = 2'000'000;  // of a tier that found nothing to do
+constexpr std::int64_t kRestNs = 2'000'000;  // of whoever waits for another part
 constexpr std::int64_t kRecorderRestNs = 10'000'000;
-constexpr std::int64_t kCheckpointRestNs = 100'000'000;
 constexpr std::int64_t kCameraSearchNs =
     10'000'000'000;  // that a camera's thread may be away for, looking for it
 constexpr int kRecorderBudgetMs = 50;
-constexpr double kMostCloseS = 60;         // the recorder at the end of the survey
-constexpr std::size_t kInputsAtOnce = 64;  // of the soft tier, between two heartbeats
+constexpr std::int64_t kDevicesEndNs = 150'000'000;      // devices' threads leave within this
+constexpr std::int64_t kLongestJoinNs = 10'000'000'000;  // of a program that is given up
+constexpr std::int64_t kMapperPlanNs = 20'000'000'000;  // that a dive that begins waits for the mapper's plan
 constexpr std::array<rt::StageSpec, 1> kRecorderStages = {{{"write", 0}}};
 
 void restFor(std::int64_t ns) {
@@ -27,40 +28,26 @@ void restFor(std::int64_t ns) {
   ::clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, nullptr);
 }
 
-// Frames of a camera that the soft tier may hold: what the pool has beyond the recorder's share.
-std::size_t heldFrames(io::CameraSource& camera, const io::RecorderConfig& recorder) {
+// Frames of a camera that may be lent to the mapper: what the pool has beyond the recorder's share.
+std::size_t lentFrames(io::CameraSource& camera, const io::RecorderConfig& recorder) {
   const std::size_t blocks = camera.pool().blocks();
   return blocks > recorder.image_queue + 2 ? blocks - recorder.image_queue - 1 : 2;
 }
 
-std::filesystem::path stateFolder(const std::filesystem::path& mission) {
-  return mission / "state";
+MapperKeeper::Config keeperConfig(const rt::RealtimeConfig& realtime) {
+  MapperKeeper::Config config;
+  config.stuck_after_ns = realtime.stuck_after_ns;
+  config.start_within_ns = std::max(config.start_within_ns, realtime.stuck_after_ns);
+  return config;
 }
 
-std::int64_t pairPeriod(const io::MissionConfig& mission) {
-  return static_cast<std::int64_t>(1e9 / mission.cameras.rate_hz);
+OwnStatus::Config ownStatusConfig(const io::MissionConfig& mission) {
+  OwnStatus::Config config;
+  config.identity = {mission.vehicle_id, mission.dive_id};
+  return config;
 }
 
 }  // namespace
-
-LiveSystem::Slots LiveSystem::makeSlots(const LiveSetup& setup, bool reopen) {
-  const OnboardConfig& c = setup.config;
-  if (!c.localisation.enabled) return {};
-  const std::filesystem::path folder = c.slot_folder.empty() ? stateFolder(setup.folder) : c.slot_folder;
-  const auto feature_bytes = closure::slotBytes(closure::DescriptorKind::kRootSift,
-                                                static_cast<std::size_t>(c.localisation.features));
-  return {std::make_unique<SlotFile>(SlotFile::Named{folder / "features.slots", reopen},
-                                     static_cast<std::size_t>(c.localisation.max_keyframes), feature_bytes),
-          std::make_unique<SlotFile>(SlotFile::Named{folder / "meshes.slots", reopen},
-                                     static_cast<std::size_t>(c.max_pairs),
-                                     meshSlotBytes(static_cast<std::size_t>(c.stereo.max_features)))};
-}
-
-std::unique_ptr<OnboardOutput> LiveSystem::makeOutput(const LiveSetup& setup, bool reopen) {
-  return std::make_unique<OnboardOutput>(io::MissionPaths(setup.folder).onboard(), setup.mission.origin,
-                                         OutputFolder::Life{true, reopen},
-                                         setup.config.live.recorder.planned_hours);
-}
 
 LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, rt::VehicleClock& clock)
     : setup_(std::move(setup)),
@@ -68,8 +55,8 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, rt::VehicleClock& c
       clock_(clock),
       budget_(setup_.config.live.memory.budget_bytes),
       hard_stages_(HardTier::kStageSpecs, &hard_track_),
-      soft_stages_(SoftTier::stageSpecs(), &soft_track_),
       recorder_stages_(kRecorderStages, &recorder_track_),
+      names_(checkpointNames(setup_.folder, setup_.config, setup_.mission)),
       recorder_(
           setup_.folder, setup_.mission, setup_.rig, setup_.config.live.recorder,
           [this](const io::CameraFrame& f) {
@@ -78,41 +65,63 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, rt::VehicleClock& c
           [this](const io::CameraFrame& f) {
             (f.side == CameraSide::kLeft ? devices_.left : devices_.right)->pool().release(f.block);
           }),
-      modem_port_(modem_ring_),
-      checkpoint_files_(stateFolder(setup_.folder)),
-      names_(checkpointNames(setup_.folder, setup_.config, setup_.mission)),
-      resume_(readResume(setup_.folder, checkpoint_files_, names_)),
-      output_(makeOutput(setup_, resume_.checkpoint.has_value())),
-      slots_(makeSlots(setup_, resume_.checkpoint.has_value())),
-      recorded_(io::MissionPaths(setup_.folder), setup_.mission, setup_.rig),
-      recorded_source_(recorded_.source()),
-      frames_(frame_rings_[0], *devices_.left, frame_rings_[1], *devices_.right,
-              std::min(heldFrames(*devices_.left, setup_.config.live.recorder),
-                       heldFrames(*devices_.right, setup_.config.live.recorder))),
-      run_(makeRun()),
-      hard_(navCoreConfig(setup_.config, setup_.mission), {&recorder_, &sequence_}, clock_, hard_stages_),
+      own_status_(ownStatusConfig(setup_.mission)),
+      hard_(navCoreConfig(setup_.config, setup_.mission), {&recorder_, &channel_.down().inputs}, clock_,
+            hard_stages_),
+      resume_(resumeNavigation(setup_.folder, names_, hard_)),
       threads_(setup_.config.live.realtime) {
-  resume();
-  checkpoints_ = std::make_unique<CheckpointWriter>(checkpoint_files_, setup_.config.live.checkpoint_bytes,
-                                                    checkpointNeeds());
-  soft_ = std::make_unique<SoftTier>(
-      *run_,
-      SoftTier::Links{&sequence_, &frames_, &recorder_, &modem_port_, checkpoints_.get(), names_,
-                      [this](const std::string& name, CameraSide side) { return hasPixels(name, side); }},
-      setup_.config.live.overload, pairPeriod(setup_.mission), clock_, soft_stages_);
-  if (resumed_) soft_->catchUpWith(std::move(resume_));
-  supervisor_.emplace(Supervisor::Links{&threads_, &hard_, soft_.get(), &recorder_, &clock_},
-                      setup_.config.live.checkpoint_s, next_checkpoint_);
+  hard_.sequencer().startAfter(resume_.last_ns);
+  recorder_.setFirstPosition(resume_.position);
+  shareWithMapper();
+  child_ = std::make_unique<MapperChild>(childStart(false));
+  supervisor_.emplace(Supervisor::Links{&threads_, &hard_, &recorder_, &clock_, &channel_, child_.get(),
+                                        &own_status_, &parts_, [this] { return deviceHealth(); }},
+                      keeperConfig(setup_.config.live.realtime), setup_.config.live.checkpoint_s,
+                      resume_.newest_checkpoint + 1);
   for (InputRing& ring : own_rings_) hard_.sequencer().add(ring);
   planThreads();
   planMemory();
 }
 
+void LiveSystem::shareWithMapper() {
+  MapperDown& down = channel_.down();
+  down.clock = clock_.setting();
+  down.configuration = names_.configuration;
+  down.mission = names_.mission;
+  down.inputs.start(resume_.position);
+  down.safe_position.store(resume_.position);
+  down.fresh.store(!resume_.any());
+  const std::size_t most = std::min(lentFrames(*devices_.left, setup_.config.live.recorder),
+                                    lentFrames(*devices_.right, setup_.config.live.recorder));
+  down.most_held = most > 4 ? most - 2 : 2;
+  const std::array<io::CameraSource*, 2> cameras = {devices_.left.get(), devices_.right.get()};
+  for (std::size_t i = 0; i < cameras.size(); ++i) {
+    const rt::SharedBlocks& pool = cameras[i]->pool();
+    down.pools[i] = {pool.memory().bytes(), pool.stride(), pool.blocks()};
+  }
+  left_frames_.emplace(*devices_.left, down.frames[0], channel_.up().frame_floor[0], most);
+  right_frames_.emplace(*devices_.right, down.frames[1], channel_.up().frame_floor[1], most);
+}
+
+MapperChild::Start LiveSystem::childStart(bool plan) const {
+  MapperChild::Start start;
+  start.program = setup_.mapper_program;
+  start.arguments = {"--mapper", std::filesystem::absolute(setup_.folder).string()};
+  if (setup_.config_file) {
+    start.arguments.emplace_back("--config");
+    start.arguments.push_back(std::filesystem::absolute(*setup_.config_file).string());
+  }
+  if (setup_.config.live.realtime.soft) start.arguments.emplace_back("--soft");
+  if (plan) start.arguments.emplace_back("--print-budget");
+  start.files = {channel_.downFile(), channel_.upFile(), devices_.left->pool().memory().file(),
+                 devices_.right->pool().memory().file()};
+  return start;
+}
+
 void LiveSystem::planThreads() {
   using Watch = WatchedThreads::Watch;
-  threads_.add(rt::Tier::kBestEffort, "recorder", Watch{true, true},
-               [this](auto& heart) { runRecorder(heart); });
-  threads_.add(rt::Tier::kSoft, "vision", Watch{false, false}, [this](auto& heart) { runSoft(heart); });
+  // Recording is worth much; navigation more: a disk that stalls must not end it.
+  threads_.add(rt::Tier::kBestEffort, "recorder", Watch{}, [this](auto& heart) { runRecorder(heart); });
   for (const auto& source : devices_.samples) {
     Sample& sample = samples_.emplace_back();
     hard_.sequencer().add(sample.ring);
@@ -121,24 +130,23 @@ void LiveSystem::planThreads() {
     sample.thread = std::make_unique<SampleThread>(
         *source, SampleThread::Links{&sample.ring, &recorder_, lanes_++, &heart}, clock_);
   }
-  const auto camera = [&](std::size_t i, const char* name, io::CameraSource& source,
+  const auto camera = [&](std::size_t i, const char* name, io::CameraSource& source, FrameLender& frames,
                           std::unique_ptr<CameraThread>& to) {
     rt::Heartbeat& heart = threads_.add(rt::Tier::kCamera, name, Watch{true, false, kCameraSearchNs},
                                         [this, &to](auto&) { to->run(stop_devices_); });
     to = std::make_unique<CameraThread>(
-        source, CameraThread::Links{&own_rings_[i], &frame_rings_[i], &recorder_, &heart}, clock_);
+        source, CameraThread::Links{&own_rings_[i], &frames, &recorder_, &heart}, clock_);
   };
-  camera(0, "left camera", *devices_.left, left_);
-  camera(1, "right camera", *devices_.right, right_);
+  camera(0, "left camera", *devices_.left, *left_frames_, left_);
+  camera(1, "right camera", *devices_.right, *right_frames_, right_);
   if (devices_.modem) {
     rt::Heartbeat& heart =
         threads_.add(rt::Tier::kBestEffort, "modem", Watch{}, [this](auto&) { modem_->run(stop_modem_); });
     modem_ = std::make_unique<ModemThread>(
-        *devices_.modem, ModemThread::Links{&modem_ring_, &own_rings_[2], &recorder_, lanes_++, &heart},
+        *devices_.modem,
+        ModemThread::Links{&channel_.up().modem, &own_status_, &own_rings_[2], &recorder_, lanes_++, &heart},
         clock_);
   }
-  addBestEffort(
-      "checkpoints", [this] { writeCheckpoint(); }, kCheckpointRestNs);
   threads_.add(rt::Tier::kHard, "navigation", Watch{false, true}, [this](auto& heart) { runHard(heart); });
 }
 
@@ -152,52 +160,61 @@ void LiveSystem::planMemory() {
   };
   camera("left camera's frames", *devices_.left);
   camera("right camera's frames", *devices_.right);
-  const MapCore& map = run_->system().map();
-  budget_.addFixed("map: quadtree and meshes' poses", map.movingMap().memoryBytes());
-  if (const LocalisationCore* localisation = map.localisation()) {
-    budget_.addFixed("pose graph", localisation->graph().memoryBytes());
-    budget_.addFixed("keyframes and closures",
-                     localisation->memoryBytes() - localisation->graph().memoryBytes());
-  }
-  budget_.addFixed("link", run_->system().link().memoryBytes());
-  budget_.add("sequence of inputs", sizeof(sequence_), [this] {
-    constexpr std::size_t kEach = sizeof(io::OnboardInput);
-    return rt::PoolUse{sequence_.used() * kEach, sequence_.highWater() * kEach, sequence_.refused()};
-  });
-  budget_.addFixed("rings of devices", sizeof(own_rings_) + sizeof(frame_rings_) + sizeof(modem_ring_) +
-                                           samples_.size() * sizeof(InputRing));
+  budget_.addFixed("shared with the mapper", channel_.bytes());
+  budget_.addFixed("rings of devices", sizeof(own_rings_) + samples_.size() * sizeof(InputRing));
   budget_.addFixed("recorder",
                    setup_.config.live.recorder.raw_lanes * setup_.config.live.recorder.raw_queue_kib * 1024);
-  budget_.add("saved state", checkpoints_->capacity(), [this] {
-    const CheckpointWriter::Counters c = checkpoints_->counters();
-    return rt::PoolUse{static_cast<std::size_t>(c.bytes), static_cast<std::size_t>(c.bytes), c.too_large};
-  });
   budget_.addFixed("stacks", threads_.stackBytes());
-  budget_.addFixed("heap of libraries and reports", setup_.config.live.memory.heap_bytes);
-  // What is not above and lives as long as the program: images under way in stereo, lighting and features,
-  // rows. Memory that is free again is part of the heap's reserve.
+  budget_.addFixed("heap of devices and reports", setup_.config.live.vehicle_heap_bytes);
+  // What is not above and lives as long as the program. Memory that is free again is part of the heap's
+  // reserve; what is shared is in the lines above.
+  const std::size_t shared =
+      channel_.bytes() + devices_.left->pool().memory().bytes() + devices_.right->pool().memory().bytes();
   const std::size_t heap_free = rt::HeapReserve::heapBytes() - rt::HeapReserve::usedBytes();
-  const std::size_t planned = budget_.plannedBytes() - setup_.config.live.memory.heap_bytes + heap_free;
+  const std::size_t planned =
+      budget_.plannedBytes() - shared - setup_.config.live.vehicle_heap_bytes + heap_free;
   const std::size_t mapped = rt::mappedPrivateBytes();
-  if (mapped > planned) budget_.addFixed("images under way", mapped - planned);
-  // Locked memory makes all of it resident.
+  if (mapped > planned) budget_.addFixed("devices' own", mapped - planned);
+  // Locked memory makes all of it resident; the mapper has the same pages.
   budget_.addFixed("program and libraries", rt::mappedFileBytes());
 }
 
-std::size_t LiveSystem::addBestEffort(const char* name, std::function<void()> step, std::int64_t rest_ns) {
+void LiveSystem::addMapperToBudget() {
+  const std::int64_t until = clock_.monotonicNs() + kMapperPlanNs;
+  MapperFigures figures;
+  const auto planned = [&] { return channel_.up().figures.read(figures) && figures.planned > 0; };
+  // One that cannot even begin is not waited for: it is tried again while the vehicle navigates.
+  constexpr std::uint64_t kTries = 3;
+  const auto known = [&] {
+    supervisor_->stepMapper(early_events_);
+    return planned() || supervisor_->mapperStarts() > kTries;
+  };
+  (void)waitFor(known, until);
+  budget_.add("mapper process", planned() ? figures.planned : 0, [this] {
+    MapperFigures now;
+    (void)channel_.up().figures.read(now);
+    return rt::PoolUse{now.resident, now.resident, 0};
+  });
+}
+
+std::size_t LiveSystem::addBestEffort(const char* name, std::function<void()> step,
+                                      std::function<std::int64_t()> rest_ns) {
   threads_.add(rt::Tier::kBestEffort, name, {},
-               [this, step = std::move(step), rest_ns](rt::Heartbeat& heart) {
+               [this, step = std::move(step), rest = std::move(rest_ns)](rt::Heartbeat& heart) {
                  while (!stop_devices_.load(std::memory_order_acquire)) {
                    step();
                    heart.beat(clock_.monotonicNs());
-                   restFor(rest_ns);
+                   restFor(rest());
                  }
                });
   return lanes_++;
 }
 
 void LiveSystem::runHard(rt::Heartbeat& heart) {
-  while (!go_.load(std::memory_order_acquire)) restFor(kRestNs);
+  while (!go_.load(std::memory_order_acquire)) {
+    if (stop_hard_.load(std::memory_order_acquire)) return;
+    restFor(kRestNs);
+  }
   loop_.emplace(clock_, setup_.config.live.realtime.period_ns);
   first_deadline_ns_.store(loop_->nextDeadlineNs(), std::memory_order_relaxed);
   // The first cycles touch what was never touched before.
@@ -220,21 +237,21 @@ void LiveSystem::runHard(rt::Heartbeat& heart) {
   });
 }
 
-void LiveSystem::runSoft(rt::Heartbeat& heart) {
-  while (!stop_soft_.load(std::memory_order_acquire)) {
-    const std::size_t done = soft_->work(kInputsAtOnce);
-    heart.beat(clock_.monotonicNs());
-    if (soft_->ended()) break;
-    if (done == 0) restFor(kRestNs);
-  }
-  if (soft_->ended()) run_->finish(0);
-  soft_done_.store(true, std::memory_order_release);
+// What a mapper decided goes to the log, and what the disk holds of the log to the mapper. On the recorder's
+// thread: a disk that stalls it holds up nothing that this is for.
+void LiveSystem::takeFromMapper() {
+  MadeDecision made;
+  while (channel_.up().decisions.pop(made)) (void)recorder_.offerDecision({made.utc_ns, made.decision});
+  const io::Recorder::Counters c = recorder_.counters();
+  channel_.down().safe_position.store(c.safe_position, std::memory_order_relaxed);
+  channel_.down().decisions_safe.store(c.decisions_safe, std::memory_order_relaxed);
 }
 
 void LiveSystem::runRecorder(rt::Heartbeat& heart) {
   while (!stop_recorder_.load(std::memory_order_acquire)) {
     const std::int64_t begin = clock_.monotonicNs();
     const std::uint64_t bytes = recorder_.counters().bytes;
+    takeFromMapper();
     const bool more = recorder_.work(kRecorderBudgetMs);
     if (recorder_.counters().bytes != bytes) recorder_stages_.add(0, begin, clock_.monotonicNs());
     recorder_stages_.publish();
@@ -244,48 +261,118 @@ void LiveSystem::runRecorder(rt::Heartbeat& heart) {
 }
 
 rt::ArmingResult LiveSystem::arm() {
-  (void)threads_.start();
-  arming_ = rt::arm(setup_.config.live.realtime, budget_, heap_, setup_.config.live.memory.heap_bytes);
+  supervisor_->stepMapper(early_events_);
+  for (const std::string& name : threads_.start()) parts_.set(name, PartState::kFailed, "no thread");
+  if (!resumed()) addMapperToBudget();
+  arming_ = rt::arm(setup_.config.live.realtime, budget_, heap_, setup_.config.live.vehicle_heap_bytes);
   if (!arming_.armed()) return arming_;
   complete_.store(arming_.complete(), std::memory_order_relaxed);
   measured_.resident_at_arming = rt::exactResidentBytes();
   begun_mono_ns_ = clock_.monotonicNs();
-  if (resumed_) away_ns_ = std::max<std::int64_t>(0, clock_.utcNs() - away_since_ns_);
+  if (resumed()) away_ns_ = std::max<std::int64_t>(0, clock_.utcNs() - resume_.last_ns);
   supervisor_->begin(complete());
   go_.store(true, std::memory_order_release);
   return arming_;
 }
 
-std::vector<std::string> LiveSystem::supervise() {
-  return supervisor_->step(hard_slipped_.load(std::memory_order_relaxed));
+int LiveSystem::printMapperBudget() {
+  MapperChild plan(childStart(true));
+  if (!plan.start().empty()) return -1;
+  int status = 0;
+  return ::waitpid(plan.pid(), &status, 0) > 0 && WIFEXITED(status) ? WEXITSTATUS(status) : -1;
 }
 
-void LiveSystem::stop() {
-  if (stopped_) return;
-  measured_.cpu = cpuTimes();
-  if (go_.load(std::memory_order_relaxed)) {
-    measured_.heap_used = heap_.usedOfReserve();
-    measured_.heap_overflow = heap_.overflowBytes();
+std::vector<std::string> LiveSystem::supervise() {
+  std::vector<std::string> events = supervisor_->step(hard_slipped_.load(std::memory_order_relaxed));
+  events.insert(events.begin(), early_events_.begin(), early_events_.end());
+  early_events_.clear();
+  return events;
+}
+
+bool LiveSystem::waitFor(const std::function<bool()>& done, std::int64_t until_ns) {
+  while (!done()) {
+    if (clock_.monotonicNs() >= until_ns) return false;
+    restFor(kRestNs);
   }
+  return true;
+}
+
+void LiveSystem::finishThreads(End& end, std::int64_t until_ns, bool dive_ends) {
+  stop_hard_ = stop_modem_ = stop_recorder_ = true;
+  const std::vector<std::string> still = threads_.join([&] { return clock_.monotonicNs() < until_ns; });
+  for (const std::string& name : still) end.left_out.push_back(name + " hangs and is left behind");
+  hangs_ = !still.empty();
+  stopped_ = true;
+  // One that hangs in the middle of it has the recorder.
+  if (std::find(still.begin(), still.end(), "recorder") != still.end()) {
+    end.left_out.emplace_back("the recording is not closed");
+    return;
+  }
+  takeFromMapper();
+  const io::Recorder::CloseResult closed = recorder_.close(rt::seconds(until_ns - clock_.monotonicNs()));
+  if (!closed.text.empty() && (dive_ends || !closed.log_whole)) end.left_out.push_back(closed.text);
+}
+
+LiveSystem::End LiveSystem::end(double most_s) {
+  End end;
+  if (stopped_) return end;
+  // The last part of the time is for what follows a map that does not come.
+  constexpr double kForTheRest = 0.9;
+  const std::int64_t begin = clock_.monotonicNs();
+  const std::int64_t until = begin + rt::nanoseconds(most_s),
+                     map_until = begin + rt::nanoseconds(most_s * kForTheRest);
+  measured_.cpu = cpuTimes();
+  measured_.heap_used = heap_.usedOfReserve();
+  measured_.heap_overflow = heap_.overflowBytes();
   threads_.unwatch();
   stop_devices_ = true;
-  threads_.joinAllBut({"recorder", "vision", "modem", "navigation"});
-  while (!hard_.mark({io::Mark::Kind::kEnd, 0})) restFor(kRestNs);
-  while (!hard_.ended()) restFor(kRestNs);
-  stop_hard_ = true;
-  while (!soft_done_.load(std::memory_order_acquire)) restFor(kRestNs);
-  stop_soft_ = stop_modem_ = stop_recorder_ = true;
-  threads_.joinAllBut({});
-  (void)recorder_.close(kMostCloseS);
-  stopped_ = true;
+  // What the devices gave so far comes before the end.
+  restFor(kDevicesEndNs);
+  const bool marked = waitFor(
+                          [&] {
+                            return hard_.mark({io::Mark::Kind::kEnd, 0});
+                          },
+                          map_until) &&
+                      waitFor([&] { return hard_.ended(); }, map_until);
+  if (!marked) end.left_out.emplace_back("navigation hangs: the log has no end");
+  std::vector<std::string> events;
+  const auto mapped = [&] {
+    supervisor_->stepMapper(events);
+    return supervisor_->mapperDone();
+  };
+  if (!waitFor(mapped, map_until)) {
+    end.left_out.emplace_back("the map was not finished in time; make it from the recording");
+    child_->kill();
+  }
+  for (const std::string& event : events) end.left_out.push_back(event);
+  end.mapped = supervisor_->phase() == MapperPhase::kEnded;
+  end.no_map = supervisor_->phase() == MapperPhase::kNoMap;
+  finishThreads(end, until, true);
+  return end;
 }
 
-bool LiveSystem::write() {
-  const double wall_s = rt::seconds(clock_.monotonicNs() - begun_mono_ns_);
-  if (!run_->write(0, wall_s)) return false;
-  output_->writeText("live.json", liveJson(*this, wall_s));
-  output_->commit();
-  return true;
+LiveSystem::End LiveSystem::leave(double most_s) {
+  End end;
+  if (stopped_) return end;
+  const std::int64_t until = clock_.monotonicNs() + rt::nanoseconds(most_s);
+  measured_.cpu = cpuTimes();
+  threads_.unwatch();
+  supervisor_->letMapperBe();
+  // So that the next start has little to catch up with; if it comes to nothing, there is an older one.
+  constexpr double kForTheState = 0.3;
+  MapperFigures before, now;
+  (void)channel_.up().figures.read(before);
+  supervisor_->askForCheckpoint();
+  (void)supervisor_->step(hard_slipped_.load(std::memory_order_relaxed));
+  const auto saved = [&] {
+    return !child_->running() ||
+           (channel_.up().figures.read(now) && now.checkpoints.written > before.checkpoints.written);
+  };
+  (void)waitFor(saved, clock_.monotonicNs() + rt::nanoseconds(most_s * kForTheState));
+  child_->kill();
+  stop_devices_ = true;
+  finishThreads(end, until, false);
+  return end;
 }
 
 rt::ThreadCost LiveSystem::hardCost() const {
@@ -299,7 +386,22 @@ std::vector<io::DeviceHealth> LiveSystem::deviceHealth() const {
   for (const Sample& sample : samples_) all.push_back(sample.thread->health());
   all.push_back(left_->health());
   all.push_back(right_->health());
+  if (modem_) all.push_back(modem_->health());
   return all;
+}
+
+std::uint64_t LiveSystem::framesNotLent() const {
+  return left_frames_->refused() + right_frames_->refused();
+}
+
+LiveSystem::~LiveSystem() {
+  if (stopped_) return;
+  stop_devices_ = stop_hard_ = stop_modem_ = stop_recorder_ = true;
+  go_ = true;
+  const std::int64_t until = clock_.monotonicNs() + kLongestJoinNs;
+  if (threads_.join([&] { return clock_.monotonicNs() < until; }).empty()) return;
+  // What hangs would be waited for for ever, and what it uses is about to go.
+  std::_Exit(EXIT_FAILURE);
 }
 
 }  // namespace fathom::onboard

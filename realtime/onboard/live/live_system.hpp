@@ -19,16 +19,14 @@
 #include "realtime/kernel/tiers/arming.hpp"
 #include "realtime/kernel/tiers/realtime_config.hpp"
 #include "realtime/kernel/vehicle_clock.hpp"
-#include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
-#include "realtime/onboard/live/device_threads.hpp"
+#include "realtime/onboard/live/devices/device_threads.hpp"
 #include "realtime/onboard/live/hard_tier.hpp"
 #include "realtime/onboard/live/live_report.hpp"
+#include "realtime/onboard/live/part_states.hpp"
 #include "realtime/onboard/live/resume.hpp"
-#include "realtime/onboard/live/soft_tier.hpp"
 #include "realtime/onboard/live/supervisor.hpp"
 #include "realtime/onboard/live/watched_threads.hpp"
-#include "realtime/onboard/recorded_pairs.hpp"
-#include "realtime/onboard/slots/slot_file.hpp"
+#include "realtime/onboard/mapper/mapper_child.hpp"
 
 namespace fathom::onboard {
 
@@ -44,11 +42,14 @@ struct LiveSetup {
   OnboardConfig config;
   io::MissionConfig mission;
   StereoRig rig;
+  // What the mapper process is: this program, with the configuration that `config` was read from.
+  std::filesystem::path mapper_program = "/proc/self/exe";
+  std::optional<std::filesystem::path> config_file;
 };
 
-// The tiers wired together: devices, hard tier, soft tier, recorder, modem, each on its thread, from the
-// pools to the end of the survey. What it does to a mission is in the sequence of inputs alone; this class
-// only moves it. Supervisor looks after it, live_report tells of it.
+// The vehicle process: devices, hard tier, recorder, modem, each on its thread, and the mapper process that
+// is started, watched and started again. What it does to a mission is in the sequence of inputs alone; this
+// class only moves it. Supervisor looks after it, live_report tells of it.
 class LiveSystem {
  public:
   // Everything that lives as long as the program is made here. Throws InputError, std::system_error.
@@ -58,18 +59,31 @@ class LiveSystem {
   LiveSystem& operator=(const LiveSystem&) = delete;
 
   [[nodiscard]] const rt::MemoryBudget& budget() const { return budget_; }
-  // Starts every thread, locks memory, and lets the hard tier go if that was granted, or soft mode overrides.
+  // Starts the mapper and every thread, locks memory, and lets the hard tier go if that was granted, or soft
+  // mode overrides. A dive that begins waits here for what the mapper plans to take, so that the budget is
+  // looked at as a whole; one that goes on does not.
   [[nodiscard]] rt::ArmingResult arm();
   [[nodiscard]] const rt::HeapReserve& heap() const { return heap_; }
+  // What --print-budget shows of the mapper: it prints its pools and ends. Its exit status.
+  [[nodiscard]] int printMapperBudget();
 
   // Some times a second; a line for each thing that happened.
   [[nodiscard]] std::vector<std::string> supervise();
 
-  // The survey ends: devices stop, what waits is worked off, poses and map become final.
-  void stop();
-  // onboard/ of the mission folder, with live.json. After stop().
-  // False when no pair gave a map: then there is no onboard/.
-  [[nodiscard]] bool write();
+  // How a run ended, for the operator.
+  struct End {
+    bool mapped = false;                // onboard/ is whole
+    bool no_map = false;                // the mapper ended, but no pair gave a map
+    std::vector<std::string> left_out;  // what could not be done in time, or at all
+  };
+  // The survey ends: devices stop, what waits is worked off, poses and map become final. Within `most_s`
+  // whatever hangs; what is not done by then is left out and said.
+  [[nodiscard]] End end(double most_s);
+  // The program ends, the dive does not: it goes on when the program is started again.
+  [[nodiscard]] End leave(double most_s);
+  // After either: threads that could not be brought to end are still there; the process must end without
+  // waiting for them (std::_Exit).
+  [[nodiscard]] bool hangs() const { return hangs_; }
 
   // What was measured when it was armed, and when the survey ended.
   struct Measured {
@@ -77,8 +91,10 @@ class LiveSystem {
     std::vector<ThreadFigures> cpu;
   };
   [[nodiscard]] const Measured& measured() const { return measured_; }
-  // After stop().
-  [[nodiscard]] const rt::PeriodicLoop::Statistics& hardLoop() const { return loop_->statistics(); }
+  // After end() or leave(); null when it was never let go.
+  [[nodiscard]] const rt::PeriodicLoop::Statistics* hardLoop() const {
+    return loop_ ? &loop_->statistics() : nullptr;
+  }
   // Of the hard tier since it was armed.
   [[nodiscard]] rt::ThreadCost hardCost() const;
   [[nodiscard]] std::vector<io::DeviceHealth> deviceHealth() const;
@@ -86,22 +102,23 @@ class LiveSystem {
   [[nodiscard]] const io::Recorder& recorder() const { return recorder_; }
   [[nodiscard]] HardTier& hard() { return hard_; }
   [[nodiscard]] const HardTier& hard() const { return hard_; }
-  [[nodiscard]] SoftTier& soft() { return *soft_; }
-  [[nodiscard]] const SoftTier& soft() const { return *soft_; }
-  [[nodiscard]] const HeldFrames& frames() const { return frames_; }
-  [[nodiscard]] const CheckpointWriter& checkpoints() const { return *checkpoints_; }
-  [[nodiscard]] MissionRun& run() { return *run_; }
+  [[nodiscard]] const MapperChannel& mapper() const { return channel_; }
+  [[nodiscard]] const Supervisor& supervisor() const { return *supervisor_; }
+  [[nodiscard]] OwnStatus& ownStatus() { return own_status_; }
+  [[nodiscard]] const PartStates& parts() const { return parts_; }
+  [[nodiscard]] pid_t mapperPid() const { return child_->pid(); }
   [[nodiscard]] rt::StageTimes& hardStages() { return hard_stages_; }
-  [[nodiscard]] rt::StageTimes& softStages() { return soft_stages_; }
   [[nodiscard]] rt::StageTimes& recorderStages() { return recorder_stages_; }
   [[nodiscard]] const rt::StageTimes& hardStages() const { return hard_stages_; }
-  [[nodiscard]] const rt::StageTimes& softStages() const { return soft_stages_; }
   [[nodiscard]] const rt::StageTimes& recorderStages() const { return recorder_stages_; }
   [[nodiscard]] const ModemThread* modem() const { return modem_.get(); }
   [[nodiscard]] const OnboardConfig& config() const { return setup_.config; }
+  // Frames of the cameras that were not lent to a mapper that had no room.
+  [[nodiscard]] std::uint64_t framesNotLent() const;
   // Another best-effort thread that runs until the devices stop, watched like the others. Before arm(); its
   // lane of the recorder.
-  std::size_t addBestEffort(const char* name, std::function<void()> step, std::int64_t rest_ns);
+  std::size_t addBestEffort(const char* name, std::function<void()> step,
+                            std::function<std::int64_t()> rest_ns);
   [[nodiscard]] const rt::Watchdog& watchdog() const { return threads_.watchdog(); }
   [[nodiscard]] const rt::ArmingResult& arming() const { return arming_; }  // by the thread that armed it
   // Armed with all that real time needs; from any thread.
@@ -110,86 +127,63 @@ class LiveSystem {
   [[nodiscard]] std::int64_t firstDeadlineNs() const {
     return first_deadline_ns_.load(std::memory_order_relaxed);
   }
-  [[nodiscard]] std::uint64_t clockSteps() const { return supervisor_->clockSteps(); }
   // The program went on with an earlier run's dive; how long nobody listened [s],
   // known when armed; what was passed over.
-  [[nodiscard]] bool resumed() const { return resumed_; }
+  [[nodiscard]] bool resumed() const { return resume_.any(); }
   [[nodiscard]] double awaySeconds() const { return static_cast<double>(away_ns_) * 1e-9; }
-  [[nodiscard]] const std::vector<std::string>& resumeSaid() const { return resume_said_; }
-  // The checkpoint that it began with; 0: none, the log from its beginning.
-  [[nodiscard]] std::uint64_t resumedFrom() const { return resumed_from_; }
+  [[nodiscard]] const std::vector<std::string>& resumeSaid() const { return resume_.said; }
 
  private:
   struct Sample {
     InputRing ring;
     std::unique_ptr<SampleThread> thread;
   };
-  struct Slots {
-    std::unique_ptr<SlotFile> features, meshes;
-  };
 
-  static Slots makeSlots(const LiveSetup& setup, bool reopen);
-  static std::unique_ptr<OnboardOutput> makeOutput(const LiveSetup& setup, bool reopen);
-  [[nodiscard]] std::unique_ptr<MissionRun> makeRun();
-  // Brings the run and the hard tier to where the program was.
-  void resume();
-  void writeCheckpoint();
-  [[nodiscard]] std::vector<std::filesystem::path> checkpointNeeds() const;
-  void beginFromTheLog(const std::string& why);
-  [[nodiscard]] std::optional<ImageView> pixels(const std::string& file_name, CameraSide side);
-  [[nodiscard]] bool hasPixels(const std::string& file_name, CameraSide side);
+  void shareWithMapper();
+  [[nodiscard]] MapperChild::Start childStart(bool plan) const;
   void planThreads();
   void planMemory();
+  void addMapperToBudget();
   void runHard(rt::Heartbeat& heart);
-  void runSoft(rt::Heartbeat& heart);
   void runRecorder(rt::Heartbeat& heart);
+  void takeFromMapper();
+  [[nodiscard]] bool waitFor(const std::function<bool()>& done, std::int64_t until_ns);
+  void finishThreads(End& end, std::int64_t until_ns, bool dive_ends);
 
   LiveSetup setup_;
   LiveDevices devices_;
   rt::VehicleClock& clock_;
   rt::MemoryBudget budget_;
   rt::ArmingResult arming_;
-  rt::TimelineTrack hard_track_, soft_track_, recorder_track_;
-  rt::StageTimes hard_stages_, soft_stages_, recorder_stages_;
+  rt::TimelineTrack hard_track_, recorder_track_;
+  rt::StageTimes hard_stages_, recorder_stages_;
+  CheckpointNames names_;
+  MapperChannel channel_;
   io::Recorder recorder_;
-  SequenceRing sequence_;
-  ModemRing modem_ring_;
-  RingFramePort modem_port_;
   std::array<InputRing, 3> own_rings_;  // left camera, right camera, modem
-  std::array<FrameRing, 2> frame_rings_;
+  std::optional<FrameLender> left_frames_, right_frames_;
   std::deque<Sample> samples_;
   std::unique_ptr<CameraThread> left_, right_;
   std::unique_ptr<ModemThread> modem_;
-  CheckpointFiles checkpoint_files_;
-  CheckpointNames names_;
-  Resume resume_;
-  std::uint64_t next_checkpoint_ = 1;
-  std::optional<std::uint64_t> syncs_then_;  // of the recorder, when the checkpoint that waits was first seen
-  bool resumed_ = false;
-  std::uint64_t resumed_from_ = 0;
-  std::int64_t away_since_ns_ = 0, away_ns_ = 0;
-  std::unique_ptr<OnboardOutput> output_;
-  Slots slots_;
-  RecordedPairs recorded_;  // pixels of before the program started again
-  OnboardSystem::PairSource recorded_source_;
-  std::unique_ptr<CheckpointWriter> checkpoints_;
-  HeldFrames frames_;
-  std::unique_ptr<MissionRun> run_;
+  OwnStatus own_status_;
   HardTier hard_;
-  std::unique_ptr<SoftTier> soft_;
+  VehicleResume resume_;
+  std::int64_t away_ns_ = 0;
   std::optional<rt::PeriodicLoop> loop_;  // from the moment that it is let go
   WatchedThreads threads_;
+  PartStates parts_;
+  std::unique_ptr<MapperChild> child_;
   std::optional<Supervisor> supervisor_;
-  std::atomic<bool> go_{false}, stop_devices_{false}, stop_hard_{false}, stop_soft_{false},
-      stop_modem_{false}, stop_recorder_{false}, soft_done_{false}, complete_{false};
+  std::vector<std::string> early_events_;  // of before it was armed, not told yet
+  std::atomic<bool> go_{false}, stop_devices_{false}, stop_hard_{false}, stop_modem_{false},
+      stop_recorder_{false}, complete_{false};
   std::atomic<std::uint64_t> hard_heap_calls_{0}, hard_minor_faults_{0}, hard_major_faults_{0},
       hard_slipped_{0};
   std::atomic<std::int64_t> first_deadline_ns_{0};
   std::size_t lanes_ = 0;  // of the recorder, in use
-  bool stopped_ = false;
+  bool stopped_ = false, hangs_ = false;
   rt::HeapReserve heap_;
   std::int64_t begun_mono_ns_ = 0;
-  std::vector<std::string> resume_said_;
   Measured measured_;
 };
 

@@ -5,72 +5,107 @@
 #include <iterator>
 #include <stdexcept>
 
-#include "firmware_if/log/input_tail.hpp"
+#include "firmware_if/log/log_inputs.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/state_archive.hpp"
 #include "realtime/kernel/vehicle_clock.hpp"
 #include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/colour_matrix.hpp"
 
 namespace fathom::onboard {
 namespace {
+
+// Of a saved state: what navigation, its first section, takes at most.
+constexpr std::size_t kNavigationBytes = std::size_t{1} << 20;
 
 std::string textOf(const std::filesystem::path& path) {
   std::ifstream in(path, std::ios::binary);
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-bool hasLog(const std::filesystem::path& folder) {
-  std::error_code error;
-  const auto bytes = std::filesystem::file_size(io::MissionPaths(folder).log(), error);
-  return !error && bytes > 0;
-}
-
-}  // namespace
-
-CheckpointNames checkpointNames(const std::filesystem::path& folder, const OnboardConfig& config,
-                                const io::MissionConfig& mission) {
-  CheckpointNames names;
-  const std::filesystem::path calib = io::MissionPaths(folder).calib();
-  names.configuration = checkpointHash(config.text);
-  for (const std::filesystem::path& file : {calib, coloursBeside(calib), folder / "mission.toml"})
-    names.configuration = checkpointHash(textOf(file), names.configuration);
-  names.mission =
-      checkpointHash(mission.vehicle_name + " " + std::to_string(mission.vehicle_id) + " " +
-                     std::to_string(mission.dive_id) + " " + std::to_string(mission.start_utc_ns));
-  return names;
-}
-
-Resume readResume(const std::filesystem::path& folder, CheckpointFiles& files, const CheckpointNames& names) {
-  Resume resume;
-  if (!hasLog(folder)) return resume;
-  io::InputTail tail;
-  for (;;) {
-    resume.checkpoint = files.readNewest(names.configuration, names.mission, resume.said);
-    tail = io::readInputTail(folder, resume.number(),
-                             resume.checkpoint ? resume.checkpoint->head.utc_ns : INT64_MIN);
-    if (!resume.checkpoint || tail.mark_found) break;
-    // It got to the disk before the log did. Its number will be given again, so it must not be found then.
-    resume.said.push_back("checkpoint " + std::to_string(resume.number()) +
-                          ": passed over, the log does not reach to its mark");
-    files.remove(resume.number());
-  }
-  resume.tail = std::move(tail.inputs);
-  resume.newest_number = resume.number();
-  resume.last_ns = resume.checkpoint ? resume.checkpoint->head.utc_ns : 0;
-  for (const io::OnboardInput& input : resume.tail) {
-    if (const auto* decision = std::get_if<io::Decision>(&input.what)) {
-      resume.decisions[decision->pair_index] = *decision;
+// Navigation as a saved state has it, and the reader behind that state's mark; false where none can be used.
+bool beginWithSaved(const CheckpointFiles& files, const CheckpointNames& names, HardTier& hard,
+                    io::LogInputReader& log, VehicleResume& resume) {
+  for (const CheckpointHead& head : files.usable(names.configuration, names.mission, resume.said)) {
+    const auto start = files.readStart(head.number, kNavigationBytes, resume.said);
+    if (!start || !log.seekBehindMark(head.number, head.inputs, head.utc_ns)) continue;
+    rt::StateReader reader(start->state);
+    if (!reader(hard.nav())) {
+      resume.said.push_back(files.file(head.number).string() + ": passed over by navigation (" +
+                            reader.failure() + ")");
       continue;
     }
-    resume.last_ns = std::max(resume.last_ns, input.arrival_utc_ns);
-    const auto* mark = std::get_if<io::Mark>(&input.what);
+    resume.last_ns = head.utc_ns;
+    return true;
+  }
+  return false;
+}
+
+// Follows the log to its end.
+void follow(const std::filesystem::path& folder, io::LogInputReader& log, HardTier& hard,
+            VehicleResume& resume) {
+  io::LogInputReader::Entry entry;
+  for (;;) {
+    switch (log.next(entry)) {
+      case io::LogInputReader::Step::kEnd:
+        return;
+      case io::LogInputReader::Step::kUnreadable:
+        resume.said.push_back("sensors.lcmlog: " + log.failure() + "; navigation goes on from there");
+        return;
+      case io::LogInputReader::Step::kInput:
+        break;
+      default:
+        continue;
+    }
+    hard.follow(entry.input);
+    resume.last_ns = std::max(resume.last_ns, entry.input.arrival_utc_ns);
+    const auto* mark = std::get_if<io::Mark>(&entry.input.what);
     if (mark == nullptr) continue;
     if (mark->kind == io::Mark::Kind::kEnd)
       throw InputError(folder, "sensors.lcmlog", "this dive has ended; give each dive a folder of its own");
     if (mark->kind == io::Mark::Kind::kCheckpoint)
-      resume.newest_number = std::max(resume.newest_number, mark->number);
+      resume.newest_checkpoint = std::max(resume.newest_checkpoint, mark->number);
   }
+}
+
+}  // namespace
+
+VehicleResume resumeNavigation(const std::filesystem::path& folder, const CheckpointNames& names,
+                               HardTier& hard) {
+  VehicleResume resume;
+  const NavFeed before = hard.nav();
+  io::LogInputReader log(folder);
+  try {
+    const CheckpointFiles files(folder / "state");
+    resume.newest_checkpoint = files.newestNumber();
+    if (!beginWithSaved(files, names, hard, log, resume)) {
+      hard.nav() = before;
+      log = io::LogInputReader(folder);
+    }
+  } catch (const InputError& e) {
+    resume.said.emplace_back(e.what());
+    hard.nav() = before;
+  }
+  follow(folder, log, hard, resume);
+  resume.position = log.position();
   return resume;
+}
+
+std::int64_t newestArrival(const std::filesystem::path& folder) {
+  constexpr std::uint64_t kNewest = std::uint64_t{1} << 18;  // a minute or more
+  const std::filesystem::path log = io::MissionPaths(folder).log();
+  std::error_code error;
+  const std::uint64_t size = std::filesystem::file_size(log, error);
+  if (error || size == 0) return 0;
+  std::int64_t newest_us = 0;
+  try {
+    io::LogEventReader events(log, size > kNewest ? size - kNewest : 0);
+    io::LogEvent event;
+    while (events.next(event))
+      if (io::carriesInput(event.channel)) newest_us = std::max(newest_us, event.timestamp_us);
+  } catch (const InputError&) {
+    return 0;  // whoever reads it whole says why
+  }
+  return newest_us * 1000;
 }
 
 std::int64_t vehicleClockOffset(const std::filesystem::path& state_folder, std::int64_t last_ns,

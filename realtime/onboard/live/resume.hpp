@@ -2,42 +2,32 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <map>
-#include <optional>
 #include <string>
 #include <vector>
 
-#include "firmware_if/log/onboard_input.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_file.hpp"
-#include "realtime/onboard/onboard_config.hpp"
+#include "realtime/onboard/checkpoint/checkpoint_names.hpp"
+#include "realtime/onboard/live/hard_tier.hpp"
 
 namespace fathom::onboard {
 
-// What an earlier run of the program left of this dive: its newest whole checkpoint, and the log behind it.
-// Nothing, for a dive that begins.
-struct Resume {
-  std::optional<CheckpointFiles::Found> checkpoint;  // absent: the log is consumed from its beginning
-  std::vector<io::OnboardInput> tail;
-  std::map<std::uint32_t, io::Decision> decisions;  // about pairs of the tail
-  std::int64_t last_ns = 0;                         // arrival of the newest input; 0: the dive begins
-  std::uint64_t newest_number = 0;                  // of any checkpoint in the log
-  std::vector<std::string> said;                    // about checkpoints that were passed over
-
+// Where an earlier run of the vehicle process left a dive. Nothing, for a dive that begins.
+struct VehicleResume {
+  std::uint64_t position = 0;           // of the next input
+  std::int64_t last_ns = 0;             // arrival of the newest input; 0: the dive begins
+  std::uint64_t newest_checkpoint = 0;  // number, of any in the log or on the disk
+  std::vector<std::string> said;        // what could not be read
   [[nodiscard]] bool any() const { return last_ns != 0; }
-  [[nodiscard]] std::uint64_t number() const { return checkpoint ? checkpoint->head.number : 0; }
 };
 
-struct CheckpointNames {
-  std::uint64_t configuration = 0, mission = 0;
-};
-// Of the configuration's text, the calibration and mission.toml; of vehicle and dive.
-[[nodiscard]] CheckpointNames checkpointNames(const std::filesystem::path& folder,
-                                              const OnboardConfig& config, const io::MissionConfig& mission);
+// Brings navigation to where the log ends: from the newest saved state whose beginning can be read and whose
+// mark the log holds, else by the whole log. Throws InputError for a dive that has ended; a log that cannot
+// be read is told, and navigation begins anew.
+[[nodiscard]] VehicleResume resumeNavigation(const std::filesystem::path& folder,
+                                             const CheckpointNames& names, HardTier& hard);
 
-// Removes a checkpoint that the log does not reach to. Throws InputError for a dive that has ended, or a log
-// that cannot be read.
-[[nodiscard]] Resume readResume(const std::filesystem::path& folder, CheckpointFiles& files,
-                                const CheckpointNames& names);
+// Of the inputs in the folder's log; 0 where it holds none, or cannot be read.
+[[nodiscard]] std::int64_t newestArrival(const std::filesystem::path& folder);
 
 // UTC less the monotonic clock: as an earlier run on this machine, since it was started, had it; else the
 // system's; but vehicle time begins behind `last_ns`, the newest arrival of the dive's log (0: the dive

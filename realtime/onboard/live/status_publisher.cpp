@@ -1,5 +1,9 @@
 #include "realtime/onboard/live/status_publisher.hpp"
 
+#include <algorithm>
+
+#include "realtime/onboard/mapper/mapper_tier.hpp"
+
 namespace fathom::onboard {
 namespace {
 
@@ -9,6 +13,15 @@ constexpr int kCellsPerTile = 16;
 
 double milliseconds(std::int64_t ns) {
   return static_cast<double>(ns) * 1e-6;
+}
+
+void addVision(const MapperFigures& mapper, io::HealthReport& report) {
+  for (std::size_t i = 0; i < MapperTier::kStages; ++i) {
+    const MapperFigures::Stage& s = mapper.stages[i];
+    if (s.count > 0)
+      report.stages.add({MapperTier::stageSpecs()[i].name, s.count, s.misses, milliseconds(s.last_ns),
+                         milliseconds(s.p50_ns), milliseconds(s.p99_ns), milliseconds(s.max_ns)});
+  }
 }
 
 }  // namespace
@@ -34,18 +47,50 @@ void StatusPublisher::tell(const io::LogMessage& message) {
 void StatusPublisher::step() {
   const std::int64_t now = clock_.monotonicNs();
   (void)live_.hard().readForBus(nav_);
-  (void)live_.soft().readForBus(map_);
-  if (now >= next_pose_ns_) {
-    next_pose_ns_ = now + static_cast<std::int64_t>(static_cast<double>(kSecond) / config_.pose_hz);
+  (void)live_.mapper().up().state.read(map_);
+  if (config_.pose_hz > 0 && now >= next_pose_ns_) {
+    const auto period = static_cast<std::int64_t>(static_cast<double>(kSecond) / config_.pose_hz);
+    // Keeps its pace, but makes up for nothing.
+    next_pose_ns_ = std::max(next_pose_ns_ + period, now);
     publishPose();
   }
   if (now < next_slow_ns_) return;
   next_slow_ns_ = now + kSecond;
+  setOwnStatus();
   publishSlow();
 }
 
+std::int64_t StatusPublisher::restNs() const {
+  constexpr std::int64_t kLongest = 50'000'000, kShortest = 1'000'000;
+  if (config_.pose_hz <= 0) return kLongest;
+  return std::clamp(next_pose_ns_ - clock_.monotonicNs(), kShortest, kLongest);
+}
+
+// What the ship is told while nobody maps: where the vehicle is by dead reckoning.
+void StatusPublisher::setOwnStatus() {
+  telemetry::Status status = map_.status;
+  const SE3 T_nav_body = map_.T_nav_odom * nav_.T_odom_body;
+  status.utc_ns = nav_.pose_utc_ns != 0 ? nav_.pose_utc_ns : clock_.utcNs();
+  status.north = T_nav_body.translation().x();
+  status.east = T_nav_body.translation().y();
+  status.depth = T_nav_body.translation().z();
+  const Eigen::Vector3d rpy = T_nav_body.euler();
+  status.roll = rpy.x();
+  status.pitch = rpy.y();
+  status.heading = rpy.z();
+  status.altitude = nav_.altitude.value_or(telemetry::kAbsent);
+  status.speed = nav_.velocity_body.norm();
+  status.map_area = map_.mapped_area;
+  status.health = static_cast<std::uint16_t>(status.health | telemetry::kHealthNoMap);
+  if (!map_.anchored) status.health = static_cast<std::uint16_t>(status.health | telemetry::kHealthNoFix);
+  live_.ownStatus().set(status, live_.parts().read("mapper").state == PartState::kRunning);
+}
+
 void StatusPublisher::publishPose() {
-  if (nav_.pose_utc_ns == 0) return;
+  // From another process: anything.
+  const bool known = map_.anchored && map_.T_nav_odom.translation().allFinite() &&
+                     map_.T_nav_odom.rotation().coeffs().allFinite();
+  if (nav_.pose_utc_ns == 0 || !known) return;
   const SE3 T_nav_body = map_.T_nav_odom * nav_.T_odom_body;
   io::PoseReport pose;
   pose.utc_ns = nav_.pose_utc_ns;
@@ -56,7 +101,7 @@ void StatusPublisher::publishPose() {
   pose.longitude = place.longitude;
   pose.velocity = nav_.velocity_body;
   pose.altitude = nav_.altitude;
-  if (map_.anchored) pose.sigma_horizontal = map_.status.position_sigma;
+  pose.sigma_horizontal = map_.status.position_sigma;
   pose_ = pose;
   if (publisher_) publisher_->publish(pose);
   (void)live_.recorder().offerMessage(config_.lane, clock_.utcNs(), "FATHOM_POSE", io::encodePose(pose).data);
@@ -91,7 +136,7 @@ io::LinkReport StatusPublisher::linkReport() const {
   report.bytes_sent = map_.link_bytes;
   if (const ModemThread* modem = live_.modem()) {
     const ModemThread::Counters& c = modem->counters();
-    report.open = true;
+    report.open = modem->health().open;
     report.frames_received = c.received.load();
     if (const std::int64_t last = c.last_received_ns.load(); last > 0)
       report.heard_ago_s = static_cast<double>(clock_.utcNs() - last) * 1e-9;
@@ -108,8 +153,8 @@ io::HealthReport StatusPublisher::health() {
   report.soft = !live_.complete();
   report.degradation = static_cast<std::uint8_t>(map_.level);
   report.uptime_s = static_cast<double>(clock_.monotonicNs() - begin_ns_) * 1e-9;
-  report.clock_steps = live_.clockSteps();
-  report.restarts = live_.resumed() ? 1 : 0;
+  report.clock_steps = live_.supervisor().clockSteps();
+  report.restarts = (live_.resumed() ? 1 : 0) + live_.supervisor().mapperRestarts();
   report.budget_mib = static_cast<double>(live_.budget().budgetBytes()) / kMiB;
   if (rt::ProcessFigures process; process_.read(process))
     report.resident_mib = static_cast<double>(process.resident) / kMiB;
@@ -118,7 +163,9 @@ io::HealthReport StatusPublisher::health() {
   if (system.cpu_temperature_c) report.temperature_c = *system.cpu_temperature_c;
   if (system.load) report.load = *system.load;
   rt::StageTimes::Snapshot stages;
-  for (rt::StageTimes* times : {&live_.hardStages(), &live_.softStages(), &live_.recorderStages()}) {
+  MapperFigures mapper;
+  if (live_.mapper().up().figures.read(mapper)) addVision(mapper, report);
+  for (rt::StageTimes* times : {&live_.hardStages(), &live_.recorderStages()}) {
     if (!times->read(stages)) continue;
     for (const rt::StageSummary& s : stages.all())
       if (s.count > 0)
@@ -141,7 +188,11 @@ io::HealthReport StatusPublisher::health() {
   report.drops.add({"raw bytes not recorded", recorded.raw_dropped});
   report.drops.add({"pairs shed", map_.pairs_shed});
   report.drops.add({"frames without partner", map_.frames_given_back});
-  report.drops.add({"inputs beyond the soft tier", live_.hard().softRefused()});
+  report.drops.add({"frames not lent to the mapper", live_.framesNotLent()});
+  report.drops.add({"inputs skipped by the mapper", map_.inputs_skipped});
+  report.drops.add({"rows not written", map_.rows_lost});
+  for (const PartReport& part : live_.parts().read())
+    report.parts.add({part.name, nameOf(part.state), part.reason});
   for (const NavHealth::Counter& c : nav_.health.counters)
     if (c.value > 0) report.drops.add({c.name, c.value});
   for (const io::DeviceHealth& device : live_.deviceHealth()) {

@@ -14,12 +14,13 @@
 namespace fathom::onboard {
 
 // Tells other programs and the log what the vehicle's program knows: pose, map, link, health. One best-effort
-// thread calls step(); it reads what the tiers left in their latest-value slots and keeps none of them
-// waiting.
+// thread calls step(); it reads what the tiers and the mapper left and keeps none of them waiting. A pose is
+// told only while it is known where odometry lies in nav: from the first fix on; while no mapper lives, by
+// the last that was known.
 class StatusPublisher {
  public:
   struct Config {
-    double pose_hz = 1;
+    double pose_hz = 1;    // 0: no poses
     std::size_t lane = 0;  // of the recorder
   };
   // `bus`: null where the vehicle has none; the log has the messages all the same.
@@ -27,12 +28,15 @@ class StatusPublisher {
                   const std::filesystem::path& folder, const Config& config, const rt::VehicleClock& clock);
 
   void step();
-  // The newest pose in nav, for whoever else tells it; std::nullopt before dead reckoning runs.
+  // Until the next step [ns].
+  [[nodiscard]] std::int64_t restNs() const;
+  // The newest pose in nav, for whoever else tells it; std::nullopt before one is known.
   [[nodiscard]] const std::optional<io::PoseReport>& pose() const { return pose_; }
   [[nodiscard]] const MapState& map() const { return map_; }
 
  private:
   void publishPose();
+  void setOwnStatus();
   void publishSlow();
   [[nodiscard]] io::HealthReport health();
   [[nodiscard]] io::MapReport mapReport() const;

@@ -1,6 +1,7 @@
 #include "realtime/onboard/live/watched_threads.hpp"
 
 #include <algorithm>
+#include <ctime>
 
 namespace fathom::onboard {
 
@@ -65,9 +66,20 @@ void WatchedThreads::unwatch() {
   for (std::size_t i = 0; i < watchdog_.tiers(); ++i) watchdog_.unwatch(i);
 }
 
-void WatchedThreads::joinAllBut(std::initializer_list<std::string_view> names) {
-  for (Worker& worker : workers_)
-    if (std::find(names.begin(), names.end(), worker.name) == names.end()) worker.thread.join();
+std::vector<std::string> WatchedThreads::join(const std::function<bool()>& more_time) {
+  constexpr long kLook_ns = 2'000'000;
+  std::vector<std::string> still;
+  for (Worker& worker : workers_) {
+    while (worker.thread.running() && more_time()) {
+      const timespec pause = {0, kLook_ns};
+      ::clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, nullptr);
+    }
+    if (worker.thread.running())
+      still.push_back(worker.name);
+    else
+      worker.thread.join();
+  }
+  return still;
 }
 
 std::size_t WatchedThreads::stackBytes() const {

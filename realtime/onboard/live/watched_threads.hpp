@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
-#include <initializer_list>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -37,7 +36,8 @@ class WatchedThreads {
   // Some times a second; a line for each thing that happened.
   void look(std::int64_t now_ns, std::vector<std::string>& events);
   void unwatch();
-  void joinAllBut(std::initializer_list<std::string_view> names);
+  // Waits for every body to return, as long as `more_time()`; the names of those that have not.
+  [[nodiscard]] std::vector<std::string> join(const std::function<bool()>& more_time);
 
   // Why the body of this name left last, "" where it never did by an exception.
   [[nodiscard]] std::string reasonOf(std::string_view name) const;

@@ -70,7 +70,8 @@ int report(const Options& options) {
   play.exposures = options.frames;
   play.given_left = &given;
   play.scratch = options.out;
-  onboard::LiveSystem live({options.out, config, mission, rig},
+  onboard::LiveSystem live({options.out, config, mission, rig, test::onboardProgram(),
+                            options.config.empty() ? std::nullopt : std::optional(options.config)},
                            test::playedDevices(played, options.mission, mission, rig, clock, play), clock);
   const rt::ArmingResult armed = live.arm();
   std::fputs(live.budget().table(false).c_str(), stdout);
@@ -106,8 +107,10 @@ int report(const Options& options) {
   }
   const Memory last = memoryNow();
   const rt::ThreadCost cost = live.hardCost();
-  live.stop();
-  const onboard::RunSummary summary = live.run().summary();
+  const onboard::LiveSystem::End end = live.end(config.live.end_within_s * options.rate);
+  for (const std::string& line : end.left_out) std::printf("%s\n", line.c_str());
+  onboard::MapState map;
+  (void)live.mapper().up().state.read(map);
   const double growth = static_cast<double>(last.resident) - static_cast<double>(first.resident);
   Page page("Endurance of " + options.mission.string());
   page.add(std::move(samples));
@@ -122,7 +125,7 @@ int report(const Options& options) {
              {"hard tier: heap calls", 0},
              {"minor faults", 0},
              {"major faults", 0}},
-            {{cell(given.load()), cell(summary.pairs_used), options.rate, cell(!armed.complete()),
+            {{cell(given.load()), cell(map.pairs), options.rate, cell(!armed.complete()),
               static_cast<double>(first.resident) / kKib / kKib, static_cast<double>(highest) / kKib / kKib,
               growth / kKib, cell(cost.heap_calls), cell(cost.minor_faults), cell(cost.major_faults)}}});
   std::printf("%s%s", page.text().c_str(), live.budget().table(true).c_str());

@@ -9,7 +9,7 @@
 #include "realtime/kernel/heap_counter.hpp"
 #include "realtime/kernel/tiers/realtime_config.hpp"
 #include "realtime/kernel/tiers/rt_thread.hpp"
-#include "realtime/onboard/live/input_rings.hpp"
+#include "realtime/onboard/live/devices/input_rings.hpp"
 #include "realtime/onboard/nav/nav_feed.hpp"
 #include "tests/support/latency_histogram.hpp"
 

@@ -3,7 +3,6 @@
 
 #include "firmware_if/files/mission.hpp"
 #include "firmware_if/files/sensor_log.hpp"
-#include "firmware_if/log/input_tail.hpp"
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/log_inputs.hpp"
 #include "firmware_if/log/recording_gap.hpp"
@@ -103,7 +102,6 @@ TEST_F(UnreadableLog, IsReportedByEveryReaderAndCutByNoWriter) {
   EXPECT_THAT(refusal([&] { (void)readOnboardInputs(folder_.path(), damaged); }), kSaysWhere);
   disk_.clear();
   spoilReading(2);
-  EXPECT_THAT(refusal([&] { (void)readInputTail(folder_.path(), 0); }), kSaysWhere);
   disk_.clear();
   spoilReading(2);
   EXPECT_THAT(refusal([&] { (void)readGaps(folder_.path()); }), kSaysWhere);

@@ -6,7 +6,6 @@
 #include <thread>
 
 #include "firmware_if/files/images/image_file.hpp"
-#include "firmware_if/log/input_tail.hpp"
 #include "firmware_if/log/log_events.hpp"
 #include "firmware_if/log/recording_gap.hpp"
 #include "firmware_if/recorder/byte_ring.hpp"
@@ -222,40 +221,6 @@ TEST(LogEnd, IsFoundBehindTheLastWholeEventWhateverFollows) {
   }
   test::writeText(path, std::string(5000, 'x'));
   EXPECT_EQ(findLogEnd(path).offset, 0u);
-}
-
-TEST(InputTail, HoldsWhatLiesBehindTheMarkHoweverLongTheLogIs) {
-  const test::TemporaryFolder folder;
-  const MissionPaths paths(folder.path());
-  EXPECT_THAT(refusal([&] { (void)readInputTail(folder.path(), 0); }), HasSubstr("is absent"));
-  const auto write = [](LogEventWriter& log, const OnboardInput& input) {
-    const LogMessage message = encodeInput(input);
-    log.write(input.arrival_utc_ns, message.channel, message.data);
-  };
-  const auto mark = [](std::uint64_t number) { return Mark{Mark::Kind::kCheckpoint, number}; };
-  {
-    LogEventWriter log(paths.log());
-    write(log, {0, mark(1)});
-    for (int i = 1; i <= 20; ++i) {
-      write(log, {i, Tick{}});
-      log.write(i, "RAW_DVL", encodeRaw(i, Bytes(1 << 20, 1)));  // 20 MiB between the marks
-    }
-    write(log, {21, mark(2)});
-    write(log, {22, Tick{}});
-    write(log, {23, Mark{Mark::Kind::kRestart, 1}});
-  }
-  const InputTail newest = readInputTail(folder.path(), 2);
-  EXPECT_TRUE(newest.mark_found);
-  ASSERT_EQ(newest.inputs.size(), 2u);
-  EXPECT_EQ(newest.inputs[0].arrival_utc_ns, 22);
-  const InputTail older = readInputTail(folder.path(), 1);
-  EXPECT_TRUE(older.mark_found);
-  EXPECT_EQ(older.inputs.size(), 23u);
-  EXPECT_EQ(older.damaged, 0u);
-  const InputTail none = readInputTail(folder.path(), 7);
-  EXPECT_FALSE(none.mark_found);
-  EXPECT_EQ(none.inputs.size(), 24u);
-  EXPECT_EQ(readInputTail(folder.path(), 0).inputs.size(), 24u);
 }
 
 TEST(RecordingGap, IsReadBackAndDamageIsNot) {

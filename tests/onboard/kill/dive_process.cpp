@@ -84,7 +84,10 @@ void DiveProcess::take(const std::string& line) {
   switch (line[0]) {
     case 'R':
       life_.resumed = true;
-      in >> life_.said_away_s >> life_.from >> life_.first.emplace();
+      in >> life_.said_away_s >> life_.first.emplace();
+      break;
+    case 'C':
+      in >> life_.from.emplace();
       break;
     case 'F':
       in >> life_.first.emplace();

@@ -33,7 +33,7 @@ struct DiveLife {
   std::optional<std::size_t> first;             // input of the mission that it was given
   bool resumed = false;
   double said_away_s = 0;
-  std::uint64_t from = 0;  // checkpoint
+  std::optional<std::uint64_t> from;  // checkpoint that the mapper began with
   std::vector<DiveState> states;
   std::vector<std::string> said;
 };

@@ -144,7 +144,7 @@ bool print(const std::vector<Row>& rows, const LoggedInputs& logged, std::int64_
                 nameOf(rows[i].kill.when), seconds(life.spawned_ns, life.ended_ns),
                 seconds(first_due_ns, life.ended_utc_ns), took(next.spawned_ns, next.navigates_ns).c_str(),
                 took(next.spawned_ns, next.caught_up_ns).c_str(),
-                next.resumed ? std::to_string(next.from).c_str() : "-", next.said_away_s,
+                next.from ? std::to_string(*next.from).c_str() : "-", next.said_away_s,
                 took(life.ended_ns, next.navigates_ns).c_str(), lost,
                 change(was.pairs, after(&DiveState::pairs)).c_str(),
                 change(was.keyframes, after(&DiveState::keyframes)).c_str(),

@@ -48,6 +48,7 @@ void watchOver(LiveSystem& live, const rt::VehicleClock& clock) {
   MapState map;
   NavState nav;
   std::int64_t next_supervise_ns = 0, said_ns = 0;
+  std::uint64_t begun_with = 0;
   while (told_to_end == 0) {
     const timespec rest = {0, static_cast<long>(said_ns == 0 ? kLook_ns : kSupervise_ns)};
     ::clock_nanosleep(CLOCK_MONOTONIC, 0, &rest, nullptr);
@@ -55,7 +56,13 @@ void watchOver(LiveSystem& live, const rt::VehicleClock& clock) {
       navigates = true;
       say("N %" PRId64 "\n", clock.monotonicNs());
     }
-    if (live.soft().caughtUp() && live.soft().readForSupervisor(map) && map.utc_ns > said_ns) {
+    const bool caught_up =
+        live.mapper().up().phase.load() == static_cast<std::uint32_t>(MapperPhase::kRunning);
+    if (const std::uint64_t with = live.mapper().up().begun_with.load(); with != begun_with && with != 0) {
+      begun_with = with;
+      say("C %" PRIu64 "\n", with - 1);
+    }
+    if (caught_up && live.mapper().up().state.read(map) && map.utc_ns > said_ns) {
       said_ns = map.utc_ns;
       say("S %" PRId64 " %" PRId64 " %" PRIu64 " %" PRIu64 " %d %" PRIu64 "\n", clock.monotonicNs(),
           map.utc_ns, map.pairs, map.keyframes, map.map_tiles, map.link_frames_arrived);
@@ -76,23 +83,23 @@ int dive(const DiveOrders& orders) {
   const StereoRig rig = readStereoCalib(io::MissionPaths(orders.folder).calib());
   OnboardConfig config = readOnboardConfig(orders.config, mission);
   config.live.realtime.soft = true;
-  rt::VehicleClock clock(vehicleClockOffset(orders.folder / "state"));
+  rt::VehicleClock clock(vehicleClockOffset(orders.folder / "state", newestArrival(orders.folder)));
   const PlayedMission played(orders.mission, clock, orders.shift_ns);
   LiveDevices devices = playedDevices(played, orders.mission, mission, rig, clock);
   devices.modem = std::make_unique<SocketPort>();
-  LiveSystem live({orders.folder, config, mission, rig}, std::move(devices), clock);
+  LiveSystem live({orders.folder, config, mission, rig, onboardProgram(), orders.config}, std::move(devices),
+                  clock);
   for (const std::string& line : live.resumeSaid()) say("# %s\n", line.c_str());
   if (!live.arm().armed()) return kExitFailedWork;
   if (live.resumed())
-    say("R %.3f %" PRIu64 " %zu\n", live.awaySeconds(), live.resumedFrom(), played.first);
+    say("R %.3f %zu\n", live.awaySeconds(), played.first);
   else
     say("F %zu\n", played.first);
   say("A %" PRId64 "\n", clock.monotonicNs());
   watchOver(live, clock);
-  live.stop();
-  if (live.write()) return kExitSuccess;
-  say("# no pair gave a map\n");
-  return kExitFailedWork;
+  const LiveSystem::End end = live.end(config.live.end_within_s);
+  for (const std::string& line : end.left_out) say("# %s\n", line.c_str());
+  return end.mapped ? kExitSuccess : kExitFailedWork;
 }
 
 }  // namespace fathom::test

@@ -23,7 +23,8 @@ int dive(const DiveOrders& orders);
 constexpr int kModemSocket = 3;
 
 // The lines, one letter and numbers each; monotonic times are the machine's.
-//   R away_s checkpoint first     goes on with a dive, from that checkpoint; the first input it is given
+//   R away_s first                goes on with a dive; the first input it is given
+//   C checkpoint                  the mapper has begun with it
 //   F first                       a dive begins
 //   A mono_ns                     armed
 //   N mono_ns                     the hard tier has put inputs in order

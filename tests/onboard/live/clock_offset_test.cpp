@@ -3,7 +3,7 @@
 #include <fstream>
 
 #include "realtime/kernel/vehicle_clock.hpp"
-#include "realtime/onboard/live/input_sequencer.hpp"
+#include "realtime/onboard/live/devices/input_sequencer.hpp"
 #include "realtime/onboard/live/resume.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"

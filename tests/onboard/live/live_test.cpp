@@ -22,8 +22,7 @@ std::set<std::string> filesIn(const fs::path& folder) {
 // Dives live in `folder` with the devices of a recorded mission, `rate` times as fast.
 struct Dive {
   fs::path folder = fs::path(testing::TempDir()) / "fathom_live_dive";
-  RunSummary summary;
-  std::uint64_t input_refused = 0;
+  std::uint64_t pairs = 0, starts = 0, input_refused = 0;
   rt::ThreadCost hard_cost;
   bool mapped = false;
 
@@ -36,17 +35,21 @@ struct Dive {
         setup, test::playedDevices(played, mission_folder, setup.mission, setup.rig, clock, played_options),
         clock);
     ASSERT_TRUE(live.arm().armed());
-    const std::int64_t end =
+    const std::int64_t over =
         clock.utcNs() + static_cast<std::int64_t>((played.lengthSeconds() + 3 * rate) * 1e9);
-    while (clock.utcNs() < end) {
+    while (clock.utcNs() < over) {
       (void)live.supervise();
       clock.sleepUntil(clock.monotonicNs() + static_cast<std::int64_t>(2e8 * rate));
     }
-    live.stop();
+    const LiveSystem::End end = live.end(60 * rate);
+    for (const std::string& line : end.left_out) ADD_FAILURE() << line;
     hard_cost = live.hardCost();
-    input_refused = live.hard().softRefused() + live.recorder().counters().inputs_dropped;
-    mapped = live.write();
-    summary = live.run().summary();
+    MapState map;
+    EXPECT_TRUE(live.mapper().up().state.read(map));
+    input_refused = map.inputs_skipped + live.recorder().counters().inputs_dropped;
+    mapped = end.mapped;
+    pairs = map.pairs;
+    starts = live.supervisor().mapperStarts();
   }
 };
 
@@ -57,18 +60,17 @@ TEST(Live, recordingReplaysToTheSameBytes) {
   options.lost_left = 7;
   dive.run(4, options);
   ASSERT_TRUE(dive.mapped);
-  EXPECT_GT(dive.summary.pairs, 10U);
+  EXPECT_GT(dive.pairs, 10U);
+  EXPECT_EQ(dive.starts, 1U);
   EXPECT_EQ(dive.input_refused, 0U);
   EXPECT_EQ(dive.hard_cost.heap_calls, 0U);
 
-  const fs::path config = fs::path(testing::TempDir()) / "fathom_live_dive.toml";
-  std::ofstream(config) << test::kLivePools;
   ReplayOptions options_again;
   options_again.mission = dive.folder;
-  options_again.config = config;
+  options_again.config = dive.folder.string() + ".toml";
   options_again.out = fs::path(testing::TempDir()) / "fathom_live_dive_again";
   const ReplaySummary again = replay(options_again);
-  EXPECT_EQ(again.pairs, dive.summary.pairs);
+  EXPECT_EQ(again.pairs, dive.pairs);
   const std::set<std::string> once = filesIn(dive.folder / "onboard");
   for (const std::string& name : once) {
     if (name == "timing.json" || name == "live.json") continue;
@@ -79,7 +81,7 @@ TEST(Live, recordingReplaysToTheSameBytes) {
   if (HasFailure()) return;  // leave them to be looked at
   fs::remove_all(dive.folder);
   fs::remove_all(*options_again.out);
-  fs::remove(config);
+  fs::remove(*options_again.config);
 }
 
 }  // namespace

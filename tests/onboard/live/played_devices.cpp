@@ -6,6 +6,7 @@
 #include <cerrno>
 #include <cstring>
 #include <ctime>
+#include <fstream>
 #include <map>
 #include <system_error>
 #include <type_traits>
@@ -46,7 +47,10 @@ class PlayedSamples final : public io::SampleSource {
   }
   void updateHealth(io::DeviceHealth& health) const noexcept override { health.samples = given_; }
   [[nodiscard]] io::DeviceHealth health() const override {
-    return {"played sensors", true, 0, given_, 0, {}};
+    io::DeviceHealth health;
+    health.name = "played sensors";
+    health.open = true;
+    return health;
   }
 
  private:
@@ -105,12 +109,11 @@ class PlayedCamera final : public io::CameraSource {
     health.counters[0].second = missed_;
   }
   [[nodiscard]] io::DeviceHealth health() const override {
-    return {side_ == CameraSide::kLeft ? "left camera" : "right camera",
-            true,
-            0,
-            frames_,
-            0,
-            {{"pool_full", missed_}}};
+    io::DeviceHealth health;
+    health.name = side_ == CameraSide::kLeft ? "left camera" : "right camera";
+    health.open = true;
+    health.counters = {{"pool_full", missed_}};
+    return health;
   }
 
  private:
@@ -237,23 +240,32 @@ double PlayedMission::lengthSeconds() const {
   return static_cast<double>(inputs.back().arrival_utc_ns - inputs.front().arrival_utc_ns) * 1e-9;
 }
 
+std::filesystem::path onboardProgram() {
+  return std::filesystem::read_symlink("/proc/self/exe").parent_path() / "fathom-onboard";
+}
+
 onboard::LiveSetup liveSetup(const std::filesystem::path& mission_folder, const std::filesystem::path& folder,
-                             bool anew) {
+                             bool anew, const std::string& more, double stuck_after_s) {
   if (anew) {
     std::filesystem::remove_all(folder);
     std::filesystem::create_directories(folder);
     for (const char* name : {"mission.toml", "stereo.calib"})
       std::filesystem::copy_file(mission_folder / name, folder / name);
   }
+  const std::filesystem::path config_file = folder.string() + ".toml";
+  std::ofstream(config_file)
+      << "[slam]\nmax_pairs = 400\nmax_keyframes = 400\n"
+         "[realtime]\nsoft = true\nstuck_after_s = "
+      << stuck_after_s
+      << "\n"
+         "[recorder]\nplanned_hours = 0.01\nimage_reserve_mib = 1\nlog_reserve_mib = 1\n"
+         "[memory]\nheap_mib = 16\nbudget_mib = 2048\n"
+         "[restart]\ncheckpoint_s = 2\n"
+      << more;
   const io::MissionConfig mission = io::readMissionConfig(folder);
-  onboard::OnboardConfig config = onboard::readOnboardConfig(std::nullopt, mission);
-  config.max_pairs = config.localisation.max_keyframes = 400;
-  config.live.realtime.soft = true;
-  config.live.recorder.planned_hours = 0.01;
-  config.live.recorder.image_reserve_mib = 1;
-  config.live.memory.heap_bytes = std::size_t{16} << 20;
-  config.live.memory.budget_bytes = std::size_t{2048} << 20;
-  return {folder, config, mission, readStereoCalib(io::MissionPaths(folder).calib())};
+  const onboard::OnboardConfig config = onboard::readOnboardConfig(config_file, mission);
+  return {folder,           config,     mission, readStereoCalib(io::MissionPaths(folder).calib()),
+          onboardProgram(), config_file};
 }
 
 onboard::LiveDevices playedDevices(const Playback& played, const std::filesystem::path& folder,

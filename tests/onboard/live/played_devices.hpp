@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "firmware_if/files/mission.hpp"
@@ -57,11 +58,14 @@ class PlayedShuttle final : public Playback {
 };
 
 // Of a dive in `folder` with the mission and calibration of that one, in soft mode and with pools for some
-// minutes; `anew`: what was in the folder is removed. As on a vehicle, the two lie there before the dive.
+// minutes, by a configuration in a file beside the folder, `more` behind it (a busy machine must not pass for
+// a mapper that hangs: `stuck_after_s`); `anew`: what was in the folder is removed. As on a vehicle, the two
+// lie there before the dive. The mapper is fathom-onboard.
 [[nodiscard]] onboard::LiveSetup liveSetup(const std::filesystem::path& mission,
-                                           const std::filesystem::path& folder, bool anew);
-// A replay must find the pools that the dive had: this configuration.
-constexpr const char* kLivePools = "[slam]\nmax_pairs = 400\nmax_keyframes = 400\n";
+                                           const std::filesystem::path& folder, bool anew,
+                                           const std::string& more = "", double stuck_after_s = 30);
+// The program beside this one.
+[[nodiscard]] std::filesystem::path onboardProgram();
 
 struct PlayedOptions {
   std::size_t pool_frames = 12;

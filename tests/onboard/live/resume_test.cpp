@@ -1,162 +1,152 @@
 // The program comes back with what an earlier run left of a dive, whatever state that is in.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <fstream>
-
-#include "realtime/onboard/live/live_system.hpp"
-#include "realtime/onboard/replay.hpp"
-#include "tests/onboard/live/played_devices.hpp"
-#include "tests/support/text_files.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/onboard/checkpoint/checkpoint_file.hpp"
+#include "tests/onboard/live/dived_mission.hpp"
 
 namespace fathom::onboard {
 namespace {
 
 namespace fs = std::filesystem;
+using testing::HasSubstr;
 
-constexpr double kRate = 4;
-constexpr double kFrom_s = 39;  // in the mission: the seafloor comes into sight
 constexpr double kFirstLife_s = 10, kSecondLife_s = 4;
-
-bool saidThat(const LiveSystem& live, const char* what) {
-  for (const std::string& line : live.resumeSaid())
-    if (line.find(what) != std::string::npos) return true;
-  return false;
-}
 
 // A dive of which one run of the program was, and ended without a word; each test has a copy of what it left.
 class Resume : public testing::Test {
  protected:
   static fs::path left() { return fs::path(testing::TempDir()) / "fathom_resume_left"; }
   static void SetUpTestSuite() {
-    clock_ = std::make_unique<rt::VehicleClock>(rt::VehicleClock::systemOffsetNs(), kRate);
-    played_ = std::make_unique<test::PlayedMission>(FATHOM_REEF_MISSION, *clock_, 2 * kRate - kFrom_s);
-    const auto live = start(left(), true);
-    dive(*live, 2 * kRate + kFirstLife_s);
+    dive_ = std::make_unique<test::DivedMission>(FATHOM_REEF_MISSION);
+    const auto live = dive_->start(left(), true);
+    ASSERT_TRUE(live->arm().armed());
+    dive_->supervise(*live, 2 * test::DivedMission::kRate + kFirstLife_s);
   }
   static void TearDownTestSuite() {
     fs::remove_all(left());
-    played_.reset();
-    clock_.reset();
+    dive_.reset();
   }
-
-  static std::unique_ptr<LiveSystem> start(const fs::path& folder, bool anew, const std::string& text = "") {
-    LiveSetup setup = test::liveSetup(FATHOM_REEF_MISSION, folder, anew);
-    setup.config.live.checkpoint_s = 2;
-    setup.config.text = text;
-    const std::int64_t now = clock_->utcNs();
-    for (played_->first = 0; played_->first < played_->inputs.size() && played_->dueNs(played_->first) < now;)
-      ++played_->first;
-    LiveDevices devices =
-        test::playedDevices(*played_, FATHOM_REEF_MISSION, setup.mission, setup.rig, *clock_, {});
-    return std::make_unique<LiveSystem>(std::move(setup), std::move(devices), *clock_);
-  }
-  static void dive(LiveSystem& live, double seconds) {
-    ASSERT_TRUE(live.arm().armed());
-    const std::int64_t end = clock_->utcNs() + static_cast<std::int64_t>(seconds * 1e9);
-    while (clock_->utcNs() < end) {
-      (void)live.supervise();
-      clock_->sleepUntil(clock_->monotonicNs() + static_cast<std::int64_t>(5e7 * kRate));
-    }
-  }
-
   void SetUp() override {
     fs::remove_all(folder);
     fs::copy(left(), folder, fs::copy_options::recursive);
   }
   void TearDown() override { fs::remove_all(folder); }
 
-  static std::unique_ptr<rt::VehicleClock> clock_;
-  static std::unique_ptr<test::PlayedMission> played_;
-  fs::path folder = fs::path(testing::TempDir()) / "fathom_resume";
-};
-std::unique_ptr<rt::VehicleClock> Resume::clock_;
-std::unique_ptr<test::PlayedMission> Resume::played_;
+  // Starts again, until the mapper follows the present; what the two said goes to `said`.
+  std::unique_ptr<LiveSystem> comeBack(const std::string& more = "") {
+    testing::internal::CaptureStderr();
+    auto live = dive_->start(folder, false, more);
+    EXPECT_TRUE(live->resumed());
+    EXPECT_TRUE(live->arm().armed());
+    EXPECT_TRUE(dive_->superviseUntil(
+        *live, [&] { return test::phaseOf(*live) == MapperPhase::kRunning; }, 60));
+    said = testing::internal::GetCapturedStderr();
+    return live;
+  }
+  // The checkpoint that the mapper began with; 0: none.
+  static std::uint64_t begunWith(const LiveSystem& live) { return live.mapper().up().begun_with.load() - 1; }
+  static void endAndReplay(LiveSystem& live, const fs::path& folder) {
+    dive_->supervise(live, kSecondLife_s);
+    const LiveSystem::End end = live.end(240);
+    EXPECT_THAT(end.left_out, testing::IsEmpty());
+    ASSERT_TRUE(end.mapped);
+    EXPECT_GT(test::mapOf(live).pairs, 3U);
+    EXPECT_THAT(test::replayDifferences(folder), testing::IsEmpty());
+  }
 
-TEST_F(Resume, GoesOnFromTheNewestCheckpoint) {
-  const auto live = start(folder, false);
-  EXPECT_TRUE(live->resumed());
-  EXPECT_GT(live->resumedFrom(), 0U);
-  EXPECT_GT(live->run().inputs(), 0U);
-  EXPECT_TRUE(live->resumeSaid().empty());
+  static std::unique_ptr<test::DivedMission> dive_;
+  fs::path folder = fs::path(testing::TempDir()) / "fathom_resume";
+  std::string said;
+};
+std::unique_ptr<test::DivedMission> Resume::dive_;
+
+TEST_F(Resume, GoesOnFromTheNewestCheckpointAndReplaysToTheSameBytes) {
+  const auto live = comeBack();
+  EXPECT_GT(begunWith(*live), 0U);
+  EXPECT_GT(live->mapper().up().position.load(), 0U);
+  EXPECT_GT(live->awaySeconds(), 0.0);
+  EXPECT_THAT(live->resumeSaid(), testing::IsEmpty());
+  endAndReplay(*live, folder);
 }
 
 TEST_F(Resume, DamagedCheckpointsArePassedOverForTheLog) {
   for (const char* name : {"checkpoint-0.bin", "checkpoint-1.bin"})
     fs::resize_file(folder / "state" / name, fs::file_size(folder / "state" / name) / 2);
-  const auto live = start(folder, false);
-  EXPECT_TRUE(live->resumed());
-  EXPECT_EQ(live->resumedFrom(), 0U);
-  EXPECT_TRUE(saidThat(*live, "checkpoint-0.bin: passed over"));
-  EXPECT_TRUE(saidThat(*live, "checkpoint-1.bin: passed over"));
+  const auto live = comeBack();
+  EXPECT_EQ(begunWith(*live), 0U);
+  EXPECT_THAT(said, HasSubstr("checkpoint-0.bin: passed over"));
+  EXPECT_THAT(said, HasSubstr("checkpoint-1.bin: passed over"));
+  endAndReplay(*live, folder);
 }
 
 TEST_F(Resume, CheckpointsOfAnotherConfigurationArePassedOverForTheLog) {
-  const auto live = start(folder, false, "[link]\n");
-  EXPECT_TRUE(live->resumed());
-  EXPECT_EQ(live->resumedFrom(), 0U);
-  EXPECT_TRUE(saidThat(*live, "another program or configuration"));
+  const auto live = comeBack("[link]\n");
+  EXPECT_EQ(begunWith(*live), 0U);
+  EXPECT_THAT(said, HasSubstr("another program or configuration"));
 }
 
 TEST_F(Resume, CheckpointsOfAnotherDeclinationArePassedOverForTheLog) {
   io::MissionConfig mission = io::readMissionConfig(folder);
   mission.magnetic_declination += 0.1;
   io::writeMissionConfig(folder, mission);
-  const auto live = start(folder, false);
-  EXPECT_TRUE(live->resumed());
-  EXPECT_EQ(live->resumedFrom(), 0U);
-  EXPECT_TRUE(saidThat(*live, "another program or configuration"));
+  const auto live = comeBack();
+  EXPECT_EQ(begunWith(*live), 0U);
+  EXPECT_THAT(said, HasSubstr("another program or configuration"));
 }
 
 TEST_F(Resume, WithoutCheckpointsTheLogIsEnough) {
   for (const char* name : {"checkpoint-0.bin", "checkpoint-1.bin"}) fs::remove(folder / "state" / name);
-  const auto live = start(folder, false);
-  EXPECT_TRUE(live->resumed());
-  EXPECT_EQ(live->resumedFrom(), 0U);
+  const auto live = comeBack();
+  EXPECT_EQ(begunWith(*live), 0U);
 }
 
 TEST_F(Resume, ACheckpointBeyondTheLogsEndGivesWayToTheOneBefore) {
-  const CheckpointNames names = checkpointNames(folder, OnboardConfig(), io::readMissionConfig(folder));
+  const io::MissionConfig mission = io::readMissionConfig(folder);
+  const CheckpointNames names =
+      checkpointNames(folder, readOnboardConfig(left().string() + ".toml", mission), mission);
   CheckpointFiles files(folder / "state");
-  std::vector<std::string> said;
-  const auto newest = files.readNewest(names.configuration, names.mission, said);
+  std::vector<std::string> passed;
+  const auto heads = files.usable(names.configuration, names.mission, passed);
+  ASSERT_FALSE(heads.empty());
+  const auto newest = files.read(heads.front().number, passed);
   ASSERT_TRUE(newest);
   CheckpointHead beyond = newest->head;
-  beyond.number += 101;  // of the other file, and beyond any mark that is logged but not saved yet
-  beyond.utc_ns = clock_->utcNs();
+  beyond.number += 100;  // beyond any mark that is logged but not saved yet
+  beyond.inputs += 100'000;
   ASSERT_TRUE(files.write(beyond, newest->state));
-  const auto live = start(folder, false);
-  EXPECT_EQ(live->resumedFrom(), newest->head.number);
-  EXPECT_TRUE(saidThat(*live, "the log does not reach to its mark"));
+  const auto live = comeBack();
+  EXPECT_EQ(begunWith(*live), newest->head.number);
+  EXPECT_THAT(said, HasSubstr("the log does not reach to its mark"));
 }
 
-// Its checksums are right, but the files beside it are not those that it was saved with.
-TEST_F(Resume, ACheckpointThatDoesNotLoadGivesWayToTheLogAndTheDiveReplaysToTheSameBytes) {
+// Their checksums are right, but the files beside them are not those that they were saved with.
+TEST_F(Resume, CheckpointsThatDoNotLoadGiveWayToTheLogAndAreKept) {
   fs::resize_file(folder / "onboard.tmp" / "odometry.csv", 10);
-  bool mapped = false;
+  const auto live = comeBack();
+  EXPECT_EQ(begunWith(*live), 0U);
+  EXPECT_THAT(said, HasSubstr("cannot be used"));
+  EXPECT_TRUE(fs::exists(folder / "state" / "checkpoint-0.bin"));
+  EXPECT_TRUE(fs::exists(folder / "state" / "checkpoint-1.bin"));
+  endAndReplay(*live, folder);
+}
+
+TEST_F(Resume, ADiveThatWasLeftGoesOnAndOneThatHasEndedDoesNot) {
   {
-    const auto live = start(folder, false);
-    EXPECT_TRUE(live->resumed());
-    EXPECT_EQ(live->resumedFrom(), 0U);
-    EXPECT_TRUE(saidThat(*live, "cannot be used"));
-    dive(*live, kSecondLife_s);
-    EXPECT_GT(live->awaySeconds(), 0.0);
-    live->stop();
-    mapped = live->write();
+    const auto live = comeBack();
+    EXPECT_THAT(live->leave(40).left_out, testing::IsEmpty());
+    EXPECT_FALSE(fs::exists(folder / "onboard"));
   }
-  ASSERT_TRUE(mapped);
-  const fs::path config = fs::path(testing::TempDir()) / "fathom_resume.toml";
-  std::ofstream(config) << test::kLivePools;
-  ReplayOptions again;
-  again.mission = folder;
-  again.config = config;
-  again.out = folder / "again";
-  EXPECT_GT(replay(again).pairs, 3U);
-  for (const auto& entry : fs::directory_iterator(folder / "onboard")) {
-    const std::string name = entry.path().filename();
-    if (name == "timing.json" || name == "live.json") continue;
-    EXPECT_TRUE(test::readText(entry.path()) == test::readText(*again.out / name)) << name;
+  const auto live = comeBack();
+  EXPECT_GT(begunWith(*live), 0U);
+  endAndReplay(*live, folder);
+  try {
+    (void)dive_->start(folder, false);
+    ADD_FAILURE() << "an ended dive began";
+  } catch (const InputError& e) {
+    EXPECT_THAT(std::string(e.what()), HasSubstr("this dive has ended"));
   }
-  fs::remove(config);
 }
 
 }  // namespace

@@ -1,6 +1,5 @@
-#include "realtime/onboard/live/device_threads.hpp"
+#include "realtime/onboard/live/devices/device_threads.hpp"
 
-#include <algorithm>
 #include <ctime>
 
 #include "firmware_if/files/images/image_file.hpp"
@@ -70,9 +69,8 @@ void CameraThread::frame(const io::CameraFrame& frame) noexcept {
     camera_.pool().retain(frame.block);
     (void)links_.recorder->offerImage(frame);
   }
-  // The pixels before the stamp that speaks of them. Without room the stamp goes on alone: navigation pairs
-  // it, and the map drops the pair.
-  if (!links_.frames->push(frame)) camera_.pool().release(frame.block);
+  // The pixels before the stamp that speaks of them.
+  links_.frames->lend(frame);
   (void)links_.stamps->push(
       {frame.arrival_utc_ns,
        SensorSample(ImageEvent{frame.utc_ns, frame.side, io::imageFileName(frame.utc_ns, frame.side),
@@ -94,9 +92,15 @@ void ModemThread::run(const std::atomic<bool>& stop) noexcept {
         (void)links_.recorder->offerRaw(links_.raw_lane, now, "RAW_MODEM", frame.data());
       (void)links_.inputs->push({now, frame});
     }
-    while (links_.outgoing->pop(frame))
-      (modem_.send(frame.data()) ? counters_.sent : counters_.refused)
-          .fetch_add(1, std::memory_order_relaxed);
+    while (links_.outgoing->pop(frame)) {
+      // From another process: anything.
+      if (frame.size == 0 || frame.size > frame.bytes.size()) continue;
+      send(frame, false);
+    }
+    if (links_.own->next(clock_.utcNs(), frame)) {
+      counters_.own.fetch_add(1, std::memory_order_relaxed);
+      send(frame, true);
+    }
     counters_.dropped.store(modem_.droppedFrames(), std::memory_order_relaxed);
     health_.update([&](io::DeviceHealth& health) {
       health.open = modem_.isOpen();
@@ -110,13 +114,9 @@ void ModemThread::run(const std::atomic<bool>& stop) noexcept {
   }
 }
 
-bool RingFramePort::send(std::span<const std::uint8_t> frame) noexcept {
-  if (muted_) return true;
-  io::ModemFrame out;
-  if (frame.empty() || frame.size() > out.bytes.size()) return false;
-  out.size = static_cast<std::uint16_t>(frame.size());
-  std::copy(frame.begin(), frame.end(), out.bytes.begin());
-  return ring_.push(out);
+void ModemThread::send(const io::ModemFrame& frame, bool own) noexcept {
+  links_.own->sent(clock_.utcNs(), frame.data(), own);
+  (modem_.send(frame.data()) ? counters_.sent : counters_.refused).fetch_add(1, std::memory_order_relaxed);
 }
 
 }  // namespace fathom::onboard

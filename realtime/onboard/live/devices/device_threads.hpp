@@ -12,7 +12,9 @@
 #include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/frame_port.hpp"
 #include "realtime/kernel/tiers/watchdog.hpp"
-#include "realtime/onboard/live/input_rings.hpp"
+#include "realtime/onboard/live/devices/frame_lender.hpp"
+#include "realtime/onboard/live/devices/input_rings.hpp"
+#include "realtime/onboard/live/devices/own_status.hpp"
 
 namespace fathom::onboard {
 
@@ -68,13 +70,13 @@ class SampleThread final : public io::SampleSink {
   SharedHealth health_;
 };
 
-// The thread of one camera: its frames go to the recorder, to the soft tier, and as stamps to the hard tier.
+// The thread of one camera: its frames go to the recorder, to the mapper, and as stamps to the hard tier.
 // Goes on until it is stopped, whatever the camera throws (PollFence).
 class CameraThread final : public io::FrameSink {
  public:
   struct Links {
     InputRing* stamps = nullptr;
-    FrameRing* frames = nullptr;
+    FrameLender* frames = nullptr;
     io::Recorder* recorder = nullptr;  // may be null
     rt::Heartbeat* heart = nullptr;
   };
@@ -92,12 +94,14 @@ class CameraThread final : public io::FrameSink {
   SharedHealth health_;
 };
 
-// The modem's thread: what the soft tier gives goes out, what comes in goes to the hard tier as an input. Its
-// port waits for a device that is not there, and never throws.
+// The modem's thread: what the mapper gives goes out, while there is none the vehicle's own status; what
+// comes in goes to the hard tier as an input. Its port waits for a device that is not there, and never
+// throws.
 class ModemThread {
  public:
   struct Links {
     ModemRing* outgoing = nullptr;
+    OwnStatus* own = nullptr;
     InputRing* inputs = nullptr;
     io::Recorder* recorder = nullptr;  // may be null
     std::size_t raw_lane = 0;
@@ -106,6 +110,7 @@ class ModemThread {
   struct Counters {
     std::atomic<std::uint64_t> sent{0}, refused{0}, received{0}, dropped{0};
     std::atomic<std::int64_t> last_received_ns{0};  // vehicle time
+    std::atomic<std::uint64_t> own{0};              // status frames of the vehicle itself, of those sent
   };
   ModemThread(FramePort& modem, const Links& links, const rt::Clock& clock);
 
@@ -114,26 +119,13 @@ class ModemThread {
   [[nodiscard]] io::DeviceHealth health() const { return health_.read(); }
 
  private:
+  void send(const io::ModemFrame& frame, bool own) noexcept;
+
   FramePort& modem_;
   Links links_;
   const rt::Clock& clock_;
   Counters counters_;
   SharedHealth health_;
-};
-
-// The soft tier's end of the modem: frames to send go into a ring. What the modem receives comes as inputs.
-class RingFramePort final : public FramePort {
- public:
-  explicit RingFramePort(ModemRing& ring) : ring_(ring) {}
-  [[nodiscard]] bool send(std::span<const std::uint8_t> frame) noexcept override;
-  [[nodiscard]] std::size_t receive(std::span<std::uint8_t>) noexcept override { return 0; }
-  [[nodiscard]] std::uint64_t droppedFrames() const noexcept override { return 0; }
-  // Frames that were sent before the program started again are not sent twice.
-  void setMuted(bool muted) noexcept { muted_ = muted; }
-
- private:
-  bool muted_ = false;
-  ModemRing& ring_;
 };
 
 }  // namespace fathom::onboard

@@ -3,22 +3,22 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 
-#include "realtime/onboard/live/input_rings.hpp"
-#include "realtime/onboard/onboard_system.hpp"
+#include "realtime/kernel/shared_memory.hpp"
+#include "realtime/onboard/mapper/mapper_channel.hpp"
 
 namespace fathom::onboard {
 
-// The soft tier's frames: those whose stamps wait in the sequence, or whose pair has not been mapped.
-// Bounded: a frame that finds no partner is given back when newer ones need its place, before the camera's
-// pool runs dry.
+// The mapper's frames: those whose stamps wait in the log, or whose pair has not been mapped. Bounded: a
+// frame that finds no partner is given back when newer ones need its place. The vehicle lends them and keeps
+// their pixels until they are given back (FrameLender), whatever the mapper does.
 class HeldFrames {
  public:
-  // Rings and cameras must outlive it. `most`: frames held of a camera, well below its pool's blocks.
-  HeldFrames(FrameRing& left_ring, io::CameraSource& left, FrameRing& right_ring, io::CameraSource& right,
-             std::size_t most);
+  // Both cameras' pools, mapped. `most`: frames held of a camera.
+  HeldFrames(const MapperDown& down, MapperUp& up, int left_pool, int right_pool, std::size_t most);
   ~HeldFrames();
   HeldFrames(const HeldFrames&) = delete;
   HeldFrames& operator=(const HeldFrames&) = delete;
@@ -38,14 +38,21 @@ class HeldFrames {
 
  private:
   static constexpr std::size_t kMost = 32;
-  struct Side {
-    FrameRing* ring = nullptr;
-    io::CameraSource* camera = nullptr;
-    std::array<io::CameraFrame, kMost> frames;  // oldest first
-    std::size_t count = 0;
+  struct Held {
+    LentFrame lent;
+    std::uint64_t number = 0;
   };
-  [[nodiscard]] static const io::CameraFrame* frameOf(const Side& side, const std::string& file_name);
-  void dropOldest(Side& side, std::size_t frames);
+  struct Side {
+    const FrameBroadcast* ring = nullptr;
+    std::atomic<std::uint64_t>* floor = nullptr;
+    PoolPlace place;
+    std::unique_ptr<rt::SharedMemory> pool;
+    std::array<Held, kMost> frames;  // oldest first
+    std::size_t count = 0;
+    std::uint64_t next = 0;  // number of the frame taken in next
+  };
+  [[nodiscard]] static const Held* frameOf(const Side& side, const std::string& file_name);
+  static void dropOldest(Side& side, std::size_t frames);
   void releaseUpTo(Side& side, const std::string& file_name);
 
   std::array<Side, 2> sides_;

@@ -1,4 +1,4 @@
-#include "realtime/onboard/live/input_sequencer.hpp"
+#include "realtime/onboard/live/devices/input_sequencer.hpp"
 
 #include <algorithm>
 #include <cassert>

@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "realtime/onboard/live/input_rings.hpp"
+#include "realtime/onboard/live/devices/input_rings.hpp"
 
 namespace fathom::onboard {
 

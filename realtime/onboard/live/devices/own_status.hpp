@@ -1,0 +1,50 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <span>
+
+#include "realtime/kernel/broadcast_ring.hpp"
+#include "realtime/onboard/live/devices/input_rings.hpp"
+#include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/status.hpp"
+
+namespace fathom::onboard {
+
+// The vehicle's own word to the ship while nobody maps: its status, at a slow pace, in frames whose sequence
+// numbers lie beyond what a mapper may have used (noteSent of the link). The modem's thread asks and tells,
+// whoever knows the status sets it.
+class OwnStatus {
+ public:
+  struct Config {
+    telemetry::LinkIdentity identity;
+    std::int64_t silent_ns = 30'000'000'000;  // that the link has been before the vehicle speaks itself
+    std::int64_t period_ns = 20'000'000'000;  // from status to status
+    std::uint16_t passed_over = 64;           // sequence numbers that a lost mapper may have used unseen
+  };
+  explicit OwnStatus(const Config& config) : config_(config) {}
+
+  // Some times a second, from one thread. `mapper`: one follows the log and may speak.
+  void set(const telemetry::Status& status, bool mapper) noexcept;
+  // Any thread: the first sequence number that is free; false where none was ever seen.
+  [[nodiscard]] bool nextSequence(std::uint16_t& sequence) const noexcept;
+
+  // The modem's thread. The frame that is due; false for none.
+  [[nodiscard]] bool next(std::int64_t now_ns, io::ModemFrame& frame) noexcept;
+  // Every frame that goes to the modem; `own`: next() gave it.
+  void sent(std::int64_t now_ns, std::span<const std::uint8_t> frame, bool own) noexcept;
+
+ private:
+  struct Known {
+    telemetry::Status status;
+    std::uint64_t mapper = 0;
+  };
+  Config config_;
+  rt::SharedRecord<Known> known_;
+  std::atomic<std::uint32_t> next_sequence_{0};
+  std::atomic<bool> any_{false};
+  std::int64_t last_ns_ = 0;  // a frame was sent, or listening began
+  bool own_turn_ = false;     // the last frame was the vehicle's own
+};
+
+}  // namespace fathom::onboard

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <cstdint>
+#include <mutex>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace fathom::onboard {
+
+// Where a part of the program is: navigation, recorder, each device, mapper, link, output, publisher.
+enum class PartState : std::uint8_t { kStarting, kCatchingUp, kRunning, kFailed, kEnded };
+[[nodiscard]] const char* nameOf(PartState state);
+
+struct PartReport {
+  std::string name;
+  PartState state = PartState::kStarting;
+  std::string reason;  // of kFailed, and of what keeps it from running
+};
+
+// Every part's state, kept by the supervisor, read by whoever tells of it. Best effort on both sides.
+class PartStates {
+ public:
+  // True when the part's state is another now.
+  bool set(std::string_view name, PartState state, std::string reason = "");
+  [[nodiscard]] std::vector<PartReport> read() const;
+  [[nodiscard]] PartReport read(std::string_view name) const;  // kStarting where it is not known
+
+ private:
+  mutable std::mutex mutex_;
+  std::vector<PartReport> parts_;
+};
+
+}  // namespace fathom::onboard

@@ -1,0 +1,181 @@
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <optional>
+
+#include "firmware_if/camera/camera_source.hpp"
+#include "firmware_if/log/onboard_input.hpp"
+#include "realtime/kernel/broadcast_ring.hpp"
+#include "realtime/kernel/health/timeline.hpp"
+#include "realtime/kernel/shared_memory.hpp"
+#include "realtime/kernel/spsc_ring.hpp"
+#include "realtime/kernel/tiers/overload_rule.hpp"
+#include "realtime/kernel/vehicle_clock.hpp"
+#include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
+#include "recon/geometry/se3.hpp"
+#include "telemetry/wire/status.hpp"
+
+namespace fathom::onboard {
+
+// What the vehicle process and its mapper process share. Two pieces of memory: `MapperDown`, which the
+// vehicle writes and the mapper can only read, so that no mapper damages navigation; `MapperUp`, which the
+// mapper writes and the vehicle takes for bytes from outside. Camera pools are further pieces, also only to
+// be read. Every part outlives the mapper: the next one goes on with it.
+
+// Inputs and frames by position; positions of inputs count from the beginning of the log (see
+// firmware_if/log), those of frames from the start of the vehicle process.
+using InputBroadcast = rt::BroadcastRing<io::OnboardInput, 8192>;  // minutes: what is older is in the log
+
+// An exposure in a camera's pool, with what makes an ImageView of it in any process.
+struct LentFrame {
+  io::CameraFrame frame;
+  int width = 0, height = 0;  // [px]
+  std::uint64_t stride = 0;   // [bytes]
+  PixelFormat format = PixelFormat::kMono;
+  int bits = 8;
+};
+using FrameBroadcast = rt::BroadcastRing<LentFrame, 64>;
+
+struct PoolPlace {
+  std::uint64_t bytes = 0, stride = 0, blocks = 0;
+};
+
+struct MapperDown {
+  rt::VehicleClock::Setting clock;
+  std::uint64_t configuration = 0, mission = 0;  // hashes: the mapper reads the same files
+  std::array<PoolPlace, 2> pools;                // left, right
+  InputBroadcast inputs;
+  std::array<FrameBroadcast, 2> frames;
+  // What the disk holds whatever happens: inputs before this position, and so many of the decisions taken
+  // from MapperUp.
+  std::atomic<std::uint64_t> safe_position{0}, decisions_safe{0};
+  // The next mapper must not load these checkpoints: the program died of them. Numbers; 0: none.
+  std::array<std::atomic<std::uint64_t>, 2> avoid{};
+  // It begins at the present, without what was mapped before: all else failed.
+  std::atomic<bool> anew{false};
+  // The first mapper of a dive that begins: no mark of a restart will come.
+  std::atomic<bool> fresh{true};
+  std::uint64_t most_held = 2;  // frames of a camera that a mapper may hold
+};
+
+enum class MapperPhase : std::uint32_t {
+  kStarting = 0,  // pools are made
+  kLoading,       // a checkpoint is read
+  kCatchingUp,    // behind its restart's mark, or behind the present by more than it may lag
+  kRunning,
+  kFinishing,  // the end mark has come: final poses and map are made
+  kEnded,      // the output is whole
+  kNoMap,      // as kEnded, but no pair gave a map
+  kRefused,    // it cannot work with what it found; its reason is on stderr
+};
+inline constexpr std::uint32_t kMapperPhases = 8;
+
+// What the map shows of itself.
+struct MapState {
+  std::int64_t utc_ns = 0;  // of the newest input consumed; 0: nothing yet
+  SE3 T_nav_odom;
+  bool anchored = false;
+  telemetry::Status status;
+  double mapped_area = 0;  // [m2]
+  std::uint64_t pairs = 0, pairs_shed = 0, keyframes = 0, closures = 0, map_meshes_moved = 0;
+  int map_tiles = 0, map_tiles_high_water = 0, map_layers = 0, map_layers_high_water = 0;
+  std::uint64_t map_coarsened = 0, map_refused = 0;
+  std::uint64_t link_frames = 0, link_bytes = 0, link_blocks_waiting = 0, link_frames_arrived = 0;
+  rt::DegradationLevel level = rt::DegradationLevel::kFull;
+  std::int64_t lag_ns = 0, highest_lag_ns = 0;  // behind the hard tier
+  std::uint64_t frames_given_back = 0;          // that found no partner, or no time
+  std::uint64_t inputs_skipped = 0;             // that neither memory nor disk had
+  std::uint64_t rows_lost = 0;                  // of the output, for the disk's sake
+  MapState() noexcept = default;
+  MapState(const MapState&) noexcept = default;
+  MapState& operator=(const MapState&) noexcept = default;
+};
+
+// What the mapper measures of itself.
+struct MapperFigures {
+  static constexpr std::size_t kStages = 16;
+  struct Stage {
+    std::uint64_t count = 0, misses = 0;
+    std::int64_t last_ns = 0, p50_ns = 0, p99_ns = 0, p999_ns = 0, max_ns = 0;
+  };
+  std::array<Stage, kStages> stages{};  // named by MapperTier::stageSpecs()
+  rt::OverloadRule::Statistics overload;
+  CheckpointWriter::Counters checkpoints;
+  std::uint64_t planned = 0, resident = 0, resident_at_arming = 0;  // memory [bytes]
+  std::uint64_t heap_overflow = 0;                                  // beyond the reserve [bytes]
+  std::uint64_t minor_faults = 0;                                   // since it was armed
+  MapperFigures() noexcept = default;
+  MapperFigures(const MapperFigures&) noexcept = default;
+  MapperFigures& operator=(const MapperFigures&) noexcept = default;
+};
+
+// A decision about a pair, as it goes to the log.
+struct MadeDecision {
+  std::int64_t utc_ns = 0;
+  io::Decision decision;
+};
+
+// Decisions by pair, kept over a mapper's death: the next one does the same again.
+class DecisionTable {
+ public:
+  void set(const io::Decision& d) noexcept {
+    const std::uint64_t packed = (std::uint64_t{d.pair_index} + 1) << 16U |
+                                 static_cast<std::uint64_t>(d.level) << 1U | (d.dropped ? 1U : 0U);
+    slots_[d.pair_index % kSlots].store(packed, std::memory_order_release);
+  }
+  [[nodiscard]] std::optional<io::Decision> of(std::uint32_t pair) const noexcept {
+    const std::uint64_t packed = slots_[pair % kSlots].load(std::memory_order_acquire);
+    if (packed >> 16U != std::uint64_t{pair} + 1) return std::nullopt;
+    return io::Decision{pair, static_cast<std::uint8_t>(packed >> 1U & 0x7FFFU), (packed & 1U) != 0};
+  }
+
+ private:
+  static constexpr std::size_t kSlots = 8192;  // over an hour of pairs: what is older is in the log
+  std::array<std::atomic<std::uint64_t>, kSlots> slots_{};
+};
+
+struct MapperUp {
+  std::atomic<std::uint32_t> phase{0};
+  std::atomic<std::uint64_t> beats{0};         // grow while it gets on
+  std::atomic<std::uint64_t> position{0};      // of the input consumed next
+  std::atomic<std::uint64_t> loading{0};       // checkpoint that is being loaded; 0: none
+  std::atomic<std::uint64_t> begun_with{0};    // checkpoint + 1, or 1: the log's beginning; 0: not known yet
+  std::atomic<std::uint64_t> working_pair{0};  // that it is mapping, + 1; 0: none
+  std::array<std::atomic<std::uint64_t>, 2> frame_floor{};  // frames before these are no longer needed
+  std::atomic<std::uint64_t> decisions_made{0};             // given to `decisions`, by any mapper
+  rt::SpscRing<MadeDecision, 1024> decisions;
+  rt::SpscRing<io::ModemFrame, 64> modem;
+  DecisionTable decided;
+  rt::SharedRecord<MapState> state;
+  rt::SharedRecord<MapperFigures> figures;
+  rt::BroadcastRing<rt::TimelineEvent, 4096> timeline;
+};
+
+// Both pieces, by whoever makes them (the vehicle) or is given them (the mapper).
+class MapperChannel {
+ public:
+  // The vehicle's. Throws std::system_error.
+  MapperChannel();
+  // The mapper's, from the files that it was started with.
+  MapperChannel(int down_file, int up_file);
+
+  [[nodiscard]] MapperDown& down() noexcept { return *down_; }  // the vehicle only
+  [[nodiscard]] const MapperDown& down() const noexcept { return *down_; }
+  [[nodiscard]] MapperUp& up() noexcept { return *up_; }
+  [[nodiscard]] const MapperUp& up() const noexcept { return *up_; }
+  [[nodiscard]] int downFile() const noexcept { return down_memory_.file(); }
+  [[nodiscard]] int upFile() const noexcept { return up_memory_.file(); }
+  [[nodiscard]] std::size_t bytes() const noexcept { return down_memory_.bytes() + up_memory_.bytes(); }
+
+ private:
+  rt::SharedMemory down_memory_, up_memory_;
+  MapperDown* down_;
+  MapperUp* up_;
+};
+
+// Files of a mapper process by their numbers, as it is started.
+inline constexpr int kMapperDownFile = 3, kMapperUpFile = 4, kMapperLeftPool = 5, kMapperRightPool = 6;
+
+}  // namespace fathom::onboard

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <sys/types.h>
+
+#include <array>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace fathom::onboard {
+
+// The mapper as a process: started without a copy of this one's pages (posix_spawn), found dead, killed. By
+// one thread.
+class MapperChild {
+ public:
+  struct Start {
+    std::filesystem::path program;
+    std::vector<std::string> arguments;
+    // Become its files kMapperDownFile and on. Nothing else that this process has open is handed on.
+    std::array<int, 4> files{};
+  };
+  explicit MapperChild(Start start);
+  // Kills it.
+  ~MapperChild();
+  MapperChild(const MapperChild&) = delete;
+  MapperChild& operator=(const MapperChild&) = delete;
+
+  // "", or why it could not be started.
+  [[nodiscard]] std::string start();
+  [[nodiscard]] bool running() const { return pid_ > 0; }
+  [[nodiscard]] pid_t pid() const { return pid_; }
+  // How it ended, once: "exit status 1", "signal 11 (Segmentation fault)". Does not wait.
+  [[nodiscard]] std::optional<std::string> ended();
+  // With SIGKILL; ended() tells of it afterwards.
+  void kill();
+
+ private:
+  Start start_;
+  pid_t pid_ = -1;
+};
+
+}  // namespace fathom::onboard

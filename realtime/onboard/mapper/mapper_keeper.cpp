@@ -1,0 +1,62 @@
+#include "realtime/onboard/mapper/mapper_keeper.hpp"
+
+#include <algorithm>
+
+namespace fathom::onboard {
+
+void MapperKeeper::learnFrom(const Seen& seen, Orders& orders) {
+  orders.lost = true;
+  const bool further = seen.position > furthest_;
+  furthest_ = std::max(furthest_, seen.position);
+  futile_ = further ? 0 : futile_ + 1;
+  if (seen.phase == MapperPhase::kLoading && seen.loading != 0) orders.avoid = seen.loading;
+  const bool follows = seen.phase == MapperPhase::kCatchingUp || seen.phase == MapperPhase::kRunning;
+  const std::uint64_t pair = follows ? seen.working_pair : 0;
+  if (pair != 0 && pair == died_on_pair_) {
+    orders.drop_pair = static_cast<std::uint32_t>(pair - 1);
+    died_on_pair_ = 0;
+  } else {
+    died_on_pair_ = pair;
+  }
+  const std::int64_t doubled = config_.first_wait_ns << std::min(futile_ - 1, 20);
+  const std::int64_t wait = futile_ == 0 ? 0 : std::min(doubled, config_.longest_wait_ns);
+  // One that found what a person must put right is not asked ten times a second.
+  next_start_ns_ = seen.now_ns + (seen.phase == MapperPhase::kRefused ? config_.longest_wait_ns / 3 : wait);
+}
+
+MapperKeeper::Orders MapperKeeper::step(const Seen& seen) {
+  Orders orders;
+  if (done_) return orders;
+  if (seen.running) {
+    if (seen.beats != beats_ || seen.phase != phase_) last_life_ns_ = seen.now_ns;
+    beats_ = seen.beats;
+    phase_ = seen.phase;
+    const bool follows = seen.phase == MapperPhase::kCatchingUp || seen.phase == MapperPhase::kRunning;
+    // The end has a deadline of its own.
+    if (seen.phase == MapperPhase::kFinishing || killed_) return orders;
+    const std::int64_t limit = follows ? config_.stuck_after_ns : config_.start_within_ns;
+    if (seen.now_ns - last_life_ns_ <= limit) return orders;
+    orders.kill = killed_ = true;
+    orders.why = "the mapper got no further for " + std::to_string(limit / 1'000'000) + " ms";
+    return orders;
+  }
+  if (was_running_) {
+    was_running_ = killed_ = false;
+    if (seen.phase == MapperPhase::kEnded || seen.phase == MapperPhase::kNoMap) {
+      done_ = true;
+      return orders;
+    }
+    learnFrom(seen, orders);
+  }
+  if (seen.now_ns < next_start_ns_) return orders;
+  orders.start = true;
+  orders.anew = futile_ >= config_.futile_starts;
+  if (orders.anew) futile_ = 0;
+  ++starts_;
+  // One that does not come to be has died at once.
+  was_running_ = true;
+  last_life_ns_ = seen.now_ns;
+  return orders;
+}
+
+}  // namespace fathom::onboard

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "realtime/onboard/mapper/mapper_channel.hpp"
+
+namespace fathom::onboard {
+
+// What to do about the mapper process: when to kill it, when to start it again, and with what. A plain state
+// machine; whoever calls it has the process.
+//
+// It is killed when it gets no further: no beat for `stuck_after` while it follows the log, for
+// `start_within` while it makes its pools and loads. It is started again at once when it had got further than
+// any before it, else after a wait that doubles up to `longest_wait`. What it died of is kept away from the
+// next: a state that it was loading is passed over, a pair that two in a row were mapping is dropped. After
+// `futile_starts` that got no further it begins anew: at the present, with an empty map.
+class MapperKeeper {
+ public:
+  struct Config {
+    std::int64_t stuck_after_ns = 2'000'000'000;
+    std::int64_t start_within_ns = 30'000'000'000;
+    std::int64_t first_wait_ns = 100'000'000, longest_wait_ns = 30'000'000'000;
+    int futile_starts = 6;
+  };
+  // Of the process and of what it last said.
+  struct Seen {
+    std::int64_t now_ns = 0;  // monotonic
+    bool running = false;
+    MapperPhase phase = MapperPhase::kStarting;
+    std::uint64_t beats = 0, position = 0;
+    std::uint64_t loading = 0;       // checkpoint; 0: none
+    std::uint64_t working_pair = 0;  // + 1; 0: none
+  };
+  struct Orders {
+    bool kill = false, start = false;
+    bool lost = false;  // it ended, and not because all was done
+    bool anew = false;  // of a start
+    std::optional<std::uint64_t> avoid;
+    std::optional<std::uint32_t> drop_pair;
+    std::string why;  // of a kill
+  };
+
+  explicit MapperKeeper(const Config& config) : config_(config) {}
+
+  // Some times a second. After orders to start, the caller starts it before the next call; one that then does
+  // not run has died.
+  [[nodiscard]] Orders step(const Seen& seen);
+  // All was done: the map is written, or there is none.
+  [[nodiscard]] bool done() const { return done_; }
+  [[nodiscard]] std::uint64_t starts() const { return starts_; }
+  // In a row, that got no further.
+  [[nodiscard]] int futile() const { return futile_; }
+
+ private:
+  void learnFrom(const Seen& seen, Orders& orders);
+
+  Config config_;
+  bool was_running_ = false, done_ = false, killed_ = false;
+  std::int64_t last_life_ns_ = 0, next_start_ns_ = 0;
+  MapperPhase phase_ = MapperPhase::kStarting;
+  std::uint64_t beats_ = 0, furthest_ = 0, starts_ = 0;
+  std::uint64_t died_on_pair_ = 0;
+  int futile_ = 0;
+};
+
+}  // namespace fathom::onboard

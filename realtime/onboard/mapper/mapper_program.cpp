@@ -1,0 +1,114 @@
+#include "realtime/onboard/mapper/mapper_program.hpp"
+
+#include <sys/prctl.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <csignal>
+#include <cstdio>
+#include <ctime>
+#include <exception>
+#include <string>
+
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/memory/heap_reserve.hpp"
+#include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/tiers/arming.hpp"
+#include "realtime/kernel/tiers/realtime_config.hpp"
+#include "realtime/onboard/checkpoint/checkpoint_names.hpp"
+#include "realtime/onboard/mapper/mapper_run.hpp"
+#include "recon/geometry/colour_matrix.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+constexpr long kCheckpointRest_ns = 100'000'000;
+
+// It lives and dies by its parent alone: what ends the survey comes through the log.
+void listenToNobody() {
+  ::prctl(PR_SET_NAME, "fathom-mapper");
+  ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+  if (::getppid() == 1) ::_exit(kExitFailedWork);  // it died before
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) ::signal(signal, SIG_IGN);
+}
+
+MapperRun::Setup readSetup(const MapperOptions& options, const MapperDown& down) {
+  MapperRun::Setup setup;
+  setup.folder = options.folder;
+  setup.mission = io::readMissionConfig(options.folder);
+  const std::filesystem::path calib = io::MissionPaths(options.folder).calib();
+  setup.rig = readStereoCalib(calib);
+  setup.config = readOnboardConfig(options.config, setup.mission);
+  setup.config.colours = readColours(calib);
+  if (options.soft) setup.config.live.realtime.soft = true;
+  setup.plan_only = options.print_budget;
+  const CheckpointNames names = checkpointNames(options.folder, setup.config, setup.mission);
+  if (names.configuration != down.configuration || names.mission != down.mission)
+    throw InputError(options.folder, "mission.toml, stereo.calib or the configuration",
+                     "was changed during the dive; put it back as it was, and the map goes on");
+  return setup;
+}
+
+int map(const MapperOptions& options, MapperChannel& channel) {
+  const MapperDown& down = std::as_const(channel).down();
+  MapperUp& up = channel.up();
+  rt::VehicleClock clock(down.clock);
+  MapperRun run(readSetup(options, down), channel, clock);
+  if (options.print_budget) {
+    std::fprintf(stderr, "%s", run.budget().table(false).c_str());
+    return kExitSuccess;
+  }
+  const LiveConfig& live = run.config().live;
+  (void)rt::setLibraryStackBytes(live.realtime.library_stack_bytes);
+  rt::HeapReserve heap;
+  // All of it locked and there before the first input is read: it shall not be refused later.
+  const rt::ArmingResult arming = rt::arm(live.realtime, run.budget(), heap, live.memory.heap_bytes);
+  if (down.fresh.load() && !arming.complete())
+    std::fprintf(stderr, "fathom-onboard: the mapper is without %s\n", arming.missingNames().c_str());
+  run.measure(heap);
+  run.begin();
+
+  std::atomic<bool> stop{false}, mapped{false}, failed{false};
+  std::string why;
+  rt::RtThread vision(rt::threadConfig(live.realtime, rt::Tier::kSoft, "vision"));
+  rt::RtThread saving(rt::threadConfig(live.realtime, rt::Tier::kBestEffort, "checkpoints"));
+  (void)saving.start([&] {
+    while (!stop.load(std::memory_order_acquire)) {
+      run.writeCheckpoint();
+      const timespec pause = {0, kCheckpointRest_ns};
+      ::clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, nullptr);
+    }
+  });
+  const bool started = vision.start([&] {
+    try {
+      run.follow();
+      mapped = run.finish();
+    } catch (const std::exception& e) {
+      why = e.what();
+      failed = true;
+    }
+  });
+  if (!started) throw std::runtime_error("no thread for vision");
+  vision.join();
+  stop.store(true, std::memory_order_release);
+  saving.join();
+  if (failed) throw std::runtime_error(why);
+  up.phase.store(static_cast<std::uint32_t>(mapped ? MapperPhase::kEnded : MapperPhase::kNoMap));
+  return mapped ? kExitSuccess : kExitFailedWork;
+}
+
+}  // namespace
+
+int runMapper(const MapperOptions& options) {
+  listenToNobody();
+  MapperChannel channel(kMapperDownFile, kMapperUpFile);
+  channel.up().phase.store(static_cast<std::uint32_t>(MapperPhase::kStarting));
+  try {
+    return map(options, channel);
+  } catch (const InputError&) {
+    channel.up().phase.store(static_cast<std::uint32_t>(MapperPhase::kRefused));
+    throw;
+  }
+}
+
+}  // namespace fathom::onboard

@@ -1,0 +1,90 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "realtime/kernel/memory/heap_reserve.hpp"
+#include "realtime/kernel/memory/memory_budget.hpp"
+#include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/onboard/checkpoint/checkpoint_file.hpp"
+#include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
+#include "realtime/onboard/mapper/mapper_channel.hpp"
+#include "realtime/onboard/mapper/mapper_tier.hpp"
+#include "realtime/onboard/recorded_pairs.hpp"
+#include "realtime/onboard/slots/slot_file.hpp"
+
+namespace fathom::onboard {
+
+// What maps in the mapper process: output, slots, the run with its cores, and the saved states that it begins
+// with and makes.
+class MapperRun {
+ public:
+  struct Setup {
+    std::filesystem::path folder;  // of the mission
+    OnboardConfig config;
+    io::MissionConfig mission;
+    StereoRig rig;
+    bool plan_only = false;  // its memory is all that is asked for: no room is taken on the disk
+  };
+  // Every pool is made; what an earlier mapper left on the disk is kept. Throws InputError,
+  // std::runtime_error.
+  MapperRun(Setup setup, MapperChannel& channel, rt::Clock& clock);
+  MapperRun(const MapperRun&) = delete;
+  MapperRun& operator=(const MapperRun&) = delete;
+
+  // From now on its figures tell what memory it has: armed, with this reserve.
+  void measure(const rt::HeapReserve& heap);
+  // Comes to where the newest usable state was, or the log begins; says what was passed over on stderr.
+  void begin();
+  // Follows the log until `stop` or its end mark.
+  void follow();
+  // Final poses and map into onboard/; false when no pair gave a map.
+  [[nodiscard]] bool finish();
+  // Best effort: writes the state that waits, once the disk holds the log so far.
+  void writeCheckpoint();
+
+  [[nodiscard]] const rt::MemoryBudget& budget() const { return budget_; }
+  [[nodiscard]] const OnboardConfig& config() const { return setup_.config; }
+
+ private:
+  void make(bool reopen);
+  [[nodiscard]] std::unique_ptr<SlotStore> slots(const char* name, bool reopen, int slots,
+                                                 std::size_t slot_bytes);
+  [[nodiscard]] bool load(const CheckpointHead& head);
+  void planMemory();
+  void addMemory(MapperFigures& figures);
+  void say(const std::string& line) const;
+  // What the disk refused is missing in output or map: this run's state is not what the log makes.
+  [[nodiscard]] bool lossy() const { return slots_refused_ || output_->lost(); }
+  [[nodiscard]] std::optional<ImageView> pixels(const std::string& file_name, CameraSide side);
+  [[nodiscard]] bool hasPixels(const std::string& file_name, CameraSide side);
+
+  Setup setup_;
+  MapperChannel& channel_;
+  rt::Clock& clock_;
+  rt::MemoryBudget budget_;
+  CheckpointFiles files_;
+  RingFramePort modem_;
+  HeldFrames frames_;
+  InputFeed feed_;
+  RecordedPairs recorded_;
+  OnboardSystem::PairSource recorded_source_;
+  std::unique_ptr<OnboardOutput> output_;
+  std::unique_ptr<SlotStore> features_, meshes_;
+  std::vector<std::filesystem::path> slot_paths_;
+  bool slots_refused_ = false;
+  std::unique_ptr<MissionRun> run_;
+  std::unique_ptr<CheckpointWriter> checkpoints_;
+  std::unique_ptr<MapperTier> tier_;
+  std::int64_t begun_ns_;
+  const rt::HeapReserve* heap_ = nullptr;
+  std::size_t resident_at_arming_ = 0;
+  std::uint64_t faults_at_arming_ = 0;
+  rt::ProcessMemory process_;
+};
+
+}  // namespace fathom::onboard

@@ -1,0 +1,104 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+
+#include "realtime/kernel/clock.hpp"
+#include "realtime/kernel/health/stage_times.hpp"
+#include "realtime/kernel/tiers/overload_rule.hpp"
+#include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
+#include "realtime/onboard/mapper/held_frames.hpp"
+#include "realtime/onboard/mapper/input_feed.hpp"
+#include "realtime/onboard/mapper/mapper_channel.hpp"
+#include "realtime/onboard/mission_run.hpp"
+
+namespace fathom::onboard {
+
+// The mapper's end of the modem: frames to send go into a ring. What the modem receives comes as inputs.
+class RingFramePort final : public FramePort {
+ public:
+  explicit RingFramePort(rt::SpscRing<io::ModemFrame, 64>& ring) : ring_(ring) {}
+  [[nodiscard]] bool send(std::span<const std::uint8_t> frame) noexcept override;
+  [[nodiscard]] std::size_t receive(std::span<std::uint8_t>) noexcept override { return 0; }
+  [[nodiscard]] std::uint64_t droppedFrames() const noexcept override { return 0; }
+  // Frames that were sent before the program started again are not sent twice.
+  void setMuted(bool muted) noexcept { muted_ = muted; }
+
+ private:
+  bool muted_ = false;
+  rt::SpscRing<io::ModemFrame, 64>& ring_;
+};
+
+// The mapper's work: takes the inputs in the log's order through the mission run, decides by its own lag and
+// the time that pairs take how much a pair may cost, and has its decisions logged. It does the same whether
+// an input is of this moment or of an hour ago; only, up to the mark of its own start, what was decided
+// before is done again, nothing is decided by time, and nothing is sent.
+class MapperTier {
+ public:
+  struct Links {
+    InputFeed* feed = nullptr;
+    HeldFrames* frames = nullptr;
+    MapperChannel* channel = nullptr;
+    RingFramePort* modem = nullptr;
+    CheckpointWriter* checkpoints = nullptr;
+    std::uint64_t configuration = 0, mission = 0;  // of a checkpoint's head
+    // Whether the pixels of an exposure can be had, by its file's name.
+    std::function<bool(const std::string& file_name, CameraSide side)> has_pixels;
+    std::function<void(MapperFigures&)> memory;  // adds the process' figures of it
+    std::function<bool()> output_lost;           // the disk refused what output or map lacks
+  };
+  struct Config {
+    rt::OverloadConfig overload;
+    std::int64_t pair_period_ns = 500'000'000;
+    std::int64_t checkpoint_ns = 10'000'000'000;  // states are not saved more often than at half of it
+  };
+  static constexpr std::size_t kStages = MapperFigures::kStages;
+  static const std::array<rt::StageSpec, kStages>& stageSpecs();
+
+  MapperTier(MissionRun& run, const Links& links, const Config& config, rt::Clock& clock);
+
+  // The run was loaded from checkpoint `number` (0: none): a mark kRestart with it that stands at `from` or
+  // later is this start's, and ends the silence.
+  void awaitMark(std::uint64_t number, std::uint64_t from);
+
+  // Consumes at most `most` inputs that wait; how many it was.
+  std::size_t work(std::size_t most);
+  // The log has been consumed to its end mark, and to that of this start.
+  [[nodiscard]] bool ended() const { return run_.ended() && !awaited_; }
+  // What was measured, into the channel; some times a second at most.
+  void publish();
+  // A sign of life, for work that takes long.
+  void beat() noexcept;
+
+ private:
+  [[nodiscard]] OnboardSystem::PairQuota decide(const StereoTrigger& trigger,
+                                                const OnboardSystem::MappedPair& pair);
+  [[nodiscard]] std::optional<io::Decision> decidedBefore(std::uint32_t pair) const;
+  void consume(const io::OnboardInput& input, std::uint64_t position);
+  void addStage(std::size_t stage, std::int64_t begin_ns, std::int64_t end_ns);
+  void noteStage(const char* stage);
+  void noteMapped(const OnboardSystem::MappedPair& pair);
+  void saveState(std::uint64_t number);
+  [[nodiscard]] MapState state() const;
+  [[nodiscard]] MapperFigures figures() const;
+
+  MissionRun& run_;
+  Links links_;
+  Config config_;
+  rt::OverloadRule rule_;
+  rt::Clock& clock_;
+  rt::StageTimes stages_;
+  std::optional<std::uint64_t> awaited_;  // number of the restart's mark
+  std::uint64_t awaited_from_ = 0;
+  std::int64_t pair_begin_ns_ = 0, stage_begin_ns_ = 0;  // monotonic
+  std::int64_t last_frame_ns_ = 0;                       // that the last mapped pair took
+  std::int64_t lag_ns_ = 0, highest_lag_ns_ = 0;
+  std::int64_t published_ns_ = 0, figures_ns_ = 0;
+  std::int64_t saved_ns_ = INT64_MIN / 2;
+};
+
+}  // namespace fathom::onboard

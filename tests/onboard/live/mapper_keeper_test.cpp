@@ -1,0 +1,213 @@
+// When the mapper is killed, started again, and with what; and what the vehicle does for itself meanwhile.
+#include "realtime/onboard/mapper/mapper_keeper.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <csignal>
+
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/onboard/live/devices/own_status.hpp"
+#include "realtime/onboard/live/dive_lock.hpp"
+#include "realtime/onboard/live/part_states.hpp"
+#include "tests/support/test_data.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+constexpr std::int64_t kSecond = 1'000'000'000;
+
+// A mapper that does what it is told, seen ten times a second.
+class Kept : public testing::Test {
+ protected:
+  MapperKeeper::Orders look() {
+    seen.now_ns += kSecond / 10;
+    const MapperKeeper::Orders orders = keeper.step(seen);
+    if (orders.kill) seen.running = false;
+    if (orders.start) {
+      seen.running = true;
+      seen.phase = MapperPhase::kStarting;
+      seen.loading = seen.working_pair = 0;
+    }
+    return orders;
+  }
+  // Starts as soon as it may; after how long.
+  double waitForStart() {
+    const std::int64_t from = seen.now_ns;
+    for (int k = 0; k < 1000; ++k) {
+      const MapperKeeper::Orders orders = look();
+      if (!orders.start) continue;
+      anew = anew || orders.anew;
+      return static_cast<double>(seen.now_ns - from) * 1e-9;
+    }
+    ADD_FAILURE() << "never started";
+    return 0;
+  }
+  void follow(std::uint64_t position) {
+    seen.phase = MapperPhase::kRunning;
+    seen.position = position;
+    ++seen.beats;
+    EXPECT_FALSE(look().kill);
+  }
+  MapperKeeper::Orders die() {
+    seen.running = false;
+    const MapperKeeper::Orders orders = look();
+    anew = anew || orders.anew;
+    return orders;
+  }
+
+  MapperKeeper keeper{MapperKeeper::Config{}};
+  MapperKeeper::Seen seen;
+  bool anew = false;
+};
+
+TEST_F(Kept, IsStartedAtOnceAndAgainAtOnceAfterItHadGotFurther) {
+  EXPECT_LE(waitForStart(), 0.2);
+  follow(100);
+  const MapperKeeper::Orders orders = die();
+  EXPECT_TRUE(orders.lost);
+  EXPECT_TRUE(orders.start);
+  EXPECT_EQ(keeper.starts(), 2U);
+}
+
+TEST_F(Kept, IsKilledWhenItGetsNoFurtherButNotWhileItBeatsOrFinishes) {
+  (void)waitForStart();
+  for (int k = 0; k < 100; ++k) follow(10);  // many beats in one place: a long piece of work
+  MapperKeeper::Orders orders;
+  int looks = 0;
+  while (!orders.kill && looks < 100) {
+    orders = look();
+    ++looks;
+  }
+  EXPECT_NEAR(looks, 21, 2) << "two seconds without a beat";
+  EXPECT_THAT(orders.why, testing::HasSubstr("2000 ms"));
+  EXPECT_TRUE(look().lost);
+  (void)waitForStart();
+  seen.phase = MapperPhase::kFinishing;
+  for (int k = 0; k < 1000; ++k) EXPECT_FALSE(look().kill);
+}
+
+TEST_F(Kept, HasTimeToMakeItsPoolsAndToLoad) {
+  (void)waitForStart();
+  for (int k = 0; k < 250; ++k) EXPECT_FALSE(look().kill);
+  for (int k = 0; k < 100 && seen.running; ++k) (void)look();
+  EXPECT_FALSE(seen.running) << "but not for ever";
+}
+
+TEST_F(Kept, WaitsLongerAndLongerWhenItGetsNoFurtherAndAtLastBeginsAnew) {
+  (void)waitForStart();
+  follow(50);
+  std::vector<double> waits;
+  ASSERT_TRUE(die().start);
+  while (!anew && waits.size() < 20) {
+    EXPECT_FALSE(die().start);
+    waits.push_back(waitForStart());
+  }
+  EXPECT_TRUE(anew);
+  EXPECT_EQ(waits.size(), 6U);
+  EXPECT_LE(waits.front(), 0.3);
+  EXPECT_GT(waits.back(), 1.0);
+  EXPECT_LE(waits.back(), 30.0);
+}
+
+TEST_F(Kept, KeepsFromTheNextWhatItDiedOf) {
+  (void)waitForStart();
+  seen.phase = MapperPhase::kLoading;
+  seen.loading = 12;
+  EXPECT_EQ(die().avoid, 12U);
+  if (!seen.running) (void)waitForStart();
+  follow(50);
+  seen.working_pair = 8;  // pair 7
+  EXPECT_FALSE(die().drop_pair.has_value()) << "once may be chance";
+  if (!seen.running) (void)waitForStart();
+  seen.phase = MapperPhase::kCatchingUp;
+  seen.working_pair = 8;
+  EXPECT_EQ(die().drop_pair, 7U);
+}
+
+TEST_F(Kept, IsLeftAloneWhenAllIsDoneWhateverItsExit) {
+  (void)waitForStart();
+  follow(50);
+  seen.phase = MapperPhase::kEnded;
+  const MapperKeeper::Orders orders = die();
+  EXPECT_FALSE(orders.lost || orders.start);
+  EXPECT_TRUE(keeper.done());
+}
+
+telemetry::DecodedFrame decoded(const io::ModemFrame& frame) {
+  return telemetry::decodeFrame(frame.data());
+}
+
+TEST(OwnStatus, SpeaksOnlyWhileNobodyMapsAndBeyondWhatTheMapperMayHaveSaid) {
+  OwnStatus::Config config;
+  config.identity = {3, 77};
+  OwnStatus own(config);
+  telemetry::Status status;
+  status.health = telemetry::kHealthNoMap;
+  io::ModemFrame frame;
+  std::int64_t now = 1000 * kSecond;
+  own.set(status, true);
+  EXPECT_FALSE(own.next(now, frame));
+  // The mapper's last frame.
+  io::ModemFrame last;
+  const std::array<std::uint8_t, 4> payload{};
+  last.size = static_cast<std::uint16_t>(telemetry::encodeFrame(
+      {config.identity, 500, telemetry::MessageType::kTrack, false}, payload, last.bytes));
+  own.sent(now, last.data(), false);
+  own.set(status, false);
+  EXPECT_FALSE(own.next(now += 10 * kSecond, frame)) << "it may come back at once";
+  std::vector<std::uint16_t> sequences;
+  for (int k = 0; k < 100; ++k) {
+    now += kSecond;
+    if (!own.next(now, frame)) continue;
+    const telemetry::DecodedFrame d = decoded(frame);
+    ASSERT_EQ(d.verdict, telemetry::FrameVerdict::kAccepted);
+    EXPECT_EQ(d.header.type, telemetry::MessageType::kStatus);
+    EXPECT_EQ(d.header.identity, config.identity);
+    telemetry::Status told;
+    ASSERT_TRUE(telemetry::decodeStatus(d.payload, told));
+    EXPECT_NE(told.health & telemetry::kHealthNoMap, 0);
+    sequences.push_back(d.header.sequence);
+    own.sent(now, frame.data(), true);
+  }
+  ASSERT_GE(sequences.size(), 4U) << "within a minute, and then again and again";
+  EXPECT_EQ(sequences[0], 501 + config.passed_over);
+  EXPECT_EQ(sequences[1], sequences[0] + 1);
+  std::uint16_t free = 0;
+  ASSERT_TRUE(own.nextSequence(free));
+  EXPECT_EQ(free, sequences.back() + 1);
+  own.set(status, true);
+  EXPECT_FALSE(own.next(now + 1000 * kSecond, frame));
+}
+
+TEST(PartStates, TellsWhenAPartsStateIsAnother) {
+  PartStates parts;
+  EXPECT_TRUE(parts.set("recorder", PartState::kRunning));
+  EXPECT_FALSE(parts.set("recorder", PartState::kRunning));
+  EXPECT_TRUE(parts.set("recorder", PartState::kFailed, "no room"));
+  EXPECT_EQ(parts.read("recorder").reason, "no room");
+  EXPECT_EQ(parts.read("mapper").state, PartState::kStarting);
+  EXPECT_STREQ(nameOf(PartState::kCatchingUp), "catching up");
+}
+
+TEST(DiveLock, LetsOneProgramDiveInAFolderAndNamesItToTheNext) {
+  const test::TemporaryFolder folder;
+  EXPECT_FALSE(DiveLock::holder(folder.path()).has_value());
+  {
+    const DiveLock lock(folder.path());
+    EXPECT_EQ(DiveLock::holder(folder.path()), ::getpid());
+    try {
+      const DiveLock second(folder.path());
+      ADD_FAILURE() << "two dive in one folder";
+    } catch (const InputError& e) {
+      EXPECT_THAT(std::string(e.what()), testing::HasSubstr("process " + std::to_string(::getpid())));
+    }
+  }
+  EXPECT_FALSE(DiveLock::holder(folder.path()).has_value());
+  const DiveLock again(folder.path());
+}
+
+}  // namespace
+}  // namespace fathom::onboard
