@@ -1,0 +1,115 @@
+// onboard_faults: dives with faults of the mapper process and of the disk, one at a time and two at once,
+// some dives beside one another, and judges each: navigation, recording, map, end, replay. Exit status 1 when
+// one is bad.
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "tests/onboard/faults/fault_dive.hpp"
+#include "tests/support/report_program.hpp"
+
+extern char** environ;
+
+namespace fathom::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Options {
+  fs::path mission, out = fs::temp_directory_path() / ("onboard-faults-" + std::to_string(::getpid()));
+  int cases = 0, first = 0, step = 1, jobs = 1, number = 0;
+  unsigned seed = 1;
+};
+
+pid_t startDive(const Options& options, int number, const fs::path& out) {
+  fs::remove_all(out);
+  fs::create_directories(out);
+  std::vector<std::string> words = {"onboard_faults",      "dive",   options.mission.string(),     "--out",
+                                    out.string(),          "--seed", std::to_string(options.seed), "--number",
+                                    std::to_string(number)};
+  std::vector<char*> arguments;
+  for (std::string& word : words) arguments.push_back(word.data());
+  arguments.push_back(nullptr);
+  posix_spawn_file_actions_t files;
+  ::posix_spawn_file_actions_init(&files);
+  for (const int file : {STDOUT_FILENO, STDERR_FILENO})
+    ::posix_spawn_file_actions_addopen(&files, file, (out / (file == 1 ? "said" : "log")).c_str(),
+                                       O_WRONLY | O_CREAT | O_TRUNC, 0644);
+  pid_t pid = -1;
+  if (::posix_spawn(&pid, "/proc/self/exe", &files, nullptr, arguments.data(), environ) != 0) pid = -1;
+  ::posix_spawn_file_actions_destroy(&files);
+  return pid;
+}
+
+std::string lastWords(const fs::path& out) {
+  std::ifstream in(out / "said");
+  std::string all, line;
+  while (std::getline(in, line))
+    if (line.starts_with("good ") || line.starts_with("BAD ") || line.starts_with("    ")) all += line + "\n";
+  return all;
+}
+
+int report(const Options& options) {
+  const int cases = options.cases == 0 ? systematicCases() : options.cases;
+  std::map<pid_t, int> running;
+  int next = 0, bad = 0, done = 0;
+  const auto place = [&](int number) { return options.out / std::to_string(number); };
+  while (next < cases || !running.empty()) {
+    while (next < cases && running.size() < static_cast<std::size_t>(options.jobs)) {
+      const int number = options.first + next++ * options.step;
+      running[startDive(options, number, place(number))] = number;
+    }
+    int status = 0;
+    const pid_t ended = ::waitpid(-1, &status, 0);
+    if (ended <= 0) break;
+    const auto which = running.find(ended);
+    if (which == running.end()) continue;
+    const int number = which->second;
+    running.erase(which);
+    const bool good = WIFEXITED(status) && WEXITSTATUS(status) == 0;
+    std::string words = lastWords(place(number));
+    if (words.empty()) words = "BAD " + faultCase(options.seed, number).name() + ": the program died\n";
+    std::printf("%3d %s", number, words.c_str());
+    std::fflush(stdout);
+    ++done;
+    bad += good ? 0 : 1;
+    if (good) fs::remove_all(place(number));
+  }
+  std::printf("%d dives, %d bad%s\n", done, bad, bad > 0 ? (", in " + options.out.string()).c_str() : "");
+  if (bad == 0) fs::remove_all(options.out);
+  return bad == 0 && done == cases ? 0 : 1;
+}
+
+}  // namespace
+}  // namespace fathom::test
+
+int main(int argc, char** argv) {
+  using namespace fathom::test;
+  static Options o;
+  const Report faults = {"faults",
+                         "Dives with every fault of mapper and disk, and with two at once",
+                         {required({"mission", &o.mission, "recorded mission whose inputs are played"}),
+                          {"--cases", &o.cases, "how many; 0: every fault and every pair of them once"},
+                          {"--first", &o.first, "number of the first"},
+                          {"--step", &o.step, "from one case to the next", 1, 1000},
+                          {"--jobs", &o.jobs, "dives at once", 1, 64},
+                          {"--seed", &o.seed, "of the times"},
+                          {"--out", &o.out, "folder; bad dives stay there"}},
+                         [] { return report(o); }};
+  const Report dive = {"dive",
+                       "One of them",
+                       {required({"mission", &o.mission, "recorded mission whose inputs are played"}),
+                        {"--number", &o.number, "which"},
+                        {"--seed", &o.seed, "of the times"},
+                        {"--out", &o.out, "folder of the dive"}},
+                       [] { return faultDive(o.mission, o.out, o.seed, o.number); }};
+  return runReports("onboard_faults", {faults, dive}, argc, argv);
+}
