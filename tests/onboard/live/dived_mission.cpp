@@ -12,7 +12,6 @@ using namespace onboard;
 
 namespace {
 constexpr double kFrom_s = 37;  // in reef-quick: the seafloor comes into sight
-constexpr double kLead_s = 2;   // until then
 }  // namespace
 
 DivedMission::DivedMission(fs::path mission)

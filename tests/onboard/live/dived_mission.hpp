@@ -15,6 +15,7 @@ namespace fathom::test {
 class DivedMission {
  public:
   static constexpr double kRate = 4;
+  static constexpr double kLead_s = 4;  // until the seafloor comes: the program must be armed by then
 
   explicit DivedMission(std::filesystem::path mission);
 

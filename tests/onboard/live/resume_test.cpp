@@ -22,7 +22,7 @@ class Resume : public testing::Test {
     dive_ = std::make_unique<test::DivedMission>(FATHOM_REEF_MISSION);
     const auto live = dive_->start(left(), true);
     ASSERT_TRUE(live->arm().armed());
-    dive_->supervise(*live, 2 * test::DivedMission::kRate + kFirstLife_s);
+    dive_->supervise(*live, test::DivedMission::kLead_s * test::DivedMission::kRate + kFirstLife_s);
   }
   static void TearDownTestSuite() {
     fs::remove_all(left());
