@@ -203,20 +203,22 @@ void OnboardSystem::updateTrack(std::int64_t now_ns) {
   link_.setStatus(status(now_ns));
 }
 
+void placeIn(telemetry::Status& status, const SE3& T_nav_body) {
+  status.north = T_nav_body.translation().x();
+  status.east = T_nav_body.translation().y();
+  status.depth = T_nav_body.translation().z();
+  const Eigen::Vector3d rpy = T_nav_body.euler();
+  status.roll = rpy.x();
+  status.pitch = rpy.y();
+  status.heading = rpy.z();
+}
+
 telemetry::Status OnboardSystem::status(std::int64_t now_ns) const {
   telemetry::Status status;
   const nav::DeadReckoning& odometry = nav_.core().odometry();
   status.utc_ns = odometry.newestUtcNs();
-  if (const auto T_odom_body = odometry.poseAt(status.utc_ns)) {
-    const SE3 T_nav_body = map_.T_nav_odom() * *T_odom_body;
-    status.north = T_nav_body.translation().x();
-    status.east = T_nav_body.translation().y();
-    status.depth = T_nav_body.translation().z();
-    const Eigen::Vector3d rpy = T_nav_body.euler();
-    status.roll = rpy.x();
-    status.pitch = rpy.y();
-    status.heading = rpy.z();
-  }
+  if (const auto T_odom_body = odometry.poseAt(status.utc_ns))
+    placeIn(status, map_.T_nav_odom() * *T_odom_body);
   status.altitude = odometry.altitude().value_or(telemetry::kAbsent);
   status.speed = odometry.velocityBody().norm();
   if (map_.anchored())

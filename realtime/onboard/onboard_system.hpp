@@ -20,6 +20,9 @@
 
 namespace fathom::onboard {
 
+// Puts place and attitude of the body in nav into a status.
+void placeIn(telemetry::Status& status, const SE3& T_nav_body);
+
 // The three cores wired together for one mission: samples in, poses, map and modem frames out. No threads,
 // files, sockets or clocks; time is that of the samples.
 class OnboardSystem {

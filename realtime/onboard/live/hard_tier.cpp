@@ -10,7 +10,6 @@ HardTier::HardTier(const NavCoreConfig& nav, const Links& links, rt::Clock& cloc
     : links_(links), clock_(clock), stages_(stages), nav_(nav) {}
 
 void HardTier::cycle() noexcept {
-  cycles_run_.fetch_add(1, std::memory_order_relaxed);
   if (ended_.load(std::memory_order_relaxed)) return giveMarks();
   const std::int64_t begin = clock_.monotonicNs();
   io::OnboardInput input;

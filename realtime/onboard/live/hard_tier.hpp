@@ -54,8 +54,6 @@ class HardTier {
   // false when too many wait.
   [[nodiscard]] bool mark(const io::Mark& mark) noexcept { return marks_.push(mark); }
 
-  // Any thread: grows as long as navigation runs.
-  [[nodiscard]] std::uint64_t cycles() const noexcept { return cycles_run_.load(std::memory_order_relaxed); }
   // By one reader each.
   [[nodiscard]] bool readForBus(NavState& state) noexcept { return for_bus_.readNew(state); }
   [[nodiscard]] bool readForSupervisor(NavState& state) noexcept { return for_supervisor_.read(state); }
@@ -82,7 +80,6 @@ class HardTier {
   std::uint64_t inputs_ = 0;
   std::int64_t last_health_ns_ = 0;
   std::atomic<bool> ended_{false};
-  std::atomic<std::uint64_t> cycles_run_{0};
 };
 
 }  // namespace fathom::onboard

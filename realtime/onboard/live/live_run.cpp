@@ -292,7 +292,7 @@ int runLive(const LiveOptions& options) {
   if (!config.live.lcm.url.empty()) bus = std::make_shared<io::LcmBus>(config.live.lcm.url);
   // It outlives the threads of what it tells of, whatever is thrown here.
   std::unique_ptr<StatusPublisher> publisher;
-  std::uint64_t cycles_seen = 0;
+  std::uint64_t beats_seen = 0;
   LiveSystem live({options.folder, config, mission, rig, kThisProgram, options.config},
                   openDevices(config.live, mission, bus, clock, can), clock);
   const std::size_t lane = live.addBestEffort(
@@ -308,10 +308,10 @@ int runLive(const LiveOptions& options) {
   // From a thread of its own: whatever this one waits for, the system's watchdog judges navigation alone.
   (void)live.addBestEffort(
       "watchdog",
-      [&live, &cycles_seen] {
-        const std::uint64_t cycles = live.hard().cycles();
-        if (cycles != cycles_seen) rt::ServiceNotify::alive();
-        cycles_seen = cycles;
+      [&live, &beats_seen] {
+        const std::uint64_t beats = live.navigationBeats();
+        if (beats != beats_seen) rt::ServiceNotify::alive();
+        beats_seen = beats;
       },
       [] { return kWatchdogRest_ns; });
   for (const std::string& line : live.resumeSaid()) say(line);

@@ -147,7 +147,8 @@ void LiveSystem::planThreads() {
         ModemThread::Links{&channel_.up().modem, &own_status_, &own_rings_[2], &recorder_, lanes_++, &heart},
         clock_);
   }
-  threads_.add(rt::Tier::kHard, "navigation", Watch{false, true}, [this](auto& heart) { runHard(heart); });
+  navigation_ = &threads_.add(rt::Tier::kHard, "navigation", Watch{false, true},
+                              [this](auto& heart) { runHard(heart); });
 }
 
 void LiveSystem::planMemory() {

@@ -120,6 +120,8 @@ class LiveSystem {
   std::size_t addBestEffort(const char* name, std::function<void()> step,
                             std::function<std::int64_t()> rest_ns);
   [[nodiscard]] const rt::Watchdog& watchdog() const { return threads_.watchdog(); }
+  // Grow as long as navigation runs; from any thread.
+  [[nodiscard]] std::uint64_t navigationBeats() const { return navigation_->beats(); }
   [[nodiscard]] const rt::ArmingResult& arming() const { return arming_; }  // by the thread that armed it
   // Armed with all that real time needs; from any thread.
   [[nodiscard]] bool complete() const { return complete_.load(std::memory_order_relaxed); }
@@ -171,6 +173,7 @@ class LiveSystem {
   std::int64_t away_ns_ = 0;
   std::optional<rt::PeriodicLoop> loop_;  // from the moment that it is let go
   WatchedThreads threads_;
+  const rt::Heartbeat* navigation_ = nullptr;
   PartStates parts_;
   std::unique_ptr<MapperChild> child_;
   std::optional<Supervisor> supervisor_;

@@ -69,15 +69,8 @@ std::int64_t StatusPublisher::restNs() const {
 // What the ship is told while nobody maps: where the vehicle is by dead reckoning.
 void StatusPublisher::setOwnStatus() {
   telemetry::Status status = map_.status;
-  const SE3 T_nav_body = map_.T_nav_odom * nav_.T_odom_body;
   status.utc_ns = nav_.pose_utc_ns != 0 ? nav_.pose_utc_ns : clock_.utcNs();
-  status.north = T_nav_body.translation().x();
-  status.east = T_nav_body.translation().y();
-  status.depth = T_nav_body.translation().z();
-  const Eigen::Vector3d rpy = T_nav_body.euler();
-  status.roll = rpy.x();
-  status.pitch = rpy.y();
-  status.heading = rpy.z();
+  placeIn(status, map_.T_nav_odom * nav_.T_odom_body);
   status.altitude = nav_.altitude.value_or(telemetry::kAbsent);
   status.speed = nav_.velocity_body.norm();
   status.map_area = map_.mapped_area;

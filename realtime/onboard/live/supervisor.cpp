@@ -36,8 +36,7 @@ PartState stateOf(MapperPhase phase) {
 }  // namespace
 
 MapperPhase Supervisor::phase() const {
-  const std::uint32_t phase = links_.channel->up().phase.load();
-  return phase < kMapperPhases ? static_cast<MapperPhase>(phase) : MapperPhase::kRefused;
+  return links_.channel->up().current();
 }
 
 void Supervisor::begin(bool complete) {
@@ -86,7 +85,7 @@ MapperKeeper::Seen Supervisor::look() const {
 void Supervisor::startMapper(bool anew, std::vector<std::string>& events) {
   MapperUp& up = links_.channel->up();
   MapperDown& down = links_.channel->down();
-  up.phase.store(static_cast<std::uint32_t>(MapperPhase::kStarting));
+  up.enter(MapperPhase::kStarting);
   up.begun_with.store(0);
   up.loading.store(0);
   up.working_pair.store(0);
@@ -105,10 +104,7 @@ void Supervisor::startMapper(bool anew, std::vector<std::string>& events) {
 
 // As if the mapper had decided it: there is none, so nobody else gives decisions.
 void Supervisor::dropPair(std::uint32_t pair) {
-  MapperUp& up = links_.channel->up();
-  const io::Decision decision{pair, 0, true};
-  up.decided.set(decision);
-  if (up.decisions.push({links_.clock->utcNs(), decision})) up.decisions_made.fetch_add(1);
+  links_.channel->up().decide(links_.clock->utcNs(), {pair, 0, true});
 }
 
 void Supervisor::stepMapper(std::vector<std::string>& events) {

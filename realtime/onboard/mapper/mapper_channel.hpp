@@ -137,6 +137,18 @@ class DecisionTable {
 };
 
 struct MapperUp {
+  // By the mapper; by the vehicle while there is none.
+  void enter(MapperPhase now) noexcept { phase.store(static_cast<std::uint32_t>(now)); }
+  [[nodiscard]] MapperPhase current() const noexcept {
+    const std::uint32_t now = phase.load();
+    return now < kMapperPhases ? static_cast<MapperPhase>(now) : MapperPhase::kRefused;
+  }
+  // On its way to the log, and what every mapper after this one does again.
+  void decide(std::int64_t utc_ns, const io::Decision& decision) noexcept {
+    decided.set(decision);
+    if (decisions.push({utc_ns, decision})) decisions_made.fetch_add(1, std::memory_order_release);
+  }
+
   std::atomic<std::uint32_t> phase{0};
   std::atomic<std::uint64_t> beats{0};         // grow while it gets on
   std::atomic<std::uint64_t> position{0};      // of the input consumed next

@@ -93,7 +93,7 @@ int map(const MapperOptions& options, MapperChannel& channel) {
   stop.store(true, std::memory_order_release);
   saving.join();
   if (failed) throw std::runtime_error(why);
-  up.phase.store(static_cast<std::uint32_t>(mapped ? MapperPhase::kEnded : MapperPhase::kNoMap));
+  up.enter(mapped ? MapperPhase::kEnded : MapperPhase::kNoMap);
   return mapped ? kExitSuccess : kExitFailedWork;
 }
 
@@ -102,11 +102,11 @@ int map(const MapperOptions& options, MapperChannel& channel) {
 int runMapper(const MapperOptions& options) {
   listenToNobody();
   MapperChannel channel(kMapperDownFile, kMapperUpFile);
-  channel.up().phase.store(static_cast<std::uint32_t>(MapperPhase::kStarting));
+  channel.up().enter(MapperPhase::kStarting);
   try {
     return map(options, channel);
   } catch (const InputError&) {
-    channel.up().phase.store(static_cast<std::uint32_t>(MapperPhase::kRefused));
+    channel.up().enter(MapperPhase::kRefused);
     throw;
   }
 }

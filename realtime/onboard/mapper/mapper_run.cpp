@@ -203,7 +203,7 @@ bool MapperRun::load(const CheckpointHead& head) {
 void MapperRun::begin() {
   MapperUp& up = channel_.up();
   const MapperDown& down = std::as_const(channel_).down();
-  up.phase.store(static_cast<std::uint32_t>(MapperPhase::kLoading));
+  up.enter(MapperPhase::kLoading);
   std::uint64_t number = 0;
   bool loaded = false;
   std::vector<std::string> said;
@@ -245,10 +245,10 @@ void MapperRun::begin() {
                          static_cast<std::int64_t>(setup_.config.live.checkpoint_s * 1e9)},
       clock_);
   if (down.fresh.load()) {
-    up.phase.store(static_cast<std::uint32_t>(MapperPhase::kRunning));
+    up.enter(MapperPhase::kRunning);
   } else {
     tier_->awaitMark(number, down.inputs.next());
-    up.phase.store(static_cast<std::uint32_t>(MapperPhase::kCatchingUp));
+    up.enter(MapperPhase::kCatchingUp);
   }
   up.position.store(feed_.position());
   tier_->publish();
@@ -273,7 +273,7 @@ void MapperRun::follow() {
 bool MapperRun::finish() {
   if (slots_refused_ && takesFiles(slot_paths_.front().parent_path()))
     throw std::runtime_error("the disk had refused meshes or features; they are made anew before the end");
-  channel_.up().phase.store(static_cast<std::uint32_t>(MapperPhase::kFinishing));
+  channel_.up().enter(MapperPhase::kFinishing);
   run_->finish(0);
   tier_->publish();
   const bool mapped = run_->write(0, rt::seconds(clock_.monotonicNs() - begun_ns_));

@@ -97,12 +97,8 @@ OnboardSystem::PairQuota MapperTier::decide(const StereoTrigger& trigger,
     decision.dropped = !has(pair.left_image, CameraSide::kLeft) || !has(pair.right_image, CameraSide::kRight);
   }
   const bool known = before && before->dropped == decision.dropped;
-  if ((decision.level > 0 || decision.dropped) && !known) {
-    MapperUp& up = links_.channel->up();
-    up.decided.set(decision);
-    if (up.decisions.push({run_.nowNs(), decision}))
-      up.decisions_made.fetch_add(1, std::memory_order_release);
-  }
+  if ((decision.level > 0 || decision.dropped) && !known) links_.channel->up().decide(run_.nowNs(), decision);
+
   if (decision.dropped)
     links_.frames->release(pair.left_image, pair.right_image);
   else
@@ -145,7 +141,7 @@ void MapperTier::consume(const io::OnboardInput& input, std::uint64_t position) 
     awaited_.reset();
     run_.system().setMapping(true);
     links_.modem->setMuted(false);
-    links_.channel->up().phase.store(static_cast<std::uint32_t>(MapperPhase::kRunning));
+    links_.channel->up().enter(MapperPhase::kRunning);
   }
   if (mark->kind == io::Mark::Kind::kCheckpoint) saveState(mark->number);
 }

@@ -56,8 +56,7 @@ void watchOver(LiveSystem& live, const rt::VehicleClock& clock) {
       navigates = true;
       say("N %" PRId64 "\n", clock.monotonicNs());
     }
-    const bool caught_up =
-        live.mapper().up().phase.load() == static_cast<std::uint32_t>(MapperPhase::kRunning);
+    const bool caught_up = live.mapper().up().current() == MapperPhase::kRunning;
     if (const std::uint64_t with = live.mapper().up().begun_with.load(); with != begun_with && with != 0) {
       begun_with = with;
       say("C %" PRIu64 "\n", with - 1);

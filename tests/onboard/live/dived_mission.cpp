@@ -56,7 +56,7 @@ MapState mapOf(const LiveSystem& live) {
 }
 
 MapperPhase phaseOf(const LiveSystem& live) {
-  return static_cast<MapperPhase>(live.mapper().up().phase.load());
+  return live.mapper().up().current();
 }
 
 std::vector<std::string> replayDifferences(const fs::path& folder) {
