@@ -9,7 +9,7 @@
 namespace fathom::io {
 
 // Makes a folder to record into: mission.toml, stereo.calib and img/. Where a mission of the same vehicle and
-// dive lies already, its files stay and its configuration is returned. Throws InputError for a path that can
+// dive is already, its files stay and its configuration is returned. Throws InputError for a path that can
 // be no folder, one that holds other things than a mission, or the mission of another vehicle or dive, and
 // another std::exception when the disk refuses.
 MissionConfig prepareMissionFolder(const std::filesystem::path& folder, const MissionConfig& mission,

@@ -24,7 +24,7 @@ class LogInputReader {
 
   // Goes behind the newest mark kCheckpoint `number`, where the next input has the given position. The mark
   // is looked for from the end of the log backwards, in growing pieces, so that five hours cost no more than
-  // what lies behind it; no further than where inputs are older than `mark_utc_ns`, when the mark was given.
+  // what follows it; no further than where inputs are older than `mark_utc_ns`, when the mark was given.
   // False when the log does not hold it; then the reader stays where it is. Throws InputError when the log
   // cannot be read there.
   [[nodiscard]] bool seekBehindMark(std::uint64_t number, std::uint64_t position,

@@ -61,7 +61,7 @@ bool JournalFile::open(const std::filesystem::path& path, std::uint64_t room, st
   return true;
 }
 
-// Finds the end of the log, and cuts away what lies behind it.
+// Finds the end of the log, and cuts away what follows it.
 bool JournalFile::goOnBehind(int fd, const std::filesystem::path& path) {
   struct stat status = {};
   if (::fstat(fd, &status) != 0) return refused("cannot be looked at");

@@ -18,7 +18,7 @@ struct ClockStart {
 // `kept_offset_ns`: what an earlier run had, since the machine booted. It stays, so that no sample moves;
 // else the system's. `last_ns`: the newest arrival in the dive's log, 0 for a dive that begins. Within a dive
 // time neither runs backwards nor stands still: it begins behind that arrival, a millisecond where the
-// clock lies behind it.
+// clock is behind it.
 [[nodiscard]] constexpr ClockStart beginVehicleTime(std::int64_t system_offset_ns,
                                                     std::optional<std::int64_t> kept_offset_ns,
                                                     std::int64_t monotonic_ns,

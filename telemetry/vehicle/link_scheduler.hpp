@@ -108,7 +108,7 @@ class LinkScheduler {
   // of: their sequence numbers are not used for others, or the ship would take it for a new dive's.
   void noteRestart();
   // The same, by whoever has seen every frame that left: `next_sequence` is the first number that is free.
-  // One that lies behind is of no account.
+  // One that is behind changes nothing.
   void noteSent(std::uint16_t next_sequence);
 
   // Into one of the same configuration: it goes on with the same frames bit by bit. Mission info is not part

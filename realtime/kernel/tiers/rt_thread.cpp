@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <ctime>
 #include <exception>
 #include <new>
 #include <system_error>
@@ -31,6 +32,12 @@ std::string reason(int error) {
 }
 
 }  // namespace
+
+void restFor(std::int64_t ns) noexcept {
+  constexpr std::int64_t kSecond = 1'000'000'000;
+  const timespec rest = {static_cast<time_t>(ns / kSecond), static_cast<long>(ns % kSecond)};
+  ::clock_nanosleep(CLOCK_MONOTONIC, 0, &rest, nullptr);
+}
 
 std::vector<std::string> applyThreadConfig(const ThreadConfig& config) {
   std::vector<std::string> refused;

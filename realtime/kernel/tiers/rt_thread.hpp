@@ -73,6 +73,9 @@ class RtThread {
 // One line for each thing refused.
 [[nodiscard]] std::vector<std::string> applyThreadConfig(const ThreadConfig& config);
 
+// The calling thread sleeps so long, by the machine's clock; less where a signal comes.
+void restFor(std::int64_t ns) noexcept;
+
 // Touches `bytes` of the calling thread's stack below the caller's frame, which must lie within its limit.
 void touchStack(std::size_t bytes) noexcept;
 

@@ -8,6 +8,11 @@
 
 namespace fathom::onboard {
 
+// Of a dive that may have to be gone on with: saved states, slots, clock, lock.
+[[nodiscard]] inline std::filesystem::path stateFolder(const std::filesystem::path& mission) {
+  return mission / "state";
+}
+
 // What a saved state must have been made with to be of use.
 struct CheckpointNames {
   std::uint64_t configuration = 0, mission = 0;

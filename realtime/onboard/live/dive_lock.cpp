@@ -11,12 +11,13 @@
 #include <system_error>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/onboard/checkpoint/checkpoint_names.hpp"
 
 namespace fathom::onboard {
 namespace {
 
 std::filesystem::path lockOf(const std::filesystem::path& mission) {
-  return mission / "state" / "lock";
+  return stateFolder(mission) / "lock";
 }
 
 pid_t numberIn(int file) {
@@ -28,7 +29,7 @@ pid_t numberIn(int file) {
 
 DiveLock::DiveLock(const std::filesystem::path& mission) {
   std::error_code ignored;
-  std::filesystem::create_directories(mission / "state", ignored);
+  std::filesystem::create_directories(stateFolder(mission), ignored);
   file_ = ::open(lockOf(mission).c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
   const bool numbered = file_ >= 0;
   if (!numbered) file_ = ::open(mission.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);

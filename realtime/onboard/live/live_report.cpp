@@ -30,18 +30,27 @@ double inMib(std::size_t bytes) {
   return static_cast<double>(bytes) / kMiB;
 }
 
+void addStage(nlohmann::ordered_json& all, const rt::StageSummary& s, std::int64_t p999_ns) {
+  if (s.count == 0) return;
+  all[s.name] = {{"count", s.count},
+                 {"p50_ms", milliseconds(s.p50_ns)},
+                 {"p99_ms", milliseconds(s.p99_ns)},
+                 {"p99_9_ms", milliseconds(p999_ns)},
+                 {"max_ms", milliseconds(s.max_ns)},
+                 {"deadline_misses", s.misses}};
+}
+
 nlohmann::ordered_json stagesOf(const rt::StageTimes& times) {
   nlohmann::ordered_json all;
-  for (std::size_t i = 0; i < times.stages(); ++i) {
-    const rt::StageSummary s = times.summary(i);
-    if (s.count == 0) continue;
-    all[s.name] = {{"count", s.count},
-                   {"p50_ms", milliseconds(s.p50_ns)},
-                   {"p99_ms", milliseconds(s.p99_ns)},
-                   {"p99_9_ms", milliseconds(times.histogram(i).percentile(99.9))},
-                   {"max_ms", milliseconds(s.max_ns)},
-                   {"deadline_misses", s.misses}};
-  }
+  for (std::size_t i = 0; i < times.stages(); ++i)
+    addStage(all, times.summary(i), times.histogram(i).percentile(99.9));
+  return all;
+}
+
+nlohmann::ordered_json stagesOf(const MapperFigures& figures) {
+  nlohmann::ordered_json all;
+  for (std::size_t i = 0; i < MapperTier::kStages; ++i)
+    addStage(all, MapperTier::summaryOf(figures, i), figures.stages[i].p999_ns);
   return all;
 }
 
@@ -66,21 +75,6 @@ nlohmann::ordered_json memoryOf(const rt::MemoryBudget& budget) {
     memory["pools"][row.name] = pool;
   }
   return memory;
-}
-
-nlohmann::ordered_json visionStagesOf(const MapperFigures& figures) {
-  nlohmann::ordered_json all;
-  for (std::size_t i = 0; i < MapperTier::kStages; ++i) {
-    const MapperFigures::Stage& s = figures.stages[i];
-    if (s.count == 0) continue;
-    all[MapperTier::stageSpecs()[i].name] = {{"count", s.count},
-                                             {"p50_ms", milliseconds(s.p50_ns)},
-                                             {"p99_ms", milliseconds(s.p99_ns)},
-                                             {"p99_9_ms", milliseconds(s.p999_ns)},
-                                             {"max_ms", milliseconds(s.max_ns)},
-                                             {"deadline_misses", s.misses}};
-  }
-  return all;
 }
 
 // What the mapper process added to its timeline, as far as it is still there.
@@ -210,7 +204,7 @@ std::string liveJson(const LiveSystem& live_system, double wall_s) {
                                     {"minor_faults", cost.minor_faults},
                                     {"major_faults", cost.major_faults}};
   live["stages"]["navigation"] = stagesOf(live_system.hardStages());
-  live["stages"]["vision"] = visionStagesOf(mapper);
+  live["stages"]["vision"] = stagesOf(mapper);
   live["stages"]["recorder"] = stagesOf(live_system.recorderStages());
   const rt::OverloadRule::Statistics& overload = mapper.overload;
   live["degradation"] = {{"pairs_at_level", overload.pairs},

@@ -10,7 +10,6 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <ctime>
 #include <stdexcept>
 
 #include "firmware_if/camera/gige_camera.hpp"
@@ -33,7 +32,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr double kSupervise_s = 0.1;
+constexpr std::int64_t kSupervise_ns = 100'000'000;
 constexpr double kStatusEvery_s = 10;
 constexpr double kTimeline_s = 1, kTraceEvery_s = 10;
 constexpr double kLeaveWithin_s = 10;
@@ -65,12 +64,6 @@ void listenToSignals() {
   // A dive that was started by hand outlives the connection that it was started over.
   action.sa_handler = SIG_IGN;
   for (const int signal : {SIGHUP, SIGPIPE}) ::sigaction(signal, &action, nullptr);
-}
-
-void pause(double seconds) {
-  const timespec time = {static_cast<time_t>(seconds),
-                         static_cast<long>((seconds - static_cast<time_t>(seconds)) * 1e9)};
-  ::clock_nanosleep(CLOCK_MONOTONIC, 0, &time, nullptr);
 }
 
 LiveDevices openDevices(const LiveConfig& config, const io::MissionConfig& mission,
@@ -162,7 +155,7 @@ Asked watchOver(LiveSystem& live, const LiveOptions& options, const rt::VehicleC
   const std::int64_t begin = clock.monotonicNs();
   double next_status = kStatusEvery_s;
   while (asked == 0) {
-    pause(kSupervise_s);
+    rt::restFor(kSupervise_ns);
     for (const std::string& event : live.supervise())
       std::fprintf(stderr, "fathom-onboard: %s\n", event.c_str());
     const double since_s = static_cast<double>(clock.monotonicNs() - begin) * 1e-9;
@@ -283,7 +276,7 @@ int runLive(const LiveOptions& options) {
 
   std::int64_t behind_ns = 0;
   rt::VehicleClock clock(
-      vehicleClockOffset(options.folder / "state", newestArrival(options.folder), &behind_ns));
+      vehicleClockOffset(stateFolder(options.folder), newestArrival(options.folder), &behind_ns));
   if (behind_ns > 0)
     say("the clock is " + std::to_string(rt::seconds(behind_ns)) +
         " s behind the recording; the vehicle's time goes on from its end");
@@ -350,7 +343,7 @@ int endDive(const std::filesystem::path& folder) {
                      "the program (process " + std::to_string(*holder) + ") cannot be told (" +
                          std::strerror(errno) + "); be its user, or root");
   std::printf("process %d ends its dive\n", static_cast<int>(*holder));
-  while (DiveLock::holder(folder) == holder) pause(kSupervise_s);
+  while (DiveLock::holder(folder) == holder) rt::restFor(kSupervise_ns);
   const bool whole = std::filesystem::exists(io::MissionPaths(folder).onboard() / "report.json");
   std::printf("ended; %s\n", whole ? "onboard/ is whole" : "there is no finished map: --replay makes it");
   return whole ? kExitSuccess : kExitFailedWork;

@@ -75,7 +75,7 @@ VehicleResume resumeNavigation(const std::filesystem::path& folder, const Checkp
   const NavFeed before = hard.nav();
   io::LogInputReader log(folder);
   try {
-    const CheckpointFiles files(folder / "state");
+    const CheckpointFiles files(stateFolder(folder));
     resume.newest_checkpoint = files.newestNumber();
     if (!beginWithSaved(files, names, hard, log, resume)) {
       hard.nav() = before;

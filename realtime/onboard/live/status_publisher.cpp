@@ -15,13 +15,10 @@ double milliseconds(std::int64_t ns) {
   return static_cast<double>(ns) * 1e-6;
 }
 
-void addVision(const MapperFigures& mapper, io::HealthReport& report) {
-  for (std::size_t i = 0; i < MapperTier::kStages; ++i) {
-    const MapperFigures::Stage& s = mapper.stages[i];
-    if (s.count > 0)
-      report.stages.add({MapperTier::stageSpecs()[i].name, s.count, s.misses, milliseconds(s.last_ns),
-                         milliseconds(s.p50_ns), milliseconds(s.p99_ns), milliseconds(s.max_ns)});
-  }
+void addStage(const rt::StageSummary& s, io::HealthReport& report) {
+  if (s.count > 0)
+    report.stages.add({s.name, s.count, s.misses, milliseconds(s.last_ns), milliseconds(s.p50_ns),
+                       milliseconds(s.p99_ns), milliseconds(s.max_ns)});
 }
 
 }  // namespace
@@ -157,14 +154,11 @@ io::HealthReport StatusPublisher::health() {
   if (system.load) report.load = *system.load;
   rt::StageTimes::Snapshot stages;
   MapperFigures mapper;
-  if (live_.mapper().up().figures.read(mapper)) addVision(mapper, report);
-  for (rt::StageTimes* times : {&live_.hardStages(), &live_.recorderStages()}) {
-    if (!times->read(stages)) continue;
-    for (const rt::StageSummary& s : stages.all())
-      if (s.count > 0)
-        report.stages.add({s.name, s.count, s.misses, milliseconds(s.last_ns), milliseconds(s.p50_ns),
-                           milliseconds(s.p99_ns), milliseconds(s.max_ns)});
-  }
+  if (live_.mapper().up().figures.read(mapper))
+    for (std::size_t i = 0; i < MapperTier::kStages; ++i) addStage(MapperTier::summaryOf(mapper, i), report);
+  for (rt::StageTimes* times : {&live_.hardStages(), &live_.recorderStages()})
+    if (times->read(stages))
+      for (const rt::StageSummary& s : stages.all()) addStage(s, report);
   for (std::size_t i = 0; i < live_.budget().pools(); ++i) {
     const rt::MemoryBudget::Row row = live_.budget().read(i);
     if (row.measured)

@@ -15,7 +15,7 @@ namespace fathom::onboard {
 
 // Tells other programs and the log what the vehicle's program knows: pose, map, link, health. One best-effort
 // thread calls step(); it reads what the tiers and the mapper left and keeps none of them waiting. A pose is
-// told only while it is known where odometry lies in nav: from the first fix on; while no mapper lives, by
+// told only while it is known where odometry is in nav: from the first fix on; while no mapper lives, by
 // the last that was known.
 class StatusPublisher {
  public:

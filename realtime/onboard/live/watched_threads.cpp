@@ -1,7 +1,6 @@
 #include "realtime/onboard/live/watched_threads.hpp"
 
 #include <algorithm>
-#include <ctime>
 
 namespace fathom::onboard {
 
@@ -67,13 +66,10 @@ void WatchedThreads::unwatch() {
 }
 
 std::vector<std::string> WatchedThreads::join(const std::function<bool()>& more_time) {
-  constexpr long kLook_ns = 2'000'000;
+  constexpr std::int64_t kLook_ns = 2'000'000;
   std::vector<std::string> still;
   for (Worker& worker : workers_) {
-    while (worker.thread.running() && more_time()) {
-      const timespec pause = {0, kLook_ns};
-      ::clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, nullptr);
-    }
+    while (worker.thread.running() && more_time()) rt::restFor(kLook_ns);
     if (worker.thread.running())
       still.push_back(worker.name);
     else

@@ -6,7 +6,6 @@
 #include <atomic>
 #include <csignal>
 #include <cstdio>
-#include <ctime>
 #include <exception>
 #include <string>
 
@@ -22,7 +21,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr long kCheckpointRest_ns = 100'000'000;
+constexpr std::int64_t kCheckpointRest_ns = 100'000'000;
 
 // It lives and dies by its parent alone: what ends the survey comes through the log.
 void listenToNobody() {
@@ -75,8 +74,7 @@ int map(const MapperOptions& options, MapperChannel& channel) {
   (void)saving.start([&] {
     while (!stop.load(std::memory_order_acquire)) {
       run.writeCheckpoint();
-      const timespec pause = {0, kCheckpointRest_ns};
-      ::clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, nullptr);
+      rt::restFor(kCheckpointRest_ns);
     }
   });
   const bool started = vision.start([&] {

@@ -2,13 +2,14 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <ctime>
 #include <fstream>
 
 #include "realtime/kernel/memory/heap_reserve.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
 #include "realtime/kernel/seconds.hpp"
 #include "realtime/kernel/state_archive.hpp"
+#include "realtime/kernel/tiers/rt_thread.hpp"
+#include "realtime/onboard/checkpoint/checkpoint_names.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
 
 namespace fathom::onboard {
@@ -18,15 +19,6 @@ constexpr std::int64_t kRestNs = 2'000'000;  // of a mapper that found nothing t
 constexpr std::size_t kInputsAtOnce = 64;    // between two looks at what else is to be done
 constexpr std::size_t kLeastHeld = 2;
 constexpr std::int64_t kDiskLookNs = 5'000'000'000;  // between two tries of a disk that refused rows
-
-void restFor(std::int64_t ns) {
-  const timespec pause = {0, static_cast<long>(ns)};
-  ::clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, nullptr);
-}
-
-std::filesystem::path stateFolder(const std::filesystem::path& mission) {
-  return mission / "state";
-}
 
 // A slot file that remembers that the disk refused it: what the map then lacks a replay would have.
 class WatchedSlots final : public SlotStore {
@@ -90,7 +82,11 @@ MapperRun::MapperRun(Setup setup, MapperChannel& channel, rt::Clock& clock)
       recorded_(io::MissionPaths(setup_.folder), setup_.mission, setup_.rig),
       recorded_source_(recorded_.source()),
       begun_ns_(clock.monotonicNs()) {
-  make(true);
+  const MapperDown& down = std::as_const(channel_).down();
+  std::vector<std::string> said;
+  if (!down.anew.load()) heads_ = files_.usable(down.configuration, down.mission, said);
+  for (const std::string& line : said) say(line);
+  make(!heads_.empty());
   std::vector<std::filesystem::path> needs = output_->files();
   needs.insert(needs.end(), slot_paths_.begin(), slot_paths_.end());
   checkpoints_ = std::make_unique<CheckpointWriter>(files_, setup_.config.live.checkpoint_bytes, needs);
@@ -205,12 +201,8 @@ void MapperRun::begin() {
   const MapperDown& down = std::as_const(channel_).down();
   up.enter(MapperPhase::kLoading);
   std::uint64_t number = 0;
-  bool loaded = false;
-  std::vector<std::string> said;
-  std::vector<CheckpointHead> heads;
-  if (!down.anew.load()) heads = files_.usable(down.configuration, down.mission, said);
-  for (const std::string& line : said) say(line);
-  for (const CheckpointHead& head : heads) {
+  bool loaded = false, tried = false;
+  for (const CheckpointHead& head : heads_) {
     const std::string file = files_.file(head.number).string();
     if (std::any_of(down.avoid.begin(), down.avoid.end(), [&](const auto& n) { return n == head.number; })) {
       say(file + ": passed over, the program has died of it");
@@ -221,15 +213,18 @@ void MapperRun::begin() {
       say(file + ": passed over, the log does not reach to its mark");
       continue;
     }
+    if (tried) make(true);
+    tried = true;
     loaded = load(head);
     number = head.number;
     if (loaded) break;
-    make(true);
   }
   up.loading.store(0);
   if (!loaded) {
-    if (!heads.empty()) say("no saved state can be used; all is done again from the log");
-    make(false);
+    if (!heads_.empty()) {
+      say("no saved state can be used; all is done again from the log");
+      make(false);
+    }
     (void)feed_.begin(0, 0);
     number = down.anew.load() ? io::Mark::kAnew : 0;
     run_->system().setMapping(!down.anew.load());
@@ -258,7 +253,7 @@ void MapperRun::begin() {
 void MapperRun::follow() {
   std::int64_t next_look = 0;
   while (!tier_->ended()) {
-    if (tier_->work(kInputsAtOnce) == 0) restFor(kRestNs);
+    if (tier_->work(kInputsAtOnce) == 0) rt::restFor(kRestNs);
     if (!lossy() || clock_.monotonicNs() < next_look) continue;
     next_look = clock_.monotonicNs() + kDiskLookNs;
     if (slots_refused_ && takesFiles(slot_paths_.front().parent_path()))

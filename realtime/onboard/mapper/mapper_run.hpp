@@ -30,8 +30,8 @@ class MapperRun {
     StereoRig rig;
     bool plan_only = false;  // its memory is all that is asked for: no room is taken on the disk
   };
-  // Every pool is made; what an earlier mapper left on the disk is kept. Throws InputError,
-  // std::runtime_error.
+  // Every pool is made; what an earlier mapper left on the disk is kept where a state may need it, and told
+  // on stderr where it cannot be used. Throws InputError, std::runtime_error.
   MapperRun(Setup setup, MapperChannel& channel, rt::Clock& clock);
   MapperRun(const MapperRun&) = delete;
   MapperRun& operator=(const MapperRun&) = delete;
@@ -73,6 +73,7 @@ class MapperRun {
   InputFeed feed_;
   RecordedPairs recorded_;
   OnboardSystem::PairSource recorded_source_;
+  std::vector<CheckpointHead> heads_;  // of saved states that may be begun with, the newest first
   std::unique_ptr<OnboardOutput> output_;
   std::unique_ptr<SlotStore> features_, meshes_;
   std::vector<std::filesystem::path> slot_paths_;

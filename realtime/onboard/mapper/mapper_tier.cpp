@@ -38,6 +38,11 @@ const std::array<rt::StageSpec, MapperTier::kStages>& MapperTier::stageSpecs() {
   return specs;
 }
 
+rt::StageSummary MapperTier::summaryOf(const MapperFigures& figures, std::size_t stage) {
+  const MapperFigures::Stage& s = figures.stages[stage];
+  return {stageSpecs()[stage].name, s.count, s.misses, s.last_ns, s.p50_ns, s.p99_ns, s.max_ns};
+}
+
 bool RingFramePort::send(std::span<const std::uint8_t> frame) noexcept {
   if (muted_) return true;
   io::ModemFrame out;

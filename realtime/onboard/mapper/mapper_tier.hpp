@@ -58,6 +58,8 @@ class MapperTier {
   };
   static constexpr std::size_t kStages = MapperFigures::kStages;
   static const std::array<rt::StageSpec, kStages>& stageSpecs();
+  // One of the stages as a mapper told it, with its name.
+  [[nodiscard]] static rt::StageSummary summaryOf(const MapperFigures& figures, std::size_t stage);
 
   MapperTier(MissionRun& run, const Links& links, const Config& config, rt::Clock& clock);
 

@@ -161,7 +161,7 @@ bool print(const std::vector<Row>& rows, const LoggedInputs& logged, std::int64_
 int report(const Options& options) {
   const fs::path dive_folder = options.out / "dive";
   DiveOrders orders{dive_folder, fs::absolute(options.mission), beginDive(options, dive_folder), 0};
-  const std::int64_t offset_ns = onboard::vehicleClockOffset(dive_folder / "state");
+  const std::int64_t offset_ns = onboard::vehicleClockOffset(onboard::stateFolder(dive_folder));
   const rt::VehicleClock clock(offset_ns);
   std::uint64_t damaged = 0;
   const std::int64_t first_ns = io::readOnboardInputs(orders.mission, damaged).front().arrival_utc_ns;

@@ -82,7 +82,7 @@ int dive(const DiveOrders& orders) {
   const StereoRig rig = readStereoCalib(io::MissionPaths(orders.folder).calib());
   OnboardConfig config = readOnboardConfig(orders.config, mission);
   config.live.realtime.soft = true;
-  rt::VehicleClock clock(vehicleClockOffset(orders.folder / "state", newestArrival(orders.folder)));
+  rt::VehicleClock clock(vehicleClockOffset(stateFolder(orders.folder), newestArrival(orders.folder)));
   const PlayedMission played(orders.mission, clock, orders.shift_ns);
   LiveDevices devices = playedDevices(played, orders.mission, mission, rig, clock);
   devices.modem = std::make_unique<SocketPort>();

@@ -30,7 +30,7 @@ TEST_F(VehicleClockOffset, IsTheSystemsForADiveThatBeginsAndKeptUntilTheMachineB
   EXPECT_LT(std::abs(vehicleClockOffset(state) - rt::VehicleClock::systemOffsetNs()), kSecond);
 }
 
-// The log's end lies an hour ahead: the clock was set back, or the machine booted with it behind.
+// The log's end is an hour ahead: the clock was set back, or the machine booted with it behind.
 TEST_F(VehicleClockOffset, ADiveWhoseLogIsAheadGoesOnFromItsEndAndItsTicksAdvance) {
   const std::int64_t last_ns = rt::RealClock().utcNs() + kHour;
   std::int64_t behind_ns = 0;

@@ -60,7 +60,7 @@ class PlayedShuttle final : public Playback {
 // Of a dive in `folder` with the mission and calibration of that one, in soft mode and with pools for some
 // minutes, by a configuration in a file beside the folder, `more` behind it (a busy machine must not pass for
 // a mapper that hangs: `stuck_after_s`); `anew`: what was in the folder is removed. As on a vehicle, the two
-// lie there before the dive. The mapper is fathom-onboard.
+// are there before the dive. The mapper is fathom-onboard.
 [[nodiscard]] onboard::LiveSetup liveSetup(const std::filesystem::path& mission,
                                            const std::filesystem::path& folder, bool anew,
                                            const std::string& more = "", double stuck_after_s = 30);

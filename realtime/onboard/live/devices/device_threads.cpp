@@ -1,14 +1,13 @@
 #include "realtime/onboard/live/devices/device_threads.hpp"
 
-#include <ctime>
-
 #include "firmware_if/files/images/image_file.hpp"
+#include "realtime/kernel/tiers/rt_thread.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-constexpr int kPollMs = 100;                // a stop is noticed within this
-constexpr long kModemPoll_ns = 10'000'000;  // far below the time that a frame takes on the water
+constexpr int kPollMs = 100;                        // a stop is noticed within this
+constexpr std::int64_t kModemPoll_ns = 10'000'000;  // far below the time that a frame takes on the water
 
 io::DeviceHealth withFailures(io::DeviceHealth health) {
   health.counters.emplace_back("poll_failures", 0);
@@ -109,8 +108,7 @@ void ModemThread::run(const std::atomic<bool>& stop) noexcept {
       health.samples = counters_.received.load(std::memory_order_relaxed);
     });
     links_.heart->beat(clock_.monotonicNs());
-    const timespec pause = {0, kModemPoll_ns};
-    ::clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, nullptr);
+    rt::restFor(kModemPoll_ns);
   }
 }
 

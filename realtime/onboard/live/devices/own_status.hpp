@@ -12,7 +12,7 @@
 namespace fathom::onboard {
 
 // The vehicle's own word to the ship while nobody maps: its status, at a slow pace, in frames whose sequence
-// numbers lie beyond what a mapper may have used (noteSent of the link). The modem's thread asks and tells,
+// numbers are beyond what a mapper may have used (noteSent of the link). The modem's thread asks and tells,
 // whoever knows the status sets it.
 class OwnStatus {
  public:
