@@ -60,9 +60,10 @@ MissionRun::MissionRun(Setup setup, OnboardOutput& output)
       [this](const slam::NavigationGraph::Retired& gone) { output_.addRetired(gone); });
 }
 
-void MissionRun::setObservers(std::function<void(const char* stage)> on_stage,
-                              std::function<void(const OnboardSystem::MappedPair&)> on_pair) {
+void MissionRun::setObservers(std::function<void(const char* stage)> on_stage, OnboardSystem::OnPair on_seen,
+                              OnboardSystem::OnPair on_pair) {
   on_stage_ = std::move(on_stage);
+  system_.setSeenObserver(std::move(on_seen));
   on_pair_ = std::move(on_pair);
 }
 
@@ -75,16 +76,18 @@ void MissionRun::consumeSample(std::int64_t now_ns, const SensorSample& sample) 
   const auto before = Clock::now();
   stages_.begin();
   const double read_before = reading();
-  system_.consume(now_ns, sample, [this](const OnboardSystem::MappedPair& pair) {
-    output_.addStereoPose(pair.output, pair.left_image, pair.right_image, pair.altitude.value_or(0.0));
-    if (pair.output.points > 0) ++summary_.pairs_used;
-    ++summary_.pairs;
-    if (on_pair_) on_pair_(pair);
-  });
+  system_.consume(now_ns, sample, [this](const auto& pair) { notePlaced(pair); });
   const double core_s = secondsSince(before) - (reading() - read_before);
   summary_.stereo_and_map_s += core_s;
   stages_.endSample(core_s);
   ++summary_.samples;
+}
+
+void MissionRun::notePlaced(const OnboardSystem::MappedPair& pair) {
+  output_.addStereoPose(pair.output, pair.left_image, pair.right_image, pair.altitude.value_or(0.0));
+  if (pair.output.points > 0) ++summary_.pairs_used;
+  ++summary_.pairs;
+  if (on_pair_) on_pair_(pair);
 }
 
 void MissionRun::consumeMark(const io::Mark& mark) {
@@ -138,7 +141,7 @@ void MissionRun::writeRows(std::int64_t now_ns) {
 
 void MissionRun::finish(double drain_s) {
   const auto before = Clock::now();
-  system_.finish(now_ns_);
+  system_.finish(now_ns_, [this](const auto& pair) { notePlaced(pair); });
   finish_s_ = secondsSince(before);
   constexpr std::int64_t kDrainStep = 100'000'000;  // [ns]
   const std::int64_t drain_end = now_ns_ + static_cast<std::int64_t>(drain_s * kNanoseconds);

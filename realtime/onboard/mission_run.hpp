@@ -66,9 +66,9 @@ class MissionRun {
   [[nodiscard]] RunSummary summary() const;
   [[nodiscard]] OnboardSystem& system() { return system_; }
   [[nodiscard]] const OnboardSystem& system() const { return system_; }
-  // Called when a stage of a pair's work ends, with its name, and for every pair mapped.
-  void setObservers(std::function<void(const char* stage)> on_stage,
-                    std::function<void(const OnboardSystem::MappedPair&)> on_pair);
+  // Called when a stage of a pair's work ends, with its name, for every pair seen, and for every pair placed.
+  void setObservers(std::function<void(const char* stage)> on_stage, OnboardSystem::OnPair on_seen,
+                    OnboardSystem::OnPair on_pair);
   // An end mark came: this is all there was.
   [[nodiscard]] bool ended() const { return ended_; }
   [[nodiscard]] std::int64_t nowNs() const { return now_ns_; }
@@ -83,6 +83,7 @@ class MissionRun {
   }
   void begin(std::int64_t now_ns);
   void consumeSample(std::int64_t now_ns, const SensorSample& sample);
+  void notePlaced(const OnboardSystem::MappedPair& pair);
   void consumeMark(const io::Mark& mark);
   void writeRows(std::int64_t now_ns);
   [[nodiscard]] double reading() const { return setup_.reading_s ? setup_.reading_s() : 0.0; }
@@ -92,7 +93,7 @@ class MissionRun {
   OnboardSystem system_;
   StageClock stages_;
   std::function<void(const char* stage)> on_stage_;
-  std::function<void(const OnboardSystem::MappedPair&)> on_pair_;
+  OnboardSystem::OnPair on_pair_;
   FrameExchange link_;
   RunSummary summary_;
   bool begun_ = false, ended_ = false;

@@ -115,6 +115,8 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   const MapCore::Counters& m = map_.counters();
   add("pairs", m.pairs);
   add("pairs_without_points", m.pairs_without_points);
+  add("pairs_waiting", waiting_.size());
+  add("pair_correction_m", last_correction_);
   add("pairs_unreadable", unreadable_images_);
   add("pairs_shed", shed_pairs_);
   for (std::size_t level = 1; level < pairs_at_level_.size(); ++level)

@@ -44,15 +44,8 @@ std::uint64_t roomFor(double hours, double bytes_an_hour) {
 // A pair's record, for the time when its pose is known.
 template <typename Archive, typename Output, typename Name, typename Altitude>
 void exchangePair(Archive& archive, Output& output, Name& left, Name& right, Altitude& altitude) {
-  std::uint64_t points = output.points, triangles = output.triangles, nodes = output.nodes_updated;
-  archive(output.pair_index, output.utc_ns, output.T_odom_cam, output.keyframe, output.T_nav_cam,
-          output.median_range, output.footprint_radius, output.min_north_east, output.max_north_east, points,
-          triangles, nodes, left, right, altitude);
-  if constexpr (Archive::kLoading) {
-    output.points = points;
-    output.triangles = triangles;
-    output.nodes_updated = nodes;
-  }
+  MapOutput::exchange(archive, output);
+  archive(left, right, altitude);
 }
 
 }  // namespace

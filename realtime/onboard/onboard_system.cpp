@@ -52,8 +52,7 @@ OnboardSystem::OnboardSystem(const OnboardConfig& config, const io::MissionConfi
   });
 }
 
-void OnboardSystem::consume(std::int64_t arrival_utc_ns, const SensorSample& sample,
-                            const std::function<void(const MappedPair&)>& on_pair) {
+void OnboardSystem::consume(std::int64_t arrival_utc_ns, const SensorSample& sample, const OnPair& on_pair) {
   std::visit(
       [&](const auto& s) {
         using T = std::decay_t<decltype(s)>;
@@ -127,41 +126,73 @@ bool OnboardSystem::nameImages(const StereoTrigger& trigger, MappedPair& pair) c
   return true;
 }
 
-void OnboardSystem::mapPairs(const std::function<void(const MappedPair&)>& on_pair) {
+void OnboardSystem::mapPairs(const OnPair& on_pair) {
   while (const auto trigger = nav_.core().pollTrigger()) {
-    if (!mapping_) {
-      ++shed_pairs_;
+    const bool predicted = trigger->pose == StereoTrigger::Pose::kPredicted;
+    // A map that does not move waits for the final place.
+    if (predicted && !map_.moves()) continue;
+    if (trigger->pose == StereoTrigger::Pose::kCorrected && map_.moves()) {
+      placePairs(trigger->pair_index, &*trigger, on_pair);
       continue;
     }
     MappedPair pair;
-    const bool named = nameImages(*trigger, pair);
-    const PairQuota quota = policy_ ? policy_(*trigger, pair) : PairQuota();
-    ++pairs_at_level_[std::min<std::size_t>(quota.level, pairs_at_level_.size() - 1)];
-    if (quota.drop) {
-      ++shed_pairs_;
-      continue;
-    }
-    MapInput input;
-    const bool read = named && readPair(pair, input);
-    if (observer_) observer_("images");
-    if (!read) {
-      ++unreadable_images_;
-      continue;
-    }
-    input.pair_index = trigger->pair_index;
-    input.utc_ns = trigger->utc_ns;
-    input.T_odom_body = trigger->T_odom_body;
-    input.quality = trigger->quality;
-    input.closures = quota.closures;
-    if (quota.feature_share < 1)
-      input.max_features = static_cast<int>(quota.feature_share * config_.stereo.max_features);
-    if (quota.rebuild_share < 1)
-      input.rebuild_meshes = static_cast<int>(quota.rebuild_share * config_.rebuild_meshes);
-    if (trigger->altitude_valid) pair.altitude = input.altitude = trigger->altitude;
-    last_pair_ns_ = trigger->utc_ns;
-    pair.output = map_.process(input);
-    link_.noteMapped(pair.output);
-    last_points_ = pair.output.points;
+    SeenPair seen;
+    if (!seePair(*trigger, pair, seen)) continue;
+    if (on_seen_) on_seen_(pair);
+    if (waiting_.full()) placePairs(waiting_.front().trigger.pair_index, nullptr, on_pair);
+    (void)waiting_.push({*trigger, seen});
+    if (!predicted) placePairs(trigger->pair_index, &*trigger, on_pair);
+  }
+}
+
+bool OnboardSystem::seePair(const StereoTrigger& trigger, MappedPair& pair, SeenPair& seen) {
+  if (!mapping_) {
+    ++shed_pairs_;
+    return false;
+  }
+  const bool named = nameImages(trigger, pair);
+  const PairQuota quota = policy_ ? policy_(trigger, pair) : PairQuota();
+  ++pairs_at_level_[std::min<std::size_t>(quota.level, pairs_at_level_.size() - 1)];
+  if (quota.drop) {
+    ++shed_pairs_;
+    return false;
+  }
+  MapInput input;
+  const bool read = named && readPair(pair, input);
+  if (observer_) observer_("images");
+  if (!read) {
+    ++unreadable_images_;
+    return false;
+  }
+  input.pair_index = trigger.pair_index;
+  input.utc_ns = trigger.utc_ns;
+  input.T_odom_body = trigger.T_odom_body;
+  input.quality = trigger.quality;
+  input.closures = quota.closures;
+  if (quota.feature_share < 1)
+    input.max_features = static_cast<int>(quota.feature_share * config_.stereo.max_features);
+  if (quota.rebuild_share < 1)
+    input.rebuild_meshes = static_cast<int>(quota.rebuild_share * config_.rebuild_meshes);
+  if (trigger.altitude_valid) pair.altitude = input.altitude = trigger.altitude;
+  last_pair_ns_ = trigger.utc_ns;
+  seen = map_.see(input);
+  pair.output = seen.output;
+  link_.noteMapped(pair.output);
+  last_points_ = pair.output.points;
+  return true;
+}
+
+void OnboardSystem::placePairs(std::uint32_t up_to, const StereoTrigger* last, const OnPair& on_pair) {
+  while (!waiting_.empty() && waiting_.front().trigger.pair_index <= up_to) {
+    const WaitingPair waiting = waiting_.front();
+    waiting_.popFront();
+    const bool told = last != nullptr && last->pair_index == waiting.trigger.pair_index;
+    const StereoTrigger& known = told ? *last : waiting.trigger;
+    last_correction_ = (known.T_odom_body.translation() - waiting.trigger.T_odom_body.translation()).norm();
+    MappedPair pair;
+    (void)nameImages(waiting.trigger, pair);
+    if (waiting.trigger.altitude_valid) pair.altitude = waiting.trigger.altitude;
+    pair.output = map_.place(waiting.seen, known.T_odom_body, known.quality);
     on_pair(pair);
   }
 }
@@ -184,8 +215,9 @@ void OnboardSystem::receiveFrame(std::int64_t now_ns, std::span<const std::uint8
   }
 }
 
-void OnboardSystem::finish(std::int64_t now_ns) {
+void OnboardSystem::finish(std::int64_t now_ns, const OnPair& on_pair) {
   survey_over_ = true;
+  placePairs(UINT32_MAX, nullptr, on_pair);
   map_.finish();
   link_.offerTiles(map_.map(), now_ns, true);
   if (last_pose_) link_.setStatus(status(now_ns));

@@ -48,7 +48,8 @@ class OnboardSystem {
   };
   static constexpr std::size_t kLevels = 5;
 
-  // What a stereo pair led to, with the names of its images.
+  // What a stereo pair led to, with the names of its images: at its final place, or, right after the images
+  // were looked at, where the vehicle probably was.
   struct MappedPair {
     MapOutput output;
     std::string left_image, right_image;
@@ -59,9 +60,10 @@ class OnboardSystem {
   OnboardSystem(const OnboardConfig& config, const io::MissionConfig& mission, const StereoRig& rig,
                 PairSource source, const MapSlots& slots = {});
 
-  // Consumes one sample that arrived at `arrival_utc_ns`; calls `on_pair` for every pair that it completes.
-  void consume(std::int64_t arrival_utc_ns, const SensorSample& sample,
-               const std::function<void(const MappedPair&)>& on_pair);
+  using OnPair = std::function<void(const MappedPair&)>;
+  // Consumes one sample that arrived at `arrival_utc_ns`; calls `on_pair` for every pair whose final place it
+  // tells.
+  void consume(std::int64_t arrival_utc_ns, const SensorSample& sample, const OnPair& on_pair);
 
   // Says what a pair may cost; of `pair` only the images' names are known.
   using PairPolicy = std::function<PairQuota(const StereoTrigger& trigger, const MappedPair& pair)>;
@@ -77,8 +79,12 @@ class OnboardSystem {
     slipped_cycles_ = slipped;
   }
 
-  // The survey is over: localisation and map come to their final state.
-  void finish(std::int64_t now_ns);
+  // Called for every pair when its images have been looked at, and are not needed any more.
+  void setSeenObserver(OnPair on_seen) { on_seen_ = std::move(on_seen); }
+
+  // The survey is over: localisation and map come to their final state. Pairs whose final place was never
+  // told stay where they were predicted to be.
+  void finish(std::int64_t now_ns, const OnPair& on_pair);
 
   // Link time passes; the next frame to send or 0. Call until 0. `survey_over`: nothing more will be mapped.
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, bool survey_over, std::span<std::uint8_t> out);
@@ -125,7 +131,11 @@ class OnboardSystem {
   void addImage(const ImageEvent& event, std::int64_t arrival_utc_ns);
   // False when so many exposures came since that the names are gone.
   [[nodiscard]] bool nameImages(const StereoTrigger& trigger, MappedPair& pair) const;
-  void mapPairs(const std::function<void(const MappedPair&)>& on_pair);
+  void mapPairs(const OnPair& on_pair);
+  // False where a pair is not to be mapped, or cannot be.
+  [[nodiscard]] bool seePair(const StereoTrigger& trigger, MappedPair& pair, SeenPair& seen);
+  // Places the pairs that wait, up to this number; those that nothing more is known of where they are.
+  void placePairs(std::uint32_t up_to, const StereoTrigger* last, const OnPair& on_pair);
   void addDownlink(std::vector<std::pair<std::string, double>>& row) const;
   void addLocalisation(std::vector<std::pair<std::string, double>>& row) const;
   void updateTrack(std::int64_t now_ns);
@@ -151,6 +161,21 @@ class OnboardSystem {
   };
   static constexpr std::size_t kNames = 256;   // of the newest exposures; no pair waits for longer
   std::array<ImageName, kNames> image_names_;  // by frame number
+  // Of the pairs that wait for their final place.
+  struct WaitingPair {
+    StereoTrigger trigger;  // its prediction
+    SeenPair seen;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.trigger);
+      SeenPair::exchange(archive, self.seen);
+    }
+  };
+  static constexpr std::size_t kWaitingPairs = 32;  // as NavCore's
+  rt::FixedQueue<WaitingPair, kWaitingPairs> waiting_;
+  double last_correction_ = 0;  // of a predicted place [m]
+  OnPair on_seen_;
   PairPolicy policy_;
   bool mapping_ = true;
   unsigned program_health_ = telemetry::kHealthSoftRealTime;

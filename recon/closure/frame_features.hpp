@@ -36,6 +36,10 @@ struct FrameFeatures {
   std::vector<std::uint8_t> descriptors;  // descriptorBytes(kind) for each feature
 
   [[nodiscard]] std::size_t size() const { return features.size(); }
+  void reserve(std::size_t most) {
+    features.reserve(most);
+    descriptors.reserve(most * descriptorBytes(kind));
+  }
   [[nodiscard]] const std::uint8_t* descriptor(std::size_t i) const {
     return descriptors.data() + i * descriptorBytes(kind);
   }

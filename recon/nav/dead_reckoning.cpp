@@ -11,8 +11,7 @@ namespace {
 
 using rt::seconds;
 
-constexpr std::int64_t kMaxExtrapolationNs = 1'000'000'000;  // of poseAt beyond the newest node
-constexpr std::int64_t kMinNodeSpacingNs = 20'000'000;       // with kNodes: at least 20 s of history
+constexpr std::int64_t kMinNodeSpacingNs = 20'000'000;  // with kNodes: at least 20 s of history
 constexpr std::int64_t kRateHalfWindowNs =
     200'000'000;                       // each side, of the rate of turn: two compass samples
 constexpr double kHeadingNoise = 0.1;  // no leap [rad]: ten times a compass's noise and more
@@ -289,67 +288,6 @@ double DeadReckoning::depthOfBody(const Node& node, const Node* before) noexcept
   }
   const double age = seconds(node.utc_ns - depth_offset_utc_ns_);
   return measured + (depth_offset_ == 0 ? 0.0 : depth_offset_ * std::exp(-age / kDepthCatchUp));
-}
-
-std::optional<SE3> DeadReckoning::poseAt(std::int64_t utc_ns) const noexcept {
-  if (nodes_.empty() || utc_ns < nodes_.front().utc_ns) return std::nullopt;
-  const Eigen::Vector3d& r = config_.T_body_dvl.translation();
-  const std::size_t after = firstAfter(nodes_, utc_ns);
-  const Node& a = nodes_[after - 1];
-  const double s = seconds(utc_ns - a.utc_ns);
-  if (after == nodes_.size()) {
-    if (utc_ns - a.utc_ns >
-        std::max({kMaxExtrapolationNs, attitude_times_.silenceNs(), depth_times_.silenceNs()}))
-      return std::nullopt;
-    const Eigen::Quaterniond R = s == 0 ? a.R_odom_body : rotationAt(attitudes_, utc_ns);
-    Eigen::Vector3d p = a.p_dvl + a.v_dvl * s - R * r;
-    p.z() = a.depth + a.v_dvl.z() * s;
-    return SE3(R, p);
-  }
-  // Velocity is linear between nodes, as in the trapezoids: the track has no corner.
-  const Node& b = nodes_[after];
-  const double span = seconds(b.utc_ns - a.utc_ns);
-  const Eigen::Quaterniond R = a.R_odom_body.slerp(s / span, b.R_odom_body);
-  Eigen::Vector3d p = a.p_dvl + a.v_dvl * s + (b.v_dvl - a.v_dvl) * (0.5 * s * s / span) - R * r;
-  p.z() = a.depth + (b.depth - a.depth) * (s / span);
-  return SE3(R, p);
-}
-
-std::optional<double> DeadReckoning::altitude() const noexcept {
-  if (!altitude_ || seconds(now_ - altitude_->utc_ns) > config_.max_dvl_gap) return std::nullopt;
-  return altitude_->value;
-}
-
-DeadReckoning::Quality DeadReckoning::qualityAt(std::int64_t utc_ns) const noexcept {
-  if (nodes_.empty()) return {};
-  const std::size_t after = std::clamp<std::size_t>(firstAfter(nodes_, utc_ns), 1, nodes_.size());
-  const Node& a = nodes_[after - 1];
-  Quality quality = a.quality;
-  if (after < nodes_.size() && utc_ns > a.utc_ns) {
-    const Node& b = nodes_[after];
-    const double s = seconds(utc_ns - a.utc_ns), span = seconds(b.utc_ns - a.utc_ns), share = s / span;
-    const auto between = [&](double Quality::*sum) {
-      return a.quality.*sum + share * (b.quality.*sum - a.quality.*sum);
-    };
-    quality = b.quality;
-    quality.unlocked_s = between(&Quality::unlocked_s);
-    quality.untilted_s = between(&Quality::untilted_s);
-    quality.ungyro_s = between(&Quality::ungyro_s);
-    // The rate is linear between nodes, and what that leaves of the turn comes evenly.
-    quality.gyro_turn =
-        between(&Quality::gyro_turn) + 0.5 * (a.heading_rate - b.heading_rate) * s * (1 - share);
-  }
-  quality.has_gyro = gyro_times_.any();
-  quality.heading_leaps = counters_.heading_leaps;
-  for (std::size_t i = leap_times_.size(); i > 0 && leap_times_[i - 1] > utc_ns; --i) --quality.heading_leaps;
-  return quality;
-}
-
-Eigen::Vector3d DeadReckoning::velocityBody() const noexcept {
-  if (nodes_.empty()) return Eigen::Vector3d::Zero();
-  const Node& newest = nodes_.back();
-  const Eigen::Vector3d v_dvl = newest.R_odom_body.conjugate() * newest.v_dvl;
-  return v_dvl - rateOfTurn(newest.utc_ns).cross(config_.T_body_dvl.translation());
 }
 
 }  // namespace fathom::nav

@@ -60,6 +60,9 @@ class DeadReckoning {
   // Pose at a time within the kept history (20 s), interpolated; up to a second beyond the newest, or as long
   // as a slower sensor may be waited for: extrapolated.
   [[nodiscard]] std::optional<SE3> poseAt(std::int64_t utc_ns) const noexcept;
+  // The same, but beyond the newest final pose as good as can be told now: by the velocities that still wait,
+  // then by the newest one and the rate of turn, up to a second beyond what DVL and compass have told.
+  [[nodiscard]] std::optional<SE3> predictAt(std::int64_t utc_ns) const noexcept;
   // Up to here poses are final; and where the kept history begins. 0 before initialised().
   [[nodiscard]] std::int64_t newestUtcNs() const noexcept {
     return nodes_.empty() ? 0 : nodes_.back().utc_ns;
@@ -160,6 +163,7 @@ class DeadReckoning {
   template <typename VelocityAt>
   void trackTo(std::int64_t utc_ns, const VelocityAt& velocity_at) noexcept;
   [[nodiscard]] Eigen::Vector3d rateOfTurn(std::int64_t utc_ns) const noexcept;
+  [[nodiscard]] Eigen::Quaterniond turnedOn(std::int64_t utc_ns) const noexcept;
   void appendNode(std::int64_t utc_ns, const Eigen::Vector3d& velocity_body) noexcept;
   void rate(Node& node, const Node& before) const noexcept;
   [[nodiscard]] double withoutLeap(double heading, std::int64_t utc_ns) noexcept;

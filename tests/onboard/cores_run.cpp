@@ -15,6 +15,7 @@ std::vector<io::OnboardInput> inputsOf(const std::filesystem::path& folder) {
 
 NavCoreConfig navConfig(const io::MissionConfig& mission) {
   NavCoreConfig nav;
+  nav.predict_pairs = false;
   nav.odometry.T_body_dvl = mission.T_body_dvl;
   nav.odometry.T_body_depth = mission.T_body_depth;
   nav.odometry.T_body_compass = mission.T_body_compass;

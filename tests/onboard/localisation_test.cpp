@@ -131,7 +131,7 @@ TEST(LocalisationCore, LostByTenMetresAndAHundredDegreesItIsFoundWithinTenPairsO
     for (std::size_t k = 0; k < dive.frames.size(); ++k) {
       LocalisationInput input = dive.frames[k].input;
       input.features = &dive.frames[k].features;
-      const int keyframe = core.process(input);
+      const int keyframe = core.place(input, core.look(input));
       last = astray(core, dive, keyframe, k);
       worst = {std::max(worst.metres, last.metres), std::max(worst.radians, last.radians)};
       const Eigen::Vector2d here = dive.frames[k].truth.translation().head<2>();
@@ -163,8 +163,8 @@ TEST(LocalisationCore, SavedWhileClaimsWaitItIsFoundAgainAfterLoading) {
   for (std::size_t k = 0; k < dive.frames.size(); ++k) {
     LocalisationInput input = dive.frames[k].input;
     input.features = &dive.frames[k].features;
-    (void)core.process(input);
-    if (k > kSavedAt) (void)again.process(input);
+    (void)core.place(input, core.look(input));
+    if (k > kSavedAt) (void)again.place(input, again.look(input));
     if (k != kSavedAt) continue;
     EXPECT_GT(core.closures().counters().unconfirmed_now, 0u);
     rt::StateWriter writer(bytes);
@@ -242,7 +242,7 @@ TEST(LocalisationCore, WhatHungOnAKeyframeThatRetiresStaysWhereItIs) {
     for (const int k : core.graph().living()) known.emplace_back(k, core.poseOf(k, camera));
     LocalisationInput input = frame.input;
     input.features = &frame.features;
-    (void)core.process(input);
+    (void)core.place(input, core.look(input));
   }
   EXPECT_GT(retired, 50);
   EXPECT_LT(jump, 1e-9);

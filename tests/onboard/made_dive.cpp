@@ -241,7 +241,7 @@ std::vector<SE3> localised(LocalisationCore& core, const MadeDive& dive) {
     }
     LocalisationInput input = frame.input;
     input.features = &frame.features;
-    hanging.push_back({core.process(input), input.T_odom_cam});
+    hanging.push_back({core.place(input, core.look(input)), input.T_odom_cam});
   }
   core.finish();
   core.setRetiredObserver({});

@@ -137,6 +137,26 @@ TEST(MovingMap, AfterKeyframesMovedItIsTheMapFusedAfreshFromTheFinalPoses) {
   expectEqual(fusion::toMesh(moving.map()), fusion::toMesh(*fresh));
 }
 
+TEST(MovingMap, AMeshWhoseCameraWasOnlyGuessedGoesWhereItWas) {
+  MemorySlots slots(100, meshSlotBytes(kPoints));
+  MovingMap moving(mapConfig(), &slots, kPoints);
+  const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 0.1) * T; };
+  for (int number = 0; number < 20; ++number) {
+    const SE3 guessed = odomAt(number) * SE3::fromEuler(0.01, 0, 0.02, {0.02, -0.01, 0.005});
+    Mesh mesh = meshAt(odomAt(number), number);
+    const std::size_t slot =
+        moving.add(mesh, (number - 1) / 4, guessed, pose_of((number - 1) / 4, guessed)).slot;
+    moving.correct(slot, guessed, number / 4, odomAt(number), pose_of);
+    // Another mesh's slot by now: it stays as it is.
+    moving.correct(slot, guessed, 0, SE3(), pose_of);
+    EXPECT_EQ(moving.counters().waiting, 1u);
+    moving.rebuild(1, pose_of, {});
+    EXPECT_EQ(moving.counters().waiting, 0u);
+  }
+  EXPECT_EQ(moving.counters().meshes_fused_again, 20u);
+  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(*fusedAfresh(20, pose_of)));
+}
+
 TEST(MovingMap, WhatWaitsIsWorkedOffWithinTheQuotaLargestMoveFirstAndThenNothingIsLeft) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
   MovingMap moving(mapConfig(), &slots, kPoints);
@@ -339,7 +359,7 @@ TEST(MovingMap, MovingMeshesAllocatesNothing) {
 TEST(MovingMap, WithoutSlotsItStays) {
   MovingMap moving(mapConfig(), nullptr, kPoints);
   Mesh mesh = meshAt(odomAt(0), 0);
-  EXPECT_GT(moving.add(mesh, -1, odomAt(0), odomAt(0)), 0u);
+  EXPECT_GT(moving.add(mesh, -1, odomAt(0), odomAt(0)).cells, 0u);
   EXPECT_FALSE(moving.noteMoved());
 }
 

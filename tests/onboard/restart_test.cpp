@@ -46,7 +46,7 @@ void dive(LocalisationCore& core, const MadeDive& made, std::size_t from, std::s
     if (k < from) continue;
     LocalisationInput input = made.frames[k].input;
     input.features = &made.frames[k].features;
-    (void)core.process(input);
+    (void)core.place(input, core.look(input));
   }
 }
 

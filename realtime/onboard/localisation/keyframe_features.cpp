@@ -6,14 +6,6 @@
 #include "realtime/kernel/state_archive.hpp"
 
 namespace fathom::onboard {
-namespace {
-
-void reserve(closure::FrameFeatures& frame, std::size_t features) {
-  frame.features.reserve(features);
-  frame.descriptors.reserve(features * closure::descriptorBytes(closure::DescriptorKind::kRootSift));
-}
-
-}  // namespace
 
 KeyframeFeatures::KeyframeFeatures(SlotStore* slots, int max_keyframes, int max_features)
     : slots_(slots),
@@ -21,8 +13,8 @@ KeyframeFeatures::KeyframeFeatures(SlotStore* slots, int max_keyframes, int max_
       block_(closure::slotBytes(closure::DescriptorKind::kRootSift, static_cast<std::size_t>(max_features))) {
   // As many slots as are ever in use, however many there are.
   free_.reserve(static_cast<std::size_t>(max_keyframes) + 1);
-  for (Kept& k : newest_) reserve(k.features, static_cast<std::size_t>(max_features));
-  for (Kept& k : read_) reserve(k.features, static_cast<std::size_t>(max_features));
+  for (Kept& k : newest_) k.features.reserve(static_cast<std::size_t>(max_features));
+  for (Kept& k : read_) k.features.reserve(static_cast<std::size_t>(max_features));
 }
 
 std::size_t KeyframeFeatures::memoryBytes() const {

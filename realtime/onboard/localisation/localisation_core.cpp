@@ -76,7 +76,9 @@ LocalisationCore::LocalisationCore(const StereoRig& rig, const LocalisationConfi
       far_(rig, farConfig()),
       features_(feature_slots, config.max_keyframes, config.features),
       graph_(graphConfig(config)),
-      search_(rig, config, graph_, features_) {}
+      search_(rig, config, graph_, features_) {
+  for (Looked& looked : looked_) looked.features.reserve(static_cast<std::size_t>(config.features));
+}
 
 void LocalisationCore::setAnchor(const Eigen::Vector2d& shift, double sigma) {
   graph_.setAnchor(shift, sigma);
@@ -87,28 +89,37 @@ void LocalisationCore::addFix(std::int64_t utc_ns, const Eigen::Vector3d& antenn
   if (fixes_.pushDroppingOldest({utc_ns, antenna_in_odom, north_east, sigma})) ++counters_.fixes_dropped;
 }
 
-int LocalisationCore::process(const LocalisationInput& input) {
-  ++counters_.frames;
+int LocalisationCore::look(const LocalisationInput& input) {
+  const auto room = std::ranges::find(looked_, false, &Looked::waits);
+  if (room == looked_.end()) return kNoKeyframe;
   const closure::Footprint seen = closure::footprintOf(input.T_odom_cam, input.range, camera_);
   const bool trusted = !graph_.counters().dvl_lies && input.quality.unlocked_s <= last_unlocked_s_ &&
                        input.quality.heading_leaps == last_quality_.heading_leaps;
   last_unlocked_s_ = input.quality.unlocked_s;
-  if (selection_.take(input.utc_ns, input.T_odom_cam, seen, trusted)) {
-    addKeyframe(input);
-  } else {
+  if (!selection_.take(input.utc_ns, input.T_odom_cam, seen, trusted)) return kNoKeyframe;
+  room->waits = true;
+  room->features = input.features != nullptr
+                       ? *input.features
+                       : extractor_.process(input.left, input.right, depthsAbout(input.range));
+  if (room->features.size() == 0) ++counters_.frames_without_features;
+  ended("features");
+  return static_cast<int>(room - looked_.begin());
+}
+
+int LocalisationCore::place(const LocalisationInput& input, int looked) {
+  ++counters_.frames;
+  if (looked == kNoKeyframe) {
     (void)graph_.step();
     ended("graph");
+  } else {
+    Looked& kept = looked_[static_cast<std::size_t>(looked)];
+    addKeyframe(input, kept.features);
+    kept.waits = false;
   }
   return graph_.keyframes() - 1;
 }
 
-void LocalisationCore::addKeyframe(const LocalisationInput& input) {
-  const closure::DepthRange depths = depthsAbout(input.range);
-  const closure::FrameFeatures& found =
-      input.features != nullptr ? *input.features : extractor_.process(input.left, input.right, depths);
-  if (found.size() == 0) ++counters_.frames_without_features;
-  ended("features");
-
+void LocalisationCore::addKeyframe(const LocalisationInput& input, const closure::FrameFeatures& found) {
   slam::KeyframeInput keyframe;
   keyframe.utc_ns = input.utc_ns;
   keyframe.T_odom_cam = input.T_odom_cam;
@@ -231,7 +242,9 @@ LocalisationCore::Counters LocalisationCore::counters() const {
 }
 
 std::size_t LocalisationCore::memoryBytes() const {
-  return graph_.memoryBytes() + features_.memoryBytes() + search_.memoryBytes();
+  return graph_.memoryBytes() + features_.memoryBytes() + search_.memoryBytes() +
+         kLooked * closure::slotBytes(closure::DescriptorKind::kRootSift,
+                                      static_cast<std::size_t>(config_.features));
 }
 
 }  // namespace fathom::onboard

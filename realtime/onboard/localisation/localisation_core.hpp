@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -39,16 +40,24 @@ class LocalisationCore {
   LocalisationCore(const LocalisationCore&) = delete;
   LocalisationCore& operator=(const LocalisationCore&) = delete;
 
-  // Where odom's origin is as long as there is no keyframe (nav - odom).
   // As the rig stands from now on; of the same images.
   void setRig(const StereoRig& rig) { extractor_.setRig(rig); }
+  // Where odom's origin is as long as there is no keyframe (nav - odom).
   void setAnchor(const Eigen::Vector2d& shift, double sigma);
   // A fix of an antenna at `antenna_in_odom` at its own time. It waits for the keyframe after it.
   void addFix(std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& north_east,
               double sigma);
 
-  // The keyframe that the frame hangs on: itself or the one before. -1: none yet.
-  int process(const LocalisationInput& input);
+  // A frame as soon as there is one, where the vehicle probably was: whether it becomes a keyframe is
+  // decided, and its features are found. Its number for place(); kNoKeyframe: it becomes none, as also when
+  // kLooked of them wait.
+  static constexpr int kNoKeyframe = -1;
+  static constexpr std::size_t kLooked = 8;
+  [[nodiscard]] int look(const LocalisationInput& input);
+  // The same frame where odometry has it for good; images and features are not looked at. The keyframe that
+  // it hangs on: itself or the one before. -1: none yet. Frames are placed in the order in which they were
+  // looked at.
+  int place(const LocalisationInput& input, int looked);
   // The survey is over: what waits is worked off, in bounded time.
   void finish();
 
@@ -108,7 +117,7 @@ class LocalisationCore {
   void ended(const char* stage) const {
     if (observer_) observer_(stage);
   }
-  void addKeyframe(const LocalisationInput& input);
+  void addKeyframe(const LocalisationInput& input, const closure::FrameFeatures& found);
   void noteRetired();
   void linkToLast(const slam::KeyframeInput& input);
   void applyFixes(bool all);
@@ -120,6 +129,11 @@ class LocalisationCore {
   KeyframeSelection selection_;
   closure::FeatureExtractor extractor_;
   closure::Registrar near_, far_;  // for visual odometry: with dead reckoning as prior, and against it
+  struct Looked {
+    bool waits = false;
+    closure::FrameFeatures features;
+  };
+  std::array<Looked, kLooked> looked_;
   KeyframeFeatures features_;
   slam::NavigationGraph graph_;
   ClosureSearch search_;

@@ -8,7 +8,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 3,
+constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 4,
                         kSearchVersion = 3;
 
 template <typename Archive, typename Feature>
@@ -112,6 +112,10 @@ template <typename Archive, typename Self>
 void LocalisationCore::exchange(Archive& archive, Self& self) {
   archive(self.selection_, self.features_, self.fixes_, self.last_quality_);
   archive(self.last_unlocked_s_, self.loss_s_, self.position_sigma_);
+  for (auto& looked : self.looked_) {
+    archive(looked.waits);
+    if (looked.waits) exchangeFrame(archive, looked.features);
+  }
   auto& c = self.counters_;
   archive(c.frames, c.frames_without_features, c.odometry_found, c.odometry_refused, c.odometry_second_tries,
           c.odometry_surprises, c.fixes_dropped);

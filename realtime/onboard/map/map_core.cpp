@@ -106,25 +106,20 @@ SE3 MapCore::poseOf(int keyframe, const SE3& T_odom_cam) const {
   return keyframe < 0 ? T_nav_odom_ * T_odom_cam : localisation_->poseOf(keyframe, T_odom_cam);
 }
 
-void MapCore::localise(const MapInput& input, double range, bool images, MapOutput& out) {
-  if (!localisation_) return;
+int MapCore::look(const MapInput& input, const SeenPair& pair, bool images) {
+  if (!localisation_) return LocalisationCore::kNoKeyframe;
   LocalisationInput frame;
   frame.utc_ns = input.utc_ns;
-  frame.T_odom_cam = out.T_odom_cam;
+  frame.T_odom_cam = pair.output.T_odom_cam;
   frame.quality = input.quality;
-  frame.range = range;
-  frame.closures = input.closures;
+  frame.range = pair.range;
   if (input.features != nullptr) {
     frame.features = &given_features_;
   } else if (images) {
     frame.left = eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono);
     frame.right = eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono);
   }
-  out.keyframe = localisation_->process(frame);
-  T_nav_odom_ = localisation_->T_nav_odom();
-  anchor_sigma_ = localisation_->positionSigma();
-  out.T_nav_cam = poseOf(out);
-  if (localisation_->moved() && map_.noteMoved()) localisation_->takeChanges();
+  return localisation_->look(frame);
 }
 
 void MapCore::finish() {
@@ -218,19 +213,24 @@ void MapCore::useRig() {
   if (localisation_) localisation_->setRig(rig);
 }
 
-MapOutput MapCore::process(const MapInput& input) {
+SeenPair MapCore::see(const MapInput& input) {
   frame_fixed_ = true;
-  MapOutput out;
+  SeenPair pair;
+  MapOutput& out = pair.output;
   out.pair_index = input.pair_index;
   out.utc_ns = input.utc_ns;
   out.T_odom_cam = input.T_odom_body * config_.T_body_cam;
   out.T_nav_cam = T_nav_odom_ * out.T_odom_cam;
+  if (localisation_) out.keyframe = localisation_->keyframes() - 1;
+  pair.closures = input.closures;
+  pair.rebuild_meshes = input.rebuild_meshes < 0 ? config_.rebuild_meshes : input.rebuild_meshes;
   ++counters_.pairs;
   if (input.features == nullptr &&
       (!shaped(input.left, config_.rig.left) || !shaped(input.right, config_.rig.right))) {
     ++counters_.bad_images;
-    localise(input, last_range_, false, out);
-    return out;
+    pair.range = last_range_;
+    pair.looked = look(input, pair, false);
+    return pair;
   }
   const stereo::SeedPlane plane = seedPlane(input);
   const stereo::StereoResult& result =
@@ -240,17 +240,41 @@ MapOutput MapCore::process(const MapInput& input) {
   out.points = result.points.size();
   out.triangles = result.triangles.size();
   out.median_range = medianRange(result, point_ranges_);
-  localise(input, out.median_range > 0 ? out.median_range : plane.distance, true, out);
+  pair.range = out.median_range > 0 ? out.median_range : plane.distance;
   map_.noteVehicle(out.T_nav_cam.translation().head<2>());
-  map_.rebuild(
-      input.rebuild_meshes < 0 ? config_.rebuild_meshes : input.rebuild_meshes,
-      [this](int k, const SE3& T) { return poseOf(k, T); }, on_moved_);
+  if (!result.triangles.empty()) {
+    last_range_ = out.median_range;
+    const MovingMap::Added added = map_.add(mesh_, out.keyframe, out.T_odom_cam, out.T_nav_cam);
+    out.nodes_updated = added.cells;
+    pair.slot = added.slot;
+    measureFootprint(mesh_, out);
+    ended("map");
+  }
+  pair.looked = look(input, pair, true);
+  return pair;
+}
+
+MapOutput MapCore::place(const SeenPair& pair, const SE3& T_odom_body,
+                         const nav::DeadReckoning::Quality& quality) {
+  MapOutput out = pair.output;
+  if (!localisation_) return out;
+  out.T_odom_cam = T_odom_body * config_.T_body_cam;
+  LocalisationInput frame;
+  frame.utc_ns = out.utc_ns;
+  frame.T_odom_cam = out.T_odom_cam;
+  frame.quality = quality;
+  frame.range = pair.range;
+  frame.closures = pair.closures;
+  out.keyframe = localisation_->place(frame, pair.looked);
+  T_nav_odom_ = localisation_->T_nav_odom();
+  anchor_sigma_ = localisation_->positionSigma();
+  out.T_nav_cam = poseOf(out);
+  if (localisation_->moved() && map_.noteMoved()) localisation_->takeChanges();
+  const auto pose_of = [this](int k, const SE3& T) { return poseOf(k, T); };
+  if (out.triangles > 0)
+    map_.correct(pair.slot, pair.output.T_odom_cam, out.keyframe, out.T_odom_cam, pose_of);
+  map_.rebuild(pair.rebuild_meshes, pose_of, on_moved_);
   ended("map rebuild");
-  if (result.triangles.empty()) return out;
-  last_range_ = out.median_range;
-  out.nodes_updated = map_.add(mesh_, out.keyframe, out.T_odom_cam, out.T_nav_cam);
-  measureFootprint(mesh_, out);
-  ended("map");
   return out;
 }
 

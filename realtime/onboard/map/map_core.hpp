@@ -70,6 +70,37 @@ struct MapOutput {
   Eigen::Vector2d min_north_east = Eigen::Vector2d::Zero();  // of the local mesh [m]
   Eigen::Vector2d max_north_east = Eigen::Vector2d::Zero();
   std::size_t points = 0, triangles = 0, nodes_updated = 0;
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive.instants(self.utc_ns);
+    std::uint64_t points = self.points, triangles = self.triangles, nodes = self.nodes_updated;
+    archive(self.pair_index, self.T_odom_cam, self.keyframe, self.T_nav_cam, self.median_range,
+            self.footprint_radius, self.min_north_east, self.max_north_east, points, triangles, nodes);
+    if constexpr (Archive::kLoading) {
+      self.points = static_cast<std::size_t>(points);
+      self.triangles = static_cast<std::size_t>(triangles);
+      self.nodes_updated = static_cast<std::size_t>(nodes);
+    }
+  }
+};
+
+// A pair that was seen and is in the map where it was seen from, but not placed yet.
+struct SeenPair {
+  MapOutput output;
+  double range = 0;      // to the seafloor [m]
+  std::size_t slot = 0;  // of its mesh in the map, if it has triangles
+  int looked = -1;       // of LocalisationCore
+  bool closures = true;  // quota of the work that is left
+  int rebuild_meshes = 0;
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    MapOutput::exchange(archive, self.output);
+    std::uint64_t slot = self.slot;
+    archive(self.range, slot, self.looked, self.closures, self.rebuild_meshes);
+    if constexpr (Archive::kLoading) self.slot = static_cast<std::size_t>(slot);
+  }
 };
 
 // Soft real-time core without threads, files or clocks: lighting, stereo, localisation and fusion of each
@@ -85,7 +116,14 @@ class MapCore {
   // A fix of an antenna or transponder that odometry has at `antenna_in_odom` at the fix's own time.
   void addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom,
               const Eigen::Vector2d& north_east, double sigma);
-  MapOutput process(const MapInput& input);
+  // The pair into the map, seen from where `input` says; which may be corrected by place().
+  [[nodiscard]] SeenPair see(const MapInput& input);
+  // Of a pair that was seen, in the order of seeing: localisation, and what has moved by it. What the pair
+  // gave, at its final place.
+  MapOutput place(const SeenPair& pair, const SE3& T_odom_body, const nav::DeadReckoning::Quality& quality);
+  MapOutput process(const MapInput& input) { return place(see(input), input.T_odom_body, input.quality); }
+  // Whether what is in the map can be placed elsewhere.
+  [[nodiscard]] bool moves() const { return localisation_ && map_.moves(); }
   // The survey is over: localisation works off what waits and the map is fused anew at the final poses.
   void finish();
   // The ship has this square as the map shows it: when the pool is full it coarsens before others.
@@ -129,7 +167,8 @@ class MapCore {
   static void exchange(Archive& archive, Self& self);
   [[nodiscard]] stereo::SeedPlane seedPlane(const MapInput& input) const;
   [[nodiscard]] SE3 poseOf(int keyframe, const SE3& T_odom_cam) const;
-  void localise(const MapInput& input, double range, bool images, MapOutput& out);
+  // Where the frame is probably; what localisation keeps of it until it is placed.
+  [[nodiscard]] int look(const MapInput& input, const SeenPair& pair, bool images);
   void ended(const char* stage) const {
     if (observer_) observer_(stage);
   }

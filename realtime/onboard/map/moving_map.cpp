@@ -78,11 +78,11 @@ std::size_t MovingMap::memoryBytes() const {
          bytesOf(mesh_) + bytesOf(moved_);
 }
 
-std::size_t MovingMap::add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, const SE3& T_nav_cam) {
+MovingMap::Added MovingMap::add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, const SE3& T_nav_cam) {
   ++counters_.meshes;
   if (meshes_ == nullptr) {
     transform(mesh, T_nav_cam);
-    return map_.fuse(mesh);
+    return {map_.fuse(mesh), 0};
   }
   const std::size_t slot = slotFor();
   Entry entry;
@@ -104,7 +104,15 @@ std::size_t MovingMap::add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, cons
   entries_[slot] = entry;
   keyframe_[slot] = keyframe;
   fused_[slot] = ++fusions_;
-  return cells;
+  return {cells, slot};
+}
+
+void MovingMap::correct(std::size_t slot, const SE3& guessed, int keyframe, const SE3& T_odom_cam,
+                        const PoseOf& pose_of) {
+  if (slot >= entries_.size() || !same(entries_[slot].T_odom_cam, guessed)) return;
+  keyframe_[slot] = keyframe;
+  entries_[slot].T_odom_cam = T_odom_cam;
+  if (entries_[slot].stored) compare(slot, pose_of);
 }
 
 // A slot that is free, or that of the mesh that has lain still for longest, of one that need not move if
@@ -151,15 +159,18 @@ void MovingMap::setUrgency(std::size_t k, std::uint8_t urgency) {
 void MovingMap::compareSome(std::size_t most, const PoseOf& pose_of) {
   for (; most > 0 && to_compare_ > 0; --most, --to_compare_) {
     if (cursor_ == 0) cursor_ = entries_.size();
-    const Entry& e = entries_[--cursor_];
-    if (!e.stored) continue;
-    const SE3 now = pose_of(keyframe_[cursor_], e.T_odom_cam);
-    const Eigen::Vector3d middle = e.middle.cast<double>();
-    const double turned = now.rotation().angularDistance(e.shown.rotation());
-    const double moved = (now * middle - e.shown * middle).norm() + turned * static_cast<double>(e.radius);
-    const double steps = moved < kMoved ? 0 : 1 + kUrgencySteps * std::log2(moved / kMoved);
-    setUrgency(cursor_, static_cast<std::uint8_t>(std::min(255.0, steps)));
+    if (entries_[--cursor_].stored) compare(cursor_, pose_of);
   }
+}
+
+void MovingMap::compare(std::size_t k, const PoseOf& pose_of) {
+  const Entry& e = entries_[k];
+  const SE3 now = pose_of(keyframe_[k], e.T_odom_cam);
+  const Eigen::Vector3d middle = e.middle.cast<double>();
+  const double turned = now.rotation().angularDistance(e.shown.rotation());
+  const double moved = (now * middle - e.shown * middle).norm() + turned * static_cast<double>(e.radius);
+  const double steps = moved < kMoved ? 0 : 1 + kUrgencySteps * std::log2(moved / kMoved);
+  setUrgency(k, static_cast<std::uint8_t>(std::min(255.0, steps)));
 }
 
 // A disk that gives back other bytes than were written would take out what never went in.

@@ -36,8 +36,16 @@ class MovingMap {
   // `meshes`: null, or without slots, for a map that never moves.
   MovingMap(const fusion::QuadtreeConfig& config, SlotStore* meshes, std::size_t max_points);
 
-  // Fuses a mesh (camera frame) at T_nav_cam; transforms it into nav. Returns the cells observed.
-  std::size_t add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, const SE3& T_nav_cam);
+  // Fuses a mesh (camera frame) at T_nav_cam; transforms it into nav.
+  struct Added {
+    std::size_t cells = 0;  // observed
+    std::size_t slot = 0;
+  };
+  Added add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, const SE3& T_nav_cam);
+  // A mesh that was added to a slot, where its camera was only guessed, was taken elsewhere and hangs on
+  // another keyframe: it moves with those whose keyframes have moved, if it has not been baked in.
+  void correct(std::size_t slot, const SE3& guessed, int keyframe, const SE3& T_odom_cam,
+               const PoseOf& pose_of);
 
   // What hangs on a keyframe that has retired hangs on another, where it is.
   void rehang(const slam::NavigationGraph::Retired& gone);
@@ -48,6 +56,7 @@ class MovingMap {
   // Moves all that are not where they belong, however little.
   void finish(const PoseOf& pose_of, const OnMoved& on_moved);
 
+  [[nodiscard]] bool moves() const { return meshes_ != nullptr; }
   [[nodiscard]] const fusion::QuadtreeMap& map() const { return map_; }
   // For the worth of areas when the pool is full: see QuadtreeMap.
   void noteVehicle(const Eigen::Vector2d& north_east) { map_.noteVehicle(north_east); }
@@ -92,6 +101,7 @@ class MovingMap {
   };
   [[nodiscard]] std::size_t slotFor();
   void compareSome(std::size_t entries, const PoseOf& pose_of);
+  void compare(std::size_t entry, const PoseOf& pose_of);
   void setUrgency(std::size_t entry, std::uint8_t urgency);
   [[nodiscard]] bool readMesh(std::size_t entry);
   // False when the slot could not be read.

@@ -11,7 +11,7 @@ namespace fathom::onboard {
 namespace {
 
 // The stages that OnboardSystem and its cores name, then whole ones of this tier.
-constexpr std::size_t kPair = 12, kArrivalToMap = 13, kLink = 14, kCheckpoint = 15;
+constexpr std::size_t kMap = 11, kPair = 12, kArrivalToMap = 13, kLink = 14, kCheckpoint = 15;
 constexpr std::int64_t kPublishInterval = 100'000'000, kFiguresInterval = 1'000'000'000;  // [ns]
 
 }  // namespace
@@ -63,7 +63,8 @@ MapperTier::MapperTier(MissionRun& run, const Links& links, const Config& config
     return decide(trigger, pair);
   });
   run_.setObservers([this](const char* stage) { noteStage(stage); },
-                    [this](const OnboardSystem::MappedPair& pair) { noteMapped(pair); });
+                    [this](const OnboardSystem::MappedPair& pair) { noteSeen(pair); },
+                    [this](const OnboardSystem::MappedPair&) { notePlaced(); });
 }
 
 void MapperTier::awaitMark(std::uint64_t number, std::uint64_t from) {
@@ -85,7 +86,8 @@ OnboardSystem::PairQuota MapperTier::decide(const StereoTrigger& trigger,
   seen.waiting = static_cast<int>(lag_ns_ / config_.pair_period_ns);
   // Since the pair could have been mapped: a DVL that lets it wait is no overload.
   seen.age_ns = lag_ns_;
-  pair_begin_ns_ = stage_begin_ns_ = clock_.monotonicNs();
+  work_begin_ns_ = stage_begin_ns_ = clock_.monotonicNs();
+  arrival_ns_ = links_.frames->arrivalOf(pair.left_image, pair.right_image);
   const std::optional<io::Decision> before = decidedBefore(trigger.pair_index);
   io::Decision decision;
   decision.pair_index = trigger.pair_index;
@@ -121,24 +123,34 @@ void MapperTier::noteStage(const char* stage) {
   const auto& specs = stageSpecs();
   for (std::size_t i = 0; i < kPair; ++i)
     if (std::strcmp(specs[i].name, stage) == 0) addStage(i, stage_begin_ns_, now);
-  stage_begin_ns_ = now;
+  if (arrival_ns_ && std::strcmp(stage, specs[kMap].name) == 0)
+    addStage(kArrivalToMap, now - (clock_.utcNs() - *arrival_ns_), now);
+  stage_begin_ns_ = stage_end_ns_ = now;
   beat();
 }
 
-void MapperTier::noteMapped(const OnboardSystem::MappedPair& pair) {
+void MapperTier::noteSeen(const OnboardSystem::MappedPair& pair) {
   const std::int64_t now = clock_.monotonicNs();
-  last_frame_ns_ = now - pair_begin_ns_;
-  addStage(kPair, pair_begin_ns_, now);
-  if (const auto arrival = links_.frames->arrivalOf(pair.left_image, pair.right_image))
-    addStage(kArrivalToMap, now - (clock_.utcNs() - *arrival), now);
+  seeing_ns_ = now - work_begin_ns_;
+  work_begin_ns_ = now;
+  arrival_ns_.reset();
   links_.frames->release(pair.left_image, pair.right_image);
   links_.channel->up().working_pair.store(0, std::memory_order_relaxed);
+}
+
+// A pair's work is to see it and, later, to place it.
+void MapperTier::notePlaced() {
+  const std::int64_t now = clock_.monotonicNs();
+  last_frame_ns_ = seeing_ns_ + now - work_begin_ns_;
+  work_begin_ns_ = now;
+  stages_.add(kPair, now - last_frame_ns_, now);
 }
 
 void MapperTier::consume(const io::OnboardInput& input, std::uint64_t position) {
   lag_ns_ = std::max<std::int64_t>(0, clock_.utcNs() - input.arrival_utc_ns);
   if (!awaited_) highest_lag_ns_ = std::max(highest_lag_ns_, lag_ns_);
   if (io::imageOf(input) != nullptr) links_.frames->refill();
+  work_begin_ns_ = stage_begin_ns_ = clock_.monotonicNs();
   run_.consume(input);
   const auto* mark = std::get_if<io::Mark>(&input.what);
   if (mark == nullptr) return;
@@ -183,7 +195,7 @@ std::size_t MapperTier::work(std::size_t most) {
     links_.channel->up().position.store(links_.feed->position(), std::memory_order_relaxed);
   }
   const std::int64_t now = clock_.monotonicNs();
-  if (done > 0) addStage(kLink, std::max(begin, stage_begin_ns_), now);
+  if (done > 0) addStage(kLink, std::max(begin, stage_end_ns_), now);
   beat();
   if (now - published_ns_ >= kPublishInterval) publish();
   return done;

@@ -83,7 +83,8 @@ class MapperTier {
   void consume(const io::OnboardInput& input, std::uint64_t position);
   void addStage(std::size_t stage, std::int64_t begin_ns, std::int64_t end_ns);
   void noteStage(const char* stage);
-  void noteMapped(const OnboardSystem::MappedPair& pair);
+  void noteSeen(const OnboardSystem::MappedPair& pair);
+  void notePlaced();
   void saveState(std::uint64_t number);
   [[nodiscard]] MapState state() const;
   [[nodiscard]] MapperFigures figures() const;
@@ -96,8 +97,10 @@ class MapperTier {
   rt::StageTimes stages_;
   std::optional<std::uint64_t> awaited_;  // number of the restart's mark
   std::uint64_t awaited_from_ = 0;
-  std::int64_t pair_begin_ns_ = 0, stage_begin_ns_ = 0;  // monotonic
-  std::int64_t last_frame_ns_ = 0;                       // that the last mapped pair took
+  std::int64_t work_begin_ns_ = 0, stage_begin_ns_ = 0, stage_end_ns_ = 0;  // monotonic
+  std::optional<std::int64_t> arrival_ns_;  // of the pair that is being looked at [UTC]
+  std::int64_t seeing_ns_ = 0;              // that it took to see the newest pair
+  std::int64_t last_frame_ns_ = 0;          // that the last pair took in all
   std::int64_t lag_ns_ = 0, highest_lag_ns_ = 0;
   std::int64_t published_ns_ = 0, figures_ns_ = 0;
   std::int64_t saved_ns_ = INT64_MIN / 2;

@@ -21,7 +21,8 @@ std::int64_t shifted(std::int64_t utc_ns, std::int64_t offset_ns) noexcept {
 }  // namespace
 
 NavCore::NavCore(const NavCoreConfig& config)
-    : odometry_(config.odometry),
+    : predicts_(config.predict_pairs),
+      odometry_(config.odometry),
       pairing_(nanoseconds(config.pairing_tolerance)),
       left_offset_ns_(nanoseconds(config.time_offsets.left_camera)),
       right_offset_ns_(nanoseconds(config.time_offsets.right_camera)),
@@ -61,9 +62,10 @@ void NavCore::addFrame(std::int64_t stamp_utc_ns, CameraSide side, std::uint32_t
   (left ? left_ : right_) = {utc_ns, true};
   if (const auto pair = pairing_.add(side, {utc_ns, frame_id})) {
     const auto index = static_cast<std::uint32_t>(counters_.pairs++);
-    if (waiting_.pushDroppingOldest({index, *pair})) ++counters_.pairs_uncovered;
+    if (waiting_.pushDroppingOldest({index, *pair, false})) ++counters_.pairs_uncovered;
   }
   dispatch();
+  if (predicts_) predict();
 }
 
 void NavCore::tick(std::int64_t utc_ns) noexcept {
@@ -83,20 +85,37 @@ void NavCore::dispatch() noexcept {
       ++counters_.pairs_uncovered;
       continue;
     }
-    StereoTrigger trigger;
-    trigger.pair_index = pair.index;
-    trigger.utc_ns = pair.frames.left.utc_ns;
-    trigger.left_frame_id = pair.frames.left.frame_id;
-    trigger.right_frame_id = pair.frames.right.frame_id;
-    trigger.T_odom_body = *pose;
-    if (const auto altitude = odometry_.altitude()) {
-      trigger.altitude = *altitude;
-      trigger.altitude_valid = true;
-    }
-    trigger.quality = odometry_.qualityAt(trigger.utc_ns);
-    ++counters_.triggers;
-    if (triggers_.pushDroppingOldest(trigger)) ++counters_.triggers_dropped;
+    give(pair, pair.predicted ? StereoTrigger::Pose::kCorrected : StereoTrigger::Pose::kFinal, *pose);
   }
+}
+
+// Sends off the newest pair where it probably is, unless one before it still waits to be sent off at all.
+void NavCore::predict() noexcept {
+  const std::size_t count = waiting_.size();
+  if (count == 0 || waiting_[count - 1].predicted || (count > 1 && !waiting_[count - 2].predicted)) return;
+  WaitingPair& pair = waiting_[count - 1];
+  const auto pose = odometry_.predictAt(pair.frames.left.utc_ns);
+  if (!pose) return;
+  pair.predicted = true;
+  ++counters_.pairs_predicted;
+  give(pair, StereoTrigger::Pose::kPredicted, *pose);
+}
+
+void NavCore::give(const WaitingPair& pair, StereoTrigger::Pose what, const SE3& T_odom_body) noexcept {
+  StereoTrigger trigger;
+  trigger.pose = what;
+  trigger.pair_index = pair.index;
+  trigger.utc_ns = pair.frames.left.utc_ns;
+  trigger.left_frame_id = pair.frames.left.frame_id;
+  trigger.right_frame_id = pair.frames.right.frame_id;
+  trigger.T_odom_body = T_odom_body;
+  if (const auto altitude = odometry_.altitude()) {
+    trigger.altitude = *altitude;
+    trigger.altitude_valid = true;
+  }
+  trigger.quality = odometry_.qualityAt(trigger.utc_ns);
+  if (what != StereoTrigger::Pose::kPredicted) ++counters_.triggers;
+  if (triggers_.pushDroppingOldest(trigger)) ++counters_.triggers_dropped;
 }
 
 std::optional<StereoTrigger> NavCore::pollTrigger() noexcept {
@@ -131,6 +150,7 @@ void NavCore::takeHealth(std::int64_t utc_ns) noexcept {
   health_.counters = {{
       {"inputs", counters_.inputs},
       {"pairs", counters_.pairs},
+      {"pairs_predicted", counters_.pairs_predicted},
       {"pairs_uncovered", counters_.pairs_uncovered},
       {"triggers", counters_.triggers},
       {"triggers_dropped", counters_.triggers_dropped},

@@ -16,21 +16,36 @@ namespace fathom::onboard {
 struct NavCoreConfig {
   nav::DeadReckoningConfig odometry;
   double pairing_tolerance = 0.020;  // largest difference of the exposures of a stereo pair [s]
+  bool predict_pairs = true;         // false: a pair waits for its final pose
   // Added to the time stamps of a sensor to get UTC [s]; zero where the stamps are corrected already.
   struct TimeOffsets {
     double left_camera = 0, right_camera = 0, dvl = 0, compass = 0, depth = 0;
   } time_offsets;
 };
 
-// A stereo pair whose time the odometry covers: what starts MapCore on it.
+// A stereo pair and where it was taken: what starts MapCore on it.
 struct StereoTrigger {
+  // What the pose is. A pair comes at once, where the vehicle probably was, and again when the odometry
+  // covers its time; one that can be told nothing of yet comes once.
+  enum class Pose : std::uint8_t {
+    kPredicted,  // another one follows
+    kFinal,      // the first, and final
+    kCorrected   // final, of a pair that came as kPredicted
+  } pose = Pose::kFinal;
   std::uint32_t pair_index = 0;  // counts pairs from 0; a gap is a pair that was dropped
   std::int64_t utc_ns = 0;       // of the left exposure, offset corrected
   std::uint32_t left_frame_id = 0, right_frame_id = 0;
-  SE3 T_odom_body;      // at utc_ns; final
+  SE3 T_odom_body;      // at utc_ns
   double altitude = 0;  // of the DVL above the bottom [m], newest valid ensemble
   bool altitude_valid = false;
   nav::DeadReckoning::Quality quality;  // of the track up to then
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive.enumeration(self.pose, Pose::kCorrected);
+    archive(self.pair_index, self.utc_ns, self.left_frame_id, self.right_frame_id, self.T_odom_body,
+            self.altitude, self.altitude_valid, self.quality);
+  }
 };
 
 // State of navigation at a health tick. Ages are of the newest sample of a sensor; -1: none so far.
@@ -39,7 +54,7 @@ struct NavHealth {
     std::string_view name;
     std::uint64_t value = 0;
   };
-  static constexpr std::size_t kCounters = 25;
+  static constexpr std::size_t kCounters = 26;
 
   std::int64_t utc_ns = 0;  // of the tick
   double dvl_age = -1, attitude_age = -1, depth_age = -1, water_age = -1, left_age = -1,
@@ -59,8 +74,10 @@ struct NavHealth {
 //
 //   for each input:  core.add(input);  while (auto trigger = core.pollTrigger()) hand it to MapCore;
 //
-// Pairs wait until every navigation sensor has reached their time. When too many wait, the oldest is dropped
-// and counted; so is the oldest trigger when nobody polls.
+// A pair is given at once with the pose that is predicted for it, then waits until every navigation sensor
+// has reached its time and is given again. When too many wait, the oldest is dropped and counted; so is the
+// oldest trigger when nobody polls. The predicted ones are in the order of the pairs, and so are the final
+// ones.
 class NavCore {
  public:
   // The config's numbers are finite and its tolerance positive (the mission's reader sees to it).
@@ -90,14 +107,15 @@ class NavCore {
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
   static constexpr std::size_t kWaitingPairs = 32;  // 16 s at 2 Hz: longer than any wait that ends well
-  static constexpr std::size_t kTriggers = 32;
+  static constexpr std::size_t kTriggers = 64;
   struct WaitingPair {
     std::uint32_t index = 0;
     StereoPairing::Pair frames;
+    bool predicted = false;  // it was given where it probably is
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
-      archive(self.index, self.frames);
+      archive(self.index, self.frames, self.predicted);
     }
   };
   struct LastSeen {
@@ -110,14 +128,18 @@ class NavCore {
     }
   };
   struct Counters {
-    std::uint64_t inputs = 0, pairs = 0, pairs_uncovered = 0, triggers = 0, triggers_dropped = 0;
+    std::uint64_t inputs = 0, pairs = 0, pairs_predicted = 0, pairs_uncovered = 0, triggers = 0,
+                  triggers_dropped = 0;
   };
 
   template <class Sample>
   void take(Sample sample, std::int64_t offset_ns, LastSeen* seen) noexcept;
   void dispatch() noexcept;
+  void predict() noexcept;
+  void give(const WaitingPair& pair, StereoTrigger::Pose what, const SE3& T_odom_body) noexcept;
   void takeHealth(std::int64_t utc_ns) noexcept;
 
+  bool predicts_;
   nav::DeadReckoning odometry_;
   StereoPairing pairing_;
   std::int64_t left_offset_ns_, right_offset_ns_, dvl_offset_ns_, compass_offset_ns_, depth_offset_ns_;

@@ -4,13 +4,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("NAVC"), kFeedTag = rt::stateTag("NAVF"), kVersion = 3;
-
-template <typename Archive, typename Trigger>
-void exchangeTrigger(Archive& archive, Trigger& trigger) {
-  archive(trigger.pair_index, trigger.utc_ns, trigger.left_frame_id, trigger.right_frame_id,
-          trigger.T_odom_body, trigger.altitude, trigger.altitude_valid, trigger.quality);
-}
+constexpr std::uint32_t kTag = rt::stateTag("NAVC"), kFeedTag = rt::stateTag("NAVF"), kVersion = 4;
 
 template <typename Archive, typename Health>
 void exchangeHealth(Archive& archive, Health& health) {
@@ -24,15 +18,6 @@ void exchangeHealth(Archive& archive, Health& health) {
 }
 
 }  // namespace
-
-template <typename Archive>
-void exchangeState(Archive& archive, const StereoTrigger& trigger) {
-  exchangeTrigger(archive, trigger);
-}
-template <typename Archive>
-void exchangeState(Archive& archive, StereoTrigger& trigger) {
-  exchangeTrigger(archive, trigger);
-}
 
 template <typename Archive, typename Self>
 void NavCore::exchange(Archive& archive, Self& self) {
