@@ -20,6 +20,7 @@ enum Device : unsigned {
   kDisk = 32,
   kCpu = 64,
   kClock = 128,
+  kProgram = 256,
   kCameras = kLeft | kRight  // those that the fault names
 };
 
@@ -39,7 +40,11 @@ constexpr std::array<Kind, kFaultKinds> kKinds = {{{"lost_packets", kCameras},
                                                    {"modem_silence", kModem},
                                                    {"disk_full", kDisk},
                                                    {"cpu_hog", kCpu},
-                                                   {"clock_step", kClock}}};
+                                                   {"clock_step", kClock},
+                                                   {"mapper_killed", kProgram},
+                                                   {"mapper_stopped", kProgram},
+                                                   {"vehicle_killed", kProgram},
+                                                   {"vehicle_stopped", kProgram}}};
 
 unsigned devicesOf(const Fault& f) {
   const unsigned devices = kKinds[static_cast<std::size_t>(f.kind)].devices;
@@ -93,13 +98,17 @@ void readOwnKeys(const ConfigTable& t, Fault& f) {
     case FaultKind::kCanBusOff:
     case FaultKind::kDvlSilence:
     case FaultKind::kModemSilence:
+    case FaultKind::kMapperKilled:
+    case FaultKind::kMapperStopped:
+    case FaultKind::kVehicleKilled:
+    case FaultKind::kVehicleStopped:
       break;
   }
 }
 
-// Their time is a moment, or may be: for_s has a default of 0.
-bool mayBeInstant(FaultKind kind) {
-  return kind == FaultKind::kIdWrap || kind == FaultKind::kClockStep;
+// Their time is a moment.
+bool isInstant(FaultKind kind) {
+  return kind == FaultKind::kIdWrap || kind == FaultKind::kMapperKilled || kind == FaultKind::kVehicleKilled;
 }
 
 Fault readFault(const ConfigTable& t) {
@@ -113,9 +122,9 @@ Fault readFault(const ConfigTable& t) {
   }
   f.kind = static_cast<FaultKind>(found - kKinds.begin());
   f.at_s = t.requiredNumber("at_s", 0, kLongestMission);
-  if (f.kind == FaultKind::kIdWrap) {
+  if (isInstant(f.kind)) {
     f.for_s = 0;
-  } else if (mayBeInstant(f.kind)) {
+  } else if (f.kind == FaultKind::kClockStep) {
     f.for_s = t.number("for_s", 0, 0, kLongestMission);
   } else {
     f.for_s = t.requiredNumber("for_s", 1e-3, kLongestMission);
@@ -202,6 +211,10 @@ std::array<std::uint64_t, kFaultKinds> FaultScript::expectedCounts(const PlayedT
       case FaultKind::kModemSilence:
       case FaultKind::kDiskFull:
       case FaultKind::kCpuHog:
+      case FaultKind::kMapperKilled:
+      case FaultKind::kMapperStopped:
+      case FaultKind::kVehicleKilled:
+      case FaultKind::kVehicleStopped:
         if (f.at_s <= end_s) ++count;
         break;
     }

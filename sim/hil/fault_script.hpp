@@ -13,20 +13,24 @@ namespace fathom::sim {
 
 // What can go wrong with the devices of a bench run. The comment says what is done, and what one count is.
 enum class FaultKind : std::uint8_t {
-  kLostPackets,   // packets of an image never come: exposures that arrive incomplete
-  kLostFrames,    // the camera exposes, its number goes on, nothing is sent: exposures not sent
-  kSkew,          // the camera exposes late: exposures that are late
-  kIdWrap,        // the camera's frame number jumps close to 65535 and wraps: wraps
-  kCameraReboot,  // the camera goes away; its clock and its numbers begin anew: reboots
-  kCanBusOff,     // the bus is down (or, over LCM, silent): times that it went down
-  kDvlGarbage,    // a byte of the ensemble is damaged, noise before it: ensembles damaged
-  kDvlSilence,    // the line is silent: ensembles withheld
-  kModemSilence,  // neither end hears the other: times
-  kDiskFull,      // the recording's file system is filled up: times
-  kCpuHog,        // threads that never sleep: times
-  kClockStep,     // the system's clock is set: steps, back included
+  kLostPackets,    // packets of an image never come: exposures that arrive incomplete
+  kLostFrames,     // the camera exposes, its number goes on, nothing is sent: exposures not sent
+  kSkew,           // the camera exposes late: exposures that are late
+  kIdWrap,         // the camera's frame number jumps close to 65535 and wraps: wraps
+  kCameraReboot,   // the camera goes away; its clock and its numbers begin anew: reboots
+  kCanBusOff,      // the bus is down (or, over LCM, silent): times that it went down
+  kDvlGarbage,     // a byte of the ensemble is damaged, noise before it: ensembles damaged
+  kDvlSilence,     // the line is silent: ensembles withheld
+  kModemSilence,   // neither end hears the other: times
+  kDiskFull,       // the recording's file system is filled up: times
+  kCpuHog,         // threads that never sleep: times
+  kClockStep,      // the system's clock is set: steps, back included
+  kMapperKilled,   // the mapper process dies (SIGKILL): times
+  kMapperStopped,  // it gets no further (SIGSTOP): times
+  kVehicleKilled,  // the whole program dies, and is started again: times
+  kVehicleStopped  // the vehicle process gets no further: times
 };
-constexpr std::size_t kFaultKinds = 12;
+constexpr std::size_t kFaultKinds = 16;
 // "lost_packets", "lost_frames"...: the word in the file.
 [[nodiscard]] std::string_view nameOf(FaultKind kind);
 

@@ -91,6 +91,13 @@ FaultTable::FaultTable(const FaultScript& script, const nlohmann::json& run, con
   add(FaultKind::kCpuHog, done(FaultKind::kCpuHog), 0, "", true);
   add(FaultKind::kClockStep, done(FaultKind::kClockStep), counter(live, {"clock_steps"}), "clock_steps",
       true);
+  const std::uint64_t starts = counter(live, {"mapper_starts"});
+  add(FaultKind::kMapperKilled, done(FaultKind::kMapperKilled), starts > 0 ? starts - 1 : 0, "mapper_starts",
+      false);
+  add(FaultKind::kMapperStopped, done(FaultKind::kMapperStopped), 0, "", true);
+  add(FaultKind::kVehicleKilled, done(FaultKind::kVehicleKilled), live.value("resumed", false) ? 1 : 0,
+      "resumed", false);
+  add(FaultKind::kVehicleStopped, done(FaultKind::kVehicleStopped), 0, "", true);
 }
 
 bool FaultTable::print(std::FILE* out) const {

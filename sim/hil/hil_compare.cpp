@@ -72,8 +72,24 @@ void replay(const HilComparison& what, const std::filesystem::path& mission, con
                              child.output.string());
 }
 
+// When the vehicle process was dead or stopped: from the last second before, which a kill may take, until its
+// cameras can have found their way back (a camera gives up a dead program's heartbeat after 3 s).
+struct Away {
+  std::int64_t from_ns, until_ns;
+};
+std::vector<Away> awayTimes(const nlohmann::json& run) {
+  constexpr std::int64_t kBefore_ns = 1'000'000'000, kCameras_ns = 5'000'000'000;
+  std::vector<Away> all;
+  if (run.contains("away"))
+    for (const auto& a : run["away"])
+      all.push_back({a["from_utc_ns"].get<std::int64_t>() - kBefore_ns,
+                     a["until_utc_ns"].get<std::int64_t>() + kCameras_ns});
+  return all;
+}
+
 struct Recorded {
   std::size_t sent_whole = 0;    // exposures of which every packet came, at once or again
+  std::size_t while_away = 0;    // of these, not recorded, for want of a program
   std::size_t recorded = 0;      // files in img/
   std::size_t unknown = 0;       // files that no camera exposed
   std::size_t other_pixels = 0;  // whose pixels are not the mission's
@@ -81,9 +97,16 @@ struct Recorded {
 
 // Recorded files against what one camera sent and what the mission shows.
 Recorded checkRecording(const HilComparison& what, CameraSide side, const std::vector<CameraLogRow>& log,
-                        const FaultTable& table) {
+                        const FaultTable& table, const std::vector<Away>& away) {
   Recorded r;
-  for (const CameraLogRow& row : log) r.sent_whole += table.cameWhole(side, row) ? 1 : 0;
+  std::set<std::int64_t> missing;
+  for (const CameraLogRow& row : log) {
+    if (!table.cameWhole(side, row)) continue;
+    ++r.sent_whole;
+    for (const Away& a : away)
+      if (row.exposed_utc_ns >= a.from_ns && row.exposed_utc_ns <= a.until_ns)
+        missing.insert(row.exposed_utc_ns);
+  }
   const io::MissionPaths live(HilFolder(what.run).mission()), played(what.mission);
   const io::MissionConfig::Cameras cameras = io::readMissionConfig(what.mission).cameras;
   const PixelFormat format = side == CameraSide::kLeft ? cameras.left_format : cameras.right_format;
@@ -97,10 +120,12 @@ Recorded checkRecording(const HilComparison& what, CameraSide side, const std::v
       ++r.unknown;
       continue;
     }
+    missing.erase(row->exposed_utc_ns);
     const io::ImageFile got = io::readImage(entry.path(), format, cameras.bits);
     const io::ImageFile sent = io::readImage(played.images() / row->file, format, cameras.bits);
     r.other_pixels += got.bytes != sent.bytes ? 1 : 0;
   }
+  r.while_away = missing.size();
   return r;
 }
 
@@ -219,15 +244,19 @@ bool compareHil(const HilComparison& what) {
 
   const io::StereoPoseFile live_poses = io::readStereoPoses(live_folder / "stereo_pose_est.data");
   const TimeShift shift = {run["start_utc_ns"], run["mission_begin_utc_ns"], run["rate"]};
+  // Of these nothing may be seen in the poses.
+  const bool harmless = std::ranges::all_of(script.faults, [](const Fault& f) {
+    return f.kind == FaultKind::kMapperKilled || f.kind == FaultKind::kMapperStopped;
+  });
   const PoseDistances d =
       comparePoses(live_poses, io::readStereoPoses(folder.direct() / "stereo_pose_est.data"), shift);
   check(
-      "poses", d.matched > 0 && (!script.faults.empty() || d.worst_m <= kPoseTolerance_m),
+      "poses", d.matched > 0 && (!harmless || d.worst_m <= kPoseTolerance_m),
       formatted(
           "%zu camera positions against the direct replay: rms %.1f mm, worst %.1f mm, %.3f deg; %zu without "
           "counterpart%s",
           d.matched, 1e3 * d.rms_m, 1e3 * d.worst_m, d.worst_rad * 180 / M_PI, d.unmatched,
-          script.faults.empty() ? "" : " (the faults' effect)"));
+          harmless ? "" : " (the faults' effect)"));
   out["poses"] = {{"matched", d.matched},
                   {"unmatched", d.unmatched},
                   {"rms_m", d.rms_m},
@@ -235,17 +264,21 @@ bool compareHil(const HilComparison& what) {
                   {"worst_rad", d.worst_rad}};
 
   FaultTable table(script, run, live, report, left, right);
-  std::size_t unknown = 0, other_pixels = 0, whole = 0, recorded = 0;
+  const std::vector<Away> away = awayTimes(run);
+  std::size_t unknown = 0, other_pixels = 0, whole = 0, recorded = 0, while_away = 0;
   for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
-    const Recorded r = checkRecording(what, side, side == CameraSide::kLeft ? left : right, table);
+    const Recorded r = checkRecording(what, side, side == CameraSide::kLeft ? left : right, table, away);
+    while_away += r.while_away;
     unknown += r.unknown;
     other_pixels += r.other_pixels;
     whole += r.sent_whole;
     recorded += r.recorded;
   }
-  check("frames", recorded + stopped == whole,
-        formatted("%zu exposures, %zu sent whole, %zu recorded, %llu stopped by a full disk",
-                  left.size() + right.size(), whole, recorded, static_cast<unsigned long long>(stopped)));
+  check("frames", recorded + stopped + while_away == whole,
+        formatted("%zu exposures, %zu sent whole, %zu recorded, %llu stopped by a full disk, %zu while the "
+                  "program was away",
+                  left.size() + right.size(), whole, recorded, static_cast<unsigned long long>(stopped),
+                  while_away));
   const PairCheck pairs = checkPairs(live_poses, left, right, kPairTolerance_s);
   check(
       "pairs", pairs.pairs > 0 && pairs.mismatched + pairs.unknown + unknown + other_pixels == 0,
@@ -256,6 +289,7 @@ bool compareHil(const HilComparison& what) {
                    {"sent_whole", whole},
                    {"recorded", recorded},
                    {"stopped_by_disk", stopped},
+                   {"while_away", while_away},
                    {"pairs", pairs.pairs},
                    {"mismatched", pairs.mismatched + pairs.unknown},
                    {"other_pixels", other_pixels}};

@@ -14,6 +14,7 @@
 #include "sim/hil/bench/child_process.hpp"
 #include "sim/hil/bench/device_priority.hpp"
 #include "sim/hil/bench/machine_faults.hpp"
+#include "sim/hil/bench/program_under_test.hpp"
 #include "sim/hil/hil_compare.hpp"
 #include "sim/hil/hil_folder.hpp"
 #include "sim/hil/players/dvl_player.hpp"
@@ -212,8 +213,8 @@ class Bench {
       }
     }
     child.output = folder_.onboardLog();
-    program_ = std::make_unique<ChildProcess>(child);
-    if (program_->waitForLine("armed", left_s, interrupted)) {
+    program_ = std::make_unique<ProgramUnderTest>(child, clock_);
+    if (program_->waitUntilArmed(left_s, interrupted)) {
       std::fprintf(stderr, "armed, %.1f s before the mission begins\n",
                    static_cast<double>(schedule_.start_utc_ns - clock_.utcNs()) * 1e-9);
       return true;
@@ -271,15 +272,21 @@ class Bench {
 
   // Everything speaks; then the program is told to end. Its exit status.
   int play() {
-    MachineFaults machine(schedule_, script_, clock_, disk_.isOpen() ? &disk_ : nullptr, stepped_.get());
+    MachineFaults machine(schedule_, script_, clock_, disk_.isOpen() ? &disk_ : nullptr, stepped_.get(),
+                          program_.get());
     std::atomic<bool> over{false};
     std::thread faults([&] { machine.run(over); });
     const bool alive = waitForEnd();
     if (!alive)
       note("the program ended by itself in mission second " +
            std::to_string(static_cast<long>(schedule_.missionSeconds(clock_.utcNs()))));
+    over = true;
+    faults.join();
+    done_ = machine.done();
+    for (const std::string& text : machine.notes()) note(text);
     int status = kExitSuccess;
     if (program_) {
+      away_ = program_->away();
       program_->signal(SIGINT);  // an operator ends the dive
       const auto ended = program_->wait(kProgramEnd_s);
       if (!ended) note("the program did not end when it was told to");
@@ -290,10 +297,6 @@ class Bench {
       program_.reset();
       if (!alive && status == kExitSuccess) status = kExitFailedWork;
     }
-    over = true;
-    faults.join();
-    done_ = machine.done();
-    for (const std::string& text : machine.notes()) note(text);
     return status;
   }
 
@@ -313,8 +316,10 @@ class Bench {
     report["notes"] = notes_;
     for (std::size_t i = 0; i < kFaultKinds; ++i)
       report["expected"][std::string(nameOf(static_cast<FaultKind>(i)))] = expected[i];
-    for (const FaultKind kind : {FaultKind::kDiskFull, FaultKind::kCpuHog, FaultKind::kClockStep})
-      report["injected"][std::string(nameOf(kind))] = done_[static_cast<std::size_t>(kind)];
+    for (std::size_t i = static_cast<std::size_t>(FaultKind::kDiskFull); i < kFaultKinds; ++i)
+      report["injected"][std::string(nameOf(static_cast<FaultKind>(i)))] = done_[i];
+    for (const ProgramUnderTest::Away& a : away_)
+      report["away"].push_back({{"from_utc_ns", a.from_utc_ns}, {"until_utc_ns", a.until_utc_ns}});
     const DvlPlayer::Counters& d = dvl_->counters();
     report["injected"]["dvl_garbage"] = d.damaged;
     report["injected"]["dvl_silence"] = d.withheld;
@@ -356,7 +361,8 @@ class Bench {
   std::unique_ptr<LcmPlayer> lcm_;
   std::unique_ptr<ModemPlayer> modem_;
   std::vector<std::unique_ptr<ChildProcess>> cameras_;
-  std::unique_ptr<ChildProcess> program_;
+  std::unique_ptr<ProgramUnderTest> program_;
+  std::vector<ProgramUnderTest::Away> away_;
   std::vector<std::thread> players_;
   std::atomic<bool> players_end_{false};
   std::array<std::uint64_t, kFaultKinds> done_{};

@@ -8,6 +8,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "sim/hil/bench/child_process.hpp"
 #include "sim/hil/bench/machine_faults.hpp"
+#include "sim/hil/bench/program_under_test.hpp"
 #include "sim/hil/bench/recording_disk.hpp"
 #include "sim/hil/bench/stepped_clock.hpp"
 #include "tests/sim/hil_mission.hpp"
@@ -83,6 +84,37 @@ TEST(ChildProcess, ANetworkOfItsOwnIsJoinedByACableOfLargePackets) {
   EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << test::readText(folder.path() / "log");
 }
 
+TEST(ProgramUnderTest, KilledItLivesAgainAndEndedByItselfItDoesNot) {
+  const test::TemporaryFolder folder;
+  rt::RealClock real;
+  const VehicleClock clock(real);
+  ChildProcess::Options options;
+  options.argv = {"/bin/sh", "-c", "sleep 60 & echo armed; wait; exit 3"};
+  options.output = folder.path() / "onboard.log";
+  ProgramUnderTest program(options, clock);
+  using Process = ProgramUnderTest::Process;
+  ASSERT_TRUE(program.waitUntilArmed(10, kGoOn));
+  EXPECT_TRUE(program.running());
+  EXPECT_TRUE(program.away().empty());
+  const auto soon = [&](auto holds) {
+    for (int k = 0; k < 200; ++k) {
+      if (holds()) return true;
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    }
+    return false;
+  };
+  ASSERT_TRUE(program.tell(Process::kVehicle, SIGKILL));
+  EXPECT_TRUE(soon([&] { return program.running() && program.away().back().until_utc_ns > 0; }));
+  ASSERT_EQ(program.away().size(), 1u);
+  EXPECT_LT(program.away()[0].from_utc_ns, program.away()[0].until_utc_ns);
+  EXPECT_EQ(test::readText(folder.path() / "onboard-2.log"), "armed\n");
+  // Its child; with which this one ends by itself.
+  ASSERT_TRUE(soon([&] { return program.tell(Process::kMapper, SIGKILL); }));
+  EXPECT_TRUE(soon([&] { return !program.running(); }));
+  EXPECT_EQ(program.wait(1), 3);
+  EXPECT_FALSE(program.tell(Process::kMapper, SIGKILL));
+}
+
 TEST(SteppedClock, AProgramSeesItsClockStepAndTheMachineDoesNot) {
   const test::TemporaryFolder folder;
   SteppedClock clock(folder.path() / "step");
@@ -150,7 +182,7 @@ TEST(MachineFaults, EachIsDoneAtItsTimeAndTakenBackAndWhatCannotBeDoneIsSaid) {
       "faults.toml");
   VehicleClock clock(time);
   SteppedClock stepped(folder.path() / "step");
-  MachineFaults machine(schedule, script, clock, nullptr, &stepped);
+  MachineFaults machine(schedule, script, clock, nullptr, &stepped, nullptr);
   machine.run(kGoOn);
   EXPECT_EQ(machine.done()[static_cast<std::size_t>(FaultKind::kClockStep)], 2U);
   EXPECT_EQ(machine.done()[static_cast<std::size_t>(FaultKind::kCpuHog)], 1U) << "the other is after the end";

@@ -1,12 +1,36 @@
 #include "sim/hil/bench/machine_faults.hpp"
 
 #include <algorithm>
+#include <csignal>
 
 namespace fathom::sim {
+namespace {
+
+using Process = ProgramUnderTest::Process;
+
+// Those that this class does.
+bool isOurs(FaultKind kind) {
+  return kind >= FaultKind::kDiskFull;
+}
+
+}  // namespace
 
 MachineFaults::MachineFaults(const MissionSchedule& schedule, const FaultScript& script, VehicleClock& clock,
-                             RecordingDisk* disk, SteppedClock* stepped)
-    : schedule_(schedule), script_(script), clock_(clock), disk_(disk), stepped_(stepped) {}
+                             RecordingDisk* disk, SteppedClock* stepped, ProgramUnderTest* program)
+    : schedule_(schedule),
+      script_(script),
+      clock_(clock),
+      disk_(disk),
+      stepped_(stepped),
+      program_(program) {}
+
+void MachineFaults::tell(const Fault& fault, Process process, int signal) {
+  if (program_ != nullptr && program_->tell(process, signal))
+    ++done_[static_cast<std::size_t>(fault.kind)];
+  else
+    notes_.push_back(std::string(nameOf(fault.kind)) +
+                     " was not done: there is no such process of the bench's");
+}
 
 void MachineFaults::begin(const Fault& fault) {
   std::uint64_t& count = done_[static_cast<std::size_t>(fault.kind)];
@@ -32,6 +56,18 @@ void MachineFaults::begin(const Fault& fault) {
         ++count;
       }
       break;
+    case FaultKind::kMapperKilled:
+      tell(fault, Process::kMapper, SIGKILL);
+      break;
+    case FaultKind::kMapperStopped:
+      tell(fault, Process::kMapper, SIGSTOP);
+      break;
+    case FaultKind::kVehicleKilled:
+      tell(fault, Process::kVehicle, SIGKILL);
+      break;
+    case FaultKind::kVehicleStopped:
+      tell(fault, Process::kVehicle, SIGSTOP);
+      break;
     default:
       break;
   }
@@ -51,6 +87,13 @@ void MachineFaults::end(const Fault& fault) {
         ++done_[static_cast<std::size_t>(fault.kind)];
       }
       break;
+    // The mapper may have been killed meanwhile.
+    case FaultKind::kMapperStopped:
+      if (program_ != nullptr) (void)program_->tell(Process::kMapper, SIGCONT);
+      break;
+    case FaultKind::kVehicleStopped:
+      if (program_ != nullptr) (void)program_->tell(Process::kVehicle, SIGCONT);
+      break;
     default:
       break;
   }
@@ -64,8 +107,7 @@ void MachineFaults::run(const std::atomic<bool>& stop) {
   };
   std::vector<Moment> moments;
   for (const Fault& f : script_.faults) {
-    if (f.kind != FaultKind::kDiskFull && f.kind != FaultKind::kCpuHog && f.kind != FaultKind::kClockStep)
-      continue;
+    if (!isOurs(f.kind)) continue;
     if (schedule_.vehicleTime(f.at_s) > schedule_.end_utc_ns) continue;
     moments.push_back({f.at_s, &f, true});
     moments.push_back({f.at_s + f.for_s, &f, false});

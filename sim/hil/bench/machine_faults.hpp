@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "sim/hil/bench/cpu_hog.hpp"
+#include "sim/hil/bench/program_under_test.hpp"
 #include "sim/hil/bench/recording_disk.hpp"
 #include "sim/hil/bench/stepped_clock.hpp"
 #include "sim/hil/fault_script.hpp"
@@ -15,13 +16,13 @@
 
 namespace fathom::sim {
 
-// The script's faults of the computer itself: disk_full, cpu_hog, clock_step. Each is ended when its time is
-// over, and at the latest when run() returns.
+// The script's faults of the computer itself and of the program's processes: disk_full, cpu_hog, clock_step,
+// those of mapper and vehicle. Each is ended when its time is over, and at the latest when run() returns.
 class MachineFaults {
  public:
-  // `disk`, `stepped`: may be null; then their faults are not done, and said so.
+  // `disk`, `stepped`, `program`: may be null; then their faults are not done, and said so.
   MachineFaults(const MissionSchedule& schedule, const FaultScript& script, VehicleClock& clock,
-                RecordingDisk* disk, SteppedClock* stepped);
+                RecordingDisk* disk, SteppedClock* stepped, ProgramUnderTest* program);
 
   void run(const std::atomic<bool>& stop);
   // By kind, after run(): times done, clock steps with those back.
@@ -31,12 +32,14 @@ class MachineFaults {
  private:
   void begin(const Fault& fault);
   void end(const Fault& fault);
+  void tell(const Fault& fault, ProgramUnderTest::Process process, int signal);
 
   const MissionSchedule& schedule_;
   FaultScript script_;
   VehicleClock& clock_;
   RecordingDisk* disk_;
   SteppedClock* stepped_;
+  ProgramUnderTest* program_;
   CpuHog hog_;
   std::array<std::uint64_t, kFaultKinds> done_{};
   std::vector<std::string> notes_;
