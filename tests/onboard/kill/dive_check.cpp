@@ -18,29 +18,24 @@ std::set<std::string> filesIn(const fs::path& folder) {
 
 }  // namespace
 
-std::optional<LoggedInputs::Key> LoggedInputs::keyOf(const io::OnboardInput& input, std::int64_t shift_ns) {
-  const auto* sample = std::get_if<SensorSample>(&input.what);
-  if (sample == nullptr) return std::nullopt;
-  const auto* image = std::get_if<ImageEvent>(sample);
-  const std::int64_t utc_ns = std::visit([](const auto& s) { return s.utc_ns; }, *sample);
-  return Key{sample->index(), image != nullptr ? static_cast<int>(image->side) : 0, utc_ns + shift_ns};
+LoggedInputs::Key LoggedInputs::keyOf(const SensorSample& sample) {
+  const auto* image = std::get_if<ImageEvent>(&sample);
+  const std::int64_t utc_ns = std::visit([](const auto& s) { return s.utc_ns; }, sample);
+  return Key{sample.index(), image != nullptr ? static_cast<int>(image->side) : 0, utc_ns};
 }
 
-LoggedInputs::LoggedInputs(const fs::path& dive, const fs::path& mission, std::int64_t shift_ns)
-    : shift_ns_(shift_ns) {
+LoggedInputs::LoggedInputs(const fs::path& dive, const Playback& played) : played_(played) {
   std::uint64_t damaged = 0;
   for (const io::OnboardInput& input : io::readOnboardInputs(dive, damaged))
-    if (const auto key = keyOf(input, 0)) logged_.insert(*key);
-  played_ = io::readOnboardInputs(mission, damaged);
+    if (const auto* sample = std::get_if<SensorSample>(&input.what)) logged_.insert(keyOf(*sample));
 }
 
 double LoggedInputs::oldestLost(const DiveLife& life) const {
   if (life.navigates_ns == 0 || !life.first) return 0;
-  for (std::size_t i = *life.first; i < played_.size(); ++i) {
-    const std::int64_t due = played_[i].arrival_utc_ns + shift_ns_;
-    if (due >= life.ended_utc_ns) return 0;
-    const auto key = keyOf(played_[i], shift_ns_);
-    if (key && logged_.count(*key) == 0) return static_cast<double>(life.ended_utc_ns - due) * 1e-9;
+  for (std::size_t i = *life.first; const auto step = played_.at(i); ++i) {
+    if (step->due_ns >= life.ended_utc_ns) return 0;
+    if (step->sample && logged_.count(keyOf(*step->sample)) == 0)
+      return static_cast<double>(life.ended_utc_ns - step->due_ns) * 1e-9;
   }
   return 0;
 }

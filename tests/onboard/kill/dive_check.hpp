@@ -16,8 +16,7 @@ namespace fathom::test {
 class LoggedInputs {
  public:
   // Throws InputError.
-  LoggedInputs(const std::filesystem::path& dive, const std::filesystem::path& mission,
-               std::int64_t shift_ns);
+  LoggedInputs(const std::filesystem::path& dive, const Playback& played);
 
   // How long before the end of that life the oldest input came that it was given and the log does not hold
   // [s]; 0 when it holds all.
@@ -30,11 +29,10 @@ class LoggedInputs {
     std::int64_t utc_ns;
     auto operator<=>(const Key&) const = default;
   };
-  [[nodiscard]] static std::optional<Key> keyOf(const io::OnboardInput& input, std::int64_t shift_ns);
+  [[nodiscard]] static Key keyOf(const SensorSample& sample);
 
   std::set<Key> logged_;
-  std::vector<io::OnboardInput> played_;
-  std::int64_t shift_ns_;
+  const Playback& played_;
 };
 
 // The newest state that any of the lives told, of what came until then; none, when none was so old.

@@ -10,6 +10,8 @@
 
 #include <array>
 #include <cerrno>
+#include <filesystem>
+#include <fstream>
 #include <sstream>
 #include <system_error>
 
@@ -57,6 +59,13 @@ DiveProcess::DiveProcess(const DiveOrders& orders, Ship& ship) : ship_(ship) {
   std::vector<std::string> words = {"onboard_kill",         "killed-dive",
                                     orders.folder.string(), orders.mission.string(),
                                     orders.config.string(), "--shift-ns=" + std::to_string(orders.shift_ns)};
+  if (orders.hard) words.emplace_back("--hard");
+  if (orders.leg_pairs > 0)
+    for (const std::string& word :
+         {"--leg-pairs=" + std::to_string(orders.leg_pairs), "--rate=" + std::to_string(orders.clock.rate),
+          "--clock-offset-ns=" + std::to_string(orders.clock.offset_ns),
+          "--clock-begin-ns=" + std::to_string(orders.clock.begin_ns)})
+      words.push_back(word);
   std::vector<char*> arguments;
   for (std::string& word : words) arguments.push_back(word.data());
   arguments.push_back(nullptr);
@@ -98,6 +107,14 @@ void DiveProcess::take(const std::string& line) {
     case 'N':
       in >> life_.navigates_ns;
       break;
+    case 'B':
+      in >> life_.follows_ns;
+      break;
+    case 'M': {
+      DiveMemory& m = life_.memory.emplace();
+      in >> m.pairs >> m.vehicle_kib >> m.mapper_kib >> m.heap_calls >> m.faults;
+      break;
+    }
     case 'S': {
       DiveState s;
       in >> s.mono_ns >> s.utc_ns >> s.pairs >> s.keyframes >> s.tiles >> s.arrived;
@@ -131,6 +148,16 @@ bool DiveProcess::listen(const std::function<bool(const DiveLife&, std::int64_t)
   while (!enough(life_, monotonicNs()))
     if (!readLines(kLook_ms)) return false;
   return true;
+}
+
+bool DiveProcess::killMapper() {
+  for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
+    std::ifstream status(entry.path() / "status");
+    for (std::string line; std::getline(status, line);)
+      if (line == "PPid:\t" + std::to_string(pid_))
+        return ::kill(std::stoi(entry.path().filename()), SIGKILL) == 0;
+  }
+  return false;
 }
 
 int DiveProcess::end(int signal, std::int64_t utc_offset_ns) {

@@ -35,6 +35,8 @@ struct DiveLife {
   double said_away_s = 0;
   std::optional<std::uint64_t> from;  // checkpoint that the mapper began with
   std::vector<DiveState> states;
+  std::int64_t follows_ns = 0;       // since then the mapper follows, monotonic
+  std::optional<DiveMemory> memory;  // the last that was said
   std::vector<std::string> said;
 };
 
@@ -51,6 +53,8 @@ class DiveProcess {
   // Ends it by that signal, and reads what it still says: its exit status, or -1 when a signal ended it.
   int end(int signal, std::int64_t utc_offset_ns);
   [[nodiscard]] const DiveLife& life() const { return life_; }
+  // Kills its mapper; false where it has none.
+  bool killMapper();
 
  private:
   bool readLines(int timeout_ms);

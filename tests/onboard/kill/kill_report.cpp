@@ -2,7 +2,7 @@
 // catches up, about the time when a state is saved, and in between; starts it again at once, and tells how
 // long it took, what was lost, and whether the recording replays to the same bytes.
 //
-// The program is the live one in soft mode, its devices played from the mission at their real rate in the
+// The program is the live one, its devices played from the mission at their real rate in the
 // vehicle's time, which goes on over the restarts; a ship answers. Exit status 1 when something older than a
 // second was lost, or the replay differs.
 #include "tests/onboard/kill/kill_report.hpp"
@@ -35,8 +35,11 @@ struct Options {
   fs::path mission, out = fs::temp_directory_path() / ("onboard-kill-" + std::to_string(::getpid()));
   int kills = 20;
   unsigned seed = 1;
-  bool small = false;
+  bool small = false, hard = false;
   double from_s = 0, checkpoint_s = 3, last_s = 6;
+  std::uint64_t after_pairs = 0;
+  std::size_t leg_pairs = 0;
+  double rate = 10;
 };
 
 // When a life shall end.
@@ -88,7 +91,7 @@ fs::path beginDive(const Options& options, const fs::path& dive) {
   std::ofstream(config) << (options.small ? "[slam]\nmax_pairs = 400\nmax_keyframes = 400\n" : "")
                         << "[restart]\ncheckpoint_s = " << options.checkpoint_s << "\n"
                         << "[recorder]\nplanned_hours = 0.2\nimage_reserve_mib = 64\n"
-                        << "[memory]\nbudget_mib = 4096\n";
+                        << (options.hard ? "" : "[memory]\nbudget_mib = 4096\n");
   return config;
 }
 
@@ -158,18 +161,87 @@ bool print(const std::vector<Row>& rows, const LoggedInputs& logged, std::int64_
   return good;
 }
 
+// Plays the mission, flown forward and back, until so many pairs are mapped, at a multiple of its pace; then
+// kills the program, so that it goes on with that much behind it, at its own pace.
+bool playLong(const Options& options, DiveOrders& orders, Ship& ship) {
+  const std::int64_t utc_offset_ns = rt::VehicleClock::systemOffsetNs();
+  const rt::VehicleClock fast(utc_offset_ns, options.rate);
+  constexpr double kSetUp_s = 20;
+  orders.clock = fast.setting();
+  orders.leg_pairs = options.leg_pairs;
+  orders.shift_ns = fast.utcNs() + static_cast<std::int64_t>(kSetUp_s * options.rate * 1e9);
+  std::uint64_t told = 0;
+  std::printf("%9s %12s %12s %11s %7s\n", "pairs", "vehicle KiB", "mapper KiB", "heap calls", "faults");
+  DiveProcess process(orders, ship);
+  const bool runs = process.listen([&](const DiveLife& life, std::int64_t) {
+    if (life.memory && life.memory->pairs >= told) {
+      told = life.memory->pairs + options.after_pairs / 20;
+      std::printf("%9llu %+12lld %+12lld %11llu %7llu\n", static_cast<unsigned long long>(life.memory->pairs),
+                  static_cast<long long>(life.memory->vehicle_kib),
+                  static_cast<long long>(life.memory->mapper_kib),
+                  static_cast<unsigned long long>(life.memory->heap_calls),
+                  static_cast<unsigned long long>(life.memory->faults));
+      std::fflush(stdout);
+    }
+    return !life.states.empty() && life.states.back().pairs >= options.after_pairs;
+  });
+  (void)process.end(SIGKILL, 0);
+  const std::int64_t now_ns = fast.utcNs(), machine_ns = rt::RealClock().monotonicNs();
+  orders.clock = {now_ns - machine_ns, 1, machine_ns};
+  for (const std::string& text : process.life().said) std::printf("      %s\n", text.c_str());
+  return runs;
+}
+
+// Kills the mapper as often as the program: how long until it follows again.
+bool killMappers(const Options& options, const DiveOrders& orders, Ship& ship) {
+  DiveProcess process(orders, ship);
+  const auto now = [] { return rt::RealClock().monotonicNs(); };
+  const auto follows = [&](std::int64_t since_ns) {
+    return process.listen([&](const DiveLife& life, std::int64_t mono_ns) {
+      return life.follows_ns > since_ns || mono_ns - since_ns > kLongestWait_ns;
+    });
+  };
+  double worst_s = 0;
+  bool good = follows(now());
+  for (int k = 0; k < options.kills && good; ++k) {
+    const std::int64_t until_ns = now() + static_cast<std::int64_t>(options.last_s * 1e9);
+    (void)process.listen([&](const DiveLife&, std::int64_t mono_ns) { return mono_ns > until_ns; });
+    const std::int64_t killed_ns = now();
+    good = process.killMapper() && follows(killed_ns) && process.life().follows_ns > killed_ns;
+    const double back_s = seconds(killed_ns, process.life().follows_ns);
+    worst_s = std::max(worst_s, back_s);
+    std::printf("mapper killed, %2d: follows after %.2f s\n", k + 1, back_s);
+    std::fflush(stdout);
+  }
+  (void)process.end(SIGKILL, 0);
+  std::printf("mapper killed %d times: follows after %.2f s at worst%s\n", options.kills, worst_s,
+              good ? "" : "  BAD");
+  return good;
+}
+
 int report(const Options& options) {
   const fs::path dive_folder = options.out / "dive";
-  DiveOrders orders{dive_folder, fs::absolute(options.mission), beginDive(options, dive_folder), 0};
-  const std::int64_t offset_ns = onboard::vehicleClockOffset(onboard::stateFolder(dive_folder));
+  DiveOrders orders{dive_folder, fs::absolute(options.mission), beginDive(options, dive_folder)};
+  orders.hard = options.hard;
+  std::int64_t offset_ns = onboard::vehicleClockOffset(onboard::stateFolder(dive_folder));
   const rt::VehicleClock clock(offset_ns);
   std::uint64_t damaged = 0;
   const std::int64_t first_ns = io::readOnboardInputs(orders.mission, damaged).front().arrival_utc_ns;
-  const std::int64_t first_due_ns = clock.utcNs() + static_cast<std::int64_t>(kLead_s * 1e9);
+  std::int64_t first_due_ns = clock.utcNs() + static_cast<std::int64_t>(kLead_s * 1e9);
   orders.shift_ns = first_due_ns - first_ns - static_cast<std::int64_t>(options.from_s * 1e9);
 
   std::mt19937_64 random(options.seed);
   Ship ship;
+  bool mappers_good = true;
+  if (options.after_pairs > 0) {
+    if (!playLong(options, orders, ship)) {
+      std::fprintf(stderr, "the program ended by itself\n");
+      return kExitFailedWork;
+    }
+    offset_ns = orders.clock.offset_ns;
+    first_due_ns = orders.shift_ns;
+    mappers_good = killMappers(options, orders, ship);
+  }
   std::vector<Row> rows;
   for (int k = 0; k < options.kills; ++k) {
     const Kill kill = drawKill(random);
@@ -191,7 +263,8 @@ int report(const Options& options) {
   });
   const int status = last.end(SIGTERM, offset_ns);
   rows.push_back({last.life(), {}});
-  const bool good = print(rows, LoggedInputs(dive_folder, orders.mission, orders.shift_ns), first_due_ns);
+  const DivePlayback playback(orders, clock);
+  const bool good = print(rows, LoggedInputs(dive_folder, playback.get()), first_due_ns) && mappers_good;
   std::printf("ship: %llu frames, began anew %llu times\n",
               static_cast<unsigned long long>(ship.counters().frames),
               static_cast<unsigned long long>(ship.counters().resyncs));
@@ -199,6 +272,7 @@ int report(const Options& options) {
     std::printf("the dive did not end as it should: status %d\n", status);
     return kExitFailedWork;
   }
+  if (options.after_pairs > 0) return good ? kExitSuccess : kExitFailedWork;
   const auto different = differencesToReplay(dive_folder, orders.config, options.out / "again");
   for (const std::string& name : different) std::printf("REPLAY DIFFERS: %s\n", name.c_str());
   if (different.empty()) std::printf("the recording replays to the same bytes\n");
@@ -217,7 +291,12 @@ Report killReport() {
            {"--from-s", &o.from_s, "the dive begins there in the mission [s]"},
            {"--checkpoint-s", &o.checkpoint_s, "between two saved states [s]", 1, 600},
            {"--small", &o.small, "pools for some minutes, not for the five hours of the defaults"},
+           {"--hard", &o.hard, "with the priorities, the locked memory and the budget of a dive"},
            {"--last-s", &o.last_s, "life of the program that is not killed [s]"},
+           {"--after-pairs", &o.after_pairs,
+            "first so many, flown forward and back; then the mapper is killed as often too; no replay"},
+           {"--leg-pairs", &o.leg_pairs, "of one way, with --after-pairs", 2, 100000},
+           {"--rate", &o.rate, "times as fast as the mission until then", 0.1, 100},
            {"--out", &o.out,
             "folder for the dive and its replay; what is there of an earlier report is removed"}},
           [] { return report(o); }};
@@ -230,7 +309,12 @@ Report killedDive() {
           {required({"folder", &o.folder, "of the dive"}),
            required({"mission", &o.mission, "that is played"}),
            required({"config", &o.config, "onboard.toml"}),
-           {"--shift-ns", &o.shift_ns, "added to the mission's times gives the vehicle's"}},
+           {"--shift-ns", &o.shift_ns, "added to the mission's times gives the vehicle's"},
+           {"--hard", &o.hard, "not in soft mode"},
+           {"--leg-pairs", &o.leg_pairs, "of one way, forward and back without end"},
+           {"--rate", &o.clock.rate, "of the vehicle's clock"},
+           {"--clock-offset-ns", &o.clock.offset_ns, "of the vehicle's clock"},
+           {"--clock-begin-ns", &o.clock.begin_ns, "of the vehicle's clock"}},
           [] { return dive(o); }};
 }
 

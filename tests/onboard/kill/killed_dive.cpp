@@ -8,6 +8,7 @@
 #include <ctime>
 
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/memory/process_memory.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 #include "tests/onboard/live/played_devices.hpp"
 
@@ -16,8 +17,9 @@ namespace {
 
 using namespace fathom::onboard;
 
-constexpr std::int64_t kLook_ns = 10'000'000;       // until it navigates and has caught up
-constexpr std::int64_t kSupervise_ns = 50'000'000;  // afterwards
+constexpr std::int64_t kLook_ns = 10'000'000;        // until it navigates and has caught up
+constexpr std::int64_t kSupervise_ns = 50'000'000;   // afterwards
+constexpr std::int64_t kMemory_ns = 10'000'000'000;  // between two looks at memory
 
 volatile std::sig_atomic_t told_to_end = 0;
 void onSignal(int) {
@@ -43,11 +45,24 @@ void say(const char* format, Values... values) {
   std::fflush(stdout);
 }
 
+void sayMemory(LiveSystem& live, const MapState& map, std::size_t resident_at_arming) {
+  MapperFigures mapper;
+  if (!live.mapper().up().figures.read(mapper)) return;
+  const auto kib = [](std::uint64_t now, std::uint64_t before) {
+    return (static_cast<std::int64_t>(now) - static_cast<std::int64_t>(before)) / 1024;
+  };
+  const rt::ThreadCost cost = live.hardCost();
+  say("M %" PRIu64 " %" PRId64 " %" PRId64 " %" PRIu64 " %" PRIu64 "\n", map.pairs,
+      kib(rt::exactResidentBytes(), resident_at_arming), kib(mapper.resident, mapper.resident_at_arming),
+      cost.heap_calls, cost.minor_faults + cost.major_faults);
+}
+
 void watchOver(LiveSystem& live, const rt::VehicleClock& clock) {
-  bool navigates = false;
+  const std::size_t resident_at_arming = rt::exactResidentBytes();
+  bool navigates = false, followed = false;
   MapState map;
   NavState nav;
-  std::int64_t next_supervise_ns = 0, said_ns = 0;
+  std::int64_t next_supervise_ns = 0, next_memory_ns = 0, said_ns = 0;
   std::uint64_t begun_with = 0;
   while (told_to_end == 0) {
     const timespec rest = {0, static_cast<long>(said_ns == 0 ? kLook_ns : kSupervise_ns)};
@@ -57,6 +72,8 @@ void watchOver(LiveSystem& live, const rt::VehicleClock& clock) {
       say("N %" PRId64 "\n", clock.monotonicNs());
     }
     const bool caught_up = live.mapper().up().current() == MapperPhase::kRunning;
+    if (caught_up && !followed) say("B %" PRId64 "\n", clock.monotonicNs());
+    followed = caught_up;
     if (const std::uint64_t with = live.mapper().up().begun_with.load(); with != begun_with && with != 0) {
       begun_with = with;
       say("C %" PRIu64 "\n", with - 1);
@@ -66,6 +83,10 @@ void watchOver(LiveSystem& live, const rt::VehicleClock& clock) {
       say("S %" PRId64 " %" PRId64 " %" PRIu64 " %" PRIu64 " %d %" PRIu64 "\n", clock.monotonicNs(),
           map.utc_ns, map.pairs, map.keyframes, map.map_tiles, map.link_frames_arrived);
     }
+    if (clock.monotonicNs() >= next_memory_ns) {
+      next_memory_ns = clock.monotonicNs() + kMemory_ns;
+      sayMemory(live, map, resident_at_arming);
+    }
     if (clock.monotonicNs() < next_supervise_ns) continue;
     next_supervise_ns = clock.monotonicNs() + kSupervise_ns;
     for (const std::string& event : live.supervise()) say("# %s\n", event.c_str());
@@ -74,6 +95,25 @@ void watchOver(LiveSystem& live, const rt::VehicleClock& clock) {
 
 }  // namespace
 
+DivePlayback::DivePlayback(const DiveOrders& orders, const rt::VehicleClock& clock) {
+  if (orders.leg_pairs == 0) {
+    played_ = std::make_unique<PlayedMission>(orders.mission, clock, orders.shift_ns);
+    return;
+  }
+  std::uint64_t damaged = 0;
+  shuttle_ = std::make_unique<Shuttle>(io::readOnboardInputs(orders.mission, damaged), orders.leg_pairs);
+  played_ = std::make_unique<PlayedShuttle>(*shuttle_, orders.shift_ns);
+  const std::int64_t now = clock.utcNs();
+  std::size_t low = 0, high = 1;
+  while (played_->at(high)->due_ns < now) high *= 2;
+  while (low < high)
+    if (const std::size_t middle = (low + high) / 2; played_->at(middle)->due_ns < now)
+      low = middle + 1;
+    else
+      high = middle;
+  played_->first = low;
+}
+
 int dive(const DiveOrders& orders) {
   struct sigaction action = {};
   action.sa_handler = onSignal;
@@ -81,10 +121,14 @@ int dive(const DiveOrders& orders) {
   const io::MissionConfig mission = io::readMissionConfig(orders.folder);
   const StereoRig rig = readStereoCalib(io::MissionPaths(orders.folder).calib());
   OnboardConfig config = readOnboardConfig(orders.config, mission);
-  config.live.realtime.soft = true;
-  rt::VehicleClock clock(vehicleClockOffset(stateFolder(orders.folder), newestArrival(orders.folder)));
-  const PlayedMission played(orders.mission, clock, orders.shift_ns);
-  LiveDevices devices = playedDevices(played, orders.mission, mission, rig, clock);
+  config.live.realtime.soft = !orders.hard;
+  const std::int64_t kept_ns = vehicleClockOffset(stateFolder(orders.folder), newestArrival(orders.folder));
+  rt::VehicleClock clock(orders.clock.rate > 0 ? orders.clock : rt::VehicleClock(kept_ns).setting());
+  const DivePlayback playback(orders, clock);
+  const Playback& played = playback.get();
+  PlayedOptions play;
+  if (orders.leg_pairs > 0) play.scratch = orders.folder;
+  LiveDevices devices = playedDevices(played, orders.mission, mission, rig, clock, play);
   devices.modem = std::make_unique<SocketPort>();
   LiveSystem live({orders.folder, config, mission, rig, onboardProgram(), orders.config}, std::move(devices),
                   clock);

@@ -2,8 +2,11 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 
+#include "realtime/kernel/vehicle_clock.hpp"
 #include "realtime/onboard/onboard_config.hpp"
+#include "tests/onboard/live/played_devices.hpp"
 
 namespace fathom::test {
 
@@ -12,10 +15,25 @@ struct DiveOrders {
   std::filesystem::path folder;   // of the dive
   std::filesystem::path mission;  // that is played
   std::filesystem::path config;   // TOML
+  bool hard = false;              // not in soft mode
   std::int64_t shift_ns = 0;      // added to the mission's times gives the vehicle's
+  // Set: the mission's first pairs are flown forward and back without end, from `shift_ns` on.
+  std::size_t leg_pairs = 0;
+  rt::VehicleClock::Setting clock{0, 0, 0};  // the vehicle's; rate 0: as the program would have it
 };
 
-// Dives live in soft mode, its devices played at their real rate and its modem a socket, until SIGTERM. On
+// What is played to it, from what is due by now.
+class DivePlayback {
+ public:
+  DivePlayback(const DiveOrders& orders, const rt::VehicleClock& clock);
+  [[nodiscard]] const Playback& get() const { return *played_; }
+
+ private:
+  std::unique_ptr<Shuttle> shuttle_;
+  std::unique_ptr<Playback> played_;
+};
+
+// Dives live, its devices played at their real rate and its modem a socket, until SIGTERM. On
 // stdout a line for everything that the parent wants to know (see DiveLine). Exit status.
 int dive(const DiveOrders& orders);
 
@@ -29,7 +47,14 @@ constexpr int kModemSocket = 3;
 //   A mono_ns                     armed
 //   N mono_ns                     the hard tier has put inputs in order
 //   S mono_ns utc_ns pairs keyframes tiles arrived    after catching up, some times a second
-//   # text                        what the program says
+//   B mono_ns                     the mapper follows, after it did not
+//   M pairs vehicle mapper heap_calls faults   memory: resident now less at arming [KiB]; of the hard tier
+//   since arming # text                        what the program says
+struct DiveMemory {
+  std::uint64_t pairs = 0;
+  std::int64_t vehicle_kib = 0, mapper_kib = 0;  // grown since arming
+  std::uint64_t heap_calls = 0, faults = 0;      // of the hard tier since then
+};
 struct DiveState {
   std::int64_t mono_ns = 0, utc_ns = 0;  // utc: of the newest input consumed
   std::uint64_t pairs = 0, keyframes = 0, tiles = 0;
