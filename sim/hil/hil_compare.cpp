@@ -51,10 +51,10 @@ bool sameBytes(const std::filesystem::path& a, const std::filesystem::path& b) {
   return left.eof() && right.eof();
 }
 
-// fathom-onboard --replay, unless its output is there already.
-void replay(const HilComparison& what, const std::filesystem::path& mission, const std::filesystem::path& out,
-            const char* name) {
-  if (std::filesystem::exists(out / "report.json")) return;
+// fathom-onboard --replay, unless its output is there already. False when there was nothing to map.
+[[nodiscard]] bool replay(const HilComparison& what, const std::filesystem::path& mission,
+                          const std::filesystem::path& out, const char* name) {
+  if (std::filesystem::exists(out / "report.json")) return true;
   std::fprintf(stderr, "replaying %s\n", mission.c_str());
   ChildProcess::Options child;
   child.argv = {what.onboard,
@@ -67,9 +67,11 @@ void replay(const HilComparison& what, const std::filesystem::path& mission, con
   child.output = out.string() + ".log";
   ChildProcess program(child);
   const auto status = program.wait(kReplay_s);
+  if (status == kExitFailedWork) return false;
   if (status != 0)
     throw std::runtime_error("the replay of the " + std::string(name) + " failed; see " +
                              child.output.string());
+  return true;
 }
 
 // When the vehicle process was dead or stopped: from the last second before, which a kill may take, until its
@@ -220,8 +222,9 @@ bool compareHil(const HilComparison& what) {
   const FaultScript script =
       run.contains("faults") ? readFaultScript(run["faults"].get<std::string>()) : FaultScript{};
 
-  replay(what, folder.mission(), folder.replay(), "recording");
-  replay(what, what.mission, folder.direct(), "mission");
+  const bool replayed = replay(what, folder.mission(), folder.replay(), "recording");
+  if (!replay(what, what.mission, folder.direct(), "mission"))
+    throw InputError(what.mission.string(), "", "gives no map; play a mission that has pictures");
 
   nlohmann::ordered_json out;
   bool good = true;
@@ -231,7 +234,8 @@ bool compareHil(const HilComparison& what) {
     good = good && holds;
   };
 
-  const std::vector<std::string> differing = differingFiles(live_folder, folder.replay());
+  const std::vector<std::string> differing =
+      replayed ? differingFiles(live_folder, folder.replay()) : std::vector<std::string>{"everything"};
   std::string names;
   for (const std::string& name : differing) names += " " + name;
   // What the map used and a full disk did not take cannot be replayed.

@@ -62,7 +62,8 @@ DiveProcess::DiveProcess(const DiveOrders& orders, Ship& ship) : ship_(ship) {
   if (orders.hard) words.emplace_back("--hard");
   if (orders.leg_pairs > 0)
     for (const std::string& word :
-         {"--leg-pairs=" + std::to_string(orders.leg_pairs), "--rate=" + std::to_string(orders.clock.rate),
+         {"--leg-pairs=" + std::to_string(orders.leg_pairs), "--from-s=" + std::to_string(orders.from_s),
+          "--rate=" + std::to_string(orders.clock.rate),
           "--clock-offset-ns=" + std::to_string(orders.clock.offset_ns),
           "--clock-begin-ns=" + std::to_string(orders.clock.begin_ns)})
       words.push_back(word);

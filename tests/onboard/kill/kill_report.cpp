@@ -4,7 +4,8 @@
 //
 // The program is the live one, its devices played from the mission at their real rate in the
 // vehicle's time, which goes on over the restarts; a ship answers. Exit status 1 when something older than a
-// second was lost, or the replay differs.
+// second was lost, a life did not navigate in 3 s or its mapper did not follow in 10 s, or the replay
+// differs.
 #include "tests/onboard/kill/kill_report.hpp"
 
 #include <unistd.h>
@@ -20,6 +21,7 @@
 #include "realtime/kernel/vehicle_clock.hpp"
 #include "realtime/onboard/live/resume.hpp"
 #include "tests/onboard/kill/dive_check.hpp"
+#include "tests/support/heap_counter.hpp"
 
 namespace fathom::test {
 namespace {
@@ -30,6 +32,8 @@ constexpr std::int64_t kSecond = 1'000'000'000;         // [ns]
 constexpr std::int64_t kMayBeLost_ns = kSecond;         // before a kill
 constexpr double kLead_s = 1.5;                         // from the start to the mission's first input
 constexpr std::int64_t kLongestWait_ns = 60 * kSecond;  // for a program that does not come back
+// Of its start until it navigates, and until the mapper follows. [s]
+constexpr double kNavigates_s = 3, kFollows_s = 10;
 
 struct Options {
   fs::path mission, out = fs::temp_directory_path() / ("onboard-kill-" + std::to_string(::getpid()));
@@ -115,7 +119,13 @@ std::string change(std::uint64_t before, std::optional<std::uint64_t> after) {
   return std::to_string(before) + ">" + (after ? std::to_string(*after) : "-");
 }
 
-// The table; whether nothing older than a second was lost.
+// Whether what a life must come to came in time; nothing is held against one that was killed before.
+bool inTime(const DiveLife& life, std::int64_t came_ns, double most_s) {
+  const double allowed_s = sanitized() ? 10 * most_s : most_s;
+  return seconds(life.spawned_ns, came_ns > 0 ? came_ns : life.ended_ns) <= allowed_s;
+}
+
+// The table; whether nothing older than a second was lost, and all came back in time.
 bool print(const std::vector<Row>& rows, const LoggedInputs& logged, std::int64_t first_due_ns) {
   std::printf("%3s %9s %6s %8s | %6s %6s %5s %6s %6s | %6s %9s %9s %9s %11s\n", "", "killed", "life s",
               "at s", "nav s", "all s", "from", "said s", "away s", "lost s", "pairs", "keyframes", "tiles",
@@ -138,7 +148,9 @@ bool print(const std::vector<Row>& rows, const LoggedInputs& logged, std::int64_
     const bool whole = std::none_of(next.said.begin(), next.said.end(), [](const std::string& text) {
       return text.find("damaged") != std::string::npos || text.find("cannot be used") != std::string::npos;
     });
-    const bool row_good = kept && whole && lost <= 1;
+    const bool back =
+        inTime(next, next.navigates_ns, kNavigates_s) && inTime(next, next.caught_up_ns, kFollows_s);
+    const bool row_good = kept && whole && back && lost <= 1;
     good = good && row_good;
     worst_lost = std::max(worst_lost, lost);
     if (next.navigates_ns > 0) worst_nav = std::max(worst_nav, seconds(next.spawned_ns, next.navigates_ns));
@@ -169,6 +181,7 @@ bool playLong(const Options& options, DiveOrders& orders, Ship& ship) {
   constexpr double kSetUp_s = 20;
   orders.clock = fast.setting();
   orders.leg_pairs = options.leg_pairs;
+  orders.from_s = options.from_s;
   orders.shift_ns = fast.utcNs() + static_cast<std::int64_t>(kSetUp_s * options.rate * 1e9);
   std::uint64_t told = 0;
   std::printf("%9s %12s %12s %11s %7s\n", "pairs", "vehicle KiB", "mapper KiB", "heap calls", "faults");
@@ -312,6 +325,7 @@ Report killedDive() {
            {"--shift-ns", &o.shift_ns, "added to the mission's times gives the vehicle's"},
            {"--hard", &o.hard, "not in soft mode"},
            {"--leg-pairs", &o.leg_pairs, "of one way, forward and back without end"},
+           {"--from-s", &o.from_s, "the way begins there in the mission [s]"},
            {"--rate", &o.clock.rate, "of the vehicle's clock"},
            {"--clock-offset-ns", &o.clock.offset_ns, "of the vehicle's clock"},
            {"--clock-begin-ns", &o.clock.begin_ns, "of the vehicle's clock"}},

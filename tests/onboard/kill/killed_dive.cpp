@@ -101,7 +101,10 @@ DivePlayback::DivePlayback(const DiveOrders& orders, const rt::VehicleClock& clo
     return;
   }
   std::uint64_t damaged = 0;
-  shuttle_ = std::make_unique<Shuttle>(io::readOnboardInputs(orders.mission, damaged), orders.leg_pairs);
+  std::vector<io::OnboardInput> inputs = io::readOnboardInputs(orders.mission, damaged);
+  const std::int64_t from_ns = inputs.front().arrival_utc_ns + static_cast<std::int64_t>(orders.from_s * 1e9);
+  std::erase_if(inputs, [&](const io::OnboardInput& input) { return input.arrival_utc_ns < from_ns; });
+  shuttle_ = std::make_unique<Shuttle>(inputs, orders.leg_pairs);
   played_ = std::make_unique<PlayedShuttle>(*shuttle_, orders.shift_ns);
   const std::int64_t now = clock.utcNs();
   std::size_t low = 0, high = 1;

@@ -17,8 +17,10 @@ struct DiveOrders {
   std::filesystem::path config;   // TOML
   bool hard = false;              // not in soft mode
   std::int64_t shift_ns = 0;      // added to the mission's times gives the vehicle's
-  // Set: the mission's first pairs are flown forward and back without end, from `shift_ns` on.
+  // Set: so many pairs of the mission, from there on, are flown forward and back without end, from `shift_ns`
+  // on.
   std::size_t leg_pairs = 0;
+  double from_s = 0;
   rt::VehicleClock::Setting clock{0, 0, 0};  // the vehicle's; rate 0: as the program would have it
 };
 
