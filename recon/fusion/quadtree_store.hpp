@@ -93,6 +93,7 @@ class QuadtreeStore {
   static void exchangeTile(Archive& archive, Self& tile);
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
+  void loadLayers(rt::StateReader& reader);
   // What must hold of a store that was loaded.
   [[nodiscard]] bool isNameable(const TileKey& key) const;
   [[nodiscard]] bool loadIndex();

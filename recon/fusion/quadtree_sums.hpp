@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 
@@ -52,6 +53,23 @@ class LayerSums {
                          (static_cast<Wide>(w * colour[1]) << kColourBits) |
                          (static_cast<Wide>(w * colour[2]) << (2 * kColourBits));
     s.setColours(colours);
+    return s;
+  }
+
+  // Of the sums that it gives back below, as saved state has them; fits(): whether they can be.
+  using Colours = std::array<std::uint64_t, 3>;
+  static bool fits(std::uint64_t count, std::uint64_t weight, const Colours& colours) {
+    return count >> kCountBits == 0 && weight >> (64 - kCountBits) == 0 &&
+           ((colours[0] | colours[1] | colours[2]) >> kColourBits) == 0;
+  }
+  static LayerSums from(std::uint64_t count, std::uint64_t weight, std::uint64_t height,
+                        std::uint64_t squares, const Colours& colours) {
+    LayerSums s;
+    s.weight_and_count_ = weight << kCountBits | count;
+    s.height_ = height;
+    s.squares_ = squares;
+    s.setColours(static_cast<Wide>(colours[0]) | static_cast<Wide>(colours[1]) << kColourBits |
+                 static_cast<Wide>(colours[2]) << (2 * kColourBits));
     return s;
   }
 

@@ -69,6 +69,16 @@ TEST(QuadtreeState, AMapThatWasLoadedGoesOnAsTheOneThatWasSaved) {
   EXPECT_EQ(savedState(loaded), savedState(whole));
 }
 
+// Of the 48 bytes that a layer takes in memory; a cell takes one, a tile some 70.
+TEST(QuadtreeState, ASavedLayerTakesHalfOfItsBytes) {
+  QuadtreeMap map(config());
+  live(map, 0, 60);
+  const QuadtreeMap::Counters c = map.counters();
+  constexpr std::size_t kOfTile = 256 + 70, kOfLayer = 28, kFixed = 2000;
+  EXPECT_LT(savedState(map).size(), static_cast<std::size_t>(c.tiles_high_water) * kOfTile +
+                                        static_cast<std::size_t>(c.layers_used) * kOfLayer + kFixed);
+}
+
 TEST(QuadtreeState, AnEmptyMapIsSavedAndLoaded) {
   const QuadtreeMap empty(config());
   QuadtreeMap loaded(config());
