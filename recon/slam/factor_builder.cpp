@@ -14,9 +14,11 @@ constexpr std::int64_t kCountedPerWork = 8;
 
 }  // namespace
 
-FactorBuilder::FactorBuilder(const Size& size, rt::Arena& arena)
-    : measurements_(size.poses, size.measurements, arena) {
+FactorBuilder::FactorBuilder(const Size& size, rt::Arena& arena) {
   const auto poses = at(size.poses), edges = at(size.measurements);
+  links_ = arena.allocateArray<Link>(edges);
+  first_ = arena.allocateArray<int>(poses);
+  kept_ = arena.allocateArray<Measurement>(at(size.kept));
   at_poses_ = arena.allocateArray<SE3>(poses);
   held_ = arena.allocateArray<std::uint8_t>(poses);
   order_ = arena.allocateArray<int>(poses);
@@ -27,19 +29,19 @@ FactorBuilder::FactorBuilder(const Size& size, rt::Arena& arena)
 }
 
 std::size_t FactorBuilder::bytes(const Size& size) {
-  constexpr std::size_t kArrays = 11, kAlignment = alignof(Block);
+  constexpr std::size_t kArrays = 14, kAlignment = alignof(Block);
   const auto poses = at(size.poses), edges = at(size.measurements);
-  return Measurements::bytes(size.poses, size.measurements) + poses * (sizeof(SE3) + sizeof(std::uint8_t)) +
-         sizeof(int) * (12 * (poses + 1) + 3 * edges + 8 * poses) + kArrays * kAlignment;
+  return edges * sizeof(Link) + at(size.kept) * sizeof(Measurement) +
+         poses * (sizeof(SE3) + sizeof(std::uint8_t)) +
+         sizeof(int) * (12 * (poses + 1) + 3 * edges + 9 * poses) + kArrays * kAlignment;
 }
 
 void FactorBuilder::order(std::span<const std::uint8_t> newest) {
-  const Measurements& all = measurements_;
   const auto n = at(poses_);
-  int* next = ordering_.data();
+  int* free = ordering_.data();
   const auto take = [&](std::size_t count) {
-    int* array = next;
-    next += count;
+    int* array = free;
+    free += count;
     return array;
   };
   int* start = take(n + 1);
@@ -52,14 +54,14 @@ void FactorBuilder::order(std::span<const std::uint8_t> newest) {
   int* w = take(n + 1);
   int* constraint = take(n + 1);
   int* bucket = take(n + 1);
-  int* entries = next;
-  const int room = static_cast<int>(ordering_.data() + ordering_.size() - next);
+  int* entries = free;
+  const int room = static_cast<int>(ordering_.data() + ordering_.size() - free);
 
   int used = 0;
   for (int i = 0; i < poses_; ++i) {
     start[i] = used;
-    for (int k = all.first(i); k >= 0; k = all.next(k, i)) {
-      const Measurement& m = all[k];
+    for (int k = first(i); k >= 0; k = next(k, i)) {
+      const Link& m = links_[at(k)];
       const int other = m.from == i ? m.to : m.from;
       if (m.from == kWorld || m.weight == 0 || held_[at(i)] || held_[at(other)] || place_[at(other)] == i)
         continue;
@@ -78,7 +80,7 @@ void FactorBuilder::order(std::span<const std::uint8_t> newest) {
 
 // Whether a measurement joins two poses that are solved for.
 bool FactorBuilder::counts(int k) const {
-  const Measurement& m = measurements_[k];
+  const Link& m = links_[at(k)];
   return m.from != kWorld && m.weight > 0 && !held_[at(m.from)] && !held_[at(m.to)];
 }
 
@@ -94,9 +96,9 @@ void FactorBuilder::count() {
   for (int i = 0; i < poses_; ++i) {
     const int pose = order_[at(i)];
     met[at(i)] = i;
-    for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
+    for (int k = first(pose); k >= 0; k = next(k, pose)) {
       if (!counts(k)) continue;
-      const Measurement& m = measurements_[k];
+      const Link& m = links_[at(k)];
       int j = position[at(m.from == pose ? m.to : m.from)];
       for (; j < i && met[at(j)] != i; j = parent[at(j)]) {
         met[at(j)] = i;
@@ -112,9 +114,15 @@ std::int64_t FactorBuilder::begin(std::span<const SE3> poses, std::span<const st
                                   std::span<const std::uint8_t> left_out, const Measurements& measurements,
                                   double damping, GrowingFactor& factor) {
   poses_ = static_cast<int>(poses.size());
-  measurements_.copyFrom(measurements);
-  for (int k = 0; k < measurements_.size(); ++k)
-    if (left_out[at(k)] != 0) measurements_.setWeight(k, 0);
+  measurements_ = &measurements;
+  links_count_ = measurements.size();
+  kept_count_ = 0;
+  for (int k = 0; k < links_count_; ++k) {
+    const Measurement& m = measurements[k];
+    const bool taken = m.in_use && left_out[at(k)] == 0;
+    links_[at(k)] = {m.from, m.to, {m.next[0], m.next[1]}, taken ? m.weight : 0, -1};
+  }
+  for (int i = 0; i < poses_; ++i) first_[at(i)] = measurements.first(i);
   next_ = 0;
   damping_ = damping;
   std::copy(poses.begin(), poses.end(), at_poses_.begin());
@@ -124,11 +132,20 @@ std::int64_t FactorBuilder::begin(std::span<const SE3> poses, std::span<const st
   factor.startColumns(order_.subspan(0, at(poses_)));
   for (int j = 0; j < poses_; ++j)
     head_[at(j)] = link_[at(j)] = first_child_[at(j)] = next_sibling_[at(j)] = -1;
-  return kOrderWork * (poses_ + measurements_.count()) + blocks_ / kCountedPerWork;
+  return kOrderWork * (poses_ + measurements.count()) + blocks_ / kCountedPerWork;
+}
+
+bool FactorBuilder::keep(int k) {
+  if (!running() || k >= links_count_) return true;
+  Link& link = links_[at(k)];
+  if (link.weight == 0 || link.kept >= 0) return true;
+  if (at(kept_count_) == kept_.size()) return false;
+  link.kept = kept_count_++;
+  kept_[at(link.kept)] = (*measurements_)[k];
+  return true;
 }
 
 std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFactor> then) {
-  const Measurements& all = measurements_;
   const int pose = factor.poseAt(j);
   int count = 0;
   const auto add = [&](int row) {
@@ -136,10 +153,13 @@ std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFac
     place_[at(row)] = 1;
     pattern_[at(count++)] = row;
   };
-  const auto weighs = [&](int k) { return all[k].weight > 0; };
-  const auto otherEnd = [&](int k) { return all[k].from == pose ? all[k].to : all[k].from; };
+  const auto weighs = [&](int k) { return links_[at(k)].weight > 0; };
+  const auto otherEnd = [&](int k) {
+    const Link& m = links_[at(k)];
+    return m.from == pose ? m.to : m.from;
+  };
   if (!held_[at(pose)]) {
-    for (int k = all.first(pose); k >= 0; k = all.next(k, pose)) {
+    for (int k = first(pose); k >= 0; k = next(k, pose)) {
       const int other = otherEnd(k);
       if (weighs(k) && other != kWorld && !held_[at(other)] && factor.positionOf(other) > j)
         add(factor.positionOf(other));
@@ -159,7 +179,7 @@ std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFac
   Block* blocks = factor.columnBlocks(j);
   for (int i = 0; i < kBlockSize; ++i)
     diagonal(i, i) += held_[at(pose)] ? 1 : GrowingFactor::kLeastInformation;
-  for (int k = all.first(pose); k >= 0 && !held_[at(pose)]; k = all.next(k, pose)) {
+  for (int k = first(pose); k >= 0 && !held_[at(pose)]; k = next(k, pose)) {
     if (!weighs(k)) {
       then[at(k)].weight = 0;
       continue;
@@ -167,9 +187,9 @@ std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFac
     const int other = otherEnd(k);
     const bool free_end = other != kWorld && !held_[at(other)];
     if (free_end && factor.positionOf(other) < j) continue;  // added with that column
-    const Measurement& m = all[k];
+    const Link& m = links_[at(k)];
     then[at(k)] = {m.from == kWorld ? SE3() : at_poses_[at(m.from)], at_poses_[at(m.to)], m.weight};
-    const Block b = worldDerivative(m, then[at(k)]);
+    const Block b = worldDerivative(measurement(k), then[at(k)]);
     Block square{};
     addTransposedProduct(square, b, b);
     addBlock(diagonal, square, 1);
@@ -184,7 +204,7 @@ std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFac
     for (double& v : diagonal.v) v *= 1 + damping_;
 
   for (int d = head_[at(j)]; d >= 0;) {
-    const int next = link_[at(d)];
+    const int next_column = link_[at(d)];
     const int* rows = factor.columnRows(d);
     const Block* from = factor.columnBlocks(d);
     const int size = factor.columnCount(d);
@@ -199,7 +219,7 @@ std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFac
       head_[at(rows[k])] = d;
     }
     kernels_->subtractProducts(from + k, rows + k, size - k, mine, place_.data(), blocks);
-    d = next;
+    d = next_column;
   }
 
   factorizeBlock(diagonal, GrowingFactor::kLeastInformation);

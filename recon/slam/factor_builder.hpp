@@ -10,13 +10,15 @@ namespace fathom::slam {
 
 // Builds the factor of a graph's normal equations from nothing, a slice at a time: approximate minimum degree
 // with the newest poses kept for the end (CAMD; Chen, Davis, Hager & Rajamanickam 2008), where loop closures
-// to come will mostly join, then column after column by left-looking Cholesky. Poses and measurements are
-// copied at the start, so that all slices see one linear system.
+// to come will mostly join, then column after column by left-looking Cholesky. All slices see one linear
+// system, that of the start: poses, and which measurements there are with which weights, are copied; what a
+// measurement says is read where it lies, and whoever gives its place to another keeps it here first.
 class FactorBuilder {
  public:
   struct Size {
     int poses = 0;
     int measurements = 0;
+    int kept = 0;  // measurements whose place becomes another's while one factor is built
   };
   FactorBuilder(const Size& size, rt::Arena& arena);
   static std::size_t bytes(const Size& size);
@@ -25,6 +27,7 @@ class FactorBuilder {
   // end poses that are `newest`. When blocks() are more than the factor has room for, nothing more can be
   // done. Diagonal blocks are multiplied by 1 + `damping` (Marquardt 1963; by whole blocks, because a
   // diagonal alone depends on where the world's origin is). Returns the work of ordering.
+  // `measurements` must stay where it is while running().
   std::int64_t begin(std::span<const SE3> poses, std::span<const std::uint8_t> held,
                      std::span<const std::uint8_t> newest, std::span<const std::uint8_t> left_out,
                      const Measurements& measurements, double damping, GrowingFactor& factor);
@@ -34,11 +37,28 @@ class FactorBuilder {
   // measurement where it was linearised.
   std::int64_t run(std::int64_t quota, GrowingFactor& factor, std::span<InFactor> in_factor);
 
-  double weightOf(int measurement) const { return measurements_[measurement].weight; }  // that it takes
+  // Before a measurement's place is another's: keeps what it says if it is still to be read. False when there
+  // is no room for that; then the factor cannot be built to its end.
+  [[nodiscard]] bool keep(int measurement);
+
+  double weightOf(int measurement) const { return links_[at(measurement)].weight; }  // that it takes
   bool running() const { return next_ < poses_; }
 
  private:
+  // A measurement as it was at the start, and where its poses' lists go on.
+  struct Link {
+    int from = kWorld, to = 0;
+    int next[2] = {-1, -1};
+    double weight = 0;
+    int kept = -1;  // in kept_
+  };
   static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
+  int first(int pose) const { return first_[at(pose)]; }
+  int next(int k, int pose) const { return links_[at(k)].next[links_[at(k)].to == pose ? 1 : 0]; }
+  const Measurement& measurement(int k) const {
+    const int kept = links_[at(k)].kept;
+    return kept >= 0 ? kept_[at(kept)] : (*measurements_)[k];
+  }
   void order(std::span<const std::uint8_t> newest);
   void count();
   bool counts(int k) const;
@@ -46,7 +66,10 @@ class FactorBuilder {
 
   const ColumnKernels* kernels_ = &fastestColumnKernels();
   std::span<SE3> at_poses_;
-  Measurements measurements_;
+  const Measurements* measurements_ = nullptr;
+  std::span<Link> links_;
+  std::span<int> first_;  // of a pose
+  std::span<Measurement> kept_;
   std::span<std::uint8_t> held_;
   std::span<int> order_;
   std::span<int> ordering_;              // CAMD's memory
@@ -54,7 +77,7 @@ class FactorBuilder {
   std::span<int> first_child_, next_sibling_;
   std::span<int> place_;  // by position: block in the current column, or -1
   std::span<int> pattern_;
-  int poses_ = 0, next_ = 0;
+  int poses_ = 0, next_ = 0, links_count_ = 0, kept_count_ = 0;
   std::int64_t blocks_ = 0;
   double damping_ = 0;
 };

@@ -23,7 +23,25 @@ double square(const double* x) {
 
 }  // namespace
 
-GrowingFactor::GrowingFactor(const Size& size, rt::Arena& arena) {
+GrowingFactor::Work::Work(const Size& size, rt::Arena& arena) {
+  const auto positions = at(size.positions);
+  blocks = arena.allocateArray<Block>(2 * positions);
+  pattern = arena.allocateArray<int>(positions);
+  added = arena.allocateArray<int>(positions);
+  mark = arena.allocateArray<int>(positions);
+  vector = arena.allocateArray<double>(kN * positions);
+  reached = arena.allocateArray<std::uint8_t>(positions);
+  std::fill(mark.begin(), mark.end(), -1);
+}
+
+std::size_t GrowingFactor::Work::bytes(const Size& size) {
+  constexpr std::size_t kArrays = 6, kAlignment = alignof(Block);
+  return at(size.positions) *
+             (2 * sizeof(Block) + 3 * sizeof(int) + kN * sizeof(double) + sizeof(std::uint8_t)) +
+         kArrays * kAlignment;
+}
+
+GrowingFactor::GrowingFactor(const Size& size, rt::Arena& arena, const Work& work) : work_(work) {
   const auto poses = at(size.positions);
   blocks_ = arena.allocateArray<Block>(at(size.blocks));
   rows_ = arena.allocateArray<int>(at(size.blocks));
@@ -33,21 +51,13 @@ GrowingFactor::GrowingFactor(const Size& size, rt::Arena& arena) {
   capacity_ = arena.allocateArray<int>(poses);
   position_of_ = arena.allocateArray<int>(at(size.poses));
   pose_at_ = arena.allocateArray<int>(poses);
-  work_ = arena.allocateArray<Block>(2 * poses);
-  pattern_ = arena.allocateArray<int>(poses);
-  added_ = arena.allocateArray<int>(poses);
-  mark_ = arena.allocateArray<int>(poses);
-  vector_ = arena.allocateArray<double>(kN * poses);
-  reached_ = arena.allocateArray<std::uint8_t>(poses);
-  std::fill(mark_.begin(), mark_.end(), -1);
   clear();
 }
 
-std::size_t GrowingFactor::bytes(const Size& size) {
-  constexpr std::size_t kArrays = 14, kAlignment = alignof(Block);
+std::size_t GrowingFactor::bytesBesideWork(const Size& size) {
+  constexpr std::size_t kArrays = 8, kAlignment = alignof(Block);
   return at(size.blocks) * (sizeof(Block) + sizeof(int)) +
-         at(size.positions) * (3 * sizeof(Block) + sizeof(std::int64_t) + 6 * sizeof(int) +
-                               kN * sizeof(double) + sizeof(std::uint8_t)) +
+         at(size.positions) * (sizeof(Block) + sizeof(std::int64_t) + 3 * sizeof(int)) +
          at(size.poses) * sizeof(int) + kArrays * kAlignment;
 }
 
@@ -103,7 +113,7 @@ void GrowingFactor::place(int position, int row, int rows) {
 
 // Moves columns together, over what moved ones left behind and what they have spare.
 void GrowingFactor::pack() {
-  const std::span<int> order = pattern_.first(at(size_));
+  const std::span<int> order = work_.pattern.first(at(size_));
   std::iota(order.begin(), order.end(), 0);
   std::sort(order.begin(), order.end(), [&](int a, int b) { return first_[at(a)] < first_[at(b)]; });
   used_ = 0;
@@ -123,8 +133,8 @@ template <typename Visit>
 std::int64_t GrowingFactor::alongPaths(int pose_a, int pose_b, Visit visit) {
   int reached = 0;
   const auto reach = [&](int position) {
-    pattern_[at(reached++)] = position;
-    mark_[at(position)] = 1;
+    work_.pattern[at(reached++)] = position;
+    work_.mark[at(position)] = 1;
   };
   reach(positionOf(pose_a));
   if (pose_b >= 0) reach(positionOf(pose_b));
@@ -132,22 +142,22 @@ std::int64_t GrowingFactor::alongPaths(int pose_a, int pose_b, Visit visit) {
   while (reached > 0) {
     int least = 0;
     for (int i = 1; i < reached; ++i)
-      if (pattern_[at(i)] < pattern_[at(least)]) least = i;
-    const int column = pattern_[at(least)];
-    pattern_[at(least)] = pattern_[at(--reached)];
-    mark_[at(column)] = -1;
+      if (work_.pattern[at(i)] < work_.pattern[at(least)]) least = i;
+    const int column = work_.pattern[at(least)];
+    work_.pattern[at(least)] = work_.pattern[at(--reached)];
+    work_.mark[at(column)] = -1;
     const int* rows = columnRows(column);
     for (int k = 0; k < count_[at(column)]; ++k) {
-      if (mark_[at(rows[k])] < 0) reach(rows[k]);
-      mark_[at(rows[k])] = 2;  // in this column
+      if (work_.mark[at(rows[k])] < 0) reach(rows[k]);
+      work_.mark[at(rows[k])] = 2;  // in this column
     }
     std::size_t added = 0;
     for (int i = 0; i < reached; ++i) {
-      const int row = pattern_[at(i)];
-      if (mark_[at(row)] == 1) added_[added++] = row;
-      mark_[at(row)] = 1;
+      const int row = work_.pattern[at(i)];
+      if (work_.mark[at(row)] == 1) work_.added[added++] = row;
+      work_.mark[at(row)] = 1;
     }
-    visit(column, added_.first(added));
+    visit(column, work_.added.first(added));
     work += reached + kColumnWork;
   }
   return work;
@@ -170,7 +180,7 @@ std::int64_t GrowingFactor::update(double sign, const Block& b, int pose_a, int 
     if (!fits()) return kNoRoom;
   }
   const auto start = [&](int pose, double factor) {
-    Block& w = work_[at(positionOf(pose))];
+    Block& w = work_.blocks[at(positionOf(pose))];
     for (int c = 0; c < kN; ++c)
       for (int r = 0; r < kN; ++r) w(r, c) = factor * b(c, r);
   };
@@ -178,18 +188,18 @@ std::int64_t GrowingFactor::update(double sign, const Block& b, int pose_a, int 
   if (pose_b >= 0) start(pose_b, -1);
   Reflections reflections;
   const std::int64_t work = alongPaths(pose_a, pose_b, [&](int column, std::span<const int> rows) {
-    reflect(diagonal_[at(column)], work_[at(column)], sign, reflections);
-    std::memset(work_[at(column)].v, 0, sizeof(Block));
+    reflect(diagonal_[at(column)], work_.blocks[at(column)], sign, reflections);
+    std::memset(work_.blocks[at(column)].v, 0, sizeof(Block));
     for (std::size_t i = 0; i < rows.size(); ++i) place(column, rows[i], static_cast<int>(rows.size() - i));
     kernels_->applyReflections(columnBlocks(column), columnRows(column), count_[at(column)], reflections,
-                               work_.data());
+                               work_.blocks.data());
   });
   return packed + work;
 }
 
 std::int64_t GrowingFactor::solve(const double* right, double* x, double least) {
   std::int64_t touched = 0;
-  double* y = vector_.data();
+  double* y = work_.vector.data();
   for (int j = 0; j < size_; ++j) {
     if (pose_at_[at(j)] < 0)
       std::memset(y + kN * j, 0, kN * sizeof(double));
@@ -213,13 +223,13 @@ std::int64_t GrowingFactor::solve(const double* right, double* x, double least) 
     const int* row = columnRows(j);
     const int count = count_[at(j)];
     bool moved = square(yj) > 0;
-    for (int k = 0; k < count && !moved; ++k) moved = reached_[at(row[k])] != 0;
+    for (int k = 0; k < count && !moved; ++k) moved = work_.reached[at(row[k])] != 0;
     if (moved) {
       kernels_->backward(columnBlocks(j), row, count, y, yj);
       touched += count;
       moved = square(yj) > least;
     }
-    reached_[at(j)] = moved;
+    work_.reached[at(j)] = moved;
     if (moved)
       solveLowerTransposed(diagonal_[at(j)], yj);
     else
@@ -229,17 +239,17 @@ std::int64_t GrowingFactor::solve(const double* right, double* x, double least) 
   return touched / kSolvedPerWork + size_;
 }
 
-// Z = L^-1 E of one pose, on its path to the root; `z` is zero before. Leaves mark_ of the path at 1.
+// Z = L^-1 E of one pose, on its path to the root; `z` is zero before. Leaves work_.mark of the path at 1.
 int GrowingFactor::forwardPath(int pose, std::span<Block> z) {
   int last = positionOf(pose);
   Block& start = z[at(last)];
   for (int i = 0; i < kN; ++i) start(i, i) = 1;
-  mark_[at(last)] = 1;
+  work_.mark[at(last)] = 1;
   for (int j = last; j < size_; ++j) {
-    if (mark_[at(j)] < 0) continue;
+    if (work_.mark[at(j)] < 0) continue;
     for (int c = 0; c < kN; ++c) solveLower(diagonal_[at(j)], z[at(j)].v + kN * c);
     const int* row = columnRows(j);
-    for (int k = 0; k < count_[at(j)]; ++k) mark_[at(row[k])] = 1;
+    for (int k = 0; k < count_[at(j)]; ++k) work_.mark[at(row[k])] = 1;
     for (int k = 0; k < count_[at(j)]; ++k) subtractProduct(z[at(row[k])], columnBlocks(j)[k], z[at(j)]);
     last = j;
   }
@@ -248,20 +258,20 @@ int GrowingFactor::forwardPath(int pose, std::span<Block> z) {
 
 void GrowingFactor::covariance(int pose_a, int pose_b, double* result) {
   const std::size_t poses = diagonal_.size();
-  const std::span<Block> za = work_.subspan(0, poses), zb = work_.subspan(poses, poses);
+  const std::span<Block> za = work_.blocks.subspan(0, poses), zb = work_.blocks.subspan(poses, poses);
   forwardPath(pose_a, za);
   if (pose_b >= 0) forwardPath(pose_b, zb);
   const int n = pose_b >= 0 ? 2 * kN : kN;
   Block aa{}, ab{}, bb{};
   for (int j = 0; j < size_; ++j) {
-    if (mark_[at(j)] < 0) continue;
+    if (work_.mark[at(j)] < 0) continue;
     addTransposedProduct(aa, za[at(j)], za[at(j)]);
     if (pose_b >= 0) {
       addTransposedProduct(ab, za[at(j)], zb[at(j)]);
       addTransposedProduct(bb, zb[at(j)], zb[at(j)]);
     }
     za[at(j)] = zb[at(j)] = Block{};
-    mark_[at(j)] = -1;
+    work_.mark[at(j)] = -1;
   }
   for (int c = 0; c < kN; ++c) {
     for (int r = 0; r < kN; ++r) {

@@ -27,9 +27,24 @@ class GrowingFactor {
   // a standard deviation of 30 km.
   static constexpr double kLeastInformation = 1e-9;
 
-  // Takes its memory from `arena`, which must hold at least bytes(size) and live longer.
-  GrowingFactor(const Size& size, rt::Arena& arena);
-  static std::size_t bytes(const Size& size);
+  // What a call works on. Factors of one size may share it, as long as only one of them works at a time.
+  struct Work {
+    Work(const Size& size, rt::Arena& arena);
+    static std::size_t bytes(const Size& size);
+
+    std::span<Block> blocks;        // two by position; zero between calls
+    std::span<int> pattern, added;  // positions that an update has reached; of these, new to a column
+    std::span<int> mark;            // by position: place in the column or in the pattern
+    std::span<double> vector;
+    std::span<std::uint8_t> reached;
+  };
+
+  // Takes its memory from `arena`, which must live longer and hold bytes(size); with work space that others
+  // share, bytesBesideWork(size).
+  GrowingFactor(const Size& size, rt::Arena& arena) : GrowingFactor(size, arena, Work(size, arena)) {}
+  GrowingFactor(const Size& size, rt::Arena& arena, const Work& work);
+  static std::size_t bytes(const Size& size) { return bytesBesideWork(size) + Work::bytes(size); }
+  static std::size_t bytesBesideWork(const Size& size);
 
   void clear();
   // Appends a pose that nothing has measured. False when full.
@@ -81,11 +96,7 @@ class GrowingFactor {
   std::span<std::int64_t> first_;  // of a column's blocks
   std::span<int> count_, capacity_;
   std::span<int> position_of_, pose_at_;
-  std::span<Block> work_;           // by position; zero between calls
-  std::span<int> pattern_, added_;  // positions that an update has reached; of these, new to a column
-  std::span<int> mark_;             // by position: place in the column or in the pattern
-  std::span<double> vector_;
-  std::span<std::uint8_t> reached_;
+  Work work_;
   int size_ = 0;
   std::int64_t used_ = 0, in_use_ = 0;
 };

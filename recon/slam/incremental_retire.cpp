@@ -46,7 +46,7 @@ void IncrementalSolver::removeMeasurement(int k) {
 // two has left it makes one.
 void IncrementalSolver::addComposed(RelativePose made) {
   int k = -1;
-  if (measurements_.add(made, poses_count_, &k, true) != AddStatus::kOk) return;
+  if (take(made, true, &k) != AddStatus::kOk) return;
   const auto partner = [&](int other) {
     const Measurement& m = measurements_[other];
     return other != k && m.composed && std::minmax(m.from, m.to) == std::minmax(made.from, made.to);
@@ -60,7 +60,7 @@ void IncrementalSolver::addComposed(RelativePose made) {
     made.information = residualInformation(link.information);
     removeMeasurement(other);
     measurements_.remove(k);
-    if (measurements_.add(made, poses_count_, &k, true) != AddStatus::kOk) return;
+    if (take(made, true, &k) != AddStatus::kOk) return;
     break;
   }
   for (Factor& f : factors_) {

@@ -33,8 +33,11 @@ GrowingFactor::Size factorSize(const IncrementalConfig& c) {
           c.max_factor_blocks};
 }
 
+// Retired poses give places of measurements away while a factor is built: some hundreds, as it takes a few
+// dozen steps. When they are more, it is begun again.
 FactorBuilder::Size builderSize(const IncrementalConfig& c) {
-  return {c.max_poses, c.max_measurements};
+  constexpr int kLeastKept = 256, kMeasurementsPerKept = 16;
+  return {c.max_poses, c.max_measurements, std::max(kLeastKept, c.max_measurements / kMeasurementsPerKept)};
 }
 
 }  // namespace
@@ -55,8 +58,8 @@ void IncrementalConfig::validate() const {
 
 std::size_t IncrementalSolver::bytesNeeded(const IncrementalConfig& c) {
   return arraysOf(c) + PresentErrors::bytes(c.max_poses, c.max_measurements) +
-         Measurements::bytes(c.max_poses, c.max_measurements) + 2 * GrowingFactor::bytes(factorSize(c)) +
-         FactorBuilder::bytes(builderSize(c));
+         Measurements::bytes(c.max_poses, c.max_measurements) + GrowingFactor::Work::bytes(factorSize(c)) +
+         2 * GrowingFactor::bytesBesideWork(factorSize(c)) + FactorBuilder::bytes(builderSize(c));
 }
 
 IncrementalSolver::IncrementalSolver(const IncrementalConfig& config)
@@ -68,8 +71,9 @@ IncrementalSolver::IncrementalSolver(const IncrementalConfig& config)
       born_(arena_.allocateArray<std::int64_t>(at(config.max_poses))),
       free_(arena_.allocateArray<int>(at(config.max_poses))),
       errors_(measurements_, poses_, held_, config.max_measurements, arena_),
-      factors_{Factor{GrowingFactor(factorSize(config), arena_), {}, {}, {}, {}},
-               Factor{GrowingFactor(factorSize(config), arena_), {}, {}, {}, {}}},
+      factor_work_(factorSize(config), arena_),
+      factors_{Factor{GrowingFactor(factorSize(config), arena_, factor_work_), {}, {}, {}, {}},
+               Factor{GrowingFactor(factorSize(config), arena_, factor_work_), {}, {}, {}, {}}},
       builder_(builderSize(config), arena_) {
   const auto poses = at(config.max_poses), edges = at(config.max_measurements);
   for (std::span<SE3>* s : {&saved_, &best_}) *s = arena_.allocateArray<SE3>(poses);
@@ -108,7 +112,7 @@ AddStatus IncrementalSolver::addMeasurement(const RelativePose& measurement, int
   for (const int end : {measurement.from, measurement.to})
     if (end >= 0 && end < poses_count_ && isRetired(end)) return AddStatus::kNoSuchPose;
   int k = -1;
-  const AddStatus status = measurements_.add(measurement, poses_count_, &k);
+  const AddStatus status = take(measurement, false, &k);
   if (status != AddStatus::kOk) return status;
   fresh_[at(fresh_count_++)] = k;
   if (index != nullptr) *index = k;
@@ -116,6 +120,12 @@ AddStatus IncrementalSolver::addMeasurement(const RelativePose& measurement, int
   const std::int64_t apart = std::abs(born_[at(measurement.to)] - born_[at(measurement.from)]);
   if (apart > 1) closes_late_ += kClosureMemory * ((apart <= config_.kept_last ? 1.0 : 0.0) - closes_late_);
   return status;
+}
+
+// Into measurements; the place may be one that the next factor is still to be built from.
+AddStatus IncrementalSolver::take(const RelativePose& measurement, bool composed, int* index) {
+  if (building_ && !builder_.keep(measurements_.nextPlace())) building_ = false;
+  return measurements_.add(measurement, poses_count_, index, composed);
 }
 
 bool IncrementalSolver::setWeight(int k, double weight) {

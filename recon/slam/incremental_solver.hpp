@@ -174,6 +174,7 @@ class IncrementalSolver {
   std::int64_t update(Factor& f, double sign, int k);
 
   std::int64_t extend(Factor& f, std::int64_t quota);
+  AddStatus take(const RelativePose& measurement, bool composed, int* index);
   void takeNew();
   void forgetWay();
   void beginBuild();
@@ -205,6 +206,7 @@ class IncrementalSolver {
   std::span<std::int64_t> born_;  // number of poses that came before; -1: retired
   std::span<int> free_;           // indices of retired poses
   PresentErrors errors_;
+  GrowingFactor::Work factor_work_;
   std::array<Factor, 2> factors_;
   FactorBuilder builder_;
   int active_ = 0;

@@ -83,15 +83,6 @@ void Measurements::remove(int k) {
   free_[static_cast<std::size_t>(free_count_++)] = k;
 }
 
-void Measurements::copyFrom(const Measurements& other) {
-  std::copy(other.all_.begin(), other.all_.begin() + other.size_, all_.begin());
-  std::copy(other.first_.begin(), other.first_.end(), first_.begin());
-  std::copy(other.free_.begin(), other.free_.begin() + other.free_count_, free_.begin());
-  size_ = other.size_;
-  free_count_ = other.free_count_;
-  births_ = other.births_;
-}
-
 Vector6d toOwnFrame(const SE3& pose, const Perturbation& x) {
   const Eigen::Matrix3d back = pose.matrix3().transpose();
   Vector6d y;

@@ -15,11 +15,11 @@ inline constexpr int kWorld = -1;  // `from` of a measurement of a pose itself
 // What was measured, with a square root of its information; kWorld stands for the origin of the world.
 struct Measurement {
   int from = kWorld, to = 0;
-  SE3 T_from_to;
-  Matrix6d root;           // root^T root = information
-  double weight = 1;       // of chi2; 0: taken out
-  double lever = 1;        // length over which a turn counts as much as a shift [m]
   int next[2] = {-1, -1};  // further measurement of `from` and of `to`; see Measurements::next
+  SE3 T_from_to;
+  Matrix6d root;      // root^T root = information
+  double weight = 1;  // of chi2; 0: taken out
+  double lever = 1;   // length over which a turn counts as much as a shift [m]
   bool in_use = false;
   bool composed = false;  // of others, when the pose between them was retired
   std::int64_t born = 0;  // number of measurements that came before it
@@ -57,8 +57,8 @@ class Measurements {
   // where it went: to a new place, or to one that a measurement left.
   AddStatus add(const RelativePose& edge, int poses, int* index = nullptr, bool composed = false);
   void remove(int k);
-  // Takes everything over from another of the same size or less.
-  void copyFrom(const Measurements& other);
+  // Where the next one goes.
+  int nextPlace() const { return free_count_ > 0 ? free_[static_cast<std::size_t>(free_count_ - 1)] : size_; }
   int size() const { return size_; }                 // places that have been in use: indices are below
   int count() const { return size_ - free_count_; }  // in use
   std::int64_t births() const { return births_; }    // ever added

@@ -206,13 +206,18 @@ class NavigationGraph {
   };
   // A factor with a robust weight.
   struct Robust {
-    RelativePose factor;
-    Matrix6d covariance = Matrix6d::Zero();  // of a link
+    int from = kWorld, to = 0;  // nodes
+    SE3 T_from_to;
+    Matrix6d spread;  // a link's covariance, of which its information follows; a fix's information
     int measurement = 0;
     double free_chi2 = 0;  // up to there its weight is 1
     double weight = 1;
     bool fix = false, off = false;
     bool insists = false;  // of many that say the same: its weight stays 1
+
+    [[nodiscard]] RelativePose factor() const {
+      return fix ? RelativePose{from, to, T_from_to, spread} : linkFactor(from, to, T_from_to, spread);
+    }
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {

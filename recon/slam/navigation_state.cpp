@@ -3,12 +3,13 @@
 #include <limits>
 
 #include "recon/geometry/state_values.hpp"
+#include "recon/slam/matrix_state.hpp"
 #include "recon/slam/navigation_graph.hpp"
 
 namespace fathom::slam {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 4;
+constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 5;
 
 template <typename Archive, typename Quality>
 void exchangeQuality(Archive& archive, Quality& quality) {
@@ -64,16 +65,9 @@ void NavigationGraph::exchangeFrame(Archive& archive, Self& frame) {
 
 template <typename Archive, typename Self>
 void NavigationGraph::exchangeRobust(Archive& archive, Self& robust) {
-  auto& f = robust.factor;
-  archive(f.from, f.to, f.T_from_to, robust.measurement, robust.free_chi2, robust.weight, robust.fix,
-          robust.off, robust.insists);
-  // A link's information follows from its covariance; a fix has none.
-  if (robust.fix)
-    archive(f.information);
-  else
-    archive(robust.covariance);
-  if constexpr (Archive::kLoading)
-    if (!robust.fix) f = linkFactor(f.from, f.to, f.T_from_to, robust.covariance);
+  archive(robust.from, robust.to, robust.T_from_to, robust.measurement, robust.free_chi2, robust.weight,
+          robust.fix, robust.off, robust.insists);
+  exchangeSymmetric(archive, robust.spread);
 }
 
 void NavigationGraph::save(rt::StateWriter& writer) const {
@@ -100,6 +94,10 @@ bool NavigationGraph::connect() {
     return within(k, 0, at(solver_.measurements())) && solver_.measurement(k).in_use;
   };
   if (!isNode(0)) return false;
+  // The newest keyframes never retire.
+  const int newest = keyframes() - 1;
+  if (living().empty() ? newest >= 0 : living().back() != newest) return false;
+  if (seen_.waits && !has(newest - 1)) return false;
   std::size_t waiting = 0;
   std::int64_t before_ns = std::numeric_limits<std::int64_t>::min();
   for (const int k : living()) {
@@ -122,9 +120,9 @@ bool NavigationGraph::connect() {
   if (changed.size() != waiting || !std::all_of(changed.begin(), changed.end(), waits)) return false;
   for (std::size_t i = 0; i < robust_.size(); ++i) {
     const Robust& r = robust_[i];
-    const bool good = (r.factor.from == kWorld || isNode(r.factor.from)) && isNode(r.factor.to) &&
-                      isMeasurement(r.measurement) && robust_of_[at(r.measurement)] < 0 &&
-                      r.factor.information.allFinite() && r.covariance.allFinite();
+    const bool good = (r.from == kWorld || isNode(r.from)) && isNode(r.to) && isMeasurement(r.measurement) &&
+                      robust_of_[at(r.measurement)] < 0 && r.spread.allFinite() &&
+                      r.factor().information.allFinite();
     if (!good) return false;
     robust_of_[at(r.measurement)] = static_cast<int>(i);
   }

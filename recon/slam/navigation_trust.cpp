@@ -297,7 +297,8 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
     seen_.link = {T_a_b, covariance};
   } else {
     robust_of_[at(measurement)] = static_cast<int>(robust_.size());
-    robust_.push_back({factor, covariance, measurement, kLinkFree, 1, false, false, agreed});
+    robust_.push_back(
+        {factor.from, factor.to, T_a_b, covariance, measurement, kLinkFree, 1, false, false, agreed});
   }
   return Taken::kYes;
 }
@@ -350,7 +351,8 @@ Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_od
     return Taken::kFull;
   }
   robust_of_[at(measurement)] = static_cast<int>(robust_.size());
-  robust_.push_back({factor, Matrix6d::Zero(), measurement, kFixFree, 1, true, false, insisted});
+  robust_.push_back({factor.from, factor.to, factor.T_from_to, factor.information, measurement, kFixFree, 1,
+                     true, false, insisted});
   ++counters_.fixes;
   return Taken::kYes;
 }
@@ -361,9 +363,10 @@ void NavigationGraph::reweight(bool settled) {
   if (robust_.empty()) return;
   const auto look = [&](Robust& r) {
     if (r.insists) return;
-    const SE3 from = r.factor.from == kWorld ? SE3() : solver_.pose(r.factor.from);
-    const Vector6d e = relativePoseError(r.factor, from, solver_.pose(r.factor.to));
-    const double chi2 = e.dot(r.factor.information * e);
+    const RelativePose factor = r.factor();
+    const SE3 from = r.from == kWorld ? SE3() : solver_.pose(r.from);
+    const Vector6d e = relativePoseError(factor, from, solver_.pose(r.to));
+    const double chi2 = e.dot(factor.information * e);
     const bool off = r.off ? !(fits(r) && settled) : settled && !(chi2 <= kOffAt * r.free_chi2);
     std::uint64_t& offs = r.fix ? counters_.fixes_off : counters_.links_off;
     if (off && !r.off) ++offs;
@@ -386,12 +389,11 @@ void NavigationGraph::reweight(bool settled) {
 // Whether a factor that is switched off agrees with what the rest says.
 bool NavigationGraph::fits(const Robust& r) {
   if (r.fix) {
-    const SE3& pose = solver_.pose(r.factor.to);
-    const Vector6d e = relativePoseError(r.factor, SE3(), pose);
-    return e.dot(r.factor.information * e) <= r.free_chi2;
+    const Vector6d e = relativePoseError(r.factor(), SE3(), solver_.pose(r.to));
+    return e.dot(r.spread * e) <= r.free_chi2;
   }
-  const Matrix6d known = solver_.relativeCovariance(r.factor.from, r.factor.to);
-  return distance2(r.factor, config_.known_scale * known + r.covariance) <= config_.gate;
+  const Matrix6d known = solver_.relativeCovariance(r.from, r.to);
+  return distance2(r.factor(), config_.known_scale * known + r.spread) <= config_.gate;
 }
 
 StepReport NavigationGraph::step() {

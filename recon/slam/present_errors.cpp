@@ -16,7 +16,7 @@ PresentErrors::PresentErrors(const Measurements& measurements, std::span<const S
                              std::span<const std::uint8_t> held, int max_measurements, rt::Arena& arena)
     : measurements_(measurements), poses_(poses), held_(held) {
   const std::size_t edges = at(max_measurements);
-  linear_ = arena.allocateArray<WhitenedLinear>(edges);
+  by_to_ = arena.allocateArray<Matrix6d>(edges);
   error_then_ = arena.allocateArray<Vector6d>(edges);
   pull_ = arena.allocateArray<Perturbation>(edges);
   is_taken_ = arena.allocateArray<std::uint8_t>(edges);
@@ -31,7 +31,7 @@ PresentErrors::PresentErrors(const Measurements& measurements, std::span<const S
 std::size_t PresentErrors::bytes(int max_poses, int max_measurements) {
   constexpr std::size_t kArrays = 10, kAlignment = alignof(Block);
   return at(max_poses) * (kN * sizeof(double) + sizeof(int) + sizeof(std::uint8_t)) +
-         at(max_measurements) * (sizeof(WhitenedLinear) + 2 * sizeof(Vector6d) + 2 * sizeof(std::uint8_t) +
+         at(max_measurements) * (sizeof(Matrix6d) + 2 * sizeof(Vector6d) + 2 * sizeof(std::uint8_t) +
                                  sizeof(double) + sizeof(int)) +
          kArrays * kAlignment;
 }
@@ -81,18 +81,18 @@ void PresentErrors::markDirty(int pose) {
 
 void PresentErrors::linearize(int k) {
   const Measurement& m = measurements_[k];
-  error_then_[at(k)] =
-      linearizeWhitened(m, fromPose(m).inverse() * poses_[at(m.to)], m.weight, linear_[at(k)]);
-  noteError(k, error_then_[at(k)]);
+  WhitenedLinear linear;
+  error_then_[at(k)] = linearizeWhitened(m, fromPose(m).inverse() * poses_[at(m.to)], m.weight, linear);
+  by_to_[at(k)] = linear.by_to;
+  noteError(k, error_then_[at(k)], linear.error);
 }
 
 // What follows from a measurement's error: chi2, and by_to^T of this moment times the weighted error, where
 // by_to (pose_graph.hpp) is made of the rotation that the error is of.
-void PresentErrors::noteError(int k, const Vector6d& plain) {
+void PresentErrors::noteError(int k, const Vector6d& plain, const Vector6d& whitened) {
   const Measurement& m = measurements_[k];
-  const WhitenedLinear& l = linear_[at(k)];
-  chi2_of_[at(k)] = l.error.squaredNorm();
-  const Vector6d force = std::sqrt(m.weight) * (m.root.transpose() * l.error);
+  chi2_of_[at(k)] = whitened.squaredNorm();
+  const Vector6d force = std::sqrt(m.weight) * (m.root.transpose() * whitened);
   const Eigen::Vector3d v = plain.tail<3>();
   const double w = std::sqrt(std::max(0.0, 1 - v.squaredNorm()));
   Vector6d own;
@@ -112,8 +112,7 @@ void PresentErrors::evaluate(int k) {
     linearize(k);
     return;
   }
-  linear_[at(k)].error = std::sqrt(m.weight) * (m.root * error);
-  noteError(k, error);
+  noteError(k, error, std::sqrt(m.weight) * (m.root * error));
 }
 
 void PresentErrors::follow(std::span<const int> moved) {
@@ -156,7 +155,7 @@ double PresentErrors::curvature(std::span<const double> direction) const {
     Perturbation difference = to;
     if (m.from != kWorld) difference -= Eigen::Map<const Perturbation>(&direction[at(kN * m.from)]);
     if (difference.isZero(0)) continue;
-    sum += (linear_[at(k)].by_to * toOwnFrame(poses_[at(m.to)], difference)).squaredNorm();
+    sum += (by_to_[at(k)] * toOwnFrame(poses_[at(m.to)], difference)).squaredNorm();
   }
   return sum;
 }

@@ -48,7 +48,7 @@ class PresentErrors {
  private:
   static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
   void linearize(int k);
-  void noteError(int k, const Vector6d& plain);
+  void noteError(int k, const Vector6d& plain, const Vector6d& whitened);
   void evaluate(int k);
   void markDirty(int pose);
   void refreshGradient();
@@ -56,9 +56,9 @@ class PresentErrors {
   const Measurements& measurements_;
   std::span<const SE3> poses_;
   std::span<const std::uint8_t> held_;
-  std::span<WhitenedLinear> linear_;  // at present errors; derivatives may be slightly older
-  std::span<Vector6d> error_then_;    // plain errors where the derivatives were taken
-  std::span<Perturbation> pull_;      // gradient of each, by the perturbation of `to`
+  std::span<Matrix6d> by_to_;       // whitened derivatives, which may be slightly older
+  std::span<Vector6d> error_then_;  // plain errors where the derivatives were taken
+  std::span<Perturbation> pull_;    // gradient of each, by the perturbation of `to`
   std::span<std::uint8_t> is_taken_, is_moved_;
   std::span<double> chi2_of_;
   std::span<int> stamp_;  // of measurements: the last evaluation

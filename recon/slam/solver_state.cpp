@@ -7,6 +7,7 @@
 
 #include "recon/geometry/state_values.hpp"
 #include "recon/slam/incremental_solver.hpp"
+#include "recon/slam/matrix_state.hpp"
 
 namespace fathom::slam {
 namespace {
@@ -30,7 +31,9 @@ bool finite(const SE3& T) {
 template <typename Archive, typename Self>
 void exchangeMeasurement(Archive& archive, Self& m) {
   archive(m.in_use);
-  if (m.in_use) archive(m.from, m.to, m.T_from_to, m.root, m.weight, m.lever, m.composed, m.born);
+  if (!m.in_use) return;
+  archive(m.from, m.to, m.T_from_to, m.weight, m.lever, m.composed, m.born);
+  exchangeSparse(archive, m.root);
 }
 
 }  // namespace
