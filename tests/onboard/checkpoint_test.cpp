@@ -3,6 +3,7 @@
 #include <cstring>
 #include <iterator>
 
+#include "realtime/kernel/memory/process_memory.hpp"
 #include "realtime/kernel/state_archive.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_file.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
@@ -177,6 +178,37 @@ TEST_F(CheckpointsAgain, TheStartOfAStateIsReadAloneWhateverItsEndIs) {
   EXPECT_EQ(again.readStart(1, SIZE_MAX, said)->state, stateOf(1));
   EXPECT_FALSE(again.readStart(3, kStart, said));
   EXPECT_TRUE(said.empty());
+}
+
+TEST_F(CheckpointsAgain, AStateIsReadIntoRoomThatIsThere) {
+  std::vector<std::uint8_t> room(stateOf(2).size() + 100);
+  const auto state = again.read(2, room, said);
+  ASSERT_TRUE(state);
+  EXPECT_EQ(state->data(), room.data());
+  EXPECT_EQ(std::vector<std::uint8_t>(state->begin(), state->end()), stateOf(2));
+  EXPECT_FALSE(again.read(2, std::span(room).first(100), said));
+  ASSERT_EQ(said.size(), 1u);
+  EXPECT_NE(said[0].find("has no room in the 100 bytes for one"), std::string::npos) << said[0];
+  damage(2);
+  EXPECT_FALSE(again.read(2, room, said));
+}
+
+// A restart has the memory of a dive that goes on.
+TEST_F(Checkpoints, ALargeStateIsReadWithoutMemoryOfItsSizeBesideTheRoom) {
+  constexpr std::size_t kLarge = std::size_t{64} << 20, kBeside = std::size_t{1} << 20;
+  std::vector<std::uint8_t> room(kLarge, 1);
+  rt::StateWriter writer(room);
+  writer.section(rt::stateTag("LARG"), 1, [&] {
+    for (std::uint64_t i = 0; i < kLarge / sizeof i - 100; ++i) writer(i);
+  });
+  ASSERT_TRUE(files.write(headOf(1), writer.written()));
+  rt::ProcessMemory memory;
+  rt::ProcessFigures before, after;
+  ASSERT_TRUE(memory.read(before));
+  CheckpointFiles again{folder.path() / "state"};
+  ASSERT_TRUE(again.read(1, room, said));
+  ASSERT_TRUE(memory.read(after));
+  EXPECT_LT(after.highest_resident, before.highest_resident + kBeside);
 }
 
 TEST_F(CheckpointsAgain, ANumberThatAPassedOverFileHasIsKnown) {

@@ -209,22 +209,49 @@ std::vector<CheckpointHead> CheckpointFiles::usable(std::uint64_t configuration,
   return heads;
 }
 
-std::optional<CheckpointFiles::Found> CheckpointFiles::read(std::uint64_t number,
-                                                            std::vector<std::string>& said) {
+// `room` is asked for as many bytes as the state has, and may give fewer: then there is no room.
+bool CheckpointFiles::readInto(std::uint64_t number, const Room& room, std::vector<std::string>& said) {
   for (std::size_t k = 0; k < kFiles; ++k) {
     const auto opened = openStart(paths_[k]);
     if (!opened || !opened->why.empty() || opened->start.head.number != number) continue;
-    Found found{opened->start.head, std::vector<std::uint8_t>(opened->start.state_bytes)};
-    const std::string why = readAt(opened->file.get(), found.state, sizeof(Start))
-                                ? checkState(opened->start, found.state)
-                                : "it cannot be read";
+    const std::span<std::uint8_t> state = room(opened->start.head, opened->start.state_bytes);
+    std::string why;
+    if (state.size() < opened->start.state_bytes)
+      why = "its state of " + std::to_string(opened->start.state_bytes) + " bytes has no room in the " +
+            std::to_string(state.size()) + " bytes for one";
+    else
+      why = readAt(opened->file.get(), state, sizeof(Start)) ? checkState(opened->start, state)
+                                                             : "it cannot be read";
     if (why.empty()) {
       kept_ = k;
-      return found;
+      return true;
     }
     said.push_back(passedOver(paths_[k], why));
   }
-  return std::nullopt;
+  return false;
+}
+
+std::optional<CheckpointFiles::Found> CheckpointFiles::read(std::uint64_t number,
+                                                            std::vector<std::string>& said) {
+  Found found;
+  const Room room = [&](const CheckpointHead& head, std::uint64_t bytes) {
+    found.head = head;
+    found.state.resize(bytes);
+    return std::span<std::uint8_t>(found.state);
+  };
+  if (!readInto(number, room, said)) return std::nullopt;
+  return found;
+}
+
+std::optional<std::span<const std::uint8_t>> CheckpointFiles::read(std::uint64_t number,
+                                                                   std::span<std::uint8_t> room,
+                                                                   std::vector<std::string>& said) {
+  std::span<std::uint8_t> state;
+  const Room given = [&](const CheckpointHead&, std::uint64_t bytes) {
+    return state = room.first(std::min<std::uint64_t>(bytes, room.size()));
+  };
+  if (!readInto(number, given, said)) return std::nullopt;
+  return state;
 }
 
 std::optional<CheckpointFiles::Found> CheckpointFiles::readStart(std::uint64_t number, std::size_t bytes,

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -55,6 +56,11 @@ class CheckpointFiles {
   };
   // The checkpoint of that number if all of it is whole.
   [[nodiscard]] std::optional<Found> read(std::uint64_t number, std::vector<std::string>& said);
+  // The same into memory of the caller's, and its state there; none is taken beside it. What does not fit is
+  // passed over.
+  [[nodiscard]] std::optional<std::span<const std::uint8_t>> read(std::uint64_t number,
+                                                                  std::span<std::uint8_t> room,
+                                                                  std::vector<std::string>& said);
   // The first bytes of its state, at most so many. The sections in them carry their own checksums; nothing
   // else of the state is looked at.
   [[nodiscard]] std::optional<Found> readStart(std::uint64_t number, std::size_t bytes,
@@ -75,6 +81,8 @@ class CheckpointFiles {
 
  private:
   static constexpr std::size_t kFiles = 2;
+  using Room = std::function<std::span<std::uint8_t>(const CheckpointHead& head, std::uint64_t bytes)>;
+  [[nodiscard]] bool readInto(std::uint64_t number, const Room& room, std::vector<std::string>& said);
   [[nodiscard]] std::size_t placeFor(const CheckpointHead& head) const;
 
   std::filesystem::path folder_;

@@ -183,10 +183,10 @@ void MapperRun::addMemory(MapperFigures& figures) {
 
 bool MapperRun::load(const CheckpointHead& head) {
   std::vector<std::string> said;
-  const auto found = files_.read(head.number, said);
+  const auto state = files_.read(head.number, checkpoints_->begin(), said);
   for (const std::string& line : said) say(line);
-  if (!found) return false;
-  rt::StateReader reader(found->state);
+  if (!state) return false;
+  rt::StateReader reader(*state);
   if (!run_->rollBackSlots(head.number))
     say(files_.file(head.number).string() + ": cannot be used (what the slots held then is not known)");
   else if (!run_->load(reader))
