@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "realtime/kernel/arena.hpp"
+#include "realtime/kernel/shared_memory.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::rt {
@@ -22,6 +23,15 @@ TEST(ProcessMemory, SeesMemoryThatIsTaken) {
   EXPECT_GE(after.minor_faults + after.major_faults, before.minor_faults + before.major_faults);
   EXPECT_GT(after.resident_files, 0u);
   EXPECT_GE(after.highest_resident, kBytes);
+}
+
+TEST(ProcessMemory, MemoryThatProcessesShareIsNoFile) {
+  constexpr std::size_t kBytes = std::size_t{32} << 20;
+  const std::size_t before = mappedFileBytes();
+  EXPECT_GT(privateFileBytes(), 0u);
+  EXPECT_LT(privateFileBytes(), before);
+  const SharedMemory shared(kBytes);
+  EXPECT_EQ(mappedFileBytes(), before);
 }
 
 TEST(ProcessMemory, ReadsWithoutHeap) {

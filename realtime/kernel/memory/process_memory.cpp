@@ -85,10 +85,32 @@ std::size_t mappedFileBytes() noexcept {
   while (std::fgets(line, sizeof line, maps) != nullptr) {
     unsigned long begin = 0, end = 0, inode = 0;
     char rights[5] = {};
-    // A page without any right is never resident.
+    // A page without any right is never resident; memory without a name that processes share is a pool's.
     if (std::sscanf(line, "%lx-%lx %4s %*x %*s %lu", &begin, &end, rights, &inode) == 4 && inode != 0 &&
-        rights[0] == 'r' && !(std::strcmp(rights, "r--p") == 0 && end - begin >= kBulkDataBytes))
+        rights[0] == 'r' && rights[3] == 'p' &&
+        !(std::strcmp(rights, "r--p") == 0 && end - begin >= kBulkDataBytes))
       total += end - begin;
+  }
+  std::fclose(maps);
+  return total;
+}
+
+std::size_t privateFileBytes() noexcept {
+  std::FILE* maps = std::fopen("/proc/self/smaps", "re");
+  if (maps == nullptr) return 0;
+  std::size_t total = 0;
+  bool of_file = false;
+  char line[512];
+  while (std::fgets(line, sizeof line, maps) != nullptr) {
+    unsigned long begin = 0, end = 0, inode = 0, anonymous = 0;
+    char rights[5] = {};
+    if (std::sscanf(line, "%lx-%lx %4s %*x %*s %lu", &begin, &end, rights, &inode) == 4) {
+      const bool writable = std::strcmp(rights, "rw-p") == 0;
+      of_file = inode != 0 && rights[3] == 'p' && !writable;
+      if (inode != 0 && writable) total += end - begin;
+    } else if (of_file && std::sscanf(line, "Anonymous: %lu kB", &anonymous) == 1) {
+      total += anonymous * 1024;
+    }
   }
   std::fclose(maps);
   return total;

@@ -41,5 +41,8 @@ class ProcessMemory {
 // Of memory that is the program's own, heap and stacks: what it takes once all of it is locked, touched or
 // not.
 [[nodiscard]] std::size_t mappedPrivateBytes() noexcept;
+// Of the files' pages, those that this process has for itself: data that it may write, and what was
+// relocated. Other processes of the same program share the rest.
+[[nodiscard]] std::size_t privateFileBytes() noexcept;
 
 }  // namespace fathom::rt

@@ -3,6 +3,7 @@
 #include <sys/wait.h>
 
 #include <algorithm>
+#include <cstdio>
 #include <functional>
 
 #include "realtime/kernel/memory/process_memory.hpp"
@@ -71,7 +72,6 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, rt::VehicleClock& c
                       resume_.newest_checkpoint + 1);
   for (InputRing& ring : own_rings_) hard_.sequencer().add(ring);
   planThreads();
-  planMemory();
 }
 
 void LiveSystem::shareWithMapper() {
@@ -253,6 +253,7 @@ void LiveSystem::runRecorder(rt::Heartbeat& heart) {
 }
 
 rt::ArmingResult LiveSystem::arm() {
+  planMemory();
   supervisor_->stepMapper(early_events_);
   for (const std::string& name : threads_.start()) parts_.set(name, PartState::kFailed, "no thread");
   if (!resumed()) addMapperToBudget();
@@ -267,11 +268,22 @@ rt::ArmingResult LiveSystem::arm() {
   return arming_;
 }
 
-int LiveSystem::printMapperBudget() {
+int LiveSystem::printBudget() {
+  planMemory();
+  std::fprintf(stderr, "vehicle process\n%s", budget_.table(false).c_str());
   MapperChild plan(childStart(true));
   if (!plan.start().empty()) return -1;
   int status = 0;
-  return ::waitpid(plan.pid(), &status, 0) > 0 && WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  if (::waitpid(plan.pid(), &status, 0) < 0 || !WIFEXITED(status)) return -1;
+  if (WEXITSTATUS(status) != 0) return WEXITSTATUS(status);
+  MapperFigures figures;
+  (void)channel_.up().figures.read(figures);
+  constexpr double kMib = 1024.0 * 1024.0;
+  const std::size_t both = budget_.plannedBytes() + figures.planned;
+  std::fprintf(stderr, "both processes %.2f of %.2f MiB, %s\n", static_cast<double>(both) / kMib,
+               static_cast<double>(budget_.budgetBytes()) / kMib,
+               both <= budget_.budgetBytes() ? "fits" : "does not fit");
+  return 0;
 }
 
 std::vector<std::string> LiveSystem::supervise() {

@@ -54,7 +54,8 @@ int map(const MapperOptions& options, MapperChannel& channel) {
   rt::VehicleClock clock(down.clock);
   MapperRun run(readSetup(options, down), channel, clock);
   if (options.print_budget) {
-    std::fprintf(stderr, "%s", run.budget().table(false).c_str());
+    std::fprintf(stderr, "mapper process\n%s", run.budget().table(false).c_str());
+    run.tellMemory();
     return kExitSuccess;
   }
   const LiveConfig& live = run.config().live;

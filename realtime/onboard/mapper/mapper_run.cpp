@@ -151,14 +151,17 @@ void MapperRun::planMemory() {
     const CheckpointWriter::Counters c = checkpoints_->counters();
     return rt::PoolUse{static_cast<std::size_t>(c.bytes), static_cast<std::size_t>(c.bytes), c.too_large};
   });
-  budget_.addFixed("stacks", 2 * setup_.config.live.realtime.stack_bytes);
-  budget_.addFixed("heap of libraries", setup_.config.live.memory.heap_bytes);
   // What is not above and lives as long as the program: images under way in stereo, lighting and features,
   // rows. Memory that is free again is part of the heap's reserve.
   const std::size_t heap_free = rt::HeapReserve::heapBytes() - rt::HeapReserve::usedBytes();
-  const std::size_t planned = budget_.plannedBytes() - setup_.config.live.memory.heap_bytes + heap_free;
+  const std::size_t planned = budget_.plannedBytes() + heap_free;
   const std::size_t mapped = rt::mappedPrivateBytes();
   if (mapped > planned) budget_.addFixed("images under way", mapped - planned);
+  // To come.
+  budget_.addFixed("stacks", 2 * setup_.config.live.realtime.stack_bytes);
+  budget_.addFixed("heap of libraries", setup_.config.live.memory.heap_bytes);
+  // The vehicle's plan has the program and its libraries, but for what each process writes there.
+  budget_.addFixed("program's own data", rt::privateFileBytes());
 }
 
 void MapperRun::measure(const rt::HeapReserve& heap) {
@@ -166,6 +169,10 @@ void MapperRun::measure(const rt::HeapReserve& heap) {
   rt::ProcessFigures process;
   if (process_.read(process)) faults_at_arming_ = process.minor_faults;
   resident_at_arming_ = rt::exactResidentBytes();
+  tellMemory();
+}
+
+void MapperRun::tellMemory() {
   MapperFigures figures;
   addMemory(figures);
   channel_.up().figures.write(figures);

@@ -38,6 +38,8 @@ class MapperRun {
 
   // From now on its figures tell what memory it has: armed, with this reserve.
   void measure(const rt::HeapReserve& heap);
+  // Gives the vehicle process its plan and what is resident.
+  void tellMemory();
   // Comes to where the newest usable state was, or the log begins; says what was passed over on stderr.
   void begin();
   // Follows the log until `stop` or its end mark.
