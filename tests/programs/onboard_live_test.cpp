@@ -52,6 +52,21 @@ TEST_F(OnboardLive, ASecondProgramInTheFolderIsRefusedAndABudgetIsPrintedWithout
   EXPECT_THAT(budget, HasSubstr("saved state"));
 }
 
+// With full-size images and every pool as large as the defaults make it.
+TEST_F(OnboardLive, BothProcessesAreWithinTheDefaultBudget) {
+  writeText(folder_.path() / "default.toml",
+            "[cameras]\nleft = \"SIM-1360L\"\nright = \"SIM-1360R\"\n[modem]\ndevice = "
+            "\"udp:127.0.0.1:7001\"\n");
+  const Outcome plan =
+      runCommand("cd " + folder_.path().string() +
+                 " && " FATHOM_BIN_DIR
+                 "/fathom-sim render reef-quick --features --duration 3 --out full >render && " FATHOM_BIN_DIR
+                 "/fathom-onboard --live full --config default.toml --print-budget");
+  EXPECT_EQ(plan.exit_code, 0);
+  EXPECT_THAT(plan.err, HasSubstr("of 768.00 MiB, fits\nmapper process\n"));
+  EXPECT_THAT(plan.err, ::testing::ContainsRegex("both processes .* of 768.00 MiB, fits\n")) << plan.err;
+}
+
 TEST_F(OnboardLive, ATermLeavesADiveThatGoesOnAndAnEndEndsIt) {
   const Outcome all = run(
       "$live >out 2>err & p=$!; armed out; sleep 1; kill -TERM $p; wait $p; echo left $?\n"

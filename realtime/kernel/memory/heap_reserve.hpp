@@ -10,7 +10,7 @@ namespace fathom::rt {
 
 // `[memory]` of a program's configuration; README.md of the kernel lists the keys.
 struct MemoryConfig {
-  std::size_t budget_bytes = std::size_t{896} << 20;  // of the whole program
+  std::size_t budget_bytes = std::size_t{768} << 20;  // of the whole program
   std::size_t heap_bytes = std::size_t{72} << 20;     // for what libraries and the soft tier allocate
 };
 

@@ -30,7 +30,7 @@ struct LiveConfig {
   rt::OverloadConfig overload;
   std::size_t vehicle_heap_bytes = std::size_t{24} << 20;  // of the vehicle process, for devices and reports
   double checkpoint_s = 10;                                // between two saved states
-  std::size_t checkpoint_bytes = std::size_t{160} << 20;   // that one may take
+  std::size_t checkpoint_bytes = std::size_t{112} << 20;   // that one may take
   double end_within_s = 150;                               // that the end of a dive may take in all
 };
 
