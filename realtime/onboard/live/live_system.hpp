@@ -64,8 +64,8 @@ class LiveSystem {
   // looked at as a whole; one that goes on does not.
   [[nodiscard]] rt::ArmingResult arm();
   [[nodiscard]] const rt::HeapReserve& heap() const { return heap_; }
-  // What --print-budget shows, instead of arm(): the pools of this process, then the mapper's, which it prints
-  // itself, and both together. An exit status.
+  // What --print-budget shows, instead of arm(): the pools of this process, then the mapper's, which it
+  // prints itself, and both together. An exit status.
   [[nodiscard]] int printBudget();
 
   // Some times a second; a line for each thing that happened.
