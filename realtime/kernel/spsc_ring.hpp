@@ -13,6 +13,8 @@ inline constexpr std::size_t kCacheLine = 64;
 
 // Queue from exactly one producing thread to exactly one consuming thread; wait-free on both sides. Full:
 // push returns false, drops the new element and counts it, so that a slow reader never holds up the writer.
+// Where the other end is a process that may write anything, counts that cannot be leave it empty; what is
+// popped is then whatever was written.
 template <typename T, std::size_t Capacity>
 class SpscRing {
   static_assert(Capacity > 0 && (Capacity & (Capacity - 1)) == 0, "the capacity is a power of two");
@@ -27,7 +29,7 @@ class SpscRing {
   [[nodiscard]] bool push(const T& value) noexcept {
     const std::size_t tail = tail_.load(std::memory_order_relaxed);
     const std::size_t size = tail - head_.load(std::memory_order_acquire);
-    if (size == Capacity) {
+    if (size >= Capacity) {
       refused_.store(refused_.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
       return false;
     }
@@ -41,7 +43,12 @@ class SpscRing {
   // Consumer only. False (and `value` untouched) when empty.
   [[nodiscard]] bool pop(T& value) noexcept {
     const std::size_t head = head_.load(std::memory_order_relaxed);
-    if (head == tail_.load(std::memory_order_acquire)) return false;
+    const std::size_t tail = tail_.load(std::memory_order_acquire);
+    if (head == tail) return false;
+    if (tail - head > Capacity) {
+      head_.store(tail, std::memory_order_release);
+      return false;
+    }
     value = slots_[head % Capacity];
     head_.store(head + 1, std::memory_order_release);
     return true;

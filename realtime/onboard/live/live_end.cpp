@@ -47,6 +47,7 @@ LiveSystem::End LiveSystem::end(double most_s) {
   const std::int64_t begin = clock_.monotonicNs();
   const std::int64_t until = begin + rt::nanoseconds(most_s),
                      map_until = begin + rt::nanoseconds(most_s * kForTheRest);
+  ends_ = true;
   measured_.cpu = cpuTimes();
   measured_.heap_used = heap_.usedOfReserve();
   measured_.heap_overflow = heap_.overflowBytes();
@@ -81,6 +82,7 @@ LiveSystem::End LiveSystem::leave(double most_s) {
   End end;
   if (stopped_) return end;
   const std::int64_t until = clock_.monotonicNs() + rt::nanoseconds(most_s);
+  ends_ = true;
   measured_.cpu = cpuTimes();
   threads_.unwatch();
   supervisor_->letMapperBe();
@@ -103,7 +105,7 @@ LiveSystem::End LiveSystem::leave(double most_s) {
 
 LiveSystem::~LiveSystem() {
   if (stopped_) return;
-  stop_devices_ = stop_hard_ = stop_modem_ = stop_recorder_ = true;
+  ends_ = stop_devices_ = stop_hard_ = stop_modem_ = stop_recorder_ = true;
   go_ = true;
   const std::int64_t until = clock_.monotonicNs() + kLongestJoinNs;
   if (threads_.join([&] { return clock_.monotonicNs() < until; }).empty()) return;

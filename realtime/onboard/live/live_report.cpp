@@ -197,7 +197,7 @@ std::string liveJson(const LiveSystem& live_system, double wall_s) {
   MapperFigures mapper;
   (void)live_system.mapper().up().figures.read(mapper);
   MapState map;
-  (void)live_system.mapper().up().state.read(map);
+  (void)live_system.mapper().up().readMap(map);
   if (const rt::PeriodicLoop::Statistics* hard = live_system.hardLoop()) live["hard_loop"] = loopOf(*hard);
   const rt::ThreadCost cost = live_system.hardCost();
   live["hard_tier_after_arming"] = {{"heap_calls", cost.heap_calls},

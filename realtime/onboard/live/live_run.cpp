@@ -36,7 +36,6 @@ constexpr std::int64_t kSupervise_ns = 100'000'000;
 constexpr double kStatusEvery_s = 10;
 constexpr double kTimeline_s = 1, kTraceEvery_s = 10;
 constexpr double kLeaveWithin_s = 10;
-constexpr std::int64_t kWatchdogRest_ns = 500'000'000;
 constexpr const char* kThisProgram = "/proc/self/exe";
 
 // What a signal asks for. SIGINT and SIGUSR1 (fathom-onboard --end) are an operator's end of the dive; a
@@ -107,7 +106,7 @@ io::VehicleReport canReport(const io::PoseReport& pose, const MapState& map) {
 std::string statusLine(LiveSystem& live, double since_s) {
   MapState map;
   NavState nav;
-  (void)live.mapper().up().state.read(map);
+  (void)live.mapper().up().readMap(map);
   (void)live.hard().readForSupervisor(nav);
   const PartState mapper = live.parts().read("mapper").state;
   char text[300];
@@ -131,7 +130,7 @@ class TraceTaker {
   TraceTaker(LiveSystem& live, const rt::VehicleClock& clock) : live_(live), clock_(clock) {}
   void look(double since_s) {
     MapState map;
-    if (!live_.mapper().up().state.read(map) || map.pairs == pairs_) return;
+    if (!live_.mapper().up().readMap(map) || map.pairs == pairs_) return;
     pairs_ = map.pairs;
     if (since_s < next_s_) return;
     next_s_ = since_s + kTraceEvery_s;
@@ -246,6 +245,11 @@ class PlanFolder {
   std::filesystem::path path_;
 };
 
+[[noreturn]] void endLost(const std::string& why) {
+  say(why + "; the program ends, and goes on with the dive when it is started again");
+  std::_Exit(kExitFailedWork);
+}
+
 int printBudget(const LiveOptions& options, OnboardConfig config, const io::MissionConfig& mission,
                 const StereoRig& rig) {
   const PlanFolder folder(options.folder);
@@ -288,8 +292,7 @@ int runLive(const LiveOptions& options) {
   if (!config.live.lcm.url.empty()) bus = std::make_shared<io::LcmBus>(config.live.lcm.url);
   // It outlives the threads of what it tells of, whatever is thrown here.
   std::unique_ptr<StatusPublisher> publisher;
-  std::uint64_t beats_seen = 0;
-  LiveSystem live({options.folder, config, mission, rig, kThisProgram, options.config},
+  LiveSystem live({options.folder, config, mission, rig, kThisProgram, options.config, endLost},
                   openDevices(config.live, mission, bus, clock, can), clock);
   const std::size_t lane = live.addBestEffort(
       "publisher",
@@ -301,15 +304,6 @@ int runLive(const LiveOptions& options) {
       [&publisher] { return publisher->restNs(); });
   publisher = std::make_unique<StatusPublisher>(
       live, bus, mission, options.folder, StatusPublisher::Config{config.live.lcm.publish_hz, lane}, clock);
-  // From a thread of its own: whatever this one waits for, the system's watchdog judges navigation alone.
-  (void)live.addBestEffort(
-      "watchdog",
-      [&live, &beats_seen] {
-        const std::uint64_t beats = live.navigationBeats();
-        if (beats != beats_seen) rt::ServiceNotify::alive();
-        beats_seen = beats;
-      },
-      [] { return kWatchdogRest_ns; });
   for (const std::string& line : live.resumeSaid()) say(line);
   const rt::ArmingResult arming = live.arm();
   std::fprintf(stderr, "%s", live.budget().table(false).c_str());

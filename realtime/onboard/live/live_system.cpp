@@ -6,8 +6,11 @@
 #include <cstdio>
 #include <functional>
 
+#include "realtime/kernel/fault_point.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
 #include "realtime/kernel/seconds.hpp"
+#include "realtime/kernel/tiers/service_notify.hpp"
+#include "realtime/onboard/live/program_watch.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -17,6 +20,7 @@ constexpr std::int64_t kRecorderRestNs = 10'000'000;
 constexpr std::int64_t kCameraSearchNs =
     10'000'000'000;  // that a camera's thread may be away for, looking for it
 constexpr int kRecorderBudgetMs = 50;
+constexpr std::int64_t kWatchdogRestNs = 200'000'000;
 constexpr std::int64_t kMapperPlanNs = 20'000'000'000;  // that a dive that begins waits for the mapper's plan
 constexpr std::array<rt::StageSpec, 1> kRecorderStages = {{{"write", 0}}};
 
@@ -61,7 +65,8 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, rt::VehicleClock& c
       hard_(navCoreConfig(setup_.config, setup_.mission), {&recorder_, &channel_.down().inputs}, clock_,
             hard_stages_),
       resume_(resumeNavigation(setup_.folder, names_, hard_)),
-      threads_(setup_.config.live.realtime) {
+      threads_(setup_.config.live.realtime),
+      hung_restarts_(stateFolder(setup_.folder)) {
   hard_.sequencer().startAfter(resume_.last_ns);
   recorder_.setFirstPosition(resume_.position);
   shareWithMapper();
@@ -112,7 +117,8 @@ MapperChild::Start LiveSystem::childStart(bool plan) const {
 void LiveSystem::planThreads() {
   using Watch = WatchedThreads::Watch;
   // Recording is worth much; navigation more: a disk that stalls must not end it.
-  threads_.add(rt::Tier::kBestEffort, "recorder", Watch{}, [this](auto& heart) { runRecorder(heart); });
+  threads_.add(rt::Tier::kBestEffort, "recorder", Watch{true, false, 0, true},
+               [this](auto& heart) { runRecorder(heart); });
   for (const auto& source : devices_.samples) {
     Sample& sample = samples_.emplace_back();
     hard_.sequencer().add(sample.ring);
@@ -139,7 +145,8 @@ void LiveSystem::planThreads() {
         clock_);
   }
   navigation_ = &threads_.add(rt::Tier::kHard, "navigation", Watch{false, true},
-                              [this](auto& heart) { runHard(heart); });
+                              [this](auto& heart) { navigate(heart); });
+  threads_.add(rt::Tier::kBestEffort, "watchdog", Watch{}, [this](auto& heart) { runWatchdog(heart); });
 }
 
 void LiveSystem::planMemory() {
@@ -192,14 +199,25 @@ void LiveSystem::addMapperToBudget() {
 std::size_t LiveSystem::addBestEffort(const char* name, std::function<void()> step,
                                       std::function<std::int64_t()> rest_ns) {
   threads_.add(rt::Tier::kBestEffort, name, {},
-               [this, step = std::move(step), rest = std::move(rest_ns)](rt::Heartbeat& heart) {
+               [this, name, step = std::move(step), rest = std::move(rest_ns)](rt::Heartbeat& heart) {
                  while (!stop_devices_.load(std::memory_order_acquire)) {
+                   rt::faultPoint(name);
                    step();
                    heart.beat(clock_.monotonicNs());
                    rt::restFor(rest());
                  }
                });
   return lanes_++;
+}
+
+// Nothing goes on without navigation, and nothing else of this process can take its place.
+void LiveSystem::navigate(rt::Heartbeat& heart) {
+  try {
+    runHard(heart);
+  } catch (const std::exception& e) {
+    if (setup_.lost) setup_.lost(std::string("navigation failed (") + e.what() + ")");
+    throw;
+  }
 }
 
 void LiveSystem::runHard(rt::Heartbeat& heart) {
@@ -214,6 +232,7 @@ void LiveSystem::runHard(rt::Heartbeat& heart) {
   int cycles = 0;
   rt::ThreadCost before = rt::threadCost();
   loop_->run([&] {
+    rt::faultPoint("navigation");
     hard_.cycle();
     heart.beat(clock_.monotonicNs());
     if (++cycles % kWarmCycles == 0) {
@@ -233,7 +252,9 @@ void LiveSystem::runHard(rt::Heartbeat& heart) {
 // thread: a disk that stalls it holds up nothing that this is for.
 void LiveSystem::takeFromMapper() {
   MadeDecision made;
-  while (channel_.up().decisions.pop(made)) (void)recorder_.offerDecision({made.utc_ns, made.decision});
+  // Another process may push for ever.
+  for (std::size_t i = 0; i < channel_.up().decisions.capacity() && channel_.up().decisions.pop(made); ++i)
+    (void)recorder_.offerDecision({made.utc_ns, made.decision});
   const io::Recorder::Counters c = recorder_.counters();
   channel_.down().safe_position.store(c.safe_position, std::memory_order_relaxed);
   channel_.down().decisions_safe.store(c.decisions_safe, std::memory_order_relaxed);
@@ -243,12 +264,27 @@ void LiveSystem::runRecorder(rt::Heartbeat& heart) {
   while (!stop_recorder_.load(std::memory_order_acquire)) {
     const std::int64_t begin = clock_.monotonicNs();
     const std::uint64_t bytes = recorder_.counters().bytes;
+    rt::faultPoint("recorder");
     takeFromMapper();
     const bool more = recorder_.work(kRecorderBudgetMs);
     if (recorder_.counters().bytes != bytes) recorder_stages_.add(0, begin, clock_.monotonicNs());
     recorder_stages_.publish();
     heart.beat(clock_.monotonicNs());
     if (!more) rt::restFor(kRecorderRestNs);
+  }
+}
+
+// From a thread of its own, so that nothing that others wait for holds it up.
+void LiveSystem::runWatchdog(rt::Heartbeat& heart) {
+  const std::int64_t stuck_ns = setup_.config.live.realtime.stuck_after_ns;
+  ProgramWatch watch({stuck_ns, std::max(2 * stuck_ns, ProgramWatch::Config{}.supervisor_ns)});
+  for (; !ends_.load(std::memory_order_acquire); rt::restFor(kWatchdogRestNs)) {
+    heart.beat(clock_.monotonicNs());
+    if (!go_.load(std::memory_order_acquire)) continue;
+    const std::string why =
+        watch.look(clock_.monotonicNs(), navigation_->beats(), supervised_.load(std::memory_order_relaxed));
+    if (watch.alive()) rt::ServiceNotify::alive();
+    if (!why.empty() && setup_.lost && !ends_.load(std::memory_order_acquire)) setup_.lost(why);
   }
 }
 
@@ -287,10 +323,24 @@ int LiveSystem::printBudget() {
 }
 
 std::vector<std::string> LiveSystem::supervise() {
-  std::vector<std::string> events = supervisor_->step(hard_slipped_.load(std::memory_order_relaxed));
+  supervised_.fetch_add(1, std::memory_order_relaxed);
+  std::vector<std::string> events;
+  try {
+    events = supervisor_->step(hard_slipped_.load(std::memory_order_relaxed));
+    endIfHanging();
+  } catch (const std::exception& e) {
+    events.push_back(std::string("the supervisor failed (") + e.what() + "); it goes on");
+  }
   events.insert(events.begin(), early_events_.begin(), early_events_.end());
   early_events_.clear();
   return events;
+}
+
+void LiveSystem::endIfHanging() {
+  if (!setup_.lost) return;
+  const std::string name =
+      threads_.hanging([this](std::int64_t limit_ns) { return hung_restarts_.patienceNs(limit_ns); });
+  if (!name.empty() && !HungRestarts::waitsForDisk() && hung_restarts_.note()) setup_.lost(name + " hangs");
 }
 
 rt::ThreadCost LiveSystem::hardCost() const {

@@ -21,6 +21,7 @@
 #include "realtime/kernel/vehicle_clock.hpp"
 #include "realtime/onboard/live/devices/device_threads.hpp"
 #include "realtime/onboard/live/hard_tier.hpp"
+#include "realtime/onboard/live/hung_restarts.hpp"
 #include "realtime/onboard/live/live_report.hpp"
 #include "realtime/onboard/live/part_states.hpp"
 #include "realtime/onboard/live/resume.hpp"
@@ -45,6 +46,8 @@ struct LiveSetup {
   // What the mapper process is: this program, with the configuration that `config` was read from.
   std::filesystem::path mapper_program = "/proc/self/exe";
   std::optional<std::filesystem::path> config_file;
+  // Ends the process, because of `why`: whoever keeps it starts it again. Empty: nobody would, it goes on.
+  std::function<void(const std::string& why)> lost = {};
 };
 
 // The vehicle process: devices, hard tier, recorder, modem, each on its thread, and the mapper process that
@@ -68,7 +71,8 @@ class LiveSystem {
   // prints itself, and both together. An exit status.
   [[nodiscard]] int printBudget();
 
-  // Some times a second; a line for each thing that happened.
+  // Some times a second, until end() or leave(); a line for each thing that happened. Where it is not called,
+  // or navigation stands still, or a thread hangs for good, the program is lost (LiveSetup).
   [[nodiscard]] std::vector<std::string> supervise();
 
   // How a run ended, for the operator.
@@ -147,8 +151,11 @@ class LiveSystem {
   void planThreads();
   void planMemory();
   void addMapperToBudget();
+  void navigate(rt::Heartbeat& heart);
   void runHard(rt::Heartbeat& heart);
   void runRecorder(rt::Heartbeat& heart);
+  void runWatchdog(rt::Heartbeat& heart);
+  void endIfHanging();
   void takeFromMapper();
   [[nodiscard]] bool waitFor(const std::function<bool()>& done, std::int64_t until_ns);
   void finishThreads(End& end, std::int64_t until_ns, bool dive_ends);
@@ -178,13 +185,15 @@ class LiveSystem {
   PartStates parts_;
   std::unique_ptr<MapperChild> child_;
   std::optional<Supervisor> supervisor_;
+  HungRestarts hung_restarts_;
   std::vector<std::string> early_events_;  // of before it was armed, not told yet
-  std::atomic<bool> go_{false}, stop_devices_{false}, stop_hard_{false}, stop_modem_{false},
+  std::atomic<bool> go_{false}, ends_{false}, stop_devices_{false}, stop_hard_{false}, stop_modem_{false},
       stop_recorder_{false}, complete_{false};
   std::atomic<std::uint64_t> hard_heap_calls_{0}, hard_minor_faults_{0}, hard_major_faults_{0},
       hard_slipped_{0};
   std::atomic<std::int64_t> first_deadline_ns_{0};
-  std::size_t lanes_ = 0;  // of the recorder, in use
+  std::atomic<std::uint64_t> supervised_{0};  // times
+  std::size_t lanes_ = 0;                     // of the recorder, in use
   bool stopped_ = false, hangs_ = false;
   rt::HeapReserve heap_;
   std::int64_t begun_mono_ns_ = 0;

@@ -44,7 +44,7 @@ void StatusPublisher::tell(const io::LogMessage& message) {
 void StatusPublisher::step() {
   const std::int64_t now = clock_.monotonicNs();
   (void)live_.hard().readForBus(nav_);
-  (void)live_.mapper().up().state.read(map_);
+  (void)live_.mapper().up().readMap(map_);
   if (config_.pose_hz > 0 && now >= next_pose_ns_) {
     const auto period = static_cast<std::int64_t>(static_cast<double>(kSecond) / config_.pose_hz);
     // Keeps its pace, but makes up for nothing.

@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <utility>
 
+#include "realtime/kernel/fault_point.hpp"
 #include "telemetry/wire/status.hpp"
 
 namespace fathom::onboard {
@@ -55,7 +56,7 @@ std::uint64_t Supervisor::programHealth(std::uint64_t slipped) const {
   std::uint64_t flags = slipped << 16U;
   if (!complete_) flags |= telemetry::kHealthSoftRealTime;
   MapState map;
-  const bool known = links_.channel->up().state.read(map);
+  const bool known = links_.channel->up().readMap(map);
   if (known && map.level != rt::DegradationLevel::kFull) flags |= telemetry::kHealthOverload;
   if (stateOf(phase()) != PartState::kRunning) flags |= telemetry::kHealthNoMap;
   if (clock_health_.unsure()) flags |= telemetry::kHealthClockUnsure;
@@ -181,7 +182,7 @@ void Supervisor::notePartStates(std::vector<std::string>& events) {
       mapper == PartState::kRunning && starts_.load() > 1)
     events.emplace_back("the map goes on");
   MapState map;
-  (void)links_.channel->up().state.read(map);
+  (void)links_.channel->up().readMap(map);
   const PartState of_map = mapper == PartState::kFailed ? PartState::kFailed : mapper;
   parts.set("link", of_map, of_map == PartState::kFailed ? "no mapper" : "");
   parts.set("output", map.rows_lost > 0 ? PartState::kFailed : of_map,
@@ -189,6 +190,7 @@ void Supervisor::notePartStates(std::vector<std::string>& events) {
 }
 
 std::vector<std::string> Supervisor::step(std::uint64_t slipped) {
+  rt::faultPoint("supervisor");
   std::vector<std::string> events;
   const std::int64_t now = links_.clock->monotonicNs();
   links_.threads->look(now, events);

@@ -9,7 +9,8 @@ rt::Heartbeat& WatchedThreads::add(rt::Tier tier, const char* name, const Watch&
       watchdog_.add({name, std::max(config_.stuck_after_ns, watch.least_ns), watch.restartable, watch.vital});
   rt::Heartbeat& heart = watchdog_.heartbeat(watched);
   workers_.emplace_back(
-      rt::threadConfig(config_, tier, name), [&heart, body = std::move(body)] { body(heart); }, watched);
+      rt::threadConfig(config_, tier, name), [&heart, body = std::move(body)] { body(heart); }, watched,
+      watch);
   return heart;
 }
 
@@ -25,33 +26,41 @@ void WatchedThreads::watchFrom(std::int64_t now_ns) {
 }
 
 void WatchedThreads::look(std::int64_t now_ns, std::vector<std::string>& events) {
+  for (Worker& worker : workers_)
+    if (watchdog_.state(worker.watched).watched && worker.kind.restartable && !worker.thread.running() &&
+        now_ns >= worker.next_start_ns)
+      startAgain(worker, now_ns, events);
   watchdog_.step(now_ns, [&](std::size_t tier, rt::Watchdog::Remedy remedy) {
     const auto of =
         std::find_if(workers_.begin(), workers_.end(), [&](const Worker& w) { return w.watched == tier; });
-    if (of == workers_.end()) return;
-    switch (remedy) {
-      case rt::Watchdog::Remedy::kRestart:
-        events.push_back(told(*of, true));
-        break;
-      case rt::Watchdog::Remedy::kGiveUp:
-        events.push_back(told(*of, false) + "; going on without it");
-        break;
-      case rt::Watchdog::Remedy::kRecovered:
-        events.push_back(of->name + " is alive again");
-        break;
-    }
+    if (of == workers_.end() || !of->thread.running()) return;
+    if (remedy == rt::Watchdog::Remedy::kRecovered)
+      events.push_back(of->name + " is alive again");
+    else
+      events.push_back(of->name + " is stuck");
   });
 }
 
-// What is wrong with it. A body that has left is started again; one that hangs in a system call cannot be
-// taken away.
-std::string WatchedThreads::told(Worker& worker, bool restart) {
-  if (worker.thread.running()) return worker.name + " is stuck";
-  if (!worker.thread.failure().empty()) worker.reason = worker.thread.failure();
-  std::string text = worker.name + " has left";
-  if (!worker.thread.failure().empty()) text += " (" + worker.thread.failure() + ")";
-  if (restart) text += worker.thread.start(worker.body) ? "; started again" : "; the system gives no thread";
-  return text;
+// One that has given signs of life meanwhile at once, else later each time.
+void WatchedThreads::startAgain(Worker& worker, std::int64_t now_ns, std::vector<std::string>& events) {
+  constexpr int kMostDoubled = 5;
+  const std::uint64_t beats = watchdog_.heartbeat(worker.watched).beats();
+  worker.left_in_a_row = beats == worker.beats ? std::min(worker.left_in_a_row + 1, kMostDoubled) : 0;
+  worker.beats = beats;
+  worker.next_start_ns = now_ns + (watchdog_.state(worker.watched).spec.limit_ns << worker.left_in_a_row) / 2;
+  worker.reason = worker.thread.failure();
+  const bool started = worker.thread.start(worker.body);
+  events.push_back(worker.name + " has left" + (worker.reason.empty() ? "" : " (" + worker.reason + ")") +
+                   (started ? "; started again" : "; the system gives no thread"));
+}
+
+std::string WatchedThreads::hanging(const std::function<std::int64_t(std::int64_t)>& patience_ns) const {
+  for (const Worker& worker : workers_) {
+    const rt::Watchdog::TierState& tier = watchdog_.state(worker.watched);
+    if (tier.stuck && worker.thread.running() && tier.silent_ns >= patience_ns(tier.spec.limit_ns))
+      return worker.name;
+  }
+  return "";
 }
 
 std::string WatchedThreads::reasonOf(std::string_view name) const {
@@ -62,14 +71,21 @@ std::string WatchedThreads::reasonOf(std::string_view name) const {
 }
 
 void WatchedThreads::unwatch() {
-  for (std::size_t i = 0; i < watchdog_.tiers(); ++i) watchdog_.unwatch(i);
+  for (Worker& worker : workers_) {
+    worker.stuck = watchdog_.state(worker.watched).stuck;
+    watchdog_.unwatch(worker.watched);
+  }
 }
 
 std::vector<std::string> WatchedThreads::join(const std::function<bool()>& more_time) {
-  constexpr std::int64_t kLook_ns = 2'000'000;
+  constexpr std::int64_t kLook_ns = 2'000'000, kStuck_ns = 1'000'000'000;
   std::vector<std::string> still;
   for (Worker& worker : workers_) {
-    while (worker.thread.running() && more_time()) rt::restFor(kLook_ns);
+    const bool given_up = worker.stuck && !worker.kind.waits_for_disk;
+    for (std::int64_t waited_ns = 0; worker.thread.running() && more_time(); waited_ns += kLook_ns) {
+      if (given_up && waited_ns >= kStuck_ns) break;
+      rt::restFor(kLook_ns);
+    }
     if (worker.thread.running())
       still.push_back(worker.name);
     else

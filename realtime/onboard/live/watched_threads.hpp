@@ -16,14 +16,15 @@
 namespace fathom::onboard {
 
 // The threads of a live run, each with a heartbeat: one that has left is started again, one that hangs is
-// told of. What a body throws ends its thread alone; it is started again, where it is restartable, at the
-// watchdog's growing intervals. Everything but the bodies runs on one thread.
+// told of. What a body throws ends its thread alone; it is started again, where it is restartable: at once,
+// and at growing intervals where it leaves without a heartbeat. Everything but the bodies runs on one thread.
 class WatchedThreads {
  public:
   using Body = std::function<void(rt::Heartbeat&)>;
   struct Watch {
     bool restartable = true, vital = false;
-    std::int64_t least_ns = 0;  // that it may be silent for, where the configuration says less
+    std::int64_t least_ns = 0;    // that it may be silent for, where the configuration says less
+    bool waits_for_disk = false;  // may hang as long as the disk does
   };
 
   explicit WatchedThreads(const rt::RealtimeConfig& config) : config_(config) {}
@@ -36,7 +37,11 @@ class WatchedThreads {
   // Some times a second; a line for each thing that happened.
   void look(std::int64_t now_ns, std::vector<std::string>& events);
   void unwatch();
-  // Waits for every body to return, as long as `more_time()`; the names of those that have not.
+  // One that has been silent for as long as `patience_ns` says of its limit and whose body has not left; ""
+  // where there is none.
+  [[nodiscard]] std::string hanging(const std::function<std::int64_t(std::int64_t)>& patience_ns) const;
+  // Waits for every body to return, as long as `more_time()`, and for a second where it hung before unless it
+  // waits for the disk; the names of those that have not.
   [[nodiscard]] std::vector<std::string> join(const std::function<bool()>& more_time);
 
   // Why the body of this name left last, "" where it never did by an exception.
@@ -46,15 +51,21 @@ class WatchedThreads {
 
  private:
   struct Worker {
-    Worker(const rt::ThreadConfig& config, std::function<void()> work, std::size_t tier)
-        : thread(config), body(std::move(work)), watched(tier), name(config.name) {}
+    Worker(const rt::ThreadConfig& config, std::function<void()> work, std::size_t tier, const Watch& watch)
+        : thread(config), body(std::move(work)), watched(tier), kind(watch), name(config.name) {}
     rt::RtThread thread;
     std::function<void()> body;
     std::size_t watched;  // tier of the watchdog
+    Watch kind;
     std::string name;
     std::string reason;  // that it left for, before it was started again
+    // Since its last start.
+    std::uint64_t beats = 0;
+    std::int64_t next_start_ns = 0;
+    int left_in_a_row = 0;
+    bool stuck = false;  // when nobody watched any longer
   };
-  static std::string told(Worker& worker, bool restart);
+  void startAgain(Worker& worker, std::int64_t now_ns, std::vector<std::string>& events);
 
   const rt::RealtimeConfig& config_;
   rt::Watchdog watchdog_;

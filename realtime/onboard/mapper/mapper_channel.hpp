@@ -143,6 +143,9 @@ struct MapperUp {
     const std::uint32_t now = phase.load();
     return now < kMapperPhases ? static_cast<MapperPhase>(now) : MapperPhase::kRefused;
   }
+  // What the mapper last showed of the map. False, and `state` untouched, where it has shown nothing, or what
+  // no map shows.
+  [[nodiscard]] bool readMap(MapState& shown) const noexcept;
   // On its way to the log, and what every mapper after this one does again.
   void decide(std::int64_t utc_ns, const io::Decision& decision) noexcept {
     decided.set(decision);

@@ -9,6 +9,7 @@
 #include <exception>
 #include <string>
 
+#include "realtime/kernel/fault_point.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
@@ -74,6 +75,7 @@ int map(const MapperOptions& options, MapperChannel& channel) {
   rt::RtThread saving(rt::threadConfig(live.realtime, rt::Tier::kBestEffort, "checkpoints"));
   (void)saving.start([&] {
     while (!stop.load(std::memory_order_acquire)) {
+      rt::faultPoint("checkpoints");
       run.writeCheckpoint();
       rt::restFor(kCheckpointRest_ns);
     }

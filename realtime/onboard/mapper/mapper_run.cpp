@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <fstream>
 
+#include "realtime/kernel/fault_point.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
 #include "realtime/kernel/seconds.hpp"
@@ -278,6 +279,7 @@ bool MapperRun::finish() {
   channel_.up().enter(MapperPhase::kFinishing);
   run_->finish(0);
   tier_->publish();
+  rt::faultPoint("output");
   const bool mapped = run_->write(0, rt::seconds(clock_.monotonicNs() - begun_ns_));
   const RunSummary s = run_->summary();
   if (!s.warning.empty()) say("warning: " + s.warning);

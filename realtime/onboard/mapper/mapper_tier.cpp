@@ -4,6 +4,7 @@
 #include <cstring>
 #include <utility>
 
+#include "realtime/kernel/fault_point.hpp"
 #include "realtime/kernel/state_archive.hpp"
 #include "realtime/onboard/pair_quota.hpp"
 
@@ -126,6 +127,7 @@ void MapperTier::noteStage(const char* stage) {
   if (arrival_ns_ && std::strcmp(stage, specs[kMap].name) == 0)
     addStage(kArrivalToMap, now - (clock_.utcNs() - *arrival_ns_), now);
   stage_begin_ns_ = stage_end_ns_ = now;
+  rt::faultPoint(stage);
   beat();
 }
 
@@ -195,6 +197,7 @@ std::size_t MapperTier::work(std::size_t most) {
     links_.channel->up().position.store(links_.feed->position(), std::memory_order_relaxed);
   }
   const std::int64_t now = clock_.monotonicNs();
+  rt::faultPoint("link");
   if (done > 0) addStage(kLink, std::max(begin, stage_end_ns_), now);
   beat();
   if (now - published_ns_ >= kPublishInterval) publish();

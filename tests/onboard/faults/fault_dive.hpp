@@ -1,30 +1,14 @@
 #pragma once
 
-#include <cstdint>
 #include <filesystem>
-#include <string>
 
-#include "tests/support/bad_disk.hpp"
+#include "tests/onboard/faults/fault_case.hpp"
 
 namespace fathom::test {
 
-// What is done to the mapper process.
-enum class MapperFault : std::uint8_t { kNone, kKill, kSegmentation, kAbort, kHangsShort, kHangs, kSlow };
-inline constexpr int kMapperFaults = 7;
-
-// What goes wrong in one dive: at the mapper, at the disk, or at both at once.
-struct FaultCase {
-  MapperFault mapper = MapperFault::kNone;
-  BadDisk::Order disk;
-  double apart_s = 0;  // from the one to the other
-  [[nodiscard]] std::string name() const;
-};
-// All faults alone, then every pair of them, then any at random times; the times are drawn.
-[[nodiscard]] FaultCase faultCase(unsigned seed, int number);
-[[nodiscard]] int systematicCases();
-
-// Dives with it, through the live program's vehicle process in this one and fathom-onboard as its mapper, and
-// judges: a line on stdout, "good ..." or "BAD ... why". This process must have the disk's library loaded.
+// Dives with the fault, in a vehicle process that is kept as the system's service manager keeps it, and
+// judges: a line on stdout, "good ..." or "BAD ... why". Seconds are the machine's; what the machine took
+// from the programs meanwhile is allowed on top of each limit. Exit status.
 int faultDive(const std::filesystem::path& mission, const std::filesystem::path& out, unsigned seed,
               int number);
 

@@ -78,7 +78,7 @@ void watchOver(LiveSystem& live, const rt::VehicleClock& clock) {
       begun_with = with;
       say("C %" PRIu64 "\n", with - 1);
     }
-    if (caught_up && live.mapper().up().state.read(map) && map.utc_ns > said_ns) {
+    if (caught_up && live.mapper().up().readMap(map) && map.utc_ns > said_ns) {
       said_ns = map.utc_ns;
       say("S %" PRId64 " %" PRId64 " %" PRIu64 " %" PRIu64 " %d %" PRIu64 "\n", clock.monotonicNs(),
           map.utc_ns, map.pairs, map.keyframes, map.map_tiles, map.link_frames_arrived);

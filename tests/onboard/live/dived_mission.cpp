@@ -51,7 +51,7 @@ bool DivedMission::saidThat(const std::string& what) const {
 
 MapState mapOf(const LiveSystem& live) {
   MapState map;
-  (void)live.mapper().up().state.read(map);
+  (void)live.mapper().up().readMap(map);
   return map;
 }
 

@@ -45,7 +45,7 @@ struct Dive {
     for (const std::string& line : end.left_out) ADD_FAILURE() << line;
     hard_cost = live.hardCost();
     MapState map;
-    EXPECT_TRUE(live.mapper().up().state.read(map));
+    EXPECT_TRUE(live.mapper().up().readMap(map));
     input_refused = map.inputs_skipped + live.recorder().counters().inputs_dropped;
     mapped = end.mapped;
     pairs = map.pairs;

@@ -1,6 +1,7 @@
 #include "realtime/onboard/live/devices/device_threads.hpp"
 
 #include "firmware_if/files/images/image_file.hpp"
+#include "realtime/kernel/fault_point.hpp"
 #include "realtime/kernel/tiers/rt_thread.hpp"
 
 namespace fathom::onboard {
@@ -33,8 +34,9 @@ io::DeviceHealth modemHealth() {
 SampleThread::SampleThread(io::SampleSource& source, const Links& links, const rt::Clock& clock)
     : source_(source), links_(links), clock_(clock), health_(withFailures(source.health())) {}
 
-void SampleThread::run(const std::atomic<bool>& stop) noexcept {
+void SampleThread::run(const std::atomic<bool>& stop) {
   while (!stop.load(std::memory_order_acquire)) {
+    rt::faultPoint("samples");
     fence_.poll(source_, kPollMs, *this, clock_.monotonicNs());
     health_.update([&](io::DeviceHealth& health) { tell(source_, fence_, health); });
     links_.heart->beat(clock_.monotonicNs());
@@ -52,10 +54,15 @@ void SampleThread::raw(std::int64_t arrival_utc_ns, std::string_view source,
 }
 
 CameraThread::CameraThread(io::CameraSource& camera, const Links& links, const rt::Clock& clock)
-    : camera_(camera), links_(links), clock_(clock), health_(withFailures(camera.health())) {}
+    : camera_(camera),
+      links_(links),
+      clock_(clock),
+      name_(camera.health().name),
+      health_(withFailures(camera.health())) {}
 
-void CameraThread::run(const std::atomic<bool>& stop) noexcept {
+void CameraThread::run(const std::atomic<bool>& stop) {
   while (!stop.load(std::memory_order_acquire)) {
+    rt::faultPoint(name_.data());
     fence_.poll(camera_, kPollMs, *this, clock_.monotonicNs());
     health_.update([&](io::DeviceHealth& health) { tell(camera_, fence_, health); });
     links_.heart->beat(clock_.monotonicNs());
@@ -79,9 +86,10 @@ void CameraThread::frame(const io::CameraFrame& frame) noexcept {
 ModemThread::ModemThread(FramePort& modem, const Links& links, const rt::Clock& clock)
     : modem_(modem), links_(links), clock_(clock), health_(modemHealth()) {}
 
-void ModemThread::run(const std::atomic<bool>& stop) noexcept {
+void ModemThread::run(const std::atomic<bool>& stop) {
   io::ModemFrame frame;
   while (!stop.load(std::memory_order_acquire)) {
+    rt::faultPoint("modem");
     while (const std::size_t size = modem_.receive(frame.bytes)) {
       frame.size = static_cast<std::uint16_t>(size);
       const std::int64_t now = clock_.utcNs();
@@ -91,8 +99,8 @@ void ModemThread::run(const std::atomic<bool>& stop) noexcept {
         (void)links_.recorder->offerRaw(links_.raw_lane, now, "RAW_MODEM", frame.data());
       (void)links_.inputs->push({now, frame});
     }
-    while (links_.outgoing->pop(frame)) {
-      // From another process: anything.
+    // From another process: anything, and for ever.
+    for (std::size_t i = 0; i < ModemRing::capacity() && links_.outgoing->pop(frame); ++i) {
       if (frame.size == 0 || frame.size > frame.bytes.size()) continue;
       send(frame, false);
     }

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
+#include <string_view>
 #include <vector>
 
 #include "firmware_if/devices/poll_fence.hpp"
@@ -53,8 +54,8 @@ class SampleThread final : public io::SampleSink {
   };
   SampleThread(io::SampleSource& source, const Links& links, const rt::Clock& clock);
 
-  // Until `stop`.
-  void run(const std::atomic<bool>& stop) noexcept;
+  // Until `stop`; throws where something else than the device fails.
+  void run(const std::atomic<bool>& stop);
   // With "poll_failures" behind the device's own counters: polls that threw.
   [[nodiscard]] io::DeviceHealth health() const { return health_.read(); }
 
@@ -82,7 +83,7 @@ class CameraThread final : public io::FrameSink {
   };
   CameraThread(io::CameraSource& camera, const Links& links, const rt::Clock& clock);
 
-  void run(const std::atomic<bool>& stop) noexcept;
+  void run(const std::atomic<bool>& stop);
   [[nodiscard]] io::DeviceHealth health() const { return health_.read(); }
   void frame(const io::CameraFrame& frame) noexcept override;
 
@@ -90,6 +91,7 @@ class CameraThread final : public io::FrameSink {
   io::CameraSource& camera_;
   Links links_;
   const rt::Clock& clock_;
+  std::string_view name_;
   io::PollFence fence_;
   SharedHealth health_;
 };
@@ -114,7 +116,7 @@ class ModemThread {
   };
   ModemThread(FramePort& modem, const Links& links, const rt::Clock& clock);
 
-  void run(const std::atomic<bool>& stop) noexcept;
+  void run(const std::atomic<bool>& stop);
   [[nodiscard]] const Counters& counters() const { return counters_; }
   [[nodiscard]] io::DeviceHealth health() const { return health_.read(); }
 

@@ -1,0 +1,186 @@
+#include "tests/onboard/faults/vehicle.hpp"
+
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <thread>
+
+#include "realtime/kernel/command_line.hpp"
+#include "realtime/onboard/live/status_publisher.hpp"
+#include "tests/onboard/faults/spoilt_devices.hpp"
+#include "tests/onboard/live/played_devices.hpp"
+#include "tests/support/mapped_file.hpp"
+
+namespace fathom::test {
+namespace {
+
+using namespace fathom::onboard;
+namespace fs = std::filesystem;
+
+constexpr std::int64_t kLook_ns = 10'000'000, kSupervise_ns = 50'000'000;
+constexpr double kLead_s = 0.5;        // of the vehicle's time, from arming to the first input
+constexpr double kBeforeImages_s = 2;  // that the sensors come before the first exposure
+constexpr double kLongestEnd_s = 60;
+constexpr double kJump_m = 3;  // that no vehicle moves between two looks
+
+// Begins when the vehicle is armed for the first time.
+class ArmedMission final : public Playback {
+ public:
+  ArmedMission(const fs::path& mission, const rt::VehicleClock& clock, const VehicleSeen& seen)
+      : seen_(seen), mission_(mission, clock, seen.shift_ns) {
+    first = mission_.first;
+    mission_.shift_ns = 0;
+    if (seen_.shift_ns != 0) return;
+    for (first = 0; first < mission_.inputs.size() && io::imageOf(mission_.inputs[first]) == nullptr;)
+      ++first;
+    const std::int64_t from_ns = mission_.inputs.at(first).arrival_utc_ns - seconds(kBeforeImages_s);
+    while (first > 0 && mission_.inputs[first - 1].arrival_utc_ns >= from_ns) --first;
+  }
+  [[nodiscard]] std::optional<Step> at(std::size_t number) const override {
+    const std::int64_t shift_ns = seen_.shift_ns;
+    std::optional<Step> step = mission_.at(number);
+    if (!step) return step;
+    step->due_ns = shift_ns == 0 ? INT64_MAX : step->due_ns + shift_ns;
+    if (step->sample) std::visit([&](auto& s) { s.utc_ns += shift_ns; }, *step->sample);
+    return step;
+  }
+  [[nodiscard]] std::int64_t shiftToBegin(std::int64_t now_ns) const {
+    return now_ns + seconds(kLead_s) - mission_.inputs.at(first).arrival_utc_ns;
+  }
+
+ private:
+  static std::int64_t seconds(double s) { return static_cast<std::int64_t>(s * 1e9); }
+  const VehicleSeen& seen_;
+  PlayedMission mission_;
+};
+
+// Tells the judge what is to be seen of the program, whatever its own threads do.
+class Observer {
+ public:
+  Observer(LiveSystem& live, const rt::VehicleClock& clock, VehicleSeen& seen)
+      : live_(live), clock_(clock), seen_(seen), thread_([this] { run(); }) {}
+  ~Observer() {
+    stop_ = true;
+    thread_.join();
+  }
+  Observer(const Observer&) = delete;
+  Observer& operator=(const Observer&) = delete;
+
+ private:
+  void run() {
+    while (!stop_) {
+      look();
+      rt::restFor(kLook_ns);
+    }
+  }
+  void look() {
+    if (const std::uint64_t beats = live_.navigationBeats(); beats != beats_) {
+      beats_ = beats;
+      ++seen_.beats;
+    }
+    seen_.phase = static_cast<std::uint32_t>(live_.mapper().up().current());
+    seen_.mapper = live_.mapperPid();
+    seen_.mapper_starts = live_.supervisor().mapperStarts();
+    MapState map;
+    (void)live_.mapper().up().readMap(map);
+    seen_.pairs = map.pairs + map.pairs_shed;
+    seen_.lag_ns = map.lag_ns;
+    NavState nav;
+    if (!live_.hard().readForSupervisor(nav) || nav.pose_utc_ns == 0) return;
+    const Eigen::Vector3d position = nav.T_odom_body.translation();
+    if (!position.allFinite() || !nav.velocity_body.allFinite() ||
+        (known_ && (position - position_).norm() > kJump_m))
+      ++seen_.wild_poses;
+    position_ = position;
+    known_ = true;
+  }
+
+  LiveSystem& live_;
+  const rt::VehicleClock& clock_;
+  VehicleSeen& seen_;
+  std::uint64_t beats_ = 0;
+  Eigen::Vector3d position_ = Eigen::Vector3d::Zero();
+  bool known_ = false;
+  std::atomic<bool> stop_{false};
+  std::thread thread_;
+};
+
+void say(const std::string& line) {
+  std::printf("%s\n", line.c_str());
+  std::fflush(stdout);
+}
+
+}  // namespace
+
+void prepareDive(const VehiclePlaces& places) {
+  fs::remove_all(places.dive());
+  fs::create_directories(places.dive());
+  for (const char* name : {"mission.toml", "stereo.calib"})
+    fs::copy_file(places.mission / name, places.dive() / name);
+  // Pools for a minute, which cost a dive little; states as often as can be.
+  std::ofstream(places.config()) << "[slam]\nmax_pairs = 60\nmax_keyframes = 60\nfeatures = 200\n"
+                                    "max_links = 500\nmax_fixes = 100\n"
+                                    "[map]\nmax_tiles = 256\n"
+                                    "[link]\nmax_squares = 64\n"
+                                    "[realtime]\nsoft = true\nend_within_s = 60\nstuck_after_s = "
+                                 << kStuckAfter_s * kRate
+                                 << "\n"
+                                    "[recorder]\nplanned_hours = 0.01\nimage_reserve_mib = 1\n"
+                                    "log_reserve_mib = 1\n"
+                                    "[memory]\nheap_mib = 16\nvehicle_heap_mib = 4\nbudget_mib = 2048\n"
+                                    "[restart]\ncheckpoint_s = 1\nbuffer_mib = 8\n";
+}
+
+int runVehicle(const VehiclePlaces& places) {
+  const MappedFile<VehicleSeen> seen(places.seen());
+  // This program has the calls in itself; the mapper that it starts is another.
+  ::setenv("LD_PRELOAD", FATHOM_BIN_DIR "/libfathom_bad_disk.so", 1);
+  const io::MissionConfig mission = io::readMissionConfig(places.dive());
+  const StereoRig rig = readStereoCalib(io::MissionPaths(places.dive()).calib());
+  const OnboardConfig config = readOnboardConfig(places.config(), mission);
+  rt::VehicleClock clock(seen->clock);
+  ArmedMission played(places.mission, clock, *seen);
+  LiveDevices devices = playedDevices(played, places.mission, mission, rig, clock);
+  devices.samples[0] = spoilt(std::move(devices.samples[0]));
+  devices.left = spoilt(std::move(devices.left));
+  devices.right = spoilt(std::move(devices.right));
+  devices.modem = spoiltModem();
+
+  std::unique_ptr<StatusPublisher> publisher;
+  const auto lost = [](const std::string& why) {
+    say("lost: " + why);
+    std::_Exit(kExitFailedWork);
+  };
+  LiveSystem live({places.dive(), config, mission, rig, onboardProgram(), places.config(), lost},
+                  std::move(devices), clock);
+  const std::size_t lane = live.addBestEffort(
+      "publisher", [&publisher] { publisher->step(); }, [&publisher] { return publisher->restNs(); });
+  publisher = std::make_unique<StatusPublisher>(live, nullptr, mission, places.dive(),
+                                                StatusPublisher::Config{1, lane}, clock);
+  for (const std::string& line : live.resumeSaid()) say(line);
+  if (!live.arm().armed()) return kExitFailedWork;
+  seen->armed_utc_ns = clock.utcNs();
+  ++seen->lives;
+  if (seen->shift_ns == 0) seen->shift_ns = played.shiftToBegin(clock.utcNs());
+  LiveSystem::End end;
+  {
+    const Observer observer(live, clock, *seen);
+    while (!seen->end) {
+      for (const std::string& event : live.supervise()) say(event);
+      rt::restFor(kSupervise_ns);
+    }
+    const std::int64_t begin_ns = clock.monotonicNs();
+    end = live.end(kLongestEnd_s * kRate);
+    seen->end_s = static_cast<double>(clock.monotonicNs() - begin_ns) * 1e-9 / kRate;
+  }
+  for (const std::string& line : end.left_out) say("left out: " + line);
+  if (const auto* loop = live.hardLoop(); loop != nullptr)
+    seen->slipped_s = static_cast<double>(loop->slipped_cycles) *
+                      static_cast<double>(config.live.realtime.period_ns) * 1e-9 / kRate;
+  seen->mapped = end.mapped;
+  seen->ended = true;
+  if (live.hangs()) std::_Exit(kExitFailedWork);
+  return kExitSuccess;
+}
+
+}  // namespace fathom::test
