@@ -111,6 +111,7 @@ void OnboardOutput::readPairs() {
     io::StereoPose pose;
     exchangePair(reader, output, pose.left_image, pose.right_image, pose.altitude);
     if (!reader.ok()) {
+      rows_damaged_ = true;
       if (failed_.empty()) failed_ = std::string("pairs.tmp: ") + reader.failure();
       return;
     }

@@ -63,6 +63,8 @@ class OnboardOutput {
   [[nodiscard]] bool lost() const;
   // Tries it: writes what waits, or a block of nothing; waits for the disk.
   [[nodiscard]] bool diskTakesData();
+  // After writing: pairs' rows were read that are none, as after a disk that lost what it had taken.
+  [[nodiscard]] bool rowsDamaged() const { return rows_damaged_; }
   // The file that the disk refuses, or of which rows are missing, and why; "" when well.
   [[nodiscard]] std::string failure() const;
 
@@ -87,7 +89,8 @@ class OnboardOutput {
   OutputFolder folder_;
   GrowingFile odometry_, pairs_, packets_, downlink_, health_, retired_;
   std::array<GrowingFile*, 6> files_{&odometry_, &pairs_, &packets_, &downlink_, &health_, &retired_};
-  std::string failed_;              // the first of the other files that could not be written, and why
+  std::string failed_;  // the first of the other files that could not be written, and why
+  bool rows_damaged_ = false;
   io::StereoPoseFile poses_;        // once the survey is over
   std::vector<MapOutput> outputs_;  // of the same pairs
   std::vector<std::uint8_t> record_;

@@ -44,15 +44,20 @@ class BadDisk {
     control_ = new (memory) BadDiskControl;
     const std::string path = std::filesystem::absolute(folder).lexically_normal().string();
     std::strncpy(control_->folder, path.c_str(), sizeof control_->folder - 1);
-    if (fathomBadDiskUse != nullptr) fathomBadDiskUse(control_);
+    use(true);
   }
   ~BadDisk() {
-    if (fathomBadDiskUse != nullptr) fathomBadDiskUse(nullptr);
+    use(false);
     ::munmap(control_, sizeof *control_);
   }
   BadDisk(const BadDisk&) = delete;
   BadDisk& operator=(const BadDisk&) = delete;
 
+  // Whether this process, where it links fathom_bad_disk_here, has that disk; a child that is forked later,
+  // as this one.
+  void use(bool here) {
+    if (fathomBadDiskUse != nullptr) fathomBadDiskUse(here ? control_ : nullptr);
+  }
   // From now on; gives the number of the rule. Rules are looked at in their order, the first that fits acts.
   std::size_t set(const Order& order) {
     std::size_t at = 0;

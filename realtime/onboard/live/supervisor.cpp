@@ -77,7 +77,9 @@ MapperKeeper::Seen Supervisor::look() const {
   seen.running = links_.child->running();
   seen.phase = phase();
   seen.beats = up.beats.load();
-  seen.position = up.position.load();
+  // Of another process: what it cannot have consumed is nonsense.
+  seen.position = std::min(up.position.load(), links_.channel->down().inputs.next());
+  seen.cpu_ns = links_.child->cpuNs();
   seen.loading = up.loading.load();
   seen.working_pair = up.working_pair.load();
   return seen;

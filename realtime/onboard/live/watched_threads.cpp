@@ -71,19 +71,17 @@ std::string WatchedThreads::reasonOf(std::string_view name) const {
 }
 
 void WatchedThreads::unwatch() {
-  for (Worker& worker : workers_) {
-    worker.stuck = watchdog_.state(worker.watched).stuck;
-    watchdog_.unwatch(worker.watched);
-  }
+  for (const Worker& worker : workers_) watchdog_.unwatch(worker.watched);
 }
 
 std::vector<std::string> WatchedThreads::join(const std::function<bool()>& more_time) {
-  constexpr std::int64_t kLook_ns = 2'000'000, kStuck_ns = 1'000'000'000;
+  constexpr std::int64_t kLook_ns = 2'000'000;
   std::vector<std::string> still;
   for (Worker& worker : workers_) {
-    const bool given_up = worker.stuck && !worker.kind.waits_for_disk;
+    const std::int64_t most_ns =
+        worker.kind.waits_for_disk ? INT64_MAX : watchdog_.state(worker.watched).spec.limit_ns;
     for (std::int64_t waited_ns = 0; worker.thread.running() && more_time(); waited_ns += kLook_ns) {
-      if (given_up && waited_ns >= kStuck_ns) break;
+      if (waited_ns >= most_ns) break;
       rt::restFor(kLook_ns);
     }
     if (worker.thread.running())

@@ -40,8 +40,8 @@ class WatchedThreads {
   // One that has been silent for as long as `patience_ns` says of its limit and whose body has not left; ""
   // where there is none.
   [[nodiscard]] std::string hanging(const std::function<std::int64_t(std::int64_t)>& patience_ns) const;
-  // Waits for every body to return, as long as `more_time()`, and for a second where it hung before unless it
-  // waits for the disk; the names of those that have not.
+  // Waits for every body to return, as long as `more_time()`, and no longer than it may be silent for unless
+  // it waits for the disk; the names of those that have not.
   [[nodiscard]] std::vector<std::string> join(const std::function<bool()>& more_time);
 
   // Why the body of this name left last, "" where it never did by an exception.
@@ -63,7 +63,6 @@ class WatchedThreads {
     std::uint64_t beats = 0;
     std::int64_t next_start_ns = 0;
     int left_in_a_row = 0;
-    bool stuck = false;  // when nobody watched any longer
   };
   void startAgain(Worker& worker, std::int64_t now_ns, std::vector<std::string>& events);
 

@@ -5,6 +5,23 @@
 #include "firmware_if/files/images/image_file.hpp"
 
 namespace fathom::onboard {
+namespace {
+
+// Of the pixels' bits no others are set, as a file of them is read: a replay must map the same pairs.
+bool withinBits(const ImageView& image) {
+  if (image.bits == 8 || image.bits >= 16) return true;
+  const std::size_t samples =
+      static_cast<std::size_t>(image.width) * (image.format == PixelFormat::kRgb ? 3 : 1);
+  unsigned all = 0;
+  for (int y = 0; y < image.height; ++y) {
+    const auto* row = reinterpret_cast<const std::uint16_t*>(static_cast<const std::byte*>(image.data) +
+                                                             static_cast<std::size_t>(y) * image.stride);
+    for (std::size_t i = 0; i < samples; ++i) all |= row[i];
+  }
+  return all >> static_cast<unsigned>(image.bits) == 0;
+}
+
+}  // namespace
 
 HeldFrames::HeldFrames(const MapperDown& down, MapperUp& up, int left_pool, int right_pool, std::size_t most)
     : most_(std::clamp<std::size_t>(most, 2, kMost)) {
@@ -66,12 +83,13 @@ std::optional<ImageView> HeldFrames::find(const std::string& file_name, CameraSi
   const Held* held = frameOf(of, file_name);
   if (held == nullptr) return std::nullopt;
   const LentFrame& lent = held->lent;
-  return ImageView{of.pool->data() + lent.frame.block * of.place.stride,
-                   lent.width,
-                   lent.height,
-                   static_cast<std::size_t>(lent.stride),
-                   lent.format,
-                   lent.bits};
+  const ImageView view{of.pool->data() + lent.frame.block * of.place.stride,
+                       lent.width,
+                       lent.height,
+                       static_cast<std::size_t>(lent.stride),
+                       lent.format,
+                       lent.bits};
+  return withinBits(view) ? std::optional(view) : std::nullopt;
 }
 
 std::optional<std::int64_t> HeldFrames::arrivalOf(const std::string& left_image,

@@ -23,7 +23,8 @@ class HeldFrames {
   HeldFrames(const HeldFrames&) = delete;
   HeldFrames& operator=(const HeldFrames&) = delete;
 
-  // The pixels of an exposure by its file's name; std::nullopt when they are gone.
+  // The pixels of an exposure by its file's name; std::nullopt when they are gone, or none that the camera
+  // can give.
   [[nodiscard]] std::optional<ImageView> find(const std::string& file_name, CameraSide side);
   // When the later image of a pair was here (vehicle time).
   [[nodiscard]] std::optional<std::int64_t> arrivalOf(const std::string& left_image,

@@ -81,6 +81,14 @@ std::optional<std::string> MapperChild::ended() {
   return "exit status " + std::to_string(WEXITSTATUS(status));
 }
 
+std::int64_t MapperChild::cpuNs() const {
+  clockid_t clock{};
+  timespec worked{};
+  if (!running() || ::clock_getcpuclockid(pid_, &clock) != 0 || ::clock_gettime(clock, &worked) != 0)
+    return 0;
+  return worked.tv_sec * std::int64_t{1'000'000'000} + worked.tv_nsec;
+}
+
 void MapperChild::kill() {
   if (running()) ::kill(pid_, SIGKILL);
 }

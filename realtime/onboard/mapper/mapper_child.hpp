@@ -30,6 +30,8 @@ class MapperChild {
   [[nodiscard]] std::string start();
   [[nodiscard]] bool running() const { return pid_ > 0; }
   [[nodiscard]] pid_t pid() const { return pid_; }
+  // That all its threads have worked so far; 0 where it does not run.
+  [[nodiscard]] std::int64_t cpuNs() const;
   // How it ended, once: "exit status 1", "signal 11 (Segmentation fault)". Does not wait.
   [[nodiscard]] std::optional<std::string> ended();
   // With SIGKILL; ended() tells of it afterwards.

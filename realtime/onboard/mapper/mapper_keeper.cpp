@@ -3,6 +3,12 @@
 #include <algorithm>
 
 namespace fathom::onboard {
+namespace {
+
+constexpr std::int64_t kWorks_ns =
+    50'000'000;  // what a process works that only waits takes minutes to come to
+
+}  // namespace
 
 void MapperKeeper::learnFrom(const Seen& seen, Orders& orders) {
   orders.lost = true;
@@ -28,13 +34,19 @@ MapperKeeper::Orders MapperKeeper::step(const Seen& seen) {
   Orders orders;
   if (done_) return orders;
   if (seen.running) {
-    if (seen.beats != beats_ || seen.phase != phase_) last_life_ns_ = seen.now_ns;
+    const bool finishes = seen.phase == MapperPhase::kFinishing;
+    // That of a process that is gone, or nonsense: it has so long to be gone.
+    const bool over = seen.phase >= MapperPhase::kEnded;
+    const bool works = finishes && seen.cpu_ns - cpu_ns_ >= kWorks_ns;
+    if (seen.phase != phase_ || (!over && seen.beats != beats_) || works) {
+      last_life_ns_ = seen.now_ns;
+      cpu_ns_ = seen.cpu_ns;
+    }
     beats_ = seen.beats;
     phase_ = seen.phase;
+    if (killed_) return orders;
     const bool follows = seen.phase == MapperPhase::kCatchingUp || seen.phase == MapperPhase::kRunning;
-    // The end has a deadline of its own.
-    if (seen.phase == MapperPhase::kFinishing || killed_) return orders;
-    const std::int64_t limit = follows ? config_.stuck_after_ns : config_.start_within_ns;
+    const std::int64_t limit = follows || over ? config_.stuck_after_ns : config_.start_within_ns;
     if (seen.now_ns - last_life_ns_ <= limit) return orders;
     orders.kill = killed_ = true;
     orders.why = "the mapper got no further for " + std::to_string(limit / 1'000'000) + " ms";

@@ -12,7 +12,8 @@ namespace fathom::onboard {
 // machine; whoever calls it has the process.
 //
 // It is killed when it gets no further: no beat for `stuck_after` while it follows the log, for
-// `start_within` while it makes its pools and loads. It is started again at once when it had got further than
+// `start_within` while it makes its pools and loads, and neither beat nor work of its processors for so long
+// while it finishes. It is started again at once when it had got further than
 // any before it, else after a wait that doubles up to `longest_wait`. What it died of is kept away from the
 // next: a state that it was loading is passed over, a pair that two in a row were mapping is dropped. After
 // `futile_starts` that got no further it begins anew: at the present, with an empty map.
@@ -30,6 +31,7 @@ class MapperKeeper {
     bool running = false;
     MapperPhase phase = MapperPhase::kStarting;
     std::uint64_t beats = 0, position = 0;
+    std::int64_t cpu_ns = 0;         // that the process has worked
     std::uint64_t loading = 0;       // checkpoint; 0: none
     std::uint64_t working_pair = 0;  // + 1; 0: none
   };
@@ -58,7 +60,7 @@ class MapperKeeper {
 
   Config config_;
   bool was_running_ = false, done_ = false, killed_ = false;
-  std::int64_t last_life_ns_ = 0, next_start_ns_ = 0;
+  std::int64_t last_life_ns_ = 0, next_start_ns_ = 0, cpu_ns_ = 0;
   MapperPhase phase_ = MapperPhase::kStarting;
   std::uint64_t beats_ = 0, furthest_ = 0, starts_ = 0;
   std::uint64_t died_on_pair_ = 0;

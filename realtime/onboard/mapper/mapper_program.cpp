@@ -49,6 +49,16 @@ MapperRun::Setup readSetup(const MapperOptions& options, const MapperDown& down)
   return setup;
 }
 
+// A state that fails is one state less.
+void saveWhatWaits(MapperRun& run) {
+  try {
+    rt::faultPoint("checkpoints");
+    run.writeCheckpoint();
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "fathom-onboard: no state was saved (%s)\n", e.what());
+  }
+}
+
 int map(const MapperOptions& options, MapperChannel& channel) {
   const MapperDown& down = std::as_const(channel).down();
   MapperUp& up = channel.up();
@@ -75,8 +85,7 @@ int map(const MapperOptions& options, MapperChannel& channel) {
   rt::RtThread saving(rt::threadConfig(live.realtime, rt::Tier::kBestEffort, "checkpoints"));
   (void)saving.start([&] {
     while (!stop.load(std::memory_order_acquire)) {
-      rt::faultPoint("checkpoints");
-      run.writeCheckpoint();
+      saveWhatWaits(run);
       rt::restFor(kCheckpointRest_ns);
     }
   });
@@ -92,9 +101,10 @@ int map(const MapperOptions& options, MapperChannel& channel) {
   if (!started) throw std::runtime_error("no thread for vision");
   vision.join();
   stop.store(true, std::memory_order_release);
+  // From here on nothing is waited for long: the vehicle kills a process whose map is written.
+  if (!failed) up.enter(mapped ? MapperPhase::kEnded : MapperPhase::kNoMap);
   saving.join();
   if (failed) throw std::runtime_error(why);
-  up.enter(mapped ? MapperPhase::kEnded : MapperPhase::kNoMap);
   return mapped ? kExitSuccess : kExitFailedWork;
 }
 

@@ -281,6 +281,7 @@ bool MapperRun::finish() {
   tier_->publish();
   rt::faultPoint("output");
   const bool mapped = run_->write(0, rt::seconds(clock_.monotonicNs() - begun_ns_));
+  if (output_->rowsDamaged()) giveUpStates();
   const RunSummary s = run_->summary();
   if (!s.warning.empty()) say("warning: " + s.warning);
   std::printf(
@@ -291,6 +292,18 @@ bool MapperRun::finish() {
   std::fflush(stdout);
   if (mapped) output_->commit();
   return mapped;
+}
+
+// Rows that a state counts on are not what was written: the next mapper makes all again from the log.
+void MapperRun::giveUpStates() {
+  std::vector<std::string> said;
+  const MapperDown& down = std::as_const(channel_).down();
+  for (const CheckpointHead& head : files_.usable(down.configuration, down.mission, said)) {
+    std::error_code ignored;
+    const std::filesystem::path state = files_.file(head.number);
+    std::filesystem::rename(state, state.string() + ".unused", ignored);
+  }
+  throw std::runtime_error("rows of the output are damaged; all is made again from the log");
 }
 
 // A state that is ahead of the log would be of no use, and one whose decisions the log lacks would not be

@@ -57,6 +57,7 @@ class MapperRun {
   [[nodiscard]] std::unique_ptr<SlotStore> slots(const char* name, bool reopen, int slots,
                                                  std::size_t slot_bytes);
   [[nodiscard]] bool load(const CheckpointHead& head);
+  [[noreturn]] void giveUpStates();
   void planMemory();
   void addMemory(MapperFigures& figures);
   void say(const std::string& line) const;

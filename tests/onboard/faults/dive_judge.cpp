@@ -19,7 +19,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kBack_s = 3, kEnd_s = 5, kLost_s = 1, kLate_s = 0.1;
-constexpr double kWatchdog_s = 5;  // of the service manager
+constexpr double kSupervisorAway_s = 6 / kRate;  // it may wait for the system for so long
+constexpr double kFinishing_s =
+    30 / kRate;  // that a mapper that makes the end of its map may give no sign of life
 constexpr double kDiskLook_s =
     5 / kRate;  // a mapper that lost rows looks so often for a disk that takes them
 constexpr std::int64_t kOnItsWay_ns = 400'000'000;  // an input that was due so shortly before the end
@@ -55,7 +57,7 @@ std::vector<Window> lossWindows(const FaultCase& fault, const DiveStory& story) 
     windows.push_back({away.from_ns - vehicleNs(kLost_s), away.to_ns == 0 ? INT64_MAX : away.to_ns});
   // What comes to a part that hangs cannot be had before somebody has found out.
   if (fault.hangs() && fault.process == PartOf::kVehicle && !windows.empty())
-    windows.push_back({story.fault_ns, windows.front().to_ns});
+    windows.push_back({story.fault_ns - vehicleNs(kLost_s), windows.front().to_ns});
   return windows;
 }
 
@@ -113,23 +115,33 @@ void judgeReplay(const FaultCase& fault, const VehiclePlaces& places, Verdict& v
                   "the replay differs:" + names);
 }
 
+// How long a part is taken for one that only waits.
+double foundOutAfter(const FaultCase& fault) {
+  if (fault.is("supervisor", PartFault::kHang)) return kSupervisorAway_s;
+  if (fault.is("supervisor", PartFault::kCorrupt)) return kStuckAfter_s;
+  if (!fault.hangs()) return 0;
+  if (fault.process == PartOf::kMapper || fault.is("navigation", PartFault::kHang)) return kStuckAfter_s;
+  // Until it is said that it is stuck, and as long again.
+  return 2 * (std::strstr(fault.part, "camera") != nullptr ? kCameraAway_s : kStuckAfter_s);
+}
+
 }  // namespace
 
 std::string judge(const FaultCase& fault, const DiveStory& story, const VehicleSeen& seen,
                   const VehiclePlaces& places) {
   Verdict verdict;
   verdict.require(story.under_way, "it never mapped");
-  double back_s = kBack_s + story.waited_back_s;
-  if (fault.hangs()) back_s += kStuckAfter_s;
+  double back_s = kBack_s + story.waited_back_s + foundOutAfter(fault);
   if (fault.disk.fault != DiskFault::kNone) back_s += kDiskLook_s;
   verdict.require(story.back && story.back_s <= back_s,
                   (story.back ? "back too late, more than " : "not back after ") + seconds(back_s));
-  const bool ends_vehicle = fault.process == PartOf::kVehicle;
-  verdict.require(ends_vehicle || story.away.empty(), "the vehicle process ended");
-  for (const VehicleProcess::Away& away : story.away)
-    verdict.require(ends_vehicle && story.away.size() == 1, "it ended (" + away.how + ")");
-  verdict.require(story.ended && story.end_s <= kEnd_s + story.waited_end_s,
-                  "no end within " + seconds(kEnd_s));
+  verdict.require(story.saves || fault.hangs(), "no state was saved any more");
+  const std::size_t ends = fault.endsVehicle() ? 1 : 0;
+  for (std::size_t i = ends; i < story.away.size(); ++i)
+    verdict.require(false, "the vehicle process ended (" + story.away[i].how + ")");
+  const bool at_end = fault.hangs() && std::strcmp(fault.part, "output") == 0;
+  const double end_s = kEnd_s + story.waited_end_s + (at_end ? kFinishing_s : 0);
+  verdict.require(story.ended && story.end_s <= end_s, "no end within " + seconds(end_s));
   verdict.require(seen.mapped, "no map");
   verdict.require(seen.wild_poses == 0, "the pose jumped");
   const bool slow = fault.is("navigation", PartFault::kSlow),

@@ -70,6 +70,12 @@ std::string FaultCase::name() const {
   return text;
 }
 
+bool FaultCase::endsVehicle() const {
+  if (process != PartOf::kVehicle) return false;
+  return fault == PartFault::kAbort || fault == PartFault::kSegmentation || fault == PartFault::kKill ||
+         hangs() || is("navigation", PartFault::kThrow);
+}
+
 bool FaultCase::is(const char* a_part, PartFault a_fault) const {
   return fault == a_fault && std::strcmp(part, a_part) == 0;
 }

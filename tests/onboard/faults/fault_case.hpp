@@ -23,6 +23,8 @@ struct FaultCase {
 
   [[nodiscard]] std::string name() const;
   [[nodiscard]] bool hangs() const { return fault == PartFault::kHang; }
+  // The vehicle process does not live on, at once or when it is found to hang.
+  [[nodiscard]] bool endsVehicle() const;
   [[nodiscard]] bool is(const char* a_part, PartFault a_fault) const;
 };
 

@@ -1,7 +1,11 @@
 #include "tests/onboard/faults/fault_dive.hpp"
 
+#include <sys/stat.h>
+
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <functional>
 
@@ -21,6 +25,7 @@ using onboard::MapperPhase;
 
 constexpr double kLook_s = 0.04;
 constexpr std::uint64_t kPairsBefore = 3;
+constexpr double kSaves_s = 5;                      // that are waited for a saved state
 constexpr double kUnderWay_s = 20, kGiveUp_s = 30;  // that are waited for anything at most
 
 double now() {
@@ -35,9 +40,11 @@ class FaultDive {
         seed_(seed),
         disk_(places.dive()),
         parts_(places.parts()),
-        vehicle_(places, environment()) {
+        vehicle_(places, [this] { prepareVehicle(); }) {
+    disk_.use(false);
     std::uint64_t damaged = 0;
-    mission_end_ns_ = io::readOnboardInputs(places.mission, damaged).back().arrival_utc_ns;
+    for (const io::OnboardInput& input : io::readOnboardInputs(places.mission, damaged))
+      if (io::imageOf(input) != nullptr) last_image_ns_ = input.arrival_utc_ns;
   }
 
   DiveStory run() {
@@ -51,10 +58,14 @@ class FaultDive {
     const double over = now();
     story.fault_s = over - begin;
     const std::uint64_t pairs = seen().pairs;
-    story.back = until([&] { return follows() && (seen().pairs > pairs || missionOver()); }, kGiveUp_s);
+    const auto restarted = [&] { return !fault_.endsVehicle() || !vehicle_.away().empty(); };
+    story.back =
+        until([&] { return restarted() && follows() && (seen().pairs > pairs || imagesOver()); }, kGiveUp_s);
     story.back_s = now() - over;
     story.back_ns = vehicle_.clock().utcNs();
-    story.waited_back_s = vehicle_.waited().longest();
+    story.waited_back_s = vehicle_.waited().all();
+    if (std::strcmp(fault_.part, "checkpoints") == 0)
+      story.saves = until([&] { return newestState() > story.back_ns; }, kSaves_s);
     end(story);
     story.away = vehicle_.away();
     return story;
@@ -62,11 +73,11 @@ class FaultDive {
   [[nodiscard]] VehicleSeen& seen() { return vehicle_.seen(); }
 
  private:
-  [[nodiscard]] std::vector<std::string> environment() {
-    std::vector<std::string> all = {parts_.environment()};
-    for (const std::string& variable : disk_.environment())
-      if (!variable.starts_with("LD_PRELOAD=")) all.push_back(variable);
-    return all;
+  // The vehicle's own disk and parts are spoilt by calls in this program, its mapper's by a library.
+  void prepareVehicle() {
+    disk_.use(true);
+    for (const std::string& variable : disk_.environment()) ::putenv(::strdup(variable.c_str()));  // NOLINT
+    ::putenv(::strdup(parts_.environment().c_str()));  // NOLINT: the environment keeps it
   }
   bool until(const std::function<bool()>& done, double most_s) {
     const double end = now() + most_s;
@@ -89,8 +100,21 @@ class FaultDive {
            seen().phase == static_cast<std::uint32_t>(MapperPhase::kRunning) && seen().mapper > 0 &&
            ::kill(seen().mapper, 0) == 0 && (vehicle_.away().empty() || vehicle_.away().back().to_ns > 0);
   }
-  bool missionOver() { return vehicle_.clock().utcNs() > mission_end_ns_ + seen().shift_ns; }
+  bool imagesOver() { return vehicle_.clock().utcNs() > last_image_ns_ + seen().shift_ns; }
 
+  // Of the machine's clock for files, in the vehicle's time.
+  std::int64_t newestState() {
+    std::int64_t newest_ns = 0;
+    std::error_code error;
+    for (const auto& entry : fs::directory_iterator(places_.dive() / "state", error)) {
+      struct stat file = {};
+      if (entry.path().extension() != ".bin" || ::stat(entry.path().c_str(), &file) != 0) continue;
+      const std::int64_t age_ns = rt::RealClock().utcNs() -
+                                  (file.st_mtim.tv_sec * std::int64_t{1'000'000'000} + file.st_mtim.tv_nsec);
+      newest_ns = std::max(newest_ns, vehicle_.clock().utcNs() - static_cast<std::int64_t>(kRate) * age_ns);
+    }
+    return newest_ns;
+  }
   void doToMapper() {
     const pid_t mapper = seen().mapper;
     if (mapper <= 0) return;
@@ -152,8 +176,8 @@ class FaultDive {
     seen().end = true;
     story.ended = until([&] { return !vehicle_.runs() && seen().ended; }, kGiveUp_s);
     story.end_s = now() - begin;
-    story.waited_end_s = vehicle_.waited().longest();
-    story.navigation_waited_s = vehicle_.waited().of("navigation");
+    story.waited_end_s = vehicle_.waited().all();
+    story.navigation_waited_s = vehicle_.waited().ofNavigation();
     parts_.clear();
   }
 
@@ -163,7 +187,7 @@ class FaultDive {
   BadDisk disk_;
   BadParts parts_;
   VehicleProcess vehicle_;
-  std::int64_t mission_end_ns_ = 0;
+  std::int64_t last_image_ns_ = 0;
 };
 
 }  // namespace
@@ -173,8 +197,6 @@ int faultDive(const fs::path& mission, const fs::path& out, unsigned seed, int n
   const VehiclePlaces places{mission, out};
   prepareDive(places);
   FaultDive dive(places, fault, seed * 1000 + static_cast<unsigned>(number));
-  // What is spoilt is the vehicle's disk, not the judge's.
-  fathomBadDiskUse(nullptr);
   const DiveStory story = dive.run();
   const std::string bad = judge(fault, story, dive.seen(), places);
   std::printf(

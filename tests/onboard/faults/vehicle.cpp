@@ -17,7 +17,7 @@ namespace {
 using namespace fathom::onboard;
 namespace fs = std::filesystem;
 
-constexpr std::int64_t kLook_ns = 10'000'000, kSupervise_ns = 50'000'000;
+constexpr std::int64_t kLook_ns = 20'000'000, kSupervise_ns = 50'000'000;
 constexpr double kLead_s = 0.5;        // of the vehicle's time, from arming to the first input
 constexpr double kBeforeImages_s = 2;  // that the sensors come before the first exposure
 constexpr double kLongestEnd_s = 60;
@@ -125,9 +125,10 @@ void prepareDive(const VehiclePlaces& places) {
                                     "[realtime]\nsoft = true\nend_within_s = 60\nstuck_after_s = "
                                  << kStuckAfter_s * kRate
                                  << "\n"
+                                    "stack_kib = 512\nlibrary_stack_kib = 128\n"
                                     "[recorder]\nplanned_hours = 0.01\nimage_reserve_mib = 1\n"
-                                    "log_reserve_mib = 1\n"
-                                    "[memory]\nheap_mib = 16\nvehicle_heap_mib = 4\nbudget_mib = 2048\n"
+                                    "log_reserve_mib = 1\nraw_queue_kib = 16\n"
+                                    "[memory]\nheap_mib = 8\nvehicle_heap_mib = 4\nbudget_mib = 2048\n"
                                     "[restart]\ncheckpoint_s = 1\nbuffer_mib = 8\n";
 }
 

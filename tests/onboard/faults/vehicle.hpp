@@ -12,6 +12,8 @@ namespace fathom::test {
 inline constexpr double kRate = 2;
 // [realtime] stuck_after_s of them, in seconds of the machine.
 inline constexpr double kStuckAfter_s = 1.5;
+// A camera's thread may be away for so long, looking for it, of the machine.
+inline constexpr double kCameraAway_s = 10 / kRate;
 
 // What the judge and the vehicle process share, over all lives of the vehicle.
 struct VehicleSeen {

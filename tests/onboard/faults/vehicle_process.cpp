@@ -3,7 +3,7 @@
 #include <dirent.h>
 #include <fcntl.h>
 #include <signal.h>
-#include <spawn.h>
+#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <sys/wait.h>
@@ -12,14 +12,15 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <string_view>
 #include <system_error>
 
 #include "realtime/kernel/clock.hpp"
-
-extern char** environ;
+#include "realtime/kernel/command_line.hpp"
 
 namespace fathom::test {
 namespace {
@@ -28,6 +29,8 @@ namespace {
 constexpr std::int64_t kRestart_ns = 100'000'000, kWatchdog_ns = 5'000'000'000;
 // That a start may take until it says that it is armed.
 constexpr std::int64_t kStart_ns = 20'000'000'000;
+
+constexpr const char *kMainThread = "main", *kNavigation = "navigation";
 
 std::int64_t machineNs() {
   return rt::RealClock().monotonicNs();
@@ -46,25 +49,33 @@ void WaitedForCpu::look(pid_t process) {
   while (const dirent* entry = ::readdir(tasks)) {
     if (entry->d_name[0] == '.') continue;
     const std::string task = folder + "/" + entry->d_name;
+    const auto id = static_cast<pid_t>(std::stol(entry->d_name));
+    Thread& thread = threads_[id];
+    if (thread.name.empty()) {
+      std::ifstream comm(task + "/comm");
+      if (id == process)
+        thread.name = kMainThread;
+      else
+        std::getline(comm, thread.name);
+    }
+    if (thread.name != kMainThread && thread.name != "vision" && thread.name != kNavigation) continue;
     double ran_ns = 0, waited_ns = 0;
-    if (!(std::ifstream(task + "/schedstat") >> ran_ns >> waited_ns)) continue;
-    Thread& thread = threads_[static_cast<pid_t>(std::stol(entry->d_name))];
-    thread.now = waited_ns * 1e-9;
-    std::getline(std::ifstream(task + "/comm"), thread.name);
+    if (std::ifstream(task + "/schedstat") >> ran_ns >> waited_ns) thread.now = waited_ns * 1e-9;
   }
   ::closedir(tasks);
 }
 
-double WaitedForCpu::longest() const {
-  double longest = 0;
-  for (const auto& [id, thread] : threads_) longest = std::max(longest, thread.now - thread.begin);
-  return longest;
-}
-
-double WaitedForCpu::of(const std::string& name) const {
+double WaitedForCpu::all() const {
   double all = 0;
   for (const auto& [id, thread] : threads_)
-    if (thread.name == name) all += thread.now;
+    if (thread.name != kNavigation) all += thread.now - thread.begin;
+  return all;
+}
+
+double WaitedForCpu::ofNavigation() const {
+  double all = 0;
+  for (const auto& [id, thread] : threads_)
+    if (thread.name == kNavigation) all += thread.now;
   return all;
 }
 
@@ -72,9 +83,9 @@ void WaitedForCpu::begin() {
   for (auto& [id, thread] : threads_) thread.begin = thread.now;
 }
 
-VehicleProcess::VehicleProcess(const VehiclePlaces& places, std::vector<std::string> environment)
+VehicleProcess::VehicleProcess(const VehiclePlaces& places, std::function<void()> prepare)
     : places_(places),
-      environment_(std::move(environment)),
+      prepare_(std::move(prepare)),
       clock_(rt::VehicleClock::systemOffsetNs(), kRate),
       seen_(places.seen()),
       notify_name_("fathom-faults-" + std::to_string(::getpid())) {
@@ -96,23 +107,25 @@ VehicleProcess::~VehicleProcess() {
   ::close(notify_);
 }
 
+// Forked, so that it need not be linked anew: this process has no other thread.
 void VehicleProcess::start() {
-  std::vector<std::string> words = {"onboard_faults", "vehicle", places_.mission.string(), "--out",
-                                    places_.out.string()};
-  std::vector<char*> arguments, environment;
-  for (std::string& word : words) arguments.push_back(word.data());
-  arguments.push_back(nullptr);
-  std::string notify = "NOTIFY_SOCKET=@" + notify_name_;
-  for (char** variable = environ; *variable != nullptr; ++variable) environment.push_back(*variable);
-  for (std::string& variable : environment_) environment.push_back(variable.data());
-  environment.push_back(notify.data());
-  environment.push_back(nullptr);
-  const int error =
-      ::posix_spawn(&pid_, "/proc/self/exe", nullptr, nullptr, arguments.data(), environment.data());
-  errno = error;
-  require(error == 0, "posix_spawn");
+  std::fflush(nullptr);
+  pid_ = ::fork();
+  require(pid_ >= 0, "fork");
   heard_ns_ = machineNs();
   armed_ = killed_ = false;
+  if (pid_ > 0) return;
+  ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+  ::setenv("NOTIFY_SOCKET", ("@" + notify_name_).c_str(), 1);
+  prepare_();
+  int status = kExitFailedWork;
+  try {
+    status = runVehicle(places_);
+  } catch (const std::exception& e) {
+    std::printf("%s\n", e.what());
+  }
+  std::fflush(nullptr);
+  std::_Exit(status);
 }
 
 void VehicleProcess::hear() {
@@ -129,6 +142,7 @@ void VehicleProcess::look() {
     if (start_at_ns_ != 0 && now_ns >= start_at_ns_) start();
     return;
   }
+  waited_.look(::getpid());
   waited_.look(pid_);
   if (const pid_t mapper = seen_->mapper; mapper > 0) waited_.look(mapper);
   if (!armed_ && seen_->lives > lives_) {

@@ -3,8 +3,8 @@
 #include <sys/types.h>
 
 #include <cstdint>
+#include <functional>
 #include <map>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,14 +13,15 @@
 
 namespace fathom::test {
 
-// How long the threads of a process were ready and waited for a processor: what a busy machine took from it.
+// How long programs were ready to run and waited for a processor, what a busy machine took from them: main
+// threads and the mapper's vision, which do their work one after the other where a program starts.
 class WaitedForCpu {
  public:
   void look(pid_t process);
-  // The longest that any thread has waited since the last begin() [s].
-  [[nodiscard]] double longest() const;
-  // All that one of this name has, of the process looked at last.
-  [[nodiscard]] double of(const std::string& thread) const;
+  // All of them since the last begin() [s].
+  [[nodiscard]] double all() const;
+  // Navigation's threads, ever.
+  [[nodiscard]] double ofNavigation() const;
   void begin();
 
  private:
@@ -35,8 +36,8 @@ class WaitedForCpu {
 // s after it ended, and killed when it gives no sign of life for WatchdogSec.
 class VehicleProcess {
  public:
-  // `environment`: NAME=value, for all lives.
-  VehicleProcess(const VehiclePlaces& places, std::vector<std::string> environment);
+  // `prepare` is called in each life before the program begins.
+  VehicleProcess(const VehiclePlaces& places, std::function<void()> prepare);
   ~VehicleProcess();
   VehicleProcess(const VehicleProcess&) = delete;
   VehicleProcess& operator=(const VehicleProcess&) = delete;
@@ -60,7 +61,7 @@ class VehicleProcess {
   void hear();
 
   VehiclePlaces places_;
-  std::vector<std::string> environment_;
+  std::function<void()> prepare_;
   rt::VehicleClock clock_;
   MappedFile<VehicleSeen> seen_;
   WaitedForCpu waited_;

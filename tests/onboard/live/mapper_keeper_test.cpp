@@ -85,8 +85,33 @@ TEST_F(Kept, IsKilledWhenItGetsNoFurtherButNotWhileItBeatsOrFinishes) {
   EXPECT_THAT(orders.why, testing::HasSubstr("2000 ms"));
   EXPECT_TRUE(look().lost);
   (void)waitForStart();
+}
+
+TEST_F(Kept, MayFinishAsLongAsItWorksOnIt) {
+  (void)waitForStart();
   seen.phase = MapperPhase::kFinishing;
-  for (int k = 0; k < 1000; ++k) EXPECT_FALSE(look().kill);
+  for (int k = 0; k < 1000; ++k) {
+    seen.cpu_ns += 10'000'000;
+    EXPECT_FALSE(look().kill);
+  }
+  bool killed = false;
+  for (int k = 0; k < 400 && !killed; ++k) {
+    seen.cpu_ns += 10'000;  // its other threads look whether there is something to do
+    killed = look().kill;
+  }
+  EXPECT_TRUE(killed);
+}
+
+TEST_F(Kept, IsKilledWhenItSaysThatAllIsOverAndGoesOn) {
+  (void)waitForStart();
+  follow(50);
+  seen.phase = MapperPhase::kRefused;
+  bool killed = false;
+  for (int k = 0; k < 30 && !killed; ++k) {
+    ++seen.beats;
+    killed = look().kill;
+  }
+  EXPECT_TRUE(killed);
 }
 
 TEST_F(Kept, HasTimeToMakeItsPoolsAndToLoad) {

@@ -19,11 +19,16 @@ namespace {
 
 // Sleeps until the vehicle's clock says so, at most `timeout_ms`; whether it is time.
 bool waitFor(const rt::VehicleClock& clock, std::int64_t utc_ns, int timeout_ms) {
-  constexpr long kStep_ns = 1'000'000;
-  for (long slept = 0; clock.utcNs() < utc_ns; slept += kStep_ns) {
+  // Waking up costs more than anything else here.
+  constexpr long kStep_ns = 1'000'000, kFarStep_ns = 5'000'000;
+  constexpr std::int64_t kFar_ns = 50'000'000;
+  long slept = 0;
+  for (std::int64_t now = clock.utcNs(); now < utc_ns; now = clock.utcNs()) {
     if (slept >= timeout_ms * 1'000'000L) return false;
-    const timespec pause = {0, kStep_ns};
+    const long step = utc_ns - now > kFar_ns ? kFarStep_ns : kStep_ns;
+    const timespec pause = {0, step};
     ::clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, nullptr);
+    slept += step;
   }
   return true;
 }
