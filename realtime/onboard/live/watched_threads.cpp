@@ -33,11 +33,13 @@ void WatchedThreads::look(std::int64_t now_ns, std::vector<std::string>& events)
   watchdog_.step(now_ns, [&](std::size_t tier, rt::Watchdog::Remedy remedy) {
     const auto of =
         std::find_if(workers_.begin(), workers_.end(), [&](const Worker& w) { return w.watched == tier; });
-    if (of == workers_.end() || !of->thread.running()) return;
+    if (of == workers_.end()) return;
     if (remedy == rt::Watchdog::Remedy::kRecovered)
       events.push_back(of->name + " is alive again");
-    else
+    else if (of->thread.running())
       events.push_back(of->name + " is stuck");
+    else if (!of->kind.restartable)
+      events.push_back(left(*of) + "; going on without it");
   });
 }
 
@@ -47,11 +49,15 @@ void WatchedThreads::startAgain(Worker& worker, std::int64_t now_ns, std::vector
   const std::uint64_t beats = watchdog_.heartbeat(worker.watched).beats();
   worker.left_in_a_row = beats == worker.beats ? std::min(worker.left_in_a_row + 1, kMostDoubled) : 0;
   worker.beats = beats;
-  worker.next_start_ns = now_ns + (watchdog_.state(worker.watched).spec.limit_ns << worker.left_in_a_row) / 2;
-  worker.reason = worker.thread.failure();
-  const bool started = worker.thread.start(worker.body);
-  events.push_back(worker.name + " has left" + (worker.reason.empty() ? "" : " (" + worker.reason + ")") +
-                   (started ? "; started again" : "; the system gives no thread"));
+  worker.next_start_ns = now_ns + (watchdog_.state(worker.watched).spec.limit_ns << worker.left_in_a_row);
+  const std::string what = left(worker);
+  events.push_back(what +
+                   (worker.thread.start(worker.body) ? "; started again" : "; the system gives no thread"));
+}
+
+std::string WatchedThreads::left(Worker& worker) {
+  if (!worker.thread.failure().empty()) worker.reason = worker.thread.failure();
+  return worker.name + " has left" + (worker.thread.failure().empty() ? "" : " (" + worker.reason + ")");
 }
 
 std::string WatchedThreads::hanging(const std::function<std::int64_t(std::int64_t)>& patience_ns) const {

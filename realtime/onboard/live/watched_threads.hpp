@@ -64,6 +64,7 @@ class WatchedThreads {
     std::int64_t next_start_ns = 0;
     int left_in_a_row = 0;
   };
+  static std::string left(Worker& worker);  // and why
   void startAgain(Worker& worker, std::int64_t now_ns, std::vector<std::string>& events);
 
   const rt::RealtimeConfig& config_;

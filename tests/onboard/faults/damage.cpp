@@ -72,8 +72,9 @@ fs::path newest(const fs::path& folder, std::string_view prefix) {
 
 }  // namespace
 
-bool damagesRecording(const FaultCase& fault) {
-  return fault.is("stereo", PartFault::kCorrupt) || fault.is("map", PartFault::kCorrupt);
+bool replaysToOther(const FaultCase& fault) {
+  return fault.is("stereo", PartFault::kCorrupt) || fault.is("map", PartFault::kCorrupt) ||
+         fault.is("graph", PartFault::kCorrupt);
 }
 
 void damage(const FaultCase& fault, const fs::path& dive, pid_t mapper, unsigned seed) {

@@ -16,7 +16,8 @@ namespace fathom::test {
 //   graph       the slots of features and meshes     map        the log: some bytes in its middle
 //   output      rows on the disk                     checkpoints  the newest saved state
 void damage(const FaultCase& fault, const std::filesystem::path& dive, pid_t mapper, unsigned seed);
-// What the recording then replays to is something else.
-[[nodiscard]] bool damagesRecording(const FaultCase& fault);
+// What the recording then replays to is something else: it is damaged itself, or the dive's map lacks meshes
+// whose slots were damaged, which it counts.
+[[nodiscard]] bool replaysToOther(const FaultCase& fault);
 
 }  // namespace fathom::test

@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kBack_s = 3, kEnd_s = 5, kLost_s = 1, kLate_s = 0.1;
+constexpr double kBack_s = 3, kEnd_s = 5, kLost_s = 1, kLate_s = 0.2;
 constexpr double kSupervisorAway_s = 6 / kRate;  // it may wait for the system for so long
 constexpr double kFinishing_s =
     30 / kRate;  // that a mapper that makes the end of its map may give no sign of life
@@ -55,8 +55,9 @@ std::vector<Window> lossWindows(const FaultCase& fault, const DiveStory& story) 
   std::vector<Window> windows;
   for (const VehicleProcess::Away& away : story.away)
     windows.push_back({away.from_ns - vehicleNs(kLost_s), away.to_ns == 0 ? INT64_MAX : away.to_ns});
-  // What comes to a part that hangs cannot be had before somebody has found out.
-  if (fault.hangs() && fault.process == PartOf::kVehicle && !windows.empty())
+  // From the fault itself, whenever it was seen: what comes to a part that hangs cannot be had before
+  // somebody has found out.
+  if (fault.endsVehicle() && !windows.empty())
     windows.push_back({story.fault_ns - vehicleNs(kLost_s), windows.front().to_ns});
   return windows;
 }
@@ -111,7 +112,7 @@ void judgeReplay(const FaultCase& fault, const VehiclePlaces& places, Verdict& v
   const std::vector<std::string> differ = replayDifferences(places.dive());
   std::string names;
   for (const std::string& name : differ) names += " " + name;
-  verdict.require(differ.empty() || gaps.images + gaps.inputs > 0 || damagesRecording(fault),
+  verdict.require(differ.empty() || gaps.images + gaps.inputs > 0 || replaysToOther(fault),
                   "the replay differs:" + names);
 }
 

@@ -25,8 +25,8 @@ using onboard::MapperPhase;
 
 constexpr double kLook_s = 0.04;
 constexpr std::uint64_t kPairsBefore = 3;
-constexpr double kSaves_s = 5;                      // that are waited for a saved state
-constexpr double kUnderWay_s = 20, kGiveUp_s = 30;  // that are waited for anything at most
+constexpr double kSaves_s = 5;                       // that are waited for a saved state
+constexpr double kUnderWay_s = 120, kGiveUp_s = 45;  // that are waited for anything at most
 
 double now() {
   return static_cast<double>(rt::RealClock().monotonicNs()) * 1e-9;

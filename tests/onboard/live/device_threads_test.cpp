@@ -214,6 +214,45 @@ TEST(WatchedThreads, ABodyThatThrowsEndsItsThreadAloneAndIsStartedAgainSayingWhy
   EXPECT_TRUE(threads.join([] { return true; }).empty());
 }
 
+TEST(WatchedThreads, ABodyThatWorkedAndLeavesIsStartedAgainAtOnce) {
+  const rt::RealtimeConfig config = plainThreads();
+  WatchedThreads threads(config);
+  std::atomic<int> starts{0};
+  threads.add(rt::Tier::kBestEffort, "left camera", {true, false, 10 * kSecond}, [&](rt::Heartbeat& heart) {
+    heart.beat(1);
+    ++starts;
+    throw std::runtime_error("no memory");
+  });
+  EXPECT_THAT(threads.start(), IsEmpty());
+  ASSERT_TRUE(comesTrue([&] { return threads.reasonOf("left camera") != ""; }));
+  threads.watchFrom(0);
+  std::vector<std::string> events;
+  threads.look(kSecond / 10, events);
+  EXPECT_THAT(events, ElementsAre("left camera has left (no memory); started again"));
+  ASSERT_TRUE(comesTrue([&] { return starts == 2; }));
+  EXPECT_TRUE(threads.join([] { return true; }).empty());
+}
+
+TEST(WatchedThreads, ABodyThatHangsIsNamedWhenItHasBeenWaitedForAndIsLeftBehindAtTheEnd) {
+  const rt::RealtimeConfig config = plainThreads();
+  WatchedThreads threads(config);
+  std::atomic<bool> stop{false};
+  threads.add(rt::Tier::kBestEffort, "modem", {}, [&](rt::Heartbeat&) {
+    while (!stop) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  });
+  EXPECT_THAT(threads.start(), IsEmpty());
+  threads.watchFrom(0);
+  const auto twice = [](std::int64_t limit_ns) { return 2 * limit_ns; };
+  std::vector<std::string> events;
+  threads.look(kSecond, events);
+  EXPECT_EQ(threads.hanging(twice), "");
+  threads.look(2 * kSecond, events);
+  EXPECT_EQ(threads.hanging(twice), "modem");
+  EXPECT_THAT(threads.join([] { return true; }), ElementsAre("modem")) << "no longer than its limit";
+  stop = true;
+  EXPECT_THAT(threads.join([] { return true; }), IsEmpty());
+}
+
 TEST(WatchedThreads, ABodyThatIsNotToBeStartedAgainIsGivenUpWithItsReason) {
   const rt::RealtimeConfig config = plainThreads();
   WatchedThreads threads(config);
