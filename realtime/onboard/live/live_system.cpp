@@ -284,7 +284,9 @@ void LiveSystem::runWatchdog(rt::Heartbeat& heart) {
     const std::string why =
         watch.look(clock_.monotonicNs(), navigation_->beats(), supervised_.load(std::memory_order_relaxed));
     if (watch.alive()) rt::ServiceNotify::alive();
-    if (!why.empty() && setup_.lost && !ends_.load(std::memory_order_acquire)) setup_.lost(why);
+    // What the supervisor says may wait for the disk too; navigation never does.
+    const bool lost = !why.empty() && (!watch.alive() || !HungRestarts::waitsForDisk());
+    if (lost && setup_.lost && !ends_.load(std::memory_order_acquire)) setup_.lost(why);
   }
 }
 

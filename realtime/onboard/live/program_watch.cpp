@@ -19,8 +19,8 @@ std::string ProgramWatch::look(std::int64_t now_ns, std::uint64_t navigation_bea
                                std::uint64_t supervisor_beats) {
   const std::int64_t navigation_ns = navigation_.look(now_ns, navigation_beats),
                      supervisor_ns = supervisor_.look(now_ns, supervisor_beats);
-  alive_ = navigation_ns < config_.navigation_ns && supervisor_ns < config_.supervisor_ns;
-  if (navigation_ns >= config_.navigation_ns) return silent("navigation", config_.navigation_ns);
+  alive_ = navigation_ns < config_.navigation_ns;
+  if (!alive_) return silent("navigation", config_.navigation_ns);
   if (supervisor_ns >= config_.supervisor_ns) return silent("the supervisor", config_.supervisor_ns);
   return "";
 }

@@ -19,7 +19,7 @@ class ProgramWatch {
   // need not.
   [[nodiscard]] std::string look(std::int64_t now_ns, std::uint64_t navigation_beats,
                                  std::uint64_t supervisor_beats);
-  // Both were alive when they were looked at last.
+  // Navigation was alive when it was looked at last: what the service manager's own watchdog is told.
   [[nodiscard]] bool alive() const { return alive_; }
 
  private:
