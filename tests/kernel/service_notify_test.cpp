@@ -62,7 +62,12 @@ TEST(ServiceNotify, AStatusCannotCarryAnotherMessage) {
 }
 
 TEST(ServiceNotify, WithoutAServiceManagerNothingHappens) {
+  {
+    const ServiceManager manager;
+    EXPECT_TRUE(ServiceNotify::kept());
+  }
   ::unsetenv("NOTIFY_SOCKET");
+  EXPECT_FALSE(ServiceNotify::kept());
   ServiceNotify::ready("alone");
   ServiceNotify::alive();
 }

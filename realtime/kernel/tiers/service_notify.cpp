@@ -2,6 +2,8 @@
 
 #include <systemd/sd-daemon.h>
 
+#include <cstdlib>
+
 namespace fathom::rt {
 namespace {
 
@@ -27,6 +29,10 @@ void ServiceNotify::alive() noexcept {
 }
 void ServiceNotify::stopping() noexcept {
   ::sd_notify(kKeepEnvironment, "STOPPING=1");
+}
+
+bool ServiceNotify::kept() noexcept {
+  return std::getenv("NOTIFY_SOCKET") != nullptr;
 }
 
 }  // namespace fathom::rt

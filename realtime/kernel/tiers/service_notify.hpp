@@ -15,6 +15,8 @@ class ServiceNotify {
   // WATCHDOG=1: the vital tiers are alive.
   static void alive() noexcept;
   static void stopping() noexcept;
+  // A service manager keeps the program: when it fails, it is started again.
+  [[nodiscard]] static bool kept() noexcept;
 };
 
 }  // namespace fathom::rt

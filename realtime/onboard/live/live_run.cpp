@@ -260,10 +260,9 @@ int printBudget(const LiveOptions& options, OnboardConfig config, const io::Miss
   if (!config.live.lcm.url.empty()) bus = std::make_shared<io::LcmBus>(config.live.lcm.url);
   LiveSystem live({folder.path(), config, mission, rig, kThisProgram, options.config},
                   openDevices(config.live, mission, bus, clock, can), clock);
-  // runLive()'s own, for their stacks.
-  for (const char* name : {"publisher", "watchdog"})
-    (void)live.addBestEffort(
-        name, [] {}, [] { return kWatchdogRest_ns; });
+  // runLive()'s own, for its stack.
+  (void)live.addBestEffort(
+      "publisher", [] {}, [] { return kSupervise_ns; });
   return live.printBudget();
 }
 
@@ -292,7 +291,8 @@ int runLive(const LiveOptions& options) {
   if (!config.live.lcm.url.empty()) bus = std::make_shared<io::LcmBus>(config.live.lcm.url);
   // It outlives the threads of what it tells of, whatever is thrown here.
   std::unique_ptr<StatusPublisher> publisher;
-  LiveSystem live({options.folder, config, mission, rig, kThisProgram, options.config, endLost},
+  LiveSystem live({options.folder, config, mission, rig, kThisProgram, options.config,
+                   rt::ServiceNotify::kept() ? endLost : std::function<void(const std::string&)>()},
                   openDevices(config.live, mission, bus, clock, can), clock);
   const std::size_t lane = live.addBestEffort(
       "publisher",
