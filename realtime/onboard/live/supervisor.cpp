@@ -13,6 +13,7 @@ namespace {
 constexpr std::int64_t kClockStep_ns = 100'000'000;  // the system's clock was set, not steered
 // A mapper that is behind by no more has caught up; one that cannot come so near is let speak all the same.
 constexpr std::uint64_t kNearInputs = 64;
+constexpr std::uint64_t kMostUnsafe = 1U << 16U;  // decisions that the disk does not hold yet
 constexpr std::int64_t kLongestSilence_ns = 60'000'000'000;
 
 PartState stateOf(MapperPhase phase) {
@@ -92,6 +93,9 @@ void Supervisor::startMapper(bool anew, std::vector<std::string>& events) {
   up.begun_with.store(0);
   up.loading.store(0);
   up.working_pair.store(0);
+  // One more than can be on their way is nonsense, and would keep every state from being saved.
+  const std::uint64_t safe = down.decisions_safe.load(), made = up.decisions_made.load();
+  if (made < safe || made - safe > kMostUnsafe) up.decisions_made.store(safe);
   down.anew.store(anew);
   if (starts_.load() > 0) down.fresh.store(false);
   restart_marked_ = down.fresh.load();

@@ -27,7 +27,8 @@ void MapperKeeper::learnFrom(const Seen& seen, Orders& orders) {
   const std::int64_t doubled = config_.first_wait_ns << std::min(futile_ - 1, 20);
   const std::int64_t wait = futile_ == 0 ? 0 : std::min(doubled, config_.longest_wait_ns);
   // One that found what a person must put right is not asked ten times a second.
-  next_start_ns_ = seen.now_ns + (seen.phase == MapperPhase::kRefused ? config_.longest_wait_ns / 3 : wait);
+  const bool refused = seen.phase == MapperPhase::kRefused && !killed_;
+  next_start_ns_ = seen.now_ns + (refused ? config_.longest_wait_ns / 3 : wait);
 }
 
 MapperKeeper::Orders MapperKeeper::step(const Seen& seen) {
@@ -53,12 +54,13 @@ MapperKeeper::Orders MapperKeeper::step(const Seen& seen) {
     return orders;
   }
   if (was_running_) {
-    was_running_ = killed_ = false;
+    was_running_ = false;
     if (seen.phase == MapperPhase::kEnded || seen.phase == MapperPhase::kNoMap) {
       done_ = true;
       return orders;
     }
     learnFrom(seen, orders);
+    killed_ = false;
   }
   if (seen.now_ns < next_start_ns_) return orders;
   orders.start = true;

@@ -112,6 +112,9 @@ TEST_F(Kept, IsKilledWhenItSaysThatAllIsOverAndGoesOn) {
     killed = look().kill;
   }
   EXPECT_TRUE(killed);
+  seen.running = false;
+  const MapperKeeper::Orders orders = look();
+  EXPECT_TRUE(orders.lost && orders.start) << "at once: it had refused nothing";
 }
 
 TEST_F(Kept, HasTimeToMakeItsPoolsAndToLoad) {
