@@ -23,6 +23,9 @@ TEST(KeyframeSelection, TakesTheFirstThenThoseThatShareTooLittleTurnedOrComeLate
   EXPECT_FALSE(takeAt(selection, 0.1, kSecond + 1));
   // Discs of 0.8 m that share 70 % of their area are 0.48 of their radius apart.
   EXPECT_FALSE(takeAt(selection, 0.37, kSecond + 2));
+  const SE3 near(Eigen::Quaterniond::Identity(), {0.37, 0, 0});
+  EXPECT_FALSE(selection.due(kSecond + 2, near, {{0.37, 0}, 0.8}, true));
+  EXPECT_TRUE(selection.due(kSecond + 2, near, {{0.37, 0}, 0.8}, true, {0.03, 0})) << "if it is corrected";
   EXPECT_TRUE(takeAt(selection, 0.40, kSecond + 3));
   EXPECT_FALSE(takeAt(selection, 0.40, kSecond + 4, 0.3));
   EXPECT_TRUE(takeAt(selection, 0.40, kSecond + 5, 0.4));

@@ -26,6 +26,13 @@ class KeyframeSelection {
  public:
   explicit KeyframeSelection(const LocalisationConfig& config) : config_(config) {}
 
+  // What a pose may still be corrected by.
+  struct Slack {
+    double metres = 0, radians = 0;
+  };
+  // Whether the frame becomes one if it is taken now, or would if its pose were corrected by so little.
+  [[nodiscard]] bool due(std::int64_t utc_ns, const SE3& T_odom_cam, const closure::Footprint& seen,
+                         bool trusted, const Slack& slack = {0, 0}) const;
   // Whether the frame at `T_odom_cam` becomes one; it then is the last. `seen`: its footprint in odom.
   // `trusted`: odometry can tell how far the vehicle went; if not (no bottom track, a DVL that lies), every
   // frame is taken, so that the images can tell.

@@ -89,37 +89,48 @@ void LocalisationCore::addFix(std::int64_t utc_ns, const Eigen::Vector3d& antenn
   if (fixes_.pushDroppingOldest({utc_ns, antenna_in_odom, north_east, sigma})) ++counters_.fixes_dropped;
 }
 
+bool LocalisationCore::trusted(const LocalisationInput& input) const {
+  return !graph_.counters().dvl_lies && input.quality.unlocked_s <= last_unlocked_s_ &&
+         input.quality.heading_leaps == last_quality_.heading_leaps;
+}
+
+closure::Footprint LocalisationCore::footprintOf(const LocalisationInput& input) const {
+  return closure::footprintOf(input.T_odom_cam, input.range, camera_);
+}
+
 int LocalisationCore::look(const LocalisationInput& input) {
+  // What predictions are off by.
+  constexpr KeyframeSelection::Slack kPredicted = {0.012, 0.01};
   const auto room = std::ranges::find(looked_, false, &Looked::waits);
-  if (room == looked_.end()) return kNoKeyframe;
-  const closure::Footprint seen = closure::footprintOf(input.T_odom_cam, input.range, camera_);
-  const bool trusted = !graph_.counters().dvl_lies && input.quality.unlocked_s <= last_unlocked_s_ &&
-                       input.quality.heading_leaps == last_quality_.heading_leaps;
-  last_unlocked_s_ = input.quality.unlocked_s;
-  if (!selection_.take(input.utc_ns, input.T_odom_cam, seen, trusted)) return kNoKeyframe;
+  if (room == looked_.end() ||
+      !selection_.due(input.utc_ns, input.T_odom_cam, footprintOf(input), trusted(input), kPredicted))
+    return kNoKeyframe;
   room->waits = true;
   room->features = input.features != nullptr
                        ? *input.features
                        : extractor_.process(input.left, input.right, depthsAbout(input.range));
-  if (room->features.size() == 0) ++counters_.frames_without_features;
   ended("features");
   return static_cast<int>(room - looked_.begin());
 }
 
 int LocalisationCore::place(const LocalisationInput& input, int looked) {
   ++counters_.frames;
-  if (looked == kNoKeyframe) {
+  Looked* kept = looked == kNoKeyframe ? nullptr : &looked_[static_cast<std::size_t>(looked)];
+  const bool taken =
+      kept != nullptr && selection_.take(input.utc_ns, input.T_odom_cam, footprintOf(input), trusted(input));
+  last_unlocked_s_ = input.quality.unlocked_s;
+  if (taken) {
+    addKeyframe(input, kept->features);
+  } else {
     (void)graph_.step();
     ended("graph");
-  } else {
-    Looked& kept = looked_[static_cast<std::size_t>(looked)];
-    addKeyframe(input, kept.features);
-    kept.waits = false;
   }
+  if (kept != nullptr) kept->waits = false;
   return graph_.keyframes() - 1;
 }
 
 void LocalisationCore::addKeyframe(const LocalisationInput& input, const closure::FrameFeatures& found) {
+  if (found.size() == 0) ++counters_.frames_without_features;
   slam::KeyframeInput keyframe;
   keyframe.utc_ns = input.utc_ns;
   keyframe.T_odom_cam = input.T_odom_cam;

@@ -48,9 +48,9 @@ class LocalisationCore {
   void addFix(std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& north_east,
               double sigma);
 
-  // A frame as soon as there is one, where the vehicle probably was: whether it becomes a keyframe is
-  // decided, and its features are found. Its number for place(); kNoKeyframe: it becomes none, as also when
-  // kLooked of them wait.
+  // A frame as soon as there is one, where the vehicle probably was: if it may become a keyframe there, its
+  // features are found. Its number for place(); kNoKeyframe: it becomes none, as also when kLooked of them
+  // wait.
   static constexpr int kNoKeyframe = -1;
   static constexpr std::size_t kLooked = 8;
   [[nodiscard]] int look(const LocalisationInput& input);
@@ -117,6 +117,8 @@ class LocalisationCore {
   void ended(const char* stage) const {
     if (observer_) observer_(stage);
   }
+  [[nodiscard]] bool trusted(const LocalisationInput& input) const;
+  [[nodiscard]] closure::Footprint footprintOf(const LocalisationInput& input) const;
   void addKeyframe(const LocalisationInput& input, const closure::FrameFeatures& found);
   void noteRetired();
   void linkToLast(const slam::KeyframeInput& input);
