@@ -92,8 +92,9 @@ FaultTable::FaultTable(const FaultScript& script, const nlohmann::json& run, con
   add(FaultKind::kClockStep, done(FaultKind::kClockStep), counter(live, {"clock_steps"}), "clock_steps",
       true);
   const std::uint64_t starts = counter(live, {"mapper_starts"});
-  add(FaultKind::kMapperKilled, done(FaultKind::kMapperKilled), starts > 0 ? starts - 1 : 0, "mapper_starts",
-      false);
+  // Counters begin anew with the program.
+  add(FaultKind::kMapperKilled, done(FaultKind::kMapperKilled), starts > 0 ? starts - 1 : 0,
+      done(FaultKind::kVehicleKilled) > 0 ? "" : "mapper_starts", false);
   add(FaultKind::kMapperStopped, done(FaultKind::kMapperStopped), 0, "", true);
   add(FaultKind::kVehicleKilled, done(FaultKind::kVehicleKilled), live.value("resumed", false) ? 1 : 0,
       "resumed", false);
