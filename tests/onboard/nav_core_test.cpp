@@ -77,6 +77,14 @@ std::vector<Input> diveInputs(double duration, const Rates& rates = {}) {
   return inputs;
 }
 
+// A dive whose bottom track is away from one second to another.
+std::vector<Input> withoutBottom(double duration, double from, double to) {
+  std::vector<Input> inputs = diveInputs(duration);
+  std::erase_if(inputs,
+                [&](const Input& i) { return isDvl(i) && utcOf(i) >= at(from) && utcOf(i) <= at(to); });
+  return inputs;
+}
+
 std::vector<StereoTrigger> run(NavCore& core, const std::vector<Input>& inputs) {
   std::vector<StereoTrigger> triggers;
   for (const Input& input : inputs) {
@@ -193,9 +201,7 @@ TEST(NavCore, PredictsBeyondADepthThatComesSlowly) {
 
 TEST(NavCore, WhereNothingIsKnownAPairWaitsForItsPose) {
   NavCore core(coreConfig());
-  std::vector<Input> inputs;
-  for (const Input& input : diveInputs(60))
-    if (!isDvl(input) || utcOf(input) < at(10) || utcOf(input) > at(40)) inputs.push_back(input);
+  const auto inputs = withoutBottom(60, 10, 40);
   // From a second after the bottom was lost until the track coasts; then predicted again.
   const Predictions found = predictions(core, inputs);
   EXPECT_GE(found.waited, 2u);
@@ -300,9 +306,7 @@ TEST(NavCore, StepsWithoutHeapCallsOrPageFaults) {
 
 TEST(NavCore, WithoutNavigationDropsTheOldestPairsAndCountsThem) {
   NavCore core(coreConfig());
-  std::vector<Input> inputs;
-  for (const Input& input : diveInputs(60))
-    if (!isDvl(input)) inputs.push_back(input);
+  const auto inputs = withoutBottom(60, -1, 60);
   EXPECT_TRUE(run(core, inputs).empty());
   const NavHealth& health = core.health();
   EXPECT_FALSE(health.initialised);
@@ -314,9 +318,7 @@ TEST(NavCore, WithoutNavigationDropsTheOldestPairsAndCountsThem) {
 
 TEST(NavCore, PairsFromBeforeTheOdometryAreDroppedAndLaterOnesKeepTheirNumbers) {
   NavCore core(coreConfig());
-  std::vector<Input> inputs;
-  for (const Input& input : diveInputs(20))
-    if (!isDvl(input) || utcOf(input) > at(5)) inputs.push_back(input);
+  const auto inputs = withoutBottom(20, -1, 5);
   const auto triggers = run(core, inputs);
   ASSERT_FALSE(triggers.empty());
   EXPECT_EQ(triggers.front().pair_index, 10u);
@@ -326,9 +328,7 @@ TEST(NavCore, PairsFromBeforeTheOdometryAreDroppedAndLaterOnesKeepTheirNumbers) 
 
 TEST(NavCore, ALongLossOfBottomTrackDoesNotStopTheTriggers) {
   NavCore core(coreConfig());
-  std::vector<Input> inputs;
-  for (const Input& input : diveInputs(60))
-    if (!isDvl(input) || utcOf(input) < at(10) || utcOf(input) > at(40)) inputs.push_back(input);
+  const auto inputs = withoutBottom(60, 10, 40);
   const auto triggers = run(core, inputs);
   EXPECT_GE(triggers.size(), 118u);
   bool without_altitude = false;
