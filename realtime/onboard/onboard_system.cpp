@@ -188,6 +188,7 @@ void OnboardSystem::placePairs(std::uint32_t up_to, const StereoTrigger* last, c
     waiting_.popFront();
     const bool told = last != nullptr && last->pair_index == waiting.trigger.pair_index;
     const StereoTrigger& known = told ? *last : waiting.trigger;
+    if (on_placing_) on_placing_(waiting.trigger.pair_index);
     last_correction_ = (known.T_odom_body.translation() - waiting.trigger.T_odom_body.translation()).norm();
     MappedPair pair;
     (void)nameImages(waiting.trigger, pair);

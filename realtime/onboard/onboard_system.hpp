@@ -81,6 +81,10 @@ class OnboardSystem {
 
   // Called for every pair when its images have been looked at, and are not needed any more.
   void setSeenObserver(OnPair on_seen) { on_seen_ = std::move(on_seen); }
+  // Called with a pair's number before it is placed.
+  void setPlacingObserver(std::function<void(std::uint32_t pair)> on_placing) {
+    on_placing_ = std::move(on_placing);
+  }
 
   // The survey is over: localisation and map come to their final state. Pairs whose final place was never
   // told stay where they were predicted to be.
@@ -176,6 +180,7 @@ class OnboardSystem {
   rt::FixedQueue<WaitingPair, kWaitingPairs> waiting_;
   double last_correction_ = 0;  // of a predicted place [m]
   OnPair on_seen_;
+  std::function<void(std::uint32_t pair)> on_placing_;
   PairPolicy policy_;
   bool mapping_ = true;
   unsigned program_health_ = telemetry::kHealthSoftRealTime;

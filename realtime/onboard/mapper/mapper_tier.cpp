@@ -63,6 +63,7 @@ MapperTier::MapperTier(MissionRun& run, const Links& links, const Config& config
   run_.system().setPairPolicy([this](const StereoTrigger& trigger, const OnboardSystem::MappedPair& pair) {
     return decide(trigger, pair);
   });
+  run_.system().setPlacingObserver([this](std::uint32_t pair) { noteWorkOn(pair); });
   run_.setObservers([this](const char* stage) { noteStage(stage); },
                     [this](const OnboardSystem::MappedPair& pair) { noteSeen(pair); },
                     [this](const OnboardSystem::MappedPair&) { notePlaced(); });
@@ -110,7 +111,7 @@ OnboardSystem::PairQuota MapperTier::decide(const StereoTrigger& trigger,
   if (decision.dropped)
     links_.frames->release(pair.left_image, pair.right_image);
   else
-    links_.channel->up().working_pair.store(std::uint64_t{trigger.pair_index} + 1, std::memory_order_relaxed);
+    noteWorkOn(trigger.pair_index);
   return pairQuota(decision);
 }
 
@@ -140,12 +141,18 @@ void MapperTier::noteSeen(const OnboardSystem::MappedPair& pair) {
   links_.channel->up().working_pair.store(0, std::memory_order_relaxed);
 }
 
+// Should the mapper die now, it is of this pair.
+void MapperTier::noteWorkOn(std::uint32_t pair) {
+  links_.channel->up().working_pair.store(std::uint64_t{pair} + 1, std::memory_order_relaxed);
+}
+
 // A pair's work is to see it and, later, to place it.
 void MapperTier::notePlaced() {
   const std::int64_t now = clock_.monotonicNs();
   last_frame_ns_ = seeing_ns_ + now - work_begin_ns_;
   work_begin_ns_ = now;
   stages_.add(kPair, now - last_frame_ns_, now);
+  links_.channel->up().working_pair.store(0, std::memory_order_relaxed);
 }
 
 void MapperTier::consume(const io::OnboardInput& input, std::uint64_t position) {

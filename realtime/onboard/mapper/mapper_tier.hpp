@@ -85,6 +85,7 @@ class MapperTier {
   void noteStage(const char* stage);
   void noteSeen(const OnboardSystem::MappedPair& pair);
   void notePlaced();
+  void noteWorkOn(std::uint32_t pair);
   void saveState(std::uint64_t number);
   [[nodiscard]] MapState state() const;
   [[nodiscard]] MapperFigures figures() const;

@@ -30,6 +30,7 @@ namespace fs = std::filesystem;
 
 constexpr std::int64_t kSecond = 1'000'000'000;         // [ns]
 constexpr std::int64_t kMayBeLost_ns = kSecond;         // before a kill
+constexpr std::int64_t kShown_ns = kSecond / 2;         // until what the mapper shows is what it has
 constexpr double kLead_s = 1.5;                         // from the start to the mission's first input
 constexpr std::int64_t kLongestWait_ns = 60 * kSecond;  // for a program that does not come back
 // Of its start until it navigates, and until the mapper follows. [s]
@@ -139,7 +140,10 @@ bool print(const std::vector<Row>& rows, const LoggedInputs& logged, std::int64_
     const double lost = logged.oldestLost(life);
     const auto before = newestStateUntil(lives, life.ended_utc_ns - kMayBeLost_ns);
     const DiveState was = before.value_or(DiveState{});
-    const DiveState* now = next.states.empty() ? nullptr : &next.states.front();
+    // The first it shows may be of a tenth of a second before, when it still had hours to catch up with.
+    const DiveState* now = nullptr;
+    for (const DiveState& state : next.states)
+      if (state.mono_ns <= next.states.front().mono_ns + kShown_ns) now = &state;
     const auto after = [&](std::uint64_t DiveState::*what) {
       return now != nullptr ? std::optional<std::uint64_t>(now->*what) : std::nullopt;
     };
