@@ -1,7 +1,7 @@
 // The onboard map as saved state. Tiles are saved up to their high-water mark, free places included: what is
 // free is taken in the same order as before, so that a map that was loaded goes on bit by bit as the one
-// that was saved. Layers are saved tile by tile and cell by cell, by packed numbers: where they lie in the
-// pool means nothing, and half of their 48 bytes are zeros. The index is made anew from the tiles.
+// that was saved. Layers are saved tile by tile and cell by cell, by packed numbers: their places in the
+// pool mean nothing, and half of their 48 bytes are zeros. The index is made anew from the tiles.
 #include <algorithm>
 #include <cmath>
 

@@ -12,7 +12,7 @@ namespace fathom::slam {
 // with the newest poses kept for the end (CAMD; Chen, Davis, Hager & Rajamanickam 2008), where loop closures
 // to come will mostly join, then column after column by left-looking Cholesky. All slices see one linear
 // system, that of the start: poses, and which measurements there are with which weights, are copied; what a
-// measurement says is read where it lies, and whoever gives its place to another keeps it here first.
+// measurement says is read in its place, and whoever gives that place to another keeps it here first.
 class FactorBuilder {
  public:
   struct Size {

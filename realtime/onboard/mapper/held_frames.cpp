@@ -77,6 +77,11 @@ const HeldFrames::Held* HeldFrames::frameOf(const Side& side, const std::string&
   return nullptr;
 }
 
+bool HeldFrames::has(const std::string& file_name, CameraSide side) {
+  refill();
+  return frameOf(sides_[static_cast<std::size_t>(side)], file_name) != nullptr;
+}
+
 std::optional<ImageView> HeldFrames::find(const std::string& file_name, CameraSide side) {
   refill();
   const Side& of = sides_[static_cast<std::size_t>(side)];

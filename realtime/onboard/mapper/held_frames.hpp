@@ -23,6 +23,8 @@ class HeldFrames {
   HeldFrames(const HeldFrames&) = delete;
   HeldFrames& operator=(const HeldFrames&) = delete;
 
+  // Whether the frame of an exposure is held, by its file's name, whatever its pixels are.
+  [[nodiscard]] bool has(const std::string& file_name, CameraSide side);
   // The pixels of an exposure by its file's name; std::nullopt when they are gone, or none that the camera
   // can give.
   [[nodiscard]] std::optional<ImageView> find(const std::string& file_name, CameraSide side);

@@ -324,7 +324,7 @@ std::optional<ImageView> MapperRun::pixels(const std::string& file_name, CameraS
 
 bool MapperRun::hasPixels(const std::string& file_name, CameraSide side) {
   std::error_code error;
-  return frames_.find(file_name, side) ||
+  return frames_.has(file_name, side) ||
          std::filesystem::exists(io::MissionPaths(setup_.folder).images() / file_name, error);
 }
 

@@ -6,11 +6,18 @@
 namespace fathom::sim {
 namespace {
 
-using Process = ProgramUnderTest::Process;
-
 // Those that this class does.
 bool isOurs(FaultKind kind) {
   return kind >= FaultKind::kDiskFull;
+}
+
+bool stops(FaultKind kind) {
+  return kind == FaultKind::kMapperStopped || kind == FaultKind::kVehicleStopped;
+}
+
+ProgramUnderTest::Process processOf(FaultKind kind) {
+  const bool mapper = kind == FaultKind::kMapperKilled || kind == FaultKind::kMapperStopped;
+  return mapper ? ProgramUnderTest::Process::kMapper : ProgramUnderTest::Process::kVehicle;
 }
 
 }  // namespace
@@ -23,14 +30,6 @@ MachineFaults::MachineFaults(const MissionSchedule& schedule, const FaultScript&
       disk_(disk),
       stepped_(stepped),
       program_(program) {}
-
-void MachineFaults::tell(const Fault& fault, Process process, int signal) {
-  if (program_ != nullptr && program_->tell(process, signal))
-    ++done_[static_cast<std::size_t>(fault.kind)];
-  else
-    notes_.push_back(std::string(nameOf(fault.kind)) +
-                     " was not done: there is no such process of the bench's");
-}
 
 void MachineFaults::begin(const Fault& fault) {
   std::uint64_t& count = done_[static_cast<std::size_t>(fault.kind)];
@@ -57,16 +56,14 @@ void MachineFaults::begin(const Fault& fault) {
       }
       break;
     case FaultKind::kMapperKilled:
-      tell(fault, Process::kMapper, SIGKILL);
-      break;
-    case FaultKind::kMapperStopped:
-      tell(fault, Process::kMapper, SIGSTOP);
-      break;
     case FaultKind::kVehicleKilled:
-      tell(fault, Process::kVehicle, SIGKILL);
-      break;
+    case FaultKind::kMapperStopped:
     case FaultKind::kVehicleStopped:
-      tell(fault, Process::kVehicle, SIGSTOP);
+      if (program_ != nullptr && program_->tell(processOf(fault.kind), stops(fault.kind) ? SIGSTOP : SIGKILL))
+        ++count;
+      else
+        notes_.push_back(std::string(nameOf(fault.kind)) +
+                         " was not done: there is no such process of the bench's");
       break;
     default:
       break;
@@ -87,12 +84,10 @@ void MachineFaults::end(const Fault& fault) {
         ++done_[static_cast<std::size_t>(fault.kind)];
       }
       break;
-    // The mapper may have been killed meanwhile.
+    // The process may have been killed meanwhile.
     case FaultKind::kMapperStopped:
-      if (program_ != nullptr) (void)program_->tell(Process::kMapper, SIGCONT);
-      break;
     case FaultKind::kVehicleStopped:
-      if (program_ != nullptr) (void)program_->tell(Process::kVehicle, SIGCONT);
+      if (program_ != nullptr) (void)program_->tell(processOf(fault.kind), SIGCONT);
       break;
     default:
       break;

@@ -32,7 +32,6 @@ class MachineFaults {
  private:
   void begin(const Fault& fault);
   void end(const Fault& fault);
-  void tell(const Fault& fault, ProgramUnderTest::Process process, int signal);
 
   const MissionSchedule& schedule_;
   FaultScript script_;
