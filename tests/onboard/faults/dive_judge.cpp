@@ -5,12 +5,12 @@
 #include <cstring>
 #include <exception>
 #include <set>
-#include <tuple>
 
 #include "firmware_if/log/onboard_input.hpp"
 #include "firmware_if/log/recording_gap.hpp"
 #include "realtime/onboard/replay.hpp"
 #include "tests/onboard/faults/damage.hpp"
+#include "tests/onboard/live/dive_files.hpp"
 #include "tests/onboard/live/dived_mission.hpp"
 
 namespace fathom::test {
@@ -62,22 +62,21 @@ std::vector<Window> lossWindows(const FaultCase& fault, const DiveStory& story) 
   return windows;
 }
 
-using Key = std::tuple<std::size_t, int, std::int64_t>;
-std::optional<Key> keyOf(const io::OnboardInput& input, std::int64_t shift_ns) {
+std::optional<InputKey> shiftedKey(const io::OnboardInput& input, std::int64_t shift_ns) {
   const auto* sample = std::get_if<SensorSample>(&input.what);
   if (sample == nullptr) return std::nullopt;
-  const auto* image = std::get_if<ImageEvent>(sample);
-  const std::int64_t utc_ns = std::visit([](const auto& s) { return s.utc_ns; }, *sample);
-  return Key{sample->index(), image != nullptr ? static_cast<int>(image->side) : 0, utc_ns + shift_ns};
+  InputKey key = keyOf(*sample);
+  key.utc_ns += shift_ns;
+  return key;
 }
 
 void judgeInputs(const FaultCase& fault, const DiveStory& story, const VehicleSeen& seen,
                  const VehiclePlaces& places, Verdict& verdict) {
   std::uint64_t damaged = 0;
-  std::set<Key> logged;
+  std::set<InputKey> logged;
   std::int64_t first_ns = INT64_MAX;
   for (const io::OnboardInput& input : io::readOnboardInputs(places.dive(), damaged)) {
-    if (const auto key = keyOf(input, 0)) {
+    if (const auto key = shiftedKey(input, 0)) {
       logged.insert(*key);
       first_ns = std::min(first_ns, input.arrival_utc_ns);
     }
@@ -87,7 +86,7 @@ void judgeInputs(const FaultCase& fault, const DiveStory& story, const VehicleSe
   std::int64_t oldest_ns = 0, newest_ns = 0;
   for (const io::OnboardInput& input : io::readOnboardInputs(places.mission, damaged)) {
     const std::int64_t due_ns = input.arrival_utc_ns + seen.shift_ns;
-    const auto key = keyOf(input, seen.shift_ns);
+    const auto key = shiftedKey(input, seen.shift_ns);
     if (!key || due_ns < first_ns || due_ns > story.end_ns - kOnItsWay_ns || logged.count(*key) > 0) continue;
     if (std::any_of(windows.begin(), windows.end(),
                     [&](const Window& w) { return due_ns >= w.from_ns && due_ns <= w.to_ns; }))

@@ -9,6 +9,7 @@
 
 #include "firmware_if/log/onboard_input.hpp"
 #include "tests/onboard/kill/dive_process.hpp"
+#include "tests/onboard/live/dive_files.hpp"
 
 namespace fathom::test {
 
@@ -23,15 +24,7 @@ class LoggedInputs {
   [[nodiscard]] double oldestLost(const DiveLife& life) const;
 
  private:
-  struct Key {
-    std::size_t kind;
-    int side;
-    std::int64_t utc_ns;
-    auto operator<=>(const Key&) const = default;
-  };
-  [[nodiscard]] static Key keyOf(const SensorSample& sample);
-
-  std::set<Key> logged_;
+  std::set<InputKey> logged_;
   const Playback& played_;
 };
 
@@ -40,10 +33,5 @@ class LoggedInputs {
                                                         std::int64_t utc_ns);
 // Nothing of it is less; the map may take fewer tiles when its meshes have moved.
 [[nodiscard]] bool holdsAllOf(const DiveState& now, const DiveState& before);
-
-// Replays the dive into `again`: the files of onboard/ that are not the same bytes.
-[[nodiscard]] std::vector<std::string> differencesToReplay(const std::filesystem::path& dive,
-                                                           const std::filesystem::path& config,
-                                                           const std::filesystem::path& again);
 
 }  // namespace fathom::test

@@ -10,8 +10,6 @@
 
 #include <array>
 #include <cerrno>
-#include <filesystem>
-#include <fstream>
 #include <sstream>
 #include <system_error>
 
@@ -109,7 +107,7 @@ void DiveProcess::take(const std::string& line) {
       in >> life_.navigates_ns;
       break;
     case 'B':
-      in >> life_.follows_ns;
+      in >> life_.follows_ns >> life_.mapper;
       break;
     case 'M': {
       DiveMemory& m = life_.memory.emplace();
@@ -152,13 +150,7 @@ bool DiveProcess::listen(const std::function<bool(const DiveLife&, std::int64_t)
 }
 
 bool DiveProcess::killMapper() {
-  for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
-    std::ifstream status(entry.path() / "status");
-    for (std::string line; std::getline(status, line);)
-      if (line == "PPid:\t" + std::to_string(pid_))
-        return ::kill(std::stoi(entry.path().filename()), SIGKILL) == 0;
-  }
-  return false;
+  return life_.mapper > 0 && ::kill(life_.mapper, SIGKILL) == 0;
 }
 
 int DiveProcess::end(int signal, std::int64_t utc_offset_ns) {

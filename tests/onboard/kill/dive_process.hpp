@@ -35,6 +35,7 @@ struct DiveLife {
   double said_away_s = 0;
   std::optional<std::uint64_t> from;  // checkpoint that the mapper began with
   std::vector<DiveState> states;
+  pid_t mapper = 0;                  // that followed last; 0: none yet
   std::int64_t follows_ns = 0;       // since then the mapper follows, monotonic
   std::optional<DiveMemory> memory;  // the last that was said
   std::vector<std::string> said;

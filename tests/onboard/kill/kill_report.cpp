@@ -290,7 +290,7 @@ int report(const Options& options) {
     return kExitFailedWork;
   }
   if (options.after_pairs > 0) return good ? kExitSuccess : kExitFailedWork;
-  const auto different = differencesToReplay(dive_folder, orders.config, options.out / "again");
+  const auto different = replayDifferences(dive_folder, orders.config, options.out / "again");
   for (const std::string& name : different) std::printf("REPLAY DIFFERS: %s\n", name.c_str());
   if (different.empty()) std::printf("the recording replays to the same bytes\n");
   return good && different.empty() ? kExitSuccess : kExitFailedWork;

@@ -72,7 +72,8 @@ void watchOver(LiveSystem& live, const rt::VehicleClock& clock) {
       say("N %" PRId64 "\n", clock.monotonicNs());
     }
     const bool caught_up = live.mapper().up().current() == MapperPhase::kRunning;
-    if (caught_up && !followed) say("B %" PRId64 "\n", clock.monotonicNs());
+    if (caught_up && !followed)
+      say("B %" PRId64 " %d\n", clock.monotonicNs(), static_cast<int>(live.mapperPid()));
     followed = caught_up;
     if (const std::uint64_t with = live.mapper().up().begun_with.load(); with != begun_with && with != 0) {
       begun_with = with;

@@ -49,7 +49,7 @@ constexpr int kModemSocket = 3;
 //   A mono_ns                     armed
 //   N mono_ns                     the hard tier has put inputs in order
 //   S mono_ns utc_ns pairs keyframes tiles arrived    after catching up, some times a second
-//   B mono_ns                     the mapper follows, after it did not
+//   B mono_ns pid                 the mapper, that process, follows, after it did not
 //   M pairs vehicle mapper heap_calls faults   memory: resident now less at arming [KiB]; of the hard tier
 //   since arming # text                        what the program says
 struct DiveMemory {

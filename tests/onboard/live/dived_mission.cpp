@@ -2,8 +2,7 @@
 
 #include <algorithm>
 
-#include "realtime/onboard/replay.hpp"
-#include "tests/support/text_files.hpp"
+#include "tests/onboard/live/dive_files.hpp"
 
 namespace fathom::test {
 
@@ -60,18 +59,7 @@ MapperPhase phaseOf(const LiveSystem& live) {
 }
 
 std::vector<std::string> replayDifferences(const fs::path& folder) {
-  ReplayOptions again;
-  again.mission = folder;
-  again.config = folder.string() + ".toml";
-  again.out = folder / "again";
-  (void)replay(again);
-  std::vector<std::string> differ;
-  for (const auto& entry : fs::directory_iterator(folder / "onboard")) {
-    const std::string name = entry.path().filename();
-    if (name == "timing.json" || name == "live.json") continue;
-    if (readText(entry.path()) != readText(*again.out / name)) differ.push_back(name);
-  }
-  return differ;
+  return replayDifferences(folder, folder.string() + ".toml", folder / "again");
 }
 
 }  // namespace fathom::test
