@@ -1,5 +1,3 @@
-#include "realtime/onboard/nav/nav_core.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -13,87 +11,13 @@
 
 #include "realtime/kernel/crc32.hpp"
 #include "realtime/kernel/state_archive.hpp"
-#include "tests/nav/analytic_dive.hpp"
+#include "tests/onboard/nav_inputs.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-using namespace fathom::nav::test;
-
-NavCoreConfig coreConfig() {
-  NavCoreConfig config;
-  config.odometry = mountedConfig();
-  return config;
-}
-
-// Navigation samples, stereo exposures at 2 Hz (the right camera 4 ms later) and health ticks at 1 Hz, by
-// time. Pair i is exposed at pairTime(i) and has the handles 2 i and 2 i + 1.
-double pairTime(std::uint32_t i) {
-  return 0.25 + 0.5 * i;
-}
-struct Exposure {
-  std::int64_t utc_ns = 0;
-  CameraSide side = CameraSide::kLeft;
-  std::uint32_t frame_id = 0;
-};
-struct HealthTick {
-  std::int64_t utc_ns = 0;
-};
-using Input =
-    std::variant<DvlSample, AttitudeSample, GyroSample, DepthSample, WaterSample, Exposure, HealthTick>;
-
-std::int64_t utcOf(const Input& input) {
-  return std::visit([](const auto& i) { return i.utc_ns; }, input);
-}
-bool isDvl(const Input& input) {
-  return std::holds_alternative<DvlSample>(input);
-}
-void give(NavCore& core, const Input& input) {
-  std::visit(
-      [&core](const auto& i) {
-        using T = std::decay_t<decltype(i)>;
-        if constexpr (std::is_same_v<T, Exposure>)
-          core.addFrame(i.utc_ns, i.side, i.frame_id);
-        else if constexpr (std::is_same_v<T, HealthTick>)
-          core.tick(i.utc_ns);
-        else
-          core.add(i);
-      },
-      input);
-}
-
-std::vector<Input> diveInputs(double duration, const Rates& rates = {}) {
-  std::vector<Input> inputs;
-  for (const Sample& sample : samplesOf(circle, mountedConfig(), duration, rates))
-    inputs.push_back(std::visit([](const auto& s) { return Input(s); }, sample));
-  for (std::uint32_t i = 0; pairTime(i) + 0.01 < duration; ++i) {
-    inputs.push_back(Exposure{at(pairTime(i)), CameraSide::kLeft, 2 * i});
-    inputs.push_back(Exposure{at(pairTime(i) + 0.004), CameraSide::kRight, 2 * i + 1});
-  }
-  for (int i = 1; i < duration; ++i) inputs.push_back(HealthTick{at(i)});
-  std::stable_sort(inputs.begin(), inputs.end(),
-                   [](const Input& a, const Input& b) { return utcOf(a) < utcOf(b); });
-  return inputs;
-}
-
-// A dive whose bottom track is away from one second to another.
-std::vector<Input> withoutBottom(double duration, double from, double to) {
-  std::vector<Input> inputs = diveInputs(duration);
-  std::erase_if(inputs,
-                [&](const Input& i) { return isDvl(i) && utcOf(i) >= at(from) && utcOf(i) <= at(to); });
-  return inputs;
-}
-
-std::vector<StereoTrigger> run(NavCore& core, const std::vector<Input>& inputs) {
-  std::vector<StereoTrigger> triggers;
-  for (const Input& input : inputs) {
-    give(core, input);
-    while (const auto trigger = core.pollTrigger())
-      if (trigger->pose != StereoTrigger::Pose::kPredicted) triggers.push_back(*trigger);
-  }
-  return triggers;
-}
+using namespace testing;
 
 std::uint64_t counter(const NavCore& core, std::string_view name) {
   for (const NavHealth::Counter& c : core.health().counters)
@@ -149,64 +73,6 @@ TEST(NavCore, GivesATriggerOnlyOnceTheOdometryCoversItsTime) {
       EXPECT_EQ(trigger->utc_ns > core.odometry().newestUtcNs(),
                 trigger->pose == StereoTrigger::Pose::kPredicted);
   }
-}
-
-// How far the predictions were off the final poses.
-struct Predictions {
-  std::size_t predicted = 0, waited = 0;  // pairs
-  double metres = 0, radians = 0;         // worst
-};
-Predictions predictions(NavCore& core, const std::vector<Input>& inputs) {
-  Predictions found;
-  std::vector<StereoTrigger> waiting;
-  for (const Input& input : inputs) {
-    give(core, input);
-    const auto* exposure = std::get_if<Exposure>(&input);
-    while (const auto trigger = core.pollTrigger()) {
-      if (trigger->pose == StereoTrigger::Pose::kFinal) {
-        ++found.waited;
-      } else if (trigger->pose == StereoTrigger::Pose::kPredicted) {
-        // By the very frame that completed it.
-        EXPECT_TRUE(exposure != nullptr && exposure->frame_id == trigger->right_frame_id);
-        waiting.push_back(*trigger);
-      } else if (waiting.empty() || waiting.front().pair_index != trigger->pair_index) {
-        ADD_FAILURE() << "pair " << trigger->pair_index << " was not predicted";
-      } else {
-        const SE3 off = waiting.front().T_odom_body.inverse() * trigger->T_odom_body;
-        waiting.erase(waiting.begin());
-        ++found.predicted;
-        found.metres = std::max(found.metres, off.translation().norm());
-        found.radians = std::max(found.radians, Eigen::AngleAxisd(off.rotation()).angle());
-      }
-    }
-  }
-  return found;
-}
-
-TEST(NavCore, GivesAPairAtOnceWhereItProbablyIsAndAgainForGood) {
-  NavCore core(coreConfig());
-  const Predictions found = predictions(core, diveInputs(60));
-  EXPECT_GE(found.predicted, 117u);
-  EXPECT_LE(found.waited, 1u);
-  EXPECT_LT(found.metres, 0.0016);
-  EXPECT_LT(found.radians, 0.0006);
-}
-
-TEST(NavCore, PredictsBeyondADepthThatComesSlowly) {
-  NavCore core(coreConfig());
-  const Predictions found = predictions(core, diveInputs(60, {5, 10, 0.5}));
-  EXPECT_GE(found.predicted, 111u);
-  EXPECT_LT(found.metres, 0.07);
-}
-
-TEST(NavCore, WhereNothingIsKnownAPairWaitsForItsPose) {
-  NavCore core(coreConfig());
-  const auto inputs = withoutBottom(60, 10, 40);
-  // From a second after the bottom was lost until the track coasts; then predicted again.
-  const Predictions found = predictions(core, inputs);
-  EXPECT_GE(found.waited, 2u);
-  EXPECT_LE(found.waited, 4u);
-  EXPECT_GE(found.predicted, 114u);
 }
 
 TEST(NavCore, TwoRunsOfTheSameInputsAgreeBitForBit) {
