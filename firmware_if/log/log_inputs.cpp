@@ -89,7 +89,7 @@ LogInputReader::Step LogInputReader::next(Entry& entry) {
       return missing(entry, 1);
     }
     if (left_out) {
-      if (left_out->kind != RecordingGap::Kind::kInputs || left_out->what == kGapOfDecisions) continue;
+      if (left_out->kind != RecordingGap::Kind::kInputs || !left_out->what.empty()) continue;
       return missing(entry, left_out->count);
     }
     entry.input = *input;

@@ -22,10 +22,13 @@ struct RecordingGap {
   std::int64_t arrival_utc_ns = 0;  // of what follows in the log
   Kind kind = Kind::kInputs;
   std::uint64_t count = 0;
-  std::string what;  // the image's file name; of kInputs kGapOfDecisions, when they are decisions
+  // The image's file name. Of kInputs: empty for inputs that the log misses in this place, kGapOfDecisions
+  // for decisions, kGapOfMapper for inputs that the log may have, but the mapper went on without.
+  std::string what;
 };
 
-inline constexpr std::string_view kGapChannel = "FATHOM_GAP", kGapOfDecisions = "decisions";
+inline constexpr std::string_view kGapChannel = "FATHOM_GAP", kGapOfDecisions = "decisions",
+                                  kGapOfMapper = "mapper";
 
 [[nodiscard]] LogMessage encodeGap(const RecordingGap& gap);
 // std::nullopt when fingerprint, length or CRC is wrong.

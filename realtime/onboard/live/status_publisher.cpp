@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "firmware_if/log/recording_gap.hpp"
 #include "realtime/onboard/mapper/mapper_tier.hpp"
 
 namespace fathom::onboard {
@@ -98,9 +99,21 @@ void StatusPublisher::publishPose() {
 }
 
 void StatusPublisher::publishSlow() {
+  logPassedOver();
   tell(io::encodeMap(mapReport()));
   tell(io::encodeLink(linkReport()));
   tell(io::encodeHealth(health()));
+}
+
+// What the mapper went on without, a replay of the log may have.
+void StatusPublisher::logPassedOver() {
+  const std::uint64_t passed = map_.inputs_passed_over;
+  passed_over_told_ = std::min(passed_over_told_, passed);  // another mapper counts anew
+  if (passed == passed_over_told_) return;
+  const io::LogMessage gap = io::encodeGap({clock_.utcNs(), io::RecordingGap::Kind::kInputs,
+                                            passed - passed_over_told_, std::string(io::kGapOfMapper)});
+  if (live_.recorder().offerMessage(config_.lane, clock_.utcNs(), gap.channel, gap.data))
+    passed_over_told_ = passed;
 }
 
 io::MapReport StatusPublisher::mapReport() const {

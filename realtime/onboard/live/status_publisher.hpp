@@ -38,6 +38,7 @@ class StatusPublisher {
   void publishPose();
   void setOwnStatus();
   void publishSlow();
+  void logPassedOver();
   [[nodiscard]] io::HealthReport health();
   [[nodiscard]] io::MapReport mapReport() const;
   [[nodiscard]] io::LinkReport linkReport() const;
@@ -55,6 +56,7 @@ class StatusPublisher {
   NavState nav_;
   MapState map_;
   std::optional<io::PoseReport> pose_;
+  std::uint64_t passed_over_told_ = 0;  // inputs, of this mapper
   std::int64_t next_pose_ns_ = 0, next_slow_ns_ = 0, begin_ns_;
 };
 

@@ -10,13 +10,14 @@ namespace fathom::onboard {
 namespace {
 
 using Step = io::LogInputReader::Step;
-// That the recorder may take until the file has what memory no longer has.
-constexpr std::int64_t kPatience_ns = 30'000'000'000;
 
 }  // namespace
 
-InputFeed::InputFeed(std::filesystem::path mission, const MapperDown& down)
-    : mission_(std::move(mission)), down_(down), file_(std::make_unique<io::LogInputReader>(mission_)) {}
+InputFeed::InputFeed(std::filesystem::path mission, const MapperDown& down, std::int64_t patience_ns)
+    : mission_(std::move(mission)),
+      down_(down),
+      patience_ns_(patience_ns),
+      file_(std::make_unique<io::LogInputReader>(mission_)) {}
 
 bool InputFeed::begin(std::uint64_t number, std::uint64_t position) {
   auto file = std::make_unique<io::LogInputReader>(mission_);
@@ -103,11 +104,13 @@ InputFeed::OfFile InputFeed::nextOfFile(io::OnboardInput& input) {
 bool InputFeed::giveUpWaiting() {
   const std::int64_t now = rt::RealClock().monotonicNs();
   if (waiting_since_ns_ == 0) waiting_since_ns_ = now;
-  if (now - waiting_since_ns_ < kPatience_ns) return false;
+  if (now - waiting_since_ns_ < patience_ns_) return false;
   waiting_since_ns_ = 0;
   const std::uint64_t next = down_.inputs.next();
   const std::uint64_t from = next - std::min<std::uint64_t>(next, InputBroadcast::capacity() / 2);
-  skipped_ += from > position_ ? from - position_ : 0;
+  const std::uint64_t passed = from > position_ ? from - position_ : 0;
+  skipped_ += passed;
+  passed_over_ += passed;
   position_ = std::max(position_, from);
   return true;
 }

@@ -17,7 +17,9 @@ namespace fathom::onboard {
 // it, and counted.
 class InputFeed {
  public:
-  InputFeed(std::filesystem::path mission, const MapperDown& down);
+  // `patience_ns`: that the recorder may take until the file has what memory no longer has.
+  static constexpr std::int64_t kPatience_ns = 30'000'000'000;
+  InputFeed(std::filesystem::path mission, const MapperDown& down, std::int64_t patience_ns = kPatience_ns);
 
   // Begins behind the mark of checkpoint `number`, whose position is `position`; 0, 0: at the log's
   // beginning. False where the file does not hold the mark.
@@ -30,6 +32,8 @@ class InputFeed {
   // What the file says was decided about a pair, read so far or behind that.
   [[nodiscard]] std::optional<io::Decision> decisionOf(std::uint32_t pair) const;
   [[nodiscard]] std::uint64_t skipped() const { return skipped_; }
+  // Of them, those that the log may have by now: the recorder was too slow for this feed's patience.
+  [[nodiscard]] std::uint64_t passedOver() const { return passed_over_; }
 
  private:
   enum class OfFile : std::uint8_t { kGot, kMissing, kNotYet };
@@ -39,9 +43,10 @@ class InputFeed {
 
   std::filesystem::path mission_;
   const MapperDown& down_;
+  std::int64_t patience_ns_;
   std::unique_ptr<io::LogInputReader> file_;
   std::map<std::uint32_t, io::Decision> decisions_;
-  std::uint64_t position_ = 0, skipped_ = 0;
+  std::uint64_t position_ = 0, skipped_ = 0, passed_over_ = 0;
   std::int64_t waiting_since_ns_ = 0;  // monotonic; 0: not
 };
 

@@ -87,6 +87,7 @@ struct MapState {
   std::int64_t lag_ns = 0, highest_lag_ns = 0;  // behind the hard tier
   std::uint64_t frames_given_back = 0;          // that found no partner, or no time
   std::uint64_t inputs_skipped = 0;             // that neither memory nor disk had
+  std::uint64_t inputs_passed_over = 0;         // of them, those that the log may have by now
   std::uint64_t rows_lost = 0;                  // of the output, for the disk's sake
   MapState() noexcept = default;
   MapState(const MapState&) noexcept = default;

@@ -256,6 +256,7 @@ MapState MapperTier::state() const {
   state.highest_lag_ns = highest_lag_ns_;
   state.frames_given_back = links_.frames->givenBackUnused();
   state.inputs_skipped = links_.feed->skipped();
+  state.inputs_passed_over = links_.feed->passedOver();
   state.rows_lost = links_.output_lost() ? 1 : 0;
   return state;
 }

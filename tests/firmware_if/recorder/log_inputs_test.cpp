@@ -57,7 +57,8 @@ class LogInputs : public ::testing::Test {
 
 TEST_F(LogInputs, HavePositionsWithThoseThatAreMissingAndWithoutDecisions) {
   add(input(10) + input(11, Decision{}) + input(12, mark(1)) + event({"RAW_DVL", encodeRaw(0, {})}));
-  add(gap(5) + input(13) + gap(2, RecordingGap::Kind::kInputs, kGapOfDecisions));
+  add(gap(5) + input(13) + gap(2, RecordingGap::Kind::kInputs, kGapOfDecisions) +
+      gap(4, RecordingGap::Kind::kInputs, kGapOfMapper));
   add(gap(1, RecordingGap::Kind::kImage, "a.tif") + gap(3, RecordingGap::Kind::kRaw) + input(14));
   LogInputReader reader(folder_.path());
   EXPECT_THAT(rest(reader), ElementsAre("10@0", "d@1", "12@1", "-5@2", "13@7", "14@8"));

@@ -60,9 +60,12 @@ class SpoiltSamples final : public io::SampleSource, private io::SampleSink {
   [[nodiscard]] io::DeviceHealth health() const override { return source_->health(); }
 
  private:
-  // Beside the true one, which every other device of the vehicle would give.
+  // Beside the true one, which every other device of the vehicle would give. Navigation's own input is when
+  // a sample came; the recorder's, bytes of any size.
   void sample(std::int64_t arrival_utc_ns, const SensorSample& sample) noexcept override {
-    to_->sample(arrival_utc_ns, sample);
+    const bool misdated = corrupt("navigation");
+    to_->sample(misdated ? impossibleTime(arrival_utc_ns, number_++) : arrival_utc_ns, sample);
+    if (corrupt("recorder")) spoilRaw(arrival_utc_ns);
     if (!corrupt("samples")) return;
     SensorSample wrong = sample;
     std::visit(Spoil{kImpossible[number_ % kImpossible.size()]}, wrong);
@@ -75,9 +78,17 @@ class SpoiltSamples final : public io::SampleSource, private io::SampleSink {
     to_->raw(arrival_utc_ns, source, bytes);
   }
 
+  void spoilRaw(std::int64_t arrival_utc_ns) noexcept {
+    const std::size_t size = noise_() % bytes_.size();
+    for (std::uint8_t& byte : std::span(bytes_).first(size)) byte = static_cast<std::uint8_t>(noise_());
+    to_->raw(impossibleTime(arrival_utc_ns, number_++), "RAW_DVL", std::span(bytes_).first(size));
+  }
+
   std::unique_ptr<io::SampleSource> source_;
   io::SampleSink* to_ = nullptr;
   std::uint64_t number_ = 0;
+  std::minstd_rand noise_;
+  std::array<std::uint8_t, 20'000> bytes_{};
 };
 
 class SpoiltCamera final : public io::CameraSource, private io::FrameSink {

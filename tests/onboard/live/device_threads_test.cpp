@@ -41,11 +41,12 @@ template <class Done>
 // Throws in each poll as long as it is told to; else gives a sample.
 struct ThrowingSource final : io::SampleSource {
   std::atomic<bool> throws{true};
+  std::atomic<std::int64_t> arrival_ns{7};
   std::atomic<int> polls{0}, closed{0};
   bool poll(int, io::SampleSink& sink) override {
     ++polls;
     if (throws) throw std::runtime_error("the library is out of order");
-    sink.sample(7, DepthSample{7, 12.5});
+    sink.sample(arrival_ns, DepthSample{7, 12.5});
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
     return true;
   }
@@ -115,6 +116,27 @@ TEST(DeviceThreads, ADeviceWhosePollThrowsIsLetGoToldOfAndTriedAgainAtGrowingInt
   EXPECT_EQ(pollFailures(thread.health()), 2u);
   stop = true;
   runs.join();
+}
+
+TEST(DeviceThreads, AMisdatedArrivalIsOfNow) {
+  MadeClock clock;
+  clock.now = 1000 * kSecond;
+  rt::Heartbeat heart;
+  for (const std::int64_t misdated : {INT64_MAX, INT64_MIN}) {
+    InputRing inputs;
+    ThrowingSource source;
+    source.throws = false;
+    source.arrival_ns = misdated;
+    SampleThread thread(source, {&inputs, nullptr, 0, &heart}, clock);
+    std::atomic<bool> stop{false};
+    std::thread runs([&] { thread.run(stop); });
+    io::OnboardInput input;
+    EXPECT_TRUE(comesTrue([&] { return inputs.pop(input); }));
+    EXPECT_LE(input.arrival_utc_ns, clock.now);
+    EXPECT_GE(input.arrival_utc_ns, clock.now - 60 * kSecond);
+    stop = true;
+    runs.join();
+  }
 }
 
 TEST(DeviceThreads, ACameraThatHasNoMemoryForItsSearchIsTriedAgain) {

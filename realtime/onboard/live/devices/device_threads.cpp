@@ -1,5 +1,7 @@
 #include "realtime/onboard/live/devices/device_threads.hpp"
 
+#include <algorithm>
+
 #include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/fault_point.hpp"
 #include "realtime/kernel/tiers/rt_thread.hpp"
@@ -13,6 +15,13 @@ constexpr std::int64_t kModemPoll_ns = 10'000'000;  // far below the time that a
 io::DeviceHealth withFailures(io::DeviceHealth health) {
   health.counters.emplace_back("poll_failures", 0);
   return health;
+}
+
+// Arrivals order the log and tell how far its time has come: one that a device or the system misdated must
+// not take that into the future, nor years back.
+std::int64_t plausibleArrival(std::int64_t utc_ns, std::int64_t now_ns) noexcept {
+  constexpr std::int64_t kMostOnItsWay_ns = 60'000'000'000;
+  return std::clamp(utc_ns, now_ns - kMostOnItsWay_ns, now_ns);
 }
 
 // Into a health of withFailures().
@@ -44,13 +53,14 @@ void SampleThread::run(const std::atomic<bool>& stop) {
 }
 
 void SampleThread::sample(std::int64_t arrival_utc_ns, const SensorSample& sample) noexcept {
-  (void)links_.inputs->push({arrival_utc_ns, sample});
+  (void)links_.inputs->push({plausibleArrival(arrival_utc_ns, clock_.utcNs()), sample});
 }
 
 void SampleThread::raw(std::int64_t arrival_utc_ns, std::string_view source,
                        std::span<const std::uint8_t> bytes) noexcept {
   if (links_.recorder != nullptr)
-    (void)links_.recorder->offerRaw(links_.raw_lane, arrival_utc_ns, source, bytes);
+    (void)links_.recorder->offerRaw(links_.raw_lane, plausibleArrival(arrival_utc_ns, clock_.utcNs()), source,
+                                    bytes);
 }
 
 CameraThread::CameraThread(io::CameraSource& camera, const Links& links, const rt::Clock& clock)
@@ -78,7 +88,7 @@ void CameraThread::frame(const io::CameraFrame& frame) noexcept {
   // The pixels before the stamp that speaks of them.
   links_.frames->lend(frame);
   (void)links_.stamps->push(
-      {frame.arrival_utc_ns,
+      {plausibleArrival(frame.arrival_utc_ns, clock_.utcNs()),
        SensorSample(ImageEvent{frame.utc_ns, frame.side, io::imageFileName(frame.utc_ns, frame.side),
                                frame.exposure_s})});
 }
