@@ -60,6 +60,8 @@ class MissionRun {
   [[nodiscard]] bool rollBackSlots(std::uint64_t checkpoint);
   void forgetSlots(std::uint64_t before_checkpoint);
   [[nodiscard]] bool load(rt::StateReader& reader);
+  // After load(): false where a power loss left slots of another time than the state's.
+  [[nodiscard]] bool slotsHold();
   // Consumed so far, marks too.
   [[nodiscard]] std::uint64_t inputs() const { return inputs_; }
 

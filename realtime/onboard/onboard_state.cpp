@@ -65,6 +65,14 @@ bool MissionRun::rollBackSlots(std::uint64_t checkpoint) {
   return all;
 }
 
+bool MissionRun::slotsHold() {
+  bool check = false;
+  eachSlotStore([&](SlotStore& slots) { check = check || slots.needsCheck(); });
+  if (check && !system_.slotsHold()) return false;
+  if (check) eachSlotStore([](SlotStore& slots) { slots.checked(); });
+  return true;
+}
+
 void MissionRun::forgetSlots(std::uint64_t before_checkpoint) {
   eachSlotStore([&](SlotStore& slots) { slots.forget(before_checkpoint); });
 }

@@ -113,6 +113,7 @@ class OnboardSystem {
   [[nodiscard]] telemetry::Status status(std::int64_t now_ns) const;
 
   [[nodiscard]] const MapCore& map() const { return map_; }
+  [[nodiscard]] bool slotsHold() { return map_.slotsHold(); }
   // Called with the stage's name when it ends: "images" and those of MapCore. For a caller that has a clock.
   void setStageObserver(std::function<void(const char* stage)> observer) {
     observer_ = observer;

@@ -156,5 +156,44 @@ TEST_F(FullPools, ADiveCutOffTwiceIsTheOneThatItsLogReplaysTo) {
   EXPECT_GE(compared, 7);
 }
 
+// What a drive without protection leaves of a journal that was not flushed: records up to somewhere, then
+// rubbish, and the machine has booted anew.
+TEST_F(FullPools, AfterAPowerLossAStateIsUsedIfTheSlotsHoldWhatItKnows) {
+  addUpTo(0.35);
+  const std::size_t one = addMark(io::Mark::Kind::kCheckpoint, 1);
+  addUpTo(0.37);
+  std::vector<std::uint8_t> state;
+  const fs::path journals[] = {folder.path() / "features.slots.undo", folder.path() / "meshes.slots.undo"};
+  std::vector<std::uintmax_t> at_mark;
+  {
+    Life life{*this, false};
+    life.consume(0, one + 1);
+    state = life.save();
+    for (const fs::path& journal : journals) at_mark.push_back(fs::file_size(journal));
+    life.consume(one + 1, log.size());
+  }
+  const fs::path slots = folder.path() / "meshes.slots";
+  const std::string written = test::readText(slots);
+  const auto loseThePowerAt = [&](const fs::path& journal, std::uintmax_t bytes) {
+    test::writeText(slots, written);
+    fs::resize_file(journal, bytes);
+    std::fstream file(journal, std::ios::in | std::ios::out | std::ios::binary);
+    constexpr std::streamoff kBoot = 8;  // where the head has the boot
+    file.seekp(kBoot).put('?');
+    file.seekp(0, std::ios::end) << std::string(200, '?');
+  };
+  const std::string all = test::readText(journals[1]);
+  ASSERT_GT(all.size(), at_mark[1] + 200) << "no slot was written over";
+  for (const bool lost : {false, true}) {
+    test::writeText(journals[1], all);
+    loseThePowerAt(journals[1], lost ? at_mark[1] : all.size());
+    Life life{*this, true};
+    EXPECT_TRUE(life.meshes.needsCheck());
+    life.comeBackTo(1, state);
+    EXPECT_EQ(life.run->slotsHold(), !lost);
+    EXPECT_EQ(life.meshes.needsCheck(), lost);
+  }
+}
+
 }  // namespace
 }  // namespace fathom::onboard

@@ -271,16 +271,33 @@ TEST_F(CutShort, IsNothingAfterKill9) {
   }
 }
 
-TEST_F(CutShort, CostsTheMarksAfterTheMachineWasOff) {
+TEST_F(CutShort, AfterTheMachineWasOffWhatCameBeforeCountsAndSlotsNeedACheck) {
   constexpr std::uint64_t kBoot = 8;  // where the head has the boot
   std::filesystem::resize_file(journal, whole + 1000);
   damage(kBoot);
-  EXPECT_FALSE(rollsBack());
+  EXPECT_TRUE(rollsBack());
+  EXPECT_TRUE(file->needsCheck());
+  // Until somebody has looked, also when the program is started again.
+  EXPECT_TRUE(rollsBack());
+  EXPECT_TRUE(file->needsCheck());
+  file->checked();
+  EXPECT_TRUE(rollsBack());
+  EXPECT_FALSE(file->needsCheck());
 }
 
-TEST_F(CutShort, DamageInTheMiddleCostsTheMarks) {
-  damage(whole - 5);
-  EXPECT_FALSE(rollsBack());
+TEST_F(CutShort, DamageInTheMiddleLeavesWhatCameBefore) {
+  ASSERT_TRUE(rollsBack());
+  EXPECT_FALSE(file->needsCheck());
+  ASSERT_TRUE(file->write(7, blockOf(2)));
+  const std::uint64_t first = std::filesystem::file_size(journal);
+  ASSERT_TRUE(file->write(8, blockOf(2)));
+  damage(first + 20);
+  file = std::make_unique<SlotFile>(SlotFile::Named{name, true}, kSlots, kBytes);
+  EXPECT_TRUE(file->needsCheck());
+  EXPECT_TRUE(file->rollBack(1));
+  std::vector<Block> expected(kSlots, blockOf(1));
+  expected[8] = blockOf(2);  // nobody knows what it was
+  EXPECT_EQ(content(), expected);
 }
 
 }  // namespace

@@ -88,6 +88,17 @@ bool KeyframeFeatures::has(int keyframe) const {
   return false;
 }
 
+bool KeyframeFeatures::readBlock(const Entry& e) {
+  return slots_->read(static_cast<std::size_t>(e.slot), block_) && crc32(block_) == e.crc;
+}
+
+bool KeyframeFeatures::slotsHold() {
+  for (const int keyframe : entries_.numbers())
+    if (const Entry& e = entries_[static_cast<std::size_t>(keyframe)]; e.slot >= 0 && !readBlock(e))
+      return false;
+  return true;
+}
+
 const closure::FrameFeatures* KeyframeFeatures::find(int keyframe) {
   if (!entries_.has(keyframe)) return nullptr;
   for (const Kept& k : newest_)
@@ -102,8 +113,7 @@ const closure::FrameFeatures* KeyframeFeatures::find(int keyframe) {
   Kept& into = read_[next_read_];
   next_read_ = (next_read_ + 1) % read_.size();
   into.keyframe = -1;
-  if (!slots_->read(static_cast<std::size_t>(e.slot), block_) || crc32(block_) != e.crc ||
-      !closure::readSlot(block_, into.features)) {
+  if (!readBlock(e) || !closure::readSlot(block_, into.features)) {
     ++counters_.read_failures;
     return nullptr;
   }

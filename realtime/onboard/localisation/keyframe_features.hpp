@@ -31,6 +31,8 @@ class KeyframeFeatures {
   // until add() or the second find() after.
   [[nodiscard]] const closure::FrameFeatures* find(int keyframe);
 
+  // Whether every slot in use holds what was written; reads all of them.
+  [[nodiscard]] bool slotsHold();
   // Whether find() can be expected to find something.
   [[nodiscard]] bool has(int keyframe) const;
 
@@ -64,6 +66,7 @@ class KeyframeFeatures {
     closure::FrameFeatures features;
   };
   [[nodiscard]] std::int32_t freeSlot();
+  [[nodiscard]] bool readBlock(const Entry& entry);
 
   SlotStore* slots_;
   rt::NumberedPool<Entry> entries_;   // of keyframes

@@ -89,6 +89,7 @@ class LocalisationCore {
   [[nodiscard]] const slam::NavigationGraph& graph() const { return graph_; }
   [[nodiscard]] const ClosureSearch& closures() const { return search_; }
   [[nodiscard]] const KeyframeFeatures& features() const { return features_; }
+  [[nodiscard]] bool slotsHold() { return features_.slotsHold(); }
   [[nodiscard]] std::size_t memoryBytes() const;
 
   // Into one of the same configuration with the same slots: every keyframe's pose bit by bit. One whose

@@ -144,6 +144,10 @@ class MapCore {
   [[nodiscard]] const nav::PositionAnchor& anchor() const { return anchor_; }
   [[nodiscard]] const fusion::QuadtreeMap& map() const { return map_.map(); }
   [[nodiscard]] const MovingMap& movingMap() const { return map_; }
+  // Of a state that was loaded: whether the slots hold what it knows of them; reads all of them.
+  [[nodiscard]] bool slotsHold() {
+    return map_.slotsHold() && (localisation_ == nullptr || localisation_->slotsHold());
+  }
   // How it stands: as it was calibrated until matches show another.
   [[nodiscard]] const calibration::RigWatch& rig() const { return rig_; }
   // Null when it is switched off.

@@ -174,10 +174,20 @@ void MovingMap::compare(std::size_t k, const PoseOf& pose_of) {
 }
 
 // A disk that gives back other bytes than were written would take out what never went in.
-bool MovingMap::readMesh(std::size_t k) {
+bool MovingMap::readBlock(std::size_t k) {
   const Entry& e = entries_[k];
   const std::span<std::uint8_t> bytes(block_.data(), e.bytes);
-  return meshes_->read(k, bytes) && hashOf(bytes) == e.hash && readMeshSlot(bytes, mesh_);
+  return meshes_->read(k, bytes) && hashOf(bytes) == e.hash;
+}
+
+bool MovingMap::readMesh(std::size_t k) {
+  return readBlock(k) && readMeshSlot(std::span(block_).first(entries_[k].bytes), mesh_);
+}
+
+bool MovingMap::slotsHold() {
+  for (std::size_t k = 0; k < entries_.size(); ++k)
+    if (entries_[k].stored && !readBlock(k)) return false;
+  return true;
 }
 
 bool MovingMap::move(std::size_t k, const SE3& T_nav_cam, const OnMoved& on_moved) {

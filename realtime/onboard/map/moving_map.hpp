@@ -74,6 +74,8 @@ class MovingMap {
   // All that is held in memory; the slots are the caller's.
   [[nodiscard]] std::size_t memoryBytes() const;
 
+  // Whether every slot in use holds what was written; reads all of them.
+  [[nodiscard]] bool slotsHold();
   // Bit by bit, into one of the same configuration with the same slots; `has`: whether there is a keyframe.
   void save(rt::StateWriter& writer) const;
   [[nodiscard]] bool load(rt::StateReader& reader, const std::function<bool(int keyframe)>& has);
@@ -103,6 +105,7 @@ class MovingMap {
   void compareSome(std::size_t entries, const PoseOf& pose_of);
   void compare(std::size_t entry, const PoseOf& pose_of);
   void setUrgency(std::size_t entry, std::uint8_t urgency);
+  [[nodiscard]] bool readBlock(std::size_t entry);
   [[nodiscard]] bool readMesh(std::size_t entry);
   // False when the slot could not be read.
   bool move(std::size_t entry, const SE3& T_nav_cam, const OnMoved& on_moved);

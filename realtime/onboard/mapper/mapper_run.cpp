@@ -34,6 +34,8 @@ class WatchedSlots final : public SlotStore {
     return noted(file_->read(slot, data));
   }
   void mark(std::uint64_t number) override { file_->mark(number); }
+  [[nodiscard]] bool needsCheck() const override { return file_->needsCheck(); }
+  void checked() override { file_->checked(); }
   [[nodiscard]] bool rollBack(std::uint64_t number) override { return file_->rollBack(number); }
   void forget(std::uint64_t before) override { file_->forget(before); }
 
@@ -199,6 +201,8 @@ bool MapperRun::load(const CheckpointHead& head) {
     say(files_.file(head.number).string() + ": cannot be used (what the slots held then is not known)");
   else if (!run_->load(reader))
     say(files_.file(head.number).string() + ": cannot be used (" + reader.failure() + ")");
+  else if (!run_->slotsHold())
+    say(files_.file(head.number).string() + ": cannot be used (a power loss left slots of another time)");
   else
     return true;
   return false;

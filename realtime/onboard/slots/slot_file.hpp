@@ -41,6 +41,8 @@ class SlotFile : public SlotStore {
   // False also when the disk fails in the middle: then only going back to an older mark, or to 0, makes the
   // slots those of one time.
   [[nodiscard]] bool rollBack(std::uint64_t number) override;
+  [[nodiscard]] bool needsCheck() const override { return journal_.needsCheck(); }
+  void checked() override { journal_.checked(); }
   void forget(std::uint64_t before) override { journal_.forget(before); }
 
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }  // empty without a name

@@ -21,7 +21,7 @@ constexpr std::uint64_t kMagic = 0x4f444e554d485446ULL;  // "FTHMUNDO"
 constexpr std::uint64_t kFirst = 4096;                   // offset of the first record: a block of the disk
 
 struct Head {
-  std::uint64_t magic = kMagic, boot = 0, slots = 0, slot_bytes = 0, first = kFirst;
+  std::uint64_t magic = kMagic, boot = 0, slots = 0, slot_bytes = 0, first = kFirst, needs_check = 0;
 };
 static_assert(std::has_unique_object_representations_v<Head>);
 
@@ -68,11 +68,12 @@ void SlotJournal::takeUp() {
   if (head.magic != kMagic || head.slots != slots_ || head.slot_bytes != slot_bytes_) return clear();
   const auto size = static_cast<std::uint64_t>(found.st_size);
   end_ = head.first;
+  needs_check_ = head.needs_check != 0;
   for (;;) {
     Record record;
     const Found what = readRecord(end_, size, record);
     const bool same_boot = head.boot != 0 && head.boot == boot_;
-    if (what == Found::kDamaged || (what == Found::kCutShort && !same_boot)) return clear();
+    needs_check_ = needs_check_ || what == Found::kDamaged || (what == Found::kCutShort && !same_boot);
     if (what != Found::kRecord) break;
     if (record.is_mark != 0) {
       if (marks_.size() == kMostMarks) marks_.erase(marks_.begin());
@@ -87,6 +88,12 @@ void SlotJournal::takeUp() {
     clear();
 }
 
+void SlotJournal::checked() noexcept {
+  if (!needs_check_) return;
+  needs_check_ = false;
+  if (!writeHead(marks_.front().offset)) clear();
+}
+
 void SlotJournal::newEpoch() noexcept {
   std::fill(kept_.begin(), kept_.end(), std::uint8_t{0});
 }
@@ -95,11 +102,12 @@ void SlotJournal::clear() noexcept {
   marks_.clear();
   newEpoch();
   end_ = 0;
+  needs_check_ = false;
   (void)::ftruncate(file_.get(), 0);
 }
 
 bool SlotJournal::writeHead(std::uint64_t first) noexcept {
-  const Head head = {kMagic, boot_, slots_, slot_bytes_, first};
+  const Head head = {kMagic, boot_, slots_, slot_bytes_, first, needs_check_ ? 1U : 0U};
   std::array<std::uint8_t, sizeof head> bytes;
   std::memcpy(bytes.data(), &head, sizeof head);
   return writeAt(file_.get(), bytes, 0) == bytes.size();

@@ -18,8 +18,8 @@ namespace fathom::onboard {
 // The file: a head (where the records begin, of which boot of the machine it is), then records, each with a
 // checksum: marks and slots. After kill -9 all of it counts; a record that the file's end cuts short was
 // being written, so that its slot was not yet. After the machine was off nobody knows what reached the disk
-// behind a record that is cut short or damaged: then there is no mark any more. A disk that refuses a record
-// ends all epochs, too, until the next mark.
+// behind a record that is cut short or damaged, nor which slots did without their record: what is before it
+// counts, and needsCheck(). A disk that refuses a record ends all epochs until the next mark.
 class SlotJournal {
  public:
   // For another mark the oldest goes: 43 minutes at one in ten seconds.
@@ -43,6 +43,8 @@ class SlotJournal {
   // The slots are as at that mark: its epoch begins again.
   void beginAgain(std::uint64_t number) noexcept;
   void forget(std::uint64_t before) noexcept;
+  [[nodiscard]] bool needsCheck() const noexcept { return needs_check_; }
+  void checked() noexcept;
 
   [[nodiscard]] bool sync() const noexcept;
   [[nodiscard]] std::uint64_t bytes() const noexcept;  // of records
@@ -64,6 +66,7 @@ class SlotJournal {
   Descriptor file_;
   std::size_t slots_, slot_bytes_;
   std::uint64_t boot_, end_ = 0;
+  bool needs_check_ = false;
   std::vector<Mark> marks_;           // the oldest first
   std::vector<std::uint8_t> kept_;    // by slot: in this epoch
   std::vector<std::uint8_t> record_;  // head and content of one

@@ -86,43 +86,44 @@ DiveProcess::~DiveProcess() {
   ::close(socket_);
 }
 
-void DiveProcess::take(const std::string& line) {
+void DiveLife::take(const std::string& line) {
   if (line.size() < 2) return;
   std::istringstream in(line.substr(2));
   switch (line[0]) {
     case 'R':
-      life_.resumed = true;
-      in >> life_.said_away_s >> life_.first.emplace();
+      resumed = true;
+      in >> said_away_s >> first.emplace();
       break;
     case 'C':
-      in >> life_.from.emplace();
+      in >> from.emplace();
       break;
     case 'F':
-      in >> life_.first.emplace();
+      in >> first.emplace();
       break;
     case 'A':
-      in >> life_.armed_ns;
+      in >> armed_ns;
       break;
     case 'N':
-      in >> life_.navigates_ns;
+      in >> navigates_ns;
       break;
     case 'B':
-      in >> life_.follows_ns >> life_.mapper;
+      in >> follows_ns >> mapper;
       break;
     case 'M': {
-      DiveMemory& m = life_.memory.emplace();
-      in >> m.pairs >> m.vehicle_kib >> m.mapper_kib >> m.heap_calls >> m.faults;
+      DiveMemory& m = memory.emplace();
+      in >> m.pairs >> m.vehicle_kib >> m.mapper_kib >> m.heap_calls >> m.faults >> m.slipped >> m.shed >>
+          m.state_kib >> m.saving_ms;
       break;
     }
     case 'S': {
       DiveState s;
       in >> s.mono_ns >> s.utc_ns >> s.pairs >> s.keyframes >> s.tiles >> s.arrived;
-      if (life_.states.empty()) life_.caught_up_ns = s.mono_ns;
-      life_.states.push_back(s);
+      if (states.empty()) caught_up_ns = s.mono_ns;
+      states.push_back(s);
       break;
     }
     default:
-      life_.said.push_back(line.substr(2));
+      said.push_back(line.substr(2));
   }
 }
 
@@ -136,7 +137,7 @@ bool DiveProcess::readLines(int timeout_ms) {
   if (size <= 0) return false;
   half_.append(text.data(), static_cast<std::size_t>(size));
   for (std::size_t end = half_.find('\n'); end != std::string::npos; end = half_.find('\n')) {
-    take(half_.substr(0, end));
+    life_.take(half_.substr(0, end));
     half_.erase(0, end + 1);
   }
   return true;

@@ -39,6 +39,9 @@ struct DiveLife {
   std::int64_t follows_ns = 0;       // since then the mapper follows, monotonic
   std::optional<DiveMemory> memory;  // the last that was said
   std::vector<std::string> said;
+
+  // A line that it wrote (killed_dive.hpp).
+  void take(const std::string& line);
 };
 
 class DiveProcess {
@@ -59,7 +62,6 @@ class DiveProcess {
 
  private:
   bool readLines(int timeout_ms);
-  void take(const std::string& line);
 
   Ship& ship_;
   DiveLife life_;

@@ -188,16 +188,18 @@ bool playLong(const Options& options, DiveOrders& orders, Ship& ship) {
   orders.from_s = options.from_s;
   orders.shift_ns = fast.utcNs() + static_cast<std::int64_t>(kSetUp_s * options.rate * 1e9);
   std::uint64_t told = 0;
-  std::printf("%9s %12s %12s %11s %7s\n", "pairs", "vehicle KiB", "mapper KiB", "heap calls", "faults");
+  std::printf("%9s %6s %12s %12s %11s %7s %8s %10s %10s\n", "pairs", "shed", "vehicle KiB", "mapper KiB",
+              "heap calls", "faults", "slipped", "state KiB", "saving ms");
   DiveProcess process(orders, ship);
   const bool runs = process.listen([&](const DiveLife& life, std::int64_t) {
     if (life.memory && life.memory->pairs >= told) {
       told = life.memory->pairs + options.after_pairs / 20;
-      std::printf("%9llu %+12lld %+12lld %11llu %7llu\n", static_cast<unsigned long long>(life.memory->pairs),
-                  static_cast<long long>(life.memory->vehicle_kib),
-                  static_cast<long long>(life.memory->mapper_kib),
-                  static_cast<unsigned long long>(life.memory->heap_calls),
-                  static_cast<unsigned long long>(life.memory->faults));
+      const DiveMemory& m = *life.memory;
+      const auto number = [](std::uint64_t n) { return static_cast<unsigned long long>(n); };
+      std::printf("%9llu %6llu %+12lld %+12lld %11llu %7llu %8llu %10llu %10.1f\n", number(m.pairs),
+                  number(m.shed), static_cast<long long>(m.vehicle_kib), static_cast<long long>(m.mapper_kib),
+                  number(m.heap_calls), number(m.faults), number(m.slipped), number(m.state_kib),
+                  m.saving_ms);
       std::fflush(stdout);
     }
     return !life.states.empty() && life.states.back().pairs >= options.after_pairs;
@@ -328,6 +330,7 @@ Report killedDive() {
            required({"config", &o.config, "onboard.toml"}),
            {"--shift-ns", &o.shift_ns, "added to the mission's times gives the vehicle's"},
            {"--hard", &o.hard, "not in soft mode"},
+           {"--for-s", &o.for_s, "ends by itself after so long [s]"},
            {"--leg-pairs", &o.leg_pairs, "of one way, forward and back without end"},
            {"--from-s", &o.from_s, "the way begins there in the mission [s]"},
            {"--rate", &o.clock.rate, "of the vehicle's clock"},

@@ -1,15 +1,18 @@
 #include "tests/onboard/kill/killed_dive.hpp"
 
 #include <sys/socket.h>
+#include <unistd.h>
 
 #include <cinttypes>
 #include <csignal>
 #include <cstdio>
+#include <cstring>
 #include <ctime>
 
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
 #include "realtime/onboard/live/live_system.hpp"
+#include "realtime/onboard/mapper/mapper_tier.hpp"
 #include "tests/onboard/live/played_devices.hpp"
 
 namespace fathom::test {
@@ -43,6 +46,7 @@ template <class... Values>
 void say(const char* format, Values... values) {
   std::printf(format, values...);
   std::fflush(stdout);
+  (void)::fsync(STDOUT_FILENO);  // into a file it shall outlive the machine
 }
 
 void sayMemory(LiveSystem& live, const MapState& map, std::size_t resident_at_arming) {
@@ -52,19 +56,29 @@ void sayMemory(LiveSystem& live, const MapState& map, std::size_t resident_at_ar
     return (static_cast<std::int64_t>(now) - static_cast<std::int64_t>(before)) / 1024;
   };
   const rt::ThreadCost cost = live.hardCost();
-  say("M %" PRIu64 " %" PRId64 " %" PRId64 " %" PRIu64 " %" PRIu64 "\n", map.pairs,
-      kib(rt::exactResidentBytes(), resident_at_arming), kib(mapper.resident, mapper.resident_at_arming),
-      cost.heap_calls, cost.minor_faults + cost.major_faults);
+  const auto* loop = live.hardLoop();
+  double saving_ms = 0;
+  for (std::size_t i = 0; i < MapperTier::kStages; ++i)
+    if (const rt::StageSummary stage = MapperTier::summaryOf(mapper, i);
+        std::strcmp(stage.name, "checkpoint") == 0)
+      saving_ms = static_cast<double>(stage.max_ns) * 1e-6;
+  say("M %" PRIu64 " %" PRId64 " %" PRId64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64
+      " %.1f\n",
+      map.pairs, kib(rt::exactResidentBytes(), resident_at_arming),
+      kib(mapper.resident, mapper.resident_at_arming), cost.heap_calls, cost.minor_faults + cost.major_faults,
+      loop != nullptr ? loop->slipped_cycles : 0, map.pairs_shed, mapper.checkpoints.bytes / 1024, saving_ms);
 }
 
-void watchOver(LiveSystem& live, const rt::VehicleClock& clock) {
+void watchOver(LiveSystem& live, const rt::VehicleClock& clock, double for_s) {
   const std::size_t resident_at_arming = rt::exactResidentBytes();
   bool navigates = false, followed = false;
   MapState map;
   NavState nav;
   std::int64_t next_supervise_ns = 0, next_memory_ns = 0, said_ns = 0;
   std::uint64_t begun_with = 0;
-  while (told_to_end == 0) {
+  const std::int64_t end_ns =
+      for_s > 0 ? clock.monotonicNs() + static_cast<std::int64_t>(for_s * 1e9) : INT64_MAX;
+  while (told_to_end == 0 && clock.monotonicNs() < end_ns) {
     const timespec rest = {0, static_cast<long>(said_ns == 0 ? kLook_ns : kSupervise_ns)};
     ::clock_nanosleep(CLOCK_MONOTONIC, 0, &rest, nullptr);
     if (!navigates && live.hard().readForSupervisor(nav) && nav.inputs > 0) {
@@ -143,7 +157,7 @@ int dive(const DiveOrders& orders) {
   else
     say("F %zu\n", played.first);
   say("A %" PRId64 "\n", clock.monotonicNs());
-  watchOver(live, clock);
+  watchOver(live, clock, orders.for_s);
   const LiveSystem::End end = live.end(config.live.end_within_s);
   for (const std::string& line : end.left_out) say("# %s\n", line.c_str());
   return end.mapped ? kExitSuccess : kExitFailedWork;

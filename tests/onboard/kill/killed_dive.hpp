@@ -17,6 +17,7 @@ struct DiveOrders {
   std::filesystem::path config;   // TOML
   bool hard = false;              // not in soft mode
   std::int64_t shift_ns = 0;      // added to the mission's times gives the vehicle's
+  double for_s = 0;               // it ends by itself after so long; 0: it does not
   // Set: so many pairs of the mission, from there on, are flown forward and back without end, from `shift_ns`
   // on.
   std::size_t leg_pairs = 0;
@@ -50,12 +51,16 @@ constexpr int kModemSocket = 3;
 //   N mono_ns                     the hard tier has put inputs in order
 //   S mono_ns utc_ns pairs keyframes tiles arrived    after catching up, some times a second
 //   B mono_ns pid                 the mapper, that process, follows, after it did not
-//   M pairs vehicle mapper heap_calls faults   memory: resident now less at arming [KiB]; of the hard tier
-//   since arming # text                        what the program says
+//   M pairs vehicle mapper heap_calls faults slipped shed state_kib saving_ms   resident now less at arming
+//     [KiB]; of the hard tier since arming; pairs shed; the newest saved state, and what the longest took
+//   # text                        what the program says
 struct DiveMemory {
   std::uint64_t pairs = 0;
-  std::int64_t vehicle_kib = 0, mapper_kib = 0;  // grown since arming
-  std::uint64_t heap_calls = 0, faults = 0;      // of the hard tier since then
+  std::int64_t vehicle_kib = 0, mapper_kib = 0;           // grown since arming
+  std::uint64_t heap_calls = 0, faults = 0, slipped = 0;  // of the hard tier since then
+  std::uint64_t shed = 0;                                 // pairs
+  std::uint64_t state_kib = 0;                            // the newest one on the disk
+  double saving_ms = 0;                                   // that a state took of the map's work, at most
 };
 struct DiveState {
   std::int64_t mono_ns = 0, utc_ns = 0;  // utc: of the newest input consumed
