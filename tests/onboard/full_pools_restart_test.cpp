@@ -156,8 +156,8 @@ TEST_F(FullPools, ADiveCutOffTwiceIsTheOneThatItsLogReplaysTo) {
   EXPECT_GE(compared, 7);
 }
 
-// What a drive without protection leaves of a journal that was not flushed: records up to somewhere, then
-// rubbish, and the machine has booted anew.
+// What a drive without protection leaves of a journal that was not flushed: records up to somewhere, rubbish
+// behind them or nothing, and the machine has booted anew.
 TEST_F(FullPools, AfterAPowerLossAStateIsUsedIfTheSlotsHoldWhatItKnows) {
   addUpTo(0.35);
   const std::size_t one = addMark(io::Mark::Kind::kCheckpoint, 1);
@@ -174,19 +174,20 @@ TEST_F(FullPools, AfterAPowerLossAStateIsUsedIfTheSlotsHoldWhatItKnows) {
   }
   const fs::path slots = folder.path() / "meshes.slots";
   const std::string written = test::readText(slots);
-  const auto loseThePowerAt = [&](const fs::path& journal, std::uintmax_t bytes) {
+  const auto loseThePowerAt = [&](const fs::path& journal, std::uintmax_t bytes, std::size_t rubbish) {
     test::writeText(slots, written);
     fs::resize_file(journal, bytes);
     std::fstream file(journal, std::ios::in | std::ios::out | std::ios::binary);
     constexpr std::streamoff kBoot = 8;  // where the head has the boot
     file.seekp(kBoot).put('?');
-    file.seekp(0, std::ios::end) << std::string(200, '?');
+    file.seekp(0, std::ios::end) << std::string(rubbish, '?');
   };
   const std::string all = test::readText(journals[1]);
   ASSERT_GT(all.size(), at_mark[1] + 200) << "no slot was written over";
-  for (const bool lost : {false, true}) {
+  for (const int what : {0, 1, 2, 3}) {
+    const bool lost = what / 2 > 0;
     test::writeText(journals[1], all);
-    loseThePowerAt(journals[1], lost ? at_mark[1] : all.size());
+    loseThePowerAt(journals[1], lost ? at_mark[1] : all.size(), what % 2 == 0 ? 0 : 200);
     Life life{*this, true};
     EXPECT_TRUE(life.meshes.needsCheck());
     life.comeBackTo(1, state);

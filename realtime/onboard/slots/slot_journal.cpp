@@ -68,12 +68,11 @@ void SlotJournal::takeUp() {
   if (head.magic != kMagic || head.slots != slots_ || head.slot_bytes != slot_bytes_) return clear();
   const auto size = static_cast<std::uint64_t>(found.st_size);
   end_ = head.first;
-  needs_check_ = head.needs_check != 0;
+  needs_check_ = head.needs_check != 0 || head.boot == 0 || head.boot != boot_;
   for (;;) {
     Record record;
     const Found what = readRecord(end_, size, record);
-    const bool same_boot = head.boot != 0 && head.boot == boot_;
-    needs_check_ = needs_check_ || what == Found::kDamaged || (what == Found::kCutShort && !same_boot);
+    needs_check_ = needs_check_ || what == Found::kDamaged;
     if (what != Found::kRecord) break;
     if (record.is_mark != 0) {
       if (marks_.size() == kMostMarks) marks_.erase(marks_.begin());

@@ -17,9 +17,9 @@ namespace fathom::onboard {
 //
 // The file: a head (where the records begin, of which boot of the machine it is), then records, each with a
 // checksum: marks and slots. After kill -9 all of it counts; a record that the file's end cuts short was
-// being written, so that its slot was not yet. After the machine was off nobody knows what reached the disk
-// behind a record that is cut short or damaged, nor which slots did without their record: what is before it
-// counts, and needsCheck(). A disk that refuses a record ends all epochs until the next mark.
+// being written, so that its slot was not yet. After the machine was off nobody knows whether records are
+// missing at the end, nor which slots reached the disk without theirs: what is whole counts, and
+// needsCheck(). A disk that refuses a record ends all epochs until the next mark.
 class SlotJournal {
  public:
   // For another mark the oldest goes: 43 minutes at one in ten seconds.

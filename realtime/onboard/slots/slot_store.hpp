@@ -24,8 +24,8 @@ class SlotStore {
   // Every slot holds what it held at that mark, from which the store then goes on; 0: zeros, as at first.
   // False when there was no such mark, it was forgotten, or what was there could not be kept.
   [[nodiscard]] virtual bool rollBack(std::uint64_t /*number*/) { return true; }
-  // After a power loss that took records of what slots held: a slot may hold what it held at no mark. Who
-  // knows what each must hold looks, and calls checked() where all do; until then it stays so, also over
+  // The machine was off since, or the disk damaged what slots held: a slot may hold what it held at no mark.
+  // Who knows what each must hold looks, and calls checked() where all do; until then it stays so, also over
   // further starts.
   [[nodiscard]] virtual bool needsCheck() const { return false; }
   virtual void checked() {}
