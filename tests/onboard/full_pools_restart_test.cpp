@@ -163,31 +163,29 @@ TEST_F(FullPools, AfterAPowerLossAStateIsUsedIfTheSlotsHoldWhatItKnows) {
   const std::size_t one = addMark(io::Mark::Kind::kCheckpoint, 1);
   addUpTo(0.37);
   std::vector<std::uint8_t> state;
-  const fs::path journals[] = {folder.path() / "features.slots.undo", folder.path() / "meshes.slots.undo"};
-  std::vector<std::uintmax_t> at_mark;
+  const fs::path slots = folder.path() / "meshes.slots", journal = folder.path() / "meshes.slots.undo";
+  std::uintmax_t at_mark = 0;
   {
     Life life{*this, false};
     life.consume(0, one + 1);
     state = life.save();
-    for (const fs::path& journal : journals) at_mark.push_back(fs::file_size(journal));
+    at_mark = fs::file_size(journal);
     life.consume(one + 1, log.size());
   }
-  const fs::path slots = folder.path() / "meshes.slots";
-  const std::string written = test::readText(slots);
-  const auto loseThePowerAt = [&](const fs::path& journal, std::uintmax_t bytes, std::size_t rubbish) {
+  const std::string written = test::readText(slots), all = test::readText(journal);
+  const auto loseThePowerAt = [&](std::uintmax_t bytes, std::size_t rubbish) {
     test::writeText(slots, written);
+    test::writeText(journal, all);
     fs::resize_file(journal, bytes);
     std::fstream file(journal, std::ios::in | std::ios::out | std::ios::binary);
     constexpr std::streamoff kBoot = 8;  // where the head has the boot
     file.seekp(kBoot).put('?');
     file.seekp(0, std::ios::end) << std::string(rubbish, '?');
   };
-  const std::string all = test::readText(journals[1]);
-  ASSERT_GT(all.size(), at_mark[1] + 200) << "no slot was written over";
+  ASSERT_GT(all.size(), at_mark + 200) << "no slot was written over";
   for (const int what : {0, 1, 2, 3}) {
     const bool lost = what / 2 > 0;
-    test::writeText(journals[1], all);
-    loseThePowerAt(journals[1], lost ? at_mark[1] : all.size(), what % 2 == 0 ? 0 : 200);
+    loseThePowerAt(lost ? at_mark : all.size(), what % 2 == 0 ? 0 : 200);
     Life life{*this, true};
     EXPECT_TRUE(life.meshes.needsCheck());
     life.comeBackTo(1, state);

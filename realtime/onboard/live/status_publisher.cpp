@@ -39,7 +39,11 @@ StatusPublisher::StatusPublisher(LiveSystem& live, std::shared_ptr<io::LcmBus> b
 
 void StatusPublisher::tell(const io::LogMessage& message) {
   if (publisher_) publisher_->publish(message);
-  (void)live_.recorder().offerMessage(config_.lane, clock_.utcNs(), message.channel, message.data);
+  (void)log(message);
+}
+
+bool StatusPublisher::log(const io::LogMessage& message) {
+  return live_.recorder().offerMessage(config_.lane, clock_.utcNs(), message.channel, message.data);
 }
 
 void StatusPublisher::step() {
@@ -110,9 +114,8 @@ void StatusPublisher::logPassedOver() {
   const std::uint64_t passed = map_.inputs_passed_over;
   passed_over_told_ = std::min(passed_over_told_, passed);  // another mapper counts anew
   if (passed == passed_over_told_) return;
-  const io::LogMessage gap = io::encodeGap({clock_.utcNs(), io::RecordingGap::Kind::kInputs,
-                                            passed - passed_over_told_, std::string(io::kGapOfMapper)});
-  if (live_.recorder().offerMessage(config_.lane, clock_.utcNs(), gap.channel, gap.data))
+  if (log(io::encodeGap({clock_.utcNs(), io::RecordingGap::Kind::kInputs, passed - passed_over_told_,
+                         std::string(io::kGapOfMapper)})))
     passed_over_told_ = passed;
 }
 

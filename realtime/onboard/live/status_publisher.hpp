@@ -43,6 +43,8 @@ class StatusPublisher {
   [[nodiscard]] io::MapReport mapReport() const;
   [[nodiscard]] io::LinkReport linkReport() const;
   void tell(const io::LogMessage& message);
+  // False where the recorder has no room for it.
+  bool log(const io::LogMessage& message);
 
   LiveSystem& live_;
   std::unique_ptr<io::LcmPublisher> publisher_;

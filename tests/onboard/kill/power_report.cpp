@@ -9,10 +9,7 @@
 #include <random>
 #include <sstream>
 
-#include "firmware_if/files/mission.hpp"
 #include "firmware_if/log/recording_gap.hpp"
-#include "realtime/kernel/clock.hpp"
-#include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/vehicle_clock.hpp"
 #include "tests/onboard/kill/dive_check.hpp"
 #include "tests/support/test_data.hpp"
@@ -59,17 +56,13 @@ Cut cutPower(const Options& options, double after_s, unsigned drive_seed) {
                            "[recorder]\nplanned_hours = 0.02\nimage_reserve_mib = 1\nlog_reserve_mib = 1\n"
                            "[memory]\nheap_mib = 16\nvehicle_heap_mib = 8\nbudget_mib = 2048\n";
   const rt::VehicleClock clock(rt::VehicleClock::systemOffsetNs());
-  std::uint64_t damaged = 0;
-  const std::int64_t first_ns = io::readOnboardInputs(options.mission, damaged).front().arrival_utc_ns;
-  const std::int64_t shift_ns =
-      clock.utcNs() - first_ns + static_cast<std::int64_t>((kBoot_s - options.from_s) * 1e9);
-  const PlayedMission played(options.mission, clock, shift_ns);
+  const PlayedMission played(options.mission, clock, kBoot_s - options.from_s);
 
   const fs::path mission = fs::absolute(options.mission);
   const auto dive = [&](const std::string& status, const std::string& more) {
     return std::string(FATHOM_BIN_DIR) + "/onboard_kill killed-dive $FATHOM_UML_DISK/dive " +
-           mission.string() + " " + config.string() + " --shift-ns=" + std::to_string(shift_ns) + more +
-           " > " + (folder.path() / status).string();
+           mission.string() + " " + config.string() + " --shift-ns=" + std::to_string(played.shift_ns) +
+           more + " > " + (folder.path() / status).string();
   };
   const std::string make = "mkdir $FATHOM_UML_DISK/dive && cp " + mission.string() + "/mission.toml " +
                            mission.string() + "/stereo.calib $FATHOM_UML_DISK/dive && sync && ";

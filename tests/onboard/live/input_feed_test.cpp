@@ -4,7 +4,6 @@
 
 #include <memory>
 
-#include "firmware_if/files/mission_folder.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::onboard {
