@@ -20,7 +20,11 @@ struct HilComparison {
 // not done yet (RUN/replay, RUN/direct), prints the tables, writes RUN/compare.json. True when every check
 // holds:
 //   replay       the recording replays to the bytes that the live run wrote
-//   poses        camera positions within 1 cm of the direct replay's, where the first lap shows the same pair
+//   poses        camera positions within 3 mm of the direct replay's, where the first lap shows the same
+//   pair,
+//                after the turn about the vertical and the shift that the whole track has; these no more than
+//                the position's claimed standard deviation. Ship's fixes come over the modem later than they
+//                stand in the mission: one that comes after the first pair weighs otherwise than one before
 //   frames       every whole frame that a camera sent is recorded, up to those that a full disk stopped
 //   pairs        no pair of exposures that do not belong together, no pixel other than the mission's
 //   faults       each counter that a fault must move has the count injected
@@ -43,7 +47,8 @@ struct TimeShift {
 };
 struct PoseDistances {
   std::size_t matched = 0, unmatched = 0;  // of the live run's poses; unmatched: no direct pose within 0.1 s
-  double worst_m = 0, rms_m = 0, worst_rad = 0;
+  double moved_m = 0, turn_rad = 0;        // the whole: furthest motion of a pose, turn about the vertical
+  double worst_m = 0, rms_m = 0, worst_rad = 0;  // of single poses, without that motion
 };
 [[nodiscard]] PoseDistances comparePoses(const io::StereoPoseFile& live, const io::StereoPoseFile& direct,
                                          const TimeShift& shift);

@@ -45,18 +45,28 @@ TEST(HilCompare, FoldersDifferByBytesAndByWhatOneLacksButNotByMeasuredTimes) {
   EXPECT_THAT(differingFiles(a, a), testing::IsEmpty());
 }
 
-TEST(HilCompare, PosesAreMatchedByTheMissionsTimeOfTheirExposure) {
+TEST(HilCompare, PosesAreMatchedByTheMissionsTimeAndPartedIntoTheWholesMotionAndTheirOwn) {
   const TimeShift shift = {kMissionNs + 5000 * kSecondNs, kMissionNs, 2.0};
   const double mission_s = 1e-9 * static_cast<double>(kMissionNs), run_s = mission_s + 5000;
+  const SE3 whole(Eigen::Quaterniond(Eigen::AngleAxisd(0.004, Eigen::Vector3d::UnitZ())),
+                  Eigen::Vector3d(0.01, -0.02, 0.001));
   io::StereoPoseFile direct, live;
   for (int i = 0; i < 10; ++i) direct.poses.push_back(pose(mission_s + 0.5 * i, 1.0 * i));
-  for (int i = 3; i < 8; ++i) live.poses.push_back(pose(run_s + 0.25 * i + 0.001, 1.0 * i + 0.003));
+  for (int i = 3; i < 8; ++i) {
+    live.poses.push_back(pose(run_s + 0.25 * i + 0.001, 1.0 * i));
+    live.poses.back().T_nav_cam = whole * live.poses.back().T_nav_cam;
+  }
+  live.poses[2].T_nav_cam =
+      SE3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0.005, 0)) * live.poses[2].T_nav_cam;
   live.poses.push_back(pose(run_s + 100, 0));
   const PoseDistances d = comparePoses(live, direct, shift);
   EXPECT_EQ(d.matched, 5U);
   EXPECT_EQ(d.unmatched, 1U);
-  EXPECT_NEAR(d.worst_m, 0.003, 1e-9);
-  EXPECT_NEAR(d.rms_m, 0.003, 1e-9);
+  EXPECT_NEAR(d.turn_rad, 0.004, 1e-6);
+  EXPECT_NEAR(d.moved_m, std::hypot(0.01, -0.02 + 0.001 + 7 * 0.004, 0.001), 1e-4);
+  EXPECT_NEAR(d.worst_m, 0.004, 1e-5);  // but for the fifth of it that the whole took
+  EXPECT_NEAR(d.rms_m, 0.002, 1e-5);
+  EXPECT_LT(d.worst_rad, 1e-6);
 }
 
 std::vector<CameraLogRow> exposures(int n, std::int64_t period_ns, std::int64_t off_ns) {
