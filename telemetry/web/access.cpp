@@ -51,7 +51,9 @@ AccessVerdict Access::judge(const AccessRequest& request) const {
     if (!matches(request.token_query)) return AccessVerdict::kUnauthorised;
     verdict = AccessVerdict::kEnterAndSetCookie;
   }
-  if (request.method != "GET" && request.method != "HEAD" && !request.has_page_header)
+  const bool own =
+      request.fetch_site.empty() || request.fetch_site == "same-origin" || request.fetch_site == "none";
+  if (request.method != "GET" && request.method != "HEAD" && !(request.has_page_header && own))
     return AccessVerdict::kForbidden;
   return verdict;
 }

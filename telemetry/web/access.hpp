@@ -11,6 +11,7 @@ struct AccessRequest {
   std::string_view host;    // header Host
   std::string_view cookie;  // header Cookie
   std::string_view token_header, token_query;
+  std::string_view fetch_site;   // header Sec-Fetch-Site: who made the browser ask
   bool has_page_header = false;  // kPageHeader, which no other site's page can send
 };
 
@@ -22,7 +23,7 @@ inline constexpr const char* kTokenHeader = "X-Fathom-Token";
 // Who may use the page. With a token every request must bring it: in a header, in the cookie that the page's
 // first address (?token=...) sets, or in the address. Without one (loopback only) the request must name this
 // machine as its host, so that no other site's name can be pointed here. Whatever changes something needs the
-// page's own header as well.
+// page's own header as well, and must not come from another site's page, where the browser says so.
 class Access {
  public:
   explicit Access(std::string token) : token_(std::move(token)) {}

@@ -16,17 +16,17 @@ using httplib::Request;
 using httplib::Response;
 using Handled = httplib::Server::HandlerResponse;
 
-constexpr time_t kKeepAlive_s = 2;  // an idle connection holds a thread
-
 // Gives whether the request was answered with a refusal.
 Handled guard(const Access& access, const Request& request, Response& response) {
   response.set_header("Cache-Control", "no-store");
   response.set_header("X-Content-Type-Options", "nosniff");
   response.set_header("X-Frame-Options", "DENY");
   response.set_header("Referrer-Policy", "no-referrer");
+  response.set_header("Cross-Origin-Resource-Policy", "same-origin");
   const std::string host = request.get_header_value("Host"), cookie = request.get_header_value("Cookie"),
                     token = request.get_header_value(kTokenHeader), query = request.get_param_value("token");
-  switch (access.judge({request.method, host, cookie, token, query, request.has_header(kPageHeader)})) {
+  const std::string site = request.get_header_value("Sec-Fetch-Site");
+  switch (access.judge({request.method, host, cookie, token, query, site, request.has_header(kPageHeader)})) {
     case AccessVerdict::kUnauthorised:
       refuse(response, kUnauthorised,
              "This page wants its token: open the address that the program printed.");
@@ -81,7 +81,8 @@ PageServer::PageServer(const PageServerConfig& config, const std::function<void(
   httplib::Server& server = impl_->server;
   server.new_task_queue = [threads = config.threads] { return new httplib::ThreadPool(threads); };
   server.set_payload_max_length(config.max_body_bytes);
-  server.set_keep_alive_timeout(kKeepAlive_s);
+  // One request a connection: what is left of a request that was refused must not be read as the next one.
+  server.set_keep_alive_max_count(1);
   server.set_pre_routing_handler(
       [this](const Request& request, Response& response) { return guard(impl_->access, request, response); });
   // The library's own options would let two programs share a port, and each get a part of the requests.

@@ -5,6 +5,11 @@
 // The resolver's header, which httplib brings, takes a name that Eigen uses.
 #undef _res
 
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <array>
+#include <atomic>
 #include <fstream>
 
 #include "realtime/kernel/input_error.hpp"
@@ -32,8 +37,9 @@ class Pages : public testing::Test {
   [[nodiscard]] PageServer serve(PageServerConfig config = {}) const {
     config.page = pageFolder(root_ / "page", "test");
     config.option = "--port";
-    return PageServer(config, [](httplib::Server& server) {
-      server.Post("/api/echo", [](const httplib::Request& request, httplib::Response& response) {
+    return PageServer(config, [this](httplib::Server& server) {
+      server.Post("/api/echo", [this](const httplib::Request& request, httplib::Response& response) {
+        ++echoed_;
         response.set_content(request.body, "text/plain");
       });
     });
@@ -41,7 +47,55 @@ class Pages : public testing::Test {
   test::TemporaryFolder scratch_;
   fs::path root_ = scratch_.path();
   std::string large_ = std::string(300'000, '\0');
+  mutable std::atomic<int> echoed_ = 0;
 };
+
+// What a server answers, until it closes the connection, to bytes as they are.
+std::string answerTo(int port, const std::string& bytes) {
+  const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in to{};
+  to.sin_family = AF_INET;
+  to.sin_port = htons(static_cast<std::uint16_t>(port));
+  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  const timeval patience{5, 0};
+  ::setsockopt(socket, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+  EXPECT_EQ(::connect(socket, reinterpret_cast<const sockaddr*>(&to), sizeof to), 0);
+  for (std::size_t sent = 0; sent < bytes.size();) {
+    const ssize_t n = ::send(socket, bytes.data() + sent, bytes.size() - sent, MSG_NOSIGNAL);
+    if (n <= 0) break;
+    sent += static_cast<std::size_t>(n);
+  }
+  std::string answer;
+  std::array<char, 4096> part{};
+  for (ssize_t n; (n = ::recv(socket, part.data(), part.size(), 0)) > 0;)
+    answer.append(part.data(), static_cast<std::size_t>(n));
+  ::close(socket);
+  return answer;
+}
+
+// A page of another site can make a browser post any body, but neither the page's header nor another method
+// to choose: no request may hide in the body of one that was refused.
+TEST_F(Pages, NoRequestHidesInTheBodyOfARefusedOne) {
+  PageServerConfig config;
+  config.max_body_bytes = 100'000;
+  const PageServer server = serve(config);
+  const std::string hidden =
+      "POST /api/echo HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Fathom: page\r\nContent-Length: 6\r\n\r\nsigned";
+  for (const std::string& path : {std::string("/api/echo"), std::string("/absent")})
+    for (const std::size_t whole : {std::size_t{0}, std::size_t{4096}, std::size_t{8192}}) {
+      const auto head = [&](std::size_t length) {
+        return "POST " + path + " HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: keep-alive\r\nContent-Length: " +
+               std::to_string(length) + "\r\n\r\n";
+      };
+      const std::size_t ahead = head(whole + 100).size(), filler = whole > ahead ? whole - ahead : 0;
+      const std::string answer =
+          answerTo(server.port(), head(filler + hidden.size()) + std::string(filler, 'x') + hidden);
+      EXPECT_NE(answer.find("403"), std::string::npos) << whole;
+      EXPECT_EQ(answer.find("signed"), std::string::npos) << whole;
+      EXPECT_EQ(answer.find("HTTP/1.1", 8), std::string::npos) << "one answer";
+      EXPECT_EQ(echoed_, 0);
+    }
+}
 
 TEST_F(Pages, APathCannotLeaveTheFolder) {
   const fs::path folder = root_ / "page";
@@ -72,6 +126,7 @@ TEST_F(Pages, EveryAnswerForbidsKeepingFramingAndGuessing) {
     EXPECT_EQ(answer->get_header_value("X-Content-Type-Options"), "nosniff") << path;
     EXPECT_EQ(answer->get_header_value("X-Frame-Options"), "DENY") << path;
     EXPECT_EQ(answer->get_header_value("Referrer-Policy"), "no-referrer") << path;
+    EXPECT_EQ(answer->get_header_value("Cross-Origin-Resource-Policy"), "same-origin") << path;
   }
 }
 
