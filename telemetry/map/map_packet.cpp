@@ -1,5 +1,6 @@
 #include "telemetry/map/map_packet.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -49,7 +50,8 @@ bool codeBody(Coder& coder, const Header& header, Content& content, packet::Krig
   patch.forget();
   if (!packet::codeBlocks(coder, patch, kMaxPacketBlocks)) return false;
   packet::codeSeen(coder, patch);
-  if (patch.first() < 0) return false;  // a packet says something
+  content.activity = 0;
+  if (patch.first() < 0) return true;  // nothing of these is seen any more
   packet::FieldWalk<Coder> heights(coder, patch, table, header.roughness, content.wanted.data());
   heights.run();
   content.activity = heights.meanActivity();
@@ -180,18 +182,21 @@ struct MapPacketEncoder::Impl {
         if (good) content.wanted[n] = static_cast<std::int32_t>(std::lround(height));
       });
     }
-    if (!good || !base || !(std::abs(*base) < packet::kMaxBase)) return false;
-    h.base = static_cast<std::int32_t>(*base);
+    if (!good || !(std::abs(base.value_or(0)) < packet::kMaxBase)) return false;
+    h.base = static_cast<std::int32_t>(base.value_or(0));
     return true;
   }
 
   // Encodes what was laid out; 0 if it does not fit.
   std::size_t write(int roughness, std::span<std::uint8_t> out) {
     header.roughness = roughness;
-    RangeEncoder coder(out);
+    // The coder writes some bytes further than it ends.
+    RangeEncoder coder(scratch);
     if (!packet::codeHeader(coder, header) || !codeBody(coder, header, content, check.table)) return 0;
-    const std::size_t size = coder.finish();
-    return coder.ok() ? std::max<std::size_t>(size, 1) : 0;
+    const std::size_t size = std::max<std::size_t>(coder.finish(), 1);
+    if (!coder.ok() || size > out.size()) return 0;
+    if (out.data() != scratch.data()) std::copy_n(scratch.begin(), size, out.begin());
+    return size;
   }
   // At the roughness near to `usual` that gives the fewest bytes, which it leaves in the header.
   std::size_t writeBest(int usual, std::span<std::uint8_t> out) {
@@ -295,7 +300,7 @@ MapPacketEncoder::~MapPacketEncoder() = default;
 MapPacketEncoder::Result MapPacketEncoder::encode(std::span<const MapBlock> blocks,
                                                   const MapPacketConfig& config, std::span<std::uint8_t> out,
                                                   std::span<MapBlock> decoded) {
-  if (blocks.empty() || blocks[0].seen == 0 || !(config.max_error > 0)) return {};
+  if (blocks.empty() || !(config.max_error > 0)) return {};
   out = out.first(std::min(out.size(), impl_->scratch.size()));
   const int colour_bits = std::clamp(config.colour_bits, 0, packet::kMaxColourBits);
   const int wanted = errorCode(config.max_error);

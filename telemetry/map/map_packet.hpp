@@ -38,7 +38,7 @@ class MapPacketEncoder {
 
   struct Result {
     std::size_t bytes =
-        0;  // of the payload; 0: not even the first block fits or can be sent, or nothing was seen in it
+        0;  // of the payload; 0: not even the first block fits or can be sent
     std::size_t blocks = 0;  // the first so many of the blocks given are in the packet
   };
   // Takes the longest prefix of `blocks` (one spacing, keys distinct, the most wanted first, near to each

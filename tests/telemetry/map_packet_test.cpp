@@ -105,8 +105,6 @@ TEST_F(MapPacket, RefusesWhatCannotBeSentAndSurvivesAnyBytes) {
   EXPECT_EQ(encoder.encode(blocks, {}, std::span(out).first(2)).bytes, 0U);
   blocks[0].depth[0] = std::nanf("");
   EXPECT_EQ(encoder.encode(blocks, {}, out).bytes, 0U);
-  blocks[0].seen = 0;
-  EXPECT_EQ(encoder.encode(blocks, {}, out).bytes, 0U);
   EXPECT_FALSE(decoder.decode({}, packet));
   std::mt19937 random(11);
   for (int k = 0; k < 3000; ++k) {
@@ -117,6 +115,25 @@ TEST_F(MapPacket, RefusesWhatCannotBeSentAndSurvivesAnyBytes) {
     for (const auto& block : packet.blocks)
       for (const float depth : block.depth) EXPECT_TRUE(std::isfinite(depth));
   }
+}
+
+TEST_F(MapPacket, BlocksOfWhichNothingIsSeenGoAloneAndWithOthers) {
+  auto blocks = rubble(2);
+  std::vector<std::uint8_t> out(246);
+  for (const std::size_t emptied : {std::size_t{1}, blocks.size()}) {
+    for (std::size_t k = 0; k < emptied; ++k) blocks[k].seen = 0;
+    const auto result = encoder.encode(blocks, {}, out);
+    ASSERT_GT(result.blocks, 0U);
+    ASSERT_TRUE(decoder.decode(std::span(out).first(result.bytes), packet));
+    ASSERT_EQ(packet.blocks.size(), result.blocks);
+    const auto found = std::find_if(packet.blocks.begin(), packet.blocks.end(),
+                                    [&](const MapBlock& b) { return b.key == blocks[0].key; });
+    ASSERT_NE(found, packet.blocks.end());
+    EXPECT_EQ(found->seen, 0);
+  }
+  const auto alone = encoder.encode(std::span(blocks).first(1), {}, out);
+  EXPECT_EQ(alone.blocks, 1U);
+  EXPECT_LE(alone.bytes, 8U);
 }
 
 TEST_F(MapPacket, HoldsTheErrorOnStepsSpikesSlopesAndExtremeDepths) {
