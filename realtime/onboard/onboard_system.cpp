@@ -199,7 +199,10 @@ void OnboardSystem::placePairs(std::uint32_t up_to, const StereoTrigger* last, c
 }
 
 void OnboardSystem::receiveFrame(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
-  const telemetry::DownlinkReceiver::Result heard = downlink_.accept(now_ns, frame);
+  const telemetry::DownlinkReceiver::Result heard =
+      downlink_.accept(now_ns, frame, [&](const telemetry::Acknowledgement& a) {
+        return link_.sentLately(a, now_ns, telemetry::DownlinkReceiver::kFresh_s);
+      });
   const telemetry::DownlinkContent& content = heard.content;
   if (heard.verdict == telemetry::DownlinkVerdict::kAccepted ||
       heard.verdict == telemetry::DownlinkVerdict::kNoKey)

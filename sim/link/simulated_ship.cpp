@@ -70,7 +70,7 @@ struct SimulatedShip::Impl {
       if (!telemetry::writePacket(file.stream(), now_ns, frame))
         throw std::runtime_error("the ship's frames cannot be written (disk full?)");
       ++frames_heard;
-      ship->accept(now_ns, frame, [](telemetry::MessageType, std::span<const std::uint8_t>) { return true; });
+      ship->accept(now_ns, frame, [](const auto&) { return true; });
     }
     if (!ship) return;
     // The sender keeps one fix: the next is given when that one was said.

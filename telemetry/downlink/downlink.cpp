@@ -1,6 +1,7 @@
 #include "telemetry/downlink/downlink.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <stdexcept>
 
 namespace fathom::telemetry {
@@ -11,6 +12,7 @@ constexpr std::int64_t kNanoseconds = 1'000'000'000;
 constexpr std::size_t kUsefulReach = 48;
 constexpr std::size_t kSequenceBits = 16;
 constexpr std::size_t kByteBits = 8;
+constexpr DownlinkCounter kAhead = 6000;  // ten minutes
 // The same request again within this time is a repetition of it, later a new wish.
 constexpr std::int64_t kRepetition_ns = 300 * kNanoseconds;
 
@@ -107,7 +109,9 @@ void DownlinkSender::noteSaid(const DownlinkContent& content) {
 std::size_t DownlinkSender::nextFrame(std::int64_t utc_ns, std::span<std::uint8_t> out) {
   if (out.size() < frame_bytes_) return 0;
   const DownlinkCounter before = counter_;
-  counter_ = std::max(counter_ + 1, downlinkCounterAt(utc_ns));
+  const DownlinkCounter now = downlinkCounterAt(utc_ns);
+  // Rises whatever the clock does, but for one that was far ahead.
+  counter_ = counter_ > now && counter_ - now > kAhead ? now : std::max(counter_ + 1, now);
   if (fix_ && !fits({fix_, {}, {}}, 0)) {
     fix_.reset();
     ++counters_.stale_fixes;
@@ -149,8 +153,8 @@ const char* name(DownlinkVerdict verdict) {
       return "old";
     case DownlinkVerdict::kBadSignature:
       return "bad-signature";
-    case DownlinkVerdict::kThrottled:
-      return "throttled";
+    case DownlinkVerdict::kStale:
+      return "stale";
     case DownlinkVerdict::kNoKey:
       return "no-key";
   }
@@ -165,19 +169,22 @@ std::uint64_t DownlinkReceiver::Counters::refused() const {
 
 DownlinkReceiver::DownlinkReceiver(const LinkIdentity& identity, const std::optional<DownlinkKey>& key,
                                    std::int64_t not_before_utc_ns)
-    : identity_(identity),
-      key_(key),
-      counter_(downlinkCounterAt(not_before_utc_ns)),
-      bad_signatures_(kBadCost, kBadBurst * kBadCost, kBadBurst * kBadCost) {}
+    : identity_(identity), key_(key), counter_(downlinkCounterAt(not_before_utc_ns)) {}
 
 bool DownlinkReceiver::isRepetition(std::int64_t now_ns, const Request& request) {
-  std::optional<Heard>& last = requests_[request.id];
-  const bool repeated = last && last->request == request && now_ns - last->utc_ns < kRepetition_ns;
-  last = {now_ns, request};
-  return repeated;
+  if (request.kind != Request::Kind::kDetail) return false;
+  for (const std::optional<Heard>& heard : details_) {
+    if (!heard || now_ns - heard->utc_ns >= kRepetition_ns) continue;
+    Request same = heard->request;  // a ship that was started again counts its requests anew
+    same.id = request.id;
+    if (same == request) return true;
+  }
+  details_[next_detail_++ % details_.size()] = {now_ns, request};
+  return false;
 }
 
-DownlinkReceiver::Result DownlinkReceiver::judge(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
+DownlinkReceiver::Result DownlinkReceiver::judge(std::int64_t now_ns, std::span<const std::uint8_t> frame,
+                                                 const SentLately& sent_lately) {
   const DecodedFrame whole = decodeFrame(frame);
   if (whole.verdict != FrameVerdict::kAccepted || whole.header.type != MessageType::kDownlink)
     return {DownlinkVerdict::kBadFrame, {}};
@@ -195,15 +202,18 @@ DownlinkReceiver::Result DownlinkReceiver::judge(std::int64_t now_ns, std::span<
     if (heard_ && decoded.counter == counter_) return {DownlinkVerdict::kOld, {}};
   } else {
     if (!is_signed) return {DownlinkVerdict::kUnsigned, {}};
-    if (decoded.counter <= counter_) return {DownlinkVerdict::kOld, {}};
-    bad_signatures_.advance(now_ns);
-    if (!bad_signatures_.has(kBadCost)) return {DownlinkVerdict::kThrottled, {}};
-    if (!key_->verify(identity_, message, whole.payload.subspan(message.size()))) {
-      bad_signatures_.take(kBadCost);
+    if (!key_->verify(identity_, message, whole.payload.subspan(message.size())))
       return {DownlinkVerdict::kBadSignature, {}};
-    }
+    const auto& acknowledgement = decoded.content.acknowledgement;
+    const auto heard = acknowledgement && sent_lately ? sent_lately(*acknowledgement) : std::nullopt;
+    const double age_s = static_cast<double>(now_ns - downlinkTime(decoded.counter)) / kNanoseconds;
+    const bool timely = std::abs(age_s) <= kFresh_s;
+    if (!(timely && decoded.counter > counter_) && !(heard && *heard > acknowledged_))
+      return {heard || decoded.counter <= counter_ ? DownlinkVerdict::kOld : DownlinkVerdict::kStale, {}};
+    if (heard) acknowledged_ = std::max(acknowledged_, *heard);
+    if (!timely) decoded.counter = counter_;  // of a clock that is off: true times come after it
   }
-  counter_ = decoded.counter;
+  counter_ = key_ ? std::max(counter_, decoded.counter) : decoded.counter;
   heard_ = true;
   Result result{DownlinkVerdict::kAccepted, decoded.content};
   if (!key_ && result.content.request) {
@@ -213,8 +223,9 @@ DownlinkReceiver::Result DownlinkReceiver::judge(std::int64_t now_ns, std::span<
   return result;
 }
 
-DownlinkReceiver::Result DownlinkReceiver::accept(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
-  Result result = judge(now_ns, frame);
+DownlinkReceiver::Result DownlinkReceiver::accept(std::int64_t now_ns, std::span<const std::uint8_t> frame,
+                                                  const SentLately& sent_lately) {
+  Result result = judge(now_ns, frame, sent_lately);
   ++counters_.verdicts[static_cast<std::size_t>(result.verdict)];
   if (result.content.acknowledgement) ++counters_.acknowledgements;
   if (result.content.fix) ++counters_.fixes;

@@ -4,12 +4,12 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <optional>
 #include <span>
 
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "telemetry/downlink/downlink_key.hpp"
-#include "telemetry/vehicle/token_bucket.hpp"
 #include "telemetry/wire/downlink_messages.hpp"
 #include "telemetry/wire/frame.hpp"
 
@@ -76,17 +76,20 @@ enum class DownlinkVerdict : std::uint8_t {
   kForeign,     // for another vehicle or dive
   kBadPayload,  // whole, but no message
   kUnsigned,    // this vehicle has a key and the frame no signature
-  kOld,         // a counter that is not above the last: replayed, overtaken or doubled on the way
+  kOld,  // neither its counter nor what it has heard is newer than the last: replayed, overtaken, doubled
   kBadSignature,
-  kThrottled,  // not looked at: too many bad signatures lately
-  kNoKey,      // a request, and this vehicle has no key to trust it by
+  kStale,  // said long ago, or by a clock that is off, and it has heard nothing lately: held back on the way
+  kNoKey,  // a request, and this vehicle has no key to trust it by
 };
 inline constexpr std::size_t kDownlinkVerdicts = 9;
 [[nodiscard]] const char* name(DownlinkVerdict verdict);
 
 // The vehicle's ear: admits what the ship says to this vehicle on this dive, once each, and keeps the account
-// of the rest. With a key, only what carries the right signature; without one, acknowledgements and fixes but
-// no requests. No heap, no clocks.
+// of the rest. With a key, only what carries the right signature and was said lately; without one,
+// acknowledgements and fixes but no requests. A frame was said lately when its time is near the vehicle's, or
+// when it acknowledges what the vehicle sent a short while ago: so a clock that is off, on either side, mutes
+// nobody. Every signature is checked (a microsecond or two): a flood of false ones hides no true one. No
+// heap, no clocks.
 class DownlinkReceiver {
  public:
   // Frames older than `not_before_utc_ns` (with a key) are not admitted: recordings from before the dive.
@@ -95,11 +98,15 @@ class DownlinkReceiver {
 
   struct Result {
     DownlinkVerdict verdict = DownlinkVerdict::kBadFrame;
-    // What to act on. A repetition of a request is admitted, but its request left out; so is a request where
-    // the verdict is kNoKey, while fix and acknowledgement of that frame stand.
+    // What to act on. A repetition of a request for detail is admitted, but its request left out (the others
+    // do nothing when they are said again); so is a request where the verdict is kNoKey, while fix and
+    // acknowledgement of that frame stand.
     DownlinkContent content;
   };
-  Result accept(std::int64_t now_ns, std::span<const std::uint8_t> frame);
+  // The frame that an acknowledgement names, if the vehicle sent it within the last kFresh_s.
+  using SentLately = std::function<std::optional<Version>(const Acknowledgement&)>;
+  static constexpr double kFresh_s = 600;
+  Result accept(std::int64_t now_ns, std::span<const std::uint8_t> frame, const SentLately& sent_lately = {});
 
   struct Counters {
     std::array<std::uint64_t, kDownlinkVerdicts> verdicts{};  // by DownlinkVerdict
@@ -120,23 +127,20 @@ class DownlinkReceiver {
  private:
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
-  // Bad signatures looked at: so many at once, then one a second.
-  static constexpr std::size_t kBadBurst = 32;
-  static constexpr std::size_t kBadCost = 16;  // of one, in the bucket's units
-
-  Result judge(std::int64_t now_ns, std::span<const std::uint8_t> frame);
+  Result judge(std::int64_t now_ns, std::span<const std::uint8_t> frame, const SentLately& sent_lately);
   [[nodiscard]] bool isRepetition(std::int64_t now_ns, const Request& request);
 
   LinkIdentity identity_;
   std::optional<DownlinkKey> key_;
   DownlinkCounter counter_;  // of the newest frame admitted
   bool heard_ = false;
-  TokenBucket bad_signatures_;
+  Version acknowledged_ = 0;  // the newest frame that one admitted has heard
   struct Heard {
     std::int64_t utc_ns = 0;
     Request request;
   };
-  std::array<std::optional<Heard>, 16> requests_;  // by id
+  std::array<std::optional<Heard>, 16> details_;  // the last ones asked for, a ring
+  std::size_t next_detail_ = 0;
   std::optional<std::uint8_t> last_request_id_;
   Counters counters_;
 };

@@ -19,7 +19,7 @@ constexpr std::size_t kDigits = 2 * DownlinkKey::kBytes;
 constexpr const char* kFix =
     "must hold 64 hexadecimal digits and nothing else; make one with fathom-monitor key FILE";
 // Keeps these signatures apart from any other use of the same key.
-constexpr std::string_view kPurpose = "Fathom downlink 2";
+constexpr std::string_view kPurpose = "Fathom downlink 3";
 // The shortest hash that libsodium gives.
 constexpr std::size_t kHashBytes = crypto_generichash_BYTES_MIN;
 static_assert(DownlinkKey::kSignatureBytes <= kHashBytes);

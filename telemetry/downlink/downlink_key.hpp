@@ -12,8 +12,8 @@
 namespace fathom::telemetry {
 
 // The secret that ship and vehicle share: 32 bytes. Signs downlink frames with keyed BLAKE2b (RFC 7693, by
-// libsodium), cut to kSignatureBytes. Forgers get one try a frame, and the receiver looks at no more than
-// about one bad frame a second: 40 bits are one success in 1e12 tries. Wiped when it goes.
+// libsodium), cut to kSignatureBytes. Forgers get one try a frame: 40 bits are one success in 1e12 tries,
+// and a modem brings some ten a second. Wiped when it goes.
 class DownlinkKey {
  public:
   static constexpr std::size_t kBytes = 32;

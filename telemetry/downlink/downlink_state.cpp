@@ -5,7 +5,7 @@
 namespace fathom::telemetry {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("DOWN"), kVersion = 1;
+constexpr std::uint32_t kTag = rt::stateTag("DOWN"), kVersion = 2;
 constexpr std::uint8_t kLargestId = 15;
 
 template <typename Archive, typename R>
@@ -18,9 +18,10 @@ void exchangeRequest(Archive& archive, R& r) {
 
 template <typename Archive, typename Self>
 void DownlinkReceiver::exchange(Archive& archive, Self& self) {
-  archive(self.counter_, self.heard_, self.bad_signatures_, self.last_request_id_, self.counters_);
+  archive(self.counter_, self.heard_, self.acknowledged_, self.last_request_id_, self.counters_,
+          self.next_detail_);
   archive.require(!self.last_request_id_ || *self.last_request_id_ <= kLargestId, "a request that cannot be");
-  for (auto& heard : self.requests_) {
+  for (auto& heard : self.details_) {
     bool there = heard.has_value();
     archive(there);
     if constexpr (Archive::kLoading) {

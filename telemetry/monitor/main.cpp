@@ -40,6 +40,8 @@ int main(int argc, char** argv) {
   app.add_option("--http-bind", options.http_address,
                  "address of the web page; other than loopback needs a token")
       ->capture_default_str();
+  app.add_flag("--listen", options.listen,
+               "say nothing: of all programs that hear a vehicle, one may speak to it");
   app.add_option("--key", options.key, "file of the key that signs requests to the vehicle");
   app.add_option("--token", options.token,
                  "secret that the web page asks for (default: none on loopback, else a new one is printed)");

@@ -81,7 +81,7 @@ void reload(SessionFiles& files, MonitorModel& model) {
   std::string damage;
   const std::size_t count = files.reload(
       [&](std::span<const std::uint8_t> bytes, std::int64_t utc_ns) { (void)model.accept(bytes, utc_ns); },
-      damage);
+      [&] { model.noteDamage(); }, damage);
   if (!damage.empty()) std::cerr << "fathom-monitor: " << damage << std::endl;
   const auto& identity = model.receiver().identity();
   if (count > 0 && identity)
@@ -94,7 +94,7 @@ void reload(SessionFiles& files, MonitorModel& model) {
 class Reception {
  public:
   Reception(SharedModel& shared, const MonitorOptions& options, SessionFiles* files)
-      : shared_(shared), files_(files) {
+      : shared_(shared), files_(files), listen_only_(options.listen) {
     if (options.packets.empty()) {
       live_.emplace(openPorts(options));
     } else {
@@ -121,7 +121,12 @@ class Reception {
       shared_.now_utc_ns = clock_.utcNs();
       const std::size_t count = live_->poll(take);
       std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
-      if (const std::size_t size = shared_.model->speak(clock_.utcNs(), frame); size > 0)
+      // What is not on the disk is not acknowledged: the vehicle would never send it again.
+      if (const std::size_t size =
+              listen_only_ ? 0
+                           : shared_.model->speak(clock_.utcNs(), frame,
+                                                  [&] { return files_ == nullptr || files_->keep(); });
+          size > 0)
         if (!live_->send(std::span<const std::uint8_t>(frame).first(size))) ++unsent_;
       return count;
     }
@@ -148,6 +153,7 @@ class Reception {
 
   SharedModel& shared_;
   SessionFiles* files_;
+  bool listen_only_;
   rt::RealClock clock_;
   std::uint64_t unsent_ = 0;  // downlink frames that no port took
   std::optional<LiveFeed> live_;
@@ -169,6 +175,7 @@ int runMonitor(const MonitorOptions& options, const std::atomic<bool>& stop) {
   page.page = web::pageFolder(options.page, "monitor");
   page.token = tokenOf(options);
   SharedModel shared(identityOf(options), keyOf(options), static_cast<std::uint64_t>(clock.utcNs()));
+  shared.listens = options.listen;
   std::optional<SessionFiles> files;
   if (!options.out.empty()) files.emplace(options.out);
   const WebServer server(shared, page);
@@ -188,6 +195,18 @@ int runMonitor(const MonitorOptions& options, const std::atomic<bool>& stop) {
   std::int64_t last_frame_ns = clock.monotonicNs(), last_progress_ns = last_frame_ns,
                last_save_ns = last_frame_ns;
   std::uint64_t printed_version = 0;
+  std::string trouble;
+  // The ship's program does not end by itself: it says what it cannot keep.
+  const auto save = [&] {
+    if (!files) return;
+    files->save(*shared.model);
+    if (std::string now = files->trouble(); now != trouble) {
+      trouble = std::move(now);
+      std::cerr << "fathom-monitor: " << (trouble.empty() ? "everything is kept again" : trouble)
+                << std::endl;
+    }
+    shared.not_kept = trouble;
+  };
   while (!stop) {
     const std::size_t count = reception.step();
     const std::int64_t now = clock.monotonicNs();
@@ -201,7 +220,7 @@ int runMonitor(const MonitorOptions& options, const std::atomic<bool>& stop) {
     }
     if (files && now - last_save_ns >= kSaveInterval_ns) {
       const std::lock_guard lock(shared.mutex);
-      files->save(*shared.model);
+      save();
       last_save_ns = now;
     }
     if (options.exit_after_idle_s && reception.mayEnd() &&
@@ -210,7 +229,7 @@ int runMonitor(const MonitorOptions& options, const std::atomic<bool>& stop) {
     if (count == 0) std::this_thread::sleep_for(kPollInterval);
   }
   const std::lock_guard lock(shared.mutex);
-  if (files) files->save(*shared.model);
+  save();
   printProgress(*shared.model);
   return exit_code;
 }

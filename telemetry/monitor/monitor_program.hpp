@@ -19,6 +19,7 @@ struct MonitorOptions {
   std::optional<int> vehicle, dive;
   int http_port = 8080;  // 0: any free one
   std::string http_address = "127.0.0.1";
+  bool listen = false;         // says nothing to the vehicle: another program does
   std::filesystem::path key;   // that the vehicle holds too; empty: nothing can be asked of it
   std::string token;           // that the page asks for; empty: none on loopback, else a new one
   std::filesystem::path page;  // empty: ../share/fathom/monitor beside the executable's folder

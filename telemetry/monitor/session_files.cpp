@@ -1,6 +1,12 @@
 #include "telemetry/monitor/session_files.hpp"
 
-#include <stdexcept>
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <sstream>
 #include <string>
 
 #include "realtime/kernel/input_error.hpp"
@@ -22,41 +28,70 @@ SessionFiles::SessionFiles(std::filesystem::path folder) : folder_(std::move(fol
   std::filesystem::create_directories(folder_, error);
   if (!error) {
     log_.open(folder_ / "frames.log", std::ios::app);
-    received_.open(folder_ / kReceived, std::ios::app | std::ios::binary);
+    received_ = ::open((folder_ / kReceived).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
   }
-  if (error || !log_ || !received_)
+  if (error || !log_ || received_ < 0)
     throw InputError(folder_.string(), "", "cannot write here: give --out a folder that can be made");
   if (log_.tellp() == 0) log_ << "# utc_ns verdict type vehicle dive sequence bytes\n";
 }
 
+SessionFiles::~SessionFiles() {
+  (void)keep();
+  if (received_ >= 0) ::close(received_);
+}
+
 std::size_t SessionFiles::reload(const std::function<void(std::span<const std::uint8_t>, std::int64_t)>& take,
-                                 std::string& damage) {
+                                 const std::function<void()>& on_damage, std::string& damage) {
   const auto path = folder_ / kReceived;
-  std::uintmax_t whole = 0;
-  std::size_t count = 0;
-  try {
-    telemetry::PacketLogReader reader(path);
-    while (const auto packet = reader.next()) {
-      take(packet->bytes, packet->utc_ns);
-      whole += kPacketHeadBytes + packet->bytes.size();
-      ++count;
+  telemetry::PacketLogReader reader(path);
+  for (std::size_t count = 0;;) {
+    const std::uint64_t whole = reader.offset();
+    try {
+      while (const auto packet = reader.next()) {
+        // A frame that was accepted and is not whole any more is damage too.
+        if (telemetry::decodeFrame(packet->bytes).verdict == FrameVerdict::kBadCrc) {
+          if (damage.empty())
+            damage =
+                path.string() + ": a frame before byte " + std::to_string(reader.offset()) + " is damaged";
+          on_damage();
+          continue;
+        }
+        take(packet->bytes, packet->utc_ns);
+        ++count;
+      }
+      return count;
+    } catch (const InputError& error) {
+      const std::uint64_t from = reader.offset();
+      on_damage();
+      if (reader.passOverDamage()) {
+        damage = path.string() + ": bytes " + std::to_string(from) + " to " +
+                 std::to_string(reader.offset()) + " are damaged and left out";
+        continue;
+      }
+      std::error_code failed;
+      std::filesystem::resize_file(path, std::max(from, whole), failed);
+      if (failed) throw;
+      damage = std::string(error.what()) + " (the damaged end has been cut off)";
+      return count;
     }
-  } catch (const InputError& error) {
-    std::error_code failed;
-    std::filesystem::resize_file(path, whole, failed);
-    if (failed) throw;
-    damage = std::string(error.what()) + " (the damaged end has been cut off)";
   }
-  return count;
 }
 
 void SessionFiles::log(const telemetry::DecodedFrame& frame, std::span<const std::uint8_t> bytes,
                        std::int64_t utc_ns, bool recorded) {
   const bool accepted = frame.verdict == FrameVerdict::kAccepted;
-  if (accepted && !recorded &&
-      !(telemetry::writePacket(received_, utc_ns, bytes) && received_.flush().good()))
-    throw std::runtime_error((folder_ / kReceived).string() + ": cannot be written, is the disk full?");
+  if (accepted && !recorded) {
+    std::ostringstream record;
+    (void)telemetry::writePacket(record, utc_ns, bytes);
+    const std::string text = std::move(record).str();
+    if (waiting_.size() + text.size() <= kMostWaiting)
+      waiting_.insert(waiting_.end(), text.begin(), text.end());
+    else
+      ++lost_;
+    write();
+  }
   if (!accepted && ++rejected_lines_ > kMaxRejectedLines) return;
+  log_.clear();  // a line that a full disk did not take is no loss
   log_ << utc_ns << ' ' << name(frame.verdict) << ' ';
   if (accepted || frame.verdict >= FrameVerdict::kForeign) {
     log_ << name(frame.header.type) << ' ' << unsigned{frame.header.identity.vehicle_id} << ' '
@@ -67,16 +102,58 @@ void SessionFiles::log(const telemetry::DecodedFrame& frame, std::span<const std
   log_ << ' ' << bytes.size() << '\n';
 }
 
+void SessionFiles::write() {
+  if (waiting_.empty()) return;
+  synced_ = false;
+  struct stat before {};
+  const bool known = ::fstat(received_, &before) == 0;
+  const ssize_t written = ::write(received_, waiting_.data(), waiting_.size());
+  if (written == static_cast<ssize_t>(waiting_.size())) {
+    waiting_.clear();
+    received_trouble_.clear();
+    return;
+  }
+  received_trouble_ = std::strerror(written < 0 ? errno : ENOSPC);
+  // No half frame stays: it goes whole when there is room.
+  if (written > 0 && known && ::ftruncate(received_, before.st_size) != 0)
+    received_trouble_ = std::strerror(errno);
+}
+
+bool SessionFiles::keep() {
+  write();
+  if (!waiting_.empty()) return false;
+  if (synced_) return lost_ == 0;
+  synced_ = ::fdatasync(received_) == 0;
+  if (!synced_) received_trouble_ = std::strerror(errno);
+  return synced_ && lost_ == 0;
+}
+
+std::string SessionFiles::trouble() const {
+  std::string text;
+  if (!received_trouble_.empty())
+    text = (folder_ / kReceived).string() + " cannot be written (" + received_trouble_ +
+           "): " + std::to_string(waiting_.size()) + " bytes wait in memory, and nothing new is acknowledged";
+  if (lost_ > 0) text += (text.empty() ? "" : "; ") + std::to_string(lost_) + " frames could not even wait";
+  if (!export_trouble_.empty()) text += (text.empty() ? "" : "; ") + export_trouble_;
+  return text;
+}
+
 void SessionFiles::save(const MonitorModel& model) {
   log_.flush();
+  export_trouble_.clear();
   const bool origin = model.mission().has_value();
   const bool map = model.map().version() != saved_map_ || origin != saved_origin_;
   const bool track = model.track().size() != saved_track_ || origin != saved_origin_;
-  for (const std::string_view name : kExportNames) {
-    if (!(name == "track.geojson" ? track : map)) continue;
-    const Export made = makeExport(model, name);
-    if (made.bytes.empty()) continue;
-    writeFile(folder_ / name, made.bytes);
+  try {
+    for (const std::string_view name : kExportNames) {
+      if (!(name == "track.geojson" ? track : map)) continue;
+      const Export made = makeExport(model, name);
+      if (made.bytes.empty()) continue;
+      writeFile(folder_ / name, made.bytes);
+    }
+  } catch (const std::exception& error) {
+    export_trouble_ = error.what();
+    return;
   }
   saved_map_ = model.map().version();
   saved_track_ = model.track().size();

@@ -8,19 +8,24 @@
 #include <span>
 
 #include "telemetry/repair/repair_decoder.hpp"
+#include "telemetry/ship/held_frames.hpp"
 #include "telemetry/wire/downlink_messages.hpp"
 #include "telemetry/wire/frame.hpp"
 
 namespace fathom::telemetry {
 
 // The ship's end of the link: admits frames of one vehicle and dive, once each, repairs lost map packets from
-// repair frames, says what to acknowledge, and keeps the account of the rest. Sans-I/O; bounded; allocates
-// nothing after construction.
+// repair frames, says what to acknowledge, and keeps the account of the rest. Sans-I/O; bounded.
 class LinkReceiver {
  public:
-  // Called for the message of an accepted frame and for every map packet that was repaired, in the order in
-  // which they become known; never for repair frames. False: the message is not valid.
-  using Deliver = std::function<bool(MessageType, std::span<const std::uint8_t>)>;
+  // The message of an accepted frame, or a map packet that was repaired; never a repair frame.
+  struct Message {
+    MessageType type = MessageType::kStatus;
+    Version version = 0;  // rises over the dive, whatever its sender's numbers do
+    std::span<const std::uint8_t> payload;
+  };
+  // Called in the order in which they become known: an older one may come after a newer. False: not valid.
+  using Deliver = std::function<bool(const Message&)>;
 
   // Without an identity the first valid frame's is locked.
   explicit LinkReceiver(std::optional<LinkIdentity> identity = std::nullopt) : identity_(identity) {}
@@ -34,6 +39,10 @@ class LinkReceiver {
   // repaired, as far back as this receiver has listened, and no further than the last kTurnsBack turns (an
   // answer takes the time in which the vehicle is silent). Not valid before the first frame.
   [[nodiscard]] Acknowledgement acknowledgement() const;
+  // The same of what lies further back, a place after the other; see HeldFrames::further().
+  [[nodiscard]] std::optional<Acknowledgement> furtherAcknowledgement() { return held_.further(); }
+  // Some of what was accepted before, in the ship's file, is lost: before the frame that is accepted next.
+  void noteDamage() { damage_ = true; }
 
   struct Counters {
     std::array<std::uint64_t, kFrameVerdicts> verdicts{};  // by FrameVerdict
@@ -52,35 +61,34 @@ class LinkReceiver {
   [[nodiscard]] const std::optional<LinkIdentity>& identity() const { return identity_; }
 
  private:
-  bool admitSequence(std::uint16_t sequence, std::uint32_t crc);  // false: duplicate
-  void beginAnew(std::uint16_t sequence);
+  // The version of a frame that is new; nothing for one that is not.
+  std::optional<Version> admit(std::uint16_t sequence, std::uint32_t crc);
+  Version beginAnew(std::uint16_t sequence);
   void repair(const Deliver& deliver);
 
-  // Frames may come this many sequence numbers late and still be told from duplicates. A jump further than
-  // kResyncJump in either direction, a number that comes again with other content, or kStaleRun rising
-  // numbers in a row from before the window: the sender restarted.
+  // Frames may come this many sequence numbers late and still be told from duplicates. A number that comes
+  // again with other content, or kStaleRun rising numbers in a row from before the window: the sender began
+  // anew. What follows after however long a silence is an outage.
   static constexpr int kWindow = RepairDecoder::kWindow;
-  static constexpr int kResyncJump = 4096;
   static constexpr int kStaleRun = 4;
   static constexpr std::size_t kTurnsBack = 3;  // that all of so many answers were lost is unlikely
 
   enum class State : std::uint8_t { kBeforeStart, kMissing, kSeen, kRepaired };
   struct Slot {
     State state = State::kBeforeStart;
-    std::uint32_t crc = 0;  // of the frame seen
+    std::uint32_t crc = 0;  // of the payload seen or repaired
   };
-  [[nodiscard]] Slot& slot(int sequence) {
-    return slots_[static_cast<std::uint16_t>(sequence) % static_cast<std::size_t>(kWindow)];
-  }
+  [[nodiscard]] Slot& slot(Version version) { return slots_[version % static_cast<std::size_t>(kWindow)]; }
 
   std::optional<LinkIdentity> identity_;
-  bool started_ = false, turn_ = false;
-  std::array<std::uint16_t, kTurnsBack> turns_{};  // sequence numbers of the last ones, a ring
+  bool started_ = false, turn_ = false, damage_ = false;
+  std::array<Version, kTurnsBack> turns_{};  // the last ones, a ring
   std::size_t turn_count_ = 0;
-  std::uint16_t newest_ = 0;
+  Version newest_ = 0;
   std::uint16_t last_stale_ = 0;
   int stale_run_ = 0;
-  std::array<Slot, kWindow> slots_{};  // by sequence % kWindow, for (newest - kWindow, newest]
+  std::array<Slot, kWindow> slots_{};  // by version % kWindow, for (newest - kWindow, newest]
+  HeldFrames held_;
   RepairDecoder repair_;
   Counters counters_;
 };

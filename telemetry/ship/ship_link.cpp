@@ -5,6 +5,10 @@
 namespace fathom::telemetry {
 namespace {
 
+// Looks back with every second frame; with four of five where the vehicle has sent next to nothing since.
+constexpr int kLooksBusy = 1, kLooksIdle = 4;
+constexpr std::uint16_t kNextToNothing = 12;  // frames
+
 bool passed(const std::optional<std::int64_t>& since_ns, std::int64_t now_ns, double seconds) {
   return since_ns && static_cast<double>(now_ns - *since_ns) >= seconds * 1e9;
 }
@@ -31,13 +35,22 @@ DecodedFrame ShipLink::accept(std::int64_t now_ns, std::span<const std::uint8_t>
   return decoded;
 }
 
-std::size_t ShipLink::nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out) {
+std::size_t ShipLink::nextFrame(std::int64_t now_ns, std::int64_t said_ns, std::span<std::uint8_t> out,
+                                const Kept& kept) {
   if (!sender_) return 0;
   if (!quiet_ns_) quiet_ns_ = now_ns;
   if (passed(turn_ns_, now_ns, config_.turn_s)) turn_ns_.reset();
   if (!turn_ns_ && !passed(quiet_ns_, now_ns, config_.silence_s)) return 0;
-  sender_->acknowledge(receiver_.acknowledgement());
-  const std::size_t size = sender_->nextFrame(now_ns, out);
+  if (!kept || kept()) {
+    const Acknowledgement latest = receiver_.acknowledgement();
+    const auto since = static_cast<std::uint16_t>(latest.newest - told_newest_);
+    const bool look_back = looks_ < (since < kNextToNothing ? kLooksIdle : kLooksBusy);
+    const auto further = look_back ? receiver_.furtherAcknowledgement() : std::nullopt;
+    looks_ = further ? looks_ + 1 : 0;
+    if (!further) told_newest_ = latest.newest;
+    sender_->acknowledge(further.value_or(latest));
+  }
+  const std::size_t size = sender_->nextFrame(said_ns, out);
   if (size == 0) return 0;
   turn_ns_.reset();
   quiet_ns_ = now_ns;

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <span>
 
@@ -29,12 +30,21 @@ class ShipLink {
                       const LinkReceiver::Deliver& deliver);
   // The frame to send now (out: at least frame_bytes); 0 when it is not the ship's turn or there is nothing
   // to say. `now_ns` is UTC.
-  [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out);
+  // Asked when it is the ship's turn: whether all that was received is kept. Without it, it is.
+  using Kept = std::function<bool()>;
+  [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out) {
+    return nextFrame(now_ns, now_ns, out);
+  }
+  // `said_ns`: the time that the frame tells, UTC.
+  [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::int64_t said_ns, std::span<std::uint8_t> out,
+                                      const Kept& kept = {});
 
   // What to say; see DownlinkSender. Null until it is known which vehicle to speak to.
   [[nodiscard]] DownlinkSender* sender() { return sender_ ? &*sender_ : nullptr; }
   [[nodiscard]] const DownlinkSender* sender() const { return sender_ ? &*sender_ : nullptr; }
   [[nodiscard]] const LinkReceiver& receiver() const { return receiver_; }
+  // See LinkReceiver.
+  void noteDamage() { receiver_.noteDamage(); }
 
  private:
   void meet(const LinkIdentity& identity);
@@ -43,7 +53,9 @@ class ShipLink {
   ShipLinkConfig config_;
   LinkReceiver receiver_;
   std::optional<DownlinkSender> sender_;
-  std::optional<std::int64_t> turn_ns_;   // since when it is the ship's turn
+  int looks_ = 1000;                     // back, since the latest frames were spoken of: with those it begins
+  std::uint16_t told_newest_ = 0;        // of these
+  std::optional<std::int64_t> turn_ns_;  // since when it is the ship's turn
   std::optional<std::int64_t> quiet_ns_;  // since when nobody has spoken
 };
 

@@ -62,14 +62,16 @@ BlockQueue::Urgency BlockQueue::urgency(const Square& s, const Block& b, std::in
       now_ns - b.sent_ns >= repeat_after_ns_)
     return Urgency::kRepeat;
   if (!b.wanted || !settled(b, now_ns)) return Urgency::kNone;
-  if (s.spacing == coarse_ && coarse_ != fine_)
-    return fineIsLate(b, now_ns) ? Urgency::kNewCoarse : Urgency::kNone;
+  if (s.spacing == coarse_ && coarse_ != fine_) {
+    if (fineIsLate(b, now_ns)) return Urgency::kNewCoarse;
+    return b.last != 0 ? Urgency::kRefine : Urgency::kNone;  // the other side shows it
+  }
   const bool requested = s.spacing != fine_ || s.max_error < config_.max_error * (1 - 1e-6);
-  if (b.state == State::kLost)
-    return seconds(now_ns - b.since_ns) < config_.deadline_s && !requested ? Urgency::kRetry
-                                                                           : Urgency::kResend;
+  if (b.state == State::kLost && !requested && seconds(now_ns - b.since_ns) < config_.deadline_s)
+    return Urgency::kRetry;
   if (requested) return Urgency::kRequested;
-  if (b.held_seen != 0 && (b.content.seen & ~b.held_seen) == 0) return Urgency::kChanged;
+  if (b.state != State::kLost && b.held_seen != 0 && (b.content.seen & ~b.held_seen) == 0)
+    return Urgency::kChanged;
   if (b.held_seen == 0 && coarseIsHeld(b)) return Urgency::kRefine;
   return Urgency::kNew;
 }
@@ -81,7 +83,6 @@ BlockQueue::Best BlockQueue::mostUrgent(std::int64_t now_ns) const {
     if (!squares_[i].used) continue;
     for (std::size_t k = 0; k < 16; ++k) {
       const Block& b = squares_[i].blocks[k];
-      if (b.content.seen == 0) continue;  // an emptied block travels with a neighbour
       const Urgency u = urgency(squares_[i], b, now_ns);
       if (u == Urgency::kNone || u > best.urgency) continue;
       // The newest; of those without word the one sent longest ago.
@@ -145,9 +146,11 @@ bool BlockQueue::gather(std::int64_t now_ns, std::size_t limit, Batch& batch) {
     e0 = batch.size == 0 ? key.east : std::min(e0, key.east);
     e1 = batch.size == 0 ? key.east : std::max(e1, key.east);
     batch.blocks[batch.size] = b.content;
-    batch.refs[batch.size++] = {static_cast<std::uint32_t>(i), 0, static_cast<std::uint8_t>(k)};
+    batch.refs[batch.size++] = {static_cast<std::uint32_t>(i), static_cast<std::uint8_t>(k)};
   };
   batch.max_error = seed.max_error;
+  const bool coarse = static_cast<double>(seed.blocks[best.block].held_error) > seed.max_error * (1 + 1e-6);
+  batch.repeats = best.urgency == Urgency::kRepeat && !coarse;
   take(best.square, best.block);
   const BlockKey first = batch.blocks[0].key;
   while (batch.size < std::min(limit, kMaxBatch) && count > 0) {

@@ -32,6 +32,13 @@ MapBlock blockOf(const HeightTile& tile, SpacingCode spacing, int bi, int bj, do
   return block;
 }
 
+constexpr std::uint16_t kAllNodes = 0xFFFF;
+
+template <typename Place>
+bool placeLess(const Place& a, const Place& b) {
+  return std::tie(a.spacing, a.north, a.east) < std::tie(b.spacing, b.north, b.east);
+}
+
 bool differ(const std::array<float, MapBlock::kNodes>& a, const std::array<float, MapBlock::kNodes>& b,
             std::uint16_t seen, double bound) {
   for (std::size_t n = 0; n < MapBlock::kNodes; ++n)
@@ -67,10 +74,50 @@ BlockQueue::BlockQueue(const BlockQueueConfig& config)
                      "coarse spacing has no code: give a power of two or whole millimetres")),
       ratio_(static_cast<int>(std::lround(config.coarse_spacing / config.spacing))),
       squares_(static_cast<std::size_t>(config.max_squares)),
-      index_(squares_.size()) {}
+      index_(squares_.size()) {
+  remembered_.reserve(squares_.size() * kRememberedASquare);
+}
+
+// The other side may show what was sent of it, until there is word that it was withdrawn.
+void BlockQueue::remember(const Square& s) {
+  Remembered r{s.spacing, s.north, s.east, 0, {}};
+  bool unsent = false, unsure = false;
+  for (std::size_t k = 0; k < s.blocks.size(); ++k) {
+    const Block& b = s.blocks[k];
+    const bool delivered = b.state == State::kDelivered;
+    unsent = unsent || b.wanted;
+    unsure = unsure || b.state == State::kInFlight;
+    // A ship that loses what withdrew it may still hear what it withdrew, while that is on its way.
+    if (b.last == 0 || (delivered && b.held_seen == 0 && b.has < oldest_)) continue;
+    r.version[k] = delivered ? b.has : b.last;
+    if (delivered) r.has = static_cast<std::uint16_t>(r.has | 1U << k);
+  }
+  if (gave_way_ && (unsent || unsure)) gave_way_({s.spacing, s.north, s.east}, !unsent);
+  if (r.version == decltype(r.version){}) return;
+  if (remembered_.size() == remembered_.capacity()) {
+    ++counters_.forgotten;
+    return;
+  }
+  remembered_.insert(std::lower_bound(remembered_.begin(), remembered_.end(), r, placeLess<Remembered>), r);
+}
+
+void BlockQueue::recall(Square& s) {
+  const Remembered place{s.spacing, s.north, s.east, 0, {}};
+  const auto found = std::lower_bound(remembered_.begin(), remembered_.end(), place, placeLess<Remembered>);
+  if (found == remembered_.end() || placeLess(place, *found)) return;
+  for (std::size_t k = 0; k < s.blocks.size(); ++k) {
+    if (found->version[k] == 0) continue;
+    Block& b = s.blocks[k];
+    b.first = b.last = found->version[k];
+    b.held_seen = kAllNodes;
+    b.held.fill(std::numeric_limits<float>::quiet_NaN());
+  }
+  remembered_.erase(found);
+}
 
 void BlockQueue::giveWay(std::size_t slot) {
   Square& s = squares_[slot];
+  remember(s);
   for (const Block& b : s.blocks) {
     if (!b.wanted) continue;
     ++counters_.evicted;
@@ -103,6 +150,7 @@ std::size_t BlockQueue::slotFor(SpacingCode spacing, std::int32_t north, std::in
   s.north = north;
   s.east = east;
   s.max_error = config_.max_error;
+  recall(s);
   index_.add(spacing, north, east, best);
   return best;
 }
@@ -111,7 +159,10 @@ std::size_t BlockQueue::slotFor(SpacingCode spacing, std::int32_t north, std::in
 bool BlockQueue::differs(const Square& square, const Block& b) const {
   if (b.content.seen != b.held_seen) return true;
   if (b.content.seen == 0) return false;
-  const double bound = config_.update_error * square.max_error / config_.max_error;
+  // Of what was sent more than once the other side may show any sending, from the one that there is word of
+  // on.
+  const double spread = b.moved && b.has != b.last ? static_cast<double>(b.spread) : 0;
+  const double bound = std::max(0.0, config_.update_error * square.max_error / config_.max_error - spread);
   return static_cast<double>(b.held_error) > square.max_error * (1 + 1e-6) ||
          differ(b.content.depth, b.held, b.content.seen, bound);
 }
@@ -133,7 +184,9 @@ void BlockQueue::offer(const HeightTile& tile, double max_error, std::int64_t no
   }
   now_ns_ = std::max(now_ns_, now_ns);
   std::array<MapBlock, 16> blocks;
-  bool anything = index_.find(*spacing, tile.north_index, tile.east_index).has_value();
+  const Remembered place{*spacing, tile.north_index, tile.east_index, 0, {}};
+  bool anything = index_.find(*spacing, tile.north_index, tile.east_index).has_value() ||
+                  std::binary_search(remembered_.begin(), remembered_.end(), place, placeLess<Remembered>);
   for (int k = 0; k < 16; ++k) {
     blocks[static_cast<std::size_t>(k)] =
         blockOf(tile, *spacing, k / kBlocksASide, k % kBlocksASide, config_.min_coverage);
@@ -151,12 +204,15 @@ void BlockQueue::offer(const HeightTile& tile, double max_error, std::int64_t no
       b.changed_ns = now_ns_;
       b.blocked = false;
     }
+    b.moved = b.moved || blocks[k].seen != b.content.seen ||
+              differ(blocks[k].depth, b.content.depth, blocks[k].seen, 0);
     b.content = blocks[k];
     judge(s, b, now_ns_);
   }
 }
 
-void BlockQueue::sent(Batch& batch, std::size_t count, std::span<const MapBlock> decoded, bool coarsened) {
+void BlockQueue::sent(const Batch& batch, std::size_t count, std::span<const MapBlock> decoded,
+                      Version version, double error) {
   for (std::size_t k = 0; k < count; ++k) {
     Block& b = at(batch.refs[k]);
     ++counters_.sent;
@@ -167,42 +223,98 @@ void BlockQueue::sent(Batch& batch, std::size_t count, std::span<const MapBlock>
       ++counters_.resent;
     else if (b.held_seen != 0)
       ++counters_.updated;
-    if (!repeat) {
-      b.stamp = ++stamp_;
+    // What was sent before and may arrive is another content, where that has moved since.
+    if (!repeat || b.moved) {
+      b.first = version;
+      b.spread = 0;
+      b.has = 0;
       b.flying = b.sendings = 0;
     }
+    if (b.first != version)
+      for (std::size_t n = 0; n < MapBlock::kNodes; ++n)
+        if ((b.held_seen >> n & 1U) != 0)
+          b.spread = std::max(b.spread, std::abs(decoded[k].depth[n] - b.held[n]));
+    b.last = version;
     ++b.flying;
     ++b.sendings;
     b.sent_ns = now_ns_;
-    batch.refs[k].stamp = b.stamp;
     b.state = State::kInFlight;
     b.held = decoded[k].depth;
     b.held_seen = decoded[k].seen;
-    b.held_error = static_cast<float>(batch.max_error);
-    b.orphan = false;
+    b.held_error = static_cast<float>(error);
+    b.orphan = b.moved = false;
     b.wanted = false;
-    b.blocked = coarsened;
+    b.blocked = error > batch.max_error;
     judge(squares_[batch.refs[k].square], b, now_ns_);
   }
 }
 
 void BlockQueue::unsendable(const Batch& batch) {
   Block& b = at(batch.refs[0]);
+  if (batch.repeats) {
+    b.sendings = std::numeric_limits<decltype(b.sendings)>::max();
+    return;
+  }
   b.blocked = true;
   b.wanted = false;
   ++counters_.unsendable;
 }
 
-std::optional<BlockQueue::Whole> BlockQueue::delivered(const BlockRef& ref) {
+std::optional<BlockQueue::Whole> BlockQueue::delivered(const BlockRef& ref, Version version) {
   Block& b = at(ref);
-  if (b.stamp != ref.stamp || b.state == State::kNever) return std::nullopt;
+  if (version < b.first || version > b.last || b.state == State::kNever) return std::nullopt;
   b.state = State::kDelivered;
-  const Square& square = squares_[ref.square];
+  b.has = std::max(b.has, version);
+  Square& square = squares_[ref.square];
   b.wanted = !b.blocked && differs(square, b);
   for (const Block& other : square.blocks)
     if (other.content.seen != 0 && (other.state != State::kDelivered || other.wanted || other.blocked))
       return std::nullopt;
+  square.max_error = config_.max_error;  // what was requested finer is served
   return Whole{square.spacing, square.north, square.east};
+}
+
+void BlockQueue::settle(const Holds& holds, Version oldest) {
+  oldest_ = oldest;
+  for (Square& s : squares_) {
+    if (!s.used) continue;
+    for (std::size_t k = 0; k < s.blocks.size(); ++k) {
+      Block& b = s.blocks[k];
+      const bool had = b.state == State::kDelivered;
+      if (!had && !(b.state == State::kInFlight && b.last < oldest)) continue;
+      const auto held = holds(had ? b.has : b.last);
+      if (had ? held.value_or(true) : held.value_or(false)) {
+        if (!had) {
+          b.state = State::kDelivered;
+          b.has = b.last;
+          judge(s, b, now_ns_);
+        }
+        continue;
+      }
+      if (had) ++counters_.missed;
+      b.flying = 0;
+      makeLost(b);
+    }
+  }
+  for (Remembered& r : remembered_) settle(r, holds, oldest);
+}
+
+void BlockQueue::settle(Remembered& r, const Holds& holds, Version oldest) {
+  bool lacks = false;
+  for (std::size_t k = 0; k < r.version.size(); ++k) {
+    if (r.version[k] == 0) continue;
+    const bool had = (r.has >> k & 1U) != 0;
+    const auto held = holds(r.version[k]);
+    if (held.value_or(had)) {
+      r.has = static_cast<std::uint16_t>(r.has | 1U << k);
+      continue;
+    }
+    if (!had && !held && r.version[k] >= oldest) continue;  // there may be word yet
+    if (had) ++counters_.missed;
+    r.has = static_cast<std::uint16_t>(r.has & ~(1U << k));
+    lacks = true;
+  }
+  if (lacks && gave_way_) gave_way_({r.spacing, r.north, r.east}, false);
 }
 
 bool BlockQueue::doubt() {
@@ -221,34 +333,59 @@ bool BlockQueue::doubt() {
   return first != std::numeric_limits<std::int64_t>::max();
 }
 
-void BlockQueue::lost(const BlockRef& ref) {
-  Block& b = at(ref);
-  if (b.stamp != ref.stamp || b.state != State::kInFlight) return;
-  if (--b.flying > 0) return;  // another sending of the same may have arrived
+void BlockQueue::makeLost(Block& b) {
   b.state = State::kLost;
   b.blocked = false;
-  if (!b.wanted) {
-    b.wanted = true;
-    ++counters_.offered;
-  }
+  b.has = 0;
+  if (b.wanted) return;
+  b.wanted = true;
+  ++counters_.offered;
 }
 
-BlockQueue::Census BlockQueue::census() const {
+void BlockQueue::lost(const BlockRef& ref, Version version) {
+  Block& b = at(ref);
+  if (version < b.first || version > b.last || b.state != State::kInFlight) return;
+  if (b.flying > 0 && --b.flying > 0) return;  // another sending of the same may have arrived
+  makeLost(b);
+}
+
+bool BlockQueue::hasRoom() const {
+  return std::any_of(squares_.begin(), squares_.end(), [](const Square& s) {
+    return !s.used || std::none_of(s.blocks.begin(), s.blocks.end(), [](const Block& b) { return b.wanted; });
+  });
+}
+
+void BlockQueue::eachHeld(
+    const std::function<void(const BlockKey&, Version, Version, const MapBlock&)>& visit) const {
+  for (const Square& s : squares_)
+    for (const Block& b : s.blocks) {
+      if (!s.used || b.state != State::kDelivered) continue;
+      MapBlock shown;
+      shown.key = b.content.key;
+      shown.seen = b.held_seen;
+      shown.depth = b.held;
+      visit(shown.key, b.first, b.last, shown);
+    }
+}
+
+BlockQueue::Census BlockQueue::census(int sendings) const {
   Census c;
   for (const Square& s : squares_) {
     c.squares += s.used ? 1 : 0;
     for (const Block& b : s.blocks) {
       if (!s.used) continue;
       const bool coarse = s.spacing == coarse_ && coarse_ != fine_;
-      c.waiting += b.wanted && b.content.seen != 0 && (!coarse || fineIsLate(b, now_ns_)) ? 1 : 0;
+      c.waiting += b.wanted && (!coarse || fineIsLate(b, now_ns_)) ? 1 : 0;
       c.in_flight += b.state == State::kInFlight ? 1 : 0;
+      c.unsure += b.state == State::kInFlight && b.sendings < sendings ? 1 : 0;
     }
   }
   return c;
 }
 
 std::size_t BlockQueue::memoryBytes() const {
-  return squares_.size() * sizeof(Square) + index_.memoryBytes();
+  return squares_.size() * sizeof(Square) + remembered_.capacity() * sizeof(Remembered) +
+         index_.memoryBytes();
 }
 
 }  // namespace fathom::telemetry

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <stdexcept>
+#include <utility>
 
 #include "telemetry/vehicle/link_scheduler_impl.hpp"
 
@@ -17,6 +18,8 @@ constexpr std::size_t kDownlinkBytes = 48;  // of a usual frame of the ship, whe
 constexpr double kTurnMargin_s = 0.5;       // for the ship to answer
 constexpr double kRepeatGoal = 0.95;        // probability that a block has arrived after its repeats
 constexpr double kRepeatFrames = 2;         // between repeats: a short burst does not take both
+constexpr int kMostRepeats = 200;           // of a block that nobody has answered for
+constexpr double kCarousel_s = 60;          // between two of these
 constexpr double kListenShare = 0.2;        // of the time, by rule
 constexpr int kMaxTurnFrames = static_cast<int>(Acknowledgement::kMaxReach) / 2;
 constexpr int kMaxMapColourBits = 6;
@@ -78,14 +81,6 @@ LinkScheduler::Impl::Impl(const LinkSchedulerConfig& c)
       tiles(static_cast<std::size_t>(c.frame_bytes)) {
   if (config.listen_every_frames == 0) config.listen_every_frames = kMaxTurnFrames;
   housekeeping.plan(c.rate_bps * c.duty);
-  sent.onForgotten([this](std::span<const BlockRef> blocks) {
-    for (const BlockRef& b : blocks) {
-      if (turns.everAnswered())
-        queue.lost(b);
-      else
-        (void)queue.delivered(b);
-    }
-  });
 }
 
 void LinkScheduler::Impl::setRate(double rate_bps) {
@@ -109,11 +104,8 @@ std::size_t LinkScheduler::Impl::repairFrame() {
   return size;
 }
 
-std::size_t LinkScheduler::Impl::mapPacket() {
-  // Spare time and room go to what has no word yet; blind, repair frames do that better.
-  const double frame_s = static_cast<double>(config.frame_bytes) * 8 / config.rate_bps;
-  queue.repeat(blind() || !turns.enabled() ? 1 : repeatsForGoal(sent.loss(), kRepeatGoal),
-               std::max(kRepeatFrames * frame_s, 1.0));
+std::size_t LinkScheduler::Impl::mapPacket(int sendings, double after_s) {
+  queue.repeat(sendings, after_s);
   // Blind, a packet leaves room for the head of the frame that may repair it.
   const std::size_t room = payloadRoom() - (blind() ? kRepairMargin : 0);
   const auto out = std::span(payload).first(room);
@@ -122,9 +114,13 @@ std::size_t LinkScheduler::Impl::mapPacket() {
     const std::span<const MapBlock> blocks = std::span(batch.blocks).first(batch.size);
     MapPacketEncoder::Result result;
     double error = batch.max_error;
-    for (int k = 0; k <= kCoarserTries && result.bytes == 0; ++k) {
+    const int tries =
+        batch.repeats ? 1 : kCoarserTries;  // the other side is to have no worse than it may have
+    for (int k = 0; k <= tries && result.bytes == 0; ++k) {
       if (k > 1) error *= 2;
-      result = encoder.encode(blocks, {error, k == 0 ? config.colour_bits : 0}, out, decoded);
+      // None but the block that is too long for a frame is sent worse than wanted.
+      result = encoder.encode(blocks.first(k > 1 ? 1 : blocks.size()),
+                              {error, k == 0 ? config.colour_bits : 0}, out, decoded);
       if (k > 0 && result.bytes > 0) ++counters.coarsened_packets;
     }
     if (result.bytes == 0) {
@@ -132,7 +128,7 @@ std::size_t LinkScheduler::Impl::mapPacket() {
       continue;
     }
     batch_sent = result.blocks;
-    queue.sent(batch, result.blocks, decoded, error > batch.max_error);
+    queue.sent(batch, result.blocks, decoded, sent.next(), error);
     type = MessageType::kMapPacket;
     ++counters.map_frames;
     counters.map_bytes += result.bytes + kFrameOverhead;
@@ -145,13 +141,21 @@ std::size_t LinkScheduler::Impl::mapPacket() {
 // the turn, and more likely than not the ship lacks it.
 std::size_t LinkScheduler::Impl::probe() {
   if (!turns.everAnswered() || !turns.due(std::max(busy_until, now), true) || !queue.doubt()) return 0;
-  return mapPacket();
+  return mapPacket(1, 0);
+}
+
+// Where nobody answers, nobody can say what is missing, or that the ship has come late: spare time goes to
+// all that was sent, over and over.
+std::size_t LinkScheduler::Impl::carousel() {
+  again = !turns.answered();
+  return again ? mapPacket(kMostRepeats, kCarousel_s) : 0;
 }
 
 // The payload of the frame that should go now, 0 for none; sets type and frame_sequence.
 std::size_t LinkScheduler::Impl::choose() {
   batch_sent = 0;
-  frame_sequence = sequence;
+  again = false;
+  frame_sequence = sequence();
   if (const std::size_t size = housekeeping.next(now, payload, type)) {
     ++(type == MessageType::kStatus        ? counters.status_frames
        : type == MessageType::kMissionInfo ? counters.info_frames
@@ -161,8 +165,16 @@ std::size_t LinkScheduler::Impl::choose() {
   if (!blind()) repair.clear();
   if (repair.due())
     if (const std::size_t size = repairFrame()) return size;
-  if (paused) return 0;
-  if (const std::size_t size = mapPacket()) return size;
+  if (paused) {
+    const std::size_t size = housekeeping.spareStatus(now, payload);
+    type = MessageType::kStatus;
+    counters.status_frames += size > 0 ? 1 : 0;
+    return size;
+  }
+  // Room goes to what has no word yet; blind, repair frames do that better.
+  const double frame_s = static_cast<double>(config.frame_bytes) * 8 / config.rate_bps;
+  const int sendings = turns.answered() ? repeatsForGoal(sent.loss(), kRepeatGoal) : 1;
+  if (const std::size_t size = mapPacket(sendings, std::max(kRepeatFrames * frame_s, 1.0))) return size;
   if (const std::size_t size = tiles.next(std::span(payload).first(payloadRoom()))) {
     type = MessageType::kTileFragment;
     ++counters.tile_frames;
@@ -175,7 +187,8 @@ std::size_t LinkScheduler::Impl::choose() {
   }
   if (repair.open()) repair.close(sent.loss(), sent.burst());
   if (const std::size_t size = repairFrame()) return size;
-  return probe();
+  if (const std::size_t size = probe()) return size;
+  return carousel();
 }
 
 // Whether the frame just made, gone at left_ns, is the last before the vehicle listens.
@@ -200,6 +213,23 @@ void LinkScheduler::offer(const HeightTile& tile, std::int64_t now_ns) {
   impl_->queue.offer(tile, impl_->config.blocks.max_error, now_ns);
 }
 
+void LinkScheduler::onGaveWay(BlockQueue::GaveWay gave_way) {
+  impl_->queue.onGaveWay(std::move(gave_way));
+}
+
+bool LinkScheduler::hasRoom() const {
+  return impl_->queue.hasRoom();
+}
+
+bool LinkScheduler::spare() const {
+  return !impl_->turns.answered() && impl_->queue.census().waiting == 0;
+}
+
+void LinkScheduler::eachHeld(
+    const std::function<void(const BlockKey&, Version, Version, const MapBlock&)>& visit) const {
+  impl_->queue.eachHeld(visit);
+}
+
 void LinkScheduler::heard(std::int64_t now_ns) {
   impl_->turns.heard(now_ns);
 }
@@ -207,16 +237,25 @@ void LinkScheduler::heard(std::int64_t now_ns) {
 void LinkScheduler::acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns,
                                 const std::function<void(const BlockQueue::Whole&)>& on_whole) {
   Impl& s = *impl_;
-  s.sent.acknowledge(acknowledgement, now_ns, [&](std::span<const BlockRef> blocks, bool arrived) {
-    for (const BlockRef& b : blocks) {
-      if (!arrived) {
-        s.queue.lost(b);
-      } else if (const auto whole = s.queue.delivered(b); whole && on_whole) {
-        on_whole(*whole);
-      }
-    }
-  });
   s.turns.heard(now_ns);
+  const auto newest = s.sent.newestOf(acknowledgement);
+  if (!newest) return s.sent.countForeign();
+  s.sent.acknowledge(acknowledgement, *newest, now_ns,
+                     [&](Version version, std::span<const BlockRef> blocks, bool arrived) {
+                       for (const BlockRef& b : blocks) {
+                         if (!arrived) {
+                           s.queue.lost(b, version);
+                         } else if (const auto whole = s.queue.delivered(b, version); whole && on_whole) {
+                           on_whole(*whole);
+                         }
+                       }
+                     });
+  s.queue.settle(
+      [&](Version version) {
+        const auto heard = version <= *newest ? acknowledgement.heardBack(*newest - version) : std::nullopt;
+        return heard ? heard : s.sent.wordOf(version);
+      },
+      s.sent.oldest());
 }
 
 void LinkScheduler::request(const Request& r, std::int64_t now_ns) {
@@ -230,7 +269,8 @@ void LinkScheduler::request(const Request& r, std::int64_t now_ns) {
   ++s.counters.requests;
   switch (r.kind) {
     case Request::Kind::kRate:
-      s.setRate(r.rate_bps);
+      if (std::clamp(r.rate_bps, kMinRequestedRate, kMaxRequestedRate) != s.config.rate_bps)
+        s.setRate(r.rate_bps);
       return;
     case Request::Kind::kPauseMap:
     case Request::Kind::kResumeMap:
@@ -248,6 +288,14 @@ void LinkScheduler::request(const Request& r, std::int64_t now_ns) {
                                      r.east_max,  r.spacing,   r.max_error};
       return;
   }
+}
+
+std::optional<Version> LinkScheduler::sentLately(const Acknowledgement& a, std::int64_t now_ns,
+                                                 double within_s) const {
+  const auto newest = impl_->sent.newestOf(a);
+  const auto left_ns = newest ? impl_->sent.leftAt(*newest) : std::nullopt;
+  if (!left_ns || now_ns - *left_ns > nanoseconds(within_s)) return std::nullopt;
+  return newest;
 }
 
 const LinkScheduler::Detail* LinkScheduler::detail() const {
@@ -288,10 +336,10 @@ std::size_t LinkScheduler::nextFrame(std::int64_t now_ns, std::span<std::uint8_t
   s.busy_until = std::max(s.busy_until, s.now) + nanoseconds(air_s);
   const auto payload = std::span<const std::uint8_t>(s.payload).first(payload_bytes);
   if (s.type != MessageType::kRepair) {
-    s.sent.add(s.sequence, s.busy_until, std::span(s.batch.refs).first(s.batch_sent));
-    if (s.blind())
-      s.repair.source(s.sequence, payload, s.type == MessageType::kMapPacket, s.sent.loss(), s.sent.burst());
-    ++s.sequence;
+    if (s.blind() && !s.again)
+      s.repair.source(s.sequence(), payload, s.type == MessageType::kMapPacket, s.sent.loss(),
+                      s.sent.burst());
+    s.sent.add(s.busy_until, std::span(s.batch.refs).first(s.batch_sent));
   }
   ++s.frames_since_turn;
   const bool turn = s.turnAfter(s.busy_until);
@@ -316,22 +364,20 @@ void LinkScheduler::noteRestart() {
 }
 
 void LinkScheduler::noteSent(std::uint16_t next_sequence) {
-  constexpr std::uint16_t kBehind = 0x8000;
-  const auto ahead = static_cast<std::uint16_t>(next_sequence - impl_->sequence);
-  if (ahead > 0 && ahead < kBehind) impl_->passOver(ahead);
+  const Version next = versionNear(next_sequence, impl_->sent.next());
+  if (next > impl_->sent.next()) impl_->passOver(static_cast<std::uint16_t>(next - impl_->sent.next()));
 }
 
 void LinkScheduler::Impl::passOver(std::uint16_t numbers) {
   if (repair.open()) repair.close(sent.loss(), sent.burst());
   sent.skip(numbers);
-  sequence = static_cast<std::uint16_t>(sequence + numbers);
 }
 
 bool LinkScheduler::drained() const {
   const Impl& s = *impl_;
-  const BlockQueue::Census census = s.queue.census();
+  const BlockQueue::Census census = s.queue.census(repeatsForGoal(s.sent.loss(), kRepeatGoal));
   return census.waiting == 0 && s.tiles.empty() && s.detail_count == 0 && !s.repair.pending() &&
-         !(s.blind() && s.repair.open()) && (census.in_flight == 0 || !s.turns.answered());
+         !(s.blind() && s.repair.open()) && (s.turns.answered() ? census.in_flight : census.unsure) == 0;
 }
 
 LinkScheduler::Counters LinkScheduler::counters() const {

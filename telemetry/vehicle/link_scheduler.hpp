@@ -59,11 +59,22 @@ class LinkScheduler {
   // A tile's latest content: its sixteen blocks are sent as far as the other side does not hold them.
   void offer(const HeightTile& tile, std::int64_t now_ns);
 
+  // See BlockQueue: what is to be offered again when there is room; with `spare`, when nothing else is to be
+  // sent and nobody answers.
+  void onGaveWay(BlockQueue::GaveWay gave_way);
+  [[nodiscard]] bool hasRoom() const;
+  [[nodiscard]] bool spare() const;  // nothing of the map waits, and nobody answers
+  // See BlockQueue::eachHeld().
+  void eachHeld(const std::function<void(const BlockKey&, Version, Version, const MapBlock&)>& visit) const;
+
   // What the ship said. Any of them, and heard() for a frame with neither, ends listening.
   // `on_whole`, unless empty, is called for every square that the ship now holds as it is.
   void acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns,
                    const std::function<void(const BlockQueue::Whole&)>& on_whole = {});
   void request(const Request& request, std::int64_t now_ns);
+  // The frame that an acknowledgement names, if it left within the last `within_s`.
+  [[nodiscard]] std::optional<Version> sentLately(const Acknowledgement& a, std::int64_t now_ns,
+                                                  double within_s) const;
   void heard(std::int64_t now_ns);
 
   // Detail that was requested and not served yet, the oldest first. The caller offers tiles of the request's

@@ -20,7 +20,9 @@ struct LinkScheduler::Impl {
   void setRate(double rate_bps);
   void applyRate();
   [[nodiscard]] std::size_t choose();
-  [[nodiscard]] std::size_t mapPacket();
+  // With room for blocks without word that were sent less often than that, and not within `after_s`.
+  [[nodiscard]] std::size_t mapPacket(int sendings, double after_s);
+  [[nodiscard]] std::size_t carousel();
   [[nodiscard]] std::size_t repairFrame();
   [[nodiscard]] std::size_t probe();
   [[nodiscard]] bool turnAfter(std::int64_t left_ns);
@@ -30,6 +32,7 @@ struct LinkScheduler::Impl {
   static void exchange(Archive& archive, Self& self);
   // Repair frames are of use where acknowledgements are not.
   [[nodiscard]] bool blind() const { return config.repair && !turns.answered(); }
+  [[nodiscard]] std::uint16_t sequence() const { return static_cast<std::uint16_t>(sent.next()); }
   [[nodiscard]] std::size_t payloadRoom() const {
     return static_cast<std::size_t>(config.frame_bytes) - kFrameOverhead;
   }
@@ -46,7 +49,6 @@ struct LinkScheduler::Impl {
   TileSender tiles;
   MapPacketEncoder encoder;
   Counters counters;
-  std::uint16_t sequence = 0;
   std::int64_t now = 0, busy_until = 0;
   int frames_since_turn = 0;
   bool paused = false;
@@ -57,6 +59,7 @@ struct LinkScheduler::Impl {
   MessageType type = MessageType::kStatus;
   std::uint16_t frame_sequence = 0;
   std::size_t batch_sent = 0;  // blocks in it
+  bool again = false;          // of the carousel: it comes again by itself, and needs no repair
   BlockQueue::Batch batch;
   std::array<MapBlock, BlockQueue::kMaxBatch> decoded;
   std::array<std::uint8_t, kMaxFrameBytes> payload{};

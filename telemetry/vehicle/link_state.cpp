@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <tuple>
 #include <utility>
 
 #include "realtime/kernel/state_archive.hpp"
@@ -11,7 +12,7 @@
 namespace fathom::telemetry {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("LINK"), kVersion = 1;
+constexpr std::uint32_t kTag = rt::stateTag("LINK"), kVersion = 2;
 constexpr double kFarthest = 1e6;  // of a square from nav's origin [m]
 constexpr int kMostSendings = 1000;
 
@@ -27,7 +28,7 @@ void exchangeCount(Archive& archive, Number& number, std::size_t most) {
 
 template <typename Archive, typename Ref>
 void exchangeRef(Archive& archive, Ref& ref) {
-  archive(ref.square, ref.stamp, ref.block);
+  archive(ref.square, ref.block);
 }
 
 template <typename Archive, typename S>
@@ -51,13 +52,15 @@ void BlockQueue::exchangeBlock(Archive& archive, Self& b) {
   archive(b.content.seen, b.content.sigma, b.content.depth, b.content.colour, b.held, b.held_seen,
           b.held_error);
   archive.enumeration(b.state, State::kLost);
-  archive(b.wanted, b.blocked, b.orphan, b.stamp, b.flying, b.sendings);
+  archive(b.wanted, b.blocked, b.orphan, b.moved, b.spread, b.first, b.last, b.has, b.flying, b.sendings);
+  archive.require(b.first <= b.last && (b.has == 0 || (b.has >= b.first && b.has <= b.last)),
+                  "frames that cannot be");
   archive.instants(b.sent_ns, b.changed_ns, b.since_ns);
 }
 
 template <typename Archive, typename Self>
 void BlockQueue::exchange(Archive& archive, Self& self) {
-  archive(self.order_, self.stamp_, self.sendings_, self.counters_);
+  archive(self.order_, self.oldest_, self.sendings_, self.counters_);
   archive.instants(self.repeat_after_ns_, self.now_ns_);
   archive.require(self.sendings_ >= 1 && self.sendings_ <= kMostSendings, "sendings that cannot be");
   for (auto& s : self.squares_) {
@@ -66,6 +69,19 @@ void BlockQueue::exchange(Archive& archive, Self& self) {
     archive(s.spacing, s.north, s.east, s.max_error, s.order);
     for (auto& b : s.blocks) exchangeBlock(archive, b);
   }
+  std::size_t remembered = self.remembered_.size();
+  exchangeCount(archive, remembered, self.remembered_.capacity());
+  if constexpr (Archive::kLoading) {
+    if (!archive.ok()) return;
+    self.remembered_.resize(remembered);
+  }
+  for (auto& r : self.remembered_) archive(r.spacing, r.north, r.east, r.has, r.version);
+  archive.require(std::is_sorted(self.remembered_.begin(), self.remembered_.end(),
+                                 [](const auto& a, const auto& b) {
+                                   return std::tie(a.spacing, a.north, a.east) <
+                                          std::tie(b.spacing, b.north, b.east);
+                                 }),
+                  "squares in no order");
 }
 
 void BlockQueue::save(rt::StateWriter& writer) const {
@@ -101,15 +117,15 @@ bool BlockQueue::load(rt::StateReader& reader) {
 
 template <typename Archive, typename Self>
 void SentFrames::exchange(Archive& archive, Self& self) {
-  archive(self.next_, self.loss_, self.after_lost_, self.last_lost_, self.any_word_, self.counters_);
+  archive(self.next_, self.heard_, self.loss_, self.after_lost_, self.last_lost_, self.any_word_,
+          self.counters_);
   exchangeCount(archive, self.held_, kFrames);
   archive.require(self.loss_ >= 0 && self.loss_ <= 1 && self.after_lost_ >= 0 && self.after_lost_ <= 1,
                   "shares of frames that cannot be");
   for (auto& f : self.frames_) {
-    archive(f.open);
-    if (!f.open) continue;
-    archive(f.sequence);
+    archive(f.open, f.arrived);
     archive.instants(f.left_ns);
+    if (!f.open) continue;
     exchangeCount(archive, f.blocks, f.block.size());
     for (std::size_t i = 0; i < f.blocks; ++i) exchangeRef(archive, f.block[i]);
   }
@@ -126,7 +142,6 @@ bool SentFrames::load(rt::StateReader& reader, std::size_t squares) {
   for (std::size_t i = 0; i < frames_.size(); ++i) {
     const Frame& f = frames_[i];
     if (!f.open) continue;
-    reader.require(f.sequence % kFrames == i, "a frame in another's place");
     for (const BlockRef& ref : std::span(f.block).first(f.blocks))
       reader.require(ref.square < squares && ref.block < kBlocksASide * kBlocksASide, "a block of no square");
   }
@@ -240,7 +255,7 @@ void LinkScheduler::Impl::exchange(Archive& archive, Self& s) {
     if (!archive.ok()) return;
     s.applyRate();
   }
-  archive(s.bucket, s.repair, s.housekeeping, s.turns, s.tiles, s.sequence, s.frames_since_turn, s.paused);
+  archive(s.bucket, s.repair, s.housekeeping, s.turns, s.tiles, s.frames_since_turn, s.paused);
   auto& c = s.counters;
   archive(c.frames, c.bytes, c.status_frames, c.track_frames, c.info_frames, c.map_frames, c.repair_frames,
           c.tile_frames, c.map_bytes, c.turns, c.requests, c.requests_refused, c.coarsened_packets);

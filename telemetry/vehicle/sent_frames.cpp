@@ -18,23 +18,19 @@ SentFrames::SentFrames(double round_trip_s, double expected_loss, double expecte
       loss_(expected_loss),
       after_lost_(expected_burst > 1 ? 1 - 1 / expected_burst : expected_loss) {}
 
-void SentFrames::add(std::uint16_t sequence, std::int64_t left_ns, std::span<const BlockRef> blocks) {
-  Frame& f = frames_[sequence % kFrames];
-  if (f.open && f.blocks > 0 && forgotten_) forgotten_(std::span(f.block).first(f.blocks));
+void SentFrames::add(std::int64_t left_ns, std::span<const BlockRef> blocks) {
+  Frame& f = frames_[next_ % kFrames];
   f.open = true;
-  f.sequence = sequence;
   f.left_ns = left_ns;
   f.blocks = std::min(blocks.size(), f.block.size());
   std::copy_n(blocks.begin(), f.blocks, f.block.begin());
-  next_ = static_cast<std::uint16_t>(sequence + 1);
+  ++next_;
   held_ = std::min(held_ + 1, kFrames);
 }
 
 void SentFrames::skip(std::uint16_t count) {
   for (std::uint16_t i = 0; i < count; ++i, ++next_) {
-    Frame& f = frames_[next_ % kFrames];
-    if (f.open && f.blocks > 0 && forgotten_) forgotten_(std::span(f.block).first(f.blocks));
-    f.open = false;
+    frames_[next_ % kFrames] = Frame{};
     held_ = std::min(held_ + 1, kFrames);
   }
 }
@@ -52,27 +48,40 @@ double SentFrames::burst() const {
   return 1 / std::max(1 - after_lost_, 0.05);
 }
 
-bool SentFrames::acknowledge(const Acknowledgement& a, std::int64_t now_ns, const Word& word) {
-  const auto back = static_cast<std::uint16_t>(next_ - 1 - a.newest);
-  if (!a.valid || back >= held_) {
-    ++counters_.foreign;
-    return false;
-  }
+std::optional<Version> SentFrames::newestOf(const Acknowledgement& a) const {
+  const Version newest = versionNear(a.newest, next_ - 1);
+  if (!a.valid || newest >= next_ || newest < kFirst) return std::nullopt;
+  return newest;
+}
+
+std::optional<std::int64_t> SentFrames::leftAt(Version version) const {
+  if (version < oldest() || version >= next_) return std::nullopt;
+  return frames_[version % kFrames].left_ns;
+}
+
+std::optional<bool> SentFrames::wordOf(Version version) const {
+  if (version < oldest() || version >= next_ || frames_[version % kFrames].open) return std::nullopt;
+  return frames_[version % kFrames].arrived;
+}
+
+void SentFrames::acknowledge(const Acknowledgement& a, Version newest, std::int64_t now_ns,
+                             const Word& word) {
   ++counters_.acknowledgements;
-  for (std::size_t i = held_; i-- > 0;) {  // oldest first
-    const auto sequence = static_cast<std::uint16_t>(next_ - 1 - i);
-    Frame& f = frames_[sequence % kFrames];
+  const bool latest = newest >= heard_;
+  heard_ = std::max(heard_, newest);
+  for (Version version = oldest(); version < next_; ++version) {
+    Frame& f = frames_[version % kFrames];
     if (!f.open) continue;
     bool arrived = false;
-    if (const auto heard = a.heard(sequence))
+    if (const auto heard = version <= newest ? a.heardBack(newest - version) : std::nullopt)
       arrived = *heard;
-    else if (i < back && now_ns - f.left_ns < round_trip_ns_)
-      continue;  // after the newest, and the answer may still come
+    else if (!latest || (version > newest && now_ns - f.left_ns < round_trip_ns_))
+      continue;  // it is of earlier frames, or the answer may still come
     f.open = false;
+    f.arrived = arrived;
     learn(arrived);
-    word(std::span(f.block).first(f.blocks), arrived);
+    word(version, std::span(f.block).first(f.blocks), arrived);
   }
-  return true;
 }
 
 }  // namespace fathom::telemetry

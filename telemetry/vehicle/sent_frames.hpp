@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -14,31 +15,39 @@
 namespace fathom::telemetry {
 
 // What the last frames carried, until there is word of them. A frame is lost when an acknowledgement says so,
-// when one that reaches less far back is silent about it, or when one that is older than the frame comes
-// later than a round trip after the frame had left. Bounded; nothing is allocated after construction.
+// when one of the latest frames that reaches less far back is silent about it, or when one that is older than
+// the frame comes later than a round trip after the frame had left. Bounded; nothing is allocated after
+// construction.
 class SentFrames {
  public:
   static constexpr std::size_t kFrames = 512;
+  static constexpr Version kFirst = 0x10000;  // no block's version is 0, whatever is taken from it
 
   // `round_trip_s`: from a frame's end to the latest arrival of an answer to it [s].
   // `expected_burst`: frames lost in a row; 0: each by itself.
   SentFrames(double round_trip_s, double expected_loss, double expected_burst);
 
-  // A frame goes out; its last bit leaves at `left_ns`. Sequence numbers follow each other.
-  void add(std::uint16_t sequence, std::int64_t left_ns, std::span<const BlockRef> blocks);
+  // The next frame goes out; its last bit leaves at `left_ns`.
+  void add(std::int64_t left_ns, std::span<const BlockRef> blocks);
+  [[nodiscard]] Version next() const { return next_; }  // frame
 
-  // So many sequence numbers are passed over: nothing is known of what had them.
+  // So many frames are passed over: nothing is known of what had their numbers.
   void skip(std::uint16_t count);
 
-  // Called with the blocks of a frame and whether it arrived.
-  using Word = std::function<void(std::span<const BlockRef>, bool arrived)>;
-  // False: not about these frames (another dive's, or a sender's before it restarted).
-  bool acknowledge(const Acknowledgement& a, std::int64_t now_ns, const Word& word);
-
-  // Called with the blocks of frames that are pushed out of the ring without word.
-  void onForgotten(std::function<void(std::span<const BlockRef>)> forgotten) {
-    forgotten_ = std::move(forgotten);
-  }
+  // The frame that an acknowledgement names as the newest; nothing for one that is not about these frames
+  // (another dive's, or a sender's before it restarted).
+  [[nodiscard]] std::optional<Version> newestOf(const Acknowledgement& a) const;
+  // Called with a frame, its blocks and whether it arrived.
+  using Word = std::function<void(Version, std::span<const BlockRef>, bool arrived)>;
+  // `newest`: as newestOf() gives it.
+  void acknowledge(const Acknowledgement& a, Version newest, std::int64_t now_ns, const Word& word);
+  // When a frame's last bit left; nothing for one that is known no more.
+  [[nodiscard]] std::optional<std::int64_t> leftAt(Version version) const;
+  // The last word of a frame; nothing where there is none, or it is known no more.
+  [[nodiscard]] std::optional<bool> wordOf(Version version) const;
+  void countForeign() { ++counters_.foreign; }
+  // Frames before this one are known no more.
+  [[nodiscard]] Version oldest() const { return next_ - static_cast<Version>(held_); }
 
   // Share of frames lost and mean length of a burst, as acknowledged lately; as expected before any word.
   [[nodiscard]] double loss() const { return loss_; }
@@ -59,8 +68,8 @@ class SentFrames {
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
   struct Frame {
-    bool open = false;  // without word
-    std::uint16_t sequence = 0;
+    bool open = false;     // without word
+    bool arrived = false;  // by the last word
     std::int64_t left_ns = 0;
     std::size_t blocks = 0;
     std::array<BlockRef, BlockQueue::kMaxBatch> block;
@@ -68,10 +77,10 @@ class SentFrames {
   void learn(bool arrived);
 
   std::int64_t round_trip_ns_;
-  std::vector<Frame> frames_;  // by sequence % kFrames
-  std::uint16_t next_ = 0;     // sequence number
-  std::size_t held_ = 0;       // frames since the start, at most kFrames
-  std::function<void(std::span<const BlockRef>)> forgotten_;
+  std::vector<Frame> frames_;  // by version % kFrames
+  Version next_ = kFirst;
+  std::size_t held_ = 0;  // frames since the start, at most kFrames
+  Version heard_ = 0;     // the newest frame of any acknowledgement
   double loss_;
   double after_lost_;  // share of lost frames among those after a lost one
   bool last_lost_ = false, any_word_ = false;

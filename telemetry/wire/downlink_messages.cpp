@@ -75,11 +75,23 @@ Request getRequest(BitReader& r) {
 
 void put(BitWriter& w, const Acknowledgement& a) {
   w.put(a.newest, kSequenceBits);
-  // The reader takes every bit up to the end for a frame: what would end inside a byte gives up its furthest
-  // frames, and only a receiver that has heard less than a byte's worth fills up with frames not heard.
-  std::size_t reach = std::min({a.reach, Acknowledgement::kMaxReach, w.bitsLeft()});
-  const std::size_t over = (w.bits() + reach) % kByteBits;
-  if (reach < Acknowledgement::kMaxReach && reach >= over) reach -= over;
+  std::size_t reach = std::min(a.reach, Acknowledgement::kMaxReach);
+  const bool lacks = a.lacking >= kByteBits && w.bitsLeft() >= 1 + kSequenceBits + reach + kByteBits;
+  w.put(lacks ? 1 : 0, 1);
+  // The reader takes every bit up to the end for a frame. What is followed by frames that lack fills up with
+  // those of them that come first.
+  if (lacks) {
+    const std::size_t over = (w.bits() + kSequenceBits + reach) % kByteBits;
+    const std::size_t filled = std::min((kByteBits - over) % kByteBits, Acknowledgement::kMaxReach - reach);
+    const bool all = a.lacking == Acknowledgement::kAll;
+    w.put(all ? a.lacking : static_cast<std::uint64_t>(a.lacking - filled), kSequenceBits);
+  } else {
+    // Else what would end inside a byte gives up its furthest frames, and only a receiver that has heard less
+    // than a byte's worth fills up with frames not heard.
+    reach = std::min(reach, w.bitsLeft());
+    const std::size_t over = (w.bits() + reach) % kByteBits;
+    if (reach < Acknowledgement::kMaxReach && reach >= over) reach -= over;
+  }
   for (std::size_t i = 0; i < reach; ++i) w.put(a.before[i] ? 1 : 0, 1);
   while (w.bits() % kByteBits != 0) w.put(0, 1);
 }
@@ -88,6 +100,7 @@ Acknowledgement getAcknowledgement(BitReader& r) {
   Acknowledgement a;
   a.valid = true;
   a.newest = static_cast<std::uint16_t>(r.get(kSequenceBits));
+  if (r.get(1) != 0) a.lacking = static_cast<std::uint16_t>(r.get(kSequenceBits));
   a.reach = std::min(r.bitsLeft(), Acknowledgement::kMaxReach);
   for (std::size_t i = 0; i < a.reach; ++i) a.before[i] = r.get(1) != 0;
   return a;

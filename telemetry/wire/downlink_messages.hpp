@@ -13,8 +13,8 @@ namespace fathom::telemetry {
 // What the ship tells the vehicle. Nothing here reaches vehicle control: an acknowledgement and a request
 // change only what Fathom sends, a fix only where Fathom believes the vehicle to be on its map.
 
-// Which of the vehicle's frames the ship has heard. Frames that it never could have heard (it was not yet
-// switched on) stand as not heard.
+// Which of the vehicle's frames the ship holds, on its disk: of the latest, or of some earlier part of the
+// dive. Frames that it never could have heard (it was not yet switched on) stand as not heard.
 struct Acknowledgement {
   static constexpr std::size_t kMaxReach = 128;
 
@@ -22,12 +22,19 @@ struct Acknowledgement {
   std::uint16_t newest = 0;       // sequence number of the newest frame heard
   std::size_t reach = 0;          // so many frames before `newest` are spoken of, at most kMaxReach
   std::bitset<kMaxReach> before;  // bit i: frame newest - 1 - i was heard; i < reach
+  std::uint16_t lacking = 0;      // so many frames before those were not heard
+  static constexpr std::uint16_t kAll = 0xFFFF;  // of `lacking`: no frame of the dive before those
 
-  // Whether `sequence` was heard; std::nullopt where this acknowledgement says nothing about it.
+  // Whether the frame that came `back` frames before the newest was heard; std::nullopt where this
+  // acknowledgement says nothing about it.
+  [[nodiscard]] std::optional<bool> heardBack(std::uint32_t back) const {
+    if (!valid) return std::nullopt;
+    if (back <= reach) return back == 0 || before[back - 1U];
+    if (lacking == kAll || back - reach <= lacking) return false;
+    return std::nullopt;
+  }
   [[nodiscard]] std::optional<bool> heard(std::uint16_t sequence) const {
-    const auto back = static_cast<std::uint16_t>(newest - sequence);
-    if (!valid || back > reach) return std::nullopt;
-    return back == 0 || before[back - 1U];
+    return heardBack(static_cast<std::uint16_t>(newest - sequence));
   }
   friend bool operator==(const Acknowledgement&, const Acknowledgement&) = default;
 };

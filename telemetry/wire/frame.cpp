@@ -15,6 +15,13 @@ constexpr unsigned kTurnBit = 8;
 constexpr unsigned kTypeMask = 7;
 static_assert(kMessageTypes == kTypeMask + 1);
 
+bool isRead(std::uint8_t first_byte) {
+  constexpr unsigned kRecorded = 2;
+  const unsigned version = first_byte >> 4, type = first_byte & kTypeMask;
+  return version == kProtocolVersion ||
+         (version == kRecorded && type != static_cast<unsigned>(MessageType::kDownlink));
+}
+
 }  // namespace
 
 const char* name(MessageType type) {
@@ -90,7 +97,7 @@ DecodedFrame decodeFrame(std::span<const std::uint8_t> bytes) {
   for (const std::uint8_t byte : bytes.last(kCrcBytes)) crc = crc << 8 | byte;
   if (crc != crc32(bytes.first(bytes.size() - kCrcBytes))) {
     frame.verdict = FrameVerdict::kBadCrc;
-  } else if (bytes[0] >> 4 != kProtocolVersion) {
+  } else if (!isRead(bytes[0])) {
     frame.verdict = FrameVerdict::kVersion;
   } else if ((bytes[0] & kTypeMask) == 0) {
     frame.verdict = FrameVerdict::kType;

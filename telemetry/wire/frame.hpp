@@ -16,7 +16,9 @@ namespace fathom::telemetry {
 // over a channel that damages many; CRC-16 would let one damaged frame in 65,536 into a map that nobody can
 // check, CRC-32 one in four thousand million, for two bytes more a frame. A frame is as long as its content;
 // a modem's port keeps frame borders (SLIP, datagrams).
-inline constexpr unsigned kProtocolVersion = 2;
+//
+// Of version 2, the one before, everything but the downlink is the same: recordings are read.
+inline constexpr unsigned kProtocolVersion = 3;
 inline constexpr std::size_t kFrameOverhead = 10;
 inline constexpr std::size_t kMinFrameBytes = 32;   // smallest frame size that may be configured
 inline constexpr std::size_t kMaxFrameBytes = 256;  // largest
@@ -38,6 +40,15 @@ struct LinkIdentity {
   std::uint16_t dive_id = 0;
   friend bool operator==(const LinkIdentity&, const LinkIdentity&) = default;
 };
+
+// A frame's place in the dive: its sequence number with the bits that the frame leaves out. It grows by one a
+// frame; either end counts from its own beginning. Blocks are named by the frame that carried them.
+using Version = std::uint32_t;
+// The version nearest to `near` that has this sequence number.
+[[nodiscard]] inline Version versionNear(std::uint16_t sequence, Version near) {
+  return near + static_cast<Version>(static_cast<std::int32_t>(static_cast<std::int16_t>(
+                    static_cast<std::uint16_t>(sequence - static_cast<std::uint16_t>(near)))));
+}
 
 struct FrameHeader {
   LinkIdentity identity;

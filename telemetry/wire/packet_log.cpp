@@ -1,6 +1,7 @@
 #include "telemetry/wire/packet_log.hpp"
 
 #include <array>
+#include <iterator>
 
 #include "realtime/kernel/input_error.hpp"
 #include "telemetry/wire/frame.hpp"
@@ -54,6 +55,24 @@ std::optional<Packet> PacketLogReader::next() {
     throw InputError(path_.string(), place(), "the last packet is cut short: copy the file again");
   offset_ += kHeadBytes + length;
   return packet;
+}
+
+bool PacketLogReader::passOverDamage() {
+  stream_.clear();
+  stream_.seekg(static_cast<std::streamoff>(offset_));
+  std::vector<std::uint8_t> rest((std::istreambuf_iterator<char>(stream_)), std::istreambuf_iterator<char>());
+  stream_.clear();
+  for (std::size_t at = 1; at + kHeadBytes < rest.size(); ++at) {
+    const std::uint64_t length = littleEndian(rest.data() + at, 4);
+    if (length < kFrameOverhead || length > kMaxFrameBytes || length > rest.size() - at - kHeadBytes)
+      continue;
+    if (decodeFrame(std::span(rest).subspan(at + kHeadBytes, length)).verdict != FrameVerdict::kAccepted)
+      continue;
+    offset_ += at;
+    stream_.seekg(static_cast<std::streamoff>(offset_));
+    return true;
+  }
+  return false;
 }
 
 }  // namespace fathom::telemetry

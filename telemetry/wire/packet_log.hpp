@@ -28,6 +28,10 @@ class PacketLogReader {
   // The next packet; nullopt at the end. Throws InputError (file, byte, fix) for a length out of bounds or a
   // truncated packet: what came before it has been returned.
   std::optional<Packet> next();
+  // After next() has thrown: goes on with the next packet that holds a whole frame, further back in the file;
+  // false: there is none.
+  [[nodiscard]] bool passOverDamage();
+  [[nodiscard]] std::uint64_t offset() const { return offset_; }  // of the next packet [B]
 
  private:
   std::filesystem::path path_;

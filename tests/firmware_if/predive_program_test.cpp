@@ -86,7 +86,7 @@ class Surroundings {
       const ssize_t n = modem.read(bytes);
       for (ssize_t i = 0; i < n; ++i)
         if (decoder.push(bytes[static_cast<std::size_t>(i)]))
-          static_cast<void>(link.accept(now, decoder.frame(), [](auto, auto) { return true; }));
+          static_cast<void>(link.accept(now, decoder.frame(), [](const auto&) { return true; }));
       if (ship && link.sender() != nullptr) {
         static_cast<void>(link.sender()->addFix({now - 2'000'000'000, -34.377, 114.59, 0, 1.5}));
         std::array<std::uint8_t, 256> frame;

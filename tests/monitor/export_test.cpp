@@ -84,7 +84,7 @@ TEST(GeoRaster, AKnownNodeLiesAtItsLatitudeAndLongitude) {
           block.depth[5] = 25;
           block.colour[5] = {250, 10, 10};
         }
-        ASSERT_TRUE(store.put(block, true, 0.05, 1));
+        ASSERT_TRUE(store.put(block, {1, 0.05, true, 1}));
       }
     const auto raster = rasterOf(store, surface, origin);
     ASSERT_TRUE(raster);
@@ -118,7 +118,7 @@ TEST(GeoRaster, TwoBlocksFarApartMakeACoarseRasterAndNotAHugeOne) {
   for (const std::int32_t far : {-20000, 20000}) {
     auto block = madeBlock(kQuarterMetre, far, far);
     for (float& depth : block.depth) depth = 30;
-    ASSERT_TRUE(store.put(block, true, 0.05, 1));
+    ASSERT_TRUE(store.put(block, {1, 0.05, true, 1}));
   }
   const auto raster = rasterOf(store, surface, {-0.5, 2.6});
   ASSERT_TRUE(raster);

@@ -134,12 +134,12 @@ TEST(ReceivedMap, TilesOfTheOtherCodecBecomeBlocksAndOldRevisionsAreLeft) {
   ReceivedMap map;
   const HeightTile first = telemetry::sampleTile(-1, 3, 4, 1, 1, 5),
                    second = telemetry::sampleTile(-1, 3, 4, 1, 2, 6);
-  map.takeTile(decodedTile(second, 1), 1);
+  map.takeTile(decodedTile(second, 1), 1, 1);
   EXPECT_EQ(map.store().size(5), 16U);  // 4 m at 25 cm
-  map.takeTile(decodedTile(first, 1), 2);
+  map.takeTile(decodedTile(first, 1), 2, 2);
   EXPECT_EQ(map.staleTiles(), 1U);
   EXPECT_NEAR(map.surface().sample(-4 + 1.25, 12 + 2.5)->depth, second.at(5, 10).depth, 0.0101);
-  map.takeTile(decodedTile(second, 8), 3);  // 2 x 2 nodes of a block of 2 m spacing
+  map.takeTile(decodedTile(second, 8), 3, 3);  // 2 x 2 nodes of a block of 2 m spacing
   EXPECT_EQ(map.store().size(8), 1U);
   EXPECT_EQ(map.store().find({8, -1, 1})->block.seen, 0b1100'1100'0000'0000);
 }
@@ -155,13 +155,13 @@ TEST(Coverage, WhatTheVehiclePassedAndNobodyReceivedIsPending) {
   EXPECT_NEAR(none.pending.front().depth, 21, 1e-5);
   SampleDive dive;
   for (int n = -2; n < 10; ++n)
-    for (int e = -3; e < 3; ++e) store.put(dive.blockOf({5, n, e}), true, 0.05, 0);
+    for (int e = -3; e < 3; ++e) store.put(dive.blockOf({5, n, e}), {0, 0.05, true, 0});
   const Coverage half = coverageOf(track, store, 0);
   EXPECT_EQ(half.received_area, 12 * 6);
   for (const auto& square : half.pending) EXPECT_GE(square.north, 10);
   EXPECT_LT(half.pending.size(), none.pending.size() * 2 / 3);
   EXPECT_EQ(half.changed_area, 0);
-  store.put(dive.blockOf({5, 0, 0}, 1), true, 0.05, 5);
+  store.put(dive.blockOf({5, 0, 0}, 1), {5, 0.05, true, 5});
   EXPECT_EQ(coverageOf(track, store, 6).changed_area, 1);
   EXPECT_EQ(coverageOf(track, store, 3600'000'000'000).changed_area, 0);
 }
@@ -192,6 +192,16 @@ TEST(RequestLedger, DetailIsAnsweredByABlockOfItsSpacingInItsRectangle) {
   EXPECT_EQ(ledger.entries().front().state, RequestLedger::State::kAnswered);
   for (int n = 0; n < 40; ++n) ledger.add(request, 7);
   EXPECT_EQ(ledger.entries().size(), RequestLedger::kMaxEntries);
+}
+
+TEST(LinkHistory, AClockThatBeganInAnotherDecadeDoesNotStretchIt) {
+  LinkHistory history;
+  constexpr std::int64_t kSecond_ns = 1'000'000'000, kNow_ns = 1'790'000'000 * kSecond_ns;
+  for (int k = 0; k < 100; ++k) history.add(k * 20 * kSecond_ns, 100, true, 0);
+  for (int k = 0; k < 100; ++k) history.add(kNow_ns + k * 20 * kSecond_ns, 100, true, 0);
+  EXPECT_EQ(history.step(), LinkHistory::kFirstStep_ns);
+  EXPECT_GE(history.start(), kNow_ns - LinkHistory::kFirstStep_ns);
+  EXPECT_NEAR(history.recent(60, kNow_ns + 1980 * kSecond_ns).rate_bps, 40, 15);
 }
 
 TEST(LinkHistory, StaysBoundedAndKeepsItsSums) {
@@ -236,7 +246,7 @@ TEST(Reports, ALargeMapComesInPiecesThatLoseNothing) {
   Surface surface(store);
   SampleDive dive;
   for (int n = 0; n < 64; ++n)
-    for (int e = 0; e < 64; ++e) store.put(dive.blockOf({5, n, e}), true, 0.05, 0);
+    for (int e = 0; e < 64; ++e) store.put(dive.blockOf({5, n, e}), {0, 0.05, true, 0});
   std::uint32_t version = 0, chunks = 0;
   for (int pieces = 0; version != store.version(); ++pieces) {
     ASSERT_LT(pieces, 20);

@@ -7,6 +7,7 @@
 #include "telemetry/monitor/frame_feed.hpp"
 #include "telemetry/monitor/session_files.hpp"
 #include "tests/monitor/sample_dive.hpp"
+#include "tests/support/full_disk.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::monitor {
@@ -43,7 +44,7 @@ TEST_F(Session, AComputerThatWasOffComesBackWithItsMapAndItsAcknowledgement) {
   SessionFiles files(folder_);
   MonitorModel second;
   std::string damage;
-  EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { second.accept(bytes, utc_ns); }, damage),
+  EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { second.accept(bytes, utc_ns); }, [] {}, damage),
             packets.size());
   EXPECT_EQ(damage, "");
   EXPECT_EQ(second.map().store().size(), first.map().store().size());
@@ -70,13 +71,87 @@ TEST_F(Session, ADamagedEndIsCutOffAndTheNextFrameFollowsWhatIsWhole) {
     SessionFiles files(folder_);
     MonitorModel model;
     std::string damage;
-    EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { model.accept(bytes, utc_ns); }, damage),
+    EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { model.accept(bytes, utc_ns); }, [] {}, damage),
               packets.size() - 1);
     EXPECT_NE(damage.find("cut off"), std::string::npos);
     const auto& last = packets.back();
     files.log(model.accept(last.bytes, last.utc_ns), last.bytes, last.utc_ns, false);
     EXPECT_EQ(fs::file_size(folder_ / "received.bin"), whole);
   }
+}
+
+TEST_F(Session, DamageInTheMiddleTakesOnlyWhatItHitsAndTheShipSaysWhatItLacks) {
+  const auto packets = packetsOf(300);
+  std::uintmax_t middle = 0;
+  {
+    SessionFiles files(folder_);
+    MonitorModel model;
+    for (std::size_t k = 0; k < packets.size(); ++k) {
+      if (k == packets.size() / 2) middle = fs::file_size(folder_ / "received.bin");
+      files.log(model.accept(packets[k].bytes, packets[k].utc_ns), packets[k].bytes, packets[k].utc_ns,
+                false);
+    }
+  }
+  for (const std::string& damage : {std::string(3, '\x7f'), std::string(30, '\0'), std::string(1, '\x55')})
+    for (const std::uintmax_t at : {middle, middle + 13}) {
+      fs::create_directories(folder_ / "copy");
+      fs::copy_file(folder_ / "received.bin", folder_ / "copy/received.bin",
+                    fs::copy_options::overwrite_existing);
+      std::fstream(folder_ / "copy/received.bin", std::ios::in | std::ios::out | std::ios::binary)
+          .seekp(static_cast<std::streamoff>(at))
+          .write(damage.data(), static_cast<std::streamsize>(damage.size()));
+      SessionFiles files(folder_ / "copy");
+      MonitorModel model;
+      std::string said;
+      const std::size_t count = files.reload([&](auto bytes, auto utc_ns) { model.accept(bytes, utc_ns); },
+                                             [&] { model.noteDamage(); }, said);
+      EXPECT_GE(count, packets.size() - 3);
+      EXPECT_LT(count, packets.size());
+      EXPECT_NE(said.find("received.bin"), std::string::npos);
+    }
+}
+
+TEST_F(Session, AFullDiskEndsNothingAndNothingIsAcknowledgedThatItDidNotTake) {
+  const auto packets = packetsOf(200);
+  MonitorModel model;
+  SessionFiles files(folder_);
+  std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
+  const auto take = [&](std::size_t from, std::size_t to) {
+    for (std::size_t k = from; k < to; ++k)
+      files.log(model.accept(packets[k].bytes, packets[k].utc_ns), packets[k].bytes, packets[k].utc_ns,
+                false);
+  };
+  const auto acknowledged = [&](int turn) -> std::optional<std::uint16_t> {
+    const std::size_t size =
+        model.speak(packets.back().utc_ns + turn * 3'600'000'000'000, frame, [&] { return files.keep(); });
+    telemetry::DecodedDownlink said;
+    const auto whole = telemetry::decodeFrame(std::span(frame).first(size));
+    if (!telemetry::decodeDownlink(whole.payload, said)) return std::nullopt;
+    return said.content.acknowledgement->newest;
+  };
+  const std::size_t third = packets.size() / 3;
+  take(0, third);
+  const auto before = acknowledged(1);
+  ASSERT_TRUE(before);
+  {
+    const fathom::test::FullDisk full(fs::file_size(folder_ / "received.bin") + 50);
+    take(third, 2 * third);
+    files.save(model);
+    EXPECT_FALSE(files.keep());
+    EXPECT_NE(files.trouble().find("received.bin"), std::string::npos);
+    EXPECT_EQ(acknowledged(2), before);
+  }
+  take(2 * third, packets.size());
+  EXPECT_TRUE(files.keep());
+  files.save(model);
+  EXPECT_EQ(files.trouble(), "");
+  const auto first = acknowledged(3), second = acknowledged(4);  // one of them looks back
+  EXPECT_GT(std::max(*first, *second), *before);
+  MonitorModel again;
+  std::string damage;
+  EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { again.accept(bytes, utc_ns); }, [] {}, damage),
+            packets.size());
+  EXPECT_EQ(damage, "");
 }
 
 TEST_F(Session, SavesWholeExportsAndKeepsALineAFrame) {

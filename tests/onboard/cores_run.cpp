@@ -96,7 +96,7 @@ void CoresRun::talk(std::int64_t now_ns) {
     constexpr int kMissed = 5;
     if (++ship_.frames % kMissed == 0) continue;
     (void)ship_.receiver.accept(std::span<const std::uint8_t>(frame).first(bytes),
-                                [](telemetry::MessageType, std::span<const std::uint8_t>) { return true; });
+                                [](const auto&) { return true; });
     if (ship_.receiver.turn())
       link_.acknowledge(ship_.receiver.acknowledgement(), now_ns,
                         [this](const fusion::TileKey& square) { map_.noteSent(square); });

@@ -4,10 +4,12 @@
 
 #include <algorithm>
 #include <array>
+#include <map>
 #include <set>
 #include <stdexcept>
 
 #include "realtime/kernel/frame_port.hpp"
+#include "telemetry/map/map_packet.hpp"
 #include "telemetry/ship/link_receiver.hpp"
 #include "tests/support/lattice_mesh.hpp"
 
@@ -95,8 +97,7 @@ TEST(LinkCore, TellsWhichSquaresTheShipHoldsWholeOnceItSaysSo) {
   std::set<std::pair<int, int>> whole;
   for (std::int64_t now = 0; now < 120 * kSecond; now += kSecond) {
     while (const std::size_t size = link.nextFrame(now, buffer))
-      ship.accept(std::span(buffer).first(size),
-                  [](telemetry::MessageType, std::span<const std::uint8_t>) { return true; });
+      ship.accept(std::span(buffer).first(size), [](const auto&) { return true; });
     if (now < 60 * kSecond) continue;  // until then nobody has said anything
     link.acknowledge(ship.acknowledgement(), now, [&](const fusion::TileKey& key) {
       EXPECT_EQ(key.level, 3);
@@ -123,6 +124,44 @@ TEST(LinkCore, ServesARequestForDetailAtItsSpacingAndNoFurtherThanItsCap) {
   link.offerTiles(map, 0);
   EXPECT_EQ(link.counters().squares_held, 3);  // of the four squares of 2 m
   EXPECT_EQ(link.detailLeftOut(), 1U);
+}
+
+TEST(LinkCore, GroundThatTheMapHasLeftIsWithdrawnAndItsAreaWithIt) {
+  fusion::QuadtreeMap map(mapConfig());
+  LinkCore link(linkConfig());
+  link.noteMapped(mapped(map, 0, 1.0F, 1.0F, 6.0F));
+  link.offerTiles(map, 0, true);
+  ASSERT_GT(link.mappedArea(), 30);
+  telemetry::LinkReceiver ship;
+  std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer;
+  telemetry::MapPacketDecoder decoder;
+  telemetry::DecodedMapPacket packet;
+  std::map<telemetry::BlockKey, std::uint16_t> shown;
+  std::int64_t now = 0;
+  const auto converse = [&] {
+    for (const std::int64_t end = now + 300 * kSecond; now < end; now += kSecond) {
+      while (const std::size_t size = link.nextFrame(now, buffer))
+        ship.accept(std::span(buffer).first(size), [&](const telemetry::LinkReceiver::Message& m) {
+          if (m.type == telemetry::MessageType::kMapPacket && decoder.decode(m.payload, packet))
+            for (const telemetry::MapBlock& b : packet.blocks) shown[b.key] = b.seen;
+          return true;
+        });
+      if (ship.turn()) link.acknowledge(ship.acknowledgement(), now);
+    }
+  };
+  const auto anything = [&] {
+    return std::any_of(shown.begin(), shown.end(), [](const auto& block) { return block.second != 0; });
+  };
+  converse();
+  ASSERT_TRUE(anything());
+  const fusion::QuadtreeMap elsewhere(mapConfig());
+  link.noteChanged({1, 1}, {7, 7});
+  link.offerTiles(elsewhere, now, true);
+  EXPECT_FALSE(link.drained());
+  EXPECT_EQ(link.mappedArea(), 0);
+  converse();
+  EXPECT_FALSE(anything());
+  EXPECT_TRUE(link.drained());
 }
 
 TEST(LinkCore, APairThatGaveNothingChangesNothing) {

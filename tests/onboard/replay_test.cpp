@@ -180,8 +180,7 @@ TEST(Replay, EveryFrameOnTheLinkIsValidAndTheRateHolds) {
   std::size_t bytes = 0;
   std::int64_t first_ns = 0, last_ns = 0;
   while (const auto packet = packets.next()) {
-    const telemetry::DecodedFrame frame = receiver.accept(
-        packet->bytes, [](telemetry::MessageType, std::span<const std::uint8_t>) { return true; });
+    const telemetry::DecodedFrame frame = receiver.accept(packet->bytes, [](const auto&) { return true; });
     ASSERT_EQ(frame.verdict, telemetry::FrameVerdict::kAccepted);
     ++types[frame.header.type];
     bytes += packet->bytes.size();

@@ -117,12 +117,12 @@ TEST(DownlinkKey, ASignatureHoldsForOneMessageVehicleDiveAndKey) {
 }
 
 TEST(DownlinkKey, TheSignatureIsTheStartOfKeyedBlake2b) {
-  // Computed apart: hashlib.blake2b(b"Fathom downlink 2" + bytes([3, 0, 17]) + b"abc", digest_size=16,
+  // Computed apart: hashlib.blake2b(b"Fathom downlink 3" + bytes([3, 0, 17]) + b"abc", digest_size=16,
   // key=bytes(range(32))).
   std::array<std::uint8_t, DownlinkKey::kBytes> secret{};
   for (std::size_t i = 0; i < secret.size(); ++i) secret[i] = static_cast<std::uint8_t>(i);
   const std::array<std::uint8_t, 3> message = {'a', 'b', 'c'};
-  const DownlinkKey::Signature expected = {0x59, 0x5c, 0xc6, 0x92, 0xa4};
+  const DownlinkKey::Signature expected = {0x16, 0xbd, 0x34, 0xd1, 0x9e};
   EXPECT_EQ(DownlinkKey(secret).sign(kIdentity, message), expected);
 }
 

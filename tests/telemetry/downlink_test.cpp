@@ -144,9 +144,12 @@ TEST_F(Downlink, TheCounterRisesEvenWhenTheShipsClockDoesNot) {
 TEST_F(Downlink, ACounterAtItsEndStaysThereAndIsRefused) {
   ship.acknowledge(acknowledgementOf(1));
   constexpr std::int64_t kFarAway_ns = 4'000'000'000 * kSecond_ns;
-  EXPECT_EQ(vehicle.accept(kStart_ns, frameOf(ship, kFarAway_ns)).verdict, DownlinkVerdict::kAccepted);
+  const auto sent_lately = [](const Acknowledgement& a) { return std::optional<Version>(a.newest); };
+  EXPECT_EQ(vehicle.accept(kStart_ns, frameOf(ship, kFarAway_ns)).verdict, DownlinkVerdict::kStale);
+  EXPECT_EQ(vehicle.accept(kStart_ns, frameOf(ship, kFarAway_ns), sent_lately).verdict,
+            DownlinkVerdict::kAccepted);
   const Bytes frame = frameOf(ship, kFarAway_ns);
-  EXPECT_EQ(vehicle.accept(kStart_ns, frame).verdict, DownlinkVerdict::kOld);
+  EXPECT_EQ(vehicle.accept(kStart_ns, frame, sent_lately).verdict, DownlinkVerdict::kOld);
 }
 
 TEST_F(Downlink, FramesOfAnotherKeyVehicleOrDiveChangeNothing) {
@@ -195,15 +198,54 @@ TEST_F(Downlink, AChangedBitAnywhereIsNotAccepted) {
   }
 }
 
-TEST_F(Downlink, AFloodOfForgeriesIsNotLookedAtAndTheShipIsHeardAgainAfterIt) {
+TEST_F(Downlink, AFloodOfForgeriesHidesNoTrueFrame) {
   DownlinkSender forger(kIdentity, keyOf(9));
   forger.acknowledge(acknowledgementOf(1));
-  for (int i = 0; i < 1000; ++i) (void)vehicle.accept(kStart_ns, frameOf(forger, kStart_ns + kSecond_ns));
-  EXPECT_LE(vehicle.counters()[DownlinkVerdict::kBadSignature], 32U);
-  EXPECT_GE(vehicle.counters()[DownlinkVerdict::kThrottled], 968U);
+  for (int k = 1; k <= 100; ++k) {
+    const std::int64_t now_ns = kStart_ns + k * kSecond_ns;
+    for (int i = 0; i < 20; ++i)
+      EXPECT_EQ(vehicle.accept(now_ns, frameOf(forger, now_ns + kSecond_ns)).verdict,
+                DownlinkVerdict::kBadSignature);
+    ship.acknowledge(acknowledgementOf(static_cast<std::uint16_t>(k)));
+    EXPECT_EQ(vehicle.accept(now_ns, frameOf(ship, now_ns)).verdict, DownlinkVerdict::kAccepted);
+  }
+}
+
+TEST_F(Downlink, WhatWasHeldBackForHoursIsNotObeyed) {
+  (void)ship.request(requestOf(Request::Kind::kPauseMap));
   ship.acknowledge(acknowledgementOf(1));
-  EXPECT_EQ(vehicle.accept(kStart_ns + 2 * kSecond_ns, frameOf(ship, kStart_ns + 2 * kSecond_ns)).verdict,
-            DownlinkVerdict::kAccepted);
+  const Bytes frame = frameOf(ship, kStart_ns + kSecond_ns);
+  const auto sent_lately = [](const Acknowledgement&) { return std::nullopt; };
+  const auto result = vehicle.accept(kStart_ns + 7200 * kSecond_ns, frame, sent_lately);
+  EXPECT_EQ(result.verdict, DownlinkVerdict::kStale);
+  EXPECT_TRUE(result.content.empty());
+}
+
+TEST_F(Downlink, AShipWhoseClockIsYearsOffOrIsSetBackIsHeardByWhatItHasHeard) {
+  constexpr std::int64_t kYear_ns = 365LL * 86400 * kSecond_ns;
+  DownlinkReceiver receiver(kIdentity, keyOf(1), kStart_ns);
+  const auto sent_lately = [](const Acknowledgement& a) { return std::optional<Version>(a.newest); };
+  std::uint16_t newest = 0;
+  for (const std::int64_t off_ns : {2 * kYear_ns, std::int64_t{0}, -kYear_ns, 600 * kSecond_ns}) {
+    DownlinkSender sender(kIdentity, keyOf(1));
+    sender.acknowledge(acknowledgementOf(++newest));
+    const std::int64_t now_ns = kStart_ns + newest * 60 * kSecond_ns;
+    const Bytes frame = frameOf(sender, now_ns + off_ns);
+    EXPECT_EQ(receiver.accept(now_ns, frame, sent_lately).verdict, DownlinkVerdict::kAccepted) << off_ns;
+    EXPECT_EQ(receiver.accept(now_ns, frame, sent_lately).verdict, DownlinkVerdict::kOld) << "again";
+  }
+}
+
+TEST_F(Downlink, AShipThatWasStartedAgainIsObeyedThoughItsRequestsAreCountedAnew) {
+  std::int64_t now_ns = kStart_ns;
+  for (const auto kind : {Request::Kind::kPauseMap, Request::Kind::kResumeMap, Request::Kind::kPauseMap}) {
+    DownlinkSender started_again(kIdentity, keyOf(1));
+    (void)started_again.request(requestOf(kind));  // id 0, every time
+    now_ns += 20 * kSecond_ns;
+    const auto result = vehicle.accept(now_ns, frameOf(started_again, now_ns));
+    ASSERT_TRUE(result.content.request);
+    EXPECT_EQ(result.content.request->kind, kind);
+  }
 }
 
 TEST_F(Downlink, WithoutAKeyOnBoardAcknowledgementsAndFixesCountButNoRequests) {

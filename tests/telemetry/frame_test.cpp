@@ -76,7 +76,7 @@ TEST(Frame, AnotherVersionAndAnUnknownTypeAreToldFromDamage) {
   const std::size_t size = encodeFrame({kOurs, 1, static_cast<MessageType>(0)}, body, out);
   const auto bytes = std::span(out).first(size);
   EXPECT_EQ(decodeFrame(bytes).verdict, FrameVerdict::kType);
-  bytes[0] = static_cast<std::uint8_t>(bytes[0] ^ 0x30);  // version 1 instead of 2
+  bytes[0] = static_cast<std::uint8_t>(bytes[0] ^ 0x20);  // version 1 instead of 3
   const std::uint32_t crc = crc32(bytes.first(size - 4));
   for (std::size_t i = 0; i < 4; ++i) bytes[size - 4 + i] = static_cast<std::uint8_t>(crc >> (24 - 8 * i));
   EXPECT_EQ(decodeFrame(bytes).verdict, FrameVerdict::kVersion);

@@ -2,9 +2,11 @@
 #include <gtest/gtest.h>
 
 #include <array>
+#include <bit>
 #include <cmath>
 #include <map>
 #include <random>
+#include <set>
 #include <vector>
 
 #include "realtime/kernel/heap_counter.hpp"
@@ -41,12 +43,18 @@ struct Ship {
   std::map<BlockKey, MapBlock> map;
 
   void hear(std::span<const std::uint8_t> frame) {
-    receiver.accept(frame, [&](MessageType type, std::span<const std::uint8_t> payload) {
-      if (type != MessageType::kMapPacket) return true;
-      if (!decoder.decode(payload, packet)) return false;
+    receiver.accept(frame, [&](const LinkReceiver::Message& message) {
+      if (message.type != MessageType::kMapPacket) return true;
+      if (!decoder.decode(message.payload, packet)) return false;
       for (const MapBlock& block : packet.blocks) map[block.key] = block;
       return true;
     });
+  }
+  // Nodes shown of the squares in that row.
+  int shown(std::int32_t north) const {
+    int count = 0;
+    for (const auto& [key, block] : map) count += key.north >> 2 == north ? std::popcount(block.seen) : 0;
+    return count;
   }
   // Greatest difference to a tile's nodes; infinite where one is missing.
   double error(const HeightTile& tile) const {
@@ -144,6 +152,58 @@ TEST(LinkFeedback, AShipThatIsSwitchedOnAgainKnowingNothingGetsWhatHadNoWord) {
   ship.receiver = LinkReceiver();
   ship.converse(scheduler, 300, 0.1);
   for (int n = 0; n < 12; ++n) EXPECT_LE(ship.error(sampleTile(n, 0)), 0.0501) << n;
+}
+
+TEST(LinkFeedback, AShipThatHasLostItsFileGetsAgainWhatItHadAcknowledged) {
+  LinkScheduler scheduler(someConfig());
+  Ship ship;
+  for (int n = 0; n < 8; ++n) scheduler.offer(sampleTile(n, 0), ship.now);
+  ship.converse(scheduler, 300, 0.1);
+  ASSERT_TRUE(scheduler.drained());
+  ship.receiver = LinkReceiver();
+  ship.map.clear();
+  Status status;
+  status.utc_ns = ship.now;
+  scheduler.setStatus(status);  // something to hear
+  ship.converse(scheduler, 300, 0.1);
+  for (int n = 0; n < 8; ++n) EXPECT_LE(ship.error(sampleTile(n, 0)), 0.0501) << n;
+  EXPECT_GE(scheduler.counters().blocks.missed, 8U * 16);
+}
+
+TEST(LinkFeedback, AShipThatComesAfterHoursAndNeverAnswersGetsAllInTheEnd) {
+  LinkSchedulerConfig config = someConfig();
+  config.frame_bytes = 32;
+  LinkScheduler scheduler(config);
+  Ship nobody, ship;
+  constexpr int kTiles = 60;  // more frames than the vehicle remembers
+  for (int n = 0; n < kTiles; ++n) scheduler.offer(sampleTile(n, 0), nobody.now);
+  nobody.converse(scheduler, 900, 1, false);
+  ASSERT_GT(scheduler.counters().frames, 2 * 512U);
+  ship.now = nobody.now;
+  ship.converse(scheduler, 1800, 0.3, false);
+  for (int n = 0; n < kTiles; ++n) EXPECT_LE(ship.error(sampleTile(n, 0)), 0.1001) << n;
+}
+
+TEST(LinkFeedback, GroundThatIsEmptiedGoesThoughItGaveWayInThePoolAndItsFrameIsLost) {
+  LinkSchedulerConfig config = someConfig();
+  config.blocks.max_squares = 4;
+  LinkScheduler scheduler(config);
+  std::set<std::int32_t> again;
+  scheduler.onGaveWay([&](const BlockQueue::Whole& square, bool) { again.insert(square.north); });
+  Ship ship;
+  HeightTile empty = sampleTile(0, 0);
+  for (auto& node : empty.nodes) node.coverage = 0;
+  for (int n = 0; n < 12; ++n) {  // one after the other out of the pool
+    scheduler.offer(sampleTile(n, 0), ship.now);
+    ship.converse(scheduler, 60, 0);
+  }
+  ASSERT_EQ(ship.shown(0), 256);
+  scheduler.offer(empty, ship.now);
+  ship.converse(scheduler, 20, 1);
+  ship.converse(scheduler, 120, 0);
+  EXPECT_EQ(ship.shown(0), 0);
+  EXPECT_EQ(ship.shown(1), 256);
+  EXPECT_TRUE(again.empty());  // all had word before they gave way
 }
 
 TEST(LinkFeedback, AVehicleThatRestartsIsHeardAgain) {

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <random>
 #include <vector>
 
@@ -19,7 +20,7 @@ std::vector<std::uint8_t> makeFrame(std::uint16_t sequence, std::size_t payload 
 }
 
 DecodedFrame take(LinkReceiver& receiver, std::span<const std::uint8_t> bytes) {
-  return receiver.accept(bytes, [](MessageType, std::span<const std::uint8_t>) { return true; });
+  return receiver.accept(bytes, [](const auto&) { return true; });
 }
 
 TEST(LinkReceiver, LocksTheFirstValidFramesDiveAndCountsTheOthersForeign) {
@@ -78,11 +79,67 @@ TEST(LinkReceiver, CountsLostReorderedAndDuplicateOverTheWrapOfTheSequence) {
 
 TEST(LinkReceiver, ASenderThatBeginsAnewIsFollowedAndNotCountedAsLoss) {
   LinkReceiver receiver(kOurs);
-  take(receiver, makeFrame(20000));
-  EXPECT_EQ(take(receiver, makeFrame(0)).verdict, FrameVerdict::kAccepted);
-  EXPECT_EQ(take(receiver, makeFrame(1)).verdict, FrameVerdict::kAccepted);
+  Version before = 0, after = 0;
+  receiver.accept(makeFrame(20000), [&](const LinkReceiver::Message& m) { return (before = m.version) > 0; });
+  // A frame of long ago, or some in any order, are no beginning.
+  for (const int sequence : {7, 3, 9, 2})
+    EXPECT_EQ(take(receiver, makeFrame(static_cast<std::uint16_t>(sequence))).verdict,
+              FrameVerdict::kDuplicate);
+  EXPECT_EQ(take(receiver, makeFrame(20001)).verdict, FrameVerdict::kAccepted);
+  for (const int sequence : {0, 1, 2}) take(receiver, makeFrame(static_cast<std::uint16_t>(sequence)));
+  receiver.accept(makeFrame(3), [&](const LinkReceiver::Message& m) { return (after = m.version) > 0; });
   EXPECT_EQ(receiver.counters().resyncs, 1U);
   EXPECT_EQ(receiver.counters().lost, 0U);
+  EXPECT_GT(after, before + 1);
+}
+
+TEST(LinkReceiver, AnOutageIsLossHoweverLongAndNoBeginning) {
+  LinkReceiver receiver(kOurs);
+  take(receiver, makeFrame(0));
+  take(receiver, makeFrame(30000));
+  EXPECT_EQ(receiver.counters().lost, 29999U);
+  EXPECT_EQ(receiver.counters().resyncs, 0U);
+  const Acknowledgement a = receiver.acknowledgement();
+  EXPECT_EQ(a.heard(30000), true);
+  EXPECT_EQ(a.heard(2), false);
+}
+
+TEST(LinkReceiver, EveryMessageTellsItsPlaceInTheDiveInWhateverOrderTheyCome) {
+  LinkReceiver receiver(kOurs);
+  std::vector<Version> versions;
+  for (const int sequence : {65500, 65530, 4, 65501, 10, 2})
+    receiver.accept(makeFrame(static_cast<std::uint16_t>(sequence)), [&](const LinkReceiver::Message& m) {
+      versions.push_back(m.version);
+      return true;
+    });
+  ASSERT_EQ(versions.size(), 6U);
+  for (std::size_t k = 0; k < versions.size(); ++k)
+    EXPECT_EQ(static_cast<int>(versions[k] - versions[0]), (std::array{0, 30, 40, 1, 46, 38}[k]));
+}
+
+TEST(LinkReceiver, TellsInTurnWhatItLacksFurtherBackThanTheLatestFrames) {
+  LinkReceiver receiver(kOurs);
+  for (int k = 0; k < 2000; ++k) {
+    if (k == 900) receiver.noteDamage();  // the file has lost what came from 850 on
+    if (k >= 100 && (k < 850 || k >= 900) && (k < 400 || k >= 630))
+      take(receiver, makeFrame(static_cast<std::uint16_t>(k)));
+  }
+  std::vector<int> told(2000, 0);  // times that it was said to be held (+) or not (-)
+  for (int k = 0; k < 100; ++k) {
+    const auto a = receiver.furtherAcknowledgement();
+    ASSERT_TRUE(a);
+    for (int n = 0; n <= a->newest; ++n) {
+      const auto heard = a->heardBack(static_cast<std::uint32_t>(a->newest - n));
+      if (!heard) continue;
+      const bool held = n >= 100 && (n < 850 || n >= 900) && (n < 400 || n >= 630);
+      ASSERT_EQ(*heard, held) << n;
+      ++told[static_cast<std::size_t>(n)];
+    }
+  }
+  for (std::size_t n = 0; n < 1900; ++n) EXPECT_GT(told[n], 0) << n;
+  EXPECT_GE(told[50], 4);   // before it came
+  EXPECT_GE(told[860], 4);  // damage
+  EXPECT_GE(told[410], 4);  // an outage
 }
 
 TEST(LinkReceiver, EveryFrameGivenIsInExactlyOneCounter) {
@@ -93,8 +150,7 @@ TEST(LinkReceiver, EveryFrameGivenIsInExactlyOneCounter) {
                            random() % 4 == 0 ? LinkIdentity{1, 1} : kOurs);
     if (random() % 3 == 0) bytes[random() % bytes.size()] ^= static_cast<std::uint8_t>(1 + random() % 255);
     if (random() % 5 == 0) bytes.resize(random() % (bytes.size() + 1));
-    (void)receiver.accept(bytes,
-                          [&](MessageType, std::span<const std::uint8_t>) { return random() % 4 != 0; });
+    (void)receiver.accept(bytes, [&](const auto&) { return random() % 4 != 0; });
   }
   std::uint64_t sum = 0;
   for (const std::uint64_t n : receiver.counters().verdicts) sum += n;

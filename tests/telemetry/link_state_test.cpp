@@ -73,8 +73,7 @@ std::vector<std::uint8_t> dive(const LinkSchedulerConfig& c, const std::vector<i
     while (const std::size_t size = scheduler->nextFrame(now, frame)) {
       frames.insert(frames.end(), frame.begin(), frame.begin() + static_cast<std::ptrdiff_t>(size));
       if (++sent % 6 == 0) continue;
-      (void)ship.accept(std::span<const std::uint8_t>(frame).first(size),
-                        [](MessageType, std::span<const std::uint8_t>) { return true; });
+      (void)ship.accept(std::span<const std::uint8_t>(frame).first(size), [](const auto&) { return true; });
       if (ship.turn()) scheduler->acknowledge(ship.acknowledgement(), now);
     }
   }
@@ -106,8 +105,7 @@ TEST(LinkState, FramesThatTheLogLacksAreNotTakenForADiveThatBeginsAnew) {
   const auto second = [&](LinkScheduler& link, int t) {
     link.offer(sampleTile(t / 7, 3), kStart + t * kSecond);
     while (const std::size_t size = link.nextFrame(kStart + t * kSecond, frame)) {
-      (void)ship.accept(std::span<const std::uint8_t>(frame).first(size),
-                        [](MessageType, std::span<const std::uint8_t>) { return true; });
+      (void)ship.accept(std::span<const std::uint8_t>(frame).first(size), [](const auto&) { return true; });
       if (ship.turn()) link.acknowledge(ship.acknowledgement(), kStart + t * kSecond);
     }
   };
@@ -169,7 +167,8 @@ TEST(DownlinkState, WhatWasAdmittedBeforeTheRestartStaysOld) {
   const DownlinkKey key{secret};
   DownlinkSender ship(kIdentity, key);
   Request request;
-  request.kind = Request::Kind::kPauseMap;
+  request.kind = Request::Kind::kDetail;
+  request.north_max = request.east_max = 5;
   ASSERT_TRUE(ship.request(request));
   std::array<std::uint8_t, kMaxFrameBytes> frame;
   const std::size_t size = ship.nextFrame(kStart + 10 * kSecond, frame);

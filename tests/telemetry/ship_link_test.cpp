@@ -28,8 +28,7 @@ Bytes uplink(std::uint16_t sequence, bool turn) {
 class ShipLinkTest : public ::testing::Test {
  protected:
   FrameVerdict hear(double seconds, const Bytes& frame) {
-    return ship_.accept(at(seconds), frame, [](MessageType, std::span<const std::uint8_t>) { return true; })
-        .verdict;
+    return ship_.accept(at(seconds), frame, [](const auto&) { return true; }).verdict;
   }
   std::size_t speak(double seconds) { return ship_.nextFrame(at(seconds), out_); }
   static std::int64_t at(double seconds) { return kStart_ns + static_cast<std::int64_t>(seconds * 1e9); }

@@ -45,6 +45,8 @@ LinkCore::LinkCore(const LinkCoreConfig& config)
   fine_.level = config.levelOf(config.scheduler.blocks.spacing);
   fine_.look_s = config.look_s;
   coarse_.level = config.levelOf(config.scheduler.blocks.coarse_spacing);
+  scheduler_.onGaveWay(
+      [this](const telemetry::BlockQueue::Whole& square, bool spare) { noteGaveWay(square, spare); });
   coarse_.look_s = std::max(config.look_s, config.scheduler.blocks.coarse_after_s / kCoarseLooks);
 }
 
@@ -82,7 +84,15 @@ void LinkCore::noteChanged(const Eigen::Vector2d& min_north_east, const Eigen::V
 
 void LinkCore::offer(Level& level, const fusion::QuadtreeMap& map, const Key& key, std::int64_t now_ns) {
   HeightTile tile;
-  if (!map.extract({key.north, key.east, static_cast<std::int16_t>(level.level)}, tile)) return;
+  const fusion::TileKey place{key.north, key.east, static_cast<std::int16_t>(level.level)};
+  if (!map.extract(place, tile)) {
+    // The map has left this place: so must what was sent of it.
+    if (!level.known.contains(key)) return;
+    tile.north_index = key.north;
+    tile.east_index = key.east;
+    tile.level = level.level;
+    tile.size = config_.root_size / std::exp2(level.level);
+  }
   Level::Square& square = level.known[key];
   square.looked_ns = now_ns;
   if (&level == &fine_) {
@@ -114,7 +124,32 @@ void LinkCore::offerChanged(Level& level, const fusion::QuadtreeMap& map, std::i
 void LinkCore::offerTiles(const fusion::QuadtreeMap& map, std::int64_t now_ns, bool everything) {
   offerChanged(fine_, map, now_ns, everything);
   offerChanged(coarse_, map, now_ns, everything);
+  offerAgain(map, now_ns);
   serveDetail(map, now_ns);
+}
+
+void LinkCore::offerAgain(const fusion::QuadtreeMap& map, std::int64_t now_ns) {
+  for (Level* level : {&fine_, &coarse_}) {
+    const auto next = [&](std::vector<Key>& keys) {
+      const Key key = keys.front();
+      keys.erase(keys.begin());
+      offer(*level, map, key, now_ns);
+    };
+    for (int k = 0; k < kOffersAtOnce && !level->again.empty() && scheduler_.hasRoom(); ++k)
+      next(level->again);
+    if (level->again.empty() && !level->spare.empty() && scheduler_.spare()) next(level->spare);
+  }
+}
+
+void LinkCore::noteGaveWay(const telemetry::BlockQueue::Whole& square, bool spare) {
+  for (Level* level : {&fine_, &coarse_}) {
+    const double spacing = config_.root_size / (std::exp2(level->level) * HeightTile::kCells);
+    if (telemetry::spacingCode(spacing) != square.spacing) continue;
+    std::vector<Key>& keys = spare ? level->spare : level->again;
+    const Key key{square.north, square.east};
+    if (std::find(keys.begin(), keys.end(), key) == keys.end()) keys.push_back(key);
+    return;
+  }
 }
 
 void LinkCore::serveDetail(const fusion::QuadtreeMap& map, std::int64_t now_ns) {
@@ -140,7 +175,8 @@ void LinkCore::serveDetail(const fusion::QuadtreeMap& map, std::int64_t now_ns) 
 }
 
 bool LinkCore::drained() const {
-  return fine_.changed.empty() && coarse_.changed.empty() && scheduler_.drained();
+  const auto idle = [](const Level& level) { return level.changed.empty() && level.again.empty(); };
+  return idle(fine_) && idle(coarse_) && scheduler_.drained();
 }
 
 }  // namespace fathom::onboard

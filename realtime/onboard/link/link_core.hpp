@@ -3,8 +3,10 @@
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <optional>
 #include <set>
 #include <span>
+#include <vector>
 
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/map/map_core.hpp"
@@ -26,11 +28,14 @@ struct LinkCoreConfig {
 };
 
 // Best-effort core without threads, files or clocks: looks at what the map gains and hands it, as tiles of
-// the link's two levels, to the scheduler, which decides when a block is worth sending; serves requests for
+// the link's two levels, to the scheduler, which decides when a block is worth sending, and again what gave
+// way in the scheduler's pool or was emptied; serves requests for
 // detail; gives the frames to send.
 class LinkCore {
  public:
   explicit LinkCore(const LinkCoreConfig& config);
+  LinkCore(const LinkCore&) = delete;  // the scheduler calls it
+  LinkCore& operator=(const LinkCore&) = delete;
 
   void setMissionInfo(const telemetry::MissionInfo& info) { scheduler_.setMissionInfo(info); }
   // The caller fills navigation and health; the map's area is LinkCore's own.
@@ -50,6 +55,10 @@ class LinkCore {
                    const std::function<void(const fusion::TileKey&)>& on_sent = {});
   void request(const telemetry::Request& r, std::int64_t now_ns) { scheduler_.request(r, now_ns); }
   void heard(std::int64_t now_ns) { scheduler_.heard(now_ns); }
+  [[nodiscard]] std::optional<telemetry::Version> sentLately(const telemetry::Acknowledgement& a,
+                                                             std::int64_t now_ns, double within_s) const {
+    return scheduler_.sentLately(a, now_ns, within_s);
+  }
 
   // See LinkScheduler: after load() and the log's tail, before the first frame.
   void noteRestart() { scheduler_.noteRestart(); }
@@ -96,14 +105,18 @@ class LinkCore {
     double look_s = 0;  // between two looks at a square
     std::set<Key> changed;
     std::map<Key, Square> known;
+    std::vector<Key> again;  // gave way in the link's pool with something unsent
+    std::vector<Key> spare;  // gave way there without word
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
-      archive(self.changed, self.known);
+      archive(self.changed, self.known, self.again, self.spare);
     }
   };
   void offer(Level& level, const fusion::QuadtreeMap& map, const Key& key, std::int64_t now_ns);
   void offerChanged(Level& level, const fusion::QuadtreeMap& map, std::int64_t now_ns, bool everything);
+  void offerAgain(const fusion::QuadtreeMap& map, std::int64_t now_ns);
+  void noteGaveWay(const telemetry::BlockQueue::Whole& square, bool spare);
   void serveDetail(const fusion::QuadtreeMap& map, std::int64_t now_ns);
   [[nodiscard]] std::int32_t indexOf(double metres, int level) const;
 

@@ -5,7 +5,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("LNKC"), kVersion = 1;
+constexpr std::uint32_t kTag = rt::stateTag("LNKC"), kVersion = 2;
 
 }  // namespace
 

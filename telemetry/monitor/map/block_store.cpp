@@ -70,19 +70,39 @@ const StoredBlock* BlockStore::find(const BlockKey& key) const {
   return found == level.end() ? nullptr : &found->second;
 }
 
-bool BlockStore::put(const MapBlock& block, bool has_colour, double max_error, std::int64_t utc_ns) {
+bool BlockStore::isStale(const BlockKey& key, telemetry::Version version) const {
+  if (const StoredBlock* held = find(key)) return version < held->version;
+  const auto gone = withdrawn_.find(key);
+  return gone != withdrawn_.end() && version < gone->second;
+}
+
+void BlockStore::noteWithdrawn(const BlockKey& key, telemetry::Version version) {
+  withdrawn_[key] = version;
+  if (withdrawn_.size() <= kMaxWithdrawn) return;
+  const auto oldest = std::min_element(withdrawn_.begin(), withdrawn_.end(),
+                                       [](const auto& a, const auto& b) { return a.second < b.second; });
+  withdrawn_.erase(oldest);
+}
+
+bool BlockStore::put(const MapBlock& block, const Origin& origin) {
   if (!showable(block)) {
     ++counters_.refused;
     return false;
   }
   ++counters_.taken;
+  if (isStale(block.key, origin.version)) {
+    ++counters_.stale;
+    return true;
+  }
   if (block.seen == 0) {
+    noteWithdrawn(block.key, origin.version);
     if (find(block.key) == nullptr) return true;
     ++counters_.withdrawn;
     std::erase(arrivals_[block.key.spacing], block.key);
     remove(block.key);
     return true;
   }
+  withdrawn_.erase(block.key);
   auto& level = chunks_[chunkOf(block.key)].levels[block.key.spacing];
   const auto [at, is_new] = level.try_emplace(chunkSlot(block.key));
   StoredBlock& stored = at->second;
@@ -92,19 +112,20 @@ bool BlockStore::put(const MapBlock& block, bool has_colour, double max_error, s
     arrivals_[block.key.spacing].push_back(block.key);
   } else {
     ++counters_.replaced;
-    if (differs(stored, block, max_error)) {
+    if (differs(stored, block, origin.max_error)) {
       ++counters_.changed;
-      stored.changed_utc_ns = utc_ns;
+      stored.changed_utc_ns = origin.utc_ns;
     }
   }
   // Colour comes dearer than depth; a block sent again without it keeps the colour that it had.
-  const bool keep_colour = !is_new && stored.has_colour && !has_colour;
+  const bool keep_colour = !is_new && stored.has_colour && !origin.has_colour;
   const auto colour = keep_colour ? stored.block.colour : block.colour;
   stored.block = block;
   stored.block.colour = colour;
-  stored.has_colour = has_colour || keep_colour;
-  stored.max_error = static_cast<float>(max_error);
-  stored.received_utc_ns = utc_ns;
+  stored.has_colour = origin.has_colour || keep_colour;
+  stored.max_error = static_cast<float>(origin.max_error);
+  stored.version = origin.version;
+  stored.received_utc_ns = origin.utc_ns;
   touch(block.key);
   if (size_ > max_blocks_) evict();
   return true;

@@ -8,6 +8,7 @@
 #include <unordered_map>
 
 #include "telemetry/map/map_block.hpp"
+#include "telemetry/wire/frame.hpp"
 
 namespace fathom::monitor {
 
@@ -33,20 +34,30 @@ struct StoredBlock {
   telemetry::MapBlock block;
   bool has_colour = false;
   float max_error = 0;               // that the sender kept to [m]
+  telemetry::Version version = 0;    // of the frame that carried it
   std::int64_t received_utc_ns = 0;  // of this content
   std::int64_t changed_utc_ns = 0;   // when its heights last gave way to others; 0: never
 };
 
-// The map as received: the newest content of every block. Bounded: when it is full, the oldest block of the
-// finest spacing gives way, so that the map loses resolution before it loses ground; counted.
+// The map as received: of every block the content of the newest frame, in whatever order they came. Bounded:
+// when it is full, the oldest block of the finest spacing gives way, so that the map loses resolution before
+// it loses ground; counted.
 class BlockStore {
  public:
   static constexpr std::size_t kDefaultBlocks = 65536;  // 10 times a 7,500 m2 dive at 25 cm
   explicit BlockStore(std::size_t max_blocks = kDefaultBlocks) : max_blocks_(max_blocks) {}
 
-  // A block of which nothing is seen says that the map has left this place: the block held goes. False for
-  // what cannot be shown: another spacing than a power of two up to 4 m, a place or a depth that no dive has.
-  bool put(const telemetry::MapBlock& block, bool has_colour, double max_error, std::int64_t utc_ns);
+  // What came with a block.
+  struct Origin {
+    telemetry::Version version = 0;  // of the frame
+    double max_error = 0;            // that the sender kept to [m]
+    bool has_colour = false;
+    std::int64_t utc_ns = 0;  // when it was received
+  };
+  // A block of which nothing is seen says that the map has left this place: the block held goes. What is
+  // older than what is held, or was withdrawn, is left. False for what cannot be shown: another spacing than
+  // a power of two up to 4 m, a place or a depth that no dive has.
+  bool put(const telemetry::MapBlock& block, const Origin& origin);
 
   struct Chunk {
     // Of each spacing code, by chunkSlot().
@@ -69,6 +80,7 @@ class BlockStore {
   struct Counters {
     std::uint64_t taken = 0;
     std::uint64_t refused = 0;    // see put()
+    std::uint64_t stale = 0;      // older than what is held
     std::uint64_t replaced = 0;   // blocks received again
     std::uint64_t changed = 0;    // of those, with heights that differ beyond both error bounds and 5 cm
     std::uint64_t withdrawn = 0;  // blocks that went because nothing is seen there any more
@@ -80,11 +92,16 @@ class BlockStore {
   void touch(const telemetry::BlockKey& key);
   void evict();
   void remove(const telemetry::BlockKey& key);
+  [[nodiscard]] bool isStale(const telemetry::BlockKey& key, telemetry::Version version) const;
+  void noteWithdrawn(const telemetry::BlockKey& key, telemetry::Version version);
 
+  // Older frames do not come later than the receiver's window lets them.
+  static constexpr std::size_t kMaxWithdrawn = 65536;
   std::size_t max_blocks_;
   std::map<ChunkKey, Chunk> chunks_;
   std::array<std::size_t, kLevels> counts_{};
   std::array<std::deque<telemetry::BlockKey>, kLevels> arrivals_;  // each held block once, oldest first
+  std::map<telemetry::BlockKey, telemetry::Version> withdrawn_;    // by which frame
   std::size_t size_ = 0;
   std::uint64_t version_ = 0, generation_ = 0;
   Counters counters_;

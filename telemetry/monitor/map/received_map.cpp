@@ -7,15 +7,17 @@ namespace fathom::monitor {
 using telemetry::BlockKey;
 using telemetry::MapBlock;
 
-bool ReceivedMap::takePacket(std::span<const std::uint8_t> payload, std::int64_t utc_ns) {
+bool ReceivedMap::takePacket(std::span<const std::uint8_t> payload, telemetry::Version version,
+                             std::int64_t utc_ns) {
   if (!decoder_.decode(payload, packet_)) return false;
   ++packets_;
   for (const MapBlock& block : packet_.blocks)
-    store_.put(block, packet_.has_colour, packet_.max_error, utc_ns);
+    store_.put(block, {version, packet_.max_error, packet_.has_colour, utc_ns});
   return true;
 }
 
-void ReceivedMap::takeTile(const telemetry::DecodedTile& decoded, std::int64_t utc_ns) {
+void ReceivedMap::takeTile(const telemetry::DecodedTile& decoded, telemetry::Version version,
+                           std::int64_t utc_ns) {
   const HeightTile& tile = decoded.tile;
   const TilePlace place{tile.level, tile.north_index, tile.east_index};
   const auto revision = static_cast<std::uint16_t>(tile.revision);
@@ -61,7 +63,8 @@ void ReceivedMap::takeTile(const telemetry::DecodedTile& decoded, std::int64_t u
     }
   }
   for (const auto& [key, block] : blocks)
-    if (block.seen != 0) store_.put(block, decoded.colour_bits > 0, decoded.depth_resolution / 2, utc_ns);
+    if (block.seen != 0)
+      store_.put(block, {version, decoded.depth_resolution / 2, decoded.colour_bits > 0, utc_ns});
 }
 
 }  // namespace fathom::monitor

@@ -5,7 +5,8 @@
 
 namespace fathom::monitor {
 
-// How the link did over time, in steps of equal length. Bounded: when the steps are too many, two become one.
+// How the link did over time, in steps of equal length. Bounded: when the steps are too many, two become one;
+// after a day without a frame, or a clock that leaps as far, it begins anew.
 class LinkHistory {
  public:
   struct Step {
@@ -16,6 +17,7 @@ class LinkHistory {
   };
   static constexpr std::size_t kMaxSteps = 720;
   static constexpr std::int64_t kFirstStep_ns = 10'000'000'000;
+  static constexpr std::int64_t kLongestSilence_ns = 86'400 * 1'000'000'000LL;
 
   // A frame heard at `utc_ns`; `lost_so_far` as the receiver counts it after this frame.
   void add(std::int64_t utc_ns, std::size_t bytes, bool accepted, std::uint64_t lost_so_far);

@@ -1,5 +1,6 @@
 #include "telemetry/monitor/model/monitor_model.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace fathom::monitor {
@@ -31,14 +32,24 @@ void MonitorModel::confirm(std::optional<std::uint8_t> request_id) {
   if (request_id && link_.sender() != nullptr) link_.sender()->confirm(*request_id);
 }
 
-bool MonitorModel::take(MessageType type, std::span<const std::uint8_t> payload, std::int64_t utc_ns) {
+bool MonitorModel::take(const telemetry::LinkReceiver::Message& message, std::int64_t utc_ns) {
+  const auto& [type, version, payload] = message;
+  // A message that comes late must not take the vehicle back.
+  const auto isNewer = [version = version](telemetry::Version& newest) {
+    const bool newer = version >= newest;
+    newest = std::max(newest, version);
+    return newer;
+  };
   switch (type) {
     case MessageType::kStatus: {
       telemetry::Status status;
       if (!telemetry::decodeStatus(payload, status)) return false;
-      // A frame that comes late must not take the vehicle back; its position still belongs to the track.
+      // Its position belongs to the track, however late.
       addTrack(status.utc_ns, {status.north, status.east, status.depth, status.altitude});
-      if (!status_ || status.utc_ns >= status_->utc_ns) status_ = status;
+      if (isNewer(status_version_)) {
+        status_ = status;
+        clocks_apart_ns_ = utc_ns - status.utc_ns;
+      }
       confirm(requests_.noteStatus(status.utc_ns, utc_ns));
       return true;
     }
@@ -52,18 +63,18 @@ bool MonitorModel::take(MessageType type, std::span<const std::uint8_t> payload,
     case MessageType::kMissionInfo: {
       telemetry::MissionInfo info;
       if (!telemetry::decodeMissionInfo(payload, info)) return false;
-      mission_ = info;
+      if (isNewer(mission_version_)) mission_ = info;
       return true;
     }
     case MessageType::kMapPacket:
-      if (!map_.takePacket(payload, utc_ns)) return false;
+      if (!map_.takePacket(payload, version, utc_ns)) return false;
       for (const telemetry::MapBlock& block : map_.lastBlocks())
         confirm(requests_.noteBlock(block.key, utc_ns));
       return true;
     case MessageType::kTileFragment: {
       telemetry::DecodedTile tile;
       const auto invalid = reassembler_.counters().invalid;
-      if (reassembler_.accept(payload, tile)) map_.takeTile(tile, utc_ns);
+      if (reassembler_.accept(payload, tile)) map_.takeTile(tile, version, utc_ns);
       return reassembler_.counters().invalid == invalid;
     }
     case MessageType::kRepair:
@@ -74,9 +85,8 @@ bool MonitorModel::take(MessageType type, std::span<const std::uint8_t> payload,
 }
 
 DecodedFrame MonitorModel::accept(std::span<const std::uint8_t> bytes, std::int64_t utc_ns) {
-  const DecodedFrame frame = link_.accept(
-      utc_ns, bytes,
-      [&](MessageType type, std::span<const std::uint8_t> payload) { return take(type, payload, utc_ns); });
+  const DecodedFrame frame =
+      link_.accept(utc_ns, bytes, [&](const auto& message) { return take(message, utc_ns); });
   ++version_;
   const bool accepted = frame.verdict == FrameVerdict::kAccepted;
   history_.add(utc_ns, bytes.size(), accepted, receiver().counters().lost);
@@ -97,11 +107,19 @@ bool MonitorModel::ask(const telemetry::Request& request, std::int64_t utc_ns) {
 
 bool MonitorModel::tellFix(const telemetry::UsblFixMessage& fix) {
   telemetry::DownlinkSender* sender = link_.sender();
-  return sender != nullptr && sender->addFix(fix);
+  telemetry::UsblFixMessage said = fix;
+  said.utc_ns = vehicleTime(fix.utc_ns);
+  return sender != nullptr && sender->addFix(said);
 }
 
-std::size_t MonitorModel::speak(std::int64_t utc_ns, std::span<std::uint8_t> out) {
-  const std::size_t size = link_.nextFrame(utc_ns, out);
+std::int64_t MonitorModel::vehicleTime(std::int64_t utc_ns) const {
+  const std::int64_t apart_ns = clocks_apart_ns_.value_or(0);
+  return std::abs(apart_ns) > kClocksAgree_ns ? utc_ns - apart_ns : utc_ns;
+}
+
+std::size_t MonitorModel::speak(std::int64_t utc_ns, std::span<std::uint8_t> out,
+                                const telemetry::ShipLink::Kept& kept) {
+  const std::size_t size = link_.nextFrame(utc_ns, vehicleTime(utc_ns), out, kept);
   if (size == 0) return 0;
   requests_.noteSent(out.first(size), utc_ns);
   ++version_;

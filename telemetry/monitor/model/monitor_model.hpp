@@ -28,13 +28,18 @@ class MonitorModel {
   // Takes one frame as received at `utc_ns`; says what became of it.
   telemetry::DecodedFrame accept(std::span<const std::uint8_t> bytes, std::int64_t utc_ns);
 
+  // Frames that were accepted before the next are lost from the ship's file; see LinkReceiver.
+  void noteDamage() { link_.noteDamage(); }
+
   // Asks the vehicle for something at the ship's next turn; false: out of bounds, too much waits, or it is
   // not known yet which vehicle to ask.
   [[nodiscard]] bool ask(const telemetry::Request& request, std::int64_t utc_ns);
   // Tells the vehicle a position at the ship's next turn.
   [[nodiscard]] bool tellFix(const telemetry::UsblFixMessage& fix);
   // The downlink frame to send now, 0 when there is none; see ShipLink.
-  [[nodiscard]] std::size_t speak(std::int64_t utc_ns, std::span<std::uint8_t> out);
+  // `kept`: whether all that was received is where a power cut leaves it.
+  [[nodiscard]] std::size_t speak(std::int64_t utc_ns, std::span<std::uint8_t> out,
+                                  const telemetry::ShipLink::Kept& kept = {});
   [[nodiscard]] const RequestLedger& requests() const { return requests_; }
   [[nodiscard]] const telemetry::ShipLink& link() const { return link_; }
 
@@ -43,6 +48,8 @@ class MonitorModel {
   [[nodiscard]] const telemetry::LinkReceiver& receiver() const { return link_.receiver(); }
   [[nodiscard]] const std::optional<telemetry::Status>& status() const { return status_; }
   [[nodiscard]] const std::optional<telemetry::MissionInfo>& mission() const { return mission_; }
+  // The ship's time less the vehicle's, when the newest status came [ns]; what it was under way is in it.
+  [[nodiscard]] std::optional<std::int64_t> clocksApart() const { return clocks_apart_ns_; }
   [[nodiscard]] bool schemaDiffers() const;  // the sender's fields are not ours
   [[nodiscard]] const ReceivedMap& map() const { return map_; }
   [[nodiscard]] const telemetry::TileReassembler& reassembler() const { return reassembler_; }
@@ -56,22 +63,26 @@ class MonitorModel {
   [[nodiscard]] const Coverage& coverage(std::int64_t now_utc_ns) const;
 
  private:
-  [[nodiscard]] bool take(telemetry::MessageType type, std::span<const std::uint8_t> payload,
-                          std::int64_t utc_ns);
+  // The ship speaks in the vehicle's time, where its own clock is off, or the vehicle's: what is said is then
+  // as fresh to the vehicle as it is.
+  [[nodiscard]] std::int64_t vehicleTime(std::int64_t utc_ns) const;
+  [[nodiscard]] bool take(const telemetry::LinkReceiver::Message& message, std::int64_t utc_ns);
   void confirm(std::optional<std::uint8_t> request_id);  // it need not be said again
   void addTrack(std::int64_t utc_ns, const TrackRecord& record);
 
-  static constexpr std::size_t kMaxTrack = 100'000;  // 5 h at 5 Hz; beyond, the oldest go
+  static constexpr std::int64_t kClocksAgree_ns = 60'000'000'000;  // no frame is under way for longer
+  static constexpr std::size_t kMaxTrack = 100'000;                // 5 h at 5 Hz; beyond, the oldest go
 
   telemetry::ShipLink link_;
   RequestLedger requests_;
   telemetry::TileReassembler reassembler_;
   ReceivedMap map_;
   std::optional<telemetry::Status> status_;
+  telemetry::Version status_version_ = 0, mission_version_ = 0;
   std::optional<telemetry::MissionInfo> mission_;
   Track track_;
   LinkHistory history_;
-  std::optional<std::int64_t> last_accepted_utc_ns_;
+  std::optional<std::int64_t> last_accepted_utc_ns_, clocks_apart_ns_;
   std::uint64_t version_ = 0, track_version_ = 0;
   mutable Coverage coverage_;
   mutable std::uint64_t coverage_map_ = 0, coverage_track_ = 0;

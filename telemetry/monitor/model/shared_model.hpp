@@ -39,6 +39,7 @@ struct SharedModel {
   // Why the page cannot ask the vehicle for anything; empty if it can.
   [[nodiscard]] std::string whySilent() const {
     if (playback) return "This is a recording: nothing can be asked of the vehicle.";
+    if (listens) return "This program only listens (--listen); another one may speak to the vehicle.";
     if (!has_key) return "No key: start fathom-monitor with --key FILE, the vehicle holds the same.";
     if (model->link().sender() == nullptr) return "No frame yet: it is not known which vehicle to ask.";
     return "";
@@ -59,6 +60,8 @@ struct SharedModel {
   std::unique_ptr<MonitorModel> model;
   std::uint64_t epoch;          // a page that knows another one begins anew
   std::int64_t now_utc_ns = 0;  // the wall clock; of a recording, its time
+  std::string not_kept;         // what the disk does not take, a sentence; empty: nothing
+  bool listens = false;         // and never speaks
   std::optional<Playback> playback;
   std::vector<PlaybackWish> wishes;
   bool closing = false;

@@ -134,13 +134,17 @@ std::string epochOf(const SharedModel& shared) {
 
 std::string stateJson(const SharedModel& shared) {
   const MonitorModel& model = *shared.model;
-  ordered_json json{{"epoch", epochOf(shared)},
-                    {"version", model.version()},
-                    {"map_version", model.map().version()},
-                    {"track_points", model.track().size()},
-                    {"recorded", shared.playback.has_value()},
-                    {"finished", shared.playback && shared.playback->finished},
-                    {"now_utc_s", seconds(shared.now_utc_ns)}};
+  ordered_json json{
+      {"epoch", epochOf(shared)},
+      {"version", model.version()},
+      {"map_version", model.map().version()},
+      {"track_points", model.track().size()},
+      {"recorded", shared.playback.has_value()},
+      {"finished", shared.playback && shared.playback->finished},
+      {"now_utc_s", seconds(shared.now_utc_ns)},
+      {"not_kept", shared.not_kept.empty() ? ordered_json(nullptr) : ordered_json(shared.not_kept)},
+      {"clocks_apart_s",
+       model.clocksApart() ? ordered_json(seconds(*model.clocksApart())) : ordered_json(nullptr)}};
   json["playback"] = nullptr;
   if (const auto& p = shared.playback)
     json["playback"] = {{"first_utc_s", seconds(p->first_utc_ns)},

@@ -38,7 +38,7 @@ void Ship::talk(int socket) {
     const ssize_t size = ::recv(socket, frame.data(), frame.size(), MSG_DONTWAIT);
     if (size <= 0) break;
     (void)link_.accept(now(), std::span<const std::uint8_t>(frame).first(static_cast<std::size_t>(size)),
-                       [](telemetry::MessageType, std::span<const std::uint8_t>) { return true; });
+                       [](const auto&) { return true; });
   }
   if (const std::size_t size = link_.nextFrame(now(), frame))
     (void)::send(socket, frame.data(), size, MSG_DONTWAIT | MSG_NOSIGNAL);

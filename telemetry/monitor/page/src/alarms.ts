@@ -27,6 +27,8 @@ export const THRESHOLD_LABELS: Record<keyof Thresholds, [label: string, unit: st
   altitude_m: ['Altitude below', 'm'],
 };
 
+const CLOCKS_APART_S = 120; // more than any frame is under way
+
 export interface Alarm {
   id: string;
   severe: boolean;
@@ -49,6 +51,9 @@ export function findAlarms(state: MonitorState, age: number | null, t: Threshold
   }
   if (state.link.recent_loss !== null && 100 * state.link.recent_loss > t.loss_percent)
     raise('loss', false, `${Math.round(100 * state.link.recent_loss)} % of the frames are lost`);
+  if (state.not_kept) raise('disk', true, `This computer does not keep what it hears: ${state.not_kept}`);
+  if (!state.recorded && state.clocks_apart_s !== null && Math.abs(state.clocks_apart_s) > CLOCKS_APART_S)
+    raise('clocks', true, `The vehicle's clock and this computer's are ${duration(Math.abs(state.clocks_apart_s))} apart`);
   if (state.mission?.schema_differs)
     raise('schema', true, 'The vehicle speaks other fields than this monitor: values may be wrong');
   return alarms;

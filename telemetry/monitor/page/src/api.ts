@@ -87,6 +87,8 @@ export interface MonitorState {
   recorded: boolean;
   finished: boolean;
   now_utc_s: number;
+  not_kept: string | null;
+  clocks_apart_s: number | null;
   playback: PlaybackState | null;
   identity: { vehicle_id: number; dive_id: number } | null;
   mission: {

@@ -1,0 +1,58 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "telemetry/wire/downlink_messages.hpp"
+#include "telemetry/wire/frame.hpp"
+
+namespace fathom::telemetry {
+
+// Which frames of the dive the ship holds, from the first to the newest: what it tells the vehicle of the
+// latest, and of places further back where something is missing that the vehicle may think arrived (the
+// dive's beginning, for a ship that came late or has lost its file; damage in the file). Bounded: of more
+// than kMost frames the oldest half is forgotten, as if it had been held.
+class HeldFrames {
+ public:
+  static constexpr std::size_t kMost = std::size_t{1} << 20;
+
+  void clear() { *this = {}; }
+  void hold(Version version);
+  [[nodiscard]] bool holds(Version version) const {
+    return version - base_ < held_.size() && held_[version - base_];
+  }
+  // Something that was held before `version`, which is held, is lost.
+  void noteDamage(Version version);
+
+  // Of the newest frame held and those before it, no further back than `furthest`; not valid if there is
+  // none.
+  [[nodiscard]] Acknowledgement latest(std::size_t furthest) const;
+  // Of what lies further back: the whole dive piece by piece, and in between each place some times. Nothing
+  // where `latest` says it all.
+  [[nodiscard]] std::optional<Acknowledgement> further();
+
+ private:
+  [[nodiscard]] Acknowledgement before(Version newest, std::size_t furthest) const;
+  [[nodiscard]] std::optional<Acknowledgement> nextPlace();
+  [[nodiscard]] std::optional<Acknowledgement> nextPiece();
+  void addPlace(Version version);
+  // Frames not held before `version`, kAll where there is none.
+  [[nodiscard]] std::uint16_t lackingBefore(Version version) const;
+
+  static constexpr std::size_t kMostPlaces = 64;
+  static constexpr int kTellings = 4;      // most of so many frames arrive
+  static constexpr Version kLongGap = 16;  // frames; shorter ones are found piece by piece
+  Version base_ = 0, first_ = 0, newest_ = 0;
+  std::vector<bool> held_;  // from base_ on
+  struct Place {
+    Version version = 0;
+    int told = 0;
+  };
+  std::vector<Place> places_;  // held frames before which something is missing
+  bool place_next_ = false;
+  Version told_ = 0;  // frames before it have been spoken of, piece by piece
+};
+
+}  // namespace fathom::telemetry

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <random>
+#include <vector>
+
+#include "recon/geometry/height_tile.hpp"
+
+namespace fathom::test {
+
+// The vehicle's map in a storm: squares of 4 m that appear, grow, move, empty and come again.
+class Ground {
+ public:
+  static constexpr double kSquare_m = 4;
+
+  explicit Ground(int side) : side_(side), squares_(static_cast<std::size_t>(side * side)) {}
+
+  [[nodiscard]] std::size_t size() const { return squares_.size(); }
+  // Something happens to a square, early in the dive mostly that it appears. Its index.
+  std::size_t change(std::mt19937& random);
+  // What the vehicle would offer; a square that was emptied has nothing seen.
+  [[nodiscard]] HeightTile tile(std::size_t square) const;
+  // Seen once, now or before.
+  [[nodiscard]] bool known(std::size_t square) const { return squares_[square].known; }
+
+ private:
+  struct Square {
+    bool known = false, empty = false;
+    double seen = 1, rise_m = 0;
+  };
+  int side_;
+  std::vector<Square> squares_;
+};
+
+}  // namespace fathom::test
