@@ -56,7 +56,7 @@ Acknowledgement HeldFrames::before(Version newest, std::size_t furthest) const {
   Acknowledgement a;
   a.valid = true;
   a.newest = static_cast<std::uint16_t>(newest);
-  const std::size_t most = std::min({furthest, Acknowledgement::kMaxReach, std::size_t{newest - first_}});
+  const std::size_t most = std::min({furthest, Acknowledgement::kMaxReach, std::size_t{newest - base_}});
   for (; a.reach < most; ++a.reach) a.before[a.reach] = holds(newest - 1 - static_cast<Version>(a.reach));
   a.lacking = lackingBefore(newest - static_cast<Version>(a.reach));
   return a;
@@ -80,12 +80,12 @@ std::optional<Acknowledgement> HeldFrames::nextPlace() {
 
 // Frames before told_ have been spoken of in this round.
 std::optional<Acknowledgement> HeldFrames::nextPiece() {
-  if (newest_ - first_ < kPiece) return std::nullopt;
-  if (told_ <= first_ || told_ + kPiece > newest_) {
+  if (held_.empty() || newest_ == first_) return std::nullopt;
+  if (told_ <= first_ || told_ > newest_) {
     told_ = first_ + 1;
     return before(first_, 0);  // nothing came before
   }
-  Version last = told_ + kPiece - 1;
+  Version last = std::min(told_ + kPiece - 1, newest_);
   while (last >= told_ && !holds(last)) --last;
   const bool gap = last < told_;
   if (gap)
@@ -95,10 +95,10 @@ std::optional<Acknowledgement> HeldFrames::nextPiece() {
   return before(last, gap ? 0 : Acknowledgement::kMaxReach);
 }
 
-std::optional<Acknowledgement> HeldFrames::further() {
-  place_next_ = !place_next_;
+std::optional<Acknowledgement> HeldFrames::further(bool whole_dive) {
+  place_next_ = !place_next_ || !whole_dive;
   const auto place = place_next_ ? nextPlace() : std::nullopt;
-  return place ? place : nextPiece();
+  return place || !whole_dive ? place : nextPiece();
 }
 
 }  // namespace fathom::telemetry

@@ -29,9 +29,9 @@ class HeldFrames {
   // Of the newest frame held and those before it, no further back than `furthest`; not valid if there is
   // none.
   [[nodiscard]] Acknowledgement latest(std::size_t furthest) const;
-  // Of what lies further back: the whole dive piece by piece, and in between each place some times. Nothing
-  // where `latest` says it all.
-  [[nodiscard]] std::optional<Acknowledgement> further();
+  // Of what lies further back: each place some times and, for the whole dive, in between piece by piece all
+  // of it. Nothing where `latest` says it all.
+  [[nodiscard]] std::optional<Acknowledgement> further(bool whole_dive);
 
  private:
   [[nodiscard]] Acknowledgement before(Version newest, std::size_t furthest) const;

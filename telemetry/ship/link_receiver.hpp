@@ -40,7 +40,9 @@ class LinkReceiver {
   // answer takes the time in which the vehicle is silent). Not valid before the first frame.
   [[nodiscard]] Acknowledgement acknowledgement() const;
   // The same of what lies further back, a place after the other; see HeldFrames::further().
-  [[nodiscard]] std::optional<Acknowledgement> furtherAcknowledgement() { return held_.further(); }
+  [[nodiscard]] std::optional<Acknowledgement> furtherAcknowledgement(bool whole_dive) {
+    return held_.further(whole_dive);
+  }
   // Some of what was accepted before, in the ship's file, is lost: before the frame that is accepted next.
   void noteDamage() { damage_ = true; }
 

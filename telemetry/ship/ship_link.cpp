@@ -5,9 +5,9 @@
 namespace fathom::telemetry {
 namespace {
 
-// Looks back with every second frame; with four of five where the vehicle has sent next to nothing since.
-constexpr int kLooksBusy = 1, kLooksIdle = 4;
-constexpr std::uint16_t kNextToNothing = 12;  // frames
+// Of so many frames one looks back for what is known to be missing; all but one, over the whole dive, where
+// the vehicle has sent no map since.
+constexpr int kRound = 5;
 
 bool passed(const std::optional<std::int64_t>& since_ns, std::int64_t now_ns, double seconds) {
   return since_ns && static_cast<double>(now_ns - *since_ns) >= seconds * 1e9;
@@ -42,13 +42,14 @@ std::size_t ShipLink::nextFrame(std::int64_t now_ns, std::int64_t said_ns, std::
   if (passed(turn_ns_, now_ns, config_.turn_s)) turn_ns_.reset();
   if (!turn_ns_ && !passed(quiet_ns_, now_ns, config_.silence_s)) return 0;
   if (!kept || kept()) {
-    const Acknowledgement latest = receiver_.acknowledgement();
-    const auto since = static_cast<std::uint16_t>(latest.newest - told_newest_);
-    const bool look_back = looks_ < (since < kNextToNothing ? kLooksIdle : kLooksBusy);
-    const auto further = look_back ? receiver_.furtherAcknowledgement() : std::nullopt;
-    looks_ = further ? looks_ + 1 : 0;
-    if (!further) told_newest_ = latest.newest;
-    sender_->acknowledge(further.value_or(latest));
+    constexpr auto kMap = static_cast<std::size_t>(MessageType::kMapPacket);
+    const std::uint64_t map_frames = receiver_.counters().types[kMap];
+    const bool idle = map_frames == told_map_frames_;
+    const bool look_back = (round_ == kRound - 1) != idle;
+    const auto further = look_back ? receiver_.furtherAcknowledgement(idle) : std::nullopt;
+    round_ = (round_ + 1) % kRound;
+    if (!further) told_map_frames_ = map_frames;
+    sender_->acknowledge(further.value_or(receiver_.acknowledgement()));
   }
   const std::size_t size = sender_->nextFrame(said_ns, out);
   if (size == 0) return 0;

@@ -53,10 +53,10 @@ class ShipLink {
   ShipLinkConfig config_;
   LinkReceiver receiver_;
   std::optional<DownlinkSender> sender_;
-  int looks_ = 1000;                     // back, since the latest frames were spoken of: with those it begins
-  std::uint16_t told_newest_ = 0;        // of these
-  std::optional<std::int64_t> turn_ns_;  // since when it is the ship's turn
-  std::optional<std::int64_t> quiet_ns_;  // since when nobody has spoken
+  int round_ = 0;                               // frames spoken, in rounds
+  std::uint64_t told_map_frames_ = UINT64_MAX;  // when the latest frames were acknowledged last
+  std::optional<std::int64_t> turn_ns_;         // since when it is the ship's turn
+  std::optional<std::int64_t> quiet_ns_;        // since when nobody has spoken
 };
 
 }  // namespace fathom::telemetry

@@ -53,7 +53,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
 
   ShipLink ship(std::nullopt, theKey());
   std::array<std::uint8_t, kMaxFrameBytes> out{};
-  ship.accept(kStart_ns, bytes, [](MessageType, std::span<const std::uint8_t>) { return true; });
+  ship.accept(kStart_ns, bytes, [](const LinkReceiver::Message&) { return true; });
   check(ship.nextFrame(kStart_ns, out) <= kMinFrameBytes);
 
   // The same bytes as the payload of a whole frame, on a wish with a signature.

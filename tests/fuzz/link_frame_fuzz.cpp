@@ -44,13 +44,14 @@ void receive(std::span<const std::uint8_t> data) {
                              (data[3] & 8U) != 0};
     const std::size_t bytes = encodeFrame(header, data.subspan(4, size), frame);
     receiver.accept(std::span<const std::uint8_t>(frame).first(bytes),
-                    [&](MessageType type, std::span<const std::uint8_t> payload) {
-                      check(type != MessageType::kRepair && payload.size() <= kMaxFrameBytes);
+                    [&](const LinkReceiver::Message& message) {
+                      check(message.type != MessageType::kRepair && message.payload.size() <= kMaxFrameBytes);
                       ++delivered;
-                      return payload.size() % 2 == 0;
+                      return message.payload.size() % 2 == 0;
                     });
     const Acknowledgement a = receiver.acknowledgement();
     check(a.reach <= Acknowledgement::kMaxReach && (a.valid || a.reach == 0));
+    if (const auto further = receiver.furtherAcknowledgement((size & 1U) != 0)) check(further->valid);
     data = data.subspan(4 + size);
   }
   const LinkReceiver::Counters& c = receiver.counters();

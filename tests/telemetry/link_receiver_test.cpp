@@ -126,7 +126,7 @@ TEST(LinkReceiver, TellsInTurnWhatItLacksFurtherBackThanTheLatestFrames) {
   }
   std::vector<int> told(2000, 0);  // times that it was said to be held (+) or not (-)
   for (int k = 0; k < 100; ++k) {
-    const auto a = receiver.furtherAcknowledgement();
+    const auto a = receiver.furtherAcknowledgement(true);
     ASSERT_TRUE(a);
     for (int n = 0; n <= a->newest; ++n) {
       const auto heard = a->heardBack(static_cast<std::uint32_t>(a->newest - n));

@@ -72,9 +72,9 @@ Run runOnce(int tiles, double loss, double mean_burst, bool feedback, std::uint6
   telemetry::MapPacketDecoder decoder;
   telemetry::DecodedMapPacket packet;
   std::set<telemetry::BlockKey> here;
-  const auto deliver = [&](MessageType type, std::span<const std::uint8_t> payload) {
-    if (type != MessageType::kMapPacket) return true;
-    if (!decoder.decode(payload, packet)) return false;
+  const auto deliver = [&](const telemetry::LinkReceiver::Message& message) {
+    if (message.type != MessageType::kMapPacket) return true;
+    if (!decoder.decode(message.payload, packet)) return false;
     for (const telemetry::MapBlock& b : packet.blocks) here.insert(b.key);
     return true;
   };

@@ -193,9 +193,9 @@ class Survey {
     while (const std::size_t size = channel_.ship().receive(buffer)) {
       if (off) continue;
       ship_.accept(now(), std::span(buffer).first(size),
-                   [&](MessageType type, std::span<const std::uint8_t> payload) {
-                     if (type != MessageType::kMapPacket) return true;
-                     if (!decoder_.decode(payload, packet_)) return false;
+                   [&](const telemetry::LinkReceiver::Message& message) {
+                     if (message.type != MessageType::kMapPacket) return true;
+                     if (!decoder_.decode(message.payload, packet_)) return false;
                      for (const telemetry::MapBlock& block : packet_.blocks) show(block);
                      return true;
                    });
