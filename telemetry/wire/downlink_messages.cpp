@@ -76,13 +76,14 @@ Request getRequest(BitReader& r) {
 void put(BitWriter& w, const Acknowledgement& a) {
   w.put(a.newest, kSequenceBits);
   std::size_t reach = std::min(a.reach, Acknowledgement::kMaxReach);
-  const bool lacks = a.lacking >= kByteBits && w.bitsLeft() >= 1 + kSequenceBits + reach + kByteBits;
-  w.put(lacks ? 1 : 0, 1);
   // The reader takes every bit up to the end for a frame. What is followed by frames that lack fills up with
   // those of them that come first.
+  const std::size_t end = w.bits() + 1 + kSequenceBits + reach;
+  const std::size_t filled =
+      std::min((kByteBits - end % kByteBits) % kByteBits, Acknowledgement::kMaxReach - reach);
+  const bool lacks = a.lacking > filled && w.bitsLeft() >= 1 + kSequenceBits + reach;
+  w.put(lacks ? 1 : 0, 1);
   if (lacks) {
-    const std::size_t over = (w.bits() + kSequenceBits + reach) % kByteBits;
-    const std::size_t filled = std::min((kByteBits - over) % kByteBits, Acknowledgement::kMaxReach - reach);
     const bool all = a.lacking == Acknowledgement::kAll;
     w.put(all ? a.lacking : static_cast<std::uint64_t>(a.lacking - filled), kSequenceBits);
   } else {
@@ -98,9 +99,10 @@ void put(BitWriter& w, const Acknowledgement& a) {
 
 Acknowledgement getAcknowledgement(BitReader& r) {
   Acknowledgement a;
-  a.valid = true;
   a.newest = static_cast<std::uint16_t>(r.get(kSequenceBits));
-  if (r.get(1) != 0) a.lacking = static_cast<std::uint16_t>(r.get(kSequenceBits));
+  const bool lacks = r.get(1) != 0;
+  if (lacks) a.lacking = static_cast<std::uint16_t>(r.get(kSequenceBits));
+  a.valid = !lacks || a.lacking > 0;
   a.reach = std::min(r.bitsLeft(), Acknowledgement::kMaxReach);
   for (std::size_t i = 0; i < a.reach; ++i) a.before[i] = r.get(1) != 0;
   return a;
@@ -196,6 +198,7 @@ bool decodeDownlink(std::span<const std::uint8_t> bytes, DecodedDownlink& out) {
   if (has_request) decoded.content.request = getRequest(r);
   if (has_acknowledgement) decoded.content.acknowledgement = getAcknowledgement(r);
   if (!r.ok() || decoded.content.empty() || !r.finished()) return false;
+  if (decoded.content.acknowledgement && !decoded.content.acknowledgement->valid) return false;
   if (decoded.content.fix && !validate(*decoded.content.fix)) return false;
   if (decoded.content.request && !validate(*decoded.content.request)) return false;
   out = decoded;
