@@ -36,6 +36,7 @@ void validate(const ChannelConfig& config) {
   require(config.mean_burst == 0 || config.loss <= config.mean_burst * (1 - config.loss),
           "so much loss needs longer bursts: mean_burst at least loss / (1 - loss)");
   require(config.delay_s >= 0 && config.delay_s <= 3600, "delay_s must be 0 to 3600");
+  require(config.late_s >= 0 && config.late_s <= 3600, "late_s must be 0 to 3600");
   require(config.rate_bps >= 0 && config.rate_bps <= 1e9, "rate_bps must be 0 (no limit) to 1e9");
   require(config.queue_frames >= 1 && config.queue_frames <= 100000, "queue_frames must be 1 to 100000");
 }
@@ -102,8 +103,9 @@ bool AcousticChannel::send(double now_s, std::span<const std::uint8_t> frame) {
   }
   if (reordered < config_.reorder) {
     ++counters_.reordered;
-    begin_s += late_s;
-    arrival_s += late_s;
+    const double overtaken_s = config_.late_s > 0 ? config_.late_s * reordered / config_.reorder : late_s;
+    begin_s += overtaken_s;
+    arrival_s += overtaken_s;
   }
   launch(begin_s, arrival_s, std::move(bytes));
   return true;

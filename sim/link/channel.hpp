@@ -18,6 +18,7 @@ struct ChannelConfig {
   double mean_burst = 0;
   double duplicate = 0.01;        // that it arrives twice
   double reorder = 0.02;          // that later frames overtake it
+  double late_s = 0;              // by how much, evenly up to this; 0: always 1.5 times the delay
   double corrupt = 0.01;          // that it arrives with damaged bytes
   double delay_s = 0.5;           // from the end of its transmission to its arrival
   double rate_bps = 0;            // of the modem; 0: no limit

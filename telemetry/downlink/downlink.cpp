@@ -200,6 +200,7 @@ DownlinkReceiver::Result DownlinkReceiver::judge(std::int64_t now_ns, std::span<
   if (!key_) {
     // Nothing tells a true counter from a false one: only a frame's own echo is old.
     if (heard_ && decoded.counter == counter_) return {DownlinkVerdict::kOld, {}};
+    counter_ = decoded.counter;
   } else {
     if (!is_signed) return {DownlinkVerdict::kUnsigned, {}};
     if (!key_->verify(identity_, message, whole.payload.subspan(message.size())))
@@ -211,9 +212,8 @@ DownlinkReceiver::Result DownlinkReceiver::judge(std::int64_t now_ns, std::span<
     if (!(timely && decoded.counter > counter_) && !(heard && *heard > acknowledged_))
       return {heard || decoded.counter <= counter_ ? DownlinkVerdict::kOld : DownlinkVerdict::kStale, {}};
     if (heard) acknowledged_ = std::max(acknowledged_, *heard);
-    if (!timely) decoded.counter = counter_;  // of a clock that is off: true times come after it
+    if (timely) counter_ = std::max(counter_, decoded.counter);  // a clock that is off sets no mark
   }
-  counter_ = key_ ? std::max(counter_, decoded.counter) : decoded.counter;
   heard_ = true;
   Result result{DownlinkVerdict::kAccepted, decoded.content};
   if (!key_ && result.content.request) {

@@ -29,7 +29,7 @@ class HeldFrames {
   // Of the newest frame held and those before it, no further back than `furthest`; not valid if there is
   // none.
   [[nodiscard]] Acknowledgement latest(std::size_t furthest) const;
-  // Of what lies further back: each place some times and, for the whole dive, in between piece by piece all
+  // Of frames further back: each place some times and, for the whole dive, in between piece by piece all
   // of it. Nothing where `latest` says it all.
   [[nodiscard]] std::optional<Acknowledgement> further(bool whole_dive);
 

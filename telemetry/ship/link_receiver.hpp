@@ -39,7 +39,7 @@ class LinkReceiver {
   // repaired, as far back as this receiver has listened, and no further than the last kTurnsBack turns (an
   // answer takes the time in which the vehicle is silent). Not valid before the first frame.
   [[nodiscard]] Acknowledgement acknowledgement() const;
-  // The same of what lies further back, a place after the other; see HeldFrames::further().
+  // The same of frames further back, a place after the other; see HeldFrames::further().
   [[nodiscard]] std::optional<Acknowledgement> furtherAcknowledgement(bool whole_dive) {
     return held_.further(whole_dive);
   }

@@ -34,11 +34,6 @@ MapBlock blockOf(const HeightTile& tile, SpacingCode spacing, int bi, int bj, do
 
 constexpr std::uint16_t kAllNodes = 0xFFFF;
 
-template <typename Place>
-bool placeLess(const Place& a, const Place& b) {
-  return std::tie(a.spacing, a.north, a.east) < std::tie(b.spacing, b.north, b.east);
-}
-
 bool differ(const std::array<float, MapBlock::kNodes>& a, const std::array<float, MapBlock::kNodes>& b,
             std::uint16_t seen, double bound) {
   for (std::size_t n = 0; n < MapBlock::kNodes; ++n)
@@ -98,13 +93,13 @@ void BlockQueue::remember(const Square& s) {
     ++counters_.forgotten;
     return;
   }
-  remembered_.insert(std::lower_bound(remembered_.begin(), remembered_.end(), r, placeLess<Remembered>), r);
+  remembered_.insert(std::lower_bound(remembered_.begin(), remembered_.end(), r), r);
 }
 
 void BlockQueue::recall(Square& s) {
   const Remembered place{s.spacing, s.north, s.east, 0, {}};
-  const auto found = std::lower_bound(remembered_.begin(), remembered_.end(), place, placeLess<Remembered>);
-  if (found == remembered_.end() || placeLess(place, *found)) return;
+  const auto found = std::lower_bound(remembered_.begin(), remembered_.end(), place);
+  if (found == remembered_.end() || place < *found) return;
   for (std::size_t k = 0; k < s.blocks.size(); ++k) {
     if (found->version[k] == 0) continue;
     Block& b = s.blocks[k];
@@ -186,7 +181,7 @@ void BlockQueue::offer(const HeightTile& tile, double max_error, std::int64_t no
   std::array<MapBlock, 16> blocks;
   const Remembered place{*spacing, tile.north_index, tile.east_index, 0, {}};
   bool anything = index_.find(*spacing, tile.north_index, tile.east_index).has_value() ||
-                  std::binary_search(remembered_.begin(), remembered_.end(), place, placeLess<Remembered>);
+                  std::binary_search(remembered_.begin(), remembered_.end(), place);
   for (int k = 0; k < 16; ++k) {
     blocks[static_cast<std::size_t>(k)] =
         blockOf(tile, *spacing, k / kBlocksASide, k % kBlocksASide, config_.min_coverage);

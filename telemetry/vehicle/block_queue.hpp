@@ -6,6 +6,7 @@
 #include <functional>
 #include <optional>
 #include <span>
+#include <tuple>
 #include <vector>
 
 #include "realtime/kernel/state_archive_fwd.hpp"
@@ -171,6 +172,10 @@ class BlockQueue {
     std::int32_t north = 0, east = 0;
     std::uint16_t has = 0;  // bit by block
     std::array<Version, 16> version{};
+    // By place.
+    friend bool operator<(const Remembered& a, const Remembered& b) {
+      return std::tie(a.spacing, a.north, a.east) < std::tie(b.spacing, b.north, b.east);
+    }
   };
   enum class Urgency { kRetry, kNewCoarse, kNew, kChanged, kRequested, kRefine, kRepeat, kNone };
   struct Best {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <tuple>
 #include <utility>
 
 #include "realtime/kernel/state_archive.hpp"
@@ -76,12 +75,7 @@ void BlockQueue::exchange(Archive& archive, Self& self) {
     self.remembered_.resize(remembered);
   }
   for (auto& r : self.remembered_) archive(r.spacing, r.north, r.east, r.has, r.version);
-  archive.require(std::is_sorted(self.remembered_.begin(), self.remembered_.end(),
-                                 [](const auto& a, const auto& b) {
-                                   return std::tie(a.spacing, a.north, a.east) <
-                                          std::tie(b.spacing, b.north, b.east);
-                                 }),
-                  "squares in no order");
+  archive.require(std::is_sorted(self.remembered_.begin(), self.remembered_.end()), "squares in no order");
 }
 
 void BlockQueue::save(rt::StateWriter& writer) const {

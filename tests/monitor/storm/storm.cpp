@@ -12,11 +12,11 @@
 
 #include "realtime/kernel/state_archive.hpp"
 #include "realtime/kernel/text.hpp"
+#include "sim/link/channel.hpp"
 #include "telemetry/downlink/downlink.hpp"
 #include "telemetry/monitor/session_files.hpp"
 #include "telemetry/vehicle/link_scheduler.hpp"
 #include "tests/monitor/storm/ground.hpp"
-#include "tests/monitor/storm/sea.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::test {
@@ -38,9 +38,9 @@ std::int64_t nanoseconds(double seconds) {
 // What was drawn.
 struct Plan {
   telemetry::LinkSchedulerConfig link;
-  SeaWeather up, down;
+  sim::ChannelConfig up, down;
   int side = 3;
-  double storm_s = 0, step_s = 0.2, change_every_s = 0, lag_s = 0;
+  double storm_s = 0, step_s = 0.2, change_every_s = 0;
   bool answers = true;
   double ship_from_s = 0;
   std::vector<double> vehicle_restarts, ship_restarts, lost_files, damaged_files;
@@ -68,14 +68,17 @@ Plan draw(std::mt19937& random) {
   p.link.fast_rate_bps = 1e6;
   p.link.blocks.coarse_spacing = p.link.blocks.spacing;
   p.up.loss = chance(0.2) ? 0 : between(0, 0.5);
-  p.up.burst = chance(0.5) ? 1 : between(1, 8);
-  p.up.doubled = chance(0.5) ? 0 : 0.1;
-  p.up.damaged = chance(0.5) ? 0 : 0.1;
-  p.up.late = chance(0.4) ? 0 : between(0, 0.3);
+  p.up.mean_burst = chance(0.5) ? 0 : between(1, 8);
+  p.up.duplicate = chance(0.5) ? 0 : 0.1;
+  p.up.corrupt = chance(0.5) ? 0 : 0.1;
+  p.up.reorder = chance(0.4) ? 0 : between(0, 0.3);
   p.up.late_s = between(5, 180);
+  p.up.delay_s = 0.3;
+  p.up.rate_bps = p.link.rate_bps;
+  p.up.seed = random();
   p.down = p.up;
   p.down.loss = between(0, 0.5);
-  p.lag_s = between(0, 0.3);
+  p.down.delay_s += between(0, 0.3);  // the ship's computer
   p.answers = chance(0.8);
   // About as much to send as the link can carry.
   p.side = std::clamp(static_cast<int>(std::sqrt(p.link.rate_bps / 12)), 3, 12);
@@ -106,10 +109,11 @@ std::string describe(const Plan& p) {
       "%2d "
       "squares in %3d, %4.0f s; restarts %zu + %zu, lost %zu, damaged %zu, ship from %4.0f s, %s, clock "
       "steps %zu",
-      p.link.rate_bps, p.link.frame_bytes, p.up.loss, p.up.burst, p.up.late, p.up.late_s, p.up.doubled,
-      p.up.damaged, p.answers ? "answers" : "silence", p.side, p.side, p.link.blocks.max_squares, p.storm_s,
-      p.vehicle_restarts.size(), p.ship_restarts.size(), p.lost_files.size(), p.damaged_files.size(),
-      p.ship_from_s, p.key ? "key" : "no key", p.ship_clock.size());
+      p.link.rate_bps, p.link.frame_bytes, p.up.loss, p.up.mean_burst, p.up.reorder, p.up.late_s,
+      p.up.duplicate, p.up.corrupt, p.answers ? "answers" : "silence", p.side, p.side,
+      p.link.blocks.max_squares, p.storm_s, p.vehicle_restarts.size(), p.ship_restarts.size(),
+      p.lost_files.size(), p.damaged_files.size(), p.ship_from_s, p.key ? "key" : "no key",
+      p.ship_clock.size());
 }
 
 class Vehicle {
@@ -122,7 +126,6 @@ class Vehicle {
     link_->offer(ground.tile(square), now_ns);
   }
   void hear(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
-    if (now_ns < busy_until_ns_) return;  // it speaks
     const auto heard = ear_->accept(now_ns, frame, [&](const telemetry::Acknowledgement& a) {
       return link_->sentLately(a, now_ns, telemetry::DownlinkReceiver::kFresh_s);
     });
@@ -131,15 +134,13 @@ class Vehicle {
     if (heard.content.acknowledgement) link_->acknowledge(*heard.content.acknowledgement, now_ns);
     if (heard.content.request) link_->request(*heard.content.request, now_ns);
   }
-  void speak(std::int64_t now_ns, Sea& sea) {
+  void speak(std::int64_t now_ns, FramePort& modem) {
     telemetry::Status status;
     status.utc_ns = now_ns;
     link_->setStatus(status);
     std::array<std::uint8_t, telemetry::kMaxFrameBytes> buffer;
     while (const std::size_t size = link_->nextFrame(now_ns, buffer)) {
-      const double air_s = static_cast<double>(size) * 8 / plan_.link.rate_bps;
-      busy_until_ns_ = std::max(busy_until_ns_, now_ns) + nanoseconds(air_s);
-      sea.send(busy_until_ns_, std::span(buffer).first(size));
+      (void)modem.send(std::span(buffer).first(size));
       ++frames_;
     }
   }
@@ -189,7 +190,6 @@ class Vehicle {
   std::vector<std::size_t> since_saved_;      // offered
   std::deque<std::size_t> gave_way_, spare_;  // the first to be offered first
   std::vector<std::uint8_t> state_;
-  std::int64_t busy_until_ns_ = 0;
   std::uint64_t frames_ = 0;
 };
 
@@ -221,12 +221,10 @@ class Ship {
     const auto decoded = model_->accept(frame, own_ns);
     files_->log(decoded, frame, own_ns, false);
   }
-  void speak(std::int64_t now_ns, Sea& sea) {
+  void speak(std::int64_t now_ns, FramePort& modem) {
     std::array<std::uint8_t, telemetry::kMaxFrameBytes> buffer;
     const std::size_t size = model_->speak(ownTime(now_ns), buffer, [this] { return files_->keep(); });
-    if (size == 0) return;
-    const double air_s = static_cast<double>(size) * 8 / plan_.link.rate_bps;
-    sea.send(now_ns + nanoseconds(air_s + plan_.lag_s), std::span(buffer).first(size));
+    if (size > 0) (void)modem.send(std::span(buffer).first(size));
   }
 
  private:
@@ -274,7 +272,7 @@ Differences compare(const Ground& ground, const monitor::BlockStore& shown,
   return d;
 }
 
-// Whether the ship shows of a block what the vehicle believes that it does.
+// Whether the ship shows the content of a block that the vehicle has on record as delivered.
 bool agree(const monitor::StoredBlock* shown, telemetry::Version first, telemetry::Version last,
            const MapBlock& held) {
   if (shown == nullptr || held.seen == 0) return (shown == nullptr) == (held.seen == 0);
@@ -293,13 +291,13 @@ bool agree(const monitor::StoredBlock* shown, telemetry::Version first, telemetr
 
 StormResult storm(unsigned seed) {
   std::mt19937 random(seed);
-  const Plan plan = draw(random);
+  Plan plan = draw(random);
   StormResult result;
   result.what = describe(plan);
   const TemporaryFolder folder;
   Vehicle vehicle(plan);
   Ship ship(plan, folder.path() / "ship");
-  Sea up(plan.up, random()), down(plan.down, random());
+  auto water = std::make_unique<sim::ChannelPair>(plan.up, plan.down, true);
   Ground ground(plan.side);
 
   const auto step = [&](std::int64_t now_ns, bool stormy) {
@@ -319,16 +317,18 @@ StormResult storm(unsigned seed) {
       if (lost || damaged || any(plan.ship_restarts)) ship.start();
     }
     vehicle.offerAgain(now_ns, ground);
-    up.receive(now_ns, [&](auto frame) {
-      if (ship.on()) ship.hear(now_ns, frame);
-    });
-    if (ship.on() && plan.answers) ship.speak(now_ns, down);
-    down.receive(now_ns, [&](auto frame) { vehicle.hear(now_ns, frame); });
+    water->advance(now_s);
+    std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
+    while (const std::size_t size = water->ship().receive(frame))
+      if (ship.on()) ship.hear(now_ns, std::span(frame).first(size));
+    if (ship.on() && plan.answers) ship.speak(now_ns, water->ship());
+    while (const std::size_t size = water->vehicle().receive(frame))
+      vehicle.hear(now_ns, std::span(frame).first(size));
     // What a log that lacks the last moment has.
     if (stormy && std::any_of(plan.vehicle_restarts.begin(), plan.vehicle_restarts.end(),
                               [&](double at_s) { return at_s > now_s && at_s <= now_s + 2 * plan.step_s; }))
       vehicle.save();
-    vehicle.speak(now_ns, up);
+    vehicle.speak(now_ns, water->vehicle());
   };
 
   std::int64_t now_ns = kStart_ns;
@@ -338,8 +338,10 @@ StormResult storm(unsigned seed) {
       vehicle.offer(now_ns, ground, ground.change(random));
     step(now_ns, true);
   }
-  up.calm();
-  down.calm();
+  // What is still under way is lost.
+  for (sim::ChannelConfig* way : {&plan.up, &plan.down})
+    way->loss = way->mean_burst = way->duplicate = way->corrupt = way->reorder = 0;
+  water = std::make_unique<sim::ChannelPair>(plan.up, plan.down, true);
   // Long enough for everything twice, and to listen for what was silent for long.
   const double all_s = static_cast<double>(ground.size()) * 16 * 60 * 8 / plan.link.rate_bps;
   const double least_s = plan.answers ? 0 : 2 * all_s + 400;  // where nobody asks, all comes once more
