@@ -23,7 +23,7 @@ using namespace fathom;
 // What the ship says to this vehicle on this dive, as fathom-onboard would admit it; and a status that gives
 // it the turn. Its sequence numbers lie before 0, where fathom-onboard begins, so that none of that program's
 // frames counts as heard already.
-io::PrediveLink makeLink(const io::MissionConfig& mission, const std::optional<telemetry::DownlinkKey>& key) {
+io::PrediveLink makeLink(const io::MissionConfig& mission, const std::optional<telemetry::LinkKey>& key) {
   const telemetry::LinkIdentity identity{mission.vehicle_id, mission.dive_id};
   const auto receiver = std::make_shared<telemetry::DownlinkReceiver>(identity, key, 0);
   io::PrediveLink link;
@@ -100,10 +100,10 @@ int main(int argc, char** argv) {
     predive.colours = ::isatty(STDOUT_FILENO) == 1 && std::getenv("NO_COLOR") == nullptr;
     const auto make_link = [&](const io::MissionConfig& mission, const ConfigTable& table) {
       const std::filesystem::path key_file = table.text("key_file", "");
-      std::optional<telemetry::DownlinkKey> key;
+      std::optional<telemetry::LinkKey> key;
       std::string warning;
       if (!key_file.empty())
-        key = telemetry::readDownlinkKey(predive.config.parent_path() / key_file, warning);
+        key = telemetry::readLinkKey(predive.config.parent_path() / key_file, warning);
       return makeLink(mission, key);
     };
     return io::runPrediveCommand(predive, make_link, stdout);

@@ -98,7 +98,7 @@ OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path
   // Beside the configuration, unless it says where.
   const std::filesystem::path key_file = link.text("key_file", "");
   if (!key_file.empty())
-    config.downlink_key = telemetry::readDownlinkKey(path->parent_path() / key_file, config.warning);
+    config.link_key = telemetry::readLinkKey(path->parent_path() / key_file, config.warning);
   config.link.root_size = config.map.root_size;
   config.link.max_level = config.map.max_level;
   read(root.table("slam"), config);
@@ -161,6 +161,8 @@ LinkCoreConfig linkCoreConfig(const OnboardConfig& config, const io::MissionConf
   link.root_size = config.map.root_size;
   link.max_level = config.map.max_level;
   link.scheduler.identity = {mission.vehicle_id, mission.dive_id};
+  link.scheduler.tag = telemetry::FrameTag(config.link_key);
+  link.scheduler.first = telemetry::firstVersion(mission.start_utc_ns);
   return link;
 }
 

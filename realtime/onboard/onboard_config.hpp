@@ -9,7 +9,7 @@
 #include "realtime/onboard/live/live_config.hpp"
 #include "realtime/onboard/map/map_core.hpp"
 #include "realtime/onboard/nav/nav_core.hpp"
-#include "telemetry/downlink/downlink_key.hpp"
+#include "telemetry/wire/link_key.hpp"
 
 namespace fathom::onboard {
 
@@ -29,7 +29,7 @@ struct OnboardConfig {
   nav::DeadReckoningConfig reckoning;  // what it believes of DVL and compass; the rest is the mission's
   double odometry_interval = 0.1;      // between rows of odometry.csv [s]
   double health_interval = 1.0;        // between rows of health.csv [s]
-  std::optional<telemetry::DownlinkKey> downlink_key;  // of link.key_file; absent: requests are refused
+  std::optional<telemetry::LinkKey> link_key;  // of link.key_file; absent: requests are refused
   LiveConfig live;                                     // devices, recorder, real time, memory
   std::string warning;                                 // about the key file, or ""
   std::string text;                                    // of the file, verbatim

@@ -38,7 +38,7 @@ OnboardSystem::OnboardSystem(const OnboardConfig& config, const io::MissionConfi
       nav_(navCoreConfig(config, mission)),
       map_(mapCoreConfig(config, mission, rig), slots),
       link_(linkCoreConfig(config, mission)),
-      downlink_({mission.vehicle_id, mission.dive_id}, config.downlink_key,
+      downlink_({mission.vehicle_id, mission.dive_id}, config.link_key,
                 mission.start_utc_ns - kClockSlack_ns),
       progress_(planOf(mission)) {
   telemetry::MissionInfo info;

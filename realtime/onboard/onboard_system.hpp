@@ -104,7 +104,7 @@ class OnboardSystem {
   // The program has started again: frames that it does not know of may have been sent.
   void noteRestart() { link_.noteRestart(); }
   // Frames up to before this sequence number were given to the modem, by whomever.
-  void noteSent(std::uint16_t next_sequence) { link_.noteSent(next_sequence); }
+  void noteSent(telemetry::Version next) { link_.noteSent(next); }
   // False: pairs are passed over until it is set again, navigation goes on. Not part of the saved state.
   void setMapping(bool mapping) { mapping_ = mapping; }
 

@@ -6,8 +6,8 @@
 #include <optional>
 
 #include "realtime/kernel/frame_port.hpp"
-#include "telemetry/downlink/downlink_key.hpp"
 #include "telemetry/wire/downlink_messages.hpp"
+#include "telemetry/wire/link_key.hpp"
 
 namespace fathom::sim {
 
@@ -20,7 +20,7 @@ struct SimulatedShipOptions {
   bool half_duplex = true;                                  // neither modem hears while it speaks
   std::uint64_t seed = 1;
   std::size_t frame_bytes = 32;  // of the downlink's frames
-  std::optional<telemetry::DownlinkKey> key;
+  std::optional<telemetry::LinkKey> key;
   // The ship's computer is off from the one to the other time, in seconds of the mission: it hears nothing,
   // says nothing and starts again with nothing in its memory.
   double off_from_s = 0, off_to_s = 0;

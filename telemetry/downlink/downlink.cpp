@@ -28,7 +28,7 @@ bool makesVoid(const Request& newer, const Request& older) {
 
 }  // namespace
 
-DownlinkSender::DownlinkSender(const LinkIdentity& identity, const std::optional<DownlinkKey>& key,
+DownlinkSender::DownlinkSender(const LinkIdentity& identity, const std::optional<LinkKey>& key,
                                std::size_t frame_bytes)
     : identity_(identity), key_(key), frame_bytes_(frame_bytes) {
   if (frame_bytes < kMinFrameBytes || frame_bytes > kMaxFrameBytes)
@@ -62,7 +62,7 @@ void DownlinkSender::confirm(std::uint8_t request_id) {
 }
 
 std::size_t DownlinkSender::payloadRoom() const {
-  return frame_bytes_ - kFrameOverhead - (key_ ? DownlinkKey::kSignatureBytes : 0);
+  return frame_bytes_ - kFrameOverhead - (key_ ? LinkKey::kSignatureBytes : 0);
 }
 
 bool DownlinkSender::fits(const DownlinkContent& content, std::size_t acknowledgement_bits) const {
@@ -125,13 +125,13 @@ std::size_t DownlinkSender::nextFrame(std::int64_t utc_ns, std::span<std::uint8_
     return 0;
   }
   if (key_) {
-    const DownlinkKey::Signature signature = key_->sign(identity_, std::span(payload).first(size));
+    const LinkKey::Signature signature = key_->sign(identity_, std::span(payload).first(size));
     std::copy(signature.begin(), signature.end(), payload.begin() + static_cast<std::ptrdiff_t>(size));
     size += signature.size();
   }
   FrameHeader header;
   header.identity = identity_;
-  header.sequence = sequence_++;
+  header.version = sequence_++;
   header.type = MessageType::kDownlink;
   noteSaid(content);
   return encodeFrame(header, std::span(payload).first(size), out);
@@ -167,7 +167,7 @@ std::uint64_t DownlinkReceiver::Counters::refused() const {
   return sum - (*this)[DownlinkVerdict::kAccepted];
 }
 
-DownlinkReceiver::DownlinkReceiver(const LinkIdentity& identity, const std::optional<DownlinkKey>& key,
+DownlinkReceiver::DownlinkReceiver(const LinkIdentity& identity, const std::optional<LinkKey>& key,
                                    std::int64_t not_before_utc_ns)
     : identity_(identity), key_(key), counter_(downlinkCounterAt(not_before_utc_ns)) {}
 
@@ -191,10 +191,8 @@ DownlinkReceiver::Result DownlinkReceiver::judge(std::int64_t now_ns, std::span<
   if (whole.header.identity != identity_) return {DownlinkVerdict::kForeign, {}};
   constexpr std::uint8_t kSignedBit = 0x80;
   const bool is_signed = !whole.payload.empty() && (whole.payload[0] & kSignedBit) != 0;
-  if (is_signed && whole.payload.size() < DownlinkKey::kSignatureBytes)
-    return {DownlinkVerdict::kBadPayload, {}};
-  const auto message =
-      whole.payload.first(whole.payload.size() - (is_signed ? DownlinkKey::kSignatureBytes : 0));
+  if (is_signed && whole.payload.size() < LinkKey::kSignatureBytes) return {DownlinkVerdict::kBadPayload, {}};
+  const auto message = whole.payload.first(whole.payload.size() - (is_signed ? LinkKey::kSignatureBytes : 0));
   DecodedDownlink decoded;
   if (!decodeDownlink(message, decoded)) return {DownlinkVerdict::kBadPayload, {}};
   if (!key_) {

@@ -9,9 +9,9 @@
 #include <span>
 
 #include "realtime/kernel/state_archive_fwd.hpp"
-#include "telemetry/downlink/downlink_key.hpp"
 #include "telemetry/wire/downlink_messages.hpp"
 #include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/link_key.hpp"
 
 namespace fathom::telemetry {
 
@@ -24,7 +24,7 @@ class DownlinkSender {
 
   // Without a key nothing is signed, and a vehicle that has one ignores it all. `frame_bytes`: of the
   // downlink's frames, 32 to 256.
-  DownlinkSender(const LinkIdentity& identity, const std::optional<DownlinkKey>& key,
+  DownlinkSender(const LinkIdentity& identity, const std::optional<LinkKey>& key,
                  std::size_t frame_bytes = kMinFrameBytes);
 
   // The newest counts; is said at every turn, or every second one where other things fill the frame.
@@ -58,7 +58,7 @@ class DownlinkSender {
   void noteSaid(const DownlinkContent& content);
 
   LinkIdentity identity_;
-  std::optional<DownlinkKey> key_;
+  std::optional<LinkKey> key_;
   std::size_t frame_bytes_;
   std::optional<Acknowledgement> acknowledgement_;
   bool acknowledgement_due_ = false;  // the frame before said none
@@ -93,7 +93,7 @@ inline constexpr std::size_t kDownlinkVerdicts = 9;
 class DownlinkReceiver {
  public:
   // Frames older than `not_before_utc_ns` (with a key) are not admitted: recordings from before the dive.
-  DownlinkReceiver(const LinkIdentity& identity, const std::optional<DownlinkKey>& key,
+  DownlinkReceiver(const LinkIdentity& identity, const std::optional<LinkKey>& key,
                    std::int64_t not_before_utc_ns);
 
   struct Result {
@@ -131,7 +131,7 @@ class DownlinkReceiver {
   [[nodiscard]] bool isRepetition(std::int64_t now_ns, const Request& request);
 
   LinkIdentity identity_;
-  std::optional<DownlinkKey> key_;
+  std::optional<LinkKey> key_;
   DownlinkCounter counter_;  // of the newest frame admitted
   bool heard_ = false;
   Version acknowledged_ = 0;  // the newest frame that one admitted has heard

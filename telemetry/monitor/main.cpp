@@ -6,9 +6,9 @@
 #include "realtime/kernel/command_line.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/version.hpp"
-#include "telemetry/downlink/downlink_key.hpp"
 #include "telemetry/monitor/codec/codec_program.hpp"
 #include "telemetry/monitor/monitor_program.hpp"
+#include "telemetry/wire/link_key.hpp"
 
 namespace {
 std::atomic<bool> g_stop{false};
@@ -64,7 +64,7 @@ int main(int argc, char** argv) {
   return fathom::runTool("fathom-monitor", [&]() -> int {
     if (*codec) return fathom::monitor::runCodec(codec_options);
     if (*key) {
-      fathom::telemetry::makeDownlinkKey(key_file);
+      fathom::telemetry::makeLinkKey(key_file);
       return fathom::kExitSuccess;
     }
     std::signal(SIGINT, onSignal);

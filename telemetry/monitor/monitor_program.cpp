@@ -59,10 +59,10 @@ std::string tokenOf(const MonitorOptions& options) {
   return options.token.empty() && !web::isLoopback(options.http_address) ? web::makeToken() : options.token;
 }
 
-std::optional<telemetry::DownlinkKey> keyOf(const MonitorOptions& options) {
+std::optional<telemetry::LinkKey> keyOf(const MonitorOptions& options) {
   if (options.key.empty()) return std::nullopt;
   std::string warning;
-  const telemetry::DownlinkKey key = telemetry::readDownlinkKey(options.key, warning);
+  const telemetry::LinkKey key = telemetry::readLinkKey(options.key, warning);
   if (!warning.empty()) std::cerr << "fathom-monitor: " << warning << std::endl;
   return key;
 }
@@ -79,9 +79,10 @@ void printProgress(const MonitorModel& model) {
 // What an earlier run into the same folder has received.
 void reload(SessionFiles& files, MonitorModel& model) {
   std::string damage;
-  const std::size_t count = files.reload(
-      [&](std::span<const std::uint8_t> bytes, std::int64_t utc_ns) { (void)model.accept(bytes, utc_ns); },
-      [&] { model.noteDamage(); }, damage);
+  const std::size_t count =
+      files.reload([&](std::span<const std::uint8_t> bytes,
+                       std::int64_t utc_ns) { return model.accept(bytes, utc_ns).verdict; },
+                   [&] { model.noteDamage(); }, damage);
   if (!damage.empty()) std::cerr << "fathom-monitor: " << damage << std::endl;
   const auto& identity = model.receiver().identity();
   if (count > 0 && identity)

@@ -40,8 +40,8 @@ SessionFiles::~SessionFiles() {
   if (received_ >= 0) ::close(received_);
 }
 
-std::size_t SessionFiles::reload(const std::function<void(std::span<const std::uint8_t>, std::int64_t)>& take,
-                                 const std::function<void()>& on_damage, std::string& damage) {
+std::size_t SessionFiles::reload(const Take& take, const std::function<void()>& on_damage,
+                                 std::string& damage) {
   const auto path = folder_ / kReceived;
   telemetry::PacketLogReader reader(path);
   for (std::size_t count = 0;;) {
@@ -49,14 +49,17 @@ std::size_t SessionFiles::reload(const std::function<void(std::span<const std::u
     try {
       while (const auto packet = reader.next()) {
         // A frame that was accepted and is not whole any more is damage too.
-        if (telemetry::decodeFrame(packet->bytes).verdict == FrameVerdict::kBadCrc) {
+        const FrameVerdict verdict = take(packet->bytes, packet->utc_ns);
+        if (verdict == FrameVerdict::kUnkeyed && damage.empty())
+          damage = path.string() + ": holds frames without this key, which are left out: give another --out";
+        if (verdict == FrameVerdict::kUnkeyed) continue;
+        if (verdict == FrameVerdict::kBadTag) {
           if (damage.empty())
             damage =
                 path.string() + ": a frame before byte " + std::to_string(reader.offset()) + " is damaged";
           on_damage();
           continue;
         }
-        take(packet->bytes, packet->utc_ns);
         ++count;
       }
       return count;
@@ -95,7 +98,7 @@ void SessionFiles::log(const telemetry::DecodedFrame& frame, std::span<const std
   log_ << utc_ns << ' ' << name(frame.verdict) << ' ';
   if (accepted || frame.verdict >= FrameVerdict::kForeign) {
     log_ << name(frame.header.type) << ' ' << unsigned{frame.header.identity.vehicle_id} << ' '
-         << frame.header.identity.dive_id << ' ' << frame.header.sequence;
+         << frame.header.identity.dive_id << ' ' << frame.header.sequence();
   } else {
     log_ << "- - - -";
   }

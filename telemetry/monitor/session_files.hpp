@@ -12,9 +12,9 @@
 namespace fathom::monitor {
 
 // What a monitor leaves behind in a folder: received.bin, every accepted frame as it arrived (packets.bin's
-// format, so that a computer that was off goes on where it was); frames.log, one line a frame; and the exports,
-// written whole by save(). A disk that refuses ends nothing: what it has not taken waits, as much as kMostWaiting,
-// and goes when there is room; trouble() says what is not kept.
+// format, so that a computer that was off goes on where it was); frames.log, one line a frame; and the
+// exports, written whole by save(). A disk that refuses ends nothing: what it has not taken waits, as much as
+// kMostWaiting, and goes when there is room; trouble() says what is not kept.
 class SessionFiles {
  public:
   // Creates the folder and opens both logs at their ends. Throws InputError if that cannot be.
@@ -23,11 +23,11 @@ class SessionFiles {
   SessionFiles(const SessionFiles&) = delete;
   SessionFiles& operator=(const SessionFiles&) = delete;
 
-  // Gives every whole frame of received.bin, of an earlier run, to `take`; returns how many. What is damaged
-  // is passed over, `on_damage` called there, before the frame that follows; a damaged end is cut off.
-  // `damage` says so.
-  std::size_t reload(const std::function<void(std::span<const std::uint8_t>, std::int64_t)>& take,
-                     const std::function<void()>& on_damage, std::string& damage);
+  // Gives every frame of received.bin, of an earlier run, to `take`, which says what became of it; returns
+  // how many were whole. What is damaged is passed over, `on_damage` called there, before the frame that
+  // follows; a damaged end is cut off. `damage` says so.
+  using Take = std::function<telemetry::FrameVerdict(std::span<const std::uint8_t>, std::int64_t)>;
+  std::size_t reload(const Take& take, const std::function<void()>& on_damage, std::string& damage);
   // Also keeps accepted frames in received.bin, unless `recorded`. frames.log gets `utc_ns verdict type
   // vehicle dive sequence bytes`; "-" for what a rejected frame does not tell. Rejected frames beyond
   // kMaxRejectedLines are not logged, so that noise on the port cannot fill the disk.

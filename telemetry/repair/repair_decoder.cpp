@@ -45,9 +45,11 @@ void RepairDecoder::source(std::uint16_t sequence, std::span<const std::uint8_t>
   std::copy(payload.begin(), payload.end(), f.payload.begin());
 }
 
-RepairDecoder::Group& RepairDecoder::groupFor(std::uint16_t first, int k, std::size_t symbol_bytes) {
+RepairDecoder::Group& RepairDecoder::groupFor(std::uint16_t first, int k, std::size_t symbol_bytes,
+                                              std::optional<std::uint8_t> digest) {
   for (Group& g : groups_)
-    if (g.used && g.first == first && g.k == k && g.symbol_bytes == symbol_bytes) return g;
+    if (g.used && g.first == first && g.k == k && g.symbol_bytes == symbol_bytes && g.digest == digest)
+      return g;
   const auto rank = [](const Group& g) { return !g.used ? 0 : g.done ? 1 : 2; };
   Group& g = *std::min_element(groups_.begin(), groups_.end(), [&](const Group& a, const Group& b) {
     return rank(a) != rank(b) ? rank(a) < rank(b) : a.touched < b.touched;
@@ -59,18 +61,20 @@ RepairDecoder::Group& RepairDecoder::groupFor(std::uint16_t first, int k, std::s
   g.k = k;
   g.rows = 0;
   g.symbol_bytes = symbol_bytes;
+  g.digest = digest;
   g.seen.reset();
   return g;
 }
 
-RepairDecoder::Taken RepairDecoder::repair(std::uint16_t first, std::span<const std::uint8_t> payload) {
+RepairDecoder::Taken RepairDecoder::repair(std::uint16_t first, std::span<const std::uint8_t> payload,
+                                           std::optional<std::uint8_t> digest) {
   if (payload.size() < kRepairHeadBytes + 2 || payload.size() > kRepairHeadBytes + kMaxSymbolBytes)
     return Taken::kInvalid;
   const int k = payload[0] + 1;
   const std::size_t row = payload[1];
   if (k > kMaxGroup || row >= kMaxRepairRows) return Taken::kInvalid;
   const auto symbol = payload.subspan(kRepairHeadBytes);
-  Group& g = groupFor(first, k, symbol.size());
+  Group& g = groupFor(first, k, symbol.size(), digest);
   g.touched = ++clock_;
   if (g.seen[row]) return Taken::kDuplicate;
   g.seen[row] = true;
@@ -79,6 +83,26 @@ RepairDecoder::Taken RepairDecoder::repair(std::uint16_t first, std::span<const 
   r.row = static_cast<std::uint8_t>(row);
   std::copy(symbol.begin(), symbol.end(), r.symbol.begin());
   return Taken::kTaken;
+}
+
+// The digest of a group whose missing members, in order, have these symbols.
+std::uint8_t RepairDecoder::digestWith(const Group& g, std::span<const int> missing,
+                                       std::span<const std::uint8_t> solved) const {
+  std::array<std::uint8_t, kMaxSymbolBytes> known;
+  std::uint32_t digest = 0;
+  std::size_t next = 0;
+  for (int j = 0; j < g.k; ++j) {
+    auto symbol = std::span<const std::uint8_t>(known).first(g.symbol_bytes);
+    if (next < missing.size() && missing[next] == j) {
+      symbol = solved.subspan(next++ * g.symbol_bytes, g.symbol_bytes);
+    } else {
+      const Frame* f = find(static_cast<std::uint16_t>(g.first + j));
+      (void)makeSymbol(std::span(f->payload).first(f->size), f->is_map,
+                       std::span(known).first(g.symbol_bytes));
+    }
+    digest = digestSymbol(digest, symbol);
+  }
+  return groupDigest(digest);
 }
 
 RepairDecoder::Outcome RepairDecoder::solve(
@@ -118,6 +142,8 @@ RepairDecoder::Outcome RepairDecoder::solve(
     if (std::any_of(padding.begin(), padding.end(), [](std::uint8_t byte) { return byte != 0; }))
       return Outcome::kContradiction;
   }
+  if (g.digest && digestWith(g, std::span(missing).first(n), solved) != *g.digest)
+    return Outcome::kContradiction;
   for (std::size_t c = 0; c < n; ++c)
     if (const std::size_t size = member(c)[0]; size > 0)
       give(static_cast<std::uint16_t>(g.first + missing[c]), member(c).subspan(1, size - 1));

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -27,8 +28,10 @@ class RepairDecoder {
   // Newer frames push older ones out of the window.
   void source(std::uint16_t sequence, std::span<const std::uint8_t> payload, bool is_map);
   enum class Taken { kTaken, kDuplicate, kInvalid };
-  // A repair frame's payload; `first`: the sequence number in its header.
-  Taken repair(std::uint16_t first, std::span<const std::uint8_t> payload);
+  // A repair frame's payload; `first`: the sequence number in its header; `digest`: of its group, if it has
+  // one.
+  Taken repair(std::uint16_t first, std::span<const std::uint8_t> payload,
+               std::optional<std::uint8_t> digest = {});
 
   // Solves every group that can be solved now and calls `give` for every map packet that was missing.
   void solve(const std::function<void(std::uint16_t sequence, std::span<const std::uint8_t> payload)>& give);
@@ -57,14 +60,17 @@ class RepairDecoder {
     std::uint16_t first = 0;
     int k = 0, rows = 0;
     std::size_t symbol_bytes = 0;
+    std::optional<std::uint8_t> digest;
     std::uint64_t touched = 0;
     std::bitset<kMaxRepairRows> seen;
     std::array<Row, kMaxGroup> row{};
   };
+  [[nodiscard]] std::uint8_t digestWith(const Group& group, std::span<const int> missing,
+                                        std::span<const std::uint8_t> solved) const;
   enum class Outcome { kNotYet, kSolved, kContradiction };
 
   [[nodiscard]] const Frame* find(std::uint16_t sequence) const;
-  Group& groupFor(std::uint16_t first, int k, std::size_t symbol_bytes);
+  Group& groupFor(std::uint16_t first, int k, std::size_t symbol_bytes, std::optional<std::uint8_t> digest);
   Outcome solve(Group& group, const std::function<void(std::uint16_t, std::span<const std::uint8_t>)>& give);
 
   std::vector<Frame> frames_;  // by sequence % kWindow

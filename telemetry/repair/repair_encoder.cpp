@@ -37,12 +37,12 @@ void RepairEncoder::clear() {
   credit_ = spread_ = 0;
 }
 
-void RepairEncoder::source(std::uint16_t sequence, std::span<const std::uint8_t> payload, bool is_map,
-                           double loss, double burst) {
-  if (open_.k > 0 && sequence != static_cast<std::uint16_t>(open_.first + open_.k)) open_.k = 0;
+void RepairEncoder::source(Version version, std::span<const std::uint8_t> payload, bool is_map, double loss,
+                           double burst) {
+  if (open_.k > 0 && version != open_.first + static_cast<Version>(open_.k)) open_.k = 0;
   if (open_.k == 0) {
     if (!is_map) return;  // nothing to repair yet
-    open_.first = sequence;
+    open_.first = version;
     open_.has_map = false;
     open_.symbol_bytes = 0;
   }
@@ -72,7 +72,7 @@ void RepairEncoder::close(double loss, double burst) {
   open_.k = 0;
 }
 
-std::size_t RepairEncoder::next(std::span<std::uint8_t> out, std::uint16_t& first) {
+RepairEncoder::Row RepairEncoder::next(std::span<std::uint8_t> out) {
   for (std::size_t tries = 0; tries < closed_.size(); ++tries) {
     turn_ = (turn_ + 1) % closed_.size();
     Group& g = closed_[turn_];
@@ -86,20 +86,21 @@ std::size_t RepairEncoder::next(std::span<std::uint8_t> out, std::uint16_t& firs
     const int row = g.rows++;
     --pending_;
     credit_ = std::max(0.0, credit_ - 1);
-    first = g.first;
     out[0] = static_cast<std::uint8_t>(g.k - 1);
     out[1] = static_cast<std::uint8_t>(row);
     const auto symbol = out.subspan(kRepairHeadBytes, g.symbol_bytes);
     std::fill(symbol.begin(), symbol.end(), std::uint8_t{0});
+    std::uint32_t digest = 0;
     for (int j = 0; j < g.k; ++j) {
       const auto& member = g.symbol[static_cast<std::size_t>(j)];
+      digest = digestSymbol(digest, std::span(member).first(g.symbol_bytes));
       const std::uint8_t factor = gf_inv(static_cast<std::uint8_t>((kMaxGroup + row) ^ j));
       for (std::size_t i = 0; i < symbol.size(); ++i)
         symbol[i] = static_cast<std::uint8_t>(symbol[i] ^ gf_mul(factor, member[i]));
     }
-    return size;
+    return {size, g.first, groupDigest(digest)};
   }
-  return 0;
+  return {};
 }
 
 }  // namespace fathom::telemetry

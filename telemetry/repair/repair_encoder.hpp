@@ -27,9 +27,8 @@ class RepairEncoder {
 
   RepairEncoder();
 
-  // A frame went out; every sequence number in turn. `loss`, `burst`: as expected now.
-  void source(std::uint16_t sequence, std::span<const std::uint8_t> payload, bool is_map, double loss,
-              double burst);
+  // A frame went out; every version in turn. `loss`, `burst`: as expected now.
+  void source(Version version, std::span<const std::uint8_t> payload, bool is_map, double loss, double burst);
   // The frames pause: closes the group that is open.
   void close(double loss, double burst);
   // Everything is known to have arrived, or will be sent again by itself.
@@ -39,8 +38,13 @@ class RepairEncoder {
   [[nodiscard]] bool due() const { return pending_ > 0 && credit_ >= 1; }
   [[nodiscard]] bool pending() const { return pending_ > 0; }
   [[nodiscard]] bool open() const { return open_.k > 0; }
-  // The next repair frame's payload and the sequence number for its header; 0 if none is pending.
-  [[nodiscard]] std::size_t next(std::span<std::uint8_t> out, std::uint16_t& first);
+  struct Row {
+    std::size_t bytes = 0;   // of the payload; 0: none is pending
+    Version first = 0;       // of the group, for the header
+    std::uint8_t group = 0;  // its digest
+  };
+  // Writes the next repair frame's payload.
+  [[nodiscard]] Row next(std::span<std::uint8_t> out);
   [[nodiscard]] std::size_t memoryBytes() const;
 
   // In link_state.cpp, bit by bit.
@@ -51,7 +55,7 @@ class RepairEncoder {
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
   struct Group {
-    std::uint16_t first = 0;
+    Version first = 0;
     int k = 0, rows = 0, wanted = 0;  // wanted: rows to be sent in all
     bool has_map = false;
     std::size_t symbol_bytes = 0;

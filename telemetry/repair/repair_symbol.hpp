@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <span>
 
+#include "realtime/kernel/crc32.hpp"
 #include "telemetry/wire/frame.hpp"
 
 namespace fathom::telemetry {
@@ -25,6 +26,16 @@ inline constexpr std::size_t kRepairHeadBytes = 2;
 inline constexpr std::size_t kMaxSymbolBytes = kMaxFrameBytes - kFrameOverhead - kRepairHeadBytes;
 // A map packet must be this much shorter than a frame's payload to be repairable by frames of that size.
 inline constexpr std::size_t kRepairMargin = kRepairHeadBytes + 1;
+
+// Digest of a group, from its symbols one after the other: begins with 0, ends with groupDigest(). All repair
+// frames of a group carry it in their tags (DecodedFrame::group), so that frames of two groups are never
+// solved as one, and what was repaired is what was sent.
+[[nodiscard]] inline std::uint32_t digestSymbol(std::uint32_t before, std::span<const std::uint8_t> symbol) {
+  return crc32(symbol, before);
+}
+[[nodiscard]] constexpr std::uint8_t groupDigest(std::uint32_t digest) {
+  return static_cast<std::uint8_t>(digest ^ digest >> 8 ^ digest >> 16 ^ digest >> 24);
+}
 
 // Writes a member's symbol, padded to symbol.size(); false if the payload does not fit.
 [[nodiscard]] inline bool makeSymbol(std::span<const std::uint8_t> map_payload, bool is_map,

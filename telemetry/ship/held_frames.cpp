@@ -15,7 +15,7 @@ void HeldFrames::addPlace(Version version) {
   places_.push_back({version, 0});
 }
 
-void HeldFrames::hold(Version version) {
+void HeldFrames::hold(Version version, std::uint32_t digest) {
   if (held_.empty()) {
     base_ = version > kRoomBefore ? version - kRoomBefore : 0;
     first_ = newest_ = version;
@@ -24,7 +24,7 @@ void HeldFrames::hold(Version version) {
   if (version < base_) return;
   const std::size_t at = version - base_;
   if (at >= held_.size()) held_.resize(at + 1);
-  held_[at] = true;
+  held_[at] = shortened(digest);
   if (version > newest_ + kLongGap) addPlace(version);
   newest_ = std::max(newest_, version);
   if (version < first_) {

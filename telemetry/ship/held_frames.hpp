@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -19,9 +20,12 @@ class HeldFrames {
   static constexpr std::size_t kMost = std::size_t{1} << 20;
 
   void clear() { *this = {}; }
-  void hold(Version version);
-  [[nodiscard]] bool holds(Version version) const {
-    return version - base_ < held_.size() && held_[version - base_];
+  // `digest`: of what it carried.
+  void hold(Version version, std::uint32_t digest);
+  [[nodiscard]] bool holds(Version version) const { return digestAt(version) != 0; }
+  // Whether it holds this frame with other content: its sender has begun anew with numbers used before.
+  [[nodiscard]] bool holdsOther(Version version, std::uint32_t digest) const {
+    return holds(version) && digestAt(version) != shortened(digest);
   }
   // Something that was held before `version`, which is held, is lost.
   void noteDamage(Version version);
@@ -45,7 +49,14 @@ class HeldFrames {
   static constexpr int kTellings = 4;      // most of so many frames arrive
   static constexpr Version kLongGap = 16;  // frames; shorter ones are found piece by piece
   Version base_ = 0, first_ = 0, newest_ = 0;
-  std::vector<bool> held_;  // from base_ on
+  // 0 stands for a frame that is not held.
+  [[nodiscard]] static std::uint16_t shortened(std::uint32_t digest) {
+    return std::max<std::uint16_t>(1, static_cast<std::uint16_t>(digest));
+  }
+  [[nodiscard]] std::uint16_t digestAt(Version version) const {
+    return version - base_ < held_.size() ? held_[version - base_] : std::uint16_t{0};
+  }
+  std::vector<std::uint16_t> held_;  // from base_ on
   struct Place {
     Version version = 0;
     int told = 0;

@@ -12,10 +12,10 @@ constexpr Version kLap = 0x10000;        // of sequence numbers
 
 }  // namespace
 
-// Numbers that come again count as later ones, and there is room below the first for frames that come late.
-Version LinkReceiver::beginAnew(std::uint16_t sequence) {
+Version LinkReceiver::beginAnew(Version version) {
   if (started_) ++counters_.resyncs;
-  newest_ = (started_ ? (newest_ / kLap + 2) * kLap : kLap) + sequence;
+  newest_ = version;
+  began_ = version / kLap * kLap;
   started_ = true;
   stale_run_ = 0;
   turn_count_ = 0;
@@ -25,58 +25,94 @@ Version LinkReceiver::beginAnew(std::uint16_t sequence) {
   return newest_;
 }
 
-std::optional<Version> LinkReceiver::admit(std::uint16_t sequence, std::uint32_t crc) {
-  if (!started_) (void)beginAnew(sequence);
-  Version version = versionNear(sequence, newest_);
-  const auto ahead = static_cast<std::int32_t>(version - newest_);
-  if (ahead > 0) {
-    for (int i = std::max(1, ahead - kWindow); i < ahead; ++i)
-      slot(newest_ + static_cast<Version>(i)) = {State::kMissing, 0};
-    counters_.lost += static_cast<std::uint64_t>(ahead - 1);
-    newest_ = version;
-  } else if (ahead <= -kWindow) {
+// Numbers that come again count as later ones.
+Version LinkReceiver::beginAfterNewest(std::uint16_t sequence) {
+  return beginAnew((started_ ? (newest_ / kLap + 2) * kLap : kLap) + sequence);
+}
+
+// A frame from before the window.
+std::optional<Version> LinkReceiver::farBack(const DecodedFrame& frame, Version version,
+                                             std::uint32_t digest) {
+  const std::uint16_t sequence = frame.header.sequence();
+  if (!frame.whole_version) {
     const int step = static_cast<std::int16_t>(static_cast<std::uint16_t>(sequence - last_stale_));
     stale_run_ = stale_run_ > 0 && step > 0 && step < kWindow ? stale_run_ + 1 : 1;
     last_stale_ = sequence;
     if (stale_run_ < kStaleRun) return std::nullopt;
-    version = beginAnew(sequence);
+    return beginAfterNewest(sequence);
+  }
+  if (version < began_) return std::nullopt;
+  if (!held_.holds(version)) return version;
+  return held_.holdsOther(version, digest) ? std::optional(beginAfterNewest(sequence)) : std::nullopt;
+}
+
+std::optional<Version> LinkReceiver::admit(const DecodedFrame& frame, std::uint32_t digest) {
+  const std::uint16_t sequence = frame.header.sequence();
+  if (!started_) {
+    if (frame.whole_version)
+      (void)beginAnew(frame.header.version);
+    else
+      (void)beginAfterNewest(sequence);
+  }
+  Version version = frame.whole_version ? frame.header.version + shift_ : versionNear(sequence, newest_);
+  const auto ahead = static_cast<std::int32_t>(version - newest_);
+  if (ahead > static_cast<std::int32_t>(kLap)) {
+    (void)beginAnew(version);
+  } else if (ahead > 0) {
+    for (int i = std::max(1, ahead - kWindow); i < ahead; ++i)
+      slot(newest_ + static_cast<Version>(i)) = State::kMissing;
+    counters_.lost += static_cast<std::uint64_t>(ahead - 1);
+    newest_ = version;
+  } else if (ahead <= -kWindow) {
+    const auto admitted = farBack(frame, version, digest);
+    if (!admitted) return std::nullopt;
+    if (*admitted == version) {
+      ++counters_.reordered;
+      if (counters_.lost > 0) --counters_.lost;
+    }
+    version = *admitted;
   } else {
-    const Slot& known = slot(version);
-    const bool held = known.state == State::kRepaired || known.state == State::kSeen;
-    if (held && known.crc == crc) return std::nullopt;
-    if (held) {
-      version = beginAnew(sequence);
+    if (held_.holds(version) && !held_.holdsOther(version, digest)) return std::nullopt;
+    if (held_.holds(version)) {
+      version = beginAfterNewest(sequence);
     } else if (ahead < 0) {
-      if (known.state == State::kMissing) --counters_.lost;
+      if (slot(version) == State::kMissing) --counters_.lost;
       ++counters_.reordered;
     }
   }
+  if (frame.whole_version) shift_ = version - frame.header.version;
   stale_run_ = 0;
-  slot(version) = {State::kSeen, crc};
-  held_.hold(version);
+  if (newest_ - version < static_cast<Version>(kWindow)) slot(version) = State::kSeen;
+  held_.hold(version, digest);
   if (damage_) held_.noteDamage(version);
   damage_ = false;
   return version;
 }
 
-DecodedFrame LinkReceiver::accept(std::span<const std::uint8_t> bytes, const Deliver& deliver) {
-  DecodedFrame frame = decodeFrame(bytes);
+DecodedFrame LinkReceiver::accept(std::span<const std::uint8_t> bytes, const Deliver& deliver,
+                                  std::int64_t now_ns) {
+  const std::optional<Version> near = started_ ? std::optional(newest_ - shift_) : std::nullopt;
+  DecodedFrame frame = laps_.decode(bytes, tag_, near, now_ns);
   ++counters_.frames;
   counters_.bytes += bytes.size();
   const MessageType type = frame.header.type;
   if (frame.verdict == FrameVerdict::kAccepted && type == MessageType::kDownlink)
-    frame.verdict = FrameVerdict::kType;  // an echo of the ship's own voice
+    frame.verdict = FrameVerdict::kType;
   if (frame.verdict == FrameVerdict::kAccepted) {
     if (!identity_) identity_ = frame.header.identity;
     if (frame.header.identity != *identity_) frame.verdict = FrameVerdict::kForeign;
   }
   if (frame.verdict == FrameVerdict::kAccepted) {
-    if (type == MessageType::kRepair) {
-      const RepairDecoder::Taken taken = repair_.repair(frame.header.sequence, frame.payload);
+    const bool old = started_ && frame.whole_version && frame.header.version + shift_ < began_;
+    if (old) {
+      frame.verdict = FrameVerdict::kOld;
+    } else if (type == MessageType::kRepair) {
+      const RepairDecoder::Taken taken = repair_.repair(frame.header.sequence(), frame.payload, frame.group);
       if (taken == RepairDecoder::Taken::kInvalid) frame.verdict = FrameVerdict::kBadPayload;
       if (taken == RepairDecoder::Taken::kDuplicate) frame.verdict = FrameVerdict::kDuplicate;
-    } else if (const auto version = admit(frame.header.sequence, crc32(frame.payload))) {
-      repair_.source(frame.header.sequence, frame.payload, type == MessageType::kMapPacket);
+    } else if (const auto version = admit(frame, crc32(frame.payload))) {
+      if (newest_ - *version < static_cast<Version>(kWindow))
+        repair_.source(frame.header.sequence(), frame.payload, type == MessageType::kMapPacket);
       if (!deliver({type, *version, frame.payload})) frame.verdict = FrameVerdict::kBadPayload;
     } else {
       frame.verdict = FrameVerdict::kDuplicate;
@@ -99,15 +135,14 @@ void LinkReceiver::repair(const Deliver& deliver) {
     const auto ahead = static_cast<std::int32_t>(version - newest_);
     if (ahead <= -kWindow || ahead > kMaxGroup) return;
     if (ahead > 0) {
-      for (int i = 1; i <= ahead; ++i) slot(newest_ + static_cast<Version>(i)) = {State::kMissing, 0};
+      for (int i = 1; i <= ahead; ++i) slot(newest_ + static_cast<Version>(i)) = State::kMissing;
       counters_.lost += static_cast<std::uint64_t>(ahead);
       newest_ = version;
     }
-    Slot& known = slot(version);
-    if (known.state == State::kSeen || known.state == State::kRepaired) return;
-    if (known.state == State::kMissing) --counters_.lost;
-    known = {State::kRepaired, crc32(payload)};
-    held_.hold(version);
+    if (held_.holds(version)) return;
+    if (slot(version) == State::kMissing) --counters_.lost;
+    slot(version) = State::kSeen;
+    held_.hold(version, crc32(payload));
     ++counters_.repaired;
     if (!deliver({MessageType::kMapPacket, version, payload})) ++counters_.repaired_invalid;
   });

@@ -9,6 +9,7 @@
 
 #include "telemetry/repair/repair_decoder.hpp"
 #include "telemetry/ship/held_frames.hpp"
+#include "telemetry/ship/lap_search.hpp"
 #include "telemetry/wire/downlink_messages.hpp"
 #include "telemetry/wire/frame.hpp"
 
@@ -28,10 +29,11 @@ class LinkReceiver {
   using Deliver = std::function<bool(const Message&)>;
 
   // Without an identity the first valid frame's is locked.
-  explicit LinkReceiver(std::optional<LinkIdentity> identity = std::nullopt) : identity_(identity) {}
+  explicit LinkReceiver(std::optional<LinkIdentity> identity = std::nullopt, const FrameTag& tag = {})
+      : identity_(identity), tag_(tag), laps_(tag.keyed()) {}
 
-  // Takes one frame in any state; says what became of it.
-  DecodedFrame accept(std::span<const std::uint8_t> bytes, const Deliver& deliver);
+  // Takes one frame in any state, heard at `now_ns` (UTC; counts only with a key); says what became of it.
+  DecodedFrame accept(std::span<const std::uint8_t> bytes, const Deliver& deliver, std::int64_t now_ns = 0);
 
   // The frame accepted last said "your turn": the vehicle listens now.
   [[nodiscard]] bool turn() const { return turn_; }
@@ -43,6 +45,9 @@ class LinkReceiver {
   [[nodiscard]] std::optional<Acknowledgement> furtherAcknowledgement(bool whole_dive) {
     return held_.further(whole_dive);
   }
+  // The first version of the dive that is heard now. It changes where another dive begins, or the vehicle has
+  // begun anew: what was delivered with earlier versions is of another map.
+  [[nodiscard]] Version began() const { return began_; }
   // Some of what was accepted before, in the ship's file, is lost: before the frame that is accepted next.
   void noteDamage() { damage_ = true; }
 
@@ -63,33 +68,35 @@ class LinkReceiver {
   [[nodiscard]] const std::optional<LinkIdentity>& identity() const { return identity_; }
 
  private:
-  // The version of a frame that is new; nothing for one that is not.
-  std::optional<Version> admit(std::uint16_t sequence, std::uint32_t crc);
-  Version beginAnew(std::uint16_t sequence);
+  // The version of a frame that is new; nothing for one that is not. `header`: with the whole version, or the
+  // sequence number alone.
+  std::optional<Version> admit(const DecodedFrame& frame, std::uint32_t digest);
+  Version beginAnew(Version version);
+  Version beginAfterNewest(std::uint16_t sequence);
+  std::optional<Version> farBack(const DecodedFrame& frame, Version version, std::uint32_t digest);
   void repair(const Deliver& deliver);
 
-  // Frames may come this many sequence numbers late and still be told from duplicates. A number that comes
-  // again with other content, or kStaleRun rising numbers in a row from before the window: the sender began
-  // anew. What follows after however long a silence is an outage.
+  // A number that comes again with other content, or, where the whole version is not known, kStaleRun rising
+  // numbers in a row from before the window: the sender began anew. What follows after however long a silence
+  // is an outage; with a key, a whole lap further on it is another dive.
   static constexpr int kWindow = RepairDecoder::kWindow;
   static constexpr int kStaleRun = 4;
   static constexpr std::size_t kTurnsBack = 3;  // that all of so many answers were lost is unlikely
 
-  enum class State : std::uint8_t { kBeforeStart, kMissing, kSeen, kRepaired };
-  struct Slot {
-    State state = State::kBeforeStart;
-    std::uint32_t crc = 0;  // of the payload seen or repaired
-  };
-  [[nodiscard]] Slot& slot(Version version) { return slots_[version % static_cast<std::size_t>(kWindow)]; }
+  enum class State : std::uint8_t { kBeforeStart, kMissing, kSeen };
+  [[nodiscard]] State& slot(Version version) { return slots_[version % static_cast<std::size_t>(kWindow)]; }
 
   std::optional<LinkIdentity> identity_;
+  FrameTag tag_;
+  LapSearch laps_;
   bool started_ = false, turn_ = false, damage_ = false;
   std::array<Version, kTurnsBack> turns_{};  // the last ones, a ring
   std::size_t turn_count_ = 0;
-  Version newest_ = 0;
+  Version began_ = 0, newest_ = 0;
+  Version shift_ = 0;  // whole laps, between the sender's versions and ours
   std::uint16_t last_stale_ = 0;
   int stale_run_ = 0;
-  std::array<Slot, kWindow> slots_{};  // by version % kWindow, for (newest - kWindow, newest]
+  std::array<State, kWindow> slots_{};  // by version % kWindow, for (newest - kWindow, newest]
   HeldFrames held_;
   RepairDecoder repair_;
   Counters counters_;

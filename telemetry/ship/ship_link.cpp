@@ -15,9 +15,9 @@ bool passed(const std::optional<std::int64_t>& since_ns, std::int64_t now_ns, do
 
 }  // namespace
 
-ShipLink::ShipLink(const std::optional<LinkIdentity>& identity, const std::optional<DownlinkKey>& key,
+ShipLink::ShipLink(const std::optional<LinkIdentity>& identity, const std::optional<LinkKey>& key,
                    const ShipLinkConfig& config)
-    : key_(key), config_(config), receiver_(identity) {
+    : key_(key), config_(config), receiver_(identity, FrameTag(key)) {
   if (identity) meet(*identity);
 }
 
@@ -27,7 +27,7 @@ void ShipLink::meet(const LinkIdentity& identity) {
 
 DecodedFrame ShipLink::accept(std::int64_t now_ns, std::span<const std::uint8_t> frame,
                               const LinkReceiver::Deliver& deliver) {
-  const DecodedFrame decoded = receiver_.accept(frame, deliver);
+  const DecodedFrame decoded = receiver_.accept(frame, deliver, now_ns);
   if (decoded.verdict != FrameVerdict::kAccepted) return decoded;
   meet(*receiver_.identity());
   quiet_ns_ = now_ns;

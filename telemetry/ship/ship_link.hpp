@@ -22,7 +22,7 @@ struct ShipLinkConfig {
 // vehicle may have been told to pause, or its turns may all have been lost). Sans-I/O; no clocks.
 class ShipLink {
  public:
-  ShipLink(const std::optional<LinkIdentity>& identity, const std::optional<DownlinkKey>& key,
+  ShipLink(const std::optional<LinkIdentity>& identity, const std::optional<LinkKey>& key,
            const ShipLinkConfig& config = {});
 
   // Takes one frame that arrived now; see LinkReceiver::accept.
@@ -49,7 +49,7 @@ class ShipLink {
  private:
   void meet(const LinkIdentity& identity);
 
-  std::optional<DownlinkKey> key_;
+  std::optional<LinkKey> key_;
   ShipLinkConfig config_;
   LinkReceiver receiver_;
   std::optional<DownlinkSender> sender_;

@@ -74,7 +74,7 @@ LinkScheduler::Impl::Impl(const LinkSchedulerConfig& c)
     : config((c.validate(), c)),
       bucket(c.rate_bps * c.duty, linkBucketBits(c), static_cast<std::size_t>(c.frame_bytes) * 8),
       queue(c.blocks),
-      sent(listenSeconds(c), c.loss_rate, c.mean_burst),
+      sent(listenSeconds(c), c.loss_rate, c.mean_burst, c.first),
       housekeeping(c.housekeeping, c.frame_bytes, c.loss_rate),
       turns(listenEvery(c), listenSeconds(c)),
       tiles(static_cast<std::size_t>(c.frame_bytes)) {
@@ -91,11 +91,13 @@ void LinkScheduler::Impl::applyRate() {
 }
 
 std::size_t LinkScheduler::Impl::repairFrame() {
-  const std::size_t size = repair.next(std::span(payload).first(payloadRoom()), frame_sequence);
-  if (size == 0) return 0;
+  const RepairEncoder::Row row = repair.next(std::span(payload).first(payloadRoom()));
+  if (row.bytes == 0) return 0;
   type = MessageType::kRepair;
+  frame_version = row.first;
+  frame_group = row.group;
   ++counters.repair_frames;
-  return size;
+  return row.bytes;
 }
 
 std::size_t LinkScheduler::Impl::mapPacket(int sendings, double after_s) {
@@ -145,11 +147,12 @@ std::size_t LinkScheduler::Impl::carousel() {
   return again ? mapPacket(kMostRepeats, kCarousel_s) : 0;
 }
 
-// The payload of the frame that should go now, 0 for none; sets type and frame_sequence.
+// The payload of the frame that should go now, 0 for none; sets type, frame_version and frame_group.
 std::size_t LinkScheduler::Impl::choose() {
   batch_sent = 0;
   again = false;
-  frame_sequence = sequence();
+  frame_version = sent.next();
+  frame_group = 0;
   if (const std::size_t size = housekeeping.next(now, payload, type)) {
     ++(type == MessageType::kStatus        ? counters.status_frames
        : type == MessageType::kMissionInfo ? counters.info_frames
@@ -241,7 +244,7 @@ std::size_t LinkScheduler::nextFrame(std::int64_t now_ns, std::span<std::uint8_t
   const auto payload = std::span<const std::uint8_t>(s.payload).first(payload_bytes);
   if (s.type != MessageType::kRepair) {
     if (s.blind() && !s.again)
-      s.repair.source(s.sequence(), payload, s.type == MessageType::kMapPacket, s.sent.loss(),
+      s.repair.source(s.sent.next(), payload, s.type == MessageType::kMapPacket, s.sent.loss(),
                       s.sent.burst());
     s.sent.add(s.busy_until, std::span(s.batch.refs).first(s.batch_sent));
   }
@@ -252,7 +255,8 @@ std::size_t LinkScheduler::nextFrame(std::int64_t now_ns, std::span<std::uint8_t
     s.frames_since_turn = 0;
     ++s.counters.turns;
   }
-  const std::size_t size = encodeFrame({s.config.identity, s.frame_sequence, s.type, turn}, payload, out);
+  const std::size_t size = encodeFrame({s.config.identity, s.frame_version, s.type, turn}, payload, out,
+                                       s.config.tag, s.frame_group);
   s.bucket.take(size * 8);
   ++s.counters.frames;
   s.counters.bytes += size;
@@ -264,15 +268,15 @@ void LinkScheduler::noteRestart() {
   // As many of the shortest frames as leave in the seconds that a log may lack, and a few.
   constexpr double kLacking_s = 2, kFew = 4;
   const double frames = kFew + kLacking_s * s.config.rate_bps * s.config.duty / (8 * kMinFrameBytes);
-  s.passOver(static_cast<std::uint16_t>(std::min(frames, SentFrames::kFrames / 2.0)));
+  s.passOver(static_cast<Version>(std::min(frames, SentFrames::kFrames / 2.0)));
 }
 
-void LinkScheduler::noteSent(std::uint16_t next_sequence) {
-  const Version next = versionNear(next_sequence, impl_->sent.next());
-  if (next > impl_->sent.next()) impl_->passOver(static_cast<std::uint16_t>(next - impl_->sent.next()));
+void LinkScheduler::noteSent(Version next) {
+  if (next < SentFrames::kFirst) next = versionNear(static_cast<std::uint16_t>(next), impl_->sent.next());
+  if (next > impl_->sent.next()) impl_->passOver(next - impl_->sent.next());
 }
 
-void LinkScheduler::Impl::passOver(std::uint16_t numbers) {
+void LinkScheduler::Impl::passOver(Version numbers) {
   if (repair.open()) repair.close(sent.loss(), sent.burst());
   sent.skip(numbers);
 }

@@ -10,6 +10,7 @@
 #include "recon/geometry/height_tile.hpp"
 #include "telemetry/vehicle/block_queue.hpp"
 #include "telemetry/vehicle/housekeeping.hpp"
+#include "telemetry/vehicle/sent_frames.hpp"
 #include "telemetry/wire/downlink_messages.hpp"
 #include "telemetry/wire/frame.hpp"
 
@@ -17,6 +18,8 @@ namespace fathom::telemetry {
 
 struct LinkSchedulerConfig {
   LinkIdentity identity;
+  FrameTag tag;                        // that proves the frames
+  Version first = SentFrames::kFirst;  // frame; see firstVersion()
   double rate_bps = 300;        // of the modem; 80 to 5400 on acoustic ones; 10 to 1e6 accepted [bit/s]
   int frame_bytes = 128;        // largest frame, 32 to 256 [B]
   double duty = 1;              // share of the time that the modem may send, 0.05 to 1
@@ -118,9 +121,9 @@ class LinkScheduler {
   // The program has started again with what was saved, and may have sent frames since that it does not know
   // of: their sequence numbers are not used for others, or the ship would take it for a new dive's.
   void noteRestart();
-  // The same, by whoever has seen every frame that left: `next_sequence` is the first number that is free.
-  // One that is behind changes nothing.
-  void noteSent(std::uint16_t next_sequence);
+  // The same, by whoever has seen every frame that left: `next` is the first version that is free (in logs of
+  // before its sequence number). One that is behind changes nothing.
+  void noteSent(Version next);
 
   // Into one of the same configuration: it goes on with the same frames bit by bit. Mission info is not part
   // of it. One whose load() failed is of no use.

@@ -26,13 +26,12 @@ struct LinkScheduler::Impl {
   [[nodiscard]] std::size_t repairFrame();
   [[nodiscard]] std::size_t probe();
   [[nodiscard]] bool turnAfter(std::int64_t left_ns);
-  // So many sequence numbers are not used.
-  void passOver(std::uint16_t numbers);
+  // So many versions are not used.
+  void passOver(Version numbers);
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
   // Repair frames are of use where acknowledgements are not.
   [[nodiscard]] bool blind() const { return config.repair && !turns.answered(); }
-  [[nodiscard]] std::uint16_t sequence() const { return static_cast<std::uint16_t>(sent.next()); }
   [[nodiscard]] std::size_t payloadRoom() const {
     return static_cast<std::size_t>(config.frame_bytes) - kFrameOverhead;
   }
@@ -57,9 +56,10 @@ struct LinkScheduler::Impl {
 
   // The frame being made.
   MessageType type = MessageType::kStatus;
-  std::uint16_t frame_sequence = 0;
-  std::size_t batch_sent = 0;  // blocks in it
-  bool again = false;          // of the carousel: it comes again by itself, and needs no repair
+  Version frame_version = 0;
+  std::uint8_t frame_group = 0;  // see DecodedFrame
+  std::size_t batch_sent = 0;    // blocks in it
+  bool again = false;            // of the carousel: it comes again by itself, and needs no repair
   BlockQueue::Batch batch;
   std::array<MapBlock, BlockQueue::kMaxBatch> decoded;
   std::array<std::uint8_t, kMaxFrameBytes> payload{};

@@ -12,9 +12,11 @@ constexpr double kBurstMemory = 30;
 
 }  // namespace
 
-SentFrames::SentFrames(double round_trip_s, double expected_loss, double expected_burst)
+SentFrames::SentFrames(double round_trip_s, double expected_loss, double expected_burst, Version first)
     : round_trip_ns_(std::llround(round_trip_s * 1e9)),
       frames_(kFrames),
+      first_(first),
+      next_(first),
       loss_(expected_loss),
       after_lost_(expected_burst > 1 ? 1 - 1 / expected_burst : expected_loss) {}
 
@@ -28,8 +30,10 @@ void SentFrames::add(std::int64_t left_ns, std::span<const BlockRef> blocks) {
   held_ = std::min(held_ + 1, kFrames);
 }
 
-void SentFrames::skip(std::uint16_t count) {
-  for (std::uint16_t i = 0; i < count; ++i, ++next_) {
+void SentFrames::skip(Version count) {
+  const Version known = std::min<Version>(count, kFrames);
+  next_ += count - known;
+  for (Version i = 0; i < known; ++i, ++next_) {
     frames_[next_ % kFrames] = Frame{};
     held_ = std::min(held_ + 1, kFrames);
   }
@@ -50,7 +54,7 @@ double SentFrames::burst() const {
 
 std::optional<Version> SentFrames::newestOf(const Acknowledgement& a) const {
   const Version newest = versionNear(a.newest, next_ - 1);
-  if (!a.valid || newest >= next_ || newest < kFirst) return std::nullopt;
+  if (!a.valid || newest >= next_ || newest < first_) return std::nullopt;
   return newest;
 }
 

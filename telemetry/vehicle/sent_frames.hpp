@@ -21,18 +21,18 @@ namespace fathom::telemetry {
 class SentFrames {
  public:
   static constexpr std::size_t kFrames = 512;
-  static constexpr Version kFirst = 0x10000;  // no block's version is 0, whatever is taken from it
+  static constexpr Version kFirst = 0x10000;  // the least: no block's version is 0, whatever is taken from it
 
   // `round_trip_s`: from a frame's end to the latest arrival of an answer to it [s].
   // `expected_burst`: frames lost in a row; 0: each by itself.
-  SentFrames(double round_trip_s, double expected_loss, double expected_burst);
+  SentFrames(double round_trip_s, double expected_loss, double expected_burst, Version first = kFirst);
 
   // The next frame goes out; its last bit leaves at `left_ns`.
   void add(std::int64_t left_ns, std::span<const BlockRef> blocks);
   [[nodiscard]] Version next() const { return next_; }  // frame
 
   // So many frames are passed over: nothing is known of what had their numbers.
-  void skip(std::uint16_t count);
+  void skip(Version count);
 
   // The frame that an acknowledgement names as the newest; nothing for one that is not about these frames
   // (another dive's, or a sender's before it restarted).
@@ -78,7 +78,7 @@ class SentFrames {
 
   std::int64_t round_trip_ns_;
   std::vector<Frame> frames_;  // by version % kFrames
-  Version next_ = kFirst;
+  Version first_, next_;
   std::size_t held_ = 0;  // frames since the start, at most kFrames
   Version heard_ = 0;     // the newest frame of any acknowledgement
   double loss_;

@@ -9,7 +9,12 @@
 namespace fathom::telemetry {
 namespace {
 
-constexpr std::size_t kHeadBytes = 12;  // u32 length, i64 time
+constexpr std::size_t kHeadBytes = 12;                      // u32 length, i64 time
+constexpr std::int64_t kLatest_ns = std::int64_t{1} << 62;  // the year 2116
+
+bool canBeTime(std::int64_t utc_ns) {
+  return utc_ns >= -kLatest_ns && utc_ns <= kLatest_ns;
+}
 
 std::uint64_t littleEndian(const std::uint8_t* bytes, int count) {
   std::uint64_t value = 0;
@@ -49,6 +54,8 @@ std::optional<Packet> PacketLogReader::next() {
                          std::to_string(kMaxFrameBytes) + ": not a packets.bin, or damaged");
   Packet packet;
   packet.utc_ns = static_cast<std::int64_t>(littleEndian(head.data() + 4, 8));
+  if (!canBeTime(packet.utc_ns))
+    throw InputError(path_.string(), place(), "a packet of no time: not a packets.bin, or damaged");
   packet.bytes.resize(length);
   stream_.read(reinterpret_cast<char*>(packet.bytes.data()), static_cast<std::streamsize>(length));
   if (stream_.gcount() != static_cast<std::streamsize>(length))
@@ -66,7 +73,13 @@ bool PacketLogReader::passOverDamage() {
     const std::uint64_t length = littleEndian(rest.data() + at, 4);
     if (length < kFrameOverhead || length > kMaxFrameBytes || length > rest.size() - at - kHeadBytes)
       continue;
-    if (decodeFrame(std::span(rest).subspan(at + kHeadBytes, length)).verdict != FrameVerdict::kAccepted)
+    if (!canBeTime(static_cast<std::int64_t>(littleEndian(rest.data() + at + 4, 8)))) continue;
+    // A frame can begin there, and another record or the file's end follows it.
+    if (peekFrame(std::span(rest).subspan(at + kHeadBytes, length)).verdict != FrameVerdict::kAccepted)
+      continue;
+    const std::size_t after = at + kHeadBytes + length;
+    if (after != rest.size() &&
+        (after + kHeadBytes > rest.size() || littleEndian(rest.data() + after, 4) > kMaxFrameBytes))
       continue;
     offset_ += at;
     stream_.seekg(static_cast<std::streamoff>(offset_));

@@ -18,8 +18,8 @@ void check(bool good) {
   if (!good) std::abort();
 }
 
-const DownlinkKey& theKey() {
-  static const DownlinkKey key(std::array<std::uint8_t, DownlinkKey::kBytes>{1, 2, 3});
+const LinkKey& theKey() {
+  static const LinkKey key(std::array<std::uint8_t, LinkKey::kBytes>{1, 2, 3});
   return key;
 }
 
@@ -59,7 +59,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   // The same bytes as the payload of a whole frame, on a wish with a signature.
   const bool properly_signed = (data[0] & 1U) != 0;
   std::array<std::uint8_t, kMaxFrameBytes> payload{}, frame{};
-  const std::size_t room = kMaxFrameBytes - kFrameOverhead - DownlinkKey::kSignatureBytes;
+  const std::size_t room = kMaxFrameBytes - kFrameOverhead - LinkKey::kSignatureBytes;
   std::size_t length = std::min(bytes.size(), room);
   std::copy_n(bytes.begin(), length, payload.begin());
   if (properly_signed) {

@@ -1,5 +1,5 @@
 // Key files: 64 hexadecimal digits or a refusal that shows nothing of the file.
-#include "telemetry/downlink/downlink_key.hpp"
+#include "telemetry/wire/link_key.hpp"
 #include "tests/fuzz/scratch_file.hpp"
 
 using namespace fathom;
@@ -9,7 +9,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   file.write(data, size);
   fuzz::readsOrRefuses([] {
     std::string warning;
-    (void)telemetry::readDownlinkKey(file.path(), warning);
+    (void)telemetry::readLinkKey(file.path(), warning);
   });
   return 0;
 }

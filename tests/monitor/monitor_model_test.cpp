@@ -167,8 +167,8 @@ TEST(Coverage, WhatTheVehiclePassedAndNobodyReceivedIsPending) {
 }
 
 TEST(RequestLedger, DetailIsAnsweredByABlockOfItsSpacingInItsRectangle) {
-  std::array<std::uint8_t, telemetry::DownlinkKey::kBytes> secret{};
-  telemetry::DownlinkSender sender({7, 42}, telemetry::DownlinkKey(secret));
+  std::array<std::uint8_t, telemetry::LinkKey::kBytes> secret{};
+  telemetry::DownlinkSender sender({7, 42}, telemetry::LinkKey(secret));
   telemetry::Request request;
   request.kind = telemetry::Request::Kind::kDetail;
   request.north_min = 10;

@@ -24,6 +24,7 @@ namespace fathom::monitor {
 // a part of the first lines is sent again, 30 cm deeper.
 struct SampleDive {
   telemetry::LinkIdentity identity{7, 42};
+  telemetry::FrameTag tag = {};
   std::int64_t start_utc_ns = 1'790'000'000'000'000'000;
   double duration_s = 1200;
   double rate_bps = 300;
@@ -92,12 +93,12 @@ struct SampleDive {
   void run(const std::function<void(std::int64_t, std::span<const std::uint8_t>)>& send) const {
     telemetry::MapPacketEncoder encoder;
     std::mt19937 random(12);
-    std::uint16_t sequence = 0;
+    telemetry::Version version = telemetry::firstVersion(start_utc_ns);
     std::int64_t now = 0;
     double budget = 0;  // bytes
     const auto frame = [&](telemetry::MessageType type, std::span<const std::uint8_t> payload) {
       std::array<std::uint8_t, telemetry::kMaxFrameBytes> bytes;
-      const std::size_t size = telemetry::encodeFrame({identity, sequence++, type, false}, payload, bytes);
+      const std::size_t size = telemetry::encodeFrame({identity, version++, type, false}, payload, bytes, tag);
       budget -= static_cast<double>(size);
       if (random() >= loss * 4294967296.0) send(now, std::span<const std::uint8_t>(bytes).first(size));
     };

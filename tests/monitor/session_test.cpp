@@ -44,7 +44,8 @@ TEST_F(Session, AComputerThatWasOffComesBackWithItsMapAndItsAcknowledgement) {
   SessionFiles files(folder_);
   MonitorModel second;
   std::string damage;
-  EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { second.accept(bytes, utc_ns); }, [] {}, damage),
+  EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { return second.accept(bytes, utc_ns).verdict; }, [] {},
+                         damage),
             packets.size());
   EXPECT_EQ(damage, "");
   EXPECT_EQ(second.map().store().size(), first.map().store().size());
@@ -71,7 +72,8 @@ TEST_F(Session, ADamagedEndIsCutOffAndTheNextFrameFollowsWhatIsWhole) {
     SessionFiles files(folder_);
     MonitorModel model;
     std::string damage;
-    EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { model.accept(bytes, utc_ns); }, [] {}, damage),
+    EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { return model.accept(bytes, utc_ns).verdict; },
+                           [] {}, damage),
               packets.size() - 1);
     EXPECT_NE(damage.find("cut off"), std::string::npos);
     const auto& last = packets.back();
@@ -103,8 +105,9 @@ TEST_F(Session, DamageInTheMiddleTakesOnlyWhatItHitsAndTheShipSaysWhatItLacks) {
       SessionFiles files(folder_ / "copy");
       MonitorModel model;
       std::string said;
-      const std::size_t count = files.reload([&](auto bytes, auto utc_ns) { model.accept(bytes, utc_ns); },
-                                             [&] { model.noteDamage(); }, said);
+      const std::size_t count =
+          files.reload([&](auto bytes, auto utc_ns) { return model.accept(bytes, utc_ns).verdict; },
+                       [&] { model.noteDamage(); }, said);
       EXPECT_GE(count, packets.size() - 3);
       EXPECT_LT(count, packets.size());
       EXPECT_NE(said.find("received.bin"), std::string::npos);
@@ -149,7 +152,8 @@ TEST_F(Session, AFullDiskEndsNothingAndNothingIsAcknowledgedThatItDidNotTake) {
   EXPECT_GT(std::max(*first, *second), *before);
   MonitorModel again;
   std::string damage;
-  EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { again.accept(bytes, utc_ns); }, [] {}, damage),
+  EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { return again.accept(bytes, utc_ns).verdict; }, [] {},
+                         damage),
             packets.size());
   EXPECT_EQ(damage, "");
 }

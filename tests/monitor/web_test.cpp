@@ -49,10 +49,10 @@ TEST(PageRequests, ReadWhatIsInBoundsAndNothingElse) {
 // A server over a live link with a key, heard from once, and a client.
 class Served : public ::testing::Test {
  protected:
-  static telemetry::DownlinkKey key() {
-    std::array<std::uint8_t, telemetry::DownlinkKey::kBytes> secret{};
+  static telemetry::LinkKey key() {
+    std::array<std::uint8_t, telemetry::LinkKey::kBytes> secret{};
     secret.fill(7);
-    return telemetry::DownlinkKey(secret);
+    return telemetry::LinkKey(secret);
   }
   void serve(const std::string& token) {
     folder_ = std::filesystem::path(::testing::TempDir()) /
@@ -61,6 +61,7 @@ class Served : public ::testing::Test {
     std::ofstream(folder_ / "index.html") << "<html>page</html>";
     SampleDive dive;
     dive.duration_s = 60;
+    dive.tag = telemetry::FrameTag(key());
     dive.run([&](std::int64_t utc_ns, std::span<const std::uint8_t> frame) {
       shared_.model->accept(frame, utc_ns);
     });
@@ -132,10 +133,12 @@ TEST_F(Served, ARequestGoesFromQueuedToSentAtTheShipsTurnAndIsAnsweredByWhatItAs
   EXPECT_EQ(state(), "queued");
   std::array<std::uint8_t, 64> payload;
   std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
+  const telemetry::FrameTag tag(key());
+  const telemetry::Version first = telemetry::firstVersion(SampleDive().start_utc_ns);
   const std::size_t size = telemetry::encodeStatus(SampleDive().statusAt(100), payload);
   const std::size_t length =
-      telemetry::encodeFrame({{7, 42}, 200, telemetry::MessageType::kStatus, true},
-                             std::span<const std::uint8_t>(payload).first(size), frame);
+      telemetry::encodeFrame({{7, 42}, first + 200, telemetry::MessageType::kStatus, true},
+                             std::span<const std::uint8_t>(payload).first(size), frame, tag);
   const std::int64_t now = 1'790'000'100'000'000'000;
   shared_.model->accept(std::span<const std::uint8_t>(frame).first(length), now);
   EXPECT_GT(shared_.model->speak(now + 1000, frame), 0U);
@@ -143,8 +146,8 @@ TEST_F(Served, ARequestGoesFromQueuedToSentAtTheShipsTurnAndIsAnsweredByWhatItAs
   const auto hear = [&](double t, std::uint16_t sequence) {
     const std::size_t bytes = telemetry::encodeStatus(SampleDive().statusAt(t), payload);
     const std::size_t whole =
-        telemetry::encodeFrame({{7, 42}, sequence, telemetry::MessageType::kStatus, false},
-                               std::span<const std::uint8_t>(payload).first(bytes), frame);
+        telemetry::encodeFrame({{7, 42}, first + sequence, telemetry::MessageType::kStatus, false},
+                               std::span<const std::uint8_t>(payload).first(bytes), frame, tag);
     shared_.model->accept(std::span<const std::uint8_t>(frame).first(whole), now + 5'000'000'000);
   };
   hear(99, 201);  // from before the request

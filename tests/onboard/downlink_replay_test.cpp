@@ -63,7 +63,7 @@ class DownlinkReplay : public ::testing::Test {
   }
 
   // Fixes a second old each second, all off alike, with noise and a stranger's frames between them.
-  void script(ScriptedModem& modem, const std::optional<telemetry::DownlinkKey>& key, double off) const {
+  void script(ScriptedModem& modem, const std::optional<telemetry::LinkKey>& key, double off) const {
     telemetry::DownlinkSender ship(identity_, key);
     telemetry::DownlinkSender stranger({static_cast<std::uint8_t>(identity_.vehicle_id + 1), 1}, key);
     const std::int64_t last_ns = truth_.back().utc_ns;
@@ -138,7 +138,7 @@ TEST_F(DownlinkReplay, FixesFromTheShipMoveTheTrackAndTheirRecordingReplaysToThe
 }
 
 TEST_F(DownlinkReplay, AVehicleWithAKeyHearsNobodyWithoutIt) {
-  telemetry::makeDownlinkKey(folder_.path() / "ship.key");
+  telemetry::makeLinkKey(folder_.path() / "ship.key");
   std::ofstream(folder_.path() / "onboard.toml") << "[link]\nkey_file = \"ship.key\"\n";
   replay(into("alone"));
   ScriptedModem modem;
@@ -152,7 +152,7 @@ TEST_F(DownlinkReplay, AVehicleWithAKeyHearsNobodyWithoutIt) {
 
   std::string warning;
   ScriptedModem with_key;
-  script(with_key, telemetry::readDownlinkKey(folder_.path() / "ship.key", warning), 4);
+  script(with_key, telemetry::readLinkKey(folder_.path() / "ship.key", warning), 4);
   options.out = folder_.path() / "signed";
   runWith(with_key, options);
   EXPECT_GT(health("signed", "downlink_fixes"), 5);

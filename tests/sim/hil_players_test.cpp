@@ -141,7 +141,7 @@ TEST_F(HilPlayers, TheShipHearsTheVehicleAndItsFixesComeBackOverTheModem) {
     if (i % 20 == 0) {
       telemetry::FrameHeader header;
       header.identity = kIdentity;
-      header.sequence = sent;
+      header.version = sent;
       header.type = telemetry::MessageType::kTrack;
       header.turn = sent % 2 == 1;
       const std::size_t size = telemetry::encodeFrame(header, std::vector<std::uint8_t>(22, 5), buffer);

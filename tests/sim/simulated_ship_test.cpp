@@ -24,7 +24,7 @@ using Bytes = std::vector<std::uint8_t>;
 Bytes uplink(int sequence, bool turn) {
   telemetry::FrameHeader header;
   header.identity = kIdentity;
-  header.sequence = static_cast<std::uint16_t>(sequence);
+  header.version = static_cast<std::uint16_t>(sequence);
   header.type = telemetry::MessageType::kTrack;
   header.turn = turn;
   Bytes frame(telemetry::kMaxFrameBytes);
@@ -107,7 +107,7 @@ TEST(SimulatedShip, WhatIsAcknowledgedIsExactlyWhatWasHeard) {
   std::vector<bool> heard(300);
   for (const telemetry::Packet& p : d.heard) {
     const auto frame = telemetry::decodeFrame(p.bytes);
-    if (frame.verdict == telemetry::FrameVerdict::kAccepted) heard[frame.header.sequence] = true;
+    if (frame.verdict == telemetry::FrameVerdict::kAccepted) heard[frame.header.sequence()] = true;
   }
   int lost = 0, told = 0;
   const telemetry::Acknowledgement& last = d.acknowledgements.back();

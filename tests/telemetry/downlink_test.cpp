@@ -14,10 +14,10 @@ constexpr std::int64_t kSecond_ns = 1'000'000'000;
 constexpr std::int64_t kStart_ns = 1'790'000'000 * kSecond_ns;
 using Bytes = std::vector<std::uint8_t>;
 
-DownlinkKey keyOf(std::uint8_t first) {
-  std::array<std::uint8_t, DownlinkKey::kBytes> secret{};
+LinkKey keyOf(std::uint8_t first) {
+  std::array<std::uint8_t, LinkKey::kBytes> secret{};
   secret[0] = first;
-  return DownlinkKey(secret);
+  return LinkKey(secret);
 }
 
 Bytes frameOf(DownlinkSender& sender, std::int64_t utc_ns) {
@@ -153,7 +153,7 @@ TEST_F(Downlink, ACounterAtItsEndStaysThereAndIsRefused) {
 }
 
 TEST_F(Downlink, FramesOfAnotherKeyVehicleOrDiveChangeNothing) {
-  const auto say = [&](const LinkIdentity& identity, const std::optional<DownlinkKey>& key) {
+  const auto say = [&](const LinkIdentity& identity, const std::optional<LinkKey>& key) {
     DownlinkSender sender(identity, key);
     (void)sender.request(requestOf(Request::Kind::kPauseMap));
     return vehicle.accept(kStart_ns, frameOf(sender, kStart_ns + kSecond_ns));

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <vector>
 
 #include "realtime/kernel/crc32.hpp"
@@ -26,7 +27,7 @@ TEST(Frame, RoundTripsAtEverySize) {
     const DecodedFrame frame = decodeFrame(bytes);
     ASSERT_EQ(frame.verdict, FrameVerdict::kAccepted);
     EXPECT_EQ(frame.header.identity, kOurs);
-    EXPECT_EQ(frame.header.sequence, 60000 + payload);
+    EXPECT_EQ(frame.header.sequence(), 60000 + payload);
     EXPECT_EQ(frame.header.type, MessageType::kTrack);
     ASSERT_EQ(frame.payload.size(), payload);
     if (payload > 0) {
@@ -56,7 +57,7 @@ TEST(Frame, TruncatedAtAnyByteIsRejected) {
   const auto bytes = makeFrame(9, 40);
   for (std::size_t n = 0; n < bytes.size(); ++n) {
     const FrameVerdict verdict = decodeFrame(std::span(bytes).first(n)).verdict;
-    EXPECT_EQ(verdict, n < kFrameOverhead ? FrameVerdict::kTooShort : FrameVerdict::kBadCrc) << n;
+    EXPECT_EQ(verdict, n < kFrameOverhead ? FrameVerdict::kTooShort : FrameVerdict::kBadTag) << n;
   }
   EXPECT_EQ(decodeFrame(std::vector<std::uint8_t>(kMaxFrameBytes + 1)).verdict, FrameVerdict::kTooLong);
 }
@@ -66,20 +67,71 @@ TEST(Frame, AnySingleFlippedBitIsRejected) {
   for (std::size_t bit = 0; bit < good.size() * 8; ++bit) {
     auto bytes = good;
     bytes[bit / 8] = static_cast<std::uint8_t>(bytes[bit / 8] ^ 1U << bit % 8);
-    EXPECT_EQ(decodeFrame(bytes).verdict, FrameVerdict::kBadCrc) << bit;
+    EXPECT_EQ(decodeFrame(bytes).verdict, FrameVerdict::kBadTag) << bit;
   }
 }
 
-TEST(Frame, AnotherVersionAndAnUnknownTypeAreToldFromDamage) {
-  std::vector<std::uint8_t> out(kMaxFrameBytes);
-  const std::vector<std::uint8_t> body(5);
-  const std::size_t size = encodeFrame({kOurs, 1, static_cast<MessageType>(0)}, body, out);
-  const auto bytes = std::span(out).first(size);
-  EXPECT_EQ(decodeFrame(bytes).verdict, FrameVerdict::kType);
-  bytes[0] = static_cast<std::uint8_t>(bytes[0] ^ 0x20);  // version 1 instead of 3
-  const std::uint32_t crc = crc32(bytes.first(size - 4));
-  for (std::size_t i = 0; i < 4; ++i) bytes[size - 4 + i] = static_cast<std::uint8_t>(crc >> (24 - 8 * i));
-  EXPECT_EQ(decodeFrame(bytes).verdict, FrameVerdict::kVersion);
+// The last four bytes as every protocol before this one made them.
+void endWithCrc(std::span<std::uint8_t> bytes) {
+  const std::uint32_t crc = crc32(bytes.first(bytes.size() - 4));
+  for (std::size_t i = 0; i < 4; ++i)
+    bytes[bytes.size() - 4 + i] = static_cast<std::uint8_t>(crc >> (24 - 8 * i));
+}
+
+TEST(Frame, AnotherVersionIsToldFromDamageAndRecordingsOfTheVersionsBeforeAreRead) {
+  for (const auto& [version, verdict] :
+       {std::pair{1U, FrameVerdict::kVersion}, std::pair{2U, FrameVerdict::kAccepted},
+        std::pair{3U, FrameVerdict::kAccepted}}) {
+    auto bytes = makeFrame(300);
+    bytes[0] = static_cast<std::uint8_t>((bytes[0] & 15U) | version << 4);
+    EXPECT_EQ(decodeFrame(bytes).verdict, FrameVerdict::kBadTag) << version;
+    endWithCrc(bytes);
+    EXPECT_EQ(decodeFrame(bytes).verdict, verdict) << version;
+    EXPECT_EQ(decodeFrame(bytes).header.sequence(), version == 1 ? 0 : 300);
+  }
+}
+
+FrameTag keyed(std::uint8_t secret) {
+  std::array<std::uint8_t, LinkKey::kBytes> bytes{};
+  bytes.fill(secret);
+  return FrameTag(LinkKey(bytes));
+}
+
+TEST(Frame, AKeyedFrameIsWholeOnlyWithItsKeyAndItsLap) {
+  std::vector<std::uint8_t> out(kMaxFrameBytes), body(20, 7);
+  const Version version = 0x4321'0042;
+  out.resize(encodeFrame({kOurs, version, MessageType::kMapPacket}, body, out, keyed(1)));
+  const std::array<std::uint16_t, 2> laps{0x4320, 0x4321}, others{0x4320, 0x4322};
+  const DecodedFrame frame = decodeFrame(out, keyed(1), laps);
+  EXPECT_EQ(frame.verdict, FrameVerdict::kAccepted);
+  EXPECT_EQ(frame.header.version, version);
+  EXPECT_TRUE(frame.whole_version);
+  EXPECT_EQ(decodeFrame(out, keyed(1), others).verdict, FrameVerdict::kBadTag);
+  EXPECT_EQ(decodeFrame(out, keyed(2), laps).verdict, FrameVerdict::kBadTag);
+  EXPECT_EQ(decodeFrame(out).verdict, FrameVerdict::kBadTag);
+  for (std::size_t bit = 0; bit < out.size() * 8; ++bit) {
+    auto bytes = out;
+    bytes[bit / 8] = static_cast<std::uint8_t>(bytes[bit / 8] ^ 1U << bit % 8);
+    ASSERT_NE(decodeFrame(bytes, keyed(1), laps).verdict, FrameVerdict::kAccepted) << bit;
+  }
+}
+
+TEST(Frame, WhereAKeyIsAskedForNothingWithoutOneIsTakenHoweverOld) {
+  auto bytes = makeFrame(5);
+  const std::array<std::uint16_t, 1> laps{0};
+  EXPECT_EQ(decodeFrame(bytes, keyed(1), laps).verdict, FrameVerdict::kUnkeyed);
+  bytes[0] = static_cast<std::uint8_t>((bytes[0] & 15U) | 3U << 4);
+  endWithCrc(bytes);
+  EXPECT_EQ(decodeFrame(bytes, keyed(1), laps).verdict, FrameVerdict::kUnkeyed);
+}
+
+TEST(Frame, TheFirstVersionRisesFromDiveToDive) {
+  constexpr std::int64_t kHour_ns = 3600 * std::int64_t{1'000'000'000};
+  constexpr std::int64_t kNow_ns = 1'790'000'000 * std::int64_t{1'000'000'000};
+  for (int hours = 0; hours < 100; ++hours)
+    EXPECT_GT(firstVersion(kNow_ns + (hours + 2) * kHour_ns), firstVersion(kNow_ns + hours * kHour_ns));
+  for (const std::int64_t start_ns : {std::int64_t{0}, -kNow_ns, 2 * kNow_ns})
+    EXPECT_GE(firstVersion(start_ns), 0x10000U);
 }
 
 }  // namespace

@@ -32,7 +32,7 @@ TEST(LinkReceiver, LocksTheFirstValidFramesDiveAndCountsTheOthersForeign) {
   EXPECT_EQ(take(receiver, makeFrame(2, 20, {8, 1234})).verdict, FrameVerdict::kForeign);
   EXPECT_EQ(take(receiver, makeFrame(2)).verdict, FrameVerdict::kAccepted);
   EXPECT_EQ(receiver.counters()[FrameVerdict::kForeign], 2U);
-  EXPECT_EQ(receiver.counters()[FrameVerdict::kBadCrc], 1U);
+  EXPECT_EQ(receiver.counters()[FrameVerdict::kBadTag], 1U);
 }
 
 TEST(LinkReceiver, ForeignFramesDoNotMoveTheSequence) {

@@ -163,8 +163,8 @@ TEST(LinkState, ASmallerPoolRefuses) {
 }
 
 TEST(DownlinkState, WhatWasAdmittedBeforeTheRestartStaysOld) {
-  const std::array<std::uint8_t, DownlinkKey::kBytes> secret{1, 2, 3};
-  const DownlinkKey key{secret};
+  const std::array<std::uint8_t, LinkKey::kBytes> secret{1, 2, 3};
+  const LinkKey key{secret};
   DownlinkSender ship(kIdentity, key);
   Request request;
   request.kind = Request::Kind::kDetail;

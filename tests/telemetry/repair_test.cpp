@@ -25,14 +25,16 @@ Bytes payloadOf(int n, std::mt19937& random) {
 struct Repair {
   std::uint16_t first = 0;
   Bytes payload;
+  std::uint8_t group = 0;
 };
 
 std::vector<Repair> all(RepairEncoder& encoder) {
   std::vector<Repair> repairs;
   std::array<std::uint8_t, kRoom> out;
-  std::uint16_t first = 0;
-  while (const std::size_t size = encoder.next(out, first))
-    repairs.push_back({first, {out.begin(), out.begin() + static_cast<std::ptrdiff_t>(size)}});
+  for (auto row = encoder.next(out); row.bytes > 0; row = encoder.next(out))
+    repairs.push_back({static_cast<std::uint16_t>(row.first),
+                       {out.begin(), out.begin() + static_cast<std::ptrdiff_t>(row.bytes)},
+                       row.group});
   return repairs;
 }
 
@@ -46,7 +48,7 @@ TEST(Repair, AnyKFramesOfAGroupGiveBackAllOfItAcrossTheWrapOfTheSequence) {
       for (int n = 0; n < k; ++n) {
         const auto sequence = static_cast<std::uint16_t>(65500 + n);
         sent[sequence] = payloadOf(n, random);
-        encoder.source(sequence, sent[sequence], true, 0.5, 2);
+        encoder.source(static_cast<Version>(65500 + n), sent[sequence], true, 0.5, 2);
       }
       encoder.close(0.5, 2);
       const std::vector<Repair> repairs = all(encoder);
@@ -62,7 +64,7 @@ TEST(Repair, AnyKFramesOfAGroupGiveBackAllOfItAcrossTheWrapOfTheSequence) {
           got[sequence] = sent[sequence];
         } else {
           const Repair& r = repairs[chosen[i] - static_cast<std::size_t>(k)];
-          EXPECT_EQ(decoder.repair(r.first, r.payload), RepairDecoder::Taken::kTaken);
+          EXPECT_EQ(decoder.repair(r.first, r.payload, r.group), RepairDecoder::Taken::kTaken);
         }
         decoder.solve([&](std::uint16_t sequence, std::span<const std::uint8_t> payload) {
           EXPECT_FALSE(got.contains(sequence));
@@ -121,7 +123,7 @@ TEST(Repair, MessagesThatAreNotMapLeaveNoHoleInAGroup) {
   encoder.close(0.3, 1);
   std::map<std::uint16_t, Bytes> got;
   for (const Repair& r : all(encoder)) {
-    EXPECT_EQ(decoder.repair(r.first, r.payload), RepairDecoder::Taken::kTaken);
+    EXPECT_EQ(decoder.repair(r.first, r.payload, r.group), RepairDecoder::Taken::kTaken);
     decoder.solve([&](std::uint16_t sequence, std::span<const std::uint8_t> payload) {
       got[sequence] = {payload.begin(), payload.end()};
     });
@@ -146,15 +148,51 @@ TEST(Repair, RepairFramesOfAGroupAreSpreadOverTheNext) {
   std::mt19937 random(8);
   RepairEncoder encoder;
   std::array<std::uint8_t, kRoom> out;
-  std::uint16_t first = 0;
   int run = 0, longest = 0, repairs = 0;
   for (int n = 0; n < 3 * kMaxGroup; ++n) {
-    for (run = 0; encoder.due(); ++run, ++repairs) ASSERT_GT(encoder.next(out, first), 0U);
+    for (run = 0; encoder.due(); ++run, ++repairs) ASSERT_GT(encoder.next(out).bytes, 0U);
     longest = std::max(longest, run);
     encoder.source(static_cast<std::uint16_t>(n), payloadOf(n, random), true, 0.3, 1.4);
   }
   EXPECT_LE(longest, 1);
   EXPECT_NEAR(repairs, 2 * repairRows(64, 0.3, 1.4), 2);
+}
+
+// Numbers used twice, with other frames: what their repair frames would give together was never sent.
+TEST(Repair, WhatIsRepairedIsWhatWasSentWhenNumbersComeAgain) {
+  std::mt19937 random(5);
+  std::vector<std::vector<Repair>> repairs;
+  std::vector<std::vector<Bytes>> sent;
+  for (int life = 0; life < 2; ++life) {
+    RepairEncoder encoder;
+    sent.emplace_back();
+    for (int n = 0; n < 8; ++n) {
+      sent.back().push_back(Bytes(30));
+      for (auto& byte : sent.back().back()) byte = static_cast<std::uint8_t>(random());
+      encoder.source(static_cast<Version>(n), sent.back().back(), true, 0.3, 1);
+    }
+    encoder.close(0.3, 1);
+    repairs.push_back(all(encoder));
+  }
+  RepairDecoder decoder;
+  std::vector<Bytes> given;
+  const auto solve = [&] {
+    decoder.solve([&](std::uint16_t, std::span<const std::uint8_t> payload) {
+      given.emplace_back(payload.begin(), payload.end());
+    });
+  };
+  // Of the first life seven frames, of the second the repair frames; then one repair frame of the first.
+  for (std::size_t n = 1; n < 8; ++n) decoder.source(static_cast<std::uint16_t>(n), sent[0][n], true);
+  for (std::size_t r = 0; r < 2; ++r) {
+    EXPECT_EQ(decoder.repair(0, repairs[1][r].payload, repairs[1][r].group), RepairDecoder::Taken::kTaken);
+    solve();
+  }
+  EXPECT_TRUE(given.empty());
+  EXPECT_GT(decoder.counters().contradicted, 0U);
+  EXPECT_EQ(decoder.repair(0, repairs[0][0].payload, repairs[0][0].group), RepairDecoder::Taken::kTaken);
+  solve();
+  ASSERT_EQ(given.size(), 1U);
+  EXPECT_EQ(given[0], sent[0][0]);
 }
 
 TEST(RepairDecoder, TakesAnyBytesAndStaysBounded) {

@@ -16,7 +16,7 @@ using Bytes = std::vector<std::uint8_t>;
 Bytes uplink(std::uint16_t sequence, bool turn) {
   FrameHeader header;
   header.identity = kIdentity;
-  header.sequence = sequence;
+  header.version = sequence;
   header.type = MessageType::kTrack;
   header.turn = turn;
   std::array<std::uint8_t, kMaxFrameBytes> buffer{};
@@ -79,7 +79,7 @@ TEST_F(ShipLinkTest, DamagedAndForeignFramesGiveNoTurn) {
   (void)hear(1, uplink(1, false));
   Bytes damaged = uplink(2, true);
   damaged[7] ^= 1;
-  EXPECT_EQ(hear(2, damaged), FrameVerdict::kBadCrc);
+  EXPECT_EQ(hear(2, damaged), FrameVerdict::kBadTag);
   EXPECT_EQ(speak(2), 0U);
 }
 

@@ -62,7 +62,7 @@ class LinkCore {
 
   // See LinkScheduler: after load() and the log's tail, before the first frame.
   void noteRestart() { scheduler_.noteRestart(); }
-  void noteSent(std::uint16_t next_sequence) { scheduler_.noteSent(next_sequence); }
+  void noteSent(telemetry::Version next) { scheduler_.noteSent(next); }
 
   // The next frame for the modem, or 0: see LinkScheduler::nextFrame.
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out) {

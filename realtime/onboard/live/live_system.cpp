@@ -37,9 +37,12 @@ MapperKeeper::Config keeperConfig(const rt::RealtimeConfig& realtime) {
   return config;
 }
 
-OwnStatus::Config ownStatusConfig(const io::MissionConfig& mission) {
+OwnStatus::Config ownStatusConfig(const io::MissionConfig& mission,
+                                  const std::optional<telemetry::LinkKey>& key) {
   OwnStatus::Config config;
   config.identity = {mission.vehicle_id, mission.dive_id};
+  config.tag = telemetry::FrameTag(key);
+  config.first = telemetry::firstVersion(mission.start_utc_ns);
   return config;
 }
 
@@ -61,7 +64,7 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, rt::VehicleClock& c
           [this](const io::CameraFrame& f) {
             (f.side == CameraSide::kLeft ? devices_.left : devices_.right)->pool().release(f.block);
           }),
-      own_status_(ownStatusConfig(setup_.mission)),
+      own_status_(ownStatusConfig(setup_.mission, setup_.config.link_key)),
       hard_(navCoreConfig(setup_.config, setup_.mission), {&recorder_, &channel_.down().inputs}, clock_,
             hard_stages_),
       resume_(resumeNavigation(setup_.folder, names_, hard_)),

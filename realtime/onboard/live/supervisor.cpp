@@ -149,8 +149,8 @@ void Supervisor::markRestart(std::vector<std::string>& events) {
   const std::uint64_t next = links_.channel->down().inputs.next();
   const bool near = up.position.load() + kNearInputs >= next;
   if (!near && now - mapper_started_ns_ < kLongestSilence_ns) return;
-  std::uint16_t sequence = 0;
-  if (links_.own_status->nextSequence(sequence) && !links_.hard->mark({io::Mark::Kind::kSent, sequence}))
+  telemetry::Version next_frame = 0;
+  if (links_.own_status->nextVersion(next_frame) && !links_.hard->mark({io::Mark::Kind::kSent, next_frame}))
     return;
   restart_marked_ = links_.hard->mark({io::Mark::Kind::kRestart, begun_with - 1});
   if (!restart_marked_) return;

@@ -131,6 +131,16 @@ bool BlockStore::put(const MapBlock& block, const Origin& origin) {
   return true;
 }
 
+void BlockStore::forgetBefore(telemetry::Version version) {
+  for (auto& arrivals : arrivals_)
+    std::erase_if(arrivals, [&](const BlockKey& key) {
+      if (find(key)->version >= version) return false;
+      remove(key);
+      return true;
+    });
+  std::erase_if(withdrawn_, [&](const auto& gone) { return gone.second < version; });
+}
+
 void BlockStore::touch(const BlockKey& key) {
   ++version_;
   int coarsest = key.spacing;

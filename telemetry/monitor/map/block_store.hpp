@@ -59,6 +59,9 @@ class BlockStore {
   // a power of two up to 4 m, a place or a depth that no dive has.
   bool put(const telemetry::MapBlock& block, const Origin& origin);
 
+  // Forgets all that came with frames before this one: they are of another map.
+  void forgetBefore(telemetry::Version version);
+
   struct Chunk {
     // Of each spacing code, by chunkSlot().
     std::array<std::unordered_map<std::uint32_t, StoredBlock>, kLevels> levels;

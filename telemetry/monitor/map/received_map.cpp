@@ -16,6 +16,12 @@ bool ReceivedMap::takePacket(std::span<const std::uint8_t> payload, telemetry::V
   return true;
 }
 
+void ReceivedMap::forgetBefore(telemetry::Version version) {
+  store_.forgetBefore(version);
+  revisions_.clear();
+  places_.clear();
+}
+
 void ReceivedMap::takeTile(const telemetry::DecodedTile& decoded, telemetry::Version version,
                            std::int64_t utc_ns) {
   const HeightTile& tile = decoded.tile;

@@ -28,6 +28,9 @@ class ReceivedMap {
   // Puts a tile's nodes into the blocks of their spacing. A tile older than the newest of its place is left.
   void takeTile(const telemetry::DecodedTile& tile, telemetry::Version version, std::int64_t utc_ns);
 
+  // See BlockStore.
+  void forgetBefore(telemetry::Version version);
+
   [[nodiscard]] const BlockStore& store() const { return store_; }
   [[nodiscard]] std::uint64_t version() const { return store_.version(); }
   // Meshes are made when asked for, so that reading changes the cache: one thread at a time.

@@ -32,7 +32,23 @@ void MonitorModel::confirm(std::optional<std::uint8_t> request_id) {
   if (request_id && link_.sender() != nullptr) link_.sender()->confirm(*request_id);
 }
 
+void MonitorModel::followBeginning() {
+  const telemetry::Version began = receiver().began();
+  if (began == began_) return;
+  if (began_ != 0) {
+    map_.forgetBefore(began);
+    track_.clear();
+    ++track_version_;
+    status_.reset();
+    mission_.reset();
+    status_version_ = mission_version_ = 0;
+    clocks_apart_ns_.reset();
+  }
+  began_ = began;
+}
+
 bool MonitorModel::take(const telemetry::LinkReceiver::Message& message, std::int64_t utc_ns) {
+  followBeginning();
   const auto& [type, version, payload] = message;
   // A message that comes late must not take the vehicle back.
   const auto isNewer = [version = version](telemetry::Version& newest) {
@@ -77,6 +93,7 @@ bool MonitorModel::take(const telemetry::LinkReceiver::Message& message, std::in
       if (reassembler_.accept(payload, tile)) map_.takeTile(tile, version, utc_ns);
       return reassembler_.counters().invalid == invalid;
     }
+    case MessageType::kReport:
     case MessageType::kRepair:
     case MessageType::kDownlink:
       return false;  // the receiver keeps these to itself

@@ -22,7 +22,7 @@ class MonitorModel {
  public:
   // `key`: signs what is said to the vehicle.
   explicit MonitorModel(std::optional<telemetry::LinkIdentity> identity = std::nullopt,
-                        const std::optional<telemetry::DownlinkKey>& key = std::nullopt)
+                        const std::optional<telemetry::LinkKey>& key = std::nullopt)
       : link_(identity, key) {}
 
   // Takes one frame as received at `utc_ns`; says what became of it.
@@ -67,6 +67,8 @@ class MonitorModel {
   // as fresh to the vehicle as it is.
   [[nodiscard]] std::int64_t vehicleTime(std::int64_t utc_ns) const;
   [[nodiscard]] bool take(const telemetry::LinkReceiver::Message& message, std::int64_t utc_ns);
+  // What was received of a dive before this one, or before the vehicle began anew, goes.
+  void followBeginning();
   void confirm(std::optional<std::uint8_t> request_id);  // it need not be said again
   void addTrack(std::int64_t utc_ns, const TrackRecord& record);
 
@@ -78,7 +80,7 @@ class MonitorModel {
   telemetry::TileReassembler reassembler_;
   ReceivedMap map_;
   std::optional<telemetry::Status> status_;
-  telemetry::Version status_version_ = 0, mission_version_ = 0;
+  telemetry::Version began_ = 0, status_version_ = 0, mission_version_ = 0;
   std::optional<telemetry::MissionInfo> mission_;
   Track track_;
   LinkHistory history_;

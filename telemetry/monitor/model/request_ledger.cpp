@@ -1,8 +1,8 @@
 #include "telemetry/monitor/model/request_ledger.hpp"
 
 #include "realtime/kernel/text.hpp"
-#include "telemetry/downlink/downlink_key.hpp"
 #include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/link_key.hpp"
 
 namespace fathom::monitor {
 
@@ -15,7 +15,7 @@ void RequestLedger::add(const Request& request, std::int64_t utc_ns) {
 
 void RequestLedger::noteSent(std::span<const std::uint8_t> frame, std::int64_t utc_ns) {
   const auto decoded = telemetry::decodeFrame(frame);
-  constexpr std::size_t kSignature = telemetry::DownlinkKey::kSignatureBytes;
+  constexpr std::size_t kSignature = telemetry::LinkKey::kSignatureBytes;
   if (decoded.verdict != telemetry::FrameVerdict::kAccepted || decoded.payload.size() < kSignature) return;
   telemetry::DecodedDownlink downlink;
   if (!telemetry::decodeDownlink(decoded.payload.first(decoded.payload.size() - kSignature), downlink) ||

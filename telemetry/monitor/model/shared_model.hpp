@@ -29,7 +29,7 @@ struct PlaybackWish {
 
 // What the receiving thread and the web server share; everything under the mutex.
 struct SharedModel {
-  SharedModel(std::optional<telemetry::LinkIdentity> only, const std::optional<telemetry::DownlinkKey>& key,
+  SharedModel(std::optional<telemetry::LinkIdentity> only, const std::optional<telemetry::LinkKey>& key,
               std::uint64_t first_epoch)
       : identity(only),
         has_key(key.has_value()),

@@ -48,9 +48,9 @@ struct Plan {
   std::vector<std::pair<double, double>> ship_clock;  // from then on so far ahead of the vehicle's [s]
 };
 
-std::optional<telemetry::DownlinkKey> keyOf(const Plan& plan) {
-  constexpr std::array<std::uint8_t, telemetry::DownlinkKey::kBytes> kSecret{1, 2, 3};
-  return plan.key ? std::optional<telemetry::DownlinkKey>(kSecret) : std::nullopt;
+std::optional<telemetry::LinkKey> keyOf(const Plan& plan) {
+  constexpr std::array<std::uint8_t, telemetry::LinkKey::kBytes> kSecret{1, 2, 3};
+  return plan.key ? std::optional<telemetry::LinkKey>(kSecret) : std::nullopt;
 }
 
 Plan draw(std::mt19937& random) {
@@ -61,6 +61,7 @@ Plan draw(std::mt19937& random) {
   Plan p;
   constexpr std::array kFrames = {32, 64, 128, 256};
   p.link.identity = kIdentity;
+  p.link.first = telemetry::firstVersion(kStart_ns);
   p.link.frame_bytes = kFrames[random() % kFrames.size()];
   p.link.rate_bps = std::exp(between(std::log(80.0), std::log(5400.0)));
   p.link.colour_bits = chance(0.5) ? 3 : 0;
@@ -97,6 +98,7 @@ Plan draw(std::mt19937& random) {
   some(0.25, p.damaged_files);
   if (chance(0.2)) p.ship_from_s = between(0.2, 0.9) * p.storm_s;
   p.key = chance(0.7);
+  p.link.tag = telemetry::FrameTag(keyOf(p));
   while (chance(0.4))
     p.ship_clock.emplace_back(between(0, 1) * p.storm_s, between(-1, 1) * std::pow(10, between(0, 8)));
   std::sort(p.ship_clock.begin(), p.ship_clock.end());
@@ -204,7 +206,7 @@ class Ship {
     model_ = std::make_unique<monitor::MonitorModel>(kIdentity, keyOf(plan_));
     files_ = std::make_unique<monitor::SessionFiles>(folder_);
     std::string damage;
-    files_->reload([this](auto bytes, auto utc_ns) { (void)model_->accept(bytes, utc_ns); },
+    files_->reload([this](auto bytes, auto utc_ns) { return model_->accept(bytes, utc_ns).verdict; },
                    [this] { model_->noteDamage(); }, damage);
   }
   void loseFile() { fs::remove_all(folder_); }

@@ -197,7 +197,7 @@ TEST(OwnStatus, SpeaksOnlyWhileNobodyMapsAndBeyondWhatTheMapperMayHaveSaid) {
     telemetry::Status told;
     ASSERT_TRUE(telemetry::decodeStatus(d.payload, told));
     EXPECT_NE(told.health & telemetry::kHealthNoMap, 0);
-    sequences.push_back(d.header.sequence);
+    sequences.push_back(d.header.sequence());
     own.sent(now, frame.data(), true);
   }
   ASSERT_GE(sequences.size(), 4U) << "within a minute, and then again and again";

@@ -8,8 +8,8 @@ void OwnStatus::set(const telemetry::Status& status, bool mapper) noexcept {
   known_.write({status, mapper ? 1U : 0U});
 }
 
-bool OwnStatus::nextSequence(std::uint16_t& sequence) const noexcept {
-  sequence = static_cast<std::uint16_t>(next_sequence_.load(std::memory_order_relaxed));
+bool OwnStatus::nextVersion(telemetry::Version& version) const noexcept {
+  version = next_.load(std::memory_order_relaxed);
   return any_.load(std::memory_order_acquire);
 }
 
@@ -26,20 +26,21 @@ bool OwnStatus::next(std::int64_t now_ns, io::ModemFrame& frame) noexcept {
   // The ship may answer: after a status alone nothing else waits to be said.
   header.turn = true;
   const auto passed_over = own_turn_ ? std::uint16_t{0} : config_.passed_over;
-  header.sequence = static_cast<std::uint16_t>(next_sequence_.load(std::memory_order_relaxed) + passed_over);
+  header.version = next_.load(std::memory_order_relaxed) + passed_over;
   frame.size = static_cast<std::uint16_t>(
-      telemetry::encodeFrame(header, std::span(payload).first(bytes), frame.bytes));
+      telemetry::encodeFrame(header, std::span(payload).first(bytes), frame.bytes, config_.tag));
   return frame.size > 0;
 }
 
 void OwnStatus::sent(std::int64_t now_ns, std::span<const std::uint8_t> bytes, bool own) noexcept {
   last_ns_ = now_ns;
   own_turn_ = own;
-  const telemetry::DecodedFrame frame = telemetry::decodeFrame(bytes);
+  const telemetry::DecodedFrame frame = telemetry::peekFrame(bytes);
   if (frame.verdict != telemetry::FrameVerdict::kAccepted) return;
   // A repair frame names another's number.
   if (frame.header.type == telemetry::MessageType::kRepair) return;
-  next_sequence_.store(static_cast<std::uint16_t>(frame.header.sequence + 1), std::memory_order_relaxed);
+  const telemetry::Version before = next_.load(std::memory_order_relaxed);
+  next_.store(telemetry::versionNear(frame.header.sequence(), before) + 1, std::memory_order_relaxed);
   any_.store(true, std::memory_order_release);
 }
 

@@ -18,16 +18,18 @@ class OwnStatus {
  public:
   struct Config {
     telemetry::LinkIdentity identity;
+    telemetry::FrameTag tag;
+    telemetry::Version first = telemetry::firstVersion(0);  // of the dive
     std::int64_t silent_ns = 30'000'000'000;  // that the link has been before the vehicle speaks itself
     std::int64_t period_ns = 20'000'000'000;  // from status to status
     std::uint16_t passed_over = 64;           // sequence numbers that a lost mapper may have used unseen
   };
-  explicit OwnStatus(const Config& config) : config_(config) {}
+  explicit OwnStatus(const Config& config) : config_(config), next_(config.first) {}
 
   // Some times a second, from one thread. `mapper`: one follows the log and may speak.
   void set(const telemetry::Status& status, bool mapper) noexcept;
-  // Any thread: the first sequence number that is free; false where none was ever seen.
-  [[nodiscard]] bool nextSequence(std::uint16_t& sequence) const noexcept;
+  // Any thread: the first version that is free; false where no frame was ever seen.
+  [[nodiscard]] bool nextVersion(telemetry::Version& version) const noexcept;
 
   // The modem's thread. The frame that is due; false for none.
   [[nodiscard]] bool next(std::int64_t now_ns, io::ModemFrame& frame) noexcept;
@@ -41,7 +43,7 @@ class OwnStatus {
   };
   Config config_;
   rt::SharedRecord<Known> known_;
-  std::atomic<std::uint32_t> next_sequence_{0};
+  std::atomic<telemetry::Version> next_;  // frame
   std::atomic<bool> any_{false};
   std::int64_t last_ns_ = 0;  // a frame was sent, or listening began
   bool own_turn_ = false;     // the last frame was the vehicle's own

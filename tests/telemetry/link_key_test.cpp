@@ -1,4 +1,4 @@
-#include "telemetry/downlink/downlink_key.hpp"
+#include "telemetry/wire/link_key.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
@@ -18,7 +18,7 @@ namespace {
 
 constexpr LinkIdentity kIdentity{3, 17};
 
-class DownlinkKeyFile : public ::testing::Test {
+class LinkKeyFile : public ::testing::Test {
  protected:
   void write(const std::string& text) const {
     test::writeText(file_, text);
@@ -26,51 +26,51 @@ class DownlinkKeyFile : public ::testing::Test {
   }
   [[nodiscard]] std::string refusal() const {
     std::string warning;
-    return test::refusal([&] { (void)readDownlinkKey(file_, warning); });
+    return test::refusal([&] { (void)readLinkKey(file_, warning); });
   }
   const test::TemporaryFolder temporary_;
   const std::filesystem::path folder_ = temporary_.path(), file_ = folder_ / "ship.key";
 };
 
-TEST_F(DownlinkKeyFile, AMadeKeyIsReadBackAndIsForItsOwnerAlone) {
-  makeDownlinkKey(file_);
+TEST_F(LinkKeyFile, AMadeKeyIsReadBackAndIsForItsOwnerAlone) {
+  makeLinkKey(file_);
   struct stat about {};
   ASSERT_EQ(::stat(file_.c_str(), &about), 0);
   EXPECT_EQ(about.st_mode & 0777U, 0600U);
   std::string warning = "left over";
-  const DownlinkKey key = readDownlinkKey(file_, warning);
+  const LinkKey key = readLinkKey(file_, warning);
   EXPECT_EQ(warning, "");
   const std::array<std::uint8_t, 3> message = {1, 2, 3};
-  EXPECT_TRUE(key.verify(kIdentity, message, readDownlinkKey(file_, warning).sign(kIdentity, message)));
+  EXPECT_TRUE(key.verify(kIdentity, message, readLinkKey(file_, warning).sign(kIdentity, message)));
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_), {}), 1) << "nothing half-made stays";
 }
 
-TEST_F(DownlinkKeyFile, EveryKeyMadeIsAnother) {
+TEST_F(LinkKeyFile, EveryKeyMadeIsAnother) {
   std::set<std::string> keys;
   for (int i = 0; i < 5; ++i) {
     const std::filesystem::path file = folder_ / std::to_string(i);
-    makeDownlinkKey(file);
+    makeLinkKey(file);
     keys.insert(test::readText(file));
   }
   EXPECT_EQ(keys.size(), 5U);
 }
 
-TEST_F(DownlinkKeyFile, AKeyIsNeverOverwritten) {
+TEST_F(LinkKeyFile, AKeyIsNeverOverwritten) {
   write("precious");
-  EXPECT_THROW(makeDownlinkKey(file_), InputError);
+  EXPECT_THROW(makeLinkKey(file_), InputError);
   EXPECT_EQ(test::readText(file_), "precious");
-  EXPECT_THROW(makeDownlinkKey(folder_ / "nowhere" / "ship.key"), InputError);
+  EXPECT_THROW(makeLinkKey(folder_ / "nowhere" / "ship.key"), InputError);
 }
 
-TEST_F(DownlinkKeyFile, AFileThatOthersMayReadIsWarnedOf) {
-  makeDownlinkKey(file_);
+TEST_F(LinkKeyFile, AFileThatOthersMayReadIsWarnedOf) {
+  makeLinkKey(file_);
   ::chmod(file_.c_str(), 0640);
   std::string warning;
-  (void)readDownlinkKey(file_, warning);
+  (void)readLinkKey(file_, warning);
   EXPECT_NE(warning.find("chmod 600"), std::string::npos) << warning;
 }
 
-TEST_F(DownlinkKeyFile, LineEndsOfEitherKindAndNoneAreRead) {
+TEST_F(LinkKeyFile, LineEndsOfEitherKindAndNoneAreRead) {
   const std::string digits(64, 'a');
   for (const char* end : {"", "\n", "\r\n"}) {
     write(digits + end);
@@ -78,7 +78,7 @@ TEST_F(DownlinkKeyFile, LineEndsOfEitherKindAndNoneAreRead) {
   }
 }
 
-TEST_F(DownlinkKeyFile, AnythingButSixtyFourHexadecimalDigitsIsRefused) {
+TEST_F(LinkKeyFile, AnythingButSixtyFourHexadecimalDigitsIsRefused) {
   const std::string digits(64, 'a');
   EXPECT_NE(refusal().find("cannot be read"), std::string::npos);
   for (const std::string& text :
@@ -93,15 +93,15 @@ TEST_F(DownlinkKeyFile, AnythingButSixtyFourHexadecimalDigitsIsRefused) {
   EXPECT_NE(refusal().find("is no file"), std::string::npos);
 }
 
-TEST(DownlinkKey, ASignatureHoldsForOneMessageVehicleDiveAndKey) {
+TEST(LinkKey, ASignatureHoldsForOneMessageVehicleDiveAndKey) {
   std::mt19937 random(4);
-  std::array<std::uint8_t, DownlinkKey::kBytes> secret{};
+  std::array<std::uint8_t, LinkKey::kBytes> secret{};
   for (std::uint8_t& b : secret) b = static_cast<std::uint8_t>(random());
-  const DownlinkKey key(secret);
+  const LinkKey key(secret);
   secret[31] ^= 1;
-  const DownlinkKey other(secret);
+  const LinkKey other(secret);
   const std::array<std::uint8_t, 4> message = {9, 8, 7, 6};
-  const DownlinkKey::Signature good = key.sign(kIdentity, message);
+  const LinkKey::Signature good = key.sign(kIdentity, message);
   EXPECT_TRUE(key.verify(kIdentity, message, good));
   EXPECT_FALSE(other.verify(kIdentity, message, good));
   EXPECT_FALSE(key.verify({4, 17}, message, good));
@@ -110,20 +110,20 @@ TEST(DownlinkKey, ASignatureHoldsForOneMessageVehicleDiveAndKey) {
   EXPECT_FALSE(key.verify(kIdentity, message, std::span(good).first(4)));
   EXPECT_FALSE(key.verify(kIdentity, message, {}));
   for (std::size_t bit = 0; bit < 8 * good.size(); ++bit) {
-    DownlinkKey::Signature bad = good;
+    LinkKey::Signature bad = good;
     bad[bit / 8] ^= static_cast<std::uint8_t>(1U << bit % 8);
     EXPECT_FALSE(key.verify(kIdentity, message, bad)) << bit;
   }
 }
 
-TEST(DownlinkKey, TheSignatureIsTheStartOfKeyedBlake2b) {
+TEST(LinkKey, TheSignatureIsTheStartOfKeyedBlake2b) {
   // Computed apart: hashlib.blake2b(b"Fathom downlink 3" + bytes([3, 0, 17]) + b"abc", digest_size=16,
   // key=bytes(range(32))).
-  std::array<std::uint8_t, DownlinkKey::kBytes> secret{};
+  std::array<std::uint8_t, LinkKey::kBytes> secret{};
   for (std::size_t i = 0; i < secret.size(); ++i) secret[i] = static_cast<std::uint8_t>(i);
   const std::array<std::uint8_t, 3> message = {'a', 'b', 'c'};
-  const DownlinkKey::Signature expected = {0x16, 0xbd, 0x34, 0xd1, 0x9e};
-  EXPECT_EQ(DownlinkKey(secret).sign(kIdentity, message), expected);
+  const LinkKey::Signature expected = {0x16, 0xbd, 0x34, 0xd1, 0x9e};
+  EXPECT_EQ(LinkKey(secret).sign(kIdentity, message), expected);
 }
 
 }  // namespace

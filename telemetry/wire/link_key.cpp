@@ -1,4 +1,4 @@
-#include "telemetry/downlink/downlink_key.hpp"
+#include "telemetry/wire/link_key.hpp"
 
 #include <fcntl.h>
 #include <sodium.h>
@@ -15,16 +15,16 @@
 namespace fathom::telemetry {
 namespace {
 
-constexpr std::size_t kDigits = 2 * DownlinkKey::kBytes;
+constexpr std::size_t kDigits = 2 * LinkKey::kBytes;
 constexpr const char* kFix =
     "must hold 64 hexadecimal digits and nothing else; make one with fathom-monitor key FILE";
 // Keeps these signatures apart from any other use of the same key.
 constexpr std::string_view kPurpose = "Fathom downlink 3";
 // The shortest hash that libsodium gives.
 constexpr std::size_t kHashBytes = crypto_generichash_BYTES_MIN;
-static_assert(DownlinkKey::kSignatureBytes <= kHashBytes);
-static_assert(DownlinkKey::kBytes >= crypto_generichash_KEYBYTES_MIN &&
-              DownlinkKey::kBytes <= crypto_generichash_KEYBYTES_MAX);
+static_assert(LinkKey::kSignatureBytes <= kHashBytes);
+static_assert(LinkKey::kBytes >= crypto_generichash_KEYBYTES_MIN &&
+              LinkKey::kBytes <= crypto_generichash_KEYBYTES_MAX);
 
 void startSodium() {
   if (sodium_init() < 0) throw std::runtime_error("libsodium cannot start");
@@ -46,17 +46,16 @@ class Descriptor {
 
 }  // namespace
 
-DownlinkKey::DownlinkKey(std::span<const std::uint8_t, kBytes> secret) {
+LinkKey::LinkKey(std::span<const std::uint8_t, kBytes> secret) {
   startSodium();
   std::copy(secret.begin(), secret.end(), secret_.begin());
 }
 
-DownlinkKey::~DownlinkKey() {
+LinkKey::~LinkKey() {
   sodium_memzero(secret_.data(), secret_.size());
 }
 
-DownlinkKey::Signature DownlinkKey::sign(const LinkIdentity& identity,
-                                         std::span<const std::uint8_t> message) const {
+LinkKey::Signature LinkKey::sign(const LinkIdentity& identity, std::span<const std::uint8_t> message) const {
   const std::array<std::uint8_t, 3> address = {identity.vehicle_id,
                                                static_cast<std::uint8_t>(identity.dive_id >> 8),
                                                static_cast<std::uint8_t>(identity.dive_id)};
@@ -72,13 +71,18 @@ DownlinkKey::Signature DownlinkKey::sign(const LinkIdentity& identity,
   return signature;
 }
 
-bool DownlinkKey::verify(const LinkIdentity& identity, std::span<const std::uint8_t> message,
-                         std::span<const std::uint8_t> signature) const {
+bool LinkKey::verify(const LinkIdentity& identity, std::span<const std::uint8_t> message,
+                     std::span<const std::uint8_t> signature) const {
   const Signature right = sign(identity, message);
   return signature.size() == right.size() && sodium_memcmp(right.data(), signature.data(), right.size()) == 0;
 }
 
-DownlinkKey readDownlinkKey(const std::filesystem::path& file, std::string& warning) {
+void LinkKey::derive(std::string_view purpose, std::span<std::uint8_t> key) const {
+  (void)crypto_generichash(key.data(), key.size(), reinterpret_cast<const unsigned char*>(purpose.data()),
+                           purpose.size(), secret_.data(), secret_.size());
+}
+
+LinkKey readLinkKey(const std::filesystem::path& file, std::string& warning) {
   startSodium();
   warning.clear();
   // Without waiting: a pipe would hold the program.
@@ -93,7 +97,7 @@ DownlinkKey readDownlinkKey(const std::filesystem::path& file, std::string& warn
   std::size_t size = got > 0 ? static_cast<std::size_t>(got) : 0;
   if (size > 0 && text[size - 1] == '\n') --size;
   if (size > 0 && text[size - 1] == '\r') --size;
-  std::array<std::uint8_t, DownlinkKey::kBytes> secret{};
+  std::array<std::uint8_t, LinkKey::kBytes> secret{};
   std::size_t bytes = 0;
   const char* end = nullptr;
   const bool good =
@@ -104,14 +108,14 @@ DownlinkKey readDownlinkKey(const std::filesystem::path& file, std::string& warn
   if (!good) throw InputError(file.string(), "", kFix);
   if ((about.st_mode & (S_IRWXG | S_IRWXO)) != 0)
     warning = file.string() + " holds a secret that others may read; take it from them with chmod 600";
-  const DownlinkKey key(secret);
+  const LinkKey key(secret);
   sodium_memzero(secret.data(), secret.size());
   return key;
 }
 
-void makeDownlinkKey(const std::filesystem::path& file) {
+void makeLinkKey(const std::filesystem::path& file) {
   startSodium();
-  std::array<std::uint8_t, DownlinkKey::kBytes> secret{};
+  std::array<std::uint8_t, LinkKey::kBytes> secret{};
   randombytes_buf(secret.data(), secret.size());
   std::array<char, kDigits + 1> text{};
   sodium_bin2hex(text.data(), text.size(), secret.data(), secret.size());
