@@ -39,7 +39,6 @@ void read(const ConfigTable& t, LinkCoreConfig& c) {
   s.listen_every_frames = whole(t, "listen_every_frames", s.listen_every_frames, 0, 256);
   s.listen_s = t.number("listen_s", s.listen_s, 0, 60);
   s.max_delay_s = t.number("max_delay_s", s.max_delay_s, 0, 30);
-  s.fast_rate_bps = t.number("fast_rate_bps", s.fast_rate_bps, 0, 1e6);
   s.colour_bits = whole(t, "colour_bits", s.colour_bits, 0, 6);
   telemetry::HousekeepingConfig& h = s.housekeeping;
   h.share = t.number("housekeeping_share", h.share, 0.01, 1);

@@ -152,7 +152,6 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   add("link_bytes", l.bytes);
   add("link_map_frames", l.map_frames);
   add("link_repair_frames", l.repair_frames);
-  add("link_tile_frames", l.tile_frames);
   add("link_turns", l.turns);
   add("link_acknowledgements", l.acknowledgements);
   add("link_requests", l.requests);

@@ -210,7 +210,7 @@ void OnboardSystem::receiveFrame(std::int64_t now_ns, std::span<const std::uint8
   if (content.acknowledgement)
     link_.acknowledge(*content.acknowledgement, now_ns,
                       [this](const fusion::TileKey& square) { map_.noteSent(square); });
-  if (content.request) link_.request(*content.request, now_ns);
+  if (content.request) link_.request(*content.request, now_ns, heard.counter);
   // The poses are final when the survey is over.
   if (content.fix && !survey_over_) {
     const double sigma = std::isnan(content.fix->sigma) ? kUnstatedFixSigma : content.fix->sigma;

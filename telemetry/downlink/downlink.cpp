@@ -61,6 +61,11 @@ void DownlinkSender::confirm(std::uint8_t request_id) {
   std::erase_if(requests_, [&](const Waiting& w) { return w.request.id == request_id && w.said > 0; });
 }
 
+bool DownlinkSender::waits(std::uint8_t request_id) const {
+  return std::any_of(requests_.begin(), requests_.end(),
+                     [&](const Waiting& w) { return w.request.id == request_id; });
+}
+
 std::size_t DownlinkSender::payloadRoom() const {
   return frame_bytes_ - kFrameOverhead - (key_ ? LinkKey::kSignatureBytes : 0);
 }
@@ -213,7 +218,7 @@ DownlinkReceiver::Result DownlinkReceiver::judge(std::int64_t now_ns, std::span<
     if (timely) counter_ = std::max(counter_, decoded.counter);  // a clock that is off sets no mark
   }
   heard_ = true;
-  Result result{DownlinkVerdict::kAccepted, decoded.content};
+  Result result{DownlinkVerdict::kAccepted, decoded.content, decoded.counter};
   if (!key_ && result.content.request) {
     result.content.request.reset();
     result.verdict = DownlinkVerdict::kNoKey;
@@ -228,7 +233,6 @@ DownlinkReceiver::Result DownlinkReceiver::accept(std::int64_t now_ns, std::span
   if (result.content.acknowledgement) ++counters_.acknowledgements;
   if (result.content.fix) ++counters_.fixes;
   if (result.content.request) {
-    last_request_id_ = result.content.request->id;
     if (isRepetition(now_ns, *result.content.request)) {
       ++counters_.repeated_requests;
       result.content.request.reset();

@@ -20,7 +20,7 @@ namespace fathom::telemetry {
 class DownlinkSender {
  public:
   static constexpr std::size_t kMaxRequests = 16;  // waiting; more are refused
-  static constexpr int kRepetitions = 4;           // a request is said so often unless it was confirmed
+  static constexpr int kRepetitions = 8;           // a request is said so often unless it was confirmed
 
   // Without a key nothing is signed, and a vehicle that has one ignores it all. `frame_bytes`: of the
   // downlink's frames, 32 to 256.
@@ -41,6 +41,8 @@ class DownlinkSender {
   [[nodiscard]] std::size_t nextFrame(std::int64_t utc_ns, std::span<std::uint8_t> out);
 
   [[nodiscard]] std::size_t requestsWaiting() const { return requests_.size(); }
+  // Whether a request is to be said, for the first time or again.
+  [[nodiscard]] bool waits(std::uint8_t request_id) const;
   struct Counters {
     std::uint64_t frames = 0, acknowledgements = 0, fixes = 0, requests = 0;  // said, repetitions included
     std::uint64_t stale_fixes = 0;                                            // too old or too new to be said
@@ -102,6 +104,7 @@ class DownlinkReceiver {
     // do nothing when they are said again); so is a request where the verdict is kNoKey, while fix and
     // acknowledgement of that frame stand.
     DownlinkContent content;
+    DownlinkCounter counter = 0;  // of the frame
   };
   // The frame that an acknowledgement names, if the vehicle sent it within the last kFresh_s.
   using SentLately = std::function<std::optional<Version>(const Acknowledgement&)>;
@@ -118,7 +121,6 @@ class DownlinkReceiver {
     [[nodiscard]] std::uint64_t refused() const;
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
-  [[nodiscard]] std::optional<std::uint8_t> lastRequestId() const { return last_request_id_; }
 
   // Bit by bit, but for the key, into one of the same dive: what was admitted stays old.
   void save(rt::StateWriter& writer) const;
@@ -141,7 +143,6 @@ class DownlinkReceiver {
   };
   std::array<std::optional<Heard>, 16> details_;  // the last ones asked for, a ring
   std::size_t next_detail_ = 0;
-  std::optional<std::uint8_t> last_request_id_;
   Counters counters_;
 };
 

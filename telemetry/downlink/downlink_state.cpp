@@ -5,8 +5,7 @@
 namespace fathom::telemetry {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("DOWN"), kVersion = 2;
-constexpr std::uint8_t kLargestId = 15;
+constexpr std::uint32_t kTag = rt::stateTag("DOWN"), kVersion = 3;
 
 template <typename Archive, typename R>
 void exchangeRequest(Archive& archive, R& r) {
@@ -18,9 +17,7 @@ void exchangeRequest(Archive& archive, R& r) {
 
 template <typename Archive, typename Self>
 void DownlinkReceiver::exchange(Archive& archive, Self& self) {
-  archive(self.counter_, self.heard_, self.acknowledged_, self.last_request_id_, self.counters_,
-          self.next_detail_);
-  archive.require(!self.last_request_id_ || *self.last_request_id_ <= kLargestId, "a request that cannot be");
+  archive(self.counter_, self.heard_, self.acknowledged_, self.counters_, self.next_detail_);
   for (auto& heard : self.details_) {
     bool there = heard.has_value();
     archive(there);

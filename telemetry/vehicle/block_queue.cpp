@@ -350,6 +350,21 @@ bool BlockQueue::hasRoom() const {
   });
 }
 
+bool BlockQueue::owes(double north_min, double north_max, double east_min, double east_max,
+                      double spacing) const {
+  const auto code = spacingCode(spacing);
+  const double side = spacing * MapBlock::kSide;
+  const auto within = [side](std::int32_t index, double least, double most) {
+    return (index + 1) * side >= least && index * side <= most;
+  };
+  for (const Square& s : squares_)
+    for (const Block& b : s.blocks)
+      if (s.used && s.spacing == code && (b.wanted || b.state == State::kInFlight) &&
+          within(b.content.key.north, north_min, north_max) && within(b.content.key.east, east_min, east_max))
+        return true;
+  return false;
+}
+
 void BlockQueue::eachHeld(
     const std::function<void(const BlockKey&, Version, Version, const MapBlock&)>& visit) const {
   for (const Square& s : squares_)

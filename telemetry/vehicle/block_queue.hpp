@@ -120,6 +120,9 @@ class BlockQueue {
   [[nodiscard]] Census census(int sendings = 1) const;
   // Whether a square can be taken in without another giving way that has something to send.
   [[nodiscard]] bool hasRoom() const;
+  // Whether something of a rectangle [m in nav] at this spacing is to be sent, or was and there is no word.
+  [[nodiscard]] bool owes(double north_min, double north_max, double east_min, double east_max,
+                          double spacing) const;
   // Called for every square that is not in the pool any more and that the other side lacks (something of it
   // was not sent, or is held no more) or, with `spare`, of which there is no word.
   using GaveWay = std::function<void(const Whole&, bool spare)>;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
+#include <tuple>
+#include <utility>
 
 namespace fathom::telemetry {
 namespace {
@@ -10,6 +12,9 @@ namespace {
 constexpr double kTrackGoal = 0.99;       // probability that a track point arrives
 constexpr unsigned kTrackHeadBits = 100;  // the newest point, count and width
 constexpr unsigned kTrackStepBits = 40;   // of a usual older point: 10 for time, 3 x 10 for up to 51 m of way
+constexpr double kReportGoal = 0.99;      // probability that a report arrives before there is word
+constexpr int kTellings = 8;              // of a report without word, before it goes seldom
+constexpr int kSeldom = 6;                // times the period, of what the ship has or nobody answers for
 constexpr std::size_t kLeastTrackPoints = 4;  // with fewer, status messages say the same for less
 
 std::int64_t nanoseconds(double seconds) {
@@ -68,6 +73,39 @@ void Housekeeping::plan(double rate_bps) {
   status_timer_.period_ns = nanoseconds(stretch_ * config_.status_period_s);
   track_timer_.period_ns = nanoseconds(stretch_ * track_period);
   info_timer_.period_ns = nanoseconds(stretch_ * config_.mission_info_period_s);
+  report_gap_ns_ = nanoseconds(2 * static_cast<double>(room_bits) / rate_bps);
+}
+
+bool Housekeeping::Kept::word(Version version, bool arrived) {
+  if (version != last || last == 0) return true;
+  told = arrived;
+  return arrived;
+}
+
+void Housekeeping::word(Version version, bool arrived) {
+  if (!report_kept_.word(version, arrived)) report_timer_.next_ns = 0;
+  if (!info_kept_.word(version, arrived)) info_timer_.next_ns = 0;
+}
+
+void Housekeeping::settle(const BlockQueue::Holds& holds) {
+  for (const auto& [kept, timer] : {std::pair{&report_kept_, &report_timer_}, {&info_kept_, &info_timer_}}) {
+    if (kept->last == 0 || !kept->told || holds(kept->last).value_or(true)) continue;
+    kept->told = false;
+    timer->next_ns = 0;
+  }
+}
+
+void Housekeeping::setReport(Report report, double loss) {
+  report_sendings_ = repeatsForGoal(loss, kReportGoal);
+  if (status_) report.health = status_->health;
+  const auto wishes = [](const Report& r) { return std::tie(r.paused, r.rate_bps, r.requests); };
+  const bool changed = report_ && wishes(*report_) != wishes(report);
+  // That a flag is set no more can wait for the next status.
+  const bool raised = (report.health & ~told_health_) != 0;
+  report_ = report;
+  if (!changed && !raised) return;
+  report_kept_ = {};
+  report_timer_.next_ns = 0;
 }
 
 void Housekeeping::setStatus(const Status& s) {
@@ -86,6 +124,7 @@ void Housekeeping::setStatus(const Status& s) {
 std::size_t Housekeeping::status(std::int64_t now_ns, std::span<std::uint8_t> out) {
   if (!status_) return 0;
   status_timer_.done(now_ns);
+  told_health_ = status_->health;
   return encodeStatus(*status_, out.first(std::min(out.size(), room_)));
 }
 
@@ -94,14 +133,29 @@ std::size_t Housekeeping::spareStatus(std::int64_t now_ns, std::span<std::uint8_
   return now_ns - sent_ns >= nanoseconds(config_.status_period_s) ? status(now_ns, out) : 0;
 }
 
-std::size_t Housekeeping::next(std::int64_t now_ns, std::span<std::uint8_t> out, MessageType& type) {
+std::size_t Housekeeping::next(std::int64_t now_ns, Version version, std::span<std::uint8_t> out,
+                               MessageType& type) {
   out = out.first(std::min(out.size(), room_));
+  if (report_ && !report_kept_.told && report_timer_.due(now_ns)) {
+    const int sendings = ++report_kept_.sendings;
+    report_timer_.period_ns = sendings < report_sendings_ ? report_gap_ns_
+                              : sendings < kTellings      ? status_timer_.period_ns
+                                                          : kSeldom * status_timer_.period_ns;
+    report_timer_.done(now_ns);
+    report_kept_.last = version;
+    told_health_ = report_->health;
+    type = MessageType::kReport;
+    return encodeReport(*report_, out);
+  }
   if (status_ && status_timer_.due(now_ns)) {
     type = MessageType::kStatus;
     return status(now_ns, out);
   }
   if (info_ && info_timer_.due(now_ns)) {
     info_timer_.done(now_ns);
+    // One that the ship has is for those who only listen.
+    if (info_kept_.told) info_timer_.next_ns += (kSeldom - 1) * info_timer_.period_ns;
+    if (!info_kept_.told) info_kept_.last = version;
     type = MessageType::kMissionInfo;
     return encodeMissionInfo(*info_, out);
   }

@@ -7,8 +7,10 @@
 #include <span>
 
 #include "realtime/kernel/state_archive_fwd.hpp"
+#include "telemetry/vehicle/block_queue.hpp"
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/mission_info.hpp"
+#include "telemetry/wire/report.hpp"
 #include "telemetry/wire/status.hpp"
 #include "telemetry/wire/track.hpp"
 
@@ -24,8 +26,9 @@ struct HousekeepingConfig {
   void validate() const;  // throws std::invalid_argument naming the value
 };
 
-// Status, mission info and track, and when each is due. Where a frame has room for no more than a few track
-// points, status messages make the track alone.
+// Report, status, mission info and track, and when each is due. The report goes at once when something of it
+// changes that the ship should know, and report and mission info again until there is word that the ship has
+// them. Where a frame has room for no more than a few track points, status messages make the track alone.
 class Housekeeping {
  public:
   Housekeeping(const HousekeepingConfig& config, int frame_bytes, double loss);
@@ -33,11 +36,17 @@ class Housekeeping {
   void plan(double rate_bps);
 
   void setStatus(const Status& status);
+  // The health of it is the status's. `loss`: share of frames that are lost now.
+  void setReport(Report report, double loss);
   void setMissionInfo(const MissionInfo& info) { info_ = info; }
   void sendStatusNow() { status_timer_.next_ns = 0; }
 
-  // The payload of the message that is due, 0 for none.
-  [[nodiscard]] std::size_t next(std::int64_t now_ns, std::span<std::uint8_t> out, MessageType& type);
+  // The payload of the message that is due, 0 for none; it goes with frame `version`.
+  [[nodiscard]] std::size_t next(std::int64_t now_ns, Version version, std::span<std::uint8_t> out,
+                                 MessageType& type);
+  // There is word of a frame; and what there is to say of all frames of the past (see BlockQueue::settle).
+  void word(Version version, bool arrived);
+  void settle(const BlockQueue::Holds& holds);
   // While the link has nothing else to send: the status at its own period, not the stretched one; 0 for none.
   [[nodiscard]] std::size_t spareStatus(std::int64_t now_ns, std::span<std::uint8_t> out);
 
@@ -60,6 +69,8 @@ class Housekeeping {
   HousekeepingConfig config_;
   std::size_t room_;  // payload of a frame [B]
   double loss_;
+  int report_sendings_ = 1;         // at once, so that one arrives
+  std::int64_t report_gap_ns_ = 0;  // between them: a short burst does not take two
   std::optional<Status> status_;
   std::optional<MissionInfo> info_;
   std::array<TrackPoint, kMaxTrackPoints> track_{};  // oldest first
@@ -67,7 +78,23 @@ class Housekeeping {
   std::int64_t track_interval_ns_ = 0;
   [[nodiscard]] std::size_t status(std::int64_t now_ns, std::span<std::uint8_t> out);
 
-  Timer status_timer_, info_timer_, track_timer_;
+  // A message that the ship should have as it is.
+  struct Kept {
+    Version last = 0;   // the frame that carried it as it is; 0: none
+    bool told = false;  // there was word that the ship has it
+    int sendings = 0;
+    // False: it has to go again.
+    bool word(Version version, bool arrived);
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.last, self.told, self.sendings);
+    }
+  };
+  std::optional<Report> report_;
+  std::uint16_t told_health_ = 0;               // in the last report or status that was sent
+  Kept report_kept_{.told = true}, info_kept_;  // of a report without news there is nothing to tell
+  Timer status_timer_, info_timer_, track_timer_, report_timer_;
   double stretch_ = 1;
 };
 

@@ -18,18 +18,37 @@ void LinkScheduler::Impl::setRate(double rate_bps) {
   applyRate();
 }
 
+// Requests of which the ship has everything by now.
+void LinkScheduler::Impl::closeDetails() {
+  for (std::size_t k = detail_count; k < detail_known;) {
+    const Detail& d = details[k];
+    if (queue.owes(d.north_min, d.north_max, d.east_min, d.east_max, d.spacing)) {
+      ++k;
+      continue;
+    }
+    wishes.become({RequestOutcome::State::kDone, d.request.id, d.request.counter});
+    std::move(details.begin() + static_cast<std::ptrdiff_t>(k) + 1,
+              details.begin() + static_cast<std::ptrdiff_t>(detail_known),
+              details.begin() + static_cast<std::ptrdiff_t>(k));
+    --detail_known;
+  }
+}
+
 void LinkScheduler::heard(std::int64_t now_ns) {
   impl_->turns.heard(now_ns);
+  impl_->wishes.heard(now_ns);
 }
 
 void LinkScheduler::acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns,
                                 const std::function<void(const BlockQueue::Whole&)>& on_whole) {
   Impl& s = *impl_;
-  s.turns.heard(now_ns);
+  heard(now_ns);
   const auto newest = s.sent.newestOf(acknowledgement);
   if (!newest) return s.sent.countForeign();
+  s.wishes.acknowledged(*newest);
   s.sent.acknowledge(acknowledgement, *newest, now_ns,
                      [&](Version version, std::span<const BlockRef> blocks, bool arrived) {
+                       s.housekeeping.word(version, arrived);
                        for (const BlockRef& b : blocks) {
                          if (!arrived) {
                            s.queue.lost(b, version);
@@ -38,12 +57,13 @@ void LinkScheduler::acknowledge(const Acknowledgement& acknowledgement, std::int
                          }
                        }
                      });
-  s.queue.settle(
-      [&](Version version) {
-        const auto heard = version <= *newest ? acknowledgement.heardBack(*newest - version) : std::nullopt;
-        return heard ? heard : s.sent.wordOf(version);
-      },
-      s.sent.oldest());
+  const auto holds = [&](Version version) {
+    const auto heard = version <= *newest ? acknowledgement.heardBack(*newest - version) : std::nullopt;
+    return heard ? heard : s.sent.wordOf(version);
+  };
+  s.queue.settle(holds, s.sent.oldest());
+  s.housekeeping.settle(holds);
+  s.closeDetails();
 }
 
 std::optional<Version> LinkScheduler::sentLately(const Acknowledgement& a, std::int64_t now_ns,
@@ -54,33 +74,41 @@ std::optional<Version> LinkScheduler::sentLately(const Acknowledgement& a, std::
   return newest;
 }
 
-void LinkScheduler::request(const Request& r, std::int64_t now_ns) {
+void LinkScheduler::request(const Request& r, std::int64_t now_ns, DownlinkCounter counter) {
+  using State = RequestOutcome::State;
   Impl& s = *impl_;
   s.now = std::max(s.now, now_ns);
-  s.turns.heard(now_ns);
-  if (!validate(r)) {
+  heard(now_ns);
+  const bool detail = r.kind == Request::Kind::kDetail;
+  RequestOutcome outcome{detail ? State::kTaken : State::kDone, r.id,
+                         counter & ((1U << kOutcomeCounterBits) - 1)};
+  if (!validate(r) || (detail && s.detail_known == Impl::kMaxDetails)) {
     ++s.counters.requests_refused;
-    return;
+    outcome.state = State::kRefused;
+    return s.wishes.note(outcome);
   }
   ++s.counters.requests;
+  s.wishes.note(outcome);
   switch (r.kind) {
     case Request::Kind::kRate:
       s.setRate(r.rate_bps);
+      s.wishes.rateAsked(s.sent.next(), s.now);
       return;
     case Request::Kind::kPauseMap:
     case Request::Kind::kResumeMap:
-      s.paused = r.kind == Request::Kind::kPauseMap;
+      s.wishes.pause(r.kind == Request::Kind::kPauseMap);
       return;
     case Request::Kind::kSendStatus:
       s.housekeeping.sendStatusNow();
       return;
     case Request::Kind::kDetail:
-      if (s.detail_count == Impl::kMaxDetails) {
-        ++s.counters.requests_refused;
-        return;
-      }
-      s.details[s.detail_count++] = {r.north_min, r.north_max, r.east_min,
-                                     r.east_max,  r.spacing,   r.max_error};
+      // Before those that are on their way.
+      std::move_backward(s.details.begin() + static_cast<std::ptrdiff_t>(s.detail_count),
+                         s.details.begin() + static_cast<std::ptrdiff_t>(s.detail_known),
+                         s.details.begin() + static_cast<std::ptrdiff_t>(s.detail_known) + 1);
+      s.details[s.detail_count++] = {r.north_min, r.north_max, r.east_min, r.east_max,
+                                     r.spacing,   r.max_error, outcome};
+      ++s.detail_known;
       return;
   }
 }
@@ -89,22 +117,19 @@ const LinkScheduler::Detail* LinkScheduler::detail() const {
   return impl_->detail_count > 0 ? &impl_->details[0] : nullptr;
 }
 
-bool LinkScheduler::offerDetail(const HeightTile& tile, std::int64_t now_ns) {
+void LinkScheduler::offerDetail(const HeightTile& tile, std::int64_t now_ns) {
   Impl& s = *impl_;
-  if (s.detail_count == 0) return false;
-  const double max_error = s.details[0].max_error;
-  if (s.config.rate_bps * s.config.duty >= s.config.fast_rate_bps)
-    return s.tiles.offer(tile, max_error, s.config.colour_bits);
-  s.queue.offer(tile, max_error, now_ns);
-  return true;
+  if (s.detail_count > 0) s.queue.offer(tile, s.details[0].max_error, now_ns);
 }
 
 void LinkScheduler::detailServed() {
   Impl& s = *impl_;
   if (s.detail_count == 0) return;
-  std::move(s.details.begin() + 1, s.details.begin() + static_cast<std::ptrdiff_t>(s.detail_count),
-            s.details.begin());
+  // It is on its way now.
+  std::rotate(s.details.begin(), s.details.begin() + 1,
+              s.details.begin() + static_cast<std::ptrdiff_t>(s.detail_count));
   --s.detail_count;
+  s.closeDetails();
 }
 
 }  // namespace fathom::telemetry

@@ -64,7 +64,6 @@ void LinkSchedulerConfig::validate() const {
   require(listen_every_frames >= 0 && listen_every_frames <= 256, "listen_every_frames is outside 0 to 256");
   require(listen_s >= 0 && listen_s <= 60, "listen_s is outside 0 to 60 s");
   require(max_delay_s >= 0 && max_delay_s <= 30, "max_delay_s is outside 0 to 30 s");
-  require(fast_rate_bps >= 0, "fast_rate_bps is negative");
   require(colour_bits >= 0 && colour_bits <= kMaxMapColourBits, "colour_bits is outside 0 to 6");
   housekeeping.validate();
   blocks.validate();
@@ -77,7 +76,7 @@ LinkScheduler::Impl::Impl(const LinkSchedulerConfig& c)
       sent(listenSeconds(c), c.loss_rate, c.mean_burst, c.first),
       housekeeping(c.housekeeping, c.frame_bytes, c.loss_rate),
       turns(listenEvery(c), listenSeconds(c)),
-      tiles(static_cast<std::size_t>(c.frame_bytes)) {
+      wishes(c.rate_bps) {
   if (config.listen_every_frames == 0) config.listen_every_frames = kMaxTurnFrames;
   housekeeping.plan(c.rate_bps * c.duty);
 }
@@ -153,8 +152,11 @@ std::size_t LinkScheduler::Impl::choose() {
   again = false;
   frame_version = sent.next();
   frame_group = 0;
-  if (const std::size_t size = housekeeping.next(now, payload, type)) {
+  if (const auto rate = wishes.lapse(now)) setRate(*rate);
+  housekeeping.setReport({0, wishes.paused(), config.rate_bps, wishes.outcomes()}, sent.loss());
+  if (const std::size_t size = housekeeping.next(now, frame_version, payload, type)) {
     ++(type == MessageType::kStatus        ? counters.status_frames
+       : type == MessageType::kReport      ? counters.report_frames
        : type == MessageType::kMissionInfo ? counters.info_frames
                                            : counters.track_frames);
     return size;
@@ -162,7 +164,7 @@ std::size_t LinkScheduler::Impl::choose() {
   if (!blind()) repair.clear();
   if (repair.due())
     if (const std::size_t size = repairFrame()) return size;
-  if (paused) {
+  if (wishes.paused()) {
     const std::size_t size = housekeeping.spareStatus(now, payload);
     type = MessageType::kStatus;
     counters.status_frames += size > 0 ? 1 : 0;
@@ -172,11 +174,6 @@ std::size_t LinkScheduler::Impl::choose() {
   const double frame_s = static_cast<double>(config.frame_bytes) * 8 / config.rate_bps;
   const int sendings = turns.answered() ? repeatsForGoal(sent.loss(), kRepeatGoal) : 1;
   if (const std::size_t size = mapPacket(sendings, std::max(kRepeatFrames * frame_s, 1.0))) return size;
-  if (const std::size_t size = tiles.next(std::span(payload).first(payloadRoom()))) {
-    type = MessageType::kTileFragment;
-    ++counters.tile_frames;
-    return size;
-  }
   if (const std::size_t size = housekeeping.spareStatus(now, payload)) {
     type = MessageType::kStatus;
     ++counters.status_frames;
@@ -190,7 +187,10 @@ std::size_t LinkScheduler::Impl::choose() {
 
 // Whether the frame just made, gone at left_ns, is the last before the vehicle listens.
 bool LinkScheduler::Impl::turnAfter(std::int64_t left_ns) {
-  const bool idle = !repair.pending() && (paused || !queue.ready(now)) && queue.census().in_flight > 0;
+  // An answer to a report is waited for.
+  const bool idle =
+      type == MessageType::kReport ||
+      (!repair.pending() && (wishes.paused() || !queue.ready(now)) && queue.census().in_flight > 0);
   return turns.due(left_ns, idle) ||
          (turns.enabled() && turns.answered() && frames_since_turn >= config.listen_every_frames);
 }
@@ -284,7 +284,7 @@ void LinkScheduler::Impl::passOver(Version numbers) {
 bool LinkScheduler::drained() const {
   const Impl& s = *impl_;
   const BlockQueue::Census census = s.queue.census(repeatsForGoal(s.sent.loss(), kRepeatGoal));
-  return census.waiting == 0 && s.tiles.empty() && s.detail_count == 0 && !s.repair.pending() &&
+  return census.waiting == 0 && s.detail_count == 0 && !s.repair.pending() &&
          !(s.blind() && s.repair.open()) && (s.turns.answered() ? census.in_flight : census.unsure) == 0;
 }
 
@@ -303,14 +303,13 @@ LinkScheduler::Counters LinkScheduler::counters() const {
   c.loss = s.sent.loss();
   c.periods_stretched = s.housekeeping.stretch();
   c.rate_bps = s.config.rate_bps;
-  c.paused = s.paused;
+  c.paused = s.wishes.paused();
   return c;
 }
 
 std::size_t LinkScheduler::memoryBytes() const {
   const Impl& s = *impl_;
-  return sizeof(Impl) + s.queue.memoryBytes() + s.sent.memoryBytes() + s.repair.memoryBytes() +
-         s.tiles.memoryBytes();
+  return sizeof(Impl) + s.queue.memoryBytes() + s.sent.memoryBytes() + s.repair.memoryBytes();
 }
 
 }  // namespace fathom::telemetry

@@ -13,6 +13,7 @@
 #include "telemetry/vehicle/sent_frames.hpp"
 #include "telemetry/wire/downlink_messages.hpp"
 #include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/report.hpp"
 
 namespace fathom::telemetry {
 
@@ -31,7 +32,6 @@ struct LinkSchedulerConfig {
   int listen_every_frames = 0;  // or after so many frames; 0: at most half of what one can acknowledge
   double listen_s = 0;          // 0: by rule, 2 max_delay_s and the ship's frame
   double max_delay_s = 1;       // one way, of sound and modems [s]
-  double fast_rate_bps = 2400;  // from here on requested detail goes as whole tiles (Draco)
   HousekeepingConfig housekeeping;
   int colour_bits = 3;  // of a map packet's brightness, 0 (no colour) to 6
   BlockQueueConfig blocks;
@@ -43,14 +43,13 @@ struct LinkSchedulerConfig {
 // the frames and passes on what the ship says. Order of importance:
 //   1 status, mission info and track when due (within their share of the rate);
 //   2 repair frames, while nobody acknowledges;
-//   3 map packets in BlockQueue's order;
-//   4 requested detail as whole tiles, on fast links.
+//   3 map packets in BlockQueue's order.
 // The modem is never given more than it can send within a second or a frame; over any window of W seconds no
 // more than rate * duty * W / 8 + two frames (or a second's worth) leave. With an acknowledgement each block
 // is sent again, as it is then, until it has arrived. Without, each group of frames is followed by as many
 // repair frames as the loss asks for.
 //
-// Everything is bounded and counted; nextFrame() calls the heap only for Draco.
+// Everything is bounded and counted; nextFrame() does not call the heap.
 class LinkScheduler {
  public:
   explicit LinkScheduler(const LinkSchedulerConfig& config);
@@ -74,20 +73,22 @@ class LinkScheduler {
   // `on_whole`, unless empty, is called for every square that the ship now holds as it is.
   void acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns,
                    const std::function<void(const BlockQueue::Whole&)>& on_whole = {});
-  void request(const Request& request, std::int64_t now_ns);
+  // `counter`: of the downlink frame that brought it.
+  void request(const Request& request, std::int64_t now_ns, DownlinkCounter counter = 0);
   // The frame that an acknowledgement names, if it left within the last `within_s`.
   [[nodiscard]] std::optional<Version> sentLately(const Acknowledgement& a, std::int64_t now_ns,
                                                   double within_s) const;
   void heard(std::int64_t now_ns);
 
   // Detail that was requested and not served yet, the oldest first. The caller offers tiles of the request's
-  // spacing inside the rectangle with offerDetail() as long as that takes them, then calls detailServed().
+  // spacing inside the rectangle with offerDetail(), then calls detailServed().
   struct Detail {
     double north_min = 0, north_max = 0, east_min = 0, east_max = 0;  // nav [m]
     double spacing = 0, max_error = 0;                                // [m]
+    RequestOutcome request;                                           // that asked for it
   };
   [[nodiscard]] const Detail* detail() const;
-  bool offerDetail(const HeightTile& tile, std::int64_t now_ns);
+  void offerDetail(const HeightTile& tile, std::int64_t now_ns);
   void detailServed();
 
   // Writes the next frame into `out` (at least frame_bytes) and returns its size; 0 when there is nothing to
@@ -97,8 +98,8 @@ class LinkScheduler {
 
   struct Counters {
     std::uint64_t frames = 0, bytes = 0;
-    std::uint64_t status_frames = 0, track_frames = 0, info_frames = 0;
-    std::uint64_t map_frames = 0, repair_frames = 0, tile_frames = 0;
+    std::uint64_t status_frames = 0, report_frames = 0, track_frames = 0, info_frames = 0;
+    std::uint64_t map_frames = 0, repair_frames = 0;
     std::uint64_t map_bytes = 0;  // of map frames, frame overhead included
     std::uint64_t turns = 0;      // frames with the turn
     std::uint64_t acknowledgements = 0, acknowledgements_foreign = 0, requests = 0, requests_refused = 0;

@@ -6,11 +6,11 @@
 
 #include "telemetry/map/map_packet.hpp"
 #include "telemetry/repair/repair_encoder.hpp"
-#include "telemetry/tiles/tile_sender.hpp"
 #include "telemetry/vehicle/link_scheduler.hpp"
 #include "telemetry/vehicle/sent_frames.hpp"
 #include "telemetry/vehicle/token_bucket.hpp"
 #include "telemetry/vehicle/turn_taking.hpp"
+#include "telemetry/vehicle/wishes.hpp"
 
 namespace fathom::telemetry {
 
@@ -25,6 +25,7 @@ struct LinkScheduler::Impl {
   [[nodiscard]] std::size_t carousel();
   [[nodiscard]] std::size_t repairFrame();
   [[nodiscard]] std::size_t probe();
+  void closeDetails();
   [[nodiscard]] bool turnAfter(std::int64_t left_ns);
   // So many versions are not used.
   void passOver(Version numbers);
@@ -36,7 +37,7 @@ struct LinkScheduler::Impl {
     return static_cast<std::size_t>(config.frame_bytes) - kFrameOverhead;
   }
 
-  static constexpr std::size_t kMaxDetails = 4;
+  static constexpr std::size_t kMaxDetails = 4;  // at once, on their way included
 
   LinkSchedulerConfig config;
   TokenBucket bucket;
@@ -45,14 +46,13 @@ struct LinkScheduler::Impl {
   RepairEncoder repair;
   Housekeeping housekeeping;
   TurnTaking turns;
-  TileSender tiles;
+  Wishes wishes;
   MapPacketEncoder encoder;
   Counters counters;
   std::int64_t now = 0, busy_until = 0;
   int frames_since_turn = 0;
-  bool paused = false;
-  std::array<Detail, kMaxDetails> details{};
-  std::size_t detail_count = 0;
+  std::array<Detail, kMaxDetails> details{};  // the first detail_count are not offered yet
+  std::size_t detail_count = 0, detail_known = 0;
 
   // The frame being made.
   MessageType type = MessageType::kStatus;

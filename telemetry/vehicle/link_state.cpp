@@ -11,7 +11,7 @@
 namespace fathom::telemetry {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("LINK"), kVersion = 2;
+constexpr std::uint32_t kTag = rt::stateTag("LINK"), kVersion = 3;
 constexpr double kFarthest = 1e6;  // of a square from nav's origin [m]
 constexpr int kMostSendings = 1000;
 
@@ -36,12 +36,6 @@ void exchangeStatus(Archive& archive, S& s) {
   archive(s.north, s.east, s.depth, s.roll, s.pitch, s.heading, s.altitude, s.speed, s.position_sigma,
           s.battery, s.pairs_seen, s.pairs_dropped, s.map_area, s.mission_progress, s.health,
           s.slipped_cycles, s.shed_work, s.pool_refusals);
-}
-
-template <typename Archive, typename Tile>
-void exchangeTile(Archive& archive, Tile& tile) {
-  archive(tile.north_index, tile.east_index, tile.level, tile.size, tile.revision);
-  for (auto& node : tile.nodes) archive(node.depth, node.sigma, node.coverage, node.colour, node.layered);
 }
 
 }  // namespace
@@ -188,7 +182,22 @@ void Housekeeping::exchange(Archive& archive, Self& self) {
     archive.instants(point.utc_ns);
     archive(point.north, point.east, point.depth);
   }
-  archive.instants(self.status_timer_.next_ns, self.info_timer_.next_ns, self.track_timer_.next_ns);
+  bool has_report = self.report_.has_value();
+  archive(has_report, self.told_health_, self.report_kept_, self.info_kept_);
+  if constexpr (Archive::kLoading) {
+    self.report_.reset();
+    if (has_report) self.report_.emplace();
+  }
+  if (has_report) {
+    auto& r = *self.report_;
+    archive(r.health, r.paused, r.rate_bps);
+    for (auto& o : r.requests) {
+      archive.enumeration(o.state, RequestOutcome::State::kRefused);
+      archive(o.id, o.counter);
+    }
+  }
+  archive.instants(self.status_timer_.next_ns, self.info_timer_.next_ns, self.track_timer_.next_ns,
+                   self.report_timer_.next_ns);
 }
 
 void Housekeeping::save(rt::StateWriter& writer) const {
@@ -201,46 +210,6 @@ bool Housekeeping::load(rt::StateReader& reader) {
 }
 
 template <typename Archive, typename Self>
-void TileSender::exchange(Archive& archive, Self& self) {
-  std::uint64_t waiting = self.waiting_.size();
-  archive(waiting);
-  archive.require(waiting <= kTiles, "more tiles than there is room for");
-  if constexpr (Archive::kLoading) {
-    if (!archive.ok()) return;
-    self.waiting_.resize(waiting);
-  }
-  for (auto& w : self.waiting_) {
-    exchangeTile(archive, w.tile);
-    archive(w.codec.depth_resolution, w.codec.colour_bits, w.codec.min_coverage);
-  }
-  archive(self.id_.north_index, self.id_.east_index, self.id_.level, self.id_.revision, self.id_.stride,
-          self.fragment_, self.counters_.sent, self.counters_.unsendable);
-  exchangeCount(archive, self.size_, kMaxTileBytes);
-  if constexpr (Archive::kLoading)
-    if (!archive.ok()) return;
-  archive.elements(self.bytes_.data(), self.size_);
-}
-
-void TileSender::save(rt::StateWriter& writer) const {
-  exchange(writer, *this);
-}
-
-bool TileSender::load(rt::StateReader& reader) {
-  exchange(reader, *this);
-  if (!reader.ok()) return false;
-  const int fragments = fragmentCount(size_, frame_bytes_);
-  reader.require(size_ == 0 || (fragment_ >= 0 && fragment_ < fragments && fragments <= kMaxFragments),
-                 "a piece of a tile that there is not");
-  for (const Waiting& w : waiting_) {
-    const TileCodecConfig& c = w.codec;
-    reader.require(c.depth_resolution >= 0.001 && c.depth_resolution <= 1 && c.colour_bits >= 0 &&
-                       c.colour_bits <= kMaxColourBits && c.min_coverage >= 0 && c.min_coverage <= 1,
-                   "a tile that cannot be sent so");
-  }
-  return reader.ok();
-}
-
-template <typename Archive, typename Self>
 void LinkScheduler::Impl::exchange(Archive& archive, Self& s) {
   archive(s.config.rate_bps);
   archive.require(s.config.rate_bps >= 10 && s.config.rate_bps <= 1e6, "a rate that cannot be");
@@ -249,14 +218,16 @@ void LinkScheduler::Impl::exchange(Archive& archive, Self& s) {
     if (!archive.ok()) return;
     s.applyRate();
   }
-  archive(s.bucket, s.repair, s.housekeeping, s.turns, s.tiles, s.frames_since_turn, s.paused);
+  archive(s.bucket, s.repair, s.housekeeping, s.turns, s.wishes, s.frames_since_turn);
   auto& c = s.counters;
   archive(c.frames, c.bytes, c.status_frames, c.track_frames, c.info_frames, c.map_frames, c.repair_frames,
-          c.tile_frames, c.map_bytes, c.turns, c.requests, c.requests_refused, c.coarsened_packets);
-  exchangeCount(archive, s.detail_count, kMaxDetails);
-  for (std::size_t i = 0; i < s.detail_count; ++i) {
+          c.report_frames, c.map_bytes, c.turns, c.requests, c.requests_refused, c.coarsened_packets);
+  exchangeCount(archive, s.detail_known, kMaxDetails);
+  exchangeCount(archive, s.detail_count, s.detail_known);
+  for (std::size_t i = 0; i < s.detail_known; ++i) {
     auto& d = s.details[i];
-    archive(d.north_min, d.north_max, d.east_min, d.east_max, d.spacing, d.max_error);
+    archive(d.north_min, d.north_max, d.east_min, d.east_max, d.spacing, d.max_error, d.request.id,
+            d.request.counter);
     Request request;
     request.kind = Request::Kind::kDetail;
     request.north_min = d.north_min, request.north_max = d.north_max;

@@ -166,32 +166,48 @@ TEST(Coverage, WhatTheVehiclePassedAndNobodyReceivedIsPending) {
   EXPECT_EQ(coverageOf(track, store, 3600'000'000'000).changed_area, 0);
 }
 
-TEST(RequestLedger, DetailIsAnsweredByABlockOfItsSpacingInItsRectangle) {
+TEST(RequestLedger, ARequestIsDoneWhenAReportSaysSoOfTheFrameThatSaidIt) {
   std::array<std::uint8_t, telemetry::LinkKey::kBytes> secret{};
   telemetry::DownlinkSender sender({7, 42}, telemetry::LinkKey(secret));
   telemetry::Request request;
-  request.kind = telemetry::Request::Kind::kDetail;
-  request.north_min = 10;
-  request.north_max = 12;
-  request.east_min = -4;
-  request.east_max = -2;
-  request.spacing = 0.125;
+  request.kind = telemetry::Request::Kind::kPauseMap;
   RequestLedger ledger;
   const auto id = sender.request(request);
   ASSERT_TRUE(id);
   request.id = *id;
   ledger.add(request, 5);
-  EXPECT_FALSE(ledger.noteBlock({4, 20, -6}, 6));  // not even sent
   std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
-  const std::int64_t now = 1'790'000'000'000'000'000;
+  std::int64_t now = 1'790'000'000'000'000'000;
+  int confirmed = 0;
+  using State = telemetry::RequestOutcome::State;
+  const auto hear = [&](std::uint8_t of, telemetry::DownlinkCounter counter, State state) {
+    telemetry::Report report;
+    report.requests[1] = {state, of, counter & ((1U << telemetry::kOutcomeCounterBits) - 1)};
+    ledger.noteReport(report, now, [&](std::uint8_t) { ++confirmed; });
+    return ledger.entries().front().state;
+  };
+  const auto counter = telemetry::downlinkCounterAt(now);
+  EXPECT_EQ(hear(*id, counter, State::kDone), RequestLedger::State::kQueued) << "not even sent";
   ledger.noteSent(std::span<const std::uint8_t>(frame).first(sender.nextFrame(now, frame)), now);
   EXPECT_EQ(ledger.entries().front().state, RequestLedger::State::kSent);
-  EXPECT_FALSE(ledger.noteBlock({5, 10, -3}, now));  // too coarse
-  EXPECT_FALSE(ledger.noteBlock({4, 30, -6}, now));  // elsewhere
-  EXPECT_EQ(ledger.noteBlock({4, 20, -6}, now), id);
-  EXPECT_EQ(ledger.entries().front().state, RequestLedger::State::kAnswered);
+  EXPECT_EQ(hear(*id, counter + 1, State::kDone), RequestLedger::State::kSent) << "of another of this id";
+  EXPECT_EQ(hear(static_cast<std::uint8_t>(*id + 1), counter, State::kDone), RequestLedger::State::kSent);
+  EXPECT_EQ(confirmed, 0);
+  EXPECT_EQ(hear(*id, counter, State::kTaken), RequestLedger::State::kTaken);
+  EXPECT_EQ(hear(*id, counter, State::kDone), RequestLedger::State::kDone);
+  EXPECT_EQ(confirmed, 2);
   for (int n = 0; n < 40; ++n) ledger.add(request, 7);
   EXPECT_EQ(ledger.entries().size(), RequestLedger::kMaxEntries);
+}
+
+TEST(RequestLedger, WhatWasSaidAsOftenAsItIsAndThatNoReportNamesHasNoAnswer) {
+  telemetry::Request request;
+  RequestLedger ledger;
+  ledger.add(request, 5);
+  ledger.noteGivenUp(6, [](std::uint8_t) { return true; });
+  EXPECT_EQ(ledger.entries().front().state, RequestLedger::State::kQueued);
+  ledger.noteGivenUp(7, [](std::uint8_t) { return false; });
+  EXPECT_EQ(ledger.entries().front().state, RequestLedger::State::kUnanswered);
 }
 
 TEST(LinkHistory, AClockThatBeganInAnotherDecadeDoesNotStretchIt) {

@@ -141,19 +141,27 @@ TEST_F(Served, ARequestGoesFromQueuedToSentAtTheShipsTurnAndIsAnsweredByWhatItAs
                              std::span<const std::uint8_t>(payload).first(size), frame, tag);
   const std::int64_t now = 1'790'000'100'000'000'000;
   shared_.model->accept(std::span<const std::uint8_t>(frame).first(length), now);
-  EXPECT_GT(shared_.model->speak(now + 1000, frame), 0U);
+  const std::size_t spoken = shared_.model->speak(now + 1000, frame);
+  ASSERT_GT(spoken, 15U);
   EXPECT_EQ(state(), "sent");
-  const auto hear = [&](double t, std::uint16_t sequence) {
-    const std::size_t bytes = telemetry::encodeStatus(SampleDive().statusAt(t), payload);
+  telemetry::DecodedDownlink said;
+  ASSERT_TRUE(telemetry::decodeDownlink(
+      telemetry::decodeFrame(std::span(frame).first(spoken)).payload.first(spoken - 15), said));
+  const auto hear = [&](telemetry::Version sequence, telemetry::DownlinkCounter counter) {
+    telemetry::Report report;
+    report.paused = true;
+    report.requests[0] = {telemetry::RequestOutcome::State::kDone, said.content.request->id, counter};
+    const std::size_t bytes = telemetry::encodeReport(report, payload);
     const std::size_t whole =
-        telemetry::encodeFrame({{7, 42}, first + sequence, telemetry::MessageType::kStatus, false},
+        telemetry::encodeFrame({{7, 42}, first + sequence, telemetry::MessageType::kReport, false},
                                std::span<const std::uint8_t>(payload).first(bytes), frame, tag);
     shared_.model->accept(std::span<const std::uint8_t>(frame).first(whole), now + 5'000'000'000);
   };
-  hear(99, 201);  // from before the request
+  hear(201, said.counter + 1);  // of another request
   EXPECT_EQ(state(), "sent");
-  hear(104, 202);
-  EXPECT_EQ(state(), "answered");
+  hear(202, said.counter);
+  EXPECT_EQ(state(), "done");
+  EXPECT_TRUE(nlohmann::json::parse(client_->Get("/api/state")->body)["downlink"]["paused"].get<bool>());
 }
 
 TEST_F(Served, ExportsComeWithTheirNamesAndEventsTellOfGrowth) {

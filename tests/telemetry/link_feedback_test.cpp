@@ -41,9 +41,16 @@ struct Ship {
   MapPacketDecoder decoder;
   DecodedMapPacket packet;
   std::map<BlockKey, MapBlock> map;
+  Report report;
+  std::uint16_t health = 0;
 
   void hear(std::span<const std::uint8_t> frame) {
     receiver.accept(frame, [&](const LinkReceiver::Message& message) {
+      Status status;
+      if (message.type == MessageType::kReport && decodeReport(message.payload, report))
+        health = report.health;
+      if (message.type == MessageType::kStatus && decodeStatus(message.payload, status))
+        health = status.health;
       if (message.type != MessageType::kMapPacket) return true;
       if (!decoder.decode(message.payload, packet)) return false;
       for (const MapBlock& block : packet.blocks) map[block.key] = block;
@@ -280,7 +287,7 @@ TEST(LinkFeedback, PauseRateAndStatusRequestsChangeWhatIsSent) {
   EXPECT_EQ(scheduler.counters().requests_refused, 1U);
 }
 
-TEST(LinkFeedback, RequestedDetailGoesFinerOnASlowLinkAndAsWholeTilesOnAFastOne) {
+TEST(LinkFeedback, RequestedDetailIsDoneWhenTheShipHasAllOfItThoughFramesAreLost) {
   for (const double rate : {300.0, 5000.0}) {
     LinkSchedulerConfig config = someConfig();
     config.rate_bps = rate;
@@ -288,24 +295,119 @@ TEST(LinkFeedback, RequestedDetailGoesFinerOnASlowLinkAndAsWholeTilesOnAFastOne)
     Ship ship;
     Request request;
     request.kind = Request::Kind::kDetail;
+    request.id = 5;
     request.north_max = request.east_max = 2;
     request.spacing = 0.125;
     request.max_error = 0.02;
-    scheduler.request(request, ship.now);
+    scheduler.request(request, ship.now, 1234);
     ASSERT_NE(scheduler.detail(), nullptr);
     const HeightTile tile = sampleTile(0, 0, 2);
-    ASSERT_TRUE(scheduler.offerDetail(tile, ship.now));
+    scheduler.offerDetail(tile, ship.now);
     scheduler.detailServed();
     EXPECT_EQ(scheduler.detail(), nullptr);
-    ship.converse(scheduler, 300, 0);
-    const auto tiles = ship.receiver.counters().types[static_cast<std::size_t>(MessageType::kTileFragment)];
-    if (rate < config.fast_rate_bps) {
-      EXPECT_LE(ship.error(tile), 0.0201);
-      EXPECT_EQ(tiles, 0U);
-    } else {
-      EXPECT_GT(tiles, 0U);
-      EXPECT_TRUE(ship.map.empty());
+    bool early = false;
+    for (int k = 0; k < 400; ++k) {
+      ship.converse(scheduler, 1, 0.3);
+      const auto& said = ship.report.requests[0];
+      if (said.state != RequestOutcome::State::kDone) continue;
+      EXPECT_EQ(said.id, 5);
+      EXPECT_EQ(said.counter, 1234U & 1023U);
+      early = ship.error(tile) > 0.0201;
+      break;
     }
+    EXPECT_FALSE(early);
+    EXPECT_EQ(ship.report.requests[0].state, RequestOutcome::State::kDone);
+    EXPECT_LE(ship.error(tile), 0.0201);
+  }
+}
+
+// However much waits, the ship hears of a new health flag, a pause and its end within two turns.
+TEST(LinkFeedback, NewsOvertakeAnyBacklog) {
+  std::mt19937 random(9);
+  int over = 0, seen = 0;
+  double longest_s = 0;
+  for (const int frame_bytes : {32, 64, 128, 256})
+    for (const double rate : {80.0, 300.0, 1200.0, 5400.0})
+      for (const double loss : {0.0, 0.3}) {
+        LinkSchedulerConfig config = someConfig();
+        config.frame_bytes = frame_bytes;
+        config.rate_bps = rate;
+        config.max_delay_s = 1;
+        LinkScheduler scheduler(config);
+        Ship ship;
+        ship.random.seed(random());
+        for (int n = 0; n < 64; ++n) scheduler.offer(sampleTile(n / 8, n % 8), ship.now);
+        Status status;
+        scheduler.setStatus(status);
+        ship.converse(scheduler, 200, loss);
+        for (int k = 0; k < 12; ++k) {
+          for (int n = 0; n < 64; ++n) scheduler.offer(sampleTile(k * 8 + n / 8, n % 8), ship.now);
+          const std::uint64_t turns = scheduler.counters().turns;
+          Request request;
+          request.id = static_cast<std::uint8_t>(k);
+          request.kind = k % 3 == 1 ? Request::Kind::kPauseMap : Request::Kind::kResumeMap;
+          if (k % 3 == 0) {
+            status.health = static_cast<std::uint16_t>(status.health ^ 1U << k);
+            scheduler.setStatus(status);
+          } else {
+            scheduler.request(request, ship.now);
+          }
+          const auto isSeen = [&] {
+            return k % 3 == 0 ? ship.health == status.health : ship.report.paused == (k % 3 == 1);
+          };
+          const std::int64_t from = ship.now;
+          while (!isSeen() && ship.now - from < 600 * kSecond_ns) ship.converse(scheduler, 0.2, loss);
+          ++seen;
+          if (scheduler.counters().turns - turns > 2) ++over;
+          if (loss == 0)
+            longest_s =
+                std::max(longest_s, static_cast<double>(ship.now - from) * 1e-9 * rate / frame_bytes / 8);
+          if (loss == 0) {
+            EXPECT_LE(scheduler.counters().turns - turns, 2U) << frame_bytes << ' ' << rate << ' ' << k;
+          }
+          ship.converse(scheduler, 30, loss);
+        }
+      }
+  std::printf("%d news, %d later than two turns; without loss at most %.1f frames later\n", seen, over,
+              longest_s);
+  EXPECT_LT(over, seen / 20) << "with three frames in ten lost, either way";
+}
+
+TEST(LinkFeedback, APauseEndsAndTheConfiguredRateHoldsAgainWhenNobodyHasSpokenForTenMinutes) {
+  LinkScheduler scheduler(someConfig());
+  Ship ship;
+  Request request;
+  request.kind = Request::Kind::kPauseMap;
+  scheduler.request(request, ship.now);
+  request.kind = Request::Kind::kRate;
+  request.rate_bps = 80;
+  scheduler.request(request, ship.now);
+  scheduler.setStatus({});
+  ship.converse(scheduler, 1800, 0);
+  EXPECT_TRUE(scheduler.counters().paused);
+  EXPECT_EQ(scheduler.counters().rate_bps, 80);
+  ship.converse(scheduler, 560, 0, false);
+  EXPECT_TRUE(scheduler.counters().paused);
+  ship.converse(scheduler, 60, 0, false);
+  EXPECT_FALSE(scheduler.counters().paused);
+  EXPECT_EQ(scheduler.counters().rate_bps, someConfig().rate_bps);
+}
+
+// The ship goes on to speak, but hears nothing any more.
+TEST(LinkFeedback, ARateAtWhichNothingArrivesIsGivenUp) {
+  LinkScheduler scheduler(someConfig());
+  Ship ship;
+  scheduler.offer(sampleTile(0, 0), ship.now);
+  ship.converse(scheduler, 60, 0);
+  Request request;
+  request.kind = Request::Kind::kRate;
+  request.rate_bps = 9000;
+  scheduler.request(request, ship.now);
+  const Acknowledgement before = ship.receiver.acknowledgement();
+  for (int k = 0; k < 12; ++k) {
+    EXPECT_EQ(scheduler.counters().rate_bps, k < 11 ? 9000 : someConfig().rate_bps) << k;
+    ship.converse(scheduler, 60, 1);
+    scheduler.acknowledge(before, ship.now);
   }
 }
 

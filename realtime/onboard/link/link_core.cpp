@@ -165,7 +165,7 @@ void LinkCore::serveDetail(const fusion::QuadtreeMap& map, std::int64_t now_ns) 
     const fusion::TileKey key{static_cast<std::int32_t>(n0 + detail_squares_ / columns),
                               static_cast<std::int32_t>(e0 + detail_squares_ % columns),
                               static_cast<std::int16_t>(level)};
-    if (map.extract(key, tile) && !scheduler_.offerDetail(tile, now_ns)) return;  // no room now
+    if (map.extract(key, tile)) scheduler_.offerDetail(tile, now_ns);
     ++detail_squares_;
   }
   if (detail_squares_ < served) return;

@@ -53,7 +53,9 @@ class LinkCore {
   // ship now holds whole.
   void acknowledge(const telemetry::Acknowledgement& a, std::int64_t now_ns,
                    const std::function<void(const fusion::TileKey&)>& on_sent = {});
-  void request(const telemetry::Request& r, std::int64_t now_ns) { scheduler_.request(r, now_ns); }
+  void request(const telemetry::Request& r, std::int64_t now_ns, telemetry::DownlinkCounter counter) {
+    scheduler_.request(r, now_ns, counter);
+  }
   void heard(std::int64_t now_ns) { scheduler_.heard(now_ns); }
   [[nodiscard]] std::optional<telemetry::Version> sentLately(const telemetry::Acknowledgement& a,
                                                              std::int64_t now_ns, double within_s) const {

@@ -23,8 +23,6 @@ class ReceivedMap {
   // Takes the payload of a map packet that came with that frame; false if it is none.
   [[nodiscard]] bool takePacket(std::span<const std::uint8_t> payload, telemetry::Version version,
                                 std::int64_t utc_ns);
-  // The blocks of the packet taken last.
-  [[nodiscard]] std::span<const telemetry::MapBlock> lastBlocks() const { return packet_.blocks; }
   // Puts a tile's nodes into the blocks of their spacing. A tile older than the newest of its place is left.
   void takeTile(const telemetry::DecodedTile& tile, telemetry::Version version, std::int64_t utc_ns);
 

@@ -28,8 +28,9 @@ void MonitorModel::addTrack(std::int64_t utc_ns, const TrackRecord& record) {
   ++track_version_;
 }
 
-void MonitorModel::confirm(std::optional<std::uint8_t> request_id) {
-  if (request_id && link_.sender() != nullptr) link_.sender()->confirm(*request_id);
+std::uint16_t MonitorModel::health() const {
+  if (report_ && report_version_ > status_version_) return report_->health;
+  return status_ ? status_->health : std::uint16_t{0};
 }
 
 void MonitorModel::followBeginning() {
@@ -40,8 +41,9 @@ void MonitorModel::followBeginning() {
     track_.clear();
     ++track_version_;
     status_.reset();
+    report_.reset();
     mission_.reset();
-    status_version_ = mission_version_ = 0;
+    status_version_ = report_version_ = mission_version_ = 0;
     clocks_apart_ns_.reset();
   }
   began_ = began;
@@ -66,7 +68,16 @@ bool MonitorModel::take(const telemetry::LinkReceiver::Message& message, std::in
         status_ = status;
         clocks_apart_ns_ = utc_ns - status.utc_ns;
       }
-      confirm(requests_.noteStatus(status.utc_ns, utc_ns));
+      return true;
+    }
+    case MessageType::kReport: {
+      telemetry::Report report;
+      if (!telemetry::decodeReport(payload, report)) return false;
+      if (!isNewer(report_version_)) return true;
+      report_ = report;
+      requests_.noteReport(report, utc_ns, [this](std::uint8_t id) {
+        if (link_.sender() != nullptr) link_.sender()->confirm(id);
+      });
       return true;
     }
     case MessageType::kTrack: {
@@ -83,17 +94,13 @@ bool MonitorModel::take(const telemetry::LinkReceiver::Message& message, std::in
       return true;
     }
     case MessageType::kMapPacket:
-      if (!map_.takePacket(payload, version, utc_ns)) return false;
-      for (const telemetry::MapBlock& block : map_.lastBlocks())
-        confirm(requests_.noteBlock(block.key, utc_ns));
-      return true;
+      return map_.takePacket(payload, version, utc_ns);
     case MessageType::kTileFragment: {
       telemetry::DecodedTile tile;
       const auto invalid = reassembler_.counters().invalid;
       if (reassembler_.accept(payload, tile)) map_.takeTile(tile, version, utc_ns);
       return reassembler_.counters().invalid == invalid;
     }
-    case MessageType::kReport:
     case MessageType::kRepair:
     case MessageType::kDownlink:
       return false;  // the receiver keeps these to itself
@@ -138,6 +145,8 @@ std::size_t MonitorModel::speak(std::int64_t utc_ns, std::span<std::uint8_t> out
                                 const telemetry::ShipLink::Kept& kept) {
   const std::size_t size = link_.nextFrame(utc_ns, vehicleTime(utc_ns), out, kept);
   if (size == 0) return 0;
+  // What was said for the last time had until this turn to be reported.
+  requests_.noteGivenUp(utc_ns, [this](std::uint8_t id) { return link_.sender()->waits(id); });
   requests_.noteSent(out.first(size), utc_ns);
   ++version_;
   return size;

@@ -47,6 +47,10 @@ class MonitorModel {
   [[nodiscard]] std::uint64_t version() const { return version_; }
   [[nodiscard]] const telemetry::LinkReceiver& receiver() const { return link_.receiver(); }
   [[nodiscard]] const std::optional<telemetry::Status>& status() const { return status_; }
+  // The newest report; its health is older or newer than the status's, see health().
+  [[nodiscard]] const std::optional<telemetry::Report>& report() const { return report_; }
+  // The newest word on health, of status or report (HealthFlag).
+  [[nodiscard]] std::uint16_t health() const;
   [[nodiscard]] const std::optional<telemetry::MissionInfo>& mission() const { return mission_; }
   // The ship's time less the vehicle's, when the newest status came [ns]; what it was under way is in it.
   [[nodiscard]] std::optional<std::int64_t> clocksApart() const { return clocks_apart_ns_; }
@@ -69,7 +73,6 @@ class MonitorModel {
   [[nodiscard]] bool take(const telemetry::LinkReceiver::Message& message, std::int64_t utc_ns);
   // What was received of a dive before this one, or before the vehicle began anew, goes.
   void followBeginning();
-  void confirm(std::optional<std::uint8_t> request_id);  // it need not be said again
   void addTrack(std::int64_t utc_ns, const TrackRecord& record);
 
   static constexpr std::int64_t kClocksAgree_ns = 60'000'000'000;  // no frame is under way for longer
@@ -80,7 +83,8 @@ class MonitorModel {
   telemetry::TileReassembler reassembler_;
   ReceivedMap map_;
   std::optional<telemetry::Status> status_;
-  telemetry::Version began_ = 0, status_version_ = 0, mission_version_ = 0;
+  std::optional<telemetry::Report> report_;
+  telemetry::Version began_ = 0, status_version_ = 0, report_version_ = 0, mission_version_ = 0;
   std::optional<telemetry::MissionInfo> mission_;
   Track track_;
   LinkHistory history_;

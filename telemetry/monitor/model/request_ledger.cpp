@@ -1,5 +1,7 @@
 #include "telemetry/monitor/model/request_ledger.hpp"
 
+#include <algorithm>
+
 #include "realtime/kernel/text.hpp"
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/link_key.hpp"
@@ -26,38 +28,43 @@ void RequestLedger::noteSent(std::span<const std::uint8_t> frame, std::int64_t u
     if (entry.request.id != downlink.content.request->id) continue;
     if (entry.state == State::kQueued) {
       entry.state = State::kSent;
-      entry.sent_utc_ns = entry.utc_ns = utc_ns;
+      entry.utc_ns = utc_ns;
     }
-    ++entry.times_sent;
+    entry.counters[static_cast<std::size_t>(entry.times_sent++) % entry.counters.size()] = downlink.counter;
     return;
   }
 }
 
-std::optional<std::uint8_t> RequestLedger::noteStatus(std::int64_t pose_utc_ns, std::int64_t utc_ns) {
+void RequestLedger::noteReport(const telemetry::Report& report, std::int64_t utc_ns,
+                               const std::function<void(std::uint8_t id)>& confirm) {
+  using Outcome = telemetry::RequestOutcome;
+  constexpr telemetry::DownlinkCounter kTold = (1U << telemetry::kOutcomeCounterBits) - 1;
   for (Entry& entry : entries_) {
-    if (entry.state != State::kSent || entry.request.kind != Request::Kind::kSendStatus ||
-        pose_utc_ns < entry.sent_utc_ns)
-      continue;
-    entry.state = State::kAnswered;
-    entry.utc_ns = utc_ns;
-    return entry.request.id;
+    const auto said = std::span(entry.counters)
+                          .first(std::min(entry.counters.size(), static_cast<std::size_t>(entry.times_sent)));
+    for (const Outcome& outcome : report.requests) {
+      const auto is = [&](telemetry::DownlinkCounter counter) {
+        return (counter & kTold) == outcome.counter;
+      };
+      if (outcome.state == Outcome::State::kNone || outcome.id != entry.request.id ||
+          std::none_of(said.begin(), said.end(), is))
+        continue;
+      const State state = outcome.state == Outcome::State::kDone      ? State::kDone
+                          : outcome.state == Outcome::State::kRefused ? State::kRefused
+                                                                      : State::kTaken;
+      if (state != entry.state) entry.utc_ns = utc_ns;
+      entry.state = state;
+      confirm(outcome.id);
+    }
   }
-  return std::nullopt;
 }
 
-std::optional<std::uint8_t> RequestLedger::noteBlock(const telemetry::BlockKey& key, std::int64_t utc_ns) {
-  const double spacing = telemetry::spacingOf(key.spacing), size = telemetry::MapBlock::kSide * spacing;
+void RequestLedger::noteGivenUp(std::int64_t utc_ns, const std::function<bool(std::uint8_t id)>& waits) {
   for (Entry& entry : entries_) {
-    const Request& r = entry.request;
-    if (entry.state != State::kSent || r.kind != Request::Kind::kDetail || spacing > r.spacing) continue;
-    if (key.north * size > r.north_max || (key.north + 1) * size < r.north_min ||
-        key.east * size > r.east_max || (key.east + 1) * size < r.east_min)
-      continue;
-    entry.state = State::kAnswered;
+    if ((entry.state != State::kSent && entry.state != State::kQueued) || waits(entry.request.id)) continue;
+    entry.state = State::kUnanswered;
     entry.utc_ns = utc_ns;
-    return r.id;
   }
-  return std::nullopt;
 }
 
 const char* name(RequestLedger::State state) {
@@ -66,8 +73,14 @@ const char* name(RequestLedger::State state) {
       return "queued";
     case RequestLedger::State::kSent:
       return "sent";
-    case RequestLedger::State::kAnswered:
-      return "answered";
+    case RequestLedger::State::kTaken:
+      return "taken";
+    case RequestLedger::State::kDone:
+      return "done";
+    case RequestLedger::State::kRefused:
+      return "refused";
+    case RequestLedger::State::kUnanswered:
+      return "no answer";
   }
   return "unknown";
 }

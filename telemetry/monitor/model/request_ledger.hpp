@@ -1,39 +1,40 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <deque>
-#include <optional>
+#include <functional>
 #include <span>
 #include <string>
 
-#include "telemetry/map/map_block.hpp"
-#include "telemetry/wire/downlink_messages.hpp"
+#include "telemetry/downlink/downlink.hpp"
+#include "telemetry/wire/report.hpp"
 
 namespace fathom::monitor {
 
-// What became of the requests that the page made. The vehicle confirms nothing in words, so a request counts
-// as answered when what it asked for arrives: a status newer than the request, a block of the spacing asked
-// for (or finer) inside the rectangle. Rate, pause and resume stay "sent": their effect is seen in the link's
-// figures. Bounded: the oldest are forgotten.
+// What became of the requests that the page made, as the vehicle's reports tell. Of a request that was said
+// as often as it ever is, and that no report names, there is no answer. Bounded: the oldest are forgotten.
 class RequestLedger {
  public:
-  enum class State : std::uint8_t { kQueued, kSent, kAnswered };
+  enum class State : std::uint8_t { kQueued, kSent, kTaken, kDone, kRefused, kUnanswered };
   struct Entry {
     telemetry::Request request;  // with the id that the sender gave it
     State state = State::kQueued;
     int times_sent = 0;
-    std::int64_t utc_ns = 0;       // of the newest change of state
-    std::int64_t sent_utc_ns = 0;  // when it was first sent
+    std::int64_t utc_ns = 0;  // of the newest change of state
+    // Of the frames that said it.
+    std::array<telemetry::DownlinkCounter, telemetry::DownlinkSender::kRepetitions> counters{};
   };
   static constexpr std::size_t kMaxEntries = 12;
 
   void add(const telemetry::Request& request, std::int64_t utc_ns);
   // A downlink frame that left just now: notes the request that it carries, if any.
   void noteSent(std::span<const std::uint8_t> frame, std::int64_t utc_ns);
-  // What arrived at `utc_ns`: a status of a pose at `pose_utc_ns`; a block. Return the id of a request that
-  // this answers.
-  std::optional<std::uint8_t> noteStatus(std::int64_t pose_utc_ns, std::int64_t utc_ns);
-  std::optional<std::uint8_t> noteBlock(const telemetry::BlockKey& key, std::int64_t utc_ns);
+  // A report that arrived. Calls `confirm` for every request of which the vehicle knows.
+  void noteReport(const telemetry::Report& report, std::int64_t utc_ns,
+                  const std::function<void(std::uint8_t id)>& confirm);
+  // Some time after the last frame: requests that `waits` to be said no more have no answer.
+  void noteGivenUp(std::int64_t utc_ns, const std::function<bool(std::uint8_t id)>& waits);
 
   [[nodiscard]] const std::deque<Entry>& entries() const { return entries_; }  // newest first
 

@@ -28,10 +28,10 @@ double rounded(double value, double step) {
   return std::round(value / step) * step;
 }
 
-ordered_json statusJson(const telemetry::Status& s) {
+ordered_json statusJson(const telemetry::Status& s, std::uint16_t flags) {
   ordered_json health = ordered_json::array();
   for (unsigned bit = 0; bit < telemetry::kHealthBits; ++bit)
-    if ((s.health >> bit & 1U) != 0) health.push_back(telemetry::healthText(bit));
+    if ((flags >> bit & 1U) != 0) health.push_back(telemetry::healthText(bit));
   return {{"utc_s", seconds(s.utc_ns)},
           {"north_m", s.north},
           {"east_m", s.east},
@@ -59,8 +59,9 @@ ordered_json linkJson(const MonitorModel& model, std::int64_t now_utc_ns) {
   ordered_json rejected, types;
   for (std::size_t v = 1; v < telemetry::kFrameVerdicts; ++v)
     rejected[telemetry::name(static_cast<FrameVerdict>(v))] = c.verdicts[v];
-  for (const auto type : {MessageType::kStatus, MessageType::kTrack, MessageType::kMissionInfo,
-                          MessageType::kMapPacket, MessageType::kRepair, MessageType::kTileFragment})
+  for (const auto type :
+       {MessageType::kReport, MessageType::kStatus, MessageType::kTrack, MessageType::kMissionInfo,
+        MessageType::kMapPacket, MessageType::kRepair, MessageType::kTileFragment})
     types[telemetry::name(type)] = model.accepted(type);
   const auto last = model.lastAcceptedUtcNs();
   return {{"frames", c.frames},
@@ -113,9 +114,12 @@ ordered_json downlinkJson(const SharedModel& shared) {
                         {"rectangle", rectangle}});
   }
   const telemetry::DownlinkSender* sender = shared.model->link().sender();
+  const auto& report = shared.model->report();
   return {{"enabled", why.empty()},
           {"reason", why.empty() ? ordered_json(nullptr) : ordered_json(why)},
           {"frames_sent", sender == nullptr ? 0 : sender->counters().frames},
+          {"paused", report && report->paused},
+          {"vehicle_rate_bps", report ? ordered_json(report->rate_bps) : ordered_json(nullptr)},
           {"requests", requests}};
 }
 
@@ -162,7 +166,7 @@ std::string stateJson(const SharedModel& shared) {
                        {"origin_longitude_deg", m->origin.longitude / kDegree},
                        {"start_utc_s", seconds(m->start_utc_ns)},
                        {"schema_differs", model.schemaDiffers()}};
-  json["status"] = model.status() ? statusJson(*model.status()) : ordered_json(nullptr);
+  json["status"] = model.status() ? statusJson(*model.status(), model.health()) : ordered_json(nullptr);
   json["link"] = linkJson(model, shared.now_utc_ns);
   json["map"] = mapJson(model, shared.now_utc_ns);
   json["downlink"] = downlinkJson(shared);

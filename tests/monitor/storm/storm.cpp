@@ -66,7 +66,6 @@ Plan draw(std::mt19937& random) {
   p.link.rate_bps = std::exp(between(std::log(80.0), std::log(5400.0)));
   p.link.colour_bits = chance(0.5) ? 3 : 0;
   p.link.max_delay_s = 1;
-  p.link.fast_rate_bps = 1e6;
   p.link.blocks.coarse_spacing = p.link.blocks.spacing;
   p.up.loss = chance(0.2) ? 0 : between(0, 0.5);
   p.up.mean_burst = chance(0.5) ? 0 : between(1, 8);

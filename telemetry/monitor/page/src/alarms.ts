@@ -27,6 +27,7 @@ export const THRESHOLD_LABELS: Record<keyof Thresholds, [label: string, unit: st
   altitude_m: ['Altitude below', 'm'],
 };
 
+const UNREADABLE_FRAMES = 5; // before any that can be read
 const CLOCKS_APART_S = 120; // more than any frame is under way
 
 export interface Alarm {
@@ -51,6 +52,14 @@ export function findAlarms(state: MonitorState, age: number | null, t: Threshold
   }
   if (state.link.recent_loss !== null && 100 * state.link.recent_loss > t.loss_percent)
     raise('loss', false, `${Math.round(100 * state.link.recent_loss)} % of the frames are lost`);
+  const rejected = state.link.rejected;
+  if (state.link.accepted === 0 && (rejected['unkeyed'] ?? 0) > 0)
+    raise('unkeyed', true, 'The vehicle sends without the key that this program was given: start it without --key, or give the vehicle the key');
+  else if (state.link.accepted === 0 && (rejected['bad-tag'] ?? 0) >= UNREADABLE_FRAMES)
+    raise('key', true, 'Frames come that cannot be proven: the vehicle has another key, or they are damaged');
+  if ((rejected['old'] ?? 0) > 0)
+    raise('old', false, 'Frames of an earlier dive are heard: played again, or the vehicle\'s clock was set back (then give another --out)');
+  if (state.downlink.paused) raise('paused', false, 'The map is paused, as asked');
   if (state.not_kept) raise('disk', true, `This computer does not keep what it hears: ${state.not_kept}`);
   if (!state.recorded && state.clocks_apart_s !== null && Math.abs(state.clocks_apart_s) > CLOCKS_APART_S)
     raise('clocks', true, `The vehicle's clock and this computer's are ${duration(Math.abs(state.clocks_apart_s))} apart`);

@@ -66,7 +66,7 @@ export interface PlaybackState {
 export interface SentRequest {
   id: number;
   text: string;
-  state: 'queued' | 'sent' | 'answered';
+  state: 'queued' | 'sent' | 'taken' | 'done' | 'refused' | 'no answer';
   times_sent: number;
   utc_s: number; // of the state
   rectangle: [north_min: number, north_max: number, east_min: number, east_max: number] | null;
@@ -76,6 +76,8 @@ export interface DownlinkState {
   enabled: boolean;
   reason: string | null; // why not
   frames_sent: number;
+  paused: boolean; // the vehicle sends no map, as it was asked to
+  vehicle_rate_bps: number | null; // that it sends at, by its last report
   requests: SentRequest[]; // newest first
 }
 

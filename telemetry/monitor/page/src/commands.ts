@@ -84,7 +84,7 @@ export class Commands {
     this.shown = text;
     element('requests').replaceChildren(
       ...rows.map(([request, state]) => {
-        const row = make('div', `request ${request.state}`);
+        const row = make('div', `request ${request.state === 'no answer' ? 'unanswered' : request.state}`);
         row.append(make('span', '', request.text), make('em', '', state));
         return row;
       }),
