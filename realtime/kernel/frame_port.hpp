@@ -12,7 +12,7 @@ namespace fathom {
 // acoustic channel in sim; telemetry speaks the protocol over any of them.
 class FramePort {
  public:
-  static constexpr std::size_t kMaxFrameBytes = 256;
+  static constexpr std::size_t kMaxFrameBytes = 2048;  // of what acoustic modems take at once
 
   virtual ~FramePort() = default;
 

@@ -28,6 +28,10 @@ void SentFrames::add(std::int64_t left_ns, std::span<const BlockRef> blocks) {
   held_ = std::min(held_ + 1, kFrames);
 }
 
+void SentFrames::leftTogether(Version first, std::int64_t left_ns) {
+  for (Version version = first; version < next_; ++version) frames_[version % kFrames].left_ns = left_ns;
+}
+
 void SentFrames::skip(std::uint16_t count) {
   for (std::uint16_t i = 0; i < count; ++i, ++next_) {
     frames_[next_ % kFrames] = Frame{};

@@ -4,12 +4,19 @@
 #include <iterator>
 
 #include "realtime/kernel/input_error.hpp"
-#include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/bundle.hpp"
 
 namespace fathom::telemetry {
 namespace {
 
 constexpr std::size_t kHeadBytes = 12;  // u32 length, i64 time
+
+bool holdsWholeFrame(std::span<const std::uint8_t> modem_frame) {
+  LinkFrames frames(modem_frame);
+  while (const auto frame = frames.next())
+    if (decodeFrame(*frame).verdict == FrameVerdict::kAccepted) return true;
+  return false;
+}
 
 std::uint64_t littleEndian(const std::uint8_t* bytes, int count) {
   std::uint64_t value = 0;
@@ -43,10 +50,10 @@ std::optional<Packet> PacketLogReader::next() {
   if (stream_.gcount() != static_cast<std::streamsize>(kHeadBytes))
     throw InputError(path_.string(), place(), "the last packet is cut short: copy the file again");
   const std::uint64_t length = littleEndian(head.data(), 4);
-  if (length == 0 || length > kMaxFrameBytes)
+  if (length == 0 || length > kMaxModemBytes)
     throw InputError(path_.string(), place(),
                      "a packet of " + std::to_string(length) + " bytes, expected 1 to " +
-                         std::to_string(kMaxFrameBytes) + ": not a packets.bin, or damaged");
+                         std::to_string(kMaxModemBytes) + ": not a packets.bin, or damaged");
   Packet packet;
   packet.utc_ns = static_cast<std::int64_t>(littleEndian(head.data() + 4, 8));
   packet.bytes.resize(length);
@@ -64,10 +71,9 @@ bool PacketLogReader::passOverDamage() {
   stream_.clear();
   for (std::size_t at = 1; at + kHeadBytes < rest.size(); ++at) {
     const std::uint64_t length = littleEndian(rest.data() + at, 4);
-    if (length < kFrameOverhead || length > kMaxFrameBytes || length > rest.size() - at - kHeadBytes)
+    if (length < kFrameOverhead || length > kMaxModemBytes || length > rest.size() - at - kHeadBytes)
       continue;
-    if (decodeFrame(std::span(rest).subspan(at + kHeadBytes, length)).verdict != FrameVerdict::kAccepted)
-      continue;
+    if (!holdsWholeFrame(std::span(rest).subspan(at + kHeadBytes, length))) continue;
     offset_ += at;
     stream_.seekg(static_cast<std::streamoff>(offset_));
     return true;

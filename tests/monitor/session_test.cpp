@@ -6,6 +6,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "telemetry/monitor/frame_feed.hpp"
 #include "telemetry/monitor/session_files.hpp"
+#include "telemetry/wire/bundle.hpp"
 #include "tests/monitor/sample_dive.hpp"
 #include "tests/support/full_disk.hpp"
 #include "tests/support/test_data.hpp"
@@ -54,6 +55,37 @@ TEST_F(Session, AComputerThatWasOffComesBackWithItsMapAndItsAcknowledgement) {
   // An old turn is over; after a long silence the ship speaks unasked.
   EXPECT_EQ(second.speak(packets.back().utc_ns + 30'000'000'000, frame), 0U);
   EXPECT_GT(second.speak(packets.back().utc_ns + 3'600'000'000'000, frame), 0U);
+}
+
+TEST_F(Session, TheLinkFramesOfBundlesAreKeptOneByOne) {
+  const auto packets = packetsOf(200);
+  MonitorModel alone, together;
+  for (const auto& packet : packets) alone.accept(packet.bytes, packet.utc_ns);
+  {
+    SessionFiles files(folder_);
+    std::array<std::uint8_t, telemetry::kMaxModemBytes> bundle;
+    for (std::size_t next = 0; next < packets.size();) {
+      telemetry::ModemFrameWriter modem(bundle, true);
+      for (; next < packets.size() && modem.room().size() >= packets[next].bytes.size(); ++next) {
+        std::copy(packets[next].bytes.begin(), packets[next].bytes.end(), modem.room().begin());
+        modem.add(packets[next].bytes.size());
+      }
+      const std::size_t size = modem.finish();
+      EXPECT_TRUE(together.hear(std::span(bundle).first(size), packets.back().utc_ns,
+                                [&](const auto& frame, std::span<const std::uint8_t> link_frame) {
+                                  files.log(frame, link_frame, packets.back().utc_ns, false);
+                                }));
+    }
+  }
+  EXPECT_EQ(together.map().store().size(), alone.map().store().size());
+  EXPECT_EQ(together.track().size(), alone.track().size());
+  EXPECT_EQ(together.receiver().acknowledgement(), alone.receiver().acknowledgement());
+  telemetry::PacketLogReader reader(folder_ / "received.bin");
+  for (const auto& packet : packets) {
+    const auto kept = reader.next();
+    ASSERT_TRUE(kept);
+    EXPECT_EQ(kept->bytes, packet.bytes);
+  }
 }
 
 TEST_F(Session, ADamagedEndIsCutOffAndTheNextFrameFollowsWhatIsWhole) {

@@ -37,9 +37,14 @@ MapperKeeper::Config keeperConfig(const rt::RealtimeConfig& realtime) {
   return config;
 }
 
-OwnStatus::Config ownStatusConfig(const io::MissionConfig& mission) {
+OwnStatus::Config ownStatusConfig(const LiveSetup& setup) {
+  const telemetry::LinkSchedulerConfig& link = setup.config.link.scheduler;
   OwnStatus::Config config;
-  config.identity = {mission.vehicle_id, mission.dive_id};
+  config.identity = {setup.mission.vehicle_id, setup.mission.dive_id};
+  if (link.padded) config.padded_bytes = static_cast<std::size_t>(link.modem_bytes);
+  // A bundle of the shortest frames more.
+  config.passed_over = static_cast<std::uint16_t>(
+      config.passed_over + static_cast<std::size_t>(link.modem_bytes) / telemetry::kMinFrameBytes);
   return config;
 }
 
@@ -61,7 +66,7 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, rt::VehicleClock& c
           [this](const io::CameraFrame& f) {
             (f.side == CameraSide::kLeft ? devices_.left : devices_.right)->pool().release(f.block);
           }),
-      own_status_(ownStatusConfig(setup_.mission)),
+      own_status_(ownStatusConfig(setup_)),
       hard_(navCoreConfig(setup_.config, setup_.mission), {&recorder_, &channel_.down().inputs}, clock_,
             hard_stages_),
       resume_(resumeNavigation(setup_.folder, names_, hard_)),

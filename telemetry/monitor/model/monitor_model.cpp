@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "telemetry/wire/bundle.hpp"
+
 namespace fathom::monitor {
 
 using telemetry::DecodedFrame;
@@ -94,6 +96,14 @@ DecodedFrame MonitorModel::accept(std::span<const std::uint8_t> bytes, std::int6
   return frame;
 }
 
+bool MonitorModel::hear(std::span<const std::uint8_t> modem_frame, std::int64_t utc_ns, const Each& each) {
+  return link_.hear(modem_frame, [&](std::span<const std::uint8_t> link_frame) {
+    const DecodedFrame frame = accept(link_frame, utc_ns);
+    if (each) each(frame, link_frame);
+    return frame.verdict == FrameVerdict::kAccepted;
+  });
+}
+
 bool MonitorModel::ask(const telemetry::Request& request, std::int64_t utc_ns) {
   telemetry::DownlinkSender* sender = link_.sender();
   const auto id = sender == nullptr ? std::nullopt : sender->request(request);
@@ -121,7 +131,8 @@ std::size_t MonitorModel::speak(std::int64_t utc_ns, std::span<std::uint8_t> out
                                 const telemetry::ShipLink::Kept& kept) {
   const std::size_t size = link_.nextFrame(utc_ns, vehicleTime(utc_ns), out, kept);
   if (size == 0) return 0;
-  requests_.noteSent(out.first(size), utc_ns);
+  telemetry::LinkFrames said(out.first(size));
+  while (const auto frame = said.next()) requests_.noteSent(*frame, utc_ns);
   ++version_;
   return size;
 }
