@@ -24,6 +24,10 @@ class FramePort {
   // is waiting. Never blocks. Longer or broken frames are dropped and counted.
   [[nodiscard]] virtual std::size_t receive(std::span<std::uint8_t> buffer) noexcept = 0;
 
+  // What receive() gave last was a true frame: where the port has no other address, its sender is the one
+  // that is sent to from now on.
+  virtual void answerHeard() noexcept {}
+
   // Frames dropped on reception because they were too long or broken in the line protocol.
   [[nodiscard]] virtual std::uint64_t droppedFrames() const noexcept = 0;
 

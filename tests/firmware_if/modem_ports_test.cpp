@@ -113,19 +113,37 @@ TEST(UdpFramePort, FramesArriveWholeAndNothingElse) {
   EXPECT_EQ(receiver.droppedFrames(), 0u);
 }
 
-TEST(UdpFramePort, APortWithoutAPeerAnswersWhoSpokeLast) {
+TEST(UdpFramePort, APortWithoutAPeerAnswersWhoseFrameWasTrueLast) {
   UdpFramePort ship("127.0.0.1", 0, "", 0);
   EXPECT_FALSE(ship.send(Bytes(1))) << "nobody has spoken yet";
   UdpFramePort first("127.0.0.1", 0, "127.0.0.1", ship.boundPort());
   UdpFramePort second("127.0.0.1", 0, "127.0.0.1", ship.boundPort());
   ASSERT_TRUE(first.send(Bytes{1}));
   EXPECT_EQ(receiveOne(ship), Bytes{1});
+  EXPECT_FALSE(ship.send(Bytes(1))) << "what was heard may be noise";
+  ship.answerHeard();
   ASSERT_TRUE(ship.send(Bytes{2}));
   EXPECT_EQ(receiveOne(first), Bytes{2});
   ASSERT_TRUE(second.send(Bytes{3}));
   EXPECT_EQ(receiveOne(ship), Bytes{3});
+  ship.answerHeard();
   ASSERT_TRUE(ship.send(Bytes{4}));
   EXPECT_EQ(receiveOne(second), Bytes{4});
+}
+
+TEST(UdpFramePort, AForgedDatagramDoesNotLeadTheDownlinkAway) {
+  UdpFramePort ship("127.0.0.1", 0, "", 0);
+  UdpFramePort vehicle("127.0.0.1", 0, "127.0.0.1", ship.boundPort());
+  UdpFramePort forger("127.0.0.1", 0, "127.0.0.1", ship.boundPort());
+  ASSERT_TRUE(vehicle.send(Bytes{1}));
+  EXPECT_EQ(receiveOne(ship), Bytes{1});
+  ship.answerHeard();
+  ASSERT_TRUE(forger.send(Bytes{9}));
+  EXPECT_EQ(receiveOne(ship), Bytes{9});
+  ASSERT_TRUE(ship.send(Bytes{2}));
+  EXPECT_EQ(receiveOne(vehicle), Bytes{2});
+  Bytes buffer(FramePort::kMaxFrameBytes);
+  EXPECT_EQ(forger.receive(buffer), 0u);
 }
 
 TEST(UdpFramePort, APortWithAPeerHearsNobodyElse) {
@@ -135,6 +153,7 @@ TEST(UdpFramePort, APortWithAPeerHearsNobodyElse) {
   ASSERT_TRUE(stranger.send(Bytes{9}));
   ASSERT_TRUE(port.send(Bytes{1}));
   EXPECT_EQ(receiveOne(peer), Bytes{1});
+  peer.answerHeard();
   ASSERT_TRUE(peer.send(Bytes{2}));
   EXPECT_EQ(receiveOne(port), Bytes{2});
   EXPECT_EQ(port.droppedFrames(), 1u);

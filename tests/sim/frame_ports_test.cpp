@@ -61,6 +61,7 @@ class UdpPair final : public Joined {
     EXPECT_TRUE(vehicle_.send(Bytes{0}));
     settle();
     EXPECT_EQ(ship_.receive(buffer), 1U);
+    ship_.answerHeard();
   }
   FramePort& vehicle() override { return vehicle_; }
   FramePort& ship() override { return ship_; }
