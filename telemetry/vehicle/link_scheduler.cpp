@@ -24,8 +24,6 @@ constexpr double kListenShare = 0.2;        // of the time, by rule
 constexpr int kMaxTurnFrames = static_cast<int>(Acknowledgement::kMaxReach) / 2;
 constexpr int kMaxMapColourBits = 6;
 constexpr double kMaxPreambleBits = 5e5;  // that would leave in its time: the token bucket counts them
-// A block that does not fit a frame alone is tried without colour, then with up to 16 times the error.
-constexpr int kCoarserTries = 5;
 
 std::int64_t nanoseconds(double seconds) {
   return std::llround(seconds * 1e9);
@@ -142,23 +140,20 @@ std::size_t LinkScheduler::Impl::mapPacket(int sendings, double after_s) {
   // A block takes a byte at the very least.
   while (queue.gather(now, room, batch)) {
     const std::span<const MapBlock> blocks = std::span(batch.blocks).first(batch.size);
-    MapPacketEncoder::Result result;
-    double error = batch.max_error;
-    const int tries =
-        batch.repeats ? 1 : kCoarserTries;  // the other side is to have no worse than it may have
-    for (int k = 0; k <= tries && result.bytes == 0; ++k) {
-      if (k > 1) error *= 2;
-      // None but the block that is too long for a frame is sent worse than wanted.
-      result = encoder.encode(blocks.first(k > 1 ? 1 : blocks.size()),
-                              {error, k == 0 ? config.colour_bits : 0}, out, decoded);
-      if (k > 0 && result.bytes > 0) ++counters.coarsened_packets;
+    // What does not fit goes without colour; then of the block that is too long for a frame by itself as many
+    // nodes as fit: what is shown keeps the error. A repeat takes away nothing that the other side may have.
+    MapPacketEncoder::Result result =
+        encoder.encode(blocks, {batch.max_error, config.colour_bits}, out, decoded);
+    if (result.bytes == 0) {
+      result = encoder.encode(blocks, {batch.max_error, 0, !batch.repeats}, out, decoded);
+      if (result.bytes > 0) ++counters.reduced_packets;
     }
     if (result.bytes == 0) {
       queue.unsendable(batch);
       continue;
     }
     batch_sent = result.blocks;
-    queue.sent(batch, result.blocks, decoded, sent.next(), error);
+    queue.sent(batch, result.blocks, decoded, sent.next());
     type = MessageType::kMapPacket;
     ++counters.map_frames;
     counters.map_bytes += result.bytes + kFrameOverhead;

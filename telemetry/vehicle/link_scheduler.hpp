@@ -108,7 +108,7 @@ class LinkScheduler {
     std::uint64_t turns = 0;      // frames with the turn
     std::uint64_t acknowledgements = 0, acknowledgements_foreign = 0, requests = 0, requests_refused = 0;
     std::uint64_t frames_arrived = 0, frames_lost = 0;  // as acknowledged
-    std::uint64_t coarsened_packets = 0;  // sent with a greater error or without colour to fit a frame
+    std::uint64_t reduced_packets = 0;  // sent without colour, or without some nodes, to fit a frame
     BlockQueue::Counters blocks;
     int squares_held = 0;          // in the pool
     int blocks_waiting = 0;        // to be sent
