@@ -12,6 +12,7 @@
 #include "realtime/onboard/live/devices/own_status.hpp"
 #include "realtime/onboard/live/dive_lock.hpp"
 #include "realtime/onboard/live/part_states.hpp"
+#include "telemetry/wire/bundle.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::onboard {
