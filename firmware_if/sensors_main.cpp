@@ -14,6 +14,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/version.hpp"
 #include "telemetry/downlink/downlink.hpp"
+#include "telemetry/wire/bundle.hpp"
 #include "telemetry/wire/status.hpp"
 
 namespace {
@@ -23,31 +24,39 @@ using namespace fathom;
 // What the ship says to this vehicle on this dive, as fathom-onboard would admit it; and a status that gives
 // it the turn. Its sequence numbers lie before 0, where fathom-onboard begins, so that none of that program's
 // frames counts as heard already.
-io::PrediveLink makeLink(const io::MissionConfig& mission, const std::optional<telemetry::LinkKey>& key) {
+// `padded_bytes`: size of a modem frame that is always full; 0: it is as long as it is.
+io::PrediveLink makeLink(const io::MissionConfig& mission, const std::optional<telemetry::LinkKey>& key,
+                         std::size_t padded_bytes) {
   const telemetry::LinkIdentity identity{mission.vehicle_id, mission.dive_id};
   const auto receiver = std::make_shared<telemetry::DownlinkReceiver>(identity, key, 0);
   io::PrediveLink link;
-  link.read = [receiver](std::span<const std::uint8_t> frame) {
+  link.read = [receiver](std::span<const std::uint8_t> modem_frame) {
     constexpr double kRadiansPerDegree = std::numbers::pi / 180;
-    const auto result = receiver->accept(0, frame);
     io::PrediveLink::Heard heard;
-    heard.ours = result.verdict == telemetry::DownlinkVerdict::kAccepted ||
-                 result.verdict == telemetry::DownlinkVerdict::kNoKey;
-    if (const auto& fix = result.content.fix)
-      heard.fix = UsblFix{
-          fix->utc_ns, fix->utc_ns, fix->latitude * kRadiansPerDegree, fix->longitude * kRadiansPerDegree,
-          fix->depth,  fix->sigma};
+    telemetry::LinkFrames frames(modem_frame);
+    while (const auto frame = frames.next()) {
+      const auto result = receiver->accept(0, *frame);
+      heard.ours = heard.ours || result.verdict == telemetry::DownlinkVerdict::kAccepted ||
+                   result.verdict == telemetry::DownlinkVerdict::kNoKey;
+      if (const auto& fix = result.content.fix)
+        heard.fix = UsblFix{
+            fix->utc_ns, fix->utc_ns, fix->latitude * kRadiansPerDegree, fix->longitude * kRadiansPerDegree,
+            fix->depth,  fix->sigma};
+    }
     return heard;
   };
-  link.greet = [identity, sequence = std::uint16_t{0xFF00}](std::int64_t utc_ns,
-                                                            std::span<std::uint8_t> out) mutable {
+  link.greet = [identity, padded_bytes, sequence = std::uint16_t{0xFF00}](
+                   std::int64_t utc_ns, std::span<std::uint8_t> out) mutable {
     telemetry::Status status;
     status.utc_ns = utc_ns;
     status.health = telemetry::kHealthNoFix;
     std::array<std::uint8_t, telemetry::kMinFrameBytes> payload;
     const std::size_t size = telemetry::encodeStatus(status, payload);
-    return telemetry::encodeFrame({identity, sequence++, telemetry::MessageType::kStatus, true},
-                                  {payload.data(), size}, out);
+    const bool padded = padded_bytes > 0;
+    telemetry::ModemFrameWriter modem(padded ? out.first(padded_bytes) : out, padded);
+    modem.add(telemetry::encodeFrame({identity, sequence++, telemetry::MessageType::kStatus, true},
+                                     {payload.data(), size}, modem.room()));
+    return modem.finish();
   };
   return link;
 }
@@ -102,9 +111,9 @@ int main(int argc, char** argv) {
       const std::filesystem::path key_file = table.text("key_file", "");
       std::optional<telemetry::LinkKey> key;
       std::string warning;
-      if (!key_file.empty())
-        key = telemetry::readLinkKey(predive.config.parent_path() / key_file, warning);
-      return makeLink(mission, key);
+      if (!key_file.empty()) key = telemetry::readLinkKey(predive.config.parent_path() / key_file, warning);
+      const auto modem_bytes = static_cast<std::size_t>(table.integer("modem_bytes", 0, 0, 2048));
+      return makeLink(mission, key, table.boolean("padded", false) ? modem_bytes : 0);
     };
     return io::runPrediveCommand(predive, make_link, stdout);
   });

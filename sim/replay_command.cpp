@@ -24,6 +24,7 @@ int run(State& s) {
   const onboard::OnboardConfig onboard =
       onboard::readOnboardConfig(s.replay.config, io::readMissionConfig(s.replay.mission));
   s.water.rate_bps = s.rate_bps.value_or(onboard.link.scheduler.rate_bps);
+  s.water.preamble_s = onboard.link.scheduler.preamble_s;
   s.water.key = onboard.link_key;
   if (s.off.size() == 2) {
     s.water.off_from_s = s.off[0];

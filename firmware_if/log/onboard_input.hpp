@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "firmware_if/log/log_messages.hpp"
-#include "realtime/kernel/frame_port.hpp"
 #include "recon/geometry/sensor_samples.hpp"
 
 namespace fathom::io {
@@ -19,14 +18,15 @@ namespace fathom::io {
 // Everything that fathom-onboard's cores consume, in one order: the log of a live run holds exactly this
 // sequence, so that it replays to the same bytes. Channels beside those of log_messages.hpp:
 //
-//   FATHOM_MODEM_IN   fathom.raw_t       a frame that the modem received
+//   FATHOM_MODEM_IN   fathom.raw_t       a link frame that the modem received, by itself or in a bundle
 //   FATHOM_TICK       fathom.tick_t      time passes: health is looked at, frames are sent
 //   FATHOM_DECISION   fathom.decision_t  what a measured time or a full queue decided about a pair
 //   FATHOM_MARK       fathom.mark_t      a state was saved, the program started again, the survey ended, ...
 
+// A link frame, as long as one may be; what the modem gives at once may hold several and is longer.
 struct ModemFrame {
   std::uint16_t size = 0;
-  std::array<std::uint8_t, FramePort::kMaxFrameBytes> bytes{};
+  std::array<std::uint8_t, 256> bytes{};
   [[nodiscard]] std::span<const std::uint8_t> data() const { return {bytes.data(), size}; }
 };
 

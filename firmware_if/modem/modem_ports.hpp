@@ -12,17 +12,18 @@
 namespace fathom::io {
 
 // UDP stand-in for the modem: one datagram is one frame. Addresses are numeric IPv4. With a peer, only its
-// datagrams are heard; without one, whoever spoke last is answered (as an acoustic modem is heard by who is
-// there).
+// datagrams are heard; without one, all are, and the sender of the last one that was found to be true is
+// answered (answerHeard()): whoever can send a datagram must not lead away what goes to the vehicle.
 class UdpFramePort final : public FramePort {
  public:
-  // Binds `bind_port` (0: any) on `bind_address`; frames go to `peer_address:peer_port` (port 0: to whoever
-  // spoke last). Throws InputError for an address that cannot be used.
+  // Binds `bind_port` (0: any) on `bind_address`; frames go to `peer_address:peer_port` (port 0: to
+  // nobody before answerHeard()). Throws InputError for an address that cannot be used.
   UdpFramePort(const std::string& bind_address, std::uint16_t bind_port, const std::string& peer_address,
                std::uint16_t peer_port);
   ~UdpFramePort() override;
   [[nodiscard]] bool send(std::span<const std::uint8_t> frame) noexcept override;
   [[nodiscard]] std::size_t receive(std::span<std::uint8_t> buffer) noexcept override;
+  void answerHeard() noexcept override;
   [[nodiscard]] std::uint64_t droppedFrames() const noexcept override { return dropped_; }
   [[nodiscard]] std::uint16_t boundPort() const noexcept { return bound_port_; }
 
@@ -30,8 +31,12 @@ class UdpFramePort final : public FramePort {
   int socket_ = -1;
   std::uint16_t bound_port_ = 0;
   bool peer_given_ = false;
-  std::uint32_t peer_ipv4_ = 0;  // network byte order
-  std::uint16_t peer_port_ = 0;  // 0: nobody to send to yet
+  struct Address {
+    std::uint32_t ipv4 = 0;  // network byte order
+    std::uint16_t port = 0;  // 0: nobody
+    friend bool operator==(const Address&, const Address&) = default;
+  };
+  Address peer_, heard_;  // who is sent to; who spoke last
   std::uint64_t dropped_ = 0;
 };
 

@@ -30,8 +30,7 @@ UdpFramePort::UdpFramePort(const std::string& bind_address, std::uint16_t bind_p
   sockaddr_in local = parseAddress(bind_address, bind_port);
   if (peer_given_) {
     const sockaddr_in peer = parseAddress(peer_address, peer_port);
-    peer_ipv4_ = peer.sin_addr.s_addr;
-    peer_port_ = peer_port;
+    peer_ = {peer.sin_addr.s_addr, peer_port};
   }
   socket_ = ::socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
   socklen_t size = sizeof local;
@@ -50,14 +49,18 @@ UdpFramePort::~UdpFramePort() {
 }
 
 bool UdpFramePort::send(std::span<const std::uint8_t> frame) noexcept {
-  if (peer_port_ == 0 || frame.empty() || frame.size() > kMaxFrameBytes) return false;
+  if (peer_.port == 0 || frame.empty() || frame.size() > kMaxFrameBytes) return false;
   sockaddr_in peer = {};
   peer.sin_family = AF_INET;
-  peer.sin_port = htons(peer_port_);
-  peer.sin_addr.s_addr = peer_ipv4_;
+  peer.sin_port = htons(peer_.port);
+  peer.sin_addr.s_addr = peer_.ipv4;
   const ssize_t sent =
       ::sendto(socket_, frame.data(), frame.size(), 0, reinterpret_cast<const sockaddr*>(&peer), sizeof peer);
   return sent == static_cast<ssize_t>(frame.size());
+}
+
+void UdpFramePort::answerHeard() noexcept {
+  if (!peer_given_) peer_ = heard_;
 }
 
 std::size_t UdpFramePort::receive(std::span<std::uint8_t> buffer) noexcept {
@@ -75,11 +78,9 @@ std::size_t UdpFramePort::receive(std::span<std::uint8_t> buffer) noexcept {
     if (n < 0 && (errno == ECONNREFUSED || errno == EINTR)) continue;
     if (n < 0) return 0;
     const auto size = static_cast<std::size_t>(n);
-    const std::uint16_t from_port = ntohs(from.sin_port);
-    const bool from_peer = from.sin_addr.s_addr == peer_ipv4_ && from_port == peer_port_;
-    if (size > 0 && size <= kMaxFrameBytes && size <= buffer.size() && (from_peer || !peer_given_)) {
-      peer_ipv4_ = from.sin_addr.s_addr;
-      peer_port_ = from_port;
+    const Address sender = {from.sin_addr.s_addr, ntohs(from.sin_port)};
+    if (size > 0 && size <= kMaxFrameBytes && size <= buffer.size() && (sender == peer_ || !peer_given_)) {
+      heard_ = sender;
       std::memcpy(buffer.data(), datagram.data(), size);
       return size;
     }

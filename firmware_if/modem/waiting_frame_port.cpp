@@ -36,6 +36,10 @@ std::size_t WaitingFramePort::receive(std::span<std::uint8_t> buffer) noexcept {
   return ready() ? port_->receive(buffer) : 0;
 }
 
+void WaitingFramePort::answerHeard() noexcept {
+  if (port_ != nullptr) port_->answerHeard();
+}
+
 std::uint64_t WaitingFramePort::droppedFrames() const noexcept {
   return port_ == nullptr ? 0 : port_->droppedFrames();
 }

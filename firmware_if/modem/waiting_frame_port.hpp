@@ -22,6 +22,7 @@ class WaitingFramePort final : public FramePort {
 
   [[nodiscard]] bool send(std::span<const std::uint8_t> frame) noexcept override;
   [[nodiscard]] std::size_t receive(std::span<std::uint8_t> buffer) noexcept override;
+  void answerHeard() noexcept override;
   [[nodiscard]] std::uint64_t droppedFrames() const noexcept override;
   [[nodiscard]] bool isOpen() const noexcept override;
   [[nodiscard]] std::string_view reason() const noexcept override;

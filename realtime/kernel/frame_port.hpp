@@ -12,7 +12,7 @@ namespace fathom {
 // acoustic channel in sim; telemetry speaks the protocol over any of them.
 class FramePort {
  public:
-  static constexpr std::size_t kMaxFrameBytes = 256;
+  static constexpr std::size_t kMaxFrameBytes = 2048;  // of what acoustic modems take at once
 
   virtual ~FramePort() = default;
 
@@ -23,6 +23,10 @@ class FramePort {
   // Copies the next received frame into `buffer` (at least kMaxFrameBytes) and returns its size; 0 when none
   // is waiting. Never blocks. Longer or broken frames are dropped and counted.
   [[nodiscard]] virtual std::size_t receive(std::span<std::uint8_t> buffer) noexcept = 0;
+
+  // What receive() gave last was a true frame: where the port has no other address, its sender is the one
+  // that is sent to from now on.
+  virtual void answerHeard() noexcept {}
 
   // Frames dropped on reception because they were too long or broken in the line protocol.
   [[nodiscard]] virtual std::uint64_t droppedFrames() const noexcept = 0;

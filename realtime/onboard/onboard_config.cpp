@@ -30,6 +30,9 @@ void read(const ConfigTable& t, LinkCoreConfig& c) {
   telemetry::LinkSchedulerConfig& s = c.scheduler;
   s.rate_bps = t.number("rate_bps", s.rate_bps, 80, 5400);
   s.frame_bytes = whole(t, "frame_bytes", s.frame_bytes, 32, 256);
+  s.modem_bytes = whole(t, "modem_bytes", s.modem_bytes, 0, 2048);
+  s.padded = t.boolean("padded", s.padded);
+  s.preamble_s = t.number("preamble_s", s.preamble_s, 0, 5);
   s.loss_rate = t.number("loss_rate", s.loss_rate, 0, 0.9);
   s.duty = t.number("duty", s.duty, 0.05, 1);
   s.mean_burst = t.number("mean_burst", s.mean_burst, 0, 100);

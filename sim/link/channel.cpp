@@ -38,6 +38,7 @@ void validate(const ChannelConfig& config) {
   require(config.delay_s >= 0 && config.delay_s <= 3600, "delay_s must be 0 to 3600");
   require(config.late_s >= 0 && config.late_s <= 3600, "late_s must be 0 to 3600");
   require(config.rate_bps >= 0 && config.rate_bps <= 1e9, "rate_bps must be 0 (no limit) to 1e9");
+  require(config.preamble_s >= 0 && config.preamble_s <= 60, "preamble_s must be 0 to 60");
   require(config.queue_frames >= 1 && config.queue_frames <= 100000, "queue_frames must be 1 to 100000");
 }
 
@@ -71,7 +72,8 @@ bool AcousticChannel::send(double now_s, std::span<const std::uint8_t> frame) {
   double begin_s = now_s, sent_s = now_s;
   if (config_.rate_bps > 0) {
     begin_s = std::max(busy_until_s_, now_s);
-    busy_until_s_ = begin_s + kBitsPerByte * static_cast<double>(frame.size()) / config_.rate_bps;
+    busy_until_s_ =
+        begin_s + config_.preamble_s + kBitsPerByte * static_cast<double>(frame.size()) / config_.rate_bps;
     sent_s = busy_until_s_;
     departures_.push_back(sent_s);
     transmissions_.push_back({begin_s, sent_s});

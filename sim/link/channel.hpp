@@ -21,7 +21,8 @@ struct ChannelConfig {
   double late_s = 0;              // by how much, evenly up to this; 0: always 1.5 times the delay
   double corrupt = 0.01;          // that it arrives with damaged bytes
   double delay_s = 0.5;           // from the end of its transmission to its arrival
-  double rate_bps = 0;            // of the modem; 0: no limit
+  double rate_bps = 0;            // of the modem; 0: no limit, and no preamble
+  double preamble_s = 0;          // that the modem needs before each frame's bits
   std::size_t queue_frames = 64;  // waiting for transmission; more are refused
   std::uint64_t seed = 1;
 };

@@ -24,6 +24,7 @@ ChannelConfig waterOf(const SimulatedShipOptions& options) {
   water.mean_burst = options.mean_burst;
   water.delay_s = options.delay_s;
   water.rate_bps = options.rate_bps;
+  water.preamble_s = options.preamble_s;
   water.seed = options.seed;
   try {
     validate(water);
@@ -70,7 +71,10 @@ struct SimulatedShip::Impl {
       if (!telemetry::writePacket(file.stream(), now_ns, frame))
         throw std::runtime_error("the ship's frames cannot be written (disk full?)");
       ++frames_heard;
-      ship->accept(now_ns, frame, [](const auto&) { return true; });
+      ship->hear(frame, [&](std::span<const std::uint8_t> link_frame) {
+        return ship->accept(now_ns, link_frame, [](const auto&) { return true; }).verdict ==
+               telemetry::FrameVerdict::kAccepted;
+      });
     }
     if (!ship) return;
     // The sender keeps one fix: the next is given when that one was said.

@@ -17,6 +17,7 @@ struct SimulatedShipOptions {
   double mean_burst = 0;                                    // of runs of lost frames; 0: each by itself
   double delay_s = 1.0;                                     // of sound, one way
   double rate_bps = 300;                                    // of either modem
+  double preamble_s = 0;                                    // of either modem, before each frame
   bool half_duplex = true;                                  // neither modem hears while it speaks
   std::uint64_t seed = 1;
   std::size_t frame_bytes = 32;  // of the downlink's frames

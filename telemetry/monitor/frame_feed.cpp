@@ -14,7 +14,8 @@ std::size_t LiveFeed::poll(const TakeFrame& take) {
   std::size_t count = 0;
   for (const auto& port : ports_) {
     for (std::size_t size; count < kMost && (size = port->receive(buffer)) > 0; ++count)
-      take(std::span<const std::uint8_t>(buffer).first(size), rt::RealClock().utcNs());
+      if (take(std::span<const std::uint8_t>(buffer).first(size), rt::RealClock().utcNs()))
+        port->answerHeard();
   }
   return count;
 }
@@ -72,7 +73,7 @@ std::size_t Recording::poll(const TakeFrame& take, std::int64_t monotonic_ns) {
   // Clocks jump: a frame stamped earlier than the one before it has been due already.
   std::size_t count = 0;
   for (; count < kBatch && !finished() && packets_[next_].utc_ns <= at_ns_; ++count, ++next_)
-    take(packets_[next_].bytes, packets_[next_].utc_ns);
+    (void)take(packets_[next_].bytes, packets_[next_].utc_ns);
   return count;
 }
 

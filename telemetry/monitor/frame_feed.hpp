@@ -14,13 +14,14 @@
 
 namespace fathom::monitor {
 
-using TakeFrame = std::function<void(std::span<const std::uint8_t>, std::int64_t utc_ns)>;
+// Takes a modem frame; true: it held a true frame.
+using TakeFrame = std::function<bool(std::span<const std::uint8_t>, std::int64_t utc_ns)>;
 
-// Frames from modem ports, stamped with the time at which they were read.
+// Modem frames from ports, stamped with the time at which they were read.
 class LiveFeed {
  public:
   explicit LiveFeed(std::vector<std::unique_ptr<FramePort>> ports) : ports_(std::move(ports)) {}
-  // Gives the frames that have arrived by now; returns how many.
+  // Gives the frames that have arrived by now, and tells the port of those that were true; returns how many.
   std::size_t poll(const TakeFrame& take);
   // Hands a frame to every port; true if one took it.
   bool send(std::span<const std::uint8_t> frame);

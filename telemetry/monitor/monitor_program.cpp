@@ -115,13 +115,15 @@ class Reception {
   std::size_t step() {
     const std::lock_guard lock(shared_.mutex);
     const auto take = [&](std::span<const std::uint8_t> bytes, std::int64_t utc_ns) {
-      const auto frame = shared_.model->accept(bytes, utc_ns);
-      if (files_ != nullptr) files_->log(frame, bytes, utc_ns, recorded());
+      return shared_.model->hear(bytes, utc_ns,
+                                 [&](const auto& frame, std::span<const std::uint8_t> link_frame) {
+                                   if (files_ != nullptr) files_->log(frame, link_frame, utc_ns, recorded());
+                                 });
     };
     if (live_) {
       shared_.now_utc_ns = clock_.utcNs();
       const std::size_t count = live_->poll(take);
-      std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
+      std::array<std::uint8_t, FramePort::kMaxFrameBytes> frame;
       // What is not on the disk is not acknowledged: the vehicle would never send it again.
       if (const std::size_t size =
               listen_only_ ? 0

@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "telemetry/wire/bundle.hpp"
+
 namespace fathom::telemetry {
 namespace {
 
@@ -23,6 +25,21 @@ ShipLink::ShipLink(const std::optional<LinkIdentity>& identity, const std::optio
 
 void ShipLink::meet(const LinkIdentity& identity) {
   if (!sender_) sender_.emplace(identity, key_, config_.frame_bytes);
+}
+
+bool ShipLink::hear(std::span<const std::uint8_t> modem_frame, const TakeFrame& take) {
+  bool any = false, accepted = false;
+  LinkFrames frames(modem_frame);
+  while (const auto frame = frames.next()) {
+    any = true;
+    accepted = take(*frame) || accepted;
+  }
+  if (!any) return take(modem_frame);
+  if (!accepted) return false;
+  // A padded one that is full to the last byte looks like one that is not.
+  if (const std::size_t padded = paddedBytes(modem_frame); padded > 0 || modem_frame.size() != padded_)
+    padded_ = padded;
+  return true;
 }
 
 DecodedFrame ShipLink::accept(std::int64_t now_ns, std::span<const std::uint8_t> frame,
@@ -51,11 +68,16 @@ std::size_t ShipLink::nextFrame(std::int64_t now_ns, std::int64_t said_ns, std::
     if (!further) told_map_frames_ = map_frames;
     sender_->acknowledge(further.value_or(receiver_.acknowledgement()));
   }
-  const std::size_t size = sender_->nextFrame(said_ns, out);
+  // One that the vehicle's modem frames are too small for goes as it is.
+  const std::size_t bundled = kBundleHeadBytes + kBundleShareBytes + config_.frame_bytes;
+  const bool padded = padded_ >= bundled && padded_ <= out.size();
+  ModemFrameWriter modem(padded ? out.first(padded_) : out, padded);
+  const std::size_t size = sender_->nextFrame(said_ns, modem.room());
   if (size == 0) return 0;
+  modem.add(size);
   turn_ns_.reset();
   quiet_ns_ = now_ns;
-  return size;
+  return modem.finish();
 }
 
 }  // namespace fathom::telemetry

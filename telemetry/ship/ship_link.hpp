@@ -25,12 +25,17 @@ class ShipLink {
   ShipLink(const std::optional<LinkIdentity>& identity, const std::optional<LinkKey>& key,
            const ShipLinkConfig& config = {});
 
-  // Takes one frame that arrived now; see LinkReceiver::accept.
+  // Takes one modem frame that arrived: gives each link frame in it to `take`, which accept()s it and says
+  // whether it was accepted; the modem frame itself where there is none in it. True: one was, at least. The
+  // answer is then padded to the size of what was heard, where that was padded (bundle.hpp).
+  using TakeFrame = std::function<bool(std::span<const std::uint8_t> link_frame)>;
+  bool hear(std::span<const std::uint8_t> modem_frame, const TakeFrame& take);
+  // Takes one link frame that arrived now; see LinkReceiver::accept.
   DecodedFrame accept(std::int64_t now_ns, std::span<const std::uint8_t> frame,
                       const LinkReceiver::Deliver& deliver);
-  // The frame to send now (out: at least frame_bytes); 0 when it is not the ship's turn or there is nothing
-  // to say. `now_ns` is UTC.
-  // Asked when it is the ship's turn: whether all that was received is kept. Without it, it is.
+  // The modem frame to send now (out: at least kMaxModemBytes); 0 when it is not the ship's turn or there is
+  // nothing to say. `now_ns` is UTC. Asked when it is the ship's turn: whether all that was received is kept.
+  // Without it, it is.
   using Kept = std::function<bool()>;
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out) {
     return nextFrame(now_ns, now_ns, out);
@@ -55,6 +60,7 @@ class ShipLink {
   std::optional<DownlinkSender> sender_;
   int round_ = 0;                               // frames spoken, in rounds
   std::uint64_t told_map_frames_ = UINT64_MAX;  // when the latest frames were acknowledged last
+  std::size_t padded_ = 0;                      // size of the answer; 0: as long as it is
   std::optional<std::int64_t> turn_ns_;         // since when it is the ship's turn
   std::optional<std::int64_t> quiet_ns_;        // since when nobody has spoken
 };

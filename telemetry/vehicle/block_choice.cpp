@@ -149,8 +149,7 @@ bool BlockQueue::gather(std::int64_t now_ns, std::size_t limit, Batch& batch) {
     batch.refs[batch.size++] = {static_cast<std::uint32_t>(i), static_cast<std::uint8_t>(k)};
   };
   batch.max_error = seed.max_error;
-  const bool coarse = static_cast<double>(seed.blocks[best.block].held_error) > seed.max_error * (1 + 1e-6);
-  batch.repeats = best.urgency == Urgency::kRepeat && !coarse;
+  batch.repeats = best.urgency == Urgency::kRepeat && !seed.blocks[best.block].blocked;
   take(best.square, best.block);
   const BlockKey first = batch.blocks[0].key;
   while (batch.size < std::min(limit, kMaxBatch) && count > 0) {

@@ -207,7 +207,7 @@ void BlockQueue::offer(const HeightTile& tile, double max_error, std::int64_t no
 }
 
 void BlockQueue::sent(const Batch& batch, std::size_t count, std::span<const MapBlock> decoded,
-                      Version version, double error) {
+                      Version version) {
   for (std::size_t k = 0; k < count; ++k) {
     Block& b = at(batch.refs[k]);
     ++counters_.sent;
@@ -219,7 +219,7 @@ void BlockQueue::sent(const Batch& batch, std::size_t count, std::span<const Map
     else if (b.held_seen != 0)
       ++counters_.updated;
     // What was sent before and may arrive is another content, where that has moved since.
-    if (!repeat || b.moved) {
+    if (!repeat || b.moved || decoded[k].seen != b.held_seen) {
       b.first = version;
       b.spread = 0;
       b.has = 0;
@@ -236,20 +236,18 @@ void BlockQueue::sent(const Batch& batch, std::size_t count, std::span<const Map
     b.state = State::kInFlight;
     b.held = decoded[k].depth;
     b.held_seen = decoded[k].seen;
-    b.held_error = static_cast<float>(error);
+    b.held_error = static_cast<float>(batch.max_error);
     b.orphan = b.moved = false;
     b.wanted = false;
-    b.blocked = error > batch.max_error;
+    b.blocked = decoded[k].seen != batch.blocks[k].seen;
     judge(squares_[batch.refs[k].square], b, now_ns_);
   }
 }
 
 void BlockQueue::unsendable(const Batch& batch) {
   Block& b = at(batch.refs[0]);
-  if (batch.repeats) {
-    b.sendings = std::numeric_limits<decltype(b.sendings)>::max();
-    return;
-  }
+  b.sendings = std::numeric_limits<decltype(b.sendings)>::max();
+  if (batch.repeats) return;
   b.blocked = true;
   b.wanted = false;
   ++counters_.unsendable;

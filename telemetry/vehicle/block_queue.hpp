@@ -65,7 +65,7 @@ class BlockQueue {
   struct Batch {
     std::size_t size = 0;
     double max_error = 0;  // [m]
-    bool repeats = false;  // the first block has been sent as exactly as wanted, and there is no word
+    bool repeats = false;  // the first block has been sent whole, and there is no word
     std::array<MapBlock, kMaxBatch> blocks;
     std::array<BlockRef, kMaxBatch> refs;
   };
@@ -74,11 +74,9 @@ class BlockQueue {
   void repeat(int sendings, double after_s);
   // Fills `batch`, with at most `limit` blocks; false if nothing is worth sending now.
   bool gather(std::int64_t now_ns, std::size_t limit, Batch& batch);
-  // The first `count` blocks of the batch go out now, with frame `version` and this error [m], and will be
-  // held as `decoded`. Those with a greater error than wanted, because no frame is long enough, wait for
-  // newer content.
-  void sent(const Batch& batch, std::size_t count, std::span<const MapBlock> decoded, Version version,
-            double error);
+  // The first `count` blocks of the batch go out now, with frame `version`, and will be held as `decoded`.
+  // One that lacks nodes there, because no frame is long enough, waits for newer content.
+  void sent(const Batch& batch, std::size_t count, std::span<const MapBlock> decoded, Version version);
   // The batch's first block cannot be encoded; it waits for newer content, or is not repeated.
   void unsendable(const Batch& batch);
 
@@ -148,7 +146,7 @@ class BlockQueue {
     float held_error = 0;  // that it was sent with [m]
     State state = State::kNever;
     bool wanted = false;          // something to send, settled or not
-    bool blocked = false;         // cannot be encoded
+    bool blocked = false;         // cannot be encoded, or not whole
     bool orphan = false;          // coarse, and the fine one gave way
     bool moved = false;           // the content is not quite what was sent
     float spread = 0;             // of what the sendings of this content are decoded as [m]

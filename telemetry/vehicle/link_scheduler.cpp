@@ -12,7 +12,7 @@ namespace fathom::telemetry {
 namespace {
 
 // A caller that asks late still gets the whole rate: the bucket holds two frames, or a second's worth.
-constexpr int kBucketFrames = 2;
+constexpr std::size_t kBucketFrames = 2;
 constexpr double kBucketSeconds = 1;
 constexpr std::size_t kDownlinkBytes = 48;  // of a usual frame of the ship, where frames are that long
 constexpr double kTurnMargin_s = 0.5;       // for the ship to answer
@@ -23,8 +23,7 @@ constexpr double kCarousel_s = 60;          // between two of these
 constexpr double kListenShare = 0.2;        // of the time, by rule
 constexpr int kMaxTurnFrames = static_cast<int>(Acknowledgement::kMaxReach) / 2;
 constexpr int kMaxMapColourBits = 6;
-// A block that does not fit a frame alone is tried without colour, then with up to 16 times the error.
-constexpr int kCoarserTries = 5;
+constexpr double kMaxPreambleBits = 5e5;  // that would leave in its time: the token bucket counts them
 
 std::int64_t nanoseconds(double seconds) {
   return std::llround(seconds * 1e9);
@@ -34,10 +33,37 @@ void require(bool good, const char* what) {
   if (!good) throw std::invalid_argument(what);
 }
 
+std::size_t largestModemFrame(const LinkSchedulerConfig& c) {
+  return static_cast<std::size_t>(c.modem_bytes > 0 ? c.modem_bytes : c.frame_bytes);
+}
+
+// What a modem frame takes of the link, its preamble as the bits that would leave in that time.
+std::size_t linkBits(const LinkSchedulerConfig& c, std::size_t bytes) {
+  return bytes * 8 + static_cast<std::size_t>(c.preamble_s * c.rate_bps);
+}
+
+double airSeconds(const LinkSchedulerConfig& c, std::size_t bytes) {
+  return c.preamble_s + static_cast<double>(bytes) * 8 / c.rate_bps;
+}
+
+// What is left of the rate where every modem frame is full and has its preamble [bit/s].
+double usableRate(const LinkSchedulerConfig& c) {
+  const std::size_t bytes = largestModemFrame(c);
+  return c.rate_bps * c.duty * static_cast<double>(bytes * 8) / static_cast<double>(linkBits(c, bytes));
+}
+
+// Link frames of one modem frame are lost together.
+double expectedBurst(const LinkSchedulerConfig& c) {
+  const int together = c.modem_bytes / (c.frame_bytes + static_cast<int>(kBundleShareBytes));
+  return together > 1 ? together * std::max(c.mean_burst, 1 / (1 - c.loss_rate)) : c.mean_burst;
+}
+
 double listenSeconds(const LinkSchedulerConfig& c) {
   if (c.listen_s > 0) return c.listen_s;
-  const auto bytes = std::min(static_cast<std::size_t>(c.frame_bytes), kDownlinkBytes);
-  return 2 * c.max_delay_s + static_cast<double>(bytes) * 8 / c.rate_bps + kTurnMargin_s;
+  // The ship pads its answer as the vehicle does.
+  const std::size_t bytes =
+      c.padded ? largestModemFrame(c) : std::min(static_cast<std::size_t>(c.frame_bytes), kDownlinkBytes);
+  return 2 * c.max_delay_s + airSeconds(c, bytes) + kTurnMargin_s;
 }
 
 double listenEvery(const LinkSchedulerConfig& c) {
@@ -49,7 +75,7 @@ double listenEvery(const LinkSchedulerConfig& c) {
 }  // namespace
 
 std::size_t linkBucketBits(const LinkSchedulerConfig& config) {
-  return std::max(static_cast<std::size_t>(kBucketFrames * config.frame_bytes) * 8,
+  return std::max(kBucketFrames * linkBits(config, largestModemFrame(config)),
                   static_cast<std::size_t>(kBucketSeconds * config.rate_bps));
 }
 
@@ -57,6 +83,14 @@ void LinkSchedulerConfig::validate() const {
   require(rate_bps >= 10 && rate_bps <= 1e6, "rate_bps is outside 10 to 1e6 bit/s");
   require(frame_bytes >= static_cast<int>(kMinFrameBytes) && frame_bytes <= static_cast<int>(kMaxFrameBytes),
           "frame_bytes is outside 32 to 256");
+  require(modem_bytes == 0 ||
+              (modem_bytes >= static_cast<int>(kMinModemBytes) &&
+               modem_bytes <= static_cast<int>(kMaxModemBytes) &&
+               modem_bytes >= frame_bytes + static_cast<int>(kBundleHeadBytes + kBundleShareBytes)),
+          "modem_bytes is neither 0 nor 64 to 2048 and frame_bytes + 2 at least");
+  require(!padded || modem_bytes > 0, "padded needs modem_bytes");
+  require(preamble_s >= 0 && preamble_s <= 5, "preamble_s is outside 0 to 5 s");
+  require(preamble_s * rate_bps <= kMaxPreambleBits, "preamble_s is too long at this rate_bps");
   require(duty >= 0.05 && duty <= 1, "duty is outside 0.05 to 1");
   require(loss_rate >= 0 && loss_rate <= 0.9, "loss_rate is outside 0 to 0.9");
   require(mean_burst >= 0 && mean_burst <= 100, "mean_burst is outside 0 to 100 frames");
@@ -71,21 +105,21 @@ void LinkSchedulerConfig::validate() const {
 
 LinkScheduler::Impl::Impl(const LinkSchedulerConfig& c)
     : config((c.validate(), c)),
-      bucket(c.rate_bps * c.duty, linkBucketBits(c), static_cast<std::size_t>(c.frame_bytes) * 8),
+      bucket(c.rate_bps * c.duty, linkBucketBits(c), linkBits(c, largestModemFrame(c))),
       queue(c.blocks),
-      sent(listenSeconds(c), c.loss_rate, c.mean_burst, c.first),
+      sent(listenSeconds(c), c.loss_rate, expectedBurst(c), c.first),
       housekeeping(c.housekeeping, c.frame_bytes, c.loss_rate),
       turns(listenEvery(c), listenSeconds(c)),
       wishes(c.rate_bps) {
   if (config.listen_every_frames == 0) config.listen_every_frames = kMaxTurnFrames;
-  housekeeping.plan(c.rate_bps * c.duty);
+  housekeeping.plan(usableRate(c));
 }
 
 void LinkScheduler::Impl::applyRate() {
   bucket = TokenBucket(config.rate_bps * config.duty, linkBucketBits(config),
-                       static_cast<std::size_t>(config.frame_bytes) * 8);
+                       linkBits(config, largestModemFrame(config)));
   bucket.advance(now);
-  housekeeping.plan(config.rate_bps * config.duty);
+  housekeeping.plan(usableRate(config));
   turns.setIntervals(listenEvery(config), listenSeconds(config));
 }
 
@@ -107,23 +141,20 @@ std::size_t LinkScheduler::Impl::mapPacket(int sendings, double after_s) {
   // A block takes a byte at the very least.
   while (queue.gather(now, room, batch)) {
     const std::span<const MapBlock> blocks = std::span(batch.blocks).first(batch.size);
-    MapPacketEncoder::Result result;
-    double error = batch.max_error;
-    const int tries =
-        batch.repeats ? 1 : kCoarserTries;  // the other side is to have no worse than it may have
-    for (int k = 0; k <= tries && result.bytes == 0; ++k) {
-      if (k > 1) error *= 2;
-      // None but the block that is too long for a frame is sent worse than wanted.
-      result = encoder.encode(blocks.first(k > 1 ? 1 : blocks.size()),
-                              {error, k == 0 ? config.colour_bits : 0}, out, decoded);
-      if (k > 0 && result.bytes > 0) ++counters.coarsened_packets;
+    // What does not fit goes without colour; then of the block that is too long for a frame by itself as many
+    // nodes as fit: what is shown keeps the error. A repeat takes away nothing that the other side may have.
+    MapPacketEncoder::Result result =
+        encoder.encode(blocks, {batch.max_error, config.colour_bits}, out, decoded);
+    if (result.bytes == 0) {
+      result = encoder.encode(blocks, {batch.max_error, 0, !batch.repeats}, out, decoded);
+      if (result.bytes > 0) ++counters.reduced_packets;
     }
     if (result.bytes == 0) {
       queue.unsendable(batch);
       continue;
     }
     batch_sent = result.blocks;
-    queue.sent(batch, result.blocks, decoded, sent.next(), error);
+    queue.sent(batch, result.blocks, decoded, sent.next());
     type = MessageType::kMapPacket;
     ++counters.map_frames;
     counters.map_bytes += result.bytes + kFrameOverhead;
@@ -227,38 +258,50 @@ void LinkScheduler::eachHeld(
   impl_->queue.eachHeld(visit);
 }
 
+bool LinkScheduler::Impl::addFrame(std::size_t payload_bytes, std::int64_t begin_ns,
+                                   ModemFrameWriter& modem) {
+  busy_until = begin_ns + nanoseconds(airSeconds(config, modem.bytesWith(payload_bytes + kFrameOverhead)));
+  const auto body = std::span<const std::uint8_t>(payload).first(payload_bytes);
+  if (type != MessageType::kRepair) {
+    if (blind() && !again)
+      repair.source(sent.next(), body, type == MessageType::kMapPacket, sent.loss(), sent.burst());
+    sent.add(busy_until, std::span(batch.refs).first(batch_sent));
+  }
+  ++frames_since_turn;
+  const bool turn = turnAfter(busy_until);
+  if (turn) {
+    turns.begin(busy_until);
+    frames_since_turn = 0;
+    ++counters.turns;
+  }
+  modem.add(
+      encodeFrame({config.identity, frame_version, type, turn}, body, modem.room(), config.tag, frame_group));
+  ++counters.frames;
+  return turn;
+}
+
 std::size_t LinkScheduler::nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out) {
   Impl& s = *impl_;
   s.now = std::max(s.now, now_ns);
   s.bucket.advance(s.now);
-  const auto frame_bytes = static_cast<std::size_t>(s.config.frame_bytes);
-  if (out.size() < frame_bytes || s.turns.listening(s.now) || !s.bucket.has(frame_bytes * 8)) return 0;
+  const std::size_t most = largestModemFrame(s.config);
+  if (out.size() < most || s.turns.listening(s.now) || !s.bucket.has(linkBits(s.config, most))) return 0;
   // The modem holds at most one frame besides the one that it sends, so that turns come when they are due.
-  const double frame_s = static_cast<double>(frame_bytes) * 8 / s.config.rate_bps;
-  if (s.busy_until > s.now + nanoseconds(std::max(frame_s, kBucketSeconds))) return 0;
-  const std::size_t payload_bytes = s.choose();
-  if (payload_bytes == 0) return 0;
+  const double longest_s = std::max(airSeconds(s.config, most), kBucketSeconds);
+  if (s.busy_until > s.now + nanoseconds(longest_s)) return 0;
 
-  const double air_s = static_cast<double>((payload_bytes + kFrameOverhead) * 8) / s.config.rate_bps;
-  s.busy_until = std::max(s.busy_until, s.now) + nanoseconds(air_s);
-  const auto payload = std::span<const std::uint8_t>(s.payload).first(payload_bytes);
-  if (s.type != MessageType::kRepair) {
-    if (s.blind() && !s.again)
-      s.repair.source(s.sent.next(), payload, s.type == MessageType::kMapPacket, s.sent.loss(),
-                      s.sent.burst());
-    s.sent.add(s.busy_until, std::span(s.batch.refs).first(s.batch_sent));
+  ModemFrameWriter modem(out.first(most), s.config.padded);
+  const std::int64_t begin_ns = std::max(s.busy_until, s.now);
+  const Version first = s.sent.next();
+  bool more = true;
+  while (more && modem.room().size() >= static_cast<std::size_t>(s.config.frame_bytes)) {
+    const std::size_t payload_bytes = s.choose();
+    more = payload_bytes > 0 && !s.addFrame(payload_bytes, begin_ns, modem) && s.config.modem_bytes > 0;
   }
-  ++s.frames_since_turn;
-  const bool turn = s.turnAfter(s.busy_until);
-  if (turn) {
-    s.turns.begin(s.busy_until);
-    s.frames_since_turn = 0;
-    ++s.counters.turns;
-  }
-  const std::size_t size = encodeFrame({s.config.identity, s.frame_version, s.type, turn}, payload, out,
-                                       s.config.tag, s.frame_group);
-  s.bucket.take(size * 8);
-  ++s.counters.frames;
+  const std::size_t size = modem.finish();
+  if (size == 0) return 0;
+  s.sent.leftTogether(first, s.busy_until);
+  s.bucket.take(linkBits(s.config, size));
   s.counters.bytes += size;
   return size;
 }
@@ -267,7 +310,9 @@ void LinkScheduler::noteRestart() {
   Impl& s = *impl_;
   // As many of the shortest frames as leave in the seconds that a log may lack, and a few.
   constexpr double kLacking_s = 2, kFew = 4;
-  const double frames = kFew + kLacking_s * s.config.rate_bps * s.config.duty / (8 * kMinFrameBytes);
+  const double bytes =
+      kLacking_s * s.config.rate_bps * s.config.duty / 8 + static_cast<double>(s.config.modem_bytes);
+  const double frames = kFew + bytes / kMinFrameBytes;
   s.passOver(static_cast<Version>(std::min(frames, SentFrames::kFrames / 2.0)));
 }
 

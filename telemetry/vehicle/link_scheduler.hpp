@@ -21,8 +21,13 @@ struct LinkSchedulerConfig {
   LinkIdentity identity;
   FrameTag tag;                        // that proves the frames
   Version first = SentFrames::kFirst;  // frame; see firstVersion()
-  double rate_bps = 300;        // of the modem; 80 to 5400 on acoustic ones; 10 to 1e6 accepted [bit/s]
-  int frame_bytes = 128;        // largest frame, 32 to 256 [B]
+  double rate_bps = 300;  // of the modem; 80 to 5400 on acoustic ones; 10 to 1e6 accepted [bit/s]
+  int frame_bytes = 128;  // largest link frame, 32 to 256 [B]
+  // Largest modem frame, 64 to 2048 and frame_bytes + 2 at least [B]: link frames go in bundles of so many
+  // bytes at most (bundle.hpp); 0: each by itself.
+  int modem_bytes = 0;
+  bool padded = false;          // always a bundle, filled with zeros to modem_bytes
+  double preamble_s = 0;        // that the modem needs for each modem frame beside its bits, 0 to 5 [s]
   double duty = 1;              // share of the time that the modem may send, 0.05 to 1
   double loss_rate = 0.1;       // share of frames expected to be lost before there is word, 0 to 0.9
   double mean_burst = 0;        // frames lost in a row, as expected before there is word; 0: each by itself
@@ -30,7 +35,7 @@ struct LinkSchedulerConfig {
   bool half_duplex = true;      // takes turns with the ship; false: never listens
   double listen_every_s = 0;    // between turns; 0: by rule, so that listening takes a fifth of the time
   int listen_every_frames = 0;  // or after so many frames; 0: at most half of what one can acknowledge
-  double listen_s = 0;          // 0: by rule, 2 max_delay_s and the ship's frame
+  double listen_s = 0;          // 0: by rule, 2 max_delay_s and the ship's modem frame
   double max_delay_s = 1;       // one way, of sound and modems [s]
   HousekeepingConfig housekeeping;
   int colour_bits = 3;  // of a map packet's brightness, 0 (no colour) to 6
@@ -44,8 +49,9 @@ struct LinkSchedulerConfig {
 //   1 status, mission info and track when due (within their share of the rate);
 //   2 repair frames, while nobody acknowledges;
 //   3 map packets in BlockQueue's order.
-// The modem is never given more than it can send within a second or a frame; over any window of W seconds no
-// more than rate * duty * W / 8 + two frames (or a second's worth) leave. With an acknowledgement each block
+// The modem is never given more than it can send within a second or a modem frame; over any window of W
+// seconds no more than rate * duty * W / 8 + two modem frames (or a second's worth) leave, where the time of
+// each preamble counts as the bits that would have left in it. With an acknowledgement each block
 // is sent again, as it is then, until it has arrived. Without, each group of frames is followed by as many
 // repair frames as the loss asks for.
 //
@@ -91,20 +97,22 @@ class LinkScheduler {
   void offerDetail(const HeightTile& tile, std::int64_t now_ns);
   void detailServed();
 
-  // Writes the next frame into `out` (at least frame_bytes) and returns its size; 0 when there is nothing to
-  // say, the rate does not allow it yet or the vehicle listens. Call again until 0. `now_ns` never runs
-  // backwards.
+  // Writes the next modem frame into `out` (at least frame_bytes, modem_bytes where that is set) and returns
+  // its size; 0 when there is nothing to say, the rate does not allow it yet or the vehicle listens. A bundle
+  // takes link frames until there is nothing more to say, no room for another of frame_bytes, or one gives
+  // the turn. Call again until 0. `now_ns` never runs backwards.
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out);
 
   struct Counters {
-    std::uint64_t frames = 0, bytes = 0;
+    std::uint64_t frames = 0;  // link frames
+    std::uint64_t bytes = 0;   // of modem frames, padding included
     std::uint64_t status_frames = 0, report_frames = 0, track_frames = 0, info_frames = 0;
     std::uint64_t map_frames = 0, repair_frames = 0;
     std::uint64_t map_bytes = 0;  // of map frames, frame overhead included
     std::uint64_t turns = 0;      // frames with the turn
     std::uint64_t acknowledgements = 0, acknowledgements_foreign = 0, requests = 0, requests_refused = 0;
     std::uint64_t frames_arrived = 0, frames_lost = 0;  // as acknowledged
-    std::uint64_t coarsened_packets = 0;  // sent with a greater error or without colour to fit a frame
+    std::uint64_t reduced_packets = 0;  // sent without colour, or without some nodes, to fit a frame
     BlockQueue::Counters blocks;
     int squares_held = 0;          // in the pool
     int blocks_waiting = 0;        // to be sent
@@ -136,7 +144,8 @@ class LinkScheduler {
   std::unique_ptr<Impl> impl_;
 };
 
-// Capacity of the scheduler's token bucket: two frames or one second at the rate, whichever is more [bit].
+// Capacity of the scheduler's token bucket: two modem frames with their preambles, or one second at the rate,
+// whichever is more [bit].
 [[nodiscard]] std::size_t linkBucketBits(const LinkSchedulerConfig& config);
 
 }  // namespace fathom::telemetry

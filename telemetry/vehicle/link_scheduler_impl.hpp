@@ -11,6 +11,7 @@
 #include "telemetry/vehicle/token_bucket.hpp"
 #include "telemetry/vehicle/turn_taking.hpp"
 #include "telemetry/vehicle/wishes.hpp"
+#include "telemetry/wire/bundle.hpp"
 
 namespace fathom::telemetry {
 
@@ -19,6 +20,8 @@ struct LinkScheduler::Impl {
   explicit Impl(const LinkSchedulerConfig& c);
   void setRate(double rate_bps);
   void applyRate();
+  // Writes the link frame that choose() gave `payload_bytes` of; true: it gives the turn.
+  bool addFrame(std::size_t payload_bytes, std::int64_t begin_ns, ModemFrameWriter& modem);
   [[nodiscard]] std::size_t choose();
   // With room for blocks without word that were sent less often than that, and not within `after_s`.
   [[nodiscard]] std::size_t mapPacket(int sendings, double after_s);

@@ -221,7 +221,7 @@ void LinkScheduler::Impl::exchange(Archive& archive, Self& s) {
   archive(s.bucket, s.repair, s.housekeeping, s.turns, s.wishes, s.frames_since_turn);
   auto& c = s.counters;
   archive(c.frames, c.bytes, c.status_frames, c.track_frames, c.info_frames, c.map_frames, c.repair_frames,
-          c.report_frames, c.map_bytes, c.turns, c.requests, c.requests_refused, c.coarsened_packets);
+          c.report_frames, c.map_bytes, c.turns, c.requests, c.requests_refused, c.reduced_packets);
   exchangeCount(archive, s.detail_known, kMaxDetails);
   exchangeCount(archive, s.detail_count, s.detail_known);
   for (std::size_t i = 0; i < s.detail_known; ++i) {

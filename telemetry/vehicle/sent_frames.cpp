@@ -30,6 +30,10 @@ void SentFrames::add(std::int64_t left_ns, std::span<const BlockRef> blocks) {
   held_ = std::min(held_ + 1, kFrames);
 }
 
+void SentFrames::leftTogether(Version first, std::int64_t left_ns) {
+  for (Version version = first; version < next_; ++version) frames_[version % kFrames].left_ns = left_ns;
+}
+
 void SentFrames::skip(Version count) {
   const Version known = std::min<Version>(count, kFrames);
   next_ += count - known;

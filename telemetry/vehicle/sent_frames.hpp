@@ -30,6 +30,8 @@ class SentFrames {
   // The next frame goes out; its last bit leaves at `left_ns`.
   void add(std::int64_t left_ns, std::span<const BlockRef> blocks);
   [[nodiscard]] Version next() const { return next_; }  // frame
+  // The frames from this one on were one modem frame, whose last bit leaves at `left_ns`.
+  void leftTogether(Version first, std::int64_t left_ns);
 
   // So many frames are passed over: nothing is known of what had their numbers.
   void skip(Version count);

@@ -12,7 +12,7 @@ namespace fathom::telemetry {
 // times ns).
 class TokenBucket {
  public:
-  // `rate_bps` 10 to 1e6 bit/s, capacities up to 1 Mbit: all products stay inside 63 bits.
+  // `rate_bps` 10 to 1e6 bit/s, capacities up to 4 Mbit: all products stay inside 63 bits.
   TokenBucket(double rate_bps, std::size_t capacity_bits, std::size_t initial_bits)
       : rate_(std::llround(rate_bps * 1000)),
         capacity_(static_cast<std::int64_t>(capacity_bits) * kUnitsPerBit),

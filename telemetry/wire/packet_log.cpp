@@ -4,7 +4,7 @@
 #include <iterator>
 
 #include "realtime/kernel/input_error.hpp"
-#include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/bundle.hpp"
 
 namespace fathom::telemetry {
 namespace {
@@ -14,6 +14,13 @@ constexpr std::int64_t kLatest_ns = std::int64_t{1} << 62;  // the year 2116
 
 bool canBeTime(std::int64_t utc_ns) {
   return utc_ns >= -kLatest_ns && utc_ns <= kLatest_ns;
+}
+
+bool canHoldFrame(std::span<const std::uint8_t> modem_frame) {
+  LinkFrames frames(modem_frame);
+  while (const auto frame = frames.next())
+    if (peekFrame(*frame).verdict == FrameVerdict::kAccepted) return true;
+  return false;
 }
 
 std::uint64_t littleEndian(const std::uint8_t* bytes, int count) {
@@ -48,10 +55,10 @@ std::optional<Packet> PacketLogReader::next() {
   if (stream_.gcount() != static_cast<std::streamsize>(kHeadBytes))
     throw InputError(path_.string(), place(), "the last packet is cut short: copy the file again");
   const std::uint64_t length = littleEndian(head.data(), 4);
-  if (length == 0 || length > kMaxFrameBytes)
+  if (length == 0 || length > kMaxModemBytes)
     throw InputError(path_.string(), place(),
                      "a packet of " + std::to_string(length) + " bytes, expected 1 to " +
-                         std::to_string(kMaxFrameBytes) + ": not a packets.bin, or damaged");
+                         std::to_string(kMaxModemBytes) + ": not a packets.bin, or damaged");
   Packet packet;
   packet.utc_ns = static_cast<std::int64_t>(littleEndian(head.data() + 4, 8));
   if (!canBeTime(packet.utc_ns))
@@ -71,15 +78,14 @@ bool PacketLogReader::passOverDamage() {
   stream_.clear();
   for (std::size_t at = 1; at + kHeadBytes < rest.size(); ++at) {
     const std::uint64_t length = littleEndian(rest.data() + at, 4);
-    if (length < kFrameOverhead || length > kMaxFrameBytes || length > rest.size() - at - kHeadBytes)
+    if (length < kFrameOverhead || length > kMaxModemBytes || length > rest.size() - at - kHeadBytes)
       continue;
     if (!canBeTime(static_cast<std::int64_t>(littleEndian(rest.data() + at + 4, 8)))) continue;
     // A frame can begin there, and another record or the file's end follows it.
-    if (peekFrame(std::span(rest).subspan(at + kHeadBytes, length)).verdict != FrameVerdict::kAccepted)
-      continue;
+    if (!canHoldFrame(std::span(rest).subspan(at + kHeadBytes, length))) continue;
     const std::size_t after = at + kHeadBytes + length;
     if (after != rest.size() &&
-        (after + kHeadBytes > rest.size() || littleEndian(rest.data() + after, 4) > kMaxFrameBytes))
+        (after + kHeadBytes > rest.size() || littleEndian(rest.data() + after, 4) > kMaxModemBytes))
       continue;
     offset_ += at;
     stream_.seekg(static_cast<std::streamoff>(offset_));

@@ -9,8 +9,8 @@
 
 namespace fathom::telemetry {
 
-// packets.bin: every frame that crossed (or was given to) the link, in order. For each frame:
-//   u32 length [B], 1 to 256; i64 UTC [ns]; the bytes. Little-endian, no header, so that files join by
+// packets.bin: every modem frame that crossed (or was given to) the link, in order. For each:
+//   u32 length [B], 1 to 2048; i64 UTC [ns]; the bytes. Little-endian, no header, so that files join by
 //   concatenation.
 struct Packet {
   std::int64_t utc_ns = 0;

@@ -24,7 +24,8 @@ using Bytes = std::vector<std::uint8_t>;
 std::vector<Bytes> awkwardFrames() {
   Bytes all(256);
   for (std::size_t i = 0; i < all.size(); ++i) all[i] = static_cast<std::uint8_t>(i);
-  return {{0xC0}, {0xDB}, {0xC0, 0xDB, 0xDC, 0xDD, 0xC0}, all, Bytes(256, 0xC0), Bytes(256, 0xDB), {0}};
+  constexpr std::size_t kMost = FramePort::kMaxFrameBytes;
+  return {{0xC0}, {0xDB}, {0xC0, 0xDB, 0xDC, 0xDD, 0xC0}, all, Bytes(kMost, 0xC0), Bytes(kMost, 0xDB), {0}};
 }
 
 Bytes encoded(const Bytes& frame) {
@@ -50,7 +51,7 @@ TEST(Slip, AwkwardFramesComeBack) {
 TEST(Slip, EmptyAndTooLongFramesAreNotSent) {
   Bytes line(kMaxSlipBytes);
   EXPECT_EQ(slipEncode({}, line), 0u);
-  EXPECT_EQ(slipEncode(Bytes(257), line), 0u);
+  EXPECT_EQ(slipEncode(Bytes(FramePort::kMaxFrameBytes + 1), line), 0u);
   EXPECT_EQ(slipEncode(Bytes(1), std::span(line).first(10)), 0u);
 }
 
@@ -74,7 +75,7 @@ TEST(Slip, ALostByteDamagesOneFrameOnly) {
 
 TEST(Slip, TooLongFramesAndFalseEscapesAreDroppedAndCounted) {
   SlipDecoder decoder;
-  Bytes line(300, 1);
+  Bytes line(FramePort::kMaxFrameBytes + 1, 1);
   line.push_back(0xC0);
   EXPECT_TRUE(decoded(decoder, line).empty());
   EXPECT_EQ(decoder.dropped(), 1u);
@@ -108,23 +109,41 @@ TEST(UdpFramePort, FramesArriveWholeAndNothingElse) {
   Bytes buffer(FramePort::kMaxFrameBytes);
   EXPECT_EQ(receiver.receive(buffer), 0u);
   EXPECT_FALSE(sender.send({}));
-  EXPECT_FALSE(sender.send(Bytes(257)));
+  EXPECT_FALSE(sender.send(Bytes(FramePort::kMaxFrameBytes + 1)));
   EXPECT_EQ(receiver.droppedFrames(), 0u);
 }
 
-TEST(UdpFramePort, APortWithoutAPeerAnswersWhoSpokeLast) {
+TEST(UdpFramePort, APortWithoutAPeerAnswersWhoseFrameWasTrueLast) {
   UdpFramePort ship("127.0.0.1", 0, "", 0);
   EXPECT_FALSE(ship.send(Bytes(1))) << "nobody has spoken yet";
   UdpFramePort first("127.0.0.1", 0, "127.0.0.1", ship.boundPort());
   UdpFramePort second("127.0.0.1", 0, "127.0.0.1", ship.boundPort());
   ASSERT_TRUE(first.send(Bytes{1}));
   EXPECT_EQ(receiveOne(ship), Bytes{1});
+  EXPECT_FALSE(ship.send(Bytes(1))) << "what was heard may be noise";
+  ship.answerHeard();
   ASSERT_TRUE(ship.send(Bytes{2}));
   EXPECT_EQ(receiveOne(first), Bytes{2});
   ASSERT_TRUE(second.send(Bytes{3}));
   EXPECT_EQ(receiveOne(ship), Bytes{3});
+  ship.answerHeard();
   ASSERT_TRUE(ship.send(Bytes{4}));
   EXPECT_EQ(receiveOne(second), Bytes{4});
+}
+
+TEST(UdpFramePort, AForgedDatagramDoesNotLeadTheDownlinkAway) {
+  UdpFramePort ship("127.0.0.1", 0, "", 0);
+  UdpFramePort vehicle("127.0.0.1", 0, "127.0.0.1", ship.boundPort());
+  UdpFramePort forger("127.0.0.1", 0, "127.0.0.1", ship.boundPort());
+  ASSERT_TRUE(vehicle.send(Bytes{1}));
+  EXPECT_EQ(receiveOne(ship), Bytes{1});
+  ship.answerHeard();
+  ASSERT_TRUE(forger.send(Bytes{9}));
+  EXPECT_EQ(receiveOne(ship), Bytes{9});
+  ASSERT_TRUE(ship.send(Bytes{2}));
+  EXPECT_EQ(receiveOne(vehicle), Bytes{2});
+  Bytes buffer(FramePort::kMaxFrameBytes);
+  EXPECT_EQ(forger.receive(buffer), 0u);
 }
 
 TEST(UdpFramePort, APortWithAPeerHearsNobodyElse) {
@@ -134,6 +153,7 @@ TEST(UdpFramePort, APortWithAPeerHearsNobodyElse) {
   ASSERT_TRUE(stranger.send(Bytes{9}));
   ASSERT_TRUE(port.send(Bytes{1}));
   EXPECT_EQ(receiveOne(peer), Bytes{1});
+  peer.answerHeard();
   ASSERT_TRUE(peer.send(Bytes{2}));
   EXPECT_EQ(receiveOne(port), Bytes{2});
   EXPECT_EQ(port.droppedFrames(), 1u);
@@ -164,7 +184,7 @@ TEST(UdpFramePort, DatagramsThatAreNoFramesAreDroppedAndCounted) {
   to.sin_family = AF_INET;
   to.sin_port = htons(receiver.boundPort());
   to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  for (const std::size_t size : {std::size_t{257}, std::size_t{0}, std::size_t{9000}}) {
+  for (const std::size_t size : {FramePort::kMaxFrameBytes + 1, std::size_t{0}, std::size_t{9000}}) {
     const Bytes datagram(size, 7);
     ASSERT_EQ(::sendto(stranger, datagram.data(), size, 0, reinterpret_cast<sockaddr*>(&to), sizeof to),
               static_cast<ssize_t>(size));
@@ -237,7 +257,7 @@ TEST_F(SerialFramePortTest, FramesInPiecesAmongNoiseAreFound) {
   write({line.back()});
   EXPECT_EQ(receiveOne(port), frame);
   EXPECT_EQ(port.droppedFrames(), 1u);
-  write(Bytes(2000, 0x55));
+  write(Bytes(FramePort::kMaxFrameBytes + 100, 0x55));
   write(encoded({3}));
   EXPECT_EQ(receiveOne(port), Bytes{3});
   EXPECT_EQ(port.droppedFrames(), 2u);

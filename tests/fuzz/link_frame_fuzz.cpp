@@ -1,8 +1,11 @@
 // Frames as they come off the modem, and every message inside a frame.
+#include <algorithm>
 #include <array>
 #include <cstdlib>
+#include <vector>
 
 #include "telemetry/ship/link_receiver.hpp"
+#include "telemetry/wire/bundle.hpp"
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/mission_info.hpp"
 #include "telemetry/wire/status.hpp"
@@ -60,6 +63,33 @@ void receive(std::span<const std::uint8_t> data) {
   check(sum == c.frames && delivered <= c.frames * kMaxGroup);
 }
 
+// A modem frame of any bytes, and as the tail of a bundle, gives pieces that lie inside it.
+void bundles(std::span<const std::uint8_t> data) {
+  std::vector<std::uint8_t> bundle{kBundleMark};
+  bundle.insert(bundle.end(), data.begin(),
+                data.begin() + static_cast<std::ptrdiff_t>(std::min(data.size(), kMaxModemBytes - 1)));
+  for (const std::span<const std::uint8_t> modem_frame : {data, std::span<const std::uint8_t>(bundle)}) {
+    std::size_t sum = 0;
+    std::vector<std::uint8_t> again(modem_frame.size() + 1);
+    ModemFrameWriter writer(std::span(again).first(modem_frame.size()), true);
+    LinkFrames frames(modem_frame);
+    while (const auto frame = frames.next()) {
+      check(frame->data() >= modem_frame.data() &&
+            frame->data() + frame->size() <= modem_frame.data() + modem_frame.size() && !frame->empty());
+      sum += frame->size();
+      if (modem_frame[0] != kBundleMark) continue;
+      check(writer.room().size() >= frame->size());
+      std::copy(frame->begin(), frame->end(), writer.room().begin());
+      writer.add(frame->size());
+    }
+    check(sum <= modem_frame.size());
+    // What ends with zeros is what the writer makes of its link frames.
+    if (paddedBytes(modem_frame) > 0 && sum > 0)
+      check(writer.finish() == modem_frame.size() &&
+            std::equal(modem_frame.begin(), modem_frame.end(), again.begin()));
+  }
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
@@ -77,5 +107,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (decodeMissionInfo(bytes, info)) check(info.vehicle_name.size() <= kMaxNameBytes);
   track(bytes);
   receive(bytes);
+  bundles(bytes);
   return 0;
 }

@@ -1,11 +1,14 @@
 // What a monitor shows after any row of frames: messages are wrapped in whole frames (a type byte and a
-// length byte before each), so that the fuzzer need not find the CRC.
+// length byte before each), so that the fuzzer need not find the CRC; all of them in bundles of the size that
+// the first byte says.
+#include <algorithm>
 #include <array>
 
 #include "telemetry/monitor/export/exports.hpp"
 #include "telemetry/monitor/map/chunk_stream.hpp"
 #include "telemetry/monitor/web/page_requests.hpp"
 #include "telemetry/monitor/web/reports.hpp"
+#include "telemetry/wire/bundle.hpp"
 
 using namespace fathom;
 
@@ -14,15 +17,33 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   monitor::SharedModel shared(std::nullopt, std::nullopt, 1);
   monitor::MonitorModel& model = *shared.model;
   std::uint16_t sequence = 0;
+  std::array<std::uint8_t, telemetry::kMaxModemBytes> bundle;
+  const std::size_t most = size == 0 ? 0 : std::size_t{data[0]} * 8;
+  const bool padded = (most & 8U) != 0;
+  telemetry::ModemFrameWriter modem(std::span(bundle).first(most), padded);
+  const auto flush = [&] {
+    if (const std::size_t bytes = modem.finish())
+      model.hear(std::span<const std::uint8_t>(bundle).first(bytes), sequence);
+    modem = telemetry::ModemFrameWriter(std::span(bundle).first(most), padded);
+  };
   for (std::size_t at = 0; at + 2 <= size;) {
     const auto type = static_cast<telemetry::MessageType>(1 + data[at] % 7);
     const std::size_t length = std::min<std::size_t>(data[at + 1], size - at - 2);
     std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
     const std::size_t frame_size =
         telemetry::encodeFrame({{7, 42}, sequence++, type, false}, bytes.subspan(at + 2, length), frame);
-    model.accept(std::span<const std::uint8_t>(frame).first(frame_size), sequence);
+    const auto link_frame = std::span<const std::uint8_t>(frame).first(frame_size);
+    if (modem.room().size() < frame_size) flush();
+    if (modem.room().size() < frame_size || frame_size == 0) {
+      model.hear(link_frame, sequence);
+    } else {
+      std::copy(link_frame.begin(), link_frame.end(), modem.room().begin());
+      modem.add(frame_size);
+    }
     at += 2 + length;
   }
+  flush();
+  model.hear(bytes, sequence);
   (void)monitor::stateJson(shared);
   (void)monitor::trackJson(model);
   (void)monitor::historyJson(model);

@@ -6,6 +6,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "telemetry/monitor/frame_feed.hpp"
 #include "telemetry/monitor/session_files.hpp"
+#include "telemetry/wire/bundle.hpp"
 #include "tests/monitor/sample_dive.hpp"
 #include "tests/support/full_disk.hpp"
 #include "tests/support/test_data.hpp"
@@ -55,6 +56,37 @@ TEST_F(Session, AComputerThatWasOffComesBackWithItsMapAndItsAcknowledgement) {
   // An old turn is over; after a long silence the ship speaks unasked.
   EXPECT_EQ(second.speak(packets.back().utc_ns + 30'000'000'000, frame), 0U);
   EXPECT_GT(second.speak(packets.back().utc_ns + 3'600'000'000'000, frame), 0U);
+}
+
+TEST_F(Session, TheLinkFramesOfBundlesAreKeptOneByOne) {
+  const auto packets = packetsOf(200);
+  MonitorModel alone, together;
+  for (const auto& packet : packets) alone.accept(packet.bytes, packet.utc_ns);
+  {
+    SessionFiles files(folder_);
+    std::array<std::uint8_t, telemetry::kMaxModemBytes> bundle;
+    for (std::size_t next = 0; next < packets.size();) {
+      telemetry::ModemFrameWriter modem(bundle, true);
+      for (; next < packets.size() && modem.room().size() >= packets[next].bytes.size(); ++next) {
+        std::copy(packets[next].bytes.begin(), packets[next].bytes.end(), modem.room().begin());
+        modem.add(packets[next].bytes.size());
+      }
+      const std::size_t size = modem.finish();
+      EXPECT_TRUE(together.hear(std::span(bundle).first(size), packets.back().utc_ns,
+                                [&](const auto& frame, std::span<const std::uint8_t> link_frame) {
+                                  files.log(frame, link_frame, packets.back().utc_ns, false);
+                                }));
+    }
+  }
+  EXPECT_EQ(together.map().store().size(), alone.map().store().size());
+  EXPECT_EQ(together.track().size(), alone.track().size());
+  EXPECT_EQ(together.receiver().acknowledgement(), alone.receiver().acknowledgement());
+  telemetry::PacketLogReader reader(folder_ / "received.bin");
+  for (const auto& packet : packets) {
+    const auto kept = reader.next();
+    ASSERT_TRUE(kept);
+    EXPECT_EQ(kept->bytes, packet.bytes);
+  }
 }
 
 TEST_F(Session, ADamagedEndIsCutOffAndTheNextFrameFollowsWhatIsWhole) {
@@ -189,7 +221,7 @@ TEST_F(Session, ARecordingPlaysPausesSeeksAndGoesBack) {
   }
   Recording recording(folder_ / "packets.bin");
   std::size_t given = 0;
-  const auto take = [&](std::span<const std::uint8_t>, std::int64_t) { ++given; };
+  const auto take = [&](std::span<const std::uint8_t>, std::int64_t) { return ++given > 0; };
   const auto upTo = [&](double t) {
     return static_cast<std::size_t>(std::count_if(packets.begin(), packets.end(), [&](const auto& p) {
       return p.utc_ns <= packets.front().utc_ns + static_cast<std::int64_t>(t * 1e9);
@@ -229,6 +261,41 @@ TEST_F(Session, ARecordingDamagedInTheMiddleKeepsWhatComesBefore) {
   EXPECT_NE(Recording(folder_ / "packets.bin").damage(), "");
   fs::resize_file(folder_ / "packets.bin", 7);
   EXPECT_THROW(Recording(folder_ / "packets.bin"), InputError);
+}
+
+// Gives one frame after the other and counts those that it was told were true.
+struct CountingPort final : FramePort {
+  std::vector<std::vector<std::uint8_t>> frames;
+  std::size_t given = 0;
+  std::vector<std::size_t> true_frames;
+  bool send(std::span<const std::uint8_t>) noexcept override { return true; }
+  std::size_t receive(std::span<std::uint8_t> buffer) noexcept override {
+    if (given == frames.size()) return 0;
+    const auto& frame = frames[given++];
+    std::copy(frame.begin(), frame.end(), buffer.begin());
+    return frame.size();
+  }
+  [[nodiscard]] std::uint64_t droppedFrames() const noexcept override { return 0; }
+  void answerHeard() noexcept override { true_frames.push_back(given - 1); }
+};
+
+TEST(LiveFeed, TellsThePortWhichFramesWereTrue) {
+  const auto packets = packetsOf(60);
+  auto port = std::make_unique<CountingPort>();
+  CountingPort& told = *port;
+  std::vector<std::uint8_t> damaged = packets[1].bytes;
+  damaged.back() ^= 1;
+  told.frames = {packets[0].bytes, std::vector<std::uint8_t>(40, 0xAB), damaged, packets[0].bytes,
+                 packets[1].bytes};
+  std::vector<std::unique_ptr<FramePort>> ports;
+  ports.push_back(std::move(port));
+  LiveFeed feed(std::move(ports));
+  MonitorModel model;
+  EXPECT_EQ(feed.poll([&](std::span<const std::uint8_t> bytes, std::int64_t utc_ns) {
+    return model.hear(bytes, utc_ns);
+  }),
+            5U);
+  EXPECT_EQ(told.true_frames, (std::vector<std::size_t>{0, 4})) << "one that comes again may be replayed";
 }
 
 }  // namespace

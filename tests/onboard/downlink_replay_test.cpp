@@ -10,6 +10,7 @@
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/onboard/replay.hpp"
 #include "telemetry/downlink/downlink.hpp"
+#include "telemetry/wire/bundle.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -70,7 +71,7 @@ class DownlinkReplay : public ::testing::Test {
     for (std::int64_t t = truth_.front().utc_ns + 2 * kSecond_ns; t < last_ns; t += kSecond_ns) {
       EXPECT_TRUE(ship.addFix(fixAt(t - kSecond_ns, off)));
       EXPECT_TRUE(stranger.addFix(fixAt(t - kSecond_ns, 500)));
-      modem.at(t, frameOf(ship, t));
+      modem.at(t, padded(frameOf(ship, t)));
       modem.at(t, frameOf(stranger, t));
       modem.at(t, Bytes(40, 0x5A));
     }
@@ -79,6 +80,16 @@ class DownlinkReplay : public ::testing::Test {
     Bytes frame(telemetry::kMaxFrameBytes);
     frame.resize(sender.nextFrame(now_ns, frame));
     return frame;
+  }
+
+  // As the ship answers a vehicle whose modem sends frames of one size.
+  static Bytes padded(const Bytes& frame) {
+    Bytes modem_frame(400);
+    telemetry::ModemFrameWriter writer(modem_frame, true);
+    std::copy(frame.begin(), frame.end(), writer.room().begin());
+    writer.add(frame.size());
+    modem_frame.resize(writer.finish());
+    return modem_frame;
   }
 
   ReplayOptions into(const std::string& name) const {

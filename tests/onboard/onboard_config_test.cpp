@@ -51,5 +51,20 @@ TEST_F(OnboardConfigFile, SaysHowFarTheGraphIsBelieved) {
     EXPECT_THROW((void)read("[slam]\n" + std::string(line) + "\n"), InputError) << line;
 }
 
+TEST_F(OnboardConfigFile, SaysWhatTheModemTakesAtOnce) {
+  const telemetry::LinkSchedulerConfig plain = read("").link.scheduler;
+  EXPECT_EQ(plain.modem_bytes, 0);
+  EXPECT_FALSE(plain.padded);
+  EXPECT_EQ(plain.preamble_s, 0);
+  const telemetry::LinkSchedulerConfig set =
+      read("[link]\nframe_bytes = 64\nmodem_bytes = 512\npadded = true\npreamble_s = 1.5\n").link.scheduler;
+  EXPECT_EQ(set.modem_bytes, 512);
+  EXPECT_TRUE(set.padded);
+  EXPECT_EQ(set.preamble_s, 1.5);
+  for (const char* line : {"modem_bytes = 63", "modem_bytes = 129", "modem_bytes = 2049", "padded = true",
+                           "preamble_s = -0.1", "preamble_s = 5.1"})
+    EXPECT_THROW((void)read("[link]\n" + std::string(line) + "\n"), InputError) << line;
+}
+
 }  // namespace
 }  // namespace fathom::onboard

@@ -106,6 +106,59 @@ TEST(LinkFeedback, EverythingArrivesWithinTheErrorOverALossyLinkAndThenTheLinkIs
   }
 }
 
+// Walls and pillars of ten metres on every metre: no block of them fits a frame of 32 B.
+HeightTile pillars(std::int32_t north) {
+  HeightTile tile = sampleTile(north, 0);
+  std::mt19937 random(static_cast<unsigned>(north));
+  for (auto& node : tile.nodes) node.depth += std::uniform_real_distribution<float>(-5, 5)(random);
+  return tile;
+}
+
+TEST(LinkFeedback, NoNodeIsShownWorseThanTheErrorWhereTheGroundIsTooRoughForAFrame) {
+  for (const bool answers : {true, false}) {
+    for (const int colour_bits : {0, 3}) {
+      LinkSchedulerConfig config = someConfig();
+      config.frame_bytes = 32;
+      config.colour_bits = colour_bits;
+      LinkScheduler scheduler(config);
+      Ship ship;
+      constexpr int kTiles = 4;
+      for (int n = 0; n < kTiles; ++n) scheduler.offer(pillars(n), ship.now);
+      ship.converse(scheduler, 600, 0.2, answers);
+      int shown = 0;
+      for (int n = 0; n < kTiles; ++n) {
+        const HeightTile tile = pillars(n);
+        for (const auto& [key, block] : ship.map)
+          for (int k = 0; k < MapBlock::kNodes; ++k)
+            if (key.north >> 2 == n && block.isSeen(k)) {
+              EXPECT_NEAR(block.depth[static_cast<std::size_t>(k)],
+                          tile.at((key.north & 3) * 4 + k / 4, key.east * 4 + k % 4).depth, 0.0501);
+            }
+        shown += ship.shown(n);
+      }
+      EXPECT_GE(shown, (answers ? 0.75 : 0.6) * kTiles * 256) << "three bytes fewer where nobody answers";
+      if (answers) {
+        EXPECT_TRUE(scheduler.drained());
+        EXPECT_LT(scheduler.counters().blocks.sent, 3U * kTiles * 16)
+            << "what does not fit is not sent for ever";
+      }
+    }
+  }
+}
+
+TEST(LinkFeedback, ABlockThatFitsAgainIsSentWhole) {
+  LinkSchedulerConfig config = someConfig();
+  config.frame_bytes = 32;
+  LinkScheduler scheduler(config);
+  Ship ship;
+  scheduler.offer(pillars(0), ship.now);
+  ship.converse(scheduler, 200, 0);
+  ASSERT_LT(ship.shown(0), 256);
+  scheduler.offer(sampleTile(0, 0), ship.now);
+  ship.converse(scheduler, 200, 0);
+  EXPECT_LE(ship.error(sampleTile(0, 0)), 0.0501);
+}
+
 TEST(LinkFeedback, OnlyWhatChangedBeyondItsBoundIsSentAgain) {
   LinkScheduler scheduler(someConfig());
   Ship ship;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "telemetry/tiles/tile_fragments.hpp"
+#include "telemetry/wire/bundle.hpp"
 #include "telemetry/wire/track.hpp"
 #include "tests/telemetry/sample_tile.hpp"
 
@@ -46,7 +47,7 @@ template <class EachStep>
 std::vector<Sent> run(LinkScheduler& scheduler, double seconds, double step_s, EachStep each_step,
                       std::int64_t start_ns = kStart_ns) {
   std::vector<Sent> sent;
-  std::array<std::uint8_t, kMaxFrameBytes> buffer;
+  std::array<std::uint8_t, kMaxModemBytes> buffer;
   for (double t = 0; t < seconds; t += step_s) {
     const std::int64_t now = start_ns + std::llround(t * 1e9);
     each_step(t);
@@ -84,6 +85,128 @@ TEST(LinkScheduler, NeverExceedsItsRateOverAnyWindowAndUsesIt) {
       }
       EXPECT_GT(total, 0.95 * rate * 300) << rate << " bit/s, " << frame_bytes << " B";
     }
+  }
+}
+
+// A modem as the scheduler is told of.
+struct Modem {
+  int frame_bytes = 128, modem_bytes = 0;
+  bool padded = false;
+  double preamble_s = 0;
+};
+constexpr std::array<Modem, 6> kModems = {{{32, 64, false, 0},
+                                           {32, 64, true, 0.4},
+                                           {32, 300, true, 0},
+                                           {128, 512, false, 2},
+                                           {256, 2048, false, 0},
+                                           {128, 2048, true, 5}}};
+
+LinkSchedulerConfig configFor(const Modem& modem) {
+  LinkSchedulerConfig config = someConfig();
+  config.frame_bytes = modem.frame_bytes;
+  config.modem_bytes = modem.modem_bytes;
+  config.padded = modem.padded;
+  config.preamble_s = modem.preamble_s;
+  return config;
+}
+
+std::vector<DecodedFrame> linkFrames(const Sent& sent) {
+  std::vector<DecodedFrame> all;
+  LinkFrames frames(sent.bytes);
+  while (const auto frame = frames.next()) all.push_back(decodeFrame(*frame));
+  return all;
+}
+
+TEST(LinkScheduler, FillsTheModemsFramesWithWholeLinkFrames) {
+  for (const Modem& modem : kModems) {
+    LinkScheduler scheduler(configFor(modem));
+    for (int n = 0; n < 300; ++n) scheduler.offer(sampleTile(n, 0), kStart_ns);
+    const auto sent = run(scheduler, 600, 0.5, [](double) {});
+    ASSERT_FALSE(sent.empty());
+    std::map<MessageType, int> types;
+    int frames = 0;
+    std::size_t bytes = 0;
+    for (const Sent& s : sent) {
+      ASSERT_LE(s.bytes.size(), static_cast<std::size_t>(modem.modem_bytes));
+      if (modem.padded) {
+        EXPECT_EQ(s.bytes.size(), static_cast<std::size_t>(modem.modem_bytes));
+      }
+      for (const DecodedFrame& frame : linkFrames(s)) {
+        ASSERT_EQ(frame.verdict, FrameVerdict::kAccepted);
+        ++types[frame.header.type];
+        ++frames;
+      }
+      bytes += s.bytes.size();
+    }
+    // As many as there is room for: none is shorter than that by a link frame.
+    const double full = static_cast<double>(modem.modem_bytes - modem.frame_bytes - 2);
+    EXPECT_GE(static_cast<double>(bytes) / static_cast<double>(sent.size()),
+              modem.padded ? full : 0.95 * full);
+    EXPECT_GT(types[MessageType::kMapPacket], 0);
+    EXPECT_GT(types[MessageType::kStatus], 0);
+    const LinkScheduler::Counters c = scheduler.counters();
+    EXPECT_EQ(c.frames, static_cast<std::uint64_t>(frames));
+    EXPECT_EQ(c.bytes, bytes);
+  }
+}
+
+TEST(LinkScheduler, CountsEverythingThatAModemFrameTakesOfTheRate) {
+  for (const Modem& modem : kModems) {
+    for (const double duty : {1.0, 0.4}) {
+      LinkSchedulerConfig config = configFor(modem);
+      config.duty = duty;
+      LinkScheduler scheduler(config);
+      int n = 0;
+      const auto sent = run(scheduler, 1500, 0.37, [&](double) {
+        for (int k = 0; k < 2; ++k) scheduler.offer(sampleTile(n++, 3), kStart_ns);
+      });
+      double total = 0, excess = 0;
+      std::int64_t last_ns = sent.front().time_ns;
+      const auto bucket = static_cast<double>(linkBucketBits(config));
+      for (const Sent& s : sent) {
+        const double bits = static_cast<double>(s.bytes.size()) * 8 + config.preamble_s * config.rate_bps;
+        excess =
+            std::max(0.0, excess - config.rate_bps * duty * static_cast<double>(s.time_ns - last_ns) / 1e9) +
+            bits;
+        last_ns = s.time_ns;
+        ASSERT_LE(excess, bucket + 1e-6);
+        total += bits;
+      }
+      EXPECT_GT(total, 0.9 * config.rate_bps * duty * 1500) << modem.modem_bytes << " B, duty " << duty;
+    }
+  }
+}
+
+TEST(LinkScheduler, GivesTheTurnWithTheLastLinkFrameAndListensAsLongAsTheModemsNeed) {
+  for (const Modem& modem : kModems) {
+    LinkSchedulerConfig config = configFor(modem);
+    config.half_duplex = true;
+    LinkScheduler scheduler(config);
+    for (int n = 0; n < 300; ++n) scheduler.offer(sampleTile(n, 0), kStart_ns);
+    const auto sent = run(scheduler, 3000, 0.5, [](double) {});
+    // The vehicle's own modem: one frame after the other, each with its preamble.
+    const auto air_s = [&](std::size_t bytes) {
+      return modem.preamble_s + static_cast<double>(bytes) * 8 / config.rate_bps;
+    };
+    double free_s = 0, quiet_until_s = 0;
+    int turns = 0;
+    for (const Sent& s : sent) {
+      const double now_s = static_cast<double>(s.time_ns - kStart_ns) / 1e9;
+      EXPECT_GE(now_s, quiet_until_s - 1e-6);
+      EXPECT_LE(free_s - now_s, std::max(1.0, air_s(static_cast<std::size_t>(modem.modem_bytes))) + 1e-6)
+          << "more than one frame waits";
+      free_s = std::max(free_s, now_s) + air_s(s.bytes.size());
+      const auto frames = linkFrames(s);
+      for (std::size_t i = 0; i < frames.size(); ++i) {
+        if (!frames[i].header.turn) continue;
+        EXPECT_EQ(i + 1, frames.size());
+        ++turns;
+        const std::size_t answer =
+            modem.padded ? static_cast<std::size_t>(modem.modem_bytes) : kMinFrameBytes;
+        quiet_until_s = free_s + 2 * config.max_delay_s + air_s(answer);
+      }
+    }
+    EXPECT_GE(turns, 3) << modem.modem_bytes;
   }
 }
 
@@ -179,6 +302,13 @@ TEST(LinkScheduler, RefusesAConfigurationThatMakesNoSense) {
   refuses([](auto& c) { c.rate_bps = NAN; });
   refuses([](auto& c) { c.frame_bytes = 31; });
   refuses([](auto& c) { c.frame_bytes = 257; });
+  refuses([](auto& c) { c.modem_bytes = 63; });
+  refuses([](auto& c) { c.modem_bytes = 129; });  // a link frame of 128 B, and two bytes around it
+  refuses([](auto& c) { c.modem_bytes = 2049; });
+  refuses([](auto& c) { c.padded = true; });
+  refuses([](auto& c) { c.preamble_s = 5.1; });
+  refuses([](auto& c) { c.preamble_s = -1; });
+  refuses([](auto& c) { c.preamble_s = 5, c.rate_bps = 1e6; });
   refuses([](auto& c) { c.loss_rate = 1; });
   refuses([](auto& c) { c.colour_bits = 7; });
   refuses([](auto& c) { c.duty = 0; });

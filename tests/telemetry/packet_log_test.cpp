@@ -53,8 +53,8 @@ TEST(PacketLog, TruncatedAtAnyByteGivesTheWholePacketsThenOneClearError) {
 TEST(PacketLog, RefusesLengthsThatNoFrameHas) {
   const test::TemporaryFolder folder;
   const auto path = folder.path() / "packets.bin";
-  for (const char* head : {"\0\0\0\0", "\1\1\0\0", "\377\377\377\377"}) {
-    test::writeText(path, std::string(head, 4) + std::string(300, 'x'));
+  for (const char* head : {"\0\0\0\0", "\1\10\0\0", "\377\377\377\377"}) {
+    test::writeText(path, std::string(head, 4) + std::string(2100, 'x'));
     PacketLogReader reader(path);
     EXPECT_THROW((void)reader.next(), InputError);
   }

@@ -2,8 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <vector>
+
+#include "telemetry/wire/bundle.hpp"
 
 namespace fathom::telemetry {
 namespace {
@@ -34,8 +37,26 @@ class ShipLinkTest : public ::testing::Test {
   static std::int64_t at(double seconds) { return kStart_ns + static_cast<std::int64_t>(seconds * 1e9); }
 
   ShipLink ship_{std::nullopt, std::nullopt};
-  std::array<std::uint8_t, kMaxFrameBytes> out_{};
+  // As a modem frame.
+  bool hearModem(double seconds, std::span<const std::uint8_t> modem_frame) {
+    return ship_.hear(modem_frame, [&](std::span<const std::uint8_t> frame) {
+      return hear(seconds, {frame.begin(), frame.end()}) == FrameVerdict::kAccepted;
+    });
+  }
+
+  std::array<std::uint8_t, kMaxModemBytes> out_{};
 };
+
+Bytes bundle(std::initializer_list<Bytes> frames, std::size_t modem_bytes, bool padded) {
+  Bytes out(modem_bytes);
+  ModemFrameWriter writer(out, padded);
+  for (const Bytes& frame : frames) {
+    std::copy(frame.begin(), frame.end(), writer.room().begin());
+    writer.add(frame.size());
+  }
+  out.resize(writer.finish());
+  return out;
+}
 
 TEST_F(ShipLinkTest, TheShipSpeaksOnceInItsTurnAndNotBefore) {
   EXPECT_EQ(speak(0), 0U);
@@ -81,6 +102,52 @@ TEST_F(ShipLinkTest, DamagedAndForeignFramesGiveNoTurn) {
   damaged[7] ^= 1;
   EXPECT_EQ(hear(2, damaged), FrameVerdict::kBadTag);
   EXPECT_EQ(speak(2), 0U);
+}
+
+TEST_F(ShipLinkTest, HearsEveryLinkFrameOfABundleAndAnswersTheLast) {
+  EXPECT_TRUE(hearModem(1, bundle({uplink(1, false), uplink(2, false), uplink(3, true)}, 100, false)));
+  EXPECT_EQ(ship_.receiver().counters()[FrameVerdict::kAccepted], 3U);
+  const std::size_t size = speak(1);
+  ASSERT_GT(size, 0U);
+  EXPECT_LE(size, kMinFrameBytes) << "as it is: the vehicle's modem takes frames of any size";
+  EXPECT_NE(out_[0], kBundleMark);
+}
+
+TEST_F(ShipLinkTest, PadsItsAnswerAsTheVehicleDoes) {
+  ASSERT_TRUE(hearModem(1, bundle({uplink(1, true)}, 128, true)));
+  std::size_t size = speak(1);
+  ASSERT_EQ(size, 128U);
+  EXPECT_EQ(paddedBytes(std::span(out_).first(size)), 128U);
+  LinkFrames frames(std::span<const std::uint8_t>(out_).first(size));
+  DownlinkReceiver vehicle(kIdentity, std::nullopt, kStart_ns);
+  const auto frame = frames.next();
+  ASSERT_TRUE(frame);
+  EXPECT_TRUE(vehicle.accept(at(2), *frame).content.acknowledgement);
+  EXPECT_FALSE(frames.next());
+  // Full to the last byte: 1 + 7 x (1 + 14) and 1 + 21.
+  Bytes full(22 - 1 - kFrameOverhead);
+  Bytes last(kMaxFrameBytes);
+  last.resize(encodeFrame({kIdentity, 9, MessageType::kTrack, true}, full, last));
+  const Bytes exact = bundle({uplink(2, false), uplink(3, false), uplink(4, false), uplink(5, false),
+                              uplink(6, false), uplink(7, false), uplink(8, false), last},
+                             128, true);
+  ASSERT_EQ(paddedBytes(exact), 0U);
+  ASSERT_TRUE(hearModem(3, exact));
+  EXPECT_EQ(speak(3), 128U);
+  ASSERT_TRUE(hearModem(5, uplink(10, true)));
+  size = speak(5);
+  EXPECT_TRUE(size > 0 && size <= kMinFrameBytes) << "another modem";
+}
+
+TEST_F(ShipLinkTest, ABundleThatNobodyVouchesForChangesNothing) {
+  ASSERT_TRUE(hearModem(1, uplink(1, true)));
+  Bytes damaged = uplink(2, true);
+  damaged[7] ^= 1;
+  EXPECT_FALSE(hearModem(1.1, bundle({damaged}, 500, true)));
+  EXPECT_FALSE(hearModem(1.1, Bytes(300, 0)));
+  EXPECT_FALSE(hearModem(1.1, Bytes{kBundleMark, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}));
+  EXPECT_EQ(ship_.receiver().counters().frames, 4U) << "what holds no link frame is counted too";
+  EXPECT_LE(speak(1.2), kMinFrameBytes);
 }
 
 TEST_F(ShipLinkTest, AShipThatKnowsItsVehicleMaySpeakBeforeItHears) {

@@ -37,12 +37,16 @@ MapperKeeper::Config keeperConfig(const rt::RealtimeConfig& realtime) {
   return config;
 }
 
-OwnStatus::Config ownStatusConfig(const io::MissionConfig& mission,
-                                  const std::optional<telemetry::LinkKey>& key) {
+OwnStatus::Config ownStatusConfig(const LiveSetup& setup) {
+  const telemetry::LinkSchedulerConfig& link = setup.config.link.scheduler;
   OwnStatus::Config config;
-  config.identity = {mission.vehicle_id, mission.dive_id};
-  config.tag = telemetry::FrameTag(key);
-  config.first = telemetry::firstVersion(mission.start_utc_ns);
+  config.identity = {setup.mission.vehicle_id, setup.mission.dive_id};
+  config.tag = telemetry::FrameTag(setup.config.link_key);
+  config.first = telemetry::firstVersion(setup.mission.start_utc_ns);
+  if (link.padded) config.padded_bytes = static_cast<std::size_t>(link.modem_bytes);
+  // A bundle of the shortest frames more.
+  config.passed_over = static_cast<std::uint16_t>(
+      config.passed_over + static_cast<std::size_t>(link.modem_bytes) / telemetry::kMinFrameBytes);
   return config;
 }
 
@@ -64,7 +68,7 @@ LiveSystem::LiveSystem(LiveSetup setup, LiveDevices devices, rt::VehicleClock& c
           [this](const io::CameraFrame& f) {
             (f.side == CameraSide::kLeft ? devices_.left : devices_.right)->pool().release(f.block);
           }),
-      own_status_(ownStatusConfig(setup_.mission, setup_.config.link_key)),
+      own_status_(ownStatusConfig(setup_)),
       hard_(navCoreConfig(setup_.config, setup_.mission), {&recorder_, &channel_.down().inputs}, clock_,
             hard_stages_),
       resume_(resumeNavigation(setup_.folder, names_, hard_)),

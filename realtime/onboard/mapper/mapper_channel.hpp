@@ -14,6 +14,7 @@
 #include "realtime/kernel/tiers/overload_rule.hpp"
 #include "realtime/kernel/vehicle_clock.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
+#include "realtime/onboard/modem/modem_ring.hpp"
 #include "recon/geometry/se3.hpp"
 #include "telemetry/wire/status.hpp"
 
@@ -162,7 +163,7 @@ struct MapperUp {
   std::array<std::atomic<std::uint64_t>, 2> frame_floor{};  // frames before these are no longer needed
   std::atomic<std::uint64_t> decisions_made{0};             // given to `decisions`, by any mapper
   rt::SpscRing<MadeDecision, 1024> decisions;
-  rt::SpscRing<io::ModemFrame, 64> modem;
+  ModemRing modem;
   DecisionTable decided;
   rt::SharedRecord<MapState> state;
   rt::SharedRecord<MapperFigures> figures;

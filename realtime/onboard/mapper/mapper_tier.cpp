@@ -46,7 +46,7 @@ rt::StageSummary MapperTier::summaryOf(const MapperFigures& figures, std::size_t
 
 bool RingFramePort::send(std::span<const std::uint8_t> frame) noexcept {
   if (muted_) return true;
-  io::ModemFrame out;
+  OutgoingFrame out;
   if (frame.empty() || frame.size() > out.bytes.size()) return false;
   out.size = static_cast<std::uint16_t>(frame.size());
   std::copy(frame.begin(), frame.end(), out.bytes.begin());

@@ -21,7 +21,7 @@ namespace fathom::onboard {
 // The mapper's end of the modem: frames to send go into a ring. What the modem receives comes as inputs.
 class RingFramePort final : public FramePort {
  public:
-  explicit RingFramePort(rt::SpscRing<io::ModemFrame, 64>& ring) : ring_(ring) {}
+  explicit RingFramePort(ModemRing& ring) : ring_(ring) {}
   [[nodiscard]] bool send(std::span<const std::uint8_t> frame) noexcept override;
   [[nodiscard]] std::size_t receive(std::span<std::uint8_t>) noexcept override { return 0; }
   [[nodiscard]] std::uint64_t droppedFrames() const noexcept override { return 0; }
@@ -30,7 +30,7 @@ class RingFramePort final : public FramePort {
 
  private:
   bool muted_ = false;
-  rt::SpscRing<io::ModemFrame, 64>& ring_;
+  ModemRing& ring_;
 };
 
 // The mapper's work: takes the inputs in the log's order through the mission run, decides by its own lag and

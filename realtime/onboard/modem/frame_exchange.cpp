@@ -3,6 +3,7 @@
 #include <thread>
 
 #include "realtime/kernel/input_error.hpp"
+#include "telemetry/wire/bundle.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -58,7 +59,8 @@ void FrameExchange::receiveAll(OnboardSystem& system, std::int64_t now_ns) {
   for (int i = 0; i < kMostReceived; ++i) {
     const std::size_t size = options_.modem->receive(buffer_);
     if (size == 0) return;
-    receive(system, now_ns, std::span(buffer_).first(size));
+    telemetry::LinkFrames frames(std::span<const std::uint8_t>(buffer_).first(size));
+    while (const auto frame = frames.next()) receive(system, now_ns, *frame);
   }
 }
 

@@ -25,14 +25,15 @@ struct FrameExchangeOptions {
 };
 
 // Frames cross here between the onboard system and the modem, in mission time: what goes out is written into
-// packets.bin, what comes in into downlink.bin in the order in which the system consumed it. Frames are
-// received once at each time, after its first sample: the same frames at the same times replay exactly.
+// packets.bin as the modem gets it, what comes in into downlink.bin, link frame by link frame, in the order
+// in which the system consumed it. Frames are received once at each time, after its first sample: the same
+// frames at the same times replay exactly.
 class FrameExchange {
  public:
   // Throws InputError for a downlink file that cannot be read, is damaged or runs backwards.
   FrameExchange(OnboardOutput& output, const FrameExchangeOptions& options);
 
-  // A frame that the modem received earlier and that comes among the other inputs.
+  // A link frame that the modem received earlier and that comes among the other inputs.
   void receive(OnboardSystem& system, std::int64_t now_ns, std::span<const std::uint8_t> frame);
   // The mission has come to `now_ns`: waits for that moment where the speed is given, receives, sends.
   void exchange(OnboardSystem& system, std::int64_t now_ns, bool survey_over);

@@ -71,6 +71,7 @@ struct ModemPlayer::Impl {
     std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer{};
     const auto carry = [&](FramePort& from, FramePort& to, std::uint64_t& count) {
       while (const std::size_t size = from.receive(buffer)) {
+        from.answerHeard();  // the water is open to all
         if (silent) {
           ++counters.silenced;
         } else if (to.send(std::span(buffer).first(size))) {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "telemetry/wire/bundle.hpp"
+
 namespace fathom::monitor {
 
 using telemetry::DecodedFrame;
@@ -118,6 +120,14 @@ DecodedFrame MonitorModel::accept(std::span<const std::uint8_t> bytes, std::int6
   return frame;
 }
 
+bool MonitorModel::hear(std::span<const std::uint8_t> modem_frame, std::int64_t utc_ns, const Each& each) {
+  return link_.hear(modem_frame, [&](std::span<const std::uint8_t> link_frame) {
+    const DecodedFrame frame = accept(link_frame, utc_ns);
+    if (each) each(frame, link_frame);
+    return frame.verdict == FrameVerdict::kAccepted;
+  });
+}
+
 bool MonitorModel::ask(const telemetry::Request& request, std::int64_t utc_ns) {
   telemetry::DownlinkSender* sender = link_.sender();
   const auto id = sender == nullptr ? std::nullopt : sender->request(request);
@@ -147,7 +157,8 @@ std::size_t MonitorModel::speak(std::int64_t utc_ns, std::span<std::uint8_t> out
   if (size == 0) return 0;
   // What was said for the last time had until this turn to be reported.
   requests_.noteGivenUp(utc_ns, [this](std::uint8_t id) { return link_.sender()->waits(id); });
-  requests_.noteSent(out.first(size), utc_ns);
+  telemetry::LinkFrames said(out.first(size));
+  while (const auto frame = said.next()) requests_.noteSent(*frame, utc_ns);
   ++version_;
   return size;
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <span>
 
@@ -25,7 +26,11 @@ class MonitorModel {
                         const std::optional<telemetry::LinkKey>& key = std::nullopt)
       : link_(identity, key) {}
 
-  // Takes one frame as received at `utc_ns`; says what became of it.
+  // Takes one modem frame as received at `utc_ns`: `each` is called with every link frame in it and what
+  // became of that. True: one was accepted.
+  using Each = std::function<void(const telemetry::DecodedFrame&, std::span<const std::uint8_t>)>;
+  bool hear(std::span<const std::uint8_t> modem_frame, std::int64_t utc_ns, const Each& each = {});
+  // Takes one link frame as received at `utc_ns`; says what became of it.
   telemetry::DecodedFrame accept(std::span<const std::uint8_t> bytes, std::int64_t utc_ns);
 
   // Frames that were accepted before the next are lost from the ship's file; see LinkReceiver.
@@ -36,7 +41,7 @@ class MonitorModel {
   [[nodiscard]] bool ask(const telemetry::Request& request, std::int64_t utc_ns);
   // Tells the vehicle a position at the ship's next turn.
   [[nodiscard]] bool tellFix(const telemetry::UsblFixMessage& fix);
-  // The downlink frame to send now, 0 when there is none; see ShipLink.
+  // The modem frame to send now, 0 when there is none; see ShipLink.
   // `kept`: whether all that was received is where a power cut leaves it.
   [[nodiscard]] std::size_t speak(std::int64_t utc_ns, std::span<std::uint8_t> out,
                                   const telemetry::ShipLink::Kept& kept = {});

@@ -16,6 +16,7 @@
 #include "telemetry/downlink/downlink.hpp"
 #include "telemetry/monitor/session_files.hpp"
 #include "telemetry/vehicle/link_scheduler.hpp"
+#include "telemetry/wire/bundle.hpp"
 #include "tests/monitor/storm/ground.hpp"
 #include "tests/support/test_data.hpp"
 
@@ -101,20 +102,48 @@ Plan draw(std::mt19937& random) {
   while (chance(0.4))
     p.ship_clock.emplace_back(between(0, 1) * p.storm_s, between(-1, 1) * std::pow(10, between(0, 8)));
   std::sort(p.ship_clock.begin(), p.ship_clock.end());
+  // Drawn apart, so that the rest of a seed's storm stays what it is without.
+  std::mt19937 modems(static_cast<unsigned>(p.up.seed));
+  const auto share = [&] { return std::uniform_real_distribution<double>(0, 1)(modems); };
+  if (share() < 0.5) {
+    constexpr double kLongest_s = 8;
+    const int least = std::max(64, p.link.frame_bytes + 2);
+    const int most = std::clamp(static_cast<int>(p.link.rate_bps * kLongest_s / 8), least, 2048);
+    p.link.modem_bytes = least + static_cast<int>(share() * (most - least));
+    p.link.padded = share() < 0.5;
+  }
+  if (share() < 0.3) p.link.preamble_s = p.up.preamble_s = p.down.preamble_s = share();
   return p;
+}
+
+double airSeconds(const Plan& p, int bytes) {
+  return p.link.preamble_s + bytes * 8 / p.link.rate_bps;
+}
+
+// How much longer preambles make everything, and padding the ship's turns.
+struct Slowness {
+  double sending = 1, turns = 1;
+};
+Slowness slowness(const Plan& p) {
+  const int full = std::max(p.link.modem_bytes, p.link.frame_bytes);
+  const int answer = p.link.padded ? p.link.modem_bytes : 32;
+  const auto turn_s = [&](double answer_s) { return 2 * p.link.max_delay_s + answer_s; };
+  return {airSeconds(p, full) / (full * 8 / p.link.rate_bps),
+          turn_s(airSeconds(p, answer)) / turn_s(32 * 8 / p.link.rate_bps)};
 }
 
 std::string describe(const Plan& p) {
   return formatted(
-      "%4.0f bit/s, %3d B, loss %.2f in %.1f, late %.2f by %3.0f s, doubled %.1f, damaged %.1f, %s, %2d x "
+      "%4.0f bit/s, %3d B in %4d%s, preamble %.1f s, loss %.2f in %.1f, late %.2f by %3.0f s, doubled %.1f, "
+      "damaged %.1f, %s, %2d x "
       "%2d "
       "squares in %3d, %4.0f s; restarts %zu + %zu, lost %zu, damaged %zu, ship from %4.0f s, %s, clock "
       "steps %zu",
-      p.link.rate_bps, p.link.frame_bytes, p.up.loss, p.up.mean_burst, p.up.reorder, p.up.late_s,
-      p.up.duplicate, p.up.corrupt, p.answers ? "answers" : "silence", p.side, p.side,
-      p.link.blocks.max_squares, p.storm_s, p.vehicle_restarts.size(), p.ship_restarts.size(),
-      p.lost_files.size(), p.damaged_files.size(), p.ship_from_s, p.key ? "key" : "no key",
-      p.ship_clock.size());
+      p.link.rate_bps, p.link.frame_bytes, p.link.modem_bytes, p.link.padded ? " padded" : "",
+      p.link.preamble_s, p.up.loss, p.up.mean_burst, p.up.reorder, p.up.late_s, p.up.duplicate, p.up.corrupt,
+      p.answers ? "answers" : "silence", p.side, p.side, p.link.blocks.max_squares, p.storm_s,
+      p.vehicle_restarts.size(), p.ship_restarts.size(), p.lost_files.size(), p.damaged_files.size(),
+      p.ship_from_s, p.key ? "key" : "no key", p.ship_clock.size());
 }
 
 class Vehicle {
@@ -126,7 +155,11 @@ class Vehicle {
     since_saved_.push_back(square);
     link_->offer(ground.tile(square), now_ns);
   }
-  void hear(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
+  void hear(std::int64_t now_ns, std::span<const std::uint8_t> modem_frame) {
+    telemetry::LinkFrames frames(modem_frame);
+    while (const auto frame = frames.next()) obey(now_ns, *frame);
+  }
+  void obey(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
     const auto heard = ear_->accept(now_ns, frame, [&](const telemetry::Acknowledgement& a) {
       return link_->sentLately(a, now_ns, telemetry::DownlinkReceiver::kFresh_s);
     });
@@ -139,10 +172,9 @@ class Vehicle {
     telemetry::Status status;
     status.utc_ns = now_ns;
     link_->setStatus(status);
-    std::array<std::uint8_t, telemetry::kMaxFrameBytes> buffer;
+    std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer;
     while (const std::size_t size = link_->nextFrame(now_ns, buffer)) {
       (void)modem.send(std::span(buffer).first(size));
-      ++frames_;
     }
   }
   void save() {
@@ -161,7 +193,8 @@ class Vehicle {
     for (const std::size_t square : since_saved_) link_->offer(ground.tile(square), now_ns);
     return good;
   }
-  [[nodiscard]] std::uint64_t frames() const { return frames_; }
+  // Link frames.
+  [[nodiscard]] std::uint64_t frames() const { return link_->counters().frames; }
   // What gave way to newer ground comes again when there is room.
   void offerAgain(std::int64_t now_ns, const Ground& ground) {
     const auto next = [&](std::deque<std::size_t>& squares) {
@@ -191,7 +224,6 @@ class Vehicle {
   std::vector<std::size_t> since_saved_;      // offered
   std::deque<std::size_t> gave_way_, spare_;  // the first to be offered first
   std::vector<std::uint8_t> state_;
-  std::uint64_t frames_ = 0;
 };
 
 class Ship {
@@ -219,11 +251,12 @@ class Ship {
   }
   void hear(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
     const std::int64_t own_ns = ownTime(now_ns);
-    const auto decoded = model_->accept(frame, own_ns);
-    files_->log(decoded, frame, own_ns, false);
+    model_->hear(frame, own_ns, [&](const auto& decoded, std::span<const std::uint8_t> link_frame) {
+      files_->log(decoded, link_frame, own_ns, false);
+    });
   }
   void speak(std::int64_t now_ns, FramePort& modem) {
-    std::array<std::uint8_t, telemetry::kMaxFrameBytes> buffer;
+    std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer;
     const std::size_t size = model_->speak(ownTime(now_ns), buffer, [this] { return files_->keep(); });
     if (size > 0) (void)modem.send(std::span(buffer).first(size));
   }
@@ -319,7 +352,7 @@ StormResult storm(unsigned seed) {
     }
     vehicle.offerAgain(now_ns, ground);
     water->advance(now_s);
-    std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
+    std::array<std::uint8_t, FramePort::kMaxFrameBytes> frame;
     while (const std::size_t size = water->ship().receive(frame))
       if (ship.on()) ship.hear(now_ns, std::span(frame).first(size));
     if (ship.on() && plan.answers) ship.speak(now_ns, water->ship());
@@ -344,13 +377,16 @@ StormResult storm(unsigned seed) {
     way->loss = way->mean_burst = way->duplicate = way->corrupt = way->reorder = 0;
   water = std::make_unique<sim::ChannelPair>(plan.up, plan.down, true);
   // Long enough for everything twice, and to listen for what was silent for long.
-  const double all_s = static_cast<double>(ground.size()) * 16 * 60 * 8 / plan.link.rate_bps;
+  const Slowness slow = slowness(plan);
+  const double all_s = static_cast<double>(ground.size()) * 16 * 60 * 8 / plan.link.rate_bps * slow.sending;
   const double least_s = plan.answers ? 0 : 2 * all_s + 400;  // where nobody asks, all comes once more
   // A ship that has lost frames needs turns enough to say of all of them whether it holds them.
   const bool lost = !plan.lost_files.empty() || !plan.damaged_files.empty();
-  const double enough_s = kQuiet_s + (lost ? static_cast<double>(vehicle.frames()) / 80 * 60 : 0);
+  const double enough_s =
+      (kQuiet_s + (lost ? static_cast<double>(vehicle.frames()) / 80 * 60 : 0)) * slow.turns;
   double quiet_s = 0;
-  for (double t = 0; t < 2 * all_s + 3000 + enough_s && (plan.answers ? quiet_s < enough_s : t < least_s);
+  for (double t = 0;
+       t < 2 * all_s + 3000 * slow.turns + enough_s && (plan.answers ? quiet_s < enough_s : t < least_s);
        t += plan.step_s, now_ns += nanoseconds(plan.step_s)) {
     step(now_ns, false);
     quiet_s = vehicle.drained() ? quiet_s + plan.step_s : 0;

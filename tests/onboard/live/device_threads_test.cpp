@@ -4,12 +4,16 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <memory>
 #include <new>
 #include <stdexcept>
 #include <thread>
+#include <vector>
 
 #include "realtime/kernel/clock.hpp"
 #include "realtime/onboard/live/watched_threads.hpp"
+#include "telemetry/wire/bundle.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -303,6 +307,49 @@ int startWithoutThreads() {
 TEST(WatchedThreads, ThreadsThatTheSystemDoesNotGiveAreNamed) {
   GTEST_FLAG_SET(death_test_style, "threadsafe");
   EXPECT_EXIT(::_exit(startWithoutThreads()), testing::ExitedWithCode(0), "");
+}
+
+// Gives the modem frames that it was told to, and keeps what it is to send.
+struct MadeModem final : FramePort {
+  std::vector<std::vector<std::uint8_t>> heard;
+  std::size_t given = 0;
+  bool send(std::span<const std::uint8_t>) noexcept override { return true; }
+  std::size_t receive(std::span<std::uint8_t> buffer) noexcept override {
+    if (given == heard.size()) return 0;
+    const auto& frame = heard[given++];
+    std::copy(frame.begin(), frame.end(), buffer.begin());
+    return frame.size();
+  }
+  [[nodiscard]] std::uint64_t droppedFrames() const noexcept override { return 0; }
+};
+
+TEST(DeviceThreads, EveryLinkFrameOfABundleIsAnInput) {
+  MadeModem modem;
+  std::vector<std::uint8_t> bundle(FramePort::kMaxFrameBytes);
+  telemetry::ModemFrameWriter writer(bundle, true);
+  for (const std::uint8_t size : {40, 250, 30}) {
+    std::fill_n(writer.room().begin(), size, size);
+    writer.add(size);
+  }
+  bundle.resize(writer.finish());
+  modem.heard = {bundle, std::vector<std::uint8_t>(32, 7), std::vector<std::uint8_t>(2000, 8)};
+  MadeClock clock;
+  rt::Heartbeat heart;
+  InputRing inputs;
+  const auto outgoing = std::make_unique<ModemRing>();
+  OwnStatus own({});
+  ModemThread thread(modem, {outgoing.get(), &own, &inputs, nullptr, 0, &heart}, clock);
+  std::atomic<bool> stop{false};
+  std::thread runs([&] { thread.run(stop); });
+  ASSERT_TRUE(comesTrue([&] { return thread.counters().received == 3 && heart.beats() > 0; }));
+  stop = true;
+  runs.join();
+  std::vector<std::pair<std::size_t, int>> frames;
+  for (io::OnboardInput input; inputs.pop(input);)
+    if (const auto* frame = std::get_if<io::ModemFrame>(&input.what))
+      frames.emplace_back(frame->size, frame->bytes[0]);
+  EXPECT_THAT(frames,
+              ElementsAre(std::pair(40U, 40), std::pair(250U, 250), std::pair(30U, 30), std::pair(32U, 7)));
 }
 
 }  // namespace

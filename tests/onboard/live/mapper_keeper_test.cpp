@@ -12,6 +12,7 @@
 #include "realtime/onboard/live/devices/own_status.hpp"
 #include "realtime/onboard/live/dive_lock.hpp"
 #include "realtime/onboard/live/part_states.hpp"
+#include "telemetry/wire/bundle.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::onboard {
@@ -164,7 +165,7 @@ TEST_F(Kept, IsLeftAloneWhenAllIsDoneWhateverItsExit) {
   EXPECT_TRUE(keeper.done());
 }
 
-telemetry::DecodedFrame decoded(const io::ModemFrame& frame) {
+telemetry::DecodedFrame decoded(const OutgoingFrame& frame) {
   return telemetry::decodeFrame(frame.data());
 }
 
@@ -174,12 +175,12 @@ TEST(OwnStatus, SpeaksOnlyWhileNobodyMapsAndBeyondWhatTheMapperMayHaveSaid) {
   OwnStatus own(config);
   telemetry::Status status;
   status.health = telemetry::kHealthNoMap;
-  io::ModemFrame frame;
+  OutgoingFrame frame;
   std::int64_t now = 1000 * kSecond;
   own.set(status, true);
   EXPECT_FALSE(own.next(now, frame));
   // The mapper's last frame.
-  io::ModemFrame last;
+  OutgoingFrame last;
   const std::array<std::uint8_t, 4> payload{};
   last.size = static_cast<std::uint16_t>(telemetry::encodeFrame(
       {config.identity, 500, telemetry::MessageType::kTrack, false}, payload, last.bytes));
@@ -203,11 +204,36 @@ TEST(OwnStatus, SpeaksOnlyWhileNobodyMapsAndBeyondWhatTheMapperMayHaveSaid) {
   ASSERT_GE(sequences.size(), 4U) << "within a minute, and then again and again";
   EXPECT_EQ(sequences[0], 501 + config.passed_over);
   EXPECT_EQ(sequences[1], sequences[0] + 1);
-  std::uint16_t free = 0;
-  ASSERT_TRUE(own.nextSequence(free));
-  EXPECT_EQ(free, sequences.back() + 1);
+  telemetry::Version free = 0;
+  ASSERT_TRUE(own.nextVersion(free));
+  EXPECT_EQ(static_cast<std::uint16_t>(free), sequences.back() + 1);
   own.set(status, true);
   EXPECT_FALSE(own.next(now + 1000 * kSecond, frame));
+}
+
+TEST(OwnStatus, SpeaksInBundlesWhereTheModemsFramesAreOfOneSizeAndCountsThoseOfTheMapper) {
+  OwnStatus::Config config;
+  config.identity = {3, 77};
+  config.padded_bytes = 100;
+  OwnStatus own(config);
+  OutgoingFrame frame;
+  telemetry::ModemFrameWriter modem(frame.bytes, false);
+  const std::array<std::uint8_t, 4> payload{};
+  for (const std::uint16_t sequence : {500, 501, 502})
+    modem.add(telemetry::encodeFrame({config.identity, sequence, telemetry::MessageType::kTrack, false},
+                                     payload, modem.room()));
+  frame.size = static_cast<std::uint16_t>(modem.finish());
+  own.sent(1000 * kSecond, frame.data(), false);
+  own.set({}, false);
+  ASSERT_TRUE(own.next(1100 * kSecond, frame));
+  EXPECT_EQ(frame.size, config.padded_bytes);
+  EXPECT_EQ(telemetry::paddedBytes(frame.data()), config.padded_bytes);
+  telemetry::LinkFrames link_frames(frame.data());
+  const auto status = link_frames.next();
+  ASSERT_TRUE(status);
+  const telemetry::DecodedFrame d = telemetry::decodeFrame(*status);
+  EXPECT_EQ(d.header.type, telemetry::MessageType::kStatus);
+  EXPECT_EQ(d.header.sequence, 503 + config.passed_over);
 }
 
 TEST(PartStates, TellsWhenAPartsStateIsAnother) {

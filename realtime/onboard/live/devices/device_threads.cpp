@@ -1,10 +1,12 @@
 #include "realtime/onboard/live/devices/device_threads.hpp"
 
 #include <algorithm>
+#include <array>
 
 #include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/fault_point.hpp"
 #include "realtime/kernel/tiers/rt_thread.hpp"
+#include "telemetry/wire/bundle.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -31,6 +33,9 @@ void tell(const Device& device, const io::PollFence& fence, io::DeviceHealth& he
   fence.tell(health);
   health.counters.back().second = fence.failures();
 }
+
+// What is longer is no link frame.
+static_assert(std::tuple_size_v<decltype(io::ModemFrame::bytes)> == telemetry::kMaxFrameBytes);
 
 io::DeviceHealth modemHealth() {
   io::DeviceHealth health;
@@ -96,19 +101,31 @@ void CameraThread::frame(const io::CameraFrame& frame) noexcept {
 ModemThread::ModemThread(FramePort& modem, const Links& links, const rt::Clock& clock)
     : modem_(modem), links_(links), clock_(clock), health_(modemHealth()) {}
 
-void ModemThread::run(const std::atomic<bool>& stop) {
-  io::ModemFrame frame;
-  while (!stop.load(std::memory_order_acquire)) {
-    rt::faultPoint("modem");
-    while (const std::size_t size = modem_.receive(frame.bytes)) {
-      frame.size = static_cast<std::uint16_t>(size);
-      const std::int64_t now = clock_.utcNs();
-      counters_.received.fetch_add(1, std::memory_order_relaxed);
-      counters_.last_received_ns.store(now, std::memory_order_relaxed);
-      if (links_.recorder != nullptr)
-        (void)links_.recorder->offerRaw(links_.raw_lane, now, "RAW_MODEM", frame.data());
+void ModemThread::receiveAll() noexcept {
+  std::array<std::uint8_t, FramePort::kMaxFrameBytes> bytes;
+  while (const std::size_t size = modem_.receive(bytes)) {
+    const std::span<const std::uint8_t> modem_frame(bytes.data(), size);
+    const std::int64_t now = clock_.utcNs();
+    counters_.received.fetch_add(1, std::memory_order_relaxed);
+    counters_.last_received_ns.store(now, std::memory_order_relaxed);
+    if (links_.recorder != nullptr)
+      (void)links_.recorder->offerRaw(links_.raw_lane, now, "RAW_MODEM", modem_frame);
+    telemetry::LinkFrames link_frames(modem_frame);
+    while (const auto link_frame = link_frames.next()) {
+      io::ModemFrame frame;
+      if (link_frame->size() > frame.bytes.size()) continue;
+      frame.size = static_cast<std::uint16_t>(link_frame->size());
+      std::copy(link_frame->begin(), link_frame->end(), frame.bytes.begin());
       (void)links_.inputs->push({now, frame});
     }
+  }
+}
+
+void ModemThread::run(const std::atomic<bool>& stop) {
+  OutgoingFrame frame;
+  while (!stop.load(std::memory_order_acquire)) {
+    rt::faultPoint("modem");
+    receiveAll();
     // From another process: anything, and for ever.
     for (std::size_t i = 0; i < ModemRing::capacity() && links_.outgoing->pop(frame); ++i) {
       if (frame.size == 0 || frame.size > frame.bytes.size()) continue;
@@ -130,7 +147,7 @@ void ModemThread::run(const std::atomic<bool>& stop) {
   }
 }
 
-void ModemThread::send(const io::ModemFrame& frame, bool own) noexcept {
+void ModemThread::send(const OutgoingFrame& frame, bool own) noexcept {
   links_.own->sent(clock_.utcNs(), frame.data(), own);
   (modem_.send(frame.data()) ? counters_.sent : counters_.refused).fetch_add(1, std::memory_order_relaxed);
 }

@@ -16,6 +16,7 @@
 #include "realtime/onboard/live/devices/frame_lender.hpp"
 #include "realtime/onboard/live/devices/input_rings.hpp"
 #include "realtime/onboard/live/devices/own_status.hpp"
+#include "realtime/onboard/modem/modem_ring.hpp"
 
 namespace fathom::onboard {
 
@@ -96,9 +97,9 @@ class CameraThread final : public io::FrameSink {
   SharedHealth health_;
 };
 
-// The modem's thread: what the mapper gives goes out, while there is none the vehicle's own status; what
-// comes in goes to the hard tier as an input. Its port waits for a device that is not there, and never
-// throws.
+// The modem's thread: what the mapper gives goes out, while there is none the vehicle's own status; each link
+// frame that comes in goes to the hard tier as an input. Its port waits for a device that is not there, and
+// never throws.
 class ModemThread {
  public:
   struct Links {
@@ -110,9 +111,9 @@ class ModemThread {
     rt::Heartbeat* heart = nullptr;
   };
   struct Counters {
-    std::atomic<std::uint64_t> sent{0}, refused{0}, received{0}, dropped{0};
-    std::atomic<std::int64_t> last_received_ns{0};  // vehicle time
-    std::atomic<std::uint64_t> own{0};              // status frames of the vehicle itself, of those sent
+    std::atomic<std::uint64_t> sent{0}, refused{0}, received{0}, dropped{0};  // modem frames
+    std::atomic<std::int64_t> last_received_ns{0};                            // vehicle time
+    std::atomic<std::uint64_t> own{0};  // status frames of the vehicle itself, of those sent
   };
   ModemThread(FramePort& modem, const Links& links, const rt::Clock& clock);
 
@@ -121,7 +122,8 @@ class ModemThread {
   [[nodiscard]] io::DeviceHealth health() const { return health_.read(); }
 
  private:
-  void send(const io::ModemFrame& frame, bool own) noexcept;
+  void receiveAll() noexcept;
+  void send(const OutgoingFrame& frame, bool own) noexcept;
 
   FramePort& modem_;
   Links links_;

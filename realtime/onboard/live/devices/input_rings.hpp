@@ -12,7 +12,5 @@ namespace fathom::onboard {
 // From a device's thread to the hard tier. At 100 Hz of draining and at most some hundred samples a second,
 // never more than a few wait; full only when the hard tier stands still for a second.
 using InputRing = rt::SpscRing<io::OnboardInput, 256>;
-// Frames for the modem, from the mapper to the modem's thread.
-using ModemRing = rt::SpscRing<io::ModemFrame, 64>;
 
 }  // namespace fathom::onboard

@@ -1,11 +1,12 @@
 #pragma once
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 
 #include "realtime/kernel/broadcast_ring.hpp"
-#include "realtime/onboard/live/devices/input_rings.hpp"
+#include "realtime/onboard/modem/modem_ring.hpp"
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/status.hpp"
 
@@ -23,6 +24,7 @@ class OwnStatus {
     std::int64_t silent_ns = 30'000'000'000;  // that the link has been before the vehicle speaks itself
     std::int64_t period_ns = 20'000'000'000;  // from status to status
     std::uint16_t passed_over = 64;           // sequence numbers that a lost mapper may have used unseen
+    std::size_t padded_bytes = 0;             // size of a padded modem frame; 0: a link frame as it is
   };
   explicit OwnStatus(const Config& config) : config_(config), next_(config.first) {}
 
@@ -32,8 +34,8 @@ class OwnStatus {
   [[nodiscard]] bool nextVersion(telemetry::Version& version) const noexcept;
 
   // The modem's thread. The frame that is due; false for none.
-  [[nodiscard]] bool next(std::int64_t now_ns, io::ModemFrame& frame) noexcept;
-  // Every frame that goes to the modem; `own`: next() gave it.
+  [[nodiscard]] bool next(std::int64_t now_ns, OutgoingFrame& frame) noexcept;
+  // Every modem frame that goes out; `own`: next() gave it.
   void sent(std::int64_t now_ns, std::span<const std::uint8_t> frame, bool own) noexcept;
 
  private:
