@@ -117,11 +117,6 @@ const LinkScheduler::Detail* LinkScheduler::detail() const {
   return impl_->detail_count > 0 ? &impl_->details[0] : nullptr;
 }
 
-void LinkScheduler::offerDetail(const HeightTile& tile, std::int64_t now_ns) {
-  Impl& s = *impl_;
-  if (s.detail_count > 0) s.queue.offer(tile, s.details[0].max_error, now_ns);
-}
-
 void LinkScheduler::detailServed() {
   Impl& s = *impl_;
   if (s.detail_count == 0) return;

@@ -237,8 +237,8 @@ void LinkScheduler::setMissionInfo(const MissionInfo& info) {
   impl_->housekeeping.setMissionInfo(info);
 }
 
-void LinkScheduler::offer(const HeightTile& tile, std::int64_t now_ns) {
-  impl_->queue.offer(tile, impl_->config.blocks.max_error, now_ns);
+void LinkScheduler::offer(const HeightTile& tile, std::int64_t now_ns, double max_error) {
+  impl_->queue.offer(tile, max_error > 0 ? max_error : impl_->config.blocks.max_error, now_ns);
 }
 
 void LinkScheduler::onGaveWay(BlockQueue::GaveWay gave_way) {
@@ -250,7 +250,10 @@ bool LinkScheduler::hasRoom() const {
 }
 
 bool LinkScheduler::spare() const {
-  return !impl_->turns.answered() && impl_->queue.census().waiting == 0;
+  // A modem frame's worth, so that none leaves half empty.
+  constexpr int kLeastBlockBytes = 16;
+  return !impl_->turns.answered() &&
+         impl_->queue.census().waiting <= impl_->config.modem_bytes / kLeastBlockBytes;
 }
 
 void LinkScheduler::eachHeld(

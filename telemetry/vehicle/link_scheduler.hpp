@@ -64,14 +64,15 @@ class LinkScheduler {
   // The vehicle's latest state; also samples the track.
   void setStatus(const Status& status);
   void setMissionInfo(const MissionInfo& info);
-  // A tile's latest content: its sixteen blocks are sent as far as the other side does not hold them.
-  void offer(const HeightTile& tile, std::int64_t now_ns);
+  // A tile's latest content: its sixteen blocks are sent as far as the other side does not hold them, with an
+  // error of at most `max_error` [m]; 0: as configured.
+  void offer(const HeightTile& tile, std::int64_t now_ns, double max_error = 0);
 
   // See BlockQueue: what is to be offered again when there is room; with `spare`, when nothing else is to be
   // sent and nobody answers.
   void onGaveWay(BlockQueue::GaveWay gave_way);
   [[nodiscard]] bool hasRoom() const;
-  [[nodiscard]] bool spare() const;  // nothing of the map waits, and nobody answers
+  [[nodiscard]] bool spare() const;  // less of the map waits than a bundle takes, and nobody answers
   // See BlockQueue::eachHeld().
   void eachHeld(const std::function<void(const BlockKey&, Version, Version, const MapBlock&)>& visit) const;
 
@@ -87,14 +88,13 @@ class LinkScheduler {
   void heard(std::int64_t now_ns);
 
   // Detail that was requested and not served yet, the oldest first. The caller offers tiles of the request's
-  // spacing inside the rectangle with offerDetail(), then calls detailServed().
+  // spacing inside the rectangle, with its error, then calls detailServed().
   struct Detail {
     double north_min = 0, north_max = 0, east_min = 0, east_max = 0;  // nav [m]
     double spacing = 0, max_error = 0;                                // [m]
     RequestOutcome request;                                           // that asked for it
   };
   [[nodiscard]] const Detail* detail() const;
-  void offerDetail(const HeightTile& tile, std::int64_t now_ns);
   void detailServed();
 
   // Writes the next modem frame into `out` (at least frame_bytes, modem_bytes where that is set) and returns

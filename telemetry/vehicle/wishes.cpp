@@ -16,10 +16,16 @@ void Wishes::acknowledged(Version newest) {
 }
 
 void Wishes::note(const RequestOutcome& outcome) {
-  auto at = std::find_if(outcomes_.begin(), outcomes_.end(), [&](const RequestOutcome& o) {
-    return o.id == outcome.id || o.state == RequestOutcome::State::kNone;
-  });
-  if (at == outcomes_.end()) --at;
+  const auto none = [](const RequestOutcome& o) { return o.state == RequestOutcome::State::kNone; };
+  auto at = std::find_if(outcomes_.begin(), outcomes_.end(),
+                         [&](const RequestOutcome& o) { return !none(o) && o.id == outcome.id; });
+  if (at == outcomes_.end()) at = std::find_if(outcomes_.begin(), outcomes_.end(), none);
+  if (at == outcomes_.end()) {
+    const auto done = std::find_if(outcomes_.rbegin(), outcomes_.rend(), [](const RequestOutcome& o) {
+      return o.state != RequestOutcome::State::kTaken;
+    });
+    at = done == outcomes_.rend() ? outcomes_.end() - 1 : done.base() - 1;
+  }
   std::move_backward(outcomes_.begin(), at, at + 1);
   outcomes_.front() = outcome;
 }

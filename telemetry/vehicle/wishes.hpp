@@ -21,14 +21,14 @@ class Wishes {
   explicit Wishes(double configured_rate_bps) : configured_bps_(configured_rate_bps) {}
 
   [[nodiscard]] bool paused() const { return paused_; }
-  [[nodiscard]] const std::array<RequestOutcome, 4>& outcomes() const { return outcomes_; }
+  [[nodiscard]] const std::array<RequestOutcome, 6>& outcomes() const { return outcomes_; }
 
   void heard(std::int64_t now_ns) { heard_ns_ = now_ns; }
   void pause(bool paused) { paused_ = paused; }
   // The ship has asked for another rate than the one that holds; `next`: the first frame sent at it.
   void rateAsked(Version next, std::int64_t now_ns);
   void acknowledged(Version newest);
-  // Of a request that was heard; the newest of an id stands.
+  // Of a request that was heard; the newest of an id stands. What is done longest gives way.
   void note(const RequestOutcome& outcome);
   // Another state of that request, if it is still told of.
   void become(const RequestOutcome& outcome);
@@ -54,7 +54,7 @@ class Wishes {
   bool proven_ = false;        // a frame sent at it was acknowledged
   Version first_at_rate_ = 0;  // frame
   std::int64_t heard_ns_ = 0, asked_ns_ = 0;
-  std::array<RequestOutcome, 4> outcomes_{};  // newest first
+  std::array<RequestOutcome, 6> outcomes_{};  // newest first
 };
 
 }  // namespace fathom::telemetry

@@ -22,13 +22,14 @@ inline constexpr unsigned kOutcomeCounterBits = 10;
 // How the vehicle stands to the ship's requests, and its health: small, sent at once when something of it
 // changes and again until the ship has it.
 struct Report {
-  std::uint16_t health = 0;                  // HealthFlag, as in Status
-  bool paused = false;                       // sends no map, as it was asked to
-  double rate_bps = 0;                       // that it sends at [bit/s], to 10 bit/s
-  std::array<RequestOutcome, 4> requests{};  // the last ones heard, newest first
+  std::uint16_t health = 0;  // HealthFlag, as in Status
+  bool paused = false;       // sends no map, as it was asked to
+  double rate_bps = 0;       // that it sends at [bit/s], to 10 bit/s
+  // The last ones heard, newest first; those that are taken and not done are not forgotten.
+  std::array<RequestOutcome, 6> requests{};
   friend bool operator==(const Report&, const Report&) = default;
 };
-inline constexpr std::size_t kReportBytes = 12;
+inline constexpr std::size_t kReportBytes = 16;
 
 // Returns the payload's size, 0 if `out` is too small.
 [[nodiscard]] std::size_t encodeReport(const Report& report, std::span<std::uint8_t> out);

@@ -355,7 +355,7 @@ TEST(LinkFeedback, RequestedDetailIsDoneWhenTheShipHasAllOfItThoughFramesAreLost
     scheduler.request(request, ship.now, 1234);
     ASSERT_NE(scheduler.detail(), nullptr);
     const HeightTile tile = sampleTile(0, 0, 2);
-    scheduler.offerDetail(tile, ship.now);
+    scheduler.offer(tile, ship.now, scheduler.detail()->max_error);
     scheduler.detailServed();
     EXPECT_EQ(scheduler.detail(), nullptr);
     bool early = false;

@@ -66,7 +66,7 @@ std::vector<std::uint8_t> dive(const LinkSchedulerConfig& c, const std::vector<i
     }
     if (scheduler->detail() != nullptr && t % 3 == 0) {
       if (t < 380)
-        (void)scheduler->offerDetail(sampleTile(t, 3), now);
+        scheduler->offer(sampleTile(t, 3), now, scheduler->detail()->max_error);
       else
         scheduler->detailServed();
     }

@@ -37,6 +37,7 @@ void LinkCoreConfig::validate() const {
     throw std::invalid_argument("coarse_spacing_m is not the map's root size / 16 over a power of two");
   if (!(look_s >= 0 && look_s <= 3600)) throw std::invalid_argument("look time must be 0 to 3600 s");
   if (max_changed < 1) throw std::invalid_argument("at least one changed square must be remembered");
+  if (max_detailed < 1) throw std::invalid_argument("a square of detail must be followed at least");
   if (max_detail_squares < 1) throw std::invalid_argument("a request must be served with a square at least");
 }
 
@@ -80,6 +81,22 @@ void LinkCore::noteChanged(const Eigen::Vector2d& min_north_east, const Eigen::V
       for (std::int32_t e = index(min_north_east.y()); e <= index(max_north_east.y()); ++e)
         level->changed.insert({n, e});
   }
+  for (Detailed& d : detailed_) {
+    const auto within = [&](std::int32_t at, double least, double most) {
+      return at >= indexOf(least, d.level) && at <= indexOf(most, d.level);
+    };
+    d.changed = d.changed || (within(d.key.north, min_north_east.x(), max_north_east.x()) &&
+                              within(d.key.east, min_north_east.y(), max_north_east.y()));
+  }
+}
+
+HeightTile LinkCore::nothingAt(int level, const Key& key) const {
+  HeightTile tile;
+  tile.north_index = key.north;
+  tile.east_index = key.east;
+  tile.level = level;
+  tile.size = config_.root_size / std::exp2(level);
+  return tile;
 }
 
 void LinkCore::offer(Level& level, const fusion::QuadtreeMap& map, const Key& key, std::int64_t now_ns) {
@@ -88,10 +105,7 @@ void LinkCore::offer(Level& level, const fusion::QuadtreeMap& map, const Key& ke
   if (!map.extract(place, tile)) {
     // The map has left this place: so must what was sent of it.
     if (!level.known.contains(key)) return;
-    tile.north_index = key.north;
-    tile.east_index = key.east;
-    tile.level = level.level;
-    tile.size = config_.root_size / std::exp2(level.level);
+    tile = nothingAt(level.level, key);
   }
   Level::Square& square = level.known[key];
   square.looked_ns = now_ns;
@@ -125,6 +139,7 @@ void LinkCore::offerTiles(const fusion::QuadtreeMap& map, std::int64_t now_ns, b
   offerChanged(fine_, map, now_ns, everything);
   offerChanged(coarse_, map, now_ns, everything);
   offerAgain(map, now_ns);
+  offerDetailed(map, now_ns);
   serveDetail(map, now_ns);
 }
 
@@ -137,7 +152,9 @@ void LinkCore::offerAgain(const fusion::QuadtreeMap& map, std::int64_t now_ns) {
     };
     for (int k = 0; k < kOffersAtOnce && !level->again.empty() && scheduler_.hasRoom(); ++k)
       next(level->again);
-    if (level->again.empty() && !level->spare.empty() && scheduler_.spare()) next(level->spare);
+    for (int k = 0; k < kOffersAtOnce && level->again.empty() && !level->spare.empty() && scheduler_.spare();
+         ++k)
+      next(level->spare);
   }
 }
 
@@ -150,6 +167,38 @@ void LinkCore::noteGaveWay(const telemetry::BlockQueue::Whole& square, bool spar
     if (std::find(keys.begin(), keys.end(), key) == keys.end()) keys.push_back(key);
     return;
   }
+  for (Detailed& d : detailed_) {
+    const double spacing = config_.root_size / (std::exp2(d.level) * HeightTile::kCells);
+    if (telemetry::spacingCode(spacing) == square.spacing && d.key == Key{square.north, square.east})
+      d.changed = true;
+  }
+}
+
+// The map goes on to change where the ship was given detail: what it shows must not stay behind.
+void LinkCore::offerDetailed(const fusion::QuadtreeMap& map, std::int64_t now_ns) {
+  int offered = 0;
+  for (Detailed& d : detailed_) {
+    if (!d.changed || offered == kOffersAtOnce || !scheduler_.hasRoom() ||
+        static_cast<double>(now_ns - d.looked_ns) < config_.look_s * kNanoseconds)
+      continue;
+    HeightTile tile;
+    const fusion::TileKey place{d.key.north, d.key.east, static_cast<std::int16_t>(d.level)};
+    scheduler_.offer(map.extract(place, tile) ? tile : nothingAt(d.level, d.key), now_ns, d.max_error);
+    d.changed = false;
+    d.looked_ns = now_ns;
+    ++offered;
+  }
+}
+
+void LinkCore::follow(int level, const Key& key, double max_error, std::int64_t now_ns) {
+  if (level == fine_.level || level == coarse_.level) return;  // followed anyway
+  const auto same = [&](const Detailed& d) { return d.level == level && d.key == key; };
+  if (const auto known = std::find_if(detailed_.begin(), detailed_.end(), same); known != detailed_.end()) {
+    known->max_error = std::min(known->max_error, max_error);
+    return;
+  }
+  if (detailed_.size() == config_.max_detailed) detailed_.erase(detailed_.begin());
+  detailed_.push_back({level, key, max_error, false, now_ns});
 }
 
 void LinkCore::serveDetail(const fusion::QuadtreeMap& map, std::int64_t now_ns) {
@@ -165,7 +214,10 @@ void LinkCore::serveDetail(const fusion::QuadtreeMap& map, std::int64_t now_ns) 
     const fusion::TileKey key{static_cast<std::int32_t>(n0 + detail_squares_ / columns),
                               static_cast<std::int32_t>(e0 + detail_squares_ % columns),
                               static_cast<std::int16_t>(level)};
-    if (map.extract(key, tile)) scheduler_.offerDetail(tile, now_ns);
+    if (map.extract(key, tile)) {
+      scheduler_.offer(tile, now_ns, detail->max_error);
+      follow(level, {key.north_index, key.east_index}, detail->max_error, now_ns);
+    }
     ++detail_squares_;
   }
   if (detail_squares_ < served) return;
@@ -176,7 +228,9 @@ void LinkCore::serveDetail(const fusion::QuadtreeMap& map, std::int64_t now_ns) 
 
 bool LinkCore::drained() const {
   const auto idle = [](const Level& level) { return level.changed.empty() && level.again.empty(); };
-  return idle(fine_) && idle(coarse_) && scheduler_.drained();
+  const bool followed =
+      std::none_of(detailed_.begin(), detailed_.end(), [](const Detailed& d) { return d.changed; });
+  return followed && idle(fine_) && idle(coarse_) && scheduler_.drained();
 }
 
 }  // namespace fathom::onboard

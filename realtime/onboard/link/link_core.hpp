@@ -21,6 +21,7 @@ struct LinkCoreConfig {
   double look_s = 1.0;             // a square in view is looked at again after so long [s]
   std::size_t max_changed = 1024;  // changed squares remembered; when full the oldest is offered at once
   int max_detail_squares = 64;     // of one request; what is beyond is left out and counted
+  std::size_t max_detailed = 512;  // squares of all requests that are followed when the map changes there
 
   void validate() const;  // throws std::invalid_argument naming the value
   // Level of the quadtree whose tiles have nodes at this spacing; negative if there is none.
@@ -115,6 +116,23 @@ class LinkCore {
       archive(self.changed, self.known, self.again, self.spare);
     }
   };
+  // A square of requested detail that the ship was given.
+  struct Detailed {
+    std::int32_t level = 0;
+    Key key;
+    double max_error = 0;  // [m]
+    bool changed = false;  // since it was offered
+    std::int64_t looked_ns = 0;
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.level, self.key, self.max_error, self.changed);
+      archive.instants(self.looked_ns);
+    }
+  };
+  [[nodiscard]] HeightTile nothingAt(int level, const Key& key) const;
+  void follow(int level, const Key& key, double max_error, std::int64_t now_ns);
+  void offerDetailed(const fusion::QuadtreeMap& map, std::int64_t now_ns);
   void offer(Level& level, const fusion::QuadtreeMap& map, const Key& key, std::int64_t now_ns);
   void offerChanged(Level& level, const fusion::QuadtreeMap& map, std::int64_t now_ns, bool everything);
   void offerAgain(const fusion::QuadtreeMap& map, std::int64_t now_ns);
@@ -125,6 +143,7 @@ class LinkCore {
   LinkCoreConfig config_;
   telemetry::LinkScheduler scheduler_;
   Level fine_, coarse_;
+  std::vector<Detailed> detailed_;  // the latest last
   double area_total_ = 0;
   int detail_squares_ = 0;  // served of the oldest request
   std::uint64_t detail_left_out_ = 0;

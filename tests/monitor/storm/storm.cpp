@@ -3,287 +3,119 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <deque>
-#include <filesystem>
-#include <fstream>
+#include <map>
 #include <memory>
 #include <optional>
-#include <set>
 
-#include "realtime/kernel/state_archive.hpp"
 #include "realtime/kernel/text.hpp"
-#include "sim/link/channel.hpp"
-#include "telemetry/downlink/downlink.hpp"
-#include "telemetry/monitor/session_files.hpp"
-#include "telemetry/vehicle/link_scheduler.hpp"
-#include "telemetry/wire/bundle.hpp"
-#include "tests/monitor/storm/ground.hpp"
+#include "telemetry/map/map_packet.hpp"
+#include "tests/monitor/storm/ends.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::test {
 namespace {
 
-namespace fs = std::filesystem;
 using telemetry::BlockKey;
 using telemetry::MapBlock;
 
-constexpr std::int64_t kSecond_ns = 1'000'000'000;
-constexpr std::int64_t kStart_ns = 1'790'000'000 * kSecond_ns;
-constexpr telemetry::LinkIdentity kIdentity{7, 1234};
 constexpr double kQuiet_s = 600;  // the ship has turns enough to say what it lacks
+constexpr std::size_t kStepsBetweenLooks = 97;
 
-std::int64_t nanoseconds(double seconds) {
-  return std::llround(seconds * 1e9);
-}
+// What the vehicle's frames carried, and whether it held that when they left; and whether the ships show it.
+class Witness {
+ public:
+  explicit Witness(const Ground& ground) : ground_(ground) {}
 
-// What was drawn.
-struct Plan {
-  telemetry::LinkSchedulerConfig link;
-  sim::ChannelConfig up, down;
-  int side = 3;
-  double storm_s = 0, step_s = 0.2, change_every_s = 0;
-  bool answers = true;
-  double ship_from_s = 0;
-  std::vector<double> vehicle_restarts, ship_restarts, lost_files, damaged_files;
-  bool key = true;
-  std::vector<std::pair<double, double>> ship_clock;  // from then on so far ahead of the vehicle's [s]
+  void sent(std::span<const std::uint8_t> frame) {
+    const telemetry::DecodedFrame whole = telemetry::peekFrame(frame);
+    if (whole.header.type != telemetry::MessageType::kMapPacket || !decoder_.decode(whole.payload, packet_))
+      return;
+    auto& carried = carried_[whole.header.sequence()];
+    carried.clear();
+    for (const MapBlock& block : packet_.blocks) {
+      carried[block.key] = block;
+      for (int n = 0; n < MapBlock::kNodes; ++n) {
+        const auto true_m = depthAt(block.key, n);
+        if (block.isSeen(n) && !(true_m && std::abs(block.depth[static_cast<std::size_t>(n)] - *true_m) <=
+                                               packet_.max_error + 0.001))
+          ++untrue_;
+      }
+    }
+  }
+  void look(const monitor::BlockStore& shown) {
+    for (const auto& [place, chunk] : shown.chunks())
+      for (const auto& level : chunk.levels)
+        for (const auto& [slot, stored] : level) {
+          const auto& carried = carried_[static_cast<std::uint16_t>(stored.version)];
+          const auto block = carried.find(stored.block.key);
+          if (block == carried.end() || block->second.seen != stored.block.seen) {
+            ++wrong_;
+            continue;
+          }
+          for (int n = 0; n < MapBlock::kNodes; ++n) {
+            const auto k = static_cast<std::size_t>(n);
+            if (stored.block.isSeen(n) && stored.block.depth[k] != block->second.depth[k]) {
+              ++wrong_;
+              break;
+            }
+          }
+        }
+  }
+  // The vehicle's map at a node of any of the link's lattices; nothing where it has seen nothing.
+  [[nodiscard]] std::optional<double> depthAt(const BlockKey& key, int node) const {
+    const double spacing = telemetry::spacingOf(key.spacing);
+    const int north = key.north * 4 + node / 4, east = key.east * 4 + node % 4;
+    const auto square = ground_.squareAt(north * spacing, east * spacing);
+    if (!square) return std::nullopt;
+    const int across = static_cast<int>(std::lround(Ground::kSquare_m / spacing));
+    HeightTile::Node at;
+    if (across >= HeightTile::kCells) {
+      const int i = north % across, j = east % across, half = across / 2;
+      at = across == HeightTile::kCells
+               ? ground_.tile(*square).at(i, j)
+               : ground_.detail(*square, i / half * 2 + j / half).at(i % half, j % half);
+    } else {
+      const int stride = HeightTile::kCells / across;
+      at = ground_.tile(*square).at(north % across * stride, east % across * stride);
+    }
+    return at.coverage > 0 ? std::optional<double>(at.depth) : std::nullopt;
+  }
+  [[nodiscard]] std::size_t wrong() const { return wrong_; }
+  [[nodiscard]] std::size_t untrue() const { return untrue_; }
+
+ private:
+  const Ground& ground_;
+  telemetry::MapPacketDecoder decoder_;
+  telemetry::DecodedMapPacket packet_;
+  std::map<std::uint16_t, std::map<BlockKey, MapBlock>> carried_;  // by the frame's sequence number
+  std::size_t wrong_ = 0, untrue_ = 0;
 };
 
-std::optional<telemetry::LinkKey> keyOf(const Plan& plan) {
-  constexpr std::array<std::uint8_t, telemetry::LinkKey::kBytes> kSecret{1, 2, 3};
-  return plan.key ? std::optional<telemetry::LinkKey>(kSecret) : std::nullopt;
-}
-
-Plan draw(std::mt19937& random) {
+telemetry::Request wishOf(const Plan& plan, std::mt19937& random) {
   const auto between = [&](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
   };
-  const auto chance = [&](double share) { return between(0, 1) < share; };
-  Plan p;
-  constexpr std::array kFrames = {32, 64, 128, 256};
-  p.link.identity = kIdentity;
-  p.link.first = telemetry::firstVersion(kStart_ns);
-  p.link.frame_bytes = kFrames[random() % kFrames.size()];
-  p.link.rate_bps = std::exp(between(std::log(80.0), std::log(5400.0)));
-  p.link.colour_bits = chance(0.5) ? 3 : 0;
-  p.link.max_delay_s = 1;
-  p.link.blocks.coarse_spacing = p.link.blocks.spacing;
-  p.up.loss = chance(0.2) ? 0 : between(0, 0.5);
-  p.up.mean_burst = chance(0.5) ? 0 : between(1, 8);
-  p.up.duplicate = chance(0.5) ? 0 : 0.1;
-  p.up.corrupt = chance(0.5) ? 0 : 0.1;
-  p.up.reorder = chance(0.4) ? 0 : between(0, 0.3);
-  p.up.late_s = between(5, 180);
-  p.up.delay_s = 0.3;
-  p.up.rate_bps = p.link.rate_bps;
-  p.up.seed = random();
-  p.down = p.up;
-  p.down.loss = between(0, 0.5);
-  p.down.delay_s += between(0, 0.3);  // the ship's computer
-  p.answers = chance(0.8);
-  // About as much to send as the link can carry.
-  p.side = std::clamp(static_cast<int>(std::sqrt(p.link.rate_bps / 12)), 3, 12);
-  const double squares = p.side * p.side;
-  p.storm_s = std::clamp(squares * 16 * 25 * 8 / p.link.rate_bps * between(0.5, 2), 300.0, 3000.0);
-  p.change_every_s = p.storm_s / (squares * between(1, 4));
-  p.step_s = std::clamp(p.link.frame_bytes * 8 / p.link.rate_bps / 3, 0.1, 1.0);
-  // Now and then a pool that does not hold the ground.
-  p.link.blocks.max_squares = chance(0.25) ? std::max(4, static_cast<int>(squares / 2)) : 2 * p.side * p.side;
-  const auto some = [&](double share, std::vector<double>& times) {
-    while (chance(share)) times.push_back(between(0.1, 0.95) * p.storm_s);
-  };
-  some(0.4, p.vehicle_restarts);
-  some(0.4, p.ship_restarts);
-  some(0.25, p.lost_files);
-  some(0.25, p.damaged_files);
-  if (chance(0.2)) p.ship_from_s = between(0.2, 0.9) * p.storm_s;
-  p.key = chance(0.7);
-  p.link.tag = telemetry::FrameTag(keyOf(p));
-  while (chance(0.4))
-    p.ship_clock.emplace_back(between(0, 1) * p.storm_s, between(-1, 1) * std::pow(10, between(0, 8)));
-  std::sort(p.ship_clock.begin(), p.ship_clock.end());
-  // Drawn apart, so that the rest of a seed's storm stays what it is without.
-  std::mt19937 modems(static_cast<unsigned>(p.up.seed));
-  const auto share = [&] { return std::uniform_real_distribution<double>(0, 1)(modems); };
-  if (share() < 0.5) {
-    constexpr double kLongest_s = 8;
-    const int least = std::max(64, p.link.frame_bytes + 2);
-    const int most = std::clamp(static_cast<int>(p.link.rate_bps * kLongest_s / 8), least, 2048);
-    p.link.modem_bytes = least + static_cast<int>(share() * (most - least));
-    p.link.padded = share() < 0.5;
-  }
-  if (share() < 0.3) p.link.preamble_s = p.up.preamble_s = p.down.preamble_s = share();
-  return p;
+  telemetry::Request request;
+  request.kind = static_cast<telemetry::Request::Kind>(random() % telemetry::kRequestKinds);
+  request.rate_bps = std::max(80.0, plan.link.rate_bps * between(0.5, 1));
+  request.north_min = between(0, plan.side * Ground::kSquare_m - 1);
+  request.east_min = between(0, plan.side * Ground::kSquare_m - 1);
+  request.north_max = request.north_min + between(0.2, 3);
+  request.east_max = request.east_min + between(0.2, 3);
+  request.spacing = 0.125;
+  request.max_error = random() % 2 == 0 ? 0.05 : 0.03;
+  return request;
 }
-
-double airSeconds(const Plan& p, int bytes) {
-  return p.link.preamble_s + bytes * 8 / p.link.rate_bps;
-}
-
-// How much longer preambles make everything, and padding the ship's turns.
-struct Slowness {
-  double sending = 1, turns = 1;
-};
-Slowness slowness(const Plan& p) {
-  const int full = std::max(p.link.modem_bytes, p.link.frame_bytes);
-  const int answer = p.link.padded ? p.link.modem_bytes : 32;
-  const auto turn_s = [&](double answer_s) { return 2 * p.link.max_delay_s + answer_s; };
-  return {airSeconds(p, full) / (full * 8 / p.link.rate_bps),
-          turn_s(airSeconds(p, answer)) / turn_s(32 * 8 / p.link.rate_bps)};
-}
-
-std::string describe(const Plan& p) {
-  return formatted(
-      "%4.0f bit/s, %3d B in %4d%s, preamble %.1f s, loss %.2f in %.1f, late %.2f by %3.0f s, doubled %.1f, "
-      "damaged %.1f, %s, %2d x "
-      "%2d "
-      "squares in %3d, %4.0f s; restarts %zu + %zu, lost %zu, damaged %zu, ship from %4.0f s, %s, clock "
-      "steps %zu",
-      p.link.rate_bps, p.link.frame_bytes, p.link.modem_bytes, p.link.padded ? " padded" : "",
-      p.link.preamble_s, p.up.loss, p.up.mean_burst, p.up.reorder, p.up.late_s, p.up.duplicate, p.up.corrupt,
-      p.answers ? "answers" : "silence", p.side, p.side, p.link.blocks.max_squares, p.storm_s,
-      p.vehicle_restarts.size(), p.ship_restarts.size(), p.lost_files.size(), p.damaged_files.size(),
-      p.ship_from_s, p.key ? "key" : "no key", p.ship_clock.size());
-}
-
-class Vehicle {
- public:
-  explicit Vehicle(const Plan& plan) : plan_(plan) { beginAnew(); }
-
-  telemetry::LinkScheduler& link() { return *link_; }
-  void offer(std::int64_t now_ns, const Ground& ground, std::size_t square) {
-    since_saved_.push_back(square);
-    link_->offer(ground.tile(square), now_ns);
-  }
-  void hear(std::int64_t now_ns, std::span<const std::uint8_t> modem_frame) {
-    telemetry::LinkFrames frames(modem_frame);
-    while (const auto frame = frames.next()) obey(now_ns, *frame);
-  }
-  void obey(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
-    const auto heard = ear_->accept(now_ns, frame, [&](const telemetry::Acknowledgement& a) {
-      return link_->sentLately(a, now_ns, telemetry::DownlinkReceiver::kFresh_s);
-    });
-    if (heard.verdict != telemetry::DownlinkVerdict::kAccepted) return;
-    link_->heard(now_ns);
-    if (heard.content.acknowledgement) link_->acknowledge(*heard.content.acknowledgement, now_ns);
-    if (heard.content.request) link_->request(*heard.content.request, now_ns);
-  }
-  void speak(std::int64_t now_ns, FramePort& modem) {
-    telemetry::Status status;
-    status.utc_ns = now_ns;
-    link_->setStatus(status);
-    std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer;
-    while (const std::size_t size = link_->nextFrame(now_ns, buffer)) {
-      (void)modem.send(std::span(buffer).first(size));
-    }
-  }
-  void save() {
-    since_saved_.clear();
-    state_.resize(std::size_t{64} << 20);
-    rt::StateWriter writer(state_);
-    link_->save(writer);
-    ear_->save(writer);
-    state_.resize(writer.size());
-  }
-  [[nodiscard]] bool restart(std::int64_t now_ns, const Ground& ground) {
-    beginAnew();
-    rt::StateReader reader(state_);
-    const bool good = link_->load(reader) && ear_->load(reader);
-    link_->noteRestart();
-    for (const std::size_t square : since_saved_) link_->offer(ground.tile(square), now_ns);
-    return good;
-  }
-  // Link frames.
-  [[nodiscard]] std::uint64_t frames() const { return link_->counters().frames; }
-  // What gave way to newer ground comes again when there is room.
-  void offerAgain(std::int64_t now_ns, const Ground& ground) {
-    const auto next = [&](std::deque<std::size_t>& squares) {
-      const std::size_t square = squares.front();
-      squares.pop_front();
-      offer(now_ns, ground, square);
-    };
-    while (!gave_way_.empty() && link_->hasRoom()) next(gave_way_);
-    if (link_->spare() && !spare_.empty()) next(spare_);
-  }
-  [[nodiscard]] bool drained() const { return gave_way_.empty() && link_->drained(); }
-
- private:
-  void beginAnew() {
-    link_ = std::make_unique<telemetry::LinkScheduler>(plan_.link);
-    link_->onGaveWay([this](const telemetry::BlockQueue::Whole& square, bool spare) {
-      auto& squares = spare ? spare_ : gave_way_;
-      const auto at = static_cast<std::size_t>(square.north * plan_.side + square.east);
-      if (std::find(squares.begin(), squares.end(), at) == squares.end()) squares.push_back(at);
-    });
-    link_->setMissionInfo({"sirius", {}, kStart_ns, 0});
-    ear_ = std::make_unique<telemetry::DownlinkReceiver>(kIdentity, keyOf(plan_), kStart_ns);
-  }
-  const Plan& plan_;
-  std::unique_ptr<telemetry::LinkScheduler> link_;
-  std::unique_ptr<telemetry::DownlinkReceiver> ear_;
-  std::vector<std::size_t> since_saved_;      // offered
-  std::deque<std::size_t> gave_way_, spare_;  // the first to be offered first
-  std::vector<std::uint8_t> state_;
-};
-
-class Ship {
- public:
-  Ship(const Plan& plan, fs::path folder) : plan_(plan), folder_(std::move(folder)) {}
-
-  [[nodiscard]] bool on() const { return model_ != nullptr; }
-  [[nodiscard]] const monitor::MonitorModel& model() const { return *model_; }
-  void start() {
-    files_.reset();
-    model_ = std::make_unique<monitor::MonitorModel>(kIdentity, keyOf(plan_));
-    files_ = std::make_unique<monitor::SessionFiles>(folder_);
-    std::string damage;
-    files_->reload([this](auto bytes, auto utc_ns) { return model_->accept(bytes, utc_ns).verdict; },
-                   [this] { model_->noteDamage(); }, damage);
-  }
-  void loseFile() { fs::remove_all(folder_); }
-  void damageFile(std::mt19937& random) const {
-    const fs::path path = folder_ / "received.bin";
-    const auto size = static_cast<std::int64_t>(fs::exists(path) ? fs::file_size(path) : 0);
-    if (size == 0) return;
-    std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
-    file.seekp(static_cast<std::int64_t>(random()) % size);
-    for (int k = 0; k < 20; ++k) file.put(static_cast<char>(random()));
-  }
-  void hear(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
-    const std::int64_t own_ns = ownTime(now_ns);
-    model_->hear(frame, own_ns, [&](const auto& decoded, std::span<const std::uint8_t> link_frame) {
-      files_->log(decoded, link_frame, own_ns, false);
-    });
-  }
-  void speak(std::int64_t now_ns, FramePort& modem) {
-    std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer;
-    const std::size_t size = model_->speak(ownTime(now_ns), buffer, [this] { return files_->keep(); });
-    if (size > 0) (void)modem.send(std::span(buffer).first(size));
-  }
-
- private:
-  [[nodiscard]] std::int64_t ownTime(std::int64_t now_ns) const {
-    double ahead_s = 0;
-    for (const auto& [from_s, by_s] : plan_.ship_clock)
-      if (static_cast<double>(now_ns - kStart_ns) * 1e-9 >= from_s) ahead_s = by_s;
-    return now_ns + nanoseconds(ahead_s);
-  }
-  const Plan& plan_;
-  fs::path folder_;
-  std::unique_ptr<monitor::MonitorModel> model_;
-  std::unique_ptr<monitor::SessionFiles> files_;
-};
 
 // Counts of nodes that the ship shows otherwise than the vehicle holds them.
 struct Differences {
   std::size_t nodes = 0, missing = 0, stale = 0, ghosts = 0;
 };
 Differences compare(const Ground& ground, const monitor::BlockStore& shown,
-                    const telemetry::BlockQueueConfig& config) {
+                    const telemetry::BlockQueueConfig& config, const Witness& witness) {
   // What is sent again only beyond update_error may be off by that and half a step of the wire's.
   const double bound = config.update_error + 0.001;
   Differences d;
-  std::set<BlockKey> true_blocks;
   for (std::size_t s = 0; s < ground.size(); ++s) {
     if (!ground.known(s)) continue;
     const HeightTile tile = ground.tile(s);
@@ -303,6 +135,18 @@ Differences compare(const Ground& ground, const monitor::BlockStore& shown,
           ++d.stale;
       }
   }
+  // Of the other lattices, what is shown must be true.
+  const auto fine = *telemetry::spacingCode(config.spacing);
+  for (const auto& [place, chunk] : shown.chunks())
+    for (telemetry::SpacingCode code = 0; code < chunk.levels.size(); ++code)
+      for (const auto& [slot, stored] : chunk.levels[code])
+        for (int n = 0; n < MapBlock::kNodes && code != fine; ++n) {
+          if (!stored.block.isSeen(n)) continue;
+          const auto true_m = witness.depthAt(stored.block.key, n);
+          if (!true_m) ++d.ghosts;
+          if (true_m && !(std::abs(stored.block.depth[static_cast<std::size_t>(n)] - *true_m) <= bound))
+            ++d.stale;
+        }
   return d;
 }
 
@@ -333,7 +177,12 @@ StormResult storm(unsigned seed) {
   Ship ship(plan, folder.path() / "ship");
   auto water = std::make_unique<sim::ChannelPair>(plan.up, plan.down, true);
   Ground ground(plan.side);
+  const auto listener = plan.listener ? std::make_unique<Ship>(plan, folder.path() / "listener") : nullptr;
+  if (listener) listener->start();
+  Witness witness(ground);
+  std::mt19937 wishes(seed);
 
+  std::size_t steps = 0;
   const auto step = [&](std::int64_t now_ns, bool stormy) {
     const double before_s = static_cast<double>(now_ns - kStart_ns) * 1e-9 - plan.step_s,
                  now_s = before_s + plan.step_s;
@@ -350,11 +199,17 @@ StormResult storm(unsigned seed) {
       if (damaged) ship.damageFile(random);
       if (lost || damaged || any(plan.ship_restarts)) ship.start();
     }
+    if (stormy && ship.on())
+      for (const double at_s : plan.requests)
+        if (passed(at_s)) ship.ask(now_ns, wishOf(plan, wishes));
     vehicle.offerAgain(now_ns, ground);
+    vehicle.serve(now_ns, ground);
     water->advance(now_s);
     std::array<std::uint8_t, FramePort::kMaxFrameBytes> frame;
-    while (const std::size_t size = water->ship().receive(frame))
+    while (const std::size_t size = water->ship().receive(frame)) {
       if (ship.on()) ship.hear(now_ns, std::span(frame).first(size));
+      if (listener && wishes() % 10 < 8) listener->hear(now_ns, std::span(frame).first(size));
+    }
     if (ship.on() && plan.answers) ship.speak(now_ns, water->ship());
     while (const std::size_t size = water->vehicle().receive(frame))
       vehicle.hear(now_ns, std::span(frame).first(size));
@@ -362,7 +217,10 @@ StormResult storm(unsigned seed) {
     if (stormy && std::any_of(plan.vehicle_restarts.begin(), plan.vehicle_restarts.end(),
                               [&](double at_s) { return at_s > now_s && at_s <= now_s + 2 * plan.step_s; }))
       vehicle.save();
-    vehicle.speak(now_ns, water->vehicle());
+    vehicle.speak(now_ns, water->vehicle(), [&](auto link_frame) { witness.sent(link_frame); });
+    if (++steps % kStepsBetweenLooks != 0) return;
+    if (ship.on()) witness.look(ship.model().map().store());
+    if (listener) witness.look(listener->model().map().store());
   };
 
   std::int64_t now_ns = kStart_ns;
@@ -376,9 +234,19 @@ StormResult storm(unsigned seed) {
   for (sim::ChannelConfig* way : {&plan.up, &plan.down})
     way->loss = way->mean_burst = way->duplicate = way->corrupt = way->reorder = 0;
   water = std::make_unique<sim::ChannelPair>(plan.up, plan.down, true);
+  // Whatever was asked for is taken back.
+  if (!plan.requests.empty()) {
+    telemetry::Request request;
+    request.kind = telemetry::Request::Kind::kResumeMap;
+    ship.ask(now_ns, request);
+    request.kind = telemetry::Request::Kind::kRate;
+    request.rate_bps = std::max(80.0, plan.link.rate_bps);
+    ship.ask(now_ns, request);
+  }
   // Long enough for everything twice, and to listen for what was silent for long.
   const Slowness slow = slowness(plan);
-  const double all_s = static_cast<double>(ground.size()) * 16 * 60 * 8 / plan.link.rate_bps * slow.sending;
+  const double all_s = static_cast<double>(ground.size()) * (plan.requests.empty() ? 16 : 80) * 60 * 8 /
+                       plan.link.rate_bps * slow.sending;
   const double least_s = plan.answers ? 0 : 2 * all_s + 400;  // where nobody asks, all comes once more
   // A ship that has lost frames needs turns enough to say of all of them whether it holds them.
   const bool lost = !plan.lost_files.empty() || !plan.damaged_files.empty();
@@ -392,7 +260,8 @@ StormResult storm(unsigned seed) {
     quiet_s = vehicle.drained() ? quiet_s + plan.step_s : 0;
   }
 
-  const Differences d = compare(ground, ship.model().map().store(), plan.link.blocks);
+  witness.look(ship.model().map().store());
+  const Differences d = compare(ground, ship.model().map().store(), plan.link.blocks, witness);
   result.nodes = d.nodes;
   result.frames = vehicle.frames();
   result.seconds = static_cast<double>(now_ns - kStart_ns) * 1e-9;
@@ -408,6 +277,17 @@ StormResult storm(unsigned seed) {
         disagreed += agree(ship.model().map().store().find(key), first, last, held) ? 0 : 1;
       });
   if (disagreed > 0) result.wrong.push_back(formatted("of %zu blocks the ends disagree", disagreed));
+  for (const auto& entry : ship.model().requests().entries()) {
+    using State = monitor::RequestLedger::State;
+    const bool forgotten = entry.state == State::kTaken && !plan.vehicle_restarts.empty();
+    if (entry.state == State::kQueued || entry.state == State::kSent ||
+        (entry.state == State::kTaken && !forgotten))
+      result.wrong.push_back(monitor::describe(entry.request) + ": " + name(entry.state));
+  }
+  if (witness.wrong() > 0)
+    result.wrong.push_back(formatted("%zu blocks shown that were never the vehicle's", witness.wrong()));
+  if (witness.untrue() > 0)
+    result.wrong.push_back(formatted("%zu nodes sent that the vehicle did not hold", witness.untrue()));
   if (plan.answers && quiet_s < enough_s) result.wrong.emplace_back("the link does not come to rest");
   return result;
 }
