@@ -52,8 +52,8 @@ struct Mark {
   static constexpr std::uint64_t kAnew = INT64_MAX;
   Kind kind = Kind::kEnd;
   // kCheckpoint: the state after all inputs before this mark may have been saved as `number`. kMapperLost:
-  // whoever maps is gone; from here on the link is silent. kSent: frames up to before sequence `number` have
-  // been given to the modem. kRestart: the mapper came back with checkpoint `number`, consumed again what is
+  // whoever maps is gone; from here on the link is silent. kSent: frames up to before `number` have just been
+  // given to the modem. kRestart: the mapper came back with checkpoint `number`, consumed again what is
   // logged behind its mark, and the link speaks again; 0: from the beginning of the log; kAnew: from there,
   // but no pair before this mark is mapped. kHealth: from now on these health flags (telemetry's bits) hold
   // of what the cores cannot see: privileges, disk, overload. kEnd: the survey is over.

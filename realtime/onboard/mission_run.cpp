@@ -93,7 +93,7 @@ void MissionRun::notePlaced(const OnboardSystem::MappedPair& pair) {
 void MissionRun::consumeMark(const io::Mark& mark) {
   if (mark.kind == io::Mark::Kind::kEnd) ended_ = true;
   if (mark.kind == io::Mark::Kind::kMapperLost) link_silent_ = true;
-  if (mark.kind == io::Mark::Kind::kSent) system_.noteSent(static_cast<telemetry::Version>(mark.number));
+  if (mark.kind == io::Mark::Kind::kSent) system_.noteSent(static_cast<telemetry::Version>(mark.number), now_ns_);
   if (mark.kind == io::Mark::Kind::kRestart) {
     link_silent_ = false;
     system_.noteRestart();

@@ -104,7 +104,7 @@ class OnboardSystem {
   // The program has started again: frames that it does not know of may have been sent.
   void noteRestart() { link_.noteRestart(); }
   // Frames up to before this sequence number were given to the modem, by whomever.
-  void noteSent(telemetry::Version next) { link_.noteSent(next); }
+  void noteSent(telemetry::Version next, std::int64_t now_ns) { link_.noteSent(next, now_ns); }
   // False: pairs are passed over until it is set again, navigation goes on. Not part of the saved state.
   void setMapping(bool mapping) { mapping_ = mapping; }
 

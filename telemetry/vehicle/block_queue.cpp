@@ -104,8 +104,7 @@ void BlockQueue::recall(Square& s) {
     if (found->version[k] == 0) continue;
     Block& b = s.blocks[k];
     b.first = b.last = found->version[k];
-    b.held_seen = kAllNodes;
-    b.held.fill(std::numeric_limits<float>::quiet_NaN());
+    mayShowAnything(b);
   }
   remembered_.erase(found);
 }
@@ -308,6 +307,17 @@ void BlockQueue::settle(Remembered& r, const Holds& holds, Version oldest) {
     lacks = true;
   }
   if (lacks && gave_way_) gave_way_({r.spacing, r.north, r.east}, false);
+}
+
+void BlockQueue::noteUnknownFrames() {
+  for (Square& s : squares_)
+    for (Block& b : s.blocks)
+      if (s.used && b.wanted) mayShowAnything(b);
+}
+
+void BlockQueue::mayShowAnything(Block& b) {
+  b.held_seen = kAllNodes;
+  b.held.fill(std::numeric_limits<float>::quiet_NaN());
 }
 
 bool BlockQueue::doubt() {

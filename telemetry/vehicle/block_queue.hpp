@@ -93,6 +93,8 @@ class BlockQueue {
   // block that it had and holds no more goes again; so does one without word that was sent before `oldest`.
   using Holds = std::function<std::optional<bool>(Version)>;
   void settle(const Holds& holds, Version oldest);
+  // Frames may have left of which nothing is known: the other side may show what was never sent.
+  void noteUnknownFrames();
   // The blocks without word that were sent longest ago go again, as if they were lost. False: there are none.
   bool doubt();
 
@@ -199,6 +201,7 @@ class BlockQueue {
   [[nodiscard]] bool coarseIsHeld(const Block& fine) const;
   [[nodiscard]] Best mostUrgent(std::int64_t now_ns) const;
   void makeLost(Block& block);
+  static void mayShowAnything(Block& block);
   void remember(const Square& square);
   void recall(Square& square);
   void settle(Remembered& square, const Holds& holds, Version oldest);

@@ -273,7 +273,7 @@ bool LinkScheduler::Impl::addFrame(std::size_t payload_bytes, std::int64_t begin
   ++frames_since_turn;
   const bool turn = turnAfter(busy_until);
   if (turn) {
-    turns.begin(busy_until);
+    turns.begin(now, busy_until);
     frames_since_turn = 0;
     ++counters.turns;
   }
@@ -317,11 +317,13 @@ void LinkScheduler::noteRestart() {
       kLacking_s * s.config.rate_bps * s.config.duty / 8 + static_cast<double>(s.config.modem_bytes);
   const double frames = kFew + bytes / kMinFrameBytes;
   s.passOver(static_cast<Version>(std::min(frames, SentFrames::kFrames / 2.0)));
+  s.queue.noteUnknownFrames();
 }
 
-void LinkScheduler::noteSent(Version next) {
+void LinkScheduler::noteSent(Version next, std::int64_t now_ns) {
   if (next < SentFrames::kFirst) next = versionNear(static_cast<std::uint16_t>(next), impl_->sent.next());
   if (next > impl_->sent.next()) impl_->passOver(next - impl_->sent.next());
+  if (next == impl_->sent.next()) impl_->turns.left(now_ns);
 }
 
 void LinkScheduler::Impl::passOver(Version numbers) {

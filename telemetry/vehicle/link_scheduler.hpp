@@ -131,8 +131,9 @@ class LinkScheduler {
   // of: their sequence numbers are not used for others, or the ship would take it for a new dive's.
   void noteRestart();
   // The same, by whoever has seen every frame that left: `next` is the first version that is free (in logs of
-  // before its sequence number). One that is behind changes nothing.
-  void noteSent(Version next);
+  // before its sequence number), given to the modem at `now_ns`. Where the last of them gave the turn, the
+  // ship's time to answer begins then, however late the caller's inputs are.
+  void noteSent(Version next, std::int64_t now_ns);
 
   // Into one of the same configuration: it goes on with the same frames bit by bit. Mission info is not part
   // of it. One whose load() failed is of no use.

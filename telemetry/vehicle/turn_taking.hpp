@@ -7,9 +7,10 @@
 namespace fathom::telemetry {
 
 // When the vehicle stops sending to listen, on a link that carries one voice at a time. All in the caller's
-// time. After a turn without an answer the next comes sooner: the turn or the answer was lost. Where nobody
-// answers for long it listens less and less often, up to kMaxBackOff times the interval; a word from the ship
-// sets that back. It listens no longer than the ship has lately needed to answer.
+// time; who is behind the clock says when a turn really left. After a turn without an answer the next comes
+// sooner: the turn or the answer was lost. Where nobody answers for long it listens less and less often, up
+// to kMaxBackOff times the interval; a word from the ship sets that back. It listens no longer than the ship
+// has lately needed to answer.
 class TurnTaking {
  public:
   // every_s 0: never listens. `listen_s`: the longest that an answer may take.
@@ -26,12 +27,25 @@ class TurnTaking {
     const std::int64_t since = left_ns - last_ns_;
     return since >= interval() || (eager && since >= kEagerTurns * listen_ns_);
   }
-  void begin(std::int64_t left_ns) {
+  // `now_ns`: the frame with the turn goes to the modem, by the caller's time; gone at `left_ns`.
+  void begin(std::int64_t now_ns, std::int64_t left_ns) {
     // The ship's answers were missed, or it needs longer now.
     if (unanswered_ > 0) listen_ns_ = std::min(longest_ns_, listen_ns_ + listen_ns_ / 8);
+    given_ns_ = now_ns;
     last_ns_ = left_ns;
     until_ns_ = left_ns + listen_ns_;
+    awaits_ = told_;
     ++unanswered_;
+  }
+  // The frame with the turn has been given to the modem only now: the caller is behind by the difference.
+  void left(std::int64_t now_ns) {
+    told_ = true;
+    if (until_ns_ == 0 || given_ns_ == 0) return;
+    const std::int64_t late_ns = std::clamp<std::int64_t>(now_ns - given_ns_, 0, kLongestLag_ns);
+    last_ns_ += late_ns;
+    until_ns_ += late_ns;
+    given_ns_ = 0;
+    awaits_ = false;
   }
   // A frame has come from the ship: it is the vehicle's turn.
   void heard(std::int64_t now_ns) {
@@ -40,10 +54,13 @@ class TurnTaking {
       listen_ns_ = std::min(longest_ns_, std::max(needed, listen_ns_ - listen_ns_ / 8));
     }
     until_ns_ = 0;
+    awaits_ = false;
     unanswered_ = 0;
     ever_ = true;
   }
-  [[nodiscard]] bool listening(std::int64_t now_ns) const { return now_ns < until_ns_; }
+  [[nodiscard]] bool listening(std::int64_t now_ns) const {
+    return now_ns < until_ns_ + (awaits_ ? kLongestLag_ns : 0);
+  }
   // Whether the ship has answered lately: acknowledgements can be relied on.
   [[nodiscard]] bool answered() const { return ever_ && unanswered_ <= kPatience; }
   [[nodiscard]] bool everAnswered() const { return ever_; }
@@ -51,8 +68,8 @@ class TurnTaking {
   // For saved state (state_archive.hpp), bit by bit; the intervals are the caller's.
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive.instants(self.last_ns_, self.until_ns_);
-    archive(self.listen_ns_, self.unanswered_, self.ever_);
+    archive.instants(self.last_ns_, self.until_ns_, self.given_ns_);
+    archive(self.listen_ns_, self.unanswered_, self.ever_, self.told_, self.awaits_);
     archive.require(self.listen_ns_ >= 0 && self.listen_ns_ <= self.longest_ns_ && self.unanswered_ >= 0,
                     "turns that cannot be");
   }
@@ -62,6 +79,7 @@ class TurnTaking {
   static constexpr int kMaxBackOff = 8;
   static constexpr int kEagerTurns = 2;  // at most a third of the time, where nothing else is to be sent
   static constexpr std::int64_t kMargin_ns = 300'000'000;
+  static constexpr std::int64_t kLongestLag_ns = 10'000'000'000;
   [[nodiscard]] std::int64_t interval() const {
     if (unanswered_ == 0) return every_ns_;
     if (unanswered_ <= kPatience && ever_) return every_ns_ / 2;
@@ -70,6 +88,8 @@ class TurnTaking {
 
   std::int64_t every_ns_ = 0, listen_ns_ = 0, longest_ns_ = 0;
   std::int64_t last_ns_ = 0, until_ns_ = 0;
+  std::int64_t given_ns_ = 0;           // of the turn whose leaving is not known yet; 0: none
+  bool told_ = false, awaits_ = false;  // somebody tells when turns leave; and will of this one
   int unanswered_ = 0;
   bool ever_ = false;
 };

@@ -426,6 +426,62 @@ TEST(LinkFeedback, NewsOvertakeAnyBacklog) {
   EXPECT_LT(over, seen / 20) << "with three frames in ten lost, either way";
 }
 
+// The vehicle's program is behind the clock, now more, now less. Answers that find it speaking are lost.
+TEST(LinkFeedback, AnswersFindTheVehicleListeningHoweverFarItsProgramIsBehind) {
+  for (const bool told : {false, true}) {
+    LinkSchedulerConfig config = someConfig();
+    config.rate_bps = 600;
+    config.max_delay_s = 1;
+    LinkScheduler scheduler(config);
+    LinkReceiver receiver;
+    std::mt19937 random(3);
+    std::array<std::uint8_t, kMaxFrameBytes> buffer;
+    struct Answer {
+      std::int64_t at_ns = 0;
+      Acknowledgement content;
+    };
+    std::optional<Answer> answer;
+    std::vector<std::pair<std::int64_t, Version>> leaving;
+    std::int64_t lag_ns = kSecond_ns / 10, last_left_ns = 0, last_given_ns = 0;
+    int answers = 0, missed = 0;
+    for (std::int64_t now = kStart_ns; now < kStart_ns + 3600 * kSecond_ns; now += kSecond_ns / 20) {
+      if (random() % 100 == 0) lag_ns = kSecond_ns * static_cast<std::int64_t>(random() % 25) / 10;
+      if (random() % 40 == 0)
+        scheduler.offer(sampleTile(static_cast<int>(random() % 30), 0, 4, 1, static_cast<unsigned>(random())),
+                        now);
+      for (; !leaving.empty() && leaving.front().first <= now; leaving.erase(leaving.begin()))
+        if (told) scheduler.noteSent(leaving.front().second, leaving.front().first);
+      if (answer && answer->at_ns <= now) {
+        ++answers;
+        if (last_left_ns > answer->at_ns - kSecond_ns / 2)
+          ++missed;
+        else
+          scheduler.acknowledge(answer->content, now);
+        answer.reset();
+      }
+      while (const std::size_t size = scheduler.nextFrame(now, buffer)) {
+        const std::int64_t given_ns = std::max(now + lag_ns, last_given_ns);
+        last_given_ns = given_ns;
+        const std::int64_t left_ns =
+            std::max(given_ns, last_left_ns) + static_cast<std::int64_t>(size) * 8 * kSecond_ns / 600;
+        last_left_ns = left_ns;
+        receiver.accept(std::span(buffer).first(size), [](const auto&) { return true; });
+        if (!receiver.turn()) continue;
+        answer = Answer{left_ns + 2 * kSecond_ns + kSecond_ns / 2, receiver.acknowledgement()};
+        leaving.emplace_back(given_ns,
+                             versionNear(receiver.acknowledgement().newest, SentFrames::kFirst) + 1);
+      }
+    }
+    std::printf("%s when turns left: %d of %d answers missed\n", told ? "told" : "not told", missed, answers);
+    EXPECT_GT(answers, 80);
+    if (told) {
+      EXPECT_LE(missed, answers / 50);
+    } else {
+      EXPECT_GT(missed, answers / 10) << "or this test shows nothing";
+    }
+  }
+}
+
 TEST(LinkFeedback, APauseEndsAndTheConfiguredRateHoldsAgainWhenNobodyHasSpokenForTenMinutes) {
   LinkScheduler scheduler(someConfig());
   Ship ship;

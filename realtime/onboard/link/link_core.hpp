@@ -65,7 +65,7 @@ class LinkCore {
 
   // See LinkScheduler: after load() and the log's tail, before the first frame.
   void noteRestart() { scheduler_.noteRestart(); }
-  void noteSent(telemetry::Version next) { scheduler_.noteSent(next); }
+  void noteSent(telemetry::Version next, std::int64_t now_ns) { scheduler_.noteSent(next, now_ns); }
 
   // The next frame for the modem, or 0: see LinkScheduler::nextFrame.
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out) {

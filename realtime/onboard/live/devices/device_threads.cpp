@@ -148,8 +148,13 @@ void ModemThread::run(const std::atomic<bool>& stop) {
 }
 
 void ModemThread::send(const OutgoingFrame& frame, bool own) noexcept {
-  links_.own->sent(clock_.utcNs(), frame.data(), own);
+  const std::int64_t now = clock_.utcNs();
+  const bool turn = links_.own->sent(now, frame.data(), own);
   (modem_.send(frame.data()) ? counters_.sent : counters_.refused).fetch_add(1, std::memory_order_relaxed);
+  // The mapper may be behind: when the ship's time to answer began it is told here.
+  telemetry::Version next = 0;
+  if (turn && !own && links_.own->nextVersion(next))
+    (void)links_.inputs->push({now, io::Mark{io::Mark::Kind::kSent, next}});
 }
 
 }  // namespace fathom::onboard

@@ -37,19 +37,22 @@ bool OwnStatus::next(std::int64_t now_ns, OutgoingFrame& frame) noexcept {
   return true;
 }
 
-void OwnStatus::sent(std::int64_t now_ns, std::span<const std::uint8_t> bytes, bool own) noexcept {
+bool OwnStatus::sent(std::int64_t now_ns, std::span<const std::uint8_t> bytes, bool own) noexcept {
   last_ns_ = now_ns;
   own_turn_ = own;
+  bool turn = false;
   telemetry::LinkFrames link_frames(bytes);
   while (const auto link_frame = link_frames.next()) {
     const telemetry::DecodedFrame frame = telemetry::peekFrame(*link_frame);
     if (frame.verdict != telemetry::FrameVerdict::kAccepted) continue;
+    turn = turn || frame.header.turn;
     // A repair frame names another's number.
     if (frame.header.type == telemetry::MessageType::kRepair) continue;
     const telemetry::Version before = next_.load(std::memory_order_relaxed);
     next_.store(telemetry::versionNear(frame.header.sequence(), before) + 1, std::memory_order_relaxed);
     any_.store(true, std::memory_order_release);
   }
+  return turn;
 }
 
 }  // namespace fathom::onboard

@@ -36,7 +36,7 @@ class OwnStatus {
   // The modem's thread. The frame that is due; false for none.
   [[nodiscard]] bool next(std::int64_t now_ns, OutgoingFrame& frame) noexcept;
   // Every modem frame that goes out; `own`: next() gave it.
-  void sent(std::int64_t now_ns, std::span<const std::uint8_t> frame, bool own) noexcept;
+  bool sent(std::int64_t now_ns, std::span<const std::uint8_t> frame, bool own) noexcept;
 
  private:
   struct Known {
