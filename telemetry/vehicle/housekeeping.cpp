@@ -48,7 +48,8 @@ Housekeeping::Housekeeping(const HousekeepingConfig& config, int frame_bytes, do
       loss_(loss) {}
 
 // Periods as configured, or all stretched by one factor so that housekeeping keeps to its share of the rate.
-void Housekeeping::plan(double rate_bps) {
+void Housekeeping::plan(double rate_bps, double least_s) {
+  least_s_ = least_s;
   const std::size_t room_bits = room_ * 8;
   const std::size_t fit = 1 + (room_bits - std::min<std::size_t>(room_bits, kTrackHeadBits)) / kTrackStepBits;
   const std::size_t points = std::min(fit, static_cast<std::size_t>(config_.track_points));
@@ -66,7 +67,7 @@ void Housekeeping::plan(double rate_bps) {
   const double bits_per_s =
       8 * (status_bytes / config_.status_period_s + (has_track ? track_bytes / track_period : 0) +
            info_bytes / config_.mission_info_period_s);
-  stretch_ = std::max(1.0, bits_per_s / (config_.share * rate_bps));
+  stretch_ = std::max({1.0, bits_per_s / (config_.share * rate_bps), least_s / config_.status_period_s});
   track_capacity_ = has_track ? points : 0;
   track_size_ = std::min(track_size_, track_capacity_);
   track_interval_ns_ = nanoseconds(stretch_ * config_.track_interval_s);
@@ -130,7 +131,7 @@ std::size_t Housekeeping::status(std::int64_t now_ns, std::span<std::uint8_t> ou
 
 std::size_t Housekeeping::spareStatus(std::int64_t now_ns, std::span<std::uint8_t> out) {
   const std::int64_t sent_ns = status_timer_.next_ns - status_timer_.period_ns;
-  return now_ns - sent_ns >= nanoseconds(config_.status_period_s) ? status(now_ns, out) : 0;
+  return now_ns - sent_ns >= nanoseconds(std::max(config_.status_period_s, least_s_)) ? status(now_ns, out) : 0;
 }
 
 std::size_t Housekeeping::next(std::int64_t now_ns, Version version, std::span<std::uint8_t> out,

@@ -32,8 +32,8 @@ struct HousekeepingConfig {
 class Housekeeping {
  public:
   Housekeeping(const HousekeepingConfig& config, int frame_bytes, double loss);
-  // At another rate the periods are other ones.
-  void plan(double rate_bps);
+  // At another rate the periods are other ones; none is shorter than `least_s`.
+  void plan(double rate_bps, double least_s);
 
   void setStatus(const Status& status);
   // The health of it is the status's. `loss`: share of frames that are lost now.
@@ -95,7 +95,7 @@ class Housekeeping {
   std::uint16_t told_health_ = 0;               // in the last report or status that was sent
   Kept report_kept_{.told = true}, info_kept_;  // of a report without news there is nothing to tell
   Timer status_timer_, info_timer_, track_timer_, report_timer_;
-  double stretch_ = 1;
+  double stretch_ = 1, least_s_ = 0;
 };
 
 // How often a message must be sent so that it arrives with probability >= goal when each is lost with

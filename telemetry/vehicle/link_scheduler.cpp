@@ -52,6 +52,12 @@ double usableRate(const LinkSchedulerConfig& c) {
   return c.rate_bps * c.duty * static_cast<double>(bytes * 8) / static_cast<double>(linkBits(c, bytes));
 }
 
+// A frame that is always full must not go for a status alone too often: of so many one may.
+double leastPeriod(const LinkSchedulerConfig& c) {
+  constexpr double kPaddedFrames = 4;
+  return c.padded ? kPaddedFrames * airSeconds(c, largestModemFrame(c)) : 0;
+}
+
 // Link frames of one modem frame are lost together.
 double expectedBurst(const LinkSchedulerConfig& c) {
   const int together = c.modem_bytes / (c.frame_bytes + static_cast<int>(kBundleShareBytes));
@@ -112,14 +118,14 @@ LinkScheduler::Impl::Impl(const LinkSchedulerConfig& c)
       turns(listenEvery(c), listenSeconds(c)),
       wishes(c.rate_bps) {
   if (config.listen_every_frames == 0) config.listen_every_frames = kMaxTurnFrames;
-  housekeeping.plan(usableRate(c));
+  housekeeping.plan(usableRate(c), leastPeriod(c));
 }
 
 void LinkScheduler::Impl::applyRate() {
   bucket = TokenBucket(config.rate_bps * config.duty, linkBucketBits(config),
                        linkBits(config, largestModemFrame(config)));
   bucket.advance(now);
-  housekeeping.plan(usableRate(config));
+  housekeeping.plan(usableRate(config), leastPeriod(config));
   turns.setIntervals(listenEvery(config), listenSeconds(config));
 }
 
@@ -145,6 +151,7 @@ std::size_t LinkScheduler::Impl::mapPacket(int sendings, double after_s) {
     // nodes as fit: what is shown keeps the error. A repeat takes away nothing that the other side may have.
     MapPacketEncoder::Result result =
         encoder.encode(blocks, {batch.max_error, config.colour_bits}, out, decoded);
+    if (result.bytes == 0 && isRest()) return 0;  // it may fit the next frame
     if (result.bytes == 0) {
       result = encoder.encode(blocks, {batch.max_error, 0, !batch.repeats}, out, decoded);
       if (result.bytes > 0) ++counters.reduced_packets;
@@ -185,7 +192,8 @@ std::size_t LinkScheduler::Impl::choose() {
   frame_group = 0;
   if (const auto rate = wishes.lapse(now)) setRate(*rate);
   housekeeping.setReport({0, wishes.paused(), config.rate_bps, wishes.outcomes()}, sent.loss());
-  if (const std::size_t size = housekeeping.next(now, frame_version, payload, type)) {
+  if (const std::size_t size =
+          housekeeping.next(now, frame_version, std::span(payload).first(payloadRoom()), type)) {
     ++(type == MessageType::kStatus        ? counters.status_frames
        : type == MessageType::kReport      ? counters.report_frames
        : type == MessageType::kMissionInfo ? counters.info_frames
@@ -193,7 +201,7 @@ std::size_t LinkScheduler::Impl::choose() {
     return size;
   }
   if (!blind()) repair.clear();
-  if (repair.due())
+  if (repair.due() && !isRest())
     if (const std::size_t size = repairFrame()) return size;
   if (wishes.paused()) {
     const std::size_t size = housekeeping.spareStatus(now, payload);
@@ -205,6 +213,7 @@ std::size_t LinkScheduler::Impl::choose() {
   const double frame_s = static_cast<double>(config.frame_bytes) * 8 / config.rate_bps;
   const int sendings = turns.answered() ? repeatsForGoal(sent.loss(), kRepeatGoal) : 1;
   if (const std::size_t size = mapPacket(sendings, std::max(kRepeatFrames * frame_s, 1.0))) return size;
+  if (isRest()) return carousel();
   if (const std::size_t size = housekeeping.spareStatus(now, payload)) {
     type = MessageType::kStatus;
     ++counters.status_frames;
@@ -297,7 +306,9 @@ std::size_t LinkScheduler::nextFrame(std::int64_t now_ns, std::span<std::uint8_t
   const std::int64_t begin_ns = std::max(s.busy_until, s.now);
   const Version first = s.sent.next();
   bool more = true;
-  while (more && modem.room().size() >= static_cast<std::size_t>(s.config.frame_bytes)) {
+  // What a bundle has left takes a shorter frame.
+  while (more && modem.room().size() >= kMinFrameBytes) {
+    s.frame_room = std::min(modem.room().size(), static_cast<std::size_t>(s.config.frame_bytes));
     const std::size_t payload_bytes = s.choose();
     more = payload_bytes > 0 && !s.addFrame(payload_bytes, begin_ns, modem) && s.config.modem_bytes > 0;
   }

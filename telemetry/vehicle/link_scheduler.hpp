@@ -99,8 +99,8 @@ class LinkScheduler {
 
   // Writes the next modem frame into `out` (at least frame_bytes, modem_bytes where that is set) and returns
   // its size; 0 when there is nothing to say, the rate does not allow it yet or the vehicle listens. A bundle
-  // takes link frames until there is nothing more to say, no room for another of frame_bytes, or one gives
-  // the turn. Call again until 0. `now_ns` never runs backwards.
+  // takes link frames until there is nothing more to say, no room for another of 32 B, or one gives the turn.
+  // Call again until 0. `now_ns` never runs backwards.
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out);
 
   struct Counters {

@@ -36,10 +36,10 @@ struct LinkScheduler::Impl {
   static void exchange(Archive& archive, Self& self);
   // Repair frames are of use where acknowledgements are not.
   [[nodiscard]] bool blind() const { return config.repair && !turns.answered(); }
-  [[nodiscard]] std::size_t payloadRoom() const {
-    return static_cast<std::size_t>(config.frame_bytes) - kFrameOverhead;
-  }
+  [[nodiscard]] std::size_t payloadRoom() const { return frame_room - kFrameOverhead; }
 
+  // Only the rest of a bundle is left for the frame.
+  [[nodiscard]] bool isRest() const { return frame_room < static_cast<std::size_t>(config.frame_bytes); }
   static constexpr std::size_t kMaxDetails = 4;  // at once, on their way included
 
   LinkSchedulerConfig config;
@@ -58,6 +58,7 @@ struct LinkScheduler::Impl {
   std::size_t detail_count = 0, detail_known = 0;
 
   // The frame being made.
+  std::size_t frame_room = kMinFrameBytes;  // for it, its overhead included [B]
   MessageType type = MessageType::kStatus;
   Version frame_version = 0;
   std::uint8_t frame_group = 0;  // see DecodedFrame

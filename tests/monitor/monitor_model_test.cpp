@@ -101,7 +101,8 @@ TEST(MonitorModel, LateStatusDoesNotTakeTheVehicleBack) {
   for (const auto& [t, sequence] : {std::pair{100.0, 2}, std::pair{50.0, 1}}) {
     Frame payload(64);
     payload.resize(telemetry::encodeStatus(dive.statusAt(t), payload));
-    model.accept(frameOf(telemetry::MessageType::kStatus, static_cast<std::uint16_t>(sequence), payload), 0);
+    model.accept(frameOf(telemetry::MessageType::kStatus, static_cast<std::uint16_t>(sequence), payload),
+                 dive.statusAt(110).utc_ns);
   }
   EXPECT_EQ(model.status()->utc_ns, dive.statusAt(100).utc_ns);
   EXPECT_EQ(model.track().size(), 2U);
@@ -164,6 +165,39 @@ TEST(Coverage, WhatTheVehiclePassedAndNobodyReceivedIsPending) {
   store.put(dive.blockOf({5, 0, 0}, 1), {5, 0.05, true, 5});
   EXPECT_EQ(coverageOf(track, store, 6).changed_area, 1);
   EXPECT_EQ(coverageOf(track, store, 3600'000'000'000).changed_area, 0);
+}
+
+TEST(MonitorModel, AStatusOrTrackPointOfAnotherYearIsNotShownUnlessTheClockIsThatFarOff) {
+  constexpr std::int64_t kYear_ns = 365LL * 86'400 * 1'000'000'000;
+  MonitorModel model;
+  std::array<std::uint8_t, telemetry::kMaxFrameBytes> payload, frame;
+  telemetry::Version version = 1;
+  std::int64_t now_ns = 1'790'000'000'000'000'000;
+  const auto hear = [&](telemetry::MessageType type, std::size_t size) {
+    now_ns += 10'000'000'000;
+    (void)model.accept(std::span(frame).first(telemetry::encodeFrame({{7, 42}, version++, type, false},
+                                                                     std::span(payload).first(size), frame)),
+                       now_ns);
+  };
+  const auto status = [&](std::int64_t off_ns) {
+    telemetry::Status s;
+    s.utc_ns = now_ns + off_ns;
+    hear(telemetry::MessageType::kStatus, telemetry::encodeStatus(s, payload));
+    return model.status() ? now_ns - model.status()->utc_ns : -1;
+  };
+  const auto near = [](std::int64_t apart_ns, std::int64_t off_ns) {
+    return std::abs(apart_ns + off_ns) < 15'000'000'000;
+  };
+  EXPECT_TRUE(near(status(0), 0));
+  const std::size_t track = model.track().size();
+  EXPECT_TRUE(near(status(kYear_ns), -10'000'000'000)) << "the one before stands";
+  EXPECT_EQ(model.track().size(), track);
+  EXPECT_TRUE(near(status(0), 0));
+  const std::array<telemetry::TrackPoint, 1> far{{{now_ns + kYear_ns, 1, 2, 3}}};
+  hear(telemetry::MessageType::kTrack, telemetry::encodeTrack(far, payload));
+  EXPECT_LT(model.track().rbegin()->first, now_ns + kYear_ns / 2);
+  (void)status(kYear_ns);  // the vehicle's clock has jumped
+  EXPECT_TRUE(near(status(kYear_ns), kYear_ns));
 }
 
 TEST(RequestLedger, ARequestIsDoneWhenAReportSaysSoOfTheFrameThatSaidIt) {

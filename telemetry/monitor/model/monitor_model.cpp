@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 
 #include "telemetry/wire/bundle.hpp"
 
@@ -28,6 +29,18 @@ void MonitorModel::addTrack(std::int64_t utc_ns, const TrackRecord& record) {
   }
   if (track_.size() > kMaxTrack) track_.erase(track_.begin());
   ++track_version_;
+}
+
+bool MonitorModel::isOfNow(const telemetry::Status& status, std::int64_t utc_ns) {
+  const std::int64_t apart_ns = utc_ns - status.utc_ns;
+  const bool as_before = last_apart_ns_ && std::abs(apart_ns - *last_apart_ns_) <= kAsBefore_ns;
+  last_apart_ns_ = apart_ns;
+  return std::abs(apart_ns) <= kOfNow_ns || as_before;
+}
+
+bool MonitorModel::isOfDive(std::int64_t point_utc_ns) const {
+  return !status_ || (point_utc_ns <= status_->utc_ns + kAsBefore_ns &&
+                      point_utc_ns >= status_->utc_ns - kLongestDive_ns);
 }
 
 std::uint16_t MonitorModel::health() const {
@@ -64,6 +77,7 @@ bool MonitorModel::take(const telemetry::LinkReceiver::Message& message, std::in
     case MessageType::kStatus: {
       telemetry::Status status;
       if (!telemetry::decodeStatus(payload, status)) return false;
+      if (!isOfNow(status, utc_ns)) return true;
       // Its position belongs to the track, however late.
       addTrack(status.utc_ns, {status.north, status.east, status.depth, status.altitude});
       if (isNewer(status_version_)) {
@@ -86,7 +100,8 @@ bool MonitorModel::take(const telemetry::LinkReceiver::Message& message, std::in
       std::array<telemetry::TrackPoint, telemetry::kMaxTrackPoints> points;
       const std::size_t count = telemetry::decodeTrack(payload, points);
       for (std::size_t i = 0; i < count; ++i)
-        addTrack(points[i].utc_ns, {points[i].north, points[i].east, points[i].depth, telemetry::kAbsent});
+        if (isOfDive(points[i].utc_ns))
+          addTrack(points[i].utc_ns, {points[i].north, points[i].east, points[i].depth, telemetry::kAbsent});
       return count > 0;
     }
     case MessageType::kMissionInfo: {

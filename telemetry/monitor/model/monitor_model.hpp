@@ -79,9 +79,18 @@ class MonitorModel {
   // What was received of a dive before this one, or before the vehicle began anew, goes.
   void followBeginning();
   void addTrack(std::int64_t utc_ns, const TrackRecord& record);
+  // Whether a status can be of now: its time is within a day of the ship's, or as far from it as that of the
+  // one before. So a false one, or one damaged unseen, is not shown, and a clock that is years off costs one
+  // status.
+  [[nodiscard]] bool isOfNow(const telemetry::Status& status, std::int64_t utc_ns);
+  // Whether a point of the track can be of the dive whose status is known.
+  [[nodiscard]] bool isOfDive(std::int64_t point_utc_ns) const;
 
   static constexpr std::int64_t kClocksAgree_ns = 60'000'000'000;  // no frame is under way for longer
-  static constexpr std::size_t kMaxTrack = 100'000;                // 5 h at 5 Hz; beyond, the oldest go
+  static constexpr std::int64_t kOfNow_ns = 86'400'000'000'000;    // far more than any frame is late
+  static constexpr std::int64_t kAsBefore_ns = 600'000'000'000;    // frames may be minutes late
+  static constexpr std::int64_t kLongestDive_ns = 2 * kOfNow_ns;
+  static constexpr std::size_t kMaxTrack = 100'000;  // 5 h at 5 Hz; beyond, the oldest go
 
   telemetry::ShipLink link_;
   RequestLedger requests_;
@@ -94,6 +103,7 @@ class MonitorModel {
   Track track_;
   LinkHistory history_;
   std::optional<std::int64_t> last_accepted_utc_ns_, clocks_apart_ns_;
+  std::optional<std::int64_t> last_apart_ns_;  // of the last status, shown or not
   std::uint64_t version_ = 0, track_version_ = 0;
   mutable Coverage coverage_;
   mutable std::uint64_t coverage_map_ = 0, coverage_track_ = 0;
