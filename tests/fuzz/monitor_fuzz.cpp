@@ -20,11 +20,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   std::array<std::uint8_t, telemetry::kMaxModemBytes> bundle;
   const std::size_t most = size == 0 ? 0 : std::size_t{data[0]} * 8;
   const bool padded = (most & 8U) != 0;
-  telemetry::ModemFrameWriter modem(std::span(bundle).first(most), padded);
+  const auto out = std::span<std::uint8_t>(bundle).first(most);
+  telemetry::ModemFrameWriter modem(out, padded);
   const auto flush = [&] {
-    if (const std::size_t bytes = modem.finish())
-      model.hear(std::span<const std::uint8_t>(bundle).first(bytes), sequence);
-    modem = telemetry::ModemFrameWriter(std::span(bundle).first(most), padded);
+    if (const std::size_t used = modem.finish()) model.hear(out.first(used), sequence);
+    modem = telemetry::ModemFrameWriter(out, padded);
   };
   for (std::size_t at = 0; at + 2 <= size;) {
     const auto type = static_cast<telemetry::MessageType>(1 + data[at] % 7);
