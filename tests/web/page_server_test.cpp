@@ -13,6 +13,7 @@
 #include <fstream>
 
 #include "realtime/kernel/input_error.hpp"
+#include "telemetry/web/access.hpp"
 #include "telemetry/web/served_folder.hpp"
 #include "tests/support/test_data.hpp"
 
@@ -37,12 +38,12 @@ class Pages : public testing::Test {
   [[nodiscard]] PageServer serve(PageServerConfig config = {}) const {
     config.page = pageFolder(root_ / "page", "test");
     config.option = "--port";
-    return PageServer(config, [this](httplib::Server& server) {
-      server.Post("/api/echo", [this](const httplib::Request& request, httplib::Response& response) {
-        ++echoed_;
-        response.set_content(request.body, "text/plain");
-      });
+    Routes routes;
+    routes.post("/api/echo", [this](const Request& request) {
+      ++echoed_;
+      return answer(request.body, "text/plain");
     });
+    return PageServer(config, std::move(routes));
   }
   test::TemporaryFolder scratch_;
   fs::path root_ = scratch_.path();
