@@ -18,9 +18,10 @@ namespace {
 constexpr std::size_t kPiece = 1 << 15;        // of an answer that is sent at a time [bytes]
 constexpr std::size_t kMostDrained = 1 << 20;  // [bytes]
 constexpr auto kDrainTime = 2s;
-constexpr auto kEventTime = 10s;        // for a client to take an event
-constexpr auto kHeartbeat = 5s;         // tells a closed connection from a quiet stream
-constexpr int kStreamBuffer = 1 << 14;  // of the system, for an event stream [bytes]
+constexpr auto kEventTime = 10s;  // for a client to take an event
+constexpr auto kHeartbeat = 5s;   // tells a closed connection from a quiet stream
+// What the system holds for a client that does not read [bytes].
+constexpr int kSendBuffer = 1 << 17, kStreamBuffer = 1 << 14;
 
 }  // namespace
 
@@ -30,6 +31,7 @@ Connection::Connection(HttpServer& server, asio::ip::tcp::socket socket)
 void Connection::start() {
   error_code ignored;
   socket_.set_option(asio::ip::tcp::no_delay(true), ignored);
+  socket_.set_option(asio::socket_base::send_buffer_size(kSendBuffer), ignored);
   enter(Phase::kReading, kRequestTime);
   read();
 }
@@ -42,8 +44,10 @@ void Connection::enter(Phase phase, Clock::duration patience) {
 
 void Connection::close() {
   if (phase_ == Phase::kClosed) return;
-  phase_ = Phase::kClosed;
   error_code ignored;
+  // What a client does not take goes at once; an answer that is all sent may still be under way.
+  if (phase_ != Phase::kDraining) socket_.set_option(asio::socket_base::linger(true, 0), ignored);
+  phase_ = Phase::kClosed;
   socket_.close(ignored);
   server_.forget(shared_from_this());
 }

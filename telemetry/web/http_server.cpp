@@ -99,10 +99,13 @@ bool HttpServer::evict(Whom whom, const Connection* spared) {
 
 void HttpServer::boundHeldBytes(const Connection& newest) {
   const auto held = [&] {
-    std::size_t sum = 0;
-    for (const auto& one : connections_)
-      if (one.get() != &newest) sum += one->heldBytes();
-    return sum;
+    std::size_t sum = 0, largest = 0;
+    for (const auto& one : connections_) {
+      if (one.get() == &newest) continue;
+      sum += one->heldBytes();
+      largest = std::max(largest, one->heldBytes());
+    }
+    return sum - largest;
   };
   while (held() > kMaxHeldBytes && evict(Whom::kSending, &newest)) {
   }

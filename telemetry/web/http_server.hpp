@@ -21,13 +21,13 @@ namespace fathom::web {
 // Bounds of what clients can make a server hold and wait for.
 inline constexpr std::size_t kMaxConnections = 128;
 inline constexpr std::size_t kConnectionsPerStream = 8;  // one in so many may be an event stream
-inline constexpr std::size_t kMaxHeldBytes = std::size_t{64}
-                                             << 20;      // of answers in memory, but for the newest
+// Of answers in memory together, without the newest and the largest: one export of any size and a page go on.
+inline constexpr std::size_t kMaxHeldBytes = std::size_t{64} << 20;
 inline constexpr std::chrono::seconds kRequestTime{10};  // for a request to come whole
 inline constexpr std::chrono::seconds kPieceTime{30};    // for a client to take a piece of an answer
 inline constexpr std::chrono::seconds kHandlerTime{300};
-inline constexpr std::chrono::milliseconds kTick{
-    250};  // between events of a stream; a person does not see faster
+// Between events of a stream; a person does not see faster.
+inline constexpr std::chrono::milliseconds kTick{250};
 
 // Accepts connections and runs them on one thread, whatever their number. When kMaxConnections (or a quarter
 // of the process's descriptors) are open, a new one takes the place of the one that has waited longest to
@@ -79,8 +79,9 @@ class HttpServer {
   int acceptor_port_ = 0;
   boost::asio::steady_timer ticks_{io_}, pause_{io_};
   std::unordered_set<std::shared_ptr<Connection>> connections_;
-  WorkerPool short_work_{4, 64}, long_work_{1, 4};
-  WorkerPool file_reads_{2, kMaxConnections};  // each connection waits for one at most
+  // Each connection waits for one job at most, so that short ones are never refused.
+  WorkerPool short_work_{4, kMaxConnections}, file_reads_{2, kMaxConnections};
+  WorkerPool long_work_{1, 4};
   std::thread thread_;
 };
 

@@ -53,10 +53,13 @@ export async function serve(program, ...args) {
   return { child, address };
 }
 
-// Opens an address in a new tab. `problems` gets the page's errors and what it fetches from elsewhere.
+// Opens an address in a new tab. `problems` gets the page's errors, what its policy forbids it and what it fetches from elsewhere.
 export async function openPage(browser, address, problems, options = {}) {
   const page = await browser.newPage(options);
   page.on('pageerror', (error) => problems.push(String(error)));
+  page.on('console', (message) => {
+    if (/Content.Security.Policy/i.test(message.text())) problems.push(message.text());
+  });
   page.on('request', (request) => {
     if (!/^(http:\/\/127\.0\.0\.1:|data:|blob:)/.test(request.url())) problems.push(`fetches ${request.url()}`);
   });
