@@ -1,5 +1,6 @@
 #include "telemetry/web/http_server.hpp"
 
+#include <malloc.h>
 #include <sys/resource.h>
 
 #include <algorithm>
@@ -14,6 +15,7 @@ using boost::system::error_code;
 
 namespace {
 
+constexpr int kLargeAnswer = 1 << 20;             // [bytes]
 constexpr std::chrono::milliseconds kPause{100};  // before the system is asked for a descriptor again
 
 std::size_t mostConnections() {
@@ -29,6 +31,8 @@ HttpServer::HttpServer(const Config& config, Routes routes)
       routes_(std::move(routes)),
       headers_(config.headers),
       max_body_bytes_(config.max_body_bytes) {
+  // A large answer goes back to the system when it has ended; by itself the heap keeps it in pieces.
+  ::mallopt(M_MMAP_THRESHOLD, kLargeAnswer);
   listen(config);
   accept();
   tick();

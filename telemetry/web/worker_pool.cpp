@@ -1,5 +1,7 @@
 #include "telemetry/web/worker_pool.hpp"
 
+#include <exception>
+
 namespace fathom::web {
 
 WorkerPool::WorkerPool(std::size_t threads, std::size_t most_waiting) : most_waiting_(most_waiting) {
@@ -33,7 +35,11 @@ void WorkerPool::work() {
     std::function<void()> job = std::move(waiting_.front());
     waiting_.pop_front();
     lock.unlock();
-    job();
+    try {
+      job();
+    } catch (const std::exception&) {
+      // No memory to hand over what it made; its connection's deadline tells the client.
+    }
     job = nullptr;  // what it holds goes before the lock is taken again
     lock.lock();
   }

@@ -10,7 +10,8 @@
 
 namespace fathom::web {
 
-// A fixed number of threads that do jobs in the order in which they come. A job must not throw.
+// A fixed number of threads that do jobs in the order in which they come. A job that throws is
+// over.
 class WorkerPool {
  public:
   WorkerPool(std::size_t threads, std::size_t most_waiting);

@@ -67,6 +67,15 @@ export async function openPage(browser, address, problems, options = {}) {
   return page;
 }
 
+// Waits until a condition, of the page's own, holds. Playwright's waitForFunction evaluates text in the page, which its policy forbids.
+export async function until(page, condition, argument, { timeout = 150000 } = {}) {
+  const end = Date.now() + timeout;
+  while (!(await page.evaluate(condition, argument))) {
+    if (Date.now() > end) throw new Error(`after ${timeout} ms there is not: ${condition}`);
+    await page.waitForTimeout(20);
+  }
+}
+
 // Runs a test with a browser, says what failed and what each open page told of itself then, and always cleans up.
 export async function runTest(browserPath, test, cleanUp) {
   const browser = await launch(browserPath);
