@@ -14,8 +14,8 @@ namespace fathom::web {
 
 namespace status {
 inline constexpr int kOk = 200, kPartial = 206, kBadRequest = 400, kUnauthorised = 401, kForbidden = 403,
-                     kNotFound = 404, kConflict = 409, kTooLarge = 413, kBadEncoding = 415, kBadRange = 416,
-                     kHeadTooLarge = 431, kFailed = 500, kBusy = 503;
+                     kNotFound = 404, kConflict = 409, kNeedsLength = 411, kTooLarge = 413,
+                     kBadEncoding = 415, kBadRange = 416, kHeadTooLarge = 431, kFailed = 500, kBusy = 503;
 }  // namespace status
 
 // A request that has arrived whole and passed Access.

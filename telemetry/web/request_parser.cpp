@@ -12,8 +12,6 @@ namespace http = boost::beast::http;
 
 namespace {
 
-constexpr const char* kBodyTooLarge = "The body is too large.";
-
 std::string_view view(boost::beast::string_view text) {
   return {text.data(), text.size()};
 }
@@ -33,7 +31,7 @@ struct RequestParser::Impl {
 RequestParser::RequestParser(std::size_t max_body_bytes)
     : impl_(std::make_unique<Impl>()), max_body_bytes_(max_body_bytes) {
   impl_->parser.header_limit(kMaxHeadBytes);
-  // Who may not enter is told so, however large the body: its size is judged behind the head. (Without any
+  // Who may not enter is told so, however large the body: checkBody() judges its size. (Without any
   // limit this Beast refuses every body.)
   impl_->parser.body_limit(std::numeric_limits<std::uint64_t>::max());
 }
@@ -60,7 +58,6 @@ RequestParser::Step RequestParser::take(std::string_view bytes) {
         (error == http::error::need_more && waiting.size() >= kMaxHeadBytes))
       return refuse(status::kHeadTooLarge, "The request's head is too large.");
     if (error == http::error::need_more) return Step::kMore;
-    if (error == http::error::body_limit) return refuse(status::kTooLarge, kBodyTooLarge);
     if (error) return refuse(status::kBadRequest, "This is no HTTP request.");
     if (!had_head && parser.is_header_done()) return readHead();
   }
@@ -99,10 +96,11 @@ RequestParser::Step RequestParser::checkBody() {
   auto& parser = impl_->parser;
   body_checked_ = true;
   const auto length = parser.content_length();
-  if (length && *length > max_body_bytes_) return refuse(status::kTooLarge, kBodyTooLarge);
+  if (parser.get().count(http::field::transfer_encoding) > 0)
+    return refuse(status::kNeedsLength, "A body needs its Content-Length.");
+  if (length && *length > max_body_bytes_) return refuse(status::kTooLarge, "The body is too large.");
   if (parser.get().count(http::field::content_encoding) > 0)
     return refuse(status::kBadEncoding, "Bodies are taken as they are, without a Content-Encoding.");
-  parser.body_limit(max_body_bytes_);
   parser.eager(true);
   return Step::kMore;
 }

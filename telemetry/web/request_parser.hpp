@@ -11,8 +11,9 @@
 namespace fathom::web {
 
 // One HTTP/1 request, from bytes in pieces of any size. It holds kMaxHeadBytes of request line and headers
-// and `max_body_bytes` of body at most, however the body is framed; nothing is ever decompressed. Bytes
-// behind the request are left alone.
+// and `max_body_bytes` of body at most. A body comes by its Content-Length and as it is: chunks are refused,
+// because Beast 1.74 ends the program on some, and nothing is ever decompressed. Bytes behind the request are
+// left alone.
 class RequestParser {
  public:
   static constexpr std::size_t kMaxHeadBytes = 8192;

@@ -24,7 +24,11 @@ using test::answerTo, test::RawClient;
 
 constexpr std::size_t kMaxBody = 512;
 constexpr std::size_t kMostGrown = 10 << 20;  // resident memory [bytes]
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr double kMostAnswer_s = 10;  // everything takes ten times as long
+#else
 constexpr double kMostAnswer_s = 1;
+#endif
 constexpr std::string_view kPageRequest = "GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n";
 constexpr std::string_view kPost = "POST /api/echo HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Fathom: page\r\n";
 
@@ -162,16 +166,25 @@ TEST_F(HostileClients, ABodyBeyondItsBoundIsRefusedHoweverItIsFramed) {
   }));
   EXPECT_LT(taken, 20U << 20) << "the server read on";
   EXPECT_NE(plain.find(" 413 "), std::string::npos) << plain;
-  EXPECT_NE(chunked.find(" 413 "), std::string::npos) << chunked;
-  EXPECT_TRUE(one_chunk.empty() || one_chunk.find(" 413 ") != std::string::npos) << one_chunk;
+  EXPECT_NE(chunked.find(" 411 "), std::string::npos) << chunked;
+  EXPECT_TRUE(one_chunk.empty() || one_chunk.find(" 411 ") != std::string::npos) << one_chunk;
 }
 
-TEST_F(HostileClients, AChunkedBodyWithinTheBoundIsTaken) {
+// Beast's own parser of chunks ends the program where the last chunk comes byte by byte.
+TEST_F(HostileClients, ABodyInChunksIsRefusedHoweverItComes) {
   serve();
-  const std::string got =
-      answerTo(server_->port(),
-               std::string(kPost) + "Transfer-Encoding: chunked\r\n\r\n4\r\nwhol\r\n1\r\ne\r\n0\r\n\r\n");
-  EXPECT_NE(got.find("\r\n\r\nwhole"), std::string::npos) << got;
+  for (const std::string& chunks : {std::string("4\r\nwhol\r\n1\r\ne\r\n0\r\n\r\n"), std::string("0\r\n\r\n"),
+                                    std::string("0\r\nX: 1\r\n\r\n")}) {
+    RawClient client(server_->port());
+    client.send(std::string(kPost) + "Transfer-Encoding: chunked\r\n\r\n");
+    for (const char byte : chunks) {
+      client.send({&byte, 1});
+      std::this_thread::sleep_for(2ms);
+    }
+    const std::string got = client.receive();
+    EXPECT_NE(got.find(" 411 "), std::string::npos) << got;
+  }
+  EXPECT_EQ(echoed_, 0);
 }
 
 // 100 bytes of brotli or gzip can stand for a gigabyte.
@@ -194,8 +207,7 @@ TEST_F(HostileClients, WhatIsNoRequestIsRefused) {
         std::string("GET http://127.0.0.1/ HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"),
         std::string(kPost) + "Content-Length: 4\r\nContent-Length: 5\r\n\r\nabcde",
         std::string(kPost) + "Content-Length: 4\r\nTransfer-Encoding: chunked\r\n\r\n4\r\nabcd\r\n0\r\n\r\n",
-        std::string(kPost) + "Content-Length: -1\r\n\r\n",
-        std::string(kPost) + "Transfer-Encoding: chunked\r\n\r\nzz\r\n"}) {
+        std::string(kPost) + "Content-Length: -1\r\n\r\n"}) {
     const std::string got = answerTo(server_->port(), bytes);
     EXPECT_NE(got.find(" 400 "), std::string::npos) << bytes << " -> " << got;
   }
