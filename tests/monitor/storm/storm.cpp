@@ -14,6 +14,7 @@
 #include "realtime/kernel/text.hpp"
 #include "sim/link/channel.hpp"
 #include "telemetry/downlink/downlink.hpp"
+#include "telemetry/monitor/model/monitor_model.hpp"
 #include "telemetry/monitor/session_files.hpp"
 #include "telemetry/vehicle/link_scheduler.hpp"
 #include "tests/monitor/storm/ground.hpp"
