@@ -43,8 +43,10 @@ int main(int argc, char** argv) {
   app.add_flag("--listen", options.listen,
                "say nothing: of all programs that hear a vehicle, one may speak to it");
   app.add_option("--key", options.key, "file of the key that signs requests to the vehicle");
-  app.add_option("--token", options.token,
-                 "secret that the web page asks for (default: none on loopback, else a new one is printed)");
+  app.add_option(
+      "--token-file", options.token_file,
+      "file of the secret that the web page asks for, 8 to 128 letters, digits, - or _ (default: none on "
+      "loopback, else a new one is printed)");
   app.add_option("--page", options.page,
                  "folder of the page (default: ../share/fathom/monitor from the program)");
   app.add_option(

@@ -11,18 +11,17 @@
 #include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "telemetry/monitor/frame_feed.hpp"
+#include "telemetry/monitor/housekeeping.hpp"
 #include "telemetry/monitor/session_files.hpp"
 #include "telemetry/monitor/web/web_server.hpp"
+#include "telemetry/web/access.hpp"
 
 namespace fathom::monitor {
 namespace {
 
 using namespace std::chrono_literals;
-using telemetry::FrameVerdict;
 
 constexpr auto kPollInterval = 20ms;  // far shorter than any frame on the link
-constexpr std::int64_t kProgressInterval_ns = 10'000'000'000;
-constexpr std::int64_t kSaveInterval_ns = 30'000'000'000;
 
 void require(bool good, const char* option, const char* fix) {
   if (!good) throw InputError(option, "", fix);
@@ -50,13 +49,11 @@ LiveFeed openPorts(const MonitorOptions& options) {
 }
 
 std::string tokenOf(const MonitorOptions& options) {
-  constexpr std::size_t kLeastToken = 8, kMostToken = 128;
-  const auto plain = [](unsigned char c) { return std::isalnum(c) != 0 || c == '-' || c == '_'; };
-  if (!options.token.empty())
-    require(options.token.size() >= kLeastToken && options.token.size() <= kMostToken &&
-                std::all_of(options.token.begin(), options.token.end(), plain),
-            "--token", "must be 8 to 128 letters, digits, - or _");
-  return options.token.empty() && !web::isLoopback(options.http_address) ? web::makeToken() : options.token;
+  if (options.token_file.empty()) return web::isLoopback(options.http_address) ? "" : web::makeToken();
+  std::string warning;
+  std::string token = web::readToken(options.token_file, warning);
+  if (!warning.empty()) std::cerr << "fathom-monitor: " << warning << std::endl;
+  return token;
 }
 
 std::optional<telemetry::LinkKey> keyOf(const MonitorOptions& options) {
@@ -65,15 +62,6 @@ std::optional<telemetry::LinkKey> keyOf(const MonitorOptions& options) {
   const telemetry::LinkKey key = telemetry::readLinkKey(options.key, warning);
   if (!warning.empty()) std::cerr << "fathom-monitor: " << warning << std::endl;
   return key;
-}
-
-void printProgress(const MonitorModel& model) {
-  const auto& c = model.receiver().counters();
-  std::cout << "frames " << c[FrameVerdict::kAccepted] << " accepted, " << c.lost << " lost, " << c.repaired
-            << " repaired, " << c.frames - c[FrameVerdict::kAccepted] << " rejected; " << c.bytes
-            << " bytes; map " << model.map().store().size() << " blocks, "
-            << static_cast<long>(model.map().surface().area()) << " m2; track " << model.track().size()
-            << " points" << std::endl;
 }
 
 // What an earlier run into the same folder has received.
@@ -195,45 +183,18 @@ int runMonitor(const MonitorOptions& options, const std::atomic<bool>& stop) {
     exit_code = kExitBadInput;
   }
 
-  std::int64_t last_frame_ns = clock.monotonicNs(), last_progress_ns = last_frame_ns,
-               last_save_ns = last_frame_ns;
-  std::uint64_t printed_version = 0;
-  std::string trouble;
-  // The ship's program does not end by itself: it says what it cannot keep.
-  const auto save = [&] {
-    if (!files) return;
-    files->save(*shared.model);
-    if (std::string now = files->trouble(); now != trouble) {
-      trouble = std::move(now);
-      std::cerr << "fathom-monitor: " << (trouble.empty() ? "everything is kept again" : trouble)
-                << std::endl;
-    }
-    shared.not_kept = trouble;
-  };
+  const Housekeeping housekeeping(shared, files ? &*files : nullptr, options.out);
+  std::int64_t last_frame_ns = clock.monotonicNs();
   while (!stop) {
     const std::size_t count = reception.step();
     const std::int64_t now = clock.monotonicNs();
     shared.grew.notify_all();
     if (count > 0 || !reception.mayEnd()) last_frame_ns = now;
-    if (now - last_progress_ns >= kProgressInterval_ns) {
-      const std::lock_guard lock(shared.mutex);
-      if (shared.model->version() != printed_version) printProgress(*shared.model);
-      printed_version = shared.model->version();
-      last_progress_ns = now;
-    }
-    if (files && now - last_save_ns >= kSaveInterval_ns) {
-      const std::lock_guard lock(shared.mutex);
-      save();
-      last_save_ns = now;
-    }
     if (options.exit_after_idle_s && reception.mayEnd() &&
         static_cast<double>(now - last_frame_ns) >= *options.exit_after_idle_s * 1e9)
       break;
     if (count == 0) std::this_thread::sleep_for(kPollInterval);
   }
-  const std::lock_guard lock(shared.mutex);
-  save();
-  printProgress(*shared.model);
   return exit_code;
 }
 

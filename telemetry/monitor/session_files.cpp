@@ -10,8 +10,6 @@
 #include <string>
 
 #include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/atomic_file.hpp"
-#include "telemetry/monitor/export/exports.hpp"
 #include "telemetry/wire/packet_log.hpp"
 
 namespace fathom::monitor {
@@ -102,7 +100,7 @@ void SessionFiles::log(const telemetry::DecodedFrame& frame, std::span<const std
   } else {
     log_ << "- - - -";
   }
-  log_ << ' ' << bytes.size() << '\n';
+  log_ << ' ' << bytes.size() << std::endl;
 }
 
 void SessionFiles::write() {
@@ -137,30 +135,7 @@ std::string SessionFiles::trouble() const {
     text = (folder_ / kReceived).string() + " cannot be written (" + received_trouble_ +
            "): " + std::to_string(waiting_.size()) + " bytes wait in memory, and nothing new is acknowledged";
   if (lost_ > 0) text += (text.empty() ? "" : "; ") + std::to_string(lost_) + " frames could not even wait";
-  if (!export_trouble_.empty()) text += (text.empty() ? "" : "; ") + export_trouble_;
   return text;
-}
-
-void SessionFiles::save(const MonitorModel& model) {
-  log_.flush();
-  export_trouble_.clear();
-  const bool origin = model.mission().has_value();
-  const bool map = model.map().version() != saved_map_ || origin != saved_origin_;
-  const bool track = model.track().size() != saved_track_ || origin != saved_origin_;
-  try {
-    for (const std::string_view name : kExportNames) {
-      if (!(name == "track.geojson" ? track : map)) continue;
-      const Export made = makeExport(model, name);
-      if (made.bytes.empty()) continue;
-      writeFile(folder_ / name, made.bytes);
-    }
-  } catch (const std::exception& error) {
-    export_trouble_ = error.what();
-    return;
-  }
-  saved_map_ = model.map().version();
-  saved_track_ = model.track().size();
-  saved_origin_ = origin;
 }
 
 }  // namespace fathom::monitor

@@ -7,14 +7,14 @@
 #include <string>
 #include <vector>
 
-#include "telemetry/monitor/model/monitor_model.hpp"
+#include "telemetry/wire/frame.hpp"
 
 namespace fathom::monitor {
 
-// What a monitor leaves behind in a folder: received.bin, every accepted link frame as it arrived
-// (packets.bin's format, so that a computer that was off goes on where it was); frames.log, one line a frame;
-// and the exports, written whole by save(). A disk that refuses ends nothing: what it has not taken waits, as
-// much as kMostWaiting, and goes when there is room; trouble() says what is not kept.
+// What a monitor leaves behind of reception in a folder: received.bin, every accepted link frame as it arrived
+// (packets.bin's format, so that a computer that was off goes on where it was), and frames.log, one line a
+// frame. A disk that refuses ends nothing: what it has not taken waits, as much as kMostWaiting, and goes
+// when there is room; trouble() says what is not kept.
 class SessionFiles {
  public:
   // Creates the folder and opens both logs at their ends. Throws InputError if that cannot be.
@@ -36,8 +36,6 @@ class SessionFiles {
   // Puts all that was received on the disk itself, so that it survives a power cut; false: some is not there,
   // and must not be acknowledged.
   [[nodiscard]] bool keep();
-  // Writes those exports that have changed and exist.
-  void save(const MonitorModel& model);
   // What cannot be kept now, a sentence; "" for nothing.
   [[nodiscard]] std::string trouble() const;
 
@@ -52,11 +50,8 @@ class SessionFiles {
   std::vector<std::uint8_t> waiting_;  // of received.bin, that the disk has not taken
   bool synced_ = true;
   std::uint64_t lost_ = 0;  // frames for which there was no room to wait
-  std::string received_trouble_, export_trouble_;
+  std::string received_trouble_;
   std::uint64_t rejected_lines_ = 0;
-  std::uint64_t saved_map_ = UINT64_MAX;
-  std::size_t saved_track_ = 0;
-  bool saved_origin_ = false;
 };
 
 }  // namespace fathom::monitor

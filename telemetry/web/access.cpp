@@ -2,9 +2,14 @@
 
 #include <sys/random.h>
 
+#include <algorithm>
 #include <array>
+#include <cctype>
 #include <cstdint>
+#include <fstream>
 #include <stdexcept>
+
+#include "realtime/kernel/input_error.hpp"
 
 namespace fathom::web {
 namespace {
@@ -76,6 +81,27 @@ std::string makeToken() {
     token += "0123456789abcdef"[byte >> 4];
     token += "0123456789abcdef"[byte & 15];
   }
+  return token;
+}
+
+std::string readToken(const std::filesystem::path& file, std::string& warning) {
+  constexpr std::size_t kLeastToken = 8, kMostToken = 128;
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(file, error)) throw InputError(file.string(), "", "is no file");
+  std::string token(kMostToken + 2, '\0');
+  std::ifstream in(file, std::ios::binary);
+  in.read(token.data(), static_cast<std::streamsize>(token.size()));
+  token.resize(static_cast<std::size_t>(in.gcount()));
+  if (token.ends_with('\n')) token.pop_back();
+  const auto plain = [](unsigned char c) { return std::isalnum(c) != 0 || c == '-' || c == '_'; };
+  if (token.size() < kLeastToken || token.size() > kMostToken ||
+      !std::all_of(token.begin(), token.end(), plain))
+    throw InputError(file.string(), "", "must hold one line of 8 to 128 letters, digits, - or _");
+  using std::filesystem::perms;
+  const perms others =
+      std::filesystem::status(file, error).permissions() & (perms::group_all | perms::others_all);
+  if (others != perms::none)
+    warning = file.string() + " holds a secret that others may read; take it from them with chmod 600";
   return token;
 }
 

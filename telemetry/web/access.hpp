@@ -1,5 +1,6 @@
 #pragma once
 
+#include <filesystem>
 #include <string>
 #include <string_view>
 
@@ -40,5 +41,8 @@ class Access {
 [[nodiscard]] bool isLoopback(std::string_view address);  // an address or name, without a port
 // 128 random bits in hex.
 [[nodiscard]] std::string makeToken();
+// The token that a file holds, one line of 8 to 128 letters, digits, - or _. `warning`: others may read the
+// file. Throws InputError for a file that cannot be read or holds anything else.
+[[nodiscard]] std::string readToken(const std::filesystem::path& file, std::string& warning);
 
 }  // namespace fathom::web

@@ -1,68 +1,82 @@
 #include "telemetry/web/served_folder.hpp"
 
-#include <httplib.h>
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <fstream>
-#include <memory>
+#include <cerrno>
+#include <charconv>
 #include <string>
-#include <utility>
-
-#include "telemetry/web/page_server.hpp"
 
 namespace fathom::web {
 namespace {
 
-using httplib::Request;
-using httplib::Response;
+struct Kind {
+  std::string_view ending, type;
+  enum { kPassive, kActive, kPicture } what = kPassive;  // kActive: a browser may run it
+};
 
-constexpr std::size_t kPiece = 1 << 16;  // of a file read and sent at a time [bytes]
-
-// MIME type by the name's ending; "application/octet-stream" for those unknown.
-std::string_view contentType(const std::filesystem::path& file) {
-  using Pair = std::pair<std::string_view, std::string_view>;
-  static constexpr std::array kTypes{Pair{".html", "text/html; charset=utf-8"},
-                                     Pair{".js", "text/javascript"},
-                                     Pair{".css", "text/css"},
-                                     Pair{".json", "application/json"},
-                                     Pair{".wasm", "application/wasm"},
-                                     Pair{".glb", "model/gltf-binary"},
-                                     Pair{".ktx2", "image/ktx2"},
-                                     Pair{".tif", "image/tiff"},
-                                     Pair{".tiff", "image/tiff"},
-                                     Pair{".png", "image/png"},
-                                     Pair{".jpg", "image/jpeg"},
-                                     Pair{".csv", "text/csv"},
-                                     Pair{".geojson", "application/geo+json"},
-                                     Pair{".svg", "image/svg+xml"}};
+// By the name's ending; "application/octet-stream" for those unknown.
+Kind kindOf(const std::filesystem::path& file) {
+  static constexpr std::array kKinds{Kind{".html", "text/html; charset=utf-8", Kind::kActive},
+                                     Kind{".js", "text/javascript", Kind::kActive},
+                                     Kind{".css", "text/css", Kind::kActive},
+                                     Kind{".svg", "image/svg+xml", Kind::kActive},
+                                     Kind{".json", "application/json"},
+                                     Kind{".wasm", "application/wasm"},
+                                     Kind{".glb", "model/gltf-binary"},
+                                     Kind{".ktx2", "image/ktx2"},
+                                     Kind{".csv", "text/csv"},
+                                     Kind{".geojson", "application/geo+json"},
+                                     Kind{".tif", "image/tiff", Kind::kPicture},
+                                     Kind{".tiff", "image/tiff", Kind::kPicture},
+                                     Kind{".png", "image/png", Kind::kPicture},
+                                     Kind{".jpg", "image/jpeg", Kind::kPicture},
+                                     Kind{".jpeg", "image/jpeg", Kind::kPicture},
+                                     Kind{".bmp", "image/bmp", Kind::kPicture},
+                                     Kind{".webp", "image/webp", Kind::kPicture},
+                                     Kind{".jp2", "image/jp2", Kind::kPicture},
+                                     Kind{".pgm", "image/x-portable-graymap", Kind::kPicture},
+                                     Kind{".ppm", "image/x-portable-pixmap", Kind::kPicture}};
   std::string ending = file.extension().string();
   std::transform(ending.begin(), ending.end(), ending.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   const auto* const found =
-      std::find_if(kTypes.begin(), kTypes.end(), [&](const Pair& pair) { return pair.first == ending; });
-  return found == kTypes.end() ? "application/octet-stream" : found->second;
+      std::find_if(kKinds.begin(), kKinds.end(), [&](const Kind& kind) { return kind.ending == ending; });
+  return found == kKinds.end() ? Kind{"", "application/octet-stream"} : *found;
 }
 
-// Browsers ask for whole blocks, the last of which ends behind the file's end. A range is to be cut there
-// (RFC 9110, 14.1.2), which this httplib leaves to its user though it hands the request over as constant.
-// Gives whether every range begins inside the file.
-bool cutRanges(const Request& request, std::size_t size) {
-  const auto end = static_cast<ssize_t>(size);
-  auto& ranges = const_cast<Request&>(request).ranges;
-  for (auto& [first, last] : ranges) {
-    if (first >= end) {
-      ranges.clear();  // they would be taken of the refusal's text
-      return false;
-    }
-    if (first < 0) {  // the last so many bytes
-      first = std::max<ssize_t>(end - last, 0);
-      last = end - 1;
-    }
-    last = last < 0 ? end - 1 : std::min(last, end - 1);
-  }
-  return true;
+// Takes a number off the front of a text.
+std::optional<std::uint64_t> takeNumber(std::string_view& text) {
+  std::uint64_t number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  if (error != std::errc()) return std::nullopt;
+  text.remove_prefix(static_cast<std::size_t>(end - text.data()));
+  return number;
+}
+
+struct Range {
+  std::uint64_t first, last;
+};
+
+// One range of bytes (RFC 9110, 14.1.2). Browsers ask for whole blocks, the last of which ends behind the
+// file's end: it is cut there. None for anything else, several ranges at a time among it: the whole file is
+// an answer to those.
+std::optional<Range> rangeOf(std::string_view header, std::uint64_t size) {
+  constexpr std::string_view kUnit = "bytes=";
+  if (!header.starts_with(kUnit)) return std::nullopt;
+  header.remove_prefix(kUnit.size());
+  const auto first = takeNumber(header);
+  if (!header.starts_with('-')) return std::nullopt;
+  header.remove_prefix(1);
+  const auto last = takeNumber(header);
+  if (!header.empty()) return std::nullopt;
+  if (first && (!last || *last >= *first)) return Range{*first, std::min(last.value_or(size - 1), size - 1)};
+  if (!first && last) return Range{*last == 0 ? size : size - std::min(*last, size), size - 1};
+  return std::nullopt;
 }
 
 }  // namespace
@@ -81,25 +95,48 @@ std::optional<std::filesystem::path> fileInside(const std::filesystem::path& roo
   return file;
 }
 
-void sendFile(const std::optional<std::filesystem::path>& path, const Request& request, Response& response) {
-  if (!path) return refuse(response, kNotFound, "There is no such file.");
-  auto file = std::make_shared<std::ifstream>(*path, std::ios::binary);
+Response fileResponse(const std::optional<std::filesystem::path>& path, const Request& request) {
+  if (!path) return refusal(status::kNotFound, "There is no such file.");
+  // Without waiting, should it have become a pipe.
+  const int descriptor = ::open(path->c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  if (descriptor < 0)
+    return errno == EMFILE || errno == ENFILE ? refusal(status::kBusy, "Too many files are open: ask again.")
+                                              : refusal(status::kNotFound, "The file cannot be read.");
+  Response response;
+  response.file = std::make_shared<const OpenFile>(descriptor);
+  struct stat about {};
+  if (::fstat(descriptor, &about) != 0 || !S_ISREG(about.st_mode))
+    return refusal(status::kNotFound, "There is no such file.");
+  response.type = kindOf(*path).type;
+  response.headers.emplace_back("Accept-Ranges", "bytes");
+  const auto size = static_cast<std::uint64_t>(about.st_size);
+  response.file_bytes = size;
+  const auto range = rangeOf(request.range, size);
+  if (!range) return response;
+  if (range->first >= size) return refusal(status::kBadRange, "The file ends before that.");
+  response.status = status::kPartial;
+  response.file_offset = range->first;
+  response.file_bytes = range->last - range->first + 1;
+  response.headers.emplace_back("Content-Range", "bytes " + std::to_string(range->first) + '-' +
+                                                     std::to_string(range->last) + '/' +
+                                                     std::to_string(size));
+  return response;
+}
+
+Response dataResponse(const std::optional<std::filesystem::path>& file, const Request& request) {
+  Response response = fileResponse(file, request);
+  response.headers.emplace_back("Content-Security-Policy", "default-src 'none'; sandbox");
+  if (file && kindOf(*file).what == Kind::kActive && response.file) {
+    response.type = "application/octet-stream";
+    response.headers.emplace_back("Content-Disposition", "attachment");
+  }
+  return response;
+}
+
+bool isPicture(const std::filesystem::path& file) {
   std::error_code error;
-  const auto size = std::filesystem::file_size(*path, error);
-  if (!*file || error) return refuse(response, kNotFound, "The file cannot be read.");
-  const std::string type(contentType(*path));
-  if (size == 0) return response.set_content("", type);
-  if (!cutRanges(request, size)) return refuse(response, kBadRange, "The file ends before that.");
-  response.set_content_provider(static_cast<std::size_t>(size), type,
-                                [file](std::size_t offset, std::size_t length, httplib::DataSink& sink) {
-                                  std::array<char, kPiece> piece;
-                                  file->clear();
-                                  file->seekg(static_cast<std::streamoff>(offset));
-                                  file->read(piece.data(),
-                                             static_cast<std::streamsize>(std::min(length, piece.size())));
-                                  const auto got = static_cast<std::size_t>(file->gcount());
-                                  return got > 0 && sink.write(piece.data(), got);
-                                });
+  const std::filesystem::path real = std::filesystem::canonical(file, error);
+  return !error && kindOf(file).what == Kind::kPicture && kindOf(real).what == Kind::kPicture;
 }
 
 }  // namespace fathom::web

@@ -4,10 +4,7 @@
 #include <optional>
 #include <string_view>
 
-namespace httplib {
-struct Request;
-struct Response;
-}  // namespace httplib
+#include "telemetry/web/exchange.hpp"
 
 namespace fathom::web {
 
@@ -17,9 +14,15 @@ namespace fathom::web {
 [[nodiscard]] std::optional<std::filesystem::path> fileInside(const std::filesystem::path& root,
                                                               std::string_view request);
 
-// Answers with that file, or the ranges of it that were asked for, piece by piece; without one, 404. The
-// type is told by the name's ending.
-void sendFile(const std::optional<std::filesystem::path>& file, const httplib::Request& request,
-              httplib::Response& response);
+// That file, or the one range of it that was asked for; without one, 404, and 416 for a range that begins
+// behind its end. The type is told by the name's ending.
+[[nodiscard]] Response fileResponse(const std::optional<std::filesystem::path>& file, const Request& request);
+
+// Data whose maker is not known, such as a dive's: no file of it can run in the browser. What a browser would
+// run (HTML, SVG, scripts, styles) comes as bytes to be kept.
+[[nodiscard]] Response dataResponse(const std::optional<std::filesystem::path>& file, const Request& request);
+
+// Whether a file is a picture by its name's ending and, where it is a link, by that of what it leads to.
+[[nodiscard]] bool isPicture(const std::filesystem::path& file);
 
 }  // namespace fathom::web

@@ -44,13 +44,14 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   }
   flush();
   model.hear(bytes, sequence);
-  (void)monitor::stateJson(shared);
-  (void)monitor::trackJson(model);
+  monitor::ModelView view;
+  (void)monitor::stateJson(shared, view);
+  (void)monitor::trackJson(view);
   (void)monitor::historyJson(model);
-  (void)monitor::profileJson(model, -10, -10, 10, 10);
-  (void)monitor::coverageBinary(model.coverage(0));
-  (void)monitor::mapBinary(model.map().store(), model.map().surface(), 0, 0);
-  (void)model.map().surface().whole();
+  (void)monitor::profileJson(view.surface(), -10, -10, 10, 10);
+  (void)monitor::coverageBinary(view.coverage());
+  (void)monitor::mapBinary(view.store(), view.surface(), 0, 0);
+  (void)view.surface().whole();
   std::string why;
   const std::string_view text(reinterpret_cast<const char*>(data), size);
   (void)monitor::parseRequest(text, why);

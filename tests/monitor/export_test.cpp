@@ -127,9 +127,9 @@ TEST(GeoRaster, TwoBlocksFarApartMakeACoarseRasterAndNotAHugeOne) {
 }
 
 TEST(Exports, SayWhatIsMissing) {
-  MonitorModel model;
+  ModelView view;
   for (const auto name : kExportNames) {
-    const Export made = makeExport(model, name);
+    const Export made = makeExport(view, name);
     EXPECT_TRUE(made.bytes.empty());
     EXPECT_FALSE(made.why.empty()) << name;
   }
@@ -141,7 +141,9 @@ TEST(Exports, TheTrackIsGeoJsonInDegrees) {
   dive.loss = 0;
   MonitorModel model;
   dive.run([&](std::int64_t utc_ns, std::span<const std::uint8_t> frame) { model.accept(frame, utc_ns); });
-  const auto geo = nlohmann::json::parse(makeExport(model, "track.geojson").bytes);
+  ModelView view;
+  view.take(model);
+  const auto geo = nlohmann::json::parse(makeExport(view, "track.geojson").bytes);
   ASSERT_EQ(geo["features"].size(), 2U);
   const auto& line = geo["features"][0]["geometry"]["coordinates"];
   EXPECT_EQ(line.size(), model.track().size());
@@ -151,7 +153,7 @@ TEST(Exports, TheTrackIsGeoJsonInDegrees) {
   EXPECT_NEAR(line[0][0].get<double>(), expected.longitude / kDegree, 2e-7);
   EXPECT_NEAR(line[0][1].get<double>(), expected.latitude / kDegree, 2e-7);
   EXPECT_NEAR(line[0][2].get<double>(), -first.depth, 1e-6);
-  EXPECT_EQ(makeExport(model, "map.ply").bytes.rfind("ply\n", 0), 0U);
+  EXPECT_EQ(makeExport(view, "map.ply").bytes.rfind("ply\n", 0), 0U);
 }
 
 }  // namespace

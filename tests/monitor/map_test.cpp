@@ -200,12 +200,12 @@ TEST(Surface, ABlockRebuildsOnlyTheChunksThatCanSeeIt) {
   const std::uint64_t before = store.version();
   store.put(madeBlock(kQuarterMetre, 24, 24), {2, 0.05, false, 2});  // the middle of the middle chunk
   int changed = 0;
-  for (const auto& [key, chunk] : store.chunks()) changed += chunk.version > before ? 1 : 0;
+  for (const auto& [key, chunk] : store.chunks()) changed += chunk->version > before ? 1 : 0;
   EXPECT_EQ(changed, 1);
   const std::uint64_t next = store.version();
   store.put(madeBlock(kQuarterMetre, 16, 24), {2, 0.05, false, 2});  // at the middle chunk's southern border
   changed = 0;
-  for (const auto& [key, chunk] : store.chunks()) changed += chunk.version > next ? 1 : 0;
+  for (const auto& [key, chunk] : store.chunks()) changed += chunk->version > next ? 1 : 0;
   EXPECT_EQ(changed, 2);
 }
 

@@ -29,9 +29,10 @@ std::vector<std::pair<std::int64_t, Frame>> framesOf(const SampleDive& dive) {
 }
 
 // Everything that is shown of a model, as one string.
-std::string shown(MonitorModel& model) {
-  return trackJson(model) + trackGeoJson(model) +
-         mapBinary(model.map().store(), model.map().surface(), 0, 0).substr(8);
+std::string shown(const MonitorModel& model) {
+  ModelView view;
+  view.take(model);
+  return trackJson(view) + trackGeoJson(view) + mapBinary(view.store(), view.surface(), 0, 0).substr(8);
 }
 
 TEST(MonitorModel, RebuildsTheMapAsItWasOnBoardFromALosslessLink) {
@@ -41,11 +42,12 @@ TEST(MonitorModel, RebuildsTheMapAsItWasOnBoardFromALosslessLink) {
   dive.loss = 0;
   MonitorModel model;
   for (const auto& [utc_ns, bytes] : framesOf(dive)) model.accept(bytes, utc_ns);
+  const Surface surface(model.map().store());
   int compared = 0;
   for (double north = 5; north < 35; north += 0.25) {
     for (double east = 2; east < 8; east += 0.25) {
       if (north >= 7 && north < 21) continue;  // sent again, deeper
-      const auto point = model.map().surface().sample(north, east);
+      const auto point = surface.sample(north, east);
       ASSERT_TRUE(point) << north << ' ' << east;
       ASSERT_NEAR(point->depth, SampleDive::depthAt(north, east), 0.0501) << north << ' ' << east;
       EXPECT_TRUE(point->has_colour);
@@ -54,7 +56,7 @@ TEST(MonitorModel, RebuildsTheMapAsItWasOnBoardFromALosslessLink) {
   }
   EXPECT_GT(compared, 1000);
   EXPECT_GT(model.map().store().counters().changed, 10U);
-  EXPECT_NEAR(model.map().surface().sample(12.5, 3.5)->depth, SampleDive::depthAt(12.5, 3.5) + 0.3, 0.0501);
+  EXPECT_NEAR(surface.sample(12.5, 3.5)->depth, SampleDive::depthAt(12.5, 3.5) + 0.3, 0.0501);
   EXPECT_EQ(model.mission()->vehicle_name, "sirius");
   EXPECT_EQ(model.receiver().counters().lost, 0U);
   EXPECT_EQ(model.receiver().counters()[telemetry::FrameVerdict::kBadPayload], 0U);
@@ -139,7 +141,7 @@ TEST(ReceivedMap, TilesOfTheOtherCodecBecomeBlocksAndOldRevisionsAreLeft) {
   EXPECT_EQ(map.store().size(5), 16U);  // 4 m at 25 cm
   map.takeTile(decodedTile(first, 1), 2, 2);
   EXPECT_EQ(map.staleTiles(), 1U);
-  EXPECT_NEAR(map.surface().sample(-4 + 1.25, 12 + 2.5)->depth, second.at(5, 10).depth, 0.0101);
+  EXPECT_NEAR(Surface(map.store()).sample(-4 + 1.25, 12 + 2.5)->depth, second.at(5, 10).depth, 0.0101);
   map.takeTile(decodedTile(second, 8), 3, 3);  // 2 x 2 nodes of a block of 2 m spacing
   EXPECT_EQ(map.store().size(8), 1U);
   EXPECT_EQ(map.store().find({8, -1, 1})->block.seen, 0b1100'1100'0000'0000);
@@ -276,18 +278,18 @@ TEST(LinkHistory, StaysBoundedAndKeepsItsSums) {
 
 TEST(Reports, StateIsJsonBeforeAnythingArrivedAndTheMapComesOnlyOnce) {
   SharedModel shared(std::nullopt, std::nullopt, 1);
-  const auto empty = nlohmann::json::parse(stateJson(shared));
+  ModelView view;
+  const auto empty = nlohmann::json::parse(stateJson(shared, view));
   EXPECT_TRUE(empty["status"].is_null() && empty["identity"].is_null() && empty["link"]["age_s"].is_null());
   EXPECT_FALSE(empty["downlink"]["enabled"].get<bool>());
   SampleDive dive;
   dive.duration_s = 300;
   for (const auto& [utc_ns, bytes] : framesOf(dive)) shared.model->accept(bytes, utc_ns);
-  const ReceivedMap& map = shared.model->map();
-  EXPECT_GT(mapBinary(map.store(), map.surface(), 0, 0).size(), 1000U);
-  EXPECT_EQ(mapBinary(map.store(), map.surface(), map.version(), 0).size(), 24U);
-  const auto state = nlohmann::json::parse(stateJson(shared));
+  const auto state = nlohmann::json::parse(stateJson(shared, view));
+  EXPECT_GT(mapBinary(view.store(), view.surface(), 0, 0).size(), 1000U);
+  EXPECT_EQ(mapBinary(view.store(), view.surface(), view.store().version(), 0).size(), 24U);
   EXPECT_GT(state["map"]["area_m2"].get<double>(), 50);
-  const auto profile = nlohmann::json::parse(profileJson(*shared.model, 0, 3, 20, 3));
+  const auto profile = nlohmann::json::parse(profileJson(view.surface(), 0, 3, 20, 3));
   EXPECT_EQ(profile["points"].size(), static_cast<std::size_t>(kProfilePoints) + 1);
 }
 

@@ -4,6 +4,7 @@
 #include <fstream>
 
 #include "realtime/kernel/input_error.hpp"
+#include "telemetry/monitor/export/export_files.hpp"
 #include "telemetry/monitor/frame_feed.hpp"
 #include "telemetry/monitor/session_files.hpp"
 #include "telemetry/wire/bundle.hpp"
@@ -150,6 +151,7 @@ TEST_F(Session, AFullDiskEndsNothingAndNothingIsAcknowledgedThatItDidNotTake) {
   const auto packets = packetsOf(200);
   MonitorModel model;
   SessionFiles files(folder_);
+  ExportFiles exports(folder_);
   std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
   const auto take = [&](std::size_t from, std::size_t to) {
     for (std::size_t k = from; k < to; ++k)
@@ -171,15 +173,20 @@ TEST_F(Session, AFullDiskEndsNothingAndNothingIsAcknowledgedThatItDidNotTake) {
   {
     const fathom::test::FullDisk full(fs::file_size(folder_ / "received.bin") + 50);
     take(third, 2 * third);
-    files.save(model);
+    ModelView view;
+    view.take(model);
+    exports.save(view);
+    EXPECT_NE(exports.trouble(), "");
     EXPECT_FALSE(files.keep());
     EXPECT_NE(files.trouble().find("received.bin"), std::string::npos);
     EXPECT_EQ(acknowledged(2), before);
   }
   take(2 * third, packets.size());
   EXPECT_TRUE(files.keep());
-  files.save(model);
-  EXPECT_EQ(files.trouble(), "");
+  ModelView view;
+  view.take(model);
+  exports.save(view);
+  EXPECT_EQ(files.trouble() + exports.trouble(), "");
   const auto first = acknowledged(3), second = acknowledged(4);  // one of them looks back
   EXPECT_GT(std::max(*first, *second), *before);
   MonitorModel again;
@@ -193,14 +200,17 @@ TEST_F(Session, AFullDiskEndsNothingAndNothingIsAcknowledgedThatItDidNotTake) {
 TEST_F(Session, SavesWholeExportsAndKeepsALineAFrame) {
   MonitorModel model;
   SessionFiles files(folder_);
-  files.save(model);
+  ExportFiles exports(folder_);
+  ModelView view;
+  exports.save(view);
   EXPECT_FALSE(fs::exists(folder_ / "map.ply") || fs::exists(folder_ / "track.geojson"));
   std::size_t frames = 0;
   for (const auto& packet : packetsOf(150)) {
     files.log(model.accept(packet.bytes, packet.utc_ns), packet.bytes, packet.utc_ns, true);
     ++frames;
   }
-  files.save(model);
+  view.take(model);
+  exports.save(view);
   for (const char* name : {"map.ply", "elevation.tif", "colour.tif", "track.geojson"})
     EXPECT_GT(fs::file_size(folder_ / name), 200U) << name;
   for (const auto& entry : fs::directory_iterator(folder_)) EXPECT_NE(entry.path().extension(), ".tmp");

@@ -9,6 +9,7 @@
 
 #include "telemetry/monitor/web/page_requests.hpp"
 #include "telemetry/monitor/web/web_server.hpp"
+#include "telemetry/web/access.hpp"
 #include "tests/monitor/sample_dive.hpp"
 
 namespace fathom::monitor {

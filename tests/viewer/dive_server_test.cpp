@@ -5,6 +5,8 @@
 // The resolver's header, which httplib brings, takes a name that Eigen uses.
 #undef _res
 
+#include <sys/stat.h>
+
 #include <fstream>
 #include <nlohmann/json.hpp>
 
@@ -67,6 +69,46 @@ TEST_F(DiveServer, ImagesAreServedFromWhereverTheSceneSaysAndNothingAroundThem) 
        {"/images/../../secret.txt", "/images/..%2f..%2fsecret.txt", "/images/%2e%2e/%2e%2e/secret.txt",
         "/images//../topside/scene.json", "/images/..%2ftopside%2fscene.json", "/images/"})
     EXPECT_EQ(client.Get(path)->status, 404) << path;
+}
+
+TEST_F(DiveServer, OfTheImageFolderPicturesAloneAreServedWhateverFolderItIs) {
+  write("home/.ssh/id_rsa", "secret");
+  write("home/notes.txt", "secret");
+  write("home/page.svg", "<svg onload='1'/>");
+  write("home/PICTURE.PNG", "png");
+  fs::create_symlink(root_ / "home/.ssh/id_rsa", root_ / "home/key.tif");
+  fs::create_symlink(root_ / "mission/img/PR_1_LC16.tif", root_ / "home/linked.tif");
+  ASSERT_EQ(::mkfifo((root_ / "home/pipe.tif").c_str(), 0600), 0);
+  write("mission/topside/scene.json", R"({"format":1,"image_folder":")" + (root_ / "home").string() + "\"}");
+  const web::PageServer server = serveDive(findDive(root_ / "mission"), root_ / "page", 0);
+  httplib::Client client("127.0.0.1", server.port());
+  EXPECT_EQ(client.Get("/images/PICTURE.PNG")->body, "png");
+  EXPECT_EQ(client.Get("/images/linked.tif")->body, "image");
+  for (const char* path : {"/images/.ssh/id_rsa", "/images/notes.txt", "/images/page.svg", "/images/key.tif",
+                           "/images/pipe.tif"})
+    EXPECT_EQ(client.Get(path)->status, 404) << path;
+}
+
+TEST_F(DiveServer, NoFileOfADiveRunsInTheBrowser) {
+  for (const char* name : {"report.html", "a.svg", "a.js", "a.HTM", "a.xhtml", "a.css"})
+    write(std::string("mission/topside/") + name, "<script>1</script>");
+  const web::PageServer server = serveDive(findDive(root_ / "mission"), root_ / "page", 0);
+  httplib::Client client("127.0.0.1", server.port());
+  for (const char* path :
+       {"/dive/report.html", "/dive/a.svg", "/dive/a.js", "/dive/a.HTM", "/dive/a.xhtml", "/dive/a.css",
+        "/dive/scene.json", "/dive/tiles/0/0_0.glb", "/images/PR_1_LC16.tif"}) {
+    const auto got = client.Get(path);
+    EXPECT_EQ(got->status, 200) << path;
+    EXPECT_EQ(got->get_header_value("Content-Security-Policy"), "default-src 'none'; sandbox") << path;
+    const std::string type = got->get_header_value("Content-Type");
+    for (const char* active : {"html", "svg", "script", "css"})
+      EXPECT_EQ(type.find(active), std::string::npos) << path << ' ' << type;
+  }
+  EXPECT_EQ(client.Get("/dive/report.html")->get_header_value("Content-Disposition"), "attachment");
+  EXPECT_EQ(client.Get("/dive/scene.json")->get_header_value("Content-Disposition"), "");
+  const std::string policy = client.Get("/")->get_header_value("Content-Security-Policy");
+  EXPECT_EQ(policy.find("unsafe-inline"), std::string::npos);
+  EXPECT_EQ(policy.find("'unsafe-eval'"), std::string::npos);
 }
 
 TEST_F(DiveServer, ADiveWhoseImagesAreNotThereIsServedWithoutThem) {

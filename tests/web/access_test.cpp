@@ -2,6 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <fstream>
+
+#include "realtime/kernel/input_error.hpp"
+#include "tests/support/test_data.hpp"
+
 namespace fathom::web {
 namespace {
 
@@ -47,6 +52,28 @@ TEST(Access, WithoutATokenOnlyThisMachinesNamesEnter) {
     EXPECT_EQ(judge(host), AccessVerdict::kForbidden) << host;
   EXPECT_NE(makeToken(), makeToken());
   EXPECT_EQ(makeToken().size(), 32U);
+}
+
+TEST(Access, ATokenComesFromAFileOfOneLine) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "token";
+  const auto read = [&](const std::string& text, std::string& warning) {
+    std::ofstream(file, std::ios::binary) << text;
+    return readToken(file, warning);
+  };
+  std::string warning;
+  EXPECT_EQ(read("0123456789abcdef\n", warning), kToken);
+  EXPECT_NE(warning, "") << "others may read it";
+  std::filesystem::permissions(file, std::filesystem::perms::owner_all);
+  warning.clear();
+  EXPECT_EQ(read(kToken, warning), kToken);
+  EXPECT_EQ(warning, "");
+  for (const std::string& bad : {std::string(), std::string("short"), std::string("two lines\nand more"),
+                                 std::string("0123456789abcdef\n\n"), std::string(129, 'x'),
+                                 std::string(10'000, 'x'), std::string("header\r\nX: 1")})
+    EXPECT_THROW((void)read(bad, warning), InputError) << bad;
+  EXPECT_THROW((void)readToken(folder.path() / "absent", warning), InputError);
+  EXPECT_THROW((void)readToken(folder.path(), warning), InputError);
 }
 
 }  // namespace

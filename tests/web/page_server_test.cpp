@@ -5,21 +5,20 @@
 // The resolver's header, which httplib brings, takes a name that Eigen uses.
 #undef _res
 
-#include <sys/socket.h>
-#include <unistd.h>
-
-#include <array>
 #include <atomic>
 #include <fstream>
 
 #include "realtime/kernel/input_error.hpp"
+#include "telemetry/web/access.hpp"
 #include "telemetry/web/served_folder.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/web/raw_client.hpp"
 
 namespace fathom::web {
 namespace {
 
 namespace fs = std::filesystem;
+using test::answerTo;
 
 class Pages : public testing::Test {
  protected:
@@ -37,41 +36,18 @@ class Pages : public testing::Test {
   [[nodiscard]] PageServer serve(PageServerConfig config = {}) const {
     config.page = pageFolder(root_ / "page", "test");
     config.option = "--port";
-    return PageServer(config, [this](httplib::Server& server) {
-      server.Post("/api/echo", [this](const httplib::Request& request, httplib::Response& response) {
-        ++echoed_;
-        response.set_content(request.body, "text/plain");
-      });
+    Routes routes;
+    routes.post("/api/echo", [this](const Request& request) {
+      ++echoed_;
+      return answer(request.body, "text/plain");
     });
+    return PageServer(config, std::move(routes));
   }
   test::TemporaryFolder scratch_;
   fs::path root_ = scratch_.path();
   std::string large_ = std::string(300'000, '\0');
   mutable std::atomic<int> echoed_ = 0;
 };
-
-// What a server answers, until it closes the connection, to bytes as they are.
-std::string answerTo(int port, const std::string& bytes) {
-  const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
-  sockaddr_in to{};
-  to.sin_family = AF_INET;
-  to.sin_port = htons(static_cast<std::uint16_t>(port));
-  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  const timeval patience{5, 0};
-  ::setsockopt(socket, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
-  EXPECT_EQ(::connect(socket, reinterpret_cast<const sockaddr*>(&to), sizeof to), 0);
-  for (std::size_t sent = 0; sent < bytes.size();) {
-    const ssize_t n = ::send(socket, bytes.data() + sent, bytes.size() - sent, MSG_NOSIGNAL);
-    if (n <= 0) break;
-    sent += static_cast<std::size_t>(n);
-  }
-  std::string answer;
-  std::array<char, 4096> part{};
-  for (ssize_t n; (n = ::recv(socket, part.data(), part.size(), 0)) > 0;)
-    answer.append(part.data(), static_cast<std::size_t>(n));
-  ::close(socket);
-  return answer;
-}
 
 // A page of another site can make a browser post any body, but neither the page's header nor another method
 // to choose: no request may hide in the body of one that was refused.
@@ -127,6 +103,10 @@ TEST_F(Pages, EveryAnswerForbidsKeepingFramingAndGuessing) {
     EXPECT_EQ(answer->get_header_value("X-Frame-Options"), "DENY") << path;
     EXPECT_EQ(answer->get_header_value("Referrer-Policy"), "no-referrer") << path;
     EXPECT_EQ(answer->get_header_value("Cross-Origin-Resource-Policy"), "same-origin") << path;
+    const std::string policy = answer->get_header_value("Content-Security-Policy");
+    EXPECT_NE(policy.find("default-src 'none'; script-src 'self'; connect-src 'self' "), std::string::npos)
+        << path;
+    EXPECT_EQ(policy.find("unsafe"), std::string::npos) << path;
   }
 }
 
@@ -155,7 +135,17 @@ TEST_F(Pages, PartsOfAFileAreServed) {
   EXPECT_EQ(client.Get("/parts/large.tif", {httplib::make_range_header({{262'144, -1}})})->body,
             large_.substr(262'144));
   EXPECT_EQ(client.Get("/parts/large.tif", {{"Range", "bytes=-1000"}})->body, large_.substr(299'000));
-  EXPECT_EQ(client.Get("/parts/large.tif", {httplib::make_range_header({{300'000, 300'010}})})->status, 416);
+  EXPECT_EQ(part->get_header_value("Content-Range"), "bytes 65000-199999/300000");
+  for (const char* beyond : {"bytes=300000-300010", "bytes=300000-", "bytes=-0"})
+    EXPECT_EQ(client.Get("/parts/large.tif", {{"Range", beyond}})->status, 416) << beyond;
+  for (const char* none :
+       {"bytes=5-4", "bytes=a-b", "bytes=-", "lines=1-2", "bytes=0-1,5-6", "bytes=99999999999999999999-1"})
+    EXPECT_EQ(client.Get("/parts/large.tif", {{"Range", none}})->body.size(), large_.size()) << none;
+  EXPECT_EQ(client.Get("/parts/large.tif", {{"Range", "bytes=-999999"}})->body, large_);
+  EXPECT_EQ(client.Get("/parts/empty.css", {{"Range", "bytes=0-"}})->status, 416);
+  const auto head = client.Head("/parts/large.tif");
+  EXPECT_EQ(head->get_header_value("Content-Length"), "300000");
+  EXPECT_EQ(head->body, "");
 }
 
 TEST_F(Pages, WhatIsPostedNeedsThePagesHeaderAndStaysInItsBounds) {

@@ -1,6 +1,5 @@
 #include "recon/topside/viewer/dive_server.hpp"
 
-#include <httplib.h>
 #include <ogr_spatialref.h>
 
 #include <fstream>
@@ -8,6 +7,7 @@
 #include <string>
 
 #include "realtime/kernel/input_error.hpp"
+#include "telemetry/web/served_folder.hpp"
 
 namespace fathom::topside {
 
@@ -36,9 +36,16 @@ ServedDive findDive(const std::filesystem::path& folder) {
 
 namespace {
 
-// A projected coordinate reference system in proj4's words; "" for a code that PROJ does not know, or one
-// that is in no metres, which the page's measures are.
+// Three's decoders of tiles: WebAssembly in workers that the page makes.
+constexpr const char* kDecoders = " blob: 'wasm-unsafe-eval'";
+
+// A projected coordinate reference system in proj4's words; "" for what is no code of four to six digits, a
+// code that PROJ does not know, or one that is in no metres, which the page's measures are.
 std::string projectionOf(const std::string& epsg) {
+  constexpr std::size_t kLeastDigits = 4, kMostDigits = 6;
+  if (epsg.size() < kLeastDigits || epsg.size() > kMostDigits ||
+      epsg.find_first_not_of("0123456789") != std::string::npos)
+    return {};
   OGRSpatialReference srs;
   CPLPushErrorHandler(CPLQuietErrorHandler);
   char* text = nullptr;
@@ -58,24 +65,29 @@ web::PageServer serveDive(const ServedDive& dive, const std::filesystem::path& p
   config.port = port;
   config.option = "--port";
   config.page = page;
-  return web::PageServer(config, [&](httplib::Server& server) {
-    nlohmann::json view{{"dive", "dive/"},
-                        {"images", nullptr},
-                        {"name", std::filesystem::weakly_canonical(dive.output).string()}};
-    if (dive.hasImages()) view["images"] = "images/";
-    server.Get("/view.json", [text = view.dump()](const httplib::Request&, httplib::Response& response) {
-      response.set_content(text, "application/json");
-    });
-    server.Get(R"(/crs/(\d{4,6}))", [](const httplib::Request& request, httplib::Response& response) {
-      const std::string definition = projectionOf(request.matches[1]);
-      if (definition.empty())
-        response.status = 404;
-      else
-        response.set_content(definition, "text/plain");
-    });
-    web::serveFolder(server, "/dive/", dive.output);
-    if (dive.hasImages()) web::serveFolder(server, "/images/", dive.images);
+  config.more_scripts = kDecoders;
+  nlohmann::json view{{"dive", "dive/"},
+                      {"images", nullptr},
+                      {"name", std::filesystem::weakly_canonical(dive.output).string()}};
+  if (dive.hasImages()) view["images"] = "images/";
+  web::Routes routes;
+  routes.get("/view.json",
+             [text = view.dump()](const web::Request&) { return web::answer(text, "application/json"); });
+  routes.getBelow("/crs/", [](const web::Request& request) {
+    const std::string definition = projectionOf(request.below);
+    return definition.empty() ? web::refusal(web::status::kNotFound, "There is no such projection in metres.")
+                              : web::answer(definition, "text/plain");
   });
+  routes.getBelow("/dive/", [folder = dive.output](const web::Request& request) {
+    return web::dataResponse(web::fileInside(folder, request.below), request);
+  });
+  if (dive.hasImages())
+    routes.getBelow("/images/", [folder = dive.images](const web::Request& request) {
+      auto file = web::fileInside(folder, request.below);
+      if (file && !web::isPicture(*file)) file.reset();
+      return web::dataResponse(file, request);
+    });
+  return web::PageServer(config, std::move(routes));
 }
 
 }  // namespace fathom::topside

@@ -19,8 +19,9 @@ struct ServedDive {
 
 // Serves a dive to browsers on this machine (127.0.0.1 alone): `/` the page, `/dive/` the output, `/images/`
 // where they are, `/view.json`, which tells the page so, and `/crs/28355`, the projection of an EPSG code as
-// proj4 reads it. Nothing can be changed through it. Port 0: any that is free; throws InputError where it
-// cannot be had.
+// proj4 reads it. Nothing can be changed through it. A dive may come from anyone: of the image folder
+// pictures alone are served, and no file of either can run in the browser. Port 0: any that is free; throws
+// InputError where it cannot be had.
 [[nodiscard]] web::PageServer serveDive(const ServedDive& dive, const std::filesystem::path& page, int port);
 
 }  // namespace fathom::topside

@@ -18,10 +18,10 @@ constexpr double kDegree = std::numbers::pi / 180;
 constexpr const char* kNoOrigin =
     "the mission's origin has not arrived yet, so nothing can be placed on the Earth";
 
-std::string plyOf(const MonitorModel& model) {
+std::string plyOf(ModelView& view) {
   std::vector<std::string> comments{"nav frame: x north, y east, z down [m]",
                                     "as received over the acoustic link"};
-  if (const auto& mission = model.mission()) {
+  if (const auto& mission = view.mission()) {
     std::ostringstream origin;
     origin.precision(10);
     origin << "origin " << mission->origin.latitude / kDegree << ' ' << mission->origin.longitude / kDegree
@@ -29,26 +29,26 @@ std::string plyOf(const MonitorModel& model) {
     comments.push_back(origin.str());
   }
   std::ostringstream out;
-  writePly(out, model.map().surface().whole(), comments);
+  writePly(out, view.surface().whole(), comments);
   return std::move(out).str();
 }
 
 }  // namespace
 
-std::string trackGeoJson(const MonitorModel& model) {
-  if (!model.mission() || model.track().empty()) return {};
-  const LocalTransverseMercator projection(model.mission()->origin);
+std::string trackGeoJson(const ModelView& view) {
+  if (!view.mission() || view.track().empty()) return {};
+  const LocalTransverseMercator projection(view.mission()->origin);
   const auto position = [&](const TrackRecord& p) {
     const Geodetic g = projection.toGeodetic({p.north, p.east});
     return ordered_json{g.longitude / kDegree, g.latitude / kDegree, -p.depth};
   };
   ordered_json line = ordered_json::array(), times = ordered_json::array();
-  for (const auto& [utc_ns, p] : model.track()) {
+  for (const auto& [utc_ns, p] : view.track()) {
     line.push_back(position(p));
     times.push_back(static_cast<double>(utc_ns) * 1e-9);
   }
   ordered_json features = ordered_json::array();
-  const auto identity = model.receiver().identity().value_or(telemetry::LinkIdentity{});
+  const auto identity = view.identity();
   const ordered_json last_position = line.back();
   // GeoJSON wants at least two positions in a line.
   if (line.size() > 1)
@@ -57,7 +57,7 @@ std::string trackGeoJson(const MonitorModel& model) {
                         {"geometry", {{"type", "LineString"}, {"coordinates", line}}}});
   features.push_back({{"type", "Feature"},
                       {"properties",
-                       {{"name", model.mission()->vehicle_name},
+                       {{"name", view.mission()->vehicle_name},
                         {"vehicle_id", identity.vehicle_id},
                         {"dive_id", identity.dive_id},
                         {"utc_s", times.back()}}},
@@ -65,28 +65,28 @@ std::string trackGeoJson(const MonitorModel& model) {
   return ordered_json{{"type", "FeatureCollection"}, {"features", features}}.dump(1) + "\n";
 }
 
-Export makeExport(const MonitorModel& model, std::string_view name) {
+Export makeExport(ModelView& view, std::string_view name) {
   Export out;
   if (name == "track.geojson") {
     out.type = "application/geo+json";
-    out.bytes = trackGeoJson(model);
-    if (out.bytes.empty()) out.why = model.mission() ? "no position has arrived yet" : kNoOrigin;
+    out.bytes = trackGeoJson(view);
+    if (out.bytes.empty()) out.why = view.mission() ? "no position has arrived yet" : kNoOrigin;
     return out;
   }
-  if (model.map().store().size() == 0) {
+  if (view.store().size() == 0) {
     out.why = "no map has arrived yet";
     return out;
   }
   if (name == "map.ply") {
-    out.bytes = plyOf(model);
+    out.bytes = plyOf(view);
     return out;
   }
-  if (!model.mission()) {
+  if (!view.mission()) {
     out.why = kNoOrigin;
     return out;
   }
   out.type = "image/tiff";
-  const auto raster = rasterOf(model.map().store(), model.map().surface(), model.mission()->origin);
+  const auto raster = rasterOf(view.store(), view.surface(), view.mission()->origin);
   if (!raster) {
     out.why = "the map has no surface yet";
     return out;

@@ -4,7 +4,7 @@
 #include <string>
 #include <string_view>
 
-#include "telemetry/monitor/model/monitor_model.hpp"
+#include "telemetry/monitor/model/model_view.hpp"
 
 namespace fathom::monitor {
 
@@ -19,10 +19,10 @@ inline constexpr std::array<std::string_view, 4> kExportNames{"map.ply", "elevat
                                                               "track.geojson"};
 
 // Makes one of kExportNames from what has been received. Throws std::runtime_error when GDAL fails.
-[[nodiscard]] Export makeExport(const MonitorModel& model, std::string_view name);
+[[nodiscard]] Export makeExport(ModelView& view, std::string_view name);
 
 // The track and the vehicle as GeoJSON (WGS84 degrees, height = minus depth); empty without the mission's
 // origin.
-[[nodiscard]] std::string trackGeoJson(const MonitorModel& model);
+[[nodiscard]] std::string trackGeoJson(const ModelView& view);
 
 }  // namespace fathom::monitor

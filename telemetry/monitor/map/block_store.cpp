@@ -58,7 +58,13 @@ std::uint32_t BlockStore::chunkSlot(const BlockKey& key) {
 
 const BlockStore::Chunk* BlockStore::chunk(ChunkKey key) const {
   const auto found = chunks_.find(key);
-  return found == chunks_.end() ? nullptr : &found->second;
+  return found == chunks_.end() ? nullptr : found->second.get();
+}
+
+BlockStore::Chunk& BlockStore::own(std::shared_ptr<const Chunk>& held) {
+  if (held == nullptr) held = std::make_shared<Chunk>();
+  if (held.use_count() > 1) held = std::make_shared<Chunk>(*held);
+  return const_cast<Chunk&>(*held);  // made above or in an earlier call, and never constant
 }
 
 const StoredBlock* BlockStore::find(const BlockKey& key) const {
@@ -103,7 +109,7 @@ bool BlockStore::put(const MapBlock& block, const Origin& origin) {
     return true;
   }
   withdrawn_.erase(block.key);
-  auto& level = chunks_[chunkOf(block.key)].levels[block.key.spacing];
+  auto& level = own(chunks_[chunkOf(block.key)]).levels[block.key.spacing];
   const auto [at, is_new] = level.try_emplace(chunkSlot(block.key));
   StoredBlock& stored = at->second;
   if (is_new) {
@@ -147,28 +153,29 @@ void BlockStore::touch(const BlockKey& key) {
   for (int code = kCoarsestCode; code > coarsest; --code)
     if (counts_[static_cast<std::size_t>(code)] > 0) coarsest = code;
   // A neighbour's mesh looks at most one cell of the coarsest spacing across the border.
-  const ChunkKey own = chunkOf(key);
+  const ChunkKey home = chunkOf(key);
   const Unit size = Unit{MapBlock::kSide} << key.spacing, margin = Unit{1} << coarsest;
-  const Unit north = static_cast<Unit>(key.north * size - own.north * kChunkUnits);
-  const Unit east = static_cast<Unit>(key.east * size - own.east * kChunkUnits);
+  const Unit north = static_cast<Unit>(key.north * size - home.north * kChunkUnits);
+  const Unit east = static_cast<Unit>(key.east * size - home.east * kChunkUnits);
   for (std::int32_t dn = -1; dn <= 1; ++dn) {
     for (std::int32_t de = -1; de <= 1; ++de) {
       if ((dn < 0 && north > margin) || (dn > 0 && north + size + margin < kChunkUnits)) continue;
       if ((de < 0 && east > margin) || (de > 0 && east + size + margin < kChunkUnits)) continue;
-      const auto found = chunks_.find({own.north + dn, own.east + de});
-      if (found != chunks_.end()) found->second.version = version_;
+      const auto found = chunks_.find({home.north + dn, home.east + de});
+      if (found != chunks_.end()) own(found->second).version = version_;
     }
   }
 }
 
 void BlockStore::remove(const BlockKey& key) {
   const auto in = chunks_.find(chunkOf(key));
-  in->second.levels[key.spacing].erase(chunkSlot(key));
+  Chunk& chunk = own(in->second);
+  chunk.levels[key.spacing].erase(chunkSlot(key));
   --size_;
   --counts_[key.spacing];
   touch(key);
-  const bool empty = std::all_of(in->second.levels.begin(), in->second.levels.end(),
-                                 [](const auto& level) { return level.empty(); });
+  const bool empty =
+      std::all_of(chunk.levels.begin(), chunk.levels.end(), [](const auto& level) { return level.empty(); });
   if (!empty) return;
   chunks_.erase(in);
   ++generation_;

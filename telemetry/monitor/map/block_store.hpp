@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <deque>
 #include <map>
+#include <memory>
 #include <unordered_map>
 
 #include "telemetry/map/map_block.hpp"
@@ -41,7 +42,8 @@ struct StoredBlock {
 
 // The map as received: of every block the content of the newest frame, in whatever order they came. Bounded:
 // when it is full, the oldest block of the finest spacing gives way, so that the map loses resolution before
-// it loses ground; counted.
+// it loses ground; counted. A copy is cheap: it shares the chunks until one of the two changes them. Another
+// thread may read it, but it is made and replaced while the original is left alone.
 class BlockStore {
  public:
   static constexpr std::size_t kDefaultBlocks = 65536;  // 10 times a 7,500 m2 dive at 25 cm
@@ -67,7 +69,8 @@ class BlockStore {
     std::array<std::unordered_map<std::uint32_t, StoredBlock>, kLevels> levels;
     std::uint64_t version = 0;  // of the store, when something in the chunk or near its border changed last
   };
-  [[nodiscard]] const std::map<ChunkKey, Chunk>& chunks() const { return chunks_; }
+  using Chunks = std::map<ChunkKey, std::shared_ptr<const Chunk>>;
+  [[nodiscard]] const Chunks& chunks() const { return chunks_; }
   [[nodiscard]] const Chunk* chunk(ChunkKey key) const;
   [[nodiscard]] const StoredBlock* find(const telemetry::BlockKey& key) const;
 
@@ -92,6 +95,8 @@ class BlockStore {
   [[nodiscard]] const Counters& counters() const { return counters_; }
 
  private:
+  // To change: one that no copy shares.
+  [[nodiscard]] static Chunk& own(std::shared_ptr<const Chunk>& held);
   void touch(const telemetry::BlockKey& key);
   void evict();
   void remove(const telemetry::BlockKey& key);
@@ -101,7 +106,7 @@ class BlockStore {
   // Older frames do not come later than the receiver's window lets them.
   static constexpr std::size_t kMaxWithdrawn = 65536;
   std::size_t max_blocks_;
-  std::map<ChunkKey, Chunk> chunks_;
+  Chunks chunks_;
   std::array<std::size_t, kLevels> counts_{};
   std::array<std::deque<telemetry::BlockKey>, kLevels> arrivals_;  // each held block once, oldest first
   std::map<telemetry::BlockKey, telemetry::Version> withdrawn_;    // by which frame

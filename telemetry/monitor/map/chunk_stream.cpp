@@ -82,7 +82,7 @@ std::string mapBinary(const BlockStore& store, Surface& surface, std::uint64_t s
                       std::int64_t base_utc_ns) {
   std::vector<std::pair<std::uint64_t, ChunkKey>> changed;
   for (const auto& [key, chunk] : store.chunks())
-    if (chunk.version > since) changed.emplace_back(chunk.version, key);
+    if (chunk->version > since) changed.emplace_back(chunk->version, key);
   std::sort(changed.begin(), changed.end());
 
   std::string out = "FMAP";

@@ -7,7 +7,6 @@
 
 #include "telemetry/map/map_packet.hpp"
 #include "telemetry/monitor/map/block_store.hpp"
-#include "telemetry/monitor/map/surface.hpp"
 #include "telemetry/tiles/tile_fragments.hpp"
 
 namespace fathom::monitor {
@@ -15,10 +14,7 @@ namespace fathom::monitor {
 // The map of a dive from both codecs: packets of blocks, and whole tiles (requested detail on fast links).
 class ReceivedMap {
  public:
-  explicit ReceivedMap(std::size_t max_blocks = BlockStore::kDefaultBlocks)
-      : store_(max_blocks), surface_(store_) {}
-  ReceivedMap(const ReceivedMap&) = delete;
-  ReceivedMap& operator=(const ReceivedMap&) = delete;
+  explicit ReceivedMap(std::size_t max_blocks = BlockStore::kDefaultBlocks) : store_(max_blocks) {}
 
   // Takes the payload of a map packet that came with that frame; false if it is none.
   [[nodiscard]] bool takePacket(std::span<const std::uint8_t> payload, telemetry::Version version,
@@ -31,8 +27,6 @@ class ReceivedMap {
 
   [[nodiscard]] const BlockStore& store() const { return store_; }
   [[nodiscard]] std::uint64_t version() const { return store_.version(); }
-  // Meshes are made when asked for, so that reading changes the cache: one thread at a time.
-  [[nodiscard]] Surface& surface() const { return surface_; }
   [[nodiscard]] std::uint64_t packets() const { return packets_; }
   [[nodiscard]] std::uint64_t staleTiles() const { return stale_tiles_; }
 
@@ -45,7 +39,6 @@ class ReceivedMap {
   static constexpr std::size_t kMaxTilePlaces = 20000;
 
   BlockStore store_;
-  mutable Surface surface_;
   telemetry::MapPacketDecoder decoder_;
   telemetry::DecodedMapPacket packet_;
   std::map<TilePlace, std::uint16_t> revisions_;  // the newest of each place

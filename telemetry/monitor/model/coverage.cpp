@@ -55,7 +55,7 @@ Coverage coverageOf(const Track& track, const BlockStore& store, std::int64_t no
   SquareMap received;
   const std::int64_t recent = now_utc_ns - static_cast<std::int64_t>(kRecent_s * 1e9);
   for (const auto& [key, chunk] : store.chunks()) {
-    for (const auto& level : chunk.levels) {
+    for (const auto& level : chunk->levels) {
       for (const auto& [slot, stored] : level) {
         markReceived(stored.block, received);
         if (stored.changed_utc_ns > recent && stored.changed_utc_ns != 0) {

@@ -178,13 +178,4 @@ std::size_t MonitorModel::speak(std::int64_t utc_ns, std::span<std::uint8_t> out
   return size;
 }
 
-const Coverage& MonitorModel::coverage(std::int64_t now_utc_ns) const {
-  if (coverage_map_ != map_.version() || coverage_track_ != track_version_) {
-    coverage_ = coverageOf(track_, map_.store(), now_utc_ns);
-    coverage_map_ = map_.version();
-    coverage_track_ = track_version_;
-  }
-  return coverage_;
-}
-
 }  // namespace fathom::monitor

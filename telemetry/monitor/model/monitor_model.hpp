@@ -64,12 +64,11 @@ class MonitorModel {
   [[nodiscard]] const telemetry::TileReassembler& reassembler() const { return reassembler_; }
   // Track points by time, status positions included.
   [[nodiscard]] const Track& track() const { return track_; }
+  [[nodiscard]] std::uint64_t trackVersion() const { return track_version_; }
   [[nodiscard]] const LinkHistory& history() const { return history_; }
   // Accepted frames by message type.
   [[nodiscard]] std::uint64_t accepted(telemetry::MessageType type) const;
   [[nodiscard]] std::optional<std::int64_t> lastAcceptedUtcNs() const { return last_accepted_utc_ns_; }
-  // Of now; computed anew when map or track have grown. One thread at a time.
-  [[nodiscard]] const Coverage& coverage(std::int64_t now_utc_ns) const;
 
  private:
   // The ship speaks in the vehicle's time, where its own clock is off, or the vehicle's: what is said is then
@@ -105,8 +104,6 @@ class MonitorModel {
   std::optional<std::int64_t> last_accepted_utc_ns_, clocks_apart_ns_;
   std::optional<std::int64_t> last_apart_ns_;  // of the last status, shown or not
   std::uint64_t version_ = 0, track_version_ = 0;
-  mutable Coverage coverage_;
-  mutable std::uint64_t coverage_map_ = 0, coverage_track_ = 0;
 };
 
 }  // namespace fathom::monitor

@@ -27,7 +27,8 @@ struct PlaybackWish {
   std::optional<bool> playing;
 };
 
-// What the receiving thread and the web server share; everything under the mutex.
+// What the receiving thread and the others share; everything under the mutex. Reception waits for it: hold it
+// for milliseconds, and work on a ModelView.
 struct SharedModel {
   SharedModel(std::optional<telemetry::LinkIdentity> only, const std::optional<telemetry::LinkKey>& key,
               std::uint64_t first_epoch)
@@ -64,7 +65,6 @@ struct SharedModel {
   bool listens = false;         // and never speaks
   std::optional<Playback> playback;
   std::vector<PlaybackWish> wishes;
-  bool closing = false;
 };
 
 }  // namespace fathom::monitor

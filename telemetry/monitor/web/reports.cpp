@@ -80,9 +80,9 @@ ordered_json linkJson(const MonitorModel& model, std::int64_t now_utc_ns) {
           {"tiles_undecodable", tiles.undecodable + tiles.conflicting}};
 }
 
-ordered_json mapJson(const MonitorModel& model, std::int64_t now_utc_ns) {
-  const BlockStore& store = model.map().store();
-  const Coverage& coverage = model.coverage(now_utc_ns);
+ordered_json mapJson(ModelView& view) {
+  const BlockStore& store = view.store();
+  const Coverage& coverage = view.coverage();
   ordered_json levels = ordered_json::array();
   for (telemetry::SpacingCode code = kCoarsestCode + 1; code-- > 0;)
     if (store.size(code) > 0)
@@ -90,7 +90,7 @@ ordered_json mapJson(const MonitorModel& model, std::int64_t now_utc_ns) {
   return {{"chunks", store.chunks().size()},
           {"blocks", store.size()},
           {"levels", levels},
-          {"area_m2", model.map().surface().area()},
+          {"area_m2", view.surface().area()},
           {"pending_m2", coverage.pending.size()},
           {"changed_m2", coverage.changed_area},
           {"changed_blocks", store.counters().changed},
@@ -136,7 +136,14 @@ std::string epochOf(const SharedModel& shared) {
   return std::to_string(shared.epoch) + "." + std::to_string(shared.model->map().store().generation());
 }
 
-std::string stateJson(const SharedModel& shared) {
+std::string epochOf(const ModelView& view) {
+  return std::to_string(view.epoch()) + "." + std::to_string(view.store().generation());
+}
+
+std::string stateJson(SharedModel& shared, ModelView& view) {
+  view.refresh(shared);
+  ordered_json map = mapJson(view);
+  const std::lock_guard lock(shared.mutex);
   const MonitorModel& model = *shared.model;
   ordered_json json{
       {"epoch", epochOf(shared)},
@@ -168,14 +175,14 @@ std::string stateJson(const SharedModel& shared) {
                        {"schema_differs", model.schemaDiffers()}};
   json["status"] = model.status() ? statusJson(*model.status(), model.health()) : ordered_json(nullptr);
   json["link"] = linkJson(model, shared.now_utc_ns);
-  json["map"] = mapJson(model, shared.now_utc_ns);
+  json["map"] = std::move(map);
   json["downlink"] = downlinkJson(shared);
   return json.dump();
 }
 
-std::string trackJson(const MonitorModel& model) {
+std::string trackJson(const ModelView& view) {
   ordered_json points = ordered_json::array();
-  for (const auto& [utc_ns, p] : model.track()) points.push_back({seconds(utc_ns), p.north, p.east, p.depth});
+  for (const auto& [utc_ns, p] : view.track()) points.push_back({seconds(utc_ns), p.north, p.east, p.depth});
   return ordered_json{{"points", points}}.dump();
 }
 
@@ -189,13 +196,12 @@ std::string historyJson(const MonitorModel& model) {
   return ordered_json{{"start_utc_s", seconds(history.start())}, {"step_s", step_s}, {"steps", steps}}.dump();
 }
 
-std::string profileJson(const MonitorModel& model, double north0, double east0, double north1, double east1) {
+std::string profileJson(const Surface& surface, double north0, double east0, double north1, double east1) {
   ordered_json points = ordered_json::array();
   const double length = std::hypot(north1 - north0, east1 - east0);
   for (int k = 0; k <= kProfilePoints; ++k) {
     const double f = static_cast<double>(k) / kProfilePoints;
-    const auto point =
-        model.map().surface().sample(north0 + f * (north1 - north0), east0 + f * (east1 - east0));
+    const auto point = surface.sample(north0 + f * (north1 - north0), east0 + f * (east1 - east0));
     if (point)
       points.push_back({rounded(f * length, 1e-3), rounded(point->depth, 1e-3), rounded(point->sigma, 1e-3)});
     else

@@ -1,17 +1,16 @@
 #include "telemetry/monitor/web/web_server.hpp"
 
-#include <httplib.h>
-
-#include <algorithm>
-#include <atomic>
+#include <array>
 #include <charconv>
-#include <chrono>
 #include <cmath>
+#include <mutex>
 #include <optional>
+#include <string>
 #include <thread>
 
 #include "telemetry/monitor/export/exports.hpp"
 #include "telemetry/monitor/map/chunk_stream.hpp"
+#include "telemetry/monitor/model/model_view.hpp"
 #include "telemetry/monitor/web/page_requests.hpp"
 #include "telemetry/monitor/web/reports.hpp"
 
@@ -19,177 +18,170 @@ namespace fathom::monitor {
 namespace {
 
 using namespace std::chrono_literals;
-using httplib::Request;
-using httplib::Response;
-using web::kBadRequest, web::kBusy, web::kConflict, web::kFailed, web::kNotFound, web::refuse;
+using web::answer, web::refusal, web::Request, web::Response;
+using web::status::kBadRequest, web::status::kBusy, web::status::kConflict, web::status::kNotFound;
 
-constexpr std::size_t kThreads = 24;    // each event stream holds one
-constexpr int kMaxEventStreams = 16;    // a page refused a stream asks for the state instead
-constexpr auto kEventInterval = 250ms;  // a person does not see faster
-constexpr auto kHeartbeat = 5s;         // tells a closed connection from a quiet dive
+constexpr const char* kJson = "application/json";
+constexpr const char* kBinary = "application/octet-stream";
 
 std::uint64_t sinceOf(const Request& request) {
-  const std::string text = request.get_param_value("since");
+  const std::string text = request.parameter("since");
   std::uint64_t since = 0;
   std::from_chars(text.data(), text.data() + text.size(), since);
   return since;
+}
+
+// From n0, e0 to n1, e1 [m]; none where one is no place that a dive has.
+std::optional<std::array<double, 4>> lineOf(const Request& request) {
+  constexpr std::array<const char*, 4> kNames{"n0", "e0", "n1", "e1"};
+  std::array<double, 4> line{};
+  for (std::size_t i = 0; i < kNames.size(); ++i) {
+    const std::string text = request.parameter(kNames[i]);
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), line[i]);
+    if (error != std::errc() || end != text.data() + text.size() || !(std::abs(line[i]) <= kMaxHorizontal_m))
+      return std::nullopt;
+  }
+  return line;
 }
 
 }  // namespace
 
 struct WebServer::Impl {
   explicit Impl(SharedModel& s) : shared(s) {}
-  void reads(httplib::Server& server);
-  void exports(httplib::Server& server);
-  void posts(httplib::Server& server);
-  void events(Response& response);
+  ~Impl();
+  void addReads(web::Routes& routes);
+  void addExports(web::Routes& routes);
+  void addPosts(web::Routes& routes);
+  void tellOfGrowth();
 
   SharedModel& shared;
-  std::atomic<int> streams{0};
-  std::optional<web::PageServer> page;  // last: its threads use the rest
+  std::mutex view_mutex;  // of page_view; may wait for the model's, never the other way round
+  ModelView page_view;
+  ModelView export_view;  // of long work, which is one at a time
+  std::optional<web::PageServer> page;
+  bool closing = false;  // under the model's mutex
+  std::thread teller;    // last: it uses the rest
 };
 
-void WebServer::Impl::reads(httplib::Server& server) {
-  const auto json = [this, &server](const char* path, auto make) {
-    server.Get(path, [this, make](const Request&, Response& response) {
-      const std::lock_guard lock(shared.mutex);
-      response.set_content(make(shared), "application/json");
+void WebServer::Impl::addReads(web::Routes& routes) {
+  routes.get("/api/state", [this](const Request&) {
+    const std::lock_guard lock(view_mutex);
+    return answer(stateJson(shared, page_view), kJson);
+  });
+  routes.get("/api/history", [this](const Request&) {
+    const std::lock_guard lock(shared.mutex);
+    return answer(historyJson(*shared.model), kJson);
+  });
+  // What is made of the map or the track, from a copy.
+  const auto view = [this, &routes](const char* path, auto make) {
+    routes.get(path, [this, make](const Request& request) {
+      const std::lock_guard lock(view_mutex);
+      page_view.refresh(shared);
+      return make(request, page_view);
     });
   };
-  json("/api/state", [](const SharedModel& s) { return stateJson(s); });
-  json("/api/track", [](const SharedModel& s) { return trackJson(*s.model); });
-  json("/api/history", [](const SharedModel& s) { return historyJson(*s.model); });
-  server.Get("/api/map", [this](const Request& request, Response& response) {
-    const std::lock_guard lock(shared.mutex);
-    const MonitorModel& model = *shared.model;
-    const std::int64_t base = model.history().start();
-    response.set_header("X-Epoch", epochOf(shared));
-    response.set_content(mapBinary(model.map().store(), model.map().surface(), sinceOf(request), base),
-                         "application/octet-stream");
+  view("/api/track", [](const Request&, ModelView& v) { return answer(trackJson(v), kJson); });
+  view("/api/coverage",
+       [](const Request&, ModelView& v) { return answer(coverageBinary(v.coverage()), kBinary); });
+  view("/api/map", [](const Request& request, ModelView& v) {
+    Response map = answer(mapBinary(v.store(), v.surface(), sinceOf(request), v.historyStart()), kBinary);
+    map.headers.emplace_back("X-Epoch", epochOf(v));
+    return map;
   });
-  server.Get("/api/coverage", [this](const Request&, Response& response) {
-    const std::lock_guard lock(shared.mutex);
-    response.set_content(coverageBinary(shared.model->coverage(shared.now_utc_ns)),
-                         "application/octet-stream");
+  view("/api/profile", [](const Request& request, ModelView& v) {
+    const auto line = lineOf(request);
+    if (!line) return refusal(kBadRequest, "needs n0, e0, n1, e1: places in nav [m]");
+    return answer(profileJson(v.surface(), (*line)[0], (*line)[1], (*line)[2], (*line)[3]), kJson);
   });
-  server.Get("/api/profile", [this](const Request& request, Response& response) {
-    std::array<double, 4> line{};
-    constexpr std::array<const char*, 4> kNames{"n0", "e0", "n1", "e1"};
-    for (std::size_t i = 0; i < 4; ++i) {
-      const std::string text = request.get_param_value(kNames[i]);
-      const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), line[i]);
-      if (error != std::errc() || end != text.data() + text.size() ||
-          !(std::abs(line[i]) <= kMaxHorizontal_m))
-        return refuse(response, kBadRequest, "needs n0, e0, n1, e1: places in nav [m]");
-    }
-    const std::lock_guard lock(shared.mutex);
-    response.set_content(profileJson(*shared.model, line[0], line[1], line[2], line[3]), "application/json");
-  });
-  server.Get("/api/events", [this](const Request&, Response& response) { events(response); });
 }
 
-void WebServer::Impl::exports(httplib::Server& server) {
+void WebServer::Impl::addExports(web::Routes& routes) {
   for (const std::string_view name : kExportNames) {
-    server.Get("/api/export/" + std::string(name), [this, name](const Request&, Response& response) {
-      Export made;
-      try {
-        const std::lock_guard lock(shared.mutex);
-        made = makeExport(*shared.model, name);
-      } catch (const std::runtime_error& error) {
-        return refuse(response, kFailed, error.what());
-      }
-      if (made.bytes.empty()) return refuse(response, kNotFound, "Not yet: " + made.why + ".");
-      response.set_header("Content-Disposition", "attachment; filename=\"" + std::string(name) + "\"");
-      response.set_content(made.bytes, made.type);
-    });
+    const auto handler = [this, name](const Request&) {
+      export_view.refresh(shared);
+      Export made = makeExport(export_view, name);
+      if (made.bytes.empty()) return refusal(kNotFound, "Not yet: " + made.why + ".");
+      Response file = answer(std::move(made.bytes), made.type);
+      file.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + std::string(name) + "\"");
+      return file;
+    };
+    routes.get("/api/export/" + std::string(name), handler, web::Routes::Work::kLong);
   }
 }
 
-void WebServer::Impl::posts(httplib::Server& server) {
-  // parse(body, why) gives what is wanted, take(wanted, response) takes it or refuses.
-  const auto post = [this, &server](const char* path, auto parse, auto take) {
-    server.Post(path, [this, parse, take](const Request& request, Response& response) {
+void WebServer::Impl::addPosts(web::Routes& routes) {
+  // parse(body, why) gives what is wanted, take(wanted) takes it or refuses.
+  const auto post = [this, &routes](const char* path, auto parse, auto take) {
+    routes.post(path, [this, parse, take](const Request& request) {
       std::string why;
       const auto wanted = parse(request.body, why);
-      if (!wanted) return refuse(response, kBadRequest, why);
+      if (!wanted) return refusal(kBadRequest, why);
       const std::lock_guard lock(shared.mutex);
-      take(*wanted, response);
-      if (response.body.empty()) response.set_content("{}", "application/json");
+      return take(*wanted);
     });
   };
-  post("/api/request", parseRequest, [this](const telemetry::Request& wanted, Response& response) {
-    if (const std::string why = shared.whySilent(); !why.empty()) return refuse(response, kConflict, why);
+  const auto taken = [] { return answer("{}", kJson); };
+  post("/api/request", parseRequest, [this, taken](const telemetry::Request& wanted) {
+    if (const std::string why = shared.whySilent(); !why.empty()) return refusal(kConflict, why);
     if (!shared.model->ask(wanted, shared.now_utc_ns))
-      refuse(response, kBusy, "too many requests wait for the ship's turn");
+      return refusal(kBusy, "too many requests wait for the ship's turn");
+    return taken();
   });
-  post("/api/fix", parseFix, [this](const telemetry::UsblFixMessage& fix, Response& response) {
-    if (const std::string why = shared.whySilent(); !why.empty()) return refuse(response, kConflict, why);
-    if (!shared.model->tellFix(fix)) refuse(response, kBadRequest, "the fix is out of bounds");
+  post("/api/fix", parseFix, [this, taken](const telemetry::UsblFixMessage& fix) {
+    if (const std::string why = shared.whySilent(); !why.empty()) return refusal(kConflict, why);
+    if (!shared.model->tellFix(fix)) return refusal(kBadRequest, "the fix is out of bounds");
+    return taken();
   });
-  post("/api/playback", parsePlayback, [this](const PlaybackWish& wish, Response& response) {
-    if (!shared.playback) return refuse(response, kConflict, "this is a live link, not a recording");
-    if (shared.wishes.size() >= SharedModel::kMaxWishes)
-      return refuse(response, kBusy, "too many wishes wait");
+  post("/api/playback", parsePlayback, [this, taken](const PlaybackWish& wish) {
+    if (!shared.playback) return refusal(kConflict, "this is a live link, not a recording");
+    if (shared.wishes.size() >= SharedModel::kMaxWishes) return refusal(kBusy, "too many wishes wait");
     shared.wishes.push_back(wish);
+    return taken();
   });
 }
 
-void WebServer::Impl::events(Response& response) {
-  if (streams.fetch_add(1) >= kMaxEventStreams) {
-    --streams;
-    response.status = kBusy;
-    return;
+void WebServer::Impl::tellOfGrowth() {
+  const auto now = [this] {
+    std::string text =
+        R"({"epoch":")" + epochOf(shared) + R"(","version":)" + std::to_string(shared.model->version());
+    if (shared.playback) text += R"(,"at":)" + std::to_string(shared.playback->at_utc_ns / 1'000'000'000);
+    return text + "}";
+  };
+  std::string told;
+  std::unique_lock lock(shared.mutex);
+  while (!closing) {
+    if (std::string text = now(); text != told) {
+      told = text;
+      lock.unlock();
+      page->publish(std::move(text));
+      lock.lock();
+    }
+    if (!closing) shared.grew.wait(lock);
   }
-  auto seen = std::make_shared<std::string>();
-  response.set_chunked_content_provider(
-      "text/event-stream",
-      [this, seen](std::size_t, httplib::DataSink& sink) {
-        std::string line = ": quiet\n\n";
-        const auto now = [this] {
-          std::string text =
-              R"({"epoch":")" + epochOf(shared) + R"(","version":)" + std::to_string(shared.model->version());
-          if (shared.playback)
-            text += R"(,"at":)" + std::to_string(shared.playback->at_utc_ns / 1'000'000'000);
-          return text + "}";
-        };
-        {
-          std::unique_lock lock(shared.mutex);
-          shared.grew.wait_for(lock, kHeartbeat, [&] { return shared.closing || now() != *seen; });
-          if (shared.closing) {
-            lock.unlock();
-            sink.done();
-            return true;
-          }
-          if (std::string text = now(); text != *seen) {
-            line = "data: " + text + "\n\n";
-            *seen = std::move(text);
-          }
-        }
-        if (!sink.write(line.data(), line.size())) return false;
-        std::this_thread::sleep_for(kEventInterval);
-        return true;
-      },
-      [this](bool) { --streams; });
+}
+
+WebServer::Impl::~Impl() {
+  {
+    const std::lock_guard lock(shared.mutex);
+    closing = true;
+  }
+  shared.grew.notify_all();
+  if (teller.joinable()) teller.join();
 }
 
 WebServer::WebServer(SharedModel& shared, web::PageServerConfig config)
     : impl_(std::make_unique<Impl>(shared)) {
-  config.threads = kThreads;
   config.max_body_bytes = kMaxBodyBytes;
-  impl_->page.emplace(config, [this](httplib::Server& server) {
-    impl_->reads(server);
-    impl_->exports(server);
-    impl_->posts(server);
-  });
+  web::Routes routes;
+  impl_->addReads(routes);
+  impl_->addExports(routes);
+  impl_->addPosts(routes);
+  routes.events("/api/events");
+  impl_->page.emplace(config, std::move(routes));
+  impl_->teller = std::thread([impl = impl_.get()] { impl->tellOfGrowth(); });
 }
 
-WebServer::~WebServer() {
-  {
-    const std::lock_guard lock(impl_->shared.mutex);
-    impl_->shared.closing = true;
-  }
-  impl_->shared.grew.notify_all();
-}
+WebServer::~WebServer() = default;
 
 int WebServer::port() const {
   return impl_->page->port();

@@ -15,9 +15,10 @@ namespace fathom::monitor {
 //   /api/events           server-sent events, `data: {"epoch":E,"version":V}` after each change, at most 4 a
 //                         second
 //   POST /api/request, /api/fix, /api/playback     see page_requests.hpp
+// No request holds the model's lock for longer than a copy takes (ModelView).
 class WebServer {
  public:
-  // Throws InputError when it cannot listen; `config`'s threads and limits are set here.
+  // Throws InputError when it cannot listen; `config`'s limits are set here.
   WebServer(SharedModel& shared, web::PageServerConfig config);
   ~WebServer();
   [[nodiscard]] int port() const;

@@ -12,6 +12,7 @@
 
 #include "realtime/kernel/state_archive.hpp"
 #include "telemetry/downlink/downlink.hpp"
+#include "telemetry/monitor/model/monitor_model.hpp"
 #include "telemetry/monitor/session_files.hpp"
 #include "telemetry/wire/bundle.hpp"
 #include "tests/monitor/storm/ground.hpp"

@@ -44,7 +44,7 @@ class Witness {
   }
   void look(const monitor::BlockStore& shown) {
     for (const auto& [place, chunk] : shown.chunks())
-      for (const auto& level : chunk.levels)
+      for (const auto& level : chunk->levels)
         for (const auto& [slot, stored] : level) {
           const auto& carried = carried_[static_cast<std::uint16_t>(stored.version)];
           const auto block = carried.find(stored.block.key);
@@ -138,8 +138,8 @@ Differences compare(const Ground& ground, const monitor::BlockStore& shown,
   // Of the other lattices, what is shown must be true.
   const auto fine = *telemetry::spacingCode(config.spacing);
   for (const auto& [place, chunk] : shown.chunks())
-    for (telemetry::SpacingCode code = 0; code < chunk.levels.size(); ++code)
-      for (const auto& [slot, stored] : chunk.levels[code])
+    for (telemetry::SpacingCode code = 0; code < chunk->levels.size(); ++code)
+      for (const auto& [slot, stored] : chunk->levels[code])
         for (int n = 0; n < MapBlock::kNodes && code != fine; ++n) {
           if (!stored.block.isSeen(n)) continue;
           const auto true_m = witness.depthAt(stored.block.key, n);

@@ -1,7 +1,7 @@
 // Measures the viewer over a dive against its targets: first picture, main-thread time a frame while flying, bytes held, draw
 // calls. Opens the page, flies from the whole dive to single images at places spread over it and back, pans and turns there.
 //   node viewer/measure.mjs URL [--size 1400x860] [--places 5] [--limit BYTES] [--json yes] [--chromium PATH]
-import { launch, nextFrame, noteWork, percentiles, readOptions } from '#tools/browser';
+import { launch, nextFrame, noteWork, percentiles, readOptions, until } from '#tools/browser';
 
 const { url, options, width, height } = readOptions('viewer/measure.mjs URL', ['url'], { places: '5', limit: '', json: '' });
 const browser = await launch(options.chromium);
@@ -38,7 +38,7 @@ try {
   const flight = async (make) => {
     await page.evaluate(make);
     await page.waitForTimeout(120);
-    await page.waitForFunction(() => !window.fathom.view.flying, null, { timeout: 60000 });
+    await until(page, () => !window.fathom.view.flying, null, { timeout: 60000 });
   };
   const [cx, cy] = [Math.round((width - 390) / 2), Math.round(height / 2.4)];
   for (let i = 0; i < Number(options.places); ++i) {

@@ -3,7 +3,7 @@
 // Exits 77 (skipped) where Chromium is absent.
 import assert from 'node:assert/strict';
 import process from 'node:process';
-import { needBrowser, openPage, runTest, serve } from '#tools/browser';
+import { needBrowser, openPage, runTest, serve, until } from '#tools/browser';
 
 const [monitorPath, packets, pageFolder, browserPath] = process.argv.slice(2);
 needBrowser(browserPath);
@@ -16,7 +16,7 @@ await runTest(browserPath, async (browser) => {
   const problems = [];
   const page = await openPage(browser, url, problems, { viewport: { width: 1000, height: 700 } });
   const all = () =>
-    page.waitForFunction(() => document.body.dataset.finished === 'true' && Number(document.body.dataset.chunks) > 0, null, { timeout: 60000 });
+    until(page, () => document.body.dataset.finished === 'true' && Number(document.body.dataset.chunks) > 0, null, { timeout: 60000 });
   await all();
   const state = await (await fetch(`${url}api/state`)).json();
   const shown = await page.evaluate(() => ({ ...document.body.dataset }));
@@ -86,11 +86,11 @@ await runTest(browserPath, async (browser) => {
       slider.dispatchEvent(new Event('change'));
     }, utc);
   await seek((first + last) / 2);
-  await page.waitForFunction((epoch) => document.body.dataset.epoch !== epoch && document.body.dataset.finished === 'false', shown.epoch, { timeout: 10000 });
+  await until(page, (epoch) => document.body.dataset.epoch !== epoch && document.body.dataset.finished === 'false', shown.epoch, { timeout: 10000 });
   const half = await (await fetch(`${url}api/state`)).json();
   assert.ok(half.map.area_m2 < 0.7 * state.map.area_m2 && half.now_utc_s < last - 100);
   await seek(last);
-  await page.waitForFunction((vertices) => document.body.dataset.vertices === vertices, shown.vertices, { timeout: 10000 });
+  await until(page, (vertices) => document.body.dataset.vertices === vertices, shown.vertices, { timeout: 10000 });
 
   // The monitor goes away: the page says so, and takes the new one's map when it is back.
   const over = new Promise((done) => monitor.on('exit', done));
@@ -101,7 +101,7 @@ await runTest(browserPath, async (browser) => {
   const before = await page.evaluate(() => document.body.dataset.epoch);
   ({ child: monitor } = await start(port));
   await page.waitForSelector('#banner', { state: 'hidden', timeout: 20000 });
-  await page.waitForFunction((epoch) => document.body.dataset.epoch !== epoch, before, { timeout: 20000 });
+  await until(page, (epoch) => document.body.dataset.epoch !== epoch, before, { timeout: 20000 });
   await all();
   assert.equal(await page.evaluate(() => document.body.dataset.vertices), shown.vertices);
   assert.deepEqual(problems, []);

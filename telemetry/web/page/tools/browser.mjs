@@ -53,15 +53,27 @@ export async function serve(program, ...args) {
   return { child, address };
 }
 
-// Opens an address in a new tab. `problems` gets the page's errors and what it fetches from elsewhere.
+// Opens an address in a new tab. `problems` gets the page's errors, what its policy forbids it and what it fetches from elsewhere.
 export async function openPage(browser, address, problems, options = {}) {
   const page = await browser.newPage(options);
   page.on('pageerror', (error) => problems.push(String(error)));
+  page.on('console', (message) => {
+    if (/Content.Security.Policy/i.test(message.text())) problems.push(message.text());
+  });
   page.on('request', (request) => {
     if (!/^(http:\/\/127\.0\.0\.1:|data:|blob:)/.test(request.url())) problems.push(`fetches ${request.url()}`);
   });
   await page.goto(address, { waitUntil: 'domcontentloaded' });
   return page;
+}
+
+// Waits until a condition, of the page's own, holds. Playwright's waitForFunction evaluates text in the page, which its policy forbids.
+export async function until(page, condition, argument, { timeout = 150000 } = {}) {
+  const end = Date.now() + timeout;
+  while (!(await page.evaluate(condition, argument))) {
+    if (Date.now() > end) throw new Error(`after ${timeout} ms there is not: ${condition}`);
+    await page.waitForTimeout(20);
+  }
 }
 
 // Runs a test with a browser, says what failed and what each open page told of itself then, and always cleans up.

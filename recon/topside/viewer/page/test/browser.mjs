@@ -6,7 +6,7 @@ import { cpSync, mkdtempSync, readFileSync, rmSync, unlinkSync, writeFileSync } 
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import process from 'node:process';
-import { needBrowser, openPage, runTest, serve } from '#tools/browser';
+import { needBrowser, openPage, runTest, serve, until } from '#tools/browser';
 
 const [topside, dive, pageFolder, browserPath] = process.argv.slice(2);
 needBrowser(browserPath);
@@ -78,14 +78,14 @@ await runTest(browserPath, async (browser) => {
   const high = (await eye())[1];
   for (let i = 0; i < 2; ++i) {
     await page.mouse.dblclick(cx, cy);
-    await page.waitForFunction(() => document.body.dataset.flying === 'true');
+    await until(page, () => document.body.dataset.flying === 'true');
     await rest();
   }
   assert.ok((await eye())[1] < high - 15, 'the camera came down');
   shown = await data();
   assert.ok(Number(shown.calls) <= 300 && Number(shown.bytes) <= Number(shown.limit));
   await page.mouse.click(cx, cy);
-  await page.waitForFunction(() => Number(document.body.dataset.thumbs) > 0);
+  await until(page, () => Number(document.body.dataset.thumbs) > 0);
   shown = await data();
   const truth = (n, e) => 20 + 1.5 * Math.sin(0.11 * n + 0.3) * Math.cos(0.09 * e) + 0.25 * Math.sin(0.9 * n + 0.7 * e) + 0.05 * Math.sin(5.1 * n) * Math.sin(4.3 * e);
   const [north, east, depth] = [shown.north, shown.east, shown.depth].map(Number);
@@ -135,7 +135,7 @@ await runTest(browserPath, async (browser) => {
   await page.click('#tools button[data-value=area]');
   for (const [x, y] of [[-120, -80], [120, -80], [120, 80], [-120, 80]]) await page.mouse.click(cx + x, cy + y);
   await page.keyboard.press('Enter');
-  await page.waitForFunction(() => /rugosity/.test(document.body.dataset.measured ?? ''));
+  await until(page, () => /rugosity/.test(document.body.dataset.measured ?? ''));
   assert.ok(Number(/rugosity ([\d.]+)/.exec(await words())[1]) >= 1);
   assert.match(await words(), /above the corners' plane/);
   const [saved] = await Promise.all([page.waitForEvent('download'), page.click('#measure-save')]);
@@ -147,9 +147,9 @@ await runTest(browserPath, async (browser) => {
   // Eastings and northings of a system that only the server knows.
   await page.fill('#crs', 'EPSG:28356');
   await page.keyboard.press('Tab');
-  await page.waitForFunction(() => document.body.dataset.crs === '28356');
+  await until(page, () => document.body.dataset.crs === '28356');
   await page.mouse.move(cx + 3, cy + 3);
-  await page.waitForFunction(() => / E .* N /.test(document.querySelector('#hover').textContent));
+  await until(page, () => / E .* N /.test(document.querySelector('#hover').textContent));
 
   // Annotate, export, read back into an empty list.
   await page.click('#tools button[data-value=annotate]');
@@ -172,31 +172,31 @@ await runTest(browserPath, async (browser) => {
   await page.click('.annotation button[title=Remove]');
   assert.equal((await data()).annotations, '0');
   await page.setInputFiles('#annotations-input', csv);
-  await page.waitForFunction(() => document.body.dataset.annotations === '1');
+  await until(page, () => document.body.dataset.annotations === '1');
   assert.equal(await page.inputValue('.annotation .note'), 'under a ledge');
   await page.keyboard.press('Escape');
 
   // Layers and what people bring: labels, multibeam as a raster and as a surface.
   await page.click('#tools button[data-value=explore]');
   await page.check('#layers input[value=slope]');
-  await page.waitForFunction(() => document.body.dataset.layer === 'slope');
+  await until(page, () => document.body.dataset.layer === 'slope');
   await page.waitForTimeout(300);
   assert.match(await page.textContent('#legend'), /Slope \[deg\].*0.*40/);
   await page.setInputFiles('#files-input', [join(dive, 'own', 'labels.csv'), join(dive, 'own', 'multibeam.tif')]);
-  await page.waitForFunction(() => document.body.dataset.layer === 'own:multibeam.tif' && document.body.dataset.labels === '3');
+  await until(page, () => document.body.dataset.layer === 'own:multibeam.tif' && document.body.dataset.labels === '3');
   assert.match(await page.textContent('#legend'), /latitude and longitude/);
   await page.click('#meshes button');
-  await page.waitForFunction(() => document.body.dataset.meshes === '1');
+  await until(page, () => document.body.dataset.meshes === '1');
   assert.match(await page.textContent('#troubles'), /1 rows name no image/);
 
   // A layer that is broken says so, and the rest goes on.
   await page.click('#layers input[value=broken]'); // it does not stay chosen
-  await page.waitForFunction(() => /Broken layer: \w/.test(document.getElementById('troubles').textContent));
+  await until(page, () => /Broken layer: \w/.test(document.getElementById('troubles').textContent));
 
   // The timeline moves the vehicle.
   const timeline = await page.locator('#timeline .u-over').boundingBox();
   await page.mouse.click(timeline.x + timeline.width * 0.5, timeline.y + 30);
-  await page.waitForFunction(() => document.body.dataset.time !== undefined);
+  await until(page, () => document.body.dataset.time !== undefined);
   assert.match(await page.textContent('#timeline-text'), /^14:2\d:\d\d · survey · altitude [12]\.\d\d m/);
 
   // The picture with its scale bar.
@@ -209,11 +209,11 @@ await runTest(browserPath, async (browser) => {
   await page.keyboard.press('Home');
   await page.selectOption('#limit', '64');
   await page.evaluate(() => window.fathom.model.setLimit(6_000_000));
-  await page.waitForFunction(() => document.body.dataset.flying === 'false' && Number(document.body.dataset.bytes) <= 6_000_000);
+  await until(page, () => document.body.dataset.flying === 'false' && Number(document.body.dataset.bytes) <= 6_000_000);
   await page.mouse.dblclick(cx, cy);
-  await page.waitForFunction(() => document.body.dataset.flying === 'true');
+  await until(page, () => document.body.dataset.flying === 'true');
   await page.waitForSelector('#badge:not([hidden])');
-  await page.waitForFunction(() => document.body.dataset.flying === 'false' && Number(document.body.dataset.visible) > 0 && Number(document.body.dataset.factor) > 1);
+  await until(page, () => document.body.dataset.flying === 'false' && Number(document.body.dataset.visible) > 0 && Number(document.body.dataset.factor) > 1);
   shown = await data();
   assert.ok(Number(shown.bytes) <= 6_000_000, `${shown.bytes} bytes held of 6000000`);
   await page.close();
@@ -224,7 +224,7 @@ await runTest(browserPath, async (browser) => {
   const b = await data(again);
   const [ea, eb] = [a, b].map((d) => d.eye.split(',').map(Number));
   assert.ok(Math.hypot(ea[0] - eb[0], ea[1] - eb[1], ea[2] - eb[2]) < 0.01, 'the address keeps the camera');
-  await again.waitForFunction(() => document.body.dataset.north !== undefined);
+  await until(again, () => document.body.dataset.north !== undefined);
   assert.ok(Math.abs(Number((await data(again)).north) - Number(a.north)) < 0.01, 'and the selection');
   await again.close();
   assert.deepEqual(problems, []);
@@ -239,7 +239,7 @@ await runTest(browserPath, async (browser) => {
   const wounded = await open(second.address);
   await rest(wounded);
   await wounded.keyboard.down('+'); // near enough for the tiles of the middle level
-  await wounded.waitForFunction(() => /1\/2_2\.glb/.test(document.getElementById('troubles').textContent) && /1\/1_1\.glb/.test(document.getElementById('troubles').textContent));
+  await until(wounded, () => /1\/2_2\.glb/.test(document.getElementById('troubles').textContent) && /1\/1_1\.glb/.test(document.getElementById('troubles').textContent));
   await wounded.keyboard.up('+');
   await rest(wounded);
   const troubles = await wounded.textContent('#troubles');
@@ -255,7 +255,7 @@ await runTest(browserPath, async (browser) => {
   await rest(wounded);
   assert.equal(await wounded.textContent('#dive-name'), 'synthetic-hills');
   await wounded.mouse.click(cx, cy);
-  await wounded.waitForFunction(() => Number(document.body.dataset.images) > 0);
+  await until(wounded, () => Number(document.body.dataset.images) > 0);
   console.log(`browser test passed: ${shown.tiles} tiles, ${shown.calls} calls, first picture after ${a.first} ms`);
 }, () => {
   server.kill('SIGTERM');

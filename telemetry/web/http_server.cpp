@@ -1,0 +1,140 @@
+#include "telemetry/web/http_server.hpp"
+
+#include <malloc.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <vector>
+
+namespace fathom::web {
+
+namespace asio = boost::asio;
+using asio::ip::tcp;
+using boost::system::error_code;
+
+namespace {
+
+constexpr int kLargeAnswer = 1 << 20;             // [bytes]
+constexpr std::chrono::milliseconds kPause{100};  // before the system is asked for a descriptor again
+
+std::size_t mostConnections() {
+  rlimit limit{};
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return kMaxConnections;
+  return std::clamp<std::size_t>(limit.rlim_cur / 4, 1, kMaxConnections);
+}
+
+}  // namespace
+
+HttpServer::HttpServer(const Config& config, Routes routes)
+    : access_(config.token),
+      routes_(std::move(routes)),
+      headers_(config.headers),
+      max_body_bytes_(config.max_body_bytes) {
+  // A large answer goes back to the system when it has ended; by itself the heap keeps it in pieces.
+  ::mallopt(M_MMAP_THRESHOLD, kLargeAnswer);
+  listen(config);
+  accept();
+  tick();
+  thread_ = std::thread([this] {
+    while (!io_.stopped()) {
+      try {
+        io_.run();
+      } catch (const std::exception&) {
+        // No memory for one connection; its deadline ends it.
+      }
+    }
+  });
+}
+
+HttpServer::~HttpServer() {
+  io_.stop();
+  thread_.join();
+}
+
+void HttpServer::listen(const Config& config) {
+  tcp::resolver resolver(io_);
+  const auto found = resolver.resolve(config.address, std::to_string(config.port),
+                                      tcp::resolver::passive | tcp::resolver::numeric_service);
+  const tcp::endpoint endpoint = *found.begin();
+  acceptor_.open(endpoint.protocol());
+  acceptor_.set_option(tcp::acceptor::reuse_address(true));
+  acceptor_.bind(endpoint);
+  acceptor_.listen(tcp::acceptor::max_listen_connections);
+  acceptor_port_ = acceptor_.local_endpoint().port();
+}
+
+void HttpServer::accept() {
+  acceptor_.async_accept([this](error_code error, tcp::socket socket) {
+    if (!error) {
+      try {
+        admit(std::move(socket));
+      } catch (const std::exception&) {
+        // No memory for this one.
+      }
+      return accept();
+    }
+    if (error == asio::error::connection_aborted || evict(Whom::kAny, nullptr)) return accept();
+    pause_.expires_after(kPause);
+    pause_.async_wait([this](error_code) { accept(); });
+  });
+}
+
+void HttpServer::admit(tcp::socket socket) {
+  if (connections_.size() >= mostConnections() && !evict(Whom::kAny, nullptr)) return;
+  const auto connection = std::make_shared<Connection>(*this, std::move(socket));
+  connections_.insert(connection);
+  connection->start();
+}
+
+bool HttpServer::evict(Whom whom, const Connection* spared) {
+  using Phase = Connection::Phase;
+  std::shared_ptr<Connection> worst;
+  for (const auto& one : connections_) {
+    if (one.get() == spared || one->phase() > Phase::kSending) continue;
+    if (whom == Whom::kSending && one->phase() != Phase::kSending) continue;
+    if (worst == nullptr || std::pair(one->phase(), one->since()) < std::pair(worst->phase(), worst->since()))
+      worst = one;
+  }
+  if (worst == nullptr) return false;
+  worst->close();
+  return true;
+}
+
+void HttpServer::boundHeldBytes(const Connection& newest) {
+  const auto held = [&] {
+    std::size_t sum = 0, largest = 0;
+    for (const auto& one : connections_) {
+      if (one.get() == &newest) continue;
+      sum += one->heldBytes();
+      largest = std::max(largest, one->heldBytes());
+    }
+    return sum - largest;
+  };
+  while (held() > kMaxHeldBytes && evict(Whom::kSending, &newest)) {
+  }
+}
+
+void HttpServer::tick() {
+  ticks_.expires_after(kTick);
+  ticks_.async_wait([this](error_code) { tick(); });
+  const std::vector<std::shared_ptr<Connection>> all(connections_.begin(), connections_.end());
+  const auto now = Connection::Clock::now();
+  for (const auto& one : all) one->tick(now);
+}
+
+bool HttpServer::hasRoomForStream() const {
+  const auto open = std::count_if(connections_.begin(), connections_.end(), [](const auto& one) {
+    return one->phase() == Connection::Phase::kStreaming;
+  });
+  return static_cast<std::size_t>(open) < std::max<std::size_t>(mostConnections() / kConnectionsPerStream, 1);
+}
+
+void HttpServer::publish(std::string text) {
+  asio::post(io_, [this, text = std::make_shared<const std::string>(std::move(text))]() mutable {
+    event_ = std::move(text);
+    ++event_number_;
+  });
+}
+
+}  // namespace fathom::web

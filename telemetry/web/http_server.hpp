@@ -1,0 +1,88 @@
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <thread>
+#include <unordered_set>
+
+#include "telemetry/web/access.hpp"
+#include "telemetry/web/connection.hpp"
+#include "telemetry/web/exchange.hpp"
+#include "telemetry/web/worker_pool.hpp"
+
+namespace fathom::web {
+
+// Bounds of what clients can make a server hold and wait for.
+inline constexpr std::size_t kMaxConnections = 128;
+inline constexpr std::size_t kConnectionsPerStream = 8;  // one in so many may be an event stream
+// Of answers in memory together, without the newest and the largest: one export of any size and a page go on.
+inline constexpr std::size_t kMaxHeldBytes = std::size_t{64} << 20;
+inline constexpr std::chrono::seconds kRequestTime{10};  // for a request to come whole
+inline constexpr std::chrono::seconds kPieceTime{30};    // for a client to take a piece of an answer
+inline constexpr std::chrono::seconds kHandlerTime{300};
+// Between events of a stream; a person does not see faster.
+inline constexpr std::chrono::milliseconds kTick{250};
+
+// Accepts connections and runs them on one thread, whatever their number. When kMaxConnections (or a quarter
+// of the process's descriptors) are open, a new one takes the place of the one that has waited longest to
+// end, to send a whole request or to take its answer. Without descriptors it waits for one. Nothing that a
+// client does ends it.
+class HttpServer {
+ public:
+  struct Config {
+    std::string address;
+    int port = 0;  // 0: any that is free
+    std::size_t max_body_bytes = 0;
+    std::string token;    // see Access
+    std::string headers;  // of every answer, each with its line end
+  };
+
+  // Throws boost::system::system_error where it cannot listen.
+  HttpServer(const Config& config, Routes routes);
+  ~HttpServer();
+  HttpServer(const HttpServer&) = delete;
+  HttpServer& operator=(const HttpServer&) = delete;
+
+  [[nodiscard]] int port() const { return acceptor_port_; }
+  // Sends a text to all event streams; the newest replaces what a slow one has not taken yet. From any
+  // thread.
+  void publish(std::string text);
+
+ private:
+  friend class Connection;  // the rest is for connections, on the server's thread
+  enum class Whom { kAny, kSending };
+
+  void listen(const Config& config);
+  void accept();
+  void admit(boost::asio::ip::tcp::socket socket);
+  void tick();
+  bool evict(Whom whom, const Connection* spared);  // false: there is none to evict
+  void boundHeldBytes(const Connection& newest);
+  void forget(const std::shared_ptr<Connection>& connection) { connections_.erase(connection); }
+  [[nodiscard]] bool hasRoomForStream() const;
+
+  const Access access_;
+  const Routes routes_;
+  const std::string headers_;
+  const std::size_t max_body_bytes_;
+  std::shared_ptr<const std::string> event_;
+  std::uint64_t event_number_ = 0;
+
+  boost::asio::io_context io_{1};
+  boost::asio::ip::tcp::acceptor acceptor_{io_};
+  int acceptor_port_ = 0;
+  boost::asio::steady_timer ticks_{io_}, pause_{io_};
+  std::unordered_set<std::shared_ptr<Connection>> connections_;
+  // Each connection waits for one job at most, so that short ones are never refused.
+  WorkerPool short_work_{4, kMaxConnections}, file_reads_{2, kMaxConnections};
+  WorkerPool long_work_{1, 4};
+  std::thread thread_;
+};
+
+}  // namespace fathom::web
