@@ -11,8 +11,8 @@
 #include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "telemetry/monitor/frame_feed.hpp"
-#include "telemetry/monitor/housekeeping.hpp"
 #include "telemetry/monitor/session_files.hpp"
+#include "telemetry/monitor/session_keeper.hpp"
 #include "telemetry/monitor/web/web_server.hpp"
 #include "telemetry/web/access.hpp"
 
@@ -183,7 +183,7 @@ int runMonitor(const MonitorOptions& options, const std::atomic<bool>& stop) {
     exit_code = kExitBadInput;
   }
 
-  const Housekeeping housekeeping(shared, files ? &*files : nullptr, options.out);
+  const SessionKeeper housekeeping(shared, files ? &*files : nullptr, options.out);
   std::int64_t last_frame_ns = clock.monotonicNs();
   while (!stop) {
     const std::size_t count = reception.step();

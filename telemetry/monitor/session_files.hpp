@@ -11,10 +11,10 @@
 
 namespace fathom::monitor {
 
-// What a monitor leaves behind of reception in a folder: received.bin, every accepted link frame as it arrived
-// (packets.bin's format, so that a computer that was off goes on where it was), and frames.log, one line a
-// frame. A disk that refuses ends nothing: what it has not taken waits, as much as kMostWaiting, and goes
-// when there is room; trouble() says what is not kept.
+// What a monitor leaves behind of reception in a folder: received.bin, every accepted link frame as it
+// arrived (packets.bin's format, so that a computer that was off goes on where it was), and frames.log, one
+// line a frame. A disk that refuses ends nothing: what it has not taken waits, as much as kMostWaiting, and
+// goes when there is room; trouble() says what is not kept.
 class SessionFiles {
  public:
   // Creates the folder and opens both logs at their ends. Throws InputError if that cannot be.

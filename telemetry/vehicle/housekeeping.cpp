@@ -68,8 +68,7 @@ void Housekeeping::plan(double rate_bps, double least_s) {
       8 * (status_bytes / config_.status_period_s + (has_track ? track_bytes / track_period : 0) +
            info_bytes / config_.mission_info_period_s);
   stretch_ = std::max({1.0, bits_per_s / (config_.share * rate_bps), least_s / config_.status_period_s});
-  track_capacity_ = has_track ? points : 0;
-  track_size_ = std::min(track_size_, track_capacity_);
+  track_points_ = has_track ? points : 0;
   track_interval_ns_ = nanoseconds(stretch_ * config_.track_interval_s);
   status_timer_.period_ns = nanoseconds(stretch_ * config_.status_period_s);
   track_timer_.period_ns = nanoseconds(stretch_ * track_period);
@@ -83,12 +82,18 @@ bool Housekeeping::Kept::word(Version version, bool arrived) {
   return arrived;
 }
 
+std::size_t Housekeeping::spareTrack(Version version, std::span<std::uint8_t> out) {
+  return track_points_ > 0 ? track_.lost(track_points_, version, out.first(std::min(out.size(), room_))) : 0;
+}
+
 void Housekeeping::word(Version version, bool arrived) {
+  track_.word(version, arrived);
   if (!report_kept_.word(version, arrived)) report_timer_.next_ns = 0;
   if (!info_kept_.word(version, arrived)) info_timer_.next_ns = 0;
 }
 
-void Housekeeping::settle(const BlockQueue::Holds& holds) {
+void Housekeeping::settle(const BlockQueue::Holds& holds, Version oldest) {
+  track_.settle(holds, oldest);
   for (const auto& [kept, timer] : {std::pair{&report_kept_, &report_timer_}, {&info_kept_, &info_timer_}}) {
     if (kept->last == 0 || !kept->told || holds(kept->last).value_or(true)) continue;
     kept->told = false;
@@ -111,15 +116,10 @@ void Housekeeping::setReport(Report report, double loss) {
 
 void Housekeeping::setStatus(const Status& s) {
   status_ = s;
-  if (track_capacity_ == 0) return;
-  if (track_size_ > 0 && s.utc_ns < track_[track_size_ - 1].utc_ns)
-    track_size_ = 0;  // the clock was set back
-  if (track_size_ > 0 && s.utc_ns - track_[track_size_ - 1].utc_ns < track_interval_ns_) return;
-  if (track_size_ == track_capacity_) {
-    std::move(track_.begin() + 1, track_.begin() + static_cast<std::ptrdiff_t>(track_size_), track_.begin());
-    --track_size_;
-  }
-  track_[track_size_++] = {s.utc_ns, s.north, s.east, s.depth};
+  if (track_points_ == 0) return;
+  const bool set_back = !track_.empty() && s.utc_ns < track_.newestUtcNs();
+  if (!track_.empty() && !set_back && s.utc_ns - track_.newestUtcNs() < track_interval_ns_) return;
+  track_.add({s.utc_ns, s.north, s.east, s.depth});
 }
 
 std::size_t Housekeeping::status(std::int64_t now_ns, std::span<std::uint8_t> out) {
@@ -131,7 +131,8 @@ std::size_t Housekeeping::status(std::int64_t now_ns, std::span<std::uint8_t> ou
 
 std::size_t Housekeeping::spareStatus(std::int64_t now_ns, std::span<std::uint8_t> out) {
   const std::int64_t sent_ns = status_timer_.next_ns - status_timer_.period_ns;
-  return now_ns - sent_ns >= nanoseconds(std::max(config_.status_period_s, least_s_)) ? status(now_ns, out) : 0;
+  return now_ns - sent_ns >= nanoseconds(std::max(config_.status_period_s, least_s_)) ? status(now_ns, out)
+                                                                                      : 0;
 }
 
 std::size_t Housekeeping::next(std::int64_t now_ns, Version version, std::span<std::uint8_t> out,
@@ -160,10 +161,10 @@ std::size_t Housekeeping::next(std::int64_t now_ns, Version version, std::span<s
     type = MessageType::kMissionInfo;
     return encodeMissionInfo(*info_, out);
   }
-  if (track_size_ > 0 && track_timer_.due(now_ns)) {
+  if (!track_.empty() && track_points_ > 0 && track_timer_.due(now_ns)) {
     track_timer_.done(now_ns);
     type = MessageType::kTrack;
-    return encodeTrack(std::span(track_).first(track_size_), out);
+    return track_.newest(track_points_, version, out);
   }
   return 0;
 }

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -8,6 +7,7 @@
 
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "telemetry/vehicle/block_queue.hpp"
+#include "telemetry/vehicle/track_log.hpp"
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/mission_info.hpp"
 #include "telemetry/wire/report.hpp"
@@ -46,9 +46,12 @@ class Housekeeping {
                                  MessageType& type);
   // There is word of a frame; and what there is to say of all frames of the past (see BlockQueue::settle).
   void word(Version version, bool arrived);
-  void settle(const BlockQueue::Holds& holds);
+  void settle(const BlockQueue::Holds& holds, Version oldest);
   // While the link has nothing else to send: the status at its own period, not the stretched one; 0 for none.
   [[nodiscard]] std::size_t spareStatus(std::int64_t now_ns, std::span<std::uint8_t> out);
+
+  // While there is time: points of the track that were lost; 0 for none.
+  [[nodiscard]] std::size_t spareTrack(Version version, std::span<std::uint8_t> out);
 
   [[nodiscard]] double stretch() const { return stretch_; }  // factor on the periods
 
@@ -73,8 +76,8 @@ class Housekeeping {
   std::int64_t report_gap_ns_ = 0;  // between them: a short burst does not take two
   std::optional<Status> status_;
   std::optional<MissionInfo> info_;
-  std::array<TrackPoint, kMaxTrackPoints> track_{};  // oldest first
-  std::size_t track_size_ = 0, track_capacity_ = 0;  // capacity 0: no track messages
+  TrackLog track_;
+  std::size_t track_points_ = 0;  // of a message; 0: none are sent
   std::int64_t track_interval_ns_ = 0;
   [[nodiscard]] std::size_t status(std::int64_t now_ns, std::span<std::uint8_t> out);
 

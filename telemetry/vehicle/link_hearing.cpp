@@ -62,7 +62,7 @@ void LinkScheduler::acknowledge(const Acknowledgement& acknowledgement, std::int
     return heard ? heard : s.sent.wordOf(version);
   };
   s.queue.settle(holds, s.sent.oldest());
-  s.housekeeping.settle(holds);
+  s.housekeeping.settle(holds, s.sent.oldest());
   s.closeDetails();
 }
 

@@ -213,6 +213,12 @@ std::size_t LinkScheduler::Impl::choose() {
   const double frame_s = static_cast<double>(config.frame_bytes) * 8 / config.rate_bps;
   const int sendings = turns.answered() ? repeatsForGoal(sent.loss(), kRepeatGoal) : 1;
   if (const std::size_t size = mapPacket(sendings, std::max(kRepeatFrames * frame_s, 1.0))) return size;
+  if (const std::size_t size =
+          housekeeping.spareTrack(frame_version, std::span(payload).first(payloadRoom()))) {
+    type = MessageType::kTrack;
+    ++counters.track_frames;
+    return size;
+  }
   if (isRest()) return carousel();
   if (const std::size_t size = housekeeping.spareStatus(now, payload)) {
     type = MessageType::kStatus;

@@ -176,12 +176,7 @@ void Housekeeping::exchange(Archive& archive, Self& self) {
     if (has_status) self.status_.emplace();
   }
   if (has_status) exchangeStatus(archive, *self.status_);
-  exchangeCount(archive, self.track_size_, self.track_capacity_);
-  for (std::size_t i = 0; i < self.track_size_; ++i) {
-    auto& point = self.track_[i];
-    archive.instants(point.utc_ns);
-    archive(point.north, point.east, point.depth);
-  }
+  archive(self.track_);
   bool has_report = self.report_.has_value();
   archive(has_report, self.told_health_, self.report_kept_, self.info_kept_);
   if constexpr (Archive::kLoading) {

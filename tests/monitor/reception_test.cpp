@@ -8,7 +8,7 @@
 #include <fstream>
 #include <thread>
 
-#include "telemetry/monitor/housekeeping.hpp"
+#include "telemetry/monitor/session_keeper.hpp"
 #include "telemetry/monitor/web/web_server.hpp"
 #include "tests/monitor/sample_dive.hpp"
 #include "tests/support/test_data.hpp"
@@ -157,7 +157,7 @@ TEST_F(Reception, IsNotDelayedBySavingTheExports) {
   const fs::path out = folder_.path() / "out";
   fs::create_directories(out);
   const double wait_s = longestWait([&] {
-    const Housekeeping housekeeping(shared_, nullptr, out);  // saves at its end
+    const SessionKeeper housekeeping(shared_, nullptr, out);  // saves at its end
   });
   EXPECT_LT(wait_s, kMostDelay_s);
   for (const char* name : {"map.ply", "elevation.tif", "colour.tif", "track.geojson"})
@@ -166,7 +166,7 @@ TEST_F(Reception, IsNotDelayedBySavingTheExports) {
 
 TEST_F(Reception, AnExportThatCannotBeWrittenIsToldAndEndsNothing) {
   const fs::path out = folder_.path() / "out";  // there is none
-  { const Housekeeping housekeeping(shared_, nullptr, out); }
+  { const SessionKeeper housekeeping(shared_, nullptr, out); }
   EXPECT_NE(shared_.not_kept.find("map.ply"), std::string::npos) << shared_.not_kept;
 }
 

@@ -43,6 +43,7 @@ struct Ship {
   std::map<BlockKey, MapBlock> map;
   Report report;
   std::uint16_t health = 0;
+  std::set<std::int64_t> track;  // times of the points heard
 
   void hear(std::span<const std::uint8_t> frame) {
     receiver.accept(frame, [&](const LinkReceiver::Message& message) {
@@ -51,6 +52,10 @@ struct Ship {
         health = report.health;
       if (message.type == MessageType::kStatus && decodeStatus(message.payload, status))
         health = status.health;
+      std::array<TrackPoint, kMaxTrackPoints> points;
+      if (message.type == MessageType::kTrack)
+        for (std::size_t k = 0, count = decodeTrack(message.payload, points); k < count; ++k)
+          track.insert(points[k].utc_ns);
       if (message.type != MessageType::kMapPacket) return true;
       if (!decoder.decode(message.payload, packet)) return false;
       for (const MapBlock& block : packet.blocks) map[block.key] = block;
@@ -372,6 +377,47 @@ TEST(LinkFeedback, RequestedDetailIsDoneWhenTheShipHasAllOfItThoughFramesAreLost
     EXPECT_EQ(ship.report.requests[0].state, RequestOutcome::State::kDone);
     EXPECT_LE(ship.error(tile), 0.0201);
   }
+}
+
+TEST(LinkFeedback, TheTrackHasNoGapsAfterAnHourInWhichTheShipWasOffAndThoughItLosesWhatItHeld) {
+  LinkSchedulerConfig config = someConfig();
+  config.frame_bytes = 128;
+  LinkScheduler scheduler(config);
+  Ship ship;
+  const auto dive = [&](double seconds, double loss, bool answers) {
+    for (int k = 0; k < seconds / 5; ++k) {
+      Status status;
+      status.utc_ns = ship.now;
+      status.north = static_cast<double>(ship.now - kStart_ns) * 0.4e-9;
+      status.east = 10 * std::sin(status.north / 30);
+      scheduler.setStatus(status);
+      ship.converse(scheduler, 5, loss, answers);
+    }
+  };
+  // The longest time between two points of the track, the ends of the dive included [s].
+  const auto gap = [&] {
+    std::int64_t longest = 0, before = kStart_ns;
+    for (const std::int64_t at : ship.track) {
+      longest = std::max(longest, at - before);
+      before = at;
+    }
+    return static_cast<double>(std::max(longest, ship.now - before)) * 1e-9;
+  };
+  dive(600, 0.3, true);
+  dive(3 * 3600, 1, false);  // more frames than the vehicle remembers
+  EXPECT_GT(gap(), 3 * 3000);
+  dive(1800, 0.3, true);
+  EXPECT_LE(gap(), 130) << "what is of this moment may still be on its way";
+  // Its file is lost: it says so itself, from the beginning of the dive on.
+  ship.receiver = LinkReceiver();
+  ship.track.clear();
+  dive(300, 0, true);
+  for (int k = 0; k < 200; ++k) {
+    dive(10, 0, true);
+    if (const auto further = ship.receiver.furtherAcknowledgement(true))
+      scheduler.acknowledge(*further, ship.now);
+  }
+  EXPECT_LE(gap(), 130);
 }
 
 // However much waits, the ship hears of a new health flag, a pause and its end within two turns.

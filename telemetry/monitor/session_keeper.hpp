@@ -16,13 +16,13 @@ namespace fathom::monitor {
 // What a monitor does beside reception, on a thread of its own so that no frame and no answer to the vehicle
 // waits for it: a line of progress every 10 s, the exports every 30 s, both once more at the end; and what
 // cannot be kept, on stderr and in SharedModel::not_kept. Nothing ends it before its destruction.
-class Housekeeping {
+class SessionKeeper {
  public:
   // `files`: of reception, asked for trouble under the model's lock; null and no `folder`: nothing is kept.
-  Housekeeping(SharedModel& shared, const SessionFiles* files, const std::filesystem::path& folder);
-  ~Housekeeping();  // after the last save
-  Housekeeping(const Housekeeping&) = delete;
-  Housekeeping& operator=(const Housekeeping&) = delete;
+  SessionKeeper(SharedModel& shared, const SessionFiles* files, const std::filesystem::path& folder);
+  ~SessionKeeper();  // after the last save
+  SessionKeeper(const SessionKeeper&) = delete;
+  SessionKeeper& operator=(const SessionKeeper&) = delete;
 
  private:
   void run();

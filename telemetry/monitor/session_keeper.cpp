@@ -1,4 +1,4 @@
-#include "telemetry/monitor/housekeeping.hpp"
+#include "telemetry/monitor/session_keeper.hpp"
 
 #include <chrono>
 #include <exception>
@@ -14,14 +14,14 @@ namespace {
 constexpr auto kTroubleInterval = 1s, kProgressInterval = 10s, kSaveInterval = 30s;
 }  // namespace
 
-Housekeeping::Housekeeping(SharedModel& shared, const SessionFiles* files,
-                           const std::filesystem::path& folder)
+SessionKeeper::SessionKeeper(SharedModel& shared, const SessionFiles* files,
+                             const std::filesystem::path& folder)
     : shared_(shared), files_(files) {
   if (!folder.empty()) exports_.emplace(folder);
   thread_ = std::thread([this] { run(); });
 }
 
-Housekeeping::~Housekeeping() {
+SessionKeeper::~SessionKeeper() {
   {
     const std::lock_guard lock(mutex_);
     ending_ = true;
@@ -30,7 +30,7 @@ Housekeeping::~Housekeeping() {
   thread_.join();
 }
 
-void Housekeeping::run() {
+void SessionKeeper::run() {
   auto next_progress = Clock::now() + kProgressInterval, next_save = Clock::now() + kSaveInterval;
   for (bool last = false; !last;) {
     {
@@ -54,13 +54,13 @@ void Housekeeping::run() {
   }
 }
 
-void Housekeeping::save() {
+void SessionKeeper::save() {
   if (!exports_) return;
   view_.refresh(shared_);
   exports_->save(view_);
 }
 
-void Housekeeping::tellTrouble() {
+void SessionKeeper::tellTrouble() {
   std::string now;
   {
     const std::lock_guard lock(shared_.mutex);
@@ -73,7 +73,7 @@ void Housekeeping::tellTrouble() {
   std::cerr << "fathom-monitor: " << (trouble_.empty() ? "everything is kept again" : trouble_) << std::endl;
 }
 
-void Housekeeping::printProgress() {
+void SessionKeeper::printProgress() {
   std::ostringstream line;
   {
     const std::lock_guard lock(shared_.mutex);
