@@ -183,7 +183,7 @@ int runMonitor(const MonitorOptions& options, const std::atomic<bool>& stop) {
     exit_code = kExitBadInput;
   }
 
-  const SessionKeeper housekeeping(shared, files ? &*files : nullptr, options.out);
+  const SessionKeeper keeper(shared, files ? &*files : nullptr, options.out);
   std::int64_t last_frame_ns = clock.monotonicNs();
   while (!stop) {
     const std::size_t count = reception.step();

@@ -157,7 +157,7 @@ TEST_F(Reception, IsNotDelayedBySavingTheExports) {
   const fs::path out = folder_.path() / "out";
   fs::create_directories(out);
   const double wait_s = longestWait([&] {
-    const SessionKeeper housekeeping(shared_, nullptr, out);  // saves at its end
+    const SessionKeeper keeper(shared_, nullptr, out);  // saves at its end
   });
   EXPECT_LT(wait_s, kMostDelay_s);
   for (const char* name : {"map.ply", "elevation.tif", "colour.tif", "track.geojson"})
@@ -166,7 +166,7 @@ TEST_F(Reception, IsNotDelayedBySavingTheExports) {
 
 TEST_F(Reception, AnExportThatCannotBeWrittenIsToldAndEndsNothing) {
   const fs::path out = folder_.path() / "out";  // there is none
-  { const SessionKeeper housekeeping(shared_, nullptr, out); }
+  { const SessionKeeper keeper(shared_, nullptr, out); }
   EXPECT_NE(shared_.not_kept.find("map.ply"), std::string::npos) << shared_.not_kept;
 }
 

@@ -119,17 +119,23 @@ TEST(LinkCore, ServesARequestForDetailAtItsSpacingAndNoFurtherThanItsCap) {
   request.north_max = request.east_max = 4.9;
   request.spacing = 0.125;
   request.max_error = 0.02;
-  link.request(request, 0);
+  link.request(request, 0, 0);
   EXPECT_FALSE(link.drained());
   link.offerTiles(map, 0);
   EXPECT_EQ(link.counters().squares_held, 3);  // of the four squares of 2 m
   EXPECT_EQ(link.detailLeftOut(), 1U);
 }
 
-TEST(LinkCore, GroundThatTheMapHasLeftIsWithdrawnAndItsAreaWithIt) {
+TEST(LinkCore, GroundThatTheMapHasLeftIsWithdrawnWithTheDetailThatWasAskedForAndItsAreaWithIt) {
   fusion::QuadtreeMap map(mapConfig());
   LinkCore link(linkConfig());
   link.noteMapped(mapped(map, 0, 1.0F, 1.0F, 6.0F));
+  telemetry::Request request;
+  request.kind = telemetry::Request::Kind::kDetail;
+  request.north_min = request.east_min = 2.1;
+  request.north_max = request.east_max = 4.9;
+  request.spacing = 0.125;
+  link.request(request, 0, 0);
   link.offerTiles(map, 0, true);
   ASSERT_GT(link.mappedArea(), 30);
   telemetry::LinkReceiver ship;
@@ -154,6 +160,9 @@ TEST(LinkCore, GroundThatTheMapHasLeftIsWithdrawnAndItsAreaWithIt) {
   };
   converse();
   ASSERT_TRUE(anything());
+  const auto detail = *telemetry::spacingCode(0.125);
+  ASSERT_TRUE(std::any_of(shown.begin(), shown.end(),
+                          [&](const auto& block) { return block.first.spacing == detail; }));
   const fusion::QuadtreeMap elsewhere(mapConfig());
   link.noteChanged({1, 1}, {7, 7});
   link.offerTiles(elsewhere, now, true);

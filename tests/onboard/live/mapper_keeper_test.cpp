@@ -233,7 +233,7 @@ TEST(OwnStatus, SpeaksInBundlesWhereTheModemsFramesAreOfOneSizeAndCountsThoseOfT
   ASSERT_TRUE(status);
   const telemetry::DecodedFrame d = telemetry::decodeFrame(*status);
   EXPECT_EQ(d.header.type, telemetry::MessageType::kStatus);
-  EXPECT_EQ(d.header.sequence, 503 + config.passed_over);
+  EXPECT_EQ(d.header.sequence(), 503 + config.passed_over);
 }
 
 TEST(PartStates, TellsWhenAPartsStateIsAnother) {
