@@ -103,10 +103,10 @@ class Vehicle {
   [[nodiscard]] std::uint64_t frames() const { return link_->counters().frames; }
   // What gave way to newer ground comes again when there is room.
   void offerAgain(std::int64_t now_ns, const Ground& ground) {
-    const auto next = [&](std::deque<std::size_t>& squares) {
-      const std::size_t square = squares.front();
+    const auto next = [&](std::deque<telemetry::BlockQueue::Whole>& squares) {
+      const telemetry::BlockQueue::Whole square = squares.front();
       squares.pop_front();
-      offer(now_ns, ground, square);
+      offerOne(ownTime(now_ns), ground, square);
     };
     while (!gave_way_.empty() && link_->hasRoom()) next(gave_way_);
     while (link_->spare() && !spare_.empty() && gave_way_.empty()) next(spare_);
@@ -122,26 +122,30 @@ class Vehicle {
     link_ = std::make_unique<telemetry::LinkScheduler>(plan_.link);
     link_->onGaveWay([this](const telemetry::BlockQueue::Whole& square, bool spare) {
       auto& squares = spare ? spare_ : gave_way_;
-      const auto at = squareOf(square);
-      if (std::find(squares.begin(), squares.end(), at) == squares.end()) squares.push_back(at);
+      const auto same = [&](const telemetry::BlockQueue::Whole& other) {
+        return other.spacing == square.spacing && other.north == square.north && other.east == square.east;
+      };
+      if (std::none_of(squares.begin(), squares.end(), same)) squares.push_back(square);
     });
     link_->setMissionInfo({"sirius", {}, kStart_ns, 0});
     ear_ = std::make_unique<telemetry::DownlinkReceiver>(kIdentity, keyOf(plan_), kStart_ns);
   }
-  // The square of ground that holds this square of the link's, of any spacing.
-  [[nodiscard]] std::size_t squareOf(const telemetry::BlockQueue::Whole& square) const {
-    const double side = telemetry::spacingOf(square.spacing) * HeightTile::kCells / Ground::kSquare_m;
-    const auto index = [&](std::int32_t at) {
-      return std::min(static_cast<int>(std::floor(at * side)), plan_.side - 1);
-    };
-    return static_cast<std::size_t>(index(square.north) * plan_.side + index(square.east));
+  // A square of any of the link's lattices as the ground is there.
+  void offerOne(std::int64_t now_ns, const Ground& ground, const telemetry::BlockQueue::Whole& place) {
+    const double side = telemetry::spacingOf(place.spacing) * HeightTile::kCells;
+    const std::size_t square = *ground.squareAt(place.north * side, place.east * side);
+    if (side > Ground::kSquare_m) return link_->offer(ground.coarse(square), now_ns);
+    if (side == Ground::kSquare_m) return link_->offer(ground.tile(square), now_ns);
+    const auto quarter = static_cast<std::size_t>((place.north & 1) * 2 + (place.east & 1));
+    if (const auto detail = detailed_.find(4 * square + quarter); detail != detailed_.end())
+      link_->offer(ground.detail(square, static_cast<int>(quarter)), now_ns, detail->second);
   }
   const Plan& plan_;
   std::unique_ptr<telemetry::LinkScheduler> link_;
   std::unique_ptr<telemetry::DownlinkReceiver> ear_;
-  std::vector<std::size_t> since_saved_;      // offered
-  std::deque<std::size_t> gave_way_, spare_;  // the first to be offered first
-  std::map<std::size_t, double> detailed_;    // quarters of squares, with the error asked for [m]
+  std::vector<std::size_t> since_saved_;                       // offered
+  std::deque<telemetry::BlockQueue::Whole> gave_way_, spare_;  // the first to be offered first
+  std::map<std::size_t, double> detailed_;  // quarters of squares, with the error asked for [m]
   std::vector<std::uint8_t> state_;
 };
 
