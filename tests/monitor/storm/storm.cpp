@@ -247,14 +247,16 @@ StormResult storm(unsigned seed) {
   const Slowness slow = slowness(plan);
   const double all_s = static_cast<double>(ground.size()) * (plan.requests.empty() ? 16 : 80) * 60 * 8 /
                        plan.link.rate_bps * slow.sending;
-  const double least_s = plan.answers ? 0 : 2 * all_s + 400;  // where nobody asks, all comes once more
+  // Where nobody asks, all comes once more, and what gives way to it.
+  const bool coarse = plan.link.blocks.coarse_spacing > plan.link.blocks.spacing;
+  const double least_s = plan.answers ? 0 : (coarse ? 3 : 2) * all_s + 400;
   // A ship that has lost frames needs turns enough to say of all of them whether it holds them.
   const bool lost = !plan.lost_files.empty() || !plan.damaged_files.empty();
   const double enough_s =
       (kQuiet_s + (lost ? static_cast<double>(vehicle.frames()) / 80 * 60 : 0)) * slow.turns;
   double quiet_s = 0;
   for (double t = 0;
-       t < 2 * all_s + 3000 * slow.turns + enough_s && (plan.answers ? quiet_s < enough_s : t < least_s);
+       t < 3 * all_s + 3000 * slow.turns + enough_s && (plan.answers ? quiet_s < enough_s : t < least_s);
        t += plan.step_s, now_ns += nanoseconds(plan.step_s)) {
     step(now_ns, false);
     quiet_s = vehicle.drained() ? quiet_s + plan.step_s : 0;

@@ -67,17 +67,23 @@ test('loss never goes below nothing, and thinning keeps frames', () => {
 });
 
 const quiet = {
-  recorded: false, not_kept: null, clocks_apart_s: 3, mission: null, link: { recent_loss: 0.2 },
+  recorded: false, not_kept: null, clocks_apart_s: 3, mission: null,
+  link: { recent_loss: 0.2, accepted: 5, rejected: {} }, downlink: { paused: false },
   status: { battery_percent: 80, altitude_m: 2, position_sigma_m: 0.4, health: [] },
 } as unknown as MonitorState;
 
 test('alarms follow the thresholds, and silence is none in a recording', () => {
   assert.deepEqual(findAlarms(quiet, 10, DEFAULT_THRESHOLDS), []);
-  const bad = { ...quiet, link: { recent_loss: 0.7 }, status: { battery_percent: 10, altitude_m: 0.4, position_sigma_m: 9, health: ['no depth'] } } as unknown as MonitorState;
+  const bad = { ...quiet, link: { ...quiet.link, recent_loss: 0.7 }, status: { battery_percent: 10, altitude_m: 0.4, position_sigma_m: 9, health: ['no depth'] } } as unknown as MonitorState;
   assert.deepEqual(findAlarms(bad, 500, DEFAULT_THRESHOLDS).map((a) => a.id), ['silence', 'battery', 'altitude', 'sigma', 'health:no depth', 'loss']);
   assert.ok(!findAlarms({ ...bad, recorded: true }, 500, DEFAULT_THRESHOLDS).some((a) => a.id === 'silence'));
   const ids = (more: object): string[] => findAlarms({ ...quiet, ...more } as MonitorState, 10, DEFAULT_THRESHOLDS).map((a) => a.id);
   assert.deepEqual(ids({ not_kept: 'received.bin cannot be written' }), ['disk']);
+  const heard = (accepted: number, rejected: object): object => ({ link: { recent_loss: 0.2, accepted, rejected } });
+  assert.deepEqual(ids(heard(0, { unkeyed: 3 })), ['unkeyed']);
+  assert.deepEqual(ids(heard(0, { 'bad-tag': 9 })), ['key']);
+  assert.deepEqual(ids(heard(5, { 'bad-tag': 9, unkeyed: 3, old: 1 })), ['old']);
+  assert.deepEqual(ids({ downlink: { paused: true } }), ['paused']);
   assert.deepEqual(ids({ clocks_apart_s: -600 }), ['clocks']);
   assert.deepEqual(ids({ clocks_apart_s: -600, recorded: true }), []);
   assert.equal(findAlarms(bad, 500, { silence_s: 600, battery_percent: 5, loss_percent: 90, sigma_m: 10, altitude_m: 0.1 }).length, 1);
