@@ -245,6 +245,11 @@ void BlockQueue::sent(const Batch& batch, std::size_t count, std::span<const Map
 
 void BlockQueue::unsendable(const Batch& batch) {
   Block& b = at(batch.refs[0]);
+  if (batch.repeats && b.moved && b.content.seen == b.held_seen) {
+    b.content.depth = b.held;
+    b.moved = false;
+    return;
+  }
   b.sendings = std::numeric_limits<decltype(b.sendings)>::max();
   if (batch.repeats) return;
   b.blocked = true;

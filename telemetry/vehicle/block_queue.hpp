@@ -77,7 +77,8 @@ class BlockQueue {
   // The first `count` blocks of the batch go out now, with frame `version`, and will be held as `decoded`.
   // One that lacks nodes there, because no frame is long enough, waits for newer content.
   void sent(const Batch& batch, std::size_t count, std::span<const MapBlock> decoded, Version version);
-  // The batch's first block cannot be encoded; it waits for newer content, or is not repeated.
+  // The batch's first block cannot be encoded; it waits for newer content. A repeat that has moved a little
+  // since it was sent goes as it was sent, else it is not repeated.
   void unsendable(const Batch& batch);
 
   // A square that the other side holds whole, as it is now.

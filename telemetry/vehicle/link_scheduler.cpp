@@ -141,8 +141,8 @@ std::size_t LinkScheduler::Impl::repairFrame() {
 
 std::size_t LinkScheduler::Impl::mapPacket(int sendings, double after_s) {
   queue.repeat(sendings, after_s);
-  // Blind, a packet leaves room for the head of the frame that may repair it.
-  const std::size_t room = payloadRoom() - (blind() ? kRepairMargin : 0);
+  // Blind, a packet leaves room for the head of the frame that may repair it; what comes again needs none.
+  const std::size_t room = payloadRoom() - (blind() && !again ? kRepairMargin : 0);
   const auto out = std::span(payload).first(room);
   // A block takes a byte at the very least.
   while (queue.gather(now, room, batch)) {
