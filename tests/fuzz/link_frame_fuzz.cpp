@@ -8,6 +8,7 @@
 #include "telemetry/wire/bundle.hpp"
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/mission_info.hpp"
+#include "telemetry/wire/report.hpp"
 #include "telemetry/wire/status.hpp"
 #include "telemetry/wire/track.hpp"
 
@@ -71,7 +72,7 @@ void bundles(std::span<const std::uint8_t> data) {
   for (const std::span<const std::uint8_t> modem_frame : {data, std::span<const std::uint8_t>(bundle)}) {
     std::size_t sum = 0;
     std::vector<std::uint8_t> again(modem_frame.size() + 1);
-    ModemFrameWriter writer(std::span(again).first(modem_frame.size()), true);
+    ModemFrameWriter writer(std::span<std::uint8_t>(again).first(modem_frame.size()), true);
     LinkFrames frames(modem_frame);
     while (const auto frame = frames.next()) {
       check(frame->data() >= modem_frame.data() &&
@@ -97,12 +98,17 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const DecodedFrame frame = decodeFrame(bytes);
   if (frame.verdict == FrameVerdict::kAccepted) {
     std::array<std::uint8_t, kMaxFrameBytes> out;
-    check(encodeFrame(frame.header, frame.payload, out) == size);
-    check(std::equal(bytes.begin(), bytes.end(), out.begin()));
+    check(encodeFrame(frame.header, frame.payload, out, {}, frame.group.value_or(0)) == size);
+    // Frames of protocols before end otherwise.
+    if (bytes[0] >> 4 == kProtocolVersion) check(std::equal(bytes.begin(), bytes.end(), out.begin()));
   }
   Status status;
   std::array<std::uint8_t, kStatusBytes> out;
   if (decodeStatus(bytes, status)) check(encodeStatus(status, out) == size);
+  Report report;
+  std::array<std::uint8_t, kReportBytes> told;
+  if (decodeReport(bytes, report))
+    check(encodeReport(report, told) == size && std::equal(bytes.begin(), bytes.end(), told.begin()));
   MissionInfo info;
   if (decodeMissionInfo(bytes, info)) check(info.vehicle_name.size() <= kMaxNameBytes);
   track(bytes);
