@@ -226,6 +226,8 @@ TEST(WatchedThreads, ABodyThatThrowsEndsItsThreadAloneAndIsStartedAgainSayingWhy
   threads.watchFrom(0);
   std::vector<std::string> events;
   threads.look(kSecond, events);
+  // The second start may not have thrown yet.
+  std::erase(events, "publisher is stuck");
   EXPECT_THAT(events,
               ElementsAre("publisher has left (message 1 cannot be told); started again", "other is stuck"));
   ASSERT_TRUE(comesTrue([&] { return threads.reasonOf("publisher") == "message 2 cannot be told"; }));
