@@ -22,9 +22,9 @@ namespace {
 using namespace fathom;
 
 // What the ship says to this vehicle on this dive, as fathom-onboard would admit it; and a status that gives
-// it the turn. Its sequence numbers lie before 0, where fathom-onboard begins, so that none of that program's
-// frames counts as heard already.
-// `padded_bytes`: size of a modem frame that is always full; 0: it is as long as it is.
+// it the turn. Its versions lie before the dive's first, where fathom-onboard begins, so that none of that
+// program's frames counts as heard already. `padded_bytes`: size of a modem frame that is always full; 0: it
+// is as long as it is.
 io::PrediveLink makeLink(const io::MissionConfig& mission, const std::optional<telemetry::LinkKey>& key,
                          std::size_t padded_bytes) {
   const telemetry::LinkIdentity identity{mission.vehicle_id, mission.dive_id};
@@ -45,7 +45,9 @@ io::PrediveLink makeLink(const io::MissionConfig& mission, const std::optional<t
     }
     return heard;
   };
-  link.greet = [identity, padded_bytes, sequence = std::uint16_t{0xFF00}](
+  constexpr telemetry::Version kGreetings = 0x100;
+  link.greet = [identity, padded_bytes, tag = telemetry::FrameTag(key),
+                version = telemetry::firstVersion(mission.start_utc_ns) - kGreetings](
                    std::int64_t utc_ns, std::span<std::uint8_t> out) mutable {
     telemetry::Status status;
     status.utc_ns = utc_ns;
@@ -54,8 +56,8 @@ io::PrediveLink makeLink(const io::MissionConfig& mission, const std::optional<t
     const std::size_t size = telemetry::encodeStatus(status, payload);
     const bool padded = padded_bytes > 0;
     telemetry::ModemFrameWriter modem(padded ? out.first(padded_bytes) : out, padded);
-    modem.add(telemetry::encodeFrame({identity, sequence++, telemetry::MessageType::kStatus, true},
-                                     {payload.data(), size}, modem.room()));
+    modem.add(telemetry::encodeFrame({identity, version++, telemetry::MessageType::kStatus, true},
+                                     {payload.data(), size}, modem.room(), tag));
     return modem.finish();
   };
   return link;

@@ -85,9 +85,9 @@ struct DecodedFrame {
   FrameVerdict verdict = FrameVerdict::kTooShort;
   FrameHeader header;                     // valid from kForeign on
   std::span<const std::uint8_t> payload;  // points into the bytes given; valid when accepted
-  bool whole_version = false;             // the tag vouches for the lap; else the version has lap 0
+  bool whole_version = false;             // the tag proves the lap; else the version has lap 0
   // Of a repair frame: 8 bits of a digest of all that its group carried. They are added (exclusive or) to the
-  // tag's last byte, so that the other three vouch for the frame by itself, and all for what is repaired with
+  // tag's last byte, so that the other three prove the frame by itself, and all what is repaired with
   // it.
   std::optional<std::uint8_t> group;  // none in protocols before
 };
