@@ -41,7 +41,6 @@ std::optional<Version> LinkReceiver::farBack(const DecodedFrame& frame, Version 
     if (stale_run_ < kStaleRun) return std::nullopt;
     return beginAfterNewest(sequence);
   }
-  if (version < began_) return std::nullopt;
   if (!held_.holds(version)) return version;
   return held_.holdsOther(version, digest) ? std::optional(beginAfterNewest(sequence)) : std::nullopt;
 }
