@@ -155,6 +155,11 @@ MapCoreConfig mapCoreConfig(const OnboardConfig& config, const io::MissionConfig
                     config.localisation,
                     config.colours};
   map.localisation.graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
+  slam::RigPrior& prior = map.localisation.graph.rig;
+  prior.baseline = rig.baseline();
+  // Epipolar lines have not been looked at when the dive begins.
+  constexpr double kUnmeasuredTurn = 0.009;  // half a degree: a rig is knocked by as much [rad]
+  prior.turn = kUnmeasuredTurn;
   return map;
 }
 

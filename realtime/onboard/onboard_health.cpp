@@ -39,6 +39,10 @@ void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>&
   add("steps_contradicted", g.steps_contradicted);
   add("steps_left_out", g.steps_left_out);
   add("dvl_lies", g.dvl_lies);
+  const slam::DvlCalibration& dvl = localisation->graph().dvl();
+  add("dvl_scale", dvl.scale());
+  add("dvl_heading_rad", dvl.heading());
+  add("dvl_calibrations", dvl.restarts());
   add("dvl_absent", g.dvl_absent);
   add("attitude_absent", g.attitude_absent);
   add("depth_absent", g.depth_absent);
@@ -134,6 +138,9 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   for (int axis = 0; axis < 3; ++axis)
     add("rig_turned_" + std::string(1, "xyz"[axis]) + "_rad", rig.turned()(axis));
   add("rig_focal_longer", rig.focal());
+  add("rig_range_scale", rig.rangeCorrected().scale);
+  add("rig_range_per_m", rig.rangeCorrected().per_metre);
+  add("rig_versions", rig.history().newest());
   const lighting::LightingModel::Report light = map_.leftLight().report();
   add("lighting_model", static_cast<int>(light.used));
   add("lighting_images", light.images);

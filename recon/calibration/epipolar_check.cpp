@@ -32,8 +32,10 @@ double errorOf(const StereoRig& rig, const RayPair& rays, const Change& change) 
   return rig.right.fy * line.dot(ray) / ray.z();
 }
 
+// Gauss-Newton in two loops: errors are so nearly linear in a change that the inner one, of weights, needs no
+// new derivatives.
 void fitChange(const StereoRig& rig, const std::vector<RayPair>& rays, EpipolarCheck& out) {
-  constexpr int kIterations = 20;
+  constexpr int kLinearised = 3, kWeighted = 8;
   constexpr double kStep = 1e-6, kEnough = 1e-8;  // [rad]
   // A rig does not turn farther, and focal lengths are calibrated better: holds what the matches leave open.
   constexpr double kTurned = 0.05, kLonger = 0.02;
@@ -41,24 +43,32 @@ void fitChange(const StereoRig& rig, const std::vector<RayPair>& rays, EpipolarC
       Change(1 / kTurned, 1 / kTurned, 1 / kTurned, 1 / kLonger).array().square();  // information
   double sigma = std::max(out.sigma, kLeastSigma);
   Change change = Change::Zero();
-  Eigen::Matrix4d information;
-  for (int iteration = 0; iteration < kIterations; ++iteration) {
-    std::vector<double> errors;
-    for (const RayPair& r : rays) errors.push_back(errorOf(rig, r, change));
-    sigma = std::max(madSigma(errors, 0.0), kLeastSigma);
-    information = prior.asDiagonal();
-    Change gradient = prior.cwiseProduct(change);
+  Eigen::Matrix4d information = prior.asDiagonal();
+  std::vector<double> errors(rays.size()), left(rays.size());
+  std::vector<Change> slopes(rays.size());
+  for (int round = 0; round < kLinearised; ++round) {
     for (std::size_t k = 0; k < rays.size(); ++k) {
-      Change slope;
+      errors[k] = errorOf(rig, rays[k], change);
       for (int i = 0; i < 4; ++i)
-        slope(i) = (errorOf(rig, rays[k], change + kStep * Change::Unit(i)) - errors[k]) / kStep;
-      const double weight = cauchyWeight(errors[k] / sigma) / (sigma * sigma);
-      information += weight * slope * slope.transpose();
-      gradient += weight * errors[k] * slope;
+        slopes[k](i) = (errorOf(rig, rays[k], change + kStep * Change::Unit(i)) - errors[k]) / kStep;
     }
-    const Change step = information.ldlt().solve(-gradient);
-    change += step;
-    if (step.norm() < kEnough) break;
+    const Change start = change;
+    for (int weighting = 0; weighting < kWeighted; ++weighting) {
+      const Change moved = change - start;
+      for (std::size_t k = 0; k < rays.size(); ++k) left[k] = errors[k] + slopes[k].dot(moved);
+      sigma = std::max(madSigma(left, 0.0), kLeastSigma);
+      information = prior.asDiagonal();
+      Change gradient = prior.cwiseProduct(change);
+      for (std::size_t k = 0; k < rays.size(); ++k) {
+        const double weight = cauchyWeight(left[k] / sigma) / (sigma * sigma);
+        information += weight * slopes[k] * slopes[k].transpose();
+        gradient += weight * left[k] * slopes[k];
+      }
+      const Change step = information.ldlt().solve(-gradient);
+      change += step;
+      if (step.norm() < kEnough) break;
+    }
+    if ((change - start).norm() < kEnough) break;
   }
   const Change sigmas = information.inverse().diagonal().cwiseMax(0.0).cwiseSqrt();
   out.sigma_after = sigma;
@@ -66,6 +76,7 @@ void fitChange(const StereoRig& rig, const std::vector<RayPair>& rays, EpipolarC
   out.rotation_sigma = sigmas.head<3>();
   out.focal = change.w();
   out.focal_sigma = sigmas.w();
+  out.information = information;
 }
 
 }  // namespace
@@ -107,9 +118,13 @@ double EpipolarCheck::worst() const {
   return std::max(std::abs(median), std::abs(worst_cell));
 }
 
-bool explainsMove(const EpipolarCheck& check) {
+bool tellsRig(const EpipolarCheck& check) {
   constexpr std::size_t kFewest = 500;
-  return check.errors.size() >= kFewest && hasMoved(check) && check.sigma_after < 0.5 * check.worst();
+  return check.errors.size() >= kFewest && check.sigma_after < kMostMedian;
+}
+
+bool explainsMove(const EpipolarCheck& check) {
+  return tellsRig(check) && hasMoved(check) && check.sigma_after < 0.5 * check.worst();
 }
 
 bool hasMoved(const EpipolarCheck& check) {

@@ -29,6 +29,8 @@ struct EpipolarCheck {
   // By which the right camera's focal lengths have become longer against the left one's, relative.
   double focal = 0, focal_sigma = 0;
   double sigma_after = 0;  // of one match when all that is taken out [px]
+  // Of rotation and focal together: inverse of their covariance as independent matches give it.
+  Eigen::Matrix4d information = Eigen::Matrix4d::Zero();
 
   // In the worst part of the image, or of all [px].
   [[nodiscard]] double worst() const;
@@ -51,6 +53,10 @@ inline constexpr double kMostMedian = 0.5, kMostCell = 0.75;  // [px]
 // Whether it has, and `rotation` and `focal` bring the matches to their lines: few matches, or such that no
 // change does, show something else.
 [[nodiscard]] bool explainsMove(const EpipolarCheck& check);
+
+// Whether `rotation` and `focal` are measured at all, be they large or small: enough matches, which come to
+// their lines.
+[[nodiscard]] bool tellsRig(const EpipolarCheck& check);
 
 // "the right camera as turned by pitch ..., its focal lengths as ... longer": of changed()'s arguments, for
 // people.

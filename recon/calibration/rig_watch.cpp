@@ -1,33 +1,84 @@
 #include "recon/calibration/rig_watch.hpp"
 
+#include <Eigen/Dense>
 #include <algorithm>
+#include <cmath>
+#include <limits>
 
 namespace fathom::calibration {
+namespace {
 
-RigWatch::RigWatch(const StereoRig& rig) : calibrated_(rig), rig_(rig), T_right_left_(rig.T_right_left) {
+// Neighbouring matches share errors of the images and of the lens: a measurement is worth so much less than
+// one of independent matches.
+constexpr double kShared = 4;
+// A rig warms, cools and settles: random walk from one measurement to the next [rad], [1].
+constexpr double kWalk = 2e-5;
+// Chi-square with 4 degrees of freedom that no measurement of the same rig reaches, distortion's changes
+// included.
+constexpr double kContradicts = 60;
+// Smaller changes are not worth a new rig: of ranges [1] at a survey's altitude [m], and of epipolar lines,
+// as a turn [rad].
+constexpr double kLeastRange = 5e-4, kSurveyRange = 2, kLeastTurn = 2e-5;
+
+}  // namespace
+
+RigWatch::RigWatch(const StereoRig& rig) : calibrated_(rig), history_(rig), T_right_left_(rig.T_right_left) {
   matches_.reserve(kToRefine);
 }
 
 bool RigWatch::add(std::span<const RigMatch> matches) {
-  const std::size_t enough = refining_ ? kToRefine : kHeld;
+  if (history_.full()) return false;
+  const std::size_t enough = beginnings_ > 0 ? kToRefine : kHeld;
   const std::size_t count = std::min({matches.size(), kOfPair, enough - matches_.size()});
   for (std::size_t k = 0; k < count; ++k) matches_.push_back(matches[k * matches.size() / count]);
   if (matches_.size() < enough) return false;
-  const EpipolarCheck check = checkEpipolar(rig_, matches_);
+  const EpipolarCheck check = checkEpipolar(rig(), matches_);
   matches_.clear();
+  if (!tellsRig(check)) return false;
+  Eigen::Vector4d seen;
+  seen << check.rotation, check.focal;
+  const Eigen::Matrix4d told = check.information / kShared;
+  const Eigen::Vector4d off = seen - left_;
   const bool moved = explainsMove(check);
-  const bool refines = refining_ && check.sigma_after < kMostMedian;  // not matches of nothing
-  refining_ = moved;
-  if (!moved && !refines) return false;
+  const bool contradicts =
+      beginnings_ > 0 && off.dot((known_.inverse() + told.inverse()).ldlt().solve(off)) > kContradicts;
+  const bool same = beginnings_ == 0 || (!moved && !contradicts);  // at first it stands as it began
   if (moved) ++changes_;
-  T_right_left_ = changed(rig_, check.rotation, 0).T_right_left;
-  focal_ += check.focal;
-  apply();
+  if (moved || contradicts || beginnings_ == 0) {
+    ++beginnings_;
+    left_ = seen;
+    known_ = told;
+  } else {
+    known_ = (known_.inverse() + kWalk * kWalk * Eigen::Matrix4d::Identity()).inverse();
+    const Eigen::Matrix4d both = known_ + told;
+    left_ = both.ldlt().solve(known_ * left_ + told * seen);
+    known_ = both;
+  }
+  const StereoRig to = changed(rig(), left_.head<3>(), left_.w());
+  if (same && left_.cwiseAbs().maxCoeff() < kLeastTurn &&
+      std::abs(rangeChange(rig(), to).at(kSurveyRange)) < kLeastRange)
+    return false;
+  Vector6d twist = Vector6d::Zero();
+  twist.tail<3>() = left_.head<3>();
+  T_right_left_ = SE3::exp(twist) * T_right_left_;
+  focal_ += left_.w();
+  left_.setZero();
+  apply(same);
   return true;
+}
+
+void RigWatch::correctRange(const RangeError& error) {
+  range_.scale += error.scale;
+  range_.per_metre += error.per_metre;
+  apply(true);
 }
 
 Eigen::Vector3d RigWatch::turned() const {
   return (T_right_left_ * calibrated_.T_right_left.inverse()).log().tail<3>();
+}
+
+double RigWatch::yawSigma() const {
+  return beginnings_ == 0 ? std::numeric_limits<double>::infinity() : std::sqrt(known_.inverse()(1, 1));
 }
 
 std::optional<std::string> RigWatch::warning() const {
@@ -36,9 +87,10 @@ std::optional<std::string> RigWatch::warning() const {
          "; fathom-topside check-calibration MISSION --mended stereo.calib makes the file for the next dive";
 }
 
-void RigWatch::apply() {
-  rig_ = changed(calibrated_, Eigen::Vector3d::Zero(), focal_);
-  rig_.T_right_left = T_right_left_;
+void RigWatch::apply(bool same) {
+  StereoRig turned = changed(calibrated_, Eigen::Vector3d::Zero(), focal_);
+  turned.T_right_left = T_right_left_;
+  history_.add(withoutRangeError(turned, range_), same);
 }
 
 }  // namespace fathom::calibration

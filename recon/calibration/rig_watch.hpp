@@ -8,14 +8,18 @@
 #include <vector>
 
 #include "recon/calibration/epipolar_check.hpp"
+#include "recon/calibration/rig_history.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
 namespace fathom::calibration {
 
-// Whether the rig stands as it was calibrated, pair after pair, in fixed memory: a tenth of a degree puts
-// every match off its epipolar line, and stereo drops it. Matches are held until they fill the view, then
-// checkEpipolar() judges them; where the rig has moved it is changed, once more by four times as many (the
-// turn towards the left camera, which makes all ranges wrong, shows least), and watched on from there.
+// The rig's turn and ratio of focal lengths as states, estimated pair after pair in fixed memory from how far
+// matches lie off their epipolar lines. Matches are held until they fill the view; checkEpipolar() of them is
+// one measurement, with its covariance, of what is left; the estimate is the information-weighted mean of
+// all, with a slow random walk, and the rig is changed to it. A measurement that contradicts the estimate
+// beyond chance shows a rig that was knocked: the estimate begins anew. The turn about y, which makes all
+// ranges wrong, shows least in epipolar lines; range errors that DVL and visual odometry find between them
+// are taken out beside it (correctRange).
 class RigWatch {
  public:
   explicit RigWatch(const StereoRig& rig);
@@ -23,13 +27,25 @@ class RigWatch {
   // A pair's matches, before they are judged by the rig: up to kOfPair of them, spread over the list. True
   // when rig() has changed.
   [[nodiscard]] bool add(std::span<const RigMatch> matches);
+  // Takes a range error out of rig(), as withoutRangeError().
+  void correctRange(const RangeError& error);
 
-  [[nodiscard]] const StereoRig& rig() const { return rig_; }
+  [[nodiscard]] const StereoRig& rig() const { return history_.rig(history_.newest()); }
+  // What it was taken for before; it changes no more once that is full.
+  [[nodiscard]] const RigHistory& history() const { return history_; }
   // By how much in all: of the right camera about its x, y, z [rad], and the logarithm of right over left
-  // focal length.
+  // focal length; and what correctRange() took out.
   [[nodiscard]] Eigen::Vector3d turned() const;
   [[nodiscard]] double focal() const { return focal_; }
+  [[nodiscard]] const RangeError& rangeCorrected() const { return range_; }
+  // Standard deviation of the turn about y that epipolar lines leave [rad]; infinite before the first
+  // measurement.
+  [[nodiscard]] double yawSigma() const;
+  // Times that matches contradicted the rig beyond what stereo can do with: it was knocked, or stood
+  // otherwise from the start.
   [[nodiscard]] std::uint64_t changes() const { return changes_; }
+  // Times that the estimate began anew, the first time included.
+  [[nodiscard]] std::uint64_t beginnings() const { return beginnings_; }
   // One sentence for people; none while it stands as it was calibrated.
   [[nodiscard]] std::optional<std::string> warning() const;
 
@@ -38,19 +54,22 @@ class RigWatch {
   // For saved state.
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.T_right_left_, self.focal_, self.changes_, self.refining_);
+    archive(self.history_, self.T_right_left_, self.focal_, self.range_.scale, self.range_.per_metre,
+            self.changes_, self.beginnings_, self.left_, self.known_);
     archive.bounded(self.matches_, kToRefine);
-    if constexpr (Archive::kLoading) self.apply();
   }
 
  private:
-  void apply();
+  void apply(bool same);
 
-  StereoRig calibrated_, rig_;
-  SE3 T_right_left_;  // of rig_
+  StereoRig calibrated_;
+  RigHistory history_;
+  SE3 T_right_left_;  // of rig(), without range_
   double focal_ = 0;
-  std::uint64_t changes_ = 0;
-  bool refining_ = false;
+  RangeError range_;
+  std::uint64_t changes_ = 0, beginnings_ = 0;
+  Eigen::Vector4d left_ = Eigen::Vector4d::Zero();   // estimated but too small to be worth a change
+  Eigen::Matrix4d known_ = Eigen::Matrix4d::Zero();  // information of the estimate, as EpipolarCheck has it
   std::vector<RigMatch> matches_;
 };
 

@@ -12,7 +12,7 @@ constexpr double kForgets = 0.97;  // what a step leaves of the sum of those bef
 // Of the sum's square over its variance, 1 / (1 - kForgets^2): a chance of 1e-4 with 2 degrees of freedom.
 constexpr double kLeans = 20;
 constexpr double kChanged = 0.1;  // standard deviation of scale and heading after a change [1], [rad]
-constexpr double kWalk = 2e-6;    // of either state over a step, squared it is far below what a step tells
+constexpr double kWalk = 2e-6;    // of a state over a step, squared it is far below what a step tells
 
 Eigen::Vector2d turnedLeft(const Eigen::Vector2d& d) {
   return {-d.y(), d.x()};
@@ -20,13 +20,36 @@ Eigen::Vector2d turnedLeft(const Eigen::Vector2d& d) {
 
 }  // namespace
 
-DvlCalibration::DvlCalibration(const SensorNoise& noise, const Eigen::Vector3d& dvl_in_camera)
-    : noise_(noise), dvl_in_camera_(dvl_in_camera) {
-  covariance_ = Eigen::Vector2d(noise.dvl_scale, noise.dvl_heading).cwiseAbs2().asDiagonal();
+DvlCalibration::DvlCalibration(const SensorNoise& noise, const Eigen::Vector3d& dvl_in_camera,
+                               const RigPrior& rig)
+    : noise_(noise), dvl_in_camera_(dvl_in_camera), rig_(rig) {
+  const double per_metre = std::hypot(rig.principal_point, rig.turn) / rig.baseline;
+  covariance_ =
+      Eigen::Vector4d(noise.dvl_scale, noise.dvl_heading, rig.scale, per_metre).cwiseAbs2().asDiagonal();
+}
+
+void DvlCalibration::rigChanged(const Eigen::Vector2d& growth) {
+  constexpr double kOpen = 0.5;
+  state_.tail<2>() += growth;
+  covariance_.diagonal().tail<2>() += (kOpen * growth).cwiseAbs2();
+}
+
+void DvlCalibration::rigBeganAnew(double turn_sigma) {
+  const double per_metre = std::hypot(rig_.principal_point, turn_sigma) / rig_.baseline;
+  state_.tail<2>().setZero();
+  covariance_.row(3).setZero();
+  covariance_.col(3).setZero();
+  covariance_(3, 3) = per_metre * per_metre;
+  leaning_.setZero();
+}
+
+double DvlCalibration::rangeSigma(double range) const {
+  const Eigen::Vector2d by(1, range);
+  return std::sqrt(by.dot(covariance_.bottomRightCorner<2, 2>() * by));
 }
 
 bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b,
-                         const Matrix6d& covariance, const StepQuality& quality) {
+                         const Matrix6d& covariance, const StepQuality& quality, double range) {
   const Eigen::Vector2d reckoned = wayOf(T_odom_a, T_odom_b).head<2>();
   if (reckoned.norm() < kLeastWay) return true;
   const SE3 T_odom_seen = T_odom_a * T_a_b;
@@ -43,8 +66,8 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
   noise += noise_.heading * noise_.heading * across * across.transpose();
 
   covariance_.diagonal().array() += kWalk * kWalk;
-  Eigen::Matrix2d H;
-  H << reckoned, across;
+  Eigen::Matrix<double, 2, 4> H;
+  H << reckoned, across, reckoned, range * reckoned;
   const Eigen::Vector2d innovation = visual - reckoned - H * state_;
   const Eigen::Matrix2d S = H * covariance_ * H.transpose() + noise;
   // In the axes of the way, so that what leans to one side does so after a turn of the vehicle too.
@@ -56,7 +79,9 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
   const double distance2 = normal.squaredNorm();
   leaning_ = kForgets * leaning_ + normal * std::min(1.0, std::sqrt(kGate / std::max(distance2, kGate)));
   if (leaning_.squaredNorm() * (1 - kForgets * kForgets) > kLeans) {
-    covariance_ = kChanged * kChanged * Eigen::Matrix2d::Identity();
+    covariance_.topRows<2>().setZero();
+    covariance_.leftCols<2>().setZero();
+    covariance_.topLeftCorner<2, 2>() = kChanged * kChanged * Eigen::Matrix2d::Identity();
     leaning_.setZero();
     ++restarts_;
     return false;
@@ -65,9 +90,9 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
     ++gated_;
     return false;
   }
-  const Eigen::Matrix2d gain = covariance_ * H.transpose() * S.inverse();
+  const Eigen::Matrix<double, 4, 2> gain = covariance_ * H.transpose() * S.inverse();
   state_ += gain * innovation;
-  const Eigen::Matrix2d left = Eigen::Matrix2d::Identity() - gain * H;
+  const Eigen::Matrix4d left = Eigen::Matrix4d::Identity() - gain * H;
   covariance_ = left * covariance_ * left.transpose() + gain * noise * gain.transpose();
   ++used_;
   return true;
@@ -80,7 +105,7 @@ SE3 DvlCalibration::corrected(const SE3& T_odom_a, const SE3& T_odom_b) const {
 }
 
 double DvlCalibration::remainingShare() const {
-  return std::sqrt(covariance_.diagonal().maxCoeff());
+  return std::sqrt(covariance_.diagonal().head<2>().maxCoeff());
 }
 
 }  // namespace fathom::slam

@@ -8,36 +8,63 @@
 
 namespace fathom::slam {
 
+// What is known of a stereo rig before a dive, as standard deviations: what it does to ranges, whose relative
+// error is  scale + per_metre * range.  See DvlCalibration.
+struct RigPrior {
+  double scale = 0.004;  // of its baseline [1]
+  double principal_point =
+      5e-4;  // between both cameras' principal points [rad], which epipolar lines do not show
+  // Of its turn towards the other camera before epipolar lines have been looked at [rad]; 0: it does not
+  // turn.
+  double turn = 0;
+  double baseline = 0.07;  // [m]: per_metre is an angle over this
+};
+
 // Scale and heading misalignment of the DVL against the camera, which dead reckoning carries into every step
-// in the same way, estimated from steps that visual odometry measured too: a Kalman filter on
-//   d_visual = (1 + s) Rz(psi) d_reckoned,   d the way of the DVL, level [m],   linear: d_visual - d = s d +
-//   psi (down x d),
-// x = (s, psi), constant but for a slow walk. Steps that disagree by more than the gate are left out. Where
-// steps go on disagreeing to the same side, by however little, the DVL has changed (another sound speed, a
-// beam that is fouled): the sum of normalised innovations with forgetting tells (a geometric moving average,
-// Roberts 1959), and scale and heading are learnt anew.
+// in the same manner, together with the range error of the rig, which all visual links share: a Kalman filter
+// on steps that visual odometry measured too,
+//   d_visual = (1 + b + e r) (1 + s) Rz(psi) d_reckoned,   d the path of the DVL, level [m], r the range [m],
+// x = (s, psi, b, e), constant but for a slow walk. One range tells s + b + e r alone: it is shared out by
+// the priors, so that the sensor that is known better stays as it is, and more ranges tell them apart. Steps
+// that disagree by more than the gate are left out. Where steps go on disagreeing to the same side, by
+// however little, the DVL has changed (another sound speed, a beam that is fouled): the sum of normalised
+// innovations with forgetting tells (a geometric moving average, Roberts 1959), and its scale and heading are
+// learnt anew.
 class DvlCalibration {
  public:
   // `dvl_in_camera`: its place in the camera's axes [m].
   explicit DvlCalibration(const SensorNoise& noise,
-                          const Eigen::Vector3d& dvl_in_camera = Eigen::Vector3d::Zero());
+                          const Eigen::Vector3d& dvl_in_camera = Eigen::Vector3d::Zero(),
+                          const RigPrior& rig = {});
 
   // One step as dead reckoning and as visual odometry have it, T_a_b of the cameras; the covariance is that
-  // of the visual one's right perturbation. False when it was outside the gate.
+  // of the visual one's right perturbation, without the rig's range error; `range` to what it saw [m]. False
+  // when it was outside the gate.
   bool add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b, const Matrix6d& covariance,
-           const StepQuality& quality);
+           const StepQuality& quality, double range);
 
   // T_odom_b with the way from a scaled and turned as estimated.
   [[nodiscard]] SE3 corrected(const SE3& T_odom_a, const SE3& T_odom_b) const;
 
   [[nodiscard]] double scale() const { return state_(0); }    // s
   [[nodiscard]] double heading() const { return state_(1); }  // psi [rad]
-  [[nodiscard]] const Eigen::Matrix2d& covariance() const { return covariance_; }
-  // What is left of both, as a share of the way.
+  // Range error of the rig: scale b [1] and e [1/m]. It belongs to who sees through the rig to take it out.
+  [[nodiscard]] Eigen::Vector2d rangeError() const { return state_.tail<2>(); }
+  // Standard deviation of the range error at a range [1].
+  [[nodiscard]] double rangeSigma(double range) const;
+  [[nodiscard]] const Eigen::Matrix4d& covariance() const { return covariance_; }
+  // What is left of scale and heading, as a share of the way.
   [[nodiscard]] double remainingShare() const;
   [[nodiscard]] std::uint64_t used() const { return used_; }
   [[nodiscard]] std::uint64_t gated() const { return gated_; }
   [[nodiscard]] std::uint64_t restarts() const { return restarts_; }
+
+  // The rig was changed so that its ranges grew by (scale, per metre). As paths follow ranges which are wrong
+  // in a different way over the image by a part of their error only, a part of the change is open again.
+  void rigChanged(const Eigen::Vector2d& growth);
+  // The rig was measured for the first time, or anew after a knock: its turn towards the other camera is
+  // known to this [rad], whatever was known before of the range error per metre.
+  void rigBeganAnew(double turn_sigma);
 
   // For saved state (state_archive.hpp), bit by bit.
   template <typename Archive, typename Self>
@@ -53,8 +80,9 @@ class DvlCalibration {
 
   SensorNoise noise_;
   Eigen::Vector3d dvl_in_camera_;
-  Eigen::Vector2d state_ = Eigen::Vector2d::Zero();
-  Eigen::Matrix2d covariance_;
+  RigPrior rig_;
+  Eigen::Vector4d state_ = Eigen::Vector4d::Zero();
+  Eigen::Matrix4d covariance_;
   Eigen::Vector2d leaning_ = Eigen::Vector2d::Zero();  // sum of normalised innovations, forgetting
   std::uint64_t used_ = 0, gated_ = 0, restarts_ = 0;
 };

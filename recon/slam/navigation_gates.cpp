@@ -61,13 +61,23 @@ void NavigationGraph::moveAstray(int a, int b, const SE3& T_a_b) {
   noteChanges();
 }
 
+// With what the rig's range error, which is common to all links, may have made of its length.
+Matrix6d NavigationGraph::withRangeError(const SE3& T_a_b, const Matrix6d& covariance, double range) const {
+  const Eigen::Vector3d longer =
+      dvl_.rangeSigma(range) * (T_a_b.rotation().conjugate() * T_a_b.translation());
+  Matrix6d out = covariance;
+  out.topLeftCorner<3, 3>() += longer * longer.transpose();
+  return out;
+}
+
 Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance) {
   if (!has(a) || !has(b) || a == b || !covariance.allFinite()) {
     ++counters_.links_refused;
     return Taken::kBad;
   }
   Frame& to = frames_[at(b)];
-  const RelativePose factor = linkFactor(frames_[at(a)].node, to.node, T_a_b, covariance);
+  const Matrix6d spread = withRangeError(T_a_b, covariance, to.range);
+  const RelativePose factor = linkFactor(frames_[at(a)].node, to.node, T_a_b, spread);
   const bool chain = kind == LinkKind::kOdometry && b == a + 1 && b == keyframes() - 1 && seen_.waits;
   if ((!chain && robust_.size() == robust_.capacity()) || !factor.information.allFinite()) {
     ++counters_.links_refused;
@@ -76,9 +86,9 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
   const bool agreed = kind == LinkKind::kAgreed;
   if (!chain && !agreed) {
     const Prediction known = predict(a, b);
-    const bool fits = distance2(factor, config_.known_scale * known.covariance + covariance) <= config_.gate;
+    const bool fits = distance2(factor, config_.known_scale * known.covariance + spread) <= config_.gate;
     if (!fits) ++counters_.links_contradicting;
-    if (!fits && !agreesWithRefused(a, b, T_a_b, covariance)) return Taken::kContradicts;
+    if (!fits && !agreesWithRefused(a, b, T_a_b, spread)) return Taken::kContradicts;
   }
   if (agreed && b > a && pose(b).rotation().angularDistance((pose(a) * T_a_b).rotation()) > kFarTurned)
     moveAstray(a, b, T_a_b);
@@ -95,7 +105,7 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
   } else {
     robust_of_[at(measurement)] = static_cast<int>(robust_.size());
     robust_.push_back(
-        {factor.from, factor.to, T_a_b, covariance, measurement, kLinkFree, 1, false, false, agreed});
+        {factor.from, factor.to, T_a_b, spread, measurement, kLinkFree, 1, false, false, agreed});
   }
   return Taken::kYes;
 }

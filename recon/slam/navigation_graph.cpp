@@ -47,7 +47,7 @@ void NavigationConfig::validate() const {
 NavigationGraph::NavigationGraph(const NavigationConfig& config)
     : config_(config),
       solver_(solverConfig(config)),
-      dvl_(config.noise, config.dvl_in_camera),
+      dvl_(config.noise, config.dvl_in_camera, config.rig),
       frames_(at(config.max_keyframes)),
       shift_sigma_(kAnywhere),
       reference_credit_(kKeyframesPerReference * kSpareReferences) {
@@ -98,6 +98,7 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
   frame.leapt = input.compass_jumped;
   frame.gyro_turn = input.gyro_turn;
   frame.ungyro_s = input.ungyro_s;
+  frame.range = input.range;
   const bool first = frames_.empty();
   StepQuality quality;
   SE3 reckoned;  // T_odom_cam with the way from the last keyframe corrected

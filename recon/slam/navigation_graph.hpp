@@ -36,6 +36,7 @@ struct NavigationConfig {
   double change_m = 0.01;     // smallest move of a keyframe that is reported [m]
   double change_rad = 0.005;  // and turn [rad]
   Eigen::Vector3d dvl_in_camera = Eigen::Vector3d::Zero();  // its place in the camera's axes [m]
+  RigPrior rig;
   SensorNoise noise;
   IncrementalConfig solver;  // its sizes are set from the above
 
@@ -55,6 +56,7 @@ struct KeyframeInput {
   // [rad], and for how long of that the gyro was silent, which added nothing to it [s]; negative: no gyro at
   // all.
   double gyro_turn = 0, ungyro_s = -1;
+  double range = 2;  // from the camera to the seafloor [m]
 };
 
 // kAgreed: a closure that others agree with around a cycle, whatever the graph says.
@@ -113,6 +115,14 @@ class NavigationGraph {
   // nearest in time, and odometry knows the way between. `sigma`: of either component [m].
   Taken addFix(int at, const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& north_east,
                double sigma);
+
+  // The rig that visual odometry looks through was changed so that its ranges grew by (scale [1], per metre
+  // [1/m]); see DvlCalibration.
+  void rigChanged(const Eigen::Vector2d& growth) { dvl_.rigChanged(growth); }
+  // It was measured for the first time, or anew after a knock: DvlCalibration::rigBeganAnew(). What steps
+  // after `since_ns` contradicted was the rig's error, not the DVL's: `knocked`, their visual odometry is
+  // rejected.
+  void rigBeganAnew(double turn_sigma, std::int64_t since_ns, bool knocked);
 
   // Judges the newest step by all that has come of it; addKeyframe() and step() do so.
   void judge();
@@ -189,6 +199,7 @@ class NavigationGraph {
     int drift = -1;                       // and of the reference that begins here
     int link = -1;                        // and of visual odometry from the keyframe before
     double gyro_turn = 0, ungyro_s = -1;  // of the step
+    double range = 2;                     // [m]
     bool leapt = false;                   // the compass, on the step
     bool mixed = false;                   // its reference began before the compass's present one
     StepQuality quality;                  // of that step
@@ -240,6 +251,7 @@ class NavigationGraph {
   void reweight(bool settled);
   [[nodiscard]] bool fits(const Robust& r);
   void noteChanges();
+  [[nodiscard]] Matrix6d withRangeError(const SE3& T_a_b, const Matrix6d& covariance, double range) const;
   [[nodiscard]] double distance2(const RelativePose& factor, const Matrix6d& covariance) const;
 
   NavigationConfig config_;

@@ -9,7 +9,7 @@
 namespace fathom::slam {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 5;
+constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 6;
 
 template <typename Archive, typename Quality>
 void exchangeQuality(Archive& archive, Quality& quality) {
@@ -59,7 +59,7 @@ void NavigationGraph::exchangeFrame(Archive& archive, Self& frame) {
   archive(frame.utc_ns, frame.T_odom_cam, frame.known, frame.node, frame.step, frame.attitude, frame.drift,
           frame.link, frame.gyro_turn, frame.ungyro_s, frame.leapt, frame.mixed, frame.heading.compass,
           frame.heading.visual, frame.heading.restarts, frame.dvl_lies, frame.step_weight, frame.link_slips,
-          frame.counted, frame.waiting);
+          frame.counted, frame.waiting, frame.range);
   exchangeQuality(archive, frame.quality);
 }
 

@@ -98,7 +98,8 @@ bool NavigationGraph::linkFitsButForYaw(const Frame& from, const Frame& to, doub
   Vector6d e = perturbationOf({0, 1, T_a_b, Matrix6d::Identity()}, from.T_odom_cam, T_odom_to);
   e.head<3>() = T_odom_seen.rotation().conjugate() *
                 (T_odom_to * config_.dvl_in_camera - T_odom_seen * config_.dvl_in_camera);
-  const Matrix6d covariance = spread + at_dvl * seen_.link.covariance * at_dvl.transpose();
+  const Matrix6d seen = withRangeError(T_a_b, seen_.link.covariance, to.range);
+  const Matrix6d covariance = spread + at_dvl * seen * at_dvl.transpose();
   return e.dot(covariance.ldlt().solve(e)) <= config_.gate;
 }
 
@@ -121,7 +122,8 @@ void NavigationGraph::judgeVelocity(Frame& from, Frame& to) {
   const Eigen::Vector2d visual = velocity(from.T_odom_cam * seen_.link.T_a_b);
   const auto learn = [&] {
     if (locked && to.heading.visual)
-      (void)dvl_.add(from.T_odom_cam, to.T_odom_cam, seen_.link.T_a_b, seen_.link.covariance, to.quality);
+      (void)dvl_.add(from.T_odom_cam, to.T_odom_cam, seen_.link.T_a_b, seen_.link.covariance, to.quality,
+                     to.range);
   };
   if (linkFitsButForYaw(from, to, 0)) {
     contradictions_ = slips_ = 0;
@@ -154,6 +156,20 @@ void NavigationGraph::judgeVelocity(Frame& from, Frame& to) {
   velocity_ = visual;
   learn();
   if (++contradictions_ >= config_.lying_after) counters_.dvl_lies = true;
+}
+
+void NavigationGraph::rigBeganAnew(double turn_sigma, std::int64_t since_ns, bool knocked) {
+  judge();
+  dvl_.rigBeganAnew(turn_sigma);
+  contradictions_ = slips_ = agreements_ = 0;
+  counters_.dvl_lies = false;
+  const std::span<const int> all = living();
+  for (std::size_t i = all.size(); i-- > 0 && frames_[at(all[i])].utc_ns >= since_ns;) {
+    Frame& frame = frames_[at(all[i])];
+    frame.dvl_lies = false;
+    frame.link_slips = frame.link_slips || (knocked && frame.link >= 0);
+    weigh(frame);
+  }
 }
 
 void NavigationGraph::judge() {

@@ -127,18 +127,23 @@ const LightingModels& Dive::lighting() {
   if (lighting_) return *lighting_;
   const Survey& dive = survey();
   auto models = std::make_unique<LightingModels>(input_.mission, input_.rig, config_.lighting);
-  if (!input_.features_only) {
+  const auto find = [&](const LightingModels& by) {
+    return config_.mend_rig ? findRig(input_, config_, dive, by) : RigFinding();
+  };
+  if (input_.features_only) {
+    rig_finding_ = find(*models);
+  } else {
     const Digest key = lightingKey(config_, survey_content_, image_identities_);
     const WorkFile file = single(Stage::kLighting, key, [&](WorkFileWriter& out) {
       auto learnt = std::make_unique<LightingModels>(input_.mission, input_.rig, config_.lighting);
       learnLighting(input_, config_, dive, *learnt);
-      const RigFinding found = config_.mend_rig ? findRig(input_, dive, *learnt) : RigFinding();
+      const RigFinding found = find(*learnt);
       if (found.moved) {
         // Ranges, which light is learnt by, were those of a rig that stood otherwise.
-        MissionInput mended = input_;
-        mended.rig = rigAsFound(input_.rig, found);
-        learnt = std::make_unique<LightingModels>(mended.mission, mended.rig, config_.lighting);
-        learnLighting(mended, config_, dive, *learnt);
+        MissionInput turned = input_;
+        turned.rig = rigAsFound(input_.rig, found);
+        learnt = std::make_unique<LightingModels>(turned.mission, turned.rig, config_.lighting);
+        learnLighting(turned, config_, dive, *learnt);
       }
       saveLighting(out, *learnt);
       saveBlock(out, "rig", found);
@@ -147,8 +152,9 @@ const LightingModels& Dive::lighting() {
     loadLighting(file, *models);
     lighting_content_ = file.content();
     rig_finding_ = loadBlock<RigFinding>(file, "rig");
-    input_.rig = rigAsFound(input_.rig, rig_finding_);
   }
+  input_.rig = rigAsFound(input_.rig, rig_finding_);
+  config_.navigation.rig = rigPrior(input_.rig, rig_finding_);
   lighting_ = std::move(models);
   return *lighting_;
 }

@@ -111,7 +111,8 @@ bool closure(fusion::QuadtreeConfig config, int meshes, int moved, int quota) {
   constexpr std::size_t kPoints = 1000;
   config.max_tiles = 4 * config.max_tiles;  // all fits: maps that coarsened need not be equal
   onboard::testing::MemorySlots slots(static_cast<std::size_t>(meshes), onboard::meshSlotBytes(kPoints));
-  onboard::MovingMap map(config, &slots, kPoints);
+  const calibration::RigHistory rigs{StereoRig{}};
+  onboard::MovingMap map(config, &slots, kPoints, rigs);
   bool closed = false;
   // The last lines drift away from where they belong, as before a closure.
   const onboard::MovingMap::PoseOf pose_of = [&](int pair, const SE3& T) {

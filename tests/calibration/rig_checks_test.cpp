@@ -90,24 +90,79 @@ TEST(EpipolarCheck, FocalLengthsThatDifferAreToldFromATurn) {
   EXPECT_NEAR(mended.baseline(), truth.baseline(), 1e-12);
 }
 
+int changesBy(RigWatch& watch, const std::vector<RigMatch>& matches) {
+  int changed = 0;
+  for (std::size_t k = 0; k + RigWatch::kOfPair <= matches.size(); k += RigWatch::kOfPair)
+    changed += watch.add({matches.data() + k, RigWatch::kOfPair}) ? 1 : 0;
+  return changed;
+}
+
+double rangeErrorOf(const StereoRig& rig, const StereoRig& truth) {
+  return rangeChange(truth, rig).at(2);
+}
+
+// However little: half a pixel off its line a match is good for stereo, and every range 8 % too short.
+TEST(RigWatch, ATurnAboutAnyAxisIsTakenOutAsFarAsMatchesTellIt) {
+  const StereoRig truth = test::madeRig();
+  const auto matches = madeMatches(truth, RigWatch::kHeld, 0.1);
+  for (const double degrees : {0.05, -0.05, 0.2, -0.2, 1.0, -1.0})
+    for (int axis = 0; axis < 3; ++axis) {
+      RigWatch watch(bumped(truth, degrees * Eigen::Vector3d::Unit(axis)));
+      (void)changesBy(watch, matches);
+      EXPECT_NEAR(watch.turned()(axis) / kDegree, -degrees, 0.012) << degrees << " about " << axis;
+      EXPECT_NEAR(rangeErrorOf(watch.rig(), truth), 0, 0.006) << degrees << " about " << axis;
+      EXPECT_LT(watch.yawSigma() / kDegree, 0.012);
+      EXPECT_EQ(watch.history().best(0), watch.history().newest()) << "it stood so from the start";
+    }
+}
+
+TEST(RigWatch, ManyMatchesTellMoreThanFew) {
+  const StereoRig truth = test::madeRig();
+  RigWatch watch(bumped(truth, {0, 0.1, 0}));
+  (void)changesBy(watch, madeMatches(truth, RigWatch::kHeld + 4 * RigWatch::kToRefine, 0.1));
+  EXPECT_NEAR(rangeErrorOf(watch.rig(), truth), 0, 0.002);
+  EXPECT_EQ(watch.beginnings(), 1u);
+  EXPECT_EQ(watch.changes(), 0u) << "stereo could do with it";
+  EXPECT_LT(watch.history().newest(), 6);
+}
+
 // Knocked in the middle of a dive.
 TEST(RigWatch, FollowsARigThatIsKnocked) {
-  const StereoRig told = test::madeRig(), knocked = bumped(told, {0.3, 0, 0.1});
-  RigWatch watch(told);
-  const auto before = madeMatches(told, 3 * RigWatch::kHeld, 0.1),
-             after = madeMatches(knocked, 3 * RigWatch::kHeld, 0.1);
-  const auto changes = [&](const std::vector<RigMatch>& matches) {
-    int changed = 0;
-    for (std::size_t k = 0; k + RigWatch::kOfPair <= matches.size(); k += RigWatch::kOfPair)
-      changed += watch.add({matches.data() + k, RigWatch::kOfPair}) ? 1 : 0;
-    return changed;
-  };
-  EXPECT_EQ(changes(before), 0);
-  EXPECT_EQ(changes(after), 1);
-  EXPECT_EQ(watch.changes(), 1u);
-  EXPECT_NEAR(watch.turned().x() / kDegree, 0.3, 0.01);
-  EXPECT_NEAR(watch.turned().z() / kDegree, 0.1, 0.01);
-  EXPECT_FALSE(hasMoved(checkEpipolar(watch.rig(), after)));
+  const StereoRig told = test::madeRig();
+  const auto before = madeMatches(told, RigWatch::kHeld + 2 * RigWatch::kToRefine, 0.1);
+  for (const Eigen::Vector3d& turn : {Eigen::Vector3d(0.3, 0, 0.1), Eigen::Vector3d(0, 0.15, 0)}) {
+    const StereoRig knocked = bumped(told, turn);
+    const auto after = madeMatches(knocked, 2 * RigWatch::kToRefine, 0.1);
+    RigWatch watch(told);
+    (void)changesBy(watch, before);
+    const int stood = watch.history().newest();
+    EXPECT_EQ(watch.beginnings(), 1u);
+    EXPECT_GE(changesBy(watch, after), 1);
+    EXPECT_EQ(watch.beginnings(), 2u);
+    EXPECT_EQ(watch.changes(), turn.x() > 0 ? 1u : 0u);
+    EXPECT_LT((watch.turned() / kDegree - turn).norm(), 0.01);
+    EXPECT_EQ(watch.history().best(stood), stood) << "it stood otherwise then";
+  }
+}
+
+// Baseline and principal points, of which epipolar lines show nothing.
+TEST(RigHistory, ARangeErrorIsTakenOutAndWhatWasSeenIsSeenAnew) {
+  const StereoRig truth = test::madeRig();
+  StereoRig told = truth;
+  told.T_right_left = SE3(told.T_right_left.rotation(), 1.007 * told.T_right_left.translation());
+  told.right.cx += 0.001 * told.right.width;
+  const RangeError error = rangeChange(truth, told);
+  EXPECT_GT(std::abs(error.at(2)), 0.01);
+  const StereoRig found = withoutRangeError(told, error);
+  for (const double range : {1.2, 2.0, 3.0}) EXPECT_NEAR(rangeChange(truth, found).at(range), 0, 1e-3);
+  const Eigen::Vector3d point(0.4, -0.3, 2.1), seen = seenThrough(truth, told, point);
+  EXPECT_GT((seen - point).norm(), 0.02);
+  EXPECT_LT((seenThrough(told, truth, seen) - point).norm(), 1e-6);
+  RigHistory history(told);
+  history.add(found, true);
+  history.add(truth, false);
+  EXPECT_EQ(history.best(0), 1);
+  EXPECT_EQ(history.best(2), 2);
 }
 
 TEST(RigWatch, TakesNoRigFromMatchesThatHaveNone) {

@@ -10,6 +10,8 @@ namespace {
 
 using testing::MemorySlots;
 
+const calibration::RigHistory kRigs{StereoRig{}};  // never known better
+
 constexpr std::int64_t kSecond = 1'000'000'000;
 
 bool takeAt(KeyframeSelection& selection, double north, std::int64_t utc_ns, double yaw = 0) {
@@ -61,8 +63,8 @@ MemorySlots slotsFor(std::size_t slots) {
 
 TEST(KeyframeFeatures, OldOnesComeBackFromTheirSlotsAsTheyWere) {
   MemorySlots slots = slotsFor(100);
-  KeyframeFeatures store(&slots, 100, 20);
-  for (int k = 0; k < 60; ++k) store.add(featuresOf(k), {0.5 * k, 0, 0});
+  KeyframeFeatures store(&slots, 100, 20, kRigs);
+  for (int k = 0; k < 60; ++k) store.add(featuresOf(k), {0.5 * k, 0, 0}, 0);
   for (const int k : {0, 30, 59}) {
     const auto* found = store.find(k);
     ASSERT_NE(found, nullptr) << k;
@@ -74,10 +76,32 @@ TEST(KeyframeFeatures, OldOnesComeBackFromTheirSlotsAsTheyWere) {
   EXPECT_EQ(store.counters().given_way, 0u);
 }
 
+TEST(KeyframeFeatures, PointsLieWhereTheRigAsItIsKnownNowHasThem) {
+  StereoRig told;
+  told.left = told.right = {680, 512, 900, 900, 340, 256};
+  told.T_right_left = SE3(Eigen::Quaterniond::Identity(), {-0.07, 0, 0});
+  StereoRig found = told;
+  found.T_right_left = SE3(Eigen::Quaterniond::Identity(), {-0.077, 0, 0});
+  calibration::RigHistory rigs(told);
+  MemorySlots slots = slotsFor(100);
+  KeyframeFeatures store(&slots, 100, 20, rigs);
+  closure::FrameFeatures features = featuresOf(1);
+  for (closure::Feature& f : features.features) f.left = {400, 300}, f.right = {368.5, 300}, f.point.z() = 2;
+  for (int k = 0; k < 40; ++k) store.add(features, {0.5 * k, 0, 0}, 0);
+  EXPECT_EQ(store.find(2)->features[0].point.z(), 2);
+  rigs.add(found, true);
+  for (const int k : {2, 39}) {  // from its slot, and from memory
+    EXPECT_NEAR(store.find(k)->features[0].point.z(), 2.2, 1e-5) << k;
+    EXPECT_NEAR(store.find(k)->features[0].covariance[5], 1e-5 * std::pow(1.1, 4), 1e-8) << k;
+  }
+  rigs.add(told, false);  // knocked: then it stood as it was found
+  EXPECT_NEAR(store.find(2)->features[0].point.z(), 2.2, 1e-5);
+}
+
 TEST(KeyframeFeatures, TwoThatWereFoundOneAfterTheOtherStayBoth) {
   MemorySlots slots = slotsFor(100);
-  KeyframeFeatures store(&slots, 100, 20);
-  for (int k = 0; k < 60; ++k) store.add(featuresOf(k), {0.5 * k, 0, 0});
+  KeyframeFeatures store(&slots, 100, 20, kRigs);
+  for (int k = 0; k < 60; ++k) store.add(featuresOf(k), {0.5 * k, 0, 0}, 0);
   for (int step = 0; step < 500; ++step) {
     const int a = (step * 7) % 11, b = 11 + (step * 5) % 13;
     const auto *first = store.find(a), *second = store.find(b);
@@ -88,11 +112,11 @@ TEST(KeyframeFeatures, TwoThatWereFoundOneAfterTheOtherStayBoth) {
 
 TEST(KeyframeFeatures, FullOfSlotsTheKeyframeAmongTheClosestNeighboursGivesWay) {
   MemorySlots slots = slotsFor(20);
-  KeyframeFeatures store(&slots, 100, 20);
-  for (int k = 0; k < 20; ++k) store.add(featuresOf(k), {k == 8 ? 7.6 : k == 9 ? 8.0 : 1.0 * k, 0, 0});
-  for (int k = 20; k < 21; ++k) store.add(featuresOf(k), {1.0 * k, 0, 0});
+  KeyframeFeatures store(&slots, 100, 20, kRigs);
+  for (int k = 0; k < 20; ++k) store.add(featuresOf(k), {k == 8 ? 7.6 : k == 9 ? 8.0 : 1.0 * k, 0, 0}, 0);
+  for (int k = 20; k < 21; ++k) store.add(featuresOf(k), {1.0 * k, 0, 0}, 0);
   EXPECT_EQ(store.counters().given_way, 1u);
-  for (int k = 21; k < 40; ++k) store.add(featuresOf(k), {1.0 * k, 0, 0});
+  for (int k = 21; k < 40; ++k) store.add(featuresOf(k), {1.0 * k, 0, 0}, 0);
   // Number 8 lay between neighbours 1 m apart, the others 2 m.
   EXPECT_EQ(store.find(8), nullptr);
   EXPECT_EQ(store.counters().given_way, 20u);
@@ -103,10 +127,10 @@ TEST(KeyframeFeatures, FullOfSlotsTheKeyframeAmongTheClosestNeighboursGivesWay) 
 
 TEST(KeyframeFeatures, AKeyframeThatRetiresLeavesItsSlotToAnother) {
   MemorySlots slots = slotsFor(24);
-  KeyframeFeatures store(&slots, 24, 20);
+  KeyframeFeatures store(&slots, 24, 20, kRigs);
   for (int k = 0; k < 500; ++k) {
     if (store.keyframes().size() == 24) store.retire(k % 7 == 0 ? store.keyframes()[0] : k - 20);
-    store.add(featuresOf(k), {0.5 * k, 0, 0});
+    store.add(featuresOf(k), {0.5 * k, 0, 0}, 0);
   }
   EXPECT_EQ(store.counters().given_way, 0u);
   EXPECT_EQ(store.counters().stored, 500u);
@@ -120,12 +144,12 @@ TEST(KeyframeFeatures, AKeyframeThatRetiresLeavesItsSlotToAnother) {
 
 TEST(KeyframeFeatures, ABadDiskIsCountedAndTheNewestStayInMemory) {
   MemorySlots slots = slotsFor(100);
-  KeyframeFeatures store(&slots, 100, 20);
-  for (int k = 0; k < 30; ++k) store.add(featuresOf(k), {0.5 * k, 0, 0});
+  KeyframeFeatures store(&slots, 100, 20, kRigs);
+  for (int k = 0; k < 30; ++k) store.add(featuresOf(k), {0.5 * k, 0, 0}, 0);
   slots.fails = true;
   EXPECT_EQ(store.find(2), nullptr);
   EXPECT_EQ(store.counters().read_failures, 1u);
-  store.add(featuresOf(30), {15, 0, 0});
+  store.add(featuresOf(30), {15, 0, 0}, 0);
   EXPECT_EQ(store.counters().write_failures, 1u);
   EXPECT_NE(store.find(30), nullptr);
 }

@@ -28,7 +28,7 @@ std::vector<SE3> reckoned(const MadeDive& dive) {
 TEST(LocalisationCore, ClosuresTakeMostOfDeadReckoningsErrorOutOfADive) {
   const MadeDive dive = makeDive();
   MemorySlots slots = featureSlots(300);
-  LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+  LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
   const std::vector<SE3> poses = localised(core, dive);
   const double before = planError(dive, reckoned(dive)).rms;
   EXPECT_GT(before, 0.1);
@@ -44,7 +44,7 @@ TEST(LocalisationCore, TheSameDiveGivesTheSamePosesBitForBit) {
   std::vector<std::vector<SE3>> runs;
   for (int run = 0; run < 2; ++run) {
     MemorySlots slots = featureSlots(300);
-    LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+    LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
     runs.push_back(localised(core, dive));
   }
   for (std::size_t k = 0; k < runs[0].size(); ++k) {
@@ -61,7 +61,7 @@ TEST(LocalisationCore, SurvivesADvlThatDiesACompassThatJumpsAndWildFixes) {
   faults.wild_share = 0.1;
   const MadeDive dive = makeDive(faults);
   MemorySlots slots = featureSlots(300);
-  LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+  LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
   const std::vector<SE3> poses = localised(core, dive);
   EXPECT_GT(planError(dive, reckoned(dive)).rms, 1.0);
   EXPECT_LT(planError(dive, poses).rms, 0.1);
@@ -76,7 +76,7 @@ TEST(LocalisationCore, ADvlThatLiesIsContradictedByTheImagesAndNoticed) {
   faults.dvl_lies_to = 25;
   const MadeDive dive = makeDive(faults);
   MemorySlots slots = featureSlots(300);
-  LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+  LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
   const std::vector<SE3> poses = localised(core, dive);
   EXPECT_GT(planError(dive, reckoned(dive)).rms, 0.5);
   EXPECT_LT(planError(dive, poses).rms, 0.1);
@@ -93,7 +93,7 @@ TEST(LocalisationCore, LostForSecondsAClosureEntersOnlyWhenAnotherAgreesAndTheWa
   MemorySlots slots = featureSlots(300);
   LocalisationConfig config = smallLocalisation();
   config.predictions_per_keyframe = 200;
-  LocalisationCore core(dive.rig, config, &slots);
+  LocalisationCore core(dive.rigs, config, &slots);
   const std::vector<SE3> poses = localised(core, dive);
   EXPECT_GT(planError(dive, reckoned(dive)).rms, 0.8);
   EXPECT_GE(core.closures().counters().confirmed, 2u);
@@ -125,7 +125,7 @@ TEST(LocalisationCore, LostByTenMetresAndAHundredDegreesItIsFoundWithinTenPairsO
   for (const std::uint32_t seed : {1U, 2U, 3U}) {
     MadeDive dive = makeDive(lost(50), seed, testing::DiveTrack::kCrossing);
     MemorySlots slots = featureSlots(300);
-    LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+    LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
     int overlapping = 0, found_after = -1;
     Astray worst, last;
     for (std::size_t k = 0; k < dive.frames.size(); ++k) {
@@ -157,7 +157,8 @@ TEST(LocalisationCore, LostByTenMetresAndAHundredDegreesItIsFoundWithinTenPairsO
 TEST(LocalisationCore, SavedWhileClaimsWaitItIsFoundAgainAfterLoading) {
   const MadeDive dive = makeDive(lost(50), 1, testing::DiveTrack::kCrossing);
   MemorySlots slots = featureSlots(300);
-  LocalisationCore core(dive.rig, smallLocalisation(), &slots), again(dive.rig, smallLocalisation(), &slots);
+  LocalisationCore core(dive.rigs, smallLocalisation(), &slots),
+      again(dive.rigs, smallLocalisation(), &slots);
   std::vector<std::uint8_t> bytes(std::size_t{64} << 20);
   constexpr std::size_t kSavedAt = 145;  // the first claims wait
   for (std::size_t k = 0; k < dive.frames.size(); ++k) {
@@ -182,7 +183,7 @@ TEST(LocalisationCore, LostOverOtherGroundThatLooksAlikeNothingIsClosed) {
   for (const std::uint32_t seed : {1U, 2U, 3U}) {
     const MadeDive dive = makeDive(lost(100), seed, testing::DiveTrack::kElsewhere);
     MemorySlots slots = featureSlots(300);
-    LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+    LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
     (void)localised(core, dive);
     EXPECT_EQ(core.graph().counters().closures, 0u);
     EXPECT_GT(core.closures().counters().places_tried, 40u);
@@ -194,7 +195,7 @@ TEST(LocalisationCore, ABadDiskCostsClosuresOnly) {
   const MadeDive dive = makeDive();
   MemorySlots slots = featureSlots(300);
   slots.fails = true;
-  LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+  LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
   const std::vector<SE3> poses = localised(core, dive);
   EXPECT_EQ(core.features().counters().stored, 0u);
   EXPECT_EQ(core.features().counters().write_failures, static_cast<std::uint64_t>(core.keyframes()));
@@ -204,12 +205,12 @@ TEST(LocalisationCore, ABadDiskCostsClosuresOnly) {
 TEST(LocalisationCore, WithRoomForAThirdOfItsKeyframesADiveGoesOnToItsEnd) {
   const MadeDive dive = makeDive();
   MemorySlots slots = featureSlots(300);
-  LocalisationCore roomy(dive.rig, smallLocalisation(), &slots);
+  LocalisationCore roomy(dive.rigs, smallLocalisation(), &slots);
   const double best = planError(dive, localised(roomy, dive)).rms;
   LocalisationConfig config = smallLocalisation();
   config.max_keyframes = roomy.keyframes() / 3;
   MemorySlots few = featureSlots(static_cast<std::size_t>(config.max_keyframes));
-  LocalisationCore core(dive.rig, config, &few);
+  LocalisationCore core(dive.rigs, config, &few);
   const std::vector<SE3> poses = localised(core, dive);
   EXPECT_EQ(core.keyframes(), roomy.keyframes());
   EXPECT_EQ(core.graph().counters().keyframes_refused, 0u);
@@ -225,7 +226,7 @@ TEST(LocalisationCore, WhatHungOnAKeyframeThatRetiresStaysWhereItIs) {
   LocalisationConfig config = smallLocalisation();
   config.max_keyframes = 30;
   MemorySlots slots = featureSlots(30);
-  LocalisationCore core(dive.rig, config, &slots);
+  LocalisationCore core(dive.rigs, config, &slots);
   const SE3 camera(Eigen::Quaterniond::Identity(), {3, 1, 20});
   int retired = 0;
   double jump = 0;

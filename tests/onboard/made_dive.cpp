@@ -163,6 +163,7 @@ MadeDive makeDive(const DiveFaults& faults, std::uint32_t seed, DiveTrack track)
   dive.rig.left = {680, 512, 900, 900, 340, 256, 0, 0, 0, 0, 0};
   dive.rig.right = dive.rig.left;
   dive.rig.T_right_left = SE3(Eigen::Quaterniond::Identity(), {-0.07, 0, 0});
+  dive.rigs = calibration::RigHistory(dive.rig);
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> share;
   const Eigen::Vector2d shift(3.0, -2.0);  // nav - odom

@@ -6,6 +6,7 @@
 
 #include "realtime/onboard/localisation/localisation_core.hpp"
 #include "realtime/onboard/slots/slot_store.hpp"
+#include "recon/calibration/rig_history.hpp"
 
 namespace fathom::onboard::testing {
 
@@ -56,6 +57,7 @@ struct MadeDive {
     Eigen::Vector2d north_east;
   };
   StereoRig rig;
+  calibration::RigHistory rigs{StereoRig{}};  // of it alone
   std::vector<Frame> frames;
   std::vector<Fix> fixes;
 };

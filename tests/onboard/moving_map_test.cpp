@@ -15,6 +15,8 @@ namespace {
 
 using testing::MemorySlots;
 
+const calibration::RigHistory kRigs{StereoRig{}};  // never known better
+
 constexpr std::size_t kPoints = 400;
 
 // What a camera 2 m over rolling ground gives: dense in every third mesh, sparse in every fifth, so that the
@@ -113,7 +115,7 @@ void addMeshes(MovingMap& moving, int meshes, MemorySlots* failing = nullptr, in
 
 TEST(MovingMap, AfterKeyframesMovedItIsTheMapFusedAfreshFromTheFinalPoses) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints);
+  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
   double much = 0;
   const MovingMap::PoseOf pose_of = [&](int k, const SE3& T) { return correction(k, much) * T; };
   int moved_meshes = 0;
@@ -137,9 +139,41 @@ TEST(MovingMap, AfterKeyframesMovedItIsTheMapFusedAfreshFromTheFinalPoses) {
   expectEqual(fusion::toMesh(moving.map()), fusion::toMesh(*fresh));
 }
 
+// A rig turned by a fifth of a degree towards the other camera: all that it saw was 8 % too near.
+TEST(MovingMap, WhatWasSeenThroughARigThatIsKnownBetterIsSeenAnew) {
+  StereoRig told, found;
+  told.left = told.right = {680, 512, 900, 900, 340, 256};
+  told.T_right_left = SE3(Eigen::Quaterniond::Identity(), {-0.07, 0, 0});
+  found = told;
+  found.T_right_left =
+      SE3(Eigen::Quaterniond(Eigen::AngleAxisd(0.0035, Eigen::Vector3d::UnitY())), Eigen::Vector3d::Zero()) *
+      told.T_right_left;
+  calibration::RigHistory rigs(told);
+  MemorySlots slots(100, meshSlotBytes(kPoints));
+  MovingMap moving(mapConfig(), &slots, kPoints, rigs);
+  const MovingMap::PoseOf pose_of = [](int, const SE3& T) { return T; };
+  fusion::QuadtreeMap fresh(mapConfig());
+  for (int number = 0; number < 30; ++number) {
+    if (number == 20) {
+      rigs.add(found, true);
+      EXPECT_TRUE(moving.noteMoved());
+    }
+    moving.rebuild(1, pose_of, {});
+    const SE3 T = odomAt(number);
+    Mesh mesh = meshAt(T, number), anew = mesh;
+    if (number < 20) calibration::seeThrough(told, found, anew);
+    transform(anew, T);
+    (void)fresh.fuse(anew);
+    moving.add(mesh, 0, T, T);
+  }
+  moving.finish(pose_of, {});
+  EXPECT_EQ(moving.counters().meshes_fused_again, 20u);
+  expectEqual(fusion::toMesh(moving.map()), fusion::toMesh(fresh));
+}
+
 TEST(MovingMap, AMeshWhoseCameraWasOnlyGuessedGoesWhereItWas) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints);
+  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
   const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 0.1) * T; };
   for (int number = 0; number < 20; ++number) {
     const SE3 guessed = odomAt(number) * SE3::fromEuler(0.01, 0, 0.02, {0.02, -0.01, 0.005});
@@ -159,7 +193,7 @@ TEST(MovingMap, AMeshWhoseCameraWasOnlyGuessedGoesWhereItWas) {
 
 TEST(MovingMap, WhatWaitsIsWorkedOffWithinTheQuotaLargestMoveFirstAndThenNothingIsLeft) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints);
+  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
   const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
   addMeshes(moving, 20);
   std::vector<double> moves;
@@ -184,7 +218,7 @@ TEST(MovingMap, WhatWaitsIsWorkedOffWithinTheQuotaLargestMoveFirstAndThenNothing
 
 TEST(MovingMap, WhileMeshesWaitEachIsStillInTheMapOnce) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints);
+  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
   const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
   addMeshes(moving, 20);
   moving.noteMoved();
@@ -205,7 +239,7 @@ TEST(MovingMap, WhileMeshesWaitEachIsStillInTheMapOnce) {
 
 TEST(MovingMap, MovesTooSmallToMatterWaitUntilTheyHaveGrownOrTheSurveyEnds) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints);
+  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
   double shift = 0.0015;
   const MovingMap::PoseOf pose_of = [&](int, const SE3& T) {
     return SE3(Eigen::Quaterniond::Identity(), {shift, 0, 0}) * T;
@@ -231,7 +265,7 @@ TEST(MovingMap, MovesTooSmallToMatterWaitUntilTheyHaveGrownOrTheSurveyEnds) {
 TEST(MovingMap, AClosureThatMovesTheLastTenthKeepsTheQuotaAndEndsInTheMapBuiltAfresh) {
   constexpr int kMeshes = 400, kMoved = 40, kQuota = 6;
   MemorySlots slots(kMeshes, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints);
+  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
   const MovingMap::PoseOf pose_of = [](int k, const SE3& T) {
     return k < (kMeshes - kMoved) / 4 ? T : correction(k % 10, 1) * T;
   };
@@ -253,7 +287,7 @@ TEST(MovingMap, AClosureThatMovesTheLastTenthKeepsTheQuotaAndEndsInTheMapBuiltAf
 
 TEST(MovingMap, MeshesThatCouldNotBeStoredStayWhereTheyAre) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints);
+  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
   const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
   addMeshes(moving, 40, &slots, 21);
   slots.fails = false;
@@ -274,7 +308,7 @@ TEST(MovingMap, MeshesThatCouldNotBeStoredStayWhereTheyAre) {
 TEST(MovingMap, ADiskThatFailsOrGivesOtherBytesBackChangesNothing) {
   for (const bool wrong_bytes : {false, true}) {
     MemorySlots slots(100, meshSlotBytes(kPoints));
-    MovingMap moving(mapConfig(), &slots, kPoints);
+    MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
     const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
     addMeshes(moving, 40);
     const std::string before = bytesOf(moving.map());
@@ -295,7 +329,7 @@ TEST(MovingMap, ADiskThatFailsOrGivesOtherBytesBackChangesNothing) {
 // Keyframe 3 retires onto 4 when the poses have moved once, and they move on.
 TEST(MovingMap, MeshesOfAKeyframeThatRetiresStayWhereTheyAreAndFollowTheOneTheyHangOnThen) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints);
+  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
   double much = 1;
   const MovingMap::PoseOf before = [&](int k, const SE3& T) { return correction(k, much) * T; };
   addMeshes(moving, 40);
@@ -319,7 +353,7 @@ TEST(MovingMap, MeshesOfAKeyframeThatRetiresStayWhereTheyAreAndFollowTheOneTheyH
 
 TEST(MovingMap, FullOfMeshesThoseThatHaveLainStillForLongestAreBakedIn) {
   MemorySlots slots(20, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints);
+  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
   const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
   addMeshes(moving, 20);
   // The first keyframe's four meshes move: they have lain still for less long than the others from then on.
@@ -346,7 +380,7 @@ TEST(MovingMap, FullOfMeshesThoseThatHaveLainStillForLongestAreBakedIn) {
 
 TEST(MovingMap, MovingMeshesAllocatesNothing) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints);
+  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
   addMeshes(moving, 40);
   const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
   const test::ThreadCost before = test::threadCost();
@@ -357,7 +391,7 @@ TEST(MovingMap, MovingMeshesAllocatesNothing) {
 }
 
 TEST(MovingMap, WithoutSlotsItStays) {
-  MovingMap moving(mapConfig(), nullptr, kPoints);
+  MovingMap moving(mapConfig(), nullptr, kPoints, kRigs);
   Mesh mesh = meshAt(odomAt(0), 0);
   EXPECT_GT(moving.add(mesh, -1, odomAt(0), odomAt(0)).cells, 0u);
   EXPECT_FALSE(moving.noteMoved());

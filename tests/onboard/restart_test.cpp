@@ -22,6 +22,8 @@ using testing::RecordedMission;
 using testing::Ship;
 using testing::smallLocalisation;
 
+const calibration::RigHistory kRigs{StereoRig{}};  // never known better
+
 bool samePose(const SE3& a, const SE3& b) {
   return a.translation() == b.translation() && a.rotation().coeffs() == b.rotation().coeffs();
 }
@@ -67,8 +69,8 @@ class LocalisationRestart : public ::testing::Test {
 };
 
 TEST_F(LocalisationRestart, KeyframesAreWhereTheyWereAndTheDiveEndsAtTheSamePlaces) {
-  LocalisationCore loaded(made.rig, smallLocalisation(), &copy),
-      again(made.rig, smallLocalisation(), &second);
+  LocalisationCore loaded(made.rigs, smallLocalisation(), &copy),
+      again(made.rigs, smallLocalisation(), &second);
   ASSERT_TRUE(load(loaded, state));
   ASSERT_TRUE(load(again, state));
   ASSERT_EQ(loaded.keyframes(), whole.keyframes());
@@ -94,14 +96,14 @@ TEST(LocalisationRestartWithFewKeyframes, AfterSomeHaveRetiredADiveGoesOnAlike) 
   LocalisationConfig config = smallLocalisation();
   config.max_keyframes = 40;
   MemorySlots slots = featureSlots(config, 40);
-  LocalisationCore whole(made.rig, config, &slots);
+  LocalisationCore whole(made.rigs, config, &slots);
   whole.setAnchor({3.3, -2.2}, 0.5);
   const std::size_t middle = 2 * made.frames.size() / 3, end = made.frames.size();
   dive(whole, made, 0, middle);
   ASSERT_GT(whole.graph().counters().keyframes_retired, 10u);
   const std::vector<std::uint8_t> state = savedState(whole);
   MemorySlots copy = slots, second = slots;
-  LocalisationCore loaded(made.rig, config, &copy), again(made.rig, config, &second);
+  LocalisationCore loaded(made.rigs, config, &copy), again(made.rigs, config, &second);
   ASSERT_TRUE(load(loaded, state));
   ASSERT_TRUE(load(again, state));
   EXPECT_EQ(savedState(loaded), state);
@@ -123,7 +125,7 @@ TEST_F(LocalisationRestart, SlotsThatAreAnotherRunsCostClosuresOnly) {
   MemorySlots wrong = featureSlots(smallLocalisation(), 300);
   const std::vector<std::uint8_t> other(wrong.slotBytes(), 3);
   for (std::size_t k = 0; k < wrong.slots(); ++k) ASSERT_TRUE(wrong.write(k, other));
-  LocalisationCore loaded(made.rig, smallLocalisation(), &wrong);
+  LocalisationCore loaded(made.rigs, smallLocalisation(), &wrong);
   ASSERT_TRUE(load(loaded, state));
   dive(loaded, made, middle, end);
   EXPECT_GT(loaded.features().counters().read_failures, 0u);
@@ -131,7 +133,7 @@ TEST_F(LocalisationRestart, SlotsThatAreAnotherRunsCostClosuresOnly) {
 }
 
 TEST_F(LocalisationRestart, DamageIsRefusedOrDoesNoHarm) {
-  LocalisationCore loaded(made.rig, smallLocalisation(), &copy);
+  LocalisationCore loaded(made.rigs, smallLocalisation(), &copy);
   test::eachRefused(state, 20, [&](auto bytes) { return load(loaded, bytes); });
   test::eachDamage(state, 40, [&](auto bytes) {
     if (load(loaded, bytes)) dive(loaded, made, middle, middle + 2);
@@ -176,12 +178,12 @@ class MovingMapRestart : public ::testing::Test {
 };
 
 TEST_F(MovingMapRestart, TheMapGoesOnBitByBit) {
-  MovingMap whole(config, &slots, kPoints);
+  MovingMap whole(config, &slots, kPoints, kRigs);
   fly(whole, 0, 45);
   ASSERT_GT(whole.counters().waiting, 0u);
   const std::vector<std::uint8_t> state = savedState(whole);
   MemorySlots copy = slots;
-  MovingMap loaded(config, &copy, kPoints);
+  MovingMap loaded(config, &copy, kPoints, kRigs);
   rt::StateReader reader(state);
   ASSERT_TRUE(loaded.load(reader, [](int keyframe) { return keyframe < kKeyframes; })) << reader.failure();
   EXPECT_EQ(loaded.map().canonicalBytes(), whole.map().canonicalBytes());
@@ -195,7 +197,7 @@ TEST_F(MovingMapRestart, TheMapGoesOnBitByBit) {
 }
 
 TEST_F(MovingMapRestart, AMeshOfAKeyframeThatThereIsNotIsRefused) {
-  MovingMap whole(config, &slots, kPoints), loaded(config, &slots, kPoints);
+  MovingMap whole(config, &slots, kPoints, kRigs), loaded(config, &slots, kPoints, kRigs);
   fly(whole, 0, 45);
   const std::vector<std::uint8_t> state = savedState(whole);
   rt::StateReader reader(state);
@@ -203,13 +205,13 @@ TEST_F(MovingMapRestart, AMeshOfAKeyframeThatThereIsNotIsRefused) {
 }
 
 TEST_F(MovingMapRestart, ATornSlotCostsItsMeshOnly) {
-  MovingMap whole(config, &slots, kPoints);
+  MovingMap whole(config, &slots, kPoints, kRigs);
   fly(whole, 0, 45);
   const std::vector<std::uint8_t> state = savedState(whole);
   MemorySlots torn = slots;
   std::vector<std::uint8_t> block(1000, 0);
   ASSERT_TRUE(torn.write(30, block));
-  MovingMap loaded(config, &torn, kPoints);
+  MovingMap loaded(config, &torn, kPoints, kRigs);
   rt::StateReader reader(state);
   ASSERT_TRUE(loaded.load(reader, [](int keyframe) { return keyframe < kKeyframes; }));
   loaded.finish([](int keyframe, const SE3& T) { return poseAt(keyframe, T, 9); }, {});

@@ -114,6 +114,46 @@ TEST(NavigationGraph, FindsScaleAndMisalignmentOfTheDvl) {
   }
 }
 
+// Visual odometry of a rig whose ranges are wrong by `longer`, from a keyframe on.
+void lengthen(MadeSurvey& survey, double longer, int from) {
+  for (MadeSurvey::Link& link : survey.visual)
+    if (link.b >= from) link.T_a_b = SE3(link.T_a_b.rotation(), (1 + longer) * link.T_a_b.translation());
+}
+
+// A principal point that is wrong by a pixel makes all paths two percent too long: it is the rig's error, not
+// the DVL's, which is known better.
+TEST(NavigationGraph, ARigWhoseRangesAreWrongLeavesARightDvlAsItIs) {
+  for (const double longer : {0.02, -0.02}) {
+    MadeSurveyOptions options;
+    options.seed = 6;
+    MadeSurvey survey = makeSurvey(options);
+    lengthen(survey, longer, 0);
+    NavigationGraph graph(smallConfig());
+    drive(graph, survey, options);
+    EXPECT_NEAR(graph.dvl().scale(), -survey.dvl_scale, 0.004);
+    const Eigen::Vector2d error = graph.dvl().rangeError();
+    EXPECT_NEAR(error.x() + error.y() * KeyframeInput().range, longer, 0.005);
+    EXPECT_EQ(graph.dvl().restarts(), 0U);
+    EXPECT_FALSE(graph.counters().dvl_lies);
+  }
+}
+
+TEST(NavigationGraph, AKnockedRigIsNotTakenForADvlThatFails) {
+  MadeSurveyOptions options;
+  options.seed = 7;
+  MadeSurvey survey = makeSurvey(options);
+  constexpr int kKnocked = 60, kMeasured = 68;
+  lengthen(survey, 0.5, kKnocked);
+  NavigationGraph graph(smallConfig());
+  graph.setAnchor(survey.anchor, options.anchor_sigma);
+  driveOn(graph, survey, options, kMeasured);
+  ASSERT_TRUE(graph.counters().dvl_lies) << "nothing tells yet which of the two";
+  graph.rigBeganAnew(1e-4, survey.inputs[kKnocked].utc_ns, true);
+  EXPECT_FALSE(graph.counters().dvl_lies);
+  EXPECT_EQ(graph.counters().steps_left_out, 0U);
+  EXPECT_GE(graph.counters().visual_distrusted, static_cast<std::uint64_t>(kMeasured - kKnocked - 1));
+}
+
 TEST(NavigationGraph, SurvivesADeadDvlAJumpingCompassAndWildFixes) {
   MadeSurveyOptions options;
   options.dvl_dead_from = 40;

@@ -7,8 +7,10 @@
 
 namespace fathom::onboard {
 
-KeyframeFeatures::KeyframeFeatures(SlotStore* slots, int max_keyframes, int max_features)
+KeyframeFeatures::KeyframeFeatures(SlotStore* slots, int max_keyframes, int max_features,
+                                   const calibration::RigHistory& rigs)
     : slots_(slots),
+      rigs_(rigs),
       entries_(static_cast<std::size_t>(max_keyframes)),
       block_(closure::slotBytes(closure::DescriptorKind::kRootSift, static_cast<std::size_t>(max_features))) {
   // As many slots as are ever in use, however many there are.
@@ -55,10 +57,11 @@ std::int32_t KeyframeFeatures::freeSlot() {
   return slot;
 }
 
-void KeyframeFeatures::add(const closure::FrameFeatures& features, const Eigen::Vector3d& place) {
-  const int keyframe = entries_.add({-1, 0, place.cast<float>()});
+void KeyframeFeatures::add(const closure::FrameFeatures& features, const Eigen::Vector3d& place, int rig) {
+  const int keyframe = entries_.add({-1, 0, rig, place.cast<float>()});
   Kept& kept = newest_[static_cast<std::size_t>(keyframe) % kNewest];
   kept.keyframe = keyframe;
+  kept.rig = rig;
   kept.features = features;
   if (features.size() == 0 || !closure::writeSlot(features, block_)) return;
   const std::int32_t slot = freeSlot();
@@ -101,12 +104,12 @@ bool KeyframeFeatures::slotsHold() {
 
 const closure::FrameFeatures* KeyframeFeatures::find(int keyframe) {
   if (!entries_.has(keyframe)) return nullptr;
-  for (const Kept& k : newest_)
-    if (k.keyframe == keyframe) return &k.features;
+  for (Kept& k : newest_)
+    if (k.keyframe == keyframe) return asKnownNow(k);
   for (std::size_t i = 0; i < read_.size(); ++i) {
     if (read_[i].keyframe != keyframe) continue;
     if (i == next_read_) next_read_ = (next_read_ + 1) % read_.size();  // the caller may still look at it
-    return &read_[i].features;
+    return asKnownNow(read_[i]);
   }
   const Entry& e = entries_[static_cast<std::size_t>(keyframe)];
   if (e.slot < 0) return nullptr;
@@ -118,7 +121,25 @@ const closure::FrameFeatures* KeyframeFeatures::find(int keyframe) {
     return nullptr;
   }
   into.keyframe = keyframe;
-  return &into.features;
+  into.rig = e.rig;
+  return asKnownNow(into);
+}
+
+// Triangulates them anew where the rig is known better than then.
+const closure::FrameFeatures* KeyframeFeatures::asKnownNow(Kept& kept) const {
+  const int best = rigs_.best(kept.rig);
+  if (best == kept.rig) return &kept.features;
+  const StereoRig& rig = rigs_.rig(best);
+  for (closure::Feature& f : kept.features.features) {
+    Eigen::Vector3d point;
+    double gap = 0;
+    if (!triangulatePixels(rig, f.left.cast<double>(), f.right.cast<double>(), point, gap)) continue;
+    const auto longer = static_cast<float>(point.z()) / f.point.z();
+    f.point = point.cast<float>();
+    for (float& c : f.covariance) c *= longer * longer * longer * longer;  // range goes with its square
+  }
+  kept.rig = best;
+  return &kept.features;
 }
 
 }  // namespace fathom::onboard

@@ -8,22 +8,27 @@
 #include "realtime/kernel/numbered_pool.hpp"
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/slots/slot_store.hpp"
+#include "recon/calibration/rig_history.hpp"
 #include "recon/closure/feature_slot.hpp"
 
 namespace fathom::onboard {
 
 // The features of the graph's keyframes: the newest in memory, all in slots on disk. A keyframe that retires
 // leaves its slot to another. When slots are fewer than keyframes, the one gives way whose neighbours in time
-// are nearest to each other: there the least ground is lost.
+// are nearest to each other: there the least ground is lost. Points are given as
+// they lie through the rig as it is known now.
 class KeyframeFeatures {
  public:
   static constexpr std::size_t kNewest = 16;  // kept in memory
 
-  // `slots`: absent keeps the newest only. Its blocks hold slotBytes() of `max_features`.
-  KeyframeFeatures(SlotStore* slots, int max_keyframes, int max_features);
+  // `slots`: absent keeps the newest only. Its blocks hold slotBytes() of `max_features`. `rigs` must outlive
+  // it.
+  KeyframeFeatures(SlotStore* slots, int max_keyframes, int max_features,
+                   const calibration::RigHistory& rigs);
 
-  // Of the next keyframe, counting from 0; `place`: where it is, for the rule above [m].
-  void add(const closure::FrameFeatures& features, const Eigen::Vector3d& place);
+  // Of the next keyframe, counting from 0; `place`: where it is, for the rule above [m]; `rig`: version that
+  // they were seen through.
+  void add(const closure::FrameFeatures& features, const Eigen::Vector3d& place, int rig);
   // Forgets those of a keyframe.
   void retire(int keyframe);
 
@@ -54,21 +59,25 @@ class KeyframeFeatures {
   struct Entry {
     std::int32_t slot = -1;
     std::uint32_t crc = 0;  // of the slot's content
+    std::int32_t rig = 0;   // version through which its points lie there
     Eigen::Vector3f place;
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
-      archive(self.slot, self.crc, self.place);
+      archive(self.slot, self.crc, self.rig, self.place);
     }
   };
   struct Kept {
     int keyframe = -1;
+    std::int32_t rig = 0;  // version through which its points lie
     closure::FrameFeatures features;
   };
   [[nodiscard]] std::int32_t freeSlot();
   [[nodiscard]] bool readBlock(const Entry& entry);
+  [[nodiscard]] const closure::FrameFeatures* asKnownNow(Kept& kept) const;
 
   SlotStore* slots_;
+  const calibration::RigHistory& rigs_;
   rt::NumberedPool<Entry> entries_;   // of keyframes
   std::array<Kept, kNewest> newest_;  // keyframe modulo kNewest
   std::array<Kept, 4> read_;          // from the disk, used in turn

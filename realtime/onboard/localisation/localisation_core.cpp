@@ -66,18 +66,24 @@ closure::DepthRange depthsAbout(double range) {
   return {kNearest * range, kFarthest * range};
 }
 
-LocalisationCore::LocalisationCore(const StereoRig& rig, const LocalisationConfig& config,
+LocalisationCore::LocalisationCore(const calibration::RigHistory& rigs, const LocalisationConfig& config,
                                    SlotStore* feature_slots)
     : config_(config),
-      camera_(rig.left),
+      rigs_(rigs),
+      camera_(rigs.rig(0).left),
       selection_(config),
-      extractor_(rig, featureConfig(config)),
-      near_(rig, nearConfig()),
-      far_(rig, farConfig()),
-      features_(feature_slots, config.max_keyframes, config.features),
+      extractor_(rigs.rig(0), featureConfig(config)),
+      near_(rigs.rig(0), nearConfig()),
+      far_(rigs.rig(0), farConfig()),
+      features_(feature_slots, config.max_keyframes, config.features, rigs),
       graph_(graphConfig(config)),
-      search_(rig, config, graph_, features_) {
+      search_(rigs.rig(0), config, graph_, features_) {
   for (Looked& looked : looked_) looked.features.reserve(static_cast<std::size_t>(config.features));
+}
+
+void LocalisationCore::setRig(const StereoRig& rig, const Eigen::Vector2d& growth) {
+  extractor_.setRig(rig);
+  graph_.rigChanged(growth);
 }
 
 void LocalisationCore::setAnchor(const Eigen::Vector2d& shift, double sigma) {
@@ -106,6 +112,7 @@ int LocalisationCore::look(const LocalisationInput& input) {
       !selection_.due(input.utc_ns, input.T_odom_cam, footprintOf(input), trusted(input), kPredicted))
     return kNoKeyframe;
   room->waits = true;
+  room->rig = rigs_.newest();
   room->features = input.features != nullptr
                        ? *input.features
                        : extractor_.process(input.left, input.right, depthsAbout(input.range));
@@ -120,7 +127,7 @@ int LocalisationCore::place(const LocalisationInput& input, int looked) {
       kept != nullptr && selection_.take(input.utc_ns, input.T_odom_cam, footprintOf(input), trusted(input));
   last_unlocked_s_ = input.quality.unlocked_s;
   if (taken) {
-    addKeyframe(input, kept->features);
+    addKeyframe(input, *kept);
   } else {
     (void)graph_.step();
     ended("graph");
@@ -129,10 +136,12 @@ int LocalisationCore::place(const LocalisationInput& input, int looked) {
   return graph_.keyframes() - 1;
 }
 
-void LocalisationCore::addKeyframe(const LocalisationInput& input, const closure::FrameFeatures& found) {
+void LocalisationCore::addKeyframe(const LocalisationInput& input, const Looked& looked) {
+  const closure::FrameFeatures& found = looked.features;
   if (found.size() == 0) ++counters_.frames_without_features;
   slam::KeyframeInput keyframe;
   keyframe.utc_ns = input.utc_ns;
+  keyframe.range = input.range;
   keyframe.T_odom_cam = input.T_odom_cam;
   // The velocity that nobody measures is the same for the whole loss, so its error grows with time, not with
   // the root of it: a step adds the variance that the loss gains from T to T + dt, v^2 ((T + dt)^2 - T^2).
@@ -149,7 +158,7 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input, const closure
   noteRetired();
   if (!number) return;
   last_quality_ = input.quality;
-  features_.add(found, input.T_odom_cam.translation());
+  features_.add(found, input.T_odom_cam.translation(), looked.rig);
   search_.addKeyframe(*number, input.range);
   if (*number > 0) linkToLast(keyframe);
   ended("visual odometry");

@@ -35,13 +35,19 @@ struct LocalisationInput {
 // graph with dead reckoning and position fixes, and says where every keyframe is. Work is bounded a frame.
 class LocalisationCore {
  public:
-  // `feature_slots`: may be null; closures then reach the newest keyframes only.
-  LocalisationCore(const StereoRig& rig, const LocalisationConfig& config, SlotStore* feature_slots);
+  // `feature_slots`: may be null; closures then reach the newest keyframes only. `rigs`: begins with the rig
+  // as it was calibrated; must outlive it.
+  LocalisationCore(const calibration::RigHistory& rigs, const LocalisationConfig& config,
+                   SlotStore* feature_slots);
   LocalisationCore(const LocalisationCore&) = delete;
   LocalisationCore& operator=(const LocalisationCore&) = delete;
 
-  // As the rig stands from now on; of the same images.
-  void setRig(const StereoRig& rig) { extractor_.setRig(rig); }
+  // As the rig stands from now on; of the same images. Ranges through it grew by (scale, per metre).
+  void setRig(const StereoRig& rig, const Eigen::Vector2d& growth);
+  // slam::NavigationGraph::rigBeganAnew().
+  void rigBeganAnew(double turn_sigma, std::int64_t since_ns, bool knocked) {
+    graph_.rigBeganAnew(turn_sigma, since_ns, knocked);
+  }
   // Where odom's origin is as long as there is no keyframe (nav - odom).
   void setAnchor(const Eigen::Vector2d& shift, double sigma);
   // A fix of an antenna at `antenna_in_odom` at its own time. It waits for the keyframe after it.
@@ -113,6 +119,11 @@ class LocalisationCore {
       archive(self.utc_ns, self.antenna, self.north_east, self.sigma);
     }
   };
+  struct Looked {
+    bool waits = false;
+    int rig = 0;  // version of it that the features were seen through
+    closure::FrameFeatures features;
+  };
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
   void ended(const char* stage) const {
@@ -120,7 +131,7 @@ class LocalisationCore {
   }
   [[nodiscard]] bool trusted(const LocalisationInput& input) const;
   [[nodiscard]] closure::Footprint footprintOf(const LocalisationInput& input) const;
-  void addKeyframe(const LocalisationInput& input, const closure::FrameFeatures& found);
+  void addKeyframe(const LocalisationInput& input, const Looked& looked);
   void noteRetired();
   void linkToLast(const slam::KeyframeInput& input);
   void applyFixes(bool all);
@@ -128,14 +139,11 @@ class LocalisationCore {
 
   static constexpr std::size_t kFixes = 64;
   LocalisationConfig config_;
+  const calibration::RigHistory& rigs_;
   Camera camera_;
   KeyframeSelection selection_;
   closure::FeatureExtractor extractor_;
   closure::Registrar near_, far_;  // for visual odometry: with dead reckoning as prior, and against it
-  struct Looked {
-    bool waits = false;
-    closure::FrameFeatures features;
-  };
   std::array<Looked, kLooked> looked_;
   KeyframeFeatures features_;
   slam::NavigationGraph graph_;

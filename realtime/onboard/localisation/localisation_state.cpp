@@ -8,7 +8,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 4,
+constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 5,
                         kSearchVersion = 3;
 
 template <typename Archive, typename Feature>
@@ -40,8 +40,10 @@ void KeyframeFeatures::exchange(Archive& archive, Self& self) {
   archive(used, self.counters_, self.entries_);
   archive.bounded(self.free_, self.free_.capacity());
   if constexpr (Archive::kLoading) self.used_ = used;
+  const int newest = self.rigs_.newest();
   for (auto& kept : self.newest_) {
-    archive(kept.keyframe);
+    archive(kept.keyframe, kept.rig);
+    archive.require(kept.rig >= 0 && kept.rig <= newest, "features seen through no rig");
     if (kept.keyframe >= 0) exchangeFrame(archive, kept.features);
   }
 }
@@ -66,8 +68,11 @@ bool KeyframeFeatures::load(rt::StateReader& reader) {
     if (good) met[static_cast<std::size_t>(slot)] = true;
   };
   for (const std::int32_t slot : free_) meet(slot);
-  for (const int k : entries_.numbers())
+  for (const int k : entries_.numbers()) {
+    const std::int32_t rig = entries_[static_cast<std::size_t>(k)].rig;
+    reader.require(rig >= 0 && rig <= rigs_.newest(), "features seen through no rig");
     if (const std::int32_t slot = entries_[static_cast<std::size_t>(k)].slot; slot != -1) meet(slot);
+  }
   for (const Kept& k : newest_)
     reader.require(k.keyframe >= -1 && k.keyframe < entries_.next(), "features of no keyframe");
   return reader.ok();
@@ -113,7 +118,8 @@ void LocalisationCore::exchange(Archive& archive, Self& self) {
   archive(self.selection_, self.features_, self.fixes_, self.last_quality_);
   archive(self.last_unlocked_s_, self.loss_s_, self.position_sigma_);
   for (auto& looked : self.looked_) {
-    archive(looked.waits);
+    archive(looked.waits, looked.rig);
+    archive.require(looked.rig >= 0 && looked.rig <= self.rigs_.newest(), "features seen through no rig");
     if (looked.waits) exchangeFrame(archive, looked.features);
   }
   auto& c = self.counters_;

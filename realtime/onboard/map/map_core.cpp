@@ -51,7 +51,7 @@ MapCore::MapCore(const MapCoreConfig& config, const MapSlots& slots)
       stereo_(config.rig, config.stereo),
       given_stereo_(config.rig, config.stereo),
       map_(config.map, config.localisation.enabled ? slots.meshes : nullptr,
-           static_cast<std::size_t>(config.stereo.max_features)),
+           static_cast<std::size_t>(config.stereo.max_features), rig_.history()),
       last_range_(kNominalRange),
       left_mosaic_(pixelsOf(config.rig.left) * samplesPerPixel(config.left_format)),
       left_mono_(pixelsOf(config.rig.left)),
@@ -69,7 +69,7 @@ MapCore::MapCore(const MapCoreConfig& config, const MapSlots& slots)
   mesh_.triangles.reserve(2 * most_points);
   right_points_.resize(static_cast<std::size_t>(config.stereo.max_features));
   if (!config.localisation.enabled) return;
-  localisation_ = std::make_unique<LocalisationCore>(config.rig, config.localisation, slots.features);
+  localisation_ = std::make_unique<LocalisationCore>(rig_.history(), config.localisation, slots.features);
   localisation_->setRetiredObserver([this](const slam::NavigationGraph::Retired& gone) {
     map_.rehang(gone);
     if (on_retired_) on_retired_(gone);
@@ -205,12 +205,39 @@ void MapCore::count(const stereo::StereoResult& result) {
   if (result.triangles.empty()) ++counters_.pairs_without_points;
 }
 
-void MapCore::useRig() {
+void MapCore::watchRig(std::span<const RigMatch> matches, std::int64_t utc_ns) {
+  const StereoRig before = rig_.rig();
+  const std::uint64_t began = rig_.beginnings(), knocks = rig_.changes();
+  bool changed = rig_.add(matches);
+  if (rig_.beginnings() != began) {
+    if (changed) useRig(before);
+    // What was known of the range error was of another rig.
+    if (localisation_) localisation_->rigBeganAnew(rig_.yawSigma(), measured_ns_, rig_.changes() != knocks);
+    measured_ns_ = utc_ns;
+    return;
+  }
+  if (localisation_ && rig_.beginnings() > 0) {
+    // Half of its standard deviation is still worth taking out: it is common to all that is seen.
+    constexpr double kWorth = 0.5, kLeast = 5e-4;
+    const slam::DvlCalibration& ways = localisation_->graph().dvl();
+    const calibration::RangeError error{ways.rangeError().x(), ways.rangeError().y()};
+    if (std::abs(error.at(last_range_)) > std::max(kWorth * ways.rangeSigma(last_range_), kLeast)) {
+      rig_.correctRange(error);
+      changed = true;
+    }
+  }
+  if (changed) useRig(before);
+}
+
+void MapCore::useRig(const StereoRig& before) {
   const StereoRig& rig = rig_.rig();
   ranges_ = lighting::RigRanges(rig);
   stereo_.setRig(rig);
   given_stereo_.setRig(rig);
-  if (localisation_) localisation_->setRig(rig);
+  if (!localisation_) return;
+  (void)map_.noteMoved();
+  const calibration::RangeError growth = calibration::rangeChange(before, rig);
+  localisation_->setRig(rig, {growth.scale, growth.per_metre});
 }
 
 SeenPair MapCore::see(const MapInput& input) {
@@ -236,7 +263,6 @@ SeenPair MapCore::see(const MapInput& input) {
   const stereo::StereoResult& result =
       input.features != nullptr ? seeFeatures(input, plane) : seeImages(input, plane);
   count(result);
-  if (rig_.add(result.matches)) useRig();
   out.points = result.points.size();
   out.triangles = result.triangles.size();
   out.median_range = medianRange(result, point_ranges_);
@@ -251,6 +277,7 @@ SeenPair MapCore::see(const MapInput& input) {
     ended("map");
   }
   pair.looked = look(input, pair, true);
+  watchRig(result.matches, input.utc_ns);  // last: the pair was seen through the rig as it was taken to stand
   return pair;
 }
 

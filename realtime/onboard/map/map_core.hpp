@@ -180,8 +180,10 @@ class MapCore {
   const stereo::StereoResult& seeImages(const MapInput& input, const stereo::SeedPlane& plane);
   const stereo::StereoResult& seeFeatures(const MapInput& input, const stereo::SeedPlane& plane);
   void count(const stereo::StereoResult& result);
-  // Everyone who looks through the rig looks through rig_ from now on.
-  void useRig();
+  // What a pair's matches, and the steps between pairs, say of the rig.
+  void watchRig(std::span<const RigMatch> matches, std::int64_t utc_ns);
+  // Everyone who looks through the rig looks through rig_ from now on, `before` until now.
+  void useRig(const StereoRig& before);
   // Corrects a pair for stereo.
   void correctPair(const MapInput& input);
   // Bends the ranges to stereo's points, learns the pair by them if it shows new ground, and corrects the
@@ -190,6 +192,7 @@ class MapCore {
 
   MapCoreConfig config_;
   calibration::RigWatch rig_;
+  std::int64_t measured_ns_ = 0;  // the last pair of rig_'s newest measurement
   lighting::LightingModel left_light_, right_light_;
   lighting::RigRanges ranges_;
   lighting::NewGround new_ground_;

@@ -7,7 +7,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("MAPC"), kMovingTag = rt::stateTag("MOVE"), kVersion = 3;
+constexpr std::uint32_t kTag = rt::stateTag("MAPC"), kMovingTag = rt::stateTag("MOVE"), kVersion = 4;
 // No mesh is so large [m]; who hears of a mesh that moved looks at every square of its box.
 constexpr float kLargestBox = 1000;
 
@@ -50,7 +50,11 @@ bool MovingMap::load(rt::StateReader& reader, const std::function<bool(int keyfr
                    "meshes that were not compared");
     for (const int keyframe : keyframe_)
       reader.require(keyframe == -1 || has(keyframe), "a mesh of no keyframe");
-    for (const Entry& e : entries_) reader.require(e.bytes <= block_.size(), "a mesh larger than its slot");
+    for (const Entry& e : entries_) {
+      reader.require(e.bytes <= block_.size(), "a mesh larger than its slot");
+      reader.require(e.rig >= 0 && e.rig <= e.shown_rig && e.shown_rig <= rigs_.newest(),
+                     "a mesh seen through no rig");
+    }
     if (!reader.ok()) return;
     for (Entry& e : entries_)
       if (!isBox(e.box)) e.box = {};
@@ -65,7 +69,7 @@ void MapCore::exchange(Archive& archive, Self& self) {
   archive(localised);
   archive.require(localised == (self.localisation_ != nullptr), "localisation was switched on or off");
   archive(self.last_gps_ns_, self.anchor_, self.T_nav_odom_, self.frame_fixed_, self.anchored_,
-          self.anchor_sigma_, self.last_range_, self.new_ground_, self.rig_);
+          self.anchor_sigma_, self.last_range_, self.new_ground_, self.rig_, self.measured_ns_);
   auto& c = self.counters_;
   archive(c.pairs, c.pairs_without_points, c.bad_images, c.points, c.rejected);
 }
@@ -79,7 +83,7 @@ void MapCore::save(rt::StateWriter& writer) const {
 
 bool MapCore::load(rt::StateReader& reader) {
   const bool good = reader.section(kTag, kVersion, [&] { exchange(reader, *this); });
-  if (good) useRig();
+  if (good) useRig(rig_.rig());
   if (!good || !reader(left_light_, right_light_)) return false;
   if (localisation_ && !reader(*localisation_)) return false;
   return map_.load(reader, [this](int keyframe) { return localisation_ && localisation_->has(keyframe); });

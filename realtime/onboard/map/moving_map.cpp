@@ -60,8 +60,9 @@ std::size_t bytesOf(const Mesh& mesh) {
 
 }  // namespace
 
-MovingMap::MovingMap(const fusion::QuadtreeConfig& config, SlotStore* meshes, std::size_t max_points)
-    : map_(config), meshes_(meshes != nullptr && meshes->slots() > 0 ? meshes : nullptr) {
+MovingMap::MovingMap(const fusion::QuadtreeConfig& config, SlotStore* meshes, std::size_t max_points,
+                     const calibration::RigHistory& rigs)
+    : map_(config), meshes_(meshes != nullptr && meshes->slots() > 0 ? meshes : nullptr), rigs_(rigs) {
   if (meshes_ == nullptr) return;
   entries_.reserve(meshes_->slots());
   keyframe_.reserve(meshes_->slots());
@@ -88,6 +89,7 @@ MovingMap::Added MovingMap::add(Mesh& mesh, int keyframe, const SE3& T_odom_cam,
   Entry entry;
   entry.T_odom_cam = T_odom_cam;
   entry.shown = T_nav_cam;
+  entry.rig = entry.shown_rig = rigs_.newest();
   const std::size_t bytes = writeMeshSlot(mesh, block_);
   entry.bytes = static_cast<std::uint32_t>(bytes);
   entry.hash = hashOf({block_.data(), bytes});
@@ -166,9 +168,13 @@ void MovingMap::compareSome(std::size_t most, const PoseOf& pose_of) {
 void MovingMap::compare(std::size_t k, const PoseOf& pose_of) {
   const Entry& e = entries_[k];
   const SE3 now = pose_of(keyframe_[k], e.T_odom_cam);
-  const Eigen::Vector3d middle = e.middle.cast<double>();
+  const auto middle = [&](int rig) {
+    const Eigen::Vector3d seen = e.middle.cast<double>();
+    return rig == e.rig ? seen : calibration::seenThrough(rigs_.rig(e.rig), rigs_.rig(rig), seen);
+  };
   const double turned = now.rotation().angularDistance(e.shown.rotation());
-  const double moved = (now * middle - e.shown * middle).norm() + turned * static_cast<double>(e.radius);
+  const double moved = (now * middle(rigs_.best(e.rig)) - e.shown * middle(e.shown_rig)).norm() +
+                       turned * static_cast<double>(e.radius);
   const double steps = moved < kMoved ? 0 : 1 + kUrgencySteps * std::log2(moved / kMoved);
   setUrgency(k, static_cast<std::uint8_t>(std::min(255.0, steps)));
 }
@@ -190,6 +196,10 @@ bool MovingMap::slotsHold() {
   return true;
 }
 
+void MovingMap::through(int from, int to, Mesh& mesh) const {
+  if (from != to) calibration::seeThrough(rigs_.rig(from), rigs_.rig(to), mesh);
+}
+
 bool MovingMap::move(std::size_t k, const SE3& T_nav_cam, const OnMoved& on_moved) {
   Entry& e = entries_[k];
   setUrgency(k, 0);
@@ -200,9 +210,12 @@ bool MovingMap::move(std::size_t k, const SE3& T_nav_cam, const OnMoved& on_move
   }
   moved_ = mesh_;
   if (e.fused) {
+    through(e.rig, e.shown_rig, mesh_);
     transform(mesh_, e.shown);
     (void)map_.remove(mesh_);
   }
+  e.shown_rig = rigs_.best(e.rig);
+  through(e.rig, e.shown_rig, moved_);
   transform(moved_, T_nav_cam);
   const Box before = e.box;
   e.box = boxOf(moved_);
@@ -231,7 +244,8 @@ void MovingMap::rebuild(int meshes, const PoseOf& pose_of, const OnMoved& on_mov
 void MovingMap::finish(const PoseOf& pose_of, const OnMoved& on_moved) {
   for (std::size_t k = 0; k < entries_.size(); ++k) {
     const SE3 now = pose_of(keyframe_[k], entries_[k].T_odom_cam);
-    if (entries_[k].stored && !same(now, entries_[k].shown)) (void)move(k, now, on_moved);
+    const Entry& e = entries_[k];
+    if (e.stored && (!same(now, e.shown) || rigs_.best(e.rig) != e.shown_rig)) (void)move(k, now, on_moved);
     setUrgency(k, 0);
   }
   to_compare_ = 0;

@@ -7,6 +7,7 @@
 
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "realtime/onboard/slots/slot_store.hpp"
+#include "recon/calibration/rig_history.hpp"
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/slam/navigation_graph.hpp"
@@ -17,6 +18,7 @@ namespace fathom::onboard {
 // when the slots are full, the mesh that has lain still for longest is baked in: it stays where it is, and
 // its slot is a new one's. When keyframes have moved, the meshes that moved most are taken out of the map at
 // the pose they went in with, and put back at their new one, a few a frame; of equal moves the newest first.
+// A mesh that was seen through a rig which is known better now is triangulated anew when it is put back.
 // Each mesh is in the map once at all times. Moves below a threshold wait until they have grown; after
 // finish() every mesh is at its final pose, and the map is, bit by bit, the one fused afresh from the final
 // poses (unless the map's pool was full and coarsened: then its sums are those of the final poses in the
@@ -33,8 +35,9 @@ class MovingMap {
   };
   using OnMoved = std::function<void(const Box& before, const Box& now)>;
 
-  // `meshes`: null, or without slots, for a map that never moves.
-  MovingMap(const fusion::QuadtreeConfig& config, SlotStore* meshes, std::size_t max_points);
+  // `meshes`: null, or without slots, for a map that never moves. `rigs` must outlive it.
+  MovingMap(const fusion::QuadtreeConfig& config, SlotStore* meshes, std::size_t max_points,
+            const calibration::RigHistory& rigs);
 
   // Fuses a mesh (camera frame) at T_nav_cam; transforms it into nav.
   struct Added {
@@ -49,7 +52,8 @@ class MovingMap {
 
   // What hangs on a keyframe that has retired hangs on another, where it is.
   void rehang(const slam::NavigationGraph::Retired& gone);
-  // Some keyframe has moved: rebuild() looks at all meshes again. False for a map that never moves.
+  // Some keyframe has moved, or the rig is known better: rebuild() looks at all meshes again. False for a map
+  // that never moves.
   bool noteMoved();
   // Moves at most so many meshes; also the most that are read from the slots.
   void rebuild(int meshes, const PoseOf& pose_of, const OnMoved& on_moved);
@@ -86,9 +90,10 @@ class MovingMap {
 
   struct Entry {
     SE3 T_odom_cam;
-    SE3 shown;               // T_nav_cam in the map
-    Eigen::Vector3f middle;  // of the mesh, in the camera's frame
-    float radius = 0;        // [m]
+    SE3 shown;                   // T_nav_cam in the map
+    Eigen::Vector3f middle;      // of the mesh, in the camera's frame
+    float radius = 0;            // [m]
+    int rig = 0, shown_rig = 0;  // versions through which its points lie in the slot, and in the map
     Box box;
     std::uint64_t hash = 0;  // of the slot's content
     std::uint32_t bytes = 0;
@@ -97,8 +102,8 @@ class MovingMap {
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
-      archive(self.T_odom_cam, self.shown, self.middle, self.radius, self.box.low, self.box.high, self.hash,
-              self.bytes, self.stored, self.fused);
+      archive(self.T_odom_cam, self.shown, self.middle, self.radius, self.rig, self.shown_rig, self.box.low,
+              self.box.high, self.hash, self.bytes, self.stored, self.fused);
     }
   };
   [[nodiscard]] std::size_t slotFor();
@@ -107,11 +112,13 @@ class MovingMap {
   void setUrgency(std::size_t entry, std::uint8_t urgency);
   [[nodiscard]] bool readBlock(std::size_t entry);
   [[nodiscard]] bool readMesh(std::size_t entry);
+  void through(int from, int to, Mesh& mesh) const;
   // False when the slot could not be read.
   bool move(std::size_t entry, const SE3& T_nav_cam, const OnMoved& on_moved);
 
   fusion::QuadtreeMap map_;
   SlotStore* meshes_;
+  const calibration::RigHistory& rigs_;
   std::vector<Entry> entries_;         // by slot
   std::vector<int> keyframe_;          // of each entry
   std::vector<std::uint32_t> fused_;   // of each: number of the fusion that put it where it is

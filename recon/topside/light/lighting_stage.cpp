@@ -18,7 +18,7 @@
 namespace fathom::topside {
 namespace {
 
-constexpr std::uint32_t kLightingVersion = 6;  // changes with the result
+constexpr std::uint32_t kLightingVersion = 7;  // changes with the result
 constexpr int kRangePoints = 300;              // corners that show an image's ranges well enough
 
 struct Images {
@@ -87,6 +87,9 @@ Digest lightingKey(const TopsideConfig& config, const Digest& survey,
   hasher.add("lighting", kLightingVersion, survey, config.lighting_images, c.target_mean, c.target_sigma,
              c.min_images, c.grid, c.saturated, c.outlier, c.choice);
   addStereoSettings(hasher, config);
+  // The rig is found with it.
+  const slam::SensorNoise& n = config.navigation.noise;
+  hasher.add(config.slam_features, n.dvl_velocity, n.dvl_rate, n.dvl_scale, n.dvl_heading, n.heading);
   for (const std::size_t pair : lightingPairs(image_identities.size(), config))
     hasher.add(image_identities[pair]);
   return hasher.finish();

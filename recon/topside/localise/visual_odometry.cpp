@@ -24,6 +24,10 @@ closure::RegistrationConfig stepRules() {
   return rules;
 }
 
+closure::RelativePrior stepPrior(const SE3& T_a_b) {
+  return {T_a_b, covarianceOf(kStepSigma, kStepAngle)};
+}
+
 std::vector<slam::NavigationLink> visualOdometry(const StereoRig& rig, const Frames& frames) {
   std::vector<Attempt> steps, again;
   for (std::uint32_t k = 0; k + 1 < frames.pair.size(); ++k) {
@@ -31,8 +35,7 @@ std::vector<slam::NavigationLink> visualOdometry(const StereoRig& rig, const Fra
     Attempt t;
     t.a = k;
     t.b = k + 1;
-    t.prior = closure::RelativePrior{frames.reckoned[k].inverse() * frames.reckoned[k + 1],
-                                     covarianceOf(kStepSigma, kStepAngle)};
+    t.prior = stepPrior(frames.reckoned[k].inverse() * frames.reckoned[k + 1]);
     steps.push_back(t);
   }
   registerAll(rig, frames, stepRules(), steps, "odometry");

@@ -11,6 +11,8 @@ namespace fathom::topside {
 
 // Of consecutive frames, looser than of closures: a ledge or a fish may fill most of the shared view.
 [[nodiscard]] closure::RegistrationConfig stepRules();
+// As dead reckoning knows it.
+[[nodiscard]] closure::RelativePrior stepPrior(const SE3& T_a_b);
 
 // Visual odometry: links between consecutive frames, with dead reckoning as prior; where that is contradicted
 // (a compass that leapt, a DVL that lies or was silent), once more with a wide prior and the stricter rules

@@ -11,8 +11,8 @@
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/input/images/image_pairs.hpp"
 #include "recon/topside/input/navigation.hpp"
-#include "recon/topside/light/rig_finding.hpp"
 #include "recon/topside/localise/slam_stage.hpp"
+#include "recon/topside/prepare/rig_finding.hpp"
 #include "recon/topside/report/map_picture.hpp"
 #include "recon/topside/report/overlap_colours.hpp"
 

@@ -108,7 +108,11 @@ Json rigJson(const RigFinding& r) {
       {"epipolar_after_px", r.after},
       {"mended", r.moved},
       {"right_turned_deg", {r.rotation.x() / kDegree, r.rotation.y() / kDegree, r.rotation.z() / kDegree}},
-      {"right_focal_longer", r.focal}};
+      {"right_focal_longer", r.focal},
+      {"paths", r.steps},
+      {"ranges_too_long", r.range.scale},
+      {"ranges_too_long_per_m", r.range.per_metre},
+      {"ranges_sigma", r.range_sigma}};
 }
 
 Json navigationJson(const Navigation& n) {
@@ -188,7 +192,7 @@ void writeReportJson(const std::filesystem::path& path, const RunRecord& r) {
         {"times_from_file_names", r.list->from_file_names},
         {"unreadable_images", counts.unreadable_lines}}},
       {"lighting", r.list->features_only ? Json() : lightingJson(r)},
-      {"rig", r.list->features_only ? Json() : rigJson(r.rig)},
+      {"rig", rigJson(r.rig)},
       {"stereo",
        {{"corners", counts.corners},
         {"points", counts.points},

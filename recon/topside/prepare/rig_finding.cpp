@@ -1,0 +1,209 @@
+#include "recon/topside/prepare/rig_finding.hpp"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "firmware_if/files/feature_file.hpp"
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
+#include "recon/calibration/epipolar_check.hpp"
+#include "recon/closure/registration.hpp"
+#include "recon/geometry/order_statistics.hpp"
+#include "recon/topside/calibration/free_matches.hpp"
+#include "recon/topside/light/pair_images.hpp"
+#include "recon/topside/localise/visual_odometry.hpp"
+#include "recon/topside/prepare/pair_preparer.hpp"
+
+namespace fathom::topside {
+
+namespace {
+
+std::vector<RigMatch> matchesOf(const MissionInput& input, const Survey& survey, const LightingModels& models,
+                                std::size_t pair) {
+  const ImagePair& names = survey.list.pairs[pair];
+  std::vector<RigMatch> matches;
+  if (input.features_only) {
+    StereoFeatureFrame frame;
+    try {
+      io::readFeatureFile(input.paths.features() / io::featureFileName(names.left), frame);
+    } catch (const InputError&) {
+      return matches;  // who prepares the pair says so
+    }
+    for (const StereoFeature& f : frame.features)
+      matches.push_back({f.left.cast<double>(), f.right.cast<double>()});
+    return matches;
+  }
+  PairImages images(input, models);
+  if (!images.read(names)) return matches;
+  images.correct(*survey.planes[pair]);
+  return matchFreely(input.rig, images.left(), images.right(), *survey.planes[pair]);
+}
+
+std::vector<RigMatch> matchesOfDive(const MissionInput& input, const Survey& survey,
+                                    const LightingModels& models, std::size_t wanted) {
+  std::vector<std::size_t> known;
+  for (std::size_t k = 0; k < survey.list.pairs.size(); ++k)
+    if (survey.planes[k]) known.push_back(k);
+  const std::size_t count = std::min(known.size(), wanted);
+  std::vector<std::vector<RigMatch>> found(count);
+  oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
+    found[k] = matchesOf(input, survey, models, known[k * known.size() / count]);
+  });
+  std::vector<RigMatch> matches;
+  for (const auto& some : found) matches.insert(matches.end(), some.begin(), some.end());
+  return matches;
+}
+
+// The turn and focal lengths that are left of the rig as it was found so far, into what was found.
+void addTurn(const calibration::EpipolarCheck& check, RigFinding& out) {
+  Vector6d more = Vector6d::Zero(), before = more;
+  more.tail<3>() = check.rotation;
+  before.tail<3>() = out.rotation;
+  out.rotation = (SE3::exp(more) * SE3::exp(before)).log().tail<3>();
+  out.focal += check.focal;
+  out.after = check.sigma_after;
+  constexpr double kShared = 2;  // neighbouring matches share errors
+  out.yaw_sigma = kShared * check.rotation_sigma.y();
+}
+
+// Two pairs with a path between them that dead reckoning knows well.
+struct Step {
+  std::size_t a = 0, b = 0;
+  SE3 T_nav_a, T_nav_b;  // of the cameras, as reckoned
+  slam::StepQuality quality;
+};
+
+std::vector<Step> stepsOf(const MissionInput& input, const Survey& survey) {
+  constexpr double kShare = 0.25;     // of the range: far enough to measure, with more than half in common
+  constexpr std::size_t kWithin = 6;  // pairs
+  constexpr double kMostTurn = 0.1;   // [rad]
+  std::vector<Step> steps;
+  const std::vector<NavigatedPose>& poses = survey.navigation.poses;
+  for (std::size_t a = 0; a < poses.size(); ++a) {
+    if (!poses[a].T_nav_body || !survey.planes[a]) continue;
+    for (std::size_t b = a + 1; b < std::min(poses.size(), a + kWithin); ++b) {
+      if (!poses[b].T_nav_body || !survey.planes[b]) break;
+      const nav::DeadReckoning::Quality &before = poses[a].quality, &now = poses[b].quality;
+      if (now.unlocked_s > before.unlocked_s || now.untilted_s > before.untilted_s || now.attitude_held ||
+          now.depth_held || now.heading_leaps > before.heading_leaps)
+        break;
+      Step step{a,
+                b,
+                *poses[a].T_nav_body * input.mission.T_body_cam,
+                *poses[b].T_nav_body * input.mission.T_body_cam,
+                {}};
+      const SE3 between = step.T_nav_a.inverse() * step.T_nav_b;
+      if (between.translation().norm() < kShare * survey.planes[a]->distance) continue;
+      step.quality.seconds = static_cast<double>(poses[b].utc_ns - poses[a].utc_ns) * 1e-9;
+      step.quality.turn = between.rotation().angularDistance(Eigen::Quaterniond::Identity());
+      if (step.quality.turn < kMostTurn) steps.push_back(step);
+      break;
+    }
+  }
+  return steps;
+}
+
+double rangeOf(const closure::FrameFeatures& features) {
+  std::vector<double> z;
+  for (const closure::Feature& f : features.features) z.push_back(static_cast<double>(f.point.z()));
+  return median(std::move(z));
+}
+
+// What paths say of the range error that is left of the rig as it was found so far, into what was found;
+// false when it is within what they may be wrong by.
+bool addRange(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
+              const LightingModels& models, RigFinding& out) {
+  MissionInput turned = input;
+  turned.rig = rigAsFound(input.rig, out);
+  const std::vector<Step> all = stepsOf(turned, survey);
+  const std::size_t count = std::min(all.size(), kRigSteps);
+  struct Seen {
+    double range = 0;
+    closure::Registration link;
+  };
+  std::vector<Seen> seen(count);
+  oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
+    const Step& step = all[k * all.size() / count];
+    const auto preparer = makePreparer(turned, config, models, true);
+    const auto prepare = [&](std::size_t pair) {
+      return preparer->process(survey.list.pairs[pair], *survey.planes[pair]).features;
+    };
+    const closure::FrameFeatures a = prepare(step.a), b = prepare(step.b);
+    closure::Registrar registrar(turned.rig, stepRules());
+    seen[k] = {rangeOf(b), registrar.process(a, b, stepPrior(step.T_nav_a.inverse() * step.T_nav_b))};
+  });
+  slam::RigPrior prior = config.navigation.rig;
+  prior.baseline = turned.rig.baseline();
+  prior.turn = out.yaw_sigma;
+  slam::DvlCalibration ways(config.navigation.noise,
+                            input.mission.T_body_cam.inverse() * input.mission.T_body_dvl.translation(),
+                            prior);
+  std::vector<double> ranges;
+  for (std::size_t k = 0; k < count; ++k) {
+    if (!seen[k].link.accepted()) continue;
+    const Step& step = all[k * all.size() / count];
+    (void)ways.add(step.T_nav_a, step.T_nav_b, seen[k].link.T_a_b, seen[k].link.covariance, step.quality,
+                   seen[k].range);
+    ranges.push_back(seen[k].range);
+  }
+  out.steps = ranges.size();
+  const double range = median(std::move(ranges));
+  const calibration::RangeError left{ways.rangeError().x(), ways.rangeError().y()};
+  out.range.scale += left.scale;
+  out.range.per_metre += left.per_metre;
+  out.range_sigma = ways.rangeSigma(range);
+  return std::abs(left.at(range)) > out.range_sigma;
+}
+
+}  // namespace
+
+// In turns: epipolar lines take a part of a wrong principal point for a turn, as lenses that distort let it
+// seem one, and a path follows from ranges that are wrong in a different way over the image, not by all of
+// their error.
+RigFinding findRig(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
+                   const LightingModels& models) {
+  constexpr int kRounds = 4;
+  std::vector<RigMatch> matches = matchesOfDive(input, survey, models, kRigPairs);
+  calibration::EpipolarCheck check = calibration::checkEpipolar(input.rig, matches);
+  if (calibration::explainsMove(check)) {
+    matches = matchesOfDive(input, survey, models, kMovedRigPairs);
+    check = calibration::checkEpipolar(input.rig, matches);
+  }
+  RigFinding out;
+  out.matches = matches.size();
+  out.before = check.worst();
+  out.after = check.sigma_after;
+  out.moved = calibration::explainsMove(check);
+  for (int round = 0; round < kRounds; ++round) {
+    if (calibration::tellsRig(check)) addTurn(check, out);
+    if (!input.navigated || !addRange(input, config, survey, models, out)) break;
+    check = calibration::checkEpipolar(rigAsFound(input.rig, out), matches);
+  }
+  return out;
+}
+
+StereoRig rigAsFound(const StereoRig& rig, const RigFinding& found) {
+  return calibration::withoutRangeError(calibration::changed(rig, found.rotation, found.focal), found.range);
+}
+
+slam::RigPrior rigPrior(const StereoRig& rig, const RigFinding& found) {
+  slam::RigPrior prior;
+  prior.baseline = rig.baseline();
+  if (found.steps == 0) return prior;
+  prior.scale = found.range_sigma;
+  prior.principal_point = 0;
+  return prior;
+}
+
+std::optional<std::string> warningOf(const RigFinding& found) {
+  if (!found.moved) return std::nullopt;
+  return "The rig does not stand as it was calibrated: matches lie up to " + decimals(found.before, 1) +
+         " px off their epipolar lines. This run takes " +
+         calibration::describeChange(found.rotation, found.focal) + ", which leaves " +
+         decimals(found.after, 2) + " px a match. Calibrate again.";
+}
+
+}  // namespace fathom::topside

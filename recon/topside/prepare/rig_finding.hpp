@@ -1,0 +1,52 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "recon/calibration/rig_history.hpp"
+#include "recon/geometry/stereo_rig.hpp"
+#include "recon/slam/dvl_calibration.hpp"
+#include "recon/topside/input/survey_stage.hpp"
+#include "recon/topside/light/lighting_stage.hpp"
+
+namespace fathom::topside {
+
+// How the rig stands in this dive against how it was calibrated: its turn and focal lengths by matches that
+// are found without its help, as far from their epipolar lines as they lie; what these do not show, a
+// baseline or principal points that are wrong, by paths between pairs as visual odometry and the DVL measure
+// them, weighed by what is known of both beforehand (slam::DvlCalibration).
+struct RigFinding {
+  std::uint64_t matches = 0;
+  double before = 0,
+         after = 0;  // worst part of the image, and of one match when what is below is taken out [px]
+  bool moved = false;
+  Eigen::Vector3d rotation = Eigen::Vector3d::Zero();  // of the right camera about its x, y, z [rad]
+  double focal = 0;                                    // right over left, logarithm
+  double yaw_sigma = 0;                                // of rotation.y [rad]
+  std::uint64_t steps = 0;                             // paths that both measured
+  calibration::RangeError range;                       // of the rig turned so
+  double range_sigma = 0;                              // of that at the dive's median range [1]
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.matches, self.before, self.after, self.moved, self.rotation, self.focal, self.yaw_sigma,
+            self.steps, self.range.scale, self.range.per_metre, self.range_sigma);
+  }
+};
+
+// Of up to kRigPairs pairs, spread over the dive, that stand over known ground; where the rig has moved, of
+// more: the turn towards the left camera, which makes all ranges wrong, shows least. And of up to kRigSteps
+// paths.
+inline constexpr std::size_t kRigPairs = 40, kMovedRigPairs = 120, kRigSteps = 60;
+[[nodiscard]] RigFinding findRig(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
+                                 const LightingModels& models);
+// As it stands in this dive.
+[[nodiscard]] StereoRig rigAsFound(const StereoRig& rig, const RigFinding& found);
+// What is then still open of it.
+[[nodiscard]] slam::RigPrior rigPrior(const StereoRig& rig, const RigFinding& found);
+// For who reads the report; none where the rig stands as it was calibrated.
+[[nodiscard]] std::optional<std::string> warningOf(const RigFinding& found);
+
+}  // namespace fathom::topside
