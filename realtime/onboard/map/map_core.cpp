@@ -82,8 +82,8 @@ void MapCore::setStageObserver(std::function<void(const char* stage)> observer) 
 }
 
 void MapCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom,
-                     const Eigen::Vector2d& north_east, double sigma) {
-  anchor_.add(kind, north_east - antenna_in_odom.head<2>(), sigma);
+                     const Eigen::Vector2d& north_east, double sigma, double unlocked_s) {
+  anchor_.add(kind, north_east - antenna_in_odom.head<2>(), sigma, unlocked_s);
   if (frame_fixed_) {
     if (!localisation_) return;
     if (kind == nav::FixKind::kGps) {
@@ -94,12 +94,16 @@ void MapCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector
     anchored_ = true;
     return;
   }
-  if (const auto estimate = anchor_.estimate()) {
-    T_nav_odom_ = SE3(Eigen::Quaterniond::Identity(), {estimate->shift.x(), estimate->shift.y(), 0.0});
-    anchor_sigma_ = estimate->sigma;
-    anchored_ = true;
-    if (localisation_) localisation_->setAnchor(estimate->shift, estimate->sigma);
-  }
+  anchorAt(std::max(unlocked_s, 0.0));
+}
+
+void MapCore::anchorAt(double unlocked_s) {
+  const auto estimate = anchor_.estimate(unlocked_s, config_.localisation.graph.noise.unknown_velocity);
+  if (!estimate) return;
+  T_nav_odom_ = SE3(Eigen::Quaterniond::Identity(), {estimate->shift.x(), estimate->shift.y(), 0.0});
+  anchor_sigma_ = estimate->sigma;
+  anchored_ = true;
+  if (localisation_) localisation_->setAnchor(estimate->shift, estimate->sigma);
 }
 
 SE3 MapCore::poseOf(int keyframe, const SE3& T_odom_cam) const {
@@ -214,6 +218,7 @@ void MapCore::useRig() {
 }
 
 SeenPair MapCore::see(const MapInput& input) {
+  if (!frame_fixed_) anchorAt(input.quality.unlocked_s);
   frame_fixed_ = true;
   SeenPair pair;
   MapOutput& out = pair.output;

@@ -7,7 +7,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("MAPC"), kMovingTag = rt::stateTag("MOVE"), kVersion = 3;
+constexpr std::uint32_t kTag = rt::stateTag("MAPC"), kMovingTag = rt::stateTag("MOVE"), kVersion = 4;
 // No mesh is so large [m]; who hears of a mesh that moved looks at every square of its box.
 constexpr float kLargestBox = 1000;
 
