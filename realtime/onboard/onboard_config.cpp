@@ -133,7 +133,9 @@ NavCoreConfig navCoreConfig(const OnboardConfig& config, const io::MissionConfig
   nav.odometry.T_body_depth = mission.T_body_depth;
   nav.odometry.T_body_compass = mission.T_body_compass;
   nav.odometry.magnetic_declination = mission.magnetic_declination;
+  nav.odometry.origin_latitude = mission.origin.latitude;
   nav.odometry.sound_speed = mission.water.sound_speed;
+  nav.odometry.phased_array = mission.dvl.phased_array;
   nav.start_utc_ns = mission.start_utc_ns;
   nav.pairing_tolerance = config.max_pair_skew;
   const io::MissionConfig::TimeOffsets& t = mission.time_offsets;

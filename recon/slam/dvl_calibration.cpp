@@ -25,6 +25,16 @@ DvlCalibration::DvlCalibration(const SensorNoise& noise, const Eigen::Vector3d& 
   covariance_ = Eigen::Vector2d(noise.dvl_scale, noise.dvl_heading).cwiseAbs2().asDiagonal();
 }
 
+void DvlCalibration::setSoundShare(double share) {
+  if (share == sound_share_) return;
+  sound_share_ = share;
+  state_(0) = 0;
+  covariance_.row(0).setZero();
+  covariance_.col(0).setZero();
+  covariance_(0, 0) = noise_.dvl_scale * noise_.dvl_scale + share * share;
+  leaning_.setZero();
+}
+
 bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b,
                          const Matrix6d& covariance, const StepQuality& quality) {
   const Eigen::Vector2d reckoned = wayOf(T_odom_a, T_odom_b).head<2>();

@@ -98,6 +98,7 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
   frame.leapt = input.compass_jumped;
   frame.gyro_turn = input.gyro_turn;
   frame.ungyro_s = input.ungyro_s;
+  dvl_.setSoundShare(input.sound_share);
   const bool first = frames_.empty();
   StepQuality quality;
   SE3 reckoned;  // T_odom_cam with the way from the last keyframe corrected

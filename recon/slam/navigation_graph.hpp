@@ -55,6 +55,8 @@ struct KeyframeInput {
   // [rad], and for how long of that the gyro was silent, which added nothing to it [s]; negative: no gyro at
   // all.
   double gyro_turn = 0, ungyro_s = -1;
+  // Standard deviation of the DVL's scale by a speed of sound that nobody measured (nav::DeadReckoning) [1].
+  double sound_share = 0;
 };
 
 // kAgreed: a closure that others agree with around a cycle, whatever the graph says.

@@ -60,6 +60,23 @@ struct StepQuality {
   double turn = 0;               // between them [rad]
 };
 
+// The velocity that nobody measures is the same for the whole of a loss of bottom track, so its error grows
+// with time, not with the root of it: a step adds the variance that the loss gains from T to T + dt,
+//   v^2 ((T + dt)^2 - T^2),
+// which is that of as many seconds as add() returns for the `unlocked_s` of the next step [s].
+class LossOfTrack {
+ public:
+  double add(double unlocked_s);
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.lasted_s_);
+  }
+
+ private:
+  double lasted_s_ = 0;
+};
+
 // DVL, integrated by dead reckoning (nav::DeadReckoning: lever arm, mounting, sound speed):
 //   e_xyz = R_m^T (R_a^T (t_b - t_a) - t_m) + e_phi x l,   T_m = T_odom_a^-1 T_odom_b,
 // in the axes of b: the way of the DVL itself, which is at l in the camera's axes, so that a compass that
@@ -106,8 +123,10 @@ struct StepQuality {
 
 // A position fix (USBL, GPS) of an antenna that odometry has at `antenna_in_odom`, perhaps at another time:
 // the camera is where the fix is, less the way between them as odometry has it, turned by what is now known:
-//   t_m = fix - R_nav_cam R_odom_cam^T (antenna - t_odom_cam),   e = R_m^T (t_nav_cam - t_m), horizontal.
-// `sigma`: of either component [m]. Relinearised by calling it again.
+//   l = R_odom_cam^T (antenna - t_odom_cam),   t_m = fix - R_nav_cam l,
+//   e = R_m^T (t_nav_cam - t_m) + e_phi x l, horizontal,
+// so that it holds to the second order when the camera is turned by what is known later. `sigma`: of either
+// component [m].
 [[nodiscard]] RelativePose fixFactor(int origin, int camera, const SE3& T_nav_cam, const SE3& T_odom_cam,
                                      const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& fix,
                                      double sigma);

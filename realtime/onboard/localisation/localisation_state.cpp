@@ -8,7 +8,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 4,
+constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 5,
                         kSearchVersion = 3;
 
 template <typename Archive, typename Feature>
@@ -111,7 +111,7 @@ bool ClosureSearch::load(rt::StateReader& reader) {
 template <typename Archive, typename Self>
 void LocalisationCore::exchange(Archive& archive, Self& self) {
   archive(self.selection_, self.features_, self.fixes_, self.last_quality_);
-  archive(self.last_unlocked_s_, self.loss_s_, self.position_sigma_);
+  archive(self.last_unlocked_s_, self.loss_, self.position_sigma_);
   for (auto& looked : self.looked_) {
     archive(looked.waits);
     if (looked.waits) exchangeFrame(archive, looked.features);

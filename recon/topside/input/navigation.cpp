@@ -238,7 +238,9 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
   reckoning.T_body_depth = mission.T_body_depth;
   reckoning.T_body_compass = mission.T_body_compass;
   reckoning.magnetic_declination = mission.magnetic_declination;
+  reckoning.origin_latitude = mission.origin.latitude;
   reckoning.sound_speed = mission.water.sound_speed;
+  reckoning.phased_array = mission.dvl.phased_array;
   reckoning.max_dvl_gap = config.max_dvl_gap;
   reckoning.max_speed = config.max_speed;
   nav::DeadReckoning track(reckoning);
