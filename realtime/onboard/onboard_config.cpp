@@ -158,6 +158,8 @@ MapCoreConfig mapCoreConfig(const OnboardConfig& config, const io::MissionConfig
                     config.localisation,
                     config.colours};
   map.localisation.graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
+  map.localisation.graph.forward_in_camera =
+      mission.T_body_cam.rotation().conjugate() * Eigen::Vector3d::UnitX();
   return map;
 }
 

@@ -172,7 +172,7 @@ void NavigationGraph::refer(const KeyframeInput& input, Frame& frame) {
     ++counters_.attitude_absent;
     return;
   }
-  const double heading = headingOf(input.T_odom_cam);
+  const double heading = headingOf(input.T_odom_cam, config_.forward_in_camera);
   const double age = attitude_.node < 0 ? 0 : seconds(input.utc_ns - attitude_.utc_ns);
   const double turn = attitude_.node < 0 ? 0 : std::abs(wrapAngle(heading - attitude_.heading));
   const bool served =

@@ -45,8 +45,8 @@ void SensorNoise::validate() const {
       throw std::invalid_argument("sensor noise: a drift must not be negative");
 }
 
-double headingOf(const SE3& T_odom_cam) {
-  const Eigen::Vector3d ahead = T_odom_cam.rotation() * Eigen::Vector3d::UnitY();
+double headingOf(const SE3& T_odom_cam, const Eigen::Vector3d& forward) {
+  const Eigen::Vector3d ahead = T_odom_cam.rotation() * forward;
   return std::atan2(ahead.y(), ahead.x());
 }
 

@@ -43,8 +43,12 @@ struct SensorNoise {
   void validate() const;  // throws std::invalid_argument
 };
 
-// Of a camera that looks down: where its image's lower edge points, from north to east [rad].
-[[nodiscard]] double headingOf(const SE3& T_odom_cam);
+// Heading of the vehicle, from north to east [rad]: where `forward`, its axis ahead in the camera's axes,
+// points in plan. Well defined for every mounting of the camera, as a survey vehicle's axis ahead is never
+// near the vertical; an axis of the image may be. kForward: of a camera that looks down with its image's
+// upper edge ahead.
+inline const Eigen::Vector3d kForward = {0, -1, 0};
+[[nodiscard]] double headingOf(const SE3& T_odom_cam, const Eigen::Vector3d& forward);
 
 // Every factor is a measured relative pose with pose_graph.hpp's residual e(T_from_to; T_w_from, T_w_to) and
 // derivatives; what a sensor does not tell has next to no information (a standard deviation of 1000 km).

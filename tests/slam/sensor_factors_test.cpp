@@ -174,6 +174,19 @@ TEST(SensorFactors, NoiseOutOfRangeIsRefused) {
   EXPECT_THROW(noise.validate(), std::invalid_argument);
 }
 
+TEST(Heading, IsTheVehiclesHoweverTheCameraIsMounted) {
+  const SE3 mountings[] = {SE3::fromEuler(0, 0, M_PI / 2, {0, 0, 0}),         // down
+                           SE3::fromEuler(M_PI / 4, 0, M_PI / 2, {0, 0, 0}),  // ahead, and down by 45 degrees
+                           SE3::fromEuler(M_PI / 2, 0, M_PI / 2, {0, 0, 0}),  // ahead
+                           SE3::fromEuler(0, M_PI / 2, M_PI / 2, {0, 0, 0})};  // to starboard
+  for (const SE3& T_body_cam : mountings) {
+    const Eigen::Vector3d forward = T_body_cam.rotation().conjugate() * Eigen::Vector3d::UnitX();
+    for (double heading = -3; heading < 3.1; heading += 0.5)
+      EXPECT_NEAR(headingOf(SE3::fromEuler(0.2, -0.3, heading, {0, 0, 0}) * T_body_cam, forward), heading,
+                  1e-9);
+  }
+}
+
 TEST(FixFactor, OfAnAntennaOnALeverHoldsWhenTheHeadingHasChangedSince) {
   constexpr double kSigma = 0.3, kLever = 3, kTurn = 0.2;  // [m], [m], [rad]
   const SE3 thought = camera(0, 0, 10, 0.4, 0), truth = camera(0, 0, 10, 0.4 + kTurn, 0);

@@ -179,6 +179,7 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   const double sigma = navigation.gps_shift ? navigation.gps_sigma : kAnywhere;
   slam::NavigationConfig graph = config.navigation;
   graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
+  graph.forward_in_camera = mission.T_body_cam.rotation().conjugate() * Eigen::Vector3d::UnitX();
   slam::NavigationSolution solved;
   const auto solve = [&] {
     solved = slam::solveNavigation(graph, inputs, shift, sigma, links, fixes, std::move(solved));
