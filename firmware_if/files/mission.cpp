@@ -27,9 +27,10 @@ constexpr double kMaxEuler = 6.3;           // [rad], a turn either way
 constexpr double kMaxTimeOffset = 86400.0;  // [s], a day: a clock set to another zone
 constexpr double kMinRate = 0.001, kMaxRate = 1000.0;  // [Hz], of image pairs
 constexpr std::size_t kMaxFileBytes = std::size_t{1} << 22;
-constexpr double kMaxWaypoint = 1e6;       // [m] from the origin
-constexpr double kMinSoundSpeed = 1350.0;  // [m/s], cold fresh water
-constexpr double kMaxSoundSpeed = 1650.0;  // [m/s], hot brine
+constexpr double kMaxWaypoint = 1e6;           // [m] from the origin
+constexpr double kNominalSoundSpeed = 1500.0;  // [m/s], states nothing
+constexpr double kMinSoundSpeed = 1350.0;      // [m/s], cold fresh water
+constexpr double kMaxSoundSpeed = 1650.0;      // [m/s], hot brine
 constexpr std::array<int, 4> kBits = {8, 10, 12, 16};
 constexpr std::array<const char*, 3> kFormats = {"mono", "bayer-rggb", "rgb"};  // in the order of PixelFormat
 
@@ -71,7 +72,9 @@ MissionConfig configFrom(const ConfigTable& top) {
   c.tide_model = top.text("tide_model", c.tide_model);
 
   const ConfigTable water = top.table("water");
-  c.water.sound_speed = water.number("sound_speed_mps", c.water.sound_speed, kMinSoundSpeed, kMaxSoundSpeed);
+  const double sound_speed =
+      water.number("sound_speed_mps", kNominalSoundSpeed, kMinSoundSpeed, kMaxSoundSpeed);
+  if (sound_speed != kNominalSoundSpeed) c.water.sound_speed = sound_speed;
   c.water.refractive_port = water.text("refractive_port", c.water.refractive_port);
 
   const ConfigTable cameras = top.table("cameras");
@@ -83,6 +86,8 @@ MissionConfig configFrom(const ConfigTable& top) {
   if (std::find(kBits.begin(), kBits.end(), c.cameras.bits) == kBits.end())
     cameras.fail("bits", std::to_string(c.cameras.bits) + " is unknown; give 8, 10, 12 or 16");
   c.cameras.rate_hz = cameras.requiredNumber("rate_hz", kMinRate, kMaxRate);
+
+  c.dvl.phased_array = top.table("dvl").boolean("phased_array", c.dvl.phased_array);
 
   const ConfigTable extrinsics = top.table("extrinsics");
   c.T_body_cam = readPose(extrinsics, "T_body_cam");
@@ -140,13 +145,14 @@ std::string render(const MissionConfig& c) {
       << "\nstart_time = " << isoTime(c.start_utc_ns)
       << "\nmagnetic_declination_deg = " << tomlNumber(exactDegrees(c.magnetic_declination))
       << "\ntide_model = " << tomlString(c.tide_model) << "\nconfiguration = " << tomlString(c.configuration)
-      << "\n\n[water]\nsound_speed_mps = " << tomlNumber(c.water.sound_speed)
+      << "\n\n[water]\nsound_speed_mps = " << tomlNumber(c.water.sound_speed.value_or(kNominalSoundSpeed))
       << "\nrefractive_port = " << tomlString(c.water.refractive_port)
       << "\n\n[cameras]\nleft_serial = " << tomlString(c.cameras.left_serial)
       << "\nright_serial = " << tomlString(c.cameras.right_serial)
       << "\nleft_format = " << tomlString(kFormats.at(static_cast<std::size_t>(c.cameras.left_format)))
       << "\nright_format = " << tomlString(kFormats.at(static_cast<std::size_t>(c.cameras.right_format)))
       << "\nbits = " << c.cameras.bits << "\nrate_hz = " << tomlNumber(c.cameras.rate_hz) << "\n";
+  if (c.dvl.phased_array) out << "\n[dvl]\nphased_array = true\n";
   const std::array<std::pair<const char*, const SE3*>, 5> poses = {{{"T_body_cam", &c.T_body_cam},
                                                                     {"T_body_dvl", &c.T_body_dvl},
                                                                     {"T_body_usbl", &c.T_body_usbl},

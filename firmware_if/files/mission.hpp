@@ -26,7 +26,9 @@ struct MissionConfig {
   std::string tide_model = "none";
 
   struct Water {
-    double sound_speed = 1500.0;  // mean true sound speed at the DVL, used without CTD samples [m/s]
+    // Mean true speed of sound at the DVL, used without CTD samples [m/s]; none: nobody states it. 1500.0 is
+    // what every file says that nobody thought about, and is read as none.
+    std::optional<double> sound_speed;
     std::string refractive_port = "calibrated-in-water";
   } water;
 
@@ -37,6 +39,11 @@ struct MissionConfig {
     int bits = 12;
     double rate_hz = 2.0;
   } cameras;
+
+  struct Dvl {
+    // Its beams are steered by phase: horizontal velocities do not depend on the speed of sound.
+    bool phased_array = false;
+  } dvl;
 
   // Poses of the sensors in body (forward-starboard-down).
   SE3 T_body_cam, T_body_dvl, T_body_usbl, T_body_depth, T_body_compass;

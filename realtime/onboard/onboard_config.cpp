@@ -133,7 +133,10 @@ NavCoreConfig navCoreConfig(const OnboardConfig& config, const io::MissionConfig
   nav.odometry.T_body_depth = mission.T_body_depth;
   nav.odometry.T_body_compass = mission.T_body_compass;
   nav.odometry.magnetic_declination = mission.magnetic_declination;
+  nav.odometry.origin_latitude = mission.origin.latitude;
   nav.odometry.sound_speed = mission.water.sound_speed;
+  nav.odometry.phased_array = mission.dvl.phased_array;
+  nav.start_utc_ns = mission.start_utc_ns;
   nav.pairing_tolerance = config.max_pair_skew;
   const io::MissionConfig::TimeOffsets& t = mission.time_offsets;
   nav.time_offsets = {t.left_camera, t.right_camera, t.dvl, t.compass, t.depth};
@@ -160,6 +163,8 @@ MapCoreConfig mapCoreConfig(const OnboardConfig& config, const io::MissionConfig
   // Epipolar lines have not been looked at when the dive begins.
   constexpr double kUnmeasuredTurn = 0.009;  // half a degree: a rig is knocked by as much [rad]
   prior.turn = kUnmeasuredTurn;
+  map.localisation.graph.forward_in_camera =
+      mission.T_body_cam.rotation().conjugate() * Eigen::Vector3d::UnitX();
   return map;
 }
 

@@ -11,7 +11,8 @@ void OnboardSystem::exchange(Archive& archive, Self& self) {
   for (auto& name : self.image_names_) archive(name.frame, name.text, name.exposure_s);
   archive(self.last_pose_, self.distance_, self.program_health_, self.slipped_cycles_, self.shed_pairs_,
           self.pairs_at_level_, self.unreadable_images_, self.fixes_without_odometry_);
-  archive.instants(self.last_pair_ns_, self.last_tick_ns_);
+  archive(self.early_fixes_, self.odometry_began_);
+  archive.instants(self.last_pair_ns_, self.last_tick_ns_, self.odometry_began_ns_);
   archive(self.last_points_, self.survey_over_, self.told_progress_, self.waiting_, self.last_correction_);
   bool battery = self.battery_.has_value();
   archive(battery);
@@ -29,13 +30,13 @@ void OnboardSystem::save(rt::StateWriter& writer) const {
   writer(nav_);
   writer(map_, link_, downlink_);
   writer.section(rt::stateTag("PROG"), 1, [&] { writer(progress_); });
-  writer.section(rt::stateTag("ONBD"), 3, [&] { exchange(writer, *this); });
+  writer.section(rt::stateTag("ONBD"), 4, [&] { exchange(writer, *this); });
 }
 
 bool OnboardSystem::load(rt::StateReader& reader) {
   return reader(nav_) && reader(map_, link_, downlink_) &&
          reader.section(rt::stateTag("PROG"), 1, [&] { reader(progress_); }) &&
-         reader.section(rt::stateTag("ONBD"), 3, [&] { exchange(reader, *this); });
+         reader.section(rt::stateTag("ONBD"), 4, [&] { exchange(reader, *this); });
 }
 
 template <typename Archive, typename Self>

@@ -70,6 +70,7 @@ void OnboardSystem::consume(std::int64_t arrival_utc_ns, const SensorSample& sam
           nav_.add(s);
       },
       sample);
+  placeEarlyFixes();
   mapPairs(on_pair);
   passTime(arrival_utc_ns);
 }
@@ -81,15 +82,37 @@ void OnboardSystem::passTime(std::int64_t now_ns) {
 
 void OnboardSystem::addFix(nav::FixKind kind, std::int64_t utc_ns, double latitude, double longitude,
                            double sigma) {
-  const auto T_odom_body = nav_.core().odometry().poseAt(utc_ns);
-  if (!T_odom_body) {
+  const Fix fix = {kind, utc_ns, local_.toLocal({latitude, longitude}), sigma};
+  const nav::DeadReckoning& odometry = nav_.core().odometry();
+  if (!odometry.initialised()) {
+    if (early_fixes_.pushDroppingOldest(fix)) ++fixes_without_odometry_;
+  } else if (utc_ns < odometry_began_ns_) {
+    placeEarly(fix);
+  } else if (const auto T_odom_body = odometry.poseAt(utc_ns)) {
+    place(fix, *T_odom_body, odometry.qualityAt(utc_ns).unlocked_s);
+  } else {
     ++fixes_without_odometry_;
-    return;
   }
+}
+
+void OnboardSystem::place(const Fix& fix, const SE3& T_odom_body, double unlocked_s) {
   // The GPS antenna is taken at the body's origin: its lever arm is far below a fix's error.
-  const SE3 T_odom_sensor = kind == nav::FixKind::kUsbl ? *T_odom_body * mission_.T_body_usbl : *T_odom_body;
-  const Eigen::Vector2d north_east = local_.toLocal({latitude, longitude});
-  map_.addFix(kind, utc_ns, T_odom_sensor.translation(), north_east, sigma);
+  const SE3 T_odom_sensor =
+      fix.kind == nav::FixKind::kUsbl ? T_odom_body * mission_.T_body_usbl : T_odom_body;
+  map_.addFix(fix.kind, fix.utc_ns, T_odom_sensor.translation(), fix.north_east, fix.sigma, unlocked_s);
+}
+
+void OnboardSystem::placeEarly(const Fix& fix) {
+  place(fix, odometry_began_, static_cast<double>(fix.utc_ns - odometry_began_ns_) / kNanoseconds);
+}
+
+void OnboardSystem::placeEarlyFixes() {
+  const nav::DeadReckoning& odometry = nav_.core().odometry();
+  if (odometry_began_ns_ != 0 || !odometry.initialised()) return;
+  odometry_began_ns_ = odometry.oldestUtcNs();
+  odometry_began_ = odometry.poseAt(odometry_began_ns_).value_or(SE3());
+  for (std::size_t i = 0; i < early_fixes_.size(); ++i) placeEarly(early_fixes_[i]);
+  early_fixes_.clear();
 }
 
 void OnboardSystem::addImage(const ImageEvent& event, std::int64_t arrival_utc_ns) {

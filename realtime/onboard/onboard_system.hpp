@@ -131,6 +131,25 @@ class OnboardSystem {
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
   void addFix(nav::FixKind kind, std::int64_t utc_ns, double latitude, double longitude, double sigma);
+  struct Fix {
+    nav::FixKind kind = nav::FixKind::kGps;
+    std::int64_t utc_ns = 0;
+    Eigen::Vector2d north_east = Eigen::Vector2d::Zero();  // in nav [m]
+    double sigma = 0;                                      // horizontal [m]
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive.enumeration(self.kind, nav::FixKind::kUsbl);
+      archive.instants(self.utc_ns);
+      archive(self.north_east, self.sigma);
+    }
+  };
+  void place(const Fix& fix, const SE3& T_odom_body, double unlocked_s);
+  // A fix from before bottom track: the vehicle is taken to be where dead reckoning began, after as long
+  // without it as has passed since.
+  void placeEarly(const Fix& fix);
+  // Those that waited, as soon as dead reckoning has begun.
+  void placeEarlyFixes();
   // Puts the pair's images or features into the input; false where they cannot be read.
   [[nodiscard]] bool readPair(const MappedPair& pair, MapInput& input) const;
   void addImage(const ImageEvent& event, std::int64_t arrival_utc_ns);
@@ -191,6 +210,11 @@ class OnboardSystem {
   std::optional<SE3> last_pose_;  // T_odom_body, for the distance travelled
   double distance_ = 0;           // since dead reckoning began [m]
   std::uint64_t unreadable_images_ = 0;
+  // Before dead reckoning: the newest, as a minute of GPS or the pings of a long descent.
+  static constexpr std::size_t kEarlyFixes = 256;
+  rt::FixedQueue<Fix, kEarlyFixes> early_fixes_;
+  SE3 odometry_began_;                  // T_odom_body
+  std::int64_t odometry_began_ns_ = 0;  // 0: not yet
   std::uint64_t fixes_without_odometry_ = 0;
   std::int64_t last_pair_ns_ = 0, last_tick_ns_ = 0;
   std::size_t last_points_ = 0;  // of the newest pair

@@ -31,13 +31,15 @@ bool less(const Candidate& a, const Candidate& b) {
 
 }  // namespace
 
-Footprint footprintOf(const SE3& T_nav_cam, double altitude, const Camera& camera) {
-  constexpr double kMinDown = 0.2;  // cosine from the vertical; flatter, the seafloor is out of reach
-  const Eigen::Vector3d axis = T_nav_cam.rotation() * Eigen::Vector3d::UnitZ();
-  const double range = altitude / std::max(axis.z(), kMinDown);
-  const Eigen::Vector3d hit = T_nav_cam.translation() + range * axis;
+Footprint footprintOf(const SE3& T_nav_cam, double range, const Camera& camera) {
+  const Eigen::Vector3d hit = T_nav_cam * Eigen::Vector3d(0, 0, range);
   return {hit.head<2>(), range * std::sqrt(static_cast<double>(camera.width) * camera.height /
                                            (kPi * camera.fx * camera.fy))};
+}
+
+double rangeToLevelGround(const SE3& T_nav_cam, double altitude) {
+  constexpr double kMinDown = 0.2;  // cosine from the vertical; flatter, the seafloor is out of reach
+  return altitude / std::max((T_nav_cam.rotation() * Eigen::Vector3d::UnitZ()).z(), kMinDown);
 }
 
 double separationOfOverlap(double share) {

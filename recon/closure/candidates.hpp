@@ -10,15 +10,18 @@
 
 namespace fathom::closure {
 
-// What a frame sees of a level seafloor: a disc about the place where the principal ray meets it.
+// What a frame sees of the seafloor, in plan: a disc about the place where the principal ray meets it.
 struct Footprint {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();  // north, east [m]
   double radius = 0;                                 // [m]
 };
 
-// `altitude`: of the camera over the seafloor [m]. The radius is that of the disc whose area the image covers
-// at that range: range sqrt(w h / (pi fx fy)).
-[[nodiscard]] Footprint footprintOf(const SE3& T_nav_cam, double altitude, const Camera& camera);
+// `range`: along the principal ray [m]. The radius is that of the disc whose area the image covers there:
+// range sqrt(w h / (pi fx fy)).
+[[nodiscard]] Footprint footprintOf(const SE3& T_nav_cam, double range, const Camera& camera);
+// Range along the principal ray to level ground `altitude` below the camera [m]; that of 78 degrees off the
+// vertical where it is more.
+[[nodiscard]] double rangeToLevelGround(const SE3& T_nav_cam, double altitude);
 
 // Separation of two equal discs of radius 1 that share the given part of their area, 0 to 1.
 [[nodiscard]] double separationOfOverlap(double share);

@@ -107,4 +107,10 @@ Geodetic LocalTransverseMercator::toGeodetic(const Eigen::Vector2d& north_east) 
   return {std::atan(tau), std::remainder(longitude, 2.0 * std::numbers::pi)};
 }
 
+double meridianConvergence(double east, double latitude) noexcept {
+  constexpr double kEquator = 6378137.0, kEccentricity2 = 6.69437999014e-3;  // of WGS84 [m], [1]
+  const double sine = std::sin(latitude);
+  return east / kEquator * std::sqrt(1 - kEccentricity2 * sine * sine) * std::tan(latitude);
+}
+
 }  // namespace fathom

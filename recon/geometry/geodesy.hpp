@@ -28,4 +28,10 @@ class LocalTransverseMercator {
   double origin_northing_ = 0;  // of the origin's latitude, before centring [m]
 };
 
+// Convergence of the meridian [rad] at `east` of the origin [m], near a latitude [rad]: true north lies so
+// far to the west of nav's north there, and grid heading = true heading - convergence. East over the radius
+// of curvature in the prime vertical, times the latitude's tangent (Snyder 1987, "Map projections", USGS
+// professional paper 1395, eq. 8-15, first order): to 1e-5 rad within 100 km below 70 degrees.
+[[nodiscard]] double meridianConvergence(double east, double latitude) noexcept;
+
 }  // namespace fathom

@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "realtime/kernel/seconds.hpp"
+#include "recon/geometry/geodesy.hpp"
 
 namespace fathom::nav {
 namespace {
@@ -17,6 +18,11 @@ constexpr std::int64_t kRateHalfWindowNs =
 constexpr double kHeadingNoise = 0.1;  // no leap [rad]: ten times a compass's noise and more
 constexpr double kDepthCatchUp = 5.0;  // e-folding of the step after a depth outage [s]
 constexpr double kMinSoundSpeed = 1350.0, kMaxSoundSpeed = 1650.0;  // any sea or lake, with margin [m/s]
+constexpr double kNominalSoundSpeed = 1500.0;  // that instruments are set to when nobody sets them [m/s]
+// Standard deviation of the speed of sound that an instrument computes from its thermometer and a salinity
+// that it was set to: 5 psu of salinity are 7 m/s. And of the nominal one: fresh water near freezing has
+// 1405, a warm sea 1550 m/s [1].
+constexpr double kComputedShare = 0.005, kNominalShare = 0.025;
 constexpr double kMinDepth = -5.0, kMaxDepth = 11500.0;  // above the surface in a swell; deepest trench [m]
 constexpr double kMaxAltitude = 500.0;                   // beyond any bottom track of a survey DVL [m]
 
@@ -52,9 +58,16 @@ bool DeadReckoning::checkTime(TimeGate& gate, std::int64_t utc_ns) noexcept {
 }
 
 double DeadReckoning::soundSpeedFactor(double assumed) noexcept {
-  if (possibleSoundSpeed(assumed)) return sound_speed_ / assumed;
+  const bool possible = possibleSoundSpeed(assumed);
+  own_sound_speed_ = own_sound_speed_ || (possible && assumed != kNominalSoundSpeed);
+  if (possible) return sound_speed_.value_or(assumed) / assumed;
   ++counters_.sound_speed_absent;
   return 1.0;
+}
+
+double DeadReckoning::soundShare() const noexcept {
+  if (sound_speed_ || config_.phased_array) return 0;
+  return own_sound_speed_ ? kComputedShare : kNominalShare;
 }
 
 void DeadReckoning::add(const DvlSample& sample) noexcept {
@@ -67,7 +80,9 @@ void DeadReckoning::add(const DvlSample& sample) noexcept {
   } else if (!(sample.velocity->norm() * factor <= config_.max_speed)) {  // also what is not a number
     ++counters_.dvl_rejected;
   } else {
-    const Velocity velocity{sample.utc_ns, config_.T_body_dvl.rotation() * (*sample.velocity * factor)};
+    Eigen::Vector3d corrected = *sample.velocity * factor;
+    if (config_.phased_array) corrected.head<2>() = sample.velocity->head<2>();
+    const Velocity velocity{sample.utc_ns, config_.T_body_dvl.rotation() * corrected};
     if (waiting_.pushDroppingOldest(velocity)) ++counters_.dvl_queue_full;
   }
   advance();
@@ -82,8 +97,10 @@ void DeadReckoning::add(const AttitudeSample& sample) noexcept {
     return;
   }
   if (!checkTime(attitude_times_, sample.utc_ns)) return;
-  const double heading =
-      withoutLeap(sample.heading + (sample.magnetic ? config_.magnetic_declination : 0.0), sample.utc_ns);
+  const double east = nodes_.empty() ? 0.0 : nodes_.back().p_dvl.y();
+  const double north_of_nav = (sample.magnetic ? config_.magnetic_declination : 0.0) -
+                              meridianConvergence(east, config_.origin_latitude);
+  const double heading = withoutLeap(sample.heading + north_of_nav, sample.utc_ns);
   const SE3 R_odom_compass = SE3::fromEuler(sample.roll, sample.pitch, heading, Eigen::Vector3d::Zero());
   attitudes_.pushDroppingOldest({sample.utc_ns, R_odom_compass.rotation() * R_body_compass_inverse_});
   advance();

@@ -16,9 +16,15 @@ namespace fathom::nav {
 struct DeadReckoningConfig {
   SE3 T_body_dvl, T_body_depth, T_body_compass;
   double magnetic_declination = 0;  // [rad], east positive
-  double sound_speed = 1500.0;      // at the DVL until a water sample says better [m/s]
-  double max_dvl_gap = 2.0;         // without bottom track longer than this the velocity decays to zero [s]
-  double max_speed = 3.0;           // faster bottom-track velocities are rejected [m/s]
+  // Of nav's origin, which odom's is taken to be near: compasses tell true north, which leaves nav's north
+  // towards the east and west (meridianConvergence) [rad].
+  double origin_latitude = 0;
+  // True speed of sound at the DVL until a water sample says better [m/s]; none: that of the instrument
+  // holds.
+  std::optional<double> sound_speed;
+  bool phased_array = false;   // of the DVL: horizontal velocities do not depend on the speed of sound
+  double max_dvl_gap = 2.0;    // without bottom track longer than this the velocity decays to zero [s]
+  double max_speed = 3.0;      // faster bottom-track velocities are rejected [m/s]
   double max_turn_rate = 1.0;  // a heading that turns faster has leapt: twice any survey vehicle's [rad/s]
 };
 
@@ -31,7 +37,10 @@ struct DeadReckoningConfig {
 // r, with v linear in time between ensembles, R from the compass (slerp between samples), trapezoids at every
 // attitude and depth sample in between. The factor corrects the sound speed that the instrument assumed:
 // velocities and ranges are proportional to it (RD Instruments, "ADCP Principles of Operation", 1996, "Sound
-// speed corrections"). Depth is the pressure sensor's, less its lever arm.
+// speed corrections"), but for the horizontal velocities of a phased array, whose beams' angle changes with
+// it so that they stay right. c_true is the newest water sample's, else the config's, else the instrument's
+// own, which it may compute from its thermometer: then the factor is 1, and Quality says how wrong the scale
+// may be. Depth is the pressure sensor's, less its lever arm.
 //
 // An ensemble is used once attitude and depth reach its time, so poses up to newestUtcNs() are final. A
 // sensor silent for longer than its rate explains (TimeGate) is not waited for: attitude is held, depth
@@ -89,11 +98,14 @@ class DeadReckoning {
     // adds nothing [s]; and whether there is a gyro at all.
     double gyro_turn = 0, ungyro_s = 0;
     bool has_gyro = false;
+    // Standard deviation of horizontal velocities' scale by a speed of sound that nobody but the DVL tells
+    // [1].
+    double sound_share = 0;
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
       archive(self.unlocked_s, self.untilted_s, self.attitude_held, self.depth_held, self.heading_leaps,
-              self.gyro_turn, self.ungyro_s, self.has_gyro);
+              self.gyro_turn, self.ungyro_s, self.has_gyro, self.sound_share);
     }
   };
   // At a time within the kept history, as poseAt(); beyond its ends: that of the end.
@@ -169,6 +181,7 @@ class DeadReckoning {
   [[nodiscard]] double withoutLeap(double heading, std::int64_t utc_ns) noexcept;
   [[nodiscard]] double depthOfBody(const Node& node, const Node* before) noexcept;
   [[nodiscard]] double soundSpeedFactor(double assumed) noexcept;
+  [[nodiscard]] double soundShare() const noexcept;
 
   DeadReckoningConfig config_;
   Eigen::Quaterniond R_body_compass_inverse_;
@@ -187,7 +200,8 @@ class DeadReckoning {
   bool depth_bridged_ = false;  // the newest node's depth came from the DVL
   double depth_offset_ = 0;     // left over from the last bridge, decaying [m]
   std::int64_t depth_offset_utc_ns_ = 0;
-  double sound_speed_;  // true, newest known [m/s]
+  std::optional<double> sound_speed_;  // true, newest known [m/s]
+  bool own_sound_speed_ = false;       // an ensemble had another one than the nominal
   std::optional<TimedNumber> altitude_;
   Counters counters_;
 };

@@ -102,6 +102,7 @@ DeadReckoning::Quality DeadReckoning::qualityAt(std::int64_t utc_ns) const noexc
         between(&Quality::gyro_turn) + 0.5 * (a.heading_rate - b.heading_rate) * s * (1 - share);
   }
   quality.has_gyro = gyro_times_.any();
+  quality.sound_share = soundShare();
   quality.heading_leaps = counters_.heading_leaps;
   for (std::size_t i = leap_times_.size(); i > 0 && leap_times_[i - 1] > utc_ns; --i) --quality.heading_leaps;
   return quality;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "recon/geometry/order_statistics.hpp"
 
@@ -11,6 +12,7 @@ namespace {
 constexpr double kMinSigma = 0.1;     // [m] no fix is trusted better
 constexpr double kMaxSigma = 1000.0;  // [m] a fix worse than this is no fix
 constexpr double kGate = 3.0;         // standard deviations
+constexpr double kStale = 3.0;        // standard deviations of a fix, in drift beyond the least of its kind
 
 }  // namespace
 
@@ -26,29 +28,45 @@ void PositionAnchor::Series::add(const Difference& difference) noexcept {
   items[static_cast<std::size_t>(size++)] = difference;
 }
 
-void PositionAnchor::add(FixKind kind, const Eigen::Vector2d& difference, double sigma) noexcept {
+void PositionAnchor::add(FixKind kind, const Eigen::Vector2d& difference, double sigma,
+                         double unlocked_s) noexcept {
   ++(kind == FixKind::kGps ? counters_.gps : counters_.usbl);
-  if (!difference.allFinite() || !(sigma >= 0 && sigma < kMaxSigma)) {
+  if (!difference.allFinite() || !(sigma >= 0 && sigma < kMaxSigma) || !std::isfinite(unlocked_s)) {
     ++counters_.refused;
     return;
   }
-  (kind == FixKind::kGps ? gps_ : usbl_).add({difference, std::max(sigma, kMinSigma)});
+  (kind == FixKind::kGps ? gps_ : usbl_).add({difference, std::max(sigma, kMinSigma), unlocked_s});
 }
 
-std::optional<PositionAnchor::Mean> PositionAnchor::meanOf(const Series& series) noexcept {
-  if (series.size == 0) return std::nullopt;
+std::optional<PositionAnchor::Mean> PositionAnchor::meanOf(const Series& series, double unlocked_s,
+                                                           double unknown_velocity) noexcept {
+  const std::span all(series.items.data(), static_cast<std::size_t>(series.size));
+  const auto drift = [&](const Difference& d) {
+    return unknown_velocity * std::abs(unlocked_s - d.unlocked_s);
+  };
+  double least = std::numeric_limits<double>::infinity();
+  for (const Difference& d : all) least = std::min(least, drift(d));
+  std::array<Difference, kCapacity> now;
+  std::size_t size = 0;
+  for (const Difference& d : all)
+    if (drift(d) <= least + kStale * d.sigma)
+      now[size++] = {d.north_east, std::hypot(d.sigma, drift(d)), d.unlocked_s};
+  return meanOf(std::span(now.data(), size));
+}
+
+std::optional<PositionAnchor::Mean> PositionAnchor::meanOf(std::span<const Difference> items) noexcept {
+  if (items.empty()) return std::nullopt;
   Eigen::Vector2d centre, spread;
   std::array<double, kCapacity> all;
-  const std::span values(all.data(), static_cast<std::size_t>(series.size));
+  const std::span values(all.data(), items.size());
   for (int axis = 0; axis < 2; ++axis) {
-    for (std::size_t i = 0; i < values.size(); ++i) values[i] = series.items[i].north_east(axis);
+    for (std::size_t i = 0; i < values.size(); ++i) values[i] = items[i].north_east(axis);
     centre(axis) = median(values);
     spread(axis) = madSigma(values, centre(axis));
   }
   Mean mean;
-  mean.best_sigma = kMaxSigma;
-  for (int i = 0; i < series.size; ++i) {
-    const Difference& d = series.items[static_cast<std::size_t>(i)];
+  mean.best_sigma = std::numeric_limits<double>::infinity();
+  for (const Difference& d : items) {
     const Eigen::Array2d gate = kGate * spread.array().max(d.sigma);
     if (((d.north_east - centre).array().abs() > gate).any()) {
       ++mean.outliers;
@@ -61,13 +79,13 @@ std::optional<PositionAnchor::Mean> PositionAnchor::meanOf(const Series& series)
     ++mean.used;
   }
   // The median may lie in no difference's gate when the two axes' medians come from different fixes.
-  if (mean.used == 0) return Mean{centre, 1.0 / spread.squaredNorm(), spread.norm(), series.size, 0};
+  if (mean.used == 0)
+    return Mean{centre, 1.0 / spread.squaredNorm(), spread.norm(), static_cast<int>(items.size()), 0};
   mean.north_east /= mean.weight;
   // Two fixes that disagree are both inside the gate of their own spread: then neither sigma is believed
   // (Birge's ratio: the mean's variance grows by chi-square over its degrees of freedom).
   double chi2 = 0;
-  for (int i = 0; i < series.size; ++i) {
-    const Difference& d = series.items[static_cast<std::size_t>(i)];
+  for (const Difference& d : items) {
     const Eigen::Array2d gate = kGate * spread.array().max(d.sigma);
     if (((d.north_east - centre).array().abs() <= gate).all())
       chi2 += (d.north_east - mean.north_east).squaredNorm() / (d.sigma * d.sigma);
@@ -76,8 +94,10 @@ std::optional<PositionAnchor::Mean> PositionAnchor::meanOf(const Series& series)
   return mean;
 }
 
-std::optional<PositionAnchor::Estimate> PositionAnchor::estimate() const noexcept {
-  const auto gps = meanOf(gps_), usbl = meanOf(usbl_);
+std::optional<PositionAnchor::Estimate> PositionAnchor::estimate(double unlocked_s,
+                                                                 double unknown_velocity) const noexcept {
+  const auto gps = meanOf(gps_, unlocked_s, unknown_velocity);
+  const auto usbl = meanOf(usbl_, unlocked_s, unknown_velocity);
   if (!gps && !usbl) return std::nullopt;
   Estimate estimate;
   double weight = 0;

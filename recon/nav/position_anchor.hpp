@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <span>
 
 namespace fathom::nav {
 
@@ -18,23 +19,32 @@ enum class FixKind : std::uint8_t { kGps, kUsbl };
 // independent from ping to ping, so n fixes are worth n; GPS errors last for minutes, so all fixes of a float
 // are worth one. The two means are then combined with weights 1 / sigma^2.
 //
+// The shift is asked for at a moment of the track. What odometry did not measure between a fix and then,
+// |unlocked_s - unlocked_s of the fix| seconds at an unknown velocity, adds to the fix's error:
+//   sigma_i^2 = sigma^2 + (v |u - u_i|)^2.
+// A fix whose own error is small against what the drift has grown since (three of its sigmas beyond the least
+// drift of its kind) does not enter: those of a float before the launch would else be the median's majority.
+//
 // Fixed memory: of a kind, kCapacity differences are kept, spread evenly over all that came (every second is
 // dropped when there is no more room, then only every second, fourth, ... is taken). Allocates nothing.
 class PositionAnchor {
  public:
   static constexpr int kCapacity = 256;  // differences kept a kind
 
-  // `difference`: nav - odom, (north, east) [m]; `sigma`: of the fix, horizontal [m]. Not finite, negative or
-  // kilometre-wide sigmas are refused and counted.
-  void add(FixKind kind, const Eigen::Vector2d& difference, double sigma) noexcept;
+  // `difference`: nav - odom, (north, east) [m]; `sigma`: of the fix, horizontal [m]; `unlocked_s`: of the
+  // track at the fix (DeadReckoning::Quality), below zero by the time before the track began [s]. Not finite,
+  // negative or kilometre-wide sigmas are refused and counted.
+  void add(FixKind kind, const Eigen::Vector2d& difference, double sigma, double unlocked_s = 0) noexcept;
 
   struct Estimate {
     Eigen::Vector2d shift = Eigen::Vector2d::Zero();  // nav - odom [m]
     double sigma = 0;                                 // standard deviation of either component [m]
     int gps_used = 0, usbl_used = 0, outliers = 0;    // differences
   };
-  // std::nullopt before the first fix.
-  [[nodiscard]] std::optional<Estimate> estimate() const noexcept;
+  // Where the track has `unlocked_s`, at an unknown velocity of that standard deviation [m/s]. std::nullopt
+  // before the first fix.
+  [[nodiscard]] std::optional<Estimate> estimate(double unlocked_s = 0,
+                                                 double unknown_velocity = 0) const noexcept;
 
   struct Counters {
     std::uint64_t gps = 0, usbl = 0, refused = 0;
@@ -50,11 +60,12 @@ class PositionAnchor {
  private:
   struct Difference {
     Eigen::Vector2d north_east = Eigen::Vector2d::Zero();
-    double sigma = 1;  // [m]
+    double sigma = 1;       // [m]
+    double unlocked_s = 0;  // of the track [s]
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
-      archive(self.north_east, self.sigma);
+      archive(self.north_east, self.sigma, self.unlocked_s);
     }
   };
   struct Series {
@@ -77,7 +88,10 @@ class PositionAnchor {
     double best_sigma = 0;  // smallest sigma that entered [m]
     int used = 0, outliers = 0;
   };
-  [[nodiscard]] static std::optional<Mean> meanOf(const Series& series) noexcept;
+  // Of the differences as they are at the moment asked for.
+  [[nodiscard]] static std::optional<Mean> meanOf(std::span<const Difference> items) noexcept;
+  [[nodiscard]] static std::optional<Mean> meanOf(const Series& series, double unlocked_s,
+                                                  double unknown_velocity) noexcept;
 
   Series gps_, usbl_;
   Counters counters_;

@@ -48,6 +48,16 @@ double DvlCalibration::rangeSigma(double range) const {
   return std::sqrt(by.dot(covariance_.bottomRightCorner<2, 2>() * by));
 }
 
+void DvlCalibration::setSoundShare(double share) {
+  if (share == sound_share_) return;
+  sound_share_ = share;
+  state_(0) = 0;
+  covariance_.row(0).setZero();
+  covariance_.col(0).setZero();
+  covariance_(0, 0) = noise_.dvl_scale * noise_.dvl_scale + share * share;
+  leaning_.setZero();
+}
+
 bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b,
                          const Matrix6d& covariance, const StepQuality& quality, double range) {
   const Eigen::Vector2d reckoned = wayOf(T_odom_a, T_odom_b).head<2>();

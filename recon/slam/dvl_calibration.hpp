@@ -43,6 +43,10 @@ class DvlCalibration {
   bool add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b, const Matrix6d& covariance,
            const StepQuality& quality, double range);
 
+  // Standard deviation of the scale by the speed of sound, beside the instrument's own [1]. Where it changes,
+  // dead reckoning has begun to use another speed, and the scale is learnt anew.
+  void setSoundShare(double share);
+
   // T_odom_b with the way from a scaled and turned as estimated.
   [[nodiscard]] SE3 corrected(const SE3& T_odom_a, const SE3& T_odom_b) const;
 
@@ -69,7 +73,8 @@ class DvlCalibration {
   // For saved state (state_archive.hpp), bit by bit.
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.state_, self.covariance_, self.leaning_, self.used_, self.gated_, self.restarts_);
+    archive(self.state_, self.covariance_, self.leaning_, self.sound_share_, self.used_, self.gated_,
+            self.restarts_);
   }
 
  private:
@@ -84,6 +89,7 @@ class DvlCalibration {
   Eigen::Vector4d state_ = Eigen::Vector4d::Zero();
   Eigen::Matrix4d covariance_;
   Eigen::Vector2d leaning_ = Eigen::Vector2d::Zero();  // sum of normalised innovations, forgetting
+  double sound_share_ = 0;
   std::uint64_t used_ = 0, gated_ = 0, restarts_ = 0;
 };
 

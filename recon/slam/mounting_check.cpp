@@ -78,7 +78,7 @@ Step stepOf(const std::vector<KeyframeInput>& frames, const NavigationLink& link
   else
     step.by.col(4).setZero();
   step.error = (way.inverse() * link.T_a_b).log();
-  const double turn = std::abs(wrapAngle(headingOf(b.T_odom_cam) - headingOf(a.T_odom_cam)));
+  const double turn = std::abs(down.dot(way.log().tail<3>()));
   step.information = (link.covariance + spreadOf(a, b, turn, noise)).inverse();
   return step;
 }

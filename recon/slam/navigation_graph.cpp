@@ -99,6 +99,7 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
   frame.gyro_turn = input.gyro_turn;
   frame.ungyro_s = input.ungyro_s;
   frame.range = input.range;
+  dvl_.setSoundShare(input.sound_share);
   const bool first = frames_.empty();
   StepQuality quality;
   SE3 reckoned;  // T_odom_cam with the way from the last keyframe corrected
@@ -172,7 +173,7 @@ void NavigationGraph::refer(const KeyframeInput& input, Frame& frame) {
     ++counters_.attitude_absent;
     return;
   }
-  const double heading = headingOf(input.T_odom_cam);
+  const double heading = headingOf(input.T_odom_cam, config_.forward_in_camera);
   const double age = attitude_.node < 0 ? 0 : seconds(input.utc_ns - attitude_.utc_ns);
   const double turn = attitude_.node < 0 ? 0 : std::abs(wrapAngle(heading - attitude_.heading));
   const bool served =

@@ -37,6 +37,7 @@ struct NavigationConfig {
   double change_rad = 0.005;  // and turn [rad]
   Eigen::Vector3d dvl_in_camera = Eigen::Vector3d::Zero();  // its place in the camera's axes [m]
   RigPrior rig;
+  Eigen::Vector3d forward_in_camera = kForward;             // the body's axis ahead there [1]
   SensorNoise noise;
   IncrementalConfig solver;  // its sizes are set from the above
 
@@ -57,6 +58,8 @@ struct KeyframeInput {
   // all.
   double gyro_turn = 0, ungyro_s = -1;
   double range = 2;  // from the camera to the seafloor [m]
+  // Standard deviation of the DVL's scale by a speed of sound that nobody measured (nav::DeadReckoning) [1].
+  double sound_share = 0;
 };
 
 // kAgreed: a closure that others agree with around a cycle, whatever the graph says.

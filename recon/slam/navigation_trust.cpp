@@ -61,9 +61,9 @@ void NavigationGraph::weigh(Frame& f) {
 
 StepTurns NavigationGraph::turnsOf(const Frame& from, const Frame& to) const {
   StepTurns turns;
-  const double before = headingOf(from.T_odom_cam);
+  const double before = headingOf(from.T_odom_cam, config_.forward_in_camera);
   turns.seconds = to.quality.seconds;
-  turns.compass = wrapAngle(headingOf(to.T_odom_cam) - before);
+  turns.compass = wrapAngle(headingOf(to.T_odom_cam, config_.forward_in_camera) - before);
   turns.compass_held = to.attitude < 0;
   turns.compass_leapt = to.leapt;
   turns.has_gyro = to.ungyro_s == 0;
@@ -72,7 +72,7 @@ StepTurns NavigationGraph::turnsOf(const Frame& from, const Frame& to) const {
   turns.has_visual = seen_.linked;
   if (seen_.linked) {
     const SE3 seen = from.T_odom_cam * seen_.link.T_a_b;
-    turns.visual = wrapAngle(headingOf(seen) - before);
+    turns.visual = wrapAngle(headingOf(seen, config_.forward_in_camera) - before);
     turns.vouched = to.quality.seconds_unlocked == 0 &&
                     linkFitsButForYaw(from, to, wrapAngle(turns.visual - turns.compass));
     const Eigen::Vector3d down = seen.rotation().conjugate() * Eigen::Vector3d::UnitZ();
@@ -89,12 +89,16 @@ bool NavigationGraph::linkFitsButForYaw(const Frame& from, const Frame& to, doub
   const SE3 &T_a_b = seen_.link.T_a_b, T_odom_to = dvl_.corrected(from.T_odom_cam, to.T_odom_cam);
   const double way = T_a_b.translation().norm(),
                place = std::hypot(stepSigma(way, to.quality, noise), kMeanTurn * contradiction * way);
-  Vector6d sigma;
-  sigma << place, place, std::hypot(place, 2 * noise.depth), 2 * noise.tilt, 2 * noise.tilt, 0;
-  Matrix6d spread = sigma.cwiseAbs2().asDiagonal();
-  spread(5, 5) = kYawUnjudged;
   const Matrix6d at_dvl = perturbationAt(config_.dvl_in_camera);
   const SE3 T_odom_seen = from.T_odom_cam * T_a_b;
+  // Nav's axes, in which depth and yaw are, seen from the camera, however that is mounted.
+  const Eigen::Matrix3d R = T_odom_seen.matrix3();
+  const double vertical = std::hypot(place, 2 * noise.depth), tilt = 2 * noise.tilt;
+  const Eigen::Vector3d place2(place * place, place * place, vertical * vertical),
+      turn2(tilt * tilt, tilt * tilt, kYawUnjudged);
+  Matrix6d spread = Matrix6d::Zero();
+  spread.topLeftCorner<3, 3>() = R.transpose() * place2.asDiagonal() * R;
+  spread.bottomRightCorner<3, 3>() = R.transpose() * turn2.asDiagonal() * R;
   Vector6d e = perturbationOf({0, 1, T_a_b, Matrix6d::Identity()}, from.T_odom_cam, T_odom_to);
   e.head<3>() = T_odom_seen.rotation().conjugate() *
                 (T_odom_to * config_.dvl_in_camera - T_odom_seen * config_.dvl_in_camera);
@@ -106,7 +110,8 @@ bool NavigationGraph::linkFitsButForYaw(const Frame& from, const Frame& to, doub
 // Which of two that contradict each other lies, the velocity before tells: a vehicle of a hundred kilograms
 // does not change it in a second. A liar that goes on and on is the other one after all.
 void NavigationGraph::judgeVelocity(Frame& from, Frame& to) {
-  const double elapsed = std::max(to.quality.seconds, 1e-3), heading = headingOf(from.T_odom_cam);
+  const double elapsed = std::max(to.quality.seconds, 1e-3),
+               heading = headingOf(from.T_odom_cam, config_.forward_in_camera);
   const SE3 T_odom_to = dvl_.corrected(from.T_odom_cam, to.T_odom_cam);
   // Of the DVL, as linkFitsButForYaw().
   const auto velocity = [&](const SE3& T_odom_then) {

@@ -45,9 +45,19 @@ void SensorNoise::validate() const {
       throw std::invalid_argument("sensor noise: a drift must not be negative");
 }
 
-double headingOf(const SE3& T_odom_cam) {
-  const Eigen::Vector3d ahead = T_odom_cam.rotation() * Eigen::Vector3d::UnitY();
+double headingOf(const SE3& T_odom_cam, const Eigen::Vector3d& forward) {
+  const Eigen::Vector3d ahead = T_odom_cam.rotation() * forward;
   return std::atan2(ahead.y(), ahead.x());
+}
+
+double LossOfTrack::add(double unlocked_s) {
+  if (!(unlocked_s > 0)) {
+    lasted_s_ = 0;
+    return 0;
+  }
+  const double before = lasted_s_;
+  lasted_s_ += unlocked_s;
+  return std::sqrt(lasted_s_ * lasted_s_ - before * before);
 }
 
 double stepSigma(double way, const StepQuality& quality, const SensorNoise& noise) {
@@ -142,7 +152,13 @@ RelativePose fixFactor(int origin, int camera, const SE3& T_nav_cam, const SE3& 
   Eigen::Vector3d place = -(T_nav_cam.rotation() * to_antenna);
   place.head<2>() += fix;
   place.z() = T_nav_cam.translation().z();
-  return measured(origin, camera, SE3(T_nav_cam.rotation(), place), {sigma, sigma, kUnknown}, all(kUnknown));
+  const Eigen::Matrix3d R = T_nav_cam.matrix3();
+  const Eigen::Vector3d position(sigma, sigma, kUnknown);
+  Matrix6d information = Matrix6d::Identity() / (kUnknown * kUnknown);
+  information.topLeftCorner<3, 3>() = R.transpose() * position.cwiseAbs2().cwiseInverse().asDiagonal() * R;
+  const Matrix6d at_antenna = perturbationAt(to_antenna);
+  return {origin, camera, SE3(T_nav_cam.rotation(), place),
+          residualInformation(at_antenna.transpose() * information * at_antenna)};
 }
 
 RelativePose linkFactor(int a, int b, const SE3& T_a_b, const Matrix6d& covariance) {

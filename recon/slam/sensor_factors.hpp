@@ -43,8 +43,12 @@ struct SensorNoise {
   void validate() const;  // throws std::invalid_argument
 };
 
-// Of a camera that looks down: where its image's lower edge points, from north to east [rad].
-[[nodiscard]] double headingOf(const SE3& T_odom_cam);
+// Heading of the vehicle, from north to east [rad]: where `forward`, its axis ahead in the camera's axes,
+// points in plan. Well defined for every mounting of the camera, as a survey vehicle's axis ahead is never
+// near the vertical; an axis of the image may be. kForward: of a camera that looks down with its image's
+// upper edge ahead.
+inline const Eigen::Vector3d kForward = {0, -1, 0};
+[[nodiscard]] double headingOf(const SE3& T_odom_cam, const Eigen::Vector3d& forward);
 
 // Every factor is a measured relative pose with pose_graph.hpp's residual e(T_from_to; T_w_from, T_w_to) and
 // derivatives; what a sensor does not tell has next to no information (a standard deviation of 1000 km).
@@ -58,6 +62,23 @@ struct StepQuality {
   double seconds_untilted = 0;   // of that, without attitude
   double calibration_share = 0;  // standard deviation of DVL scale and heading that is left [1], [rad]
   double turn = 0;               // between them [rad]
+};
+
+// The velocity that nobody measures is the same for the whole of a loss of bottom track, so its error grows
+// with time, not with the root of it: a step adds the variance that the loss gains from T to T + dt,
+//   v^2 ((T + dt)^2 - T^2),
+// which is that of as many seconds as add() returns for the `unlocked_s` of the next step [s].
+class LossOfTrack {
+ public:
+  double add(double unlocked_s);
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.lasted_s_);
+  }
+
+ private:
+  double lasted_s_ = 0;
 };
 
 // DVL, integrated by dead reckoning (nav::DeadReckoning: lever arm, mounting, sound speed):
@@ -106,8 +127,10 @@ struct StepQuality {
 
 // A position fix (USBL, GPS) of an antenna that odometry has at `antenna_in_odom`, perhaps at another time:
 // the camera is where the fix is, less the way between them as odometry has it, turned by what is now known:
-//   t_m = fix - R_nav_cam R_odom_cam^T (antenna - t_odom_cam),   e = R_m^T (t_nav_cam - t_m), horizontal.
-// `sigma`: of either component [m]. Relinearised by calling it again.
+//   l = R_odom_cam^T (antenna - t_odom_cam),   t_m = fix - R_nav_cam l,
+//   e = R_m^T (t_nav_cam - t_m) + e_phi x l, horizontal,
+// so that it holds to the second order when the camera is turned by what is known later. `sigma`: of either
+// component [m].
 [[nodiscard]] RelativePose fixFactor(int origin, int camera, const SE3& T_nav_cam, const SE3& T_odom_cam,
                                      const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& fix,
                                      double sigma);

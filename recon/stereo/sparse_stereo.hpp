@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <functional>
@@ -38,6 +39,9 @@ struct SparseStereoConfig {
 struct SeedPlane {
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   double distance = 2.0;  // [m]
+
+  // Range along the principal ray to the plane [m]; that of 78 degrees off it where it is more.
+  [[nodiscard]] double ahead() const { return distance / std::max(normal.z(), 0.2); }
 };
 
 struct StereoPoint {

@@ -137,7 +137,7 @@ void visitPositioning(KeyVisitor& keys, UsblConfig& u, GpsConfig& g) {
 
 void visitWater(KeyVisitor& keys, WaterSensorConfig& c) {
   keys.enter("water", "conductivity, temperature and optical sensors, and the water itself");
-  keys.number("rate_hz", c.rate_hz, "1/s", 0.01, kMaxRate, "samples");
+  keys.number("rate_hz", c.rate_hz, "1/s", 0, kMaxRate, "samples; 0: there are none");
   keys.number("temperature_c", c.temperature_c, "deg C", 2, 30, "of the water");
   keys.number("salinity_psu", c.salinity_psu, "psu", 25, 40, "of the water");
   keys.number("temperature_sigma_c", c.temperature_sigma_c, "deg C", 0, 5, "white noise");

@@ -2,6 +2,7 @@
 #include <numbers>
 #include <optional>
 
+#include "recon/geometry/geodesy.hpp"
 #include "sim/scenario/random.hpp"
 #include "sim/sensors/sensors.hpp"
 
@@ -25,6 +26,16 @@ Eigen::Vector2d falseTilt(const SensorWorld& world, double share, double time_s)
   return share / kGravity * Eigen::Vector2d(-forwards.y(), forwards.x());
 }
 
+// Direction of the meridian in nav, from nav's north towards the east [rad].
+double trueNorth(const LocalTransverseMercator& nav, const Eigen::Vector3d& place) {
+  constexpr double kNorthwards = 1e-6;  // [rad], six metres
+  Geodetic position = nav.toGeodetic(place.head<2>());
+  const Eigen::Vector2d here = nav.toLocal(position);
+  position.latitude += kNorthwards;
+  const Eigen::Vector2d along = nav.toLocal(position) - here;
+  return std::atan2(along.y(), along.x());
+}
+
 }  // namespace
 
 double tideHeight(const TideConfig& tide, double time_s) {
@@ -42,6 +53,7 @@ void simulateCompass(const SensorWorld& world, const CompassConfig& config, Logg
   const double soft_phase = soft_iron.uniform(0.0, 2.0 * std::numbers::pi);
   const double follows = 1 - std::exp(-1 / (config.rate_hz * config.lag_s));
   std::optional<Eigen::Quaterniond> shown;
+  const LocalTransverseMercator nav(world.origin);
 
   for (std::int64_t i = 0; static_cast<double>(i) / config.rate_hz <= world.trajectory.duration(); ++i) {
     const double time = static_cast<double>(i) / config.rate_hz;
@@ -62,8 +74,8 @@ void simulateCompass(const SensorWorld& world, const CompassConfig& config, Logg
     for (const CompassJump& jump : config.jumps) jumped += time >= jump.at_s ? jump.turn : 0;
     for (const MagneticAnomaly& anomaly : config.anomalies)
       jumped += turnedBy(anomaly, T_nav_compass.translation());
-    const double heading =
-        jumped + euler.z() - world.magnetic_declination + deviation + random.gauss(config.heading_sigma);
+    const double heading = jumped + euler.z() - trueNorth(nav, T_nav_compass.translation()) -
+                           world.magnetic_declination + deviation + random.gauss(config.heading_sigma);
     sample.heading = heading - 2.0 * std::numbers::pi * std::floor(heading / (2.0 * std::numbers::pi));
     sample.magnetic = true;
     samples.push_back({world.utcNs(time + config.latency_s), sample});

@@ -10,6 +10,7 @@ WaterPatches::WaterPatches(Random& random)
     : plankton(random, 0.2, 40.0, 400.0), sediment(random, 0.3, 20.0, 300.0) {}
 
 void simulateWater(const SensorWorld& world, const WaterSensorConfig& config, LoggedSamples& samples) {
+  if (config.rate_hz == 0) return;
   Random random(world.seed, "water");
   const WaterPatches patches(random);
   const double true_conductivity = conductivity(config.temperature_c, config.salinity_psu);

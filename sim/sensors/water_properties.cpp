@@ -4,6 +4,11 @@
 
 namespace fathom::sim {
 
+double soundSpeed(double t, double s, double d) {
+  return 1448.96 + 4.591 * t - 5.304e-2 * t * t + 2.374e-4 * t * t * t + 1.340 * (s - 35.0) + 1.630e-2 * d +
+         1.675e-7 * d * d - 1.025e-2 * t * (s - 35.0) - 7.139e-13 * t * d * d * d;
+}
+
 double practicalSalinity(double t, double conductivity_s_per_m) {
   constexpr double kStandardConductivity = 4.2914;  // of water of 35 psu at 15 deg C [S/m]
   const double ratio = conductivity_s_per_m / kStandardConductivity;

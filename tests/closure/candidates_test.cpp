@@ -41,11 +41,21 @@ TEST(OverlapProbability, IsCertainWhereTheSeparationIs) {
 
 TEST(Footprint, IsTheDiscOfTheImagesAreaWhereThePrincipalRayMeetsTheSeafloor) {
   Camera camera{680, 512, 860, 860, 340, 256};
-  const Footprint f = footprintOf(SE3::fromEuler(0, 0.1, 0, {5, 7, 10}), 2.0, camera);
+  const SE3 tilted = SE3::fromEuler(0, 0.1, 0, {5, 7, 10});
+  const Footprint f = footprintOf(tilted, rangeToLevelGround(tilted, 2.0), camera);
   EXPECT_NEAR(f.centre.x(), 5 + 2 * std::tan(0.1), 1e-9);
   EXPECT_NEAR(f.centre.y(), 7, 1e-9);
   const double range = 2 / std::cos(0.1);
   EXPECT_NEAR(f.radius, range * std::sqrt(680 * 512 / (M_PI * 860 * 860)), 1e-9);
+}
+
+TEST(Footprint, OfACameraThatLooksAheadIsWhereTheWallIs) {
+  Camera camera{680, 512, 860, 860, 340, 256};
+  for (const double tilt : {M_PI / 4, M_PI / 2}) {
+    const Footprint f = footprintOf(SE3::fromEuler(0, tilt, 0, {5, 7, 10}), 3.0, camera);
+    EXPECT_NEAR(f.centre.x(), 5 + 3 * std::sin(tilt), 1e-9);
+    EXPECT_NEAR(f.radius, 3 * std::sqrt(680 * 512 / (M_PI * 860 * 860)), 1e-9);
+  }
 }
 
 TEST(SeparationOfOverlap, SharesThatPartOfTheDisc) {

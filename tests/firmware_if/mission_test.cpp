@@ -28,6 +28,7 @@ MissionConfig sampleMission() {
   c.tide_model = "harmonic";
   c.water.sound_speed = 1521.4;
   c.water.refractive_port = "flat";
+  c.dvl.phased_array = true;
   c.cameras = {"02-2051A", "02-2052B", PixelFormat::kBayerRggb, PixelFormat::kMono, 12, 2.5};
   c.T_body_cam = SE3::fromEuler(0.01, -0.02, 1.5708, {0.1, 0.25, -0.5});
   c.T_body_dvl = SE3::fromEuler(0, 0, 0.7853981634, {-0.4, 0, 0.2});
@@ -60,6 +61,7 @@ TEST_F(MissionTest, EveryValueComesBack) {
   EXPECT_DOUBLE_EQ(b.magnetic_declination, a.magnetic_declination);
   EXPECT_EQ(b.tide_model, a.tide_model);
   EXPECT_EQ(b.water.sound_speed, a.water.sound_speed);
+  EXPECT_EQ(b.dvl.phased_array, a.dvl.phased_array);
   EXPECT_EQ(b.water.refractive_port, a.water.refractive_port);
   EXPECT_EQ(b.cameras.left_serial, a.cameras.left_serial);
   EXPECT_EQ(b.cameras.right_serial, a.cameras.right_serial);

@@ -20,11 +20,27 @@ TEST(SeaWater, OneDensityGivesTheSameDepthWhereTheOceanHasIt) {
   EXPECT_NEAR(depthFromPressure(1e5, 0.7, 1000.0) / depthFromPressure(1e5, 0.7), 1.028, 0.001);
 }
 
-TEST(SeaWater, SoundSpeedMatchesMackenziesCheckValueAndKnowsItsBounds) {
-  EXPECT_NEAR(soundSpeed(25, 35, 1000), 1550.744, 0.001);
-  EXPECT_TRUE(soundSpeedIsKnown(25, 35, 1000));
-  EXPECT_FALSE(soundSpeedIsKnown(25, 0.3, 10));
-  EXPECT_FALSE(soundSpeedIsKnown(-1, 35, 10));
+TEST(SeaWater, SoundSpeedMatchesTheCheckValueOfTheUnescoPaperAndKnowsItsBounds) {
+  constexpr double kIts68 = 1.00024, kDecibar = 1e4;
+  EXPECT_NEAR(soundSpeedAtPressure(40 / kIts68, 40, 10000 * kDecibar), 1731.995, 0.001);
+  // Its table of section 9: salinity, degrees of 1968, no pressure.
+  EXPECT_NEAR(soundSpeedAtPressure(0, 25, 0), 1435.8, 0.05);
+  EXPECT_NEAR(soundSpeedAtPressure(20 / kIts68, 35, 0), 1521.5, 0.05);
+  // Fresh water by Del Grosso and Mader (1972), JASA 52: 1482.34 m/s at 20 deg C.
+  EXPECT_NEAR(soundSpeedAtPressure(20, 0, 0), 1482.34, 0.1);
+  EXPECT_TRUE(std::isnan(soundSpeedAtPressure(-3, 35, 0)));
+  EXPECT_TRUE(std::isnan(soundSpeedAtPressure(10, 41, 0)));
+  EXPECT_TRUE(std::isnan(soundSpeedAtPressure(10, 35, -1)));
+  EXPECT_TRUE(std::isnan(soundSpeedAtPressure(std::nan(""), 35, 0)));
+}
+
+TEST(SeaWater, SoundSpeedAtADepthIsThatOfTheOceansPressureThere) {
+  // Mackenzie (1981), JASA 70: 1550.744 m/s at 25 deg C, 35 psu, 1,000 m. At pressure Chen and Millero have
+  // 0.6 m/s more (Spiesberger and Metzger 1991, J. Geophys. Res. 96).
+  EXPECT_NEAR(soundSpeed(25, 35, 1000), 1550.744 + 0.6, 0.1);
+  EXPECT_NEAR(soundSpeed(25, 35, 0), 1534.4, 0.2);
+  EXPECT_TRUE(std::isfinite(soundSpeed(0.5, 3, 10)));
+  EXPECT_TRUE(std::isfinite(soundSpeed(-1.5, 34, 100)));
 }
 
 TEST(SeaWater, SalinityMatchesTheCheckValuesOfTheUnescoPaper) {

@@ -59,8 +59,8 @@ inline DvlSample dvlAt(const Path& path, const DeadReckoningConfig& config, doub
       (2 * h);
   DvlSample sample;
   sample.utc_ns = at(t);
-  sample.velocity =
-      (path(t) * config.T_body_dvl).rotation().conjugate() * velocity * (assumed / config.sound_speed);
+  sample.velocity = (path(t) * config.T_body_dvl).rotation().conjugate() * velocity *
+                    (assumed / config.sound_speed.value_or(assumed));
   sample.altitude = 2.0;
   sample.sound_speed = assumed;
   return sample;

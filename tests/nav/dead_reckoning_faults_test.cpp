@@ -250,7 +250,7 @@ TEST(DeadReckoningFaults, AnEnsembleWithoutASoundSpeedCountsAsCorrected) {
   auto samples = samplesOf(circle, config, 10);
   for (Sample& sample : samples) {
     if (auto* ensemble = std::get_if<DvlSample>(&sample)) {
-      ensemble->velocity = *ensemble->velocity * (config.sound_speed / ensemble->sound_speed);
+      ensemble->velocity = *ensemble->velocity * (*config.sound_speed / ensemble->sound_speed);
       ensemble->sound_speed = 0;
     }
     feed(nav, sample);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "recon/geometry/geodesy.hpp"
 #include "tests/nav/analytic_dive.hpp"
 #include "tests/support/heap_counter.hpp"
 
@@ -75,6 +76,83 @@ TEST(DeadReckoning, AWaterSampleCorrectsTheScaleOfTheTrack) {
   EXPECT_NEAR(positionError(*without.poseAt(at(14)), straight, 14), 14.0 * 30 / 1530, 0.01);
   EXPECT_LT(positionError(*with.poseAt(at(14)), straight, 14), 0.001);
   EXPECT_NEAR(*with.altitude(), 2.0 * 1530 / 1500, 1e-12);  // ranges scale as velocities do
+}
+
+TEST(DeadReckoning, ASoundSpeedThatOnlyTheInstrumentTellsHoldsWithAScaleThatIsLessSure) {
+  const Path straight = [](double t) {
+    return SE3::fromEuler(0, 0, 0.3, {std::cos(0.3) * t, std::sin(0.3) * t, 5});
+  };
+  for (const double own : {1435.0, 1535.0, 1500.0}) {
+    DeadReckoningConfig truth = mountedConfig();
+    truth.sound_speed = own;  // and computed by the instrument
+    DeadReckoningConfig unknown = truth;
+    unknown.sound_speed.reset();
+    DeadReckoning nav(unknown), stated(truth);
+    for (int tick = 0; tick <= 150; ++tick) {
+      const double t = 0.1 * tick;
+      for (DeadReckoning* track : {&nav, &stated}) {
+        track->add(attitudeAt(straight, truth, t));
+        track->add(depthAt(straight, truth, t));
+        if (tick % 2 == 0) track->add(dvlAt(straight, truth, t, own));
+      }
+    }
+    const double way = (nav.poseAt(at(14))->translation() - nav.poseAt(at(4))->translation()).norm();
+    EXPECT_NEAR(way, 10, 0.001) << own;
+    EXPECT_EQ(nav.qualityAt(at(14)).sound_share, own == 1500 ? 0.025 : 0.005) << own;
+    EXPECT_EQ(stated.qualityAt(at(14)).sound_share, 0) << own;
+    nav.add([] {
+      WaterSample water;
+      water.sound_speed = 1501;
+      return water;
+    }());
+    EXPECT_EQ(nav.qualityAt(at(14)).sound_share, 0) << own;
+  }
+}
+
+TEST(DeadReckoning, APhasedArraysHorizontalVelocityNeedsNoSoundSpeed) {
+  const Path straight = [](double t) {
+    return SE3::fromEuler(0, 0, 0.3, {std::cos(0.3) * t, std::sin(0.3) * t, 5});
+  };
+  DeadReckoningConfig truth;
+  truth.sound_speed = 1500;
+  DeadReckoningConfig config = truth;
+  config.phased_array = true;
+  config.sound_speed = 1430;
+  DeadReckoning nav(config);
+  feed(nav, samplesOf(straight, truth, 15));
+  EXPECT_LT(positionError(*nav.poseAt(at(14)), straight, 14), 0.001);
+  EXPECT_NEAR(*nav.altitude(), 2.0 * 1430 / 1500, 1e-12);
+}
+
+// Due east in the grid, 20 km at 60 degrees of latitude: the compass tells the angle to the meridian.
+TEST(DeadReckoning, FollowsTheGridWhereMeridiansConverge) {
+  constexpr double kSpeed = 20, kSeconds = 1000, kLatitude = 60 * M_PI / 180;
+  const LocalTransverseMercator nav({kLatitude, 0.1});
+  DeadReckoningConfig config;
+  config.origin_latitude = kLatitude;
+  config.max_speed = 2 * kSpeed;
+  DeadReckoning track(config);
+  for (int tick = 0; tick <= static_cast<int>(kSeconds * 2); ++tick) {
+    const double t = 0.5 * tick;
+    const Geodetic here = nav.toGeodetic({0, kSpeed * t}),
+                   north = nav.toGeodetic({0.5, kSpeed * t});  // of the grid
+    const double grid_north =
+        std::atan2((north.longitude - here.longitude) * std::cos(kLatitude), north.latitude - here.latitude);
+    AttitudeSample attitude;
+    attitude.utc_ns = at(t);
+    attitude.magnetic = false;
+    attitude.heading = M_PI / 2 + grid_north;
+    track.add(attitude);
+    track.add(DepthSample{at(t), 10});
+    DvlSample dvl;
+    dvl.utc_ns = at(t);
+    dvl.velocity = Eigen::Vector3d(kSpeed, 0, 0);
+    track.add(dvl);
+  }
+  const auto end = track.poseAt(at(kSeconds));
+  ASSERT_TRUE(end);
+  EXPECT_NEAR(end->translation().y(), kSpeed * kSeconds, 0.1);
+  EXPECT_NEAR(end->translation().x(), 0, 0.5);  // 54 m by true north
 }
 
 TEST(DeadReckoning, TrueHeadingsTakeNoDeclination) {

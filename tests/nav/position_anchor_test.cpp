@@ -97,5 +97,25 @@ TEST(PositionAnchor, AFixThatContradictsGpsIsNotBelievedToItsSigma) {
   EXPECT_GT(anchor.estimate()->sigma, 1.0);
 }
 
+TEST(PositionAnchor, AFixIsAsWrongAsTheVehicleMayHaveDriftedSince) {
+  PositionAnchor anchor;
+  anchor.add(FixKind::kUsbl, kShift, 1.0, -10);
+  EXPECT_NEAR(anchor.estimate(30, 0.3)->sigma, std::hypot(1.0, 0.3 * 40), 1e-9);
+  anchor.add(FixKind::kUsbl, kShift + Eigen::Vector2d(8, 0), 1.0, 30);
+  EXPECT_NEAR(anchor.estimate(30, 0.3)->shift.x(), kShift.x() + 8, 1e-9);
+  EXPECT_NEAR(anchor.estimate(30, 0.3)->sigma, 1.0, 1e-9);
+}
+
+TEST(PositionAnchor, ALongFloatBeforeTheLaunchDoesNotOutvoteTheFixesOfIt) {
+  PositionAnchor anchor;
+  // Five minutes alongside, then towed off by 40 m in a minute.
+  for (int t = -360; t < -60; ++t) anchor.add(FixKind::kGps, kShift - Eigen::Vector2d(40, 0), 2.0, t);
+  for (int t = -60; t < 0; ++t) anchor.add(FixKind::kGps, kShift + Eigen::Vector2d(t * 40 / 60.0, 0), 2.0, t);
+  const auto estimate = anchor.estimate(0, 0.3);
+  // Fixes of the last seven seconds have the most weight: the vehicle was towed by 5 m meanwhile.
+  EXPECT_LT((estimate->shift - kShift).norm(), 6.0);
+  EXPECT_GT((anchor.estimate()->shift - kShift).norm(), 30);
+}
+
 }  // namespace
 }  // namespace fathom::nav

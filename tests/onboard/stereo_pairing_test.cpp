@@ -81,6 +81,29 @@ TEST(StereoPairing, FollowsCamerasWhoseClocksDriftApartByHundredsOfMilliseconds)
   EXPECT_NEAR(static_cast<double>(pairing.skewNs()), 360.0 * kMs, 2.0 * kMs);
 }
 
+TEST(StereoPairing, FindsCamerasThatDriftedApartInADescentOrWhileTheyWereOff) {
+  StereoPairing pairing(20 * kMs, kT);
+  int pairs = 0, mismatched = 0;
+  std::uint32_t id = 0;
+  const auto expose = [&](std::int64_t from_s, int frames) {
+    pairs = 0;
+    for (int i = 0; i < frames; ++i, ++id) {
+      const std::int64_t since = from_s * 1000 * kMs + i * 500 * kMs;
+      (void)pairing.add(kLeft, {kT + since, id});
+      const auto pair = pairing.add(kRight, {kT + since + since / 10'000, id});  // 100 ppm
+      if (!pair) continue;
+      mismatched += pair->left.frame_id != pair->right.frame_id;
+      ++pairs;
+    }
+    return pairs;
+  };
+  // The first tells no period yet, or is taken for a damaged stamp.
+  EXPECT_GE(expose(600, 100), 99);         // 60 ms apart
+  EXPECT_GE(expose(1500, 100), 99);        // again, after a quarter of an hour: 90 ms more
+  EXPECT_GE(expose(2600, 30000), 29'999);  // up to five hours: 1.76 s
+  EXPECT_EQ(mismatched, 0);
+}
+
 TEST(StereoPairing, OneDeadCameraOverflowsTheWaitAndIsCounted) {
   StereoPairing pairing(20 * kMs);
   for (std::uint32_t i = 0; i < 100; ++i) EXPECT_FALSE(pairing.add(kLeft, {kT + i * 500 * kMs, i}));

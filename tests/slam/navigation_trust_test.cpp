@@ -54,5 +54,45 @@ TEST(NavigationTrust, AFixThatFitsEndsTheInsistenceOfWildOnes) {
   }
 }
 
+// The same survey by a camera that is mounted otherwise: `R` turns its axes into those of the one before.
+testing::MadeSurvey mounted(testing::MadeSurvey survey, const Eigen::Quaterniond& R) {
+  const SE3 mounting(R, Eigen::Vector3d::Zero()), back = mounting.inverse();
+  for (SE3& pose : survey.truth) pose = pose * mounting;
+  for (KeyframeInput& input : survey.inputs) input.T_odom_cam = input.T_odom_cam * mounting;
+  for (auto* links : {&survey.visual, &survey.closures})
+    for (testing::MadeSurvey::Link& link : *links) link.T_a_b = back * link.T_a_b * mounting;
+  const Matrix6d turn = adjoint(back);
+  survey.link_covariance = turn * survey.link_covariance * turn.transpose();
+  return survey;
+}
+
+TEST(NavigationTrust, JudgesTheStepsOfACameraThatLooksAheadAsThoseOfOneThatLooksDown) {
+  testing::MadeSurveyOptions options;
+  options.lines = 6;
+  const testing::MadeSurvey down = makeSurvey(options);
+  NavigationGraph reference(testing::smallConfig());
+  drive(reference, down, options);
+  for (const double degrees : {45.0, 90.0})
+    for (const Eigen::Vector3d& axis : {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0)}) {
+      const Eigen::Quaterniond R(Eigen::AngleAxisd(degrees * M_PI / 180, axis));
+      NavigationConfig config = testing::smallConfig();
+      config.forward_in_camera = R.conjugate() * kForward;
+      NavigationGraph graph(config);
+      drive(graph, mounted(down, R), options);
+      SCOPED_TRACE(degrees);
+      const NavigationGraph::Counters &c = graph.counters(), &r = reference.counters();
+      EXPECT_EQ(c.steps_contradicted, r.steps_contradicted);
+      EXPECT_EQ(c.steps_left_out, r.steps_left_out);
+      EXPECT_EQ(c.visual_distrusted, r.visual_distrusted);
+      EXPECT_EQ(c.compass_distrusted, r.compass_distrusted);
+      EXPECT_EQ(c.closures, r.closures);
+      EXPECT_EQ(c.references, r.references);
+      double worst = 0;
+      for (int k = 0; k < graph.keyframes(); ++k)
+        worst = std::max(worst, (graph.pose(k).translation() - reference.pose(k).translation()).norm());
+      EXPECT_LT(worst, 0.005);
+    }
+}
+
 }  // namespace
 }  // namespace fathom::slam

@@ -7,6 +7,8 @@
 #include <functional>
 #include <stdexcept>
 
+#include "recon/slam/dvl_calibration.hpp"
+
 namespace fathom::slam {
 namespace {
 
@@ -170,6 +172,75 @@ TEST(SensorFactors, NoiseOutOfRangeIsRefused) {
   noise = {};
   noise.deviation_drift = std::nan("");
   EXPECT_THROW(noise.validate(), std::invalid_argument);
+}
+
+TEST(Heading, IsTheVehiclesHoweverTheCameraIsMounted) {
+  const SE3 mountings[] = {SE3::fromEuler(0, 0, M_PI / 2, {0, 0, 0}),         // down
+                           SE3::fromEuler(M_PI / 4, 0, M_PI / 2, {0, 0, 0}),  // ahead, and down by 45 degrees
+                           SE3::fromEuler(M_PI / 2, 0, M_PI / 2, {0, 0, 0}),  // ahead
+                           SE3::fromEuler(0, M_PI / 2, M_PI / 2, {0, 0, 0})};  // to starboard
+  for (const SE3& T_body_cam : mountings) {
+    const Eigen::Vector3d forward = T_body_cam.rotation().conjugate() * Eigen::Vector3d::UnitX();
+    for (double heading = -3; heading < 3.1; heading += 0.5)
+      EXPECT_NEAR(headingOf(SE3::fromEuler(0.2, -0.3, heading, {0, 0, 0}) * T_body_cam, forward), heading,
+                  1e-9);
+  }
+}
+
+TEST(FixFactor, OfAnAntennaOnALeverHoldsWhenTheHeadingHasChangedSince) {
+  constexpr double kSigma = 0.3, kLever = 3, kTurn = 0.2;  // [m], [m], [rad]
+  const SE3 thought = camera(0, 0, 10, 0.4, 0), truth = camera(0, 0, 10, 0.4 + kTurn, 0);
+  const Eigen::Vector3d lever(kLever, 0, -1);
+  const Eigen::Vector2d fix = (truth * lever).head<2>();
+  const RelativePose factor = fixFactor(kOrigin, kA, thought, thought, thought * lever, fix, kSigma);
+  const Vector6d e = relativePoseError(factor, SE3(), truth);
+  // What is left is of second order in the turn.
+  const double left = kLever * kTurn * kTurn / 2 / kSigma;
+  EXPECT_LT(e.dot(factor.information * e), 2 * left * left);
+  const Vector6d before = relativePoseError(factor, SE3(), thought);
+  const double all = kLever * kTurn / kSigma;
+  EXPECT_NEAR(before.dot(factor.information * before), all * all, 0.1 * all * all);
+}
+
+TEST(LossOfTrack, OfAMinuteIsAsWideInSixtyStepsAsInOne) {
+  const SensorNoise noise;
+  LossOfTrack loss;
+  double variance = 0;
+  for (int second = 0; second < 60; ++second) {
+    StepQuality quality;
+    quality.seconds_unlocked = loss.add(1);
+    const double locked = stepSigma(0, {}, noise), unlocked = stepSigma(0, quality, noise);
+    variance += unlocked * unlocked - locked * locked;
+  }
+  EXPECT_NEAR(std::sqrt(variance), 60 * noise.unknown_velocity, 1e-9);
+  // Another loss begins anew.
+  EXPECT_EQ(loss.add(0), 0);
+  EXPECT_EQ(loss.add(1), 1);
+}
+
+TEST(SoundShare, WidensTheScaleOfTheDvlUntilTheImagesHaveShownIt) {
+  const SensorNoise noise;
+  DvlCalibration calibration(noise);
+  calibration.setSoundShare(0.025);
+  EXPECT_NEAR(calibration.remainingShare(), std::hypot(0.025, noise.dvl_scale), 1e-12);
+  // The instrument's 1500 m/s are 3 % too fast.
+  StepQuality quality;
+  quality.seconds = 1;
+  const Matrix6d covariance = Matrix6d::Identity() * 1e-6;
+  SE3 T_odom_a;
+  for (int k = 0; k < 40; ++k) {
+    const SE3 way(Eigen::Quaterniond::Identity(), {1, 0, 0});
+    const SE3 T_odom_b = T_odom_a * way;
+    EXPECT_TRUE(calibration.add(T_odom_a, T_odom_b, SE3(Eigen::Quaterniond::Identity(), {0.97, 0, 0}),
+                                covariance, quality));
+    T_odom_a = T_odom_b;
+  }
+  EXPECT_NEAR(calibration.scale(), -0.03, 0.002);
+  EXPECT_EQ(calibration.restarts(), 0U);
+  // A CTD begins to tell: dead reckoning's ways are others from now on.
+  calibration.setSoundShare(0);
+  EXPECT_EQ(calibration.scale(), 0);
+  EXPECT_NEAR(calibration.covariance()(0, 0), noise.dvl_scale * noise.dvl_scale, 1e-15);
 }
 
 }  // namespace

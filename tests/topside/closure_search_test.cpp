@@ -38,7 +38,7 @@ struct OutAndBack {
       const SE3 pose = SE3::fromEuler(0, 0, k < kFrames ? 0 : M_PI, {along, 0, 10});
       frames.pair.push_back(static_cast<std::uint32_t>(k));
       frames.reckoned.push_back(pose);
-      frames.altitude.push_back(kAltitude);
+      frames.range.push_back(kAltitude);
       frames.way.push_back(kStep * k);
       solution.poses.push_back(pose);
       solution.nodes.push_back(k + 1);

@@ -126,6 +126,24 @@ TEST(NavigationFixes, GpsDuringTheDiveAnchorsADiveThatHadNoneBefore) {
   EXPECT_EQ(dive.navigated({20, 90}).anchor.source, "none");
 }
 
+TEST(NavigationFixes, GpsBeforeALaunchWithoutBottomIsAsWrongAsTheVehicleMayHaveDriftedUntilTheFirstImage) {
+  const double drift = TopsideConfig{}.navigation.noise.unknown_velocity;
+  MadeDive dive;
+  dive.end = 230;
+  for (int t = 0; t < 20; ++t) dive.gps.push_back(t);
+  dive.from = 220;
+  const Navigation unlocked = dive.navigated({222, 228});
+  ASSERT_TRUE(unlocked.gps_shift);
+  EXPECT_NEAR(unlocked.gps_sigma, std::hypot(2, drift * (220 - 19)), 0.1);
+  // The same where bottom track was there for a second at the surface.
+  dive.from = 0;
+  dive.to = 1;
+  dive.again = 220;
+  const Navigation lost = dive.navigated({222, 228});
+  ASSERT_TRUE(lost.gps_shift);
+  EXPECT_NEAR(lost.gps_sigma, std::hypot(2, drift * (220 - 19)), 1.0);
+}
+
 TEST(NavigationOrder, IsThatOfTheStampsHoweverLateSamplesArrive) {
   MadeDive dive;
   dive.from = 10.1, dive.to = 90.1, dive.again = 97.1;

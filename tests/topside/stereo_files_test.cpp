@@ -206,5 +206,27 @@ TEST(NameTime, UsualFormsAreKnownAndFrameNumbersAreNone) {
   EXPECT_EQ(of("0000012345"), std::nullopt);
 }
 
+TEST(PartnersByTime, AreFoundWhereTheClocksDriftedApartBeforeTheFirstImagesAndOverFiveHours) {
+  constexpr std::int64_t kSecond = 1'000'000'000, kStart = 1'700'000'000 * kSecond;
+  std::vector<std::int64_t> left, right;
+  // 100 ppm; images from ten minutes on, none for half an hour, then to the end of five hours.
+  for (std::int64_t half = 1200; half < 36000; ++half) {
+    if (half > 3000 && half < 6600) continue;
+    const std::int64_t since = half * kSecond / 2;
+    left.push_back(kStart + since);
+    if (half % 7 != 3) right.push_back(kStart + since + since / 10'000);
+  }
+  const auto partners = partnersByTime(left, right, 0.05, kStart);
+  std::size_t paired = 0, wrong = 0;
+  for (std::size_t k = 0; k < left.size(); ++k) {
+    if (!partners[k]) continue;
+    ++paired;
+    const std::int64_t since = left[k] - kStart;
+    wrong += right[*partners[k]] != left[k] + since / 10'000 ? 1U : 0U;
+  }
+  EXPECT_EQ(wrong, 0U);
+  EXPECT_GE(paired + 2, right.size());
+}
+
 }  // namespace
 }  // namespace fathom::topside

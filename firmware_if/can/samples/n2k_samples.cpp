@@ -1,5 +1,6 @@
 #include "firmware_if/can/samples/n2k_samples.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <stdexcept>
@@ -231,8 +232,10 @@ void N2kSamples::addWater(const N2kMessage& message, std::int64_t utc_ns) noexce
   auto salinity = fresh(salinity_, utc_ns, kWaterHolds_s);
   if (!salinity) salinity = config_.salinity_psu;
   const auto depth = fresh(last_depth_, utc_ns, kWaterHolds_s);
-  if (salinity && depth && soundSpeedIsKnown(*sample.temperature, *salinity, *depth))
-    sample.sound_speed = soundSpeed(*sample.temperature, *salinity, *depth);
+  if (salinity && depth) {
+    const double speed = soundSpeed(*sample.temperature, *salinity, std::max(*depth, 0.0));
+    if (std::isfinite(speed)) sample.sound_speed = speed;
+  }
   give(sample);
 }
 

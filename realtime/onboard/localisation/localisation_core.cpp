@@ -143,11 +143,8 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input, const Looked&
   keyframe.utc_ns = input.utc_ns;
   keyframe.range = input.range;
   keyframe.T_odom_cam = input.T_odom_cam;
-  // The velocity that nobody measures is the same for the whole loss, so its error grows with time, not with
-  // the root of it: a step adds the variance that the loss gains from T to T + dt, v^2 ((T + dt)^2 - T^2).
-  const double unlocked = input.quality.unlocked_s - last_quality_.unlocked_s;
-  keyframe.unlocked_s = std::sqrt((loss_s_ + unlocked) * (loss_s_ + unlocked) - loss_s_ * loss_s_);
-  loss_s_ = unlocked > 0 ? loss_s_ + unlocked : 0;
+  keyframe.unlocked_s = loss_.add(input.quality.unlocked_s - last_quality_.unlocked_s);
+  keyframe.sound_share = input.quality.sound_share;
   keyframe.untilted_s = input.quality.untilted_s - last_quality_.untilted_s;
   keyframe.attitude_held = input.quality.attitude_held;
   keyframe.depth_held = input.quality.depth_held;

@@ -151,7 +151,7 @@ class LocalisationCore {
   rt::FixedQueue<Fix, kFixes> fixes_;
   nav::DeadReckoning::Quality last_quality_;  // at the last keyframe
   double last_unlocked_s_ = 0;                // at the last frame
-  double loss_s_ = 0;                         // how long bottom track has been away at the last keyframe [s]
+  slam::LossOfTrack loss_;                    // at the last keyframe
   double position_sigma_ = 0;
   Counters counters_;
   std::function<void(const char* stage)> observer_;

@@ -116,7 +116,7 @@ bool ClosureSearch::load(rt::StateReader& reader) {
 template <typename Archive, typename Self>
 void LocalisationCore::exchange(Archive& archive, Self& self) {
   archive(self.selection_, self.features_, self.fixes_, self.last_quality_);
-  archive(self.last_unlocked_s_, self.loss_s_, self.position_sigma_);
+  archive(self.last_unlocked_s_, self.loss_, self.position_sigma_);
   for (auto& looked : self.looked_) {
     archive(looked.waits, looked.rig);
     archive.require(looked.rig >= 0 && looked.rig <= self.rigs_.newest(), "features seen through no rig");

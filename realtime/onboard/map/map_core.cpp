@@ -11,6 +11,7 @@ namespace {
 
 // GPS errors last for minutes: of fixes close together one is worth as much as all.
 constexpr std::int64_t kGpsInterval_ns = 60'000'000'000;
+constexpr double kLooksAhead = 0.3;    // cosine of the principal ray from the vertical, below
 constexpr double kNominalRange = 2.0;  // survey altitude of the vehicle class [m]
 
 bool shaped(const ImageView& image, const Camera& camera) {
@@ -82,8 +83,8 @@ void MapCore::setStageObserver(std::function<void(const char* stage)> observer) 
 }
 
 void MapCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom,
-                     const Eigen::Vector2d& north_east, double sigma) {
-  anchor_.add(kind, north_east - antenna_in_odom.head<2>(), sigma);
+                     const Eigen::Vector2d& north_east, double sigma, double unlocked_s) {
+  anchor_.add(kind, north_east - antenna_in_odom.head<2>(), sigma, unlocked_s);
   if (frame_fixed_) {
     if (!localisation_) return;
     if (kind == nav::FixKind::kGps) {
@@ -94,12 +95,16 @@ void MapCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector
     anchored_ = true;
     return;
   }
-  if (const auto estimate = anchor_.estimate()) {
-    T_nav_odom_ = SE3(Eigen::Quaterniond::Identity(), {estimate->shift.x(), estimate->shift.y(), 0.0});
-    anchor_sigma_ = estimate->sigma;
-    anchored_ = true;
-    if (localisation_) localisation_->setAnchor(estimate->shift, estimate->sigma);
-  }
+  anchorAt(std::max(unlocked_s, 0.0));
+}
+
+void MapCore::anchorAt(double unlocked_s) {
+  const auto estimate = anchor_.estimate(unlocked_s, config_.localisation.graph.noise.unknown_velocity);
+  if (!estimate) return;
+  T_nav_odom_ = SE3(Eigen::Quaterniond::Identity(), {estimate->shift.x(), estimate->shift.y(), 0.0});
+  anchor_sigma_ = estimate->sigma;
+  anchored_ = true;
+  if (localisation_) localisation_->setAnchor(estimate->shift, estimate->sigma);
 }
 
 SE3 MapCore::poseOf(int keyframe, const SE3& T_odom_cam) const {
@@ -133,7 +138,8 @@ void MapCore::finish() {
 stereo::SeedPlane MapCore::seedPlane(const MapInput& input) const {
   const SE3 T_odom_cam = input.T_odom_body * config_.T_body_cam;
   const Eigen::Vector3d down_cam = T_odom_cam.rotation().conjugate() * Eigen::Vector3d::UnitZ();
-  if (!input.altitude) return {Eigen::Vector3d::UnitZ(), last_range_};
+  // A camera that looks ahead sees something else than the ground below.
+  if (!input.altitude || down_cam.z() < kLooksAhead) return {Eigen::Vector3d::UnitZ(), last_range_};
   const double dvl_depth = (input.T_odom_body * config_.T_body_dvl.translation()).z();
   return {down_cam, dvl_depth + *input.altitude - T_odom_cam.translation().z()};
 }
@@ -172,7 +178,7 @@ const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const ster
       eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono),
       eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono), plane, input.max_features);
   ended("stereo");
-  learnLight(input, plane.distance, result);
+  learnLight(input, plane.ahead(), result);
   stereo::toMesh(result, eightBitView(left_rgb_, config_.rig.left, PixelFormat::kRgb), mesh_);
   if (matrix_ && !mesh_.colours.empty())
     matrix_->apply({mesh_.colours.front().data(), 3 * mesh_.colours.size()});
@@ -187,7 +193,7 @@ const stereo::StereoResult& MapCore::seeFeatures(const MapInput& input, const st
   if (localisation_) {
     closure::GivenFeatureLimits limits;
     limits.max_features = config_.localisation.features;
-    limits.depths = depthsAbout(plane.distance);
+    limits.depths = depthsAbout(plane.ahead());
     closure::featuresFrom(*input.features, rig_.rig(), limits, given_features_);
     ended("features given");
   }
@@ -241,6 +247,7 @@ void MapCore::useRig(const StereoRig& before) {
 }
 
 SeenPair MapCore::see(const MapInput& input) {
+  if (!frame_fixed_) anchorAt(input.quality.unlocked_s);
   frame_fixed_ = true;
   SeenPair pair;
   MapOutput& out = pair.output;
@@ -266,7 +273,7 @@ SeenPair MapCore::see(const MapInput& input) {
   out.points = result.points.size();
   out.triangles = result.triangles.size();
   out.median_range = medianRange(result, point_ranges_);
-  pair.range = out.median_range > 0 ? out.median_range : plane.distance;
+  pair.range = out.median_range > 0 ? out.median_range : plane.ahead();
   map_.noteVehicle(out.T_nav_cam.translation().head<2>());
   if (!result.triangles.empty()) {
     last_range_ = out.median_range;

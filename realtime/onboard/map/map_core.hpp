@@ -113,9 +113,10 @@ class MapCore {
   MapCore(const MapCore&) = delete;
   MapCore& operator=(const MapCore&) = delete;
 
-  // A fix of an antenna or transponder that odometry has at `antenna_in_odom` at the fix's own time.
+  // A fix of an antenna or transponder that odometry has at `antenna_in_odom` at the fix's own time, with
+  // `unlocked_s` of odometry then, below zero by the time before odometry began [s].
   void addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom,
-              const Eigen::Vector2d& north_east, double sigma);
+              const Eigen::Vector2d& north_east, double sigma, double unlocked_s = 0);
   // The pair into the map, seen from where `input` says; which may be corrected by place().
   [[nodiscard]] SeenPair see(const MapInput& input);
   // Of a pair that was seen, in the order of seeing: localisation, and what has moved by it. What the pair
@@ -169,6 +170,8 @@ class MapCore {
  private:
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
+  // T_nav_odom by the fixes so far, where odometry has `unlocked_s` [s].
+  void anchorAt(double unlocked_s);
   [[nodiscard]] stereo::SeedPlane seedPlane(const MapInput& input) const;
   [[nodiscard]] SE3 poseOf(int keyframe, const SE3& T_odom_cam) const;
   // Where the frame is probably; what localisation keeps of it until it is placed.

@@ -23,7 +23,7 @@ std::int64_t shifted(std::int64_t utc_ns, std::int64_t offset_ns) noexcept {
 NavCore::NavCore(const NavCoreConfig& config)
     : predicts_(config.predict_pairs),
       odometry_(config.odometry),
-      pairing_(nanoseconds(config.pairing_tolerance)),
+      pairing_(nanoseconds(config.pairing_tolerance), config.start_utc_ns),
       left_offset_ns_(nanoseconds(config.time_offsets.left_camera)),
       right_offset_ns_(nanoseconds(config.time_offsets.right_camera)),
       dvl_offset_ns_(nanoseconds(config.time_offsets.dvl)),

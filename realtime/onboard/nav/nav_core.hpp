@@ -15,6 +15,7 @@ namespace fathom::onboard {
 
 struct NavCoreConfig {
   nav::DeadReckoningConfig odometry;
+  std::int64_t start_utc_ns = 0;     // when the time offsets were known; 0: at the first exposures
   double pairing_tolerance = 0.020;  // largest difference of the exposures of a stereo pair [s]
   bool predict_pairs = true;         // false: a pair waits for its final pose
   // Added to the time stamps of a sensor to get UTC [s]; zero where the stamps are corrected already.

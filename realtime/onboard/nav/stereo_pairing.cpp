@@ -8,21 +8,27 @@ namespace fathom::onboard {
 std::optional<StereoPairing::Pair> StereoPairing::add(CameraSide side, const Frame& frame) noexcept {
   Stream& own = streams_[static_cast<std::size_t>(side)];
   Stream& other = streams_[1 - static_cast<std::size_t>(side)];
+  const std::int64_t before_ns = own.times.any() ? own.times.newestUtcNs() : 0;
   if (own.times.check(frame.utc_ns) != nav::TimeCheck::kGood) {
     ++refused_;
     return std::nullopt;
   }
+  if (before_ns != 0 && (period_ns_ == 0 || frame.utc_ns - before_ns < period_ns_))
+    period_ns_ = frame.utc_ns - before_ns;
+  const std::int64_t within_ns =
+      tolerance_ns_ +
+      std::clamp<std::int64_t>(period_ns_ / kWidest - tolerance_ns_, 0, driftAt(frame.utc_ns));
 
   // The frame's time by the other camera's clock.
   const std::int64_t expected_ns =
       side == CameraSide::kLeft ? frame.utc_ns + skew_ns_ : frame.utc_ns - skew_ns_;
   // What lies before it by more than the tolerance can match no later one either.
-  while (!other.waiting.empty() && other.waiting.front().utc_ns < expected_ns - tolerance_ns_) {
+  while (!other.waiting.empty() && other.waiting.front().utc_ns < expected_ns - within_ns) {
     other.waiting.popFront();
     ++other.unpaired;
   }
   std::size_t nearest = other.waiting.size();
-  std::int64_t nearest_ns = tolerance_ns_;
+  std::int64_t nearest_ns = within_ns;
   for (std::size_t i = 0; i < other.waiting.size(); ++i) {
     const std::int64_t difference = std::abs(other.waiting[i].utc_ns - expected_ns);
     if (difference > nearest_ns) continue;
@@ -45,11 +51,16 @@ std::optional<StereoPairing::Pair> StereoPairing::add(CameraSide side, const Fra
   return pair;
 }
 
+std::int64_t StereoPairing::driftAt(std::int64_t utc_ns) const noexcept {
+  return newest_pair_ns_ == 0 ? 0 : std::max<std::int64_t>(utc_ns - newest_pair_ns_, 0) / kDriftShare;
+}
+
 void StereoPairing::followSkew(const Pair& pair) noexcept {
-  const std::int64_t drift_ns = newest_pair_ns_ == 0 ? 0 : (pair.left.utc_ns - newest_pair_ns_) / kDriftShare;
+  const std::int64_t drift_ns = driftAt(pair.left.utc_ns);
   newest_pair_ns_ = pair.left.utc_ns;
-  const std::int64_t off_ns = (pair.right.utc_ns - pair.left.utc_ns - skew_ns_) / kSkewFollow;
-  skew_ns_ += std::clamp(off_ns, -drift_ns, drift_ns);
+  const std::int64_t off_ns = pair.right.utc_ns - pair.left.utc_ns - skew_ns_;
+  const std::int64_t follow_ns = std::abs(off_ns) > tolerance_ns_ ? off_ns : off_ns / kSkewFollow;
+  skew_ns_ += std::clamp(follow_ns, -drift_ns, drift_ns);
 }
 
 }  // namespace fathom::onboard

@@ -17,7 +17,9 @@ namespace fathom::onboard {
 // The cameras' clocks drift apart (50 ppm each way is 0.36 s an hour), so the tolerance holds about a skew,
 // right less left, that follows the pairs found: each moves it by an eighth of what it is off, but by no more
 // than two clocks drift apart in the time between the pairs. A camera that exposes late leaves the tolerance
-// where it was.
+// where it was. After a time without pairs, a descent from `start_ns` on or cameras that were switched off,
+// the tolerance is wider by what clocks drift apart in it, up to a third of the time between frames, and the
+// first pair sets the skew.
 class StereoPairing {
  public:
   struct Frame {
@@ -39,7 +41,9 @@ class StereoPairing {
   };
 
   // `tolerance_ns`: largest difference of exposure times of a pair; below half the time between frames.
-  explicit StereoPairing(std::int64_t tolerance_ns) noexcept : tolerance_ns_(tolerance_ns) {}
+  // `start_ns`: when the clocks' offsets were known; 0: at the first frames.
+  explicit StereoPairing(std::int64_t tolerance_ns, std::int64_t start_ns = 0) noexcept
+      : tolerance_ns_(tolerance_ns), newest_pair_ns_(start_ns) {}
 
   // The pair that this frame completes, if it does.
   [[nodiscard]] std::optional<Pair> add(CameraSide side, const Frame& frame) noexcept;
@@ -52,7 +56,7 @@ class StereoPairing {
   // For saved state (state_archive.hpp), bit by bit.
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.skew_ns_, self.newest_pair_ns_, self.streams_, self.refused_);
+    archive(self.skew_ns_, self.newest_pair_ns_, self.period_ns_, self.streams_, self.refused_);
   }
 
  private:
@@ -68,17 +72,21 @@ class StereoPairing {
       archive(self.times, self.waiting, self.unpaired);
     }
   };
+  // That two clocks may have drifted apart since the newest pair.
+  [[nodiscard]] std::int64_t driftAt(std::int64_t utc_ns) const noexcept;
   void followSkew(const Pair& pair) noexcept;
   [[nodiscard]] const Stream& of(CameraSide side) const noexcept {
     return streams_[static_cast<std::size_t>(side)];
   }
 
   static constexpr std::int64_t kSkewFollow = 8;  // pairs over which the skew follows
+  static constexpr std::int64_t kWidest = 3;      // part of the time between frames
   static constexpr std::int64_t kDriftShare =
       5000;  // of a time, that two clocks of 100 ppm drift apart in it
   std::int64_t tolerance_ns_;
   std::int64_t skew_ns_ = 0;
-  std::int64_t newest_pair_ns_ = 0;  // left exposure; 0: none yet
+  std::int64_t newest_pair_ns_;  // left exposure; before there is one: start_ns
+  std::int64_t period_ns_ = 0;   // between frames of a camera, the shortest; 0: not known
   std::array<Stream, 2> streams_;
   std::uint64_t refused_ = 0;
 };

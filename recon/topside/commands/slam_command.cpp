@@ -58,7 +58,7 @@ void localiseInto(const RunPlaces& places, const TopsideConfig& config) {
     const auto& pose = slam.poses[k].T_nav_body;
     if (!pose) continue;
     const SE3 T_nav_cam = *pose * mission.T_body_cam;
-    const double range = planes[k]->distance;
+    const double range = planes[k]->ahead();
     posed.push_back({list.pairs[k], *pose, T_nav_cam, slam.poses[k].altitude.value_or(0), range,
                      closure::footprintOf(T_nav_cam, range, rig.left).radius, 0, false});
   }

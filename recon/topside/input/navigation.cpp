@@ -171,8 +171,8 @@ struct Reckoned {
   const std::vector<NavigatedPose>& images;
   double unknown_velocity;  // standard deviation without bottom track [m/s]
 
-  // What is not known of the way between a fix and the image nearest to it [m].
-  [[nodiscard]] double driftAt(const NavigatedPose& fix) const {
+  // Seconds of unknown motion between a fix and the image nearest to it.
+  [[nodiscard]] double unlockedAt(const NavigatedPose& fix) const {
     if (images.empty()) return 0;
     const std::int64_t t = fix.utc_ns;
     auto near =
@@ -180,36 +180,34 @@ struct Reckoned {
                          [](const NavigatedPose& image, std::int64_t at) { return image.utc_ns < at; });
     if (near == images.end() || (near != images.begin() && t - (near - 1)->utc_ns < near->utc_ns - t)) --near;
     const double before = static_cast<double>(std::max<std::int64_t>(first_utc_ns - t, 0)) * 1e-9;
-    return unknown_velocity * (before + std::abs(near->quality.unlocked_s - fix.quality.unlocked_s));
+    return before + std::abs(near->quality.unlocked_s - fix.quality.unlocked_s);
   }
 };
 
-// Fixes with where dead reckoning has the receiver. Before bottom track the vehicle is taken to be where dead
-// reckoning began, and its fixes, if `drifted`, to be as wrong as it may have moved. `lever`: of the receiver
-// in body.
+// Fixes with where dead reckoning has the receiver, and what each says of odom's origin into `anchor`, if
+// there is one. Before bottom track the vehicle is taken to be where dead reckoning began, and its fixes to
+// be as wrong as it may have moved. `lever`: of the receiver in body.
 std::vector<FixSeen> seenBy(nav::FixKind kind, const std::vector<Fix>& fixes,
                             const std::vector<NavigatedPose>& poses, const Reckoned& reckoned,
-                            const Eigen::Vector3d& lever, bool drifted = true) {
+                            const Eigen::Vector3d& lever, nav::PositionAnchor* anchor) {
   std::vector<FixSeen> seen;
   for (std::size_t k = 0; k < fixes.size(); ++k) {
     std::optional<SE3> pose = poses[k].T_nav_body;
     if (!pose && fixes[k].utc_ns < reckoned.first_utc_ns) pose = reckoned.first;
     if (!pose) continue;
-    const double drift = drifted ? reckoned.driftAt(poses[k]) : 0;
-    const double sigma = std::hypot(fixes[k].sigma, drift);
-    seen.push_back({kind, fixes[k].utc_ns, {fixes[k].north, fixes[k].east}, sigma, *pose * lever});
+    const Eigen::Vector2d place(fixes[k].north, fixes[k].east);
+    const Eigen::Vector3d receiver = *pose * lever;
+    const double unlocked = reckoned.unlockedAt(poses[k]);
+    if (anchor) anchor->add(kind, place - receiver.head<2>(), fixes[k].sigma, unlocked);
+    const double sigma = std::hypot(fixes[k].sigma, reckoned.unknown_velocity * unlocked);
+    seen.push_back({kind, fixes[k].utc_ns, place, sigma, receiver});
   }
   return seen;
 }
 
-// What each says of odom's origin.
-void addTo(nav::PositionAnchor& anchor, const std::vector<FixSeen>& fixes) {
-  for (const FixSeen& fix : fixes) anchor.add(fix.kind, fix.north_east - fix.receiver.head<2>(), fix.sigma);
-}
-
-Anchor anchorOf(const nav::PositionAnchor& fixes) {
+Anchor anchorOf(const nav::PositionAnchor& fixes, double unknown_velocity) {
   Anchor anchor;
-  const auto estimate = fixes.estimate();
+  const auto estimate = fixes.estimate(0, unknown_velocity);
   if (!estimate) return anchor;
   anchor.source = estimate->usbl_used == 0 ? "gps" : estimate->gps_used == 0 ? "usbl" : "gps and usbl";
   anchor.north = estimate->shift.x();
@@ -240,7 +238,9 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
   reckoning.T_body_depth = mission.T_body_depth;
   reckoning.T_body_compass = mission.T_body_compass;
   reckoning.magnetic_declination = mission.magnetic_declination;
+  reckoning.origin_latitude = mission.origin.latitude;
   reckoning.sound_speed = mission.water.sound_speed;
+  reckoning.phased_array = mission.dvl.phased_array;
   reckoning.max_dvl_gap = config.max_dvl_gap;
   reckoning.max_speed = config.max_speed;
   nav::DeadReckoning track(reckoning);
@@ -276,26 +276,21 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
 
   const double unknown_velocity = config.navigation.noise.unknown_velocity;
   const Reckoned reckoned{*first, first_utc_ns, out.poses, unknown_velocity};
-  // Those before the dive are all as far from it as the last one: gps_sigma has the drift of that.
-  const std::vector<FixSeen> before =
-      seenBy(nav::FixKind::kGps, fixes.gps, at_gps, reckoned, {0, 0, 0}, false);
-  const std::vector<FixSeen> usbl =
-      seenBy(nav::FixKind::kUsbl, fixes.usbl, at_usbl, reckoned, mission.T_body_usbl.translation());
-  const std::vector<FixSeen> later = seenBy(nav::FixKind::kGps, surfaced, at_surface, reckoned, {0, 0, 0});
   nav::PositionAnchor anchor;
-  addTo(anchor, before);
-  const auto by_gps = anchor.estimate();
-  addTo(anchor, usbl);
-  if (!by_gps) addTo(anchor, later);
+  const std::vector<FixSeen> before =
+      seenBy(nav::FixKind::kGps, fixes.gps, at_gps, reckoned, {0, 0, 0}, &anchor);
+  const auto by_gps = anchor.estimate(0, unknown_velocity);
+  const std::vector<FixSeen> usbl =
+      seenBy(nav::FixKind::kUsbl, fixes.usbl, at_usbl, reckoned, mission.T_body_usbl.translation(), &anchor);
+  const std::vector<FixSeen> later =
+      seenBy(nav::FixKind::kGps, surfaced, at_surface, reckoned, {0, 0, 0}, by_gps ? nullptr : &anchor);
   for (const auto* list : {&before, &usbl, &later})
     out.fixes.insert(out.fixes.end(), list->begin(), list->end());
-  out.anchor = anchorOf(anchor);
+  out.anchor = anchorOf(anchor, unknown_velocity);
   const SE3 T_nav_odom(Eigen::Quaterniond::Identity(), {out.anchor.north, out.anchor.east, 0});
   if (by_gps) {
-    const double gap =
-        static_cast<double>(std::max<std::int64_t>(first_utc_ns - fixes.gps.back().utc_ns, 0)) * 1e-9;
     out.gps_shift = by_gps->shift - Eigen::Vector2d(out.anchor.north, out.anchor.east);
-    out.gps_sigma = std::hypot(by_gps->sigma, unknown_velocity * gap);
+    out.gps_sigma = by_gps->sigma;
   }
   for (FixSeen& fix : out.fixes) fix.receiver = T_nav_odom * fix.receiver;
   for (auto* poses : {&out.poses, &out.track})

@@ -40,7 +40,7 @@ struct NavigatedPose {
 
 // A position fix and where dead reckoning, anchored, has the receiver. Its standard deviation is the fix's
 // own with what the vehicle may have drifted without bottom track between it and the nearest of the times
-// asked for (SensorNoise::unknown_velocity), but for GPS before the dive: see gps_sigma.
+// asked for (SensorNoise::unknown_velocity).
 struct FixSeen {
   nav::FixKind kind = nav::FixKind::kGps;
   std::int64_t utc_ns = 0;
@@ -60,8 +60,8 @@ struct Navigation {
   std::vector<NavigatedPose> track;  // whole dive, one a second
   Anchor anchor;
   std::vector<FixSeen> fixes;  // GPS, one a minute once there are images, and USBL
-  // Shift to nav by GPS alone, against the anchored poses, and its standard deviation with what the vehicle
-  // may have drifted between the last fix and bottom track; none without GPS [m].
+  // Shift to nav by GPS before the dive alone, against the anchored poses, and its standard deviation with
+  // what the vehicle may have drifted between the last fix and the first image; none without GPS [m].
   std::optional<Eigen::Vector2d> gps_shift;
   double gps_sigma = 0;
   nav::DeadReckoning::Counters counters;

@@ -1,6 +1,11 @@
 #include "recon/topside/input/seed_plane.hpp"
 
 namespace fathom::topside {
+namespace {
+
+constexpr double kLooksAhead = 0.3;  // cosine of the principal ray from the vertical, below
+
+}  // namespace
 
 stereo::SeedPlane seedPlane(const io::MissionConfig& mission, const SE3& T_nav_body, double altitude) {
   const SE3 T_nav_cam = T_nav_body * mission.T_body_cam;
@@ -18,7 +23,10 @@ SeedPlanes seedPlanes(const io::MissionConfig& mission, const std::vector<Naviga
   for (const NavigatedPose& pose : poses) {
     if (pose.altitude) altitude = *pose.altitude;
     planes.emplace_back();
-    if (pose.T_nav_body) planes.back() = seedPlane(mission, *pose.T_nav_body, altitude);
+    if (!pose.T_nav_body) continue;
+    planes.back() = seedPlane(mission, *pose.T_nav_body, altitude);
+    if (planes.back()->normal.z() < kLooksAhead)
+      planes.back() = stereo::SeedPlane{Eigen::Vector3d::UnitZ(), default_altitude};
   }
   return planes;
 }

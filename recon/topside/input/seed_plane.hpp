@@ -18,7 +18,8 @@ using SeedPlanes = std::vector<std::optional<stereo::SeedPlane>>;
                                           double altitude);
 
 // The same for each pose, by the DVL's altitude [m]: the last one known where it has none,
-// `default_altitude` before the first.
+// `default_altitude` before the first. A camera that looks ahead sees something else than the ground below:
+// a plane across its axis, so far away.
 [[nodiscard]] SeedPlanes seedPlanes(const io::MissionConfig& mission, const std::vector<NavigatedPose>& poses,
                                     double default_altitude);
 

@@ -103,7 +103,7 @@ struct ClosureSearch::View {
   View(const slam::NavigationSolution& given, const StereoRig& rig, const Frames& frames, double visual_scale)
       : solution(given), known(given.graph, visual_scale, given.nodes), ways([this] { return Ways(known); }) {
     for (std::size_t k = 0; k < given.poses.size(); ++k)
-      footprints.push_back(closure::footprintOf(given.poses[k], frames.altitude[k], rig.left));
+      footprints.push_back(closure::footprintOf(given.poses[k], frames.range[k], rig.left));
     const auto separation = separationBy(ways.local());
     tree = std::make_unique<closure::StretchTree>(footprints, closure::stretchesOf(footprints, separation),
                                                   limits.min_overlap, separation);

@@ -1,6 +1,27 @@
 #include "recon/topside/localise/feature_stage.hpp"
 
+#include <optional>
+
+#include "recon/geometry/order_statistics.hpp"
+
 namespace fathom::topside {
+namespace {
+
+constexpr double kLooksAhead = 0.3;       // cosine of the principal ray from the vertical, below
+constexpr std::size_t kFewFeatures = 10;  // tell no range
+
+// To what the frame's features show; nothing for few.
+std::optional<double> medianRange(const Frames& frames, std::size_t frame) {
+  closure::FrameFeatures seen;
+  if (frames.blank(frame)) return std::nullopt;
+  frames.load(frame, seen);
+  if (seen.size() < kFewFeatures) return std::nullopt;
+  std::vector<double> z;
+  for (const closure::Feature& feature : seen.features) z.push_back(feature.point.z());
+  return median(z);
+}
+
+}  // namespace
 
 Frames framesOf(const io::MissionConfig& mission, const Survey& survey, const FeatureStore& features) {
   Frames frames;
@@ -14,7 +35,10 @@ Frames framesOf(const io::MissionConfig& mission, const Survey& survey, const Fe
         frames.reckoned.empty() ? 0 : (T_nav_cam.translation() - frames.reckoned.back().translation()).norm();
     frames.way.push_back(frames.way.empty() ? 0 : frames.way.back() + step);
     frames.reckoned.push_back(T_nav_cam);
-    frames.altitude.push_back(survey.planes[k]->distance);
+    frames.range.push_back(survey.planes[k]->ahead());
+    // The DVL does not tell how far a wall is.
+    if ((T_nav_cam.rotation() * Eigen::Vector3d::UnitZ()).z() < kLooksAhead)
+      frames.range.back() = medianRange(frames, frames.range.size() - 1).value_or(frames.range.back());
   }
   return frames;
 }

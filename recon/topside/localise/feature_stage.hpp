@@ -13,7 +13,7 @@ struct Frames {
   const FeatureStore* features = nullptr;  // by pair, not by frame
   std::vector<std::uint32_t> pair;         // index of the mission's pair
   std::vector<SE3> reckoned;               // T_nav_cam
-  std::vector<double> altitude;            // of the camera over the seafloor [m]
+  std::vector<double> range;               // to the seafloor along the camera's axis [m]
   std::vector<double> way;                 // flown up to it [m]
 
   [[nodiscard]] bool blank(std::size_t frame) const { return features->count(pair[frame]) == 0; }

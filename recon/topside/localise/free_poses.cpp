@@ -155,7 +155,7 @@ class FreePoses {
       known.push_back(survey_.known.empty() ? KnownPose() : survey_.known[k]);
       if (!frames_.pair.empty() && frames_.pair.back() + 1 != k) known.back().moved.reset();
       frames_.pair.push_back(k);
-      frames_.altitude.push_back(survey_.planes[k]->distance);
+      frames_.range.push_back(survey_.planes[k]->ahead());
       ground.push_back(survey_.planes[k]->normal);
     }
     return {std::move(known), std::move(ground), input_.mission.T_body_cam, input_.mounted};
@@ -256,15 +256,14 @@ class FreePoses {
   }
 
   [[nodiscard]] closure::Footprint footprint(std::uint32_t frame) const {
-    return closure::footprintOf(poses_[frame], frames_.altitude[frame], rig_.left);
+    return closure::footprintOf(poses_[frame], frames_.range[frame], rig_.left);
   }
 
   // False: positions have them too far from each other to show the same ground.
   bool mayBeNear(std::uint32_t a, std::uint32_t b) const {
     constexpr double kSigmas = 4;
     const auto apart = places_.apart(a, b);
-    return !apart ||
-           apart->distance < kSigmas * apart->sigma + 2 * (frames_.altitude[a] + frames_.altitude[b]);
+    return !apart || apart->distance < kSigmas * apart->sigma + 2 * (frames_.range[a] + frames_.range[b]);
   }
 
   // What is known of b seen from a; of another part, what positions say, if that leaves no room for places

@@ -80,7 +80,7 @@ std::vector<closure::Claim> claimsOf(const StereoRig& rig, const Frames& frames,
     if (t.accepted() && closure::fitsDownAndDepth(poses[t.a], poses[t.b], t.link.T_a_b))
       claims.push_back(closure::recognitionOf(
           static_cast<int>(t.a), static_cast<int>(t.b), {t.link.T_a_b, t.link.covariance}, t.link.inliers,
-          closure::footprintOf(poses[t.b], frames.altitude[t.b], rig.left).radius));
+          closure::footprintOf(poses[t.b], frames.range[t.b], rig.left).radius));
   return claims;
 }
 
@@ -108,7 +108,7 @@ std::vector<slam::NavigationLink> recognisePlaces(const StereoRig& rig, const Fr
                                                   const std::vector<slam::NavigationLink>& links) {
   if (frames.pair.empty()) return {};
   const std::vector<SE3>& poses = solution.poses;
-  const double radius = closure::footprintOf(poses[0], frames.altitude[0], rig.left).radius;
+  const double radius = closure::footprintOf(poses[0], frames.range[0], rig.left).radius;
   FramePairs pairs = likePairs(frames, quietFrames(frames, radius, links));
   std::vector<closure::Claim> claims = claimsOf(rig, frames, poses, pairs);
   const std::vector<closure::Claim> more = claimsOf(rig, frames, poses, besides(frames, claims, pairs));

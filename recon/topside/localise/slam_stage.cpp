@@ -48,13 +48,14 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 7;
+constexpr std::uint32_t kLocaliseVersion = 8;
 constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
 constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
 
 std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation& navigation) {
   std::vector<slam::KeyframeInput> inputs;
+  slam::LossOfTrack loss;
   for (std::size_t k = 0; k < frames.pair.size(); ++k) {
     const NavigatedPose& pose = navigation.poses[frames.pair[k]];
     const nav::DeadReckoning::Quality& before = navigation.poses[frames.pair[k == 0 ? 0 : k - 1]].quality;
@@ -62,7 +63,8 @@ std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation
     slam::KeyframeInput input;
     input.utc_ns = pose.utc_ns;
     input.T_odom_cam = frames.reckoned[k];
-    input.unlocked_s = now.unlocked_s - before.unlocked_s;
+    input.unlocked_s = loss.add(now.unlocked_s - before.unlocked_s);
+    input.sound_share = now.sound_share;
     input.untilted_s = now.untilted_s - before.untilted_s;
     input.attitude_held = now.attitude_held;
     input.depth_held = now.depth_held;
@@ -177,6 +179,7 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   const double sigma = navigation.gps_shift ? navigation.gps_sigma : kAnywhere;
   slam::NavigationConfig graph = config.navigation;
   graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
+  graph.forward_in_camera = mission.T_body_cam.rotation().conjugate() * Eigen::Vector3d::UnitX();
   slam::NavigationSolution solved;
   const auto solve = [&] {
     solved = slam::solveNavigation(graph, inputs, shift, sigma, links, fixes, std::move(solved));

@@ -14,10 +14,10 @@ namespace fathom::topside {
 namespace {
 
 constexpr double kNearest = 0.4,
-                 kFarthest = 2.5;  // of a feature, in altitudes: relief of a reef and its edge
+                 kFarthest = 2.5;  // of a feature, in ranges to the seafloor: relief of a reef and its edge
 
 closure::DepthRange depthsAbout(const stereo::SeedPlane& plane) {
-  return {kNearest * plane.distance, kFarthest * plane.distance};
+  return {kNearest * plane.ahead(), kFarthest * plane.ahead()};
 }
 
 void take(const stereo::StereoResult& found, PreparedPair& out) {

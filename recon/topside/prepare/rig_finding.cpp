@@ -96,7 +96,7 @@ std::vector<Step> stepsOf(const MissionInput& input, const Survey& survey) {
                 *poses[b].T_nav_body * input.mission.T_body_cam,
                 {}};
       const SE3 between = step.T_nav_a.inverse() * step.T_nav_b;
-      if (between.translation().norm() < kShare * survey.planes[a]->distance) continue;
+      if (between.translation().norm() < kShare * survey.planes[a]->ahead()) continue;
       step.quality.seconds = static_cast<double>(poses[b].utc_ns - poses[a].utc_ns) * 1e-9;
       step.quality.turn = between.rotation().angularDistance(Eigen::Quaterniond::Identity());
       if (step.quality.turn < kMostTurn) steps.push_back(step);
@@ -141,6 +141,7 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
   slam::DvlCalibration ways(config.navigation.noise,
                             input.mission.T_body_cam.inverse() * input.mission.T_body_dvl.translation(),
                             prior);
+  if (count > 0) ways.setSoundShare(survey.navigation.poses[all.front().a].quality.sound_share);
   std::vector<double> ranges;
   for (std::size_t k = 0; k < count; ++k) {
     if (!seen[k].link.accepted()) continue;

@@ -87,7 +87,8 @@ void judgeClosures(const std::vector<std::optional<SE3>>& cameras, const Camera&
   std::vector<std::optional<closure::Footprint>> seen(cameras.size());
   for (std::size_t k = 0; k < cameras.size(); ++k)
     if (cameras[k] && slam.poses[k].altitude)
-      seen[k] = closure::footprintOf(*cameras[k], *slam.poses[k].altitude, camera);
+      seen[k] = closure::footprintOf(
+          *cameras[k], closure::rangeToLevelGround(*cameras[k], *slam.poses[k].altitude), camera);
   const auto overlap = [&](std::size_t a, std::size_t b) {
     return seen[a] && seen[b] &&
            (seen[a]->centre - seen[b]->centre).norm() < apart_at * std::min(seen[a]->radius, seen[b]->radius);

@@ -90,7 +90,8 @@ PairList listPairs(const io::MissionPaths& paths, const io::MissionConfig& missi
     for (const TimedName& name : names) utc_ns.push_back(name.utc_ns);
     return utc_ns;
   };
-  const auto partners = partnersByTime(times(images.left), times(images.right), tolerance);
+  const auto partners =
+      partnersByTime(times(images.left), times(images.right), tolerance, mission.start_utc_ns);
   for (std::size_t k = 0; k < partners.size(); ++k) {
     if (partners[k])
       list.pairs.push_back({images.left[k].utc_ns, images.left[k].name, images.right[*partners[k]].name});

@@ -326,18 +326,28 @@ StereoFiles findStereoFiles(const StereoFileOptions& options) {
 }
 
 std::vector<std::optional<std::size_t>> partnersByTime(std::span<const std::int64_t> left,
-                                                       std::span<const std::int64_t> right,
-                                                       double tolerance) {
+                                                       std::span<const std::int64_t> right, double tolerance,
+                                                       std::optional<std::int64_t> start) {
   constexpr std::int64_t kSkewFollow = 8;  // pairs
+  constexpr std::int64_t kDriftShare = 5000,
+                         kWidest = 3;  // of a time, for two clocks of 100 ppm; of a period
   const std::int64_t limit = std::llround(tolerance * 1e9);
-  std::int64_t skew_ns = 0;
+  std::int64_t skew_ns = 0, period = 0;
+  for (std::size_t k = 1; k < left.size(); ++k)
+    if (left[k] > left[k - 1] && (period == 0 || left[k] - left[k - 1] < period))
+      period = left[k] - left[k - 1];
+  std::int64_t paired = start.value_or(left.empty() ? 0 : left.front());
   std::size_t r = 0;
   std::vector<std::optional<std::size_t>> partners(left.size());
   for (std::size_t k = 0; k < left.size(); ++k) {
     const auto apart = [&](std::size_t at) { return std::abs(right[at] - skew_ns - left[k]); };
     while (r + 1 < right.size() && apart(r + 1) <= apart(r)) ++r;
-    if (r >= right.size() || apart(r) > limit) continue;
-    skew_ns += (right[r] - left[k] - skew_ns) / kSkewFollow;
+    const std::int64_t drift = std::max<std::int64_t>(left[k] - paired, 0) / kDriftShare;
+    const std::int64_t within = limit + std::min(drift, std::max<std::int64_t>(period / kWidest - limit, 0));
+    if (r >= right.size() || apart(r) > within) continue;
+    const std::int64_t off = right[r] - left[k] - skew_ns;
+    skew_ns += std::abs(off) > limit ? off : off / kSkewFollow;
+    paired = left[k];
     partners[k] = r++;
   }
   return partners;
