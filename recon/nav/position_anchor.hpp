@@ -15,14 +15,18 @@ enum class FixKind : std::uint8_t { kGps, kUsbl };
 //
 // Differences further than three robust standard deviations from the component-wise median of their kind do
 // not enter (Rousseeuw & Leroy 1987). Those of a kind are averaged with weights 1 / sigma^2. USBL errors are
-// independent from ping to ping, so n fixes are worth n; GPS errors last for minutes, so all fixes of a float
-// are worth one. The two means are then combined with weights 1 / sigma^2.
+// independent from ping to ping but for what all share (the ship's place, the transceiver's mounting), so n
+// fixes are worth n down to that; GPS errors last for minutes, so all fixes of a float are worth one. The two
+// means are then combined with weights 1 / sigma^2.
 //
 // Fixed memory: of a kind, kCapacity differences are kept, spread evenly over all that came (every second is
 // dropped when there is no more room, then only every second, fourth, ... is taken). Allocates nothing.
 class PositionAnchor {
  public:
   static constexpr int kCapacity = 256;  // differences kept a kind
+
+  // `usbl_shared`: standard deviation of what all USBL positions share, either component [m].
+  explicit PositionAnchor(double usbl_shared) : usbl_shared_(usbl_shared) {}
 
   // `difference`: nav - odom, (north, east) [m]; `sigma`: of the fix, horizontal [m]. Not finite, negative or
   // kilometre-wide sigmas are refused and counted.
@@ -35,6 +39,8 @@ class PositionAnchor {
   };
   // std::nullopt before the first fix.
   [[nodiscard]] std::optional<Estimate> estimate() const noexcept;
+  // By fixes of one kind alone; sigma without what all of the USBL share.
+  [[nodiscard]] std::optional<Estimate> estimate(FixKind kind) const noexcept;
 
   struct Counters {
     std::uint64_t gps = 0, usbl = 0, refused = 0;
@@ -79,6 +85,7 @@ class PositionAnchor {
   };
   [[nodiscard]] static std::optional<Mean> meanOf(const Series& series) noexcept;
 
+  double usbl_shared_;
   Series gps_, usbl_;
   Counters counters_;
 };

@@ -26,8 +26,10 @@ IncrementalConfig solverConfig(const NavigationConfig& config) {
   config.validate();
   IncrementalConfig solver = config.solver;
   const int references = maxReferences(config.max_keyframes);
-  solver.max_poses = 1 + config.max_keyframes + references;
-  solver.max_measurements = 4 * config.max_keyframes + references + config.max_links + config.max_fixes + 1;
+  constexpr int kOfUsbl = 2;  // its frame's prior and the anchor that it gives
+  solver.max_poses = 2 + config.max_keyframes + references;
+  solver.max_measurements =
+      4 * config.max_keyframes + references + config.max_links + config.max_fixes + 1 + kOfUsbl;
   solver.max_factor_blocks = std::int64_t{kBlocksPerPose} * solver.max_poses + kSpareBlocks;
   return solver;
 }
@@ -49,7 +51,6 @@ NavigationGraph::NavigationGraph(const NavigationConfig& config)
       solver_(solverConfig(config)),
       dvl_(config.noise, config.dvl_in_camera),
       frames_(at(config.max_keyframes)),
-      shift_sigma_(kAnywhere),
       reference_credit_(kKeyframesPerReference * kSpareReferences) {
   const IncrementalConfig sizes = solverConfig(config);
   changed_.reserve(at(config.max_keyframes));
@@ -70,9 +71,19 @@ std::size_t NavigationGraph::memoryBytes() const {
          (changed_.capacity() + astray_.capacity() + frame_of_node_.size() + robust_of_.size()) * sizeof(int);
 }
 
-void NavigationGraph::setAnchor(const Eigen::Vector2d& shift, double sigma) {
-  shift_ = shift;
-  shift_sigma_ = sigma;
+Eigen::Vector2d NavigationGraph::startingShift() const {
+  const double by_usbl = std::hypot(usbl_anchor_.sigma, usblShift(usbl_anchor_.sigma, config_.noise)),
+               weight = 1 / (anchor_.sigma * anchor_.sigma), usbl_weight = 1 / (by_usbl * by_usbl);
+  if (!(weight + usbl_weight > 0)) return Eigen::Vector2d::Zero();
+  return (weight * anchor_.shift + usbl_weight * usbl_anchor_.shift) / (weight + usbl_weight);
+}
+
+// A pose for what all USBL positions share. It never retires.
+void NavigationGraph::addUsbl(const Eigen::Vector2d& north_east, double sigma) {
+  usbl_.sigma = usblShift(sigma, config_.noise);
+  usbl_.T_nav_usbl = SE3(Eigen::Quaterniond::Identity(), {north_east.x(), north_east.y(), 0});
+  usbl_.node = addNode(usbl_.T_nav_usbl);
+  if (usbl_.node >= 0) (void)addFactor(usblFrame(kWorld, usbl_.node, usbl_.T_nav_usbl, sigma, config_.noise));
 }
 
 int NavigationGraph::addNode(const SE3& pose) {
@@ -101,8 +112,9 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
   const bool first = frames_.empty();
   StepQuality quality;
   SE3 reckoned;  // T_odom_cam with the way from the last keyframe corrected
+  const Eigen::Vector2d shift = startingShift();
   SE3 T_nav_cam(input.T_odom_cam.rotation(),
-                input.T_odom_cam.translation() + Eigen::Vector3d(shift_.x(), shift_.y(), 0));
+                input.T_odom_cam.translation() + Eigen::Vector3d(shift.x(), shift.y(), 0));
   if (!first) {
     const Frame& last = frames_.back();
     quality = {seconds(input.utc_ns - last.utc_ns), input.unlocked_s, input.untilted_s, dvl_.remainingShare(),
@@ -122,8 +134,7 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
   must_stay_[at(frame.node)] = 0;
   frame.known = T_nav_cam;
   if (first)
-    (void)addFactor(fixFactor(kWorld, frame.node, T_nav_cam, input.T_odom_cam, input.T_odom_cam.translation(),
-                              T_nav_cam.translation().head<2>(), shift_sigma_));
+    addAnchors(frame, T_nav_cam);
   else
     frame.step = addFactor(stepFactor(frames_.back().node, frame.node, frames_.back().T_odom_cam, reckoned,
                                       config_.dvl_in_camera, quality, config_.noise));
@@ -135,6 +146,20 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
   seen_.waits = !first;
   ++counters_.keyframes;
   return frames_.add(frame);
+}
+
+// Where the first keyframe is.
+void NavigationGraph::addAnchors(const Frame& frame, const SE3& T_nav_cam) {
+  const Eigen::Vector3d& in_odom = frame.T_odom_cam.translation();
+  const Eigen::Vector2d place = in_odom.head<2>();
+  (void)addFactor(fixFactor(kWorld, frame.node, T_nav_cam, frame.T_odom_cam, in_odom, place + anchor_.shift,
+                            std::min(anchor_.sigma, kAnywhere)));
+  if (!std::isfinite(usbl_anchor_.sigma)) return;
+  const Eigen::Vector2d seen = place + usbl_anchor_.shift;
+  addUsbl(seen, usbl_anchor_.sigma);
+  if (usbl_.node >= 0)
+    (void)addFactor(usblFixFactor(usbl_.node, frame.node, usbl_.T_nav_usbl, usbl_.T_nav_usbl, T_nav_cam,
+                                  frame.T_odom_cam, in_odom, seen, usbl_anchor_.sigma));
 }
 
 // Counted against a credit that grows with the keyframes, so that turning for ever leaves room for them.
@@ -235,8 +260,17 @@ NavigationGraph::Prediction NavigationGraph::predict(int a, int b) {
 }
 
 SE3 NavigationGraph::T_nav_odom() const {
-  if (frames_.empty()) return {Eigen::Quaterniond::Identity(), Eigen::Vector3d(shift_.x(), shift_.y(), 0)};
+  if (frames_.empty()) {
+    const Eigen::Vector2d shift = startingShift();
+    return {Eigen::Quaterniond::Identity(), Eigen::Vector3d(shift.x(), shift.y(), 0)};
+  }
   return solver_.pose(frames_.back().node) * frames_.back().T_odom_cam.inverse();
+}
+
+SE3 NavigationGraph::usblCorrection() const {
+  if (usbl_.node < 0) return SE3();
+  const SE3& now = solver_.pose(usbl_.node);
+  return {now.rotation(), now.translation() - usbl_.T_nav_usbl.translation()};
 }
 
 PoseGraph NavigationGraph::sensorGraph() const {

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 #include <vector>
@@ -84,8 +85,10 @@ class NavigationGraph {
   explicit NavigationGraph(const NavigationConfig& config);
 
   // Where odom's origin is in nav as far as known when the first keyframe comes (nav - odom, horizontal), and
-  // its standard deviation; a kilometre if never said.
-  void setAnchor(const Eigen::Vector2d& shift, double sigma);
+  // its standard deviation; a kilometre if never said. And as positions of the USBL have it, without what
+  // they share.
+  void setAnchor(const Eigen::Vector2d& shift, double sigma) { anchor_ = {shift, sigma}; }
+  void setUsblAnchor(const Eigen::Vector2d& shift, double sigma) { usbl_anchor_ = {shift, sigma}; }
 
   // The keyframe's number, counting from 0 over the whole dive; std::nullopt when there is no room and none
   // can retire.
@@ -110,9 +113,10 @@ class NavigationGraph {
   Taken addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance);
 
   // A position fix of an antenna at `antenna_in_odom`, whenever it arrives: it holds at keyframe `at`, the
-  // nearest in time, and odometry knows the way between. `sigma`: of either component [m].
+  // nearest in time, and odometry knows the way between. `sigma`: of either component [m]. `by_usbl`: shares
+  // its shift and turn with all other positions of the USBL (SensorNoise), which are a pose of the graph.
   Taken addFix(int at, const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& north_east,
-               double sigma);
+               double sigma, bool by_usbl);
 
   // Judges the newest step by all that has come of it; addKeyframe() and step() do so.
   void judge();
@@ -134,6 +138,9 @@ class NavigationGraph {
   [[nodiscard]] SE3 T_nav_odom() const;
   // Compass deviation at the newest keyframe [rad].
   [[nodiscard]] double deviation() const;
+  // What all positions of the USBL are found to share: where their frame is, less where it was before
+  // [m, north and east], and its turn; identity where none has come.
+  [[nodiscard]] SE3 usblCorrection() const;
 
   // The keyframe that has moved most since its pose was last taken here; std::nullopt when none moved by more
   // than change_m or change_rad. Taking it marks it as known.
@@ -225,6 +232,9 @@ class NavigationGraph {
     }
   };
   static std::size_t at(int i) { return static_cast<std::size_t>(i); }
+  [[nodiscard]] Eigen::Vector2d startingShift() const;
+  void addAnchors(const Frame& frame, const SE3& T_nav_cam);
+  void addUsbl(const Eigen::Vector2d& north_east, double sigma);
   [[nodiscard]] int addNode(const SE3& pose);
   [[nodiscard]] int addFactor(const RelativePose& factor);  // -1 when refused
   void refer(const KeyframeInput& input, Frame& frame);
@@ -251,8 +261,27 @@ class NavigationGraph {
   std::vector<int> changed_;  // keyframes
   std::vector<int> astray_;   // nodes that moveAstray() moves
   std::size_t next_robust_ = 0, newest_robust_ = 0;
-  Eigen::Vector2d shift_ = Eigen::Vector2d::Zero();
-  double shift_sigma_;
+  struct Anchor {
+    Eigen::Vector2d shift = Eigen::Vector2d::Zero();         // nav - odom [m]
+    double sigma = std::numeric_limits<double>::infinity();  // [m]
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.shift, self.sigma);
+    }
+  } anchor_, usbl_anchor_;
+  // The frame of all positions of the USBL: at the first of them, level.
+  struct Usbl {
+    int node = -1;
+    SE3 T_nav_usbl;    // as it was before
+    double sigma = 0;  // of what they share, before [m]
+    int fixes = 0;     // that were accepted
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.node, self.T_nav_usbl, self.sigma, self.fixes);
+    }
+  } usbl_;
   struct Reference {
     int node = -1;
     std::int64_t utc_ns = 0;

@@ -130,8 +130,12 @@ RelativePose depthDrift(int before, int after, double seconds, const SensorNoise
   return measured(before, after, SE3(), {kHeld, kHeld, walk}, all(kHeld));
 }
 
-RelativePose usblFrame(int origin, int usbl, const SE3& T_nav_usbl, const SensorNoise& noise) {
-  const double shift = std::hypot(kHeld, noise.usbl_shift), turn = std::hypot(kHeld, noise.usbl_turn);
+double usblShift(double sigma, const SensorNoise& noise) {
+  return noise.usbl_shift > 0 ? std::max(noise.usbl_shift, sigma) : 0;
+}
+
+RelativePose usblFrame(int origin, int usbl, const SE3& T_nav_usbl, double sigma, const SensorNoise& noise) {
+  const double shift = std::hypot(kHeld, usblShift(sigma, noise)), turn = std::hypot(kHeld, noise.usbl_turn);
   return measured(origin, usbl, T_nav_usbl, {shift, shift, kHeld}, {kHeld, kHeld, turn});
 }
 
@@ -143,6 +147,15 @@ RelativePose fixFactor(int origin, int camera, const SE3& T_nav_cam, const SE3& 
   place.head<2>() += fix;
   place.z() = T_nav_cam.translation().z();
   return measured(origin, camera, SE3(T_nav_cam.rotation(), place), {sigma, sigma, kUnknown}, all(kUnknown));
+}
+
+RelativePose usblFixFactor(int usbl, int camera, const SE3& T_nav_usbl, const SE3& T_nav_now,
+                           const SE3& T_nav_cam, const SE3& T_odom_cam,
+                           const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& fix, double sigma) {
+  const SE3 T_seen = T_nav_usbl * T_nav_now.inverse() * T_nav_cam;
+  RelativePose factor = fixFactor(usbl, camera, T_seen, T_odom_cam, antenna_in_odom, fix, sigma);
+  factor.T_from_to = T_nav_usbl.inverse() * factor.T_from_to;
+  return factor;
 }
 
 RelativePose linkFactor(int a, int b, const SE3& T_a_b, const Matrix6d& covariance) {

@@ -31,10 +31,10 @@ struct SensorNoise {
   double depth = 0.003;       // of one reading [m]
   double depth_offset = 0.1;  // of the sea's height over nav's zero, or of the sensor, at first [m]
   double depth_drift = 0.0;   // its random walk: tide 0.002, none 0 [m/s^(1/2)]
-  // Of all USBL positions of a mission together: shift by the ship's place and sound's way, turn by the
-  // transceiver's mounting. After the mission (solveNavigation), which takes a shift of one position's
-  // standard deviation at least.
-  double usbl_shift = 0, usbl_turn = 0.017;  // [m], [rad]
+  // Of all USBL positions of a mission together; unless it is 0, the shift is one position's standard
+  // deviation at least. Shift: a ship's GPS without corrections (2 m), with its antenna's lever arm and a
+  // degree of the transceiver's mounting over the 90 m to the vehicle (1.5 m). Turn: that mounting.
+  double usbl_shift = 2.5, usbl_turn = 0.017;  // [m], [rad]
   // What calibration and the lamps' shading leave to all visual links alike, as a common error of scale of
   // ways and turns [1].
   // It cannot be averaged away, so covariances that are given out carry it.
@@ -101,8 +101,10 @@ struct StepQuality {
 [[nodiscard]] RelativePose firstDepthReference(int origin, int reference, const SensorNoise& noise);
 [[nodiscard]] RelativePose depthDrift(int before, int after, double seconds, const SensorNoise& noise);
 
-// Where the positions of a USBL are in nav, at their middle `T_nav_usbl`.
-[[nodiscard]] RelativePose usblFrame(int origin, int usbl, const SE3& T_nav_usbl, const SensorNoise& noise);
+// Where the positions of a USBL are in nav, about `T_nav_usbl`. `sigma`: of one position [m].
+[[nodiscard]] double usblShift(double sigma, const SensorNoise& noise);
+[[nodiscard]] RelativePose usblFrame(int origin, int usbl, const SE3& T_nav_usbl, double sigma,
+                                     const SensorNoise& noise);
 
 // A position fix (USBL, GPS) of an antenna that odometry has at `antenna_in_odom`, perhaps at another time:
 // the camera is where the fix is, less the way between them as odometry has it, turned by what is now known:
@@ -111,6 +113,13 @@ struct StepQuality {
 [[nodiscard]] RelativePose fixFactor(int origin, int camera, const SE3& T_nav_cam, const SE3& T_odom_cam,
                                      const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& fix,
                                      double sigma);
+
+// The same by a USBL, whose positions were about `T_nav_usbl` at first and about `T_nav_now` by what is now
+// known: of the camera in the USBL's frame.
+[[nodiscard]] RelativePose usblFixFactor(int usbl, int camera, const SE3& T_nav_usbl, const SE3& T_nav_now,
+                                         const SE3& T_nav_cam, const SE3& T_odom_cam,
+                                         const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& fix,
+                                         double sigma);
 
 // Visual odometry or a loop closure: T_a_b with the covariance of its right perturbation (rho, phi).
 [[nodiscard]] RelativePose linkFactor(int a, int b, const SE3& T_a_b, const Matrix6d& covariance);

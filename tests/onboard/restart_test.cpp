@@ -42,7 +42,8 @@ void dive(LocalisationCore& core, const MadeDive& made, std::size_t from, std::s
   for (std::size_t k = 0; k < to; ++k) {
     for (; fix < made.fixes.size() && made.fixes[fix].arrival_ns <= made.frames[k].utc_ns; ++fix)
       if (k >= from)
-        core.addFix(made.fixes[fix].utc_ns, made.fixes[fix].in_odom, made.fixes[fix].north_east, 0.5);
+        core.addFix(nav::FixKind::kUsbl, made.fixes[fix].utc_ns, made.fixes[fix].in_odom,
+                    made.fixes[fix].north_east, 0.5);
     if (k < from) continue;
     LocalisationInput input = made.frames[k].input;
     input.features = &made.frames[k].features;
@@ -59,7 +60,7 @@ class LocalisationRestart : public ::testing::Test {
   std::vector<std::uint8_t> state;
 
   void SetUp() override {
-    whole.setAnchor({3.3, -2.2}, 0.5);
+    whole.setAnchor(nav::FixKind::kGps, {3.3, -2.2}, 0.5);
     dive(whole, made, 0, middle);
     state = savedState(whole);
     copy = second = slots;
@@ -95,7 +96,7 @@ TEST(LocalisationRestartWithFewKeyframes, AfterSomeHaveRetiredADiveGoesOnAlike) 
   config.max_keyframes = 40;
   MemorySlots slots = featureSlots(config, 40);
   LocalisationCore whole(made.rig, config, &slots);
-  whole.setAnchor({3.3, -2.2}, 0.5);
+  whole.setAnchor(nav::FixKind::kGps, {3.3, -2.2}, 0.5);
   const std::size_t middle = 2 * made.frames.size() / 3, end = made.frames.size();
   dive(whole, made, 0, middle);
   ASSERT_GT(whole.graph().counters().keyframes_retired, 10u);

@@ -80,6 +80,60 @@ TEST(NavigationGraph, ItsCovarianceIsHonestOverManySurveys) {
   }
 }
 
+// Of every keyframe but the last few, horizontally, in its own covariance [2 degrees of freedom].
+double farthest(NavigationGraph& graph, const MadeSurvey& survey) {
+  double worst = 0;
+  for (int k = 0; k < graph.keyframes(); k += 10) {
+    const Eigen::Matrix3d R = graph.pose(k).matrix3();
+    const Eigen::Matrix3d spread = R * graph.covariance(k).topLeftCorner<3, 3>() * R.transpose();
+    const Eigen::Vector2d off =
+        (graph.pose(k).translation() - survey.truth[static_cast<std::size_t>(k)].translation()).head<2>();
+    worst = std::max(worst, off.dot(spread.topLeftCorner<2, 2>().inverse() * off));
+  }
+  return worst;
+}
+
+TEST(NavigationGraph, ClaimsWhatAllPositionsOfAUsblShareAndFindsItByGps) {
+  MadeSurveyOptions options;
+  options.bias_from = 0;
+  options.ship = {40, -20};
+  options.usbl_turn = 0.03;
+  options.lines = 3;
+  constexpr double kGps = 0.3;  // [m]
+  for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+    options.seed = seed;
+    options.bias = Eigen::Rotation2Dd(0.8 * static_cast<double>(seed)) * Eigen::Vector2d(4, 0);
+    const MadeSurvey survey = makeSurvey(options);
+    NavigationGraph alone(smallConfig()), with_gps(smallConfig());
+    alone.setUsblAnchor(options.bias + Eigen::Vector2d(0.3, -0.2), 0.4);
+    with_gps.setAnchor(Eigen::Vector2d(0.2, 0.1), kGps);
+    for (NavigationGraph* graph : {&alone, &with_gps}) {
+      testing::driveOn(*graph, survey, options, static_cast<int>(survey.inputs.size()));
+      EXPECT_LT(farthest(*graph, survey), 9) << seed;
+      EXPECT_LE(graph->counters().fixes_gated, 1U);
+    }
+    EXPECT_GT(errorsOf(posesOf(alone), survey.truth).absolute, 2.5) << seed;
+    EXPECT_LT(errorsOf(posesOf(with_gps), survey.truth).absolute, 2 * kGps) << seed;
+    const Eigen::Vector2d seen = survey.fixes.front().north_east,
+                          place = options.ship + Eigen::Rotation2Dd(-options.usbl_turn) *
+                                                     (seen - options.bias - options.ship);
+    const SE3 found = with_gps.usblCorrection();
+    EXPECT_LT((found.translation().head<2>() - (place - seen)).norm(), 3 * kGps) << seed;
+  }
+}
+
+TEST(NavigationGraph, AWildFirstPositionOfTheUsblDoesNotTurnAwayThoseAfterIt) {
+  const MadeSurveyOptions options;
+  MadeSurvey survey = makeSurvey(options);
+  NavigationGraph without(smallConfig()), graph(smallConfig());
+  drive(without, survey, options);
+  survey.fixes.front().north_east += Eigen::Vector2d(6, 5);
+  drive(graph, survey, options);
+  EXPECT_EQ(graph.counters().fixes_gated, 0U);
+  EXPECT_EQ(graph.counters().fixes_off, 1U);
+  EXPECT_LT(errorsOf(posesOf(graph), posesOf(without)).absolute, 0.1);
+}
+
 TEST(NavigationGraph, DeadReckoningAloneIsHonestToo) {
   MadeSurveyOptions options;
   options.visual_share = 0;
@@ -124,7 +178,9 @@ TEST(NavigationGraph, SurvivesADeadDvlAJumpingCompassAndWildFixes) {
   options.wild_fixes = 0.1;
   options.usbl_period = 2;
   const MadeSurvey survey = makeSurvey(options);
-  NavigationGraph graph(smallConfig());
+  NavigationConfig config = smallConfig();
+  config.noise.usbl_shift = 0;  // positions that share nothing
+  NavigationGraph graph(config);
   drive(graph, survey, options);
   EXPECT_LT(errorsOf(posesOf(graph), survey.truth).aligned, 0.02);
   EXPECT_LT(errorsOf(posesOf(graph), survey.truth).absolute, 0.5);
@@ -244,7 +300,7 @@ TEST(NavigationGraph, FullIsCountedAndNonsenseRefused) {
   EXPECT_EQ(graph.counters().keyframes_refused, 1U);
   const Matrix6d covariance = Matrix6d::Identity() * 1e-4;
   EXPECT_EQ(graph.addLink(LinkKind::kClosure, 0, 7, SE3(), covariance), Taken::kBad);
-  EXPECT_EQ(graph.addFix(0, Eigen::Vector3d::Zero(), {0, 0}, -1), Taken::kBad);
+  EXPECT_EQ(graph.addFix(0, Eigen::Vector3d::Zero(), {0, 0}, -1, false), Taken::kBad);
   config.max_keyframes = 0;
   EXPECT_THROW(NavigationGraph{config}, std::invalid_argument);
 }

@@ -80,13 +80,17 @@ LocalisationCore::LocalisationCore(const StereoRig& rig, const LocalisationConfi
   for (Looked& looked : looked_) looked.features.reserve(static_cast<std::size_t>(config.features));
 }
 
-void LocalisationCore::setAnchor(const Eigen::Vector2d& shift, double sigma) {
-  graph_.setAnchor(shift, sigma);
+void LocalisationCore::setAnchor(nav::FixKind kind, const Eigen::Vector2d& shift, double sigma) {
+  if (kind == nav::FixKind::kUsbl)
+    graph_.setUsblAnchor(shift, sigma);
+  else
+    graph_.setAnchor(shift, sigma);
 }
 
-void LocalisationCore::addFix(std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom,
+void LocalisationCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom,
                               const Eigen::Vector2d& north_east, double sigma) {
-  if (fixes_.pushDroppingOldest({utc_ns, antenna_in_odom, north_east, sigma})) ++counters_.fixes_dropped;
+  if (fixes_.pushDroppingOldest({kind, utc_ns, antenna_in_odom, north_east, sigma}))
+    ++counters_.fixes_dropped;
 }
 
 bool LocalisationCore::trusted(const LocalisationInput& input) const {
@@ -215,7 +219,8 @@ void LocalisationCore::applyFixes(bool all) {
       continue;
     }
     fixes_.erase(i);
-    (void)graph_.addFix(nearestKeyframe(fix.utc_ns), fix.antenna, fix.north_east, fix.sigma);
+    (void)graph_.addFix(nearestKeyframe(fix.utc_ns), fix.antenna, fix.north_east, fix.sigma,
+                        fix.kind == nav::FixKind::kUsbl);
   }
 }
 

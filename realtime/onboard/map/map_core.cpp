@@ -52,6 +52,7 @@ MapCore::MapCore(const MapCoreConfig& config, const MapSlots& slots)
       given_stereo_(config.rig, config.stereo),
       map_(config.map, config.localisation.enabled ? slots.meshes : nullptr,
            static_cast<std::size_t>(config.stereo.max_features)),
+      anchor_(config.localisation.graph.noise.usbl_shift),
       last_range_(kNominalRange),
       left_mosaic_(pixelsOf(config.rig.left) * samplesPerPixel(config.left_format)),
       left_mono_(pixelsOf(config.rig.left)),
@@ -90,7 +91,7 @@ void MapCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector
       if (utc_ns - last_gps_ns_ < kGpsInterval_ns) return;
       last_gps_ns_ = utc_ns;
     }
-    localisation_->addFix(utc_ns, antenna_in_odom, north_east, sigma);
+    localisation_->addFix(kind, utc_ns, antenna_in_odom, north_east, sigma);
     anchored_ = true;
     return;
   }
@@ -98,7 +99,8 @@ void MapCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector
     T_nav_odom_ = SE3(Eigen::Quaterniond::Identity(), {estimate->shift.x(), estimate->shift.y(), 0.0});
     anchor_sigma_ = estimate->sigma;
     anchored_ = true;
-    if (localisation_) localisation_->setAnchor(estimate->shift, estimate->sigma);
+    if (const auto own = anchor_.estimate(kind); own && localisation_)
+      localisation_->setAnchor(kind, own->shift, own->sigma);
   }
 }
 

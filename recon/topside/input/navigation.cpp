@@ -282,7 +282,7 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
   const std::vector<FixSeen> usbl =
       seenBy(nav::FixKind::kUsbl, fixes.usbl, at_usbl, reckoned, mission.T_body_usbl.translation());
   const std::vector<FixSeen> later = seenBy(nav::FixKind::kGps, surfaced, at_surface, reckoned, {0, 0, 0});
-  nav::PositionAnchor anchor;
+  nav::PositionAnchor anchor(config.navigation.noise.usbl_shift);
   addTo(anchor, before);
   const auto by_gps = anchor.estimate();
   addTo(anchor, usbl);
