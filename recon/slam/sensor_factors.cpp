@@ -35,8 +35,9 @@ void SensorNoise::validate() const {
   const double positive[] = {dvl_velocity,     dvl_rate, dvl_scale, dvl_heading, dvl_place,
                              unknown_velocity, heading,  tilt,      deviation,   tilt_bias,
                              unknown_turn,     depth,    gyro_walk};
-  const double not_negative[] = {heading_lag, deviation_drift, deviation_turn, tilt_turn, depth_offset,
-                                 depth_drift, visual_scale,    usbl_shift,     usbl_turn};
+  const double not_negative[] = {heading_lag,  deviation_drift, deviation_turn, tilt_turn,
+                                 depth_offset, depth_drift,     visual_scale,   usbl_shift,
+                                 usbl_turn,    dvl_wander,      dvl_wander_s};
   for (const double value : positive)
     if (!(value > 0) || !std::isfinite(value))
       throw std::invalid_argument("sensor noise: a standard deviation or rate must be above zero");
@@ -65,6 +66,10 @@ double stepSigma(double way, const StepQuality& quality, const SensorNoise& nois
   return std::sqrt(sum);
 }
 
+double wanderSigma(double way, double seconds, const SensorNoise& noise) {
+  return seconds > 0 ? noise.dvl_wander * way * std::sqrt(2 * noise.dvl_wander_s / seconds) : 0;
+}
+
 Matrix6d perturbationAt(const Eigen::Vector3d& place) {
   Matrix6d to_place = Matrix6d::Identity();
   to_place.topRightCorner<3, 3>() = -crossMatrix(place);
@@ -75,7 +80,9 @@ RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b,
                         const Eigen::Vector3d& dvl_in_camera, const StepQuality& quality,
                         const SensorNoise& noise) {
   const SE3 between = T_odom_a.inverse() * T_odom_b;
-  const double horizontal = stepSigma((between * dvl_in_camera - dvl_in_camera).norm(), quality, noise);
+  const double way = (between * dvl_in_camera - dvl_in_camera).norm(),
+               horizontal =
+                   std::hypot(stepSigma(way, quality, noise), wanderSigma(way, quality.seconds, noise));
   const double turned = noise.unknown_turn * quality.seconds_untilted;
   // In nav's axes first: horizontal and vertical.
   const Eigen::Matrix3d R = T_odom_b.matrix3();

@@ -11,12 +11,14 @@ namespace fathom::slam {
 // vehicle (Johnson-Roberson et al. 2010, table 1) with a magnetic compass.
 struct SensorNoise {
   // Doppler velocity log, as dead reckoning between two poses uses it.
-  double dvl_velocity = 0.002;    // white, of each ensemble [m/s]
-  double dvl_rate = 5.0;          // ensembles [1/s]
-  double dvl_scale = 0.002;       // of the velocity, constant [1]
-  double dvl_heading = 0.006;     // of its forward axis against the camera, constant [rad]
-  double dvl_place = 0.01;        // of it against the camera, constant [m]
-  double unknown_velocity = 0.3;  // while bottom track is away [m/s]
+  double dvl_velocity = 0.002;  // white, of each ensemble [m/s]
+  double dvl_rate = 5.0;        // ensembles [1/s]
+  double dvl_scale = 0.002;     // of the velocity, constant [1]
+  double dvl_heading = 0.006;   // of its forward axis against the camera, constant [rad]
+  // Of the velocity, correlated over a time (Gauss-Markov): recorded dives at 1.9 m/s err by 2.3 m in 100 s.
+  double dvl_wander = 0.026, dvl_wander_s = 10;  // [1], [s]
+  double dvl_place = 0.01;                       // of it against the camera, constant [m]
+  double unknown_velocity = 0.3;                 // while bottom track is away [m/s]
   // Attitude: white noise, and the slowly varying error of its reference.
   double heading = 0.006, tilt = 0.002;  // of one reading [rad]
   double heading_lag = 0.1;              // of the compass's reading, while the vehicle turns [s]
@@ -63,11 +65,15 @@ struct StepQuality {
 // DVL, integrated by dead reckoning (nav::DeadReckoning: lever arm, mounting, sound speed):
 //   e_xyz = R_m^T (R_a^T (t_b - t_a) - t_m) + e_phi x l,   T_m = T_odom_a^-1 T_odom_b,
 // in the axes of b: the way of the DVL itself, which is at l in the camera's axes, so that a compass that
-// errs at b does not swing the camera about it. Horizontal: white noise of the velocity over the time,
-// calibration and heading noise over the way, the DVL's place over the turn. Vertical: loose, as odometry's
-// depth is the pressure sensor's, which depthFactor uses. Rotation: loose, as it is the compass's, which
-// attitudeFactor uses. Standard deviation of a step of that way, horizontal [m].
+// errs at b does not swing the camera about it. Horizontal: white and wandering noise of the velocity over
+// the time, calibration and heading noise over the way, the DVL's place over the turn. Vertical: loose, as
+// odometry's depth is the pressure sensor's, which depthFactor uses. Rotation: loose, as it is the compass's,
+// which attitudeFactor uses. Standard deviation of a step of that way, horizontal [m].
 [[nodiscard]] double stepSigma(double way, const StepQuality& quality, const SensorNoise& noise);
+// And of its slowly wandering velocity (horizontal, of either component) [m]: by v = way / T, w and tau of
+// SensorNoise, variance 2 (w v)^2 tau T, the integral of a Gauss-Markov process over many tau. A chain of
+// steps that are shorter than tau, each by itself, then errs in all as it should.
+[[nodiscard]] double wanderSigma(double way, double seconds, const SensorNoise& noise);
 [[nodiscard]] RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b,
                                       const Eigen::Vector3d& dvl_in_camera, const StepQuality& quality,
                                       const SensorNoise& noise);

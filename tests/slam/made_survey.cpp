@@ -169,6 +169,7 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
 SensorNoise madeNoise() {
   SensorNoise noise;
   noise.heading_lag = noise.usbl_shift = noise.usbl_turn = 0;
+  noise.dvl_wander = noise.visual_scale = 0;
   noise.deviation = kDeviation / std::numbers::sqrt2;
   noise.tilt_bias = kTiltBias;
   noise.depth_offset = kDepthBias;
