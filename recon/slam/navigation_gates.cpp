@@ -140,11 +140,13 @@ Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_od
           : fixFactor(kWorld, frame.node, T_nav_cam, frame.T_odom_cam, antenna_in_odom, north_east, sigma);
   const SE3 T_from_cam = T_from.inverse() * T_nav_cam;
   const Eigen::Matrix3d R = T_from_cam.matrix3();
-  const Matrix6d covariance =
-      known ? solver_.relativeCovariance(usbl_.node, frame.node) : solver_.covariance(frame.node);
+  const Eigen::Vector2d place = T_nav_cam.translation().head<2>();
+  const Matrix6d covariance = known ? widened(solver_.relativeCovariance(usbl_.node, frame.node), T_from_cam,
+                                              place - held_by_usbl_.middle())
+                                    : this->covariance(keyframe);
   const double shared = by_usbl && !known ? usbl_.sigma : 0;
   const Eigen::Matrix2d spread =
-      (R * covariance.topLeftCorner<3, 3>() * R.transpose()).topLeftCorner<2, 2>() +
+      config_.known_scale * (R * covariance.topLeftCorner<3, 3>() * R.transpose()).topLeftCorner<2, 2>() +
       (sigma * sigma + shared * shared) * Eigen::Matrix2d::Identity();
   const Eigen::Vector2d innovation = (factor.T_from_to.translation() - T_from_cam.translation()).head<2>();
   bool insisted = false;
@@ -166,6 +168,7 @@ Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_od
                      true, false, insisted});
   ++counters_.fixes;
   if (by_usbl) ++usbl_.fixes;
+  (by_usbl ? held_by_usbl_ : held_).add(place, sigma);
   return Taken::kYes;
 }
 

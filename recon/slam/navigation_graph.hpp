@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <limits>
@@ -25,9 +26,9 @@ struct NavigationConfig {
   double reference_turn = 0.17;  // and over so much turning [rad]
   double jump_heading = 0.3;  // standard deviation of heading's reference after a jump of the compass [rad]
   double gate = 22.46;        // squared Mahalanobis distance of a link: chi-square, 6 degrees, 99.9 %
-  // Of the graph's own covariance where a closure, or a place that was recognised without it, is judged by
-  // it: links share errors that it takes for independent, and after a long way its standard deviations are
-  // half of what they should be.
+  // Of the graph's own covariance where a closure, a fix, or a place that was recognised without it, is
+  // judged by it: links share errors that it takes for independent, and after a long way its standard
+  // deviations are half of what they should be.
   double known_scale = 4;
   // Standard deviations by which compass and visual turn differ in a step that is counted as contradicted.
   double turned_sigmas = 4;
@@ -104,7 +105,7 @@ class NavigationGraph {
   [[nodiscard]] std::span<const Retired> retired() const { return retired_; }
 
   using Prediction = UncertainPose;
-  // Keyframe b seen from a. Of keyframes that step() has taken in.
+  // Keyframe b seen from a, with the same. Of keyframes that step() has taken in.
   [[nodiscard]] Prediction predict(int a, int b);
 
   // A relative pose T_a_b of two keyframes' cameras, with the covariance of its right perturbation. Visual
@@ -133,7 +134,12 @@ class NavigationGraph {
   }  // T_nav_cam
   [[nodiscard]] const SE3& odometry(int keyframe) const { return frames_[at(keyframe)].T_odom_cam; }
   [[nodiscard]] std::int64_t utcNs(int keyframe) const { return frames_[at(keyframe)].utc_ns; }
-  [[nodiscard]] Matrix6d covariance(int keyframe) { return solver_.covariance(frames_[at(keyframe)].node); }
+  // Of its right perturbation: the graph's, and what links share that it takes for independent. To first
+  // order that is an error e of the scale of all paths (SensorNoise::visual_scale, or the DVL's where no
+  // image has calibrated it) and one h of their direction (the DVL's mounting likewise), which move a place
+  // by e d + h (down x d), d from the middle of the fixes, which hold the survey there; fixes apart from each
+  // other tell e and h in turn.
+  [[nodiscard]] Matrix6d covariance(int keyframe);
   // From the newest keyframe: where odom is now. Identity without keyframes.
   [[nodiscard]] SE3 T_nav_odom() const;
   // Compass deviation at the newest keyframe [rad].
@@ -232,6 +238,11 @@ class NavigationGraph {
     }
   };
   static std::size_t at(int i) { return static_cast<std::size_t>(i); }
+  // Horizontal covariance of a place so far from one that is held, by errors that all links share [m^2].
+  [[nodiscard]] Eigen::Matrix2d sharedError(const Eigen::Vector2d& from_held) const;
+  [[nodiscard]] Matrix6d widened(Matrix6d covariance, const SE3& T_nav_cam,
+                                 const Eigen::Vector2d& from_held) const;
+  [[nodiscard]] Eigen::Vector2d heldAt() const;
   [[nodiscard]] Eigen::Vector2d startingShift() const;
   void addAnchors(const Frame& frame, const SE3& T_nav_cam);
   void addUsbl(const Eigen::Vector2d& north_east, double sigma);
@@ -270,6 +281,22 @@ class NavigationGraph {
       archive(self.shift, self.sigma);
     }
   } anchor_, usbl_anchor_;
+  // Where fixes hold the survey.
+  struct Held {
+    double weight = 0, squares = 0;                 // sums of 1 / sigma^2, and of place^2 / sigma^2
+    Eigen::Vector2d sum = Eigen::Vector2d::Zero();  // of place / sigma^2
+
+    void add(const Eigen::Vector2d& place, double sigma);
+    [[nodiscard]] Eigen::Vector2d middle() const { return weight > 0 ? sum / weight : sum; }
+    // Information about a scale or turn about the middle.
+    [[nodiscard]] double aboutMiddle() const {
+      return weight > 0 ? std::max(0.0, squares - sum.squaredNorm() / weight) : 0;
+    }
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.weight, self.squares, self.sum);
+    }
+  } held_, held_by_usbl_;
   // The frame of all positions of the USBL: at the first of them, level.
   struct Usbl {
     int node = -1;

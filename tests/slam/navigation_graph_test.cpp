@@ -122,6 +122,40 @@ TEST(NavigationGraph, ClaimsWhatAllPositionsOfAUsblShareAndFindsItByGps) {
   }
 }
 
+TEST(NavigationGraph, ClaimsAScaleThatAllPathsShareUntilAFixFarAwayTellsIt) {
+  MadeSurveyOptions options;
+  options.lines = 1;
+  options.line_length = 120;
+  options.closure_share = 0;
+  options.usbl_period = 1e9;
+  constexpr double kAnchor = 0.1;  // [m]
+  constexpr int kFar = 235;        // keyframe near the line's end
+  NavigationConfig config = smallConfig();
+  config.noise.visual_scale = 0.002;
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    options.seed = seed;
+    MadeSurvey survey = makeSurvey(options);
+    const double scale = seed % 2 == 0 ? 0.996 : 1.004;
+    for (MadeSurvey::Link& link : survey.visual)
+      link.T_a_b = SE3(link.T_a_b.rotation(), scale * link.T_a_b.translation());
+    NavigationGraph graph(config);
+    graph.setAnchor(Eigen::Vector2d::Zero(), kAnchor);
+    testing::driveOn(graph, survey, options, kFar + 1);
+    EXPECT_LT(farthest(graph, survey), 9) << seed;
+    const auto sigma = [&] {
+      const Eigen::Matrix3d R = graph.pose(kFar).matrix3();
+      return std::sqrt((R * graph.covariance(kFar).topLeftCorner<3, 3>() * R.transpose())(0, 0));
+    };
+    EXPECT_GT(sigma(), 0.9 * config.noise.visual_scale * options.line_length) << seed;
+    const auto at_far = static_cast<std::size_t>(kFar);
+    const Eigen::Vector3d& camera = survey.inputs[at_far].T_odom_cam.translation();
+    ASSERT_EQ(graph.addFix(kFar, camera, survey.truth[at_far].translation().head<2>(), kAnchor, false),
+              Taken::kYes);
+    (void)graph.step();
+    EXPECT_LT(sigma(), 1.5 * kAnchor) << seed;
+  }
+}
+
 TEST(NavigationGraph, AWildFirstPositionOfTheUsblDoesNotTurnAwayThoseAfterIt) {
   const MadeSurveyOptions options;
   MadeSurvey survey = makeSurvey(options);
@@ -235,6 +269,7 @@ TEST(NavigationGraph, WhatContradictsIsSaidByHowFarItsOwnCovarianceIsBelieved) {
   const SE3 false_pose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.3, 0, 0));
   EXPECT_EQ(graph.addLink(LinkKind::kClosure, 5, graph.keyframes() - 1, false_pose, survey.link_covariance),
             Taken::kYes);
+  EXPECT_EQ(graph.addFix(5, survey.inputs[5].T_odom_cam.translation(), {50, 50}, 0.5, false), Taken::kYes);
   config.known_scale = 0.9;
   EXPECT_THROW(NavigationGraph{config}, std::invalid_argument);
 }

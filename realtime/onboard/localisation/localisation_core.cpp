@@ -4,6 +4,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/kernel/seconds.hpp"
+#include "recon/geometry/symmetric_eigen.hpp"
+
 namespace fathom::onboard {
 namespace {
 
@@ -133,15 +136,32 @@ int LocalisationCore::place(const LocalisationInput& input, int looked) {
   return graph_.keyframes() - 1;
 }
 
+// The velocity that nobody measures is the same for the whole loss, so its error grows with time, not with
+// the root of it: a step adds the variance that the loss gains from T to T + dt, v^2 ((T + dt)^2 - T^2).
+double LocalisationCore::unlockedSince(const nav::DeadReckoning::Quality& quality) const {
+  const double loss = loss_s_ + quality.unlocked_s - last_quality_.unlocked_s;
+  return std::sqrt(std::max(loss * loss - loss_s_ * loss_s_, 0.0));
+}
+
+double LocalisationCore::positionSigma(std::int64_t utc_ns, const SE3& T_odom_cam,
+                                       const nav::DeadReckoning::Quality& quality) const {
+  const int newest = graph_.keyframes() - 1;
+  if (newest < 0) return position_sigma_;
+  const double elapsed = rt::seconds(utc_ns - graph_.utcNs(newest)),
+               way = (T_odom_cam.translation() - graph_.odometry(newest).translation()).head<2>().norm();
+  const slam::StepQuality step{elapsed, unlockedSince(quality), quality.untilted_s - last_quality_.untilted_s,
+                               graph_.dvl().remainingShare(), 0};
+  return std::hypot(position_sigma_, slam::stepSigma(way, step, config_.graph.noise),
+                    slam::wanderSigma(way, elapsed, config_.graph.noise));
+}
+
 void LocalisationCore::addKeyframe(const LocalisationInput& input, const closure::FrameFeatures& found) {
   if (found.size() == 0) ++counters_.frames_without_features;
   slam::KeyframeInput keyframe;
   keyframe.utc_ns = input.utc_ns;
   keyframe.T_odom_cam = input.T_odom_cam;
-  // The velocity that nobody measures is the same for the whole loss, so its error grows with time, not with
-  // the root of it: a step adds the variance that the loss gains from T to T + dt, v^2 ((T + dt)^2 - T^2).
   const double unlocked = input.quality.unlocked_s - last_quality_.unlocked_s;
-  keyframe.unlocked_s = std::sqrt((loss_s_ + unlocked) * (loss_s_ + unlocked) - loss_s_ * loss_s_);
+  keyframe.unlocked_s = unlockedSince(input.quality);
   loss_s_ = unlocked > 0 ? loss_s_ + unlocked : 0;
   keyframe.untilted_s = input.quality.untilted_s - last_quality_.untilted_s;
   keyframe.attitude_held = input.quality.attitude_held;
@@ -169,8 +189,9 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input, const closure
   }
   ended("closures");
   const Eigen::Matrix3d R = graph_.pose(*number).matrix3();
-  const Eigen::Matrix3d spread = R * graph_.covariance(*number).topLeftCorner<3, 3>() * R.transpose();
-  position_sigma_ = std::sqrt(std::max({spread(0, 0), spread(1, 1), 0.0}));
+  const Eigen::Matrix2d spread =
+      (R * graph_.covariance(*number).topLeftCorner<3, 3>() * R.transpose()).topLeftCorner<2, 2>();
+  position_sigma_ = std::sqrt(std::max(symmetricEigenvalues(spread)(1), 0.0));
 }
 
 void LocalisationCore::noteRetired() {

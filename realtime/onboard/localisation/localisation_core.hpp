@@ -75,8 +75,11 @@ class LocalisationCore {
   }
   [[nodiscard]] const SE3& keyframePose(int keyframe) const { return graph_.pose(keyframe); }
   [[nodiscard]] SE3 T_nav_odom() const { return graph_.T_nav_odom(); }
-  // Of the newest keyframe, horizontal, the larger axis [m].
+  // Of the newest keyframe, horizontal, the larger axis [m]; and of a camera there or later, by dead
+  // reckoning since.
   [[nodiscard]] double positionSigma() const { return position_sigma_; }
+  [[nodiscard]] double positionSigma(std::int64_t utc_ns, const SE3& T_odom_cam,
+                                     const nav::DeadReckoning::Quality& quality) const;
   // Whether keyframes have moved since the last call of takeChanges().
   [[nodiscard]] bool moved() const { return graph_.changesWaiting() > 0; }
   void takeChanges() { graph_.takeAllChanges(); }
@@ -122,6 +125,7 @@ class LocalisationCore {
   void ended(const char* stage) const {
     if (observer_) observer_(stage);
   }
+  [[nodiscard]] double unlockedSince(const nav::DeadReckoning::Quality& quality) const;
   [[nodiscard]] bool trusted(const LocalisationInput& input) const;
   [[nodiscard]] closure::Footprint footprintOf(const LocalisationInput& input) const;
   void addKeyframe(const LocalisationInput& input, const closure::FrameFeatures& found);

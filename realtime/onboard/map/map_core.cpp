@@ -108,6 +108,12 @@ SE3 MapCore::poseOf(int keyframe, const SE3& T_odom_cam) const {
   return keyframe < 0 ? T_nav_odom_ * T_odom_cam : localisation_->poseOf(keyframe, T_odom_cam);
 }
 
+std::optional<double> MapCore::positionSigma(std::int64_t utc_ns, const SE3& T_odom_body,
+                                             const nav::DeadReckoning::Quality& quality) const {
+  if (!localisation_ || localisation_->keyframes() == 0) return std::nullopt;
+  return localisation_->positionSigma(utc_ns, T_odom_body * config_.T_body_cam, quality);
+}
+
 int MapCore::look(const MapInput& input, const SeenPair& pair, bool images) {
   if (!localisation_) return LocalisationCore::kNoKeyframe;
   LocalisationInput frame;
