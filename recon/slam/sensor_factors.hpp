@@ -26,9 +26,11 @@ struct SensorNoise {
   double deviation_drift = 7e-4;         // its random walk [rad/s^(1/2)]
   double deviation_turn = 0.017;  // its change with the heading: amplitude of 1.2 degrees [rad/rad^(1/2)]
   double tilt_bias = 0.009;       // of roll and pitch against the camera, at first [rad]
-  double tilt_turn = 0.003;       // its change with the heading: the bias is the body's [rad/rad^(1/2)]
-  double unknown_turn = 0.1;      // rate of turn while attitude is away [rad/s]
-  double gyro_walk = 3e-4;        // angle random walk of a gyro, where there is one [rad/s^(1/2)]
+  // Its change with the heading: a bias that is the body's is reversed in nav by half a turn, so that the
+  // reference has changed by 2 tilt_bias after pi radians [rad/rad^(1/2)].
+  double tilt_turn = 0.010;
+  double unknown_turn = 0.1;  // rate of turn while attitude is away [rad/s]
+  double gyro_walk = 3e-4;    // angle random walk of a gyro, where there is one [rad/s^(1/2)]
   // Depth.
   double depth = 0.003;       // of one reading [m]
   double depth_offset = 0.1;  // of the sea's height over nav's zero, or of the sensor, at first [m]

@@ -172,6 +172,7 @@ SensorNoise madeNoise() {
   noise.dvl_wander = noise.visual_scale = 0;
   noise.deviation = kDeviation / std::numbers::sqrt2;
   noise.tilt_bias = kTiltBias;
+  noise.tilt_turn = 0.003;
   noise.depth_offset = kDepthBias;
   return noise;
 }

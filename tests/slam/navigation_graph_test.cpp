@@ -156,6 +156,27 @@ TEST(NavigationGraph, ClaimsAScaleThatAllPathsShareUntilAFixFarAwayTellsIt) {
   }
 }
 
+TEST(NavigationGraph, ClaimsATiltBiasOfTheBodyThatHalfATurnReverses) {
+  MadeSurveyOptions options;
+  options.visual_share = options.closure_share = 0;
+  options.lines = 2;
+  for (const int axis : {0, 1}) {
+    MadeSurvey survey = makeSurvey(options);
+    const double size = std::copysign(0.0087, survey.tilt_bias(axis));
+    const Eigen::Quaterniond bias(Eigen::AngleAxisd(size, Eigen::Vector3d::Unit(axis)));
+    for (KeyframeInput& input : survey.inputs)
+      input.T_odom_cam = SE3(input.T_odom_cam.rotation() * bias, input.T_odom_cam.translation());
+    NavigationGraph graph(smallConfig());
+    drive(graph, survey, options);
+    constexpr int kThere = 15, kBack = 50;  // in the middle of either line
+    const NavigationGraph::Prediction seen = graph.predict(kThere, kBack);
+    const SE3 truth = survey.truth[kThere].inverse() * survey.truth[kBack];
+    const Eigen::Vector2d off = (seen.T_a_b.inverse() * truth).log().segment<2>(3);
+    EXPECT_GT(off.norm(), 0.012);
+    EXPECT_LT(off.dot(seen.covariance.block<2, 2>(3, 3).inverse() * off), 4.5);
+  }
+}
+
 TEST(NavigationGraph, AWildFirstPositionOfTheUsblDoesNotTurnAwayThoseAfterIt) {
   const MadeSurveyOptions options;
   MadeSurvey survey = makeSurvey(options);
