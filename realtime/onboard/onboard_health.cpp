@@ -48,6 +48,10 @@ void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>&
   add("depth_absent", g.depth_absent);
   add("compass_jumps", g.compass_jumps);
   add("deviation_rad", localisation->graph().deviation());
+  const SE3 usbl = localisation->graph().usblCorrection();
+  add("usbl_north_m", usbl.translation().x());
+  add("usbl_east_m", usbl.translation().y());
+  add("usbl_turn_rad", usbl.euler().z());
   add("closures", g.closures);
   add("links_contradicting", g.links_contradicting);
   add("links_off", g.links_off);

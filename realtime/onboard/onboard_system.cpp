@@ -276,12 +276,18 @@ telemetry::Status OnboardSystem::status(std::int64_t now_ns) const {
   telemetry::Status status;
   const nav::DeadReckoning& odometry = nav_.core().odometry();
   status.utc_ns = odometry.newestUtcNs();
-  if (const auto T_odom_body = odometry.poseAt(status.utc_ns))
-    placeIn(status, map_.T_nav_odom() * *T_odom_body);
+  const auto T_odom_body = odometry.poseAt(status.utc_ns);
+  if (T_odom_body) placeIn(status, map_.T_nav_odom() * *T_odom_body);
   status.altitude = odometry.altitude().value_or(telemetry::kAbsent);
   status.speed = odometry.velocityBody().norm();
-  if (map_.anchored())
+  if (map_.anchored()) {
+    // Before the first keyframe, and without localisation, all of the path counts.
     status.position_sigma = std::hypot(map_.anchorSigma(), config_.drift_share * distance_);
+    if (T_odom_body)
+      status.position_sigma =
+          map_.positionSigma(status.utc_ns, *T_odom_body, odometry.qualityAt(status.utc_ns))
+              .value_or(status.position_sigma);
+  }
   const bool battery_told = battery_ && (now_ns - battery_->utc_ns) / kNanoseconds < kBatteryOldAfter;
   if (battery_told && battery_->charge) status.battery = *battery_->charge;
   const MapCore::Counters& counters = map_.counters();

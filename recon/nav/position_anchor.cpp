@@ -94,34 +94,27 @@ std::optional<PositionAnchor::Mean> PositionAnchor::meanOf(std::span<const Diffe
   return mean;
 }
 
+std::optional<PositionAnchor::Estimate> PositionAnchor::estimate(FixKind kind, double unlocked_s,
+                                                                 double unknown_velocity) const noexcept {
+  const bool by_gps = kind == FixKind::kGps;
+  const auto mean = meanOf(by_gps ? gps_ : usbl_, unlocked_s, unknown_velocity);
+  if (!mean) return std::nullopt;
+  return Estimate{mean->north_east, by_gps ? mean->best_sigma : 1 / std::sqrt(mean->weight),
+                  by_gps ? mean->used : 0, by_gps ? 0 : mean->used, mean->outliers};
+}
+
 std::optional<PositionAnchor::Estimate> PositionAnchor::estimate(double unlocked_s,
                                                                  double unknown_velocity) const noexcept {
-  const auto gps = meanOf(gps_, unlocked_s, unknown_velocity);
-  const auto usbl = meanOf(usbl_, unlocked_s, unknown_velocity);
-  if (!gps && !usbl) return std::nullopt;
-  Estimate estimate;
-  double weight = 0;
-  if (gps) {
-    const double w = 1.0 / (gps->best_sigma * gps->best_sigma);
-    estimate.shift += w * gps->north_east;
-    weight += w;
-    estimate.gps_used = gps->used;
-    estimate.outliers += gps->outliers;
-  }
-  if (usbl) {
-    estimate.shift += usbl->weight * usbl->north_east;
-    weight += usbl->weight;
-    estimate.usbl_used = usbl->used;
-    estimate.outliers += usbl->outliers;
-  }
-  estimate.shift /= weight;
-  estimate.sigma = 1.0 / std::sqrt(weight);
-  if (gps && usbl) {  // the same between the two kinds
-    const double variance = gps->best_sigma * gps->best_sigma + 1.0 / usbl->weight;
-    const double apart2 = (gps->north_east - usbl->north_east).squaredNorm();
-    estimate.sigma *= std::sqrt(std::max(1.0, apart2 / (2 * variance)));
-  }
-  return estimate;
+  const auto gps = estimate(FixKind::kGps, unlocked_s, unknown_velocity);
+  auto usbl = estimate(FixKind::kUsbl, unlocked_s, unknown_velocity);
+  if (usbl) usbl->sigma = std::hypot(usbl->sigma, usbl_shared_);
+  if (!gps || !usbl) return gps ? gps : usbl;
+  const double of_gps = 1 / (gps->sigma * gps->sigma), of_usbl = 1 / (usbl->sigma * usbl->sigma);
+  // Birge's ratio between the two kinds.
+  const double apart2 = (gps->shift - usbl->shift).squaredNorm() / (1 / of_gps + 1 / of_usbl);
+  return Estimate{(of_gps * gps->shift + of_usbl * usbl->shift) / (of_gps + of_usbl),
+                  std::sqrt(std::max(1.0, apart2 / 2) / (of_gps + of_usbl)), gps->gps_used, usbl->usbl_used,
+                  gps->outliers + usbl->outliers};
 }
 
 }  // namespace fathom::nav

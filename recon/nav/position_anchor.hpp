@@ -16,8 +16,9 @@ enum class FixKind : std::uint8_t { kGps, kUsbl };
 //
 // Differences further than three robust standard deviations from the component-wise median of their kind do
 // not enter (Rousseeuw & Leroy 1987). Those of a kind are averaged with weights 1 / sigma^2. USBL errors are
-// independent from ping to ping, so n fixes are worth n; GPS errors last for minutes, so all fixes of a float
-// are worth one. The two means are then combined with weights 1 / sigma^2.
+// independent from ping to ping but for what all share (the ship's place, the transceiver's mounting), so n
+// fixes are worth n down to that; GPS errors last for minutes, so all fixes of a float are worth one. The two
+// means are then combined with weights 1 / sigma^2.
 //
 // The shift is asked for at a moment of the track. What odometry did not measure between a fix and then,
 // |unlocked_s - unlocked_s of the fix| seconds at an unknown velocity, adds to the fix's error:
@@ -30,6 +31,9 @@ enum class FixKind : std::uint8_t { kGps, kUsbl };
 class PositionAnchor {
  public:
   static constexpr int kCapacity = 256;  // differences kept a kind
+
+  // `usbl_shared`: standard deviation of what all USBL positions share, either component [m].
+  explicit PositionAnchor(double usbl_shared) : usbl_shared_(usbl_shared) {}
 
   // `difference`: nav - odom, (north, east) [m]; `sigma`: of the fix, horizontal [m]; `unlocked_s`: of the
   // track at the fix (DeadReckoning::Quality), below zero by the time before the track began [s]. Not finite,
@@ -44,6 +48,9 @@ class PositionAnchor {
   // Where the track has `unlocked_s`, at an unknown velocity of that standard deviation [m/s]. std::nullopt
   // before the first fix.
   [[nodiscard]] std::optional<Estimate> estimate(double unlocked_s = 0,
+                                                 double unknown_velocity = 0) const noexcept;
+  // By fixes of one kind alone; sigma without what all of the USBL share.
+  [[nodiscard]] std::optional<Estimate> estimate(FixKind kind, double unlocked_s = 0,
                                                  double unknown_velocity = 0) const noexcept;
 
   struct Counters {
@@ -93,6 +100,7 @@ class PositionAnchor {
   [[nodiscard]] static std::optional<Mean> meanOf(const Series& series, double unlocked_s,
                                                   double unknown_velocity) noexcept;
 
+  double usbl_shared_;
   Series gps_, usbl_;
   Counters counters_;
 };

@@ -97,13 +97,11 @@ class Doubtful {
   }
   RelativePose edgeOf(const NavigationFix& fix, const std::vector<SE3>& poses) const {
     const int node = nodes_[at(fix.frame)];
-    const bool shared = fix.by_usbl && usbl_ >= 0;
-    const SE3& T_nav_cam = poses[at(node)];
-    const SE3 T_cam = shared ? T_nav_usbl_ * poses[at(usbl_)].inverse() * T_nav_cam : T_nav_cam;
-    RelativePose edge = fixFactor(shared ? usbl_ : kOrigin, node, T_cam, frames_[at(fix.frame)].T_odom_cam,
-                                  fix.antenna_in_odom, fix.north_east, fix.sigma);
-    if (shared) edge.T_from_to = T_nav_usbl_.inverse() * edge.T_from_to;
-    return edge;
+    const SE3 &T_nav_cam = poses[at(node)], &T_odom_cam = frames_[at(fix.frame)].T_odom_cam;
+    if (fix.by_usbl && usbl_ >= 0)
+      return usblFixFactor(usbl_, node, T_nav_usbl_, poses[at(usbl_)], T_nav_cam, T_odom_cam,
+                           fix.antenna_in_odom, fix.north_east, fix.sigma);
+    return fixFactor(kOrigin, node, T_nav_cam, T_odom_cam, fix.antenna_in_odom, fix.north_east, fix.sigma);
   }
 
   const NavigationConfig& config_;
@@ -133,12 +131,10 @@ void addUsbl(const SensorNoise& noise, const std::vector<NavigationFix>& fixes, 
       sigmas.push_back(fix.sigma);
     }
   if (sigmas.empty()) return;
-  SensorNoise shared = noise;
-  shared.usbl_shift = std::max(noise.usbl_shift, quantile(sigmas, 0.5));
   out.T_nav_usbl = SE3(Eigen::Quaterniond::Identity(), sum / static_cast<double>(sigmas.size()));
   out.usbl_node = static_cast<int>(out.graph.poses.size());
   out.graph.poses.push_back(out.T_nav_usbl);
-  out.graph.edges.push_back(usblFrame(kOrigin, out.usbl_node, out.T_nav_usbl, shared));
+  out.graph.edges.push_back(usblFrame(kOrigin, out.usbl_node, out.T_nav_usbl, quantile(sigmas, 0.5), noise));
 }
 
 // Sensors and visual odometry, weighed as NavigationGraph judges them.

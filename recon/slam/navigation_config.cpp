@@ -18,6 +18,8 @@ SensorNoise readSensorNoise(const ConfigTable& table, const SensorNoise& default
   n.dvl_rate = table.number("dvl_rate_hz", n.dvl_rate, 0.1, 100);
   n.dvl_scale = table.number("dvl_scale", n.dvl_scale, 1e-5, 0.2);
   n.dvl_heading = degrees("dvl_heading_deg", n.dvl_heading, 0.001, 20);
+  n.dvl_wander = table.number("dvl_wander", n.dvl_wander, 0, 0.5);
+  n.dvl_wander_s = table.number("dvl_wander_s", n.dvl_wander_s, 0, 1000);
   n.dvl_place = table.number("dvl_place_m", n.dvl_place, 1e-4, 1);
   n.unknown_velocity = table.number("unknown_velocity_mps", n.unknown_velocity, 0.01, 5);
   n.heading = degrees("heading_deg", n.heading, 0.001, 20);

@@ -124,7 +124,7 @@ bool NavigationGraph::insists(std::int64_t utc_ns, const Eigen::Vector2d& innova
 }
 
 Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_odom,
-                              const Eigen::Vector2d& north_east, double sigma) {
+                              const Eigen::Vector2d& north_east, double sigma, bool by_usbl) {
   if (!has(keyframe) || !antenna_in_odom.allFinite() || !north_east.allFinite() || !(sigma > 0) ||
       !std::isfinite(sigma)) {
     ++counters_.fixes_refused;
@@ -135,14 +135,30 @@ Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_od
     ++counters_.fixes_refused;
     return Taken::kFull;
   }
-  const SE3& T_nav_cam = solver_.pose(frame.node);
+  if (by_usbl && usbl_.node < 0) {
+    addUsbl(north_east, sigma);
+    (void)solver_.step();  // takes it into the factor
+  }
+  // Until so many positions of the USBL agree that one wild one cannot stand for all, what they share is no
+  // better known than before.
+  const bool known = by_usbl && usbl_.fixes >= config_.lying_after;
+  const SE3 T_from = by_usbl ? solver_.pose(usbl_.node) : SE3(), &T_nav_cam = solver_.pose(frame.node);
   const RelativePose factor =
-      fixFactor(kWorld, frame.node, T_nav_cam, frame.T_odom_cam, antenna_in_odom, north_east, sigma);
-  const Eigen::Matrix3d R = T_nav_cam.matrix3();
+      by_usbl
+          ? usblFixFactor(usbl_.node, frame.node, usbl_.T_nav_usbl, T_from, T_nav_cam, frame.T_odom_cam,
+                          antenna_in_odom, north_east, sigma)
+          : fixFactor(kWorld, frame.node, T_nav_cam, frame.T_odom_cam, antenna_in_odom, north_east, sigma);
+  const SE3 T_from_cam = T_from.inverse() * T_nav_cam;
+  const Eigen::Matrix3d R = T_from_cam.matrix3();
+  const Eigen::Vector2d place = T_nav_cam.translation().head<2>();
+  const Matrix6d covariance = known ? widened(solver_.relativeCovariance(usbl_.node, frame.node), T_from_cam,
+                                              place - held_by_usbl_.middle())
+                                    : this->covariance(keyframe);
+  const double shared = by_usbl && !known ? usbl_.sigma : 0;
   const Eigen::Matrix2d spread =
-      (R * solver_.covariance(frame.node).topLeftCorner<3, 3>() * R.transpose()).topLeftCorner<2, 2>() +
-      sigma * sigma * Eigen::Matrix2d::Identity();
-  const Eigen::Vector2d innovation = (factor.T_from_to.translation() - T_nav_cam.translation()).head<2>();
+      config_.known_scale * (R * covariance.topLeftCorner<3, 3>() * R.transpose()).topLeftCorner<2, 2>() +
+      (sigma * sigma + shared * shared) * Eigen::Matrix2d::Identity();
+  const Eigen::Vector2d innovation = (factor.T_from_to.translation() - T_from_cam.translation()).head<2>();
   bool insisted = false;
   if (innovation.dot(spread.inverse() * innovation) > config_.fix_gate) {
     ++counters_.fixes_gated;
@@ -161,6 +177,8 @@ Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_od
   robust_.push_back({factor.from, factor.to, factor.T_from_to, factor.information, measurement, kFixFree, 1,
                      true, false, insisted});
   ++counters_.fixes;
+  if (by_usbl) ++usbl_.fixes;
+  (by_usbl ? held_by_usbl_ : held_).add(place, sigma);
   return Taken::kYes;
 }
 
@@ -196,7 +214,8 @@ void NavigationGraph::reweight(bool settled) {
 // Whether a factor that is switched off agrees with what the rest says.
 bool NavigationGraph::fits(const Robust& r) {
   if (r.fix) {
-    const Vector6d e = relativePoseError(r.factor(), SE3(), solver_.pose(r.to));
+    const SE3 from = r.from == kWorld ? SE3() : solver_.pose(r.from);
+    const Vector6d e = relativePoseError(r.factor(), from, solver_.pose(r.to));
     return e.dot(r.spread * e) <= r.free_chi2;
   }
   const Matrix6d known = solver_.relativeCovariance(r.from, r.to);

@@ -26,8 +26,10 @@ IncrementalConfig solverConfig(const NavigationConfig& config) {
   config.validate();
   IncrementalConfig solver = config.solver;
   const int references = maxReferences(config.max_keyframes);
-  solver.max_poses = 1 + config.max_keyframes + references;
-  solver.max_measurements = 4 * config.max_keyframes + references + config.max_links + config.max_fixes + 1;
+  constexpr int kOfUsbl = 2;  // its frame's prior and the anchor that it gives
+  solver.max_poses = 2 + config.max_keyframes + references;
+  solver.max_measurements =
+      4 * config.max_keyframes + references + config.max_links + config.max_fixes + 1 + kOfUsbl;
   solver.max_factor_blocks = std::int64_t{kBlocksPerPose} * solver.max_poses + kSpareBlocks;
   return solver;
 }
@@ -49,7 +51,6 @@ NavigationGraph::NavigationGraph(const NavigationConfig& config)
       solver_(solverConfig(config)),
       dvl_(config.noise, config.dvl_in_camera, config.rig),
       frames_(at(config.max_keyframes)),
-      shift_sigma_(kAnywhere),
       reference_credit_(kKeyframesPerReference * kSpareReferences) {
   const IncrementalConfig sizes = solverConfig(config);
   changed_.reserve(at(config.max_keyframes));
@@ -70,9 +71,19 @@ std::size_t NavigationGraph::memoryBytes() const {
          (changed_.capacity() + astray_.capacity() + frame_of_node_.size() + robust_of_.size()) * sizeof(int);
 }
 
-void NavigationGraph::setAnchor(const Eigen::Vector2d& shift, double sigma) {
-  shift_ = shift;
-  shift_sigma_ = sigma;
+Eigen::Vector2d NavigationGraph::startingShift() const {
+  const double by_usbl = std::hypot(usbl_anchor_.sigma, usblShift(usbl_anchor_.sigma, config_.noise)),
+               weight = 1 / (anchor_.sigma * anchor_.sigma), usbl_weight = 1 / (by_usbl * by_usbl);
+  if (!(weight + usbl_weight > 0)) return Eigen::Vector2d::Zero();
+  return (weight * anchor_.shift + usbl_weight * usbl_anchor_.shift) / (weight + usbl_weight);
+}
+
+// A pose for what all USBL positions share. It never retires.
+void NavigationGraph::addUsbl(const Eigen::Vector2d& north_east, double sigma) {
+  usbl_.sigma = usblShift(sigma, config_.noise);
+  usbl_.T_nav_usbl = SE3(Eigen::Quaterniond::Identity(), {north_east.x(), north_east.y(), 0});
+  usbl_.node = addNode(usbl_.T_nav_usbl);
+  if (usbl_.node >= 0) (void)addFactor(usblFrame(kWorld, usbl_.node, usbl_.T_nav_usbl, sigma, config_.noise));
 }
 
 int NavigationGraph::addNode(const SE3& pose) {
@@ -103,8 +114,9 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
   const bool first = frames_.empty();
   StepQuality quality;
   SE3 reckoned;  // T_odom_cam with the way from the last keyframe corrected
+  const Eigen::Vector2d shift = startingShift();
   SE3 T_nav_cam(input.T_odom_cam.rotation(),
-                input.T_odom_cam.translation() + Eigen::Vector3d(shift_.x(), shift_.y(), 0));
+                input.T_odom_cam.translation() + Eigen::Vector3d(shift.x(), shift.y(), 0));
   if (!first) {
     const Frame& last = frames_.back();
     quality = {seconds(input.utc_ns - last.utc_ns), input.unlocked_s, input.untilted_s, dvl_.remainingShare(),
@@ -124,8 +136,7 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
   must_stay_[at(frame.node)] = 0;
   frame.known = T_nav_cam;
   if (first)
-    (void)addFactor(fixFactor(kWorld, frame.node, T_nav_cam, input.T_odom_cam, input.T_odom_cam.translation(),
-                              T_nav_cam.translation().head<2>(), shift_sigma_));
+    addAnchors(frame, T_nav_cam);
   else
     frame.step = addFactor(stepFactor(frames_.back().node, frame.node, frames_.back().T_odom_cam, reckoned,
                                       config_.dvl_in_camera, quality, config_.noise));
@@ -137,6 +148,22 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
   seen_.waits = !first;
   ++counters_.keyframes;
   return frames_.add(frame);
+}
+
+// Where the first keyframe is.
+void NavigationGraph::addAnchors(const Frame& frame, const SE3& T_nav_cam) {
+  const Eigen::Vector3d& in_odom = frame.T_odom_cam.translation();
+  const Eigen::Vector2d place = in_odom.head<2>();
+  (void)addFactor(fixFactor(kWorld, frame.node, T_nav_cam, frame.T_odom_cam, in_odom, place + anchor_.shift,
+                            std::min(anchor_.sigma, kAnywhere)));
+  held_.add(T_nav_cam.translation().head<2>(), std::min(anchor_.sigma, kAnywhere));
+  if (!std::isfinite(usbl_anchor_.sigma)) return;
+  const Eigen::Vector2d seen = place + usbl_anchor_.shift;
+  addUsbl(seen, usbl_anchor_.sigma);
+  if (usbl_.node < 0) return;
+  (void)addFactor(usblFixFactor(usbl_.node, frame.node, usbl_.T_nav_usbl, usbl_.T_nav_usbl, T_nav_cam,
+                                frame.T_odom_cam, in_odom, seen, usbl_anchor_.sigma));
+  held_by_usbl_.add(T_nav_cam.translation().head<2>(), usbl_anchor_.sigma);
 }
 
 // Counted against a credit that grows with the keyframes, so that turning for ever leaves room for them.
@@ -233,12 +260,65 @@ void NavigationGraph::referDepth(const KeyframeInput& input, int node) {
 
 NavigationGraph::Prediction NavigationGraph::predict(int a, int b) {
   const int from = frames_[at(a)].node, to = frames_[at(b)].node;
-  return {solver_.pose(from).inverse() * solver_.pose(to), solver_.relativeCovariance(from, to)};
+  const SE3 &T_nav_a = solver_.pose(from), &T_nav_b = solver_.pose(to);
+  return {T_nav_a.inverse() * T_nav_b, widened(solver_.relativeCovariance(from, to), T_nav_b,
+                                               (T_nav_b.translation() - T_nav_a.translation()).head<2>())};
+}
+
+void NavigationGraph::Held::add(const Eigen::Vector2d& place, double sigma) {
+  const double w = 1 / (sigma * sigma);
+  weight += w;
+  sum += w * place;
+  squares += w * place.squaredNorm();
+}
+
+// Of both kinds of fixes; those of a USBL together say no more of a place than what they share.
+Eigen::Vector2d NavigationGraph::heldAt() const {
+  const double shared = usbl_.sigma * usbl_.sigma,
+               weight = held_by_usbl_.weight / (1 + held_by_usbl_.weight * shared),
+               all = held_.weight + weight;
+  return all > 0 ? (held_.sum + weight * held_by_usbl_.middle()) / all : held_.sum;
+}
+
+Eigen::Matrix2d NavigationGraph::sharedError(const Eigen::Vector2d& from_held) const {
+  const SensorNoise& noise = config_.noise;
+  const Eigen::Vector2d dvl =
+      dvl_.covariance().diagonal().cwiseMin(Eigen::Vector2d(noise.dvl_scale, noise.dvl_heading).cwiseAbs2());
+  const double seen = held_by_usbl_.aboutMiddle(), turn = noise.usbl_turn * noise.usbl_turn;
+  const auto left = [](double variance, double information) {
+    return variance / (1 + variance * information);
+  };
+  const double scale = left(noise.visual_scale * noise.visual_scale + dvl(0), held_.aboutMiddle() + seen),
+               heading = left(dvl(1), held_.aboutMiddle() + seen / (1 + seen * turn));
+  const Eigen::Vector2d across(-from_held.y(), from_held.x());
+  return scale * from_held * from_held.transpose() + heading * across * across.transpose();
+}
+
+Matrix6d NavigationGraph::widened(Matrix6d covariance, const SE3& T_nav_cam,
+                                  const Eigen::Vector2d& from_held) const {
+  const Eigen::Matrix<double, 2, 3> R = T_nav_cam.matrix3().topRows<2>();
+  covariance.topLeftCorner<3, 3>() += R.transpose() * sharedError(from_held) * R;
+  return covariance;
+}
+
+Matrix6d NavigationGraph::covariance(int keyframe) {
+  const int node = frames_[at(keyframe)].node;
+  const SE3& T_nav_cam = solver_.pose(node);
+  return widened(solver_.covariance(node), T_nav_cam, T_nav_cam.translation().head<2>() - heldAt());
 }
 
 SE3 NavigationGraph::T_nav_odom() const {
-  if (frames_.empty()) return {Eigen::Quaterniond::Identity(), Eigen::Vector3d(shift_.x(), shift_.y(), 0)};
+  if (frames_.empty()) {
+    const Eigen::Vector2d shift = startingShift();
+    return {Eigen::Quaterniond::Identity(), Eigen::Vector3d(shift.x(), shift.y(), 0)};
+  }
   return solver_.pose(frames_.back().node) * frames_.back().T_odom_cam.inverse();
+}
+
+SE3 NavigationGraph::usblCorrection() const {
+  if (usbl_.node < 0) return SE3();
+  const SE3& now = solver_.pose(usbl_.node);
+  return {now.rotation(), now.translation() - usbl_.T_nav_usbl.translation()};
 }
 
 PoseGraph NavigationGraph::sensorGraph() const {

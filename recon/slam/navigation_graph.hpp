@@ -1,7 +1,9 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 #include <vector>
@@ -24,9 +26,9 @@ struct NavigationConfig {
   double reference_turn = 0.17;  // and over so much turning [rad]
   double jump_heading = 0.3;  // standard deviation of heading's reference after a jump of the compass [rad]
   double gate = 22.46;        // squared Mahalanobis distance of a link: chi-square, 6 degrees, 99.9 %
-  // Of the graph's own covariance where a closure, or a place that was recognised without it, is judged by
-  // it: links share errors that it takes for independent, and after a long way its standard deviations are
-  // half of what they should be.
+  // Of the graph's own covariance where a closure, a fix, or a place that was recognised without it, is
+  // judged by it: links share errors that it takes for independent, and after a long way its standard
+  // deviations are half of what they should be.
   double known_scale = 4;
   // Standard deviations by which compass and visual turn differ in a step that is counted as contradicted.
   double turned_sigmas = 4;
@@ -89,8 +91,10 @@ class NavigationGraph {
   explicit NavigationGraph(const NavigationConfig& config);
 
   // Where odom's origin is in nav as far as known when the first keyframe comes (nav - odom, horizontal), and
-  // its standard deviation; a kilometre if never said.
-  void setAnchor(const Eigen::Vector2d& shift, double sigma);
+  // its standard deviation; a kilometre if never said. And as positions of the USBL have it, without what
+  // they share.
+  void setAnchor(const Eigen::Vector2d& shift, double sigma) { anchor_ = {shift, sigma}; }
+  void setUsblAnchor(const Eigen::Vector2d& shift, double sigma) { usbl_anchor_ = {shift, sigma}; }
 
   // The keyframe's number, counting from 0 over the whole dive; std::nullopt when there is no room and none
   // can retire.
@@ -106,7 +110,7 @@ class NavigationGraph {
   [[nodiscard]] std::span<const Retired> retired() const { return retired_; }
 
   using Prediction = UncertainPose;
-  // Keyframe b seen from a. Of keyframes that step() has taken in.
+  // Keyframe b seen from a, with the same. Of keyframes that step() has taken in.
   [[nodiscard]] Prediction predict(int a, int b);
 
   // A relative pose T_a_b of two keyframes' cameras, with the covariance of its right perturbation. Visual
@@ -115,9 +119,10 @@ class NavigationGraph {
   Taken addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance);
 
   // A position fix of an antenna at `antenna_in_odom`, whenever it arrives: it holds at keyframe `at`, the
-  // nearest in time, and odometry knows the way between. `sigma`: of either component [m].
+  // nearest in time, and odometry knows the way between. `sigma`: of either component [m]. `by_usbl`: shares
+  // its shift and turn with all other positions of the USBL (SensorNoise), which are a pose of the graph.
   Taken addFix(int at, const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& north_east,
-               double sigma);
+               double sigma, bool by_usbl);
 
   // The rig that visual odometry looks through was changed so that its ranges grew by (scale [1], per metre
   // [1/m]); see DvlCalibration.
@@ -142,11 +147,19 @@ class NavigationGraph {
   }  // T_nav_cam
   [[nodiscard]] const SE3& odometry(int keyframe) const { return frames_[at(keyframe)].T_odom_cam; }
   [[nodiscard]] std::int64_t utcNs(int keyframe) const { return frames_[at(keyframe)].utc_ns; }
-  [[nodiscard]] Matrix6d covariance(int keyframe) { return solver_.covariance(frames_[at(keyframe)].node); }
+  // Of its right perturbation: the graph's, and what links share that it takes for independent. To first
+  // order that is an error e of the scale of all paths (SensorNoise::visual_scale, or the DVL's where no
+  // image has calibrated it) and one h of their direction (the DVL's mounting likewise), which move a place
+  // by e d + h (down x d), d from the middle of the fixes, which hold the survey there; fixes apart from each
+  // other tell e and h in turn.
+  [[nodiscard]] Matrix6d covariance(int keyframe);
   // From the newest keyframe: where odom is now. Identity without keyframes.
   [[nodiscard]] SE3 T_nav_odom() const;
   // Compass deviation at the newest keyframe [rad].
   [[nodiscard]] double deviation() const;
+  // What all positions of the USBL are found to share: where their frame is, less where it was before
+  // [m, north and east], and its turn; identity where none has come.
+  [[nodiscard]] SE3 usblCorrection() const;
 
   // The keyframe that has moved most since its pose was last taken here; std::nullopt when none moved by more
   // than change_m or change_rad. Taking it marks it as known.
@@ -239,6 +252,14 @@ class NavigationGraph {
     }
   };
   static std::size_t at(int i) { return static_cast<std::size_t>(i); }
+  // Horizontal covariance of a place so far from one that is held, by errors that all links share [m^2].
+  [[nodiscard]] Eigen::Matrix2d sharedError(const Eigen::Vector2d& from_held) const;
+  [[nodiscard]] Matrix6d widened(Matrix6d covariance, const SE3& T_nav_cam,
+                                 const Eigen::Vector2d& from_held) const;
+  [[nodiscard]] Eigen::Vector2d heldAt() const;
+  [[nodiscard]] Eigen::Vector2d startingShift() const;
+  void addAnchors(const Frame& frame, const SE3& T_nav_cam);
+  void addUsbl(const Eigen::Vector2d& north_east, double sigma);
   [[nodiscard]] int addNode(const SE3& pose);
   [[nodiscard]] int addFactor(const RelativePose& factor);  // -1 when refused
   void refer(const KeyframeInput& input, Frame& frame);
@@ -266,8 +287,43 @@ class NavigationGraph {
   std::vector<int> changed_;  // keyframes
   std::vector<int> astray_;   // nodes that moveAstray() moves
   std::size_t next_robust_ = 0, newest_robust_ = 0;
-  Eigen::Vector2d shift_ = Eigen::Vector2d::Zero();
-  double shift_sigma_;
+  struct Anchor {
+    Eigen::Vector2d shift = Eigen::Vector2d::Zero();         // nav - odom [m]
+    double sigma = std::numeric_limits<double>::infinity();  // [m]
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.shift, self.sigma);
+    }
+  } anchor_, usbl_anchor_;
+  // Where fixes hold the survey.
+  struct Held {
+    double weight = 0, squares = 0;                 // sums of 1 / sigma^2, and of place^2 / sigma^2
+    Eigen::Vector2d sum = Eigen::Vector2d::Zero();  // of place / sigma^2
+
+    void add(const Eigen::Vector2d& place, double sigma);
+    [[nodiscard]] Eigen::Vector2d middle() const { return weight > 0 ? sum / weight : sum; }
+    // Information about a scale or turn about the middle.
+    [[nodiscard]] double aboutMiddle() const {
+      return weight > 0 ? std::max(0.0, squares - sum.squaredNorm() / weight) : 0;
+    }
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.weight, self.squares, self.sum);
+    }
+  } held_, held_by_usbl_;
+  // The frame of all positions of the USBL: at the first of them, level.
+  struct Usbl {
+    int node = -1;
+    SE3 T_nav_usbl;    // as it was before
+    double sigma = 0;  // of what they share, before [m]
+    int fixes = 0;     // that were accepted
+
+    template <typename Archive, typename Self>
+    static void exchange(Archive& archive, Self& self) {
+      archive(self.node, self.T_nav_usbl, self.sigma, self.fixes);
+    }
+  } usbl_;
   struct Reference {
     int node = -1;
     std::int64_t utc_ns = 0;

@@ -37,9 +37,10 @@ void NavigationGraph::exchange(Archive& archive, Self& self) {
   archive(self.solver_, self.dvl_);
   archive.bounded(self.changed_, self.changed_.capacity());
   std::uint64_t next = self.next_robust_, newest = self.newest_robust_;
-  archive(next, newest, self.shift_, self.shift_sigma_, self.jump_waits_, self.heading_, self.seen_,
-          self.velocity_, self.contradictions_, self.slips_, self.agreements_, self.insistence_,
-          self.trouble_ns_, self.fix_agreed_ns_, self.refused_, self.next_refused_);
+  archive(next, newest, self.anchor_, self.usbl_anchor_, self.usbl_, self.held_, self.held_by_usbl_,
+          self.jump_waits_, self.heading_, self.seen_, self.velocity_, self.contradictions_, self.slips_,
+          self.agreements_, self.insistence_, self.trouble_ns_, self.fix_agreed_ns_, self.refused_,
+          self.next_refused_);
   if constexpr (Archive::kLoading) {
     self.next_robust_ = next;
     self.newest_robust_ = newest;
@@ -133,9 +134,12 @@ bool NavigationGraph::connect() {
   for (const Reference& r : references_) nodes.push_back(r.node);
   std::sort(nodes.begin(), nodes.end());
   if (std::adjacent_find(nodes.begin(), nodes.end()) != nodes.end()) return false;
+  const bool usbl_stands =
+      usbl_.node == -1 || (usbl_.node > 0 && isNode(usbl_.node) && frame_of_node_[at(usbl_.node)] < 0 &&
+                           !std::binary_search(nodes.begin(), nodes.end(), usbl_.node));
   const auto isPresent = [&](const Reference& r) { return r.node == -1 || isReference(r); };
-  return std::all_of(references_.begin(), references_.end(), isReference) && isPresent(attitude_) &&
-         isPresent(depth_) && (next_robust_ < robust_.size() || next_robust_ == 0) &&
+  return std::all_of(references_.begin(), references_.end(), isReference) && usbl_stands &&
+         isPresent(attitude_) && isPresent(depth_) && (next_robust_ < robust_.size() || next_robust_ == 0) &&
          newest_robust_ <= robust_.size() && next_reference_ <= references_.size() && reference_credit_ >= 0;
 }
 

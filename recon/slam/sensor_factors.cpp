@@ -35,8 +35,9 @@ void SensorNoise::validate() const {
   const double positive[] = {dvl_velocity,     dvl_rate, dvl_scale, dvl_heading, dvl_place,
                              unknown_velocity, heading,  tilt,      deviation,   tilt_bias,
                              unknown_turn,     depth,    gyro_walk};
-  const double not_negative[] = {heading_lag, deviation_drift, deviation_turn, tilt_turn, depth_offset,
-                                 depth_drift, visual_scale,    usbl_shift,     usbl_turn};
+  const double not_negative[] = {heading_lag,  deviation_drift, deviation_turn, tilt_turn,
+                                 depth_offset, depth_drift,     visual_scale,   usbl_shift,
+                                 usbl_turn,    dvl_wander,      dvl_wander_s};
   for (const double value : positive)
     if (!(value > 0) || !std::isfinite(value))
       throw std::invalid_argument("sensor noise: a standard deviation or rate must be above zero");
@@ -75,6 +76,10 @@ double stepSigma(double way, const StepQuality& quality, const SensorNoise& nois
   return std::sqrt(sum);
 }
 
+double wanderSigma(double way, double seconds, const SensorNoise& noise) {
+  return seconds > 0 ? noise.dvl_wander * way * std::sqrt(2 * noise.dvl_wander_s / seconds) : 0;
+}
+
 Matrix6d perturbationAt(const Eigen::Vector3d& place) {
   Matrix6d to_place = Matrix6d::Identity();
   to_place.topRightCorner<3, 3>() = -crossMatrix(place);
@@ -85,7 +90,9 @@ RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b,
                         const Eigen::Vector3d& dvl_in_camera, const StepQuality& quality,
                         const SensorNoise& noise) {
   const SE3 between = T_odom_a.inverse() * T_odom_b;
-  const double horizontal = stepSigma((between * dvl_in_camera - dvl_in_camera).norm(), quality, noise);
+  const double way = (between * dvl_in_camera - dvl_in_camera).norm(),
+               horizontal =
+                   std::hypot(stepSigma(way, quality, noise), wanderSigma(way, quality.seconds, noise));
   const double turned = noise.unknown_turn * quality.seconds_untilted;
   // In nav's axes first: horizontal and vertical.
   const Eigen::Matrix3d R = T_odom_b.matrix3();
@@ -140,8 +147,12 @@ RelativePose depthDrift(int before, int after, double seconds, const SensorNoise
   return measured(before, after, SE3(), {kHeld, kHeld, walk}, all(kHeld));
 }
 
-RelativePose usblFrame(int origin, int usbl, const SE3& T_nav_usbl, const SensorNoise& noise) {
-  const double shift = std::hypot(kHeld, noise.usbl_shift), turn = std::hypot(kHeld, noise.usbl_turn);
+double usblShift(double sigma, const SensorNoise& noise) {
+  return noise.usbl_shift > 0 ? std::max(noise.usbl_shift, sigma) : 0;
+}
+
+RelativePose usblFrame(int origin, int usbl, const SE3& T_nav_usbl, double sigma, const SensorNoise& noise) {
+  const double shift = std::hypot(kHeld, usblShift(sigma, noise)), turn = std::hypot(kHeld, noise.usbl_turn);
   return measured(origin, usbl, T_nav_usbl, {shift, shift, kHeld}, {kHeld, kHeld, turn});
 }
 
@@ -159,6 +170,15 @@ RelativePose fixFactor(int origin, int camera, const SE3& T_nav_cam, const SE3& 
   const Matrix6d at_antenna = perturbationAt(to_antenna);
   return {origin, camera, SE3(T_nav_cam.rotation(), place),
           residualInformation(at_antenna.transpose() * information * at_antenna)};
+}
+
+RelativePose usblFixFactor(int usbl, int camera, const SE3& T_nav_usbl, const SE3& T_nav_now,
+                           const SE3& T_nav_cam, const SE3& T_odom_cam,
+                           const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& fix, double sigma) {
+  const SE3 T_seen = T_nav_usbl * T_nav_now.inverse() * T_nav_cam;
+  RelativePose factor = fixFactor(usbl, camera, T_seen, T_odom_cam, antenna_in_odom, fix, sigma);
+  factor.T_from_to = T_nav_usbl.inverse() * factor.T_from_to;
+  return factor;
 }
 
 RelativePose linkFactor(int a, int b, const SE3& T_a_b, const Matrix6d& covariance) {

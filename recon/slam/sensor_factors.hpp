@@ -11,12 +11,14 @@ namespace fathom::slam {
 // vehicle (Johnson-Roberson et al. 2010, table 1) with a magnetic compass.
 struct SensorNoise {
   // Doppler velocity log, as dead reckoning between two poses uses it.
-  double dvl_velocity = 0.002;    // white, of each ensemble [m/s]
-  double dvl_rate = 5.0;          // ensembles [1/s]
-  double dvl_scale = 0.002;       // of the velocity, constant [1]
-  double dvl_heading = 0.006;     // of its forward axis against the camera, constant [rad]
-  double dvl_place = 0.01;        // of it against the camera, constant [m]
-  double unknown_velocity = 0.3;  // while bottom track is away [m/s]
+  double dvl_velocity = 0.002;  // white, of each ensemble [m/s]
+  double dvl_rate = 5.0;        // ensembles [1/s]
+  double dvl_scale = 0.002;     // of the velocity, constant [1]
+  double dvl_heading = 0.006;   // of its forward axis against the camera, constant [rad]
+  // Of the velocity, correlated over a time (Gauss-Markov): recorded dives at 1.9 m/s err by 2.3 m in 100 s.
+  double dvl_wander = 0.026, dvl_wander_s = 10;  // [1], [s]
+  double dvl_place = 0.01;                       // of it against the camera, constant [m]
+  double unknown_velocity = 0.3;                 // while bottom track is away [m/s]
   // Attitude: white noise, and the slowly varying error of its reference.
   double heading = 0.006, tilt = 0.002;  // of one reading [rad]
   double heading_lag = 0.1;              // of the compass's reading, while the vehicle turns [s]
@@ -24,17 +26,19 @@ struct SensorNoise {
   double deviation_drift = 7e-4;         // its random walk [rad/s^(1/2)]
   double deviation_turn = 0.017;  // its change with the heading: amplitude of 1.2 degrees [rad/rad^(1/2)]
   double tilt_bias = 0.009;       // of roll and pitch against the camera, at first [rad]
-  double tilt_turn = 0.003;       // its change with the heading: the bias is the body's [rad/rad^(1/2)]
-  double unknown_turn = 0.1;      // rate of turn while attitude is away [rad/s]
-  double gyro_walk = 3e-4;        // angle random walk of a gyro, where there is one [rad/s^(1/2)]
+  // Its change with the heading: a bias that is the body's is reversed in nav by half a turn, so that the
+  // reference has changed by 2 tilt_bias after pi radians [rad/rad^(1/2)].
+  double tilt_turn = 0.010;
+  double unknown_turn = 0.1;  // rate of turn while attitude is away [rad/s]
+  double gyro_walk = 3e-4;    // angle random walk of a gyro, where there is one [rad/s^(1/2)]
   // Depth.
   double depth = 0.003;       // of one reading [m]
   double depth_offset = 0.1;  // of the sea's height over nav's zero, or of the sensor, at first [m]
   double depth_drift = 0.0;   // its random walk: tide 0.002, none 0 [m/s^(1/2)]
-  // Of all USBL positions of a mission together: shift by the ship's place and sound's way, turn by the
-  // transceiver's mounting. After the mission (solveNavigation), which takes a shift of one position's
-  // standard deviation at least.
-  double usbl_shift = 0, usbl_turn = 0.017;  // [m], [rad]
+  // Of all USBL positions of a mission together; unless it is 0, the shift is one position's standard
+  // deviation at least. Shift: a ship's GPS without corrections (2 m), with its antenna's lever arm and a
+  // degree of the transceiver's mounting over the 90 m to the vehicle (1.5 m). Turn: that mounting.
+  double usbl_shift = 2.5, usbl_turn = 0.017;  // [m], [rad]
   // What calibration and the lamps' shading leave to all visual links alike, as a common error of scale of
   // ways and turns [1].
   // It cannot be averaged away, so covariances that are given out carry it.
@@ -84,11 +88,15 @@ class LossOfTrack {
 // DVL, integrated by dead reckoning (nav::DeadReckoning: lever arm, mounting, sound speed):
 //   e_xyz = R_m^T (R_a^T (t_b - t_a) - t_m) + e_phi x l,   T_m = T_odom_a^-1 T_odom_b,
 // in the axes of b: the way of the DVL itself, which is at l in the camera's axes, so that a compass that
-// errs at b does not swing the camera about it. Horizontal: white noise of the velocity over the time,
-// calibration and heading noise over the way, the DVL's place over the turn. Vertical: loose, as odometry's
-// depth is the pressure sensor's, which depthFactor uses. Rotation: loose, as it is the compass's, which
-// attitudeFactor uses. Standard deviation of a step of that way, horizontal [m].
+// errs at b does not swing the camera about it. Horizontal: white and wandering noise of the velocity over
+// the time, calibration and heading noise over the way, the DVL's place over the turn. Vertical: loose, as
+// odometry's depth is the pressure sensor's, which depthFactor uses. Rotation: loose, as it is the compass's,
+// which attitudeFactor uses. Standard deviation of a step of that way, horizontal [m].
 [[nodiscard]] double stepSigma(double way, const StepQuality& quality, const SensorNoise& noise);
+// And of its slowly wandering velocity (horizontal, of either component) [m]: by v = way / T, w and tau of
+// SensorNoise, variance 2 (w v)^2 tau T, the integral of a Gauss-Markov process over many tau. A chain of
+// steps that are shorter than tau, each by itself, then errs in all as it should.
+[[nodiscard]] double wanderSigma(double way, double seconds, const SensorNoise& noise);
 [[nodiscard]] RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b,
                                       const Eigen::Vector3d& dvl_in_camera, const StepQuality& quality,
                                       const SensorNoise& noise);
@@ -122,8 +130,10 @@ class LossOfTrack {
 [[nodiscard]] RelativePose firstDepthReference(int origin, int reference, const SensorNoise& noise);
 [[nodiscard]] RelativePose depthDrift(int before, int after, double seconds, const SensorNoise& noise);
 
-// Where the positions of a USBL are in nav, at their middle `T_nav_usbl`.
-[[nodiscard]] RelativePose usblFrame(int origin, int usbl, const SE3& T_nav_usbl, const SensorNoise& noise);
+// Where the positions of a USBL are in nav, about `T_nav_usbl`. `sigma`: of one position [m].
+[[nodiscard]] double usblShift(double sigma, const SensorNoise& noise);
+[[nodiscard]] RelativePose usblFrame(int origin, int usbl, const SE3& T_nav_usbl, double sigma,
+                                     const SensorNoise& noise);
 
 // A position fix (USBL, GPS) of an antenna that odometry has at `antenna_in_odom`, perhaps at another time:
 // the camera is where the fix is, less the way between them as odometry has it, turned by what is now known:
@@ -134,6 +144,13 @@ class LossOfTrack {
 [[nodiscard]] RelativePose fixFactor(int origin, int camera, const SE3& T_nav_cam, const SE3& T_odom_cam,
                                      const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& fix,
                                      double sigma);
+
+// The same by a USBL, whose positions were about `T_nav_usbl` at first and about `T_nav_now` by what is now
+// known: of the camera in the USBL's frame.
+[[nodiscard]] RelativePose usblFixFactor(int usbl, int camera, const SE3& T_nav_usbl, const SE3& T_nav_now,
+                                         const SE3& T_nav_cam, const SE3& T_odom_cam,
+                                         const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& fix,
+                                         double sigma);
 
 // Visual odometry or a loop closure: T_a_b with the covariance of its right perturbation (rho, phi).
 [[nodiscard]] RelativePose linkFactor(int a, int b, const SE3& T_a_b, const Matrix6d& covariance);

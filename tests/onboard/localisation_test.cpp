@@ -39,6 +39,28 @@ TEST(LocalisationCore, ClosuresTakeMostOfDeadReckoningsErrorOutOfADive) {
   EXPECT_LT(core.keyframes(), static_cast<int>(dive.frames.size()));
 }
 
+TEST(LocalisationCore, ClaimsOfThePresentPlaceGrowByDeadReckoningSinceTheNewestKeyframeOnly) {
+  const MadeDive dive = makeDive();
+  MemorySlots slots = featureSlots(300);
+  LocalisationCore core(dive.rig, smallLocalisation(), &slots);
+  (void)localised(core, dive);
+  const int newest = core.keyframes() - 1;
+  const std::int64_t then = core.graph().utcNs(newest);
+  const SE3 here = core.graph().odometry(newest);
+  const auto& last = dive.frames.back().input.quality;
+  EXPECT_NEAR(core.positionSigma(then, here, last), core.positionSigma(), 1e-4);
+  const SE3 metre_on(here.rotation(), here.translation() + Eigen::Vector3d(1, 0, 0));
+  const std::int64_t later = then + 2'000'000'000;
+  const double after = core.positionSigma(later, metre_on, last);
+  const slam::SensorNoise noise;
+  const double wander = slam::wanderSigma(1, 2, noise);
+  EXPECT_GT(after, std::hypot(core.positionSigma(), wander));
+  EXPECT_LT(after, std::hypot(core.positionSigma(), 1.2 * wander));
+  auto unlocked = last;
+  unlocked.unlocked_s += 10;
+  EXPECT_GT(core.positionSigma(then + 10'000'000'000, here, unlocked), 9 * noise.unknown_velocity);
+}
+
 TEST(LocalisationCore, TheSameDiveGivesTheSamePosesBitForBit) {
   const MadeDive dive = makeDive();
   std::vector<std::vector<SE3>> runs;

@@ -224,7 +224,7 @@ MadeDive makeDive(const DiveFaults& faults, std::uint32_t seed, DiveTrack track)
 }
 
 std::vector<SE3> localised(LocalisationCore& core, const MadeDive& dive) {
-  core.setAnchor({3.3, -2.2}, 0.5);
+  core.setAnchor(nav::FixKind::kGps, {3.3, -2.2}, 0.5);
   struct Hanging {
     int keyframe;
     SE3 T_odom_cam;
@@ -238,7 +238,7 @@ std::vector<SE3> localised(LocalisationCore& core, const MadeDive& dive) {
   for (const MadeDive::Frame& frame : dive.frames) {
     for (; next_fix < dive.fixes.size() && dive.fixes[next_fix].arrival_ns <= frame.utc_ns; ++next_fix) {
       const MadeDive::Fix& fix = dive.fixes[next_fix];
-      core.addFix(fix.utc_ns, fix.in_odom, fix.north_east, 0.5);
+      core.addFix(nav::FixKind::kUsbl, fix.utc_ns, fix.in_odom, fix.north_east, 0.5);
     }
     LocalisationInput input = frame.input;
     input.features = &frame.features;

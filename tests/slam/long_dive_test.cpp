@@ -124,7 +124,7 @@ TEST(LongDive, TenTimesThePoolEndsNearTheBatchSolutionAndNoPoseJumpsWhenAKeyfram
     worst = std::max(
         worst, rmsOf(poses, survey.truth, from, from + 60) - rmsOf(batch, survey.truth, from, from + 60));
   EXPECT_LT(error, 1.2 * least);
-  EXPECT_LT(worst, 0.15) << "metres above the batch solution in some minute";
+  EXPECT_LT(worst, 0.2) << "metres above the batch solution in some minute";
 }
 
 TEST(LongDive, YawingToAndFroTakesFewReferencesAndCirclingLeavesRoomForEveryFrame) {

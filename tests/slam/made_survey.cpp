@@ -168,9 +168,11 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
 
 SensorNoise madeNoise() {
   SensorNoise noise;
-  noise.heading_lag = noise.usbl_turn = 0;
+  noise.heading_lag = noise.usbl_shift = noise.usbl_turn = 0;
+  noise.dvl_wander = noise.visual_scale = 0;
   noise.deviation = kDeviation / std::numbers::sqrt2;
   noise.tilt_bias = kTiltBias;
+  noise.tilt_turn = 0.003;
   noise.depth_offset = kDepthBias;
   return noise;
 }
@@ -204,7 +206,7 @@ void measure(NavigationGraph& graph, const MadeSurvey& s, const MadeSurveyOption
     (void)graph.addLink(LinkKind::kOdometry, k - 1, k, link.T_a_b, s.link_covariance);
   (void)graph.step();
   for (const MadeSurvey::Fix& fix : std::ranges::equal_range(s.fixes, k, {}, &MadeSurvey::Fix::keyframe))
-    (void)graph.addFix(k, fix.antenna_in_odom, fix.north_east, o.usbl_sigma);
+    (void)graph.addFix(k, fix.antenna_in_odom, fix.north_east, o.usbl_sigma, true);
   for (const MadeSurvey::Link& link : std::ranges::equal_range(s.closures, k, {}, &MadeSurvey::Link::b))
     if (graph.has(link.a)) (void)graph.addLink(LinkKind::kClosure, link.a, k, link.T_a_b, s.link_covariance);
 }

@@ -80,6 +80,115 @@ TEST(NavigationGraph, ItsCovarianceIsHonestOverManySurveys) {
   }
 }
 
+// Of every keyframe but the last few, horizontally, in its own covariance [2 degrees of freedom].
+double farthest(NavigationGraph& graph, const MadeSurvey& survey) {
+  double worst = 0;
+  for (int k = 0; k < graph.keyframes(); k += 10) {
+    const Eigen::Matrix3d R = graph.pose(k).matrix3();
+    const Eigen::Matrix3d spread = R * graph.covariance(k).topLeftCorner<3, 3>() * R.transpose();
+    const Eigen::Vector2d off =
+        (graph.pose(k).translation() - survey.truth[static_cast<std::size_t>(k)].translation()).head<2>();
+    worst = std::max(worst, off.dot(spread.topLeftCorner<2, 2>().inverse() * off));
+  }
+  return worst;
+}
+
+TEST(NavigationGraph, ClaimsWhatAllPositionsOfAUsblShareAndFindsItByGps) {
+  MadeSurveyOptions options;
+  options.bias_from = 0;
+  options.ship = {40, -20};
+  options.usbl_turn = 0.03;
+  options.lines = 3;
+  constexpr double kGps = 0.3;  // [m]
+  for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+    options.seed = seed;
+    options.bias = Eigen::Rotation2Dd(0.8 * static_cast<double>(seed)) * Eigen::Vector2d(4, 0);
+    const MadeSurvey survey = makeSurvey(options);
+    NavigationGraph alone(smallConfig()), with_gps(smallConfig());
+    alone.setUsblAnchor(options.bias + Eigen::Vector2d(0.3, -0.2), 0.4);
+    with_gps.setAnchor(Eigen::Vector2d(0.2, 0.1), kGps);
+    for (NavigationGraph* graph : {&alone, &with_gps}) {
+      testing::driveOn(*graph, survey, options, static_cast<int>(survey.inputs.size()));
+      EXPECT_LT(farthest(*graph, survey), 9) << seed;
+      EXPECT_LE(graph->counters().fixes_gated, 1U);
+    }
+    EXPECT_GT(errorsOf(posesOf(alone), survey.truth).absolute, 2.5) << seed;
+    EXPECT_LT(errorsOf(posesOf(with_gps), survey.truth).absolute, 2 * kGps) << seed;
+    const Eigen::Vector2d seen = survey.fixes.front().north_east,
+                          place = options.ship + Eigen::Rotation2Dd(-options.usbl_turn) *
+                                                     (seen - options.bias - options.ship);
+    const SE3 found = with_gps.usblCorrection();
+    EXPECT_LT((found.translation().head<2>() - (place - seen)).norm(), 3 * kGps) << seed;
+  }
+}
+
+TEST(NavigationGraph, ClaimsAScaleThatAllPathsShareUntilAFixFarAwayTellsIt) {
+  MadeSurveyOptions options;
+  options.lines = 1;
+  options.line_length = 120;
+  options.closure_share = 0;
+  options.usbl_period = 1e9;
+  constexpr double kAnchor = 0.1;  // [m]
+  constexpr int kFar = 235;        // keyframe near the line's end
+  NavigationConfig config = smallConfig();
+  config.noise.visual_scale = 0.002;
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    options.seed = seed;
+    MadeSurvey survey = makeSurvey(options);
+    const double scale = seed % 2 == 0 ? 0.996 : 1.004;
+    for (MadeSurvey::Link& link : survey.visual)
+      link.T_a_b = SE3(link.T_a_b.rotation(), scale * link.T_a_b.translation());
+    NavigationGraph graph(config);
+    graph.setAnchor(Eigen::Vector2d::Zero(), kAnchor);
+    testing::driveOn(graph, survey, options, kFar + 1);
+    EXPECT_LT(farthest(graph, survey), 9) << seed;
+    const auto sigma = [&] {
+      const Eigen::Matrix3d R = graph.pose(kFar).matrix3();
+      return std::sqrt((R * graph.covariance(kFar).topLeftCorner<3, 3>() * R.transpose())(0, 0));
+    };
+    EXPECT_GT(sigma(), 0.9 * config.noise.visual_scale * options.line_length) << seed;
+    const auto at_far = static_cast<std::size_t>(kFar);
+    const Eigen::Vector3d& camera = survey.inputs[at_far].T_odom_cam.translation();
+    ASSERT_EQ(graph.addFix(kFar, camera, survey.truth[at_far].translation().head<2>(), kAnchor, false),
+              Taken::kYes);
+    (void)graph.step();
+    EXPECT_LT(sigma(), 1.5 * kAnchor) << seed;
+  }
+}
+
+TEST(NavigationGraph, ClaimsATiltBiasOfTheBodyThatHalfATurnReverses) {
+  MadeSurveyOptions options;
+  options.visual_share = options.closure_share = 0;
+  options.lines = 2;
+  for (const int axis : {0, 1}) {
+    MadeSurvey survey = makeSurvey(options);
+    const double size = std::copysign(0.0087, survey.tilt_bias(axis));
+    const Eigen::Quaterniond bias(Eigen::AngleAxisd(size, Eigen::Vector3d::Unit(axis)));
+    for (KeyframeInput& input : survey.inputs)
+      input.T_odom_cam = SE3(input.T_odom_cam.rotation() * bias, input.T_odom_cam.translation());
+    NavigationGraph graph(smallConfig());
+    drive(graph, survey, options);
+    constexpr int kThere = 15, kBack = 50;  // in the middle of either line
+    const NavigationGraph::Prediction seen = graph.predict(kThere, kBack);
+    const SE3 truth = survey.truth[kThere].inverse() * survey.truth[kBack];
+    const Eigen::Vector2d off = (seen.T_a_b.inverse() * truth).log().segment<2>(3);
+    EXPECT_GT(off.norm(), 0.012);
+    EXPECT_LT(off.dot(seen.covariance.block<2, 2>(3, 3).inverse() * off), 4.5);
+  }
+}
+
+TEST(NavigationGraph, AWildFirstPositionOfTheUsblDoesNotTurnAwayThoseAfterIt) {
+  const MadeSurveyOptions options;
+  MadeSurvey survey = makeSurvey(options);
+  NavigationGraph without(smallConfig()), graph(smallConfig());
+  drive(without, survey, options);
+  survey.fixes.front().north_east += Eigen::Vector2d(6, 5);
+  drive(graph, survey, options);
+  EXPECT_EQ(graph.counters().fixes_gated, 0U);
+  EXPECT_EQ(graph.counters().fixes_off, 1U);
+  EXPECT_LT(errorsOf(posesOf(graph), posesOf(without)).absolute, 0.1);
+}
+
 TEST(NavigationGraph, DeadReckoningAloneIsHonestToo) {
   MadeSurveyOptions options;
   options.visual_share = 0;
@@ -164,7 +273,9 @@ TEST(NavigationGraph, SurvivesADeadDvlAJumpingCompassAndWildFixes) {
   options.wild_fixes = 0.1;
   options.usbl_period = 2;
   const MadeSurvey survey = makeSurvey(options);
-  NavigationGraph graph(smallConfig());
+  NavigationConfig config = smallConfig();
+  config.noise.usbl_shift = 0;  // positions that share nothing
+  NavigationGraph graph(config);
   drive(graph, survey, options);
   EXPECT_LT(errorsOf(posesOf(graph), survey.truth).aligned, 0.02);
   EXPECT_LT(errorsOf(posesOf(graph), survey.truth).absolute, 0.5);
@@ -219,6 +330,7 @@ TEST(NavigationGraph, WhatContradictsIsSaidByHowFarItsOwnCovarianceIsBelieved) {
   const SE3 false_pose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.3, 0, 0));
   EXPECT_EQ(graph.addLink(LinkKind::kClosure, 5, graph.keyframes() - 1, false_pose, survey.link_covariance),
             Taken::kYes);
+  EXPECT_EQ(graph.addFix(5, survey.inputs[5].T_odom_cam.translation(), {50, 50}, 0.5, false), Taken::kYes);
   config.known_scale = 0.9;
   EXPECT_THROW(NavigationGraph{config}, std::invalid_argument);
 }
@@ -284,7 +396,7 @@ TEST(NavigationGraph, FullIsCountedAndNonsenseRefused) {
   EXPECT_EQ(graph.counters().keyframes_refused, 1U);
   const Matrix6d covariance = Matrix6d::Identity() * 1e-4;
   EXPECT_EQ(graph.addLink(LinkKind::kClosure, 0, 7, SE3(), covariance), Taken::kBad);
-  EXPECT_EQ(graph.addFix(0, Eigen::Vector3d::Zero(), {0, 0}, -1), Taken::kBad);
+  EXPECT_EQ(graph.addFix(0, Eigen::Vector3d::Zero(), {0, 0}, -1, false), Taken::kBad);
   config.max_keyframes = 0;
   EXPECT_THROW(NavigationGraph{config}, std::invalid_argument);
 }

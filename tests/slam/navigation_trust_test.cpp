@@ -49,7 +49,7 @@ TEST(NavigationTrust, AFixThatFitsEndsTheInsistenceOfWildOnes) {
     const auto at = static_cast<std::size_t>(k);
     const Eigen::Vector2d place = survey.truth[at].translation().head<2>();
     const Eigen::Vector2d wild = place + (i % 6 == 5 ? Eigen::Vector2d(0, 0) : Eigen::Vector2d(8, 0));
-    const Taken taken = graph.addFix(k, survey.inputs[at].T_odom_cam.translation(), wild, 0.5);
+    const Taken taken = graph.addFix(k, survey.inputs[at].T_odom_cam.translation(), wild, 0.5, false);
     EXPECT_EQ(taken, i % 6 == 5 ? Taken::kYes : Taken::kContradicts) << i;
   }
 }

@@ -70,11 +70,26 @@ TEST(SensorFactors, AStepErrsByOneStandardDeviationAlongTheWayForOneUnitOfChiSqu
   const StepQuality quality{1.0, 0, 0, 0.004, 0};
   const RelativePose factor = stepFactor(kA, kB, a, b, kDvl, quality, kNoise);
   EXPECT_NEAR(chi2(factor, a, b), 0, 1e-18);
-  const double white = kNoise.dvl_velocity * std::sqrt(1.0 / kNoise.dvl_rate);
-  const double sigma =
-      std::sqrt(white * white + std::pow(0.004 * 0.5, 2) + std::pow(kNoise.heading * 0.5, 2));
+  const double white = kNoise.dvl_velocity * std::sqrt(1.0 / kNoise.dvl_rate),
+               wander = kNoise.dvl_wander * 0.5 * std::sqrt(2 * kNoise.dvl_wander_s);
+  const double sigma = std::sqrt(white * white + wander * wander + std::pow(0.004 * 0.5, 2) +
+                                 std::pow(kNoise.heading * 0.5, 2));
   const SE3 off(b.rotation(), b.translation() + sigma * Eigen::Vector3d(std::cos(0.4), std::sin(0.4), 0));
   EXPECT_NEAR(chi2(factor, a, off), 1, 1e-6);
+}
+
+// Of an exponentially correlated velocity error the displacement over T has the variance
+// 2 s^2 tau (T - tau (1 - exp(-T / tau))).
+TEST(SensorFactors, AChainOfShortStepsErrsAsAVelocityThatWanders) {
+  constexpr double kSpeed = 0.8, kSpan = 300;  // [m/s], [s]
+  const double s = kNoise.dvl_wander * kSpeed, tau = kNoise.dvl_wander_s,
+               whole = std::sqrt(2 * s * s * tau * (kSpan - tau * (1 - std::exp(-kSpan / tau))));
+  for (const double step : {0.5, 2.0, 30.0}) {
+    const double one = wanderSigma(kSpeed * step, step, kNoise);
+    EXPECT_NEAR(one * std::sqrt(kSpan / step), whole, 0.03 * whole) << step;
+  }
+  EXPECT_EQ(wanderSigma(0, 10, kNoise), 0);
+  EXPECT_EQ(wanderSigma(1, 0, kNoise), 0);
 }
 
 TEST(SensorFactors, AStepIsTheWayOfTheDvlWhateverTheCompassSaysAtItsEnd) {
@@ -84,8 +99,10 @@ TEST(SensorFactors, AStepIsTheWayOfTheDvlWhateverTheCompassSaysAtItsEnd) {
   const Eigen::Quaterniond turned = Eigen::AngleAxisd(wrong, Eigen::Vector3d::UnitZ()) * b.rotation();
   const SE3 reckoned(turned, b * kDvl - turned * kDvl);
   const StepQuality quality{1.0, 0, 0, 0.004, 0};
-  EXPECT_LT(chi2(stepFactor(kA, kB, a, reckoned, kDvl, quality, kNoise), a, b), 0.05);
-  EXPECT_GT(chi2(stepFactor(kA, kB, a, reckoned, Eigen::Vector3d::Zero(), quality, kNoise), a, b), 20);
+  SensorNoise noise;
+  noise.dvl_wander = 0;
+  EXPECT_LT(chi2(stepFactor(kA, kB, a, reckoned, kDvl, quality, noise), a, b), 0.05);
+  EXPECT_GT(chi2(stepFactor(kA, kB, a, reckoned, Eigen::Vector3d::Zero(), quality, noise), a, b), 20);
 }
 
 TEST(SensorFactors, AStepWithoutBottomTrackSaysNextToNothing) {

@@ -4,6 +4,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/kernel/seconds.hpp"
+#include "recon/geometry/symmetric_eigen.hpp"
+
 namespace fathom::onboard {
 namespace {
 
@@ -86,13 +89,17 @@ void LocalisationCore::setRig(const StereoRig& rig, const Eigen::Vector2d& growt
   graph_.rigChanged(growth);
 }
 
-void LocalisationCore::setAnchor(const Eigen::Vector2d& shift, double sigma) {
-  graph_.setAnchor(shift, sigma);
+void LocalisationCore::setAnchor(nav::FixKind kind, const Eigen::Vector2d& shift, double sigma) {
+  if (kind == nav::FixKind::kUsbl)
+    graph_.setUsblAnchor(shift, sigma);
+  else
+    graph_.setAnchor(shift, sigma);
 }
 
-void LocalisationCore::addFix(std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom,
+void LocalisationCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom,
                               const Eigen::Vector2d& north_east, double sigma) {
-  if (fixes_.pushDroppingOldest({utc_ns, antenna_in_odom, north_east, sigma})) ++counters_.fixes_dropped;
+  if (fixes_.pushDroppingOldest({kind, utc_ns, antenna_in_odom, north_east, sigma}))
+    ++counters_.fixes_dropped;
 }
 
 bool LocalisationCore::trusted(const LocalisationInput& input) const {
@@ -136,6 +143,20 @@ int LocalisationCore::place(const LocalisationInput& input, int looked) {
   return graph_.keyframes() - 1;
 }
 
+double LocalisationCore::positionSigma(std::int64_t utc_ns, const SE3& T_odom_cam,
+                                       const nav::DeadReckoning::Quality& quality) const {
+  const int newest = graph_.keyframes() - 1;
+  if (newest < 0) return position_sigma_;
+  const double elapsed = rt::seconds(utc_ns - graph_.utcNs(newest)),
+               way = (T_odom_cam.translation() - graph_.odometry(newest).translation()).head<2>().norm();
+  slam::LossOfTrack loss = loss_;
+  const slam::StepQuality step{elapsed, loss.add(quality.unlocked_s - last_quality_.unlocked_s),
+                               quality.untilted_s - last_quality_.untilted_s, graph_.dvl().remainingShare(),
+                               0};
+  return std::hypot(position_sigma_, slam::stepSigma(way, step, config_.graph.noise),
+                    slam::wanderSigma(way, elapsed, config_.graph.noise));
+}
+
 void LocalisationCore::addKeyframe(const LocalisationInput& input, const Looked& looked) {
   const closure::FrameFeatures& found = looked.features;
   if (found.size() == 0) ++counters_.frames_without_features;
@@ -171,8 +192,9 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input, const Looked&
   }
   ended("closures");
   const Eigen::Matrix3d R = graph_.pose(*number).matrix3();
-  const Eigen::Matrix3d spread = R * graph_.covariance(*number).topLeftCorner<3, 3>() * R.transpose();
-  position_sigma_ = std::sqrt(std::max({spread(0, 0), spread(1, 1), 0.0}));
+  const Eigen::Matrix2d spread =
+      (R * graph_.covariance(*number).topLeftCorner<3, 3>() * R.transpose()).topLeftCorner<2, 2>();
+  position_sigma_ = std::sqrt(std::max(symmetricEigenvalues(spread)(1), 0.0));
 }
 
 void LocalisationCore::noteRetired() {
@@ -221,7 +243,8 @@ void LocalisationCore::applyFixes(bool all) {
       continue;
     }
     fixes_.erase(i);
-    (void)graph_.addFix(nearestKeyframe(fix.utc_ns), fix.antenna, fix.north_east, fix.sigma);
+    (void)graph_.addFix(nearestKeyframe(fix.utc_ns), fix.antenna, fix.north_east, fix.sigma,
+                        fix.kind == nav::FixKind::kUsbl);
   }
 }
 

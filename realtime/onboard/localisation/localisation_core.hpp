@@ -13,6 +13,7 @@
 #include "realtime/onboard/localisation/localisation_config.hpp"
 #include "recon/closure/feature_extractor.hpp"
 #include "recon/nav/dead_reckoning.hpp"
+#include "recon/nav/position_anchor.hpp"
 
 namespace fathom::onboard {
 
@@ -48,11 +49,12 @@ class LocalisationCore {
   void rigBeganAnew(double turn_sigma, std::int64_t since_ns, bool knocked) {
     graph_.rigBeganAnew(turn_sigma, since_ns, knocked);
   }
-  // Where odom's origin is as long as there is no keyframe (nav - odom).
-  void setAnchor(const Eigen::Vector2d& shift, double sigma);
+  // Where odom's origin is as long as there is no keyframe (nav - odom), by fixes of a kind; of the USBL's
+  // without what they share.
+  void setAnchor(nav::FixKind kind, const Eigen::Vector2d& shift, double sigma);
   // A fix of an antenna at `antenna_in_odom` at its own time. It waits for the keyframe after it.
-  void addFix(std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& north_east,
-              double sigma);
+  void addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom,
+              const Eigen::Vector2d& north_east, double sigma);
 
   // A frame as soon as there is one, where the vehicle probably was: if it may become a keyframe there, its
   // features are found. Its number for place(); kNoKeyframe: it becomes none, as also when kLooked of them
@@ -79,8 +81,11 @@ class LocalisationCore {
   }
   [[nodiscard]] const SE3& keyframePose(int keyframe) const { return graph_.pose(keyframe); }
   [[nodiscard]] SE3 T_nav_odom() const { return graph_.T_nav_odom(); }
-  // Of the newest keyframe, horizontal, the larger axis [m].
+  // Of the newest keyframe, horizontal, the larger axis [m]; and of a camera there or later, by dead
+  // reckoning since.
   [[nodiscard]] double positionSigma() const { return position_sigma_; }
+  [[nodiscard]] double positionSigma(std::int64_t utc_ns, const SE3& T_odom_cam,
+                                     const nav::DeadReckoning::Quality& quality) const;
   // Whether keyframes have moved since the last call of takeChanges().
   [[nodiscard]] bool moved() const { return graph_.changesWaiting() > 0; }
   void takeChanges() { graph_.takeAllChanges(); }
@@ -109,6 +114,7 @@ class LocalisationCore {
 
  private:
   struct Fix {
+    nav::FixKind kind = nav::FixKind::kGps;
     std::int64_t utc_ns = 0;
     Eigen::Vector3d antenna = Eigen::Vector3d::Zero();
     Eigen::Vector2d north_east = Eigen::Vector2d::Zero();
@@ -116,6 +122,7 @@ class LocalisationCore {
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
+      archive.enumeration(self.kind, nav::FixKind::kUsbl);
       archive(self.utc_ns, self.antenna, self.north_east, self.sigma);
     }
   };

@@ -53,6 +53,7 @@ MapCore::MapCore(const MapCoreConfig& config, const MapSlots& slots)
       given_stereo_(config.rig, config.stereo),
       map_(config.map, config.localisation.enabled ? slots.meshes : nullptr,
            static_cast<std::size_t>(config.stereo.max_features), rig_.history()),
+      anchor_(config.localisation.graph.noise.usbl_shift),
       last_range_(kNominalRange),
       left_mosaic_(pixelsOf(config.rig.left) * samplesPerPixel(config.left_format)),
       left_mono_(pixelsOf(config.rig.left)),
@@ -91,7 +92,7 @@ void MapCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector
       if (utc_ns - last_gps_ns_ < kGpsInterval_ns) return;
       last_gps_ns_ = utc_ns;
     }
-    localisation_->addFix(utc_ns, antenna_in_odom, north_east, sigma);
+    localisation_->addFix(kind, utc_ns, antenna_in_odom, north_east, sigma);
     anchored_ = true;
     return;
   }
@@ -99,16 +100,26 @@ void MapCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector
 }
 
 void MapCore::anchorAt(double unlocked_s) {
-  const auto estimate = anchor_.estimate(unlocked_s, config_.localisation.graph.noise.unknown_velocity);
+  const double drift = config_.localisation.graph.noise.unknown_velocity;
+  const auto estimate = anchor_.estimate(unlocked_s, drift);
   if (!estimate) return;
   T_nav_odom_ = SE3(Eigen::Quaterniond::Identity(), {estimate->shift.x(), estimate->shift.y(), 0.0});
   anchor_sigma_ = estimate->sigma;
   anchored_ = true;
-  if (localisation_) localisation_->setAnchor(estimate->shift, estimate->sigma);
+  if (!localisation_) return;
+  for (const nav::FixKind kind : {nav::FixKind::kGps, nav::FixKind::kUsbl})
+    if (const auto own = anchor_.estimate(kind, unlocked_s, drift))
+      localisation_->setAnchor(kind, own->shift, own->sigma);
 }
 
 SE3 MapCore::poseOf(int keyframe, const SE3& T_odom_cam) const {
   return keyframe < 0 ? T_nav_odom_ * T_odom_cam : localisation_->poseOf(keyframe, T_odom_cam);
+}
+
+std::optional<double> MapCore::positionSigma(std::int64_t utc_ns, const SE3& T_odom_body,
+                                             const nav::DeadReckoning::Quality& quality) const {
+  if (!localisation_ || localisation_->keyframes() == 0) return std::nullopt;
+  return localisation_->positionSigma(utc_ns, T_odom_body * config_.T_body_cam, quality);
 }
 
 int MapCore::look(const MapInput& input, const SeenPair& pair, bool images) {

@@ -142,6 +142,9 @@ class MapCore {
   [[nodiscard]] const SE3& T_nav_odom() const { return T_nav_odom_; }
   [[nodiscard]] bool anchored() const { return anchored_; }
   [[nodiscard]] double anchorSigma() const { return anchor_sigma_; }  // of T_nav_odom, horizontal [m]
+  // Of a body there, by dead reckoning since the newest keyframe; std::nullopt before the first [m].
+  [[nodiscard]] std::optional<double> positionSigma(std::int64_t utc_ns, const SE3& T_odom_body,
+                                                    const nav::DeadReckoning::Quality& quality) const;
   [[nodiscard]] const nav::PositionAnchor& anchor() const { return anchor_; }
   [[nodiscard]] const fusion::QuadtreeMap& map() const { return map_.map(); }
   [[nodiscard]] const MovingMap& movingMap() const { return map_; }

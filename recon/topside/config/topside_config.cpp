@@ -71,7 +71,7 @@ TopsideConfig readTopsideConfig(const std::filesystem::path& path) {
 
 void addNavigationSettings(Hasher& hasher, const TopsideConfig& config) {
   hasher.add(config.max_dvl_gap, config.max_speed, config.default_altitude, config.pairing_tolerance,
-             config.navigation.noise.unknown_velocity);
+             config.navigation.noise.unknown_velocity, config.navigation.noise.usbl_shift);
 }
 
 void addStereoSettings(Hasher& hasher, const TopsideConfig& config) {

@@ -276,7 +276,7 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
 
   const double unknown_velocity = config.navigation.noise.unknown_velocity;
   const Reckoned reckoned{*first, first_utc_ns, out.poses, unknown_velocity};
-  nav::PositionAnchor anchor;
+  nav::PositionAnchor anchor(config.navigation.noise.usbl_shift);
   const std::vector<FixSeen> before =
       seenBy(nav::FixKind::kGps, fixes.gps, at_gps, reckoned, {0, 0, 0}, &anchor);
   const auto by_gps = anchor.estimate(0, unknown_velocity);
