@@ -30,7 +30,8 @@ double depthFromPressure(double pressure_pa, double latitude, double density) no
 
 double soundSpeedAtPressure(double temperature_c, double s, double pressure_pa) noexcept {
   const double t = temperature_c * kIts68, p = pressure_pa * 1e-5;  // [bar]
-  if (!(temperature_c >= -2 && temperature_c <= 40 && s >= 0 && s <= 40 && pressure_pa >= 0 && pressure_pa <= 1e8))
+  if (!(temperature_c >= -2 && temperature_c <= 40 && s >= 0 && s <= 40 && pressure_pa >= 0 &&
+        pressure_pa <= 1e8))
     return kNaN;
   const double fresh0 =
       1402.388 + t * (5.03711 + t * (-5.80852e-2 + t * (3.3420e-4 + t * (-1.47800e-6 + t * 3.1464e-9))));

@@ -28,7 +28,7 @@ struct Launch {
   StereoRig rig;
 
   Launch() {
-    mission.vehicle_name = "made";
+    mission.vehicle_name = "drifter";
     mission.origin = {-0.5, 2.0};
     mission.start_utc_ns = kStart;
     mission.T_body_usbl = SE3(Eigen::Quaterniond::Identity(), {0.5, 0.2, 0});

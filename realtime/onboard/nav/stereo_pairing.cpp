@@ -15,9 +15,9 @@ std::optional<StereoPairing::Pair> StereoPairing::add(CameraSide side, const Fra
   }
   if (before_ns != 0 && (period_ns_ == 0 || frame.utc_ns - before_ns < period_ns_))
     period_ns_ = frame.utc_ns - before_ns;
-  const std::int64_t within_ns =
-      tolerance_ns_ +
-      std::clamp<std::int64_t>(period_ns_ / kWidest - tolerance_ns_, 0, driftAt(frame.utc_ns));
+  // So much wider only as no other frame comes into question.
+  const std::int64_t drift_ns = driftAt(frame.utc_ns);
+  const std::int64_t within_ns = tolerance_ns_ + (2 * drift_ns + tolerance_ns_ < period_ns_ ? drift_ns : 0);
 
   // The frame's time by the other camera's clock.
   const std::int64_t expected_ns =

@@ -18,8 +18,8 @@ namespace fathom::onboard {
 // right less left, that follows the pairs found: each moves it by an eighth of what it is off, but by no more
 // than two clocks drift apart in the time between the pairs. A camera that exposes late leaves the tolerance
 // where it was. After a time without pairs, a descent from `start_ns` on or cameras that were switched off,
-// the tolerance is wider by what clocks drift apart in it, up to a third of the time between frames, and the
-// first pair sets the skew.
+// the tolerance is wider by what clocks drift apart in it, and the first pair sets the skew; but not where
+// that leaves two frames to choose from (at 2 Hz after 20 minutes).
 class StereoPairing {
  public:
   struct Frame {
@@ -80,7 +80,6 @@ class StereoPairing {
   }
 
   static constexpr std::int64_t kSkewFollow = 8;  // pairs over which the skew follows
-  static constexpr std::int64_t kWidest = 3;      // part of the time between frames
   static constexpr std::int64_t kDriftShare =
       5000;  // of a time, that two clocks of 100 ppm drift apart in it
   std::int64_t tolerance_ns_;

@@ -343,7 +343,7 @@ std::vector<std::optional<std::size_t>> partnersByTime(std::span<const std::int6
     const auto apart = [&](std::size_t at) { return std::abs(right[at] - skew_ns - left[k]); };
     while (r + 1 < right.size() && apart(r + 1) <= apart(r)) ++r;
     const std::int64_t drift = std::max<std::int64_t>(left[k] - paired, 0) / kDriftShare;
-    const std::int64_t within = limit + std::min(drift, std::max<std::int64_t>(period / kWidest - limit, 0));
+    const std::int64_t within = limit + (2 * drift + limit < period ? drift : 0);
     if (r >= right.size() || apart(r) > within) continue;
     const std::int64_t off = right[r] - left[k] - skew_ns;
     skew_ns += std::abs(off) > limit ? off : off / kSkewFollow;

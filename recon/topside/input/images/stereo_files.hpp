@@ -42,8 +42,8 @@ struct StereoFiles {
 
 // The nearest right image of each left one, each used once: by their times, ascending [ns], about a skew that
 // follows the pairs found, because the cameras' clocks drift apart. None: no right image within `tolerance`
-// [s], which is wider, up to a third of the time between images, by what clocks drift apart since the last
-// pair or, before the first, since `start` [ns]; none: since the first image.
+// [s], which is wider by what clocks drift apart since the last pair or, before the first, since `start` [ns]
+// (none: since the first image), where that leaves no two images to choose from.
 [[nodiscard]] std::vector<std::optional<std::size_t>> partnersByTime(
     std::span<const std::int64_t> left, std::span<const std::int64_t> right, double tolerance,
     std::optional<std::int64_t> start = std::nullopt);
