@@ -29,13 +29,13 @@ void OnboardSystem::save(rt::StateWriter& writer) const {
   writer(nav_);
   writer(map_, link_, downlink_);
   writer.section(rt::stateTag("PROG"), 1, [&] { writer(progress_); });
-  writer.section(rt::stateTag("ONBD"), 3, [&] { exchange(writer, *this); });
+  writer.section(rt::stateTag("ONBD"), 4, [&] { exchange(writer, *this); });
 }
 
 bool OnboardSystem::load(rt::StateReader& reader) {
   return reader(nav_) && reader(map_, link_, downlink_) &&
          reader.section(rt::stateTag("PROG"), 1, [&] { reader(progress_); }) &&
-         reader.section(rt::stateTag("ONBD"), 3, [&] { exchange(reader, *this); });
+         reader.section(rt::stateTag("ONBD"), 4, [&] { exchange(reader, *this); });
 }
 
 template <typename Archive, typename Self>

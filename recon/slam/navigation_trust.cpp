@@ -90,7 +90,8 @@ bool NavigationGraph::linkFitsButForYaw(const Frame& from, const Frame& to, doub
   const double way = T_a_b.translation().norm(),
                place = std::hypot(stepSigma(way, to.quality, noise), kMeanTurn * contradiction * way);
   Vector6d sigma;
-  sigma << place, place, std::hypot(place, 2 * noise.depth), 2 * noise.tilt, 2 * noise.tilt, 0;
+  const double depth = std::hypot(noise.depth, to.quality.pressure_sigma);
+  sigma << place, place, std::hypot(place, 2 * depth), 2 * noise.tilt, 2 * noise.tilt, 0;
   Matrix6d spread = sigma.cwiseAbs2().asDiagonal();
   spread(5, 5) = kYawUnjudged;
   const Matrix6d at_dvl = perturbationAt(config_.dvl_in_camera);

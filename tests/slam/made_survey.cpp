@@ -172,6 +172,7 @@ SensorNoise madeNoise() {
   noise.deviation = kDeviation / std::numbers::sqrt2;
   noise.tilt_bias = kTiltBias;
   noise.depth_offset = kDepthBias;
+  noise.depth_drift = 0;
   return noise;
 }
 

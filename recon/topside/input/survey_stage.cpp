@@ -96,7 +96,7 @@ Survey navigated(const MissionInput& input, const TopsideConfig& config) {
 }
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kSurveyVersion = 4;
+constexpr std::uint32_t kSurveyVersion = 5;
 
 }  // namespace
 

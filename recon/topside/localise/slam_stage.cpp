@@ -48,7 +48,7 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 7;
+constexpr std::uint32_t kLocaliseVersion = 8;
 constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
 constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
@@ -66,6 +66,8 @@ std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation
     input.untilted_s = now.untilted_s - before.untilted_s;
     input.attitude_held = now.attitude_held;
     input.depth_held = now.depth_held;
+    input.pressure_off = now.pressure_off;
+    input.pressure_sigma = now.pressure_sigma;
     input.compass_jumped = now.heading_leaps > before.heading_leaps;
     input.gyro_turn = now.gyro_turn - before.gyro_turn;
     input.ungyro_s = now.has_gyro ? now.ungyro_s - before.ungyro_s : -1;
