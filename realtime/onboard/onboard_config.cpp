@@ -137,6 +137,7 @@ NavCoreConfig navCoreConfig(const OnboardConfig& config, const io::MissionConfig
   nav.odometry.sound_speed = mission.water.sound_speed;
   nav.odometry.phased_array = mission.dvl.phased_array;
   nav.start_utc_ns = mission.start_utc_ns;
+  nav.odometry.tide = readTide(mission.tide_model, mission.start_utc_ns);
   nav.pairing_tolerance = config.max_pair_skew;
   const io::MissionConfig::TimeOffsets& t = mission.time_offsets;
   nav.time_offsets = {t.left_camera, t.right_camera, t.dvl, t.compass, t.depth};

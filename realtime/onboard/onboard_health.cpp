@@ -52,6 +52,7 @@ void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>&
   add("usbl_north_m", usbl.translation().x());
   add("usbl_east_m", usbl.translation().y());
   add("usbl_turn_rad", usbl.euler().z());
+  add("sea_height_m", localisation->graph().seaHeight());
   add("closures", g.closures);
   add("links_contradicting", g.links_contradicting);
   add("links_off", g.links_off);
@@ -112,6 +113,8 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   add("odometry_age_s", nav.odometry_age);
   for (const NavHealth::Counter& counter : nav.counters)
     add("nav_" + std::string(counter.name), counter.value);
+  const nav::DeadReckoning& odometry = nav_.core().odometry();
+  add("pressure_sigma_m", odometry.qualityAt(odometry.newestUtcNs()).pressure_sigma);
   add("left_clock_lost_s", nav_.leftClock().lost());
   add("right_clock_lost_s", nav_.rightClock().lost());
   add("camera_clock_leaps", nav_.leftClock().leaps() + nav_.rightClock().leaps());

@@ -16,7 +16,6 @@ constexpr std::int64_t kMinNodeSpacingNs = 20'000'000;  // with kNodes: at least
 constexpr std::int64_t kRateHalfWindowNs =
     200'000'000;                       // each side, of the rate of turn: two compass samples
 constexpr double kHeadingNoise = 0.1;  // no leap [rad]: ten times a compass's noise and more
-constexpr double kDepthCatchUp = 5.0;  // e-folding of the step after a depth outage [s]
 constexpr double kMinSoundSpeed = 1350.0, kMaxSoundSpeed = 1650.0;  // any sea or lake, with margin [m/s]
 constexpr double kNominalSoundSpeed = 1500.0;  // that instruments are set to when nobody sets them [m/s]
 // Standard deviation of the speed of sound that an instrument computes from its thermometer and a salinity
@@ -141,7 +140,8 @@ void DeadReckoning::add(const DepthSample& sample) noexcept {
     return;
   }
   if (!checkTime(depth_times_, sample.utc_ns)) return;
-  depths_.pushDroppingOldest({sample.utc_ns, sample.depth});
+  const double tide = config_.tide ? config_.tide->heightAt(sample.utc_ns) : 0;
+  depths_.pushDroppingOldest({sample.utc_ns, sample.depth - tide});
   advance();
 }
 
@@ -263,12 +263,12 @@ void DeadReckoning::appendNode(std::int64_t utc_ns, const Eigen::Vector3d& veloc
   node.v_dvl = node.R_odom_body * velocity_body;
   if (nodes_.empty()) {
     node.p_dvl = node.R_odom_body * config_.T_body_dvl.translation();
-    node.depth = depthOfBody(node, nullptr);
+    placeDepth(node, nullptr);
   } else {
     const Node& before = nodes_.back();
     node.p_dvl = before.p_dvl + 0.5 * (before.v_dvl + node.v_dvl) * seconds(utc_ns - before.utc_ns);
-    node.depth = depthOfBody(node, &before);
     rate(node, before);
+    placeDepth(node, &before);
   }
   nodes_.pushDroppingOldest(node);
 }
@@ -286,25 +286,27 @@ void DeadReckoning::rate(Node& node, const Node& before) const noexcept {
   node.heading_rate = headingRateAt(rates_, attitudes_, node.utc_ns, gyro_times_.silenceNs());
 }
 
-double DeadReckoning::depthOfBody(const Node& node, const Node* before) noexcept {
+// By pressure, but for what the DVL tells better; `before`: null at first.
+void DeadReckoning::placeDepth(Node& node, const Node* before) noexcept {
   const double lever = (node.R_odom_body * config_.T_body_depth.translation()).z();
-  const double measured = numberAt(depths_, node.utc_ns) - lever;
-  if (before == nullptr) return measured;
-
-  const Eigen::Vector3d& r = config_.T_body_dvl.translation();
-  const double predicted =
-      before->depth + (node.p_dvl - node.R_odom_body * r).z() - (before->p_dvl - before->R_odom_body * r).z();
-  if (depth_times_.newestUtcNs() < node.utc_ns) {  // the sensor is silent: reached() would have waited
-    depth_bridged_ = true;
-    return predicted;
+  const double pressure = numberAt(depths_, node.utc_ns) - lever;
+  if (before == nullptr) {
+    depth_filter_.start(pressure);
+  } else {
+    const Eigen::Vector3d& r = config_.T_body_dvl.translation();
+    const double moved =
+        (node.p_dvl - node.R_odom_body * r).z() - (before->p_dvl - before->R_odom_body * r).z();
+    const double elapsed = seconds(node.utc_ns - before->utc_ns);
+    if (depth_times_.newestUtcNs() < node.utc_ns)  // the sensor is silent: reached() would have waited
+      depth_filter_.addWithoutPressure(moved);
+    else if (coasting_)
+      depth_filter_.addWithoutVelocity(elapsed, moved, pressure);
+    else
+      depth_filter_.add(elapsed, moved, pressure);
   }
-  if (depth_bridged_) {
-    depth_bridged_ = false;
-    depth_offset_ = predicted - measured;
-    depth_offset_utc_ns_ = node.utc_ns;
-  }
-  const double age = seconds(node.utc_ns - depth_offset_utc_ns_);
-  return measured + (depth_offset_ == 0 ? 0.0 : depth_offset_ * std::exp(-age / kDepthCatchUp));
+  node.depth = depth_filter_.depth();
+  node.quality.pressure_off = depth_filter_.pressureOff();
+  node.quality.pressure_sigma = depth_filter_.sigma();
 }
 
 }  // namespace fathom::nav

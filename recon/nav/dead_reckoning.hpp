@@ -8,6 +8,8 @@
 #include "realtime/kernel/state_archive_fwd.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/sensor_samples.hpp"
+#include "recon/geometry/tide.hpp"
+#include "recon/nav/depth_filter.hpp"
 #include "recon/nav/gyro_history.hpp"
 #include "recon/nav/sensor_history.hpp"
 
@@ -25,6 +27,7 @@ struct DeadReckoningConfig {
   bool phased_array = false;   // of the DVL: horizontal velocities do not depend on the speed of sound
   double max_dvl_gap = 2.0;    // without bottom track longer than this the velocity decays to zero [s]
   double max_speed = 3.0;      // faster bottom-track velocities are rejected [m/s]
+  std::optional<Tide> tide;    // predicted, taken out of depths
   double max_turn_rate = 1.0;  // a heading that turns faster has leapt: twice any survey vehicle's [rad/s]
 };
 
@@ -40,11 +43,12 @@ struct DeadReckoningConfig {
 // speed corrections"), but for the horizontal velocities of a phased array, whose beams' angle changes with
 // it so that they stay right. c_true is the newest water sample's, else the config's, else the instrument's
 // own, which it may compute from its thermometer: then the factor is 1, and Quality says how wrong the scale
-// may be. Depth is the pressure sensor's, less its lever arm.
+// may be. Depth is the pressure sensor's, less its lever arm and the predicted tide, and in a swell the DVL's
+// over seconds (DepthFilter).
 //
 // An ensemble is used once attitude and depth reach its time, so poses up to newestUtcNs() are final. A
 // sensor silent for longer than its rate explains (TimeGate) is not waited for: attitude is held, depth
-// follows the DVL's vertical velocity and, when the sensor is back, closes the difference slowly.
+// follows the DVL's vertical velocity and, when the sensor is back, closes the difference over seconds.
 //
 // A compass that leaps (current in a cable, steel nearby) must not bend the track: the leap is taken out of
 // all later headings, so that odometry goes on smoothly and its heading is wrong by no more than before. Who
@@ -89,10 +93,13 @@ class DeadReckoning {
   // What the track rested on up to a time. The seconds and leaps count from the beginning: two differ by what
   // came between.
   struct Quality {
-    double unlocked_s = 0;            // of the track without bottom track, after a gap of max_dvl_gap [s]
-    double untilted_s = 0;            // while attitude was held [s]
-    bool attitude_held = false;       // attitude is silent then
-    bool depth_held = false;          // depth is silent then
+    double unlocked_s = 0;       // of the track without bottom track, after a gap of max_dvl_gap [s]
+    double untilted_s = 0;       // while attitude was held [s]
+    bool attitude_held = false;  // attitude is silent then
+    bool depth_held = false;     // depth is silent then
+    // Depth of the body by pressure less that of the track, which swell moves less; and the standard
+    // deviation that swell is seen to give the former, 0 in a calm sea [m].
+    double pressure_off = 0, pressure_sigma = 0;
     std::uint64_t heading_leaps = 0;  // of the compass
     // Turn about odom's down axis by the gyro alone, whole turns counted [rad]; while it was silent, which
     // adds nothing [s]; and whether there is a gyro at all.
@@ -104,8 +111,9 @@ class DeadReckoning {
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
-      archive(self.unlocked_s, self.untilted_s, self.attitude_held, self.depth_held, self.heading_leaps,
-              self.gyro_turn, self.ungyro_s, self.has_gyro, self.sound_share);
+      archive(self.unlocked_s, self.untilted_s, self.attitude_held, self.depth_held, self.pressure_off,
+              self.pressure_sigma, self.heading_leaps, self.gyro_turn, self.ungyro_s, self.has_gyro,
+              self.sound_share);
     }
   };
   // At a time within the kept history, as poseAt(); beyond its ends: that of the end.
@@ -179,7 +187,7 @@ class DeadReckoning {
   void appendNode(std::int64_t utc_ns, const Eigen::Vector3d& velocity_body) noexcept;
   void rate(Node& node, const Node& before) const noexcept;
   [[nodiscard]] double withoutLeap(double heading, std::int64_t utc_ns) noexcept;
-  [[nodiscard]] double depthOfBody(const Node& node, const Node* before) noexcept;
+  void placeDepth(Node& node, const Node* before) noexcept;
   [[nodiscard]] double soundSpeedFactor(double assumed) noexcept;
   [[nodiscard]] double soundShare() const noexcept;
 
@@ -197,9 +205,7 @@ class DeadReckoning {
   Velocity last_velocity_;                                    // newest that entered the track
   Eigen::Vector3d coast_velocity_ = Eigen::Vector3d::Zero();  // of the body when bottom track went [m/s]
   bool coasting_ = false;
-  bool depth_bridged_ = false;  // the newest node's depth came from the DVL
-  double depth_offset_ = 0;     // left over from the last bridge, decaying [m]
-  std::int64_t depth_offset_utc_ns_ = 0;
+  DepthFilter depth_filter_;
   std::optional<double> sound_speed_;  // true, newest known [m/s]
   bool own_sound_speed_ = false;       // an ensemble had another one than the nominal
   std::optional<TimedNumber> altitude_;

@@ -97,6 +97,8 @@ DeadReckoning::Quality DeadReckoning::qualityAt(std::int64_t utc_ns) const noexc
     quality.unlocked_s = between(&Quality::unlocked_s);
     quality.untilted_s = between(&Quality::untilted_s);
     quality.ungyro_s = between(&Quality::ungyro_s);
+    quality.pressure_off = between(&Quality::pressure_off);
+    quality.pressure_sigma = between(&Quality::pressure_sigma);
     // The rate is linear between nodes, and what that leaves of the turn comes evenly.
     quality.gyro_turn =
         between(&Quality::gyro_turn) + 0.5 * (a.heading_rate - b.heading_rate) * s * (1 - share);

@@ -16,12 +16,11 @@ bool rises(const Queue& queue) {
 
 template <typename Archive, typename Self>
 void DeadReckoning::exchange(Archive& archive, Self& self) {
-  archive.instants(self.now_, self.depth_offset_utc_ns_);
+  archive.instants(self.now_);
   archive(self.dvl_times_, self.attitude_times_, self.depth_times_, self.gyro_times_, self.attitudes_,
           self.last_heading_, self.heading_taken_out_, self.leap_times_, self.depths_, self.rates_,
           self.waiting_, self.nodes_, self.last_velocity_, self.coast_velocity_, self.coasting_,
-          self.depth_bridged_, self.depth_offset_, self.sound_speed_, self.own_sound_speed_, self.altitude_,
-          self.counters_);
+          self.depth_filter_, self.sound_speed_, self.own_sound_speed_, self.altitude_, self.counters_);
   // The track rests on both, and looks at their newest without asking.
   archive.require(self.nodes_.empty() || (!self.attitudes_.empty() && !self.depths_.empty()),
                   "a track without attitude or depth");

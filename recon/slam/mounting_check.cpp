@@ -54,7 +54,8 @@ Matrix6d spreadOf(const KeyframeInput& a, const KeyframeInput& b, double turn, c
   const double heading =
       2 * noise.heading * noise.heading + noise.deviation_turn * noise.deviation_turn * turn;
   const Eigen::Matrix3d R = b.T_odom_cam.matrix3();
-  const Eigen::Vector3d place(step * step, step * step, 2 * noise.depth * noise.depth);
+  const double depth = std::hypot(noise.depth, b.pressure_sigma);
+  const Eigen::Vector3d place(step * step, step * step, 2 * depth * depth);
   Matrix6d spread = Matrix6d::Zero();
   spread.topLeftCorner<3, 3>() = R.transpose() * place.asDiagonal() * R;
   spread.bottomRightCorner<3, 3>() = R.transpose() * Eigen::Vector3d(tilt, tilt, heading).asDiagonal() * R;

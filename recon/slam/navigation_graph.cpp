@@ -10,8 +10,8 @@
 namespace fathom::slam {
 namespace {
 
-constexpr double kAnywhere = 1000;         // standard deviation of a place that nothing tells [m]
-constexpr double kDepthReference_s = 600;  // a reference of depth serves so long: tides are slow
+constexpr double kAnywhere = 1000;        // standard deviation of a place that nothing tells [m]
+constexpr double kDepthReference_s = 60;  // a reference of depth serves so long: 25 mm of the fastest tide
 constexpr int kBlocksPerPose = 14, kSpareBlocks = 40000;  // of the factor; ten hours of survey fill 80 %
 
 using rt::seconds;
@@ -119,8 +119,12 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
                 input.T_odom_cam.translation() + Eigen::Vector3d(shift.x(), shift.y(), 0));
   if (!first) {
     const Frame& last = frames_.back();
-    quality = {seconds(input.utc_ns - last.utc_ns), input.unlocked_s, input.untilted_s, dvl_.remainingShare(),
-               last.T_odom_cam.rotation().angularDistance(input.T_odom_cam.rotation())};
+    quality = {seconds(input.utc_ns - last.utc_ns),
+               input.unlocked_s,
+               input.untilted_s,
+               dvl_.remainingShare(),
+               last.T_odom_cam.rotation().angularDistance(input.T_odom_cam.rotation()),
+               input.pressure_sigma};
     frame.quality = quality;
     if (counters_.dvl_lies) quality.seconds_unlocked = quality.seconds;
     if (input.unlocked_s > 0) ++counters_.dvl_absent;
@@ -255,7 +259,10 @@ void NavigationGraph::referDepth(const KeyframeInput& input, int node) {
       }
     }
   }
-  (void)addFactor(depthFactor(depth_.node < 0 ? kWorld : depth_.node, node, input.T_odom_cam, noise));
+  const SE3 by_pressure(input.T_odom_cam.rotation(),
+                        input.T_odom_cam.translation() + Eigen::Vector3d(0, 0, input.pressure_off));
+  (void)addFactor(depthFactor(depth_.node < 0 ? kWorld : depth_.node, node, by_pressure,
+                              std::hypot(noise.depth, input.pressure_sigma)));
 }
 
 NavigationGraph::Prediction NavigationGraph::predict(int a, int b) {
@@ -337,6 +344,10 @@ PoseGraph NavigationGraph::sensorGraph() const {
 
 double NavigationGraph::deviation() const {
   return attitude_.node < 0 ? 0 : -solver_.pose(attitude_.node).euler().z();
+}
+
+double NavigationGraph::seaHeight() const {
+  return depth_.node < 0 ? 0 : -solver_.pose(depth_.node).translation().z();
 }
 
 }  // namespace fathom::slam

@@ -49,11 +49,14 @@ struct NavigationConfig {
 // What a keyframe enters with.
 struct KeyframeInput {
   std::int64_t utc_ns = 0;
-  SE3 T_odom_cam;               // dead reckoning
-  double unlocked_s = 0;        // since the last keyframe without bottom track [s]
-  double untilted_s = 0;        // without attitude [s]
-  bool attitude_held = false;   // at its time: attitude is not measured
-  bool depth_held = false;      // depth is not measured
+  SE3 T_odom_cam;              // dead reckoning
+  double unlocked_s = 0;       // since the last keyframe without bottom track [s]
+  double untilted_s = 0;       // without attitude [s]
+  bool attitude_held = false;  // at its time: attitude is not measured
+  bool depth_held = false;     // depth is not measured
+  // Depth by pressure less that of T_odom_cam, and the standard deviation that swell adds to the noise of the
+  // former [m].
+  double pressure_off = 0, pressure_sigma = 0;
   bool compass_jumped = false;  // since the last keyframe (nav::DeadReckoning took the leap out)
   // Turn of the body about nav's down axis since the last keyframe as the gyro has it, whole turns counted
   // [rad], and for how long of that the gyro was silent, which added nothing to it [s]; negative: no gyro at
@@ -160,6 +163,9 @@ class NavigationGraph {
   // What all positions of the USBL are found to share: where their frame is, less where it was before
   // [m, north and east], and its turn; identity where none has come.
   [[nodiscard]] SE3 usblCorrection() const;
+  // Height of the sea over nav's zero at the newest reference of depth, or what the pressure sensor reads too
+  // much [m].
+  [[nodiscard]] double seaHeight() const;
 
   // The keyframe that has moved most since its pose was last taken here; std::nullopt when none moved by more
   // than change_m or change_rad. Taking it marks it as known.

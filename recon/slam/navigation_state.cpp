@@ -14,7 +14,7 @@ constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 6;
 template <typename Archive, typename Quality>
 void exchangeQuality(Archive& archive, Quality& quality) {
   archive(quality.seconds, quality.seconds_unlocked, quality.seconds_untilted, quality.calibration_share,
-          quality.turn);
+          quality.turn, quality.pressure_sigma);
 }
 
 template <typename Archive, typename Counters>

@@ -93,7 +93,8 @@ bool NavigationGraph::linkFitsButForYaw(const Frame& from, const Frame& to, doub
   const SE3 T_odom_seen = from.T_odom_cam * T_a_b;
   // Nav's axes, in which depth and yaw are, seen from the camera, however that is mounted.
   const Eigen::Matrix3d R = T_odom_seen.matrix3();
-  const double vertical = std::hypot(place, 2 * noise.depth), tilt = 2 * noise.tilt;
+  const double depth = std::hypot(noise.depth, to.quality.pressure_sigma),
+               vertical = std::hypot(place, 2 * depth), tilt = 2 * noise.tilt;
   const Eigen::Vector3d place2(place * place, place * place, vertical * vertical),
       turn2(tilt * tilt, tilt * tilt, kYawUnjudged);
   Matrix6d spread = Matrix6d::Zero();

@@ -12,7 +12,8 @@ namespace {
 constexpr double kUnknown = 1e6;        // standard deviation of what is not measured [m], [rad]
 constexpr double kHeld = 1e-3;          // of what is fixed by definition [m], [rad]
 constexpr double kLooseVertical = 1.0;  // of a step [m]: many times any relief between two poses
-constexpr double kLooseTurn = 0.5;      // of a step [rad]
+constexpr double kTilts = 3;        // biases of tilt, which all steps of a line share, that each counts for
+constexpr double kLooseTurn = 0.5;  // of a step [rad]
 
 // Standard deviations along the axes of `from`, for a residual in the axes of the measured pose.
 RelativePose measured(int from, int to, const SE3& T_from_to, const Eigen::Vector3d& position,
@@ -92,11 +93,13 @@ RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b,
   const SE3 between = T_odom_a.inverse() * T_odom_b;
   const double way = (between * dvl_in_camera - dvl_in_camera).norm(),
                horizontal =
-                   std::hypot(stepSigma(way, quality, noise), wanderSigma(way, quality.seconds, noise));
+                   std::hypot(stepSigma(way, quality, noise), wanderSigma(way, quality.seconds, noise)),
+               by_pressure = kLooseVertical * noise.depth / std::hypot(noise.depth, quality.pressure_sigma),
+               vertical = std::hypot(by_pressure, horizontal, kTilts * noise.tilt_bias * way);
   const double turned = noise.unknown_turn * quality.seconds_untilted;
   // In nav's axes first: horizontal and vertical.
   const Eigen::Matrix3d R = T_odom_b.matrix3();
-  const Eigen::Vector3d position(horizontal, horizontal, kLooseVertical);
+  const Eigen::Vector3d position(horizontal, horizontal, vertical);
   Matrix6d information = Matrix6d::Zero();
   information.topLeftCorner<3, 3>() = R.transpose() * position.cwiseAbs2().cwiseInverse().asDiagonal() * R;
   const double turn = std::hypot(kLooseTurn, turned);
@@ -133,8 +136,8 @@ RelativePose gyroFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b, 
   return {a, b, between, residualInformation(information)};
 }
 
-RelativePose depthFactor(int reference, int camera, const SE3& T_odom_cam, const SensorNoise& noise) {
-  return measured(reference, camera, T_odom_cam, {kUnknown, kUnknown, noise.depth}, all(kUnknown));
+RelativePose depthFactor(int reference, int camera, const SE3& T_odom_cam, double sigma) {
+  return measured(reference, camera, T_odom_cam, {kUnknown, kUnknown, sigma}, all(kUnknown));
 }
 
 RelativePose firstDepthReference(int origin, int reference, const SensorNoise& noise) {

@@ -32,9 +32,9 @@ struct SensorNoise {
   double unknown_turn = 0.1;  // rate of turn while attitude is away [rad/s]
   double gyro_walk = 3e-4;    // angle random walk of a gyro, where there is one [rad/s^(1/2)]
   // Depth.
-  double depth = 0.003;       // of one reading [m]
-  double depth_offset = 0.1;  // of the sea's height over nav's zero, or of the sensor, at first [m]
-  double depth_drift = 0.0;   // its random walk: tide 0.002, none 0 [m/s^(1/2)]
+  double depth = 0.003;        // of one reading [m]
+  double depth_offset = 0.1;   // of the sea's height over nav's zero, or of the sensor, at first [m]
+  double depth_drift = 0.003;  // its random walk: 23 mm in a minute, as the fastest tide of 3 m [m/s^(1/2)]
   // Of all USBL positions of a mission together; unless it is 0, the shift is one position's standard
   // deviation at least. Shift: a ship's GPS without corrections (2 m), with its antenna's lever arm and a
   // degree of the transceiver's mounting over the 90 m to the vehicle (1.5 m). Turn: that mounting.
@@ -66,6 +66,7 @@ struct StepQuality {
   double seconds_untilted = 0;   // of that, without attitude
   double calibration_share = 0;  // standard deviation of DVL scale and heading that is left [1], [rad]
   double turn = 0;               // between them [rad]
+  double pressure_sigma = 0;     // standard deviation that swell gives a depth by pressure [m]
 };
 
 // The velocity that nobody measures is the same for the whole of a loss of bottom track, so its error grows
@@ -89,9 +90,10 @@ class LossOfTrack {
 //   e_xyz = R_m^T (R_a^T (t_b - t_a) - t_m) + e_phi x l,   T_m = T_odom_a^-1 T_odom_b,
 // in the axes of b: the way of the DVL itself, which is at l in the camera's axes, so that a compass that
 // errs at b does not swing the camera about it. Horizontal: white and wandering noise of the velocity over
-// the time, calibration and heading noise over the way, the DVL's place over the turn. Vertical: loose, as
-// odometry's depth is the pressure sensor's, which depthFactor uses. Rotation: loose, as it is the compass's,
-// which attitudeFactor uses. Standard deviation of a step of that way, horizontal [m].
+// the time, calibration and heading noise over the way, the DVL's place over the turn. Vertical: loose as far
+// as odometry's depth is the pressure sensor's, which depthFactor uses: the less, the larger the swell; then
+// the tilt's bias over the way. Rotation: loose, as it is the compass's, which attitudeFactor uses. Standard
+// deviation of a step of that way, horizontal [m].
 [[nodiscard]] double stepSigma(double way, const StepQuality& quality, const SensorNoise& noise);
 // And of its slowly wandering velocity (horizontal, of either component) [m]: by v = way / T, w and tau of
 // SensorNoise, variance 2 (w v)^2 tau T, the integral of a Gauss-Markov process over many tau. A chain of
@@ -124,9 +126,9 @@ class LossOfTrack {
                                       double sigma);
 
 // Depth of a camera below a reference T_nav_ref, whose z is the height of the sea under nav's zero (the
-// origin: known to be 0):  e_z = n . R_m (R_m^T (T_nav_ref^-1 t_nav_cam - t_odom_cam)), n down.
-[[nodiscard]] RelativePose depthFactor(int reference, int camera, const SE3& T_odom_cam,
-                                       const SensorNoise& noise);
+// origin: known to be 0):  e_z = n . R_m (R_m^T (T_nav_ref^-1 t_nav_cam - t_odom_cam)), n down. `sigma`: of
+// the depth of t_odom_cam [m].
+[[nodiscard]] RelativePose depthFactor(int reference, int camera, const SE3& T_odom_cam, double sigma);
 [[nodiscard]] RelativePose firstDepthReference(int origin, int reference, const SensorNoise& noise);
 [[nodiscard]] RelativePose depthDrift(int before, int after, double seconds, const SensorNoise& noise);
 

@@ -83,7 +83,7 @@ io::MissionConfig missionConfig(const Scenario& s, const StereoRig& rig) {
   m.origin = s.origin;
   m.start_utc_ns = s.start_utc_ns;
   m.magnetic_declination = s.magnetic_declination;
-  if (s.sensors.tide.amplitude_m > 0) {
+  if (s.sensors.tide.amplitude_m > 0 && s.sensors.tide.in_mission != 0) {
     m.tide_model = formatted("sinusoid amplitude_m=%.17g period_s=%.17g phase_rad=%.17g",
                              s.sensors.tide.amplitude_m, s.sensors.tide.period_s, s.sensors.tide.phase);
   }

@@ -200,6 +200,13 @@ void visitSensors(KeyVisitor& keys, SensorsConfig& s) {
   keys.number("amplitude_m", s.tide.amplitude_m, "m", 0, 10, "0: no tide");
   keys.number("period_s", s.tide.period_s, "s", 60, 200000, "of the sinusoid");
   keys.angle("phase_deg", s.tide.phase, -360, 360, "at the mission's start");
+  keys.integer("in_mission", s.tide.in_mission, 0, 1, "1: mission.toml predicts it; 0: it says none");
+  keys.leave();
+  keys.enter("waves", "in the pressure sensor's depth, and in GPS at the surface");
+  keys.number("height_m", s.waves.height_m, "m", 0, 10, "significant; 0: none");
+  keys.number("period_s", s.waves.period_s, "s", 1, 30, "of the spectrum's peak (JONSWAP)");
+  keys.angle("towards_deg", s.waves.towards, -360, 360, "where they run to, from north to east");
+  keys.angle("spreading_deg", s.waves.spreading, 0, 90, "standard deviation of their directions");
   keys.leave();
   keys.enter("arrival", "of samples of DVL, compass and depth");
   keys.number("jitter_s", s.arrival.jitter_s, "s", 0, 5,

@@ -111,13 +111,17 @@ void simulateDepth(const SensorWorld& world, const SensorsConfig& sensors, Logge
   const DepthSensorConfig& config = sensors.depth;
   Random random(world.seed, "depth");
   const double scale = 1.0 + random.gauss(config.scale_error);
+  const Waves waves = world.waves(sensors.waves);
   for (std::int64_t i = 0; static_cast<double>(i) / config.rate_hz <= world.trajectory.duration(); ++i) {
     const double time = static_cast<double>(i) / config.rate_hz;
     const SE3 T_nav_depth = world.trajectory.poseAt(time) * world.T_body_depth;
+    double depth = T_nav_depth.translation().z() + tideHeight(sensors.tide, time);
+    if (!waves.calm())
+      depth += waves.pressureAt(T_nav_depth.translation(),
+                                world.waterDepthAt(T_nav_depth.translation().head<2>()), time);
     DepthSample sample;
     sample.utc_ns = world.utcNs(time);
-    sample.depth = (T_nav_depth.translation().z() + tideHeight(sensors.tide, time)) * scale +
-                   random.gauss(config.sigma_m);
+    sample.depth = depth * scale + random.gauss(config.sigma_m);
     samples.push_back({world.utcNs(time + config.latency_s), sample});
   }
 }

@@ -67,7 +67,9 @@ void simulateUsbl(const SensorWorld& world, const UsblConfig& config, LoggedSamp
   }
 }
 
-void simulateGps(const SensorWorld& world, const GpsConfig& config, LoggedSamples& samples) {
+void simulateGps(const SensorWorld& world, const SensorsConfig& sensors, LoggedSamples& samples) {
+  const GpsConfig& config = sensors.gps;
+  const Waves waves = world.waves(sensors.waves);
   Random random(world.seed, "gps");
   const LocalTransverseMercator mercator(world.origin);
   const SmoothNoise north(random, config.drift_sigma_m, 60.0, 600.0);
@@ -78,7 +80,7 @@ void simulateGps(const SensorWorld& world, const GpsConfig& config, LoggedSample
     const Eigen::Vector2d error(north.at(time) + random.gauss(config.sigma_m),
                                 east.at(time) + random.gauss(config.sigma_m));
     const Eigen::Vector2d place = world.trajectory.poseAt(time).translation().head<2>();
-    const Geodetic position = mercator.toGeodetic(place + error);
+    const Geodetic position = mercator.toGeodetic(place + waves.shiftAt(place, time) + error);
     GpsFix fix;
     fix.utc_ns = world.utcNs(time);
     fix.latitude = position.latitude;

@@ -11,6 +11,15 @@ std::int64_t SensorWorld::utcNs(double time_s) const {
   return start_utc_ns + static_cast<std::int64_t>(std::llround(time_s * 1e9));
 }
 
+double SensorWorld::waterDepthAt(const Eigen::Vector2d& place) const {
+  constexpr double kNoBottom = 1000;  // [m]
+  return cast_ray({place.x(), place.y(), 0}, Eigen::Vector3d::UnitZ()).value_or(kNoBottom);
+}
+
+Waves SensorWorld::waves(const WavesConfig& config) const {
+  return {config, seed, waterDepthAt(trajectory.poseAt(0).translation().head<2>())};
+}
+
 std::vector<Exposure> simulateExposures(const SensorWorld& world, const CameraClockConfig& config) {
   std::vector<Exposure> exposures;
   constexpr double kRounding = 1e-6;  // [s]
@@ -52,7 +61,7 @@ void delay(const SensorWorld& world, const ArrivalConfig& config, LoggedSamples&
 LoggedSamples simulateSensors(const SensorWorld& world, const SensorsConfig& config,
                               const std::vector<Exposure>& exposures) {
   LoggedSamples samples;
-  simulateGps(world, config.gps, samples);
+  simulateGps(world, config, samples);
   simulateUsbl(world, config.usbl, samples);
   simulateWater(world, config.water, samples);
   simulateBattery(world, config.battery, samples);

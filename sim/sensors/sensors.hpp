@@ -13,6 +13,7 @@
 #include "recon/geometry/sensor_samples.hpp"
 #include "sim/scenario/degrees.hpp"
 #include "sim/scenario/random.hpp"
+#include "sim/sensors/waves.hpp"
 #include "sim/vehicle/trajectory.hpp"
 
 namespace fathom::sim {
@@ -88,7 +89,7 @@ struct GyroConfig {
 struct DepthSensorConfig {
   double rate_hz = 5.0;
   double scale_error = 1e-4;  // of the depth, standard deviation, drawn once a dive (0.01 %)
-  double sigma_m = 0.003;     // white: resolution and swell
+  double sigma_m = 0.003;     // white
   double latency_s = 0.05;
 };
 
@@ -169,6 +170,7 @@ struct TideConfig {
   double amplitude_m = 0.0;    // 0: none
   double period_s = 44714.16;  // the principal lunar tide, M2
   double phase = 0.0;          // [rad]
+  int in_mission = 1;          // 1: mission.toml predicts it; 0: its tide_model is "none"
 };
 // Height of the sea over nav's zero [m].
 [[nodiscard]] double tideHeight(const TideConfig& tide, double time_s);
@@ -184,6 +186,7 @@ struct SensorsConfig {
   BatteryConfig battery;
   CameraClockConfig cameras;
   TideConfig tide;
+  WavesConfig waves;
   ArrivalConfig arrival;
 };
 
@@ -205,6 +208,10 @@ struct SensorWorld {
   std::uint64_t seed = 1;
 
   [[nodiscard]] std::int64_t utcNs(double time_s) const;
+  // Of the water under a place [m].
+  [[nodiscard]] double waterDepthAt(const Eigen::Vector2d& place) const;
+  // Their wavelengths are those of the water where the mission begins.
+  [[nodiscard]] Waves waves(const WavesConfig& config) const;
 };
 
 // One exposure of the pair.
@@ -225,7 +232,7 @@ void simulateCompass(const SensorWorld& world, const CompassConfig& config, Logg
 void simulateGyro(const SensorWorld& world, const GyroConfig& config, LoggedSamples& samples);
 void simulateDepth(const SensorWorld& world, const SensorsConfig& config, LoggedSamples& samples);
 void simulateUsbl(const SensorWorld& world, const UsblConfig& config, LoggedSamples& samples);
-void simulateGps(const SensorWorld& world, const GpsConfig& config, LoggedSamples& samples);
+void simulateGps(const SensorWorld& world, const SensorsConfig& config, LoggedSamples& samples);
 void simulateWater(const SensorWorld& world, const WaterSensorConfig& config, LoggedSamples& samples);
 void simulateBattery(const SensorWorld& world, const BatteryConfig& config, LoggedSamples& samples);
 

@@ -155,6 +155,43 @@ TEST(DeadReckoning, FollowsTheGridWhereMeridiansConverge) {
   EXPECT_NEAR(end->translation().x(), 0, 0.5);  // 54 m by true north
 }
 
+TEST(DeadReckoning, APredictedTideIsTakenOutOfTheDepth) {
+  DeadReckoningConfig config = mountedConfig();
+  auto samples = samplesOf(circle, config, 60);
+  config.tide = Tide{1.5, 1200, 0.4, kStart};
+  for (Sample& sample : samples)
+    if (auto* depth = std::get_if<DepthSample>(&sample)) depth->depth += config.tide->heightAt(depth->utc_ns);
+  DeadReckoning nav(config);
+  feed(nav, samples);
+  EXPECT_LT(worstErrorOver(nav, circle, 45, 59), 0.002);
+}
+
+TEST(DeadReckoning, SwellMovesTheTrackByMillimetresASecondAndItsPressureDepthGoesWithIt) {
+  const DeadReckoningConfig config = mountedConfig();
+  constexpr double kSwell = 0.4;  // amplitude [m]
+  const auto swell = [](double t) { return kSwell * std::sin(2 * std::numbers::pi * t / 8); };
+  auto samples = samplesOf(circle, config, 180);
+  for (Sample& sample : samples)
+    if (auto* depth = std::get_if<DepthSample>(&sample))
+      depth->depth += swell(static_cast<double>(depth->utc_ns - kStart) * 1e-9);
+  DeadReckoning nav(config);
+  double before = 0, change = 0, checked = 0;
+  for (const Sample& sample : samples) {
+    feed(nav, sample);
+    for (; nav.initialised() && at(checked) <= nav.newestUtcNs(); checked += 1) {
+      const auto pose = nav.poseAt(at(checked));
+      if (!pose) continue;
+      const double off = pose->translation().z() - circle(checked).translation().z();
+      if (checked > 90) change = std::max(change, std::abs(off - before));
+      before = off;
+      EXPECT_NEAR(off + nav.qualityAt(at(checked)).pressure_off, swell(checked), 0.01);
+    }
+  }
+  EXPECT_GT(checked, 175);
+  EXPECT_LT(change, 0.012);  // by pressure: 0.3 m
+  EXPECT_NEAR(nav.qualityAt(nav.newestUtcNs()).pressure_sigma, kSwell / std::numbers::sqrt2, 0.05);
+}
+
 TEST(DeadReckoning, TrueHeadingsTakeNoDeclination) {
   DeadReckoningConfig config;
   config.magnetic_declination = 0.2;

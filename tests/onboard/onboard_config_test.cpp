@@ -33,6 +33,18 @@ TEST_F(OnboardConfigFile, SaysWhatDeadReckoningBelieves) {
   EXPECT_EQ(used.max_turn_rate, 0.5);
 }
 
+TEST_F(OnboardConfigFile, DeadReckoningTakesTheTideThatTheMissionPredicts) {
+  io::MissionConfig mission;
+  EXPECT_FALSE(navCoreConfig({}, mission).odometry.tide);
+  mission.start_utc_ns = 1'700'000'000'000'000'000;
+  mission.tide_model = "sinusoid amplitude_m=1.5 period_s=1200 phase_rad=0";
+  const auto tide = navCoreConfig({}, mission).odometry.tide;
+  ASSERT_TRUE(tide);
+  EXPECT_NEAR(tide->heightAt(mission.start_utc_ns + 300'000'000'000), 1.5, 1e-9);
+  mission.tide_model = "harmonic";
+  EXPECT_THROW((void)navCoreConfig({}, mission), InputError);
+}
+
 TEST_F(OnboardConfigFile, RefusesWhatNoVehicleDoes) {
   for (const char* line : {"max_dvl_gap_s = 0", "max_dvl_gap_s = 61", "max_speed_mps = 0",
                            "max_speed_mps = 21", "max_turn_rate_radps = 0", "max_turn_rate_radps = 11"})

@@ -283,12 +283,12 @@ TEST_F(SensorFault, UsblBearingHasItsNoise) {
 }
 
 TEST_F(SensorFault, GpsIsWhereTheVehicleIsInTheMean) {
-  GpsConfig config;
-  config.drift_sigma_m = 0;
-  config.sigma_m = 0.4;
-  config.rate_hz = 10;
+  SensorsConfig sensors;
+  sensors.gps.drift_sigma_m = 0;
+  sensors.gps.sigma_m = 0.4;
+  sensors.gps.rate_hz = 10;
   LoggedSamples logged;
-  simulateGps(world(), config, logged);
+  simulateGps(world(), sensors, logged);
   const LocalTransverseMercator mercator(world().origin);
   Statistics north, east;
   for (const GpsFix& fix : samplesOf<GpsFix>(logged)) {

@@ -142,6 +142,71 @@ TEST_F(SensorTest, DepthFollowsTheSensorAndTheTide) {
   EXPECT_NEAR(error.sigma(), config.depth.sigma_m, 0.2 * config.depth.sigma_m);
 }
 
+// k of omega^2 = g k tanh(k h) by bisection.
+double waveNumber(double rate, double depth) {
+  double low = 0, high = 10;
+  for (int i = 0; i < 60; ++i) {
+    const double k = 0.5 * (low + high);
+    (9.81 * k * std::tanh(k * depth) < rate * rate ? low : high) = k;
+  }
+  return low;
+}
+
+TEST_F(SensorTest, SwellHasItsHeightAtTheSurfaceAndWhatDepthLeavesOfItBelow) {
+  const WavesConfig config{.height_m = 2, .period_s = 8};
+  const Waves waves = world().waves(config);
+  Statistics surface, below;
+  constexpr double kDepth = 10;
+  for (double t = 0; t < 3600; t += 0.5) {
+    surface.add(waves.heightAt({3, 4}, t));
+    below.add(waves.pressureAt({3, 4, kDepth}, kSeafloor, t));
+  }
+  EXPECT_NEAR(surface.sigma(), 0.5, 0.02);
+  EXPECT_NEAR(surface.mean(), 0, 0.01);
+  // Of the peak's waves more is left than of the mean, of waves of the mean period less.
+  const auto left = [](double period) {
+    const double k = waveNumber(2 * std::numbers::pi / period, kSeafloor);
+    return std::cosh(k * (kSeafloor - kDepth)) / std::cosh(k * kSeafloor);
+  };
+  EXPECT_LT(below.sigma() / surface.sigma(), left(8));
+  EXPECT_GT(below.sigma() / surface.sigma(), left(6.6));
+  // A crest every peak period or a little less.
+  int rises = 0;
+  for (double t = 0; t < 3600; t += 0.1)
+    rises += waves.heightAt({3, 4}, t) < 0 && waves.heightAt({3, 4}, t + 0.1) >= 0 ? 1 : 0;
+  EXPECT_NEAR(3600.0 / rises, 6.6, 0.8);
+}
+
+TEST_F(SensorTest, SwellMovesDepthAndGpsAndNothingElse) {
+  SensorsConfig calm, rough;
+  rough.waves.height_m = 1;
+  const auto of = [&](const SensorsConfig& config, auto simulate) {
+    LoggedSamples samples;
+    simulate(world(), config, samples);
+    return samples;
+  };
+  const LoggedSamples depth = of(calm, simulateDepth), in_swell = of(rough, simulateDepth);
+  ASSERT_EQ(depth.size(), in_swell.size());
+  Statistics down;
+  for (std::size_t k = 0; k < depth.size(); ++k)
+    down.add(std::get<DepthSample>(in_swell[k].sample).depth - std::get<DepthSample>(depth[k].sample).depth);
+  const Waves waves = world().waves(rough.waves);
+  Statistics expected;
+  for (double t = 0; t < trajectory.duration(); t += 0.2)
+    expected.add(waves.pressureAt((trajectory.poseAt(t) * world().T_body_depth).translation(), kSeafloor, t));
+  EXPECT_NEAR(down.sigma(), expected.sigma(), 0.005);
+  EXPECT_GT(down.sigma(), 0.1);
+  const LoggedSamples gps = of(calm, simulateGps), afloat = of(rough, simulateGps);
+  const LocalTransverseMercator mercator(world().origin);
+  Statistics east;
+  for (std::size_t k = 0; k < gps.size(); ++k) {
+    const auto &a = std::get<GpsFix>(gps[k].sample), &b = std::get<GpsFix>(afloat[k].sample);
+    east.add((mercator.toLocal({b.latitude, b.longitude}) - mercator.toLocal({a.latitude, a.longitude})).y());
+  }
+  EXPECT_NEAR(east.sigma(), 0.25 / std::tanh(waveNumber(2 * std::numbers::pi / 8, kSeafloor) * kSeafloor),
+              0.12);
+}
+
 TEST_F(SensorTest, UsblFixesAreLateAccurateAndSometimesWildlyWrong) {
   UsblConfig config;
   config.period_s = 0.5;
@@ -172,7 +237,7 @@ TEST_F(SensorTest, UsblFixesAreLateAccurateAndSometimesWildlyWrong) {
 TEST_F(SensorTest, GpsIsThereOnlyAtTheSurface) {
   LoggedSamples samples;
   const SensorWorld w = world();
-  simulateGps(w, GpsConfig(), samples);
+  simulateGps(w, SensorsConfig(), samples);
   int before = 0, after = 0;
   for (const auto& s : samples) {
     const double t = timeOf(std::get<GpsFix>(s.sample).utc_ns);

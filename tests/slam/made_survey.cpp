@@ -174,6 +174,7 @@ SensorNoise madeNoise() {
   noise.tilt_bias = kTiltBias;
   noise.tilt_turn = 0.003;
   noise.depth_offset = kDepthBias;
+  noise.depth_drift = 0;
   return noise;
 }
 

@@ -55,7 +55,7 @@ TEST(SensorFactors, DerivativesAreThoseOfTheResidual) {
   expectDerivatives(attitudeFactor(kA, kB, camera(0, 0, 9, 0.95), kNoise), reference, b);
   expectDerivatives(firstAttitudeReference(kOrigin, kA, kNoise), SE3(), reference);
   expectDerivatives(attitudeDrift(kA, kB, 20, 0.2, 0, kNoise), reference, next);
-  expectDerivatives(depthFactor(kOrigin, kB, camera(1, 1, 10.2, 0.9), kNoise), SE3(), b);
+  expectDerivatives(depthFactor(kOrigin, kB, camera(1, 1, 10.2, 0.9), kNoise.depth), SE3(), b);
   const SE3 tide(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, -0.4));
   expectDerivatives(firstDepthReference(kOrigin, kA, kNoise), SE3(), tide);
   expectDerivatives(depthDrift(kA, kB, 600, kNoise), tide, SE3());
@@ -122,7 +122,7 @@ TEST(SensorFactors, AttitudeTellsHeadingUpToTheDeviationOfItsReference) {
 }
 
 TEST(SensorFactors, DepthTellsDepthAloneWhateverTheAttitude) {
-  const RelativePose factor = depthFactor(kOrigin, kB, camera(1, 2, 10, 0.3, 0.2), kNoise);
+  const RelativePose factor = depthFactor(kOrigin, kB, camera(1, 2, 10, 0.3, 0.2), kNoise.depth);
   EXPECT_NEAR(chi2(factor, SE3(), camera(-400, 250, 10, 2.0, -0.1)), 0, 1e-6);
   EXPECT_NEAR(chi2(factor, SE3(), camera(-400, 250, 10 + kNoise.depth, 2.0, -0.1)), 1, 1e-6);
   const SE3 high_tide(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, -1.2));

@@ -8,11 +8,8 @@
 #include <random>
 
 #include "firmware_if/files/sensor_log.hpp"
-#include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/geodesy.hpp"
-#include "recon/topside/input/tide.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -167,16 +164,6 @@ TEST(NavigationTide, IsTakenOutOfTheDepth) {
     ASSERT_TRUE(pose.T_nav_body);
     EXPECT_NEAR(pose.T_nav_body->translation().z(), kDepth, 0.005);
   }
-}
-
-TEST(NavigationTide, AModelThatIsNotKnownIsRefusedWithTheFormThatIs) {
-  io::MissionConfig mission;
-  mission.tide_model = "harmonic";
-  EXPECT_THAT(
-      test::refusal([&] { (void)readTide(io::MissionPaths("dive"), mission); }),
-      ::testing::AllOf(::testing::HasSubstr("tide_model"), ::testing::HasSubstr("sinusoid amplitude_m=A")));
-  mission.tide_model = "none";
-  EXPECT_FALSE(readTide(io::MissionPaths("dive"), mission));
 }
 
 }  // namespace

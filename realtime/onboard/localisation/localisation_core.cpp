@@ -169,6 +169,8 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input, const Looked&
   keyframe.untilted_s = input.quality.untilted_s - last_quality_.untilted_s;
   keyframe.attitude_held = input.quality.attitude_held;
   keyframe.depth_held = input.quality.depth_held;
+  keyframe.pressure_off = input.quality.pressure_off;
+  keyframe.pressure_sigma = input.quality.pressure_sigma;
   keyframe.compass_jumped = input.quality.heading_leaps > last_quality_.heading_leaps;
   keyframe.gyro_turn = input.quality.gyro_turn - last_quality_.gyro_turn;
   keyframe.ungyro_s = input.quality.has_gyro ? input.quality.ungyro_s - last_quality_.ungyro_s : -1;

@@ -13,7 +13,6 @@
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "recon/nav/position_anchor.hpp"
-#include "recon/topside/input/tide.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -223,7 +222,6 @@ Anchor anchorOf(const nav::PositionAnchor& fixes, double unknown_velocity) {
 Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& mission,
                     const TopsideConfig& config, const std::vector<std::int64_t>& times) {
   Navigation out;
-  const std::optional<Tide> tide = readTide(paths, mission);
   Fixes fixes = readFixes(paths, mission);
   std::vector<Fix> surfaced;
   if (!times.empty()) surfaced = takeSurfaced(fixes.gps, times.front());
@@ -241,6 +239,7 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
   reckoning.origin_latitude = mission.origin.latitude;
   reckoning.sound_speed = mission.water.sound_speed;
   reckoning.phased_array = mission.dvl.phased_array;
+  reckoning.tide = readTide(mission.tide_model, mission.start_utc_ns);
   reckoning.max_dvl_gap = config.max_dvl_gap;
   reckoning.max_speed = config.max_speed;
   nav::DeadReckoning track(reckoning);
@@ -254,8 +253,6 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
     std::visit(
         [&](auto& s) {
           using Sample = std::decay_t<decltype(s)>;
-          if constexpr (std::is_same_v<Sample, DepthSample>)
-            if (tide) s.depth -= tide->heightAt(s.utc_ns);
           if constexpr (SortedLog::kNavigates<Sample>) track.add(s);
         },
         *sample);

@@ -68,6 +68,8 @@ std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation
     input.untilted_s = now.untilted_s - before.untilted_s;
     input.attitude_held = now.attitude_held;
     input.depth_held = now.depth_held;
+    input.pressure_off = now.pressure_off;
+    input.pressure_sigma = now.pressure_sigma;
     input.compass_jumped = now.heading_leaps > before.heading_leaps;
     input.gyro_turn = now.gyro_turn - before.gyro_turn;
     input.ungyro_s = now.has_gyro ? now.ungyro_s - before.ungyro_s : -1;
