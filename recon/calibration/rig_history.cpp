@@ -50,6 +50,11 @@ RigHistory::RigHistory(const StereoRig& rig) : calibrated_(rig) {
   versions_.push_back({rig, 0});
 }
 
+double RigHistory::worth() const {
+  constexpr double kDoubles = 8;  // versions
+  return std::exp2(newest() / kDoubles);
+}
+
 void RigHistory::add(const StereoRig& rig, bool same) {
   if (!full()) versions_.push_back({rig, versions_.back().knocks + (same ? 0 : 1)});
 }

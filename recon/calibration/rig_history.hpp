@@ -40,6 +40,8 @@ class RigHistory {
 
   explicit RigHistory(const StereoRig& rig);
 
+  // By how much larger than at first a change of the same rig should be to be worth a version.
+  [[nodiscard]] double worth() const;
   [[nodiscard]] bool full() const { return versions_.size() == kMost; }
   // As it is taken to stand from now on; `same`: it stood so before too, and is known better now. Not when
   // full.

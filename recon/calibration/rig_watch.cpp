@@ -18,12 +18,19 @@ constexpr double kWalk = 2e-5;
 constexpr double kContradicts = 60;
 // Smaller changes are not worth a new rig: of ranges [1] at a survey's altitude [m], and of epipolar lines,
 // as a turn [rad].
-constexpr double kLeastRange = 5e-4, kSurveyRange = 2, kLeastTurn = 2e-5;
+constexpr double kLeastRange = 5e-4, kSurveyRange = 2, kLeastTurn = 5e-5;
+
+Eigen::Vector4d changeOf(const EpipolarCheck& check) {
+  Eigen::Vector4d change;
+  change << check.rotation, check.focal;
+  return change;
+}
 
 }  // namespace
 
 RigWatch::RigWatch(const StereoRig& rig) : calibrated_(rig), history_(rig), T_right_left_(rig.T_right_left) {
   matches_.reserve(kToRefine);
+  judged_.reserve(kToRefine);
 }
 
 bool RigWatch::add(std::span<const RigMatch> matches) {
@@ -33,10 +40,14 @@ bool RigWatch::add(std::span<const RigMatch> matches) {
   for (std::size_t k = 0; k < count; ++k) matches_.push_back(matches[k * matches.size() / count]);
   if (matches_.size() < enough) return false;
   const EpipolarCheck check = checkEpipolar(rig(), matches_);
+  if (!tellsRig(check)) {
+    matches_.clear();
+    return false;
+  }
+  judged_.swap(matches_);
   matches_.clear();
-  if (!tellsRig(check)) return false;
-  Eigen::Vector4d seen;
-  seen << check.rotation, check.focal;
+  const Eigen::Vector4d seen = changeOf(check);
+  judged_off_ = seen;
   const Eigen::Matrix4d told = check.information / kShared;
   const Eigen::Vector4d off = seen - left_;
   const bool moved = explainsMove(check);
@@ -54,14 +65,22 @@ bool RigWatch::add(std::span<const RigMatch> matches) {
     left_ = both.ldlt().solve(known_ * left_ + told * seen);
     known_ = both;
   }
+  return applyLeft(same);
+}
+
+// False where it is too little to be worth a change: more is asked for the more there have been, so that a
+// dive of any length leaves room for a knock.
+bool RigWatch::applyLeft(bool same) {
   const StereoRig to = changed(rig(), left_.head<3>(), left_.w());
-  if (same && left_.cwiseAbs().maxCoeff() < kLeastTurn &&
-      std::abs(rangeChange(rig(), to).at(kSurveyRange)) < kLeastRange)
+  const double worth = history_.worth();
+  if (history_.full() || (same && left_.cwiseAbs().maxCoeff() < worth * kLeastTurn &&
+                          std::abs(rangeChange(rig(), to).at(kSurveyRange)) < worth * kLeastRange))
     return false;
   Vector6d twist = Vector6d::Zero();
   twist.tail<3>() = left_.head<3>();
   T_right_left_ = SE3::exp(twist) * T_right_left_;
   focal_ += left_.w();
+  judged_off_ -= left_;
   left_.setZero();
   apply(same);
   return true;
@@ -71,6 +90,11 @@ void RigWatch::correctRange(const RangeError& error) {
   range_.scale += error.scale;
   range_.per_metre += error.per_metre;
   apply(true);
+  if (judged_.empty()) return;
+  const Eigen::Vector4d seen = changeOf(checkEpipolar(rig(), judged_));
+  left_ += seen - judged_off_;
+  judged_off_ = seen;
+  (void)applyLeft(true);
 }
 
 Eigen::Vector3d RigWatch::turned() const {

@@ -27,7 +27,8 @@ class RigWatch {
   // A pair's matches, before they are judged by the rig: up to kOfPair of them, spread over the list. True
   // when rig() has changed.
   [[nodiscard]] bool add(std::span<const RigMatch> matches);
-  // Takes a range error out of rig(), as withoutRangeError().
+  // Takes a range error out of rig(), as withoutRangeError(). Lenses that distort let a wrong principal point
+  // seem a turn: the newest measurement is taken anew.
   void correctRange(const RangeError& error);
 
   [[nodiscard]] const StereoRig& rig() const { return history_.rig(history_.newest()); }
@@ -55,11 +56,13 @@ class RigWatch {
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
     archive(self.history_, self.T_right_left_, self.focal_, self.range_.scale, self.range_.per_metre,
-            self.changes_, self.beginnings_, self.left_, self.known_);
+            self.changes_, self.beginnings_, self.left_, self.known_, self.judged_off_);
     archive.bounded(self.matches_, kToRefine);
+    archive.bounded(self.judged_, kToRefine);
   }
 
  private:
+  [[nodiscard]] bool applyLeft(bool same);
   void apply(bool same);
 
   StereoRig calibrated_;
@@ -70,7 +73,8 @@ class RigWatch {
   std::uint64_t changes_ = 0, beginnings_ = 0;
   Eigen::Vector4d left_ = Eigen::Vector4d::Zero();   // estimated but too small to be worth a change
   Eigen::Matrix4d known_ = Eigen::Matrix4d::Zero();  // information of the estimate, as EpipolarCheck has it
-  std::vector<RigMatch> matches_;
+  std::vector<RigMatch> matches_, judged_;           // that wait; of the newest measurement
+  Eigen::Vector4d judged_off_ = Eigen::Vector4d::Zero();  // what judged_ says of rig()
 };
 
 }  // namespace fathom::calibration

@@ -29,9 +29,10 @@ DvlCalibration::DvlCalibration(const SensorNoise& noise, const Eigen::Vector3d& 
 }
 
 void DvlCalibration::rigChanged(const Eigen::Vector2d& growth) {
-  constexpr double kOpen = 0.5;
+  constexpr double kOpen = 0.5, kBeyondChance = 3, kRange = 2;  // [1], standard deviations, [m]
   state_.tail<2>() += growth;
-  covariance_.diagonal().tail<2>() += (kOpen * growth).cwiseAbs2();
+  if (std::abs(growth.x() + kRange * growth.y()) > kBeyondChance * rangeSigma(kRange))
+    covariance_.diagonal().tail<2>() += (kOpen * growth).cwiseAbs2();
 }
 
 void DvlCalibration::rigBeganAnew(double turn_sigma) {

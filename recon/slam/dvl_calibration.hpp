@@ -13,7 +13,7 @@ namespace fathom::slam {
 struct RigPrior {
   double scale = 0.004;  // of its baseline [1]
   double principal_point =
-      5e-4;  // between both cameras' principal points [rad], which epipolar lines do not show
+      3e-4;  // between both cameras' principal points [rad], which epipolar lines do not show
   // Of its turn towards the other camera before epipolar lines have been looked at [rad]; 0: it does not
   // turn.
   double turn = 0;
@@ -63,8 +63,9 @@ class DvlCalibration {
   [[nodiscard]] std::uint64_t gated() const { return gated_; }
   [[nodiscard]] std::uint64_t restarts() const { return restarts_; }
 
-  // The rig was changed so that its ranges grew by (scale, per metre). As paths follow ranges which are wrong
-  // in a different way over the image by a part of their error only, a part of the change is open again.
+  // The rig was changed so that its ranges grew by (scale, per metre). Paths follow ranges that are wrong in
+  // a different way over the image by a part of their error only: of a change beyond chance a part is open
+  // again.
   void rigChanged(const Eigen::Vector2d& growth);
   // The rig was measured for the first time, or anew after a knock: its turn towards the other camera is
   // known to this [rad], whatever was known before of the range error per metre.

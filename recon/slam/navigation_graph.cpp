@@ -289,8 +289,10 @@ Eigen::Vector2d NavigationGraph::heldAt() const {
 
 Eigen::Matrix2d NavigationGraph::sharedError(const Eigen::Vector2d& from_held) const {
   const SensorNoise& noise = config_.noise;
-  const Eigen::Vector2d dvl =
-      dvl_.covariance().diagonal().cwiseMin(Eigen::Vector2d(noise.dvl_scale, noise.dvl_heading).cwiseAbs2());
+  // While the DVL's scale is learnt anew, the images hold the survey.
+  constexpr double kMostScale = 0.03;  // of a speed of sound that nobody measured [1]
+  const Eigen::Vector2d most(kMostScale, noise.dvl_heading);
+  const Eigen::Vector2d dvl = dvl_.covariance().diagonal().head<2>().cwiseMin(most.cwiseAbs2());
   const double seen = held_by_usbl_.aboutMiddle(), turn = noise.usbl_turn * noise.usbl_turn;
   const auto left = [](double variance, double information) {
     return variance / (1 + variance * information);

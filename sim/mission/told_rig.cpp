@@ -46,6 +46,10 @@ ToldRig toldRig(const CalibrationErrors& errors, const StereoRig& rig, const io:
     camera->k1 += errors.radial * drawSign(random);
   }
   out.rig.T_right_left = told(random, rig.T_right_left, errors.rig_angle, errors.rig_position_m);
+  const SE3 turned = SE3::fromEuler(errors.rig_x, errors.rig_y, errors.rig_z, Eigen::Vector3d::Zero());
+  const SE3 apart(out.rig.T_right_left.rotation(),
+                  (1 + errors.baseline) * out.rig.T_right_left.translation());
+  out.rig.T_right_left = turned * apart;
   for (SE3* pose : {&out.mission.T_body_cam, &out.mission.T_body_dvl, &out.mission.T_body_compass})
     *pose = told(random, *pose, errors.mounting_angle, errors.lever_arm_m);
   for (SE3* pose : {&out.mission.T_body_usbl, &out.mission.T_body_depth})

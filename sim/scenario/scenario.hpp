@@ -28,14 +28,16 @@ struct RigPorts {
 // By how much what mission.toml and stereo.calib tell is wrong; which way is drawn. The truth's own lie in
 // truth/.
 struct CalibrationErrors {
-  double focal = 0;           // of each camera's focal lengths, relative
-  double centre = 0;          // of each principal point, of the image's width
-  double radial = 0;          // of each camera's k1
-  double rig_angle = 0;       // between the cameras [rad]
-  double rig_position_m = 0;  // of the right camera
-  double mounting_angle = 0;  // of cameras, DVL and compass in body [rad]
-  double lever_arm_m = 0;     // of each sensor in body
-  double time_s = 0;          // of the stamps of DVL, compass, depth, and of both cameras alike
+  double focal = 0;                        // of each camera's focal lengths, relative
+  double centre = 0;                       // of each principal point, of the image's width
+  double radial = 0;                       // of each camera's k1
+  double rig_angle = 0;                    // between the cameras, about some axis [rad]
+  double rig_x = 0, rig_y = 0, rig_z = 0;  // beside it, as said, about the right camera's axes [rad]
+  double baseline = 0;                     // relative, as said
+  double rig_position_m = 0;               // of the right camera
+  double mounting_angle = 0;               // of cameras, DVL and compass in body [rad]
+  double lever_arm_m = 0;                  // of each sensor in body
+  double time_s = 0;                       // of the stamps of DVL, compass, depth, and of both cameras alike
 };
 
 // A mission to simulate: everything that decides its bytes.

@@ -8,6 +8,11 @@ void visitCalibrationErrors(KeyVisitor& keys, CalibrationErrors& e) {
   keys.number("centre", e.centre, "1", 0, 0.2, "of each principal point, of the image's width");
   keys.number("radial", e.radial, "1", 0, 1, "of each camera's k1");
   keys.angle("rig_deg", e.rig_angle, 0, 20, "between the cameras");
+  keys.angle("rig_x_deg", e.rig_x, -20, 20, "between the cameras about the right one's x: not drawn");
+  keys.angle("rig_y_deg", e.rig_y, -20, 20, "about its y, towards the left camera: not drawn");
+  keys.angle("rig_z_deg", e.rig_z, -20, 20, "about its z: not drawn");
+  keys.number("baseline", e.baseline, "1", -0.2, 0.2,
+              "of the distance between the cameras, relative: not drawn");
   keys.number("rig_position_m", e.rig_position_m, "m", 0, 1, "of the right camera in the left one's frame");
   keys.angle("mounting_deg", e.mounting_angle, 0, 45, "of cameras, DVL and compass in body");
   keys.number("lever_arm_m", e.lever_arm_m, "m", 0, 5, "of each sensor in body");

@@ -130,7 +130,8 @@ TEST_F(DownlinkReplay, FixesFromTheShipMoveTheTrackAndTheirRecordingReplaysToThe
   EXPECT_EQ(health("live", "downlink_foreign"), health("live", "downlink_fixes"));
   EXPECT_EQ(health("live", "downlink_bad_frame"), health("live", "downlink_fixes"));
   const Eigen::Vector3d moved = meanPosition("live") - meanPosition("alone");
-  EXPECT_GT(moved.x(), 1) << "many fixes 4 m north against what the mission has";
+  // What all of a USBL's positions share is far less sure than GPS at the surface.
+  EXPECT_GT(moved.x(), 0.1) << "many fixes 4 m north against what the mission has";
   EXPECT_LT(std::abs(moved.y()), 1);
 
   ReplayOptions again = into("again");

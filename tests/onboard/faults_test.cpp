@@ -29,7 +29,7 @@ TEST(Faults, SensorsThatDieJumpAndLieCostCentimetresAndTwoReplaysAgreeInEveryByt
   run(folder.path() / "reckoned", true);
   EXPECT_GT(testing::trackError(kMission, folder.path() / "reckoned").shape, 1.0);
   EXPECT_LT(testing::trackError(kMission, folder.path() / "a").shape, 0.05);
-  EXPECT_LT(testing::trackError(kMission, folder.path() / "a").absolute, 0.2);
+  EXPECT_LT(testing::trackError(kMission, folder.path() / "a").absolute, 0.5);  // as GPS has it
   for (const auto& entry : std::filesystem::directory_iterator(folder.path() / "a")) {
     const auto name = entry.path().filename();
     if (name == "timing.json") continue;

@@ -58,7 +58,7 @@ class LocalisationRestart : public ::testing::Test {
   MadeDive made = makeDive();
   std::size_t middle = made.frames.size() / 2, end = made.frames.size();
   MemorySlots slots = featureSlots(smallLocalisation(), 300), copy = slots, second = slots;
-  LocalisationCore whole{made.rig, smallLocalisation(), &slots};
+  LocalisationCore whole{made.rigs, smallLocalisation(), &slots};
   std::vector<std::uint8_t> state;
 
   void SetUp() override {

@@ -30,7 +30,7 @@ TrackError trackError(const std::filesystem::path& mission, const std::filesyste
     error.absolute += o.squaredNorm() / n;
     error.shape += (o - mean).squaredNorm() / n;
   }
-  return {std::sqrt(error.absolute), std::sqrt(error.shape)};
+  return {std::sqrt(error.absolute), std::sqrt(error.shape), mean};
 }
 
 }  // namespace fathom::onboard::testing

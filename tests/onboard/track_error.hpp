@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <filesystem>
 
 namespace fathom::onboard::testing {
@@ -7,7 +8,8 @@ namespace fathom::onboard::testing {
 // RMS distance in plan of a replay's stereo poses from the true ones [m].
 struct TrackError {
   double absolute = 0;
-  double shape = 0;  // after taking out the mean shift
+  double shape = 0;                                 // after taking out the mean shift
+  Eigen::Vector2d shift = Eigen::Vector2d::Zero();  // that is it, north and east
 };
 
 // `output`: the folder that the replay wrote. The mission has truth/.

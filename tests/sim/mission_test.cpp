@@ -142,6 +142,14 @@ TEST(MissionMaker, TellsTheVehicleAWrongCalibrationAndTheTruthTheRightOne) {
     EXPECT_NEAR((a.translation() - b.translation()).norm(), 0.01, 1e-6);
   }
   EXPECT_NEAR(std::abs(is.time_offsets.dvl - says.time_offsets.dvl), 0.02, 1e-9);
+  scenario.calibration_errors = {};
+  scenario.calibration_errors.rig_y = degrees(-0.3), scenario.calibration_errors.baseline = 0.007;
+  make(scenario, folder.path() / "as said");
+  const SE3 off = readStereoCalib(io::MissionPaths(folder.path() / "as said").calib()).T_right_left *
+                  rig.T_right_left.inverse();
+  EXPECT_NEAR(off.log()(4), degrees(-0.3), 1e-6);
+  EXPECT_NEAR(readStereoCalib(io::MissionPaths(folder.path() / "as said").calib()).baseline(),
+              1.007 * rig.baseline(), 1e-8);
   // The sea itself is the same.
   const auto files = contents(folder.path() / "right"), same = contents(folder.path() / "wrong");
   for (const char* name : {"sensors.lcmlog", "truth/trajectory.csv"})

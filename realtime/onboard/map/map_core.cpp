@@ -238,7 +238,8 @@ void MapCore::watchRig(std::span<const RigMatch> matches, std::int64_t utc_ns) {
     constexpr double kWorth = 0.5, kLeast = 5e-4;
     const slam::DvlCalibration& ways = localisation_->graph().dvl();
     const calibration::RangeError error{ways.rangeError().x(), ways.rangeError().y()};
-    if (std::abs(error.at(last_range_)) > std::max(kWorth * ways.rangeSigma(last_range_), kLeast)) {
+    const double least = std::max(kWorth * ways.rangeSigma(last_range_), kLeast * rig_.history().worth());
+    if (std::abs(error.at(last_range_)) > least) {
       rig_.correctRange(error);
       changed = true;
     }

@@ -113,7 +113,7 @@ double rangeOf(const closure::FrameFeatures& features) {
 }
 
 // What paths say of the range error that is left of the rig as it was found so far, into what was found;
-// false when it is within what they may be wrong by.
+// false when chance explains it.
 bool addRange(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
               const LightingModels& models, RigFinding& out) {
   MissionInput turned = input;
@@ -156,7 +156,8 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
   out.range.scale += left.scale;
   out.range.per_metre += left.per_metre;
   out.range_sigma = ways.rangeSigma(range);
-  return std::abs(left.at(range)) > out.range_sigma;
+  constexpr double kBeyondChance = 3;  // standard deviations
+  return std::abs(left.at(range)) > kBeyondChance * out.range_sigma;
 }
 
 }  // namespace
