@@ -39,7 +39,7 @@ struct NavigationConfig {
   double change_rad = 0.005;  // and turn [rad]
   Eigen::Vector3d dvl_in_camera = Eigen::Vector3d::Zero();  // its place in the camera's axes [m]
   RigPrior rig;
-  Eigen::Vector3d forward_in_camera = kForward;             // the body's axis ahead there [1]
+  Eigen::Vector3d forward_in_camera = kForward;  // the body's axis ahead there [1]
   SensorNoise noise;
   IncrementalConfig solver;  // its sizes are set from the above
 

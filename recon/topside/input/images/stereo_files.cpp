@@ -328,7 +328,7 @@ StereoFiles findStereoFiles(const StereoFileOptions& options) {
 std::vector<std::optional<std::size_t>> partnersByTime(std::span<const std::int64_t> left,
                                                        std::span<const std::int64_t> right, double tolerance,
                                                        std::optional<std::int64_t> start) {
-  constexpr std::int64_t kSkewFollow = 8;  // pairs
+  constexpr std::int64_t kSkewFollow = 8;     // pairs
   constexpr std::int64_t kDriftShare = 5000;  // of a time, for two clocks of 100 ppm
   const std::int64_t limit = std::llround(tolerance * 1e9);
   std::int64_t skew_ns = 0, period = 0;
