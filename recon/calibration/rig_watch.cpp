@@ -44,6 +44,7 @@ bool RigWatch::add(std::span<const RigMatch> matches) {
     matches_.clear();
     return false;
   }
+  ++measurements_;
   judged_.swap(matches_);
   matches_.clear();
   const Eigen::Vector4d seen = changeOf(check);

@@ -45,6 +45,8 @@ class RigWatch {
   // Times that matches contradicted the rig beyond what stereo can do with: it was knocked, or stood
   // otherwise from the start.
   [[nodiscard]] std::uint64_t changes() const { return changes_; }
+  // Measurements so far.
+  [[nodiscard]] std::uint64_t measurements() const { return measurements_; }
   // Times that the estimate began anew, the first time included.
   [[nodiscard]] std::uint64_t beginnings() const { return beginnings_; }
   // One sentence for people; none while it stands as it was calibrated.
@@ -56,7 +58,7 @@ class RigWatch {
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
     archive(self.history_, self.T_right_left_, self.focal_, self.range_.scale, self.range_.per_metre,
-            self.changes_, self.beginnings_, self.left_, self.known_, self.judged_off_);
+            self.changes_, self.measurements_, self.beginnings_, self.left_, self.known_, self.judged_off_);
     archive.bounded(self.matches_, kToRefine);
     archive.bounded(self.judged_, kToRefine);
   }
@@ -70,7 +72,7 @@ class RigWatch {
   SE3 T_right_left_;  // of rig(), without range_
   double focal_ = 0;
   RangeError range_;
-  std::uint64_t changes_ = 0, beginnings_ = 0;
+  std::uint64_t changes_ = 0, measurements_ = 0, beginnings_ = 0;
   Eigen::Vector4d left_ = Eigen::Vector4d::Zero();   // estimated but too small to be worth a change
   Eigen::Matrix4d known_ = Eigen::Matrix4d::Zero();  // information of the estimate, as EpipolarCheck has it
   std::vector<RigMatch> matches_, judged_;           // that wait; of the newest measurement

@@ -224,13 +224,15 @@ void MapCore::count(const stereo::StereoResult& result) {
 
 void MapCore::watchRig(std::span<const RigMatch> matches, std::int64_t utc_ns) {
   const StereoRig before = rig_.rig();
-  const std::uint64_t began = rig_.beginnings(), knocks = rig_.changes();
+  const std::uint64_t measured = rig_.measurements(), began = rig_.beginnings(), knocks = rig_.changes();
   bool changed = rig_.add(matches);
+  // A knock has spoilt no step from before the measurement that did not show it.
+  const std::int64_t since_ns = measured_ns_;
+  if (rig_.measurements() != measured) measured_ns_ = utc_ns;
   if (rig_.beginnings() != began) {
     if (changed) useRig(before);
     // What was known of the range error was of another rig.
-    if (localisation_) localisation_->rigBeganAnew(rig_.yawSigma(), measured_ns_, rig_.changes() != knocks);
-    measured_ns_ = utc_ns;
+    if (localisation_) localisation_->rigBeganAnew(rig_.yawSigma(), since_ns, rig_.changes() != knocks);
     return;
   }
   if (localisation_ && rig_.beginnings() > 0) {
