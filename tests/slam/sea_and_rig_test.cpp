@@ -1,0 +1,116 @@
+// Errors that have states of their own: the height of the sea, and the range error of the rig.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "recon/slam/navigation_graph.hpp"
+#include "tests/slam/made_survey.hpp"
+
+namespace fathom::slam {
+namespace {
+
+using testing::drive;
+using testing::driveOn;
+using testing::MadeSurvey;
+using testing::MadeSurveyOptions;
+using testing::makeSurvey;
+using testing::smallConfig;
+
+// RMS of the vertical error about its mean [m].
+double verticalErrorOf(const NavigationGraph& graph, const MadeSurvey& survey) {
+  double sum = 0, squares = 0;
+  for (int k = 0; k < graph.keyframes(); ++k) {
+    const double error =
+        graph.pose(k).translation().z() - survey.truth[static_cast<std::size_t>(k)].translation().z();
+    sum += error, squares += error * error;
+  }
+  const double mean = sum / graph.keyframes();
+  return std::sqrt(squares / graph.keyframes() - mean * mean);
+}
+
+double secondsOf(const KeyframeInput& input) {
+  return static_cast<double>(input.utc_ns) * 1e-9;
+}
+
+void sink(KeyframeInput& input, double by) {
+  input.T_odom_cam =
+      SE3(input.T_odom_cam.rotation(), input.T_odom_cam.translation() + Eigen::Vector3d(0, 0, by));
+}
+
+TEST(NavigationGraph, ATideThatNobodyPredictsGoesIntoTheDepthsReferenceAndNotIntoTheMap) {
+  MadeSurveyOptions options;
+  options.line_length = 35;
+  MadeSurvey survey = makeSurvey(options);
+  constexpr double kFastest = 4.2e-4;  // of 3 m of amplitude twice a day [m/s]
+  for (KeyframeInput& input : survey.inputs) sink(input, kFastest * secondsOf(input));
+  NavigationGraph graph(smallConfig());
+  drive(graph, survey, options);
+  const double risen = kFastest * secondsOf(survey.inputs.back());
+  ASSERT_GT(risen, 0.1);
+  EXPECT_EQ(graph.counters().links_contradicting, 0U);
+  EXPECT_EQ(graph.counters().steps_contradicted, 0U);
+  EXPECT_LT(verticalErrorOf(graph, survey), 0.012);  // of the tide itself: 0.036 m
+  EXPECT_GT(graph.seaHeight(), 0.5 * risen);
+}
+
+TEST(NavigationGraph, SwellNeitherContradictsTheDvlNorMovesTheHeights) {
+  MadeSurveyOptions options;
+  options.visual_share = 0.7;
+  MadeSurvey survey = makeSurvey(options);
+  constexpr double kSwell = 0.38;  // amplitude [m]
+  for (KeyframeInput& input : survey.inputs) {
+    const double phase = 2 * M_PI * secondsOf(input) / 8;
+    input.pressure_off = kSwell * std::sin(phase);
+    input.pressure_sigma = kSwell / M_SQRT2;
+    sink(input, 0.02 * input.pressure_off);  // what dead reckoning leaves of it
+  }
+  NavigationGraph graph(smallConfig());
+  drive(graph, survey, options);
+  EXPECT_EQ(graph.counters().links_contradicting, 0U);
+  EXPECT_EQ(graph.counters().steps_contradicted, 0U);
+  EXPECT_EQ(graph.counters().steps_left_out, 0U);
+  EXPECT_LT(verticalErrorOf(graph, survey), 0.03);
+}
+
+// Visual odometry of a rig whose ranges are wrong by `longer`, from a keyframe on.
+void lengthen(MadeSurvey& survey, double longer, int from) {
+  for (MadeSurvey::Link& link : survey.visual)
+    if (link.b >= from) link.T_a_b = SE3(link.T_a_b.rotation(), (1 + longer) * link.T_a_b.translation());
+}
+
+// A principal point that is wrong by a pixel makes all paths two percent too long: it is the rig's error, not
+// the DVL's, which is known better.
+TEST(NavigationGraph, ARigWhoseRangesAreWrongLeavesARightDvlAsItIs) {
+  for (const double longer : {0.02, -0.02}) {
+    MadeSurveyOptions options;
+    options.seed = 6;
+    MadeSurvey survey = makeSurvey(options);
+    lengthen(survey, longer, 0);
+    NavigationGraph graph(smallConfig());
+    drive(graph, survey, options);
+    EXPECT_NEAR(graph.dvl().scale(), -survey.dvl_scale, 0.004);
+    const Eigen::Vector2d error = graph.dvl().rangeError();
+    EXPECT_NEAR(error.x() + error.y() * KeyframeInput().range, longer, 0.005);
+    EXPECT_EQ(graph.dvl().restarts(), 0U);
+    EXPECT_FALSE(graph.counters().dvl_lies);
+  }
+}
+
+TEST(NavigationGraph, AKnockedRigIsNotTakenForADvlThatFails) {
+  MadeSurveyOptions options;
+  options.seed = 7;
+  MadeSurvey survey = makeSurvey(options);
+  constexpr int kKnocked = 60, kMeasured = 68;
+  lengthen(survey, 0.5, kKnocked);
+  NavigationGraph graph(smallConfig());
+  graph.setAnchor(survey.anchor, options.anchor_sigma);
+  driveOn(graph, survey, options, kMeasured);
+  ASSERT_TRUE(graph.counters().dvl_lies) << "nothing tells yet which of the two";
+  graph.rigBeganAnew(1e-4, survey.inputs[kKnocked].utc_ns, true);
+  EXPECT_FALSE(graph.counters().dvl_lies);
+  EXPECT_EQ(graph.counters().steps_left_out, 0U);
+  EXPECT_GE(graph.counters().visual_distrusted, static_cast<std::uint64_t>(kMeasured - kKnocked - 1));
+}
+
+}  // namespace
+}  // namespace fathom::slam
