@@ -72,6 +72,7 @@ void Connection::take(std::string_view bytes) {
   }
   switch (step) {
     case RequestParser::Step::kMore:
+      sends_in_parts_ = true;
       return read();
     case RequestParser::Step::kRefused:
       return send(refusal(parser_.status(), parser_.why()));

@@ -39,6 +39,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   [[nodiscard]] Phase phase() const { return phase_; }
   // When the phase began; while sending, when the client last took a piece.
   [[nodiscard]] Clock::time_point since() const { return since_; }
+  [[nodiscard]] bool sendsInParts() const { return sends_in_parts_; }
   [[nodiscard]] std::size_t heldBytes() const { return response_.body.size(); }
 
  private:
@@ -61,7 +62,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   RequestParser parser_;
   std::array<char, 4096> in_;
   Response response_;
-  bool body_wanted_ = true, sets_cookie_ = false;
+  bool body_wanted_ = true, sets_cookie_ = false, sends_in_parts_ = false;
   std::string piece_;        // being sent
   std::uint64_t sent_ = 0;   // of the body [bytes]
   std::size_t drained_ = 0;  // [bytes]

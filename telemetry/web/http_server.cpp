@@ -15,8 +15,8 @@ using boost::system::error_code;
 
 namespace {
 
-constexpr int kLargeAnswer = 1 << 20;             // [bytes]
-constexpr std::chrono::milliseconds kPause{100};  // before the system is asked for a descriptor again
+constexpr int kLargeAnswer = 1 << 20;            // [bytes]
+constexpr std::chrono::milliseconds kPause{20};  // before room or a descriptor is looked for again
 
 std::size_t mostConnections() {
   rlimit limit{};
@@ -66,14 +66,7 @@ void HttpServer::listen(const Config& config) {
 
 void HttpServer::accept() {
   acceptor_.async_accept([this](error_code error, tcp::socket socket) {
-    if (!error) {
-      try {
-        admit(std::move(socket));
-      } catch (const std::exception&) {
-        // No memory for this one.
-      }
-      return accept();
-    }
+    if (!error) return admit(std::move(socket));
     if (error == asio::error::connection_aborted || evict(Whom::kAny, nullptr)) return accept();
     pause_.expires_after(kPause);
     pause_.async_wait([this](error_code) { accept(); });
@@ -81,18 +74,29 @@ void HttpServer::accept() {
 }
 
 void HttpServer::admit(tcp::socket socket) {
-  if (connections_.size() >= mostConnections() && !evict(Whom::kAny, nullptr)) return;
-  const auto connection = std::make_shared<Connection>(*this, std::move(socket));
-  connections_.insert(connection);
-  connection->start();
+  if (connections_.size() >= mostConnections() && !evict(Whom::kAny, nullptr)) {
+    pause_.expires_after(kPause);
+    return pause_.async_wait(
+        [this, waiting = std::move(socket)](error_code) mutable { admit(std::move(waiting)); });
+  }
+  try {
+    const auto connection = std::make_shared<Connection>(*this, std::move(socket));
+    connections_.insert(connection);
+    connection->start();
+  } catch (const std::exception&) {
+    // No memory for this one.
+  }
+  accept();
 }
 
 bool HttpServer::evict(Whom whom, const Connection* spared) {
   using Phase = Connection::Phase;
+  const auto now = Connection::Clock::now();
   std::shared_ptr<Connection> worst;
   for (const auto& one : connections_) {
     if (one.get() == spared || one->phase() > Phase::kSending) continue;
     if (whom == Whom::kSending && one->phase() != Phase::kSending) continue;
+    if (whom == Whom::kAny && !one->sendsInParts() && now - one->since() < kGrace) continue;
     if (worst == nullptr || std::pair(one->phase(), one->since()) < std::pair(worst->phase(), worst->since()))
       worst = one;
   }

@@ -26,13 +26,16 @@ inline constexpr std::size_t kMaxHeldBytes = std::size_t{64} << 20;
 inline constexpr std::chrono::seconds kRequestTime{10};  // for a request to come whole
 inline constexpr std::chrono::seconds kPieceTime{30};    // for a client to take a piece of an answer
 inline constexpr std::chrono::seconds kHandlerTime{300};
+// For a client to send its request, or to take a piece, before its place may go to another: on a busy machine
+// the server itself needs some of it. Who sends a request in parts has none.
+inline constexpr std::chrono::milliseconds kGrace{60};
 // Between events of a stream; a person does not see faster.
 inline constexpr std::chrono::milliseconds kTick{250};
 
 // Accepts connections and runs them on one thread, whatever their number. When kMaxConnections (or a quarter
 // of the process's descriptors) are open, a new one takes the place of the one that has waited longest to
-// end, to send a whole request or to take its answer. Without descriptors it waits for one. Nothing that a
-// client does ends it.
+// end, to send a whole request or to take its answer, kGrace at least. Without descriptors it waits for one.
+// Nothing that a client does ends it.
 class HttpServer {
  public:
   struct Config {
