@@ -34,6 +34,7 @@ SensorNoise readSensorNoise(const ConfigTable& table, const SensorNoise& default
   n.gyro_walk = degrees("gyro_walk_deg", n.gyro_walk, 1e-5, 5);
   n.depth = table.number("depth_m", n.depth, 1e-4, 10);
   n.depth_offset = table.number("depth_offset_m", n.depth_offset, 0, 20);
+  n.tide_rate = table.number("tide_rate_mps", n.tide_rate, 0, 0.01);
   n.depth_drift = table.number("depth_drift", n.depth_drift, 0, 1);
   n.usbl_shift = table.number("usbl_shift_m", n.usbl_shift, 0, 100);
   n.usbl_turn = degrees("usbl_turn_deg", n.usbl_turn, 0, 20);

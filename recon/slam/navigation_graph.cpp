@@ -11,13 +11,14 @@ namespace fathom::slam {
 namespace {
 
 constexpr double kAnywhere = 1000;        // standard deviation of a place that nothing tells [m]
-constexpr double kDepthReference_s = 60;  // a reference of depth serves so long: 25 mm of the fastest tide
+constexpr double kDepthReference_s = 40;  // a reference of depth serves so long: 17 mm of the fastest tide
 constexpr int kBlocksPerPose = 14, kSpareBlocks = 40000;  // of the factor; ten hours of survey fill 80 %
 
 using rt::seconds;
 
-// What turning may take: a reference of attitude for every fourth keyframe, and so many more at once.
-constexpr int kKeyframesPerReference = 4, kSpareReferences = 200;
+// What turning may take: a reference of attitude for every fourth keyframe, and so many more at once. Each
+// has two measurements of its own.
+constexpr int kKeyframesPerReference = 4, kSpareReferences = 200, kOfReference = 2;
 int maxReferences(int keyframes) {
   return keyframes / kKeyframesPerReference + kSpareReferences;
 }
@@ -28,8 +29,8 @@ IncrementalConfig solverConfig(const NavigationConfig& config) {
   const int references = maxReferences(config.max_keyframes);
   constexpr int kOfUsbl = 2;  // its frame's prior and the anchor that it gives
   solver.max_poses = 2 + config.max_keyframes + references;
-  solver.max_measurements =
-      4 * config.max_keyframes + references + config.max_links + config.max_fixes + 1 + kOfUsbl;
+  solver.max_measurements = 4 * config.max_keyframes + kOfReference * references + config.max_links +
+                            config.max_fixes + 1 + kOfUsbl;
   solver.max_factor_blocks = std::int64_t{kBlocksPerPose} * solver.max_poses + kSpareBlocks;
   return solver;
 }
@@ -218,7 +219,10 @@ void NavigationGraph::refer(const KeyframeInput& input, Frame& frame) {
           attitude_.node < 0 ? firstAttitudeReference(kWorld, reference, config_.noise)
                              : attitudeDrift(attitude_.node, reference, std::max(age, frame.quality.seconds),
                                              turn, extra, config_.noise));
-      if (attitude_.node >= 0) frame.drift = drift;
+      if (attitude_.node >= 0) {
+        frame.drift = drift;
+        (void)addFactor(tiltAbout(kWorld, reference, turn, config_.noise));
+      }
       if (jump_waits_) jumped_ns_ = input.utc_ns;
       attitude_ = {reference, input.utc_ns, heading, false};
       references_.push_back(attitude_);
@@ -247,20 +251,33 @@ void NavigationGraph::referDepth(const KeyframeInput& input, int node) {
     return;
   }
   const SensorNoise& noise = config_.noise;
-  if (noise.depth_offset > 0 || noise.depth_drift > 0) {
-    const double age = depth_.node < 0 ? 0 : seconds(input.utc_ns - depth_.utc_ns);
-    if (depth_.node < 0 || age > kDepthReference_s) {
-      const int reference = newReference(depth_.node < 0 ? SE3() : solver_.pose(depth_.node));
-      if (reference >= 0) {
-        (void)addFactor(depth_.node < 0 ? firstDepthReference(kWorld, reference, noise)
-                                        : depthDrift(depth_.node, reference, age, noise));
-        depth_ = {reference, input.utc_ns, 0, true};
-        references_.push_back(depth_);
-      }
+  const double age = tide_.node < 0 ? 0 : seconds(input.utc_ns - tide_.utc_ns);
+  if (tide_.node < 0 || age > kDepthReference_s) {
+    const SE3 start = tide_.node < 0 ? SE3() : solver_.pose(tide_.node);
+    const int tide = newReference(start * tideStep(0, 1, age, noise).T_from_to);
+    if (tide >= 0) {
+      (void)addFactor(tide_.node < 0 ? firstTide(kWorld, tide, noise)
+                                     : tideStep(tide_.node, tide, age, noise));
+      tide_ = {tide, input.utc_ns, 0, true};
+      references_.push_back(tide_);
     }
   }
+  // Where there was no room for it with the tide, it comes as soon as there is.
+  if (tide_.node >= 0 && (depth_.node < 0 || depth_.utc_ns < tide_.utc_ns)) {
+    const SE3 T_nav_tide = solver_.pose(tide_.node);
+    const int reference = newReference(SE3(Eigen::Quaterniond::Identity(), T_nav_tide.translation()));
+    if (reference >= 0) {
+      (void)addFactor(depthAtTide(tide_.node, reference));
+      (void)addFactor(levelReference(kWorld, reference));
+      depth_ = {reference, tide_.utc_ns, 0, true};
+      references_.push_back(depth_);
+    }
+  }
+  // By what is known of its rate the sea has risen since.
+  const double risen =
+      depth_.node < 0 ? 0 : tideRate(solver_.pose(tide_.node)) * seconds(input.utc_ns - depth_.utc_ns);
   const SE3 by_pressure(input.T_odom_cam.rotation(),
-                        input.T_odom_cam.translation() + Eigen::Vector3d(0, 0, input.pressure_off));
+                        input.T_odom_cam.translation() + Eigen::Vector3d(0, 0, input.pressure_off + risen));
   (void)addFactor(depthFactor(depth_.node < 0 ? kWorld : depth_.node, node, by_pressure,
                               std::hypot(noise.depth, input.pressure_sigma)));
 }

@@ -359,7 +359,7 @@ class NavigationGraph {
   std::size_t next_reference_ = 0;     // to be looked at for retirement
   int reference_credit_;               // in quarters of a reference
   std::int64_t jumped_ns_ = 0;         // references before this do not serve again
-  Reference attitude_, depth_;
+  Reference attitude_, depth_, tide_;
   bool jump_waits_ = false;
   HeadingTrust heading_;
   // Visual odometry of the newest step, until it is judged.

@@ -63,7 +63,7 @@ void NavigationGraph::retireReference() {
   for (int looked = 0; looked < std::min(kLookedAt, static_cast<int>(references_.size())); ++looked) {
     next_reference_ = (next_reference_ + 1) % references_.size();
     const Reference& r = references_[next_reference_];
-    if (r.node == attitude_.node || r.node == depth_.node || young(r)) continue;
+    if (r.node == attitude_.node || r.node == depth_.node || r.node == tide_.node || young(r)) continue;
     std::size_t named = 0;
     for (int k = solver_.firstMeasurement(r.node); k >= 0 && named < fewest;
          k = solver_.nextMeasurement(k, r.node))

@@ -9,7 +9,7 @@
 namespace fathom::slam {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 6;
+constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 7;
 
 template <typename Archive, typename Quality>
 void exchangeQuality(Archive& archive, Quality& quality) {
@@ -45,7 +45,7 @@ void NavigationGraph::exchange(Archive& archive, Self& self) {
     self.next_robust_ = next;
     self.newest_robust_ = newest;
   }
-  archive(self.attitude_, self.depth_);
+  archive(self.attitude_, self.depth_, self.tide_);
   archive.bounded(self.references_, self.references_.capacity());
   std::uint64_t next_reference = self.next_reference_;
   archive(next_reference, self.reference_credit_, self.jumped_ns_);
@@ -139,8 +139,9 @@ bool NavigationGraph::connect() {
                            !std::binary_search(nodes.begin(), nodes.end(), usbl_.node));
   const auto isPresent = [&](const Reference& r) { return r.node == -1 || isReference(r); };
   return std::all_of(references_.begin(), references_.end(), isReference) && usbl_stands &&
-         isPresent(attitude_) && isPresent(depth_) && (next_robust_ < robust_.size() || next_robust_ == 0) &&
-         newest_robust_ <= robust_.size() && next_reference_ <= references_.size() && reference_credit_ >= 0;
+         isPresent(attitude_) && isPresent(depth_) && isPresent(tide_) &&
+         (next_robust_ < robust_.size() || next_robust_ == 0) && newest_robust_ <= robust_.size() &&
+         next_reference_ <= references_.size() && reference_credit_ >= 0;
 }
 
 }  // namespace fathom::slam

@@ -11,6 +11,9 @@ namespace {
 
 constexpr double kUnknown = 1e6;        // standard deviation of what is not measured [m], [rad]
 constexpr double kHeld = 1e-3;          // of what is fixed by definition [m], [rad]
+constexpr double kLevel = 1e-6;         // of what is level [rad]
+constexpr double kSlopeOfRate = 60;     // a metre along a tide's x axis stands for so long [s/m]
+constexpr double kTideWalk = 4e-6;      // of its rate: 0.24 mm/s in an hour, as the fastest's [m/s^(3/2)]
 constexpr double kLooseVertical = 1.0;  // of a step [m]: many times any relief between two poses
 constexpr double kTilts = 3;        // biases of tilt, which all steps of a line share, that each counts for
 constexpr double kLooseTurn = 0.5;  // of a step [rad]
@@ -37,8 +40,8 @@ void SensorNoise::validate() const {
                              unknown_velocity, heading,  tilt,      deviation,   tilt_bias,
                              unknown_turn,     depth,    gyro_walk};
   const double not_negative[] = {heading_lag,  deviation_drift, deviation_turn, tilt_turn,
-                                 depth_offset, depth_drift,     visual_scale,   usbl_shift,
-                                 usbl_turn,    dvl_wander,      dvl_wander_s};
+                                 depth_offset, tide_rate,       depth_drift,    visual_scale,
+                                 usbl_shift,   usbl_turn,       dvl_wander,     dvl_wander_s};
   for (const double value : positive)
     if (!(value > 0) || !std::isfinite(value))
       throw std::invalid_argument("sensor noise: a standard deviation or rate must be above zero");
@@ -126,6 +129,14 @@ RelativePose attitudeDrift(int before, int after, double seconds, double turn, d
   return measured(before, after, SE3(), all(kHeld), {tilt, tilt, heading});
 }
 
+RelativePose tiltAbout(int origin, int reference, double turn, const SensorNoise& noise) {
+  const double q = std::max(noise.tilt_turn * noise.tilt_turn * turn, kLevel * kLevel),
+               s2 = 2 * noise.tilt_bias * noise.tilt_bias;
+  // (sqrt(x^2 + 1) - x) / s2 with x = 2 s2 / q, without cancellation
+  const double x = 2 * s2 / q, sigma = std::sqrt(s2 * (std::sqrt(x * x + 1) + x));
+  return measured(origin, reference, SE3(), all(kUnknown), {sigma, sigma, kUnknown});
+}
+
 RelativePose gyroFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b, double beyond, double sigma) {
   const Eigen::Quaterniond turn(Eigen::AngleAxisd(beyond, Eigen::Vector3d::UnitZ()));
   const Eigen::Quaterniond turned = turn * T_odom_b.rotation();
@@ -140,14 +151,28 @@ RelativePose depthFactor(int reference, int camera, const SE3& T_odom_cam, doubl
   return measured(reference, camera, T_odom_cam, {kUnknown, kUnknown, sigma}, all(kUnknown));
 }
 
-RelativePose firstDepthReference(int origin, int reference, const SensorNoise& noise) {
-  return measured(origin, reference, SE3(), {kHeld, kHeld, std::hypot(kHeld, noise.depth_offset)},
-                  all(kHeld));
+RelativePose firstTide(int origin, int tide, const SensorNoise& noise) {
+  return measured(origin, tide, SE3(), {kHeld, kHeld, std::hypot(kHeld, noise.depth_offset)},
+                  {kLevel, std::hypot(kLevel, kSlopeOfRate * noise.tide_rate), kLevel});
 }
 
-RelativePose depthDrift(int before, int after, double seconds, const SensorNoise& noise) {
-  const double walk = std::hypot(kHeld, noise.depth_drift * std::sqrt(std::max(seconds, 0.0)));
-  return measured(before, after, SE3(), {kHeld, kHeld, walk}, all(kHeld));
+RelativePose tideStep(int before, int after, double seconds, const SensorNoise& noise) {
+  const double root = std::sqrt(std::max(seconds, 0.0)), walk = std::hypot(kHeld, noise.depth_drift * root);
+  const SE3 later(Eigen::Quaterniond::Identity(), {seconds / kSlopeOfRate, 0, 0});
+  return measured(before, after, later, {kHeld, kHeld, walk},
+                  {kLevel, std::hypot(kLevel, kSlopeOfRate * kTideWalk * root), kLevel});
+}
+
+double tideRate(const SE3& T_nav_tide) {
+  return (T_nav_tide.rotation() * Eigen::Vector3d::UnitX()).z() / kSlopeOfRate;
+}
+
+RelativePose depthAtTide(int tide, int reference) {
+  return measured(tide, reference, SE3(), all(kHeld), all(kUnknown));
+}
+
+RelativePose levelReference(int origin, int reference) {
+  return measured(origin, reference, SE3(), all(kUnknown), all(kLevel));
 }
 
 double usblShift(double sigma, const SensorNoise& noise) {

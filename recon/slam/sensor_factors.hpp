@@ -32,9 +32,11 @@ struct SensorNoise {
   double unknown_turn = 0.1;  // rate of turn while attitude is away [rad/s]
   double gyro_walk = 3e-4;    // angle random walk of a gyro, where there is one [rad/s^(1/2)]
   // Depth.
-  double depth = 0.003;        // of one reading [m]
-  double depth_offset = 0.1;   // of the sea's height over nav's zero, or of the sensor, at first [m]
-  double depth_drift = 0.003;  // its random walk: 23 mm in a minute, as the fastest tide of 3 m [m/s^(1/2)]
+  double depth = 0.003;       // of one reading [m]
+  double depth_offset = 0.1;  // of the sea's height over nav's zero, or of the sensor, at first [m]
+  // Its rate at first, for a tide that nobody predicts (3 m twice a day: 0.3 mm/s rms); and beside it what no
+  // tide is (seiches, the sensor): a random walk of 4 mm in a minute.
+  double tide_rate = 3e-4, depth_drift = 5e-4;  // [m/s], [m/s^(1/2)]
   // Of all USBL positions of a mission together; unless it is 0, the shift is one position's standard
   // deviation at least. Shift: a ship's GPS without corrections (2 m), with its antenna's lever arm and a
   // degree of the transceiver's mounting over the 90 m to the vehicle (1.5 m). Turn: that mounting.
@@ -115,8 +117,13 @@ class LossOfTrack {
 [[nodiscard]] RelativePose firstAttitudeReference(int origin, int reference, const SensorNoise& noise);
 // The next one, `seconds` later and after turning by `turn` [rad]: a random walk of the error,
 //   e_phi = vec(R_nav_before^T R_nav_after). `extra`: further standard deviation of heading [rad].
+// tiltAbout: what keeps the walk of the tilt near zero, however often the vehicle turns. In a chain whose
+// steps have the variance q, poses have the variance s^2 where each has the information
+//   l = sqrt(4 / q^2 + 1 / s^4) - 2 / q;
+// s^2 = 2 tilt_bias^2, so that after half a turn, which reverses the body's bias, the difference has 4.
 [[nodiscard]] RelativePose attitudeDrift(int before, int after, double seconds, double turn, double extra,
                                          const SensorNoise& noise);
+[[nodiscard]] RelativePose tiltAbout(int origin, int reference, double turn, const SensorNoise& noise);
 
 // Turn of a camera about nav's down axis by gyro, which differs from the compass's by `beyond` [rad]:
 //   e_phi along R_nav_b^T n of T_m = T_odom_a^-1 Rz(beyond) T_odom_b about the camera, n down; the rest is
@@ -125,12 +132,21 @@ class LossOfTrack {
 [[nodiscard]] RelativePose gyroFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b, double beyond,
                                       double sigma);
 
-// Depth of a camera below a reference T_nav_ref, whose z is the height of the sea under nav's zero (the
+// Depth of a camera below a level reference T_nav_ref, whose z is the height of the sea under nav's zero (the
 // origin: known to be 0):  e_z = n . R_m (R_m^T (T_nav_ref^-1 t_nav_cam - t_odom_cam)), n down. `sigma`: of
 // the depth of t_odom_cam [m].
 [[nodiscard]] RelativePose depthFactor(int reference, int camera, const SE3& T_odom_cam, double sigma);
-[[nodiscard]] RelativePose firstDepthReference(int origin, int reference, const SensorNoise& noise);
-[[nodiscard]] RelativePose depthDrift(int before, int after, double seconds, const SensorNoise& noise);
+
+// The height of the sea under nav's zero and its rate, as a pose T_nav_tide: its z is the height, and time
+// runs along its x axis, a metre a minute, so that the axis's slope is the rate. Over `seconds` it is
+// extrapolated, and the rate changes as a tide's does:
+//   T_before_after = (minutes, 0, walk; 0, walk of the rate, 0).
+[[nodiscard]] RelativePose firstTide(int origin, int tide, const SensorNoise& noise);
+[[nodiscard]] RelativePose tideStep(int before, int after, double seconds, const SensorNoise& noise);
+[[nodiscard]] double tideRate(const SE3& T_nav_tide);  // [m/s]
+// The reference of depth at that height; and that it is level, as a slope of it would be one of the sea.
+[[nodiscard]] RelativePose depthAtTide(int tide, int reference);
+[[nodiscard]] RelativePose levelReference(int origin, int reference);
 
 // Where the positions of a USBL are in nav, about `T_nav_usbl`. `sigma`: of one position [m].
 [[nodiscard]] double usblShift(double sigma, const SensorNoise& noise);

@@ -55,10 +55,14 @@ TEST(SensorFactors, DerivativesAreThoseOfTheResidual) {
   expectDerivatives(attitudeFactor(kA, kB, camera(0, 0, 9, 0.95), kNoise), reference, b);
   expectDerivatives(firstAttitudeReference(kOrigin, kA, kNoise), SE3(), reference);
   expectDerivatives(attitudeDrift(kA, kB, 20, 0.2, 0, kNoise), reference, next);
+  expectDerivatives(tiltAbout(kOrigin, kA, 0.2, kNoise), SE3(), reference);
   expectDerivatives(depthFactor(kOrigin, kB, camera(1, 1, 10.2, 0.9), kNoise.depth), SE3(), b);
   const SE3 tide(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, -0.4));
-  expectDerivatives(firstDepthReference(kOrigin, kA, kNoise), SE3(), tide);
-  expectDerivatives(depthDrift(kA, kB, 600, kNoise), tide, SE3());
+  expectDerivatives(firstTide(kOrigin, kA, kNoise), SE3(), tide);
+  const SE3 later = SE3::fromEuler(0, 0.02, 0, {10, 0, -0.6});
+  expectDerivatives(tideStep(kA, kB, 600, kNoise), tide, later);
+  expectDerivatives(depthAtTide(kA, kB), later, tide);
+  expectDerivatives(levelReference(kOrigin, kB), SE3(), SE3::fromEuler(1e-6, -2e-6, 0, {0, 0, -0.4}));
   expectDerivatives(fixFactor(kOrigin, kB, b, camera(0, 0, 10, 0.9), {1, 2, 9}, {4, 0}, 0.4), SE3(), b);
   Matrix6d covariance = Matrix6d::Identity() * 1e-4;
   covariance(0, 4) = covariance(4, 0) = 3e-5;

@@ -48,7 +48,7 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 8;
+constexpr std::uint32_t kLocaliseVersion = 9;
 constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
 constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
@@ -119,13 +119,13 @@ Digest localiseKey(const MissionInput& input, const TopsideConfig& config, const
   addRig(hasher, input);
   addNavigationSettings(hasher, config);
   const slam::SensorNoise& n = config.navigation.noise;
-  static_assert(sizeof n == 192);  // a new setting belongs here too
+  static_assert(sizeof n == 200);  // a new setting belongs here too
   hasher.add(config.slam, config.bundle, config.slam_features, config.slam_candidates,
              config.navigation.turned_sigmas, n.dvl_velocity, n.dvl_rate, n.dvl_scale, n.dvl_heading,
              n.dvl_place, n.unknown_velocity, n.heading, n.heading_lag, n.tilt, n.deviation,
              n.deviation_drift, n.deviation_turn, n.tilt_bias, n.tilt_turn, n.unknown_turn, n.gyro_walk,
-             n.depth, n.depth_offset, n.depth_drift, n.usbl_shift, n.usbl_turn, n.visual_scale, n.dvl_wander,
-             n.dvl_wander_s);
+             n.depth, n.depth_offset, n.depth_drift, n.tide_rate, n.usbl_shift, n.usbl_turn, n.visual_scale,
+             n.dvl_wander, n.dvl_wander_s);
   return hasher.finish();
 }
 
