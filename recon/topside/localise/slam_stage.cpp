@@ -48,7 +48,7 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 8;
+constexpr std::uint32_t kLocaliseVersion = 9;
 constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
 constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
@@ -197,7 +197,7 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   const std::size_t most = a_frame * frames.pair.size() / kRounds;
   // False when nothing was found.
   const auto seek = [&] {
-    search.look(solved);
+    search.look(solved, links);
     std::vector<Attempt> attempts = search.candidates(most, a_frame);
     lap("candidates");
     const std::vector<slam::NavigationLink> found = search.attempt(attempts);
@@ -225,7 +225,7 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
     solve();
   });
   lap("bundle");
-  search.look(solved);
+  search.look(solved, links);
   const Crossings crossings = search.crossings(links);
   out.crossings_expected = crossings.expected;
   out.crossings_unverified = crossings.unverified;
