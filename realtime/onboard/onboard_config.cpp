@@ -7,6 +7,7 @@
 
 #include "realtime/kernel/config_table.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "recon/slam/navigation_config.hpp"
 #include "recon/stereo/stereo_config.hpp"
 
 namespace fathom::onboard {
@@ -104,6 +105,8 @@ OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path
   config.link.root_size = config.map.root_size;
   config.link.max_level = config.map.max_level;
   read(root.table("slam"), config);
+  slam::SensorNoise& noise = config.localisation.graph.noise;
+  noise = slam::readSensorNoise(root.table("sensors"), noise);
   const ConfigTable nav = root.table("nav");
   config.drift_share = nav.number("drift_share", config.drift_share, 0, 1);
   config.max_pair_skew = nav.number("max_pair_skew_s", config.max_pair_skew, 1e-4, 0.5);

@@ -75,6 +75,34 @@ SharedJacobian sharedJacobian(const SharedErrors& errors, double focal_length_px
   return j;
 }
 
+Eigen::Matrix<double, 6, kSharedErrors> poseBySharedErrors(const SharedErrors& errors, double focal_length_px,
+                                                           double baseline, const Eigen::Vector2d& half_view,
+                                                           double range, const SE3& T_a_b) {
+  constexpr int kSteps = 3;        // of a grid on the ground, on either side of its middle
+  constexpr double kAlongRay = 9;  // variance of a point along the ray over that across
+  const Eigen::Matrix3d R = T_a_b.matrix3();
+  const Eigen::Matrix3d information = Eigen::Vector3d(1, 1, 1 / kAlongRay).asDiagonal();
+  Matrix6d h = Matrix6d::Zero();
+  Eigen::Matrix<double, 6, kSharedErrors> pull = Eigen::Matrix<double, 6, kSharedErrors>::Zero();
+  int seen = 0;
+  for (int row = -kSteps; row <= kSteps; ++row)
+    for (int column = -kSteps; column <= kSteps; ++column) {
+      const Eigen::Vector2d tangent = half_view.cwiseProduct(Eigen::Vector2d(column, row)) / kSteps;
+      const Eigen::Vector3d b = range * tangent.homogeneous(), a = T_a_b * b;
+      if (!(a.z() > 0) || ((a.hnormalized().cwiseAbs() - half_view).array() > 0).any()) continue;
+      ++seen;
+      Eigen::Matrix<double, 3, 6> by_pose;
+      by_pose << R, -R * crossMatrix(b);
+      const SharedJacobian by_shared = sharedJacobian(errors, focal_length_px, baseline, a) -
+                                       R * sharedJacobian(errors, focal_length_px, baseline, b);
+      h += by_pose.transpose() * information * by_pose;
+      pull += by_pose.transpose() * information * by_shared;
+    }
+  constexpr int kLeastSeen = 6;
+  if (seen < kLeastSeen) return Eigen::Matrix<double, 6, kSharedErrors>::Zero();
+  return h.ldlt().solve(pull);
+}
+
 std::optional<SE3> absoluteOrientation(const std::vector<PointPair>& pairs, const std::vector<int>& chosen) {
   if (chosen.size() < 3) return std::nullopt;
   Eigen::Vector3d mean_a = Eigen::Vector3d::Zero(), mean_b = mean_a;

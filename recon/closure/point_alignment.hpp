@@ -26,6 +26,17 @@ using SharedJacobian = Eigen::Matrix<double, 3, kSharedErrors>;
 [[nodiscard]] SharedJacobian sharedJacobian(const SharedErrors& errors, double focal_length_px,
                                             double baseline, const Eigen::Vector3d& point);
 
+// What the shared errors, each by its standard deviation, do to a pose T_a_b that alignPoints() finds over
+// level ground: a column each, its right perturbation (rho, phi) [m], [rad]. All poses of a dive have the
+// same errors, so they add up over it: a slope of the disparity turns every step by half of it over its
+// length. `focal_length_px`, `baseline` [m]: of the rig; `half_view`: tangents of half the angles of view;
+// `range`: to the ground [m]. Zero where the two views share nothing.
+[[nodiscard]] Eigen::Matrix<double, 6, kSharedErrors> poseBySharedErrors(const SharedErrors& errors,
+                                                                         double focal_length_px,
+                                                                         double baseline,
+                                                                         const Eigen::Vector2d& half_view,
+                                                                         double range, const SE3& T_a_b);
+
 // The same place measured in the left camera frames of two stereo frames.
 struct PointPair {
   Eigen::Vector3d a, b;                        // [m]

@@ -14,10 +14,11 @@ SE3 GraphCovariance::aboutMiddle(const SE3& T_w_pose) const {
 // Perturbations are those of measurements.hpp, about the middle of the graph: an edge's error moves with the
 // difference of its poses', so every edge adds one square to two diagonal blocks and takes it from those
 // beside.
-GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, const std::vector<int>& scaled)
+GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, const std::vector<int>& scaled,
+                                 const std::vector<SharedByEdge>& shared)
     : poses_(graph.poses),
       common_scale_(common_scale),
-      by_turns_(Eigen::MatrixXd::Zero(6, static_cast<Eigen::Index>(graph.poses.size()))) {
+      moved_(Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(graph.poses.size()), 1 + kShared)) {
   const int poses = static_cast<int>(poses_.size());
   for (const int pose : scaled)
     centre_ += poses_[at(pose)].translation() / static_cast<double>(scaled.size());
@@ -34,26 +35,31 @@ GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, co
     factor_->addDiagonal6(k, GrowingFactor::kLeastInformation * Matrix6d::Identity());
   std::vector<bool> shares(poses_.size(), false);
   for (const int pose : scaled) shares[at(pose)] = true;
+  std::vector<const ByShared*> shared_by(graph.edges.size(), nullptr);
+  for (const SharedByEdge& s : shared) shared_by.at(s.edge) = &s.error;
   std::size_t pair = 0;
-  for (const RelativePose& e : graph.edges) {
+  for (std::size_t k = 0; k < graph.edges.size(); ++k) {
+    const RelativePose& e = graph.edges[k];
     const SE3 &from = poses_[at(e.from)], &to = poses_[at(e.to)];
     const Matrix6d by_to = linearize(e, from, to).by_to * ownFrame(aboutMiddle(to));
     const Matrix6d square = by_to.transpose() * e.information * by_to;
     for (const int end : {e.from, e.to})
       if (end > 0) factor_->addDiagonal6(end - 1, square);
     if (e.from > 0 && e.to > 0) factor_->addPair6(pair++, -square);
-    if (!shares[at(e.from)] || !shares[at(e.to)]) continue;
-    Vector6d farther = Vector6d::Zero();  // the error has half angles
-    farther.tail<3>() = 0.5 * common_scale * e.T_from_to.log().tail<3>();
-    const Vector6d pull = by_to.transpose() * (e.information * farther);
-    by_turns_.col(e.to) += pull;
-    by_turns_.col(e.from) -= pull;
+    Moved off = Moved::Zero();
+    if (shares[at(e.from)] && shares[at(e.to)])
+      off.col(0).tail<3>() = common_scale * e.T_from_to.log().tail<3>();
+    if (shared_by[k] != nullptr) off.rightCols<kShared>() = *shared_by[k];
+    if (off.isZero(0)) continue;
+    off.bottomRows<3>() *= 0.5;  // the error has half angles
+    const Moved pull = by_to.transpose() * (e.information * off);
+    moved_.middleRows<6>(6 * e.to) += pull;
+    moved_.middleRows<6>(6 * e.from) -= pull;
   }
   if (!factor_->factorize()) throw std::runtime_error("covariance: the graph's information is not positive");
-  by_turns_.col(0).setZero();
-  if (common_scale > 0)
-    by_turns_.rightCols(poses - 1).reshaped() =
-        factor_->solve(Eigen::VectorXd(by_turns_.rightCols(poses - 1).reshaped())).col(0);
+  moved_.topRows<6>().setZero();
+  if (!moved_.isZero(0))
+    moved_.bottomRows(6 * (poses - 1)) = factor_->solve(moved_.bottomRows(6 * (poses - 1)));
 }
 
 GraphCovariance::Way GraphCovariance::wayOf(int pose) const {
@@ -68,23 +74,27 @@ GraphCovariance::Way GraphCovariance::placeWayOf(int pose) const {
 }
 
 Matrix6d GraphCovariance::widened(Matrix6d covariance, int pose, const Eigen::Vector3d& from,
-                                  const Vector6d& by_turns) const {
+                                  const Moved& moved) const {
   const SE3& T = poses_[at(pose)];
   const Eigen::Vector3d by_ways = common_scale_ * (T.rotation().conjugate() * (T.translation() - from));
   covariance.topLeftCorner<3, 3>() += by_ways * by_ways.transpose();
-  const Vector6d turned = ownFrame(aboutMiddle(T)) * by_turns;
-  return covariance + turned * turned.transpose();
+  const Moved own = ownFrame(aboutMiddle(T)) * moved;
+  return covariance + own * own.transpose();
+}
+
+GraphCovariance::Moved GraphCovariance::movedOf(int pose) const {
+  return moved_.middleRows<6>(6 * pose);
 }
 
 Matrix6d GraphCovariance::of(int pose, const Way& way) const {
   return pose == 0 ? Matrix6d::Zero()
-                   : widened(between({}, way, poses_[at(pose)]), pose, centre_, by_turns_.col(pose));
+                   : widened(between({}, way, poses_[at(pose)]), pose, centre_, movedOf(pose));
 }
 
 Matrix6d GraphCovariance::between(int a, const Way& way_a, int b, const Way& way_b) const {
   if (a == b) return Matrix6d::Zero();
   return widened(between(way_a, way_b, poses_[at(b)]), b, poses_[at(a)].translation(),
-                 by_turns_.col(b) - by_turns_.col(a));
+                 movedOf(b) - movedOf(a));
 }
 
 Matrix6d GraphCovariance::between(const Way& way_a, const Way& way_b, const SE3& T_w_b) const {

@@ -20,12 +20,23 @@ class GraphCovariance {
  public:
   using Way = BlockCholesky::Way;
 
+  // What errors that are the same in many edges, independent of each other and of variance 1, do to one of
+  // them: a column each, the right perturbation (rho, phi) of its T_from_to [m], [rad].
+  static constexpr int kShared = 6;
+  using ByShared = Eigen::Matrix<double, 6, kShared>;
+  struct SharedByEdge {
+    std::size_t edge = 0;
+    ByShared error;
+  };
+
   // `common_scale`: standard deviation of an error of scale that all ways, and one that all turns between
   // poses of `scaled` share (SensorNoise::visual_scale): of ways about the middle of these poses, which fixes
-  // hold, of turns as far as the graph gives way to it. Throws std::invalid_argument for an edge to a pose
-  // that is not there, and std::runtime_error when there is no memory for the factor.
+  // hold, of turns as far as the graph gives way to it. `shared`: errors that edges have in common otherwise.
+  // The graph's weights do not know of either: as considered parameters (Schmidt 1966) they widen what is
+  // claimed. Throws std::invalid_argument for an edge to a pose that is not there, and std::runtime_error
+  // when there is no memory for the factor.
   explicit GraphCovariance(const PoseGraph& graph, double common_scale = 0,
-                           const std::vector<int>& scaled = {});
+                           const std::vector<int>& scaled = {}, const std::vector<SharedByEdge>& shared = {});
   // The way of a pose's perturbation in the world.
   [[nodiscard]] Way wayOf(int pose) const;
   // Of the pose's right perturbation (rho, phi); and of T_a_b's. With ways where the caller has them.
@@ -47,16 +58,19 @@ class GraphCovariance {
  private:
   static std::size_t at(int i) { return static_cast<std::size_t>(i); }
   [[nodiscard]] SE3 aboutMiddle(const SE3& T_w_pose) const;
-  // A covariance with what the common scale leaves unknown: of the way from a point, and of turns.
+  // Of turns first, then what edges share.
+  using Moved = Eigen::Matrix<double, 6, 1 + kShared>;
+  [[nodiscard]] Moved movedOf(int pose) const;
+  // A covariance with what the common scale leaves unknown of the way from a point, and what moves the pose.
   [[nodiscard]] Matrix6d widened(Matrix6d covariance, int pose, const Eigen::Vector3d& from,
-                                 const Vector6d& by_turns) const;
+                                 const Moved& moved) const;
 
   std::vector<SE3> poses_;
   std::unique_ptr<BlockCholesky> factor_;
   Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();  // of the graph: perturbations turn about it
   double common_scale_ = 0;
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
-  Eigen::Matrix<double, 6, Eigen::Dynamic> by_turns_;  // what a standard deviation of it moves each pose by
+  Eigen::MatrixXd moved_;  // what a standard deviation moves each pose by: Moved, row by row of poses
 };
 
 // Ways by pose, those used last, in bounded memory. For one thread.

@@ -93,6 +93,37 @@ TEST(AlignPoints, CovarianceIsHonestOverManyDrawsOfNoiseAndSharedErrors) {
   EXPECT_LT(nees, 7.0);
 }
 
+// A slope of the disparity across the way turns every step, to the same side.
+TEST(AlignPoints, SharedErrorsMoveThePoseAsPredicted) {
+  constexpr double kFocalLength = 1700, kApart = 0.07, kRange = 2, kSmall = 0.1;
+  const Eigen::Vector2d half_view(0.4, 0.3);
+  const SharedErrors errors;
+  const SE3 T_a_b = SE3::fromEuler(0.01, -0.02, 0.3, {0.05, -0.25, 0.01});
+  const auto predicted = poseBySharedErrors(errors, kFocalLength, kApart, half_view, kRange, T_a_b);
+  EXPECT_GT(std::abs(predicted(5, 4)), 5e-5);
+  for (int column = 0; column < kSharedErrors; ++column) {
+    std::vector<PointPair> pairs;
+    for (double y = -0.3; y <= 0.3; y += 0.02)
+      for (double x = -0.4; x <= 0.4; x += 0.02) {
+        const Eigen::Vector3d b = kRange * Eigen::Vector3d(x, y, 1), a = T_a_b * b;
+        if ((a.hnormalized().cwiseAbs() - half_view).maxCoeff() > 0) continue;
+        const Eigen::Matrix3d spread = Eigen::Vector3d(1e-6, 1e-6, 9e-6).asDiagonal();
+        pairs.push_back({a + kSmall * sharedJacobian(errors, kFocalLength, kApart, a).col(column),
+                         b + kSmall * sharedJacobian(errors, kFocalLength, kApart, b).col(column), spread,
+                         spread});
+      }
+    const auto found = alignPoints(pairs, T_a_b);
+    ASSERT_TRUE(found);
+    const Vector6d moved = (T_a_b.inverse() * found->T_a_b).log() / kSmall;
+    EXPECT_LT((moved - predicted.col(column)).norm(), 0.1 * moved.norm() + 2e-5) << column;
+  }
+}
+
+TEST(AlignPoints, SharedErrorsDoNothingToViewsThatShareNothing) {
+  const SE3 away(Eigen::Quaterniond::Identity(), {5, 0, 0});
+  EXPECT_TRUE(poseBySharedErrors({}, 1700, 0.07, {0.4, 0.3}, 2, away).isZero(0));
+}
+
 TEST(AlignPoints, AcceptsNineteenOfTwentyInliers) {
   Sea sea(4);
   const SE3 truth = turned(1.0);

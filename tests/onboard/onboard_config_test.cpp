@@ -63,6 +63,19 @@ TEST_F(OnboardConfigFile, SaysHowFarTheGraphIsBelieved) {
     EXPECT_THROW((void)read("[slam]\n" + std::string(line) + "\n"), InputError) << line;
 }
 
+// The file, the graph on board and the first fix take the same prior.
+TEST_F(OnboardConfigFile, TakesTheErrorsOfTheNavigationSensors) {
+  const slam::SensorNoise plain = read("").localisation.graph.noise;
+  const OnboardConfig set = read("[sensors]\nusbl_shift_m = 0.5\nusbl_turn_deg = 0.2\ndvl_scale = 0.01\n");
+  const slam::SensorNoise used = mapCoreConfig(set, {}, {}).localisation.graph.noise;
+  EXPECT_EQ(used.usbl_shift, 0.5);
+  EXPECT_NEAR(used.usbl_turn, 0.2 * 0.01745329, 1e-8);
+  EXPECT_EQ(used.dvl_scale, 0.01);
+  EXPECT_EQ(used.visual_scale, plain.visual_scale);
+  EXPECT_THROW((void)read("[sensors]\nusbl_shift_m = -1\n"), InputError);
+  EXPECT_THROW((void)read("[sensors]\nusbl_shift = 1\n"), InputError);
+}
+
 TEST_F(OnboardConfigFile, SaysWhatTheModemTakesAtOnce) {
   const telemetry::LinkSchedulerConfig plain = read("").link.scheduler;
   EXPECT_EQ(plain.modem_bytes, 0);

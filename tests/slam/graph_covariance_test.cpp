@@ -117,6 +117,33 @@ TEST(GraphCovariance, ACommonScaleWidensWhatTurnsMove) {
   }
 }
 
+// An error that is the same in all edges between poses: what they claim of each other grows by what it moves.
+TEST(GraphCovariance, WhatEdgesShareWidensWhatItMoves) {
+  PoseGraph graph = lawnMower(4, 20);
+  graph.edges.push_back({0, 70, graph.poses[70], Matrix6d::Identity() * 1e4});
+  Vector6d each;
+  each << 2e-4, -1e-4, 5e-5, 1e-4, 5e-5, 2e-4;
+  std::vector<GraphCovariance::SharedByEdge> shared;
+  PoseGraph off = graph;
+  for (std::size_t k = 0; k < graph.edges.size(); ++k) {
+    if (graph.edges[k].from == 0) continue;
+    GraphCovariance::ByShared error = GraphCovariance::ByShared::Zero();
+    error.col(3) = each;
+    shared.push_back({k, error});
+    off.edges[k].T_from_to = off.edges[k].T_from_to * SE3::exp(each);
+  }
+  optimize(off, {});
+  const GraphCovariance plain(graph), known(graph, 0, {}, shared);
+  for (const int k : {2, 20, 35, 80}) {
+    const auto at = [](int i) { return static_cast<std::size_t>(i); };
+    const SE3 before = graph.poses[1].inverse() * graph.poses[at(k)],
+              after = off.poses[1].inverse() * off.poses[at(k)];
+    const Vector6d moved = (before.inverse() * after).log();
+    const Matrix6d expected = moved * moved.transpose(), wider = known.between(1, k) - plain.between(1, k);
+    EXPECT_LT((wider - expected).norm(), 0.02 * expected.norm()) << k;
+  }
+}
+
 TEST(GraphCovariance, RefusesAnEdgeToAPoseThatIsNotThere) {
   PoseGraph graph = lawnMower(1, 3);
   graph.edges.front().to = 9;

@@ -69,7 +69,7 @@ TEST(ClosureSearch, APairThatWasRefusedComesAgainOnlyOnceItsPriorHasMovedBySever
   const StereoRig rig = test::TinyMission::rig();
   ClosureSearch search(rig, dive.frames, 0);
   const auto round = [&] {
-    search.look(dive.solution);
+    search.look(dive.solution, {});
     std::vector<Attempt> attempts = search.candidates(100000, 100);
     EXPECT_TRUE(search.attempt(attempts).empty());
     return attempts;
@@ -88,7 +88,7 @@ TEST(ClosureSearch, LookingForWhatIsLostInEveryDirectionItSaysWhatNoClosureHasVe
   OutAndBack dive(0.5);  // 4 m in the end, several footprints
   const StereoRig rig = test::TinyMission::rig();
   ClosureSearch search(rig, dive.frames, 0);
-  search.look(dive.solution);
+  search.look(dive.solution, {});
   const std::vector<Attempt> attempts = search.candidates(100000, 6);
   std::set<std::uint32_t> newer;
   for (const Attempt& t : attempts) newer.insert(t.b);

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <tuple>
 
 #include "realtime/kernel/progress.hpp"
@@ -37,6 +38,30 @@ bool byWorth(const closure::Candidate& x, const closure::Candidate& y) {
 
 bool byFrame(const closure::Candidate& x, const closure::Candidate& y) {
   return std::tie(x.newer, x.older) < std::tie(y.newer, y.older);
+}
+
+// What the errors that all features of the dive share do to the links that are in force.
+std::vector<slam::GraphCovariance::SharedByEdge> sharedBy(const std::vector<slam::NavigationLink>& links,
+                                                          const slam::NavigationSolution& solution,
+                                                          const StereoRig& rig, const Frames& frames) {
+  static_assert(slam::GraphCovariance::kShared == closure::kSharedErrors);
+  std::multimap<std::pair<int, int>, std::size_t> edges;
+  for (std::size_t k = 0; k < solution.graph.edges.size(); ++k)
+    edges.emplace(std::pair(solution.graph.edges[k].from, solution.graph.edges[k].to), k);
+  const Camera& camera = rig.left;
+  const Eigen::Vector2d half_view(0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy);
+  std::vector<slam::GraphCovariance::SharedByEdge> shared;
+  for (const slam::NavigationLink& link : links) {
+    const auto [begin, end] = edges.equal_range({solution.nodes[link.a], solution.nodes[link.b]});
+    for (auto edge = begin; edge != end; ++edge) {
+      // Between two poses there is the step of dead reckoning too.
+      const SE3& T_a_b = solution.graph.edges[edge->second].T_from_to;
+      if (T_a_b.translation() != link.T_a_b.translation()) continue;
+      shared.push_back({edge->second, closure::poseBySharedErrors({}, camera.fx, rig.baseline(), half_view,
+                                                                  frames.range[link.b], link.T_a_b)});
+    }
+  }
+  return shared;
 }
 
 }  // namespace
@@ -100,8 +125,11 @@ struct ClosureSearch::View {
           poses(known, &slam::GraphCovariance::wayOf, kWays) {}
   };
 
-  View(const slam::NavigationSolution& given, const StereoRig& rig, const Frames& frames, double visual_scale)
-      : solution(given), known(given.graph, visual_scale, given.nodes), ways([this] { return Ways(known); }) {
+  View(const slam::NavigationSolution& given, const StereoRig& rig, const Frames& frames, double visual_scale,
+       const std::vector<slam::NavigationLink>& links)
+      : solution(given),
+        known(given.graph, visual_scale, given.nodes, sharedBy(links, given, rig, frames)),
+        ways([this] { return Ways(known); }) {
     for (std::size_t k = 0; k < given.poses.size(); ++k)
       footprints.push_back(closure::footprintOf(given.poses[k], frames.range[k], rig.left));
     const auto separation = separationBy(ways.local());
@@ -156,9 +184,10 @@ ClosureSearch::ClosureSearch(const StereoRig& rig, const Frames& frames, double 
 
 ClosureSearch::~ClosureSearch() = default;
 
-void ClosureSearch::look(const slam::NavigationSolution& solution) {
+void ClosureSearch::look(const slam::NavigationSolution& solution,
+                         const std::vector<slam::NavigationLink>& links) {
   view_.reset();  // one factor at a time
-  view_ = std::make_unique<View>(solution, rig_, frames_, visual_scale_);
+  view_ = std::make_unique<View>(solution, rig_, frames_, visual_scale_, links);
 }
 
 const slam::GraphCovariance& ClosureSearch::known() const {

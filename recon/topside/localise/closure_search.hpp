@@ -60,8 +60,8 @@ class ClosureSearch {
   ~ClosureSearch();
 
   // The next round looks from here; `solution` must stay until attempt() has ended, which also frees the
-  // memory that this takes.
-  void look(const slam::NavigationSolution& solution);
+  // memory that this takes. `links`: of it, whose features share the rig's errors.
+  void look(const slam::NavigationSolution& solution, const std::vector<slam::NavigationLink>& links);
   // What its graph knows.
   [[nodiscard]] const slam::GraphCovariance& known() const;
 

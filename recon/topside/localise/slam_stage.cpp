@@ -197,7 +197,7 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   const std::size_t most = a_frame * frames.pair.size() / kRounds;
   // False when nothing was found.
   const auto seek = [&] {
-    search.look(solved);
+    search.look(solved, links);
     std::vector<Attempt> attempts = search.candidates(most, a_frame);
     lap("candidates");
     const std::vector<slam::NavigationLink> found = search.attempt(attempts);
@@ -225,7 +225,7 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
     solve();
   });
   lap("bundle");
-  search.look(solved);
+  search.look(solved, links);
   const Crossings crossings = search.crossings(links);
   out.crossings_expected = crossings.expected;
   out.crossings_unverified = crossings.unverified;
