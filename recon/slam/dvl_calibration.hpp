@@ -17,14 +17,22 @@ struct RigPrior {
   // Of its turn towards the other camera before epipolar lines have been looked at [rad]; 0: it does not
   // turn.
   double turn = 0;
+  // Turn of visual odometry about the level axis across the path, by range errors that are curved over the
+  // image [rad/m].
+  double curl = 0.01;
   double baseline = 0.07;  // [m]: per_metre is an angle over this
 };
 
 // Scale and heading misalignment of the DVL against the camera, which dead reckoning carries into every step
 // in the same manner, together with the range error of the rig, which all visual links share: a Kalman filter
 // on steps that visual odometry measured too,
-//   d_visual = (1 + b + e r) (1 + s) Rz(psi) d_reckoned,   d the path of the DVL, level [m], r the range [m],
-// x = (s, psi, b, e), constant but for a slow walk. One range tells s + b + e r alone: it is shared out by
+//   d_visual = (1 + b + e r) (1 + s) Rz(psi) d_reckoned + k |d| a,   turn_visual - turn_reckoned = k |d|,
+// d the path of the DVL, level [m], r the range [m], turns about the level axis u across d [rad], and a how
+// far the DVL moves when the camera turns about u on the middle of the ground that it sees [m/rad]; x = (s,
+// psi, b, e, k), constant but for a slow walk. Where a rig's range error is curved over the image, as a wrong
+// principal point of a lens that distorts makes it, level ground that passes seems to turn: visual odometry
+// turns by k |d| and is short or long by the arm to the ground. Roll and pitch, which gravity holds, show k,
+// so that it is not taken for a range error. One range tells s + b + e r alone: it is shared out by
 // the priors, so that the sensor that is known better stays as it is, and more ranges tell them apart. Steps
 // that disagree by more than the gate are left out. Where steps go on disagreeing to the same side, by
 // however little, the DVL has changed (another sound speed, a beam that is fouled): the sum of normalised
@@ -32,6 +40,9 @@ struct RigPrior {
 // learnt anew.
 class DvlCalibration {
  public:
+  using Vector5d = Eigen::Matrix<double, 5, 1>;
+  using Matrix5d = Eigen::Matrix<double, 5, 5>;
+
   // `dvl_in_camera`: its place in the camera's axes [m].
   explicit DvlCalibration(const SensorNoise& noise,
                           const Eigen::Vector3d& dvl_in_camera = Eigen::Vector3d::Zero(),
@@ -53,19 +64,20 @@ class DvlCalibration {
   [[nodiscard]] double scale() const { return state_(0); }    // s
   [[nodiscard]] double heading() const { return state_(1); }  // psi [rad]
   // Range error of the rig: scale b [1] and e [1/m]. It belongs to who sees through the rig to take it out.
-  [[nodiscard]] Eigen::Vector2d rangeError() const { return state_.tail<2>(); }
+  [[nodiscard]] Eigen::Vector2d rangeError() const { return state_.segment<2>(2); }
+  // k [rad/m]
+  [[nodiscard]] double curl() const { return state_(4); }
   // Standard deviation of the range error at a range [1].
   [[nodiscard]] double rangeSigma(double range) const;
-  [[nodiscard]] const Eigen::Matrix4d& covariance() const { return covariance_; }
+  [[nodiscard]] const Matrix5d& covariance() const { return covariance_; }
   // What is left of scale and heading, as a share of the way.
   [[nodiscard]] double remainingShare() const;
   [[nodiscard]] std::uint64_t used() const { return used_; }
   [[nodiscard]] std::uint64_t gated() const { return gated_; }
   [[nodiscard]] std::uint64_t restarts() const { return restarts_; }
 
-  // The rig was changed so that its ranges grew by (scale, per metre). Paths follow ranges that are wrong in
-  // a different way over the image by a part of their error only: of a change beyond chance a part is open
-  // again.
+  // The rig was changed so that its ranges grew by (scale, per metre): k, which changes with it, is open by
+  // as much again.
   void rigChanged(const Eigen::Vector2d& growth);
   // The rig was measured for the first time, or anew after a knock: its turn towards the other camera is
   // known to this [rad], whatever was known before of the range error per metre.
@@ -87,8 +99,8 @@ class DvlCalibration {
   SensorNoise noise_;
   Eigen::Vector3d dvl_in_camera_;
   RigPrior rig_;
-  Eigen::Vector4d state_ = Eigen::Vector4d::Zero();
-  Eigen::Matrix4d covariance_;
+  Vector5d state_ = Vector5d::Zero();
+  Matrix5d covariance_;
   Eigen::Vector2d leaning_ = Eigen::Vector2d::Zero();  // sum of normalised innovations, forgetting
   double sound_share_ = 0;
   std::uint64_t used_ = 0, gated_ = 0, restarts_ = 0;

@@ -266,5 +266,31 @@ TEST(SoundShare, WidensTheScaleOfTheDvlUntilTheImagesHaveShownIt) {
   EXPECT_NEAR(calibration.covariance()(0, 0), noise.dvl_scale * noise.dvl_scale, 1e-15);
 }
 
+// Images of a rig whose range error is curved over them turn forwards by 0.008 rad/m on the ground 2 m below,
+// and so are 1.6 % short; its ranges in the middle are right.
+TEST(DvlCalibration, TakesNoTurnByCurvedRangesForARangeError) {
+  constexpr double kCurl = 0.008, kRange = 2, kWay = 0.5;  // [rad/m], [m], [m]
+  const Eigen::Vector3d ground(0, 0, kRange);
+  for (const double sign : {1.0, -1.0}) {
+    DvlCalibration calibration({}, kDvl);
+    StepQuality quality;
+    quality.seconds = 1;
+    SE3 T_odom_a;
+    for (int k = 0; k < 60; ++k) {
+      const SE3 way(Eigen::Quaterniond::Identity(), {kWay, 0, 0});
+      Vector6d turn = Vector6d::Zero();
+      turn(4) = sign * kCurl * kWay;
+      const SE3 seen = way * SE3(Eigen::Quaterniond::Identity(), ground) * SE3::exp(turn) *
+                       SE3(Eigen::Quaterniond::Identity(), -ground);
+      const SE3 T_odom_b = T_odom_a * way;
+      EXPECT_TRUE(calibration.add(T_odom_a, T_odom_b, seen, Matrix6d::Identity() * 1e-6, quality, kRange));
+      T_odom_a = T_odom_b;
+    }
+    EXPECT_NEAR(calibration.curl(), sign * kCurl, 9e-5);
+    EXPECT_NEAR(calibration.rangeError().dot(Eigen::Vector2d(1, kRange)), 0, 1.7e-4);
+    EXPECT_NEAR(calibration.scale(), 0, 8e-6);
+  }
+}
+
 }  // namespace
 }  // namespace fathom::slam

@@ -163,8 +163,7 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
 }  // namespace
 
 // In turns: epipolar lines take a part of a wrong principal point for a turn, as lenses that distort let it
-// seem one, and a path follows from ranges that are wrong in a different way over the image, not by all of
-// their error.
+// seem one.
 RigFinding findRig(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
                    const LightingModels& models) {
   constexpr int kRounds = 4;
