@@ -1,5 +1,6 @@
 #include "recon/slam/navigation_config.hpp"
 
+#include <cmath>
 #include <numbers>
 
 namespace fathom::slam {
@@ -41,6 +42,12 @@ SensorNoise readSensorNoise(const ConfigTable& table, const SensorNoise& default
   n.visual_scale = table.number("visual_scale", n.visual_scale, 0, 0.1);
   n.validate();
   return n;
+}
+
+SensorNoise withoutTideModel(SensorNoise noise) {
+  constexpr double kSea = 0.5;  // [m]
+  noise.depth_offset = std::hypot(noise.depth_offset, kSea);
+  return noise;
 }
 
 }  // namespace fathom::slam

@@ -10,4 +10,8 @@ namespace fathom::slam {
 // are left for the caller's finish().
 [[nodiscard]] SensorNoise readSensorNoise(const ConfigTable& table, const SensorNoise& defaults);
 
+// The same where nobody predicts the tide: the sea's height over nav's zero is unknown by half a metre, as a
+// tide of 0.7 m leaves it. Topside, which claims heights: on board nobody is shown any such claim.
+[[nodiscard]] SensorNoise withoutTideModel(SensorNoise noise);
+
 }  // namespace fathom::slam

@@ -31,5 +31,11 @@ TEST(NavigationConfig, OutOfRangeAndUnknownKeysAreErrors) {
   EXPECT_THROW(read("[sensors]\ngyro = 1\n"), InputError);
 }
 
+TEST(NavigationConfig, WithoutATideModelTheSeasHeightIsUnknown) {
+  SensorNoise noise;
+  noise.depth_offset = 0.1;
+  EXPECT_NEAR(withoutTideModel(noise).depth_offset, 0.51, 0.01);
+}
+
 }  // namespace
 }  // namespace fathom::slam
