@@ -66,12 +66,12 @@ void DvlCalibration::setSoundShare(double share) {
 bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b,
                          const Matrix6d& covariance, const StepQuality& quality, double range) {
   const Eigen::Vector2d reckoned = wayOf(T_odom_a, T_odom_b).head<2>();
-  if (reckoned.norm() < kLeastWay) return true;
+  const double way = reckoned.norm();
+  if (way < kLeastWay) return true;
   const SE3 T_odom_seen = T_odom_a * T_a_b;
   const Eigen::Vector2d visual = wayOf(T_odom_a, T_odom_seen).head<2>();
   const Eigen::Matrix3d R_b = T_odom_seen.matrix3();
   const Eigen::Vector2d across = turnedLeft(reckoned);
-  const double way = reckoned.norm();
   const Eigen::Vector3d axis(across.x() / way, across.y() / way, 0);
   const Eigen::Quaterniond off = T_odom_seen.rotation() * T_odom_b.rotation().conjugate();
   const double turn = SE3(off, Eigen::Vector3d::Zero()).log().tail<3>().dot(axis);

@@ -37,12 +37,19 @@ void sink(KeyframeInput& input, double by) {
       SE3(input.T_odom_cam.rotation(), input.T_odom_cam.translation() + Eigen::Vector3d(0, 0, by));
 }
 
+constexpr double kFastest = 4.2e-4;  // rate of a tide of 3 m of amplitude twice a day [m/s]
+
+// With a tide in the depths that nobody predicts.
+MadeSurvey tidalSurvey(const MadeSurveyOptions& options) {
+  MadeSurvey survey = makeSurvey(options);
+  for (KeyframeInput& input : survey.inputs) sink(input, kFastest * secondsOf(input));
+  return survey;
+}
+
 TEST(NavigationGraph, ATideThatNobodyPredictsGoesIntoTheDepthsReferenceAndNotIntoTheMap) {
   MadeSurveyOptions options;
   options.line_length = 35;
-  MadeSurvey survey = makeSurvey(options);
-  constexpr double kFastest = 4.2e-4;  // of 3 m of amplitude twice a day [m/s]
-  for (KeyframeInput& input : survey.inputs) sink(input, kFastest * secondsOf(input));
+  const MadeSurvey survey = tidalSurvey(options);
   NavigationGraph graph(smallConfig());
   drive(graph, survey, options);
   const double risen = kFastest * secondsOf(survey.inputs.back());
@@ -59,9 +66,7 @@ TEST(NavigationGraph, ATideDoesNotLeanTheMap) {
   MadeSurveyOptions options;
   options.lines = 12;
   options.line_length = 12;
-  MadeSurvey survey = makeSurvey(options);
-  constexpr double kFastest = 4.2e-4;  // [m/s]
-  for (KeyframeInput& input : survey.inputs) sink(input, kFastest * secondsOf(input));
+  const MadeSurvey survey = tidalSurvey(options);
   NavigationGraph graph(smallConfig());
   drive(graph, survey, options);
   // Slope of the vertical error over time, as a share of the tide's.
