@@ -72,22 +72,25 @@ SharedJacobian sharedJacobian(const SharedErrors& errors, double focal_length_px
   j.col(3) = errors.disparity * by_disparity;
   j.col(4) = errors.disparity_slope * x * by_disparity;
   j.col(5) = errors.disparity_slope * y * by_disparity;
+  j.col(6) = errors.disparity_curve * x * x * by_disparity;
+  j.col(7) = errors.disparity_curve * y * y * by_disparity;
   return j;
 }
 
 Eigen::Matrix<double, 6, kSharedErrors> poseBySharedErrors(const SharedErrors& errors, double focal_length_px,
                                                            double baseline, const Eigen::Vector2d& half_view,
                                                            double range, const SE3& T_a_b) {
-  constexpr int kSteps = 3;        // of a grid on the ground, on either side of its middle
+  constexpr int kCells = 8;        // of a grid over the image, along x and y
   constexpr double kAlongRay = 9;  // variance of a point along the ray over that across
   const Eigen::Matrix3d R = T_a_b.matrix3();
   const Eigen::Matrix3d information = Eigen::Vector3d(1, 1, 1 / kAlongRay).asDiagonal();
   Matrix6d h = Matrix6d::Zero();
   Eigen::Matrix<double, 6, kSharedErrors> pull = Eigen::Matrix<double, 6, kSharedErrors>::Zero();
   int seen = 0;
-  for (int row = -kSteps; row <= kSteps; ++row)
-    for (int column = -kSteps; column <= kSteps; ++column) {
-      const Eigen::Vector2d tangent = half_view.cwiseProduct(Eigen::Vector2d(column, row)) / kSteps;
+  for (int row = 1; row < 2 * kCells; row += 2)
+    for (int column = 1; column < 2 * kCells; column += 2) {
+      const Eigen::Vector2d tangent =
+          half_view.cwiseProduct(Eigen::Vector2d(column, row) / kCells - Eigen::Vector2d::Ones());
       const Eigen::Vector3d b = range * tangent.homogeneous(), a = T_a_b * b;
       if (!(a.z() > 0) || ((a.hnormalized().cwiseAbs() - half_view).array() > 0).any()) continue;
       ++seen;

@@ -11,15 +11,17 @@ namespace fathom::closure {
 
 // Errors that all points of a frame share, the same in both frames as long as rig and lamps are: what a
 // calibration leaves in the disparity, and shading, which draws features towards or away from lamps that move
-// with the vehicle. Each is a constant and a slope over the image, zero-mean with these standard deviations.
-// Slopes are by the tangent of the angle from the principal ray, along x and y (disparity) or radial (place).
+// with the vehicle. Each is a constant and a slope over the image, the disparity's curved as well, zero-mean
+// with these standard deviations. Slopes are by the tangent of the angle from the principal ray, along x and
+// y (disparity) or radial (place).
 struct SharedErrors {
   double place = 4e-4;            // of a feature, along x and y of the image [tangent]
   double place_slope = 1e-3;      // [tangent by tangent]
   double disparity = 0.03;        // [px]
   double disparity_slope = 0.08;  // [px by tangent]
+  double disparity_curve = 0;     // [px by squared tangent], along x and y each
 };
-constexpr int kSharedErrors = 6;
+constexpr int kSharedErrors = 8;
 using SharedJacobian = Eigen::Matrix<double, 3, kSharedErrors>;
 
 // How a point in the left camera frame moves with the shared errors, each in its standard deviation [m].

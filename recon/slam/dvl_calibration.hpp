@@ -20,6 +20,9 @@ struct RigPrior {
   // Turn of visual odometry about the level axis across the path, by range errors that are curved over the
   // image [rad/m].
   double curl = 0.01;
+  // Of the disparity at the image's edge, by what neither epipolar lines nor paths show, where it slopes or
+  // curves over the image [px].
+  double uneven = 0;
   double baseline = 0.07;  // [m]: per_metre is an angle over this
 };
 

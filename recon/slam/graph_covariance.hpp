@@ -22,7 +22,7 @@ class GraphCovariance {
 
   // What errors that are the same in many edges, independent of each other and of variance 1, do to one of
   // them: a column each, the right perturbation (rho, phi) of its T_from_to [m], [rad].
-  static constexpr int kShared = 6;
+  static constexpr int kShared = 8;
   using ByShared = Eigen::Matrix<double, 6, kShared>;
   struct SharedByEdge {
     std::size_t edge = 0;

@@ -154,7 +154,7 @@ NavigationSolution judged(NavigationConfig config, const std::vector<KeyframeInp
     if (!sensors.addKeyframe(frames[at(k)])) throw std::logic_error("navigation: no room for a frame");
     out.nodes.push_back(sensors.node(k));
     if (const NavigationLink* link = visual[at(k)])
-      (void)sensors.addLink(LinkKind::kOdometry, k - 1, k, link->T_a_b, link->covariance);
+      (void)sensors.addLink(LinkKind::kOdometry, k - 1, k, link->T_a_b, link->covariance, link->confirmed);
     sensors.judge();
   }
   out.sensors = sensors.counters();

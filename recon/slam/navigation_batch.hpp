@@ -15,6 +15,7 @@ struct NavigationLink {
   int inliers = 0;                             // features that it rests on
   double chi2 = 0;                             // of its residual at the solution, 6 degrees of freedom
   bool kept = true;                            // false: taken out because it contradicts the others
+  bool confirmed = false;                      // as NavigationGraph::addLink takes it
 
   // Visual odometry of one step, not a closure.
   [[nodiscard]] bool ofChain() const { return b == a + 1; }

@@ -70,7 +70,8 @@ Matrix6d NavigationGraph::withRangeError(const SE3& T_a_b, const Matrix6d& covar
   return out;
 }
 
-Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance) {
+Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance,
+                               bool confirmed) {
   if (!has(a) || !has(b) || a == b || !covariance.allFinite()) {
     ++counters_.links_refused;
     return Taken::kBad;
@@ -101,6 +102,7 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
   if (chain) {
     to.link = measurement;
     seen_.linked = true;
+    seen_.confirmed = confirmed;
     seen_.link = {T_a_b, covariance};
   } else {
     robust_of_[at(measurement)] = static_cast<int>(robust_.size());

@@ -119,7 +119,12 @@ class NavigationGraph {
   // A relative pose T_a_b of two keyframes' cameras, with the covariance of its right perturbation. Visual
   // odometry of the newest step, before step(), is judged with the step's other sensors. A closure that
   // contradicts what is known is turned away, until so many that agree with each other say the same.
-  Taken addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance);
+  // `confirmed`: visual odometry from an earlier keyframe, without dead reckoning as prior, says the same.
+  Taken addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance,
+                bool confirmed = false);
+
+  // Visual odometry of the step to a keyframe anew: its features are seen through a rig that is known better.
+  void renewOdometry(int keyframe, const SE3& T_before_keyframe, const Matrix6d& covariance);
 
   // A position fix of an antenna at `antenna_in_odom`, whenever it arrives: it holds at keyframe `at`, the
   // nearest in time, and odometry knows the way between. `sigma`: of either component [m]. `by_usbl`: shares
@@ -364,12 +369,12 @@ class NavigationGraph {
   HeadingTrust heading_;
   // Visual odometry of the newest step, until it is judged.
   struct Seen {
-    bool waits = false, linked = false;
+    bool waits = false, linked = false, confirmed = false;
     UncertainPose link;
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
-      archive(self.waits, self.linked, self.link.T_a_b, self.link.covariance);
+      archive(self.waits, self.linked, self.confirmed, self.link.T_a_b, self.link.covariance);
     }
   } seen_;
   // Of the newest step, level, ahead and to starboard, by what is believed [m/s].

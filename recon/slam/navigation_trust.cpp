@@ -73,8 +73,8 @@ StepTurns NavigationGraph::turnsOf(const Frame& from, const Frame& to) const {
   if (seen_.linked) {
     const SE3 seen = from.T_odom_cam * seen_.link.T_a_b;
     turns.visual = wrapAngle(headingOf(seen, config_.forward_in_camera) - before);
-    turns.vouched = to.quality.seconds_unlocked == 0 &&
-                    linkFitsButForYaw(from, to, wrapAngle(turns.visual - turns.compass));
+    turns.vouched = seen_.confirmed || (to.quality.seconds_unlocked == 0 &&
+                                        linkFitsButForYaw(from, to, wrapAngle(turns.visual - turns.compass)));
     const Eigen::Vector3d down = seen.rotation().conjugate() * Eigen::Vector3d::UnitZ();
     turns.visual_sigma =
         std::sqrt(std::max(0.0, down.dot(seen_.link.covariance.bottomRightCorner<3, 3>() * down)));
@@ -176,6 +176,18 @@ void NavigationGraph::rigBeganAnew(double turn_sigma, std::int64_t since_ns, boo
     frame.link_slips = frame.link_slips || (knocked && frame.link >= 0);
     weigh(frame);
   }
+}
+
+void NavigationGraph::renewOdometry(int keyframe, const SE3& T_before_keyframe, const Matrix6d& covariance) {
+  if (!has(keyframe) || !has(keyframe - 1)) return;
+  Frame& frame = frames_[at(keyframe)];
+  const int measurement = addFactor(linkFactor(frames_[at(keyframe - 1)].node, frame.node, T_before_keyframe,
+                                               withRangeError(T_before_keyframe, covariance, frame.range)));
+  if (measurement < 0) return;
+  if (frame.link >= 0) (void)solver_.setWeight(frame.link, 0);
+  frame.link = measurement;
+  frame.link_slips = false;
+  weigh(frame);
 }
 
 void NavigationGraph::judge() {

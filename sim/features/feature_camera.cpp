@@ -7,7 +7,6 @@
 #include <numbers>
 #include <optional>
 
-#include "recon/closure/point_alignment.hpp"
 #include "sim/features/descriptor.hpp"
 #include "sim/features/feature_light.hpp"
 #include "sim/features/landmarks.hpp"
@@ -29,6 +28,7 @@ constexpr int kFieldCells = 8;           // across the image, of the smooth part
 constexpr double kDescriptorTail = 0.6;  // of the logarithm of the descriptor's noise, standard deviation
 constexpr double kSlip = 5;  // of a landmark found beside its place, by the usual standard deviation
 constexpr double kMaxDescriptorNoise = 1.9;
+constexpr int kShared = 6;                // errors that all features share
 constexpr float kNoiseStep = 1.0F / 128;  // of the descriptor's noise
 
 // Normal numbers that belong to a thing.
@@ -115,7 +115,7 @@ struct FeatureCamera::Impl {
   FeatureLight light;
   double smallest_px;
   Landmarks landmarks;
-  double shared[closure::kSharedErrors];  // in their standard deviations
+  double shared[kShared];  // in their standard deviations
   std::vector<Eigen::Vector3d> probes;
   double widest = 0;  // tangent of the left camera's widest angle
 };

@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "realtime/kernel/state_archive.hpp"
+#include "recon/calibration/epipolar_check.hpp"
 #include "tests/onboard/made_dive.hpp"
 
 namespace fathom::onboard {
@@ -90,6 +91,59 @@ TEST(LocalisationCore, SurvivesADvlThatDiesACompassThatJumpsAndWildFixes) {
   EXPECT_LT(planError(dive, poses).absolute, 0.6);
   EXPECT_GE(core.graph().counters().compass_jumps, 1u);
   EXPECT_GT(core.graph().counters().dvl_absent, 5u);
+}
+
+TEST(LocalisationCore, ACompassThatStepsWhileTheDvlIsSilentIsToldFromAFalseLinkByThePairBefore) {
+  DiveFaults faults;
+  faults.dvl_dead_from = 15;
+  faults.dvl_dead_to = 21;
+  faults.compass_steps_at = 20;
+  const MadeDive dive = makeDive(faults);
+  MemorySlots slots = featureSlots(300);
+  LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
+  const std::vector<SE3> poses = localised(core, dive);
+  EXPECT_LT(planError(dive, poses).rms, 0.1);
+  EXPECT_EQ(core.graph().counters().visual_distrusted, 0u);
+  EXPECT_EQ(core.graph().counters().compass_jumps, 1u);
+}
+
+// Lenses of which one is longer than calibrated turn every step of visual odometry to the same side.
+TEST(LocalisationCore, StepsFromBeforeTheRigWasMeasuredAreSeenAnewThroughItAsItIs) {
+  constexpr std::size_t kMeasured = 12;
+  MadeDive dive = makeDive();
+  dive.frames.resize(4 * kMeasured);
+  dive.fixes.clear();
+  const StereoRig wrong = calibration::changed(dive.rig, Eigen::Vector3d(0.002, 0, 0.002), 0.003);
+  for (std::size_t k = 0; k < kMeasured; ++k)
+    for (closure::Feature& f : dive.frames[k].features.features) {
+      Eigen::Vector3d point;
+      double gap = 0;
+      ASSERT_TRUE(triangulatePixels(wrong, f.left.cast<double>(), f.right.cast<double>(), point, gap));
+      f.point = point.cast<float>();
+    }
+  calibration::RigHistory rigs(wrong);
+  MemorySlots slots = featureSlots(300);
+  LocalisationCore core(rigs, smallLocalisation(), &slots);
+  std::vector<int> keyframes;
+  for (std::size_t k = 0; k < dive.frames.size(); ++k) {
+    if (k == kMeasured) {
+      rigs.add(dive.rig, true);
+      core.setRig(dive.rig, Eigen::Vector2d::Zero());
+      core.rigBeganAnew(1e-4, 0, false);
+    }
+    LocalisationInput input = dive.frames[k].input;
+    input.features = &dive.frames[k].features;
+    keyframes.push_back(core.place(input, core.look(input)));
+  }
+  core.finish();
+  const auto turned = [&](std::size_t k) {
+    const SE3 seen = core.keyframePose(keyframes[0]).inverse() *
+                     core.poseOf(keyframes[k], dive.frames[k].input.T_odom_cam);
+    return (dive.frames[0].truth.inverse() * dive.frames[k].truth)
+        .rotation()
+        .angularDistance(seen.rotation());
+  };
+  EXPECT_LT(turned(kMeasured), 0.005);
 }
 
 TEST(LocalisationCore, ADvlThatLiesIsContradictedByTheImagesAndNoticed) {

@@ -143,8 +143,8 @@ bool MemorySlots::read(std::size_t slot, std::span<std::uint8_t> data) {
 }
 
 MadeDive makeDive(const DiveFaults& faults, std::uint32_t seed, DiveTrack track) {
-  constexpr double kJump = 0.349, kLie = 0.25;           // [rad], [m/s]
-  constexpr double kAstray = 10, kTurnedAstray = 1.745;  // [m], [rad]
+  constexpr double kJump = 0.349, kStep = 0.12, kLie = 0.25;  // [rad], [rad], [m/s]
+  constexpr double kAstray = 10, kTurnedAstray = 1.745;       // [m], [rad]
   std::mt19937 random(seed);
   std::vector<Eigen::Vector2d> corners = lawnMower();
   Area area{-2.5, kLine + 2.5, -2.5, kLines * kSpacing + 2.5};
@@ -186,7 +186,8 @@ MadeDive makeDive(const DiveFaults& faults, std::uint32_t seed, DiveTrack track)
       quality.heading_leaps = 1;
       jumped = kTurnedAstray;
     }
-    const double error = deviation + jumped + 0.003 * normal(random);
+    const double stepped = t >= faults.compass_steps_at ? kStep : 0;
+    const double error = deviation + jumped + stepped + 0.003 * normal(random);
     const Eigen::Rotation2Dd turned(error);
     Eigen::Vector2d moved = 1.005 * (turned * (poses[k].place - before));
     if (t >= faults.dvl_dead_from && t < faults.dvl_dead_to) {

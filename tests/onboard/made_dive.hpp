@@ -30,6 +30,7 @@ struct DiveFaults {
   double dvl_dead_from = 1e9, dvl_dead_to = 1e9;  // [s]; dead reckoning stands still and says so
   double dvl_lies_from = 1e9, dvl_lies_to = 1e9;  // [s]; 0.25 m/s to starboard, and says nothing
   double compass_jumps_at = 1e9;            // by 20 degrees, told as a leap and left in the odometry [s]
+  double compass_steps_at = 1e9;            // by 7 degrees, and says nothing [s]
   double blind_from = 1e9, blind_to = 1e9;  // [s]; no features
   double wild_share = 0;                    // of the fixes, 40 m off
   // Seconds in which dead reckoning goes astray by 10 m to the east, without bottom track, and its heading by

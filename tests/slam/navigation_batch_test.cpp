@@ -191,6 +191,26 @@ TEST(NavigationBatch, BridgesADeadDvlAndALeapOfTheCompass) {
   EXPECT_EQ(solved.sensors.compass_jumps, 1U);
 }
 
+// A leap small enough for a link to be wrong by, while no DVL vouches for the link.
+TEST(NavigationBatch, ASmallLeapWithoutBottomTrackIsTheCompasssWhereTheLinkIsConfirmed) {
+  MadeSurveyOptions options;
+  options.dvl_dead_from = 40;
+  options.dvl_dead_to = 55;
+  options.jump_at = 50;
+  options.jump = 0.075;
+  options.jump_told = false;
+  const MadeSurvey survey = makeSurvey(options);
+  Measured measured = measuredOf(survey, options.usbl_sigma);
+  for (NavigationLink& link : measured.links) {
+    const SE3 reckoned = survey.inputs[link.a].T_odom_cam.inverse() * survey.inputs[link.b].T_odom_cam;
+    link.confirmed = reckoned.rotation().angularDistance(link.T_a_b.rotation()) > 0.5 * options.jump;
+  }
+  const NavigationSolution solved = solve(survey, options, measured);
+  EXPECT_LT(errorsOf(solved.poses, survey.truth).aligned, 0.02);
+  EXPECT_EQ(solved.sensors.compass_jumps, 1U);
+  EXPECT_EQ(solved.sensors.visual_distrusted, 0U);
+}
+
 TEST(NavigationBatch, WithoutLinksDeadReckoningStays) {
   MadeSurveyOptions options;
   options.visual_share = options.closure_share = 0;

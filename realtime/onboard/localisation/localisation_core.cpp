@@ -17,6 +17,8 @@ constexpr double kUnlockedSpeed = 0.3, kUntiltedRate = 0.1;  // [m/s], [rad/s]
 constexpr double kJumpAngle = 0.3;                           // after a jump of the compass [rad]
 // Where that prior fails: the two frames still overlap, so that they cannot be farther apart than this.
 constexpr double kAnySigma = 1.0, kAnyAngle = 0.5;  // [m], [rad]
+// A step that turns otherwise than dead reckoning by as much needs a witness [rad].
+constexpr double kOtherwise = 0.02;
 // Between consecutive keyframes dead reckoning vouches for the pose, and a ledge may fill most of the shared
 // view. Against dead reckoning much more is asked for.
 constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
@@ -62,6 +64,12 @@ Matrix6d covarianceOf(double position, double angle) {
   return variance.asDiagonal();
 }
 
+Matrix6d stepCovariance(const UncertainPose& link) {
+  Matrix6d covariance = link.covariance;
+  covariance.diagonal().head<3>().array() += kScale * kScale * link.T_a_b.translation().squaredNorm();
+  return covariance;
+}
+
 }  // namespace
 
 closure::DepthRange depthsAbout(double range) {
@@ -87,6 +95,13 @@ LocalisationCore::LocalisationCore(const calibration::RigHistory& rigs, const Lo
 void LocalisationCore::setRig(const StereoRig& rig, const Eigen::Vector2d& growth) {
   extractor_.setRig(rig);
   graph_.rigChanged(growth);
+}
+
+void LocalisationCore::rigBeganAnew(double turn_sigma, std::int64_t since_ns, bool knocked) {
+  graph_.rigBeganAnew(turn_sigma, since_ns, knocked);
+  const bool stood_so = rigs_.newest() > 0 && rigs_.best(0) == rigs_.newest();
+  renew_ = graph_.living().empty() ? 0 : graph_.living().front() + 1;
+  renew_end_ = stood_so ? graph_.keyframes() : 0;
 }
 
 void LocalisationCore::setAnchor(nav::FixKind kind, const Eigen::Vector2d& shift, double sigma) {
@@ -181,6 +196,7 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input, const Looked&
   features_.add(found, input.T_odom_cam.translation(), looked.rig);
   search_.addKeyframe(*number, input.range);
   if (*number > 0) linkToLast(keyframe);
+  renewLink();
   ended("visual odometry");
   (void)graph_.step();
   applyFixes(false);
@@ -229,9 +245,35 @@ void LocalisationCore::linkToLast(const slam::KeyframeInput& input) {
     return;
   }
   ++counters_.odometry_found;
-  Matrix6d covariance = found->covariance;
-  covariance.diagonal().head<3>().array() += kScale * kScale * found->T_a_b.translation().squaredNorm();
-  (void)graph_.addLink(slam::LinkKind::kOdometry, a, b, found->T_a_b, covariance);
+  UncertainPose link{found->T_a_b, found->covariance};
+  const bool agrees = T_a_b.rotation().angularDistance(link.T_a_b.rotation()) < kOtherwise;
+  const bool confirmed = !agrees && confirms(a - 1, b, link);
+  link.covariance = stepCovariance(link);
+  (void)graph_.addLink(slam::LinkKind::kOdometry, a, b, link.T_a_b, link.covariance, confirmed);
+}
+
+void LocalisationCore::renewLink() {
+  if (renew_ >= renew_end_) return;
+  const int b = renew_++, a = b - 1;
+  if (!graph_.has(a) || !graph_.has(b)) return;
+  const closure::FrameFeatures *before = features_.find(a), *now = features_.find(b);
+  if (before == nullptr || now == nullptr) return;
+  const SE3 T_a_b = graph_.odometry(a).inverse() * graph_.odometry(b);
+  const closure::Registration& found =
+      near_.process(*before, *now, closure::RelativePrior{T_a_b, covarianceOf(kStepSigma, kStepAngle)});
+  if (found.accepted()) graph_.renewOdometry(b, found.T_a_b, stepCovariance({found.T_a_b, found.covariance}));
+}
+
+// Whether a keyframe sees the newest one, with a wide prior, where the link to the newest has it.
+bool LocalisationCore::confirms(int keyframe, int newest, const UncertainPose& link) {
+  if (!graph_.has(keyframe)) return false;
+  const closure::FrameFeatures *then = features_.find(keyframe), *now = features_.find(newest);
+  if (then == nullptr || now == nullptr) return false;
+  const UncertainPose between = graph_.predict(keyframe, newest - 1);
+  const closure::Registration& both = far_.process(
+      *then, *now, closure::RelativePrior{between.T_a_b * link.T_a_b, covarianceOf(kAnySigma, kAnyAngle)});
+  return both.accepted() &&
+         cycleDistance2({both.T_a_b, both.covariance}, {SE3(), Matrix6d::Zero()}, between, link) < kCycleGate;
 }
 
 // Fixes up to the newest keyframe's time; `all`: the later ones too.

@@ -45,10 +45,9 @@ class LocalisationCore {
 
   // As the rig stands from now on; of the same images. Ranges through it grew by (scale, per metre).
   void setRig(const StereoRig& rig, const Eigen::Vector2d& growth);
-  // slam::NavigationGraph::rigBeganAnew().
-  void rigBeganAnew(double turn_sigma, std::int64_t since_ns, bool knocked) {
-    graph_.rigBeganAnew(turn_sigma, since_ns, knocked);
-  }
+  // slam::NavigationGraph::rigBeganAnew(). Where it stood so from the start, visual odometry up to here is
+  // sought anew through it, a step for each keyframe that comes.
+  void rigBeganAnew(double turn_sigma, std::int64_t since_ns, bool knocked);
   // Where odom's origin is as long as there is no keyframe (nav - odom), by fixes of a kind; of the USBL's
   // without what they share.
   void setAnchor(nav::FixKind kind, const Eigen::Vector2d& shift, double sigma);
@@ -141,6 +140,8 @@ class LocalisationCore {
   void addKeyframe(const LocalisationInput& input, const Looked& looked);
   void noteRetired();
   void linkToLast(const slam::KeyframeInput& input);
+  void renewLink();
+  [[nodiscard]] bool confirms(int keyframe, int newest, const UncertainPose& link);
   void applyFixes(bool all);
   [[nodiscard]] int nearestKeyframe(std::int64_t utc_ns) const;
 
@@ -160,6 +161,7 @@ class LocalisationCore {
   double last_unlocked_s_ = 0;                // at the last frame
   slam::LossOfTrack loss_;                    // at the last keyframe
   double position_sigma_ = 0;
+  int renew_ = 0, renew_end_ = 0;  // keyframes to which visual odometry is sought anew
   Counters counters_;
   std::function<void(const char* stage)> observer_;
   OnRetired on_retired_;

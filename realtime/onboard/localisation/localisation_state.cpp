@@ -8,7 +8,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 6,
+constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 7,
                         kSearchVersion = 3;
 
 template <typename Archive, typename Feature>
@@ -116,7 +116,7 @@ bool ClosureSearch::load(rt::StateReader& reader) {
 template <typename Archive, typename Self>
 void LocalisationCore::exchange(Archive& archive, Self& self) {
   archive(self.selection_, self.features_, self.fixes_, self.last_quality_);
-  archive(self.last_unlocked_s_, self.loss_, self.position_sigma_);
+  archive(self.last_unlocked_s_, self.loss_, self.position_sigma_, self.renew_, self.renew_end_);
   for (auto& looked : self.looked_) {
     archive(looked.waits, looked.rig);
     archive.require(looked.rig >= 0 && looked.rig <= self.rigs_.newest(), "features seen through no rig");

@@ -40,10 +40,21 @@ bool byFrame(const closure::Candidate& x, const closure::Candidate& y) {
   return std::tie(x.newer, x.older) < std::tie(y.newer, y.older);
 }
 
+// Of features `range` away through a rig of which so much is open [m].
+closure::SharedErrors sharedErrors(const StereoRig& rig, const slam::RigPrior& open, double half_view,
+                                   double range) {
+  closure::SharedErrors errors;
+  errors.disparity = std::hypot(errors.disparity, open.scale * rig.left.fx * rig.baseline() / range);
+  errors.disparity_slope = std::hypot(errors.disparity_slope, open.uneven / half_view);
+  errors.disparity_curve = open.uneven / (half_view * half_view);
+  return errors;
+}
+
 // What the errors that all features of the dive share do to the links that are in force.
 std::vector<slam::GraphCovariance::SharedByEdge> sharedBy(const std::vector<slam::NavigationLink>& links,
                                                           const slam::NavigationSolution& solution,
-                                                          const StereoRig& rig, const Frames& frames) {
+                                                          const StereoRig& rig, const slam::RigPrior& open,
+                                                          const Frames& frames) {
   static_assert(slam::GraphCovariance::kShared == closure::kSharedErrors);
   std::multimap<std::pair<int, int>, std::size_t> edges;
   for (std::size_t k = 0; k < solution.graph.edges.size(); ++k)
@@ -57,8 +68,10 @@ std::vector<slam::GraphCovariance::SharedByEdge> sharedBy(const std::vector<slam
       // Between two poses there is the step of dead reckoning too.
       const SE3& T_a_b = solution.graph.edges[edge->second].T_from_to;
       if (T_a_b.translation() != link.T_a_b.translation()) continue;
-      shared.push_back({edge->second, closure::poseBySharedErrors({}, camera.fx, rig.baseline(), half_view,
-                                                                  frames.range[link.b], link.T_a_b)});
+      const double range = frames.range[link.b];
+      const closure::SharedErrors errors = sharedErrors(rig, open, half_view.x(), range);
+      shared.push_back({edge->second, closure::poseBySharedErrors(errors, camera.fx, rig.baseline(),
+                                                                  half_view, range, link.T_a_b)});
     }
   }
   return shared;
@@ -126,9 +139,9 @@ struct ClosureSearch::View {
   };
 
   View(const slam::NavigationSolution& given, const StereoRig& rig, const Frames& frames, double visual_scale,
-       const std::vector<slam::NavigationLink>& links)
+       const slam::RigPrior& open, const std::vector<slam::NavigationLink>& links)
       : solution(given),
-        known(given.graph, visual_scale, given.nodes, sharedBy(links, given, rig, frames)),
+        known(given.graph, visual_scale, given.nodes, sharedBy(links, given, rig, open, frames)),
         ways([this] { return Ways(known); }) {
     for (std::size_t k = 0; k < given.poses.size(); ++k)
       footprints.push_back(closure::footprintOf(given.poses[k], frames.range[k], rig.left));
@@ -179,15 +192,16 @@ struct ClosureSearch::View {
   std::vector<std::uint32_t> stretch_of;  // each frame
 };
 
-ClosureSearch::ClosureSearch(const StereoRig& rig, const Frames& frames, double visual_scale)
-    : rig_(rig), frames_(frames), visual_scale_(visual_scale) {}
+ClosureSearch::ClosureSearch(const StereoRig& rig, const Frames& frames, double visual_scale,
+                             const slam::RigPrior& open)
+    : rig_(rig), frames_(frames), visual_scale_(visual_scale), open_(open) {}
 
 ClosureSearch::~ClosureSearch() = default;
 
 void ClosureSearch::look(const slam::NavigationSolution& solution,
                          const std::vector<slam::NavigationLink>& links) {
   view_.reset();  // one factor at a time
-  view_ = std::make_unique<View>(solution, rig_, frames_, visual_scale_, links);
+  view_ = std::make_unique<View>(solution, rig_, frames_, visual_scale_, open_, links);
 }
 
 const slam::GraphCovariance& ClosureSearch::known() const {

@@ -55,8 +55,9 @@ struct Crossings {
 // another one of neighbouring frames agrees with it.
 class ClosureSearch {
  public:
-  // `rig` and `frames` must outlive it. `visual_scale`: SensorNoise's.
-  ClosureSearch(const StereoRig& rig, const Frames& frames, double visual_scale);
+  // `rig` and `frames` must outlive it. `visual_scale`: SensorNoise's. `open`: what is not known of the rig.
+  ClosureSearch(const StereoRig& rig, const Frames& frames, double visual_scale,
+                const slam::RigPrior& open = {});
   ~ClosureSearch();
 
   // The next round looks from here; `solution` must stay until attempt() has ended, which also frees the
@@ -91,6 +92,7 @@ class ClosureSearch {
   const StereoRig& rig_;
   const Frames& frames_;
   double visual_scale_;
+  slam::RigPrior open_;
   std::unique_ptr<View> view_;
   std::unordered_map<std::uint64_t, Tried> tried_;  // by both frames
   std::vector<Attempt> waiting_;                    // accepted, to be confirmed

@@ -50,7 +50,7 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 9;
+constexpr std::uint32_t kLocaliseVersion = 10;
 constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
 constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
@@ -128,6 +128,8 @@ Digest localiseKey(const MissionInput& input, const TopsideConfig& config, const
              n.deviation_drift, n.deviation_turn, n.tilt_bias, n.tilt_turn, n.unknown_turn, n.gyro_walk,
              n.depth, n.depth_offset, n.depth_drift, n.tide_rate, n.usbl_shift, n.usbl_turn, n.visual_scale,
              n.dvl_wander, n.dvl_wander_s);
+  const slam::RigPrior& open = config.navigation.rig;
+  hasher.add(open.scale, open.principal_point, open.turn, open.curl, open.uneven);
   return hasher.finish();
 }
 
@@ -195,7 +197,7 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   solved = {};
   solve();
   lap("network");
-  ClosureSearch search(rig, frames, graph.noise.visual_scale);
+  ClosureSearch search(rig, frames, graph.noise.visual_scale, graph.rig);
   const auto a_frame = static_cast<std::size_t>(config.slam_candidates);
   const std::size_t most = a_frame * frames.pair.size() / kRounds;
   // False when nothing was found.

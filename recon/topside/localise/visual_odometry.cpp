@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "recon/geometry/uncertain_pose.hpp"
 #include "recon/topside/localise/closure_search.hpp"
 
 namespace fathom::topside {
@@ -11,9 +12,37 @@ namespace {
 // did not, what the vehicle can have done between them at all.
 constexpr double kStepSigma = 0.05, kStepAngle = 0.03;  // [m], [rad]
 constexpr double kWideSigma = 0.5, kWideAngle = 0.6;    // [m], [rad]
+// A step that turns otherwise than dead reckoning by as much needs a witness [rad].
+constexpr double kOtherwise = 0.02;
 // Between consecutive pairs dead reckoning vouches for the pose, and a ledge may fill most of the shared
 // view.
 constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
+
+// Links whose turn contradicts dead reckoning, against one from the frame before over both steps.
+void confirm(const StereoRig& rig, const Frames& frames, std::vector<slam::NavigationLink>& links) {
+  std::vector<Attempt> across;
+  std::vector<std::size_t> of_link;
+  for (std::size_t i = 1; i < links.size(); ++i) {
+    const slam::NavigationLink &before = links[i - 1], &link = links[i];
+    const SE3 T_a_b = frames.reckoned[link.a].inverse() * frames.reckoned[link.b];
+    if (before.b != link.a || T_a_b.rotation().angularDistance(link.T_a_b.rotation()) < kOtherwise) continue;
+    Attempt t;
+    t.a = before.a;
+    t.b = link.b;
+    t.prior = {frames.reckoned[t.a].inverse() * frames.reckoned[t.b], covarianceOf(kWideSigma, kWideAngle)};
+    across.push_back(t);
+    of_link.push_back(i);
+  }
+  registerAll(rig, frames, {}, across, "odometry, confirmed");
+  for (std::size_t k = 0; k < across.size(); ++k) {
+    const slam::NavigationLink &before = links[of_link[k] - 1], &both = across[k].link;
+    slam::NavigationLink& link = links[of_link[k]];
+    link.confirmed =
+        across[k].accepted() &&
+        cycleDistance2({both.T_a_b, both.covariance}, {SE3(), Matrix6d::Zero()},
+                       {before.T_a_b, before.covariance}, {link.T_a_b, link.covariance}) < kCycleGate;
+  }
+}
 
 }  // namespace
 
@@ -50,6 +79,7 @@ std::vector<slam::NavigationLink> visualOdometry(const StereoRig& rig, const Fra
     for (const Attempt& t : *list)
       if (t.accepted()) links.push_back(t.link);
   std::sort(links.begin(), links.end(), [](const auto& x, const auto& y) { return x.a < y.a; });
+  confirm(rig, frames, links);
   return links;
 }
 

@@ -16,7 +16,8 @@ namespace fathom::topside {
 
 // Visual odometry: links between consecutive frames, with dead reckoning as prior; where that is contradicted
 // (a compass that leapt, a DVL that lies or was silent), once more with a wide prior and the stricter rules
-// of closures. The result does not depend on the number of threads.
+// of closures. One that turns otherwise than dead reckoning is confirmed where a link from the frame before,
+// found with a wide prior, comes to the same pose. The result does not depend on the number of threads.
 [[nodiscard]] std::vector<slam::NavigationLink> visualOdometry(const StereoRig& rig, const Frames& frames);
 
 }  // namespace fathom::topside
