@@ -191,6 +191,9 @@ class NavigationGraph {
     bool dvl_lies = false;
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
+  // Whether the newest step, or more before it, contradicts the DVL: how far it says that the vehicle went
+  // tells nothing.
+  [[nodiscard]] bool dvlDoubted() const { return counters_.dvl_lies || contradictions_ > 0 || slips_ > 0; }
 
   // Poses and what the sensors alone say of them, as a batch solver takes it: all factors that are in force
   // but links and fixes. Pose 0 is nav's origin. Of a graph of which nothing has retired.

@@ -160,6 +160,19 @@ TEST(LocalisationCore, ADvlThatLiesIsContradictedByTheImagesAndNoticed) {
   EXPECT_GT(core.counters().odometry_surprises, 0u);
 }
 
+// By its velocity keyframes would come so seldom that they share too little of the seafloor.
+TEST(LocalisationCore, WhereADvlIsStuckEveryPairIsAKeyframeFromTheFirstStepThatContradictsIt) {
+  DiveFaults faults;
+  faults.dvl_stuck_from = 16;
+  faults.dvl_stuck_to = 26;
+  const MadeDive dive = makeDive(faults);
+  MemorySlots slots = featureSlots(300);
+  LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
+  const std::vector<SE3> poses = localised(core, dive);
+  EXPECT_LT(planError(dive, poses).rms, 0.03);
+  EXPECT_LE(core.counters().odometry_second_tries, 1u);
+}
+
 TEST(LocalisationCore, LostForSecondsAClosureEntersOnlyWhenAnotherAgreesAndTheWayIsFoundAgain) {
   DiveFaults faults;  // on the second line, blind and without bottom track for two metres
   faults.dvl_dead_from = faults.blind_from = 26;

@@ -194,6 +194,7 @@ MadeDive makeDive(const DiveFaults& faults, std::uint32_t seed, DiveTrack track)
       moved.setZero();
       quality.unlocked_s += kInterval;
     }
+    if (t >= faults.dvl_stuck_from && t < faults.dvl_stuck_to) moved *= 0.5;
     if (t >= faults.dvl_lies_from && t < faults.dvl_lies_to)
       moved += Eigen::Rotation2Dd(poses[k].heading + error) * Eigen::Vector2d(0, kLie * kInterval);
     if (t >= faults.astray_from && t < faults.astray_to) {

@@ -27,8 +27,9 @@ class MemorySlots : public SlotStore {
 };
 
 struct DiveFaults {
-  double dvl_dead_from = 1e9, dvl_dead_to = 1e9;  // [s]; dead reckoning stands still and says so
-  double dvl_lies_from = 1e9, dvl_lies_to = 1e9;  // [s]; 0.25 m/s to starboard, and says nothing
+  double dvl_dead_from = 1e9, dvl_dead_to = 1e9;    // [s]; dead reckoning stands still and says so
+  double dvl_lies_from = 1e9, dvl_lies_to = 1e9;    // [s]; 0.25 m/s to starboard, and says nothing
+  double dvl_stuck_from = 1e9, dvl_stuck_to = 1e9;  // [s]; half the velocity, and says nothing
   double compass_jumps_at = 1e9;            // by 20 degrees, told as a leap and left in the odometry [s]
   double compass_steps_at = 1e9;            // by 7 degrees, and says nothing [s]
   double blind_from = 1e9, blind_to = 1e9;  // [s]; no features

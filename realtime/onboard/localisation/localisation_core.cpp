@@ -118,7 +118,7 @@ void LocalisationCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eige
 }
 
 bool LocalisationCore::trusted(const LocalisationInput& input) const {
-  return !graph_.counters().dvl_lies && input.quality.unlocked_s <= last_unlocked_s_ &&
+  return !graph_.dvlDoubted() && input.quality.unlocked_s <= last_unlocked_s_ &&
          input.quality.heading_leaps == last_quality_.heading_leaps;
 }
 
