@@ -154,7 +154,7 @@ Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_od
   const Eigen::Matrix3d R = T_from_cam.matrix3();
   const Eigen::Vector2d place = T_nav_cam.translation().head<2>();
   const Matrix6d covariance = known ? widened(solver_.relativeCovariance(usbl_.node, frame.node), T_from_cam,
-                                              place - held_by_usbl_.middle())
+                                              place - held_.middleOfUsbl())
                                     : this->covariance(keyframe);
   const double shared = by_usbl && !known ? usbl_.sigma : 0;
   const Eigen::Matrix2d spread =
@@ -180,7 +180,7 @@ Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_od
                      true, false, insisted});
   ++counters_.fixes;
   if (by_usbl) ++usbl_.fixes;
-  (by_usbl ? held_by_usbl_ : held_).add(place, sigma);
+  held_.add(place, sigma, by_usbl);
   return Taken::kYes;
 }
 

@@ -161,14 +161,14 @@ void NavigationGraph::addAnchors(const Frame& frame, const SE3& T_nav_cam) {
   const Eigen::Vector2d place = in_odom.head<2>();
   (void)addFactor(fixFactor(kWorld, frame.node, T_nav_cam, frame.T_odom_cam, in_odom, place + anchor_.shift,
                             std::min(anchor_.sigma, kAnywhere)));
-  held_.add(T_nav_cam.translation().head<2>(), std::min(anchor_.sigma, kAnywhere));
+  held_.add(T_nav_cam.translation().head<2>(), std::min(anchor_.sigma, kAnywhere), false);
   if (!std::isfinite(usbl_anchor_.sigma)) return;
   const Eigen::Vector2d seen = place + usbl_anchor_.shift;
   addUsbl(seen, usbl_anchor_.sigma);
   if (usbl_.node < 0) return;
   (void)addFactor(usblFixFactor(usbl_.node, frame.node, usbl_.T_nav_usbl, usbl_.T_nav_usbl, T_nav_cam,
                                 frame.T_odom_cam, in_odom, seen, usbl_anchor_.sigma));
-  held_by_usbl_.add(T_nav_cam.translation().head<2>(), usbl_anchor_.sigma);
+  held_.add(T_nav_cam.translation().head<2>(), usbl_anchor_.sigma, true);
 }
 
 // Counted against a credit that grows with the keyframes, so that turning for ever leaves room for them.
@@ -289,35 +289,13 @@ NavigationGraph::Prediction NavigationGraph::predict(int a, int b) {
                                                (T_nav_b.translation() - T_nav_a.translation()).head<2>())};
 }
 
-void NavigationGraph::Held::add(const Eigen::Vector2d& place, double sigma) {
-  const double w = 1 / (sigma * sigma);
-  weight += w;
-  sum += w * place;
-  squares += w * place.squaredNorm();
-}
-
-// Of both kinds of fixes; those of a USBL together say no more of a place than what they share.
-Eigen::Vector2d NavigationGraph::heldAt() const {
-  const double shared = usbl_.sigma * usbl_.sigma,
-               weight = held_by_usbl_.weight / (1 + held_by_usbl_.weight * shared),
-               all = held_.weight + weight;
-  return all > 0 ? (held_.sum + weight * held_by_usbl_.middle()) / all : held_.sum;
-}
-
 Eigen::Matrix2d NavigationGraph::sharedError(const Eigen::Vector2d& from_held) const {
   const SensorNoise& noise = config_.noise;
   // While the DVL's scale is learnt anew, the images hold the survey.
   constexpr double kMostScale = 0.03;  // of a speed of sound that nobody measured [1]
   const Eigen::Vector2d most(kMostScale, noise.dvl_heading);
   const Eigen::Vector2d dvl = dvl_.covariance().diagonal().head<2>().cwiseMin(most.cwiseAbs2());
-  const double seen = held_by_usbl_.aboutMiddle(), turn = noise.usbl_turn * noise.usbl_turn;
-  const auto left = [](double variance, double information) {
-    return variance / (1 + variance * information);
-  };
-  const double scale = left(noise.visual_scale * noise.visual_scale + dvl(0), held_.aboutMiddle() + seen),
-               heading = left(dvl(1), held_.aboutMiddle() + seen / (1 + seen * turn));
-  const Eigen::Vector2d across(-from_held.y(), from_held.x());
-  return scale * from_held * from_held.transpose() + heading * across * across.transpose();
+  return held_.errorOf(from_held, noise.visual_scale * noise.visual_scale + dvl(0), dvl(1), noise.usbl_turn);
 }
 
 Matrix6d NavigationGraph::widened(Matrix6d covariance, const SE3& T_nav_cam,
@@ -330,7 +308,8 @@ Matrix6d NavigationGraph::widened(Matrix6d covariance, const SE3& T_nav_cam,
 Matrix6d NavigationGraph::covariance(int keyframe) {
   const int node = frames_[at(keyframe)].node;
   const SE3& T_nav_cam = solver_.pose(node);
-  return widened(solver_.covariance(node), T_nav_cam, T_nav_cam.translation().head<2>() - heldAt());
+  return widened(solver_.covariance(node), T_nav_cam,
+                 T_nav_cam.translation().head<2>() - held_.middle(usbl_.sigma));
 }
 
 SE3 NavigationGraph::T_nav_odom() const {

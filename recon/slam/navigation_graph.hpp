@@ -13,6 +13,7 @@
 #include "recon/geometry/uncertain_pose.hpp"
 #include "recon/slam/dvl_calibration.hpp"
 #include "recon/slam/heading_trust.hpp"
+#include "recon/slam/held_fixes.hpp"
 #include "recon/slam/incremental_solver.hpp"
 #include "recon/slam/sensor_factors.hpp"
 
@@ -270,7 +271,6 @@ class NavigationGraph {
   [[nodiscard]] Eigen::Matrix2d sharedError(const Eigen::Vector2d& from_held) const;
   [[nodiscard]] Matrix6d widened(Matrix6d covariance, const SE3& T_nav_cam,
                                  const Eigen::Vector2d& from_held) const;
-  [[nodiscard]] Eigen::Vector2d heldAt() const;
   [[nodiscard]] Eigen::Vector2d startingShift() const;
   void addAnchors(const Frame& frame, const SE3& T_nav_cam);
   void addUsbl(const Eigen::Vector2d& north_east, double sigma);
@@ -310,22 +310,7 @@ class NavigationGraph {
       archive(self.shift, self.sigma);
     }
   } anchor_, usbl_anchor_;
-  // Where fixes hold the survey.
-  struct Held {
-    double weight = 0, squares = 0;                 // sums of 1 / sigma^2, and of place^2 / sigma^2
-    Eigen::Vector2d sum = Eigen::Vector2d::Zero();  // of place / sigma^2
-
-    void add(const Eigen::Vector2d& place, double sigma);
-    [[nodiscard]] Eigen::Vector2d middle() const { return weight > 0 ? sum / weight : sum; }
-    // Information about a scale or turn about the middle.
-    [[nodiscard]] double aboutMiddle() const {
-      return weight > 0 ? std::max(0.0, squares - sum.squaredNorm() / weight) : 0;
-    }
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
-      archive(self.weight, self.squares, self.sum);
-    }
-  } held_, held_by_usbl_;
+  HeldFixes held_;
   // The frame of all positions of the USBL: at the first of them, level.
   struct Usbl {
     int node = -1;

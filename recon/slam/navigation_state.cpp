@@ -37,10 +37,9 @@ void NavigationGraph::exchange(Archive& archive, Self& self) {
   archive(self.solver_, self.dvl_);
   archive.bounded(self.changed_, self.changed_.capacity());
   std::uint64_t next = self.next_robust_, newest = self.newest_robust_;
-  archive(next, newest, self.anchor_, self.usbl_anchor_, self.usbl_, self.held_, self.held_by_usbl_,
-          self.jump_waits_, self.heading_, self.seen_, self.velocity_, self.contradictions_, self.slips_,
-          self.agreements_, self.insistence_, self.trouble_ns_, self.fix_agreed_ns_, self.refused_,
-          self.next_refused_);
+  archive(next, newest, self.anchor_, self.usbl_anchor_, self.usbl_, self.held_, self.jump_waits_,
+          self.heading_, self.seen_, self.velocity_, self.contradictions_, self.slips_, self.agreements_,
+          self.insistence_, self.trouble_ns_, self.fix_agreed_ns_, self.refused_, self.next_refused_);
   if constexpr (Archive::kLoading) {
     self.next_robust_ = next;
     self.newest_robust_ = newest;
