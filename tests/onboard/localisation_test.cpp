@@ -107,6 +107,14 @@ TEST(LocalisationCore, ACompassThatStepsWhileTheDvlIsSilentIsToldFromAFalseLinkB
   EXPECT_EQ(core.graph().counters().compass_jumps, 1u);
 }
 
+// A feature through another rig, left camera frame [m].
+Eigen::Vector3f seen(const StereoRig& rig, const closure::Feature& feature) {
+  Eigen::Vector3d point;
+  double gap = 0;
+  EXPECT_TRUE(triangulatePixels(rig, feature.left.cast<double>(), feature.right.cast<double>(), point, gap));
+  return point.cast<float>();
+}
+
 // Lenses of which one is longer than calibrated turn every step of visual odometry to the same side.
 TEST(LocalisationCore, StepsFromBeforeTheRigWasMeasuredAreSeenAnewThroughItAsItIs) {
   constexpr std::size_t kMeasured = 12;
@@ -115,12 +123,7 @@ TEST(LocalisationCore, StepsFromBeforeTheRigWasMeasuredAreSeenAnewThroughItAsItI
   dive.fixes.clear();
   const StereoRig wrong = calibration::changed(dive.rig, Eigen::Vector3d(0.002, 0, 0.002), 0.003);
   for (std::size_t k = 0; k < kMeasured; ++k)
-    for (closure::Feature& f : dive.frames[k].features.features) {
-      Eigen::Vector3d point;
-      double gap = 0;
-      ASSERT_TRUE(triangulatePixels(wrong, f.left.cast<double>(), f.right.cast<double>(), point, gap));
-      f.point = point.cast<float>();
-    }
+    for (closure::Feature& f : dive.frames[k].features.features) f.point = seen(wrong, f);
   calibration::RigHistory rigs(wrong);
   MemorySlots slots = featureSlots(300);
   LocalisationCore core(rigs, smallLocalisation(), &slots);
@@ -144,6 +147,34 @@ TEST(LocalisationCore, StepsFromBeforeTheRigWasMeasuredAreSeenAnewThroughItAsItI
         .angularDistance(seen.rotation());
   };
   EXPECT_LT(turned(kMeasured), 0.005);
+}
+
+// Focal lengths alike too long: every path was too short, until the DVL shows it.
+TEST(LocalisationCore, StepsFromBeforeRangesWereCorrectedAreSeenAnewThroughTheRigAsItIs) {
+  MadeDive dive = makeDive();
+  const StereoRig wrong = calibration::withoutRangeError(dive.rig, {0.05, 0});
+  const std::size_t measured = dive.frames.size() / 2;
+  for (std::size_t k = 0; k < measured; ++k)
+    for (closure::Feature& f : dive.frames[k].features.features) f.point = seen(wrong, f);
+  calibration::RigHistory rigs(wrong);
+  MemorySlots slots = featureSlots(300);
+  LocalisationCore core(rigs, smallLocalisation(), &slots);
+  std::vector<int> keyframes;
+  for (std::size_t k = 0; k < dive.frames.size(); ++k) {
+    if (k == measured) {
+      rigs.add(dive.rig, true);
+      core.setRig(dive.rig, {0.05, 0});
+    }
+    LocalisationInput input = dive.frames[k].input;
+    input.features = &dive.frames[k].features;
+    keyframes.push_back(core.place(input, core.look(input)));
+  }
+  core.finish();
+  const auto placeOf = [&](std::size_t k) {
+    return core.poseOf(keyframes[k], dive.frames[k].input.T_odom_cam).translation();
+  };
+  const double length = (dive.frames[10].truth.translation() - dive.frames[0].truth.translation()).norm();
+  EXPECT_NEAR((placeOf(10) - placeOf(0)).norm(), length, 0.005 * length);
 }
 
 TEST(LocalisationCore, ADvlThatLiesIsContradictedByTheImagesAndNoticed) {

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "realtime/kernel/seconds.hpp"
+#include "recon/calibration/rig_history.hpp"
 #include "recon/geometry/symmetric_eigen.hpp"
 
 namespace fathom::onboard {
@@ -26,6 +27,8 @@ constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
 // (0.24 % on a rendered reef). As independent errors of every step they must be larger to say the same of a
 // survey line.
 constexpr double kScale = 0.01;  // [1]
+// By so much shorter or longer ranges [1] at a survey's altitude [m], visual odometry is worth seeking anew.
+constexpr double kWorthRenewing = 0.003, kSurveyRange = 2;
 constexpr int kStrictInliers = 40;
 constexpr double kStrictShare = 0.2, kStrictSignificance = 40;
 constexpr int kLastSteps = 50;      // of the graph, after the survey
@@ -95,13 +98,21 @@ LocalisationCore::LocalisationCore(const calibration::RigHistory& rigs, const Lo
 void LocalisationCore::setRig(const StereoRig& rig, const Eigen::Vector2d& growth) {
   extractor_.setRig(rig);
   graph_.rigChanged(growth);
+  if (std::abs(calibration::rangeChange(rigs_.rig(seen_through_), rig).at(kSurveyRange)) > kWorthRenewing)
+    renewLinks();
 }
 
 void LocalisationCore::rigBeganAnew(double turn_sigma, std::int64_t since_ns, bool knocked) {
   graph_.rigBeganAnew(turn_sigma, since_ns, knocked);
-  const bool stood_so = rigs_.newest() > 0 && rigs_.best(0) == rigs_.newest();
-  renew_ = graph_.living().empty() ? 0 : graph_.living().front() + 1;
-  renew_end_ = stood_so ? graph_.keyframes() : 0;
+  const int newest = rigs_.newest();
+  if (newest > 0 && rigs_.best(newest - 1) != newest) renew_from_ = graph_.keyframes();
+  if (newest > 0) renewLinks();
+}
+
+void LocalisationCore::renewLinks() {
+  seen_through_ = rigs_.newest();
+  renew_ = (graph_.living().empty() ? 0 : std::max(renew_from_, graph_.living().front())) + 1;
+  renew_end_ = graph_.keyframes();
 }
 
 void LocalisationCore::setAnchor(nav::FixKind kind, const Eigen::Vector2d& shift, double sigma) {
@@ -304,6 +315,7 @@ int LocalisationCore::nearestKeyframe(std::int64_t utc_ns) const {
 
 void LocalisationCore::finish() {
   applyFixes(true);
+  while (renew_ < renew_end_) renewLink();
   const auto settle = [&] {
     for (int i = 0; i < kLastSteps; ++i) {
       const slam::StepReport report = graph_.step();

@@ -43,10 +43,12 @@ class LocalisationCore {
   LocalisationCore(const LocalisationCore&) = delete;
   LocalisationCore& operator=(const LocalisationCore&) = delete;
 
-  // As the rig stands from now on; of the same images. Ranges through it grew by (scale, per metre).
+  // As the rig stands from now on; of the same images. Ranges through it grew by (scale, per metre); where
+  // they have by much, visual odometry up to here is sought anew through it, a step for each keyframe that
+  // comes.
   void setRig(const StereoRig& rig, const Eigen::Vector2d& growth);
-  // slam::NavigationGraph::rigBeganAnew(). Where it stood so from the start, visual odometry up to here is
-  // sought anew through it, a step for each keyframe that comes.
+  // slam::NavigationGraph::rigBeganAnew(). Visual odometry is sought anew likewise, unless the rig stood
+  // otherwise before.
   void rigBeganAnew(double turn_sigma, std::int64_t since_ns, bool knocked);
   // Where odom's origin is as long as there is no keyframe (nav - odom), by fixes of a kind; of the USBL's
   // without what they share.
@@ -140,6 +142,7 @@ class LocalisationCore {
   void addKeyframe(const LocalisationInput& input, const Looked& looked);
   void noteRetired();
   void linkToLast(const slam::KeyframeInput& input);
+  void renewLinks();
   void renewLink();
   [[nodiscard]] bool confirms(int keyframe, int newest, const UncertainPose& link);
   void applyFixes(bool all);
@@ -162,6 +165,8 @@ class LocalisationCore {
   slam::LossOfTrack loss_;                    // at the last keyframe
   double position_sigma_ = 0;
   int renew_ = 0, renew_end_ = 0;  // keyframes to which visual odometry is sought anew
+  int renew_from_ = 0;             // the first that saw through the rig as it stands
+  int seen_through_ = 0;           // version of the rig, by visual odometry
   Counters counters_;
   std::function<void(const char* stage)> observer_;
   OnRetired on_retired_;

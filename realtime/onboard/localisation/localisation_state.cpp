@@ -117,6 +117,9 @@ template <typename Archive, typename Self>
 void LocalisationCore::exchange(Archive& archive, Self& self) {
   archive(self.selection_, self.features_, self.fixes_, self.last_quality_);
   archive(self.last_unlocked_s_, self.loss_, self.position_sigma_, self.renew_, self.renew_end_);
+  archive(self.renew_from_, self.seen_through_);
+  archive.require(self.seen_through_ >= 0 && self.seen_through_ <= self.rigs_.newest(),
+                  "visual odometry seen through no rig");
   for (auto& looked : self.looked_) {
     archive(looked.waits, looked.rig);
     archive.require(looked.rig >= 0 && looked.rig <= self.rigs_.newest(), "features seen through no rig");
