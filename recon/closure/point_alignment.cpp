@@ -58,13 +58,17 @@ bool sameSide(const PointPair& i, const PointPair& j) {
   return (la - lb) * (la - lb) < 16 * variance;
 }
 
+// A disparity error d moves a point along its ray, by z d / (f b) of its distance: by a pixel [m].
+Eigen::Vector3d byDisparity(double focal_length_px, double baseline, const Eigen::Vector3d& point) {
+  return -point.z() / (focal_length_px * baseline) * point;
+}
+
 }  // namespace
 
 SharedJacobian sharedJacobian(const SharedErrors& errors, double focal_length_px, double baseline,
                               const Eigen::Vector3d& point) {
   const double z = point.z(), x = point.x() / z, y = point.y() / z;
-  // A disparity error d moves a point along its ray, by z d / (f b) of its distance.
-  const Eigen::Vector3d by_disparity = -z / (focal_length_px * baseline) * point;
+  const Eigen::Vector3d by_disparity = byDisparity(focal_length_px, baseline, point);
   SharedJacobian j;
   j.col(0) = Eigen::Vector3d(errors.place * z, 0, 0);
   j.col(1) = Eigen::Vector3d(0, errors.place * z, 0);
@@ -72,20 +76,27 @@ SharedJacobian sharedJacobian(const SharedErrors& errors, double focal_length_px
   j.col(3) = errors.disparity * by_disparity;
   j.col(4) = errors.disparity_slope * x * by_disparity;
   j.col(5) = errors.disparity_slope * y * by_disparity;
-  j.col(6) = errors.disparity_curve * x * x * by_disparity;
-  j.col(7) = errors.disparity_curve * y * y * by_disparity;
   return j;
 }
 
-Eigen::Matrix<double, 6, kSharedErrors> poseBySharedErrors(const SharedErrors& errors, double focal_length_px,
-                                                           double baseline, const Eigen::Vector2d& half_view,
-                                                           double range, const SE3& T_a_b) {
+CommonJacobian commonJacobian(const SharedErrors& errors, double focal_length_px, double baseline,
+                              const Eigen::Vector3d& point) {
+  CommonJacobian j;
+  j.leftCols<kSharedErrors>() = sharedJacobian(errors, focal_length_px, baseline, point);
+  const Eigen::Vector2d tangent = point.hnormalized();
+  const Eigen::Vector3d by_disparity = byDisparity(focal_length_px, baseline, point);
+  j.rightCols<2>() = errors.disparity_curve * by_disparity * tangent.cwiseAbs2().transpose();
+  return j;
+}
+
+PoseByCommonErrors poseBySharedErrors(const SharedErrors& errors, double focal_length_px, double baseline,
+                                      const Eigen::Vector2d& half_view, double range, const SE3& T_a_b) {
   constexpr int kCells = 8;        // of a grid over the image, along x and y
   constexpr double kAlongRay = 9;  // variance of a point along the ray over that across
   const Eigen::Matrix3d R = T_a_b.matrix3();
   const Eigen::Matrix3d information = Eigen::Vector3d(1, 1, 1 / kAlongRay).asDiagonal();
   Matrix6d h = Matrix6d::Zero();
-  Eigen::Matrix<double, 6, kSharedErrors> pull = Eigen::Matrix<double, 6, kSharedErrors>::Zero();
+  PoseByCommonErrors pull = PoseByCommonErrors::Zero();
   int seen = 0;
   for (int row = 1; row < 2 * kCells; row += 2)
     for (int column = 1; column < 2 * kCells; column += 2) {
@@ -96,13 +107,13 @@ Eigen::Matrix<double, 6, kSharedErrors> poseBySharedErrors(const SharedErrors& e
       ++seen;
       Eigen::Matrix<double, 3, 6> by_pose;
       by_pose << R, -R * crossMatrix(b);
-      const SharedJacobian by_shared = sharedJacobian(errors, focal_length_px, baseline, a) -
-                                       R * sharedJacobian(errors, focal_length_px, baseline, b);
+      const CommonJacobian by_shared = commonJacobian(errors, focal_length_px, baseline, a) -
+                                       R * commonJacobian(errors, focal_length_px, baseline, b);
       h += by_pose.transpose() * information * by_pose;
       pull += by_pose.transpose() * information * by_shared;
     }
   constexpr int kLeastSeen = 6;
-  if (seen < kLeastSeen) return Eigen::Matrix<double, 6, kSharedErrors>::Zero();
+  if (seen < kLeastSeen) return PoseByCommonErrors::Zero();
   return h.ldlt().solve(pull);
 }
 

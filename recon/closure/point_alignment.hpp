@@ -21,11 +21,18 @@ struct SharedErrors {
   double disparity_slope = 0.08;  // [px by tangent]
   double disparity_curve = 0;     // [px by squared tangent], along x and y each
 };
-constexpr int kSharedErrors = 8;
+// Constants and slopes, which alignPoints() estimates beside a pose; and with the curves, which it leaves
+// out.
+constexpr int kSharedErrors = 6, kCommonErrors = kSharedErrors + 2;
 using SharedJacobian = Eigen::Matrix<double, 3, kSharedErrors>;
+using CommonJacobian = Eigen::Matrix<double, 3, kCommonErrors>;
+using PoseByCommonErrors = Eigen::Matrix<double, 6, kCommonErrors>;
 
-// How a point in the left camera frame moves with the shared errors, each in its standard deviation [m].
+// How a point in the left camera frame moves with the errors, each in its standard deviation [m]: constants
+// and slopes; and these with the curves.
 [[nodiscard]] SharedJacobian sharedJacobian(const SharedErrors& errors, double focal_length_px,
+                                            double baseline, const Eigen::Vector3d& point);
+[[nodiscard]] CommonJacobian commonJacobian(const SharedErrors& errors, double focal_length_px,
                                             double baseline, const Eigen::Vector3d& point);
 
 // What the shared errors, each by its standard deviation, do to a pose T_a_b that alignPoints() finds over
@@ -33,11 +40,9 @@ using SharedJacobian = Eigen::Matrix<double, 3, kSharedErrors>;
 // same errors, so they add up over it: a slope of the disparity turns every step by half of it over its
 // length. `focal_length_px`, `baseline` [m]: of the rig; `half_view`: tangents of half the angles of view;
 // `range`: to the ground [m]. Zero where the two views share nothing.
-[[nodiscard]] Eigen::Matrix<double, 6, kSharedErrors> poseBySharedErrors(const SharedErrors& errors,
-                                                                         double focal_length_px,
-                                                                         double baseline,
-                                                                         const Eigen::Vector2d& half_view,
-                                                                         double range, const SE3& T_a_b);
+[[nodiscard]] PoseByCommonErrors poseBySharedErrors(const SharedErrors& errors, double focal_length_px,
+                                                    double baseline, const Eigen::Vector2d& half_view,
+                                                    double range, const SE3& T_a_b);
 
 // The same place measured in the left camera frames of two stereo frames.
 struct PointPair {

@@ -48,4 +48,8 @@ double cycleDistance2(const UncertainPose& a_b, const UncertainPose& b_b2, const
   return off.dot(covariance.ldlt().solve(off));
 }
 
+bool closesTriangle(const UncertainPose& a_c, const UncertainPose& a_b, const UncertainPose& b_c) {
+  return cycleDistance2(a_c, {SE3(), Matrix6d::Zero()}, a_b, b_c) < kCycleGate;
+}
+
 }  // namespace fathom

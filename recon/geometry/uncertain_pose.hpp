@@ -29,5 +29,8 @@ struct UncertainPose {
 [[nodiscard]] double cycleDistance2(const UncertainPose& a_b, const UncertainPose& b_b2,
                                     const UncertainPose& a_a2, const UncertainPose& a2_b2);
 inline constexpr double kCycleGate = 16.81;  // of it: chi-square with 6 degrees of freedom, 99 %
+// Whether a measured pose a - c comes, within that gate, to where measured ones a - b and b - c lead.
+[[nodiscard]] bool closesTriangle(const UncertainPose& a_c, const UncertainPose& a_b,
+                                  const UncertainPose& b_c);
 
 }  // namespace fathom

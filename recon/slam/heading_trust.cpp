@@ -4,8 +4,6 @@
 #include <cmath>
 #include <numbers>
 
-#include "recon/geometry/se3.hpp"
-
 namespace fathom::slam {
 namespace {
 
@@ -34,8 +32,10 @@ constexpr double kLongStep_s = 2;  // a longer step counts as one of these: read
 constexpr double kSame = 0.4 * kDegree;         // between constants that are the same
 constexpr double kCompassStep = 0.6 * kDegree;  // noise of the compass between two keyframes
 constexpr double kLeastJump = 1.5 * kDegree;    // a smaller contradiction of a link is no false link
-constexpr double kGate = 4;                     // standard deviations
-constexpr double kBiasWalk = 2e-6;              // of the gyro [rad/s^(3/2)]
+constexpr double kLeastConfirmed = 0.02;        // of the whole turn, of which the heading is a part [rad]
+static_assert(kLeastConfirmed < kLeastJump);
+constexpr double kGate = 4;         // standard deviations
+constexpr double kBiasWalk = 2e-6;  // of the gyro [rad/s^(3/2)]
 
 template <typename Steps>
 bool has(const Steps& steps, std::size_t slot) {
@@ -49,6 +49,10 @@ void set(Steps& steps, std::size_t slot, bool value) {
 }
 
 }  // namespace
+
+bool worthConfirming(const SE3& T_reckoned, const SE3& T_link) {
+  return T_reckoned.rotation().angularDistance(T_link.rotation()) >= kLeastConfirmed;
+}
 
 double HeadingTrust::gyroSigma(const StepTurns& step) const {
   return std::sqrt(step.gyro_sigma * step.gyro_sigma + gyro_variance_ * step.seconds * step.seconds);
@@ -152,7 +156,7 @@ void HeadingTrust::add(const StepTurns& step) {
     follow(h, step, step.compass_leapt);
     if (!jump) continue;
     h.constant = wrapAngle(h.constant + contradiction);
-    if (step.vouched || std::abs(contradiction) > kLeaps) {
+    if (step.confirmed || std::abs(contradiction) > kLeaps) {
       h.cost += kLeap;
       follow(h, step, true);
     } else {

@@ -3,6 +3,8 @@
 #include <array>
 #include <cstdint>
 
+#include "recon/geometry/se3.hpp"
+
 namespace fathom::slam {
 
 // What a step between two consecutive keyframes turned about nav's down axis, by each sensor [rad].
@@ -13,10 +15,15 @@ struct StepTurns {
   bool compass_leapt = false;  // a leap was taken out of its readings on the way: its reference is another
   double visual = 0, visual_sigma = 0;
   bool has_visual = false;
-  bool vouched = false;             // the link agrees with depth, tilt and DVL in all but this turn
+  bool confirmed =
+      false;  // the link agrees with depth, tilt and DVL in all but this turn, or with a second link
   double gyro = 0, gyro_sigma = 0;  // without that of its bias
   bool has_gyro = false;
 };
+
+// Whether a link turns so far from dead reckoning that it may be an outlier, which a second link across the
+// same step can confirm (StepTurns::confirmed).
+[[nodiscard]] bool worthConfirming(const SE3& T_reckoned, const SE3& T_link);
 
 // Who lies about the heading: compass, visual odometry or gyro.
 //
@@ -26,11 +33,11 @@ struct StepTurns {
 // degrees; a false visual link takes it away in one step, by just what that step contradicts the compass, and
 // for good. So each history of the dive is a list of blamed links, and its cost is the sum of
 //   min((D_k - c)^2 / s^2, kAnomaly) a second    the compass, whose errors come in bursts with skirts,
-//   kFalseLink, kFalseLeap                       each blamed link, where nothing vouches for it: a gyro, or
+//   kFalseLink, kFalseLeap                       each blamed link, where nothing confirms it: a gyro, or
 //                                                the other sensors, because wrong matches err in all, not in
 //                                                the turn alone,
 //   kLeap, kRestart                              each new reference of the compass, found at a leap of a link
-//                                                that is vouched for or of more than a link can be wrong by,
+//                                                that is confirmed or of more than a link can be wrong by,
 //                                                or because it stays elsewhere,
 // the truncated least squares of Yang et al. (2020) along a chain, whose least value the Viterbi algorithm
 // (Forney 1973) finds: of histories that have come to the same c only the cheapest is followed.

@@ -73,8 +73,9 @@ StepTurns NavigationGraph::turnsOf(const Frame& from, const Frame& to) const {
   if (seen_.linked) {
     const SE3 seen = from.T_odom_cam * seen_.link.T_a_b;
     turns.visual = wrapAngle(headingOf(seen, config_.forward_in_camera) - before);
-    turns.vouched = seen_.confirmed || (to.quality.seconds_unlocked == 0 &&
-                                        linkFitsButForYaw(from, to, wrapAngle(turns.visual - turns.compass)));
+    turns.confirmed =
+        seen_.confirmed || (to.quality.seconds_unlocked == 0 &&
+                            linkFitsButForYaw(from, to, wrapAngle(turns.visual - turns.compass)));
     const Eigen::Vector3d down = seen.rotation().conjugate() * Eigen::Vector3d::UnitZ();
     turns.visual_sigma =
         std::sqrt(std::max(0.0, down.dot(seen_.link.covariance.bottomRightCorner<3, 3>() * down)));

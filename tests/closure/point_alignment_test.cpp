@@ -102,15 +102,15 @@ TEST(AlignPoints, SharedErrorsMoveThePoseAsPredicted) {
   const SE3 T_a_b = SE3::fromEuler(0.01, -0.02, 0.3, {0.05, -0.25, 0.01});
   const auto predicted = poseBySharedErrors(errors, kFocalLength, kApart, half_view, kRange, T_a_b);
   EXPECT_GT(std::abs(predicted(5, 4)), 5e-5);
-  for (int column = 0; column < kSharedErrors; ++column) {
+  for (int column = 0; column < kCommonErrors; ++column) {
     std::vector<PointPair> pairs;
     for (double y = -0.3; y <= 0.3; y += 0.02)
       for (double x = -0.4; x <= 0.4; x += 0.02) {
         const Eigen::Vector3d b = kRange * Eigen::Vector3d(x, y, 1), a = T_a_b * b;
         if ((a.hnormalized().cwiseAbs() - half_view).maxCoeff() > 0) continue;
         const Eigen::Matrix3d spread = Eigen::Vector3d(1e-6, 1e-6, 9e-6).asDiagonal();
-        pairs.push_back({a + kSmall * sharedJacobian(errors, kFocalLength, kApart, a).col(column),
-                         b + kSmall * sharedJacobian(errors, kFocalLength, kApart, b).col(column), spread,
+        pairs.push_back({a + kSmall * commonJacobian(errors, kFocalLength, kApart, a).col(column),
+                         b + kSmall * commonJacobian(errors, kFocalLength, kApart, b).col(column), spread,
                          spread});
       }
     const auto found = alignPoints(pairs, T_a_b);

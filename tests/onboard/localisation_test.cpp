@@ -1,7 +1,11 @@
 #include <gtest/gtest.h>
 
+#include <functional>
+#include <utility>
+
 #include "realtime/kernel/state_archive.hpp"
 #include "recon/calibration/epipolar_check.hpp"
+#include "recon/calibration/rig_history.hpp"
 #include "tests/onboard/made_dive.hpp"
 
 namespace fathom::onboard {
@@ -93,7 +97,7 @@ TEST(LocalisationCore, SurvivesADvlThatDiesACompassThatJumpsAndWildFixes) {
   EXPECT_GT(core.graph().counters().dvl_absent, 5u);
 }
 
-TEST(LocalisationCore, ACompassThatStepsWhileTheDvlIsSilentIsToldFromAFalseLinkByThePairBefore) {
+TEST(LocalisationCore, ACompassThatStepsWhileTheDvlIsSilentIsDistinguishedFromAnOutlierLinkByThePairBefore) {
   DiveFaults faults;
   faults.dvl_dead_from = 15;
   faults.dvl_dead_to = 21;
@@ -107,74 +111,76 @@ TEST(LocalisationCore, ACompassThatStepsWhileTheDvlIsSilentIsToldFromAFalseLinkB
   EXPECT_EQ(core.graph().counters().compass_jumps, 1u);
 }
 
-// A feature through another rig, left camera frame [m].
-Eigen::Vector3f seen(const StereoRig& rig, const closure::Feature& feature) {
+// A feature's pixels through another rig, left camera frame [m].
+Eigen::Vector3f triangulated(const StereoRig& rig, const closure::Feature& feature) {
   Eigen::Vector3d point;
   double gap = 0;
   EXPECT_TRUE(triangulatePixels(rig, feature.left.cast<double>(), feature.right.cast<double>(), point, gap));
   return point.cast<float>();
 }
 
+// A dive localised pair by pair, whose first pairs are seen through a rig that is wrong, until it is known.
+class DiveThroughAWrongRig {
+ public:
+  // `correct` gives the core what it is to know of dive.rig before pair `known`.
+  DiveThroughAWrongRig(MadeDive given, const StereoRig& wrong, std::size_t known,
+                       const std::function<void(LocalisationCore&)>& correct)
+      : dive(std::move(given)), rigs_(wrong) {
+    for (std::size_t k = 0; k < dive.frames.size(); ++k) {
+      MadeDive::Frame& frame = dive.frames[k];
+      if (k == known) {
+        rigs_.add(dive.rig, true);
+        correct(core_);
+      }
+      if (k < known)
+        for (closure::Feature& f : frame.features.features) f.point = triangulated(wrong, f);
+      LocalisationInput input = frame.input;
+      input.features = &frame.features;
+      keyframes_.push_back(core_.place(input, core_.look(input)));
+    }
+    core_.finish();
+  }
+  [[nodiscard]] SE3 poseOf(std::size_t k) const {
+    return core_.poseOf(keyframes_[k], dive.frames[k].input.T_odom_cam);
+  }
+
+  MadeDive dive;
+
+ private:
+  calibration::RigHistory rigs_;
+  MemorySlots slots_ = featureSlots(300);
+  LocalisationCore core_{rigs_, smallLocalisation(), &slots_};
+  std::vector<int> keyframes_;
+};
+
 // Lenses of which one is longer than calibrated turn every step of visual odometry to the same side.
 TEST(LocalisationCore, StepsFromBeforeTheRigWasMeasuredAreSeenAnewThroughItAsItIs) {
   constexpr std::size_t kMeasured = 12;
   MadeDive dive = makeDive();
   dive.frames.resize(4 * kMeasured);
-  dive.fixes.clear();
-  const StereoRig wrong = calibration::changed(dive.rig, Eigen::Vector3d(0.002, 0, 0.002), 0.003);
-  for (std::size_t k = 0; k < kMeasured; ++k)
-    for (closure::Feature& f : dive.frames[k].features.features) f.point = seen(wrong, f);
-  calibration::RigHistory rigs(wrong);
-  MemorySlots slots = featureSlots(300);
-  LocalisationCore core(rigs, smallLocalisation(), &slots);
-  std::vector<int> keyframes;
-  for (std::size_t k = 0; k < dive.frames.size(); ++k) {
-    if (k == kMeasured) {
-      rigs.add(dive.rig, true);
-      core.setRig(dive.rig, Eigen::Vector2d::Zero());
-      core.rigBeganAnew(1e-4, 0, false);
-    }
-    LocalisationInput input = dive.frames[k].input;
-    input.features = &dive.frames[k].features;
-    keyframes.push_back(core.place(input, core.look(input)));
-  }
-  core.finish();
-  const auto turned = [&](std::size_t k) {
-    const SE3 seen = core.keyframePose(keyframes[0]).inverse() *
-                     core.poseOf(keyframes[k], dive.frames[k].input.T_odom_cam);
-    return (dive.frames[0].truth.inverse() * dive.frames[k].truth)
-        .rotation()
-        .angularDistance(seen.rotation());
-  };
-  EXPECT_LT(turned(kMeasured), 0.005);
+  const StereoRig rig = dive.rig, wrong = calibration::changed(rig, Eigen::Vector3d(0.002, 0, 0.002), 0.003);
+  const DiveThroughAWrongRig localised(std::move(dive), wrong, kMeasured, [&](LocalisationCore& core) {
+    core.setRig(rig, Eigen::Vector2d::Zero());
+    core.rigBeganAnew(1e-4, 0, false);
+  });
+  const std::vector<MadeDive::Frame>& frames = localised.dive.frames;
+  const SE3 seen = localised.poseOf(0).inverse() * localised.poseOf(kMeasured),
+            truth = frames[0].truth.inverse() * frames[kMeasured].truth;
+  EXPECT_LT(truth.rotation().angularDistance(seen.rotation()), 0.005);
 }
 
 // Focal lengths alike too long: every path was too short, until the DVL shows it.
 TEST(LocalisationCore, StepsFromBeforeRangesWereCorrectedAreSeenAnewThroughTheRigAsItIs) {
   MadeDive dive = makeDive();
-  const StereoRig wrong = calibration::withoutRangeError(dive.rig, {0.05, 0});
-  const std::size_t measured = dive.frames.size() / 2;
-  for (std::size_t k = 0; k < measured; ++k)
-    for (closure::Feature& f : dive.frames[k].features.features) f.point = seen(wrong, f);
-  calibration::RigHistory rigs(wrong);
-  MemorySlots slots = featureSlots(300);
-  LocalisationCore core(rigs, smallLocalisation(), &slots);
-  std::vector<int> keyframes;
-  for (std::size_t k = 0; k < dive.frames.size(); ++k) {
-    if (k == measured) {
-      rigs.add(dive.rig, true);
-      core.setRig(dive.rig, {0.05, 0});
-    }
-    LocalisationInput input = dive.frames[k].input;
-    input.features = &dive.frames[k].features;
-    keyframes.push_back(core.place(input, core.look(input)));
-  }
-  core.finish();
-  const auto placeOf = [&](std::size_t k) {
-    return core.poseOf(keyframes[k], dive.frames[k].input.T_odom_cam).translation();
-  };
-  const double length = (dive.frames[10].truth.translation() - dive.frames[0].truth.translation()).norm();
-  EXPECT_NEAR((placeOf(10) - placeOf(0)).norm(), length, 0.005 * length);
+  const StereoRig rig = dive.rig, wrong = calibration::withoutRangeError(rig, {0.05, 0});
+  const std::size_t known = dive.frames.size() / 2;
+  const DiveThroughAWrongRig localised(std::move(dive), wrong, known, [&](LocalisationCore& core) {
+    core.setRig(rig, {0.05, 0});
+  });
+  const std::vector<MadeDive::Frame>& frames = localised.dive.frames;
+  const double length = (frames[10].truth.translation() - frames[0].truth.translation()).norm();
+  EXPECT_NEAR((localised.poseOf(10).translation() - localised.poseOf(0).translation()).norm(), length,
+              0.005 * length);
 }
 
 TEST(LocalisationCore, ADvlThatLiesIsContradictedByTheImagesAndNoticed) {

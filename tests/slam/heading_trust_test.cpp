@@ -18,7 +18,7 @@ struct Way {
   std::vector<double> anomaly;
   int false_at = -1;
   double false_turn = 0;
-  bool gyro = false, visual = true, vouched = false;
+  bool gyro = false, visual = true, confirmed = false;
 };
 
 StepTurns stepOf(const Way& way, int k) {
@@ -29,7 +29,7 @@ StepTurns stepOf(const Way& way, int k) {
   step.has_visual = way.visual;
   step.visual = k == way.false_at ? way.false_turn : 0;
   step.visual_sigma = 0.1 * kDegree;
-  step.vouched = way.vouched;
+  step.confirmed = way.confirmed;
   step.has_gyro = way.gyro;
   step.gyro_sigma = 0.02 * kDegree;
   return step;
@@ -111,18 +111,18 @@ TEST(HeadingTrust, AGyroTellsALeapOfTheCompassFromAFalseLink) {
   EXPECT_EQ(restarts(after(link)), 0);
 }
 
-TEST(HeadingTrust, SoDoTheOtherSensorsWhereTheyVouchForTheLink) {
+TEST(HeadingTrust, SoDoTheOtherSensorsWhereTheyConfirmTheLink) {
   for (const double degrees : {4.0, -7.0, 10.0, 25.0}) {
     Way leap = bump(0, 1);
     for (std::size_t k = 60; k < leap.anomaly.size(); ++k) leap.anomaly[k] = degrees * kDegree;
-    leap.vouched = true;
+    leap.confirmed = true;
     const HeadingTrust trust = after(leap);
     EXPECT_EQ(blamed(trust), 0) << degrees;
     EXPECT_EQ(restarts(trust), 1) << degrees;
     EXPECT_TRUE(trust.verdict(60).restarts) << degrees;
   }
   Way way = bump(20, 5);
-  way.vouched = true;
+  way.confirmed = true;
   EXPECT_FALSE(after(way).verdict(90).compass);
 }
 

@@ -177,13 +177,19 @@ TEST(NavigationBatch, TakesOutFalseClosuresAndWildFixesAndKeepsTheTrueOnes) {
   EXPECT_LT(errorsOf(solved, right).absolute, 0.005);
 }
 
-TEST(NavigationBatch, BridgesADeadDvlAndALeapOfTheCompass) {
+// The compass leaps while the DVL is dead, which visual odometry alone shows [s], [rad].
+MadeSurveyOptions leapWithoutBottomTrack(double dead_to, double jump_at, double jump) {
   MadeSurveyOptions options;
   options.dvl_dead_from = 40;
-  options.dvl_dead_to = 100;
-  options.jump_at = 70;
-  options.jump = 0.35;
+  options.dvl_dead_to = dead_to;
+  options.jump_at = jump_at;
+  options.jump = jump;
   options.jump_told = false;
+  return options;
+}
+
+TEST(NavigationBatch, BridgesADeadDvlAndALeapOfTheCompass) {
+  const MadeSurveyOptions options = leapWithoutBottomTrack(100, 70, 0.35);
   const MadeSurvey survey = makeSurvey(options);
   Measured measured = measuredOf(survey, options.usbl_sigma);
   const NavigationSolution solved = solve(survey, options, measured);
@@ -191,14 +197,9 @@ TEST(NavigationBatch, BridgesADeadDvlAndALeapOfTheCompass) {
   EXPECT_EQ(solved.sensors.compass_jumps, 1U);
 }
 
-// A leap small enough for a link to be wrong by, while no DVL vouches for the link.
+// A leap small enough for a link to be wrong by, without a DVL that confirms the link.
 TEST(NavigationBatch, ASmallLeapWithoutBottomTrackIsTheCompasssWhereTheLinkIsConfirmed) {
-  MadeSurveyOptions options;
-  options.dvl_dead_from = 40;
-  options.dvl_dead_to = 55;
-  options.jump_at = 50;
-  options.jump = 0.075;
-  options.jump_told = false;
+  const MadeSurveyOptions options = leapWithoutBottomTrack(55, 50, 0.075);
   const MadeSurvey survey = makeSurvey(options);
   Measured measured = measuredOf(survey, options.usbl_sigma);
   for (NavigationLink& link : measured.links) {

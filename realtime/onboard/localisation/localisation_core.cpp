@@ -18,9 +18,7 @@ constexpr double kUnlockedSpeed = 0.3, kUntiltedRate = 0.1;  // [m/s], [rad/s]
 constexpr double kJumpAngle = 0.3;                           // after a jump of the compass [rad]
 // Where that prior fails: the two frames still overlap, so that they cannot be farther apart than this.
 constexpr double kAnySigma = 1.0, kAnyAngle = 0.5;  // [m], [rad]
-// A step that turns otherwise than dead reckoning by as much needs a witness [rad].
-constexpr double kOtherwise = 0.02;
-// Between consecutive keyframes dead reckoning vouches for the pose, and a ledge may fill most of the shared
+// Between consecutive keyframes dead reckoning confirms the pose, and a ledge may fill most of the shared
 // view. Against dead reckoning much more is asked for.
 constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
 // What is left of the rig's calibration makes all steps too long or too short by some tenths of a percent
@@ -257,8 +255,7 @@ void LocalisationCore::linkToLast(const slam::KeyframeInput& input) {
   }
   ++counters_.odometry_found;
   UncertainPose link{found->T_a_b, found->covariance};
-  const bool agrees = T_a_b.rotation().angularDistance(link.T_a_b.rotation()) < kOtherwise;
-  const bool confirmed = !agrees && confirms(a - 1, b, link);
+  const bool confirmed = slam::worthConfirming(T_a_b, link.T_a_b) && confirms(a - 1, b, link);
   link.covariance = stepCovariance(link);
   (void)graph_.addLink(slam::LinkKind::kOdometry, a, b, link.T_a_b, link.covariance, confirmed);
 }
@@ -283,8 +280,7 @@ bool LocalisationCore::confirms(int keyframe, int newest, const UncertainPose& l
   const UncertainPose between = graph_.predict(keyframe, newest - 1);
   const closure::Registration& both = far_.process(
       *then, *now, closure::RelativePrior{between.T_a_b * link.T_a_b, covarianceOf(kAnySigma, kAnyAngle)});
-  return both.accepted() &&
-         cycleDistance2({both.T_a_b, both.covariance}, {SE3(), Matrix6d::Zero()}, between, link) < kCycleGate;
+  return both.accepted() && closesTriangle({both.T_a_b, both.covariance}, between, link);
 }
 
 // Fixes up to the newest keyframe's time; `all`: the later ones too.

@@ -55,7 +55,7 @@ std::vector<slam::GraphCovariance::SharedByEdge> sharedBy(const std::vector<slam
                                                           const slam::NavigationSolution& solution,
                                                           const StereoRig& rig, const slam::RigPrior& open,
                                                           const Frames& frames) {
-  static_assert(slam::GraphCovariance::kShared == closure::kSharedErrors);
+  static_assert(slam::GraphCovariance::kShared == closure::kCommonErrors);
   std::multimap<std::pair<int, int>, std::size_t> edges;
   for (std::size_t k = 0; k < solution.graph.edges.size(); ++k)
     edges.emplace(std::pair(solution.graph.edges[k].from, solution.graph.edges[k].to), k);

@@ -12,9 +12,7 @@ namespace {
 // did not, what the vehicle can have done between them at all.
 constexpr double kStepSigma = 0.05, kStepAngle = 0.03;  // [m], [rad]
 constexpr double kWideSigma = 0.5, kWideAngle = 0.6;    // [m], [rad]
-// A step that turns otherwise than dead reckoning by as much needs a witness [rad].
-constexpr double kOtherwise = 0.02;
-// Between consecutive pairs dead reckoning vouches for the pose, and a ledge may fill most of the shared
+// Between consecutive pairs dead reckoning confirms the pose, and a ledge may fill most of the shared
 // view.
 constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
 
@@ -25,7 +23,7 @@ void confirm(const StereoRig& rig, const Frames& frames, std::vector<slam::Navig
   for (std::size_t i = 1; i < links.size(); ++i) {
     const slam::NavigationLink &before = links[i - 1], &link = links[i];
     const SE3 T_a_b = frames.reckoned[link.a].inverse() * frames.reckoned[link.b];
-    if (before.b != link.a || T_a_b.rotation().angularDistance(link.T_a_b.rotation()) < kOtherwise) continue;
+    if (before.b != link.a || !slam::worthConfirming(T_a_b, link.T_a_b)) continue;
     Attempt t;
     t.a = before.a;
     t.b = link.b;
@@ -37,10 +35,9 @@ void confirm(const StereoRig& rig, const Frames& frames, std::vector<slam::Navig
   for (std::size_t k = 0; k < across.size(); ++k) {
     const slam::NavigationLink &before = links[of_link[k] - 1], &both = across[k].link;
     slam::NavigationLink& link = links[of_link[k]];
-    link.confirmed =
-        across[k].accepted() &&
-        cycleDistance2({both.T_a_b, both.covariance}, {SE3(), Matrix6d::Zero()},
-                       {before.T_a_b, before.covariance}, {link.T_a_b, link.covariance}) < kCycleGate;
+    link.confirmed = across[k].accepted() &&
+                     closesTriangle({both.T_a_b, both.covariance}, {before.T_a_b, before.covariance},
+                                    {link.T_a_b, link.covariance});
   }
 }
 

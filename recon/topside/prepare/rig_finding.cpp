@@ -192,7 +192,7 @@ StereoRig rigAsFound(const StereoRig& rig, const RigFinding& found) {
 
 slam::RigPrior rigPrior(const StereoRig& rig, const RigFinding& found) {
   // Where a rig was wrong, so is what its lenses distort; a turn takes out most of it (combined disturbances,
-  // 60 made dives).
+  // 60 simulated dives).
   constexpr double kLeft = 0.012;  // of what was found
   slam::RigPrior prior;
   prior.baseline = rig.baseline();
