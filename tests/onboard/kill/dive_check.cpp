@@ -15,7 +15,7 @@ double LoggedInputs::oldestLost(const DiveLife& life) const {
   for (std::size_t i = *life.first; const auto step = played_.at(i); ++i) {
     if (step->due_ns >= life.ended_utc_ns) return 0;
     if (step->sample && logged_.count(keyOf(*step->sample)) == 0)
-      return static_cast<double>(life.ended_utc_ns - step->due_ns) * 1e-9;
+      return static_cast<double>(life.ended_utc_ns - std::max(step->due_ns, life.navigates_utc_ns)) * 1e-9;
   }
   return 0;
 }

@@ -20,7 +20,7 @@ class LoggedInputs {
   LoggedInputs(const std::filesystem::path& dive, const Playback& played);
 
   // How long before the end of that life the oldest input came that it was given and the log does not hold
-  // [s]; 0 when it holds all.
+  // [s]; 0 when it holds all. What was due before it navigates comes when it begins to.
   [[nodiscard]] double oldestLost(const DiveLife& life) const;
 
  private:

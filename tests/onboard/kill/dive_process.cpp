@@ -104,7 +104,7 @@ void DiveLife::take(const std::string& line) {
       in >> armed_ns;
       break;
     case 'N':
-      in >> navigates_ns;
+      in >> navigates_ns >> navigates_utc_ns;
       break;
     case 'B':
       in >> follows_ns >> mapper;

@@ -29,6 +29,7 @@ class Ship {
 // One life of the program, and what it told of itself.
 struct DiveLife {
   std::int64_t spawned_ns = 0, armed_ns = 0, navigates_ns = 0, caught_up_ns = 0;  // monotonic; 0: did not
+  std::int64_t navigates_utc_ns = 0;                                              // by the vehicle's clock
   std::int64_t ended_ns = 0, ended_utc_ns = 0;  // when it was killed, by the vehicle's clock too
   std::optional<std::size_t> first;             // input of the mission that it was given
   bool resumed = false;

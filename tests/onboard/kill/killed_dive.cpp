@@ -83,7 +83,7 @@ void watchOver(LiveSystem& live, const rt::VehicleClock& clock, double for_s) {
     ::clock_nanosleep(CLOCK_MONOTONIC, 0, &rest, nullptr);
     if (!navigates && live.hard().readForSupervisor(nav) && nav.inputs > 0) {
       navigates = true;
-      say("N %" PRId64 "\n", clock.monotonicNs());
+      say("N %" PRId64 " %" PRId64 "\n", clock.monotonicNs(), clock.utcNs());
     }
     const bool caught_up = live.mapper().up().current() == MapperPhase::kRunning;
     if (caught_up && !followed)

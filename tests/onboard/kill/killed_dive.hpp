@@ -48,7 +48,7 @@ constexpr int kModemSocket = 3;
 //   C checkpoint                  the mapper has begun with it
 //   F first                       a dive begins
 //   A mono_ns                     armed
-//   N mono_ns                     the hard tier has put inputs in order
+//   N mono_ns utc_ns              the hard tier has put inputs in order
 //   S mono_ns utc_ns pairs keyframes tiles arrived    after catching up, some times a second
 //   B mono_ns pid                 the mapper, that process, follows, after it did not
 //   M pairs vehicle mapper heap_calls faults slipped shed state_kib saving_ms   resident now less at arming
