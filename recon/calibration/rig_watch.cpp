@@ -98,6 +98,14 @@ void RigWatch::correctRange(const RangeError& error) {
   (void)applyLeft(true);
 }
 
+StereoRig RigWatch::shownBy(const std::vector<RigMatch>& matches) const {
+  if (beginnings_ > 0) return rig();
+  const EpipolarCheck check = checkEpipolar(rig(), matches);
+  constexpr std::size_t kFewest = 100;
+  if (matches.size() < kFewest || !(check.sigma_after < kMostMedian)) return rig();
+  return changed(rig(), {check.rotation.x(), 0, check.rotation.z()}, check.focal);
+}
+
 Eigen::Vector3d RigWatch::turned() const {
   return (T_right_left_ * calibrated_.T_right_left.inverse()).log().tail<3>();
 }

@@ -32,6 +32,9 @@ class RigWatch {
   void correctRange(const RangeError& error);
 
   [[nodiscard]] const StereoRig& rig() const { return history_.rig(history_.newest()); }
+  // Before the first measurement: as these matches of one pair show it, but for the turn about y, which one
+  // pair does not tell. rig() where they are too few, and afterwards.
+  [[nodiscard]] StereoRig shownBy(const std::vector<RigMatch>& matches) const;
   // What it was taken for before; it changes no more once that is full.
   [[nodiscard]] const RigHistory& history() const { return history_; }
   // By how much in all: of the right camera about its x, y, z [rad], and the logarithm of right over left

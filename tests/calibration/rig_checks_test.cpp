@@ -1,6 +1,7 @@
 // The mathematics of check-calibration on made matches, ranges and motions.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -99,6 +100,25 @@ int changesBy(RigWatch& watch, const std::vector<RigMatch>& matches) {
 
 double rangeErrorOf(const StereoRig& rig, const StereoRig& truth) {
   return rangeChange(truth, rig).at(2);
+}
+
+// Its lines are known from the first pair on, where a change about y is left for more of them.
+TEST(RigWatch, OnePairShowsWhereEpipolarLinesAreBeforeTheRigIsMeasured) {
+  const StereoRig truth = test::madeRig(), told = bumped(truth, {0.2, 0.1, -0.1});
+  const auto matches = madeMatches(truth, 300, 0.1);
+  const RigWatch watch(told);
+  const auto median = [&](const StereoRig& rig) {
+    std::vector<double> off;
+    for (const RigMatch& match : matches) off.push_back(std::abs(epipolarError(rig, match)));
+    std::nth_element(off.begin(), off.begin() + off.size() / 2, off.end());
+    return off[off.size() / 2];
+  };
+  EXPECT_GT(median(told), 2);
+  EXPECT_LT(median(watch.shownBy(matches)), 0.3);
+  EXPECT_NEAR((watch.shownBy(matches).T_right_left * told.T_right_left.inverse()).log()(4), 0, 1e-5);
+  // Too few tell nothing.
+  const StereoRig kept = watch.shownBy({matches.begin(), matches.begin() + 50});
+  EXPECT_EQ((kept.T_right_left * told.T_right_left.inverse()).log().norm(), 0);
 }
 
 // However little: half a pixel off its line a match is good for stereo, and every range 8 % too short.

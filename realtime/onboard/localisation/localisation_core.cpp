@@ -103,6 +103,7 @@ void LocalisationCore::setRig(const StereoRig& rig, const Eigen::Vector2d& growt
 void LocalisationCore::rigBeganAnew(double turn_sigma, std::int64_t since_ns, bool knocked) {
   graph_.rigBeganAnew(turn_sigma, since_ns, knocked);
   const int newest = rigs_.newest();
+  extractor_.setRig(rigs_.rig(newest));
   if (newest > 0 && rigs_.best(newest - 1) != newest) renew_from_ = graph_.keyframes();
   if (newest > 0) renewLinks();
 }

@@ -122,16 +122,26 @@ std::optional<double> MapCore::positionSigma(std::int64_t utc_ns, const SE3& T_o
   return localisation_->positionSigma(utc_ns, T_odom_body * config_.T_body_cam, quality);
 }
 
-int MapCore::look(const MapInput& input, const SeenPair& pair, bool images) {
+int MapCore::look(const MapInput& input, const SeenPair& pair, const std::vector<RigMatch>* matches) {
   if (!localisation_) return LocalisationCore::kNoKeyframe;
   LocalisationInput frame;
   frame.utc_ns = input.utc_ns;
   frame.T_odom_cam = pair.output.T_odom_cam;
   frame.quality = input.quality;
   frame.range = pair.range;
+  // A rig that stands otherwise than calibrated has its epipolar lines elsewhere. Without features until it
+  // is measured, the dive's first keyframes would be tied to the others by the compass alone.
+  std::optional<StereoRig> shown;
+  if (matches != nullptr && rig_.beginnings() == 0) shown = rig_.shownBy(*matches);
   if (input.features != nullptr) {
+    closure::GivenFeatureLimits limits;
+    limits.max_features = config_.localisation.features;
+    limits.depths = depthsAbout(pair.range);
+    closure::featuresFrom(*input.features, shown.value_or(rig_.rig()), limits, given_features_);
     frame.features = &given_features_;
-  } else if (images) {
+    ended("features given");
+  } else if (matches != nullptr) {
+    if (shown) localisation_->seekThrough(*shown);
     frame.left = eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono);
     frame.right = eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono);
   }
@@ -197,17 +207,10 @@ const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const ster
   return result;
 }
 
-const stereo::StereoResult& MapCore::seeFeatures(const MapInput& input, const stereo::SeedPlane& plane) {
+const stereo::StereoResult& MapCore::seeFeatures(const MapInput& input) {
   const stereo::StereoResult& result = given_stereo_.process(*input.features);
   stereo::toMesh(result, *input.features, mesh_);
   ended("stereo");
-  if (localisation_) {
-    closure::GivenFeatureLimits limits;
-    limits.max_features = config_.localisation.features;
-    limits.depths = depthsAbout(plane.ahead());
-    closure::featuresFrom(*input.features, rig_.rig(), limits, given_features_);
-    ended("features given");
-  }
   return result;
 }
 
@@ -277,12 +280,12 @@ SeenPair MapCore::see(const MapInput& input) {
       (!shaped(input.left, config_.rig.left) || !shaped(input.right, config_.rig.right))) {
     ++counters_.bad_images;
     pair.range = last_range_;
-    pair.looked = look(input, pair, false);
+    pair.looked = look(input, pair, nullptr);
     return pair;
   }
   const stereo::SeedPlane plane = seedPlane(input);
   const stereo::StereoResult& result =
-      input.features != nullptr ? seeFeatures(input, plane) : seeImages(input, plane);
+      input.features != nullptr ? seeFeatures(input) : seeImages(input, plane);
   count(result);
   out.points = result.points.size();
   out.triangles = result.triangles.size();
@@ -297,7 +300,7 @@ SeenPair MapCore::see(const MapInput& input) {
     measureFootprint(mesh_, out);
     ended("map");
   }
-  pair.looked = look(input, pair, true);
+  pair.looked = look(input, pair, &result.matches);
   watchRig(result.matches, input.utc_ns);  // last: the pair was seen through the rig as it was taken to stand
   return pair;
 }

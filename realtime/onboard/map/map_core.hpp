@@ -177,14 +177,15 @@ class MapCore {
   void anchorAt(double unlocked_s);
   [[nodiscard]] stereo::SeedPlane seedPlane(const MapInput& input) const;
   [[nodiscard]] SE3 poseOf(int keyframe, const SE3& T_odom_cam) const;
-  // Where the frame is probably; what localisation keeps of it until it is placed.
-  [[nodiscard]] int look(const MapInput& input, const SeenPair& pair, bool images);
+  // Where the frame is probably; what localisation keeps of it until it is placed. `matches`: of the pair,
+  // before they are judged by the rig; null: it has no images.
+  [[nodiscard]] int look(const MapInput& input, const SeenPair& pair, const std::vector<RigMatch>* matches);
   void ended(const char* stage) const {
     if (observer_) observer_(stage);
   }
   // Points and triangles of the pair, its local mesh in the camera's frame, and features for localisation.
   const stereo::StereoResult& seeImages(const MapInput& input, const stereo::SeedPlane& plane);
-  const stereo::StereoResult& seeFeatures(const MapInput& input, const stereo::SeedPlane& plane);
+  const stereo::StereoResult& seeFeatures(const MapInput& input);
   void count(const stereo::StereoResult& result);
   // What a pair's matches, and the steps between pairs, say of the rig.
   void watchRig(std::span<const RigMatch> matches, std::int64_t utc_ns);
