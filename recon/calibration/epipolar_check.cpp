@@ -118,9 +118,8 @@ double EpipolarCheck::worst() const {
   return std::max(std::abs(median), std::abs(worst_cell));
 }
 
-bool tellsRig(const EpipolarCheck& check) {
-  constexpr std::size_t kFewest = 500;
-  return check.errors.size() >= kFewest && check.sigma_after < kMostMedian;
+bool tellsRig(const EpipolarCheck& check, std::size_t fewest) {
+  return check.errors.size() >= fewest && check.sigma_after < kMostMedian;
 }
 
 bool explainsMove(const EpipolarCheck& check) {

@@ -56,7 +56,8 @@ inline constexpr double kMostMedian = 0.5, kMostCell = 0.75;  // [px]
 
 // Whether `rotation` and `focal` are measured at all, be they large or small: enough matches, which come to
 // their lines.
-[[nodiscard]] bool tellsRig(const EpipolarCheck& check);
+inline constexpr std::size_t kFewestMatches = 500;
+[[nodiscard]] bool tellsRig(const EpipolarCheck& check, std::size_t fewest = kFewestMatches);
 
 // "the right camera as turned by pitch ..., its focal lengths as ... longer": of changed()'s arguments, for
 // people.

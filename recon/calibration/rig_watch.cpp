@@ -99,10 +99,9 @@ void RigWatch::correctRange(const RangeError& error) {
 }
 
 StereoRig RigWatch::shownBy(const std::vector<RigMatch>& matches) const {
-  if (beginnings_ > 0) return rig();
+  constexpr std::size_t kFewest = 100;  // of one pair
   const EpipolarCheck check = checkEpipolar(rig(), matches);
-  constexpr std::size_t kFewest = 100;
-  if (matches.size() < kFewest || !(check.sigma_after < kMostMedian)) return rig();
+  if (!tellsRig(check, kFewest)) return rig();
   return changed(rig(), {check.rotation.x(), 0, check.rotation.z()}, check.focal);
 }
 

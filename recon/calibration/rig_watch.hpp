@@ -32,8 +32,8 @@ class RigWatch {
   void correctRange(const RangeError& error);
 
   [[nodiscard]] const StereoRig& rig() const { return history_.rig(history_.newest()); }
-  // Before the first measurement: as these matches of one pair show it, but for the turn about y, which one
-  // pair does not tell. rig() where they are too few, and afterwards.
+  // For use before the first measurement: as these matches of one pair show it, but for the turn about y,
+  // which one pair does not tell. rig() where they are too few.
   [[nodiscard]] StereoRig shownBy(const std::vector<RigMatch>& matches) const;
   // What it was taken for before; it changes no more once that is full.
   [[nodiscard]] const RigHistory& history() const { return history_; }
