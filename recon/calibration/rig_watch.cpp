@@ -55,7 +55,7 @@ bool RigWatch::add(std::span<const RigMatch> matches) {
   const bool contradicts =
       beginnings_ > 0 && off.dot((known_.inverse() + told.inverse()).ldlt().solve(off)) > kContradicts;
   const bool same = beginnings_ == 0 || (!moved && !contradicts);  // at first it stands as it began
-  if (moved) ++changes_;
+  if (moved && (beginnings_ > 0 || changes_ == 0)) ++changes_;
   if (moved || contradicts || beginnings_ == 0) {
     ++beginnings_;
     left_ = seen;
@@ -98,11 +98,16 @@ void RigWatch::correctRange(const RangeError& error) {
   (void)applyLeft(true);
 }
 
-StereoRig RigWatch::shownBy(const std::vector<RigMatch>& matches) const {
-  constexpr std::size_t kFewest = 100;  // of one pair
+bool RigWatch::standAsShown(const std::vector<RigMatch>& matches) {
+  constexpr std::size_t kFewest = 100;  // of one pair: too few for the parts of the image
+  constexpr double kExplained = 0.5;
+  if (beginnings_ > 0 || history_.newest() > 0) return false;
   const EpipolarCheck check = checkEpipolar(rig(), matches);
-  if (!tellsRig(check, kFewest)) return rig();
-  return changed(rig(), {check.rotation.x(), 0, check.rotation.z()}, check.focal);
+  const double off = std::max(std::abs(check.median), check.sigma);
+  if (!tellsRig(check, kFewest) || off < kMostMedian || check.sigma_after > kExplained * off) return false;
+  left_ = {check.rotation.x(), 0, check.rotation.z(), check.focal};
+  ++changes_;
+  return applyLeft(true);
 }
 
 Eigen::Vector3d RigWatch::turned() const {

@@ -27,14 +27,15 @@ class RigWatch {
   // A pair's matches, before they are judged by the rig: up to kOfPair of them, spread over the list. True
   // when rig() has changed.
   [[nodiscard]] bool add(std::span<const RigMatch> matches);
+  // Before the first measurement: where the matches of one pair show that stereo cannot do with the rig as it
+  // was calibrated, it is changed to what they show, once, but for the turn about y, which one pair does not
+  // tell. True when rig() has changed.
+  [[nodiscard]] bool standAsShown(const std::vector<RigMatch>& matches);
   // Takes a range error out of rig(), as withoutRangeError(). Lenses that distort let a wrong principal point
   // seem a turn: the newest measurement is taken anew.
   void correctRange(const RangeError& error);
 
   [[nodiscard]] const StereoRig& rig() const { return history_.rig(history_.newest()); }
-  // For use before the first measurement: as these matches of one pair show it, but for the turn about y,
-  // which one pair does not tell. rig() where they are too few.
-  [[nodiscard]] StereoRig shownBy(const std::vector<RigMatch>& matches) const;
   // What it was taken for before; it changes no more once that is full.
   [[nodiscard]] const RigHistory& history() const { return history_; }
   // By how much in all: of the right camera about its x, y, z [rad], and the logarithm of right over left

@@ -200,7 +200,8 @@ TEST(Replay, ARigThatHasMovedSinceItWasCalibratedIsFollowed) {
   EXPECT_EQ(health.at("rig_changes"), 1);
   EXPECT_NEAR(health.at("rig_turned_x_rad"), -kTurned, 0.02 * kTurned);
   EXPECT_NEAR(health.at("rig_focal_longer"), -0.006, 0.0006);
-  // Its first pairs have features, so that every keyframe has its link.
+  // From the first pair on matches are good for the map, and features for links of every keyframe.
+  EXPECT_LT(health.at("rejected_epipolar"), 0.01 * health.at("points"));
   EXPECT_EQ(health.at("slam_odometry_refused"), 0);
   EXPECT_EQ(health.at("slam_odometry_links"), health.at("slam_keyframes") - 1);
   replay(into(folder.path() / "right"));

@@ -47,8 +47,6 @@ class LocalisationCore {
   // they have by much, visual odometry up to here is sought anew through it, a step for each keyframe that
   // comes.
   void setRig(const StereoRig& rig, const Eigen::Vector2d& growth);
-  // Features are sought in images through that rig, until setRig() or rigBeganAnew().
-  void seekThrough(const StereoRig& rig) { extractor_.setRig(rig); }
   // slam::NavigationGraph::rigBeganAnew(). Visual odometry is sought anew likewise, unless the rig stood
   // otherwise before.
   void rigBeganAnew(double turn_sigma, std::int64_t since_ns, bool knocked);

@@ -122,26 +122,21 @@ std::optional<double> MapCore::positionSigma(std::int64_t utc_ns, const SE3& T_o
   return localisation_->positionSigma(utc_ns, T_odom_body * config_.T_body_cam, quality);
 }
 
-int MapCore::look(const MapInput& input, const SeenPair& pair, const std::vector<RigMatch>* matches) {
+int MapCore::look(const MapInput& input, const SeenPair& pair, bool images) {
   if (!localisation_) return LocalisationCore::kNoKeyframe;
   LocalisationInput frame;
   frame.utc_ns = input.utc_ns;
   frame.T_odom_cam = pair.output.T_odom_cam;
   frame.quality = input.quality;
   frame.range = pair.range;
-  // A rig that stands otherwise than calibrated has its epipolar lines elsewhere. Without features until it
-  // is measured, the dive's first keyframes would be tied to the others by the compass alone.
-  std::optional<StereoRig> shown;
-  if (matches != nullptr && rig_.beginnings() == 0) shown = rig_.shownBy(*matches);
   if (input.features != nullptr) {
     closure::GivenFeatureLimits limits;
     limits.max_features = config_.localisation.features;
     limits.depths = depthsAbout(pair.range);
-    closure::featuresFrom(*input.features, shown.value_or(rig_.rig()), limits, given_features_);
+    closure::featuresFrom(*input.features, rig_.rig(), limits, given_features_);
     frame.features = &given_features_;
     ended("features given");
-  } else if (matches != nullptr) {
-    if (shown) localisation_->seekThrough(*shown);
+  } else if (images) {
     frame.left = eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono);
     frame.right = eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono);
   }
@@ -191,13 +186,25 @@ void MapCore::learnLight(const MapInput& input, double range, const stereo::Ster
                       input.left_exposure_s);
 }
 
+template <typename Match>
+const stereo::StereoResult& MapCore::throughTheRig(const Match& match) {
+  const StereoRig before = rig_.rig();
+  const stereo::StereoResult& result = match();
+  if (!rig_.standAsShown(result.matches)) return result;
+  useRig(before);
+  return match();
+}
+
 const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const stereo::SeedPlane& plane) {
-  ranges_.fromPlane(plane.normal, plane.distance);
-  correctPair(input);
-  ended("lighting");
-  const stereo::StereoResult& result = stereo_.process(
-      eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono),
-      eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono), plane, input.max_features);
+  const auto match = [&]() -> const stereo::StereoResult& {
+    ranges_.fromPlane(plane.normal, plane.distance);
+    correctPair(input);
+    ended("lighting");
+    return stereo_.process(eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono),
+                           eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono), plane,
+                           input.max_features);
+  };
+  const stereo::StereoResult& result = throughTheRig(match);
   ended("stereo");
   learnLight(input, plane.ahead(), result);
   stereo::toMesh(result, eightBitView(left_rgb_, config_.rig.left, PixelFormat::kRgb), mesh_);
@@ -208,7 +215,8 @@ const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const ster
 }
 
 const stereo::StereoResult& MapCore::seeFeatures(const MapInput& input) {
-  const stereo::StereoResult& result = given_stereo_.process(*input.features);
+  const stereo::StereoResult& result =
+      throughTheRig([&]() -> const stereo::StereoResult& { return given_stereo_.process(*input.features); });
   stereo::toMesh(result, *input.features, mesh_);
   ended("stereo");
   return result;
@@ -227,7 +235,8 @@ void MapCore::count(const stereo::StereoResult& result) {
 
 void MapCore::watchRig(std::span<const RigMatch> matches, std::int64_t utc_ns) {
   const StereoRig before = rig_.rig();
-  const std::uint64_t measured = rig_.measurements(), began = rig_.beginnings(), knocks = rig_.changes();
+  const std::uint64_t measured = rig_.measurements(), began = rig_.beginnings();
+  const std::uint64_t knocks = began == 0 ? 0 : rig_.changes();
   bool changed = rig_.add(matches);
   // A knock has spoilt no step from before the measurement that did not show it.
   const std::int64_t since_ns = measured_ns_;
@@ -280,7 +289,7 @@ SeenPair MapCore::see(const MapInput& input) {
       (!shaped(input.left, config_.rig.left) || !shaped(input.right, config_.rig.right))) {
     ++counters_.bad_images;
     pair.range = last_range_;
-    pair.looked = look(input, pair, nullptr);
+    pair.looked = look(input, pair, false);
     return pair;
   }
   const stereo::SeedPlane plane = seedPlane(input);
@@ -300,7 +309,7 @@ SeenPair MapCore::see(const MapInput& input) {
     measureFootprint(mesh_, out);
     ended("map");
   }
-  pair.looked = look(input, pair, &result.matches);
+  pair.looked = look(input, pair, true);
   watchRig(result.matches, input.utc_ns);  // last: the pair was seen through the rig as it was taken to stand
   return pair;
 }

@@ -177,12 +177,16 @@ class MapCore {
   void anchorAt(double unlocked_s);
   [[nodiscard]] stereo::SeedPlane seedPlane(const MapInput& input) const;
   [[nodiscard]] SE3 poseOf(int keyframe, const SE3& T_odom_cam) const;
-  // Where the frame is probably; what localisation keeps of it until it is placed. `matches`: of the pair,
-  // before they are judged by the rig; null: it has no images.
-  [[nodiscard]] int look(const MapInput& input, const SeenPair& pair, const std::vector<RigMatch>* matches);
+  // Where the frame is probably; what localisation keeps of it until it is placed. `images`: it has good
+  // ones, or features.
+  [[nodiscard]] int look(const MapInput& input, const SeenPair& pair, bool images);
   void ended(const char* stage) const {
     if (observer_) observer_(stage);
   }
+  // What `match` finds in the pair; anew where that shows that the rig stands otherwise than it was
+  // calibrated.
+  template <typename Match>
+  const stereo::StereoResult& throughTheRig(const Match& match);
   // Points and triangles of the pair, its local mesh in the camera's frame, and features for localisation.
   const stereo::StereoResult& seeImages(const MapInput& input, const stereo::SeedPlane& plane);
   const stereo::StereoResult& seeFeatures(const MapInput& input);
