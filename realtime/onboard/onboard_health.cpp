@@ -36,6 +36,7 @@ void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>&
   add("odometry_refused", c.odometry_refused);
   add("odometry_second_tries", c.odometry_second_tries);
   add("odometry_surprises", c.odometry_surprises);
+  add("odometry_renewed", c.odometry_renewed);
   add("steps_contradicted", g.steps_contradicted);
   add("steps_left_out", g.steps_left_out);
   add("dvl_lies", g.dvl_lies);

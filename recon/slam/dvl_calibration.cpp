@@ -19,33 +19,66 @@ Eigen::Vector2d turnedLeft(const Eigen::Vector2d& d) {
   return {-d.y(), d.x()};
 }
 
+// Right perturbation of T_a_b by xx, xy, yy, w: the turn t about the middle of the ground that was seen.
+Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range) {
+  const Eigen::Vector3d c = T_a_b.rotation().conjugate() * T_a_b.translation(), ahead(0, 0, range),
+                        ground = 0.5 * (ahead + T_a_b.inverse() * ahead);
+  Eigen::Matrix<double, 6, 4> out;
+  out.bottomRows<3>() << 0, -c.x(), -c.y(), 0, c.x(), c.y(), 0, 0, 0, 0, 0, -c.y();
+  for (int i = 0; i < 4; ++i) out.col(i).head<3>() = ground.cross(Eigen::Vector3d(out.col(i).tail<3>()));
+  return out;
+}
+
 }  // namespace
+
+SeenTurn::SeenTurn(const SE3& T_a_b, const Matrix6d& covariance, int rig_seen)
+    : turn(T_a_b.rotation()),
+      variance(covariance(5, 5)),
+      ahead(-(T_a_b.rotation().conjugate() * T_a_b.translation()).y()),
+      rig(rig_seen) {}
 
 DvlCalibration::DvlCalibration(const SensorNoise& noise, const Eigen::Vector3d& dvl_in_camera,
                                const RigPrior& rig)
     : noise_(noise), dvl_in_camera_(dvl_in_camera), rig_(rig) {
   const double per_metre = std::hypot(rig.principal_point, rig.turn) / rig.baseline;
-  Vector5d sigma;
-  sigma << noise.dvl_scale, noise.dvl_heading, rig.scale, per_metre, rig.curl;
+  State sigma;
+  sigma << noise.dvl_scale, noise.dvl_heading, rig.scale, per_metre, rig.curl, rig.curl, rig.curl, rig.spin,
+      noise.tilt, noise.tilt;
   covariance_ = sigma.cwiseAbs2().asDiagonal();
 }
 
 void DvlCalibration::rigChanged(const Eigen::Vector2d& growth) {
-  // Of the turn by a principal point that is wrong: 0.008 rad/m come with ranges 2 % too long [1/m].
-  constexpr double kTurns = 0.4, kRange = 2;  // [1/m], [m]
+  // Of the turn by a principal point that is wrong: 0.008 rad/m come with ranges 2 % too long [1/m]; three
+  // times as much along the baseline.
+  constexpr double kTurns = 0.4, kRange = 2, kAlong = 3;  // [1/m], [m], [1]
   state_.segment<2>(2) += growth;
   const double open = kTurns * (growth.x() + kRange * growth.y());
-  covariance_(4, 4) += open * open;
+  covariance_(kCurl, kCurl) += kAlong * kAlong * open * open;
+  covariance_(kCurl + 2, kCurl + 2) += open * open;
 }
 
 void DvlCalibration::rigBeganAnew(double turn_sigma) {
-  const double per_metre = std::hypot(rig_.principal_point, turn_sigma) / rig_.baseline;
-  state_.tail<3>().setZero();
-  covariance_.bottomRows<2>().setZero();
-  covariance_.rightCols<2>().setZero();
-  covariance_(3, 3) = per_metre * per_metre;
-  covariance_(4, 4) = rig_.curl * rig_.curl;
+  constexpr int kOfRig = 5;  // e, xx, xy, yy, w
+  const double per_metre = std::hypot(rig_.principal_point, turn_sigma) / rig_.baseline,
+               curl = rig_.curl * rig_.curl;
+  state_.segment<1 + kOfRig>(kCurl - 2).setZero();  // b too
+  covariance_.middleRows<kOfRig>(kCurl - 1).setZero();
+  covariance_.middleCols<kOfRig>(kCurl - 1).setZero();
+  covariance_.diagonal().segment<kOfRig>(kCurl - 1) << per_metre * per_metre, curl, curl, curl,
+      rig_.spin * rig_.spin;
   leaning_.setZero();
+}
+
+SE3 DvlCalibration::straightened(const SE3& T_a_b, double range) const {
+  return T_a_b * SE3::exp(-(turnedBy(T_a_b, range) * curl()));
+}
+
+Matrix6d DvlCalibration::leftOpen(const SE3& T_a_b, double range) const {
+  const Eigen::Vector3d longer = rangeSigma(range) * (T_a_b.rotation().conjugate() * T_a_b.translation());
+  const auto turned = turnedBy(T_a_b, range);
+  Matrix6d out = turned * covariance_.block<4, 4>(kCurl, kCurl) * turned.transpose();
+  out.topLeftCorner<3, 3>() += longer * longer.transpose();
+  return out;
 }
 
 double DvlCalibration::rangeSigma(double range) const {
@@ -65,43 +98,49 @@ void DvlCalibration::setSoundShare(double share) {
 
 bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b,
                          const Matrix6d& covariance, const StepQuality& quality, double range) {
+  constexpr int kAll = kStates + 2;  // with the reading at b
   const Eigen::Vector2d reckoned = wayOf(T_odom_a, T_odom_b).head<2>();
   const double way = reckoned.norm();
   if (way < kLeastWay) return true;
   const SE3 T_odom_seen = T_odom_a * T_a_b;
-  const Eigen::Vector2d visual = wayOf(T_odom_a, T_odom_seen).head<2>();
-  const Eigen::Matrix3d R_b = T_odom_seen.matrix3();
-  const Eigen::Vector2d across = turnedLeft(reckoned);
-  const Eigen::Vector3d axis(across.x() / way, across.y() / way, 0);
+  const Eigen::Vector2d visual = wayOf(T_odom_a, T_odom_seen).head<2>(), across = turnedLeft(reckoned);
   const Eigen::Quaterniond off = T_odom_seen.rotation() * T_odom_b.rotation().conjugate();
-  const double turn = SE3(off, Eigen::Vector3d::Zero()).log().tail<3>().dot(axis);
-  const Matrix6d at_dvl = perturbationAt(dvl_in_camera_), seen = at_dvl * covariance * at_dvl.transpose();
-  Eigen::Matrix<double, 3, 6> measured = Eigen::Matrix<double, 3, 6>::Zero();
-  measured.topLeftCorner<2, 3>() = R_b.topRows<2>();
-  measured.bottomRightCorner<1, 3>() = axis.transpose() * R_b;
-  Eigen::Matrix3d noise = measured * seen * measured.transpose();
-  // Its own noise but for what is estimated here; heading's turns what the camera saw, across the way.
+  const Eigen::Vector2d turn = SE3(off, Eigen::Vector3d::Zero()).log().segment<2>(3);
+  // The DVL's place and the camera's turn, level, by the right perturbation of the camera.
+  const Eigen::Matrix<double, 2, 3> level = T_odom_seen.matrix3().topRows<2>();
+  Eigen::Matrix<double, 4, 6> measured = Eigen::Matrix<double, 4, 6>::Zero();
+  measured.topLeftCorner<2, 3>() = measured.bottomRightCorner<2, 3>() = level;
+  measured = (measured * perturbationAt(dvl_in_camera_)).eval();
+  Eigen::Matrix4d noise = measured * covariance * measured.transpose();
+  // Its own noise but for what is estimated here; heading's turns what the camera saw, across the way. The
+  // bias of roll and pitch turns with the body.
   StepQuality known = quality;
   known.calibration_share = 0;
-  const double step = stepSigma(0, known, noise_);
-  noise.diagonal().head<2>().array() += step * step;
+  const double step = stepSigma(0, known, noise_), turned = noise_.tilt_bias * quality.turn;
   noise.topLeftCorner<2, 2>() += noise_.heading * noise_.heading * across * across.transpose();
-  noise(2, 2) += 2 * noise_.tilt * noise_.tilt;  // of both ends
+  noise.diagonal().array() += Eigen::Array4d(step, step, turned, turned).square();
 
   covariance_.diagonal().array() += kWalk * kWalk;
-  // The turn is about the middle of the ground that was seen.
-  const Eigen::Vector3d arm = axis.cross(R_b * (dvl_in_camera_ - range * Eigen::Vector3d::UnitZ()));
-  Eigen::Matrix<double, 3, 5> H = Eigen::Matrix<double, 3, 5>::Zero();
-  H.topRows<2>() << reckoned, across, reckoned, range * reckoned, way * arm.head<2>();
-  H(2, 4) = way;
-  Eigen::Vector3d innovation;
+  beginAt(T_odom_a);
+  Eigen::Matrix<double, kAll, kAll> joint = Eigen::Matrix<double, kAll, kAll>::Zero();
+  joint.topLeftCorner<kStates, kStates>() = covariance_;
+  joint.bottomRightCorner<2, 2>() = noise_.tilt * noise_.tilt * Eigen::Matrix2d::Identity();
+  Eigen::Matrix<double, 4, kAll> H = Eigen::Matrix<double, 4, kAll>::Zero();
+  H.topLeftCorner<2, kCurl>() << reckoned, across, reckoned, range * reckoned;
+  H.middleCols<4>(kCurl) = measured * turnedBy(T_a_b, range);
+  H.block<2, 2>(2, kReading).setIdentity();
+  H.bottomRightCorner<2, 2>() = -Eigen::Matrix2d::Identity();
+  Eigen::Vector4d innovation;
   innovation << visual - reckoned, turn;
-  innovation -= H * state_;
-  constexpr double kOpen = 1;  // [rad]
-  const double turn_variance = way * way * covariance_(4, 4) + noise(2, 2);
-  if (quality.seconds_untilted > 0 || !(innovation(2) * innovation(2) <= kTurnGate * turn_variance))
-    noise(2, 2) += kOpen * kOpen;
-  const Eigen::Matrix3d S = H * covariance_ * H.transpose() + noise;
+  innovation -= H.leftCols<kStates>() * state_;
+  Eigen::Matrix4d S = H * joint * H.transpose() + noise;
+  const double most_turn =
+      (innovation.tail<2>().array().square() / S.diagonal().tail<2>().array()).maxCoeff();
+  if (quality.seconds_untilted > 0 || !(most_turn <= kTurnGate)) {
+    constexpr double kOpen = 1;  // [rad]
+    noise.diagonal().tail<2>().array() += kOpen * kOpen;
+    S.diagonal().tail<2>().array() += kOpen * kOpen;
+  }
   // In the axes of the way, so that what leans to one side does so after a turn of the vehicle too.
   Eigen::Matrix2d to_way;
   to_way << reckoned.transpose(), across.transpose();
@@ -122,12 +161,39 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
     ++gated_;
     return false;
   }
-  const Eigen::Matrix<double, 5, 3> gain = covariance_ * H.transpose() * S.inverse();
-  state_ += gain * innovation;
-  const Matrix5d left = Matrix5d::Identity() - gain * H;
-  covariance_ = left * covariance_ * left.transpose() + gain * noise * gain.transpose();
+  const Eigen::Matrix<double, kAll, 4> gain = joint * H.transpose() * S.inverse();
+  const Eigen::Matrix<double, kAll, kAll> left = Eigen::Matrix<double, kAll, kAll>::Identity() - gain * H;
+  joint = (left * joint * left.transpose() + gain * noise * gain.transpose()).eval();
+  // The reading at b takes the place of that at a.
+  state_ += gain.topRows<kStates>() * innovation;
+  state_.tail<2>() = gain.bottomRows<2>() * innovation;
+  covariance_ = joint.topLeftCorner<kStates, kStates>();
+  covariance_.rightCols<2>().topRows<kReading>() = joint.topRightCorner<kReading, 2>();
+  covariance_.bottomRows<2>().leftCols<kReading>() = joint.bottomLeftCorner<2, kReading>();
+  covariance_.bottomRightCorner<2, 2>() = joint.bottomRightCorner<2, 2>();
+  T_odom_read_ = T_odom_b;
   ++used_;
   return true;
+}
+
+void DvlCalibration::addTurn(double turn, double variance, double ahead) {
+  constexpr int kSpin = kReading - 1;
+  const double off = turn - ahead * state_(kSpin), S = ahead * ahead * covariance_(kSpin, kSpin) + variance;
+  if (!(off * off <= kTurnGate * S)) return;
+  const State gain = covariance_.col(kSpin) * (ahead / S);
+  state_ += gain * off;
+  covariance_ -= (S * gain * gain.transpose()).eval();
+}
+
+// Steps that were left out leave another reading.
+void DvlCalibration::beginAt(const SE3& T_odom_a) {
+  if (T_odom_read_.translation() == T_odom_a.translation() &&
+      T_odom_read_.rotation().coeffs() == T_odom_a.rotation().coeffs())
+    return;
+  state_.tail<2>().setZero();
+  covariance_.bottomRows<2>().setZero();
+  covariance_.rightCols<2>().setZero();
+  covariance_.bottomRightCorner<2, 2>() = noise_.tilt * noise_.tilt * Eigen::Matrix2d::Identity();
 }
 
 SE3 DvlCalibration::corrected(const SE3& T_odom_a, const SE3& T_odom_b) const {

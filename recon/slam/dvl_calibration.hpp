@@ -17,34 +17,57 @@ struct RigPrior {
   // Of its turn towards the other camera before epipolar lines have been looked at [rad]; 0: it does not
   // turn.
   double turn = 0;
-  // Turn of visual odometry about the level axis across the path, by range errors that are curved over the
-  // image [rad/m].
+  // Turn of visual odometry by range errors that are curved over the image, over the way [rad/m].
   double curl = 0.01;
+  // And about the principal axis, by a disparity that slopes along the baseline: 0.05 px at the image's edge.
+  double spin = 5e-4;
   // Of the disparity at the image's edge, by what neither epipolar lines nor paths show, where it slopes or
   // curves over the image [px].
   double uneven = 0;
   double baseline = 0.07;  // [m]: per_metre is an angle over this
 };
 
+// Visual odometry of one step before straightened(), as addTurn() adds it up.
+struct SeenTurn {
+  SeenTurn() = default;
+  SeenTurn(const SE3& T_a_b, const Matrix6d& covariance, int rig);
+
+  Eigen::Quaterniond turn = Eigen::Quaterniond::Identity();
+  double variance = 0;  // about the principal axis [rad^2]
+  double ahead = 0;     // how far the camera went towards its image's upper edge [m]
+  int rig = -1;         // through which; -1: no step
+
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.turn, self.variance, self.ahead, self.rig);
+  }
+};
+
 // Scale and heading misalignment of the DVL against the camera, which dead reckoning carries into every step
 // in the same manner, together with the range error of the rig, which all visual links share: a Kalman filter
 // on steps that visual odometry measured too,
-//   d_visual = (1 + b + e r) (1 + s) Rz(psi) d_reckoned + k |d| a,   turn_visual - turn_reckoned = k |d|,
-// d the path of the DVL, level [m], r the range [m], turns about the level axis u across d [rad], and a how
-// far the DVL moves when the camera turns about u on the middle of the ground that it sees [m/rad]; x = (s,
-// psi, b, e, k), constant but for a slow walk. Where a rig's range error is curved over the image, as a wrong
-// principal point of a lens that distorts makes it, level ground that passes seems to turn: visual odometry
-// turns by k |d| and is short or long by the arm to the ground. Roll and pitch, which gravity holds, show k,
-// so that it is not taken for a range error. One range tells s + b + e r alone: it is shared out by
-// the priors, so that the sensor that is known better stays as it is, and more ranges tell them apart. Steps
-// that disagree by more than the gate are left out. Where steps go on disagreeing to the same side, by
+//   d_visual = (1 + b + e r) (1 + s) Rz(psi) d_reckoned + t x a,   turn_visual - turn_reckoned = t,
+//   t = z x Q c - w c_y z,   Q = (xx, xy; xy, yy),
+// d the path of the DVL, level [m], c the camera's in its image's axes [m], z its principal axis, r the range
+// [m], and a from the middle of the ground that both saw to the DVL [m]; x = (s, psi, b, e, xx, xy, yy, w),
+// constant but for a slow walk. Where a rig's range error is curved over the image, as a wrong principal
+// point of a lens that distorts makes it, level ground seems a bowl or a saddle: visual odometry turns by Q
+// as the ground passes, and goes astray by the arm to it. Where the disparity slopes along the baseline,
+// squares seem sheared, and it yaws by w. Roll and pitch, which gravity holds, show Q, so that it is not
+// taken for an error of ranges or of the DVL's mounting. A reading of attitude ends one step and begins the
+// next: its error is estimated beside x, so that a line tells Q by its length and not by its steps. Closures
+// show w by how far the steps between have yawed (addTurn). One range tells s + b + e r alone: it is shared
+// out by the priors, so that the sensor that is known better stays as it is, and more ranges tell them apart.
+// Steps that disagree by more than the gate are left out. Where steps go on disagreeing to the same side, by
 // however little, the DVL has changed (another sound speed, a beam that is fouled): the sum of normalised
 // innovations with forgetting tells (a geometric moving average, Roberts 1959), and its scale and heading are
 // learnt anew.
 class DvlCalibration {
  public:
-  using Vector5d = Eigen::Matrix<double, 5, 1>;
-  using Matrix5d = Eigen::Matrix<double, 5, 5>;
+  // x, and the error of the newest reading of roll and pitch in nav's axes [rad].
+  static constexpr int kStates = 10;
+  using State = Eigen::Matrix<double, kStates, 1>;
+  using Covariance = Eigen::Matrix<double, kStates, kStates>;
 
   // `dvl_in_camera`: its place in the camera's axes [m].
   explicit DvlCalibration(const SensorNoise& noise,
@@ -57,6 +80,10 @@ class DvlCalibration {
   bool add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b, const Matrix6d& covariance,
            const StepQuality& quality, double range);
 
+  // Visual odometry from one keyframe to another, before straightened(), has turned about down against a
+  // closure between them, where it went so far along the images' y axis, upwards, more than the closure [m].
+  void addTurn(double turn, double variance, double ahead);
+
   // Standard deviation of the scale by the speed of sound, beside the instrument's own [1]. Where it changes,
   // dead reckoning has begun to use another speed, and the scale is learnt anew.
   void setSoundShare(double share);
@@ -68,18 +95,25 @@ class DvlCalibration {
   [[nodiscard]] double heading() const { return state_(1); }  // psi [rad]
   // Range error of the rig: scale b [1] and e [1/m]. It belongs to who sees through the rig to take it out.
   [[nodiscard]] Eigen::Vector2d rangeError() const { return state_.segment<2>(2); }
-  // k [rad/m]
-  [[nodiscard]] double curl() const { return state_(4); }
+  // xx, xy, yy, w [rad/m] and their standard deviations.
+  [[nodiscard]] Eigen::Vector4d curl() const { return state_.segment<4>(kCurl); }
+  [[nodiscard]] Eigen::Vector4d curlSigma() const {
+    return covariance_.diagonal().segment<4>(kCurl).cwiseSqrt();
+  }
+  // A pose that cameras saw of each other, without t; `range` to the ground [m]. And what is left open of its
+  // length and turn, as covariance of the right perturbation of T_a_b.
+  [[nodiscard]] SE3 straightened(const SE3& T_a_b, double range) const;
+  [[nodiscard]] Matrix6d leftOpen(const SE3& T_a_b, double range) const;
   // Standard deviation of the range error at a range [1].
   [[nodiscard]] double rangeSigma(double range) const;
-  [[nodiscard]] const Matrix5d& covariance() const { return covariance_; }
+  [[nodiscard]] const Covariance& covariance() const { return covariance_; }
   // What is left of scale and heading, as a share of the way.
   [[nodiscard]] double remainingShare() const;
   [[nodiscard]] std::uint64_t used() const { return used_; }
   [[nodiscard]] std::uint64_t gated() const { return gated_; }
   [[nodiscard]] std::uint64_t restarts() const { return restarts_; }
 
-  // The rig was changed so that its ranges grew by (scale, per metre): k, which changes with it, is open by
+  // The rig was changed so that its ranges grew by (scale, per metre): Q, which changes with it, is open by
   // as much again.
   void rigChanged(const Eigen::Vector2d& growth);
   // The rig was measured for the first time, or anew after a knock: its turn towards the other camera is
@@ -89,21 +123,26 @@ class DvlCalibration {
   // For saved state (state_archive.hpp), bit by bit.
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.state_, self.covariance_, self.leaning_, self.sound_share_, self.used_, self.gated_,
-            self.restarts_);
+    archive(self.state_, self.covariance_, self.T_odom_read_, self.leaning_, self.sound_share_, self.used_,
+            self.gated_, self.restarts_);
   }
 
  private:
+  static constexpr int kCurl = 4, kReading = 8;
+
   // Of the DVL itself, where T_to are poses of the camera.
   [[nodiscard]] Eigen::Vector3d wayOf(const SE3& T_from, const SE3& T_to) const {
     return T_to * dvl_in_camera_ - T_from * dvl_in_camera_;
   }
 
+  void beginAt(const SE3& T_odom_a);
+
   SensorNoise noise_;
   Eigen::Vector3d dvl_in_camera_;
   RigPrior rig_;
-  Vector5d state_ = Vector5d::Zero();
-  Matrix5d covariance_;
+  State state_ = State::Zero();
+  Covariance covariance_ = Covariance::Zero();
+  SE3 T_odom_read_;                                    // the camera where the newest reading was
   Eigen::Vector2d leaning_ = Eigen::Vector2d::Zero();  // sum of normalised innovations, forgetting
   double sound_share_ = 0;
   std::uint64_t used_ = 0, gated_ = 0, restarts_ = 0;

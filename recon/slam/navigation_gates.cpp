@@ -61,23 +61,15 @@ void NavigationGraph::moveAstray(int a, int b, const SE3& T_a_b) {
   noteChanges();
 }
 
-// With what the rig's range error, which is common to all links, may have made of its length.
-Matrix6d NavigationGraph::withRangeError(const SE3& T_a_b, const Matrix6d& covariance, double range) const {
-  const Eigen::Vector3d longer =
-      dvl_.rangeSigma(range) * (T_a_b.rotation().conjugate() * T_a_b.translation());
-  Matrix6d out = covariance;
-  out.topLeftCorner<3, 3>() += longer * longer.transpose();
-  return out;
-}
-
-Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance,
+Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& seen, const Matrix6d& covariance,
                                bool confirmed) {
   if (!has(a) || !has(b) || a == b || !covariance.allFinite()) {
     ++counters_.links_refused;
     return Taken::kBad;
   }
   Frame& to = frames_[at(b)];
-  const Matrix6d spread = withRangeError(T_a_b, covariance, to.range);
+  const SE3 T_a_b = dvl_.straightened(seen, to.range);
+  const Matrix6d spread = covariance + dvl_.leftOpen(T_a_b, to.range);
   const RelativePose factor = linkFactor(frames_[at(a)].node, to.node, T_a_b, spread);
   const bool chain = kind == LinkKind::kOdometry && b == a + 1 && b == keyframes() - 1 && seen_.waits;
   if ((!chain && robust_.size() == robust_.capacity()) || !factor.information.allFinite()) {
@@ -104,7 +96,10 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& T_a_b, co
     seen_.linked = true;
     seen_.confirmed = confirmed;
     seen_.link = {T_a_b, covariance};
+    seen_.T_a_b = seen;
+    to.seen = {seen, covariance, rig_};
   } else {
+    a < b ? learnTurn(a, b, seen, covariance) : learnTurn(b, a, seen.inverse(), covariance);
     robust_of_[at(measurement)] = static_cast<int>(robust_.size());
     robust_.push_back(
         {factor.from, factor.to, T_a_b, spread, measurement, kLinkFree, 1, false, false, agreed});

@@ -117,15 +117,15 @@ class NavigationGraph {
   // Keyframe b seen from a, with the same. Of keyframes that step() has taken in.
   [[nodiscard]] Prediction predict(int a, int b);
 
-  // A relative pose T_a_b of two keyframes' cameras, with the covariance of its right perturbation. Visual
-  // odometry of the newest step, before step(), is judged with the step's other sensors. A closure that
-  // contradicts what is known is turned away, until so many that agree with each other say the same.
+  // T_a_b of two keyframes' cameras as they saw each other, with the covariance of its right perturbation.
+  // Visual odometry of the newest step, before step(), is judged with the step's other sensors. A closure
+  // that contradicts what is known is turned away, until so many that agree with each other say the same.
   // `confirmed`: visual odometry from an earlier keyframe, without dead reckoning as prior, says the same.
-  Taken addLink(LinkKind kind, int a, int b, const SE3& T_a_b, const Matrix6d& covariance,
+  Taken addLink(LinkKind kind, int a, int b, const SE3& seen, const Matrix6d& covariance,
                 bool confirmed = false);
 
   // Visual odometry of the step to a keyframe anew: its features are seen through a rig that is known better.
-  void renewOdometry(int keyframe, const SE3& T_before_keyframe, const Matrix6d& covariance);
+  void renewOdometry(int keyframe, const SE3& seen, const Matrix6d& covariance);
 
   // A position fix of an antenna at `antenna_in_odom`, whenever it arrives: it holds at keyframe `at`, the
   // nearest in time, and odometry knows the way between. `sigma`: of either component [m]. `by_usbl`: shares
@@ -229,6 +229,7 @@ class NavigationGraph {
     int attitude = -1;                    // and of attitude
     int drift = -1;                       // and of the reference that begins here
     int link = -1;                        // and of visual odometry from the keyframe before
+    SeenTurn seen;                        // by that
     double gyro_turn = 0, ungyro_s = -1;  // of the step
     double range = 2;                     // [m]
     bool leapt = false;                   // the compass, on the step
@@ -281,6 +282,7 @@ class NavigationGraph {
   [[nodiscard]] StepTurns turnsOf(const Frame& from, const Frame& to) const;
   [[nodiscard]] bool linkFitsButForYaw(const Frame& from, const Frame& to, double contradiction) const;
   void judgeVelocity(Frame& from, Frame& to);
+  void learnTurn(int a, int b, const SE3& seen, const Matrix6d& covariance);
   void weigh(Frame& frame);
   void takeVerdicts(int keyframe);
   void moveAstray(int a, int b, const SE3& T_a_b);
@@ -289,7 +291,6 @@ class NavigationGraph {
   void reweight(bool settled);
   [[nodiscard]] bool fits(const Robust& r);
   void noteChanges();
-  [[nodiscard]] Matrix6d withRangeError(const SE3& T_a_b, const Matrix6d& covariance, double range) const;
   [[nodiscard]] double distance2(const RelativePose& factor, const Matrix6d& covariance) const;
 
   NavigationConfig config_;
@@ -359,15 +360,17 @@ class NavigationGraph {
   struct Seen {
     bool waits = false, linked = false, confirmed = false;
     UncertainPose link;
+    SE3 T_a_b;  // before DvlCalibration::straightened()
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
-      archive(self.waits, self.linked, self.confirmed, self.link.T_a_b, self.link.covariance);
+      archive(self.waits, self.linked, self.confirmed, self.link.T_a_b, self.link.covariance, self.T_a_b);
     }
   } seen_;
   // Of the newest step, level, ahead and to starboard, by what is believed [m/s].
   Eigen::Vector2d velocity_ = Eigen::Vector2d::Zero();
   int contradictions_ = 0, slips_ = 0, agreements_ = 0;  // steps in a row
+  int rig_ = 0;                                          // times that it began anew
   // Fixes outside the gate that agree with each other: how many, since when, and their mean innovation [m].
   struct Insistence {
     int fixes = 0;

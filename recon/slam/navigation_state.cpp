@@ -9,7 +9,7 @@
 namespace fathom::slam {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 8;
+constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 9;
 
 template <typename Archive, typename Quality>
 void exchangeQuality(Archive& archive, Quality& quality) {
@@ -39,7 +39,8 @@ void NavigationGraph::exchange(Archive& archive, Self& self) {
   std::uint64_t next = self.next_robust_, newest = self.newest_robust_;
   archive(next, newest, self.anchor_, self.usbl_anchor_, self.usbl_, self.held_, self.jump_waits_,
           self.heading_, self.seen_, self.velocity_, self.contradictions_, self.slips_, self.agreements_,
-          self.insistence_, self.trouble_ns_, self.fix_agreed_ns_, self.refused_, self.next_refused_);
+          self.rig_, self.insistence_, self.trouble_ns_, self.fix_agreed_ns_, self.refused_,
+          self.next_refused_);
   if constexpr (Archive::kLoading) {
     self.next_robust_ = next;
     self.newest_robust_ = newest;
@@ -59,7 +60,7 @@ void NavigationGraph::exchangeFrame(Archive& archive, Self& frame) {
   archive(frame.utc_ns, frame.T_odom_cam, frame.known, frame.node, frame.step, frame.attitude, frame.drift,
           frame.link, frame.gyro_turn, frame.ungyro_s, frame.leapt, frame.mixed, frame.heading.compass,
           frame.heading.visual, frame.heading.restarts, frame.dvl_lies, frame.step_weight, frame.link_slips,
-          frame.counted, frame.waiting, frame.range);
+          frame.counted, frame.waiting, frame.range, frame.seen);
   exchangeQuality(archive, frame.quality);
 }
 

@@ -104,7 +104,7 @@ bool NavigationGraph::linkFitsButForYaw(const Frame& from, const Frame& to, doub
   Vector6d e = perturbationOf({0, 1, T_a_b, Matrix6d::Identity()}, from.T_odom_cam, T_odom_to);
   e.head<3>() = T_odom_seen.rotation().conjugate() *
                 (T_odom_to * config_.dvl_in_camera - T_odom_seen * config_.dvl_in_camera);
-  const Matrix6d seen = withRangeError(T_a_b, seen_.link.covariance, to.range);
+  const Matrix6d seen = seen_.link.covariance + dvl_.leftOpen(T_a_b, to.range);
   const Matrix6d covariance = spread + at_dvl * seen * at_dvl.transpose();
   return e.dot(covariance.ldlt().solve(e)) <= config_.gate;
 }
@@ -129,7 +129,7 @@ void NavigationGraph::judgeVelocity(Frame& from, Frame& to) {
   const Eigen::Vector2d visual = velocity(from.T_odom_cam * seen_.link.T_a_b);
   const auto learn = [&] {
     if (locked && to.heading.visual)
-      (void)dvl_.add(from.T_odom_cam, to.T_odom_cam, seen_.link.T_a_b, seen_.link.covariance, to.quality,
+      (void)dvl_.add(from.T_odom_cam, to.T_odom_cam, seen_.T_a_b, seen_.link.covariance, to.quality,
                      to.range);
   };
   if (linkFitsButForYaw(from, to, 0)) {
@@ -168,6 +168,7 @@ void NavigationGraph::judgeVelocity(Frame& from, Frame& to) {
 void NavigationGraph::rigBeganAnew(double turn_sigma, std::int64_t since_ns, bool knocked) {
   judge();
   dvl_.rigBeganAnew(turn_sigma);
+  ++rig_;
   contradictions_ = slips_ = agreements_ = 0;
   counters_.dvl_lies = false;
   const std::span<const int> all = living();
@@ -179,13 +180,38 @@ void NavigationGraph::rigBeganAnew(double turn_sigma, std::int64_t since_ns, boo
   }
 }
 
-void NavigationGraph::renewOdometry(int keyframe, const SE3& T_before_keyframe, const Matrix6d& covariance) {
+// How visual odometry turns as ground passes, by a closure of keyframes between which it never failed.
+void NavigationGraph::learnTurn(int a, int b, const SE3& seen, const Matrix6d& covariance) {
+  constexpr int kLongest = 500;  // steps
+  constexpr double kShared = 4;  // closures of neighbours see by the same steps
+  if (b - a > kLongest) return;
+  Eigen::Quaterniond turn = Eigen::Quaterniond::Identity();
+  const SeenTurn own(seen, covariance, rig_);
+  double variance = own.variance, ahead = 0;
+  const auto down = [&](const Frame& f) { return (f.T_odom_cam.rotation() * Eigen::Vector3d::UnitZ()).z(); };
+  for (int k = a + 1; k <= b; ++k) {
+    if (!has(k)) return;
+    const Frame& f = frames_[at(k)];
+    if (f.seen.rig != rig_ || f.link < 0 || f.visualLies()) return;
+    turn = turn * f.seen.turn;
+    variance += f.seen.variance;
+    ahead += f.seen.ahead * down(f);
+  }
+  const Frame& from = frames_[at(a)];
+  const Eigen::Quaterniond off = turn * own.turn.conjugate();
+  dvl_.addTurn((from.T_odom_cam.rotation() * SE3(off, Eigen::Vector3d::Zero()).log().tail<3>()).z(),
+               kShared * variance, ahead - own.ahead * down(from));
+}
+
+void NavigationGraph::renewOdometry(int keyframe, const SE3& seen, const Matrix6d& covariance) {
   if (!has(keyframe) || !has(keyframe - 1)) return;
   Frame& frame = frames_[at(keyframe)];
-  const int measurement = addFactor(linkFactor(frames_[at(keyframe - 1)].node, frame.node, T_before_keyframe,
-                                               withRangeError(T_before_keyframe, covariance, frame.range)));
+  const SE3 T_a_b = dvl_.straightened(seen, frame.range);
+  const int measurement = addFactor(linkFactor(frames_[at(keyframe - 1)].node, frame.node, T_a_b,
+                                               covariance + dvl_.leftOpen(T_a_b, frame.range)));
   if (measurement < 0) return;
   if (frame.link >= 0) (void)solver_.setWeight(frame.link, 0);
+  frame.seen = {seen, covariance, rig_};
   frame.link = measurement;
   frame.link_slips = false;
   weigh(frame);

@@ -261,4 +261,15 @@ Errors errorsOf(const std::vector<SE3>& poses, const std::vector<SE3>& truth) {
   return {std::sqrt(absolute / n), std::sqrt(aligned / n)};
 }
 
+MadeSurvey mounted(MadeSurvey survey, const Eigen::Quaterniond& R) {
+  const SE3 mounting(R, Eigen::Vector3d::Zero()), back = mounting.inverse();
+  for (SE3& pose : survey.truth) pose = pose * mounting;
+  for (KeyframeInput& input : survey.inputs) input.T_odom_cam = input.T_odom_cam * mounting;
+  for (auto* links : {&survey.visual, &survey.closures})
+    for (MadeSurvey::Link& link : *links) link.T_a_b = back * link.T_a_b * mounting;
+  const Matrix6d turn = adjoint(back);
+  survey.link_covariance = turn * survey.link_covariance * turn.transpose();
+  return survey;
+}
+
 }  // namespace fathom::slam::testing

@@ -70,6 +70,8 @@ struct MadeSurvey {
 };
 
 [[nodiscard]] MadeSurvey makeSurvey(const MadeSurveyOptions& options);
+// The same survey by a camera that is mounted otherwise: `R` turns its axes into those of the one before.
+[[nodiscard]] MadeSurvey mounted(MadeSurvey survey, const Eigen::Quaterniond& R);
 
 // What the sensors of such a survey err by; the estimator's own is larger where a real vehicle may be worse.
 [[nodiscard]] SensorNoise madeNoise();

@@ -54,16 +54,15 @@ TEST(NavigationTrust, AFixThatFitsEndsTheInsistenceOfWildOnes) {
   }
 }
 
-// The same survey by a camera that is mounted otherwise: `R` turns its axes into those of the one before.
-testing::MadeSurvey mounted(testing::MadeSurvey survey, const Eigen::Quaterniond& R) {
-  const SE3 mounting(R, Eigen::Vector3d::Zero()), back = mounting.inverse();
-  for (SE3& pose : survey.truth) pose = pose * mounting;
-  for (KeyframeInput& input : survey.inputs) input.T_odom_cam = input.T_odom_cam * mounting;
-  for (auto* links : {&survey.visual, &survey.closures})
-    for (testing::MadeSurvey::Link& link : *links) link.T_a_b = back * link.T_a_b * mounting;
-  const Matrix6d turn = adjoint(back);
-  survey.link_covariance = turn * survey.link_covariance * turn.transpose();
-  return survey;
+// Of places that are level against the first [m].
+double rmsOf(const NavigationGraph& graph, const testing::MadeSurvey& survey) {
+  double sum = 0;
+  for (int k = 0; k < graph.keyframes(); ++k)
+    sum += (graph.pose(k).translation() - graph.pose(0).translation() -
+            (survey.truth[static_cast<std::size_t>(k)].translation() - survey.truth[0].translation()))
+               .head<2>()
+               .squaredNorm();
+  return std::sqrt(sum / graph.keyframes());
 }
 
 TEST(NavigationTrust, JudgesTheStepsOfACameraThatLooksAheadAsThoseOfOneThatLooksDown) {
@@ -78,7 +77,7 @@ TEST(NavigationTrust, JudgesTheStepsOfACameraThatLooksAheadAsThoseOfOneThatLooks
       NavigationConfig config = testing::smallConfig();
       config.forward_in_camera = R.conjugate() * kForward;
       NavigationGraph graph(config);
-      drive(graph, mounted(down, R), options);
+      drive(graph, testing::mounted(down, R), options);
       SCOPED_TRACE(degrees);
       const NavigationGraph::Counters &c = graph.counters(), &r = reference.counters();
       EXPECT_EQ(c.steps_contradicted, r.steps_contradicted);
@@ -87,10 +86,8 @@ TEST(NavigationTrust, JudgesTheStepsOfACameraThatLooksAheadAsThoseOfOneThatLooks
       EXPECT_EQ(c.compass_distrusted, r.compass_distrusted);
       EXPECT_EQ(c.closures, r.closures);
       EXPECT_EQ(c.references, r.references);
-      double worst = 0;
-      for (int k = 0; k < graph.keyframes(); ++k)
-        worst = std::max(worst, (graph.pose(k).translation() - reference.pose(k).translation()).norm());
-      EXPECT_LT(worst, 0.005);
+      // What images share by curved ranges is the camera's, and so each mounting's own.
+      EXPECT_LT(rmsOf(graph, down), 1.05 * rmsOf(reference, down)) << axis.transpose();
     }
 }
 

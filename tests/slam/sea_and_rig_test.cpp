@@ -140,5 +140,29 @@ TEST(NavigationGraph, AKnockedRigIsNotTakenForADvlThatFails) {
   EXPECT_GE(graph.counters().visual_distrusted, static_cast<std::uint64_t>(kMeasured - kKnocked - 1));
 }
 
+// A disparity that slopes along the baseline makes images yaw by 1 mrad as a metre of ground passes, on every
+// line to the same side: closures between lines show it, and the links that come are without it.
+TEST(SeaAndRig, AYawThatAllStepsShareIsShownByClosures) {
+  constexpr double kSpin = 1e-3;  // [rad/m]
+  MadeSurveyOptions options;
+  options.lines = 10;
+  const Eigen::Quaterniond R(
+      Eigen::AngleAxisd(M_PI / 2, Eigen::Vector3d::UnitZ()));  // its image's y axis is the body's x axis
+  MadeSurvey survey = testing::mounted(makeSurvey(options), R);
+  NavigationGraph straight(smallConfig());
+  drive(straight, survey, options);
+  for (auto* links : {&survey.visual, &survey.closures})
+    for (MadeSurvey::Link& link : *links) {
+      Vector6d turn = Vector6d::Zero();
+      turn(5) = -kSpin * (link.T_a_b.rotation().conjugate() * link.T_a_b.translation()).y();
+      link.T_a_b = link.T_a_b * SE3::exp(turn);
+    }
+  NavigationGraph graph(smallConfig());
+  drive(graph, survey, options);
+  EXPECT_NEAR(straight.dvl().curl()(3), 0, 4e-5);
+  EXPECT_NEAR(graph.dvl().curl()(3), kSpin, 7e-5);
+  EXPECT_LT(graph.dvl().curlSigma()(3), 2e-4);
+}
+
 }  // namespace
 }  // namespace fathom::slam

@@ -27,6 +27,11 @@ constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
 constexpr double kScale = 0.01;  // [1]
 // By so much shorter or longer ranges [1] at a survey's altitude [m], visual odometry is worth seeking anew.
 constexpr double kWorthRenewing = 0.003, kSurveyRange = 2;
+// So also when the turn that all steps share is known better by this factor, unless it was known well enough,
+// or is another: DvlCalibration::curl() [rad/m].
+constexpr double kKnownBetter = 0.4;
+const Eigen::Array4d kKnownWell = {1e-3, 1e-3, 1e-3, 1e-4}, kWorthTurn = 1.5 * kKnownWell;
+constexpr std::uint64_t kMostTurned = 2000;  // steps, for each is a measurement more in the graph
 constexpr int kStrictInliers = 40;
 constexpr double kStrictShare = 0.2, kStrictSignificance = 40;
 constexpr int kLastSteps = 50;      // of the graph, after the survey
@@ -90,6 +95,7 @@ LocalisationCore::LocalisationCore(const calibration::RigHistory& rigs, const Lo
       features_(feature_slots, config.max_keyframes, config.features, rigs),
       graph_(graphConfig(config)),
       search_(rigs.rig(0), config, graph_, features_) {
+  noteCurl();
   for (Looked& looked : looked_) looked.features.reserve(static_cast<std::size_t>(config.features));
 }
 
@@ -106,9 +112,24 @@ void LocalisationCore::rigBeganAnew(double turn_sigma, std::int64_t since_ns, bo
   extractor_.setRig(rigs_.rig(newest));
   if (newest > 0 && rigs_.best(newest - 1) != newest) renew_from_ = graph_.keyframes();
   if (newest > 0) renewLinks();
+  noteCurl();
+}
+
+void LocalisationCore::noteCurl() {
+  curl_ = graph_.dvl().curl();
+  curl_sigma_ = graph_.dvl().curlSigma();
+}
+
+void LocalisationCore::renewIfCurlIsAnother() {
+  const Eigen::Array4d known = graph_.dvl().curlSigma(), then = curl_sigma_,
+                       off = (graph_.dvl().curl() - curl_).cwiseAbs();
+  if (counters_.odometry_renewed < kMostTurned &&
+      (off > kWorthTurn || (then > kKnownWell && known < kKnownBetter * then)).any())
+    renewLinks();
 }
 
 void LocalisationCore::renewLinks() {
+  noteCurl();
   seen_through_ = rigs_.newest();
   renew_ = (graph_.living().empty() ? 0 : std::max(renew_from_, graph_.living().front())) + 1;
   renew_end_ = graph_.keyframes();
@@ -209,6 +230,7 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input, const Looked&
   renewLink();
   ended("visual odometry");
   (void)graph_.step();
+  renewIfCurlIsAnother();
   applyFixes(false);
   ended("graph");
   search_.propose(*number);
@@ -270,7 +292,9 @@ void LocalisationCore::renewLink() {
   const SE3 T_a_b = graph_.odometry(a).inverse() * graph_.odometry(b);
   const closure::Registration& found =
       near_.process(*before, *now, closure::RelativePrior{T_a_b, covarianceOf(kStepSigma, kStepAngle)});
-  if (found.accepted()) graph_.renewOdometry(b, found.T_a_b, stepCovariance({found.T_a_b, found.covariance}));
+  if (!found.accepted()) return;
+  graph_.renewOdometry(b, found.T_a_b, stepCovariance({found.T_a_b, found.covariance}));
+  ++counters_.odometry_renewed;
 }
 
 // Whether a keyframe sees the newest one, with a wide prior, where the link to the newest has it.

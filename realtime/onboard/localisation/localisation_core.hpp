@@ -45,7 +45,7 @@ class LocalisationCore {
 
   // As the rig stands from now on; of the same images. Ranges through it grew by (scale, per metre); where
   // they have by much, visual odometry up to here is sought anew through it, a step for each keyframe that
-  // comes.
+  // comes. So it is when the turn that all steps share (DvlCalibration::curl()) has become another.
   void setRig(const StereoRig& rig, const Eigen::Vector2d& growth);
   // slam::NavigationGraph::rigBeganAnew(). Visual odometry is sought anew likewise, unless the rig stood
   // otherwise before.
@@ -93,7 +93,8 @@ class LocalisationCore {
 
   struct Counters {
     std::uint64_t frames = 0, frames_without_features = 0;
-    std::uint64_t odometry_found = 0, odometry_refused = 0, odometry_second_tries = 0, odometry_surprises = 0;
+    std::uint64_t odometry_found = 0, odometry_refused = 0, odometry_second_tries = 0, odometry_surprises = 0,
+                  odometry_renewed = 0;
     std::uint64_t fixes_dropped = 0;  // for want of room
     std::size_t fixes_waiting = 0, changes_waiting = 0;
   };
@@ -142,6 +143,8 @@ class LocalisationCore {
   void addKeyframe(const LocalisationInput& input, const Looked& looked);
   void noteRetired();
   void linkToLast(const slam::KeyframeInput& input);
+  void noteCurl();
+  void renewIfCurlIsAnother();
   void renewLinks();
   void renewLink();
   [[nodiscard]] bool confirms(int keyframe, int newest, const UncertainPose& link);
@@ -167,6 +170,8 @@ class LocalisationCore {
   int renew_ = 0, renew_end_ = 0;  // keyframes to which visual odometry is sought anew
   int renew_from_ = 0;             // the first that saw through the rig as it stands
   int seen_through_ = 0;           // version of the rig, by visual odometry
+  // slam::DvlCalibration::curl() then, and its standard deviations.
+  Eigen::Vector4d curl_ = Eigen::Vector4d::Zero(), curl_sigma_ = Eigen::Vector4d::Zero();
   Counters counters_;
   std::function<void(const char* stage)> observer_;
   OnRetired on_retired_;

@@ -8,7 +8,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 7,
+constexpr std::uint32_t kTag = rt::stateTag("LOCA"), kSearchTag = rt::stateTag("CLOS"), kVersion = 8,
                         kSearchVersion = 3;
 
 template <typename Archive, typename Feature>
@@ -117,7 +117,7 @@ template <typename Archive, typename Self>
 void LocalisationCore::exchange(Archive& archive, Self& self) {
   archive(self.selection_, self.features_, self.fixes_, self.last_quality_);
   archive(self.last_unlocked_s_, self.loss_, self.position_sigma_, self.renew_, self.renew_end_);
-  archive(self.renew_from_, self.seen_through_);
+  archive(self.renew_from_, self.seen_through_, self.curl_, self.curl_sigma_);
   archive.require(self.seen_through_ >= 0 && self.seen_through_ <= self.rigs_.newest(),
                   "visual odometry seen through no rig");
   for (auto& looked : self.looked_) {
@@ -127,7 +127,7 @@ void LocalisationCore::exchange(Archive& archive, Self& self) {
   }
   auto& c = self.counters_;
   archive(c.frames, c.frames_without_features, c.odometry_found, c.odometry_refused, c.odometry_second_tries,
-          c.odometry_surprises, c.fixes_dropped);
+          c.odometry_surprises, c.odometry_renewed, c.fixes_dropped);
 }
 
 void LocalisationCore::save(rt::StateWriter& writer) const {
