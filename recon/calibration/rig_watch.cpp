@@ -102,6 +102,11 @@ bool RigWatch::standAsShown(const std::vector<RigMatch>& matches) {
   constexpr std::size_t kFewest = 100;  // of one pair: too few for the parts of the image
   constexpr double kExplained = 0.5;
   if (beginnings_ > 0 || history_.newest() > 0) return false;
+  // Most pairs show at once that they need no more, without memory from the heap.
+  constexpr double kOffLine = 0.33;  // of half of the matches where their sigma is kMostMedian [px]
+  const auto off_line = std::ranges::count_if(
+      matches, [&](const RigMatch& match) { return std::abs(epipolarError(rig(), match)) > kOffLine; });
+  if (4 * static_cast<std::size_t>(off_line) < matches.size()) return false;
   const EpipolarCheck check = checkEpipolar(rig(), matches);
   const double off = std::max(std::abs(check.median), check.sigma);
   if (!tellsRig(check, kFewest) || off < kMostMedian || check.sigma_after > kExplained * off) return false;
