@@ -19,9 +19,14 @@ Eigen::Vector2d turnedLeft(const Eigen::Vector2d& d) {
   return {-d.y(), d.x()};
 }
 
+// In b's axes.
+Eigen::Vector3d seenWay(const SE3& T_a_b) {
+  return T_a_b.rotation().conjugate() * T_a_b.translation();
+}
+
 // Right perturbation of T_a_b by xx, xy, yy, w: the turn t about the middle of the ground that was seen.
 Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range) {
-  const Eigen::Vector3d c = T_a_b.rotation().conjugate() * T_a_b.translation(), ahead(0, 0, range),
+  const Eigen::Vector3d c = seenWay(T_a_b), ahead(0, 0, range),
                         ground = 0.5 * (ahead + T_a_b.inverse() * ahead);
   Eigen::Matrix<double, 6, 4> out;
   out.bottomRows<3>() << 0, -c.x(), -c.y(), 0, c.x(), c.y(), 0, 0, 0, 0, 0, -c.y();
@@ -32,10 +37,7 @@ Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range) {
 }  // namespace
 
 SeenTurn::SeenTurn(const SE3& T_a_b, const Matrix6d& covariance, int rig_seen)
-    : turn(T_a_b.rotation()),
-      variance(covariance(5, 5)),
-      ahead(-(T_a_b.rotation().conjugate() * T_a_b.translation()).y()),
-      rig(rig_seen) {}
+    : turn(T_a_b.rotation()), variance(covariance(5, 5)), ahead(-seenWay(T_a_b).y()), rig(rig_seen) {}
 
 DvlCalibration::DvlCalibration(const SensorNoise& noise, const Eigen::Vector3d& dvl_in_camera,
                                const RigPrior& rig)
@@ -74,7 +76,7 @@ SE3 DvlCalibration::straightened(const SE3& T_a_b, double range) const {
 }
 
 Matrix6d DvlCalibration::leftOpen(const SE3& T_a_b, double range) const {
-  const Eigen::Vector3d longer = rangeSigma(range) * (T_a_b.rotation().conjugate() * T_a_b.translation());
+  const Eigen::Vector3d longer = rangeSigma(range) * seenWay(T_a_b);
   const auto turned = turnedBy(T_a_b, range);
   Matrix6d out = turned * covariance_.block<4, 4>(kCurl, kCurl) * turned.transpose();
   out.topLeftCorner<3, 3>() += longer * longer.transpose();

@@ -278,6 +278,11 @@ PlanError planError(const MadeDive& dive, const std::vector<SE3>& poses) {
   return {std::sqrt(error.rms), std::sqrt(error.absolute)};
 }
 
+MemorySlots featureSlots(std::size_t slots, const LocalisationConfig& config) {
+  return {slots,
+          closure::slotBytes(closure::DescriptorKind::kRootSift, static_cast<std::size_t>(config.features))};
+}
+
 LocalisationConfig smallLocalisation() {
   LocalisationConfig config;
   config.max_keyframes = 300;

@@ -77,5 +77,8 @@ struct PlanError {
 [[nodiscard]] PlanError planError(const MadeDive& dive, const std::vector<SE3>& poses);
 
 [[nodiscard]] LocalisationConfig smallLocalisation();
+// For the features of so many keyframes.
+[[nodiscard]] MemorySlots featureSlots(std::size_t slots,
+                                       const LocalisationConfig& config = smallLocalisation());
 
 }  // namespace fathom::onboard::testing

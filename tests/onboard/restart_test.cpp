@@ -15,6 +15,7 @@ namespace {
 
 using test::savedState;
 using testing::CoresRun;
+using testing::featureSlots;
 using testing::MadeDive;
 using testing::makeDive;
 using testing::MemorySlots;
@@ -32,11 +33,6 @@ template <typename T>
 bool load(T& object, std::span<const std::uint8_t> bytes) {
   rt::StateReader reader(bytes);
   return object.load(reader);
-}
-
-MemorySlots featureSlots(const LocalisationConfig& config, std::size_t slots) {
-  return {slots,
-          closure::slotBytes(closure::DescriptorKind::kRootSift, static_cast<std::size_t>(config.features))};
 }
 
 void dive(LocalisationCore& core, const MadeDive& made, std::size_t from, std::size_t to) {
@@ -57,7 +53,7 @@ class LocalisationRestart : public ::testing::Test {
  protected:
   MadeDive made = makeDive();
   std::size_t middle = made.frames.size() / 2, end = made.frames.size();
-  MemorySlots slots = featureSlots(smallLocalisation(), 300), copy = slots, second = slots;
+  MemorySlots slots = featureSlots(300), copy = slots, second = slots;
   LocalisationCore whole{made.rigs, smallLocalisation(), &slots};
   std::vector<std::uint8_t> state;
 
@@ -96,7 +92,7 @@ TEST(LocalisationRestartWithFewKeyframes, AfterSomeHaveRetiredADiveGoesOnAlike) 
   const MadeDive made = makeDive();
   LocalisationConfig config = smallLocalisation();
   config.max_keyframes = 40;
-  MemorySlots slots = featureSlots(config, 40);
+  MemorySlots slots = featureSlots(40, config);
   LocalisationCore whole(made.rigs, config, &slots);
   whole.setAnchor(nav::FixKind::kGps, {3.3, -2.2}, 0.5);
   const std::size_t middle = 2 * made.frames.size() / 3, end = made.frames.size();
@@ -123,7 +119,7 @@ TEST(LocalisationRestartWithFewKeyframes, AfterSomeHaveRetiredADiveGoesOnAlike) 
 }
 
 TEST_F(LocalisationRestart, SlotsThatAreAnotherRunsCostClosuresOnly) {
-  MemorySlots wrong = featureSlots(smallLocalisation(), 300);
+  MemorySlots wrong = featureSlots(300);
   const std::vector<std::uint8_t> other(wrong.slotBytes(), 3);
   for (std::size_t k = 0; k < wrong.slots(); ++k) ASSERT_TRUE(wrong.write(k, other));
   LocalisationCore loaded(made.rigs, smallLocalisation(), &wrong);
@@ -223,7 +219,7 @@ TEST_F(MovingMapRestart, ATornSlotCostsItsMeshOnly) {
 TEST(CoresRestart, AMissionWithARestartGivesTheSameMapPosesAndFrames) {
   const RecordedMission mission(FATHOM_FAULTY_MISSION);
   const auto half = static_cast<std::ptrdiff_t>(mission.inputs.size() / 2);
-  MemorySlots features = featureSlots(mission.config.localisation, 2000),
+  MemorySlots features = featureSlots(2000, mission.config.localisation),
               meshes(4000, meshSlotBytes(static_cast<std::size_t>(mission.config.stereo.max_features)));
   Ship ship;
   CoresRun whole(mission, {&features, &meshes}, ship);

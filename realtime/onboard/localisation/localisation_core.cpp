@@ -111,8 +111,7 @@ void LocalisationCore::rigBeganAnew(double turn_sigma, std::int64_t since_ns, bo
   const int newest = rigs_.newest();
   extractor_.setRig(rigs_.rig(newest));
   if (newest > 0 && rigs_.best(newest - 1) != newest) renew_from_ = graph_.keyframes();
-  if (newest > 0) renewLinks();
-  noteCurl();
+  newest > 0 ? renewLinks() : noteCurl();
 }
 
 void LocalisationCore::noteCurl() {

@@ -188,10 +188,9 @@ void MapCore::learnLight(const MapInput& input, double range, const stereo::Ster
 
 template <typename Match>
 const stereo::StereoResult& MapCore::throughTheRig(const Match& match) {
-  const StereoRig before = rig_.rig();
   const stereo::StereoResult& result = match();
   if (!rig_.standAsShown(result.matches)) return result;
-  useRig(before);
+  useRig(config_.rig);
   return match();
 }
 
