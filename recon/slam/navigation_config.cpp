@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <stdexcept>
 
 namespace fathom::slam {
 namespace {
@@ -9,6 +10,16 @@ namespace {
 constexpr double kDegree = std::numbers::pi / 180;  // [rad]
 
 }  // namespace
+
+void NavigationConfig::validate() const {
+  noise.validate();
+  const bool counts =
+      max_keyframes > 1 && max_links >= 0 && max_fixes >= 0 && lying_after > 0 && reweighted >= 0;
+  const bool numbers = reference_s > 0 && reference_turn > 0 && jump_heading > 0 && gate > 0 &&
+                       known_scale >= 1 && turned_sigmas > 0 && fix_gate > 0 && change_m > 0 &&
+                       change_rad > 0;
+  if (!counts || !numbers) throw std::invalid_argument("navigation graph: configuration out of range");
+}
 
 SensorNoise readSensorNoise(const ConfigTable& table, const SensorNoise& defaults) {
   SensorNoise n = defaults;

@@ -3,7 +3,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <stdexcept>
 
 #include "realtime/kernel/seconds.hpp"
 
@@ -36,16 +35,6 @@ IncrementalConfig solverConfig(const NavigationConfig& config) {
 }
 
 }  // namespace
-
-void NavigationConfig::validate() const {
-  noise.validate();
-  const bool counts =
-      max_keyframes > 1 && max_links >= 0 && max_fixes >= 0 && lying_after > 0 && reweighted >= 0;
-  const bool numbers = reference_s > 0 && reference_turn > 0 && jump_heading > 0 && gate > 0 &&
-                       known_scale >= 1 && turned_sigmas > 0 && fix_gate > 0 && change_m > 0 &&
-                       change_rad > 0;
-  if (!counts || !numbers) throw std::invalid_argument("navigation graph: configuration out of range");
-}
 
 NavigationGraph::NavigationGraph(const NavigationConfig& config)
     : config_(config),
