@@ -24,12 +24,19 @@ Eigen::Vector3d seenWay(const SE3& T_a_b) {
   return T_a_b.rotation().conjugate() * T_a_b.translation();
 }
 
+// t by xx, xy, yy, w, of a camera that went so far in its image.
+Eigen::Matrix<double, 3, 4> turnsBy(const Eigen::Vector2d& c) {
+  Eigen::Matrix<double, 3, 4> out;
+  out << 0, -c.x(), -c.y(), 0, c.x(), c.y(), 0, 0, 0, 0, 0, -c.y();
+  return out;
+}
+
 // Right perturbation of T_a_b by xx, xy, yy, w: the turn t about the middle of the ground that was seen.
 Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range) {
   const Eigen::Vector3d c = seenWay(T_a_b), ahead(0, 0, range),
                         ground = 0.5 * (ahead + T_a_b.inverse() * ahead);
   Eigen::Matrix<double, 6, 4> out;
-  out.bottomRows<3>() << 0, -c.x(), -c.y(), 0, c.x(), c.y(), 0, 0, 0, 0, 0, -c.y();
+  out.bottomRows<3>() = turnsBy(c.head<2>());
   for (int i = 0; i < 4; ++i) out.col(i).head<3>() = ground.cross(Eigen::Vector3d(out.col(i).tail<3>()));
   return out;
 }
@@ -37,7 +44,14 @@ Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range) {
 }  // namespace
 
 SeenTurn::SeenTurn(const SE3& T_a_b, const Matrix6d& covariance, int rig_seen)
-    : turn(T_a_b.rotation()), variance(covariance(5, 5)), ahead(-seenWay(T_a_b).y()), rig(rig_seen) {}
+    : turn(T_a_b.rotation()),
+      variance(covariance.diagonal().tail<3>()),
+      way(seenWay(T_a_b).head<2>()),
+      rig(rig_seen) {}
+
+Eigen::Matrix<double, 3, 4> SeenTurn::turnedBy() const {
+  return turnsBy(way);
+}
 
 DvlCalibration::DvlCalibration(const SensorNoise& noise, const Eigen::Vector3d& dvl_in_camera,
                                const RigPrior& rig)
@@ -100,49 +114,55 @@ void DvlCalibration::setSoundShare(double share) {
 
 bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b,
                          const Matrix6d& covariance, const StepQuality& quality, double range) {
-  constexpr int kAll = kStates + 2;  // with the reading at b
+  constexpr int kAll = kStates + 2, kRows = 5;  // with the reading at b; path, roll, pitch, yaw
+  using Vector5d = Eigen::Matrix<double, kRows, 1>;
   const Eigen::Vector2d reckoned = wayOf(T_odom_a, T_odom_b).head<2>();
   const double way = reckoned.norm();
   if (way < kLeastWay) return true;
   const SE3 T_odom_seen = T_odom_a * T_a_b;
   const Eigen::Vector2d visual = wayOf(T_odom_a, T_odom_seen).head<2>(), across = turnedLeft(reckoned);
   const Eigen::Quaterniond off = T_odom_seen.rotation() * T_odom_b.rotation().conjugate();
-  const Eigen::Vector2d turn = SE3(off, Eigen::Vector3d::Zero()).log().segment<2>(3);
-  // The DVL's place and the camera's turn, level, by the right perturbation of the camera.
-  const Eigen::Matrix<double, 2, 3> level = T_odom_seen.matrix3().topRows<2>();
-  Eigen::Matrix<double, 4, 6> measured = Eigen::Matrix<double, 4, 6>::Zero();
-  measured.topLeftCorner<2, 3>() = measured.bottomRightCorner<2, 3>() = level;
+  const Eigen::Vector3d turn = SE3(off, Eigen::Vector3d::Zero()).log().tail<3>();
+  // The DVL's place, level, and the camera's turn, by the right perturbation of the camera.
+  const Eigen::Matrix3d R = T_odom_seen.matrix3();
+  Eigen::Matrix<double, kRows, 6> measured = Eigen::Matrix<double, kRows, 6>::Zero();
+  measured.topLeftCorner<2, 3>() = R.topRows<2>();
+  measured.bottomRightCorner<3, 3>() = R;
   measured = (measured * perturbationAt(dvl_in_camera_)).eval();
-  Eigen::Matrix4d noise = measured * covariance * measured.transpose();
+  Eigen::Matrix<double, kRows, kRows> noise = measured * covariance * measured.transpose();
   // Its own noise but for what is estimated here; heading's turns what the camera saw, across the way. The
-  // bias of roll and pitch turns with the body.
+  // bias of roll and pitch turns with the body, and the compass's deviation.
   StepQuality known = quality;
   known.calibration_share = 0;
-  const double step = stepSigma(0, known, noise_), turned = noise_.tilt_bias * quality.turn;
+  const double step = stepSigma(0, known, noise_), turned = noise_.tilt_bias * quality.turn,
+               yawed =
+                   std::hypot(std::sqrt(2) * noise_.heading, noise_.deviation_turn * std::sqrt(quality.turn));
   noise.topLeftCorner<2, 2>() += noise_.heading * noise_.heading * across * across.transpose();
-  noise.diagonal().array() += Eigen::Array4d(step, step, turned, turned).square();
+  noise.diagonal() += Vector5d(step, step, turned, turned, yawed).cwiseAbs2();
 
   covariance_.diagonal().array() += kWalk * kWalk;
   beginAt(T_odom_a);
   Eigen::Matrix<double, kAll, kAll> joint = Eigen::Matrix<double, kAll, kAll>::Zero();
   joint.topLeftCorner<kStates, kStates>() = covariance_;
   joint.bottomRightCorner<2, 2>() = noise_.tilt * noise_.tilt * Eigen::Matrix2d::Identity();
-  Eigen::Matrix<double, 4, kAll> H = Eigen::Matrix<double, 4, kAll>::Zero();
+  Eigen::Matrix<double, kRows, kAll> H = Eigen::Matrix<double, kRows, kAll>::Zero();
   H.topLeftCorner<2, kCurl>() << reckoned, across, reckoned, range * reckoned;
   H.middleCols<4>(kCurl) = measured * turnedBy(T_a_b, range);
   H.block<2, 2>(2, kReading).setIdentity();
-  H.bottomRightCorner<2, 2>() = -Eigen::Matrix2d::Identity();
-  Eigen::Vector4d innovation;
+  H.block<2, 2>(2, kStates) = -Eigen::Matrix2d::Identity();
+  Vector5d innovation;
   innovation << visual - reckoned, turn;
   innovation -= H.leftCols<kStates>() * state_;
-  Eigen::Matrix4d S = H * joint * H.transpose() + noise;
-  const double most_turn =
-      (innovation.tail<2>().array().square() / S.diagonal().tail<2>().array()).maxCoeff();
-  if (quality.seconds_untilted > 0 || !(most_turn <= kTurnGate)) {
+  Eigen::Matrix<double, kRows, kRows> S = H * joint * H.transpose() + noise;
+  const auto leaveOpen = [&](int first, int rows, bool open) {
     constexpr double kOpen = 1;  // [rad]
-    noise.diagonal().tail<2>().array() += kOpen * kOpen;
-    S.diagonal().tail<2>().array() += kOpen * kOpen;
-  }
+    const auto variance = S.diagonal().segment(first, rows).array();
+    if (!open && (innovation.segment(first, rows).array().square() <= kTurnGate * variance).all()) return;
+    noise.diagonal().segment(first, rows).array() += kOpen * kOpen;
+    S.diagonal().segment(first, rows).array() += kOpen * kOpen;
+  };
+  leaveOpen(2, 2, quality.seconds_untilted > 0);
+  leaveOpen(4, 1, quality.seconds_untilted > 0);
   // In the axes of the way, so that what leans to one side does so after a turn of the vehicle too.
   Eigen::Matrix2d to_way;
   to_way << reckoned.transpose(), across.transpose();
@@ -163,7 +183,7 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
     ++gated_;
     return false;
   }
-  const Eigen::Matrix<double, kAll, 4> gain = joint * H.transpose() * S.inverse();
+  const Eigen::Matrix<double, kAll, kRows> gain = joint * H.transpose() * S.inverse();
   const Eigen::Matrix<double, kAll, kAll> left = Eigen::Matrix<double, kAll, kAll>::Identity() - gain * H;
   joint = (left * joint * left.transpose() + gain * noise * gain.transpose()).eval();
   // The reading at b takes the place of that at a.
@@ -178,13 +198,12 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
   return true;
 }
 
-void DvlCalibration::addTurn(double turn, double variance, double ahead) {
-  constexpr int kSpin = kReading - 1;
-  const double off = turn - ahead * state_(kSpin), S = ahead * ahead * covariance_(kSpin, kSpin) + variance;
+void DvlCalibration::addTurn(double turn, double variance, const Eigen::RowVector4d& by) {
+  const State shared = covariance_.middleCols<4>(kCurl) * by.transpose();
+  const double off = turn - by * curl(), S = by * shared.segment<4>(kCurl) + variance;
   if (!(off * off <= kTurnGate * S)) return;
-  const State gain = covariance_.col(kSpin) * (ahead / S);
-  state_ += gain * off;
-  covariance_ -= (S * gain * gain.transpose()).eval();
+  state_ += shared * (off / S);
+  covariance_ -= (shared * shared.transpose() / S).eval();
 }
 
 // Steps that were left out leave another reading.

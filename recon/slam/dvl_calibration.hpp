@@ -32,14 +32,17 @@ struct SeenTurn {
   SeenTurn() = default;
   SeenTurn(const SE3& T_a_b, const Matrix6d& covariance, int rig);
 
+  // By xx, xy, yy, w of DvlCalibration, in the axes of b [m].
+  [[nodiscard]] Eigen::Matrix<double, 3, 4> turnedBy() const;
+
   Eigen::Quaterniond turn = Eigen::Quaterniond::Identity();
-  double variance = 0;  // about the principal axis [rad^2]
-  double ahead = 0;     // how far the camera went towards its image's upper edge [m]
-  int rig = -1;         // through which; -1: no step
+  Eigen::Vector3d variance = Eigen::Vector3d::Zero();  // about the axes of b [rad^2]
+  Eigen::Vector2d way = Eigen::Vector2d::Zero();       // in the image of b [m]
+  int rig = -1;                                        // through which; -1: no step
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.turn, self.variance, self.ahead, self.rig);
+    archive(self.turn, self.variance, self.way, self.rig);
   }
 };
 
@@ -54,14 +57,15 @@ struct SeenTurn {
 // point of a lens that distorts makes it, level ground seems a bowl or a saddle: visual odometry turns by Q
 // as the ground passes, and goes astray by the arm to it. Where the disparity slopes along the baseline,
 // squares seem sheared, and it yaws by w. Roll and pitch, which gravity holds, show Q, so that it is not
-// taken for an error of ranges or of the DVL's mounting. A reading of attitude ends one step and begins the
-// next: its error is estimated beside x, so that a line tells Q by its length and not by its steps. Closures
-// show w by how far the steps between have yawed (addTurn). One range tells s + b + e r alone: it is shared
-// out by the priors, so that the sensor that is known better stays as it is, and more ranges tell them apart.
-// Steps that disagree by more than the gate are left out. Where steps go on disagreeing to the same side, by
-// however little, the DVL has changed (another sound speed, a beam that is fouled): the sum of normalised
-// innovations with forgetting tells (a geometric moving average, Roberts 1959), and its scale and heading are
-// learnt anew.
+// taken for an error of ranges or of the DVL's mounting; the compass shows what of it yaws, where the camera
+// looks aside. A reading of roll and pitch ends one step and begins the next: its error is estimated beside
+// x, so that a line tells Q by its length and not by its steps. Closures show what yaws, w of a camera that
+// looks down, by how far the steps between have turned (addTurn). One range tells s + b + e r alone: it is
+// shared out by the priors, so that the sensor that is known better stays as it is, and more ranges tell
+// them apart. Steps that disagree by more than the gate are left out. Where steps go on disagreeing to the
+// same side, by however little, the DVL has changed (another sound speed, a beam that is fouled): the sum of
+// normalised innovations with forgetting tells (a geometric moving average, Roberts 1959), and its scale and
+// heading are learnt anew.
 class DvlCalibration {
  public:
   // x, and the error of the newest reading of roll and pitch in nav's axes [rad].
@@ -81,8 +85,8 @@ class DvlCalibration {
            const StepQuality& quality, double range);
 
   // Visual odometry from one keyframe to another, before straightened(), has turned about down against a
-  // closure between them, where it went so far along the images' y axis, upwards, more than the closure [m].
-  void addTurn(double turn, double variance, double ahead);
+  // closure between them; `by` xx, xy, yy, w it turned more than the closure [m].
+  void addTurn(double turn, double variance, const Eigen::RowVector4d& by);
 
   // Standard deviation of the scale by the speed of sound, beside the instrument's own [1]. Where it changes,
   // dead reckoning has begun to use another speed, and the scale is learnt anew.

@@ -186,21 +186,24 @@ void NavigationGraph::learnTurn(int a, int b, const SE3& seen, const Matrix6d& c
   constexpr double kShared = 4;  // closures of neighbours see by the same steps
   if (b - a > kLongest) return;
   Eigen::Quaterniond turn = Eigen::Quaterniond::Identity();
-  const SeenTurn own(seen, covariance, rig_);
-  double variance = own.variance, ahead = 0;
-  const auto down = [&](const Frame& f) { return (f.T_odom_cam.rotation() * Eigen::Vector3d::UnitZ()).z(); };
+  double variance = 0;
+  Eigen::RowVector4d by = Eigen::RowVector4d::Zero();
+  const auto add = [&](const Frame& at_end, const SeenTurn& s, double sign) {
+    const Eigen::RowVector3d down = at_end.T_odom_cam.rotation().toRotationMatrix().row(2);
+    variance += down.cwiseAbs2() * s.variance;
+    by += sign * down * s.turnedBy();
+  };
   for (int k = a + 1; k <= b; ++k) {
     if (!has(k)) return;
     const Frame& f = frames_[at(k)];
     if (f.seen.rig != rig_ || f.link < 0 || f.visualLies()) return;
     turn = turn * f.seen.turn;
-    variance += f.seen.variance;
-    ahead += f.seen.ahead * down(f);
+    add(f, f.seen, 1);
   }
-  const Frame& from = frames_[at(a)];
-  const Eigen::Quaterniond off = turn * own.turn.conjugate();
-  dvl_.addTurn((from.T_odom_cam.rotation() * SE3(off, Eigen::Vector3d::Zero()).log().tail<3>()).z(),
-               kShared * variance, ahead - own.ahead * down(from));
+  const SeenTurn own(seen, covariance, rig_);
+  add(frames_[at(b)], own, -1);
+  const SE3 off(turn * own.turn.conjugate(), Eigen::Vector3d::Zero());
+  dvl_.addTurn((frames_[at(a)].T_odom_cam.rotation() * off.log().tail<3>()).z(), kShared * variance, by);
 }
 
 void NavigationGraph::renewOdometry(int keyframe, const SE3& seen, const Matrix6d& covariance) {

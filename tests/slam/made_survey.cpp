@@ -226,6 +226,12 @@ void drive(NavigationGraph& graph, const MadeSurvey& s, const MadeSurveyOptions&
   for (int i = 0; i < 30; ++i) (void)graph.step();
 }
 
+std::vector<SE3> posesOf(const NavigationGraph& graph) {
+  std::vector<SE3> poses;
+  for (int k = 0; k < graph.keyframes(); ++k) poses.push_back(graph.pose(k));
+  return poses;
+}
+
 double squaredError(const SE3& estimate, const SE3& truth, const Matrix6d& covariance) {
   const SE3 off = estimate.inverse() * truth;
   Vector6d e;

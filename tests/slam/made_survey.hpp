@@ -99,6 +99,8 @@ void driveOn(NavigationGraph& graph, const MadeSurvey& survey, const MadeSurveyO
 // Squared error of a pose over the covariance of its right perturbation: chi-square, 6 degrees of freedom.
 [[nodiscard]] double squaredError(const SE3& estimate, const SE3& truth, const Matrix6d& covariance);
 
+[[nodiscard]] std::vector<SE3> posesOf(const NavigationGraph& graph);
+
 // RMS of the horizontal error of dead reckoning or of the graph over all keyframes [m], as it is and after
 // the best shift and turn.
 struct Errors {

@@ -16,13 +16,8 @@ using testing::errorsOf;
 using testing::MadeSurvey;
 using testing::MadeSurveyOptions;
 using testing::makeSurvey;
+using testing::posesOf;
 using testing::smallConfig;
-
-std::vector<SE3> posesOf(const NavigationGraph& graph) {
-  std::vector<SE3> poses;
-  for (int k = 0; k < graph.keyframes(); ++k) poses.push_back(graph.pose(k));
-  return poses;
-}
 
 std::vector<SE3> reckonedOf(const MadeSurvey& survey) {
   std::vector<SE3> poses;

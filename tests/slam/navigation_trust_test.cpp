@@ -5,8 +5,16 @@
 namespace fathom::slam {
 namespace {
 
+using testing::errorsOf;
 using testing::hostileDives;
+using testing::posesOf;
 using testing::runHostile;
+
+// As the vehicle does where it knows better what all links share.
+void renewAll(NavigationGraph& graph, const testing::MadeSurvey& survey) {
+  for (const auto& link : survey.visual) graph.renewOdometry(link.b, link.T_a_b, survey.link_covariance);
+  for (int i = 0; i < 30; ++i) (void)graph.step();
+}
 
 // fathom-report hostile runs twenty seeds of each.
 TEST(NavigationTrust, NoLieOfOneSensorTakesThePositionAway) {
@@ -54,41 +62,39 @@ TEST(NavigationTrust, AFixThatFitsEndsTheInsistenceOfWildOnes) {
   }
 }
 
-// Of places that are level against the first [m].
-double rmsOf(const NavigationGraph& graph, const testing::MadeSurvey& survey) {
-  double sum = 0;
-  for (int k = 0; k < graph.keyframes(); ++k)
-    sum += (graph.pose(k).translation() - graph.pose(0).translation() -
-            (survey.truth[static_cast<std::size_t>(k)].translation() - survey.truth[0].translation()))
-               .head<2>()
-               .squaredNorm();
-  return std::sqrt(sum / graph.keyframes());
-}
-
 TEST(NavigationTrust, JudgesTheStepsOfACameraThatLooksAheadAsThoseOfOneThatLooksDown) {
   testing::MadeSurveyOptions options;
   options.lines = 6;
-  const testing::MadeSurvey down = makeSurvey(options);
-  NavigationGraph reference(testing::smallConfig());
-  drive(reference, down, options);
-  for (const double degrees : {45.0, 90.0})
-    for (const Eigen::Vector3d& axis : {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0)}) {
-      const Eigen::Quaterniond R(Eigen::AngleAxisd(degrees * M_PI / 180, axis));
-      NavigationConfig config = testing::smallConfig();
-      config.forward_in_camera = R.conjugate() * kForward;
-      NavigationGraph graph(config);
-      drive(graph, testing::mounted(down, R), options);
-      SCOPED_TRACE(degrees);
-      const NavigationGraph::Counters &c = graph.counters(), &r = reference.counters();
-      EXPECT_EQ(c.steps_contradicted, r.steps_contradicted);
-      EXPECT_EQ(c.steps_left_out, r.steps_left_out);
-      EXPECT_EQ(c.visual_distrusted, r.visual_distrusted);
-      EXPECT_EQ(c.compass_distrusted, r.compass_distrusted);
-      EXPECT_EQ(c.closures, r.closures);
-      EXPECT_EQ(c.references, r.references);
-      // What images share by curved ranges is the camera's, and so each mounting's own.
-      EXPECT_LT(rmsOf(graph, down), 1.05 * rmsOf(reference, down)) << axis.transpose();
-    }
+  testing::MadeSurvey down = makeSurvey(options);
+  for (const bool closures : {true, false}) {
+    if (!closures) down.closures.clear();
+    NavigationGraph reference(testing::smallConfig());
+    drive(reference, down, options);
+    renewAll(reference, down);
+    for (const double degrees : {45.0, 90.0})
+      for (const Eigen::Vector3d& axis : {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0)}) {
+        const Eigen::Quaterniond R(Eigen::AngleAxisd(degrees * M_PI / 180, axis));
+        const testing::MadeSurvey survey = testing::mounted(down, R);
+        NavigationConfig config = testing::smallConfig();
+        config.forward_in_camera = R.conjugate() * kForward;
+        NavigationGraph graph(config);
+        drive(graph, survey, options);
+        renewAll(graph, survey);
+        SCOPED_TRACE(degrees);
+        const NavigationGraph::Counters &c = graph.counters(), &r = reference.counters();
+        EXPECT_EQ(c.steps_contradicted, r.steps_contradicted);
+        EXPECT_EQ(c.steps_left_out, r.steps_left_out);
+        EXPECT_EQ(c.visual_distrusted, r.visual_distrusted);
+        EXPECT_EQ(c.compass_distrusted, r.compass_distrusted);
+        EXPECT_EQ(c.closures, r.closures);
+        EXPECT_EQ(c.references, r.references);
+        // What images share by curved ranges is the camera's, and so each mounting's own. A yaw by them is
+        // told by closures (9.3 to 10.8 mm, 10.2 of one that looks down), or by the compass (57 to 72, 55).
+        EXPECT_LT(errorsOf(posesOf(graph), down.truth).aligned,
+                  (closures ? 1.1 : 1.4) * errorsOf(posesOf(reference), down.truth).aligned)
+            << axis.transpose();
+      }
+  }
 }
 
 }  // namespace
