@@ -27,7 +27,7 @@ struct RigPrior {
   double baseline = 0.07;  // [m]: per_metre is an angle over this
 };
 
-// Visual odometry of one step before straightened(), as addTurn() adds it up.
+// What cameras saw of each other, before straightened(), as addTurn() adds it up.
 struct SeenTurn {
   SeenTurn() = default;
   SeenTurn(const SE3& T_a_b, const Matrix6d& covariance, int rig);
@@ -60,8 +60,9 @@ struct SeenTurn {
 // taken for an error of ranges or of the DVL's mounting; the compass shows what of it yaws, where the camera
 // looks aside. A reading of roll and pitch ends one step and begins the next: its error is estimated beside
 // x, so that a line tells Q by its length and not by its steps. Closures show what yaws, w of a camera that
-// looks down, by how far the steps between have turned (addTurn). One range tells s + b + e r alone: it is
-// shared out by the priors, so that the sensor that is known better stays as it is, and more ranges tell
+// looks down, by how far the steps between have turned, and the rest by what is known of both attitudes:
+// they are often across the lines, where steps show little (addTurn). One range tells s + b + e r alone: it
+// is shared out by the priors, so that the sensor that is known better stays as it is, and more ranges tell
 // them apart. Steps that disagree by more than the gate are left out. Where steps go on disagreeing to the
 // same side, by however little, the DVL has changed (another sound speed, a beam that is fouled): the sum of
 // normalised innovations with forgetting tells (a geometric moving average, Roberts 1959), and its scale and
@@ -84,8 +85,8 @@ class DvlCalibration {
   bool add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b, const Matrix6d& covariance,
            const StepQuality& quality, double range);
 
-  // Visual odometry from one keyframe to another, before straightened(), has turned about down against a
-  // closure between them; `by` xx, xy, yy, w it turned more than the closure [m].
+  // What cameras saw, before straightened(), has turned so far about an axis against what else tells it; `by`
+  // xx, xy, yy, w it turned more [m].
   void addTurn(double turn, double variance, const Eigen::RowVector4d& by);
 
   // Standard deviation of the scale by the speed of sound, beside the instrument's own [1]. Where it changes,

@@ -77,8 +77,9 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& seen, con
     return Taken::kFull;
   }
   const bool agreed = kind == LinkKind::kAgreed;
+  Prediction known;
   if (!chain && !agreed) {
-    const Prediction known = predict(a, b);
+    known = predict(a, b);
     const bool fits = distance2(factor, config_.known_scale * known.covariance + spread) <= config_.gate;
     if (!fits) ++counters_.links_contradicting;
     if (!fits && !agreesWithRefused(a, b, T_a_b, spread)) return Taken::kContradicts;
@@ -99,7 +100,7 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& seen, con
     seen_.T_a_b = seen;
     to.seen = {seen, covariance, rig_};
   } else {
-    a < b ? learnTurn(a, b, seen, covariance) : learnTurn(b, a, seen.inverse(), covariance);
+    if (!agreed && a < b) learnTurn(a, b, {seen, covariance}, known);
     robust_of_[at(measurement)] = static_cast<int>(robust_.size());
     robust_.push_back(
         {factor.from, factor.to, T_a_b, spread, measurement, kLinkFree, 1, false, false, agreed});

@@ -255,7 +255,7 @@ class NavigationGraph {
   [[nodiscard]] StepTurns turnsOf(const Frame& from, const Frame& to) const;
   [[nodiscard]] bool linkFitsButForYaw(const Frame& from, const Frame& to, double contradiction) const;
   void judgeVelocity(Frame& from, Frame& to);
-  void learnTurn(int a, int b, const SE3& seen, const Matrix6d& covariance);
+  void learnTurn(int a, int b, const UncertainPose& seen, const UncertainPose& known);
   void weigh(Frame& frame);
   void takeVerdicts(int keyframe);
   void moveAstray(int a, int b, const SE3& T_a_b);

@@ -180,10 +180,20 @@ void NavigationGraph::rigBeganAnew(double turn_sigma, std::int64_t since_ns, boo
   }
 }
 
-// How visual odometry turns as ground passes, by a closure of keyframes between which it never failed.
-void NavigationGraph::learnTurn(int a, int b, const SE3& seen, const Matrix6d& covariance) {
+// How cameras that see the same ground seem turned, by a closure: across down by what is known of attitudes;
+// about down, where visual odometry never failed between its keyframes, by that.
+void NavigationGraph::learnTurn(int a, int b, const UncertainPose& seen, const UncertainPose& known) {
   constexpr int kLongest = 500;  // steps
-  constexpr double kShared = 4;  // closures of neighbours see by the same steps
+  constexpr double kShared = 4;  // closures of neighbours see by the same steps and attitudes
+  const SeenTurn own(seen.T_a_b, seen.covariance, rig_);
+  const Eigen::Matrix3d R = pose(b).matrix3(),
+                        spread = (seen.covariance + known.covariance).bottomRightCorner<3, 3>();
+  const SE3 apart(known.T_a_b.rotation().conjugate() * own.turn, Eigen::Vector3d::Zero());
+  for (int axis = 0; axis < 2; ++axis) {
+    const Eigen::RowVector3d level = R.row(axis);
+    dvl_.addTurn(level * apart.log().tail<3>(), kShared * level * spread * level.transpose(),
+                 level * own.turnedBy());
+  }
   if (b - a > kLongest) return;
   Eigen::Quaterniond turn = Eigen::Quaterniond::Identity();
   double variance = 0;
@@ -200,7 +210,6 @@ void NavigationGraph::learnTurn(int a, int b, const SE3& seen, const Matrix6d& c
     turn = turn * f.seen.turn;
     add(f, f.seen, 1);
   }
-  const SeenTurn own(seen, covariance, rig_);
   add(frames_[at(b)], own, -1);
   const SE3 off(turn * own.turn.conjugate(), Eigen::Vector3d::Zero());
   dvl_.addTurn((frames_[at(a)].T_odom_cam.rotation() * off.log().tail<3>()).z(), kShared * variance, by);

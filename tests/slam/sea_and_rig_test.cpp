@@ -164,5 +164,26 @@ TEST(SeaAndRig, AYawThatAllStepsShareIsShownByClosures) {
   EXPECT_LT(graph.dvl().curlSigma()(3), 2e-4);
 }
 
+// Ranges that are curved across the lines, which steps along them do not show: closures with the lines beside
+// do, by what is known of the attitudes.
+TEST(SeaAndRig, RangesThatAreCurvedAcrossTheLinesAreShownByClosures) {
+  constexpr double kCurl = 8e-3, kRange = 2;  // [rad/m], [m]
+  MadeSurveyOptions options;
+  options.lines = 10;
+  options.closure_share = 1;
+  const Eigen::Quaterniond R(Eigen::AngleAxisd(M_PI / 2, Eigen::Vector3d::UnitZ()));
+  MadeSurvey survey = testing::mounted(makeSurvey(options), R);
+  for (auto* links : {&survey.visual, &survey.closures})
+    for (MadeSurvey::Link& link : *links) {
+      Vector6d turn = Vector6d::Zero();
+      turn(4) = kCurl * (link.T_a_b.rotation().conjugate() * link.T_a_b.translation()).x();
+      turn.head<3>() = kRange * Eigen::Vector3d::UnitZ().cross(Eigen::Vector3d(turn.tail<3>()));
+      link.T_a_b = link.T_a_b * SE3::exp(turn);
+    }
+  NavigationGraph graph(smallConfig());
+  drive(graph, survey, options);
+  EXPECT_NEAR(graph.dvl().curl()(0), kCurl, 1e-3);
+}
+
 }  // namespace
 }  // namespace fathom::slam
