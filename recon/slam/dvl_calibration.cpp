@@ -46,11 +46,11 @@ Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range) {
 SeenTurn::SeenTurn(const SE3& T_a_b, const Matrix6d& covariance, int rig_seen)
     : turn(T_a_b.rotation()),
       variance(covariance.diagonal().tail<3>()),
-      way(seenWay(T_a_b).head<2>()),
+      path(seenWay(T_a_b).head<2>()),
       rig(rig_seen) {}
 
 Eigen::Matrix<double, 3, 4> SeenTurn::turnedBy() const {
-  return turnsBy(way);
+  return turnsBy(path);
 }
 
 DvlCalibration::DvlCalibration(const SensorNoise& noise, const Eigen::Vector3d& dvl_in_camera,

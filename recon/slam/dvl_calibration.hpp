@@ -37,12 +37,12 @@ struct SeenTurn {
 
   Eigen::Quaterniond turn = Eigen::Quaterniond::Identity();
   Eigen::Vector3d variance = Eigen::Vector3d::Zero();  // about the axes of b [rad^2]
-  Eigen::Vector2d way = Eigen::Vector2d::Zero();       // in the image of b [m]
+  Eigen::Vector2d path = Eigen::Vector2d::Zero();      // in the image of b [m]
   int rig = -1;                                        // through which; -1: no step
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.turn, self.variance, self.way, self.rig);
+    archive(self.turn, self.variance, self.path, self.rig);
   }
 };
 

@@ -180,11 +180,12 @@ void NavigationGraph::rigBeganAnew(double turn_sigma, std::int64_t since_ns, boo
   }
 }
 
-// How cameras that see the same ground seem turned, by a closure: across down by what is known of attitudes;
-// about down, where visual odometry never failed between its keyframes, by that.
+// How curved ranges turn what cameras see, by a closure: its roll and pitch against those that are known of
+// both keyframes, its yaw against visual odometry, if that never failed between them.
 void NavigationGraph::learnTurn(int a, int b, const UncertainPose& seen, const UncertainPose& known) {
   constexpr int kLongest = 500;  // steps
   constexpr double kShared = 4;  // closures of neighbours see by the same steps and attitudes
+  if (frames_[at(a)].seen.rig != rig_ || frames_[at(b)].seen.rig != rig_) return;
   const SeenTurn own(seen.T_a_b, seen.covariance, rig_);
   const Eigen::Matrix3d R = pose(b).matrix3(),
                         spread = (seen.covariance + known.covariance).bottomRightCorner<3, 3>();

@@ -294,9 +294,7 @@ TEST(NavigationGraph, AFalseClosureThatCameFirstIsSwitchedOffByTrueOnes) {
   MadeSurveyOptions options;
   options.visual_share = options.closure_share = 0;  // dead reckoning alone cannot tell
   const MadeSurvey survey = makeSurvey(options);
-  NavigationConfig config = smallConfig();
-  config.rig.curl = config.rig.spin = 0;  // what cameras see is what is
-  NavigationGraph graph(config);
+  NavigationGraph graph(smallConfig());
   drive(graph, survey, options);
   const int last = graph.keyframes() - 1, older = 20;
   const SE3 right = survey.truth[20].inverse() * survey.truth.back();
