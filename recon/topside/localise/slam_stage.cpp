@@ -129,7 +129,7 @@ Digest localiseKey(const MissionInput& input, const TopsideConfig& config, const
              n.depth, n.depth_offset, n.depth_drift, n.tide_rate, n.usbl_shift, n.usbl_turn, n.visual_scale,
              n.dvl_wander, n.dvl_wander_s);
   const slam::RigPrior& open = config.navigation.rig;
-  hasher.add(open.scale, open.principal_point, open.turn, open.curl, open.uneven);
+  hasher.add(open.scale, open.principal_point, open.turn, open.curl, open.spin, open.uneven);
   return hasher.finish();
 }
 
