@@ -154,15 +154,17 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
   innovation << visual - reckoned, turn;
   innovation -= H.leftCols<kStates>() * state_;
   Eigen::Matrix<double, kRows, kRows> S = H * joint * H.transpose() + noise;
-  const auto leaveOpen = [&](int first, int rows, bool open) {
+  const auto openUnlessItFits = [&](int first, int rows) {
     constexpr double kOpen = 1;  // [rad]
-    const auto variance = S.diagonal().segment(first, rows).array();
-    if (!open && (innovation.segment(first, rows).array().square() <= kTurnGate * variance).all()) return;
+    const auto squares = innovation.segment(first, rows).array().square();
+    if (quality.seconds_untilted <= 0 &&
+        (squares <= kTurnGate * S.diagonal().segment(first, rows).array()).all())
+      return;
     noise.diagonal().segment(first, rows).array() += kOpen * kOpen;
     S.diagonal().segment(first, rows).array() += kOpen * kOpen;
   };
-  leaveOpen(2, 2, quality.seconds_untilted > 0);
-  leaveOpen(4, 1, quality.seconds_untilted > 0);
+  openUnlessItFits(2, 2);
+  openUnlessItFits(4, 1);
   // In the axes of the way, so that what leans to one side does so after a turn of the vehicle too.
   Eigen::Matrix2d to_way;
   to_way << reckoned.transpose(), across.transpose();

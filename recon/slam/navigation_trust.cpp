@@ -187,14 +187,14 @@ void NavigationGraph::learnTurn(int a, int b, const UncertainPose& seen, const U
   constexpr double kShared = 4;  // closures of neighbours see by the same steps and attitudes
   if (frames_[at(a)].seen.rig != rig_ || frames_[at(b)].seen.rig != rig_) return;
   const SeenTurn own(seen.T_a_b, seen.covariance, rig_);
-  const Eigen::Matrix3d R = pose(b).matrix3(),
-                        spread = (seen.covariance + known.covariance).bottomRightCorner<3, 3>();
   const SE3 apart(known.T_a_b.rotation().conjugate() * own.turn, Eigen::Vector3d::Zero());
-  for (int axis = 0; axis < 2; ++axis) {
-    const Eigen::RowVector3d level = R.row(axis);
-    dvl_.addTurn(level * apart.log().tail<3>(), kShared * level * spread * level.transpose(),
-                 level * own.turnedBy());
-  }
+  const Eigen::Matrix3d R = pose(b).matrix3();
+  const Eigen::Vector3d turned = R * apart.log().tail<3>();
+  const Eigen::Matrix3d spread =
+      R * (seen.covariance + known.covariance).bottomRightCorner<3, 3>() * R.transpose();
+  const Eigen::Matrix<double, 3, 4> turned_by = R * own.turnedBy();
+  for (const int level : {0, 1})
+    dvl_.addTurn(turned(level), kShared * spread(level, level), turned_by.row(level));
   if (b - a > kLongest) return;
   Eigen::Quaterniond turn = Eigen::Quaterniond::Identity();
   double variance = 0;

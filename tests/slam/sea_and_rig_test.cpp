@@ -140,23 +140,34 @@ TEST(NavigationGraph, AKnockedRigIsNotTakenForADvlThatFails) {
   EXPECT_GE(graph.counters().visual_distrusted, static_cast<std::uint64_t>(kMeasured - kKnocked - 1));
 }
 
+// By a camera whose image's y axis is the body's x axis.
+MadeSurvey alongItsImage(const MadeSurveyOptions& options) {
+  return testing::mounted(makeSurvey(options),
+                          Eigen::Quaterniond(Eigen::AngleAxisd(M_PI / 2, Eigen::Vector3d::UnitZ())));
+}
+
+// All that images saw, turned about the ground by `by` times the camera's path in its axes.
+void turnAll(MadeSurvey& survey, const Eigen::Matrix3d& by) {
+  constexpr double kRange = 2;  // [m]
+  for (auto* links : {&survey.visual, &survey.closures})
+    for (MadeSurvey::Link& link : *links) {
+      Vector6d turn;
+      turn.tail<3>() = by * (link.T_a_b.rotation().conjugate() * link.T_a_b.translation());
+      turn.head<3>() = kRange * Eigen::Vector3d::UnitZ().cross(Eigen::Vector3d(turn.tail<3>()));
+      link.T_a_b = link.T_a_b * SE3::exp(turn);
+    }
+}
+
 // A disparity that slopes along the baseline makes images yaw by 1 mrad as a metre of ground passes, on every
 // line to the same side: closures between lines show it, and the links that come are without it.
 TEST(SeaAndRig, AYawThatAllStepsShareIsShownByClosures) {
   constexpr double kSpin = 1e-3;  // [rad/m]
   MadeSurveyOptions options;
   options.lines = 10;
-  const Eigen::Quaterniond R(
-      Eigen::AngleAxisd(M_PI / 2, Eigen::Vector3d::UnitZ()));  // its image's y axis is the body's x axis
-  MadeSurvey survey = testing::mounted(makeSurvey(options), R);
+  MadeSurvey survey = alongItsImage(options);
   NavigationGraph straight(smallConfig());
   drive(straight, survey, options);
-  for (auto* links : {&survey.visual, &survey.closures})
-    for (MadeSurvey::Link& link : *links) {
-      Vector6d turn = Vector6d::Zero();
-      turn(5) = -kSpin * (link.T_a_b.rotation().conjugate() * link.T_a_b.translation()).y();
-      link.T_a_b = link.T_a_b * SE3::exp(turn);
-    }
+  turnAll(survey, -kSpin * Eigen::Vector3d::UnitZ() * Eigen::RowVector3d::UnitY());
   NavigationGraph graph(smallConfig());
   drive(graph, survey, options);
   EXPECT_NEAR(straight.dvl().curl()(3), 0, 4e-5);
@@ -167,19 +178,12 @@ TEST(SeaAndRig, AYawThatAllStepsShareIsShownByClosures) {
 // Ranges that are curved across the lines, which steps along them do not show: closures with the lines beside
 // do, by what is known of the attitudes.
 TEST(SeaAndRig, RangesThatAreCurvedAcrossTheLinesAreShownByClosures) {
-  constexpr double kCurl = 8e-3, kRange = 2;  // [rad/m], [m]
+  constexpr double kCurl = 8e-3;  // [rad/m]
   MadeSurveyOptions options;
   options.lines = 10;
   options.closure_share = 1;
-  const Eigen::Quaterniond R(Eigen::AngleAxisd(M_PI / 2, Eigen::Vector3d::UnitZ()));
-  MadeSurvey survey = testing::mounted(makeSurvey(options), R);
-  for (auto* links : {&survey.visual, &survey.closures})
-    for (MadeSurvey::Link& link : *links) {
-      Vector6d turn = Vector6d::Zero();
-      turn(4) = kCurl * (link.T_a_b.rotation().conjugate() * link.T_a_b.translation()).x();
-      turn.head<3>() = kRange * Eigen::Vector3d::UnitZ().cross(Eigen::Vector3d(turn.tail<3>()));
-      link.T_a_b = link.T_a_b * SE3::exp(turn);
-    }
+  MadeSurvey survey = alongItsImage(options);
+  turnAll(survey, kCurl * Eigen::Vector3d::UnitY() * Eigen::RowVector3d::UnitX());
   NavigationGraph graph(smallConfig());
   drive(graph, survey, options);
   EXPECT_NEAR(graph.dvl().curl()(0), kCurl, 1e-3);
