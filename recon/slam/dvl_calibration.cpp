@@ -24,34 +24,25 @@ Eigen::Vector3d seenWay(const SE3& T_a_b) {
   return T_a_b.rotation().conjugate() * T_a_b.translation();
 }
 
-// t by xx, xy, yy, w, of a camera that went so far in its image.
-Eigen::Matrix<double, 3, 4> turnsBy(const Eigen::Vector2d& c) {
+// How far ground at a place in a camera's axes seems turned by xx, xy, yy, w: m(p).
+Eigen::Matrix<double, 3, 4> seemsTurned(const Eigen::Vector3d& p) {
   Eigen::Matrix<double, 3, 4> out;
-  out << 0, -c.x(), -c.y(), 0, c.x(), c.y(), 0, 0, 0, 0, 0, -c.y();
-  return out;
-}
-
-// Right perturbation of T_a_b by xx, xy, yy, w: the turn t about the middle of the ground that was seen.
-Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range) {
-  const Eigen::Vector3d c = seenWay(T_a_b), ahead(0, 0, range),
-                        ground = 0.5 * (ahead + T_a_b.inverse() * ahead);
-  Eigen::Matrix<double, 6, 4> out;
-  out.bottomRows<3>() = turnsBy(c.head<2>());
-  for (int i = 0; i < 4; ++i) out.col(i).head<3>() = ground.cross(Eigen::Vector3d(out.col(i).tail<3>()));
+  out << 0, -p.x(), -p.y(), 0, p.x(), p.y(), 0, 0, 0, 0, 0, -p.y();
   return out;
 }
 
 }  // namespace
 
-SeenTurn::SeenTurn(const SE3& T_a_b, const Matrix6d& covariance, int rig_seen)
-    : turn(T_a_b.rotation()),
-      variance(covariance.diagonal().tail<3>()),
-      path(seenWay(T_a_b).head<2>()),
-      rig(rig_seen) {}
-
-Eigen::Matrix<double, 3, 4> SeenTurn::turnedBy() const {
-  return turnsBy(path);
+Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range) {
+  const Eigen::Vector3d ahead(0, 0, range), ground = 0.5 * (ahead + T_a_b.inverse() * ahead);
+  Eigen::Matrix<double, 6, 4> out;
+  out.bottomRows<3>() = T_a_b.matrix3().transpose() * seemsTurned(T_a_b * ground) - seemsTurned(ground);
+  for (int i = 0; i < 4; ++i) out.col(i).head<3>() = ground.cross(Eigen::Vector3d(out.col(i).tail<3>()));
+  return out;
 }
+
+SeenTurn::SeenTurn(const SE3& T_a_b, const Matrix6d& covariance, int rig_seen)
+    : turn(T_a_b.rotation()), variance(covariance.diagonal().tail<3>()), rig(rig_seen) {}
 
 DvlCalibration::DvlCalibration(const SensorNoise& noise, const Eigen::Vector3d& dvl_in_camera,
                                const RigPrior& rig)
@@ -92,7 +83,7 @@ SE3 DvlCalibration::straightened(const SE3& T_a_b, double range) const {
 Matrix6d DvlCalibration::leftOpen(const SE3& T_a_b, double range) const {
   const Eigen::Vector3d longer = rangeSigma(range) * seenWay(T_a_b);
   const auto turned = turnedBy(T_a_b, range);
-  Matrix6d out = turned * covariance_.block<4, 4>(kCurl, kCurl) * turned.transpose();
+  Matrix6d out = turned * curlCovariance() * turned.transpose();
   out.topLeftCorner<3, 3>() += longer * longer.transpose();
   return out;
 }

@@ -27,22 +27,22 @@ struct RigPrior {
   double baseline = 0.07;  // [m]: per_metre is an angle over this
 };
 
+// Right perturbation of a pose that cameras saw of each other by xx, xy, yy, w of DvlCalibration: the turn t
+// about the middle of the ground that both saw, `range` away [m].
+[[nodiscard]] Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range);
+
 // What cameras saw of each other, before straightened(), as addTurn() adds it up.
 struct SeenTurn {
   SeenTurn() = default;
   SeenTurn(const SE3& T_a_b, const Matrix6d& covariance, int rig);
 
-  // By xx, xy, yy, w of DvlCalibration, in the axes of b [m].
-  [[nodiscard]] Eigen::Matrix<double, 3, 4> turnedBy() const;
-
   Eigen::Quaterniond turn = Eigen::Quaterniond::Identity();
   Eigen::Vector3d variance = Eigen::Vector3d::Zero();  // about the axes of b [rad^2]
-  Eigen::Vector2d path = Eigen::Vector2d::Zero();      // in the image of b [m]
   int rig = -1;                                        // through which; -1: no step
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.turn, self.variance, self.path, self.rig);
+    archive(self.turn, self.variance, self.rig);
   }
 };
 
@@ -50,23 +50,23 @@ struct SeenTurn {
 // in the same manner, together with the range error of the rig, which all visual links share: a Kalman filter
 // on steps that visual odometry measured too,
 //   d_visual = (1 + b + e r) (1 + s) Rz(psi) d_reckoned + t x a,   turn_visual - turn_reckoned = t,
-//   t = z x Q c - w c_y z,   Q = (xx, xy; xy, yy),
-// d the path of the DVL, level [m], c the camera's in its image's axes [m], z its principal axis, r the range
-// [m], and a from the middle of the ground that both saw to the DVL [m]; x = (s, psi, b, e, xx, xy, yy, w),
+//   t = R_a_b^T m(p_a) - m(p_b),   m(p) = z x Q p - w p_y z,   Q = (xx, xy; xy, yy),
+// d the path of the DVL, level [m], p the middle of the ground that both saw in each camera's axes [m], z the
+// principal axis, r the range [m], and a from that ground to the DVL [m]; x = (s, psi, b, e, xx, xy, yy, w),
 // constant but for a slow walk. Where a rig's range error is curved over the image, as a wrong principal
-// point of a lens that distorts makes it, level ground seems a bowl or a saddle: visual odometry turns by Q
-// as the ground passes, and goes astray by the arm to it. Where the disparity slopes along the baseline,
-// squares seem sheared, and it yaws by w. Roll and pitch, which gravity holds, show Q, so that it is not
-// taken for an error of ranges or of the DVL's mounting; the compass shows what of it yaws, where the camera
-// looks aside. A reading of roll and pitch ends one step and begins the next: its error is estimated beside
-// x, so that a line tells Q by its length and not by its steps. Closures show what yaws, w of a camera that
-// looks down, by how far the steps between have turned, and the rest by what is known of both attitudes:
-// they are often across the lines, where steps show little (addTurn). One range tells s + b + e r alone: it
-// is shared out by the priors, so that the sensor that is known better stays as it is, and more ranges tell
-// them apart. Steps that disagree by more than the gate are left out. Where steps go on disagreeing to the
-// same side, by however little, the DVL has changed (another sound speed, a beam that is fouled): the sum of
-// normalised innovations with forgetting tells (a geometric moving average, Roberts 1959), and its scale and
-// heading are learnt anew.
+// point of a lens that distorts makes it, level ground seems a bowl or a saddle, turned by z x Q p at a place
+// of the image: visual odometry turns by Q as the ground passes, and goes astray by the arm to it. Where the
+// disparity slopes along the baseline, squares seem sheared, and it yaws by w. Roll and pitch, which gravity
+// holds, show Q, so that it is not taken for an error of ranges or of the DVL's mounting; the compass shows
+// what of it yaws, where the camera looks aside. A reading of roll and pitch ends one step and begins the
+// next: its error is estimated beside x, so that a line tells Q by its length and not by its steps. Closures
+// show what yaws, w of a camera that looks down, by how far the steps between have turned, and the rest by
+// what is known of both attitudes: they are often across the lines, where steps show little (addTurn). One
+// range tells s + b + e r alone: it is shared out by the priors, so that the sensor that is known better
+// stays as it is, and more ranges tell them apart. Steps that disagree by more than the gate are left out.
+// Where steps go on disagreeing to the same side, by however little, the DVL has changed (another sound
+// speed, a beam that is fouled): the sum of normalised innovations with forgetting tells (a geometric moving
+// average, Roberts 1959), and its scale and heading are learnt anew.
 class DvlCalibration {
  public:
   // x, and the error of the newest reading of roll and pitch in nav's axes [rad].
@@ -105,6 +105,7 @@ class DvlCalibration {
   [[nodiscard]] Eigen::Vector4d curlSigma() const {
     return covariance_.diagonal().segment<4>(kCurl).cwiseSqrt();
   }
+  [[nodiscard]] Eigen::Matrix4d curlCovariance() const { return covariance_.block<4, 4>(kCurl, kCurl); }
   // A pose that cameras saw of each other, without t; `range` to the ground [m]. And what is left open of its
   // length and turn, as covariance of the right perturbation of T_a_b.
   [[nodiscard]] SE3 straightened(const SE3& T_a_b, double range) const;

@@ -1,4 +1,5 @@
 #include <Eigen/Core>
+#include <cmath>
 
 #include "recon/slam/incremental_solver.hpp"
 
@@ -33,6 +34,20 @@ Matrix6d IncrementalSolver::relativeCovariance(int a, int b) {
   }
   const Matrix6d own = ownFrame(pose(b));
   return own * world * own.transpose();
+}
+
+Matrix6d IncrementalSolver::pull(int measurement) const {
+  const Measurement& m = measurements_[measurement];
+  const SE3 &T_w_to = pose(m.to), T_w_from = m.from == kWorld ? SE3() : pose(m.from);
+  WhitenedLinear l;
+  linearizeWhitened(m, T_w_from.inverse() * T_w_to, m.weight, l);
+  Matrix6d error = std::sqrt(m.weight) * m.root;
+  error.rightCols<3>() *= 0.5;  // the residual has half angles
+  return ownFrame(T_w_to).transpose() * l.by_to.transpose() * error;
+}
+
+void IncrementalSolver::solve(std::span<const double> pulls, std::span<double> moved) {
+  (void)active().factor.solve(pulls.data(), moved.data(), 0);
 }
 
 }  // namespace fathom::slam

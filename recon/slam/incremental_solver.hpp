@@ -127,6 +127,11 @@ class IncrementalSolver {
   // T_a_b, perturbed in the same way. Greater than the truth while measurements are leftOut().
   Matrix6d covariance(int pose);
   Matrix6d relativeCovariance(int a, int b);
+  // The perturbation of a measurement's `to`, and less that of `from`, that it pulls by, per error of its
+  // T_from_to (right perturbation): a force, information times perturbation. And poses' perturbations by such
+  // forces, six numbers for each of max_poses, as the factor has it.
+  [[nodiscard]] Matrix6d pull(int measurement) const;
+  void solve(std::span<const double> pulls, std::span<double> moved);
   // False while they may be smaller than the truth, because the factor is damped.
   bool covarianceReliable() const { return active().damping == 0; }
 

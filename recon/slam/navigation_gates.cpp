@@ -94,6 +94,7 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& seen, con
   ++(kind == LinkKind::kOdometry ? counters_.odometry_links : counters_.closures);
   if (chain) {
     to.link = measurement;
+    shared_.hang(to.node, factor.from, solver_.pose(to.node), turnedBy(T_a_b, to.range));
     seen_.linked = true;
     seen_.confirmed = confirmed;
     seen_.link = {T_a_b, covariance};
@@ -149,8 +150,8 @@ Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_od
   const SE3 T_from_cam = T_from.inverse() * T_nav_cam;
   const Eigen::Matrix3d R = T_from_cam.matrix3();
   const Eigen::Vector2d place = T_nav_cam.translation().head<2>();
-  const Matrix6d covariance = known ? widened(solver_.relativeCovariance(usbl_.node, frame.node), T_from_cam,
-                                              place - held_.middleOfUsbl())
+  const Matrix6d covariance = known ? widened(relativeCovariance(usbl_.node, frame.node), T_from_cam,
+                                              sharedError(place - held_.middleOfUsbl()))
                                     : this->covariance(keyframe);
   const double shared = by_usbl && !known ? usbl_.sigma : 0;
   const Eigen::Matrix2d spread =
@@ -171,12 +172,13 @@ Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_od
     ++counters_.fixes_refused;
     return Taken::kFull;
   }
+  releaseGauge();
   robust_of_[at(measurement)] = static_cast<int>(robust_.size());
   robust_.push_back({factor.from, factor.to, factor.T_from_to, factor.information, measurement, kFixFree, 1,
                      true, false, insisted});
   ++counters_.fixes;
   if (by_usbl) ++usbl_.fixes;
-  held_.add(place, sigma, by_usbl);
+  held_.add(north_east, sigma, by_usbl);
   return Taken::kYes;
 }
 
@@ -216,13 +218,14 @@ bool NavigationGraph::fits(const Robust& r) {
     const Vector6d e = relativePoseError(r.factor(), from, solver_.pose(r.to));
     return e.dot(r.spread * e) <= r.free_chi2;
   }
-  const Matrix6d known = solver_.relativeCovariance(r.from, r.to);
+  const Matrix6d known = relativeCovariance(r.from, r.to);
   return distance2(r.factor(), config_.known_scale * known + r.spread) <= config_.gate;
 }
 
 StepReport NavigationGraph::step() {
   judge();
   const StepReport report = solver_.step();
+  followShared();
   reweight(report.decrease_expected <= kSettled * (1 + report.chi2) && !report.waits_for_factor);
   noteChanges();
   return report;

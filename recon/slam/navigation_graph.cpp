@@ -9,7 +9,10 @@
 namespace fathom::slam {
 namespace {
 
-constexpr double kAnywhere = 1000;        // standard deviation of a place that nothing tells [m]
+constexpr double kAnywhere = 1000;  // standard deviation of a place that nothing tells [m]
+// And what the factor has of it until something does: information that is 1e14 times the least in it would
+// leave nothing of that when it is taken out.
+constexpr double kGauge = 10;             // [m]
 constexpr double kDepthReference_s = 40;  // a reference of depth serves so long: 17 mm of the fastest tide
 constexpr int kBlocksPerPose = 14, kSpareBlocks = 40000;  // of the factor; ten hours of survey fill 80 %
 
@@ -40,6 +43,7 @@ NavigationGraph::NavigationGraph(const NavigationConfig& config)
     : config_(config),
       solver_(solverConfig(config)),
       dvl_(config.noise, config.dvl_in_camera, config.rig),
+      shared_(solverConfig(config).max_poses),
       frames_(at(config.max_keyframes)),
       reference_credit_(kKeyframesPerReference * kSpareReferences) {
   const IncrementalConfig sizes = solverConfig(config);
@@ -56,8 +60,9 @@ NavigationGraph::NavigationGraph(const NavigationConfig& config)
 }
 
 std::size_t NavigationGraph::memoryBytes() const {
-  return solver_.memoryBytes() + frames_.memoryBytes() + robust_.capacity() * sizeof(Robust) +
-         references_.capacity() * sizeof(Reference) + must_stay_.size() +
+  return solver_.memoryBytes() + shared_.memoryBytes() + frames_.memoryBytes() +
+         robust_.capacity() * sizeof(Robust) + references_.capacity() * sizeof(Reference) +
+         must_stay_.size() +
          (changed_.capacity() + astray_.capacity() + frame_of_node_.size() + robust_of_.size()) * sizeof(int);
 }
 
@@ -134,6 +139,7 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
   else
     frame.step = addFactor(stepFactor(frames_.back().node, frame.node, frames_.back().T_odom_cam, reckoned,
                                       config_.dvl_in_camera, quality, config_.noise));
+  shared_.hang(frame.node, first ? 0 : frames_.back().node, T_nav_cam, SharedByPose::Each::Zero());
   reference_credit_ = std::min(reference_credit_ + 1, kKeyframesPerReference * kSpareReferences);
   jump_waits_ = jump_waits_ || input.compass_jumped;
   if (input.compass_jumped) ++counters_.compass_jumps;
@@ -144,13 +150,28 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
   return frames_.add(frame);
 }
 
+double NavigationGraph::anchorSigma() const {
+  return std::min(anchor_.sigma, kAnywhere);
+}
+
+// Something tells where the first keyframe is.
+void NavigationGraph::releaseGauge() {
+  if (gauge_ < 0) return;
+  (void)solver_.setWeight(gauge_, std::pow(kGauge / anchorSigma(), 2));
+  must_stay_[at(solver_.measurement(gauge_).to)] = 0;
+  gauge_ = -1;
+}
+
 // Where the first keyframe is.
 void NavigationGraph::addAnchors(const Frame& frame, const SE3& T_nav_cam) {
   const Eigen::Vector3d& in_odom = frame.T_odom_cam.translation();
   const Eigen::Vector2d place = in_odom.head<2>();
-  (void)addFactor(fixFactor(kWorld, frame.node, T_nav_cam, frame.T_odom_cam, in_odom, place + anchor_.shift,
-                            std::min(anchor_.sigma, kAnywhere)));
-  held_.add(T_nav_cam.translation().head<2>(), std::min(anchor_.sigma, kAnywhere), false);
+  const bool unknown = anchor_.sigma > kGauge && !std::isfinite(usbl_anchor_.sigma);
+  const int anchor = addFactor(fixFactor(kWorld, frame.node, T_nav_cam, frame.T_odom_cam, in_odom,
+                                         place + anchor_.shift, unknown ? kGauge : anchorSigma()));
+  if (unknown) gauge_ = anchor;
+  must_stay_[at(frame.node)] = unknown ? 1 : 0;
+  held_.add(T_nav_cam.translation().head<2>(), anchorSigma(), false);
   if (!std::isfinite(usbl_anchor_.sigma)) return;
   const Eigen::Vector2d seen = place + usbl_anchor_.shift;
   addUsbl(seen, usbl_anchor_.sigma);
@@ -274,8 +295,34 @@ void NavigationGraph::referDepth(const KeyframeInput& input, int node) {
 NavigationGraph::Prediction NavigationGraph::predict(int a, int b) {
   const int from = frames_[at(a)].node, to = frames_[at(b)].node;
   const SE3 &T_nav_a = solver_.pose(from), &T_nav_b = solver_.pose(to);
-  return {T_nav_a.inverse() * T_nav_b, widened(solver_.relativeCovariance(from, to), T_nav_b,
-                                               (T_nav_b.translation() - T_nav_a.translation()).head<2>())};
+  return {T_nav_a.inverse() * T_nav_b,
+          widened(relativeCovariance(from, to), T_nav_b,
+                  sharedError((T_nav_b.translation() - T_nav_a.translation()).head<2>()))};
+}
+
+Matrix6d NavigationGraph::relativeCovariance(int from, int to) {
+  return solver_.relativeCovariance(from, to) +
+         shared_.covariance(from, to, solver_.pose(to), dvl_.curlCovariance());
+}
+
+// A part of what errors that visual links share do to poses. What was composed of links that are gone has
+// them too.
+void NavigationGraph::followShared() {
+  if (shared_known_) {
+    shared_known_ = !shared_.solve(solver_);
+    return;
+  }
+  shared_.begin();
+  for (int k = 0; k < solver_.measurements(); ++k) {
+    const Measurement& m = solver_.measurement(k);
+    if (!m.in_use || m.weight == 0 || m.from < 0) continue;
+    const int a = frame_of_node_[at(m.from)], b = frame_of_node_[at(m.to)];
+    if (a < 0 || b < 0) continue;
+    const Frame& to = frames_[at(b)];
+    if (m.composed || to.link == k || robust_of_[at(k)] >= 0)
+      shared_.pull(solver_, k, turnedBy(m.T_from_to, to.range));
+  }
+  shared_known_ = true;
 }
 
 Eigen::Matrix2d NavigationGraph::sharedError(const Eigen::Vector2d& from_held) const {
@@ -287,18 +334,20 @@ Eigen::Matrix2d NavigationGraph::sharedError(const Eigen::Vector2d& from_held) c
   return held_.errorOf(from_held, noise.visual_scale * noise.visual_scale + dvl(0), dvl(1), noise.usbl_turn);
 }
 
-Matrix6d NavigationGraph::widened(Matrix6d covariance, const SE3& T_nav_cam,
-                                  const Eigen::Vector2d& from_held) const {
+Matrix6d NavigationGraph::widened(Matrix6d covariance, const SE3& T_nav_cam, const Eigen::Matrix2d& by) {
   const Eigen::Matrix<double, 2, 3> R = T_nav_cam.matrix3().topRows<2>();
-  covariance.topLeftCorner<3, 3>() += R.transpose() * sharedError(from_held) * R;
+  covariance.topLeftCorner<3, 3>() += R.transpose() * by * R;
   return covariance;
 }
 
 Matrix6d NavigationGraph::covariance(int keyframe) {
   const int node = frames_[at(keyframe)].node;
   const SE3& T_nav_cam = solver_.pose(node);
-  return widened(solver_.covariance(node), T_nav_cam,
-                 T_nav_cam.translation().head<2>() - held_.middle(usbl_.sigma));
+  Eigen::Matrix2d by = sharedError(T_nav_cam.translation().head<2>() - held_.middle(usbl_.sigma));
+  if (gauge_ >= 0) by.diagonal().array() += std::pow(anchorSigma(), 2) - kGauge * kGauge;
+  return widened(
+      solver_.covariance(node) + shared_.covariance(kWorld, node, T_nav_cam, dvl_.curlCovariance()),
+      T_nav_cam, by);
 }
 
 SE3 NavigationGraph::T_nav_odom() const {

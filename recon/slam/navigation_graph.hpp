@@ -17,6 +17,7 @@
 #include "recon/slam/incremental_solver.hpp"
 #include "recon/slam/navigation_config.hpp"
 #include "recon/slam/sensor_factors.hpp"
+#include "recon/slam/shared_by_pose.hpp"
 
 namespace fathom::slam {
 
@@ -129,11 +130,12 @@ class NavigationGraph {
   }  // T_nav_cam
   [[nodiscard]] const SE3& odometry(int keyframe) const { return frames_[at(keyframe)].T_odom_cam; }
   [[nodiscard]] std::int64_t utcNs(int keyframe) const { return frames_[at(keyframe)].utc_ns; }
-  // Of its right perturbation: the graph's, and what links share that it takes for independent. To first
-  // order that is an error e of the scale of all paths (SensorNoise::visual_scale, or the DVL's where no
-  // image has calibrated it) and one h of their direction (the DVL's mounting likewise), which move a place
-  // by e d + h (down x d), d from the middle of the fixes, which hold the survey there; fixes apart from each
-  // other tell e and h in turn.
+  // Of its right perturbation: the graph's, and what links share that it takes for independent. Of their
+  // turns (DvlCalibration::curl()) that is what they move each pose by (SharedByPose). Else, to first order,
+  // it is an error e of the scale of all paths (SensorNoise::visual_scale, or the DVL's where no image has
+  // calibrated it) and one h of their direction (the DVL's mounting likewise), which move a place by e d + h
+  // (down x d), d from the middle of the fixes, which hold the survey there; fixes apart from each other tell
+  // e and h in turn.
   [[nodiscard]] Matrix6d covariance(int keyframe);
   // From the newest keyframe: where odom is now. Identity without keyframes.
   [[nodiscard]] SE3 T_nav_odom() const;
@@ -243,10 +245,15 @@ class NavigationGraph {
   static std::size_t at(int i) { return static_cast<std::size_t>(i); }
   // Horizontal covariance of a place so far from one that is held, by errors that all links share [m^2].
   [[nodiscard]] Eigen::Matrix2d sharedError(const Eigen::Vector2d& from_held) const;
-  [[nodiscard]] Matrix6d widened(Matrix6d covariance, const SE3& T_nav_cam,
-                                 const Eigen::Vector2d& from_held) const;
+  // With more of the place in nav, horizontal [m^2].
+  [[nodiscard]] static Matrix6d widened(Matrix6d covariance, const SE3& T_nav_cam, const Eigen::Matrix2d& by);
+  // Of nodes, with what turns that links share do.
+  [[nodiscard]] Matrix6d relativeCovariance(int from, int to);
+  void followShared();
   [[nodiscard]] Eigen::Vector2d startingShift() const;
   void addAnchors(const Frame& frame, const SE3& T_nav_cam);
+  [[nodiscard]] double anchorSigma() const;
+  void releaseGauge();
   void addUsbl(const Eigen::Vector2d& north_east, double sigma);
   [[nodiscard]] int addNode(const SE3& pose);
   [[nodiscard]] int addFactor(const RelativePose& factor);  // -1 when refused
@@ -269,6 +276,8 @@ class NavigationGraph {
   NavigationConfig config_;
   IncrementalSolver solver_;
   DvlCalibration dvl_;
+  SharedByPose shared_;        // DvlCalibration::curl()
+  bool shared_known_ = false;  // all that pulls is in it
   rt::NumberedPool<Frame> frames_;
   std::vector<int> frame_of_node_;  // -1: a reference
   std::vector<Robust> robust_;
@@ -284,6 +293,7 @@ class NavigationGraph {
       archive(self.shift, self.sigma);
     }
   } anchor_, usbl_anchor_;
+  int gauge_ = -1;  // measurement of the first keyframe's place, while nothing tells it
   HeldFixes held_;
   // The frame of all positions of the USBL: at the first of them, level.
   struct Usbl {

@@ -9,7 +9,7 @@
 namespace fathom::slam {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 10;
+constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 11;
 
 template <typename Archive, typename Quality>
 void exchangeQuality(Archive& archive, Quality& quality) {
@@ -37,9 +37,9 @@ void NavigationGraph::exchange(Archive& archive, Self& self) {
   archive(self.solver_, self.dvl_);
   archive.bounded(self.changed_, self.changed_.capacity());
   std::uint64_t next = self.next_robust_, newest = self.newest_robust_;
-  archive(next, newest, self.anchor_, self.usbl_anchor_, self.usbl_, self.held_, self.jump_waits_,
-          self.heading_, self.seen_, self.velocity_, self.contradictions_, self.slips_, self.agreements_,
-          self.rig_, self.insistence_, self.trouble_ns_, self.fix_agreed_ns_, self.refused_,
+  archive(next, newest, self.anchor_, self.usbl_anchor_, self.gauge_, self.usbl_, self.held_,
+          self.jump_waits_, self.heading_, self.seen_, self.velocity_, self.contradictions_, self.slips_,
+          self.agreements_, self.rig_, self.insistence_, self.trouble_ns_, self.fix_agreed_ns_, self.refused_,
           self.next_refused_);
   if constexpr (Archive::kLoading) {
     self.next_robust_ = next;
@@ -79,6 +79,8 @@ bool NavigationGraph::load(rt::StateReader& reader) {
   return reader.section(kTag, kVersion, [&] {
     exchange(reader, *this);
     if (reader.ok() && !connect()) reader.fail("the navigation graph contradicts itself");
+    shared_known_ = false;
+    for (int part = 0; reader.ok() && part <= SharedByPose::kShared; ++part) followShared();
   });
 }
 
@@ -114,6 +116,8 @@ bool NavigationGraph::connect() {
     before_ns = f.utc_ns;
     waiting += f.waiting ? 1 : 0;
   }
+  if (gauge_ != -1 && !isMeasurement(gauge_)) return false;
+  if (gauge_ >= 0) must_stay_[at(solver_.measurement(gauge_).to)] = 1;
   std::vector<int> changed(changed_);
   std::sort(changed.begin(), changed.end());
   if (std::adjacent_find(changed.begin(), changed.end()) != changed.end()) return false;

@@ -192,26 +192,28 @@ void NavigationGraph::learnTurn(int a, int b, const UncertainPose& seen, const U
   const Eigen::Vector3d turned = R * apart.log().tail<3>();
   const Eigen::Matrix3d spread =
       R * (seen.covariance + known.covariance).bottomRightCorner<3, 3>() * R.transpose();
-  const Eigen::Matrix<double, 3, 4> turned_by = R * own.turnedBy();
+  const Eigen::Matrix<double, 3, 4> turned_by =
+      R * turnedBy(seen.T_a_b, frames_[at(b)].range).bottomRows<3>();
   for (const int level : {0, 1})
     dvl_.addTurn(turned(level), kShared * spread(level, level), turned_by.row(level));
   if (b - a > kLongest) return;
   Eigen::Quaterniond turn = Eigen::Quaterniond::Identity();
   double variance = 0;
   Eigen::RowVector4d by = Eigen::RowVector4d::Zero();
-  const auto add = [&](const Frame& at_end, const SeenTurn& s, double sign) {
+  const auto add = [&](const Frame& at_end, const Eigen::Vector3d& spread_of, const SE3& T_seen,
+                       double sign) {
     const Eigen::RowVector3d down = at_end.T_odom_cam.rotation().toRotationMatrix().row(2);
-    variance += down.cwiseAbs2() * s.variance;
-    by += sign * down * s.turnedBy();
+    variance += down.cwiseAbs2() * spread_of;
+    by += sign * down * turnedBy(T_seen, at_end.range).bottomRows<3>();
   };
   for (int k = a + 1; k <= b; ++k) {
     if (!has(k)) return;
     const Frame& f = frames_[at(k)];
     if (f.seen.rig != rig_ || f.link < 0 || f.visualLies()) return;
     turn = turn * f.seen.turn;
-    add(f, f.seen, 1);
+    add(f, f.seen.variance, solver_.measurement(f.link).T_from_to, 1);
   }
-  add(frames_[at(b)], own, -1);
+  add(frames_[at(b)], own.variance, seen.T_a_b, -1);
   const SE3 off(turn * own.turn.conjugate(), Eigen::Vector3d::Zero());
   dvl_.addTurn((frames_[at(a)].T_odom_cam.rotation() * off.log().tail<3>()).z(), kShared * variance, by);
 }

@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "recon/slam/batch_solver.hpp"
+#include "recon/slam/shared_by_pose.hpp"
 #include "tests/slam/dense_graph.hpp"
 
 namespace fathom::slam {
@@ -141,6 +142,45 @@ TEST(GraphCovariance, WhatEdgesShareWidensWhatItMoves) {
     const Vector6d moved = (before.inverse() * after).log();
     const Matrix6d expected = moved * moved.transpose(), wider = known.between(1, k) - plain.between(1, k);
     EXPECT_LT((wider - expected).norm(), 0.02 * expected.norm()) << k;
+  }
+}
+
+// The same pose by pose, by the factor of a graph that grows.
+TEST(SharedByPose, WhatMeasurementsShareWidensWhatItMoves) {
+  PoseGraph graph = lawnMower(4, 20);
+  graph.edges.push_back({0, 70, graph.poses[70], Matrix6d::Identity() * 1e4});
+  Vector6d each;
+  each << 2e-4, -1e-4, 5e-5, 1e-4, 5e-5, 2e-4;
+  PoseGraph off = graph;
+  for (RelativePose& e : off.edges)
+    if (e.from != 0) e.T_from_to = e.T_from_to * SE3::exp(each);
+  optimize(off, {});
+  IncrementalConfig config;
+  config.max_poses = 100;
+  config.max_measurements = 200;
+  config.max_factor_blocks = 4000;
+  IncrementalSolver solver(config);
+  for (const SE3& pose : graph.poses) ASSERT_EQ(solver.addPose(pose), AddStatus::kOk);
+  for (const RelativePose& e : graph.edges) ASSERT_EQ(solver.addMeasurement(e), AddStatus::kOk);
+  for (int i = 0; i < 10; ++i) (void)solver.step();
+  SharedByPose shared(config.max_poses);
+  SharedByPose::Each error = SharedByPose::Each::Zero();
+  error.col(2) = each;
+  shared.begin();
+  for (int k = 0; k < solver.measurements(); ++k)
+    if (solver.measurement(k).from != 0) shared.pull(solver, k, error);
+  while (!shared.solve(solver)) {
+  }
+  constexpr double kTwice = 4;  // variance of an error of two units
+  for (const int k : {2, 20, 35, 80}) {
+    const auto at = [](int i) { return static_cast<std::size_t>(i); };
+    const SE3 before = graph.poses[1].inverse() * graph.poses[at(k)],
+              after = off.poses[1].inverse() * off.poses[at(k)];
+    const Vector6d moved = (before.inverse() * after).log();
+    const Matrix6d expected = kTwice * moved * moved.transpose(),
+                   found = shared.covariance(1, k, graph.poses[at(k)],
+                                             kTwice * SharedByPose::Covariance::Identity());
+    EXPECT_LT((found - expected).norm(), 0.02 * expected.norm()) << k;
   }
 }
 

@@ -166,6 +166,25 @@ MadeSurvey makeSurvey(const MadeSurveyOptions& o) {
   return s;
 }
 
+Eigen::Matrix3d curvedBy(double xx, double xy, double yy, double w) {
+  Eigen::Matrix3d by;
+  by << -xy, -yy, 0, xx, xy, 0, 0, -w, 0;
+  return by;
+}
+
+void turnAll(MadeSurvey& survey, const Eigen::Matrix3d& by) {
+  constexpr double kRange = 2;  // [m]
+  for (auto* links : {&survey.visual, &survey.closures})
+    for (MadeSurvey::Link& link : *links) {
+      const Eigen::Vector3d ahead = kRange * Eigen::Vector3d::UnitZ(),
+                            ground = 0.5 * (ahead + link.T_a_b.inverse() * ahead);
+      Vector6d turn;
+      turn.tail<3>() = link.T_a_b.rotation().conjugate() * (by * (link.T_a_b * ground)) - by * ground;
+      turn.head<3>() = ground.cross(Eigen::Vector3d(turn.tail<3>()));
+      link.T_a_b = link.T_a_b * SE3::exp(turn);
+    }
+}
+
 SensorNoise madeNoise() {
   SensorNoise noise;
   noise.heading_lag = noise.usbl_shift = noise.usbl_turn = 0;

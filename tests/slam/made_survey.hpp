@@ -73,6 +73,11 @@ struct MadeSurvey {
 // The same survey by a camera that is mounted otherwise: `R` turns its axes into those of the one before.
 [[nodiscard]] MadeSurvey mounted(MadeSurvey survey, const Eigen::Quaterniond& R);
 
+// How far level ground seems turned [rad] at a place in the camera's axes [m], by DvlCalibration's xx, xy,
+// yy, w [rad/m]. And all that images saw, of ground that seems so where both cameras saw it.
+[[nodiscard]] Eigen::Matrix3d curvedBy(double xx, double xy, double yy, double w);
+void turnAll(MadeSurvey& survey, const Eigen::Matrix3d& by);
+
 // What the sensors of such a survey err by; the estimator's own is larger where a real vehicle may be worse.
 [[nodiscard]] SensorNoise madeNoise();
 // Room for a survey of 400 keyframes.

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <random>
 
 #include "recon/slam/navigation_graph.hpp"
 #include "tests/slam/made_survey.hpp"
@@ -15,6 +16,7 @@ using testing::MadeSurvey;
 using testing::MadeSurveyOptions;
 using testing::makeSurvey;
 using testing::smallConfig;
+using testing::turnAll;
 
 // RMS of the vertical error about its mean [m].
 double verticalErrorOf(const NavigationGraph& graph, const MadeSurvey& survey) {
@@ -146,18 +148,6 @@ MadeSurvey alongItsImage(const MadeSurveyOptions& options) {
                           Eigen::Quaterniond(Eigen::AngleAxisd(M_PI / 2, Eigen::Vector3d::UnitZ())));
 }
 
-// All that images saw, turned about the ground by `by` times the camera's path in its axes.
-void turnAll(MadeSurvey& survey, const Eigen::Matrix3d& by) {
-  constexpr double kRange = 2;  // [m]
-  for (auto* links : {&survey.visual, &survey.closures})
-    for (MadeSurvey::Link& link : *links) {
-      Vector6d turn;
-      turn.tail<3>() = by * (link.T_a_b.rotation().conjugate() * link.T_a_b.translation());
-      turn.head<3>() = kRange * Eigen::Vector3d::UnitZ().cross(Eigen::Vector3d(turn.tail<3>()));
-      link.T_a_b = link.T_a_b * SE3::exp(turn);
-    }
-}
-
 // A disparity that slopes along the baseline makes images yaw by 1 mrad as a metre of ground passes, on every
 // line to the same side: closures between lines show it, and the links that come are without it.
 TEST(SeaAndRig, AYawThatAllStepsShareIsShownByClosures) {
@@ -167,7 +157,7 @@ TEST(SeaAndRig, AYawThatAllStepsShareIsShownByClosures) {
   MadeSurvey survey = alongItsImage(options);
   NavigationGraph straight(smallConfig());
   drive(straight, survey, options);
-  turnAll(survey, -kSpin * Eigen::Vector3d::UnitZ() * Eigen::RowVector3d::UnitY());
+  turnAll(survey, testing::curvedBy(0, 0, 0, kSpin));
   NavigationGraph graph(smallConfig());
   drive(graph, survey, options);
   EXPECT_NEAR(straight.dvl().curl()(3), 0, 4e-5);
@@ -175,18 +165,60 @@ TEST(SeaAndRig, AYawThatAllStepsShareIsShownByClosures) {
   EXPECT_LT(graph.dvl().curlSigma()(3), 2e-4);
 }
 
+// Until something shows it, what images' turns have in common is claimed: without closures the compass alone
+// tells the yaw, and nothing a curve of ranges across the lines.
+TEST(SeaAndRig, WhatAllStepsTurnByIsClaimedWhereNothingShowsIt) {
+  MadeSurveyOptions options;
+  options.lines = 3;
+  options.line_length = 12;
+  options.closure_share = 0;
+  NavigationConfig config = smallConfig();
+  config.noise = testing::madeNoise();
+  std::normal_distribution<double> normal;
+  std::mt19937_64 random(5);
+  constexpr int kSurveys = 40;
+  double squared = 0, heading = 0;
+  for (int seed = 1; seed <= kSurveys; ++seed) {
+    options.seed = static_cast<std::uint64_t>(seed);
+    MadeSurvey survey = alongItsImage(options);
+    const auto drawn = [&](double sigma) { return sigma * normal(random); };
+    const double curl = config.rig.curl;
+    turnAll(survey, testing::curvedBy(drawn(curl), drawn(curl), drawn(curl), drawn(config.rig.spin)));
+    NavigationGraph graph(config);
+    drive(graph, survey, options);
+    const int last = graph.keyframes() - 1;
+    const UncertainPose seen = graph.predict(0, last);
+    const SE3 truth = survey.truth.front().inverse() * survey.truth.back();
+    squared += testing::squaredError(seen.T_a_b, truth, seen.covariance) / kSurveys;
+    const double yaw = (seen.T_a_b.inverse() * truth).log()(5);
+    heading += yaw * yaw / seen.covariance(5, 5) / kSurveys;
+  }
+  // 95 % of chi-square with 240 and 40 degrees of freedom, over 40.
+  EXPECT_LT(squared, 7.12);
+  EXPECT_GT(squared, 4.97);
+  EXPECT_LT(heading, 1.48);
+  EXPECT_GT(heading, 0.61);
+}
+
 // Ranges that are curved across the lines, which steps along them do not show: closures with the lines beside
 // do, by what is known of the attitudes.
 TEST(SeaAndRig, RangesThatAreCurvedAcrossTheLinesAreShownByClosures) {
   constexpr double kCurl = 8e-3;  // [rad/m]
+  constexpr int kSurveys = 4;
   MadeSurveyOptions options;
   options.lines = 10;
   options.closure_share = 1;
-  MadeSurvey survey = alongItsImage(options);
-  turnAll(survey, kCurl * Eigen::Vector3d::UnitY() * Eigen::RowVector3d::UnitX());
-  NavigationGraph graph(smallConfig());
-  drive(graph, survey, options);
-  EXPECT_NEAR(graph.dvl().curl()(0), kCurl, 1e-3);
+  double mean = 0;
+  for (options.seed = 1; options.seed <= kSurveys; ++options.seed) {
+    MadeSurvey survey = alongItsImage(options);
+    turnAll(survey, testing::curvedBy(kCurl, 0, 0, 0));
+    NavigationGraph graph(smallConfig());
+    drive(graph, survey, options);
+    EXPECT_NEAR(graph.dvl().curl()(0), kCurl, 3 * graph.dvl().curlSigma()(0)) << options.seed;
+    EXPECT_LT(graph.dvl().curlSigma()(0), 2e-3);
+    mean += graph.dvl().curl()(0) / kSurveys;
+  }
+  EXPECT_NEAR(mean, kCurl, 1e-3);
 }
 
 }  // namespace

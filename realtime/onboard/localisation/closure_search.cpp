@@ -17,6 +17,8 @@ constexpr double kSigmas = 3;
 // Expected information below which a pair is not worth a registration [nat]. Not a probability: lost by
 // several footprints, no pair is probable, but any closure tells more than all else.
 constexpr double kLeastValue = 0.04;
+// Horizontal, of a registration on level ground [m]; a pair that is known as well is not worth one.
+constexpr double kMeasured = 0.007;
 constexpr double kWide = 1.0;         // of a prior, in radii of the footprint: several places would fit
 constexpr double kLeastSigma = 0.05;  // of a prior [m]: what the graph does not know of itself
 constexpr double kLeastAngle = 0.03;  // [rad]
@@ -41,6 +43,7 @@ closure::PlaceIndexConfig placesOf(const LocalisationConfig& config) {
 closure::CandidateConfig limitsOf(const LocalisationConfig& config) {
   closure::CandidateConfig limits;
   limits.capacity = config.closures_waiting;
+  limits.sigma_measured = kMeasured;
   return limits;
 }
 

@@ -21,10 +21,6 @@ constexpr double kAnySigma = 1.0, kAnyAngle = 0.5;  // [m], [rad]
 // Between consecutive keyframes dead reckoning confirms the pose, and a ledge may fill most of the shared
 // view. Against dead reckoning much more is asked for.
 constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
-// What is left of the rig's calibration makes all steps too long or too short by some tenths of a percent
-// (0.24 % on a rendered reef). As independent errors of every step they must be larger to say the same of a
-// survey line.
-constexpr double kScale = 0.01;  // [1]
 // By so much shorter or longer ranges [1] at a survey's altitude [m], visual odometry is worth seeking anew.
 constexpr double kWorthRenewing = 0.003, kSurveyRange = 2;
 // So also when the turn that all steps share is known better by this factor, unless it was known well enough,
@@ -68,12 +64,6 @@ Matrix6d covarianceOf(double position, double angle) {
   Vector6d variance;
   variance << Eigen::Vector3d::Constant(position * position), Eigen::Vector3d::Constant(angle * angle);
   return variance.asDiagonal();
-}
-
-Matrix6d stepCovariance(const UncertainPose& link) {
-  Matrix6d covariance = link.covariance;
-  covariance.diagonal().head<3>().array() += kScale * kScale * link.T_a_b.translation().squaredNorm();
-  return covariance;
 }
 
 }  // namespace
@@ -276,9 +266,8 @@ void LocalisationCore::linkToLast(const slam::KeyframeInput& input) {
     return;
   }
   ++counters_.odometry_found;
-  UncertainPose link{found->T_a_b, found->covariance};
+  const UncertainPose link{found->T_a_b, found->covariance};
   const bool confirmed = slam::worthConfirming(T_a_b, link.T_a_b) && confirms(a - 1, b, link);
-  link.covariance = stepCovariance(link);
   (void)graph_.addLink(slam::LinkKind::kOdometry, a, b, link.T_a_b, link.covariance, confirmed);
 }
 
@@ -292,7 +281,7 @@ void LocalisationCore::renewLink() {
   const closure::Registration& found =
       near_.process(*before, *now, closure::RelativePrior{T_a_b, covarianceOf(kStepSigma, kStepAngle)});
   if (!found.accepted()) return;
-  graph_.renewOdometry(b, found.T_a_b, stepCovariance({found.T_a_b, found.covariance}));
+  graph_.renewOdometry(b, found.T_a_b, found.covariance);
   ++counters_.odometry_renewed;
 }
 

@@ -1,0 +1,45 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "recon/slam/incremental_solver.hpp"
+
+namespace fathom::slam {
+
+// What errors that many measurements share do to the poses of a graph that takes each measurement's for its
+// own: as considered parameters (Schmidt 1966), each moves all poses by the solution of the normal equations
+// with what it pulls at them. Found anew in parts, for the factor is as large as the dive; a pose that comes
+// meanwhile moves with the one before. Fixed memory.
+class SharedByPose {
+ public:
+  static constexpr int kShared = 4;
+  // Of each: a perturbation, by one unit of the error.
+  using Each = Eigen::Matrix<double, 6, kShared>;
+  using Covariance = Eigen::Matrix<double, kShared, kShared>;
+
+  explicit SharedByPose(int poses);
+
+  // A pose that came is known by another and what was measured between them, whose T_from_to errs by `error`
+  // (right perturbation).
+  void hang(int pose, int from, const SE3& T_w_pose, const Each& error);
+  // Errors pull anew: begin(), pull() by each measurement that has them, then solve() until it says true.
+  void begin();
+  void pull(const IncrementalSolver& graph, int measurement, const Each& error);
+  [[nodiscard]] bool solve(IncrementalSolver& graph);
+
+  // Of T_from_to, right perturbation, for errors of that covariance; `from` kWorld: of the pose itself.
+  [[nodiscard]] Matrix6d covariance(int from, int to, const SE3& T_w_to, const Covariance& errors) const;
+
+  [[nodiscard]] std::size_t memoryBytes() const { return (pulls_.size() + moved_.size()) * sizeof(double); }
+
+ private:
+  using Columns = Eigen::Map<const Each, 0, Eigen::OuterStride<>>;
+  [[nodiscard]] Columns of(const std::vector<double>& columns, int pose) const;
+
+  std::ptrdiff_t rows_ = 0;            // of a column: six for each pose
+  std::vector<double> pulls_, moved_;  // a column for each error: perturbations in the world
+  int next_ = 0;                       // column to be solved for
+};
+
+}  // namespace fathom::slam
