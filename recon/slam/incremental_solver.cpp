@@ -108,6 +108,10 @@ AddStatus IncrementalSolver::addPose(const SE3& T_world_pose, int* index) {
   return AddStatus::kOk;
 }
 
+void IncrementalSolver::startAt(int pose, const SE3& T_world_pose) {
+  if (!held_[at(pose)] && !active().factor.has(pose)) poses_[at(pose)] = best_[at(pose)] = T_world_pose;
+}
+
 AddStatus IncrementalSolver::addMeasurement(const RelativePose& measurement, int* index) {
   for (const int end : {measurement.from, measurement.to})
     if (end >= 0 && end < poses_count_ && isRetired(end)) return AddStatus::kNoSuchPose;

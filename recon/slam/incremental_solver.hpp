@@ -90,6 +90,8 @@ class IncrementalSolver {
   AddStatus addMeasurement(const RelativePose& measurement, int* index = nullptr);
   // Scales the information of a measurement; 0 takes it out. False when there is no such one.
   bool setWeight(int measurement, double weight);
+  // Where a pose that no step has seen yet starts from.
+  void startAt(int pose, const SE3& T_world_pose);
   StepReport step();
   // Moves poses as one body, T <- by T, for who knows better where to begin: from far away the way down may
   // end beside the minimum.

@@ -61,4 +61,10 @@ SensorNoise withoutTideModel(SensorNoise noise) {
   return noise;
 }
 
+SensorNoise withTideModel(SensorNoise noise) {
+  constexpr double kLeft = 0.1;  // [1]
+  noise.tide_rate *= kLeft;
+  return noise;
+}
+
 }  // namespace fathom::slam

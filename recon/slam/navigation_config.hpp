@@ -44,5 +44,7 @@ struct NavigationConfig {
 // The same where nobody predicts the tide: the sea's height over nav's zero is unknown by half a metre, as a
 // tide of 0.7 m leaves it. Topside, which claims heights: on board nobody is shown any such claim.
 [[nodiscard]] SensorNoise withoutTideModel(SensorNoise noise);
+// And where mission.toml predicts it: what harmonic constants leave of its rate.
+[[nodiscard]] SensorNoise withTideModel(SensorNoise noise);
 
 }  // namespace fathom::slam

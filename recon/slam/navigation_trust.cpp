@@ -262,6 +262,11 @@ void NavigationGraph::judge() {
              reckoned = !to.dvl_lies && !counters_.dvl_lies && to.quality.seconds_unlocked == 0;
   const bool headed = seen || turns.has_gyro || (to.heading.compass && to.attitude >= 0);
   if (!headed || !(seen || reckoned)) trouble_ns_ = to.utc_ns;
+  // Where images saw it: in a turn the compass lags by many of their standard deviations.
+  if (seen) {
+    to.known = solver_.pose(from.node) * seen_.link.T_a_b;
+    solver_.startAt(to.node, to.known);
+  }
 }
 
 // Verdicts on the heading from a keyframe on. Where the compass has another reference, the drift to the first

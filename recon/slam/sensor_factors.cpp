@@ -9,11 +9,13 @@
 namespace fathom::slam {
 namespace {
 
-constexpr double kUnknown = 1e6;        // standard deviation of what is not measured [m], [rad]
-constexpr double kHeld = 1e-3;          // of what is fixed by definition [m], [rad]
-constexpr double kLevel = 1e-6;         // of what is level [rad]
-constexpr double kSlopeOfRate = 60;     // a metre along a tide's x axis stands for so long [s/m]
-constexpr double kTideWalk = 4e-6;      // of its rate: 0.24 mm/s in an hour, as the fastest's [m/s^(3/2)]
+constexpr double kUnknown = 1e6;     // standard deviation of what is not measured [m], [rad]
+constexpr double kHeld = 1e-3;       // of what is fixed by definition [m], [rad]
+constexpr double kLevel = 1e-6;      // of what is level [rad]
+constexpr double kSlopeOfRate = 60;  // a metre along a tide's x axis stands for so long [s/m]
+// Random walk of a tide's rate, of its standard deviation at first: 0.24 mm/s in an hour, as the fastest's
+// [s^(-1/2)].
+constexpr double kTideWalk = 0.0133;
 constexpr double kLooseVertical = 1.0;  // of a step [m]: many times any relief between two poses
 constexpr double kTilts = 3;        // biases of tilt, which all steps of a line share, that each counts for
 constexpr double kLooseTurn = 0.5;  // of a step [rad]
@@ -160,7 +162,7 @@ RelativePose tideStep(int before, int after, double seconds, const SensorNoise& 
   const double root = std::sqrt(std::max(seconds, 0.0)), walk = std::hypot(kHeld, noise.depth_drift * root);
   const SE3 later(Eigen::Quaterniond::Identity(), {seconds / kSlopeOfRate, 0, 0});
   return measured(before, after, later, {kHeld, kHeld, walk},
-                  {kLevel, std::hypot(kLevel, kSlopeOfRate * kTideWalk * root), kLevel});
+                  {kLevel, std::hypot(kLevel, kSlopeOfRate * kTideWalk * noise.tide_rate * root), kLevel});
 }
 
 double tideRate(const SE3& T_nav_tide) {

@@ -35,6 +35,7 @@ TEST(NavigationConfig, WithoutATideModelTheSeasHeightIsUnknown) {
   SensorNoise noise;
   noise.depth_offset = 0.1;
   EXPECT_NEAR(withoutTideModel(noise).depth_offset, 0.51, 0.01);
+  EXPECT_LT(withTideModel(noise).tide_rate, 0.2 * noise.tide_rate);
 }
 
 }  // namespace

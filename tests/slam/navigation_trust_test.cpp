@@ -66,6 +66,25 @@ TEST(NavigationTrust, AFixThatFitsEndsTheInsistenceOfWildOnes) {
   }
 }
 
+// In a turn the compass lags by a degree, twenty standard deviations of what images see.
+TEST(NavigationTrust, AKeyframeBeginsWhereImagesSawIt) {
+  const testing::MadeSurveyOptions options;
+  const testing::MadeSurvey survey = makeSurvey(options);
+  NavigationGraph graph(testing::smallConfig());
+  constexpr int kNewest = 40;
+  driveOn(graph, survey, options, kNewest);
+  KeyframeInput turned = survey.inputs[kNewest];
+  turned.T_odom_cam = SE3(Eigen::AngleAxisd(0.02, Eigen::Vector3d::UnitZ()) * turned.T_odom_cam.rotation(),
+                          turned.T_odom_cam.translation());
+  ASSERT_EQ(graph.addKeyframe(turned), kNewest);
+  const SE3& T_a_b = survey.visual[kNewest - 1].T_a_b;
+  (void)graph.addLink(LinkKind::kOdometry, kNewest - 1, kNewest, T_a_b, survey.link_covariance);
+  graph.judge();
+  ASSERT_TRUE(graph.visualBelieved(kNewest));
+  const SE3 off = (graph.pose(kNewest - 1) * T_a_b).inverse() * graph.pose(kNewest);
+  EXPECT_LT(off.log().norm(), 3e-3);  // what is known of the turn that all links share: 2 mrad
+}
+
 // Images that saw level ground curved, as a calibration may leave it, are turned along each mounting's own
 // axes: closures show it, and without them the compass alone.
 TEST(NavigationTrust, JudgesTheStepsOfACameraThatLooksAheadAsThoseOfOneThatLooksDown) {

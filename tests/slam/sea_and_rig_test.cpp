@@ -102,6 +102,36 @@ TEST(NavigationGraph, SwellNeitherContradictsTheDvlNorMovesTheHeights) {
   EXPECT_LT(verticalErrorOf(graph, survey), 0.03);
 }
 
+// Swell of changing amplitude, which a tide that nobody knows may follow, and one that is predicted less.
+TEST(NavigationGraph, SwellMovesTheHeightsLessWhereTheTideIsPredicted) {
+  constexpr double kSwell = 0.27, kKeeps = 0.9;  // standard deviation [m]; of a wave's sine, each second
+  MadeSurveyOptions options;
+  options.lines = 12;
+  options.line_length = 12;
+  std::mt19937_64 random(9);
+  std::normal_distribution<double> normal;
+  double free = 0, predicted = 0;
+  for (options.seed = 1; options.seed <= 4; ++options.seed) {
+    MadeSurvey survey = makeSurvey(options);
+    Eigen::Vector2d wave(0, 0);
+    for (KeyframeInput& input : survey.inputs) {
+      const double phase = 2 * M_PI * secondsOf(input) / 8, root = std::sqrt(1 - kKeeps * kKeeps);
+      wave = kKeeps * wave + root * Eigen::Vector2d(normal(random), normal(random));
+      input.pressure_off = kSwell * wave.dot(Eigen::Vector2d(std::sin(phase), std::cos(phase)));
+      input.pressure_sigma = kSwell;
+    }
+    NavigationConfig config = smallConfig();
+    NavigationGraph without(config);
+    config.noise = withTideModel(config.noise);
+    NavigationGraph with(config);
+    drive(without, survey, options);
+    drive(with, survey, options);
+    free += std::pow(verticalErrorOf(without, survey), 2);
+    predicted += std::pow(verticalErrorOf(with, survey), 2);
+  }
+  EXPECT_LT(std::sqrt(predicted / free), 0.85) << std::sqrt(free / 4);
+}
+
 // Visual odometry of a rig whose ranges are wrong by `longer`, from a keyframe on.
 void lengthen(MadeSurvey& survey, double longer, int from) {
   for (MadeSurvey::Link& link : survey.visual)

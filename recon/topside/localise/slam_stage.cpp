@@ -185,7 +185,8 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   const Eigen::Vector2d shift = navigation.gps_shift.value_or(Eigen::Vector2d::Zero());
   const double sigma = navigation.gps_shift ? navigation.gps_sigma : kAnywhere;
   slam::NavigationConfig graph = config.navigation;
-  if (!readTide(mission.tide_model, mission.start_utc_ns)) graph.noise = slam::withoutTideModel(graph.noise);
+  const bool predicted = readTide(mission.tide_model, mission.start_utc_ns).has_value();
+  graph.noise = predicted ? slam::withTideModel(graph.noise) : slam::withoutTideModel(graph.noise);
   graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
   graph.forward_in_camera = mission.T_body_cam.rotation().conjugate() * Eigen::Vector3d::UnitX();
   slam::NavigationSolution solved;
