@@ -1,4 +1,5 @@
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 
 #include "recon/slam/incremental_solver.hpp"
@@ -47,7 +48,10 @@ Matrix6d IncrementalSolver::pull(int measurement) const {
 }
 
 void IncrementalSolver::solve(std::span<const double> pulls, std::span<double> moved) {
-  (void)active().factor.solve(pulls.data(), moved.data(), 0);
+  (void)active().factor.solve(pulls.data(), solved_.data(), 0);
+  for (int i = 0; i < poses_count_; ++i)
+    if (active().factor.has(i))
+      std::copy_n(&solved_[at(kBlockSize * i)], kBlockSize, &moved[at(kBlockSize * i)]);
 }
 
 }  // namespace fathom::slam

@@ -118,68 +118,67 @@ TEST(GraphCovariance, ACommonScaleWidensWhatTurnsMove) {
   }
 }
 
-// An error that is the same in all edges between poses: what they claim of each other grows by what it moves.
-TEST(GraphCovariance, WhatEdgesShareWidensWhatItMoves) {
-  PoseGraph graph = lawnMower(4, 20);
-  graph.edges.push_back({0, 70, graph.poses[70], Matrix6d::Identity() * 1e4});
+// A survey, and where its poses are by edges of which all but those from pose 0 err by the same perturbation.
+struct SharedError {
+  SharedError() {
+    each << 2e-4, -1e-4, 5e-5, 1e-4, 5e-5, 2e-4;
+    graph.edges.push_back({0, 70, graph.poses[70], Matrix6d::Identity() * 1e4});
+    off = graph;
+    for (RelativePose& e : off.edges)
+      if (e.from != 0) e.T_from_to = e.T_from_to * SE3::exp(each);
+    optimize(off, {});
+  }
+  // By which a pose, as pose 1 sees it, is moved, squared.
+  [[nodiscard]] Matrix6d squared(int k) const {
+    const auto seen = [k](const PoseGraph& of) {
+      return of.poses[1].inverse() * of.poses[static_cast<std::size_t>(k)];
+    };
+    const Vector6d moved = (seen(graph).inverse() * seen(off)).log();
+    return moved * moved.transpose();
+  }
+
   Vector6d each;
-  each << 2e-4, -1e-4, 5e-5, 1e-4, 5e-5, 2e-4;
+  PoseGraph graph = lawnMower(4, 20), off;
+};
+
+// What poses claim of each other grows by what it moves.
+TEST(GraphCovariance, WhatEdgesShareWidensWhatItMoves) {
+  const SharedError error;
+  const PoseGraph& graph = error.graph;
   std::vector<GraphCovariance::SharedByEdge> shared;
-  PoseGraph off = graph;
   for (std::size_t k = 0; k < graph.edges.size(); ++k) {
     if (graph.edges[k].from == 0) continue;
-    GraphCovariance::ByShared error = GraphCovariance::ByShared::Zero();
-    error.col(3) = each;
-    shared.push_back({k, error});
-    off.edges[k].T_from_to = off.edges[k].T_from_to * SE3::exp(each);
+    shared.push_back({k, GraphCovariance::ByShared::Zero()});
+    shared.back().error.col(3) = error.each;
   }
-  optimize(off, {});
   const GraphCovariance plain(graph), known(graph, 0, {}, shared);
   for (const int k : {2, 20, 35, 80}) {
-    const auto at = [](int i) { return static_cast<std::size_t>(i); };
-    const SE3 before = graph.poses[1].inverse() * graph.poses[at(k)],
-              after = off.poses[1].inverse() * off.poses[at(k)];
-    const Vector6d moved = (before.inverse() * after).log();
-    const Matrix6d expected = moved * moved.transpose(), wider = known.between(1, k) - plain.between(1, k);
+    const Matrix6d expected = error.squared(k), wider = known.between(1, k) - plain.between(1, k);
     EXPECT_LT((wider - expected).norm(), 0.02 * expected.norm()) << k;
   }
 }
 
-// The same pose by pose, by the factor of a graph that grows.
+// The same by the factor of a graph that grows.
 TEST(SharedByPose, WhatMeasurementsShareWidensWhatItMoves) {
-  PoseGraph graph = lawnMower(4, 20);
-  graph.edges.push_back({0, 70, graph.poses[70], Matrix6d::Identity() * 1e4});
-  Vector6d each;
-  each << 2e-4, -1e-4, 5e-5, 1e-4, 5e-5, 2e-4;
-  PoseGraph off = graph;
-  for (RelativePose& e : off.edges)
-    if (e.from != 0) e.T_from_to = e.T_from_to * SE3::exp(each);
-  optimize(off, {});
+  const SharedError error;
   IncrementalConfig config;
   config.max_poses = 100;
   config.max_measurements = 200;
   config.max_factor_blocks = 4000;
   IncrementalSolver solver(config);
-  for (const SE3& pose : graph.poses) ASSERT_EQ(solver.addPose(pose), AddStatus::kOk);
-  for (const RelativePose& e : graph.edges) ASSERT_EQ(solver.addMeasurement(e), AddStatus::kOk);
+  for (const SE3& pose : error.graph.poses) ASSERT_EQ(solver.addPose(pose), AddStatus::kOk);
+  for (const RelativePose& e : error.graph.edges) ASSERT_EQ(solver.addMeasurement(e), AddStatus::kOk);
   for (int i = 0; i < 10; ++i) (void)solver.step();
   SharedByPose shared(config.max_poses);
-  SharedByPose::Each error = SharedByPose::Each::Zero();
-  error.col(2) = each;
+  SharedByPose::Each each = SharedByPose::Each::Zero();
+  each.col(2) = error.each;
   shared.begin();
   for (int k = 0; k < solver.measurements(); ++k)
-    if (solver.measurement(k).from != 0) shared.pull(solver, k, error);
-  while (!shared.solve(solver)) {
-  }
-  constexpr double kTwice = 4;  // variance of an error of two units
+    if (solver.measurement(k).from != 0) shared.pull(solver, k, each);
+  while (!shared.solve(solver)) continue;
+  const SharedByPose::Covariance variance = 4 * SharedByPose::Covariance::Identity();
   for (const int k : {2, 20, 35, 80}) {
-    const auto at = [](int i) { return static_cast<std::size_t>(i); };
-    const SE3 before = graph.poses[1].inverse() * graph.poses[at(k)],
-              after = off.poses[1].inverse() * off.poses[at(k)];
-    const Vector6d moved = (before.inverse() * after).log();
-    const Matrix6d expected = kTwice * moved * moved.transpose(),
-                   found = shared.covariance(1, k, graph.poses[at(k)],
-                                             kTwice * SharedByPose::Covariance::Identity());
+    const Matrix6d expected = 4 * error.squared(k), found = shared.covariance(1, k, solver.pose(k), variance);
     EXPECT_LT((found - expected).norm(), 0.02 * expected.norm()) << k;
   }
 }
