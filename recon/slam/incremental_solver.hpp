@@ -32,7 +32,7 @@ struct IncrementalConfig {
   // Share of that, all poses together: smaller corrections wait until they have grown. Forces that wait do not
   // reach what holds the graph, so that it wanders: 1e-4 and steps known to 0.3 mm, a place known to half a
   // metre, wandered by 0.1 m.
-  double least_effect = 1e-9;
+  double least_effect = 1e-12;
   // Newest poses that a new factor's order keeps for the end, where most closures join; a quarter of them
   // where most closures reach further back.
   int kept_last = 64;

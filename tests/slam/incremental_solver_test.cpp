@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <random>
 #include <stdexcept>
 #include <vector>
@@ -277,6 +278,41 @@ TEST(IncrementalSolver, ItsMemoryIsWhatItAsksForBeforehand) {
   IncrementalSolver solver(config);
   EXPECT_GE(solver.memoryBytes(), IncrementalSolver::bytesNeeded(config));
   EXPECT_LT(solver.memoryBytes(), IncrementalSolver::bytesNeeded(config) + 4096);
+}
+
+// A chain that is stiff, and held softly: forces within it, each too small to matter where it pulls, must not
+// be lost on the way to what holds it.
+TEST(IncrementalSolver, WhatIsHeldSoftlyStaysWhileStiffStepsAreAdded) {
+  constexpr double kStep = 0.5, kSharp = 3e-4, kSoft = 1;  // [m]
+  std::mt19937 random(4);
+  std::normal_distribution<double> normal;
+  IncrementalConfig config;
+  config.max_poses = 300;
+  config.max_measurements = 400;
+  IncrementalSolver solver(config);
+  ASSERT_EQ(solver.addPose(SE3()), AddStatus::kOk);
+  const SE3 first(Eigen::Quaterniond::Identity(), {5, -4, 2}),
+      step(Eigen::Quaterniond::Identity(), {kStep, 0, 0});
+  const auto noise = [&](double sigma) {
+    Vector6d e;
+    for (int i = 0; i < 6; ++i) e(i) = sigma * normal(random);
+    return SE3::exp(e);
+  };
+  double worst = 0;
+  ASSERT_EQ(solver.addPose(first), AddStatus::kOk);
+  ASSERT_EQ(solver.addMeasurement({0, 1, first, Matrix6d::Identity() / (kSoft * kSoft)}), AddStatus::kOk);
+  for (int k = 2; k < config.max_poses; ++k) {
+    ASSERT_EQ(solver.addPose(solver.pose(k - 1) * step * noise(0.01)), AddStatus::kOk);
+    const Matrix6d sharp = Matrix6d::Identity() / (kSharp * kSharp);
+    ASSERT_EQ(solver.addMeasurement({k - 1, k, step * noise(kSharp), sharp}), AddStatus::kOk);
+    if (k % 20 == 0) {
+      const SE3 seen = solver.pose(1).inverse() * solver.pose(k) * noise(0.01);
+      ASSERT_EQ(solver.addMeasurement({1, k, seen, 0.1 * sharp}), AddStatus::kOk);
+    }
+    (void)solver.step();
+    worst = std::max(worst, (solver.pose(1).translation() - first.translation()).norm());
+  }
+  EXPECT_LT(worst, 0.004);
 }
 
 }  // namespace
