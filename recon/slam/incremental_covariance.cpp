@@ -39,12 +39,10 @@ Matrix6d IncrementalSolver::relativeCovariance(int a, int b) {
 
 Matrix6d IncrementalSolver::pull(int measurement) const {
   const Measurement& m = measurements_[measurement];
-  const SE3 &T_w_to = pose(m.to), T_w_from = m.from == kWorld ? SE3() : pose(m.from);
-  WhitenedLinear l;
-  linearizeWhitened(m, T_w_from.inverse() * T_w_to, m.weight, l);
+  const Block b = worldDerivative(m, {errors_.fromPose(m), pose(m.to), m.weight});
   Matrix6d error = std::sqrt(m.weight) * m.root;
   error.rightCols<3>() *= 0.5;  // the residual has half angles
-  return ownFrame(T_w_to).transpose() * l.by_to.transpose() * error;
+  return Eigen::Map<const Matrix6d>(b.v).transpose() * error;
 }
 
 void IncrementalSolver::solve(std::span<const double> pulls, std::span<double> moved) {

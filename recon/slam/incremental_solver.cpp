@@ -108,8 +108,10 @@ AddStatus IncrementalSolver::addPose(const SE3& T_world_pose, int* index) {
   return AddStatus::kOk;
 }
 
-void IncrementalSolver::startAt(int pose, const SE3& T_world_pose) {
-  if (!held_[at(pose)] && !active().factor.has(pose)) poses_[at(pose)] = best_[at(pose)] = T_world_pose;
+bool IncrementalSolver::startAt(int pose, const SE3& T_world_pose) {
+  if (held_[at(pose)] || active().factor.has(pose)) return false;
+  poses_[at(pose)] = best_[at(pose)] = T_world_pose;
+  return true;
 }
 
 AddStatus IncrementalSolver::addMeasurement(const RelativePose& measurement, int* index) {

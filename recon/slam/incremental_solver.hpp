@@ -29,9 +29,9 @@ struct IncrementalConfig {
   // Share of chi2 that one more iteration must promise: with less, a step ends.
   double least_decrease = 1e-6;
   static constexpr double kNothing = 1e-12;  // or this of chi2: what rounding leaves of perfect measurements
-  // Share of that, all poses together: smaller corrections wait until they have grown. Forces that wait do not
-  // reach what holds the graph, so that it wanders: 1e-4 and steps known to 0.3 mm, a place known to half a
-  // metre, wandered by 0.1 m.
+  // Share of that, all poses together: smaller corrections wait until they have grown. Forces that wait do
+  // not reach what holds the graph, so that it wanders: 1e-4 and steps known to 0.3 mm, a place known to half
+  // a metre, wandered by 0.1 m.
   double least_effect = 1e-12;
   // Newest poses that a new factor's order keeps for the end, where most closures join; a quarter of them
   // where most closures reach further back.
@@ -92,8 +92,8 @@ class IncrementalSolver {
   AddStatus addMeasurement(const RelativePose& measurement, int* index = nullptr);
   // Scales the information of a measurement; 0 takes it out. False when there is no such one.
   bool setWeight(int measurement, double weight);
-  // Where a pose that no step has seen yet starts from.
-  void startAt(int pose, const SE3& T_world_pose);
+  // Where a pose that no step has seen yet starts from; false: one has.
+  bool startAt(int pose, const SE3& T_world_pose);
   StepReport step();
   // Moves poses as one body, T <- by T, for who knows better where to begin: from far away the way down may
   // end beside the minimum.

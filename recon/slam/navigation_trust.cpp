@@ -200,10 +200,9 @@ void NavigationGraph::learnTurn(int a, int b, const UncertainPose& seen, const U
   Eigen::Quaterniond turn = Eigen::Quaterniond::Identity();
   double variance = 0;
   Eigen::RowVector4d by = Eigen::RowVector4d::Zero();
-  const auto add = [&](const Frame& at_end, const Eigen::Vector3d& spread_of, const SE3& T_seen,
-                       double sign) {
+  const auto add = [&](const Frame& at_end, const SeenTurn& s, const SE3& T_seen, double sign) {
     const Eigen::RowVector3d down = at_end.T_odom_cam.rotation().toRotationMatrix().row(2);
-    variance += down.cwiseAbs2() * spread_of;
+    variance += down.cwiseAbs2() * s.variance;
     by += sign * down * turnedBy(T_seen, at_end.range).bottomRows<3>();
   };
   for (int k = a + 1; k <= b; ++k) {
@@ -211,9 +210,9 @@ void NavigationGraph::learnTurn(int a, int b, const UncertainPose& seen, const U
     const Frame& f = frames_[at(k)];
     if (f.seen.rig != rig_ || f.link < 0 || f.visualLies()) return;
     turn = turn * f.seen.turn;
-    add(f, f.seen.variance, solver_.measurement(f.link).T_from_to, 1);
+    add(f, f.seen, solver_.measurement(f.link).T_from_to, 1);
   }
-  add(frames_[at(b)], own.variance, seen.T_a_b, -1);
+  add(frames_[at(b)], own, seen.T_a_b, -1);
   const SE3 off(turn * own.turn.conjugate(), Eigen::Vector3d::Zero());
   dvl_.addTurn((frames_[at(a)].T_odom_cam.rotation() * off.log().tail<3>()).z(), kShared * variance, by);
 }
@@ -263,10 +262,8 @@ void NavigationGraph::judge() {
   const bool headed = seen || turns.has_gyro || (to.heading.compass && to.attitude >= 0);
   if (!headed || !(seen || reckoned)) trouble_ns_ = to.utc_ns;
   // Where images saw it: in a turn the compass lags by many of their standard deviations.
-  if (seen) {
-    to.known = solver_.pose(from.node) * seen_.link.T_a_b;
-    solver_.startAt(to.node, to.known);
-  }
+  if (seen && solver_.startAt(to.node, solver_.pose(from.node) * seen_.link.T_a_b))
+    to.known = solver_.pose(to.node);
 }
 
 // Verdicts on the heading from a keyframe on. Where the compass has another reference, the drift to the first

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <vector>
 
 #include "recon/slam/incremental_solver.hpp"
 
@@ -31,15 +30,14 @@ class SharedByPose {
   // Of T_from_to, right perturbation, for errors of that covariance; `from` kWorld: of the pose itself.
   [[nodiscard]] Matrix6d covariance(int from, int to, const SE3& T_w_to, const Covariance& errors) const;
 
-  [[nodiscard]] std::size_t memoryBytes() const { return (pulls_.size() + moved_.size()) * sizeof(double); }
+  [[nodiscard]] std::size_t memoryBytes() const {
+    return static_cast<std::size_t>(pulls_.size() + moved_.size()) * sizeof(double);
+  }
 
  private:
-  using Columns = Eigen::Map<const Each, 0, Eigen::OuterStride<>>;
-  [[nodiscard]] Columns of(const std::vector<double>& columns, int pose) const;
-
-  std::ptrdiff_t rows_ = 0;            // of a column: six for each pose
-  std::vector<double> pulls_, moved_;  // a column for each error: perturbations in the world
-  int next_ = 0;                       // column to be solved for
+  using Columns = Eigen::Matrix<double, Eigen::Dynamic, kShared>;
+  Columns pulls_, moved_;  // six rows for each pose: perturbations in the world
+  int next_ = 0;           // column to be solved for
 };
 
 }  // namespace fathom::slam
