@@ -1,5 +1,6 @@
 #include "recon/slam/graph_covariance.hpp"
 
+#include <Eigen/Cholesky>
 #include <stdexcept>
 
 #include "recon/slam/growing_factor.hpp"
@@ -15,10 +16,11 @@ SE3 GraphCovariance::aboutMiddle(const SE3& T_w_pose) const {
 // difference of its poses', so every edge adds one square to two diagonal blocks and takes it from those
 // beside.
 GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, const std::vector<int>& scaled,
-                                 const std::vector<SharedByEdge>& shared)
+                                 const std::vector<SharedByEdge>& shared, const Errors& corrected)
     : poses_(graph.poses),
       common_scale_(common_scale),
-      moved_(Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(graph.poses.size()), 1 + kShared)) {
+      moved_(Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(graph.poses.size()), 1 + kShared)),
+      shared_(corrected) {
   const int poses = static_cast<int>(poses_.size());
   for (const int pose : scaled)
     centre_ += poses_[at(pose)].translation() / static_cast<double>(scaled.size());
@@ -37,11 +39,14 @@ GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, co
   for (const int pose : scaled) shares[at(pose)] = true;
   std::vector<const ByShared*> shared_by(graph.edges.size(), nullptr);
   for (const SharedByEdge& s : shared) shared_by.at(s.edge) = &s.error;
+  OfShared normal;
+  normal.pull = corrected;
   std::size_t pair = 0;
   for (std::size_t k = 0; k < graph.edges.size(); ++k) {
     const RelativePose& e = graph.edges[k];
     const SE3 &from = poses_[at(e.from)], &to = poses_[at(e.to)];
-    const Matrix6d by_to = linearize(e, from, to).by_to * ownFrame(aboutMiddle(to));
+    const RelativePoseLinear linear = linearize(e, from, to);
+    const Matrix6d by_to = linear.by_to * ownFrame(aboutMiddle(to));
     const Matrix6d square = by_to.transpose() * e.information * by_to;
     for (const int end : {e.from, e.to})
       if (end > 0) factor_->addDiagonal6(end - 1, square);
@@ -52,14 +57,34 @@ GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, co
     if (shared_by[k] != nullptr) off.rightCols<kShared>() = *shared_by[k];
     if (off.isZero(0)) continue;
     off.bottomRows<3>() *= 0.5;  // the error has half angles
-    const Moved pull = by_to.transpose() * (e.information * off);
+    const Moved weighted = e.information * off;
+    const auto by_shared = weighted.rightCols<kShared>();
+    normal.square += by_shared.transpose() * off.rightCols<kShared>();
+    normal.pull += by_shared.transpose() * linear.error;
+    const Moved pull = by_to.transpose() * weighted;
     moved_.middleRows<6>(6 * e.to) += pull;
     moved_.middleRows<6>(6 * e.from) -= pull;
   }
   if (!factor_->factorize()) throw std::runtime_error("covariance: the graph's information is not positive");
   moved_.topRows<6>().setZero();
-  if (!moved_.isZero(0))
-    moved_.bottomRows(6 * (poses - 1)) = factor_->solve(moved_.bottomRows(6 * (poses - 1)));
+  if (moved_.isZero(0)) return;
+  const Eigen::MatrixXd pulls = moved_;
+  moved_.bottomRows(6 * (poses - 1)) = factor_->solve(pulls.bottomRows(6 * (poses - 1)));
+  estimate(normal, pulls.rightCols<kShared>());
+}
+
+// By the Schur complement of the poses, which are at their minimum. What edges have not been corrected for
+// yet counts as open.
+void GraphCovariance::estimate(OfShared normal, const Eigen::MatrixXd& pulls) {
+  normal.square -= pulls.transpose() * moved_.rightCols<kShared>();
+  const Eigen::Matrix<double, kShared, kShared> covariance =
+      normal.square.llt().solve(Eigen::Matrix<double, kShared, kShared>::Identity());
+  const Eigen::Matrix<double, kEstimated, 1> more = -(covariance * normal.pull).tail<kEstimated>();
+  shared_.head<kShared - kEstimated>().setZero();
+  shared_.tail<kEstimated>() += more;
+  const Eigen::Matrix<double, kEstimated, kEstimated> open =
+      covariance.bottomRightCorner<kEstimated, kEstimated>() + more * more.transpose();
+  moved_.rightCols<kEstimated>() *= Eigen::Matrix<double, kEstimated, kEstimated>(open.llt().matrixL());
 }
 
 GraphCovariance::Way GraphCovariance::wayOf(int pose) const {

@@ -21,9 +21,11 @@ class GraphCovariance {
   using Way = BlockCholesky::Way;
 
   // What errors that are the same in many edges, independent of each other and of variance 1, do to one of
-  // them: a column each, the right perturbation (rho, phi) of its T_from_to [m], [rad].
-  static constexpr int kShared = 8;
+  // them: a column each, the right perturbation (rho, phi) of its T_from_to [m], [rad]. The last ones turn
+  // edges: these are estimated together with the poses.
+  static constexpr int kShared = 8, kEstimated = 4;
   using ByShared = Eigen::Matrix<double, 6, kShared>;
+  using Errors = Eigen::Matrix<double, kShared, 1>;
   struct SharedByEdge {
     std::size_t edge = 0;
     ByShared error;
@@ -31,12 +33,17 @@ class GraphCovariance {
 
   // `common_scale`: standard deviation of an error of scale that all ways, and one that all turns between
   // poses of `scaled` share (SensorNoise::visual_scale): of ways about the middle of these poses, which fixes
-  // hold, of turns as far as the graph gives way to it. `shared`: errors that edges have in common otherwise.
-  // The graph's weights do not know of either: as considered parameters (Schmidt 1966) they widen what is
-  // claimed. Throws std::invalid_argument for an edge to a pose that is not there, and std::runtime_error
-  // when there is no memory for the factor.
+  // hold, of turns as far as the graph gives way to it. `shared`: errors that edges have in common otherwise;
+  // of these, `corrected` has been taken out of the edges. The graph's weights do not know of either: as
+  // considered parameters (Schmidt 1966) they widen what is claimed, those that are estimated by their
+  // estimate's covariance. Throws std::invalid_argument for an edge to a pose that is not there, and
+  // std::runtime_error when there is no memory for the factor.
   explicit GraphCovariance(const PoseGraph& graph, double common_scale = 0,
-                           const std::vector<int>& scaled = {}, const std::vector<SharedByEdge>& shared = {});
+                           const std::vector<int>& scaled = {}, const std::vector<SharedByEdge>& shared = {},
+                           const Errors& corrected = Errors::Zero());
+  // The shared errors, most likely together with the poses (Gauss-Newton, one step from `corrected`); zero
+  // for those that are not estimated.
+  [[nodiscard]] const Errors& shared() const { return shared_; }
   // The way of a pose's perturbation in the world.
   [[nodiscard]] Way wayOf(int pose) const;
   // Of the pose's right perturbation (rho, phi); and of T_a_b's. With ways where the caller has them.
@@ -60,6 +67,12 @@ class GraphCovariance {
   [[nodiscard]] SE3 aboutMiddle(const SE3& T_w_pose) const;
   // Of turns first, then what edges share.
   using Moved = Eigen::Matrix<double, 6, 1 + kShared>;
+  // Normal equations of the shared errors.
+  struct OfShared {
+    Eigen::Matrix<double, kShared, kShared> square = Eigen::Matrix<double, kShared, kShared>::Identity();
+    Errors pull;
+  };
+  void estimate(OfShared normal, const Eigen::MatrixXd& pulls);
   [[nodiscard]] Moved movedOf(int pose) const;
   // A covariance with what the common scale leaves unknown of the way from a point, and what moves the pose.
   [[nodiscard]] Matrix6d widened(Matrix6d covariance, int pose, const Eigen::Vector3d& from,
@@ -71,6 +84,7 @@ class GraphCovariance {
   double common_scale_ = 0;
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
   Eigen::MatrixXd moved_;  // what a standard deviation moves each pose by: Moved, row by row of poses
+  Errors shared_ = Errors::Zero();
 };
 
 // Ways by pose, those used last, in bounded memory. For one thread.

@@ -29,9 +29,10 @@ double chiSquareOf(const RelativePose& edge, const std::vector<SE3>& poses) {
   return error.dot(edge.information * error);
 }
 
-// Closures and fixes: what may be wrong. Truncated least squares by graduated non-convexity (Yang, Antonante,
-// Tzoumas & Carlone 2020): the cost of a factor is min(chi2, gate), approached from the convex side, so that
-// weights do not depend on which factor happens to look worst beside a wrong one.
+// Links and fixes. Closures and fixes are what may be wrong: truncated least squares by graduated
+// non-convexity (Yang, Antonante, Tzoumas & Carlone 2020): the cost of a factor is min(chi2, gate),
+// approached from the convex side, so that weights do not depend on which factor happens to look worst beside
+// a wrong one.
 class Doubtful {
  public:
   Doubtful(const NavigationConfig& config, const std::vector<KeyframeInput>& frames,
@@ -42,27 +43,30 @@ class Doubtful {
         nodes_(start.nodes),
         usbl_(start.usbl_node),
         T_nav_usbl_(start.T_nav_usbl),
+        links_(links),
         fixes_(fixes) {
     for (NavigationLink& link : links)
-      if (!link.ofChain()) closures_.push_back({&link, 1});
+      if (!link.ofChain()) link.weight = 1;
     fix_weights_.assign(fixes.size(), 1);
   }
 
   void append(const std::vector<SE3>& poses, std::vector<RelativePose>& edges) const {
     const auto add = [&](RelativePose edge, double weight) {
-      if (weight == 0) return;
+      if (weight == 0) return -1;
       edge.information *= weight;
       edges.push_back(edge);
+      return static_cast<int>(edges.size()) - 1;
     };
-    for (const auto& [link, weight] : closures_) add(edgeOf(*link), weight);
-    for (std::size_t i = 0; i < fixes_.size(); ++i) add(edgeOf(fixes_[i], poses), fix_weights_[i]);
+    for (NavigationLink& link : links_) link.edge = add(edgeOf(link), link.weight);
+    for (std::size_t i = 0; i < fixes_.size(); ++i) (void)add(edgeOf(fixes_[i], poses), fix_weights_[i]);
   }
 
   // Weights at `poses` for the shape that comes next; false when they have come to rest.
   bool weigh(const std::vector<SE3>& poses) {
     double worst = 0;
     measure(poses);
-    for (const auto& [link, weight] : closures_) worst = std::max(worst, link->chi2 / config_.gate);
+    for (const NavigationLink& link : links_)
+      if (!link.ofChain()) worst = std::max(worst, link.chi2 / config_.gate);
     for (const NavigationFix& fix : fixes_) worst = std::max(worst, fix.chi2 / config_.fix_gate);
     shape_ = shape_ > 0 ? kSteeper * shape_ : 1 / std::max(2 * worst - 1, 1.0);
     bool changed = false;
@@ -73,14 +77,16 @@ class Doubtful {
       changed = changed || std::abs(now - weight) > kSameWeight;
       weight = now;
     };
-    for (auto& [link, weight] : closures_) set(weight, link->chi2 / config_.gate);
+    for (NavigationLink& link : links_)
+      if (!link.ofChain()) set(link.weight, link.chi2 / config_.gate);
     for (std::size_t i = 0; i < fixes_.size(); ++i) set(fix_weights_[i], fixes_[i].chi2 / config_.fix_gate);
     return changed || shape_ < kSteepest;
   }
 
   void judge(const std::vector<SE3>& poses) {
     measure(poses);
-    for (const auto& [link, weight] : closures_) link->kept = weight > kKept;
+    for (NavigationLink& link : links_)
+      if (!link.ofChain()) link.kept = link.weight > kKept;
     for (std::size_t i = 0; i < fixes_.size(); ++i) fixes_[i].kept = fix_weights_[i] > kKept;
   }
 
@@ -89,7 +95,7 @@ class Doubtful {
   static constexpr double kSameWeight = 0.01, kKept = 0.5;  // [1]
 
   void measure(const std::vector<SE3>& poses) {
-    for (const auto& [link, weight] : closures_) link->chi2 = chiSquareOf(edgeOf(*link), poses);
+    for (NavigationLink& link : links_) link.chi2 = chiSquareOf(edgeOf(link), poses);
     for (NavigationFix& fix : fixes_) fix.chi2 = chiSquareOf(edgeOf(fix, poses), poses);
   }
   RelativePose edgeOf(const NavigationLink& link) const {
@@ -109,8 +115,8 @@ class Doubtful {
   const std::vector<int>& nodes_;
   const int usbl_;  // pose of its positions' frame; -1: none
   const SE3 T_nav_usbl_;
+  std::vector<NavigationLink>& links_;
   std::vector<NavigationFix>& fixes_;
-  std::vector<std::pair<NavigationLink*, double>> closures_;  // with their weights
   std::vector<double> fix_weights_;
   double shape_ = 0;  // mu
 };
@@ -160,7 +166,10 @@ NavigationSolution judged(NavigationConfig config, const std::vector<KeyframeInp
   out.sensors = sensors.counters();
   out.graph = sensors.sensorGraph();
   for (NavigationLink& link : links)
-    if (link.ofChain()) link.kept = sensors.visualBelieved(static_cast<int>(link.b));
+    if (link.ofChain()) {
+      link.kept = sensors.visualBelieved(static_cast<int>(link.b));
+      link.weight = sensors.visualWeight(static_cast<int>(link.b));
+    }
   return out;
 }
 
@@ -233,10 +242,6 @@ NavigationSolution solveNavigation(const NavigationConfig& config, const std::ve
     if (!doubtful.weigh(out.graph.poses)) break;
   }
   doubtful.judge(out.graph.poses);
-  for (NavigationLink& link : links)
-    if (link.ofChain())
-      link.chi2 = chiSquareOf(linkFactor(out.nodes[link.a], out.nodes[link.b], link.T_a_b, link.covariance),
-                              out.graph.poses);
   out.poses.clear();
   for (const int node : out.nodes) out.poses.push_back(out.graph.poses[at(node)]);
   return out;

@@ -14,6 +14,8 @@ struct NavigationLink {
   Matrix6d covariance = Matrix6d::Identity();  // of its right perturbation (translation, rotation) [m, rad]
   int inliers = 0;                             // features that it rests on
   double chi2 = 0;                             // of its residual at the solution, 6 degrees of freedom
+  double weight = 1;                           // of its information, there
+  int edge = -1;                               // in the solution's graph; -1: not in force
   bool kept = true;                            // false: taken out because it contradicts the others
   bool confirmed = false;                      // as NavigationGraph::addLink takes it
 
@@ -39,7 +41,7 @@ struct NavigationSolution {
   NavigationGraph::Counters sensors;
   int usbl_node = -1;       // pose in `graph` of the USBL's positions, where there are any
   SE3 T_nav_usbl;           // as it was before: at their middle, level
-  std::size_t certain = 0;  // edges of `graph` that are neither closures nor fixes, which follow
+  std::size_t certain = 0;  // edges of `graph` that are neither links nor fixes, which follow
   bool converged = true;    // the last time that the weights were found again
 };
 
@@ -47,8 +49,9 @@ struct NavigationSolution {
 // frames with the weights that NavigationGraph's judgement gives them; closures and fixes by truncated least
 // squares, whose gates are the graph's, found by graduated non-convexity. `shift`, `sigma`:
 // where odom's origin is in nav, as NavigationGraph::setAnchor. Sizes in `config` are set from the input.
-// `chi2` and `kept` of links and fixes are set. Links of consecutive frames are visual odometry. `before`:
-// what this gave for the same but for closures; the sensors are not judged again, and poses start from there.
+// `chi2`, `kept`, `weight` and `edge` of links and fixes are set. Links of consecutive frames are visual
+// odometry. `before`: what this gave for the same but for closures and small changes of the others; the
+// sensors are not judged again, and poses start from there.
 [[nodiscard]] NavigationSolution solveNavigation(const NavigationConfig& config,
                                                  const std::vector<KeyframeInput>& frames,
                                                  const Eigen::Vector2d& shift, double sigma,

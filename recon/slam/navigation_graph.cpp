@@ -372,7 +372,9 @@ PoseGraph NavigationGraph::sensorGraph() const {
   }
   for (int k = 0; k < solver_.measurements(); ++k) {
     const Measurement& m = solver_.measurement(k);
-    if (robust_of_[at(k)] >= 0 || m.weight == 0) continue;
+    const int keyframe = frame_of_node_[at(m.to)];
+    const bool link = robust_of_[at(k)] >= 0 || (keyframe >= 0 && frames_[at(keyframe)].link == k);
+    if (link || m.weight == 0) continue;
     graph.edges.push_back({std::max(m.from, 0), m.to, m.T_from_to, m.weight * m.root.transpose() * m.root});
   }
   return graph;

@@ -176,8 +176,13 @@ class NavigationGraph {
   [[nodiscard]] PoseGraph sensorGraph() const;
   [[nodiscard]] int node(int keyframe) const { return frames_[at(keyframe)].node; }
   [[nodiscard]] const DvlCalibration& dvl() const { return dvl_; }
-  // Whether the visual odometry of the step to a keyframe is believed; true where there is none.
+  // Whether the visual odometry of the step to a keyframe is believed; true where there is none. And the
+  // weight of its information; 0 where there is none.
   [[nodiscard]] bool visualBelieved(int keyframe) const { return !frames_[at(keyframe)].visualLies(); }
+  [[nodiscard]] double visualWeight(int keyframe) const {
+    const int link = frames_[at(keyframe)].link;
+    return link < 0 ? 0 : solver_.measurement(link).weight;
+  }
   [[nodiscard]] const IncrementalSolver& solver() const { return solver_; }
   [[nodiscard]] std::size_t memoryBytes() const;
 

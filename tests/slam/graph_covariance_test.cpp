@@ -158,6 +158,46 @@ TEST(GraphCovariance, WhatEdgesShareWidensWhatItMoves) {
   }
 }
 
+// Closures contradict what the steps between share: poses and the error are found together.
+TEST(GraphCovariance, EstimatesWhatEdgesShareByWhereTheyContradictEachOther) {
+  const SharedError error;
+  constexpr double kErr = 2;      // the error in standard deviations of what is known before
+  constexpr double kSharp = 400;  // so that noise of edges leaves little of it open
+  constexpr int kColumn = GraphCovariance::kShared - 1;
+  std::vector<GraphCovariance::SharedByEdge> shared;
+  for (std::size_t k = 0; k < error.graph.edges.size(); ++k) {
+    if (error.graph.edges[k].from == 0) continue;
+    shared.push_back({k, GraphCovariance::ByShared::Zero()});
+    shared.back().error.col(kColumn) = error.each / kErr * 20;
+  }
+  PoseGraph truth = error.graph;
+  for (RelativePose& e : truth.edges) e.information *= kSharp;
+  PoseGraph off = truth;
+  for (const auto& s : shared)
+    off.edges[s.edge].T_from_to = off.edges[s.edge].T_from_to * SE3::exp(kErr * s.error.col(kColumn));
+  optimize(off, {});
+  const PoseGraph first = off;
+  const GraphCovariance as_seen(first, 0, {}, shared);
+  EXPECT_NEAR(as_seen.shared()(kColumn), kErr, 0.05);
+  EXPECT_EQ(as_seen.shared().head<kColumn>().norm(), 0);
+  for (const auto& s : shared)
+    off.edges[s.edge].T_from_to =
+        off.edges[s.edge].T_from_to * SE3::exp(-as_seen.shared()(kColumn) * s.error.col(kColumn));
+  optimize(off, {});
+  const GraphCovariance plain(truth), known(off, 0, {}, shared, as_seen.shared());
+  EXPECT_NEAR(known.shared()(kColumn), kErr, 0.01);
+  const auto seen = [](const PoseGraph& of, int k) {
+    return of.poses[1].inverse() * of.poses[static_cast<std::size_t>(k)];
+  };
+  for (const int k : {20, 35, 80}) {
+    const double left = (seen(truth, k).inverse() * seen(off, k)).log().norm(),
+                 uncorrected = (seen(truth, k).inverse() * seen(first, k)).log().norm();
+    EXPECT_LT(left, 0.05 * uncorrected) << k;
+    // Little of it is left open.
+    EXPECT_LT(known.between(1, k).trace(), 1.2 * plain.between(1, k).trace()) << k;
+  }
+}
+
 // The same by the factor of a graph that grows.
 TEST(SharedByPose, WhatMeasurementsShareWidensWhatItMoves) {
   const SharedError error;

@@ -2,9 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <set>
 #include <utility>
 
+#include "recon/slam/batch_solver.hpp"
 #include "tests/topside/tiny_mission.hpp"
 
 namespace fathom::topside {
@@ -102,6 +104,57 @@ TEST(ClosureSearch, LookingForWhatIsLostInEveryDirectionItSaysWhatNoClosureHasVe
   const Crossings one = search.crossings(links);
   EXPECT_DOUBLE_EQ(one.expected, lost.expected);
   EXPECT_LT(one.unverified, lost.unverified);
+}
+
+// Disparities that slope across the way turn every step to the same side; where the vehicle comes back
+// over its way out, closures contradict that.
+TEST(ClosureSearch, FindsTheErrorThatAllLinksShareAndTakesItOut) {
+  constexpr int kSlope = 5;  // column of closure::poseBySharedErrors()
+  OutAndBack dive(0.005);
+  const StereoRig rig = test::TinyMission::rig();
+  ClosureSearch search(rig, dive.frames, 0);
+  std::vector<slam::NavigationLink> right;
+  const auto join = [&](int a, int b) {
+    slam::NavigationLink link;
+    link.a = static_cast<std::uint32_t>(a);
+    link.b = static_cast<std::uint32_t>(b);
+    link.T_a_b = dive.frames.reckoned[link.a].inverse() * dive.frames.reckoned[link.b];
+    link.covariance = covarianceOf(0.0005, 0.0005);
+    right.push_back(link);
+  };
+  for (int k = 0; k + 1 < 2 * kFrames; ++k) join(k, k + 1);
+  for (int k = 0; k + 1 < kFrames; k += 3) join(k, 2 * kFrames - 1 - k);
+  ClosureSearch::Shared error = ClosureSearch::Shared::Zero();
+  error(kSlope) = 2;
+  const std::vector<slam::NavigationLink> seen = search.straightened(right, -error);
+  const auto worst = [&](const std::vector<slam::NavigationLink>& links) {
+    double turn = 0;
+    for (std::size_t i = 0; i < links.size(); ++i)
+      turn = std::max(turn, links[i].T_a_b.rotation().angularDistance(right[i].T_a_b.rotation()));
+    return turn;
+  };
+  ASSERT_GT(worst(seen), 3e-4);
+
+  std::vector<slam::NavigationLink> links = seen;
+  ClosureSearch::Shared found = ClosureSearch::Shared::Zero();
+  for (int round = 0; round < 2; ++round) {
+    links = search.straightened(seen, found);
+    dive.solution.graph.edges.resize(1);  // the first pose's own
+    for (slam::NavigationLink& link : links) {
+      link.edge = static_cast<int>(dive.solution.graph.edges.size());
+      dive.solution.graph.edges.push_back(slam::linkFactor(
+          dive.solution.nodes[link.a], dive.solution.nodes[link.b], link.T_a_b, link.covariance));
+    }
+    slam::optimize(dive.solution.graph, {});
+    dive.solution.poses.assign(dive.solution.graph.poses.begin() + 1, dive.solution.graph.poses.end());
+    search.look(dive.solution, links, found);
+    found = search.known().shared();
+  }
+  EXPECT_NEAR(found(kSlope), 2, 0.1);
+  EXPECT_LT(worst(search.straightened(seen, found)), 0.05 * worst(seen));
+  // What bundle adjustment takes out of disparities: so much at a tangent of 0.5 [px].
+  EXPECT_NEAR(search.disparityError(found, {0.2, 0.5}),
+              0.5 * found(kSlope) * closure::SharedErrors().disparity_slope, 0.01);
 }
 
 }  // namespace

@@ -125,15 +125,19 @@ class Tracks {
     }
   }
 
-  // Points that two frames or more see.
-  void give(slam::Bundle& bundle) const {
+  // Points that two frames or more see, without that error of their disparities.
+  void give(slam::Bundle& bundle, const DisparityError& error) const {
     bundle.first = {0};
     for (const auto& track : sightings_) {
       const auto seen =
           std::count_if(track.begin(), track.end(), [](const auto& s) { return s.left.x() >= 0; });
       if (seen < 2) continue;
-      for (const slam::Bundle::Sighting& s : track)
-        if (s.left.x() >= 0) bundle.sightings.push_back(s);
+      for (slam::Bundle::Sighting s : track) {
+        if (s.left.x() < 0) continue;
+        if (error)
+          s.right.x() += static_cast<float>(error(rig_.left.ray(s.left.cast<double>()).hnormalized()));
+        bundle.sightings.push_back(s);
+      }
       bundle.first.push_back(static_cast<std::uint32_t>(bundle.sightings.size()));
     }
   }
@@ -243,7 +247,7 @@ std::map<std::pair<std::uint32_t, std::uint32_t>, std::size_t> inCommon(const sl
 
 BundledLinks bundle(const StereoRig& rig, const Frames& frames, const std::vector<SE3>& poses,
                     const SeedPlanes& planes, const GreyImages& images,
-                    std::vector<slam::NavigationLink>& links) {
+                    std::vector<slam::NavigationLink>& links, const DisparityError& error) {
   BundledLinks out;
   slam::Bundle bundle;
   bundle.rig = rig;
@@ -256,7 +260,7 @@ BundledLinks bundle(const StereoRig& rig, const Frames& frames, const std::vecto
     Tracks tracks(rig, frames, poses, planes);
     tracks.join(links);
     tracks.see(images);
-    tracks.give(bundle);
+    tracks.give(bundle, error);
   }
   const auto common = inCommon(bundle);
   const auto enough = [&](const slam::NavigationLink& link) {

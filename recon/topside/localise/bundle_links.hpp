@@ -15,6 +15,9 @@ namespace fathom::topside {
 // it cannot be read. Called by several threads at once.
 using GreyImages = std::function<ImageView(std::uint32_t pair)>;
 
+// By how much disparities are too large at a tangent of the left image [px].
+using DisparityError = std::function<double(const Eigen::Vector2d& tangent)>;
+
 struct BundledLinks {
   slam::BundleResult result;
   std::size_t links = 0;  // that were made new
@@ -25,8 +28,9 @@ struct BundledLinks {
 // of a pixel in the images themselves: about the first view's, seen through the plane of the seafloor there,
 // so that errors of steps do not add up. Every image is read once, in order.
 // `poses`: T_world_left by frame; `planes`: by pair. Without `images` pixels stay as the features have them.
+// Disparities are taken without `error`, where it is known.
 [[nodiscard]] BundledLinks bundle(const StereoRig& rig, const Frames& frames, const std::vector<SE3>& poses,
                                   const SeedPlanes& planes, const GreyImages& images,
-                                  std::vector<slam::NavigationLink>& links);
+                                  std::vector<slam::NavigationLink>& links, const DisparityError& error = {});
 
 }  // namespace fathom::topside

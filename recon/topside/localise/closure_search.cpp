@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <tuple>
 
 #include "realtime/kernel/progress.hpp"
@@ -48,33 +47,6 @@ closure::SharedErrors sharedErrors(const StereoRig& rig, const slam::RigPrior& o
   errors.disparity_slope = std::hypot(errors.disparity_slope, open.uneven / half_view);
   errors.disparity_curve = open.uneven / (half_view * half_view);
   return errors;
-}
-
-// What the errors that all features of the dive share do to the links that are in force.
-std::vector<slam::GraphCovariance::SharedByEdge> sharedBy(const std::vector<slam::NavigationLink>& links,
-                                                          const slam::NavigationSolution& solution,
-                                                          const StereoRig& rig, const slam::RigPrior& open,
-                                                          const Frames& frames) {
-  static_assert(slam::GraphCovariance::kShared == closure::kCommonErrors);
-  std::multimap<std::pair<int, int>, std::size_t> edges;
-  for (std::size_t k = 0; k < solution.graph.edges.size(); ++k)
-    edges.emplace(std::pair(solution.graph.edges[k].from, solution.graph.edges[k].to), k);
-  const Camera& camera = rig.left;
-  const Eigen::Vector2d half_view(0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy);
-  std::vector<slam::GraphCovariance::SharedByEdge> shared;
-  for (const slam::NavigationLink& link : links) {
-    const auto [begin, end] = edges.equal_range({solution.nodes[link.a], solution.nodes[link.b]});
-    for (auto edge = begin; edge != end; ++edge) {
-      // Between two poses there is the step of dead reckoning too.
-      const SE3& T_a_b = solution.graph.edges[edge->second].T_from_to;
-      if (T_a_b.translation() != link.T_a_b.translation()) continue;
-      const double range = frames.range[link.b];
-      const closure::SharedErrors errors = sharedErrors(rig, open, half_view.x(), range);
-      shared.push_back({edge->second, closure::poseBySharedErrors(errors, camera.fx, rig.baseline(),
-                                                                  half_view, range, link.T_a_b)});
-    }
-  }
-  return shared;
 }
 
 }  // namespace
@@ -138,11 +110,9 @@ struct ClosureSearch::View {
           poses(known, &slam::GraphCovariance::wayOf, kWays) {}
   };
 
-  View(const slam::NavigationSolution& given, const StereoRig& rig, const Frames& frames, double visual_scale,
-       const slam::RigPrior& open, const std::vector<slam::NavigationLink>& links)
-      : solution(given),
-        known(given.graph, visual_scale, given.nodes, sharedBy(links, given, rig, open, frames)),
-        ways([this] { return Ways(known); }) {
+  View(const slam::NavigationSolution& given, slam::GraphCovariance&& graph, const StereoRig& rig,
+       const Frames& frames)
+      : solution(given), known(std::move(graph)), ways([this] { return Ways(known); }) {
     for (std::size_t k = 0; k < given.poses.size(); ++k)
       footprints.push_back(closure::footprintOf(given.poses[k], frames.range[k], rig.left));
     const auto separation = separationBy(ways.local());
@@ -198,10 +168,37 @@ ClosureSearch::ClosureSearch(const StereoRig& rig, const Frames& frames, double 
 
 ClosureSearch::~ClosureSearch() = default;
 
+slam::GraphCovariance::ByShared ClosureSearch::sharedBy(const slam::NavigationLink& link) const {
+  static_assert(slam::GraphCovariance::kShared == closure::kCommonErrors);
+  const Camera& camera = rig_.left;
+  const Eigen::Vector2d half_view(0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy);
+  const double range = frames_.range[link.b];
+  return closure::poseBySharedErrors(sharedErrors(rig_, open_, half_view.x(), range), camera.fx,
+                                     rig_.baseline(), half_view, range, link.T_a_b);
+}
+
+std::vector<slam::NavigationLink> ClosureSearch::straightened(std::vector<slam::NavigationLink> links,
+                                                              const Shared& by) const {
+  if (by.isZero(0)) return links;
+  for (slam::NavigationLink& link : links) link.T_a_b = link.T_a_b * SE3::exp(-(sharedBy(link) * by));
+  return links;
+}
+
+double ClosureSearch::disparityError(const Shared& by, const Eigen::Vector2d& tangent) const {
+  const closure::SharedErrors errors = sharedErrors(rig_, open_, 0.5 * rig_.left.width / rig_.left.fx, 1);
+  return errors.disparity_slope * by.segment<2>(4).dot(tangent) +
+         errors.disparity_curve * by.segment<2>(6).dot(tangent.cwiseAbs2());
+}
+
 void ClosureSearch::look(const slam::NavigationSolution& solution,
-                         const std::vector<slam::NavigationLink>& links) {
+                         const std::vector<slam::NavigationLink>& links, const Shared& straightened_by) {
+  std::vector<slam::GraphCovariance::SharedByEdge> shared;
+  for (const slam::NavigationLink& link : links)
+    if (link.edge >= 0) shared.push_back({static_cast<std::size_t>(link.edge), sharedBy(link)});
   view_.reset();  // one factor at a time
-  view_ = std::make_unique<View>(solution, rig_, frames_, visual_scale_, open_, links);
+  view_ = std::make_unique<View>(
+      solution, slam::GraphCovariance(solution.graph, visual_scale_, solution.nodes, shared, straightened_by),
+      rig_, frames_);
 }
 
 const slam::GraphCovariance& ClosureSearch::known() const {

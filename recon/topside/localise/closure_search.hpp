@@ -60,9 +60,16 @@ class ClosureSearch {
                 const slam::RigPrior& open = {});
   ~ClosureSearch();
 
+  // Errors that the features of the whole dive share, in standard deviations of what is not known before:
+  // columns of closure::poseBySharedErrors().
+  using Shared = slam::GraphCovariance::Errors;
+  [[nodiscard]] std::vector<slam::NavigationLink> straightened(std::vector<slam::NavigationLink> links,
+                                                               const Shared& by) const;
+  [[nodiscard]] double disparityError(const Shared& by, const Eigen::Vector2d& tangent) const;  // [px]
   // The next round looks from here; `solution` must stay until attempt() has ended, which also frees the
-  // memory that this takes. `links`: of it, whose features share the rig's errors.
-  void look(const slam::NavigationSolution& solution, const std::vector<slam::NavigationLink>& links);
+  // memory that this takes. `links`: of it. What it says of the errors that they share, known().shared() has.
+  void look(const slam::NavigationSolution& solution, const std::vector<slam::NavigationLink>& links,
+            const Shared& straightened_by = Shared::Zero());
   // What its graph knows.
   [[nodiscard]] const slam::GraphCovariance& known() const;
 
@@ -85,6 +92,7 @@ class ClosureSearch {
     Vector6d variance;  // of the prior
     bool accepted = false;
   };
+  [[nodiscard]] slam::GraphCovariance::ByShared sharedBy(const slam::NavigationLink& link) const;
   [[nodiscard]] bool worthTrying(const closure::Candidate& candidate) const;
   [[nodiscard]] std::vector<closure::Candidate> proposed(std::size_t a_frame);
   [[nodiscard]] bool confirmed(const Attempt& one, const Attempt& other);

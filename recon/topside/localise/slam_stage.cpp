@@ -50,7 +50,7 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 10;
+constexpr std::uint32_t kLocaliseVersion = 11;
 constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
 constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
@@ -144,11 +144,11 @@ SlamResult loadSlam(const WorkFile& file) {
 SlamResult::Bundled bundled(const StereoRig& rig, const TopsideConfig& config, const Survey& survey,
                             const Frames& frames, const GreyImages& images,
                             std::vector<slam::NavigationLink>& links, const std::vector<SE3>& poses,
-                            const std::function<void()>& solve) {
+                            const std::function<void()>& solve, const DisparityError& error) {
   SlamResult::Bundled out;
   if (!config.bundle) return out;
   const std::vector<SE3> before = poses;
-  const BundledLinks found = bundle(rig, frames, poses, survey.planes, images, links);
+  const BundledLinks found = bundle(rig, frames, poses, survey.planes, images, links, error);
   out.points = found.result.points;
   out.sightings = found.result.sightings;
   out.pixel_before = found.result.place_before;
@@ -190,27 +190,38 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
   graph.forward_in_camera = mission.T_body_cam.rotation().conjugate() * Eigen::Vector3d::UnitX();
   slam::NavigationSolution solved;
+  ClosureSearch search(rig, frames, graph.noise.visual_scale, graph.rig);
+  ClosureSearch::Shared shared = ClosureSearch::Shared::Zero(), straightened_by = shared;
   const auto solve = [&] {
+    links = search.straightened(std::move(links), shared - straightened_by);
+    straightened_by = shared;
     solved = slam::solveNavigation(graph, inputs, shift, sigma, links, fixes, std::move(solved));
+  };
+  const auto take = [&](std::vector<slam::NavigationLink> found) {
+    found = search.straightened(std::move(found), straightened_by);
+    links.insert(links.end(), found.begin(), found.end());
+  };
+  const auto look = [&] {
+    search.look(solved, links, straightened_by);
+    shared = search.known().shared();
   };
   solve();
   graph.noise = slam::seenNoise(graph.noise, inputs, fixes, solved);
   solved = {};
   solve();
   lap("network");
-  ClosureSearch search(rig, frames, graph.noise.visual_scale, graph.rig);
   const auto a_frame = static_cast<std::size_t>(config.slam_candidates);
   const std::size_t most = a_frame * frames.pair.size() / kRounds;
   // False when nothing was found.
   const auto seek = [&] {
-    search.look(solved, links);
+    look();
     std::vector<Attempt> attempts = search.candidates(most, a_frame);
     lap("candidates");
-    const std::vector<slam::NavigationLink> found = search.attempt(attempts);
+    std::vector<slam::NavigationLink> found = search.attempt(attempts);
     for (const Attempt& t : attempts) out.tried.push_back({frames.pair[t.a], frames.pair[t.b], t.accepted()});
     lap("closures");
     if (found.empty()) return false;
-    links.insert(links.end(), found.begin(), found.end());
+    take(std::move(found));
     solve();
     lap("network");
     return true;
@@ -221,17 +232,21 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   for (const slam::NavigationLink& link : recognised)
     out.tried.push_back({frames.pair[link.a], frames.pair[link.b], true});
   if (!recognised.empty()) {
-    links.insert(links.end(), recognised.begin(), recognised.end());
+    take(recognised);
     solve();
     lap("network");
     (void)seek();
   }
-  out.bundled = bundled(rig, config, survey, frames, images, links, solved.poses, [&] {
+  const auto solve_anew = [&] {
     solved = {};  // the sensors are judged by the steps as they are now
     solve();
-  });
+  };
+  out.bundled = bundled(rig, config, survey, frames, images, links, solved.poses, solve_anew,
+                        [&](const auto& tangent) { return search.disparityError(straightened_by, tangent); });
   lap("bundle");
-  search.look(solved, links);
+  look();
+  solve();
+  look();
   const Crossings crossings = search.crossings(links);
   out.crossings_expected = crossings.expected;
   out.crossings_unverified = crossings.unverified;

@@ -118,6 +118,7 @@ void saveSlam(WorkFileWriter& file, const SlamResult& slam);  // without seconds
 [[nodiscard]] SlamResult::Bundled bundled(const StereoRig& rig, const TopsideConfig& config,
                                           const Survey& survey, const Frames& frames,
                                           const GreyImages& images, std::vector<slam::NavigationLink>& links,
-                                          const std::vector<SE3>& poses, const std::function<void()>& solve);
+                                          const std::vector<SE3>& poses, const std::function<void()>& solve,
+                                          const DisparityError& error = {});
 
 }  // namespace fathom::topside
