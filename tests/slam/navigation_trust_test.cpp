@@ -101,7 +101,8 @@ TEST(NavigationTrust, JudgesTheStepsOfACameraThatLooksAheadAsThoseOfOneThatLooks
     int surveys;
     double within;  // times the error of a camera that looks down
   };
-  for (const Case& c : {Case{true, false, 1, 1.1}, Case{true, true, 4, 1.4}, Case{false, true, 4, 1.8}}) {
+  for (const Case& c : {Case{true, false, 1, 1.1}, Case{true, true, 4, 1.4}, Case{false, true, 4, 1.8},
+                        Case{false, false, 4, 1.8}}) {
     double least = 0;
     std::array<double, mountings.size()> errors{};
     for (options.seed = 1; options.seed <= static_cast<std::uint64_t>(c.surveys); ++options.seed) {
