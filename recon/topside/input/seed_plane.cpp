@@ -8,11 +8,12 @@ constexpr double kLooksAhead = 0.3;  // cosine of the principal ray from the ver
 }  // namespace
 
 stereo::SeedPlane seedPlane(const io::MissionConfig& mission, const SE3& T_nav_body, double altitude) {
-  const SE3 T_nav_cam = T_nav_body * mission.T_body_cam;
-  const double bottom = (T_nav_body * mission.T_body_dvl.translation()).z() + altitude;
+  // Of the attitude alone, bit by bit: a pose that moved leaves what was made of its images as it was.
+  const Eigen::Matrix3d R_nav_body = T_nav_body.matrix3();
   stereo::SeedPlane plane;
-  plane.normal = T_nav_cam.rotation().conjugate() * Eigen::Vector3d::UnitZ();
-  plane.distance = bottom - T_nav_cam.translation().z();
+  plane.normal = (R_nav_body * mission.T_body_cam.matrix3()).transpose() * Eigen::Vector3d::UnitZ();
+  plane.distance =
+      altitude + (R_nav_body * (mission.T_body_dvl.translation() - mission.T_body_cam.translation())).z();
   return plane;
 }
 
