@@ -65,6 +65,13 @@ Eigen::Vector3d byDisparity(double focal_length_px, double baseline, const Eigen
 
 }  // namespace
 
+Eigen::RowVector4d unevenDisparity(const SharedErrors& errors, const Eigen::Vector2d& tangent) {
+  Eigen::RowVector4d disparity;
+  disparity << errors.disparity_slope * tangent.transpose(),
+      errors.disparity_curve * tangent.cwiseAbs2().transpose();
+  return disparity;
+}
+
 SharedJacobian sharedJacobian(const SharedErrors& errors, double focal_length_px, double baseline,
                               const Eigen::Vector3d& point) {
   const double z = point.z(), x = point.x() / z, y = point.y() / z;
@@ -74,8 +81,7 @@ SharedJacobian sharedJacobian(const SharedErrors& errors, double focal_length_px
   j.col(1) = Eigen::Vector3d(0, errors.place * z, 0);
   j.col(2) = errors.place_slope * z * Eigen::Vector3d(x, y, 0);
   j.col(3) = errors.disparity * by_disparity;
-  j.col(4) = errors.disparity_slope * x * by_disparity;
-  j.col(5) = errors.disparity_slope * y * by_disparity;
+  j.rightCols<2>() = by_disparity * unevenDisparity(errors, {x, y}).head<2>();
   return j;
 }
 
@@ -83,9 +89,8 @@ CommonJacobian commonJacobian(const SharedErrors& errors, double focal_length_px
                               const Eigen::Vector3d& point) {
   CommonJacobian j;
   j.leftCols<kSharedErrors>() = sharedJacobian(errors, focal_length_px, baseline, point);
-  const Eigen::Vector2d tangent = point.hnormalized();
-  const Eigen::Vector3d by_disparity = byDisparity(focal_length_px, baseline, point);
-  j.rightCols<2>() = errors.disparity_curve * by_disparity * tangent.cwiseAbs2().transpose();
+  j.rightCols<2>() =
+      byDisparity(focal_length_px, baseline, point) * unevenDisparity(errors, point.hnormalized()).tail<2>();
   return j;
 }
 

@@ -28,6 +28,10 @@ using SharedJacobian = Eigen::Matrix<double, 3, kSharedErrors>;
 using CommonJacobian = Eigen::Matrix<double, 3, kCommonErrors>;
 using PoseByCommonErrors = Eigen::Matrix<double, 6, kCommonErrors>;
 
+// By how much each of the disparity's slopes and curves, the last four of these errors, makes disparities too
+// large at a tangent, in its standard deviation [px].
+[[nodiscard]] Eigen::RowVector4d unevenDisparity(const SharedErrors& errors, const Eigen::Vector2d& tangent);
+
 // How a point in the left camera frame moves with the errors, each in its standard deviation [m]: constants
 // and slopes; and these with the curves.
 [[nodiscard]] SharedJacobian sharedJacobian(const SharedErrors& errors, double focal_length_px,

@@ -84,7 +84,7 @@ class GraphCovariance {
   double common_scale_ = 0;
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
   Eigen::MatrixXd moved_;  // what a standard deviation moves each pose by: Moved, row by row of poses
-  Errors shared_ = Errors::Zero();
+  Errors shared_;
 };
 
 // Ways by pose, those used last, in bounded memory. For one thread.

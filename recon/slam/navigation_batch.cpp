@@ -46,7 +46,8 @@ class Doubtful {
         links_(links),
         fixes_(fixes) {
     for (NavigationLink& link : links)
-      if (!link.ofChain()) link.weight = 1;
+      if (!link.ofChain()) closures_.push_back(&link);
+    for (NavigationLink* link : closures_) link->weight = 1;
     fix_weights_.assign(fixes.size(), 1);
   }
 
@@ -65,8 +66,7 @@ class Doubtful {
   bool weigh(const std::vector<SE3>& poses) {
     double worst = 0;
     measure(poses);
-    for (const NavigationLink& link : links_)
-      if (!link.ofChain()) worst = std::max(worst, link.chi2 / config_.gate);
+    for (const NavigationLink* link : closures_) worst = std::max(worst, link->chi2 / config_.gate);
     for (const NavigationFix& fix : fixes_) worst = std::max(worst, fix.chi2 / config_.fix_gate);
     shape_ = shape_ > 0 ? kSteeper * shape_ : 1 / std::max(2 * worst - 1, 1.0);
     bool changed = false;
@@ -77,16 +77,14 @@ class Doubtful {
       changed = changed || std::abs(now - weight) > kSameWeight;
       weight = now;
     };
-    for (NavigationLink& link : links_)
-      if (!link.ofChain()) set(link.weight, link.chi2 / config_.gate);
+    for (NavigationLink* link : closures_) set(link->weight, link->chi2 / config_.gate);
     for (std::size_t i = 0; i < fixes_.size(); ++i) set(fix_weights_[i], fixes_[i].chi2 / config_.fix_gate);
     return changed || shape_ < kSteepest;
   }
 
   void judge(const std::vector<SE3>& poses) {
     measure(poses);
-    for (NavigationLink& link : links_)
-      if (!link.ofChain()) link.kept = link.weight > kKept;
+    for (NavigationLink* link : closures_) link->kept = link->weight > kKept;
     for (std::size_t i = 0; i < fixes_.size(); ++i) fixes_[i].kept = fix_weights_[i] > kKept;
   }
 
@@ -116,6 +114,7 @@ class Doubtful {
   const int usbl_;  // pose of its positions' frame; -1: none
   const SE3 T_nav_usbl_;
   std::vector<NavigationLink>& links_;
+  std::vector<NavigationLink*> closures_;  // of them
   std::vector<NavigationFix>& fixes_;
   std::vector<double> fix_weights_;
   double shape_ = 0;  // mu

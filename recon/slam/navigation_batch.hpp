@@ -49,9 +49,9 @@ struct NavigationSolution {
 // frames with the weights that NavigationGraph's judgement gives them; closures and fixes by truncated least
 // squares, whose gates are the graph's, found by graduated non-convexity. `shift`, `sigma`:
 // where odom's origin is in nav, as NavigationGraph::setAnchor. Sizes in `config` are set from the input.
-// `chi2`, `kept`, `weight` and `edge` of links and fixes are set. Links of consecutive frames are visual
-// odometry. `before`: what this gave for the same but for closures and small changes of the others; the
-// sensors are not judged again, and poses start from there.
+// `chi2` and `kept` of links and fixes are set, and `weight` and `edge` of links. Links of consecutive frames
+// are visual odometry. `before`: what this gave for the same but for closures and small changes of the
+// others; the sensors are not judged again, and poses start from there.
 [[nodiscard]] NavigationSolution solveNavigation(const NavigationConfig& config,
                                                  const std::vector<KeyframeInput>& frames,
                                                  const Eigen::Vector2d& shift, double sigma,

@@ -176,7 +176,7 @@ class NavigationGraph {
   [[nodiscard]] PoseGraph sensorGraph() const;
   [[nodiscard]] int node(int keyframe) const { return frames_[at(keyframe)].node; }
   [[nodiscard]] const DvlCalibration& dvl() const { return dvl_; }
-  // Whether the visual odometry of the step to a keyframe is believed; true where there is none. And the
+  // Whether the visual odometry of the step to a keyframe is an inlier; true where there is none. And the
   // weight of its information; 0 where there is none.
   [[nodiscard]] bool visualBelieved(int keyframe) const { return !frames_[at(keyframe)].visualLies(); }
   [[nodiscard]] double visualWeight(int keyframe) const {

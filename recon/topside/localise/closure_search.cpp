@@ -185,20 +185,31 @@ std::vector<slam::NavigationLink> ClosureSearch::straightened(std::vector<slam::
 }
 
 double ClosureSearch::disparityError(const Shared& by, const Eigen::Vector2d& tangent) const {
-  const closure::SharedErrors errors = sharedErrors(rig_, open_, 0.5 * rig_.left.width / rig_.left.fx, 1);
-  return errors.disparity_slope * by.segment<2>(4).dot(tangent) +
-         errors.disparity_curve * by.segment<2>(6).dot(tangent.cwiseAbs2());
+  constexpr double kRange = 1;  // on which slopes and curves do not depend [m]
+  const double half_view = 0.5 * rig_.left.width / rig_.left.fx;
+  return closure::unevenDisparity(sharedErrors(rig_, open_, half_view, kRange), tangent) * by.tail<4>();
+}
+
+slam::GraphCovariance ClosureSearch::graphOf(const slam::NavigationSolution& solution,
+                                             const std::vector<slam::NavigationLink>& links,
+                                             const Shared& straightened_by) const {
+  std::vector<slam::GraphCovariance::SharedByEdge> shared;
+  for (const slam::NavigationLink& link : links)
+    if (link.edge >= 0) shared.push_back({static_cast<std::size_t>(link.edge), sharedBy(link)});
+  return slam::GraphCovariance(solution.graph, visual_scale_, solution.nodes, shared, straightened_by);
+}
+
+ClosureSearch::Shared ClosureSearch::estimate(const slam::NavigationSolution& solution,
+                                              const std::vector<slam::NavigationLink>& links,
+                                              const Shared& straightened_by) {
+  view_.reset();  // one factor at a time
+  return graphOf(solution, links, straightened_by).shared();
 }
 
 void ClosureSearch::look(const slam::NavigationSolution& solution,
                          const std::vector<slam::NavigationLink>& links, const Shared& straightened_by) {
-  std::vector<slam::GraphCovariance::SharedByEdge> shared;
-  for (const slam::NavigationLink& link : links)
-    if (link.edge >= 0) shared.push_back({static_cast<std::size_t>(link.edge), sharedBy(link)});
   view_.reset();  // one factor at a time
-  view_ = std::make_unique<View>(
-      solution, slam::GraphCovariance(solution.graph, visual_scale_, solution.nodes, shared, straightened_by),
-      rig_, frames_);
+  view_ = std::make_unique<View>(solution, graphOf(solution, links, straightened_by), rig_, frames_);
 }
 
 const slam::GraphCovariance& ClosureSearch::known() const {

@@ -70,6 +70,10 @@ class ClosureSearch {
   // memory that this takes. `links`: of it. What it says of the errors that they share, known().shared() has.
   void look(const slam::NavigationSolution& solution, const std::vector<slam::NavigationLink>& links,
             const Shared& straightened_by = Shared::Zero());
+  // The same without a next round: what it says of these errors alone.
+  [[nodiscard]] Shared estimate(const slam::NavigationSolution& solution,
+                                const std::vector<slam::NavigationLink>& links,
+                                const Shared& straightened_by);
   // What its graph knows.
   [[nodiscard]] const slam::GraphCovariance& known() const;
 
@@ -92,6 +96,9 @@ class ClosureSearch {
     Vector6d variance;  // of the prior
     bool accepted = false;
   };
+  [[nodiscard]] slam::GraphCovariance graphOf(const slam::NavigationSolution& solution,
+                                              const std::vector<slam::NavigationLink>& links,
+                                              const Shared& straightened_by) const;
   [[nodiscard]] slam::GraphCovariance::ByShared sharedBy(const slam::NavigationLink& link) const;
   [[nodiscard]] bool worthTrying(const closure::Candidate& candidate) const;
   [[nodiscard]] std::vector<closure::Candidate> proposed(std::size_t a_frame);

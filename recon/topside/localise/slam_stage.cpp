@@ -244,7 +244,7 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   out.bundled = bundled(rig, config, survey, frames, images, links, solved.poses, solve_anew,
                         [&](const auto& tangent) { return search.disparityError(straightened_by, tangent); });
   lap("bundle");
-  look();
+  shared = search.estimate(solved, links, straightened_by);
   solve();
   look();
   const Crossings crossings = search.crossings(links);
