@@ -76,13 +76,15 @@ struct Step {
   slam::StepQuality quality;
 };
 
+// One after the other, so that a reading of roll and pitch which ends one begins the next.
 std::vector<Step> stepsOf(const MissionInput& input, const Survey& survey) {
   constexpr double kShare = 0.25;     // of the range: far enough to measure, with more than half in common
   constexpr std::size_t kWithin = 6;  // pairs
   constexpr double kMostTurn = 0.1;   // [rad]
   std::vector<Step> steps;
   const std::vector<NavigatedPose>& poses = survey.navigation.poses;
-  for (std::size_t a = 0; a < poses.size(); ++a) {
+  for (std::size_t a = 0, next = 0; a < poses.size(); a = next) {
+    next = a + 1;
     if (!poses[a].T_nav_body || !survey.planes[a]) continue;
     for (std::size_t b = a + 1; b < std::min(poses.size(), a + kWithin); ++b) {
       if (!poses[b].T_nav_body || !survey.planes[b]) break;
@@ -100,10 +102,29 @@ std::vector<Step> stepsOf(const MissionInput& input, const Survey& survey) {
       step.quality.seconds = static_cast<double>(poses[b].utc_ns - poses[a].utc_ns) * 1e-9;
       step.quality.turn = between.rotation().angularDistance(Eigen::Quaterniond::Identity());
       if (step.quality.turn < kMostTurn) steps.push_back(step);
+      next = b;
       break;
     }
   }
   return steps;
+}
+
+// Steps that follow each other.
+struct Run {
+  std::size_t first = 0, end = 0;
+};
+
+// Spread over all steps: how the rig turns what it sees shows against roll and pitch over a run's length.
+std::vector<Run> runsOf(std::size_t steps) {
+  constexpr std::size_t kOfRun = 20;
+  const std::size_t wanted = std::clamp(steps / kRigShare, kLeastRigSteps, kMostRigSteps),
+                    runs = (std::min(steps, wanted) + kOfRun - 1) / kOfRun;
+  std::vector<Run> out;
+  for (std::size_t r = 0; r < runs; ++r) {
+    const std::size_t first = r * steps / runs;
+    out.push_back({first, std::min(first + kOfRun, (r + 1) * steps / runs)});
+  }
+  return out;
 }
 
 double rangeOf(const closure::FrameFeatures& features) {
@@ -119,21 +140,26 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
   MissionInput turned = input;
   turned.rig = rigAsFound(input.rig, out);
   const std::vector<Step> all = stepsOf(turned, survey);
-  const std::size_t count = std::min(all.size(), kRigSteps);
+  const std::vector<Run> runs = runsOf(all.size());
   struct Seen {
     double range = 0;
     closure::Registration link;
   };
-  std::vector<Seen> seen(count);
-  oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
-    const Step& step = all[k * all.size() / count];
+  std::vector<Seen> seen(all.size());
+  oneapi::tbb::parallel_for(std::size_t{0}, runs.size(), [&](std::size_t r) {
     const auto preparer = makePreparer(turned, config, models, true);
     const auto prepare = [&](std::size_t pair) {
       return preparer->process(survey.list.pairs[pair], *survey.planes[pair]).features;
     };
-    const closure::FrameFeatures a = prepare(step.a), b = prepare(step.b);
     closure::Registrar registrar(turned.rig, stepRules());
-    seen[k] = {rangeOf(b), registrar.process(a, b, stepPrior(step.T_nav_a.inverse() * step.T_nav_b))};
+    closure::FrameFeatures a, b;
+    for (std::size_t k = runs[r].first; k < runs[r].end; ++k) {
+      const Step& step = all[k];
+      const bool goes_on = k > runs[r].first && step.a == all[k - 1].b;
+      a = goes_on ? std::move(b) : prepare(step.a);
+      b = prepare(step.b);
+      seen[k] = {rangeOf(b), registrar.process(a, b, stepPrior(step.T_nav_a.inverse() * step.T_nav_b))};
+    }
   });
   slam::RigPrior prior = config.navigation.rig;
   prior.baseline = turned.rig.baseline();
@@ -141,11 +167,11 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
   slam::DvlCalibration ways(config.navigation.noise,
                             input.mission.T_body_cam.inverse() * input.mission.T_body_dvl.translation(),
                             prior);
-  if (count > 0) ways.setSoundShare(survey.navigation.poses[all.front().a].quality.sound_share);
+  if (!all.empty()) ways.setSoundShare(survey.navigation.poses[all.front().a].quality.sound_share);
   std::vector<double> ranges;
-  for (std::size_t k = 0; k < count; ++k) {
+  for (std::size_t k = 0; k < all.size(); ++k) {
     if (!seen[k].link.accepted()) continue;
-    const Step& step = all[k * all.size() / count];
+    const Step& step = all[k];
     (void)ways.add(step.T_nav_a, step.T_nav_b, seen[k].link.T_a_b, seen[k].link.covariance, step.quality,
                    seen[k].range);
     ranges.push_back(seen[k].range);
@@ -194,9 +220,10 @@ slam::RigPrior rigPrior(const StereoRig& rig, const RigFinding& found) {
   // Where a rig was wrong, so is what its lenses distort; a turn takes out most of it (combined disturbances,
   // 60 simulated dives).
   constexpr double kLeft = 0.012;  // of what was found
+  constexpr double kLeast = 0.01;  // of any rig [px]
   slam::RigPrior prior;
   prior.baseline = rig.baseline();
-  prior.uneven = kLeft * found.before;
+  prior.uneven = std::hypot(kLeast, kLeft * found.before);
   if (found.steps == 0) return prior;
   prior.scale = found.range_sigma;
   prior.principal_point = 0;

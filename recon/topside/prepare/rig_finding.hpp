@@ -37,9 +37,10 @@ struct RigFinding {
 };
 
 // Of up to kRigPairs pairs, spread over the dive, that stand over known ground; where the rig has moved, of
-// more: the turn towards the left camera, which makes all ranges wrong, shows least. And of up to kRigSteps
-// paths.
-inline constexpr std::size_t kRigPairs = 40, kMovedRigPairs = 120, kRigSteps = 60;
+// more: the turn towards the left camera, which makes all ranges wrong, shows least. And of so many paths,
+// one in kRigShare of a long dive's, as an error of scale moves its ends farther.
+inline constexpr std::size_t kRigPairs = 40, kMovedRigPairs = 120, kLeastRigSteps = 160, kMostRigSteps = 800,
+                             kRigShare = 5;
 [[nodiscard]] RigFinding findRig(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
                                  const LightingModels& models);
 // As it stands in this dive.
