@@ -3,6 +3,8 @@
 #include <Eigen/Dense>
 #include <cmath>
 
+#include "recon/geometry/cross_matrix.hpp"
+
 namespace fathom::slam {
 namespace {
 
@@ -31,14 +33,32 @@ Eigen::Matrix<double, 3, 4> seemsTurned(const Eigen::Vector3d& p) {
   return out;
 }
 
+// The middle of the ground that both saw, in b's axes.
+Eigen::Vector3d groundOf(const SE3& T_a_b, double range) {
+  const Eigen::Vector3d ahead(0, 0, range);
+  return 0.5 * (ahead + T_a_b.inverse() * ahead);
+}
+
+template <int kErrors>
+Eigen::Matrix<double, 6, kErrors> turnedAbout(const Eigen::Vector3d& place,
+                                              const Eigen::Matrix<double, 3, kErrors>& turns) {
+  Eigen::Matrix<double, 6, kErrors> out;
+  out << crossMatrix(place) * turns, turns;
+  return out;
+}
+
+// Right perturbation of T_a_b where all ground leans by (u, v) in a camera's axes.
+Eigen::Matrix<double, 6, 2> leanedBy(const SE3& T_a_b, double range) {
+  const Eigen::Matrix<double, 3, 2> lean = range * Eigen::Matrix<double, 3, 2>::Identity();
+  return turnedAbout<2>(groundOf(T_a_b, range), T_a_b.matrix3().transpose() * lean - lean);
+}
+
 }  // namespace
 
 Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range) {
-  const Eigen::Vector3d ahead(0, 0, range), ground = 0.5 * (ahead + T_a_b.inverse() * ahead);
-  Eigen::Matrix<double, 6, 4> out;
-  out.bottomRows<3>() = T_a_b.matrix3().transpose() * seemsTurned(T_a_b * ground) - seemsTurned(ground);
-  for (int i = 0; i < 4; ++i) out.col(i).head<3>() = ground.cross(Eigen::Vector3d(out.col(i).tail<3>()));
-  return out;
+  const Eigen::Vector3d ground = groundOf(T_a_b, range);
+  return turnedAbout<4>(ground,
+                        T_a_b.matrix3().transpose() * seemsTurned(T_a_b * ground) - seemsTurned(ground));
 }
 
 SeenTurn::SeenTurn(const SE3& T_a_b, const Matrix6d& covariance, int rig_seen)
@@ -50,7 +70,7 @@ DvlCalibration::DvlCalibration(const SensorNoise& noise, const Eigen::Vector3d& 
   const double per_metre = std::hypot(rig.principal_point, rig.turn) / rig.baseline;
   State sigma;
   sigma << noise.dvl_scale, noise.dvl_heading, rig.scale, per_metre, rig.curl, rig.curl, rig.curl, rig.spin,
-      noise.tilt, noise.tilt;
+      rig.lean, rig.lean, noise.tilt, noise.tilt;
   covariance_ = sigma.cwiseAbs2().asDiagonal();
 }
 
@@ -65,14 +85,14 @@ void DvlCalibration::rigChanged(const Eigen::Vector2d& growth) {
 }
 
 void DvlCalibration::rigBeganAnew(double turn_sigma) {
-  constexpr int kOfRig = 5;  // e, xx, xy, yy, w
+  constexpr int kOfRig = 7;  // e, xx, xy, yy, w, u, v
   const double per_metre = std::hypot(rig_.principal_point, turn_sigma) / rig_.baseline,
-               curl = rig_.curl * rig_.curl;
+               curl = rig_.curl * rig_.curl, lean = rig_.lean * rig_.lean;
   state_.segment<1 + kOfRig>(kCurl - 2).setZero();  // b too
   covariance_.middleRows<kOfRig>(kCurl - 1).setZero();
   covariance_.middleCols<kOfRig>(kCurl - 1).setZero();
   covariance_.diagonal().segment<kOfRig>(kCurl - 1) << per_metre * per_metre, curl, curl, curl,
-      rig_.spin * rig_.spin;
+      rig_.spin * rig_.spin, lean, lean;
   leaning_.setZero();
 }
 
@@ -139,6 +159,7 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
   Eigen::Matrix<double, kRows, kAll> H = Eigen::Matrix<double, kRows, kAll>::Zero();
   H.topLeftCorner<2, kCurl>() << reckoned, across, reckoned, range * reckoned;
   H.middleCols<4>(kCurl) = measured * turnedBy(T_a_b, range);
+  H.middleCols<2>(kLean) = measured * leanedBy(T_a_b, range);
   H.block<2, 2>(2, kReading).setIdentity();
   H.block<2, 2>(2, kStates) = -Eigen::Matrix2d::Identity();
   Vector5d innovation;

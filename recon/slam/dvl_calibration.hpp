@@ -21,6 +21,9 @@ struct RigPrior {
   double curl = 0.01;
   // And about the principal axis, by a disparity that slopes along the baseline: 0.05 px at the image's edge.
   double spin = 5e-4;
+  // And how much level ground leans in the camera's axes where it slopes along either axis, over the range
+  // [rad/m]: of the same disparity.
+  double lean = 1e-3;
   // Of the disparity at the image's edge, by what neither epipolar lines nor paths show, where it slopes or
   // curves over the image [px].
   double uneven = 0;
@@ -50,27 +53,29 @@ struct SeenTurn {
 // in the same manner, together with the range error of the rig, which all visual links share: a Kalman filter
 // on steps that visual odometry measured too,
 //   d_visual = (1 + b + e r) (1 + s) Rz(psi) d_reckoned + t x a,   turn_visual - turn_reckoned = t,
-//   t = R_a_b^T m(p_a) - m(p_b),   m(p) = z x Q p - w p_y z,   Q = (xx, xy; xy, yy),
+//   t = R_a_b^T m(p_a) - m(p_b),   m(p) = z x Q p - w p_y z + r (u, v, 0),   Q = (xx, xy; xy, yy),
 // d the path of the DVL, level [m], p the middle of the ground that both saw in each camera's axes [m], z the
-// principal axis, r the range [m], and a from that ground to the DVL [m]; x = (s, psi, b, e, xx, xy, yy, w),
-// constant but for a slow walk. Where a rig's range error is curved over the image, as a wrong principal
-// point of a lens that distorts makes it, level ground seems a bowl or a saddle, turned by z x Q p at a place
-// of the image: visual odometry turns by Q as the ground passes, and goes astray by the arm to it. Where the
-// disparity slopes along the baseline, squares seem sheared, and it yaws by w. Roll and pitch, which gravity
-// holds, show Q, so that it is not taken for an error of ranges or of the DVL's mounting; the compass shows
-// what of it yaws, where the camera looks aside. A reading of roll and pitch ends one step and begins the
-// next: its error is estimated beside x, so that a line tells Q by its length and not by its steps. Closures
-// show what yaws, w of a camera that looks down, by how far the steps between have turned, and the rest by
-// what is known of both attitudes: they are often across the lines, where steps show little (addTurn). One
-// range tells s + b + e r alone: it is shared out by the priors, so that the sensor that is known better
-// stays as it is, and more ranges tell them apart. Steps that disagree by more than the gate are left out.
-// Where steps go on disagreeing to the same side, by however little, the DVL has changed (another sound
-// speed, a beam that is fouled): the sum of normalised innovations with forgetting tells (a geometric moving
-// average, Roberts 1959), and its scale and heading are learnt anew.
+// principal axis, r the range [m], and a from that ground to the DVL [m]; x = (s, psi, b, e, xx, xy, yy,
+// w, u, v), constant but for a slow walk. Where a rig's range error is curved over the image, as a wrong
+// principal point of a lens that distorts makes it, level ground seems a bowl or a saddle, turned by z x Q
+// p at a place of the image: visual odometry turns by Q as the ground passes, and goes astray by the arm
+// to it. Where the disparity slopes along the baseline, squares seem sheared, and it yaws by w. Where it
+// slopes at all, ground leans by (u, v), which turns what is seen as the vehicle yaws and would pass for
+// Q, by which closures across lines bend a survey. Roll and pitch, which gravity holds, show Q, so that it
+// is not taken for an error of ranges or of the DVL's mounting; the compass shows what of it yaws, where
+// the camera looks aside. A reading of roll and pitch ends one step and begins the next: its error is
+// estimated beside x, so that a line tells Q by its length and not by its steps. Closures show what yaws,
+// w of a camera that looks down, by how far the steps between have turned, and the rest by what is known
+// of both attitudes: they are often across the lines, where steps show little (addTurn). One range tells s
+// + b + e r alone: it is shared out by the priors, so that the sensor that is known better stays as it is,
+// and more ranges tell them apart. Steps that disagree by more than the gate are left out. Where steps go
+// on disagreeing to the same side, by however little, the DVL has changed (another sound speed, a beam
+// that is fouled): the sum of normalised innovations with forgetting tells (a geometric moving average,
+// Roberts 1959), and its scale and heading are learnt anew.
 class DvlCalibration {
  public:
   // x, and the error of the newest reading of roll and pitch in nav's axes [rad].
-  static constexpr int kStates = 10;
+  static constexpr int kStates = 12;
   using State = Eigen::Matrix<double, kStates, 1>;
   using Covariance = Eigen::Matrix<double, kStates, kStates>;
 
@@ -134,7 +139,7 @@ class DvlCalibration {
   }
 
  private:
-  static constexpr int kCurl = 4, kReading = 8;
+  static constexpr int kCurl = 4, kLean = 8, kReading = 10;
 
   // Of the DVL itself, where T_to are poses of the camera.
   [[nodiscard]] Eigen::Vector3d wayOf(const SE3& T_from, const SE3& T_to) const {

@@ -62,7 +62,7 @@ SensorNoise withoutTideModel(SensorNoise noise) {
 }
 
 SensorNoise withTideModel(SensorNoise noise) {
-  constexpr double kLeft = 0.1;  // [1]
+  constexpr double kLeft = 0.03;  // [1]: 9e-6 m/s, as 0.06 m twice a day
   noise.tide_rate *= kLeft;
   return noise;
 }

@@ -9,7 +9,7 @@
 namespace fathom::slam {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 11;
+constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 12;
 
 template <typename Archive, typename Quality>
 void exchangeQuality(Archive& archive, Quality& quality) {

@@ -181,7 +181,8 @@ void NavigationGraph::rigBeganAnew(double turn_sigma, std::int64_t since_ns, boo
 }
 
 // How curved ranges turn what cameras see, by a closure: its roll and pitch against those that are known of
-// both keyframes, its yaw against visual odometry, if that never failed between them.
+// both keyframes, but for what other links, turned alike, made of these: a survey whose closures have bent it
+// agrees with the next one. Its yaw against visual odometry, if that never failed between them.
 void NavigationGraph::learnTurn(int a, int b, const UncertainPose& seen, const UncertainPose& known) {
   constexpr int kLongest = 500;  // steps
   constexpr double kShared = 4;  // closures of neighbours see by the same steps and attitudes
@@ -192,10 +193,13 @@ void NavigationGraph::learnTurn(int a, int b, const UncertainPose& seen, const U
   const Eigen::Vector3d turned = R * apart.log().tail<3>();
   const Eigen::Matrix3d spread =
       R * (seen.covariance + known.covariance).bottomRightCorner<3, 3>() * R.transpose();
+  const Eigen::Matrix<double, 3, 4> moved =
+      R * shared_.moved(frames_[at(a)].node, frames_[at(b)].node, pose(b)).bottomRows<3>();
   const Eigen::Matrix<double, 3, 4> turned_by =
       R * turnedBy(seen.T_a_b, frames_[at(b)].range).bottomRows<3>();
+  const Eigen::Vector3d without = turned - moved * dvl_.curl();
   for (const int level : {0, 1})
-    dvl_.addTurn(turned(level), kShared * spread(level, level), turned_by.row(level));
+    dvl_.addTurn(without(level), kShared * spread(level, level), turned_by.row(level) - moved.row(level));
   if (b - a > kLongest) return;
   Eigen::Quaterniond turn = Eigen::Quaterniond::Identity();
   double variance = 0;

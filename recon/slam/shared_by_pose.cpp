@@ -30,11 +30,15 @@ bool SharedByPose::solve(IncrementalSolver& graph) {
   return next_ == 0;
 }
 
-Matrix6d SharedByPose::covariance(int from, int to, const SE3& T_w_to, const Covariance& errors) const {
+SharedByPose::Each SharedByPose::moved(int from, int to, const SE3& T_w_to) const {
   Each moved = moved_.middleRows<6>(6 * to);
   if (from != kWorld) moved -= moved_.middleRows<6>(6 * from);
-  moved = (ownFrame(T_w_to) * moved).eval();
-  return moved * errors * moved.transpose();
+  return ownFrame(T_w_to) * moved;
+}
+
+Matrix6d SharedByPose::covariance(int from, int to, const SE3& T_w_to, const Covariance& errors) const {
+  const Each by = moved(from, to, T_w_to);
+  return by * errors * by.transpose();
 }
 
 }  // namespace fathom::slam

@@ -27,7 +27,9 @@ class SharedByPose {
   void pull(const IncrementalSolver& graph, int measurement, const Each& error);
   [[nodiscard]] bool solve(IncrementalSolver& graph);
 
-  // Of T_from_to, right perturbation, for errors of that covariance; `from` kWorld: of the pose itself.
+  // Of T_from_to, right perturbation, and its covariance for errors of that covariance; `from` kWorld: of the
+  // pose itself.
+  [[nodiscard]] Each moved(int from, int to, const SE3& T_w_to) const;
   [[nodiscard]] Matrix6d covariance(int from, int to, const SE3& T_w_to, const Covariance& errors) const;
 
   [[nodiscard]] std::size_t memoryBytes() const {

@@ -341,5 +341,39 @@ TEST(DvlCalibration, ALineTellsCurvedRangesByItsLength) {
   EXPECT_LT(chi2, 1.8);
 }
 
+// A disparity that slopes over the image: in the camera's axes all ground leans to one side about the middle
+// of the view, and turns with the vehicle.
+TEST(DvlCalibration, TakesNoGroundThatLeansForACurve) {
+  constexpr double kRange = 2, kWay = 0.15, kTurn = 0.2, kLean = 1e-3;  // [m], [m], [rad], [rad/m]
+  constexpr int kLoops = 40, kSteps = 15;
+  const SE3 ahead(Eigen::Quaterniond::Identity(), {0, 0, kRange});
+  StepQuality quality;
+  quality.seconds = 0.5;
+  quality.turn = kTurn;
+  const auto learnt = [&](const RigPrior& rig, const Eigen::Vector3d& lean) {
+    Vector6d leans = Vector6d::Zero();
+    leans.tail<3>() = kRange * lean;
+    const SE3 seems = ahead * SE3::exp(leans) * ahead.inverse();
+    DvlCalibration calibration({}, kDvl, rig);
+    SE3 T_odom_a;
+    for (int k = 0; k < kLoops * kSteps; ++k) {
+      Vector6d step = Vector6d::Zero();
+      step.head<3>() = Eigen::Vector3d(0, -kWay, 0);
+      step(5) = k / kSteps % 2 == 0 ? kTurn : -kTurn;
+      const SE3 T_a_b = SE3::exp(step), T_odom_b = T_odom_a * T_a_b;
+      EXPECT_TRUE(calibration.add(T_odom_a, T_odom_b, seems * T_a_b * seems.inverse(),
+                                  Matrix6d::Identity() * 1e-7, quality, kRange));
+      T_odom_a = T_odom_b;
+    }
+    return calibration;
+  };
+  RigPrior level;
+  level.lean = 0;
+  for (const Eigen::Vector3d& lean : {Eigen::Vector3d(kLean, 0, 0), Eigen::Vector3d(0, kLean, 0)}) {
+    EXPECT_LT(learnt({}, lean).curl().head<3>().norm(), 7e-5);
+    EXPECT_GT(learnt(level, lean).curl().head<3>().norm(), 1e-3);
+  }
+}
+
 }  // namespace
 }  // namespace fathom::slam

@@ -50,7 +50,7 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 11;
+constexpr std::uint32_t kLocaliseVersion = 12;
 constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
 constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
@@ -129,7 +129,7 @@ Digest localiseKey(const MissionInput& input, const TopsideConfig& config, const
              n.depth, n.depth_offset, n.depth_drift, n.tide_rate, n.usbl_shift, n.usbl_turn, n.visual_scale,
              n.dvl_wander, n.dvl_wander_s);
   const slam::RigPrior& open = config.navigation.rig;
-  hasher.add(open.scale, open.principal_point, open.turn, open.curl, open.spin, open.uneven);
+  hasher.add(open.scale, open.principal_point, open.turn, open.curl, open.spin, open.lean, open.uneven);
   return hasher.finish();
 }
 
