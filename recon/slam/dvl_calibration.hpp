@@ -22,8 +22,8 @@ struct RigPrior {
   // And about the principal axis, by a disparity that slopes along the baseline: 0.05 px at the image's edge.
   double spin = 5e-4;
   // And how much level ground leans in the camera's axes where it slopes along either axis, over the range
-  // [rad/m]: of the same disparity.
-  double lean = 1e-3;
+  // [rad/m]: 0.035 px there.
+  double lean = 7e-4;
   // Of the disparity at the image's edge, by what neither epipolar lines nor paths show, where it slopes or
   // curves over the image [px].
   double uneven = 0;
