@@ -181,8 +181,8 @@ void NavigationGraph::rigBeganAnew(double turn_sigma, std::int64_t since_ns, boo
 }
 
 // How curved ranges turn what cameras see, by a closure: its roll and pitch against those that are known of
-// both keyframes, but for what other links, turned alike, made of these: a survey whose closures have bent it
-// agrees with the next one. Its yaw against visual odometry, if that never failed between them.
+// both keyframes, less what other links, turned alike, have bent them by: else a survey that closures bent
+// would confirm them. Its yaw against visual odometry, if that never failed between them.
 void NavigationGraph::learnTurn(int a, int b, const UncertainPose& seen, const UncertainPose& known) {
   constexpr int kLongest = 500;  // steps
   constexpr double kShared = 4;  // closures of neighbours see by the same steps and attitudes
