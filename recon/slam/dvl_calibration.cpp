@@ -3,8 +3,6 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "recon/geometry/cross_matrix.hpp"
-
 namespace fathom::slam {
 namespace {
 
@@ -39,26 +37,18 @@ Eigen::Vector3d groundOf(const SE3& T_a_b, double range) {
   return 0.5 * (ahead + T_a_b.inverse() * ahead);
 }
 
-template <int kErrors>
-Eigen::Matrix<double, 6, kErrors> turnedAbout(const Eigen::Vector3d& place,
-                                              const Eigen::Matrix<double, 3, kErrors>& turns) {
-  Eigen::Matrix<double, 6, kErrors> out;
-  out << crossMatrix(place) * turns, turns;
-  return out;
-}
-
 // Right perturbation of T_a_b where all ground leans by (u, v) in a camera's axes.
 Eigen::Matrix<double, 6, 2> leanedBy(const SE3& T_a_b, double range) {
   const Eigen::Matrix<double, 3, 2> lean = range * Eigen::Matrix<double, 3, 2>::Identity();
-  return turnedAbout<2>(groundOf(T_a_b, range), T_a_b.matrix3().transpose() * lean - lean);
+  return perturbationAt(-groundOf(T_a_b, range)).rightCols<3>() * (T_a_b.matrix3().transpose() * lean - lean);
 }
 
 }  // namespace
 
 Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range) {
   const Eigen::Vector3d ground = groundOf(T_a_b, range);
-  return turnedAbout<4>(ground,
-                        T_a_b.matrix3().transpose() * seemsTurned(T_a_b * ground) - seemsTurned(ground));
+  return perturbationAt(-ground).rightCols<3>() *
+         (T_a_b.matrix3().transpose() * seemsTurned(T_a_b * ground) - seemsTurned(ground));
 }
 
 SeenTurn::SeenTurn(const SE3& T_a_b, const Matrix6d& covariance, int rig_seen)
