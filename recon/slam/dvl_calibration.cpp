@@ -45,9 +45,9 @@ Eigen::Matrix<double, 6, 2> leanedBy(const SE3& T_a_b, double range) {
 
 }  // namespace
 
-Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range) {
+Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range, const Eigen::Matrix3d& part) {
   const Eigen::Vector3d ground = groundOf(T_a_b, range);
-  return perturbationAt(-ground).rightCols<3>() *
+  return perturbationAt(-ground).rightCols<3>() * part *
          (T_a_b.matrix3().transpose() * seemsTurned(T_a_b * ground) - seemsTurned(ground));
 }
 
@@ -61,29 +61,37 @@ DvlCalibration::DvlCalibration(const SensorNoise& noise, const Eigen::Vector3d& 
   State sigma;
   sigma << noise.dvl_scale, noise.dvl_heading, rig.scale, per_metre, rig.curl, rig.curl, rig.curl, rig.spin,
       rig.lean, rig.lean, noise.tilt, noise.tilt;
-  covariance_ = sigma.cwiseAbs2().asDiagonal();
+  steps_.covariance = sigma.cwiseAbs2().asDiagonal();
+  join();
 }
 
-void DvlCalibration::rigChanged(const Eigen::Vector2d& growth) {
+bool DvlCalibration::rigChanged(const Eigen::Vector2d& growth) {
   // Of the turn by a principal point that is wrong: 0.008 rad/m come with ranges 2 % too long [1/m]; three
   // times as much along the baseline.
   constexpr double kTurns = 0.4, kRange = 2, kAlong = 3;  // [1/m], [m], [1]
-  state_.segment<2>(2) += growth;
+  steps_.state.segment<2>(2) += growth;
   const double open = kTurns * (growth.x() + kRange * growth.y());
-  covariance_(kCurl, kCurl) += kAlong * kAlong * open * open;
-  covariance_(kCurl + 2, kCurl + 2) += open * open;
+  steps_.covariance(kCurl, kCurl) += kAlong * kAlong * open * open;
+  steps_.covariance(kCurl + 2, kCurl + 2) += open * open;
+  const bool is_void = open * open > all_.covariance(kCurl + 2, kCurl + 2);
+  if (is_void) closures_information_.setZero(), closures_sum_.setZero();
+  join();
+  return is_void;
 }
 
 void DvlCalibration::rigBeganAnew(double turn_sigma) {
   constexpr int kOfRig = 7;  // e, xx, xy, yy, w, u, v
   const double per_metre = std::hypot(rig_.principal_point, turn_sigma) / rig_.baseline,
                curl = rig_.curl * rig_.curl, lean = rig_.lean * rig_.lean;
-  state_.segment<1 + kOfRig>(kCurl - 2).setZero();  // b too
-  covariance_.middleRows<kOfRig>(kCurl - 1).setZero();
-  covariance_.middleCols<kOfRig>(kCurl - 1).setZero();
-  covariance_.diagonal().segment<kOfRig>(kCurl - 1) << per_metre * per_metre, curl, curl, curl,
+  steps_.state.segment<1 + kOfRig>(kCurl - 2).setZero();  // b too
+  steps_.covariance.middleRows<kOfRig>(kCurl - 1).setZero();
+  steps_.covariance.middleCols<kOfRig>(kCurl - 1).setZero();
+  steps_.covariance.diagonal().segment<kOfRig>(kCurl - 1) << per_metre * per_metre, curl, curl, curl,
       rig_.spin * rig_.spin, lean, lean;
   leaning_.setZero();
+  closures_information_.setZero();
+  closures_sum_.setZero();
+  join();
 }
 
 SE3 DvlCalibration::straightened(const SE3& T_a_b, double range) const {
@@ -100,17 +108,18 @@ Matrix6d DvlCalibration::leftOpen(const SE3& T_a_b, double range) const {
 
 double DvlCalibration::rangeSigma(double range) const {
   const Eigen::Vector2d by(1, range);
-  return std::sqrt(by.dot(covariance_.block<2, 2>(2, 2) * by));
+  return std::sqrt(by.dot(all_.covariance.block<2, 2>(2, 2) * by));
 }
 
 void DvlCalibration::setSoundShare(double share) {
   if (share == sound_share_) return;
   sound_share_ = share;
-  state_(0) = 0;
-  covariance_.row(0).setZero();
-  covariance_.col(0).setZero();
-  covariance_(0, 0) = noise_.dvl_scale * noise_.dvl_scale + share * share;
+  steps_.state(0) = 0;
+  steps_.covariance.row(0).setZero();
+  steps_.covariance.col(0).setZero();
+  steps_.covariance(0, 0) = noise_.dvl_scale * noise_.dvl_scale + share * share;
   leaning_.setZero();
+  join();
 }
 
 bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_a_b,
@@ -141,10 +150,10 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
   noise.topLeftCorner<2, 2>() += noise_.heading * noise_.heading * across * across.transpose();
   noise.diagonal() += Vector5d(step, step, turned, turned, yawed).cwiseAbs2();
 
-  covariance_.diagonal().array() += kWalk * kWalk;
+  steps_.covariance.diagonal().array() += kWalk * kWalk;
   beginAt(T_odom_a);
   Eigen::Matrix<double, kAll, kAll> joint = Eigen::Matrix<double, kAll, kAll>::Zero();
-  joint.topLeftCorner<kStates, kStates>() = covariance_;
+  joint.topLeftCorner<kStates, kStates>() = steps_.covariance;
   joint.bottomRightCorner<2, 2>() = noise_.tilt * noise_.tilt * Eigen::Matrix2d::Identity();
   Eigen::Matrix<double, kRows, kAll> H = Eigen::Matrix<double, kRows, kAll>::Zero();
   H.topLeftCorner<2, kCurl>() << reckoned, across, reckoned, range * reckoned;
@@ -154,7 +163,7 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
   H.block<2, 2>(2, kStates) = -Eigen::Matrix2d::Identity();
   Vector5d innovation;
   innovation << visual - reckoned, turn;
-  innovation -= H.leftCols<kStates>() * state_;
+  innovation -= H.leftCols<kStates>() * steps_.state;
   Eigen::Matrix<double, kRows, kRows> S = H * joint * H.transpose() + noise;
   const auto openUnlessItFits = [&](int first, int rows) {
     constexpr double kOpen = 1;  // [rad]
@@ -176,11 +185,12 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
   const double distance2 = normal.squaredNorm();
   leaning_ = kForgets * leaning_ + normal * std::min(1.0, std::sqrt(kGate / std::max(distance2, kGate)));
   if (leaning_.squaredNorm() * (1 - kForgets * kForgets) > kLeans) {
-    covariance_.topRows<2>().setZero();
-    covariance_.leftCols<2>().setZero();
-    covariance_.topLeftCorner<2, 2>() = kChanged * kChanged * Eigen::Matrix2d::Identity();
+    steps_.covariance.topRows<2>().setZero();
+    steps_.covariance.leftCols<2>().setZero();
+    steps_.covariance.topLeftCorner<2, 2>() = kChanged * kChanged * Eigen::Matrix2d::Identity();
     leaning_.setZero();
     ++restarts_;
+    join();
     return false;
   }
   if (!(distance2 <= kGate)) {
@@ -191,23 +201,40 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
   const Eigen::Matrix<double, kAll, kAll> left = Eigen::Matrix<double, kAll, kAll>::Identity() - gain * H;
   joint = (left * joint * left.transpose() + gain * noise * gain.transpose()).eval();
   // The reading at b takes the place of that at a.
-  state_ += gain.topRows<kStates>() * innovation;
-  state_.tail<2>() = gain.bottomRows<2>() * innovation;
-  covariance_ = joint.topLeftCorner<kStates, kStates>();
-  covariance_.rightCols<2>().topRows<kReading>() = joint.topRightCorner<kReading, 2>();
-  covariance_.bottomRows<2>().leftCols<kReading>() = joint.bottomLeftCorner<2, kReading>();
-  covariance_.bottomRightCorner<2, 2>() = joint.bottomRightCorner<2, 2>();
+  steps_.state += gain.topRows<kStates>() * innovation;
+  steps_.state.tail<2>() = gain.bottomRows<2>() * innovation;
+  steps_.covariance = joint.topLeftCorner<kStates, kStates>();
+  steps_.covariance.rightCols<2>().topRows<kReading>() = joint.topRightCorner<kReading, 2>();
+  steps_.covariance.bottomRows<2>().leftCols<kReading>() = joint.bottomLeftCorner<2, kReading>();
+  steps_.covariance.bottomRightCorner<2, 2>() = joint.bottomRightCorner<2, 2>();
   T_odom_read_ = T_odom_b;
   ++used_;
+  join();
   return true;
 }
 
 void DvlCalibration::addTurn(double turn, double variance, const Eigen::RowVector4d& by) {
-  const State shared = covariance_.middleCols<4>(kCurl) * by.transpose();
-  const double off = turn - by * curl(), S = by * shared.segment<4>(kCurl) + variance;
+  const State shared = steps_.covariance.middleCols<4>(kCurl) * by.transpose();
+  const double off = turn - by * steps_.state.segment<4>(kCurl), S = by * shared.segment<4>(kCurl) + variance;
   if (!(off * off <= kTurnGate * S)) return;
-  state_ += shared * (off / S);
-  covariance_ -= (shared * shared.transpose() / S).eval();
+  steps_.state += shared * (off / S);
+  steps_.covariance -= (shared * shared.transpose() / S).eval();
+  join();
+}
+
+void DvlCalibration::setClosures(const Eigen::Matrix4d& information, const Eigen::Vector4d& sum) {
+  closures_information_ = 0.5 * (information + information.transpose());
+  closures_sum_ = sum + closures_information_ * curl();
+  join();
+}
+
+// Without the inverse of what closures tell, which may be nothing.
+void DvlCalibration::join() {
+  const auto shared = steps_.covariance.middleCols<4>(kCurl);
+  const Eigen::Matrix4d& L = closures_information_;
+  const Eigen::Matrix4d left = (Eigen::Matrix4d::Identity() + L * shared.middleRows<4>(kCurl)).inverse();
+  all_.state = steps_.state + shared * (left * (closures_sum_ - L * steps_.state.segment<4>(kCurl)));
+  all_.covariance = steps_.covariance - shared * (left * L) * shared.transpose();
 }
 
 // Steps that were left out leave another reading.
@@ -215,20 +242,20 @@ void DvlCalibration::beginAt(const SE3& T_odom_a) {
   if (T_odom_read_.translation() == T_odom_a.translation() &&
       T_odom_read_.rotation().coeffs() == T_odom_a.rotation().coeffs())
     return;
-  state_.tail<2>().setZero();
-  covariance_.bottomRows<2>().setZero();
-  covariance_.rightCols<2>().setZero();
-  covariance_.bottomRightCorner<2, 2>() = noise_.tilt * noise_.tilt * Eigen::Matrix2d::Identity();
+  steps_.state.tail<2>().setZero();
+  steps_.covariance.bottomRows<2>().setZero();
+  steps_.covariance.rightCols<2>().setZero();
+  steps_.covariance.bottomRightCorner<2, 2>() = noise_.tilt * noise_.tilt * Eigen::Matrix2d::Identity();
 }
 
 SE3 DvlCalibration::corrected(const SE3& T_odom_a, const SE3& T_odom_b) const {
   const Eigen::Vector2d way = wayOf(T_odom_a, T_odom_b).head<2>();
-  const Eigen::Vector2d more = (1 + state_(0)) * (Eigen::Rotation2Dd(state_(1)) * way) - way;
+  const Eigen::Vector2d more = (1 + all_.state(0)) * (Eigen::Rotation2Dd(all_.state(1)) * way) - way;
   return {T_odom_b.rotation(), T_odom_b.translation() + Eigen::Vector3d(more.x(), more.y(), 0)};
 }
 
 double DvlCalibration::remainingShare() const {
-  return std::sqrt(covariance_.diagonal().head<2>().maxCoeff());
+  return std::sqrt(all_.covariance.diagonal().head<2>().maxCoeff());
 }
 
 }  // namespace fathom::slam

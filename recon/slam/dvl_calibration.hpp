@@ -31,8 +31,10 @@ struct RigPrior {
 };
 
 // Right perturbation of a pose that cameras saw of each other by xx, xy, yy, w of DvlCalibration: the turn t
-// about the middle of the ground that both saw, `range` away [m].
-[[nodiscard]] Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range);
+// about the middle of the ground that both saw, `range` away [m]; the part of t that `part` takes, in b's
+// axes.
+[[nodiscard]] Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range,
+                                                   const Eigen::Matrix3d& part = Eigen::Matrix3d::Identity());
 
 // What cameras saw of each other, before straightened(), as addTurn() adds it up.
 struct SeenTurn {
@@ -65,12 +67,12 @@ struct SeenTurn {
 // is not taken for an error of ranges or of the DVL's mounting; the compass shows what of it yaws, where
 // the camera looks aside. A reading of roll and pitch ends one step and begins the next: its error is
 // estimated beside x, so that a line tells Q by its length and not by its steps. Closures show what yaws,
-// w of a camera that looks down, by how far the steps between have turned, and the rest by what is known
-// of both attitudes: they are often across the lines, where steps show little (addTurn). One range tells s
-// + b + e r alone: it is shared out by the priors, so that the sensor that is known better stays as it is,
-// and more ranges tell them apart. Steps that disagree by more than the gate are left out. Where steps go
-// on disagreeing to the same side, by however little, the DVL has changed (another sound speed, a beam
-// that is fouled): the sum of normalised innovations with forgetting tells (a geometric moving average,
+// w of a camera that looks down, by how far the steps between have turned (addTurn), and Q by what holds the
+// survey that they tilt: they are often across the lines, where steps show little (setClosures). One range
+// tells s + b + e r alone: it is shared out by the priors, so that the sensor that is known better stays as
+// it is, and more ranges tell them apart. Steps that disagree by more than the gate are left out. Where
+// steps go on disagreeing to the same side, by however little, the DVL has changed (another sound speed, a
+// beam that is fouled): the sum of normalised innovations with forgetting tells (a geometric moving average,
 // Roberts 1959), and its scale and heading are learnt anew.
 class DvlCalibration {
  public:
@@ -93,6 +95,9 @@ class DvlCalibration {
   // What cameras saw, before straightened(), has turned so far about an axis against what else tells it; `by`
   // xx, xy, yy, w it turned more [m].
   void addTurn(double turn, double variance, const Eigen::RowVector4d& by);
+  // What all closures tell of xx, xy, yy, w, in place of what they showed before: information, and that times
+  // how far off curl() is.
+  void setClosures(const Eigen::Matrix4d& information, const Eigen::Vector4d& sum);
 
   // Standard deviation of the scale by the speed of sound, beside the instrument's own [1]. Where it changes,
   // dead reckoning has begun to use another speed, and the scale is learnt anew.
@@ -101,23 +106,23 @@ class DvlCalibration {
   // T_odom_b with the way from a scaled and turned as estimated.
   [[nodiscard]] SE3 corrected(const SE3& T_odom_a, const SE3& T_odom_b) const;
 
-  [[nodiscard]] double scale() const { return state_(0); }    // s
-  [[nodiscard]] double heading() const { return state_(1); }  // psi [rad]
+  [[nodiscard]] double scale() const { return all_.state(0); }    // s
+  [[nodiscard]] double heading() const { return all_.state(1); }  // psi [rad]
   // Range error of the rig: scale b [1] and e [1/m]. It belongs to who sees through the rig to take it out.
-  [[nodiscard]] Eigen::Vector2d rangeError() const { return state_.segment<2>(2); }
+  [[nodiscard]] Eigen::Vector2d rangeError() const { return all_.state.segment<2>(2); }
   // xx, xy, yy, w [rad/m] and their standard deviations.
-  [[nodiscard]] Eigen::Vector4d curl() const { return state_.segment<4>(kCurl); }
+  [[nodiscard]] Eigen::Vector4d curl() const { return all_.state.segment<4>(kCurl); }
   [[nodiscard]] Eigen::Vector4d curlSigma() const {
-    return covariance_.diagonal().segment<4>(kCurl).cwiseSqrt();
+    return all_.covariance.diagonal().segment<4>(kCurl).cwiseSqrt();
   }
-  [[nodiscard]] Eigen::Matrix4d curlCovariance() const { return covariance_.block<4, 4>(kCurl, kCurl); }
+  [[nodiscard]] Eigen::Matrix4d curlCovariance() const { return all_.covariance.block<4, 4>(kCurl, kCurl); }
   // A pose that cameras saw of each other, without t; `range` to the ground [m]. And what is left open of its
   // length and turn, as covariance of the right perturbation of T_a_b.
   [[nodiscard]] SE3 straightened(const SE3& T_a_b, double range) const;
   [[nodiscard]] Matrix6d leftOpen(const SE3& T_a_b, double range) const;
   // Standard deviation of the range error at a range [1].
   [[nodiscard]] double rangeSigma(double range) const;
-  [[nodiscard]] const Covariance& covariance() const { return covariance_; }
+  [[nodiscard]] const Covariance& covariance() const { return all_.covariance; }
   // What is left of scale and heading, as a share of the way.
   [[nodiscard]] double remainingShare() const;
   [[nodiscard]] std::uint64_t used() const { return used_; }
@@ -125,8 +130,8 @@ class DvlCalibration {
   [[nodiscard]] std::uint64_t restarts() const { return restarts_; }
 
   // The rig was changed so that its ranges grew by (scale, per metre): Q, which changes with it, is open by
-  // as much again.
-  void rigChanged(const Eigen::Vector2d& growth);
+  // as much again. True where that is more than it was known to: what closures showed is void.
+  bool rigChanged(const Eigen::Vector2d& growth);
   // The rig was measured for the first time, or anew after a knock: its turn towards the other camera is
   // known to this [rad], whatever was known before of the range error per metre.
   void rigBeganAnew(double turn_sigma);
@@ -134,8 +139,9 @@ class DvlCalibration {
   // For saved state (state_archive.hpp), bit by bit.
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.state_, self.covariance_, self.T_odom_read_, self.leaning_, self.sound_share_, self.used_,
-            self.gated_, self.restarts_);
+    archive(self.steps_.state, self.steps_.covariance, self.closures_information_, self.closures_sum_,
+            self.T_odom_read_, self.leaning_, self.sound_share_, self.used_, self.gated_, self.restarts_);
+    if constexpr (Archive::kLoading) self.join();
   }
 
  private:
@@ -147,12 +153,18 @@ class DvlCalibration {
   }
 
   void beginAt(const SE3& T_odom_a);
+  void join();
 
   SensorNoise noise_;
   Eigen::Vector3d dvl_in_camera_;
   RigPrior rig_;
-  State state_ = State::Zero();
-  Covariance covariance_ = Covariance::Zero();
+  struct Estimate {
+    State state = State::Zero();
+    Covariance covariance = Covariance::Zero();
+  };
+  Estimate steps_, all_;  // all: with what closures tell
+  Eigen::Matrix4d closures_information_ = Eigen::Matrix4d::Zero();
+  Eigen::Vector4d closures_sum_ = Eigen::Vector4d::Zero();
   SE3 T_odom_read_;                                    // the camera where the newest reading was
   Eigen::Vector2d leaning_ = Eigen::Vector2d::Zero();  // sum of normalised innovations, forgetting
   double sound_share_ = 0;

@@ -18,20 +18,31 @@ constexpr double kLinkWorth_m = 10;
 
 }  // namespace
 
+// Whether the factors have a measurement as it weighs now.
+bool IncrementalSolver::isTakenIn(int k) const {
+  const Measurement& m = measurements_[k];
+  const Part part = active().part[at(k)];
+  if (!errors_.has(k) || part == Part::kNone) return false;
+  if (part != Part::kLeftOut && m.weight != (part == Part::kItself ? active().in_factor[at(k)].weight : 1))
+    return false;
+  if (!building_) return true;
+  const bool in_next = m.born < measurements_at_build_;
+  if (in_next && is_left_out_[at(k)] != 0) return true;
+  return in_next ? m.weight == builder_.weightOf(k) : m.composed;
+}
+
 // What a pose says must already be in the factors, so that what is composed of it is in them as well.
 bool IncrementalSolver::isSettled(int pose) const {
   if (!active().factor.has(pose) || (building_ && born_[at(pose)] >= poses_at_build_)) return false;
-  for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
-    const Measurement& m = measurements_[k];
-    const Part part = active().part[at(k)];
-    if (!errors_.has(k) || part == Part::kNone) return false;
-    if (part != Part::kLeftOut && m.weight != (part == Part::kItself ? active().in_factor[at(k)].weight : 1))
-      return false;
-    if (!building_) continue;
-    const bool in_next = m.born < measurements_at_build_;
-    if (in_next && is_left_out_[at(k)] != 0) continue;
-    if (in_next ? m.weight != builder_.weightOf(k) : !m.composed) return false;
-  }
+  for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose))
+    if (!isTakenIn(k)) return false;
+  return true;
+}
+
+bool IncrementalSolver::forget(int k) {
+  if (measurements_[k].weight != 0 || !isTakenIn(k)) return false;
+  removeMeasurement(k);
+  errors_.refresh();
   return true;
 }
 

@@ -92,6 +92,8 @@ class IncrementalSolver {
   AddStatus addMeasurement(const RelativePose& measurement, int* index = nullptr);
   // Scales the information of a measurement; 0 takes it out. False when there is no such one.
   bool setWeight(int measurement, double weight);
+  // Frees the place of a measurement that was taken out. False until the factors are without it.
+  bool forget(int measurement);
   // Where a pose that no step has seen yet starts from; false: one has.
   bool startAt(int pose, const SE3& T_world_pose);
   StepReport step();
@@ -195,6 +197,7 @@ class IncrementalSolver {
   void setPart(Factor& f, int k, Part part);
   void settle(Factor& f);
   bool isSettled(int pose) const;
+  bool isTakenIn(int k) const;
   void removeMeasurement(int k);
   void addComposed(RelativePose composed);
   void refresh(StepReport& report);

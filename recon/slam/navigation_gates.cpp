@@ -101,10 +101,10 @@ Taken NavigationGraph::addLink(LinkKind kind, int a, int b, const SE3& seen, con
     seen_.T_a_b = seen;
     to.seen = {seen, covariance, rig_};
   } else {
-    if (!agreed && a < b) learnTurn(a, b, {seen, covariance}, known);
+    if (!agreed && a < b) learnTurn(a, b, {seen, covariance});
     robust_of_[at(measurement)] = static_cast<int>(robust_.size());
-    robust_.push_back(
-        {factor.from, factor.to, T_a_b, spread, measurement, kLinkFree, 1, false, false, agreed});
+    robust_.push_back({factor.from, factor.to, T_a_b, spread, measurement, kLinkFree, 1, false, false, agreed,
+                       dvl_.curl(), curved_});
   }
   return Taken::kYes;
 }
@@ -187,6 +187,7 @@ Taken NavigationGraph::addFix(int keyframe, const Eigen::Vector3d& antenna_in_od
 void NavigationGraph::reweight(bool settled) {
   if (robust_.empty()) return;
   const auto look = [&](Robust& r) {
+    straightenAnew(r);
     if (r.insists) return;
     const RelativePose factor = r.factor();
     const SE3 from = r.from == kWorld ? SE3() : solver_.pose(r.from);

@@ -44,6 +44,7 @@ NavigationGraph::NavigationGraph(const NavigationConfig& config)
       solver_(solverConfig(config)),
       dvl_(config.noise, config.dvl_in_camera, config.rig),
       shared_(solverConfig(config).max_poses),
+      closures_(solverConfig(config).max_poses),
       frames_(at(config.max_keyframes)),
       reference_credit_(kKeyframesPerReference * kSpareReferences) {
   const IncrementalConfig sizes = solverConfig(config);
@@ -60,7 +61,7 @@ NavigationGraph::NavigationGraph(const NavigationConfig& config)
 }
 
 std::size_t NavigationGraph::memoryBytes() const {
-  return solver_.memoryBytes() + shared_.memoryBytes() + frames_.memoryBytes() +
+  return solver_.memoryBytes() + shared_.memoryBytes() + closures_.memoryBytes() + frames_.memoryBytes() +
          robust_.capacity() * sizeof(Robust) + references_.capacity() * sizeof(Reference) +
          must_stay_.size() +
          (changed_.capacity() + astray_.capacity() + frame_of_node_.size() + robust_of_.size()) * sizeof(int);
@@ -139,7 +140,8 @@ std::optional<int> NavigationGraph::addKeyframe(const KeyframeInput& input) {
   else
     frame.step = addFactor(stepFactor(frames_.back().node, frame.node, frames_.back().T_odom_cam, reckoned,
                                       config_.dvl_in_camera, quality, config_.noise));
-  shared_.hang(frame.node, first ? 0 : frames_.back().node, T_nav_cam, SharedByPose::Each::Zero());
+  for (SharedByPose* errors : {&shared_, &closures_})
+    errors->hang(frame.node, first ? 0 : frames_.back().node, T_nav_cam, SharedByPose::Each::Zero());
   reference_credit_ = std::min(reference_credit_ + 1, kKeyframesPerReference * kSpareReferences);
   jump_waits_ = jump_waits_ || input.compass_jumped;
   if (input.compass_jumped) ++counters_.compass_jumps;
@@ -303,26 +305,6 @@ NavigationGraph::Prediction NavigationGraph::predict(int a, int b) {
 Matrix6d NavigationGraph::relativeCovariance(int from, int to) {
   return solver_.relativeCovariance(from, to) +
          shared_.covariance(from, to, solver_.pose(to), dvl_.curlCovariance());
-}
-
-// A part of what errors that visual links share do to poses. What was composed of links that are gone has
-// them too.
-void NavigationGraph::followShared() {
-  if (shared_known_) {
-    shared_known_ = !shared_.solve(solver_);
-    return;
-  }
-  shared_.begin();
-  for (int k = 0; k < solver_.measurements(); ++k) {
-    const Measurement& m = solver_.measurement(k);
-    if (!m.in_use || m.weight == 0 || m.from < 0) continue;
-    const int a = frame_of_node_[at(m.from)], b = frame_of_node_[at(m.to)];
-    if (a < 0 || b < 0) continue;
-    const Frame& to = frames_[at(b)];
-    if (m.composed || to.link == k || robust_of_[at(k)] >= 0)
-      shared_.pull(solver_, k, turnedBy(m.T_from_to, to.range));
-  }
-  shared_known_ = true;
 }
 
 Eigen::Matrix2d NavigationGraph::sharedError(const Eigen::Vector2d& from_held) const {

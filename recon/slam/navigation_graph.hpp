@@ -109,7 +109,9 @@ class NavigationGraph {
 
   // The rig that visual odometry looks through was changed so that its ranges grew by (scale [1], per metre
   // [1/m]); see DvlCalibration.
-  void rigChanged(const Eigen::Vector2d& growth) { dvl_.rigChanged(growth); }
+  void rigChanged(const Eigen::Vector2d& growth) {
+    if (dvl_.rigChanged(growth)) ++curved_;
+  }
   // It was measured for the first time, or anew after a knock: DvlCalibration::rigBeganAnew(). What steps
   // after `since_ns` contradicted was the rig's error, not the DVL's: `knocked`, their visual odometry is
   // rejected.
@@ -237,6 +239,8 @@ class NavigationGraph {
     double weight = 1;
     bool fix = false, off = false;
     bool insists = false;  // of many that say the same: its weight stays 1
+    Eigen::Vector4d straightened_by = Eigen::Vector4d::Zero();  // DvlCalibration::curl() that a link is
+    int curved = 0;                                             // curved_ when a link was seen
 
     [[nodiscard]] RelativePose factor() const {
       return fix ? RelativePose{from, to, T_from_to, spread} : linkFactor(from, to, T_from_to, spread);
@@ -255,6 +259,11 @@ class NavigationGraph {
   // Of nodes, with what turns that links share do.
   [[nodiscard]] Matrix6d relativeCovariance(int from, int to);
   void followShared();
+  void pullShared();
+  void pullClosures();
+  template <typename Take>
+  void forLevelTurns(const Take& take) const;
+  void forgetReplaced();
   [[nodiscard]] Eigen::Vector2d startingShift() const;
   void addAnchors(const Frame& frame, const SE3& T_nav_cam);
   [[nodiscard]] double anchorSigma() const;
@@ -267,13 +276,15 @@ class NavigationGraph {
   [[nodiscard]] StepTurns turnsOf(const Frame& from, const Frame& to) const;
   [[nodiscard]] bool linkFitsButForYaw(const Frame& from, const Frame& to, double contradiction) const;
   void judgeVelocity(Frame& from, Frame& to);
-  void learnTurn(int a, int b, const UncertainPose& seen, const UncertainPose& known);
+  void learnTurn(int a, int b, const UncertainPose& seen);
+  void learnCurves();
   void weigh(Frame& frame);
   void takeVerdicts(int keyframe);
   void moveAstray(int a, int b, const SE3& T_a_b);
   [[nodiscard]] bool agreesWithRefused(int a, int b, const SE3& T_a_b, const Matrix6d& covariance);
   [[nodiscard]] bool insists(std::int64_t utc_ns, const Eigen::Vector2d& innovation, double sigma);
   void reweight(bool settled);
+  void straightenAnew(Robust& r);
   [[nodiscard]] bool fits(const Robust& r);
   void noteChanges();
   [[nodiscard]] double distance2(const RelativePose& factor, const Matrix6d& covariance) const;
@@ -281,8 +292,8 @@ class NavigationGraph {
   NavigationConfig config_;
   IncrementalSolver solver_;
   DvlCalibration dvl_;
-  SharedByPose shared_;        // DvlCalibration::curl()
-  bool shared_known_ = false;  // all that pulls is in it
+  SharedByPose shared_, closures_;             // DvlCalibration::curl() by all links, and level by closures
+  bool of_closures_ = false, pulled_ = false;  // followed now; all that pulls is in it
   rt::NumberedPool<Frame> frames_;
   std::vector<int> frame_of_node_;  // -1: a reference
   std::vector<Robust> robust_;
@@ -358,7 +369,7 @@ class NavigationGraph {
   // Of the newest step, level, ahead and to starboard, by what is believed [m/s].
   Eigen::Vector2d velocity_ = Eigen::Vector2d::Zero();
   int contradictions_ = 0, slips_ = 0, agreements_ = 0;  // steps in a row
-  int rig_ = 0;                                          // times that it began anew
+  int rig_ = 0, curved_ = 0;  // times that it began anew, and that curl() became another
   // Fixes outside the gate that agree with each other: how many, since when, and their mean innovation [m].
   struct Insistence {
     int fixes = 0;

@@ -9,7 +9,7 @@
 namespace fathom::slam {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 12;
+constexpr std::uint32_t kTag = rt::stateTag("GRPH"), kVersion = 13;
 
 template <typename Archive, typename Quality>
 void exchangeQuality(Archive& archive, Quality& quality) {
@@ -39,8 +39,8 @@ void NavigationGraph::exchange(Archive& archive, Self& self) {
   std::uint64_t next = self.next_robust_, newest = self.newest_robust_;
   archive(next, newest, self.anchor_, self.usbl_anchor_, self.gauge_, self.usbl_, self.held_,
           self.jump_waits_, self.heading_, self.seen_, self.velocity_, self.contradictions_, self.slips_,
-          self.agreements_, self.rig_, self.insistence_, self.trouble_ns_, self.fix_agreed_ns_, self.refused_,
-          self.next_refused_);
+          self.agreements_, self.rig_, self.curved_, self.insistence_, self.trouble_ns_, self.fix_agreed_ns_,
+          self.refused_, self.next_refused_);
   if constexpr (Archive::kLoading) {
     self.next_robust_ = next;
     self.newest_robust_ = newest;
@@ -67,7 +67,7 @@ void NavigationGraph::exchangeFrame(Archive& archive, Self& frame) {
 template <typename Archive, typename Self>
 void NavigationGraph::exchangeRobust(Archive& archive, Self& robust) {
   archive(robust.from, robust.to, robust.T_from_to, robust.measurement, robust.free_chi2, robust.weight,
-          robust.fix, robust.off, robust.insists);
+          robust.fix, robust.off, robust.insists, robust.straightened_by, robust.curved);
   exchangeSymmetric(archive, robust.spread);
 }
 
@@ -79,8 +79,10 @@ bool NavigationGraph::load(rt::StateReader& reader) {
   return reader.section(kTag, kVersion, [&] {
     exchange(reader, *this);
     if (reader.ok() && !connect()) reader.fail("the navigation graph contradicts itself");
-    shared_known_ = false;
-    for (int part = 0; reader.ok() && part <= SharedByPose::kShared; ++part) followShared();
+    if (!reader.ok()) return;
+    pullShared();
+    while (!shared_.solve(solver_)) continue;
+    of_closures_ = pulled_ = false;
   });
 }
 
@@ -127,7 +129,7 @@ bool NavigationGraph::connect() {
     const Robust& r = robust_[i];
     const bool good = (r.from == kWorld || isNode(r.from)) && isNode(r.to) && isMeasurement(r.measurement) &&
                       robust_of_[at(r.measurement)] < 0 && r.spread.allFinite() &&
-                      r.factor().information.allFinite();
+                      r.straightened_by.allFinite() && r.factor().information.allFinite();
     if (!good) return false;
     robust_of_[at(r.measurement)] = static_cast<int>(i);
   }

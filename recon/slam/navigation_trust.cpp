@@ -169,6 +169,7 @@ void NavigationGraph::rigBeganAnew(double turn_sigma, std::int64_t since_ns, boo
   judge();
   dvl_.rigBeganAnew(turn_sigma);
   ++rig_;
+  ++curved_;
   contradictions_ = slips_ = agreements_ = 0;
   counters_.dvl_lies = false;
   const std::span<const int> all = living();
@@ -178,61 +179,6 @@ void NavigationGraph::rigBeganAnew(double turn_sigma, std::int64_t since_ns, boo
     frame.link_slips = frame.link_slips || (knocked && frame.link >= 0);
     weigh(frame);
   }
-}
-
-// How curved ranges turn what cameras see, by a closure: its roll and pitch against those that are known of
-// both keyframes, less what other links, turned alike, have bent them by: else a survey that closures bent
-// would confirm them. Its yaw against visual odometry, if that never failed between them.
-void NavigationGraph::learnTurn(int a, int b, const UncertainPose& seen, const UncertainPose& known) {
-  constexpr int kLongest = 500;  // steps
-  constexpr double kShared = 4;  // closures of neighbours see by the same steps and attitudes
-  if (frames_[at(a)].seen.rig != rig_ || frames_[at(b)].seen.rig != rig_) return;
-  const SeenTurn own(seen.T_a_b, seen.covariance, rig_);
-  const SE3 apart(known.T_a_b.rotation().conjugate() * own.turn, Eigen::Vector3d::Zero());
-  const Eigen::Matrix3d R = pose(b).matrix3();
-  const Eigen::Vector3d turned = R * apart.log().tail<3>();
-  const Eigen::Matrix3d spread =
-      R * (seen.covariance + known.covariance).bottomRightCorner<3, 3>() * R.transpose();
-  const Eigen::Matrix<double, 3, 4> moved =
-      R * shared_.moved(frames_[at(a)].node, frames_[at(b)].node, pose(b)).bottomRows<3>();
-  const Eigen::Matrix<double, 3, 4> turned_by =
-      R * turnedBy(seen.T_a_b, frames_[at(b)].range).bottomRows<3>();
-  const Eigen::Vector3d without = turned - moved * dvl_.curl();
-  for (const int level : {0, 1})
-    dvl_.addTurn(without(level), kShared * spread(level, level), turned_by.row(level) - moved.row(level));
-  if (b - a > kLongest) return;
-  Eigen::Quaterniond turn = Eigen::Quaterniond::Identity();
-  double variance = 0;
-  Eigen::RowVector4d by = Eigen::RowVector4d::Zero();
-  const auto add = [&](const Frame& at_end, const SeenTurn& s, const SE3& T_seen, double sign) {
-    const Eigen::RowVector3d down = at_end.T_odom_cam.rotation().toRotationMatrix().row(2);
-    variance += down.cwiseAbs2() * s.variance;
-    by += sign * down * turnedBy(T_seen, at_end.range).bottomRows<3>();
-  };
-  for (int k = a + 1; k <= b; ++k) {
-    if (!has(k)) return;
-    const Frame& f = frames_[at(k)];
-    if (f.seen.rig != rig_ || f.link < 0 || f.visualLies()) return;
-    turn = turn * f.seen.turn;
-    add(f, f.seen, solver_.measurement(f.link).T_from_to, 1);
-  }
-  add(frames_[at(b)], own, seen.T_a_b, -1);
-  const SE3 off(turn * own.turn.conjugate(), Eigen::Vector3d::Zero());
-  dvl_.addTurn((frames_[at(a)].T_odom_cam.rotation() * off.log().tail<3>()).z(), kShared * variance, by);
-}
-
-void NavigationGraph::renewOdometry(int keyframe, const SE3& seen, const Matrix6d& covariance) {
-  if (!has(keyframe) || !has(keyframe - 1)) return;
-  Frame& frame = frames_[at(keyframe)];
-  const SE3 T_a_b = dvl_.straightened(seen, frame.range);
-  const int measurement = addFactor(linkFactor(frames_[at(keyframe - 1)].node, frame.node, T_a_b,
-                                               covariance + dvl_.leftOpen(T_a_b, frame.range)));
-  if (measurement < 0) return;
-  if (frame.link >= 0) (void)solver_.setWeight(frame.link, 0);
-  frame.seen = {seen, covariance, rig_};
-  frame.link = measurement;
-  frame.link_slips = false;
-  weigh(frame);
 }
 
 void NavigationGraph::judge() {

@@ -1,5 +1,6 @@
 #include "recon/slam/shared_by_pose.hpp"
 
+#include <cmath>
 #include <span>
 
 namespace fathom::slam {
@@ -28,6 +29,18 @@ bool SharedByPose::solve(IncrementalSolver& graph) {
   graph.solve(std::span(pulls_.col(next_).data(), rows), std::span(moved_.col(next_).data(), rows));
   next_ = (next_ + 1) % kShared;
   return next_ == 0;
+}
+
+void SharedByPose::addEvidence(const IncrementalSolver& graph, int measurement, const Each& error,
+                               const Errors& left, Evidence& evidence) const {
+  const Measurement& m = graph.measurement(measurement);
+  const SE3 from = m.from == kWorld ? SE3() : graph.pose(m.from);
+  Matrix6d root = std::sqrt(m.weight) * m.root;
+  const Vector6d off = -root * plainError(m, from, graph.pose(m.to));
+  root.rightCols<3>() *= 0.5;  // the residual has half angles
+  const Each seen = root * error, open = seen - root * moved(m.from, m.to, graph.pose(m.to));
+  evidence.information += seen.transpose() * open;
+  evidence.sum += seen.transpose() * (off - open * left);
 }
 
 SharedByPose::Each SharedByPose::moved(int from, int to, const SE3& T_w_to) const {

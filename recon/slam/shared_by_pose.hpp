@@ -16,6 +16,12 @@ class SharedByPose {
   // Of each: a perturbation, by one unit of the error.
   using Each = Eigen::Matrix<double, 6, kShared>;
   using Covariance = Eigen::Matrix<double, kShared, kShared>;
+  using Errors = Eigen::Matrix<double, kShared, 1>;
+  // Of the errors, by measurements: information, and that times how far they are from what was removed.
+  struct Evidence {
+    Covariance information = Covariance::Zero();
+    Errors sum = Errors::Zero();
+  };
 
   explicit SharedByPose(int poses);
 
@@ -26,6 +32,11 @@ class SharedByPose {
   void begin();
   void pull(const IncrementalSolver& graph, int measurement, const Each& error);
   [[nodiscard]] bool solve(IncrementalSolver& graph);
+  // What a measurement that pulled tells of the errors beside all that holds its poses: its part of the
+  // normal equations less what moving the poses takes up (the Schur complement). `left`: what is still to be
+  // removed.
+  void addEvidence(const IncrementalSolver& graph, int measurement, const Each& error, const Errors& left,
+                   Evidence& evidence) const;
 
   // Of T_from_to, right perturbation, and its covariance for errors of that covariance; `from` kWorld: of the
   // pose itself.

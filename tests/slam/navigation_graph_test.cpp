@@ -325,7 +325,9 @@ TEST(NavigationGraph, AFalseClosureThatCameFirstIsSwitchedOffByTrueOnes) {
   MadeSurveyOptions options;
   options.visual_share = options.closure_share = 0;  // dead reckoning alone cannot tell
   const MadeSurvey survey = makeSurvey(options);
-  NavigationGraph graph(smallConfig());
+  NavigationConfig config = smallConfig();
+  config.rig.curl = 0;  // or attitudes share the tilt out between closures and poses
+  NavigationGraph graph(config);
   drive(graph, survey, options);
   const int last = graph.keyframes() - 1, older = 20;
   const SE3 right = survey.truth[20].inverse() * survey.truth.back();

@@ -251,5 +251,35 @@ TEST(SeaAndRig, RangesThatAreCurvedAcrossTheLinesAreShownByClosures) {
   EXPECT_NEAR(mean, kCurl, 1e-3);
 }
 
+// Steps see another curve than closures do, whose images overlap less: a survey in swell, which depths hold
+// little, is not bent by it.
+TEST(SeaAndRig, ACurveThatClosuresDoNotShowBendsNoSurvey) {
+  constexpr double kCurl = -4e-3, kSwell = 0.3;  // [rad/m]; standard deviation [m]
+  constexpr int kSurveys = 3;
+  MadeSurveyOptions options;
+  options.lines = 40;
+  options.line_length = 10;
+  options.reach = 1.3;
+  NavigationConfig config = smallConfig();
+  config.max_keyframes = 1600;
+  std::normal_distribution<double> normal;
+  std::mt19937_64 random(7);
+  double squared = 0;
+  for (options.seed = 1; options.seed <= kSurveys; ++options.seed) {
+    MadeSurvey survey = alongItsImage(options);
+    const std::vector<MadeSurvey::Link> closures = survey.closures;
+    turnAll(survey, testing::curvedBy(kCurl, 0, 0, 0));
+    survey.closures = closures;
+    for (KeyframeInput& input : survey.inputs) {
+      input.pressure_off = kSwell * normal(random);
+      input.pressure_sigma = kSwell;
+    }
+    NavigationGraph graph(config);
+    drive(graph, survey, options);
+    squared += std::pow(verticalErrorOf(graph, survey), 2) / kSurveys;
+  }
+  EXPECT_LT(std::sqrt(squared), 0.025);
+}
+
 }  // namespace
 }  // namespace fathom::slam

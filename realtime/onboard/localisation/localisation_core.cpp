@@ -27,7 +27,7 @@ constexpr double kWorthRenewing = 0.003, kSurveyRange = 2;
 // or is another: DvlCalibration::curl() [rad/m].
 constexpr double kKnownBetter = 0.4;
 const Eigen::Array4d kKnownWell = {1e-3, 1e-3, 1e-3, 1e-4}, kWorthTurn = 1.5 * kKnownWell;
-constexpr std::uint64_t kMostTurned = 2000;  // steps, for each is a measurement more in the graph
+constexpr std::uint64_t kMostTurned = 2000;  // steps, for each is registered anew
 constexpr int kStrictInliers = 40;
 constexpr double kStrictShare = 0.2, kStrictSignificance = 40;
 constexpr int kLastSteps = 50;      // of the graph, after the survey
