@@ -148,6 +148,8 @@ class IncrementalSolver {
   // size.
   std::int64_t factorStoreUsed() const { return active().factor.storeUsed(); }
   std::int64_t factorStore() const { return config_.max_factor_blocks; }
+  // Measurements that the factor does not have yet.
+  int waiting() const { return fresh_count_ + active().to_come.size(); }
   // Measurements that the factor is without, because its store has no room for their fill. The solution is of
   // all measurements, but takes more iterations.
   int leftOut() const { return active().left_out; }

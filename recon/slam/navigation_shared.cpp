@@ -87,10 +87,11 @@ void NavigationGraph::learnTurn(int a, int b, const UncertainPose& seen) {
   dvl_.addTurn((frames_[at(a)].T_odom_cam.rotation() * off.log().tail<3>()).z(), kShared * variance, by);
 }
 
-// A closure whose turn, straightened() by what was known then, is another by what is known now.
+// A closure whose turn, straightened() by what was known then, is another by what is known now. Not while the
+// factor lacks newer ones: what it lacks is not known to closures that are sought.
 void NavigationGraph::straightenAnew(Robust& r) {
   constexpr double kWorth = 0.2;  // standard deviations of the estimate
-  if (r.fix || r.off || r.curved != curved_) return;
+  if (r.fix || r.off || r.curved != curved_ || solver_.waiting() > 0) return;
   const Eigen::Vector4d off = dvl_.curl() - r.straightened_by;
   if ((off.array().abs() <= kWorth * dvl_.curlSigma().array()).all()) return;
   const double range = frames_[at(frame_of_node_[at(r.to)])].range;
