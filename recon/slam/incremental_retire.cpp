@@ -40,7 +40,9 @@ bool IncrementalSolver::isSettled(int pose) const {
 }
 
 bool IncrementalSolver::forget(int k) {
-  if (measurements_[k].weight != 0 || !isTakenIn(k)) return false;
+  if (k < 0 || k >= measurements_.size() || !measurements_[k].in_use || measurements_[k].weight != 0 ||
+      !isTakenIn(k))
+    return false;
   removeMeasurement(k);
   errors_.refresh();
   return true;

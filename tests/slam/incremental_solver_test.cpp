@@ -168,13 +168,24 @@ TEST(IncrementalSolver, AFalseClosureThatIsTakenOutLeavesTheSolutionWithoutIt) {
   for (int i = 0; i < 10; ++i) solver.step();
   EXPECT_GT(solver.chi2(), 2 * without);
   EXPECT_GT(solver.chi2Of(closure), 1);
+  EXPECT_FALSE(solver.forget(closure));
   EXPECT_TRUE(solver.setWeight(closure, 0));
+  EXPECT_FALSE(solver.forget(closure));  // the factor still has it
   for (int i = 0; i < 10; ++i) solver.step();
   optimize(graph, {});
   EXPECT_NEAR(solver.chi2(), without, 1e-5 * without);
   EXPECT_EQ(solver.chi2Of(closure), 0);
   EXPECT_FALSE(solver.setWeight(closure + 1, 0));
   EXPECT_FALSE(solver.setWeight(closure, -1));
+  EXPECT_TRUE(solver.forget(closure));
+  EXPECT_FALSE(solver.forget(closure));
+  int next = -1;
+  ASSERT_EQ(
+      solver.addMeasurement({5, 6, graph.poses[5].inverse() * graph.poses[6], Matrix6d::Identity()}, &next),
+      AddStatus::kOk);
+  EXPECT_EQ(next, closure);
+  for (int i = 0; i < 10; ++i) solver.step();
+  EXPECT_NEAR(solver.chi2(), without, 1e-5 * without);
 }
 
 TEST(IncrementalSolver, MeasurementsOfThePoseItselfPullItIntoTheWorld) {
