@@ -1,6 +1,5 @@
 #include <Eigen/Core>
 #include <algorithm>
-#include <cmath>
 
 #include "recon/slam/incremental_solver.hpp"
 
@@ -40,9 +39,7 @@ Matrix6d IncrementalSolver::relativeCovariance(int a, int b) {
 Matrix6d IncrementalSolver::pull(int measurement) const {
   const Measurement& m = measurements_[measurement];
   const Block b = worldDerivative(m, {errors_.fromPose(m), pose(m.to), m.weight});
-  Matrix6d error = std::sqrt(m.weight) * m.root;
-  error.rightCols<3>() *= 0.5;  // the residual has half angles
-  return Eigen::Map<const Matrix6d>(b.v).transpose() * error;
+  return Eigen::Map<const Matrix6d>(b.v).transpose() * rootByPerturbation(m);
 }
 
 void IncrementalSolver::solve(std::span<const double> pulls, std::span<double> moved) {

@@ -123,6 +123,12 @@ Vector6d plainError(const Measurement& m, const SE3& T_w_from, const SE3& T_w_to
   return error;
 }
 
+Matrix6d rootByPerturbation(const Measurement& m) {
+  Matrix6d root = std::sqrt(m.weight) * m.root;
+  root.rightCols<3>() *= 0.5;
+  return root;
+}
+
 Vector6d linearizeWhitened(const Measurement& m, const SE3& T_from_to, double weight,
                            WhitenedLinear& result) {
   const RelativePoseLinear l = linearize({m.from, m.to, m.T_from_to, {}}, SE3(), T_from_to);

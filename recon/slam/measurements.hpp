@@ -87,6 +87,9 @@ class Measurements {
 
 // The plain error.
 Vector6d plainError(const Measurement& m, const SE3& T_w_from, const SE3& T_w_to);
+// Of small errors that are right perturbations of T_from_to: the square root of what a measurement weighs
+// them by. (The plain error has half angles.)
+Matrix6d rootByPerturbation(const Measurement& m);
 // Returns the plain error. All depends on the relative pose alone.
 Vector6d linearizeWhitened(const Measurement& m, const SE3& T_from_to, double weight, WhitenedLinear& result);
 

@@ -35,9 +35,8 @@ void SharedByPose::addEvidence(const IncrementalSolver& graph, int measurement, 
                                const Errors& left, Evidence& evidence) const {
   const Measurement& m = graph.measurement(measurement);
   const SE3 from = m.from == kWorld ? SE3() : graph.pose(m.from);
-  Matrix6d root = std::sqrt(m.weight) * m.root;
-  const Vector6d off = -root * plainError(m, from, graph.pose(m.to));
-  root.rightCols<3>() *= 0.5;  // the residual has half angles
+  const Vector6d off = -std::sqrt(m.weight) * m.root * plainError(m, from, graph.pose(m.to));
+  const Matrix6d root = rootByPerturbation(m);
   const Each seen = root * error, open = seen - root * moved(m.from, m.to, graph.pose(m.to));
   evidence.information += seen.transpose() * open;
   evidence.sum += seen.transpose() * (off - open * left);
