@@ -3,12 +3,14 @@
 #include <fcntl.h>
 #include <fnmatch.h>
 #include <stdio.h>
+#include <sys/file.h>
+#include <sys/stat.h>
 
 #include <algorithm>
 #include <cerrno>
+#include <optional>
 #include <system_error>
 
-#include "realtime/kernel/descriptor.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom {
@@ -18,6 +20,31 @@ namespace fs = std::filesystem;
 
 fs::path withoutTrailingSlash(const fs::path& path) {
   return path.has_filename() ? path : path.parent_path();
+}
+
+// Where links lead to, at last, be it there or not.
+fs::path followed(fs::path path) {
+  constexpr int kMostLinks = 40;  // as the kernel follows
+  std::error_code error;
+  for (int k = 0; k < kMostLinks && fs::is_symlink(path, error); ++k)
+    path = withoutTrailingSlash((path.parent_path() / fs::read_symlink(path)).lexically_normal());
+  return path;
+}
+
+// Of the folder, unless another program has it, which removed it or put it in its place just now maybe; one
+// that is open to no lock where the file system has none.
+std::optional<Descriptor> locked(const fs::path& folder) {
+  Descriptor file(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  struct stat held {
+  }, there{};
+  const bool other = file.open() && ((::flock(file.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) ||
+                                     ::fstat(file.get(), &held) != 0 || ::stat(folder.c_str(), &there) != 0 ||
+                                     held.st_ino != there.st_ino);
+  return other ? std::nullopt : std::optional(std::move(file));
+}
+
+bool isTemporary(const std::string& name) {
+  return name.find(".tmp") != std::string::npos;
 }
 
 fs::path withEnding(fs::path path, const char* ending) {
@@ -33,21 +60,38 @@ void sync(const fs::path& path) {
 }  // namespace
 
 OutputFolder::OutputFolder(const fs::path& folder, std::span<const std::string_view> ours, const Life& life)
-    : folder_(withoutTrailingSlash(folder.lexically_normal())),
+    : folder_(followed(withoutTrailingSlash(folder.lexically_normal()))),
       temporary_(withEnding(folder_, ".tmp")),
       aside_(withEnding(folder_, ".old.tmp")),
       ours_(ours.begin(), ours.end()),
       outlives_(life.outlives),
       durable_(life.durable) {
   std::error_code error;
-  if (fs::exists(aside_, error) && !fs::exists(folder_, error)) fs::rename(aside_, folder_);
-  refuseOtherFiles();
-  fs::remove_all(aside_, error);
-  if (!life.reopen) fs::remove_all(temporary_, error);
   fs::create_directories(temporary_, error);
   if (error)
     throw InputError(temporary_.string(), "",
                      "cannot be made (" + error.message() + "); choose another folder");
+  auto lock = locked(temporary_);
+  if (!lock)
+    throw InputError(folder_.string(), "",
+                     "is being written by another program; wait for it, or choose another folder");
+  lock_ = std::move(*lock);
+  try {
+    takeOver(life.reopen);
+  } catch (...) {
+    fs::remove(temporary_, error);  // if it is empty
+    throw;
+  }
+}
+
+// What programs that were killed left.
+void OutputFolder::takeOver(bool reopen) {
+  std::error_code error;
+  if (fs::exists(aside_, error) && !fs::exists(folder_, error)) fs::rename(aside_, folder_);
+  for (const fs::path& folder : {folder_, aside_, temporary_}) refuseOtherFiles(folder);
+  fs::remove_all(aside_, error);
+  if (reopen) return;
+  for (const auto& entry : fs::directory_iterator(temporary_)) fs::remove_all(entry.path(), error);
 }
 
 OutputFolder::~OutputFolder() {
@@ -56,19 +100,19 @@ OutputFolder::~OutputFolder() {
   fs::remove_all(temporary_, ignored);
 }
 
-void OutputFolder::refuseOtherFiles() const {
+void OutputFolder::refuseOtherFiles(const fs::path& folder) const {
   std::error_code error;
-  if (!fs::exists(folder_, error)) return;
-  if (!fs::is_directory(folder_, error))
-    throw InputError(folder_.string(), "", "is not a folder; choose another folder");
-  for (const auto& entry : fs::recursive_directory_iterator(folder_)) {
+  if (!fs::exists(folder, error)) return;
+  if (!fs::is_directory(folder, error))
+    throw InputError(folder.string(), "", "is not a folder; choose another folder");
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
     if (entry.symlink_status().type() == fs::file_type::directory) continue;
-    const std::string name = entry.path().lexically_relative(folder_).generic_string();
+    const std::string name = entry.path().lexically_relative(folder).generic_string();
     const bool known = std::any_of(ours_.begin(), ours_.end(), [&](const std::string& pattern) {
       return ::fnmatch(pattern.c_str(), name.c_str(), FNM_PATHNAME | FNM_PERIOD | FNM_EXTMATCH) == 0;
     });
-    if (!known)
-      throw InputError(folder_.string(), name,
+    if (!known && !(folder != folder_ && isTemporary(name)))
+      throw InputError(folder.string(), name,
                        "is not of an earlier run and would be lost; move it, or choose another folder");
   }
 }
@@ -84,15 +128,18 @@ void OutputFolder::bringToDisk() const {
 }
 
 void OutputFolder::commit(const Exchange& exchange) {
-  refuseOtherFiles();
+  refuseOtherFiles(folder_);
   if (durable_) bringToDisk();
   if (!fs::exists(folder_)) {
     fs::rename(temporary_, folder_);
-  } else if (!exchange(temporary_, folder_)) {
-    fs::rename(folder_, aside_);
-    fs::rename(temporary_, folder_);
-    std::error_code ignored;  // what stays goes with the next run
-    fs::remove_all(aside_, ignored);
+  } else {
+    if (auto lock = locked(folder_)) old_lock_ = std::move(*lock);
+    if (!exchange(temporary_, folder_)) {
+      fs::rename(folder_, aside_);
+      fs::rename(temporary_, folder_);
+      std::error_code ignored;  // what stays goes with the next run
+      fs::remove_all(aside_, ignored);
+    }
   }
   outlives_ = false;  // after an exchange path() is the old folder
   if (durable_) sync(folder_.has_parent_path() ? folder_.parent_path() : fs::path("."));

@@ -101,6 +101,44 @@ TEST_F(OutputFolderTest, ARunKilledBetweenTheStepsOfAnExchangeLosesNothing) {
   EXPECT_FALSE(fs::exists(aside_));
 }
 
+TEST_F(OutputFolderTest, ASecondProgramIsRefusedAndTheFirstKeepsItsWork) {
+  OutputFolder first(out_, kOurs);
+  test::writeText(first.path() / "mesh.ply", "new");
+  EXPECT_THAT(refused(), HasSubstr("is being written by another program"));
+  EXPECT_EQ(test::readText(temporary_ / "mesh.ply"), "new");
+  first.commit();
+  EXPECT_THAT(refused(), HasSubstr("is being written by another program")) << "until the old one is gone";
+  EXPECT_EQ(test::readText(out_ / "mesh.ply"), "new");
+}
+
+TEST_F(OutputFolderTest, WhatSomebodyKeepsUnderTheTemporaryNamesIsNamedAndStays) {
+  for (const fs::path& folder : {temporary_, aside_}) {
+    test::writeText(folder / "notes.txt", "years of work");
+    EXPECT_THAT(refused(), HasSubstr(folder.filename().string() + ": notes.txt"));
+    EXPECT_EQ(test::readText(folder / "notes.txt"), "years of work");
+    fs::remove_all(folder);
+  }
+  test::writeText(temporary_ / "layers/slope.tif", "half");  // of a program that was killed
+  test::writeText(temporary_ / "layers/slope.tmp.tif", "half");
+  EXPECT_EQ(refused(), "");
+  EXPECT_FALSE(fs::exists(temporary_));
+}
+
+TEST_F(OutputFolderTest, BehindALinkTheFolderIsReplacedAndTheLinkStays) {
+  const test::TemporaryFolder large_disk;
+  const fs::path real = large_disk.path() / "results";
+  fs::remove_all(out_);
+  fs::create_directory_symlink(real, out_);
+  for (const char* text : {"first", "second"}) {
+    OutputFolder folder(out_, kOurs);
+    EXPECT_EQ(folder.path().parent_path(), large_disk.path());
+    test::writeText(folder.path() / "mesh.ply", text);
+    folder.commit();
+    EXPECT_TRUE(fs::is_symlink(out_));
+    EXPECT_EQ(test::readText(real / "mesh.ply"), text);
+  }
+}
+
 TEST_F(OutputFolderTest, WorkThatOutlivesItsProgramIsThereUntilItStandsInItsPlace) {
   EXPECT_ANY_THROW({
     OutputFolder folder(out_, kOurs, {.outlives = true, .reopen = false});
