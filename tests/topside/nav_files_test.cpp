@@ -84,6 +84,67 @@ TEST_F(NavFiles, EastingsAndNorthingsOfAnUnnamedProjectionAreBroughtNear) {
   EXPECT_THAT(data.assumed, Contains(HasSubstr("less 6252000 m north, 338000 m east")));
 }
 
+TEST_F(NavFiles, AGridOfOneSurveyIsBroughtNearToo) {
+  const NavData data = read("time,east,north\n1708171200,66010.5,250\n");
+  EXPECT_TRUE(data.local.at(0).value.isApprox(Eigen::Vector3d(250, 10.5, 1)));
+  EXPECT_THAT(data.assumed, Contains(HasSubstr("less 0 m north, 66000 m east")));
+}
+
+TEST_F(NavFiles, PlacesThatNoVehicleReachesAreLeftOutAndCounted) {
+  const NavData data = read(
+      "time,lat,lon\n1708171200,0,0\n1708171201,-33.5,151.25\n1708171202,-33.5,151.25\n"
+      "1708171203,-33.5001,151.25\n1708171204,33.5,151.25\n");
+  EXPECT_EQ(data.position.size(), 3u);
+  EXPECT_NEAR(originOf(data)->latitude / kDegree, -33.5, 1e-9);
+  EXPECT_THAT(data.assumed, Contains("2 positions at 0 N 0 E or over 100 km from most others are left out"));
+  EXPECT_THAT(refusal("time,lat,lon\n1708171200,0,0\n"), HasSubstr("holds no navigation"));
+}
+
+TEST_F(NavFiles, DepthsThatAreNegativeAreHeights) {
+  const NavData data = read("time,depth\n1708171200,0.1\n1708171201,-12.5\n1708171202,-12.75\n");
+  EXPECT_EQ(data.depth.at(1).value.x(), 12.5);
+  EXPECT_EQ(data.depth.at(0).value.x(), -0.1);
+  EXPECT_THAT(data.assumed, Contains("depths are negative below the surface"));
+}
+
+TEST_F(NavFiles, HemispheresAreRead) {
+  for (const char* text :
+       {"time,lat,lat_ns,lon,lon_ew\n1708171200,23.5,S,151.25,W\n",
+        "time,Latitude,N/S,Longitude,E/W\n1708171200,23.5,South,151.25,west\n",
+        "time,lat,lon\n1708171200,23.5 S,151.25W\n", "time,lat,lon\n1708171200,23 30.0 S,151 15.0 W\n",
+        "time,lat,lon\n1708171200,\"S23°30'00\"\"\",\"151°15'0\"\"W\"\n",
+        "time,lat,lon\n1708171200,-23.5,208.75\n"}) {
+    const NavData data = read(text);
+    ASSERT_EQ(data.position.size(), 1u) << text;
+    EXPECT_NEAR(data.position[0].value.x() / kDegree, -23.5, 1e-9) << text;
+    EXPECT_NEAR(data.position[0].value.y() / kDegree, -151.25, 1e-9) << text;
+  }
+  EXPECT_THAT(refusal("time,lat,lat_ns,lon\n1708171200,23.5,up,151\n"),
+              HasSubstr("row 1: has 'up' where N or S"));
+  EXPECT_THAT(refusal("time,lat,lon\n1708171200,23.5 x,151\n"),
+              HasSubstr("row 1: has '23.5x' in column lat"));
+}
+
+TEST_F(NavFiles, TimesOfAnotherZoneAreBroughtToUtc) {
+  for (const char* time : {"2024-02-17T22:00:00+10:00", "2024-02-17 07:30:00.000 -0430",
+                           "2024-02-17T13:00:00+01", "2024-02-17T12:00:00Z", "2024-02-17T12:00:00"})
+    EXPECT_EQ(read(std::string("time,depth\n") + time + ",1\n").depth.at(0).utc_ns, kNoon) << time;
+  EXPECT_EQ(read("date,time,depth\n2024-02-18,01:00:00+13:00,1\n").depth.at(0).utc_ns, kNoon);
+}
+
+TEST_F(NavFiles, VelocitiesThatMayBeOfTheBodyOrOfTheEarthAreLeftOutUntilSomebodySays) {
+  const std::string text = "time,depth,u,v,w\n1708171200,1,0.5,0.25,0\n";
+  const NavData data = read(text);
+  EXPECT_TRUE(data.velocity.empty() && data.track.empty());
+  EXPECT_THAT(data.assumed, Contains(HasSubstr("--nav-columns velocity_east=u,velocity_north=v")));
+  options_.columns = "velocity_east=u,velocity_north=v";
+  EXPECT_TRUE(read(text).track.at(0).value.isApprox(Eigen::Vector3d(0.25, 0.5, 0)));
+  options_.columns = "forward=u,starboard=v";
+  EXPECT_TRUE(read(text).velocity.at(0).value.isApprox(Eigen::Vector3d(0.5, 0.25, 0)));
+  options_.columns = "";
+  EXPECT_THAT(refusal("time,u,v\n1708171200,1,2\n"), HasSubstr("velocity_east=u"));
+}
+
 TEST_F(NavFiles, NonsenseIsRefusedByItsPlace) {
   EXPECT_THAT(refusal("deep,depth\n1,1\n"), HasSubstr("no column of times"));
   EXPECT_THAT(refusal("time,depth\nnoon,1\n"), HasSubstr("row 1: has no time 'noon'"));

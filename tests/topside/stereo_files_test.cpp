@@ -14,12 +14,17 @@
 namespace fathom::topside {
 namespace {
 
-using testing::ElementsAre, testing::HasSubstr, testing::IsEmpty;
+using testing::Contains, testing::ElementsAre, testing::HasSubstr, testing::IsEmpty;
 
 class StereoFileNames : public testing::Test {
  protected:
   void make(const std::vector<std::string>& names) {
     for (const std::string& name : names) test::writeText(folder_.path() / name, "x");
+  }
+  void patterns(const std::string& left, const std::string& right) {
+    options_.images.clear();
+    options_.left_pattern = (folder_.path() / left).string();
+    options_.right_pattern = (folder_.path() / right).string();
   }
   StereoFiles find() { return findStereoFiles(options_); }
   [[nodiscard]] std::vector<std::string> pairsOf(const StereoFiles& files) const {
@@ -48,6 +53,7 @@ TEST_F(StereoFileNames, WordsAnywhereTellLeftFromRight) {
       files.assumed,
       ElementsAre(
           "left and right images are told apart by 'left' and 'right'", "1 other images are left out",
+          "1 image without its partner is left out: left02.png",
           "no times in names or EXIF that differ: pairs are taken in order of name, half a second apart"));
 }
 
@@ -90,7 +96,7 @@ TEST_F(StereoFileNames, OtherNamesWithoutTimesGoInOrderIfThereAreAsMany) {
   make({"left/a2.png", "left/a10.png", "right/b1.png", "right/b2.png"});
   const StereoFiles files = find();
   EXPECT_THAT(pairsOf(files), ElementsAre("left/a2.png right/b1.png", "left/a10.png right/b2.png"));
-  EXPECT_THAT(files.assumed, testing::Contains(HasSubstr("in order of name")));
+  EXPECT_THAT(files.assumed, Contains(HasSubstr("in order of name")));
   make({"right/b3.png"});
   EXPECT_THAT(test::refusal([&] { (void)find(); }),
               HasSubstr("no pair of a left and a right image among 5 images"));
@@ -111,16 +117,60 @@ TEST_F(StereoFileNames, WithoutWordsTheFixIsSaid) {
   EXPECT_THAT(test::refusal([&] { (void)find(); }), HasSubstr("nowhere: is not there"));
 }
 
-TEST_F(StereoFileNames, PatternsMustMatchEquallyManyImages) {
-  make({"a1.png", "a2.png", "b1.png"});
-  options_.images.clear();
-  options_.left_pattern = (folder_.path() / "a*.png").string();
-  options_.right_pattern = (folder_.path() / "b*.png").string();
-  EXPECT_THROW((void)find(), InputError);
-  options_.right_pattern = (folder_.path() / "a*.png").string();
-  EXPECT_EQ(find().pairs.size(), 2u);
+TEST_F(StereoFileNames, PatternsPairTheNamesThatTheirStarsStandFor) {
+  make({"a1.png", "a2.png", "a3.png", "a10.png", "b1.png", "b3.png", "b4.png", "b10.png"});
+  patterns("a*.png", "b*.png");
+  const StereoFiles files = find();
+  EXPECT_THAT(pairsOf(files), ElementsAre("a1.png b1.png", "a3.png b3.png", "a10.png b10.png"));
+  ASSERT_EQ(files.alone.size(), 2u);
+  EXPECT_EQ(name(files.alone[0].file), "a2.png");
+  EXPECT_EQ(name(files.alone[1].file), "b4.png");
+  EXPECT_THAT(files.assumed, Contains("2 images without their partner are left out: a2.png, b4.png"));
   options_.right_pattern.clear();
   EXPECT_THROW((void)find(), InputError);
+}
+
+TEST_F(StereoFileNames, PatternsPairByNumbersOrTimesWhereTheRestOfTheNamesDiffers) {
+  make({"x/frame_007_L.png", "x/frame_008_L.png", "x/frame_010_L.png", "y/frame_007_R.png",
+        "y/frame_010_R.png", "y/frame_011_R.png"});
+  patterns("x/*.png", "y/*.png");
+  EXPECT_THAT(pairsOf(find()),
+              ElementsAre("x/frame_007_L.png y/frame_007_R.png", "x/frame_010_L.png y/frame_010_R.png"));
+  make({"t/GX_20240217_051549_100.png", "t/GX_20240217_051550_100.png", "t/GX_20240217_051551_100.png",
+        "u/CAP_20240217_051550_120.png", "u/CAP_20240217_051551_120.png"});
+  patterns("t/*", "u/*");
+  EXPECT_THAT(pairsOf(find()), ElementsAre("t/GX_20240217_051550_100.png u/CAP_20240217_051550_120.png",
+                                           "t/GX_20240217_051551_100.png u/CAP_20240217_051551_120.png"));
+}
+
+TEST_F(StereoFileNames, PatternsMayHoldSetsAndSpecialCharacters) {
+  make({"(a).1+x.png", "(a).2+x.png", "[b]1.png", "[b]2.png", "[b]3.png"});
+  patterns("(a).[0-9]+?.png", "\\[b\\]?.png");
+  EXPECT_EQ(find().pairs.size(), 2u) << "by their numbers";
+  patterns("(a).[[:digit:]]+x.png", "\\[b\\][!3].png");
+  EXPECT_EQ(find().pairs.size(), 2u) << "in order";
+}
+
+TEST_F(StereoFileNames, PatternsPairInOrderOnlyAsManyOfBothAndSaySo) {
+  make({"c3.png", "c5.png", "d8.png", "d9.png"});
+  patterns("c*.png", "d*.png");
+  const StereoFiles files = find();
+  EXPECT_THAT(pairsOf(files), ElementsAre("c3.png d8.png", "c5.png d9.png"));
+  EXPECT_THAT(files.assumed, Contains(HasSubstr("in order of name")));
+  make({"d10.png"});
+  EXPECT_THAT(
+      test::refusal([&] { (void)find(); }),
+      HasSubstr("d*.png: matches 3 images, of which none has the name, number or time of one of the 2"));
+}
+
+TEST_F(StereoFileNames, AStrayNameCostsItsPairAndNotTheTimes) {
+  make({"left/20240217_051549_768.png", "right/20240217_051549_768.png", "left/20240217_051550_768.png",
+        "right/20240217_051550_768.png", "left/test.png", "right/test.png"});
+  const StereoFiles files = find();
+  EXPECT_THAT(pairsOf(files), ElementsAre("left/20240217_051549_768.png right/20240217_051549_768.png",
+                                          "left/20240217_051550_768.png right/20240217_051550_768.png"));
+  EXPECT_EQ(files.pairs[0].utc_ns, 1708146949768000000);
+  EXPECT_THAT(files.assumed, Contains("1 of 3 pairs has no time in its name and is left out: test.png"));
 }
 
 TEST_F(StereoFileNames, AListSaysAllOfIt) {
@@ -187,7 +237,7 @@ TEST_F(StereoFileNames, TimesAreTakenFromExifWhereNamesHaveNone) {
   ASSERT_TRUE(files.pairs[0].utc_ns && files.pairs[1].utc_ns);
   EXPECT_EQ(*files.pairs[0].utc_ns, 1495447262'500'000'000);
   EXPECT_EQ(*files.pairs[1].utc_ns, 1495447263'250'000'000);
-  EXPECT_THAT(files.assumed, testing::Contains("times are those in the left images' EXIF, as if UTC"));
+  EXPECT_THAT(files.assumed, Contains("times are those in the left images' EXIF, as if UTC"));
 }
 
 TEST(NameTime, UsualFormsAreKnownAndFrameNumbersAreNone) {

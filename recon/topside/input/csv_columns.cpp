@@ -9,6 +9,7 @@
 #include <charconv>
 #include <cmath>
 #include <memory>
+#include <regex>
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/input/images/name_times.hpp"
@@ -73,14 +74,28 @@ std::int64_t CsvColumns::time(std::size_t row, std::size_t column, double unit) 
 }
 
 std::int64_t CsvColumns::time(std::size_t row, std::size_t column) const {
-  for (const NameTime& form : NameTime::usual())
-    if (const auto time = form.of(text(row, column))) return *time;
+  if (const auto time = timeOf(text(row, column))) return *time;
   constexpr double kSecond = 1e9;  // [ns]
   try {
     return time(row, column, kSecond);
   } catch (const InputError&) {
     fail(row, "has no time '" + text(row, column) + "'; give 2024-02-17T05:15:49.768, Unix time or seconds");
   }
+}
+
+std::optional<std::int64_t> CsvColumns::timeOf(const std::string& text) {
+  static const std::regex kOffset(R"(\d{2}:\d{2}:\d{2}(?:[.,]\d+)?\s*([+-])(\d{2}):?(\d{2})?$)");
+  std::smatch found;
+  std::int64_t ahead = 0;
+  if (std::regex_search(text, found, kOffset)) {
+    constexpr std::int64_t kMinute = 60'000'000'000;  // [ns]
+    const std::string minutes = found[3].str();
+    ahead = (found[1] == "-" ? -1 : 1) * kMinute *
+            (60 * std::stoll(found[2].str()) + (minutes.empty() ? 0 : std::stoll(minutes)));
+  }
+  for (const NameTime& form : NameTime::usual())
+    if (const auto time = form.of(text)) return *time - ahead;
+  return {};
 }
 
 void CsvColumns::fail(std::size_t row, const std::string& what) const {

@@ -25,8 +25,11 @@ class CsvColumns {
   [[nodiscard]] std::optional<double> number(std::size_t row, std::size_t column) const;
   // A number of `unit` [ns], in ns.
   [[nodiscard]] std::int64_t time(std::size_t row, std::size_t column, double unit) const;
-  // UTC [ns], as date and time of day, as Unix time, or as seconds of any clock. Throws InputError.
+  // UTC [ns], as date and time of day (with its offset from UTC, if it says one), as Unix time, or as seconds
+  // of any clock. Throws InputError.
   [[nodiscard]] std::int64_t time(std::size_t row, std::size_t column) const;
+  // The first two of these forms; none: neither.
+  [[nodiscard]] static std::optional<std::int64_t> timeOf(const std::string& text);
   // Throws InputError with the row's place.
   [[noreturn]] void fail(std::size_t row, const std::string& what) const;
 

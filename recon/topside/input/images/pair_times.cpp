@@ -15,16 +15,27 @@ namespace {
 
 using TimeOf = std::function<std::optional<std::int64_t>(const std::filesystem::path& left)>;
 
-// True, and all pairs have times, if all are told and differ.
-bool timeBy(const TimeOf& timeOf, std::vector<StereoFilePair>& pairs) {
-  std::vector<std::int64_t> times;
+// True, and all pairs have times, if most are known and all of these differ; the others are left out.
+bool timeBy(const TimeOf& timeOf, StereoFiles& files) {
+  std::vector<StereoFilePair> timed;
+  std::vector<std::string> untimed;
   std::set<std::int64_t> different;
-  for (const StereoFilePair& pair : pairs) {
+  for (const StereoFilePair& pair : files.pairs) {
     const auto time = timeOf(pair.left);
-    if (!time || !different.insert(*time).second) return false;
-    times.push_back(*time);
+    if (time && !different.insert(*time).second) return false;
+    if (time)
+      timed.push_back({pair.left, pair.right, time});
+    else
+      untimed.push_back(pair.left.filename().string());
   }
-  for (std::size_t k = 0; k < pairs.size(); ++k) pairs[k].utc_ns = times[k];
+  if (timed.size() <= untimed.size()) return false;
+  if (!untimed.empty())
+    files.assumed.push_back(leftOut(std::to_string(untimed.size()) + " of " +
+                                        std::to_string(files.pairs.size()) +
+                                        (untimed.size() == 1 ? " pairs has no time in its name and is"
+                                                             : " pairs have no time in their names and are"),
+                                    untimed));
+  files.pairs = std::move(timed);
   return true;
 }
 
@@ -33,6 +44,13 @@ TimeOf inNames(const NameTime& form) {
 }
 
 }  // namespace
+
+std::string leftOut(const std::string& which, const std::vector<std::string>& names) {
+  constexpr std::size_t kNamed = 5;
+  std::string text = which + " left out: ";
+  for (std::size_t k = 0; k < std::min(names.size(), kNamed); ++k) text += (k > 0 ? ", " : "") + names[k];
+  return names.size() > kNamed ? text + " ..." : text;
+}
 
 std::optional<std::int64_t> exifTime(const std::filesystem::path& image) {
   static const NameTime kWhole("%Y:%m:%d %H:%M:%S"), kFraction("%Y:%m:%d %H:%M:%S.%f");
@@ -52,13 +70,13 @@ std::optional<std::int64_t> exifTime(const std::filesystem::path& image) {
 }
 
 void takeTimes(const std::string& pattern, StereoFiles& files) {
-  std::vector<StereoFilePair>& pairs = files.pairs;
+  const std::vector<StereoFilePair>& pairs = files.pairs;
   if (!pattern.empty()) {
     const NameTime form(pattern);
     for (const StereoFilePair& pair : pairs)
       if (!form.of(pair.left.stem().string()))
         throw InputError("--time-pattern", pattern, "does not fit " + pair.left.filename().string());
-    if (!timeBy(inNames(form), pairs))
+    if (!timeBy(inNames(form), files))
       throw InputError("--time-pattern", pattern,
                        "gives several pairs one time; name the fraction of a second with %f");
     return;
@@ -66,15 +84,15 @@ void takeTimes(const std::string& pattern, StereoFiles& files) {
   if (std::all_of(pairs.begin(), pairs.end(), [](const StereoFilePair& p) { return p.utc_ns.has_value(); }))
     return;
   for (const NameTime& form : NameTime::usual())
-    if (timeBy(inNames(form), pairs)) {
+    if (timeBy(inNames(form), files)) {
       files.assumed.push_back("times are those in the left images' names, UTC");
       return;
     }
-  if (timeBy(exifTime, pairs)) {
+  if (timeBy(exifTime, files)) {
     files.assumed.push_back("times are those in the left images' EXIF, as if UTC");
     return;
   }
-  for (StereoFilePair& pair : pairs) pair.utc_ns.reset();
+  for (StereoFilePair& pair : files.pairs) pair.utc_ns.reset();
   files.assumed.push_back(
       "no times in names or EXIF that differ: pairs are taken in order of name, half a second apart");
 }

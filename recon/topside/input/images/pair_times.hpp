@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "recon/topside/input/images/stereo_files.hpp"
 
@@ -12,9 +13,13 @@ namespace fathom::topside {
 // UTC [ns].
 [[nodiscard]] std::optional<std::int64_t> exifTime(const std::filesystem::path& image);
 
-// Gives all pairs their times, if they differ: by `pattern` (NameTime), else those that they have, else by
-// the usual forms of the left images' names, else as the left images' EXIF says, else none. Adds to `assumed`
-// what was taken. Throws InputError for a pattern that does not fit.
+// "3 images are" to "3 images are left out: a.png, b.png, c.png", of many the first few.
+[[nodiscard]] std::string leftOut(const std::string& which, const std::vector<std::string>& names);
+
+// Gives all pairs their times, if most have one and these differ: by `pattern` (NameTime), else those that
+// they have, else by the usual forms of the left images' names, else as the left images' EXIF says, else
+// none. Adds to `assumed` what was taken; pairs that have none where most do are left out. Throws InputError
+// for a pattern that does not fit.
 void takeTimes(const std::string& pattern, StereoFiles& files);
 
 }  // namespace fathom::topside

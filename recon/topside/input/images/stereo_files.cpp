@@ -13,6 +13,7 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/input/csv_columns.hpp"
+#include "recon/topside/input/images/name_patterns.hpp"
 #include "recon/topside/input/images/name_times.hpp"
 #include "recon/topside/input/images/pair_times.hpp"
 
@@ -57,33 +58,6 @@ bool looksLikeImage(const fs::path& path) {
   static const std::set<std::string> kExtensions{".tif", ".tiff", ".png", ".jpg", ".jpeg",
                                                  ".bmp", ".pgm",  ".ppm", ".jp2", ".webp"};
   return kExtensions.contains(lower(path.extension().string()));
-}
-
-bool isDigit(char c) {
-  return std::isdigit(static_cast<unsigned char>(c)) != 0;
-}
-
-// 2.png comes before 10.png.
-bool naturallyBefore(const std::string& a, const std::string& b) {
-  std::size_t i = 0, k = 0;
-  while (i < a.size() && k < b.size()) {
-    if (isDigit(a[i]) && isDigit(b[k])) {
-      const auto number = [](const std::string& text, std::size_t& at) {
-        while (at < text.size() && text[at] == '0') ++at;
-        const std::size_t from = at;
-        while (at < text.size() && isDigit(text[at])) ++at;
-        return text.substr(from, at - from);
-      };
-      const std::string x = number(a, i), y = number(b, k);
-      if (x.size() != y.size()) return x.size() < y.size();
-      if (x != y) return x < y;
-    } else if (a[i] != b[k]) {
-      return a[i] < b[k];
-    } else {
-      ++i, ++k;
-    }
-  }
-  return a.size() - i != b.size() - k ? a.size() - i < b.size() - k : a < b;
 }
 
 // What this project's programs leave in a dive's folder: pictures of it, not images.
@@ -269,18 +243,46 @@ std::vector<fs::path> matching(const std::string& pattern, const char* option) {
   return out;
 }
 
+// Moves files with the same key, one on each side, from `alone` to pairs.
+void pairByKey(Sides& alone, const std::array<std::vector<std::string>, 2>& keys, StereoFiles& out) {
+  std::map<std::string, std::array<std::vector<std::size_t>, 2>> by_key;
+  for (const std::size_t side : {0U, 1U})
+    for (std::size_t k = 0; k < keys[side].size(); ++k) by_key[keys[side][k]][side].push_back(k);
+  Sides left_over;
+  for (const auto& [key, found] : by_key) {
+    if (!key.empty() && found[0].size() == 1 && found[1].size() == 1) {
+      out.pairs.push_back({alone[0][found[0].front()], alone[1][found[1].front()], {}});
+      continue;
+    }
+    for (const std::size_t side : {0U, 1U})
+      for (const std::size_t k : found[side]) left_over[side].push_back(alone[side][k]);
+  }
+  alone = std::move(left_over);
+}
+
 StereoFiles byPatterns(const StereoFileOptions& options) {
   if (options.left_pattern.empty() || options.right_pattern.empty())
     throw InputError(options.left_pattern.empty() ? "--left" : "--right", "",
                      "is missing; --left and --right go together");
-  const auto left = matching(options.left_pattern, "--left");
-  const auto right = matching(options.right_pattern, "--right");
-  if (left.size() != right.size())
-    throw InputError("--right", options.right_pattern,
-                     "matches " + std::to_string(right.size()) + " files where --left matches " +
-                         std::to_string(left.size()) + "; each left image needs its right one");
+  Sides alone{matching(options.left_pattern, "--left"), matching(options.right_pattern, "--right")};
+  const std::array<std::size_t, 2> counts{alone[0].size(), alone[1].size()};
+  const std::array<Wildcards, 2> wildcards{Wildcards(options.left_pattern), Wildcards(options.right_pattern)};
   StereoFiles out;
-  for (std::size_t k = 0; k < left.size(); ++k) out.pairs.push_back({left[k], right[k], {}});
+  for (const bool numbers : {false, true}) {
+    std::array<std::vector<std::string>, 2> keys;
+    for (const std::size_t side : {0U, 1U})
+      for (const fs::path& file : alone[side]) {
+        const std::string key = wildcards[side].of(file);
+        keys[side].push_back(numbers ? numbersIn(key) : key);
+      }
+    if (out.pairs.empty()) pairByKey(alone, keys, out);
+  }
+  pairTheRest(alone, options.tolerance, out);
+  if (out.pairs.empty())
+    throw InputError("--right", options.right_pattern,
+                     "matches " + std::to_string(counts[1]) +
+                         " images, of which none has the name, number or time of one of the " +
+                         std::to_string(counts[0]) + " of --left; give as many of both, or --pairs");
   return out;
 }
 
@@ -317,6 +319,14 @@ StereoFiles findStereoFiles(const StereoFileOptions& options) {
   StereoFiles out = !options.pairs.empty() ? byList(options.pairs)
                     : patterns             ? byPatterns(options)
                                            : tellApart(options.images, options.tolerance);
+  if (!out.alone.empty()) {
+    std::vector<std::string> names;
+    for (const StereoFiles::Alone& one : out.alone) names.push_back(one.file.filename().string());
+    out.assumed.push_back(leftOut(names.size() == 1
+                                      ? "1 image without its partner is"
+                                      : std::to_string(names.size()) + " images without their partner are",
+                                  names));
+  }
   takeTimes(options.time_pattern, out);
   std::stable_sort(out.pairs.begin(), out.pairs.end(), [](const StereoFilePair& a, const StereoFilePair& b) {
     if (a.utc_ns && b.utc_ns) return *a.utc_ns < *b.utc_ns;

@@ -12,7 +12,7 @@ namespace fathom::topside {
 // Where the image files of a stereo rig are, and how their names are to be read.
 struct StereoFileOptions {
   std::vector<std::filesystem::path> images = {};     // files and folders; left and right told apart by name
-  std::string left_pattern = {}, right_pattern = {};  // or two shell patterns, paired in order of name
+  std::string left_pattern = {}, right_pattern = {};  // or two shell patterns
   std::filesystem::path pairs = {};  // or a CSV file with columns left, right and, if known, utc
   std::string time_pattern = {};     // of NameTime; none: the usual ones
   double tolerance = 0.05;           // left and right of one pair by time [s]
@@ -37,7 +37,9 @@ struct StereoFiles {
 // and right, port and starboard, l and r, cam0 and cam1, image_2 and image_3 and the like; ..._LC16 and
 // ..._RM16), with the rest of the name equal. Where two folders hold other names each, images are paired by
 // the times in the names, no more than `tolerance` apart, or, where there are as many on both sides, in
-// order. Throws InputError when there is no pair, and for files that are absent.
+// order. Two patterns pair names whose wildcards stand for the same, else for the same numbers, else as two
+// folders. What has no partner, or as one of few no time, is named in `assumed`. Throws InputError when there
+// is no pair, and for files that are absent.
 [[nodiscard]] StereoFiles findStereoFiles(const StereoFileOptions& options);
 
 // The nearest right image of each left one, each used once: by their times, ascending [ns], about a skew that

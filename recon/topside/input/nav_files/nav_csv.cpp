@@ -5,13 +5,16 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <charconv>
 #include <cmath>
 #include <map>
 #include <memory>
 #include <numbers>
+#include <string_view>
 
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/text.hpp"
+#include "recon/geometry/order_statistics.hpp"
 #include "recon/topside/input/csv_columns.hpp"
 #include "recon/topside/input/images/name_times.hpp"
 
@@ -20,7 +23,7 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
 
-enum class Kind : std::uint8_t { kTime, kDate, kAngle, kLength, kSpeed };
+enum class Kind : std::uint8_t { kTime, kDate, kAngle, kLength, kSpeed, kHemisphere };
 
 struct Quantity {
   const char* name;
@@ -36,6 +39,14 @@ const std::vector<Quantity>& quantities() {
       {"date", Kind::kDate, {"date", "utcdate", "dateutc"}},
       {"latitude", Kind::kAngle, {"latitude", "lat"}},
       {"longitude", Kind::kAngle, {"longitude", "lon", "long", "lng"}},
+      {"latitude_sign",
+       Kind::kHemisphere,
+       {"ns", "latns", "latitudens", "latref", "latituderef", "latdir", "latitudedirection",
+        "latitudehemisphere"}},
+      {"longitude_sign",
+       Kind::kHemisphere,
+       {"ew", "lonew", "longew", "lngew", "longitudeew", "lonref", "longituderef", "londir",
+        "longitudedirection", "longitudehemisphere"}},
       {"north", Kind::kLength, {"north", "northing"}},
       {"east", Kind::kLength, {"east", "easting"}},
       {"sigma",
@@ -47,9 +58,9 @@ const std::vector<Quantity>& quantities() {
       {"roll", Kind::kAngle, {"roll"}},
       {"pitch", Kind::kAngle, {"pitch"}},
       {"altitude", Kind::kLength, {"altitude", "alt", "dvlaltitude"}},
-      {"forward", Kind::kSpeed, {"forward", "surge", "velocityforward", "velforward", "u"}},
-      {"starboard", Kind::kSpeed, {"starboard", "sway", "velocitystarboard", "velstarboard", "v"}},
-      {"down", Kind::kSpeed, {"down", "velocitydownbody", "w"}},
+      {"forward", Kind::kSpeed, {"forward", "surge", "velocityforward", "velforward"}},
+      {"starboard", Kind::kSpeed, {"starboard", "sway", "velocitystarboard", "velstarboard"}},
+      {"down", Kind::kSpeed, {"down", "velocitydownbody"}},
       {"velocity_north", Kind::kSpeed, {"velocitynorth", "northvelocity", "velnorth", "vn", "vnorth"}},
       {"velocity_east", Kind::kSpeed, {"velocityeast", "eastvelocity", "veleast", "ve", "veast"}},
       {"velocity_down", Kind::kSpeed, {"velocitydown", "downvelocity", "veldown", "vd", "vdown"}}};
@@ -99,6 +110,12 @@ struct Column {
   std::optional<NameTime> pattern;  // of a time
 };
 
+std::string plain(std::string name) {
+  std::erase_if(name, [](unsigned char c) { return std::isalnum(c) == 0; });
+  for (char& c : name) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return name;
+}
+
 // "Heading [deg]" and "heading_deg" to heading, deg.
 std::pair<std::string, std::string> split(const std::string& column) {
   std::string name, unit;
@@ -118,8 +135,7 @@ std::pair<std::string, std::string> split(const std::string& column) {
     unit = name.substr(last + 1);
     name.resize(last);
   }
-  std::erase_if(name, [](unsigned char c) { return std::isalnum(c) == 0; });
-  return {name, unit};
+  return {plain(name), unit};
 }
 
 std::map<std::string, Column> named(const CsvColumns& table, const std::string& text) {
@@ -162,12 +178,44 @@ void addUsual(const CsvColumns& table, std::map<std::string, Column>& columns) {
   for (std::size_t index = 0; index < table.names().size(); ++index) {
     const auto [name, unit] = split(table.names()[index]);
     for (const Quantity& q : quantities()) {
-      if (columns.contains(q.name) || std::find(q.usual.begin(), q.usual.end(), name) == q.usual.end())
+      // The unit of time in lat_ns is none.
+      const std::string& known = q.kind == Kind::kHemisphere ? plain(table.names()[index]) : name;
+      if (columns.contains(q.name) || std::find(q.usual.begin(), q.usual.end(), known) == q.usual.end() ||
+          (q.kind == Kind::kAngle && unit == "ns"))
         continue;
       const Unit* u = unitNamed(unit, q.kind);
       columns[q.name] = {index, u != nullptr ? u->value : q.kind == Kind::kTime ? 0 : usualUnit(q.kind), {}};
     }
   }
+}
+
+// Degrees, minutes and seconds, or with a letter, as "23 30.0 S" and "S23°30'": in degrees. None for one
+// plain number, and for what is no such angle.
+std::optional<double> sexagesimal(const std::string& text) {
+  constexpr int kMostNumbers = 3;
+  double degrees = 0, unit = 1;
+  int numbers = 0;
+  bool letter = false, negative = false;
+  const char* const end = text.data() + text.size();
+  for (const char* at = text.data(); at < end; ++at) {
+    const auto c = static_cast<unsigned char>(*at);
+    if (std::isdigit(c) != 0) {
+      double number = 0;
+      at = std::from_chars(at, end, number).ptr - 1;
+      degrees += unit * number;
+      unit /= 60;
+      ++numbers;
+    } else if (std::string_view("NnEeSsWw").find(*at) != std::string_view::npos) {
+      letter = true;
+      negative = negative || std::string_view("SsWw").find(*at) != std::string_view::npos;
+    } else if (std::isalpha(c) != 0) {
+      return {};
+    } else if (c == '-' && numbers == 0) {
+      negative = true;
+    }
+  }
+  if (numbers < 1 || numbers > kMostNumbers || (numbers == 1 && !letter)) return {};
+  return negative ? -degrees : degrees;
 }
 
 class Table {
@@ -188,6 +236,27 @@ class Table {
     return *value * found->second.unit;
   }
 
+  // The same of a latitude or longitude, with the sign of its hemisphere: of the two in `hemispheres` ("ns")
+  // the second is negative.
+  [[nodiscard]] std::optional<double> place(std::size_t row, const char* quantity, const char* sign,
+                                            const char* hemispheres) const {
+    const auto found = columns_.find(quantity), side = columns_.find(sign);
+    if (found == columns_.end()) return {};
+    const auto degrees = sexagesimal(table_.text(row, found->second.index));
+    const auto value = degrees ? std::optional(*degrees * kDegree) : number(row, quantity);
+    if (!value || side == columns_.end()) return value;
+    const std::string& text = table_.text(row, side->second.index);
+    if (text.empty()) return value;
+    const auto first = static_cast<char>(std::tolower(static_cast<unsigned char>(text.front())));
+    if (first != hemispheres[0] && first != hemispheres[1])
+      table_.fail(row, "has '" + text + "' where " +
+                           static_cast<char>(std::toupper(static_cast<unsigned char>(hemispheres[0]))) +
+                           " or " +
+                           static_cast<char>(std::toupper(static_cast<unsigned char>(hemispheres[1]))) +
+                           " should be");
+    return first == hemispheres[1] ? -std::abs(*value) : std::abs(*value);
+  }
+
   [[nodiscard]] std::int64_t time(std::size_t row) const {
     const Column& column = columns_.at("time");
     const std::string& text = table_.text(row, column.index);
@@ -198,8 +267,7 @@ class Table {
     if (column.unit > 0) return table_.time(row, column.index, column.unit);
     if (!has("date")) return table_.time(row, column.index);
     const std::string both = table_.text(row, columns_.at("date").index) + " " + text;
-    for (const NameTime& form : NameTime::usual())
-      if (const auto t = form.of(both)) return *t;
+    if (const auto t = CsvColumns::timeOf(both)) return *t;
     table_.fail(row, "has no date and time '" + both + "'");
   }
 
@@ -246,6 +314,15 @@ class ToGeodetic {
   std::unique_ptr<OGRCoordinateTransformation, Destroy> transform_;
 };
 
+// A vehicle is below the surface: what is mostly negative is a height.
+void turnHeights(NavData& data) {
+  std::vector<double> depths;
+  for (const NavRow& row : data.depth) depths.push_back(row.value.x());
+  if (!(median(std::move(depths)) < 0)) return;
+  for (NavRow& row : data.depth) row.value.x() *= -1;
+  data.assumed.emplace_back("depths are negative below the surface");
+}
+
 }  // namespace
 
 NavData readNavCsv(const std::filesystem::path& path, const NavFileOptions& options) {
@@ -260,11 +337,12 @@ NavData readNavCsv(const std::filesystem::path& path, const NavFileOptions& opti
   for (std::size_t row = 0; row < csv.rows(); ++row) {
     const std::int64_t t = table.time(row);
     const double sigma = table.number(row, "sigma").value_or(0);
-    const auto latitude = table.number(row, "latitude"), longitude = table.number(row, "longitude");
+    const auto latitude = table.place(row, "latitude", "latitude_sign", "ns"),
+               longitude = table.place(row, "longitude", "longitude_sign", "ew");
     if (latitude && longitude) {
       if (std::abs(*latitude) > 0.5 * std::numbers::pi || std::abs(*longitude) > 2 * std::numbers::pi)
         csv.fail(row, "has a latitude or longitude that is not on Earth; check --nav-columns and its units");
-      data.position.push_back({t, {*latitude, *longitude, sigma}});
+      data.position.push_back({t, {*latitude, std::remainder(*longitude, 2 * std::numbers::pi), sigma}});
     }
     const auto north = table.number(row, "north"), east = table.number(row, "east");
     if (north && east && !(latitude && longitude)) {
@@ -290,6 +368,14 @@ NavData readNavCsv(const std::filesystem::path& path, const NavFileOptions& opti
     const auto to_north = table.number(row, "velocity_north"), to_east = table.number(row, "velocity_east");
     if (to_north && to_east)
       data.track.push_back({t, {*to_north, *to_east, table.number(row, "velocity_down").value_or(0)}});
+  }
+  if (table.has("depth")) turnHeights(data);
+  if (!table.has("forward") && !table.has("velocity_east") && csv.column("u") && csv.column("v")) {
+    const std::string why =
+        "u and v are left out, as they may be of the Earth's axes or of the body's; say which: --nav-columns "
+        "velocity_east=u,velocity_north=v or forward=u,starboard=v";
+    if (data.empty()) throw InputError(path.string(), "columns", why);
+    data.assumed.push_back(why);
   }
   return data;
 }

@@ -7,6 +7,7 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/text.hpp"
+#include "recon/geometry/order_statistics.hpp"
 #include "recon/topside/input/nav_files/nav_csv.hpp"
 #include "recon/topside/input/nav_files/nmea_0183.hpp"
 
@@ -80,6 +81,26 @@ std::optional<Eigen::Vector3d> movedBetween(const std::vector<NavRow>& rows, std
   return sum;
 }
 
+// Receivers without a fix say 0 N 0 E, or anything.
+void leaveOutWild(NavData& data) {
+  constexpr double kFar = 1e5 / 6.371e6;  // [rad]
+  std::vector<double> latitudes, longitudes;
+  std::size_t wild =
+      std::erase_if(data.position, [](const NavRow& row) { return row.value.head<2>().isZero(); });
+  for (const NavRow& row : data.position) {
+    latitudes.push_back(row.value.x());
+    longitudes.push_back(row.value.y());
+  }
+  const double latitude = median(std::move(latitudes)), longitude = median(std::move(longitudes));
+  wild += std::erase_if(data.position, [&](const NavRow& row) {
+    return std::hypot(row.value.x() - latitude, std::cos(latitude) * wrapped(row.value.y() - longitude)) >
+           kFar;
+  });
+  if (wild > 0)
+    data.assumed.push_back(std::to_string(wild) +
+                           " positions at 0 N 0 E or over 100 km from most others are left out");
+}
+
 bool looksLikeNmea(const std::filesystem::path& path) {
   std::ifstream in(path, std::ios::binary);
   std::string head(4096, '\0');
@@ -107,8 +128,9 @@ NavData readNavFiles(const NavFileOptions& options, std::optional<std::int64_t> 
   NavData all;
   for (const std::filesystem::path& file : options.files) {
     if (!std::filesystem::is_regular_file(file)) throw InputError(file.string(), "", "is not there");
-    const NavData one =
+    NavData one =
         looksLikeNmea(file) ? readNmea(file, options.declination, about_utc_ns) : readNavCsv(file, options);
+    leaveOutWild(one);
     if (one.empty()) throw InputError(file.string(), "", "holds no navigation");
     for (const auto series : kSeries)
       (all.*series).insert((all.*series).end(), (one.*series).begin(), (one.*series).end());
@@ -127,13 +149,13 @@ NavData readNavFiles(const NavFileOptions& options, std::optional<std::int64_t> 
                            [](const NavRow& a, const NavRow& b) { return a.utc_ns == b.utc_ns; }),
                rows.end());
   }
-  // A projection's, without its name: meshes near the origin keep their digits.
-  constexpr double kFar = 1e5, kStep = 1e3;  // [m]
+  // Of a wide grid, or of a projection without its name: meshes near the origin keep their digits.
+  constexpr double kFar = 5e3, kStep = 1e3;  // [m]
   if (!all.local.empty() && all.local.front().value.head<2>().norm() > kFar) {
     const Eigen::Vector2d less = (all.local.front().value.head<2>() / kStep).array().round() * kStep;
     for (NavRow& row : all.local) row.value.head<2>() -= less;
-    all.assumed.push_back("north and east are of a projection that nobody named: less " +
-                          decimals(less.x(), 0) + " m north, " + decimals(less.y(), 0) +
+    all.assumed.push_back("north and east are of a grid that nobody named: less " + decimals(less.x(), 0) +
+                          " m north, " + decimals(less.y(), 0) +
                           " m east; give --nav-crs to have them on Earth");
   }
   for (auto* rows : {&all.position, &all.local})
@@ -142,11 +164,14 @@ NavData readNavFiles(const NavFileOptions& options, std::optional<std::int64_t> 
   return all;
 }
 
+Geodetic originNear(const Geodetic& place) {
+  constexpr double kStep = 0.01 * std::numbers::pi / 180;
+  return {std::round(place.latitude / kStep) * kStep, std::round(place.longitude / kStep) * kStep};
+}
+
 std::optional<Geodetic> originOf(const NavData& data) {
   if (data.position.empty()) return {};
-  constexpr double kStep = 0.01 * std::numbers::pi / 180;
-  const Eigen::Vector3d& first = data.position.front().value;
-  return Geodetic{std::round(first.x() / kStep) * kStep, std::round(first.y() / kStep) * kStep};
+  return originNear({data.position.front().value.x(), data.position.front().value.y()});
 }
 
 std::vector<KnownPose> knownAt(const NavData& data, const Geodetic& origin,

@@ -62,7 +62,9 @@ struct KnownPose {
   }
 };
 
-// Nav's origin: the first position, to a hundredth of a degree; none without.
+// Nav's origin of a dive there: to a hundredth of a degree.
+[[nodiscard]] Geodetic originNear(const Geodetic& place);
+// That of the first position; none without.
 [[nodiscard]] std::optional<Geodetic> originOf(const NavData& data);
 
 // At the given times (ascending), on the line between the rows around; none where these are far apart.
