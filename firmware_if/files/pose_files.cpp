@@ -13,6 +13,7 @@
 #include "firmware_if/files/file_bytes.hpp"
 #include "firmware_if/files/images/image_file.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/geometry/atomic_file.hpp"
 
 namespace fathom::io {
@@ -335,7 +336,7 @@ void writePoseCovariances(const std::filesystem::path& path, const std::vector<P
   AtomicFile file(path);
   file.stream() << covarianceHeader() << '\n';
   for (const PoseCovariance& pose : poses) {
-    file.stream() << pose.left_image;
+    file.stream() << tableField(pose.left_image);
     for (int i = 0; i < 6; ++i)
       for (int j = i; j < 6; ++j) file.stream() << ',' << Number(pose.covariance(i, j));
     file.stream() << '\n';

@@ -38,4 +38,14 @@ std::string markupText(const std::string& text) {
   return out;
 }
 
+std::string tableField(const std::string& text) {
+  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
+  std::string out = "\"";
+  for (const char c : text) {
+    if (c == '"') out += '"';
+    out += c;
+  }
+  return out + '"';
+}
+
 }  // namespace fathom

@@ -14,4 +14,7 @@ namespace fathom {
 // space dropped.
 [[nodiscard]] std::string markupText(const std::string& text);
 
+// Text as a field of a table with commas: quoted where it must be (RFC 4180).
+[[nodiscard]] std::string tableField(const std::string& text);
+
 }  // namespace fathom

@@ -15,7 +15,7 @@ struct ImageView {
   int height = 0;          // [px]
   std::size_t stride = 0;  // [bytes] from row to row
   PixelFormat format = PixelFormat::kMono;
-  int bits = 8;  // 8, 10, 12 or 16
+  int bits = 8;  // 8 to 16
 
   [[nodiscard]] bool empty() const { return data == nullptr || width <= 0 || height <= 0; }
 };

@@ -132,7 +132,7 @@ LightingModel::LightingModel(int width, int height, PixelFormat format, int bits
           "image side must be 1 to 65535 px");
   require(format != PixelFormat::kBayerRggb || (width >= 2 && height >= 2),
           "a Bayer image has at least 2 x 2 pixels");
-  require(bits == 8 || bits == 10 || bits == 12 || bits == 16, "bits must be 8, 10, 12 or 16");
+  require(bits >= 8 && bits <= 16, "bits must be 8 to 16");
   validate(config);
   const NodeLattice lattice(width, height, config.grid);
   impl_ = std::make_unique<Impl>();

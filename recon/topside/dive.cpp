@@ -16,6 +16,14 @@ namespace {
 // Expected shares of a run's time, of a dive with images.
 constexpr std::array<double, kStages> kWeights = {0.01, 0.04, 0.40, 0.10, 0.01, 0.40, 0.04};
 
+// Of the vehicle over a plane that its camera sees, straight down [m]; 0: the plane is a wall.
+double altitudeOver(const stereo::SeedPlane& plane, const SE3& T_nav_cam, const SE3& T_nav_body) {
+  constexpr double kLevel = 0.2;  // of the plane's normal, along the vertical
+  const double falls = plane.normal.dot(T_nav_cam.rotation().conjugate() * Eigen::Vector3d::UnitZ());
+  const double above = T_nav_cam.translation().z() - T_nav_body.translation().z();
+  return falls > kLevel ? plane.distance / falls + above : 0;
+}
+
 void add(stereo::StereoResult::Rejected& sum, const stereo::StereoResult::Rejected& one) {
   sum.no_track += one.no_track;
   sum.left_right += one.left_right;
@@ -274,20 +282,23 @@ std::size_t Dive::items(Stage stage) {
 }
 
 FuseResult Dive::fused() {
-  constexpr std::size_t kErrorLines = 10;  // unreadable images named in the report
   FuseResult out;
   const std::vector<NavigatedPose>& known = poses();
   const SeedPlanes planes = this->planes();
+  std::vector<std::uint32_t> part_of(known.size(), 0);
+  if (slam_)
+    for (std::uint32_t part = 0; part < slam_->parts.size(); ++part)
+      for (const std::uint32_t k : slam_->parts[part].pairs) part_of[k] = part;
   for (std::size_t k = 0; k < known.size(); ++k) {
     const PairFacts& facts = prepared_->facts()[k];
     FuseCounts& counts = out.counts;
-    if (!facts.placed || !known[k].T_nav_body) {
-      ++counts.without_pose;
-      continue;
-    }
     if (!facts.unreadable.empty()) {
       ++counts.unreadable;
-      if (counts.unreadable_lines.size() < kErrorLines) counts.unreadable_lines.push_back(facts.unreadable);
+      counts.unreadable_lines.push_back(facts.unreadable);
+      continue;
+    }
+    if (!facts.placed || !known[k].T_nav_body) {
+      ++counts.without_pose;
       continue;
     }
     ++(facts.has_mesh ? counts.used : counts.too_few_points);
@@ -298,7 +309,9 @@ FuseResult Dive::fused() {
     pair.pair = survey_->list.pairs[k];
     pair.T_nav_body = *known[k].T_nav_body;
     pair.T_nav_cam = T_nav_cam_[k];
-    pair.altitude = known[k].altitude.value_or(0);
+    pair.altitude = known[k].altitude.value_or(
+        input_.navigated ? 0 : altitudeOver(*planes[k], pair.T_nav_cam, pair.T_nav_body));
+    pair.part = part_of[k];
     pair.range = planes[k]->distance;
     pair.points = facts.points;
     pair.used = facts.has_mesh;

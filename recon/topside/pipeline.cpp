@@ -52,7 +52,8 @@ constexpr std::array<std::string_view, 2> kTimed = {"report.json", "report.html"
 [[noreturn]] void refuse(const MissionInput& input, const FuseCounts& counts, std::size_t listed) {
   std::string why = "no usable stereo pair of " + std::to_string(listed) + ": " +
                     std::to_string(counts.unreadable) + " unreadable, " +
-                    std::to_string(counts.without_pose) + " outside the navigation, " +
+                    std::to_string(counts.without_pose) +
+                    (input.navigated ? " outside the navigation, " : " that show too little to be placed, ") +
                     std::to_string(counts.too_few_points) + " with too few points";
   if (!counts.unreadable_lines.empty()) why += "; the first: " + counts.unreadable_lines.front();
   throw InputError(input.paths.root.string(), "img", why);

@@ -135,7 +135,7 @@ TEST_P(LightingModelOfBits, VignettedImagesBecomeFlatWithTheTargetMeanAndSpread)
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(EightTenTwelveSixteen, LightingModelOfBits, testing::Values(8, 10, 12, 16));
+INSTANTIATE_TEST_SUITE_P(EightToSixteen, LightingModelOfBits, testing::Values(8, 9, 10, 12, 13, 16));
 
 TEST(LightingModel, ColoursOfABayerMosaicAreBalancedEverywhere) {
   Dive dive(PixelFormat::kBayerRggb, 12);
@@ -318,7 +318,8 @@ TEST(LightingModel, ImpossibleShapesAndConfigurationsAreRefused) {
   };
   EXPECT_THROW(make(0, 5, PixelFormat::kMono, 8), std::invalid_argument);
   EXPECT_THROW(make(1, 1, PixelFormat::kBayerRggb, 8), std::invalid_argument);
-  EXPECT_THROW(make(5, 5, PixelFormat::kMono, 9), std::invalid_argument);
+  EXPECT_THROW(make(5, 5, PixelFormat::kMono, 7), std::invalid_argument);
+  EXPECT_THROW(make(5, 5, PixelFormat::kMono, 17), std::invalid_argument);
   LightingConfig config;
   config.grid = 0;
   EXPECT_THROW(make(5, 5, PixelFormat::kMono, 8, config), std::invalid_argument);

@@ -293,6 +293,19 @@ TEST(Reports, StateIsJsonBeforeAnythingArrivedAndTheMapComesOnlyOnce) {
   EXPECT_EQ(profile["points"].size(), static_cast<std::size_t>(kProfilePoints) + 1);
 }
 
+TEST(Reports, WhatMovedGetsOldOnASilentLinkToo) {
+  SharedModel shared(std::nullopt, std::nullopt, 1);
+  ModelView view;
+  std::int64_t last = 0;
+  for (const auto& [utc_ns, bytes] : framesOf(SampleDive())) shared.model->accept(bytes, last = utc_ns);
+  const auto movedAfter = [&](double seconds) {
+    shared.now_utc_ns = last + static_cast<std::int64_t>(seconds * 1e9);
+    return nlohmann::json::parse(stateJson(shared, view))["map"]["changed_m2"].get<double>();
+  };
+  EXPECT_GT(movedAfter(1), 0);
+  EXPECT_EQ(movedAfter(kRecent_s + 1), 0);
+}
+
 TEST(Reports, ALargeMapComesInPiecesThatLoseNothing) {
   BlockStore store;
   Surface surface(store);

@@ -72,13 +72,13 @@ class ReadmeGuide : public ::testing::Test {
     if (command.find("--live") != std::string::npos) command += " --soft --for 1";
     if (command.starts_with("fathom-sensors predive")) command += " --seconds 0.5";
     if (command.starts_with("fathom-topside view"))
-      return "timeout --signal=INT 3 " FATHOM_BIN_DIR "/" + command + " --port 0";
+      return "timeout --signal=INT 3 " FATHOM_BIN_DIR "/" + command + " --http 0";
     return FATHOM_BIN_DIR "/" + command;
   }
   // Without devices: a red table, and a dive that mapped nothing.
   [[nodiscard]] static int expectedStatus(const std::string& command) {
     if (command.starts_with("fathom-topside view")) return 124;  // ended by timeout
-    if (command.starts_with("fathom-onboard --end")) return 2;  // that dive has ended by itself
+    if (command.starts_with("fathom-onboard --end")) return 2;   // that dive has ended by itself
     const bool needs_devices =
         command.starts_with("fathom-sensors predive") ||
         (command.find("--live") != std::string::npos && command.find("--print-budget") == std::string::npos);

@@ -41,6 +41,13 @@ class DiveTables : public ::testing::Test {
     }
     return rows;
   }
+  // Of the first row below the head.
+  static std::string field(const std::vector<std::vector<std::string>>& rows, const std::string& name) {
+    for (std::size_t k = 0; k < rows[0].size(); ++k)
+      if (rows[0][k] == name) return rows[1].at(k);
+    ADD_FAILURE() << name;
+    return {};
+  }
   [[nodiscard]] nlohmann::json json(const std::string& name) const {
     std::ifstream in(folder_ / name);
     return nlohmann::json::parse(in);
@@ -75,12 +82,6 @@ TEST_F(DiveTables, ImagesStandWhereTheCameraWasInEveryTable) {
              catami = table("images_catami.csv"), biigle = table("images_biigle.csv");
   ASSERT_EQ(full.size(), 2U);
   ASSERT_EQ(full[0].size(), full[1].size());
-  const auto field = [&](const auto& rows, const std::string& name) {
-    for (std::size_t k = 0; k < rows[0].size(); ++k)
-      if (rows[0][k] == name) return rows[1].at(k);
-    ADD_FAILURE() << name;
-    return std::string();
-  };
   expectPlace(field(full, "latitude_deg"), field(full, "longitude_deg"));
   EXPECT_EQ(field(full, "utc"), "2026-01-01T00:00:00.250000Z");
   EXPECT_EQ(field(full, "utc_ns"), "1767225600250000000");
@@ -121,6 +122,21 @@ TEST_F(DiveTables, StrangeFileNamesStayOneField) {
   EXPECT_EQ(json("images.json")["images"].size(), 1U);
 }
 
+TEST_F(DiveTables, WithoutATimeAndAPlaceOnEarthTheirFieldsAreEmpty) {
+  ImageRow row = image(3, 4);
+  row.utc_ns.reset();
+  (void)writeImageTables(folder_, std::nullopt, {row});
+  const auto full = table("images.csv"), catami = table("images_catami.csv");
+  for (const char* column : {"utc", "utc_ns", "latitude_deg", "longitude_deg"})
+    EXPECT_EQ(field(full, column), "") << column;
+  EXPECT_EQ(field(full, "north_m"), "3.000");
+  EXPECT_EQ(field(table("images_squidle.csv"), "pose.lat"), "");
+  EXPECT_EQ(field(table("images_biigle.csv"), "taken_at"), "");
+  EXPECT_EQ(catami[0][1], "-999.0");
+  writeImagesJson(folder_ / "images.json", {row}, Camera());
+  EXPECT_TRUE(json("images.json")["images"][0]["utc_ns"].is_null());
+}
+
 TEST_F(DiveTables, TheTrackTellsNullWhereNothingIsKnown) {
   std::vector<TrackPoint> track(3);
   for (std::size_t k = 0; k < 3; ++k) track[k].utc_ns = static_cast<std::int64_t>(k) * kSecond;
@@ -128,8 +144,9 @@ TEST_F(DiveTables, TheTrackTellsNullWhereNothingIsKnown) {
   track[1].altitude = 1.9;
   track[1].water[static_cast<std::size_t>(WaterProperty::kSalinity)] = 35.1;
   nameStages(track, kSecond, kSecond);
-  writeTrackJson(folder_ / "track.json", track);
+  writeTrackJson(folder_ / "track.json", track, false);
   const auto read = json("track.json");
+  EXPECT_FALSE(read["timed"].get<bool>());
   EXPECT_EQ(read["utc_ns"][1], "1000000000");
   EXPECT_TRUE(read["north"][0].is_null());
   EXPECT_EQ(read["north"][1], 1.235);

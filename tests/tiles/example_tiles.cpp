@@ -48,7 +48,7 @@ int main(int argc, char** argv) {
       writeIn(folder / tilePath(id), writeGlb(tile, model.grid, config));
     }
     constexpr double kDegree = std::numbers::pi / 180;
-    writeTilesets(folder, entries, {-28.8 * kDegree, 113.9 * kDegree});
+    writeTilesets(folder, entries, fathom::Geodetic{-28.8 * kDegree, 113.9 * kDegree});
     std::printf("%zu tiles\n", entries.size());
     return fathom::kExitSuccess;
   });

@@ -174,7 +174,7 @@ TEST(Tileset, RootStandsOnTheEarthWhereTheOriginIs) {
   EXPECT_GT(north.normalized().dot(turn.col(1)), 1 - 1e-9);
   EXPECT_GT(east.normalized().dot(turn.col(0)), 1 - 1e-9);
   const fathom::test::TemporaryFolder scratch;
-  writeTilesets(scratch.path(), pyramid(1), {-31.95 * kDegree, 115.86 * kDegree});
+  writeTilesets(scratch.path(), pyramid(1), Geodetic{-31.95 * kDegree, 115.86 * kDegree});
   const Json transform = readJson(scratch.path() / "tileset.json")["root"]["transform"];
   for (int k = 0; k < 16; ++k) EXPECT_EQ(transform[k].get<double>(), m.data()[k]);
 }

@@ -3,7 +3,7 @@
 namespace fathom::topside {
 namespace {
 
-using test::replaced, testing::AllOf, testing::HasSubstr;
+using test::replaced, testing::AllOf, testing::HasSubstr, testing::Not;
 using Json = nlohmann::ordered_json;
 
 TEST_F(CalibrationFiles, AStereoCalibIsReadAsEver) {
@@ -148,6 +148,12 @@ TEST_F(CalibrationFiles, OpenCvsOtherLensesAndNonsenseAreRefused) {
   EXPECT_THAT(with("imageSize1", {1360.5, 1024}), HasSubstr("image size"));
   EXPECT_THAT(with("imageSize1", {1e9, 1024}), HasSubstr("image size"));
   EXPECT_THAT(with("K3", good["K1"]), HasSubstr("holds the cameras 1, 2, 3"));
+  Json halved = good;
+  halved["cameraMatrix"] = good["K1"];
+  halved["cameraMatrix2"] = good["K2"];
+  for (const char* key : {"K1", "K2"}) halved.erase(key);
+  EXPECT_THAT(refusal("bad.json", halved.dump()),
+              HasSubstr("found cameraMatrix, cameraMatrix2; missing cameraMatrix1"));
 }
 
 TEST_F(CalibrationFiles, OpenCvsRationalLensesAreFollowed) {
@@ -245,6 +251,17 @@ TEST_F(CalibrationFiles, AFoldersOneCalibrationIsFound) {
   EXPECT_THAT(refusalOfFolder(), HasSubstr("several calibrations (camchain.yaml, stereo.xml); name one"));
   writeStereoCalib(at("stereo.calib"), rig_);
   EXPECT_EQ(findCalibration(folder_.path()), at("stereo.calib"));
+}
+
+TEST_F(CalibrationFiles, ACameraAboveTheOtherIsSaidToBeThere) {
+  StereoRig upright = withoutK3(rig_);
+  for (const auto& [down, word] : {std::pair(0.25, "below"), std::pair(-0.25, "above")}) {
+    const Eigen::Matrix3d R = upright.T_right_left.matrix3();
+    upright.T_right_left = SE3(upright.T_right_left.rotation(), -R * Eigen::Vector3d(-0.004, down, 0.001));
+    const std::string about = readsAs(write("c.yaml", test::kalibrText(upright)), upright);
+    EXPECT_THAT(about, HasSubstr(std::string("the right camera ") + word + " the left one"));
+    EXPECT_THAT(about, Not(HasSubstr("to the left of")));
+  }
 }
 
 TEST_F(CalibrationFiles, ARightCameraOnTheLeftIsSaid) {

@@ -89,6 +89,33 @@ TEST_F(FoundCalibration, ImagesOutsideTheFolderAreNamedFromAboveBoth) {
   EXPECT_EQ(input.paths.images(), folder_.path());
 }
 
+// 64 x 48 samples of 16 bits.
+std::string deepImage(int sample) {
+  std::string pixels;
+  for (int k = 0; k < 64 * 48; ++k) pixels += {static_cast<char>(sample >> 8), static_cast<char>(sample)};
+  return "P5 64 48 65535\n" + pixels;
+}
+
+TEST_F(FoundCalibration, ImagesBrighterThanThoseThatTellTheBitsAreCutAndNotRefused) {
+  constexpr int kPairs = 65;  // every second one is looked at
+  for (int k = 0; k < kPairs; ++k)
+    for (const char* side : {"left/", "right/"})
+      test::writeText(folder_.path() / (side + std::to_string(k + 1) + ".pgm"),
+                      deepImage(k == 3 ? 3000 : 1000));
+  test::writeText(calib_, replaced(replaced(kCalibration, "[71, 0, 30]", "[70, 0, 31]"), "71, 22", "70, 23"));
+  const MissionInput input = open();
+  EXPECT_EQ(input.mission.cameras.bits, 11) << "10 would be full scale at once";
+  EXPECT_THAT(input.assumed,
+              Contains(HasSubstr("of 11 bits, as some of them tell; brighter samples are cut")));
+  const auto brightest = [&](const char* name) {
+    return brightestOf(input.image(name, CameraSide::kLeft).view);
+  };
+  EXPECT_EQ(brightest("left/1.pgm"), 1000);
+  EXPECT_EQ(brightest("left/4.pgm"), 2047);
+  test::writeText(folder_.path() / "left/1.pgm", deepImage(4095));  // a converter's full scale
+  EXPECT_EQ(open().mission.cameras.bits, 12);
+}
+
 TEST_F(FoundCalibration, HasFlatPortsBesideIt) {
   const Digest key = rigKey();
   test::writeText(calib_.string() + ".ports", "0 0 1 0.03 0.01 1.49 1.339\n0 0 1 0.02 0.01 1.49 1.339\n");

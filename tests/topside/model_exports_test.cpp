@@ -134,7 +134,8 @@ TEST_F(TileFolder, LasHoldsTheVerticesInUtmWithTheirColours) {
   const Geodetic origin{-0.7, 2.571};  // 40.1 S, 147.3 E
   EXPECT_EQ(utmOf(origin), "EPSG:32755");
   const auto path = folder_.path() / "model.las";
-  const ModelCounts counts = writeModelLas(path, tiles_, glbSource(folder_.path()), origin, "EPSG:32755");
+  const ModelCounts counts =
+      writeModelLas(path, tiles_, glbSource(folder_.path()), compare::localFrame(origin), "EPSG:32755");
   (void)writeModelPly(folder_.path() / "model.ply", tiles_, glbSource(folder_.path()));
   const Mesh mesh = readPly(folder_.path() / "model.ply");
   const std::vector<std::uint8_t> las = fathom::test::readBytes(path);
@@ -172,9 +173,27 @@ TEST_F(TileFolder, LasHoldsTheVerticesInUtmWithTheirColours) {
   }
 }
 
+TEST_F(TileFolder, LasOfADiveWithoutAPlaceHasItsOwnMetres) {
+  const std::filesystem::path path = folder_.path() / "own.las";
+  const ModelCounts counts = writeModelLas(path, tiles_, glbSource(folder_.path()), {}, "");
+  const std::string bytes = fathom::test::readText(path);
+  EXPECT_THAT(bytes, testing::HasSubstr("LOCAL_CS[\"the dive's own\""));
+  std::array<double, 6> extent{};  // largest and least x, y, z
+  std::memcpy(extent.data(), &bytes[179], sizeof extent);
+  Eigen::Vector2d low(1e9, 1e9), high = -low;  // east, north
+  for (const TileId& id : tiles_)
+    for (const Eigen::Vector3f& v : glbSource(folder_.path())(id).tile.surface.mesh.vertices) {
+      low = low.cwiseMin(Eigen::Vector2d(v.y(), v.x()));
+      high = high.cwiseMax(Eigen::Vector2d(v.y(), v.x()));
+    }
+  EXPECT_NEAR(extent[0] - extent[1], high.x() - low.x(), 1e-3) << "no scale of a projection";
+  EXPECT_NEAR(extent[2] - extent[3], high.y() - low.y(), 1e-3);
+  EXPECT_GT(counts.vertices, 0u);
+}
+
 TEST_F(TileFolder, LasInDegreesOrInNoSystemIsRefused) {
   const auto path = folder_.path() / "model.las";
-  for (const char* crs : {"EPSG:4326", "utm 55", ""})
+  for (const char* crs : {"EPSG:4326", "utm 55"})
     EXPECT_THROW((void)writeModelLas(path, tiles_, glbSource(folder_.path()), {}, crs), InputError) << crs;
   EXPECT_FALSE(std::filesystem::exists(path));
 }

@@ -173,10 +173,21 @@ TEST_F(TopsidePipeline, ResultsAnywhereLeadToTheMissionsImages) {
     const fs::path images = scene["image_folder"].get<std::string>();
     EXPECT_TRUE(images.is_relative());
     EXPECT_TRUE(fs::equivalent(out / images, mission() / "img")) << images;
+    EXPECT_TRUE(fs::equivalent(out / scene["mission"].get<std::string>(), mission()));
     if (out != deep) {
       EXPECT_EQ(images, "../img");
     }
   }
+}
+
+TEST_F(TopsidePipeline, AMissionNamedFromWhereOneStandsLeadsToItsImagesToo) {
+  const fs::path before = fs::current_path();
+  fs::current_path(mission());
+  (void)runTopside({".", "", "", {}}, {});
+  fs::current_path(before);
+  const auto scene = nlohmann::json::parse(test::readText(result("scene.json")));
+  EXPECT_EQ(scene["image_folder"], "../img");
+  EXPECT_EQ(scene["mission"], "..");
 }
 
 TEST_F(TopsidePipeline, FusionKnowsHowFarMeshesDisagree) {

@@ -91,7 +91,7 @@ TEST_F(ReefQuick, AProjectOfQgisNamesEveryLayerWhereItLies) {
 
 TEST_F(ReefQuick, AGeopackageHoldsFootprintsTrackAndContoursInUtm) {
   const std::filesystem::path path = out_->path() / "reef.gpkg", results = run().out;
-  const std::string crs = utmOf(originOf(results));
+  const std::string crs = utmOf(*originOf(results));
   const GeopackageCounts counts = writeSurveyGeopackage(path, results, crs, 0);
   EXPECT_EQ(counts.footprints, done_.pairs);
   const GdalUse gdal;
@@ -134,7 +134,7 @@ TEST_F(ReefQuick, TheOrthomosaicInAnotherSystemShowsTheSameGroundThere) {
   const DatasetPtr layer = opened(results / "layers" / "orthomosaic.tif");
   ASSERT_TRUE(layer);
   for (const bool lossless : {true, false}) {
-    writeOrthomosaic(path, results, {utmOf(originOf(results)), 0.02, lossless});
+    writeOrthomosaic(path, results, {utmOf(*originOf(results)), 0.02, lossless});
     const DatasetPtr ortho = opened(path);
     ASSERT_TRUE(ortho);
     EXPECT_STREQ(ortho->GetMetadataItem("LAYOUT", "IMAGE_STRUCTURE"), "COG");
@@ -175,7 +175,7 @@ TEST_F(ReefQuick, TheOrthomosaicInAnotherSystemShowsTheSameGroundThere) {
     std::printf("%s: colours %.1f of 255 apart\n", lossless ? "lossless" : "JPEG", difference / count);
     EXPECT_LT(difference / count, lossless ? 5.6 : 8.6);  // twice what was measured
   }
-  writeOrthomosaic(path, results, {utmOf(originOf(results)), 0, false});
+  writeOrthomosaic(path, results, {utmOf(*originOf(results)), 0, false});
   std::array<double, 6> finest{};
   opened(path)->GetGeoTransform(finest.data());
   const double texel = readResultJson(results / "scene.json")["levels"][0]["texel_m"].get<double>();

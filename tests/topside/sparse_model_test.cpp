@@ -185,6 +185,17 @@ TEST_F(SparseDive, NerfstudioFindsImagesAndPointsWhereTheCamerasLook) {
   }
 }
 
+TEST_F(SparseDive, NerfstudioFindsImagesFromAFolderThatIsNotThereYet) {
+  joinFeatures({}, model_);
+  const std::filesystem::path before = std::filesystem::current_path();
+  std::filesystem::create_directories(folder_.path() / "img");
+  std::filesystem::current_path(folder_.path());
+  writeNerfstudioScene("new/scene", model_, "img");
+  std::filesystem::current_path(before);
+  const auto json = nlohmann::json::parse(test::readText(folder_.path() / "new/scene/transforms.json"));
+  EXPECT_EQ(json.at("frames")[3].at("file_path"), "../../img/day/right 1.tif");
+}
+
 TEST_F(SparseDive, AFolderWithForeignFilesIsLeftAsItIs) {
   joinFeatures({}, model_);
   test::writeText(folder_.path() / "thesis.txt", "years of work");

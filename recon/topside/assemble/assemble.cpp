@@ -5,6 +5,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "firmware_if/files/feature_file.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/ply_parts.hpp"
 #include "recon/topside/report/pose_output.hpp"
@@ -55,6 +56,25 @@ Json layerJson(const LayerInfo& layer) {
           {"min", layer.min},   {"max", layer.max},     {"ramp", layer.ramp}};
 }
 
+// How the left images' files are to be read.
+std::string imageFormat(const MissionInput& input) {
+  if (!input.described && input.samples[0] >= Samples::kRggb)
+    return sampleNames()[static_cast<std::size_t>(input.samples[0])];
+  const PixelFormat format = input.mission.cameras.left_format;
+  return format == PixelFormat::kMono ? "mono" : format == PixelFormat::kRgb ? "rgb" : "bayer-rggb";
+}
+
+// the same for every model of these images, in whatever folder: by their names and one of them.
+std::string identityOf(const MissionInput& input, const PairList& list) {
+  Hasher hasher;
+  for (const ImagePair& pair : list.pairs) hasher.add(pair.left);
+  const std::string& first = list.pairs.front().left;
+  const fs::path file = input.features_only ? input.paths.features() / io::featureFileName(first)
+                                            : input.paths.images() / first;
+  if (fs::is_regular_file(file)) hasher.add(digestOfFile(file));
+  return hasher.finish().shortHex();
+}
+
 void writeScene(Dive& dive, const Assembled& model, const std::vector<TileEntry>& entries,
                 const fs::path& out) {
   const io::MissionConfig& mission = dive.input().mission;
@@ -73,21 +93,30 @@ void writeScene(Dive& dive, const Assembled& model, const std::vector<TileEntry>
     high = high.cwiseMax(entry.high);
   }
   const io::MissionPaths& paths = dive.input().paths;
+  const fs::path root = fs::absolute(paths.root).lexically_normal(),
+                 images = fs::absolute(paths.images()).lexically_normal(),
+                 mission_folder = fs::relative(root, out);
   const Json scene = {
       {"format", 1},
-      {"name", mission.vehicle_name + " dive " + std::to_string(mission.dive_id)},
+      {"name", dive.input().described ? mission.vehicle_name + " dive " + std::to_string(mission.dive_id)
+                                      : mission.vehicle_name},
       {"vehicle", mission.vehicle_name},
       {"dive_id", mission.dive_id},
       {"software", "fathom-topside " FATHOM_VERSION},
-      {"origin",
-       {{"latitude", mission.origin.latitude * kRadian}, {"longitude", mission.origin.longitude * kRadian}}},
+      {"origin", dive.input().placed ? Json{{"latitude", mission.origin.latitude * kRadian},
+                                            {"longitude", mission.origin.longitude * kRadian}}
+                                     : Json()},
       {"tileset", "tiles/tileset.json"},
       {"levels", levels},
       {"layers", layers},
       {"track", "track.json"},
       {"images", "images.json"},
       {"image_folder",
-       (fs::relative(paths.root, out) / paths.images().lexically_relative(paths.root)).generic_string()},
+       (mission_folder / images.lexically_relative(root)).lexically_normal().generic_string()},
+      {"mission", mission_folder.generic_string()},
+      {"image_format", imageFormat(dive.input())},
+      {"image_bits", mission.cameras.bits},
+      {"id", identityOf(dive.input(), dive.survey().list)},
       {"bounds", {low.x(), low.y(), high.x(), high.y()}},
       {"depth", {low.z(), high.z()}}};
   writeFile(out / "scene.json", scene.dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
@@ -130,11 +159,11 @@ Assembled assemble(Dive& dive, const FuseResult& fused, const fs::path& out) {
   std::vector<TileEntry> entries;
   for (std::size_t k = 0; k < levels.size(); ++k)
     model.levels.push_back(writeLevel(dive, static_cast<int>(k), levels[k], out / "tiles", entries));
-  const Geodetic& origin = dive.input().mission.origin;
+  const std::optional<Geodetic> origin = dive.input().origin();
   writeTilesets(out / "tiles", entries, origin);
 
   writeMesh(levels.front(), out / "mesh.ply", model);
-  writePoses(out, origin, fused.pairs);
+  writePoses(out, dive.input().mission.origin, fused.pairs);
   if (const SlamResult* slam = dive.localised()) {
     writeClosures(out / "closures.csv", dive.survey().list.pairs, slam->closures);
     writePoseCovariances(out, dive.survey().list.pairs, *slam);
@@ -143,9 +172,9 @@ Assembled assemble(Dive& dive, const FuseResult& fused, const fs::path& out) {
   const MissionInput& input = dive.input();
   const WaterLog water(input.given_poses || !input.navigated ? std::vector<WaterSample>()
                                                              : readWater(input.paths.root));
-  const std::vector<TrackPoint> track = trackOf(dive, water);
+  const std::vector<TrackPoint> track = trackOf(dive, fused, water);
   const std::vector<ImageRow> rows = imageRowsOf(dive, fused, water);
-  writeTrackJson(out / "track.json", track);
+  writeTrackJson(out / "track.json", track, input.timed);
   writeImagesJson(out / "images.json", rows, dive.input().rig.left);
   (void)writeImageTables(out, origin, rows);
 

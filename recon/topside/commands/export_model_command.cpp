@@ -51,15 +51,27 @@ fs::path resultsOf(const fs::path& folder) {
   return folder;
 }
 
-// The mission's folder, which the results' lies in.
+// The mission's folder, to which its results' leads.
 fs::path missionOf(const fs::path& folder) {
-  return fs::is_directory(folder / "tiles") ? fs::weakly_canonical(folder).parent_path() : folder;
+  if (!fs::exists(folder / "scene.json")) return folder;
+  const nlohmann::json scene = readResultJson(folder / "scene.json");
+  const auto mission = scene.find("mission");
+  return mission != scene.end() && mission->is_string()
+             ? fs::weakly_canonical(folder / mission->get<std::string>())
+             : fs::weakly_canonical(folder).parent_path();
 }
 
-// As it was asked for, or the zone of UTM that the dive's origin lies in.
+// As it was asked for, or the zone of UTM that the dive's origin lies in; none where nobody knows its place.
 std::string crsOf(const Options& options) {
-  return options.crs.empty() ? utmOf(originOf(resultsOf(options.folder))) : options.crs;
+  const auto origin = originOf(resultsOf(options.folder));
+  if (origin) return options.crs.empty() ? utmOf(*origin) : options.crs;
+  if (!options.crs.empty())
+    throw InputError("--crs", options.crs,
+                     "needs to know where the dive was, and nobody says so; give a run --nav with positions");
+  return "";
 }
+
+constexpr const char* kNowhere = "metres of the dive's own, in no coordinate reference system";
 
 void exportTiles(const Options& options) {
   const fs::path tiles = tilesOf(options.folder);
@@ -77,7 +89,7 @@ void exportTiles(const Options& options) {
   if (!options.obj.empty()) tell(options.obj, writeModelObj(options.obj, ids, glbSource(tiles)));
   if (!options.glb.empty()) tell(options.glb, writeModelGlb(options.glb, tiles, ids));
   if (!options.las.empty())
-    tell(options.las, writeModelLas(options.las, ids, glbSource(tiles), originOf(resultsOf(options.folder)),
+    tell(options.las, writeModelLas(options.las, ids, glbSource(tiles), frameOf(resultsOf(options.folder)),
                                     crsOf(options)));
 }
 
@@ -95,7 +107,7 @@ void exportMaps(const Options& options) {
   }
   if (!options.ortho.empty()) {
     writeOrthomosaic(options.ortho, results, {crs, options.cell, options.lossless});
-    std::printf("%s: %s\n", options.ortho.c_str(), crs.c_str());
+    std::printf("%s: %s\n", options.ortho.c_str(), crs.empty() ? kNowhere : crs.c_str());
   }
 }
 
@@ -138,6 +150,8 @@ int run(Options& options) {
     throw InputError("--contours", "", "are part of a GeoPackage; give --gpkg or --qgis");
   if (!options.ofTiles() && !options.ofMaps() && !options.ofCameras())
     throw InputError("export-model", "", "writes nothing; name what to write: --obj, --gpkg, --colmap ...");
+  if ((!options.las.empty() || options.ofMaps()) && crsOf(options).empty())
+    std::fprintf(stderr, "nobody says where on the Earth this dive was: %s\n", kNowhere);
   if (options.ofTiles()) exportTiles(options);
   if (options.ofMaps()) exportMaps(options);
   if (options.ofCameras()) exportCameras(options);
@@ -171,7 +185,8 @@ std::function<int()> addExportModelCommand(CLI::App& app, CLI::App*& command) {
   maps.add_option("--gpkg", o->gpkg, "GeoPackage of footprints, track and contours");
   maps.add_option("--contours", o->contours, "between contours [m] (at most twenty of them)")
       ->check(CLI::Range(0.001, 1000.0));
-  CLI::Option* ortho = maps.add_option("--ortho", o->ortho, "orthomosaic as fine as the images, cloud-optimised GeoTIFF");
+  CLI::Option* ortho =
+      maps.add_option("--ortho", o->ortho, "orthomosaic as fine as the images, cloud-optimised GeoTIFF");
   maps.add_option("--cell", o->cell, "of the orthomosaic, in units of --crs (a texel of the finest tiles)")
       ->check(CLI::Range(1e-9, 1e4))
       ->needs(ortho);

@@ -45,7 +45,7 @@ std::function<int()> addViewCommand(CLI::App& app, CLI::App*& command) {
   command->footer("Example: fathom-topside view missions/reef-grid");
   command->add_option("folder", options->folder, "output folder, or the mission folder around it")
       ->required();
-  command->add_option("--port", options->port, "port on 127.0.0.1; 0: any that is free (8090)")
+  command->add_option("--http,--port", options->port, "port on 127.0.0.1; 0: any that is free (8090)")
       ->check(CLI::Range(0, 65535));
   command->add_option("--page", options->page,
                       "folder of the page (default: ../share/fathom/topside from the program)");

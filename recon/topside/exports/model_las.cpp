@@ -9,8 +9,8 @@
 #include <limits>
 
 #include "realtime/kernel/input_error.hpp"
-#include "recon/compare/plane_frame.hpp"
 #include "recon/geometry/atomic_file.hpp"
+#include "recon/topside/exports/results_files.hpp"
 #include "recon/topside/tiles/joined_vertices.hpp"
 
 namespace fathom::topside {
@@ -42,6 +42,10 @@ class Bytes {
 
 // Version 1 of WKT, which LAS asks for, with the zero that ends it.
 std::string wktOf(const std::string& crs) {
+  if (crs.empty())
+    return std::string(
+               R"(LOCAL_CS["the dive's own",UNIT["metre",1],AXIS["East",EAST],AXIS["North",NORTH]])") +
+           '\0';
   OGRSpatialReference srs;
   char* text = nullptr;
   std::string wkt;
@@ -74,11 +78,11 @@ std::string headOf(const std::string& wkt, const Extent& extent, std::uint64_t p
 }  // namespace
 
 ModelCounts writeModelLas(const std::filesystem::path& path, std::vector<TileId> tiles,
-                          const TileSource& source, const Geodetic& origin, const std::string& crs) {
-  const compare::PlaneFrame frame = compare::frameFrom(crs, "--crs");
+                          const TileSource& source, const compare::PlaneFrame& own, const std::string& crs) {
+  const compare::PlaneFrame frame = frameNamed(crs);
   if (compare::isGeographic(frame))
     throw InputError("--crs", crs, "is in degrees, and LAS asks for metres; give a projected system");
-  const compare::PlaneTransform transform(compare::localFrame(origin), frame);
+  const compare::PlaneTransform transform(own, frame);
   const std::string wkt = wktOf(crs);
   std::sort(tiles.begin(), tiles.end());
   AtomicFile file(path);

@@ -4,16 +4,17 @@
 #include <string>
 #include <vector>
 
-#include "recon/geometry/geodesy.hpp"
+#include "recon/compare/plane_frame.hpp"
 #include "recon/topside/tiles/model_file.hpp"
 
 namespace fathom::topside {
 
 // The vertices of a level as a point cloud: LAS 1.4 (ASPRS, R15), point format 7: x, y in the coordinate
 // reference system `crs` ("EPSG:32755"; told as WKT), z up from the water's surface, in millimetres; red,
-// green, blue of 16 bits as writeModelPly's. Class 1 (unclassified), one return each, no times. Throws
+// green, blue of 16 bits as writeModelPly's. `own`: the system of the tiles; no `crs`: that, as a local
+// one. Class 1 (unclassified), one return each, no times. Throws
 // InputError for a system that is not in metres, and for a place that lies outside of it.
 ModelCounts writeModelLas(const std::filesystem::path& path, std::vector<TileId> tiles,
-                          const TileSource& source, const Geodetic& origin, const std::string& crs);
+                          const TileSource& source, const compare::PlaneFrame& own, const std::string& crs);
 
 }  // namespace fathom::topside

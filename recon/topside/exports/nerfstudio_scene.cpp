@@ -40,7 +40,7 @@ Json frameOf(const std::string& path, const Camera& c, const SE3& T_world_cam) {
 
 void writeNerfstudioScene(const fs::path& folder, const SparseModel& model, const fs::path& images) {
   OutputFolder out(folder, kOurs);
-  const fs::path away = fs::weakly_canonical(images).lexically_relative(fs::weakly_canonical(folder));
+  const fs::path away = fs::relative(fs::absolute(images), fs::absolute(folder));
   Json frames = Json::array();
   const SE3 T_left_right = model.rig.T_right_left.inverse();
   for (const StereoView& view : model.views) {

@@ -9,8 +9,8 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/text.hpp"
-#include "recon/compare/plane_frame.hpp"
 #include "recon/topside/exports/gdal_files.hpp"
+#include "recon/topside/exports/results_files.hpp"
 #include "recon/topside/exports/tiles_from_above.hpp"
 #include "recon/topside/rasters/srgb_profile.hpp"
 
@@ -61,14 +61,15 @@ std::string base64(const std::vector<std::uint8_t>& bytes) {
 
 void writeOrthomosaic(const std::filesystem::path& path, const std::filesystem::path& results,
                       const OrthomosaicConfig& config) {
-  const compare::PlaneFrame frame = compare::frameFrom(config.crs, "--crs");
+  const compare::PlaneFrame frame = frameNamed(config.crs);
   const GdalUse gdal;
   GdalTarget target(path);
   const GdalTarget own(path.string() + ".own.tif");  // in the dive's own system; removed at the end
   drawTilesFromAbove(own.temporary(), results);
   const DatasetPtr mosaic(static_cast<GDALDataset*>(GDALOpen(own.temporary().c_str(), GA_ReadOnly)));
   if (!mosaic) gdalFailed(own.temporary());
-  std::vector<std::string> words = {"-of", "VRT", "-t_srs", frame.wkt, "-r", "cubic"};
+  std::vector<std::string> words = {"-of", "VRT", "-r", "cubic"};
+  if (frame.known()) words.insert(words.end(), {"-t_srs", frame.wkt});
   if (config.cell > 0) {
     const std::string cell = formatted("%.17g", config.cell);
     words.insert(words.end(), {"-tr", cell, cell});

@@ -6,7 +6,7 @@
 namespace fathom::topside {
 
 struct OrthomosaicConfig {
-  std::string crs;        // "EPSG:32755"
+  std::string crs;        // "EPSG:32755"; empty: none, of a dive without a place
   double cell = 0;        // edge of a cell [unit of the system]; 0: about a texel's
   bool lossless = false;  // deflate and an alpha band, else JPEG (quality 85) and a mask
 };

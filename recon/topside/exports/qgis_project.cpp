@@ -115,13 +115,12 @@ void writeQgisProject(const fs::path& folder, const fs::path& results, const std
   fs::create_directories(folder);
   const nlohmann::json scene = readResultJson(results / "scene.json");
   const GeopackageCounts counts = writeSurveyGeopackage(folder / "survey.gpkg", results, crs, contours);
-  const std::string system = systemOf(compare::frameFrom(crs, "--crs"), crs);
+  const std::string system = systemOf(frameNamed(crs), crs);
   std::vector<ProjectLayer> layers;
   std::string name;
   try {
     name = scene.at("name").get<std::string>();
-    layers = layersOf(scene, fs::proximate(results, folder), counts,
-                      systemOf(compare::localFrame(originOf(results)), ""), system);
+    layers = layersOf(scene, fs::proximate(results, folder), counts, systemOf(frameOf(results), ""), system);
   } catch (const nlohmann::json::exception&) {
     throw InputError((results / "scene.json").string(), "layers", "are not as a run writes them");
   }

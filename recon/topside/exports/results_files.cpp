@@ -22,14 +22,25 @@ nlohmann::json readResultJson(const std::filesystem::path& path) {
   return json;
 }
 
-Geodetic originOf(const std::filesystem::path& results) {
+std::optional<Geodetic> originOf(const std::filesystem::path& results) {
   const nlohmann::json scene = readResultJson(results / "scene.json");
   try {
     const nlohmann::json& origin = scene.at("origin");
-    return {origin.at("latitude").get<double>() * kDegree, origin.at("longitude").get<double>() * kDegree};
+    if (origin.is_null()) return {};
+    return Geodetic{origin.at("latitude").get<double>() * kDegree,
+                    origin.at("longitude").get<double>() * kDegree};
   } catch (const nlohmann::json::exception&) {
     throw InputError((results / "scene.json").string(), "origin", "is not as a run writes it");
   }
+}
+
+compare::PlaneFrame frameOf(const std::filesystem::path& results) {
+  const auto origin = originOf(results);
+  return origin ? compare::localFrame(*origin) : compare::PlaneFrame();
+}
+
+compare::PlaneFrame frameNamed(const std::string& crs) {
+  return crs.empty() ? compare::PlaneFrame() : compare::frameFrom(crs, "--crs");
 }
 
 std::string utmOf(const Geodetic& place) {

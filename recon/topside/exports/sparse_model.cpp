@@ -15,7 +15,9 @@ SE3 worldFromNav() {
 
 std::string originText(const SparseModel& model) {
   constexpr double kDegree = 180 / std::numbers::pi;
-  const double latitude = model.origin.latitude * kDegree, longitude = model.origin.longitude * kDegree;
+  if (!model.origin)
+    return "World: x east, y north, z up [m]; nobody says where on the Earth: placed by: none\n";
+  const double latitude = model.origin->latitude * kDegree, longitude = model.origin->longitude * kDegree;
   return formatted(
       "World: x east, y north, z up [m]; z is minus the depth.\n"
       "Origin (WGS84): latitude %.9f, longitude %.9f, placed by: %s\n"

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -38,8 +39,8 @@ struct SparseModel {
   struct Member {
     std::uint32_t view = 0, feature = 0;
   };
-  Geodetic origin;
-  std::string placed_by;  // Anchor::source; "none": nobody said where the dive was
+  std::optional<Geodetic> origin;  // none: nobody said where the dive was
+  std::string placed_by;           // Anchor::source
   StereoRig rig;
   std::vector<StereoView> views;  // by time
   std::vector<SparsePoint> points;

@@ -79,7 +79,7 @@ SparseModel sparseModelOf(Dive& dive) {
                      "has no images: the mission is made of features alone");
   SparseModel model;
   const SlamResult* slam = dive.localised();
-  model.origin = input.mission.origin;
+  model.origin = input.origin();
   model.placed_by = input.given_poses ? "poses that were given" : dive.survey().navigation.anchor.source;
   model.rig = input.rig;
   const std::vector<NavigatedPose>& poses = dive.poses();

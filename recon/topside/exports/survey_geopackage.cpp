@@ -28,18 +28,23 @@ struct Field {
   OGRFieldType type;
 };
 
-std::string utcText(const Json& utc_ns) {
+void setTime(OGRFeature& feature, const char* field, const Json& utc_ns) {
+  if (!utc_ns.is_string()) return;
   const io::CivilTime t = io::civilFromUtc(std::stoll(utc_ns.get<std::string>()));
-  return formatted("%04d-%02d-%02dT%02d:%02d:%02d.%03dZ", t.year, t.month, t.day, t.hour, t.minute, t.second,
-                   t.nanosecond / 1'000'000);
+  feature.SetField(field, formatted("%04d-%02d-%02dT%02d:%02d:%02d.%03dZ", t.year, t.month, t.day, t.hour,
+                                    t.minute, t.second, t.nanosecond / 1'000'000)
+                              .c_str());
 }
 
 // The package that is being written: layers in one system, features given in the dive's own.
 class Package {
  public:
-  Package(const fs::path& path, const std::string& crs, const Geodetic& origin)
-      : path_(path), to_crs_(compare::localFrame(origin), compare::frameFrom(crs, "--crs")) {
-    srs_.SetFromUserInput(crs.c_str());
+  Package(const fs::path& path, const std::string& crs, const compare::PlaneFrame& own)
+      : path_(path), to_crs_(own, frameNamed(crs)) {
+    if (crs.empty())
+      srs_.SetLocalCS("Undefined Cartesian SRS");  // as GeoPackages name it
+    else
+      srs_.SetFromUserInput(crs.c_str());
     srs_.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
     GDALDriver* driver = GetGDALDriverManager()->GetDriverByName("GPKG");
     if (driver == nullptr) throw std::runtime_error("this GDAL writes no GeoPackages");
@@ -115,7 +120,7 @@ std::size_t addFootprints(Package& package, const Json& images) {
     OGRFeature feature(layer.GetLayerDefn());
     feature.SetField("left", image.at("left").get<std::string>().c_str());
     feature.SetField("right", image.at("right").get<std::string>().c_str());
-    feature.SetField("utc", utcText(image.at("utc_ns")).c_str());
+    setTime(feature, "utc", image.at("utc_ns"));
     if (image.at("altitude").is_number()) feature.SetField("altitude_m", image["altitude"].get<double>());
     feature.SetField("depth_m", image.at("depth").get<double>());
     feature.SetField("heading_deg", heading < 0 ? heading + 360 : heading);
@@ -127,25 +132,31 @@ std::size_t addFootprints(Package& package, const Json& images) {
 }
 
 void addTrack(Package& package, const Json& track) {
-  std::vector<double> east, north, up;
-  std::vector<std::size_t> known;
-  for (std::size_t k = 0; k < track.at("north").size(); ++k) {
-    if (!track["north"][k].is_number()) continue;
-    known.push_back(k);
-    north.push_back(track["north"][k].get<double>());
-    east.push_back(track.at("east").at(k).get<double>());
-    up.push_back(-track.at("depth").at(k).get<double>());
+  OGRLayer* layer = nullptr;
+  const std::size_t count = track.at("north").size();
+  const bool timed = track.value("timed", true);
+  for (std::size_t k = 0; k < count; ++k) {
+    std::vector<double> east, north, up;
+    const std::size_t first = k;
+    for (; k < count && track["north"][k].is_number(); ++k) {
+      north.push_back(track["north"][k].get<double>());
+      east.push_back(track.at("east").at(k).get<double>());
+      up.push_back(-track.at("depth").at(k).get<double>());
+    }
+    if (north.size() < 2) continue;
+    if (layer == nullptr)
+      layer =
+          &package.layer("track", wkbLineString25D, {{"begin_utc", OFTDateTime}, {"end_utc", OFTDateTime}});
+    OGRLineString line;
+    package.extend(line, east, north, up);
+    OGRFeature feature(layer->GetLayerDefn());
+    if (timed) {
+      setTime(feature, "begin_utc", track.at("utc_ns").at(first));
+      setTime(feature, "end_utc", track["utc_ns"].at(k - 1));
+    }
+    package.add(*layer, feature, line);
   }
-  if (known.size() < 2) return;
-  OGRLayer& layer =
-      package.layer("track", wkbLineString25D, {{"begin_utc", OFTDateTime}, {"end_utc", OFTDateTime}});
-  OGRLineString line;
-  package.extend(line, east, north, up);
-  OGRFeature feature(layer.GetLayerDefn());
-  feature.SetField("begin_utc", utcText(track.at("utc_ns").at(known.front())).c_str());
-  feature.SetField("end_utc", utcText(track["utc_ns"].at(known.back())).c_str());
-  package.add(layer, feature, line);
-  package.end(layer);
+  if (layer != nullptr) package.end(*layer);
 }
 
 // 1, 2 or 5 times a power of ten.
@@ -197,10 +208,9 @@ std::size_t addContours(Package& package, const fs::path& raster, double interva
 GeopackageCounts writeSurveyGeopackage(const fs::path& path, const fs::path& results, const std::string& crs,
                                        double interval) {
   const GdalUse gdal;
-  const Geodetic origin = originOf(results);
   const Json images = readResultJson(results / "images.json"), track = readResultJson(results / "track.json");
   GdalTarget target(path);
-  Package package(target.temporary(), crs, origin);
+  Package package(target.temporary(), crs, frameOf(results));
   GeopackageCounts counts;
   try {
     counts.footprints = addFootprints(package, images);

@@ -10,10 +10,11 @@ struct GeopackageCounts {
 };
 
 // A finished run as vectors for geographic information systems, from its folder of results, in the coordinate
-// reference system `crs` (as "EPSG:32755"), depths and heights in metres:
+// reference system `crs` (as "EPSG:32755"; empty: the results' own, which is none), depths and heights in
+// metres:
 //   footprints  polygons: what each left image shows, as images.json says; left, right, utc, altitude_m,
 //               depth_m, heading_deg of the image's top
-//   track       one line with z (up); begin_utc, end_utc
+//   track       lines with z (up), one for each stretch that is known; begin_utc, end_utc
 //   contours    lines with height_m, of layers/elevation.tif, every `interval` metres; 0: the finest of
 //               1, 2, 5 times a power of ten that gives at most twenty of them
 // Layers without anything in them are left out. Throws InputError for results that are not as a run writes

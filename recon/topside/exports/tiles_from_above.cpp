@@ -118,7 +118,7 @@ void drawTilesFromAbove(const std::filesystem::path& path, const std::filesystem
   if (!file) gdalFailed(path);
   std::array<double, 6> grid{left, cell, 0, top, 0, -cell};
   file->SetGeoTransform(grid.data());
-  file->SetProjection(compare::localFrame(originOf(results)).wkt.c_str());
+  file->SetProjection(frameOf(results).wkt.c_str());
 
   rt::StageProgress progress("orthomosaic", tiles.size());
   std::mutex one;

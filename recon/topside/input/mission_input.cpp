@@ -1,6 +1,7 @@
 #include "recon/topside/input/mission_input.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cstdio>
 #include <numbers>
 #include <set>
@@ -18,7 +19,7 @@ namespace fathom::topside {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr std::size_t kProbed = 8;  // images of each camera that tell a foreign folder's formats and bits
+constexpr std::size_t kProbed = 32;  // images of each camera that tell a foreign folder's formats and bits
 
 // img/, the folder itself, or the one folder in it, whichever holds the image.
 fs::path folderHolding(const fs::path& root, const std::string& image) {
@@ -32,6 +33,15 @@ fs::path folderHolding(const fs::path& root, const std::string& image) {
   throw InputError(root.string(), image,
                    found.empty() ? "is neither here nor one folder below"
                                  : "lies in several folders; give one of them, or link them into img/");
+}
+
+// What samples of 16 bits really have, by the brightest of some images: a converter's full scale where it was
+// reached, else as much again as they show, for images that are brighter.
+int bitsBy(int brightest) {
+  constexpr int kLeast = 9, kMost = 16;
+  const int bits = std::bit_width(static_cast<unsigned>(brightest));
+  const bool full = brightest == (1 << bits) - 1;
+  return std::clamp(full ? bits : bits + 1, kLeast, kMost);
 }
 
 // A camera's images: the format and the bits that hold all of some of them, and the size of the first. Throws
@@ -48,11 +58,12 @@ Probed probe(const fs::path& folder, const std::vector<std::string>& names, Samp
   std::optional<Mosaic> mosaic;
   const std::size_t step = std::max<std::size_t>(1, names.size() / kProbed);
   bool first = true;
+  int brightest = 0;  // of more than 8 bits
   for (std::size_t k = 0; k < names.size(); k += step) {
     try {
       const io::ImageFile file = readSamples(folder / names[k], samples);
       const ImageView& view = file.view;
-      out.bits = std::max(out.bits, view.bits);
+      if (view.bits > 8) brightest = std::max(brightest, brightestOf(view));
       if (first || view.format == PixelFormat::kRgb) out.format = view.format;
       if (first) out.size = {view.width, view.height};
       if (first && samples == Samples::kAuto && out.format == PixelFormat::kMono) mosaic = mosaicOf(view);
@@ -60,6 +71,7 @@ Probed probe(const fs::path& folder, const std::vector<std::string>& names, Samp
     } catch (const InputError&) {  // counted where it is used
     }
   }
+  if (brightest > 0) out.bits = bitsBy(brightest);
   if (mosaic && out.format == PixelFormat::kMono)
     throw InputError(
         folder / names.front(), "",
@@ -86,6 +98,18 @@ std::vector<std::array<std::string, 2>> namedByLog(const io::MissionPaths& paths
   for (std::size_t k = 0; k < std::min(sides[0].size(), sides[1].size()); ++k)
     pairs.push_back({sides[0][k], sides[1][k]});
   return pairs;
+}
+
+// Where the log of a dive says that it was.
+std::optional<Geodetic> firstFix(const io::MissionPaths& paths) {
+  io::SensorLogReader reader(paths.root);
+  while (const auto entry = reader.next()) {
+    if (const auto* gps = std::get_if<GpsFix>(&entry->sample))
+      return originNear({gps->latitude, gps->longitude});
+    if (const auto* usbl = std::get_if<UsblFix>(&entry->sample))
+      return originNear({usbl->latitude, usbl->longitude});
+  }
+  return {};
 }
 
 // Where a path says that a file is; what links lead to may lie anywhere.
@@ -173,9 +197,13 @@ void assumeMission(MissionInput& in, const InputOptions& options) {
   m.cameras.right_format = right.format;
   m.cameras.bits = std::max(left.bits, right.bits);
   note("left images are " + about(left.format) + ", right images " + about(right.format) + ", of " +
-       std::to_string(m.cameras.bits) + " bits, as some of them tell");
+       std::to_string(m.cameras.bits) + " bits, as some of them tell" +
+       (m.cameras.bits > 8 ? "; brighter samples are cut to that" : ""));
+  in.timed = !in.files || std::all_of(in.files->pairs.begin(), in.files->pairs.end(),
+                                      [](const StereoFilePair& pair) { return pair.utc_ns.has_value(); });
   if (in.given_poses) {
     m.origin = in.given_poses->origin;
+    in.placed = m.origin.latitude != 0 || m.origin.longitude != 0;
     return;
   }
   m.T_body_cam = mountOf(options.mount);
@@ -184,11 +212,14 @@ void assumeMission(MissionInput& in, const InputOptions& options) {
     note(
         "the cameras look straight down, top of the image forward, at the vehicle's reference point "
         "(--mount)");
-  const auto origin = in.nav_data ? originOf(*in.nav_data) : std::nullopt;
-  if (origin) m.origin = *origin;
+  const auto origin = in.nav_data ? originOf(*in.nav_data) : in.navigated ? firstFix(in.paths) : std::nullopt;
+  in.placed = origin.has_value();
+  m.origin = origin.value_or(m.origin);
   constexpr double kDegree = std::numbers::pi / 180;
-  note("nav's origin is " +
-       formatted("%.2f N %.2f E", m.origin.latitude / kDegree, m.origin.longitude / kDegree));
+  note(in.placed
+           ? "nav's origin is " +
+                 formatted("%.2f N %.2f E", m.origin.latitude / kDegree, m.origin.longitude / kDegree)
+           : "nobody says where on the Earth the dive was: it has metres of its own, and tables no latitude");
   if (in.navigated)
     note("declination and time offsets are 0");
   else if (!in.nav_data)

@@ -45,10 +45,16 @@ struct MissionInput {
   bool navigated = true;            // by a log, or by poses that were given
   std::optional<NavData> nav_data;  // beside images that are not
   bool mounted = false;             // somebody said how the camera looks
+  bool placed = true;               // somebody said where on the Earth it was; else nav's origin is anywhere
+  bool timed = true;                // images have their times; else they are half a second apart
   std::optional<StereoFiles> files;
   std::array<Samples, 2> samples = {Samples::kAuto, Samples::kAuto};
   bool verify = false;
   Digest identity;  // of all files but the images: calibration, log, poses, names of images
+
+  [[nodiscard]] std::optional<Geodetic> origin() const {
+    return placed ? std::optional(mission.origin) : std::nullopt;
+  }
 
   // An image of the formats, bits and size that mission and calibration say. Throws InputError, which names
   // the file, for one that is absent, damaged or other than that. Thread-safe.

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 
 #include "recon/geometry/geodesy.hpp"
@@ -20,18 +21,18 @@ struct RasterSource {
 };
 
 struct CogOptions {
-  Geodetic origin;  // of the transverse Mercator in which cells are metres north and east
+  std::optional<Geodetic> origin;  // of the transverse Mercator in which cells are metres north and east
   std::string description, unit;
   bool average = true;  // overviews: means of known cells, else one of them (directions, counts)
   int quality = 0;      // of WebP for colours; 0: deflate
 };
 
 // Writes a cloud-optimised GeoTIFF: blocks of 512 x 512, overviews down to one block, blocks without data
-// left out, coordinate system: transverse Mercator on WGS84 about the origin, scale 1. The layout is that of
-// GDAL's COG driver, leaders and trailers of blocks included, which readers use to save requests; GDAL's
-// validation passes it. It is written here because that driver reads a raster several times whole, also where
-// nothing is: it took 49 ms a leaf tile in a dense survey and 150 in a cross-shaped one, this takes a third
-// and does not look at empty places at all.
+// left out, coordinate system: transverse Mercator on WGS84 about the origin, scale 1, or none. The layout is
+// that of GDAL's COG driver, leaders and trailers of blocks included, which readers use to save requests;
+// GDAL's validation passes it. It is written here because that driver reads a raster several times whole,
+// also where nothing is: it took 49 ms a leaf tile in a dense survey and 150 in a cross-shaped one, this
+// takes a third and does not look at empty places at all.
 //
 // Blocks are made quarter by quarter, each level's from the one below, so that memory is a few blocks; what
 // is encoded waits beside `path` in "<path>.blocks". BigTIFF where it must be. Throws std::runtime_error.

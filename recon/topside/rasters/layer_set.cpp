@@ -220,7 +220,7 @@ void addTrack(const std::vector<TrackPoint>& track, const LayerConfig& config, s
 }
 
 // Writes one layer; none when it holds no value.
-std::optional<LayerInfo> writeLayer(const std::filesystem::path& out, const Geodetic& origin,
+std::optional<LayerInfo> writeLayer(const std::filesystem::path& out, const std::optional<Geodetic>& origin,
                                     const LayerConfig& config, const Layer& layer) {
   const std::filesystem::path folder = "layers";
   LayerInfo info = layer.info;

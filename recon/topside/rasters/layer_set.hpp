@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -34,7 +35,7 @@ struct LayerInfo {
 };
 
 struct LayerInputs {
-  Geodetic origin;
+  std::optional<Geodetic> origin;  // none: nobody knows where the dive was
   TileGrid grid;
   std::vector<TileId> tiles;  // leaf tiles that have a patch
   // A tile's packed patch; empty: it has none after all. Asked by several threads at once.

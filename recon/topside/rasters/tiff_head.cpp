@@ -104,7 +104,7 @@ void addGeoKeys(const TiffRaster& raster, Directory& directory) {
                            3083, kDoubles, 1,      4,             // and northing
                            3092, kDoubles, 1,      2});           // scale at the origin
   directory.doubles(kDoubles,
-                    {raster.origin.longitude * kDegrees, raster.origin.latitude * kDegrees, 1, 0, 0});
+                    {raster.origin->longitude * kDegrees, raster.origin->latitude * kDegrees, 1, 0, 0});
   directory.text(kTexts, name);
 }
 
@@ -136,7 +136,7 @@ Directory directoryOf(const TiffRaster& raster, const TiffLevel& level, bool fin
     out.doubles(33550, {raster.cell, raster.cell, 0});
     out.doubles(33922, {0, 0, 0, raster.west, raster.north, 0});
     if (raster.colour) out.add(34675, kBytes, srgbProfile());
-    addGeoKeys(raster, out);
+    if (raster.origin) addGeoKeys(raster, out);
   }
   if (finest && !raster.colour)
     out.text(42112, "<GDALMetadata>\n  <Item name=\"DESCRIPTION\" sample=\"0\" role=\"description\">" +

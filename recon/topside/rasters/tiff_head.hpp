@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,7 +17,7 @@ struct TiffRaster {
   TiffCompression compression = TiffCompression::kDeflate;
   int block = 512;
   double cell = 0, north = 0, west = 0;  // of the finest level: pixel's edge, top left corner [m]
-  Geodetic origin;
+  std::optional<Geodetic> origin;
   std::string description, unit;
 };
 struct TiffLevel {

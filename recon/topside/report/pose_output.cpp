@@ -49,11 +49,11 @@ void writeClosures(const std::filesystem::path& path, const std::vector<ImagePai
   for (const slam::NavigationLink& c : closures) {
     const Eigen::Vector3d& t = c.T_a_b.translation();
     const Eigen::Quaterniond& q = c.T_a_b.rotation();
-    file.stream() << formatted("%s,%s,%.5f,%.5f,%.5f,%.8f,%.8f,%.8f,%.8f,%.5f,%.6f,%d,%.3f,%d\n",
-                               pairs[c.a].left.c_str(), pairs[c.b].left.c_str(), t.x(), t.y(), t.z(), q.w(),
-                               q.x(), q.y(), q.z(), std::sqrt(c.covariance.topLeftCorner<3, 3>().trace() / 3),
-                               std::sqrt(c.covariance.bottomRightCorner<3, 3>().trace() / 3), c.inliers,
-                               c.chi2, c.kept ? 1 : 0);
+    file.stream() << formatted(
+        "%s,%s,%.5f,%.5f,%.5f,%.8f,%.8f,%.8f,%.8f,%.5f,%.6f,%d,%.3f,%d\n",
+        tableField(pairs[c.a].left).c_str(), tableField(pairs[c.b].left).c_str(), t.x(), t.y(), t.z(), q.w(),
+        q.x(), q.y(), q.z(), std::sqrt(c.covariance.topLeftCorner<3, 3>().trace() / 3),
+        std::sqrt(c.covariance.bottomRightCorner<3, 3>().trace() / 3), c.inliers, c.chi2, c.kept ? 1 : 0);
   }
   file.commit();
 }

@@ -28,7 +28,8 @@ void addLocalisation(std::vector<Row>& rows, const SlamResult* slam) {
   rows.push_back({"ground seen before, expected", decimals(slam->crossings_expected, 1) + " m of way"});
   rows.push_back({"of it without a closure", decimals(slam->crossings_unverified, 1) + " m"});
   for (const auto& [name, value] : bundleRows(*slam)) rows.push_back({name, value});
-  rows.push_back({"moved from dead reckoning", decimals(slam->moved_rms, 3) + " m rms"});
+  if (slam->parts.empty())
+    rows.push_back({"moved from dead reckoning", decimals(slam->moved_rms, 3) + " m rms"});
 }
 
 // Why nothing joins a part's first pair to the one before it.
@@ -150,8 +151,8 @@ void addModel(web::Report& report, const RunRecord& r) {
   }
   const double megabytes_a_pair =
       static_cast<double>(bytes) / 1e6 / static_cast<double>(std::max<std::size_t>(1, r.list->pairs.size()));
-  report.table({"level", "tiles", "triangles", "a m²", "texel [mm]", "error at most [mm]", "MB: surface",
-                "texture", "GPU texture"},
+  report.table({"level", "tiles", "triangles", "triangles a m²", "texel [mm]", "error at most [mm]",
+                "MB: surface", "texture", "GPU texture"},
                levels);
   report.text(std::to_string(r.pieces) + " pieces; " + std::to_string(r.meshes_fused) +
               " meshes fused, counted in every piece; " + decimals(megabytes_a_pair, 3) +
@@ -168,10 +169,12 @@ void addLayers(web::Report& report, const std::filesystem::path& folder, const R
 std::vector<Row> countRows(const RunRecord& r) {
   const FuseCounts& counts = r.fused->counts;
   const Anchor& anchor = r.navigation->anchor;
+  const bool images_alone = r.slam != nullptr && !r.slam->parts.empty();
   std::vector<Row> rows = {
       {"pairs listed", r.list->pairs.size()},
       {"pairs in the map", counts.used},
-      {"pairs outside the navigation", counts.without_pose},
+      {images_alone ? "pairs that show too little to be placed" : "pairs outside the navigation",
+       counts.without_pose},
       {"pairs unreadable", counts.unreadable},
       {"pairs with too few points", counts.too_few_points},
       {"left images without a right one", r.list->left_alone},
@@ -183,11 +186,13 @@ std::vector<Row> countRows(const RunRecord& r) {
       {"rejected: off the epipolar line", counts.rejected.epipolar},
       {"rejected: range", counts.rejected.range},
       {"rejected: outlier", counts.rejected.outlier},
-      {"rejected: fish", counts.rejected.fish},
-      {"bottom-track ensembles used", r.navigation->counters.dvl_used},
-      {"bottom-track ensembles rejected", r.navigation->counters.dvl_rejected},
-      {"anchored by", anchor.source + " (" + std::to_string(anchor.fixes_used) + " fixes, " +
-                          std::to_string(anchor.fixes_rejected) + " rejected)"}};
+      {"rejected: fish", counts.rejected.fish}};
+  if (!images_alone) {
+    rows.push_back({"bottom-track ensembles used", r.navigation->counters.dvl_used});
+    rows.push_back({"bottom-track ensembles rejected", r.navigation->counters.dvl_rejected});
+  }
+  rows.push_back({"anchored by", anchor.source + " (" + std::to_string(anchor.fixes_used) + " fixes, " +
+                                     std::to_string(anchor.fixes_rejected) + " rejected)"});
   addLocalisation(rows, r.slam);
   rows.push_back({"mesh vertices", r.vertices});
   rows.push_back({"mesh triangles", r.triangles});
@@ -227,7 +232,14 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
   report.section("Counts");
   report.table({}, countRows(r));
   report.section("Unreadable");
-  report.list(r.fused->counts.unreadable_lines);
+  std::vector<std::string> lines = r.fused->counts.unreadable_lines;
+  constexpr std::size_t kLines = 20;
+  if (lines.size() > kLines) {
+    const std::string more = std::to_string(lines.size() - kLines) + " more stand in report.json";
+    lines.resize(kLines);
+    lines.push_back(more);
+  }
+  report.list(lines);
   report.write(path);
 }
 

@@ -34,19 +34,9 @@ std::string fixed(const std::optional<double>& value, int digits) {
   return value ? fixed(*value, digits) : std::string();
 }
 
-// A field of a table: quoted where it must be (RFC 4180).
-std::string quoted(const std::string& text) {
-  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
-  std::string out = "\"";
-  for (const char c : text) {
-    if (c == '"') out += '"';
-    out += c;
-  }
-  return out + '"';
-}
-
-std::string timeText(std::int64_t utc_ns, char between, const char* zone) {
-  const io::CivilTime t = io::civilFromUtc(utc_ns);
+std::string timeText(const std::optional<std::int64_t>& utc_ns, char between, const char* zone) {
+  if (!utc_ns) return {};
+  const io::CivilTime t = io::civilFromUtc(*utc_ns);
   return formatted("%04d-%02d-%02d%c%02d:%02d:%02d.%06d%s", t.year, t.month, t.day, between, t.hour, t.minute,
                    t.second, t.nanosecond / 1000, zone);
 }
@@ -63,17 +53,19 @@ double areaOf(const std::vector<Eigen::Vector3d>& corners) {
 // What the tables share of an image.
 struct Row {
   const ImageRow& image;
-  Geodetic place;         // of the camera
-  double depth;           // of the camera [m]
-  Eigen::Vector3d euler;  // of the vehicle: roll, pitch, heading [rad]
+  std::optional<double> latitude_deg, longitude_deg;  // of the camera
+  double depth;                                       // of the camera [m]
+  Eigen::Vector3d euler;                              // of the vehicle: roll, pitch, heading [rad]
 
-  Row(const ImageRow& row, const LocalTransverseMercator& map)
-      : image(row),
-        place(map.toGeodetic(row.T_nav_cam.translation().head<2>())),
-        depth(row.T_nav_cam.translation().z()),
-        euler(row.T_nav_body.euler()) {}
-  [[nodiscard]] std::string latitude() const { return fixed(place.latitude * kDegrees, 9); }
-  [[nodiscard]] std::string longitude() const { return fixed(place.longitude * kDegrees, 9); }
+  Row(const ImageRow& row, const std::optional<LocalTransverseMercator>& map)
+      : image(row), depth(row.T_nav_cam.translation().z()), euler(row.T_nav_body.euler()) {
+    if (!map) return;
+    const Geodetic place = map->toGeodetic(row.T_nav_cam.translation().head<2>());
+    latitude_deg = place.latitude * kDegrees;
+    longitude_deg = place.longitude * kDegrees;
+  }
+  [[nodiscard]] std::string latitude() const { return fixed(latitude_deg, 9); }
+  [[nodiscard]] std::string longitude() const { return fixed(longitude_deg, 9); }
   [[nodiscard]] std::optional<double> water(WaterProperty property) const {
     return image.water[static_cast<std::size_t>(property)];
   }
@@ -90,10 +82,11 @@ std::string fullHead() {
 }
 std::string fullLine(const Row& row) {
   const Eigen::Vector3d& t = row.image.T_nav_cam.translation();
-  std::string line = quoted(row.image.left) + ',' + quoted(row.image.right) + ',' +
-                     timeText(row.image.utc_ns, 'T', "Z") + ',' + std::to_string(row.image.utc_ns) + ',' +
-                     row.latitude() + ',' + row.longitude() + ',' + fixed(row.depth, 3) + ',' +
-                     fixed(row.image.altitude, 3) + ',' + fixed(t.x(), 3) + ',' + fixed(t.y(), 3) + ',' +
+  std::string line = tableField(row.image.left) + ',' + tableField(row.image.right) + ',' +
+                     timeText(row.image.utc_ns, 'T', "Z") + ',' +
+                     (row.image.utc_ns ? std::to_string(*row.image.utc_ns) : "") + ',' + row.latitude() +
+                     ',' + row.longitude() + ',' + fixed(row.depth, 3) + ',' + fixed(row.image.altitude, 3) +
+                     ',' + fixed(t.x(), 3) + ',' + fixed(t.y(), 3) + ',' +
                      fixed(row.euler.x() * kDegrees, 3) + ',' + fixed(row.euler.y() * kDegrees, 3) + ',' +
                      fixed(degrees360(row.euler.z()), 3) + ',';
   if (!row.image.footprint.empty()) line += fixed(areaOf(row.image.footprint), 3);
@@ -107,7 +100,7 @@ constexpr const char* kSquidleHead =
     "pose.data.heading,pose.data.conductivity,pose.data.temperature,pose.data.salinity";
 std::string squidleLine(const Row& row) {
   const std::string time = timeText(row.image.utc_ns, 'T', "");
-  return quoted(std::filesystem::path(row.image.left).stem().string()) + ',' + time + ',' + time + ',' +
+  return tableField(std::filesystem::path(row.image.left).stem().string()) + ',' + time + ',' + time + ',' +
          row.latitude() + ',' + row.longitude() + ',' + fixed(row.depth, 3) + ',' +
          fixed(row.image.altitude, 3) + ',' + fixed(row.euler.x() * kDegrees, 3) + ',' +
          fixed(row.euler.y() * kDegrees, 3) + ',' + fixed(degrees360(row.euler.z()), 3) + ',' +
@@ -122,17 +115,17 @@ std::string catamiLine(const Row& row) {
   const auto filled = [](const std::optional<double>& value, int digits) {
     return value ? fixed(*value, digits) : std::string("-999.0");
   };
-  return timeText(row.image.utc_ns, ' ', "+00:00") + ',' + row.latitude() + ',' + row.longitude() + ',' +
-         fixed(row.depth, 3) + ',' + quoted(row.image.left) + ",Left Colour,Down Angle," +
-         filled(row.water(WaterProperty::kTemperature), 4) + ',' +
+  return timeText(row.image.utc_ns, ' ', "+00:00") + ',' + filled(row.latitude_deg, 9) + ',' +
+         filled(row.longitude_deg, 9) + ',' + fixed(row.depth, 3) + ',' + tableField(row.image.left) +
+         ",Left Colour,Down Angle," + filled(row.water(WaterProperty::kTemperature), 4) + ',' +
          filled(row.water(WaterProperty::kSalinity), 4) + ',' + fixed(row.euler.y(), 6) + ',' +
          fixed(row.euler.x(), 6) + ',' + fixed(row.euler.z(), 6) + ',' + filled(row.image.altitude, 3);
 }
 
 constexpr const char* kBiigleHead = "filename,taken_at,lng,lat,gps_altitude,distance_to_ground,area,yaw";
 std::string biigleLine(const Row& row) {
-  return quoted(row.image.left) + ',' + timeText(row.image.utc_ns, ' ', "") + ',' + row.longitude() + ',' +
-         row.latitude() + ',' + fixed(-row.depth, 3) + ',' + fixed(row.image.altitude, 3) + ',' +
+  return tableField(row.image.left) + ',' + timeText(row.image.utc_ns, ' ', "") + ',' + row.longitude() +
+         ',' + row.latitude() + ',' + fixed(-row.depth, 3) + ',' + fixed(row.image.altitude, 3) + ',' +
          (row.image.footprint.empty() ? std::string() : fixed(areaOf(row.image.footprint), 3)) + ',' +
          fixed(degrees360(row.euler.z()), 2);
 }
@@ -154,7 +147,7 @@ std::vector<Eigen::Vector3d> footprintOnPlane(const Camera& camera, const SE3& T
   return corners;
 }
 
-void writeTrackJson(const std::filesystem::path& path, const std::vector<TrackPoint>& track) {
+void writeTrackJson(const std::filesystem::path& path, const std::vector<TrackPoint>& track, bool timed) {
   Json utc = Json::array(), north = utc, east = utc, depth = utc, heading = utc, altitude = utc, stage = utc;
   std::array<Json, kWaterProperties> water;
   std::array<bool, kWaterProperties> recorded{};
@@ -174,8 +167,8 @@ void writeTrackJson(const std::filesystem::path& path, const std::vector<TrackPo
       recorded[k] = recorded[k] || point.water[k].has_value();
     }
   }
-  Json json = {{"utc_ns", utc},          {"north", north},       {"east", east},  {"depth", depth},
-               {"heading_deg", heading}, {"altitude", altitude}, {"stage", stage}};
+  Json json = {{"timed", timed}, {"utc_ns", utc},          {"north", north},       {"east", east},
+               {"depth", depth}, {"heading_deg", heading}, {"altitude", altitude}, {"stage", stage}};
   for (std::size_t k = 0; k < kWaterProperties; ++k)
     if (recorded[k]) json[infoOf(static_cast<WaterProperty>(k)).key] = water[k];
   writeFile(path, json.dump());
@@ -194,7 +187,7 @@ void writeImagesJson(const std::filesystem::path& path, const std::vector<ImageR
     list.push_back(
         {{"left", image.left},
          {"right", image.right},
-         {"utc_ns", std::to_string(image.utc_ns)},
+         {"utc_ns", image.utc_ns ? Json(std::to_string(*image.utc_ns)) : Json()},
          {"north", number(t.x())},
          {"east", number(t.y())},
          {"depth", number(t.z())},
@@ -210,9 +203,11 @@ void writeImagesJson(const std::filesystem::path& path, const std::vector<ImageR
             Json({{"images", list}, {"camera", lens}}).dump(-1, ' ', false, Json::error_handler_t::replace));
 }
 
-std::vector<std::string> writeImageTables(const std::filesystem::path& folder, const Geodetic& origin,
+std::vector<std::string> writeImageTables(const std::filesystem::path& folder,
+                                          const std::optional<Geodetic>& origin,
                                           const std::vector<ImageRow>& images) {
-  const LocalTransverseMercator map(origin);
+  std::optional<LocalTransverseMercator> map;
+  if (origin) map.emplace(*origin);
   std::string full = fullHead() + '\n', squidle = std::string(kSquidleHead) + '\n', catami,
               biigle = std::string(kBiigleHead) + '\n';
   for (const ImageRow& image : images) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <vector>
 
 #include "recon/geometry/camera.hpp"
@@ -14,7 +15,8 @@ namespace fathom::topside {
                                                             double range);
 
 // track.json and images.json, as the viewer's page reads them (README.md of this folder).
-void writeTrackJson(const std::filesystem::path& path, const std::vector<TrackPoint>& track);
+// `timed` false: times count from the first image.
+void writeTrackJson(const std::filesystem::path& path, const std::vector<TrackPoint>& track, bool timed);
 void writeImagesJson(const std::filesystem::path& path, const std::vector<ImageRow>& images,
                      const Camera& camera);
 
@@ -23,8 +25,9 @@ void writeImagesJson(const std::filesystem::path& path, const std::vector<ImageR
 //   images_squidle.csv  Squidle+: key, timestamp_start, pose.lat, pose.lon, pose.dep, pose.alt, pose.data.*
 //   images_catami.csv   CATAMI data package 1.0 (images.csv there): no header, -999 for what is unknown
 //   images_biigle.csv   BIIGLE image metadata: filename, taken_at, lng, lat, gps_altitude, ...
-// Returns the names written.
-std::vector<std::string> writeImageTables(const std::filesystem::path& folder, const Geodetic& origin,
+// Without `origin` nobody knows where the dive was. What is not known stays empty. Returns the names written.
+std::vector<std::string> writeImageTables(const std::filesystem::path& folder,
+                                          const std::optional<Geodetic>& origin,
                                           const std::vector<ImageRow>& images);
 
 }  // namespace fathom::topside

@@ -1,6 +1,7 @@
 #include "recon/topside/tables/dive_tables_input.hpp"
 
 #include <algorithm>
+#include <numeric>
 
 #include "recon/topside/tables/dive_tables.hpp"
 
@@ -38,13 +39,17 @@ SE3 correctedAt(const std::vector<Correction>& all, std::int64_t utc_ns, const S
 
 }  // namespace
 
-std::vector<TrackPoint> trackOf(Dive& dive, const WaterLog& water) {
+std::vector<TrackPoint> trackOf(Dive& dive, const FuseResult& fused, const WaterLog& water) {
   const Navigation& navigation = dive.survey().navigation;
   const std::vector<Correction> moved = correctionsOf(navigation.poses, dive.poses());
   std::vector<TrackPoint> track;
   if (!dive.input().navigated) {
-    for (const NavigatedPose& pose : dive.poses())
-      track.push_back({pose.utc_ns, pose.T_nav_body, {}, "", {}});
+    for (const FusedPair& pair : fused.pairs) {
+      const std::optional<double> altitude = pair.altitude > 0 ? std::optional(pair.altitude) : std::nullopt;
+      if (&pair != &fused.pairs.front() && pair.part != (&pair - 1)->part)
+        track.push_back({std::midpoint((&pair - 1)->pair.utc_ns, pair.pair.utc_ns), {}, {}, "", {}});
+      track.push_back({pair.pair.utc_ns, pair.T_nav_body, altitude, "", {}});
+    }
     return track;
   }
   for (const NavigatedPose& pose : navigation.track) {
@@ -67,12 +72,12 @@ std::vector<ImageRow> imageRowsOf(Dive& dive, const FuseResult& fused, const Wat
     ImageRow row;
     row.left = pair.pair.left;
     row.right = pair.pair.right;
-    row.utc_ns = pair.pair.utc_ns;
+    if (input.timed) row.utc_ns = pair.pair.utc_ns;
     row.T_nav_body = pair.T_nav_body;
     row.T_nav_cam = pair.T_nav_cam;
     if (pair.altitude > 0) row.altitude = pair.altitude;
     row.footprint = footprintOnPlane(input.rig.left, pair.T_nav_cam, pair.range);
-    row.water = water.at(row.utc_ns, row.T_nav_body.translation().z());
+    row.water = water.at(pair.pair.utc_ns, row.T_nav_body.translation().z());
     rows.push_back(std::move(row));
   }
   return rows;

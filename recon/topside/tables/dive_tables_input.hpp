@@ -8,7 +8,8 @@
 namespace fathom::topside {
 
 // The dive's track second by second: dead reckoning, moved as localisation moved the pairs before and after.
-[[nodiscard]] std::vector<TrackPoint> trackOf(Dive& dive, const WaterLog& water);
+// Without navigation the pairs; a point without a pose stands between parts that nothing joins.
+[[nodiscard]] std::vector<TrackPoint> trackOf(Dive& dive, const FuseResult& fused, const WaterLog& water);
 // The pairs that have a pose.
 [[nodiscard]] std::vector<ImageRow> imageRowsOf(Dive& dive, const FuseResult& fused, const WaterLog& water);
 

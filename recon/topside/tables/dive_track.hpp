@@ -67,8 +67,8 @@ void nameStages(std::vector<TrackPoint>& track, std::int64_t first_image_utc_ns,
 
 // One stereo pair.
 struct ImageRow {
-  std::string left, right;  // file names
-  std::int64_t utc_ns = 0;
+  std::string left, right;             // file names
+  std::optional<std::int64_t> utc_ns;  // none: nobody knows
   SE3 T_nav_body, T_nav_cam;
   std::optional<double> altitude;  // of the vehicle above the ground, vertical [m]
   // Corners of the left image on the ground, from the top left one clockwise: north, east, depth [m]. Empty

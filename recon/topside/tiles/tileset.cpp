@@ -146,15 +146,17 @@ Eigen::Matrix4d ecefFromEnu(const Geodetic& origin) {
 }
 
 void writeTilesets(const std::filesystem::path& folder, std::vector<TileEntry> entries,
-                   const Geodetic& origin, const TilesetConfig& config) {
+                   const std::optional<Geodetic>& origin, const TilesetConfig& config) {
   if (entries.empty()) throw std::invalid_argument("a tileset without tiles");
   std::sort(entries.begin(), entries.end(),
             [](const TileEntry& a, const TileEntry& b) { return a.id < b.id; });
   Tree tree;
   const TileId root = grow(tree, entries, config);
   Json json = Part(folder, tree, root, entries.size() > config.max_tiles).json(root);
-  const Eigen::Matrix4d transform = ecefFromEnu(origin);
-  json["transform"] = std::vector<double>(transform.data(), transform.data() + transform.size());
+  if (origin) {
+    const Eigen::Matrix4d transform = ecefFromEnu(*origin);
+    json["transform"] = std::vector<double>(transform.data(), transform.data() + transform.size());
+  }
   write(folder / "tileset.json", json, kErrorOfNothing * tree.at(root).error);
 }
 

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -40,9 +41,10 @@ struct TilesetConfig {
 // children's; 0 where it has none. A tile that is missing between others, or above several roots, stands in
 // the tree without content. Boxes hold all that is below them. The root's transform puts the dive's
 // east-north-up at `origin` (WGS84, height 0 is the water's surface) into EPSG:4978; nothing else bends.
-// Any order of entries gives the same bytes. Throws std::invalid_argument for no entries or one twice.
+// Without an origin they are in no place of the Earth. Any order of entries gives the same bytes. Throws
+// std::invalid_argument for no entries or one twice.
 void writeTilesets(const std::filesystem::path& folder, std::vector<TileEntry> entries,
-                   const Geodetic& origin, const TilesetConfig& config = {});
+                   const std::optional<Geodetic>& origin, const TilesetConfig& config = {});
 
 // Column by column, from east-north-up at a place on the ellipsoid to Earth-centred Earth-fixed [m].
 [[nodiscard]] Eigen::Matrix4d ecefFromEnu(const Geodetic& origin);

@@ -63,7 +63,7 @@ std::string projectionOf(const std::string& epsg) {
 web::PageServer serveDive(const ServedDive& dive, const std::filesystem::path& page, int port) {
   web::PageServerConfig config;
   config.port = port;
-  config.option = "--port";
+  config.option = "--http";
   config.page = page;
   config.more_scripts = kDecoders;
   nlohmann::json view{{"dive", "dive/"},

@@ -53,7 +53,8 @@ void markReceived(const telemetry::MapBlock& block, SquareMap& squares) {
 Coverage coverageOf(const Track& track, const BlockStore& store, std::int64_t now_utc_ns) {
   Coverage coverage;
   SquareMap received;
-  const std::int64_t recent = now_utc_ns - static_cast<std::int64_t>(kRecent_s * 1e9);
+  constexpr auto kRecent_ns = static_cast<std::int64_t>(kRecent_s * 1e9);
+  const std::int64_t recent = now_utc_ns - kRecent_ns;
   for (const auto& [key, chunk] : store.chunks()) {
     for (const auto& level : chunk->levels) {
       for (const auto& [slot, stored] : level) {
@@ -61,6 +62,8 @@ Coverage coverageOf(const Track& track, const BlockStore& store, std::int64_t no
         if (stored.changed_utc_ns > recent && stored.changed_utc_ns != 0) {
           const double spacing = telemetry::spacingOf(stored.block.key.spacing);
           coverage.changed_area += std::bitset<16>(stored.block.seen).count() * spacing * spacing;
+          coverage.changes_until_utc_ns =
+              std::min(coverage.changes_until_utc_ns, stored.changed_utc_ns + kRecent_ns);
         }
       }
     }

@@ -25,6 +25,7 @@ struct Coverage {
   std::vector<PendingSquare> pending;  // by place
   double received_area = 0;            // squares of which something was received [m2]
   double changed_area = 0;             // of blocks that gave way to other content in the last kRecent_s [m2]
+  std::int64_t changes_until_utc_ns = INT64_MAX;  // when that gets less, if nothing comes
 };
 inline constexpr double kViewAngle_deg = 42;  // across track, of the stereo cameras
 inline constexpr double kMaxGap_s = 60;

@@ -23,7 +23,8 @@ void ModelView::take(const MonitorModel& model, std::uint64_t epoch, std::int64_
 }
 
 const Coverage& ModelView::coverage() {
-  if (coverage_map_ != store_.version() || coverage_track_ != track_version_) {
+  if (coverage_map_ != store_.version() || coverage_track_ != track_version_ ||
+      now_utc_ns_ >= coverage_.changes_until_utc_ns) {
     coverage_ = coverageOf(track_, store_, now_utc_ns_);
     coverage_map_ = store_.version();
     coverage_track_ = track_version_;

@@ -115,7 +115,11 @@ Calibration readCalibration(const fs::path& path, std::optional<double> unit) {
   if (out.rig.left.width != 0) requirePrincipalPoint(out.rig.left, "left", path);
   if (out.rig.right.width != 0) requirePrincipalPoint(out.rig.right, "right", path);
   out.about = printableText(pair.about) + ", baseline " + baseline;
-  if (right_in_left.x() < 0) out.about += ", the right camera to the left of the left one";
+  const double aside = right_in_left.x(), below = right_in_left.y();
+  if (std::abs(below) > std::abs(aside))
+    out.about += std::string(", the right camera ") + (below > 0 ? "below" : "above") + " the left one";
+  else if (aside < 0)
+    out.about += ", the right camera to the left of the left one";
   return out;
 }
 

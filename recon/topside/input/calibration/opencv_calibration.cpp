@@ -45,6 +45,17 @@ std::string plain(const std::string& name) {
   return out;
 }
 
+bool plainly(const Names& names, const std::string& name) {
+  return std::find(names.begin(), names.end(), name) != names.end();
+}
+
+// Where a word stands in a name, whatever its case.
+std::size_t plainPlace(const std::string& name, const std::string& word) {
+  std::string lower = name;
+  for (char& c : lower) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return lower.rfind(word);
+}
+
 struct Entry {
   CalibrationPlace place;
   const CalibrationTree* value;
@@ -83,6 +94,24 @@ class Entries {
       if (find(kMatrix, sides.left, {9}) != nullptr && find(kMatrix, sides.right, {9}) != nullptr)
         return &sides;
     return nullptr;
+  }
+  // "found cameraMatrix, cameraMatrix2; missing cameraMatrix1", where only one side's is there.
+  [[nodiscard]] std::string matricesFound() const {
+    std::string found, missing;
+    for (const auto& [name, entry] : entries_)
+      if (has(entry, {9}) && !plainly(kRotation, name))
+        found += (found.empty() ? "" : ", ") + entry.place.key;
+    for (const Sides& sides : kSides)
+      for (const auto& [here, there] :
+           {std::pair(sides.left, sides.right), std::pair(sides.right, sides.left)}) {
+        const Entry* one = find(kMatrix, here, {9});
+        if (!missing.empty() || one == nullptr || !has(*one, {9})) continue;
+        const std::string& key = one->place.key;
+        const std::size_t at = plainPlace(key, here);
+        if (at != std::string::npos) missing = key.substr(0, at) + there + key.substr(at + here.size());
+      }
+    return (found.empty() ? "found none" : "found " + found) +
+           (missing.empty() ? "" : "; missing " + missing);
   }
   [[nodiscard]] const Entry* rotation() const { return find(kRotation, "", {9, 3}); }
   [[nodiscard]] const Entry* translation() const { return find(kTranslation, "", {3}); }
@@ -178,7 +207,8 @@ CameraPair readOpenCvCalibration(const fs::path& file, const CalibrationTree& tr
   }
   const Sides* sides = entries.sides();
   if (sides == nullptr)
-    place.fail("gives no pair of camera matrices (K1, K2); put the intrinsics file beside it");
+    place.fail("gives no pair of camera matrices (K1, K2), 3 x 3: " + entries.matricesFound() +
+               "; put the intrinsics file beside it");
   if (!entries.hasMotion())
     place.fail(
         "gives no R and T between the cameras; put the extrinsics file beside it, named alike, or write all "

@@ -141,6 +141,12 @@ std::optional<Mosaic> mosaicOf(const ImageView& grey) {
   return Mosaic{means[1] < means[2] ? Samples::kGrbg : Samples::kGbrg, spread / mean};
 }
 
+int brightestOf(const ImageView& image) {
+  double most = 0;
+  cv::minMaxLoc(matOf(image).reshape(1), nullptr, &most);
+  return static_cast<int>(most);
+}
+
 void requireSize(const io::ImageFile& file, const Camera& camera, const std::filesystem::path& path) {
   if (file.view.width != camera.width || file.view.height != camera.height)
     throw InputError(path, "",
@@ -150,14 +156,14 @@ void requireSize(const io::ImageFile& file, const Camera& camera, const std::fil
 }
 
 io::ImageFile fitted(io::ImageFile file, PixelFormat format, int bits, const std::filesystem::path& path) {
-  if (file.view.bits > bits)
+  if (file.view.bits > 8 && bits == 8)
     throw InputError(path, "",
-                     "has samples of " + std::to_string(file.view.bits) +
-                         " bits where the images before have " + std::to_string(bits));
+                     "has samples of " + std::to_string(file.view.bits) + " bits where other images have 8");
   const bool colours = file.view.format == PixelFormat::kRgb, wanted = format == PixelFormat::kRgb;
   cv::Mat image = matOf(file.view);
   if (colours != wanted) cv::cvtColor(image, image, wanted ? cv::COLOR_GRAY2RGB : cv::COLOR_RGB2GRAY);
   if (file.view.bits == 8 && bits > 8) image.convertTo(image, CV_16U, static_cast<double>(1 << (bits - 8)));
+  if (file.view.bits > bits) cv::min(image, (1 << bits) - 1, image);
   if (image.data != file.view.data) return fileOf(image, format, bits);
   file.view.format = format;
   file.view.bits = bits;

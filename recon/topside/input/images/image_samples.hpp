@@ -33,8 +33,12 @@ struct Mosaic {
 // Throws InputError for an image of another size than the camera's.
 void requireSize(const io::ImageFile& file, const Camera& camera, const std::filesystem::path& path);
 
-// The image in another format and at least as many bits: grey becomes RGB and RGB grey; of samples of 8 bits
-// more are made by their scale, others keep their values. Throws InputError for a sample of more than `bits`.
+// Its brightest sample.
+[[nodiscard]] int brightestOf(const ImageView& image);
+
+// The image in another format and of so many bits: grey becomes RGB and RGB grey; samples of 8 bits are
+// scaled, others keep their values, but for those above full scale, which are cut to it. Throws InputError
+// for an image of more than 8 bits where `bits` are 8.
 [[nodiscard]] io::ImageFile fitted(io::ImageFile file, PixelFormat format, int bits,
                                    const std::filesystem::path& path);
 

@@ -29,6 +29,10 @@ export function mark(id: string, chosen: string | null, disabled: string[] = [])
   }
 }
 
+// Whether keys belong to what has the focus: text is typed there, or a value is chosen by them.
+export const takesKeys = (target: EventTarget | null): boolean => target instanceof HTMLElement
+  && (/^(TEXTAREA|SELECT)$/.test(target.tagName) || (target instanceof HTMLInputElement && !/^(checkbox|radio|button|file|color)$/.test(target.type)));
+
 export function row(label: string, value: string): HTMLElement {
   const line = make('div', 'row');
   line.append(make('span', '', label), make('b', '', value));

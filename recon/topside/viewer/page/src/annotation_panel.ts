@@ -1,4 +1,4 @@
-import { merge, readAnnotations, toCsv, toGeoJson, type Annotation } from './annotations';
+import { merge, readAnnotations, seenBy, toCsv, toGeoJson, type Annotation } from './annotations';
 import type { Dive } from './dive';
 import { number } from '#kit/format';
 import type { Marks } from './marks';
@@ -14,12 +14,14 @@ export class AnnotationPanel {
   private readonly key: string;
 
   constructor(private dive: Dive, private view: View, private marks: Marks, private complain: (what: string) => void) {
-    this.key = `fathom annotations ${dive.scene.vehicle}/${dive.scene.dive_id || dive.scene.name}`;
-    try {
-      this.list = readAnnotations(localStorage.getItem(this.key) ?? '', dive.projection);
-    } catch {
-      // none kept
-    }
+    const byName = `fathom annotations ${dive.scene.vehicle}/${dive.scene.dive_id || dive.scene.name}`;
+    this.key = dive.scene.id ? `fathom annotations ${dive.scene.id}` : byName;
+    const kept = localStorage.getItem(this.key);
+    // Those that a browser kept by the dive's name, which others may have, are this dive's if its images saw them.
+    this.list = kept !== null ? this.parse(kept) : seenBy(dive.images.map((i) => i.left), this.parse(localStorage.getItem(byName)));
+    window.addEventListener('storage', (e) => {
+      if (e.key === this.key && e.newValue !== null) this.take(this.parse(e.newValue));
+    });
     const file = (dive.scene.name || dive.scene.dive_id || 'dive').replace(/[^\w.-]+/g, '_');
     element('export-geojson').onclick = () => save(`${file}_annotations.geojson`, toGeoJson(this.list, dive.projection, dive.scene.dive_id), 'application/geo+json');
     element('export-csv').onclick = () => save(`${file}_annotations.csv`, toCsv(this.list, dive.projection, dive.scene.dive_id), 'text/csv');
@@ -29,6 +31,22 @@ export class AnnotationPanel {
       input('annotations-input').value = '';
     };
     this.draw();
+  }
+
+  private parse(kept: string | null): Annotation[] {
+    try {
+      return readAnnotations(kept ?? '', this.dive.projection);
+    } catch {
+      return []; // none kept
+    }
+  }
+  // As another tab with the same dive has them; what is being typed here stays under the hand.
+  private take(list: Annotation[]): void {
+    const have = new Map(this.list.map((a) => [a.id, a]));
+    this.list = list.map((a) => Object.assign(have.get(a.id) ?? a, a));
+    const typed = element('annotations').querySelector(':focus');
+    if (typed instanceof HTMLInputElement) typed.addEventListener('blur', () => this.draw(), { once: true });
+    else this.draw();
   }
 
   async read(file: File): Promise<void> {

@@ -82,3 +82,9 @@ export function merge(have: Annotation[], more: Annotation[]): Annotation[] {
   for (const a of more) byId.set(a.id, a);
   return [...byId.values()];
 }
+
+// Those of which one of these images saw the place.
+export function seenBy(images: string[], list: Annotation[]): Annotation[] {
+  const names = new Set(images);
+  return list.filter((a) => a.images.some((image) => names.has(image)));
+}

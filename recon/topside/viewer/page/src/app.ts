@@ -11,7 +11,7 @@ import { Layers, hasUnit, shortTitle } from './layers';
 import { Marks } from './marks';
 import { measuredGeoJson } from './measured';
 import { Model } from './model';
-import { drawScale, element, input, make, mark, row, save, segments } from '#kit/overlay';
+import { drawScale, element, input, make, mark, row, save, segments, takesKeys } from '#kit/overlay';
 import { readPermalink, writePermalink } from './permalink';
 import { toNav, toScene, type Bounds, type Place } from '#kit/place';
 import { PointPanel, type Quality } from './point_panel';
@@ -84,7 +84,7 @@ export class App {
     else view.setPose(whole.eye, whole.look);
     await records;
     timelineHeight = 0;
-    const first = dive.track?.utc[0];
+    const first = dive.track?.timed ? dive.track.utc[0] : undefined;
     element('dive-about').textContent = [name.includes(scene.vehicle) ? null : scene.vehicle, first ? dateAndClock(first).slice(0, 16) : null, dive.images.length > 0 ? `${count(dive.images.length)} images` : null].filter(Boolean).join(' · ');
     this.layers = new Layers(dive, look, () => this.bounds(), trouble);
     this.tools = new Tools(view, marks, this.layers);
@@ -174,7 +174,7 @@ export class App {
       localStorage.setItem('fathom limit', String(Number(choose.value) * MEBIBYTE));
     };
     window.addEventListener('keydown', (e) => {
-      if (e.target instanceof HTMLElement && /^(INPUT|TEXTAREA|SELECT)$/.test(e.target.tagName)) return;
+      if (takesKeys(e.target)) return;
       if (e.key === 'Escape') {
         if (this.viewer.open) this.viewer.close();
         else this.tools.escape();

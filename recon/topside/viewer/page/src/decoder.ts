@@ -1,4 +1,5 @@
 import type { DecodeAnswer, DecodeRequest } from './decode_worker';
+import type { ImageFormat } from './image_samples';
 import { FolderSource, type Source } from './source';
 
 // Hands images to two workers, one at a time each; what nobody wants any more is dropped before it starts.
@@ -27,9 +28,9 @@ export class Decoder {
   constructor(private source: () => Source) {}
 
   // null when no longer wanted. Rejects with one line of text for an absent or broken file.
-  decode(address: string, bayer: boolean, edge: number, wanted: () => boolean = () => true): Promise<Decoded | null> {
+  decode(address: string, format: ImageFormat, edge: number, wanted: () => boolean = () => true): Promise<Decoded | null> {
     return new Promise((done, failed) => {
-      this.queue.push({ request: { bayer, edge }, address, wanted, done, failed });
+      this.queue.push({ request: { format, edge }, address, wanted, done, failed });
       void this.pump();
     });
   }

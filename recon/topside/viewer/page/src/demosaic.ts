@@ -1,5 +1,7 @@
-// Original images hold what the sensor counted: 12-bit samples under an RGGB mosaic (left) or grey (right), linear in
-// light. Here they become something to look at.
+import type { ImageFormat, Raw } from './image_samples';
+
+// Original images hold what the sensor counted, linear in light, as a mosaic, grey or in colours, or, of eight bits, a
+// picture already. Here they become something to look at.
 
 export interface Picture {
   width: number;
@@ -24,19 +26,69 @@ export function stretch(samples: Samples, width: number, height: number, bayer: 
       channels[1]!.push((samples[i + 1]! + samples[i + width]!) / 2);
       channels[2]!.push(samples[i + width + 1]!);
     }
-  const one = (values: number[]): [number, number] => {
-    values.sort((a, b) => a - b);
-    const low = values[Math.floor(LOW * (values.length - 1))] ?? 0;
-    return [low, Math.max(values[Math.floor(HIGH * (values.length - 1))] ?? 1, low + 1)];
-  };
-  const red = one(channels[0]!);
-  return bayer ? [red, one(channels[1]!), one(channels[2]!)] : [red, red, red];
+  const red = rangeOf(channels[0]!);
+  return bayer ? [red, rangeOf(channels[1]!), rangeOf(channels[2]!)] : [red, red, red];
+}
+
+function rangeOf(values: number[]): [low: number, high: number] {
+  values.sort((a, b) => a - b);
+  const low = values[Math.floor(LOW * (values.length - 1))] ?? 0;
+  return [low, Math.max(values[Math.floor(HIGH * (values.length - 1))] ?? 1, low + 1)];
 }
 
 function toneTable(low: number, high: number): (value: number) => number {
   const table = new Uint8Array(1025);
   for (let i = 0; i <= 1024; ++i) table[i] = Math.round(255 * (i / 1024) ** GAMMA);
   return (value) => table[Math.max(0, Math.min(1024, Math.round(((value - low) / (high - low)) * 1024)))]!;
+}
+
+// A mosaic of another order, or one that begins elsewhere, without the row or column before its first red sample.
+const FIRST_RED: Record<string, [column: number, row: number]> = { 'bayer-rggb': [0, 0], 'bayer-grbg': [1, 0], 'bayer-gbrg': [0, 1], 'bayer-bggr': [1, 1] };
+
+// Its own value, and a table of tones for each channel where light was counted.
+export function pictureOf(raw: Raw, { format }: ImageFormat, shrink: number): Picture {
+  const { width, height, bands, samples, bits } = raw;
+  const first = bands < 3 ? FIRST_RED[format] : undefined;
+  if (first) return mosaicFrom(samples, width, height, first, shrink);
+  const one = bands < 3 && bits > 8 ? (bands === 1 ? samples : Array.from({ length: width * height }, (_, i) => samples[bands * i]!)) : null;
+  if (one) return develop(one, width, height, false, shrink);
+  const channels = bands < 3 ? [0, 0, 0] : [0, 1, 2];
+  const tones = bits > 8 ? channels.map((c) => toneTable(...rangeOf(everyPixel(samples, width * height, bands, c)))) : null;
+  const rgba = new Uint8ClampedArray(width * height * 4);
+  for (let i = 0; i < width * height; ++i) {
+    channels.forEach((c, k) => {
+      const value = samples[bands * i + c]!;
+      rgba[4 * i + k] = tones ? tones[k]!(value) : value;
+    });
+    rgba[4 * i + 3] = 255;
+  }
+  return { width, height, rgba };
+}
+
+function everyPixel(samples: Samples, pixels: number, bands: number, band: number): number[] {
+  const step = Math.max(1, Math.round(pixels / 40000));
+  return Array.from({ length: Math.floor((pixels - 1) / step) + 1 }, (_, i) => samples[bands * i * step + band]!);
+}
+
+// The size stays: what is cut off at the left and the top is added as the last column and row.
+function mosaicFrom(samples: Samples, width: number, height: number, [column, row]: [number, number], shrink: number): Picture {
+  if (column === 0 && row === 0) return develop(samples, width, height, true, shrink);
+  const moved = new Uint16Array(width * height);
+  for (let y = 0; y < height; ++y)
+    for (let x = 0; x < width; ++x) {
+      // Beyond the border, the nearest of the same colour.
+      const [from, at] = [x + column < width ? x + column : x + column - 2, y + row < height ? y + row : y + row - 2];
+      moved[y * width + x] = samples[at * width + from]!;
+    }
+  const picture = develop(moved, width, height, true, shrink);
+  if (shrink > 1) return picture;
+  const rgba = new Uint8ClampedArray(picture.rgba.length);
+  for (let y = 0; y < height; ++y)
+    for (let x = 0; x < width; ++x) {
+      const from = 4 * (Math.max(0, y - row) * width + Math.max(0, x - column));
+      rgba.set(picture.rgba.subarray(from, from + 4), 4 * (y * width + x));
+    }
+  return { width, height, rgba };
 }
 
 // `shrink` 1: all pixels, colours between their samples by the mean of the nearest; n: blocks of 2n x 2n samples are one

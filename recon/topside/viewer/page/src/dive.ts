@@ -1,4 +1,5 @@
 import type { CameraModel, DiveImage } from './cameras';
+import type { ImageFormat } from './image_samples';
 import { transverseMercator, type Projection } from '#kit/geodesy';
 import type { Bounds } from '#kit/place';
 import { Missing, fileName, type Source } from './source';
@@ -35,6 +36,8 @@ export interface Scene {
   track: string | null;
   images: string | null;
   image_folder: string | null;
+  imageFormat: ImageFormat;
+  id: string; // of the dive's images: the same for every model of them
   bounds: Bounds | null;
   depth: [number, number] | null;
 }
@@ -46,6 +49,7 @@ export interface Series {
   values: (number | null)[];
 }
 export interface Track {
+  timed: boolean; // false: `utc` counts from the first image
   utc: number[]; // [s]
   north: (number | null)[];
   east: (number | null)[];
@@ -72,6 +76,8 @@ const isObject = (value: unknown): value is Json => typeof value === 'object' &&
 const text = (value: unknown): string => (typeof value === 'string' ? value : typeof value === 'number' ? String(value) : '');
 const numbers = (value: unknown, count: number): number[] | null =>
   Array.isArray(value) && value.length >= count && value.slice(0, count).every(Number.isFinite) ? (value as number[]) : null;
+// A file in a folder or below it, by a name with slashes.
+const isInside = (name: unknown): name is string => typeof name === 'string' && name !== '' && !/\\/.test(name) && name.split('/').every((part) => part !== '' && part !== '..' && part !== '.');
 const column = (value: unknown, rows: number): (number | null)[] | null =>
   Array.isArray(value) && value.length === rows ? value.map((v) => (typeof v === 'number' && Number.isFinite(v) ? v : null)) : null;
 
@@ -108,7 +114,9 @@ export function parseScene(value: Json): Scene {
       name: text(l.name) || text(l.file), title: text(l.title) || text(l.name) || text(l.file), unit: text(l.unit), file: text(l.file),
       ...(Number.isFinite(l.min) && Number.isFinite(l.max) ? { min: l.min as number, max: l.max as number } : {}), ramp: text(l.ramp),
     })),
-    track: text(value.track) || null, images: text(value.images) || null, image_folder: text(value.image_folder) || null,
+    track: text(value.track) || null, images: text(value.images) || null, image_folder: text(value.image_folder) || null, id: text(value.id),
+    // Of a run that did not tell: the ACFR's.
+    imageFormat: { format: text(value.image_format) || 'bayer-rggb', bits: Number.isFinite(value.image_bits) ? (value.image_bits as number) : 12 },
     bounds: bounds ? { north0: bounds[0]!, east0: bounds[1]!, north1: bounds[2]!, east1: bounds[3]! } : null,
     depth: depth ? [depth[0]!, depth[1]!] : null,
   };
@@ -136,7 +144,7 @@ export function parseTrack(value: Json): Track {
     series.push({ key, title, unit, values });
   }
   const stage = Array.isArray(value.stage) && value.stage.length === rows ? value.stage.map((s) => (s === null ? null : text(s))) : none;
-  return { utc, north, east, depth: column(value.depth, rows) ?? none, heading: column(value.heading_deg, rows) ?? none, stage, series };
+  return { timed: value.timed !== false, utc, north, east, depth: column(value.depth, rows) ?? none, heading: column(value.heading_deg, rows) ?? none, stage, series };
 }
 
 export function parseImages(value: Json): { camera: CameraModel | null; images: DiveImage[]; dropped: number } {
@@ -146,7 +154,7 @@ export function parseImages(value: Json): { camera: CameraModel | null; images: 
     ? ({ k1: 0, k2: 0, p1: 0, p2: 0, k3: 0, ...c } as unknown as CameraModel) : null;
   const images: DiveImage[] = [];
   for (const i of value.images as unknown[]) {
-    if (!isObject(i) || typeof i.left !== 'string' || /[/\\]/.test(i.left) || !numbers([i.north, i.east, i.depth], 3) || !numbers(i.q, 4)) continue;
+    if (!isObject(i) || !isInside(i.left) || !numbers([i.north, i.east, i.depth], 3) || !numbers(i.q, 4)) continue;
     const footprint = Array.isArray(i.footprint) ? i.footprint.filter((p) => numbers(p, 3)) : [];
     images.push({ ...(i as unknown as DiveImage), utc_ns: text(i.utc_ns), altitude: Number.isFinite(i.altitude) ? (i.altitude as number) : null, footprint });
   }
@@ -161,10 +169,10 @@ export async function openDive(source: Source, complain: (what: string) => void,
   const folder = imageFolder !== undefined ? imageFolder : (scene.image_folder === null ? null : address(scene.image_folder.replace(/\/*$/, '/')));
   const dive: Dive = {
     source, scene, projection: scene.origin ? transverseMercator(scene.origin) : null, track: null, camera: null, images: [], address, originals: imageFolder !== null,
-    imageAddress: (name) => new URL(encodeURIComponent(name), folder ?? source.base).href,
+    imageAddress: (name) => new URL(name.split('/').map(encodeURIComponent).join('/'), folder ?? source.base).href,
   };
   if (!dive.originals) complain('the original images are not there: the model is shown without them');
-  if (!scene.origin) complain('scene.json tells no origin: positions are shown without latitude and longitude');
+  if (!scene.origin) complain('nobody says where on the Earth this dive was: positions are in metres of its own');
   return dive;
 }
 

@@ -63,12 +63,10 @@ export class Marks {
   }
 
   setTrack(track: Track): void {
-    const points: Place[] = [];
-    track.north.forEach((north, i) => {
+    this.track.set(track.north.map((north, i) => {
       const [east, depth] = [track.east[i], track.depth[i]];
-      if (north !== null && east !== null && east !== undefined) points.push({ north, east, depth: depth ?? 0 });
-    });
-    this.track.set(points);
+      return north !== null && east !== null && east !== undefined ? { north, east, depth: depth ?? 0 } : null;
+    }));
   }
   setFootprints(images: DiveImage[], shown: boolean): void {
     if (this.footprints || !shown) {

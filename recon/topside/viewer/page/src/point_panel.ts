@@ -1,5 +1,5 @@
 import * as THREE from 'three';
-import { imagesThatSaw, type Sighting } from './cameras';
+import { imagesThatSaw, type DiveImage, type Sighting } from './cameras';
 import type { Decoder } from './decoder';
 import type { Dive } from './dive';
 import { dateAndClock, length, number, position } from '#kit/format';
@@ -17,6 +17,8 @@ const MOST_IMAGES = 12; // shown at once
 const MOST_TESTED = 40; // for being hidden behind something
 const THUMB_EDGE = 200; // [px]
 const HIDDEN_MARGIN = 0.06; // [m], or this share of the range: what is nearer to the camera than that hides the place
+
+const taken = (image: DiveImage): string => (image.utc_ns === '' ? 'time unknown' : `${dateAndClock(Number(image.utc_ns) / 1e9)} UTC`);
 
 export interface Quality {
   sigma: number | null; // of the surface [m]
@@ -113,7 +115,7 @@ export class PointPanel {
     const image = this.dive.images[sighting.index]!;
     const button = make('button', 'thumb');
     const label = this.classOf(sighting.index);
-    button.title = `${image.left}\n${dateAndClock(Number(image.utc_ns) / 1e9)} UTC${label ? `\n${label}` : ''}`;
+    button.title = `${image.left}\n${taken(image)}${label ? `\n${label}` : ''}`;
     button.append(make('em', '', `${sighting.range.toFixed(2)} m${label ? ` · ${label}` : ''}`));
     button.onmouseenter = () => this.onImage(sighting.index);
     button.onmouseleave = () => this.onImage(null);
@@ -123,7 +125,7 @@ export class PointPanel {
       element('image-actions').replaceChildren(make('div', 'fine', image.left), ...this.actions(sighting));
     };
     button.ondblclick = () => void this.full(sighting);
-    this.decoder.decode(this.dive.imageAddress(image.left), true, THUMB_EDGE, () => turn === this.turn).then((decoded) => {
+    this.decoder.decode(this.dive.imageAddress(image.left), this.dive.scene.imageFormat, THUMB_EDGE, () => turn === this.turn).then((decoded) => {
       if (!decoded || turn !== this.turn) return decoded?.bitmap.close();
       const canvas = make('canvas');
       canvas.width = decoded.bitmap.width;
@@ -163,8 +165,8 @@ export class PointPanel {
   private async full(sighting: Sighting): Promise<void> {
     const image = this.dive.images[sighting.index]!;
     try {
-      const decoded = await this.decoder.decode(this.dive.imageAddress(image.left), true, 0);
-      if (decoded) this.viewer.show(decoded.bitmap, [sighting.u, sighting.v], `${image.left} · ${dateAndClock(Number(image.utc_ns) / 1e9)} UTC · ${length(sighting.range)} away · ${decoded.width} × ${decoded.height}`);
+      const decoded = await this.decoder.decode(this.dive.imageAddress(image.left), this.dive.scene.imageFormat, 0);
+      if (decoded) this.viewer.show(decoded.bitmap, [sighting.u, sighting.v], `${image.left} · ${taken(image)} · ${length(sighting.range)} away · ${decoded.width} × ${decoded.height}`);
     } catch (error) {
       this.complain(`image ${image.left}: ${reason(error)}`);
     }
@@ -179,7 +181,7 @@ export class PointPanel {
       return;
     }
     try {
-      const decoded = await this.decoder.decode(this.dive.imageAddress(image.left), true, 0, () => this.image === image.left);
+      const decoded = await this.decoder.decode(this.dive.imageAddress(image.left), this.dive.scene.imageFormat, 0, () => this.image === image.left);
       if (decoded) this.look.setPhoto(decoded.bitmap, this.dive.camera, image);
       this.view.draw();
     } catch (error) {

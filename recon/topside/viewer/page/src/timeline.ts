@@ -61,8 +61,8 @@ export class Timeline {
   private text(index: number | null): void {
     const { utc, stage, series, heading } = this.track;
     element('timeline-text').textContent = index === null
-      ? `${clock(utc[0]!)} to ${clock(utc.at(-1)!)} UTC`
-      : [clock(utc[index]!), stage[index] ?? null, ...series.filter((s) => s.key === 'altitude' || s.key === 'depth' || s.key === this.second)
+      ? (this.track.timed ? `${clock(utc[0]!)} to ${clock(utc.at(-1)!)} UTC` : 'nobody says when: seconds from the first image')
+      : [this.track.timed ? clock(utc[index]!) : `${utc[index]!.toFixed(1)} s`, stage[index] ?? null, ...series.filter((s) => s.key === 'altitude' || s.key === 'depth' || s.key === this.second)
           .map((s) => `${s.title.toLowerCase()} ${number(s.values[index], s.unit === '°' ? 0 : 2, s.unit)}`),
         heading[index] === null ? null : `heading ${number(heading[index], 0, '°').replace(' ', '')}`].filter((t) => t !== null).join(' · ');
   }

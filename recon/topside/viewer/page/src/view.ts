@@ -1,5 +1,6 @@
 import { EnvironmentControls } from '3d-tiles-renderer/three';
 import * as THREE from 'three';
+import { takesKeys } from '#kit/overlay';
 import { SceneView, firstHit, type Standpoint } from '#kit/view';
 import { Flight } from './flight';
 
@@ -168,8 +169,7 @@ export class View extends SceneView {
   }
 
   private key(event: KeyboardEvent, down: boolean): void {
-    const inField = event.target instanceof HTMLElement && /^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName);
-    if (down && (inField || event.ctrlKey || event.metaKey || event.altKey)) return;
+    if (down && (takesKeys(event.target) || event.ctrlKey || event.metaKey || event.altKey)) return;
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (!/^(Arrow(Up|Down|Left|Right)|PageUp|PageDown|[wasdqerf+\-=])$/.test(key)) return;
     if (down) {

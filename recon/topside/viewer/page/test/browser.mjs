@@ -11,7 +11,7 @@ import { needBrowser, openPage, runTest, serve, until } from '#tools/browser';
 const [topside, dive, pageFolder, browserPath] = process.argv.slice(2);
 needBrowser(browserPath);
 
-const view = (folder) => serve(topside, 'view', folder, '--port', '0', '--page', pageFolder);
+const view = (folder) => serve(topside, 'view', folder, '--http', '0', '--page', pageFolder);
 const { child: server, address: url } = await view(dive);
 const scratch = mkdtempSync(join(tmpdir(), 'topside-page-'));
 let second = null;

@@ -1,15 +1,17 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import * as THREE from 'three';
-import { merge, readAnnotations, toCsv, toGeoJson, type Annotation } from '../src/annotations';
+import { merge, readAnnotations, seenBy, toCsv, toGeoJson, type Annotation } from '../src/annotations';
 import { Budget, defaultLimit, halvings } from '../src/budget';
 import { imagesThatSaw, inCamera, project, turn, type CameraModel, type DiveImage } from '../src/cameras';
 import { readCsv } from '../src/csv';
-import { develop } from '../src/demosaic';
+import { develop, pictureOf } from '../src/demosaic';
+import { deflateSync } from 'node:zlib';
 import { openDive, parseImages, parseScene, parseTrack } from '../src/dive';
 import { Flight } from '../src/flight';
 import { transverseMercator, utm, utmZone } from '#kit/geodesy';
 import { imageSize } from '../src/image_size';
+import { isDeepPng, readDeepPng } from '../src/image_samples';
 import { joinLabels, stem } from '../src/labels';
 import { measuredGeoJson } from '../src/measured';
 import { readPermalink, writePermalink } from '../src/permalink';
@@ -138,6 +140,7 @@ test('annotations come back from GeoJSON and from CSV as they went', () => {
   assert.deepEqual(readAnnotations(toCsv(ANNOTATIONS, nav, 'dive'), nav), ANNOTATIONS);
   assert.deepEqual(readAnnotations(toGeoJson(ANNOTATIONS, null, 'dive'), null), ANNOTATIONS);
   assert.equal(merge(ANNOTATIONS, [{ ...ANNOTATIONS[0]!, note: 'new' }]).length, 2);
+  assert.deepEqual(seenBy(['PR_3_LC16.tif', 'PR_5_LC16.tif'], ANNOTATIONS).map((a) => a.id), ['a']);
 });
 
 test('another tool\'s GeoJSON is placed by latitude and longitude, and what is no annotation file says why', () => {
@@ -236,6 +239,67 @@ test('a flat mosaic develops to one grey, its colours from its own samples', () 
   assert.equal(at(8, 1), at(56, 1));
 });
 
+test('grey stays grey, colours of 12 bits are bright, and a mosaic may begin with any colour', () => {
+  const [width, height] = [64, 48];
+  const pixels = width * height;
+  const grey = Uint8Array.from({ length: pixels }, (_, i) => i % 251);
+  const plain = pictureOf({ width, height, bands: 1, samples: grey, bits: 8 }, { format: 'mono', bits: 8 }, 1);
+  assert.deepEqual([...plain.rgba.subarray(0, 8)], [0, 0, 0, 255, 1, 1, 1, 255]);
+  const deep = Uint16Array.from({ length: 3 * pixels }, (_, i) => (i % 3 === 0 ? 40 : 400) + Math.floor(i / 3) % width);
+  const rgb = pictureOf({ width, height, bands: 3, samples: deep, bits: 16 }, { format: 'rgb', bits: 12 }, 1);
+  assert.equal(rgb.width, width);
+  assert.ok(rgb.rgba[4 * (width - 1)]! > 240 && rgb.rgba[4 * (width - 1) + 1]! > 240);
+  // Red rises to the right, blue to the bottom; green is even.
+  for (const [format, red] of [['bayer-rggb', [0, 0]], ['bayer-grbg', [1, 0]], ['bayer-gbrg', [0, 1]], ['bayer-bggr', [1, 1]]] as const) {
+    const mosaic = Uint16Array.from({ length: pixels }, (_, i) => {
+      const [x, y] = [i % width, Math.floor(i / width)];
+      const [ofRed, ofBlue] = [x % 2 === red[0] && y % 2 === red[1], x % 2 !== red[0] && y % 2 !== red[1]];
+      return ofRed ? 10 * x : ofBlue ? 10 * y : 300;
+    });
+    const picture = pictureOf({ width, height, bands: 1, samples: mosaic, bits: 16 }, { format, bits: 12 }, 1);
+    assert.deepEqual([picture.width, picture.height], [width, height]);
+    const at = (x: number, y: number, c: number): number => picture.rgba[4 * (y * width + x) + c]!;
+    assert.ok(at(50, 20, 0) > at(10, 20, 0) + 50 && Math.abs(at(50, 20, 0) - at(50, 40, 0)) < 12, format);
+    assert.ok(at(30, 40, 2) > at(30, 8, 2) + 50 && Math.abs(at(10, 40, 2) - at(50, 40, 2)) < 12, format);
+  }
+});
+
+test('a PNG of 16 bits keeps all of them, whatever filters its rows have', async () => {
+  const [width, height, bands] = [5, 5, 3];
+  const samples = Uint16Array.from({ length: width * height * bands }, (_, i) => (i * 2777) % 65536);
+  const pixel = 2 * bands;
+  const stride = pixel * width;
+  const bytes = new Uint8Array(samples.length * 2);
+  samples.forEach((v, i) => { bytes[2 * i] = v >> 8; bytes[2 * i + 1] = v & 255; });
+  const plain = new Uint8Array(height * (stride + 1));
+  for (let y = 0; y < height; ++y) {
+    plain[y * (stride + 1)] = y; // each of the five filters
+    for (let i = 0; i < stride; ++i) {
+      const get = (row: number, at: number): number => (row < 0 || at < 0 ? 0 : bytes[row * stride + at]!);
+      const [a, b, c] = [get(y, i - pixel), get(y - 1, i), get(y - 1, i - pixel)];
+      const p = a + b - c;
+      const paeth = Math.abs(p - a) <= Math.abs(p - b) && Math.abs(p - a) <= Math.abs(p - c) ? a : Math.abs(p - b) <= Math.abs(p - c) ? b : c;
+      plain[y * (stride + 1) + 1 + i] = bytes[y * stride + i]! - [0, a, b, Math.floor((a + b) / 2), paeth][y]!;
+    }
+  }
+  const chunk = (name: string, data: Uint8Array): Buffer => {
+    const head = Buffer.alloc(8);
+    head.writeUInt32BE(data.length);
+    head.write(name, 4, 'latin1');
+    return Buffer.concat([head, data, Buffer.alloc(4)]);
+  };
+  const about = Buffer.alloc(13);
+  about.writeUInt32BE(width);
+  about.writeUInt32BE(height, 4);
+  about.set([16, 2, 0, 0, 0], 8);
+  const packed = deflateSync(plain);
+  const png = new Uint8Array(Buffer.concat([Buffer.from([0x89, 0x50, 0x4e, 0x47, 13, 10, 26, 10]), chunk('IHDR', about), chunk('IDAT', packed.subarray(0, 20)), chunk('IDAT', packed.subarray(20)), chunk('IEND', Buffer.alloc(0))]));
+  assert.ok(isDeepPng(png));
+  const read = await readDeepPng(png);
+  assert.deepEqual([read.width, read.height, read.bands], [width, height, bands]);
+  assert.deepEqual([...(read.samples as Uint16Array)], [...samples]);
+});
+
 test('a flight ends where it should, changes its height evenly and keeps the goal in sight', () => {
   const pose = (x: number, distance: number) => ({ eye: new THREE.Vector3(x, distance, 0.001), look: new THREE.Vector3(x, 0, 0), up: new THREE.Vector3(0, 1, 0) });
   const flight = new Flight(pose(0, 200), pose(60, 2));
@@ -261,8 +325,10 @@ test('files of a dive that are not what they should be say so', () => {
   const track = parseTrack({ utc_ns: ['1000000000', '2000000000'], north: [1, null], east: [1, 2], altitude: [null, 2], salinity_psu: [35, 36], stage: ['survey', null] });
   assert.deepEqual(track.series.map((s) => s.key), ['altitude', 'salinity_psu']);
   assert.deepEqual(track.utc, [1, 2]);
-  const { images, dropped, camera } = parseImages({ images: [above(), { left: '../escape.tif', north: 1, east: 1, depth: 1, q: [1, 0, 0, 0] }, { left: 'x' }, null], camera: { width: 3 } });
-  assert.deepEqual([images.length, dropped, camera], [1, 3, null]);
+  const { images, dropped, camera } = parseImages({ images: [above(), above({ left: 'left/0001.png' }), { left: '../escape.tif', north: 1, east: 1, depth: 1, q: [1, 0, 0, 0] }, { left: 'x' }, null], camera: { width: 3 } });
+  assert.deepEqual([images.length, dropped, camera], [2, 3, null]);
+  for (const left of ['/etc/passwd', 'a/../../b.tif', 'a\\b.tif', './a.tif', 'a//b.tif', ''])
+    assert.equal(parseImages({ images: [above({ left })] }).dropped, 1, left);
 });
 
 test('a folder opens from the dive or from the mission around it', async () => {
@@ -284,5 +350,6 @@ test('a dive whose images are not there says so once, and looks for them where i
   const served = await openDive(source, (what) => complaints.push(what), 'http://127.0.0.1:1/images/');
   assert.equal(served.originals, true);
   assert.equal(served.imageAddress('a b.tif'), 'http://127.0.0.1:1/images/a%20b.tif');
+  assert.equal(served.imageAddress('left/a#1.png'), 'http://127.0.0.1:1/images/left/a%231.png');
   assert.equal(complaints.length, 1);
 });
