@@ -80,16 +80,12 @@ void fillRecord(RunRecord& record, Dive& dive, const StageStore& store, const As
   record.list = &dive.survey().list;
   record.navigation = &dive.survey().navigation;
   record.slam = dive.localised();
-  if (record.slam != nullptr)
-    for (const std::string& warning : slamWarnings(*record.slam))
-      std::fprintf(stderr, "%s\n", warning.c_str());
   record.assumed = input.assumed;
   const LightingModels& lighting = dive.lighting();
   record.left_lighting = lighting.left.report();
   record.right_lighting = lighting.right.report();
   record.lighting_unreadable = lighting.unreadable;
   record.rig = dive.rigFinding();
-  if (const auto warning = warningOf(record.rig)) std::fprintf(stderr, "%s\n", warning->c_str());
   record.overlap = overlapColours(dive);
   for (const WorkFile& file : dive.pieceFiles()) {
     const PieceFacts facts = readPieceFacts(file);
@@ -116,6 +112,22 @@ void fillRecord(RunRecord& record, Dive& dive, const StageStore& store, const As
   for (std::size_t level = 0; level < model.levels.size(); ++level)
     for (const auto& [item, costs] : store.costs(level == 0 ? "piece" : "level" + std::to_string(level)))
       for (const auto& [step, seconds] : costs) record.model_costs[step] += seconds;
+}
+
+std::vector<std::string> toKnow(const MissionInput& input, const RunRecord& record,
+                                const FuseCounts& counts) {
+  std::vector<std::string> out;
+  if (record.slam != nullptr) out = slamWarnings(*record.slam);
+  if (const auto warning = warningOf(record.rig)) out.push_back(*warning);
+  if (counts.unreadable > 0)
+    out.push_back(std::to_string(counts.unreadable) +
+                  " pairs are unreadable; the first: " + counts.unreadable_lines.front());
+  const Anchor& anchor = record.navigation->anchor;
+  if (!input.placed)
+    out.emplace_back("Nobody says where on the Earth the dive was: the model has metres of its own.");
+  else if (anchor.source == "none")
+    out.emplace_back("No position fix places the dive: the model stands at the mission's origin.");
+  return out;
 }
 
 Summary runWith(const RunPlaces& places, const TopsideConfig& config) {
@@ -160,6 +172,8 @@ Summary runWith(const RunPlaces& places, const TopsideConfig& config) {
   writeReportJson(out.path() / "report.json", record);
   writeReportHtml(out.path() / "report.html", record, picture);
   out.commit();
+  done.out = places.out.empty() ? places.mission / "topside" : places.out;
+  done.to_know = toKnow(dive.input(), record, fused.counts);
   return done;
 }
 

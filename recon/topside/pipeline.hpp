@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/dive.hpp"
@@ -22,6 +23,8 @@ struct Summary {
   double area = 0;     // [m^2]
   double seconds = 0;  // in all
   Digest content;      // of all files written but the report, which tells times
+  std::filesystem::path out;
+  std::vector<std::string> to_know;  // what is wrong with it or missing, the most important first
 };
 
 // The whole way from a recorded dive to `out`: localisation, stereo, fusion, tiles, layers, report. What the

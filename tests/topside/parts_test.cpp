@@ -7,6 +7,7 @@
 #include "recon/topside/input/navigation.hpp"
 #include "recon/topside/localise/crossovers.hpp"
 #include "recon/topside/report/map_picture.hpp"
+#include "recon/topside/report/pose_output.hpp"
 #include "recon/topside/report/slam_json.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
@@ -106,6 +107,16 @@ TEST(Crossovers, OnlyComingBackLaterIsACrossover) {
   EXPECT_EQ(likelyCrossovers(pairs), (std::vector<bool>{true, true, true, false}));
   pairs.erase(pairs.begin() + 2);
   EXPECT_EQ(likelyCrossovers(pairs), (std::vector<bool>{false, false, false}));
+}
+
+TEST(PoseOutput, NamesInTablesAreOneField) {
+  const test::TemporaryFolder folder;
+  slam::NavigationLink link;
+  link.a = 0, link.b = 1;
+  writeClosures(folder.path() / "closures.csv", {{0, "left/a, 1.png", ""}, {1, "left/\"b\".png", ""}},
+                {link});
+  EXPECT_THAT(test::readText(folder.path() / "closures.csv"),
+              ::testing::HasSubstr("\n\"left/a, 1.png\",\"left/\"\"b\"\".png\",0.00000"));
 }
 
 TEST(SlamWarnings, TellThatCrossingsWereNotVerifiedAndThatTheSolverDidNotConverge) {

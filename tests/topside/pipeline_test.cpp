@@ -232,7 +232,12 @@ TEST_F(TopsidePipeline, WithoutGpsOrUsblTheMapIsAtTheOriginAndTheReportSaysSo) {
   scene.gps = false;
   const test::TemporaryFolder folder;
   scene.write(folder.path());
-  (void)runTopside(folder.path(), folder.path() / "topside", {});
+  cut(imagesOf(folder.path())[3]);
+  const Summary done = runTopside(folder.path(), folder.path() / "topside", {});
+  ASSERT_GE(done.to_know.size(), 2u);
+  EXPECT_THAT(done.to_know.rbegin()[1], HasSubstr("1 pairs are unreadable; the first: "));
+  EXPECT_THAT(done.to_know.back(), HasSubstr("No position fix places the dive"));
+  EXPECT_EQ(done.out, folder.path() / "topside");
   const auto report = nlohmann::json::parse(test::readText(folder.path() / "topside" / "report.json"));
   EXPECT_EQ(report["navigation"]["anchor"]["source"], "none");
   const auto poses = io::readVehiclePoses(folder.path() / "topside" / "vehicle_pose_est.data");

@@ -5,6 +5,7 @@
 #include <ogrsf_frmts.h>
 
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <set>
 
 #include "realtime/kernel/input_error.hpp"
@@ -15,6 +16,7 @@
 #include "recon/topside/exports/results_files.hpp"
 #include "recon/topside/exports/sparse_model_input.hpp"
 #include "recon/topside/exports/survey_geopackage.hpp"
+#include "tests/support/program_run.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/topside/colmap_files.hpp"
 #include "tests/topside/reef_quick.hpp"
@@ -62,6 +64,17 @@ TEST_F(ReefQuick, OtherSettingsThanTheRunsAreRefusedAndNothingIsMade) {
 
 DatasetPtr opened(const std::filesystem::path& path) {
   return DatasetPtr(static_cast<GDALDataset*>(GDALOpenEx(path.c_str(), 0, nullptr, nullptr, nullptr)));
+}
+
+TEST_F(ReefQuick, ResultsLeadToTheirMissionsCameras) {
+  const std::filesystem::path scene = out_->path() / "scene";
+  const test::Outcome outcome =
+      test::runProgram("fathom-topside export-model " + run().out.string() + " --work " +
+                       run().work.string() + " --nerfstudio " + scene.string());
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  const auto frames = nlohmann::json::parse(test::readText(scene / "transforms.json")).at("frames");
+  ASSERT_EQ(frames.size(), 2 * done_.used);
+  EXPECT_TRUE(std::filesystem::exists(scene / frames[0].at("file_path").get<std::string>()));
 }
 
 TEST_F(ReefQuick, AProjectOfQgisNamesEveryLayerWhereItLies) {

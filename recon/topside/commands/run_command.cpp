@@ -1,5 +1,6 @@
 #include "recon/topside/commands/run_command.hpp"
 
+#include <algorithm>
 #include <charconv>
 #include <cstdio>
 #include <memory>
@@ -48,6 +49,12 @@ int runAll(Options& o) {
   std::printf("%zu of %zu pairs in the map (%zu unreadable): %.1f m2, %zu triangles, %zu tiles, %.1f s\n",
               done.used, done.pairs, done.unreadable, done.area, done.triangles, done.tiles, done.seconds);
   std::printf("content %s\n", done.content.hex().c_str());
+  constexpr std::size_t kMost = 3;
+  for (std::size_t k = 0; k < std::min(done.to_know.size(), kMost); ++k)
+    std::printf("to know: %s\n", done.to_know[k].c_str());
+  if (done.to_know.size() > kMost)
+    std::printf("%zu more stand in %s\n", done.to_know.size() - kMost, (done.out / "report.html").c_str());
+  std::printf("open it: fathom-topside view %s\n", done.out.c_str());
   return kExitSuccess;
 }
 
