@@ -96,8 +96,13 @@ TEST_F(NavFiles, PlacesThatNoVehicleReachesAreLeftOutAndCounted) {
       "1708171203,-33.5001,151.25\n1708171204,33.5,151.25\n");
   EXPECT_EQ(data.position.size(), 3u);
   EXPECT_NEAR(originOf(data)->latitude / kDegree, -33.5, 1e-9);
-  EXPECT_THAT(data.assumed, Contains("2 positions at 0 N 0 E or over 100 km from most others are left out"));
+  EXPECT_THAT(data.assumed,
+              Contains("2 positions at 0 N 0 E or over 100 km from those before and after are left out"));
   EXPECT_THAT(refusal("time,lat,lon\n1708171200,0,0\n"), HasSubstr("holds no navigation"));
+  std::string transit = "time,lat,lon\n";  // of a ship that came from far
+  for (int k = 0; k <= 20; ++k)
+    transit += std::to_string(1708171200 + 3600 * k) + ",-33," + std::to_string(150 + 0.2 * k) + "\n";
+  EXPECT_EQ(read(transit).position.size(), 21u);
 }
 
 TEST_F(NavFiles, DepthsThatAreNegativeAreHeights) {

@@ -132,7 +132,7 @@ TEST_F(StereoFileNames, PatternsPairTheNamesThatTheirStarsStandFor) {
 
 TEST_F(StereoFileNames, PatternsPairByNumbersOrTimesWhereTheRestOfTheNamesDiffers) {
   make({"x/frame_007_L.png", "x/frame_008_L.png", "x/frame_010_L.png", "y/frame_007_R.png",
-        "y/frame_010_R.png", "y/frame_011_R.png"});
+        "y/frame_010_R.png", "y/frame_011_R.png", "x/chart.png", "y/chart.png"});
   patterns("x/*.png", "y/*.png");
   EXPECT_THAT(pairsOf(find()),
               ElementsAre("x/frame_007_L.png y/frame_007_R.png", "x/frame_010_L.png y/frame_010_R.png"));

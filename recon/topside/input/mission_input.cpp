@@ -58,7 +58,7 @@ Probed probe(const fs::path& folder, const std::vector<std::string>& names, Samp
   std::optional<Mosaic> mosaic;
   const std::size_t step = std::max<std::size_t>(1, names.size() / kProbed);
   bool first = true;
-  int brightest = 0;  // of more than 8 bits
+  int brightest = -1;  // of more than 8 bits
   for (std::size_t k = 0; k < names.size(); k += step) {
     try {
       const io::ImageFile file = readSamples(folder / names[k], samples);
@@ -71,7 +71,7 @@ Probed probe(const fs::path& folder, const std::vector<std::string>& names, Samp
     } catch (const InputError&) {  // counted where it is used
     }
   }
-  if (brightest > 0) out.bits = bitsBy(brightest);
+  if (brightest >= 0) out.bits = bitsBy(brightest);
   if (mosaic && out.format == PixelFormat::kMono)
     throw InputError(
         folder / names.front(), "",

@@ -264,20 +264,26 @@ StereoFiles byPatterns(const StereoFileOptions& options) {
   if (options.left_pattern.empty() || options.right_pattern.empty())
     throw InputError(options.left_pattern.empty() ? "--left" : "--right", "",
                      "is missing; --left and --right go together");
-  Sides alone{matching(options.left_pattern, "--left"), matching(options.right_pattern, "--right")};
+  const Sides alone{matching(options.left_pattern, "--left"), matching(options.right_pattern, "--right")};
   const std::array<std::size_t, 2> counts{alone[0].size(), alone[1].size()};
   const std::array<Wildcards, 2> wildcards{Wildcards(options.left_pattern), Wildcards(options.right_pattern)};
   StereoFiles out;
-  for (const bool numbers : {false, true}) {
+  Sides rest = alone;
+  for (const bool numbers : {false, true}) {  // whichever pairs more
     std::array<std::vector<std::string>, 2> keys;
     for (const std::size_t side : {0U, 1U})
       for (const fs::path& file : alone[side]) {
         const std::string key = wildcards[side].of(file);
         keys[side].push_back(numbers ? numbersIn(key) : key);
       }
-    if (out.pairs.empty()) pairByKey(alone, keys, out);
+    StereoFiles paired;
+    Sides left_over = alone;
+    pairByKey(left_over, keys, paired);
+    if (paired.pairs.size() <= out.pairs.size()) continue;
+    out = std::move(paired);
+    rest = std::move(left_over);
   }
-  pairTheRest(alone, options.tolerance, out);
+  pairTheRest(rest, options.tolerance, out);
   if (out.pairs.empty())
     throw InputError("--right", options.right_pattern,
                      "matches " + std::to_string(counts[1]) +

@@ -7,7 +7,6 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/text.hpp"
-#include "recon/geometry/order_statistics.hpp"
 #include "recon/topside/input/nav_files/nav_csv.hpp"
 #include "recon/topside/input/nav_files/nmea_0183.hpp"
 
@@ -81,24 +80,24 @@ std::optional<Eigen::Vector3d> movedBetween(const std::vector<NavRow>& rows, std
   return sum;
 }
 
-// Receivers without a fix say 0 N 0 E, or anything.
+// Receivers without a fix say 0 N 0 E, or anything for a moment.
 void leaveOutWild(NavData& data) {
   constexpr double kFar = 1e5 / 6.371e6;  // [rad]
-  std::vector<double> latitudes, longitudes;
-  std::size_t wild =
-      std::erase_if(data.position, [](const NavRow& row) { return row.value.head<2>().isZero(); });
-  for (const NavRow& row : data.position) {
-    latitudes.push_back(row.value.x());
-    longitudes.push_back(row.value.y());
-  }
-  const double latitude = median(std::move(latitudes)), longitude = median(std::move(longitudes));
-  wild += std::erase_if(data.position, [&](const NavRow& row) {
-    return std::hypot(row.value.x() - latitude, std::cos(latitude) * wrapped(row.value.y() - longitude)) >
-           kFar;
-  });
+  std::vector<NavRow>& rows = data.position;
+  std::size_t wild = std::erase_if(rows, [](const NavRow& row) { return row.value.head<2>().isZero(); });
+  const auto apart = [&](std::size_t a, std::size_t b) {
+    const Eigen::Vector3d step = rows[b].value - rows[a].value;
+    return std::hypot(step.x(), std::cos(rows[a].value.x()) * wrapped(step.y())) > kFar;
+  };
+  std::vector<NavRow> kept;
+  for (std::size_t k = 0; k < rows.size(); ++k)
+    if (rows.size() < 3 || (k > 0 && !apart(k - 1, k)) || (k + 1 < rows.size() && !apart(k, k + 1)))
+      kept.push_back(rows[k]);
+  wild += rows.size() - kept.size();
+  rows = std::move(kept);
   if (wild > 0)
     data.assumed.push_back(std::to_string(wild) +
-                           " positions at 0 N 0 E or over 100 km from most others are left out");
+                           " positions at 0 N 0 E or over 100 km from those before and after are left out");
 }
 
 bool looksLikeNmea(const std::filesystem::path& path) {
