@@ -63,6 +63,7 @@ fs::path missionOf(const fs::path& folder) {
 
 // As it was asked for, or the zone of UTM that the dive's origin lies in; none where nobody knows its place.
 std::string crsOf(const Options& options) {
+  (void)frameNamed(options.crs);
   const auto origin = originOf(resultsOf(options.folder));
   if (origin) return options.crs.empty() ? utmOf(*origin) : options.crs;
   if (!options.crs.empty())
@@ -150,10 +151,10 @@ int run(Options& options) {
     throw InputError("--contours", "", "are part of a GeoPackage; give --gpkg or --qgis");
   if (!options.ofTiles() && !options.ofMaps() && !options.ofCameras())
     throw InputError("export-model", "", "writes nothing; name what to write: --obj, --gpkg, --colmap ...");
-  if ((!options.las.empty() || options.ofMaps()) && crsOf(options).empty())
-    std::fprintf(stderr, "nobody says where on the Earth this dive was: %s\n", kNowhere);
   if (options.ofTiles()) exportTiles(options);
   if (options.ofMaps()) exportMaps(options);
+  if ((!options.las.empty() || options.ofMaps()) && crsOf(options).empty())
+    std::fprintf(stderr, "nobody says where on the Earth this dive was: %s\n", kNowhere);
   if (options.ofCameras()) exportCameras(options);
   return kExitSuccess;
 }
