@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace fathom::surface {
 namespace {
@@ -10,6 +11,12 @@ constexpr int kStep = ChartLattice::kStep;
 
 std::size_t sizeOf(int n) {
   return static_cast<std::size_t>(n);
+}
+
+// Of a view that is farther away than another, as a distance from the image's centre.
+float coarseness(float nearest, float depth) {
+  constexpr float kTwice = 0.5F;  // twice as far
+  return 2 * kTwice * std::max(0.0F, 1 - nearest / depth);
 }
 
 }  // namespace
@@ -55,6 +62,10 @@ void BlockBlender::look(std::size_t place, int i0, int j0, BlendCounts& counts) 
   const std::size_t n = sizeOf(count_);
   for (auto* values : {&depth_, &centrality_, &freedom_}) values->resize(n);
   factor_.resize(sizeOf(columns_));
+  float nearest = std::numeric_limits<float>::max();  // of the cameras that look, to the block's middle
+  for (const ActiveView& view : *tile_.views)
+    if (view.projection.mayMeet(middle_, radius_))
+      nearest = std::min(nearest, std::max(view.projection.depthOf(middle_), ViewProjection::kNear));
   const NodePoints nodes{count_,
                          points_[0].data(),
                          points_[1].data(),
@@ -77,6 +88,7 @@ void BlockBlender::look(std::size_t place, int i0, int j0, BlendCounts& counts) 
       const float free = active.depth.visibility(u_[row + i], v_[row + i], depth_[i], tile_.tolerance);
       counts.occluded += free == 0;
       freedom_[i] *= free;
+      centrality_[i] += coarseness(nearest, depth_[i]);
       any |= freedom_[i] > 0;
     }
     if (!any) continue;

@@ -77,6 +77,9 @@ class ViewProjection {
   static constexpr float kGrazing = 0.01F;
   // False only where no point of a sphere is in the image.
   [[nodiscard]] bool mayMeet(const Eigen::Vector3f& middle, float radius) const;
+  [[nodiscard]] float depthOf(const Eigen::Vector3f& p) const {
+    return rotation[6] * p.x() + rotation[7] * p.y() + rotation[8] * p.z() + translation[2];
+  }
 
  private:
   void takePort(const FlatPort& port, const Eigen::Matrix3d& R_port_cam);

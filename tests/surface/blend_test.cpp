@@ -91,6 +91,24 @@ TEST(Blend, ShowsTheSeafloorAsPainted) {
   }
 }
 
+TEST(Blend, AViewFromAfarDoesNotBlurWhatANearOneShows) {
+  SeenScene scene;
+  scene.camera = sceneCamera();
+  scene.paint = seafloorPaint;
+  scene.addView(0.2, 0.2, 0.2);  // at 2 m, beside
+  scene.take();
+  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
+  const auto error = [&] { return errorOf(textured(scene, tile, {}).atlas, scene.paint, everywhere).rms; };
+  const double alone = error();
+  scene.addView(0, 0, 0.1);
+  const SE3& over = scene.views.back().T_nav_cam;
+  scene.views.back().T_nav_cam = SE3(over.rotation(), {0, 0, -4});  // at 6 m, right above
+  scene.take();
+  const double both = error();
+  std::printf("off the paint: %.2f from near alone, %.2f from both\n", alone, both);
+  EXPECT_LT(both, 1.1 * alone);
+}
+
 TEST(Blend, GivesEverythingOfAnImageBackWhereItIsTheOnlyOne) {
   SeenScene scene;
   scene.camera = sceneCamera();
