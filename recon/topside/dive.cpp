@@ -169,8 +169,8 @@ const LightingModels& Dive::lighting() {
 
 void Dive::makePrepared() {
   if (!prepared_files_.empty()) return;
-  PrepareStage stage(
-      {&input_, &config_, &survey(), &lighting(), lighting_content_, &image_identities_, localises()});
+  PrepareStage stage({&input_, &config_, &survey(), &lighting(), lighting_content_, &image_identities_,
+                      localises(input_, config_)});
   const std::vector<StageTask> tasks = stage.tasks();
   run(Stage::kPrepare, nameOf(Stage::kPrepare), tasks, weightOf(Stage::kPrepare));
   if (permission_.only == Stage::kPrepare) return;
@@ -190,7 +190,7 @@ const SlamResult* Dive::localised() {
   const PreparedGroups& groups = prepared();
   Hasher poses;
   poses.add(survey_content_);
-  if (localises()) {
+  if (localises(input_, config_)) {
     const Digest key = localiseKey(input_, config_, survey_content_, groups.content());
     const WorkFile file = single(Stage::kLocalise, key, [&](WorkFileWriter& out) {
       oneapi::tbb::enumerable_thread_specific<std::unique_ptr<PairImages>> readers;

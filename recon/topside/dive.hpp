@@ -30,6 +30,11 @@ inline constexpr std::array<const char*, kStages> kStageNames = {"survey", "ligh
 [[nodiscard]] double expectedShare(const std::optional<Stage>& only);
 [[nodiscard]] double expectedShareUpTo(Stage last);
 
+// Whether poses come from the images too.
+[[nodiscard]] inline bool localises(const MissionInput& input, const TopsideConfig& config) {
+  return (config.slam || !input.navigated) && !input.given_poses;
+}
+
 // What a process may make; what else it needs must be in the store.
 struct Permission {
   std::optional<Stage> only;                                 // none: all stages
@@ -80,7 +85,6 @@ class Dive {
   WorkFile single(Stage stage, const Digest& key, const std::function<Costs(WorkFileWriter&)>& make);
   void run(Stage stage, const std::string& name, std::vector<StageTask> tasks, double weight);
   std::vector<StageTask> pieceTasks();
-  [[nodiscard]] bool localises() const { return (config_.slam || !input_.navigated) && !input_.given_poses; }
   [[nodiscard]] bool textured() const { return config_.model.texture && !input_.features_only; }
   [[noreturn]] void missing(Stage stage) const;
 

@@ -1,5 +1,6 @@
 #include "recon/topside/pipeline.hpp"
 
+#include <oneapi/tbb/parallel_for.h>
 #include <sys/resource.h>
 
 #include <array>
@@ -8,11 +9,15 @@
 #include <set>
 #include <string_view>
 
+#include "firmware_if/files/feature_file.hpp"
 #include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/progress.hpp"
 #include "recon/geometry/atomic_file.hpp"
 #include "recon/geometry/output_folder.hpp"
 #include "recon/topside/assemble/assemble.hpp"
 #include "recon/topside/config/thread_limit.hpp"
+#include "recon/topside/input/scout_planes.hpp"
+#include "recon/topside/prepare/pair_preparer.hpp"
 #include "recon/topside/rasters/layer_set.hpp"
 #include "recon/topside/report/map_picture.hpp"
 #include "recon/topside/report/report.hpp"
@@ -67,6 +72,50 @@ std::size_t peakBytes() {
 
 std::filesystem::path workOf(const RunPlaces& places) {
   return places.work.empty() ? places.mission / "topside.work" : places.work;
+}
+
+std::filesystem::path outOf(const RunPlaces& places) {
+  return places.out.empty() ? places.mission / "topside" : places.out;
+}
+
+// Why a pair's files cannot be used; empty where they can.
+std::string faultOf(const MissionInput& input, const ImagePair& pair) {
+  try {
+    if (input.features_only) {
+      StereoFeatureFrame frame;
+      io::readFeatureFile(input.paths.features() / io::featureFileName(pair.left), frame);
+    } else {
+      (void)input.image(pair.left, CameraSide::kLeft);
+      (void)input.image(pair.right, CameraSide::kRight);
+    }
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return {};
+}
+
+// One thread's, to prepare one of these pairs of the survey.
+double secondsToPrepare(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
+                        const std::vector<std::size_t>& pairs) {
+  PairList sample;
+  SeedPlanes planes;
+  for (const std::size_t k : pairs) {
+    sample.pairs.push_back(survey.list.pairs[k]);
+    if (input.navigated) planes.push_back(survey.planes[k]);
+  }
+  if (!input.navigated) planes = scoutPlanes(input, config, sample);
+  const LightingModels light(input.mission, input.rig, config.lighting);
+  const auto preparer = makePreparer(input, config, light, localises(input, config));
+  double seconds = 0;
+  int timed = 0;
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    if (!planes[k]) continue;
+    Stopwatch watch;
+    (void)preparer->process(sample.pairs[k], *planes[k]);
+    seconds += watch.lap();
+    ++timed;
+  }
+  return timed == 0 ? 0 : seconds / timed;
 }
 
 void fillRecord(RunRecord& record, Dive& dive, const StageStore& store, const Assembled& model) {
@@ -135,7 +184,7 @@ Summary runWith(const RunPlaces& places, const TopsideConfig& config) {
   // Bad input leaves no folders behind.
   MissionInput input = openMission(places.mission, places.input);
   sayAssumed(input);
-  OutputFolder out(places.out.empty() ? places.mission / "topside" : places.out, kOurs);
+  OutputFolder out(outOf(places), kOurs);
   StageStore store(workOf(places), StageStore::Access::kAlone);
   RunProgress progress(1.0);
   Dive dive(std::move(input), config, store, progress, Permission());
@@ -172,7 +221,7 @@ Summary runWith(const RunPlaces& places, const TopsideConfig& config) {
   writeReportJson(out.path() / "report.json", record);
   writeReportHtml(out.path() / "report.html", record, picture);
   out.commit();
-  done.out = places.out.empty() ? places.mission / "topside" : places.out;
+  done.out = outOf(places);
   done.to_know = toKnow(dive.input(), record, fused.counts);
   return done;
 }
@@ -191,6 +240,43 @@ Summary runTopside(const std::filesystem::path& mission, const std::filesystem::
   places.out = out;
   places.work = out.string() + ".work";
   return runTopside(places, config);
+}
+
+RunCheck checkRun(const RunPlaces& places, const TopsideConfig& config) {
+  constexpr std::size_t kLooked = 500, kTimed = 5;
+  const ThreadLimit limit(config);
+  const MissionInput input = openMission(places.mission, places.input);
+  sayAssumed(input);
+  { const OutputFolder out(outOf(places), kOurs); }
+  if (std::filesystem::exists(workOf(places)))
+    const StageStore store(workOf(places), StageStore::Access::kAlone);
+  Survey survey;
+  if (input.navigated)
+    survey = takeSurvey(input, config);
+  else
+    survey.list = pairsOf(input);
+  const std::vector<ImagePair>& pairs = survey.list.pairs;
+  RunCheck out{pairs.size(), survey.list.left_alone, survey.list.right_alone, 0, {}, 0};
+  const std::size_t step = (pairs.size() + kLooked - 1) / kLooked;
+  out.looked = (pairs.size() + step - 1) / step;
+  std::vector<std::string> faults(out.looked);
+  rt::StageProgress progress("looking at images", out.looked);
+  oneapi::tbb::parallel_for(std::size_t{0}, out.looked, [&](std::size_t k) {
+    faults[k] = faultOf(input, pairs[k * step]);
+    progress.step();
+  });
+  std::vector<std::size_t> good, timed;
+  for (std::size_t k = 0; k < out.looked; ++k)
+    if (faults[k].empty())
+      good.push_back(k * step);
+    else
+      out.unreadable.push_back(faults[k]);
+  for (std::size_t k = 0; k < std::min(good.size(), kTimed); ++k)
+    timed.push_back(good[k * good.size() / kTimed]);
+  if (!input.features_only)
+    out.seconds = secondsToPrepare(input, config, survey, timed) * static_cast<double>(pairs.size()) /
+                  (threadsOf(config) * weightOf(Stage::kPrepare));
+  return out;
 }
 
 void runOneStage(const RunPlaces& places, const TopsideConfig& config, Stage stage,

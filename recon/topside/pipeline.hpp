@@ -35,6 +35,16 @@ Summary runTopside(const RunPlaces& places, const TopsideConfig& config);
 Summary runTopside(const std::filesystem::path& mission, const std::filesystem::path& out,
                    const TopsideConfig& config);
 
+// What a run would find, without a result: nothing is written.
+struct RunCheck {
+  std::size_t pairs = 0, left_alone = 0, right_alone = 0;
+  std::size_t looked = 0;               // pairs whose images were read, spread over the dive
+  std::vector<std::string> unreadable;  // of these, a line each
+  double seconds = 0;  // that a run from the start takes on these threads, by a few pairs [s]; 0: not known
+};
+// Throws InputError where runTopside() would before its work begins.
+[[nodiscard]] RunCheck checkRun(const RunPlaces& places, const TopsideConfig& config);
+
 // One stage, or some of its items, into the work folder; the stages before it must be there. Several
 // processes may do so at once.
 void runOneStage(const RunPlaces& places, const TopsideConfig& config, Stage stage,

@@ -78,6 +78,26 @@ TEST_F(ReefQuick, DamagedImagesAreCountedAsUnreadableAndNamed) {
   EXPECT_THAT(pairs["unreadable_images"][0].get<std::string>(), HasSubstr("left/7.png"));
 }
 
+TEST_F(ReefQuick, ARunThatIsOnlyCheckedSaysWhatItWouldRefuseAndWritesNothing) {
+  RunPlaces places = placesOf("checked");
+  places.input.files.pairs = listOf(dive(), {0, 1, 2, 3, 4, 5, 6, 7, 8});
+  const std::string whole = test::readText(dive() / "right/4.png");
+  test::writeText(dive() / "right/4.png", whole.substr(0, whole.size() / 3));
+  const RunCheck found = checkRun(places, {});
+  test::writeText(dive() / "right/4.png", whole);
+  EXPECT_EQ(found.pairs, 9u);
+  EXPECT_EQ(found.looked, 9u);
+  ASSERT_EQ(found.unreadable.size(), 1u);
+  EXPECT_THAT(found.unreadable[0], HasSubstr("right/4.png"));
+  EXPECT_GT(found.seconds, 0);
+  for (const std::filesystem::path& path : {places.out, places.work})
+    EXPECT_FALSE(std::filesystem::exists(path)) << path;
+  test::writeText(places.out / "thesis.txt", "years of work");
+  EXPECT_THAT(test::refusal([&] { (void)checkRun(places, {}); }), HasSubstr("thesis.txt"));
+  places = RunPlaces{kReefMission, out_->path() / "n.work", out_->path() / "n", {}};
+  EXPECT_EQ(checkRun(places, {}).unreadable.size(), 0u);
+}
+
 TEST_F(ReefQuick, ACalibrationOfImagesOfAnotherSizeIsSaid) {
   RunPlaces places = placesOf("sizes");
   places.input.files.pairs = listOf(dive(), {0, 1, 2});

@@ -7,6 +7,7 @@
 
 #include "realtime/kernel/input_error.hpp"
 #include "recon/topside/commands/run_settings.hpp"
+#include "recon/topside/config/thread_limit.hpp"
 #include "recon/topside/pipeline.hpp"
 
 namespace fathom::topside {
@@ -15,7 +16,7 @@ namespace {
 struct Options {
   RunSettings run;
   std::string only, items;
-  bool list = false;
+  bool list = false, check = false;
 };
 
 Stage stageOf(const std::string& name) {
@@ -39,8 +40,24 @@ std::optional<std::pair<std::size_t, std::size_t>> itemsOf(const std::string& te
   return std::pair(first, last + 1);
 }
 
+int check(const RunPlaces& places, const TopsideConfig& config) {
+  constexpr std::size_t kNamed = 5;
+  const RunCheck found = checkRun(places, config);
+  std::printf("%zu pairs; %zu left and %zu right images without a partner\n", found.pairs, found.left_alone,
+              found.right_alone);
+  std::printf("%zu of them were looked at: %zu are unreadable\n", found.looked, found.unreadable.size());
+  for (std::size_t k = 0; k < std::min(found.unreadable.size(), kNamed); ++k)
+    std::printf("  %s\n", found.unreadable[k].c_str());
+  if (found.seconds > 0)
+    std::printf("a run takes about %s on %d thread%s\n", durationText(found.seconds).c_str(),
+                threadsOf(config), threadsOf(config) == 1 ? "" : "s");
+  std::printf("nothing was written\n");
+  return found.unreadable.size() == found.looked ? kExitBadInput : kExitSuccess;
+}
+
 int runAll(Options& o) {
   const TopsideConfig config = configOf(o.run);
+  if (o.check) return check(o.run.places, config);
   if (!o.only.empty() && o.only != "assemble") {
     runOneStage(o.run.places, config, stageOf(o.only), std::nullopt);
     return kExitSuccess;
@@ -66,6 +83,7 @@ std::vector<Command> addRunCommands(CLI::App& app) {
   run->footer("Example: fathom-topside run missions/reef-grid --jobs 2");
   addRunSettings(*run, o->run);
   run->add_option("--out", o->run.places.out, "folder for the results (MISSION/topside)");
+  run->add_flag("--check", o->check, "say what would be refused and how long it takes, and write nothing");
   run->add_option("--only", o->only, "one stage, from those before it, into the work folder");
   CLI::App* stage = app.add_subcommand("stage", "one stage of a run, or some of its items");
   stage->footer("Example: fathom-topside stage piece missions/reef-grid --piece 0-15");

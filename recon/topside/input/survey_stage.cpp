@@ -35,24 +35,6 @@ Survey fromPoses(const MissionInput& input) {
   return survey;
 }
 
-PairList fromFiles(const MissionInput& input, const StereoFiles& files) {
-  constexpr std::int64_t kStepNs = 500'000'000;  // where nobody knows the times
-  PairList list;
-  list.from_file_names = true;
-  for (const StereoFilePair& pair : files.pairs) {
-    if (!pair.utc_ns && (input.navigated || input.nav_data))
-      throw InputError(input.paths.root.string(), pair.left.generic_string(),
-                       "has no time in its name, and navigation is by time; give --time-pattern, or --pairs "
-                       "with a column utc");
-    const auto untimed = static_cast<std::int64_t>(list.pairs.size()) * kStepNs;
-    list.pairs.push_back(
-        {pair.utc_ns.value_or(untimed), pair.left.generic_string(), pair.right.generic_string()});
-  }
-  for (const StereoFiles::Alone& alone : files.alone)
-    ++(alone.missing == "right" ? list.left_alone : list.right_alone);
-  return list;
-}
-
 void takeKnown(const MissionInput& input, const std::vector<std::int64_t>& times, Survey& survey) {
   survey.known = knownAt(*input.nav_data, input.mission.origin, times);
   Anchor& anchor = survey.navigation.anchor;
@@ -74,7 +56,7 @@ void takeKnown(const MissionInput& input, const std::vector<std::int64_t>& times
 
 Survey imagesAlone(const MissionInput& input, const TopsideConfig& config) {
   Survey survey;
-  survey.list = fromFiles(input, *input.files);
+  survey.list = pairsOf(input);
   std::vector<std::int64_t> times;
   for (const ImagePair& pair : survey.list.pairs) {
     survey.navigation.poses.push_back({pair.utc_ns, {}, {}, {}});
@@ -87,8 +69,8 @@ Survey imagesAlone(const MissionInput& input, const TopsideConfig& config) {
 
 Survey navigated(const MissionInput& input, const TopsideConfig& config) {
   Survey survey;
-  survey.list = input.files ? fromFiles(input, *input.files)
-                            : listPairs(input.paths, input.mission, config.pairing_tolerance);
+  survey.list =
+      input.files ? pairsOf(input) : listPairs(input.paths, input.mission, config.pairing_tolerance);
   std::vector<std::int64_t> times;
   for (const ImagePair& pair : survey.list.pairs) times.push_back(pair.utc_ns);
   survey.navigation = navigate(input.paths, input.mission, config, times);
@@ -103,6 +85,24 @@ constexpr std::uint32_t kSurveyVersion = 5;
 void addPlane(Hasher& hasher, const std::optional<stereo::SeedPlane>& plane) {
   hasher.add(plane.has_value());
   if (plane) hasher.add(plane->normal.x(), plane->normal.y(), plane->normal.z(), plane->distance);
+}
+
+PairList pairsOf(const MissionInput& input) {
+  constexpr std::int64_t kStepNs = 500'000'000;  // where nobody knows the times
+  PairList list;
+  list.from_file_names = true;
+  for (const StereoFilePair& pair : input.files->pairs) {
+    if (!pair.utc_ns && (input.navigated || input.nav_data))
+      throw InputError(input.paths.root.string(), pair.left.generic_string(),
+                       "has no time in its name, and navigation is by time; give --time-pattern, or --pairs "
+                       "with a column utc");
+    const auto untimed = static_cast<std::int64_t>(list.pairs.size()) * kStepNs;
+    list.pairs.push_back(
+        {pair.utc_ns.value_or(untimed), pair.left.generic_string(), pair.right.generic_string()});
+  }
+  for (const StereoFiles::Alone& alone : input.files->alone)
+    ++(alone.missing == "right" ? list.left_alone : list.right_alone);
+  return list;
 }
 
 Digest surveyKey(const MissionInput& input, const TopsideConfig& config) {

@@ -35,6 +35,8 @@ struct Survey {
 // Into the keys of results.
 void addPlane(Hasher& hasher, const std::optional<stereo::SeedPlane>& plane);
 
+// The pairs of a folder of images alone.
+[[nodiscard]] PairList pairsOf(const MissionInput& input);
 [[nodiscard]] Digest surveyKey(const MissionInput& input, const TopsideConfig& config);
 // Throws InputError: see listPairs() and navigate().
 [[nodiscard]] Survey takeSurvey(const MissionInput& input, const TopsideConfig& config);

@@ -13,6 +13,13 @@ constexpr double kFirstShare = 0.02;  // of the run's work before a time is fore
 
 }  // namespace
 
+std::string durationText(double seconds) {
+  const long whole = std::lround(seconds);
+  if (whole >= 3600) return formatted("%ld h %02ld min", whole / 3600, whole / 60 % 60);
+  if (whole >= 60) return formatted("%ld min %02ld s", whole / 60, whole % 60);
+  return formatted("%ld s", whole);
+}
+
 RunProgress::RunProgress(double total_weight) : total_(std::max(total_weight, 1e-9)) {}
 
 void RunProgress::begin(std::string stage, std::size_t steps, double weight) {
@@ -47,10 +54,7 @@ std::string RunProgress::timeLeft() const {
   const double made = done - spared_;
   if (made < kFirstShare * total_) return {};
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun_).count();
-  const long left = std::lround(elapsed / made * std::max(total_ - done, 0.0));
-  if (left >= 3600) return formatted(", %ld h %02ld min left", left / 3600, left / 60 % 60);
-  if (left >= 60) return formatted(", %ld min %02ld s left", left / 60, left % 60);
-  return formatted(", %ld s left", left);
+  return ", " + durationText(elapsed / made * std::max(total_ - done, 0.0)) + " left";
 }
 
 }  // namespace fathom::topside

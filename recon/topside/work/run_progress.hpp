@@ -9,6 +9,9 @@
 
 namespace fathom::topside {
 
+// "1 h 02 min", "3 min 07 s", "12 s".
+[[nodiscard]] std::string durationText(double seconds);
+
 // Progress over a whole run, with the time left. Stages have weights, their expected shares of the run's
 // time; work that was done by an earlier run counts as done, not as speed. Thread-safe.
 class RunProgress {
