@@ -247,7 +247,8 @@ RunCheck checkRun(const RunPlaces& places, const TopsideConfig& config) {
   const ThreadLimit limit(config);
   const MissionInput input = openMission(places.mission, places.input);
   sayAssumed(input);
-  { const OutputFolder out(outOf(places), kOurs); }
+  if (std::filesystem::exists(std::filesystem::absolute(outOf(places)).parent_path()))
+    const OutputFolder out(outOf(places), kOurs);
   if (std::filesystem::exists(workOf(places)))
     const StageStore store(workOf(places), StageStore::Access::kAlone);
   Survey survey;

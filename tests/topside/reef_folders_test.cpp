@@ -94,8 +94,9 @@ TEST_F(ReefQuick, ARunThatIsOnlyCheckedSaysWhatItWouldRefuseAndWritesNothing) {
     EXPECT_FALSE(std::filesystem::exists(path)) << path;
   test::writeText(places.out / "thesis.txt", "years of work");
   EXPECT_THAT(test::refusal([&] { (void)checkRun(places, {}); }), HasSubstr("thesis.txt"));
-  places = RunPlaces{kReefMission, out_->path() / "n.work", out_->path() / "n", {}};
+  places = RunPlaces{kReefMission, out_->path() / "n.work", out_->path() / "new" / "n", {}};
   EXPECT_EQ(checkRun(places, {}).unreadable.size(), 0u);
+  EXPECT_FALSE(std::filesystem::exists(out_->path() / "new"));
 }
 
 TEST_F(ReefQuick, ACalibrationOfImagesOfAnotherSizeIsSaid) {
