@@ -3,7 +3,6 @@
 #include <fcntl.h>
 #include <fnmatch.h>
 #include <stdio.h>
-#include <sys/file.h>
 #include <sys/stat.h>
 
 #include <algorithm>
@@ -11,6 +10,7 @@
 #include <optional>
 #include <system_error>
 
+#include "realtime/kernel/file_lock.hpp"
 #include "realtime/kernel/input_error.hpp"
 
 namespace fathom {
@@ -31,20 +31,14 @@ fs::path followed(fs::path path) {
   return path;
 }
 
-// Of the folder, unless another program has it, which removed it or put it in its place just now maybe; one
-// that is open to no lock where the file system has none.
+// The folder, locked; none where another program holds it, or has just removed or replaced it.
 std::optional<Descriptor> locked(const fs::path& folder) {
   Descriptor file(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   struct stat held {
   }, there{};
-  const bool other = file.open() && ((::flock(file.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) ||
-                                     ::fstat(file.get(), &held) != 0 || ::stat(folder.c_str(), &there) != 0 ||
-                                     held.st_ino != there.st_ino);
+  const bool other = file.open() && (lockedElsewhere(file.get()) || ::fstat(file.get(), &held) != 0 ||
+                                     ::stat(folder.c_str(), &there) != 0 || held.st_ino != there.st_ino);
   return other ? std::nullopt : std::optional(std::move(file));
-}
-
-bool isTemporary(const std::string& name) {
-  return name.find(".tmp") != std::string::npos;
 }
 
 fs::path withEnding(fs::path path, const char* ending) {
@@ -111,7 +105,8 @@ void OutputFolder::refuseOtherFiles(const fs::path& folder) const {
     const bool known = std::any_of(ours_.begin(), ours_.end(), [&](const std::string& pattern) {
       return ::fnmatch(pattern.c_str(), name.c_str(), FNM_PATHNAME | FNM_PERIOD | FNM_EXTMATCH) == 0;
     });
-    if (!known && !(folder != folder_ && isTemporary(name)))
+    const bool half_written = folder != folder_ && name.find(".tmp") != std::string::npos;
+    if (!known && !half_written)
       throw InputError(folder.string(), name,
                        "is not of an earlier run and would be lost; move it, or choose another folder");
   }

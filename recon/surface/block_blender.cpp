@@ -13,12 +13,6 @@ std::size_t sizeOf(int n) {
   return static_cast<std::size_t>(n);
 }
 
-// Of a view that is farther away than another, as a distance from the image's centre.
-float coarseness(float nearest, float depth) {
-  constexpr float kTwice = 0.5F;  // twice as far
-  return 2 * kTwice * std::max(0.0F, 1 - nearest / depth);
-}
-
 }  // namespace
 
 void BlockBlender::gatherNodes(const ChartLattice::Grid& grid, int i0, int j0) {
@@ -62,10 +56,14 @@ void BlockBlender::look(std::size_t place, int i0, int j0, BlendCounts& counts) 
   const std::size_t n = sizeOf(count_);
   for (auto* values : {&depth_, &centrality_, &freedom_}) values->resize(n);
   factor_.resize(sizeOf(columns_));
-  float nearest = std::numeric_limits<float>::max();  // of the cameras that look, to the block's middle
-  for (const ActiveView& view : *tile_.views)
-    if (view.projection.mayMeet(middle_, radius_))
-      nearest = std::min(nearest, std::max(view.projection.depthOf(middle_), ViewProjection::kNear));
+  meeting_.clear();
+  float nearest = std::numeric_limits<float>::max();  // of these cameras, to the block's middle
+  for (std::uint32_t view = 0; view < tile_.views->size(); ++view) {
+    const ViewProjection& projection = (*tile_.views)[view].projection;
+    if (!projection.mayMeet(middle_, radius_)) continue;
+    meeting_.push_back(view);
+    nearest = std::min(nearest, std::max(projection.depthOf(middle_), ViewProjection::kNear));
+  }
   const NodePoints nodes{count_,
                          points_[0].data(),
                          points_[1].data(),
@@ -73,9 +71,8 @@ void BlockBlender::look(std::size_t place, int i0, int j0, BlendCounts& counts) 
                          points_[3].data(),
                          points_[4].data(),
                          points_[5].data()};
-  for (std::uint32_t view = 0; view < tile_.views->size(); ++view) {
+  for (const std::uint32_t view : meeting_) {
     const ActiveView& active = (*tile_.views)[view];
-    if (!active.projection.mayMeet(middle_, radius_)) continue;
     const std::size_t row = looking_.size() * n;
     for (auto* values : {&u_, &v_, &low_, &middle_band_, &high_})
       if (values->size() < row + n) values->resize(row + n);
@@ -88,7 +85,7 @@ void BlockBlender::look(std::size_t place, int i0, int j0, BlendCounts& counts) 
       const float free = active.depth.visibility(u_[row + i], v_[row + i], depth_[i], tile_.tolerance);
       counts.occluded += free == 0;
       freedom_[i] *= free;
-      centrality_[i] += coarseness(nearest, depth_[i]);
+      centrality_[i] += std::max(0.0F, 1 - nearest / depth_[i]);
       any |= freedom_[i] > 0;
     }
     if (!any) continue;

@@ -52,8 +52,9 @@ class BlockBlender {
   std::vector<float> points_[6];            // x, y, z, nx, ny, nz
   std::vector<std::uint8_t> known_, seen_;
   Eigen::Vector3f middle_ = Eigen::Vector3f::Zero();
-  float radius_ = 0;                    // of the block's nodes around it [m]
-  std::vector<std::uint32_t> looking_;  // places of the views that see something of the block
+  float radius_ = 0;  // of the block's nodes around it [m]
+  std::vector<std::uint32_t> meeting_,
+      looking_;  // places of the views that may see, and see, some of the block
   // A row of count_ for each of them.
   std::vector<float> u_, v_, low_, middle_band_, high_;
   std::vector<float> depth_, centrality_, freedom_, factor_, sums_;

@@ -84,7 +84,7 @@ bool ViewProjection::mayMeet(const Eigen::Vector3f& middle, float radius) const 
     return rotation[3 * row] * middle.x() + rotation[3 * row + 1] * middle.y() +
            rotation[3 * row + 2] * middle.z() + translation[row];
   };
-  const float x = along(0), y = along(1), z = along(2);
+  const float x = along(0), y = along(1), z = depthOf(middle);
   if (z < -radius) return false;
   if (z < 2 * radius + kNear) return true;  // too near for the bounds below
   // The sphere spans at most `angle` around its middle in normalised coordinates. The distortion that grows

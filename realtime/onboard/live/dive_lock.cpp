@@ -1,15 +1,14 @@
 #include "realtime/onboard/live/dive_lock.hpp"
 
 #include <fcntl.h>
-#include <sys/file.h>
 #include <unistd.h>
 
 #include <array>
-#include <cerrno>
 #include <cstdlib>
 #include <string>
 #include <system_error>
 
+#include "realtime/kernel/file_lock.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_names.hpp"
 
@@ -34,7 +33,7 @@ DiveLock::DiveLock(const std::filesystem::path& mission) {
   const bool numbered = file_ >= 0;
   if (!numbered) file_ = ::open(mission.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (file_ < 0) return;  // whoever reads mission.toml says what is wrong
-  if (::flock(file_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+  if (lockedElsewhere(file_)) {
     const pid_t other = numbered ? numberIn(file_) : 0;
     ::close(file_);
     throw InputError(mission, "",
@@ -54,7 +53,7 @@ DiveLock::~DiveLock() {
 std::optional<pid_t> DiveLock::holder(const std::filesystem::path& mission) {
   const int file = ::open(lockOf(mission).c_str(), O_RDONLY | O_CLOEXEC);
   if (file < 0) return std::nullopt;
-  const bool held = ::flock(file, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+  const bool held = lockedElsewhere(file, LOCK_SH);
   const pid_t number = held ? numberIn(file) : 0;
   ::close(file);
   return number > 0 ? std::optional(number) : std::nullopt;

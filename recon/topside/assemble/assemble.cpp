@@ -64,7 +64,7 @@ std::string imageFormat(const MissionInput& input) {
   return format == PixelFormat::kMono ? "mono" : format == PixelFormat::kRgb ? "rgb" : "bayer-rggb";
 }
 
-// the same for every model of these images, in whatever folder: by their names and one of them.
+// The same for every model of these images, in whatever folder: a digest of their names and of one of them.
 std::string identityOf(const MissionInput& input, const PairList& list) {
   Hasher hasher;
   for (const ImagePair& pair : list.pairs) hasher.add(pair.left);
@@ -174,7 +174,7 @@ Assembled assemble(Dive& dive, const FuseResult& fused, const fs::path& out) {
                                                              : readWater(input.paths.root));
   const std::vector<TrackPoint> track = trackOf(dive, fused, water);
   const std::vector<ImageRow> rows = imageRowsOf(dive, fused, water);
-  writeTrackJson(out / "track.json", track, input.timed);
+  writeTrackJson(out / "track.json", track, input.timed());
   writeImagesJson(out / "images.json", rows, dive.input().rig.left);
   (void)writeImageTables(out, origin, rows);
 

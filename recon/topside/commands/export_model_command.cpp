@@ -61,7 +61,7 @@ fs::path missionOf(const fs::path& folder) {
              : fs::weakly_canonical(folder).parent_path();
 }
 
-// As it was asked for, or the zone of UTM that the dive's origin lies in; none where nobody knows its place.
+// As it was asked for, or the zone of UTM of the dive's origin; empty for a dive without a position.
 std::string crsOf(const Options& options) {
   (void)frameNamed(options.crs);
   const auto origin = originOf(resultsOf(options.folder));

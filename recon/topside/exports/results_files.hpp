@@ -16,7 +16,7 @@ namespace fathom::topside {
 [[nodiscard]] nlohmann::json readResultJson(const std::filesystem::path& path);
 // From scene.json; none: nobody knows where the dive was.
 [[nodiscard]] std::optional<Geodetic> originOf(const std::filesystem::path& results);
-// Of what lies in the results: about their origin, or unknown.
+// The plane frame of the results: about their origin, or unknown.
 [[nodiscard]] compare::PlaneFrame frameOf(const std::filesystem::path& results);
 // That of `crs`, as "EPSG:32755"; unknown if it is empty: of a dive of which nobody knows where it was.
 [[nodiscard]] compare::PlaneFrame frameNamed(const std::string& crs);

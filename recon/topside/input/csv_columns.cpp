@@ -93,9 +93,8 @@ std::optional<std::int64_t> CsvColumns::timeOf(const std::string& text) {
     ahead = (found[1] == "-" ? -1 : 1) * kMinute *
             (60 * std::stoll(found[2].str()) + (minutes.empty() ? 0 : std::stoll(minutes)));
   }
-  for (const NameTime& form : NameTime::usual())
-    if (const auto time = form.of(text)) return *time - ahead;
-  return {};
+  const auto time = NameTime::usualOf(text);
+  return time ? std::optional(*time - ahead) : std::nullopt;
 }
 
 void CsvColumns::fail(std::size_t row, const std::string& what) const {

@@ -199,8 +199,6 @@ void assumeMission(MissionInput& in, const InputOptions& options) {
   note("left images are " + about(left.format) + ", right images " + about(right.format) + ", of " +
        std::to_string(m.cameras.bits) + " bits, as some of them tell" +
        (m.cameras.bits > 8 ? "; brighter samples are cut to that" : ""));
-  in.timed = !in.files || std::all_of(in.files->pairs.begin(), in.files->pairs.end(),
-                                      [](const StereoFilePair& pair) { return pair.utc_ns.has_value(); });
   if (in.given_poses) {
     m.origin = in.given_poses->origin;
     in.placed = m.origin.latitude != 0 || m.origin.longitude != 0;

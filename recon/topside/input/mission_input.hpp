@@ -46,7 +46,6 @@ struct MissionInput {
   std::optional<NavData> nav_data;  // beside images that are not
   bool mounted = false;             // somebody said how the camera looks
   bool placed = true;               // somebody said where on the Earth it was; else nav's origin is anywhere
-  bool timed = true;                // images have their times; else they are half a second apart
   std::optional<StereoFiles> files;
   std::array<Samples, 2> samples = {Samples::kAuto, Samples::kAuto};
   bool verify = false;
@@ -55,6 +54,9 @@ struct MissionInput {
   [[nodiscard]] std::optional<Geodetic> origin() const {
     return placed ? std::optional(mission.origin) : std::nullopt;
   }
+
+  // Whether images have their times; else they are half a second apart.
+  [[nodiscard]] bool timed() const { return !files || files->pairs.front().utc_ns.has_value(); }
 
   // An image of the formats, bits and size that mission and calibration say. Throws InputError, which names
   // the file, for one that is absent, damaged or other than that. Thread-safe.

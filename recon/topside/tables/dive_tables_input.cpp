@@ -37,6 +37,10 @@ SE3 correctedAt(const std::vector<Correction>& all, std::int64_t utc_ns, const S
   return interpolate(last->moved * pose, next->moved * pose, s);
 }
 
+std::optional<double> altitudeOf(const FusedPair& pair) {
+  return pair.altitude > 0 ? std::optional(pair.altitude) : std::nullopt;
+}
+
 }  // namespace
 
 std::vector<TrackPoint> trackOf(Dive& dive, const FuseResult& fused, const WaterLog& water) {
@@ -44,11 +48,12 @@ std::vector<TrackPoint> trackOf(Dive& dive, const FuseResult& fused, const Water
   const std::vector<Correction> moved = correctionsOf(navigation.poses, dive.poses());
   std::vector<TrackPoint> track;
   if (!dive.input().navigated) {
+    const FusedPair* last = nullptr;
     for (const FusedPair& pair : fused.pairs) {
-      const std::optional<double> altitude = pair.altitude > 0 ? std::optional(pair.altitude) : std::nullopt;
-      if (&pair != &fused.pairs.front() && pair.part != (&pair - 1)->part)
-        track.push_back({std::midpoint((&pair - 1)->pair.utc_ns, pair.pair.utc_ns), {}, {}, "", {}});
-      track.push_back({pair.pair.utc_ns, pair.T_nav_body, altitude, "", {}});
+      if (last != nullptr && last->part != pair.part)
+        track.push_back({std::midpoint(last->pair.utc_ns, pair.pair.utc_ns), {}, {}, "", {}});
+      track.push_back({pair.pair.utc_ns, pair.T_nav_body, altitudeOf(pair), "", {}});
+      last = &pair;
     }
     return track;
   }
@@ -72,10 +77,10 @@ std::vector<ImageRow> imageRowsOf(Dive& dive, const FuseResult& fused, const Wat
     ImageRow row;
     row.left = pair.pair.left;
     row.right = pair.pair.right;
-    if (input.timed) row.utc_ns = pair.pair.utc_ns;
+    if (input.timed()) row.utc_ns = pair.pair.utc_ns;
     row.T_nav_body = pair.T_nav_body;
     row.T_nav_cam = pair.T_nav_cam;
-    if (pair.altitude > 0) row.altitude = pair.altitude;
+    row.altitude = altitudeOf(pair);
     row.footprint = footprintOnPlane(input.rig.left, pair.T_nav_cam, pair.range);
     row.water = water.at(pair.pair.utc_ns, row.T_nav_body.translation().z());
     rows.push_back(std::move(row));

@@ -1,7 +1,6 @@
 #include "recon/topside/work/stage_store.hpp"
 
 #include <fcntl.h>
-#include <sys/file.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -9,6 +8,7 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
+#include "realtime/kernel/file_lock.hpp"
 #include "realtime/kernel/input_error.hpp"
 #include "recon/geometry/atomic_file.hpp"
 
@@ -52,7 +52,7 @@ StageStore::StageStore(fs::path folder, Access access) : folder_(std::move(folde
   lock_ = ::open((folder_ / kMark).c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
   if (lock_ < 0) throw InputError(folder_.string(), "", std::string("cannot be written: ") + strerror(errno));
   // A file system without locks is taken as it is: whoever starts jobs on it keeps them apart.
-  if (::flock(lock_, (access == Access::kAlone ? LOCK_EX : LOCK_SH) | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+  if (lockedElsewhere(lock_, access == Access::kAlone ? LOCK_EX : LOCK_SH)) {
     ::close(lock_);
     throw InputError(folder_.string(), "", "another run works here; wait for it, or give another --work");
   }

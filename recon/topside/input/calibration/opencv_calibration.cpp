@@ -6,6 +6,7 @@
 
 #include "realtime/kernel/text.hpp"
 #include "recon/topside/input/calibration/calibration_tree.hpp"
+#include "recon/topside/input/plain_name.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -37,20 +38,8 @@ const Names kTranslation{"t", "translation", "translationvector", "stereot", "tv
 const Names kImageSize{"imagesize", "imgsize", "size", "resolution"};
 const Names kWidth{"imagewidth", "width"}, kHeight{"imageheight", "height"};
 
-std::string plain(const std::string& name) {
-  std::string out;
-  for (const char c : name)
-    if (std::isalnum(static_cast<unsigned char>(c)) != 0)
-      out += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return out;
-}
-
-bool plainly(const Names& names, const std::string& name) {
-  return std::find(names.begin(), names.end(), name) != names.end();
-}
-
 // Where a word stands in a name, whatever its case.
-std::size_t plainPlace(const std::string& name, const std::string& word) {
+std::size_t placeIn(const std::string& name, const std::string& word) {
   std::string lower = name;
   for (char& c : lower) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return lower.rfind(word);
@@ -71,7 +60,7 @@ class Entries {
       if (item.value().is_object() && !item.value().contains("data"))
         add(item.value(), place);
       else
-        entries_.emplace(plain(place.key), Entry{place, &item.value()});
+        entries_.emplace(plainName(place.key), Entry{place, &item.value()});
     }
   }
 
@@ -99,7 +88,7 @@ class Entries {
   [[nodiscard]] std::string matricesFound() const {
     std::string found, missing;
     for (const auto& [name, entry] : entries_)
-      if (has(entry, {9}) && !plainly(kRotation, name))
+      if (has(entry, {9}) && std::find(kRotation.begin(), kRotation.end(), name) == kRotation.end())
         found += (found.empty() ? "" : ", ") + entry.place.key;
     for (const Sides& sides : kSides)
       for (const auto& [here, there] :
@@ -107,7 +96,7 @@ class Entries {
         const Entry* one = find(kMatrix, here, {9});
         if (!missing.empty() || one == nullptr || !has(*one, {9})) continue;
         const std::string& key = one->place.key;
-        const std::size_t at = plainPlace(key, here);
+        const std::size_t at = placeIn(key, here);
         if (at != std::string::npos) missing = key.substr(0, at) + there + key.substr(at + here.size());
       }
     return (found.empty() ? "found none" : "found " + found) +
@@ -122,7 +111,7 @@ class Entries {
       if (!entry.value->is_string() || !name.ends_with("model")) continue;
       const auto model = entry.value->get<std::string>();
       for (const char* other : {"fisheye", "equidistant", "kannala", "omni", "mei"})
-        if (plain(model).find(other) != std::string::npos)
+        if (plainName(model).find(other) != std::string::npos)
           entry.place.fail("lens model '" + model + "' is not known; calibrate with k1 k2 p1 p2 k3");
     }
   }

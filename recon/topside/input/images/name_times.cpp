@@ -86,6 +86,12 @@ std::optional<std::int64_t> NameTime::of(const std::string& name) const {
   return *whole + fraction;
 }
 
+std::optional<std::int64_t> NameTime::usualOf(const std::string& name) {
+  for (const NameTime& form : usual())
+    if (const auto time = form.of(name)) return time;
+  return std::nullopt;
+}
+
 const std::vector<NameTime>& NameTime::usual() {
   static const std::vector<NameTime> kUsual = [] {
     // Behind a decimal point any digits are a fraction; else a number might count images.

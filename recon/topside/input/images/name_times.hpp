@@ -22,6 +22,8 @@ class NameTime {
   // Date and time of day with any of the usual separators, and Unix time in seconds to nanoseconds; a
   // fraction has 3, 6 or 9 digits.
   [[nodiscard]] static const std::vector<NameTime>& usual();
+  // By the first of these forms that a name holds [ns].
+  [[nodiscard]] static std::optional<std::int64_t> usualOf(const std::string& name);
 
  private:
   NameTime(std::regex form, std::string fields) : form_(std::move(form)), fields_(std::move(fields)) {}

@@ -141,12 +141,6 @@ Told tellBy(const Words& words, const std::vector<fs::path>& files, const fs::pa
   return told;
 }
 
-std::optional<std::int64_t> usualTime(const fs::path& file) {
-  for (const NameTime& form : NameTime::usual())
-    if (const auto time = form.of(file.stem().string())) return time;
-  return std::nullopt;
-}
-
 // Left and right files whose names share nothing: by times, or in order.
 void pairTheRest(Sides& alone, double tolerance, StereoFiles& out) {
   for (auto& files : alone)
@@ -155,7 +149,7 @@ void pairTheRest(Sides& alone, double tolerance, StereoFiles& out) {
   std::array<std::vector<std::int64_t>, 2> times;
   for (const std::size_t side : {0U, 1U}) {
     for (const fs::path& file : alone[side])
-      if (const auto time = usualTime(file)) times[side].push_back(*time);
+      if (const auto time = NameTime::usualOf(file.stem().string())) times[side].push_back(*time);
     if (times[side].size() != alone[side].size() || !std::is_sorted(times[side].begin(), times[side].end()))
       times[side].clear();
   }
@@ -243,52 +237,47 @@ std::vector<fs::path> matching(const std::string& pattern, const char* option) {
   return out;
 }
 
-// Moves files with the same key, one on each side, from `alone` to pairs.
-void pairByKey(Sides& alone, const std::array<std::vector<std::string>, 2>& keys, StereoFiles& out) {
+// Files with the same key, one on each side, are pairs.
+Told tellByKey(const Sides& files, const std::array<std::vector<std::string>, 2>& keys) {
   std::map<std::string, std::array<std::vector<std::size_t>, 2>> by_key;
   for (const std::size_t side : {0U, 1U})
     for (std::size_t k = 0; k < keys[side].size(); ++k) by_key[keys[side][k]][side].push_back(k);
-  Sides left_over;
+  Told out;
   for (const auto& [key, found] : by_key) {
     if (!key.empty() && found[0].size() == 1 && found[1].size() == 1) {
-      out.pairs.push_back({alone[0][found[0].front()], alone[1][found[1].front()], {}});
+      out.pairs.push_back({files[0][found[0].front()], files[1][found[1].front()], {}});
       continue;
     }
     for (const std::size_t side : {0U, 1U})
-      for (const std::size_t k : found[side]) left_over[side].push_back(alone[side][k]);
+      for (const std::size_t k : found[side]) out.alone[side].push_back(files[side][k]);
   }
-  alone = std::move(left_over);
+  return out;
 }
 
 StereoFiles byPatterns(const StereoFileOptions& options) {
   if (options.left_pattern.empty() || options.right_pattern.empty())
     throw InputError(options.left_pattern.empty() ? "--left" : "--right", "",
                      "is missing; --left and --right go together");
-  const Sides alone{matching(options.left_pattern, "--left"), matching(options.right_pattern, "--right")};
-  const std::array<std::size_t, 2> counts{alone[0].size(), alone[1].size()};
+  const Sides files{matching(options.left_pattern, "--left"), matching(options.right_pattern, "--right")};
   const std::array<Wildcards, 2> wildcards{Wildcards(options.left_pattern), Wildcards(options.right_pattern)};
-  StereoFiles out;
-  Sides rest = alone;
+  Told best{{}, files};
   for (const bool numbers : {false, true}) {  // whichever pairs more
     std::array<std::vector<std::string>, 2> keys;
     for (const std::size_t side : {0U, 1U})
-      for (const fs::path& file : alone[side]) {
+      for (const fs::path& file : files[side]) {
         const std::string key = wildcards[side].of(file);
         keys[side].push_back(numbers ? numbersIn(key) : key);
       }
-    StereoFiles paired;
-    Sides left_over = alone;
-    pairByKey(left_over, keys, paired);
-    if (paired.pairs.size() <= out.pairs.size()) continue;
-    out = std::move(paired);
-    rest = std::move(left_over);
+    if (Told told = tellByKey(files, keys); told.pairs.size() > best.pairs.size()) best = std::move(told);
   }
-  pairTheRest(rest, options.tolerance, out);
+  StereoFiles out;
+  out.pairs = std::move(best.pairs);
+  pairTheRest(best.alone, options.tolerance, out);
   if (out.pairs.empty())
     throw InputError("--right", options.right_pattern,
-                     "matches " + std::to_string(counts[1]) +
+                     "matches " + std::to_string(files[1].size()) +
                          " images, of which none has the name, number or time of one of the " +
-                         std::to_string(counts[0]) + " of --left; give as many of both, or --pairs");
+                         std::to_string(files[0].size()) + " of --left; give as many of both, or --pairs");
   return out;
 }
 

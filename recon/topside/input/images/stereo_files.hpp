@@ -24,7 +24,8 @@ struct StereoFilePair {
 };
 
 struct StereoFiles {
-  std::vector<StereoFilePair> pairs;  // by time, or, where that is not known, in order of name
+  // By time, or, where that is not known of any, in order of name.
+  std::vector<StereoFilePair> pairs;
   struct Alone {
     std::filesystem::path file;
     std::string missing;  // "left" or "right"

@@ -17,6 +17,7 @@
 #include "recon/geometry/order_statistics.hpp"
 #include "recon/topside/input/csv_columns.hpp"
 #include "recon/topside/input/images/name_times.hpp"
+#include "recon/topside/input/plain_name.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -110,12 +111,6 @@ struct Column {
   std::optional<NameTime> pattern;  // of a time
 };
 
-std::string plain(std::string name) {
-  std::erase_if(name, [](unsigned char c) { return std::isalnum(c) == 0; });
-  for (char& c : name) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return name;
-}
-
 // "Heading [deg]" and "heading_deg" to heading, deg.
 std::pair<std::string, std::string> split(const std::string& column) {
   std::string name, unit;
@@ -135,7 +130,7 @@ std::pair<std::string, std::string> split(const std::string& column) {
     unit = name.substr(last + 1);
     name.resize(last);
   }
-  return {plain(name), unit};
+  return {plainName(name), unit};
 }
 
 std::map<std::string, Column> named(const CsvColumns& table, const std::string& text) {
@@ -179,7 +174,7 @@ void addUsual(const CsvColumns& table, std::map<std::string, Column>& columns) {
     const auto [name, unit] = split(table.names()[index]);
     for (const Quantity& q : quantities()) {
       // The unit of time in lat_ns is none.
-      const std::string& known = q.kind == Kind::kHemisphere ? plain(table.names()[index]) : name;
+      const std::string& known = q.kind == Kind::kHemisphere ? plainName(table.names()[index]) : name;
       if (columns.contains(q.name) || std::find(q.usual.begin(), q.usual.end(), known) == q.usual.end() ||
           (q.kind == Kind::kAngle && unit == "ns"))
         continue;
@@ -236,7 +231,7 @@ class Table {
     return *value * found->second.unit;
   }
 
-  // The same of a latitude or longitude, with the sign of its hemisphere: of the two in `hemispheres` ("ns")
+  // The same of a latitude or longitude, with the sign of its hemisphere: of the two in `hemispheres` ("NS")
   // the second is negative.
   [[nodiscard]] std::optional<double> place(std::size_t row, const char* quantity, const char* sign,
                                             const char* hemispheres) const {
@@ -247,13 +242,9 @@ class Table {
     if (!value || side == columns_.end()) return value;
     const std::string& text = table_.text(row, side->second.index);
     if (text.empty()) return value;
-    const auto first = static_cast<char>(std::tolower(static_cast<unsigned char>(text.front())));
+    const auto first = static_cast<char>(std::toupper(static_cast<unsigned char>(text.front())));
     if (first != hemispheres[0] && first != hemispheres[1])
-      table_.fail(row, "has '" + text + "' where " +
-                           static_cast<char>(std::toupper(static_cast<unsigned char>(hemispheres[0]))) +
-                           " or " +
-                           static_cast<char>(std::toupper(static_cast<unsigned char>(hemispheres[1]))) +
-                           " should be");
+      table_.fail(row, "has '" + text + "' where " + hemispheres[0] + " or " + hemispheres[1] + " should be");
     return first == hemispheres[1] ? -std::abs(*value) : std::abs(*value);
   }
 
@@ -337,8 +328,8 @@ NavData readNavCsv(const std::filesystem::path& path, const NavFileOptions& opti
   for (std::size_t row = 0; row < csv.rows(); ++row) {
     const std::int64_t t = table.time(row);
     const double sigma = table.number(row, "sigma").value_or(0);
-    const auto latitude = table.place(row, "latitude", "latitude_sign", "ns"),
-               longitude = table.place(row, "longitude", "longitude_sign", "ew");
+    const auto latitude = table.place(row, "latitude", "latitude_sign", "NS"),
+               longitude = table.place(row, "longitude", "longitude_sign", "EW");
     if (latitude && longitude) {
       if (std::abs(*latitude) > 0.5 * std::numbers::pi || std::abs(*longitude) > 2 * std::numbers::pi)
         csv.fail(row, "has a latitude or longitude that is not on Earth; check --nav-columns and its units");

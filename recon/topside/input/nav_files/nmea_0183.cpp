@@ -266,11 +266,7 @@ NavData readNmea(const std::filesystem::path& path, double declination,
     if (comma == std::string_view::npos) continue;
     ++good;
     if (begin > 0)
-      for (const NameTime& form : NameTime::usual())
-        if (const auto t = form.of(line.substr(0, begin))) {
-          reader.logged(*t);
-          break;
-        }
+      if (const auto t = NameTime::usualOf(line.substr(0, begin))) reader.logged(*t);
     const std::string_view name = sentence.substr(0, comma);
     // A talker's two letters and the sentence's three; makers' own begin with P.
     reader.sentence(name.starts_with('P') || name.size() < 5 ? name : name.substr(name.size() - 3),

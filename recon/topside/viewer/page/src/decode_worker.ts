@@ -1,19 +1,19 @@
 import { fromArrayBuffer } from 'geotiff';
 import { pictureOf } from './demosaic';
 import { imageSize } from './image_size';
-import { isDeepPng, isJpeg, isPng, readDeepPng, type ImageFormat, type Raw } from './image_samples';
+import { isDeepPng, readDeepPng, type Raw } from './image_samples';
 
 // Decodes one original image off the main thread.
 
 export interface DecodeRequest {
   id: number;
-  from: string | Blob;
-  format: ImageFormat;
+  from: Blob;
+  format: string; // scene.json's image_format
   edge: number; // the longer edge wanted [px]; 0: all pixels
 }
 export type DecodeAnswer = { id: number; width: number; height: number; bitmap: ImageBitmap } | { id: number; error: string };
 
-// As it lies in the file: what a camera's or a viewer's program would turn or recolour stays as the lens model has it.
+// As the file has it: what a camera's or a viewer's program would turn or recolour stays as the lens model has it.
 const AS_IT_IS: ImageBitmapOptions = { imageOrientation: 'none', colorSpaceConversion: 'none', premultiplyAlpha: 'none' };
 
 async function readTiff(buffer: ArrayBuffer): Promise<Raw> {
@@ -32,22 +32,18 @@ function greyOf(bitmap: ImageBitmap): Raw {
 }
 
 async function decode({ from, format, edge }: DecodeRequest): Promise<{ width: number; height: number; bitmap: ImageBitmap }> {
-  const blob = typeof from === 'string' ? await fetch(from).then((answer) => {
-    if (!answer.ok) throw new Error(answer.status === 404 ? 'is not there' : `cannot be had (${answer.status})`);
-    return answer.blob();
-  }) : from;
-  const buffer = await blob.arrayBuffer();
+  const buffer = await from.arrayBuffer();
   const bytes = new Uint8Array(buffer);
+  const size = imageSize(bytes); // of what a browser decodes by itself
   let raw: Raw;
   if (isDeepPng(bytes)) raw = await readDeepPng(bytes);
-  else if (isPng(bytes) || isJpeg(bytes)) {
-    const type = { type: isPng(bytes) ? 'image/png' : 'image/jpeg' };
-    const mosaic = format.format.startsWith('bayer');
-    const size = imageSize(bytes);
-    const shrink = edge > 0 && size && !mosaic ? Math.min(1, edge / Math.max(size.width, size.height)) : 1;
-    const small: ImageBitmapOptions = size && shrink < 1 ? { resizeWidth: Math.max(1, Math.round(size.width * shrink)), resizeQuality: 'high' } : {};
-    const bitmap = await createImageBitmap(new Blob([buffer], type), { ...AS_IT_IS, ...small });
-    if (!mosaic) return { width: size?.width ?? bitmap.width, height: size?.height ?? bitmap.height, bitmap };
+  else if (size) {
+    const { width, height, type } = size;
+    const mosaic = format.startsWith('bayer');
+    const shrink = edge > 0 && !mosaic ? edge / Math.max(width, height) : 1;
+    const small: ImageBitmapOptions = shrink < 1 ? { resizeWidth: Math.max(1, Math.round(width * shrink)), resizeQuality: 'high' } : {};
+    const bitmap = await createImageBitmap(new Blob([buffer], { type }), { ...AS_IT_IS, ...small });
+    if (!mosaic) return { width, height, bitmap };
     raw = greyOf(bitmap);
     bitmap.close();
   } else raw = await readTiff(buffer);

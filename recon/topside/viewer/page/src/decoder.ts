@@ -1,6 +1,5 @@
 import type { DecodeAnswer, DecodeRequest } from './decode_worker';
-import type { ImageFormat } from './image_samples';
-import { FolderSource, type Source } from './source';
+import type { Source } from './source';
 
 // Hands images to two workers, one at a time each; what nobody wants any more is dropped before it starts.
 
@@ -28,7 +27,7 @@ export class Decoder {
   constructor(private source: () => Source) {}
 
   // null when no longer wanted. Rejects with one line of text for an absent or broken file.
-  decode(address: string, format: ImageFormat, edge: number, wanted: () => boolean = () => true): Promise<Decoded | null> {
+  decode(address: string, format: string, edge: number, wanted: () => boolean = () => true): Promise<Decoded | null> {
     return new Promise((done, failed) => {
       this.queue.push({ request: { format, edge }, address, wanted, done, failed });
       void this.pump();
@@ -62,9 +61,8 @@ export class Decoder {
       if (!worker) return;
       const job = this.queue.shift()!;
       const id = this.next++;
-      const source = this.source();
       try {
-        const from = source instanceof FolderSource ? await source.blob(job.address) : job.address;
+        const from = await this.source().blob(job.address);
         this.running.set(id, job);
         worker.postMessage({ id, from, ...job.request } satisfies DecodeRequest);
       } catch (error) {

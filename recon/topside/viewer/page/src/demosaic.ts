@@ -1,4 +1,4 @@
-import type { ImageFormat, Raw } from './image_samples';
+import type { Raw } from './image_samples';
 
 // Original images hold what the sensor counted, linear in light, as a mosaic, grey or in colours, or, of eight bits, a
 // picture already. Here they become something to look at.
@@ -15,19 +15,20 @@ const HIGH = 0.995; // from where white begins: a scattering fish must not darke
 const GAMMA = 1 / 2.2;
 
 // Black and white of each channel: under water red is weak, so each is stretched by itself.
-export function stretch(samples: Samples, width: number, height: number, bayer: boolean): [low: number, high: number][] {
+export function stretch(samples: Samples, width: number, height: number, red: FirstRed | null): [low: number, high: number][] {
   const channels: number[][] = [[], [], []];
   const step = 2 * Math.max(1, Math.round(Math.sqrt((width * height) / 4 / 40000)));
-  for (let y = 0; y + 1 < height; y += step)
-    for (let x = 0; x + 1 < width; x += step) {
+  const [column, row] = red ?? [0, 0];
+  for (let y = row; y + 1 < height; y += step)
+    for (let x = column; x + 1 < width; x += step) {
       const i = y * width + x;
       channels[0]!.push(samples[i]!);
-      if (!bayer) continue;
+      if (!red) continue;
       channels[1]!.push((samples[i + 1]! + samples[i + width]!) / 2);
       channels[2]!.push(samples[i + width + 1]!);
     }
-  const red = rangeOf(channels[0]!);
-  return bayer ? [red, rangeOf(channels[1]!), rangeOf(channels[2]!)] : [red, red, red];
+  const first = rangeOf(channels[0]!);
+  return red ? [first, rangeOf(channels[1]!), rangeOf(channels[2]!)] : [first, first, first];
 }
 
 function rangeOf(values: number[]): [low: number, high: number] {
@@ -42,20 +43,21 @@ function toneTable(low: number, high: number): (value: number) => number {
   return (value) => table[Math.max(0, Math.min(1024, Math.round(((value - low) / (high - low)) * 1024)))]!;
 }
 
-// A mosaic of another order, or one that begins elsewhere, without the row or column before its first red sample.
-const FIRST_RED: Record<string, [column: number, row: number]> = { 'bayer-rggb': [0, 0], 'bayer-grbg': [1, 0], 'bayer-gbrg': [0, 1], 'bayer-bggr': [1, 1] };
+// Where a mosaic has its first red sample.
+export type FirstRed = readonly [column: number, row: number];
+const FIRST_RED: Record<string, FirstRed> = { 'bayer-rggb': [0, 0], 'bayer-grbg': [1, 0], 'bayer-gbrg': [0, 1], 'bayer-bggr': [1, 1] };
 
-// Its own value, and a table of tones for each channel where light was counted.
-export function pictureOf(raw: Raw, { format }: ImageFormat, shrink: number): Picture {
+// Mosaics and samples of more than 8 bits count light and are developed; others are a picture already.
+export function pictureOf(raw: Raw, format: string, shrink: number): Picture {
   const { width, height, bands, samples, bits } = raw;
-  const first = bands < 3 ? FIRST_RED[format] : undefined;
-  if (first) return mosaicFrom(samples, width, height, first, shrink);
-  const one = bands < 3 && bits > 8 ? (bands === 1 ? samples : Array.from({ length: width * height }, (_, i) => samples[bands * i]!)) : null;
-  if (one) return develop(one, width, height, false, shrink);
+  const pixels = width * height;
+  const red = FIRST_RED[format] ?? null;
+  if (bands < 3 && (red || bits > 8))
+    return develop(bands === 1 ? samples : Array.from({ length: pixels }, (_, i) => samples[bands * i]!), width, height, red, shrink);
   const channels = bands < 3 ? [0, 0, 0] : [0, 1, 2];
-  const tones = bits > 8 ? channels.map((c) => toneTable(...rangeOf(everyPixel(samples, width * height, bands, c)))) : null;
-  const rgba = new Uint8ClampedArray(width * height * 4);
-  for (let i = 0; i < width * height; ++i) {
+  const tones = bits > 8 ? channels.map((c) => toneTable(...rangeOf(spread(samples, pixels, bands, c)))) : null;
+  const rgba = new Uint8ClampedArray(pixels * 4);
+  for (let i = 0; i < pixels; ++i) {
     channels.forEach((c, k) => {
       const value = samples[bands * i + c]!;
       rgba[4 * i + k] = tones ? tones[k]!(value) : value;
@@ -65,40 +67,21 @@ export function pictureOf(raw: Raw, { format }: ImageFormat, shrink: number): Pi
   return { width, height, rgba };
 }
 
-function everyPixel(samples: Samples, pixels: number, bands: number, band: number): number[] {
+// One band of pixels evenly spread over the image.
+function spread(samples: Samples, pixels: number, bands: number, band: number): number[] {
   const step = Math.max(1, Math.round(pixels / 40000));
   return Array.from({ length: Math.floor((pixels - 1) / step) + 1 }, (_, i) => samples[bands * i * step + band]!);
 }
 
-// The size stays: what is cut off at the left and the top is added as the last column and row.
-function mosaicFrom(samples: Samples, width: number, height: number, [column, row]: [number, number], shrink: number): Picture {
-  if (column === 0 && row === 0) return develop(samples, width, height, true, shrink);
-  const moved = new Uint16Array(width * height);
-  for (let y = 0; y < height; ++y)
-    for (let x = 0; x < width; ++x) {
-      // Beyond the border, the nearest of the same colour.
-      const [from, at] = [x + column < width ? x + column : x + column - 2, y + row < height ? y + row : y + row - 2];
-      moved[y * width + x] = samples[at * width + from]!;
-    }
-  const picture = develop(moved, width, height, true, shrink);
-  if (shrink > 1) return picture;
-  const rgba = new Uint8ClampedArray(picture.rgba.length);
-  for (let y = 0; y < height; ++y)
-    for (let x = 0; x < width; ++x) {
-      const from = 4 * (Math.max(0, y - row) * width + Math.max(0, x - column));
-      rgba.set(picture.rgba.subarray(from, from + 4), 4 * (y * width + x));
-    }
-  return { width, height, rgba };
-}
-
 // `shrink` 1: all pixels, colours between their samples by the mean of the nearest; n: blocks of 2n x 2n samples are one
 // pixel (n counts the mosaic's cells).
-export function develop(samples: Samples, width: number, height: number, bayer: boolean, shrink: number): Picture {
-  const range = stretch(samples, width, height, bayer);
+export function develop(samples: Samples, width: number, height: number, red: FirstRed | null, shrink: number): Picture {
+  const [column, row] = red ?? [0, 0];
+  const range = stretch(samples, width, height, red);
   const tone = range.map(([low, high]) => toneTable(low, high));
   if (shrink > 1) {
     const cell = 2 * Math.floor(shrink / 2);
-    const [w, h] = [Math.floor(width / cell), Math.floor(height / cell)];
+    const [w, h] = [Math.floor((width - column) / cell), Math.floor((height - row) / cell)];
     const rgba = new Uint8ClampedArray(w * h * 4);
     const cells = (cell / 2) ** 2;
     for (let y = 0; y < h; ++y)
@@ -106,13 +89,13 @@ export function develop(samples: Samples, width: number, height: number, bayer: 
         let [r, g, b] = [0, 0, 0];
         for (let cy = 0; cy < cell; cy += 2)
           for (let cx = 0; cx < cell; cx += 2) {
-            const i = (y * cell + cy) * width + x * cell + cx;
+            const i = (y * cell + cy + row) * width + x * cell + cx + column;
             r += samples[i]!;
             g += (samples[i + 1]! + samples[i + width]!) / 2;
             b += samples[i + width + 1]!;
           }
         const o = 4 * (y * w + x);
-        if (!bayer) r = g = b = (r + 2 * g + b) / 4;
+        if (!red) r = g = b = (r + 2 * g + b) / 4;
         rgba[o] = tone[0]!(r / cells);
         rgba[o + 1] = tone[1]!(g / cells);
         rgba[o + 2] = tone[2]!(b / cells);
@@ -132,15 +115,15 @@ export function develop(samples: Samples, width: number, height: number, bayer: 
       const o = 4 * (y * width + x);
       const own = at(x, y);
       let [r, g, b] = [own, own, own];
-      if (bayer) {
-        const [evenX, evenY] = [x % 2 === 0, y % 2 === 0];
+      if (red) {
+        const [redColumn, redRow] = [x % 2 === column, y % 2 === row];
         const cross = (): number => (at(x - 1, y) + at(x + 1, y) + at(x, y - 1) + at(x, y + 1)) / 4;
         const corners = (): number => (at(x - 1, y - 1) + at(x + 1, y - 1) + at(x - 1, y + 1) + at(x + 1, y + 1)) / 4;
         const beside = (at(x - 1, y) + at(x + 1, y)) / 2;
         const above = (at(x, y - 1) + at(x, y + 1)) / 2;
-        if (evenX && evenY) [r, g, b] = [own, cross(), corners()];
-        else if (!evenX && !evenY) [r, g, b] = [corners(), cross(), own];
-        else if (evenY) [r, g, b] = [beside, own, above];
+        if (redColumn && redRow) [r, g, b] = [own, cross(), corners()];
+        else if (!redColumn && !redRow) [r, g, b] = [corners(), cross(), own];
+        else if (redRow) [r, g, b] = [beside, own, above];
         else [r, g, b] = [above, own, beside];
       }
       rgba[o] = tone[0]!(r);

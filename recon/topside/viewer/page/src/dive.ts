@@ -1,5 +1,4 @@
 import type { CameraModel, DiveImage } from './cameras';
-import type { ImageFormat } from './image_samples';
 import { transverseMercator, type Projection } from '#kit/geodesy';
 import type { Bounds } from '#kit/place';
 import { Missing, fileName, type Source } from './source';
@@ -36,7 +35,7 @@ export interface Scene {
   track: string | null;
   images: string | null;
   image_folder: string | null;
-  imageFormat: ImageFormat;
+  imageFormat: string; // 'mono', 'rgb', or a mosaic: 'bayer-rggb', 'bayer-bggr', 'bayer-grbg', 'bayer-gbrg'
   id: string; // of the dive's images: the same for every model of them
   bounds: Bounds | null;
   depth: [number, number] | null;
@@ -115,8 +114,8 @@ export function parseScene(value: Json): Scene {
       ...(Number.isFinite(l.min) && Number.isFinite(l.max) ? { min: l.min as number, max: l.max as number } : {}), ramp: text(l.ramp),
     })),
     track: text(value.track) || null, images: text(value.images) || null, image_folder: text(value.image_folder) || null, id: text(value.id),
-    // Of a run that did not tell: the ACFR's.
-    imageFormat: { format: text(value.image_format) || 'bayer-rggb', bits: Number.isFinite(value.image_bits) ? (value.image_bits as number) : 12 },
+    // Of a run that named none: the ACFR's.
+    imageFormat: text(value.image_format) || 'bayer-rggb',
     bounds: bounds ? { north0: bounds[0]!, east0: bounds[1]!, north1: bounds[2]!, east1: bounds[3]! } : null,
     depth: depth ? [depth[0]!, depth[1]!] : null,
   };

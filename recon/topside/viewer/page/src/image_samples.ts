@@ -1,12 +1,7 @@
 import type { Samples } from './demosaic';
+import { imageSize } from './image_size';
 
 // What an original image holds, from the bytes of its file: TIFF, PNG and JPEG.
-
-// As scene.json tells: how a grey file's samples are to be read, and how many of their bits are used.
-export interface ImageFormat {
-  format: string; // 'mono', 'rgb', or a mosaic: 'bayer-rggb', 'bayer-bggr', 'bayer-grbg', 'bayer-gbrg'
-  bits: number;
-}
 
 export interface Raw {
   width: number;
@@ -16,12 +11,9 @@ export interface Raw {
   bits: number; // of a sample in the file: 8 or 16
 }
 
-const SIGNATURE = [0x89, 0x50, 0x4e, 0x47];
 const BANDS: Record<number, number> = { 0: 1, 2: 3, 4: 2, 6: 4 }; // of a PNG's colour types
 
-export const isPng = (bytes: Uint8Array): boolean => SIGNATURE.every((b, i) => bytes[i] === b);
-export const isJpeg = (bytes: Uint8Array): boolean => bytes[0] === 0xff && bytes[1] === 0xd8;
-export const isDeepPng = (bytes: Uint8Array): boolean => isPng(bytes) && bytes[24] === 16;
+export const isDeepPng = (bytes: Uint8Array): boolean => imageSize(bytes)?.type === 'image/png' && bytes[24] === 16;
 
 // A PNG of 16 bits, of which a browser's own decoder keeps eight (ISO 15948, sections 7 and 9).
 export async function readDeepPng(bytes: Uint8Array): Promise<Raw> {

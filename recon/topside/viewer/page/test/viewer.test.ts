@@ -227,13 +227,13 @@ test('sizes of PNG, WebP and JPEG come from their first bytes', () => {
 test('a flat mosaic develops to one grey, its colours from its own samples', () => {
   const [width, height] = [8, 6];
   const samples = Uint16Array.from({ length: width * height }, (_, i) => 100 + 300 * (((i % width) % 2) + (Math.floor(i / width) % 2)) + (i % 5));
-  const full = develop(samples, width, height, true, 1);
+  const full = develop(samples, width, height, [0, 0], 1);
   assert.deepEqual([full.width, full.height], [8, 6]);
-  const small = develop(samples, width, height, true, 2);
+  const small = develop(samples, width, height, [0, 0], 2);
   assert.deepEqual([small.width, small.height], [4, 3]);
   // A red ramp from left to right brightens in red alone.
   const ramp = Uint16Array.from({ length: 64 * 64 }, (_, i) => (i % 2 === 0 && Math.floor(i / 64) % 2 === 0 ? 10 * (i % 64) : 500));
-  const picture = develop(ramp, 64, 64, true, 1);
+  const picture = develop(ramp, 64, 64, [0, 0], 1);
   const at = (x: number, c: number): number => picture.rgba[4 * (32 * 64 + x) + c]!;
   assert.ok(at(8, 0) < at(32, 0) && at(32, 0) < at(56, 0));
   assert.equal(at(8, 1), at(56, 1));
@@ -243,10 +243,10 @@ test('grey stays grey, colours of 12 bits are bright, and a mosaic may begin wit
   const [width, height] = [64, 48];
   const pixels = width * height;
   const grey = Uint8Array.from({ length: pixels }, (_, i) => i % 251);
-  const plain = pictureOf({ width, height, bands: 1, samples: grey, bits: 8 }, { format: 'mono', bits: 8 }, 1);
+  const plain = pictureOf({ width, height, bands: 1, samples: grey, bits: 8 }, 'mono', 1);
   assert.deepEqual([...plain.rgba.subarray(0, 8)], [0, 0, 0, 255, 1, 1, 1, 255]);
   const deep = Uint16Array.from({ length: 3 * pixels }, (_, i) => (i % 3 === 0 ? 40 : 400) + Math.floor(i / 3) % width);
-  const rgb = pictureOf({ width, height, bands: 3, samples: deep, bits: 16 }, { format: 'rgb', bits: 12 }, 1);
+  const rgb = pictureOf({ width, height, bands: 3, samples: deep, bits: 16 }, 'rgb', 1);
   assert.equal(rgb.width, width);
   assert.ok(rgb.rgba[4 * (width - 1)]! > 240 && rgb.rgba[4 * (width - 1) + 1]! > 240);
   // Red rises to the right, blue to the bottom; green is even.
@@ -256,7 +256,7 @@ test('grey stays grey, colours of 12 bits are bright, and a mosaic may begin wit
       const [ofRed, ofBlue] = [x % 2 === red[0] && y % 2 === red[1], x % 2 !== red[0] && y % 2 !== red[1]];
       return ofRed ? 10 * x : ofBlue ? 10 * y : 300;
     });
-    const picture = pictureOf({ width, height, bands: 1, samples: mosaic, bits: 16 }, { format, bits: 12 }, 1);
+    const picture = pictureOf({ width, height, bands: 1, samples: mosaic, bits: 16 }, format, 1);
     assert.deepEqual([picture.width, picture.height], [width, height]);
     const at = (x: number, y: number, c: number): number => picture.rgba[4 * (y * width + x) + c]!;
     assert.ok(at(50, 20, 0) > at(10, 20, 0) + 50 && Math.abs(at(50, 20, 0) - at(50, 40, 0)) < 12, format);
